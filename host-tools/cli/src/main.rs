@@ -1,0 +1,3 @@
+//! The taxel command.
+
+fn main() {}

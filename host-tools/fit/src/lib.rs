@@ -1,0 +1,1 @@
+//! Calibration: from recordings to a calibration record.

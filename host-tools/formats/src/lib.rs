@@ -1,0 +1,11 @@
+//! Files of `taxel`: traces, frames, calibrations and tables. Every error is one line that names the
+//! file, the line, the column and the mend.
+
+pub mod calibration;
+pub mod error;
+pub mod frames;
+pub mod stretch;
+pub mod table;
+pub mod trace;
+
+pub use error::FileError;

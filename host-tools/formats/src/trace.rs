@@ -1,0 +1,42 @@
+//! Trace CSV: ADC codes, one line a scan, with the truth in extra columns where it is known.
+//!
+//! The header is required; columns may stand in any order; a sensor that is not there has no columns.
+//! Codes are 12 bits unless a first line `# full_scale=65535` says otherwise.
+
+mod read;
+mod write;
+
+pub use read::{TraceReader, is_trace};
+pub use write::TraceWriter;
+
+use taxel::scan::{SENSORS, Scan};
+
+/// What really happened, where it is known. NaN never stands for "unknown": absence does.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Truth {
+    /// Force on the finger in newtons, z into the skin.
+    pub force: [Option<f64>; 3],
+    /// Contact point in millimetres.
+    pub point: [Option<f64>; 2],
+    /// Torsion about the contact normal in newton millimetres.
+    pub torsion: Option<f64>,
+    /// Something touches the finger.
+    pub contact: Option<bool>,
+    /// It slips.
+    pub slip: Option<bool>,
+    /// Force on each MEMS sensor in newtons.
+    pub sensors: [[Option<f64>; 3]; SENSORS],
+}
+
+/// One line of a trace.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// The codes.
+    pub scan: Scan,
+    /// The truth.
+    pub truth: Truth,
+}
+
+/// Names of the truth columns of the finger, in the order they are written.
+pub const TRUTH_COLUMNS: [&str; 8] =
+    ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm", "torsion_nmm", "contact", "slip"];

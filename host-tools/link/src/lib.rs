@@ -1,0 +1,1 @@
+//! Ports, the device client and the virtual finger.

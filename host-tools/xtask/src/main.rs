@@ -1,0 +1,3 @@
+//! Build and test tasks of this repository.
+
+fn main() {}

@@ -1,0 +1,41 @@
+//! Codes become signals: dark subtraction, full-scale normalisation, bias, and channel health.
+//!
+//! ```text
+//! Codes ──Levels::read──▶ Levels ──Bias::apply──▶ Signals
+//! ```
+//! [`Levels`] are absolute fractions of full scale and need no calibration. [`Signals`] are changes
+//! against the unloaded finger and exist only once a [`Bias`] is known.
+
+mod bias;
+mod levels;
+
+pub use bias::{Bias, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias, Unsteady};
+pub use levels::{BridgeLevels, Levels, TaxelLevels};
+
+use serde::{Deserialize, Serialize};
+
+use crate::scan::{SENSORS, TAXELS};
+
+/// Changes of every channel against the unloaded finger, as fractions of full scale.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Signals {
+    /// c_k of 002: **negative where the facet came nearer**, positive where it moved away.
+    pub taxels: Option<[f32; TAXELS]>,
+    /// u − b of 003 per sensor: x, y, z.
+    pub bridges: [Option<[f32; 3]>; SENSORS],
+    /// Which channels cannot be trusted.
+    pub health: Health,
+}
+
+/// Per-channel faults of one frame, a bit a channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Health {
+    /// Bit k: taxel k is clipped, lit or dark.
+    pub saturated: u16,
+    /// Bit k: taxel k sees (almost) none of its LED's light.
+    pub dead: u16,
+    /// Bit i: a midpoint of sensor i is too near a rail for an intact bridge.
+    pub bridge_faults: u8,
+}

@@ -1,0 +1,292 @@
+//! The unloaded finger: what it reads, how much that wobbles, and how it is taken on command.
+
+use serde::{Deserialize, Serialize};
+
+use super::Signals;
+use super::levels::{BridgeLevels, Levels, TaxelLevels};
+use crate::scan::{SENSORS, TAXELS};
+
+/// No channel is trusted to be quieter than a quarter of a 12-bit step, however still a short
+/// average looked.
+pub const NOISE_FLOOR: f32 = 0.25 / 4096.0;
+
+/// The optical matrix, unloaded.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TaxelBias {
+    /// Mean level of each taxel.
+    pub level: TaxelLevels,
+    /// Standard deviation of one frame, root mean square over the taxels.
+    pub noise: f32,
+}
+
+/// One force sensor, unloaded: b of 003.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BridgeBias {
+    /// Mean of u_x, u_y, u_z.
+    pub level: BridgeLevels,
+    /// Standard deviation of one frame, root mean square over the three.
+    pub noise: f32,
+}
+
+/// What every channel reads with nothing touching the finger.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Bias {
+    /// The optical matrix, if known.
+    pub taxels: Option<TaxelBias>,
+    /// The force sensors, where known.
+    pub bridges: [Option<BridgeBias>; SENSORS],
+}
+
+impl Bias {
+    /// Levels as changes against the unloaded finger. Sign rule of 002: c_k < 0 is nearer.
+    #[must_use]
+    pub fn apply(&self, mut levels: Levels) -> Signals {
+        levels.mark_dead(self.taxels.as_ref().map(|bias| &bias.level));
+        let taxels = levels.taxels.zip(self.taxels).map(|(level, bias)| {
+            let mut c = bias.level;
+            c.iter_mut().zip(level).for_each(|(c, level)| *c -= level);
+            c
+        });
+        let mut bridges = [None; SENSORS];
+        for ((signal, level), bias) in bridges.iter_mut().zip(levels.bridges).zip(&self.bridges) {
+            *signal = level.zip(bias.as_ref()).map(|(mut u, bias)| {
+                u.iter_mut().zip(bias.level).for_each(|(u, b)| *u -= b);
+                u
+            });
+        }
+        Signals { taxels, bridges, health: levels.health }
+    }
+
+    /// How far the signals stand out of their noise: the largest squared ratio of root mean square to
+    /// noise over the matrix and the sensors. Faulty channels do not count.
+    #[must_use]
+    pub fn activity(&self, signals: &Signals) -> f32 {
+        let mut most = 0.0f32;
+        if let (Some(c), Some(bias)) = (&signals.taxels, &self.taxels) {
+            most = activity(c, signals.health.dead, bias.noise);
+        }
+        for (i, (signal, bias)) in signals.bridges.iter().zip(&self.bridges).enumerate() {
+            if let (Some(signal), Some(bias)) = (signal, bias)
+                && signals.health.bridge_faults >> i & 1 == 0
+            {
+                most = most.max(activity(signal, 0, bias.noise));
+            }
+        }
+        most
+    }
+}
+
+/// Mean square of some signals in units of their noise, over the channels whose bit in `skip` is clear.
+fn activity(signals: &[f32], skip: u16, noise: f32) -> f32 {
+    let mut sum = 0.0;
+    let mut count = 0.0;
+    for (k, signal) in signals.iter().enumerate() {
+        if skip >> k & 1 == 0 {
+            sum += signal * signal;
+            count += 1.0;
+        }
+    }
+    if count > 0.0 && noise > 0.0 { sum / (count * noise * noise) } else { 0.0 }
+}
+
+/// Averages frames into a [`Bias`], watching that they hold still.
+#[derive(Clone, Debug)]
+pub struct BiasTaker {
+    wanted: u16,
+    seen: u16,
+    first: Levels,
+    taxels: [Moments; TAXELS],
+    bridges: [[Moments; 3]; SENSORS],
+}
+
+/// A bias that was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Taken {
+    /// The averages.
+    pub bias: Bias,
+    /// Standard deviation of the noisiest channel.
+    pub noisiest: f32,
+}
+
+/// The finger moved while its bias was being taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unsteady;
+
+impl BiasTaker {
+    /// A standard deviation of a channel beyond this many times the known noise is movement.
+    const STILL: f32 = 4.0;
+    /// The noise of a finger that has none on record: two steps of a 12-bit converter.
+    const UNKNOWN_NOISE: f32 = 2.0 / 4096.0;
+
+    /// Will average `frames` frames, at least two.
+    #[must_use]
+    pub fn new(frames: u16) -> Self {
+        Self {
+            wanted: frames.max(2),
+            seen: 0,
+            first: Levels::default(),
+            taxels: [Moments::default(); TAXELS],
+            bridges: [[Moments::default(); 3]; SENSORS],
+        }
+    }
+
+    /// Takes one more frame. `Some` once enough have been seen; `known` is the bias in force, whose
+    /// noise tells stillness from movement.
+    pub fn add(&mut self, levels: &Levels, known: &Bias) -> Option<Result<Taken, Unsteady>> {
+        if self.seen == 0 {
+            self.first = *levels;
+        }
+        self.seen = self.seen.saturating_add(1);
+        // Deviations from the first frame, not raw levels: squares of small numbers keep their digits.
+        if let (Some(level), Some(first)) = (&levels.taxels, &self.first.taxels) {
+            self.taxels
+                .iter_mut()
+                .zip(level.iter().zip(first))
+                .for_each(|(moments, (level, first))| moments.add(level - first));
+        }
+        for (moments, (level, first)) in
+            self.bridges.iter_mut().zip(levels.bridges.iter().zip(&self.first.bridges))
+        {
+            if let (Some(level), Some(first)) = (level, first) {
+                moments
+                    .iter_mut()
+                    .zip(level.iter().zip(first))
+                    .for_each(|(moments, (level, first))| moments.add(level - first));
+            }
+        }
+        (self.seen >= self.wanted).then(|| self.finish(known))
+    }
+
+    fn finish(&self, known: &Bias) -> Result<Taken, Unsteady> {
+        let mut noisiest = 0.0f32;
+        let mut group = |moments: &[Moments], known: Option<f32>| -> Result<f32, Unsteady> {
+            let worst = moments.iter().fold(0.0f32, |worst, m| worst.max(m.variance()));
+            let limit = Self::STILL * known.unwrap_or(Self::UNKNOWN_NOISE).max(NOISE_FLOOR);
+            noisiest = noisiest.max(worst);
+            if worst > limit * limit {
+                return Err(Unsteady);
+            }
+            let sum = moments.iter().fold(0.0, |sum, m| sum + m.variance());
+            Ok(sqrt(sum / moments.len() as f32).max(NOISE_FLOOR))
+        };
+        let mut bias = Bias::default();
+        if let Some(first) = self.first.taxels {
+            let noise = group(&self.taxels, known.taxels.map(|t| t.noise))?;
+            let mut level = first;
+            level.iter_mut().zip(&self.taxels).for_each(|(level, m)| *level += m.mean());
+            bias.taxels = Some(TaxelBias { level, noise });
+        }
+        for (i, (bias, moments)) in bias.bridges.iter_mut().zip(&self.bridges).enumerate() {
+            let Some(first) = self.first.bridges.get(i).copied().flatten() else { continue };
+            let noise = group(moments, known.bridges.get(i).copied().flatten().map(|b| b.noise))?;
+            let mut level = first;
+            level.iter_mut().zip(moments).for_each(|(level, m)| *level += m.mean());
+            *bias = Some(BridgeBias { level, noise });
+        }
+        Ok(Taken { bias, noisiest: sqrt(noisiest) })
+    }
+}
+
+/// Running mean and variance.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments {
+    n: f32,
+    sum: f32,
+    squares: f32,
+}
+
+impl Moments {
+    fn add(&mut self, value: f32) {
+        self.n += 1.0;
+        self.sum += value;
+        self.squares += value * value;
+    }
+
+    fn mean(&self) -> f32 {
+        if self.n > 0.0 { self.sum / self.n } else { 0.0 }
+    }
+
+    fn variance(&self) -> f32 {
+        if self.n > 1.0 {
+            ((self.squares - self.sum * self.mean()) / (self.n - 1.0)).max(0.0)
+        } else {
+            0.0
+        }
+    }
+}
+
+/// √x by Newton's method. It runs once a bias, so it need not be fast; being plain arithmetic it
+/// gives the same bits everywhere. Relative error below 1e-6 (tested).
+fn sqrt(x: f32) -> f32 {
+    if x <= 0.0 {
+        return 0.0;
+    }
+    let mut root = f32::from_bits((x.to_bits() >> 1) + 0x1fbd_1df5);
+    for _ in 0..3 {
+        root = 0.5 * (root + x / root);
+    }
+    root
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn levels(offset: f32) -> Levels {
+        Levels { taxels: Some([0.3 + offset; TAXELS]), ..Levels::default() }
+    }
+
+    #[test]
+    fn square_root_is_good_to_a_millionth() {
+        for x in [1e-12f32, 3e-9, 2.5e-5, 0.3, 1.0, 7.7, 1e6] {
+            let error = f64::from(sqrt(x)) / f64::from(x).sqrt() - 1.0;
+            assert!(error.abs() < 1e-6, "{x}: {error}");
+        }
+        assert_eq!(sqrt(0.0), 0.0);
+    }
+
+    #[test]
+    fn bias_is_the_mean_of_a_still_finger() {
+        let mut taker = BiasTaker::new(100);
+        let mut taken = None;
+        for i in 0..100 {
+            assert!(taken.is_none());
+            taken = taker.add(&levels(if i % 2 == 0 { 1e-4 } else { -1e-4 }), &Bias::default());
+        }
+        let bias = taken.unwrap().unwrap().bias.taxels.unwrap();
+        assert!(bias.level.iter().all(|l| (l - 0.3).abs() < 1e-6));
+        assert!((bias.noise - 1e-4).abs() < 2e-6, "{}", bias.noise);
+    }
+
+    #[test]
+    fn bias_is_refused_while_the_finger_is_moving() {
+        let mut taker = BiasTaker::new(100);
+        let taken = (0..100).find_map(|i| taker.add(&levels(i as f32 * 1e-4), &Bias::default()));
+        assert_eq!(taken, Some(Err(Unsteady)));
+    }
+
+    #[test]
+    fn a_nearer_facet_has_a_negative_signal() {
+        let unloaded = levels(0.0).taxels.unwrap();
+        let bias =
+            Bias { taxels: Some(TaxelBias { level: unloaded, noise: 1e-4 }), ..Bias::default() };
+        let nearer = bias.apply(levels(0.1)).taxels.unwrap();
+        assert!(nearer.iter().all(|c| *c < 0.0));
+    }
+
+    #[test]
+    fn faulty_channels_do_not_look_like_contact() {
+        assert_eq!(activity(&[1.0, 0.0, 0.0], 0b001, 0.1), 0.0);
+        assert_eq!(activity(&[1.0], 0b001, 0.1), 0.0);
+        assert!((activity(&[1.0, 0.2, -0.2], 0b001, 0.1) - 4.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn without_a_bias_there_is_no_signal_rather_than_a_wrong_one() {
+        let signals = Bias::default().apply(levels(0.1));
+        assert_eq!(signals.taxels, None);
+    }
+}

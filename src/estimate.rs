@@ -1,0 +1,49 @@
+//! Signals become contact, position and force. One file an estimator, each with its source.
+
+pub mod contact_point;
+pub mod gate;
+pub mod net;
+pub mod sensitivity;
+pub mod tanh;
+
+use serde::{Deserialize, Serialize};
+
+use crate::measured::Measured;
+use crate::units::{Millimetres, Newtons};
+
+/// Where the finger is touched, on its own surface.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ContactPoint {
+    /// Along a row, from the middle of the matrix.
+    pub x: Millimetres,
+    /// Along a column, from the middle of the matrix.
+    pub y: Millimetres,
+}
+
+/// Force on the finger or on one sensor; z is positive into the skin. Each component stands alone,
+/// because a calibration with normal presses only knows z.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Force {
+    /// Along a row.
+    pub x: Measured<Newtons>,
+    /// Along a column.
+    pub y: Measured<Newtons>,
+    /// Into the skin.
+    pub z: Measured<Newtons>,
+}
+
+impl Force {
+    /// All three components for the same reason missing.
+    #[must_use]
+    pub const fn none(reason: crate::measured::NoValue) -> Self {
+        Self { x: Err(reason), y: Err(reason), z: Err(reason) }
+    }
+
+    /// All three components known.
+    #[must_use]
+    pub const fn known(x: f32, y: f32, z: f32) -> Self {
+        Self { x: Ok(Newtons(x)), y: Ok(Newtons(y)), z: Ok(Newtons(z)) }
+    }
+}

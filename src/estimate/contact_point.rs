@@ -1,0 +1,104 @@
+//! Contact point of a single contact (002, section "Calibration of the 4 × 4 taxel sensor prototype").
+
+use serde::{Deserialize, Serialize};
+
+use super::ContactPoint;
+use crate::measured::{Measured, NoValue};
+use crate::scan::{TAXEL_CENTRES, TAXELS};
+use crate::units::Millimetres;
+
+/// Which of the paper's two methods finds the contact point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PointMethod {
+    /// 002 eqs (8)–(9): the centroid of the taxels that came nearer.
+    #[default]
+    Centroid,
+    /// 002 eq. (7): the centre of the taxel that came nearest.
+    ArgMin,
+}
+
+/// 002 eq. (7): the centre of the taxel with the most negative c_k, over taxels whose bit in `skip`
+/// is clear. Discrete: the error is up to half a pitch in x and in y.
+///
+/// # Errors
+/// [`NoValue::IllConditioned`] when no taxel came nearer.
+pub fn arg_min(c: &[f32; TAXELS], skip: u16) -> Measured<ContactPoint> {
+    let mut nearest: Option<(f32, usize)> = None;
+    for (k, c) in c.iter().enumerate() {
+        if skip >> k & 1 == 0 && *c < nearest.map_or(0.0, |(least, _)| least) {
+            nearest = Some((*c, k));
+        }
+    }
+    nearest
+        .and_then(|(_, k)| TAXEL_CENTRES.get(k))
+        .map(|[x, y]| ContactPoint { x: *x, y: *y })
+        .ok_or(NoValue::IllConditioned)
+}
+
+/// 002 eqs (8)–(9): Σ x_k c_k / Σ c_k over the taxels with c_k < 0 whose bit in `skip` is clear.
+///
+/// It is drawn towards the middle where the contact's field is cut off by the pad's edge: that is the
+/// method, not a fault of it.
+///
+/// # Errors
+/// [`NoValue::IllConditioned`] when the weights sum to less than `least`, so that the quotient would be
+/// noise.
+pub fn centroid(c: &[f32; TAXELS], skip: u16, least: f32) -> Measured<ContactPoint> {
+    let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+    for (k, (c, centre)) in c.iter().zip(&TAXEL_CENTRES).enumerate() {
+        if *c < 0.0 && skip >> k & 1 == 0 {
+            sum -= c;
+            x -= c * centre[0].0;
+            y -= c * centre[1].0;
+        }
+    }
+    if sum > least.max(f32::MIN_POSITIVE) {
+        Ok(ContactPoint { x: Millimetres(x / sum), y: Millimetres(y / sum) })
+    } else {
+        Err(NoValue::IllConditioned)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn centroid_lies_between_two_equally_pressed_taxels() {
+        let mut c = [0.0; TAXELS];
+        c[5] = -0.1;
+        c[6] = -0.1;
+        assert_eq!(
+            centroid(&c, 0, 1e-3),
+            Ok(ContactPoint { x: Millimetres(0.0), y: Millimetres(-1.25) })
+        );
+    }
+
+    #[test]
+    fn taxels_that_rise_do_not_pull_the_centroid() {
+        let mut c = [0.05; TAXELS];
+        c[0] = -0.1;
+        assert_eq!(centroid(&c, 0, 1e-3), arg_min(&c, 0));
+        assert_eq!(
+            arg_min(&c, 0),
+            Ok(ContactPoint { x: Millimetres(-3.75), y: Millimetres(-3.75) })
+        );
+    }
+
+    #[test]
+    fn a_skipped_taxel_is_not_the_contact() {
+        let mut c = [0.0; TAXELS];
+        c[3] = -0.9;
+        c[12] = -0.1;
+        let corner = ContactPoint { x: Millimetres(-3.75), y: Millimetres(3.75) };
+        assert_eq!(arg_min(&c, 1 << 3), Ok(corner));
+        assert_eq!(centroid(&c, 1 << 3, 1e-3), Ok(corner));
+    }
+
+    #[test]
+    fn no_nearer_taxel_is_a_reason_not_a_point() {
+        assert_eq!(arg_min(&[0.0; TAXELS], 0), Err(NoValue::IllConditioned));
+        assert_eq!(centroid(&[0.1; TAXELS], 0, 1e-3), Err(NoValue::IllConditioned));
+    }
+}

@@ -1,0 +1,286 @@
+//! The whole way of one scan: codes → signals → gate → only the estimators that the scene needs.
+
+use crate::calibration::{Calibration, Range};
+use crate::condition::{Bias, BiasTaker, Health, Levels, Signals, Taken, Unsteady};
+use crate::estimate::contact_point::{PointMethod, arg_min, centroid};
+use crate::estimate::gate::{Gate, GateState};
+use crate::estimate::{ContactPoint, Force};
+use crate::frame::{Fields, Frame, Status};
+use crate::measured::{Measured, NoValue};
+use crate::scan::{Codes, SENSORS, Scan, TAXELS};
+use crate::units::Micros;
+
+/// The coefficients of one finger. Nothing in here changes from scan to scan.
+#[derive(Clone, Debug, Default)]
+pub struct Finger {
+    calibration: Option<Calibration>,
+    /// When contact begins and ends.
+    pub gate: Gate,
+    /// How the contact point is found.
+    pub point_method: PointMethod,
+}
+
+/// The memory of one finger, from scan to scan.
+#[derive(Clone, Debug, Default)]
+pub struct FingerState {
+    bias: Bias,
+    biased: bool,
+    gate: GateState,
+    taker: Option<BiasTaker>,
+}
+
+/// Everything one scan says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// When the scan began.
+    pub time: Micros,
+    /// What holds, and which estimators ran.
+    pub status: Status,
+    /// The codes it all came from.
+    pub codes: Codes,
+    /// Conditioned signals.
+    pub signals: Signals,
+    /// Force on each sensor.
+    pub sensors: [Force; SENSORS],
+    /// The finger's force.
+    pub force: Force,
+    /// The contact point.
+    pub point: Measured<ContactPoint>,
+    /// A bias that was asked for is done with this scan.
+    pub bias: Option<Result<Taken, Unsteady>>,
+}
+
+impl Estimate {
+    /// The frame of this estimate, with the fields that were asked for.
+    #[must_use]
+    pub fn frame(&self, seq: u32, fields: Fields) -> Frame {
+        let on = |field| fields.contains(field);
+        Frame {
+            seq,
+            time: self.time,
+            status: self.status,
+            codes: on(Fields::CODES).then_some(self.codes),
+            signals: on(Fields::SIGNALS).then_some(self.signals),
+            sensors: on(Fields::SENSORS).then_some(self.sensors),
+            force: on(Fields::FORCE).then_some(self.force),
+            point: on(Fields::POINT).then_some(self.point),
+        }
+    }
+}
+
+impl FingerState {
+    /// The bias in force.
+    #[must_use]
+    pub fn bias(&self) -> &Bias {
+        &self.bias
+    }
+
+    /// A bias taken on command is in force.
+    #[must_use]
+    pub fn biased(&self) -> bool {
+        self.biased
+    }
+
+    /// The gate is open.
+    #[must_use]
+    pub fn contact(&self) -> bool {
+        self.gate.contact()
+    }
+
+    /// Begins to average `frames` scans into a new bias; the outcome is in the estimate of the last.
+    pub fn take_bias(&mut self, frames: u16) {
+        self.taker = Some(BiasTaker::new(frames));
+    }
+
+    /// A bias is being taken.
+    #[must_use]
+    pub fn taking_bias(&self) -> bool {
+        self.taker.is_some()
+    }
+}
+
+impl Finger {
+    /// A finger with `calibration`, which must have been validated, and the memory it starts with.
+    #[must_use]
+    pub fn new(calibration: Option<Calibration>) -> (Self, FingerState) {
+        let finger = Self { calibration, ..Self::default() };
+        let state = FingerState { bias: finger.own_bias(), ..FingerState::default() };
+        (finger, state)
+    }
+
+    /// The calibration in force.
+    #[must_use]
+    pub fn calibration(&self) -> Option<&Calibration> {
+        self.calibration.as_ref()
+    }
+
+    /// Puts another calibration in force; bias and gate start afresh from it.
+    pub fn recalibrate(&mut self, state: &mut FingerState, calibration: Calibration) {
+        self.calibration = Some(calibration);
+        *state = FingerState { bias: self.own_bias(), ..FingerState::default() };
+    }
+
+    /// Drops a bias taken on command: the calibration's own is in force again.
+    pub fn clear_bias(&self, state: &mut FingerState) {
+        state.bias = self.own_bias();
+        state.biased = false;
+        state.taker = None;
+    }
+
+    fn own_bias(&self) -> Bias {
+        self.calibration.as_ref().map(Calibration::bias).unwrap_or_default()
+    }
+
+    /// One scan.
+    pub fn estimate(&self, state: &mut FingerState, scan: &Scan) -> Estimate {
+        let levels = Levels::read(&scan.codes);
+        let bias = self.advance_bias(state, &levels);
+        let signals = state.bias.apply(levels);
+        let mut status = Status::default();
+        flag(&mut status, Status::OVERRUN, scan.overrun);
+        flag(&mut status, Status::BIASED, state.biased);
+        flag(&mut status, Status::SATURATED, signals.health.saturated != 0);
+        flag(&mut status, Status::DEAD_TAXEL, signals.health.dead != 0);
+        flag(&mut status, Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
+
+        let contact = self.gate.update(&mut state.gate, state.bias.activity(&signals));
+        flag(&mut status, Status::CONTACT, contact);
+
+        let sensors = self.sensor_forces(&scan.codes, &signals, &mut status);
+        let point = match &signals.taxels {
+            None => Err(missing(scan.codes.taxels.is_some())),
+            Some(_) if !contact => Err(NoValue::NoContact),
+            Some(c) => self.contact_point(c, &signals.health, &state.bias, &mut status),
+        };
+        let force = match &signals.taxels {
+            None => Force::none(missing(scan.codes.taxels.is_some())),
+            Some(c) => self.force(c, contact, &signals.health, &mut status),
+        };
+        let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
+        flag(&mut status, Status::UNCALIBRATED, lacks(&force) && sensors.iter().all(lacks));
+        Estimate {
+            time: scan.time,
+            status,
+            codes: scan.codes,
+            signals,
+            sensors,
+            force,
+            point,
+            bias,
+        }
+    }
+
+    fn advance_bias(
+        &self,
+        state: &mut FingerState,
+        levels: &Levels,
+    ) -> Option<Result<Taken, Unsteady>> {
+        let outcome = state.taker.as_mut()?.add(levels, &state.bias)?;
+        state.taker = None;
+        if let Ok(taken) = outcome {
+            state.bias = taken.bias;
+            state.biased = true;
+        }
+        Some(outcome)
+    }
+
+    fn sensor_forces(
+        &self,
+        codes: &Codes,
+        signals: &Signals,
+        status: &mut Status,
+    ) -> [Force; SENSORS] {
+        core::array::from_fn(|i| {
+            let scanned = codes.bridges.get(i).is_some_and(Option::is_some);
+            let signal = signals.bridges.get(i).copied().flatten();
+            let calibration = self.calibration.as_ref().and_then(|c| c.sensors.get(i)?.as_ref());
+            let (Some(signal), Some(calibration)) = (signal, calibration) else {
+                return Force::none(missing(scanned));
+            };
+            if signals.health.bridge_faults >> i & 1 == 1 {
+                return Force::none(NoValue::DeadChannel);
+            }
+            if !within(&calibration.range, &signal) {
+                status.set(Status::OUT_OF_RANGE);
+                return Force::none(NoValue::OutOfTrainedRange);
+            }
+            status.set(Status::RAN_SENSORS);
+            let [x, y, z] = calibration.sensitivity.force(signal);
+            Force::known(x, y, z)
+        })
+    }
+
+    fn contact_point(
+        &self,
+        c: &[f32; TAXELS],
+        health: &Health,
+        bias: &Bias,
+        status: &mut Status,
+    ) -> Measured<ContactPoint> {
+        match self.point_method {
+            PointMethod::ArgMin => {
+                status.set(Status::RAN_ARG_MIN);
+                arg_min(c, health.dead)
+            }
+            PointMethod::Centroid => {
+                status.set(Status::RAN_CENTROID);
+                // Sixteen taxels of pure noise sum to some 6 sigma; below twice that it is noise.
+                let noise = bias.taxels.map_or(0.0, |bias| bias.noise);
+                centroid(c, health.dead, 12.0 * noise)
+            }
+        }
+    }
+
+    fn force(
+        &self,
+        c: &[f32; TAXELS],
+        contact: bool,
+        health: &Health,
+        status: &mut Status,
+    ) -> Force {
+        let taxels = self.calibration.as_ref().and_then(|c| c.taxels.as_ref());
+        let Some((taxels, net)) = taxels.and_then(|t| t.net.as_ref().map(|net| (t, net))) else {
+            return Force::none(NoValue::Uncalibrated);
+        };
+        if health.dead != 0 {
+            return Force::none(NoValue::DeadChannel);
+        }
+        if health.saturated != 0 {
+            return Force::none(NoValue::Saturated);
+        }
+        if !contact {
+            return match net.output_bias.len() {
+                1 => normal_only(0.0),
+                _ => Force::known(0.0, 0.0, 0.0),
+            };
+        }
+        if !within(&taxels.range, c) {
+            status.set(Status::OUT_OF_RANGE);
+            return Force::none(NoValue::OutOfTrainedRange);
+        }
+        status.set(Status::RAN_NET);
+        match net.forces(c)[..] {
+            [x, y, z] => Force::known(x, y, z),
+            [z] => normal_only(z),
+            _ => Force::none(NoValue::NotEstimated),
+        }
+    }
+}
+
+fn flag(status: &mut Status, bit: Status, holds: bool) {
+    if holds {
+        status.set(bit);
+    }
+}
+
+fn missing(scanned: bool) -> NoValue {
+    if scanned { NoValue::Uncalibrated } else { NoValue::Absent }
+}
+
+fn normal_only(z: f32) -> Force {
+    Force { z: Ok(crate::units::Newtons(z)), ..Force::none(NoValue::NotEstimated) }
+}
+
+fn within(ranges: &[Range], signals: &[f32]) -> bool {
+    ranges.iter().zip(signals).all(|([low, high], signal)| (low..=high).contains(&signal))
+}

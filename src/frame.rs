@@ -1,0 +1,137 @@
+//! What the finger says, once a frame: status, and the fields that the host asked for.
+
+use serde::{Deserialize, Serialize};
+
+use crate::condition::Signals;
+use crate::estimate::{ContactPoint, Force};
+use crate::measured::Measured;
+use crate::scan::{Codes, SENSORS};
+use crate::units::Micros;
+
+/// What holds for a frame and which estimators ran for it, a bit each. The bits are the wire's and
+/// are frozen: append, never renumber.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(transparent)]
+pub struct Status(pub u32);
+
+impl Status {
+    /// Bit 0: the contact gate is open.
+    pub const CONTACT: Self = Self(1 << 0);
+    /// Bit 1: no calibration for a force this finger could measure.
+    pub const UNCALIBRATED: Self = Self(1 << 1);
+    /// Bit 2: a taxel is clipped; forces are withheld.
+    pub const SATURATED: Self = Self(1 << 2);
+    /// Bit 3: a taxel sees no light; forces are withheld and the contact point leaves it out.
+    pub const DEAD_TAXEL: Self = Self(1 << 3);
+    /// Bit 4: a bridge midpoint is near a rail; that sensor's force is withheld.
+    pub const BRIDGE_FAULT: Self = Self(1 << 4);
+    /// Bit 5: a signal lies outside the calibration's range; the forces that need it are withheld.
+    pub const OUT_OF_RANGE: Self = Self(1 << 5);
+    /// Bit 6: scans were lost just before this one.
+    pub const OVERRUN: Self = Self(1 << 6);
+    /// Bit 7: a bias taken on command is in force instead of the calibration's.
+    pub const BIASED: Self = Self(1 << 7);
+    /// Bit 16: the arg-min contact point ran.
+    pub const RAN_ARG_MIN: Self = Self(1 << 16);
+    /// Bit 17: the centroid contact point ran.
+    pub const RAN_CENTROID: Self = Self(1 << 17);
+    /// Bit 18: the force net ran.
+    pub const RAN_NET: Self = Self(1 << 18);
+    /// Bit 19: at least one f = S(u − b) ran.
+    pub const RAN_SENSORS: Self = Self(1 << 19);
+
+    /// Every bit with its name, as the tools print it.
+    pub const NAMES: [(Self, &'static str); 12] = [
+        (Self::CONTACT, "contact"),
+        (Self::UNCALIBRATED, "uncalibrated"),
+        (Self::SATURATED, "saturated"),
+        (Self::DEAD_TAXEL, "dead-taxel"),
+        (Self::BRIDGE_FAULT, "bridge-fault"),
+        (Self::OUT_OF_RANGE, "out-of-range"),
+        (Self::OVERRUN, "overrun"),
+        (Self::BIASED, "biased"),
+        (Self::RAN_ARG_MIN, "ran-arg-min"),
+        (Self::RAN_CENTROID, "ran-centroid"),
+        (Self::RAN_NET, "ran-net"),
+        (Self::RAN_SENSORS, "ran-sensors"),
+    ];
+
+    /// Sets the bits of `other`.
+    pub fn set(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+
+    /// All bits of `other` are set.
+    #[must_use]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+/// Which fields a frame carries, a bit a field; the host chooses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(transparent)]
+pub struct Fields(pub u16);
+
+impl Fields {
+    /// Bit 0: the ADC codes.
+    pub const CODES: Self = Self(1 << 0);
+    /// Bit 1: conditioned signals and channel health.
+    pub const SIGNALS: Self = Self(1 << 1);
+    /// Bit 2: per-sensor forces.
+    pub const SENSORS: Self = Self(1 << 2);
+    /// Bit 3: the finger's force.
+    pub const FORCE: Self = Self(1 << 3);
+    /// Bit 4: the contact point.
+    pub const POINT: Self = Self(1 << 4);
+
+    /// Every field there is.
+    pub const ALL: Self = Self(0b1_1111);
+    /// What a controller wants: force, contact point and per-sensor forces.
+    pub const ESTIMATES: Self = Self(Self::SENSORS.0 | Self::FORCE.0 | Self::POINT.0);
+
+    /// All bits of `other` are chosen.
+    #[must_use]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+/// One frame of the stream.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Frame {
+    /// Counts frames of the stream, those that were dropped included: a gap is a loss.
+    pub seq: u32,
+    /// When the scan of this frame began.
+    pub time: Micros,
+    /// What holds, and which estimators ran.
+    pub status: Status,
+    /// The ADC codes.
+    pub codes: Option<Codes>,
+    /// Conditioned signals.
+    pub signals: Option<Signals>,
+    /// Force on each MEMS sensor.
+    pub sensors: Option<[Force; SENSORS]>,
+    /// The finger's force. Zero, not missing, while nothing touches it.
+    pub force: Option<Force>,
+    /// The contact point.
+    pub point: Option<Measured<ContactPoint>>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_status_bit_has_one_name() {
+        let all = Status::NAMES.iter().fold(0u32, |all, (bit, _)| {
+            assert_eq!(bit.0.count_ones(), 1);
+            assert_eq!(all & bit.0, 0);
+            all | bit.0
+        });
+        assert_eq!(all, 0x000f_00ff);
+    }
+}

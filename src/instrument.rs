@@ -1,0 +1,286 @@
+//! The finger as an instrument: settings, counters, commands. It owns everything that survives a
+//! reconnect, and does no I/O; [`crate::session`] carries its words.
+
+use heapless::Vec;
+
+use crate::calibration::{self, Calibration};
+use crate::finger::{Finger, FingerState};
+use crate::frame::{Fields, Frame};
+use crate::scan::Scan;
+use crate::wire::crc32;
+use crate::wire::message::{
+    CHUNK, CalibrationId, Command, Cost, Counters, Identity, Info, Message, PROTOCOL, Refusal,
+    Request, Response,
+};
+
+/// A finger with its settings.
+pub struct Instrument {
+    identity: Identity,
+    finger: Finger,
+    state: FingerState,
+    /// The record in force as bytes, for read-back; empty while uncalibrated.
+    record: Vec<u8, { calibration::MAX_BYTES }>,
+    upload: Upload,
+    streaming: bool,
+    divider: u16,
+    fields: Fields,
+    until_due: u16,
+    seq: u32,
+    bias_tag: Option<u8>,
+    bias_in_contact: bool,
+    counters: Counters,
+    cost: Cost,
+}
+
+/// A calibration on its way in.
+#[derive(Default)]
+struct Upload {
+    expected: usize,
+    bytes: Vec<u8, { calibration::MAX_BYTES }>,
+}
+
+/// What a scan brings about.
+#[derive(Debug, Default)]
+pub struct Outcome {
+    /// The frame, if the stream is on and one is due.
+    pub frame: Option<Frame>,
+    /// The answer to a bias that this scan completed.
+    pub reply: Option<Message>,
+}
+
+impl Instrument {
+    /// Frames a second until the host says otherwise.
+    pub const DEFAULT_RATE_HZ: u16 = 1000;
+
+    /// An instrument, uncalibrated, with the stream off.
+    #[must_use]
+    pub fn new(identity: Identity) -> Self {
+        let (finger, state) = Finger::new(None);
+        let divider = divider(identity.scan_hz, Self::DEFAULT_RATE_HZ.min(identity.scan_hz));
+        Self {
+            identity,
+            finger,
+            state,
+            record: Vec::new(),
+            upload: Upload::default(),
+            streaming: false,
+            divider,
+            fields: Fields::ESTIMATES,
+            until_due: 0,
+            seq: 0,
+            bias_tag: None,
+            bias_in_contact: false,
+            counters: Counters::default(),
+            cost: Cost::default(),
+        }
+    }
+
+    /// Puts a stored record in force, as a board does at power-up.
+    ///
+    /// # Errors
+    /// What is wrong with it; the instrument then stays as it was.
+    pub fn install(&mut self, record: &[u8]) -> Result<(), calibration::CalibrationError> {
+        let calibration = Calibration::from_bytes(record)?;
+        let bytes = Vec::from_slice(record).map_err(|_| calibration::CalibrationError::Length)?;
+        self.finger.recalibrate(&mut self.state, calibration);
+        self.record = bytes;
+        Ok(())
+    }
+
+    /// The stream is on.
+    #[must_use]
+    pub fn streaming(&self) -> bool {
+        self.streaming
+    }
+
+    /// What has been counted.
+    pub fn counters(&mut self) -> &mut Counters {
+        &mut self.counters
+    }
+
+    /// Notes what processing the last scan cost.
+    pub fn note_cost(&mut self, ticks: u32) {
+        self.cost = Cost { last: ticks, worst: self.cost.worst.max(ticks) };
+    }
+
+    /// One scan: estimates always, a frame when one is due.
+    pub fn scan(&mut self, scan: &Scan) -> Outcome {
+        let estimate = self.finger.estimate(&mut self.state, scan);
+        self.counters.scans = self.counters.scans.wrapping_add(1);
+        self.counters.overruns = self.counters.overruns.wrapping_add(u32::from(scan.overrun));
+        let mut outcome = Outcome::default();
+        if let Some(bias) = estimate.bias
+            && let Some(tag) = self.bias_tag.take()
+        {
+            let result = bias.map(|_| self.bias_response()).map_err(|_| Refusal::NotStill);
+            outcome.reply = Some(Message::Reply { tag, result });
+        }
+        if self.streaming {
+            if self.until_due == 0 {
+                self.until_due = self.divider;
+                outcome.frame = Some(estimate.frame(self.seq, self.fields));
+                self.seq = self.seq.wrapping_add(1);
+                self.counters.frames = self.counters.frames.wrapping_add(1);
+            }
+            self.until_due = self.until_due.saturating_sub(1);
+        }
+        outcome
+    }
+
+    /// One request. `None` where the answer comes later, with a scan.
+    pub fn handle(&mut self, request: &Request) -> Option<Message> {
+        let tag = request.tag;
+        if request.command == Command::Version {
+            return Some(Message::Version {
+                tag,
+                protocol: PROTOCOL,
+                firmware: firmware_version(),
+            });
+        }
+        match self.command(tag, &request.command) {
+            Ok(None) => None,
+            Ok(Some(response)) => Some(Message::Reply { tag, result: Ok(response) }),
+            Err(refusal) => Some(Message::Reply { tag, result: Err(refusal) }),
+        }
+    }
+
+    fn command(&mut self, tag: u8, command: &Command) -> Result<Option<Response>, Refusal> {
+        match command {
+            Command::Version => {}
+            Command::Info => return Ok(Some(Response::Info(self.info()))),
+            Command::Stream(on) => {
+                self.streaming = *on;
+                self.until_due = 0;
+            }
+            Command::SetRate { hz } => {
+                in_range(u32::from(*hz), 1, u32::from(self.identity.scan_hz))?;
+                self.divider = divider(self.identity.scan_hz, *hz);
+                self.until_due = 0;
+                return Ok(Some(Response::Rate { millihertz: self.rate_millihertz() }));
+            }
+            Command::SetFields(fields) => {
+                in_range(u32::from(fields.0), 0, u32::from(Fields::ALL.0))?;
+                self.fields = *fields;
+            }
+            Command::SetPointMethod(method) => self.finger.point_method = *method,
+            Command::TakeBias { scans } => {
+                in_range(u32::from(*scans), 2, u32::from(u16::MAX))?;
+                if self.state.taking_bias() {
+                    return Err(Refusal::Busy);
+                }
+                self.state.take_bias(*scans);
+                self.bias_tag = Some(tag);
+                self.bias_in_contact = self.state.contact();
+                return Ok(None);
+            }
+            Command::ReadBias => return Ok(Some(self.bias_response())),
+            Command::ClearBias => {
+                if self.state.taking_bias() {
+                    return Err(Refusal::Busy);
+                }
+                self.finger.clear_bias(&mut self.state);
+                self.bias_in_contact = false;
+            }
+            Command::CalibrationBegin { length } => {
+                in_range(u32::from(*length), 6, calibration::MAX_BYTES as u32)?;
+                self.upload = Upload { expected: usize::from(*length), bytes: Vec::new() };
+            }
+            Command::CalibrationChunk { offset, data } => self.upload.chunk(*offset, data)?,
+            Command::CalibrationCommit => self.commit()?,
+            Command::CalibrationRead { offset } => {
+                return self.read_calibration(*offset).map(Some);
+            }
+        }
+        Ok(Some(Response::Done))
+    }
+
+    fn commit(&mut self) -> Result<(), Refusal> {
+        let upload = core::mem::take(&mut self.upload);
+        if upload.expected == 0 || upload.bytes.len() != upload.expected {
+            return Err(Refusal::OutOfOrder);
+        }
+        if self.state.taking_bias() {
+            return Err(Refusal::Busy);
+        }
+        self.install(&upload.bytes).map_err(Refusal::Calibration)
+    }
+
+    fn read_calibration(&self, offset: u16) -> Result<Response, Refusal> {
+        if self.record.is_empty() {
+            return Err(Refusal::Uncalibrated);
+        }
+        let rest = self.record.get(usize::from(offset)..).unwrap_or_default();
+        Ok(Response::Calibration { offset, data: rest.iter().copied().take(CHUNK).collect() })
+    }
+
+    fn bias_response(&self) -> Response {
+        Response::Bias {
+            bias: *self.state.bias(),
+            on_command: self.state.biased(),
+            in_contact: self.bias_in_contact,
+        }
+    }
+
+    fn rate_millihertz(&self) -> u32 {
+        u32::from(self.identity.scan_hz) * 1000 / u32::from(self.divider.max(1))
+    }
+
+    fn info(&self) -> Info {
+        Info {
+            identity: self.identity.clone(),
+            rate_millihertz: self.rate_millihertz(),
+            fields: self.fields,
+            streaming: self.streaming,
+            point_method: self.finger.point_method,
+            biased: self.state.biased(),
+            calibration: self.finger.calibration().map(|calibration| CalibrationId {
+                serial: calibration.serial.clone(),
+                date: calibration.date,
+                crc: crc32(&self.record),
+            }),
+            counters: self.counters,
+            cost: self.cost,
+        }
+    }
+}
+
+impl Upload {
+    fn chunk(&mut self, offset: u16, data: &[u8]) -> Result<(), Refusal> {
+        let fits = usize::from(offset) == self.bytes.len()
+            && self.bytes.len() + data.len() <= self.expected;
+        if !fits {
+            return Err(Refusal::OutOfOrder);
+        }
+        self.bytes.extend_from_slice(data).map_err(|_| Refusal::OutOfOrder)
+    }
+}
+
+/// Every how many scans a frame is due: the nearest whole divider.
+fn divider(scan_hz: u16, hz: u16) -> u16 {
+    let hz = hz.max(1);
+    // 64-bit not needed: scan_hz + hz / 2 stays below 2^17.
+    ((u32::from(scan_hz) + u32::from(hz) / 2) / u32::from(hz)).clamp(1, u32::from(u16::MAX)) as u16
+}
+
+fn in_range(value: u32, low: u32, high: u32) -> Result<(), Refusal> {
+    if (low..=high).contains(&value) { Ok(()) } else { Err(Refusal::OutOfRange { low, high }) }
+}
+
+/// This crate's version, from its manifest.
+fn firmware_version() -> [u8; 3] {
+    const fn number(text: &str) -> u8 {
+        let mut value = 0;
+        let mut rest = text.as_bytes();
+        while let [digit, tail @ ..] = rest {
+            value = value * 10 + (*digit - b'0');
+            rest = tail;
+        }
+        value
+    }
+    const VERSION: [u8; 3] = [
+        number(env!("CARGO_PKG_VERSION_MAJOR")),
+        number(env!("CARGO_PKG_VERSION_MINOR")),
+        number(env!("CARGO_PKG_VERSION_PATCH")),
+    ];
+    VERSION
+}

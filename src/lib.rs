@@ -1,0 +1,61 @@
+//! `taxel`: the core of a robot fingertip. ADC codes of a 4×4 LED–phototransistor matrix and of up to
+//! four piezoresistive force sensors go in; newtons, millimetres and the reasons for their absence come
+//! out, framed for a link.
+//!
+//! Everything runs alike on a Cortex-M and on a host: no HAL, no heap, no `unsafe`, and the same codes
+//! give the same frames **bit for bit**, because floats are only added, multiplied, divided and compared,
+//! in a fixed order.
+//!
+//! ```text
+//! scan ──▶ condition ──▶ estimate ──▶ frame ──▶ wire
+//!            (Bias)    (Calibration)             │
+//!                 finger ──▶ instrument ──▶ session
+//! ```
+//! Coefficients are `&self`, memory is `&mut` state. "No value" is a typed reason
+//! ([`measured::NoValue`]), never NaN and never the last value.
+//!
+//! # Example
+//! ```
+//! use taxel::finger::Finger;
+//! use taxel::measured::NoValue;
+//! use taxel::scan::{Codes, Scan, TaxelCodes};
+//! use taxel::units::{Code, FullScale, Micros};
+//!
+//! let (finger, mut state) = Finger::new(None);
+//! let codes = Codes {
+//!     full_scale: FullScale::BITS_12,
+//!     taxels: Some(TaxelCodes { lit: [[Code(1800); 4]; 4], dark: [Code(200); 4] }),
+//!     bridges: [None; 4],
+//!     reference: None,
+//!     temperature: None,
+//! };
+//! let estimate = finger.estimate(&mut state, &Scan { time: Micros(0), overrun: false, codes });
+//! assert_eq!(estimate.force.z, Err(NoValue::Uncalibrated));
+//! ```
+#![no_std]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::indexing_slicing,
+        clippy::string_slice
+    )
+)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod calibration;
+pub mod condition;
+pub mod estimate;
+pub mod finger;
+pub mod frame;
+pub mod instrument;
+pub mod measured;
+pub mod scan;
+pub mod session;
+pub mod units;
+pub mod wire;

@@ -1,0 +1,188 @@
+//! One conversation with a host, the same code on USB, UART, a pipe and a pty.
+//!
+//! ```text
+//! Board::scan ──▶ Instrument ──frames──▶ ┌──────┐
+//!    rx ──requests──▶   └────replies──▶  │ pipe │ ──▶ tx
+//!                                        └──────┘
+//! ```
+//! A single owner of the instrument takes scans and requests in turn; a pipe of bytes decouples it from
+//! the link. Whole packets enter the pipe or none: a slow host loses frames, which are counted, and never
+//! a part of one, and never holds up the scan. The writer sends what the pipe holds in one go, so that
+//! frames share full USB packets.
+
+use core::pin::pin;
+
+use embassy_futures::select::{Either, select};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::pipe::Pipe;
+use embassy_sync::signal::Signal;
+use embedded_io_async::{Read, Write};
+
+use crate::instrument::Instrument;
+use crate::scan::Scan;
+use crate::wire::deframer::Deframer;
+use crate::wire::message::{Message, Request};
+use crate::wire::{MAX_PACKET, pack};
+
+/// Bytes between instrument and link: some four frames with every field, or twenty with the estimates.
+const PIPE: usize = 2048;
+/// Frames leave this much of the pipe to replies, so that a flooded link still answers.
+const REPLY_RESERVE: usize = MAX_PACKET;
+
+type Bytes = Pipe<NoopRawMutex, PIPE>;
+
+/// What a board gives the session.
+#[expect(async_fn_in_trait, reason = "single-threaded executors only: no Send bound is wanted")]
+pub trait Board {
+    /// The next scan; `None` when there will be none. Dropping the future must lose nothing.
+    async fn scan(&mut self) -> Option<Scan>;
+
+    /// A free-running counter for [`crate::wire::message::Cost`]; 0 where there is none.
+    fn ticks(&self) -> u32;
+}
+
+/// Who waits for whom.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// Scans come when they come; a full link loses frames.
+    Live,
+    /// For replays: scans are asked for only while the stream is on, and wait until the link has room.
+    Lossless,
+}
+
+/// How a session ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// There are no more scans, and all that was due has been sent.
+    Scans,
+    /// The host closed the link.
+    Closed,
+}
+
+/// Why a session broke off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SessionError<R, W> {
+    /// Reading from the link failed.
+    Read(R),
+    /// Writing to the link failed.
+    Write(W),
+}
+
+/// Runs until the scans end, the host closes the link, or the link fails. The instrument keeps its
+/// settings; the next session goes on with them.
+///
+/// # Errors
+/// What the link said.
+pub async fn run_session<R: Read, W: Write>(
+    rx: R,
+    mut tx: W,
+    board: &mut impl Board,
+    instrument: &mut Instrument,
+    pace: Pace,
+) -> Result<End, SessionError<R::Error, W::Error>> {
+    let pipe = Bytes::new();
+    let done = Signal::<NoopRawMutex, ()>::new();
+    let mut transmit = pin!(transmit(&mut tx, &pipe, &done));
+    let ended = match select(converse(rx, board, instrument, &pipe, pace), transmit.as_mut()).await
+    {
+        Either::First(ended) => ended.map_err(SessionError::Read)?,
+        // The writer stops by itself only when the link fails.
+        Either::Second(stopped) => {
+            return stopped.map(|()| End::Closed).map_err(SessionError::Write);
+        }
+    };
+    if ended == End::Scans {
+        done.signal(());
+        transmit.await.map_err(SessionError::Write)?;
+    }
+    Ok(ended)
+}
+
+async fn transmit<W: Write>(
+    tx: &mut W,
+    pipe: &Bytes,
+    done: &Signal<NoopRawMutex, ()>,
+) -> Result<(), W::Error> {
+    let mut chunk = [0; PIPE / 4];
+    loop {
+        // In this order: what is left in the pipe goes out before `done` is looked at.
+        let length = match select(pipe.read(&mut chunk), done.wait()).await {
+            Either::First(length) => length,
+            Either::Second(()) => return Ok(()),
+        };
+        tx.write_all(chunk.get(..length).unwrap_or_default()).await?;
+        if pipe.is_empty() {
+            tx.flush().await?;
+        }
+    }
+}
+
+async fn converse<R: Read>(
+    mut rx: R,
+    board: &mut impl Board,
+    instrument: &mut Instrument,
+    pipe: &Bytes,
+    pace: Pace,
+) -> Result<End, R::Error> {
+    let mut deframer = Deframer::<MAX_PACKET>::default();
+    let mut bytes = [0; 64];
+    loop {
+        let scanning = pace == Pace::Live || instrument.streaming();
+        let next =
+            async { if scanning { board.scan().await } else { core::future::pending().await } };
+        match select(rx.read(&mut bytes), next).await {
+            Either::First(length) => {
+                let length = length?;
+                if length == 0 {
+                    return Ok(End::Closed);
+                }
+                for byte in bytes.get(..length).unwrap_or_default() {
+                    let answer = match deframer.push::<Request>(*byte) {
+                        None => None,
+                        Some(Ok(request)) => instrument.handle(&request),
+                        Some(Err(_)) => {
+                            let counters = instrument.counters();
+                            counters.bad_packets = counters.bad_packets.wrapping_add(1);
+                            None
+                        }
+                    };
+                    reply(answer, pipe, instrument, pace).await;
+                }
+            }
+            Either::Second(None) => return Ok(End::Scans),
+            Either::Second(Some(scan)) => {
+                let before = board.ticks();
+                let outcome = instrument.scan(&scan);
+                instrument.note_cost(board.ticks().wrapping_sub(before));
+                reply(outcome.reply, pipe, instrument, pace).await;
+                if let Some(frame) = outcome.frame
+                    && !offer(&Message::Frame(frame), REPLY_RESERVE, pipe, pace).await
+                {
+                    let counters = instrument.counters();
+                    counters.lost = counters.lost.wrapping_add(1);
+                }
+            }
+        }
+    }
+}
+
+async fn reply(answer: Option<Message>, pipe: &Bytes, instrument: &mut Instrument, pace: Pace) {
+    if let Some(message) = answer
+        && !offer(&message, 0, pipe, pace).await
+    {
+        let counters = instrument.counters();
+        counters.lost_replies = counters.lost_replies.wrapping_add(1);
+    }
+}
+
+/// Puts a whole packet into the pipe, or nothing where it would leave less than `reserve` bytes.
+async fn offer(message: &Message, reserve: usize, pipe: &Bytes, pace: Pace) -> bool {
+    let mut buffer = [0; MAX_PACKET];
+    // A message that does not fit the buffer cannot be (tested); it would count as lost.
+    let Ok(packet) = pack(message, &mut buffer) else { return false };
+    if pace == Pace::Live && pipe.free_capacity() < packet.len() + reserve {
+        return false;
+    }
+    pipe.write_all(packet).await;
+    true
+}

@@ -1,0 +1,161 @@
+//! Quantities that must not be mixed: ADC codes, fractions of full scale, and SI units.
+//!
+//! Conversion happens at the edge: codes become fractions in [`crate::condition`], fractions become
+//! newtons and millimetres in [`crate::estimate`]. Nothing converts back.
+
+use serde::{Deserialize, Serialize};
+
+/// One ADC reading, as it came out of the converter or its oversampler.
+///
+/// On the wire it is two bytes, little-endian (a varint would need three for most codes).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Code(pub u16);
+
+impl Serialize for Code {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        postcard::fixint::le::serialize(&self.0, serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Code {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        postcard::fixint::le::deserialize(deserializer).map(Code)
+    }
+}
+
+/// The code a channel reads at the top of its range: 4095 for a 12-bit converter, 65535 for
+/// oversampled values scaled to 16 bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FullScale(core::num::NonZeroU16);
+
+impl FullScale {
+    /// A plain 12-bit converter.
+    pub const BITS_12: Self = Self::from_bits(12);
+    /// Values scaled to 16 bits.
+    pub const BITS_16: Self = Self::from_bits(16);
+
+    const fn from_bits(bits: u32) -> Self {
+        // 1 << 0 - 1 would be zero; the two callers above pass 12 and 16.
+        match core::num::NonZeroU16::new(((1u32 << bits) - 1) as u16) {
+            Some(top) => Self(top),
+            None => Self(core::num::NonZeroU16::MAX),
+        }
+    }
+
+    /// A full scale of `top` codes, or `None` for zero.
+    #[must_use]
+    pub const fn new(top: u16) -> Option<Self> {
+        match core::num::NonZeroU16::new(top) {
+            Some(top) => Some(Self(top)),
+            None => None,
+        }
+    }
+
+    /// The highest code.
+    #[must_use]
+    pub const fn top(self) -> Code {
+        Code(self.0.get())
+    }
+
+    /// `code` as a fraction of full scale, in [0, 1] for any code up to the top one.
+    #[must_use]
+    pub fn ratio(self, code: Code) -> Ratio {
+        Ratio(f32::from(code.0) / f32::from(self.0.get()))
+    }
+
+    /// True where the reading may have been clipped.
+    ///
+    /// The band is the top 1/1024 of the range: an oversampled value of which some samples were
+    /// clipped averages just below the top code.
+    #[must_use]
+    pub fn clips(self, code: Code) -> bool {
+        code.0 >= self.0.get() - self.0.get() / 1024
+    }
+}
+
+impl Serialize for FullScale {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.top().serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for FullScale {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let top = Code::deserialize(deserializer)?;
+        Self::new(top.0).ok_or_else(|| serde::de::Error::custom("full scale of zero"))
+    }
+}
+
+/// Device time in microseconds since power-up; 64 bits never wrap in the life of a finger.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(transparent)]
+pub struct Micros(pub u64);
+
+macro_rules! quantity {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Serialize, Deserialize)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        #[serde(transparent)]
+        pub struct $name(pub f32);
+
+        impl core::ops::Add for $name {
+            type Output = Self;
+            fn add(self, other: Self) -> Self {
+                Self(self.0 + other.0)
+            }
+        }
+
+        impl core::ops::Sub for $name {
+            type Output = Self;
+            fn sub(self, other: Self) -> Self {
+                Self(self.0 - other.0)
+            }
+        }
+    };
+}
+
+quantity!(
+    /// A fraction of the converter's full scale. Bridge and ADC share a reference, so this is also a
+    /// fraction of the bridge supply.
+    Ratio
+);
+quantity!(
+    /// Force in newtons; z is positive into the skin.
+    Newtons
+);
+quantity!(
+    /// Length in millimetres.
+    Millimetres
+);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn full_scale_of_zero_is_no_full_scale() {
+        assert_eq!(FullScale::new(0), None);
+        assert_eq!(FullScale::BITS_12.top(), Code(4095));
+        assert_eq!(FullScale::BITS_16.top(), Code(65535));
+    }
+
+    #[test]
+    fn twelve_and_sixteen_bits_give_the_same_fraction_at_both_ends() {
+        for full_scale in [FullScale::BITS_12, FullScale::BITS_16] {
+            assert_eq!(full_scale.ratio(Code(0)), Ratio(0.0));
+            assert_eq!(full_scale.ratio(full_scale.top()), Ratio(1.0));
+        }
+    }
+
+    #[test]
+    fn only_the_top_thousandth_counts_as_clipped() {
+        assert!(FullScale::BITS_12.clips(Code(4095)));
+        assert!(FullScale::BITS_12.clips(Code(4092)));
+        assert!(!FullScale::BITS_12.clips(Code(4091)));
+        assert!(!FullScale::BITS_16.clips(Code(65_000)));
+    }
+}

@@ -1,0 +1,232 @@
+//! What the two sides say to each other.
+//!
+//! Discriminants are positions in the enums, so **variants are appended, never moved**. Whatever the
+//! protocol version, request 0 asks for it and message 0 answers: those two are frozen for ever.
+
+use heapless::{String, Vec};
+use serde::{Deserialize, Serialize};
+
+use crate::calibration::CalibrationError;
+use crate::condition::Bias;
+use crate::estimate::contact_point::PointMethod;
+use crate::frame::{Fields, Frame};
+use crate::units::FullScale;
+
+/// Version of everything but the version query. It changes when an old client would misread.
+pub const PROTOCOL: u16 = 1;
+
+/// Most bytes of a calibration record in one message.
+pub const CHUNK: usize = 128;
+
+/// Host to finger.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Request {
+    /// Any number; the reply carries it back.
+    pub tag: u8,
+    /// What is asked for.
+    pub command: Command,
+}
+
+/// What the host may ask for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Command {
+    /// 0, frozen: protocol and firmware version.
+    Version,
+    /// 1: who this finger is and how it is doing.
+    Info,
+    /// 2: start or stop the stream.
+    Stream(bool),
+    /// 3: frames a second; the reply has the rate in force.
+    SetRate {
+        /// Wanted, in hertz.
+        hz: u16,
+    },
+    /// 4: which fields frames carry.
+    SetFields(Fields),
+    /// 5: how the contact point is found.
+    SetPointMethod(PointMethod),
+    /// 6: average so many scans into a new bias; answered when it is done.
+    TakeBias {
+        /// Scans to average, 2 … 65535.
+        scans: u16,
+    },
+    /// 7: the bias in force.
+    ReadBias,
+    /// 8: back to the calibration's own bias.
+    ClearBias,
+    /// 9: a calibration of so many bytes follows.
+    CalibrationBegin {
+        /// Bytes of the whole record, version and CRC included.
+        length: u16,
+    },
+    /// 10: the next bytes of it.
+    CalibrationChunk {
+        /// Where they go; must be where the last chunk ended.
+        offset: u16,
+        /// The bytes.
+        data: Vec<u8, CHUNK>,
+    },
+    /// 11: that was all; check it and put it in force.
+    CalibrationCommit,
+    /// 12: bytes of the calibration in force, from `offset` on; fewer than [`CHUNK`] are the last.
+    CalibrationRead {
+        /// Where to start.
+        offset: u16,
+    },
+}
+
+/// Finger to host.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Message {
+    /// 0, frozen: the answer to the version query.
+    Version {
+        /// The request's.
+        tag: u8,
+        /// Version of everything but this message.
+        protocol: u16,
+        /// Firmware major, minor, patch.
+        firmware: [u8; 3],
+    },
+    /// 1: the answer to any other request.
+    Reply {
+        /// The request's.
+        tag: u8,
+        /// What came of it.
+        result: Result<Response, Refusal>,
+    },
+    /// 2: a frame of the stream.
+    Frame(Frame),
+}
+
+/// What a request can bring.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Response {
+    /// 0: done.
+    Done,
+    /// 1: to `Info`.
+    Info(Info),
+    /// 2: to `SetRate`: the rate in force.
+    Rate {
+        /// In millihertz, as the scan's divider gives it.
+        millihertz: u32,
+    },
+    /// 3: to `TakeBias` and `ReadBias`.
+    Bias {
+        /// The bias in force.
+        bias: Bias,
+        /// It was taken on command.
+        on_command: bool,
+        /// The gate was open while it was taken: the finger may have been under load.
+        in_contact: bool,
+    },
+    /// 4: to `CalibrationRead`.
+    Calibration {
+        /// Where these bytes belong.
+        offset: u16,
+        /// The bytes; empty past the end.
+        data: Vec<u8, CHUNK>,
+    },
+}
+
+/// Why a request was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// 0: the value must lie in this range.
+    OutOfRange {
+        /// Least allowed.
+        low: u32,
+        /// Most allowed.
+        high: u32,
+    },
+    /// 1: the finger moved while its bias was being taken; the old bias stays.
+    NotStill,
+    /// 2: another bias is being taken.
+    Busy,
+    /// 3: a calibration chunk where none was expected, or after a gap.
+    OutOfOrder,
+    /// 4: the uploaded record is not a calibration; the old one stays.
+    Calibration(CalibrationError),
+    /// 5: there is no calibration to read.
+    Uncalibrated,
+}
+
+/// Who this finger is and how it is doing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Info {
+    /// The board and its build.
+    pub identity: Identity,
+    /// Frames a second in force, in millihertz.
+    pub rate_millihertz: u32,
+    /// Fields in force.
+    pub fields: Fields,
+    /// The stream is on.
+    pub streaming: bool,
+    /// How the contact point is found.
+    pub point_method: PointMethod,
+    /// A bias taken on command is in force.
+    pub biased: bool,
+    /// The calibration in force, if there is one.
+    pub calibration: Option<CalibrationId>,
+    /// What has been counted since power-up.
+    pub counters: Counters,
+    /// What a scan's processing costs.
+    pub cost: Cost,
+}
+
+/// What does not change while the finger runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// The board's name, as in `boards/`.
+    pub board: String<24>,
+    /// The board's own serial number.
+    pub serial: String<32>,
+    /// Which build of the firmware this is.
+    pub build: String<24>,
+    /// Scans a second.
+    pub scan_hz: u16,
+    /// What the codes are fractions of.
+    pub full_scale: FullScale,
+    /// Ticks a second of [`Cost`].
+    pub tick_hz: u32,
+}
+
+/// Which calibration is in force.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CalibrationId {
+    /// Serial number of the finger it was made for.
+    pub serial: String<32>,
+    /// When, in seconds since 1970-01-01 UTC.
+    pub date: u64,
+    /// CRC-32 of the record.
+    pub crc: u32,
+}
+
+/// Counted since power-up, wrapping.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Counters {
+    /// Scans processed.
+    pub scans: u32,
+    /// Frames due to the stream.
+    pub frames: u32,
+    /// Of those, frames dropped because the link was full.
+    pub lost: u32,
+    /// Scans that came with an overrun.
+    pub overruns: u32,
+    /// Packets from the host that could not be read.
+    pub bad_packets: u32,
+    /// Replies dropped because the link was full.
+    pub lost_replies: u32,
+}
+
+/// Cost of processing one scan, in the identity's ticks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Cost {
+    /// The last scan.
+    pub last: u32,
+    /// The dearest since power-up.
+    pub worst: u32,
+}
