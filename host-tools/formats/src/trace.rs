@@ -6,10 +6,11 @@
 mod read;
 mod write;
 
-pub use read::{TraceReader, is_trace};
-pub use write::TraceWriter;
+pub(crate) use read::csv_problem;
+pub use read::{Channels, TraceReader, is_trace};
+pub use write::{TraceHeader, TraceWriter};
 
-use taxel::scan::{SENSORS, Scan};
+use taxel::scan::{COLS, ROWS, SENSORS, Scan};
 
 /// What really happened, where it is known. NaN never stands for "unknown": absence does.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,3 +41,18 @@ pub struct Sample {
 /// Names of the truth columns of the finger, in the order they are written.
 pub const TRUTH_COLUMNS: [&str; 8] =
     ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm", "torsion_nmm", "contact", "slip"];
+
+/// `lit_r0c0` … `lit_r3c3`, then `dark_c0` … `dark_c3`.
+pub(crate) fn taxel_names() -> Vec<String> {
+    let lit = (0..ROWS).flat_map(|r| (0..COLS).map(move |c| format!("lit_r{r}c{c}")));
+    lit.chain((0..COLS).map(|c| format!("dark_c{c}"))).collect()
+}
+
+pub(crate) fn bridge_names(sensor: usize) -> Vec<String> {
+    ["a", "b", "c", "d"].iter().map(|arm| format!("bridge_s{sensor}_{arm}")).collect()
+}
+
+/// `s0_fx_n`, `s0_fy_n`, `s0_fz_n`: the same names in traces (truth) and frames (estimate).
+pub fn sensor_truth_names(sensor: usize) -> [String; 3] {
+    ["x", "y", "z"].map(|axis| format!("s{sensor}_f{axis}_n"))
+}

@@ -1,1 +1,23 @@
-//! Ports, the device client and the virtual finger.
+//! A finger from the host's side: where it is ([`Port`]), how to talk to it ([`Client`]), and one that
+//! needs no hardware ([`VirtualFinger`]).
+//!
+//! ```text
+//!              ┌─ serial device ─┐
+//! Port ──open──┼─ TCP ───────────┼──▶ Client ──requests──▶ writer
+//!              └─ VirtualFinger ─┘          ◀──replies─── reader thread ──frames──▶ queue
+//!                 (scene or trace, behind the very session that the firmware runs)
+//! ```
+//! Everything blocks; no runtime is needed to use it. Every error is one line that names the port, what
+//! happened, and the mend.
+
+pub mod client;
+pub mod error;
+pub mod fields;
+pub mod port;
+mod transport;
+pub mod virtual_finger;
+
+pub use client::{Client, Counts, Received};
+pub use error::{LinkError, Problem};
+pub use port::Port;
+pub use virtual_finger::{Source, TruthLog, VirtualFinger};

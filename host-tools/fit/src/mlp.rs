@@ -1,0 +1,197 @@
+//! A net with one hidden layer of tanh units and linear outputs (002), in f64, for training: values,
+//! and the Gauss–Newton matrix of its squared error at the price of a single Gram matrix.
+//!
+//! Unit h of a row x̃ = (x, 1) is t_h = tanh(w_h·x̃), output k is y_k = v_k·(t, 1). With g_h = 1 − t_h²
+//! the derivatives are ∂y_k/∂w_h = v_kh·g_h·x̃ and ∂y_k/∂v_k = (t, 1). The factors that differ between
+//! outputs do not depend on the row, so that J^T J for any number of outputs follows from the Gram
+//! matrix of the features φ = (g_1·x̃, …, g_H·x̃, t, 1): one product instead of one an output.
+
+use nalgebra::{DMatrix, DMatrixView, DVector};
+
+/// Rows whose features are in memory at once.
+const CHUNK: usize = 512;
+
+/// Sizes of a net: inputs, hidden units, outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// N.
+    pub inputs: usize,
+    /// H.
+    pub hidden: usize,
+    /// O.
+    pub outputs: usize,
+}
+
+impl Shape {
+    /// Weights and biases of all units and outputs.
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        self.hidden_parameters() + self.outputs * (self.hidden + 1)
+    }
+
+    /// How many of them belong to the hidden layer; they come first, a unit after the other, each
+    /// with its bias last. The outputs follow alike.
+    #[must_use]
+    pub fn hidden_parameters(&self) -> usize {
+        self.hidden * (self.inputs + 1)
+    }
+}
+
+/// Rows to fit: inputs and targets, a row a moment.
+#[derive(Clone, Debug)]
+pub struct Rows {
+    /// Inputs with a last column of ones.
+    pub x: DMatrix<f64>,
+    /// Targets.
+    pub y: DMatrix<f64>,
+}
+
+/// The quadratic model of ½ Σ_k β_k Σ_rows (y_k − target_k)² around some parameters.
+#[derive(Clone, Debug)]
+pub struct Quadratic {
+    /// How many rows.
+    pub rows: usize,
+    /// Σ_rows (y_k − target_k)² of each output k.
+    pub squares: DVector<f64>,
+    /// J^T β e.
+    pub gradient: DVector<f64>,
+    /// J^T β J.
+    pub curvature: DMatrix<f64>,
+}
+
+/// W of the hidden layer, inputs + 1 × hidden: unit h is column h.
+fn hidden_weights(shape: Shape, parameters: &[f64]) -> DMatrixView<'_, f64> {
+    let weights = &parameters[..shape.hidden_parameters()];
+    DMatrixView::from_slice(weights, shape.inputs + 1, shape.hidden)
+}
+
+/// V of the output layer, hidden + 1 × outputs: output k is column k.
+fn output_weights(shape: Shape, parameters: &[f64]) -> DMatrixView<'_, f64> {
+    let weights = &parameters[shape.hidden_parameters()..];
+    DMatrixView::from_slice(weights, shape.hidden + 1, shape.outputs)
+}
+
+/// Outputs for every row of `x`, whose last column is ones.
+#[must_use]
+pub fn outputs(shape: Shape, parameters: &[f64], x: DMatrixView<'_, f64>) -> DMatrix<f64> {
+    units(shape, parameters, x) * output_weights(shape, parameters)
+}
+
+/// Hidden activations and a last column of ones.
+fn units(shape: Shape, parameters: &[f64], x: DMatrixView<'_, f64>) -> DMatrix<f64> {
+    let mut units = DMatrix::from_element(x.nrows(), shape.hidden + 1, 1.0);
+    let mut tanhs = units.columns_mut(0, shape.hidden);
+    tanhs.gemm(1.0, &x, &hidden_weights(shape, parameters), 0.0);
+    tanhs.apply(|sum| *sum = sum.tanh());
+    units
+}
+
+/// Σ_rows (y_k − target_k)² of each output.
+#[must_use]
+pub fn squares(shape: Shape, parameters: &[f64], rows: &Rows) -> DVector<f64> {
+    let mut error = outputs(shape, parameters, rows.x.as_view());
+    error -= &rows.y;
+    DVector::from_iterator(shape.outputs, error.column_iter().map(|e| e.norm_squared()))
+}
+
+/// The quadratic model around `parameters`, with `precision` β an output.
+#[must_use]
+pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows, precision: &[f64]) -> Quadratic {
+    let (inputs, hidden) = (shape.inputs + 1, shape.hidden);
+    let features = shape.hidden_parameters() + hidden + 1;
+    let v = output_weights(shape, parameters);
+    let mut weighted_v = v.rows(0, hidden).clone_owned();
+    for (mut column, beta) in weighted_v.column_iter_mut().zip(precision) {
+        column *= *beta;
+    }
+
+    let mut squares = DVector::zeros(shape.outputs);
+    let mut gradient = DVector::zeros(shape.parameters());
+    let mut gram = DMatrix::zeros(features, features);
+    for start in (0..rows.x.nrows()).step_by(CHUNK) {
+        let count = CHUNK.min(rows.x.nrows() - start);
+        let x = rows.x.rows(start, count);
+        let t = units(shape, parameters, x.as_view());
+        let mut error = &t * v;
+        error -= rows.y.rows(start, count);
+
+        let mut phi = DMatrix::zeros(count, features);
+        // dE/d(w_h·x̃) of each row and unit.
+        let mut slope = &error * weighted_v.transpose();
+        for h in 0..hidden {
+            let g = t.column(h).map(|t| 1.0 - t * t);
+            slope.column_mut(h).component_mul_assign(&g);
+            for i in 0..inputs {
+                let mut column = phi.column_mut(h * inputs + i);
+                column.copy_from(&x.column(i));
+                column.component_mul_assign(&g);
+            }
+        }
+        phi.columns_mut(shape.hidden_parameters(), hidden + 1).copy_from(&t);
+        accumulate_gram(&mut gram, &phi);
+
+        let to_w = x.transpose() * &slope;
+        let mut head = gradient.rows_mut(0, shape.hidden_parameters());
+        head += DVector::from_column_slice(to_w.as_slice());
+        for (k, beta) in precision.iter().enumerate() {
+            let e = error.column(k);
+            squares[k] += e.norm_squared();
+            let at = shape.hidden_parameters() + k * (hidden + 1);
+            let mut tail = gradient.rows_mut(at, hidden + 1);
+            tail.gemv_tr(*beta, &t, &e, 1.0);
+        }
+    }
+    let curvature = curvature(shape, &gram, v, &weighted_v, precision);
+    Quadratic { rows: rows.x.nrows(), squares, gradient, curvature }
+}
+
+/// Adds φ^T φ: only the blocks on and above the diagonal are computed, the rest is their mirror image.
+fn accumulate_gram(gram: &mut DMatrix<f64>, phi: &DMatrix<f64>) {
+    const BLOCKS: usize = 4;
+    let transposed = phi.transpose();
+    let features = gram.nrows();
+    let edge = |block: usize| block * features / BLOCKS;
+    for column in 0..BLOCKS {
+        let (from, to) = (edge(column), edge(column + 1));
+        gram.view_mut((0, from), (to, to - from)).gemm(
+            1.0,
+            &transposed.rows(0, to),
+            &phi.columns(from, to - from),
+            1.0,
+        );
+    }
+}
+
+/// J^T β J from the upper blocks of the features' Gram matrix.
+fn curvature(
+    shape: Shape,
+    gram: &DMatrix<f64>,
+    v: DMatrixView<'_, f64>,
+    weighted_v: &DMatrix<f64>,
+    precision: &[f64],
+) -> DMatrix<f64> {
+    let (inputs, hidden) = (shape.inputs + 1, shape.hidden);
+    let first_output = shape.hidden_parameters();
+    let between = weighted_v * v.rows(0, hidden).transpose();
+    let mut curvature = DMatrix::zeros(shape.parameters(), shape.parameters());
+    for column in 0..first_output {
+        for row in 0..=column {
+            curvature[(row, column)] =
+                between[(row / inputs, column / inputs)] * gram[(row, column)];
+        }
+    }
+    for (k, beta) in precision.iter().enumerate() {
+        let at = first_output + k * (hidden + 1);
+        for j in 0..=hidden {
+            for row in 0..first_output {
+                curvature[(row, at + j)] =
+                    weighted_v[(row / inputs, k)] * gram[(row, first_output + j)];
+            }
+            for i in 0..=j {
+                curvature[(at + i, at + j)] = beta * gram[(first_output + i, first_output + j)];
+            }
+        }
+    }
+    curvature.fill_lower_triangle_with_upper_triangle();
+    curvature
+}

@@ -1,0 +1,218 @@
+//! Calibration TOML: the record of `taxel::calibration` for people, and models of other sensors' tables.
+//!
+//! ```toml
+//! taxel_calibration = 1      # version of the format
+//! kind = "finger"            # or "table"
+//! crc32 = "8d2a11c3"         # over the record's bytes: the number `taxel info` shows
+//! serial = "F-0042"
+//! date = "2026-11-21T09:30:00Z"
+//! …
+//! ```
+//! Numbers are the very f32 of the chip; a file that was edited by hand no longer matches its CRC.
+
+mod finger;
+
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES, VERSION};
+
+use crate::error::FileError;
+use finger::FingerFile;
+
+/// What a calibration file is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// A taxel finger: goes onto the chip.
+    Finger,
+    /// Any table of N channels.
+    Table,
+}
+
+impl Kind {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Finger => "finger",
+            Self::Table => "table",
+        }
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+struct File<T> {
+    taxel_calibration: u16,
+    kind: Kind,
+    crc32: String,
+    #[serde(flatten)]
+    body: T,
+}
+
+#[derive(Deserialize)]
+struct Head {
+    taxel_calibration: u16,
+    kind: Kind,
+    crc32: String,
+}
+
+/// Which kind of calibration a file holds.
+///
+/// # Errors
+/// It cannot be read, or is no calibration of this version.
+pub fn kind(path: impl AsRef<Path>) -> Result<Kind, FileError> {
+    let path = path.as_ref();
+    Ok(head(path, &text(path)?)?.kind)
+}
+
+/// Reads a finger's calibration, CRC and every field checked.
+///
+/// # Errors
+/// What is wrong, with its line.
+pub fn read(path: impl AsRef<Path>) -> Result<Calibration, FileError> {
+    let path = path.as_ref();
+    parse(path, &text(path)?)
+}
+
+/// The same from text; `path` is only for messages.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(path: &Path, text: &str) -> Result<Calibration, FileError> {
+    let (head, file): (Head, FingerFile) = open(path, text, Kind::Finger)?;
+    let calibration = file.calibration().map_err(|(key, problem)| {
+        located(path, text, key, problem).mend("fit the calibration again")
+    })?;
+    let crc = record_crc(&calibration).map_err(|error| match error {
+        CalibrationError::Field(field) => {
+            FileError::new(path, format!("{field:?} is out of range"))
+                .mend("fit the calibration again")
+        }
+        error => FileError::new(path, format!("no calibration: {error:?}")),
+    })?;
+    check_crc(path, text, &head, crc)?;
+    Ok(calibration)
+}
+
+/// Writes a finger's calibration.
+///
+/// # Errors
+/// The record is not valid, or the file cannot be written.
+pub fn write(path: impl AsRef<Path>, calibration: &Calibration) -> Result<(), FileError> {
+    let path = path.as_ref();
+    let crc = record_crc(calibration).map_err(|error| {
+        FileError::new(path, format!("not written: the record is not valid: {error:?}"))
+    })?;
+    save(path, Kind::Finger, crc, &FingerFile::new(calibration))
+}
+
+/// Reads the model of a table.
+///
+/// # Errors
+/// What is wrong, with its line.
+pub fn read_table<T: Serialize + DeserializeOwned>(path: impl AsRef<Path>) -> Result<T, FileError> {
+    let path = path.as_ref();
+    let text = text(path)?;
+    let (head, model): (Head, T) = open(path, &text, Kind::Table)?;
+    check_crc(path, &text, &head, model_crc(path, &model)?)?;
+    Ok(model)
+}
+
+/// Writes the model of a table.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_table<T: Serialize>(path: impl AsRef<Path>, model: &T) -> Result<(), FileError> {
+    let path = path.as_ref();
+    save(path, Kind::Table, model_crc(path, model)?, model)
+}
+
+fn text(path: &Path) -> Result<String, FileError> {
+    let bytes = std::fs::read(path).map_err(|error| FileError::io(path, &error))?;
+    String::from_utf8(bytes).map_err(|_| {
+        FileError::new(path, "not text: expected a calibration in TOML")
+            .mend("`taxel calibrate fit --out CAL.toml` writes one")
+    })
+}
+
+fn head(path: &Path, text: &str) -> Result<Head, FileError> {
+    if text.trim().is_empty() {
+        return Err(FileError::new(path, "the file is empty: expected a calibration in TOML")
+            .mend("`taxel calibrate fit --out CAL.toml` writes one"));
+    }
+    let head: Head = toml::from_str(text).map_err(|error| toml_error(path, text, &error))?;
+    if head.taxel_calibration != VERSION {
+        let problem =
+            format!("version {} where this build reads {VERSION}", head.taxel_calibration);
+        return Err(located(path, text, "taxel_calibration", problem)
+            .mend("fit it again with this build, or use the build it was made with"));
+    }
+    Ok(head)
+}
+
+fn open<T: DeserializeOwned>(
+    path: &Path,
+    text: &str,
+    wanted: Kind,
+) -> Result<(Head, T), FileError> {
+    let head = head(path, text)?;
+    if head.kind != wanted {
+        let problem =
+            format!("a {} calibration where a {} one is needed", head.kind.name(), wanted.name());
+        return Err(located(path, text, "kind", problem).mend("give the other file"));
+    }
+    let file: File<T> = toml::from_str(text).map_err(|error| toml_error(path, text, &error))?;
+    Ok((head, file.body))
+}
+
+fn save<T: Serialize>(path: &Path, kind: Kind, crc: u32, body: &T) -> Result<(), FileError> {
+    let file = File { taxel_calibration: VERSION, kind, crc32: format!("{crc:08x}"), body };
+    let text = toml::to_string(&file)
+        .map_err(|error| FileError::new(path, format!("not written: {error}")))?;
+    std::fs::write(path, text).map_err(|error| FileError::io(path, &error))
+}
+
+fn check_crc(path: &Path, text: &str, head: &Head, crc: u32) -> Result<(), FileError> {
+    if u32::from_str_radix(&head.crc32, 16) == Ok(crc) {
+        return Ok(());
+    }
+    let problem = format!("says {}, the contents give {crc:08x}", head.crc32);
+    Err(located(path, text, "crc32", problem)
+        .mend("the file was damaged or edited: restore it or fit again"))
+}
+
+/// The CRC at the end of the record's bytes.
+fn record_crc(calibration: &Calibration) -> Result<u32, CalibrationError> {
+    let mut buffer = [0; MAX_BYTES];
+    let bytes = calibration.to_bytes(&mut buffer)?;
+    Ok(bytes.last_chunk().map_or(0, |crc| u32::from_le_bytes(*crc)))
+}
+
+fn model_crc<T: Serialize>(path: &Path, model: &T) -> Result<u32, FileError> {
+    let bytes = postcard::to_allocvec(model)
+        .map_err(|error| FileError::new(path, format!("not a model: {error}")))?;
+    Ok(crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes))
+}
+
+/// An error on the line where `key` is set.
+fn located(path: &Path, text: &str, key: &str, problem: impl Into<String>) -> FileError {
+    let line = text.lines().position(|line| {
+        line.trim_start().strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
+    });
+    let error = FileError::new(path, problem).column(key);
+    match line {
+        Some(line) => error.line(line as u64 + 1),
+        None => error,
+    }
+}
+
+fn toml_error(path: &Path, text: &str, error: &toml::de::Error) -> FileError {
+    let new = FileError::new(path, error.message())
+        .mend("`taxel calibrate fit --out CAL.toml` writes a calibration that fits");
+    match error.span() {
+        Some(span) => {
+            new.line(text.get(..span.start).unwrap_or_default().matches('\n').count() as u64 + 1)
+        }
+        None => new,
+    }
+}

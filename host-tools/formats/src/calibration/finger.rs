@@ -1,0 +1,162 @@
+//! The finger's record as people read it: weights in rows, sensors by number, the date as a date.
+
+use std::time::{Duration, UNIX_EPOCH};
+
+use serde::{Deserialize, Serialize};
+use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
+use taxel::condition::{BridgeBias, TaxelBias};
+use taxel::estimate::net::ForceNet;
+use taxel::estimate::sensitivity::Sensitivity;
+use taxel::scan::TAXELS;
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct FingerFile {
+    serial: String,
+    date: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    taxels: Option<Taxels>,
+    #[serde(default, rename = "sensor", skip_serializing_if = "Vec::is_empty")]
+    sensors: Vec<Sensor>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Taxels {
+    /// Unloaded level of each taxel, fraction of full scale.
+    bias: [f32; TAXELS],
+    noise: f32,
+    range: [Range; TAXELS],
+    residual_n: [f32; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    net: Option<Net>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Net {
+    hidden: Vec<Vec<f32>>,
+    hidden_bias: Vec<f32>,
+    output: Vec<Vec<f32>>,
+    output_bias: Vec<f32>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Sensor {
+    sensor: usize,
+    bias: [f32; 3],
+    noise: f32,
+    range: [Range; 3],
+    residual_n: [f32; 3],
+    sensitivity: [[f32; 3]; 3],
+}
+
+impl FingerFile {
+    pub(super) fn new(calibration: &Calibration) -> Self {
+        let taxels = calibration.taxels.as_ref().map(|taxels| Taxels {
+            bias: taxels.bias.level,
+            noise: taxels.bias.noise,
+            range: taxels.range,
+            residual_n: taxels.residual,
+            net: taxels.net.as_ref().map(|net| Net {
+                hidden: rows(&net.hidden, TAXELS),
+                hidden_bias: net.hidden_bias.to_vec(),
+                output: rows(&net.output, net.hidden_bias.len()),
+                output_bias: net.output_bias.to_vec(),
+            }),
+        });
+        let sensors = calibration.sensors.iter().enumerate().filter_map(|(i, sensor)| {
+            sensor.as_ref().map(|sensor| Sensor {
+                sensor: i,
+                bias: sensor.bias.level,
+                noise: sensor.bias.noise,
+                range: sensor.range,
+                residual_n: sensor.residual,
+                sensitivity: sensor.sensitivity.0,
+            })
+        });
+        Self {
+            serial: calibration.serial.as_str().to_owned(),
+            date: humantime::format_rfc3339_seconds(
+                UNIX_EPOCH + Duration::from_secs(calibration.date.min(LAST_DATE)),
+            )
+            .to_string(),
+            taxels,
+            sensors: sensors.collect(),
+        }
+    }
+
+    /// The record, or the key that does not fit and why.
+    pub(super) fn calibration(self) -> Result<Calibration, (&'static str, String)> {
+        let mut calibration = Calibration {
+            serial: heapless::String::try_from(self.serial.as_str())
+                .map_err(|_| ("serial", "more than 32 bytes".to_owned()))?,
+            date: date(&self.date)?,
+            ..Calibration::default()
+        };
+        if let Some(taxels) = self.taxels {
+            calibration.taxels = Some(TaxelCalibration {
+                bias: TaxelBias { level: taxels.bias, noise: taxels.noise },
+                range: taxels.range,
+                net: taxels.net.map(Net::weights).transpose()?,
+                residual: taxels.residual_n,
+            });
+        }
+        for sensor in self.sensors {
+            let number = sensor.sensor;
+            let slot = calibration
+                .sensors
+                .get_mut(number)
+                .ok_or_else(|| ("sensor", format!("there is no sensor {number}: 0…3")))?;
+            *slot = Some(SensorCalibration {
+                bias: BridgeBias { level: sensor.bias, noise: sensor.noise },
+                sensitivity: Sensitivity(sensor.sensitivity),
+                range: sensor.range,
+                residual: sensor.residual_n,
+            });
+        }
+        Ok(calibration)
+    }
+}
+
+impl Net {
+    fn weights(self) -> Result<ForceNet, (&'static str, String)> {
+        Ok(ForceNet {
+            hidden: flat("hidden", &self.hidden, TAXELS)?,
+            hidden_bias: collect("hidden_bias", &self.hidden_bias)?,
+            output: flat("output", &self.output, self.hidden_bias.len())?,
+            output_bias: collect("output_bias", &self.output_bias)?,
+        })
+    }
+}
+
+/// 9999-12-31, the last date that RFC 3339 can write.
+const LAST_DATE: u64 = 253_402_300_799;
+
+fn date(text: &str) -> Result<u64, (&'static str, String)> {
+    humantime::parse_rfc3339(text)
+        .ok()
+        .and_then(|time| time.duration_since(UNIX_EPOCH).ok())
+        .map(|since| since.as_secs())
+        .ok_or_else(|| ("date", format!("`{text}` is no date like 2026-11-21T09:30:00Z")))
+}
+
+fn rows(flat: &[f32], width: usize) -> Vec<Vec<f32>> {
+    flat.chunks(width.max(1)).map(<[f32]>::to_vec).collect()
+}
+
+fn flat<const N: usize>(
+    key: &'static str,
+    rows: &[Vec<f32>],
+    width: usize,
+) -> Result<heapless::Vec<f32, N>, (&'static str, String)> {
+    if let Some(row) = rows.iter().find(|row| row.len() != width) {
+        return Err((key, format!("a row of {} weights where {width} belong", row.len())));
+    }
+    collect(key, &rows.concat())
+}
+
+fn collect<const N: usize>(
+    key: &'static str,
+    weights: &[f32],
+) -> Result<heapless::Vec<f32, N>, (&'static str, String)> {
+    heapless::Vec::from_slice(weights)
+        .map_err(|_| (key, format!("{} weights where at most {N} fit", weights.len())))
+}

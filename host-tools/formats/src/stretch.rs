@@ -1,0 +1,88 @@
+//! `FILE@FROM..TO`: a recording, or a stretch of it in seconds.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// A file and the part of it that is meant. Times are the recording's own, in seconds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stretch {
+    /// The recording.
+    pub path: PathBuf,
+    from: f64,
+    to: f64,
+}
+
+impl Stretch {
+    /// All of a file.
+    pub fn whole(path: impl AsRef<Path>) -> Self {
+        Self { path: path.as_ref().to_owned(), from: f64::NEG_INFINITY, to: f64::INFINITY }
+    }
+
+    /// `seconds` belongs to it: FROM is in, TO is not.
+    #[must_use]
+    pub fn contains(&self, seconds: f64) -> bool {
+        (self.from..self.to).contains(&seconds)
+    }
+
+    /// Nothing later can belong to it.
+    #[must_use]
+    pub fn ended(&self, seconds: f64) -> bool {
+        seconds >= self.to
+    }
+}
+
+impl FromStr for Stretch {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        // An `@` may be part of a path; only one that is followed by a range cuts a stretch.
+        let Some((path, range)) = text.rsplit_once('@').filter(|(_, range)| range.contains(".."))
+        else {
+            return Ok(Self::whole(text));
+        };
+        let (from, to) = range.split_once("..").unwrap_or((range, ""));
+        let seconds = |text: &str, open: f64| match text.trim() {
+            "" => Ok(open),
+            text => text.parse::<f64>().ok().filter(|s| s.is_finite()).ok_or_else(|| {
+                format!(
+                    "`{text}` is no time in seconds; write FILE@FROM..TO, as in press.csv@0..30"
+                )
+            }),
+        };
+        let from = seconds(from, f64::NEG_INFINITY)?;
+        let to = seconds(to, f64::INFINITY)?;
+        if from >= to {
+            return Err(format!("the stretch {range} is empty: FROM must be less than TO"));
+        }
+        Ok(Self { path: path.into(), from, to })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stretch_is_half_open_and_either_end_may_be_left_out() {
+        let stretch: Stretch = "a/b.csv@0.5..30".parse().unwrap();
+        assert_eq!(stretch.path, Path::new("a/b.csv"));
+        assert!(stretch.contains(0.5) && !stretch.contains(30.0) && stretch.ended(30.0));
+        let tail: Stretch = "b.csv@30..".parse().unwrap();
+        assert!(tail.contains(1e9) && !tail.contains(29.9));
+        let head: Stretch = "b.csv@..3".parse().unwrap();
+        assert!(head.contains(0.0) && !head.contains(3.0));
+    }
+
+    #[test]
+    fn an_at_sign_in_a_path_is_no_stretch() {
+        let stretch: Stretch = "me@home.csv".parse().unwrap();
+        assert_eq!(stretch, Stretch::whole("me@home.csv"));
+    }
+
+    #[test]
+    fn nonsense_is_refused_with_the_mend() {
+        for text in ["a.csv@x..3", "a.csv@5..5", "a.csv@9..1", "a.csv@NaN..1"] {
+            assert!(text.parse::<Stretch>().is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,217 @@
+//! Any CSV with a header and numbers: N input columns, some reference columns, perhaps a time.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use csv::StringRecord;
+
+use crate::error::FileError;
+use crate::stretch::Stretch;
+use crate::trace::csv_problem;
+
+/// Some columns of a CSV file as numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    /// Where it came from.
+    pub path: PathBuf,
+    /// Names of the columns kept, in the order asked for.
+    pub names: Vec<String>,
+    /// One row a line, one number a column.
+    pub rows: Vec<Vec<f64>>,
+    /// Time of each row in seconds; empty where the file has no time column.
+    pub times: Vec<f64>,
+}
+
+/// Reads the columns that match `patterns` (`*` stands for any text) over a stretch of a file.
+///
+/// Columns come in the order of the patterns, and within a pattern in that of the file. Time is the
+/// column `t_s` or `t_us`; a file without one can only be read whole.
+///
+/// # Errors
+/// The file cannot be read, a pattern matches nothing, or a cell is not a finite number.
+pub fn read(stretch: &Stretch, patterns: &[&str]) -> Result<Table, FileError> {
+    let path = &stretch.path;
+    let file = std::fs::File::open(path).map_err(|error| FileError::io(path, &error))?;
+    read_from(file, stretch, patterns)
+}
+
+/// The same from any source; the stretch's path is only for messages.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_from(
+    source: impl Read,
+    stretch: &Stretch,
+    patterns: &[&str],
+) -> Result<Table, FileError> {
+    let path = stretch.path.as_path();
+    let mut records = csv::ReaderBuilder::new()
+        .flexible(true)
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(source);
+    let names = match records.headers() {
+        Ok(names) => names.clone(),
+        Err(error) => return Err(located(path, &error)),
+    };
+    if names.is_empty() || names.iter().all(str::is_empty) {
+        return Err(FileError::new(path, "no header: the file is empty")
+            .mend("the first line names the columns"));
+    }
+    let columns = select(&names, patterns, path)?;
+    let time = time_column(&names);
+    if time.is_none() && *stretch != Stretch::whole(path) {
+        return Err(FileError::new(path, "the column is missing")
+            .line(1)
+            .column("t_s")
+            .mend("a stretch FILE@FROM..TO needs a time column, `t_s` or `t_us`"));
+    }
+    let mut table = Table {
+        path: path.to_owned(),
+        names: columns.iter().map(|at| names[*at].to_owned()).collect(),
+        rows: Vec::new(),
+        times: Vec::new(),
+    };
+    let mut record = StringRecord::new();
+    loop {
+        match records.read_record(&mut record) {
+            Ok(true) => {}
+            Ok(false) => return Ok(table),
+            Err(error) => return Err(located(path, &error)),
+        }
+        let line = record.position().map_or(0, csv::Position::line);
+        if record.len() != names.len() {
+            return Err(FileError::new(
+                path,
+                format!("{} fields where the header has {}", record.len(), names.len()),
+            )
+            .line(line)
+            .mend("complete or remove the line; a recording cut short often ends in one"));
+        }
+        let number = |at: usize| match record[at].parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(value),
+            _ => Err(FileError::new(
+                path,
+                format!("expected a finite number, found `{}`", &record[at]),
+            )
+            .line(line)
+            .column(&names[at])
+            .mend("mend the cell or remove the line")),
+        };
+        if let Some((at, scale)) = time {
+            let seconds = number(at)? * scale;
+            if !stretch.contains(seconds) {
+                continue;
+            }
+            table.times.push(seconds);
+        }
+        table.rows.push(columns.iter().map(|at| number(*at)).collect::<Result<_, _>>()?);
+    }
+}
+
+fn located(path: &Path, error: &csv::Error) -> FileError {
+    let new = FileError::new(path, csv_problem(error));
+    match error.position() {
+        Some(position) => new.line(position.line()),
+        None => new,
+    }
+}
+
+fn time_column(names: &StringRecord) -> Option<(usize, f64)> {
+    names.iter().enumerate().find_map(|(at, name)| match name {
+        "t_s" => Some((at, 1.0)),
+        "t_us" => Some((at, 1e-6)),
+        _ => None,
+    })
+}
+
+fn select(names: &StringRecord, patterns: &[&str], path: &Path) -> Result<Vec<usize>, FileError> {
+    let mut columns = Vec::new();
+    for pattern in patterns {
+        let found: Vec<usize> =
+            (0..names.len()).filter(|at| matches(pattern, &names[*at])).collect();
+        if found.is_empty() {
+            let some: Vec<&str> = names.iter().take(6).collect();
+            return Err(FileError::new(path, "no column matches")
+                .line(1)
+                .column(*pattern)
+                .mend(format!("this file has {} …", some.join(", "))));
+        }
+        columns.extend(found.into_iter().filter(|at| !columns.contains(at)).collect::<Vec<_>>());
+    }
+    Ok(columns)
+}
+
+/// `*` stands for any text, everything else for itself.
+fn matches(pattern: &str, name: &str) -> bool {
+    match pattern.split_once('*') {
+        None => pattern == name,
+        Some((head, tail)) => name.strip_prefix(head).is_some_and(|rest| {
+            rest.char_indices()
+                .map(|(at, _)| at)
+                .chain([rest.len()])
+                .any(|at| matches(tail, &rest[at..]))
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read_text(text: &str, stretch: &str, patterns: &[&str]) -> Result<Table, String> {
+        read_from(text.as_bytes(), &stretch.parse().unwrap(), patterns).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn patterns_pick_columns_and_a_stretch_picks_rows() {
+        let text = "t_s,m0,force_n,m1\n0,1,2,3\n1,4,5,6\n2,7,8,9\n";
+        let table = read_text(text, "a.csv@1..2", &["m*", "force_n"]).unwrap();
+        assert_eq!(table.names, ["m0", "m1", "force_n"]);
+        assert_eq!(table.rows, [[4.0, 6.0, 5.0]]);
+        assert_eq!(table.times, [1.0]);
+    }
+
+    #[test]
+    fn a_star_matches_any_text_anywhere() {
+        for (pattern, name, fits) in [
+            ("m*", "m12", true),
+            ("*_n", "force_n", true),
+            ("a*c*e", "abcde", true),
+            ("m*", "xm", false),
+            ("m1", "m12", false),
+            ("*", "", true),
+        ] {
+            assert_eq!(matches(pattern, name), fits, "{pattern} {name}");
+        }
+    }
+
+    #[test]
+    fn bad_cells_name_line_and_column() {
+        let cases = [
+            ("", "a.csv: no header: the file is empty; the first line names the columns"),
+            (
+                "m0\nx\n",
+                "a.csv:2: `m0`: expected a finite number, found `x`; mend the cell or remove the line",
+            ),
+            (
+                "m0\nNaN\n",
+                "a.csv:2: `m0`: expected a finite number, found `NaN`; mend the cell or remove the line",
+            ),
+            (
+                "m0,b\n1,2\n3\n",
+                "a.csv:3: 1 fields where the header has 2; complete or remove the line; a recording cut short often ends in one",
+            ),
+            ("b,c\n1,2\n", "a.csv:1: `m*`: no column matches; this file has b, c …"),
+        ];
+        for (text, message) in cases {
+            assert_eq!(read_text(text, "a.csv", &["m*"]).unwrap_err(), message);
+        }
+    }
+
+    #[test]
+    fn a_stretch_of_a_file_without_time_is_refused() {
+        let error = read_text("m0\n1\n", "a.csv@0..1", &["m0"]).unwrap_err();
+        assert!(error.contains("t_s"), "{error}");
+    }
+}

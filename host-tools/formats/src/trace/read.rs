@@ -1,0 +1,420 @@
+//! Reading a trace.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use csv::StringRecord;
+use taxel::scan::{COLS, Codes, Midpoints, ROWS, SENSORS, Scan, TaxelCodes};
+use taxel::units::{Code, FullScale, Micros};
+
+use super::{Sample, TRUTH_COLUMNS, Truth, bridge_names, sensor_truth_names, taxel_names};
+use crate::error::FileError;
+
+const FULL_SCALE_KEY: &str = "full_scale";
+
+/// Reads a trace line by line.
+pub struct TraceReader<R> {
+    path: PathBuf,
+    columns: Columns,
+    names: StringRecord,
+    records: csv::Reader<R>,
+    record: StringRecord,
+    /// Lines before the CSV header.
+    skipped: u64,
+    last_time: Option<u64>,
+}
+
+impl<R> TraceReader<R> {
+    /// What the codes are fractions of.
+    pub fn full_scale(&self) -> FullScale {
+        self.columns.full_scale
+    }
+
+    /// Which channels the trace has: one scan's worth of absent and present ones.
+    pub fn channels(&self) -> Channels {
+        Channels {
+            taxels: self.columns.taxels.is_some(),
+            bridges: self.columns.bridges.map(|bridge| bridge.is_some()),
+        }
+    }
+}
+
+/// Which channels a trace has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Channels {
+    /// The optical matrix.
+    pub taxels: bool,
+    /// Each force sensor.
+    pub bridges: [bool; SENSORS],
+}
+
+impl TraceReader<BufReader<File>> {
+    /// Opens a file and reads its header.
+    ///
+    /// # Errors
+    /// The file cannot be read, or its header is not that of a trace.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, FileError> {
+        let path = path.as_ref();
+        let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
+        Self::new(BufReader::new(file), path)
+    }
+}
+
+impl<R: BufRead> TraceReader<R> {
+    /// Reads the header from `source`; `path` is only for messages.
+    ///
+    /// # Errors
+    /// The header is not that of a trace.
+    pub fn new(mut source: R, path: impl AsRef<Path>) -> Result<Self, FileError> {
+        let path = path.as_ref().to_owned();
+        let (full_scale, skipped, first) = read_preamble(&mut source, &path)?;
+        let records = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .trim(csv::Trim::All)
+            .from_reader(source);
+        let names = split_header(&first, &path, skipped + 1)?;
+        let header = Header { names: &names, path: &path, line: skipped + 1 };
+        let columns = Columns::find(&header, full_scale)?;
+        Ok(Self {
+            path,
+            columns,
+            names,
+            records,
+            record: StringRecord::new(),
+            // The header line was taken off before the CSV reader began to count.
+            skipped: skipped + 1,
+            last_time: None,
+        })
+    }
+
+    fn read(&mut self) -> Result<Option<Sample>, FileError> {
+        let more = match self.records.read_record(&mut self.record) {
+            Ok(more) => more,
+            Err(error) => {
+                let line = error.position().map_or(0, csv::Position::line) + self.skipped;
+                return Err(FileError::new(&self.path, csv_problem(&error)).line(line));
+            }
+        };
+        if !more {
+            return Ok(None);
+        }
+        let line = self.record.position().map_or(0, csv::Position::line) + self.skipped;
+        if self.record.len() != self.names.len() {
+            return Err(FileError::new(
+                &self.path,
+                format!("{} fields where the header has {}", self.record.len(), self.names.len()),
+            )
+            .line(line)
+            .mend("complete or remove the line; a recording cut short often ends in one"));
+        }
+        let cells = Cells { record: &self.record, names: &self.names, path: &self.path, line };
+        let sample = self.columns.sample(&cells)?;
+        let time = sample.scan.time.0;
+        if let Some(last) = self.last_time.replace(time)
+            && time <= last
+        {
+            return Err(cells
+                .error(self.columns.time, format!("time {time} does not come after {last}"))
+                .mend("sort the lines by t_us"));
+        }
+        Ok(Some(sample))
+    }
+}
+
+impl<R: BufRead> Iterator for TraceReader<R> {
+    type Item = Result<Sample, FileError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.read().transpose()
+    }
+}
+
+/// True where the file begins like a taxel trace rather than any other CSV.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn is_trace(path: impl AsRef<Path>) -> Result<bool, FileError> {
+    let path = path.as_ref();
+    let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
+    let mut head = Vec::new();
+    BufReader::new(file)
+        .take(64 * 1024)
+        .read_to_end(&mut head)
+        .map_err(|error| FileError::io(path, &error))?;
+    let head = String::from_utf8_lossy(&head);
+    let header = head.lines().find(|line| !line.starts_with('#')).unwrap_or_default();
+    let mut names = header.split(',').map(str::trim);
+    Ok(names.clone().any(|name| name == "t_us")
+        && names.any(|name| name.starts_with("lit_r") || name.starts_with("bridge_s")))
+}
+
+/// Comment lines before the header. Returns full scale, their number, and the header line.
+fn read_preamble(
+    source: &mut impl BufRead,
+    path: &Path,
+) -> Result<(FullScale, u64, String), FileError> {
+    let mut full_scale = FullScale::BITS_12;
+    let mut skipped = 0;
+    loop {
+        let mut bytes = Vec::new();
+        // A line this long is no header; the limit keeps a binary file from being swallowed whole.
+        let length = source
+            .take(1 << 20)
+            .read_until(b'\n', &mut bytes)
+            .map_err(|error| FileError::io(path, &error))?;
+        if length == 0 {
+            return Err(FileError::new(path, "no header: the file is empty")
+                .mend("a trace starts with a line of column names, `t_us,lit_r0c0,…`"));
+        }
+        let line = String::from_utf8(bytes)
+            .map_err(|_| FileError::new(path, "not text: expected a CSV file").line(skipped + 1))?;
+        let line = line.trim();
+        let Some(comment) = line.strip_prefix('#') else {
+            return Ok((full_scale, skipped, line.to_owned()));
+        };
+        skipped += 1;
+        if let Some((key, value)) = comment.split_once('=')
+            && key.trim() == FULL_SCALE_KEY
+        {
+            full_scale = value.trim().parse().ok().and_then(FullScale::new).ok_or_else(|| {
+                FileError::new(path, format!("expected a whole number 1…65535, found `{value}`"))
+                    .line(skipped)
+                    .column(FULL_SCALE_KEY)
+                    .mend("write `# full_scale=4095` or `# full_scale=65535`")
+            })?;
+        }
+    }
+}
+
+fn split_header(header: &str, path: &Path, line: u64) -> Result<StringRecord, FileError> {
+    let mut names = StringRecord::new();
+    csv::ReaderBuilder::new()
+        .has_headers(false)
+        .trim(csv::Trim::All)
+        .from_reader(header.as_bytes())
+        .read_record(&mut names)
+        .map_err(|error| FileError::new(path, csv_problem(&error)).line(line))?;
+    Ok(names)
+}
+
+/// What the CSV library has to say, without its own idea of where.
+pub(crate) fn csv_problem(error: &csv::Error) -> String {
+    match error.kind() {
+        csv::ErrorKind::Utf8 { .. } => "not text: expected UTF-8".to_owned(),
+        csv::ErrorKind::Io(error) => error.to_string(),
+        _ => error.to_string(),
+    }
+}
+
+/// Where each channel stands in a line.
+struct Columns {
+    full_scale: FullScale,
+    time: usize,
+    taxels: Option<([[usize; COLS]; ROWS], [usize; COLS])>,
+    bridges: [Option<[usize; 4]>; SENSORS],
+    reference: Option<usize>,
+    temperature: Option<usize>,
+    truth: [Option<usize>; TRUTH_COLUMNS.len()],
+    sensors: [[Option<usize>; 3]; SENSORS],
+}
+
+impl Columns {
+    fn find(header: &Header, full_scale: FullScale) -> Result<Self, FileError> {
+        header.names_are_unique()?;
+        let time = header.find("t_us").ok_or_else(|| {
+            header.missing("t_us").mend("a trace needs device time in microseconds")
+        })?;
+        let taxels = header.group(&taxel_names())?.map(|at| {
+            (
+                std::array::from_fn(|r| std::array::from_fn(|c| at[r * COLS + c])),
+                std::array::from_fn(|c| at[ROWS * COLS + c]),
+            )
+        });
+        let mut bridges = [None; SENSORS];
+        for (i, bridge) in bridges.iter_mut().enumerate() {
+            *bridge = header.group(&bridge_names(i))?.map(|at| std::array::from_fn(|k| at[k]));
+        }
+        if taxels.is_none() && bridges.iter().all(Option::is_none) {
+            return Err(header.missing("lit_r0c0").mend(
+                "a trace has lit_r0c0…lit_r3c3 with dark_c0…dark_c3, or bridge_s0_a…, or both",
+            ));
+        }
+        Ok(Self {
+            full_scale,
+            time,
+            taxels,
+            bridges,
+            reference: header.find("aux_vref"),
+            temperature: header.find("aux_temp"),
+            truth: TRUTH_COLUMNS.map(|name| header.find(name)),
+            sensors: std::array::from_fn(|i| sensor_truth_names(i).map(|name| header.find(&name))),
+        })
+    }
+
+    fn sample(&self, cells: &Cells) -> Result<Sample, FileError> {
+        let code = |at: usize| cells.code(at, self.full_scale);
+        let taxels = match &self.taxels {
+            None => None,
+            Some((lit, dark)) => {
+                let mut codes = TaxelCodes::default();
+                let from = lit.iter().flatten().chain(dark);
+                let to = codes.lit.iter_mut().flatten().chain(&mut codes.dark);
+                for (at, slot) in from.zip(to) {
+                    *slot = code(*at)?;
+                }
+                Some(codes)
+            }
+        };
+        let mut bridges = [None; SENSORS];
+        for (bridge, at) in bridges.iter_mut().zip(&self.bridges) {
+            if let Some([a, b, c, d]) = *at {
+                *bridge = Some(Midpoints { a: code(a)?, b: code(b)?, c: code(c)?, d: code(d)? });
+            }
+        }
+        let codes = Codes {
+            full_scale: self.full_scale,
+            taxels,
+            bridges,
+            reference: self.reference.map(code).transpose()?,
+            temperature: self.temperature.map(code).transpose()?,
+        };
+        let scan = Scan { time: Micros(cells.time(self.time)?), overrun: false, codes };
+        Ok(Sample { scan, truth: self.truth(cells)? })
+    }
+
+    fn truth(&self, cells: &Cells) -> Result<Truth, FileError> {
+        let [fx, fy, fz, x, y, torsion, contact, slip] = self.truth;
+        let mut sensors = [[None; 3]; SENSORS];
+        for (value, at) in sensors.iter_mut().flatten().zip(self.sensors.iter().flatten()) {
+            *value = cells.number(*at)?;
+        }
+        Ok(Truth {
+            force: [cells.number(fx)?, cells.number(fy)?, cells.number(fz)?],
+            point: [cells.number(x)?, cells.number(y)?],
+            torsion: cells.number(torsion)?,
+            contact: cells.flag(contact)?,
+            slip: cells.flag(slip)?,
+            sensors,
+        })
+    }
+}
+
+/// The header line, and how to complain about it.
+struct Header<'a> {
+    names: &'a StringRecord,
+    path: &'a Path,
+    line: u64,
+}
+
+impl Header<'_> {
+    fn find(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|other| other == name)
+    }
+
+    fn missing(&self, name: &str) -> FileError {
+        FileError::new(self.path, "the column is missing").line(self.line).column(name)
+    }
+
+    fn names_are_unique(&self) -> Result<(), FileError> {
+        let mut seen = HashSet::new();
+        match self.names.iter().find(|name| !seen.insert(*name)) {
+            None => Ok(()),
+            Some(name) => Err(FileError::new(self.path, "the column stands twice")
+                .line(self.line)
+                .column(name)
+                .mend("remove one of them")),
+        }
+    }
+
+    /// Channels that come together or not at all.
+    fn group(&self, wanted: &[String]) -> Result<Option<Vec<usize>>, FileError> {
+        let found: Vec<_> = wanted.iter().map(|name| self.find(name)).collect();
+        if found.iter().all(Option::is_none) {
+            return Ok(None);
+        }
+        found
+            .into_iter()
+            .zip(wanted)
+            .map(|(at, name)| {
+                at.ok_or_else(|| {
+                    self.missing(name).mend(format!(
+                        "add it, or leave out all of {} … {}",
+                        wanted.first().map_or("", String::as_str),
+                        wanted.last().map_or("", String::as_str)
+                    ))
+                })
+            })
+            .collect::<Result<Vec<_>, _>>()
+            .map(Some)
+    }
+}
+
+/// One line, and how to complain about it.
+struct Cells<'a> {
+    record: &'a StringRecord,
+    names: &'a StringRecord,
+    path: &'a Path,
+    line: u64,
+}
+
+impl Cells<'_> {
+    fn text(&self, at: usize) -> &str {
+        self.record.get(at).unwrap_or_default()
+    }
+
+    fn error(&self, at: usize, problem: impl Into<String>) -> FileError {
+        FileError::new(self.path, problem)
+            .line(self.line)
+            .column(self.names.get(at).unwrap_or_default())
+    }
+
+    fn time(&self, at: usize) -> Result<u64, FileError> {
+        self.text(at).parse().map_err(|_| {
+            self.error(at, format!("expected whole microseconds, found `{}`", self.text(at)))
+                .mend("times are counted from 0 upwards, without decimals")
+        })
+    }
+
+    fn code(&self, at: usize, full_scale: FullScale) -> Result<Code, FileError> {
+        let top = full_scale.top().0;
+        let code: u32 = self.text(at).parse().map_err(|_| {
+            self.error(at, format!("expected a whole code 0…{top}, found `{}`", self.text(at)))
+                .mend("codes are what the ADC read; a sensor that is absent has no column")
+        })?;
+        match u16::try_from(code) {
+            Ok(code) if code <= top => Ok(Code(code)),
+            _ => Err(self.error(at, format!("code {code} is above full scale {top}")).mend(
+                "if the codes are scaled to 16 bits, make `# full_scale=65535` the first line",
+            )),
+        }
+    }
+
+    /// An empty cell is an unknown truth.
+    fn number(&self, at: Option<usize>) -> Result<Option<f64>, FileError> {
+        let Some(at) = at else { return Ok(None) };
+        match self.text(at) {
+            "" => Ok(None),
+            text => match text.parse::<f64>() {
+                Ok(value) if value.is_finite() => Ok(Some(value)),
+                _ => Err(self
+                    .error(at, format!("expected a finite number, found `{text}`"))
+                    .mend("leave the cell empty where the value is not known")),
+            },
+        }
+    }
+
+    fn flag(&self, at: Option<usize>) -> Result<Option<bool>, FileError> {
+        let Some(at) = at else { return Ok(None) };
+        match self.text(at) {
+            "" => Ok(None),
+            "0" => Ok(Some(false)),
+            "1" => Ok(Some(true)),
+            text => Err(self
+                .error(at, format!("expected 0 or 1, found `{text}`"))
+                .mend("leave the cell empty where it is not known")),
+        }
+    }
+}

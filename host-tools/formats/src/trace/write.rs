@@ -1,0 +1,126 @@
+//! Writing a trace.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use taxel::scan::SENSORS;
+use taxel::units::{Code, FullScale};
+
+use super::{Sample, TRUTH_COLUMNS, bridge_names, sensor_truth_names, taxel_names};
+use crate::error::FileError;
+
+/// Which columns a trace gets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TraceHeader {
+    /// What the codes are fractions of.
+    pub full_scale: FullScale,
+    /// The optical matrix.
+    pub taxels: bool,
+    /// Each force sensor.
+    pub bridges: [bool; SENSORS],
+    /// The reference channel.
+    pub reference: bool,
+    /// The temperature channel.
+    pub temperature: bool,
+    /// The finger's truth.
+    pub truth: bool,
+    /// The truth of each force sensor that has columns.
+    pub sensor_truth: bool,
+}
+
+/// Writes a trace line by line.
+pub struct TraceWriter {
+    path: PathBuf,
+    header: TraceHeader,
+    records: csv::Writer<BufWriter<File>>,
+    row: Vec<String>,
+}
+
+impl TraceWriter {
+    /// Creates the file and writes its header.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn create(path: impl AsRef<Path>, header: TraceHeader) -> Result<Self, FileError> {
+        let path = path.as_ref().to_owned();
+        let mut file =
+            BufWriter::new(File::create(&path).map_err(|error| FileError::io(&path, &error))?);
+        if header.full_scale != FullScale::BITS_12 {
+            writeln!(file, "# full_scale={}", header.full_scale.top().0)
+                .map_err(|error| FileError::io(&path, &error))?;
+        }
+        let mut writer =
+            Self { path, header, records: csv::Writer::from_writer(file), row: Vec::new() };
+        writer.row.push("t_us".to_owned());
+        if header.taxels {
+            writer.row.extend(taxel_names());
+        }
+        let present = (0..SENSORS).filter(|i| header.bridges[*i]);
+        writer.row.extend(present.clone().flat_map(bridge_names));
+        writer.row.extend(header.reference.then(|| "aux_vref".to_owned()));
+        writer.row.extend(header.temperature.then(|| "aux_temp".to_owned()));
+        if header.truth {
+            writer.row.extend(TRUTH_COLUMNS.map(str::to_owned));
+        }
+        if header.sensor_truth {
+            writer.row.extend(present.flat_map(sensor_truth_names));
+        }
+        writer.flush_row()?;
+        Ok(writer)
+    }
+
+    /// One line.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&mut self, sample: &Sample) -> Result<(), FileError> {
+        let header = self.header;
+        let codes = &sample.scan.codes;
+        let row = &mut self.row;
+        let code = |code: Option<Code>| code.map(|code| code.0.to_string()).unwrap_or_default();
+        row.push(sample.scan.time.0.to_string());
+        if header.taxels {
+            let taxels = codes.taxels.unwrap_or_default();
+            row.extend(taxels.lit.iter().flatten().chain(&taxels.dark).map(|c| c.0.to_string()));
+        }
+        let present = (0..SENSORS).filter(|i| header.bridges[*i]);
+        for i in present.clone() {
+            let arms = codes.bridges[i].unwrap_or_default();
+            row.extend([arms.a, arms.b, arms.c, arms.d].map(|c| c.0.to_string()));
+        }
+        row.extend(header.reference.then(|| code(codes.reference)));
+        row.extend(header.temperature.then(|| code(codes.temperature)));
+        // Micronewtons and nanometres: far below any noise, and the same text on every machine.
+        let number = |value: &Option<f64>| value.map(|v| format!("{v:.6}")).unwrap_or_default();
+        if header.truth {
+            let truth = &sample.truth;
+            row.extend(truth.force.iter().chain(&truth.point).map(number));
+            row.push(number(&truth.torsion));
+            let flag = |f: Option<bool>| f.map(|f| u8::from(f).to_string()).unwrap_or_default();
+            row.extend([flag(truth.contact), flag(truth.slip)]);
+        }
+        if header.sensor_truth {
+            row.extend(present.flat_map(|i| sample.truth.sensors[i].each_ref().map(number)));
+        }
+        self.flush_row()
+    }
+
+    fn flush_row(&mut self) -> Result<(), FileError> {
+        let written = self.records.write_record(&self.row);
+        self.row.clear();
+        written.map_err(|error| self.failed(error.into()))
+    }
+
+    /// Ends the file; a writer that is merely dropped cannot say that the disk was full.
+    ///
+    /// # Errors
+    /// The last lines could not be written.
+    pub fn finish(mut self) -> Result<(), FileError> {
+        self.records.flush().map_err(|error| self.failed(error))
+    }
+
+    fn failed(&self, error: std::io::Error) -> FileError {
+        FileError::io(&self.path, &error)
+    }
+}

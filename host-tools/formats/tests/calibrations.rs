@@ -1,0 +1,108 @@
+//! Calibration TOML: bit-exact both ways, and every kind of damage is named.
+
+use std::path::Path;
+
+use proptest::prelude::*;
+use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
+use taxel::condition::{BridgeBias, TaxelBias};
+use taxel::estimate::net::ForceNet;
+use taxel::estimate::sensitivity::Sensitivity;
+use taxel_formats::calibration::{self, Kind};
+
+fn record(weights: &[f32]) -> Calibration {
+    let weight = |i: usize| weights[i % weights.len()];
+    let sensor = SensorCalibration {
+        bias: BridgeBias { level: [0.01, -0.02, 0.003], noise: 1.25e-4 },
+        sensitivity: Sensitivity([[1.0, 0.1, 0.2], [weight(1), 2.0, 0.3], [0.0, 0.4, 3.0]]),
+        range: [[-0.1, 0.1]; 3],
+        residual: [0.001; 3],
+    };
+    Calibration {
+        serial: "F-0042".try_into().unwrap(),
+        date: 1_795_253_400,
+        taxels: Some(TaxelCalibration {
+            bias: TaxelBias { level: [0.31; 16], noise: 9.1e-5 },
+            range: [[-0.6, 0.05]; 16],
+            net: Some(ForceNet {
+                hidden: (0..12 * 16).map(weight).collect(),
+                hidden_bias: (0..12).map(weight).collect(),
+                output: (0..3 * 12).map(weight).collect(),
+                output_bias: (0..3).map(weight).collect(),
+            }),
+            residual: [0.01, 0.02, 0.004],
+        }),
+        sensors: [None, Some(sensor), None, None],
+    }
+}
+
+fn written(calibration: &Calibration) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cal.toml");
+    calibration::write(&path, calibration).unwrap();
+    std::fs::read_to_string(path).unwrap()
+}
+
+fn parse(text: &str) -> Result<Calibration, String> {
+    calibration::parse(Path::new("cal.toml"), text).map_err(|error| error.to_string())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+    #[test]
+    fn every_weight_comes_back_bit_for_bit(
+        weights in proptest::collection::vec(-1e6f32..1e6, 7), tiny in -1e-30f32..1e-30,
+    ) {
+        let mut weights = weights;
+        weights.push(tiny);
+        let record = record(&weights);
+        prop_assert_eq!(parse(&written(&record)), Ok(record));
+    }
+
+    #[test]
+    fn no_text_makes_the_reader_panic(text in "\\PC{0,200}") {
+        let _ = parse(&text);
+    }
+
+    #[test]
+    fn no_mangled_calibration_makes_the_reader_panic(at in any::<usize>(), with in "\\PC{1}") {
+        let text = written(&record(&[0.5]));
+        let at = at % text.len();
+        let _ = parse(&format!("{}{with}{}", &text[..at], &text[at + 1..]));
+    }
+}
+
+#[test]
+fn damage_of_every_kind_is_named_with_its_line_and_the_mend() {
+    let text = written(&record(&[0.5, -0.25]));
+    let crc = text.lines().find(|line| line.starts_with("crc32")).unwrap().to_owned();
+    let cases = [
+        (String::new(), "cal.toml: the file is empty: expected a calibration in TOML; "),
+        (
+            text.replace("taxel_calibration = 1", "taxel_calibration = 7"),
+            "cal.toml:1: `taxel_calibration`: version 7 where this build reads 1; fit it again",
+        ),
+        (
+            text.replace("\"finger\"", "\"table\""),
+            "cal.toml:2: `kind`: a table calibration where a finger one is needed; ",
+        ),
+        (text.replace(&crc, "crc32 = \"00000000\""), "cal.toml:3: `crc32`: says 00000000, the contents give "),
+        (text.replacen("0.31", "0.32", 1), "cal.toml:3: `crc32`: says "),
+        (text.replacen("0.31", "oops", 1), "cal.toml:8: "),
+        (text.replacen("0.31", "nan", 1), "cal.toml: TaxelBias is out of range; "),
+        (text.replace("sensor = 1", "sensor = 9"), ": `sensor`: there is no sensor 9: 0…3; "),
+        (text.replace("date = \"20", "date = \"x"), "cal.toml:5: `date`: `x26-11-21T09:30:00Z` is no date"),
+    ];
+    for (text, message) in cases {
+        let error = parse(&text).unwrap_err();
+        assert!(error.contains(message), "{error}\n  lacks {message}");
+        assert!(!error.contains('\n'), "{error}");
+    }
+}
+
+#[test]
+fn the_kind_is_read_without_the_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cal.toml");
+    calibration::write(&path, &record(&[1.0])).unwrap();
+    assert_eq!(calibration::kind(&path), Ok(Kind::Finger));
+}

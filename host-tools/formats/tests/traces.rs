@@ -1,0 +1,198 @@
+//! Traces: what is written is read back, and whatever is wrong is said in one line.
+
+use proptest::prelude::*;
+use taxel::scan::{Codes, Midpoints, Scan, TaxelCodes};
+use taxel::units::{Code, FullScale, Micros};
+use taxel_formats::trace::{Sample, TraceHeader, TraceReader, TraceWriter, Truth, is_trace};
+
+fn read(text: &str) -> Result<Vec<Sample>, String> {
+    TraceReader::new(text.as_bytes(), "trace.csv")
+        .and_then(Iterator::collect)
+        .map_err(|error| error.to_string())
+}
+
+fn header() -> String {
+    let lit = (0..4).flat_map(|r| (0..4).map(move |c| format!("lit_r{r}c{c}")));
+    let dark = (0..4).map(|c| format!("dark_c{c}"));
+    let names: Vec<String> = ["t_us".to_owned()].into_iter().chain(lit).chain(dark).collect();
+    names.join(",")
+}
+
+fn line(time: &str, code: &str) -> String {
+    format!("{time}{}", format!(",{code}").repeat(20))
+}
+
+#[test]
+fn a_good_trace_is_read_whatever_the_order_of_its_columns() {
+    let text = format!("{},fz_n\n{},0.5\n", header(), line("0", "7"));
+    let sample = read(&text).unwrap()[0];
+    assert_eq!(sample.truth.force, [None, None, Some(0.5)]);
+    let mut names: Vec<String> = header().split(',').map(str::to_owned).collect();
+    let mut cells: Vec<String> = (0..21).map(|i| i.to_string()).collect();
+    let straight = read(&format!("{}\n{}\n", names.join(","), cells.join(","))).unwrap();
+    names.reverse();
+    cells.reverse();
+    let reversed = read(&format!("{}\n{}\n", names.join(","), cells.join(","))).unwrap();
+    assert_eq!(straight, reversed);
+    assert_eq!(straight[0].scan.codes.taxels.unwrap().lit[0][1], Code(2));
+}
+
+#[test]
+fn whatever_is_wrong_is_one_line_that_names_line_column_and_mend() {
+    let good = line("0", "7");
+    let header = header();
+    let cases = [
+        (
+            String::new(),
+            "trace.csv: no header: the file is empty; a trace starts with a line of column names, `t_us,lit_r0c0,…`",
+        ),
+        (
+            format!("{}\n{good}\n", header.replace(",lit_r1c2", ",lost")),
+            "trace.csv:1: `lit_r1c2`: the column is missing; add it, or leave out all of lit_r0c0 … dark_c3",
+        ),
+        (
+            format!("{}\n{good}\n", header.replace("t_us", "time")),
+            "trace.csv:1: `t_us`: the column is missing; a trace needs device time in microseconds",
+        ),
+        (
+            "t_us,fz_n\n0,1\n".to_owned(),
+            "trace.csv:1: `lit_r0c0`: the column is missing; a trace has lit_r0c0…lit_r3c3 with dark_c0…dark_c3, or bridge_s0_a…, or both",
+        ),
+        (
+            format!("{}\n{good}\n", header.replace("lit_r1c2", "lit_r1c1")),
+            "trace.csv:1: `lit_r1c1`: the column stands twice; remove one of them",
+        ),
+        (
+            format!("{header}\n{good}\n{}\n", line("250", "seven")),
+            "trace.csv:3: `lit_r0c0`: expected a whole code 0…4095, found `seven`; codes are what the ADC read; a sensor that is absent has no column",
+        ),
+        (
+            format!("{header}\n{}\n", line("0", "NaN")),
+            "trace.csv:2: `lit_r0c0`: expected a whole code 0…4095, found `NaN`; codes are what the ADC read; a sensor that is absent has no column",
+        ),
+        (
+            format!("{header}\n{}\n", line("0", "30000")),
+            "trace.csv:2: `lit_r0c0`: code 30000 is above full scale 4095; if the codes are scaled to 16 bits, make `# full_scale=65535` the first line",
+        ),
+        (
+            format!("{header}\n{good}\n250,7,7"),
+            "trace.csv:3: 3 fields where the header has 21; complete or remove the line; a recording cut short often ends in one",
+        ),
+        (
+            format!("# full_scale=0\n{header}\n{good}\n"),
+            "trace.csv:1: `full_scale`: expected a whole number 1…65535, found `0`; write `# full_scale=4095` or `# full_scale=65535`",
+        ),
+        (
+            format!("{header}\n{good}\n{good}\n"),
+            "trace.csv:3: `t_us`: time 0 does not come after 0; sort the lines by t_us",
+        ),
+        (
+            format!("{header}\n{}\n", line("1.5", "7")),
+            "trace.csv:2: `t_us`: expected whole microseconds, found `1.5`; times are counted from 0 upwards, without decimals",
+        ),
+        (
+            format!("{header},fz_n\n{good},NaN\n"),
+            "trace.csv:2: `fz_n`: expected a finite number, found `NaN`; leave the cell empty where the value is not known",
+        ),
+        (
+            format!("{header},contact\n{good},yes\n"),
+            "trace.csv:2: `contact`: expected 0 or 1, found `yes`; leave the cell empty where it is not known",
+        ),
+    ];
+    for (text, message) in cases {
+        assert_eq!(read(&text).unwrap_err(), message);
+    }
+}
+
+#[test]
+fn a_header_without_lines_is_an_empty_trace() {
+    assert_eq!(read(&header()), Ok(vec![]));
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let error = TraceReader::open("no/such.csv").err().unwrap().to_string();
+    assert!(error.starts_with("no/such.csv: "), "{error}");
+    assert!(error.ends_with("; check the path"), "{error}");
+}
+
+#[test]
+fn a_trace_is_told_from_any_other_csv_by_its_header() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv");
+    std::fs::write(&path, format!("# full_scale=65535\n{}\n", header())).unwrap();
+    assert_eq!(is_trace(&path), Ok(true));
+    std::fs::write(&path, "t_s,m0,force_n\n0,1,2\n").unwrap();
+    assert_eq!(is_trace(&path), Ok(false));
+}
+
+fn sample(time: u64, code: u16) -> Sample {
+    let code = Code(code);
+    let midpoints = Midpoints { a: code, b: Code(1), c: Code(2), d: Code(3) };
+    Sample {
+        scan: Scan {
+            time: Micros(time),
+            overrun: false,
+            codes: Codes {
+                full_scale: FullScale::BITS_16,
+                taxels: Some(TaxelCodes { lit: [[code; 4]; 4], dark: [Code(5); 4] }),
+                bridges: [Some(midpoints), None, None, Some(midpoints)],
+                reference: Some(code),
+                temperature: None,
+            },
+        },
+        truth: Truth {
+            force: [Some(0.25), Some(-0.5), Some(1.0)],
+            point: [None, Some(-2.0)],
+            torsion: Some(0.0),
+            contact: Some(true),
+            slip: Some(false),
+            sensors: [[Some(0.125); 3], [None; 3], [None; 3], [Some(-0.125); 3]],
+        },
+    }
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv");
+    let samples = [sample(0, 65535), sample(u64::from(u32::MAX) * 3, 0)];
+    let header = TraceHeader {
+        full_scale: FullScale::BITS_16,
+        taxels: true,
+        bridges: [true, false, false, true],
+        reference: true,
+        temperature: false,
+        truth: true,
+        sensor_truth: true,
+    };
+    let mut writer = TraceWriter::create(&path, header).unwrap();
+    samples.iter().for_each(|sample| writer.write(sample).unwrap());
+    writer.finish().unwrap();
+    let read: Vec<Sample> = TraceReader::open(&path).unwrap().map(Result::unwrap).collect();
+    assert_eq!(read, samples);
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_make_the_reader_panic(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
+        if let Ok(reader) = TraceReader::new(&bytes[..], "x") {
+            for _ in reader.take(100) {}
+        }
+    }
+
+    #[test]
+    fn no_mangled_trace_makes_the_reader_panic(
+        at in 0usize..400, with in any::<u8>(), cut in 0usize..400,
+    ) {
+        let mut bytes =
+            format!("# full_scale=65535\n{},fz_n,slip\n{},0.1,1\n", header(), line("0", "7"))
+                .into_bytes();
+        let at = at % bytes.len();
+        bytes[at] = with;
+        bytes.truncate(cut.max(1));
+        if let Ok(reader) = TraceReader::new(&bytes[..], "x") {
+            for _ in reader.take(100) {}
+        }
+    }
+}

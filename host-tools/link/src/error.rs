@@ -1,0 +1,151 @@
+//! What can go wrong between a host and a finger, in one line each: the port, what happened, the mend.
+
+use std::io;
+
+use taxel::calibration::CalibrationError;
+use taxel::wire::message::{PROTOCOL, Refusal};
+use taxel_formats::FileError;
+
+use crate::port::Port;
+
+/// Something went wrong with a finger.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// With the file behind the port.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// With the port itself.
+    #[error("{port}: {problem}")]
+    Port {
+        /// Which port.
+        port: Port,
+        /// What is the matter.
+        problem: Problem,
+    },
+}
+
+impl LinkError {
+    /// What is the matter, where it is the port's matter.
+    #[must_use]
+    pub fn problem(&self) -> Option<&Problem> {
+        match self {
+            Self::File(_) => None,
+            Self::Port { problem, .. } => Some(problem),
+        }
+    }
+}
+
+/// What can be the matter with a port.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Problem {
+    /// The operating system does not let this user at it.
+    #[error(
+        "permission denied; join the group that owns it (`sudo usermod -aG dialout $USER`, then log \
+         in again) or install a udev rule for the finger"
+    )]
+    Permission,
+    /// Somebody else has it.
+    #[error("busy; close the other program that has it open")]
+    Busy,
+    /// There is no such device.
+    #[error("no such device; {0}")]
+    Missing(String),
+    /// A file where a device was expected.
+    #[error("a file, not a device; write `file:` before it to play it back")]
+    NotADevice,
+    /// Nobody listens at that address.
+    #[error("connection refused; check address and port, and that the finger's bridge is running")]
+    Refused,
+    /// The address leads nowhere.
+    #[error("cannot be reached: {0}; check the address and the network")]
+    Unreachable(String),
+    /// Anything else that opening it brought.
+    #[error("cannot be opened: {0}")]
+    Open(String),
+    /// Nobody answers.
+    #[error(
+        "no answer within 2 s; is it a taxel finger, powered and running? It may also be in its \
+         bootloader"
+    )]
+    Silent,
+    /// The other side speaks another protocol.
+    #[error(
+        "the finger (firmware {}.{}.{}) speaks protocol {theirs}, this program {PROTOCOL}; {}",
+        .firmware[0], .firmware[1], .firmware[2],
+        if *.theirs > PROTOCOL { "update this program" } else { "update the firmware" }
+    )]
+    Protocol {
+        /// The finger's protocol version.
+        theirs: u16,
+        /// The finger's firmware version.
+        firmware: [u8; 3],
+    },
+    /// The link broke off: the cable was pulled, the finger lost power, or its server went away.
+    #[error("the finger is gone ({0}); check cable and power, then start again")]
+    Unplugged(String),
+    /// The trace or scene behind the port is over. For a playback this is how things end.
+    #[error("the playback is over")]
+    Ended,
+    /// The finger did not do what it was asked.
+    #[error("{command}: {}", refusal(.refusal))]
+    Refusal {
+        /// What was asked.
+        command: &'static str,
+        /// Its reason.
+        refusal: Refusal,
+    },
+    /// The finger answered something else.
+    #[error("{0}: the answer belongs to another question; is another program using the same finger?")]
+    Confused(&'static str),
+    /// A calibration came back other than it was sent.
+    #[error("the calibration reads back differently from what was sent; upload it again")]
+    ReadBack,
+    /// This platform lacks it.
+    #[error("not available on this operating system; use tcp:HOST:PORT")]
+    Unsupported,
+}
+
+impl Problem {
+    /// As an error of `port`.
+    #[must_use]
+    pub fn at(self, port: &Port) -> LinkError {
+        LinkError::Port { port: port.clone(), problem: self }
+    }
+
+    /// What the link said when it broke.
+    pub(crate) fn broken(error: &io::Error) -> Self {
+        Self::Unplugged(one_line(error))
+    }
+}
+
+/// The text of an error on one line.
+pub(crate) fn one_line(error: &dyn std::error::Error) -> String {
+    error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn refusal(refusal: &Refusal) -> String {
+    match refusal {
+        Refusal::OutOfRange { low, high } => format!("must lie in {low}…{high}"),
+        Refusal::NotStill => {
+            "refused, the finger moved meanwhile; the old bias stays, let go and try again".into()
+        }
+        Refusal::Busy => "refused, a bias is being taken; wait for it".into(),
+        Refusal::OutOfOrder => "refused, bytes of the calibration were lost; upload it again".into(),
+        Refusal::Calibration(error) => {
+            format!("refused, {}; the old calibration stays", calibration(*error))
+        }
+        Refusal::Uncalibrated => "the finger has no calibration; upload one".into(),
+    }
+}
+
+fn calibration(error: CalibrationError) -> String {
+    match error {
+        CalibrationError::Length => "no calibration has this length".into(),
+        CalibrationError::Crc => "the calibration is damaged (its CRC does not match)".into(),
+        CalibrationError::Version { found } => {
+            format!("the calibration has version {found}, which this firmware does not read")
+        }
+        CalibrationError::Malformed => "the calibration's fields are not those of its version".into(),
+        CalibrationError::Field(field) => format!("the calibration's {field:?} makes no sense"),
+    }
+}

@@ -1,0 +1,101 @@
+//! Opens a port as a pair of byte streams.
+
+use std::io::{self, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::path::Path;
+use std::time::Duration;
+
+use crate::error::{LinkError, Problem, one_line};
+use crate::port::Port;
+use crate::virtual_finger::{Source, VirtualFinger};
+
+/// What a UART bridge is set to; USB and pseudo-terminals do not care.
+const BAUD: u32 = 1_000_000;
+/// How long a read waits before the reader looks whether it should stop.
+const POLL: Duration = Duration::from_millis(50);
+/// A link that takes no bytes for so long is gone.
+const WRITE_PATIENCE: Duration = Duration::from_secs(1);
+/// How long a network may take to connect.
+const CONNECT_PATIENCE: Duration = Duration::from_secs(2);
+
+/// Two directions of bytes. Reads return [`io::ErrorKind::TimedOut`] or `WouldBlock` now and then.
+pub(crate) struct Transport {
+    pub(crate) reader: Box<dyn Read + Send>,
+    pub(crate) writer: Box<dyn Write + Send>,
+    /// The finger itself, where it lives in this process.
+    pub(crate) finger: Option<VirtualFinger>,
+}
+
+/// Opens `port`; a virtual finger starts with `calibration`.
+pub(crate) fn open(port: &Port, calibration: Option<&[u8]>) -> Result<Transport, LinkError> {
+    let source = match port {
+        Port::Serial(name) => return serial(name).map_err(|problem| problem.at(port)),
+        Port::Tcp { host, port: number } => {
+            return tcp((host.as_str(), *number)).map_err(|problem| problem.at(port));
+        }
+        Port::File(path) => Source::trace(path)?,
+        Port::Sim(scene) => Source::scene(scene)?,
+    };
+    let finger = VirtualFinger::on_tcp("127.0.0.1:0", source, calibration)?;
+    let transport = open(finger.port(), None)?;
+    Ok(Transport { finger: Some(finger), ..transport })
+}
+
+fn serial(name: &str) -> Result<Transport, Problem> {
+    let mut builder = serialport::new(name, BAUD).timeout(POLL);
+    if cfg!(windows) {
+        // Elsewhere opening does it; the firmware streams only to a port that somebody has open.
+        builder = builder.dtr_on_open(true);
+    }
+    let reader = builder.open().map_err(|error| no_serial(name, &error))?;
+    let mut writer = reader.try_clone().map_err(|error| no_serial(name, &error))?;
+    writer.set_timeout(WRITE_PATIENCE).map_err(|error| no_serial(name, &error))?;
+    Ok(Transport { reader: Box::new(reader), writer: Box::new(writer), finger: None })
+}
+
+fn no_serial(name: &str, error: &serialport::Error) -> Problem {
+    use serialport::ErrorKind as Kind;
+    let path = Path::new(name);
+    if path.is_file() {
+        return Problem::NotADevice;
+    }
+    match error.kind() {
+        Kind::Io(io::ErrorKind::PermissionDenied) => Problem::Permission,
+        // The library calls a device that another program holds "no device" too.
+        Kind::NoDevice if path.exists() => Problem::Busy,
+        Kind::NoDevice | Kind::Io(io::ErrorKind::NotFound) => Problem::Missing(what_is_there()),
+        _ => Problem::Open(one_line(error)),
+    }
+}
+
+fn what_is_there() -> String {
+    let ports = serialport::available_ports().unwrap_or_default();
+    let names: Vec<_> = ports.into_iter().map(|port| port.port_name).collect();
+    match names.as_slice() {
+        [] => "there is no serial device at all: is the finger plugged in?".to_owned(),
+        names => format!("there are {}", names.join(", ")),
+    }
+}
+
+fn tcp(address: (&str, u16)) -> Result<Transport, Problem> {
+    let unreachable = |error: io::Error| match error.kind() {
+        io::ErrorKind::ConnectionRefused => Problem::Refused,
+        _ => Problem::Unreachable(one_line(&error)),
+    };
+    let mut problem = Problem::Unreachable("the name has no address".to_owned());
+    for address in address.to_socket_addrs().map_err(unreachable)? {
+        match TcpStream::connect_timeout(&address, CONNECT_PATIENCE) {
+            Ok(stream) => return split(stream).map_err(|error| Problem::Open(one_line(&error))),
+            Err(error) => problem = unreachable(error),
+        }
+    }
+    Err(problem)
+}
+
+fn split(stream: TcpStream) -> io::Result<Transport> {
+    stream.set_nodelay(true)?;
+    stream.set_read_timeout(Some(POLL))?;
+    stream.set_write_timeout(Some(WRITE_PATIENCE))?;
+    let writer = stream.try_clone()?;
+    Ok(Transport { reader: Box::new(stream), writer: Box::new(writer), finger: None })
+}
