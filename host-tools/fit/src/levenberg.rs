@@ -1,164 +1,154 @@
 //! Levenberg–Marquardt training (the method of 002) with a weight decay that the data choose.
 //!
-//! Minimised is F(w) = ½ Σ_k β_k Σ_rows (y_k − target_k)² + ½ Σ_g α_g |w_g|². The noise precision β_k of
-//! each output and the decay α_g of each group of weights are re-estimated on the way from the
-//! evidence (MacKay 1992; Foresee and Hagan 1997, the `trainbr` of MATLAB): γ_g, the number of weights
-//! of the group that the data determine, is W_g − α_g·tr(A⁻¹)_g with A = J^T β J + α; then
-//! α_g = γ_g/|w_g|² and β_k = (n − γ/O)/Σ e_k². Nothing is held back for it.
+//! Minimised is F(w) = β/2 Σ_rows |y − target|² + ½ Σ_g α_g |w_g|². The noise precision β and the decay
+//! α_g of each group of weights are re-estimated on the way from the evidence (MacKay 1992; with
+//! Levenberg–Marquardt Foresee and Hagan 1997, which is MATLAB's `trainbr`): of the W_g weights of a
+//! group the data determine γ_g = W_g − α_g·tr_g(A⁻¹), with A = β·J^T J + α; then α_g = γ_g/|w_g|² and
+//! β = (n − γ)/Σ e². Nothing is held back for it, and no split of the rows is needed.
 
 use nalgebra::{Cholesky, DVector, Dyn};
 
 use crate::mlp::{self, Quadratic, Rows, Shape};
 
-/// How to train.
-#[derive(Clone, Copy, Debug)]
-pub struct Training {
-    /// Most accepted steps.
-    pub max_steps: usize,
-    /// Steps between two estimates of decay and noise.
-    pub evidence_every: usize,
-    /// Independent rows per row: rows of one slow movement repeat each other's error.
-    pub independent: f64,
-    /// Stop once a step improves F by less than this share.
-    pub tolerance: f64,
-    pub per_output: bool,
-}
+/// Accepted steps between two estimates of decay and noise.
+const EVIDENCE_EVERY: usize = 5;
+/// A step that improves F by less than this share is no progress; so many of them in a row end it.
+const LITTLE: f64 = 1e-5;
+const LITTLE_STEPS: usize = 10;
+/// Rejected steps in a row after which no damping helps.
+const TRIES: usize = 30;
 
 /// Where training stands.
 #[derive(Clone, Debug)]
 pub struct State {
-    /// Weights.
+    /// Weights and biases.
     pub parameters: DVector<f64>,
     /// α of each parameter.
-    pub decay: DVector<f64>,
-    /// β of each output.
-    pub precision: DVector<f64>,
+    decay: DVector<f64>,
+    /// β.
+    precision: f64,
+    damping: f64,
     /// Accepted steps.
     pub steps: usize,
-    /// Σ_rows (y_k − target_k)².
+    /// Σ_rows (y_k − target_k)² of each output.
     pub squares: DVector<f64>,
-    /// Weights that the data determine.
+    /// How many parameters the data determine.
     pub effective: f64,
+    /// No step improves it any more.
+    pub converged: bool,
 }
 
-/// Groups of parameters that share a decay: first parameter and count.
-pub fn groups(shape: Shape, ard: bool) -> Vec<Vec<usize>> {
-    let (n, h) = (shape.inputs + 1, shape.hidden);
-    let first = shape.hidden_parameters();
-    let mut groups = Vec::new();
-    if ard {
-        for i in 0..shape.inputs {
-            groups.push((0..h).map(|u| u * n + i).collect());
+impl State {
+    /// Training begins at `parameters`.
+    #[must_use]
+    pub fn new(shape: Shape, rows: &Rows, parameters: DVector<f64>) -> Self {
+        Self {
+            decay: DVector::from_element(parameters.len(), 0.01),
+            precision: 1.0,
+            damping: 1e-2,
+            steps: 0,
+            squares: mlp::squares(shape, parameters.as_slice(), rows),
+            effective: parameters.len() as f64,
+            converged: false,
+            parameters,
         }
-    } else {
-        groups.push((0..h * n).filter(|p| p % n != n - 1).collect());
     }
-    groups.push((0..h).map(|u| u * n + n - 1).collect());
-    for k in 0..shape.outputs {
-        groups.push((first + k * (h + 1)..first + k * (h + 1) + h).collect());
+
+    fn objective(&self, squares: &DVector<f64>, parameters: &DVector<f64>) -> f64 {
+        let decay: f64 = parameters.iter().zip(&self.decay).map(|(w, a)| a * w * w).sum();
+        0.5 * (self.precision * squares.sum() + decay)
     }
-    groups
 }
 
-/// Trains from `state` on.
+/// Trains on until `until` steps are done, nothing improves, or `go_on` says no.
 pub fn train(
     shape: Shape,
     rows: &Rows,
     mut state: State,
-    groups: &[Vec<usize>],
-    training: Training,
-    progress: &mut dyn FnMut(&State) -> bool,
+    until: usize,
+    go_on: &mut dyn FnMut(&State) -> bool,
 ) -> State {
-    let n = rows.x.nrows() as f64 * training.independent;
-    let mut damping = 1e-2;
-    let mut growth = 2.0;
-    let mut small = 0;
-    for step in 0..training.max_steps {
-        let beta: Vec<f64> = state.precision.iter().map(|b| b * training.independent).collect();
-        let model = mlp::quadratic(shape, state.parameters.as_slice(), rows, &beta);
-        state.squares = model.squares.clone();
-        if step > 2 && step % training.evidence_every == 0 {
-            evidence(&mut state, &model, groups, n, shape.outputs, training);
+    let groups = groups(shape);
+    let mut little = 0;
+    while state.steps < until && !state.converged && go_on(&state) {
+        let model = mlp::quadratic(shape, state.parameters.as_slice(), rows);
+        if state.steps > 0 && state.steps % EVIDENCE_EVERY == 0 {
+            weigh(&mut state, &model, &groups, rows.y.len() as f64);
         }
-        let gradient = &model.gradient + state.decay.component_mul(&state.parameters);
-        let objective = |squares: &DVector<f64>, w: &DVector<f64>| {
-            0.5 * squares.iter().zip(&beta).map(|(s, b)| s * b).sum::<f64>()
-                + 0.5 * w.iter().zip(&state.decay).map(|(w, a)| a * w * w).sum::<f64>()
-        };
-        let now = objective(&model.squares, &state.parameters);
-        let mut improved = None;
-        for _ in 0..20 {
-            let mut a = model.curvature.clone();
-            for (i, alpha) in state.decay.iter().enumerate() {
-                a[(i, i)] += alpha + damping;
-            }
-            let Some(factor) = Cholesky::new(a) else {
-                damping *= growth;
-                growth *= 2.0;
-                continue;
-            };
-            let delta = factor.solve(&(-&gradient));
-            let next = &state.parameters + &delta;
-            let squares = mlp::squares(shape, next.as_slice(), rows);
-            let then = objective(&squares, &next);
-            let predicted = 0.5 * (damping * delta.norm_squared() - delta.dot(&gradient));
-            let gain = (now - then) / predicted;
-            if then < now && gain > 0.0 {
-                damping = (damping * (1.0f64 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-12);
-                growth = 2.0;
-                improved = Some((next, squares, (now - then) / now));
-                break;
-            }
-            damping *= growth;
-            growth *= 2.0;
+        match step(shape, rows, &mut state, &model) {
+            Some(share) if share < LITTLE => little += 1,
+            Some(_) => little = 0,
+            None => state.converged = true,
         }
-        let Some((next, squares, share)) = improved else { break };
-        state.parameters = next;
-        state.squares = squares;
-        state.steps += 1;
-        if !progress(&state) {
-            break;
-        }
-        small = if share < training.tolerance { small + 1 } else { 0 };
-        if small > 2 * training.evidence_every {
-            break;
-        }
+        state.converged |= little >= LITTLE_STEPS;
     }
     state
 }
 
-fn evidence(state: &mut State, model: &Quadratic, groups: &[Vec<usize>], n: f64, outputs: usize, training: Training) {
-    let mut a = model.curvature.clone();
-    for (i, alpha) in state.decay.iter().enumerate() {
-        a[(i, i)] += alpha;
-    }
-    let Some(factor) = Cholesky::new(a) else { return };
-    let variance = inverse_diagonal(&factor);
-    let mut effective = 0.0;
-    for group in groups {
-        let norm: f64 = group.iter().map(|i| state.parameters[*i].powi(2)).sum();
-        let trace: f64 = group.iter().map(|i| variance[*i] * state.decay[*i]).sum();
-        let gamma = (group.len() as f64 - trace).max(1e-3);
-        effective += gamma;
-        let alpha = (gamma / norm).clamp(1e-6, 1e9);
-        for i in group {
-            state.decay[*i] = alpha;
+/// One accepted step; the share by which it improved F. The damping follows Nielsen's rule: eased by
+/// how well the quadratic model foretold the gain, doubled ever faster while steps are rejected.
+fn step(shape: Shape, rows: &Rows, state: &mut State, model: &Quadratic) -> Option<f64> {
+    let now = state.objective(&model.squares, &state.parameters);
+    let gradient =
+        &model.gradient * state.precision + state.decay.component_mul(&state.parameters);
+    let mut growth = 2.0;
+    for _ in 0..TRIES {
+        let mut matrix = &model.curvature * state.precision;
+        for (i, alpha) in state.decay.iter().enumerate() {
+            matrix[(i, i)] += alpha + state.damping;
         }
-    }
-    state.effective = effective;
-    let total = model.rows as f64;
-    if training.per_output {
-        for (beta, squares) in state.precision.iter_mut().zip(&model.squares) {
-            let share = ((n - effective / outputs as f64) / n).max(0.1);
-            *beta = share * total / squares.max(1e-12);
+        if let Some(factor) = Cholesky::new(matrix) {
+            let delta = -factor.solve(&gradient);
+            let next = &state.parameters + &delta;
+            let squares = mlp::squares(shape, next.as_slice(), rows);
+            let gain = now - state.objective(&squares, &next);
+            let foretold = 0.5 * (state.damping * delta.norm_squared() - delta.dot(&gradient));
+            if gain > 0.0 && foretold > 0.0 {
+                let ease = 1.0 - (2.0 * gain / foretold - 1.0).powi(3);
+                state.damping = (state.damping * ease.max(1.0 / 3.0)).max(1e-12);
+                state.parameters = next;
+                state.squares = squares;
+                state.steps += 1;
+                return Some(gain / now);
+            }
         }
-    } else {
-        let share = ((n - effective / outputs as f64) / n).max(0.1);
-        state.precision.fill(share * total * outputs as f64 / model.squares.sum().max(1e-12));
+        state.damping *= growth;
+        growth *= 2.0;
     }
+    None
 }
 
-/// Diagonal of A⁻¹ from the Cholesky factor: the squared norms of the columns of L⁻¹.
+/// Parameters that share a decay: hidden weights, hidden biases, and the weights of each output.
+/// Output biases are left free.
+fn groups(shape: Shape) -> Vec<Vec<usize>> {
+    let (inputs, hidden) = (shape.inputs + 1, shape.hidden);
+    let first_output = shape.hidden_parameters();
+    let (biases, weights) = (0..first_output).partition(|p| p % inputs == shape.inputs);
+    let outputs = (0..shape.outputs).map(|k| first_output + k * (hidden + 1));
+    [weights, biases].into_iter().chain(outputs.map(|at| (at..at + hidden).collect())).collect()
+}
+
+/// Re-estimates decay and noise from the evidence. `n` counts rows × outputs.
+fn weigh(state: &mut State, model: &Quadratic, groups: &[Vec<usize>], n: f64) {
+    let mut matrix = &model.curvature * state.precision;
+    for (i, alpha) in state.decay.iter().enumerate() {
+        matrix[(i, i)] += alpha;
+    }
+    let Some(factor) = Cholesky::new(matrix) else { return };
+    let variance = inverse_diagonal(&factor);
+    state.effective = 0.0;
+    for group in groups {
+        let norm: f64 = group.iter().map(|i| state.parameters[*i].powi(2)).sum();
+        let undetermined: f64 = group.iter().map(|i| variance[*i] * state.decay[*i]).sum();
+        let determined = (group.len() as f64 - undetermined).max(1e-3);
+        state.effective += determined;
+        let alpha = (determined / norm.max(1e-12)).clamp(1e-6, 1e9);
+        group.iter().for_each(|i| state.decay[*i] = alpha);
+    }
+    state.precision = (n - state.effective).max(1.0) / model.squares.sum().max(1e-12 * n);
+}
+
+/// Diagonal of A⁻¹: the squared norms of the columns of L⁻¹, where A = L·L^T.
 fn inverse_diagonal(factor: &Cholesky<f64, Dyn>) -> DVector<f64> {
     let l = factor.l_dirty();
     let size = l.nrows();
@@ -168,16 +158,12 @@ fn inverse_diagonal(factor: &Cholesky<f64, Dyn>) -> DVector<f64> {
         column.fill(0.0);
         column[j] = 1.0;
         for k in j..size {
-            let value: f64 = column[k] / l[(k, k)];
-            column[k] = value;
-            if value != 0.0 {
-                for i in k + 1..size {
-                    column[i] -= l[(i, k)] * value;
-                }
-            }
+            column[k] /= l[(k, k)];
+            let value: f64 = column[k];
+            let mut below = column.rows_range_mut(k + 1..);
+            below.axpy(-value, &l.view_range(k + 1.., k), 1.0);
         }
-        diagonal[j] = column.rows(j, size - j).norm_squared();
+        diagonal[j] = column.rows_range(j..).norm_squared();
     }
     diagonal
 }
-

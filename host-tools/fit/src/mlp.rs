@@ -46,16 +46,14 @@ pub struct Rows {
     pub y: DMatrix<f64>,
 }
 
-/// The quadratic model of ½ Σ_k β_k Σ_rows (y_k − target_k)² around some parameters.
+/// The quadratic model of ½ Σ_rows |y − target|² around some parameters.
 #[derive(Clone, Debug)]
 pub struct Quadratic {
-    /// How many rows.
-    pub rows: usize,
     /// Σ_rows (y_k − target_k)² of each output k.
     pub squares: DVector<f64>,
-    /// J^T β e.
+    /// J^T e.
     pub gradient: DVector<f64>,
-    /// J^T β J.
+    /// J^T J.
     pub curvature: DMatrix<f64>,
 }
 
@@ -94,16 +92,13 @@ pub fn squares(shape: Shape, parameters: &[f64], rows: &Rows) -> DVector<f64> {
     DVector::from_iterator(shape.outputs, error.column_iter().map(|e| e.norm_squared()))
 }
 
-/// The quadratic model around `parameters`, with `precision` β an output.
+/// The quadratic model around `parameters`.
 #[must_use]
-pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows, precision: &[f64]) -> Quadratic {
+pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows) -> Quadratic {
     let (inputs, hidden) = (shape.inputs + 1, shape.hidden);
     let features = shape.hidden_parameters() + hidden + 1;
     let v = output_weights(shape, parameters);
-    let mut weighted_v = v.rows(0, hidden).clone_owned();
-    for (mut column, beta) in weighted_v.column_iter_mut().zip(precision) {
-        column *= *beta;
-    }
+    let unit_weights = v.rows(0, hidden);
 
     let mut squares = DVector::zeros(shape.outputs);
     let mut gradient = DVector::zeros(shape.parameters());
@@ -117,7 +112,7 @@ pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows, precision: &[f64
 
         let mut phi = DMatrix::zeros(count, features);
         // dE/d(w_h·x̃) of each row and unit.
-        let mut slope = &error * weighted_v.transpose();
+        let mut slope = &error * unit_weights.transpose();
         for h in 0..hidden {
             let g = t.column(h).map(|t| 1.0 - t * t);
             slope.column_mut(h).component_mul_assign(&g);
@@ -133,16 +128,16 @@ pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows, precision: &[f64
         let to_w = x.transpose() * &slope;
         let mut head = gradient.rows_mut(0, shape.hidden_parameters());
         head += DVector::from_column_slice(to_w.as_slice());
-        for (k, beta) in precision.iter().enumerate() {
+        for k in 0..shape.outputs {
             let e = error.column(k);
             squares[k] += e.norm_squared();
             let at = shape.hidden_parameters() + k * (hidden + 1);
             let mut tail = gradient.rows_mut(at, hidden + 1);
-            tail.gemv_tr(*beta, &t, &e, 1.0);
+            tail.gemv_tr(1.0, &t, &e, 1.0);
         }
     }
-    let curvature = curvature(shape, &gram, v, &weighted_v, precision);
-    Quadratic { rows: rows.x.nrows(), squares, gradient, curvature }
+    let curvature = curvature(shape, &gram, unit_weights.as_view());
+    Quadratic { squares, gradient, curvature }
 }
 
 /// Adds φ^T φ: only the blocks on and above the diagonal are computed, the rest is their mirror image.
@@ -162,17 +157,11 @@ fn accumulate_gram(gram: &mut DMatrix<f64>, phi: &DMatrix<f64>) {
     }
 }
 
-/// J^T β J from the upper blocks of the features' Gram matrix.
-fn curvature(
-    shape: Shape,
-    gram: &DMatrix<f64>,
-    v: DMatrixView<'_, f64>,
-    weighted_v: &DMatrix<f64>,
-    precision: &[f64],
-) -> DMatrix<f64> {
+/// J^T J from the upper blocks of the features' Gram matrix; `v` are the weights of units alone.
+fn curvature(shape: Shape, gram: &DMatrix<f64>, v: DMatrixView<'_, f64>) -> DMatrix<f64> {
     let (inputs, hidden) = (shape.inputs + 1, shape.hidden);
     let first_output = shape.hidden_parameters();
-    let between = weighted_v * v.rows(0, hidden).transpose();
+    let between = v * v.transpose();
     let mut curvature = DMatrix::zeros(shape.parameters(), shape.parameters());
     for column in 0..first_output {
         for row in 0..=column {
@@ -180,15 +169,14 @@ fn curvature(
                 between[(row / inputs, column / inputs)] * gram[(row, column)];
         }
     }
-    for (k, beta) in precision.iter().enumerate() {
+    for k in 0..shape.outputs {
         let at = first_output + k * (hidden + 1);
         for j in 0..=hidden {
             for row in 0..first_output {
-                curvature[(row, at + j)] =
-                    weighted_v[(row / inputs, k)] * gram[(row, first_output + j)];
+                curvature[(row, at + j)] = v[(row / inputs, k)] * gram[(row, first_output + j)];
             }
             for i in 0..=j {
-                curvature[(at + i, at + j)] = beta * gram[(first_output + i, first_output + j)];
+                curvature[(at + i, at + j)] = gram[(first_output + i, first_output + j)];
             }
         }
     }

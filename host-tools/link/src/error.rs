@@ -87,7 +87,7 @@ pub enum Problem {
     #[error("the playback is over")]
     Ended,
     /// The finger did not do what it was asked.
-    #[error("{command}: {}", refusal(.refusal))]
+    #[error("{command}: {}", refused(.refusal))]
     Refusal {
         /// What was asked.
         command: &'static str,
@@ -123,7 +123,7 @@ pub(crate) fn one_line(error: &dyn std::error::Error) -> String {
     error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-fn refusal(refusal: &Refusal) -> String {
+fn refused(refusal: &Refusal) -> String {
     match refusal {
         Refusal::OutOfRange { low, high } => format!("must lie in {low}…{high}"),
         Refusal::NotStill => {

@@ -7,6 +7,8 @@ use std::time::Duration;
 
 use crate::error::{LinkError, Problem, one_line};
 use crate::port::Port;
+use taxel::calibration::Calibration;
+
 use crate::virtual_finger::{Source, VirtualFinger};
 
 /// What a UART bridge is set to; USB and pseudo-terminals do not care.
@@ -27,7 +29,7 @@ pub(crate) struct Transport {
 }
 
 /// Opens `port`; a virtual finger starts with `calibration`.
-pub(crate) fn open(port: &Port, calibration: Option<&[u8]>) -> Result<Transport, LinkError> {
+pub(crate) fn open(port: &Port, calibration: Option<&Calibration>) -> Result<Transport, LinkError> {
     let source = match port {
         Port::Serial(name) => return serial(name).map_err(|problem| problem.at(port)),
         Port::Tcp { host, port: number } => {

@@ -1,1 +1,23 @@
-//! Simulator of the virtual fingertip.
+//! Simulator of the virtual fingertip: a scene in, ADC codes and the truth out.
+//!
+//! The way of a touch through the crate is the way of the light and the strain through the finger:
+//! [`path`] says where the indenter is and how hard it pushes, friction limited; [`contact`] turns that
+//! into the sinking of each reflective facet; [`optics`] into light on each phototransistor; [`bridge`]
+//! into midpoint voltages of the force sensors; [`adc`] into codes. [`Simulator`] walks them once a
+//! frame. [`Scene`] is the TOML file that says what to simulate.
+//!
+//! What a scene does not list under `effects` is not computed. A run is a function of the scene and one
+//! seed: the same pair gives the same codes, bit for bit, and memory does not grow with duration.
+
+pub mod adc;
+pub mod bridge;
+pub mod contact;
+pub mod optics;
+pub mod path;
+mod ranges;
+pub mod scene;
+mod seeds;
+mod simulator;
+
+pub use scene::{Effect, Scene};
+pub use simulator::Simulator;

@@ -1,0 +1,110 @@
+//! How good an estimate is: the figures that the papers print.
+
+use std::collections::BTreeMap;
+
+/// Figures of one target over a recording, in the target's own unit. Error is estimate − reference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figures {
+    /// Root mean square error.
+    pub rmse: f64,
+    /// Standard deviation of the error.
+    pub sigma: f64,
+    /// Largest absolute error.
+    pub max: f64,
+    /// Mean error.
+    pub bias: f64,
+    /// Rows that were judged.
+    pub n: usize,
+}
+
+/// One reference column and how well it was met.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TargetMetrics {
+    /// Name of the reference column.
+    pub target: String,
+    /// The figures; `None` if not one row had an estimate.
+    pub figures: Option<Figures>,
+    /// Rows with a reference but without an estimate, by reason.
+    pub withheld: BTreeMap<String, usize>,
+}
+
+/// Collects errors of one target.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Errors {
+    errors: Vec<f64>,
+    withheld: BTreeMap<String, usize>,
+}
+
+impl Errors {
+    pub(crate) fn add(&mut self, error: f64) {
+        self.errors.push(error);
+    }
+
+    pub(crate) fn withhold(&mut self, reason: impl Into<String>) {
+        *self.withheld.entry(reason.into()).or_default() += 1;
+    }
+
+    /// Rows seen, with an estimate or without.
+    pub(crate) fn rows(&self) -> usize {
+        self.errors.len() + self.withheld.values().sum::<usize>()
+    }
+
+    pub(crate) fn into_metrics(self, target: impl Into<String>) -> TargetMetrics {
+        TargetMetrics {
+            target: target.into(),
+            figures: figures(&self.errors),
+            withheld: self.withheld,
+        }
+    }
+}
+
+/// The figures of some errors; `None` for none.
+#[must_use]
+pub fn figures(errors: &[f64]) -> Option<Figures> {
+    let n = errors.len();
+    if n == 0 {
+        return None;
+    }
+    let bias = errors.iter().sum::<f64>() / n as f64;
+    let mean_square = |about: f64| errors.iter().map(|e| (e - about).powi(2)).sum::<f64>() / n as f64;
+    Some(Figures {
+        rmse: mean_square(0.0).sqrt(),
+        sigma: mean_square(bias).sqrt(),
+        max: errors.iter().fold(0.0, |max, e| max.max(e.abs())),
+        bias,
+        n,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn figures_of_a_hand_worked_example() {
+        let figures = figures(&[1.0, -2.0, 4.0]).unwrap();
+        assert_eq!((figures.max, figures.bias, figures.n), (4.0, 1.0, 3));
+        assert!((figures.rmse - 7f64.sqrt()).abs() < 1e-12);
+        assert!((figures.sigma - 6f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nothing_judged_is_no_figure() {
+        let mut errors = Errors::default();
+        errors.withhold("saturated");
+        errors.withhold("saturated");
+        let metrics = errors.into_metrics("fz_n");
+        assert_eq!(metrics.figures, None);
+        assert_eq!(metrics.withheld["saturated"], 2);
+    }
+
+    proptest! {
+        #[test]
+        fn mean_square_is_bias_and_spread_together(errors in prop::collection::vec(-10.0..10.0f64, 1..50)) {
+            let f = figures(&errors).unwrap();
+            prop_assert!((f.rmse.powi(2) - f.bias.powi(2) - f.sigma.powi(2)).abs() < 1e-9);
+            prop_assert!(f.rmse <= f.max + 1e-12);
+        }
+    }
+}

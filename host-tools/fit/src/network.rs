@@ -1,0 +1,209 @@
+//! From rows in their own units to f32 weights: thinning, scaling, starts, training, folding.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use taxel::estimate::net::forward;
+
+use crate::error::FitError;
+use crate::levenberg::{self, State};
+use crate::mlp::{Rows, Shape};
+
+/// A recording at kilohertz repeats itself from row to row; every k-th row, so that about this many are
+/// left, says the same in a fraction of the time.
+const MOST_ROWS: usize = 4096;
+/// Steps that each start is given before the best of them goes on.
+const START_STEPS: usize = 25;
+
+/// How a net is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NetOptions {
+    /// Seed of the starting weights: the same seed and recordings give the same net.
+    pub seed: u64,
+    /// Starts, of which the best goes on.
+    pub starts: usize,
+    /// Most steps in all.
+    pub steps: usize,
+}
+
+impl Default for NetOptions {
+    fn default() -> Self {
+        Self { seed: 0, starts: 3, steps: 300 }
+    }
+}
+
+/// How far a fit has come.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Progress {
+    /// What is being fitted.
+    pub part: String,
+    /// Steps done.
+    pub step: usize,
+    /// Most steps there will be.
+    pub of: usize,
+    /// RMS error of the outputs so far, as a share of the targets' spread.
+    pub error: f64,
+}
+
+/// A trained net y = V·tanh(W·x + a) + b in f32, scaling folded in, laid out as
+/// [`taxel::estimate::net::forward`] takes it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Net {
+    /// W, a row a unit.
+    pub hidden: Vec<f32>,
+    /// a.
+    pub hidden_bias: Vec<f32>,
+    /// V, a row an output.
+    pub output: Vec<f32>,
+    /// b.
+    pub output_bias: Vec<f32>,
+    /// Accepted steps of the start that was kept.
+    pub steps: usize,
+    /// How many of its parameters the data determine.
+    pub effective: f64,
+    /// Rows it was trained on after thinning.
+    pub rows: usize,
+}
+
+impl Net {
+    /// The outputs for one row, by the arithmetic of the chip.
+    #[must_use]
+    pub fn outputs(&self, x: &[f32]) -> Vec<f32> {
+        let mut units = vec![0.0; self.hidden_bias.len()];
+        let mut y = self.output_bias.clone();
+        let (hidden, output) =
+            ((&*self.hidden, &*self.hidden_bias), (&*self.output, &*self.output_bias));
+        forward(x, hidden, output, &mut units, &mut y);
+        y
+    }
+}
+
+/// Mean and spread of a column, to bring it to about one.
+struct Scale {
+    mean: f64,
+    spread: f64,
+}
+
+fn scale(column: impl Iterator<Item = f64> + Clone) -> Scale {
+    let n = column.clone().count().max(1) as f64;
+    let mean = column.clone().sum::<f64>() / n;
+    let spread = (column.map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
+    Scale { mean, spread }
+}
+
+/// Trains a net of `hidden` units from the rows `x` to the rows `y`.
+///
+/// An input that never changes gets no weight. When `stop` becomes true, the best net so far is
+/// returned.
+///
+/// # Errors
+/// Fewer rows than would determine it, a target that never changes, or stopped before the first step.
+pub fn fit(
+    part: &str,
+    x: &[Vec<f64>],
+    y: &[Vec<f64>],
+    hidden: usize,
+    options: NetOptions,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Net, FitError> {
+    let shape = Shape {
+        inputs: x.first().map_or(0, Vec::len),
+        hidden,
+        outputs: y.first().map_or(0, Vec::len),
+    };
+    if shape.inputs == 0 || shape.hidden == 0 || shape.outputs == 0 {
+        let problem = "a net needs inputs, hidden units and outputs".into();
+        return Err(FitError::Shape { part: part.into(), problem });
+    }
+    // A row gives `outputs` equations; with fewer than two an unknown the fit means nothing.
+    let least = (2 * shape.parameters()).div_ceil(shape.outputs);
+    if x.len() < least {
+        return Err(FitError::TooFewRows { part: part.into(), rows: x.len(), least });
+    }
+    let thin = x.len().div_ceil(MOST_ROWS);
+    let x: Vec<&[f64]> = x.iter().step_by(thin).map(Vec::as_slice).collect();
+    let y: Vec<&[f64]> = y.iter().step_by(thin).map(Vec::as_slice).collect();
+    let inputs: Vec<Scale> =
+        (0..shape.inputs).map(|i| scale(x.iter().map(move |row| row[i]))).collect();
+    let targets: Vec<Scale> =
+        (0..shape.outputs).map(|k| scale(y.iter().map(move |row| row[k]))).collect();
+    if targets.iter().any(|target| target.spread == 0.0) {
+        return Err(FitError::NoLoad { part: part.into() });
+    }
+    let scaled = |value: f64, scale: &Scale| {
+        if scale.spread > 0.0 { (value - scale.mean) / scale.spread } else { 0.0 }
+    };
+    let rows = Rows {
+        x: DMatrix::from_fn(x.len(), shape.inputs + 1, |row, i| {
+            inputs.get(i).map_or(1.0, |scale| scaled(x[row][i], scale))
+        }),
+        y: DMatrix::from_fn(y.len(), shape.outputs, |row, k| scaled(y[row][k], &targets[k])),
+    };
+
+    let total = options.starts.saturating_sub(1) * START_STEPS + options.steps;
+    let mut before = 0;
+    let mut go_on = |state: &State, before: usize| {
+        let error = (state.squares.sum() / rows.y.len() as f64).sqrt();
+        progress(Progress { part: part.into(), step: before + state.steps, of: total, error });
+        !stop.load(Ordering::Relaxed)
+    };
+    let mut best: Option<State> = None;
+    let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
+    for _ in 0..options.starts.max(1) {
+        let start = State::new(shape, &rows, start(shape, &mut rng));
+        let limit = START_STEPS.min(options.steps);
+        let state = levenberg::train(shape, &rows, start, limit, &mut |s| go_on(s, before));
+        before += state.steps;
+        if state.steps > 0
+            && best.as_ref().is_none_or(|best| state.squares.sum() < best.squares.sum())
+        {
+            best = Some(state);
+        }
+    }
+    let best = best.ok_or(FitError::Stopped)?;
+    before -= best.steps;
+    let best = levenberg::train(shape, &rows, best, options.steps, &mut |s| go_on(s, before));
+    Ok(fold(shape, &best, &inputs, &targets, rows.x.nrows()))
+}
+
+/// Small random weights: sums of about unit size, outputs that begin small.
+fn start(shape: Shape, rng: &mut ChaCha8Rng) -> DVector<f64> {
+    let hidden = (3.0 / (shape.inputs + 1) as f64).sqrt();
+    let output = (1.0 / (shape.hidden + 1) as f64).sqrt();
+    DVector::from_fn(shape.parameters(), |p, _| {
+        let size = if p < shape.hidden_parameters() { hidden } else { output };
+        size * rng.random_range(-1.0..1.0)
+    })
+}
+
+/// Folds the scaling of inputs and targets into the weights:
+/// w·(x − m)/s + a = (w/s)·x + (a − Σ w·m/s), and y·s + m for the outputs.
+fn fold(shape: Shape, state: &State, inputs: &[Scale], targets: &[Scale], rows: usize) -> Net {
+    let (hidden, output) = state.parameters.as_slice().split_at(shape.hidden_parameters());
+    let mut net = Net {
+        hidden: Vec::new(),
+        hidden_bias: Vec::new(),
+        output: Vec::new(),
+        output_bias: Vec::new(),
+        steps: state.steps,
+        effective: state.effective,
+        rows,
+    };
+    for unit in hidden.chunks_exact(shape.inputs + 1) {
+        let mut bias = unit[shape.inputs];
+        for (weight, scale) in unit.iter().zip(inputs) {
+            let weight = if scale.spread > 0.0 { weight / scale.spread } else { 0.0 };
+            bias -= weight * scale.mean;
+            net.hidden.push(weight as f32);
+        }
+        net.hidden_bias.push(bias as f32);
+    }
+    for (weights, scale) in output.chunks_exact(shape.hidden + 1).zip(targets) {
+        net.output.extend(weights[..shape.hidden].iter().map(|w| (w * scale.spread) as f32));
+        net.output_bias.push((weights[shape.hidden] * scale.spread + scale.mean) as f32);
+    }
+    net
+}

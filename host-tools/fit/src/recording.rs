@@ -1,0 +1,138 @@
+//! A trace in memory, and the stretch of it in which nothing touches the finger.
+
+use std::ops::Range;
+
+use taxel::condition::{Bias, BiasTaker, Levels};
+use taxel_formats::FileError;
+use taxel_formats::stretch::Stretch;
+use taxel_formats::trace::{Sample, TraceReader};
+
+use crate::error::FitError;
+
+/// Fewest rows that make an unloaded stretch.
+const LEAST_ROWS: usize = 20;
+/// More rows than this do not make a bias any better.
+const MOST_ROWS: usize = 4096;
+/// The skin of 003 needs 10 ms to settle; twice that is left out after a contact.
+const SETTLE_US: u64 = 20_000;
+/// Without a contact column, a force below this share of the recording's peak is none.
+const SMALL_FORCE: f64 = 0.005;
+
+/// A trace in memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// What messages call it.
+    pub name: String,
+    /// Its rows.
+    pub samples: Vec<Sample>,
+}
+
+impl Recording {
+    /// Reads a stretch of a trace file.
+    ///
+    /// # Errors
+    /// What is wrong with the file.
+    pub fn read(stretch: &Stretch) -> Result<Self, FileError> {
+        let mut samples = Vec::new();
+        for sample in TraceReader::open(&stretch.path)? {
+            let sample = sample?;
+            let seconds = sample.scan.time.0 as f64 * 1e-6;
+            if stretch.ended(seconds) {
+                break;
+            }
+            if stretch.contains(seconds) {
+                samples.push(sample);
+            }
+        }
+        Ok(Self { name: stretch.path.display().to_string(), samples })
+    }
+
+    /// What the unloaded finger reads, averaged as the chip would do it.
+    ///
+    /// # Errors
+    /// There is no stretch in which nothing touches the finger and its signals are still.
+    pub fn bias(&self) -> Result<Bias, FitError> {
+        if self.samples.is_empty() {
+            return Err(FitError::Empty { recording: self.name.clone() });
+        }
+        self.unloaded().and_then(|rows| self.bias_of(rows)).ok_or_else(|| {
+            FitError::NoUnloadedStretch { recording: self.name.clone(), rows: LEAST_ROWS }
+        })
+    }
+
+    /// The first stretch in which nothing touches the finger: by the reference's word if it has one,
+    /// else as long a beginning as holds still.
+    fn unloaded(&self) -> Option<Range<usize>> {
+        match self.touched() {
+            Some(touched) => self.first_untouched(&touched),
+            None => [4096, 2048, 1024, 512, 256, 128, 64, 32]
+                .into_iter()
+                .map(|rows| 0..rows)
+                .find(|rows| rows.end <= self.samples.len() && self.is_still(rows.clone())),
+        }
+    }
+
+    /// Whether each row is touched, if the recording says.
+    fn touched(&self) -> Option<Vec<bool>> {
+        let contact: Option<Vec<bool>> = self.samples.iter().map(|s| s.truth.contact).collect();
+        contact.or_else(|| {
+            let force = |s: &Sample| {
+                let components = s.truth.force.iter().chain(s.truth.sensors.iter().flatten());
+                let known: Vec<f64> = components.flatten().map(|f| f.abs()).collect();
+                known.into_iter().reduce(f64::max)
+            };
+            let forces: Vec<f64> = self.samples.iter().map(force).collect::<Option<_>>()?;
+            let peak = forces.iter().copied().fold(0.0, f64::max);
+            Some(forces.iter().map(|f| *f > SMALL_FORCE * peak).collect())
+        })
+    }
+
+    fn first_untouched(&self, touched: &[bool]) -> Option<Range<usize>> {
+        let mut begin = 0;
+        for run in touched.chunk_by(|a, b| a == b) {
+            let end = begin + run.len();
+            let mut rows = begin..end.min(begin + MOST_ROWS);
+            if begin > 0 {
+                let settled = self.samples[begin].scan.time.0 + SETTLE_US;
+                rows.start += self.samples[rows.clone()].partition_point(|s| s.scan.time.0 < settled);
+            }
+            if !run[0] && rows.len() >= LEAST_ROWS {
+                return Some(rows);
+            }
+            begin = end;
+        }
+        None
+    }
+
+    /// No channel wanders by more than its own jitter: the variance is no larger than what the
+    /// differences of successive rows, half of it each, make of white noise.
+    fn is_still(&self, rows: Range<usize>) -> bool {
+        let levels: Vec<Vec<f64>> = self.samples[rows].iter().map(channels).collect();
+        let n = levels.len() as f64;
+        (0..levels[0].len()).all(|k| {
+            let value = |row: &Vec<f64>| row.get(k).copied().unwrap_or_default();
+            let mean = levels.iter().map(value).sum::<f64>() / n;
+            let variance = levels.iter().map(|row| (value(row) - mean).powi(2)).sum::<f64>() / n;
+            let jumps = levels.windows(2).map(|pair| (value(&pair[1]) - value(&pair[0])).powi(2));
+            let jitter = jumps.sum::<f64>() / (2.0 * n);
+            let step = 1.0 / 4096.0;
+            variance <= 2.0 * jitter + 0.25 * step * step
+        })
+    }
+
+    fn bias_of(&self, rows: Range<usize>) -> Option<Bias> {
+        let mut taker = BiasTaker::new(u16::try_from(rows.len()).ok()?);
+        let outcomes = self.samples[rows]
+            .iter()
+            .filter_map(|s| taker.add(&Levels::read(&s.scan.codes), &Bias::default()));
+        outcomes.last()?.ok().map(|taken| taken.bias)
+    }
+}
+
+/// Every level of a row, in a fixed order.
+fn channels(sample: &Sample) -> Vec<f64> {
+    let levels = Levels::read(&sample.scan.codes);
+    let taxels = levels.taxels.iter().flatten();
+    let bridges = levels.bridges.iter().flatten().flatten();
+    taxels.chain(bridges).map(|level| f64::from(*level)).collect()
+}

@@ -1,0 +1,223 @@
+//! The receiving side: bytes become replies and frames, and what is missing is counted.
+
+use std::io::{ErrorKind, Read};
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
+use std::sync::mpsc::{Sender, SyncSender, TrySendError};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use taxel::frame::Frame;
+use taxel::wire::deframer::Deframer;
+use taxel::wire::message::Message;
+
+use super::{Received, lock, tag_of};
+use crate::error::Problem;
+
+/// No request starts the stream.
+pub(super) const NO_TAG: u16 = u16::MAX;
+
+/// What has come and what has not, since the stream was started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Frames received.
+    pub frames: u64,
+    /// Frames that the finger numbered but that never came.
+    pub lost: u64,
+    /// Packets that could not be read. What precedes the first whole one does not count.
+    pub bad_packets: u64,
+    /// Frames that came but that this program was too slow to take.
+    pub overflow: u64,
+}
+
+/// What reader and client both look at.
+#[derive(Debug)]
+pub(super) struct Shared {
+    frames: AtomicU64,
+    lost: AtomicU64,
+    bad_packets: AtomicU64,
+    overflow: AtomicU64,
+    /// The tag of the request that starts the stream; frames count from its answer on.
+    pub(super) start_tag: AtomicU16,
+    pub(super) stop: AtomicBool,
+    end: Mutex<Option<Problem>>,
+}
+
+impl Default for Shared {
+    fn default() -> Self {
+        Self {
+            frames: AtomicU64::new(0),
+            lost: AtomicU64::new(0),
+            bad_packets: AtomicU64::new(0),
+            overflow: AtomicU64::new(0),
+            start_tag: AtomicU16::new(NO_TAG),
+            stop: AtomicBool::new(false),
+            end: Mutex::new(None),
+        }
+    }
+}
+
+impl Shared {
+    pub(super) fn counts(&self) -> Counts {
+        Counts {
+            frames: self.frames.load(Ordering::Relaxed),
+            lost: self.lost.load(Ordering::Relaxed),
+            bad_packets: self.bad_packets.load(Ordering::Relaxed),
+            overflow: self.overflow.load(Ordering::Relaxed),
+        }
+    }
+
+    /// Why the link ended, if it did.
+    pub(super) fn ended(&self) -> Option<Problem> {
+        lock(&self.end).clone()
+    }
+}
+
+pub(super) struct Reader {
+    bytes: Box<dyn Read + Send>,
+    deframer: Deframer,
+    replies: Sender<Message>,
+    frames: SyncSender<Received>,
+    shared: Arc<Shared>,
+    sequence: Sequence,
+    started: bool,
+    synchronised: bool,
+}
+
+impl Reader {
+    pub(super) fn new(
+        bytes: Box<dyn Read + Send>,
+        replies: Sender<Message>,
+        frames: SyncSender<Received>,
+        shared: Arc<Shared>,
+    ) -> Self {
+        Self {
+            bytes,
+            deframer: Deframer::default(),
+            replies,
+            frames,
+            shared,
+            sequence: Sequence::default(),
+            started: false,
+            synchronised: false,
+        }
+    }
+
+    /// Until the link ends or the client goes. Dropping the channels tells the client.
+    pub(super) fn run(mut self) {
+        let mut buffer = [0; 4096];
+        while !self.shared.stop.load(Ordering::Acquire) {
+            match self.bytes.read(&mut buffer) {
+                Ok(0) => return self.end(Problem::Unplugged("it closed the link".to_owned())),
+                Ok(length) => self.bytes(buffer.get(..length).unwrap_or_default()),
+                Err(error) => match error.kind() {
+                    ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted => {}
+                    _ => return self.end(Problem::broken(&error)),
+                },
+            }
+        }
+    }
+
+    fn end(&self, problem: Problem) {
+        *lock(&self.shared.end) = Some(problem);
+    }
+
+    fn bytes(&mut self, bytes: &[u8]) {
+        let at = Instant::now();
+        for byte in bytes {
+            match self.deframer.push::<Message>(*byte) {
+                None => {}
+                Some(Ok(message)) => {
+                    self.synchronised = true;
+                    self.message(message, at);
+                }
+                Some(Err(_)) if self.synchronised => add(&self.shared.bad_packets, 1),
+                Some(Err(_)) => {}
+            }
+        }
+    }
+
+    fn message(&mut self, message: Message, at: Instant) {
+        if let Message::Frame(frame) = message {
+            if self.started {
+                self.frame(frame, at);
+            }
+            return;
+        }
+        if tag_of(&message).map(u16::from) == Some(self.shared.start_tag.load(Ordering::Acquire)) {
+            self.shared.start_tag.store(NO_TAG, Ordering::Release);
+            self.started = true;
+            self.sequence = Sequence::default();
+        }
+        // A client that is about to go no longer listens.
+        let _ = self.replies.send(message);
+    }
+
+    fn frame(&mut self, frame: Frame, at: Instant) {
+        add(&self.shared.frames, 1);
+        add(&self.shared.lost, self.sequence.lost_before(frame.seq).into());
+        if let Err(TrySendError::Full(_)) = self.frames.try_send(Received { frame, at }) {
+            add(&self.shared.overflow, 1);
+        }
+    }
+}
+
+fn add(count: &AtomicU64, more: u64) {
+    count.fetch_add(more, Ordering::Relaxed);
+}
+
+/// Finds the gaps in sequence numbers, which wrap.
+#[derive(Debug, Default)]
+struct Sequence {
+    next: Option<u32>,
+}
+
+impl Sequence {
+    /// Steps back by less than this are duplicates; by more, the finger has started anew.
+    const DUPLICATES: u32 = 256;
+
+    /// How many frames are missing between the last one and this.
+    fn lost_before(&mut self, seq: u32) -> u32 {
+        let ahead = seq.wrapping_sub(self.next.unwrap_or(seq));
+        if ahead <= u32::MAX / 2 {
+            self.next = Some(seq.wrapping_add(1));
+            return ahead;
+        }
+        if ahead.wrapping_neg() > Self::DUPLICATES {
+            self.next = Some(seq.wrapping_add(1));
+        }
+        0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lost(frames: &[u32]) -> u32 {
+        let mut sequence = Sequence::default();
+        frames.iter().map(|seq| sequence.lost_before(*seq)).sum()
+    }
+
+    #[test]
+    fn gaps_are_counted_from_wherever_the_stream_begins() {
+        assert_eq!(lost(&[7, 8, 9]), 0);
+        assert_eq!(lost(&[7, 8, 11, 12, 14]), 3);
+    }
+
+    #[test]
+    fn the_sequence_wraps_without_a_gap() {
+        assert_eq!(lost(&[u32::MAX - 1, u32::MAX, 0, 1]), 0);
+        assert_eq!(lost(&[u32::MAX - 1, 2]), 3);
+    }
+
+    #[test]
+    fn duplicates_and_latecomers_are_no_negative_loss() {
+        assert_eq!(lost(&[5, 5, 6, 4, 7]), 0);
+        assert_eq!(lost(&[0, u32::MAX, 1]), 0);
+    }
+
+    #[test]
+    fn a_finger_that_started_anew_is_followed() {
+        assert_eq!(lost(&[100_000, 0, 1, 3]), 1);
+    }
+}

@@ -1,0 +1,191 @@
+//! A finger without hardware: the firmware's own session and instrument, in a thread of this process,
+//! behind a pseudo-terminal or a TCP port, in real time.
+//!
+//! ```text
+//! Source ──samples──▶ PacedBoard ──scans──▶ run_session ◀──bytes──▶ pty / TCP
+//!                         └──truth──▶ TruthLog
+//! ```
+//! Nothing in here knows what a frame is. A program that talks to it cannot tell it from a finger,
+//! except that the truth is known.
+
+mod board;
+#[cfg(unix)]
+mod pty;
+mod source;
+mod tcp;
+mod truth;
+
+use std::io;
+use std::net::ToSocketAddrs;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+
+use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::instrument::Instrument;
+use taxel::session::Board;
+use taxel::wire::message::{Identity, Refusal};
+use taxel_formats::FileError;
+use tokio::sync::oneshot;
+
+pub use source::Source;
+pub use truth::TruthLog;
+
+use crate::error::{LinkError, Problem, one_line};
+use crate::port::Port;
+use board::PacedBoard;
+
+/// How a virtual finger came to its end by itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Its scans were over.
+    Finished,
+    /// Its trace could not be read further.
+    Failed(FileError),
+}
+
+/// Set before the link closes: a client that sees the end of it finds the reason here.
+type Ending = Arc<Mutex<Option<Outcome>>>;
+
+/// A finger that lives in a thread. Dropping it pulls the cable.
+pub struct VirtualFinger {
+    port: Port,
+    truth: TruthLog,
+    outcome: Ending,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl VirtualFinger {
+    /// A finger behind a pseudo-terminal: a serial device like that of a real one. One host at a time;
+    /// as with any UART the finger does not notice when a host leaves.
+    ///
+    /// # Errors
+    /// There is no such thing here, the source is empty, or the calibration is not valid.
+    #[cfg(unix)]
+    pub fn on_pty(source: Source, calibration: Option<&Calibration>) -> Result<Self, LinkError> {
+        let open = |error: io::Error| {
+            Problem::Open(one_line(&error)).at(&Port::Serial("pseudo-terminal".to_owned()))
+        };
+        let pty = pty::Pty::open().map_err(open)?;
+        let port = Port::Serial(pty.name().to_owned());
+        Self::start(port, source, calibration, async move |board, instrument| {
+            pty::serve(pty, board, instrument).await
+        })
+    }
+
+    /// A finger behind a pseudo-terminal, which this platform does not have.
+    ///
+    /// # Errors
+    /// Always.
+    #[cfg(not(unix))]
+    pub fn on_pty(_: Source, _: Option<&Calibration>) -> Result<Self, LinkError> {
+        Err(Problem::Unsupported.at(&Port::Serial("pseudo-terminal".to_owned())))
+    }
+
+    /// A finger behind a TCP port; port 0 takes any that is free. One host after the other, the
+    /// settings stay.
+    ///
+    /// # Errors
+    /// The address is taken, the source is empty, or the calibration is not valid.
+    pub fn on_tcp(
+        address: impl ToSocketAddrs,
+        source: Source,
+        calibration: Option<&Calibration>,
+    ) -> Result<Self, LinkError> {
+        let nowhere = Port::Tcp { host: "virtual finger".to_owned(), port: 0 };
+        let listener = tcp::listen(address)
+            .map_err(|error| Problem::Open(one_line(&error)).at(&nowhere))?;
+        let port = match listener.local_addr() {
+            Ok(address) => Port::Tcp { host: address.ip().to_string(), port: address.port() },
+            Err(error) => return Err(Problem::Open(one_line(&error)).at(&nowhere)),
+        };
+        Self::start(port, source, calibration, async move |board, instrument| {
+            tcp::serve(listener, board, instrument).await
+        })
+    }
+
+    fn start(
+        port: Port,
+        source: Source,
+        calibration: Option<&Calibration>,
+        serve: impl AsyncFnOnce(&mut PacedBoard, &mut Instrument) -> io::Result<()> + Send + 'static,
+    ) -> Result<Self, LinkError> {
+        let record = calibration.map(record).transpose().map_err(|problem| problem.at(&port))?;
+        let truth = TruthLog::default();
+        let outcome = Ending::default();
+        let mut board = PacedBoard::new(source, truth.clone(), Arc::clone(&outcome))?;
+        let (stop, stopped) = oneshot::channel::<()>();
+        let live = move || -> io::Result<()> {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+            runtime.block_on(async {
+                let mut instrument = instrument(board.identity(), record.as_deref());
+                tokio::select! {
+                    served = serve(&mut board, &mut instrument) => served,
+                    _ = stopped => Ok(()),
+                }
+            })
+        };
+        let thread = std::thread::Builder::new()
+            .name("virtual-finger".to_owned())
+            .spawn(move || {
+                // A link that broke or never was: the client at its other end says so.
+                let _ = live();
+            })
+            .map_err(|error| Problem::Open(one_line(&error)).at(&port))?;
+        Ok(Self { port, truth, outcome, stop: Some(stop), thread: Some(thread) })
+    }
+
+    /// Where it can be reached.
+    #[must_use]
+    pub fn port(&self) -> &Port {
+        &self.port
+    }
+
+    /// What really happened.
+    #[must_use]
+    pub fn truth(&self) -> &TruthLog {
+        &self.truth
+    }
+
+    /// How it ended, if it did by itself.
+    #[must_use]
+    pub fn outcome(&self) -> Option<Outcome> {
+        self.outcome.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl Drop for VirtualFinger {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            // A finger that panicked has nothing more to say.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn record(calibration: &Calibration) -> Result<Vec<u8>, Problem> {
+    let mut buffer = [0; MAX_BYTES];
+    let record = calibration.to_bytes(&mut buffer).map_err(refused)?;
+    Ok(record.to_vec())
+}
+
+fn refused(error: taxel::calibration::CalibrationError) -> Problem {
+    Problem::Refusal { command: "calibration", refusal: Refusal::Calibration(error) }
+}
+
+fn instrument(identity: Identity, record: Option<&[u8]>) -> Instrument {
+    let mut instrument = Instrument::new(identity);
+    if let Some(record) = record {
+        // It was made by `record` above, so that it installs; otherwise the frames say uncalibrated.
+        let _ = instrument.install(record);
+    }
+    instrument
+}
+
+/// Scans while no host is there, as a finger does.
+async fn idle(board: &mut PacedBoard, instrument: &mut Instrument) {
+    while let Some(scan) = board.scan().await {
+        let _ = instrument.scan(&scan);
+    }
+}

@@ -1,0 +1,46 @@
+//! A virtual finger's TCP port: one host after the other.
+
+use std::io;
+use std::net::{TcpListener, ToSocketAddrs};
+
+use embedded_io_adapters::tokio_1::FromTokio;
+use taxel::instrument::Instrument;
+use taxel::session::{End, Pace, run_session};
+
+use super::board::PacedBoard;
+use super::idle;
+
+/// Bytes the kernel keeps for a host that reads slowly: about a second of the default stream. More would
+/// only make old what it reads then.
+const SEND_BUFFER: usize = 64 * 1024;
+
+pub(super) fn listen(address: impl ToSocketAddrs) -> io::Result<TcpListener> {
+    let listener = TcpListener::bind(address)?;
+    // Sockets that it accepts inherit this.
+    socket2::SockRef::from(&listener).set_send_buffer_size(SEND_BUFFER)?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
+/// Until the scans are over.
+pub(super) async fn serve(
+    listener: TcpListener,
+    board: &mut PacedBoard,
+    instrument: &mut Instrument,
+) -> io::Result<()> {
+    let listener = tokio::net::TcpListener::from_std(listener)?;
+    loop {
+        let mut stream = tokio::select! {
+            accepted = listener.accept() => accepted?.0,
+            () = idle(board, instrument) => return Ok(()),
+        };
+        stream.set_nodelay(true)?;
+        let (rx, tx) = stream.split();
+        let rx = FromTokio::new(rx);
+        let tx = FromTokio::new(tx);
+        // However a host leaves, the next one is welcome.
+        if let Ok(End::Scans) = run_session(rx, tx, board, instrument, Pace::Live).await {
+            return Ok(());
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! Numbers of a scene that have limits. A limit is checked while the file is read, where the parser
+//! still knows the line.
+
+use serde::de::{Deserialize, Deserializer, Error};
+
+fn within<'de, D: Deserializer<'de>>(from: D, low: f64, high: f64) -> Result<f64, D::Error> {
+    let value = f64::deserialize(from)?;
+    check(value, low, high).map_err(D::Error::custom)
+}
+
+/// A NaN is in no range.
+fn check(value: f64, low: f64, high: f64) -> Result<f64, String> {
+    if (low..=high).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!("{value} is out of range; allowed are {low} to {high}"))
+    }
+}
+
+/// Low and high of a range that random numbers are drawn from.
+fn span<'de, D: Deserializer<'de>>(from: D, low: f64, high: f64) -> Result<[f64; 2], D::Error> {
+    let [from, to] = <[f64; 2]>::deserialize(from)?;
+    for value in [from, to] {
+        check(value, low, high).map_err(D::Error::custom)?;
+    }
+    if from <= to {
+        Ok([from, to])
+    } else {
+        Err(D::Error::custom(format!("[{from}, {to}] runs backwards; write the lower one first")))
+    }
+}
+
+/// One deserialiser per quantity, named after it.
+macro_rules! ranges {
+    ($($(#[$doc:meta])* $name:ident: $low:literal to $high:literal;)*) => {$(
+        $(#[$doc])*
+        pub fn $name<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+            within(from, $low, $high)
+        }
+    )*};
+}
+
+ranges! {
+    /// Young's modulus in MPa, from gels to rubber.
+    young: 0.001 to 100.0;
+    /// Poisson's ratio of a material that does not grow thick when pulled.
+    poisson: 0.0 to 0.5;
+    /// Thickness, gap or side in mm.
+    thickness: 0.1 to 20.0;
+    /// Radius of a sphere in mm.
+    radius: 0.5 to 1000.0;
+    /// Friction coefficient.
+    friction: 0.0 to 2.0;
+    /// Normal force in newtons; the finger's working range is 2 N (002), a sensor's limit 10 N (003).
+    normal: 0.0 to 10.0;
+    /// Tangential force in newtons.
+    tangential: -10.0 to 10.0;
+    /// Some duration in seconds.
+    seconds: 0.001 to 86400.0;
+    /// A moment of the scene in seconds.
+    moment: 0.0 to 86400.0;
+    /// A fraction of the converter's range.
+    ratio: 0.0 to 1.0;
+    /// Frequency of the mains' lamps in Hz.
+    lamps: 1.0 to 10000.0;
+    /// A distance that the contact point rolls, in mm.
+    roll: 0.0 to 5.0;
+}
+
+const PAD: f64 = 5.0;
+
+/// A coordinate on the pad, which is 10 mm square.
+pub fn on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    let value = f64::deserialize(from)?;
+    on_pad_value(value).map_err(D::Error::custom)
+}
+
+/// A point on the pad.
+pub fn point_on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
+    let point = <[f64; 2]>::deserialize(from)?;
+    for value in point {
+        on_pad_value(value).map_err(D::Error::custom)?;
+    }
+    Ok(point)
+}
+
+fn on_pad_value(value: f64) -> Result<f64, String> {
+    check(value, -PAD, PAD).map_err(|_| format!("{value} mm is off the pad; allowed are -{PAD} to {PAD}"))
+}
+
+/// A stretch of coordinates on the pad.
+pub fn span_on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
+    span(from, -PAD, PAD)
+}
+
+/// Normal forces in newtons.
+pub fn span_of_normals<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
+    span(from, 0.0, 10.0)
+}
+
+/// Shares of the most that friction can hold.
+pub fn span_of_shares<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
+    span(from, 0.0, 1.0)
+}

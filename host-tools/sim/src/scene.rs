@@ -1,0 +1,464 @@
+//! Scenes: TOML files that say what to simulate. The unit of a number is in its key's name; what is
+//! left out has a default; what is misspelt, out of range or contradictory is an error with its line.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use taxel::scan::SENSORS;
+use taxel_formats::FileError;
+use toml::Spanned;
+
+use crate::contact::SILICONE_YOUNG_MPA;
+use crate::ranges;
+
+/// Scenes that come with the simulator, by name.
+pub const BUILT_IN: [(&str, &str); 5] = [
+    ("press", include_str!("../scenes/press.toml")),
+    ("presses", include_str!("../scenes/presses.toml")),
+    ("shear", include_str!("../scenes/shear.toml")),
+    ("tour", include_str!("../scenes/tour.toml")),
+    ("bench-s0", include_str!("../scenes/bench-s0.toml")),
+];
+
+/// What a scene may list under `effects`; the rest is not computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Effect {
+    /// Shot noise of the phototransistors and noise of the converter.
+    Noise,
+    /// Light of the room that reaches the phototransistors, steady part.
+    Ambient,
+    /// Light of the room that swings with the mains.
+    Flicker,
+    /// Every optical pair has its own gain, gap and leakage.
+    GainSpread,
+    /// Light spills between neighbouring pairs.
+    OpticalCrosstalk,
+    /// The resistors of a bridge differ, so that it does not rest at zero.
+    BridgeMismatch,
+    /// Sensitivities of the force sensors differ and their axes mix.
+    BridgeCrosstalk,
+}
+
+/// A scene.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// One line for people.
+    #[serde(default)]
+    pub description: String,
+    /// What to model beyond the ideal finger.
+    #[serde(default)]
+    pub effects: Vec<Effect>,
+    /// When to sample.
+    pub scan: Scan,
+    /// The finger.
+    #[serde(default)]
+    pub device: Device,
+    /// Its skin.
+    #[serde(default)]
+    pub material: Material,
+    /// Its deformable layer.
+    #[serde(default)]
+    pub layer: Layer,
+    /// What touches it.
+    #[serde(default)]
+    pub indenter: Indenter,
+    /// How it clings.
+    #[serde(default)]
+    pub friction: Friction,
+    /// The room.
+    #[serde(default)]
+    pub light: Light,
+    /// Present where the force acts on a single force sensor in a test bench, not on the skin.
+    pub bench: Option<Bench>,
+    /// Presses at one place.
+    #[serde(default)]
+    pub press: Vec<Spanned<Press>>,
+    /// Slides over the skin.
+    #[serde(default)]
+    pub slide: Vec<Spanned<Slide>>,
+    /// Rows of random presses.
+    #[serde(default)]
+    pub random: Vec<Spanned<Random>>,
+}
+
+/// `[scan]`
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scan {
+    /// Frames a second, 1 to 20000.
+    pub rate_hz: Spanned<u32>,
+    /// Length of the scene in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub duration_s: f64,
+    /// Time of each of the five steps (dark, row 0 … row 3) of a frame in microseconds.
+    #[serde(default = "Scan::step_us")]
+    pub step_us: u32,
+}
+
+impl Scan {
+    /// Settling of the phototransistors to 12 bits is 26.5 µs; five such steps fit into 4 kHz twice.
+    fn step_us() -> u32 {
+        30
+    }
+}
+
+/// `[device]`
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Device {
+    /// Which individual: its gains, offsets and mismatches follow from this number.
+    pub seed: u64,
+    /// Resolution of the codes.
+    pub bits: Bits,
+    /// The optical matrix is there.
+    pub taxels: bool,
+    /// Which force sensors are there.
+    pub bridges: [bool; SENSORS],
+}
+
+impl Default for Device {
+    fn default() -> Self {
+        Self { seed: 1, bits: Bits::Sixteen, taxels: true, bridges: [true; SENSORS] }
+    }
+}
+
+/// Resolution of the codes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "u8")]
+pub enum Bits {
+    /// Single conversions.
+    Twelve,
+    /// Means of sixteen conversions, scaled to 65535.
+    Sixteen,
+}
+
+impl TryFrom<u8> for Bits {
+    type Error = String;
+
+    fn try_from(bits: u8) -> Result<Self, String> {
+        match bits {
+            12 => Ok(Self::Twelve),
+            16 => Ok(Self::Sixteen),
+            _ => Err(format!("{bits} bits; allowed are 12 and 16")),
+        }
+    }
+}
+
+/// `[material]`, the silicone of 002 unless said otherwise.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Material {
+    /// Young's modulus in MPa.
+    #[serde(deserialize_with = "ranges::young")]
+    pub young_mpa: f64,
+    /// Poisson's ratio.
+    #[serde(deserialize_with = "ranges::poisson")]
+    pub poisson: f64,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self { young_mpa: SILICONE_YOUNG_MPA, poisson: 0.5 }
+    }
+}
+
+/// `[layer]`
+///
+/// 002 trades normal sensitivity (thin) against shear (thick). The depth here puts the strongest
+/// response to shear, at x = z/√2 from the contact, on the neighbouring taxel: z = √2 · 2.5 mm.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Layer {
+    /// Skin to facets in mm.
+    #[serde(deserialize_with = "ranges::thickness")]
+    pub depth_mm: f64,
+    /// Side of a facet in mm: the pitch less a wall of 0.6 mm, which carries the skin.
+    #[serde(deserialize_with = "ranges::thickness")]
+    pub facet_mm: f64,
+    /// Facet to optical pair, unloaded, in mm: 2 N sink a facet by some 0.9 mm and must not reach the
+    /// peak of the light curve at 0.7 mm.
+    #[serde(deserialize_with = "ranges::thickness")]
+    pub gap_mm: f64,
+}
+
+impl Default for Layer {
+    fn default() -> Self {
+        Self { depth_mm: 3.5, facet_mm: 1.9, gap_mm: 2.0 }
+    }
+}
+
+/// `[indenter]`
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Indenter {
+    /// Radius of the rigid sphere in mm.
+    #[serde(deserialize_with = "ranges::radius")]
+    pub radius_mm: f64,
+}
+
+impl Default for Indenter {
+    fn default() -> Self {
+        Self { radius_mm: 6.0 }
+    }
+}
+
+/// `[friction]`
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Friction {
+    /// Coulomb's coefficient.
+    #[serde(deserialize_with = "ranges::friction")]
+    pub mu: f64,
+}
+
+impl Default for Friction {
+    fn default() -> Self {
+        Self { mu: 0.8 }
+    }
+}
+
+/// `[light]`, as fractions of the converter's range at each column.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Light {
+    /// Steady part; with the effect `ambient`.
+    #[serde(deserialize_with = "ranges::ratio")]
+    pub ambient_ratio: f64,
+    /// Amplitude of the swing; with the effect `flicker`.
+    #[serde(deserialize_with = "ranges::ratio")]
+    pub flicker_ratio: f64,
+    /// Frequency of the swing: twice the mains'.
+    #[serde(deserialize_with = "ranges::lamps")]
+    pub flicker_hz: f64,
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        // The black rubber lets little in; what comes through its rim swings by a tenth.
+        Self { ambient_ratio: 0.02, flicker_ratio: 0.002, flicker_hz: 100.0 }
+    }
+}
+
+/// `[bench]`
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Bench {
+    /// Number of the sensor, 0 to 3.
+    pub sensor: Spanned<usize>,
+}
+
+/// `[[press]]`: normal force first, shear while it is held, then release.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Press {
+    /// Beginning in seconds.
+    #[serde(deserialize_with = "ranges::moment")]
+    pub at_s: f64,
+    /// Contact point in mm.
+    #[serde(deserialize_with = "ranges::on_pad")]
+    pub x_mm: f64,
+    /// Contact point in mm.
+    #[serde(deserialize_with = "ranges::on_pad")]
+    pub y_mm: f64,
+    /// Normal force in newtons.
+    #[serde(deserialize_with = "ranges::normal")]
+    pub fz_n: f64,
+    /// Requested shear in newtons; friction may allow less.
+    #[serde(default, deserialize_with = "ranges::tangential")]
+    pub fx_n: f64,
+    /// Requested shear in newtons; friction may allow less.
+    #[serde(default, deserialize_with = "ranges::tangential")]
+    pub fy_n: f64,
+    /// Time to full normal force in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub rise_s: f64,
+    /// Time at full normal force in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub hold_s: f64,
+    /// Time of release in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub fall_s: f64,
+}
+
+/// `[[slide]]`: press down, stick, slip along a line, stick, release.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Slide {
+    /// Beginning in seconds.
+    #[serde(deserialize_with = "ranges::moment")]
+    pub at_s: f64,
+    /// Where it comes down, in mm.
+    #[serde(deserialize_with = "ranges::point_on_pad")]
+    pub from_mm: [f64; 2],
+    /// Where it leaves, in mm.
+    #[serde(deserialize_with = "ranges::point_on_pad")]
+    pub to_mm: [f64; 2],
+    /// Normal force in newtons.
+    #[serde(deserialize_with = "ranges::normal")]
+    pub fz_n: f64,
+    /// Time to full normal force in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub rise_s: f64,
+    /// Time of being dragged in seconds: a tenth until it breaks loose, a tenth while it is eased.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub travel_s: f64,
+    /// Time of release in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub fall_s: f64,
+}
+
+/// `[[random]]`: presses drawn from ranges, new ones for every seed of a run.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Random {
+    /// Beginning in seconds.
+    #[serde(deserialize_with = "ranges::moment")]
+    pub at_s: f64,
+    /// How many.
+    pub presses: u32,
+    /// Time of each in seconds, pause included.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub each_s: f64,
+    /// Lowest and highest x of the contact point in mm.
+    #[serde(deserialize_with = "ranges::span_on_pad")]
+    pub x_mm: [f64; 2],
+    /// Lowest and highest y of the contact point in mm.
+    #[serde(deserialize_with = "ranges::span_on_pad")]
+    pub y_mm: [f64; 2],
+    /// Lowest and highest of the peak normal force in newtons.
+    #[serde(deserialize_with = "ranges::span_of_normals")]
+    pub fz_n: [f64; 2],
+    /// Lowest and highest peak of shear as a share of what friction holds; its direction turns.
+    #[serde(default, deserialize_with = "ranges::span_of_shares")]
+    pub shear_of_limit: [f64; 2],
+    /// Longest way the contact point rolls during a press, in mm, within the ranges of x and y.
+    #[serde(default, deserialize_with = "ranges::roll")]
+    pub roll_mm: f64,
+}
+
+impl Scene {
+    /// A built-in scene by its name, or a file by its path.
+    ///
+    /// # Errors
+    /// What is wrong with it, in one line.
+    pub fn load(name_or_path: &str) -> Result<Self, FileError> {
+        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == name_or_path) {
+            return Self::parse(format!("{name}.toml"), text);
+        }
+        let text = std::fs::read_to_string(name_or_path).map_err(|error| {
+            if error.kind() == std::io::ErrorKind::NotFound {
+                let names = BUILT_IN.map(|(name, _)| name).join(", ");
+                FileError::new(name_or_path, "no such scene")
+                    .mend(format!("give a path to a TOML file, or one of {names}"))
+            } else {
+                FileError::io(name_or_path, &error)
+            }
+        })?;
+        Self::parse(name_or_path, &text)
+    }
+
+    /// A scene from its text; `path` is for errors.
+    ///
+    /// # Errors
+    /// What is wrong with it, in one line.
+    pub fn parse(path: impl AsRef<Path>, text: &str) -> Result<Self, FileError> {
+        let error = |at: Option<std::ops::Range<usize>>, problem: String| {
+            let error = FileError::new(&path, problem);
+            let Some(at) = at else { return error };
+            let before = text.get(..at.start).unwrap_or(text);
+            let error = error.line(1 + before.matches('\n').count() as u64);
+            match key_at(text, at.start) {
+                Some(key) => error.column(key),
+                None => error,
+            }
+        };
+        let scene: Self =
+            toml::from_str(text).map_err(|e| error(e.span(), e.message().to_owned()))?;
+        scene.check().map_err(|(at, problem)| error(Some(at), problem))?;
+        Ok(scene)
+    }
+
+    /// The effect is to be modelled.
+    #[must_use]
+    pub fn has(&self, effect: Effect) -> bool {
+        self.effects.contains(&effect)
+    }
+
+    /// Frames of one pass.
+    #[must_use]
+    pub fn frames(&self) -> u64 {
+        // Both factors are bounded by their ranges; the product is below 2^31.
+        (self.scan.duration_s * f64::from(*self.scan.rate_hz.get_ref())).round().max(1.0) as u64
+    }
+
+    /// What no single value can show.
+    fn check(&self) -> Result<(), (std::ops::Range<usize>, String)> {
+        let rate = &self.scan.rate_hz;
+        if !(1..=20_000).contains(rate.get_ref()) {
+            let problem = format!("{} is out of range; allowed are 1 to 20000", rate.get_ref());
+            return Err((rate.span(), problem));
+        }
+        let steps = 5 * u64::from(self.scan.step_us);
+        let period = 1_000_000 / u64::from(*rate.get_ref());
+        if steps > period {
+            let problem = format!(
+                "a frame lasts {period} µs but its five steps of `step_us` {} µs last {steps} µs",
+                self.scan.step_us
+            );
+            return Err((rate.span(), problem));
+        }
+        if let Some(bench) = &self.bench
+            && !self.device.bridges.get(*bench.sensor.get_ref()).is_some_and(|there| *there)
+        {
+            let problem = format!(
+                "the finger has no sensor {}; allowed are 0 to 3 where `bridges` is true",
+                bench.sensor.get_ref()
+            );
+            return Err((bench.sensor.span(), problem));
+        }
+        self.check_times()
+    }
+
+    /// One contact at a time, and all of them over when the scene is.
+    fn check_times(&self) -> Result<(), (std::ops::Range<usize>, String)> {
+        let presses = self.press.iter().map(|p| (p.span(), p.get_ref().at_s, p.get_ref().end_s()));
+        let slides = self.slide.iter().map(|s| (s.span(), s.get_ref().at_s, s.get_ref().end_s()));
+        let random = self.random.iter().map(|r| (r.span(), r.get_ref().at_s, r.get_ref().end_s()));
+        let mut acts: Vec<_> = presses.chain(slides).chain(random).collect();
+        acts.sort_by(|a, b| a.1.total_cmp(&b.1));
+        // Sums of decimal fractions are a few units in the last place off.
+        const SLACK: f64 = 1e-9;
+        let mut free_from = 0.0;
+        for (span, begin, end) in acts {
+            if begin + SLACK < free_from {
+                let problem = format!(
+                    "begins at {begin} s while another contact lasts until {free_from} s; only one \
+                     contact at a time is modelled"
+                );
+                return Err((span, problem));
+            }
+            if end > self.scan.duration_s + SLACK {
+                let problem = format!(
+                    "ends at {end:.3} s but the scene at `duration_s` {} s",
+                    self.scan.duration_s
+                );
+                return Err((span, problem));
+            }
+            free_from = end;
+        }
+        Ok(())
+    }
+}
+
+/// The key, or the table, on the line that holds byte `at`.
+fn key_at(text: &str, at: usize) -> Option<&str> {
+    let begin = text.get(..at)?.rfind('\n').map_or(0, |newline| newline + 1);
+    let line = text.get(begin..)?.lines().next()?;
+    let key = line.split(['=', '#']).next()?.trim();
+    (!key.is_empty()).then_some(key)
+}
+
+#[cfg(test)]
+mod tests;

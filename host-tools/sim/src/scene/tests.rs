@@ -1,0 +1,119 @@
+use super::*;
+
+const SCAN: &str = "[scan]\nrate_hz = 1000\nduration_s = 10\n";
+const PRESS: &str = "[[press]]\nat_s = 1\nx_mm = 0\ny_mm = 0\nfz_n = 1\nrise_s = 0.1\nhold_s = 1\n\
+                     fall_s = 0.1\n";
+
+fn refusal(text: &str) -> String {
+    let message = Scene::parse("my.toml", text).unwrap_err().to_string();
+    assert_eq!(message.lines().count(), 1, "{message}");
+    message
+}
+
+fn refuses(text: &str, line: u32, words: &[&str]) {
+    let message = refusal(text);
+    assert!(message.starts_with(&format!("my.toml:{line}: ")), "{message}");
+    for word in words {
+        assert!(message.contains(word), "{message} lacks {word}");
+    }
+}
+
+#[test]
+fn built_in_scenes_are_valid_described_and_of_one_device() {
+    let first = Scene::load("press").unwrap();
+    for (name, _) in BUILT_IN {
+        let scene = Scene::load(name).unwrap();
+        assert!(!scene.description.is_empty(), "{name}");
+        // A calibration made on one must hold on another.
+        assert_eq!(scene.device.seed, first.device.seed, "{name}");
+        assert_eq!(scene.material, first.material, "{name}");
+        assert_eq!(scene.layer, first.layer, "{name}");
+        let device = [Effect::GainSpread, Effect::OpticalCrosstalk, Effect::BridgeMismatch];
+        assert!(device.iter().all(|effect| scene.has(*effect)), "{name}");
+    }
+}
+
+#[test]
+fn a_scene_may_be_a_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("my.toml");
+    std::fs::write(&path, format!("{SCAN}{PRESS}")).unwrap();
+    let scene = Scene::load(path.to_str().unwrap()).unwrap();
+    assert_eq!(scene.frames(), 10_000);
+    assert_eq!(scene.device.bits, Bits::Sixteen);
+    assert!(!scene.has(Effect::Noise));
+}
+
+#[test]
+fn an_unknown_name_lists_the_known_ones() {
+    let message = Scene::load("tuor").unwrap_err().to_string();
+    for (name, _) in BUILT_IN {
+        assert!(message.contains(name), "{message}");
+    }
+}
+
+#[test]
+fn an_unknown_key_names_its_line_and_the_keys_there_are() {
+    let text = format!("{SCAN}[material]\nyuong_mpa = 0.2\n");
+    refuses(&text, 5, &["yuong_mpa", "young_mpa", "poisson"]);
+    refuses(&format!("{SCAN}[skin]\n"), 4, &["skin", "material"]);
+    refuses(&format!("effects = ['noise', 'flikker']\n{SCAN}"), 1, &["flikker", "flicker"]);
+}
+
+#[test]
+fn a_wrong_type_names_its_line_and_key() {
+    refuses(&format!("{SCAN}[indenter]\nradius_mm = 'six'\n"), 5, &["`radius_mm`", "six"]);
+    refuses("[scan]\nrate_hz = 1000.5\nduration_s = 1\n", 2, &["`rate_hz`"]);
+    refuses(&format!("{SCAN}[device]\nbits = 14\n"), 5, &["`bits`", "12 and 16"]);
+}
+
+#[test]
+fn a_missing_key_is_named() {
+    refuses("[scan]\nrate_hz = 1000\n", 1, &["duration_s"]);
+    assert!(refusal("").contains("scan"));
+}
+
+#[test]
+fn impossible_values_name_what_is_allowed() {
+    refuses(&format!("{SCAN}[material]\nyoung_mpa = -0.2\n"), 5, &["`young_mpa`", "0.001 to 100"]);
+    refuses(&format!("{SCAN}[material]\npoisson = 0.6\n"), 5, &["`poisson`", "0 to 0.5"]);
+    refuses(&format!("{SCAN}[friction]\nmu = -1\n"), 5, &["`mu`", "0 to 2"]);
+    refuses(&format!("{SCAN}[friction]\nmu = nan\n"), 5, &["`mu`", "0 to 2"]);
+    refuses("[scan]\nrate_hz = 0\nduration_s = 1\n", 2, &["`rate_hz`", "1 to 20000"]);
+}
+
+#[test]
+fn a_contact_off_the_pad_is_refused() {
+    let off = PRESS.replace("x_mm = 0", "x_mm = 5.5");
+    refuses(&format!("{SCAN}{off}"), 6, &["`x_mm`", "off the pad", "-5 to 5"]);
+    let slide = "[[slide]]\nat_s = 1\nfrom_mm = [0, 0]\nto_mm = [0, 7]\nfz_n = 1\nrise_s = 1\n\
+                 travel_s = 1\nfall_s = 1\n";
+    refuses(&format!("{SCAN}{slide}"), 7, &["`to_mm`", "off the pad"]);
+}
+
+#[test]
+fn contacts_take_turns_and_end_with_the_scene() {
+    let second = PRESS.replace("at_s = 1", "at_s = 2");
+    refuses(&format!("{SCAN}{PRESS}{second}"), 12, &["[[press]]", "one contact at a time"]);
+    let late = PRESS.replace("at_s = 1", "at_s = 9");
+    refuses(&format!("{SCAN}{late}"), 4, &["[[press]]", "duration_s"]);
+    let touching = PRESS.replace("at_s = 1", "at_s = 2.2");
+    assert!(Scene::parse("my.toml", &format!("{SCAN}{PRESS}{touching}")).is_ok());
+}
+
+#[test]
+fn the_steps_of_a_frame_must_fit_into_it() {
+    refuses("[scan]\nrate_hz = 10000\nduration_s = 1\n", 2, &["100 µs", "step_us", "150 µs"]);
+}
+
+#[test]
+fn a_bench_needs_its_sensor() {
+    refuses(&format!("{SCAN}[bench]\nsensor = 4\n"), 5, &["`sensor`", "0 to 3"]);
+}
+
+#[test]
+fn a_range_runs_upwards() {
+    let random = "[[random]]\nat_s = 0\npresses = 3\neach_s = 1\nx_mm = [3, -3]\ny_mm = [0, 0]\n\
+                  fz_n = [1, 1]\n";
+    refuses(&format!("{SCAN}{random}"), 8, &["`x_mm`", "lower one first"]);
+}

@@ -1,0 +1,81 @@
+//! A finger for the tests: codes in round numbers and a calibration whose forces can be told by hand.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
+use taxel::condition::{BridgeBias, TaxelBias};
+use taxel::estimate::net::ForceNet;
+use taxel::estimate::sensitivity::Sensitivity;
+use taxel::scan::{Codes, Midpoints, Scan, TAXELS, TaxelCodes};
+use taxel::units::{Code, FullScale, Micros};
+use taxel::wire::message::Identity;
+
+pub const DARK: u16 = 2_000;
+pub const LIT: u16 = 22_000;
+pub const MIDPOINT: u16 = 32_768;
+
+/// The unloaded finger at a time in microseconds, with 16-bit codes.
+pub fn unloaded(time: u64) -> Scan {
+    let rest = Code(MIDPOINT);
+    Scan {
+        time: Micros(time),
+        overrun: false,
+        codes: Codes {
+            full_scale: FullScale::BITS_16,
+            taxels: Some(TaxelCodes { lit: [[Code(LIT); 4]; 4], dark: [Code(DARK); 4] }),
+            bridges: [Some(Midpoints { a: rest, b: rest, c: rest, d: rest }), None, None, None],
+            reference: Some(rest),
+            temperature: Some(Code(26_214)),
+        },
+    }
+}
+
+/// The finger with taxel `k` nearer by `codes`.
+pub fn pressed(time: u64, k: usize, codes: u16) -> Scan {
+    let mut scan = unloaded(time);
+    if let Some(taxels) = &mut scan.codes.taxels {
+        taxels.lit[k / 4][k % 4].0 += codes;
+    }
+    scan
+}
+
+/// f_z = tanh(−Σ c_k), f_x = f_y = 0; sensor 0 reads u in newtons per full scale.
+pub fn calibration() -> Calibration {
+    let full = f32::from(u16::MAX);
+    Calibration {
+        serial: "test".try_into().expect("four letters fit"),
+        date: 1_795_253_400,
+        taxels: Some(TaxelCalibration {
+            bias: TaxelBias { level: [f32::from(LIT - DARK) / full; TAXELS], noise: 1e-4 },
+            range: [[-0.5, 0.05]; TAXELS],
+            net: Some(ForceNet {
+                hidden: [-1.0; TAXELS].into_iter().collect(),
+                hidden_bias: [0.0].into_iter().collect(),
+                output: [0.0, 0.0, 1.0].into_iter().collect(),
+                output_bias: [0.0, 0.0, 0.0].into_iter().collect(),
+            }),
+            residual: [0.01; 3],
+        }),
+        sensors: [
+            Some(SensorCalibration {
+                bias: BridgeBias { level: [0.0; 3], noise: 1e-4 },
+                sensitivity: Sensitivity([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+                range: [[-0.2, 0.2]; 3],
+                residual: [0.001; 3],
+            }),
+            None,
+            None,
+            None,
+        ],
+    }
+}
+
+pub fn identity() -> Identity {
+    Identity {
+        board: "test".try_into().expect("fits"),
+        serial: "0001".try_into().expect("fits"),
+        build: "none".try_into().expect("fits"),
+        scan_hz: 4000,
+        full_scale: FullScale::BITS_16,
+        tick_hz: 1_000_000,
+    }
+}

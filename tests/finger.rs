@@ -1,0 +1,280 @@
+//! What the finger says of a scene, and what it says when it cannot know.
+
+mod common;
+
+use common::{LIT, calibration, pressed, unloaded};
+use proptest::prelude::*;
+use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::estimate::Force;
+use taxel::estimate::contact_point::PointMethod;
+use taxel::finger::{Estimate, Finger, FingerState};
+use taxel::frame::Status;
+use taxel::measured::NoValue;
+use taxel::scan::{Codes, Midpoints, Scan, TaxelCodes};
+use taxel::units::{Code, FullScale, Micros, Newtons};
+
+fn calibrated() -> (Finger, FingerState) {
+    Finger::new(Some(calibration()))
+}
+
+/// The estimate after the same scan has come often enough for the gate to make up its mind.
+fn settled(finger: &Finger, state: &mut FingerState, scan: &Scan) -> Estimate {
+    for _ in 0..8 {
+        finger.estimate(state, scan);
+    }
+    finger.estimate(state, scan)
+}
+
+fn near(estimate: &Estimate, x: f32, y: f32) -> bool {
+    estimate.point.is_ok_and(|p| (p.x.0 - x).abs() < 1e-5 && (p.y.0 - y).abs() < 1e-5)
+}
+
+#[test]
+fn an_untouched_finger_feels_zero_force_and_runs_no_estimator_of_the_matrix() {
+    let (finger, mut state) = calibrated();
+    let estimate = settled(&finger, &mut state, &unloaded(0));
+    assert_eq!(estimate.force, Force::known(0.0, 0.0, 0.0));
+    assert_eq!(estimate.point, Err(NoValue::NoContact));
+    assert_eq!(estimate.status, Status::RAN_SENSORS);
+}
+
+#[test]
+fn a_press_has_a_force_and_a_place() {
+    let (finger, mut state) = calibrated();
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    let Ok(Newtons(fz)) = estimate.force.z else { panic!("{:?}", estimate.force) };
+    assert!((f64::from(fz) - 0.1f64.tanh()).abs() < 1e-4, "{fz}");
+    assert!(near(&estimate, 1.25, -1.25), "{:?}", estimate.point);
+    for bit in [Status::CONTACT, Status::RAN_NET, Status::RAN_CENTROID] {
+        assert!(estimate.status.contains(bit), "{:?}", estimate.status);
+    }
+}
+
+#[test]
+fn the_contact_point_method_is_selectable_and_named_in_the_status() {
+    let (mut finger, mut state) = calibrated();
+    finger.point_method = PointMethod::ArgMin;
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    assert!(estimate.status.contains(Status::RAN_ARG_MIN));
+    assert!(!estimate.status.contains(Status::RAN_CENTROID));
+}
+
+#[test]
+fn without_a_calibration_nothing_is_said_about_force() {
+    let (finger, mut state) = Finger::new(None);
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    assert_eq!(estimate.force, Force::none(NoValue::Uncalibrated));
+    assert_eq!(estimate.sensors[0], Force::none(NoValue::Uncalibrated));
+    assert_eq!(estimate.sensors[1], Force::none(NoValue::Absent));
+    assert!(estimate.status.contains(Status::UNCALIBRATED));
+}
+
+#[test]
+fn a_bias_alone_is_enough_for_contact_and_place() {
+    let (finger, mut state) = Finger::new(None);
+    state.take_bias(50);
+    let taken = (0..50).find_map(|t| finger.estimate(&mut state, &unloaded(t)).bias);
+    assert!(taken.unwrap().is_ok());
+    let estimate = settled(&finger, &mut state, &pressed(0, 0, 6_554));
+    assert!(estimate.status.contains(Status::CONTACT));
+    assert!(estimate.status.contains(Status::BIASED));
+    assert!(estimate.point.is_ok());
+    assert_eq!(estimate.force.z, Err(NoValue::Uncalibrated));
+}
+
+#[test]
+fn bias_is_refused_while_the_finger_is_moving_and_the_old_one_stays() {
+    let (finger, mut state) = calibrated();
+    let before = *state.bias();
+    state.take_bias(100);
+    let taken =
+        (0..100).find_map(|t| finger.estimate(&mut state, &pressed(t, 5, 40 * t as u16)).bias);
+    assert!(taken.unwrap().is_err());
+    assert_eq!(*state.bias(), before);
+    assert!(!state.biased());
+}
+
+#[test]
+fn clearing_the_bias_brings_back_the_calibrations() {
+    let (finger, mut state) = calibrated();
+    let before = *state.bias();
+    state.take_bias(10);
+    for t in 0..10 {
+        finger.estimate(&mut state, &pressed(t, 3, 500));
+    }
+    assert!(state.biased());
+    assert_ne!(*state.bias(), before);
+    finger.clear_bias(&mut state);
+    assert_eq!(*state.bias(), before);
+}
+
+#[test]
+fn a_clipped_taxel_withholds_the_force_and_says_so() {
+    let (finger, mut state) = calibrated();
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, u16::MAX - LIT));
+    assert_eq!(estimate.force, Force::none(NoValue::Saturated));
+    assert!(estimate.status.contains(Status::SATURATED));
+    assert_eq!(estimate.signals.health.saturated, 1 << 6);
+}
+
+#[test]
+fn a_dead_taxel_withholds_the_force_but_not_the_place() {
+    let (finger, mut state) = calibrated();
+    let mut scan = pressed(0, 10, 6_554);
+    scan.codes.taxels.as_mut().unwrap().lit[0][0] = Code(common::DARK);
+    let estimate = settled(&finger, &mut state, &scan);
+    assert_eq!(estimate.force, Force::none(NoValue::DeadChannel));
+    assert!(estimate.status.contains(Status::DEAD_TAXEL));
+    assert!(near(&estimate, 1.25, 1.25), "{:?}", estimate.point);
+}
+
+#[test]
+fn a_dead_taxel_alone_is_no_contact() {
+    let (finger, mut state) = calibrated();
+    let mut scan = unloaded(0);
+    scan.codes.taxels.as_mut().unwrap().lit[0][0] = Code(common::DARK);
+    let estimate = settled(&finger, &mut state, &scan);
+    assert!(!estimate.status.contains(Status::CONTACT));
+}
+
+#[test]
+fn beyond_the_trained_range_there_is_a_reason_not_an_extrapolation() {
+    let (finger, mut state) = calibrated();
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 39_000));
+    assert_eq!(estimate.force, Force::none(NoValue::OutOfTrainedRange));
+    assert!(estimate.status.contains(Status::OUT_OF_RANGE));
+}
+
+#[test]
+fn a_broken_bridge_arm_withholds_that_sensor() {
+    let (finger, mut state) = calibrated();
+    let mut scan = unloaded(0);
+    scan.codes.bridges[0].as_mut().unwrap().b = Code(u16::MAX);
+    let estimate = settled(&finger, &mut state, &scan);
+    assert_eq!(estimate.sensors[0], Force::none(NoValue::DeadChannel));
+    assert!(estimate.status.contains(Status::BRIDGE_FAULT));
+    assert!(!estimate.status.contains(Status::CONTACT), "a fault is not a touch");
+}
+
+#[test]
+fn an_overrun_is_flagged_in_its_frame() {
+    let (finger, mut state) = calibrated();
+    let scan = Scan { overrun: true, ..unloaded(0) };
+    assert!(finger.estimate(&mut state, &scan).status.contains(Status::OVERRUN));
+}
+
+#[test]
+fn a_normal_only_net_says_nothing_about_shear() {
+    let mut record = calibration();
+    let net = record.taxels.as_mut().unwrap().net.as_mut().unwrap();
+    net.output = [1.0].into_iter().collect();
+    net.output_bias = [0.0].into_iter().collect();
+    assert_eq!(record.validate(), Ok(()));
+    let (finger, mut state) = Finger::new(Some(record));
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    assert_eq!(estimate.force.x, Err(NoValue::NotEstimated));
+    assert!(estimate.force.z.is_ok());
+}
+
+fn any_codes() -> impl Strategy<Value = Codes> {
+    let midpoints = any::<[u16; 4]>().prop_map(|[a, b, c, d]| Midpoints {
+        a: Code(a),
+        b: Code(b),
+        c: Code(c),
+        d: Code(d),
+    });
+    (
+        1u16..,
+        proptest::option::of(any::<([[u16; 4]; 4], [u16; 4])>()),
+        proptest::array::uniform4(proptest::option::of(midpoints)),
+    )
+        .prop_map(|(top, taxels, bridges)| Codes {
+            full_scale: FullScale::new(top).unwrap(),
+            taxels: taxels.map(|(lit, dark)| TaxelCodes {
+                lit: lit.map(|row| row.map(Code)),
+                dark: dark.map(Code),
+            }),
+            bridges,
+            reference: None,
+            temperature: None,
+        })
+}
+
+fn finite(estimate: &Estimate) -> bool {
+    let forces = estimate.sensors.iter().chain([&estimate.force]);
+    let force = |f: &Force| [f.x, f.y, f.z].iter().flatten().all(|n| n.0.is_finite());
+    let point = estimate.point.is_ok_and(|p| !(p.x.0.is_finite() && p.y.0.is_finite()));
+    forces.into_iter().all(force) && !point
+}
+
+/// A record whose every number is hostile but accepted.
+fn hostile(weight: f32, level: f32) -> Calibration {
+    let mut record = calibration();
+    let taxels = record.taxels.as_mut().unwrap();
+    taxels.bias.level = [level; 16];
+    taxels.bias.noise = 1e-9;
+    taxels.range = [[-9e29, 9e29]; 16];
+    taxels.net = Some(taxel::estimate::net::ForceNet {
+        hidden: core::iter::repeat_n(weight, 16 * 32).collect(),
+        hidden_bias: core::iter::repeat_n(-weight, 32).collect(),
+        output: core::iter::repeat_n(weight, 3 * 32).collect(),
+        output_bias: core::iter::repeat_n(weight, 3).collect(),
+    });
+    let sensor = record.sensors[0].as_mut().unwrap();
+    sensor.range = [[-9e29, 9e29]; 3];
+    sensor.sensitivity.0 = [[weight; 3]; 3];
+    record
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+
+    #[test]
+    fn no_codes_and_no_accepted_calibration_give_nan_or_infinity(
+        scans in proptest::collection::vec(any_codes(), 1..8),
+        weight in prop_oneof![-9e29f32..9e29, -1e-38f32..1e-38, -10.0f32..10.0],
+        level in -2.0f32..2.0,
+        taking in any::<bool>(),
+    ) {
+        let record = hostile(weight, level);
+        prop_assert_eq!(record.validate(), Ok(()));
+        let (finger, mut state) = Finger::new(Some(record));
+        if taking {
+            state.take_bias(3);
+        }
+        for (t, codes) in scans.into_iter().enumerate() {
+            for _ in 0..3 {
+                let scan = Scan { time: Micros(t as u64), overrun: false, codes };
+                let estimate = finger.estimate(&mut state, &scan);
+                prop_assert!(finite(&estimate), "{estimate:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_bytes_make_the_calibration_reader_panic(
+        bytes in proptest::collection::vec(any::<u8>(), 0..300),
+    ) {
+        let _ = Calibration::from_bytes(&bytes);
+    }
+
+    #[test]
+    fn a_record_with_any_field_overwritten_is_refused_or_harmless(
+        at in any::<usize>(), with in any::<[u8; 4]>(), codes in any_codes(),
+    ) {
+        // The CRC is made right again, so that the fields themselves have to hold.
+        let mut buffer = [0; MAX_BYTES];
+        let length = calibration().to_bytes(&mut buffer).unwrap().len();
+        let at = 2 + at % (length - 10);
+        buffer[at..at + 4].copy_from_slice(&with);
+        let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&buffer[..length - 4]);
+        buffer[length - 4..length].copy_from_slice(&crc.to_le_bytes());
+        if let Ok(record) = Calibration::from_bytes(&buffer[..length]) {
+            let (finger, mut state) = Finger::new(Some(record));
+            for t in 0..3 {
+                let scan = Scan { time: Micros(t), overrun: false, codes };
+                prop_assert!(finite(&finger.estimate(&mut state, &scan)));
+            }
+        }
+    }
+}

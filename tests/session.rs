@@ -1,0 +1,392 @@
+//! The session over in-memory links: what a host sees of a finger, whoever carries the bytes.
+
+mod common;
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::future::poll_fn;
+use std::rc::Rc;
+use std::task::{Poll, Waker};
+
+use common::{calibration, identity, unloaded};
+use embassy_futures::block_on;
+use embassy_futures::select::{Either, select};
+use taxel::calibration::{CalibrationError, MAX_BYTES};
+use taxel::frame::{Fields, Frame};
+use taxel::instrument::Instrument;
+use taxel::scan::Scan;
+use taxel::session::{Board, End, Pace, run_session};
+use taxel::wire::deframer::Deframer;
+use taxel::wire::message::{CHUNK, Command, Info, Message, Refusal, Request, Response};
+use taxel::wire::{MAX_PACKET, pack};
+
+/// One direction of a link: bytes with a limit, so that a host that does not read holds it up.
+#[derive(Default)]
+struct Wire {
+    bytes: VecDeque<u8>,
+    capacity: usize,
+    closed: bool,
+    wakers: Vec<Waker>,
+}
+
+#[derive(Clone)]
+struct HalfLink(Rc<RefCell<Wire>>);
+
+impl HalfLink {
+    fn new(capacity: usize) -> Self {
+        Self(Rc::new(RefCell::new(Wire { capacity, ..Wire::default() })))
+    }
+
+    fn wake(wire: &mut Wire) {
+        wire.wakers.drain(..).for_each(Waker::wake);
+    }
+
+    fn close(&self) {
+        let mut wire = self.0.borrow_mut();
+        wire.closed = true;
+        Self::wake(&mut wire);
+    }
+}
+
+impl embedded_io_async::ErrorType for HalfLink {
+    type Error = Infallible;
+}
+
+impl embedded_io_async::Read for HalfLink {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        poll_fn(|context| {
+            let mut wire = self.0.borrow_mut();
+            if wire.bytes.is_empty() && !wire.closed {
+                wire.wakers.push(context.waker().clone());
+                return Poll::Pending;
+            }
+            let length = buffer.len().min(wire.bytes.len());
+            for (slot, byte) in buffer.iter_mut().zip(wire.bytes.drain(..length)) {
+                *slot = byte;
+            }
+            Self::wake(&mut wire);
+            Poll::Ready(Ok(length))
+        })
+        .await
+    }
+}
+
+impl embedded_io_async::Write for HalfLink {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        poll_fn(|context| {
+            let mut wire = self.0.borrow_mut();
+            let room = wire.capacity - wire.bytes.len();
+            if room == 0 {
+                wire.wakers.push(context.waker().clone());
+                return Poll::Pending;
+            }
+            let length = room.min(bytes.len());
+            wire.bytes.extend(&bytes[..length]);
+            Self::wake(&mut wire);
+            Poll::Ready(Ok(length))
+        })
+        .await
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// Scans from a list, one a poll, so that the other side gets its turns.
+struct Scans(VecDeque<Scan>);
+
+impl Board for Scans {
+    async fn scan(&mut self) -> Option<Scan> {
+        embassy_futures::yield_now().await;
+        self.0.pop_front()
+    }
+
+    fn ticks(&self) -> u32 {
+        0
+    }
+}
+
+/// The host's side: a client in a few lines.
+struct Host {
+    to: HalfLink,
+    from: HalfLink,
+    deframer: Deframer,
+    frames: Vec<Frame>,
+    tag: u8,
+}
+
+impl Host {
+    async fn send(&mut self, command: Command) {
+        use embedded_io_async::Write;
+        self.tag += 1;
+        let mut buffer = [0; MAX_PACKET];
+        let packet = pack(&Request { tag: self.tag, command }, &mut buffer).unwrap();
+        self.to.write_all(packet).await.unwrap();
+    }
+
+    async fn message(&mut self) -> Option<Message> {
+        use embedded_io_async::Read;
+        loop {
+            let mut byte = [0];
+            if self.from.read(&mut byte).await.unwrap() == 0 {
+                return None;
+            }
+            if let Some(message) = self.deframer.push(byte[0]) {
+                return Some(message.unwrap());
+            }
+        }
+    }
+
+    /// Sends, and waits for the reply with the same tag; frames that come meanwhile are kept.
+    async fn ask(&mut self, command: Command) -> Result<Response, Refusal> {
+        self.send(command).await;
+        loop {
+            match self.message().await.unwrap() {
+                Message::Reply { tag, result } if tag == self.tag => return result,
+                Message::Frame(frame) => self.frames.push(frame),
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+
+    async fn info(&mut self) -> Info {
+        match self.ask(Command::Info).await {
+            Ok(Response::Info(info)) => info,
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+fn scans(count: u64) -> Scans {
+    Scans((0..count).map(|i| unloaded(250 * i)).collect())
+}
+
+/// Runs `host` against a session; the link then closes. Returns the instrument and how it ended.
+fn run(
+    mut instrument: Instrument,
+    mut board: Scans,
+    pace: Pace,
+    capacity: usize,
+    host: impl AsyncFnOnce(&mut Host),
+) -> (Instrument, Option<End>) {
+    let (to, from) = (HalfLink::new(4096), HalfLink::new(capacity));
+    let mut client = Host {
+        to: to.clone(),
+        from: from.clone(),
+        deframer: Deframer::default(),
+        frames: vec![],
+        tag: 0,
+    };
+    let ended = block_on(async {
+        let finger = async {
+            let end =
+                run_session(to.clone(), from.clone(), &mut board, &mut instrument, pace).await;
+            from.close();
+            end.unwrap()
+        };
+        let host = async {
+            host(&mut client).await;
+            to.close();
+        };
+        let mut finger = core::pin::pin!(finger);
+        match select(finger.as_mut(), core::pin::pin!(host)).await {
+            Either::First(end) => Some(end),
+            Either::Second(()) => Some(finger.await),
+        }
+    });
+    (instrument, ended)
+}
+
+fn fresh() -> Instrument {
+    Instrument::new(identity())
+}
+
+#[test]
+fn a_host_learns_who_it_talks_to() {
+    let (_, end) = run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        host.send(Command::Version).await;
+        let answer = host.message().await;
+        assert!(matches!(answer, Some(Message::Version { tag: 1, protocol: 1, .. })), "{answer:?}");
+        let info = host.info().await;
+        assert_eq!(info.identity, identity());
+        assert_eq!(info.rate_millihertz, 1_000_000);
+        assert_eq!(info.calibration, None);
+    });
+    assert_eq!(end, Some(End::Closed));
+}
+
+#[test]
+fn the_stream_is_off_until_asked_for_and_then_counts_every_frame() {
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        host.info().await;
+        assert!(host.frames.is_empty());
+        host.ask(Command::Stream(true)).await.unwrap();
+        while host.frames.len() < 100 {
+            let Some(Message::Frame(frame)) = host.message().await else { panic!() };
+            host.frames.push(frame);
+        }
+        for (seq, pair) in host.frames.windows(2).enumerate() {
+            assert_eq!(pair[0].seq as usize, seq);
+            // 4 kHz scan, 1 kHz stream.
+            assert_eq!(pair[1].time.0 - pair[0].time.0, 1000);
+        }
+    });
+}
+
+#[test]
+fn rate_and_fields_are_set_apart_and_outlive_the_connection() {
+    let (instrument, _) = run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        let rate = host.ask(Command::SetRate { hz: 333 }).await.unwrap();
+        // 4000 / 12: the rate in force is said, not the one wished for.
+        assert_eq!(rate, Response::Rate { millihertz: 333_333 });
+        host.ask(Command::SetFields(Fields::FORCE)).await.unwrap();
+        host.ask(Command::Stream(true)).await.unwrap();
+    });
+    run(instrument, scans(1_000_000), Pace::Live, 4096, async |host| {
+        let info = host.info().await;
+        assert_eq!((info.rate_millihertz, info.fields), (333_333, Fields::FORCE));
+        let Some(Message::Frame(frame)) = host.message().await else { panic!() };
+        assert!(frame.force.is_some() && frame.point.is_none() && frame.codes.is_none());
+    });
+}
+
+#[test]
+fn values_out_of_range_are_refused_with_the_range() {
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        for hz in [0, 4001] {
+            assert_eq!(
+                host.ask(Command::SetRate { hz }).await,
+                Err(Refusal::OutOfRange { low: 1, high: 4000 })
+            );
+        }
+        let refused = host.ask(Command::SetFields(Fields(0x8000))).await;
+        assert_eq!(refused, Err(Refusal::OutOfRange { low: 0, high: 31 }));
+        assert!(host.ask(Command::TakeBias { scans: 1 }).await.is_err());
+    });
+}
+
+#[test]
+fn a_bias_is_answered_when_it_is_done_and_refused_while_another_runs() {
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        host.send(Command::TakeBias { scans: 2000 }).await;
+        assert_eq!(host.ask(Command::TakeBias { scans: 10 }).await, Err(Refusal::Busy));
+        let Some(Message::Reply { tag: 1, result }) = host.message().await else { panic!() };
+        let Ok(Response::Bias { bias, on_command, in_contact }) = result else { panic!() };
+        assert!(on_command && !in_contact && bias.taxels.is_some());
+        assert!(host.info().await.biased);
+        host.ask(Command::ClearBias).await.unwrap();
+        assert!(!host.info().await.biased);
+    });
+}
+
+async fn upload(host: &mut Host, record: &[u8]) -> Result<Response, Refusal> {
+    host.ask(Command::CalibrationBegin { length: record.len() as u16 }).await?;
+    for (i, chunk) in record.chunks(CHUNK).enumerate() {
+        let data = heapless::Vec::from_slice(chunk).unwrap();
+        host.ask(Command::CalibrationChunk { offset: (i * CHUNK) as u16, data }).await?;
+    }
+    host.ask(Command::CalibrationCommit).await
+}
+
+#[test]
+fn a_calibration_is_uploaded_put_in_force_and_read_back() {
+    let mut buffer = [0; MAX_BYTES];
+    let record = calibration().to_bytes(&mut buffer).unwrap();
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        assert_eq!(
+            host.ask(Command::CalibrationRead { offset: 0 }).await,
+            Err(Refusal::Uncalibrated)
+        );
+        assert_eq!(upload(host, record).await, Ok(Response::Done));
+        assert_eq!(host.info().await.calibration.unwrap().serial, "test");
+        let mut back = vec![];
+        loop {
+            let offset = back.len() as u16;
+            let part = host.ask(Command::CalibrationRead { offset }).await;
+            let Ok(Response::Calibration { data, .. }) = part else { panic!("{part:?}") };
+            back.extend_from_slice(&data);
+            if data.len() < CHUNK {
+                break;
+            }
+        }
+        assert_eq!(back, record);
+    });
+}
+
+#[test]
+fn a_damaged_or_incomplete_upload_leaves_the_old_calibration_in_force() {
+    let mut buffer = [0; MAX_BYTES];
+    let length = calibration().to_bytes(&mut buffer).unwrap().len();
+    let mut instrument = fresh();
+    instrument.install(&buffer[..length]).unwrap();
+    run(instrument, scans(1_000_000), Pace::Live, 4096, async |host| {
+        let crc = host.info().await.calibration.unwrap().crc;
+        buffer[40] ^= 1;
+        let refused = upload(host, &buffer[..length]).await;
+        assert_eq!(refused, Err(Refusal::Calibration(CalibrationError::Crc)));
+        host.ask(Command::CalibrationBegin { length: length as u16 }).await.unwrap();
+        assert_eq!(host.ask(Command::CalibrationCommit).await, Err(Refusal::OutOfOrder));
+        let data = heapless::Vec::from_slice(&[0; 4]).unwrap();
+        let gap = host.ask(Command::CalibrationChunk { offset: 4, data }).await;
+        assert_eq!(gap, Err(Refusal::OutOfOrder));
+        assert_eq!(host.info().await.calibration.unwrap().crc, crc);
+    });
+}
+
+#[test]
+fn a_host_that_stops_reading_loses_whole_frames_that_are_counted_and_the_scan_goes_on() {
+    let (mut instrument, end) = run(fresh(), scans(20_000), Pace::Live, 256, async |host| {
+        host.ask(Command::SetRate { hz: 4000 }).await.unwrap();
+        host.ask(Command::SetFields(Fields::ALL)).await.unwrap();
+        host.ask(Command::Stream(true)).await.unwrap();
+        for _ in 0..10_000 {
+            embassy_futures::yield_now().await;
+        }
+        // It reads again: everything found is whole, and the gap in the sequence is the loss.
+        let mut seen: Vec<u32> = vec![];
+        while let Some(Message::Frame(frame)) = host.message().await {
+            seen.push(frame.seq);
+            if seen.len() == 40 {
+                break;
+            }
+        }
+        let gap = seen.windows(2).map(|pair| pair[1] - pair[0] - 1).sum::<u32>();
+        assert!(gap > 1000, "{seen:?}");
+        let counters = host.info().await.counters;
+        assert!(counters.lost >= gap, "{counters:?}");
+        assert_eq!(counters.lost_replies, 0);
+    });
+    assert!(end.is_some());
+    let counters = *instrument.counters();
+    assert!(counters.scans > 10_000, "{counters:?}");
+}
+
+#[test]
+fn a_lossless_replay_waits_for_its_host_and_sends_everything_before_it_ends() {
+    let (mut instrument, end) = run(fresh(), scans(500), Pace::Lossless, 64, async |host| {
+        host.ask(Command::SetRate { hz: 4000 }).await.unwrap();
+        host.ask(Command::SetFields(Fields::ALL)).await.unwrap();
+        // No scan is taken before the stream is on.
+        assert_eq!(host.info().await.counters.scans, 0);
+        host.ask(Command::Stream(true)).await.unwrap();
+        while let Some(Message::Frame(frame)) = host.message().await {
+            host.frames.push(frame);
+        }
+        let seqs: Vec<u32> = host.frames.iter().map(|frame| frame.seq).collect();
+        assert_eq!(seqs, (0..500).collect::<Vec<_>>());
+    });
+    assert_eq!(end, Some(End::Scans));
+    assert_eq!(instrument.counters().lost, 0);
+}
+
+#[test]
+fn garbage_from_the_host_is_counted_and_the_next_request_answered() {
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        use embedded_io_async::Write;
+        host.to.write_all(&[0, 0, 1, 2, 3, 0xff, 0, 9, 9, 0]).await.unwrap();
+        let info = host.info().await;
+        assert_eq!(info.counters.bad_packets, 2);
+    });
+}

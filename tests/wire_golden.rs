@@ -1,0 +1,267 @@
+//! The wire, byte by byte. A change of any of these is a change of the protocol: clients in other
+//! languages were written from `docs/protocol.md`, which shows the same bytes.
+
+mod common;
+
+use proptest::prelude::*;
+use taxel::calibration::CalibrationError;
+use taxel::condition::{Health, Signals};
+use taxel::estimate::contact_point::PointMethod;
+use taxel::estimate::{ContactPoint, Force};
+use taxel::frame::{Fields, Frame, Status};
+use taxel::measured::NoValue;
+use taxel::scan::Codes;
+use taxel::units::{Code, FullScale, Micros, Millimetres};
+use taxel::wire::deframer::Deframer;
+use taxel::wire::message::{CHUNK, Command, Message, Refusal, Request, Response};
+use taxel::wire::{MAX_PACKET, WireError, pack, unpack};
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ")
+}
+
+fn packed<M: serde::Serialize>(message: &M) -> String {
+    let mut buffer = [0; MAX_PACKET];
+    hex(pack(message, &mut buffer).unwrap())
+}
+
+/// The message without COBS and CRC.
+fn body<M: serde::Serialize>(message: &M) -> String {
+    let mut buffer = [0; MAX_PACKET];
+    let packet = pack(message, &mut buffer).unwrap();
+    let mut bytes = packet[..packet.len() - 1].to_vec();
+    let length = cobs::decode_in_place(&mut bytes).unwrap();
+    hex(&bytes[..length - 4])
+}
+
+#[test]
+fn the_version_query_is_frozen_for_ever() {
+    let query = Request { tag: 1, command: Command::Version };
+    assert_eq!(packed(&query), "02 01 05 be 23 c2 58 00");
+    let answer = Message::Version { tag: 1, protocol: 1, firmware: [0, 1, 0] };
+    assert_eq!(body(&answer), "00 01 01 00 01 00");
+}
+
+#[test]
+fn every_request_has_its_bytes() {
+    let bytes = [
+        (Command::Version, "07 00"),
+        (Command::Info, "07 01"),
+        (Command::Stream(true), "07 02 01"),
+        (Command::SetRate { hz: 1000 }, "07 03 e8 07"),
+        (Command::SetFields(Fields::ESTIMATES), "07 04 1c"),
+        (Command::SetPointMethod(PointMethod::Centroid), "07 05 00"),
+        (Command::SetPointMethod(PointMethod::ArgMin), "07 05 01"),
+        (Command::TakeBias { scans: 500 }, "07 06 f4 03"),
+        (Command::ReadBias, "07 07"),
+        (Command::ClearBias, "07 08"),
+        (Command::CalibrationBegin { length: 1500 }, "07 09 dc 0b"),
+        (
+            Command::CalibrationChunk {
+                offset: 128,
+                data: heapless::Vec::from_slice(&[0xaa, 0xbb]).unwrap(),
+            },
+            "07 0a 80 01 02 aa bb",
+        ),
+        (Command::CalibrationCommit, "07 0b"),
+        (Command::CalibrationRead { offset: 0 }, "07 0c 00"),
+    ];
+    for (command, expected) in bytes {
+        assert_eq!(body(&Request { tag: 7, command: command.clone() }), expected, "{command:?}");
+    }
+}
+
+#[test]
+fn every_refusal_has_its_bytes() {
+    let bytes = [
+        (Refusal::OutOfRange { low: 1, high: 4000 }, "01 07 01 00 01 a0 1f"),
+        (Refusal::NotStill, "01 07 01 01"),
+        (Refusal::Busy, "01 07 01 02"),
+        (Refusal::OutOfOrder, "01 07 01 03"),
+        (Refusal::Calibration(CalibrationError::Crc), "01 07 01 04 01"),
+        (Refusal::Uncalibrated, "01 07 01 05"),
+    ];
+    for (refusal, expected) in bytes {
+        assert_eq!(body(&Message::Reply { tag: 7, result: Err(refusal) }), expected, "{refusal:?}");
+    }
+    let done = Message::Reply { tag: 7, result: Ok(Response::Done) };
+    assert_eq!(body(&done), "01 07 00 00");
+    let rate = Message::Reply { tag: 7, result: Ok(Response::Rate { millihertz: 1_000_000 }) };
+    assert_eq!(body(&rate), "01 07 00 02 c0 84 3d");
+}
+
+fn frame() -> Frame {
+    Frame {
+        seq: 300,
+        time: Micros(1_000_000),
+        status: Status(Status::CONTACT.0 | Status::RAN_NET.0),
+        codes: None,
+        signals: None,
+        sensors: None,
+        force: None,
+        point: None,
+    }
+}
+
+#[test]
+fn frames_have_their_bytes() {
+    assert_eq!(body(&Message::Frame(frame())), "02 ac 02 c0 84 3d 81 80 10 00 00 00 00 00");
+    let estimates = Frame {
+        sensors: Some([
+            Force::known(0.5, -0.5, 1.0),
+            Force::none(NoValue::Absent),
+            Force::none(NoValue::Uncalibrated),
+            Force::none(NoValue::DeadChannel),
+        ]),
+        force: Some(Force { x: Err(NoValue::NotEstimated), ..Force::known(0.0, 0.0, 0.25) }),
+        point: Some(Ok(ContactPoint { x: Millimetres(1.25), y: Millimetres(-2.0) })),
+        ..frame()
+    };
+    assert_eq!(
+        body(&Message::Frame(estimates)),
+        "02 ac 02 c0 84 3d 81 80 10 00 00 \
+         01 00 00 00 00 3f 00 00 00 00 bf 00 00 00 80 3f 01 06 01 06 01 06 01 00 01 00 01 00 \
+         01 03 01 03 01 03 \
+         01 01 07 00 00 00 00 00 00 00 00 80 3e \
+         01 00 00 00 a0 3f 00 00 00 c0"
+    );
+    let mut codes = Codes { bridges: [None; 4], ..common::unloaded(0).codes };
+    codes.taxels = None;
+    codes.reference = Some(Code(0x1234));
+    codes.temperature = None;
+    codes.full_scale = FullScale::BITS_12;
+    let signals = Signals {
+        taxels: Some([-0.5; 16]),
+        bridges: [Some([0.25; 3]), None, None, None],
+        health: Health { saturated: 0x0101, dead: 0, bridge_faults: 8 },
+    };
+    let raw = Frame { codes: Some(codes), signals: Some(signals), ..frame() };
+    let minus_half = "00 00 00 bf ".repeat(16);
+    let quarter = "00 00 80 3e ".repeat(3);
+    assert_eq!(
+        body(&Message::Frame(raw)),
+        format!(
+            "02 ac 02 c0 84 3d 81 80 10 01 ff 0f 00 00 00 00 00 01 34 12 00 \
+             01 01 {minus_half}01 {quarter}00 00 00 81 02 00 08 00 00 00"
+        )
+    );
+}
+
+#[test]
+fn the_longest_messages_fit_a_packet() {
+    let scan = common::unloaded(u64::MAX);
+    let codes = Codes { bridges: [scan.codes.bridges[0]; 4], ..scan.codes };
+    let signals = Signals {
+        taxels: Some([1.0; 16]),
+        bridges: [Some([1.0; 3]); 4],
+        health: Health { saturated: u16::MAX, dead: u16::MAX, bridge_faults: u8::MAX },
+    };
+    let all = Frame {
+        seq: u32::MAX,
+        time: Micros(u64::MAX),
+        status: Status(u32::MAX),
+        codes: Some(codes),
+        signals: Some(signals),
+        sensors: Some([Force::known(1.0, 1.0, 1.0); 4]),
+        force: Some(Force::known(1.0, 1.0, 1.0)),
+        point: Some(Ok(ContactPoint { x: Millimetres(1.0), y: Millimetres(1.0) })),
+    };
+    let bias = taxel::condition::Bias {
+        taxels: common::calibration().taxels.map(|t| t.bias),
+        bridges: [common::calibration().sensors[0].as_ref().map(|s| s.bias); 4],
+    };
+    let text = |length: usize| "x".repeat(length);
+    let mut identity = common::identity();
+    identity.board = text(24).as_str().try_into().unwrap();
+    identity.serial = text(32).as_str().try_into().unwrap();
+    identity.build = text(24).as_str().try_into().unwrap();
+    let counters = taxel::wire::message::Counters {
+        scans: u32::MAX,
+        frames: u32::MAX,
+        lost: u32::MAX,
+        overruns: u32::MAX,
+        bad_packets: u32::MAX,
+        lost_replies: u32::MAX,
+    };
+    let info = taxel::wire::message::Info {
+        identity,
+        rate_millihertz: u32::MAX,
+        fields: Fields::ALL,
+        streaming: true,
+        point_method: PointMethod::Centroid,
+        biased: true,
+        calibration: Some(taxel::wire::message::CalibrationId {
+            serial: text(32).as_str().try_into().unwrap(),
+            date: u64::MAX,
+            crc: u32::MAX,
+        }),
+        counters,
+        cost: taxel::wire::message::Cost { last: u32::MAX, worst: u32::MAX },
+    };
+    let reply = |response| Message::Reply { tag: u8::MAX, result: Ok(response) };
+    let chunk = heapless::Vec::from_slice(&[0xff; CHUNK]).unwrap();
+    for message in [
+        Message::Frame(all),
+        reply(Response::Bias { bias, on_command: true, in_contact: true }),
+        reply(Response::Info(info)),
+        reply(Response::Calibration { offset: u16::MAX, data: chunk }),
+    ] {
+        let mut buffer = [0; MAX_PACKET];
+        let mut packet = pack(&message, &mut buffer).unwrap().to_vec();
+        packet.pop();
+        assert_eq!(unpack(&mut packet), Ok(message));
+    }
+}
+
+fn feed(deframer: &mut Deframer, bytes: &[u8]) -> Vec<Result<Request, WireError>> {
+    bytes.iter().filter_map(|byte| deframer.push(*byte)).collect()
+}
+
+#[test]
+fn a_stream_joined_in_the_middle_costs_one_packet() {
+    let request = Request { tag: 9, command: Command::SetRate { hz: 250 } };
+    let mut buffer = [0; MAX_PACKET];
+    let packet = pack(&request, &mut buffer).unwrap().to_vec();
+    let mut stream = packet[3..].to_vec();
+    stream.extend([0, 0]);
+    stream.extend(&packet);
+    let found = feed(&mut Deframer::default(), &stream);
+    assert_eq!(found.len(), 2);
+    assert!(found[0].is_err());
+    assert_eq!(found[1], Ok(request));
+}
+
+#[test]
+fn an_endless_packet_is_dropped_and_the_next_one_found() {
+    let request = Request { tag: 9, command: Command::Info };
+    let mut buffer = [0; MAX_PACKET];
+    let mut stream = vec![0x55; 3 * MAX_PACKET];
+    stream.push(0);
+    stream.extend(pack(&request, &mut buffer).unwrap());
+    let found = feed(&mut Deframer::default(), &stream);
+    assert_eq!(found, [Err(WireError::TooLong), Ok(request)]);
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_make_the_deframer_panic(bytes in proptest::collection::vec(any::<u8>(), 0..2000)) {
+        let mut requests = Deframer::<MAX_PACKET>::default();
+        let mut messages = Deframer::<MAX_PACKET>::default();
+        for byte in bytes {
+            let _: Option<Result<Request, _>> = requests.push(byte);
+            let _: Option<Result<Message, _>> = messages.push(byte);
+        }
+    }
+
+    #[test]
+    fn a_flipped_bit_never_passes(bit in any::<usize>(), tag in any::<u8>(), hz in any::<u16>()) {
+        let request = Request { tag, command: Command::SetRate { hz } };
+        let mut buffer = [0; MAX_PACKET];
+        let mut packet = pack(&request, &mut buffer).unwrap().to_vec();
+        let bit = bit % ((packet.len() - 1) * 8);
+        packet[bit / 8] ^= 1 << (bit % 8);
+        for found in feed(&mut Deframer::default(), &packet) {
+            prop_assert!(found.is_err(), "{found:?}");
+        }
+    }
+}
