@@ -1,3 +1,52 @@
-//! The taxel command.
+//! The `taxel` command.
+//!
+//! Each command is a file in [`commands`] with its `Args` and its `run`. Results go to standard output,
+//! everything else to standard error; an error is one line there. Exit codes: 0 done, 1 the thing
+//! failed, 2 bad usage.
 
-fn main() {}
+mod commands;
+mod failure;
+mod finger;
+mod interrupt;
+mod output;
+mod stream;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Newtons and millimetres from an optical tactile fingertip.
+#[derive(Parser)]
+#[command(version, propagate_version = true, after_help = AFTER_HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const AFTER_HELP: &str = "\
+PORT is a serial device (/dev/ttyACM0, COM3), tcp:HOST:PORT, file:TRACE.csv, which is played back in
+real time, or sim:SCENE, a virtual finger. Without hardware, start with `taxel demo`.";
+
+#[derive(Subcommand)]
+enum Command {
+    Demo(commands::demo::Args),
+    Record(commands::record::Args),
+    Info(commands::info::Args),
+    Bias(commands::bias::Args),
+    Set(commands::set::Args),
+}
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return failure::usage(&error),
+    };
+    let done = match cli.command {
+        Command::Demo(args) => commands::demo::run(args),
+        Command::Record(args) => commands::record::run(args),
+        Command::Info(args) => commands::info::run(args),
+        Command::Bias(args) => commands::bias::run(args),
+        Command::Set(args) => commands::set::run(args),
+    };
+    failure::exit_code(done)
+}

@@ -1,6 +1,6 @@
 //! S of one force sensor by linear least squares, row by row (003 eqs (1.22)–(1.24)).
 
-use nalgebra::{DMatrix, Matrix3, QR, SVD, U3};
+use nalgebra::{DMatrix, QR, SVD};
 
 use crate::error::FitError;
 
@@ -19,6 +19,8 @@ pub struct LeastSquares {
     /// Ratio of the largest to the smallest singular value of the signals: how unevenly the loads
     /// determine the directions.
     pub condition: f64,
+    /// How far the signals stand out of their noise in the direction in which they do so least.
+    pub ratio: f64,
     /// RMS error of each component in newtons.
     pub rms: [f64; 3],
 }
@@ -37,16 +39,16 @@ pub fn fit(
     if rows < LEAST_ROWS {
         return Err(FitError::TooFewRows { part: part.into(), rows, least: LEAST_ROWS });
     }
-    let u = DMatrix::from_fn(rows, 3, |row, j| signals[row][j]).reshape_generic(nalgebra::Dyn(rows), U3);
-    let f = DMatrix::from_fn(rows, 3, |row, i| forces[row][i]).reshape_generic(nalgebra::Dyn(rows), U3);
+    let u = DMatrix::from_fn(rows, 3, |row, j| signals[row][j]);
+    let f = DMatrix::from_fn(rows, 3, |row, i| forces[row][i]);
     let rms = |sum: f64| (sum / rows as f64).sqrt();
     if f.norm_squared() == 0.0 || rms(u.norm_squared()) < LEAST_RATIO * noise {
         return Err(FitError::NoLoad { part: part.into() });
     }
 
     let qr = QR::new(u.clone());
-    let r: Matrix3<f64> = qr.r();
-    let singular = SVD::new(r, false, false).singular_values;
+    let r = qr.r();
+    let singular = SVD::new(r.clone(), false, false).singular_values;
     let (most, least) = (singular.max(), singular.min());
     let ratio = least / (rows as f64).sqrt() / noise.max(f64::MIN_POSITIVE);
     let collinear = || FitError::Collinear { part: part.into(), ratio, least: LEAST_RATIO };
@@ -54,10 +56,11 @@ pub fn fit(
         return Err(collinear());
     }
     let transposed = r.solve_upper_triangular(&(qr.q().transpose() * &f)).ok_or_else(collinear)?;
-    let error = &u * transposed - &f;
+    let error = &u * &transposed - &f;
     Ok(LeastSquares {
         s: std::array::from_fn(|i| std::array::from_fn(|j| transposed[(j, i)])),
         condition: most / least,
+        ratio,
         rms: std::array::from_fn(|i| rms(error.column(i).norm_squared())),
     })
 }

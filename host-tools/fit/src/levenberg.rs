@@ -28,6 +28,7 @@ pub struct State {
     /// β.
     precision: f64,
     damping: f64,
+    pub independent: f64,
     /// Accepted steps.
     pub steps: usize,
     /// Σ_rows (y_k − target_k)² of each output.
@@ -46,6 +47,7 @@ impl State {
             decay: DVector::from_element(parameters.len(), 0.01),
             precision: 1.0,
             damping: 1e-2,
+            independent: 1.0,
             steps: 0,
             squares: mlp::squares(shape, parameters.as_slice(), rows),
             effective: parameters.len() as f64,
@@ -73,7 +75,7 @@ pub fn train(
     while state.steps < until && !state.converged && go_on(&state) {
         let model = mlp::quadratic(shape, state.parameters.as_slice(), rows);
         if state.steps > 0 && state.steps % EVIDENCE_EVERY == 0 {
-            weigh(&mut state, &model, &groups, rows.y.len() as f64);
+            weigh(&mut state, &model, &groups, rows.y.len() as f64 * state.independent);
         }
         match step(shape, rows, &mut state, &model) {
             Some(share) if share < LITTLE => little += 1,

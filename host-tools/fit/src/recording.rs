@@ -15,7 +15,7 @@ const LEAST_ROWS: usize = 20;
 const MOST_ROWS: usize = 4096;
 /// The skin of 003 needs 10 ms to settle; twice that is left out after a contact.
 const SETTLE_US: u64 = 20_000;
-/// Without a contact column, a force below this share of the recording's peak is none.
+/// A force below this share of the recording's peak is none.
 const SMALL_FORCE: f64 = 0.005;
 
 /// A trace in memory.
@@ -72,19 +72,19 @@ impl Recording {
         }
     }
 
-    /// Whether each row is touched, if the recording says.
+    /// Whether each row is touched, if the recording says: by its contact column or by a force. (On
+    /// the bench a sensor may be sheared without a normal force, which is no contact but a load.)
     fn touched(&self) -> Option<Vec<bool>> {
-        let contact: Option<Vec<bool>> = self.samples.iter().map(|s| s.truth.contact).collect();
-        contact.or_else(|| {
-            let force = |s: &Sample| {
-                let components = s.truth.force.iter().chain(s.truth.sensors.iter().flatten());
-                let known: Vec<f64> = components.flatten().map(|f| f.abs()).collect();
-                known.into_iter().reduce(f64::max)
-            };
-            let forces: Vec<f64> = self.samples.iter().map(force).collect::<Option<_>>()?;
-            let peak = forces.iter().copied().fold(0.0, f64::max);
-            Some(forces.iter().map(|f| *f > SMALL_FORCE * peak).collect())
+        let forces: Vec<Option<f64>> = self.samples.iter().map(largest_force).collect();
+        let peak = forces.iter().flatten().copied().fold(0.0, f64::max);
+        let rows = self.samples.iter().zip(&forces);
+        rows.map(|(sample, force)| match (sample.truth.contact, force) {
+            (None, None) => None,
+            (contact, force) => {
+                Some(contact == Some(true) || force.is_some_and(|f| f > SMALL_FORCE * peak))
+            }
         })
+        .collect()
     }
 
     fn first_untouched(&self, touched: &[bool]) -> Option<Range<usize>> {
@@ -127,6 +127,12 @@ impl Recording {
             .filter_map(|s| taker.add(&Levels::read(&s.scan.codes), &Bias::default()));
         outcomes.last()?.ok().map(|taken| taken.bias)
     }
+}
+
+/// The largest force component that the reference names.
+fn largest_force(sample: &Sample) -> Option<f64> {
+    let components = sample.truth.force.iter().chain(sample.truth.sensors.iter().flatten());
+    components.flatten().map(|force| force.abs()).reduce(f64::max)
 }
 
 /// Every level of a row, in a fixed order.

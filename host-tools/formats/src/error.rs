@@ -67,16 +67,41 @@ impl fmt::Display for FileError {
         }
         write!(f, ": ")?;
         if let Some(column) = &self.column {
-            write!(f, "`{column}`: ")?;
+            write!(f, "`{}`: ", one_line(column))?;
         }
-        // One line whatever a library put into it.
-        let problem = self.problem.split_whitespace().collect::<Vec<_>>().join(" ");
-        write!(f, "{problem}")?;
+        write!(f, "{}", one_line(&self.problem))?;
         if let Some(mend) = &self.mend {
-            write!(f, "; {mend}")?;
+            write!(f, "; {}", one_line(mend))?;
         }
         Ok(())
     }
 }
 
+/// Text out of a file or a library as one line of reasonable length.
+fn one_line(text: &str) -> String {
+    const MOST: usize = 300;
+    let words = text.split(|c: char| c.is_whitespace() || c.is_control());
+    let line = words.filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ");
+    match line.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{}…", &line[..end]),
+        None => line,
+    }
+}
+
 impl std::error::Error for FileError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whatever_a_file_holds_its_error_is_one_line() {
+        let error = FileError::new("a.csv", "found `x\ny\u{1b}[2J`")
+            .line(3)
+            .column("m\n0")
+            .mend("remove\tit");
+        assert_eq!(error.to_string(), "a.csv:3: `m 0`: found `x y [2J`; remove it");
+        let long = FileError::new("a.csv", "x".repeat(9999)).to_string();
+        assert!(long.len() < 400, "{}", long.len());
+    }
+}

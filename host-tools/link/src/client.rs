@@ -3,6 +3,7 @@
 mod reader;
 mod upload;
 
+use std::hash::{BuildHasher, Hasher};
 use std::io::Write;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel};
@@ -76,6 +77,7 @@ pub struct Client {
 struct Requests {
     writer: Box<dyn Write + Send>,
     replies: Receiver<Message>,
+    /// Of the last request.
     tag: u8,
 }
 
@@ -98,7 +100,7 @@ impl Client {
         let mut client = Self {
             port: port.clone(),
             version: Version { protocol: 0, firmware: [0; 3] },
-            requests: Mutex::new(Requests { writer: transport.writer, replies, tag: 0 }),
+            requests: Mutex::new(Requests { writer: transport.writer, replies, tag: first_tag() }),
             frames: Mutex::new(frames),
             shared,
             finger: transport.finger,
@@ -294,8 +296,8 @@ impl Client {
             loop {
                 let left = deadline.saturating_duration_since(Instant::now());
                 match requests.replies.recv_timeout(left) {
-                    Ok(message) if tag_of(&message) == Some(tag) => return Ok(message),
-                    // The late answer to a request that was repeated.
+                    Ok(message) if answers(&message, tag, command) => return Ok(message),
+                    // The late answer to a request that was repeated, or that another host made.
                     Ok(_) => {}
                     Err(RecvTimeoutError::Timeout) => break,
                     Err(RecvTimeoutError::Disconnected) => return Err(self.gone()),
@@ -337,6 +339,16 @@ impl Drop for Client {
             let _ = thread.join();
         }
     }
+}
+
+/// Serial links keep what nobody has read: answers to the host before us must not look like ours.
+fn first_tag() -> u8 {
+    std::hash::RandomState::new().build_hasher().finish() as u8
+}
+
+fn answers(message: &Message, tag: u8, command: &Command) -> bool {
+    let asked_version = *command == Command::Version;
+    tag_of(message) == Some(tag) && matches!(message, Message::Version { .. }) == asked_version
 }
 
 fn tag_of(message: &Message) -> Option<u8> {

@@ -95,7 +95,9 @@ pub enum Problem {
         refusal: Refusal,
     },
     /// The finger answered something else.
-    #[error("{0}: the answer belongs to another question; is another program using the same finger?")]
+    #[error(
+        "{0}: the answer belongs to another question; is another program using the same finger?"
+    )]
     Confused(&'static str),
     /// A calibration came back other than it was sent.
     #[error("the calibration reads back differently from what was sent; upload it again")]
@@ -130,7 +132,9 @@ fn refused(refusal: &Refusal) -> String {
             "refused, the finger moved meanwhile; the old bias stays, let go and try again".into()
         }
         Refusal::Busy => "refused, a bias is being taken; wait for it".into(),
-        Refusal::OutOfOrder => "refused, bytes of the calibration were lost; upload it again".into(),
+        Refusal::OutOfOrder => {
+            "refused, bytes of the calibration were lost; upload it again".into()
+        }
         Refusal::Calibration(error) => {
             format!("refused, {}; the old calibration stays", calibration(*error))
         }
@@ -145,7 +149,9 @@ fn calibration(error: CalibrationError) -> String {
         CalibrationError::Version { found } => {
             format!("the calibration has version {found}, which this firmware does not read")
         }
-        CalibrationError::Malformed => "the calibration's fields are not those of its version".into(),
+        CalibrationError::Malformed => {
+            "the calibration's fields are not those of its version".into()
+        }
         CalibrationError::Field(field) => format!("the calibration's {field:?} makes no sense"),
     }
 }

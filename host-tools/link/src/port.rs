@@ -29,7 +29,9 @@ pub enum PortError {
     #[error("`{0}` names nothing; write a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE")]
     Empty(String),
     /// Not one of the kinds there are.
-    #[error("`{0}:` is no kind of port; write a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE")]
+    #[error(
+        "`{0}:` is no kind of port; write a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE"
+    )]
     Kind(String),
     /// `tcp:` without host and port.
     #[error("`{0}` is not HOST:PORT; write for example tcp:192.168.1.20:5000 or tcp:[::1]:5000")]

@@ -50,6 +50,8 @@ fn serial(name: &str) -> Result<Transport, Problem> {
         builder = builder.dtr_on_open(true);
     }
     let reader = builder.open().map_err(|error| no_serial(name, &error))?;
+    // What an earlier program left unread; a driver that cannot forget it does no harm.
+    let _ = reader.clear(serialport::ClearBuffer::Input);
     let mut writer = reader.try_clone().map_err(|error| no_serial(name, &error))?;
     writer.set_timeout(WRITE_PATIENCE).map_err(|error| no_serial(name, &error))?;
     Ok(Transport { reader: Box::new(reader), writer: Box::new(writer), finger: None })

@@ -69,7 +69,7 @@ impl VirtualFinger {
         let pty = pty::Pty::open().map_err(open)?;
         let port = Port::Serial(pty.name().to_owned());
         Self::start(port, source, calibration, async move |board, instrument| {
-            pty::serve(pty, board, instrument).await
+            pty.serve(board, instrument).await
         })
     }
 
@@ -93,8 +93,8 @@ impl VirtualFinger {
         calibration: Option<&Calibration>,
     ) -> Result<Self, LinkError> {
         let nowhere = Port::Tcp { host: "virtual finger".to_owned(), port: 0 };
-        let listener = tcp::listen(address)
-            .map_err(|error| Problem::Open(one_line(&error)).at(&nowhere))?;
+        let listener =
+            tcp::listen(address).map_err(|error| Problem::Open(one_line(&error)).at(&nowhere))?;
         let port = match listener.local_addr() {
             Ok(address) => Port::Tcp { host: address.ip().to_string(), port: address.port() },
             Err(error) => return Err(Problem::Open(one_line(&error)).at(&nowhere)),

@@ -72,10 +72,8 @@ impl Bridge {
         let mut spread = stream(device, Purpose::BridgeCrosstalk);
         let mut mismatch = stream(device, Purpose::BridgeMismatch);
         core::array::from_fn(|_| {
-            let mut bridge = Self {
-                taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-                rest: [1.0; 8],
-            };
+            let mut bridge =
+                Self { taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], rest: [1.0; 8] };
             let unit = rand_distr::StandardNormal;
             if scene.has(Effect::BridgeCrosstalk) {
                 let tolerance = [TANGENTIAL_TOLERANCE, TANGENTIAL_TOLERANCE, NORMAL_TOLERANCE];
@@ -126,10 +124,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const PERFECT: Bridge = Bridge {
-        taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        rest: [1.0; 8],
-    };
+    const PERFECT: Bridge =
+        Bridge { taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], rest: [1.0; 8] };
 
     fn outputs([a, b, c, d]: [f64; 4]) -> [f64; 3] {
         [b - a, c - d, (a + b) - (c + d)].map(|u| u / GAIN)

@@ -168,7 +168,10 @@ mod tests {
             // r = a sin(s) takes the infinite slope of the traction at the rim away.
             let s = (i as f64 + 0.5) / R as f64 * std::f64::consts::FRAC_PI_2;
             let r = a * s.sin();
-            let area = r * a * s.cos() * (std::f64::consts::FRAC_PI_2 / R as f64)
+            let area = r
+                * a
+                * s.cos()
+                * (std::f64::consts::FRAC_PI_2 / R as f64)
                 * (std::f64::consts::TAU / T as f64);
             let traction = 3.0 / (2.0 * std::f64::consts::PI * a * a) * s.cos();
             for j in 0..T {

@@ -85,7 +85,8 @@ pub fn point_on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::E
 }
 
 fn on_pad_value(value: f64) -> Result<f64, String> {
-    check(value, -PAD, PAD).map_err(|_| format!("{value} mm is off the pad; allowed are -{PAD} to {PAD}"))
+    check(value, -PAD, PAD)
+        .map_err(|_| format!("{value} mm is off the pad; allowed are -{PAD} to {PAD}"))
 }
 
 /// A stretch of coordinates on the pad.

@@ -84,7 +84,7 @@ pub struct Scene {
 }
 
 /// `[scan]`
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scan {
     /// Frames a second, 1 to 20000.
@@ -242,7 +242,7 @@ impl Default for Light {
 }
 
 /// `[bench]`
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bench {
     /// Number of the sensor, 0 to 3.
@@ -386,11 +386,17 @@ impl Scene {
         self.effects.contains(&effect)
     }
 
+    /// Frames a second.
+    #[must_use]
+    pub fn rate_hz(&self) -> u32 {
+        *self.scan.rate_hz.get_ref()
+    }
+
     /// Frames of one pass.
     #[must_use]
     pub fn frames(&self) -> u64 {
         // Both factors are bounded by their ranges; the product is below 2^31.
-        (self.scan.duration_s * f64::from(*self.scan.rate_hz.get_ref())).round().max(1.0) as u64
+        (self.scan.duration_s * f64::from(self.rate_hz())).round().max(1.0) as u64
     }
 
     /// What no single value can show.

@@ -33,9 +33,7 @@ pub fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
         Purpose::BridgeCrosstalk => 4,
         Purpose::Flicker => 5,
         Purpose::Noise => 6,
-        Purpose::RandomPress(act, press) => {
-            1 << 63 | u64::from(act) << 32 | u64::from(press)
-        }
+        Purpose::RandomPress(act, press) => 1 << 63 | u64::from(act) << 32 | u64::from(press),
     });
     rng
 }

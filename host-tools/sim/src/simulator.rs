@@ -53,7 +53,7 @@ impl Simulator {
             bridges,
             bench: scene.bench.as_ref().map(|bench| *bench.sensor.get_ref()),
             adc: Adc::new(scene, seed),
-            rate_hz: u64::from(*scene.scan.rate_hz.get_ref()),
+            rate_hz: u64::from(scene.rate_hz()),
             step_us: f64::from(scene.scan.step_us),
             frames: scene.frames(),
             endless: false,
@@ -215,8 +215,7 @@ mod tests {
     fn an_endless_run_repeats_the_path_but_not_the_clock_or_the_noise() {
         let scene = Scene::load("press").unwrap();
         let once = scene.frames() as usize;
-        let samples: Vec<Sample> =
-            Simulator::new(&scene, 1).endless().take(2 * once).collect();
+        let samples: Vec<Sample> = Simulator::new(&scene, 1).endless().take(2 * once).collect();
         let (first, second) = (samples[once / 2], samples[once / 2 + once]);
         assert_eq!(first.truth, second.truth);
         assert!(second.scan.time > first.scan.time);

@@ -1,3 +1,64 @@
-//! Build and test tasks of this repository.
+//! Build and test tasks of this repository: `cargo xtask test`, `cargo xtask firmware BOARD`.
+//!
+//! The boards build with whatever can build for a Cortex-M here ([`toolchain`]), so that the committed
+//! cargo configuration names none of it and a clean clone needs one command.
 
-fn main() {}
+mod firmware;
+mod memory;
+mod packages;
+mod run;
+mod steps;
+mod test;
+mod toolchain;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::steps::Steps;
+use crate::toolchain::Choice;
+
+/// Build and test tasks of this repository
+#[derive(Parser)]
+#[command(name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+    /// What builds for the boards: the first that works, rustup's target, or Debian's rustc-web
+    #[arg(long, value_enum, default_value_t = Choice::Auto, global = true)]
+    toolchain: Choice,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Everything that must hold before a change goes in
+    Test {
+        /// Where
+        #[arg(value_enum, default_value_t = test::Part::All)]
+        part: test::Part,
+    },
+    /// Builds the firmware of a board; prints the file on stdout, its sizes on stderr
+    Firmware {
+        /// A folder of `boards/`
+        board: String,
+    },
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let mut steps = Steps::default();
+    let done = match arguments.task {
+        Task::Test { part } => test::all(part, arguments.toolchain, &mut steps),
+        Task::Firmware { board } => firmware::task(&board, arguments.toolchain),
+    };
+    match done {
+        Ok(()) => {
+            steps.summary();
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("xtask: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

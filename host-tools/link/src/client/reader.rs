@@ -220,4 +220,62 @@ mod tests {
     fn a_finger_that_started_anew_is_followed() {
         assert_eq!(lost(&[100_000, 0, 1, 3]), 1);
     }
+
+    fn frame(seq: u32) -> Vec<u8> {
+        let frame = Frame {
+            seq,
+            time: taxel::units::Micros(0),
+            status: taxel::frame::Status::default(),
+            codes: None,
+            signals: None,
+            sensors: None,
+            force: None,
+            point: None,
+        };
+        packed(&Message::Frame(frame))
+    }
+
+    fn packed(message: &Message) -> Vec<u8> {
+        taxel::wire::pack(message, &mut [0; taxel::wire::MAX_PACKET]).unwrap().to_vec()
+    }
+
+    /// What becomes of these bytes after a request with tag 9 to start the stream.
+    fn read(packets: &[Vec<u8>], queue: usize) -> (Counts, Vec<u32>) {
+        let shared = Arc::new(Shared::default());
+        shared.start_tag.store(9, Ordering::Release);
+        let (replies, _replies) = std::sync::mpsc::channel();
+        let (frames, received) = std::sync::mpsc::sync_channel(queue);
+        let bytes = Box::new(std::io::Cursor::new(packets.concat()));
+        Reader::new(bytes, replies, frames, Arc::clone(&shared)).run();
+        (shared.counts(), received.iter().map(|received| received.frame.seq).collect())
+    }
+
+    fn started() -> Vec<u8> {
+        let result = Ok(taxel::wire::message::Response::Done);
+        packed(&Message::Reply { tag: 9, result })
+    }
+
+    #[test]
+    fn frames_count_from_the_answer_on_that_starts_the_stream() {
+        let stale = [frame(3), frame(80)].concat();
+        let (counts, seqs) = read(&[stale, started(), frame(90), frame(91)], 10);
+        assert_eq!(seqs, [90, 91]);
+        assert_eq!(counts, Counts { frames: 2, ..Counts::default() });
+    }
+
+    #[test]
+    fn a_torn_start_is_no_bad_packet_but_a_torn_packet_later_is_one_and_a_lost_frame() {
+        let torn = frame(1).split_off(4);
+        let damaged = frame(11).iter().map(|byte| byte ^ u8::from(*byte > 1)).collect();
+        let (counts, seqs) = read(&[torn, started(), frame(10), damaged, frame(12)], 10);
+        assert_eq!(seqs, [10, 12]);
+        assert_eq!(counts, Counts { frames: 2, lost: 1, bad_packets: 1, overflow: 0 });
+    }
+
+    #[test]
+    fn frames_that_nobody_takes_are_counted_and_not_kept() {
+        let (counts, seqs) = read(&[started(), frame(0), frame(1), frame(2)], 2);
+        assert_eq!(seqs, [0, 1]);
+        assert_eq!(counts, Counts { frames: 3, overflow: 1, ..Counts::default() });
+    }
 }

@@ -43,7 +43,7 @@ impl Source {
     /// There is no such scene, or something in it is wrong.
     pub fn scene(name: &str) -> Result<Self, LinkError> {
         let scene = Scene::load(name)?;
-        Ok(Self::samples(name, Simulator::new(&scene, SEED)))
+        Ok(Self::samples(name, Simulator::new(&scene, SEED).endless()))
     }
 
     fn fallible(

@@ -1,0 +1,7 @@
+//! A file a command.
+
+pub mod bias;
+pub mod demo;
+pub mod info;
+pub mod record;
+pub mod set;

@@ -1,0 +1,123 @@
+//! `taxel calibrate evaluate`.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::Serialize;
+use taxel_fit::evaluate;
+use taxel_fit::metrics::TargetMetrics;
+use taxel_fit::recording::Recording;
+use taxel_fit::table::{self, TableModel, TableRecording};
+use taxel_formats::calibration::{self, Kind};
+use taxel_formats::stretch::Stretch;
+
+use crate::output;
+
+/// Judges a calibration on a recording that it has not seen.
+///
+/// Every reference column is compared with what the finger says, computed by the very code that runs on
+/// the chip. Error is estimate − reference; bias is its mean, sigma its standard deviation, max the largest
+/// absolute error. Rows that the finger gives no value for are counted with the reason.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The recording, or a stretch of it in seconds.
+    #[arg(long, value_name = "FILE[@FROM..TO]")]
+    data: Stretch,
+    /// The calibration.
+    #[arg(long, value_name = "CAL.toml")]
+    calibration: PathBuf,
+    /// Print one JSON object with an entry per target: rmse, sigma, max, bias, n, withheld.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Figures of a target; none where nothing could be judged.
+#[derive(Serialize)]
+struct Figures<'m> {
+    rmse: Option<f64>,
+    sigma: Option<f64>,
+    max: Option<f64>,
+    bias: Option<f64>,
+    n: usize,
+    withheld: &'m BTreeMap<String, usize>,
+}
+
+impl<'m> Figures<'m> {
+    fn new(metrics: &'m TargetMetrics) -> Self {
+        let figures = metrics.figures.as_ref();
+        Self {
+            rmse: figures.map(|f| f.rmse),
+            sigma: figures.map(|f| f.sigma),
+            max: figures.map(|f| f.max),
+            bias: figures.map(|f| f.bias),
+            n: figures.map_or(0, |f| f.n),
+            withheld: &metrics.withheld,
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A file is wrong, or calibration and recording do not fit each other.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let metrics = match calibration::kind(&args.calibration)? {
+        Kind::Finger => {
+            let calibration = calibration::read(&args.calibration)?;
+            evaluate::finger(&calibration, &Recording::read(&args.data)?)
+        }
+        Kind::Table => {
+            let model: TableModel = calibration::read_table(&args.calibration)?;
+            let recording =
+                TableRecording::read(&args.data, &words(&model.inputs), &words(&model.targets))?;
+            let evaluation = table::evaluate(&model, &recording)?;
+            if evaluation.beyond_range > 0 {
+                eprintln!(
+                    "taxel: warning: {} rows have inputs beyond what training saw",
+                    evaluation.beyond_range
+                );
+            }
+            evaluation.targets
+        }
+    };
+    anyhow::ensure!(
+        metrics.iter().any(|m| m.figures.is_some() || !m.withheld.is_empty()),
+        "{}: nothing to judge; the recording needs reference columns (fx_n fy_n fz_n x_mm y_mm) of \
+         something that the calibration estimates",
+        args.data.path.display()
+    );
+    print(&metrics, args.json)
+}
+
+fn words(list: &[String]) -> Vec<&str> {
+    list.iter().map(String::as_str).collect()
+}
+
+fn print(metrics: &[TargetMetrics], json: bool) -> anyhow::Result<()> {
+    if json {
+        let targets: BTreeMap<&str, Figures> =
+            metrics.iter().map(|m| (m.target.as_str(), Figures::new(m))).collect();
+        return output::json(&targets);
+    }
+    output::line(format!(
+        "{:<12} {:>10} {:>10} {:>10} {:>10} {:>8}  withheld",
+        "target", "rmse", "sigma", "max", "bias", "n"
+    ))?;
+    for metrics in metrics {
+        let figures = Figures::new(metrics);
+        let cell = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.5}"));
+        let withheld: Vec<String> =
+            metrics.withheld.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
+        output::line(format!(
+            "{:<12} {:>10} {:>10} {:>10} {:>10} {:>8}  {}",
+            metrics.target,
+            cell(figures.rmse),
+            cell(figures.sigma),
+            cell(figures.max),
+            cell(figures.bias),
+            figures.n,
+            withheld.join(", ")
+        ))?;
+    }
+    Ok(())
+}

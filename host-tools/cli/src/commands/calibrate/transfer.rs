@@ -1,0 +1,59 @@
+//! `taxel calibrate upload` and `download`.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use indicatif::ProgressBar;
+use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel_formats::calibration;
+
+use crate::finger::PortArg;
+use crate::output;
+
+/// Puts a calibration in force on a finger and reads it back.
+#[derive(clap::Args)]
+pub struct UploadArgs {
+    #[command(flatten)]
+    port: PortArg,
+    /// The calibration.
+    #[arg(long, value_name = "CAL.toml")]
+    calibration: PathBuf,
+}
+
+/// Writes the calibration in force on a finger to a file.
+#[derive(clap::Args)]
+pub struct DownloadArgs {
+    #[command(flatten)]
+    port: PortArg,
+    /// File to write.
+    #[arg(long, value_name = "CAL.toml")]
+    out: PathBuf,
+}
+
+/// Runs `upload`.
+///
+/// # Errors
+/// The file is wrong, or the finger refused.
+pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
+    let record = calibration::read(&args.calibration)?;
+    let mut buffer = [0; MAX_BYTES];
+    let bytes = record.to_bytes(&mut buffer).map_err(|e| anyhow::anyhow!("not a record: {e:?}"))?;
+    let client = args.port.connect()?;
+    let bar = ProgressBar::new(bytes.len() as u64);
+    client.upload_calibration(bytes, |sent| bar.set_position(sent as u64))?;
+    bar.finish_and_clear();
+    output::line(format!("{}: {} bytes uploaded and read back", args.port.port, bytes.len()))
+}
+
+/// Runs `download`.
+///
+/// # Errors
+/// The finger has none, or the file cannot be written.
+pub fn download(args: DownloadArgs) -> anyhow::Result<()> {
+    let bytes = args.port.connect()?.download_calibration()?;
+    let record = Calibration::from_bytes(&bytes)
+        .map_err(|error| anyhow::anyhow!("what came back is no calibration: {error:?}"))
+        .with_context(|| args.port.port.to_string())?;
+    calibration::write(&args.out, &record)?;
+    output::line(format!("wrote {}", args.out.display()))
+}

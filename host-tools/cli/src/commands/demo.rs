@@ -1,0 +1,145 @@
+//! `taxel demo`: a virtual finger, a real client, and what the frames are worth.
+//!
+//! The client connects to the finger as it would to hardware, through the operating system. All that
+//! the demo knows more is the truth.
+
+mod live;
+mod score;
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use taxel::frame::Frame;
+use taxel_formats::trace::Truth;
+use taxel_link::{Client, Port, Source, VirtualFinger};
+
+use crate::finger::virtual_calibration;
+use crate::interrupt::Interrupt;
+use crate::{output, stream};
+use live::Live;
+use score::{Accuracy, Score};
+
+/// Runs a virtual finger and shows what it feels: no hardware needed.
+#[derive(clap::Args)]
+pub struct Args {
+    /// What happens to the finger: a built-in scene, or the path of a TOML file.
+    #[arg(long, default_value = "tour")]
+    scene: String,
+    /// Seconds to run [default: until Ctrl-C].
+    #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
+    duration: Option<f64>,
+    /// Show nothing until the summary.
+    #[arg(long)]
+    headless: bool,
+    /// Print the summary as JSON.
+    #[arg(long)]
+    json: bool,
+    /// Calibration of the finger.
+    #[arg(long, value_name = "CAL")]
+    calibration: Option<PathBuf>,
+    /// Put the finger behind this TCP address instead of a pseudo-terminal.
+    #[arg(long, value_name = "HOST:PORT")]
+    tcp: Option<String>,
+}
+
+/// A finger whose truth is known.
+trait Performer {
+    /// Where to connect.
+    fn port(&self) -> &Port;
+    /// What really happened in the scan of `frame`.
+    fn truth(&self, frame: &Frame) -> Option<Truth>;
+}
+
+impl Performer for VirtualFinger {
+    fn port(&self) -> &Port {
+        self.port()
+    }
+
+    fn truth(&self, frame: &Frame) -> Option<Truth> {
+        self.truth().take(frame.time)
+    }
+}
+
+/// The summary.
+#[derive(Serialize)]
+struct Report {
+    #[serde(flatten)]
+    stream: stream::Summary,
+    /// Root mean square error per target, over the frames in contact.
+    #[serde(flatten)]
+    accuracy: Accuracy,
+    /// Resident memory of this process in bytes, where the system tells.
+    memory_start: Option<u64>,
+    memory_end: Option<u64>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// The scene or the calibration is wrong, or the finger cannot be reached.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let interrupt = Interrupt::watch()?;
+    let calibration = virtual_calibration(args.calibration.as_deref())?;
+    let source = Source::scene(&args.scene)?;
+    let finger = match &args.tcp {
+        Some(address) => VirtualFinger::on_tcp(address, source, calibration.as_ref())?,
+        None if cfg!(unix) => VirtualFinger::on_pty(source, calibration.as_ref())?,
+        None => VirtualFinger::on_tcp("127.0.0.1:0", source, calibration.as_ref())?,
+    };
+    perform(&finger, &args, &interrupt)
+}
+
+fn perform(finger: &impl Performer, args: &Args, interrupt: &Interrupt) -> anyhow::Result<()> {
+    let client = Client::open(finger.port(), None)?;
+    if !args.headless {
+        eprintln!("virtual finger at {}, scene {}", finger.port(), args.scene);
+    }
+    let mut live = Live::new(!args.headless);
+    let mut score = Score::default();
+    let memory_start = resident();
+    let ended = stream::run(&client, args.duration, interrupt, |received| {
+        if let Some(truth) = finger.truth(&received.frame) {
+            score.add(&received.frame, &truth);
+        }
+        live.show(received, &client.counts());
+        Ok(())
+    })?;
+    live.clear();
+    if let Some(error) = ended.broken {
+        return Err(error);
+    }
+    let report = Report {
+        stream: ended.summary,
+        accuracy: score.accuracy(),
+        memory_start,
+        memory_end: resident(),
+    };
+    if args.json { output::json(&report) } else { output::line(as_text(&report)) }
+}
+
+fn as_text(report: &Report) -> String {
+    let Report { stream, accuracy, .. } = report;
+    let mut text = format!(
+        "{:.1} s: {} frames, {} lost, {:.1} Hz",
+        stream.duration_s, stream.frames, stream.lost, stream.rate_hz
+    );
+    for (target, rmse, compared) in accuracy.rows() {
+        text += &match rmse {
+            Some(rmse) => format!("\n{target:5} RMSE {rmse:.4} over {compared} frames in contact"),
+            None => format!("\n{target:5} no value to compare with the truth"),
+        };
+    }
+    if let (Some(start), Some(end)) = (report.memory_start, report.memory_end) {
+        let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+        text += &format!(
+            "\nmemory {:.1} MiB at the start, {:.1} MiB at the end",
+            mebibytes(start),
+            mebibytes(end)
+        );
+    }
+    text
+}
+
+fn resident() -> Option<u64> {
+    memory_stats::memory_stats().map(|stats| stats.physical_mem as u64)
+}

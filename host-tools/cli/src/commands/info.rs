@@ -1,0 +1,131 @@
+//! `taxel info`: who the finger is and how it is doing.
+
+use std::time::{Duration, UNIX_EPOCH};
+
+use serde_json::json;
+use taxel::estimate::contact_point::PointMethod;
+use taxel::wire::message::{CalibrationId, Info};
+use taxel_link::client::Version;
+use taxel_link::fields;
+
+use crate::finger::PortArg;
+use crate::output;
+
+/// Shows who the finger is, its settings, and what it has counted.
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    port: PortArg,
+    /// Print it as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// The finger cannot be reached.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let client = args.port.connect()?;
+    let (version, info) = (client.version(), client.info()?);
+    if args.json {
+        output::json(&as_json(version, &info))
+    } else {
+        output::line(as_text(version, &info))
+    }
+}
+
+fn as_text(version: Version, info: &Info) -> String {
+    let Info { identity, counters, cost, .. } = info;
+    let micros = |ticks: u32| f64::from(ticks) * 1e6 / f64::from(identity.tick_hz.max(1));
+    let calibration = match &info.calibration {
+        Some(id) => format!("{} of {}, CRC {:08x}", id.serial, date(id), id.crc),
+        None => {
+            "none, so that there are no forces; `taxel calibrate upload` installs one".to_owned()
+        }
+    };
+    [
+        format!(
+            "finger       {}, serial {}, build {}",
+            identity.board, identity.serial, identity.build
+        ),
+        format!("firmware     {}, protocol {}", firmware(version), version.protocol),
+        format!(
+            "scan         {} Hz, full scale {}",
+            identity.scan_hz,
+            identity.full_scale.top().0
+        ),
+        format!(
+            "stream       {} Hz, {}, fields {}",
+            f64::from(info.rate_millihertz) / 1000.0,
+            if info.streaming { "on" } else { "off" },
+            fields::list(info.fields)
+        ),
+        format!("point        {}", point(info.point_method)),
+        format!("calibration  {calibration}"),
+        format!("bias         {}", if info.biased { "taken on command" } else { "the calibration's" }),
+        format!(
+            "counted      {} scans, {} overruns, {} frames, {} lost, {} bad packets, {} lost replies",
+            counters.scans,
+            counters.overruns,
+            counters.frames,
+            counters.lost,
+            counters.bad_packets,
+            counters.lost_replies
+        ),
+        format!("cost         {:.1} µs a scan, worst {:.1} µs", micros(cost.last), micros(cost.worst)),
+    ]
+    .join("\n")
+}
+
+fn as_json(version: Version, info: &Info) -> serde_json::Value {
+    let Info { identity, counters, cost, .. } = info;
+    json!({
+        "board": identity.board.as_str(),
+        "serial": identity.serial.as_str(),
+        "build": identity.build.as_str(),
+        "firmware": firmware(version),
+        "protocol": version.protocol,
+        "scan_hz": identity.scan_hz,
+        "full_scale": identity.full_scale.top().0,
+        "rate_hz": f64::from(info.rate_millihertz) / 1000.0,
+        "streaming": info.streaming,
+        "fields": fields::list(info.fields),
+        "point": point(info.point_method),
+        "biased": info.biased,
+        "calibration": info.calibration.as_ref().map(|id| json!({
+            "serial": id.serial.as_str(),
+            "date": date(id),
+            "crc": format!("{:08x}", id.crc),
+        })),
+        "counters": {
+            "scans": counters.scans,
+            "overruns": counters.overruns,
+            "frames": counters.frames,
+            "lost": counters.lost,
+            "bad_packets": counters.bad_packets,
+            "lost_replies": counters.lost_replies,
+        },
+        "cost": { "last": cost.last, "worst": cost.worst, "tick_hz": identity.tick_hz },
+    })
+}
+
+fn firmware(version: Version) -> String {
+    version.firmware.map(|part| part.to_string()).join(".")
+}
+
+/// 9999-12-31, the last date that can be written.
+const LAST_DATE: u64 = 253_402_300_799;
+
+fn date(id: &CalibrationId) -> String {
+    let at = UNIX_EPOCH + Duration::from_secs(id.date.min(LAST_DATE));
+    humantime::format_rfc3339_seconds(at).to_string()
+}
+
+/// A contact point method, as `taxel set --point` takes it.
+fn point(method: PointMethod) -> &'static str {
+    match method {
+        PointMethod::Centroid => "centroid",
+        PointMethod::ArgMin => "argmin",
+    }
+}

@@ -1,0 +1,409 @@
+//! From a finger's recordings to its calibration record.
+//!
+//! What a recording is for is found in it: where exactly one MEMS sensor answers to the load while the
+//! others stay within their noise, the reference force is the force on that sensor (a bench recording:
+//! S and b are fitted). Where none or several answer, it is the force on the finger (the net is
+//! fitted). Reference columns `s0_fx_n` … fit their sensor wherever they are.
+
+use std::sync::atomic::AtomicBool;
+
+use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
+use taxel::condition::{Bias, Levels, Signals};
+use taxel::estimate::gate::Gate;
+use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
+use taxel::estimate::sensitivity::Sensitivity;
+use taxel::scan::{SENSORS, TAXELS};
+
+use crate::error::FitError;
+use crate::least_squares;
+use crate::network::{self, Net, NetOptions, Progress};
+use crate::range::trained_range;
+use crate::recording::Recording;
+
+/// A shear below this share of the normal force is none: the recordings are of normal presses.
+const NO_SHEAR: f64 = 0.01;
+/// A sensor answers if its signals reach this many times its noise in one row of a hundred …
+const ANSWERS: f32 = 8.0;
+/// … and this share of the signals of the sensor that answers most.
+const ANSWERS_SHARE: f32 = 0.02;
+/// Signal to noise of S's weakest direction below which the fit warns: 1/20² is 0.25 % of S.
+const WEAK: f64 = 20.0;
+
+/// What the recordings are for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Subject {
+    /// Find out from each recording.
+    #[default]
+    Found,
+    /// The reference is the force on this sensor.
+    Sensor(usize),
+    /// The reference is the force on the finger.
+    Finger,
+}
+
+/// How to fit a finger.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FitOptions {
+    /// What the recordings are for.
+    pub subject: Subject,
+    /// Hidden units; as 002 by default: 16 with shear, 12 without.
+    pub hidden: Option<usize>,
+    /// Outputs: 3 with shear, 1 (f_z) without; found in the recordings by default.
+    pub outputs: Option<usize>,
+    /// Training of the net.
+    pub net: NetOptions,
+    /// Serial number for the record.
+    pub serial: heapless::String<32>,
+    /// Date for the record, seconds since 1970-01-01 UTC.
+    pub date: u64,
+}
+
+/// A finger's calibration and how it came about.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fitted {
+    /// The record.
+    pub calibration: Calibration,
+    /// What the user should look at, in full sentences.
+    pub warnings: Vec<String>,
+    /// What was fitted.
+    pub parts: Vec<Part>,
+}
+
+/// One fitted part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// `s0`, or `net 16-16-3`.
+    pub name: String,
+    /// Rows of the recordings it was fitted to, before thinning.
+    pub rows: usize,
+    /// Rows left out because a channel was saturated, dead or faulty.
+    pub faulty: usize,
+    /// Condition number of a sensor's signals.
+    pub condition: Option<f64>,
+    /// Of a net's parameters, how many the data determine.
+    pub effective: Option<f64>,
+    /// RMS error of the fit per reference component, newtons.
+    pub residual: Vec<f64>,
+}
+
+/// Fits all that the recordings hold. When `stop` becomes true the best so far is returned.
+///
+/// # Errors
+/// What the recordings lack, and how to mend it.
+pub fn fit(
+    recordings: &[Recording],
+    options: &FitOptions,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Fitted, FitError> {
+    if recordings.is_empty() {
+        return Err(FitError::NoRecording);
+    }
+    let recordings: Vec<Prepared<'_>> =
+        recordings.iter().map(Prepared::new).collect::<Result<_, _>>()?;
+    let subjects: Vec<Subject> = recordings
+        .iter()
+        .map(|recording| match options.subject {
+            Subject::Found => recording.subject(),
+            subject => subject,
+        })
+        .collect();
+    let mut fitted = Fitted {
+        calibration: Calibration {
+            serial: options.serial.clone(),
+            date: options.date,
+            ..Calibration::default()
+        },
+        warnings: Vec::new(),
+        parts: Vec::new(),
+    };
+    for sensor in 0..SENSORS {
+        let own: Vec<(&Prepared<'_>, bool)> = recordings
+            .iter()
+            .zip(&subjects)
+            .filter_map(|(recording, subject)| {
+                let bench = *subject == Subject::Sensor(sensor);
+                (bench || recording.has_truth_of(sensor)).then_some((recording, bench))
+            })
+            .collect();
+        if !own.is_empty() {
+            fit_sensor(&mut fitted, sensor, &own)?;
+        }
+    }
+    let fingers: Vec<&Prepared<'_>> = recordings
+        .iter()
+        .zip(&subjects)
+        .filter(|(recording, subject)| {
+            // With references of single sensors and no optical matrix there is nothing left to fit.
+            **subject == Subject::Finger
+                && (recording.bias.taxels.is_some() || fitted.parts.is_empty())
+        })
+        .map(|(recording, _)| recording)
+        .collect();
+    if !fingers.is_empty() {
+        fit_net(&mut fitted, &fingers, options, progress, stop)?;
+    }
+    if let Subject::Sensor(sensor) = options.subject
+        && sensor >= SENSORS
+    {
+        let problem = format!("a finger has sensors s0 … s{}", SENSORS - 1);
+        return Err(FitError::Shape { part: format!("s{sensor}"), problem });
+    }
+    fitted.calibration.validate().map_err(FitError::Record)?;
+    Ok(fitted)
+}
+
+/// A recording with its signals as the chip sees them.
+struct Prepared<'r> {
+    recording: &'r Recording,
+    bias: Bias,
+    signals: Vec<Signals>,
+}
+
+impl<'r> Prepared<'r> {
+    fn new(recording: &'r Recording) -> Result<Self, FitError> {
+        let bias = recording.bias()?;
+        let signals = recording
+            .samples
+            .iter()
+            .map(|sample| bias.apply(Levels::read(&sample.scan.codes)))
+            .collect();
+        Ok(Self { recording, bias, signals })
+    }
+
+    /// How far a sensor's signals stand out of its noise: the 99th percentile over the recording.
+    fn answer(&self, sensor: usize) -> f32 {
+        let Some(bias) = self.bias.bridges[sensor] else { return 0.0 };
+        let mut ratios: Vec<f32> = self
+            .signals
+            .iter()
+            .filter_map(|s| s.bridges[sensor])
+            .map(|u| (u.iter().map(|u| u * u).sum::<f32>() / 3.0).sqrt() / bias.noise)
+            .collect();
+        ratios.sort_by(f32::total_cmp);
+        ratios.get(ratios.len() * 99 / 100).copied().unwrap_or_default()
+    }
+
+    /// A bench recording if exactly one sensor answers, else the finger's.
+    fn subject(&self) -> Subject {
+        let answers: [f32; SENSORS] = std::array::from_fn(|sensor| self.answer(sensor));
+        let most = answers.iter().copied().fold(0.0, f32::max);
+        let mut responding = answers
+            .iter()
+            .enumerate()
+            .filter(|(_, answer)| **answer > ANSWERS.max(ANSWERS_SHARE * most));
+        match (responding.next(), responding.next()) {
+            (Some((sensor, _)), None) => Subject::Sensor(sensor),
+            _ => Subject::Finger,
+        }
+    }
+
+    fn has_truth_of(&self, sensor: usize) -> bool {
+        self.recording.samples.iter().all(|s| s.truth.sensors[sensor].iter().all(Option::is_some))
+    }
+}
+
+/// All three components, if all are known.
+fn known(force: [Option<f64>; 3]) -> Option<[f64; 3]> {
+    let [x, y, z] = force;
+    Some([x?, y?, z?])
+}
+
+fn fit_sensor(
+    fitted: &mut Fitted,
+    sensor: usize,
+    recordings: &[(&Prepared<'_>, bool)],
+) -> Result<(), FitError> {
+    let name = format!("s{sensor}");
+    let (mut signals, mut forces, mut faulty) = (Vec::new(), Vec::new(), 0);
+    let mut first_bias = None;
+    for (recording, bench) in recordings {
+        let missing = |missing: String, mend: &str| FitError::Missing {
+            recording: recording.recording.name.clone(),
+            missing,
+            mend: mend.into(),
+        };
+        let bias = recording.bias.bridges[sensor].ok_or_else(|| {
+            missing(
+                format!("columns bridge_{name}_a … bridge_{name}_d"),
+                "record that sensor, or choose another",
+            )
+        })?;
+        first_bias.get_or_insert(bias);
+        for (sample, signal) in recording.recording.samples.iter().zip(&recording.signals) {
+            let truth = known(sample.truth.sensors[sensor])
+                .or_else(|| bench.then(|| known(sample.truth.force)).flatten());
+            let (Some(force), Some(u)) = (truth, signal.bridges[sensor]) else { continue };
+            if signal.health.bridge_faults >> sensor & 1 == 1 {
+                faulty += 1;
+                continue;
+            }
+            signals.push(u.map(f64::from));
+            forces.push(force);
+        }
+        if signals.is_empty() && faulty == 0 {
+            return Err(missing(
+                "reference columns fx_n, fy_n, fz_n".into(),
+                "record a three-axis reference along with the sensor",
+            ));
+        }
+    }
+    let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
+    let fit = least_squares::fit(&name, &signals, &forces, f64::from(bias.noise))?;
+    if fit.ratio < WEAK {
+        fitted.warnings.push(format!(
+            "{name}: in one direction the signals stand only {:.0} times out of their noise; load it \
+             more evenly in x, y and z for a surer matrix",
+            fit.ratio
+        ));
+    }
+    let columns = |j: usize| signals.iter().map(move |u| u[j] as f32);
+    fitted.calibration.sensors[sensor] = Some(SensorCalibration {
+        bias,
+        sensitivity: Sensitivity(fit.s.map(|row| row.map(|s| s as f32))),
+        range: std::array::from_fn(|j| trained_range(columns(j), bias.noise)),
+        residual: fit.rms.map(|rms| rms as f32),
+    });
+    fitted.parts.push(Part {
+        name,
+        rows: signals.len(),
+        faulty,
+        condition: Some(fit.condition),
+        effective: None,
+        residual: fit.rms.to_vec(),
+    });
+    Ok(())
+}
+
+fn fit_net(
+    fitted: &mut Fitted,
+    recordings: &[&Prepared<'_>],
+    options: &FitOptions,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<(), FitError> {
+    let outputs = match options.outputs {
+        None => outputs_of(recordings),
+        Some(outputs) => outputs,
+    };
+    let hidden = options.hidden.unwrap_or(if outputs == 1 { 12 } else { 16 });
+    let name = format!("net {TAXELS}-{hidden}-{outputs}");
+    if !matches!(outputs, 1 | 3) || !(1..=MAX_HIDDEN).contains(&hidden) {
+        let problem = format!("a record holds 1 or 3 outputs and 1 … {MAX_HIDDEN} hidden units");
+        return Err(FitError::Shape { part: name, problem });
+    }
+    let (mut x, mut y, mut faulty) = (Vec::new(), Vec::new(), 0);
+    let mut first_bias = None;
+    for recording in recordings {
+        let missing = |missing: &str, mend: &str| FitError::Missing {
+            recording: recording.recording.name.clone(),
+            missing: missing.into(),
+            mend: mend.into(),
+        };
+        let bias = recording.bias.taxels.ok_or_else(|| {
+            missing("columns lit_r0c0 … dark_c3", "the net needs the optical matrix")
+        })?;
+        first_bias.get_or_insert(bias);
+        let before = x.len() + faulty;
+        let own = Bias { taxels: Some(bias), ..Bias::default() };
+        let gate = Gate::default();
+        for (sample, signals) in recording.recording.samples.iter().zip(&recording.signals) {
+            let [fx, fy, fz] = sample.truth.force;
+            let target = if outputs == 1 {
+                fz.map(|z| vec![z])
+            } else {
+                known([fx, fy, fz]).map(|force| force.to_vec())
+            };
+            let (Some(target), Some(c)) = (target, signals.taxels) else { continue };
+            // What the net never sees on the chip must not shape it: rows below the gate.
+            let alone = Signals { taxels: Some(c), ..Signals::default() };
+            if signals.health.dead != 0 || signals.health.saturated != 0 {
+                faulty += 1;
+            } else if own.activity(&alone) > gate.off * gate.off {
+                x.push(c.map(f64::from).to_vec());
+                y.push(target);
+            }
+        }
+        if x.len() + faulty == before {
+            let no_reference = recording.recording.samples.iter().all(|s| s.truth.force[2].is_none());
+            return Err(match (no_reference, outputs) {
+                (true, _) => missing("reference column fz_n", "record a reference along with it"),
+                (false, 3) if recording.recording.samples.iter().all(|s| s.truth.force[0].is_none()) => {
+                    missing("reference columns fx_n, fy_n", "add them, or fit fz_n alone (1 output)")
+                }
+                _ => FitError::NoLoad { part: format!("{name}: {}", recording.recording.name) },
+            });
+        }
+    }
+    let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
+    warn_of_faults(fitted, &name, faulty, x.len(), &x);
+    let net = network::fit(&name, &x, &y, hidden, options.net, progress, stop)?;
+    let residual = residual(&net, &x, &y);
+    fitted.parts.push(Part {
+        name,
+        rows: x.len(),
+        faulty,
+        condition: None,
+        effective: Some(net.effective),
+        residual: residual.clone(),
+    });
+    fitted.calibration.taxels = Some(TaxelCalibration {
+        bias,
+        range: ranges(&x, bias.noise),
+        net: Some(ForceNet {
+            hidden: net.hidden.iter().copied().collect(),
+            hidden_bias: net.hidden_bias.iter().copied().collect(),
+            output: net.output.iter().copied().collect(),
+            output_bias: net.output_bias.iter().copied().collect(),
+        }),
+        residual: std::array::from_fn(|k| residual.get(k).map_or(0.0, |r| *r as f32)),
+    });
+    Ok(())
+}
+
+fn ranges(x: &[Vec<f64>], noise: f32) -> [Range; TAXELS] {
+    std::array::from_fn(|k| trained_range(x.iter().map(|row| row[k] as f32), noise))
+}
+
+/// RMS error per output, by the arithmetic of the chip.
+fn residual(net: &Net, x: &[Vec<f64>], y: &[Vec<f64>]) -> Vec<f64> {
+    let mut squares = vec![0.0; net.output_bias.len()];
+    for (x, y) in x.iter().zip(y) {
+        let x: Vec<f32> = x.iter().map(|x| *x as f32).collect();
+        for ((sum, found), wanted) in squares.iter_mut().zip(net.outputs(&x)).zip(y) {
+            *sum += (f64::from(found) - wanted).powi(2);
+        }
+    }
+    squares.iter().map(|sum| (sum / x.len().max(1) as f64).sqrt()).collect()
+}
+
+/// Three outputs where any recording holds shear, else one.
+fn outputs_of(recordings: &[&Prepared<'_>]) -> usize {
+    let peak = |axes: &[usize]| {
+        let samples = recordings.iter().flat_map(|r| &r.recording.samples);
+        samples
+            .flat_map(|s| axes.iter().filter_map(|axis| s.truth.force[*axis]))
+            .fold(0.0, |peak: f64, f| peak.max(f.abs()))
+    };
+    if peak(&[0, 1]) > NO_SHEAR * peak(&[2]) { 3 } else { 1 }
+}
+
+fn warn_of_faults(fitted: &mut Fitted, name: &str, faulty: usize, rows: usize, x: &[Vec<f64>]) {
+    if faulty > 0 {
+        fitted.warnings.push(format!(
+            "{name}: {faulty} of {} loaded or faulty rows have a saturated or dead taxel and were left \
+             out; lower the light or mend the taxel",
+            faulty + rows
+        ));
+    }
+    for k in 0..TAXELS {
+        let same = x.first().is_some_and(|first| x.iter().all(|row| row[k] == first[k]));
+        if same {
+            fitted.warnings.push(format!(
+                "{name}: taxel r{}c{} reads the same in every row and is ignored; is it connected?",
+                k / 4,
+                k % 4
+            ));
+        }
+    }
+}

@@ -1,0 +1,232 @@
+//! Somebody else's sensor: any CSV with N input columns and some reference columns.
+
+use std::sync::atomic::AtomicBool;
+
+use serde::{Deserialize, Serialize};
+use taxel::calibration::Range;
+use taxel::estimate::net::forward;
+use taxel_formats::FileError;
+use taxel_formats::stretch::Stretch;
+use taxel_formats::table::{self, Table};
+
+use crate::error::FitError;
+use crate::metrics::{Errors, TargetMetrics};
+use crate::network::{self, NetOptions, Progress};
+use crate::range::trained_range;
+
+/// Rows of a table with their references.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TableRecording {
+    /// The sensor's channels.
+    pub inputs: Table,
+    /// The references, row for row.
+    pub targets: Table,
+}
+
+impl TableRecording {
+    /// Reads a stretch of a file; `*` in a pattern stands for any text.
+    ///
+    /// # Errors
+    /// What is wrong with the file.
+    pub fn read(stretch: &Stretch, inputs: &[&str], targets: &[&str]) -> Result<Self, FileError> {
+        Ok(Self { inputs: table::read(stretch, inputs)?, targets: table::read(stretch, targets)? })
+    }
+
+    fn name(&self) -> String {
+        self.inputs.path.display().to_string()
+    }
+}
+
+/// How to fit a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TableOptions {
+    /// Hidden units.
+    pub hidden: usize,
+    /// Training of the net.
+    pub net: NetOptions,
+}
+
+impl Default for TableOptions {
+    fn default() -> Self {
+        Self { hidden: 16, net: NetOptions::default() }
+    }
+}
+
+/// A net from N named inputs to some named targets, for [`taxel::estimate::net::forward`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TableModel {
+    /// Names of the input columns, in the order of the weights.
+    pub inputs: Vec<String>,
+    /// Names of the targets.
+    pub targets: Vec<String>,
+    /// Range of each input in training, margin included.
+    pub range: Vec<Range>,
+    /// W, a row a unit.
+    pub hidden: Vec<f32>,
+    /// a.
+    pub hidden_bias: Vec<f32>,
+    /// V, a row a target.
+    pub output: Vec<f32>,
+    /// b.
+    pub output_bias: Vec<f32>,
+    /// RMS error of the fit, in the targets' units.
+    pub residual: Vec<f32>,
+}
+
+impl TableModel {
+    /// The targets for one row of inputs.
+    #[must_use]
+    pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
+        let mut units = vec![0.0; self.hidden_bias.len()];
+        let mut y = self.output_bias.clone();
+        let (hidden, output) =
+            ((&*self.hidden, &*self.hidden_bias), (&*self.output, &*self.output_bias));
+        forward(inputs, hidden, output, &mut units, &mut y);
+        y
+    }
+
+    /// Every input lies within what training saw.
+    #[must_use]
+    pub fn within_range(&self, inputs: &[f32]) -> bool {
+        self.range.iter().zip(inputs).all(|([low, high], x)| (low..=high).contains(&x))
+    }
+}
+
+/// A table's model and how it came about.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedTable {
+    /// The model.
+    pub model: TableModel,
+    /// What the user should look at.
+    pub warnings: Vec<String>,
+    /// Rows of the recordings.
+    pub rows: usize,
+    /// How many of the net's parameters the data determine.
+    pub effective: f64,
+}
+
+/// Fits a net to some recordings. When `stop` becomes true the best so far is returned.
+///
+/// # Errors
+/// What the recordings lack, and how to mend it.
+pub fn fit(
+    recordings: &[TableRecording],
+    options: &TableOptions,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<FittedTable, FitError> {
+    let first = recordings.first().ok_or(FitError::NoRecording)?;
+    let (mut x, mut y) = (Vec::new(), Vec::new());
+    for recording in recordings {
+        if recording.inputs.rows.is_empty() {
+            return Err(FitError::Empty { recording: recording.name() });
+        }
+        for (table, wanted) in
+            [(&recording.inputs, &first.inputs), (&recording.targets, &first.targets)]
+        {
+            if table.names != wanted.names {
+                return Err(FitError::Mismatch {
+                    recording: recording.name(),
+                    problem: format!(
+                        "columns {} where the first recording has {}",
+                        table.names.join(", "),
+                        wanted.names.join(", ")
+                    ),
+                    mend: "fit recordings of one sensor at a time".into(),
+                });
+            }
+        }
+        x.extend(recording.inputs.rows.iter().cloned());
+        y.extend(recording.targets.rows.iter().cloned());
+    }
+    let names = &first.inputs.names;
+    let column = |i: usize| x.iter().map(move |row: &Vec<f64>| row[i] as f32);
+    let constant: Vec<&str> = (0..names.len())
+        .filter(|i| column(*i).all(|value| value == x[0][*i] as f32))
+        .map(|i| names[i].as_str())
+        .collect();
+    let mut warnings = Vec::new();
+    if !constant.is_empty() {
+        warnings.push(format!(
+            "{}: the same value in every row, ignored; leave constant columns out of the inputs",
+            constant.join(", ")
+        ));
+    }
+    let part = format!("net {}-{}-{}", names.len(), options.hidden, first.targets.names.len());
+    let net = network::fit(&part, &x, &y, options.hidden, options.net, progress, stop)?;
+    let range = (0..names.len()).map(|i| trained_range(column(i), f32::MIN_POSITIVE)).collect();
+    let mut model = TableModel {
+        inputs: names.clone(),
+        targets: first.targets.names.clone(),
+        range,
+        hidden: net.hidden,
+        hidden_bias: net.hidden_bias,
+        output: net.output,
+        output_bias: net.output_bias,
+        residual: Vec::new(),
+    };
+    model.residual = errors(&model, recordings)
+        .into_iter()
+        .map(|errors| errors.into_metrics("").figures.map_or(0.0, |f| f.rmse as f32))
+        .collect();
+    Ok(FittedTable { model, warnings, rows: x.len(), effective: net.effective })
+}
+
+/// What a model is worth on a recording it has not seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TableEvaluation {
+    /// Figures per target, over all rows.
+    pub targets: Vec<TargetMetrics>,
+    /// Rows with an input beyond what training saw; they are judged all the same.
+    pub beyond_range: usize,
+}
+
+/// Compares a model with a recording.
+///
+/// # Errors
+/// The recording's columns are not those of the model.
+pub fn evaluate(
+    model: &TableModel,
+    recording: &TableRecording,
+) -> Result<TableEvaluation, FitError> {
+    if recording.inputs.names != model.inputs || recording.targets.names != model.targets {
+        return Err(FitError::Mismatch {
+            recording: recording.name(),
+            problem: format!(
+                "columns {} → {} where the model has {} → {}",
+                recording.inputs.names.join(", "),
+                recording.targets.names.join(", "),
+                model.inputs.join(", "),
+                model.targets.join(", ")
+            ),
+            mend: "evaluate with the columns that the model was fitted to".into(),
+        });
+    }
+    let beyond = |row: &&Vec<f64>| !model.within_range(&to_f32(row));
+    let targets = errors(model, std::slice::from_ref(recording));
+    Ok(TableEvaluation {
+        targets: targets
+            .into_iter()
+            .zip(&model.targets)
+            .map(|(errors, name)| errors.into_metrics(name))
+            .collect(),
+        beyond_range: recording.inputs.rows.iter().filter(beyond).count(),
+    })
+}
+
+fn to_f32(row: &[f64]) -> Vec<f32> {
+    row.iter().map(|value| *value as f32).collect()
+}
+
+fn errors(model: &TableModel, recordings: &[TableRecording]) -> Vec<Errors> {
+    let mut errors = vec![Errors::default(); model.targets.len()];
+    for recording in recordings {
+        for (x, y) in recording.inputs.rows.iter().zip(&recording.targets.rows) {
+            for ((errors, found), wanted) in errors.iter_mut().zip(model.estimate(&to_f32(x))).zip(y)
+            {
+                errors.add(f64::from(found) - wanted);
+            }
+        }
+    }
+    errors
+}

@@ -1,0 +1,83 @@
+//! Builds the firmware of the boards.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+
+use crate::memory::{Footprint, Use, footprint};
+use crate::run::{answer, locked, program, root, run};
+use crate::toolchain::{Choice, Toolchain};
+
+/// Every board there is: the folders of `boards/` that are crates.
+pub fn boards() -> Result<Vec<String>> {
+    let entries = std::fs::read_dir(root().join("boards")).context("reading boards/")?;
+    let mut boards: Vec<_> = entries
+        .flatten()
+        .filter(|entry| entry.path().join("Cargo.toml").is_file())
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    boards.sort();
+    Ok(boards)
+}
+
+/// `cargo xtask firmware BOARD`.
+pub fn task(board: &str, choice: Choice) -> Result<()> {
+    let boards = boards()?;
+    if !boards.iter().any(|known| known == board) {
+        bail!("no board `{board}`; there are: {}", boards.join(", "));
+    }
+    let (path, _) = build(board, &Toolchain::find(choice)?)?;
+    println!("{}", path.display());
+    Ok(())
+}
+
+/// Where finished firmware lies, whatever built it.
+pub fn directory() -> PathBuf {
+    root().join("boards/target/firmware")
+}
+
+/// Builds one board and puts the file into [`directory`].
+pub fn build(board: &str, toolchain: &Toolchain) -> Result<(PathBuf, Footprint)> {
+    let mut cargo = toolchain.cargo("build");
+    cargo.args(["--quiet", "--package", board]).args(locked()).env("TAXEL_BUILD", revision());
+    run(&mut cargo)?;
+    let built = toolchain.output(board);
+    let footprint = footprint(&built, &memory_x(board))?;
+    let path = publish(&built, &directory().join(format!("{board}.elf")))?;
+    let Footprint { flash, ram } = footprint;
+    eprintln!(
+        "{board} (by {}): flash {}, RAM {} + stack",
+        toolchain.name(),
+        size(flash),
+        size(ram)
+    );
+    Ok((path, footprint))
+}
+
+/// The board's own map, else the product's in the root.
+fn memory_x(board: &str) -> PathBuf {
+    let own = root().join("boards").join(board).join("memory.x");
+    if own.is_file() { own } else { root().join("memory.x") }
+}
+
+/// In one go: an emulator may just be reading the file.
+fn publish(built: &Path, path: &Path) -> Result<PathBuf> {
+    let copy = path.with_extension(format!("{}.tmp", std::process::id()));
+    std::fs::create_dir_all(directory())
+        .and_then(|()| std::fs::copy(built, &copy))
+        .and_then(|_| std::fs::rename(&copy, path))
+        .with_context(|| format!("writing {}", path.display()))?;
+    Ok(path.to_owned())
+}
+
+/// The commit that is built.
+fn revision() -> String {
+    let git = |arguments: &[&str]| answer(program("git", &root()).args(arguments));
+    git(&["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"])
+        .unwrap_or_else(|| "unknown".to_owned())
+}
+
+fn size(Use { used, of }: Use) -> String {
+    let kilobytes = |bytes: u64| bytes as f64 / 1024.0;
+    format!("{:.1} of {:.0} KB", kilobytes(used), kilobytes(of))
+}

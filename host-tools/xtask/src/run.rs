@@ -1,0 +1,102 @@
+//! Other programs, and the environment they are started with.
+
+use std::ffi::OsStr;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+/// What `cargo xtask` hands on from the build of xtask itself, or what a user has set for host builds;
+/// either would steer a nested cargo elsewhere.
+const INHERITED: [&str; 9] = [
+    "CARGO",
+    "CARGO_BUILD_RUSTFLAGS",
+    "CARGO_BUILD_TARGET",
+    "CARGO_BUILD_TARGET_DIR",
+    "CARGO_ENCODED_RUSTFLAGS",
+    "CARGO_TARGET_DIR",
+    "RUSTC",
+    "RUSTC_WORKSPACE_WRAPPER",
+    "RUSTFLAGS",
+];
+
+/// The repository.
+pub fn root() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.ancestors().nth(2).unwrap_or(here).to_owned()
+}
+
+/// A program, started in `directory`.
+pub fn program(name: impl AsRef<OsStr>, directory: &Path) -> Command {
+    let mut command = Command::new(name);
+    command.current_dir(directory).stdin(Stdio::null());
+    command
+}
+
+/// The cargo that runs this, for the host's workspace.
+pub fn cargo() -> Command {
+    program(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &root())
+}
+
+/// A cargo in `directory` that nothing but its arguments steers.
+pub fn clean_cargo(name: impl AsRef<OsStr>, directory: &Path) -> Command {
+    let mut command = program(name, directory);
+    for variable in INHERITED {
+        command.env_remove(variable);
+    }
+    command
+}
+
+/// On a build machine the lock files are law.
+pub fn locked() -> Option<&'static str> {
+    std::env::var_os("CI").map(|_| "--locked")
+}
+
+/// Runs to the end; what it says is shown.
+pub fn run(command: &mut Command) -> Result<()> {
+    let status = command.status().with_context(|| format!("`{}` does not start", line(command)))?;
+    if !status.success() {
+        bail!("`{}` ended with {status}; its messages are above", line(command));
+    }
+    Ok(())
+}
+
+/// The first line of what it prints, if it works.
+pub fn answer(command: &mut Command) -> Option<String> {
+    let output = command.stderr(Stdio::null()).output().ok().filter(|out| out.status.success())?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    text.lines().next().map(|line| line.trim().to_owned())
+}
+
+/// Runs for at most `patience`. `false` where it fails, takes longer, or is not there.
+pub fn succeeds_within(command: &mut Command, patience: Duration) -> Result<bool> {
+    let mut child = match command.spawn() {
+        Ok(child) => child,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(false),
+        Err(error) => return Err(error).context(format!("`{}` does not start", line(command))),
+    };
+    let start = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(status.success());
+        }
+        if start.elapsed() > patience {
+            child.kill()?;
+            child.wait()?;
+            return Ok(false);
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// Whether a program is there at all.
+pub fn exists(name: &str) -> bool {
+    answer(Command::new(name).arg("--version")).is_some()
+}
+
+fn line(command: &Command) -> String {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,104 @@
+//! `cargo xtask test`: everything that must hold before a change goes in.
+
+use std::process::Command;
+
+use anyhow::Result;
+use clap::ValueEnum;
+
+use crate::run::{answer, cargo, clean_cargo, exists, locked, root, run};
+use crate::steps::Steps;
+use crate::toolchain::{Choice, Toolchain};
+use crate::{firmware, packages};
+
+/// Which tests.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Part {
+    /// Format, lints and tests of what runs on a host
+    Host,
+    /// Every board's firmware, and the tests on the emulated one
+    Target,
+    /// Both
+    All,
+}
+
+/// The tests that need the emulated board. They are marked `#[ignore]`, so that a plain `cargo test`
+/// needs nothing but cargo.
+const EMULATED: &str = "emulated_board";
+
+/// Runs them; the first that fails ends it.
+pub fn all(part: Part, choice: Choice, steps: &mut Steps) -> Result<()> {
+    if part != Part::Target {
+        host(steps)?;
+    }
+    if part != Part::Host {
+        target(choice, steps)?;
+    }
+    Ok(())
+}
+
+fn host(steps: &mut Steps) -> Result<()> {
+    steps.take("format", || run(cargo().args(["fmt", "--all", "--check"])))?;
+    steps.take("lints", || {
+        run(cargo()
+            .args(["clippy", "--workspace", "--all-targets"])
+            .args(locked())
+            .args(["--", "-D", "warnings"]))
+    })?;
+    steps.take("host tests", || run(&mut tests(None)))?;
+    steps.take("examples in the documentation", || {
+        run(cargo().args(["test", "--quiet", "--workspace", "--doc"]).args(locked()))
+    })
+}
+
+fn target(choice: Choice, steps: &mut Steps) -> Result<()> {
+    let boards = root().join("boards");
+    steps.take("format of the boards", || {
+        run(clean_cargo("cargo", &boards).args(["fmt", "--check"]))
+    })?;
+    let toolchain = steps.take("compiler for the boards", || Toolchain::find(choice))?;
+    match &toolchain {
+        Toolchain::Installed => steps.take("lints of the boards", || {
+            run(toolchain.cargo("clippy").args(locked()).args(["--", "-D", "warnings"]))
+        })?,
+        Toolchain::Debian { .. } => {
+            steps.leave_out("lints of the boards", "Debian's rustc-web has no clippy");
+        }
+    }
+    for board in firmware::boards()? {
+        steps.take(&format!("firmware of {board}"), || firmware::build(&board, &toolchain))?;
+    }
+    steps.take("tests on the emulated board", || {
+        if !exists("qemu-system-arm") {
+            packages::install(&["qemu-system-arm"], "the emulator")?;
+        }
+        run(tests(Some(EMULATED)).env("TAXEL_FIRMWARE_DIR", firmware::directory()))
+    })
+}
+
+/// The tests of the host's workspace, or one file of them with what is ignored elsewhere; by nextest
+/// where it is there. Always of the whole workspace: a part of it would have its dependencies built anew,
+/// with other features.
+fn tests(only: Option<&str>) -> Command {
+    let mut command = cargo();
+    let nextest = answer(cargo().args(["nextest", "--version"])).is_some();
+    if nextest {
+        command.args(["nextest", "run"]);
+    } else {
+        command.args(["test", "--quiet"]);
+    }
+    command.arg("--workspace").args(locked());
+    match only {
+        Some(file) => {
+            command.args(["--test", file]);
+            let ignored: &[_] =
+                if nextest { &["--run-ignored", "all"] } else { &["--", "--include-ignored"] };
+            command.args(ignored);
+        }
+        // Without a filter cargo would run the documentation's too.
+        None if !nextest => {
+            command.arg("--all-targets");
+        }
+        None => {}
+    }
+    command
+}
