@@ -1,13 +1,10 @@
 //! The finger as an instrument: settings, counters, commands. It owns everything that survives a
 //! reconnect, and does no I/O; [`crate::session`] carries its words.
 
-use heapless::Vec;
-
-use crate::calibration::{self, Calibration};
+use crate::calibration::{self, Calibration, CalibrationError};
 use crate::finger::{Finger, FingerState};
 use crate::frame::{Fields, Frame};
 use crate::scan::Scan;
-use crate::wire::crc32;
 use crate::wire::message::{
     CHUNK, CalibrationId, Command, Cost, Counters, Identity, Info, Message, PROTOCOL, Refusal,
     Request, Response,
@@ -18,9 +15,11 @@ pub struct Instrument {
     identity: Identity,
     finger: Finger,
     state: FingerState,
-    /// The record in force as bytes, for read-back; empty while uncalibrated.
-    record: Vec<u8, { calibration::MAX_BYTES }>,
-    upload: Upload,
+    /// CRC of the record in force.
+    calibration_crc: u32,
+    /// Where records come in, and where the one in force is written out to be read back.
+    buffer: [u8; calibration::MAX_BYTES],
+    upload: Option<Upload>,
     streaming: bool,
     divider: u16,
     fields: Fields,
@@ -32,11 +31,10 @@ pub struct Instrument {
     cost: Cost,
 }
 
-/// A calibration on its way in.
-#[derive(Default)]
+/// A calibration on its way into the buffer.
 struct Upload {
     expected: usize,
-    bytes: Vec<u8, { calibration::MAX_BYTES }>,
+    received: usize,
 }
 
 /// What a scan brings about.
@@ -61,8 +59,9 @@ impl Instrument {
             identity,
             finger,
             state,
-            record: Vec::new(),
-            upload: Upload::default(),
+            calibration_crc: 0,
+            buffer: [0; calibration::MAX_BYTES],
+            upload: None,
             streaming: false,
             divider,
             fields: Fields::ESTIMATES,
@@ -79,11 +78,9 @@ impl Instrument {
     ///
     /// # Errors
     /// What is wrong with it; the instrument then stays as it was.
-    pub fn install(&mut self, record: &[u8]) -> Result<(), calibration::CalibrationError> {
+    pub fn install(&mut self, record: &[u8]) -> Result<(), CalibrationError> {
         let calibration = Calibration::from_bytes(record)?;
-        let bytes = Vec::from_slice(record).map_err(|_| calibration::CalibrationError::Length)?;
-        self.finger.recalibrate(&mut self.state, calibration);
-        self.record = bytes;
+        self.put_in_force(calibration, record_crc(record));
         Ok(())
     }
 
@@ -183,9 +180,9 @@ impl Instrument {
             }
             Command::CalibrationBegin { length } => {
                 in_range(u32::from(*length), 6, calibration::MAX_BYTES as u32)?;
-                self.upload = Upload { expected: usize::from(*length), bytes: Vec::new() };
+                self.upload = Some(Upload { expected: usize::from(*length), received: 0 });
             }
-            Command::CalibrationChunk { offset, data } => self.upload.chunk(*offset, data)?,
+            Command::CalibrationChunk { offset, data } => self.receive(*offset, data)?,
             Command::CalibrationCommit => self.commit()?,
             Command::CalibrationRead { offset } => {
                 return self.read_calibration(*offset).map(Some);
@@ -194,22 +191,47 @@ impl Instrument {
         Ok(Some(Response::Done))
     }
 
-    fn commit(&mut self) -> Result<(), Refusal> {
-        let upload = core::mem::take(&mut self.upload);
-        if upload.expected == 0 || upload.bytes.len() != upload.expected {
+    fn receive(&mut self, offset: u16, data: &[u8]) -> Result<(), Refusal> {
+        let upload = self.upload.as_mut().ok_or(Refusal::OutOfOrder)?;
+        let end = upload.received + data.len();
+        if usize::from(offset) != upload.received || end > upload.expected {
             return Err(Refusal::OutOfOrder);
         }
+        let slot = self.buffer.get_mut(upload.received..end).ok_or(Refusal::OutOfOrder)?;
+        slot.copy_from_slice(data);
+        upload.received = end;
+        Ok(())
+    }
+
+    fn commit(&mut self) -> Result<(), Refusal> {
         if self.state.taking_bias() {
             return Err(Refusal::Busy);
         }
-        self.install(&upload.bytes).map_err(Refusal::Calibration)
+        let upload = self.upload.take().ok_or(Refusal::OutOfOrder)?;
+        let record = self.buffer.get(..upload.expected).ok_or(Refusal::OutOfOrder)?;
+        if upload.received != upload.expected {
+            return Err(Refusal::OutOfOrder);
+        }
+        let calibration = Calibration::from_bytes(record).map_err(Refusal::Calibration)?;
+        let crc = record_crc(record);
+        self.put_in_force(calibration, crc);
+        Ok(())
     }
 
-    fn read_calibration(&self, offset: u16) -> Result<Response, Refusal> {
-        if self.record.is_empty() {
-            return Err(Refusal::Uncalibrated);
+    fn put_in_force(&mut self, calibration: Calibration, crc: u32) {
+        self.finger.recalibrate(&mut self.state, calibration);
+        self.calibration_crc = crc;
+    }
+
+    /// The record is written out afresh for every part: that is rare, and a copy of it would be a sixth
+    /// of a small controller's memory.
+    fn read_calibration(&mut self, offset: u16) -> Result<Response, Refusal> {
+        if self.upload.is_some() {
+            return Err(Refusal::Busy);
         }
-        let rest = self.record.get(usize::from(offset)..).unwrap_or_default();
+        let calibration = self.finger.calibration().ok_or(Refusal::Uncalibrated)?;
+        let record = calibration.to_bytes(&mut self.buffer).map_err(Refusal::Calibration)?;
+        let rest = record.get(usize::from(offset)..).unwrap_or_default();
         Ok(Response::Calibration { offset, data: rest.iter().copied().take(CHUNK).collect() })
     }
 
@@ -236,7 +258,7 @@ impl Instrument {
             calibration: self.finger.calibration().map(|calibration| CalibrationId {
                 serial: calibration.serial.clone(),
                 date: calibration.date,
-                crc: crc32(&self.record),
+                crc: self.calibration_crc,
             }),
             counters: self.counters,
             cost: self.cost,
@@ -244,15 +266,9 @@ impl Instrument {
     }
 }
 
-impl Upload {
-    fn chunk(&mut self, offset: u16, data: &[u8]) -> Result<(), Refusal> {
-        let fits = usize::from(offset) == self.bytes.len()
-            && self.bytes.len() + data.len() <= self.expected;
-        if !fits {
-            return Err(Refusal::OutOfOrder);
-        }
-        self.bytes.extend_from_slice(data).map_err(|_| Refusal::OutOfOrder)
-    }
+/// The CRC that a record ends with.
+fn record_crc(record: &[u8]) -> u32 {
+    record.last_chunk().map_or(0, |crc| u32::from_le_bytes(*crc))
 }
 
 /// Every how many scans a frame is due: the nearest whole divider.

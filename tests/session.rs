@@ -300,7 +300,9 @@ fn a_calibration_is_uploaded_put_in_force_and_read_back() {
             Err(Refusal::Uncalibrated)
         );
         assert_eq!(upload(host, record).await, Ok(Response::Done));
-        assert_eq!(host.info().await.calibration.unwrap().serial, "test");
+        let id = host.info().await.calibration.unwrap();
+        assert_eq!(id.serial, "test");
+        assert_eq!(id.crc.to_le_bytes(), *record.last_chunk().unwrap(), "the CRC in the file");
         let mut back = vec![];
         loop {
             let offset = back.len() as u16;

@@ -10,10 +10,9 @@ pub type TaxelLevels = [f32; TAXELS];
 /// u_x, u_y, u_z of one sensor, as fractions of full scale.
 pub type BridgeLevels = [f32; 3];
 
-/// A midpoint of an intact bridge rests at half the supply; the strongest signal of the bare sensor
-/// (8.5 mV/V/N at its 1 N limit, 003 §1.2) moves it by about 1 %. Beyond a quarter of the supply an
-/// arm is open, shorted, or off.
-const MIDPOINT_MARGIN: f32 = 0.25;
+/// An intact bridge's amplified midpoint rests near half the supply and moves by some 10 % of full scale
+/// per newton (8.5 mV/V/N times the gain, 003 §1.2). An open or shorted arm takes it to a rail.
+const MIDPOINT_MARGIN: f32 = 0.1;
 
 /// Without a bias to compare with, a taxel whose LED adds less than this is dead: the weakest
 /// phototransistor of a working pair adds some ten times as much.

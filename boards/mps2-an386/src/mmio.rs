@@ -18,8 +18,8 @@ impl Reg {
     pub const fn apb(base: usize, offset: usize) -> Self {
         // The CMSDK APB window holds peripherals only, so no access through a `Reg` can touch memory
         // that Rust owns.
-        assert!(base >= 0x4000_0000 && base < 0x4001_0000 && base % 0x1000 == 0);
-        assert!(offset < 0x1000 && offset % 4 == 0);
+        assert!(base >= 0x4000_0000 && base < 0x4001_0000 && base.is_multiple_of(0x1000));
+        assert!(offset < 0x1000 && offset.is_multiple_of(4));
         Self(base + offset)
     }
 

@@ -37,7 +37,7 @@ pub fn usage(error: &clap::Error) -> ExitCode {
 fn usage_line(message: &str) -> String {
     let message = message.split("\n\nUsage:").next().unwrap_or(message);
     let message = message.split("\n\nFor more information").next().unwrap_or(message);
-    let line = one_line(message.trim_start_matches("error:"));
+    let line = one_line(&message.trim_start_matches("error:").replace("\n\n  tip:", ";"));
     if line.contains("--help") { line } else { format!("{line}; see --help") }
 }
 

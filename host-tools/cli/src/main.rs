@@ -17,7 +17,7 @@ use clap::{Parser, Subcommand};
 
 /// Newtons and millimetres from an optical tactile fingertip.
 #[derive(Parser)]
-#[command(version, propagate_version = true, after_help = AFTER_HELP)]
+#[command(name = "taxel", version, after_help = AFTER_HELP)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -89,6 +89,8 @@ pub enum FitError {
     #[error("stopped before the first step; nothing was fitted")]
     Stopped,
     /// The fit is not a valid record.
-    #[error("the fit gives no valid record ({0:?}); look for a channel that jumps or is not connected")]
+    #[error(
+        "the fit gives no valid record ({0:?}); look for a channel that jumps or is not connected"
+    )]
     Record(Field),
 }

@@ -99,6 +99,12 @@ pub fn fit(
     if recordings.is_empty() {
         return Err(FitError::NoRecording);
     }
+    if let Subject::Sensor(sensor) = options.subject
+        && sensor >= SENSORS
+    {
+        let problem = format!("a finger has sensors s0 … s{}", SENSORS - 1);
+        return Err(FitError::Shape { part: format!("s{sensor}"), problem });
+    }
     let recordings: Vec<Prepared<'_>> =
         recordings.iter().map(Prepared::new).collect::<Result<_, _>>()?;
     let subjects: Vec<Subject> = recordings
@@ -142,12 +148,6 @@ pub fn fit(
         .collect();
     if !fingers.is_empty() {
         fit_net(&mut fitted, &fingers, options, progress, stop)?;
-    }
-    if let Subject::Sensor(sensor) = options.subject
-        && sensor >= SENSORS
-    {
-        let problem = format!("a finger has sensors s0 … s{}", SENSORS - 1);
-        return Err(FitError::Shape { part: format!("s{sensor}"), problem });
     }
     fitted.calibration.validate().map_err(FitError::Record)?;
     Ok(fitted)
@@ -325,11 +325,17 @@ fn fit_net(
             }
         }
         if x.len() + faulty == before {
-            let no_reference = recording.recording.samples.iter().all(|s| s.truth.force[2].is_none());
+            let no_reference =
+                recording.recording.samples.iter().all(|s| s.truth.force[2].is_none());
             return Err(match (no_reference, outputs) {
                 (true, _) => missing("reference column fz_n", "record a reference along with it"),
-                (false, 3) if recording.recording.samples.iter().all(|s| s.truth.force[0].is_none()) => {
-                    missing("reference columns fx_n, fy_n", "add them, or fit fz_n alone (1 output)")
+                (false, 3)
+                    if recording.recording.samples.iter().all(|s| s.truth.force[0].is_none()) =>
+                {
+                    missing(
+                        "reference columns fx_n, fy_n",
+                        "add them, or fit fz_n alone (1 output)",
+                    )
                 }
                 _ => FitError::NoLoad { part: format!("{name}: {}", recording.recording.name) },
             });

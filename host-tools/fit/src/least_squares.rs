@@ -79,7 +79,10 @@ mod tests {
     /// Signals that wander through all three directions.
     fn wandering() -> Vec<[f64; 3]> {
         let wave = |t: f64, rate: f64| 0.01 * (rate * t).sin();
-        (0..300).map(|i| f64::from(i) * 0.1).map(|t| [wave(t, 1.0), wave(t, 1.7), wave(t, 0.6)]).collect()
+        (0..300)
+            .map(|i| f64::from(i) * 0.1)
+            .map(|t| [wave(t, 1.0), wave(t, 1.7), wave(t, 0.6)])
+            .collect()
     }
 
     proptest! {
@@ -124,6 +127,9 @@ mod tests {
     fn a_dozen_rows_are_refused() {
         let u = &wandering()[..12];
         let error = fit("s0", u, &forces_of(S, u), 1e-5).unwrap_err();
-        assert_eq!(error.to_string(), "s0: 12 usable rows where at least 50 are needed; record for longer");
+        assert_eq!(
+            error.to_string(),
+            "s0: 12 usable rows where at least 50 are needed; record for longer"
+        );
     }
 }

@@ -66,7 +66,8 @@ pub fn figures(errors: &[f64]) -> Option<Figures> {
         return None;
     }
     let bias = errors.iter().sum::<f64>() / n as f64;
-    let mean_square = |about: f64| errors.iter().map(|e| (e - about).powi(2)).sum::<f64>() / n as f64;
+    let mean_square =
+        |about: f64| errors.iter().map(|e| (e - about).powi(2)).sum::<f64>() / n as f64;
     Some(Figures {
         rmse: mean_square(0.0).sqrt(),
         sigma: mean_square(bias).sqrt(),

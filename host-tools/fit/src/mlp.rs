@@ -183,3 +183,51 @@ fn curvature(shape: Shape, gram: &DMatrix<f64>, v: DMatrixView<'_, f64>) -> DMat
     curvature.fill_lower_triangle_with_upper_triangle();
     curvature
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Derivative of every output of every row by every parameter, by central differences.
+    fn jacobian(shape: Shape, parameters: &[f64], rows: &Rows) -> DMatrix<f64> {
+        let step = 1e-6;
+        let moved = |p: usize, by: f64| {
+            let mut parameters = parameters.to_vec();
+            parameters[p] += by;
+            outputs(shape, &parameters, rows.x.as_view())
+        };
+        let columns: Vec<DVector<f64>> = (0..shape.parameters())
+            .map(|p| (moved(p, step) - moved(p, -step)) / (2.0 * step))
+            .map(|d| DVector::from_column_slice(d.as_slice()))
+            .collect();
+        DMatrix::from_columns(&columns)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+        #[test]
+        fn gradient_and_curvature_are_those_of_finite_differences(
+            inputs in 1usize..5,
+            hidden in 1usize..6,
+            units in 1usize..4,
+            seed in 0.0..100.0f64,
+        ) {
+            let shape = Shape { inputs, hidden, outputs: units };
+            let value = |i: usize| (seed + 12.9898 * (i * i) as f64).sin();
+            let rows = Rows {
+                x: DMatrix::from_fn(700, inputs + 1, |r, c| if c == inputs { 1.0 } else { value(r * 7 + c) }),
+                y: DMatrix::from_fn(700, units, |r, c| value(r * 3 + c + 1)),
+            };
+            let parameters: Vec<f64> = (0..shape.parameters()).map(|p| value(p + 5)).collect();
+            let j = jacobian(shape, &parameters, &rows);
+            let error = outputs(shape, &parameters, rows.x.as_view()) - &rows.y;
+            let error = DVector::from_column_slice(error.as_slice());
+            let model = quadratic(shape, &parameters, &rows);
+            prop_assert!((model.squares.sum() - error.norm_squared()).abs() < 1e-9 * error.norm_squared());
+            prop_assert!((model.gradient - j.transpose() * &error).norm() < 1e-4 * j.norm() );
+            let expected = j.transpose() * &j;
+            prop_assert!((model.curvature - &expected).norm() < 1e-6 * expected.norm());
+        }
+    }
+}

@@ -14,8 +14,8 @@ const NOISES: f32 = 10.0;
 
 /// Range of one channel in training, margin included.
 pub(crate) fn trained_range(values: impl Iterator<Item = f32>, noise: f32) -> Range {
-    let (low, high) = values
-        .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    let (low, high) =
+        values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
     let margin = (MARGIN * (high - low)).max(NOISES * noise);
     [low - margin, high + margin]
 }
@@ -26,7 +26,7 @@ mod tests {
 
     #[test]
     fn the_margin_is_a_quarter_of_the_span_but_never_within_the_noise() {
-        assert_eq!(trained_range([0.0, -0.4, 0.0].into_iter(), 1e-3), [-0.5, 0.1]);
-        assert_eq!(trained_range([0.0, 0.0].into_iter(), 1e-3), [-0.01, 0.01]);
+        assert_eq!(trained_range([0.0, -1.0, 0.5].into_iter(), 0.01), [-1.375, 0.875]);
+        assert_eq!(trained_range([0.0, 0.0].into_iter(), 0.125), [-1.25, 1.25]);
     }
 }

@@ -94,7 +94,8 @@ impl Recording {
             let mut rows = begin..end.min(begin + MOST_ROWS);
             if begin > 0 {
                 let settled = self.samples[begin].scan.time.0 + SETTLE_US;
-                rows.start += self.samples[rows.clone()].partition_point(|s| s.scan.time.0 < settled);
+                rows.start +=
+                    self.samples[rows.clone()].partition_point(|s| s.scan.time.0 < settled);
             }
             if !run[0] && rows.len() >= LEAST_ROWS {
                 return Some(rows);

@@ -222,7 +222,8 @@ fn errors(model: &TableModel, recordings: &[TableRecording]) -> Vec<Errors> {
     let mut errors = vec![Errors::default(); model.targets.len()];
     for recording in recordings {
         for (x, y) in recording.inputs.rows.iter().zip(&recording.targets.rows) {
-            for ((errors, found), wanted) in errors.iter_mut().zip(model.estimate(&to_f32(x))).zip(y)
+            for ((errors, found), wanted) in
+                errors.iter_mut().zip(model.estimate(&to_f32(x))).zip(y)
             {
                 errors.add(f64::from(found) - wanted);
             }

@@ -320,3 +320,47 @@ fn checkout() -> Option<PathBuf> {
         },
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use taxel::scan::Codes;
+    use taxel::units::{FullScale, Micros};
+
+    use super::*;
+
+    fn scans(count: u64, period: u64) -> Vec<Scan> {
+        let codes = Codes {
+            full_scale: FullScale::BITS_12,
+            taxels: None,
+            bridges: [None; 4],
+            reference: None,
+            temperature: None,
+        };
+        let scan = |i| Scan { time: Micros(1_000 + i * period), overrun: false, codes };
+        (0..count).map(scan).collect()
+    }
+
+    #[test]
+    fn the_scan_rate_is_that_of_the_times() {
+        for (period, hz) in [(2_000, 500), (250, 4_000), (2_999, 333)] {
+            let image = Image::new(&scans(1_000, period), Pace::Lossless).unwrap();
+            assert_eq!(image.scan_hz(), hz);
+        }
+        // One scan, and scans that all carry the same time, have none to state; it must not be zero.
+        assert_eq!(Image::new(&scans(1, 0), Pace::Live).unwrap().scan_hz(), 1);
+        assert_eq!(Image::new(&scans(9, 0), Pace::Live).unwrap().scan_hz(), u16::MAX);
+    }
+
+    #[test]
+    fn a_trace_that_does_not_fit_says_which_stretch_would() {
+        assert!(matches!(Image::new(&[], Pace::Live), Err(EmulatedError::Empty)));
+        let long = scans(2_000_000, 250);
+        let Err(EmulatedError::TooLong { scans, fit, seconds }) = Image::new(&long, Pace::Live)
+        else {
+            panic!("it fits")
+        };
+        assert_eq!(scans, 2_000_000);
+        assert_eq!(seconds, fit as u64 * 250 / 1_000_000);
+        assert!(Image::new(&long[..fit], Pace::Live).is_ok());
+    }
+}

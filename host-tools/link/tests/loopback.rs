@@ -41,9 +41,7 @@ fn two_seconds_of_stream_come_without_a_loss_and_at_the_stated_rate() {
         let frames = frames(&client, 2000);
         for pair in frames.windows(2) {
             assert_eq!(pair[1].frame.seq, pair[0].frame.seq + 1);
-            // Device time: a stalled test machine is allowed to skip scans, and then says so.
-            let step = pair[1].frame.time.0 - pair[0].frame.time.0;
-            assert!(step == 1000 || client.info().unwrap().counters.overruns > 0, "{step} µs");
+            assert_eq!(pair[1].frame.time.0, pair[0].frame.time.0 + 1000);
         }
         let counts = client.counts();
         assert!(counts.frames >= 2000);
@@ -74,7 +72,7 @@ fn a_rate_is_the_nearest_the_scan_can_give_and_nonsense_is_refused() {
     let finger = on_tcp(still());
     let client = connect(&finger);
     assert_eq!(client.set_rate(500).unwrap(), 500.0);
-    assert_eq!(client.set_rate(1500).unwrap(), 4000.0 / 3.0);
+    assert_eq!(client.set_rate(1500).unwrap(), 1333.333);
     assert_eq!(refusal(client.set_rate(0)), Refusal::OutOfRange { low: 1, high: 4000 });
     client.set_rate(200).unwrap();
     client.set_point_method(PointMethod::ArgMin).unwrap();

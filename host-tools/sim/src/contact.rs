@@ -1,12 +1,15 @@
 //! Contact of a sphere with the skin, and how far it pushes each reflective facet down.
 //!
 //! The skin is taken as a half-space: z down from its surface, facets at the depth of the layer. The
-//! traction over the contact disc is Hertz's, normal and tangential alike (exact under full sliding;
-//! at the depth of the facets a stuck contact differs little), and a facet's displacement is the
-//! superposition of point loads over the disc, averaged over the facet.
+//! traction over the contact disc is Hertz's, normal and tangential alike, and a facet's displacement is
+//! the superposition of point loads over the disc, averaged over the facet.
 //!
-//! Where that is an approximation: the real layer ends at the facets and hangs on the walls between
-//! them, and Hertz wants a ≪ R (at 2 N on a 6 mm sphere a/R is one half).
+//! Where that is an approximation:
+//! - The tangential traction is that of full sliding. Stuck, shear gathers at the rim (Cattaneo, Mindlin;
+//!   Johnson §7.2), which changes the shear part of a facet's displacement: on a 6 mm sphere, 2.5 mm
+//!   down, by 9 % of its largest at 0.3 N and by 21 % at 2 N, at half of what friction holds.
+//! - The real layer ends at the facets and hangs on the walls between them.
+//! - Hertz wants a ≪ R; at 2 N on a 6 mm sphere a/R is one half.
 
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
@@ -69,13 +72,13 @@ const PER_FACET: usize = 4;
 const NODES: usize = TAXELS * PER_FACET;
 
 /// Radius and weight of the two rings that replace the disc: Gauss–Jacobi points of the Hertz weight
-/// √(1 − t) in t = r². With six points a ring, the second ring turned by half a step, the rule is exact
-/// to fifth degree, and to seventh but for the six-fold symmetric terms.
+/// √(1 − t) in t = r². With eight points a ring the rule is exact to seventh degree; the second ring is
+/// turned by half a step.
 const RINGS: [(f64, f64); 2] = [
     (0.422_892_523_952_102_03, 0.583_666_002_653_407_4),
     (0.842_645_122_263_405_6, 0.416_333_997_346_592_6),
 ];
-const PER_RING: usize = 6;
+const PER_RING: usize = 8;
 
 impl Layer {
     /// Square facets of side `facet_mm` at `depth_mm` below the surface of `skin`.
@@ -99,7 +102,8 @@ impl Layer {
         Disc { centre, radius: self.skin.contact_radius(radius, force[2]), force }
     }
 
-    /// Mean displacement of each facet in mm, positive down (nearer to its LED).
+    /// Mean displacement of each facet in mm, positive down (nearer to its LED); the quadrature is good to
+    /// two thousandths of the largest one (tested).
     ///
     /// Per point load, with G the shear modulus and ρ the distance (Johnson §3.2 and §3.6):
     /// P/(4πG)·\[z²/ρ³ + 2(1 − ν)/ρ\] and Q/(4πG)·\[xz/ρ³ + (1 − 2ν)x/(ρ(ρ + z))\].
@@ -147,7 +151,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const DEPTH: f64 = 3.5;
+    const DEPTH: f64 = 2.5;
     const FACET: f64 = 1.9;
 
     fn layer(poisson: f64) -> Layer {
@@ -210,11 +214,13 @@ mod tests {
             ] {
                 let disc = layer.sphere(6.0, centre, force);
                 let facets = layer.displacement(&disc);
+                let mut worst = 0.0f64;
                 let most = facets.iter().fold(0.0f64, |m, u| m.max(u.abs()));
                 for (k, u) in facets.iter().enumerate() {
                     let exact = facet_integrated(&layer.skin, &disc, k);
-                    assert!((u - exact).abs() < 1e-3 * most, "{poisson} {k}: {u} against {exact}");
+                    worst = worst.max((u - exact).abs() / most);
                 }
+                assert!(worst < 2e-3, "ν = {poisson}, {force:?}: {worst}");
             }
         }
     }
@@ -319,9 +325,9 @@ mod tests {
                 &Disc { centre: [-y, x], radius: 1.5, force: [-fy, fx, fz] });
             for row in 0..4 {
                 for column in 0..4 {
-                    // (column, row) goes to (3 − row, column). The rings are six-fold, not four-fold.
+                    // (column, row) goes to (3 − row, column).
                     let there = turned[4 * column + 3 - row];
-                    prop_assert!((u[4 * row + column] - there).abs() < 1e-4);
+                    prop_assert!((u[4 * row + column] - there).abs() < 1e-12);
                 }
             }
         }

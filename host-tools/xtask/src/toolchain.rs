@@ -140,10 +140,9 @@ fn fetched() -> Result<bool> {
 
 /// rust-lld from the toolchain in use, else the system's lld.
 fn linker() -> Option<PathBuf> {
-    let hosts = std::fs::read_dir(sysroot()?.join("lib/rustlib")).ok()?;
-    let bundled = hosts.flatten().map(|host| host.path().join("bin/rust-lld"));
-    bundled
-        .into_iter()
-        .find(|path| path.is_file())
-        .or_else(|| exists("ld.lld").then(|| "ld.lld".into()))
+    let hosts = sysroot().and_then(|path| std::fs::read_dir(path.join("lib/rustlib")).ok());
+    let mut bundled =
+        hosts.into_iter().flatten().flatten().map(|host| host.path().join("bin/rust-lld"));
+    let system = || exists("ld.lld").then(|| "ld.lld".into());
+    bundled.find(|path| path.is_file()).or_else(system)
 }

@@ -1,0 +1,298 @@
+//! The command as a user or a script meets it.
+
+use std::io::Read;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use taxel_link::{Source, VirtualFinger};
+
+/// Exit code, standard output, standard error.
+struct Ran {
+    code: Option<i32>,
+    out: String,
+    err: String,
+}
+
+fn command(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_taxel"));
+    command.args(args).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn taxel(args: &[&str]) -> Ran {
+    let output = command(args).output().unwrap();
+    Ran {
+        code: output.status.code(),
+        out: String::from_utf8(output.stdout).unwrap(),
+        err: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+fn fails(code: i32, args: &[&str]) -> String {
+    let ran = taxel(args);
+    assert_eq!(ran.code, Some(code), "{}{}", ran.out, ran.err);
+    assert_eq!(ran.out, "");
+    assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
+    assert!(ran.err.ends_with('\n'));
+    ran.err
+}
+
+fn succeeds(args: &[&str]) -> String {
+    let ran = taxel(args);
+    assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""), "{}", ran.out);
+    ran.out
+}
+
+fn json(text: &str) -> serde_json::Value {
+    assert_eq!(text.lines().count(), 1, "{text}");
+    serde_json::from_str(text).unwrap()
+}
+
+/// A virtual finger of this process, and its port.
+fn finger() -> (VirtualFinger, String) {
+    let source = Source::scene("press").unwrap();
+    let finger = VirtualFinger::on_tcp("127.0.0.1:0", source, None).unwrap();
+    let port = finger.port().to_string();
+    (finger, port)
+}
+
+/// A trace of so many scans at 1 kHz.
+fn trace(directory: &Path, scans: u64) -> String {
+    let mut text = String::from("t_us,bridge_s0_a,bridge_s0_b,bridge_s0_c,bridge_s0_d\n");
+    for i in 0..scans {
+        text += &format!("{},2000,2001,2002,{}\n", i * 1000, 2000 + i % 5);
+    }
+    let path = directory.join("trace.csv");
+    std::fs::write(&path, text).unwrap();
+    path.display().to_string()
+}
+
+/// The lines after the header, each with as many cells as that.
+fn lines(path: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(path).unwrap();
+    assert!(text.ends_with('\n'));
+    let mut lines = text.lines();
+    let cells = lines.next().unwrap().split(',').count();
+    lines
+        .map(|line| {
+            assert_eq!(line.split(',').count(), cells, "{line}");
+            line.to_owned()
+        })
+        .collect()
+}
+
+#[test]
+fn help_names_the_commands_and_what_a_port_is() {
+    let help = succeeds(&["--help"]);
+    for word in ["demo", "record", "info", "bias", "set", "tcp:HOST:PORT", "sim:SCENE"] {
+        assert!(help.contains(word), "{word}");
+    }
+    assert!(succeeds(&["--version"]).starts_with("taxel "));
+}
+
+#[test]
+fn bad_usage_is_one_line_and_exit_code_2() {
+    let port = "--port sim:press";
+    for (args, line) in [
+        (
+            "info --port udp:here",
+            "invalid value 'udp:here' for '--port <PORT>': `udp:` is no kind of port; write a serial device, \
+             tcp:HOST:PORT, file:PATH or sim:SCENE; see --help",
+        ),
+        (
+            "info --port tcp:here",
+            "invalid value 'tcp:here' for '--port <PORT>': `here` is not HOST:PORT; write for example \
+             tcp:192.168.1.20:5000 or tcp:[::1]:5000; see --help",
+        ),
+        ("info", "the following required arguments were not provided: --port <PORT>; see --help"),
+        ("infp", "unrecognized subcommand 'infp'; a similar subcommand exists: 'info'; see --help"),
+        (
+            &format!("set {port}"),
+            "the following required arguments were not provided: <--rate <HZ>|--fields <LIST>|\
+             --point <METHOD>>; see --help",
+        ),
+        (
+            &format!("set {port} --fields force,colour"),
+            "invalid value 'force,colour' for '--fields <LIST>': `colour` is no field; choose from codes, \
+             signals, sensors, force, point, estimates, all; see --help",
+        ),
+        (
+            "demo --duration 0",
+            "invalid value '0' for '--duration <SEC>': expected seconds above 0; see --help",
+        ),
+        (
+            &format!("bias {port} take --scans 1"),
+            "invalid value '1' for '--scans <SCANS>': 1 is not in 2..=65535; see --help",
+        ),
+    ] {
+        let args: Vec<_> = args.split(' ').collect();
+        assert_eq!(fails(2, &args), format!("taxel: {line}\n"));
+    }
+}
+
+#[test]
+fn what_fails_is_one_line_and_exit_code_1() {
+    let trace = fails(1, &["info", "--port", "file:no-such-trace.csv"]);
+    assert!(trace.starts_with("taxel: no-such-trace.csv: "), "{trace}");
+    let file = fails(1, &["info", "--port", "Cargo.toml"]);
+    let line = "a file, not a device; write `file:` before it to play it back";
+    assert_eq!(file, format!("taxel: Cargo.toml: {line}\n"));
+    let rate = fails(1, &["set", "--port", "sim:press", "--rate", "0"]);
+    assert!(rate.ends_with(": rate: must lie in 1…1000\n"), "{rate}");
+    let missing = fails(1, &["info", "--port", "/dev/no-such-finger"]);
+    assert!(missing.starts_with("taxel: /dev/no-such-finger: no such device; there "), "{missing}");
+    let scene = fails(1, &["demo", "--scene", "no-such-scene"]);
+    assert!(scene.starts_with("taxel: no-such-scene"), "{scene}");
+    let out = "no-such-directory/frames.csv";
+    let file = fails(1, &["record", "--port", "sim:press", "--out", out]);
+    assert!(file.starts_with("taxel: no-such-directory/frames.csv: "), "{file}");
+    let calibration = fails(1, &["demo", "--calibration", "no-such.cal.toml"]);
+    assert!(calibration.starts_with("taxel: no-such.cal.toml: "), "{calibration}");
+}
+
+#[test]
+fn a_demo_for_scripts_ends_with_one_object() {
+    let report =
+        json(&succeeds(&["demo", "--headless", "--json", "--duration", "1", "--scene", "press"]));
+    assert_eq!(report["frames"], 1000);
+    assert_eq!(report["lost"], 0);
+    assert!(report["rate_hz"].as_f64().unwrap() > 0.0);
+    assert!((report["duration_s"].as_f64().unwrap() - 1.0).abs() < 0.01);
+    for target in ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm"] {
+        assert!(report["rmse"].as_object().unwrap().contains_key(target));
+        assert!(report["compared"][target].is_u64());
+    }
+}
+
+#[test]
+fn a_demo_behind_tcp_is_the_same_demo() {
+    let args = ["demo", "--headless", "--json", "--duration", "0.2", "--tcp", "127.0.0.1:0"];
+    assert_eq!(json(&succeeds(&args))["frames"], 200);
+}
+
+#[test]
+fn info_shows_the_finger_and_set_changes_it_for_good() {
+    let (_finger, port) = finger();
+    let before = json(&succeeds(&["info", "--port", &port, "--json"]));
+    assert_eq!(before["board"], "virtual");
+    assert_eq!(before["rate_hz"], 1000.0);
+    assert_eq!(before["calibration"], serde_json::Value::Null);
+
+    let set = ["--rate", "250", "--fields", "force,point", "--point", "argmin"];
+    let said = succeeds(&[&["set", "--port", port.as_str()], set.as_slice()].concat());
+    assert_eq!(said, "rate 250 Hz\nfields force,point\npoint argmin\n");
+    let after = json(&succeeds(&["info", "--port", &port, "--json"]));
+    assert_eq!((&after["rate_hz"], &after["point"]), (&250.0.into(), &"argmin".into()));
+    assert_eq!(after["fields"], "force,point");
+    let text = succeeds(&["info", "--port", &port]);
+    assert!(text.contains("stream       250 Hz, off, fields force,point"), "{text}");
+}
+
+#[test]
+fn a_bias_is_taken_read_and_cleared() {
+    let directory = tempfile::tempdir().unwrap();
+    let trace = trace(directory.path(), 60_000);
+    let source = Source::trace(Path::new(&trace)).unwrap();
+    let finger = VirtualFinger::on_tcp("127.0.0.1:0", source, None).unwrap();
+    let port = finger.port().to_string();
+    let bias = |action: &str| {
+        json(&succeeds(&["bias", "--port", &port, action, "--scans", "50", "--json"]))
+    };
+    let taken = bias("take");
+    assert_eq!(taken["on_command"], true);
+    assert!(taken["sensors"][0]["noise"].as_f64().unwrap() > 0.0);
+    assert_eq!(bias("read"), taken);
+    assert_eq!(bias("clear")["on_command"], false);
+    let text = succeeds(&["bias", "take", "--port", &port, "--scans", "50"]);
+    assert!(text.starts_with("bias taken on command\nsensor 0 "), "{text}");
+}
+
+#[test]
+fn a_recording_has_as_many_lines_as_it_says() {
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("frames.csv");
+    let path = out.to_str().unwrap();
+    let said = succeeds(&[
+        "record",
+        "--port",
+        "sim:press",
+        "--out",
+        path,
+        "--duration",
+        "0.5",
+        "--fields",
+        "all",
+        "--rate",
+        "500",
+    ]);
+    assert!(said.contains("frames.csv: 250 frames, 0 lost"), "{said}");
+    let lines = lines(&out);
+    assert_eq!(lines.len(), 250);
+    let seqs = lines.iter().map(|line| line.split(',').nth(1).unwrap());
+    assert!(seqs.clone().map(|seq| seq.parse::<u64>().unwrap()).eq(0..250));
+}
+
+#[test]
+fn a_playback_is_recorded_to_its_end() {
+    let directory = tempfile::tempdir().unwrap();
+    let port = format!("file:{}", trace(directory.path(), 1500));
+    let out = directory.path().join("frames.csv");
+    let summary =
+        json(&succeeds(&["record", "--port", &port, "--out", out.to_str().unwrap(), "--json"]));
+    assert_eq!(summary["frames"], lines(&out).len());
+    assert_eq!(summary["lost"], 0);
+    // The first scans pass while the client is still saying hello.
+    assert!(lines(&out).len() > 100);
+}
+
+#[test]
+fn a_pulled_cable_fails_and_leaves_the_recording_whole() {
+    let (finger, port) = finger();
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("frames.csv");
+    let child = command(&["record", "--port", &port, "--out", out.to_str().unwrap()]);
+    let child = recording(child, &out);
+    drop(finger);
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8(output.stderr).unwrap();
+    let frames = lines(&out).len();
+    assert!(said.starts_with("taxel: tcp:127.0.0.1:"), "{said}");
+    assert!(said.contains("the finger is gone"), "{said}");
+    assert!(said.ends_with(&format!("frames.csv has the {frames} frames until then\n")), "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_recording_cleanly() {
+    let (_finger, port) = finger();
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("frames.csv");
+    let child = command(&["record", "--port", &port, "--out", out.to_str().unwrap()]);
+    let child = recording(child, &out);
+    let id = nix::unistd::Pid::from_raw(child.id() as i32);
+    nix::sys::signal::kill(id, nix::sys::signal::Signal::SIGINT).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains(&format!(": {} frames, 0 lost", lines(&out).len())), "{said}");
+}
+
+/// Starts the command and waits until frames have reached the disk.
+fn recording(mut command: Command, out: &Path) -> std::process::Child {
+    let mut child = command.spawn().unwrap();
+    while !std::fs::read_to_string(out).is_ok_and(|text| text.lines().count() > 100) {
+        assert_eq!(child.try_wait().unwrap(), None, "it ended before it recorded");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    child
+}
+
+#[test]
+fn closed_output_is_no_panic_and_no_failure() {
+    let mut child = command(&["info", "--port", "sim:press"]).spawn().unwrap();
+    drop(child.stdout.take());
+    let mut said = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    assert_eq!((child.wait().unwrap().code(), said.as_str()), (Some(0), ""));
+}
