@@ -89,7 +89,9 @@ impl<'de> Deserialize<'de> for FullScale {
 }
 
 /// Device time in microseconds since power-up; 64 bits never wrap in the life of a finger.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[serde(transparent)]
 pub struct Micros(pub u64);

@@ -1,7 +1,10 @@
 //! A file a command.
 
 pub mod bias;
+pub mod calibrate;
 pub mod demo;
 pub mod info;
 pub mod record;
+pub mod replay;
 pub mod set;
+pub mod simulate;

@@ -3,8 +3,13 @@
 use std::path::Path;
 
 use taxel::calibration::Calibration;
-use taxel_formats::FileError;
+use taxel_formats::{FileError, calibration};
 use taxel_link::{Client, LinkError, Port};
+use taxel_sim::scene::BUILT_IN;
+
+/// The calibration of the finger in the built-in scenes, made from recordings of it as the file's folder
+/// says.
+const VIRTUAL: &str = include_str!("../assets/virtual-finger.cal.toml");
 
 /// The one argument that every command with a finger has.
 #[derive(clap::Args)]
@@ -20,14 +25,28 @@ impl PortArg {
     /// # Errors
     /// What the port said.
     pub fn connect(&self) -> Result<Client, LinkError> {
-        Client::open(&self.port, virtual_calibration(None)?.as_ref())
+        let calibration = match &self.port {
+            Port::Sim(scene) => scene_calibration(None, scene)?,
+            _ => None,
+        };
+        Client::open(&self.port, calibration.as_ref())
     }
 }
 
-/// What a virtual finger starts with: the file that the user named, if any.
+/// What the finger in a scene starts with: the file that the user named, else its own calibration where
+/// the scene is built in. The finger of somebody's own scene is another device.
 ///
 /// # Errors
 /// The file cannot be read or is no calibration.
-pub fn virtual_calibration(path: Option<&Path>) -> Result<Option<Calibration>, FileError> {
-    path.map(taxel_formats::calibration::read).transpose()
+pub fn scene_calibration(
+    path: Option<&Path>,
+    scene: &str,
+) -> Result<Option<Calibration>, FileError> {
+    match path {
+        Some(path) => calibration::read(path).map(Some),
+        None if BUILT_IN.iter().any(|(name, _)| *name == scene) => {
+            calibration::parse(Path::new("virtual-finger.cal.toml"), VIRTUAL).map(Some)
+        }
+        None => Ok(None),
+    }
 }

@@ -24,6 +24,11 @@ impl Interrupt {
         Ok(Self(flag))
     }
 
+    /// The flag itself, for libraries that look at one.
+    pub fn flag(&self) -> &AtomicBool {
+        &self.0
+    }
+
     /// It has come.
     pub fn came(&self) -> bool {
         self.0.load(Ordering::Relaxed)

@@ -30,6 +30,9 @@ real time, or sim:SCENE, a virtual finger. Without hardware, start with `taxel d
 #[derive(Subcommand)]
 enum Command {
     Demo(commands::demo::Args),
+    Simulate(commands::simulate::Args),
+    Replay(commands::replay::Args),
+    Calibrate(commands::calibrate::Args),
     Record(commands::record::Args),
     Info(commands::info::Args),
     Bias(commands::bias::Args),
@@ -43,6 +46,9 @@ fn main() -> ExitCode {
     };
     let done = match cli.command {
         Command::Demo(args) => commands::demo::run(args),
+        Command::Simulate(args) => commands::simulate::run(args),
+        Command::Replay(args) => commands::replay::run(args),
+        Command::Calibrate(args) => commands::calibrate::run(args),
         Command::Record(args) => commands::record::run(args),
         Command::Info(args) => commands::info::run(args),
         Command::Bias(args) => commands::bias::run(args),

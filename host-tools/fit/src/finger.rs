@@ -16,7 +16,7 @@ use taxel::scan::{SENSORS, TAXELS};
 
 use crate::error::FitError;
 use crate::least_squares;
-use crate::network::{self, Net, NetOptions, Progress};
+use crate::network::{self, Inputs, Net, NetOptions, Progress};
 use crate::range::trained_range;
 use crate::recording::Recording;
 
@@ -343,7 +343,7 @@ fn fit_net(
     }
     let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
     warn_of_faults(fitted, &name, faulty, x.len(), &x);
-    let net = network::fit(&name, &x, &y, hidden, options.net, progress, stop)?;
+    let net = network::fit(&name, &x, &y, hidden, (Inputs::Alike, options.net), progress, stop)?;
     let residual = residual(&net, &x, &y);
     fitted.parts.push(Part {
         name,

@@ -41,6 +41,16 @@ impl Default for NetOptions {
     }
 }
 
+/// How the inputs of a net relate to each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Inputs {
+    /// Channels of one kind, with one unit and one noise: they are scaled together, so that a channel
+    /// that hardly moves is not blown up until its noise and drift weigh as much as the others' signal.
+    Alike,
+    /// Quantities of different kinds: each is scaled by its own spread.
+    Unlike,
+}
+
 /// How far a fit has come.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Progress {
@@ -112,7 +122,7 @@ pub fn fit(
     x: &[Vec<f64>],
     y: &[Vec<f64>],
     hidden: usize,
-    options: NetOptions,
+    (inputs, options): (Inputs, NetOptions),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Net, FitError> {
@@ -133,9 +143,8 @@ pub fn fit(
     let thin = x.len().div_ceil(MOST_ROWS);
     let x: Vec<&[f64]> = x.iter().step_by(thin).map(Vec::as_slice).collect();
     let y: Vec<&[f64]> = y.iter().step_by(thin).map(Vec::as_slice).collect();
-    let inputs: Vec<Scale> =
-        (0..shape.inputs).map(|i| scale(x.iter().map(move |row| row[i]))).collect();
-    let targets: Vec<Scale> =
+    let inputs = input_scales(&x, shape.inputs, inputs);
+    let mut targets: Vec<Scale> =
         (0..shape.outputs).map(|k| scale(y.iter().map(move |row| row[k]))).collect();
     if targets.iter().any(|target| target.spread == 0.0) {
         return Err(FitError::NoLoad { part: part.into() });
@@ -143,7 +152,7 @@ pub fn fit(
     let scaled = |value: f64, scale: &Scale| {
         if scale.spread > 0.0 { (value - scale.mean) / scale.spread } else { 0.0 }
     };
-    let rows = Rows {
+    let mut rows = Rows {
         x: DMatrix::from_fn(x.len(), shape.inputs + 1, |row, i| {
             inputs.get(i).map_or(1.0, |scale| scaled(x[row][i], scale))
         }),
@@ -153,7 +162,7 @@ pub fn fit(
     let total = options.starts.saturating_sub(1) * START_STEPS + options.steps;
     let mut before = 0;
     let mut go_on = |state: &State, before: usize| {
-        let error = (state.squares.sum() / rows.y.len() as f64).sqrt();
+        let error = (state.squares.sum() / (shape.outputs * x.len()) as f64).sqrt();
         progress(Progress { part: part.into(), step: before + state.steps, of: total, error });
         !stop.load(Ordering::Relaxed)
     };
@@ -176,10 +185,35 @@ pub fn fit(
     // Counting every row first lets the net leave the plateau on which it is a linear map; the
     // decay that the independent rows ask for would hold it there.
     let first = options.steps * 2 / 3;
-    let best = levenberg::train(shape, &rows, best, EXPLORE, first, &mut |s| go_on(s, before));
+    let mut best = levenberg::train(shape, &rows, best, EXPLORE, first, &mut |s| go_on(s, before));
+    balance(shape, &mut best, &mut rows, &mut targets);
     let best =
         levenberg::train(shape, &rows, best, SETTLE, options.steps, &mut |s| go_on(s, before));
     Ok(fold(shape, &best, &inputs, &targets, rows.x.nrows()))
+}
+
+fn input_scales(x: &[&[f64]], count: usize, inputs: Inputs) -> Vec<Scale> {
+    let mut scales: Vec<Scale> =
+        (0..count).map(|i| scale(x.iter().map(move |row| row[i]))).collect();
+    if inputs == Inputs::Alike {
+        let squares: f64 = scales.iter().map(|scale| scale.spread.powi(2)).sum();
+        let common = (squares / count as f64).sqrt();
+        scales.iter_mut().filter(|s| s.spread > 0.0).for_each(|s| s.spread = common);
+    }
+    scales
+}
+
+/// Scales each target so that what is left of its error is the same for all of them: one noise β then
+/// fits every output, and an output that can be known better (f_z) is held to it.
+fn balance(shape: Shape, state: &mut State, rows: &mut Rows, targets: &mut [Scale]) {
+    let all = state.squares.mean();
+    for (k, target) in targets.iter_mut().enumerate() {
+        let factor = (all / state.squares[k].max(1e-6 * all)).sqrt();
+        let at = shape.hidden_parameters() + k * (shape.hidden + 1);
+        state.parameters.rows_mut(at, shape.hidden + 1).scale_mut(factor);
+        rows.y.column_mut(k).scale_mut(factor);
+        target.spread /= factor;
+    }
 }
 
 /// Small random weights: sums of about unit size, outputs that begin small.
@@ -225,6 +259,9 @@ fn fold(shape: Shape, state: &State, inputs: &[Scale], targets: &[Scale], rows: 
 mod tests {
     use super::*;
 
+    const UNLIKE: (Inputs, NetOptions) =
+        (Inputs::Unlike, NetOptions { seed: 0, starts: 3, steps: 300 });
+
     /// A smooth function of three inputs of very different size, in two outputs.
     fn rows(count: usize) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
         let x: Vec<Vec<f64>> = (0..count)
@@ -243,7 +280,7 @@ mod tests {
     }
 
     fn fit_quietly(x: &[Vec<f64>], y: &[Vec<f64>], options: NetOptions) -> Result<Net, FitError> {
-        fit("net", x, y, 6, options, &mut |_| {}, &AtomicBool::new(false))
+        fit("net", x, y, 6, (Inputs::Unlike, options), &mut |_| {}, &AtomicBool::new(false))
     }
 
     #[test]
@@ -256,6 +293,16 @@ mod tests {
                 assert!((f64::from(*found) - wanted).abs() < 0.05, "{found} {wanted}");
             }
         }
+    }
+
+    #[test]
+    fn inputs_alike_are_scaled_together_and_others_each_by_itself() {
+        let rows: [&[f64]; 2] = [&[1.0, 70.0, 5.0], &[3.0, 84.0, 5.0]];
+        let spreads =
+            |inputs| input_scales(&rows, 3, inputs).iter().map(|s| s.spread).collect::<Vec<_>>();
+        let common = (50.0f64 / 3.0).sqrt();
+        assert_eq!(spreads(Inputs::Alike), [common, common, 0.0]);
+        assert_eq!(spreads(Inputs::Unlike), [1.0, 7.0, 0.0]);
     }
 
     #[test]
@@ -275,7 +322,7 @@ mod tests {
             last = p.step;
             stop.store(p.step >= 5, Ordering::Relaxed);
         };
-        let net = fit("net", &x, &y, 6, NetOptions::default(), &mut progress, &stop).unwrap();
+        let net = fit("net", &x, &y, 6, UNLIKE, &mut progress, &stop).unwrap();
         assert_eq!((net.steps, last), (5, 5));
     }
 
@@ -283,7 +330,7 @@ mod tests {
     fn stopped_before_the_first_step_there_is_nothing_to_keep() {
         let (x, y) = rows(200);
         let stop = AtomicBool::new(true);
-        let error = fit("net", &x, &y, 6, NetOptions::default(), &mut |_| {}, &stop).unwrap_err();
+        let error = fit("net", &x, &y, 6, UNLIKE, &mut |_| {}, &stop).unwrap_err();
         assert_eq!(error, FitError::Stopped);
     }
 

@@ -20,6 +20,11 @@ pub(crate) fn trained_range(values: impl Iterator<Item = f32>, noise: f32) -> Ra
     [low - margin, high + margin]
 }
 
+/// The lowest and the highest value.
+pub(crate) fn extremes(values: impl Iterator<Item = f32>) -> Range {
+    values.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

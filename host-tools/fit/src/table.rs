@@ -11,8 +11,8 @@ use taxel_formats::table::{self, Table};
 
 use crate::error::FitError;
 use crate::metrics::{Errors, TargetMetrics};
-use crate::network::{self, NetOptions, Progress};
-use crate::range::trained_range;
+use crate::network::{self, Inputs, NetOptions, Progress};
+use crate::range::{extremes, trained_range};
 
 /// Rows of a table with their references.
 #[derive(Clone, Debug, PartialEq)]
@@ -152,8 +152,11 @@ pub fn fit(
             constant.join(", ")
         ));
     }
+    let kind = kind(
+        (0..names.len()).filter(|i| !constant.contains(&&*names[*i])).map(|i| range_of(column(i))),
+    );
     let part = format!("net {}-{}-{}", names.len(), options.hidden, first.targets.names.len());
-    let net = network::fit(&part, &x, &y, options.hidden, options.net, progress, stop)?;
+    let net = network::fit(&part, &x, &y, options.hidden, (kind, options.net), progress, stop)?;
     let range = (0..names.len()).map(|i| trained_range(column(i), f32::MIN_POSITIVE)).collect();
     let mut model = TableModel {
         inputs: names.clone(),
@@ -170,6 +173,18 @@ pub fn fit(
         .map(|errors| errors.into_metrics("").figures.map_or(0.0, |f| f.rmse as f32))
         .collect();
     Ok(FittedTable { model, warnings, rows: x.len(), effective: net.effective })
+}
+
+/// How much a column moves.
+fn range_of(column: impl Iterator<Item = f32>) -> f32 {
+    let [low, high] = extremes(column);
+    high - low
+}
+
+/// Columns that move alike, to two orders of magnitude, are channels of one kind.
+fn kind(moves: impl Iterator<Item = f32>) -> Inputs {
+    let [least, most] = extremes(moves);
+    if most <= 100.0 * least { Inputs::Alike } else { Inputs::Unlike }
 }
 
 /// What a model is worth on a recording it has not seen.

@@ -70,7 +70,7 @@ fn presses(presses: usize, from: usize, shear: f64) -> Recording {
         (0..100).map(|row| sample(row, [0.0; 3], [0.0; 2], [0.0; 3])).collect();
     for press in from..from + presses {
         let p = press as f64;
-        let at = [1.5 * (2.3 * p).sin(), 1.5 * (1.7 * p + 1.0).sin()];
+        let at = [0.6 * (2.3 * p).sin(), 0.6 * (1.7 * p + 1.0).sin()];
         for step in 0..40 {
             let fz = 1.5 * (std::f64::consts::PI * f64::from(step) / 40.0).sin();
             let force = [shear * fz * (0.9 * p).cos(), shear * fz * (1.3 * p).sin(), fz];

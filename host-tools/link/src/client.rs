@@ -4,7 +4,7 @@ mod reader;
 mod upload;
 
 use std::hash::{BuildHasher, Hasher};
-use std::io::Write;
+use std::io::{Read, Write};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -22,7 +22,7 @@ pub use reader::Counts;
 
 use crate::error::{LinkError, Problem};
 use crate::port::Port;
-use crate::transport;
+use crate::transport::{self, Transport};
 use crate::virtual_finger::{Outcome, VirtualFinger};
 use reader::{NO_TAG, Reader, Shared};
 
@@ -88,7 +88,24 @@ impl Client {
     /// # Errors
     /// The port cannot be opened, nobody answers, or the finger speaks another protocol.
     pub fn open(port: &Port, calibration: Option<&Calibration>) -> Result<Self, LinkError> {
-        let transport = transport::open(port, calibration)?;
+        Self::start(port, transport::open(port, calibration)?)
+    }
+
+    /// A conversation over any two streams of bytes; `name` is what messages call them. Reads must return
+    /// [`ErrorKind::TimedOut`](std::io::ErrorKind::TimedOut) now and then.
+    ///
+    /// # Errors
+    /// Nobody answers, or the finger speaks another protocol.
+    pub fn over(
+        name: &str,
+        reader: Box<dyn Read + Send>,
+        writer: Box<dyn Write + Send>,
+    ) -> Result<Self, LinkError> {
+        let port = Port::Serial(name.to_owned());
+        Self::start(&port, Transport { reader, writer, finger: None })
+    }
+
+    fn start(port: &Port, transport: Transport) -> Result<Self, LinkError> {
         let shared = Arc::new(Shared::default());
         let (reply_in, replies) = channel();
         let (frame_in, frames) = sync_channel(QUEUE);

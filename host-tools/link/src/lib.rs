@@ -11,6 +11,7 @@
 //! happened, and the mend.
 
 pub mod client;
+pub mod emulated;
 pub mod error;
 pub mod fields;
 pub mod port;

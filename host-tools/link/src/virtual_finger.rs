@@ -26,6 +26,7 @@ use taxel::session::Board;
 use taxel::wire::message::{Identity, Refusal};
 use taxel_formats::FileError;
 use tokio::sync::oneshot;
+use tokio::task::{LocalSet, spawn_local};
 
 pub use source::Source;
 pub use truth::TruthLog;
@@ -33,6 +34,10 @@ pub use truth::TruthLog;
 use crate::error::{LinkError, Problem, one_line};
 use crate::port::Port;
 use board::PacedBoard;
+
+/// Bytes kept for a host that reads late: about a second of the default stream. More would only make old
+/// what it reads then.
+const BACKLOG: usize = 64 * 1024;
 
 /// How a virtual finger came to its end by itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -117,13 +122,16 @@ impl VirtualFinger {
         let (stop, stopped) = oneshot::channel::<()>();
         let live = move || -> io::Result<()> {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-            runtime.block_on(async {
+            // A task of its own, because only its waker stays equal to its clones: the session's pipe
+            // compares them, and with the waker of `block_on` it would wake itself for ever.
+            let session = async move {
                 let mut instrument = instrument(board.identity(), record.as_deref());
                 tokio::select! {
                     served = serve(&mut board, &mut instrument) => served,
                     _ = stopped => Ok(()),
                 }
-            })
+            };
+            LocalSet::new().block_on(&runtime, async { spawn_local(session).await? })
         };
         let thread = std::thread::Builder::new()
             .name("virtual-finger".to_owned())

@@ -21,9 +21,16 @@ pub enum Part {
     All,
 }
 
-/// The tests that need the emulated board. They are marked `#[ignore]`, so that a plain `cargo test`
-/// needs nothing but cargo.
+/// The file of tests that needs the emulated board, and what the names of those tests begin with.
 const EMULATED: &str = "emulated_board";
+const EMULATED_PREFIX: &str = "emulated_";
+
+/// Which tests of the host's workspace.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Tests {
+    Host,
+    Emulated,
+}
 
 /// Runs them; the first that fails ends it.
 pub fn all(part: Part, choice: Choice, steps: &mut Steps) -> Result<()> {
@@ -44,7 +51,7 @@ fn host(steps: &mut Steps) -> Result<()> {
             .args(locked())
             .args(["--", "-D", "warnings"]))
     })?;
-    steps.take("host tests", || run(&mut tests(None)))?;
+    steps.take("host tests", || run(&mut tests(Tests::Host)))?;
     steps.take("examples in the documentation", || {
         run(cargo().args(["test", "--quiet", "--workspace", "--doc"]).args(locked()))
     })
@@ -71,14 +78,13 @@ fn target(choice: Choice, steps: &mut Steps) -> Result<()> {
         if !exists("qemu-system-arm") {
             packages::install(&["qemu-system-arm"], "the emulator")?;
         }
-        run(tests(Some(EMULATED)).env("TAXEL_FIRMWARE_DIR", firmware::directory()))
+        run(tests(Tests::Emulated).env("TAXEL_FIRMWARE_DIR", firmware::directory()))
     })
 }
 
-/// The tests of the host's workspace, or one file of them with what is ignored elsewhere; by nextest
-/// where it is there. Always of the whole workspace: a part of it would have its dependencies built anew,
-/// with other features.
-fn tests(only: Option<&str>) -> Command {
+/// By nextest where it is there. Always of the whole workspace: a part of it would have its dependencies
+/// built anew, with other features.
+fn tests(which: Tests) -> Command {
     let mut command = cargo();
     let nextest = answer(cargo().args(["nextest", "--version"])).is_some();
     if nextest {
@@ -86,19 +92,12 @@ fn tests(only: Option<&str>) -> Command {
     } else {
         command.args(["test", "--quiet"]);
     }
-    command.arg("--workspace").args(locked());
-    match only {
-        Some(file) => {
-            command.args(["--test", file]);
-            let ignored: &[_] =
-                if nextest { &["--run-ignored", "all"] } else { &["--", "--include-ignored"] };
-            command.args(ignored);
-        }
-        // Without a filter cargo would run the documentation's too.
-        None if !nextest => {
-            command.arg("--all-targets");
-        }
-        None => {}
-    }
+    command.args(["--workspace", "--no-fail-fast"]).args(locked());
+    match (which, nextest) {
+        (Tests::Emulated, _) => command.args(["--test", EMULATED]),
+        (Tests::Host, true) => command.args(["-E", &format!("not binary({EMULATED})")]),
+        // Without a selection cargo would run the documentation's too.
+        (Tests::Host, false) => command.args(["--all-targets", "--", "--skip", EMULATED_PREFIX]),
+    };
     command
 }

@@ -31,3 +31,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Command::Download(args) => transfer::download(args),
     }
 }
+
+/// Column names as the readers of tables take them.
+fn words(list: &[String]) -> Vec<&str> {
+    list.iter().map(String::as_str).collect()
+}

@@ -3,6 +3,7 @@
 //! The client connects to the finger as it would to hardware, through the operating system. All that
 //! the demo knows more is the truth.
 
+mod emulated;
 mod live;
 mod score;
 
@@ -11,9 +12,9 @@ use std::path::PathBuf;
 use serde::Serialize;
 use taxel::frame::Frame;
 use taxel_formats::trace::Truth;
-use taxel_link::{Client, Port, Source, VirtualFinger};
+use taxel_link::{Client, Source, VirtualFinger};
 
-use crate::finger::virtual_calibration;
+use crate::finger::scene_calibration;
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
 use live::Live;
@@ -40,19 +41,28 @@ pub struct Args {
     /// Put the finger behind this TCP address instead of a pseudo-terminal.
     #[arg(long, value_name = "HOST:PORT")]
     tcp: Option<String>,
+    /// Run the firmware on an emulated Cortex-M4F (QEMU) instead.
+    #[arg(long, conflicts_with = "tcp")]
+    emulated: bool,
 }
 
 /// A finger whose truth is known.
 trait Performer {
-    /// Where to connect.
-    fn port(&self) -> &Port;
+    /// What to call it.
+    fn name(&self) -> String;
+    /// Connects to it, as to hardware.
+    fn connect(&mut self) -> anyhow::Result<Client>;
     /// What really happened in the scan of `frame`.
     fn truth(&self, frame: &Frame) -> Option<Truth>;
 }
 
 impl Performer for VirtualFinger {
-    fn port(&self) -> &Port {
-        self.port()
+    fn name(&self) -> String {
+        format!("virtual finger at {}", self.port())
+    }
+
+    fn connect(&mut self) -> anyhow::Result<Client> {
+        Ok(Client::open(self.port(), None)?)
     }
 
     fn truth(&self, frame: &Frame) -> Option<Truth> {
@@ -79,20 +89,28 @@ struct Report {
 /// The scene or the calibration is wrong, or the finger cannot be reached.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
-    let calibration = virtual_calibration(args.calibration.as_deref())?;
+    let calibration = scene_calibration(args.calibration.as_deref(), &args.scene)?;
+    if args.emulated {
+        let board = emulated::Board::start(&args.scene, args.duration, calibration)?;
+        return perform(board, &args, &interrupt);
+    }
     let source = Source::scene(&args.scene)?;
     let finger = match &args.tcp {
         Some(address) => VirtualFinger::on_tcp(address, source, calibration.as_ref())?,
         None if cfg!(unix) => VirtualFinger::on_pty(source, calibration.as_ref())?,
         None => VirtualFinger::on_tcp("127.0.0.1:0", source, calibration.as_ref())?,
     };
-    perform(&finger, &args, &interrupt)
+    perform(finger, &args, &interrupt)
 }
 
-fn perform(finger: &impl Performer, args: &Args, interrupt: &Interrupt) -> anyhow::Result<()> {
-    let client = Client::open(finger.port(), None)?;
+fn perform(
+    mut finger: impl Performer,
+    args: &Args,
+    interrupt: &Interrupt,
+) -> anyhow::Result<()> {
+    let client = finger.connect()?;
     if !args.headless {
-        eprintln!("virtual finger at {}, scene {}", finger.port(), args.scene);
+        eprintln!("{}, scene {}", finger.name(), args.scene);
     }
     let mut live = Live::new(!args.headless);
     let mut score = Score::default();

@@ -11,6 +11,7 @@ use taxel::instrument::Instrument;
 use taxel::session::{Pace, SessionError, run_session};
 use tokio::net::unix::pipe;
 
+use super::BACKLOG;
 use super::board::PacedBoard;
 
 /// Both ends: the finger's, and the one that hosts open by name.
@@ -46,10 +47,17 @@ impl Pty {
     ) -> io::Result<()> {
         // To the runtime a terminal in raw mode is like two pipes, one a direction.
         let rx = pipe::Receiver::from_owned_fd_unchecked(self.finger.try_clone()?)?;
-        let tx = pipe::Sender::from_owned_fd_unchecked(self.finger)?;
+        let mut tty = pipe::Sender::from_owned_fd_unchecked(self.finger)?;
+        // The kernel passes a terminal's bytes on by a worker, which a busy machine may hold up for a
+        // second, and keeps only a few kilobytes meanwhile.
+        let (tx, mut kept) = tokio::io::duplex(BACKLOG);
         let (rx, tx) = (FromTokio::new(rx), FromTokio::new(tx));
-        let ended = run_session(rx, tx, board, instrument, Pace::Live).await;
+        let (ended, sent) = tokio::join!(
+            run_session(rx, tx, board, instrument, Pace::Live),
+            tokio::io::copy(&mut kept, &mut tty),
+        );
         drop(self.host);
+        sent?;
         match ended {
             Ok(_) => Ok(()),
             Err(SessionError::Read(error) | SessionError::Write(error)) => Err(error),

@@ -8,16 +8,12 @@ use taxel::instrument::Instrument;
 use taxel::session::{End, Pace, run_session};
 
 use super::board::PacedBoard;
-use super::idle;
-
-/// Bytes the kernel keeps for a host that reads slowly: about a second of the default stream. More would
-/// only make old what it reads then.
-const SEND_BUFFER: usize = 64 * 1024;
+use super::{BACKLOG, idle};
 
 pub(super) fn listen(address: impl ToSocketAddrs) -> io::Result<TcpListener> {
     let listener = TcpListener::bind(address)?;
     // Sockets that it accepts inherit this.
-    socket2::SockRef::from(&listener).set_send_buffer_size(SEND_BUFFER)?;
+    socket2::SockRef::from(&listener).set_send_buffer_size(BACKLOG)?;
     listener.set_nonblocking(true)?;
     Ok(listener)
 }

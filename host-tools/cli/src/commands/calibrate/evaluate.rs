@@ -11,6 +11,7 @@ use taxel_fit::table::{self, TableModel, TableRecording};
 use taxel_formats::calibration::{self, Kind};
 use taxel_formats::stretch::Stretch;
 
+use super::words;
 use crate::output;
 
 /// Judges a calibration on a recording that it has not seen.
@@ -87,10 +88,6 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         args.data.path.display()
     );
     print(&metrics, args.json)
-}
-
-fn words(list: &[String]) -> Vec<&str> {
-    list.iter().map(String::as_str).collect()
 }
 
 fn print(metrics: &[TargetMetrics], json: bool) -> anyhow::Result<()> {

@@ -12,6 +12,7 @@ use taxel_fit::table::{self, TableOptions, TableRecording};
 use taxel_formats::stretch::Stretch;
 use taxel_formats::{calibration, trace};
 
+use super::words;
 use crate::interrupt::Interrupt;
 use crate::output;
 
@@ -149,7 +150,6 @@ fn fit_finger(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt)
 }
 
 fn fit_table(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt) -> Fitted {
-    let words = |list: &[String]| list.iter().map(String::as_str).collect::<Vec<_>>();
     let (inputs, targets) = (words(&args.inputs), words(&args.targets));
     let recordings = args
         .data

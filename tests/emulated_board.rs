@@ -1,0 +1,92 @@
+//! The firmware of `boards/mps2-an386` on an emulated Cortex-M4F, fed through its memory and heard through
+//! its UART, against the same core on this machine. Needs `qemu-system-arm` and a Cortex-M compiler:
+//! `cargo xtask test` sees to both.
+
+mod common;
+
+use common::{calibration, pressed, unloaded};
+use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::finger::Finger;
+use taxel::frame::{Fields, Frame};
+use taxel::scan::Scan;
+use taxel_link::emulated::{Replay, replay};
+use taxel_sim::{Scene, Simulator};
+
+fn on_host(scans: &[Scan], calibration: Option<Calibration>) -> Vec<Frame> {
+    let (finger, mut state) = Finger::new(calibration);
+    let seqs = 0..;
+    seqs.zip(scans)
+        .map(|(seq, scan)| finger.estimate(&mut state, scan).frame(seq, Fields::ALL))
+        .collect()
+}
+
+fn on_board(scans: &[Scan], calibration: Option<&Calibration>) -> (Vec<Frame>, Replay) {
+    let mut buffer = [0; MAX_BYTES];
+    let record = calibration.map(|calibration| calibration.to_bytes(&mut buffer).unwrap());
+    let mut frames = vec![];
+    let replay = replay(scans, record, Fields::ALL, |frame| frames.push(*frame)).unwrap();
+    (frames, replay)
+}
+
+/// The wire's bytes: two floats are the same only if all their bits are.
+fn bytes(frame: &Frame) -> Vec<u8> {
+    let mut buffer = [0; taxel::wire::MAX_PACKET];
+    taxel::wire::pack(frame, &mut buffer).unwrap().to_vec()
+}
+
+fn tour() -> Vec<Scan> {
+    let scene = Scene::load("tour").unwrap();
+    Simulator::new(&scene, 7).take(3000).map(|sample| sample.scan).collect()
+}
+
+fn virtual_finger() -> Calibration {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/host-tools/cli/assets/virtual-finger.cal.toml"
+    );
+    taxel_formats::calibration::read(path).unwrap()
+}
+
+#[test]
+fn emulated_frames_equal_those_of_this_machine_bit_for_bit() {
+    let (scans, calibration) = (tour(), virtual_finger());
+    let (board, replay) = on_board(&scans, Some(&calibration));
+    let host = on_host(&scans, Some(calibration));
+    assert_eq!(board.len(), host.len());
+    for (board, host) in board.iter().zip(&host) {
+        assert_eq!(bytes(board), bytes(host), "{board:?}\n{host:?}");
+    }
+    assert!(host.iter().any(|frame| frame.force.is_some_and(|f| f.z.is_ok_and(|z| z.0 > 0.1))));
+    let counters = replay.info.counters;
+    assert_eq!((counters.scans, counters.lost, counters.overruns), (3000, 0, 0));
+}
+
+#[test]
+fn emulated_faults_are_flagged_as_on_this_machine() {
+    let mut scans: Vec<Scan> = (0..40).map(|t| unloaded(250 * t)).collect();
+    scans.extend((40..80).map(|t| pressed(250 * t, 6, 6_554)));
+    scans.extend((80..90).map(|t| pressed(250 * t, 6, u16::MAX - common::LIT)));
+    scans.extend((90..100).map(|t| pressed(250 * t, 6, 39_000)));
+    scans.extend((100..110).map(|t| Scan { overrun: true, ..unloaded(250 * t) }));
+    for calibration in [None, Some(calibration())] {
+        let (board, _) = on_board(&scans, calibration.as_ref());
+        assert_eq!(board, on_host(&scans, calibration));
+    }
+}
+
+#[test]
+fn emulated_cost_is_counted_and_repeatable() {
+    let scans: Vec<Scan> = (0..200).map(|t| pressed(250 * t, 6, 6_554)).collect();
+    let (_, first) = on_board(&scans, Some(&calibration()));
+    let (_, second) = on_board(&scans, Some(&calibration()));
+    assert_eq!(first.info.cost, second.info.cost);
+    let instructions = first.worst_instructions();
+    // A count of nothing, or of something else, would lie far outside.
+    assert!((500..20_000).contains(&instructions), "{instructions}");
+}
+
+#[test]
+fn emulated_replay_of_nothing_is_refused_in_one_line() {
+    let error = replay(&[], None, Fields::ALL, |_| {}).unwrap_err().to_string();
+    assert_eq!(error, "the trace has no scans; give one that has");
+}
