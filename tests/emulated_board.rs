@@ -40,10 +40,8 @@ fn tour() -> Vec<Scan> {
 }
 
 fn virtual_finger() -> Calibration {
-    let path = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/host-tools/cli/assets/virtual-finger.cal.toml"
-    );
+    let path =
+        concat!(env!("CARGO_MANIFEST_DIR"), "/host-tools/cli/assets/virtual-finger.cal.toml");
     taxel_formats::calibration::read(path).unwrap()
 }
 

@@ -85,12 +85,18 @@ fn damage_of_every_kind_is_named_with_its_line_and_the_mend() {
             text.replace("\"finger\"", "\"table\""),
             "cal.toml:2: `kind`: a table calibration where a finger one is needed; ",
         ),
-        (text.replace(&crc, "crc32 = \"00000000\""), "cal.toml:3: `crc32`: says 00000000, the contents give "),
+        (
+            text.replace(&crc, "crc32 = \"00000000\""),
+            "cal.toml:3: `crc32`: says 00000000, the contents give ",
+        ),
         (text.replacen("0.31", "0.32", 1), "cal.toml:3: `crc32`: says "),
         (text.replacen("0.31", "oops", 1), "cal.toml:8: "),
         (text.replacen("0.31", "nan", 1), "cal.toml: TaxelBias is out of range; "),
         (text.replace("sensor = 1", "sensor = 9"), ": `sensor`: there is no sensor 9: 0…3; "),
-        (text.replace("date = \"20", "date = \"x"), "cal.toml:5: `date`: `x26-11-21T09:30:00Z` is no date"),
+        (
+            text.replace("date = \"20", "date = \"x"),
+            "cal.toml:5: `date`: `x26-11-21T09:30:00Z` is no date",
+        ),
     ];
     for (text, message) in cases {
         let error = parse(&text).unwrap_err();

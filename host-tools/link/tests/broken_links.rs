@@ -156,14 +156,15 @@ fn a_host_that_does_not_read_loses_frames_which_are_counted_while_the_scan_goes_
     for (tag, command) in (0..).zip(commands) {
         deaf.write_all(&packed(&Request { tag, command })).unwrap();
     }
-    // The scans of three seconds would be some megabytes: no buffer on the way holds them.
+    // Some hundred kilobytes a second: sooner or later no buffer on the way holds them.
+    let mut pause = std::time::Duration::from_millis(500);
     let client = loop {
-        std::thread::sleep(std::time::Duration::from_millis(200));
+        std::thread::sleep(pause);
         let client = connect(&finger);
-        let counters = client.info().unwrap().counters;
-        if counters.lost > 0 {
+        if client.info().unwrap().counters.lost > 0 {
             break client;
         }
+        pause *= 2;
     };
     let before = client.info().unwrap().counters;
     assert!(before.lost <= before.frames && before.frames <= before.scans);

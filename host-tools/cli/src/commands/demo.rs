@@ -103,11 +103,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     perform(finger, &args, &interrupt)
 }
 
-fn perform(
-    mut finger: impl Performer,
-    args: &Args,
-    interrupt: &Interrupt,
-) -> anyhow::Result<()> {
+fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> anyhow::Result<()> {
     let client = finger.connect()?;
     if !args.headless {
         eprintln!("{}, scene {}", finger.name(), args.scene);

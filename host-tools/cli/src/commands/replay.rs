@@ -62,7 +62,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         args.calibration.as_ref().map(taxel_formats::calibration::read).transpose()?;
     let interrupt = Interrupt::watch()?;
     let samples = samples(&args.trace)?;
-    let mut sink = Sink { frames: FramesWriter::create(&args.out, args.fields)?, count: 0, withheld: 0 };
+    let mut sink =
+        Sink { frames: FramesWriter::create(&args.out, args.fields)?, count: 0, withheld: 0 };
     match args.on {
         Core::Host => on_host(samples, calibration, args.fields, &mut sink, &interrupt)?,
         Core::Mps2An386 => on_board(samples, calibration, args.fields, &mut sink)?,
@@ -135,7 +136,9 @@ fn on_board(
     let record = match &calibration {
         None => None,
         Some(calibration) => Some(
-            calibration.to_bytes(&mut buffer).map_err(|e| anyhow::anyhow!("not a record: {e:?}"))?,
+            calibration
+                .to_bytes(&mut buffer)
+                .map_err(|e| anyhow::anyhow!("not a record: {e:?}"))?,
         ),
     };
     let bar = ProgressBar::new(scans.len() as u64);

@@ -115,12 +115,15 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         fit_table(&args, &mut progress, &interrupt)?
     };
     bar.finish_and_clear();
-    report(Outcome {
-        calibration: args.out,
-        parts: parts.into_iter().map(Fit::new).collect(),
-        warnings,
-        interrupted: interrupt.came(),
-    }, args.json)
+    report(
+        Outcome {
+            calibration: args.out,
+            parts: parts.into_iter().map(Fit::new).collect(),
+            warnings,
+            interrupted: interrupt.came(),
+        },
+        args.json,
+    )
 }
 
 type Fitted = anyhow::Result<(Vec<Part>, Vec<String>)>;
@@ -133,8 +136,7 @@ fn fit_finger(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt)
             data.path.display()
         );
     }
-    let recordings =
-        args.data.iter().map(Recording::read).collect::<Result<Vec<_>, _>>()?;
+    let recordings = args.data.iter().map(Recording::read).collect::<Result<Vec<_>, _>>()?;
     let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let options = FitOptions {
         subject: args.sensor.map_or(Subject::Found, |sensor| Subject::Sensor(sensor.into())),
@@ -163,7 +165,12 @@ fn fit_table(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt) 
     let fitted = table::fit(&recordings, &options, progress, stop.flag())?;
     calibration::write_table(&args.out, &fitted.model)?;
     let part = Part {
-        name: format!("net {}-{}-{}", fitted.model.inputs.len(), options.hidden, fitted.model.targets.len()),
+        name: format!(
+            "net {}-{}-{}",
+            fitted.model.inputs.len(),
+            options.hidden,
+            fitted.model.targets.len()
+        ),
         rows: fitted.rows,
         faulty: 0,
         condition: None,
@@ -184,7 +191,8 @@ fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
         return output::json(&outcome);
     }
     for fit in &outcome.parts {
-        let residual: Vec<String> = fit.residual.iter().map(|r| format!("{:.2}", r * 1e3)).collect();
+        let residual: Vec<String> =
+            fit.residual.iter().map(|r| format!("{:.2}", r * 1e3)).collect();
         output::line(format!(
             "{}: {} rows, RMS error of the fit {} mN",
             fit.part,
