@@ -1,46 +1,29 @@
 //! The command as a user or a script meets it.
 
+mod common;
+
 use std::io::Read;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 
+use common::In;
 use taxel_link::{Source, VirtualFinger};
 
-/// Exit code, standard output, standard error.
-struct Ran {
-    code: Option<i32>,
-    out: String,
-    err: String,
+/// Wherever the tests run: nothing here depends on the folder.
+fn here() -> In<'static> {
+    In(Path::new("."))
 }
 
 fn command(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_taxel"));
-    command.args(args).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    command
-}
-
-fn taxel(args: &[&str]) -> Ran {
-    let output = command(args).output().unwrap();
-    Ran {
-        code: output.status.code(),
-        out: String::from_utf8(output.stdout).unwrap(),
-        err: String::from_utf8(output.stderr).unwrap(),
-    }
+    here().command(args)
 }
 
 fn fails(code: i32, args: &[&str]) -> String {
-    let ran = taxel(args);
-    assert_eq!(ran.code, Some(code), "{}{}", ran.out, ran.err);
-    assert_eq!(ran.out, "");
-    assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
-    assert!(ran.err.ends_with('\n'));
-    ran.err
+    here().fails(code, args)
 }
 
 fn succeeds(args: &[&str]) -> String {
-    let ran = taxel(args);
-    assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""), "{}", ran.out);
-    ran.out
+    here().succeeds(args)
 }
 
 fn json(text: &str) -> serde_json::Value {

@@ -85,8 +85,8 @@ pub fn parse(path: &Path, text: &str) -> Result<Calibration, FileError> {
     })?;
     let crc = record_crc(&calibration).map_err(|error| match error {
         CalibrationError::Field(field) => {
-            FileError::new(path, format!("{field:?} is out of range"))
-                .mend("fit the calibration again")
+            let problem = format!("{field:?} holds a value that makes no sense");
+            located(path, text, finger::key(field), problem).mend("fit the calibration again")
         }
         error => FileError::new(path, format!("no calibration: {error:?}")),
     })?;

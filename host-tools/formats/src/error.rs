@@ -46,6 +46,14 @@ impl FileError {
         self
     }
 
+    /// What a CSV writer met on `path`.
+    pub(crate) fn csv(path: impl AsRef<Path>, error: csv::Error) -> Self {
+        match error.into_kind() {
+            csv::ErrorKind::Io(error) => Self::io(path, &error),
+            other => Self::new(path, format!("{other:?}")),
+        }
+    }
+
     /// An operating-system error on `path`.
     pub fn io(path: impl AsRef<Path>, error: &std::io::Error) -> Self {
         use std::io::ErrorKind;
@@ -53,6 +61,7 @@ impl FileError {
         match error.kind() {
             ErrorKind::NotFound => new.mend("check the path"),
             ErrorKind::PermissionDenied => new.mend("check who may read or write it"),
+            ErrorKind::IsADirectory => new.mend("give a file"),
             ErrorKind::StorageFull => new.mend("free some space; what was written so far is kept"),
             _ => new,
         }

@@ -91,7 +91,7 @@ impl FramesWriter {
     fn flush_row(&mut self) -> Result<(), FileError> {
         let written = self.records.write_record(&self.row);
         self.row.clear();
-        written.map_err(|error| FileError::io(&self.path, &error.into()))
+        written.map_err(|error| FileError::csv(&self.path, error))
     }
 }
 

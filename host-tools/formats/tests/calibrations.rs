@@ -91,7 +91,10 @@ fn damage_of_every_kind_is_named_with_its_line_and_the_mend() {
         ),
         (text.replacen("0.31", "0.32", 1), "cal.toml:3: `crc32`: says "),
         (text.replacen("0.31", "oops", 1), "cal.toml:8: "),
-        (text.replacen("0.31", "nan", 1), "cal.toml: TaxelBias is out of range; "),
+        (
+            text.replacen("0.31", "nan", 1),
+            "cal.toml:8: `bias`: TaxelBias holds a value that makes no sense; ",
+        ),
         (text.replace("sensor = 1", "sensor = 9"), ": `sensor`: there is no sensor 9: 0…3; "),
         (
             text.replace("date = \"20", "date = \"x"),

@@ -35,9 +35,9 @@ use crate::error::{LinkError, Problem, one_line};
 use crate::port::Port;
 use board::PacedBoard;
 
-/// Bytes kept for a host that reads late: about a second of the default stream. More would only make old
+/// Bytes kept for a host that reads late: some three seconds of the default stream. More would only make old
 /// what it reads then.
-const BACKLOG: usize = 64 * 1024;
+const BACKLOG: usize = 256 * 1024;
 
 /// How a virtual finger came to its end by itself.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -157,7 +157,7 @@ fn a_host_that_does_not_read_loses_frames_which_are_counted_while_the_scan_goes_
         deaf.write_all(&packed(&Request { tag, command })).unwrap();
     }
     // Some hundred kilobytes a second: sooner or later no buffer on the way holds them.
-    let mut pause = std::time::Duration::from_millis(500);
+    let mut pause = std::time::Duration::from_secs(1);
     let client = loop {
         std::thread::sleep(pause);
         let client = connect(&finger);

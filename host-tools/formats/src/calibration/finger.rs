@@ -3,7 +3,7 @@
 use std::time::{Duration, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
-use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
+use taxel::calibration::{Calibration, Field, Range, SensorCalibration, TaxelCalibration};
 use taxel::condition::{BridgeBias, TaxelBias};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::sensitivity::Sensitivity;
@@ -46,6 +46,19 @@ struct Sensor {
     range: [Range; 3],
     residual_n: [f32; 3],
     sensitivity: [[f32; 3]; 3],
+}
+
+/// The key under which a field stands in the file.
+pub(super) fn key(field: Field) -> &'static str {
+    match field {
+        Field::TaxelBias | Field::SensorBias(_) => "bias",
+        Field::TaxelNoise | Field::SensorNoise(_) => "noise",
+        Field::TaxelRange | Field::SensorRange(_) => "range",
+        Field::TaxelResidual | Field::SensorResidual(_) => "residual_n",
+        Field::NetHidden => "hidden",
+        Field::NetOutput => "output",
+        Field::Sensitivity(_) => "sensitivity",
+    }
 }
 
 impl FingerFile {

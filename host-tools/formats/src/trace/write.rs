@@ -109,7 +109,7 @@ impl TraceWriter {
     fn flush_row(&mut self) -> Result<(), FileError> {
         let written = self.records.write_record(&self.row);
         self.row.clear();
-        written.map_err(|error| self.failed(error.into()))
+        written.map_err(|error| FileError::csv(&self.path, error))
     }
 
     /// Ends the file; a writer that is merely dropped cannot say that the disk was full.
@@ -117,10 +117,6 @@ impl TraceWriter {
     /// # Errors
     /// The last lines could not be written.
     pub fn finish(mut self) -> Result<(), FileError> {
-        self.records.flush().map_err(|error| self.failed(error))
-    }
-
-    fn failed(&self, error: std::io::Error) -> FileError {
-        FileError::io(&self.path, &error)
+        self.records.flush().map_err(|error| FileError::io(&self.path, &error))
     }
 }

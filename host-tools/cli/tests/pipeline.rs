@@ -1,0 +1,149 @@
+//! From a scene to forces: simulate, fit, evaluate and replay, as a user would run them.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use common::In;
+
+fn figures(json: &str, target: &str) -> (f64, u64) {
+    let json: serde_json::Value = serde_json::from_str(json).unwrap();
+    for figure in ["rmse", "sigma", "max", "bias"] {
+        assert!(json[target][figure].is_number(), "{target} lacks {figure}: {json}");
+    }
+    (json[target]["rmse"].as_f64().unwrap(), json[target]["n"].as_u64().unwrap())
+}
+
+fn asset() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/virtual-finger.cal.toml")
+}
+
+#[test]
+fn a_sensor_on_the_bench_is_found_fitted_and_judged_to_a_millinewton() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    folder.succeeds(&["simulate", "--scene", "bench-s0", "--seed", "11", "--out", "bench.csv"]);
+    let fit = folder.succeeds(&[
+        "calibrate",
+        "fit",
+        "--data",
+        "bench.csv@0..10",
+        "--sensor",
+        "0",
+        "--out",
+        "s0.toml",
+    ]);
+    assert!(fit.starts_with("s0: "), "{fit}");
+    let judged = folder.succeeds(&[
+        "calibrate",
+        "evaluate",
+        "--data",
+        "bench.csv@10..",
+        "--calibration",
+        "s0.toml",
+        "--json",
+    ]);
+    for target in ["s0_fx_n", "s0_fy_n", "s0_fz_n"] {
+        let (rmse, n) = figures(&judged, target);
+        assert!(rmse < 1e-3 && n > 4000, "{target} {rmse} {n}");
+    }
+    folder.succeeds(&[
+        "replay",
+        "bench.csv@10..",
+        "--calibration",
+        "s0.toml",
+        "--out",
+        "frames.csv",
+    ]);
+    let frames = std::fs::read_to_string(folder.0.join("frames.csv")).unwrap();
+    assert!(frames.starts_with(
+        "t_us,seq,status,fx_n,fy_n,fz_n,x_mm,y_mm,contact,s0_fx_n,s0_fy_n,s0_fz_n,s1_fx_n"
+    ));
+    assert_eq!(frames.lines().count() as u64, 1 + figures(&judged, "s0_fz_n").1);
+}
+
+/// Presses and shear that no fit has seen: other seeds of the calibration's scenes. Normal force to 1 % of
+/// the finger's 2 N, shear to 4 %.
+#[test]
+fn the_virtual_fingers_own_calibration_holds_on_recordings_it_has_not_seen() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    let asset = asset();
+    let calibration = asset.to_str().unwrap();
+    for scene in ["presses", "shear"] {
+        folder.succeeds(&["simulate", "--scene", scene, "--seed", "97", "--out", "trace.csv"]);
+        let judged = folder.succeeds(&[
+            "calibrate",
+            "evaluate",
+            "--data",
+            "trace.csv",
+            "--calibration",
+            calibration,
+            "--json",
+        ]);
+        assert!(figures(&judged, "fz_n").0 < 0.02, "{judged}");
+        assert!(figures(&judged, "fx_n").0 < 0.08, "{judged}");
+        assert!(figures(&judged, "fy_n").0 < 0.08, "{judged}");
+    }
+}
+
+#[test]
+fn a_table_of_any_sensor_is_fitted_by_the_names_of_its_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    let rows = (0..400).map(|i| {
+        let (a, b) = ((f64::from(i) * 0.37).sin(), (f64::from(i) * 0.11).cos());
+        format!("{},{a},{b},{}\n", f64::from(i) * 0.01, 3.0 * a - 2.0 * b + 1.0)
+    });
+    let table = "t_s,m0,m1,force_n\n".to_owned() + &rows.collect::<String>();
+    std::fs::write(folder.0.join("skin.csv"), table).unwrap();
+    let fit = ["calibrate", "fit", "--data", "skin.csv@0..3", "--out", "skin.toml"];
+    let columns = ["--inputs", "m*", "--targets", "force_n", "--hidden", "4"];
+    folder.succeeds(&[&fit[..], &columns[..]].concat());
+    let judged = folder.succeeds(&[
+        "calibrate",
+        "evaluate",
+        "--data",
+        "skin.csv@3..",
+        "--calibration",
+        "skin.toml",
+        "--json",
+    ]);
+    assert!(figures(&judged, "force_n").0 < 0.1, "{judged}");
+    let error = folder
+        .fails(1, &["replay", "skin.csv", "--calibration", "skin.toml", "--out", "frames.csv"]);
+    assert!(error.contains("skin.toml:2: `kind`: a table calibration"), "{error}");
+}
+
+#[test]
+fn what_cannot_be_fitted_is_refused_in_one_line_that_says_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    std::fs::write(folder.0.join("other.csv"), "t_s,m0,force_n\n0,1,2\n").unwrap();
+    std::fs::write(folder.0.join("empty.csv"), "").unwrap();
+    let cases: [(&[&str], &str); 4] = [
+        (&["--data", "other.csv"], "other.csv:1: not a taxel trace; name the columns"),
+        (&["--data", "empty.csv"], "empty.csv: no header"),
+        (&["--data", "absent.csv"], "absent.csv: No such file"),
+        (
+            &["--data", "other.csv", "--inputs", "q*", "--targets", "force_n"],
+            "other.csv:1: `q*`: no column matches; this file has t_s, m0, force_n",
+        ),
+    ];
+    for (args, message) in cases {
+        let args = [&["calibrate", "fit", "--out", "cal.toml"], args].concat();
+        let error = folder.fails(1, &args);
+        assert!(error.starts_with(&format!("taxel: {message}")), "{error}\n lacks {message}");
+    }
+    assert!(!folder.0.join("cal.toml").exists());
+}
+
+#[test]
+fn a_disk_that_is_full_is_said_with_the_mend() {
+    if !Path::new("/dev/full").exists() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let error = In(folder.path()).fails(1, &["simulate", "--scene", "press", "--out", "/dev/full"]);
+    assert!(error.contains("free some space"), "{error}");
+}
