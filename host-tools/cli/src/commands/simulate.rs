@@ -2,8 +2,12 @@
 
 use std::path::PathBuf;
 
+use indicatif::ProgressBar;
 use taxel_formats::trace::{TraceHeader, TraceWriter};
 use taxel_sim::{Scene, Simulator};
+
+use crate::interrupt::Interrupt;
+use crate::output;
 
 /// Writes the ADC codes of a simulated scene, with the truth in extra columns.
 #[derive(clap::Args)]
@@ -35,11 +39,23 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         truth: true,
         sensor_truth: true,
     };
+    let interrupt = Interrupt::watch()?;
     let mut trace = TraceWriter::create(&args.out, header)?;
+    let bar = ProgressBar::new(scene.frames());
+    let mut written = 0u64;
     for sample in simulator {
+        if interrupt.came() {
+            break;
+        }
         trace.write(&sample)?;
+        written += 1;
+        // A redraw a frame would cost more than the frame.
+        if written.is_multiple_of(1000) {
+            bar.set_position(written);
+        }
     }
     trace.finish()?;
-    println!("{}: {} frames, {} s", args.out.display(), scene.frames(), scene.scan.duration_s);
-    Ok(())
+    bar.finish_and_clear();
+    let stopped = if interrupt.came() { "; stopped early" } else { "" };
+    output::line(format!("{}: {written} scans{stopped}", args.out.display()))
 }
