@@ -9,7 +9,7 @@
 mod bias;
 mod levels;
 
-pub use bias::{Bias, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias, Unsteady};
+pub use bias::{Bias, BiasRefusal, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias};
 pub use levels::{BridgeLevels, Levels, TaxelLevels};
 
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! The whole way of one scan: codes → signals → gate → only the estimators that the scene needs.
 
 use crate::calibration::{Calibration, Range};
-use crate::condition::{Bias, BiasTaker, Health, Levels, Signals, Taken, Unsteady};
+use crate::condition::{Bias, BiasRefusal, BiasTaker, Health, Levels, Signals, Taken};
 use crate::estimate::contact_point::{PointMethod, arg_min, centroid};
 use crate::estimate::gate::{Gate, GateState};
 use crate::estimate::{ContactPoint, Force};
@@ -47,7 +47,7 @@ pub struct Estimate {
     /// The contact point.
     pub point: Measured<ContactPoint>,
     /// A bias that was asked for is done with this scan.
-    pub bias: Option<Result<Taken, Unsteady>>,
+    pub bias: Option<Result<Taken, BiasRefusal>>,
 }
 
 impl Estimate {
@@ -135,7 +135,8 @@ impl Finger {
     pub fn estimate(&self, state: &mut FingerState, scan: &Scan) -> Estimate {
         let levels = Levels::read(&scan.codes);
         let bias = self.advance_bias(state, &levels);
-        let signals = state.bias.apply(levels);
+        let healthy = self.calibration.as_ref().and_then(|c| c.taxels.as_ref());
+        let signals = state.bias.apply(levels, healthy.map(|taxels| &taxels.bias.level));
         let mut status = Status::default();
         flag(&mut status, Status::OVERRUN, scan.overrun);
         flag(&mut status, Status::BIASED, state.biased);
@@ -174,7 +175,7 @@ impl Finger {
         &self,
         state: &mut FingerState,
         levels: &Levels,
-    ) -> Option<Result<Taken, Unsteady>> {
+    ) -> Option<Result<Taken, BiasRefusal>> {
         let outcome = state.taker.as_mut()?.add(levels, &state.bias)?;
         state.taker = None;
         if let Ok(taken) = outcome {

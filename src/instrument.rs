@@ -2,8 +2,9 @@
 //! reconnect, and does no I/O; [`crate::session`] carries its words.
 
 use crate::calibration::{self, Calibration, CalibrationError};
+use crate::condition::BiasRefusal;
 use crate::finger::{Finger, FingerState};
-use crate::frame::{Fields, Frame};
+use crate::frame::{Fields, Frame, Status};
 use crate::scan::Scan;
 use crate::wire::message::{
     CHUNK, CalibrationId, Command, Cost, Counters, Identity, Info, Message, PROTOCOL, Refusal,
@@ -26,7 +27,10 @@ pub struct Instrument {
     until_due: u16,
     seq: u32,
     bias_tag: Option<u8>,
+    /// The gate was open at some time while the bias in force was taken.
     bias_in_contact: bool,
+    /// The same of the bias that is being taken.
+    taking_in_contact: bool,
     counters: Counters,
     cost: Cost,
 }
@@ -69,6 +73,7 @@ impl Instrument {
             seq: 0,
             bias_tag: None,
             bias_in_contact: false,
+            taking_in_contact: false,
             counters: Counters::default(),
             cost: Cost::default(),
         }
@@ -106,10 +111,17 @@ impl Instrument {
         self.counters.scans = self.counters.scans.wrapping_add(1);
         self.counters.overruns = self.counters.overruns.wrapping_add(u32::from(scan.overrun));
         let mut outcome = Outcome::default();
+        self.taking_in_contact |= estimate.status.contains(Status::CONTACT);
         if let Some(bias) = estimate.bias
             && let Some(tag) = self.bias_tag.take()
         {
-            let result = bias.map(|_| self.bias_response()).map_err(|_| Refusal::NotStill);
+            if bias.is_ok() {
+                self.bias_in_contact = self.taking_in_contact;
+            }
+            let result = bias.map(|_| self.bias_response()).map_err(|refusal| match refusal {
+                BiasRefusal::NotStill => Refusal::NotStill,
+                BiasRefusal::Saturated => Refusal::Saturated,
+            });
             outcome.reply = Some(Message::Reply { tag, result });
         }
         if self.streaming {
@@ -167,7 +179,7 @@ impl Instrument {
                 }
                 self.state.take_bias(*scans);
                 self.bias_tag = Some(tag);
-                self.bias_in_contact = self.state.contact();
+                self.taking_in_contact = self.state.contact();
                 return Ok(None);
             }
             Command::ReadBias => return Ok(Some(self.bias_response())),
@@ -221,6 +233,7 @@ impl Instrument {
     fn put_in_force(&mut self, calibration: Calibration, crc: u32) {
         self.finger.recalibrate(&mut self.state, calibration);
         self.calibration_crc = crc;
+        self.bias_in_contact = false;
     }
 
     /// The record is written out afresh for every part: that is rare, and a copy of it would be a sixth

@@ -129,6 +129,22 @@ fn a_dead_taxel_withholds_the_force_but_not_the_place() {
 }
 
 #[test]
+fn a_bias_does_not_make_a_dead_taxel_pass_for_a_dark_one() {
+    let (finger, mut state) = calibrated();
+    let weak = |t: u64| {
+        let mut scan = unloaded(t);
+        scan.codes.taxels.as_mut().unwrap().lit[1][1] = Code(common::DARK + 1_500);
+        scan
+    };
+    state.take_bias(10);
+    let taken = (0..10).find_map(|t| finger.estimate(&mut state, &weak(t)).bias);
+    assert!(taken.unwrap().is_ok(), "the other taxels may have their bias");
+    let estimate = settled(&finger, &mut state, &weak(11));
+    assert_eq!(estimate.signals.health.dead, 1 << 5);
+    assert_eq!(estimate.force, Force::none(NoValue::DeadChannel));
+}
+
+#[test]
 fn a_dead_taxel_alone_is_no_contact() {
     let (finger, mut state) = calibrated();
     let mut scan = unloaded(0);

@@ -281,6 +281,25 @@ fn a_bias_is_answered_when_it_is_done_and_refused_while_another_runs() {
     });
 }
 
+#[test]
+fn a_bias_taken_while_something_touches_the_finger_says_so() {
+    let mut instrument = fresh();
+    let mut buffer = [0; MAX_BYTES];
+    instrument.install(calibration().to_bytes(&mut buffer).unwrap()).unwrap();
+    let scans = Scans((0..100_000).map(|i| common::pressed(250 * i, 5, 3_000)).collect());
+    run(instrument, scans, Pace::Live, 4096, async |host| {
+        let taken = host.ask(Command::TakeBias { scans: 50 }).await;
+        let Ok(Response::Bias { in_contact, on_command, .. }) = taken else { panic!("{taken:?}") };
+        assert!(in_contact && on_command);
+        let mut buffer = [0; MAX_BYTES];
+        let record = calibration().to_bytes(&mut buffer).unwrap().to_vec();
+        upload(host, &record).await.unwrap();
+        let read = host.ask(Command::ReadBias).await;
+        let Ok(Response::Bias { in_contact, on_command, .. }) = read else { panic!("{read:?}") };
+        assert!(!in_contact && !on_command, "a new calibration brings its own bias");
+    });
+}
+
 async fn upload(host: &mut Host, record: &[u8]) -> Result<Response, Refusal> {
     host.ask(Command::CalibrationBegin { length: record.len() as u16 }).await?;
     for (i, chunk) in record.chunks(CHUNK).enumerate() {

@@ -80,6 +80,7 @@ fn every_refusal_has_its_bytes() {
         (Refusal::OutOfOrder, "01 07 01 03"),
         (Refusal::Calibration(CalibrationError::Crc), "01 07 01 04 01"),
         (Refusal::Uncalibrated, "01 07 01 05"),
+        (Refusal::Saturated, "01 07 01 06"),
     ];
     for (refusal, expected) in bytes {
         assert_eq!(body(&Message::Reply { tag: 7, result: Err(refusal) }), expected, "{refusal:?}");

@@ -42,9 +42,13 @@ pub struct Bias {
 
 impl Bias {
     /// Levels as changes against the unloaded finger. Sign rule of 002: c_k < 0 is nearer.
+    ///
+    /// `healthy` are the levels that a working taxel has unloaded: the calibration's, so that a bias
+    /// taken on command cannot make a dead taxel pass for a dark one. Without a calibration the bias
+    /// itself has to do.
     #[must_use]
-    pub fn apply(&self, mut levels: Levels) -> Signals {
-        levels.mark_dead(self.taxels.as_ref().map(|bias| &bias.level));
+    pub fn apply(&self, mut levels: Levels, healthy: Option<&TaxelLevels>) -> Signals {
+        levels.mark_dead(healthy.or(self.taxels.as_ref().map(|bias| &bias.level)));
         let taxels = levels.taxels.zip(self.taxels).map(|(level, bias)| {
             let mut c = bias.level;
             c.iter_mut().zip(level).for_each(|(c, level)| *c -= level);
@@ -97,6 +101,7 @@ fn activity(signals: &[f32], skip: u16, noise: f32) -> f32 {
 pub struct BiasTaker {
     wanted: u16,
     seen: u16,
+    clipped: bool,
     first: Levels,
     taxels: [Moments; TAXELS],
     bridges: [[Moments; 3]; SENSORS],
@@ -111,9 +116,14 @@ pub struct Taken {
     pub noisiest: f32,
 }
 
-/// The finger moved while its bias was being taken.
+/// Why a bias was not taken; the old one stays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Unsteady;
+pub enum BiasRefusal {
+    /// The finger moved.
+    NotStill,
+    /// A taxel was clipped: its level is not known.
+    Saturated,
+}
 
 impl BiasTaker {
     /// A standard deviation of a channel beyond this many times the known noise is movement.
@@ -127,6 +137,7 @@ impl BiasTaker {
         Self {
             wanted: frames.max(2),
             seen: 0,
+            clipped: false,
             first: Levels::default(),
             taxels: [Moments::default(); TAXELS],
             bridges: [[Moments::default(); 3]; SENSORS],
@@ -135,11 +146,12 @@ impl BiasTaker {
 
     /// Takes one more frame. `Some` once enough have been seen; `known` is the bias in force, whose
     /// noise tells stillness from movement.
-    pub fn add(&mut self, levels: &Levels, known: &Bias) -> Option<Result<Taken, Unsteady>> {
+    pub fn add(&mut self, levels: &Levels, known: &Bias) -> Option<Result<Taken, BiasRefusal>> {
         if self.seen == 0 {
             self.first = *levels;
         }
         self.seen = self.seen.saturating_add(1);
+        self.clipped |= levels.health.saturated != 0;
         // Deviations from the first frame, not raw levels: squares of small numbers keep their digits.
         if let (Some(level), Some(first)) = (&levels.taxels, &self.first.taxels) {
             self.taxels
@@ -160,14 +172,17 @@ impl BiasTaker {
         (self.seen >= self.wanted).then(|| self.finish(known))
     }
 
-    fn finish(&self, known: &Bias) -> Result<Taken, Unsteady> {
+    fn finish(&self, known: &Bias) -> Result<Taken, BiasRefusal> {
+        if self.clipped {
+            return Err(BiasRefusal::Saturated);
+        }
         let mut noisiest = 0.0f32;
-        let mut group = |moments: &[Moments], known: Option<f32>| -> Result<f32, Unsteady> {
+        let mut group = |moments: &[Moments], known: Option<f32>| -> Result<f32, BiasRefusal> {
             let worst = moments.iter().fold(0.0f32, |worst, m| worst.max(m.variance()));
             let limit = Self::STILL * known.unwrap_or(Self::UNKNOWN_NOISE).max(NOISE_FLOOR);
             noisiest = noisiest.max(worst);
             if worst > limit * limit {
-                return Err(Unsteady);
+                return Err(BiasRefusal::NotStill);
             }
             let sum = moments.iter().fold(0.0, |sum, m| sum + m.variance());
             Ok(sqrt(sum / moments.len() as f32).max(NOISE_FLOOR))
@@ -265,7 +280,18 @@ mod tests {
     fn bias_is_refused_while_the_finger_is_moving() {
         let mut taker = BiasTaker::new(100);
         let taken = (0..100).find_map(|i| taker.add(&levels(i as f32 * 1e-4), &Bias::default()));
-        assert_eq!(taken, Some(Err(Unsteady)));
+        assert_eq!(taken, Some(Err(BiasRefusal::NotStill)));
+    }
+
+    #[test]
+    fn bias_is_refused_while_a_taxel_is_clipped() {
+        let mut clipped = levels(0.0);
+        clipped.health.saturated = 1 << 5;
+        let mut taker = BiasTaker::new(10);
+        let taken = (0..10).find_map(|i| {
+            taker.add(if i == 4 { &clipped } else { &levels(0.0) }, &Bias::default())
+        });
+        assert_eq!(taken, Some(Err(BiasRefusal::Saturated)));
     }
 
     #[test]
@@ -273,7 +299,7 @@ mod tests {
         let unloaded = levels(0.0).taxels.unwrap();
         let bias =
             Bias { taxels: Some(TaxelBias { level: unloaded, noise: 1e-4 }), ..Bias::default() };
-        let nearer = bias.apply(levels(0.1)).taxels.unwrap();
+        let nearer = bias.apply(levels(0.1), None).taxels.unwrap();
         assert!(nearer.iter().all(|c| *c < 0.0));
     }
 
@@ -286,7 +312,7 @@ mod tests {
 
     #[test]
     fn without_a_bias_there_is_no_signal_rather_than_a_wrong_one() {
-        let signals = Bias::default().apply(levels(0.1));
+        let signals = Bias::default().apply(levels(0.1), None);
         assert_eq!(signals.taxels, None);
     }
 }

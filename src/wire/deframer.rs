@@ -23,11 +23,12 @@ impl<const N: usize> Deframer<N> {
     pub fn push<M: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<M, WireError>> {
         if byte != 0 {
             match self.buffer.get_mut(self.length) {
-                Some(slot) => {
+                // The last place is the final zero's.
+                Some(slot) if self.length + 1 < N => {
                     *slot = byte;
                     self.length += 1;
                 }
-                None => self.overlong = true,
+                _ => self.overlong = true,
             }
             return None;
         }

@@ -150,6 +150,8 @@ pub enum Refusal {
     Calibration(CalibrationError),
     /// 5: there is no calibration to read.
     Uncalibrated,
+    /// 6: a taxel is clipped, so that its bias cannot be known; the old bias stays.
+    Saturated,
 }
 
 /// Who this finger is and how it is doing.

@@ -166,7 +166,7 @@ impl<'r> Prepared<'r> {
         let signals = recording
             .samples
             .iter()
-            .map(|sample| bias.apply(Levels::read(&sample.scan.codes)))
+            .map(|sample| bias.apply(Levels::read(&sample.scan.codes), None))
             .collect();
         Ok(Self { recording, bias, signals })
     }

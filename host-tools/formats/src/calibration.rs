@@ -169,7 +169,14 @@ fn save<T: Serialize>(path: &Path, kind: Kind, crc: u32, body: &T) -> Result<(),
     let file = File { taxel_calibration: VERSION, kind, crc32: format!("{crc:08x}"), body };
     let text = toml::to_string(&file)
         .map_err(|error| FileError::new(path, format!("not written: {error}")))?;
-    std::fs::write(path, text).map_err(|error| FileError::io(path, &error))
+    // Beside it first, then in its place: a full disk does not cost the calibration that was there.
+    let beside = path.with_extension("toml.part");
+    let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, path));
+    written.map_err(|error| {
+        // Nothing can be done if even this fails.
+        let _ = std::fs::remove_file(&beside);
+        FileError::io(path, &error)
+    })
 }
 
 fn check_crc(path: &Path, text: &str, head: &Head, crc: u32) -> Result<(), FileError> {

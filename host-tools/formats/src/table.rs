@@ -1,13 +1,13 @@
 //! Any CSV with a header and numbers: N input columns, some reference columns, perhaps a time.
 
-use std::io::Read;
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use csv::StringRecord;
 
 use crate::error::FileError;
+use crate::lines::Lines;
 use crate::stretch::Stretch;
-use crate::trace::csv_problem;
 
 /// Some columns of a CSV file as numbers.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,16 +45,9 @@ pub fn read_from(
     patterns: &[&str],
 ) -> Result<Table, FileError> {
     let path = stretch.path.as_path();
-    let mut records = csv::ReaderBuilder::new()
-        .flexible(true)
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_reader(source);
-    let names = match records.headers() {
-        Ok(names) => names.clone(),
-        Err(error) => return Err(located(path, &error)),
-    };
-    if names.is_empty() || names.iter().all(str::is_empty) {
+    let mut lines = Lines::new(BufReader::new(source), path);
+    let mut names = StringRecord::new();
+    if lines.next(&mut names, |_, _| Ok(()))?.is_none() {
         return Err(FileError::new(path, "no header: the file is empty")
             .mend("the first line names the columns"));
     }
@@ -73,21 +66,7 @@ pub fn read_from(
         times: Vec::new(),
     };
     let mut record = StringRecord::new();
-    loop {
-        match records.read_record(&mut record) {
-            Ok(true) => {}
-            Ok(false) => return Ok(table),
-            Err(error) => return Err(located(path, &error)),
-        }
-        let line = record.position().map_or(0, csv::Position::line);
-        if record.len() != names.len() {
-            return Err(FileError::new(
-                path,
-                format!("{} fields where the header has {}", record.len(), names.len()),
-            )
-            .line(line)
-            .mend("complete or remove the line; a recording cut short often ends in one"));
-        }
+    while let Some(line) = lines.next_row(&mut record, names.len())? {
         let number = |at: usize| match record[at].parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(value),
             _ => Err(FileError::new(
@@ -107,14 +86,7 @@ pub fn read_from(
         }
         table.rows.push(columns.iter().map(|at| number(*at)).collect::<Result<_, _>>()?);
     }
-}
-
-fn located(path: &Path, error: &csv::Error) -> FileError {
-    let new = FileError::new(path, csv_problem(error));
-    match error.position() {
-        Some(position) => new.line(position.line()),
-        None => new,
-    }
+    Ok(table)
 }
 
 fn time_column(names: &StringRecord) -> Option<(usize, f64)> {
@@ -206,6 +178,23 @@ mod tests {
         ];
         for (text, message) in cases {
             assert_eq!(read_text(text, "a.csv", &["m*"]).unwrap_err(), message);
+        }
+    }
+
+    #[test]
+    fn blank_lines_and_comments_count_as_lines() {
+        let error = read_text("\n# made by hand\nm0\n\n1\n\n\nx\n", "a.csv", &["m0"]).unwrap_err();
+        assert!(error.starts_with("a.csv:8: "), "{error}");
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn no_bytes_make_the_reader_panic(
+            bytes in proptest::collection::vec(proptest::prelude::any::<u8>(), 0..300),
+            text in "[mt_s0-9,.#\"\n -]{0,200}",
+        ) {
+            let _ = read_from(&bytes[..], &Stretch::whole("x"), &["m*"]);
+            let _ = read_from(text.as_bytes(), &Stretch::whole("x"), &["m*", "t_s"]);
         }
     }
 

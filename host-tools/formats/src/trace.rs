@@ -6,7 +6,6 @@
 mod read;
 mod write;
 
-pub(crate) use read::csv_problem;
 pub use read::{Channels, TraceReader, is_trace};
 pub use write::{TraceHeader, TraceWriter};
 

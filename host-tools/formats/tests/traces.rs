@@ -105,6 +105,14 @@ fn whatever_is_wrong_is_one_line_that_names_line_column_and_mend() {
 }
 
 #[test]
+fn line_numbers_are_those_of_an_editor() {
+    let text =
+        format!("\u{feff}# full_scale=65535\r\n\r\n{}\r\n\r\n\r\n{}\r\n", header(), line("0", "x"));
+    let error = read(&text).unwrap_err();
+    assert!(error.starts_with("trace.csv:6: `lit_r0c0`: expected a whole code 0…65535"), "{error}");
+}
+
+#[test]
 fn a_header_without_lines_is_an_empty_trace() {
     assert_eq!(read(&header()), Ok(vec![]));
 }

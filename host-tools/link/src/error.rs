@@ -128,6 +128,11 @@ pub(crate) fn one_line(error: &dyn std::error::Error) -> String {
 fn refused(refusal: &Refusal) -> String {
     match refusal {
         Refusal::OutOfRange { low, high } => format!("must lie in {low}…{high}"),
+        Refusal::Saturated => {
+            "a taxel is clipped, so that its unloaded level is not known; shade the finger or lower \
+             its light, then try again"
+                .to_owned()
+        }
         Refusal::NotStill => {
             "refused, the finger moved meanwhile; the old bias stays, let go and try again".into()
         }

@@ -2,8 +2,8 @@
 
 use std::collections::HashSet;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
 
 use csv::StringRecord;
 use taxel::scan::{COLS, Codes, Midpoints, ROWS, SENSORS, Scan, TaxelCodes};
@@ -11,18 +11,16 @@ use taxel::units::{Code, FullScale, Micros};
 
 use super::{Sample, TRUTH_COLUMNS, Truth, bridge_names, sensor_truth_names, taxel_names};
 use crate::error::FileError;
+use crate::lines::Lines;
 
 const FULL_SCALE_KEY: &str = "full_scale";
 
 /// Reads a trace line by line.
 pub struct TraceReader<R> {
-    path: PathBuf,
+    lines: Lines<R>,
     columns: Columns,
     names: StringRecord,
-    records: csv::Reader<R>,
     record: StringRecord,
-    /// Lines before the CSV header.
-    skipped: u64,
     last_time: Option<u64>,
 }
 
@@ -67,50 +65,33 @@ impl<R: BufRead> TraceReader<R> {
     ///
     /// # Errors
     /// The header is not that of a trace.
-    pub fn new(mut source: R, path: impl AsRef<Path>) -> Result<Self, FileError> {
-        let path = path.as_ref().to_owned();
-        let (full_scale, skipped, first) = read_preamble(&mut source, &path)?;
-        let records = csv::ReaderBuilder::new()
-            .has_headers(false)
-            .flexible(true)
-            .trim(csv::Trim::All)
-            .from_reader(source);
-        let names = split_header(&first, &path, skipped + 1)?;
-        let header = Header { names: &names, path: &path, line: skipped + 1 };
-        let columns = Columns::find(&header, full_scale)?;
-        Ok(Self {
-            path,
-            columns,
-            names,
-            records,
-            record: StringRecord::new(),
-            // The header line was taken off before the CSV reader began to count.
-            skipped: skipped + 1,
-            last_time: None,
-        })
+    pub fn new(source: R, path: impl AsRef<Path>) -> Result<Self, FileError> {
+        let path = path.as_ref();
+        let mut lines = Lines::new(source, path);
+        let mut names = StringRecord::new();
+        let mut full_scale = FullScale::BITS_12;
+        let header = lines.next(&mut names, |comment, line| {
+            if let Some((key, value)) = comment.split_once('=')
+                && key.trim() == FULL_SCALE_KEY
+            {
+                full_scale = parse_full_scale(value, path, line)?;
+            }
+            Ok(())
+        })?;
+        let Some(line) = header else {
+            return Err(FileError::new(path, "no header: the file is empty")
+                .mend("a trace starts with a line of column names, `t_us,lit_r0c0,…`"));
+        };
+        let columns = Columns::find(&Header { names: &names, path, line }, full_scale)?;
+        Ok(Self { lines, columns, names, record: StringRecord::new(), last_time: None })
     }
 
     fn read(&mut self) -> Result<Option<Sample>, FileError> {
-        let more = match self.records.read_record(&mut self.record) {
-            Ok(more) => more,
-            Err(error) => {
-                let line = error.position().map_or(0, csv::Position::line) + self.skipped;
-                return Err(FileError::new(&self.path, csv_problem(&error)).line(line));
-            }
-        };
-        if !more {
+        let Some(line) = self.lines.next_row(&mut self.record, self.names.len())? else {
             return Ok(None);
-        }
-        let line = self.record.position().map_or(0, csv::Position::line) + self.skipped;
-        if self.record.len() != self.names.len() {
-            return Err(FileError::new(
-                &self.path,
-                format!("{} fields where the header has {}", self.record.len(), self.names.len()),
-            )
-            .line(line)
-            .mend("complete or remove the line; a recording cut short often ends in one"));
-        }
-        let cells = Cells { record: &self.record, names: &self.names, path: &self.path, line };
+        };
+        let path = self.lines.path();
+        let cells = Cells { record: &self.record, names: &self.names, path, line };
         let sample = self.columns.sample(&cells)?;
         let time = sample.scan.time.0;
         if let Some(last) = self.last_time.replace(time)
@@ -132,6 +113,15 @@ impl<R: BufRead> Iterator for TraceReader<R> {
     }
 }
 
+fn parse_full_scale(value: &str, path: &Path, line: u64) -> Result<FullScale, FileError> {
+    value.trim().parse().ok().and_then(FullScale::new).ok_or_else(|| {
+        FileError::new(path, format!("expected a whole number 1…65535, found `{value}`"))
+            .line(line)
+            .column(FULL_SCALE_KEY)
+            .mend("write `# full_scale=4095` or `# full_scale=65535`")
+    })
+}
+
 /// True where the file begins like a taxel trace rather than any other CSV.
 ///
 /// # Errors
@@ -139,74 +129,10 @@ impl<R: BufRead> Iterator for TraceReader<R> {
 pub fn is_trace(path: impl AsRef<Path>) -> Result<bool, FileError> {
     let path = path.as_ref();
     let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
-    let mut head = Vec::new();
-    BufReader::new(file)
-        .take(64 * 1024)
-        .read_to_end(&mut head)
-        .map_err(|error| FileError::io(path, &error))?;
-    let head = String::from_utf8_lossy(&head);
-    let header = head.lines().find(|line| !line.starts_with('#')).unwrap_or_default();
-    let mut names = header.split(',').map(str::trim);
-    Ok(names.clone().any(|name| name == "t_us")
-        && names.any(|name| name.starts_with("lit_r") || name.starts_with("bridge_s")))
-}
-
-/// Comment lines before the header. Returns full scale, their number, and the header line.
-fn read_preamble(
-    source: &mut impl BufRead,
-    path: &Path,
-) -> Result<(FullScale, u64, String), FileError> {
-    let mut full_scale = FullScale::BITS_12;
-    let mut skipped = 0;
-    loop {
-        let mut bytes = Vec::new();
-        // A line this long is no header; the limit keeps a binary file from being swallowed whole.
-        let length = source
-            .take(1 << 20)
-            .read_until(b'\n', &mut bytes)
-            .map_err(|error| FileError::io(path, &error))?;
-        if length == 0 {
-            return Err(FileError::new(path, "no header: the file is empty")
-                .mend("a trace starts with a line of column names, `t_us,lit_r0c0,…`"));
-        }
-        let line = String::from_utf8(bytes)
-            .map_err(|_| FileError::new(path, "not text: expected a CSV file").line(skipped + 1))?;
-        let line = line.trim();
-        let Some(comment) = line.strip_prefix('#') else {
-            return Ok((full_scale, skipped, line.to_owned()));
-        };
-        skipped += 1;
-        if let Some((key, value)) = comment.split_once('=')
-            && key.trim() == FULL_SCALE_KEY
-        {
-            full_scale = value.trim().parse().ok().and_then(FullScale::new).ok_or_else(|| {
-                FileError::new(path, format!("expected a whole number 1…65535, found `{value}`"))
-                    .line(skipped)
-                    .column(FULL_SCALE_KEY)
-                    .mend("write `# full_scale=4095` or `# full_scale=65535`")
-            })?;
-        }
-    }
-}
-
-fn split_header(header: &str, path: &Path, line: u64) -> Result<StringRecord, FileError> {
     let mut names = StringRecord::new();
-    csv::ReaderBuilder::new()
-        .has_headers(false)
-        .trim(csv::Trim::All)
-        .from_reader(header.as_bytes())
-        .read_record(&mut names)
-        .map_err(|error| FileError::new(path, csv_problem(&error)).line(line))?;
-    Ok(names)
-}
-
-/// What the CSV library has to say, without its own idea of where.
-pub(crate) fn csv_problem(error: &csv::Error) -> String {
-    match error.kind() {
-        csv::ErrorKind::Utf8 { .. } => "not text: expected UTF-8".to_owned(),
-        csv::ErrorKind::Io(error) => error.to_string(),
-        _ => error.to_string(),
-    }
+    Lines::new(BufReader::new(file), path).next(&mut names, |_, _| Ok(()))?;
+    Ok(names.iter().any(|name| name == "t_us")
+        && names.iter().any(|name| name.starts_with("lit_r") || name.starts_with("bridge_s")))
 }
 
 /// Where each channel stands in a line.
