@@ -4,6 +4,8 @@
 
 mod common;
 
+use std::ops::ControlFlow;
+
 use common::{calibration, pressed, unloaded};
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::finger::Finger;
@@ -24,7 +26,11 @@ fn on_board(scans: &[Scan], calibration: Option<&Calibration>) -> (Vec<Frame>, R
     let mut buffer = [0; MAX_BYTES];
     let record = calibration.map(|calibration| calibration.to_bytes(&mut buffer).unwrap());
     let mut frames = vec![];
-    let replay = replay(scans, record, Fields::ALL, |frame| frames.push(*frame)).unwrap();
+    let replay = replay(scans, record, Fields::ALL, |frame| {
+        frames.push(*frame);
+        ControlFlow::Continue(())
+    });
+    let replay = replay.unwrap().unwrap();
     (frames, replay)
 }
 
@@ -85,6 +91,19 @@ fn emulated_cost_is_counted_and_repeatable() {
 
 #[test]
 fn emulated_replay_of_nothing_is_refused_in_one_line() {
-    let error = replay(&[], None, Fields::ALL, |_| {}).unwrap_err().to_string();
+    let error =
+        replay(&[], None, Fields::ALL, |_| ControlFlow::Continue(())).unwrap_err().to_string();
     assert_eq!(error, "the trace has no scans; give one that has");
+}
+
+#[test]
+fn emulated_replay_ends_when_its_listener_has_enough() {
+    let scans = tour();
+    let mut heard = 0;
+    let replay = replay(&scans, None, Fields::ESTIMATES, |_| {
+        heard += 1;
+        if heard < 10 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    });
+    assert_eq!(replay.unwrap(), None);
+    assert_eq!(heard, 10);
 }

@@ -289,7 +289,8 @@ mod tests {
         clipped.health.saturated = 1 << 5;
         let mut taker = BiasTaker::new(10);
         let taken = (0..10).find_map(|i| {
-            taker.add(if i == 4 { &clipped } else { &levels(0.0) }, &Bias::default())
+            let levels = if i == 4 { clipped } else { levels(0.0) };
+            taker.add(&levels, &Bias::default())
         });
         assert_eq!(taken, Some(Err(BiasRefusal::Saturated)));
     }

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use crate::output::Closed;
+use crate::output::{self, Closed};
 
 /// The thing failed.
 const FAILED: u8 = 1;
@@ -16,7 +16,7 @@ pub fn exit_code(done: anyhow::Result<()>) -> ExitCode {
         // Whoever read the output has enough, as in `taxel … | head`: nothing failed.
         Err(error) if error.is::<Closed>() => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("taxel: {}", one_line(&format!("{error:#}")));
+            output::note(format_args!("taxel: {}", one_line(&format!("{error:#}"))));
             ExitCode::from(FAILED)
         }
     }
@@ -29,7 +29,7 @@ pub fn usage(error: &clap::Error) -> ExitCode {
         let _ = error.print();
         return ExitCode::SUCCESS;
     }
-    eprintln!("taxel: {}", usage_line(&error.to_string()));
+    output::note(format_args!("taxel: {}", usage_line(&error.to_string())));
     ExitCode::from(USAGE)
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 use std::io::{self, Write};
+use std::path::Path;
 
 /// Nobody reads standard output any more.
 #[derive(Debug)]
@@ -25,6 +26,28 @@ pub fn line(text: impl Display) -> anyhow::Result<()> {
         Ok(()) => Ok(()),
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Err(Closed.into()),
         Err(error) => Err(anyhow::Error::new(error).context("standard output")),
+    }
+}
+
+/// Says something on standard error, which may be closed: then nobody wants to know.
+pub fn note(text: impl Display) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// Refuses to write where something is read from.
+///
+/// # Errors
+/// `out` is one of `inputs`, by whatever name.
+pub fn keep<'p>(inputs: impl IntoIterator<Item = &'p Path>, out: &Path) -> anyhow::Result<()> {
+    let Ok(target) = out.canonicalize() else { return Ok(()) };
+    let same = inputs.into_iter().find(|input| input.canonicalize().is_ok_and(|i| i == target));
+    match same {
+        None => Ok(()),
+        Some(input) => anyhow::bail!(
+            "{}: --out would overwrite what is read from ({}); choose another name",
+            out.display(),
+            input.display()
+        ),
     }
 }
 

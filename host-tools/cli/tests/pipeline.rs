@@ -147,3 +147,40 @@ fn a_disk_that_is_full_is_said_with_the_mend() {
     let error = In(folder.path()).fails(1, &["simulate", "--scene", "press", "--out", "/dev/full"]);
     assert!(error.contains("free some space"), "{error}");
 }
+
+#[test]
+fn no_command_overwrites_what_it_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    folder.succeeds(&["simulate", "--scene", "press", "--out", "a.csv"]);
+    let before = std::fs::read(folder.0.join("a.csv")).unwrap();
+    let commands: [&[&str]; 3] = [
+        &["replay", "a.csv", "--out", "./a.csv"],
+        &["calibrate", "fit", "--data", "a.csv@0..1", "--out", "a.csv"],
+        &["record", "--port", "file:a.csv", "--out", "a.csv"],
+    ];
+    for args in commands {
+        let error = folder.fails(1, args);
+        assert!(error.contains("would overwrite what is read from"), "{error}");
+    }
+    assert_eq!(std::fs::read(folder.0.join("a.csv")).unwrap(), before);
+}
+
+#[test]
+fn an_empty_stretch_is_named_and_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    folder.succeeds(&["simulate", "--scene", "press", "--out", "a.csv"]);
+    let asset = asset();
+    let calibration = asset.to_str().unwrap();
+    let commands: [&[&str]; 3] = [
+        &["replay", "a.csv@500..600", "--out", "b"],
+        &["calibrate", "evaluate", "--data", "a.csv@500..600", "--calibration", calibration],
+        &["calibrate", "fit", "--data", "a.csv@500..600", "--out", "b"],
+    ];
+    for args in commands {
+        let error = folder.fails(1, args);
+        assert!(error.contains("check the stretch FILE@FROM..TO"), "{error}");
+    }
+    assert!(!folder.0.join("b").exists());
+}

@@ -60,7 +60,7 @@ pub enum Problem {
     #[error("cannot be reached: {0}; check the address and the network")]
     Unreachable(String),
     /// Anything else that opening it brought.
-    #[error("cannot be opened: {0}")]
+    #[error("cannot be opened: {0}; is it the right port?")]
     Open(String),
     /// Nobody answers.
     #[error(

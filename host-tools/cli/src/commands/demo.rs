@@ -7,6 +7,7 @@ mod emulated;
 mod live;
 mod score;
 
+use std::net::ToSocketAddrs;
 use std::path::PathBuf;
 
 use serde::Serialize;
@@ -39,11 +40,16 @@ pub struct Args {
     #[arg(long, value_name = "CAL")]
     calibration: Option<PathBuf>,
     /// Put the finger behind this TCP address instead of a pseudo-terminal.
-    #[arg(long, value_name = "HOST:PORT")]
+    #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     tcp: Option<String>,
     /// Run the firmware on an emulated Cortex-M4F (QEMU) instead.
     #[arg(long, conflicts_with = "tcp")]
     emulated: bool,
+}
+
+fn address(text: &str) -> Result<String, String> {
+    let known = text.to_socket_addrs().is_ok_and(|mut addresses| addresses.next().is_some());
+    if known { Ok(text.to_owned()) } else { Err("expected HOST:PORT, as in 127.0.0.1:5000".into()) }
 }
 
 /// A finger whose truth is known.
@@ -106,7 +112,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> anyhow::Result<()> {
     let client = finger.connect()?;
     if !args.headless {
-        eprintln!("{}, scene {}", finger.name(), args.scene);
+        output::note(format_args!("{}, scene {}", finger.name(), args.scene));
     }
     let mut live = Live::new(!args.headless);
     let mut score = Score::default();

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use taxel::frame::Fields;
 use taxel_formats::frames::FramesWriter;
-use taxel_link::fields;
+use taxel_link::{Port, fields};
 
 use crate::finger::PortArg;
 use crate::interrupt::Interrupt;
@@ -46,6 +46,9 @@ const FLUSH: Duration = Duration::from_millis(500);
 /// # Errors
 /// The finger cannot be reached or goes away, or the file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
+    if let Port::File(trace) = &args.port.port {
+        output::keep([trace.as_path()], &args.out)?;
+    }
     let interrupt = Interrupt::watch()?;
     let client = args.port.connect()?;
     if let Some(hz) = args.rate {
@@ -56,7 +59,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     let mut file = FramesWriter::create(&args.out, client.info()?.fields)?;
     if args.duration.is_none() && std::io::stderr().is_terminal() {
-        eprintln!("recording {} into {}; Ctrl-C ends it", client.port(), args.out.display());
+        output::note(format_args!(
+            "recording {} into {}; Ctrl-C ends it",
+            client.port(),
+            args.out.display()
+        ));
     }
     let mut flushed = Instant::now();
     let recorded = stream::run(&client, args.duration, &interrupt, |received| {

@@ -1,12 +1,17 @@
 //! `taxel replay`: a trace through the core, on this machine or on the emulated microcontroller.
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
+use anyhow::bail;
 use clap::ValueEnum;
 use indicatif::ProgressBar;
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::finger::Finger;
-use taxel::frame::{Fields, Frame, Status};
+use taxel::frame::{Fields, Frame};
+use taxel::measured::{Measured, NoValue};
+use taxel::units::Newtons;
+use taxel_formats::FileError;
 use taxel_formats::frames::FramesWriter;
 use taxel_formats::stretch::Stretch;
 use taxel_formats::trace::{Sample, TraceReader};
@@ -58,22 +63,32 @@ enum Core {
 /// # Errors
 /// A file is wrong, or the emulator is missing.
 pub fn run(args: Args) -> anyhow::Result<()> {
+    let inputs = [args.trace.path.as_path()].into_iter().chain(args.calibration.as_deref());
+    output::keep(inputs, &args.out)?;
     let calibration =
         args.calibration.as_ref().map(taxel_formats::calibration::read).transpose()?;
     let interrupt = Interrupt::watch()?;
-    let samples = samples(&args.trace)?;
+    let mut samples = samples(&args.trace)?.peekable();
+    if samples.peek().is_none() {
+        bail!("{}: no scans; check the stretch FILE@FROM..TO", args.trace.path.display());
+    }
+    let uncalibrated = calibration.is_none();
     let mut sink =
         Sink { frames: FramesWriter::create(&args.out, args.fields)?, count: 0, withheld: 0 };
     match args.on {
         Core::Host => on_host(samples, calibration, args.fields, &mut sink, &interrupt)?,
-        Core::Mps2An386 => on_board(samples, calibration, args.fields, &mut sink)?,
+        Core::Mps2An386 => on_board(samples, calibration, args.fields, &mut sink, &interrupt)?,
     }
     sink.frames.finish()?;
     output::line(format!(
-        "{}: {} frames, {} of them with a force withheld{}",
+        "{}: {} frames, {}{}",
         args.out.display(),
         sink.count,
-        sink.withheld,
+        if uncalibrated {
+            "without forces: give a --calibration".to_owned()
+        } else {
+            format!("{} of them with a force withheld", sink.withheld)
+        },
         if interrupt.came() { "; stopped early" } else { "" }
     ))
 }
@@ -86,19 +101,27 @@ struct Sink {
 }
 
 impl Sink {
-    fn take(&mut self, frame: &Frame) -> Result<(), taxel_formats::FileError> {
-        const WITHHOLDING: Status =
-            Status(Status::SATURATED.0 | Status::DEAD_TAXEL.0 | Status::OUT_OF_RANGE.0);
+    fn take(&mut self, frame: &Frame) -> Result<(), FileError> {
+        let mut forces = frame.sensors.iter().flatten().chain(&frame.force);
         self.count += 1;
-        self.withheld += usize::from(frame.status.0 & WITHHOLDING.0 != 0);
+        self.withheld += usize::from(forces.any(|force| withheld(force.z)));
         self.frames.write(frame)
+    }
+}
+
+/// The finger could measure it, but not now.
+fn withheld(force: Measured<Newtons>) -> bool {
+    match force {
+        Ok(_) => false,
+        Err(NoValue::Uncalibrated | NoValue::Absent | NoValue::NotEstimated) => false,
+        Err(_) => true,
     }
 }
 
 /// The samples of a stretch, line by line.
 fn samples(
     stretch: &Stretch,
-) -> anyhow::Result<impl Iterator<Item = Result<Sample, taxel_formats::FileError>> + use<>> {
+) -> anyhow::Result<impl Iterator<Item = Result<Sample, FileError>> + use<>> {
     let wanted = stretch.clone();
     let seconds = |sample: &Sample| sample.scan.time.0 as f64 * 1e-6;
     let ended = wanted.clone();
@@ -108,7 +131,7 @@ fn samples(
 }
 
 fn on_host(
-    samples: impl Iterator<Item = Result<Sample, taxel_formats::FileError>>,
+    samples: impl Iterator<Item = Result<Sample, FileError>>,
     calibration: Option<Calibration>,
     fields: Fields,
     sink: &mut Sink,
@@ -126,10 +149,11 @@ fn on_host(
 }
 
 fn on_board(
-    samples: impl Iterator<Item = Result<Sample, taxel_formats::FileError>>,
+    samples: impl Iterator<Item = Result<Sample, FileError>>,
     calibration: Option<Calibration>,
     fields: Fields,
     sink: &mut Sink,
+    interrupt: &Interrupt,
 ) -> anyhow::Result<()> {
     let scans = samples.map(|s| s.map(|s| s.scan)).collect::<Result<Vec<_>, _>>()?;
     let mut buffer = [0; MAX_BYTES];
@@ -145,16 +169,21 @@ fn on_board(
     let mut written = Ok(());
     let replay = emulated::replay(&scans, record, fields, |frame| {
         bar.inc(1);
-        if written.is_ok() {
-            written = sink.take(frame);
+        written = sink.take(frame);
+        if written.is_err() || interrupt.came() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
         }
     })?;
     bar.finish_and_clear();
     written?;
-    eprintln!(
-        "{}: at most {} instructions a scan",
-        replay.info.identity.board,
-        replay.worst_instructions()
-    );
+    if let Some(replay) = replay {
+        output::note(format_args!(
+            "{}: at most {} instructions a scan",
+            replay.info.identity.board,
+            replay.worst_instructions()
+        ));
+    }
     Ok(())
 }

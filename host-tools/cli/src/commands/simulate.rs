@@ -1,6 +1,6 @@
 //! `taxel simulate`: a scene in, a trace out.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
 use taxel_formats::trace::{TraceHeader, TraceWriter};
@@ -28,6 +28,7 @@ pub struct Args {
 /// # Errors
 /// The scene is wrong or the trace cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
+    output::keep([Path::new(&args.scene)], &args.out)?;
     let scene = Scene::load(&args.scene)?;
     let simulator = Simulator::new(&scene, args.seed);
     let header = TraceHeader {

@@ -79,8 +79,7 @@ impl<R: BufRead> TraceReader<R> {
             Ok(())
         })?;
         let Some(line) = header else {
-            return Err(FileError::new(path, "no header: the file is empty")
-                .mend("a trace starts with a line of column names, `t_us,lit_r0c0,…`"));
+            return Err(empty(path));
         };
         let columns = Columns::find(&Header { names: &names, path, line }, full_scale)?;
         Ok(Self { lines, columns, names, record: StringRecord::new(), last_time: None })
@@ -113,6 +112,11 @@ impl<R: BufRead> Iterator for TraceReader<R> {
     }
 }
 
+fn empty(path: &Path) -> FileError {
+    FileError::new(path, "no header: the file is empty")
+        .mend("a trace starts with a line of column names, `t_us,lit_r0c0,…`")
+}
+
 fn parse_full_scale(value: &str, path: &Path, line: u64) -> Result<FullScale, FileError> {
     value.trim().parse().ok().and_then(FullScale::new).ok_or_else(|| {
         FileError::new(path, format!("expected a whole number 1…65535, found `{value}`"))
@@ -125,12 +129,13 @@ fn parse_full_scale(value: &str, path: &Path, line: u64) -> Result<FullScale, Fi
 /// True where the file begins like a taxel trace rather than any other CSV.
 ///
 /// # Errors
-/// The file cannot be read.
+/// The file cannot be read, or is empty.
 pub fn is_trace(path: impl AsRef<Path>) -> Result<bool, FileError> {
     let path = path.as_ref();
     let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
     let mut names = StringRecord::new();
-    Lines::new(BufReader::new(file), path).next(&mut names, |_, _| Ok(()))?;
+    let header = Lines::new(BufReader::new(file), path).next(&mut names, |_, _| Ok(()))?;
+    header.ok_or_else(|| empty(path))?;
     Ok(names.iter().any(|name| name == "t_us")
         && names.iter().any(|name| name.starts_with("lit_r") || name.starts_with("bridge_s")))
 }

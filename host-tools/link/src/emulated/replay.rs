@@ -1,6 +1,7 @@
 //! A whole trace through the emulated board, nothing lost.
 
 use std::io::{ErrorKind, Read, Write};
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use taxel::frame::{Fields, Frame};
@@ -37,7 +38,7 @@ impl Replay {
 }
 
 /// Plays `scans` back through the firmware, with a calibration record if there is one. `frame` is given
-/// one frame a scan, in order.
+/// one frame a scan, in order, and may end the replay: then there is no [`Replay`].
 ///
 /// # Errors
 /// The board does not start, refuses the calibration, or does not send every frame.
@@ -45,8 +46,8 @@ pub fn replay(
     scans: &[Scan],
     calibration: Option<&[u8]>,
     fields: Fields,
-    mut frame: impl FnMut(&Frame),
-) -> Result<Replay, EmulatedError> {
+    mut frame: impl FnMut(&Frame) -> ControlFlow<()>,
+) -> Result<Option<Replay>, EmulatedError> {
     let image = Image::new(scans, Pace::Lossless)?;
     let mut board = Emulated::start(&image)?;
     let (reader, writer) =
@@ -54,32 +55,46 @@ pub fn replay(
     let mut link = Link { reader, writer, deframer: Deframer::default(), tag: FAREWELL };
     let mut received = 0;
     let talk = prepare(&mut link, &image, calibration, fields).and_then(|()| {
-        let mut info = None;
+        let mut heard = Heard::Nothing;
         while let Some(message) = link.next()? {
             match message {
                 Message::Frame(sent) if sent.seq as usize == received => {
                     received += 1;
-                    frame(&sent);
+                    if frame(&sent).is_break() {
+                        return Ok(Heard::Enough);
+                    }
                 }
                 Message::Reply { tag: FAREWELL, result: Ok(Response::Info(last)) } => {
-                    info = Some(last);
+                    heard = Heard::Farewell(Box::new(last));
                 }
                 _ => return Err(EmulatedError::Lost { received, expected: scans.len() }),
             }
         }
-        Ok(info)
+        Ok(heard)
     });
-    let info = match talk {
+    let heard = match talk {
+        // Dropping the board ends it.
+        Ok(Heard::Enough) => return Ok(None),
         // A board that stopped can say why.
-        Err(EmulatedError::Stopped(_)) | Ok(None) => None,
-        Ok(info) => info,
+        Err(EmulatedError::Stopped(_)) => Heard::Nothing,
+        Ok(heard) => heard,
         Err(error) => return Err(error),
     };
     let stack = board.wait()?;
-    match info {
-        Some(info) if received == scans.len() => Ok(Replay { info, stack }),
+    match heard {
+        Heard::Farewell(info) if received == scans.len() => Ok(Some(Replay { info: *info, stack })),
         _ => Err(EmulatedError::Lost { received, expected: scans.len() }),
     }
+}
+
+/// What the board's stream came to.
+enum Heard {
+    /// It ended without a farewell.
+    Nothing,
+    /// Whoever takes the frames has enough of them.
+    Enough,
+    /// Its last word.
+    Farewell(Box<Info>),
 }
 
 fn prepare(

@@ -65,7 +65,13 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let metrics = match calibration::kind(&args.calibration)? {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;
-            evaluate::finger(&calibration, &Recording::read(&args.data)?)
+            let recording = Recording::read(&args.data)?;
+            anyhow::ensure!(
+                !recording.samples.is_empty(),
+                "{}: no rows; check the stretch FILE@FROM..TO",
+                args.data.path.display()
+            );
+            evaluate::finger(&calibration, &recording)
         }
         Kind::Table => {
             let model: TableModel = calibration::read_table(&args.calibration)?;
@@ -73,10 +79,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                 TableRecording::read(&args.data, &words(&model.inputs), &words(&model.targets))?;
             let evaluation = table::evaluate(&model, &recording)?;
             if evaluation.beyond_range > 0 {
-                eprintln!(
+                output::note(format_args!(
                     "taxel: warning: {} rows have inputs beyond what training saw",
                     evaluation.beyond_range
-                );
+                ));
             }
             evaluation.targets
         }

@@ -101,6 +101,7 @@ impl Fit {
 /// # Errors
 /// A file is wrong, or the recordings do not make a calibration.
 pub fn run(args: Args) -> anyhow::Result<()> {
+    output::keep(args.data.iter().map(|data| data.path.as_path()), &args.out)?;
     let interrupt = Interrupt::watch()?;
     let bar = ProgressBar::new(0);
     bar.set_style(ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}")?);
@@ -182,10 +183,10 @@ fn fit_table(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt) 
 
 fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
     for warning in &outcome.warnings {
-        eprintln!("taxel: warning: {warning}");
+        output::note(format_args!("taxel: warning: {warning}"));
     }
     if outcome.interrupted {
-        eprintln!("taxel: stopped early: the best net so far was kept");
+        output::note(format_args!("taxel: stopped early: the best net so far was kept"));
     }
     if json {
         return output::json(&outcome);
