@@ -6,7 +6,8 @@ use taxel_formats::trace::{Sample, Truth};
 
 use crate::adc::Adc;
 use crate::bridge::{self, Bridge};
-use crate::contact::{HalfSpace, Layer};
+use crate::contact::traction::Round;
+use crate::contact::{Facets, HalfSpace, Rule, sphere};
 use crate::optics::Optics;
 use crate::path::{Load, Path};
 use crate::scene::Scene;
@@ -18,8 +19,11 @@ const REFERENCE: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub struct Simulator {
     path: Path,
-    layer: Layer,
+    skin: HalfSpace,
+    facets: Facets,
+    rule: Rule,
     radius: f64,
+    mu: f64,
     optics: Option<Optics>,
     bridges: [Option<Bridge>; SENSORS],
     bench: Option<usize>,
@@ -46,8 +50,11 @@ impl Simulator {
         }
         Self {
             path: Path::new(scene, seed),
-            layer: Layer::new(skin, scene.layer.depth_mm, scene.layer.facet_mm),
+            skin,
+            facets: Facets::new(skin, scene.layer.depth_mm, scene.layer.facet_mm, 2),
+            rule: Rule::round(Round::Hertz, 2, 6),
             radius: scene.indenter.radius_mm,
+            mu: scene.friction.mu,
             unloaded: optics.as_ref().map_or([0.0; TAXELS], |o| o.reflected(&[0.0; TAXELS])),
             optics,
             bridges,
@@ -78,8 +85,9 @@ impl Simulator {
         let optics = self.optics.as_ref()?;
         let light = match load {
             Some(load) => {
-                let disc = self.layer.sphere(self.radius, load.point, load.force);
-                optics.reflected(&self.layer.displacement(&disc))
+                let patches =
+                    sphere::tractions(&self.skin, self.radius, load.point, load.force, self.mu);
+                optics.reflected(&self.facets.displacement(&self.rule, patches.iter().flatten()))
             }
             None => self.unloaded,
         };
