@@ -52,7 +52,7 @@ impl Simulator {
             path: Path::new(scene, seed),
             skin,
             facets: Facets::new(skin, scene.layer.depth_mm, scene.layer.facet_mm, 2),
-            rule: Rule::round(Round::Hertz, 2, 6),
+            rule: Rule::round(Round::Hertz, 2, 8),
             radius: scene.indenter.radius_mm,
             mu: scene.friction.mu,
             unloaded: optics.as_ref().map_or([0.0; TAXELS], |o| o.reflected(&[0.0; TAXELS])),

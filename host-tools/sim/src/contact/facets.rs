@@ -125,7 +125,7 @@ mod tests {
     }
 
     fn few() -> Rule {
-        Rule::round(Round::Hertz, 2, 6)
+        Rule::round(Round::Hertz, 2, 8)
     }
 
     fn disc(centre: [f64; 2], radius: f64, force: [f64; 3]) -> [Patch; 1] {

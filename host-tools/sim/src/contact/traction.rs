@@ -39,7 +39,9 @@ pub struct Rule {
 }
 
 impl Rule {
-    /// Over the unit disc: `rings` of `spokes` points each, every other ring turned by half a step.
+    /// Over the unit disc: `rings` of points, every other one turned by half a step. A ring as long as
+    /// the rim would have `spokes` points; a shorter one has as many fewer, but always a multiple of
+    /// four, so that the rule has the symmetry of the taxel matrix.
     #[must_use]
     pub fn round(traction: Round, rings: usize, spokes: usize) -> Self {
         let rings: Vec<(f64, f64)> = match traction {
@@ -55,6 +57,7 @@ impl Rule {
         };
         let total: f64 = rings.iter().map(|(_, share)| share).sum();
         let points = rings.iter().enumerate().flat_map(|(ring, (r, share))| {
+            let spokes = 4 * (spokes as f64 * r / 4.0).ceil().max(1.0) as usize;
             (0..spokes).map(move |spoke| {
                 let turn = (spoke as f64 + 0.5 * (ring % 2) as f64) * TAU / spokes as f64;
                 let (sin, cos) = turn.sin_cos();
