@@ -16,6 +16,7 @@
 
 mod facets;
 mod halfspace;
+pub mod layer;
 pub mod plane;
 pub mod sphere;
 pub mod traction;

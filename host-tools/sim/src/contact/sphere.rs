@@ -159,7 +159,7 @@ mod tests {
         let (hertz, patch) = pressed();
         let skin = HalfSpace::new(0.236, 0.5);
         let error = |n: usize| {
-            let rule = Rule::round(Round::Hertz, n, 4 * n);
+            let rule = Rule::round(Round::Hertz, n, 8 * n);
             let sum = patch.superpose(&rule, [1.0, 0.4, 1.5], |f, d| skin.displacement(f, d));
             (sum / hertz.displacement(&skin, f64::hypot(1.0, 0.4), 1.5) - 1.0).abs()
         };

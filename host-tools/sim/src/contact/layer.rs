@@ -1,0 +1,4 @@
+mod bonded;
+mod spectrum;
+mod windows;
+pub use bonded::Bonded;
