@@ -47,6 +47,22 @@ impl Bonded {
         }
         self.skin.displacement(force, at) + change / self.skin.shear_modulus()
     }
+
+    /// Pressure in MPa on the floor, `r` mm beside a point load of `normal` newtons:
+    /// ∫ p(k) J₀(kr) k dk/2π.
+    #[must_use]
+    pub fn pressure(&self, normal: f64, r: f64) -> f64 {
+        let (h, nu) = (self.thickness, self.skin.poisson());
+        let top = 36.0 / h;
+        gauss_legendre(48 + (top * r.abs() / PI) as usize)
+            .into_iter()
+            .map(|(c, weight)| (0.5 * top * (c + 1.0), 0.5 * top * weight))
+            .map(|(k, weight)| {
+                let stress = Wave::new(k, h, nu, [0.0, -1.0], [0.0; 2]).traction(h)[1];
+                -normal * stress * bessel(0, k * r) * weight * k / (2.0 * PI)
+            })
+            .sum()
+    }
 }
 
 #[cfg(test)]
@@ -71,6 +87,17 @@ mod tests {
                 assert!((thick - skin.displacement(force, at)).abs() < 2e-3 * most);
             }
         }
+    }
+
+    #[test]
+    fn the_floor_carries_the_load() {
+        let (layer, far) = (Bonded::new(skin(), 2.5), 20.0);
+        let carried: f64 = gauss_legendre(60)
+            .into_iter()
+            .map(|(c, weight)| (0.5 * far * (c + 1.0), 0.5 * far * weight))
+            .map(|(r, weight)| layer.pressure(0.8, r) * 2.0 * PI * r * weight)
+            .sum();
+        assert!((carried / 0.8 - 1.0).abs() < 5e-3, "{carried}");
     }
 
     /// Largest difference of bonded layer and half-space `depth` below a unit force, over the largest

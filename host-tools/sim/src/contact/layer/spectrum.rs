@@ -59,33 +59,24 @@ fn dot(a: &[f64; 4], b: &[f64; 4]) -> f64 {
 }
 
 /// Gauss elimination with row pivots.
-fn solve(rows: [[f64; 4]; 4], values: [f64; 4]) -> [f64; 4] {
-    let mut left: Vec<([f64; 4], f64)> = rows.into_iter().zip(values).collect();
-    let mut solved: Vec<([f64; 4], f64)> = Vec::with_capacity(4);
+fn solve(mut rows: [[f64; 4]; 4], mut values: [f64; 4]) -> [f64; 4] {
     for column in 0..4 {
-        let size = |row: &([f64; 4], f64)| row.0.get(column).map_or(0.0, |v: &f64| v.abs());
-        let Some(pivot) = (0..left.len()).max_by(|a, b| {
-            let at = |i: &usize| left.get(*i).map_or(0.0, size);
-            at(a).total_cmp(&at(b))
-        }) else {
-            break;
-        };
-        let (pivot, value) = left.swap_remove(pivot);
-        let lead = pivot.get(column).copied().unwrap_or(1.0);
-        for (row, other) in &mut left {
-            let factor = row.get(column).copied().unwrap_or(0.0) / lead;
-            row.iter_mut().zip(&pivot).for_each(|(v, p)| *v -= factor * p);
-            *other -= factor * value;
+        let size = |row: usize| rows[row][column].abs();
+        let pivot = (column..4).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(column);
+        rows.swap(column, pivot);
+        values.swap(column, pivot);
+        for row in column + 1..4 {
+            let factor = rows[row][column] / rows[column][column];
+            for i in column..4 {
+                rows[row][i] -= factor * rows[column][i];
+            }
+            values[row] -= factor * values[column];
         }
-        solved.push((pivot, value));
     }
     let mut x = [0.0; 4];
-    for (column, (row, value)) in solved.iter().enumerate().rev() {
-        let known: f64 = row.iter().zip(&x).skip(column + 1).map(|(v, x)| v * x).sum();
-        let lead = row.get(column).copied().unwrap_or(1.0);
-        if let Some(x) = x.get_mut(column) {
-            *x = (value - known) / lead;
-        }
+    for row in (0..4).rev() {
+        let known: f64 = (row + 1..4).map(|i| rows[row][i] * x[i]).sum();
+        x[row] = (values[row] - known) / rows[row][row];
     }
     x
 }
