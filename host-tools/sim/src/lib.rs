@@ -2,7 +2,7 @@
 //!
 //! The way of a touch through the crate is the way of the light and the strain through the finger:
 //! [`path`] says where the indenter is and how hard it pushes, friction limited; [`contact`] turns that
-//! into the sinking of each reflective facet; [`optics`] into light on each phototransistor; [`bridge`]
+//! into the sinking of each reflective facet, as finely as [`fidelity`] finds the scene to need; [`optics`] into light on each phototransistor; [`bridge`]
 //! into midpoint voltages of the force sensors; [`adc`] into codes. [`Simulator`] walks them once a
 //! frame. [`Scene`] is the TOML file that says what to simulate.
 //!
@@ -12,6 +12,7 @@
 pub mod adc;
 pub mod bridge;
 pub mod contact;
+pub mod fidelity;
 pub mod optics;
 pub mod path;
 mod ranges;

@@ -8,7 +8,8 @@ use taxel::scan::SENSORS;
 use taxel_formats::FileError;
 use toml::Spanned;
 
-use crate::contact::SILICONE_YOUNG_MPA;
+use crate::contact::{SILICONE_YOUNG_MPA, layer};
+use crate::fidelity::Fidelity;
 use crate::ranges;
 
 mod acts;
@@ -42,6 +43,9 @@ pub enum Effect {
     BridgeMismatch,
     /// Sensitivities of the force sensors differ and their axes mix.
     BridgeCrosstalk,
+    /// The skin is a layer bonded to a rigid frame with a window open under each facet, and not a
+    /// half-space.
+    Walls,
 }
 
 /// A scene.
@@ -53,7 +57,12 @@ pub struct Scene {
     pub description: String,
     /// What to model beyond the ideal finger.
     #[serde(default)]
-    pub effects: Vec<Effect>,
+    pub effects: Vec<Spanned<Effect>>,
+    /// How finely contact is computed; [`Scene::fidelity`].
+    fidelity: Option<Spanned<Fidelity>>,
+    /// Error that `fidelity = "auto"` may leave, as a share of the largest displacement of a facet.
+    #[serde(default = "Scene::one_percent", deserialize_with = "ranges::tolerance")]
+    pub tolerance: f64,
     /// When to sample.
     pub scan: Scan,
     /// The finger.
@@ -300,7 +309,23 @@ impl Scene {
     /// The effect is to be modelled.
     #[must_use]
     pub fn has(&self, effect: Effect) -> bool {
-        self.effects.contains(&effect)
+        self.effects.iter().any(|listed| *listed.get_ref() == effect)
+    }
+
+    fn one_percent() -> f64 {
+        0.01
+    }
+
+    /// How finely contact is computed.
+    #[must_use]
+    pub fn fidelity(&self) -> Fidelity {
+        self.fidelity.as_ref().map_or(Fidelity::Auto, |fidelity| *fidelity.get_ref())
+    }
+
+    /// The skin is a layer on its frame: the effect is listed, or the rung is the one that implies it.
+    #[must_use]
+    pub fn has_walls(&self) -> bool {
+        self.has(Effect::Walls) || self.fidelity() == Fidelity::Layer
     }
 
     /// Frames a second.
@@ -341,7 +366,27 @@ impl Scene {
             );
             return Err((bench.sensor.span(), problem));
         }
+        self.check_walls()?;
         self.check_times()
+    }
+
+    /// The framed layer has its limits.
+    fn check_walls(&self) -> Result<(), (std::ops::Range<usize>, String)> {
+        let listed = self.effects.iter().find(|effect| *effect.get_ref() == Effect::Walls);
+        let named = self.fidelity.as_ref().filter(|f| *f.get_ref() == Fidelity::Layer);
+        let Some(at) = listed.map(Spanned::span).or(named.map(Spanned::span)) else {
+            return Ok(());
+        };
+        let ([thin, thick], widest) = (layer::Layer::THICKNESS_MM, layer::Layer::WIDEST_FACET_MM);
+        let Layer { depth_mm, facet_mm, .. } = self.layer;
+        if (thin..=thick).contains(&depth_mm) && facet_mm <= widest {
+            return Ok(());
+        }
+        let problem = format!(
+            "walls between facets of `facet_mm` {facet_mm} under `depth_mm` {depth_mm}; allowed are \
+             {thin} to {thick} for `depth_mm` and up to {widest} for `facet_mm`"
+        );
+        Err((at, problem))
     }
 
     /// One contact at a time, and all of them over when the scene is.

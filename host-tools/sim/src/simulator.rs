@@ -6,8 +6,7 @@ use taxel_formats::trace::{Sample, Truth};
 
 use crate::adc::Adc;
 use crate::bridge::{self, Bridge};
-use crate::contact::traction::Round;
-use crate::contact::{Facets, HalfSpace, Rule, sphere};
+use crate::fidelity::{Ladder, Report};
 use crate::optics::Optics;
 use crate::path::{Load, Path};
 use crate::scene::Scene;
@@ -19,11 +18,7 @@ const REFERENCE: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub struct Simulator {
     path: Path,
-    skin: HalfSpace,
-    facets: Facets,
-    rule: Rule,
-    radius: f64,
-    mu: f64,
+    contact: Option<Ladder>,
     optics: Option<Optics>,
     bridges: [Option<Bridge>; SENSORS],
     bench: Option<usize>,
@@ -42,19 +37,15 @@ impl Simulator {
     /// imperfections follow from the scene.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Self {
-        let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
         let optics = scene.device.taxels.then(|| Optics::new(scene, seed));
+        let on_skin = optics.is_some() && scene.bench.is_none();
         let mut bridges = Bridge::of(scene).map(Some);
         for (bridge, there) in bridges.iter_mut().zip(scene.device.bridges) {
             *bridge = bridge.take().filter(|_| there);
         }
         Self {
             path: Path::new(scene, seed),
-            skin,
-            facets: Facets::new(skin, scene.layer.depth_mm, scene.layer.facet_mm, 2),
-            rule: Rule::round(Round::Hertz, 2, 8),
-            radius: scene.indenter.radius_mm,
-            mu: scene.friction.mu,
+            contact: on_skin.then(|| Ladder::new(scene, seed)),
             unloaded: optics.as_ref().map_or([0.0; TAXELS], |o| o.reflected(&[0.0; TAXELS])),
             optics,
             bridges,
@@ -81,15 +72,18 @@ impl Simulator {
         self.adc.full_scale()
     }
 
+    /// How finely contact is computed and what error that leaves; `None` where no facet sinks, on the
+    /// bench or without the matrix.
+    #[must_use]
+    pub fn fidelity(&self) -> Option<&Report> {
+        self.contact.as_ref().map(Ladder::report)
+    }
+
     fn taxels(&mut self, load: Option<&Load>, time_us: f64) -> Option<TaxelCodes> {
         let optics = self.optics.as_ref()?;
-        let light = match load {
-            Some(load) => {
-                let patches =
-                    sphere::tractions(&self.skin, self.radius, load.point, load.force, self.mu);
-                optics.reflected(&self.facets.displacement(&self.rule, patches.iter().flatten()))
-            }
-            None => self.unloaded,
+        let light = match (load, &self.contact) {
+            (Some(load), Some(contact)) => optics.reflected(&contact.displacement(load)),
+            _ => self.unloaded,
         };
         let adc = &mut self.adc;
         let dark = optics.dark(time_us).map(|dark| adc.light(dark));

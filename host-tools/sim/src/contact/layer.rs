@@ -51,6 +51,13 @@ impl Layer {
         Self { series, table }
     }
 
+    /// What a disc costs: places of the table, or terms of the series, that are read for `rule`.
+    #[must_use]
+    pub fn evaluations(&self, rule: &Rule, exact: bool) -> u64 {
+        let each = if exact { self.series.coefficients.len() } else { 16 };
+        (rule.points().len() * each) as u64
+    }
+
     /// Mean displacement of each facet in mm, positive down, from the table.
     #[must_use]
     pub fn displacement<'a>(

@@ -112,6 +112,17 @@ fn a_bench_needs_its_sensor() {
 }
 
 #[test]
+fn fidelity_is_a_rung_and_walls_have_their_limits() {
+    refuses(&format!("fidelity = 'fine'\n{SCAN}"), 1, &["fidelity", "fine", "converged", "auto"]);
+    refuses(&format!("tolerance = 0\n{SCAN}"), 1, &["`tolerance`", "0.00001 to 0.5"]);
+    for walls in ["effects = ['walls']", "fidelity = 'layer'"] {
+        let thick = format!("{walls}\n{SCAN}[layer]\ndepth_mm = 9\n");
+        refuses(&thick, 1, &["`depth_mm` 9", "1 to 5", "2.4"]);
+        assert!(Scene::parse("my.toml", &format!("{walls}\n{SCAN}")).is_ok());
+    }
+}
+
+#[test]
 fn a_range_runs_upwards() {
     let random = "[[random]]\nat_s = 0\npresses = 3\neach_s = 1\nx_mm = [3, -3]\ny_mm = [0, 0]\n\
                   fz_n = [1, 1]\n";

@@ -67,9 +67,8 @@ fn solve(mut rows: [[f64; 4]; 4], mut values: [f64; 4]) -> [f64; 4] {
         values.swap(column, pivot);
         for row in column + 1..4 {
             let factor = rows[row][column] / rows[column][column];
-            for i in column..4 {
-                rows[row][i] -= factor * rows[column][i];
-            }
+            let lead = rows[column];
+            rows[row].iter_mut().zip(lead).for_each(|(v, p)| *v -= factor * p);
             values[row] -= factor * values[column];
         }
     }

@@ -186,9 +186,6 @@ impl Stiffness {
         let lines = [false, true].map(|odd| -> Vec<Vec<f64>> {
             (0..factors).map(|at| (0..count).map(|i| factor(odd, at, i)).collect()).collect()
         });
-        let columns = [false, true].map(|odd| -> Vec<Vec<f64>> {
-            (0..count).map(|i| (0..factors).map(|at| factor(odd, at, i)).collect()).collect()
-        });
         let area = period(thickness).powi(2);
         let mut sums = vec![0.0; PAIRS.len() * factors * factors];
         for i in 0..count {
@@ -202,7 +199,7 @@ impl Stiffness {
                     .iter()
                     .map(|line| line.iter().zip(&row).map(|(f, s)| f * s).sum())
                     .collect();
-                let column = &columns[usize::from(odd_x)][i];
+                let column = lines[usize::from(odd_x)].iter().filter_map(|line| line.get(i));
                 for (sums, x) in sums.chunks_exact_mut(factors).zip(column) {
                     sums.iter_mut().zip(&inner).for_each(|(sum, y)| *sum += x * y);
                 }
