@@ -11,6 +11,7 @@ use toml::Spanned;
 use crate::contact::{SILICONE_YOUNG_MPA, layer};
 use crate::fidelity::Fidelity;
 use crate::ranges;
+use crate::response::Coating;
 
 mod acts;
 
@@ -46,6 +47,8 @@ pub enum Effect {
     /// The skin is a layer bonded to a rigid frame with a window open under each facet, and not a
     /// half-space.
     Walls,
+    /// The force sensors follow with a delay, and relax, as their `coating` does.
+    Response,
 }
 
 /// A scene.
@@ -129,11 +132,19 @@ pub struct Device {
     pub taxels: bool,
     /// Which force sensors are there.
     pub bridges: [bool; SENSORS],
+    /// What covers the force sensors; with the effect `response`.
+    pub coating: Coating,
 }
 
 impl Default for Device {
     fn default() -> Self {
-        Self { seed: 1, bits: Bits::Sixteen, taxels: true, bridges: [true; SENSORS] }
+        Self {
+            seed: 1,
+            bits: Bits::Sixteen,
+            taxels: true,
+            bridges: [true; SENSORS],
+            coating: Coating::Bare,
+        }
     }
 }
 

@@ -9,7 +9,8 @@ use crate::bridge::{self, Bridge};
 use crate::fidelity::{Ladder, Report};
 use crate::optics::Optics;
 use crate::path::{Load, Path};
-use crate::scene::Scene;
+use crate::response::Response;
+use crate::scene::{Effect, Scene};
 
 /// The reference channel reads half of the converter's range.
 const REFERENCE: f64 = 0.5;
@@ -21,6 +22,7 @@ pub struct Simulator {
     contact: Option<Ladder>,
     optics: Option<Optics>,
     bridges: [Option<Bridge>; SENSORS],
+    response: Option<Box<[Response; SENSORS]>>,
     bench: Option<usize>,
     adc: Adc,
     /// Light of the unloaded pairs.
@@ -49,6 +51,7 @@ impl Simulator {
             unloaded: optics.as_ref().map_or([0.0; TAXELS], |o| o.reflected(&[0.0; TAXELS])),
             optics,
             bridges,
+            response: scene.has(Effect::Response).then(|| Box::new(responses(scene))),
             bench: scene.bench.as_ref().map(|bench| *bench.sensor.get_ref()),
             adc: Adc::new(scene, seed),
             rate_hz: u64::from(scene.rate_hz()),
@@ -109,6 +112,16 @@ impl Simulator {
         shares
     }
 
+    /// What of their shares the sensors have felt by now.
+    fn felt(&mut self, mut shares: [[f64; 3]; SENSORS]) -> [[f64; 3]; SENSORS] {
+        if let Some(responses) = &mut self.response {
+            for (share, response) in shares.iter_mut().zip(responses.iter_mut()) {
+                *share = response.follow(*share);
+            }
+        }
+        shares
+    }
+
     fn midpoints(&mut self, shares: &[[f64; 3]; SENSORS]) -> [Option<Midpoints>; SENSORS] {
         let adc = &mut self.adc;
         let mut midpoints = [None; SENSORS];
@@ -143,6 +156,11 @@ impl Simulator {
     }
 }
 
+fn responses(scene: &Scene) -> [Response; SENSORS] {
+    let period = 1.0 / f64::from(scene.rate_hz());
+    core::array::from_fn(|_| Response::new(scene.device.coating, period))
+}
+
 impl Iterator for Simulator {
     type Item = Sample;
 
@@ -155,10 +173,11 @@ impl Iterator for Simulator {
         self.next += 1;
         let on_skin = load.filter(|_| self.bench.is_none());
         let shares = self.shares(load.as_ref());
+        let felt = self.felt(shares);
         let codes = Codes {
             full_scale: self.adc.full_scale(),
             taxels: self.taxels(on_skin.as_ref(), time_us as f64),
-            bridges: self.midpoints(&shares),
+            bridges: self.midpoints(&felt),
             reference: Some(self.adc.voltage(REFERENCE)),
             temperature: None,
         };
@@ -264,6 +283,24 @@ mod tests {
             assert_eq!(sample.truth.sensors[0], sample.truth.force);
             assert!(levels(sample).iter().zip(rest).all(|(now, rest)| (now - rest).abs() < 100.0));
         }
+    }
+
+    #[test]
+    fn sensors_lag_the_truth_only_where_the_scene_lists_it() {
+        let run = |effects: &str| -> Vec<Sample> {
+            let text = format!(
+                "effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n[device]\n\
+                 coating = 'rB'\n[[press]]\nat_s = 0.1\nx_mm = 0\ny_mm = 0\nfz_n = 1\n\
+                 rise_s = 0.01\nhold_s = 0.5\nfall_s = 0.01\n"
+            );
+            Simulator::new(&Scene::parse("test.toml", &text).unwrap(), 1).collect()
+        };
+        let (at_once, lagging) = (run(""), run("'response'"));
+        let level = |samples: &[Sample], i: usize| samples[i].scan.codes.bridges[0].unwrap().a.0;
+        assert_eq!(level(&at_once, 112), level(&at_once, 300));
+        assert_ne!(level(&lagging, 112), level(&at_once, 112));
+        assert_eq!(level(&lagging, 300), level(&at_once, 300));
+        assert_eq!(lagging[112].truth, at_once[112].truth);
     }
 
     #[test]

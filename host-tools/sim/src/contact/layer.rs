@@ -2,7 +2,7 @@
 //!
 //! By Betti's theorem the mean displacement of facet q under a load on the skin is the displacement of
 //! the skin where the load acts, taken along it, while facet q is pushed by one newton from below. So one
-//! solution per facet ([`windows`]) serves every contact there is; it is kept as a Fourier series and as
+//! solution per facet (module `windows`) serves every contact there is; it is kept as a Fourier series and as
 //! a table of it, read by cubic interpolation.
 
 use core::f64::consts::TAU;

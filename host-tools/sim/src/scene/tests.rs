@@ -65,6 +65,7 @@ fn a_wrong_type_names_its_line_and_key() {
     refuses(&format!("{SCAN}[indenter]\nradius_mm = 'six'\n"), 5, &["`radius_mm`", "six"]);
     refuses("[scan]\nrate_hz = 1000.5\nduration_s = 1\n", 2, &["`rate_hz`"]);
     refuses(&format!("{SCAN}[device]\nbits = 14\n"), 5, &["`bits`", "12 and 16"]);
+    refuses(&format!("{SCAN}[device]\ncoating = 'rE'\n"), 5, &["`coating`", "rE", "bare", "F02"]);
 }
 
 #[test]
