@@ -2,8 +2,8 @@
 //!
 //! The way of a touch through the crate is the way of the light and the strain through the finger:
 //! [`path`] says where the indenter is and how hard it pushes, friction limited; [`contact`] turns that
-//! into the sinking of each reflective facet; [`optics`] into light on each phototransistor; [`bridge`]
-//! into midpoint voltages of the force sensors; [`adc`] into codes. [`Simulator`] walks them once a
+//! into the sinking of each reflective facet, as finely as [`fidelity`] finds the scene to need; [`optics`] into light on each phototransistor; [`response`]
+//! into what the force sensors feel of it in time, [`bridge`] into midpoint voltages of the force sensors; [`adc`] into codes. [`Simulator`] walks them once a
 //! frame. [`Scene`] is the TOML file that says what to simulate.
 //!
 //! What a scene does not list under `effects` is not computed. A run is a function of the scene and one
@@ -12,9 +12,11 @@
 pub mod adc;
 pub mod bridge;
 pub mod contact;
+pub mod fidelity;
 pub mod optics;
 pub mod path;
 mod ranges;
+pub mod response;
 pub mod scene;
 mod seeds;
 mod simulator;

@@ -61,6 +61,8 @@ ranges! {
     moment: 0.0 to 86400.0;
     /// A fraction of the converter's range.
     ratio: 0.0 to 1.0;
+    /// Tolerated error as a share of the largest displacement.
+    tolerance: 0.00001 to 0.5;
     /// Frequency of the mains' lamps in Hz.
     lamps: 1.0 to 10000.0;
     /// A distance that the contact point rolls, in mm.

@@ -4,16 +4,18 @@
 use std::path::Path;
 
 use serde::Deserialize;
-use taxel::scan::SENSORS;
 use taxel_formats::FileError;
 use toml::Spanned;
 
-use crate::contact::SILICONE_YOUNG_MPA;
+use crate::contact::{SILICONE_YOUNG_MPA, layer};
+use crate::fidelity::Fidelity;
 use crate::ranges;
 
 mod acts;
+mod device;
 
 pub use acts::{Press, Random, Slide};
+pub use device::{Bits, Device};
 
 /// Scenes that come with the simulator, by name.
 pub const BUILT_IN: [(&str, &str); 5] = [
@@ -42,6 +44,11 @@ pub enum Effect {
     BridgeMismatch,
     /// Sensitivities of the force sensors differ and their axes mix.
     BridgeCrosstalk,
+    /// The skin is a layer bonded to a rigid frame with a window open under each facet, and not a
+    /// half-space.
+    Walls,
+    /// The force sensors follow with a delay, and relax, as their `coating` does.
+    Response,
 }
 
 /// A scene.
@@ -53,7 +60,12 @@ pub struct Scene {
     pub description: String,
     /// What to model beyond the ideal finger.
     #[serde(default)]
-    pub effects: Vec<Effect>,
+    pub effects: Vec<Spanned<Effect>>,
+    /// How finely contact is computed; [`Scene::fidelity`].
+    fidelity: Option<Spanned<Fidelity>>,
+    /// Error that `fidelity = "auto"` may leave, as a share of the largest displacement of a facet.
+    #[serde(default = "Scene::one_percent", deserialize_with = "ranges::tolerance")]
+    pub tolerance: f64,
     /// When to sample.
     pub scan: Scan,
     /// The finger.
@@ -105,48 +117,6 @@ impl Scan {
     /// Settling of the phototransistors to 12 bits is 26.5 µs; five such steps fit into 4 kHz.
     fn step_us() -> u32 {
         30
-    }
-}
-
-/// `[device]`
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Device {
-    /// Which individual: its gains, offsets and mismatches follow from this number.
-    pub seed: u64,
-    /// Resolution of the codes.
-    pub bits: Bits,
-    /// The optical matrix is there.
-    pub taxels: bool,
-    /// Which force sensors are there.
-    pub bridges: [bool; SENSORS],
-}
-
-impl Default for Device {
-    fn default() -> Self {
-        Self { seed: 1, bits: Bits::Sixteen, taxels: true, bridges: [true; SENSORS] }
-    }
-}
-
-/// Resolution of the codes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "u8")]
-pub enum Bits {
-    /// Single conversions.
-    Twelve,
-    /// Means of sixteen conversions, scaled to 65535.
-    Sixteen,
-}
-
-impl TryFrom<u8> for Bits {
-    type Error = String;
-
-    fn try_from(bits: u8) -> Result<Self, String> {
-        match bits {
-            12 => Ok(Self::Twelve),
-            16 => Ok(Self::Sixteen),
-            _ => Err(format!("{bits} bits; allowed are 12 and 16")),
-        }
     }
 }
 
@@ -300,7 +270,23 @@ impl Scene {
     /// The effect is to be modelled.
     #[must_use]
     pub fn has(&self, effect: Effect) -> bool {
-        self.effects.contains(&effect)
+        self.effects.iter().any(|listed| *listed.get_ref() == effect)
+    }
+
+    fn one_percent() -> f64 {
+        0.01
+    }
+
+    /// How finely contact is computed.
+    #[must_use]
+    pub fn fidelity(&self) -> Fidelity {
+        self.fidelity.as_ref().map_or(Fidelity::Auto, |fidelity| *fidelity.get_ref())
+    }
+
+    /// The skin is a layer on its frame: the effect is listed, or the rung is the one that implies it.
+    #[must_use]
+    pub fn has_walls(&self) -> bool {
+        self.has(Effect::Walls) || self.fidelity() == Fidelity::Layer
     }
 
     /// Frames a second.
@@ -341,7 +327,27 @@ impl Scene {
             );
             return Err((bench.sensor.span(), problem));
         }
+        self.check_walls()?;
         self.check_times()
+    }
+
+    /// The framed layer has its limits.
+    fn check_walls(&self) -> Result<(), (std::ops::Range<usize>, String)> {
+        let listed = self.effects.iter().find(|effect| *effect.get_ref() == Effect::Walls);
+        let named = self.fidelity.as_ref().filter(|f| *f.get_ref() == Fidelity::Layer);
+        let Some(at) = listed.map(Spanned::span).or(named.map(Spanned::span)) else {
+            return Ok(());
+        };
+        let ([thin, thick], widest) = (layer::Layer::THICKNESS_MM, layer::Layer::WIDEST_FACET_MM);
+        let Layer { depth_mm, facet_mm, .. } = self.layer;
+        if (thin..=thick).contains(&depth_mm) && facet_mm <= widest {
+            return Ok(());
+        }
+        let problem = format!(
+            "walls between facets of `facet_mm` {facet_mm} under `depth_mm` {depth_mm}; allowed are \
+             {thin} to {thick} for `depth_mm` and up to {widest} for `facet_mm`"
+        );
+        Err((at, problem))
     }
 
     /// One contact at a time, and all of them over when the scene is.

@@ -6,10 +6,11 @@ use taxel_formats::trace::{Sample, Truth};
 
 use crate::adc::Adc;
 use crate::bridge::{self, Bridge};
-use crate::contact::{HalfSpace, Layer};
+use crate::fidelity::{Ladder, Report};
 use crate::optics::Optics;
 use crate::path::{Load, Path};
-use crate::scene::Scene;
+use crate::response::Response;
+use crate::scene::{Effect, Scene};
 
 /// The reference channel reads half of the converter's range.
 const REFERENCE: f64 = 0.5;
@@ -18,10 +19,10 @@ const REFERENCE: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub struct Simulator {
     path: Path,
-    layer: Layer,
-    radius: f64,
+    contact: Option<Ladder>,
     optics: Option<Optics>,
     bridges: [Option<Bridge>; SENSORS],
+    response: Option<Box<[Response; SENSORS]>>,
     bench: Option<usize>,
     adc: Adc,
     /// Light of the unloaded pairs.
@@ -38,19 +39,19 @@ impl Simulator {
     /// imperfections follow from the scene.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Self {
-        let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
         let optics = scene.device.taxels.then(|| Optics::new(scene, seed));
+        let on_skin = optics.is_some() && scene.bench.is_none();
         let mut bridges = Bridge::of(scene).map(Some);
         for (bridge, there) in bridges.iter_mut().zip(scene.device.bridges) {
             *bridge = bridge.take().filter(|_| there);
         }
         Self {
             path: Path::new(scene, seed),
-            layer: Layer::new(skin, scene.layer.depth_mm, scene.layer.facet_mm),
-            radius: scene.indenter.radius_mm,
+            contact: on_skin.then(|| Ladder::new(scene, seed)),
             unloaded: optics.as_ref().map_or([0.0; TAXELS], |o| o.reflected(&[0.0; TAXELS])),
             optics,
             bridges,
+            response: scene.has(Effect::Response).then(|| Box::new(responses(scene))),
             bench: scene.bench.as_ref().map(|bench| *bench.sensor.get_ref()),
             adc: Adc::new(scene, seed),
             rate_hz: u64::from(scene.rate_hz()),
@@ -74,14 +75,18 @@ impl Simulator {
         self.adc.full_scale()
     }
 
+    /// How finely contact is computed and what error that leaves; `None` where no facet sinks, on the
+    /// bench or without the matrix.
+    #[must_use]
+    pub fn fidelity(&self) -> Option<&Report> {
+        self.contact.as_ref().map(Ladder::report)
+    }
+
     fn taxels(&mut self, load: Option<&Load>, time_us: f64) -> Option<TaxelCodes> {
         let optics = self.optics.as_ref()?;
-        let light = match load {
-            Some(load) => {
-                let disc = self.layer.sphere(self.radius, load.point, load.force);
-                optics.reflected(&self.layer.displacement(&disc))
-            }
-            None => self.unloaded,
+        let light = match (load, &self.contact) {
+            (Some(load), Some(contact)) => optics.reflected(&contact.displacement(load)),
+            _ => self.unloaded,
         };
         let adc = &mut self.adc;
         let dark = optics.dark(time_us).map(|dark| adc.light(dark));
@@ -103,6 +108,16 @@ impl Simulator {
         let mut shares = [[0.0; 3]; SENSORS];
         if let Some(share) = shares.get_mut(sensor) {
             *share = load.force;
+        }
+        shares
+    }
+
+    /// What of their shares the sensors have felt by now.
+    fn felt(&mut self, mut shares: [[f64; 3]; SENSORS]) -> [[f64; 3]; SENSORS] {
+        if let Some(responses) = &mut self.response {
+            for (share, response) in shares.iter_mut().zip(responses.iter_mut()) {
+                *share = response.follow(*share);
+            }
         }
         shares
     }
@@ -141,6 +156,11 @@ impl Simulator {
     }
 }
 
+fn responses(scene: &Scene) -> [Response; SENSORS] {
+    let period = 1.0 / f64::from(scene.rate_hz());
+    core::array::from_fn(|_| Response::new(scene.device.coating, period))
+}
+
 impl Iterator for Simulator {
     type Item = Sample;
 
@@ -153,10 +173,11 @@ impl Iterator for Simulator {
         self.next += 1;
         let on_skin = load.filter(|_| self.bench.is_none());
         let shares = self.shares(load.as_ref());
+        let felt = self.felt(shares);
         let codes = Codes {
             full_scale: self.adc.full_scale(),
             taxels: self.taxels(on_skin.as_ref(), time_us as f64),
-            bridges: self.midpoints(&shares),
+            bridges: self.midpoints(&felt),
             reference: Some(self.adc.voltage(REFERENCE)),
             temperature: None,
         };
@@ -262,6 +283,24 @@ mod tests {
             assert_eq!(sample.truth.sensors[0], sample.truth.force);
             assert!(levels(sample).iter().zip(rest).all(|(now, rest)| (now - rest).abs() < 100.0));
         }
+    }
+
+    #[test]
+    fn sensors_lag_the_truth_only_where_the_scene_lists_it() {
+        let run = |effects: &str| -> Vec<Sample> {
+            let text = format!(
+                "effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n[device]\n\
+                 coating = 'rB'\n[[press]]\nat_s = 0.1\nx_mm = 0\ny_mm = 0\nfz_n = 1\n\
+                 rise_s = 0.01\nhold_s = 0.5\nfall_s = 0.01\n"
+            );
+            Simulator::new(&Scene::parse("test.toml", &text).unwrap(), 1).collect()
+        };
+        let (at_once, lagging) = (run(""), run("'response'"));
+        let level = |samples: &[Sample], i: usize| samples[i].scan.codes.bridges[0].unwrap().a.0;
+        assert_eq!(level(&at_once, 112), level(&at_once, 300));
+        assert_ne!(level(&lagging, 112), level(&at_once, 112));
+        assert_eq!(level(&lagging, 300), level(&at_once, 300));
+        assert_eq!(lagging[112].truth, at_once[112].truth);
     }
 
     #[test]

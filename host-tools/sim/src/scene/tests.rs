@@ -65,6 +65,7 @@ fn a_wrong_type_names_its_line_and_key() {
     refuses(&format!("{SCAN}[indenter]\nradius_mm = 'six'\n"), 5, &["`radius_mm`", "six"]);
     refuses("[scan]\nrate_hz = 1000.5\nduration_s = 1\n", 2, &["`rate_hz`"]);
     refuses(&format!("{SCAN}[device]\nbits = 14\n"), 5, &["`bits`", "12 and 16"]);
+    refuses(&format!("{SCAN}[device]\ncoating = 'rE'\n"), 5, &["`coating`", "rE", "bare", "F02"]);
 }
 
 #[test]
@@ -109,6 +110,17 @@ fn the_steps_of_a_frame_must_fit_into_it() {
 #[test]
 fn a_bench_needs_its_sensor() {
     refuses(&format!("{SCAN}[bench]\nsensor = 4\n"), 5, &["`sensor`", "0 to 3"]);
+}
+
+#[test]
+fn fidelity_is_a_rung_and_walls_have_their_limits() {
+    refuses(&format!("fidelity = 'fine'\n{SCAN}"), 1, &["fidelity", "fine", "converged", "auto"]);
+    refuses(&format!("tolerance = 0\n{SCAN}"), 1, &["`tolerance`", "0.00001 to 0.5"]);
+    for walls in ["effects = ['walls']", "fidelity = 'layer'"] {
+        let thick = format!("{walls}\n{SCAN}[layer]\ndepth_mm = 9\n");
+        refuses(&thick, 1, &["`depth_mm` 9", "1 to 5", "2.4"]);
+        assert!(Scene::parse("my.toml", &format!("{walls}\n{SCAN}")).is_ok());
+    }
 }
 
 #[test]

@@ -1,0 +1,299 @@
+//! The skin as it is: a layer bonded to a rigid frame, with a window open under each facet.
+//!
+//! By Betti's theorem the mean displacement of facet q under a load on the skin is the displacement of
+//! the skin where the load acts, taken along it, while facet q is pushed by one newton from below. So one
+//! solution per facet (module `windows`) serves every contact there is; it is kept as a Fourier series and as
+//! a table of it, read by cubic interpolation.
+
+use core::f64::consts::TAU;
+
+use taxel::scan::TAXELS;
+
+use super::{HalfSpace, Patch, Rule};
+
+mod bonded;
+mod spectrum;
+mod windows;
+
+pub use bonded::Bonded;
+use windows::Windows;
+
+/// Numbers at one place of the skin: three directions of each of the facets.
+const EACH: usize = 3 * TAXELS;
+type Response = [f64; EACH];
+
+/// Polynomials each way in a window: one more changes a facet's displacement by less than a thousandth.
+const DEGREES: usize = 3;
+/// What is as short as this times the thickness, over 2π, no longer reaches the upper face: e^−14.
+const SHORTEST: f64 = 14.0;
+/// Places of the table per thickness.
+const PER_THICKNESS: f64 = 12.0;
+
+/// A layer on its frame.
+#[derive(Clone, Debug)]
+pub struct Layer {
+    series: Series,
+    table: Table,
+}
+
+impl Layer {
+    /// Thicknesses in mm that are modelled: thinner, a window is no longer narrow against the layer;
+    /// thicker, the series grows long.
+    pub const THICKNESS_MM: [f64; 2] = [1.0, 5.0];
+    /// The widest facet in mm that leaves a wall.
+    pub const WIDEST_FACET_MM: f64 = 2.4;
+
+    /// Of `thickness_mm` of the material of `skin`, with windows of `facet_mm`.
+    #[must_use]
+    pub fn new(skin: HalfSpace, thickness_mm: f64, facet_mm: f64) -> Self {
+        let series = Series::new(skin, thickness_mm, facet_mm);
+        let table = Table::new(&series, thickness_mm);
+        Self { series, table }
+    }
+
+    /// What a disc costs: places of the table, or terms of the series, that are read for `rule`.
+    #[must_use]
+    pub fn evaluations(&self, rule: &Rule, exact: bool) -> u64 {
+        let each = if exact { self.series.coefficients.len() } else { 16 };
+        (rule.points().len() * each) as u64
+    }
+
+    /// Mean displacement of each facet in mm, positive down, from the table.
+    #[must_use]
+    pub fn displacement<'a>(
+        &self,
+        rule: &Rule,
+        patches: impl IntoIterator<Item = &'a Patch>,
+    ) -> [f64; TAXELS] {
+        gather(rule, patches, |at| self.table.read(at))
+    }
+
+    /// The same from the series: slower, without the error of interpolation.
+    #[must_use]
+    pub fn exact_displacement<'a>(
+        &self,
+        rule: &Rule,
+        patches: impl IntoIterator<Item = &'a Patch>,
+    ) -> [f64; TAXELS] {
+        gather(rule, patches, |[x, y]| self.series.sum(&self.series.column(x), y))
+    }
+}
+
+fn gather<'a>(
+    rule: &Rule,
+    patches: impl IntoIterator<Item = &'a Patch>,
+    response: impl Fn([f64; 2]) -> Response,
+) -> [f64; TAXELS] {
+    let mut facets = [0.0; TAXELS];
+    for patch in patches {
+        for (at, force) in patch.loads(rule) {
+            let response = response(at);
+            for (facet, each) in facets.iter_mut().zip(response.chunks_exact(3)) {
+                *facet += each.iter().zip(force).map(|(u, f)| u * f).sum::<f64>();
+            }
+        }
+    }
+    facets
+}
+
+/// Displacement of the upper face as Σ_k u_k e^{ik·x}, one for each pushed facet; k_x ≥ 0, the other half
+/// being conjugate.
+#[derive(Clone, Debug)]
+struct Series {
+    step: f64,
+    reach: usize,
+    /// Real and imaginary parts at (i·(2·reach + 1) + j + reach) for k = step·(i, j).
+    coefficients: Vec<[Response; 2]>,
+}
+
+impl Series {
+    fn new(skin: HalfSpace, thickness: f64, facet: f64) -> Self {
+        let windows = Windows::new(thickness, facet, skin.poisson(), DEGREES);
+        let period = windows.period();
+        let step = TAU / period;
+        let reach = (SHORTEST / thickness / step).ceil() as usize;
+        let scale = 1.0 / (period * period * skin.shear_modulus());
+        let across = -(reach as i32)..=reach as i32;
+        let coefficients = (0..=reach).flat_map(|i| across.clone().map(move |j| (i, j)));
+        let coefficients = coefficients.map(|(i, j)| {
+            let k = [i as f64 * step, f64::from(j) * step];
+            let twice = if i == 0 { scale } else { 2.0 * scale };
+            let mut both = [[0.0; EACH]; 2];
+            let [real, imaginary] = &mut both;
+            let places = real.chunks_exact_mut(3).zip(imaginary.chunks_exact_mut(3));
+            for (pushed, (real, imaginary)) in places.enumerate() {
+                let face = windows.upper_face(pushed, k);
+                for ((real, imaginary), [re, im]) in real.iter_mut().zip(imaginary).zip(face) {
+                    (*real, *imaginary) = (re * twice, im * twice);
+                }
+            }
+            both
+        });
+        Self { step, reach, coefficients: coefficients.collect() }
+    }
+
+    fn period(&self) -> f64 {
+        TAU / self.step
+    }
+
+    /// Summed over k_x at `x`: what is left for each k_y.
+    fn column(&self, x: f64) -> Vec<[Response; 2]> {
+        let width = 2 * self.reach + 1;
+        let mut column = vec![[[0.0; EACH]; 2]; width];
+        for (i, row) in self.coefficients.chunks_exact(width).enumerate() {
+            let (sin, cos) = (i as f64 * self.step * x).sin_cos();
+            for ([real, imaginary], [re, im]) in column.iter_mut().zip(row) {
+                for ((real, imaginary), (re, im)) in
+                    real.iter_mut().zip(imaginary).zip(re.iter().zip(im))
+                {
+                    *real += re * cos - im * sin;
+                    *imaginary += re * sin + im * cos;
+                }
+            }
+        }
+        column
+    }
+
+    fn sum(&self, column: &[[Response; 2]], y: f64) -> Response {
+        let mut sum = [0.0; EACH];
+        for (j, [real, imaginary]) in column.iter().enumerate() {
+            let (sin, cos) = ((j as f64 - self.reach as f64) * self.step * y).sin_cos();
+            for (sum, (re, im)) in sum.iter_mut().zip(real.iter().zip(imaginary)) {
+                *sum += re * cos - im * sin;
+            }
+        }
+        sum
+    }
+}
+
+/// The series at the places of a square grid over one period.
+#[derive(Clone, Debug)]
+struct Table {
+    spacing: f64,
+    along: usize,
+    /// Row after row, x fastest.
+    places: Vec<Response>,
+}
+
+impl Table {
+    fn new(series: &Series, thickness: f64) -> Self {
+        let along = (series.period() / thickness * PER_THICKNESS).ceil() as usize;
+        let spacing = series.period() / along as f64;
+        let columns: Vec<_> = (0..along).map(|i| series.column(i as f64 * spacing)).collect();
+        let places = (0..along)
+            .flat_map(|j| columns.iter().map(move |column| series.sum(column, j as f64 * spacing)));
+        Self { spacing, along, places: places.collect() }
+    }
+
+    /// Lagrange's cubic through the four nearest places each way.
+    fn read(&self, [x, y]: [f64; 2]) -> Response {
+        let split = |at: f64| {
+            let at = at / self.spacing;
+            let t = at - at.floor();
+            let weights = [
+                -t * (t - 1.0) * (t - 2.0) / 6.0,
+                (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+                -(t + 1.0) * t * (t - 2.0) / 2.0,
+                (t + 1.0) * t * (t - 1.0) / 6.0,
+            ];
+            let first = at.floor() as i64 - 1;
+            let place = |i: i64| (first + i).rem_euclid(self.along as i64) as usize;
+            [
+                (place(0), weights[0]),
+                (place(1), weights[1]),
+                (place(2), weights[2]),
+                (place(3), weights[3]),
+            ]
+        };
+        let (columns, rows) = (split(x), split(y));
+        let mut sum = [0.0; EACH];
+        for (j, along_y) in rows {
+            for (i, along_x) in columns {
+                let Some(place) = self.places.get(j * self.along + i) else { continue };
+                let weight = along_x * along_y;
+                sum.iter_mut().zip(place).for_each(|(sum, u)| *sum += weight * u);
+            }
+        }
+        sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::traction::Round;
+    use super::super::{Facets, SILICONE_YOUNG_MPA, sphere};
+    use super::*;
+    use std::sync::LazyLock;
+
+    static SKIN: LazyLock<HalfSpace> = LazyLock::new(|| HalfSpace::new(SILICONE_YOUNG_MPA, 0.5));
+    static LAYER: LazyLock<Layer> = LazyLock::new(|| Layer::new(*SKIN, 2.5, 1.9));
+
+    fn fine() -> Rule {
+        Rule::round(Round::Hertz, 8, 16)
+    }
+
+    fn most(u: &[f64; TAXELS]) -> f64 {
+        u.iter().fold(0.0, |m, u| m.max(u.abs()))
+    }
+
+    #[test]
+    fn the_table_agrees_with_the_series() {
+        for (centre, force) in [
+            ([0.0, 0.0], [0.3, 0.0, 1.0]),
+            ([3.1, -4.9], [0.0, 0.0, 0.05]),
+            ([1.25, 0.7], [0.1; 3]),
+        ] {
+            let patches = sphere::tractions(&SKIN, 6.0, centre, force, 0.8);
+            let exact = LAYER.exact_displacement(&fine(), patches.iter().flatten());
+            let read = LAYER.displacement(&fine(), patches.iter().flatten());
+            for (exact, read) in exact.iter().zip(read) {
+                assert!((exact - read).abs() < 1e-4 * most(&exact_of(&patches)), "{centre:?}");
+            }
+        }
+    }
+
+    fn exact_of(patches: &[Option<Patch>; 2]) -> [f64; TAXELS] {
+        LAYER.exact_displacement(&fine(), patches.iter().flatten())
+    }
+
+    #[test]
+    fn small_windows_move_by_the_pressure_on_the_floor_below_the_load() {
+        // A window that is small against the layer is a hole in a bonded floor: it moves by its own
+        // compliance times the pressure that the floor takes where it is, an independent solution.
+        let side = 0.8;
+        let small = Layer::new(*SKIN, 2.5, side);
+        let alone = Windows::new(2.5, side, 0.5, DEGREES).means(5)[5] / SKIN.shear_modulus();
+        let floor = Bonded::new(*SKIN, 2.5);
+        // Further aside, the shear on the floor and the other windows count too.
+        for x in [-1.25, -0.6, 0.0] {
+            let patch = Patch::disc([x, -1.25], 0.0, [0.0, 0.0, 1.0]);
+            let found = small.exact_displacement(&Rule::point(), [&patch])[5];
+            let pressure = floor.pressure(1.0, x + 1.25);
+            let expected = alone * side * side * pressure;
+            assert!((found / expected - 1.0).abs() < 0.05, "{x}: {found} for {expected}");
+        }
+    }
+
+    #[test]
+    fn the_half_space_is_no_measure_of_amounts_above_the_frame() {
+        // docs/simulator.md quotes these. One newton of a 6 mm sphere above a window and between four:
+        // the half-space sinks 3.7 and 4.9 times as far, and where the frame lets nothing through, two
+        // windows away, it still sinks by a third of its largest.
+        let half = Facets::new(*SKIN, 2.5, 1.9, 4);
+        for (centre, times) in [([1.25, 1.25], 3.74), ([0.0, 0.0], 4.91)] {
+            let patches = sphere::tractions(&SKIN, 6.0, centre, [0.0, 0.0, 1.0], 0.8);
+            let framed = exact_of(&patches);
+            let free = half.displacement(&fine(), patches.iter().flatten());
+            let found = most(&free) / most(&framed);
+            assert!((found / times - 1.0).abs() < 0.02, "{centre:?}: {found}");
+            assert!(free[8] > 0.3 * most(&free) && framed[8].abs() < 0.15 * most(&framed));
+        }
+    }
+
+    #[test]
+    fn shear_sinks_the_window_ahead_and_raises_the_one_behind() {
+        let patches = [Some(Patch::disc([0.0; 2], 1.0, [0.5, 0.0, 0.0])), None];
+        let u = exact_of(&patches);
+        assert!(u[6] > 0.0 && u[5] < 0.0 && (u[6] + u[5]).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,355 @@
+//! A layer on a rigid frame with sixteen square windows: bonded to the frame, free where a window is.
+//!
+//! The unknown is how the lower face moves in the windows. It is expanded, per window and direction, in
+//! φ_m(x)φ_n(y) with φ_m = √(1 − ξ²) U_m(ξ): a free window between clamped edges is a crack, and the
+//! displacement of a crack ends like a square root. Galerkin's method on the layer's own stiffness (what
+//! traction a displacement of the lower face takes while the upper one is free) gives a symmetric
+//! positive system; its matrix is a sum over spatial frequencies that splits into x and y.
+//!
+//! The layer is taken as repeating with a period of the pad and four thicknesses, all bonded between.
+
+use core::f64::consts::{PI, TAU};
+
+use taxel::scan::{TAXEL_CENTRES, TAXELS};
+
+use super::spectrum::{Wave, bessel};
+
+/// Directions of a displacement.
+const AXES: usize = 3;
+/// Side of the pad in mm.
+const PAD_MM: f64 = 10.0;
+/// Frequencies reach this far over half a window's side; what is left out makes a window 0.7 % too soft
+/// (from the change when going to 400).
+const REACH: f64 = 150.0;
+
+/// Displacement of the lower face while one window after the other is pushed by one newton, for a shear
+/// modulus of 1 MPa.
+#[derive(Clone, Debug)]
+pub struct Windows {
+    thickness: f64,
+    poisson: f64,
+    half_side: f64,
+    /// Polynomials in each direction.
+    degrees: usize,
+    /// Of pushed window q: the coefficient of window w, axis c, degrees m and n at
+    /// ((w·3 + c)·degrees + m)·degrees + n.
+    coefficients: Vec<Vec<f64>>,
+}
+
+impl Windows {
+    /// Windows of `side` mm under a layer of `thickness` mm; `degrees` polynomials each way.
+    pub fn new(thickness: f64, side: f64, poisson: f64, degrees: usize) -> Self {
+        let half_side = side / 2.0;
+        let mut matrix = Stiffness::new(thickness, poisson, half_side, degrees).matrix();
+        let each = AXES * degrees * degrees;
+        // A uniform pressure of one newton works on nothing but φ₀φ₀ along z.
+        let push = (PI / 4.0) * (PI / 4.0);
+        let mut pushed: Vec<Vec<f64>> = (0..TAXELS)
+            .map(|window| {
+                let mut load = vec![0.0; TAXELS * each];
+                if let Some(load) = load.get_mut(window * each + 2 * degrees * degrees) {
+                    *load = push;
+                }
+                load
+            })
+            .collect();
+        factor(&mut matrix);
+        pushed.iter_mut().for_each(|load| substitute(&matrix, load));
+        Self { thickness, poisson, half_side, degrees, coefficients: pushed }
+    }
+
+    /// Period of the repetition in mm.
+    pub fn period(&self) -> f64 {
+        period(self.thickness)
+    }
+
+    /// Mean u_z of each window under one newton spread over window `pushed`.
+    #[cfg(test)]
+    pub fn means(&self, pushed: usize) -> [f64; TAXELS] {
+        let each = AXES * self.degrees * self.degrees;
+        core::array::from_fn(|w| {
+            let at = w * each + 2 * self.degrees * self.degrees;
+            self.coefficients[pushed][at] * (PI / 4.0) * (PI / 4.0)
+        })
+    }
+
+    /// Fourier coefficient (real and imaginary parts) of the *upper* face's displacement at the
+    /// frequency `k`, window `pushed` pushed by one newton; the field is Σ_k u_k e^{ik·x} / period².
+    pub fn upper_face(&self, pushed: usize, k: [f64; 2]) -> [[f64; 2]; AXES] {
+        let shapes = k.map(|k| shapes(k * self.half_side, self.half_side, self.degrees));
+        let mut lower = [[0.0; 2]; AXES];
+        let Some(coefficients) = self.coefficients.get(pushed) else { return lower };
+        let of_window = coefficients.chunks_exact(AXES * self.degrees * self.degrees);
+        for (centre, of_window) in TAXEL_CENTRES.iter().zip(of_window) {
+            let turn = -(k[0] * f64::from(centre[0].0) + k[1] * f64::from(centre[1].0));
+            let of_axis = of_window.chunks_exact(self.degrees * self.degrees);
+            for (sum, of_axis) in lower.iter_mut().zip(of_axis) {
+                for (m, (row, fx)) in of_axis.chunks_exact(self.degrees).zip(&shapes[0]).enumerate()
+                {
+                    for (n, (c, fy)) in row.iter().zip(&shapes[1]).enumerate() {
+                        // (−i)^(m + n) turns by quarters.
+                        let angle = turn - 0.5 * PI * (m + n) as f64;
+                        sum[0] += c * fx * fy * angle.cos();
+                        sum[1] += c * fx * fy * angle.sin();
+                    }
+                }
+            }
+        }
+        let size = k[0].hypot(k[1]);
+        if size == 0.0 {
+            return lower;
+        }
+        let [cx, cy] = k.map(|k| k / size);
+        let unit = [[1.0, 0.0], [0.0, 1.0]].map(|face| {
+            Wave::new(size, self.thickness, self.poisson, [0.0; 2], face).displacement(0.0)
+        });
+        let across = 1.0 / (size * self.thickness).cosh();
+        let [x, y, z] = lower;
+        // Along and across the wave; U = −i u along.
+        let part = |i: usize| {
+            let at = |v: [f64; 2]| if i == 0 { v[0] } else { v[1] };
+            (cx * at(x) + cy * at(y), -cy * at(x) + cx * at(y), at(z))
+        };
+        let ((lr, tr, zr), (li, ti, zi)) = (part(0), part(1));
+        let (ur, ui) = (li, -lr);
+        let (upper_ur, upper_ui) =
+            (unit[0][0] * ur + unit[1][0] * zr, unit[0][0] * ui + unit[1][0] * zi);
+        let (upper_zr, upper_zi) =
+            (unit[0][1] * ur + unit[1][1] * zr, unit[0][1] * ui + unit[1][1] * zi);
+        let (along_r, along_i) = (-upper_ui, upper_ur);
+        let (across_r, across_i) = (across * tr, across * ti);
+        [
+            [cx * along_r - cy * across_r, cx * along_i - cy * across_i],
+            [cy * along_r + cx * across_r, cy * along_i + cx * across_i],
+            [upper_zr, upper_zi],
+        ]
+    }
+}
+
+fn period(thickness: f64) -> f64 {
+    PAD_MM + 4.0 * thickness
+}
+
+/// f_m(κ) with φ̂_m = (−i)^m f_m: aπ(m + 1)J_{m+1}(κ)/κ, κ = ka.
+fn shapes(kappa: f64, half_side: f64, degrees: usize) -> Vec<f64> {
+    (0..degrees)
+        .map(|m| {
+            // J₁(κ)/κ goes to ½, the others to nothing.
+            let value = if kappa == 0.0 {
+                if m == 0 { 0.5 } else { 0.0 }
+            } else {
+                (m + 1) as f64 * bessel(m + 1, kappa) / kappa
+            };
+            half_side * PI * value
+        })
+        .collect()
+}
+
+/// Sums over frequency, on the way to the matrix.
+struct Stiffness {
+    degrees: usize,
+    /// Of an axis pair (xx, xy, xz, yy, yz, zz), degrees m, m′ and columns apart in x, the same in y.
+    sums: Vec<f64>,
+}
+
+/// Windows are 0 to 3 apart.
+const APART: usize = 4;
+/// Pairs of axes and whether their stiffness is odd in k_x and in k_y.
+const PAIRS: [(usize, usize, bool, bool); 6] = [
+    (0, 0, false, false),
+    (0, 1, true, true),
+    (0, 2, true, false),
+    (1, 1, false, false),
+    (1, 2, false, true),
+    (2, 2, false, false),
+];
+
+impl Stiffness {
+    fn new(thickness: f64, poisson: f64, half_side: f64, degrees: usize) -> Self {
+        let step = TAU / period(thickness);
+        let count = (REACH / half_side / step).ceil() as usize;
+        let pitch = f64::from(taxel::scan::PITCH.0);
+        let factors = degrees * degrees * APART;
+        // factors[odd][(m·degrees + m′)·APART + apart][k]: f_m f_m′ times the cosine or the sine that
+        // is left of e^{ikd} where the whole is even in k.
+        let shapes: Vec<Vec<f64>> =
+            (0..count).map(|i| shapes(i as f64 * step * half_side, half_side, degrees)).collect();
+        let factor = |odd: bool, at: usize, i: usize| {
+            let (m, n, apart) = (at / APART / degrees, at / APART % degrees, at % APART);
+            let turn = i as f64 * step * pitch * apart as f64;
+            let trig = if (usize::from(odd) + m + n) % 2 == 0 { turn.cos() } else { turn.sin() };
+            let twice = if i == 0 { 1.0 } else { 2.0 };
+            shapes.get(i).map_or(0.0, |f| {
+                f.get(m).copied().unwrap_or(0.0) * f.get(n).copied().unwrap_or(0.0)
+            }) * trig
+                * twice
+        };
+        let lines = [false, true].map(|odd| -> Vec<Vec<f64>> {
+            (0..factors).map(|at| (0..count).map(|i| factor(odd, at, i)).collect()).collect()
+        });
+        let area = period(thickness).powi(2);
+        let mut sums = vec![0.0; PAIRS.len() * factors * factors];
+        for i in 0..count {
+            let row: Vec<[f64; 6]> = (0..count)
+                .map(|j| stiffness([i as f64 * step, j as f64 * step], thickness, poisson))
+                .collect();
+            let of_pairs = sums.chunks_exact_mut(factors * factors);
+            for (at, ((_, _, odd_x, odd_y), sums)) in PAIRS.into_iter().zip(of_pairs).enumerate() {
+                let row: Vec<f64> = row.iter().map(|pairs| pairs[at] / area).collect();
+                let inner: Vec<f64> = lines[usize::from(odd_y)]
+                    .iter()
+                    .map(|line| line.iter().zip(&row).map(|(f, s)| f * s).sum())
+                    .collect();
+                let column = lines[usize::from(odd_x)].iter().filter_map(|line| line.get(i));
+                for (sums, x) in sums.chunks_exact_mut(factors).zip(column) {
+                    sums.iter_mut().zip(&inner).for_each(|(sum, y)| *sum += x * y);
+                }
+            }
+        }
+        Self { degrees, sums }
+    }
+
+    /// The lower triangle, row by row.
+    fn matrix(&self) -> Vec<Vec<f64>> {
+        let size = TAXELS * AXES * self.degrees * self.degrees;
+        (0..size).map(|i| (0..=i).map(|j| self.entry(i, j)).collect()).collect()
+    }
+
+    /// Stiffness between two unknowns: i^(m − m′ + n − n′), the i of the coupling to z, and one i for
+    /// each sine make a real number.
+    fn entry(&self, i: usize, j: usize) -> f64 {
+        let split = |i: usize| {
+            let (rest, n) = (i / self.degrees, i % self.degrees);
+            let (rest, m) = (rest / self.degrees, rest % self.degrees);
+            (rest / AXES, rest % AXES, m, n)
+        };
+        let ((w, a, m, n), (w2, b, m2, n2)) = (split(i), split(j));
+        let swapped = a > b;
+        let pair = (a.min(b), a.max(b));
+        let Some((at, (_, _, odd_x, odd_y))) =
+            PAIRS.iter().enumerate().find(|(_, (a, b, ..))| (*a, *b) == pair)
+        else {
+            return 0.0;
+        };
+        let apart = |w: usize, w2: usize| w as i32 - w2 as i32;
+        let (dx, dy) = (apart(w % 4, w2 % 4), apart(w / 4, w2 / 4));
+        let factors = self.degrees * self.degrees * APART;
+        let index =
+            |m: usize, n: usize, d: i32| (m * self.degrees + n) * APART + d.unsigned_abs() as usize;
+        let value = self
+            .sums
+            .get((at * factors + index(m, m2, dx)) * factors + index(n, n2, dy))
+            .copied()
+            .unwrap_or(0.0);
+        let mut quarters = (m + n) as i32 - (m2 + n2) as i32;
+        let mut sign = 1.0;
+        for (odd, degrees, d) in [(*odd_x, m + m2, dx), (*odd_y, n + n2, dy)] {
+            if (usize::from(odd) + degrees) % 2 == 1 {
+                quarters += 1;
+                sign *= f64::from(d.signum());
+            }
+        }
+        if pair == (0, 2) || pair == (1, 2) {
+            // Hermitian: the other way round it is −i.
+            quarters += if swapped { -1 } else { 1 };
+        }
+        match quarters.rem_euclid(4) {
+            0 => sign * value,
+            2 => -sign * value,
+            _ => 0.0,
+        }
+    }
+}
+
+/// What traction along the first of each pair of axes a unit displacement of the lower face along the
+/// second takes at the frequency `k`, for a shear modulus of one; between the plane and z less a factor i.
+fn stiffness(k: [f64; 2], thickness: f64, poisson: f64) -> [f64; 6] {
+    let size = k[0].hypot(k[1]);
+    if size == 0.0 {
+        return [0.0; 6];
+    }
+    let [cx, cy] = k.map(|k| k / size);
+    let lower = |face| Wave::new(size, thickness, poisson, [0.0; 2], face).traction(thickness);
+    let ([along, _], [mixed, normal]) = (lower([1.0, 0.0]), lower([0.0, 1.0]));
+    let across = size * (size * thickness).tanh();
+    [
+        along * cx * cx + across * cy * cy,
+        (along - across) * cx * cy,
+        mixed * cx,
+        along * cy * cy + across * cx * cx,
+        mixed * cy,
+        normal,
+    ]
+}
+
+/// Cholesky's factor in place of the lower triangle.
+fn factor(matrix: &mut [Vec<f64>]) {
+    for i in 0..matrix.len() {
+        let (done, rest) = matrix.split_at_mut(i);
+        let Some(row) = rest.first_mut() else { return };
+        for j in 0..=i {
+            let (before, from) = row.split_at_mut(j);
+            let Some(value) = from.first_mut() else { return };
+            match done.get(j) {
+                Some(other) => {
+                    let known: f64 = before.iter().zip(other).map(|(a, b)| a * b).sum();
+                    *value = (*value - known) / other.last().copied().unwrap_or(1.0);
+                }
+                None => {
+                    let known: f64 = before.iter().map(|a| a * a).sum();
+                    *value = (*value - known).max(f64::MIN_POSITIVE).sqrt();
+                }
+            }
+        }
+    }
+}
+
+/// Solves with Cholesky's factor, forwards and back.
+fn substitute(factor: &[Vec<f64>], x: &mut [f64]) {
+    for (i, row) in factor.iter().enumerate() {
+        let (before, from) = x.split_at_mut(i);
+        let known: f64 = row.iter().zip(before.iter()).map(|(a, b)| a * b).sum();
+        if let (Some(value), Some(pivot)) = (from.first_mut(), row.last()) {
+            *value = (*value - known) / pivot;
+        }
+    }
+    for (i, row) in factor.iter().enumerate().rev() {
+        let (before, from) = x.split_at_mut(i);
+        if let (Some(value), Some(pivot)) = (from.first_mut(), row.last()) {
+            *value /= pivot;
+            before.iter_mut().zip(row).for_each(|(b, a)| *b -= a * *value);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_polynomials_change_little() {
+        let [few, many] = [3, 4].map(|degrees| Windows::new(2.5, 1.9, 0.5, degrees).means(5));
+        for (less, more) in few.iter().zip(many) {
+            assert!((less - more).abs() < 1e-3 * few[5], "{less} {more}");
+        }
+    }
+
+    #[test]
+    fn windows_push_each_other_alike_and_as_the_square_says() {
+        let windows = Windows::new(2.5, 1.9, 0.5, 3);
+        let [corner, inner, far] = [0, 5, 15].map(|pushed| windows.means(pushed));
+        assert!((corner[5] - inner[0]).abs() < 1e-12 && (corner[15] - far[0]).abs() < 1e-12);
+        assert!((inner[6] - inner[9]).abs() < 1e-12 && (inner[4] - inner[1]).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_open_square_gives_way_between_the_circles_inside_and_around_it() {
+        // Half of a penny crack of radius c under the pressure p opens by the volume 8pc³/3E*
+        // (Sneddon), E* = 4G for ν = ½; a crack that contains another opens more.
+        let side = 1.9;
+        let found = Windows::new(5.0, side, 0.5, 3).means(5)[5];
+        let mean = |c: f64| 8.0 * c.powi(3) / (3.0 * 4.0) / (side * side) / (side * side);
+        let (inside, around) = (mean(side / 2.0), mean(side / 2.0 * f64::sqrt(2.0)));
+        assert!(inside < found && found < around, "{inside} {found} {around}");
+    }
+}

@@ -1,0 +1,353 @@
+//! Tractions as point loads: a [`Rule`] spreads them over a unit shape, a [`Patch`] puts it on the skin.
+//!
+//! Every rule takes the singularities of its traction away by a change of variable and is then of Gauss's
+//! kind, so that it converges faster than any power of the number of points; its shares sum to one, so
+//! that a patch carries its force exactly whatever the number of points.
+
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// How a traction spreads over the unit disc, with r the distance from its centre.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Round {
+    /// √(1 − r²): Hertz's sphere, normal and sliding (Johnson §4.2, §7.1); stretched to an ellipse,
+    /// crossed cylinders (004 eq. (4)).
+    Hertz,
+    /// 1/√(1 − r²): the flat circular punch (Johnson §3.8), and the shear of a contact that sticks all
+    /// over, Q/(2πa)·(a² − r²)^−½. 004 eq. (3) prints three times that, which would carry 3Q.
+    Punch,
+    /// arcosh(1/r): a blunt corner, taken as a cone (Johnson §5.2).
+    Corner,
+}
+
+/// How a traction spreads across a strip |v| ≤ 1; along the strip it is even.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Across {
+    /// All of it at v = 0.
+    Line,
+    /// 1/√(1 − v²): the flat block (004).
+    Block,
+    /// √(1 − v²): the cylinder (004).
+    Cylinder,
+    /// arcosh(1/|v|): a blunt edge, two faces of one slope (Johnson §5.2).
+    Edge,
+}
+
+/// Points of a unit shape and the share of the force that acts at each.
+#[derive(Clone, Debug)]
+pub struct Rule {
+    points: Vec<([f64; 2], f64)>,
+}
+
+impl Rule {
+    /// Over the unit disc: `rings` of points, every other one turned by half a step. A ring as long as
+    /// the rim would have `spokes` points; a shorter one has as many fewer, but always a multiple of
+    /// four, so that the rule has the symmetry of the taxel matrix.
+    #[must_use]
+    pub fn round(traction: Round, rings: usize, spokes: usize) -> Self {
+        let rings: Vec<(f64, f64)> = match traction {
+            // In c = √(1 − r²), dA Hertz is 3c² dc and r² = 1 − c²: an even polynomial. The odd rule's
+            // point at c = 0 has no weight.
+            Round::Hertz => upper_half(2 * rings + 1)
+                .map(|(c, weight)| ((1.0 - c * c).sqrt(), 3.0 * c * c * weight))
+                .collect(),
+            Round::Punch => {
+                upper_half(2 * rings).map(|(c, weight)| ((1.0 - c * c).sqrt(), weight)).collect()
+            }
+            Round::Corner => bent(rings).map(|(r, share)| (r, share * r)).collect(),
+        };
+        let total: f64 = rings.iter().map(|(_, share)| share).sum();
+        let points = rings.iter().enumerate().flat_map(|(ring, (r, share))| {
+            let spokes = 4 * (spokes as f64 * r / 4.0).ceil().max(1.0) as usize;
+            (0..spokes).map(move |spoke| {
+                let turn = (spoke as f64 + 0.5 * (ring % 2) as f64) * TAU / spokes as f64;
+                let (sin, cos) = turn.sin_cos();
+                ([r * cos, r * sin], share / total / spokes as f64)
+            })
+        });
+        Self { points: points.collect() }
+    }
+
+    /// Over the strip |u| ≤ 1, |v| ≤ 1, `along` points in u and `across` in v (a line takes one).
+    #[must_use]
+    pub fn strip(traction: Across, along: usize, across: usize) -> Self {
+        let n = across as f64;
+        let across: Vec<(f64, f64)> = match traction {
+            Across::Line => vec![(0.0, 1.0)],
+            // Gauss–Chebyshev of the first and of the second kind.
+            Across::Block => {
+                (0..across).map(|i| (((i as f64 + 0.5) * PI / n).cos(), 1.0)).collect()
+            }
+            Across::Cylinder => (1..=across)
+                .map(|i| (i as f64 * PI / (n + 1.0)).sin_cos())
+                .map(|(sin, cos)| (cos, sin * sin))
+                .collect(),
+            Across::Edge => {
+                bent(across.div_ceil(2)).flat_map(|(v, share)| [(-v, share), (v, share)]).collect()
+            }
+        };
+        let total: f64 = across.iter().map(|(_, share)| share).sum();
+        let points = gauss_legendre(along).into_iter().flat_map(|(u, weight)| {
+            across.iter().map(move |(v, share)| ([u, *v], 0.5 * weight * share / total))
+        });
+        Self { points: points.collect() }
+    }
+
+    /// The whole force at the centre.
+    #[must_use]
+    pub fn point() -> Self {
+        Self { points: vec![([0.0; 2], 1.0)] }
+    }
+
+    /// Points and shares.
+    #[must_use]
+    pub fn points(&self) -> &[([f64; 2], f64)] {
+        &self.points
+    }
+}
+
+/// A unit shape laid on the skin, and the force that it carries.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// Centre in mm.
+    pub centre: [f64; 2],
+    /// Where the unit shape's u = 1 lies from the centre, in mm.
+    pub along: [f64; 2],
+    /// Where the unit shape's v = 1 lies from the centre, in mm.
+    pub across: [f64; 2],
+    /// Force in newtons, z into the skin.
+    pub force: [f64; 3],
+}
+
+impl Patch {
+    /// A disc of `radius` mm.
+    #[must_use]
+    pub fn disc(centre: [f64; 2], radius: f64, force: [f64; 3]) -> Self {
+        Self { centre, along: [radius, 0.0], across: [0.0, radius], force }
+    }
+
+    /// The point loads of `rule` on this patch: where in mm, how much in newtons.
+    pub fn loads<'a>(&'a self, rule: &'a Rule) -> impl Iterator<Item = ([f64; 2], [f64; 3])> + 'a {
+        let ([cx, cy], [ux, uy], [vx, vy]) = (self.centre, self.along, self.across);
+        rule.points.iter().map(move |([u, v], share)| {
+            ([cx + u * ux + v * vx, cy + u * uy + v * vy], self.force.map(|f| f * share))
+        })
+    }
+
+    /// Superposition at `at` (mm): the sum of `field(force, from the load to at)` over the point loads,
+    /// for example [`HalfSpace::stress`](super::HalfSpace::stress).
+    #[must_use]
+    pub fn superpose(
+        &self,
+        rule: &Rule,
+        at: [f64; 3],
+        field: impl Fn([f64; 3], [f64; 3]) -> f64,
+    ) -> f64 {
+        let [x, y, z] = at;
+        self.loads(rule).map(|([lx, ly], force)| field(force, [x - lx, y - ly, z])).sum()
+    }
+}
+
+/// Points in (0, 1) and arcosh(1/v)-weighted shares: v = sin²φ makes its logarithm at 0 and its root at
+/// 1 harmless.
+fn bent(n: usize) -> impl Iterator<Item = (f64, f64)> {
+    gauss_legendre(n).into_iter().map(|(t, weight)| {
+        let (sin, cos) = ((t + 1.0) * FRAC_PI_2 / 2.0).sin_cos();
+        let v = sin * sin;
+        (v, (1.0 / v).acosh() * 2.0 * sin * cos * weight)
+    })
+}
+
+/// The positive half of a Gauss–Legendre rule.
+fn upper_half(n: usize) -> impl Iterator<Item = (f64, f64)> {
+    gauss_legendre(n).into_iter().filter(|(c, _)| *c > 1e-12)
+}
+
+/// Points and weights of the Gauss–Legendre rule on \[−1, 1\]: roots of P_n by Newton's method from
+/// Tricomi's estimate.
+pub(crate) fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
+    let legendre = |x: f64| {
+        let (mut before, mut now) = (0.0, 1.0);
+        for k in 1..=n {
+            let k = k as f64;
+            (before, now) = (now, ((2.0 * k - 1.0) * x * now - (k - 1.0) * before) / k);
+        }
+        (now, n as f64 * (x * now - before) / (x * x - 1.0))
+    };
+    (0..n)
+        .map(|i| {
+            let mut x = -(PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
+            for _ in 0..8 {
+                let (value, slope) = legendre(x);
+                x -= value / slope;
+            }
+            let (_, slope) = legendre(x);
+            (x, 2.0 / ((1.0 - x * x) * slope * slope))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{HalfSpace, plane::Strip};
+    use super::*;
+
+    const SKIN: (f64, f64) = (0.236, 0.5);
+
+    fn skin() -> HalfSpace {
+        HalfSpace::new(SKIN.0, SKIN.1)
+    }
+
+    fn rules() -> Vec<Rule> {
+        let round = [Round::Hertz, Round::Punch, Round::Corner].map(|t| Rule::round(t, 5, 8));
+        let strips = [Across::Line, Across::Block, Across::Cylinder, Across::Edge]
+            .map(|t| Rule::strip(t, 4, 6));
+        round.into_iter().chain(strips).chain([Rule::point()]).collect()
+    }
+
+    #[test]
+    fn every_traction_carries_its_normal_and_tangential_force_and_no_more() {
+        // Of the sphere's shear in particular Q, not the 3Q of 004 eq. (3).
+        let patch = Patch::disc([0.3, -0.2], 1.4, [0.4, -0.1, 1.2]);
+        for rule in rules() {
+            let sum = patch
+                .loads(&rule)
+                .fold([0.0; 3], |s, (_, f)| [s[0] + f[0], s[1] + f[1], s[2] + f[2]]);
+            for (sum, force) in sum.iter().zip(patch.force) {
+                assert!((sum - force).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn the_printed_tangential_traction_carries_three_times_its_force() {
+        // 004 eq. (3): 3Q(a² − r²)^−½/2πa, by the midpoint rule in r = a sin t.
+        let (a, q, n) = (1.7, 0.8, 1000);
+        let printed = |r: f64| 3.0 * q / (2.0 * PI * a) / (a * a - r * r).sqrt();
+        let step = FRAC_PI_2 / f64::from(n);
+        let carried: f64 = (0..n)
+            .map(|i| (f64::from(i) + 0.5) * step)
+            .map(|t| printed(a * t.sin()) * TAU * a * t.sin() * a * t.cos() * step)
+            .sum();
+        assert!((carried / q - 3.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn rings_have_the_moments_of_their_tractions() {
+        // ∫ r^2k dA over Hertz: 1, 2/5, 8/35, 16/105; over the punch: 1, 2/3, 8/15, 16/35.
+        let moment = |traction, power| -> f64 {
+            let rule = Rule::round(traction, 4, 3);
+            rule.points().iter().map(|([x, y], share)| share * x.hypot(*y).powi(power)).sum()
+        };
+        for (power, hertz, punch) in [
+            (0, 1.0, 1.0),
+            (2, 2.0 / 5.0, 2.0 / 3.0),
+            (4, 8.0 / 35.0, 8.0 / 15.0),
+            (6, 16.0 / 105.0, 16.0 / 35.0),
+        ] {
+            assert!((moment(Round::Hertz, power) - hertz).abs() < 1e-12);
+            assert!((moment(Round::Punch, power) - punch).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_flat_punch_agrees_with_its_closed_form_on_the_axis() {
+        // Johnson §3.8; the displacement goes to P/2aE* at the surface.
+        let (a, p) = (1.2, 0.9);
+        let skin = HalfSpace::new(0.236, 0.4);
+        let rule = Rule::round(Round::Punch, 24, 1);
+        let patch = Patch::disc([0.0; 2], a, [0.0, 0.0, p]);
+        for z in [0.3, 1.0, 4.0] {
+            let at = [0.0, 0.0, z];
+            let s = z * z / (a * a);
+            let stress = -p / (2.0 * PI * a * a) * (1.0 + 3.0 * s) / (1.0 + s).powi(2);
+            let sum = patch.superpose(&rule, at, |f, at| skin.stress(f, at));
+            assert!((sum / stress - 1.0).abs() < 1e-6, "{z}");
+            let disc = z / (a * a + z * z) + 2.0 * 0.6 * (a / z).atan() / a;
+            let sunk = p * disc / (4.0 * PI * skin.shear_modulus());
+            let sum = patch.superpose(&rule, at, |f, at| skin.displacement(f, at));
+            assert!((sum / sunk - 1.0).abs() < 1e-6, "{z}");
+        }
+    }
+
+    #[test]
+    fn long_strips_agree_with_plane_strain() {
+        // A strip a hundred times as long as it is deep, seen in its middle; the ends miss (z/l)² of it.
+        const LONG: f64 = 100.0;
+        let skin = skin();
+        let a = 0.8;
+        for (across, strip) in [
+            (Across::Line, Strip::Line { normal: 1.0, tangential: 0.0 }),
+            (Across::Block, Strip::Block { normal: 1.0, half_width: a }),
+            (Across::Cylinder, Strip::Cylinder { normal: 1.0, half_width: a }),
+        ] {
+            let rule = Rule::strip(across, 800, 24);
+            let patch = Patch {
+                centre: [0.0; 2],
+                along: [0.0, LONG],
+                across: [a, 0.0],
+                force: [0.0, 0.0, 2.0 * LONG],
+            };
+            for [x, z] in [[0.0, 1.5], [0.8, 1.0], [2.5, 1.5]] {
+                let sum = patch.superpose(&rule, [x, 0.0, z], |f, at| skin.stress(f, at));
+                assert!((sum / strip.stress(x, z) - 1.0).abs() < 1e-3, "{across:?} {x} {z}");
+                let sum = patch.superpose(&rule, [x, 0.0, z], |f, at| skin.strain(f, at));
+                let scale = strip.strain(&skin, 0.0, z).abs();
+                assert!((sum - strip.strain(&skin, x, z)).abs() < 1e-3 * scale, "{across:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn edges_and_corners_press_hardest_along_their_middle_and_sink_with_their_slope() {
+        // The displacement at the tip of a rigid cone is πa·slope/2 (Johnson §5.2): the traction, the
+        // radius and the influence function must agree on it. Taken at the surface, next to the centre.
+        let skin = skin();
+        let (slope, normal) = (0.3, 0.7);
+        let a = skin.corner_radius(slope, normal);
+        let rule = Rule::round(Round::Corner, 200, 1);
+        let patch = Patch::disc([0.0; 2], a, [0.0, 0.0, normal]);
+        let sunk = patch.superpose(&rule, [0.0, 0.0, 1e-9], |f, at| skin.displacement(f, at));
+        assert!((sunk / (FRAC_PI_2 * a * slope) - 1.0).abs() < 1e-3, "{sunk}");
+
+        // ∫ arcosh(1/v) v² dv / ∫ arcosh(1/v) dv over the edge is 1/6.
+        let rule = Rule::strip(Across::Edge, 1, 40);
+        let second: f64 = rule.points().iter().map(|([_, v], share)| share * v * v).sum();
+        assert!((second - 1.0 / 6.0).abs() < 1e-5, "{second}");
+    }
+
+    #[test]
+    fn crossed_cylinders_are_an_ellipse_with_the_moments_of_its_axes() {
+        // 004 eq. (4): ⟨x²⟩ = a²/5 and ⟨y²⟩ = b²/5 over a Hertz ellipse.
+        let (a, b) = (2.0, 0.7);
+        let patch =
+            Patch { centre: [0.0; 2], along: [a, 0.0], across: [0.0, b], force: [0.0, 0.0, 1.0] };
+        let rule = Rule::round(Round::Hertz, 2, 4);
+        let mean = |axis: usize| -> f64 {
+            patch.loads(&rule).map(|(at, force)| at[axis] * at[axis] * force[2]).sum()
+        };
+        assert!((mean(0) - a * a / 5.0).abs() < 1e-12);
+        assert!((mean(1) - b * b / 5.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_deep_plane_carries_the_force_of_every_traction() {
+        // ∫ σ_zz dA = −P, whatever the shear, by Gauss in the mapped polar angle.
+        let skin = skin();
+        let patch = Patch::disc([0.2, 0.1], 1.5, [0.3, 0.2, 1.0]);
+        let (z, n, spokes) = (8.0, 24, 16);
+        for rule in rules() {
+            let mut carried = 0.0;
+            for (t, weight) in gauss_legendre(n) {
+                let angle = (t + 1.0) * PI / 4.0;
+                let r = z * angle.tan();
+                let ring = weight * PI / 4.0 * z / angle.cos().powi(2) * r * TAU / spokes as f64;
+                for spoke in 0..spokes {
+                    let (sin, cos) = (spoke as f64 * TAU / spokes as f64).sin_cos();
+                    let at = [r * cos, r * sin, z];
+                    carried -= ring * patch.superpose(&rule, at, |f, at| skin.stress(f, at));
+                }
+            }
+            assert!((carried - 1.0).abs() < 5e-3, "{carried}");
+        }
+    }
+}

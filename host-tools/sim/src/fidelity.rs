@@ -1,0 +1,266 @@
+//! How finely a contact is computed: the cheapest rung that is good enough for the scene.
+//!
+//! | rung | the traction | what it acts on |
+//! |---|---|---|
+//! | `point` | one point load | half-space; with the effect `walls`, the framed layer's table |
+//! | `hertz` | twelve point loads a disc | the same |
+//! | `converged` | some hundred a disc, finer facets | the same |
+//! | `layer` | as `converged` | the framed layer's series; implies `walls` |
+//!
+//! `auto` measures every rung against the top one of the physics that the scene lists, `converged` or,
+//! with `walls`, `layer`, at the hardest loads of the run, and takes the cheapest whose error stays under
+//! half of the scene's tolerance; the other half is for what lies between the probes. An error is the
+//! worst facet's, over the largest displacement that the load makes.
+
+use std::sync::Arc;
+
+use serde::Deserialize;
+use taxel::scan::TAXELS;
+
+use crate::contact::layer::Layer;
+use crate::contact::traction::Round;
+use crate::contact::{Facets, HalfSpace, Rule, sphere};
+use crate::path::{Load, Path};
+use crate::scene::Scene;
+
+/// `fidelity` of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Fidelity {
+    /// The cheapest rung within the tolerance.
+    #[default]
+    Auto,
+    /// [`Rung::Point`].
+    Point,
+    /// [`Rung::Hertz`].
+    Hertz,
+    /// [`Rung::Converged`].
+    Converged,
+    /// [`Rung::Layer`].
+    Layer,
+}
+
+/// A rung of the ladder, the cheapest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rung {
+    /// A point load.
+    Point,
+    /// Hertz traction, few points.
+    Hertz,
+    /// Hertz traction, converged.
+    Converged,
+    /// Converged, and the layer's series in place of its table.
+    Layer,
+}
+
+impl core::fmt::Display for Rung {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Point => "point",
+            Self::Hertz => "hertz",
+            Self::Converged => "converged",
+            Self::Layer => "layer",
+        })
+    }
+}
+
+/// What was chosen, and why.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// The rung that computes the frames.
+    pub rung: Rung,
+    /// The rung that it is measured against.
+    pub top: Rung,
+    /// Worst error of the rung at the probes, over the largest displacement; `None` if the scene names
+    /// the rung, so that nothing was measured.
+    pub error: Option<f64>,
+    /// The most that the scene allows.
+    pub tolerance: f64,
+    /// Point-load evaluations of a disc on this rung: a load times the places where its displacement is
+    /// computed (half-space), the places of the table that are read, or the terms of the series.
+    pub evaluations: u64,
+    /// The same on the top rung.
+    pub top_evaluations: u64,
+}
+
+impl core::fmt::Display for Report {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { rung, top, error, tolerance, evaluations, top_evaluations } = self;
+        write!(f, "fidelity {rung}")?;
+        if let Some(error) = error {
+            let (error, tolerance) = (100.0 * error, 100.0 * tolerance);
+            write!(f, ", {error:.2} % off {top} of {tolerance} % allowed")?;
+        }
+        write!(f, ", {evaluations} evaluations a disc against {top_evaluations}")
+    }
+}
+
+/// What the tractions act on.
+#[derive(Clone, Debug)]
+enum Support {
+    HalfSpace { coarse: Facets, fine: Facets },
+    Framed(Arc<Layer>),
+}
+
+/// Contact with the skin of a scene, on the rung that was chosen.
+#[derive(Clone, Debug)]
+pub struct Ladder {
+    skin: HalfSpace,
+    radius: f64,
+    mu: f64,
+    support: Support,
+    point: Rule,
+    few: Rule,
+    many: Rule,
+    report: Report,
+}
+
+impl Ladder {
+    /// The ladder of the scene; `auto` tries the path that follows from `seed`.
+    #[must_use]
+    pub fn new(scene: &Scene, seed: u64) -> Self {
+        let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
+        let (depth, facet) = (scene.layer.depth_mm, scene.layer.facet_mm);
+        let support = if scene.has_walls() {
+            Support::Framed(Arc::new(Layer::new(skin, depth, facet)))
+        } else {
+            let [coarse, fine] = [2, 4].map(|along| Facets::new(skin, depth, facet, along));
+            Support::HalfSpace { coarse, fine }
+        };
+        Self::on(scene, seed, skin, support)
+    }
+
+    fn on(scene: &Scene, seed: u64, skin: HalfSpace, support: Support) -> Self {
+        let top = match support {
+            Support::HalfSpace { .. } => Rung::Converged,
+            Support::Framed(_) => Rung::Layer,
+        };
+        let rung = match scene.fidelity() {
+            Fidelity::Auto => None,
+            Fidelity::Point => Some(Rung::Point),
+            Fidelity::Hertz => Some(Rung::Hertz),
+            Fidelity::Converged => Some(Rung::Converged),
+            Fidelity::Layer => Some(Rung::Layer),
+        };
+        let mut ladder = Self {
+            skin,
+            radius: scene.indenter.radius_mm,
+            mu: scene.friction.mu,
+            support,
+            point: Rule::point(),
+            few: Rule::round(Round::Hertz, 2, 8),
+            many: Rule::round(Round::Hertz, 8, 16),
+            report: Report {
+                rung: rung.unwrap_or(top),
+                top,
+                error: None,
+                tolerance: scene.tolerance,
+                evaluations: 0,
+                top_evaluations: 0,
+            },
+        };
+        if rung.is_none() {
+            let (rung, error) = ladder.choose(&probes(scene, seed), top);
+            (ladder.report.rung, ladder.report.error) = (rung, Some(error));
+        }
+        ladder.report.evaluations = ladder.evaluations(ladder.report.rung);
+        ladder.report.top_evaluations = ladder.evaluations(top);
+        ladder
+    }
+
+    /// What was chosen, and why.
+    #[must_use]
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// How far each facet sinks under `load`, in mm.
+    #[must_use]
+    pub fn displacement(&self, load: &Load) -> [f64; TAXELS] {
+        self.on_rung(self.report.rung, load)
+    }
+
+    fn on_rung(&self, rung: Rung, load: &Load) -> [f64; TAXELS] {
+        let patches = sphere::tractions(&self.skin, self.radius, load.point, load.force, self.mu);
+        let patches = patches.iter().flatten();
+        let rule = self.rule(rung);
+        match &self.support {
+            Support::HalfSpace { coarse, .. } if rung <= Rung::Hertz => {
+                coarse.displacement(rule, patches)
+            }
+            Support::HalfSpace { fine, .. } => fine.displacement(rule, patches),
+            Support::Framed(layer) if rung == Rung::Layer => {
+                layer.exact_displacement(rule, patches)
+            }
+            Support::Framed(layer) => layer.displacement(rule, patches),
+        }
+    }
+
+    fn rule(&self, rung: Rung) -> &Rule {
+        match rung {
+            Rung::Point => &self.point,
+            Rung::Hertz => &self.few,
+            Rung::Converged | Rung::Layer => &self.many,
+        }
+    }
+
+    fn evaluations(&self, rung: Rung) -> u64 {
+        let rule = self.rule(rung);
+        match &self.support {
+            Support::HalfSpace { coarse, .. } if rung <= Rung::Hertz => coarse.evaluations(rule),
+            Support::HalfSpace { fine, .. } => fine.evaluations(rule),
+            Support::Framed(layer) => layer.evaluations(rule, rung == Rung::Layer),
+        }
+    }
+
+    /// The cheapest rung within half the tolerance at every probe, and its worst error.
+    fn choose(&self, probes: &[Load], top: Rung) -> (Rung, f64) {
+        let mut rungs = [Rung::Point, Rung::Hertz, Rung::Converged]
+            .map(|rung| (rung, if rung < top { Some(0.0) } else { None }));
+        for load in probes {
+            let best = self.on_rung(top, load);
+            for (rung, worst) in &mut rungs {
+                let Some(so_far) = *worst else { continue };
+                let error = error(&self.on_rung(*rung, load), &best).max(so_far);
+                *worst = (error <= 0.5 * self.report.tolerance).then_some(error);
+            }
+        }
+        rungs
+            .into_iter()
+            .find_map(|(rung, worst)| worst.map(|error| (rung, error)))
+            .unwrap_or((top, 0.0))
+    }
+}
+
+/// Largest difference over the largest displacement.
+fn error(of: &[f64; TAXELS], best: &[f64; TAXELS]) -> f64 {
+    let most = best.iter().fold(0.0f64, |m, u| m.max(u.abs()));
+    let worst = of.iter().zip(best).fold(0.0f64, |m, (u, b)| m.max((u - b).abs()));
+    if most > 0.0 { worst / most } else { 0.0 }
+}
+
+/// The hardest loads of a run: of each stretch of it the greatest normal force and the greatest shear,
+/// since contact grows with the one and its asymmetry with the other.
+fn probes(scene: &Scene, seed: u64) -> Vec<Load> {
+    const STRETCHES: u64 = 16;
+    const LOOKS: u64 = 128;
+    let mut path = Path::new(scene, seed);
+    let frames = scene.frames();
+    let looks = frames.min(STRETCHES * LOOKS);
+    let mut probes = vec![];
+    for stretch in 0..STRETCHES {
+        let (first, last) = (stretch * looks / STRETCHES, (stretch + 1) * looks / STRETCHES);
+        let loads: Vec<Load> = (first..last)
+            .filter_map(|look| path.at((look * frames / looks) as f64 / f64::from(scene.rate_hz())))
+            .collect();
+        let shear = |load: &Load| load.force[0].hypot(load.force[1]);
+        let normal = |load: &Load| load.force[2];
+        let pressed = loads.iter().max_by(|a, b| normal(a).total_cmp(&normal(b)));
+        let sheared = loads.iter().max_by(|a, b| shear(a).total_cmp(&shear(b)));
+        probes.extend(pressed.into_iter().chain(sheared.filter(|load| shear(load) > 0.0)));
+    }
+    probes
+}
+
+#[cfg(test)]
+mod tests;

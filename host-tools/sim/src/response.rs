@@ -1,0 +1,192 @@
+//! How fast a force sensor follows (003 §1.3.3 and §1.4.3): the transfer functions as published,
+//! sampled exactly.
+//!
+//! Between two frames the force is taken as straight, which is the only approximation (a first-order
+//! hold): the two states then move by the exponential of their matrix.
+
+use serde::Deserialize;
+
+/// What covers the force sensors; `coating` of `[device]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+pub enum Coating {
+    /// The bare sensor, T1 = T2 = 1.99 ms: 53.9 Hz are damped by 3.26 dB, as in the Bode diagram of
+    /// D12 (003 fig. 1.17).
+    #[default]
+    #[serde(rename = "bare")]
+    Bare,
+    /// Polyurethane, Shore 40: T1 = T2 = 2.18 ms (fig. 1.23).
+    #[serde(rename = "rA")]
+    A,
+    /// Polyurethane, Shore 40: T1 = T2 = 1.98 ms (fig. 1.23).
+    #[serde(rename = "rB")]
+    B,
+    /// Polyurethane, Shore 80, which relaxes.
+    #[serde(rename = "rC")]
+    C,
+    /// Polyurethane, Shore 80, which relaxes.
+    #[serde(rename = "rD")]
+    D,
+    /// The whole assembly, which relaxes.
+    #[serde(rename = "F02")]
+    F02,
+}
+
+impl Coating {
+    /// a₁ … a₄ of (a₁s + a₂)/(s² + a₃s + a₄) (003 eq. (1.26), fig. 1.23; eq. (1.25) in the same form).
+    #[must_use]
+    pub fn coefficients(self) -> [f64; 4] {
+        let critical = |t: f64| [0.0, 1.0 / (t * t), 2.0 / t, 1.0 / (t * t)];
+        match self {
+            Self::Bare => critical(1.99e-3),
+            Self::A => critical(2.18e-3),
+            Self::B => critical(1.98e-3),
+            Self::C => [242.4, 192.4, 243.7, 192.5],
+            Self::D => [233.3, 368.5, 237.0, 368.7],
+            Self::F02 => [202.4, 337.8, 214.8, 340.2],
+        }
+    }
+}
+
+/// A sensor's response, axis by axis.
+#[derive(Clone, Debug)]
+pub struct Response {
+    /// Next states out of the states, the force and its change.
+    step: [[f64; 4]; 2],
+    /// The force out of the states.
+    output: [f64; 2],
+    axes: [Axis; 3],
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Axis {
+    states: [f64; 2],
+    force: f64,
+}
+
+impl Response {
+    /// At rest, `period` seconds from frame to frame.
+    #[must_use]
+    pub fn new(coating: Coating, period: f64) -> Self {
+        let [a1, a2, a3, a4] = coating.coefficients();
+        // x₁′ = x₂, x₂′ = u − a₄x₁ − a₃x₂, out = a₂x₁ + a₁x₂; u′ = v/period with v the change of u.
+        let slopes =
+            [[0.0, 1.0, 0.0, 0.0], [-a4, -a3, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0 / period], [0.0; 4]];
+        let [first, second, ..] = exponential(slopes.map(|row| row.map(|v| v * period)));
+        Self { step: [first, second], output: [a2, a1], axes: [Axis::default(); 3] }
+    }
+
+    /// What the sensor feels, one frame later, of the `force` on it.
+    pub fn follow(&mut self, force: [f64; 3]) -> [f64; 3] {
+        let (step, output) = (self.step, self.output);
+        let mut felt = [0.0; 3];
+        for ((axis, force), felt) in self.axes.iter_mut().zip(force).zip(&mut felt) {
+            let [x1, x2] = axis.states;
+            let from = [x1, x2, axis.force, force - axis.force];
+            axis.states = step.map(|row| row.iter().zip(from).map(|(m, v)| m * v).sum());
+            axis.force = force;
+            *felt = axis.states.iter().zip(output).map(|(x, c)| x * c).sum();
+        }
+        felt
+    }
+}
+
+/// e^M: Taylor's series of M/2ⁿ, squared n times.
+fn exponential(matrix: [[f64; 4]; 4]) -> [[f64; 4]; 4] {
+    let most = matrix.as_flattened().iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let halvings = (8.0 * most.max(1.0)).log2().ceil() as i32;
+    let small = matrix.map(|row| row.map(|v| v * 0.5f64.powi(halvings)));
+    let mut term = IDENTITY;
+    let mut sum = IDENTITY;
+    for n in 1..=16 {
+        term = product(&term, &small).map(|row| row.map(|v| v / f64::from(n)));
+        sum.as_flattened_mut().iter_mut().zip(term.as_flattened()).for_each(|(s, t)| *s += t);
+    }
+    (0..halvings).fold(sum, |power, _| product(&power, &power))
+}
+
+const IDENTITY: [[f64; 4]; 4] =
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+
+fn product(a: &[[f64; 4]; 4], b: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+    a.map(|row| {
+        core::array::from_fn(|column| {
+            row.iter().zip(b).map(|(v, of)| v * of.get(column).copied().unwrap_or(0.0)).sum()
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    const RELAXING: [Coating; 3] = [Coating::C, Coating::D, Coating::F02];
+    const FIRM: [Coating; 3] = [Coating::Bare, Coating::A, Coating::B];
+
+    /// Damping in dB of a sine of `hertz`, from its sine and cosine parts over whole periods.
+    fn damping(coating: Coating, hertz: f64) -> f64 {
+        const RATE: f64 = 20_000.0;
+        let mut response = Response::new(coating, 1.0 / RATE);
+        let settled = (5.0 * RATE) as usize;
+        let frames = (40.0 / hertz * RATE).round() as usize;
+        let (mut sine, mut cosine) = (0.0, 0.0);
+        for i in 0..settled + frames {
+            let angle = TAU * hertz * i as f64 / RATE;
+            let felt = response.follow([0.0, 0.0, angle.sin()])[2];
+            if i >= settled {
+                sine += felt * angle.sin();
+                cosine += felt * angle.cos();
+            }
+        }
+        20.0 * f64::log10(2.0 * f64::hypot(sine, cosine) / frames as f64)
+    }
+
+    #[test]
+    fn the_published_points_of_the_bode_diagrams_are_met() {
+        // 003 fig. 1.17 and 1.24: D12, rB and F02.
+        for (coating, hertz, published) in
+            [(Coating::Bare, 53.9, -3.26), (Coating::B, 54.3, -3.27), (Coating::F02, 29.6, -2.92)]
+        {
+            let found = damping(coating, hertz);
+            assert!((found - published).abs() < 0.03, "{coating:?}: {found} dB");
+        }
+    }
+
+    fn step(coating: Coating, seconds: f64) -> Vec<f64> {
+        let mut response = Response::new(coating, 1e-3);
+        (0..(seconds * 1000.0) as usize).map(|_| response.follow([0.5, 0.0, 1.0])[2]).collect()
+    }
+
+    #[test]
+    fn bare_and_soft_coated_sensors_settle_within_a_hundredth_of_a_second_and_stay() {
+        for coating in FIRM {
+            let felt = step(coating, 1.0);
+            assert!(felt[12..].iter().all(|f| (f - 1.0).abs() < 0.05), "{coating:?}");
+            assert!(felt[999] > 1.0 - 1e-9);
+            assert!(felt.windows(2).all(|pair| pair[1] > pair[0] - 1e-12), "{coating:?}");
+        }
+    }
+
+    #[test]
+    fn relaxing_coatings_creep_to_what_their_coefficients_say() {
+        for coating in RELAXING {
+            let [_, a2, _, a4] = coating.coefficients();
+            let felt = step(coating, 20.0);
+            assert!((felt[19_999] - a2 / a4).abs() < 1e-6, "{coating:?}");
+            assert!((felt[100] - felt[19_999]).abs() > 1e-3, "{coating:?} creeps");
+        }
+    }
+
+    #[test]
+    fn sampling_is_exact_for_a_ramp_at_any_rate() {
+        // A ramp is what the hold takes the force for: slow and fast frames meet at the same times.
+        for coating in [Coating::A, Coating::F02] {
+            let at = |rate: usize| {
+                let mut response = Response::new(coating, 1.0 / rate as f64);
+                (0..rate / 2)
+                    .fold(0.0, |_, i| response.follow([0.0, 0.0, (i + 1) as f64 / rate as f64])[2])
+            };
+            assert!((at(10) - at(10_000)).abs() < 1e-9, "{coating:?}");
+        }
+    }
+}
