@@ -8,7 +8,7 @@
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
-use taxel::condition::{Bias, Levels, Signals};
+use taxel::condition::{Bias, Signals};
 use taxel::estimate::gate::Gate;
 use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
 use taxel::estimate::sensitivity::Sensitivity;
@@ -16,16 +16,13 @@ use taxel::scan::{SENSORS, TAXELS};
 
 use crate::error::FitError;
 use crate::least_squares;
-use crate::network::{self, Inputs, Net, NetOptions, Progress};
+use crate::network::{self, Inputs, Net, NetOptions, Observed, Progress};
+use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::Recording;
 
 /// A shear below this share of the normal force is none: the recordings are of normal presses.
 const NO_SHEAR: f64 = 0.01;
-/// A sensor answers if its signals reach this many times its noise in one row of a hundred …
-const ANSWERS: f32 = 8.0;
-/// … and this share of the signals of the sensor that answers most.
-const ANSWERS_SHARE: f32 = 0.02;
 /// Signal to noise of S's weakest direction below which the fit warns: 1/20² is 0.25 % of S.
 const WEAK: f64 = 20.0;
 
@@ -153,56 +150,6 @@ pub fn fit(
     Ok(fitted)
 }
 
-/// A recording with its signals as the chip sees them.
-struct Prepared<'r> {
-    recording: &'r Recording,
-    bias: Bias,
-    signals: Vec<Signals>,
-}
-
-impl<'r> Prepared<'r> {
-    fn new(recording: &'r Recording) -> Result<Self, FitError> {
-        let bias = recording.bias()?;
-        let signals = recording
-            .samples
-            .iter()
-            .map(|sample| bias.apply(Levels::read(&sample.scan.codes)))
-            .collect();
-        Ok(Self { recording, bias, signals })
-    }
-
-    /// How far a sensor's signals stand out of its noise: the 99th percentile over the recording.
-    fn answer(&self, sensor: usize) -> f32 {
-        let Some(bias) = self.bias.bridges[sensor] else { return 0.0 };
-        let mut ratios: Vec<f32> = self
-            .signals
-            .iter()
-            .filter_map(|s| s.bridges[sensor])
-            .map(|u| (u.iter().map(|u| u * u).sum::<f32>() / 3.0).sqrt() / bias.noise)
-            .collect();
-        ratios.sort_by(f32::total_cmp);
-        ratios.get(ratios.len() * 99 / 100).copied().unwrap_or_default()
-    }
-
-    /// A bench recording if exactly one sensor answers, else the finger's.
-    fn subject(&self) -> Subject {
-        let answers: [f32; SENSORS] = std::array::from_fn(|sensor| self.answer(sensor));
-        let most = answers.iter().copied().fold(0.0, f32::max);
-        let mut responding = answers
-            .iter()
-            .enumerate()
-            .filter(|(_, answer)| **answer > ANSWERS.max(ANSWERS_SHARE * most));
-        match (responding.next(), responding.next()) {
-            (Some((sensor, _)), None) => Subject::Sensor(sensor),
-            _ => Subject::Finger,
-        }
-    }
-
-    fn has_truth_of(&self, sensor: usize) -> bool {
-        self.recording.samples.iter().all(|s| s.truth.sensors[sensor].iter().all(Option::is_some))
-    }
-}
-
 /// All three components, if all are known.
 fn known(force: [Option<f64>; 3]) -> Option<[f64; 3]> {
     let [x, y, z] = force;
@@ -292,7 +239,7 @@ fn fit_net(
         let problem = format!("a record holds 1 or 3 outputs and 1 … {MAX_HIDDEN} hidden units");
         return Err(FitError::Shape { part: name, problem });
     }
-    let (mut x, mut y, mut faulty) = (Vec::new(), Vec::new(), 0);
+    let (mut observed, mut faulty) = (Vec::new(), 0);
     let mut first_bias = None;
     for recording in recordings {
         let missing = |missing: &str, mend: &str| FitError::Missing {
@@ -304,7 +251,8 @@ fn fit_net(
             missing("columns lit_r0c0 … dark_c3", "the net needs the optical matrix")
         })?;
         first_bias.get_or_insert(bias);
-        let before = x.len() + faulty;
+        let mut rows = Observed::default();
+        let before = faulty;
         let own = Bias { taxels: Some(bias), ..Bias::default() };
         let gate = Gate::default();
         for (sample, signals) in recording.recording.samples.iter().zip(&recording.signals) {
@@ -320,11 +268,11 @@ fn fit_net(
             if signals.health.dead != 0 || signals.health.saturated != 0 {
                 faulty += 1;
             } else if own.activity(&alone) > gate.off * gate.off {
-                x.push(c.map(f64::from).to_vec());
-                y.push(target);
+                rows.x.push(c.map(f64::from).to_vec());
+                rows.y.push(target);
             }
         }
-        if x.len() + faulty == before {
+        if rows.x.is_empty() && faulty == before {
             let no_reference =
                 recording.recording.samples.iter().all(|s| s.truth.force[2].is_none());
             return Err(match (no_reference, outputs) {
@@ -340,14 +288,16 @@ fn fit_net(
                 _ => FitError::NoLoad { part: format!("{name}: {}", recording.recording.name) },
             });
         }
+        observed.push(rows);
     }
     let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
-    warn_of_faults(fitted, &name, faulty, x.len(), &x);
-    let net = network::fit(&name, &x, &y, hidden, (Inputs::Alike, options.net), progress, stop)?;
-    let residual = residual(&net, &x, &y);
+    warn_of_faults(fitted, &name, faulty, &observed);
+    let how = (Inputs::Alike, options.net);
+    let net = network::fit(&name, &observed, hidden, how, progress, stop)?;
+    let residual = residual(&net, &observed);
     fitted.parts.push(Part {
         name,
-        rows: x.len(),
+        rows: inputs(&observed).count(),
         faulty,
         condition: None,
         effective: Some(net.effective),
@@ -355,7 +305,7 @@ fn fit_net(
     });
     fitted.calibration.taxels = Some(TaxelCalibration {
         bias,
-        range: ranges(&x, bias.noise),
+        range: ranges(&observed, bias.noise),
         net: Some(ForceNet {
             hidden: net.hidden.iter().copied().collect(),
             hidden_bias: net.hidden_bias.iter().copied().collect(),
@@ -367,20 +317,25 @@ fn fit_net(
     Ok(())
 }
 
-fn ranges(x: &[Vec<f64>], noise: f32) -> [Range; TAXELS] {
-    std::array::from_fn(|k| trained_range(x.iter().map(|row| row[k] as f32), noise))
+fn inputs(observed: &[Observed]) -> impl Iterator<Item = &Vec<f64>> + Clone {
+    observed.iter().flat_map(|recording| &recording.x)
+}
+
+fn ranges(observed: &[Observed], noise: f32) -> [Range; TAXELS] {
+    std::array::from_fn(|k| trained_range(inputs(observed).map(|row| row[k] as f32), noise))
 }
 
 /// RMS error per output, by the arithmetic of the chip.
-fn residual(net: &Net, x: &[Vec<f64>], y: &[Vec<f64>]) -> Vec<f64> {
+fn residual(net: &Net, observed: &[Observed]) -> Vec<f64> {
     let mut squares = vec![0.0; net.output_bias.len()];
-    for (x, y) in x.iter().zip(y) {
+    let targets = observed.iter().flat_map(|recording| &recording.y);
+    for (x, y) in inputs(observed).zip(targets) {
         let x: Vec<f32> = x.iter().map(|x| *x as f32).collect();
         for ((sum, found), wanted) in squares.iter_mut().zip(net.outputs(&x)).zip(y) {
             *sum += (f64::from(found) - wanted).powi(2);
         }
     }
-    squares.iter().map(|sum| (sum / x.len().max(1) as f64).sqrt()).collect()
+    squares.iter().map(|sum| (sum / inputs(observed).count().max(1) as f64).sqrt()).collect()
 }
 
 /// Three outputs where any recording holds shear, else one.
@@ -394,7 +349,10 @@ fn outputs_of(recordings: &[&Prepared<'_>]) -> usize {
     if peak(&[0, 1]) > NO_SHEAR * peak(&[2]) { 3 } else { 1 }
 }
 
-fn warn_of_faults(fitted: &mut Fitted, name: &str, faulty: usize, rows: usize, x: &[Vec<f64>]) {
+fn warn_of_faults(fitted: &mut Fitted, name: &str, faulty: usize, observed: &[Observed]) {
+    let rows = inputs(observed).count();
+    let x = inputs(observed);
+    let first = x.clone().next();
     if faulty > 0 {
         fitted.warnings.push(format!(
             "{name}: {faulty} of {} loaded or faulty rows have a saturated or dead taxel and were left \
@@ -403,7 +361,7 @@ fn warn_of_faults(fitted: &mut Fitted, name: &str, faulty: usize, rows: usize, x
         ));
     }
     for k in 0..TAXELS {
-        let same = x.first().is_some_and(|first| x.iter().all(|row| row[k] == first[k]));
+        let same = x.clone().all(|row| Some(row[k]) == first.map(|first| first[k]));
         if same {
             fitted.warnings.push(format!(
                 "{name}: taxel r{}c{} reads the same in every row and is ignored; is it connected?",

@@ -4,7 +4,7 @@
 //! α_g of each group of weights are re-estimated on the way from the evidence (MacKay 1992; with
 //! Levenberg–Marquardt Foresee and Hagan 1997, which is MATLAB's `trainbr`): of the W_g weights of a
 //! group the data determine γ_g = W_g − α_g·tr_g(A⁻¹), with A = β·J^T J + α; then α_g = γ_g/|w_g|² and
-//! β = (n − γ)/Σ e². Nothing is held back for it, and no split of the rows is needed.
+//! β = (n − γ)/Σ e². It takes the errors of all rows for independent.
 
 use nalgebra::{Cholesky, DVector, Dyn};
 
@@ -23,10 +23,11 @@ const TRIES: usize = 30;
 pub enum Decay {
     /// From the evidence.
     Evidence {
-        /// Independent errors per row. The rows of one press repeat each other's error; to count them
-        /// all would make the data look surer than they are.
+        /// Errors that a row stands for: more than one where rows were thinned out.
         per_row: f64,
     },
+    /// As the state has it.
+    Held,
     /// α = this for every parameter, β = 1.
     #[cfg(test)]
     Fixed(f64),
@@ -68,6 +69,11 @@ impl State {
         }
     }
 
+    /// Multiplies the decay of every parameter.
+    pub fn stiffen(&mut self, factor: f64) {
+        self.decay *= factor;
+    }
+
     fn objective(&self, squares: &DVector<f64>, parameters: &DVector<f64>) -> f64 {
         let decay: f64 = parameters.iter().zip(&self.decay).map(|(w, a)| a * w * w).sum();
         0.5 * (self.precision * squares.sum() + decay)
@@ -94,6 +100,7 @@ pub fn train(
                     weigh(&mut state, &model, &groups, rows.y.len() as f64 * per_row);
                 }
             }
+            Decay::Held => {}
             #[cfg(test)]
             Decay::Fixed(alpha) => state.decay.fill(alpha),
         }

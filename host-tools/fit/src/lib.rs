@@ -13,8 +13,11 @@ mod levenberg;
 pub mod metrics;
 mod mlp;
 pub mod network;
+mod prepared;
+mod problem;
 mod range;
 pub mod recording;
+mod strength;
 pub mod table;
 
 pub use error::FitError;

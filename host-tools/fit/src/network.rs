@@ -1,28 +1,29 @@
-//! From rows in their own units to f32 weights: thinning, scaling, starts, training, folding.
+//! From rows in their own units to a net of f32 weights.
+//!
+//! A few starts; the best of them takes shape under the decay that the evidence asks for. The evidence
+//! takes every row for news, but the error of a press or a stroke is one error, seen in many rows: its
+//! decay is too weak. How much stronger it should be is found by leaving stretches of time out
+//! ([`crate::strength`]); so stiffened, the net settles on all rows.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use nalgebra::{DMatrix, DVector};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use taxel::estimate::net::forward;
 
 use crate::error::FitError;
-use crate::levenberg::{self, Decay, State};
-use crate::mlp::{Rows, Shape};
+use crate::levenberg::{Decay, State};
+use crate::mlp::Shape;
+use crate::problem::{Problem, Row};
+use crate::strength;
 
 /// A recording at kilohertz repeats itself from row to row; every k-th row, so that about this many are
 /// left, says the same in a fraction of the time.
 const MOST_ROWS: usize = 4096;
 /// Steps that each start is given before the best of them goes on.
 const START_STEPS: usize = 25;
-
-/// While the net takes shape every row counts.
-const EXPLORE: Decay = Decay::Evidence { per_row: 1.0 };
-/// Then the decay is set as if one row in twenty told something new: the error of a press or a stroke
-/// is one error, seen in many rows. (The evidence has no other way to know; counting every row, nets
-/// fit each press of the training to 10 mN and miss the presses between by 70 mN.)
-const SETTLE: Decay = Decay::Evidence { per_row: 0.05 };
+/// On all rows, each stands for itself.
+const EACH: f64 = 1.0;
 
 /// How a net is trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +32,7 @@ pub struct NetOptions {
     pub seed: u64,
     /// Starts, of which the best goes on.
     pub starts: usize,
-    /// Most steps in all.
+    /// Most steps on all rows; the search for the decay adds its own.
     pub steps: usize,
 }
 
@@ -64,6 +65,15 @@ pub struct Progress {
     pub error: f64,
 }
 
+/// The rows of one recording, in the order of time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Observed {
+    /// Inputs, a row a moment.
+    pub x: Vec<Vec<f64>>,
+    /// Targets, row for row.
+    pub y: Vec<Vec<f64>>,
+}
+
 /// A trained net y = V·tanh(W·x + a) + b in f32, scaling folded in, laid out as
 /// [`taxel::estimate::net::forward`] takes it.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,6 +90,8 @@ pub struct Net {
     pub steps: usize,
     /// How many of its parameters the data determine.
     pub effective: f64,
+    /// How many times stronger than the evidence asks its decay was chosen.
+    pub strength: f64,
     /// Rows it was trained on after thinning.
     pub rows: usize,
 }
@@ -97,20 +109,46 @@ impl Net {
     }
 }
 
-/// Mean and spread of a column, to bring it to about one.
-struct Scale {
-    mean: f64,
-    spread: f64,
+/// Counts steps over all stages of a fit, and asks whether to go on.
+pub(crate) struct Meter<'a> {
+    part: &'a str,
+    done: usize,
+    of: usize,
+    report: &'a mut dyn FnMut(Progress),
+    stop: &'a AtomicBool,
 }
 
-fn scale(column: impl Iterator<Item = f64> + Clone) -> Scale {
-    let n = column.clone().count().max(1) as f64;
-    let mean = column.clone().sum::<f64>() / n;
-    let spread = (column.map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
-    Scale { mean, spread }
+impl<'a> Meter<'a> {
+    pub(crate) fn new(
+        part: &'a str,
+        of: usize,
+        report: &'a mut dyn FnMut(Progress),
+        stop: &'a AtomicBool,
+    ) -> Self {
+        Self { part, done: 0, of, report, stop }
+    }
+
+    /// Shows `steps` of the stage at hand; whether to go on.
+    pub(crate) fn show(&mut self, steps: usize, error: f64) -> bool {
+        if !self.goes_on() {
+            return false;
+        }
+        let step = self.done + steps;
+        (self.report)(Progress { part: self.part.into(), step, of: self.of, error });
+        self.goes_on()
+    }
+
+    /// The stage is over, whether it took all its steps or not.
+    pub(crate) fn pass(&mut self, planned: usize) {
+        self.done += planned;
+    }
+
+    pub(crate) fn goes_on(&self) -> bool {
+        !self.stop.load(Ordering::Relaxed)
+    }
 }
 
-/// Trains a net of `hidden` units from the rows `x` to the rows `y`.
+/// Trains a net of `hidden` units on some recordings.
 ///
 /// An input that never changes gets no weight. When `stop` becomes true, the best net so far is
 /// returned.
@@ -119,17 +157,18 @@ fn scale(column: impl Iterator<Item = f64> + Clone) -> Scale {
 /// Fewer rows than would determine it, a target that never changes, or stopped before the first step.
 pub fn fit(
     part: &str,
-    x: &[Vec<f64>],
-    y: &[Vec<f64>],
+    recordings: &[Observed],
     hidden: usize,
     (inputs, options): (Inputs, NetOptions),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Net, FitError> {
+    let recordings = thinned(recordings);
+    let rows = recordings.concat();
     let shape = Shape {
-        inputs: x.first().map_or(0, Vec::len),
+        inputs: rows.first().map_or(0, |row| row.x.len()),
         hidden,
-        outputs: y.first().map_or(0, Vec::len),
+        outputs: rows.first().map_or(0, |row| row.y.len()),
     };
     if shape.inputs == 0 || shape.hidden == 0 || shape.outputs == 0 {
         let problem = "a net needs inputs, hidden units and outputs".into();
@@ -137,122 +176,56 @@ pub fn fit(
     }
     // A row gives `outputs` equations; with fewer than two an unknown the fit means nothing.
     let least = (2 * shape.parameters()).div_ceil(shape.outputs);
-    if x.len() < least {
-        return Err(FitError::TooFewRows { part: part.into(), rows: x.len(), least });
+    if rows.len() < least {
+        return Err(FitError::TooFewRows { part: part.into(), rows: rows.len(), least });
     }
-    let thin = x.len().div_ceil(MOST_ROWS);
-    let x: Vec<&[f64]> = x.iter().step_by(thin).map(Vec::as_slice).collect();
-    let y: Vec<&[f64]> = y.iter().step_by(thin).map(Vec::as_slice).collect();
-    let inputs = input_scales(&x, shape.inputs, inputs);
-    let mut targets: Vec<Scale> =
-        (0..shape.outputs).map(|k| scale(y.iter().map(move |row| row[k]))).collect();
-    if targets.iter().any(|target| target.spread == 0.0) {
-        return Err(FitError::NoLoad { part: part.into() });
-    }
-    let scaled = |value: f64, scale: &Scale| {
-        if scale.spread > 0.0 { (value - scale.mean) / scale.spread } else { 0.0 }
-    };
-    let mut rows = Rows {
-        x: DMatrix::from_fn(x.len(), shape.inputs + 1, |row, i| {
-            inputs.get(i).map_or(1.0, |scale| scaled(x[row][i], scale))
-        }),
-        y: DMatrix::from_fn(y.len(), shape.outputs, |row, k| scaled(y[row][k], &targets[k])),
-    };
+    let no_load = || FitError::NoLoad { part: part.into() };
+    let mut problem = Problem::new(shape, inputs, &rows).ok_or_else(no_load)?;
 
-    let total = options.starts.saturating_sub(1) * START_STEPS + options.steps;
-    let mut before = 0;
-    let mut go_on = |state: &State, before: usize| {
-        let error = (state.squares.sum() / (shape.outputs * x.len()) as f64).sqrt();
-        progress(Progress { part: part.into(), step: before + state.steps, of: total, error });
-        !stop.load(Ordering::Relaxed)
-    };
-    let mut best: Option<State> = None;
+    let folds = strength::folds(&recordings);
+    let starts = options.starts.max(1);
+    let first = START_STEPS.min(options.steps);
+    let settle = options.steps / 3;
+    let explore = (options.steps - settle).saturating_sub(first);
+    let search = strength::steps(folds.len(), options.steps);
+    let of = starts * first + explore + search + settle;
+    let mut meter = Meter::new(part, of, progress, stop);
+
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
-    for _ in 0..options.starts.max(1) {
-        let start = State::new(shape, &rows, start(shape, &mut rng));
-        let limit = START_STEPS.min(options.steps);
-        let state =
-            levenberg::train(shape, &rows, start, EXPLORE, limit, &mut |s| go_on(s, before));
-        before += state.steps;
-        if state.steps > 0
-            && best.as_ref().is_none_or(|best| state.squares.sum() < best.squares.sum())
-        {
+    let mut best: Option<State> = None;
+    for _ in 0..starts {
+        let state = problem.train(
+            problem.start(&mut rng),
+            Decay::Evidence { per_row: EACH },
+            first,
+            &mut meter,
+        );
+        let better = |best: &State| state.squares.sum() < best.squares.sum();
+        if state.steps > 0 && best.as_ref().is_none_or(better) {
             best = Some(state);
         }
     }
     let best = best.ok_or(FitError::Stopped)?;
-    before -= best.steps;
-    // Counting every row first lets the net leave the plateau on which it is a linear map; the
-    // decay that the independent rows ask for would hold it there.
-    let first = options.steps * 2 / 3;
-    let mut best = levenberg::train(shape, &rows, best, EXPLORE, first, &mut |s| go_on(s, before));
-    balance(shape, &mut best, &mut rows, &mut targets);
-    let best =
-        levenberg::train(shape, &rows, best, SETTLE, options.steps, &mut |s| go_on(s, before));
-    Ok(fold(shape, &best, &inputs, &targets, rows.x.nrows()))
-}
-
-fn input_scales(x: &[&[f64]], count: usize, inputs: Inputs) -> Vec<Scale> {
-    let mut scales: Vec<Scale> =
-        (0..count).map(|i| scale(x.iter().map(move |row| row[i]))).collect();
-    if inputs == Inputs::Alike {
-        let squares: f64 = scales.iter().map(|scale| scale.spread.powi(2)).sum();
-        let common = (squares / count as f64).sqrt();
-        scales.iter_mut().filter(|s| s.spread > 0.0).for_each(|s| s.spread = common);
-    }
-    scales
-}
-
-/// Scales each target so that what is left of its error is the same for all of them: one noise β then
-/// fits every output, and an output that can be known better (f_z) is held to it.
-fn balance(shape: Shape, state: &mut State, rows: &mut Rows, targets: &mut [Scale]) {
-    let all = state.squares.mean();
-    for (k, target) in targets.iter_mut().enumerate() {
-        let factor = (all / state.squares[k].max(1e-6 * all)).sqrt();
-        let at = shape.hidden_parameters() + k * (shape.hidden + 1);
-        state.parameters.rows_mut(at, shape.hidden + 1).scale_mut(factor);
-        rows.y.column_mut(k).scale_mut(factor);
-        target.spread /= factor;
-    }
-}
-
-/// Small random weights: sums of about unit size, outputs that begin small.
-fn start(shape: Shape, rng: &mut ChaCha8Rng) -> DVector<f64> {
-    let hidden = (3.0 / (shape.inputs + 1) as f64).sqrt();
-    let output = (1.0 / (shape.hidden + 1) as f64).sqrt();
-    DVector::from_fn(shape.parameters(), |p, _| {
-        let size = if p < shape.hidden_parameters() { hidden } else { output };
-        size * rng.random_range(-1.0..1.0)
-    })
-}
-
-/// Folds the scaling of inputs and targets into the weights:
-/// w·(x − m)/s + a = (w/s)·x + (a − Σ w·m/s), and y·s + m for the outputs.
-fn fold(shape: Shape, state: &State, inputs: &[Scale], targets: &[Scale], rows: usize) -> Net {
-    let (hidden, output) = state.parameters.as_slice().split_at(shape.hidden_parameters());
-    let mut net = Net {
-        hidden: Vec::new(),
-        hidden_bias: Vec::new(),
-        output: Vec::new(),
-        output_bias: Vec::new(),
-        steps: state.steps,
-        effective: state.effective,
-        rows,
+    // The evidence first lets the net leave the plateau on which it is a linear map; a stronger decay
+    // would hold it there.
+    let mut best = problem.explore(best, EACH, explore, &mut meter);
+    let Some(strength) = strength::choose(&folds, (shape, inputs), options, &mut meter) else {
+        return Ok(problem.net(&best, 1.0));
     };
-    for unit in hidden.chunks_exact(shape.inputs + 1) {
-        let mut bias = unit[shape.inputs];
-        for (weight, scale) in unit.iter().zip(inputs) {
-            let weight = if scale.spread > 0.0 { weight / scale.spread } else { 0.0 };
-            bias -= weight * scale.mean;
-            net.hidden.push(weight as f32);
-        }
-        net.hidden_bias.push(bias as f32);
-    }
-    for (weights, scale) in output.chunks_exact(shape.hidden + 1).zip(targets) {
-        net.output.extend(weights[..shape.hidden].iter().map(|w| (w * scale.spread) as f32));
-        net.output_bias.push((weights[shape.hidden] * scale.spread + scale.mean) as f32);
-    }
-    net
+    best.stiffen(strength);
+    let best = problem.train(best, Decay::Held, settle, &mut meter);
+    Ok(problem.net(&best, strength))
+}
+
+/// Every k-th row of each recording.
+fn thinned(recordings: &[Observed]) -> Vec<Vec<Row<'_>>> {
+    let rows: usize = recordings.iter().map(|recording| recording.x.len()).sum();
+    let every = rows.div_ceil(MOST_ROWS).max(1);
+    recordings
+        .iter()
+        .map(|recording| recording.x.iter().zip(&recording.y).step_by(every))
+        .map(|rows| rows.map(|(x, y)| Row { x, y }).collect())
+        .collect()
 }
 
 #[cfg(test)]
@@ -279,8 +252,12 @@ mod tests {
         (x, y)
     }
 
+    fn observed(x: &[Vec<f64>], y: &[Vec<f64>]) -> [Observed; 1] {
+        [Observed { x: x.to_vec(), y: y.to_vec() }]
+    }
+
     fn fit_quietly(x: &[Vec<f64>], y: &[Vec<f64>], options: NetOptions) -> Result<Net, FitError> {
-        fit("net", x, y, 6, (Inputs::Unlike, options), &mut |_| {}, &AtomicBool::new(false))
+        fit("net", &observed(x, y), 6, (Inputs::Unlike, options), &mut |_| {}, &false.into())
     }
 
     #[test]
@@ -296,16 +273,6 @@ mod tests {
     }
 
     #[test]
-    fn inputs_alike_are_scaled_together_and_others_each_by_itself() {
-        let rows: [&[f64]; 2] = [&[1.0, 70.0, 5.0], &[3.0, 84.0, 5.0]];
-        let spreads =
-            |inputs| input_scales(&rows, 3, inputs).iter().map(|s| s.spread).collect::<Vec<_>>();
-        let common = (50.0f64 / 3.0).sqrt();
-        assert_eq!(spreads(Inputs::Alike), [common, common, 0.0]);
-        assert_eq!(spreads(Inputs::Unlike), [1.0, 7.0, 0.0]);
-    }
-
-    #[test]
     fn the_same_seed_gives_the_same_bits_and_another_seed_another_net() {
         let (x, y) = rows(200);
         let net = |seed| fit_quietly(&x, &y, NetOptions { seed, starts: 2, steps: 30 }).unwrap();
@@ -313,24 +280,55 @@ mod tests {
         assert_ne!(net(1).hidden, net(2).hidden);
     }
 
-    #[test]
-    fn stopping_returns_the_best_so_far() {
+    /// Stops when so many steps are done; the net and the last step shown.
+    fn stopped_at(step: usize) -> (Net, Progress) {
         let (x, y) = rows(200);
         let stop = AtomicBool::new(false);
-        let mut last = 0;
+        let mut last = None;
         let mut progress = |p: Progress| {
-            last = p.step;
-            stop.store(p.step >= 5, Ordering::Relaxed);
+            stop.store(p.step >= step, Ordering::Relaxed);
+            last = Some(p);
         };
-        let net = fit("net", &x, &y, 6, UNLIKE, &mut progress, &stop).unwrap();
-        assert_eq!((net.steps, last), (5, 5));
+        let net = fit("net", &observed(&x, &y), 6, UNLIKE, &mut progress, &stop).unwrap();
+        (net, last.unwrap())
+    }
+
+    #[test]
+    fn stopping_returns_the_best_so_far() {
+        let (net, last) = stopped_at(5);
+        assert_eq!((net.steps, last.step), (5, 5));
+    }
+
+    #[test]
+    fn stopping_the_search_for_the_decay_returns_the_net_that_took_shape() {
+        let (net, last) = stopped_at(400);
+        assert!((400..=410).contains(&last.step) && last.of == 1250, "{last:?}");
+        assert!((100..=200).contains(&net.steps), "{}", net.steps);
+        let (x, y) = rows(200);
+        for (x, y) in x.iter().zip(&y) {
+            let x: Vec<f32> = x.iter().map(|x| *x as f32).collect();
+            assert!((f64::from(net.outputs(&x)[0]) - y[0]).abs() < 0.1);
+        }
+    }
+
+    #[test]
+    fn progress_never_goes_back_nor_beyond_the_end() {
+        let (x, y) = rows(200);
+        let mut steps = Vec::new();
+        let mut progress = |p: Progress| {
+            assert!(p.step <= p.of);
+            steps.push(p.step);
+        };
+        let options = (Inputs::Unlike, NetOptions { seed: 0, starts: 2, steps: 60 });
+        fit("net", &observed(&x, &y), 6, options, &mut progress, &false.into()).unwrap();
+        assert!(steps.is_sorted());
     }
 
     #[test]
     fn stopped_before_the_first_step_there_is_nothing_to_keep() {
         let (x, y) = rows(200);
         let stop = AtomicBool::new(true);
-        let error = fit("net", &x, &y, 6, UNLIKE, &mut |_| {}, &stop).unwrap_err();
+        let error = fit("net", &observed(&x, &y), 6, UNLIKE, &mut |_| {}, &stop).unwrap_err();
         assert_eq!(error, FitError::Stopped);
     }
 

@@ -11,7 +11,7 @@ use taxel_formats::table::{self, Table};
 
 use crate::error::FitError;
 use crate::metrics::{Errors, TargetMetrics};
-use crate::network::{self, Inputs, NetOptions, Progress};
+use crate::network::{self, Inputs, NetOptions, Observed, Progress};
 use crate::range::{extremes, trained_range};
 
 /// Rows of a table with their references.
@@ -116,7 +116,6 @@ pub fn fit(
     stop: &AtomicBool,
 ) -> Result<FittedTable, FitError> {
     let first = recordings.first().ok_or(FitError::NoRecording)?;
-    let (mut x, mut y) = (Vec::new(), Vec::new());
     for recording in recordings {
         if recording.inputs.rows.is_empty() {
             return Err(FitError::Empty { recording: recording.name() });
@@ -136,13 +135,16 @@ pub fn fit(
                 });
             }
         }
-        x.extend(recording.inputs.rows.iter().cloned());
-        y.extend(recording.targets.rows.iter().cloned());
     }
+    let observed: Vec<Observed> = recordings
+        .iter()
+        .map(|r| Observed { x: r.inputs.rows.clone(), y: r.targets.rows.clone() })
+        .collect();
+    let x = || observed.iter().flat_map(|recording| &recording.x);
     let names = &first.inputs.names;
-    let column = |i: usize| x.iter().map(move |row: &Vec<f64>| row[i] as f32);
+    let column = |i: usize| x().map(move |row| row[i] as f32);
     let constant: Vec<&str> = (0..names.len())
-        .filter(|i| column(*i).all(|value| value == x[0][*i] as f32))
+        .filter(|i| range_of(column(*i)) == 0.0)
         .map(|i| names[i].as_str())
         .collect();
     let mut warnings = Vec::new();
@@ -156,7 +158,7 @@ pub fn fit(
         (0..names.len()).filter(|i| !constant.contains(&&*names[*i])).map(|i| range_of(column(i))),
     );
     let part = format!("net {}-{}-{}", names.len(), options.hidden, first.targets.names.len());
-    let net = network::fit(&part, &x, &y, options.hidden, (kind, options.net), progress, stop)?;
+    let net = network::fit(&part, &observed, options.hidden, (kind, options.net), progress, stop)?;
     let range = (0..names.len()).map(|i| trained_range(column(i), f32::MIN_POSITIVE)).collect();
     let mut model = TableModel {
         inputs: names.clone(),
@@ -172,7 +174,7 @@ pub fn fit(
         .into_iter()
         .map(|errors| errors.into_metrics("").figures.map_or(0.0, |f| f.rmse as f32))
         .collect();
-    Ok(FittedTable { model, warnings, rows: x.len(), effective: net.effective })
+    Ok(FittedTable { model, warnings, rows: x().count(), effective: net.effective })
 }
 
 /// How much a column moves.
