@@ -96,7 +96,7 @@ fn bench(rows: usize, axes: [f64; 3]) -> Recording {
 }
 
 fn options() -> FitOptions {
-    let net = NetOptions { seed: 1, starts: 1, steps: 60 };
+    let net = NetOptions { seed: 1, starts: 1, steps: 45 };
     FitOptions { net, hidden: Some(8), ..FitOptions::default() }
 }
 
@@ -123,7 +123,7 @@ fn a_bench_recording_gives_that_sensor_and_nothing_else() {
 
 #[test]
 fn presses_with_shear_give_a_net_that_holds_on_presses_it_has_not_seen() {
-    let net = NetOptions { seed: 1, starts: 1, steps: 240 };
+    let net = NetOptions { seed: 1, starts: 1, steps: 120 };
     let options = FitOptions { net, ..FitOptions::default() };
     let fitted = fit_quietly(&[presses(100, 0, 0.4)], &options).unwrap();
     assert_eq!(fitted.parts[0].name, "net 16-16-3");
