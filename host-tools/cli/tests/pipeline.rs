@@ -98,8 +98,11 @@ fn a_table_of_any_sensor_is_fitted_by_the_names_of_its_columns() {
     let table = "t_s,m0,m1,force_n\n".to_owned() + &rows.collect::<String>();
     std::fs::write(folder.0.join("skin.csv"), table).unwrap();
     let fit = ["calibrate", "fit", "--data", "skin.csv@0..3", "--out", "skin.toml"];
-    let columns = ["--inputs", "m*", "--targets", "force_n", "--hidden", "4"];
+    // The star stands for neither the time nor the target.
+    let columns = ["--inputs", "*", "--targets", "force_n", "--hidden", "4"];
     folder.succeeds(&[&fit[..], &columns[..]].concat());
+    let model = std::fs::read_to_string(folder.0.join("skin.toml")).unwrap();
+    assert!(model.contains("inputs = [\"m0\", \"m1\"]"), "{model}");
     let judged = folder.succeeds(&[
         "calibrate",
         "evaluate",
@@ -121,13 +124,17 @@ fn what_cannot_be_fitted_is_refused_in_one_line_that_says_why() {
     let folder = In(folder.path());
     std::fs::write(folder.0.join("other.csv"), "t_s,m0,force_n\n0,1,2\n").unwrap();
     std::fs::write(folder.0.join("empty.csv"), "").unwrap();
-    let cases: [(&[&str], &str); 4] = [
+    let cases: [(&[&str], &str); 5] = [
         (&["--data", "other.csv"], "other.csv:1: not a taxel trace; name the columns"),
         (&["--data", "empty.csv"], "empty.csv: no header"),
         (&["--data", "absent.csv"], "absent.csv: No such file"),
         (
             &["--data", "other.csv", "--inputs", "q*", "--targets", "force_n"],
             "other.csv:1: `q*`: no column matches; this file has t_s, m0, force_n",
+        ),
+        (
+            &["--data", "other.csv", "--inputs", "m0", "--targets", "m0"],
+            "other.csv:1: `m0`: a target cannot be an input as well; ",
         ),
     ];
     for (args, message) in cases {

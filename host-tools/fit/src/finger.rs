@@ -8,7 +8,7 @@
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
-use taxel::condition::{Bias, Levels, Signals};
+use taxel::condition::{Bias, Signals};
 use taxel::estimate::gate::Gate;
 use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
 use taxel::estimate::sensitivity::Sensitivity;
@@ -17,15 +17,12 @@ use taxel::scan::{SENSORS, TAXELS};
 use crate::error::FitError;
 use crate::least_squares;
 use crate::network::{self, Inputs, Net, NetOptions, Progress};
+use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::Recording;
 
 /// A shear below this share of the normal force is none: the recordings are of normal presses.
 const NO_SHEAR: f64 = 0.01;
-/// A sensor answers if its signals reach this many times its noise in one row of a hundred …
-const ANSWERS: f32 = 8.0;
-/// … and this share of the signals of the sensor that answers most.
-const ANSWERS_SHARE: f32 = 0.02;
 /// Signal to noise of S's weakest direction below which the fit warns: 1/20² is 0.25 % of S.
 const WEAK: f64 = 20.0;
 
@@ -129,7 +126,9 @@ pub fn fit(
             .zip(&subjects)
             .filter_map(|(recording, subject)| {
                 let bench = *subject == Subject::Sensor(sensor);
-                (bench || recording.has_truth_of(sensor)).then_some((recording, bench))
+                // A bench recording says nothing of the other sensors: nothing presses on them.
+                let all = *subject == Subject::Finger && recording.loads(sensor);
+                (bench || all).then_some((recording, bench))
             })
             .collect();
         if !own.is_empty() {
@@ -151,56 +150,6 @@ pub fn fit(
     }
     fitted.calibration.validate().map_err(FitError::Record)?;
     Ok(fitted)
-}
-
-/// A recording with its signals as the chip sees them.
-struct Prepared<'r> {
-    recording: &'r Recording,
-    bias: Bias,
-    signals: Vec<Signals>,
-}
-
-impl<'r> Prepared<'r> {
-    fn new(recording: &'r Recording) -> Result<Self, FitError> {
-        let bias = recording.bias()?;
-        let signals = recording
-            .samples
-            .iter()
-            .map(|sample| bias.apply(Levels::read(&sample.scan.codes), None))
-            .collect();
-        Ok(Self { recording, bias, signals })
-    }
-
-    /// How far a sensor's signals stand out of its noise: the 99th percentile over the recording.
-    fn answer(&self, sensor: usize) -> f32 {
-        let Some(bias) = self.bias.bridges[sensor] else { return 0.0 };
-        let mut ratios: Vec<f32> = self
-            .signals
-            .iter()
-            .filter_map(|s| s.bridges[sensor])
-            .map(|u| (u.iter().map(|u| u * u).sum::<f32>() / 3.0).sqrt() / bias.noise)
-            .collect();
-        ratios.sort_by(f32::total_cmp);
-        ratios.get(ratios.len() * 99 / 100).copied().unwrap_or_default()
-    }
-
-    /// A bench recording if exactly one sensor answers, else the finger's.
-    fn subject(&self) -> Subject {
-        let answers: [f32; SENSORS] = std::array::from_fn(|sensor| self.answer(sensor));
-        let most = answers.iter().copied().fold(0.0, f32::max);
-        let mut responding = answers
-            .iter()
-            .enumerate()
-            .filter(|(_, answer)| **answer > ANSWERS.max(ANSWERS_SHARE * most));
-        match (responding.next(), responding.next()) {
-            (Some((sensor, _)), None) => Subject::Sensor(sensor),
-            _ => Subject::Finger,
-        }
-    }
-
-    fn has_truth_of(&self, sensor: usize) -> bool {
-        self.recording.samples.iter().all(|s| s.truth.sensors[sensor].iter().all(Option::is_some))
-    }
 }
 
 /// All three components, if all are known.

@@ -5,6 +5,7 @@
 //!   recording that it has not seen, through the very arithmetic of the chip.
 //! - [`table`] does the same for anybody's sensor that comes as a CSV of N channels.
 
+mod correlation;
 pub mod error;
 pub mod evaluate;
 pub mod finger;
@@ -13,6 +14,7 @@ mod levenberg;
 pub mod metrics;
 mod mlp;
 pub mod network;
+mod prepared;
 mod range;
 pub mod recording;
 pub mod table;

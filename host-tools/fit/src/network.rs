@@ -7,9 +7,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use taxel::estimate::net::forward;
 
+use crate::correlation::independent_share;
 use crate::error::FitError;
 use crate::levenberg::{self, Decay, State};
-use crate::mlp::{Rows, Shape};
+use crate::mlp::{self, Rows, Shape};
 
 /// A recording at kilohertz repeats itself from row to row; every k-th row, so that about this many are
 /// left, says the same in a fraction of the time.
@@ -19,11 +20,6 @@ const START_STEPS: usize = 25;
 
 /// While the net takes shape every row counts.
 const EXPLORE: Decay = Decay::Evidence { per_row: 1.0 };
-/// Then the decay is set as if one row in twenty told something new: the error of a press or a stroke
-/// is one error, seen in many rows. (The evidence has no other way to know; counting every row, nets
-/// fit each press of the training to 10 mN and miss the presses between by 70 mN.)
-const SETTLE: Decay = Decay::Evidence { per_row: 0.05 };
-
 /// How a net is trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetOptions {
@@ -187,8 +183,11 @@ pub fn fit(
     let first = options.steps * 2 / 3;
     let mut best = levenberg::train(shape, &rows, best, EXPLORE, first, &mut |s| go_on(s, before));
     balance(shape, &mut best, &mut rows, &mut targets);
+    // Then the decay is set by the rows that say something new.
+    let errors = mlp::outputs(shape, best.parameters.as_slice(), rows.x.as_view()) - &rows.y;
+    let settle = Decay::Evidence { per_row: independent_share(&errors) };
     let best =
-        levenberg::train(shape, &rows, best, SETTLE, options.steps, &mut |s| go_on(s, before));
+        levenberg::train(shape, &rows, best, settle, options.steps, &mut |s| go_on(s, before));
     Ok(fold(shape, &best, &inputs, &targets, rows.x.nrows()))
 }
 

@@ -24,12 +24,25 @@ pub struct TableRecording {
 }
 
 impl TableRecording {
-    /// Reads a stretch of a file; `*` in a pattern stands for any text.
+    /// Reads a stretch of a file; `*` in a pattern stands for any text, but never for a target or the
+    /// time: a net that is given the answer learns nothing.
     ///
     /// # Errors
-    /// What is wrong with the file.
+    /// What is wrong with the file, or a column is named as input and as target.
     pub fn read(stretch: &Stretch, inputs: &[&str], targets: &[&str]) -> Result<Self, FileError> {
-        Ok(Self { inputs: table::read(stretch, inputs)?, targets: table::read(stretch, targets)? })
+        let targets = table::read(stretch, targets)?;
+        if let Some(both) = inputs.iter().find(|name| targets.names.iter().any(|t| t == *name)) {
+            return Err(FileError::new(&stretch.path, "a target cannot be an input as well")
+                .line(1)
+                .column(*both)
+                .mend("take it out of --inputs or of --targets"));
+        }
+        let mut inputs_read = table::read(stretch, inputs)?;
+        inputs_read.keep(|name| {
+            inputs.contains(&name)
+                || !(targets.names.iter().any(|t| t == name) || table::is_time(name))
+        });
+        Ok(Self { inputs: inputs_read, targets })
     }
 
     fn name(&self) -> String {

@@ -22,6 +22,16 @@ pub struct Table {
     pub times: Vec<f64>,
 }
 
+impl Table {
+    /// Drops the columns whose names `wanted` does not want.
+    pub fn keep(&mut self, mut wanted: impl FnMut(&str) -> bool) {
+        let kept: Vec<usize> = (0..self.names.len()).filter(|i| wanted(&self.names[*i])).collect();
+        let pick = |row: &Vec<f64>| kept.iter().map(|i| row[*i]).collect();
+        self.rows = self.rows.iter().map(pick).collect();
+        self.names = kept.iter().map(|i| self.names[*i].clone()).collect();
+    }
+}
+
 /// Reads the columns that match `patterns` (`*` stands for any text) over a stretch of a file.
 ///
 /// Columns come in the order of the patterns, and within a pattern in that of the file. Time is the
@@ -89,12 +99,23 @@ pub fn read_from(
     Ok(table)
 }
 
-fn time_column(names: &StringRecord) -> Option<(usize, f64)> {
-    names.iter().enumerate().find_map(|(at, name)| match name {
-        "t_s" => Some((at, 1.0)),
-        "t_us" => Some((at, 1e-6)),
+/// A column of times: `t_s` or `t_us`.
+#[must_use]
+pub fn is_time(name: &str) -> bool {
+    time_scale(name).is_some()
+}
+
+/// Seconds in a unit of a time column.
+fn time_scale(name: &str) -> Option<f64> {
+    match name {
+        "t_s" => Some(1.0),
+        "t_us" => Some(1e-6),
         _ => None,
-    })
+    }
+}
+
+fn time_column(names: &StringRecord) -> Option<(usize, f64)> {
+    names.iter().enumerate().find_map(|(at, name)| Some((at, time_scale(name)?)))
 }
 
 fn select(names: &StringRecord, patterns: &[&str], path: &Path) -> Result<Vec<usize>, FileError> {

@@ -52,6 +52,11 @@ fn host(steps: &mut Steps) -> Result<()> {
             .args(["--", "-D", "warnings"]))
     })?;
     steps.take("host tests", || run(&mut tests(Tests::Host)))?;
+    steps.take("fuzz targets compile", || {
+        run(clean_cargo("cargo", &root().join("tests/fuzz"))
+            .args(["check", "--quiet"])
+            .args(locked()))
+    })?;
     steps.take("examples in the documentation", || {
         run(cargo().args(["test", "--quiet", "--workspace", "--doc"]).args(locked()))
     })
