@@ -97,7 +97,7 @@ mod tests {
             "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0",
             "tcp:finger.local:5000",
             "tcp:[::1]:5000",
-            "file:/tmp/a:b.csv",
+            "file:traces/a:b.csv",
             "sim:press",
             "sim:./scenes/press.toml",
         ] {
