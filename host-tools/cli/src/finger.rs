@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use taxel::calibration::Calibration;
+use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel_formats::{FileError, calibration};
 use taxel_link::{Client, LinkError, Port};
 use taxel_sim::scene::BUILT_IN;
@@ -49,4 +49,14 @@ pub fn scene_calibration(
         }
         None => Ok(None),
     }
+}
+
+/// A calibration as the bytes that go to a finger.
+///
+/// # Errors
+/// It would not be accepted.
+pub fn record(calibration: &Calibration) -> anyhow::Result<Vec<u8>> {
+    let mut buffer = [0; MAX_BYTES];
+    let bytes = calibration.to_bytes(&mut buffer);
+    bytes.map(<[u8]>::to_vec).map_err(|error| anyhow::anyhow!("not a record: {error:?}"))
 }

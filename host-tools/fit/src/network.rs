@@ -84,13 +84,16 @@ impl Net {
     /// The outputs for one row, by the arithmetic of the chip.
     #[must_use]
     pub fn outputs(&self, x: &[f32]) -> Vec<f32> {
-        let mut units = vec![0.0; self.hidden_bias.len()];
-        let mut y = self.output_bias.clone();
-        let (hidden, output) =
-            ((&*self.hidden, &*self.hidden_bias), (&*self.output, &*self.output_bias));
-        forward(x, hidden, output, &mut units, &mut y);
-        y
+        outputs(x, (&self.hidden, &self.hidden_bias), (&self.output, &self.output_bias))
     }
+}
+
+/// The outputs of a net for one row of inputs, by the arithmetic of the chip.
+pub(crate) fn outputs(x: &[f32], hidden: (&[f32], &[f32]), output: (&[f32], &[f32])) -> Vec<f32> {
+    let mut units = vec![0.0; hidden.1.len()];
+    let mut y = output.1.to_vec();
+    forward(x, hidden, output, &mut units, &mut y);
+    y
 }
 
 /// Mean and spread of a column, to bring it to about one.

@@ -5,7 +5,7 @@ use std::ops::Range;
 use taxel::condition::{Bias, BiasTaker, Levels};
 use taxel_formats::FileError;
 use taxel_formats::stretch::Stretch;
-use taxel_formats::trace::{Sample, TraceReader};
+use taxel_formats::trace::{Sample, read_stretch};
 
 use crate::error::FitError;
 
@@ -33,17 +33,7 @@ impl Recording {
     /// # Errors
     /// What is wrong with the file.
     pub fn read(stretch: &Stretch) -> Result<Self, FileError> {
-        let mut samples = Vec::new();
-        for sample in TraceReader::open(&stretch.path)? {
-            let sample = sample?;
-            let seconds = sample.scan.time.0 as f64 * 1e-6;
-            if stretch.ended(seconds) {
-                break;
-            }
-            if stretch.contains(seconds) {
-                samples.push(sample);
-            }
-        }
+        let samples = read_stretch(stretch)?.collect::<Result<_, _>>()?;
         Ok(Self { name: stretch.path.display().to_string(), samples })
     }
 

@@ -4,7 +4,6 @@ use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 use taxel::calibration::Range;
-use taxel::estimate::net::forward;
 use taxel_formats::FileError;
 use taxel_formats::stretch::Stretch;
 use taxel_formats::table::{self, Table};
@@ -90,12 +89,8 @@ impl TableModel {
     /// The targets for one row of inputs.
     #[must_use]
     pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
-        let mut units = vec![0.0; self.hidden_bias.len()];
-        let mut y = self.output_bias.clone();
-        let (hidden, output) =
-            ((&*self.hidden, &*self.hidden_bias), (&*self.output, &*self.output_bias));
-        forward(inputs, hidden, output, &mut units, &mut y);
-        y
+        let hidden = (&*self.hidden, &*self.hidden_bias);
+        network::outputs(inputs, hidden, (&self.output, &self.output_bias))
     }
 
     /// Every input lies within what training saw.

@@ -6,7 +6,7 @@
 mod read;
 mod write;
 
-pub use read::{Channels, TraceReader, is_trace};
+pub use read::{Channels, TraceReader, is_trace, read_stretch};
 pub use write::{TraceHeader, TraceWriter};
 
 use taxel::scan::{COLS, ROWS, SENSORS, Scan};

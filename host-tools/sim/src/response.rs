@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn bare_and_soft_coated_sensors_settle_within_a_hundredth_of_a_second_and_stay() {
+    fn bare_and_soft_coated_sensors_settle_within_thirteen_milliseconds_and_stay() {
         for coating in FIRM {
             let felt = step(coating, 1.0);
             assert!(felt[12..].iter().all(|f| (f - 1.0).abs() < 0.05), "{coating:?}");

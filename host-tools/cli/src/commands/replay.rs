@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 use clap::ValueEnum;
 use indicatif::ProgressBar;
-use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::calibration::Calibration;
 use taxel::finger::Finger;
 use taxel::frame::{Fields, Frame};
 use taxel::measured::{Measured, NoValue};
@@ -14,10 +14,11 @@ use taxel::units::Newtons;
 use taxel_formats::FileError;
 use taxel_formats::frames::FramesWriter;
 use taxel_formats::stretch::Stretch;
-use taxel_formats::trace::{Sample, TraceReader};
+use taxel_formats::trace::{Sample, read_stretch};
 use taxel_link::emulated;
 use taxel_link::fields;
 
+use crate::finger::record;
 use crate::interrupt::Interrupt;
 use crate::output;
 
@@ -68,7 +69,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let calibration =
         args.calibration.as_ref().map(taxel_formats::calibration::read).transpose()?;
     let interrupt = Interrupt::watch()?;
-    let mut samples = samples(&args.trace)?.peekable();
+    let mut samples = read_stretch(&args.trace)?.peekable();
     if samples.peek().is_none() {
         bail!("{}: no scans; check the stretch FILE@FROM..TO", args.trace.path.display());
     }
@@ -118,18 +119,6 @@ fn withheld(force: Measured<Newtons>) -> bool {
     }
 }
 
-/// The samples of a stretch, line by line.
-fn samples(
-    stretch: &Stretch,
-) -> anyhow::Result<impl Iterator<Item = Result<Sample, FileError>> + use<>> {
-    let wanted = stretch.clone();
-    let seconds = |sample: &Sample| sample.scan.time.0 as f64 * 1e-6;
-    let ended = wanted.clone();
-    Ok(TraceReader::open(&stretch.path)?
-        .take_while(move |s| s.as_ref().map_or(true, |s| !ended.ended(seconds(s))))
-        .filter(move |s| s.as_ref().map_or(true, |s| wanted.contains(seconds(s)))))
-}
-
 fn on_host(
     samples: impl Iterator<Item = Result<Sample, FileError>>,
     calibration: Option<Calibration>,
@@ -156,18 +145,10 @@ fn on_board(
     interrupt: &Interrupt,
 ) -> anyhow::Result<()> {
     let scans = samples.map(|s| s.map(|s| s.scan)).collect::<Result<Vec<_>, _>>()?;
-    let mut buffer = [0; MAX_BYTES];
-    let record = match &calibration {
-        None => None,
-        Some(calibration) => Some(
-            calibration
-                .to_bytes(&mut buffer)
-                .map_err(|e| anyhow::anyhow!("not a record: {e:?}"))?,
-        ),
-    };
+    let record = calibration.as_ref().map(record).transpose()?;
     let bar = ProgressBar::new(scans.len() as u64);
     let mut written = Ok(());
-    let replay = emulated::replay(&scans, record, fields, |frame| {
+    let replay = emulated::replay(&scans, record.as_deref(), fields, |frame| {
         bar.inc(1);
         written = sink.take(frame);
         if written.is_err() || interrupt.came() {

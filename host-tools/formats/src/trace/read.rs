@@ -12,6 +12,7 @@ use taxel::units::{Code, FullScale, Micros};
 use super::{Sample, TRUTH_COLUMNS, Truth, bridge_names, sensor_truth_names, taxel_names};
 use crate::error::FileError;
 use crate::lines::Lines;
+use crate::stretch::Stretch;
 
 const FULL_SCALE_KEY: &str = "full_scale";
 
@@ -124,6 +125,20 @@ fn parse_full_scale(value: &str, path: &Path, line: u64) -> Result<FullScale, Fi
             .column(FULL_SCALE_KEY)
             .mend("write `# full_scale=4095` or `# full_scale=65535`")
     })
+}
+
+/// The samples of a stretch of a trace, one by one; what comes after it is not read.
+///
+/// # Errors
+/// The file cannot be read, or its header is not that of a trace.
+pub fn read_stretch(
+    stretch: &Stretch,
+) -> Result<impl Iterator<Item = Result<Sample, FileError>> + use<>, FileError> {
+    let seconds = |sample: &Sample| sample.scan.time.0 as f64 * 1e-6;
+    let (wanted, ended) = (stretch.clone(), stretch.clone());
+    Ok(TraceReader::open(&stretch.path)?
+        .take_while(move |s| s.as_ref().map_or(true, |s| !ended.ended(seconds(s))))
+        .filter(move |s| s.as_ref().map_or(true, |s| wanted.contains(seconds(s)))))
 }
 
 /// True where the file begins like a taxel trace rather than any other CSV.

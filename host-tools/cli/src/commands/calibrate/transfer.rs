@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use indicatif::ProgressBar;
-use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::calibration::Calibration;
 use taxel_formats::calibration;
 
-use crate::finger::PortArg;
+use crate::finger::{PortArg, record};
 use crate::output;
 
 /// Puts a calibration in force on a finger and reads it back.
@@ -35,12 +35,10 @@ pub struct DownloadArgs {
 /// # Errors
 /// The file is wrong, or the finger refused.
 pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
-    let record = calibration::read(&args.calibration)?;
-    let mut buffer = [0; MAX_BYTES];
-    let bytes = record.to_bytes(&mut buffer).map_err(|e| anyhow::anyhow!("not a record: {e:?}"))?;
+    let bytes = record(&calibration::read(&args.calibration)?)?;
     let client = args.port.connect()?;
     let bar = ProgressBar::new(bytes.len() as u64);
-    client.upload_calibration(bytes, |sent| bar.set_position(sent as u64))?;
+    client.upload_calibration(&bytes, |sent| bar.set_position(sent as u64))?;
     bar.finish_and_clear();
     output::line(format!("{}: {} bytes uploaded and read back", args.port.port, bytes.len()))
 }

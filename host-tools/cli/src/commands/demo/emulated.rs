@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use anyhow::Context;
-use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::calibration::Calibration;
 use taxel::frame::Frame;
 use taxel::session::Pace;
 use taxel::units::Micros;
@@ -13,6 +13,7 @@ use taxel_link::emulated::{BOARD, Emulated, Image};
 use taxel_sim::{Scene, Simulator};
 
 use super::Performer;
+use crate::finger::record;
 
 /// The board's memory holds the scans of some three minutes at 1 kHz; without a duration the demo takes
 /// two.
@@ -63,11 +64,7 @@ impl Performer for Board {
         let (reader, writer) = self.board.take_link().context("the board has no link left")?;
         let client = Client::over(BOARD, reader, writer)?;
         if let Some(calibration) = &self.calibration {
-            let mut buffer = [0; MAX_BYTES];
-            let record = calibration
-                .to_bytes(&mut buffer)
-                .map_err(|error| anyhow::anyhow!("not a record: {error:?}"))?;
-            client.upload_calibration(record, |_| {})?;
+            client.upload_calibration(&record(calibration)?, |_| {})?;
         }
         Ok(client)
     }
