@@ -65,6 +65,8 @@ ranges! {
     tolerance: 0.00001 to 0.5;
     /// Frequency of the mains' lamps in Hz.
     lamps: 1.0 to 10000.0;
+    /// Temperature in °C at which silicone, diodes and bridges still work.
+    celsius: -40.0 to 125.0;
     /// A distance that the contact point rolls, in mm.
     roll: 0.0 to 5.0;
 }

@@ -13,9 +13,11 @@ use crate::ranges;
 
 mod acts;
 mod device;
+mod temperature;
 
 pub use acts::{Press, Random, Slide};
 pub use device::{Bits, Device};
+pub use temperature::{REFERENCE_C, Temperature, ZERO_C};
 
 /// Scenes that come with the simulator, by name.
 pub const BUILT_IN: [(&str, &str); 5] = [
@@ -49,6 +51,8 @@ pub enum Effect {
     Walls,
     /// The force sensors follow with a delay, and relax, as their `coating` does.
     Response,
+    /// What warms changes: the finger is as warm as `[temperature]` says and not at its reference.
+    Temperature,
 }
 
 /// A scene.
@@ -86,6 +90,9 @@ pub struct Scene {
     /// The room.
     #[serde(default)]
     pub light: Light,
+    /// How warm it is; [`Scene::temperature_at`].
+    #[serde(default)]
+    temperature: Temperature,
     /// Present where the force acts on a single force sensor in a test bench, not on the skin.
     pub bench: Option<Bench>,
     /// Presses at one place.
@@ -287,6 +294,12 @@ impl Scene {
     #[must_use]
     pub fn has_walls(&self) -> bool {
         self.has(Effect::Walls) || self.fidelity() == Fidelity::Layer
+    }
+
+    /// How warm the finger is at `time` seconds, in °C.
+    #[must_use]
+    pub fn temperature_at(&self, time: f64) -> f64 {
+        if self.has(Effect::Temperature) { self.temperature.at(time) } else { REFERENCE_C }
     }
 
     /// Frames a second.

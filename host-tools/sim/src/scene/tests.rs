@@ -129,3 +129,16 @@ fn a_range_runs_upwards() {
                   fz_n = [1, 1]\n";
     refuses(&format!("{SCAN}{random}"), 8, &["`x_mm`", "lower one first"]);
 }
+
+#[test]
+fn the_temperature_ramps_where_the_scene_lists_it() {
+    let ramp = "[temperature]\nstart_c = 20\nend_c = 40\nfrom_s = 2\nramp_s = 4\n";
+    let listed = Scene::parse("my.toml", &format!("effects = ['temperature']\n{SCAN}{ramp}"));
+    let listed = listed.unwrap();
+    let at = [0.0, 2.0, 3.0, 6.0, 10.0].map(|time| listed.temperature_at(time));
+    assert_eq!(at, [20.0, 20.0, 25.0, 40.0, 40.0]);
+    let unlisted = Scene::parse("my.toml", &format!("{SCAN}{ramp}")).unwrap();
+    assert_eq!(unlisted.temperature_at(10.0), REFERENCE_C);
+    refuses(&format!("{SCAN}[temperature]\nend_c = 400\n"), 5, &["`end_c`", "-40 to 125"]);
+    refuses(&format!("{SCAN}[temperature]\nramp_s = 0\n"), 5, &["`ramp_s`", "0.001 to 86400"]);
+}

@@ -1,0 +1,43 @@
+//! The table of a scene that says how warm the finger is.
+
+use serde::Deserialize;
+
+use crate::ranges;
+
+/// Where every property has its listed value, and what an unlisted temperature is, in °C.
+pub const REFERENCE_C: f64 = 25.0;
+/// 0 °C in kelvin.
+pub const ZERO_C: f64 = 273.15;
+
+/// `[temperature]`: one value, a straight ramp, another value; with the effect `temperature`.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Temperature {
+    /// At first, in °C.
+    #[serde(deserialize_with = "ranges::celsius")]
+    pub start_c: f64,
+    /// In the end, in °C.
+    #[serde(deserialize_with = "ranges::celsius")]
+    pub end_c: f64,
+    /// When the ramp begins, in seconds.
+    #[serde(deserialize_with = "ranges::moment")]
+    pub from_s: f64,
+    /// How long the ramp lasts in seconds; a short one is a step.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub ramp_s: f64,
+}
+
+impl Default for Temperature {
+    fn default() -> Self {
+        Self { start_c: REFERENCE_C, end_c: REFERENCE_C, from_s: 0.0, ramp_s: 1.0 }
+    }
+}
+
+impl Temperature {
+    /// At `time` seconds, in °C.
+    #[must_use]
+    pub fn at(&self, time: f64) -> f64 {
+        let done = ((time - self.from_s) / self.ramp_s).clamp(0.0, 1.0);
+        self.start_c + (self.end_c - self.start_c) * done
+    }
+}
