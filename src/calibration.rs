@@ -92,7 +92,7 @@ pub enum Field {
     TaxelNoise,
     /// 2: each range must have low < high, both finite.
     TaxelRange,
-    /// 3: hidden × 16 finite weights and 1…32 units.
+    /// 3: hidden × 16 finite weights and at most 32 units, at least one unless there is a skip path.
     NetHidden,
     /// 4: outputs × hidden finite weights, one or three outputs.
     NetOutput,
@@ -108,6 +108,8 @@ pub enum Field {
     SensorRange(u8),
     /// 10: a residual of sensor `.0`.
     SensorResidual(u8),
+    /// 11: outputs × 16 finite weights of the skip path, or none.
+    NetSkip,
 }
 
 impl Calibration {
@@ -133,6 +135,7 @@ impl Calibration {
             if let Some(net) = &taxels.net {
                 require(net.hidden_layer_fits(), Field::NetHidden)?;
                 require(net.output_layer_fits(), Field::NetOutput)?;
+                require(net.skip_fits(), Field::NetSkip)?;
             }
         }
         for (i, sensor) in (0u8..).zip(&self.sensors) {
@@ -226,6 +229,7 @@ mod tests {
             hidden: core::iter::repeat_n(0.5, 32 * 16).collect(),
             hidden_bias: core::iter::repeat_n(0.1, 32).collect(),
             output: core::iter::repeat_n(0.25, 3 * 32).collect(),
+            skip: core::iter::repeat_n(0.125, 3 * 16).collect(),
             output_bias: core::iter::repeat_n(0.0, 3).collect(),
         };
         let sensor = SensorCalibration {
@@ -311,6 +315,22 @@ mod tests {
             Field::NetOutput
         );
         assert_eq!(
+            refused(|r| {
+                r.taxels.as_mut().unwrap().net.as_mut().unwrap().skip.pop();
+            }),
+            Field::NetSkip
+        );
+        assert_eq!(
+            refused(|r| {
+                let net = r.taxels.as_mut().unwrap().net.as_mut().unwrap();
+                net.hidden.clear();
+                net.hidden_bias.clear();
+                net.output.clear();
+                net.skip.clear();
+            }),
+            Field::NetHidden
+        );
+        assert_eq!(
             refused(|r| r.sensors[2].as_mut().unwrap().sensitivity.0[1][1] = f32::NAN),
             Field::Sensitivity(2)
         );
@@ -330,6 +350,12 @@ mod tests {
             refused(|r| r.sensors[1].as_mut().unwrap().residual[0] = -1.0),
             Field::SensorResidual(1)
         );
+        let mut linear = largest();
+        let net = linear.taxels.as_mut().unwrap().net.as_mut().unwrap();
+        net.hidden.clear();
+        net.hidden_bias.clear();
+        net.output.clear();
+        assert_eq!(linear.validate(), Ok(()));
         let mut empty = largest();
         empty.taxels = None;
         assert_eq!(empty.validate(), Ok(()));

@@ -234,6 +234,7 @@ fn hostile(weight: f32, level: f32) -> Calibration {
         hidden: core::iter::repeat_n(weight, 16 * 32).collect(),
         hidden_bias: core::iter::repeat_n(-weight, 32).collect(),
         output: core::iter::repeat_n(weight, 3 * 32).collect(),
+        skip: core::iter::repeat_n(weight, 3 * 16).collect(),
         output_bias: core::iter::repeat_n(weight, 3).collect(),
     });
     let sensor = record.sensors[0].as_mut().unwrap();

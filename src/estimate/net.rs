@@ -1,4 +1,4 @@
-//! The feed-forward net of 002: one hidden layer of tanh units, linear output.
+//! The feed-forward net of 002, one hidden layer of tanh units and linear output, with a linear skip path.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -14,28 +14,44 @@ pub const MAX_OUTPUTS: usize = 3;
 /// Weights below this cannot overflow a sum of inputs in [−2, 2]; no fit gives larger ones.
 const HUGE: f32 = 1e30;
 
-/// y = V·tanh(W·x + a) + b for weights given as flat row-major slices.
+/// y = V·tanh(W·x + a) + L·x + b, for weights given as flat row-major slices.
 ///
-/// `hidden` is W, one row of `x.len()` weights a unit; `hidden_bias` is a; `output` is V, one row of
-/// `hidden_bias.len()` weights an output; `output_bias` is b. `units` is scratch for the hidden
-/// activations. Where lengths do not fit each other the shortest wins, and nothing panics; shapes are
-/// validated when a record is read, not here. The summation order is fixed: the same bits everywhere.
-pub fn forward(
-    x: &[f32],
-    (hidden, hidden_bias): (&[f32], &[f32]),
-    (output, output_bias): (&[f32], &[f32]),
-    units: &mut [f32],
-    y: &mut [f32],
-) {
-    for ((unit, row), bias) in
-        units.iter_mut().zip(hidden.chunks_exact(x.len().max(1))).zip(hidden_bias)
-    {
-        *unit = tanh(dot(row, x, *bias));
-    }
-    for ((y, row), bias) in
-        y.iter_mut().zip(output.chunks_exact(hidden_bias.len().max(1))).zip(output_bias)
-    {
-        *y = dot(row, units, *bias);
+/// The linear skip path L lets the tanh units bend what a straight line already says. Without it (empty)
+/// this is the net of 002, without units it is linear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layers<'w> {
+    /// W, one row of weights, as many as there are inputs, a unit.
+    pub hidden: &'w [f32],
+    /// a, one a unit.
+    pub hidden_bias: &'w [f32],
+    /// V, one row of weights, as many as there are units, an output.
+    pub output: &'w [f32],
+    /// L, one row of weights, as many as there are inputs, an output; or empty.
+    pub skip: &'w [f32],
+    /// b, one an output.
+    pub output_bias: &'w [f32],
+}
+
+impl Layers<'_> {
+    /// The outputs `y` for the inputs `x`; `units` is scratch for the hidden activations.
+    ///
+    /// Where lengths do not fit each other the shortest wins, and nothing panics; shapes are validated
+    /// when a record is read, not here. The summation order is fixed: the same bits everywhere.
+    pub fn outputs(&self, x: &[f32], units: &mut [f32], y: &mut [f32]) {
+        let (inputs, hidden) = (x.len().max(1), self.hidden_bias.len().max(1));
+        let rows = self.hidden.chunks_exact(inputs).zip(self.hidden_bias);
+        for (unit, (row, bias)) in units.iter_mut().zip(rows) {
+            *unit = tanh(dot(row, x, *bias));
+        }
+        for (y, bias) in y.iter_mut().zip(self.output_bias) {
+            *y = *bias;
+        }
+        for (y, row) in y.iter_mut().zip(self.skip.chunks_exact(inputs)) {
+            *y = dot(row, x, *y);
+        }
+        for (y, row) in y.iter_mut().zip(self.output.chunks_exact(hidden)) {
+            *y = dot(row, units, *y);
+        }
     }
 }
 
@@ -44,7 +60,7 @@ fn dot(row: &[f32], x: &[f32], bias: f32) -> f32 {
 }
 
 /// The net of one finger: 16 signals c_k in, one (f_z) or three (f_x, f_y, f_z) forces in newtons out.
-/// Input and output scaling are folded into the weights.
+/// Input and output scaling are folded into the weights. See [`Layers`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ForceNet {
     /// W, hidden × 16.
@@ -53,14 +69,17 @@ pub struct ForceNet {
     pub hidden_bias: Vec<f32, MAX_HIDDEN>,
     /// V, outputs × hidden.
     pub output: Vec<f32, { MAX_OUTPUTS * MAX_HIDDEN }>,
+    /// L, outputs × 16; empty without a skip path.
+    pub skip: Vec<f32, { MAX_OUTPUTS * TAXELS }>,
     /// b, one an output: either one (f_z) or three (f_x, f_y, f_z).
     pub output_bias: Vec<f32, MAX_OUTPUTS>,
 }
 
 impl ForceNet {
-    /// Units and weights of the hidden layer fit each other and are finite.
+    /// Units and weights of the hidden layer fit each other and are finite; without units there must be
+    /// a skip path, or the net would say the same whatever it sees.
     pub(crate) fn hidden_layer_fits(&self) -> bool {
-        !self.hidden_bias.is_empty()
+        !(self.hidden_bias.is_empty() && self.skip.is_empty())
             && self.hidden.len() == self.hidden_bias.len() * TAXELS
             && self.hidden.iter().chain(&self.hidden_bias).all(|w| w.abs() < HUGE)
     }
@@ -72,18 +91,24 @@ impl ForceNet {
             && self.output.iter().chain(&self.output_bias).all(|w| w.abs() < HUGE)
     }
 
+    /// The skip path, if any, fits the outputs and is finite.
+    pub(crate) fn skip_fits(&self) -> bool {
+        (self.skip.is_empty() || self.skip.len() == self.output_bias.len() * TAXELS)
+            && self.skip.iter().all(|w| w.abs() < HUGE)
+    }
+
     /// Forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`.
     #[must_use]
     pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
-        let mut units = [0.0; MAX_HIDDEN];
+        let layers = Layers {
+            hidden: &self.hidden,
+            hidden_bias: &self.hidden_bias,
+            output: &self.output,
+            skip: &self.skip,
+            output_bias: &self.output_bias,
+        };
         let mut y = self.output_bias.clone();
-        forward(
-            c,
-            (&self.hidden, &self.hidden_bias),
-            (&self.output, &self.output_bias),
-            &mut units,
-            &mut y,
-        );
+        layers.outputs(c, &mut [0.0; MAX_HIDDEN], &mut y);
         y
     }
 }
@@ -92,15 +117,35 @@ impl ForceNet {
 mod tests {
     use super::*;
 
+    const X: [f32; 2] = [0.5, -0.25];
+    const NET: Layers<'_> = Layers {
+        hidden: &[1.0, 2.0, -1.0, 0.5],
+        hidden_bias: &[0.1, -0.2],
+        output: &[2.0, -3.0],
+        skip: &[],
+        output_bias: &[0.7],
+    };
+
+    fn output(net: Layers<'_>) -> f64 {
+        let mut y = [0.0];
+        net.outputs(&X, &mut [0.0; 2], &mut y);
+        f64::from(y[0])
+    }
+
     #[test]
     fn a_net_written_out_by_hand_gives_what_the_formula_gives() {
-        let x = [0.5, -0.25];
-        let (hidden, hidden_bias) = ([1.0, 2.0, -1.0, 0.5], [0.1, -0.2]);
-        let (output, output_bias) = ([2.0, -3.0], [0.7]);
-        let mut y = [0.0];
-        forward(&x, (&hidden, &hidden_bias), (&output, &output_bias), &mut [0.0; 2], &mut y);
         let h0 = (0.1f64 + 0.5 - 0.5).tanh();
         let h1 = (-0.2f64 - 0.5 - 0.125).tanh();
-        assert!((f64::from(y[0]) - (0.7 + 2.0 * h0 - 3.0 * h1)).abs() < 1e-6);
+        let bent = 0.7 + 2.0 * h0 - 3.0 * h1;
+        assert!((output(NET) - bent).abs() < 1e-6);
+        let skip: &[f32] = &[1.0, 8.0];
+        assert!((output(Layers { skip, ..NET }) - (bent + 0.5 - 2.0)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn without_units_it_is_linear_and_without_anything_it_is_its_bias() {
+        let bare = Layers { hidden: &[], hidden_bias: &[], output: &[], ..NET };
+        assert!((output(Layers { skip: &[1.0, 8.0], ..bare }) - (0.7 + 0.5 - 2.0)).abs() < 1e-6);
+        assert!((output(bare) - 0.7).abs() < 1e-6);
     }
 }

@@ -51,6 +51,7 @@ pub fn calibration() -> Calibration {
                 hidden: [-1.0; TAXELS].into_iter().collect(),
                 hidden_bias: [0.0].into_iter().collect(),
                 output: [0.0, 0.0, 1.0].into_iter().collect(),
+                skip: heapless::Vec::new(),
                 output_bias: [0.0, 0.0, 0.0].into_iter().collect(),
             }),
             residual: [0.01; 3],

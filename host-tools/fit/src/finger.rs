@@ -309,6 +309,7 @@ fn fit_net(
             hidden: net.hidden.iter().copied().collect(),
             hidden_bias: net.hidden_bias.iter().copied().collect(),
             output: net.output.iter().copied().collect(),
+            skip: net.skip.iter().copied().collect(),
             output_bias: net.output_bias.iter().copied().collect(),
         }),
         residual: std::array::from_fn(|k| residual.get(k).map_or(0.0, |r| *r as f32)),

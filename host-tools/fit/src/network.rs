@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use taxel::estimate::net::forward;
+use taxel::estimate::net::Layers;
 
 use crate::correlation::independent_share;
 use crate::error::FitError;
@@ -60,8 +60,7 @@ pub struct Progress {
     pub error: f64,
 }
 
-/// A trained net y = V·tanh(W·x + a) + b in f32, scaling folded in, laid out as
-/// [`taxel::estimate::net::forward`] takes it.
+/// A trained net y = V·tanh(W·x + a) + L·x + b in f32, scaling folded in, laid out as [`Layers`] take it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Net {
     /// W, a row a unit.
@@ -70,6 +69,8 @@ pub struct Net {
     pub hidden_bias: Vec<f32>,
     /// V, a row an output.
     pub output: Vec<f32>,
+    /// L, a row an output, if there is a skip path.
+    pub skip: Vec<f32>,
     /// b.
     pub output_bias: Vec<f32>,
     /// Accepted steps of the start that was kept.
@@ -84,15 +85,22 @@ impl Net {
     /// The outputs for one row, by the arithmetic of the chip.
     #[must_use]
     pub fn outputs(&self, x: &[f32]) -> Vec<f32> {
-        outputs(x, (&self.hidden, &self.hidden_bias), (&self.output, &self.output_bias))
+        let layers = Layers {
+            hidden: &self.hidden,
+            hidden_bias: &self.hidden_bias,
+            output: &self.output,
+            skip: &self.skip,
+            output_bias: &self.output_bias,
+        };
+        outputs(layers, x)
     }
 }
 
 /// The outputs of a net for one row of inputs, by the arithmetic of the chip.
-pub(crate) fn outputs(x: &[f32], hidden: (&[f32], &[f32]), output: (&[f32], &[f32])) -> Vec<f32> {
-    let mut units = vec![0.0; hidden.1.len()];
-    let mut y = output.1.to_vec();
-    forward(x, hidden, output, &mut units, &mut y);
+pub(crate) fn outputs(layers: Layers<'_>, x: &[f32]) -> Vec<f32> {
+    let mut units = vec![0.0; layers.hidden_bias.len()];
+    let mut y = layers.output_bias.to_vec();
+    layers.outputs(x, &mut units, &mut y);
     y
 }
 
@@ -236,6 +244,7 @@ fn fold(shape: Shape, state: &State, inputs: &[Scale], targets: &[Scale], rows: 
         hidden: Vec::new(),
         hidden_bias: Vec::new(),
         output: Vec::new(),
+        skip: Vec::new(),
         output_bias: Vec::new(),
         steps: state.steps,
         effective: state.effective,

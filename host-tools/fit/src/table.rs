@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 use taxel::calibration::Range;
+use taxel::estimate::net::Layers;
 use taxel_formats::FileError;
 use taxel_formats::stretch::Stretch;
 use taxel_formats::table::{self, Table};
@@ -64,7 +65,7 @@ impl Default for TableOptions {
     }
 }
 
-/// A net from N named inputs to some named targets, for [`taxel::estimate::net::forward`].
+/// A net from N named inputs to some named targets, for [`taxel::estimate::net::Layers`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TableModel {
     /// Names of the input columns, in the order of the weights.
@@ -79,6 +80,9 @@ pub struct TableModel {
     pub hidden_bias: Vec<f32>,
     /// V, a row a target.
     pub output: Vec<f32>,
+    /// L, a row a target, if there is a skip path.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub skip: Vec<f32>,
     /// b.
     pub output_bias: Vec<f32>,
     /// RMS error of the fit, in the targets' units.
@@ -89,8 +93,14 @@ impl TableModel {
     /// The targets for one row of inputs.
     #[must_use]
     pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
-        let hidden = (&*self.hidden, &*self.hidden_bias);
-        network::outputs(inputs, hidden, (&self.output, &self.output_bias))
+        let layers = Layers {
+            hidden: &self.hidden,
+            hidden_bias: &self.hidden_bias,
+            output: &self.output,
+            skip: &self.skip,
+            output_bias: &self.output_bias,
+        };
+        network::outputs(layers, inputs)
     }
 
     /// Every input lies within what training saw.
@@ -173,6 +183,7 @@ pub fn fit(
         hidden: net.hidden,
         hidden_bias: net.hidden_bias,
         output: net.output,
+        skip: net.skip,
         output_bias: net.output_bias,
         residual: Vec::new(),
     };

@@ -27,6 +27,7 @@ fn record(weights: &[f32]) -> Calibration {
                 hidden: (0..12 * 16).map(weight).collect(),
                 hidden_bias: (0..12).map(weight).collect(),
                 output: (0..3 * 12).map(weight).collect(),
+                skip: (0..3 * 16).map(weight).collect(),
                 output_bias: (0..3).map(weight).collect(),
             }),
             residual: [0.01, 0.02, 0.004],

@@ -35,6 +35,8 @@ struct Net {
     hidden: Vec<Vec<f32>>,
     hidden_bias: Vec<f32>,
     output: Vec<Vec<f32>>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    skip: Vec<Vec<f32>>,
     output_bias: Vec<f32>,
 }
 
@@ -57,6 +59,7 @@ pub(super) fn key(field: Field) -> &'static str {
         Field::TaxelResidual | Field::SensorResidual(_) => "residual_n",
         Field::NetHidden => "hidden",
         Field::NetOutput => "output",
+        Field::NetSkip => "skip",
         Field::Sensitivity(_) => "sensitivity",
     }
 }
@@ -72,6 +75,7 @@ impl FingerFile {
                 hidden: rows(&net.hidden, TAXELS),
                 hidden_bias: net.hidden_bias.to_vec(),
                 output: rows(&net.output, net.hidden_bias.len()),
+                skip: rows(&net.skip, TAXELS),
                 output_bias: net.output_bias.to_vec(),
             }),
         });
@@ -135,6 +139,7 @@ impl Net {
             hidden: flat("hidden", &self.hidden, TAXELS)?,
             hidden_bias: collect("hidden_bias", &self.hidden_bias)?,
             output: flat("output", &self.output, self.hidden_bias.len())?,
+            skip: flat("skip", &self.skip, TAXELS)?,
             output_bias: collect("output_bias", &self.output_bias)?,
         })
     }
