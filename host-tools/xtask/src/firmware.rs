@@ -8,12 +8,12 @@ use crate::memory::{Footprint, Use, footprint};
 use crate::run::{answer, locked, program, root, run};
 use crate::toolchain::{Choice, Toolchain};
 
-/// Every board there is: the folders of `boards/` that are crates.
+/// Every board there is: the folders of `boards/` that are programs.
 pub fn boards() -> Result<Vec<String>> {
     let entries = std::fs::read_dir(root().join("boards")).context("reading boards/")?;
     let mut boards: Vec<_> = entries
         .flatten()
-        .filter(|entry| entry.path().join("Cargo.toml").is_file())
+        .filter(|entry| entry.path().join("src/main.rs").is_file())
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
         .collect();
     boards.sort();

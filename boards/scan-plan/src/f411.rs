@@ -1,0 +1,210 @@
+//! The STM32F411's scan: TIM1, DMA2 and its one ADC (RM0383 Rev 3, DS10314 Rev 8).
+//!
+//! The same frame as the product's, with what this chip has: no second ADC, so that the bridges are
+//! converted after the columns; no oversampler, so that a reading is one sample; no amplifiers. Only
+//! DMA2 reaches the GPIO ports, and only TIM1 asks DMA2, so both are taken.
+//!
+//! Temperature and reference need 10 µs each, more than the settle time has room for together: they are
+//! an injected group that takes one of them a step, in turn (JDISCEN).
+
+use crate::{Refusal, STEPS, Settings, Step, fit, ticks};
+
+/// HCLK, APB2 and the timer's clock: the highest that also gives 48 MHz to the USB.
+pub const CLOCK_HZ: u32 = 96_000_000;
+/// Timer ticks in a cycle of the ADC clock: ADCPRE = PCLK2/4.
+pub const TICKS_PER_CYCLE: u32 = 4;
+/// The ADC clock; 36 MHz is the most (DS10314 table 66), and PCLK2/2 would be 48.
+pub const ADC_HZ: u32 = CLOCK_HZ / TICKS_PER_CYCLE;
+
+/// Cycles from sampling to result for 12 bits.
+const CONVERT_CYCLES: u32 = 12;
+/// Cycles from trigger to sampling, at most (DS10314 table 66: 3), and the clocks' phase.
+const LATENCY_CYCLES: u32 = 4;
+const TOP_CODE: u16 = 4095;
+
+/// Compare A.
+const LIGHT: u32 = 8;
+/// From a new pattern to a settled multiplexer.
+const MULTIPLEXER_NS: u32 = 1_000;
+/// Least sampling time of temperature sensor and reference (DS10314 tables 71, 74).
+pub const INTERNAL_NS: u32 = 10_000;
+
+/// Sampling times in cycles, by their code in `SMPR`.
+const SAMPLE_CYCLES: [u32; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
+/// Columns and midpoints: (15 − 0.5) / (24 MHz · 7 pF · ln 2^14) − 6 kΩ = 2.9 kΩ may drive them
+/// (DS10314, equation 1 with the worst R_ADC and C_ADC).
+const INPUT_SAMPLE: u32 = 1;
+/// Temperature and reference: 480 cycles are 20 µs; 144 would be 6.
+const INTERNAL_SAMPLE: u32 = 7;
+
+/// The ADC's conversions: PA1 … PA4 are the columns, PA5, PA6, PA7 and PB0 the midpoints A … D.
+pub const INPUTS: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
+/// Temperature sensor and reference.
+pub const INTERNAL_INPUTS: [u32; 2] = [18, 17];
+/// Readings of one frame.
+pub const READINGS: usize = STEPS as usize * INPUTS.len();
+
+/// What is written to TIM1, named as in RM0383 §12.4.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the registers' own names")]
+pub struct Timer {
+    pub cr1: u32,
+    pub cr2: u32,
+    pub dier: u32,
+    pub ccmr1: u32,
+    pub ccmr2: u32,
+    pub ccer: u32,
+    pub bdtr: u32,
+    pub arr: u32,
+    pub ccr1: u32,
+    pub ccr2: u32,
+    pub ccr3: u32,
+}
+
+/// What is written to ADC1, named as in RM0383 §11.12.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the registers' own names")]
+pub struct Adc {
+    pub cr1: u32,
+    pub cr2: u32,
+    pub smpr1: u32,
+    pub smpr2: u32,
+    pub sqr1: u32,
+    pub sqr2: u32,
+    pub sqr3: u32,
+    pub jsqr: u32,
+    pub ccr: u32,
+}
+
+/// What is written to one DMA stream (RM0383 §9.5).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stream {
+    /// `DMA_SxCR`, not yet enabled.
+    pub cr: u32,
+    /// `DMA_SxNDTR`.
+    pub count: u32,
+}
+
+/// Everything there is to write, and what comes of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// When things happen.
+    pub step: Step,
+    /// The code that a channel reads at the top of its range.
+    pub full_scale: u16,
+    /// TIM1.
+    pub timer: Timer,
+    /// ADC1.
+    pub adc: Adc,
+    /// DMA2 stream 1: patterns to the GPIO port.
+    pub patterns: Stream,
+    /// DMA2 stream 0: readings to memory. Its half and full transfers are the frames' interrupts.
+    pub readings: Stream,
+}
+
+/// The registers for these settings.
+///
+/// # Errors
+/// The first setting that cannot be had with the others, in the order oversampling, settle time, rate.
+pub const fn plan(settings: Settings) -> Result<Plan, Refusal> {
+    if settings.oversampling != 1 {
+        return Err(Refusal::Oversampling { low: 1, high: 1 });
+    }
+    let latency = LATENCY_CYCLES * TICKS_PER_CYCLE;
+    let slow = LIGHT + ticks(MULTIPLEXER_NS, CLOCK_HZ);
+    let internal = latency + conversion(INTERNAL_SAMPLE);
+    let columns = LIGHT + ticks(settings.settle_ns, CLOCK_HZ);
+    // The multiplexer turns with the LED row: every input must have been sampled before.
+    let all = INPUTS.len() as u32 * conversion(INPUT_SAMPLE) - CONVERT_CYCLES * TICKS_PER_CYCLE;
+    let done = columns + latency + all;
+    if columns < slow + internal || done > crate::LONGEST_STEP {
+        return Err(Refusal::SettleNs {
+            low: ((slow + internal - LIGHT) as u64 * 1_000_000_000).div_ceil(CLOCK_HZ as u64)
+                as u32,
+            high: ((crate::LONGEST_STEP / 2) as u64 * 1_000_000_000 / CLOCK_HZ as u64) as u32,
+        });
+    }
+    let top = match fit(settings.scan_hz, done, CLOCK_HZ) {
+        Ok(top) => top,
+        Err(refusal) => return Err(refusal),
+    };
+    let step = Step { tick_hz: CLOCK_HZ, light: LIGHT, slow, columns, done, top };
+    Ok(Plan {
+        step,
+        full_scale: TOP_CODE,
+        timer: timer(&step),
+        adc: adc(),
+        // Channel 6: TIM1_CH1; very high priority, words, memory to peripheral.
+        patterns: Stream { cr: dma(6, 3, 2, 1 << 6), count: STEPS },
+        // Channel 0: ADC1; high priority, half words, HTIE and TCIE.
+        readings: Stream { cr: dma(0, 2, 1, 1 << 3 | 1 << 4), count: 2 * READINGS as u32 },
+    })
+}
+
+/// Timer ticks of one conversion with this sampling code.
+const fn conversion(sample: u32) -> u32 {
+    (SAMPLE_CYCLES[sample as usize] + CONVERT_CYCLES) * TICKS_PER_CYCLE
+}
+
+const fn timer(step: &Step) -> Timer {
+    /// PWM mode 2: inactive below the compare value, active from there to the top.
+    const PWM2: u32 = 0b111;
+    Timer {
+        // ARPE
+        cr1: 1 << 7,
+        // MMS = OC3REF
+        cr2: 0b110 << 4,
+        // CC1DE
+        dier: 1 << 9,
+        // Channel 1 only compares. OC2M, OC2PE.
+        ccmr1: PWM2 << 12 | 1 << 11,
+        // OC3M, OC3PE
+        ccmr2: PWM2 << 4 | 1 << 3,
+        // CC2E and MOE: the ADC's trigger is the channel's output here, not its reference signal.
+        ccer: 1 << 4,
+        bdtr: 1 << 15,
+        arr: step.top,
+        ccr1: step.light,
+        ccr2: step.columns,
+        ccr3: step.slow,
+    }
+}
+
+const fn adc() -> Adc {
+    let (mut smpr1, mut smpr2) = (0, 0);
+    let mut sqr = [0; 3];
+    let mut i = 0;
+    while i < INPUTS.len() {
+        smpr2 |= INPUT_SAMPLE << (3 * INPUTS[i]);
+        sqr[i / 6] |= INPUTS[i] << (5 * (i % 6));
+        i += 1;
+    }
+    let [first, second] = INTERNAL_INPUTS;
+    smpr1 |= INTERNAL_SAMPLE << (3 * (first - 10)) | INTERNAL_SAMPLE << (3 * (second - 10));
+    Adc {
+        // SCAN, JDISCEN
+        cr1: 1 << 8 | 1 << 12,
+        // DMA, DDS; JEXTSEL = TIM1_TRGO, EXTSEL = TIM1_CC2, both rising
+        cr2: 1 << 8 | 1 << 9 | 1 << 16 | 1 << 20 | 1 << 24 | 1 << 28,
+        smpr1,
+        smpr2,
+        sqr1: (INPUTS.len() as u32 - 1) << 20 | sqr[2],
+        sqr2: sqr[1],
+        sqr3: sqr[0],
+        // JL = 2 conversions: they are JSQ3 and JSQ4
+        jsqr: 1 << 20 | first << 10 | second << 15,
+        // ADCPRE = PCLK2/4, TSVREFE
+        ccr: 1 << 16 | 1 << 23,
+    }
+}
+
+/// `DMA_SxCR`: circular, memory incremented, both sides of the same `size` (1: 16 bits, 2: 32 bits).
+const fn dma(channel: u32, priority: u32, size: u32, direction_and_interrupts: u32) -> u32 {
+    channel << 25
+        | priority << 16
+        | size << 13
+        | size << 11
+        | 1 << 10
+        | 1 << 8
+        | direction_and_interrupts
+}

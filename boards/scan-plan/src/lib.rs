@@ -1,0 +1,139 @@
+//! Which value goes into which register so that a timer, the DMA and the ADCs scan the finger by
+//! themselves. Pure arithmetic: a board crate writes what comes out of here and adds nothing.
+//!
+//! A frame is five steps: every LED off, then row 0 … row 3. One timer period is one step:
+//!
+//! ```text
+//! count  0   A            C                          B                               top
+//!        │   │ pattern    │ slow and unlit inputs    │ columns                        │
+//!        │   └ DMA: LED row and multiplexer to GPIO  │                                │
+//!        │                └ bridges, reference, temperature: they do not wait for light
+//!        │                                           └ settled: the columns are sampled
+//! ```
+//! [`Settings`] are what a user may change; [`g431::plan`] and [`f411::plan`] turn them into a plan or
+//! refuse them with the range that would do. Both are `const`, so that a board's default is checked
+//! when it is compiled, and the same code refuses a senseless wish at run time.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod f411;
+pub mod g431;
+pub mod pattern;
+pub mod pins;
+pub mod settle;
+
+/// Steps of a frame: dark, then the four rows.
+pub const STEPS: u32 = 5;
+/// Columns read in every step.
+pub const COLUMNS: u32 = 4;
+
+/// What a user may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Frames a second.
+    pub scan_hz: u16,
+    /// Samples added up for one reading; a power of two.
+    pub oversampling: u16,
+    /// From the change of row to the first sample of a column, in nanoseconds.
+    pub settle_ns: u32,
+}
+
+/// Why settings cannot be had, with the range that can while the other two stay.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// The rate: the steps would be too short for what is in them, or too long for the timer.
+    ScanHz {
+        /// Least, in hertz.
+        low: u32,
+        /// Most, in hertz.
+        high: u32,
+    },
+    /// The oversampling: a power of two in this range.
+    Oversampling {
+        /// Least.
+        low: u32,
+        /// Most.
+        high: u32,
+    },
+    /// The settle time: what is read meanwhile would not fit, or is longer than a step.
+    SettleNs {
+        /// Least, in nanoseconds.
+        low: u32,
+        /// Most, in nanoseconds.
+        high: u32,
+    },
+}
+
+/// One period of the timer, in its ticks. `light` < `slow` < `columns` ≤ `done` ≤ `top`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Step {
+    /// Ticks a second.
+    pub tick_hz: u32,
+    /// Compare A: the DMA sets row and multiplexer.
+    pub light: u32,
+    /// Compare C: what does not wait for light is converted.
+    pub slow: u32,
+    /// Compare B: the columns are converted.
+    pub columns: u32,
+    /// The last sample has been taken.
+    pub done: u32,
+    /// The last count of the period.
+    pub top: u32,
+}
+
+impl Step {
+    /// Ticks of a whole frame.
+    #[must_use]
+    pub const fn frame_ticks(&self) -> u32 {
+        STEPS * (self.top + 1)
+    }
+
+    /// Frames a second as the timer gives them, in millihertz.
+    #[must_use]
+    pub const fn scan_millihertz(&self) -> u32 {
+        (self.tick_hz as u64 * 1000 / self.frame_ticks() as u64) as u32
+    }
+
+    /// `ticks` as nanoseconds, rounded down.
+    #[must_use]
+    pub const fn ns(&self, ticks: u32) -> u32 {
+        (ticks as u64 * 1_000_000_000 / self.tick_hz as u64) as u32
+    }
+}
+
+/// `ns` as ticks of `tick_hz`, rounded up: a settle time is never cut short.
+#[must_use]
+pub const fn ticks(ns: u32, tick_hz: u32) -> u32 {
+    (ns as u64 * tick_hz as u64).div_ceil(1_000_000_000) as u32
+}
+
+/// Ticks of a step at `hz` frames a second, rounded to the nearest.
+const fn step_ticks(hz: u32, tick_hz: u32) -> u32 {
+    let steps_hz = if hz == 0 { STEPS } else { STEPS * hz };
+    (tick_hz + steps_hz / 2) / steps_hz
+}
+
+/// The timer counts to 65535 at most.
+const LONGEST_STEP: u32 = 1 << 16;
+
+/// Fits the steps into the rate that is wanted: `shortest` ticks are needed. The top count, or the
+/// rates that would do.
+const fn fit(scan_hz: u16, shortest: u32, tick_hz: u32) -> Result<u32, Refusal> {
+    let step = step_ticks(scan_hz as u32, tick_hz);
+    if step < shortest || step > LONGEST_STEP || scan_hz == 0 {
+        return Err(Refusal::ScanHz {
+            low: (2 * tick_hz).div_ceil(STEPS * (2 * LONGEST_STEP + 1)),
+            high: fastest(shortest, tick_hz),
+        });
+    }
+    Ok(step - 1)
+}
+
+/// The highest whole rate whose rounded step is at least `shortest` ticks.
+const fn fastest(shortest: u32, tick_hz: u32) -> u32 {
+    let mut hz = 2 * tick_hz / (STEPS * (2 * shortest - 1)) + 1;
+    while hz > 1 && step_ticks(hz, tick_hz) < shortest {
+        hz -= 1;
+    }
+    hz
+}

@@ -1,0 +1,32 @@
+//! What the tests of both chips share.
+
+use std::ops::Range;
+
+use scan_plan::Settings;
+
+/// From when to when.
+pub type Span = Range<u64>;
+
+/// Settings all over what a user may ask for; many of them are refused.
+pub fn grid(oversamplings: &'static [u16]) -> impl Iterator<Item = Settings> {
+    let rates = (519..=8000).step_by(97).chain([1000, 2000, 4000, 5000]);
+    rates.flat_map(move |scan_hz| {
+        oversamplings.iter().flat_map(move |oversampling| {
+            (17_400..60_000).step_by(1300).map(move |settle_ns| Settings {
+                scan_hz,
+                oversampling: *oversampling,
+                settle_ns,
+            })
+        })
+    })
+}
+
+/// True where any two spans meet when everything repeats after `period`.
+pub fn overlaps(spans: &[Span], period: u64) -> bool {
+    let mut all: Vec<Span> = spans
+        .iter()
+        .flat_map(|span| [span.clone(), span.start + period..span.end + period])
+        .collect();
+    all.sort_by_key(|span| span.start);
+    all.windows(2).any(|pair| pair[0].end > pair[1].start)
+}

@@ -1,0 +1,133 @@
+//! The STM32F411's plan, read back from its registers by RM0383's bit positions and played through on a
+//! time line.
+
+mod common;
+
+use common::{Span, grid, overlaps};
+use scan_plan::f411::{ADC_HZ, INTERNAL_NS, Plan, READINGS, plan};
+use scan_plan::{Refusal, STEPS, Settings, settle};
+
+const DEFAULT: Settings =
+    Settings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS };
+
+fn plans() -> impl Iterator<Item = (Settings, Plan)> {
+    grid(&[1]).filter_map(|settings| Some((settings, plan(settings).ok()?)))
+}
+
+/// `count` bits of `value` from bit `at` on.
+fn bits(value: u32, at: u32, count: u32) -> u32 {
+    value >> at & ((1 << count) - 1)
+}
+
+/// Samples of the inputs in turn, from `start`: when each is taken, and when it is converted. In ticks.
+fn conversions(plan: &Plan, inputs: &[u32], start: u32) -> Vec<(Span, u64)> {
+    const CYCLES: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
+    let mut now = u64::from(start) + 16;
+    inputs
+        .iter()
+        .map(|input| {
+            let code = match input {
+                0..10 => bits(plan.adc.smpr2, 3 * input, 3),
+                _ => bits(plan.adc.smpr1, 3 * (input - 10), 3),
+            };
+            let sample = now..now + CYCLES[code as usize] * 4;
+            now = sample.end + 12 * 4;
+            (sample, now)
+        })
+        .collect()
+}
+
+fn regular(plan: &Plan) -> Vec<u32> {
+    let place = |i: u32| match i {
+        0..6 => bits(plan.adc.sqr3, 5 * i, 5),
+        6..12 => bits(plan.adc.sqr2, 5 * (i - 6), 5),
+        _ => bits(plan.adc.sqr1, 5 * (i - 12), 5),
+    };
+    (0..=bits(plan.adc.sqr1, 20, 4)).map(place).collect()
+}
+
+/// With JL = 1 the two conversions are JSQ3 and JSQ4.
+fn injected(plan: &Plan) -> [u32; 2] {
+    assert_eq!(bits(plan.adc.jsqr, 20, 2), 1);
+    [bits(plan.adc.jsqr, 10, 5), bits(plan.adc.jsqr, 15, 5)]
+}
+
+#[test]
+fn the_black_pill_reaches_five_and_a_half_kilohertz_and_runs_at_four() {
+    assert_eq!(plan(DEFAULT).unwrap().step.scan_millihertz(), 4_000_000);
+    let Err(Refusal::ScanHz { low, high }) = plan(Settings { scan_hz: u16::MAX, ..DEFAULT }) else {
+        panic!("65 kHz are too fast")
+    };
+    assert_eq!((low, high), (293, 5674));
+}
+
+#[test]
+fn columns_then_midpoints_are_sampled_before_row_and_multiplexer_change() {
+    for (settings, plan) in plans() {
+        let inputs = regular(&plan);
+        assert_eq!(inputs, [1, 2, 3, 4, 5, 6, 7, 8]);
+        let light = u64::from(plan.timer.ccr1);
+        let settled = light + u64::from(settings.settle_ns) * 96 / 1000;
+        let next = u64::from(plan.timer.arr) + 1 + light;
+        for (sample, _) in conversions(&plan, &inputs, plan.timer.ccr2) {
+            assert!(sample.start >= settled && sample.end <= next, "{settings:?}");
+        }
+    }
+}
+
+#[test]
+fn temperature_and_reference_take_turns_inside_the_settle_time() {
+    for (settings, plan) in plans() {
+        assert_eq!(injected(&plan), [18, 17]);
+        assert_eq!(bits(plan.adc.cr1, 12, 1), 1, "JDISCEN: one a trigger");
+        let period = u64::from(plan.timer.arr) + 1;
+        let inputs = conversions(&plan, &regular(&plan), plan.timer.ccr2);
+        for input in injected(&plan) {
+            let (sample, end) = conversions(&plan, &[input], plan.timer.ccr3).remove(0);
+            assert!((sample.end - sample.start) * 1000 / 96 >= u64::from(INTERNAL_NS));
+            let mut spans: Vec<Span> = inputs.iter().map(|(s, end)| s.start..*end).collect();
+            spans.push(sample.start..end);
+            assert!(!overlaps(&spans, period), "{settings:?}");
+        }
+    }
+}
+
+#[test]
+fn triggers_clocks_and_dma_follow_the_reference_manual() {
+    let plan = plan(DEFAULT).unwrap();
+    const { assert!(ADC_HZ <= 36_000_000) };
+    assert_eq!(bits(plan.adc.ccr, 16, 2), 1, "PCLK2/4");
+    assert_eq!(bits(plan.adc.ccr, 23, 1), 1, "TSVREFE");
+    assert_eq!(bits(plan.adc.cr2, 24, 4), 1, "EXTSEL: TIM1_CC2");
+    assert_eq!(bits(plan.adc.cr2, 16, 4), 1, "JEXTSEL: TIM1_TRGO");
+    assert_eq!((bits(plan.adc.cr2, 28, 2), bits(plan.adc.cr2, 20, 2)), (1, 1), "rising");
+    assert_eq!(bits(plan.adc.cr2, 8, 2), 3, "DMA without end");
+    assert_eq!(bits(plan.adc.cr1, 8, 1), 1, "SCAN");
+    let timer = plan.timer;
+    assert_eq!(bits(timer.cr2, 4, 3), 0b110, "TRGO = OC3REF");
+    assert_eq!((bits(timer.ccmr1, 12, 3), bits(timer.ccmr2, 4, 3)), (7, 7), "PWM mode 2");
+    assert_eq!((timer.ccer, timer.bdtr, timer.dier), (1 << 4, 1 << 15, 1 << 9));
+    // RM0383 table 28: stream 1 channel 6 is TIM1_CH1, stream 0 channel 0 is ADC1.
+    let (patterns, readings) = (plan.patterns, plan.readings);
+    assert_eq!((bits(patterns.cr, 25, 3), bits(readings.cr, 25, 3)), (6, 0));
+    assert_eq!((bits(patterns.cr, 6, 2), bits(readings.cr, 6, 2)), (1, 0), "direction");
+    assert_eq!((bits(patterns.cr, 11, 4), bits(readings.cr, 11, 4)), (0b1010, 0b0101), "sizes");
+    assert_eq!((bits(patterns.cr, 3, 2), bits(readings.cr, 3, 2)), (0, 3), "interrupts");
+    for stream in [patterns, readings] {
+        assert_eq!((bits(stream.cr, 8, 1), bits(stream.cr, 10, 1), stream.cr & 1), (1, 1, 0));
+    }
+    assert_eq!((patterns.count, readings.count), (STEPS, 2 * READINGS as u32));
+}
+
+#[test]
+fn oversampling_and_short_settle_times_are_refused() {
+    assert_eq!(
+        plan(Settings { oversampling: 2, ..DEFAULT }),
+        Err(Refusal::Oversampling { low: 1, high: 1 })
+    );
+    let Err(Refusal::SettleNs { low, .. }) = plan(Settings { settle_ns: 9000, ..DEFAULT }) else {
+        panic!("9 µs leave no time for the temperature")
+    };
+    assert!(plan(Settings { settle_ns: low, ..DEFAULT }).is_ok());
+    assert!(plan(Settings { settle_ns: low - 20, ..DEFAULT }).is_err());
+}

@@ -1,0 +1,372 @@
+//! The STM32G431's plan, read back from its registers as the reference manual describes them, and played
+//! through on a time line.
+//!
+//! The bit positions are those of the vendor's own register description (`stm32-metapac`), not ours.
+
+mod common;
+
+use common::{Span, grid, overlaps};
+use scan_plan::g431::{
+    ADC_HZ, AMPLIFIER_NS, BRIDGE_READINGS, CLOCK_HZ, COLUMN_READINGS, Channel, INTERNAL_NS, Last,
+    Plan, plan,
+};
+use scan_plan::{COLUMNS, Refusal, STEPS, Settings, settle};
+use stm32_metapac as pac;
+use stm32_metapac::adc::regs::{Cfgr, Cfgr2, Jsqr, Smpr, Smpr2, Sqr1, Sqr2};
+use stm32_metapac::bdma::regs::Cr;
+use stm32_metapac::timer::regs::{BdtrAdv, Ccmr3Adv, CcmrOutputGp16, Cr1Core, Cr2Adv, DierAdv};
+
+const DEFAULT: Settings =
+    Settings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS };
+
+/// Sampling times of `SMPR`, in half cycles (RM0440 §21.7.6).
+const HALVES: [u64; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
+
+/// Every plan of a grid of settings.
+fn plans() -> impl Iterator<Item = (Settings, Plan)> {
+    grid(&[1, 2, 4, 8, 16]).filter_map(|settings| Some((settings, plan(settings).ok()?)))
+}
+
+/// One conversion: which input, when its samples are taken, when its last result is there. In half
+/// timer ticks after the trigger.
+struct Conversion {
+    input: u8,
+    samples: Vec<Span>,
+    end: u64,
+}
+
+/// What an ADC does after a trigger at `start` (half ticks), with `latency` half ADC cycles.
+fn conversions(
+    inputs: &[u8],
+    sample: impl Fn(u8) -> u8,
+    ratio: u64,
+    start: u64,
+) -> Vec<Conversion> {
+    // Two half cycles of the ADC clock are four ticks: one is four half ticks.
+    const HALF: u64 = 4;
+    let mut now = start;
+    inputs
+        .iter()
+        .map(|input| {
+            let samples = (0..ratio)
+                .map(|_| {
+                    let begin = now;
+                    let end = begin + HALVES[usize::from(sample(*input))] * HALF;
+                    now = end + 25 * HALF;
+                    begin..end
+                })
+                .collect();
+            Conversion { input: *input, samples, end: now }
+        })
+        .collect()
+}
+
+fn ratio(cfgr2: u32) -> u64 {
+    let cfgr2 = Cfgr2(cfgr2);
+    assert_eq!(cfgr2.ovss(), 0, "readings are sums");
+    assert!(!cfgr2.jovse() && cfgr2.trovs().to_bits() == 0);
+    if cfgr2.rovse() { 2 << cfgr2.ovsr() } else { 1 }
+}
+
+fn sampling(adc: &scan_plan::g431::Adc) -> impl Fn(u8) -> u8 {
+    let (low, high) = (Smpr(adc.smpr1), Smpr2(adc.smpr2));
+    move |input| match input {
+        0..10 => low.smp(input.into()).to_bits(),
+        _ => high.smp(usize::from(input) - 10).to_bits(),
+    }
+}
+
+fn regular(adc: &scan_plan::g431::Adc) -> Vec<u8> {
+    let (first, second) = (Sqr1(adc.sqr1), Sqr2(adc.sqr2));
+    let all = (0..4).map(|i| first.sq(i)).chain((0..5).map(|i| second.sq(i)));
+    all.take(usize::from(first.l()) + 1).collect()
+}
+
+/// Latency of a trigger in half ticks, at most: four ADC cycles.
+const LATENCY: u64 = 4 * 8;
+
+struct Line {
+    columns: Vec<Conversion>,
+    internal: Vec<Conversion>,
+    bridges: Vec<Conversion>,
+}
+
+/// The time line of one step, triggers at their latest.
+fn line(plan: &Plan) -> Line {
+    let start = |compare: u32| u64::from(compare) * 2 + LATENCY;
+    let jsqr = Jsqr(plan.adc1.jsqr);
+    let injected: Vec<_> = (0..usize::from(jsqr.jl()) + 1).map(|i| jsqr.jsq(i)).collect();
+    Line {
+        columns: conversions(
+            &regular(&plan.adc1),
+            sampling(&plan.adc1),
+            ratio(plan.adc1.cfgr2),
+            start(plan.timer.ccr2),
+        ),
+        internal: conversions(&injected, sampling(&plan.adc1), 1, start(plan.timer.ccr3)),
+        bridges: conversions(
+            &regular(&plan.adc2),
+            sampling(&plan.adc2),
+            ratio(plan.adc2.cfgr2),
+            start(plan.timer.ccr3),
+        ),
+    }
+}
+
+#[test]
+fn the_default_scans_at_four_kilohertz_with_eight_samples_a_reading() {
+    let plan = plan(DEFAULT).unwrap();
+    assert_eq!(plan.step.scan_millihertz(), 4_000_000);
+    assert_eq!(plan.full_scale, 8 * 4095);
+    assert_eq!(ratio(plan.adc1.cfgr2), 8);
+}
+
+#[test]
+fn the_fastest_scan_is_over_nine_tenths_of_the_ceiling_of_its_settle_time() {
+    let wish = Settings { scan_hz: u16::MAX, oversampling: 1, ..DEFAULT };
+    let Err(Refusal::ScanHz { high, .. }) = plan(wish) else { panic!("65 kHz are too fast") };
+    let fastest = plan(Settings { scan_hz: high as u16, ..wish }).unwrap();
+    // Five settle times and nothing else: 7.5 kHz.
+    let ceiling = 1e9 / (5.0 * f64::from(DEFAULT.settle_ns));
+    let share = f64::from(fastest.step.scan_millihertz()) / 1000.0 / ceiling;
+    assert!((0.90..1.0).contains(&share), "{high} Hz is {share} of it");
+    assert_eq!(high, 6969);
+}
+
+#[test]
+fn columns_are_sampled_only_between_the_settle_time_and_the_next_row() {
+    for (settings, plan) in plans() {
+        let light = u64::from(plan.timer.ccr1) * 2;
+        let settled = light + u64::from(settings.settle_ns) * 340 / 1000;
+        let next = (u64::from(plan.timer.arr) + 1) * 2 + light;
+        for conversion in line(&plan).columns {
+            for sample in conversion.samples {
+                assert!(sample.start >= settled && sample.end <= next, "{settings:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_and_c_are_sampled_on_the_first_amplifier_input_and_b_and_d_on_the_second_once_settled() {
+    for (settings, plan) in plans() {
+        let turn = u64::from(plan.timer.ccr6) * 2;
+        let settle = u64::from(AMPLIFIER_NS) * 340 / 1000;
+        let light = u64::from(plan.timer.ccr1) * 2;
+        let period = (u64::from(plan.timer.arr) + 1) * 2;
+        let bridges = line(&plan).bridges;
+        assert_eq!(bridges.iter().map(|c| c.input).collect::<Vec<_>>(), [16, 18, 13, 16, 18]);
+        for (place, conversion) in bridges.iter().enumerate() {
+            for sample in &conversion.samples {
+                match place {
+                    0 | 1 => assert!(sample.start >= light + settle && sample.end <= turn),
+                    2 => {}
+                    _ => assert!(
+                        sample.start >= turn + settle && sample.end <= period,
+                        "{settings:?}: {sample:?} after {turn}"
+                    ),
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn temperature_and_reference_are_sampled_long_enough_and_out_of_the_columns_way() {
+    for (settings, plan) in plans() {
+        let Line { columns, internal, .. } = line(&plan);
+        assert_eq!(internal.iter().map(|c| c.input).collect::<Vec<_>>(), [16, 18]);
+        // Triggers at their earliest for the columns, at their latest for the injected group.
+        let begin = u64::from(plan.timer.ccr2) * 2;
+        for conversion in &internal {
+            let sample = &conversion.samples[0];
+            assert!((sample.end - sample.start) * 1000 / 340 >= u64::from(INTERNAL_NS));
+            assert!(conversion.end <= begin, "{settings:?}");
+        }
+        // The last column's conversion may reach into the next step, but not to its injected group.
+        let period = (u64::from(plan.timer.arr) + 1) * 2;
+        assert!(columns.last().unwrap().end <= period + u64::from(plan.timer.ccr3) * 2);
+    }
+}
+
+#[test]
+fn no_converter_is_asked_for_two_things_at_once() {
+    for (settings, plan) in plans() {
+        let Line { columns, internal, bridges } = line(&plan);
+        let period = (u64::from(plan.timer.arr) + 1) * 2;
+        let spans = |all: &[Conversion]| -> Vec<Span> {
+            all.iter().map(|c| c.samples[0].start..c.end).collect()
+        };
+        let adc1 = [spans(&columns), spans(&internal)].concat();
+        assert!(!overlaps(&adc1, period), "{settings:?}");
+        assert!(!overlaps(&spans(&bridges), period), "{settings:?}");
+    }
+}
+
+#[test]
+fn the_frame_interrupt_is_that_of_the_converter_that_is_done_last() {
+    let mut seen = [false; 2];
+    for (settings, plan) in plans() {
+        let Line { columns, bridges, .. } = line(&plan);
+        let (columns, bridges) = (columns.last().unwrap().end, bridges.last().unwrap().end);
+        let interrupts = |channel: Channel| (Cr(channel.ccr).htie(), Cr(channel.ccr).tcie());
+        let (on, off) = ((true, true), (false, false));
+        let both = (interrupts(plan.columns), interrupts(plan.bridges));
+        match plan.last {
+            Last::Columns => assert!(columns >= bridges && both == (on, off), "{settings:?}"),
+            Last::Bridges => assert!(bridges >= columns && both == (off, on), "{settings:?}"),
+        }
+        seen[usize::from(plan.last == Last::Bridges)] = true;
+    }
+    assert_eq!(seen, [true; 2]);
+}
+
+#[test]
+fn a_load_of_680_ohms_settles_into_the_sampling_capacitor() {
+    // DS12589 table 67, fast channels: nanoseconds of sampling at least, for ohms at most.
+    const TABLE: [(f64, f64); 5] =
+        [(41.67, 100.0), (108.33, 330.0), (208.33, 680.0), (408.33, 1500.0), (791.67, 2200.0)];
+    let plan = plan(DEFAULT).unwrap();
+    for column in regular(&plan.adc1) {
+        let halves = HALVES[usize::from(sampling(&plan.adc1)(column))];
+        let ns = halves as f64 * 0.5e9 / f64::from(ADC_HZ);
+        let ohms = TABLE.iter().rfind(|(least, _)| *least <= ns).unwrap().1;
+        assert!(ohms >= 680.0, "input {column}: {ns} ns for {ohms} Ω");
+    }
+}
+
+#[test]
+fn clocks_and_triggers_follow_the_reference_manual() {
+    let plan = plan(DEFAULT).unwrap();
+    const { assert!(ADC_HZ <= 52_000_000) };
+    let common = pac::adccommon::regs::Ccr(plan.adc_common);
+    assert_eq!(common.ckmode(), pac::adccommon::vals::Ckmode::SYNC_DIV4);
+    assert_eq!(common.dual(), pac::adccommon::vals::Dual::INDEPENDENT);
+    assert!(common.vrefen() && common.vsenseen());
+
+    // RM0440 tables 163 and 164: EXTSEL 9 is TIM1_TRGO, 10 TIM1_TRGO2; JEXTSEL 8 is TIM1_TRGO2.
+    let (adc1, adc2) = (Cfgr(plan.adc1.cfgr), Cfgr(plan.adc2.cfgr));
+    assert_eq!((adc1.extsel(), adc2.extsel()), (9, 10));
+    let jsqr = Jsqr(plan.adc1.jsqr);
+    assert_eq!(jsqr.jextsel(), 8);
+    assert_eq!(jsqr.jexten(), pac::adc::vals::Exten::RISING_EDGE);
+    assert_eq!(plan.adc2.jsqr, 0);
+    for cfgr in [adc1, adc2] {
+        assert_eq!(cfgr.exten(), pac::adc::vals::Exten::RISING_EDGE);
+        assert_eq!(cfgr.res(), pac::adc::vals::Res::BITS12);
+        assert_eq!(cfgr.dmacfg(), pac::adc::vals::Dmacfg::CIRCULAR);
+        assert!(cfgr.dmaen().to_bits() == 1 && cfgr.jqdis());
+        assert!(!cfgr.cont() && !cfgr.discen() && !cfgr.jdiscen() && !cfgr.jauto());
+    }
+    assert_eq!(regular(&plan.adc1), [1, 2, 3, 4]);
+}
+
+#[test]
+fn the_timer_counts_steps_and_raises_its_triggers_on_its_compares() {
+    for (_, plan) in plans() {
+        let t = &plan.timer;
+        assert!(Cr1Core(t.cr1).arpe() && !Cr1Core(t.cr1).cen(), "started last");
+        let cr2 = Cr2Adv(t.cr2);
+        assert_eq!(cr2.mms(), pac::timer::vals::Mms::COMPARE_OC2);
+        assert_eq!(cr2.mms2(), pac::timer::vals::Mms2::COMPARE_OC3);
+        assert_eq!(cr2.ccds().to_bits(), 0, "the DMA is asked by the compare, not by the update");
+        let dier = DierAdv(t.dier);
+        assert_eq!(dier.0, 1 << 9, "compare 1 asks the DMA; no interrupt");
+        assert!(dier.ccde(0));
+        let pwm2 = pac::timer::vals::Ocm::PWM_MODE2;
+        let (low, high, six) =
+            (CcmrOutputGp16(t.ccmr1), CcmrOutputGp16(t.ccmr2), Ccmr3Adv(t.ccmr3));
+        assert_eq!((low.ocm(0), low.ocm(1)), (pac::timer::vals::Ocm::FROZEN, pwm2));
+        assert_eq!((high.ocm(0), six.ocm(1)), (pwm2, pwm2));
+        assert!(low.ocpe(1) && high.ocpe(0) && six.ocpe(1));
+        assert_eq!(t.ccer, 1 << 20, "CC6E alone: no channel reaches a pin");
+        assert!(BdtrAdv(t.bdtr).moe());
+        assert!(0 < t.ccr1 && t.ccr1 < t.ccr3 && t.ccr3 < t.ccr6 && t.ccr6 < t.arr);
+        assert!(t.ccr3 < t.ccr2 && t.ccr2 < t.arr && t.arr <= 0xFFFF);
+    }
+}
+
+#[test]
+fn the_dma_moves_five_patterns_and_two_frames_in_a_circle() {
+    let plan = plan(DEFAULT).unwrap();
+    let word = |cr: Cr| (cr.psize().to_bits(), cr.msize().to_bits());
+    for channel in [plan.patterns, plan.columns, plan.bridges] {
+        let cr = Cr(channel.ccr);
+        assert!(cr.circ() && cr.minc() && !cr.pinc() && !cr.mem2mem() && !cr.en());
+    }
+    let patterns = Cr(plan.patterns.ccr);
+    assert_eq!(patterns.dir(), pac::bdma::vals::Dir::FROM_MEMORY);
+    assert_eq!((word(patterns), plan.patterns.count), ((2, 2), STEPS));
+    assert_eq!(patterns.pl(), pac::bdma::vals::Pl::VERY_HIGH);
+    let (columns, bridges) = (Cr(plan.columns.ccr), Cr(plan.bridges.ccr));
+    assert_eq!((word(columns), word(bridges)), ((1, 1), (1, 1)));
+    assert_eq!(plan.columns.count as usize, 2 * COLUMN_READINGS);
+    assert_eq!(plan.bridges.count as usize, 2 * BRIDGE_READINGS);
+    assert_eq!(COLUMN_READINGS, (STEPS * COLUMNS) as usize);
+    // RM0440 table 91: 5 ADC1, 36 ADC2, 42 TIM1_CH1.
+    assert_eq!([plan.columns, plan.bridges, plan.patterns].map(|c| c.request), [5, 36, 42]);
+}
+
+#[test]
+fn the_amplifiers_have_gain_sixteen_around_the_bias_and_two_inputs() {
+    let amplifier = plan(DEFAULT).unwrap().amplifier;
+    let csr = pac::opamp::regs::Csr(amplifier.csr);
+    assert!(csr.opampen() && csr.opaintoen() && !csr.opahsm());
+    assert_eq!(csr.vm_sel().to_bits(), 0b10, "PGA");
+    assert_eq!(csr.vp_sel().to_bits(), 0b00, "VINP0");
+    assert_eq!(csr.pga_gain().to_bits(), 0b01011, "16 with the bias on VINM0");
+    let tcmr = pac::opamp::regs::Tcmr(amplifier.tcmr);
+    assert_eq!(tcmr.vps_sel().to_bits(), 0b01, "VINP1");
+    assert!(!tcmr.vms_sel(), "PGA");
+    assert!(tcmr.t1cm_en() && !tcmr.t8cm_en());
+}
+
+#[test]
+fn what_cannot_be_had_is_refused_with_the_range_that_can() {
+    let refused = |change: fn(&mut Settings)| {
+        let mut settings = DEFAULT;
+        change(&mut settings);
+        plan(settings).unwrap_err()
+    };
+    assert_eq!(refused(|s| s.oversampling = 3), Refusal::Oversampling { low: 1, high: 16 });
+    assert_eq!(refused(|s| s.oversampling = 32), Refusal::Oversampling { low: 1, high: 16 });
+    assert!(matches!(
+        refused(|s| s.settle_ns = 1000),
+        Refusal::SettleNs { low: 17_000..18_000, .. }
+    ));
+    assert!(matches!(refused(|s| s.settle_ns = 10_000_000), Refusal::SettleNs { .. }));
+    assert!(matches!(refused(|s| s.settle_ns = u32::MAX), Refusal::SettleNs { .. }));
+    assert!(matches!(refused(|s| s.scan_hz = 0), Refusal::ScanHz { low: 519, .. }));
+    assert!(matches!(refused(|s| s.scan_hz = 500), Refusal::ScanHz { low: 519, .. }));
+}
+
+#[test]
+fn the_ranges_of_a_refusal_are_exact() {
+    for oversampling in [1, 2, 4, 8, 16] {
+        for settle_us in [18, 20, 27, 50, 100] {
+            let with = |scan_hz: u32| {
+                let settle_ns = settle_us * 1000;
+                plan(Settings { scan_hz: scan_hz as u16, oversampling, settle_ns })
+            };
+            let Err(Refusal::ScanHz { low, high }) = with(0) else { panic!("0 Hz is no rate") };
+            assert!(with(low).is_ok() && with(high).is_ok(), "{low}..={high}");
+            assert!(with(low - 1).is_err() && with(high + 1).is_err(), "{low}..={high}");
+        }
+    }
+    let with = |settle_ns| plan(Settings { settle_ns, ..DEFAULT });
+    let Err(Refusal::SettleNs { low, .. }) = with(0) else { panic!("no settling is refused") };
+    assert!(with(low).is_ok());
+    assert!(matches!(with(low - 10), Err(Refusal::SettleNs { .. })));
+}
+
+#[test]
+fn no_settings_at_all_overflow() {
+    for scan_hz in [0, 1, 519, 4000, u16::MAX] {
+        for oversampling in [0, 1, 2, 16, 17, u16::MAX] {
+            for settle_ns in [0, 1, 26_500, u32::MAX / 2, u32::MAX] {
+                let _ = plan(Settings { scan_hz, oversampling, settle_ns });
+            }
+        }
+    }
+    assert_eq!(scan_plan::ticks(u32::MAX, CLOCK_HZ), 730_144_441);
+}
