@@ -1,10 +1,18 @@
 //! Signals become contact, position and force. One file an estimator, each with its source.
 
+pub mod bright_spot;
+pub mod column;
 pub mod contact_point;
+pub mod field;
 pub mod gate;
+pub mod intrinsic;
+pub mod inverse;
 pub mod net;
+pub mod row;
 pub mod sensitivity;
+mod solve;
 pub mod tanh;
+pub mod wrench;
 
 use serde::{Deserialize, Serialize};
 

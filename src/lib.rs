@@ -55,6 +55,7 @@ pub mod finger;
 pub mod frame;
 pub mod instrument;
 pub mod measured;
+pub mod roots;
 pub mod scan;
 pub mod session;
 pub mod units;

@@ -133,6 +133,10 @@ quantity!(
     /// Length in millimetres.
     Millimetres
 );
+quantity!(
+    /// Moment in newton millimetres.
+    NewtonMillimetres
+);
 
 #[cfg(test)]
 mod tests {

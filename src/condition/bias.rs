@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Signals;
 use super::levels::{BridgeLevels, Levels, TaxelLevels};
+use crate::roots::sqrt;
 use crate::scan::{SENSORS, TAXELS};
 
 /// No channel is trusted to be quieter than a quarter of a 12-bit step, however still a short
@@ -233,34 +234,12 @@ impl Moments {
     }
 }
 
-/// √x by Newton's method. It runs once a bias, so it need not be fast; being plain arithmetic it
-/// gives the same bits everywhere. Relative error below 1e-6 (tested).
-fn sqrt(x: f32) -> f32 {
-    if x <= 0.0 {
-        return 0.0;
-    }
-    let mut root = f32::from_bits((x.to_bits() >> 1) + 0x1fbd_1df5);
-    for _ in 0..3 {
-        root = 0.5 * (root + x / root);
-    }
-    root
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn levels(offset: f32) -> Levels {
         Levels { taxels: Some([0.3 + offset; TAXELS]), ..Levels::default() }
-    }
-
-    #[test]
-    fn square_root_is_good_to_a_millionth() {
-        for x in [1e-12f32, 3e-9, 2.5e-5, 0.3, 1.0, 7.7, 1e6] {
-            let error = f64::from(sqrt(x)) / f64::from(x).sqrt() - 1.0;
-            assert!(error.abs() < 1e-6, "{x}: {error}");
-        }
-        assert_eq!(sqrt(0.0), 0.0);
     }
 
     #[test]

@@ -1,0 +1,140 @@
+//! One conical feeler on a light guide (000, the micro-robot sensor): its bright spot's integral gives the
+//! normal force, the shift of its centroid the shear.
+
+/// Coefficients of one axis of shear, 000 eqs (10)–(12). The feeler sticks until the shear reaches
+/// αF_z + γ and then moves much farther a newton.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shear {
+    /// β, stiffness while it sticks, mN/µm.
+    pub stuck: f32,
+    /// K, stiffness of the sheet alone, mN/µm.
+    pub sheet: f32,
+    /// α, growth of the threshold with the normal force.
+    pub friction: f32,
+    /// γ, the threshold without normal force, mN.
+    pub adhesion: f32,
+}
+
+impl Shear {
+    /// As measured in 000, section V.3: β = 1.7 mN/µm, K = 0.067 mN/µm, α = 0.25, γ = 0.56 mN.
+    pub const PAPER: Self = Self { stuck: 1.7, sheet: 0.067, friction: 0.25, adhesion: 0.56 };
+
+    /// 000 eqs (10), (11) with (12) put in: force in mN for a shift in µm under `normal` mN.
+    ///
+    /// Eqs (13), (14) print αF_x + γ in the bracket; (12) put into (11) gives αF_z + γ, which is what
+    /// stands here. Odd in the shift, continuous at the threshold.
+    #[must_use]
+    pub fn force(&self, shift: f32, normal: f32) -> f32 {
+        let threshold = (self.friction * normal.max(0.0) + self.adhesion).max(0.0);
+        let stuck = self.stuck * shift;
+        if stuck.abs() <= threshold {
+            return stuck;
+        }
+        let beyond = self.sheet * (shift.abs() - threshold / self.stuck);
+        (threshold + beyond).copysign(shift)
+    }
+}
+
+/// The sensor: what an integral of grey values is worth, and its two axes of shear.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BrightSpot {
+    /// C of eq. (3): millinewtons a unit of the integral.
+    pub normal: f32,
+    /// x.
+    pub x: Shear,
+    /// y.
+    pub y: Shear,
+}
+
+/// What a window of the image around a feeler says: the integral G and the centroid of its grey values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spot {
+    /// G.
+    pub integral: f32,
+    /// X_G, Y_G in the image's own lengths, from the window's corner; zero for a dark window.
+    pub centroid: [f32; 2],
+}
+
+impl Spot {
+    /// 000 eqs (3)–(5) over an image given row by row, `width` pixels a row, `pixel` a side.
+    #[must_use]
+    pub fn measure(grey: &[f32], width: usize, pixel: f32) -> Self {
+        let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+        for (j, row) in grey.chunks(width.max(1)).enumerate() {
+            let mut of_row = 0.0;
+            for (i, g) in row.iter().enumerate() {
+                of_row += g;
+                x += g * (i as f32 + 0.5);
+            }
+            sum += of_row;
+            y += of_row * (j as f32 + 0.5);
+        }
+        let lit = sum > f32::MIN_POSITIVE;
+        let centre = |moment: f32| if lit { moment / sum * pixel } else { 0.0 };
+        Self { integral: sum * pixel * pixel, centroid: [centre(x), centre(y)] }
+    }
+}
+
+impl BrightSpot {
+    /// Force in millinewtons for the integral G and the shift of the centroid from the unsheared feeler
+    /// in µm.
+    #[must_use]
+    pub fn force(&self, integral: f32, [ux, uy]: [f32; 2]) -> [f32; 3] {
+        let normal = self.normal * integral;
+        [self.x.force(ux, normal), self.y.force(uy, normal), normal]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SENSOR: BrightSpot = BrightSpot { normal: 2.0, x: Shear::PAPER, y: Shear::PAPER };
+
+    #[test]
+    fn the_two_lines_meet_at_the_threshold_that_grows_with_the_normal_force() {
+        for normal in [2.2f32, 4.4, 6.5, 8.7, 10.9] {
+            let threshold = 0.25 * normal + 0.56;
+            let at = threshold / 1.7;
+            let (below, above) =
+                (Shear::PAPER.force(0.999 * at, normal), Shear::PAPER.force(1.001 * at, normal));
+            assert!((below - threshold).abs() < 0.01 && (above - threshold).abs() < 0.01);
+            let slope = (Shear::PAPER.force(at + 20.0, normal) - threshold) / 20.0;
+            assert!((slope - 0.067).abs() < 1e-4, "{slope}");
+        }
+    }
+
+    #[test]
+    fn the_printed_bracket_is_not_the_one_that_follows_from_eqs_11_and_12() {
+        // The right form: K u + (1 − K/β)(α F_z + γ).
+        let (u, normal) = (30.0f32, 6.5f32);
+        let right = 0.067 * u + (1.0 - 0.067 / 1.7) * (0.25 * normal + 0.56);
+        assert!((Shear::PAPER.force(u, normal) - right).abs() < 1e-5);
+        // The printed one is implicit in F_x and misses by half.
+        let printed = (0.067 * u + (1.0 - 0.067 / 1.7) * 0.56) / (1.0 - (1.0 - 0.067 / 1.7) * 0.25);
+        assert!((printed / right - 1.0).abs() > 0.1, "{printed} {right}");
+    }
+
+    #[test]
+    fn shear_is_odd_and_axes_do_not_mix() {
+        let [x, y, z] = SENSOR.force(3.0, [25.0, -25.0]);
+        assert_eq!((x, z), (-y, 6.0));
+        assert_eq!(SENSOR.force(3.0, [0.0, 4.0])[0], 0.0);
+    }
+
+    #[test]
+    fn a_spot_that_moves_by_a_pixel_moves_its_centroid_by_a_pixel_and_keeps_its_integral() {
+        let spot = |at: usize| {
+            let mut grey = [0.0; 64];
+            for (place, g) in [(at, 2.0), (at + 1, 1.0), (at + 8, 1.0)] {
+                grey[place] = g;
+            }
+            Spot::measure(&grey, 8, 10.0)
+        };
+        let (a, b) = (spot(18), spot(19));
+        assert_eq!(a.integral, b.integral);
+        assert!((b.centroid[0] - a.centroid[0] - 10.0).abs() < 1e-4);
+        assert!((b.centroid[1] - a.centroid[1]).abs() < 1e-4);
+        assert_eq!(Spot::measure(&[0.0; 64], 8, 10.0).centroid, [0.0, 0.0]);
+    }
+}

@@ -1,0 +1,158 @@
+//! Columns that each stand on 2×2 contact areas (001, the sensor for combined loading), and what several
+//! of them in a row say of the surface. The 4×4 matrix read in blocks of 2×2 is four such columns.
+
+use crate::measured::{Measured, NoValue};
+use crate::roots::{atan, sqrt};
+use crate::scan::{COLS, TAXELS};
+
+/// Coefficients of a column, 001 eq. (18), with areas in mm².
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Column {
+    /// α_v, N/mm².
+    pub normal: f32,
+    /// α_h0, N/mm².
+    pub shear: f32,
+    /// α_h, N/mm⁴: the cones flatten and lose lever.
+    pub flattening: f32,
+    /// α_v/k_v of eq. (22), 1/mm: how far the column sinks an area.
+    pub sinking: f32,
+}
+
+/// Force and sinking of a column.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ColumnLoad {
+    /// F_x, F_y, F_z in newtons.
+    pub force: [f32; 3],
+    /// U_z in mm.
+    pub sunk: f32,
+}
+
+impl Column {
+    /// As measured in 001, sections 4.2 and 6.2.
+    pub const PAPER: Self = Self { normal: 0.25, shear: 0.20, flattening: 0.081, sinking: 0.26 };
+
+    /// Eqs (1)–(3), (18), (22) for the areas S_1 … S_4. A_x is S_1 − S_2 − S_3 + S_4 as eq. (1) defines
+    /// it; eq. (11) sums (S_1 + S_3) and (S_2 + S_4) instead, which contradicts it.
+    #[must_use]
+    pub fn load(&self, [s1, s2, s3, s4]: [f32; 4]) -> ColumnLoad {
+        let (x, y, z) = (s1 - s2 - s3 + s4, s1 + s2 - s3 - s4, s1 + s2 + s3 + s4);
+        let shear = self.shear - self.flattening * z;
+        ColumnLoad { force: [shear * x, shear * y, self.normal * z], sunk: self.sinking * z }
+    }
+}
+
+/// The matrix read as four columns: the signals' rise, −c_k, stands for the area of cone k. Quadrants are
+/// in the order that eqs (1), (2) give them: S_1 at +x +y, S_2 at −x +y, S_3 at −x −y, S_4 at +x −y.
+/// Columns come row by row: −x −y, +x −y, −x +y, +x +y.
+#[must_use]
+pub fn quadrants(c: &[f32; TAXELS]) -> [[f32; 4]; 4] {
+    let at = |row: usize, column: usize| -c.get(row * COLS + column).copied().unwrap_or_default();
+    core::array::from_fn(|i| {
+        let (row, column) = (2 * (i / 2), 2 * (i % 2));
+        [at(row + 1, column + 1), at(row + 1, column), at(row, column), at(row, column + 1)]
+    })
+}
+
+/// Friction coefficient μ = F_t/F_z of a column that slides (001, section 5.2).
+///
+/// # Errors
+/// [`NoValue::IllConditioned`] where the normal force is below `least` newtons.
+pub fn friction(load: &ColumnLoad, least: f32) -> Measured<f32> {
+    let [x, y, z] = load.force;
+    let ratio = sqrt(x * x + y * y) / z;
+    if z > least.max(f32::MIN_POSITIVE) && ratio < f32::MAX {
+        Ok(ratio)
+    } else {
+        Err(NoValue::IllConditioned)
+    }
+}
+
+/// Inclination Θ = atan(m/d) in degrees of a flat thing on columns in a line, `distance` mm apart; m is
+/// the mean difference of sinking between neighbours (001, section 6.2).
+///
+/// # Errors
+/// [`NoValue::IllConditioned`] for fewer than two columns or no distance.
+pub fn inclination(sunk: &[f32], distance: f32) -> Measured<f32> {
+    let (Some(first), Some(last)) = (sunk.first(), sunk.last()) else {
+        return Err(NoValue::IllConditioned);
+    };
+    // The sum of the differences of neighbours telescopes.
+    let slope = (last - first) / (sunk.len().saturating_sub(1) as f32 * distance);
+    if distance > 0.0 && slope.abs() < f32::MAX {
+        Ok(atan(slope) * (180.0 / core::f32::consts::PI))
+    } else {
+        Err(NoValue::IllConditioned)
+    }
+}
+
+/// Height in mm of a step that changed the normal force of a column from `before` to `after` newtons: a
+/// higher ground presses the column in by ∆F_z/k_v, with k_v = α_v/(α_v/k_v) (001, section 5.2 and
+/// eq. (22)).
+///
+/// # Errors
+/// [`NoValue::IllConditioned`] where the quotient overflows.
+pub fn step_height(column: &Column, before: f32, after: f32) -> Measured<f32> {
+    let height = (after - before) * column.sinking / column.normal;
+    if height.abs() < f32::MAX { Ok(height) } else { Err(NoValue::IllConditioned) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAPER: Column = Column::PAPER;
+
+    #[test]
+    fn equal_areas_are_a_normal_force_and_a_heavy_side_is_shear_towards_it() {
+        let load = PAPER.load([0.5; 4]);
+        assert_eq!(load.force[..2], [0.0, 0.0]);
+        assert!((load.force[2] - 0.25 * 2.0).abs() < 1e-6 && (load.sunk - 0.52).abs() < 1e-6);
+        // +x is quadrants 1 and 4.
+        let load = PAPER.load([0.6, 0.4, 0.4, 0.6]);
+        assert!((load.force[0] - (0.20 - 0.081 * 2.0) * 0.4).abs() < 1e-6);
+        assert_eq!(load.force[1], 0.0);
+    }
+
+    #[test]
+    fn the_combination_of_eq_11_would_not_see_shear_along_x() {
+        let [s1, s2, s3, s4] = [0.6f32, 0.4, 0.4, 0.6];
+        assert_eq!((s1 + s3) - (s2 + s4), 0.0);
+        assert!(PAPER.load([s1, s2, s3, s4]).force[0] > 0.0);
+    }
+
+    #[test]
+    fn a_taxel_of_the_matrix_belongs_to_the_column_and_quadrant_of_its_place() {
+        let mut c = [0.0; TAXELS];
+        // Row 1, column 2: the column at +x −y, in it towards −x +y.
+        c[6] = -1.0;
+        let mut expected = [[0.0; 4]; 4];
+        expected[1][1] = 1.0;
+        assert_eq!(quadrants(&c), expected);
+    }
+
+    #[test]
+    fn inclination_is_the_angle_of_the_line_through_the_columns() {
+        let slope = 0.38f32.to_radians().tan();
+        let sunk = [0.3, 0.3 + 2.0 * slope, 0.3 + 4.0 * slope];
+        assert!((inclination(&sunk, 2.0).unwrap() - 0.38).abs() < 1e-3);
+        assert_eq!(inclination(&[0.3], 2.0), Err(NoValue::IllConditioned));
+        assert_eq!(inclination(&[], 2.0), Err(NoValue::IllConditioned));
+        assert_eq!(inclination(&[0.1, 0.2], 0.0), Err(NoValue::IllConditioned));
+    }
+
+    #[test]
+    fn steps_of_the_paper_come_out_in_their_ratio() {
+        // k_v = 0.96 N/mm.
+        for step in [0.05f32, 0.1, 0.2] {
+            let height = step_height(&PAPER, 0.4, 0.4 + 0.96 * step).unwrap();
+            assert!((height / step - 1.0).abs() < 0.002, "{height}");
+        }
+    }
+
+    #[test]
+    fn a_sliding_column_tells_its_friction() {
+        let load = ColumnLoad { force: [0.3, 0.4, 1.0], sunk: 0.0 };
+        assert!((friction(&load, 0.05).unwrap() - 0.5).abs() < 1e-6);
+        assert_eq!(friction(&ColumnLoad::default(), 0.05), Err(NoValue::IllConditioned));
+    }
+}

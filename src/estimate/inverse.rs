@@ -1,0 +1,382 @@
+//! The inverse problem of 004, named as future work in 002: which single contact makes these signals?
+//!
+//! Signals become displacements by each taxel's measured curve; Gauss–Newton then finds the touch whose
+//! [`Field`] meets them best. It starts where the last frame ended, takes a fixed number of steps, and says
+//! how sure it is: the covariance of what it found, and the misfit, which tells that what touches the
+//! finger is no single contact of the kind it was calibrated with.
+
+use serde::{Deserialize, Serialize};
+
+use super::field::{Field, Load};
+use super::solve::Normal;
+use crate::measured::{Measured, NoValue};
+use crate::roots::sqrt;
+use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
+
+/// Steps a frame. From the last frame's touch one step is as good as converged at a kilohertz; the second
+/// is for the first frames of a contact.
+const STEPS: usize = 2;
+/// Least f_z that is followed, as s: 1 mN.
+const LEAST_SIZE: f32 = 0.1;
+/// Most, as s: 27 N, beyond the range of any sensor of 002 or 003.
+const MOST_SIZE: f32 = 3.0;
+/// A step moves the contact by this much at most, in mm, and s by [`SIZE_STEP`].
+const POINT_STEP: f32 = 1.0;
+const SIZE_STEP: f32 = 0.3;
+/// Contacts farther out than this, in mm, are not followed: the pad ends at 5.
+const FARTHEST: f32 = 7.0;
+/// Rubber holds no more than this many times the normal force.
+const MOST_FRICTION: f32 = 2.0;
+/// Before it is seen, the share of friction in use is taken as even between none and all: ½ ± 0.4.
+const USED: [f32; 2] = [0.5, 0.4];
+
+/// From signals to displacements.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Curves {
+    /// What of its neighbours' signals a taxel picks up: left, right, below (row − 1), above (row + 1).
+    pub stray: [[f32; 4]; TAXELS],
+    /// u as a polynomial of the taxel's own signal: coefficients of c … c⁵.
+    pub gap: [[f32; 5]; TAXELS],
+}
+
+impl Curves {
+    /// u_k, positive where the facet came nearer.
+    #[must_use]
+    pub fn displacements(&self, c: &[f32; TAXELS]) -> [f32; TAXELS] {
+        let at = |k: Option<usize>| k.and_then(|k| c.get(k)).copied().unwrap_or_default();
+        let mut u = [0.0; TAXELS];
+        for (k, ((u, [left, right, below, above]), [a1, a2, a3, a4, a5])) in
+            u.iter_mut().zip(&self.stray).zip(&self.gap).enumerate()
+        {
+            let column = k % COLS;
+            let own = at(Some(k))
+                - left * at((column > 0).then(|| k.wrapping_sub(1)))
+                - right * at((column + 1 < COLS).then_some(k + 1))
+                - below * at(k.checked_sub(COLS))
+                - above * at((k + COLS < ROWS * COLS).then_some(k + COLS));
+            *u = own * (a1 + own * (a2 + own * (a3 + own * (a4 + own * a5))));
+        }
+        u
+    }
+}
+
+/// The coefficients of one finger.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Inverse {
+    /// Signals to displacements.
+    pub curves: Curves,
+    /// Displacements of a touch.
+    pub field: Field,
+    /// What is left of the displacements in calibration, root mean square over the taxels: without load,
+    /// and a newton more for each newton.
+    pub error: [f32; 2],
+    /// The calibration held shear, so that T is known.
+    pub shear: bool,
+}
+
+/// What the inverse remembers: the last frame's touch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct InverseState {
+    last: Option<Load>,
+}
+
+/// A touch as found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touch {
+    /// Force and place.
+    pub load: Load,
+    /// Standard deviations of f_x, f_y, f_z (N), x, y (mm) and of the share of friction in use.
+    pub sigma: [f32; 6],
+    /// Root mean square of what is left of the displacements, over what calibration left at this force.
+    pub misfit: f32,
+}
+
+impl Touch {
+    /// f_x, f_y, f_z in newtons.
+    #[must_use]
+    pub fn force(&self) -> [f32; 3] {
+        let [x, y] = self.load.shear;
+        [x, y, self.load.normal()]
+    }
+}
+
+impl InverseState {
+    /// Forgets the contact.
+    pub fn clear(&mut self) {
+        self.last = None;
+    }
+}
+
+impl Inverse {
+    /// One frame of displacements, of a touch without shear.
+    ///
+    /// # Errors
+    /// [`NoValue::IllConditioned`] where the displacements do not determine a contact.
+    pub fn pressed(&self, state: &mut InverseState, u: &[f32; TAXELS]) -> Measured<Touch> {
+        self.find(state, u, |inverse, load, u| inverse.pressed_step(load, u))
+    }
+
+    /// One frame of displacements, with shear and the share of friction that it uses.
+    ///
+    /// # Errors
+    /// [`NoValue::NotEstimated`] for a calibration that held no shear, [`NoValue::IllConditioned`] where
+    /// the displacements do not determine a contact.
+    pub fn sheared(&self, state: &mut InverseState, u: &[f32; TAXELS]) -> Measured<Touch> {
+        if !self.shear {
+            return Err(NoValue::NotEstimated);
+        }
+        self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u))
+    }
+
+    fn find(
+        &self,
+        state: &mut InverseState,
+        u: &[f32; TAXELS],
+        step: impl Fn(&Self, &mut Load, &[f32; TAXELS]) -> Option<Touch>,
+    ) -> Measured<Touch> {
+        let start = state.last.or_else(|| self.start(u));
+        let found =
+            start.and_then(|mut load| (0..STEPS).fold(None, |_, _| step(self, &mut load, u)));
+        let sound = found.filter(|touch| {
+            touch.misfit < f32::MAX && touch.sigma.iter().all(|sigma| *sigma < f32::MAX)
+        });
+        state.last = sound.map(|touch| touch.load);
+        sound.ok_or(NoValue::IllConditioned)
+    }
+
+    /// Where to begin: the centroid of what sank, and the force of a contact there that sinks as much.
+    fn start(&self, u: &[f32; TAXELS]) -> Option<Load> {
+        let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
+            let weight = u.max(0.0);
+            sum += weight;
+            x += weight * centre[0].0;
+            y += weight * centre[1].0;
+        }
+        if !(sum > f32::MIN_POSITIVE && sum < f32::MAX) {
+            return None;
+        }
+        let newton =
+            Load { size: 1.0, point: [x / sum, y / sum], used: USED[0], ..Load::default() };
+        let around = self.field.around(&newton);
+        let whole = TAXEL_CENTRES.iter().fold(0.0, |sum, c| sum + around.pressed(place(c)).0);
+        let force = if whole > f32::MIN_POSITIVE { sum / whole } else { 0.0 };
+        let size = crate::roots::cube_root(force).clamp(LEAST_SIZE, MOST_SIZE);
+        Some(Load { size, ..newton })
+    }
+
+    /// What calibration leaves at this load.
+    fn expected(&self, load: &Load) -> f32 {
+        let [floor, share] = self.error;
+        floor + share * load.normal()
+    }
+
+    fn pressed_step(&self, load: &mut Load, u: &[f32; TAXELS]) -> Option<Touch> {
+        let error = self.expected(load);
+        let mut normal = Normal::<3>::EMPTY;
+        let mut squares = 0.0;
+        let around = self.field.around(load);
+        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
+            let (model, row) = around.pressed(place(centre));
+            let left = u - model;
+            squares += left * left;
+            normal.add(&row, left);
+        }
+        normal.damp(&[0.0, square(error / FARTHEST), square(error / FARTHEST)]);
+        let ([ds, dx, dy], [vs, vx, vy]) = normal.solve()?;
+        let left = squares - ds * normal.right[0] - dx * normal.right[1] - dy * normal.right[2];
+        load.shear = [0.0; 2];
+        load.used = USED[0];
+        advance(load, ds, [dx, dy]);
+        let [s, x, y] = [vs, vx, vy].map(|variance| error * sqrt(variance));
+        let sigma = [0.0, 0.0, 3.0 * load.size * load.size * s, x, y, USED[1]];
+        Some(Touch { load: *load, sigma, misfit: misfit(left, error) })
+    }
+
+    fn sheared_step(&self, load: &mut Load, u: &[f32; TAXELS]) -> Option<Touch> {
+        let error = self.expected(load);
+        let mut normal = Normal::<6>::EMPTY;
+        let mut squares = 0.0;
+        let around = self.field.around(load);
+        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
+            let (model, row) = around.sheared(place(centre));
+            let left = u - model;
+            squares += left * left;
+            normal.add(&row, left);
+        }
+        let [usual, spread] = USED;
+        let held = error / (MOST_FRICTION * load.normal());
+        let prior = square(error / spread);
+        normal.damp(&[
+            square(held),
+            square(held),
+            0.0,
+            square(error / FARTHEST),
+            square(error / FARTHEST),
+            prior,
+        ]);
+        let unseen = normal.right;
+        normal.right[5] += prior * (usual - load.used);
+        let (step, variances) = normal.solve()?;
+        let left = unseen.iter().zip(&step).fold(squares, |left, (g, d)| left - g * d);
+        let [dfx, dfy, ds, dx, dy, db] = step;
+        advance(load, ds, [dx, dy]);
+        load.used = (load.used + db).clamp(-0.5, 1.5);
+        let [fx, fy] = [load.shear[0] + dfx, load.shear[1] + dfy];
+        let (shear, most) = (sqrt(fx * fx + fy * fy), MOST_FRICTION * load.normal());
+        let share = if shear > most { most / shear } else { 1.0 };
+        load.shear = [fx * share, fy * share];
+        let mut sigma = variances.map(|variance| error * sqrt(variance));
+        sigma[2] *= 3.0 * load.size * load.size;
+        Some(Touch { load: *load, sigma, misfit: misfit(left, error) })
+    }
+}
+
+fn advance(load: &mut Load, ds: f32, [dx, dy]: [f32; 2]) {
+    load.size = (load.size + ds.clamp(-SIZE_STEP, SIZE_STEP)).clamp(LEAST_SIZE, MOST_SIZE);
+    let [x, y] = load.point;
+    load.point = [
+        (x + dx.clamp(-POINT_STEP, POINT_STEP)).clamp(-FARTHEST, FARTHEST),
+        (y + dy.clamp(-POINT_STEP, POINT_STEP)).clamp(-FARTHEST, FARTHEST),
+    ];
+}
+
+fn misfit(squares: f32, error: f32) -> f32 {
+    sqrt(squares * (1.0 / TAXELS as f32)) / error
+}
+
+fn square(x: f32) -> f32 {
+    x * x
+}
+
+fn place(centre: &[crate::units::Millimetres; 2]) -> [f32; 2] {
+    centre.map(|c| c.0)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::field::tests::HALF_SPACE;
+    use super::*;
+    use proptest::prelude::*;
+
+    pub(crate) fn finger() -> Inverse {
+        Inverse {
+            curves: Curves { stray: [[0.0; 4]; TAXELS], gap: [[-1.0, 0.0, 0.0, 0.0, 0.0]; TAXELS] },
+            field: HALF_SPACE,
+            error: [2e-4, 2e-4],
+            shear: true,
+        }
+    }
+
+    pub(crate) fn displaced(load: &Load) -> [f32; TAXELS] {
+        let around = HALF_SPACE.around(load);
+        TAXEL_CENTRES.map(|c| around.sheared(place(&c)).0)
+    }
+
+    fn settled(u: &[f32; TAXELS]) -> Touch {
+        let (finger, mut state) = (finger(), InverseState::default());
+        (0..6).map(|_| finger.sheared(&mut state, u)).last().unwrap().unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn a_touch_comes_back_from_the_displacements_that_it_makes(
+            share in 0.0..0.7f32, turn in -3.0..3.0f32, size in 0.5..1.26f32,
+            x in -3.75..3.75f32, y in -3.75..3.75f32,
+        ) {
+            let shear = share * size.powi(3);
+            let load = Load {
+                shear: [shear * turn.cos(), shear * turn.sin()], size, point: [x, y], used: 0.5,
+            };
+            let touch = settled(&displaced(&load));
+            prop_assert!((touch.load.normal() / load.normal() - 1.0).abs() < 0.01, "{touch:?}");
+            for axis in 0..2 {
+                prop_assert!((touch.load.point[axis] - load.point[axis]).abs() < 0.02, "{touch:?}");
+                let apart = (touch.load.shear[axis] - load.shear[axis]).abs();
+                prop_assert!(apart < 0.02 * load.normal(), "{touch:?} {load:?}");
+            }
+            prop_assert!(touch.misfit < 1.0);
+        }
+
+        #[test]
+        fn no_displacements_and_no_coefficients_give_nan_or_infinity(
+            u in proptest::array::uniform16(prop_oneof![-1e9..1e9f32, -1.0..1.0f32, Just(0.0f32)]),
+            scale in prop_oneof![-1e3..1e3f32, -1.0..1.0f32, Just(0.0f32)],
+            floor in prop_oneof![1e-9..1.0f32, Just(1e-9f32)],
+        ) {
+            let mut finger = finger();
+            finger.error = [floor, 0.0];
+            for radial in [&mut finger.field.normal, &mut finger.field.shear] {
+                radial.terms.as_flattened_mut().iter_mut().for_each(|t| *t *= scale);
+                radial.depth[1] *= scale;
+            }
+            let mut state = InverseState::default();
+            for _ in 0..4 {
+                for touch in [finger.pressed(&mut state, &u), finger.sheared(&mut state, &u)]
+                    .into_iter().flatten()
+                {
+                    let numbers = touch.force().into_iter().chain(touch.load.point)
+                        .chain(touch.sigma).chain([touch.misfit, touch.load.used]);
+                    for number in numbers {
+                        prop_assert!(number.is_finite(), "{touch:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_share_of_friction_in_use_is_seen_where_the_contact_is_large() {
+        for used in [0.2, 0.9] {
+            let load = Load { shear: [0.9, 0.0], size: 1.2, point: [0.3, -0.2], used };
+            let touch = settled(&displaced(&load));
+            assert!((touch.load.used - used).abs() < 0.05, "{used}: {touch:?}");
+        }
+    }
+
+    #[test]
+    fn two_contacts_are_no_single_one() {
+        let one = Load { size: 0.8, point: [-3.0, 0.0], ..Load::default() };
+        let two = Load { point: [3.0, 0.5], ..one };
+        let mut u = displaced(&one);
+        assert!(settled(&u).misfit < 1.0);
+        u.iter_mut().zip(displaced(&two)).for_each(|(u, more)| *u += more);
+        assert!(settled(&u).misfit > 10.0);
+    }
+
+    #[test]
+    fn a_touch_that_is_followed_needs_no_time_to_settle() {
+        let (finger, mut state) = (finger(), InverseState::default());
+        for i in 0..200 {
+            let t = i as f32 / 200.0;
+            let load = Load {
+                size: 0.4 + 0.8 * t,
+                point: [4.0 * t - 2.0, t],
+                used: 0.5,
+                shear: [0.1 * t, 0.0],
+            };
+            let touch = finger.sheared(&mut state, &displaced(&load)).unwrap();
+            if i > 3 {
+                assert!((touch.load.point[0] - load.point[0]).abs() < 0.01, "{i}: {touch:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_calibration_without_shear_does_not_guess_it() {
+        let finger = Inverse { shear: false, ..finger() };
+        let mut state = InverseState::default();
+        assert_eq!(finger.sheared(&mut state, &[0.1; TAXELS]), Err(NoValue::NotEstimated));
+    }
+
+    #[test]
+    fn stray_light_is_taken_off_before_the_curve() {
+        let mut curves = finger().curves;
+        curves.stray[5] = [0.1, 0.0, 0.0, 0.2];
+        let mut c = [0.0; TAXELS];
+        (c[4], c[5], c[9]) = (-0.5, -1.0, -0.25);
+        let u = curves.displacements(&c);
+        assert!((u[5] - (1.0 - 0.05 - 0.05)).abs() < 1e-6, "{}", u[5]);
+        assert_eq!(u[6], 0.0);
+    }
+}

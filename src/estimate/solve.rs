@@ -1,0 +1,128 @@
+//! Small symmetric positive definite systems, solved in a fixed number of steps.
+#![expect(
+    clippy::indexing_slicing,
+    clippy::needless_range_loop,
+    reason = "matrix algebra: every index runs over 0..N of arrays of N"
+)]
+
+use crate::roots::inverse_sqrt;
+
+/// Normal equations A·x = b of a least-squares problem: A the sum of the outer products of its rows.
+#[derive(Clone, Copy, Debug)]
+pub struct Normal<const N: usize> {
+    /// A; only its lower triangle is used.
+    pub matrix: [[f32; N]; N],
+    /// b.
+    pub right: [f32; N],
+}
+
+impl<const N: usize> Normal<N> {
+    /// No row yet.
+    pub const EMPTY: Self = Self { matrix: [[0.0; N]; N], right: [0.0; N] };
+
+    /// Adds a row of the Jacobian and its residual.
+    pub fn add(&mut self, row: &[f32; N], residual: f32) {
+        for i in 0..N {
+            for j in 0..=i {
+                self.matrix[i][j] += row[i] * row[j];
+            }
+            self.right[i] += row[i] * residual;
+        }
+    }
+
+    /// Adds `weight` to the diagonal: as if each unknown had been seen at its present value.
+    pub fn damp(&mut self, weight: &[f32; N]) {
+        for i in 0..N {
+            self.matrix[i][i] += weight[i];
+        }
+    }
+
+    /// x, and the diagonal of A⁻¹ (the variances, up to the noise's). `None` where A is not positive
+    /// definite to the accuracy of f32.
+    #[must_use]
+    pub fn solve(&self) -> Option<([f32; N], [f32; N])> {
+        // A = L·Lᵀ, with 1/L_ii kept in place of L_ii.
+        let mut l = [[0.0f32; N]; N];
+        for i in 0..N {
+            for j in 0..=i {
+                let mut sum = self.matrix[i][j];
+                for k in 0..j {
+                    sum -= l[i][k] * l[j][k];
+                }
+                if i > j {
+                    l[i][j] = sum * l[j][j];
+                } else if sum > f32::EPSILON * self.matrix[i][i] && sum > f32::MIN_POSITIVE {
+                    l[i][i] = inverse_sqrt(sum);
+                } else {
+                    return None;
+                }
+            }
+        }
+        let mut x = self.right;
+        for i in 0..N {
+            for k in 0..i {
+                x[i] -= l[i][k] * x[k];
+            }
+            x[i] *= l[i][i];
+        }
+        for i in (0..N).rev() {
+            for k in i + 1..N {
+                x[i] -= l[k][i] * x[k];
+            }
+            x[i] *= l[i][i];
+        }
+        // A⁻¹ = L⁻ᵀ·L⁻¹: the squared norms of the columns of L⁻¹.
+        let mut diagonal = [0.0; N];
+        for j in 0..N {
+            let mut column = [0.0; N];
+            column[j] = l[j][j];
+            diagonal[j] = column[j] * column[j];
+            for i in j + 1..N {
+                let mut sum = 0.0;
+                for k in j..i {
+                    sum -= l[i][k] * column[k];
+                }
+                column[i] = sum * l[i][i];
+                diagonal[j] += column[i] * column[i];
+            }
+        }
+        Some((x, diagonal))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_solution_solves_it_and_the_diagonal_is_that_of_the_inverse(
+            rows in proptest::array::uniform8(proptest::array::uniform4(-1.0..1.0f32)),
+            right in proptest::array::uniform8(-1.0..1.0f32),
+        ) {
+            let mut normal = Normal::<4>::EMPTY;
+            rows.iter().zip(right).for_each(|(row, b)| normal.add(row, b));
+            normal.damp(&[0.1; 4]);
+            let (x, diagonal) = normal.solve().unwrap();
+            let entry = |i: usize, j: usize| normal.matrix[i.max(j)][i.min(j)];
+            for i in 0..4 {
+                let sum: f32 = (0..4).map(|j| entry(i, j) * x[j]).sum();
+                prop_assert!((sum - normal.right[i]).abs() < 1e-4);
+                let mut unit = Normal::<4> { right: [0.0; 4], ..normal };
+                unit.right[i] = 1.0;
+                let (column, _) = unit.solve().unwrap();
+                prop_assert!((column[i] - diagonal[i]).abs() < 1e-3 * diagonal[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_system_that_does_not_determine_its_unknowns_is_refused() {
+        let mut normal = Normal::<3>::EMPTY;
+        normal.add(&[1.0, 2.0, 0.5], 1.0);
+        assert_eq!(normal.solve(), None);
+        normal.matrix[0][0] = f32::NAN;
+        assert_eq!(normal.solve(), None);
+    }
+}

@@ -1,0 +1,151 @@
+//! Square roots, powers and the arc tangent out of additions, multiplications and divisions, so that host
+//! and chip give the same bits. Every error bound is asserted below.
+#![expect(
+    clippy::manual_clamp,
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "`clamp` would let a NaN through; it is to end like what is too small"
+)]
+
+/// 1/√x for a positive normal x, relative error below 5e-7, no division. Zero, negative, subnormal and NaN
+/// arguments give the value for the least normal number, infinity that for the greatest: finite always.
+#[must_use]
+pub fn inverse_sqrt(x: f32) -> f32 {
+    // `max` and `min` return the other operand for a NaN.
+    let x = x.max(f32::MIN_POSITIVE).min(f32::MAX);
+    let half = 0.5 * x;
+    // Halving the exponent's bits is the classic start, 3.5 % off; each step of Newton squares that.
+    let mut root = f32::from_bits(0x5f37_59df - (x.to_bits() >> 1));
+    for _ in 0..3 {
+        root *= 1.5 - half * root * root;
+    }
+    root
+}
+
+/// √x, relative error below 6e-7; 0 for what is not positive.
+#[must_use]
+pub fn sqrt(x: f32) -> f32 {
+    if x > 0.0 { x.min(f32::MAX) * inverse_sqrt(x) } else { 0.0 }
+}
+
+/// ∛x for x ≥ 0, relative error below 1e-6; 0 for what is not positive.
+#[must_use]
+pub fn cube_root(x: f32) -> f32 {
+    if !(x >= f32::MIN_POSITIVE) {
+        return 0.0;
+    }
+    let x = x.min(f32::MAX);
+    // A third of the exponent's bits: 5 % off at most, then Newton on r³ = x.
+    let mut root = f32::from_bits(x.to_bits() / 3 + 0x2a51_1cd0);
+    for _ in 0..3 {
+        root = (2.0 * root + x / (root * root)) * (1.0 / 3.0);
+    }
+    root
+}
+
+/// x^p for x > 0 as 2^(p·log₂ x), relative error below 2e-5 for results between 1e-6 and 1e6; 0 for what
+/// is not positive. The result lies in [2⁻¹²⁶, 2¹²⁶].
+#[must_use]
+pub fn power(x: f32, p: f32) -> f32 {
+    if x > 0.0 { exp2(p * log2(x)) } else { 0.0 }
+}
+
+/// log₂ of a positive number: its exponent, and atanh's series on the mantissa in [√½, √2).
+fn log2(x: f32) -> f32 {
+    let x = x.max(f32::MIN_POSITIVE).min(f32::MAX);
+    let bits = x.to_bits();
+    let shifted = bits.wrapping_sub(0x3f35_04f3);
+    let exponent = (shifted as i32 >> 23) as f32;
+    let mantissa = f32::from_bits((shifted & 0x007f_ffff) + 0x3f35_04f3);
+    let t = (mantissa - 1.0) / (mantissa + 1.0);
+    let t2 = t * t;
+    // 2/ln 2 · (t + t³/3 + t⁵/5 + t⁷/7)
+    exponent
+        + (2.0 * core::f32::consts::LOG2_E)
+            * t
+            * (1.0 + t2 * (1.0 / 3.0 + t2 * (0.2 + t2 * (1.0 / 7.0))))
+}
+
+/// 2^x, x clamped to [−126, 126]: Taylor's series of 2^f around the nearest integer, |f| ≤ ½.
+fn exp2(x: f32) -> f32 {
+    let x = x.max(-126.0).min(126.0);
+    let whole = (x + if x < 0.0 { -0.5 } else { 0.5 }) as i32;
+    let f = (x - whole as f32) * core::f32::consts::LN_2;
+    let series = 1.0
+        + f * (1.0
+            + f * (0.5 + f * (1.0 / 6.0 + f * (1.0 / 24.0 + f * (1.0 / 120.0 + f / 720.0)))));
+    // |whole| ≤ 126 keeps the exponent's field between 1 and 253.
+    series * f32::from_bits(((whole + 127) as u32) << 23)
+}
+
+/// The arc tangent in radians, absolute error below 3e-6; ±π/2 for infinities and 0 for NaN.
+#[must_use]
+pub fn atan(x: f32) -> f32 {
+    if x.is_nan() {
+        return 0.0;
+    }
+    let magnitude = x.abs();
+    let (t, from) = if magnitude > 1.0 {
+        (-1.0 / magnitude, core::f32::consts::FRAC_PI_2)
+    } else {
+        (magnitude, 0.0)
+    };
+    // One half-angle step, atan t = 2 atan(t/(1 + √(1 + t²))), leaves |t| ≤ 0.4143 for the series.
+    let t = t / (1.0 + sqrt(1.0 + t * t));
+    let t2 = t * t;
+    let series = t
+        * (1.0
+            - t2 * (1.0 / 3.0
+                - t2 * (0.2 - t2 * (1.0 / 7.0 - t2 * (1.0 / 9.0 - t2 * (1.0 / 11.0))))));
+    (from + 2.0 * series).copysign(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Positive numbers over the whole range of exponents, mantissas included.
+    fn numbers() -> impl Iterator<Item = f32> {
+        (0x0080_0000..0x7f00_0000u32).step_by(9973).map(f32::from_bits)
+    }
+
+    #[test]
+    fn roots_are_good_to_a_millionth_over_the_whole_range() {
+        for x in numbers() {
+            let exact = f64::from(x);
+            assert!((f64::from(inverse_sqrt(x)) * exact.sqrt() - 1.0).abs() < 5e-7, "{x:e}");
+            assert!((f64::from(sqrt(x)) / exact.sqrt() - 1.0).abs() < 6e-7, "{x:e}");
+            assert!((f64::from(cube_root(x)) / exact.cbrt() - 1.0).abs() < 1e-6, "{x:e}");
+        }
+    }
+
+    #[test]
+    fn powers_of_loads_are_good_to_some_hundred_thousandths() {
+        for p in [-1.0f32, 0.2, 1.0 / 3.0, 0.5, 2.0] {
+            for x in numbers().filter(|x| (1e-3..1e3).contains(x)) {
+                let exact = f64::from(x).powf(f64::from(p));
+                assert!((f64::from(power(x, p)) / exact - 1.0).abs() < 2e-5, "{x}^{p}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_arc_tangent_is_good_to_a_few_millionths() {
+        for i in -400_000..=400_000i32 {
+            let x = i as f32 * 1e-4;
+            assert!((f64::from(atan(x)) - f64::from(x).atan()).abs() < 3e-6, "{x}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_ever_nan_or_infinite() {
+        let odd = [0.0, -1.0, 1e-45, f32::MAX, f32::INFINITY, f32::NEG_INFINITY, f32::NAN];
+        for x in odd {
+            for y in [inverse_sqrt(x), sqrt(x), cube_root(x), atan(x)] {
+                assert!(y.is_finite(), "{x}: {y}");
+            }
+            for p in odd {
+                assert!(power(x, p).is_finite(), "{x}^{p}");
+            }
+        }
+    }
+}
