@@ -12,10 +12,7 @@
 pub mod adc;
 pub mod bridge;
 pub mod contact;
-pub mod electronics;
-mod faults;
 pub mod fidelity;
-pub mod light;
 pub mod optics;
 pub mod path;
 mod ranges;
@@ -23,7 +20,6 @@ pub mod response;
 pub mod scene;
 mod seeds;
 mod simulator;
-pub mod supply;
 
 pub use scene::{Effect, Scene};
 pub use simulator::Simulator;

@@ -1,8 +1,10 @@
-//! Build and test tasks of this repository: `cargo xtask test`, `cargo xtask firmware BOARD`.
+//! Build and test tasks of this repository: `cargo xtask test`, `cargo xtask firmware BOARD`,
+//! `cargo xtask cycles`.
 //!
 //! The boards build with whatever can build for a Cortex-M here ([`toolchain`]), so that the committed
 //! cargo configuration names none of it and a clean clone needs one command.
 
+mod cycles;
 mod firmware;
 mod memory;
 mod packages;
@@ -15,6 +17,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::cycles::Cycles;
 use crate::steps::Steps;
 use crate::toolchain::Choice;
 
@@ -42,6 +45,8 @@ enum Task {
         /// A folder of `boards/`
         board: String,
     },
+    /// What every stage of the core costs on a Cortex-M4F: exact instructions, modelled cycles
+    Cycles(Cycles),
 }
 
 fn main() -> ExitCode {
@@ -50,6 +55,7 @@ fn main() -> ExitCode {
     let done = match arguments.task {
         Task::Test { part } => test::all(part, arguments.toolchain, &mut steps),
         Task::Firmware { board } => firmware::task(&board, arguments.toolchain),
+        Task::Cycles(cycles) => cycles::task(&cycles, arguments.toolchain),
     };
     match done {
         Ok(()) => {

@@ -8,7 +8,7 @@ use clap::ValueEnum;
 use crate::run::{answer, cargo, clean_cargo, exists, locked, root, run};
 use crate::steps::Steps;
 use crate::toolchain::{Choice, Toolchain};
-use crate::{firmware, packages};
+use crate::{cycles, firmware, packages};
 
 /// Which tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -84,7 +84,9 @@ fn target(choice: Choice, steps: &mut Steps) -> Result<()> {
             packages::install(&["qemu-system-arm"], "the emulator")?;
         }
         run(tests(Tests::Emulated).env("TAXEL_FIRMWARE_DIR", firmware::directory()))
-    })
+    })?;
+    steps.take("tests of the counting emulator", cycles::tests)?;
+    steps.take("instructions and cycles of every stage", || cycles::guard(&toolchain))
 }
 
 /// By nextest where it is there. Always of the whole workspace: a part of it would have its dependencies

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
-use taxel::scan::ROWS;
 use taxel_formats::trace::{TraceHeader, TraceWriter};
 use taxel_sim::{Scene, Simulator};
 
@@ -34,7 +33,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let simulator = Simulator::new(&scene, args.seed);
     let header = TraceHeader {
         full_scale: simulator.full_scale(),
-        rows: if scene.device.taxels { ROWS } else { 0 },
+        taxels: scene.device.taxels,
         bridges: scene.device.bridges,
         reference: true,
         temperature: false,

@@ -1,0 +1,70 @@
+//! The bench image: calls every stage and says to the machine what is to be measured.
+#![no_std]
+#![no_main]
+
+use core::hint::black_box;
+use core::panic::PanicInfo;
+use core::ptr::with_exposed_provenance;
+use core::slice;
+
+// Its critical section is what printing wants.
+use cortex_m as _;
+use cortex_m_rt::entry;
+use cortex_m_semihosting::debug::{self, EXIT_FAILURE, EXIT_SUCCESS};
+use cortex_m_semihosting::{heprintln, syscall};
+use cycles::host::{Call, INPUTS, Inputs, MEASURE, REPORT, Span};
+use cycles::{MAX_RESULT, Meter, result_bytes};
+use serde::Serialize;
+
+/// Has the machine measure.
+struct Machine;
+
+impl Meter for Machine {
+    fn stage<M, I, O: Serialize>(
+        &mut self,
+        name: &str,
+        memory: &mut M,
+        inputs: impl Iterator<Item = I>,
+        out: &mut O,
+        stage: fn(&mut M, &I, &mut O),
+    ) {
+        // Through a pointer that the compiler cannot see through, so that it is a call.
+        let stage = black_box(stage);
+        for input in inputs {
+            let call = Call { function: stage as usize, name: Span::of(name.as_bytes()) };
+            // SAFETY: the operation reads the call and its name, both of which are alive.
+            unsafe { syscall(MEASURE, &call) };
+            stage(memory, &input, out);
+            let mut buffer = [0; MAX_RESULT];
+            let Some(result) = result_bytes(out, &mut buffer) else {
+                panic!("a result of {name} does not fit");
+            };
+            // SAFETY: the operation reads the span and the result, both of which are alive.
+            unsafe { syscall(REPORT, &Span::of(result)) };
+        }
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    // SAFETY: the machine maps the range, fills it before reset and lets nothing write it.
+    let bytes = unsafe {
+        let length = *with_exposed_provenance::<u32>(INPUTS);
+        slice::from_raw_parts(with_exposed_provenance(INPUTS + 4), length as usize)
+    };
+    match postcard::from_bytes::<Inputs>(bytes) {
+        Ok(inputs) => cycles::all(&inputs, &mut Machine),
+        Err(error) => panic!("inputs: {error}"),
+    }
+    loop {
+        debug::exit(EXIT_SUCCESS);
+    }
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    heprintln!("{}", info);
+    loop {
+        debug::exit(EXIT_FAILURE);
+    }
+}

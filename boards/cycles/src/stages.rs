@@ -1,0 +1,83 @@
+//! The list of stages: from codes to wire bytes, then the estimators one by one.
+
+mod frame;
+mod nets;
+
+use taxel::calibration::Calibration;
+use taxel::condition::{Bias, Levels, Signals};
+use taxel::estimate::contact_point::{arg_min, centroid};
+use taxel::estimate::gate::{Gate, GateState};
+use taxel::estimate::tanh::tanh;
+use taxel::measured::NoValue;
+
+use crate::Meter;
+use crate::host::Inputs;
+
+/// Every stage on every input.
+pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {
+    // A record that the core refuses leaves nothing to measure, and whoever measures will say so.
+    let Ok(calibration) = Calibration::from_bytes(inputs.record) else { return };
+    frame::stages(inputs, meter);
+    conditioning(inputs, &calibration, meter);
+    estimators(inputs, &calibration, meter);
+    nets::stages(signals(inputs, &calibration.bias()).filter_map(|s| s.taxels), meter);
+    arithmetic(meter);
+}
+
+/// What the finger sees in contact, conditioned.
+fn signals(inputs: &Inputs<'_>, bias: &Bias) -> impl Iterator<Item = Signals> + Clone {
+    inputs.touched().map(|scan| bias.apply(Levels::read(&scan.codes), None))
+}
+
+fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl Meter) {
+    let mut bias = calibration.bias();
+    let codes = inputs.touched().map(|scan| scan.codes);
+    meter.stage("condition: levels", &mut (), codes.clone(), &mut [None; 2], |(), codes, out| {
+        let levels = Levels::read(codes);
+        *out = [levels.taxels.map(|taxels| taxels[0]), levels.bridges[0].map(|bridge| bridge[0])];
+    });
+    let levels = codes.map(|codes| Levels::read(&codes));
+    let out = &mut Signals::default();
+    meter.stage("condition: bias", &mut bias, levels, out, |bias, levels, out| {
+        *out = bias.apply(*levels, bias.taxels.as_ref().map(|taxels| &taxels.level));
+    });
+    let seen = signals(inputs, &bias);
+    let mut memory = (bias, Gate::default(), GateState::default());
+    meter.stage("gate", &mut memory, seen, &mut false, |(bias, gate, state), signals, out| {
+        *out = gate.update(state, bias.activity(signals));
+    });
+}
+
+fn estimators(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl Meter) {
+    let bias = calibration.bias();
+    let c = signals(inputs, &bias).filter_map(|signals| signals.taxels);
+    let nowhere = Err(NoValue::NoContact);
+    meter.stage(
+        "contact point: arg-min",
+        &mut (),
+        c.clone(),
+        &mut nowhere.clone(),
+        |(), c, out| {
+            *out = arg_min(c, 0);
+        },
+    );
+    meter.stage("contact point: centroid", &mut (), c, &mut nowhere.clone(), |(), c, out| {
+        *out = centroid(c, 0, 1e-3);
+    });
+    let u = signals(inputs, &bias).filter_map(|signals| signals.bridges[0]);
+    if let Some(sensor) = &calibration.sensors[0] {
+        let mut s = sensor.sensitivity;
+        meter.stage("f = S(u - b), one sensor", &mut s, u, &mut [0.0; 3], |s, u, out| {
+            *out = s.force(*u);
+        });
+    }
+}
+
+/// Arguments over all that a net's units see.
+fn arguments() -> impl Iterator<Item = f32> + Clone {
+    (-48..=48i8).map(|i| f32::from(i) * 0.211)
+}
+
+fn arithmetic(meter: &mut impl Meter) {
+    meter.stage("tanh", &mut (), arguments(), &mut 0.0, |(), x, out| *out = tanh(*x));
+}

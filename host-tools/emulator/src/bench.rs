@@ -1,0 +1,167 @@
+//! Runs the bench image: counts every stage on every input, and checks each result bit for bit against
+//! the same code on this host.
+
+use anyhow::{Context, Result, bail, ensure};
+use cycles::host::{INPUTS, Inputs, MEASURE, REPORT};
+use cycles::{MAX_RESULT, Meter, result_bytes};
+use serde::Serialize;
+
+use crate::clock::{Clock, Count};
+use crate::machine::{HostCall, Machine};
+
+/// Far more than any stage and its preparation take.
+const INSTRUCTION_LIMIT: u64 = 1 << 28;
+
+/// Semihosting operations of the specification.
+const SYS_OPEN: u32 = 0x01;
+const SYS_WRITE: u32 = 0x05;
+const SYS_EXIT: u32 = 0x18;
+/// Reason of a program that ended well.
+const APPLICATION_EXIT: u32 = 0x2_0026;
+
+/// One stage on all of its inputs.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    /// Its name.
+    pub name: String,
+    /// What each call took.
+    pub calls: Vec<Count>,
+}
+
+impl Stage {
+    /// The most that any call took, each figure by itself.
+    pub fn worst(&self) -> Count {
+        self.calls.iter().fold(Count::default(), |mut worst, call| {
+            worst.instructions = worst.instructions.max(call.instructions);
+            worst.cycles.low = worst.cycles.low.max(call.cycles.low);
+            worst.cycles.high = worst.cycles.high.max(call.cycles.high);
+            worst
+        })
+    }
+
+    /// Mean instructions, mean cycles from low to high.
+    pub fn mean(&self) -> [f64; 3] {
+        let mean = |figure: fn(&Count) -> u64| {
+            self.calls.iter().map(figure).sum::<u64>() as f64 / self.calls.len().max(1) as f64
+        };
+        [
+            mean(|call| call.instructions),
+            mean(|call| call.cycles.low),
+            mean(|call| call.cycles.high),
+        ]
+    }
+}
+
+/// The same stages on this host.
+#[derive(Default)]
+struct Here {
+    results: Vec<(String, Vec<u8>)>,
+}
+
+impl Meter for Here {
+    fn stage<M, I, O: Serialize>(
+        &mut self,
+        name: &str,
+        memory: &mut M,
+        inputs: impl Iterator<Item = I>,
+        out: &mut O,
+        stage: fn(&mut M, &I, &mut O),
+    ) {
+        for input in inputs {
+            stage(memory, &input, out);
+            let mut buffer = [0; MAX_RESULT];
+            let result = result_bytes(out, &mut buffer).unwrap_or_default();
+            self.results.push((name.to_owned(), result.to_owned()));
+        }
+    }
+}
+
+/// Runs the image in `elf`; `watch` is called after each stage with the blocks that it ran.
+pub fn run(
+    elf: &[u8],
+    inputs: &Inputs<'_>,
+    mut watch: impl FnMut(&Stage, &Clock),
+) -> Result<Vec<Stage>> {
+    let mut here = Here::default();
+    cycles::all(inputs, &mut here);
+    ensure!(!here.results.is_empty(), "the core refuses the calibration record");
+    let mut expected = here.results.into_iter();
+
+    let mut machine = Machine::new(elf)?;
+    let bytes = postcard::to_stdvec(inputs).context("writing the inputs")?;
+    let length = u32::try_from(bytes.len()).context("too many inputs")?;
+    machine.write(INPUTS as u32, &[&length.to_le_bytes()[..], &bytes].concat())?;
+
+    let mut stages = Vec::<Stage>::new();
+    let mut said = String::new();
+    loop {
+        let HostCall { operation, parameter } = machine.run(INSTRUCTION_LIMIT)?;
+        match operation {
+            operation if operation == MEASURE as u32 => {
+                let call = Words::<3>::read(&machine, parameter)?;
+                let name = String::from_utf8_lossy(&call.span(&machine, 1)?).into_owned();
+                if stages.last().is_none_or(|stage| stage.name != name) {
+                    if let Some(done) = stages.last() {
+                        watch(done, machine.clock());
+                    }
+                    machine.clock().forget_visits();
+                    stages.push(Stage { name, calls: Vec::new() });
+                }
+                machine.clock().await_call(call.0[0]);
+            }
+            operation if operation == REPORT as u32 => {
+                let result = Words::<2>::read(&machine, parameter)?.span(&machine, 0)?;
+                let Some(stage) = stages.last_mut() else { bail!("a result of no call") };
+                let name = &stage.name;
+                let count = machine
+                    .clock()
+                    .take_measured()
+                    .with_context(|| format!("{name}: the call was not seen to return"))?;
+                let Some((here, wanted)) = expected.next() else {
+                    bail!("{name}: the image makes more calls than this host");
+                };
+                ensure!(here == *name, "the image calls {name} where this host calls {here}");
+                ensure!(
+                    result == wanted,
+                    "{name}: the Cortex-M4 gives {result:02x?}, this host {wanted:02x?}"
+                );
+                stage.calls.push(count);
+            }
+            SYS_OPEN => machine.answer(1)?,
+            SYS_WRITE => {
+                let write = Words::<3>::read(&machine, parameter)?;
+                said += &String::from_utf8_lossy(&write.span(&machine, 1)?);
+                machine.answer(0)?;
+            }
+            SYS_EXIT if parameter == APPLICATION_EXIT => break,
+            SYS_EXIT => bail!("the image ended with {parameter:#x}: {}", said.trim()),
+            other => bail!("the image makes the host call {other:#x}, which nothing answers"),
+        }
+    }
+    if let Some(done) = stages.last() {
+        watch(done, machine.clock());
+    }
+    ensure!(expected.next().is_none(), "the image makes fewer calls than this host");
+    Ok(stages)
+}
+
+/// The parameter block of a host call.
+struct Words<const N: usize>([u32; N]);
+
+impl<const N: usize> Words<N> {
+    fn read(machine: &Machine, address: u32) -> Result<Self> {
+        let mut words = [0; N];
+        for (word, at) in words.iter_mut().zip((address..).step_by(4)) {
+            *word = machine.word(at)?;
+        }
+        Ok(Self(words))
+    }
+
+    /// The bytes at the address in word `i`, as many as the next word says.
+    fn span(&self, machine: &Machine, i: usize) -> Result<Vec<u8>> {
+        match self.0.get(i..i + 2) {
+            Some([address, length]) => machine.read(*address, *length),
+            _ => Ok(Vec::new()),
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Counts what the core executes: instructions exactly, cycles as modelled, all of it or only between
+//! entering a function and returning from it.
+
+use std::collections::HashMap;
+use std::ops::Sub;
+
+use crate::block::{Block, Unknown};
+use crate::cost::Band;
+
+/// What some stretch of execution took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Count {
+    /// Instructions, those under IT that did nothing included.
+    pub instructions: u64,
+    /// Cycles.
+    pub cycles: Band,
+}
+
+impl Sub for Count {
+    type Output = Self;
+    fn sub(self, before: Self) -> Self {
+        Self {
+            instructions: self.instructions - before.instructions,
+            cycles: Band {
+                low: self.cycles.low - before.cycles.low,
+                high: self.cycles.high - before.cycles.high,
+            },
+        }
+    }
+}
+
+/// How often a block ran inside measured functions.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Visits {
+    /// Times it was left by a branch.
+    pub taken: u64,
+    /// Times it was not.
+    pub fell_through: u64,
+}
+
+/// A call that is to be measured.
+#[derive(Clone, Copy, Debug)]
+enum Call {
+    /// Once control reaches this function.
+    Awaited { function: u32 },
+    /// Until control comes back to `back` with this stack pointer.
+    Running { back: u32, stack: u32, since: Count },
+}
+
+/// The counts, and the blocks they are made of.
+#[derive(Debug, Default)]
+pub struct Clock {
+    total: Count,
+    blocks: Vec<(Block, Visits)>,
+    /// By start and length: the translator may cut the same code differently.
+    index: HashMap<(u32, u32), usize>,
+    /// The block that control is in.
+    current: Option<usize>,
+    /// The one before, where control ran on from it into the current one.
+    before: Option<usize>,
+    call: Option<Call>,
+    measured: Option<Count>,
+}
+
+impl Clock {
+    /// All since reset, but for the block that control is in.
+    pub fn total(&self) -> Count {
+        self.total
+    }
+
+    /// The next call of the function at `address` is measured.
+    pub fn await_call(&mut self, address: u32) {
+        self.call = Some(Call::Awaited { function: address & !1 });
+        self.measured = None;
+    }
+
+    /// What the awaited call took, once it is over.
+    pub fn take_measured(&mut self) -> Option<Count> {
+        self.measured.take()
+    }
+
+    /// Every block that was seen, and how often measured functions ran it.
+    pub fn blocks(&self) -> &[(Block, Visits)] {
+        &self.blocks
+    }
+
+    /// Forgets how often blocks ran.
+    pub fn forget_visits(&mut self) {
+        self.blocks.iter_mut().for_each(|(_, visits)| *visits = Visits::default());
+    }
+
+    /// The block at `start` of `length` bytes is known.
+    pub fn knows(&self, start: u32, length: u32) -> bool {
+        self.index.contains_key(&(start, length))
+    }
+
+    /// Makes it known.
+    pub fn learn(&mut self, start: u32, code: &[u8]) -> Result<(), Unknown> {
+        let block = Block::decode(start, code)?;
+        self.index.insert((start, code.len() as u32), self.blocks.len());
+        self.blocks.push((block, Visits::default()));
+        Ok(())
+    }
+
+    /// A measured call may begin or end at `start`.
+    pub fn watches(&self, start: u32) -> bool {
+        match self.call {
+            Some(Call::Awaited { function }) => function == start,
+            Some(Call::Running { back, .. }) => back == start,
+            None => false,
+        }
+    }
+
+    /// Control enters a known block. `link` and `stack` are read only where [`Self::watches`] says so.
+    pub fn enter(&mut self, start: u32, length: u32, [link, stack]: [u32; 2]) {
+        self.leave(start);
+        self.current = self.index.get(&(start, length)).copied();
+        match self.call {
+            Some(Call::Awaited { function }) if function == start => {
+                self.call = Some(Call::Running { back: link & !1, stack, since: self.total });
+                self.before = None;
+            }
+            // Deeper down it is a recursion's return.
+            Some(Call::Running { back, stack: before, since })
+                if back == start && stack == before =>
+            {
+                self.call = None;
+                self.measured = Some(self.total - since);
+            }
+            _ => {}
+        }
+    }
+
+    /// Adds up the block that control was in, now that it is known where it went: to `next`.
+    fn leave(&mut self, next: u32) {
+        let Some(current) = self.current.take() else { return };
+        let before = self.before.take();
+        let runs_on =
+            before.and_then(|i| self.blocks.get(i)).and_then(|(block, _)| block.runs_on());
+        let Some((block, _)) = self.blocks.get(current) else { return };
+        let taken = block.left_by_branch(next);
+        self.total.cycles += block.cost(runs_on, taken);
+        self.total.instructions += block.instructions.len() as u64;
+        if !taken {
+            self.before = Some(current);
+        }
+        if let (Some(Call::Running { .. }), Some((_, visits))) =
+            (self.call, self.blocks.get_mut(current))
+        {
+            if taken {
+                visits.taken += 1;
+            } else {
+                visits.fell_through += 1;
+            }
+        }
+    }
+
+    /// Control stops at the end of the current block and will go on at `next`.
+    pub fn pause(&mut self, next: u32) {
+        self.leave(next);
+        self.before = None;
+    }
+}

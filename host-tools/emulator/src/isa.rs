@@ -1,0 +1,322 @@
+//! Thumb-2 as the Cortex-M4F executes it, as far as timing goes: how long an instruction is, which row of
+//! the TRM's tables it falls into, which registers tie it to its neighbours, and whether it can branch.
+//!
+//! Encodings are those of the ARMv7-M Architecture Reference Manual (DDI 0403), chapters A5 to A7. What
+//! an M4F does not have (double precision, `VSEL` and its kin) is not decoded, and neither is anything
+//! unknown: [`Instruction::decode`] says `None` and the machine stops there.
+
+/// What the instruction is to the timing tables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// Arithmetic, logic, moves, multiplications of every kind, DSP: one cycle.
+    Simple,
+    /// One word or less into a core register.
+    Load,
+    /// One word or less out of a core register.
+    Store,
+    /// So many words to or from memory with one instruction: LDM, STM, PUSH, POP, LDRD, STRD, and every
+    /// load or store of floating-point registers.
+    Words(u8),
+    /// SDIV, UDIV.
+    Divide,
+    /// Floating-point arithmetic but for the three below; moves to and from core registers.
+    Float,
+    /// VMLA, VFMA and their kin.
+    FloatMultiplyAdd,
+    /// VDIV, VSQRT.
+    FloatDivide,
+    /// Two registers moved between core and floating point.
+    MovePair,
+    /// MRS, MSR, CPS.
+    Special,
+    /// TBB, TBH.
+    TableBranch,
+}
+
+/// How control leaves the instruction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flow {
+    /// To the next one.
+    Next,
+    /// Elsewhere, or to the next one.
+    Maybe,
+    /// Elsewhere.
+    Elsewhere,
+}
+
+/// A set of the floating-point registers s0…s31, and the flags of a comparison.
+pub type FloatSet = u64;
+
+/// The flags that VCMP sets and VMRS fetches.
+const FLAGS: FloatSet = 1 << 32;
+
+/// One instruction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Instruction {
+    /// Bytes: 2 or 4.
+    pub size: u8,
+    /// Row of the timing tables.
+    pub class: Class,
+    /// Where it goes.
+    pub flow: Flow,
+    /// It stands in an IT block, so that it may do nothing.
+    pub conditional: bool,
+    /// Floating-point registers it reads.
+    pub float_uses: FloatSet,
+    /// Floating-point registers that an arithmetic instruction leaves its result in.
+    pub float_result: FloatSet,
+    /// Core registers that a load fills, a bit each.
+    pub loads: u16,
+    /// Core registers that a load's or store's address is made of, a bit each.
+    pub address: u16,
+    /// How many instructions after it an IT makes conditional.
+    pub it_length: u8,
+}
+
+const PC: u16 = 15;
+
+impl Instruction {
+    const fn new(size: u8, class: Class) -> Self {
+        Self {
+            size,
+            class,
+            flow: Flow::Next,
+            conditional: false,
+            float_uses: 0,
+            float_result: 0,
+            loads: 0,
+            address: 0,
+            it_length: 0,
+        }
+    }
+
+    const fn going(self, flow: Flow) -> Self {
+        Self { flow, ..self }
+    }
+
+    const fn going_if(self, elsewhere: bool) -> Self {
+        if elsewhere { self.going(Flow::Elsewhere) } else { self }
+    }
+
+    /// The instruction at the start of `code`, or `None` where an M4F has none that is modelled.
+    pub fn decode(code: &[u8]) -> Option<Self> {
+        let half = |at: usize| Some(u16::from_le_bytes([*code.get(at)?, *code.get(at + 1)?]));
+        let first = half(0)?;
+        if first >= 0xe800 { wide(first, half(2)?) } else { narrow(first) }
+    }
+}
+
+const fn bit(word: u16, at: u16) -> bool {
+    word >> at & 1 == 1
+}
+
+const fn field(word: u16, from: u16, bits: u16) -> u16 {
+    word >> from & ((1 << bits) - 1)
+}
+
+/// DDI 0403, A5.2: 16-bit encodings.
+fn narrow(op: u16) -> Option<Instruction> {
+    use Class::{Load, Simple, Special, Store, Words};
+    use Flow::{Elsewhere, Maybe};
+    let new = |class| Instruction::new(2, class);
+    let access = |load: bool, rt: u16, address: u16| Instruction {
+        loads: if load { 1 << rt } else { 0 },
+        address,
+        ..new(if load { Load } else { Store })
+    };
+    Some(match op >> 10 {
+        0b000000..=0b010000 => new(Simple),
+        // ADD, MOV to the program counter; BX, BLX.
+        0b010001 => match field(op, 8, 2) {
+            0b11 => new(Simple).going(Elsewhere),
+            0b01 => new(Simple),
+            _ => new(Simple).going_if(bit(op, 7) && field(op, 0, 3) == 7),
+        },
+        0b010010 | 0b010011 => access(true, field(op, 8, 3), 0),
+        0b010100..=0b010111 => {
+            let load = field(op, 9, 3) >= 0b011;
+            access(load, field(op, 0, 3), 1 << field(op, 3, 3) | 1 << field(op, 6, 3))
+        }
+        0b011000..=0b100011 => access(bit(op, 11), field(op, 0, 3), 1 << field(op, 3, 3)),
+        0b100100..=0b100111 => access(bit(op, 11), field(op, 8, 3), 1 << 13),
+        0b101000..=0b101011 => new(Simple),
+        0b101100..=0b101111 => match field(op, 8, 4) {
+            0b0000 | 0b0010 | 0b1010 => new(Simple),
+            // CBZ, CBNZ.
+            0b0001 | 0b0011 | 0b1001 | 0b1011 => new(Simple).going(Maybe),
+            0b0100 | 0b0101 => new(Words(field(op, 0, 9).count_ones() as u8)),
+            0b1100 | 0b1101 => new(Words(field(op, 0, 9).count_ones() as u8)).going_if(bit(op, 8)),
+            0b0110 => new(Special),
+            // BKPT: whoever watches the machine takes over.
+            0b1110 => new(Simple),
+            0b1111 if field(op, 0, 4) == 0 => new(Simple),
+            0b1111 => {
+                let length = 4 - field(op, 0, 4).trailing_zeros() as u8;
+                Instruction { it_length: length, ..new(Simple) }
+            }
+            _ => return None,
+        },
+        0b110000..=0b110011 => new(Words(field(op, 0, 8).count_ones() as u8)),
+        0b110100..=0b110111 => match field(op, 8, 4) {
+            // UDF, SVC: exceptions, which are not an instruction's own time.
+            0b1110 | 0b1111 => new(Simple),
+            _ => new(Simple).going(Maybe),
+        },
+        0b111000 | 0b111001 => new(Simple).going(Elsewhere),
+        _ => return None,
+    })
+}
+
+/// DDI 0403, A5.3: 32-bit encodings.
+fn wide(op: u16, arg: u16) -> Option<Instruction> {
+    use Class::{Divide, Simple, Special};
+    use Flow::{Elsewhere, Maybe};
+    let new = |class| Instruction::new(4, class);
+    Some(match (field(op, 11, 2), field(op, 8, 3), field(op, 4, 7)) {
+        (0b01, 0b000 | 0b001, _) if !bit(op, 6) => {
+            new(Class::Words(arg.count_ones() as u8)).going_if(bit(op, 4) && bit(arg, PC))
+        }
+        (0b01, 0b000 | 0b001, _) => dual(op, arg),
+        (0b01, 0b010 | 0b011, _) => new(Simple),
+        (0b01, 0b100.., _) => return float(op, arg),
+        (0b10, ..) if !bit(arg, 15) => new(Simple),
+        (0b10, _, hints) => match (field(arg, 14, 1), field(arg, 12, 1)) {
+            (0, 0) if hints & 0b0111000 != 0b0111000 => new(Simple).going(Maybe),
+            (0, 0) => match hints {
+                // MSR, MRS, CPS; NOP and its kin stand with the latter, barriers alone.
+                0b0111000 | 0b0111001 | 0b0111010 | 0b0111110 | 0b0111111 => new(Special),
+                0b0111011 => new(Simple),
+                _ => return None,
+            },
+            (0, _) => new(Simple).going(Elsewhere),
+            (_, 1) => new(Simple).going(Elsewhere),
+            _ => return None,
+        },
+        (0b11, 0b000 | 0b001, _) => return single(op, arg),
+        (0b11, 0b010, _) => new(Simple),
+        (0b11, 0b011, _) if !bit(op, 7) => new(Simple),
+        (0b11, 0b011, _) => match (field(op, 4, 3), field(arg, 4, 4)) {
+            (0b001 | 0b011, 0b1111) => new(Divide),
+            _ => new(Simple),
+        },
+        _ => return None,
+    })
+}
+
+/// LDRD, STRD, exclusives and table branches.
+fn dual(op: u16, arg: u16) -> Instruction {
+    let new = |class| Instruction::new(4, class);
+    let base = 1 << field(op, 0, 4);
+    match (field(op, 7, 2), field(op, 4, 2)) {
+        (0b00, 0b00) => Instruction { address: base, ..new(Class::Store) },
+        (0b00, 0b01) => {
+            Instruction { loads: 1 << field(arg, 12, 4), address: base, ..new(Class::Load) }
+        }
+        (0b01, 0b00) => Instruction { address: base, ..new(Class::Store) },
+        (0b01, 0b01) if field(arg, 5, 3) == 0 => new(Class::TableBranch).going(Flow::Elsewhere),
+        (0b01, 0b01) => {
+            Instruction { loads: 1 << field(arg, 12, 4), address: base, ..new(Class::Load) }
+        }
+        _ => new(Class::Words(2)),
+    }
+}
+
+/// Loads and stores of one core register.
+fn single(op: u16, arg: u16) -> Option<Instruction> {
+    let (rn, rt) = (field(op, 0, 4), field(arg, 12, 4));
+    let load = bit(op, 4);
+    let by_register = !bit(op, 7) && field(arg, 6, 6) == 0 && rn != PC;
+    let base = if rn == PC { 0 } else { 1 << rn };
+    let address = if by_register { base | 1 << field(arg, 0, 4) } else { base };
+    let new = |class| Instruction { address, ..Instruction::new(4, class) };
+    Some(match (load, field(op, 5, 2)) {
+        (_, 0b11) => return None,
+        (false, _) => new(Class::Store),
+        (true, 0b10) => Instruction { loads: 1 << rt, ..new(Class::Load) }.going_if(rt == PC),
+        // A byte or halfword into the program counter is a preload hint.
+        (true, _) if rt == PC => Instruction::new(4, Class::Simple),
+        (true, _) => Instruction { loads: 1 << rt, ..new(Class::Load) },
+    })
+}
+
+/// Single-precision register numbers: four bits and one more.
+const fn single_register(four: u16, one: bool) -> FloatSet {
+    1 << (four << 1 | one as u16)
+}
+
+/// DDI 0403, A6.4: floating point.
+fn float(op: u16, arg: u16) -> Option<Instruction> {
+    let new = |class| Instruction::new(4, class);
+    // Coprocessors 10 and 11; the unconditional space is a later architecture's.
+    if field(arg, 9, 3) != 0b101 || bit(op, 12) {
+        return None;
+    }
+    let double = bit(arg, 8);
+    let (n, d, m) = (field(op, 0, 4), field(arg, 12, 4), field(arg, 0, 4));
+    let (sn, sm) = (single_register(n, bit(arg, 7)), single_register(m, bit(arg, 5)));
+    let sd = single_register(d, bit(op, 6));
+    if field(op, 9, 1) == 0 {
+        if field(op, 5, 7) == 0b1100010 {
+            let both = if double { 0b11 << (2 * m) } else { sm | sm << 1 };
+            let float_uses = if bit(op, 4) { both } else { 0 };
+            return Some(Instruction { float_uses, ..new(Class::MovePair) });
+        }
+        let one = bit(op, 8) && !bit(op, 5);
+        let words = if one { 1 + u16::from(double) } else { field(arg, 0, 8) };
+        let first = if double { 2 * d } else { d << 1 | u16::from(bit(op, 6)) };
+        let all = (1u64.checked_shl(u32::from(words))? - 1) << first;
+        let float_uses = if bit(op, 4) { 0 } else { all & (FLAGS - 1) };
+        return Some(Instruction { float_uses, ..new(Class::Words(u8::try_from(words).ok()?)) });
+    }
+    if bit(arg, 4) {
+        return Some(match (bit(arg, 8), field(op, 5, 3)) {
+            (false, 0b000) if bit(op, 4) => Instruction { float_uses: sn, ..new(Class::Float) },
+            (false, 0b111) if bit(op, 4) => Instruction { float_uses: FLAGS, ..new(Class::Float) },
+            (false, 0b000 | 0b111) => new(Class::Float),
+            // A word of a double register: its two halves are not told apart.
+            (true, 0b000 | 0b001) => {
+                let float_uses = if bit(op, 4) { 0b11 << (2 * n) } else { 0 };
+                Instruction { float_uses, ..new(Class::Float) }
+            }
+            _ => return None,
+        });
+    }
+    if double {
+        return None;
+    }
+    let arithmetic =
+        |class, float_uses| Some(Instruction { float_uses, float_result: sd, ..new(class) });
+    match (bit(op, 7), field(op, 4, 2), bit(arg, 6)) {
+        (false, 0b00 | 0b01, _) | (true, 0b01 | 0b10, _) => {
+            arithmetic(Class::FloatMultiplyAdd, sd | sn | sm)
+        }
+        (false, _, _) => arithmetic(Class::Float, sn | sm),
+        (true, 0b00, false) => arithmetic(Class::FloatDivide, sn | sm),
+        (true, 0b00, true) => None,
+        // VMOV of a constant or a register moves, it does not calculate.
+        (true, _, false) => Some(new(Class::Float)),
+        (true, _, true) => match (n, bit(arg, 7)) {
+            (0b0000, false) => Some(Instruction { float_uses: sm, ..new(Class::Float) }),
+            (0b0001, true) => arithmetic(Class::FloatDivide, sm),
+            (0b0000, true) | (0b0001, false) | (0b0010 | 0b0011 | 0b1000 | 0b1100 | 0b1101, _) => {
+                arithmetic(Class::Float, sm)
+            }
+            // Fixed point: the register is its own operand.
+            (0b1010 | 0b1011 | 0b1110 | 0b1111, _) => arithmetic(Class::Float, sd),
+            (0b0100, _) => {
+                Some(Instruction { float_result: FLAGS, ..new(Class::Float) }.using(sd | sm))
+            }
+            (0b0101, _) => Some(Instruction { float_result: FLAGS, ..new(Class::Float) }.using(sd)),
+            _ => None,
+        },
+    }
+}
+
+impl Instruction {
+    const fn using(self, float_uses: FloatSet) -> Self {
+        Self { float_uses, ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,265 @@
+//! The machine: a Cortex-M4F, its memory, and what stands where devices would.
+//!
+//! unicorn executes the instructions; memory map, reset, faults and time are this module's and
+//! [`Clock`]'s. The guest speaks to the host by semihosting, as it would to a debugger: to print, to
+//! end, and, with the operation numbers that the specification leaves to applications, to say what is to
+//! be measured ([`cycles::host`]).
+
+use anyhow::{Context, Result, anyhow, bail};
+use object::LittleEndian;
+use object::elf::{FileHeader32, PT_LOAD};
+use object::read::elf::{FileHeader, ProgramHeader};
+use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM, Unicorn, uc_error};
+
+use crate::block::Unknown;
+use crate::clock::Clock;
+
+/// Where code lies; the vector table is its beginning.
+pub const FLASH: u32 = 0x0800_0000;
+const FLASH_BYTES: u64 = 1 << 20;
+const RAM: u64 = 0x2000_0000;
+const RAM_BYTES: u64 = 1 << 20;
+/// What the host hands the guest.
+pub const SHARED: u32 = 0x9000_0000;
+/// How much of that there can be.
+pub const SHARED_BYTES: u64 = 1 << 22;
+const SYSTEM_CONTROL: u64 = 0xe000_e000;
+/// Coprocessor access: the start-up code switches the floating-point unit on here.
+const CPACR: u64 = 0xd88;
+const PAGE: u64 = 0x1000;
+
+/// unicorn's number of the exception that BKPT raises.
+const BREAKPOINT: u32 = 7;
+/// BKPT 0xAB, the semihosting call of this architecture.
+const SEMIHOSTING: u16 = 0xbeab;
+
+/// What the machine keeps where unicorn's callbacks reach it.
+#[derive(Default)]
+struct Inside {
+    clock: Clock,
+    /// Why it must stop.
+    fault: Option<Fault>,
+    breakpoint: bool,
+    cpacr: u32,
+    instruction_limit: u64,
+}
+
+/// Something this machine does not have.
+#[derive(Debug)]
+enum Fault {
+    Instruction(Unknown),
+    Register { address: u64, write: bool },
+    Exception(u32),
+    Limit,
+}
+
+/// A call of the host by the guest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HostCall {
+    /// Which operation.
+    pub operation: u32,
+    /// Its parameter.
+    pub parameter: u32,
+}
+
+/// A Cortex-M4F with flash and RAM.
+pub struct Machine {
+    unicorn: Unicorn<'static, Inside>,
+    next: u32,
+}
+
+fn failed(what: &str) -> impl Fn(uc_error) -> anyhow::Error {
+    move |error| anyhow!("{what}: {error:?}")
+}
+
+impl Machine {
+    /// A machine with the program in `elf`, just reset.
+    pub fn new(elf: &[u8]) -> Result<Self> {
+        let mut machine = Self::blank()?;
+        machine.load_elf(elf)?;
+        machine.reset()?;
+        Ok(machine)
+    }
+
+    /// A machine with empty flash.
+    fn blank() -> Result<Self> {
+        let mut unicorn = Unicorn::new_with_data(Arch::ARM, Mode::THUMB, Inside::default())
+            .map_err(failed("starting unicorn"))?;
+        // Not Mode::MCLASS: with it unicorn takes a Cortex-M33, whatever model is asked for.
+        unicorn
+            .ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32)
+            .map_err(failed("choosing the Cortex-M4"))?;
+        let map = [
+            (u64::from(FLASH), FLASH_BYTES, Prot::READ | Prot::EXEC),
+            (RAM, RAM_BYTES, Prot::ALL),
+            (u64::from(SHARED), SHARED_BYTES, Prot::READ),
+        ];
+        for (address, bytes, access) in map {
+            unicorn.mem_map(address, bytes, access).map_err(failed("mapping memory"))?;
+        }
+        unicorn
+            .mmio_map(SYSTEM_CONTROL, PAGE, Some(read_system), Some(write_system))
+            .map_err(failed("mapping the system control space"))?;
+        unicorn.add_block_hook(1, 0, enter_block).map_err(failed("watching blocks"))?;
+        unicorn.add_intr_hook(take_exception).map_err(failed("watching exceptions"))?;
+        Ok(Self { unicorn, next: 0 })
+    }
+
+    fn load_elf(&mut self, elf: &[u8]) -> Result<()> {
+        let header = FileHeader32::<LittleEndian>::parse(elf).context("not a 32-bit ELF file")?;
+        let endian = header.endian().context("not a little-endian ELF file")?;
+        for segment in header.program_headers(endian, elf)? {
+            if segment.p_type(endian) == PT_LOAD
+                && let Ok(data) = segment.data(endian, elf)
+            {
+                self.write(segment.p_paddr(endian), data)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Stack pointer and program counter from the vector table.
+    fn reset(&mut self) -> Result<()> {
+        let [stack, entry] = [self.word(FLASH)?, self.word(FLASH + 4)?];
+        self.set(RegisterARM::SP, stack)?;
+        self.next = entry & !1;
+        Ok(())
+    }
+
+    /// Counts and blocks.
+    pub fn clock(&mut self) -> &mut Clock {
+        &mut self.unicorn.get_data_mut().clock
+    }
+
+    /// Runs to the next host call, for at most so many instructions.
+    pub fn run(&mut self, instructions: u64) -> Result<HostCall> {
+        let inside = self.unicorn.get_data_mut();
+        inside.instruction_limit = inside.clock.total().instructions + instructions;
+        inside.breakpoint = false;
+        let outcome = self.unicorn.emu_start(u64::from(self.next | 1), 1, 0, 0);
+        let at = self.get(RegisterARM::PC)?;
+        let inside = self.unicorn.get_data_mut();
+        match inside.fault.take() {
+            Some(Fault::Instruction(Unknown { address, code })) => {
+                bail!("{address:#010x}: no model of the instruction {code:#010x}")
+            }
+            Some(Fault::Register { address, write }) => {
+                let verb = if write { "write to" } else { "read of" };
+                bail!("{at:#010x}: {verb} {address:#010x}, which this machine does not have")
+            }
+            Some(Fault::Exception(number)) => bail!("{at:#010x}: exception {number}"),
+            Some(Fault::Limit) => bail!("{at:#010x}: still running after the instruction limit"),
+            None => {}
+        }
+        outcome.map_err(|error| anyhow!("{at:#010x}: {error:?}"))?;
+        if !inside.breakpoint || self.half(at)? != SEMIHOSTING {
+            bail!("{at:#010x}: stopped without a semihosting call");
+        }
+        self.next = at + 2;
+        let next = self.next;
+        self.clock().pause(next);
+        Ok(HostCall {
+            operation: self.get(RegisterARM::R0)?,
+            parameter: self.get(RegisterARM::R1)?,
+        })
+    }
+
+    /// What the guest's last call returns.
+    pub fn answer(&mut self, value: u32) -> Result<()> {
+        self.set(RegisterARM::R0, value)
+    }
+
+    /// The guest's memory from `address` on.
+    pub fn read(&self, address: u32, length: u32) -> Result<Vec<u8>> {
+        self.unicorn
+            .mem_read_as_vec(u64::from(address), length as usize)
+            .map_err(|error| anyhow!("reading {length} bytes at {address:#010x}: {error:?}"))
+    }
+
+    /// A word of it.
+    pub fn word(&self, address: u32) -> Result<u32> {
+        let bytes = self.read(address, 4)?;
+        Ok(bytes.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes)))
+    }
+
+    fn half(&self, address: u32) -> Result<u16> {
+        let bytes = self.read(address, 2)?;
+        Ok(bytes.first_chunk().map_or(0, |bytes| u16::from_le_bytes(*bytes)))
+    }
+
+    /// Puts `bytes` into the guest's memory, read-only or not.
+    pub fn write(&mut self, address: u32, bytes: &[u8]) -> Result<()> {
+        self.unicorn.mem_write(u64::from(address), bytes).map_err(|error| {
+            anyhow!("{} bytes at {address:#010x} do not fit the memory: {error:?}", bytes.len())
+        })
+    }
+
+    fn get(&self, register: RegisterARM) -> Result<u32> {
+        self.unicorn
+            .reg_read(register)
+            .map(|value| value as u32)
+            .map_err(failed("reading a register"))
+    }
+
+    fn set(&mut self, register: RegisterARM, value: u32) -> Result<()> {
+        self.unicorn.reg_write(register, u64::from(value)).map_err(failed("setting a register"))
+    }
+}
+
+impl Inside {
+    fn stop(unicorn: &mut Unicorn<'_, Self>, fault: Fault) {
+        unicorn.get_data_mut().fault.get_or_insert(fault);
+        // Cannot fail while it runs; if it did, the instruction limit would end it.
+        let _ = unicorn.emu_stop();
+    }
+}
+
+fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
+    let start = start as u32;
+    if !unicorn.get_data().clock.knows(start, length) {
+        let code = unicorn.mem_read_as_vec(u64::from(start), length as usize).unwrap_or_default();
+        if let Err(unknown) = unicorn.get_data_mut().clock.learn(start, &code) {
+            return Inside::stop(unicorn, Fault::Instruction(unknown));
+        }
+    }
+    let registers = if unicorn.get_data().clock.watches(start) {
+        [RegisterARM::LR, RegisterARM::SP]
+            .map(|register| unicorn.reg_read(register).unwrap_or_default() as u32)
+    } else {
+        [0; 2]
+    };
+    let inside = unicorn.get_data_mut();
+    inside.clock.enter(start, length, registers);
+    if inside.clock.total().instructions > inside.instruction_limit {
+        Inside::stop(unicorn, Fault::Limit);
+    }
+}
+
+fn take_exception(unicorn: &mut Unicorn<'_, Inside>, number: u32) {
+    if number == BREAKPOINT {
+        unicorn.get_data_mut().breakpoint = true;
+        // As in `stop`.
+        let _ = unicorn.emu_stop();
+    } else {
+        Inside::stop(unicorn, Fault::Exception(number));
+    }
+}
+
+fn read_system(unicorn: &mut Unicorn<'_, Inside>, offset: u64, _: usize) -> u64 {
+    if offset == CPACR {
+        return u64::from(unicorn.get_data().cpacr);
+    }
+    Inside::stop(unicorn, Fault::Register { address: SYSTEM_CONTROL + offset, write: false });
+    0
+}
+
+fn write_system(unicorn: &mut Unicorn<'_, Inside>, offset: u64, _: usize, value: u64) {
+    if offset == CPACR {
+        unicorn.get_data_mut().cpacr = value as u32;
+        return;
+    }
+    Inside::stop(unicorn, Fault::Register { address: SYSTEM_CONTROL + offset, write: true });
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,128 @@
+//! Small programs whose cost can be told by hand.
+
+use std::cell::Cell;
+use std::rc::Rc;
+
+use super::*;
+use crate::clock::Count;
+use crate::cost::Band;
+
+const CODE: u32 = FLASH + 0x40;
+/// bkpt #0xab
+const CALL_HOST: u16 = 0xbeab;
+const PLENTY: u64 = 1_000_000;
+
+fn machine(halves: &[u16]) -> Machine {
+    let mut machine = Machine::blank().unwrap();
+    let code: Vec<u8> = halves.iter().flat_map(|half| half.to_le_bytes()).collect();
+    let vectors = [0x2000_1000u32, CODE | 1].map(u32::to_le_bytes).concat();
+    machine.write(FLASH, &vectors).unwrap();
+    machine.write(CODE, &code).unwrap();
+    machine.reset().unwrap();
+    machine
+}
+
+fn count(instructions: u64, low: u64, high: u64) -> Count {
+    Count { instructions, cycles: Band { low, high } }
+}
+
+/// movs r0, #10; subs r0, #1; bne back to it; bkpt
+const LOOP: [u16; 4] = [0x200a, 0x3801, 0xd1fd, CALL_HOST];
+
+#[test]
+fn a_loop_costs_its_turns() {
+    let mut machine = machine(&LOOP);
+    machine.run(PLENTY).unwrap();
+    // Ten subtractions, nine branches taken, one not, and what stands before and after.
+    assert_eq!(machine.clock().total(), count(1 + 10 + 10 + 1, 1 + 10 + 9 * 3 + 1 + 1, 40));
+}
+
+#[test]
+fn a_host_call_brings_its_operation_and_parameter_and_the_program_goes_on() {
+    // movs r0, #24; movs r1, #7; bkpt; adds r0, #1; bkpt
+    let mut machine = machine(&[0x2018, 0x2107, CALL_HOST, 0x3001, CALL_HOST]);
+    assert_eq!(machine.run(PLENTY).unwrap(), HostCall { operation: 24, parameter: 7 });
+    machine.answer(41).unwrap();
+    assert_eq!(machine.run(PLENTY).unwrap().operation, 42);
+}
+
+#[test]
+fn a_measured_call_is_the_function_and_nothing_else() {
+    let program = [
+        // ldr r3, [pc, #8]; movs r2, #1; bkpt; blx r3; bkpt; nop
+        0x4b02, 0x2201, CALL_HOST, 0x4798, CALL_HOST, 0xbf00, //
+        // the function's address
+        0x0051, 0x0800, //
+        // vmul.f32 s0, s0, s0; vadd.f32 s0, s0, s0; bx lr
+        0xee20, 0x0a00, 0xee30, 0x0a00, 0x4770,
+    ];
+    let mut machine = machine(&program);
+    machine.run(PLENTY).unwrap();
+    machine.clock().await_call(CODE + 0x11);
+    machine.run(PLENTY).unwrap();
+    // A multiplication, an addition that waits a cycle for it, a return that refills the pipeline.
+    assert_eq!(machine.clock().take_measured(), Some(count(3, 1 + 2 + 3, 6)));
+    let visited: u64 = machine.clock().blocks().iter().map(|(_, v)| v.taken + v.fell_through).sum();
+    assert_eq!(visited, 1);
+}
+
+#[test]
+fn a_call_that_does_not_return_is_not_measured() {
+    let mut machine = machine(&LOOP);
+    machine.clock().await_call(CODE + 2);
+    machine.run(PLENTY).unwrap();
+    assert_eq!(machine.clock().take_measured(), None);
+}
+
+#[test]
+fn blocks_count_as_many_instructions_as_single_steps_do() {
+    // Longer than any block of the translator's and across pages: 5000 times
+    // adds r1, #1; cmp r1, #9; ite eq; moveq r2, r1; movne r3, r1; then a loop.
+    let mut program = [0x3101, 0x2909, 0xbf0c, 0x460a, 0x460b].repeat(5000);
+    program.extend(LOOP);
+    let mut machine = machine(&program);
+    let steps = Rc::new(Cell::new(0));
+    let counter = steps.clone();
+    machine.unicorn.add_code_hook(1, 0, move |_, _, _| counter.set(counter.get() + 1)).unwrap();
+    machine.run(PLENTY).unwrap();
+    assert_eq!(machine.clock().total().instructions, 25_000 + 22);
+    // The translator steps over what is skipped; on silicon it takes its cycle.
+    assert_eq!(steps.get(), 25_000 + 22 - 5000);
+}
+
+#[test]
+fn floating_point_is_the_hosts_bit_for_bit() {
+    // vdiv.f32 s0, s0, s1; vsqrt.f32 s0, s0; vmov r0, s0; bkpt
+    let program = [0xee80, 0x0a20, 0xeeb1, 0x0ac0, 0xee10, 0x0a10, CALL_HOST];
+    for (a, b) in [(1.0f32, 3.0f32), (2.0, 7.0), (1e-38, 3e3), (f32::MAX, 0.5)] {
+        let mut machine = machine(&program);
+        for (register, value) in [(RegisterARM::S0, a), (RegisterARM::S1, b)] {
+            machine.set(register, value.to_bits()).unwrap();
+        }
+        assert_eq!(machine.run(PLENTY).unwrap().operation, (a / b).sqrt().to_bits());
+    }
+}
+
+fn error(halves: &[u16]) -> String {
+    machine(halves).run(1000).unwrap_err().to_string()
+}
+
+#[test]
+fn what_the_machine_does_not_have_stops_it_by_name() {
+    // mov.w r0, #0xe000e000; ldr r1, [r0, #16]; bkpt: SysTick, not yet.
+    let systick = error(&[0xf04f, 0x20e0, 0xf44f, 0x4060, 0xf2ce, 0x0000, 0x6901, CALL_HOST]);
+    assert!(systick.contains("read of 0xe000e010"), "{systick}");
+    // vadd.f64 d0, d1, d2
+    let double = error(&[0xee31, 0x0b02, CALL_HOST]);
+    assert!(double.contains("no model of the instruction 0x0b02ee31"), "{double}");
+    // movs r0, #0; ldr r1, [r0]: nothing is mapped there.
+    assert!(error(&[0x2000, 0x6801, CALL_HOST]).contains("READ_UNMAPPED"));
+    // bkpt #1 is not semihosting.
+    assert!(error(&[0xbe01]).contains("without a semihosting call"));
+}
+
+#[test]
+fn a_program_that_hangs_is_stopped() {
+    // b to itself
+    assert!(error(&[0xe7fe]).contains("still running"));
+}

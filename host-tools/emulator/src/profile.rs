@@ -1,0 +1,93 @@
+//! Where the cycles of a stage go: by function, those that the compiler inlined told apart.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use addr2line::Loader;
+use anyhow::{Result, anyhow};
+
+use crate::bench::Stage;
+use crate::clock::Clock;
+use crate::cost::Band;
+
+/// Names of the functions in an image.
+pub struct Profiler {
+    loader: Loader,
+}
+
+/// One function's own share of a stage.
+pub struct Share {
+    /// Its name, and in brackets the innermost that was inlined into it.
+    pub name: String,
+    /// Instructions a call of the stage, mean.
+    pub instructions: f64,
+    /// Cycles a call, mean: low and high.
+    pub cycles: [f64; 2],
+}
+
+impl Profiler {
+    /// Reads the debug information of the image.
+    pub fn new(elf: &Path) -> Result<Self> {
+        let loader = Loader::new(elf)
+            .map_err(|error| anyhow!("{}: no debug information: {error}", elf.display()))?;
+        Ok(Self { loader })
+    }
+
+    /// The shares of a stage that has just run, the greatest first.
+    pub fn shares(&self, stage: &Stage, clock: &Clock) -> Vec<Share> {
+        let mut sums = HashMap::<String, (u64, Band)>::new();
+        for (block, visits) in clock.blocks() {
+            let runs = visits.taken + visits.fell_through;
+            if runs == 0 {
+                continue;
+            }
+            let mut address = block.start;
+            let last = block.instructions.len() - 1;
+            for (i, instruction) in block.instructions.iter().enumerate() {
+                let taken = if i == last { visits.taken } else { 0 };
+                let band = block.cost_of(i, true).times(taken)
+                    + block.cost_of(i, false).times(runs - taken);
+                let sum = sums.entry(self.name(address)).or_default();
+                sum.0 += runs;
+                sum.1 += band;
+                address += u32::from(instruction.size);
+            }
+        }
+        let calls = stage.calls.len().max(1) as f64;
+        let mut shares: Vec<_> = sums
+            .into_iter()
+            .map(|(name, (instructions, Band { low, high }))| Share {
+                name,
+                instructions: instructions as f64 / calls,
+                cycles: [low, high].map(|cycles| cycles as f64 / calls),
+            })
+            .collect();
+        shares.sort_by(|a, b| b.cycles[1].total_cmp(&a.cycles[1]));
+        shares
+    }
+
+    /// The innermost function at `address`, and the one it was inlined into.
+    fn name(&self, address: u32) -> String {
+        let address = u64::from(address);
+        let mut names = Vec::new();
+        if let Ok(mut frames) = self.loader.find_frames(address) {
+            while let Ok(Some(frame)) = frames.next() {
+                let Some(name) = frame.function else { continue };
+                if let Ok(name) = name.demangle() {
+                    names.push(name.into_owned());
+                }
+            }
+        }
+        // What belongs to the language's own library is told by who called it.
+        let own = names.iter().position(|name| !is_library(name)).unwrap_or(0);
+        match (names.get(own), names.first()) {
+            (Some(own), Some(first)) if own == first => own.clone(),
+            (Some(own), Some(first)) => format!("{own} ({first})"),
+            _ => self.loader.find_symbol(address).unwrap_or("?").to_owned(),
+        }
+    }
+}
+
+fn is_library(name: &str) -> bool {
+    ["core::", "<core::", "<[", "alloc::"].iter().any(|prefix| name.starts_with(prefix))
+}

@@ -1,0 +1,105 @@
+//! `cargo xtask cycles`: what every stage of the core costs on a Cortex-M4F, counted by the emulator.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::Result;
+use clap::Args;
+
+use crate::run::{exists, locked, program, root, run};
+use crate::toolchain::{Choice, Toolchain};
+use crate::{firmware, packages};
+
+/// The crate of `boards/` that calls the stages.
+const IMAGE: &str = "cycles";
+
+/// What is to be shown.
+#[derive(Args)]
+pub struct Cycles {
+    /// Only stages whose name contains this
+    #[arg(long, default_value = "")]
+    filter: String,
+    /// Also writes the table here
+    #[arg(long)]
+    csv: Option<PathBuf>,
+    /// Shows which functions the cycles go to
+    #[arg(long)]
+    profile: bool,
+}
+
+/// `cargo xtask cycles`.
+pub fn task(arguments: &Cycles, choice: Choice) -> Result<()> {
+    prepare()?;
+    let mut emulator = emulator(&image(&Toolchain::find(choice)?)?);
+    emulator.args(["--filter", &arguments.filter]);
+    if let Some(path) = &arguments.csv {
+        emulator.arg("--csv").arg(std::path::absolute(path)?);
+    }
+    if arguments.profile {
+        emulator.arg("--profile");
+    }
+    run(&mut emulator)
+}
+
+/// Fails where a stage has become dearer than the committed table says.
+pub fn guard(toolchain: &Toolchain) -> Result<()> {
+    let mut emulator = emulator(&image(toolchain)?);
+    run(emulator.arg("--against").arg(directory().join("data/cycles.csv")))
+}
+
+/// The emulator's own format, lints and tests.
+pub fn tests() -> Result<()> {
+    prepare()?;
+    run(program("cargo", &directory()).args(["fmt", "--check"]))?;
+    run(cargo("clippy").args(["--all-targets", "--", "-D", "warnings"]))?;
+    run(&mut cargo("test"))
+}
+
+fn image(toolchain: &Toolchain) -> Result<PathBuf> {
+    firmware::build(IMAGE, toolchain).map(|(path, _)| path)
+}
+
+fn directory() -> PathBuf {
+    root().join("host-tools/emulator")
+}
+
+fn emulator(image: &Path) -> Command {
+    let mut command = cargo("run");
+    command.args(["--", "cycles"]).arg(image);
+    command.arg("--calibration").arg(root().join("host-tools/cli/assets/virtual-finger.cal.toml"));
+    command.arg("--scans").arg(directory().join("data/scans.csv"));
+    command
+}
+
+/// A cargo for the emulator's workspace. It builds beside the host's, with which it shares most crates.
+fn cargo(subcommand: &str) -> Command {
+    let name = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = program(name, &directory());
+    command.args([subcommand, "--quiet"]).args(locked());
+    if std::env::var_os("CARGO_TARGET_DIR").is_none() {
+        command.arg("--target-dir").arg(root().join("target"));
+    }
+    command
+}
+
+/// What unicorn builds with.
+fn prepare() -> Result<()> {
+    if exists("cmake") && libclang() {
+        return Ok(());
+    }
+    packages::install(&["cmake", "libclang-dev"], "what the emulator builds with")
+}
+
+/// Where Debian and its kin, Fedora's and a hint to the user's own put it.
+fn libclang() -> bool {
+    let own = std::env::var_os("LIBCLANG_PATH").map(PathBuf::from);
+    let llvm = std::fs::read_dir("/usr/lib").into_iter().flatten().flatten();
+    let llvm = llvm.map(|entry| entry.path()).flat_map(|path| [path.join("lib"), path]);
+    own.into_iter().chain(llvm).chain(["/usr/lib64".into(), "/usr/lib".into()]).any(|directory| {
+        let mut files = std::fs::read_dir(directory).into_iter().flatten().flatten();
+        files.any(|file| {
+            let name = file.file_name().to_string_lossy().into_owned();
+            name.starts_with("libclang.so") || name.starts_with("libclang-") && name.contains(".so")
+        })
+    })
+}
