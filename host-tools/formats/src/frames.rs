@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use taxel::estimate::Force;
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::Measured;
-use taxel::scan::{SENSORS, TAXELS};
+use taxel::scan::{ROWS, SENSORS, TAXELS};
 use taxel::units::{Millimetres, Newtons};
 
 use crate::error::FileError;
@@ -114,7 +114,7 @@ fn header(fields: Fields) -> Vec<String> {
         names.extend(["saturated", "dead", "bridge_faults"].map(str::to_owned));
     }
     if on(Fields::CODES) {
-        names.extend(taxel_names());
+        names.extend(taxel_names(ROWS));
         names.extend((0..SENSORS).flat_map(bridge_names));
         names.extend(["aux_vref", "aux_temp"].map(str::to_owned));
     }

@@ -1,6 +1,7 @@
 //! Trace CSV: ADC codes, one line a scan, with the truth in extra columns where it is known.
 //!
-//! The header is required; columns may stand in any order; a sensor that is not there has no columns.
+//! The header is required; columns may stand in any order; a sensor that is not there has no columns. A
+//! line sensor has those of row 0 alone: its other rows have no LEDs, so that a scan finds the dark there.
 //! Codes are 12 bits unless a first line `# full_scale=65535` says otherwise.
 
 mod read;
@@ -9,7 +10,7 @@ mod write;
 pub use read::{Channels, TraceReader, is_trace, read_stretch};
 pub use write::{TraceHeader, TraceWriter};
 
-use taxel::scan::{COLS, ROWS, SENSORS, Scan};
+use taxel::scan::{COLS, SENSORS, Scan};
 
 /// What really happened, where it is known. NaN never stands for "unknown": absence does.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -41,9 +42,9 @@ pub struct Sample {
 pub const TRUTH_COLUMNS: [&str; 8] =
     ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm", "torsion_nmm", "contact", "slip"];
 
-/// `lit_r0c0` … `lit_r3c3`, then `dark_c0` … `dark_c3`.
-pub(crate) fn taxel_names() -> Vec<String> {
-    let lit = (0..ROWS).flat_map(|r| (0..COLS).map(move |c| format!("lit_r{r}c{c}")));
+/// `lit_r0c0` … `lit_r3c3`, as many rows as there are, then `dark_c0` … `dark_c3`.
+pub(crate) fn taxel_names(rows: usize) -> Vec<String> {
+    let lit = (0..rows).flat_map(|r| (0..COLS).map(move |c| format!("lit_r{r}c{c}")));
     lit.chain((0..COLS).map(|c| format!("dark_c{c}"))).collect()
 }
 

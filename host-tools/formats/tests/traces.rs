@@ -167,7 +167,7 @@ fn what_is_written_is_read_back() {
     let samples = [sample(0, 65535), sample(u64::from(u32::MAX) * 3, 0)];
     let header = TraceHeader {
         full_scale: FullScale::BITS_16,
-        taxels: true,
+        rows: 4,
         bridges: [true, false, false, true],
         reference: true,
         temperature: false,
@@ -179,6 +179,35 @@ fn what_is_written_is_read_back() {
     writer.finish().unwrap();
     let read: Vec<Sample> = TraceReader::open(&path).unwrap().map(Result::unwrap).collect();
     assert_eq!(read, samples);
+}
+
+#[test]
+fn a_line_of_taxels_has_the_columns_of_its_row_and_reads_the_dark_in_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("line.csv");
+    let header = TraceHeader {
+        full_scale: FullScale::BITS_16,
+        rows: 1,
+        bridges: [false; 4],
+        reference: false,
+        temperature: false,
+        truth: false,
+        sensor_truth: false,
+    };
+    let mut written = sample(0, 700).scan.codes.taxels.unwrap();
+    written.lit[0] = [1, 2, 3, 4].map(|n| Code(9000 + n));
+    let mut line = sample(0, 700);
+    line.scan.codes.taxels = Some(written);
+    let mut writer = TraceWriter::create(&path, header).unwrap();
+    writer.write(&line).unwrap();
+    writer.finish().unwrap();
+    let columns = std::fs::read_to_string(&path).unwrap().lines().nth(1).unwrap().to_owned();
+    assert_eq!(columns, "t_us,lit_r0c0,lit_r0c1,lit_r0c2,lit_r0c3,dark_c0,dark_c1,dark_c2,dark_c3");
+    let reader = TraceReader::open(&path).unwrap();
+    assert_eq!(reader.channels().rows, 1);
+    let codes = reader.map(Result::unwrap).next().unwrap().scan.codes.taxels.unwrap();
+    assert_eq!((codes.lit[0], codes.dark), (written.lit[0], written.dark));
+    assert_eq!(codes.lit[1..], [codes.dark; 3]);
 }
 
 proptest! {

@@ -1,49 +1,63 @@
 //! Voltages to codes: noise, range and resolution of the converter.
 //!
-//! `bits = 12` is one conversion. `bits = 16` is the mean of sixteen, scaled to 65535: its steps are a
-//! sixteenth of a 12-bit step and its converter noise is a quarter.
+//! A reading is the mean of N conversions of 12 bits, in steps of 1/N of theirs, or scaled to 65535 where
+//! that is coarser. Usually N is 1 for `bits = 12` and 16 for `bits = 16`.
+//!
+//! The conversions are not drawn one by one. Their own noise is wider than half a step, so that rounding
+//! adds its 1/12 of a squared step to each and the mean has 1/N of both (tested against the long way).
+//! Noise of the light is slower than N conversions and is not averaged.
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
 use taxel::units::{Code, FullScale};
 
+use crate::electronics::LightNoise;
 use crate::scene::{Bits, Effect, Scene};
 use crate::seeds::{Purpose, stream};
 
-/// Noise of one conversion: 0.8 of a 12-bit step, converter and thermal together.
-const CONVERSION: f64 = 0.8 / 4095.0;
-/// Conversions behind a 16-bit value.
-const OVERSAMPLING: f64 = 16.0;
-/// Shot noise of a phototransistor at full scale: 35 µV of 3.3 V, falling with the root of the light.
-const SHOT: f64 = 35e-6 / 3.3;
+/// Noise of one conversion: 0.8 of a 12-bit step. The STM32G431's sheet has an effective 10.5 bits or so,
+/// which is 0.8 steps besides the rounding.
+const CONVERSION: f64 = 0.8 * STEP;
+/// One step of a conversion.
+const STEP: f64 = 1.0 / 4095.0;
 
 /// The converter of a run.
 #[derive(Clone, Debug)]
 pub struct Adc {
     full_scale: FullScale,
+    /// Steps of a reading in its range, where they are coarser than its codes.
+    steps: Option<f64>,
     noise: Option<Noise>,
 }
 
 #[derive(Clone, Debug)]
 struct Noise {
     rng: ChaCha8Rng,
-    /// Variance of a dark reading.
-    floor: f64,
+    /// Variance of any reading.
+    converter: f64,
+    light: LightNoise,
 }
 
 impl Adc {
     /// The scene's converter; its noise follows from `seed`.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Self {
-        let (full_scale, averaged) = match scene.device.bits {
-            Bits::Twelve => (FullScale::BITS_12, 1.0),
-            Bits::Sixteen => (FullScale::BITS_16, OVERSAMPLING),
+        let conversions = f64::from(scene.oversampling());
+        let full_scale = match scene.device.bits {
+            Bits::Twelve => FullScale::BITS_12,
+            Bits::Sixteen => FullScale::BITS_16,
         };
+        // The reading is rounded to 1/N of a step below, which is the last Nth of all rounding.
+        let rounding = STEP * STEP / 12.0 * (1.0 - 1.0 / conversions);
         let noise = scene.has(Effect::Noise).then(|| Noise {
             rng: stream(seed, Purpose::Noise),
-            floor: CONVERSION * CONVERSION / averaged,
+            converter: (CONVERSION * CONVERSION + rounding) / conversions,
+            light: LightNoise::of(scene),
         });
-        Self { full_scale, noise }
+        // 65520 steps are as good as 65535.
+        let coarse = full_scale == FullScale::BITS_16 && conversions < 16.0;
+        let steps = coarse.then_some(conversions / STEP);
+        Self { full_scale, steps, noise }
     }
 
     /// What codes are fractions of.
@@ -52,9 +66,10 @@ impl Adc {
         self.full_scale
     }
 
-    /// Reads a phototransistor's `ratio` of full scale; light is noisier than darkness.
+    /// Reads a column of phototransistors; light is noisier than darkness.
     pub fn light(&mut self, ratio: f64) -> Code {
-        self.convert(ratio, SHOT * SHOT * ratio.max(0.0))
+        let noise = self.noise.as_ref().map_or(0.0, |n| n.light.shot * ratio + n.light.thermal);
+        self.convert(ratio, noise)
     }
 
     /// Reads a voltage that has no noise of its own to speak of.
@@ -62,13 +77,17 @@ impl Adc {
         self.convert(ratio, 0.0)
     }
 
+    /// `variance` is that of the voltage itself.
     fn convert(&mut self, ratio: f64, variance: f64) -> Code {
         let mut reading = ratio;
         if let Some(noise) = &mut self.noise {
             let unit: f64 = StandardNormal.sample(&mut noise.rng);
-            reading += (noise.floor + variance).sqrt() * unit;
+            reading += (noise.converter + variance).sqrt() * unit;
         }
         let top = f64::from(self.full_scale.top().0);
+        if let Some(steps) = self.steps {
+            reading = (reading * steps).round() / steps;
+        }
         // Clamped to the range, so the conversion to an integer is exact.
         Code((reading * top).round().clamp(0.0, top) as u16)
     }
@@ -79,10 +98,28 @@ mod tests {
     use super::*;
 
     fn adc(bits: u8, effects: &str) -> Adc {
+        with(bits, effects, "")
+    }
+
+    fn with(bits: u8, effects: &str, electronics: &str) -> Adc {
         let text = format!(
-            "effects = [{effects}]\n[device]\nbits = {bits}\n[scan]\nrate_hz = 1000\nduration_s = 1\n"
+            "effects = [{effects}]\n[device]\nbits = {bits}\n[scan]\nrate_hz = 1000\nstep_us = 100\n\
+             duration_s = 1\n[electronics]\n{electronics}\n"
         );
         Adc::new(&Scene::parse("test.toml", &text).unwrap(), 7)
+    }
+
+    /// Mean and standard deviation as fractions of full scale.
+    fn moments(values: impl ExactSizeIterator<Item = f64> + Clone) -> (f64, f64) {
+        let n = values.len() as f64;
+        let mean = values.clone().sum::<f64>() / n;
+        (mean, (values.map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt())
+    }
+
+    fn readings(mut adc: Adc, ratio: f64, light: bool) -> Vec<f64> {
+        let top = f64::from(adc.full_scale().top().0);
+        let mut read = || if light { adc.light(ratio) } else { adc.voltage(ratio) };
+        (0..20_000).map(|_| f64::from(read().0) / top).collect()
     }
 
     #[test]
@@ -102,23 +139,54 @@ mod tests {
     }
 
     #[test]
-    fn oversampling_makes_a_quarter_of_the_noise_and_light_adds_its_own() {
-        let spread = |bits, ratio, light: bool| {
-            let mut adc = adc(bits, "'noise'");
-            let n = 20_000;
-            let top = f64::from(adc.full_scale().top().0);
-            let read: Vec<f64> = (0..n)
-                .map(|_| if light { adc.light(ratio) } else { adc.voltage(ratio) })
-                .map(|code| f64::from(code.0) / top)
+    fn few_conversions_leave_coarse_steps_in_sixteen_bits() {
+        let mut adc = with(16, "", "oversampling = 4");
+        let codes: Vec<u16> = (0..4000).map(|i| adc.voltage(f64::from(i) * 1e-5).0).collect();
+        let mut steps: Vec<u16> =
+            codes.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0).collect();
+        steps.sort_unstable();
+        // A quarter of a 12-bit step is 4.0009 of 65535.
+        assert!(steps[0] == 4 && steps[steps.len() - 1] <= 5, "{steps:?}");
+    }
+
+    #[test]
+    fn a_reading_has_the_mean_and_the_spread_of_so_many_rounded_conversions() {
+        for conversions in [4u32, 16, 64] {
+            let ratio = 0.3 + 0.37 * STEP;
+            let short = readings(
+                with(16, "'noise'", &format!("oversampling = {conversions}")),
+                ratio,
+                false,
+            );
+            let mut rng = stream(8, Purpose::Noise);
+            let long: Vec<f64> = (0..20_000)
+                .map(|_| {
+                    let sum: f64 = (0..conversions)
+                        .map(|_| {
+                            let unit: f64 = StandardNormal.sample(&mut rng);
+                            ((ratio + CONVERSION * unit) / STEP).round()
+                        })
+                        .sum();
+                    sum / f64::from(conversions) * STEP
+                })
                 .collect();
-            let mean = read.iter().sum::<f64>() / f64::from(n);
-            (read.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / f64::from(n)).sqrt()
-        };
-        // One 12-bit step of quantisation adds its 1/√12.
-        let quantised = |sigma: f64, step: f64| (sigma * sigma + step * step / 12.0).sqrt();
-        let twelve = spread(12, 0.5, false) / quantised(CONVERSION, 1.0 / 4095.0);
-        let sixteen = spread(16, 0.5, false) / (CONVERSION / 4.0);
-        assert!((twelve - 1.0).abs() < 0.03 && (sixteen - 1.0).abs() < 0.03);
-        assert!(spread(16, 0.9, true) > spread(16, 0.9, false));
+            let (short, long) = (moments(short.iter().copied()), moments(long.iter().copied()));
+            // Of 20 000 draws the mean is good to 1/141 of a spread and the spread to 1/200; four of each,
+            // and the half code to which the reading is scaled.
+            let mean = 4.0 * long.1 / 100.0 + 0.5 / 65535.0;
+            assert!((short.0 - long.0).abs() < mean, "{conversions}: {short:?} {long:?}");
+            assert!((short.1 / long.1 - 1.0).abs() < 0.03, "{conversions}: {short:?} {long:?}");
+        }
+    }
+
+    #[test]
+    fn light_adds_its_own_noise_which_averaging_does_not_take_away() {
+        let spread =
+            |ratio, light| moments(readings(adc(16, "'noise'"), ratio, light).iter().copied()).1;
+        let own = |ratio: f64| (spread(ratio, true).powi(2) - spread(ratio, false).powi(2)).sqrt();
+        // 144 µV of 3.3 V at full scale (see the electronics), the root of the light below.
+        let expected = 144e-6 / 3.3 * 0.9f64.sqrt();
+        assert!((own(0.9) / expected - 1.0).abs() < 0.05, "{} {expected}", own(0.9));
+        assert!(own(0.9) > 1.5 * own(0.2));
     }
 }

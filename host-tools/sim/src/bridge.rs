@@ -10,7 +10,7 @@
 use rand_distr::{Distribution as _, Uniform};
 use taxel::scan::SENSORS;
 
-use crate::scene::{Effect, Scene};
+use crate::scene::{Effect, REFERENCE_C, Scene, ZERO_C};
 use crate::seeds::{Purpose, stream};
 
 /// Places of the sensors in mm.
@@ -26,11 +26,12 @@ const TANGENTIAL_TOLERANCE: f64 = 0.3 / 8.5;
 const NORMAL: f64 = 3.0e-3 / (0.1 * core::f64::consts::PI);
 /// Its tolerance: ± 0.5 of 3.0 mV/V/bar.
 const NORMAL_TOLERANCE: f64 = 0.5 / 3.0;
-/// Amplifier of the midpoints about half the supply. Bare, a newton would move a 12-bit code by 17
-/// steps only; sixteenfold, 2 N anywhere on the pad still stay within a quarter of the supply (tested).
-const GAIN: f64 = 16.0;
 /// Standard deviation of one doped resistor against its neighbours.
 const MISMATCH: f64 = 0.005;
+/// Relative rise of a doped resistor per kelvin, one standard deviation about the bridge's common one. The
+/// common one, some 0.2 %/K for p-silicon, cancels in every midpoint; an assumption of a hundredth of it
+/// is left between neighbours on one chip.
+const TCR_MISMATCH: f64 = 2e-5;
 /// Standard deviation of an off-diagonal term between axes, as a share of the other axis' force.
 const CROSSTALK: f64 = 0.03;
 
@@ -54,6 +55,11 @@ pub fn shares(point: [f64; 2], force: [f64; 3]) -> [[f64; 3]; SENSORS] {
     })
 }
 
+/// A resistor that conducts nothing, over an intact one.
+const BROKEN: f64 = 1e9;
+/// Temperature at which the sensitivities hold, in kelvin.
+const REFERENCE_K: f64 = REFERENCE_C + ZERO_C;
+
 /// The bridges of one sensor.
 #[derive(Clone, Debug)]
 pub struct Bridge {
@@ -62,6 +68,19 @@ pub struct Bridge {
     taken: [[f64; 3]; 3],
     /// R1 … R8 at rest over their nominal value.
     rest: [f64; 8],
+    /// Their rise per kelvin against the common one, where temperature is listed.
+    drift: Option<[f64; 8]>,
+    /// Of the amplifiers of the midpoints about half the supply.
+    gain: f64,
+}
+
+/// What a bridge is in besides its load.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surroundings {
+    /// Kelvin above the reference temperature.
+    pub warmer_k: f64,
+    /// Resistors that conduct nothing, R1 in the lowest bit.
+    pub broken_arms: u8,
 }
 
 impl Bridge {
@@ -71,9 +90,14 @@ impl Bridge {
         let device = scene.device.seed;
         let mut spread = stream(device, Purpose::BridgeCrosstalk);
         let mut mismatch = stream(device, Purpose::BridgeMismatch);
+        let mut drift = stream(device, Purpose::BridgeDrift);
         core::array::from_fn(|_| {
-            let mut bridge =
-                Self { taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], rest: [1.0; 8] };
+            let mut bridge = Self {
+                taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+                rest: [1.0; 8],
+                drift: None,
+                gain: scene.electronics.bridge_gain,
+            };
             let unit = rand_distr::StandardNormal;
             if scene.has(Effect::BridgeCrosstalk) {
                 let tolerance = [TANGENTIAL_TOLERANCE, TANGENTIAL_TOLERANCE, NORMAL_TOLERANCE];
@@ -95,27 +119,44 @@ impl Bridge {
                     *resistor += MISMATCH * unit.clamp(-3.0, 3.0);
                 }
             }
+            if scene.temperature().is_some() {
+                bridge.drift = Some(core::array::from_fn(|_| {
+                    let unit: f64 = unit.sample(&mut drift);
+                    TCR_MISMATCH * unit.clamp(-3.0, 3.0)
+                }));
+            }
             bridge
         })
     }
 
-    /// V_A, V_B, V_C, V_D behind the amplifier, under a `force` in newtons on the sensor.
+    /// V_A, V_B, V_C, V_D behind the amplifiers, under a `force` in newtons on the sensor.
     ///
     /// A positive F_x stretches R1, R3 and presses R2, R4 (003 eqs (1.2), (1.3)); F_y likewise R6, R8
     /// and R5, R7; a normal force presses R1, R4, R5, R8 and stretches R2, R3, R6, R7 (eqs (1.6), (1.7)).
     #[must_use]
-    pub fn midpoints(&self, force: [f64; 3]) -> [f64; 4] {
+    pub fn midpoints(&self, force: [f64; 3], around: Surroundings) -> [f64; 4] {
         let taken = self.taken.map(|row| row.iter().zip(force).map(|(m, f)| m * f).sum::<f64>());
         let x = TANGENTIAL * taken[0];
         let y = TANGENTIAL * taken[1];
         // u_z = 2ΔR_z/R, eq. (1.8).
         let z = 0.5 * NORMAL * taken[2];
-        let strain = [x - z, z - x, x + z, -x - z, -y - z, y + z, z - y, y - z];
+        let mut strain = [x - z, z - x, x + z, -x - z, -y - z, y + z, z - y, y - z];
         let mut r = self.rest;
+        if let Some(drift) = self.drift {
+            // The piezoresistive effect of lightly doped silicon, whose k the thesis gives, is as 1/T
+            // (Kanda 1982).
+            let weaker = REFERENCE_K / (REFERENCE_K + around.warmer_k);
+            strain.iter_mut().for_each(|strain| *strain *= weaker);
+            r.iter_mut().zip(drift).for_each(|(r, drift)| *r *= 1.0 + drift * around.warmer_k);
+        }
         r.iter_mut().zip(strain).for_each(|(r, strain)| *r *= 1.0 + strain);
+        if around.broken_arms != 0 {
+            let arms = r.iter_mut().enumerate();
+            arms.filter(|(i, _)| around.broken_arms >> i & 1 == 1).for_each(|(_, r)| *r *= BROKEN);
+        }
         let [r1, r2, r3, r4, r5, r6, r7, r8] = r;
         [r2 / (r1 + r2), r3 / (r3 + r4), r8 / (r7 + r8), r5 / (r5 + r6)]
-            .map(|v| 0.5 + GAIN * (v - 0.5))
+            .map(|v| 0.5 + self.gain * (v - 0.5))
     }
 }
 
@@ -124,30 +165,84 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const PERFECT: Bridge =
-        Bridge { taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], rest: [1.0; 8] };
+    const PERFECT: Bridge = Bridge {
+        taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        rest: [1.0; 8],
+        drift: None,
+        gain: 16.0,
+    };
+    const USUAL: Surroundings = Surroundings { warmer_k: 0.0, broken_arms: 0 };
 
     fn outputs([a, b, c, d]: [f64; 4]) -> [f64; 3] {
-        [b - a, c - d, (a + b) - (c + d)].map(|u| u / GAIN)
+        [b - a, c - d, (a + b) - (c + d)].map(|u| u / PERFECT.gain)
     }
 
     #[test]
     fn a_perfect_sensor_has_the_sensitivities_of_its_data_sheet() {
         let [x, y, z] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.314_159_265]]
-            .map(|force| outputs(PERFECT.midpoints(force)));
+            .map(|force| outputs(PERFECT.midpoints(force, USUAL)));
         let near = |u: [f64; 3], expected: [f64; 3]| {
             u.iter().zip(expected).for_each(|(u, e)| assert!((u - e).abs() < 1e-8, "{u} {e}"));
         };
         near(x, [8.5e-3, 0.0, 0.0]);
         near(y, [0.0, 8.5e-3, 0.0]);
         near(z, [0.0, 0.0, 3.0e-3]);
-        assert_eq!(PERFECT.midpoints([0.0; 3]), [0.5; 4]);
+        assert_eq!(PERFECT.midpoints([0.0; 3], USUAL), [0.5; 4]);
+    }
+
+    /// α_xy = 50 and α_z = 10 are what the thesis takes to use its 5 V (§1.2.3): 1 N and 15 bar, its
+    /// sensor's limits, give 42.5 mV and 225 mV.
+    #[test]
+    fn the_amplifiers_of_the_thesis_use_their_range_at_the_limits_of_its_sensor() {
+        let supply = 5.0;
+        let [x, ..] = outputs(PERFECT.midpoints([1.0, 0.0, 0.0], USUAL)).map(|u| u * supply);
+        let fifteen_bar = [0.0, 0.0, 15.0 * 0.1 * core::f64::consts::PI];
+        let [.., z] = outputs(PERFECT.midpoints(fifteen_bar, USUAL)).map(|u| u * supply);
+        assert!((x - 42.5e-3).abs() < 1e-6 && (z - 225e-3).abs() < 1e-6, "{x} {z}");
+        for swing in [50.0 * x, 10.0 * z] {
+            assert!((0.8 * supply / 2.0..supply / 2.0).contains(&swing), "{swing}");
+        }
+    }
+
+    #[test]
+    fn what_all_resistors_have_in_common_cancels_and_what_they_do_not_moves_the_offset() {
+        let warm = |drift: [f64; 8]| {
+            let bridge = Bridge { drift: Some(drift), ..PERFECT };
+            bridge.midpoints([0.0; 3], Surroundings { warmer_k: 30.0, ..USUAL })
+        };
+        assert!(warm([2e-3; 8]).iter().all(|v| (v - 0.5).abs() < 1e-12));
+        // A half-bridge moves by a quarter of the difference of its two, times the gain.
+        let [a, b, ..] = warm([1e-5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert!((a - 0.5 + 16.0 * 0.25 * 30.0 * 1e-5).abs() < 1e-6 && b == 0.5, "{a}");
+    }
+
+    #[test]
+    fn a_warm_sensor_is_less_sensitive_as_one_over_the_absolute_temperature() {
+        let bridge = Bridge { drift: Some([0.0; 8]), ..PERFECT };
+        let at = |warmer_k| outputs(bridge.midpoints([0.5; 3], Surroundings { warmer_k, ..USUAL }));
+        for (warm, cold) in at(29.815).into_iter().zip(at(0.0)) {
+            assert!((cold / warm - 1.1).abs() < 1e-4, "{cold} {warm}");
+        }
+    }
+
+    #[test]
+    fn a_broken_arm_takes_its_midpoint_to_a_rail_and_leaves_the_others() {
+        for arm in 0..8u8 {
+            let around = Surroundings { broken_arms: 1 << arm, ..USUAL };
+            let midpoints = PERFECT.midpoints([0.1, 0.1, 0.5], around);
+            let intact = PERFECT.midpoints([0.1, 0.1, 0.5], USUAL);
+            let of = [0, 0, 1, 1, 3, 3, 2, 2][usize::from(arm)];
+            for (i, (now, before)) in midpoints.into_iter().zip(intact).enumerate() {
+                assert_eq!(!(0.0..=1.0).contains(&now), i == of, "R{} {i}", arm + 1);
+                assert!(i == of || now == before);
+            }
+        }
     }
 
     #[test]
     fn two_newtons_on_an_edge_stay_where_an_intact_bridge_is() {
         for share in shares([5.0, 5.0], [1.4, 1.4, 2.0]) {
-            assert!(PERFECT.midpoints(share).iter().all(|v| (0.25..0.75).contains(v)));
+            assert!(PERFECT.midpoints(share, USUAL).iter().all(|v| (0.25..0.75).contains(v)));
         }
     }
 
@@ -164,7 +259,8 @@ mod tests {
                 "effects = ['bridge-mismatch', 'bridge-crosstalk']\n[device]\nseed = {seed}\n\
                  [scan]\nrate_hz = 1000\nduration_s = 1\n"
             );
-            Bridge::of(&Scene::parse("test.toml", &text).unwrap()).map(|b| b.midpoints([0.1; 3]))
+            Bridge::of(&Scene::parse("test.toml", &text).unwrap())
+                .map(|b| b.midpoints([0.1; 3], USUAL))
         };
         assert_eq!(scene(4), scene(4));
         assert_ne!(scene(4), scene(5));

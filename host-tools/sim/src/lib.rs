@@ -12,7 +12,10 @@
 pub mod adc;
 pub mod bridge;
 pub mod contact;
+pub mod electronics;
+mod faults;
 pub mod fidelity;
+pub mod light;
 pub mod optics;
 pub mod path;
 mod ranges;
@@ -20,6 +23,7 @@ pub mod response;
 pub mod scene;
 mod seeds;
 mod simulator;
+pub mod supply;
 
 pub use scene::{Effect, Scene};
 pub use simulator::Simulator;

@@ -4,9 +4,10 @@
 //! Lambertian source whose mirror image lies 2g away: the light is cos²θ/r² = 4g²/(4g² + s²)², which
 //! rises, peaks at g = s/2 and falls. 002 measures this curve, because at these distances no closed form
 //! is exact (its eq. (2)); the shape is right, and each pair's own gap, gain and leakage come from the
-//! device's seed. The finger works on the far side of the peak: nearer is brighter.
+//! device's seed. The finger works on the far side of the peak: nearer is brighter. A pair on the wrong
+//! side, nearer to its facet than the peak, darkens under a press.
 //!
-//! Everything is a fraction of the converter's full scale.
+//! Everything is a fraction of the converter's full scale on a load of 1 kΩ.
 
 use rand_distr::{Distribution as _, Uniform};
 use taxel::scan::{COLS, ROWS, TAXELS};
@@ -14,8 +15,10 @@ use taxel::scan::{COLS, ROWS, TAXELS};
 use crate::scene::{Effect, Scene};
 use crate::seeds::{Purpose, stream};
 
-/// Distance of LED and phototransistor in mm: the light peaks at a gap of half of it, 0.7 mm.
+/// Distance of LED and phototransistor in mm.
 const SEPARATION_MM: f64 = 1.4;
+/// Gap at which the light peaks.
+const PEAK_MM: f64 = SEPARATION_MM / 2.0;
 /// What the mean pair reads at the peak of its curve; the rest is room for bright pairs and lamps.
 const PEAK: f64 = 0.75;
 /// Leakage of a column of four phototransistors, read in the dark too.
@@ -36,8 +39,6 @@ pub struct Optics {
     pairs: [Pair; TAXELS],
     leakage: [f64; COLS],
     stray: Option<Box<Stray>>,
-    ambient: f64,
-    flicker: Option<Flicker>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -49,18 +50,10 @@ struct Pair {
 /// What taxel k gets of its neighbours: left, right, below, above.
 type Stray = [[f64; 4]; TAXELS];
 
-#[derive(Clone, Copy, Debug)]
-struct Flicker {
-    amplitude: f64,
-    /// Radians per microsecond.
-    speed: f64,
-    phase: f64,
-}
-
 impl Optics {
-    /// The optics of the scene's device; lamps begin at a phase that follows from `seed`.
+    /// The optics of the scene's device.
     #[must_use]
-    pub fn new(scene: &Scene, seed: u64) -> Self {
+    pub fn new(scene: &Scene) -> Self {
         let mut pairs = [Pair { gain: PEAK, gap: scene.layer.gap_mm }; TAXELS];
         let mut leakage = [LEAKAGE; COLS];
         let device = scene.device.seed;
@@ -77,39 +70,55 @@ impl Optics {
             }
             leakage.iter_mut().for_each(|leakage| *leakage *= 1.0 + draw(LEAKAGE_SPREAD));
         }
-        let stray = scene.has(Effect::OpticalCrosstalk).then(|| Box::new(draw_stray(device)));
-        let flicker = scene.has(Effect::Flicker).then(|| {
-            let phase = uniform(0.0, core::f64::consts::TAU)
-                .map_or(0.0, |phase| phase.sample(&mut stream(seed, Purpose::Flicker)));
-            Flicker {
-                amplitude: scene.light.flicker_ratio,
-                speed: core::f64::consts::TAU * scene.light.flicker_hz * 1e-6,
-                phase,
+        for taxel in &scene.device.wrong_side {
+            if let Some(pair) = pairs.get_mut(taxel.index()) {
+                // As bright at rest as it was: the curve is the same in g and (s/2)²/g.
+                pair.gap = PEAK_MM * PEAK_MM / pair.gap;
             }
-        });
-        let ambient = if scene.has(Effect::Ambient) { scene.light.ambient_ratio } else { 0.0 };
-        Self { pairs, leakage, stray, ambient, flicker }
+        }
+        let stray = scene.has(Effect::OpticalCrosstalk).then(|| Box::new(draw_stray(device)));
+        Self { pairs, leakage, stray }
+    }
+
+    /// A facet at `gap` mm is nearer than the peak of its pair's curve: the light falls as it nears.
+    #[must_use]
+    pub fn wrong_side(gap: f64) -> bool {
+        gap < PEAK_MM
+    }
+
+    /// Facet to pair in mm with the facets sunk by `sunk` mm.
+    #[must_use]
+    pub fn gaps(&self, sunk: &[f64; TAXELS]) -> [f64; TAXELS] {
+        let mut gaps = *sunk;
+        gaps.iter_mut().zip(&self.pairs).for_each(|(gap, pair)| *gap = pair.gap - *gap);
+        gaps
     }
 
     /// What each taxel's own LED adds to its column while its row is lit, with its facet sunk by
-    /// `sunk` mm.
+    /// `sunk` mm. LEDs whose bit in `dead` is set give no light, to their neighbours neither.
     #[must_use]
-    pub fn reflected(&self, sunk: &[f64; TAXELS]) -> [f64; TAXELS] {
+    pub fn reflected(&self, sunk: &[f64; TAXELS], dead: u16) -> [f64; TAXELS] {
         let mut light = [0.0; TAXELS];
-        for ((light, pair), sunk) in light.iter_mut().zip(&self.pairs).zip(sunk) {
-            *light = pair.gain * response(pair.gap - sunk);
+        for (k, ((light, pair), sunk)) in light.iter_mut().zip(&self.pairs).zip(sunk).enumerate() {
+            if dead >> k & 1 == 0 {
+                *light = pair.gain * response(pair.gap - sunk);
+            }
         }
         self.stray.as_ref().map_or(light, |stray| spill(&light, stray))
     }
 
-    /// What a column reads with every LED off, at `time_us`.
+    /// What a column reads of itself with every LED off.
     #[must_use]
-    pub fn dark(&self, time_us: f64) -> [f64; COLS] {
-        let lamps = self.flicker.map_or(0.0, |flicker| {
-            flicker.amplitude * (flicker.phase + flicker.speed * time_us).sin()
-        });
-        self.leakage.map(|leakage| leakage + self.ambient + lamps)
+    pub fn leakage(&self) -> [f64; COLS] {
+        self.leakage
     }
+}
+
+/// Light of an LED `warmer_k` above the reference over that at it: −0.5 %/K (data sheet of the SFH 480).
+/// The phototransistor's own change is a curve without a number in its sheet and is not modelled.
+#[must_use]
+pub fn warm_led(warmer_k: f64) -> f64 {
+    1.0 - 0.005 * warmer_k
 }
 
 /// Light of a pair at `gap` mm as a fraction of its peak, 4qs²/(q + s²)² with q = 4g². A facet that
@@ -158,7 +167,7 @@ mod tests {
 
     fn optics(effects: &str) -> Optics {
         let text = format!("effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n");
-        Optics::new(&Scene::parse("test.toml", &text).unwrap(), 1)
+        Optics::new(&Scene::parse("test.toml", &text).unwrap())
     }
 
     #[test]
@@ -173,10 +182,10 @@ mod tests {
     #[test]
     fn a_nearer_facet_is_brighter_and_the_others_stay_as_they_were() {
         let optics = optics("'gain-spread'");
-        let before = optics.reflected(&[0.0; TAXELS]);
+        let before = optics.reflected(&[0.0; TAXELS], 0);
         let mut sunk = [0.0; TAXELS];
         sunk[6] = 0.4;
-        let after = optics.reflected(&sunk);
+        let after = optics.reflected(&sunk, 0);
         for k in 0..TAXELS {
             assert!(if k == 6 { after[k] > 1.1 * before[k] } else { after[k] == before[k] });
         }
@@ -185,10 +194,10 @@ mod tests {
     #[test]
     fn light_spills_to_the_four_neighbours_and_no_further() {
         let optics = optics("'optical-crosstalk'");
-        let before = optics.reflected(&[0.0; TAXELS]);
+        let before = optics.reflected(&[0.0; TAXELS], 0);
         let mut sunk = [0.0; TAXELS];
         sunk[4] = 0.5;
-        let after = optics.reflected(&sunk);
+        let after = optics.reflected(&sunk, 0);
         let changed: Vec<usize> = (0..TAXELS).filter(|k| after[*k] != before[*k]).collect();
         assert_eq!(changed, [0, 4, 5, 8]);
         assert!(after[5] - before[5] < STRAY * PEAK);
@@ -197,19 +206,41 @@ mod tests {
     #[test]
     fn an_effect_that_is_not_listed_changes_nothing() {
         let plain = optics("");
-        assert!(plain.reflected(&[0.0; TAXELS]).windows(2).all(|pair| pair[0] == pair[1]));
-        assert_eq!(plain.dark(0.0), plain.dark(2500.0));
-        assert_eq!(plain.dark(0.0), [LEAKAGE; COLS]);
+        assert!(plain.reflected(&[0.0; TAXELS], 0).windows(2).all(|pair| pair[0] == pair[1]));
+        assert_eq!(plain.leakage(), [LEAKAGE; COLS]);
     }
 
     #[test]
-    fn lamps_at_a_hundred_hertz_return_after_ten_milliseconds() {
-        let optics = optics("'ambient', 'flicker'");
-        let at = |time| optics.dark(time)[0];
-        assert!((at(0.0) - at(10_000.0)).abs() < 1e-12);
-        let mean = 0.5 * (at(1000.0) + at(6000.0));
-        assert!(mean > LEAKAGE + 0.001, "the lamps' mean is the ambient light");
-        let swing = (0..100).map(|i| at(f64::from(i) * 100.0)).fold(0.0f64, |m, v| m.max(v));
-        assert!(swing > mean);
+    fn a_pair_on_the_wrong_side_is_as_bright_at_rest_and_darkens_as_its_facet_nears() {
+        let text = "effects = ['gain-spread']\n[scan]\nrate_hz = 1000\nduration_s = 1\n";
+        let optics = |device: &str| {
+            Optics::new(&Scene::parse("test.toml", &format!("{text}{device}")).unwrap())
+        };
+        let right = optics("");
+        let wrong = optics("[device]\nwrong_side = ['r1c2', 'r3c0']\n");
+        let rest = [0.0; TAXELS];
+        let flagged = |optics: &Optics, sunk: f64| -> Vec<usize> {
+            let gaps = optics.gaps(&[sunk; TAXELS]);
+            (0..TAXELS).filter(|k| Optics::wrong_side(gaps[*k])).collect()
+        };
+        assert_eq!(flagged(&right, 0.2), []);
+        assert_eq!(flagged(&wrong, 0.0), [6, 12]);
+        let (before, after) = (wrong.reflected(&rest, 0), wrong.reflected(&[0.1; TAXELS], 0));
+        for (k, usual) in right.reflected(&rest, 0).into_iter().enumerate() {
+            assert!((before[k] - usual).abs() < 1e-12);
+            assert_eq!(after[k] < before[k], k == 6 || k == 12, "taxel {k}");
+        }
+        // So deep that every facet has come past the peak.
+        assert_eq!(flagged(&right, 1.6).len(), TAXELS);
+    }
+
+    #[test]
+    fn a_dead_led_leaves_its_taxel_and_its_share_of_the_neighbours_dark() {
+        let optics = optics("'optical-crosstalk'");
+        let (all, dead) =
+            (optics.reflected(&[0.0; TAXELS], 0), optics.reflected(&[0.0; TAXELS], 1 << 5));
+        assert!(dead[5] < 0.15 * all[5], "what is left is its neighbours'");
+        let changed: Vec<usize> = (0..TAXELS).filter(|k| dead[*k] != all[*k]).collect();
+        assert_eq!(changed, [1, 4, 5, 6, 9]);
     }
 }

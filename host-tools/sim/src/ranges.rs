@@ -67,6 +67,16 @@ ranges! {
     lamps: 1.0 to 10000.0;
     /// Temperature in °C at which silicone, diodes and bridges still work.
     celsius: -40.0 to 125.0;
+    /// Frequency of a supply's ripple in Hz: from the mains to a switching converter.
+    ripple: 1.0 to 1000000.0;
+    /// Amplitude of a supply's ripple as a share of it; beyond, it is no supply.
+    swing: 0.0 to 0.5;
+    /// A phototransistor's load in ohms.
+    load: 10.0 to 100000.0;
+    /// Time constant of a phototransistor in microseconds.
+    time_constant: 0.1 to 1000.0;
+    /// Gain of the amplifiers of the bridges' midpoints.
+    bridge_gain: 1.0 to 100.0;
     /// A distance that the contact point rolls, in mm.
     roll: 0.0 to 5.0;
 }

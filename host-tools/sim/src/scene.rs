@@ -1,6 +1,7 @@
 //! Scenes: TOML files that say what to simulate. The unit of a number is in its key's name; what is
 //! left out has a default; what is misspelt, out of range or contradictory is an error with its line.
 
+use std::ops::Range;
 use std::path::Path;
 
 use serde::Deserialize;
@@ -13,10 +14,16 @@ use crate::ranges;
 
 mod acts;
 mod device;
+mod electronics;
+mod fault;
+mod light;
 mod temperature;
 
 pub use acts::{Press, Random, Slide};
-pub use device::{Bits, Device};
+pub use device::{Bits, Device, Taxel};
+pub use electronics::Electronics;
+pub use fault::{Broken, Fault, Place};
+pub use light::Light;
 pub use temperature::{REFERENCE_C, Temperature, ZERO_C};
 
 /// Scenes that come with the simulator, by name.
@@ -38,6 +45,13 @@ pub enum Effect {
     Ambient,
     /// Light of the room that swings with the mains.
     Flicker,
+    /// The sun comes out in the middle of the scene.
+    Sun,
+    /// The phototransistors need time to follow the light, so that a reading still holds some of the
+    /// row before.
+    Settling,
+    /// The supply swings.
+    SupplyRipple,
     /// Every optical pair has its own gain, gap and leakage.
     GainSpread,
     /// Light spills between neighbouring pairs.
@@ -90,6 +104,9 @@ pub struct Scene {
     /// The room.
     #[serde(default)]
     pub light: Light,
+    /// What stands between a photocurrent or a bridge and its code.
+    #[serde(default)]
+    pub electronics: Electronics,
     /// How warm it is; [`Scene::temperature_at`].
     #[serde(default)]
     temperature: Temperature,
@@ -104,6 +121,9 @@ pub struct Scene {
     /// Rows of random presses.
     #[serde(default)]
     pub random: Vec<Spanned<Random>>,
+    /// What breaks, and when.
+    #[serde(default)]
+    fault: Vec<Fault>,
 }
 
 /// `[scan]`
@@ -202,28 +222,6 @@ impl Default for Friction {
     }
 }
 
-/// `[light]`, as fractions of the converter's range at each column.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Light {
-    /// Steady part; with the effect `ambient`.
-    #[serde(deserialize_with = "ranges::ratio")]
-    pub ambient_ratio: f64,
-    /// Amplitude of the swing; with the effect `flicker`.
-    #[serde(deserialize_with = "ranges::ratio")]
-    pub flicker_ratio: f64,
-    /// Frequency of the swing: twice the mains'.
-    #[serde(deserialize_with = "ranges::lamps")]
-    pub flicker_hz: f64,
-}
-
-impl Default for Light {
-    fn default() -> Self {
-        // The black rubber lets little in; what comes through its rim swings by a tenth.
-        Self { ambient_ratio: 0.02, flicker_ratio: 0.002, flicker_hz: 100.0 }
-    }
-}
-
 /// `[bench]`
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -258,7 +256,7 @@ impl Scene {
     /// # Errors
     /// What is wrong with it, in one line.
     pub fn parse(path: impl AsRef<Path>, text: &str) -> Result<Self, FileError> {
-        let error = |at: Option<std::ops::Range<usize>>, problem: String| {
+        let error = |at: Option<Range<usize>>, problem: String| {
             let error = FileError::new(&path, problem);
             let Some(at) = at else { return error };
             let before = text.get(..at.start).unwrap_or(text);
@@ -296,10 +294,22 @@ impl Scene {
         self.has(Effect::Walls) || self.fidelity() == Fidelity::Layer
     }
 
+    /// The ramp of its warmth, where it is listed.
+    #[must_use]
+    pub fn temperature(&self) -> Option<Temperature> {
+        self.has(Effect::Temperature).then_some(self.temperature)
+    }
+
     /// How warm the finger is at `time` seconds, in °C.
     #[must_use]
     pub fn temperature_at(&self, time: f64) -> f64 {
         if self.has(Effect::Temperature) { self.temperature.at(time) } else { REFERENCE_C }
+    }
+
+    /// What breaks, and from when to when in seconds.
+    pub fn faults(&self) -> impl Iterator<Item = (Range<f64>, Broken)> + '_ {
+        // Both were asked when the scene was checked.
+        self.fault.iter().filter_map(|f| f.times().ok().zip(f.broken(&self.device).ok()))
     }
 
     /// Frames a second.
@@ -316,7 +326,7 @@ impl Scene {
     }
 
     /// What no single value can show.
-    fn check(&self) -> Result<(), (std::ops::Range<usize>, String)> {
+    fn check(&self) -> Result<(), (Range<usize>, String)> {
         let rate = &self.scan.rate_hz;
         if !(1..=20_000).contains(rate.get_ref()) {
             let problem = format!("{} is out of range; allowed are 1 to 20000", rate.get_ref());
@@ -331,6 +341,16 @@ impl Scene {
             );
             return Err((rate.span(), problem));
         }
+        let sampled = self.sampling_us();
+        if sampled >= f64::from(self.scan.step_us) {
+            let problem = format!(
+                "{} conversions of a reading last {sampled} µs, but its step `step_us` {} µs",
+                self.oversampling(),
+                self.scan.step_us
+            );
+            let at = self.electronics.oversampling.as_ref().map_or(rate.span(), Spanned::span);
+            return Err((at, problem));
+        }
         if let Some(bench) = &self.bench
             && !self.device.bridges.get(*bench.sensor.get_ref()).is_some_and(|there| *there)
         {
@@ -340,12 +360,16 @@ impl Scene {
             );
             return Err((bench.sensor.span(), problem));
         }
+        for fault in &self.fault {
+            fault.times()?;
+            fault.broken(&self.device)?;
+        }
         self.check_walls()?;
         self.check_times()
     }
 
     /// The framed layer has its limits.
-    fn check_walls(&self) -> Result<(), (std::ops::Range<usize>, String)> {
+    fn check_walls(&self) -> Result<(), (Range<usize>, String)> {
         let listed = self.effects.iter().find(|effect| *effect.get_ref() == Effect::Walls);
         let named = self.fidelity.as_ref().filter(|f| *f.get_ref() == Fidelity::Layer);
         let Some(at) = listed.map(Spanned::span).or(named.map(Spanned::span)) else {
@@ -364,7 +388,7 @@ impl Scene {
     }
 
     /// One contact at a time, and all of them over when the scene is.
-    fn check_times(&self) -> Result<(), (std::ops::Range<usize>, String)> {
+    fn check_times(&self) -> Result<(), (Range<usize>, String)> {
         let presses = self.press.iter().map(|p| (p.span(), p.get_ref().at_s, p.get_ref().end_s()));
         let slides = self.slide.iter().map(|s| (s.span(), s.get_ref().at_s, s.get_ref().end_s()));
         let random = self.random.iter().map(|r| (r.span(), r.get_ref().at_s, r.get_ref().end_s()));

@@ -13,6 +13,8 @@ pub enum Purpose {
     OpticalCrosstalk,
     /// Resistances of the bridges; a property of the device.
     BridgeMismatch,
+    /// How differently the bridges' resistances warm; a property of the device.
+    BridgeDrift,
     /// Sensitivities and cross-talk of the force sensors; a property of the device.
     BridgeCrosstalk,
     /// Phase of the room's lamps against the first frame; a property of the run.
@@ -33,6 +35,7 @@ pub fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
         Purpose::BridgeCrosstalk => 4,
         Purpose::Flicker => 5,
         Purpose::Noise => 6,
+        Purpose::BridgeDrift => 7,
         Purpose::RandomPress(act, press) => 1 << 63 | u64::from(act) << 32 | u64::from(press),
     });
     rng

@@ -5,15 +5,24 @@ use taxel::units::{Code, FullScale, Micros};
 use taxel_formats::trace::{Sample, Truth};
 
 use crate::adc::Adc;
-use crate::bridge::{self, Bridge};
+use crate::bridge::{self, Bridge, Surroundings};
+use crate::electronics::Columns;
+use crate::faults::Faults;
 use crate::fidelity::{Ladder, Report};
-use crate::optics::Optics;
+use crate::light::Room;
+use crate::optics::{self, Optics};
 use crate::path::{Load, Path};
 use crate::response::Response;
-use crate::scene::{Effect, Scene};
+use crate::scene::{Effect, REFERENCE_C, Scene, Temperature};
+use crate::supply::Supply;
 
-/// The reference channel reads half of the converter's range.
+/// The reference channel reads a voltage of its own, half of the converter's range at a nominal supply.
 const REFERENCE: f64 = 0.5;
+
+/// The thermometer on the STM32G431: 0.76 V at 30 °C and 2.5 mV/K (its data sheet), of 3.3 V.
+fn thermometer(celsius: f64) -> f64 {
+    (0.76 + 2.5e-3 * (celsius - 30.0)) / 3.3
+}
 
 /// One run of a scene: an iterator over its frames.
 #[derive(Clone, Debug)]
@@ -21,12 +30,19 @@ pub struct Simulator {
     path: Path,
     contact: Option<Ladder>,
     optics: Option<Optics>,
+    room: Room,
+    supply: Supply,
+    temperature: Option<Temperature>,
+    faults: Faults,
+    columns: Columns,
     bridges: [Option<Bridge>; SENSORS],
     response: Option<Box<[Response; SENSORS]>>,
     bench: Option<usize>,
     adc: Adc,
     /// Light of the unloaded pairs.
     unloaded: [f64; TAXELS],
+    /// How deep the facets were in the last frame, in mm.
+    sunk: [f64; TAXELS],
     rate_hz: u64,
     step_us: f64,
     frames: u64,
@@ -39,8 +55,11 @@ impl Simulator {
     /// imperfections follow from the scene.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Self {
-        let optics = scene.device.taxels.then(|| Optics::new(scene, seed));
+        let optics = scene.device.taxels.then(|| Optics::new(scene));
         let on_skin = optics.is_some() && scene.bench.is_none();
+        let room = Room::new(scene, seed);
+        let leakage = optics.as_ref().map_or([0.0; COLS], Optics::leakage);
+        let dark = leakage.map(|leakage| leakage + room.at(0.0, 0.0));
         let mut bridges = Bridge::of(scene).map(Some);
         for (bridge, there) in bridges.iter_mut().zip(scene.device.bridges) {
             *bridge = bridge.take().filter(|_| there);
@@ -48,8 +67,14 @@ impl Simulator {
         Self {
             path: Path::new(scene, seed),
             contact: on_skin.then(|| Ladder::new(scene, seed)),
-            unloaded: optics.as_ref().map_or([0.0; TAXELS], |o| o.reflected(&[0.0; TAXELS])),
+            unloaded: optics.as_ref().map_or([0.0; TAXELS], |o| o.reflected(&[0.0; TAXELS], 0)),
+            sunk: [0.0; TAXELS],
             optics,
+            room,
+            supply: Supply::new(scene),
+            temperature: scene.temperature(),
+            faults: Faults::of(scene),
+            columns: Columns::new(scene, dark),
             bridges,
             response: scene.has(Effect::Response).then(|| Box::new(responses(scene))),
             bench: scene.bench.as_ref().map(|bench| *bench.sensor.get_ref()),
@@ -82,23 +107,58 @@ impl Simulator {
         self.contact.as_ref().map(Ladder::report)
     }
 
-    fn taxels(&mut self, load: Option<&Load>, time_us: f64) -> Option<TaxelCodes> {
+    /// Light of each taxel's LED on its column while its row is lit, at a nominal supply and temperature.
+    fn light(&mut self, load: Option<&Load>) -> Option<[f64; TAXELS]> {
         let optics = self.optics.as_ref()?;
-        let light = match (load, &self.contact) {
-            (Some(load), Some(contact)) => optics.reflected(&contact.displacement(load)),
-            _ => self.unloaded,
+        self.sunk = match (load, &self.contact) {
+            (Some(load), Some(contact)) => contact.displacement(load),
+            _ => [0.0; TAXELS],
         };
-        let adc = &mut self.adc;
-        let dark = optics.dark(time_us).map(|dark| adc.light(dark));
-        let mut codes = TaxelCodes { dark, ..TaxelCodes::default() };
-        let mut time_us = time_us;
-        for (lit, light) in codes.lit.iter_mut().zip(light.chunks_exact(COLS)) {
-            time_us += self.step_us;
-            for ((code, light), dark) in lit.iter_mut().zip(light).zip(optics.dark(time_us)) {
-                *code = adc.light(light + dark);
+        let dead = self.faults.dead_leds();
+        let at_rest = load.is_none() && dead == 0;
+        let mut light = if at_rest { self.unloaded } else { optics.reflected(&self.sunk, dead) };
+        let blind = self.faults.blind();
+        if blind != 0 {
+            let taxels = light.iter_mut().enumerate();
+            taxels.filter(|(k, _)| blind >> k & 1 == 1).for_each(|(_, light)| *light = 0.0);
+        }
+        Some(light)
+    }
+
+    fn taxels(&mut self, load: Option<&Load>, now: &Moment) -> Option<TaxelCodes> {
+        let light = self.light(load)?;
+        let leakage = self.optics.as_ref().map_or([0.0; COLS], Optics::leakage);
+        let dip = self.faults.supply();
+        let seeing = self.faults.seeing();
+        let mut codes = TaxelCodes::default();
+        let steps = [&mut codes.dark].into_iter().chain(&mut codes.lit);
+        let rows = [&[0.0; COLS][..]].into_iter().chain(light.chunks_exact(COLS));
+        for (step, (codes, row)) in steps.zip(rows).enumerate() {
+            let later = step as f64 * self.step_us;
+            let room = self.room.at(now.device_us + later, now.scene_us + later);
+            let supply = self.supply.at(now.device_us + later, dip);
+            let mut level = leakage;
+            for ((level, led), seeing) in level.iter_mut().zip(row).zip(seeing) {
+                let seen = room * seeing + led * supply.leds * now.leds;
+                *level = (*level + seen) * supply.fixed;
+            }
+            if step == 0 {
+                self.columns.pause(&level);
+            }
+            let mut level = self.columns.step(level);
+            self.faults.columns(&mut level);
+            for (code, level) in codes.iter_mut().zip(level) {
+                *code = self.adc.light(level);
             }
         }
         Some(codes)
+    }
+
+    /// Which facets are nearer to their pair than the peak of its light curve, in the last frame.
+    #[must_use]
+    pub fn wrong_side(&self) -> [bool; TAXELS] {
+        let gaps = self.optics.as_ref().map(|optics| optics.gaps(&self.sunk));
+        gaps.map_or([false; TAXELS], |gaps| gaps.map(Optics::wrong_side))
     }
 
     /// The four sensors' shares of a load.
@@ -122,14 +182,25 @@ impl Simulator {
         shares
     }
 
-    fn midpoints(&mut self, shares: &[[f64; 3]; SENSORS]) -> [Option<Midpoints>; SENSORS] {
-        let adc = &mut self.adc;
+    fn midpoints(
+        &mut self,
+        shares: &[[f64; 3]; SENSORS],
+        now: &Moment,
+    ) -> [Option<Midpoints>; SENSORS] {
+        let dip = self.faults.supply();
         let mut midpoints = [None; SENSORS];
-        for ((midpoints, bridge), share) in midpoints.iter_mut().zip(&self.bridges).zip(shares) {
-            *midpoints = bridge.as_ref().map(|bridge| {
-                let [a, b, c, d]: [Code; 4] = bridge.midpoints(*share).map(|v| adc.voltage(v));
-                Midpoints { a, b, c, d }
-            });
+        let sensors = midpoints.iter_mut().zip(&self.bridges).zip(shares);
+        for (sensor, ((midpoints, bridge), share)) in sensors.enumerate() {
+            let Some(bridge) = bridge else { continue };
+            let broken_arms = self.faults.arms(sensor);
+            let around = Surroundings { warmer_k: now.warmer_k, broken_arms };
+            // Sensor i is read with row i, after the dark step.
+            let later = (sensor + 1) as f64 * self.step_us;
+            let supply = self.supply.at(now.device_us + later, dip);
+            let mut levels = bridge.midpoints(*share, around).map(|v| v * supply.share);
+            self.faults.midpoints(sensor, &mut levels);
+            let [a, b, c, d]: [Code; 4] = levels.map(|v| self.adc.voltage(v));
+            *midpoints = Some(Midpoints { a, b, c, d });
         }
         midpoints
     }
@@ -156,6 +227,17 @@ impl Simulator {
     }
 }
 
+/// What holds for one frame.
+#[derive(Clone, Copy, Debug)]
+struct Moment {
+    device_us: f64,
+    scene_us: f64,
+    /// Kelvin above the reference.
+    warmer_k: f64,
+    /// Light of an LED over that at the reference temperature.
+    leds: f64,
+}
+
 fn responses(scene: &Scene) -> [Response; SENSORS] {
     let period = 1.0 / f64::from(scene.rate_hz());
     core::array::from_fn(|_| Response::new(scene.device.coating, period))
@@ -169,18 +251,30 @@ impl Iterator for Simulator {
             return None;
         }
         let time_us = self.next * 1_000_000 / self.rate_hz;
-        let load = self.path.at((self.next % self.frames) as f64 / self.rate_hz as f64);
+        let scene_s = (self.next % self.frames) as f64 / self.rate_hz as f64;
+        let load = self.path.at(scene_s);
         self.next += 1;
+        let celsius = self.temperature.map(|temperature| temperature.at(scene_s));
+        let warmer_k = celsius.map_or(0.0, |celsius| celsius - REFERENCE_C);
+        let now = Moment {
+            device_us: time_us as f64,
+            scene_us: scene_s * 1e6,
+            warmer_k,
+            leds: optics::warm_led(warmer_k),
+        };
+        self.faults.advance(now.scene_us);
         let on_skin = load.filter(|_| self.bench.is_none());
         let shares = self.shares(load.as_ref());
         let felt = self.felt(shares);
-        let codes = Codes {
+        let fixed = self.supply.at(now.device_us, self.faults.supply()).fixed;
+        let mut codes = Codes {
             full_scale: self.adc.full_scale(),
-            taxels: self.taxels(on_skin.as_ref(), time_us as f64),
-            bridges: self.midpoints(&felt),
-            reference: Some(self.adc.voltage(REFERENCE)),
-            temperature: None,
+            taxels: self.taxels(on_skin.as_ref(), &now),
+            bridges: self.midpoints(&felt, &now),
+            reference: Some(self.adc.voltage(REFERENCE * fixed)),
+            temperature: celsius.map(|celsius| self.adc.voltage(thermometer(celsius) * fixed)),
         };
+        self.faults.stick(&mut codes);
         let scan = Scan { time: Micros(time_us), overrun: false, codes };
         Some(Sample { scan, truth: self.truth(load.as_ref(), &shares) })
     }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
+use taxel::scan::ROWS;
 use taxel_formats::trace::{TraceHeader, TraceWriter};
 use taxel_sim::{Scene, Simulator};
 
@@ -33,7 +34,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let simulator = Simulator::new(&scene, args.seed);
     let header = TraceHeader {
         full_scale: simulator.full_scale(),
-        taxels: scene.device.taxels,
+        rows: if scene.device.taxels { ROWS } else { 0 },
         bridges: scene.device.bridges,
         reference: true,
         temperature: false,

@@ -34,7 +34,7 @@ impl<R> TraceReader<R> {
     /// Which channels the trace has: one scan's worth of absent and present ones.
     pub fn channels(&self) -> Channels {
         Channels {
-            taxels: self.columns.taxels.is_some(),
+            rows: self.columns.taxels.as_ref().map_or(0, |(lit, _)| lit.len()),
             bridges: self.columns.bridges.map(|bridge| bridge.is_some()),
         }
     }
@@ -43,8 +43,8 @@ impl<R> TraceReader<R> {
 /// Which channels a trace has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Channels {
-    /// The optical matrix.
-    pub taxels: bool,
+    /// Rows of the optical matrix: [`ROWS`], 1 for a line of taxels, 0 without it.
+    pub rows: usize,
     /// Each force sensor.
     pub bridges: [bool; SENSORS],
 }
@@ -159,7 +159,7 @@ pub fn is_trace(path: impl AsRef<Path>) -> Result<bool, FileError> {
 struct Columns {
     full_scale: FullScale,
     time: usize,
-    taxels: Option<([[usize; COLS]; ROWS], [usize; COLS])>,
+    taxels: Option<(Vec<[usize; COLS]>, [usize; COLS])>,
     bridges: [Option<[usize; 4]>; SENSORS],
     reference: Option<usize>,
     temperature: Option<usize>,
@@ -173,11 +173,14 @@ impl Columns {
         let time = header.find("t_us").ok_or_else(|| {
             header.missing("t_us").mend("a trace needs device time in microseconds")
         })?;
-        let taxels = header.group(&taxel_names())?.map(|at| {
-            (
-                std::array::from_fn(|r| std::array::from_fn(|c| at[r * COLS + c])),
-                std::array::from_fn(|c| at[ROWS * COLS + c]),
-            )
+        // What row 0 and the dark do not account for is of the other rows.
+        let line = taxel_names(1);
+        let mut others = taxel_names(ROWS).into_iter().filter(|name| !line.contains(name));
+        let rows = if others.any(|name| header.find(&name).is_some()) { ROWS } else { 1 };
+        let taxels = header.group(&taxel_names(rows))?.map(|at| {
+            let (lit, dark) = at.split_at(rows * COLS);
+            let lit = lit.chunks_exact(COLS).map(|row| std::array::from_fn(|c| row[c]));
+            (lit.collect(), std::array::from_fn(|c| dark[c]))
         });
         let mut bridges = [None; SENSORS];
         for (i, bridge) in bridges.iter_mut().enumerate() {
@@ -205,12 +208,20 @@ impl Columns {
         let taxels = match &self.taxels {
             None => None,
             Some((lit, dark)) => {
+                let mut read = [Code(0); COLS];
+                let mut row = |at: &[usize; COLS]| -> Result<[Code; COLS], FileError> {
+                    for (slot, at) in read.iter_mut().zip(at) {
+                        *slot = code(*at)?;
+                    }
+                    Ok(read)
+                };
                 let mut codes = TaxelCodes::default();
-                let from = lit.iter().flatten().chain(dark);
-                let to = codes.lit.iter_mut().flatten().chain(&mut codes.dark);
-                for (at, slot) in from.zip(to) {
-                    *slot = code(*at)?;
+                for (slot, at) in codes.lit.iter_mut().zip(lit) {
+                    *slot = row(at)?;
                 }
+                codes.dark = row(dark)?;
+                // A row without LEDs reads the dark.
+                codes.lit.iter_mut().skip(lit.len()).for_each(|row| *row = codes.dark);
                 Some(codes)
             }
         };

@@ -15,8 +15,8 @@ use crate::error::FileError;
 pub struct TraceHeader {
     /// What the codes are fractions of.
     pub full_scale: FullScale,
-    /// The optical matrix.
-    pub taxels: bool,
+    /// Rows of the optical matrix: [`taxel::scan::ROWS`], 1 for a line of taxels, 0 without it.
+    pub rows: usize,
     /// Each force sensor.
     pub bridges: [bool; SENSORS],
     /// The reference channel.
@@ -53,8 +53,8 @@ impl TraceWriter {
         let mut writer =
             Self { path, header, records: csv::Writer::from_writer(file), row: Vec::new() };
         writer.row.push("t_us".to_owned());
-        if header.taxels {
-            writer.row.extend(taxel_names());
+        if header.rows > 0 {
+            writer.row.extend(taxel_names(header.rows));
         }
         let present = (0..SENSORS).filter(|i| header.bridges[*i]);
         writer.row.extend(present.clone().flat_map(bridge_names));
@@ -80,9 +80,10 @@ impl TraceWriter {
         let row = &mut self.row;
         let code = |code: Option<Code>| code.map(|code| code.0.to_string()).unwrap_or_default();
         row.push(sample.scan.time.0.to_string());
-        if header.taxels {
+        if header.rows > 0 {
             let taxels = codes.taxels.unwrap_or_default();
-            row.extend(taxels.lit.iter().flatten().chain(&taxels.dark).map(|c| c.0.to_string()));
+            let lit = taxels.lit.iter().take(header.rows).flatten();
+            row.extend(lit.chain(&taxels.dark).map(|c| c.0.to_string()));
         }
         let present = (0..SENSORS).filter(|i| header.bridges[*i]);
         for i in present.clone() {

@@ -1,12 +1,12 @@
 //! The table of a scene that says which finger it is.
 
 use serde::Deserialize;
-use taxel::scan::SENSORS;
+use taxel::scan::{COLS, ROWS, SENSORS, TAXELS};
 
 use crate::response::Coating;
 
 /// `[device]`
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Device {
     /// Which individual: its gains, offsets and mismatches follow from this number.
@@ -19,6 +19,8 @@ pub struct Device {
     pub bridges: [bool; SENSORS],
     /// What covers the force sensors; with the effect `response`.
     pub coating: Coating,
+    /// Pairs assembled so near to their facets that they work on the wrong side of their light curve.
+    pub wrong_side: Vec<Taxel>,
 }
 
 impl Default for Device {
@@ -29,6 +31,7 @@ impl Default for Device {
             taxels: true,
             bridges: [true; SENSORS],
             coating: Coating::Bare,
+            wrong_side: Vec::new(),
         }
     }
 }
@@ -52,5 +55,28 @@ impl TryFrom<u8> for Bits {
             16 => Ok(Self::Sixteen),
             _ => Err(format!("{bits} bits; allowed are 12 and 16")),
         }
+    }
+}
+
+/// A taxel by its row and column, `r0c0` to `r3c3`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub struct Taxel(usize);
+
+impl Taxel {
+    /// Its number in row-major order.
+    #[must_use]
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
+
+impl TryFrom<String> for Taxel {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        (0..TAXELS).find(|k| name == format!("r{}c{}", k / COLS, k % COLS)).map(Self).ok_or_else(
+            || format!("no taxel `{name}`; allowed are r0c0 to r{}c{}", ROWS - 1, COLS - 1),
+        )
     }
 }

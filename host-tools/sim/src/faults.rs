@@ -1,0 +1,179 @@
+//! What is broken at a moment of a scene, and what that does to voltages and codes.
+//!
+//! An input of a midpoint that nothing drives floats: the converter reads what its sampling capacitor
+//! holds of the conversion before, which is the midpoint before, and for the first of a sensor its last.
+
+use std::ops::Range;
+
+use taxel::scan::{COLS, Codes, Midpoints, ROWS, TaxelCodes};
+use taxel::units::Code;
+
+use crate::scene::{Broken, Place, Scene};
+
+/// Well above the range, so that no noise brings it back into it.
+const ABOVE: f64 = 2.0;
+
+/// The faults of a scene.
+#[derive(Clone, Debug)]
+pub struct Faults {
+    events: Vec<Event>,
+    /// Now, in µs of the scene.
+    now: f64,
+}
+
+#[derive(Clone, Debug)]
+struct Event {
+    /// In µs of the scene.
+    while_: Range<f64>,
+    broken: Broken,
+    /// What a stuck channel had when it stuck.
+    held: Option<Codes>,
+}
+
+impl Faults {
+    /// The scene's, which has been checked.
+    #[must_use]
+    pub fn of(scene: &Scene) -> Self {
+        let events = scene.faults().map(|(seconds, broken)| Event {
+            while_: seconds.start * 1e6..seconds.end * 1e6,
+            broken,
+            held: None,
+        });
+        Self { events: events.collect(), now: 0.0 }
+    }
+
+    /// The scene is at `scene_us`.
+    pub fn advance(&mut self, scene_us: f64) {
+        self.now = scene_us;
+    }
+
+    fn active(&self) -> impl Iterator<Item = Broken> + '_ {
+        self.events.iter().filter(|e| e.while_.contains(&self.now)).map(|e| e.broken)
+    }
+
+    /// Taxels whose LED is dead, a bit each.
+    #[must_use]
+    pub fn dead_leds(&self) -> u16 {
+        self.active().fold(0, |dead, b| if let Broken::Led(k) = b { dead | 1 << k } else { dead })
+    }
+
+    /// Taxels whose phototransistor is cut off, a bit each.
+    #[must_use]
+    pub fn blind(&self) -> u16 {
+        self.active().fold(0, |blind, b| match b {
+            Broken::Open(Place::Taxel(k)) => blind | 1 << k,
+            _ => blind,
+        })
+    }
+
+    /// Which share of a column's phototransistors sees the room.
+    #[must_use]
+    pub fn seeing(&self) -> [f64; COLS] {
+        let blind = self.blind();
+        let mut seeing = [1.0; COLS];
+        if blind != 0 {
+            for (c, seeing) in seeing.iter_mut().enumerate() {
+                let cut_off = (0..ROWS).filter(|r| blind >> (r * COLS + c) & 1 == 1).count();
+                *seeing = 1.0 - cut_off as f64 / ROWS as f64;
+            }
+        }
+        seeing
+    }
+
+    /// What is left of the supply.
+    #[must_use]
+    pub fn supply(&self) -> f64 {
+        self.active().fold(1.0, |left, b| if let Broken::Supply(s) = b { left * s } else { left })
+    }
+
+    /// Broken resistors of a sensor, a bit each.
+    #[must_use]
+    pub fn arms(&self, sensor: usize) -> u8 {
+        self.active().fold(0, |arms, b| match b {
+            Broken::Arm(of, resistor) if of == sensor => arms | 1 << resistor,
+            _ => arms,
+        })
+    }
+
+    /// The voltages of the columns as they come to the converter.
+    pub fn columns(&self, levels: &mut [f64; COLS]) {
+        for broken in self.active() {
+            match broken {
+                Broken::Open(Place::Column(c)) | Broken::Shorted(Place::Column(c)) => {
+                    set(levels, c, 0.0)
+                }
+                Broken::Saturated(Place::Column(c)) => set(levels, c, ABOVE),
+                Broken::Swapped(one, other) => levels.swap(one, other),
+                _ => {}
+            }
+        }
+    }
+
+    /// The voltages of a sensor's midpoints as they come to the converter.
+    pub fn midpoints(&self, sensor: usize, levels: &mut [f64; 4]) {
+        for broken in self.active() {
+            match broken {
+                Broken::Open(Place::Midpoint(of, i)) if of == sensor => {
+                    let before = levels.get((i + 3) % 4).copied().unwrap_or_default();
+                    set(levels, i, before);
+                }
+                Broken::Shorted(Place::Midpoint(of, i)) if of == sensor => set(levels, i, 0.0),
+                Broken::Saturated(Place::Midpoint(of, i)) if of == sensor => set(levels, i, ABOVE),
+                _ => {}
+            }
+        }
+    }
+
+    /// Codes of stuck channels are those of the first frame in which they stuck.
+    pub fn stick(&mut self, codes: &mut Codes) {
+        let now = self.now;
+        for event in &mut self.events {
+            let Broken::Stuck(place) = event.broken else { continue };
+            if event.while_.contains(&now) {
+                let held = event.held.get_or_insert(*codes);
+                repeat(codes, held, place);
+            } else {
+                event.held = None;
+            }
+        }
+    }
+}
+
+fn set<const N: usize>(levels: &mut [f64; N], i: usize, to: f64) {
+    if let Some(level) = levels.get_mut(i) {
+        *level = to;
+    }
+}
+
+/// A taxel's reading repeats itself; the input of a column stays where it was in the last row.
+fn repeat(codes: &mut Codes, held: &Codes, place: Place) {
+    match place {
+        Place::Taxel(k) => {
+            if let (Some(now), Some(then)) = (&mut codes.taxels, &held.taxels) {
+                let then = then.lit.as_flattened().get(k);
+                if let (Some(now), Some(then)) = (now.lit.as_flattened_mut().get_mut(k), then) {
+                    *now = *then;
+                }
+            }
+        }
+        Place::Column(c) => {
+            let Some(TaxelCodes { lit: [.., last], .. }) = held.taxels else { return };
+            let (Some(now), Some(then)) = (&mut codes.taxels, last.get(c)) else { return };
+            let rows = now.lit.iter_mut().chain([&mut now.dark]);
+            rows.filter_map(|row| row.get_mut(c)).for_each(|code| *code = *then);
+        }
+        Place::Midpoint(sensor, i) => {
+            let then = held.bridges.get(sensor).copied().flatten();
+            let now = codes.bridges.get_mut(sensor).and_then(Option::as_mut);
+            if let (Some(now), Some(then)) = (now, then) {
+                let pick = |m: Midpoints| [m.a, m.b, m.c, m.d].get(i).copied();
+                let now = [&mut now.a, &mut now.b, &mut now.c, &mut now.d].into_iter().nth(i);
+                if let (Some(now), Some(then)) = (now, pick(then)) {
+                    let code: &mut Code = now;
+                    *code = then;
+                }
+            }
+        }
+        Place::Reference => codes.reference = held.reference,
+    }
+}

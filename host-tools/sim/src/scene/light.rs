@@ -1,0 +1,40 @@
+//! The table of a scene that says what light the room has.
+
+use serde::Deserialize;
+
+use crate::ranges;
+
+/// `[light]`, as fractions of the converter's range at each column on a load of 1 kΩ.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Light {
+    /// Steady part; with the effect `ambient`.
+    #[serde(deserialize_with = "ranges::ratio")]
+    pub ambient_ratio: f64,
+    /// Amplitude of the swing; with the effect `flicker`.
+    #[serde(deserialize_with = "ranges::ratio")]
+    pub flicker_ratio: f64,
+    /// Frequency of the swing: twice the mains'.
+    #[serde(deserialize_with = "ranges::lamps")]
+    pub flicker_hz: f64,
+    /// What the sun adds; with the effect `sun`.
+    #[serde(deserialize_with = "ranges::ratio")]
+    pub sun_ratio: f64,
+    /// When the sun comes out, in seconds.
+    #[serde(deserialize_with = "ranges::moment")]
+    pub sun_at_s: f64,
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        // The black rubber lets little in; what comes through its rim swings by a tenth. The sun is ten
+        // times as bright as a room and heavy in the infrared.
+        Self {
+            ambient_ratio: 0.02,
+            flicker_ratio: 0.002,
+            flicker_hz: 100.0,
+            sun_ratio: 0.2,
+            sun_at_s: 0.0,
+        }
+    }
+}

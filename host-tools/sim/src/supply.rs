@@ -1,0 +1,96 @@
+//! The supply of LEDs and bridges, and what its swings do to readings.
+//!
+//! A bridge's midpoint is a share of the supply, so that on a converter whose reference is the supply
+//! (ratiometric) its code stays. Light is not a share of it: an LED behind a resistor gets more current.
+
+use crate::scene::{Effect, Scene};
+
+/// Supply of 002 and 003 in volts.
+const NOMINAL_V: f64 = 5.0;
+/// Forward voltage of an infrared LED at some milliamperes; an assumption (SFH 480: 1.5 V at 100 mA).
+const FORWARD_V: f64 = 1.3;
+
+/// The supply of one run.
+#[derive(Clone, Debug)]
+pub struct Supply {
+    ratiometric: bool,
+    /// Amplitude and radians per microsecond.
+    ripple: Option<(f64, f64)>,
+}
+
+/// Factors on what is read at a nominal supply.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scales {
+    /// Light of the LEDs.
+    pub leds: f64,
+    /// Every voltage that does not follow the supply, as the converter sees it.
+    pub fixed: f64,
+    /// Every voltage that is a share of the supply, as the converter sees it.
+    pub share: f64,
+}
+
+impl Scales {
+    /// Nothing is changed.
+    pub const NOMINAL: Self = Self { leds: 1.0, fixed: 1.0, share: 1.0 };
+}
+
+impl Supply {
+    /// The scene's supply.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        let speed = core::f64::consts::TAU * scene.electronics.ripple_hz * 1e-6;
+        let ripple = scene.has(Effect::SupplyRipple);
+        Self {
+            ratiometric: scene.electronics.ratiometric,
+            ripple: ripple.then_some((scene.electronics.ripple_ratio, speed)),
+        }
+    }
+
+    /// At `device_us`, while a fault leaves `dip` of it; 1 where there is none.
+    #[must_use]
+    pub fn at(&self, device_us: f64, dip: f64) -> Scales {
+        let ripple = self.ripple.map_or(0.0, |(swing, speed)| swing * (speed * device_us).sin());
+        let supply = dip * (1.0 + ripple);
+        if supply == 1.0 {
+            return Scales::NOMINAL;
+        }
+        let reference = if self.ratiometric { supply } else { 1.0 };
+        let leds = (NOMINAL_V * supply - FORWARD_V) / (NOMINAL_V - FORWARD_V);
+        Scales { leds: leds.max(0.0), fixed: 1.0 / reference, share: supply / reference }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn supply(effects: &str, electronics: &str) -> Supply {
+        let text = format!(
+            "effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n[electronics]\n{electronics}\n"
+        );
+        Supply::new(&Scene::parse("test.toml", &text).unwrap())
+    }
+
+    #[test]
+    fn a_steady_supply_changes_nothing() {
+        assert_eq!(supply("", "ripple_ratio = 0.5").at(123.0, 1.0), Scales::NOMINAL);
+    }
+
+    #[test]
+    fn ripple_cancels_in_a_bridge_that_is_read_against_its_supply_and_not_in_the_light() {
+        let ripple = "ripple_ratio = 0.01\nripple_hz = 100";
+        let crest = 2500.0;
+        let own = supply("'supply-ripple'", ripple).at(crest, 1.0);
+        assert!((own.share - 1.0).abs() < 1e-15);
+        // 50 mV of 5 V are 1.35 % of the 3.7 V that drive the LED.
+        assert!((own.leds - 1.0135).abs() < 1e-4 && own.fixed < 1.0);
+        let other = supply("'supply-ripple'", &format!("{ripple}\nratiometric = false"));
+        let other = other.at(crest, 1.0);
+        assert!((other.share - 1.01).abs() < 1e-12 && other.fixed == 1.0);
+    }
+
+    #[test]
+    fn an_led_goes_out_when_the_supply_is_below_its_forward_voltage() {
+        assert_eq!(supply("", "").at(0.0, 0.25).leds, 0.0);
+    }
+}
