@@ -8,9 +8,11 @@
 
 mod bias;
 mod levels;
+mod stuck;
 
 pub use bias::{Bias, BiasRefusal, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias};
 pub use levels::{BridgeLevels, Levels, TaxelLevels};
+pub use stuck::{Stuck, StuckWatch};
 
 use serde::{Deserialize, Serialize};
 
@@ -34,8 +36,9 @@ pub struct Signals {
 pub struct Health {
     /// Bit k: taxel k is clipped, lit or dark.
     pub saturated: u16,
-    /// Bit k: taxel k sees (almost) none of its LED's light.
+    /// Bit k: taxel k sees (almost) none of its LED's light, or its code is stuck.
     pub dead: u16,
-    /// Bit i: a midpoint of sensor i is too near a rail for an intact bridge.
+    /// Bit i: a midpoint of sensor i is too near a rail for an intact bridge, or its code is stuck, or the
+    /// four are not about half the supply.
     pub bridge_faults: u8,
 }

@@ -1,7 +1,9 @@
 //! The whole way of one scan: codes → signals → gate → only the estimators that the scene needs.
 
 use crate::calibration::{Calibration, Range};
-use crate::condition::{Bias, BiasRefusal, BiasTaker, Health, Levels, Signals, Taken};
+use crate::condition::{
+    Bias, BiasRefusal, BiasTaker, Health, Levels, Signals, Stuck, StuckWatch, Taken,
+};
 use crate::estimate::contact_point::{PointMethod, arg_min, centroid};
 use crate::estimate::gate::{Gate, GateState};
 use crate::estimate::{ContactPoint, Force};
@@ -26,6 +28,7 @@ pub struct FingerState {
     bias: Bias,
     biased: bool,
     gate: GateState,
+    stuck: StuckWatch,
     taker: Option<BiasTaker>,
 }
 
@@ -136,8 +139,12 @@ impl Finger {
         let levels = Levels::read(&scan.codes);
         let bias = self.advance_bias(state, &levels);
         let healthy = self.calibration.as_ref().and_then(|c| c.taxels.as_ref());
-        let signals = state.bias.apply(levels, healthy.map(|taxels| &taxels.bias.level));
+        let mut signals = state.bias.apply(levels, healthy.map(|taxels| &taxels.bias.level));
+        let stuck = state.stuck.update(&scan.codes);
+        signals.health.dead |= stuck.taxels;
+        signals.health.bridge_faults |= stuck.bridges;
         let mut status = Status::default();
+        flag(&mut status, Status::STUCK_CHANNEL, stuck != Stuck::default());
         flag(&mut status, Status::OVERRUN, scan.overrun);
         flag(&mut status, Status::BIASED, state.biased);
         flag(&mut status, Status::SATURATED, signals.health.saturated != 0);

@@ -24,7 +24,8 @@ impl Status {
     pub const SATURATED: Self = Self(1 << 2);
     /// Bit 3: a taxel sees no light; forces are withheld and the contact point leaves it out.
     pub const DEAD_TAXEL: Self = Self(1 << 3);
-    /// Bit 4: a bridge midpoint is near a rail; that sensor's force is withheld.
+    /// Bit 4: a bridge midpoint is near a rail, or the four are not about half the supply; that sensor's
+    /// force is withheld.
     pub const BRIDGE_FAULT: Self = Self(1 << 4);
     /// Bit 5: a signal lies outside the calibration's range; the forces that need it are withheld.
     pub const OUT_OF_RANGE: Self = Self(1 << 5);
@@ -32,6 +33,9 @@ impl Status {
     pub const OVERRUN: Self = Self(1 << 6);
     /// Bit 7: a bias taken on command is in force instead of the calibration's.
     pub const BIASED: Self = Self(1 << 7);
+    /// Bit 8: a code does not change any more while the others do; its taxel or sensor is left out as a
+    /// dead one is.
+    pub const STUCK_CHANNEL: Self = Self(1 << 8);
     /// Bit 16: the arg-min contact point ran.
     pub const RAN_ARG_MIN: Self = Self(1 << 16);
     /// Bit 17: the centroid contact point ran.
@@ -42,7 +46,7 @@ impl Status {
     pub const RAN_SENSORS: Self = Self(1 << 19);
 
     /// Every bit with its name, as the tools print it.
-    pub const NAMES: [(Self, &'static str); 12] = [
+    pub const NAMES: [(Self, &'static str); 13] = [
         (Self::CONTACT, "contact"),
         (Self::UNCALIBRATED, "uncalibrated"),
         (Self::SATURATED, "saturated"),
@@ -51,6 +55,7 @@ impl Status {
         (Self::OUT_OF_RANGE, "out-of-range"),
         (Self::OVERRUN, "overrun"),
         (Self::BIASED, "biased"),
+        (Self::STUCK_CHANNEL, "stuck-channel"),
         (Self::RAN_ARG_MIN, "ran-arg-min"),
         (Self::RAN_CENTROID, "ran-centroid"),
         (Self::RAN_NET, "ran-net"),
@@ -132,6 +137,6 @@ mod tests {
             assert_eq!(all & bit.0, 0);
             all | bit.0
         });
-        assert_eq!(all, 0x000f_00ff);
+        assert_eq!(all, 0x000f_01ff);
     }
 }

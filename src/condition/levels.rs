@@ -14,6 +14,12 @@ pub type BridgeLevels = [f32; 3];
 /// per newton (8.5 mV/V/N times the gain, 003 §1.2). An open or shorted arm takes it to a rail.
 const MIDPOINT_MARGIN: f32 = 0.1;
 
+/// The four midpoints of an intact bridge average half its supply whatever the force, which moves two up
+/// and two down: what is left is half a per cent of mismatch per resistor, amplified (one standard
+/// deviation is 0.014 at a gain of 16). A supply that has dropped by a quarter, under a converter that does
+/// not follow it, takes the mean to 0.375.
+const COMMON_MARGIN: f32 = 0.1;
+
 /// Without a bias to compare with, a taxel whose LED adds less than this is dead: the weakest
 /// phototransistor of a working pair adds some ten times as much.
 const DEAD_LEVEL: f32 = 1.0 / 128.0;
@@ -82,7 +88,9 @@ fn read_bridge(midpoints: &Midpoints, full_scale: FullScale) -> (BridgeLevels, b
     let [a, b, c, d] =
         [midpoints.a, midpoints.b, midpoints.c, midpoints.d].map(|code| full_scale.ratio(code).0);
     let intact = [a, b, c, d].iter().all(|v| (MIDPOINT_MARGIN..=1.0 - MIDPOINT_MARGIN).contains(v));
-    ([b - a, c - d, (a + b) - (c + d)], intact)
+    let common = 0.25 * ((a + b) + (c + d));
+    let fed = (0.5 - COMMON_MARGIN..=0.5 + COMMON_MARGIN).contains(&common);
+    ([b - a, c - d, (a + b) - (c + d)], intact && fed)
 }
 
 #[cfg(test)]
@@ -146,5 +154,7 @@ mod tests {
         assert!((z - (2100.0 - 2550.0) / 2000.0).abs() < 1e-6);
         let open = Midpoints { c: Code(1990), ..midpoints };
         assert!(!read_bridge(&open, full_scale).1);
+        let starved = Midpoints { a: Code(780), b: Code(780), c: Code(790), d: Code(790) };
+        assert!(!read_bridge(&starved, full_scale).1);
     }
 }

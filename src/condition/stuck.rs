@@ -1,0 +1,167 @@
+//! Channels whose code does not change any more while the others' do.
+//!
+//! A converter that averages to 16 bits never rests on one code: its own noise is some codes wide. A
+//! channel that keeps one over a whole window is not being read, however plausible its code. With single
+//! 12-bit conversions a sound channel may rest, so nothing is said there; nor while too few of the others
+//! move, as in a recording without noise.
+
+use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
+use crate::units::{Code, FullScale};
+
+/// Four channels that are compared in the same scan: a row of taxels, or a sensor.
+type Group = [Code; COLS];
+const GROUPS: usize = ROWS + SENSORS;
+/// Scans in which every group comes round 32 times.
+const WINDOW: u16 = 32 * GROUPS as u16;
+
+/// The memory of the watch. Each scan compares one group, so that it costs four comparisons.
+#[derive(Clone, Debug)]
+pub struct StuckWatch {
+    seen: u16,
+    first: [Option<Group>; GROUPS],
+    /// A bit a channel, taxels first, then the midpoints.
+    moved: u32,
+    present: u32,
+    stuck: u32,
+}
+
+impl Default for StuckWatch {
+    fn default() -> Self {
+        Self { seen: 0, first: [None; GROUPS], moved: 0, present: 0, stuck: 0 }
+    }
+}
+
+/// Channels that are stuck.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stuck {
+    /// Bit k: taxel k.
+    pub taxels: u16,
+    /// Bit i: a midpoint of sensor i.
+    pub bridges: u8,
+}
+
+impl StuckWatch {
+    /// Takes one scan; what is stuck by the last full window.
+    pub fn update(&mut self, codes: &Codes) -> Stuck {
+        if codes.full_scale != FullScale::BITS_16 {
+            *self = Self::default();
+            return Stuck::default();
+        }
+        let group = usize::from(self.seen) % GROUPS;
+        if let (Some(now), Some(first)) = (read(codes, group), self.first.get_mut(group)) {
+            let first = *first.get_or_insert(now);
+            for (i, (now, first)) in now.into_iter().zip(first).enumerate() {
+                let bit = 1 << (COLS * group + i);
+                self.present |= bit;
+                // A code at a rail may rest there; other flags tell of it.
+                if now != first || now.0 == 0 || codes.full_scale.clips(now) {
+                    self.moved |= bit;
+                }
+            }
+        }
+        self.seen += 1;
+        if self.seen >= WINDOW {
+            const TAXELS: u32 = 0xffff;
+            let stuck = self.judged(TAXELS) | self.judged(!TAXELS);
+            *self = Self { stuck, ..Self::default() };
+        }
+        let [low, high, midpoints @ ..] = self.stuck.to_le_bytes();
+        let mut bridges = 0;
+        for (i, midpoints) in midpoints.iter().flat_map(|two| [two & 15, two >> 4]).enumerate() {
+            bridges |= u8::from(midpoints != 0) << i;
+        }
+        Stuck { taxels: u16::from_le_bytes([low, high]), bridges }
+    }
+
+    /// Of the channels in `kind`. Where fewer than three quarters moved, only those that did are known
+    /// not to be stuck.
+    fn judged(&self, kind: u32) -> u32 {
+        let (present, moved) = (self.present & kind, self.moved & kind);
+        let suspects = if 4 * moved.count_ones() >= 3 * present.count_ones() {
+            present
+        } else {
+            self.stuck & kind
+        };
+        suspects & !moved
+    }
+}
+
+fn read(codes: &Codes, group: usize) -> Option<Group> {
+    if group < ROWS {
+        return codes.taxels.as_ref()?.lit.get(group).copied();
+    }
+    let Midpoints { a, b, c, d } = codes.bridges.get(group - ROWS).copied().flatten()?;
+    Some([a, b, c, d])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::TaxelCodes;
+
+    /// Frame `t` of a finger whose codes take turns, but for those in `still`.
+    fn codes(t: usize, still: &[usize]) -> Codes {
+        let code = |k: usize| {
+            let wobble = if still.contains(&k) { 0 } else { (t / GROUPS + k) as u16 % 3 };
+            Code(20_000 + 100 * k as u16 + wobble)
+        };
+        let lit = core::array::from_fn(|r| core::array::from_fn(|c| code(COLS * r + c)));
+        let bridges = core::array::from_fn(|s| {
+            let [a, b, c, d] = core::array::from_fn(|i| code(16 + 4 * s + i));
+            Some(Midpoints { a, b, c, d })
+        });
+        Codes {
+            full_scale: FullScale::BITS_16,
+            taxels: Some(TaxelCodes { lit, dark: [Code(900); COLS] }),
+            bridges,
+            reference: None,
+            temperature: None,
+        }
+    }
+
+    fn after(scans: usize, codes: impl Fn(usize) -> Codes) -> Stuck {
+        let mut watch = StuckWatch::default();
+        (0..scans).fold(Stuck::default(), |_, t| watch.update(&codes(t)))
+    }
+
+    #[test]
+    fn what_rests_while_the_others_move_is_stuck_after_one_window() {
+        let stuck = Stuck { taxels: 1 << 6, bridges: 1 << 2 };
+        let window = usize::from(WINDOW);
+        assert_eq!(after(window, |t| codes(t, &[6, 16 + 4 * 2 + 3])), stuck);
+        assert_eq!(after(window - 1, |t| codes(t, &[6])), Stuck::default());
+    }
+
+    #[test]
+    fn a_channel_that_moves_again_is_free_after_another_window() {
+        let window = usize::from(WINDOW);
+        let freed = |t| codes(t, if t < window { &[6] } else { &[] });
+        assert_eq!(after(2 * window - 1, freed).taxels, 1 << 6);
+        assert_eq!(after(2 * window, freed), Stuck::default());
+    }
+
+    #[test]
+    fn a_finger_that_rests_as_a_whole_is_not_stuck() {
+        let all: [usize; 32] = core::array::from_fn(|k| k);
+        assert_eq!(after(2000, |t| codes(t, &all)), Stuck::default());
+        // Nor does a moment of rest free what was stuck.
+        let window = usize::from(WINDOW);
+        let rests = |t| codes(t, if t < window { &[6][..] } else { &all });
+        assert_eq!(after(3 * window, rests).taxels, 1 << 6);
+    }
+
+    #[test]
+    fn nothing_is_said_of_twelve_bit_codes_or_of_codes_at_a_rail() {
+        let twelve = |t| Codes { full_scale: FullScale::BITS_12, ..codes(t, &[6]) };
+        assert_eq!(after(2000, twelve), Stuck::default());
+        let railed = |t| {
+            let mut codes = codes(t, &[]);
+            if let Some(taxels) = &mut codes.taxels {
+                taxels.lit[1][1] = Code(65_535);
+                taxels.lit[2][1] = Code(0);
+            }
+            codes
+        };
+        assert_eq!(after(2000, railed), Stuck::default());
+    }
+}
