@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use taxel_formats::FileError;
 use taxel_sim::fidelity::Ladder;
-use taxel_sim::path::{Load, Path};
+use taxel_sim::path::{Contacts, Path};
 use taxel_sim::scene::BUILT_IN;
 use taxel_sim::{Scene, Simulator};
 
@@ -88,10 +88,11 @@ fn rungs() -> Result<(), FileError> {
 }
 
 /// Loads evenly spread over the contact of a scene.
-fn loads(scene: &Scene) -> Vec<Load> {
+fn loads(scene: &Scene) -> Vec<Contacts> {
     let mut path = Path::new(scene, 1);
-    let all: Vec<Load> = (0..scene.frames())
-        .filter_map(|frame| path.at(frame as f64 / f64::from(scene.rate_hz())))
+    let all: Vec<Contacts> = (0..scene.frames())
+        .map(|frame| path.at(frame as f64 / f64::from(scene.rate_hz())))
+        .filter(|at| !at.is_empty())
         .collect();
     all.iter().step_by((all.len() / CONTACTS).max(1)).copied().collect()
 }

@@ -3,7 +3,7 @@
 //! How the plate shares a force out: it is rigid and stands on four equal, linear, isotropic springs, so
 //! that besides the six equations of equilibrium the shares follow from its six motions. With sensors at
 //! (±5, ±5) mm and the contact 6 mm above them, f_z,i = F_z/4 + (x F_z + h F_x) x_i/100 + … and
-//! f_x,i = F_x/4 − M_z y_i/200, M_z = x F_y − y F_x.
+//! f_x,i = F_x/4 − M_z y_i/200, M_z = M + x F_y − y F_x.
 //!
 //! Voltages are fractions of the bridge supply, which is also the converter's reference.
 
@@ -35,14 +35,15 @@ const TCR_MISMATCH: f64 = 2e-5;
 /// Standard deviation of an off-diagonal term between axes, as a share of the other axis' force.
 const CROSSTALK: f64 = 0.03;
 
-/// Shares of the four sensors in a `force` (N, z into the skin) on the skin at `point` (mm).
+/// Shares of the four sensors in a `force` (N, z into the skin) on the skin at `point` (mm), with a
+/// moment `torsion` (N mm) about the normal there.
 #[must_use]
-pub fn shares(point: [f64; 2], force: [f64; 3]) -> [[f64; 3]; SENSORS] {
+pub fn shares(point: [f64; 2], force: [f64; 3], torsion: f64) -> [[f64; 3]; SENSORS] {
     let [x, y] = point;
     let [fx, fy, fz] = force;
     // First moments of the sensors' normal forces; a force pointing to +x leans on the sensors at +x.
     let lean = [x * fz + HEIGHT_MM * fx, y * fz + HEIGHT_MM * fy];
-    let torsion = x * fy - y * fx;
+    let torsion = torsion + x * fy - y * fx;
     // Σ x_i² = Σ y_i² over the sensors.
     let second: f64 = PLACES.iter().map(|[x, _]| x * x).sum();
     let n = SENSORS as f64;
@@ -241,14 +242,14 @@ mod tests {
 
     #[test]
     fn two_newtons_on_an_edge_stay_where_an_intact_bridge_is() {
-        for share in shares([5.0, 5.0], [1.4, 1.4, 2.0]) {
+        for share in shares([5.0, 5.0], [1.4, 1.4, 2.0], 0.0) {
             assert!(PERFECT.midpoints(share, USUAL).iter().all(|v| (0.25..0.75).contains(v)));
         }
     }
 
     #[test]
     fn a_force_right_above_a_sensor_is_mostly_its_own() {
-        let over = shares([-5.0, -5.0], [0.0, 0.0, 1.0]);
+        let over = shares([-5.0, -5.0], [0.0, 0.0, 1.0], 0.0);
         assert!((over[0][2] - 0.75).abs() < 1e-12 && (over[2][2] + 0.25).abs() < 1e-12);
     }
 
@@ -271,9 +272,9 @@ mod tests {
         #[test]
         fn shares_balance_the_force_and_all_its_moments(
             x in -5.0..5.0f64, y in -5.0..5.0f64,
-            fx in -2.0..2.0f64, fy in -2.0..2.0f64, fz in 0.0..2.0f64,
+            fx in -2.0..2.0f64, fy in -2.0..2.0f64, fz in 0.0..2.0f64, torsion in -9.0..9.0f64,
         ) {
-            let shares = shares([x, y], [fx, fy, fz]);
+            let shares = shares([x, y], [fx, fy, fz], torsion);
             for axis in 0..3 {
                 let sum: f64 = shares.iter().map(|s| s[axis]).sum();
                 prop_assert!((sum - [fx, fy, fz][axis]).abs() < 1e-12);
@@ -289,7 +290,7 @@ mod tests {
             let h = HEIGHT_MM;
             prop_assert!((about_x - (y * fz - -h * fy)).abs() < 1e-9);
             prop_assert!((about_y - (-h * fx - x * fz)).abs() < 1e-9);
-            prop_assert!((about_z - (x * fy - y * fx)).abs() < 1e-9);
+            prop_assert!((about_z - (torsion + x * fy - y * fx)).abs() < 1e-9);
         }
     }
 }

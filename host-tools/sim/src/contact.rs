@@ -6,16 +6,17 @@
 //! - [`HalfSpace`]: the material; stress, strain and displacement under a point load (004 eqs (1), (2);
 //!   Johnson §3.2, §3.6), and how far indenters sink into it;
 //! - [`plane`]: line, flat block and cylinder in plane strain, in closed form (004);
-//! - [`sphere`]: Hertz's sphere in closed form, and the tractions of a sphere that is sheared
-//!   (Cattaneo–Mindlin partial slip);
-//! - [`traction`]: any other contact as a superposition of point loads over it: sphere, ellipse, flat
-//!   punch, corner, block, cylinder, edge;
+//! - [`sphere`]: Hertz's sphere in closed form;
+//! - [`traction`]: any contact as a superposition of point loads over it;
+//! - [`Indenter`]: the tractions of a tip, sphere, punch, corner, cylinder, block or edge that is pressed,
+//!   sheared (partial slip) and twisted;
 //! - [`Facets`]: what the optical taxels see of it: means of the vertical displacement.
 //!
 //! What a half-space is worth for a real skin, with numbers: `docs/simulator.md`.
 
 mod facets;
 mod halfspace;
+mod indenter;
 pub mod layer;
 pub mod plane;
 pub mod sphere;
@@ -23,4 +24,5 @@ pub mod traction;
 
 pub use facets::Facets;
 pub use halfspace::{HalfSpace, SILICONE_YOUNG_MPA};
+pub use indenter::{Indenter, Lies};
 pub use traction::{Patch, Rule};

@@ -18,10 +18,9 @@ use serde::Deserialize;
 use taxel::scan::TAXELS;
 
 use crate::contact::layer::Layer;
-use crate::contact::traction::Round;
-use crate::contact::{Facets, HalfSpace, Rule, sphere};
-use crate::path::{Load, Path};
-use crate::scene::Scene;
+use crate::contact::{Facets, HalfSpace, Indenter, Patch, Rule};
+use crate::path::{Contacts, Load, Path};
+use crate::scene::{MOST_CONTACTS, Scene};
 
 /// `fidelity` of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -106,7 +105,7 @@ enum Support {
 #[derive(Clone, Debug)]
 pub struct Ladder {
     skin: HalfSpace,
-    radius: f64,
+    indenter: Indenter,
     mu: f64,
     support: Support,
     point: Rule,
@@ -142,14 +141,15 @@ impl Ladder {
             Fidelity::Converged => Some(Rung::Converged),
             Fidelity::Layer => Some(Rung::Layer),
         };
+        let indenter = scene.indenter();
         let mut ladder = Self {
             skin,
-            radius: scene.indenter.radius_mm,
+            indenter,
             mu: scene.friction.mu,
             support,
             point: Rule::point(),
-            few: Rule::round(Round::Hertz, 2, 8),
-            many: Rule::round(Round::Hertz, 8, 16),
+            few: indenter.rule(2, 8),
+            many: indenter.rule(8, 16),
             report: Report {
                 rung: rung.unwrap_or(top),
                 top,
@@ -174,14 +174,17 @@ impl Ladder {
         &self.report
     }
 
-    /// How far each facet sinks under `load`, in mm.
+    /// How far each facet sinks under `contacts`, in mm.
     #[must_use]
-    pub fn displacement(&self, load: &Load) -> [f64; TAXELS] {
-        self.on_rung(self.report.rung, load)
+    pub fn displacement(&self, contacts: &Contacts) -> [f64; TAXELS] {
+        self.on_rung(self.report.rung, contacts)
     }
 
-    fn on_rung(&self, rung: Rung, load: &Load) -> [f64; TAXELS] {
-        let patches = sphere::tractions(&self.skin, self.radius, load.point, load.force, self.mu);
+    fn on_rung(&self, rung: Rung, contacts: &Contacts) -> [f64; TAXELS] {
+        let mut patches = [None; 2 * MOST_CONTACTS];
+        for (load, places) in contacts.loads().iter().zip(patches.chunks_exact_mut(2)) {
+            places.copy_from_slice(&self.tractions(load));
+        }
         let patches = patches.iter().flatten();
         let rule = self.rule(rung);
         match &self.support {
@@ -194,6 +197,10 @@ impl Ladder {
             }
             Support::Framed(layer) => layer.displacement(rule, patches),
         }
+    }
+
+    fn tractions(&self, load: &Load) -> [Option<Patch>; 2] {
+        self.indenter.tractions(&self.skin, load.point, load.force, load.torsion, self.mu)
     }
 
     fn rule(&self, rung: Rung) -> &Rule {
@@ -214,14 +221,14 @@ impl Ladder {
     }
 
     /// The cheapest rung within half the tolerance at every probe, and its worst error.
-    fn choose(&self, probes: &[Load], top: Rung) -> (Rung, f64) {
+    fn choose(&self, probes: &[Contacts], top: Rung) -> (Rung, f64) {
         let mut rungs = [Rung::Point, Rung::Hertz, Rung::Converged]
             .map(|rung| (rung, if rung < top { Some(0.0) } else { None }));
-        for load in probes {
-            let best = self.on_rung(top, load);
+        for contacts in probes {
+            let best = self.on_rung(top, contacts);
             for (rung, worst) in &mut rungs {
                 let Some(so_far) = *worst else { continue };
-                let error = error(&self.on_rung(*rung, load), &best).max(so_far);
+                let error = error(&self.on_rung(*rung, contacts), &best).max(so_far);
                 *worst = (error <= 0.5 * self.report.tolerance).then_some(error);
             }
         }
@@ -239,25 +246,30 @@ fn error(of: &[f64; TAXELS], best: &[f64; TAXELS]) -> f64 {
     if most > 0.0 { worst / most } else { 0.0 }
 }
 
-/// The hardest loads of a run: of each stretch of it the greatest normal force and the greatest shear,
-/// since contact grows with the one and its asymmetry with the other.
-fn probes(scene: &Scene, seed: u64) -> Vec<Load> {
+/// The hardest moments of a run: of each stretch of it those with the most normal force, the most shear
+/// and the most torsion, since contact grows with the one and its asymmetry with the others.
+fn probes(scene: &Scene, seed: u64) -> Vec<Contacts> {
     const STRETCHES: u64 = 16;
     const LOOKS: u64 = 128;
     let mut path = Path::new(scene, seed);
     let frames = scene.frames();
     let looks = frames.min(STRETCHES * LOOKS);
+    let hardness: [fn(&Load) -> f64; 3] = [
+        |load| load.force[2],
+        |load| load.force[0].hypot(load.force[1]),
+        |load| load.torsion.abs(),
+    ];
     let mut probes = vec![];
     for stretch in 0..STRETCHES {
         let (first, last) = (stretch * looks / STRETCHES, (stretch + 1) * looks / STRETCHES);
-        let loads: Vec<Load> = (first..last)
-            .filter_map(|look| path.at((look * frames / looks) as f64 / f64::from(scene.rate_hz())))
+        let moments: Vec<Contacts> = (first..last)
+            .map(|look| path.at((look * frames / looks) as f64 / f64::from(scene.rate_hz())))
             .collect();
-        let shear = |load: &Load| load.force[0].hypot(load.force[1]);
-        let normal = |load: &Load| load.force[2];
-        let pressed = loads.iter().max_by(|a, b| normal(a).total_cmp(&normal(b)));
-        let sheared = loads.iter().max_by(|a, b| shear(a).total_cmp(&shear(b)));
-        probes.extend(pressed.into_iter().chain(sheared.filter(|load| shear(load) > 0.0)));
+        for hardness in hardness {
+            let hard = |at: &&Contacts| at.loads().iter().map(hardness).sum::<f64>();
+            let hardest = moments.iter().max_by(|a, b| hard(a).total_cmp(&hard(b)));
+            probes.extend(hardest.filter(|at| hard(at) > 0.0));
+        }
     }
     probes
 }

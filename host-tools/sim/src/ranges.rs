@@ -47,14 +47,18 @@ ranges! {
     poisson: 0.0 to 0.5;
     /// Thickness, gap or side in mm.
     thickness: 0.1 to 20.0;
-    /// Radius of a sphere in mm.
-    radius: 0.5 to 1000.0;
     /// Friction coefficient.
     friction: 0.0 to 2.0;
     /// Normal force in newtons; the finger's working range is 2 N (002), a sensor's limit 10 N (003).
     normal: 0.0 to 10.0;
     /// Tangential force in newtons.
     tangential: -10.0 to 10.0;
+    /// Moment about the normal in N mm.
+    torsion: -100.0 to 100.0;
+    /// Stiffness of a spring in N/mm, from a hair to a robot.
+    stiffness: 0.01 to 100.0;
+    /// Mass in grams, up to an arm's.
+    mass: 0.1 to 10000.0;
     /// Some duration in seconds.
     seconds: 0.001 to 86400.0;
     /// A moment of the scene in seconds.

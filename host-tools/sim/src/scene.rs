@@ -8,7 +8,7 @@ use serde::Deserialize;
 use taxel_formats::FileError;
 use toml::Spanned;
 
-use crate::contact::{SILICONE_YOUNG_MPA, layer};
+use crate::contact::{Indenter, SILICONE_YOUNG_MPA, layer};
 use crate::fidelity::Fidelity;
 use crate::ranges;
 
@@ -16,10 +16,11 @@ mod acts;
 mod device;
 mod electronics;
 mod fault;
+mod indenter;
 mod light;
 mod temperature;
 
-pub use acts::{Press, Random, Slide};
+pub use acts::{Act, MOST_CONTACTS, Press, Random, Roll, Slide, Spring, Tap};
 pub use device::{Bits, Device, Taxel};
 pub use electronics::Electronics;
 pub use fault::{Broken, Fault, Place};
@@ -95,9 +96,9 @@ pub struct Scene {
     /// Its deformable layer.
     #[serde(default)]
     pub layer: Layer,
-    /// What touches it.
+    /// What touches it; [`Scene::indenter`].
     #[serde(default)]
-    pub indenter: Indenter,
+    indenter: indenter::Table,
     /// How it clings.
     #[serde(default)]
     pub friction: Friction,
@@ -118,6 +119,12 @@ pub struct Scene {
     /// Slides over the skin.
     #[serde(default)]
     pub slide: Vec<Spanned<Slide>>,
+    /// Taps at one place.
+    #[serde(default)]
+    pub tap: Vec<Spanned<Tap>>,
+    /// Rolls over the skin.
+    #[serde(default)]
+    pub roll: Vec<Spanned<Roll>>,
     /// Rows of random presses.
     #[serde(default)]
     pub random: Vec<Spanned<Random>>,
@@ -192,33 +199,28 @@ impl Default for Layer {
     }
 }
 
-/// `[indenter]`
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Indenter {
-    /// Radius of the rigid sphere in mm.
-    #[serde(deserialize_with = "ranges::radius")]
-    pub radius_mm: f64,
-}
-
-impl Default for Indenter {
-    fn default() -> Self {
-        Self { radius_mm: 6.0 }
-    }
-}
-
 /// `[friction]`
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Friction {
-    /// Coulomb's coefficient.
+    /// Coulomb's coefficient of what sticks.
     #[serde(deserialize_with = "ranges::friction")]
     pub mu: f64,
+    /// Of what slips; the same unless said otherwise.
+    mu_kinetic: Option<Spanned<f64>>,
+}
+
+impl Friction {
+    /// Coulomb's coefficient of what slips.
+    #[must_use]
+    pub fn mu_kinetic(&self) -> f64 {
+        self.mu_kinetic.as_ref().map_or(self.mu, |mu| *mu.get_ref())
+    }
 }
 
 impl Default for Friction {
     fn default() -> Self {
-        Self { mu: 0.8 }
+        Self { mu: 0.8, mu_kinetic: None }
     }
 }
 
@@ -270,6 +272,19 @@ impl Scene {
             toml::from_str(text).map_err(|e| error(e.span(), e.message().to_owned()))?;
         scene.check().map_err(|(at, problem)| error(Some(at), problem))?;
         Ok(scene)
+    }
+
+    /// What touches the finger.
+    #[must_use]
+    pub fn indenter(&self) -> Indenter {
+        // Refused only for keys that the scene's check has refused before.
+        self.indenter.indenter().unwrap_or(Indenter::Point)
+    }
+
+    /// What happens, the first to begin first.
+    #[must_use]
+    pub fn acts(&self) -> Vec<Act> {
+        Act::all(self).into_iter().map(|(_, act)| act).collect()
     }
 
     /// The effect is to be modelled.
@@ -364,8 +379,19 @@ impl Scene {
             fault.times()?;
             fault.broken(&self.device)?;
         }
+        if let Some(kinetic) = &self.friction.mu_kinetic
+            && !(0.0..=self.friction.mu).contains(kinetic.get_ref())
+        {
+            let problem = format!(
+                "{} is out of range; allowed are 0 to `mu` {}",
+                kinetic.get_ref(),
+                self.friction.mu
+            );
+            return Err((kinetic.span(), problem));
+        }
+        self.indenter.indenter()?;
         self.check_walls()?;
-        self.check_times()
+        acts::check(self)
     }
 
     /// The framed layer has its limits.
@@ -385,36 +411,6 @@ impl Scene {
              {thin} to {thick} for `depth_mm` and up to {widest} for `facet_mm`"
         );
         Err((at, problem))
-    }
-
-    /// One contact at a time, and all of them over when the scene is.
-    fn check_times(&self) -> Result<(), (Range<usize>, String)> {
-        let presses = self.press.iter().map(|p| (p.span(), p.get_ref().at_s, p.get_ref().end_s()));
-        let slides = self.slide.iter().map(|s| (s.span(), s.get_ref().at_s, s.get_ref().end_s()));
-        let random = self.random.iter().map(|r| (r.span(), r.get_ref().at_s, r.get_ref().end_s()));
-        let mut acts: Vec<_> = presses.chain(slides).chain(random).collect();
-        acts.sort_by(|a, b| a.1.total_cmp(&b.1));
-        // Sums of decimal fractions are a few units in the last place off.
-        const SLACK: f64 = 1e-9;
-        let mut free_from = 0.0;
-        for (span, begin, end) in acts {
-            if begin + SLACK < free_from {
-                let problem = format!(
-                    "begins at {begin} s while another contact lasts until {free_from} s; only one \
-                     contact at a time is modelled"
-                );
-                return Err((span, problem));
-            }
-            if end > self.scan.duration_s + SLACK {
-                let problem = format!(
-                    "ends at {end:.3} s but the scene at `duration_s` {} s",
-                    self.scan.duration_s
-                );
-                return Err((span, problem));
-            }
-            free_from = end;
-        }
-        Ok(())
     }
 }
 

@@ -11,7 +11,7 @@ use crate::faults::Faults;
 use crate::fidelity::{Ladder, Report};
 use crate::light::Room;
 use crate::optics::{self, Optics};
-use crate::path::{Load, Path};
+use crate::path::{Contacts, Load, Path};
 use crate::response::Response;
 use crate::scene::{Effect, REFERENCE_C, Scene, Temperature};
 use crate::supply::Supply;
@@ -108,14 +108,12 @@ impl Simulator {
     }
 
     /// Light of each taxel's LED on its column while its row is lit, at a nominal supply and temperature.
-    fn light(&mut self, load: Option<&Load>) -> Option<[f64; TAXELS]> {
+    fn light(&mut self, contacts: &Contacts) -> Option<[f64; TAXELS]> {
         let optics = self.optics.as_ref()?;
-        self.sunk = match (load, &self.contact) {
-            (Some(load), Some(contact)) => contact.displacement(load),
-            _ => [0.0; TAXELS],
-        };
+        let touched = self.contact.as_ref().filter(|_| !contacts.is_empty());
+        self.sunk = touched.map_or([0.0; TAXELS], |contact| contact.displacement(contacts));
         let dead = self.faults.dead_leds();
-        let at_rest = load.is_none() && dead == 0;
+        let at_rest = touched.is_none() && dead == 0;
         let mut light = if at_rest { self.unloaded } else { optics.reflected(&self.sunk, dead) };
         let blind = self.faults.blind();
         if blind != 0 {
@@ -125,8 +123,8 @@ impl Simulator {
         Some(light)
     }
 
-    fn taxels(&mut self, load: Option<&Load>, now: &Moment) -> Option<TaxelCodes> {
-        let light = self.light(load)?;
+    fn taxels(&mut self, contacts: &Contacts, now: &Moment) -> Option<TaxelCodes> {
+        let light = self.light(contacts)?;
         let leakage = self.optics.as_ref().map_or([0.0; COLS], Optics::leakage);
         let dip = self.faults.supply();
         let seeing = self.faults.seeing();
@@ -164,7 +162,9 @@ impl Simulator {
     /// The four sensors' shares of a load.
     fn shares(&self, load: Option<&Load>) -> [[f64; 3]; SENSORS] {
         let Some(load) = load else { return [[0.0; 3]; SENSORS] };
-        let Some(sensor) = self.bench else { return bridge::shares(load.point, load.force) };
+        let Some(sensor) = self.bench else {
+            return bridge::shares(load.point, load.force, load.torsion);
+        };
         let mut shares = [[0.0; 3]; SENSORS];
         if let Some(share) = shares.get_mut(sensor) {
             *share = load.force;
@@ -218,8 +218,7 @@ impl Simulator {
             point: load
                 .filter(|_| self.bench.is_none())
                 .map_or([None; 2], |load| load.point.map(Some)),
-            // Hertz traction has no moment about the normal of the contact.
-            torsion: Some(0.0),
+            torsion: Some(load.map_or(0.0, |load| load.torsion)),
             contact: Some(load.is_some()),
             slip: Some(load.is_some_and(|load| load.slip)),
             sensors,
@@ -252,7 +251,8 @@ impl Iterator for Simulator {
         }
         let time_us = self.next * 1_000_000 / self.rate_hz;
         let scene_s = (self.next % self.frames) as f64 / self.rate_hz as f64;
-        let load = self.path.at(scene_s);
+        let contacts = self.path.at(scene_s);
+        let load = contacts.whole();
         self.next += 1;
         let celsius = self.temperature.map(|temperature| temperature.at(scene_s));
         let warmer_k = celsius.map_or(0.0, |celsius| celsius - REFERENCE_C);
@@ -263,13 +263,12 @@ impl Iterator for Simulator {
             leds: optics::warm_led(warmer_k),
         };
         self.faults.advance(now.scene_us);
-        let on_skin = load.filter(|_| self.bench.is_none());
         let shares = self.shares(load.as_ref());
         let felt = self.felt(shares);
         let fixed = self.supply.at(now.device_us, self.faults.supply()).fixed;
         let mut codes = Codes {
             full_scale: self.adc.full_scale(),
-            taxels: self.taxels(on_skin.as_ref(), &now),
+            taxels: self.taxels(&contacts, &now),
             bridges: self.midpoints(&felt, &now),
             reference: Some(self.adc.voltage(REFERENCE * fixed)),
             temperature: celsius.map(|celsius| self.adc.voltage(thermometer(celsius) * fixed)),

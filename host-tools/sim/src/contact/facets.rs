@@ -113,10 +113,11 @@ impl Facets {
 #[cfg(test)]
 mod tests {
     use super::super::traction::Round;
-    use super::super::{SILICONE_YOUNG_MPA, sphere};
+    use super::super::{Indenter, SILICONE_YOUNG_MPA};
     use super::*;
     use proptest::prelude::*;
 
+    const SPHERE: Indenter = Indenter::Sphere { radius: 6.0 };
     const DEPTH: f64 = 2.5;
     const FACET: f64 = 1.9;
 
@@ -160,7 +161,7 @@ mod tests {
                 ([1.1, 1.3], [0.7, -0.5, 1.5]),
                 ([0.3, 1.8], [0.2, 0.1, 1.0]),
             ] {
-                let patches = sphere::tractions(&facets.skin, 6.0, centre, force, 0.8);
+                let patches = SPHERE.tractions(&facets.skin, centre, force, 0.0, 0.8);
                 let means = facets.displacement(&few(), patches.iter().flatten());
                 let most = means.iter().fold(0.0f64, |m, u| m.max(u.abs()));
                 for (k, u) in means.iter().enumerate() {
@@ -177,7 +178,7 @@ mod tests {
         // Over the largest displacement that shear makes, the worst of places and shares of friction.
         let facets = facets(0.5);
         let under = |centre, force, mu| {
-            let patches = sphere::tractions(&facets.skin, 6.0, centre, force, mu);
+            let patches = SPHERE.tractions(&facets.skin, centre, force, 0.0, mu);
             facets.displacement(&few(), patches.iter().flatten())
         };
         let change = |normal: f64| {
@@ -263,7 +264,7 @@ mod tests {
             prop_assert!((soft.contact_radius(6.0 * factor, force / factor) - a).abs() < 1e-9);
             prop_assert!((soft.contact_radius(6.0, force * 8.0) - 2.0 * a).abs() < 1e-9);
             let [one, same] = [(soft, force), (stiff, force * factor)].map(|(skin, force)| {
-                let patches = sphere::tractions(&skin, 6.0, [0.5, 0.1], [0.0, 0.0, force], 0.8);
+                let patches = SPHERE.tractions(&skin, [0.5, 0.1], [0.0, 0.0, force], 0.0, 0.8);
                 Facets::new(skin, DEPTH, FACET, 2).displacement(&few(), patches.iter().flatten())
             });
             for (one, same) in one.iter().zip(same) {

@@ -221,10 +221,11 @@ impl Table {
 #[cfg(test)]
 mod tests {
     use super::super::traction::Round;
-    use super::super::{Facets, SILICONE_YOUNG_MPA, sphere};
+    use super::super::{Facets, Indenter, SILICONE_YOUNG_MPA};
     use super::*;
     use std::sync::LazyLock;
 
+    const SPHERE: Indenter = Indenter::Sphere { radius: 6.0 };
     static SKIN: LazyLock<HalfSpace> = LazyLock::new(|| HalfSpace::new(SILICONE_YOUNG_MPA, 0.5));
     static LAYER: LazyLock<Layer> = LazyLock::new(|| Layer::new(*SKIN, 2.5, 1.9));
 
@@ -243,7 +244,7 @@ mod tests {
             ([3.1, -4.9], [0.0, 0.0, 0.05]),
             ([1.25, 0.7], [0.1; 3]),
         ] {
-            let patches = sphere::tractions(&SKIN, 6.0, centre, force, 0.8);
+            let patches = SPHERE.tractions(&SKIN, centre, force, 0.0, 0.8);
             let exact = LAYER.exact_displacement(&fine(), patches.iter().flatten());
             let read = LAYER.displacement(&fine(), patches.iter().flatten());
             for (exact, read) in exact.iter().zip(read) {
@@ -281,7 +282,7 @@ mod tests {
         // windows away, it still sinks by a third of its largest.
         let half = Facets::new(*SKIN, 2.5, 1.9, 4);
         for (centre, times) in [([1.25, 1.25], 3.74), ([0.0, 0.0], 4.91)] {
-            let patches = sphere::tractions(&SKIN, 6.0, centre, [0.0, 0.0, 1.0], 0.8);
+            let patches = SPHERE.tractions(&SKIN, centre, [0.0, 0.0, 1.0], 0.0, 0.8);
             let framed = exact_of(&patches);
             let free = half.displacement(&fine(), patches.iter().flatten());
             let found = most(&free) / most(&framed);

@@ -1,39 +1,8 @@
-//! A rigid sphere on the skin: Hertz in closed form, and its shear by Cattaneo and Mindlin.
+//! A rigid sphere on the skin: Hertz in closed form.
 
 use core::f64::consts::PI;
 
-use super::{HalfSpace, Patch};
-
-/// The tractions of a sphere of `radius` mm pressed on `skin` at `centre` with `force` (N): one or two
-/// discs of Hertz's traction.
-///
-/// Friction holds μP at most, at each point as on the whole. A shear below that, applied after the
-/// normal force and growing, slips in a ring c < r < a and sticks inside (Cattaneo, Mindlin; Johnson
-/// §7.2): the traction is that of sliding on the disc a, less a similar one on the disc
-/// c = a(1 − Q/μP)^⅓ that takes back μP − Q. What was before, and shear that turns or falls, is not
-/// remembered.
-#[must_use]
-pub fn tractions(
-    skin: &HalfSpace,
-    radius: f64,
-    centre: [f64; 2],
-    force: [f64; 3],
-    mu: f64,
-) -> [Option<Patch>; 2] {
-    let [qx, qy, normal] = force;
-    let a = skin.contact_radius(radius, normal);
-    let (shear, held) = (qx.hypot(qy), mu * normal);
-    if shear <= 0.0 || shear >= held {
-        return [Some(Patch::disc(centre, a, force)), None];
-    }
-    let spare = held - shear;
-    let [x, y] = [qx / shear, qy / shear];
-    let c = a * (spare / held).cbrt();
-    [
-        Some(Patch::disc(centre, a, [x * held, y * held, normal])),
-        Some(Patch::disc(centre, c, [-x * spare, -y * spare, 0.0])),
-    ]
-}
+use super::HalfSpace;
 
 /// Hertz's pressure (3P/2πa²)√(1 − r²/a²) (004 eq. (3); Johnson §4.2) without friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -113,9 +82,8 @@ impl Hertz {
 
 #[cfg(test)]
 mod tests {
-    use super::super::traction::{Round, Rule};
+    use super::super::traction::{Patch, Round, Rule};
     use super::*;
-    use proptest::prelude::*;
 
     const A: f64 = 1.6;
     /// On axis and off, under the rim, outside; shallow and deep.
@@ -191,70 +159,6 @@ mod tests {
             let sum = patch.superpose(&rule, [r, 0.0, z], |f, d| skin.displacement(f, d));
             let closed = z * hertz.pull(r, z) / (4.0 * PI * skin.shear_modulus());
             assert!((sum - closed).abs() <= 1e-5 * closed.abs() + 1e-12, "{r} {z}");
-        }
-    }
-
-    /// Shear traction along x at a distance r from the centre, over μ times the pressure there.
-    fn use_of_friction(patches: &[Option<Patch>; 2], mu: f64, r: f64) -> f64 {
-        let density = |patch: &Patch, axis: usize| {
-            let s = r / patch.along[0];
-            let disc = 1.5 / (PI * patch.along[0].powi(2));
-            disc * patch.force[axis] * (1.0 - s * s).max(0.0).sqrt()
-        };
-        let sum = |axis| patches.iter().flatten().map(|p| density(p, axis)).sum::<f64>();
-        sum(0) / (mu * sum(2))
-    }
-
-    #[test]
-    fn shear_sticks_inside_and_slips_in_a_ring() {
-        let skin = HalfSpace::new(0.236, 0.5);
-        let (mu, normal) = (0.8, 1.0);
-        let shear = 0.5 * mu * normal;
-        let patches = tractions(&skin, 6.0, [0.0; 2], [shear, 0.0, normal], mu);
-        let [a, c] = patches.map(|patch| patch.unwrap().along[0]);
-        assert!((c / a - 0.5f64.cbrt()).abs() < 1e-12);
-        for i in 1..100 {
-            let r = a * f64::from(i) / 100.0;
-            let used = use_of_friction(&patches, mu, r);
-            if r < c { assert!(used < 1.0) } else { assert!((used - 1.0).abs() < 1e-12) }
-        }
-        // What sticks has moved as one: u_x under such a disc is
-        // πq₀/32Gr·[4(2 − ν)r² − (4 − 3ν)x² − (4 − ν)y²] (Johnson §7.1).
-        let moved = |x: f64, y: f64| -> f64 {
-            let discs = patches.iter().flatten().map(|p| (p.along[0], p.force[0]));
-            discs
-                .map(|(r, q)| {
-                    let falls = 2.5 * x * x + 3.5 * y * y;
-                    1.5 * q / (32.0 * skin.shear_modulus() * r.powi(3)) * (6.0 * r * r - falls)
-                })
-                .sum()
-        };
-        for [x, y] in [[0.9 * c, 0.0], [0.0, 0.9 * c], [-0.3 * c, 0.5 * c]] {
-            assert!((moved(x, y) / moved(0.0, 0.0) - 1.0).abs() < 1e-12);
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn tractions_carry_the_force_and_nowhere_more_than_friction_holds(
-            qx in -1.0..1.0f64, qy in -1.0..1.0f64, normal in 0.01..3.0f64, mu in 0.0..1.5f64,
-        ) {
-            let held = mu * normal;
-            let scale = (held / qx.hypot(qy)).min(1.0);
-            let force = [qx * scale, qy * scale, normal];
-            let skin = HalfSpace::new(0.236, 0.5);
-            let patches = tractions(&skin, 6.0, [1.0, 2.0], force, mu);
-            for (axis, force) in force.iter().enumerate() {
-                let sum: f64 = patches.iter().flatten().map(|p| p.force[axis]).sum();
-                prop_assert!((sum - force).abs() < 1e-9);
-            }
-            let turned = tractions(&skin, 6.0, [0.0; 2], [scale * qx.hypot(qy), 0.0, normal], mu);
-            if mu > 0.01 {
-                for i in 0..50 {
-                    let r = turned[0].unwrap().along[0] * f64::from(i) / 50.0;
-                    prop_assert!(use_of_friction(&turned, mu, r) < 1.0 + 1e-9);
-                }
-            }
         }
     }
 }

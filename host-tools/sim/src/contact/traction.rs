@@ -36,6 +36,8 @@ pub enum Across {
 #[derive(Clone, Debug)]
 pub struct Rule {
     points: Vec<([f64; 2], f64)>,
+    /// Mean squares of u and of v; the mean of uv is zero.
+    second: [f64; 2],
 }
 
 impl Rule {
@@ -64,7 +66,7 @@ impl Rule {
                 ([r * cos, r * sin], share / total / spokes as f64)
             })
         });
-        Self { points: points.collect() }
+        Self::of(points.collect())
     }
 
     /// Over the strip |u| ≤ 1, |v| ≤ 1, `along` points in u and `across` in v (a line takes one).
@@ -89,13 +91,20 @@ impl Rule {
         let points = gauss_legendre(along).into_iter().flat_map(|(u, weight)| {
             across.iter().map(move |(v, share)| ([u, *v], 0.5 * weight * share / total))
         });
-        Self { points: points.collect() }
+        Self::of(points.collect())
     }
 
     /// The whole force at the centre.
     #[must_use]
     pub fn point() -> Self {
-        Self { points: vec![([0.0; 2], 1.0)] }
+        Self::of(vec![([0.0; 2], 1.0)])
+    }
+
+    fn of(points: Vec<([f64; 2], f64)>) -> Self {
+        let second = points.iter().fold([0.0; 2], |[along, across], ([u, v], share)| {
+            [along + share * u * u, across + share * v * v]
+        });
+        Self { points, second }
     }
 
     /// Points and shares.
@@ -116,20 +125,29 @@ pub struct Patch {
     pub across: [f64; 2],
     /// Force in newtons, z into the skin.
     pub force: [f64; 3],
+    /// Moment about the normal in N mm, from x to y; its traction grows with the distance from the centre.
+    pub torsion: f64,
 }
 
 impl Patch {
     /// A disc of `radius` mm.
     #[must_use]
     pub fn disc(centre: [f64; 2], radius: f64, force: [f64; 3]) -> Self {
-        Self { centre, along: [radius, 0.0], across: [0.0, radius], force }
+        Self { centre, along: [radius, 0.0], across: [0.0, radius], force, torsion: 0.0 }
     }
 
     /// The point loads of `rule` on this patch: where in mm, how much in newtons.
     pub fn loads<'a>(&'a self, rule: &'a Rule) -> impl Iterator<Item = ([f64; 2], [f64; 3])> + 'a {
         let ([cx, cy], [ux, uy], [vx, vy]) = (self.centre, self.along, self.across);
+        let [along, across] = rule.second;
+        let second = along * (ux * ux + uy * uy) + across * (vx * vx + vy * vy);
+        // A torsion without a lever arm makes no traction.
+        let spin = if second > 0.0 { self.torsion / second } else { 0.0 };
+        let [qx, qy, p] = self.force;
         rule.points.iter().map(move |([u, v], share)| {
-            ([cx + u * ux + v * vx, cy + u * uy + v * vy], self.force.map(|f| f * share))
+            let [x, y] = [u * ux + v * vx, u * uy + v * vy];
+            let force = [qx - spin * y, qy + spin * x, p].map(|f| f * share);
+            ([cx + x, cy + y], force)
         })
     }
 
@@ -286,6 +304,7 @@ mod tests {
                 along: [0.0, LONG],
                 across: [a, 0.0],
                 force: [0.0, 0.0, 2.0 * LONG],
+                torsion: 0.0,
             };
             for [x, z] in [[0.0, 1.5], [0.8, 1.0], [2.5, 1.5]] {
                 let sum = patch.superpose(&rule, [x, 0.0, z], |f, at| skin.stress(f, at));
@@ -319,8 +338,11 @@ mod tests {
     fn crossed_cylinders_are_an_ellipse_with_the_moments_of_its_axes() {
         // 004 eq. (4): ⟨x²⟩ = a²/5 and ⟨y²⟩ = b²/5 over a Hertz ellipse.
         let (a, b) = (2.0, 0.7);
-        let patch =
-            Patch { centre: [0.0; 2], along: [a, 0.0], across: [0.0, b], force: [0.0, 0.0, 1.0] };
+        let patch = Patch {
+            along: [a, 0.0],
+            across: [0.0, b],
+            ..Patch::disc([0.0; 2], 1.0, [0.0, 0.0, 1.0])
+        };
         let rule = Rule::round(Round::Hertz, 2, 4);
         let mean = |axis: usize| -> f64 {
             patch.loads(&rule).map(|(at, force)| at[axis] * at[axis] * force[2]).sum()

@@ -1,10 +1,18 @@
 //! Tables of a scene that make contact.
 
-use serde::Deserialize;
+use std::ops::Range;
 
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::Scene;
+use crate::contact::HalfSpace;
 use crate::ranges;
 
-/// `[[press]]`: normal force first, shear while it is held, then release.
+/// Contacts that may touch at once.
+pub const MOST_CONTACTS: usize = 4;
+
+/// `[[press]]`: normal force first, shear and torsion while it is held, then release.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Press {
@@ -26,6 +34,9 @@ pub struct Press {
     /// Requested shear in newtons; friction may allow less.
     #[serde(default, deserialize_with = "ranges::tangential")]
     pub fy_n: f64,
+    /// Requested moment about the normal in N mm, from x to y; friction may allow less.
+    #[serde(default, deserialize_with = "ranges::torsion")]
+    pub torsion_nmm: f64,
     /// Time to full normal force in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub rise_s: f64,
@@ -56,7 +67,70 @@ pub struct Slide {
     /// Time to full normal force in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub rise_s: f64,
-    /// Time of being dragged in seconds: a tenth until it breaks loose, a tenth while it is eased.
+    /// Time of being dragged in seconds: a tenth until it breaks loose, a tenth while it is eased; with
+    /// a spring, the time in which the stage goes from `from_mm` to `to_mm`.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub travel_s: f64,
+    /// Time of release in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub fall_s: f64,
+    /// What the indenter hangs on: present, it sticks and slips.
+    pub spring: Option<Spring>,
+}
+
+/// `spring` of a `[[slide]]`, between a stage at constant speed and the indenter.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spring {
+    /// Its stiffness in N/mm.
+    #[serde(deserialize_with = "ranges::stiffness")]
+    pub stiffness_n_mm: f64,
+    /// The mass that it drags, in grams.
+    #[serde(deserialize_with = "ranges::mass")]
+    pub mass_g: f64,
+}
+
+/// `[[tap]]`: half a sine of normal force.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tap {
+    /// Beginning in seconds.
+    #[serde(deserialize_with = "ranges::moment")]
+    pub at_s: f64,
+    /// Contact point in mm.
+    #[serde(deserialize_with = "ranges::on_pad")]
+    pub x_mm: f64,
+    /// Contact point in mm.
+    #[serde(deserialize_with = "ranges::on_pad")]
+    pub y_mm: f64,
+    /// Peak of the normal force in newtons.
+    #[serde(deserialize_with = "ranges::normal")]
+    pub fz_n: f64,
+    /// How long it touches, in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub width_s: f64,
+}
+
+/// `[[roll]]`: press down, roll along a line without slip, release.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Roll {
+    /// Beginning in seconds.
+    #[serde(deserialize_with = "ranges::moment")]
+    pub at_s: f64,
+    /// Where it comes down, in mm.
+    #[serde(deserialize_with = "ranges::point_on_pad")]
+    pub from_mm: [f64; 2],
+    /// Where it leaves, in mm.
+    #[serde(deserialize_with = "ranges::point_on_pad")]
+    pub to_mm: [f64; 2],
+    /// Normal force in newtons.
+    #[serde(deserialize_with = "ranges::normal")]
+    pub fz_n: f64,
+    /// Time to full normal force in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub rise_s: f64,
+    /// Time of rolling in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub travel_s: f64,
     /// Time of release in seconds.
@@ -91,4 +165,150 @@ pub struct Random {
     /// Longest way the contact point rolls during a press, in mm, within the ranges of x and y.
     #[serde(default, deserialize_with = "ranges::roll")]
     pub roll_mm: f64,
+}
+
+/// What happens, in any of these tables.
+#[derive(Clone, Copy, Debug)]
+pub enum Act {
+    /// A `[[press]]`.
+    Press(Press),
+    /// A `[[slide]]`.
+    Slide(Slide),
+    /// A `[[tap]]`.
+    Tap(Tap),
+    /// A `[[roll]]`.
+    Roll(Roll),
+    /// A `[[random]]`, and which of them.
+    Random(u8, Random),
+}
+
+impl Act {
+    /// All acts of a scene with their places in its text, the first to begin first.
+    pub(super) fn all(scene: &Scene) -> Vec<(Range<usize>, Self)> {
+        fn of<T: Copy>(
+            table: &[Spanned<T>],
+            act: impl Fn(T) -> Act,
+        ) -> impl Iterator<Item = (Range<usize>, Act)> {
+            table.iter().map(move |t| (t.span(), act(*t.get_ref())))
+        }
+        let random =
+            (0..).zip(&scene.random).map(|(i, r)| (r.span(), Self::Random(i, *r.get_ref())));
+        let mut acts: Vec<_> = of(&scene.press, Self::Press)
+            .chain(of(&scene.slide, Self::Slide))
+            .chain(of(&scene.tap, Self::Tap))
+            .chain(of(&scene.roll, Self::Roll))
+            .chain(random)
+            .collect();
+        acts.sort_by(|(_, a), (_, b)| a.at_s().total_cmp(&b.at_s()));
+        acts
+    }
+
+    /// When it begins, in seconds of the scene.
+    #[must_use]
+    pub fn at_s(&self) -> f64 {
+        match self {
+            Self::Press(press) => press.at_s,
+            Self::Slide(slide) => slide.at_s,
+            Self::Tap(tap) => tap.at_s,
+            Self::Roll(roll) => roll.at_s,
+            Self::Random(_, random) => random.at_s,
+        }
+    }
+
+    /// When it is over, in seconds of the scene.
+    #[must_use]
+    pub fn end_s(&self) -> f64 {
+        self.at_s()
+            + match self {
+                Self::Press(press) => press.rise_s + press.hold_s + press.fall_s,
+                Self::Slide(slide) => slide.rise_s + slide.travel_s + slide.fall_s,
+                Self::Tap(tap) => tap.width_s,
+                Self::Roll(roll) => roll.rise_s + roll.travel_s + roll.fall_s,
+                Self::Random(_, random) => f64::from(random.presses) * random.each_s,
+            }
+    }
+
+    /// Its greatest normal force in newtons, and the way of its contact point in mm.
+    fn reach(&self) -> (f64, [[f64; 2]; 2]) {
+        match self {
+            Self::Press(press) => (press.fz_n, [[press.x_mm, press.y_mm]; 2]),
+            Self::Slide(slide) => (slide.fz_n, [slide.from_mm, slide.to_mm]),
+            Self::Tap(tap) => (tap.fz_n, [[tap.x_mm, tap.y_mm]; 2]),
+            Self::Roll(roll) => (roll.fz_n, [roll.from_mm, roll.to_mm]),
+            Self::Random(_, random) => {
+                let ([x0, x1], [y0, y1]) = (random.x_mm, random.y_mm);
+                (random.fz_n.into_iter().fold(0.0, f64::max), [[x0, y0], [x1, y1]])
+            }
+        }
+    }
+}
+
+/// All acts end with the scene, and those that overlap in time are few and apart.
+pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
+    // Sums of decimal fractions are a few units in the last place off.
+    const SLACK: f64 = 1e-9;
+    let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
+    let indenter = scene.indenter();
+    let reach = |normal| indenter.reach(&skin, normal);
+    let mut running: Vec<Act> = vec![];
+    for (span, act) in Act::all(scene) {
+        if act.end_s() > scene.scan.duration_s + SLACK {
+            let (end, duration) = (act.end_s(), scene.scan.duration_s);
+            let problem = format!("ends at {end:.3} s but the scene at `duration_s` {duration} s");
+            return Err((span, problem));
+        }
+        running.retain(|other| other.end_s() > act.at_s() + SLACK);
+        for other in &running {
+            let (begin, until) = (act.at_s(), other.end_s());
+            let random = |act: &Act| matches!(act, Act::Random(..));
+            if random(&act) || random(other) {
+                let problem = format!(
+                    "begins at {begin} s while another contact lasts until {until} s; [[random]] \
+                     presses are alone"
+                );
+                return Err((span, problem));
+            }
+            let ((force, way), (others, other_way)) = (act.reach(), other.reach());
+            let (needed, there) = (reach(force) + reach(others), distance(way, other_way));
+            if there < needed {
+                let problem = format!(
+                    "comes within {there:.2} mm of the contact that lasts until {until} s, and their \
+                     areas reach {needed:.2} mm; move them apart or let one end first"
+                );
+                return Err((span, problem));
+            }
+        }
+        running.push(act);
+        if running.len() > MOST_CONTACTS {
+            let problem = format!(
+                "is contact number {} at {} s; allowed are {MOST_CONTACTS} at once",
+                running.len(),
+                act.at_s()
+            );
+            return Err((span, problem));
+        }
+    }
+    Ok(())
+}
+
+/// Least distance between two straight ways.
+fn distance(one: [[f64; 2]; 2], other: [[f64; 2]; 2]) -> f64 {
+    let ([a, b], [c, d]) = (one, other);
+    let side = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
+        (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+    };
+    if side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0 {
+        return 0.0;
+    }
+    // Ways that do not cross are nearest at an end of one of them.
+    let from = |p: [f64; 2], [q, r]: [[f64; 2]; 2]| {
+        let [along_x, along_y] = [r[0] - q[0], r[1] - q[1]];
+        let square = along_x * along_x + along_y * along_y;
+        let foot = (p[0] - q[0]) * along_x + (p[1] - q[1]) * along_y;
+        let t = if square > 0.0 { (foot / square).clamp(0.0, 1.0) } else { 0.0 };
+        (p[0] - q[0] - t * along_x).hypot(p[1] - q[1] - t * along_y)
+    };
+    [from(a, other), from(b, other), from(c, one), from(d, one)]
+        .into_iter()
+        .fold(f64::MAX, f64::min)
 }

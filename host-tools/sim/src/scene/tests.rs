@@ -1,4 +1,5 @@
 use super::*;
+use crate::contact::Lies;
 
 const SCAN: &str = "[scan]\nrate_hz = 1000\nduration_s = 10\n";
 const PRESS: &str = "[[press]]\nat_s = 1\nx_mm = 0\ny_mm = 0\nfz_n = 1\nrise_s = 0.1\nhold_s = 1\n\
@@ -93,13 +94,89 @@ fn a_contact_off_the_pad_is_refused() {
 }
 
 #[test]
-fn contacts_take_turns_and_end_with_the_scene() {
+fn contacts_keep_apart_or_take_turns_and_end_with_the_scene() {
     let second = PRESS.replace("at_s = 1", "at_s = 2");
-    refuses(&format!("{SCAN}{PRESS}{second}"), 12, &["[[press]]", "one contact at a time"]);
+    refuses(&format!("{SCAN}{PRESS}{second}"), 12, &["[[press]]", "0.00 mm", "apart"]);
     let late = PRESS.replace("at_s = 1", "at_s = 9");
     refuses(&format!("{SCAN}{late}"), 4, &["[[press]]", "duration_s"]);
-    let touching = PRESS.replace("at_s = 1", "at_s = 2.2");
-    assert!(Scene::parse("my.toml", &format!("{SCAN}{PRESS}{touching}")).is_ok());
+    let later = PRESS.replace("at_s = 1", "at_s = 2.2");
+    assert!(Scene::parse("my.toml", &format!("{SCAN}{PRESS}{later}")).is_ok());
+    // A sphere of 6 mm touches 2.4 mm wide with a newton.
+    let aside = |x: f64| second.replace("x_mm = 0", &format!("x_mm = {x}"));
+    refuses(&format!("{SCAN}{PRESS}{}", aside(4.7)), 12, &["4.70 mm", "4.85 mm"]);
+    assert!(Scene::parse("my.toml", &format!("{SCAN}{PRESS}{}", aside(4.9))).is_ok());
+}
+
+#[test]
+fn no_way_crosses_that_of_another_contact_at_the_same_time() {
+    let roll = |from: &str, to: &str| {
+        format!(
+            "[[roll]]\nat_s = 1\nfrom_mm = {from}\nto_mm = {to}\nfz_n = 0.1\nrise_s = 1\n\
+             travel_s = 1\nfall_s = 1\n"
+        )
+    };
+    let (across, up) = (roll("[-4, 0]", "[4, 0]"), roll("[0, -4]", "[0, 4]"));
+    refuses(&format!("{SCAN}{across}{up}"), 12, &["[[roll]]", "0.00 mm"]);
+    let beside = roll("[-4, 3]", "[4, 4]");
+    assert!(Scene::parse("my.toml", &format!("{SCAN}{across}{beside}")).is_ok());
+}
+
+#[test]
+fn no_more_contacts_than_four_at_once_and_random_ones_alone() {
+    let tap =
+        |x: f64| format!("[[tap]]\nat_s = 1\nx_mm = {x}\ny_mm = 0\nfz_n = 0.01\nwidth_s = 1\n");
+    let taps: String = [-4.0, -2.0, 0.0, 2.0].map(tap).concat();
+    assert!(Scene::parse("my.toml", &format!("{SCAN}{taps}")).is_ok());
+    refuses(&format!("{SCAN}{taps}{}", tap(4.0)), 28, &["[[tap]]", "number 5", "allowed are 4"]);
+    let random = "[[random]]\nat_s = 0\npresses = 3\neach_s = 1\nx_mm = [3, 3]\ny_mm = [0, 0]\n\
+                  fz_n = [1, 1]\n";
+    refuses(&format!("{SCAN}{random}{}", tap(0.0)), 11, &["[[tap]]", "[[random]]", "alone"]);
+}
+
+#[test]
+fn an_indenter_has_the_keys_of_its_kind() {
+    let indenter = |text: &str| format!("{SCAN}[indenter]\n{text}\n");
+    let parse = |text: &str| Scene::parse("my.toml", &indenter(text)).map(|scene| scene.indenter());
+    let lies = |turn: f64| Lies { length: 8.0, turn };
+    assert_eq!(parse("radius_mm = 4").unwrap(), Indenter::Sphere { radius: 4.0 });
+    assert_eq!(parse("kind = 'point'").unwrap(), Indenter::Point);
+    assert_eq!(parse("kind = 'punch'").unwrap(), Indenter::Punch { radius: 2.0 });
+    assert_eq!(parse("kind = 'corner'").unwrap(), Indenter::Corner { slope: 0.5 });
+    assert_eq!(parse("kind = 'edge'").unwrap(), Indenter::Edge { slope: 0.5, lies: lies(0.0) });
+    assert_eq!(parse("kind = 'block'").unwrap(), Indenter::Block { width: 3.0, lies: lies(0.0) });
+    let turned = Indenter::Cylinder { radius: 6.0, lies: lies(std::f64::consts::FRAC_PI_2) };
+    assert_eq!(parse("kind = 'cylinder'\nturn_deg = 90").unwrap(), turned);
+    refuses(&indenter("kind = 'ball'"), 5, &["`kind`", "ball", "sphere", "cylinder", "corner"]);
+    refuses(&indenter("length_mm = 4"), 5, &["`length_mm`", "\"sphere\"", "`radius_mm`"]);
+    refuses(&indenter("kind = 'edge'\nradius_mm = 4"), 6, &["\"edge\"", "`slope`, `length_mm`"]);
+    refuses(&indenter("radius_mm = -4"), 5, &["`radius_mm`", "-4", "0.5 to 1000"]);
+    refuses(&indenter("kind = 'corner'\nslope = 3"), 6, &["`slope`", "0.05 to 1"]);
+}
+
+#[test]
+fn friction_that_slips_is_no_more_than_friction_that_sticks() {
+    let text = format!("{SCAN}[friction]\nmu = 0.5\nmu_kinetic = 0.6\n");
+    refuses(&text, 6, &["`mu_kinetic`", "0.6", "0 to `mu` 0.5"]);
+    let scene = |text: &str| Scene::parse("my.toml", &format!("{SCAN}[friction]\n{text}")).unwrap();
+    assert_eq!(scene("mu = 0.5\nmu_kinetic = 0.4\n").friction.mu_kinetic(), 0.4);
+    assert_eq!(scene("mu = 0.5\n").friction.mu_kinetic(), 0.5);
+}
+
+#[test]
+fn the_keys_of_every_act_are_checked() {
+    let press = PRESS.replace("fz_n = 1\n", "fz_n = 1\ntorsion_nmm = 400\n");
+    refuses(&format!("{SCAN}{press}"), 9, &["`torsion_nmm`", "-100 to 100"]);
+    let tap = "[[tap]]\nat_s = 1\nx_mm = 0\ny_mm = 0\nfz_n = 1\nwidth_s = 0\n";
+    refuses(&format!("{SCAN}{tap}"), 9, &["`width_s`", "0.001 to 86400"]);
+    let slide = |spring: &str| {
+        format!(
+            "{SCAN}[[slide]]\nat_s = 1\nfrom_mm = [0, 0]\nto_mm = [0, 2]\nfz_n = 1\nrise_s = 1\n\
+             travel_s = 1\nfall_s = 1\nspring = {spring}\n"
+        )
+    };
+    refuses(&slide("{ stiffness_n_mm = 0, mass_g = 1 }"), 12, &["`spring`", "0.01 to 100"]);
+    refuses(&slide("{ stiffness_n_mm = 1, mass_g = -1 }"), 12, &["`spring`", "0.1 to 10000"]);
+    refuses(&slide("{ stiffness_n_mm = 1 }"), 12, &["`spring`", "mass_g"]);
 }
 
 #[test]

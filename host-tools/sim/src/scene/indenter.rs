@@ -1,0 +1,109 @@
+//! The table of a scene that says what touches the finger.
+
+use std::ops::Range;
+
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::contact::{Indenter, Lies};
+
+/// `[indenter]`
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Table {
+    kind: Kind,
+    radius_mm: Option<Spanned<f64>>,
+    width_mm: Option<Spanned<f64>>,
+    length_mm: Option<Spanned<f64>>,
+    slope: Option<Spanned<f64>>,
+    turn_deg: Option<Spanned<f64>>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Kind {
+    Point,
+    #[default]
+    Sphere,
+    Punch,
+    Corner,
+    Cylinder,
+    Block,
+    Edge,
+}
+
+/// A key, its default and what it may be.
+type Allowed = (&'static str, f64, [f64; 2]);
+
+const LENGTH: Allowed = ("length_mm", 8.0, [0.5, 10.0]);
+const TURN: Allowed = ("turn_deg", 0.0, [-180.0, 180.0]);
+/// Johnson's cone and wedge are blunt: their slopes are small.
+const SLOPE: Allowed = ("slope", 0.5, [0.05, 1.0]);
+
+impl Kind {
+    fn keys(self) -> &'static [Allowed] {
+        match self {
+            Self::Point => &[],
+            Self::Sphere => &[("radius_mm", 6.0, [0.5, 1000.0])],
+            Self::Punch => &[("radius_mm", 2.0, [0.1, 5.0])],
+            Self::Corner => &[SLOPE],
+            Self::Cylinder => &[("radius_mm", 6.0, [0.5, 1000.0]), LENGTH, TURN],
+            Self::Block => &[("width_mm", 3.0, [0.1, 10.0]), LENGTH, TURN],
+            Self::Edge => &[SLOPE, LENGTH, TURN],
+        }
+    }
+}
+
+impl Table {
+    /// The indenter, its keys checked.
+    ///
+    /// # Errors
+    /// A key that the kind does not have, or a value out of its range.
+    pub(super) fn indenter(&self) -> Result<Indenter, (Range<usize>, String)> {
+        let given = [
+            ("radius_mm", &self.radius_mm),
+            ("width_mm", &self.width_mm),
+            ("length_mm", &self.length_mm),
+            ("slope", &self.slope),
+            ("turn_deg", &self.turn_deg),
+        ];
+        let keys = self.kind.keys();
+        for (name, value) in given {
+            let Some(value) = value else { continue };
+            if !keys.iter().any(|(key, ..)| *key == name) {
+                let names = keys.iter().map(|(key, ..)| format!(", `{key}`")).collect::<String>();
+                let kind = format!("{:?}", self.kind).to_lowercase();
+                let problem = format!(
+                    "`{name}` is no key of an indenter of kind \"{kind}\"; its keys are `kind`{names}"
+                );
+                return Err((value.span(), problem));
+            }
+        }
+        let value = |name: &str| {
+            let Some((_, default, [low, high])) = keys.iter().find(|(key, ..)| *key == name) else {
+                return Ok(0.0);
+            };
+            let given = given.iter().find(|(key, _)| *key == name).and_then(|(_, v)| v.as_ref());
+            match given {
+                None => Ok(*default),
+                Some(v) if (*low..=*high).contains(v.get_ref()) => Ok(*v.get_ref()),
+                Some(v) => Err((
+                    v.span(),
+                    format!("{} is out of range; allowed are {low} to {high}", v.get_ref()),
+                )),
+            }
+        };
+        let (radius, slope) = (value("radius_mm")?, value("slope")?);
+        let width = value("width_mm")?;
+        let lies = Lies { length: value("length_mm")?, turn: value("turn_deg")?.to_radians() };
+        Ok(match self.kind {
+            Kind::Point => Indenter::Point,
+            Kind::Sphere => Indenter::Sphere { radius },
+            Kind::Punch => Indenter::Punch { radius },
+            Kind::Corner => Indenter::Corner { slope },
+            Kind::Cylinder => Indenter::Cylinder { radius, lies },
+            Kind::Block => Indenter::Block { width, lies },
+            Kind::Edge => Indenter::Edge { slope, lies },
+        })
+    }
+}
