@@ -8,6 +8,25 @@ use crate::memory::{Footprint, Use, footprint};
 use crate::run::{answer, locked, program, root, run};
 use crate::toolchain::{Choice, Toolchain};
 
+/// What a board may take at most, in bytes.
+struct Budget {
+    flash: u64,
+    ram: u64,
+}
+
+/// The product's: 96 KB of flash, so that the next years' features fit; three fifths of the 22 KB of RAM.
+const BUDGETS: [(&str, Budget); 1] =
+    [("stm32g431", Budget { flash: 96 << 10, ram: 22 * 1024 * 3 / 5 })];
+
+fn within(used: u64, most: u64, what: &str) -> Result<()> {
+    if used > most {
+        bail!(
+            "{used} bytes of {what} are over the budget of {most}; `llvm-nm -S --size-sort` shows what takes them"
+        );
+    }
+    Ok(())
+}
+
 /// Every board there is: the folders of `boards/` that are programs.
 pub fn boards() -> Result<Vec<String>> {
     let entries = std::fs::read_dir(root().join("boards")).context("reading boards/")?;
@@ -44,13 +63,18 @@ pub fn build(board: &str, toolchain: &Toolchain) -> Result<(PathBuf, Footprint)>
     let built = toolchain.output(board);
     let footprint = footprint(&built, &memory_x(board))?;
     let path = publish(&built, &directory().join(format!("{board}.elf")))?;
-    let Footprint { flash, ram } = footprint;
+    let Footprint { flash, ram, ccm } = footprint;
+    let ccm = ccm.map(|ccm| format!(", CCM {}", size(ccm))).unwrap_or_default();
     eprintln!(
-        "{board} (by {}): flash {}, RAM {} + stack",
+        "{board} (by {}): flash {}, RAM {} + stack{ccm}",
         toolchain.name(),
         size(flash),
         size(ram)
     );
+    if let Some((_, most)) = BUDGETS.iter().find(|(of, _)| *of == board) {
+        within(footprint.flash.used, most.flash, "flash")?;
+        within(footprint.ram.used, most.ram, "RAM")?;
+    }
     Ok((path, footprint))
 }
 

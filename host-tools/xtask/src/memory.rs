@@ -26,6 +26,8 @@ pub struct Footprint {
     pub flash: Use,
     /// Statics, without the stack.
     pub ram: Use,
+    /// Memory that is tightly coupled to the core, where the chip has any: code and statics.
+    pub ccm: Option<Use>,
 }
 
 /// Measures the firmware in `elf` against the map in `memory_x`.
@@ -40,9 +42,10 @@ pub fn footprint(elf: &Path, memory_x: &Path) -> Result<Footprint> {
 fn measure(elf: &[u8], map: &str) -> Result<Footprint> {
     let flash = region(map, "FLASH").context("the map has no region FLASH")?;
     let ram = region(map, "RAM").context("the map has no region RAM")?;
+    let ccm = region(map, "CCMRAM");
     let header = FileHeader32::<object::LittleEndian>::parse(elf)?;
     let endian = header.endian()?;
-    let (mut flash_used, mut ram_used) = (0, 0);
+    let (mut flash_used, mut ram_used, mut ccm_used) = (0, 0, 0);
     for segment in header.program_headers(endian, elf)? {
         if segment.p_type(endian) != PT_LOAD {
             continue;
@@ -53,7 +56,10 @@ fn measure(elf: &[u8], map: &str) -> Result<Footprint> {
             inside(&stored, &flash)?;
             flash_used += stored.end - stored.start;
         }
-        if !flash.contains(&in_use.start) && !in_use.is_empty() {
+        if let Some(ccm) = ccm.as_ref().filter(|ccm| ccm.contains(&in_use.start)) {
+            inside(&in_use, ccm)?;
+            ccm_used += in_use.end - in_use.start;
+        } else if !flash.contains(&in_use.start) && !in_use.is_empty() {
             inside(&in_use, &ram)?;
             ram_used += in_use.end - in_use.start;
         }
@@ -69,6 +75,7 @@ fn measure(elf: &[u8], map: &str) -> Result<Footprint> {
     Ok(Footprint {
         flash: Use { used: flash_used, of: flash.end - flash.start },
         ram: Use { used: ram_used, of: ram.end - ram.start },
+        ccm: ccm.map(|ccm| Use { used: ccm_used, of: ccm.end - ccm.start }),
     })
 }
 

@@ -1,0 +1,39 @@
+//! 96 MHz from the Black Pill's crystal of 25 MHz: the highest rate that also gives the USB its 48 MHz.
+
+use embassy_stm32::pac;
+use embassy_stm32::rcc::{
+    APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource, Sysclk,
+    mux::Clk48sel,
+};
+use embassy_stm32::time::Hertz;
+
+/// The clocks: 25 MHz / 25 · 192 = 192 MHz, / 2 for the core, / 4 for the USB.
+pub fn config() -> embassy_stm32::Config {
+    let mut config = embassy_stm32::Config::default();
+    config.rcc.hse = Some(Hse { freq: Hertz(25_000_000), mode: HseMode::Oscillator });
+    config.rcc.pll_src = PllSource::HSE;
+    config.rcc.pll = Some(Pll {
+        prediv: PllPreDiv::DIV25,
+        mul: PllMul::MUL192,
+        divp: Some(PllPDiv::DIV2),
+        divq: Some(PllQDiv::DIV4),
+        divr: None,
+    });
+    config.rcc.sys = Sysclk::PLL1_P;
+    config.rcc.apb1_pre = APBPrescaler::DIV2;
+    config.rcc.mux.clk48sel = Clk48sel::PLL1_Q;
+    config
+}
+
+/// Why the chip was reset; clears the record of it.
+pub fn reset_cause() -> &'static str {
+    let csr = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|csr| csr.set_rmvf(true));
+    match () {
+        () if csr.wdgrstf() => "watchdog",
+        () if csr.sftrstf() => "software",
+        () if csr.lpwrrstf() => "low power",
+        () if csr.borrstf() => "power",
+        () => "reset pin",
+    }
+}

@@ -1,0 +1,121 @@
+//! The finger's firmware on an STM32F411CE on a "Black Pill", the board people own.
+//!
+//! The scan runs by itself ([`scan`]); a frame's interrupt puts its codes into a queue; one task runs the
+//! session with whoever holds the USB port open, another the USB device, a third the status LED. What is
+//! wired to which pin is in `scan-plan`, and drawn on the board's page, `docs/boards/stm32f411.md`.
+#![no_std]
+#![no_main]
+
+mod clocks;
+mod scan;
+mod status;
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::{ExceptionFrame, entry, exception};
+use defmt_rtt as _;
+use embassy_executor::Executor;
+use embassy_stm32::peripherals::USB_OTG_FS;
+use embassy_stm32::usb::{self, Driver, InterruptHandler};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{bind_interrupts, pac, uid};
+use embassy_usb::UsbDevice;
+use static_cell::StaticCell;
+use taxel::instrument::Instrument;
+use taxel::wire::message::Identity;
+use taxel_board::boot;
+use taxel_board::link::{self, Link};
+use taxel_board::scanner::Scanner;
+
+bind_interrupts!(struct Irqs {
+    OTG_FS => InterruptHandler<USB_OTG_FS>;
+});
+
+/// The ROM bootloader's vector table (AN2606).
+const ROM: usize = 0x1FFF_0000;
+/// A scan must get through to the session this often: long enough for the largest sector that is ever
+/// erased, 64 KB (1.1 s, DS10314 table 47).
+const WATCHDOG_US: u32 = 3_000_000;
+
+static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
+
+#[entry]
+fn main() -> ! {
+    // SAFETY: nothing runs yet, and that is where this chip has its bootloader.
+    let panic = unsafe { boot::resume(ROM) };
+    let chip = embassy_stm32::init(clocks::config());
+    let reset = clocks::reset_cause();
+    defmt::info!("start after {}, build {=str}", reset, BUILD);
+    if let Some(panic) = &panic {
+        defmt::error!("last panic: {=str}", panic.as_str());
+    }
+    let mut core = defmt::unwrap!(cortex_m::Peripherals::take());
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+
+    // First, so that a converter that never gets ready ends in a reset that is reported.
+    IndependentWatchdog::new(chip.IWDG, WATCHDOG_US).unleash();
+    let full_scale = scan::start();
+    let scanner = Scanner::new(&scan::FRAMES, feed);
+
+    // What the host has sent and nobody has read: one packet of each of two endpoints.
+    static RECEIVED: StaticCell<[u8; 256]> = StaticCell::new();
+    let mut config = usb::Config::default();
+    // A Black Pill does not wire VBUS to PA9.
+    config.vbus_detection = false;
+    let received = RECEIVED.init([0; 256]);
+    let driver = Driver::new_fs(chip.USB_OTG_FS, Irqs, chip.PA12, chip.PA11, received, config);
+    let (device, link) =
+        link::device(driver, "fingertip stm32f411", uid::uid_hex(), scan::set_paused);
+    let identity = Identity {
+        board: text("stm32f411"),
+        serial: text(uid::uid_hex()),
+        build: text(BUILD),
+        scan_hz: scan::DEFAULT.scan_hz,
+        full_scale,
+        tick_hz: scan_plan::f411::CLOCK_HZ,
+    };
+    let instrument = INSTRUMENT.init_with(|| Instrument::new(identity));
+    EXECUTOR.init(Executor::new()).run(|spawner| {
+        spawner.spawn(usb(device).expect("spawned once"));
+        spawner.spawn(session(link, scanner, instrument).expect("spawned once"));
+        spawner.spawn(status::show().expect("spawned once"));
+    })
+}
+
+fn feed() {
+    pac::IWDG.kr().write(|kr| kr.set_key(pac::iwdg::vals::Key::RESET));
+}
+
+const BUILD: &str = match option_env!("TAXEL_BUILD") {
+    Some(build) => build,
+    None => "unknown",
+};
+
+fn text<const N: usize>(text: &str) -> heapless::String<N> {
+    text.try_into().unwrap_or_default()
+}
+
+type Usb = Driver<'static, USB_OTG_FS>;
+
+#[embassy_executor::task]
+async fn usb(mut device: UsbDevice<'static, Usb>) {
+    device.run().await;
+}
+
+#[embassy_executor::task]
+async fn session(mut link: Link<Usb>, mut scanner: Scanner, instrument: &'static mut Instrument) {
+    link.serve(&mut scanner, instrument).await;
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    panic!("hard fault at {:#010x}, called from {:#010x}", frame.pc(), frame.lr());
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    defmt::error!("{}", defmt::Display2Format(info));
+    boot::panic(info)
+}

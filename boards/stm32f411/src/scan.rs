@@ -1,0 +1,242 @@
+//! The scan: what `scan_plan::f411` computed, written into the registers, and the frames that come of it.
+//!
+//! After [`start`] no code takes part in a frame but the interrupt at its end, which copies 42 readings
+//! out of the half of the buffer that the DMA has just left. It has the time of a whole frame for it; a
+//! frame that was overwritten meanwhile is dropped and flagged, never delivered torn.
+//!
+//! The patterns and the buffers lie in RAM: the flash stands still while one of its sectors is erased,
+//! and a pattern that came late would leave rows and readings out of step for good.
+
+use core::cell::UnsafeCell;
+use core::ptr;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::pac::{ADC1, ADC1_COMMON, DMA2, GPIOA, GPIOB, GPIOC};
+use embassy_stm32::pac::{Interrupt, RCC, TIM1, interrupt};
+use embassy_stm32::pac::{adc, adccommon, dma, gpio, timer};
+use embassy_time::Instant;
+use scan_plan::f411::{INPUTS, Plan, READINGS, Stream, plan};
+use scan_plan::pins::{self, F411_ROWS, F411_SELECT};
+use scan_plan::{Settings, pattern, settle};
+use taxel::scan::{Codes, Midpoints, TaxelCodes};
+use taxel::units::{Code, FullScale, Micros};
+use taxel_board::scanner::Frames;
+
+/// What the finger starts with.
+pub const DEFAULT: Settings =
+    Settings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS };
+
+/// Checked when this is compiled.
+const PLAN: Plan = match plan(DEFAULT) {
+    Ok(plan) => plan,
+    Err(_) => panic!("the default settings cannot be had"),
+};
+
+/// The frames, for the session.
+pub static FRAMES: Frames = Frames::new();
+
+/// Streams of DMA2.
+const FROM_ADC: usize = 0;
+const PATTERNS: usize = 1;
+
+/// What the DMA reads and writes.
+struct Buffers {
+    patterns: UnsafeCell<[u32; 5]>,
+    readings: UnsafeCell<[[u16; READINGS]; 2]>,
+}
+
+// SAFETY: the patterns never change; the readings are written by the DMA alone and read by volatile
+// copies in the one interrupt.
+unsafe impl Sync for Buffers {}
+
+static BUFFERS: Buffers = Buffers {
+    patterns: UnsafeCell::new(pattern::words(F411_ROWS, F411_SELECT)),
+    readings: UnsafeCell::new([[0; READINGS]; 2]),
+};
+
+/// When the last frame was read, and what has been counted. The interrupt's alone.
+static LAST_US: AtomicU32 = AtomicU32::new(0);
+static FRAMES_READ: AtomicU32 = AtomicU32::new(0);
+
+/// Frames read since power-up, wrapping.
+pub fn frames() -> u32 {
+    FRAMES_READ.load(Ordering::Relaxed)
+}
+
+/// Configures everything and lets it run. The codes' full scale.
+pub fn start() -> FullScale {
+    RCC.ahb1enr().modify(|w| {
+        w.set_gpioaen(true);
+        w.set_gpioben(true);
+        w.set_gpiocen(true);
+        w.set_dma2en(true);
+    });
+    RCC.apb2enr().modify(|w| {
+        w.set_adc1en(true);
+        w.set_tim1en(true);
+    });
+    // Two cycles after its clock a peripheral answers; a read back takes longer.
+    let _ = RCC.apb2enr().read();
+
+    darken();
+    for (port, number) in [(GPIOA, 0), (GPIOB, 1), (GPIOC, 2)] {
+        let moder = pins::moder(&pins::F411, number, port.moder().read().0);
+        port.moder().write_value(gpio::regs::Moder(moder));
+    }
+    let plan = PLAN.adc;
+    ADC1_COMMON.ccr().write_value(adccommon::regs::Ccr(plan.ccr));
+    ADC1.smpr1().write_value(adc::regs::Smpr1(plan.smpr1));
+    ADC1.smpr2().write_value(adc::regs::Smpr2(plan.smpr2));
+    ADC1.sqr1().write_value(adc::regs::Sqr1(plan.sqr1));
+    ADC1.sqr2().write_value(adc::regs::Sqr2(plan.sqr2));
+    ADC1.sqr3().write_value(adc::regs::Sqr3(plan.sqr3));
+    ADC1.jsqr().write_value(adc::regs::Jsqr(plan.jsqr));
+    configure_timer();
+    // Whatever else interrupts can wait for a frame.
+    for later in [Interrupt::OTG_FS, Interrupt::TIM2] {
+        later.set_priority(Priority::P4);
+    }
+    run();
+    FullScale::BITS_12
+}
+
+fn configure_timer() {
+    let plan = PLAN.timer;
+    TIM1.cr2().write_value(timer::regs::Cr2Adv(plan.cr2));
+    TIM1.ccmr_output(0).write_value(timer::regs::CcmrOutputGp16(plan.ccmr1));
+    TIM1.ccmr_output(1).write_value(timer::regs::CcmrOutputGp16(plan.ccmr2));
+    TIM1.ccer().write_value(timer::regs::CcerAdv(plan.ccer));
+    TIM1.bdtr().write_value(timer::regs::BdtrAdv(plan.bdtr));
+    TIM1.psc().write_value(0);
+    TIM1.arr().write_value(timer::regs::ArrCore(plan.arr));
+    for (channel, compare) in [plan.ccr1, plan.ccr2, plan.ccr3].into_iter().enumerate() {
+        TIM1.ccr(channel).write_value(timer::regs::Ccr1ch(compare));
+    }
+    TIM1.dier().write_value(timer::regs::DierAdv(plan.dier));
+}
+
+/// Starts at the beginning of a frame, from a standstill.
+fn run() {
+    // Off and on again, so that the sequence starts at its first input.
+    ADC1.cr2().write_value(adc::regs::Cr2(0));
+    arm(PATTERNS, PLAN.patterns, GPIOB.bsrr().as_ptr().cast(), BUFFERS.patterns.get().cast());
+    arm(FROM_ADC, PLAN.readings, ADC1.dr().as_ptr().cast(), BUFFERS.readings.get().cast());
+    let last = Interrupt::DMA2_STREAM0;
+    last.set_priority(Priority::P0);
+    last.unpend();
+    // SAFETY: its handler is below, and no critical section relies on a masked line.
+    unsafe { last.enable() };
+    ADC1.cr1().write_value(adc::regs::Cr1(PLAN.adc.cr1));
+    ADC1.sr().write_value(adc::regs::Sr(0));
+    ADC1.cr2().write_value(adc::regs::Cr2(PLAN.adc.cr2 | 1));
+    // 3 µs until it is stable (DS10314 table 66).
+    cortex_m::asm::delay(scan_plan::ticks(3_000, scan_plan::f411::CLOCK_HZ));
+    TIM1.egr().write(|egr| egr.set_ug(true));
+    TIM1.sr().write_value(timer::regs::SrAdv(0));
+    LAST_US.store(now_us(), Ordering::Relaxed);
+    TIM1.cr1().write_value(timer::regs::Cr1Gp16(PLAN.timer.cr1 | 1));
+    FRAMES.set_paused(false);
+}
+
+fn arm(stream: usize, plan: Stream, peripheral: *const (), memory: *mut u32) {
+    let registers = DMA2.st(stream);
+    registers.cr().write_value(dma::regs::Cr(0));
+    while registers.cr().read().en() {}
+    // Flags of streams 0 and 1 are bits 0–5 and 6–11.
+    DMA2.ifcr(0).write_value(dma::regs::Ixr(0x3D << (6 * stream)));
+    registers.par().write_value(peripheral.addr() as u32);
+    registers.m0ar().write_value(memory.expose_provenance() as u32);
+    registers.ndtr().write_value(dma::regs::Ndtr(plan.count));
+    registers.cr().write_value(dma::regs::Cr(plan.cr | 1));
+}
+
+/// Stops the scan with every LED off.
+fn halt() {
+    TIM1.cr1().write_value(timer::regs::Cr1Gp16(0));
+    ADC1.cr2().write_value(adc::regs::Cr2(0));
+    darken();
+    FRAMES.set_paused(true);
+}
+
+/// Every LED off.
+fn darken() {
+    let word = pattern::dark(F411_ROWS, F411_SELECT);
+    GPIOB.bsrr().write_value(gpio::regs::Bsrr(word));
+}
+
+/// The host has suspended the bus, which feeds the LEDs, or goes on.
+pub fn set_paused(paused: bool) {
+    let running = TIM1.cr1().read().cen();
+    if paused && running {
+        halt();
+    } else if !paused && !running {
+        run();
+    }
+}
+
+/// A frame is complete.
+#[interrupt]
+fn DMA2_STREAM0() {
+    let begin = cortex_m::peripheral::DWT::cycle_count();
+    DMA2.ifcr(0).write_value(dma::regs::Ixr(0x3D << (6 * FROM_ADC)));
+    if ADC1.sr().read().ovr() {
+        // The DMA came too late for a reading: rows and readings are out of step. Begin anew.
+        halt();
+        run();
+        return FRAMES.drop_one();
+    }
+    // Interrupts that were held up have become one. Time tells how many frames there were.
+    let now = now_us();
+    let since = now.wrapping_sub(LAST_US.swap(now, Ordering::Relaxed));
+    let frame_us = PLAN.step.frame_ticks() / (PLAN.step.tick_hz / 1_000_000);
+    let missed = since > frame_us + frame_us / 2;
+
+    let half = left();
+    let codes = read(half);
+    if left() != half {
+        return FRAMES.drop_one();
+    }
+    let time = Instant::now().as_micros().saturating_sub(u64::from(frame_us));
+    FRAMES.push(Micros(time), codes, missed);
+    FRAMES_READ.store(frames().wrapping_add(1), Ordering::Relaxed);
+    FRAMES.note_cost(cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begin));
+}
+
+/// The half of the buffer that the DMA is not writing: while more than half is left to do it is in the
+/// first.
+fn left() -> usize {
+    usize::from(DMA2.st(FROM_ADC).ndtr().read().0 > PLAN.readings.count / 2)
+}
+
+fn now_us() -> u32 {
+    Instant::now().as_micros() as u32
+}
+
+/// The codes of one frame.
+fn read(half: usize) -> Codes {
+    // SAFETY: both halves are there; the DMA is writing the other.
+    let readings =
+        unsafe { ptr::read_volatile(BUFFERS.readings.get().cast::<[u16; READINGS]>().add(half)) };
+    let steps = readings.as_chunks::<{ INPUTS.len() }>().0;
+    let (mut taxels, mut sensors) = (TaxelCodes::default(), [None; 4]);
+    let mut rows = taxels.lit.iter_mut().zip(&mut sensors);
+    for (step, &[c0, c1, c2, c3, a, b, c, d]) in steps.iter().enumerate() {
+        let columns = [c0, c1, c2, c3].map(Code);
+        if step == 0 {
+            // The dark step's midpoints are sensor 0's again, and are left out.
+            taxels.dark = columns;
+        } else if let Some((row, sensor)) = rows.next() {
+            *row = columns;
+            *sensor = Some(Midpoints { a: Code(a), b: Code(b), c: Code(c), d: Code(d) });
+        }
+    }
+    let internal = |place: usize| Some(Code(ADC1.jdr(place).read().0 as u16 & 0xFFF));
+    Codes {
+        full_scale: FullScale::BITS_12,
+        taxels: Some(taxels),
+        bridges: sensors,
+        temperature: internal(0),
+        reference: internal(1),
+    }
+}

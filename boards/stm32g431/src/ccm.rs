@@ -1,0 +1,24 @@
+//! The CCM SRAM's contents, copied before anything needs them.
+
+use core::ptr;
+
+unsafe extern "C" {
+    static mut __sccm: u32;
+    static __eccm: u32;
+    static __siccm: u32;
+}
+
+/// Copies code and constants from the flash into the CCM SRAM (`ccm.x`). Call before any of it runs.
+pub fn load() {
+    let (mut to, mut from) = (&raw mut __sccm, &raw const __siccm);
+    // SAFETY: the linker has set aside as many words on both sides; nothing else knows of them yet.
+    // Volatile, so that the compiler makes no call of it into code that is not there yet.
+    unsafe {
+        while to.cast_const() < &raw const __eccm {
+            ptr::write_volatile(to, ptr::read_volatile(from));
+            (to, from) = (to.add(1), from.add(1));
+        }
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+}

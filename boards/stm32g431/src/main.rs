@@ -1,0 +1,129 @@
+//! The finger's firmware on an STM32G431CB, the product.
+//!
+//! The scan runs by itself ([`scan`]); a frame's interrupt puts its codes into a queue; one task runs the
+//! session with whoever holds the USB port open, another the USB device, a third the status LED. What is
+//! wired to which pin is in `scan-plan`, and drawn on the board's page, `docs/boards/stm32g431.md`.
+#![no_std]
+#![no_main]
+
+mod ccm;
+mod clocks;
+mod scan;
+mod status;
+
+use core::panic::PanicInfo;
+
+use cortex_m_rt::{ExceptionFrame, entry, exception};
+use defmt_rtt as _;
+use embassy_executor::Executor;
+use embassy_stm32::peripherals::USB;
+use embassy_stm32::usb::{Driver, InterruptHandler};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{bind_interrupts, pac, uid};
+use embassy_usb::UsbDevice;
+use static_cell::StaticCell;
+use taxel::instrument::Instrument;
+use taxel::wire::message::Identity;
+use taxel_board::boot;
+use taxel_board::link::{self, Link};
+use taxel_board::scanner::Scanner;
+
+bind_interrupts!(struct Irqs {
+    USB_LP => InterruptHandler<USB>;
+});
+
+/// The ROM bootloader's vector table (AN2606).
+const ROM: usize = 0x1FFF_0000;
+/// A scan must get through to the session this often: long enough for the two pages of a calibration
+/// slot (49 ms, DS12589 table 44).
+const WATCHDOG_US: u32 = 500_000;
+
+static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+/// In the CCM: its calibration's weights are read in every frame.
+#[unsafe(link_section = ".ccm_bss")]
+static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
+
+#[entry]
+fn main() -> ! {
+    // SAFETY: nothing runs yet, and that is where this chip has its bootloader.
+    let panic = unsafe { boot::resume(ROM) };
+    ccm::load();
+    let chip = embassy_stm32::init(clocks::config());
+    let reset = clocks::reset_cause();
+    defmt::info!("start after {}, build {=str}", reset, BUILD);
+    if let Some(panic) = &panic {
+        defmt::error!("last panic: {=str}", panic.as_str());
+    }
+    let mut core = defmt::unwrap!(cortex_m::Peripherals::take());
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+
+    // First, so that a converter that never gets ready ends in a reset that is reported.
+    IndependentWatchdog::new(chip.IWDG, WATCHDOG_US).unleash();
+    let full_scale = scan::start();
+    let scanner = Scanner::new(&scan::FRAMES, feed);
+
+    let driver = Driver::new(chip.USB, Irqs, chip.PA12, chip.PA11);
+    let (device, link) =
+        link::device(driver, "fingertip stm32g431", uid::uid_hex(), scan::set_paused);
+    let identity = Identity {
+        board: text("stm32g431"),
+        serial: text(uid::uid_hex()),
+        build: text(BUILD),
+        scan_hz: scan::DEFAULT.scan_hz,
+        full_scale,
+        tick_hz: scan_plan::g431::CLOCK_HZ,
+    };
+    let instrument = INSTRUMENT.init_with(|| Instrument::new(identity));
+    EXECUTOR.init(Executor::new()).run(|spawner| {
+        spawner.spawn(usb(device).expect("spawned once"));
+        spawner.spawn(session(link, scanner, instrument).expect("spawned once"));
+        spawner.spawn(status::show().expect("spawned once"));
+    })
+}
+
+fn feed() {
+    pac::IWDG.kr().write(|kr| kr.set_key(pac::iwdg::vals::Key::RESET));
+}
+
+const BUILD: &str = match option_env!("TAXEL_BUILD") {
+    Some(build) => build,
+    None => "unknown",
+};
+
+fn text<const N: usize>(text: &str) -> heapless::String<N> {
+    text.try_into().unwrap_or_default()
+}
+
+type Usb = Driver<'static, USB>;
+
+#[embassy_executor::task]
+async fn usb(mut device: UsbDevice<'static, Usb>) {
+    device.run().await;
+}
+
+#[embassy_executor::task]
+async fn session(mut link: Link<Usb>, mut scanner: Scanner, instrument: &'static mut Instrument) {
+    link.serve(&mut scanner, instrument).await;
+}
+
+/// A word of the flash that a power cut tore: its ECC finds two wrong bits and reads on (RM0440 §3.3.8).
+/// The store knows what to make of such a word.
+#[exception]
+unsafe fn NonMaskableInt() {
+    if !pac::FLASH.eccr().read().eccd() {
+        panic!("NMI, and not of the flash");
+    }
+    pac::FLASH.eccr().modify(|eccr| eccr.set_eccd(true));
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    panic!("hard fault at {:#010x}, called from {:#010x}", frame.pc(), frame.lr());
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    defmt::error!("{}", defmt::Display2Format(info));
+    boot::panic(info)
+}

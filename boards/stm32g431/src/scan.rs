@@ -1,0 +1,294 @@
+//! The scan: what `scan_plan::g431` computed, written into the registers, and the frames that come of it.
+//!
+//! After [`start`] no code takes part in a frame but the interrupt at its end, which copies 47 readings
+//! out of the half of the buffer that the DMA has just left. It has the time of a whole frame for it; a
+//! frame that was overwritten meanwhile is dropped and flagged, never delivered torn.
+//!
+//! The patterns and the buffers lie in RAM: the flash stands still while one of its pages is erased, and
+//! a pattern that came late would leave rows and readings out of step for good.
+
+use core::cell::UnsafeCell;
+use core::ptr;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, DMA1, DMAMUX1, GPIOA, GPIOB};
+use embassy_stm32::pac::{Interrupt, OPAMP2, OPAMP3, RCC, TIM1, interrupt};
+use embassy_stm32::pac::{adc, adccommon, bdma, dmamux, gpio, opamp, timer};
+use embassy_time::Instant;
+use scan_plan::g431::{BRIDGE_INPUTS, BRIDGE_READINGS, COLUMN_READINGS, Channel, Last, Plan, plan};
+use scan_plan::pins::{self, G431_ROWS, G431_SELECT};
+use scan_plan::{Settings, pattern, settle};
+use taxel::scan::{Codes, Midpoints, TaxelCodes};
+use taxel::units::{Code, FullScale, Micros};
+use taxel_board::scanner::Frames;
+
+/// What the finger starts with.
+pub const DEFAULT: Settings =
+    Settings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS };
+
+/// Checked when this is compiled.
+const PLAN: Plan = match plan(DEFAULT) {
+    Ok(plan) => plan,
+    Err(_) => panic!("the default settings cannot be had"),
+};
+
+/// The frames, for the session.
+pub static FRAMES: Frames = Frames::new();
+
+/// Channels of DMA1.
+const PATTERNS: usize = 0;
+const COLUMNS: usize = 1;
+const BRIDGES: usize = 2;
+
+/// What the DMA reads and writes.
+struct Buffers {
+    patterns: UnsafeCell<[u32; 5]>,
+    columns: UnsafeCell<[[u16; COLUMN_READINGS]; 2]>,
+    bridges: UnsafeCell<[[u16; BRIDGE_READINGS]; 2]>,
+}
+
+// SAFETY: the patterns never change; the readings are written by the DMA alone and read by volatile
+// copies in the one interrupt.
+unsafe impl Sync for Buffers {}
+
+static BUFFERS: Buffers = Buffers {
+    patterns: UnsafeCell::new(pattern::words(G431_ROWS, G431_SELECT)),
+    columns: UnsafeCell::new([[0; COLUMN_READINGS]; 2]),
+    bridges: UnsafeCell::new([[0; BRIDGE_READINGS]; 2]),
+};
+
+/// When the last frame was read, and what has been counted. The interrupt's alone.
+static LAST_US: AtomicU32 = AtomicU32::new(0);
+static FRAMES_READ: AtomicU32 = AtomicU32::new(0);
+
+/// Frames read since power-up, wrapping.
+pub fn frames() -> u32 {
+    FRAMES_READ.load(Ordering::Relaxed)
+}
+
+/// Configures everything and lets it run. The codes' full scale.
+pub fn start() -> FullScale {
+    RCC.ahb2enr().modify(|w| {
+        w.set_gpioaen(true);
+        w.set_gpioben(true);
+        w.set_adc12en(true);
+    });
+    RCC.ahb1enr().modify(|w| {
+        w.set_dma1en(true);
+        w.set_dmamux1en(true);
+    });
+    RCC.apb2enr().modify(|w| {
+        w.set_syscfgen(true);
+        w.set_tim1en(true);
+    });
+    // Two cycles after its clock a peripheral answers; a read back takes longer.
+    let _ = RCC.apb2enr().read();
+
+    darken();
+    for (port, number) in [(GPIOA, 0), (GPIOB, 1)] {
+        let moder = pins::moder(&pins::G431, number, port.moder().read().0);
+        port.moder().write_value(gpio::regs::Moder(moder));
+    }
+    for amplifier in [OPAMP2, OPAMP3] {
+        amplifier.tcmr().write_value(opamp::regs::Tcmr(PLAN.amplifier.tcmr));
+        amplifier.csr().write_value(opamp::regs::Csr(PLAN.amplifier.csr));
+    }
+    ADC12_COMMON.ccr().write_value(adccommon::regs::Ccr(PLAN.adc_common));
+    for (converter, plan) in [(ADC1, PLAN.adc1), (ADC2, PLAN.adc2)] {
+        wake(converter);
+        converter.cfgr().write_value(adc::regs::Cfgr(plan.cfgr));
+        converter.cfgr2().write_value(adc::regs::Cfgr2(plan.cfgr2));
+        converter.smpr().write_value(adc::regs::Smpr(plan.smpr1));
+        converter.smpr2().write_value(adc::regs::Smpr2(plan.smpr2));
+        converter.sqr1().write_value(adc::regs::Sqr1(plan.sqr1));
+        converter.sqr2().write_value(adc::regs::Sqr2(plan.sqr2));
+        converter.jsqr().write_value(adc::regs::Jsqr(plan.jsqr));
+    }
+    configure_timer();
+    // Whatever else interrupts can wait for a frame.
+    for later in [Interrupt::USB_LP, Interrupt::TIM2] {
+        later.set_priority(Priority::P4);
+    }
+    run();
+    FullScale::new(PLAN.full_scale).unwrap_or(FullScale::BITS_12)
+}
+
+/// Brings a converter from deep power-down to ready (RM0440 §21.4.6, §21.4.8, §21.4.9).
+fn wake(converter: adc::Adc) {
+    // 20 µs for the regulator (DS12589 table 66).
+    const REGULATOR: u32 = scan_plan::ticks(20_000, scan_plan::g431::CLOCK_HZ);
+    converter.cr().write_value(adc::regs::Cr(0));
+    converter.cr().write(|cr| cr.set_advregen(true));
+    cortex_m::asm::delay(REGULATOR);
+    converter.cr().modify(|cr| cr.set_adcal(true));
+    while converter.cr().read().adcal() {}
+    // Four cycles of the ADC clock between calibration and enabling.
+    cortex_m::asm::delay(4 * scan_plan::g431::TICKS_PER_CYCLE + 4);
+    converter.isr().write(|isr| isr.set_adrdy(true));
+    converter.cr().modify(|cr| cr.set_aden(true));
+    while !converter.isr().read().adrdy() {}
+}
+
+fn configure_timer() {
+    let plan = PLAN.timer;
+    TIM1.cr2().write_value(timer::regs::Cr2Adv(plan.cr2));
+    TIM1.ccmr_output(0).write_value(timer::regs::CcmrOutputGp16(plan.ccmr1));
+    TIM1.ccmr_output(1).write_value(timer::regs::CcmrOutputGp16(plan.ccmr2));
+    TIM1.ccmr3().write_value(timer::regs::Ccmr3Adv(plan.ccmr3));
+    TIM1.ccer().write_value(timer::regs::CcerAdv(plan.ccer));
+    TIM1.bdtr().write_value(timer::regs::BdtrAdv(plan.bdtr));
+    TIM1.psc().write_value(0);
+    TIM1.arr().write_value(timer::regs::ArrCore(plan.arr));
+    for (channel, compare) in [plan.ccr1, plan.ccr2, plan.ccr3].into_iter().enumerate() {
+        TIM1.ccr(channel).write_value(timer::regs::Ccr1ch(compare));
+    }
+    TIM1.ccr6().write_value(timer::regs::Ccr1ch(plan.ccr6));
+    TIM1.dier().write_value(timer::regs::DierAdv(plan.dier));
+}
+
+/// Starts at the beginning of a frame, from a standstill.
+fn run() {
+    arm(PATTERNS, PLAN.patterns, GPIOB.bsrr().as_ptr().cast(), BUFFERS.patterns.get().cast());
+    arm(COLUMNS, PLAN.columns, ADC1.dr().as_ptr().cast(), BUFFERS.columns.get().cast());
+    arm(BRIDGES, PLAN.bridges, ADC2.dr().as_ptr().cast(), BUFFERS.bridges.get().cast());
+    let last = match PLAN.last {
+        Last::Columns => Interrupt::DMA1_CHANNEL2,
+        Last::Bridges => Interrupt::DMA1_CHANNEL3,
+    };
+    last.set_priority(Priority::P0);
+    last.unpend();
+    // SAFETY: its handler is below, and no critical section relies on a masked line.
+    unsafe { last.enable() };
+    for converter in [ADC1, ADC2] {
+        converter.isr().write(|isr| isr.set_ovr(true));
+        converter.cr().modify(|cr| cr.set_adstart(true));
+    }
+    ADC1.cr().modify(|cr| cr.set_jadstart(true));
+    TIM1.egr().write(|egr| egr.set_ug(true));
+    TIM1.sr().write_value(timer::regs::SrAdv(0));
+    LAST_US.store(now_us(), Ordering::Relaxed);
+    TIM1.cr1().write_value(timer::regs::Cr1Gp16(PLAN.timer.cr1 | 1));
+    FRAMES.set_paused(false);
+}
+
+fn arm(channel: usize, plan: Channel, peripheral: *const (), memory: *mut u32) {
+    let registers = DMA1.ch(channel);
+    registers.cr().write_value(bdma::regs::Cr(0));
+    DMA1.ifcr().write_value(bdma::regs::Isr(0xF << (4 * channel)));
+    DMAMUX1.ccr(channel).write_value(dmamux::regs::Ccr(plan.request));
+    registers.par().write_value(peripheral.addr() as u32);
+    registers.mar().write_value(memory.expose_provenance() as u32);
+    registers.ndtr().write_value(bdma::regs::Ndtr(plan.count));
+    registers.cr().write_value(bdma::regs::Cr(plan.ccr | 1));
+}
+
+/// Stops the scan with every LED off.
+fn halt() {
+    TIM1.cr1().write_value(timer::regs::Cr1Gp16(0));
+    for converter in [ADC1, ADC2] {
+        // ADSTP and JADSTP stand two bits above ADSTART and JADSTART, and may be set only with them.
+        converter.cr().modify(|cr| cr.0 |= (cr.0 & 0b1100) << 2);
+        while converter.cr().read().0 & 0b11_0000 != 0 {}
+    }
+    darken();
+    FRAMES.set_paused(true);
+}
+
+/// Every LED off.
+fn darken() {
+    let word = pattern::dark(G431_ROWS, G431_SELECT);
+    GPIOB.bsrr().write_value(gpio::regs::Bsrr(word));
+}
+
+/// The host has suspended the bus, which feeds the LEDs, or goes on.
+pub fn set_paused(paused: bool) {
+    let running = TIM1.cr1().read().cen();
+    if paused && running {
+        halt();
+    } else if !paused && !running {
+        run();
+    }
+}
+
+#[interrupt]
+fn DMA1_CHANNEL2() {
+    on_frame(COLUMNS, PLAN.columns.count);
+}
+
+#[interrupt]
+fn DMA1_CHANNEL3() {
+    on_frame(BRIDGES, PLAN.bridges.count);
+}
+
+/// A frame is complete.
+#[unsafe(link_section = ".ccm.on_frame")]
+fn on_frame(channel: usize, count: u32) {
+    let begin = cortex_m::peripheral::DWT::cycle_count();
+    DMA1.ifcr().write_value(bdma::regs::Isr(0xF << (4 * channel)));
+    if ADC1.isr().read().ovr() || ADC2.isr().read().ovr() {
+        // The DMA came too late for a reading: rows and readings are out of step. Begin anew.
+        halt();
+        run();
+        return FRAMES.drop_one();
+    }
+    // Interrupts that were held up have become one. Time tells how many frames there were.
+    let now = now_us();
+    let since = now.wrapping_sub(LAST_US.swap(now, Ordering::Relaxed));
+    let frame_us = PLAN.step.frame_ticks() / (PLAN.step.tick_hz / 1_000_000);
+    let missed = since > frame_us + frame_us / 2;
+
+    let half = left(channel, count);
+    let codes = read(half);
+    if left(channel, count) != half {
+        return FRAMES.drop_one();
+    }
+    let time = Instant::now().as_micros().saturating_sub(u64::from(frame_us));
+    FRAMES.push(Micros(time), codes, missed);
+    FRAMES_READ.store(frames().wrapping_add(1), Ordering::Relaxed);
+    FRAMES.note_cost(cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begin));
+}
+
+/// The half of the buffers that the DMA is not writing: while more than half is left to do it is in
+/// the first.
+fn left(channel: usize, count: u32) -> usize {
+    usize::from(DMA1.ch(channel).ndtr().read().0 > count / 2)
+}
+
+fn now_us() -> u32 {
+    Instant::now().as_micros() as u32
+}
+
+/// The codes of one frame.
+fn read(half: usize) -> Codes {
+    // SAFETY: both halves are there; the DMA is writing the other.
+    let (columns, bridges) = unsafe {
+        (
+            ptr::read_volatile(BUFFERS.columns.get().cast::<[u16; COLUMN_READINGS]>().add(half)),
+            ptr::read_volatile(BUFFERS.bridges.get().cast::<[u16; BRIDGE_READINGS]>().add(half)),
+        )
+    };
+    let mut columns = columns.as_chunks::<4>().0.iter().map(|step| step.map(Code));
+    let dark = columns.next().unwrap_or_default();
+    let mut lit = [[Code(0); 4]; 4];
+    lit.iter_mut().zip(columns).for_each(|(row, codes)| *row = codes);
+
+    // The dark step's are sensor 0's again, and are left out.
+    let steps = bridges.as_chunks::<{ BRIDGE_INPUTS.len() }>().0.iter().skip(1);
+    let mut sensors = [None; 4];
+    for (sensor, &[a, c, _bias, b, d]) in sensors.iter_mut().zip(steps) {
+        *sensor = Some(Midpoints { a: Code(a), b: Code(b), c: Code(c), d: Code(d) });
+    }
+    // One sample each, brought to the scale of the others, which are sums.
+    let internal = |place: usize| {
+        let sample = ADC1.jdr(place).read().0 as u16 & 0xFFF;
+        Some(Code(sample * DEFAULT.oversampling))
+    };
+    Codes {
+        full_scale: FullScale::new(PLAN.full_scale).unwrap_or(FullScale::BITS_12),
+        taxels: Some(TaxelCodes { lit, dark }),
+        bridges: sensors,
+        temperature: internal(0),
+        reference: internal(1),
+    }
+}
