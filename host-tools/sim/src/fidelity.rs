@@ -21,6 +21,7 @@ use crate::contact::layer::Layer;
 use crate::contact::{Facets, HalfSpace, Indenter, Patch, Rule};
 use crate::path::{Contacts, Load, Path};
 use crate::scene::{MOST_CONTACTS, Scene};
+use crate::skin;
 
 /// `fidelity` of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -252,6 +253,10 @@ fn probes(scene: &Scene, seed: u64) -> Vec<Contacts> {
     const STRETCHES: u64 = 16;
     const LOOKS: u64 = 128;
     let mut path = Path::new(scene, seed);
+    // A colder skin is softer, as if the forces were larger.
+    let softest = scene.temperature().map_or(1.0, |temperature| {
+        skin::softness(temperature.start_c.min(temperature.end_c)).max(1.0)
+    });
     let frames = scene.frames();
     let looks = frames.min(STRETCHES * LOOKS);
     let hardness: [fn(&Load) -> f64; 3] = [
@@ -268,7 +273,7 @@ fn probes(scene: &Scene, seed: u64) -> Vec<Contacts> {
         for hardness in hardness {
             let hard = |at: &&Contacts| at.loads().iter().map(hardness).sum::<f64>();
             let hardest = moments.iter().max_by(|a, b| hard(a).total_cmp(&hard(b)));
-            probes.extend(hardest.filter(|at| hard(at) > 0.0));
+            probes.extend(hardest.filter(|at| hard(at) > 0.0).map(|at| at.scaled(softest)));
         }
     }
     probes

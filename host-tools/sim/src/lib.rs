@@ -23,6 +23,7 @@ pub mod response;
 pub mod scene;
 mod seeds;
 mod simulator;
+pub mod skin;
 pub mod supply;
 
 pub use scene::{Effect, Scene};

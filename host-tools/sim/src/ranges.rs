@@ -47,6 +47,8 @@ ranges! {
     poisson: 0.0 to 0.5;
     /// Thickness, gap or side in mm.
     thickness: 0.1 to 20.0;
+    /// Share of its stiffness that the first cycle takes from a skin; beyond a half it would snap.
+    first_cycle: 0.0 to 0.4;
     /// Friction coefficient.
     friction: 0.0 to 2.0;
     /// Normal force in newtons; the finger's working range is 2 N (002), a sensor's limit 10 N (003).

@@ -11,6 +11,7 @@ use toml::Spanned;
 use crate::contact::{Indenter, SILICONE_YOUNG_MPA, layer};
 use crate::fidelity::Fidelity;
 use crate::ranges;
+use crate::response::Coating;
 
 mod acts;
 mod device;
@@ -64,6 +65,12 @@ pub enum Effect {
     /// The skin is a layer bonded to a rigid frame with a window open under each facet, and not a
     /// half-space.
     Walls,
+    /// The skin stiffens under large strain.
+    Stiffening,
+    /// The skin is stiffer when it is loaded as never before.
+    Hysteresis,
+    /// The facets follow with a delay, and relax, as the skin's `follows` does.
+    SkinResponse,
     /// The force sensors follow with a delay, and relax, as their `coating` does.
     Response,
     /// What warms changes: the finger is as warm as `[temperature]` says and not at its reference.
@@ -108,7 +115,7 @@ pub struct Scene {
     /// What stands between a photocurrent or a bridge and its code.
     #[serde(default)]
     pub electronics: Electronics,
-    /// How warm it is; [`Scene::temperature_at`].
+    /// How warm it is; [`Scene::temperature`].
     #[serde(default)]
     temperature: Temperature,
     /// Present where the force acts on a single force sensor in a test bench, not on the skin.
@@ -164,11 +171,23 @@ pub struct Material {
     /// Poisson's ratio.
     #[serde(deserialize_with = "ranges::poisson")]
     pub poisson: f64,
+    /// Share of its stiffness that the first cycle takes from the skin; with the effect `hysteresis`. 002
+    /// shows such a cycle (fig. 3) and prints no figure.
+    #[serde(deserialize_with = "ranges::first_cycle")]
+    pub first_cycle_ratio: f64,
+    /// What the skin follows like; with the effect `skin-response`. 002 measures none; 003's softest
+    /// coating is next to it.
+    pub follows: Coating,
 }
 
 impl Default for Material {
     fn default() -> Self {
-        Self { young_mpa: SILICONE_YOUNG_MPA, poisson: 0.5 }
+        Self {
+            young_mpa: SILICONE_YOUNG_MPA,
+            poisson: 0.5,
+            first_cycle_ratio: 0.1,
+            follows: Coating::A,
+        }
     }
 }
 
@@ -313,12 +332,6 @@ impl Scene {
     #[must_use]
     pub fn temperature(&self) -> Option<Temperature> {
         self.has(Effect::Temperature).then_some(self.temperature)
-    }
-
-    /// How warm the finger is at `time` seconds, in °C.
-    #[must_use]
-    pub fn temperature_at(&self, time: f64) -> f64 {
-        if self.has(Effect::Temperature) { self.temperature.at(time) } else { REFERENCE_C }
     }
 
     /// What breaks, and from when to when in seconds.

@@ -14,6 +14,7 @@ use crate::optics::{self, Optics};
 use crate::path::{Contacts, Load, Path};
 use crate::response::Response;
 use crate::scene::{Effect, REFERENCE_C, Scene, Temperature};
+use crate::skin::{self, Skin};
 use crate::supply::Supply;
 
 /// The reference channel reads a voltage of its own, half of the converter's range at a nominal supply.
@@ -36,7 +37,8 @@ pub struct Simulator {
     faults: Faults,
     columns: Columns,
     bridges: [Option<Bridge>; SENSORS],
-    response: Option<Box<[Response; SENSORS]>>,
+    skin: Option<Box<Skin>>,
+    response: Option<Box<[Response<3>; SENSORS]>>,
     bench: Option<usize>,
     adc: Adc,
     /// Light of the unloaded pairs.
@@ -76,6 +78,7 @@ impl Simulator {
             faults: Faults::of(scene),
             columns: Columns::new(scene, dark),
             bridges,
+            skin: Skin::of(scene).map(Box::new),
             response: scene.has(Effect::Response).then(|| Box::new(responses(scene))),
             bench: scene.bench.as_ref().map(|bench| *bench.sensor.get_ref()),
             adc: Adc::new(scene, seed),
@@ -108,12 +111,22 @@ impl Simulator {
     }
 
     /// Light of each taxel's LED on its column while its row is lit, at a nominal supply and temperature.
-    fn light(&mut self, contacts: &Contacts) -> Option<[f64; TAXELS]> {
+    fn light(&mut self, contacts: &Contacts, warmer_k: f64) -> Option<[f64; TAXELS]> {
         let optics = self.optics.as_ref()?;
         let touched = self.contact.as_ref().filter(|_| !contacts.is_empty());
-        self.sunk = touched.map_or([0.0; TAXELS], |contact| contact.displacement(contacts));
+        let celsius = REFERENCE_C + warmer_k;
+        self.sunk = touched.map_or([0.0; TAXELS], |contact| {
+            if warmer_k == 0.0 {
+                contact.displacement(contacts)
+            } else {
+                contact.displacement(&contacts.scaled(skin::softness(celsius)))
+            }
+        });
+        if let Some(skin) = &mut self.skin {
+            self.sunk = skin.sink(self.sunk, celsius);
+        }
         let dead = self.faults.dead_leds();
-        let at_rest = touched.is_none() && dead == 0;
+        let at_rest = touched.is_none() && self.skin.is_none() && dead == 0;
         let mut light = if at_rest { self.unloaded } else { optics.reflected(&self.sunk, dead) };
         let blind = self.faults.blind();
         if blind != 0 {
@@ -124,7 +137,7 @@ impl Simulator {
     }
 
     fn taxels(&mut self, contacts: &Contacts, now: &Moment) -> Option<TaxelCodes> {
-        let light = self.light(contacts)?;
+        let light = self.light(contacts, now.warmer_k)?;
         let leakage = self.optics.as_ref().map_or([0.0; COLS], Optics::leakage);
         let dip = self.faults.supply();
         let seeing = self.faults.seeing();
@@ -237,7 +250,7 @@ struct Moment {
     leds: f64,
 }
 
-fn responses(scene: &Scene) -> [Response; SENSORS] {
+fn responses(scene: &Scene) -> [Response<3>; SENSORS] {
     let period = 1.0 / f64::from(scene.rate_hz());
     core::array::from_fn(|_| Response::new(scene.device.coating, period))
 }
@@ -394,6 +407,44 @@ mod tests {
         assert_ne!(level(&lagging, 112), level(&at_once, 112));
         assert_eq!(level(&lagging, 300), level(&at_once, 300));
         assert_eq!(lagging[112].truth, at_once[112].truth);
+    }
+
+    #[test]
+    fn what_the_skin_does_shows_in_the_light_and_only_where_it_is_listed() {
+        let run = |effects: &str| -> Vec<f64> {
+            let text = format!(
+                "effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n[temperature]\n\
+                 start_c = 55\nend_c = 55\n[[press]]\nat_s = 0.1\nx_mm = -1\ny_mm = -1\nfz_n = 1\n\
+                 rise_s = 0.01\nhold_s = 0.5\nfall_s = 0.01\n"
+            );
+            let scene = Scene::parse("test.toml", &text).unwrap();
+            let mut run = Simulator::new(&scene, 1);
+            let sunk = core::iter::from_fn(|| run.next().map(|_| run.sunk[5]));
+            sunk.collect()
+        };
+        let elastic = run("");
+        let stiff = run("'stiffening'");
+        let first = run("'hysteresis'");
+        let slow = run("'skin-response'");
+        let warm = run("'temperature'");
+        // Held, so at rest.
+        assert!(stiff[500] < 0.9 * elastic[500], "{} of {}", stiff[500], elastic[500]);
+        assert!((first[500] / elastic[500] - 0.9).abs() < 1e-12);
+        assert!((slow[500] / elastic[500] - 1.0).abs() < 1e-6 && slow[111] < 0.9 * elastic[111]);
+        assert!((0.9..0.99).contains(&(warm[500] / elastic[500])));
+        assert!(elastic[621] == 0.0 && slow[621] > 0.1 * elastic[500], "it comes up slowly");
+    }
+
+    #[test]
+    fn a_twist_shows_in_the_truth_and_leans_on_the_sensors_sideways() {
+        let text = "[scan]\nrate_hz = 1000\nduration_s = 1\n[[press]]\nat_s = 0.1\nx_mm = 0\ny_mm = 0\n\
+                    fz_n = 1\ntorsion_nmm = 0.5\nrise_s = 0.1\nhold_s = 0.5\nfall_s = 0.1\n";
+        let scene = Scene::parse("test.toml", text).unwrap();
+        let sample = Simulator::new(&scene, 1).nth(450).unwrap();
+        assert!((sample.truth.torsion.unwrap() - 0.5).abs() < 1e-12);
+        // 0.5 N mm over four levers: sensor 0 at (−5, −5) goes to +x and −y.
+        assert!((sample.truth.sensors[0][0].unwrap() - 0.5 * 5.0 / 200.0).abs() < 1e-12);
+        assert!((sample.truth.sensors[0][1].unwrap() + 0.5 * 5.0 / 200.0).abs() < 1e-12);
     }
 
     #[test]

@@ -79,6 +79,9 @@ fn a_missing_key_is_named() {
 fn impossible_values_name_what_is_allowed() {
     refuses(&format!("{SCAN}[material]\nyoung_mpa = -0.2\n"), 5, &["`young_mpa`", "0.001 to 100"]);
     refuses(&format!("{SCAN}[material]\npoisson = 0.6\n"), 5, &["`poisson`", "0 to 0.5"]);
+    let first = format!("{SCAN}[material]\nfirst_cycle_ratio = 0.5\n");
+    refuses(&first, 5, &["`first_cycle_ratio`", "0 to 0.4"]);
+    refuses(&format!("{SCAN}[material]\nfollows = 'rE'\n"), 5, &["`follows`", "rE", "rA", "F02"]);
     refuses(&format!("{SCAN}[friction]\nmu = -1\n"), 5, &["`mu`", "0 to 2"]);
     refuses(&format!("{SCAN}[friction]\nmu = nan\n"), 5, &["`mu`", "0 to 2"]);
     refuses("[scan]\nrate_hz = 0\nduration_s = 1\n", 2, &["`rate_hz`", "1 to 20000"]);
@@ -212,10 +215,11 @@ fn the_temperature_ramps_where_the_scene_lists_it() {
     let ramp = "[temperature]\nstart_c = 20\nend_c = 40\nfrom_s = 2\nramp_s = 4\n";
     let listed = Scene::parse("my.toml", &format!("effects = ['temperature']\n{SCAN}{ramp}"));
     let listed = listed.unwrap();
-    let at = [0.0, 2.0, 3.0, 6.0, 10.0].map(|time| listed.temperature_at(time));
+    let listed = listed.temperature().unwrap();
+    let at = [0.0, 2.0, 3.0, 6.0, 10.0].map(|time| listed.at(time));
     assert_eq!(at, [20.0, 20.0, 25.0, 40.0, 40.0]);
     let unlisted = Scene::parse("my.toml", &format!("{SCAN}{ramp}")).unwrap();
-    assert_eq!(unlisted.temperature_at(10.0), REFERENCE_C);
+    assert_eq!(unlisted.temperature(), None);
     refuses(&format!("{SCAN}[temperature]\nend_c = 400\n"), 5, &["`end_c`", "-40 to 125"]);
     refuses(&format!("{SCAN}[temperature]\nramp_s = 0\n"), 5, &["`ramp_s`", "0.001 to 86400"]);
 }

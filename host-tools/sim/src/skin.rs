@@ -1,0 +1,251 @@
+//! What rubber does beyond Hooke's law: how a facet sinks, out of how far it would elastically.
+//!
+//! - `temperature`: the stiffness of a rubber grows with its absolute temperature (Treloar, *The Physics
+//!   of Rubber Elasticity*); forces sink facets accordingly less. Its viscosity falls as that of silicone
+//!   fluids does.
+//! - `stiffening`: the column of skin above a facet, as thick as the skin, follows 002's Mooney–Rivlin law
+//!   in place of its tangent.
+//! - `hysteresis`: the first loading is stiffer than all later ones up to the same load (002 fig. 3).
+//! - `skin-response`: facets follow with a delay, and relax, as a coating of 003 does.
+
+use taxel::scan::TAXELS;
+
+use crate::response::Response;
+use crate::scene::{Effect, REFERENCE_C, Scene, ZERO_C};
+
+/// α2 over α1 of 002 eq. (1).
+const MOONEY_RIVLIN: f64 = -3.37e-4 / 3.96e-2;
+/// Activation energy of the flow of silicone fluids in J/mol; 002 measures none of its rubber.
+const FLOW: f64 = 15e3;
+/// The gas constant in J/(mol K).
+const GAS: f64 = 8.314;
+
+/// How many times as far the same force sinks a facet at `celsius` as at the reference temperature.
+#[must_use]
+pub fn softness(celsius: f64) -> f64 {
+    (REFERENCE_C + ZERO_C) / (celsius + ZERO_C)
+}
+
+/// How many times as fast the skin flows at `celsius` as at the reference temperature.
+#[must_use]
+pub fn haste(celsius: f64) -> f64 {
+    (FLOW / GAS * (1.0 / (REFERENCE_C + ZERO_C) - 1.0 / (celsius + ZERO_C))).exp()
+}
+
+/// Shortening 1 − λ of a column under a stress that would shorten it by `strain` if it stayed as soft as
+/// at rest: σ = 2(λ − 1/λ²)(α1 + α2/λ) = −6(α1 + α2)·strain (002 eq. (1), nominal stress).
+#[must_use]
+pub fn shortening(strain: f64) -> f64 {
+    let pushed = 3.0 * (1.0 + MOONEY_RIVLIN) * strain;
+    // On the side of the root from which Newton's method runs straight to it: σ is concave in λ.
+    let mut stretch = if strain > 0.0 { 1.0 / (1.0 + pushed).sqrt() } else { 1.0 };
+    for _ in 0..8 {
+        let inverse = 1.0 / stretch;
+        let (shape, law) = (stretch - inverse * inverse, 1.0 + MOONEY_RIVLIN * inverse);
+        let slope = (1.0 + 2.0 * inverse.powi(3)) * law - shape * MOONEY_RIVLIN * inverse * inverse;
+        stretch -= (shape * law + pushed) / slope;
+    }
+    1.0 - stretch
+}
+
+/// The skin of one run; it remembers.
+#[derive(Clone, Debug)]
+pub struct Skin {
+    /// Thickness in mm, where it stiffens.
+    stiffens: Option<f64>,
+    first_cycle: Option<FirstCycle>,
+    follows: Option<Follows>,
+}
+
+impl Skin {
+    /// The skin of the scene; `None` where it is as Hooke says.
+    #[must_use]
+    pub fn of(scene: &Scene) -> Option<Self> {
+        let skin = Self {
+            stiffens: scene.has(Effect::Stiffening).then_some(scene.layer.depth_mm),
+            first_cycle: scene
+                .has(Effect::Hysteresis)
+                .then(|| FirstCycle::new(scene.material.first_cycle_ratio)),
+            follows: scene.has(Effect::SkinResponse).then(|| Follows::new(scene)),
+        };
+        let listed =
+            skin.stiffens.is_some() || skin.first_cycle.is_some() || skin.follows.is_some();
+        listed.then_some(skin)
+    }
+
+    /// How far the facets sink, in mm, one frame later, where they would be sunk by `elastic`.
+    #[must_use]
+    pub fn sink(&mut self, elastic: [f64; TAXELS], celsius: f64) -> [f64; TAXELS] {
+        let mut sunk = elastic;
+        if let Some(thickness) = self.stiffens {
+            sunk = sunk.map(|u| thickness * shortening(u / thickness));
+        }
+        if let Some(first_cycle) = &mut self.first_cycle {
+            sunk = first_cycle.sink(sunk);
+        }
+        match &mut self.follows {
+            Some(follows) => follows.sink(sunk, celsius),
+            None => sunk,
+        }
+    }
+}
+
+/// Softening by the largest load so far, after Mullins: a facet that has been at m sinks to u(1 − D|u|/m)
+/// under what sinks a worked-in one to u, and to u(1 − D) beyond. So the first loading runs along a straight
+/// line that is stiffer by 1/(1 − D), the way back and all later ones along a curve that meets it at m
+/// and is as soft as a worked-in skin from rest.
+#[derive(Clone, Debug)]
+struct FirstCycle {
+    ratio: f64,
+    most: [f64; TAXELS],
+}
+
+impl FirstCycle {
+    fn new(ratio: f64) -> Self {
+        Self { ratio, most: [0.0; TAXELS] }
+    }
+
+    fn sink(&mut self, mut sunk: [f64; TAXELS]) -> [f64; TAXELS] {
+        for (u, most) in sunk.iter_mut().zip(&mut self.most) {
+            *most = most.max(u.abs());
+            if *most > 0.0 {
+                *u *= 1.0 - self.ratio * u.abs() / *most;
+            }
+        }
+        sunk
+    }
+}
+
+/// A delay that shortens with warmth.
+#[derive(Clone, Debug)]
+struct Follows {
+    response: Response<TAXELS>,
+    period: f64,
+    /// What the response is made for.
+    celsius: f64,
+}
+
+impl Follows {
+    fn new(scene: &Scene) -> Self {
+        let period = 1.0 / f64::from(scene.rate_hz());
+        let response = Response::new(scene.material.follows, period);
+        Self { response, period, celsius: REFERENCE_C }
+    }
+
+    fn sink(&mut self, sunk: [f64; TAXELS], celsius: f64) -> [f64; TAXELS] {
+        /// Kelvin that change the pace by 0.2 %.
+        const STEP: f64 = 0.1;
+        if (celsius - self.celsius).abs() > STEP {
+            self.celsius = celsius;
+            self.response.set_period(self.period * haste(celsius));
+        }
+        self.response.follow(sunk)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn skin(effects: &str) -> Skin {
+        let text = format!("effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n");
+        Skin::of(&Scene::parse("test.toml", &text).unwrap()).unwrap()
+    }
+
+    /// Facet 0 alone.
+    fn sink(skin: &mut Skin, u: f64) -> f64 {
+        let mut elastic = [0.0; TAXELS];
+        elastic[0] = u;
+        skin.sink(elastic, REFERENCE_C)[0]
+    }
+
+    #[test]
+    fn a_column_follows_the_law_of_the_silicone() {
+        // 002 eq. (1) as printed, in MPa; E = 6(α1 + α2).
+        let (a1, a2) = (3.96e-2, -3.37e-4);
+        for stretch in [0.4, 0.6, 0.8, 0.95, 1.0, 1.05, 1.3, 2.0f64] {
+            let stress = 2.0 * (stretch - 1.0 / (stretch * stretch)) * (a1 + a2 / stretch);
+            let strain = -stress / (6.0 * (a1 + a2));
+            assert!((shortening(strain) - (1.0 - stretch)).abs() < 1e-9, "{stretch}");
+        }
+    }
+
+    #[test]
+    fn small_loads_do_not_stiffen_and_a_fifth_of_the_thickness_does_by_a_sixth() {
+        let mut skin = skin("'stiffening'");
+        assert!((sink(&mut skin, 1e-4) / 1e-4 - 1.0).abs() < 1e-4);
+        // 2.5 mm thick: what would sink it by 0.5 mm.
+        let ratio = sink(&mut skin, 0.5) / 0.5;
+        assert!((0.82..0.83).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn the_first_loading_is_stiffer_and_later_loops_are_closed() {
+        let mut skin = skin("'hysteresis'");
+        let ramp: Vec<f64> = (0..=100).map(|i| f64::from(i) * 0.005).collect();
+        let mut run = |up: bool| -> Vec<f64> {
+            let mut loads = ramp.clone();
+            if !up {
+                loads.reverse();
+            }
+            let mut sunk: Vec<f64> = loads.into_iter().map(|u| sink(&mut skin, u)).collect();
+            if !up {
+                sunk.reverse();
+            }
+            sunk
+        };
+        let [first, back, again, back_again] = [true, false, true, false].map(&mut run);
+        for i in 1..100 {
+            assert!((first[i] / ramp[i] - 0.9).abs() < 1e-12, "a tenth stiffer");
+            assert!(back[i] > first[i], "the way back is softer");
+        }
+        assert_eq!(back, again);
+        assert_eq!(again, back_again);
+        assert!((first[100] - back[100]).abs() < 1e-12, "without a jump at the turn");
+    }
+
+    #[test]
+    fn each_taxel_remembers_its_own_load() {
+        let mut skin = skin("'hysteresis'");
+        let _ = sink(&mut skin, 0.5);
+        let after = skin.sink([0.1; TAXELS], REFERENCE_C);
+        assert!(after[0] > 0.097 && after[1..].iter().all(|u| (u - 0.09).abs() < 1e-12));
+        // More than ever before is a first loading again.
+        assert!((sink(&mut skin, 0.8) - 0.72).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_skin_settles_in_time_and_faster_when_warm() {
+        let frames = |celsius: f64| {
+            let mut skin = skin("'skin-response'");
+            (1..).find(|_| skin.sink([1.0; TAXELS], celsius)[5] > 0.95).unwrap()
+        };
+        assert_eq!(frames(REFERENCE_C), 11);
+        assert!((15..30).contains(&frames(-10.0)) && frames(60.0) < 9, "{}", frames(-10.0));
+    }
+
+    #[test]
+    fn warm_rubber_is_stiffer() {
+        assert_eq!(softness(REFERENCE_C), 1.0);
+        assert!((softness(55.0) - 298.15 / 328.15).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_not_listed_is_not_there() {
+        let text =
+            "effects = ['temperature', 'response']\n[scan]\nrate_hz = 1000\nduration_s = 1\n";
+        assert!(Skin::of(&Scene::parse("test.toml", text).unwrap()).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn more_load_sinks_deeper_whatever_was_before(
+            before in 0.0..1.0f64, load in -0.5..1.0f64, more in 0.001..0.5f64,
+        ) {
+            let mut skin = skin("'stiffening', 'hysteresis'");
+            let _ = sink(&mut skin, before);
+            prop_assert!(sink(&mut skin.clone(), load + more) > sink(&mut skin, load));
+        }
+    }
+}
