@@ -60,6 +60,19 @@ pub fn centroid(c: &[f32; TAXELS], skip: u16, least: f32) -> Measured<ContactPoi
     }
 }
 
+/// All of the matrix, right less left, and the rows at +y less those at −y: the sums in which motion of
+/// any kind shows.
+#[must_use]
+pub fn halves(c: &[f32; TAXELS]) -> [f32; 3] {
+    let mut sums = [0.0; 3];
+    for (c, [x, y]) in c.iter().zip(&TAXEL_CENTRES) {
+        sums[0] += c;
+        sums[1] += if x.0 > 0.0 { *c } else { -c };
+        sums[2] += if y.0 > 0.0 { *c } else { -c };
+    }
+    sums
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

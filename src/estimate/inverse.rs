@@ -72,6 +72,8 @@ pub struct Inverse {
     pub error: [f32; 2],
     /// The calibration held shear, so that T is known.
     pub shear: bool,
+    /// Friction coefficient of what touched the finger in calibration.
+    pub friction: f32,
 }
 
 /// What the inverse remembers: the last frame's touch.
@@ -165,14 +167,14 @@ impl Inverse {
         Some(Load { size, ..newton })
     }
 
-    /// What calibration leaves at this load.
-    fn expected(&self, load: &Load) -> f32 {
+    /// What calibration leaves at this normal force.
+    pub(super) fn expected(&self, normal: f32) -> f32 {
         let [floor, share] = self.error;
-        floor + share * load.normal()
+        floor + share * normal
     }
 
     fn pressed_step(&self, load: &mut Load, u: &[f32; TAXELS]) -> Option<Touch> {
-        let error = self.expected(load);
+        let error = self.expected(load.normal());
         let mut normal = Normal::<3>::EMPTY;
         let mut squares = 0.0;
         let around = self.field.around(load);
@@ -187,14 +189,14 @@ impl Inverse {
         let left = squares - ds * normal.right[0] - dx * normal.right[1] - dy * normal.right[2];
         load.shear = [0.0; 2];
         load.used = USED[0];
-        advance(load, ds, [dx, dy]);
+        load.advance(ds, [dx, dy]);
         let [s, x, y] = [vs, vx, vy].map(|variance| error * sqrt(variance));
         let sigma = [0.0, 0.0, 3.0 * load.size * load.size * s, x, y, USED[1]];
         Some(Touch { load: *load, sigma, misfit: misfit(left, error) })
     }
 
     fn sheared_step(&self, load: &mut Load, u: &[f32; TAXELS]) -> Option<Touch> {
-        let error = self.expected(load);
+        let error = self.expected(load.normal());
         let mut normal = Normal::<6>::EMPTY;
         let mut squares = 0.0;
         let around = self.field.around(load);
@@ -220,7 +222,7 @@ impl Inverse {
         let (step, variances) = normal.solve()?;
         let left = unseen.iter().zip(&step).fold(squares, |left, (g, d)| left - g * d);
         let [dfx, dfy, ds, dx, dy, db] = step;
-        advance(load, ds, [dx, dy]);
+        load.advance(ds, [dx, dy]);
         load.used = (load.used + db).clamp(-0.5, 1.5);
         let [fx, fy] = [load.shear[0] + dfx, load.shear[1] + dfy];
         let (shear, most) = (sqrt(fx * fx + fy * fy), MOST_FRICTION * load.normal());
@@ -232,13 +234,16 @@ impl Inverse {
     }
 }
 
-fn advance(load: &mut Load, ds: f32, [dx, dy]: [f32; 2]) {
-    load.size = (load.size + ds.clamp(-SIZE_STEP, SIZE_STEP)).clamp(LEAST_SIZE, MOST_SIZE);
-    let [x, y] = load.point;
-    load.point = [
-        (x + dx.clamp(-POINT_STEP, POINT_STEP)).clamp(-FARTHEST, FARTHEST),
-        (y + dy.clamp(-POINT_STEP, POINT_STEP)).clamp(-FARTHEST, FARTHEST),
-    ];
+impl Load {
+    /// A step, no longer than can be trusted, to where a contact can be.
+    pub(super) fn advance(&mut self, ds: f32, [dx, dy]: [f32; 2]) {
+        self.size = (self.size + ds.clamp(-SIZE_STEP, SIZE_STEP)).clamp(LEAST_SIZE, MOST_SIZE);
+        let [x, y] = self.point;
+        self.point = [
+            (x + dx.clamp(-POINT_STEP, POINT_STEP)).clamp(-FARTHEST, FARTHEST),
+            (y + dy.clamp(-POINT_STEP, POINT_STEP)).clamp(-FARTHEST, FARTHEST),
+        ];
+    }
 }
 
 fn misfit(squares: f32, error: f32) -> f32 {
@@ -265,6 +270,7 @@ pub(super) mod tests {
             field: HALF_SPACE,
             error: [2e-4, 2e-4],
             shear: true,
+            friction: 0.8,
         }
     }
 

@@ -11,6 +11,7 @@ pub mod evaluate;
 pub mod finger;
 pub mod least_squares;
 mod levenberg;
+pub mod limit_surface;
 pub mod metrics;
 mod mlp;
 pub mod network;

@@ -1,0 +1,117 @@
+//! How much shear and torsion together a contact holds before it slides: the limit surface of a soft
+//! contact (003, chapter 3).
+//!
+//! The contact is a disc of radius a = c·N^γ with the power-law pressure p(r) ∝ (1 − (r/a)^k)^(1/k) and
+//! Coulomb friction. Turning about a centre anywhere on its plane gives a force and a torsion; swept over
+//! the centres they draw a curve, from (μN, 0) to (0, τ_max) with τ_max = κ·μ·N·a. The ellipse through the
+//! same ends is its cheap form. The curve is found on the host (`taxel_fit::limit_surface`); its radius
+//! over the ellipse's is kept at a few angles.
+
+use serde::{Deserialize, Serialize};
+
+use crate::roots::{power, sqrt};
+
+/// Intervals of the kept curve.
+pub const INTERVALS: usize = 8;
+
+/// The limit surface of one kind of contact, up to the friction coefficient.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LimitSurface {
+    /// c in mm/N^γ and γ of a = c·N^γ. By Hertz γ = ⅓.
+    pub radius: [f32; 2],
+    /// κ: the greatest torsion over μ·N·a.
+    pub torque: f32,
+    /// Radius of the curve over the ellipse's, where the force's share of the ellipse's squared radius
+    /// is 0, 1/8 … 1; all ones for the ellipse itself.
+    pub curve: [f32; INTERVALS + 1],
+}
+
+impl LimitSurface {
+    /// A sphere on an incompressible skin of Young's modulus `young` MPa: Hertz's pressure, k = 2, for
+    /// which κ = 3π/16, and a³ = 9PR/16E (004).
+    #[must_use]
+    pub fn hertz(radius_mm: f32, young: f32) -> Self {
+        Self {
+            radius: [crate::roots::cube_root(9.0 * radius_mm / (16.0 * young)), 1.0 / 3.0],
+            torque: 3.0 * core::f32::consts::PI / 16.0,
+            curve: [1.0; INTERVALS + 1],
+        }
+    }
+
+    /// Torsion in N·mm that a contact under `normal` newtons with friction `mu` holds without shear.
+    #[must_use]
+    pub fn most_torsion(&self, normal: f32, mu: f32) -> f32 {
+        let [c, gamma] = self.radius;
+        self.torque * mu * normal * c * power(normal, gamma)
+    }
+
+    /// How far towards the limit a contact is loaded: 0 unloaded, 1 on the limit, more beyond it. The
+    /// shear in newtons, the torsion in N·mm. A contact without normal force or friction holds nothing:
+    /// any load is 1 for it.
+    #[must_use]
+    pub fn load(&self, [fx, fy]: [f32; 2], torsion: f32, normal: f32, mu: f32) -> f32 {
+        let most = [mu * normal, self.most_torsion(normal, mu)];
+        if !most.iter().all(|most| (1e-9..1e9).contains(most)) {
+            return 1.0;
+        }
+        let [force, turning] = most.map(|most| 1.0 / most);
+        let force2 = (fx * fx + fy * fy) * force * force;
+        let turning2 = torsion * torsion * turning * turning;
+        let sum = force2 + turning2;
+        if sum.is_nan() || sum <= f32::MIN_POSITIVE {
+            return 0.0;
+        }
+        let load = sqrt(sum) / self.bulge(force2 / sum);
+        // An overflow is far beyond any limit.
+        if load < 1e9 { load } else { 1e9 }
+    }
+
+    /// The curve's radius over the ellipse's at this share of force.
+    fn bulge(&self, share: f32) -> f32 {
+        let at = share.clamp(0.0, 1.0) * INTERVALS as f32;
+        let from = (at as usize).min(INTERVALS - 1);
+        let (Some(a), Some(b)) = (self.curve.get(from), self.curve.get(from + 1)) else {
+            return 1.0;
+        };
+        (a + (b - a) * (at - from as f32)).max(0.1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_ends_of_the_surface_are_coulombs_friction_and_the_greatest_torsion() {
+        let surface = LimitSurface::hertz(6.0, 0.236);
+        let (normal, mu) = (1.2, 0.7);
+        assert!((surface.load([mu * normal, 0.0], 0.0, normal, mu) - 1.0).abs() < 1e-5);
+        let a = f32::cbrt(9.0 * normal * 6.0 / (16.0 * 0.236));
+        let most = 3.0 * core::f32::consts::PI / 16.0 * mu * normal * a;
+        assert!((surface.most_torsion(normal, mu) / most - 1.0).abs() < 1e-4);
+        assert!((surface.load([0.0, 0.0], most, normal, mu) - 1.0).abs() < 1e-4);
+        let half = 0.5f32.sqrt();
+        let both = surface.load([half * mu * normal, 0.0], half * most, normal, mu);
+        assert!((both - 1.0).abs() < 1e-4, "on the ellipse: {both}");
+    }
+
+    #[test]
+    fn nothing_holds_without_normal_force() {
+        assert_eq!(LimitSurface::hertz(6.0, 0.236).load([0.1, 0.0], 0.0, 0.0, 0.8), 1.0);
+    }
+
+    proptest! {
+        #[test]
+        fn no_load_is_nan_or_infinite(
+            shear in any::<[f32; 2]>(), torsion in any::<f32>(), normal in any::<f32>(),
+            mu in any::<f32>(), c in any::<f32>(), gamma in any::<f32>(), bulge in any::<f32>(),
+        ) {
+            let surface = LimitSurface {
+                radius: [c, gamma], torque: 0.6, curve: [bulge; INTERVALS + 1],
+            };
+            prop_assert!(surface.load(shear, torsion, normal, mu).is_finite());
+        }
+    }
+}

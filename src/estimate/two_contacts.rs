@@ -1,0 +1,224 @@
+//! Two contacts at once (002's open case): the touch for which no single contact accounts.
+//!
+//! It is asked only where the single contact misfits. Two normal contacts, six unknowns, are then fitted to
+//! the sixteen displacements by Gauss–Newton in the same [`Field`](super::field::Field); they are believed
+//! if they account for what one could not and stand far enough apart to be two.
+
+use super::field::Load;
+use super::inverse::Inverse;
+use super::solve::Normal;
+use crate::roots::{cube_root, sqrt};
+use crate::scan::{PITCH, TAXEL_CENTRES, TAXELS};
+
+/// Steps a frame; a new pair takes [`FIRST_STEPS`].
+const STEPS: usize = 2;
+const FIRST_STEPS: usize = 6;
+/// Centres nearer than this, in pitches, are one contact to this matrix.
+const APART: f32 = 1.4;
+/// A contact below this, in newtons, is not told from what calibration leaves of the other.
+const LEAST: f32 = 0.04;
+/// A pair must leave less than this share of what one contact leaves.
+const BETTER: f32 = 0.4;
+/// s of the contact that a first guess is made with: half a newton.
+const USUAL_SIZE: f32 = 0.8;
+/// Where a first guess is made, in mm from the middle of the two, and how far out on the pad at most.
+const HALF_WAY: f32 = 2.7;
+const EDGE: f32 = 4.0;
+
+/// A pair as found; the stronger one first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair {
+    /// Normal force and place of each; shear is not told.
+    pub contacts: [Load; 2],
+    /// Root mean square of what is left, over what calibration left at these forces.
+    pub misfit: f32,
+}
+
+/// The last frame's pair.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PairState {
+    last: Option<[Load; 2]>,
+}
+
+impl PairState {
+    /// Forgets the pair.
+    pub fn clear(&mut self) {
+        self.last = None;
+    }
+}
+
+impl Inverse {
+    /// The pair that makes the displacements `u`, for which one contact left `single` times what
+    /// calibration leaves; `None` where one contact is the better account.
+    #[must_use]
+    pub fn pair(&self, state: &mut PairState, u: &[f32; TAXELS], single: f32) -> Option<Pair> {
+        let (start, steps) = match state.last {
+            Some(last) => (Some(last), STEPS),
+            None => (self.first_guess(u), FIRST_STEPS),
+        };
+        let mut loads = start?;
+        let mut found = None;
+        for _ in 0..steps {
+            found = self.pair_step(&mut loads, u);
+        }
+        let [a, b] = loads;
+        let apart = (a.point[0] - b.point[0]) * (a.point[0] - b.point[0])
+            + (a.point[1] - b.point[1]) * (a.point[1] - b.point[1]);
+        let believed = found.filter(|misfit| {
+            *misfit < BETTER * single
+                && apart > (APART * PITCH.0) * (APART * PITCH.0)
+                && loads.iter().all(|load| load.normal() > LEAST)
+        });
+        state.last = believed.map(|_| loads);
+        let contacts = if a.size >= b.size { [a, b] } else { [b, a] };
+        believed.map(|misfit| Pair { contacts, misfit })
+    }
+
+    /// Either side of the centroid of what sank, along the line on which it is spread most; the forces
+    /// that together sink as much.
+    fn first_guess(&self, u: &[f32; TAXELS]) -> Option<[Load; 2]> {
+        let weights = || u.iter().map(|u| u.max(0.0)).zip(TAXEL_CENTRES.map(|c| c.map(|c| c.0)));
+        let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+        for (weight, [cx, cy]) in weights() {
+            sum += weight;
+            x += weight * cx;
+            y += weight * cy;
+        }
+        if !(f32::MIN_POSITIVE..f32::MAX).contains(&sum) {
+            return None;
+        }
+        let [x, y] = [x / sum, y / sum];
+        // Second moments as the vector (xx − yy, 2xy), which points at twice the angle of the line.
+        let (mut along, mut across) = (0.0, 0.0);
+        for (weight, [cx, cy]) in weights() {
+            let [dx, dy] = [cx - x, cy - y];
+            along += weight * (dx * dx - dy * dy);
+            across += weight * 2.0 * dx * dy;
+        }
+        let length = sqrt(along * along + across * across);
+        let cosine = if length > 0.0 { (along / length).clamp(-1.0, 1.0) } else { 1.0 };
+        let line = [sqrt(0.5 * (1.0 + cosine)), sqrt(0.5 * (1.0 - cosine)).copysign(across)];
+        let at = |way: f32| Load {
+            size: USUAL_SIZE,
+            point: [(x + way * line[0]).clamp(-EDGE, EDGE), (y + way * line[1]).clamp(-EDGE, EDGE)],
+            ..Load::default()
+        };
+        let pair = [at(HALF_WAY), at(-HALF_WAY)];
+        let [a, b] = pair.each_ref().map(|load| self.field.around(load));
+        let mut shares = Normal::<2>::EMPTY;
+        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
+            let place = centre.map(|c| c.0);
+            shares.add(&[a.pressed(place).0, b.pressed(place).0], *u);
+        }
+        let (shares, _) = shares.solve()?;
+        let mut shares = shares.into_iter();
+        Some(pair.map(|load| {
+            let force = load.normal() * shares.next().unwrap_or_default();
+            Load { size: cube_root(force).clamp(0.3, 1.5), ..load }
+        }))
+    }
+
+    fn pair_step(&self, loads: &mut [Load; 2], u: &[f32; TAXELS]) -> Option<f32> {
+        let [a, b] = *loads;
+        let (around_a, around_b) = (self.field.around(&a), self.field.around(&b));
+        let error = self.expected(a.normal() + b.normal());
+        let mut normal = Normal::<6>::EMPTY;
+        let mut squares = 0.0;
+        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
+            let place = centre.map(|c| c.0);
+            let ((ua, [as_, ax, ay]), (ub, [bs, bx, by])) =
+                (around_a.pressed(place), around_b.pressed(place));
+            let left = u - ua - ub;
+            squares += left * left;
+            normal.add(&[as_, ax, ay, bs, bx, by], left);
+        }
+        let loose = error * error;
+        normal.damp(&[loose; 6]);
+        let (step, _) = normal.solve()?;
+        let left = step.iter().zip(&normal.right).fold(squares, |left, (d, g)| left - d * g);
+        let [das, dax, day, dbs, dbx, dby] = step;
+        let [a, b] = loads;
+        a.advance(das, [dax, day]);
+        b.advance(dbs, [dbx, dby]);
+        let misfit = sqrt(left * (1.0 / TAXELS as f32)) / error;
+        (misfit < f32::MAX).then_some(misfit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::inverse::tests::{displaced, finger};
+    use super::super::inverse::{InverseState, Touch};
+    use super::*;
+    use proptest::prelude::*;
+
+    fn touched(loads: &[Load]) -> [f32; TAXELS] {
+        let mut u = [0.0; TAXELS];
+        for load in loads {
+            u.iter_mut().zip(displaced(load)).for_each(|(u, more)| *u += more);
+        }
+        u
+    }
+
+    fn single(u: &[f32; TAXELS]) -> Touch {
+        let (finger, mut state) = (finger(), InverseState::default());
+        (0..6).map(|_| finger.sheared(&mut state, u)).last().unwrap().unwrap()
+    }
+
+    fn pair(u: &[f32; TAXELS]) -> Option<Pair> {
+        let mut state = PairState::default();
+        let misfit = single(u).misfit;
+        (0..4).map(|_| finger().pair(&mut state, u, misfit)).last().flatten()
+    }
+
+    proptest! {
+        #[test]
+        fn two_contacts_two_pitches_apart_are_found_where_they_are(
+            x in -3.5..-2.6f32, y in -3.0..3.0f32, apart in 5.0..6.5f32, turn in -0.5..0.5f32,
+            sizes in proptest::array::uniform2(0.6..1.1f32),
+        ) {
+            let a = Load { size: sizes[0], point: [x, y], ..Load::default() };
+            let b = Load {
+                size: sizes[1],
+                point: [x + apart * turn.cos(), (y + apart * turn.sin()).clamp(-3.75, 3.75)],
+                ..Load::default()
+            };
+            let pair = pair(&touched(&[a, b])).unwrap();
+            let [mut found, mut other] = pair.contacts;
+            if found.point[0] > other.point[0] {
+                core::mem::swap(&mut found, &mut other);
+            }
+            for (found, true_) in [(found, a), (other, b)] {
+                prop_assert!((found.normal() - true_.normal()).abs() < 0.02, "{pair:?} {a:?} {b:?}");
+                for axis in 0..2 {
+                    prop_assert!((found.point[axis] - true_.point[axis]).abs() < 0.1, "{pair:?} {a:?} {b:?}");
+                }
+            }
+        }
+
+        #[test]
+        fn one_contact_is_never_two(
+            x in -4.0..4.0f32, y in -4.0..4.0f32, size in 0.5..1.26f32, fx in -0.6..0.6f32,
+        ) {
+            let shear = [fx * size.powi(3), 0.0];
+            let u = touched(&[Load { shear, size, point: [x, y], used: 0.6 }]);
+            prop_assert_eq!(pair(&u), None);
+        }
+
+        #[test]
+        fn no_displacements_give_nan_or_infinity(
+            u in proptest::array::uniform16(prop_oneof![-1e9..1e9f32, -1.0..1.0f32, Just(0.0f32)]),
+            single in prop_oneof![0.0..1e9f32, Just(f32::MAX)],
+        ) {
+            let mut state = PairState::default();
+            for _ in 0..3 {
+                if let Some(pair) = finger().pair(&mut state, &u, single) {
+                    prop_assert!(pair.misfit.is_finite());
+                    for load in pair.contacts {
+                        prop_assert!(load.size.is_finite() && load.point.iter().all(|c| c.is_finite()));
+                    }
+                }
+            }
+        }
+    }
+}

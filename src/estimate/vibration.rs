@@ -1,0 +1,218 @@
+//! Gross slip by its vibration: a sliding contact sticks and slips hundreds of times a second, which the
+//! raw signals show in a band where grasping moves nothing.
+//!
+//! Three sums of the matrix (all of it, left less right, front less back) and the three bridge outputs
+//! summed over the sensors go through a band-pass; the energy of the band is held against its own floor
+//! from the time before, and against that of the band below, which motion fills first.
+
+use super::contact_point::halves;
+use crate::condition::Signals;
+
+/// Second-order section, direct form II transposed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Biquad {
+    /// b₀, b₁, b₂.
+    pub ahead: [f32; 3],
+    /// a₁, a₂, with a₀ = 1.
+    pub back: [f32; 2],
+}
+
+/// Memory of a [`Biquad`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BiquadState([f32; 2]);
+
+impl Biquad {
+    /// Band-pass of unit gain at `centre` with the quality `q`, `centre` as a fraction of the frame rate
+    /// between 0.001 and 0.24 (bilinear transform of s/q/(s² + s/q + 1)).
+    #[must_use]
+    pub fn band_pass(centre: f32, q: f32) -> Self {
+        // tan(π·centre) by its continued fraction: the angle is below ¼π.
+        let x = core::f32::consts::PI * centre.clamp(0.001, 0.24);
+        let x2 = x * x;
+        let k = x / (1.0 - x2 / (3.0 - x2 / (5.0 - x2 / 7.0)));
+        let q = q.clamp(0.1, 20.0);
+        let norm = 1.0 / (1.0 + k / q + k * k);
+        Self {
+            ahead: [k / q * norm, 0.0, -k / q * norm],
+            back: [2.0 * (k * k - 1.0) * norm, (1.0 - k / q + k * k) * norm],
+        }
+    }
+
+    /// One sample.
+    pub fn filter(&self, state: &mut BiquadState, x: f32) -> f32 {
+        let ([b0, b1, b2], [a1, a2], [s1, s2]) = (self.ahead, self.back, state.0);
+        let y = b0 * x + s1;
+        state.0 = [b1 * x - a1 * y + s2, b2 * x - a2 * y];
+        y
+    }
+}
+
+/// Channels that are watched: three of the matrix, three of the bridges.
+const CHANNELS: usize = 6;
+
+/// When the band is louder than its floor, and than the band below it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vibration {
+    /// The band, and the one below it: what falls off steeply from there is motion, not a rub.
+    pub bands: [Biquad; 2],
+    /// Share of a frame in the running mean of the energies, and in the floor's.
+    pub forget: [f32; 2],
+    /// It vibrates where the energy is this many times its floor, and no longer below the second.
+    pub loud: [f32; 2],
+    /// Frames for which it must: what knocks once is not rubbed.
+    pub lasting: u16,
+}
+
+impl Vibration {
+    /// For `rate` frames a second: around 150 Hz, where the sensors of 003 still answer and a hand's own
+    /// motion has ended; below 600 frames a second at a quarter of the rate.
+    #[must_use]
+    pub fn at(rate: f32) -> Self {
+        let rate = rate.clamp(1.0, 1e6);
+        let centre = (150.0 / rate).min(0.24);
+        Self {
+            bands: [Biquad::band_pass(centre, 1.0), Biquad::band_pass(0.25 * centre, 1.0)],
+            // 10 ms and 1 s.
+            forget: [(100.0 / rate).min(0.5), (1.0 / rate).min(0.05)],
+            loud: [12.0, 4.0],
+            lasting: (0.01 * rate) as u16,
+        }
+    }
+}
+
+/// What is remembered of a channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Channel {
+    filters: [BiquadState; 2],
+    energy: [f32; 2],
+    floor: f32,
+    lasted: u16,
+}
+
+/// What the detector remembers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct VibrationState {
+    channels: [Channel; CHANNELS],
+    frames: u16,
+    vibrates: bool,
+}
+
+impl VibrationState {
+    /// The last verdict.
+    #[must_use]
+    pub fn vibrates(&self) -> bool {
+        self.vibrates
+    }
+}
+
+/// Frames until the floor is known.
+const WARM_UP: u16 = 200;
+/// The band's energy is never taken for quieter than this: a twentieth of a 12-bit step, squared.
+const QUIET: f32 = 1.5e-10;
+/// An edge in a force has a spectrum that falls like 1/f², a corner in it 1/f⁴ (in energy, each octave
+/// wide): two octaves up that is a quarter and a sixty-fourth. A rub has more than this up there.
+const STEEP: f32 = 0.1;
+
+impl Vibration {
+    /// One frame.
+    pub fn update(&self, state: &mut VibrationState, signals: &Signals) -> bool {
+        let optical = signals.taxels.as_ref().map_or([0.0; 3], halves);
+        let mut bridges = [0.0; 3];
+        for u in signals.bridges.iter().flatten() {
+            bridges.iter_mut().zip(u).for_each(|(sum, u)| *sum += u);
+        }
+        let warm = state.frames >= WARM_UP;
+        let was = state.vibrates;
+        let mut loud = false;
+        for (channel, x) in state.channels.iter_mut().zip(optical.into_iter().chain(bridges)) {
+            loud |= self.listen(channel, x, warm, was);
+        }
+        state.frames = state.frames.saturating_add(1);
+        state.vibrates = warm && loud;
+        state.vibrates
+    }
+
+    fn listen(&self, channel: &mut Channel, x: f32, warm: bool, was: bool) -> bool {
+        let [fast, slow] = self.forget;
+        let mut heard = 0.0;
+        let bands = self.bands.iter().zip(&mut channel.filters).zip(&mut channel.energy).rev();
+        for ((band, filter), energy) in bands {
+            let y = band.filter(filter, x);
+            heard = y * y;
+            *energy += fast * (heard - *energy);
+        }
+        let floor = channel.floor.max(QUIET);
+        // The floor follows quickly at first, then slowly, and not at all while it vibrates.
+        if !was {
+            let share = if warm { slow } else { fast };
+            channel.floor += share * (heard.min(4.0 * floor) - channel.floor);
+        }
+        let [begin, end] = self.loud;
+        let [energy, below] = channel.energy;
+        let loud = energy > if was { end } else { begin } * floor && energy > STEEP * below;
+        channel.lasted = if loud { channel.lasted.saturating_add(1) } else { 0 };
+        channel.lasted > self.lasting
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::TAXELS;
+
+    const RATE: f32 = 1000.0;
+
+    fn signals(level: f32) -> Signals {
+        Signals { taxels: Some([level; TAXELS]), ..Signals::default() }
+    }
+
+    /// Uniform noise of unit variance, the same every time.
+    fn noise(i: u32) -> f32 {
+        let x = i.wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(2_246_822_519);
+        (f64::from(x) / f64::from(u32::MAX) - 0.5) as f32 * 3.46
+    }
+
+    #[test]
+    fn the_band_passes_its_centre_and_damps_what_is_slow() {
+        let band = Biquad::band_pass(0.15, 1.0);
+        let gain = |fraction: f32| {
+            let mut state = BiquadState::default();
+            let y: std::vec::Vec<f32> = (0..4000)
+                .map(|i| {
+                    band.filter(&mut state, (core::f32::consts::TAU * fraction * i as f32).sin())
+                })
+                .collect();
+            (y[2000..].iter().map(|y| y * y).sum::<f32>() / 1000.0).sqrt()
+        };
+        assert!((gain(0.15) - 1.0).abs() < 0.01, "{}", gain(0.15));
+        assert!(gain(0.005) < 0.05 && gain(0.45) < 0.4);
+    }
+
+    #[test]
+    fn a_rub_is_heard_within_twenty_milliseconds_and_a_press_is_not() {
+        let detector = Vibration::at(RATE);
+        let mut state = VibrationState::default();
+        let mut first = None;
+        for i in 0..3000u32 {
+            let t = i as f32 / RATE;
+            // A press of half a newton's light within 50 ms, from 1 s on; a rub of a thousandth of the
+            // range at 150 Hz from 2 s on.
+            let press = -0.1 * ((t - 1.0) / 0.05).clamp(0.0, 1.0);
+            let rub = if t > 2.0 { 1e-3 * (core::f32::consts::TAU * 150.0 * t).sin() } else { 0.0 };
+            let heard = detector.update(&mut state, &signals(press + rub + 5e-5 * noise(i)));
+            if heard {
+                first = first.or(Some(t));
+            }
+        }
+        let first = first.unwrap();
+        assert!((2.0..2.02).contains(&first), "{first}");
+        assert!(state.vibrates());
+    }
+
+    #[test]
+    fn noise_alone_is_silence_for_ten_minutes() {
+        let detector = Vibration::at(RATE);
+        let mut state = VibrationState::default();
+        assert!((0..600_000).all(|i| !detector.update(&mut state, &signals(5e-5 * noise(i)))));
+    }
+}
