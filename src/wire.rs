@@ -4,23 +4,19 @@
 //! stream of bytes. `docs/protocol.md` is the specification for other languages, `tests/wire_golden.rs`
 //! pins it byte by byte.
 
+mod crc32;
 pub mod deframer;
 pub mod message;
+mod stuffing;
 
-use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+
+pub(crate) use crc32::crc32;
 
 /// Longest packet with its COBS overhead and final zero. The longest message is a frame with every
 /// field (asserted in the tests).
 pub const MAX_PACKET: usize = 448;
-
-/// CRC-32/ISO-HDLC: the CRC that zip, Ethernet and most standard libraries call plain `crc32`.
-pub(crate) fn crc32(bytes: &[u8]) -> u32 {
-    CRC.checksum(bytes)
-}
-
-static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Why a packet could not be packed or read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,11 +37,36 @@ pub enum WireError {
 /// # Errors
 /// [`WireError::TooLong`] when it does not fit.
 pub fn pack<'b, M: Serialize>(message: &M, buffer: &'b mut [u8]) -> Result<&'b [u8], WireError> {
-    use postcard::ser_flavors::{Cobs, Slice, crc::CrcModifier};
-    let cobs = Cobs::try_new(Slice::new(buffer)).map_err(|_| WireError::TooLong)?;
-    postcard::serialize_with_flavor(message, CrcModifier::new(cobs, CRC.digest()))
-        .map(|packet| &*packet)
-        .map_err(|_| WireError::TooLong)
+    let end = put(message, buffer)?;
+    let length = match stuffing::stuff(buffer, end) {
+        Some(length) => length,
+        None => stuff_long_runs(message, buffer)?,
+    };
+    buffer.get(..length).ok_or(WireError::TooLong)
+}
+
+/// Puts `message` and its CRC into `buffer`, one byte in; says where they end.
+fn put<M: Serialize>(message: &M, buffer: &mut [u8]) -> Result<usize, WireError> {
+    let (_, body) = buffer.split_first_mut().ok_or(WireError::TooLong)?;
+    let length = postcard::to_slice(message, body).map_err(|_| WireError::TooLong)?.len();
+    let (message, rest) = body.split_at_mut_checked(length).ok_or(WireError::TooLong)?;
+    *rest.first_chunk_mut().ok_or(WireError::TooLong)? = crc32(message).to_le_bytes();
+    Ok(1 + length + size_of::<u32>())
+}
+
+/// For what cannot be stuffed in place, which is rare: nearly every value has a zero before it that says
+/// that it is there.
+#[cold]
+fn stuff_long_runs<M: Serialize>(message: &M, buffer: &mut [u8]) -> Result<usize, WireError> {
+    let mut plain = [0; MAX_PACKET];
+    let end = put(message, &mut plain)?;
+    let packet = plain.get(1..end).ok_or(WireError::TooLong)?;
+    if buffer.len() <= cobs::max_encoding_length(packet.len()) {
+        return Err(WireError::TooLong);
+    }
+    let length = cobs::encode(packet, buffer);
+    *buffer.get_mut(length).ok_or(WireError::TooLong)? = 0;
+    Ok(length + 1)
 }
 
 /// Reads the packet in `bytes` (without the final zero), decoding in place.
@@ -62,5 +83,29 @@ pub fn unpack<M: DeserializeOwned>(bytes: &mut [u8]) -> Result<M, WireError> {
     match postcard::take_from_bytes(body) {
         Ok((message, [])) => Ok(message),
         _ => Err(WireError::Message),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use heapless::Vec;
+
+    #[test]
+    fn a_message_without_a_zero_comes_back_the_same() {
+        let message: Vec<u8, 420> = core::iter::repeat_n(7, 420).collect();
+        let mut buffer = [0; MAX_PACKET];
+        let length = pack(&message, &mut buffer).unwrap().len();
+        let (end, packet) = buffer[..length].split_last_mut().unwrap();
+        assert_eq!((*end, packet.contains(&0)), (0, false));
+        assert_eq!(unpack(packet), Ok(message));
+    }
+
+    #[test]
+    fn a_message_that_does_not_fit_is_refused() {
+        let message: Vec<u8, 500> = core::iter::repeat_n(7, 500).collect();
+        for length in [0, 1, 100, MAX_PACKET] {
+            assert_eq!(pack(&message, &mut [0; MAX_PACKET][..length]), Err(WireError::TooLong));
+        }
     }
 }
