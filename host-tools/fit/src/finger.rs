@@ -14,12 +14,15 @@ use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::scan::{SENSORS, TAXELS};
 
+use crate::auto::Chosen;
 use crate::error::FitError;
 use crate::least_squares;
-use crate::network::{self, Inputs, Net, NetOptions, Progress};
+use crate::model::{Family, Training};
+use crate::network::{Net, NetOptions, Progress};
 use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::Recording;
+use crate::scaling::Inputs;
 
 /// A shear below this share of the normal force is none: the recordings are of normal presses.
 const NO_SHEAR: f64 = 0.01;
@@ -43,7 +46,9 @@ pub enum Subject {
 pub struct FitOptions {
     /// What the recordings are for.
     pub subject: Subject,
-    /// Hidden units; as 002 by default: 16 with shear, 12 without.
+    /// The family of the finger's model.
+    pub family: Family,
+    /// Hidden units; as 002 by default: 16 with shear, 12 without. `auto` finds its own.
     pub hidden: Option<usize>,
     /// Outputs: 3 with shear, 1 (f_z) without; found in the recordings by default.
     pub outputs: Option<usize>,
@@ -77,6 +82,8 @@ pub struct Part {
     pub faulty: usize,
     /// Condition number of a sensor's signals.
     pub condition: Option<f64>,
+    /// How a model was chosen.
+    pub chosen: Option<Chosen>,
     /// Of a net's parameters, how many the data determine.
     pub effective: Option<f64>,
     /// RMS error of the fit per reference component, newtons.
@@ -218,6 +225,7 @@ fn fit_sensor(
         rows: signals.len(),
         faulty,
         condition: Some(fit.condition),
+        chosen: None,
         effective: None,
         residual: fit.rms.to_vec(),
     });
@@ -235,13 +243,22 @@ fn fit_net(
         None => outputs_of(recordings),
         Some(outputs) => outputs,
     };
-    let hidden = options.hidden.unwrap_or(if outputs == 1 { 12 } else { 16 });
-    let name = format!("net {TAXELS}-{hidden}-{outputs}");
-    if !matches!(outputs, 1 | 3) || !(1..=MAX_HIDDEN).contains(&hidden) {
-        let problem = format!("a record holds 1 or 3 outputs and 1 … {MAX_HIDDEN} hidden units");
+    let usual = if outputs == 1 { 12 } else { 16 };
+    let name = "net".to_owned();
+    if !matches!(outputs, 1 | 3) || options.hidden.is_some_and(|hidden| hidden > MAX_HIDDEN) {
+        let problem =
+            format!("a record holds 1 or 3 outputs and at most {MAX_HIDDEN} hidden units");
         return Err(FitError::Shape { part: name, problem });
     }
-    let (mut x, mut y, mut faulty) = (Vec::new(), Vec::new(), 0);
+    if matches!(options.family, Family::Cubic | Family::Quadratic) {
+        let problem = format!(
+            "the record of a finger holds nets and linear models, none that is {}; choose auto, mlp, \
+             skip or ridge",
+            options.family
+        );
+        return Err(FitError::Shape { part: name, problem });
+    }
+    let (mut rows, mut faulty) = (Vec::new(), 0);
     let mut first_bias = None;
     for recording in recordings {
         let missing = |missing: &str, mend: &str| FitError::Missing {
@@ -253,7 +270,7 @@ fn fit_net(
             missing("columns lit_r0c0 … dark_c3", "the net needs the optical matrix")
         })?;
         first_bias.get_or_insert(bias);
-        let before = x.len() + faulty;
+        let (mut x, mut y, before) = (Vec::new(), Vec::new(), faulty);
         let own = Bias { taxels: Some(bias), ..Bias::default() };
         let gate = Gate::default();
         for (sample, signals) in recording.recording.samples.iter().zip(&recording.signals) {
@@ -273,7 +290,7 @@ fn fit_net(
                 y.push(target);
             }
         }
-        if x.len() + faulty == before {
+        if x.is_empty() && faulty == before {
             let no_reference =
                 recording.recording.samples.iter().all(|s| s.truth.force[2].is_none());
             return Err(match (no_reference, outputs) {
@@ -289,16 +306,31 @@ fn fit_net(
                 _ => FitError::NoLoad { part: format!("{name}: {}", recording.recording.name) },
             });
         }
+        rows.push((x, y));
     }
     let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
+    let training = Training {
+        part: &name,
+        family: options.family,
+        recordings: &rows,
+        inputs: Inputs::Alike,
+        hidden: options.hidden,
+        usual,
+        most: MAX_HIDDEN,
+        options: options.net,
+    };
+    let (net, chosen) = training.run(progress, stop)?;
+    let (x, y): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
+    let (x, y) = (x.concat(), y.concat());
+    let name = net.name(TAXELS);
     warn_of_faults(fitted, &name, faulty, x.len(), &x);
-    let net = network::fit(&name, &x, &y, hidden, (Inputs::Alike, options.net), progress, stop)?;
     let residual = residual(&net, &x, &y);
     fitted.parts.push(Part {
         name,
         rows: x.len(),
         faulty,
         condition: None,
+        chosen,
         effective: Some(net.effective),
         residual: residual.clone(),
     });

@@ -28,7 +28,6 @@ pub enum Decay {
         per_row: f64,
     },
     /// α = this for every parameter, β = 1.
-    #[cfg(test)]
     Fixed(f64),
 }
 
@@ -94,7 +93,6 @@ pub fn train(
                     weigh(&mut state, &model, &groups, rows.y.len() as f64 * per_row);
                 }
             }
-            #[cfg(test)]
             Decay::Fixed(alpha) => state.decay.fill(alpha),
         }
         match step(shape, rows, &mut state, &model) {
@@ -139,14 +137,17 @@ fn step(shape: Shape, rows: &Rows, state: &mut State, model: &Quadratic) -> Opti
     None
 }
 
-/// Parameters that share a decay: hidden weights, hidden biases, and the weights of each output.
-/// Output biases are left free.
+/// Parameters that share a decay: hidden weights, hidden biases, and of each output the weights of the
+/// units and those of the skip path. Output biases are left free.
 fn groups(shape: Shape) -> Vec<Vec<usize>> {
     let (inputs, hidden) = (shape.inputs + 1, shape.hidden);
     let first_output = shape.hidden_parameters();
     let (biases, weights) = (0..first_output).partition(|p| p % inputs == shape.inputs);
-    let outputs = (0..shape.outputs).map(|k| first_output + k * (hidden + 1));
-    [weights, biases].into_iter().chain(outputs.map(|at| (at..at + hidden).collect())).collect()
+    let outputs = (0..shape.outputs).map(|k| first_output + k * shape.seen());
+    let of_output =
+        |at: usize| [(at..at + hidden).collect(), (at + hidden..at + shape.seen() - 1).collect()];
+    let groups = [weights, biases].into_iter().chain(outputs.flat_map(of_output));
+    groups.filter(|group: &Vec<usize>| !group.is_empty()).collect()
 }
 
 /// Re-estimates decay and noise from the evidence of `n` independent errors.
@@ -194,7 +195,7 @@ mod tests {
     use super::*;
     use nalgebra::DMatrix;
 
-    const SHAPE: Shape = Shape { inputs: 2, hidden: 3, outputs: 2 };
+    const SHAPE: Shape = Shape { inputs: 2, hidden: 3, outputs: 2, skip: false };
 
     /// Sixty rows of a smooth function that three units cannot quite follow.
     fn rows() -> Rows {

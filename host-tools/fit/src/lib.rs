@@ -5,19 +5,30 @@
 //!   recording that it has not seen, through the very arithmetic of the chip.
 //! - [`table`] does the same for anybody's sensor that comes as a CSV of N channels.
 
+mod auto;
 mod correlation;
+mod distil;
 pub mod error;
 pub mod evaluate;
+mod expansion;
 pub mod finger;
+mod gaussian;
 pub mod least_squares;
 mod levenberg;
 pub mod limit_surface;
 pub mod metrics;
 mod mlp;
+pub mod model;
 pub mod network;
 mod prepared;
 mod range;
 pub mod recording;
+mod scaling;
+mod stretches;
 pub mod table;
 
+pub use auto::Chosen;
 pub use error::FitError;
+pub use expansion::Expansion;
+pub use scaling::Inputs;
+pub use stretches::LeftOut;

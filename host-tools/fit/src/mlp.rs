@@ -1,10 +1,12 @@
-//! A net with one hidden layer of tanh units and linear outputs (002), in f64, for training: values,
-//! and the Gauss–Newton matrix of its squared error at the price of a single Gram matrix.
+//! A net with one hidden layer of tanh units and linear outputs (002), with a linear skip path or without,
+//! in f64, for training: values, and the Gauss–Newton matrix of its squared error at the price of a single
+//! Gram matrix.
 //!
-//! Unit h of a row x̃ = (x, 1) is t_h = tanh(w_h·x̃), output k is y_k = v_k·(t, 1). With g_h = 1 − t_h²
-//! the derivatives are ∂y_k/∂w_h = v_kh·g_h·x̃ and ∂y_k/∂v_k = (t, 1). The factors that differ between
-//! outputs do not depend on the row, so that J^T J for any number of outputs follows from the Gram
-//! matrix of the features φ = (g_1·x̃, …, g_H·x̃, t, 1): one product instead of one an output.
+//! Unit h of a row x̃ = (x, 1) is t_h = tanh(w_h·x̃), output k is y_k = v_k·z with z = (t, x̃), or (t, 1)
+//! without the skip path. With g_h = 1 − t_h² the derivatives are ∂y_k/∂w_h = v_kh·g_h·x̃ and ∂y_k/∂v_k = z.
+//! The factors that differ between outputs do not depend on the row, so that J^T J for any number of
+//! outputs follows from the Gram matrix of the features φ = (g_1·x̃, …, g_H·x̃, z): one product instead of
+//! one an output.
 
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
@@ -20,13 +22,21 @@ pub struct Shape {
     pub hidden: usize,
     /// O.
     pub outputs: usize,
+    /// The outputs also see the inputs.
+    pub skip: bool,
 }
 
 impl Shape {
     /// Weights and biases of all units and outputs.
     #[must_use]
     pub fn parameters(&self) -> usize {
-        self.hidden_parameters() + self.outputs * (self.hidden + 1)
+        self.hidden_parameters() + self.outputs * self.seen()
+    }
+
+    /// What an output sees: units, inputs if there is a skip path, one.
+    #[must_use]
+    pub fn seen(&self) -> usize {
+        self.hidden + if self.skip { self.inputs } else { 0 } + 1
     }
 
     /// How many of them belong to the hidden layer; they come first, a unit after the other, each
@@ -63,25 +73,28 @@ fn hidden_weights(shape: Shape, parameters: &[f64]) -> DMatrixView<'_, f64> {
     DMatrixView::from_slice(weights, shape.inputs + 1, shape.hidden)
 }
 
-/// V of the output layer, hidden + 1 × outputs: output k is column k.
+/// V, skip path and b of the outputs, seen × outputs: output k is column k.
 fn output_weights(shape: Shape, parameters: &[f64]) -> DMatrixView<'_, f64> {
     let weights = &parameters[shape.hidden_parameters()..];
-    DMatrixView::from_slice(weights, shape.hidden + 1, shape.outputs)
+    DMatrixView::from_slice(weights, shape.seen(), shape.outputs)
 }
 
 /// Outputs for every row of `x`, whose last column is ones.
 #[must_use]
 pub fn outputs(shape: Shape, parameters: &[f64], x: DMatrixView<'_, f64>) -> DMatrix<f64> {
-    units(shape, parameters, x) * output_weights(shape, parameters)
+    seen(shape, parameters, x) * output_weights(shape, parameters)
 }
 
-/// Hidden activations and a last column of ones.
-fn units(shape: Shape, parameters: &[f64], x: DMatrixView<'_, f64>) -> DMatrix<f64> {
-    let mut units = DMatrix::from_element(x.nrows(), shape.hidden + 1, 1.0);
-    let mut tanhs = units.columns_mut(0, shape.hidden);
+/// z of every row: hidden activations, inputs if there is a skip path, ones.
+fn seen(shape: Shape, parameters: &[f64], x: DMatrixView<'_, f64>) -> DMatrix<f64> {
+    let mut seen = DMatrix::from_element(x.nrows(), shape.seen(), 1.0);
+    let mut tanhs = seen.columns_mut(0, shape.hidden);
     tanhs.gemm(1.0, &x, &hidden_weights(shape, parameters), 0.0);
     tanhs.apply(|sum| *sum = sum.tanh());
-    units
+    if shape.skip {
+        seen.columns_mut(shape.hidden, shape.inputs).copy_from(&x.columns(0, shape.inputs));
+    }
+    seen
 }
 
 /// Σ_rows (y_k − target_k)² of each output.
@@ -95,8 +108,8 @@ pub fn squares(shape: Shape, parameters: &[f64], rows: &Rows) -> DVector<f64> {
 /// The quadratic model around `parameters`.
 #[must_use]
 pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows) -> Quadratic {
-    let (inputs, hidden) = (shape.inputs + 1, shape.hidden);
-    let features = shape.hidden_parameters() + hidden + 1;
+    let (inputs, hidden, seen_count) = (shape.inputs + 1, shape.hidden, shape.seen());
+    let features = shape.hidden_parameters() + seen_count;
     let v = output_weights(shape, parameters);
     let unit_weights = v.rows(0, hidden);
 
@@ -106,7 +119,7 @@ pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows) -> Quadratic {
     for start in (0..rows.x.nrows()).step_by(CHUNK) {
         let count = CHUNK.min(rows.x.nrows() - start);
         let x = rows.x.rows(start, count);
-        let t = units(shape, parameters, x.as_view());
+        let t = seen(shape, parameters, x.as_view());
         let mut error = &t * v;
         error -= rows.y.rows(start, count);
 
@@ -122,7 +135,7 @@ pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows) -> Quadratic {
                 column.component_mul_assign(&g);
             }
         }
-        phi.columns_mut(shape.hidden_parameters(), hidden + 1).copy_from(&t);
+        phi.columns_mut(shape.hidden_parameters(), seen_count).copy_from(&t);
         accumulate_gram(&mut gram, &phi);
 
         let to_w = x.transpose() * &slope;
@@ -131,8 +144,8 @@ pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows) -> Quadratic {
         for k in 0..shape.outputs {
             let e = error.column(k);
             squares[k] += e.norm_squared();
-            let at = shape.hidden_parameters() + k * (hidden + 1);
-            let mut tail = gradient.rows_mut(at, hidden + 1);
+            let at = shape.hidden_parameters() + k * seen_count;
+            let mut tail = gradient.rows_mut(at, seen_count);
             tail.gemv_tr(1.0, &t, &e, 1.0);
         }
     }
@@ -159,7 +172,7 @@ fn accumulate_gram(gram: &mut DMatrix<f64>, phi: &DMatrix<f64>) {
 
 /// J^T J from the upper blocks of the features' Gram matrix; `v` are the weights of units alone.
 fn curvature(shape: Shape, gram: &DMatrix<f64>, v: DMatrixView<'_, f64>) -> DMatrix<f64> {
-    let (inputs, hidden) = (shape.inputs + 1, shape.hidden);
+    let (inputs, seen) = (shape.inputs + 1, shape.seen());
     let first_output = shape.hidden_parameters();
     let between = v * v.transpose();
     let mut curvature = DMatrix::zeros(shape.parameters(), shape.parameters());
@@ -170,8 +183,8 @@ fn curvature(shape: Shape, gram: &DMatrix<f64>, v: DMatrixView<'_, f64>) -> DMat
         }
     }
     for k in 0..shape.outputs {
-        let at = first_output + k * (hidden + 1);
-        for j in 0..=hidden {
+        let at = first_output + k * seen;
+        for j in 0..seen {
             for row in 0..first_output {
                 curvature[(row, at + j)] = v[(row / inputs, k)] * gram[(row, first_output + j)];
             }
@@ -209,19 +222,20 @@ mod tests {
         #[test]
         fn gradient_and_curvature_are_those_of_finite_differences(
             inputs in 1usize..5,
-            hidden in 1usize..6,
-            units in 1usize..4,
+            hidden in 0usize..6,
+            outputs in 1usize..4,
+            skip in proptest::bool::ANY,
             seed in 0.0..100.0f64,
         ) {
-            let shape = Shape { inputs, hidden, outputs: units };
+            let shape = Shape { inputs, hidden, outputs, skip };
             let value = |i: usize| (seed + 12.9898 * (i * i) as f64).sin();
             let rows = Rows {
                 x: DMatrix::from_fn(700, inputs + 1, |r, c| if c == inputs { 1.0 } else { value(r * 7 + c) }),
-                y: DMatrix::from_fn(700, units, |r, c| value(r * 3 + c + 1)),
+                y: DMatrix::from_fn(700, outputs, |r, c| value(r * 3 + c + 1)),
             };
             let parameters: Vec<f64> = (0..shape.parameters()).map(|p| value(p + 5)).collect();
             let j = jacobian(shape, &parameters, &rows);
-            let error = outputs(shape, &parameters, rows.x.as_view()) - &rows.y;
+            let error = super::outputs(shape, &parameters, rows.x.as_view()) - &rows.y;
             let error = DVector::from_column_slice(error.as_slice());
             let model = quadratic(shape, &parameters, &rows);
             prop_assert!((model.squares.sum() - error.norm_squared()).abs() < 1e-9 * error.norm_squared());

@@ -11,15 +11,18 @@ use crate::correlation::independent_share;
 use crate::error::FitError;
 use crate::levenberg::{self, Decay, State};
 use crate::mlp::{self, Rows, Shape};
+use crate::scaling::{Inputs, Scaling, thinned};
 
-/// A recording at kilohertz repeats itself from row to row; every k-th row, so that about this many are
-/// left, says the same in a fraction of the time.
-const MOST_ROWS: usize = 4096;
+/// Most rows that a net is trained on.
+pub(crate) const MOST_ROWS: usize = 4096;
 /// Steps that each start is given before the best of them goes on.
 const START_STEPS: usize = 25;
-
 /// While the net takes shape every row counts.
 const EXPLORE: Decay = Decay::Evidence { per_row: 1.0 };
+/// Decay of a net that imitates, against a noise of one (targets have the spread one): below a thousandth
+/// of what any output says.
+const IMITATION_DECAY: f64 = 1e-4;
+
 /// How a net is trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetOptions {
@@ -37,14 +40,13 @@ impl Default for NetOptions {
     }
 }
 
-/// How the inputs of a net relate to each other.
+/// What a net is made of besides its inputs and outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Inputs {
-    /// Channels of one kind, with one unit and one noise: they are scaled together, so that a channel
-    /// that hardly moves is not blown up until its noise and drift weigh as much as the others' signal.
-    Alike,
-    /// Quantities of different kinds: each is scaled by its own spread.
-    Unlike,
+pub struct Build {
+    /// Hidden tanh units; none make it linear.
+    pub hidden: usize,
+    /// A linear path past them.
+    pub skip: bool,
 }
 
 /// How far a fit has come.
@@ -82,6 +84,42 @@ pub struct Net {
 }
 
 impl Net {
+    /// Its shape: `net 16-16-3`, `skip 16-6-3`, `linear 16-3`.
+    #[must_use]
+    pub fn name(&self, inputs: usize) -> String {
+        let outputs = self.output_bias.len();
+        match (self.hidden_bias.len(), self.skip.is_empty()) {
+            (0, _) => format!("linear {inputs}-{outputs}"),
+            (hidden, true) => format!("net {inputs}-{hidden}-{outputs}"),
+            (hidden, false) => format!("skip {inputs}-{hidden}-{outputs}"),
+        }
+    }
+
+    /// A linear net: slopes of scaled targets by scaled inputs, inputs × outputs, and levels.
+    pub(crate) fn linear(
+        slope: &DMatrix<f64>,
+        level: &[f64],
+        scaling: &Scaling,
+        rows: usize,
+    ) -> Self {
+        let mut net = Self {
+            hidden: Vec::new(),
+            hidden_bias: Vec::new(),
+            output: Vec::new(),
+            skip: Vec::new(),
+            output_bias: Vec::new(),
+            steps: 0,
+            effective: slope.len() as f64,
+            rows,
+        };
+        for ((slope, level), scale) in slope.column_iter().zip(level).zip(&scaling.targets) {
+            let weights: Vec<f64> = slope.iter().map(|w| w * scale.spread).collect();
+            let bias = level * scale.spread + scale.mean;
+            net.output_bias.push(unscaled(&weights, bias, scaling, &mut net.skip));
+        }
+        net
+    }
+
     /// The outputs for one row, by the arithmetic of the chip.
     #[must_use]
     pub fn outputs(&self, x: &[f32]) -> Vec<f32> {
@@ -104,20 +142,7 @@ pub(crate) fn outputs(layers: Layers<'_>, x: &[f32]) -> Vec<f32> {
     y
 }
 
-/// Mean and spread of a column, to bring it to about one.
-struct Scale {
-    mean: f64,
-    spread: f64,
-}
-
-fn scale(column: impl Iterator<Item = f64> + Clone) -> Scale {
-    let n = column.clone().count().max(1) as f64;
-    let mean = column.clone().sum::<f64>() / n;
-    let spread = (column.map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
-    Scale { mean, spread }
-}
-
-/// Trains a net of `hidden` units from the rows `x` to the rows `y`.
+/// Trains a net from the rows `x` to the rows `y`, decay by the evidence of its independent rows.
 ///
 /// An input that never changes gets no weight. When `stop` becomes true, the best net so far is
 /// returned.
@@ -126,150 +151,217 @@ fn scale(column: impl Iterator<Item = f64> + Clone) -> Scale {
 /// Fewer rows than would determine it, a target that never changes, or stopped before the first step.
 pub fn fit(
     part: &str,
-    x: &[Vec<f64>],
-    y: &[Vec<f64>],
-    hidden: usize,
+    (x, y): (&[Vec<f64>], &[Vec<f64>]),
+    build: Build,
     (inputs, options): (Inputs, NetOptions),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Net, FitError> {
-    let shape = Shape {
-        inputs: x.first().map_or(0, Vec::len),
-        hidden,
-        outputs: y.first().map_or(0, Vec::len),
-    };
-    if shape.inputs == 0 || shape.hidden == 0 || shape.outputs == 0 {
-        let problem = "a net needs inputs, hidden units and outputs".into();
-        return Err(FitError::Shape { part: part.into(), problem });
-    }
+    let shape = shape(part, x, y, build)?;
     // A row gives `outputs` equations; with fewer than two an unknown the fit means nothing.
     let least = (2 * shape.parameters()).div_ceil(shape.outputs);
     if x.len() < least {
         return Err(FitError::TooFewRows { part: part.into(), rows: x.len(), least });
     }
-    let thin = x.len().div_ceil(MOST_ROWS);
-    let x: Vec<&[f64]> = x.iter().step_by(thin).map(Vec::as_slice).collect();
-    let y: Vec<&[f64]> = y.iter().step_by(thin).map(Vec::as_slice).collect();
-    let inputs = input_scales(&x, shape.inputs, inputs);
-    let mut targets: Vec<Scale> =
-        (0..shape.outputs).map(|k| scale(y.iter().map(move |row| row[k]))).collect();
-    if targets.iter().any(|target| target.spread == 0.0) {
-        return Err(FitError::NoLoad { part: part.into() });
-    }
-    let scaled = |value: f64, scale: &Scale| {
-        if scale.spread > 0.0 { (value - scale.mean) / scale.spread } else { 0.0 }
-    };
-    let mut rows = Rows {
-        x: DMatrix::from_fn(x.len(), shape.inputs + 1, |row, i| {
-            inputs.get(i).map_or(1.0, |scale| scaled(x[row][i], scale))
-        }),
-        y: DMatrix::from_fn(y.len(), shape.outputs, |row, k| scaled(y[row][k], &targets[k])),
-    };
+    let x: Vec<&[f64]> = thinned(x, MOST_ROWS).map(Vec::as_slice).collect();
+    let y: Vec<&[f64]> = thinned(y, MOST_ROWS).map(Vec::as_slice).collect();
+    let mut trainer = Trainer::new(part, shape, Scaling::of(&x, &y, inputs), (&x, &y), options)?;
+    let state = trainer.explore(EXPLORE, progress, stop)?;
+    // Then the decay is set by the rows that say something new. Counting every row first lets the net
+    // leave the plateau on which it is a linear map; this decay would hold it there.
+    let rows = &trainer.rows;
+    let errors = mlp::outputs(shape, state.parameters.as_slice(), rows.x.as_view()) - &rows.y;
+    let settle = Decay::Evidence { per_row: independent_share(&errors) };
+    let state = trainer.settle(state, settle, progress, stop);
+    Ok(trainer.fold(&state))
+}
 
-    let total = options.starts.saturating_sub(1) * START_STEPS + options.steps;
-    let mut before = 0;
-    let mut go_on = |state: &State, before: usize| {
-        let error = (state.squares.sum() / (shape.outputs * x.len()) as f64).sqrt();
-        progress(Progress { part: part.into(), step: before + state.steps, of: total, error });
-        !stop.load(Ordering::Relaxed)
-    };
-    let mut best: Option<State> = None;
-    let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
-    for _ in 0..options.starts.max(1) {
-        let start = State::new(shape, &rows, start(shape, &mut rng));
-        let limit = START_STEPS.min(options.steps);
-        let state =
-            levenberg::train(shape, &rows, start, EXPLORE, limit, &mut |s| go_on(s, before));
-        before += state.steps;
-        if state.steps > 0
-            && best.as_ref().is_none_or(|best| state.squares.sum() < best.squares.sum())
-        {
-            best = Some(state);
+/// Trains a net to say what `y` says of `x`, where `y` is no measurement but another model's word: there is
+/// no noise to guard against, and the decay only keeps the weights small where they do not matter.
+///
+/// # Errors
+/// As [`fit`].
+pub(crate) fn imitate(
+    part: &str,
+    (x, y): (&[Vec<f64>], &[Vec<f64>]),
+    build: Build,
+    (inputs, options): (Inputs, NetOptions),
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Net, FitError> {
+    let shape = shape(part, x, y, build)?;
+    let x: Vec<&[f64]> = x.iter().map(Vec::as_slice).collect();
+    let y: Vec<&[f64]> = y.iter().map(Vec::as_slice).collect();
+    let mut trainer = Trainer::new(part, shape, Scaling::of(&x, &y, inputs), (&x, &y), options)?;
+    let state = trainer.explore(Decay::Fixed(IMITATION_DECAY), progress, stop)?;
+    let state = trainer.settle(state, Decay::Fixed(IMITATION_DECAY), progress, stop);
+    Ok(trainer.fold(&state))
+}
+
+fn shape(part: &str, x: &[Vec<f64>], y: &[Vec<f64>], build: Build) -> Result<Shape, FitError> {
+    let inputs = x.first().map_or(0, Vec::len);
+    let outputs = y.first().map_or(0, Vec::len);
+    if inputs == 0 || outputs == 0 || (build.hidden == 0 && !build.skip) {
+        let problem = "a net needs inputs, outputs, and hidden units or a skip path".into();
+        return Err(FitError::Shape { part: part.into(), problem });
+    }
+    Ok(Shape { inputs, hidden: build.hidden, outputs, skip: build.skip })
+}
+
+/// A net on its way: scaled rows, and how many steps are done.
+struct Trainer<'p> {
+    part: &'p str,
+    shape: Shape,
+    rows: Rows,
+    scaling: Scaling,
+    options: NetOptions,
+    before: usize,
+}
+
+impl<'p> Trainer<'p> {
+    fn new(
+        part: &'p str,
+        shape: Shape,
+        scaling: Scaling,
+        (x, y): (&[&[f64]], &[&[f64]]),
+        options: NetOptions,
+    ) -> Result<Self, FitError> {
+        if scaling.a_target_rests() {
+            return Err(FitError::NoLoad { part: part.into() });
+        }
+        let x = scaling.inputs(x);
+        let rows = Rows { x: x.insert_column(shape.inputs, 1.0), y: scaling.targets(y) };
+        Ok(Self { part, shape, rows, scaling, options, before: 0 })
+    }
+
+    fn train(
+        &self,
+        state: State,
+        decay: Decay,
+        until: usize,
+        progress: &mut dyn FnMut(Progress),
+        stop: &AtomicBool,
+    ) -> State {
+        let NetOptions { starts, steps, .. } = self.options;
+        let of = starts.saturating_sub(1) * START_STEPS + steps;
+        let values = self.rows.y.len() as f64;
+        levenberg::train(self.shape, &self.rows, state, decay, until, &mut |state| {
+            let error = (state.squares.sum() / values).sqrt();
+            let step = self.before + state.steps;
+            progress(Progress { part: self.part.into(), step, of, error });
+            !stop.load(Ordering::Relaxed)
+        })
+    }
+
+    /// The best of some starts, taken two thirds of the way, its targets' errors balanced.
+    fn explore(
+        &mut self,
+        decay: Decay,
+        progress: &mut dyn FnMut(Progress),
+        stop: &AtomicBool,
+    ) -> Result<State, FitError> {
+        let mut best: Option<State> = None;
+        let mut rng = ChaCha8Rng::seed_from_u64(self.options.seed);
+        for _ in 0..self.options.starts.max(1) {
+            let start = State::new(self.shape, &self.rows, start(self.shape, &mut rng));
+            let limit = START_STEPS.min(self.options.steps);
+            let state = self.train(start, decay, limit, progress, stop);
+            self.before += state.steps;
+            if state.steps > 0
+                && best.as_ref().is_none_or(|best| state.squares.sum() < best.squares.sum())
+            {
+                best = Some(state);
+            }
+        }
+        let best = best.ok_or(FitError::Stopped)?;
+        self.before -= best.steps;
+        let mut best = self.train(best, decay, self.options.steps * 2 / 3, progress, stop);
+        self.balance(&mut best);
+        Ok(best)
+    }
+
+    /// The rest of the way.
+    fn settle(
+        &self,
+        state: State,
+        decay: Decay,
+        progress: &mut dyn FnMut(Progress),
+        stop: &AtomicBool,
+    ) -> State {
+        self.train(state, decay, self.options.steps, progress, stop)
+    }
+
+    /// Scales each target so that what is left of its error is the same for all of them: one noise β then
+    /// fits every output, and an output that can be known better (f_z) is held to it.
+    fn balance(&mut self, state: &mut State) {
+        let all = state.squares.mean();
+        for (k, target) in self.scaling.targets.iter_mut().enumerate() {
+            let factor = (all / state.squares[k].max(1e-6 * all)).sqrt();
+            let at = self.shape.hidden_parameters() + k * self.shape.seen();
+            state.parameters.rows_mut(at, self.shape.seen()).scale_mut(factor);
+            self.rows.y.column_mut(k).scale_mut(factor);
+            state.squares[k] *= factor * factor;
+            target.spread /= factor;
         }
     }
-    let best = best.ok_or(FitError::Stopped)?;
-    before -= best.steps;
-    // Counting every row first lets the net leave the plateau on which it is a linear map; the
-    // decay that the independent rows ask for would hold it there.
-    let first = options.steps * 2 / 3;
-    let mut best = levenberg::train(shape, &rows, best, EXPLORE, first, &mut |s| go_on(s, before));
-    balance(shape, &mut best, &mut rows, &mut targets);
-    // Then the decay is set by the rows that say something new.
-    let errors = mlp::outputs(shape, best.parameters.as_slice(), rows.x.as_view()) - &rows.y;
-    let settle = Decay::Evidence { per_row: independent_share(&errors) };
-    let best =
-        levenberg::train(shape, &rows, best, settle, options.steps, &mut |s| go_on(s, before));
-    Ok(fold(shape, &best, &inputs, &targets, rows.x.nrows()))
+
+    /// Folds the scaling of inputs and targets into the weights:
+    /// w·(x − m)/s + a = (w/s)·x + (a − Σ w·m/s), and y·s + m for the outputs.
+    fn fold(&self, state: &State) -> Net {
+        let Shape { inputs, hidden: units, .. } = self.shape;
+        let (hidden, output) = state.parameters.as_slice().split_at(self.shape.hidden_parameters());
+        let mut net = Net {
+            hidden: Vec::new(),
+            hidden_bias: Vec::new(),
+            output: Vec::new(),
+            skip: Vec::new(),
+            output_bias: Vec::new(),
+            steps: state.steps,
+            effective: state.effective,
+            rows: self.rows.x.nrows(),
+        };
+        for unit in hidden.chunks_exact(inputs + 1) {
+            let bias = unscaled(&unit[..inputs], unit[inputs], &self.scaling, &mut net.hidden);
+            net.hidden_bias.push(bias);
+        }
+        for (weights, scale) in output.chunks_exact(self.shape.seen()).zip(&self.scaling.targets) {
+            let (of_units, rest) = weights.split_at(units);
+            let (of_inputs, bias) = rest.split_at(rest.len() - 1);
+            net.output.extend(of_units.iter().map(|w| (w * scale.spread) as f32));
+            let bias = bias[0] * scale.spread + scale.mean;
+            let of_inputs: Vec<f64> = of_inputs.iter().map(|w| w * scale.spread).collect();
+            net.output_bias.push(unscaled(&of_inputs, bias, &self.scaling, &mut net.skip));
+        }
+        net
+    }
 }
 
-fn input_scales(x: &[&[f64]], count: usize, inputs: Inputs) -> Vec<Scale> {
-    let mut scales: Vec<Scale> =
-        (0..count).map(|i| scale(x.iter().map(move |row| row[i]))).collect();
-    if inputs == Inputs::Alike {
-        let squares: f64 = scales.iter().map(|scale| scale.spread.powi(2)).sum();
-        let common = (squares / count as f64).sqrt();
-        scales.iter_mut().filter(|s| s.spread > 0.0).for_each(|s| s.spread = common);
+/// Weights of scaled inputs as weights of the inputs themselves, appended to `into`; the bias that goes
+/// with them.
+fn unscaled(weights: &[f64], mut bias: f64, scaling: &Scaling, into: &mut Vec<f32>) -> f32 {
+    for (weight, scale) in weights.iter().zip(&scaling.inputs) {
+        let weight = if scale.spread > 0.0 { weight / scale.spread } else { 0.0 };
+        bias -= weight * scale.mean;
+        into.push(weight as f32);
     }
-    scales
-}
-
-/// Scales each target so that what is left of its error is the same for all of them: one noise β then
-/// fits every output, and an output that can be known better (f_z) is held to it.
-fn balance(shape: Shape, state: &mut State, rows: &mut Rows, targets: &mut [Scale]) {
-    let all = state.squares.mean();
-    for (k, target) in targets.iter_mut().enumerate() {
-        let factor = (all / state.squares[k].max(1e-6 * all)).sqrt();
-        let at = shape.hidden_parameters() + k * (shape.hidden + 1);
-        state.parameters.rows_mut(at, shape.hidden + 1).scale_mut(factor);
-        rows.y.column_mut(k).scale_mut(factor);
-        target.spread /= factor;
-    }
+    bias as f32
 }
 
 /// Small random weights: sums of about unit size, outputs that begin small.
 fn start(shape: Shape, rng: &mut ChaCha8Rng) -> DVector<f64> {
     let hidden = (3.0 / (shape.inputs + 1) as f64).sqrt();
-    let output = (1.0 / (shape.hidden + 1) as f64).sqrt();
+    let output = (1.0 / shape.seen() as f64).sqrt();
     DVector::from_fn(shape.parameters(), |p, _| {
         let size = if p < shape.hidden_parameters() { hidden } else { output };
         size * rng.random_range(-1.0..1.0)
     })
 }
 
-/// Folds the scaling of inputs and targets into the weights:
-/// w·(x − m)/s + a = (w/s)·x + (a − Σ w·m/s), and y·s + m for the outputs.
-fn fold(shape: Shape, state: &State, inputs: &[Scale], targets: &[Scale], rows: usize) -> Net {
-    let (hidden, output) = state.parameters.as_slice().split_at(shape.hidden_parameters());
-    let mut net = Net {
-        hidden: Vec::new(),
-        hidden_bias: Vec::new(),
-        output: Vec::new(),
-        skip: Vec::new(),
-        output_bias: Vec::new(),
-        steps: state.steps,
-        effective: state.effective,
-        rows,
-    };
-    for unit in hidden.chunks_exact(shape.inputs + 1) {
-        let mut bias = unit[shape.inputs];
-        for (weight, scale) in unit.iter().zip(inputs) {
-            let weight = if scale.spread > 0.0 { weight / scale.spread } else { 0.0 };
-            bias -= weight * scale.mean;
-            net.hidden.push(weight as f32);
-        }
-        net.hidden_bias.push(bias as f32);
-    }
-    for (weights, scale) in output.chunks_exact(shape.hidden + 1).zip(targets) {
-        net.output.extend(weights[..shape.hidden].iter().map(|w| (w * scale.spread) as f32));
-        net.output_bias.push((weights[shape.hidden] * scale.spread + scale.mean) as f32);
-    }
-    net
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const SIX: Build = Build { hidden: 6, skip: false };
     const UNLIKE: (Inputs, NetOptions) =
         (Inputs::Unlike, NetOptions { seed: 0, starts: 3, steps: 300 });
 
@@ -291,7 +383,7 @@ mod tests {
     }
 
     fn fit_quietly(x: &[Vec<f64>], y: &[Vec<f64>], options: NetOptions) -> Result<Net, FitError> {
-        fit("net", x, y, 6, (Inputs::Unlike, options), &mut |_| {}, &AtomicBool::new(false))
+        fit("net", (x, y), SIX, (Inputs::Unlike, options), &mut |_| {}, &AtomicBool::new(false))
     }
 
     #[test]
@@ -307,13 +399,25 @@ mod tests {
     }
 
     #[test]
-    fn inputs_alike_are_scaled_together_and_others_each_by_itself() {
-        let rows: [&[f64]; 2] = [&[1.0, 70.0, 5.0], &[3.0, 84.0, 5.0]];
-        let spreads =
-            |inputs| input_scales(&rows, 3, inputs).iter().map(|s| s.spread).collect::<Vec<_>>();
-        let common = (50.0f64 / 3.0).sqrt();
-        assert_eq!(spreads(Inputs::Alike), [common, common, 0.0]);
-        assert_eq!(spreads(Inputs::Unlike), [1.0, 7.0, 0.0]);
+    fn a_skip_path_takes_what_is_linear_and_alone_it_is_all_there_is() {
+        let (x, _) = rows(600);
+        let y: Vec<Vec<f64>> =
+            x.iter().map(|x| vec![3.0 + 0.5 * x[0] - 2000.0 * x[1] + x[2]]).collect();
+        let data = (x.as_slice(), y.as_slice());
+        let options = (Inputs::Unlike, NetOptions::default());
+        for hidden in [0, 4] {
+            let build = Build { hidden, skip: true };
+            let stop = AtomicBool::new(false);
+            let net = fit("net", data, build, options, &mut |_| {}, &stop).unwrap();
+            assert_eq!((net.skip.len(), net.hidden_bias.len()), (3, hidden));
+            for (x, y) in x.iter().zip(&y) {
+                let x: Vec<f32> = x.iter().map(|x| *x as f32).collect();
+                assert!((f64::from(net.outputs(&x)[0]) - y[0]).abs() < 0.01, "{hidden}");
+            }
+        }
+        let neither = Build { hidden: 0, skip: false };
+        let refused = fit("net", data, neither, options, &mut |_| {}, &AtomicBool::new(false));
+        assert!(matches!(refused, Err(FitError::Shape { .. })));
     }
 
     #[test]
@@ -333,7 +437,7 @@ mod tests {
             last = p.step;
             stop.store(p.step >= 5, Ordering::Relaxed);
         };
-        let net = fit("net", &x, &y, 6, UNLIKE, &mut progress, &stop).unwrap();
+        let net = fit("net", (&x, &y), SIX, UNLIKE, &mut progress, &stop).unwrap();
         assert_eq!((net.steps, last), (5, 5));
     }
 
@@ -341,7 +445,7 @@ mod tests {
     fn stopped_before_the_first_step_there_is_nothing_to_keep() {
         let (x, y) = rows(200);
         let stop = AtomicBool::new(true);
-        let error = fit("net", &x, &y, 6, UNLIKE, &mut |_| {}, &stop).unwrap_err();
+        let error = fit("net", (&x, &y), SIX, UNLIKE, &mut |_| {}, &stop).unwrap_err();
         assert_eq!(error, FitError::Stopped);
     }
 

@@ -9,10 +9,14 @@ use taxel_formats::FileError;
 use taxel_formats::stretch::Stretch;
 use taxel_formats::table::{self, Table};
 
+use crate::auto::Chosen;
 use crate::error::FitError;
+use crate::expansion::Expansion;
 use crate::metrics::{Errors, TargetMetrics};
-use crate::network::{self, Inputs, NetOptions, Progress};
+use crate::model::{Family, Training};
+use crate::network::{self, NetOptions, Progress};
 use crate::range::{extremes, trained_range};
+use crate::scaling::Inputs;
 
 /// Rows of a table with their references.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,19 +55,20 @@ impl TableRecording {
 }
 
 /// How to fit a table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TableOptions {
-    /// Hidden units.
-    pub hidden: usize,
+    /// The family of the model.
+    pub family: Family,
+    /// Hidden units; 16 by default, `auto` finds its own.
+    pub hidden: Option<usize>,
     /// Training of the net.
     pub net: NetOptions,
 }
 
-impl Default for TableOptions {
-    fn default() -> Self {
-        Self { hidden: 16, net: NetOptions::default() }
-    }
-}
+/// Hidden units where nobody says.
+const USUAL: usize = 16;
+/// A table's net goes wherever its owner can run it; beyond this it is no small sensor's model.
+const MOST: usize = 32;
 
 /// A net from N named inputs to some named targets, for [`taxel::estimate::net::Layers`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -74,6 +79,12 @@ pub struct TableModel {
     pub targets: Vec<String>,
     /// Range of each input in training, margin included.
     pub range: Vec<Range>,
+    /// What becomes of the inputs, less `centre`, before the weights below see them.
+    #[serde(default)]
+    pub expansion: Expansion,
+    /// Taken from the inputs of an expansion first; else empty.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub centre: Vec<f32>,
     /// W, a row a unit.
     pub hidden: Vec<f32>,
     /// a.
@@ -100,7 +111,12 @@ impl TableModel {
             skip: &self.skip,
             output_bias: &self.output_bias,
         };
-        network::outputs(layers, inputs)
+        if self.expansion == Expansion::None {
+            return network::outputs(layers, inputs);
+        }
+        let from_centre: Vec<f64> =
+            inputs.iter().zip(&self.centre).map(|(x, c)| f64::from(x - c)).collect();
+        network::outputs(layers, &to_f32(&self.expansion.terms(&from_centre)))
     }
 
     /// Every input lies within what training saw.
@@ -119,6 +135,10 @@ pub struct FittedTable {
     pub warnings: Vec<String>,
     /// Rows of the recordings.
     pub rows: usize,
+    /// Its shape.
+    pub name: String,
+    /// How it was chosen.
+    pub chosen: Option<Chosen>,
     /// How many of the net's parameters the data determine.
     pub effective: f64,
 }
@@ -134,7 +154,7 @@ pub fn fit(
     stop: &AtomicBool,
 ) -> Result<FittedTable, FitError> {
     let first = recordings.first().ok_or(FitError::NoRecording)?;
-    let (mut x, mut y) = (Vec::new(), Vec::new());
+    let mut rows = Vec::new();
     for recording in recordings {
         if recording.inputs.rows.is_empty() {
             return Err(FitError::Empty { recording: recording.name() });
@@ -154,11 +174,11 @@ pub fn fit(
                 });
             }
         }
-        x.extend(recording.inputs.rows.iter().cloned());
-        y.extend(recording.targets.rows.iter().cloned());
+        rows.push((recording.inputs.rows.clone(), recording.targets.rows.clone()));
     }
+    let x: Vec<&[f64]> = rows.iter().flat_map(|(x, _)| x).map(Vec::as_slice).collect();
     let names = &first.inputs.names;
-    let column = |i: usize| x.iter().map(move |row: &Vec<f64>| row[i] as f32);
+    let column = |i: usize| x.iter().map(move |row| row[i] as f32);
     let constant: Vec<&str> = (0..names.len())
         .filter(|i| column(*i).all(|value| value == x[0][*i] as f32))
         .map(|i| names[i].as_str())
@@ -173,13 +193,45 @@ pub fn fit(
     let kind = kind(
         (0..names.len()).filter(|i| !constant.contains(&&*names[*i])).map(|i| range_of(column(i))),
     );
-    let part = format!("net {}-{}-{}", names.len(), options.hidden, first.targets.names.len());
-    let net = network::fit(&part, &x, &y, options.hidden, (kind, options.net), progress, stop)?;
     let range = (0..names.len()).map(|i| trained_range(column(i), f32::MIN_POSITIVE)).collect();
+    let expansion = match options.family {
+        Family::Cubic => Expansion::Cubic,
+        Family::Quadratic => Expansion::Quadratic,
+        _ => Expansion::None,
+    };
+    let (mut centre, mut kind, total) = (Vec::new(), kind, x.len());
+    if expansion != Expansion::None {
+        // From the middle of each input its powers say different things; each has a size of its own.
+        centre = middles(&x);
+        kind = Inputs::Unlike;
+        for row in rows.iter_mut().flat_map(|(x, _)| x) {
+            row.iter_mut().zip(&centre).for_each(|(x, centre)| *x -= f64::from(*centre));
+            *row = expansion.terms(row);
+        }
+    }
+    let training = Training {
+        part: &options.family.to_string(),
+        family: options.family,
+        recordings: &rows,
+        inputs: kind,
+        hidden: options.hidden,
+        usual: USUAL,
+        most: MOST,
+        options: options.net,
+    };
+    let (net, chosen) = training.run(progress, stop)?;
+    let name = match options.family {
+        Family::Cubic | Family::Quadratic => {
+            format!("{} {}-{}", options.family, names.len(), first.targets.names.len())
+        }
+        _ => net.name(names.len()),
+    };
     let mut model = TableModel {
         inputs: names.clone(),
         targets: first.targets.names.clone(),
         range,
+        expansion,
+        centre,
         hidden: net.hidden,
         hidden_bias: net.hidden_bias,
         output: net.output,
@@ -191,7 +243,14 @@ pub fn fit(
         .into_iter()
         .map(|errors| errors.into_metrics("").figures.map_or(0.0, |f| f.rmse as f32))
         .collect();
-    Ok(FittedTable { model, warnings, rows: x.len(), effective: net.effective })
+    Ok(FittedTable { model, warnings, rows: total, name, chosen, effective: net.effective })
+}
+
+/// The mean of each column.
+fn middles(x: &[&[f64]]) -> Vec<f32> {
+    let n = x.len().max(1) as f64;
+    let width = x.first().map_or(0, |row| row.len());
+    (0..width).map(|i| (x.iter().map(|row| row[i]).sum::<f64>() / n) as f32).collect()
 }
 
 /// How much a column moves.

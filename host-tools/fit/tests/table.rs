@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
 
 use taxel_fit::FitError;
+use taxel_fit::model::Family;
 use taxel_fit::network::NetOptions;
 use taxel_fit::table::{TableOptions, TableRecording, evaluate, fit};
 use taxel_formats::table::read_from;
@@ -23,7 +24,11 @@ fn recording(rows: usize, from: usize, inputs: &[&str], targets: &[&str]) -> Tab
 }
 
 fn options() -> TableOptions {
-    TableOptions { hidden: 5, net: NetOptions { seed: 0, starts: 1, steps: 90 } }
+    TableOptions {
+        hidden: Some(5),
+        net: NetOptions { seed: 0, starts: 1, steps: 90 },
+        ..TableOptions::default()
+    }
 }
 
 #[test]
@@ -57,4 +62,37 @@ fn a_dozen_rows_are_refused() {
     let few = recording(12, 0, &["m*"], &["force_n"]);
     let error = fit(&[few], &options(), &mut |_| {}, &AtomicBool::new(false)).unwrap_err();
     assert!(matches!(error, FitError::TooFewRows { rows: 12, .. }), "{error}");
+}
+
+#[test]
+fn each_polynomial_follows_what_it_has_terms_for() {
+    let recording = |rows: usize, from: usize, force: fn(f64, f64) -> f64| {
+        let mut text = String::from("m0,m1,force_n\n");
+        for i in from..from + rows {
+            let t = i as f64 * 0.1;
+            let (a, b) = (7.0 + (1.1 * t).sin(), 500.0 + 30.0 * (0.7 * t).cos());
+            writeln!(text, "{a},{b},{}", force(a - 7.0, b / 30.0 - 16.0)).unwrap();
+        }
+        let stretch = "other.csv".parse().unwrap();
+        TableRecording {
+            inputs: read_from(text.as_bytes(), &stretch, &["m*"]).unwrap(),
+            targets: read_from(text.as_bytes(), &stretch, &["force_n"]).unwrap(),
+        }
+    };
+    let additive: fn(f64, f64) -> f64 = |a, b| a - 2.0 * a * a * a + 0.5 * b * b;
+    let products: fn(f64, f64) -> f64 = |a, b| 3.0 * a * b + b * b - a;
+    for (family, force, name, good) in [
+        (Family::Cubic, additive, "cubic 2-1", true),
+        (Family::Quadratic, products, "quadratic 2-1", true),
+        (Family::Cubic, products, "cubic 2-1", false),
+        (Family::Ridge, additive, "linear 2-1", false),
+    ] {
+        let options = TableOptions { family, ..TableOptions::default() };
+        let stop = AtomicBool::new(false);
+        let fitted = fit(&[recording(240, 0, force)], &options, &mut |_| {}, &stop).unwrap();
+        assert_eq!(fitted.name, name);
+        let judged = evaluate(&fitted.model, &recording(300, 900, force)).unwrap();
+        let rmse = judged.targets[0].figures.unwrap().rmse;
+        assert_eq!(rmse < 0.005, good, "{family} {rmse}");
+    }
 }

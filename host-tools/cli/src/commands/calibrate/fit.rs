@@ -5,7 +5,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use taxel_fit::LeftOut;
 use taxel_fit::finger::{self, FitOptions, Part, Subject};
+use taxel_fit::model::Family;
 use taxel_fit::network::{NetOptions, Progress};
 use taxel_fit::recording::Recording;
 use taxel_fit::table::{self, TableOptions, TableRecording};
@@ -40,7 +42,12 @@ pub struct Args {
     /// Fit this MEMS sensor from force on it alone, whatever the recordings look like.
     #[arg(long, value_name = "0…3", value_parser = clap::value_parser!(u8).range(0..4), conflicts_with_all = ["inputs", "hidden"])]
     sensor: Option<u8>,
-    /// Hidden tanh units of the net [default: 12 for normal force alone, else 16].
+    /// Family of the model: auto (what does best on stretches left out), mlp (one hidden layer of tanh
+    /// units), skip (the same with a linear path past them), ridge (linear); of any CSV also cubic
+    /// (additive) and quadratic (with products).
+    #[arg(long, value_name = "NAME", default_value_t = Family::default())]
+    model: Family,
+    /// Hidden tanh units [default: 12 for normal force alone, else 16; found by --model auto].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
     hidden: Option<u8>,
     /// Seed of the net's starting weights.
@@ -58,7 +65,7 @@ const EXAMPLES: &str = "\
 Examples:
   taxel calibrate fit --data presses.csv --data shear.csv@0..30 --out finger.toml
   taxel calibrate fit --data bench.csv@0..6 --out s0.toml
-  taxel calibrate fit --data press.csv --inputs 'm*' --targets force_n --out skin.toml";
+  taxel calibrate fit --data press.csv --inputs 'm*' --targets force_n --model auto --out skin.toml";
 
 fn serial(text: &str) -> Result<heapless::String<32>, String> {
     text.try_into().map_err(|_| "at most 32 bytes fit the record".to_owned())
@@ -82,6 +89,46 @@ struct Fit {
     residual: Vec<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     condition: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    chosen: Option<Chosen>,
+}
+
+/// How a model was chosen, errors in the targets' units.
+#[derive(Serialize)]
+struct Chosen {
+    left_out: &'static str,
+    line: Vec<f64>,
+    bent: Vec<f64>,
+    apart: Vec<f64>,
+    hidden: usize,
+}
+
+impl From<taxel_fit::Chosen> for Chosen {
+    fn from(chosen: taxel_fit::Chosen) -> Self {
+        let left_out = match chosen.left_out {
+            LeftOut::Recordings => "recordings",
+            LeftOut::Stretches => "stretches",
+        };
+        let taxel_fit::Chosen { line, bent, apart, hidden, .. } = chosen;
+        Self { left_out, line, bent, apart, hidden }
+    }
+}
+
+impl Chosen {
+    fn describe(&self) -> String {
+        let milli = |errors: &[f64]| {
+            errors.iter().map(|e| format!("{:.2}", e * 1e3)).collect::<Vec<_>>().join(" ")
+        };
+        let line = milli(&self.line);
+        let mut text = format!("  on {} left out: straight line {line} mN", self.left_out);
+        if !self.bent.is_empty() {
+            text += &format!(", bent {} mN", milli(&self.bent));
+        }
+        if !self.apart.is_empty() {
+            text += &format!("; {} units, {} mN from it", self.hidden, milli(&self.apart));
+        }
+        text
+    }
 }
 
 impl Fit {
@@ -92,6 +139,7 @@ impl Fit {
             left_out: part.faulty,
             residual: part.residual,
             condition: part.condition,
+            chosen: part.chosen.map(Chosen::from),
         }
     }
 }
@@ -141,6 +189,7 @@ fn fit_finger(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt)
     let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let options = FitOptions {
         subject: args.sensor.map_or(Subject::Found, |sensor| Subject::Sensor(sensor.into())),
+        family: args.model,
         hidden: args.hidden.map(usize::from),
         net: NetOptions { seed: args.seed, ..NetOptions::default() },
         serial: args.serial.clone(),
@@ -160,21 +209,18 @@ fn fit_table(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt) 
         .map(|data| TableRecording::read(data, &inputs, &targets))
         .collect::<Result<Vec<_>, _>>()?;
     let options = TableOptions {
-        hidden: args.hidden.map_or(TableOptions::default().hidden, usize::from),
+        family: args.model,
+        hidden: args.hidden.map(usize::from),
         net: NetOptions { seed: args.seed, ..NetOptions::default() },
     };
     let fitted = table::fit(&recordings, &options, progress, stop.flag())?;
     calibration::write_table(&args.out, &fitted.model)?;
     let part = Part {
-        name: format!(
-            "net {}-{}-{}",
-            fitted.model.inputs.len(),
-            options.hidden,
-            fitted.model.targets.len()
-        ),
+        name: fitted.name,
         rows: fitted.rows,
         faulty: 0,
         condition: None,
+        chosen: fitted.chosen,
         effective: Some(fitted.effective),
         residual: fitted.model.residual.iter().map(|r| f64::from(*r)).collect(),
     };
@@ -200,6 +246,9 @@ fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
             fit.rows,
             residual.join(" ")
         ))?;
+        if let Some(chosen) = &fit.chosen {
+            output::line(chosen.describe())?;
+        }
     }
     output::line(format!("wrote {}", outcome.calibration.display()))
 }

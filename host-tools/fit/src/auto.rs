@@ -1,0 +1,227 @@
+//! The model that the recordings bear: straight or bent, and how wide, chosen by what was left out.
+
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::DMatrix;
+
+use crate::distil::{Lesson, distil};
+use crate::error::FitError;
+use crate::gaussian::{self, CHOICE_ROWS, Model, ROWS};
+use crate::model::Recorded;
+use crate::network::{Build, Net, NetOptions, Progress};
+use crate::scaling::{Inputs, Scaling};
+use crate::stretches::{LeftOut, stretches};
+
+/// Widths that are tried, narrowest first.
+const WIDTHS: [usize; 4] = [4, 8, 16, 32];
+/// A net is wide enough when its distance from its teacher adds at most this share to the mean square
+/// error of the stretches left out: a tenth is 5 % of the RMS error.
+const ADDED: f64 = 0.1;
+
+/// What there is to choose from, and for.
+pub(crate) struct Choice<'a> {
+    pub part: &'a str,
+    pub recordings: &'a [Recorded],
+    pub inputs: Inputs,
+    /// Hidden units, if the user says; 0 for a linear model.
+    pub hidden: Option<usize>,
+    /// The widest net that fits where it goes.
+    pub most: usize,
+    pub options: NetOptions,
+}
+
+/// How a model was chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chosen {
+    /// What was left out to choose it.
+    pub left_out: LeftOut,
+    /// RMS error of a straight line on what was left out, in the targets' units.
+    pub line: Vec<f64>,
+    /// The same of the bent model that the net was taught by.
+    pub bent: Vec<f64>,
+    /// How far the net is from that model, between and beyond the recorded rows; empty for a line.
+    pub apart: Vec<f64>,
+    /// Hidden units.
+    pub hidden: usize,
+}
+
+/// Chooses and fits. Stopped early, the line is kept.
+///
+/// # Errors
+/// Too few rows, a target that never changes, or stopped before there was a line.
+pub(crate) fn fit(
+    choice: &Choice<'_>,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<(Net, Chosen), FitError> {
+    let targets: Vec<&[Vec<f64>]> = choice.recordings.iter().map(|r| r.1.as_slice()).collect();
+    let (left_out, stretch) = stretches(&targets);
+    let x: Vec<&[f64]> = choice.recordings.iter().flat_map(|r| &r.0).map(Vec::as_slice).collect();
+    let y: Vec<&[f64]> = choice.recordings.iter().flat_map(|r| &r.1).map(Vec::as_slice).collect();
+    let least = 4 * (x.first().map_or(0, |row| row.len()) + 1);
+    if x.len() < least {
+        return Err(FitError::TooFewRows { part: choice.part.into(), rows: x.len(), least });
+    }
+    let scaling = Scaling::of(&x, &y, choice.inputs);
+    if scaling.a_target_rests() {
+        return Err(FitError::NoLoad { part: choice.part.into() });
+    }
+    let all = gaussian::Rows { x: scaling.inputs(&x), y: scaling.targets(&y), stretch };
+    let (few, many) = (thin(&all, CHOICE_ROWS), thin(&all, ROWS));
+
+    let line = gaussian::fit_line(&few, &many, stop)?;
+    let newtons = |errors: Vec<f64>| -> Vec<f64> {
+        errors.iter().zip(&scaling.targets).map(|(error, s)| error * s.spread).collect()
+    };
+    let mut chosen = Chosen {
+        left_out,
+        line: newtons(line.left_out_error()),
+        bent: Vec::new(),
+        apart: Vec::new(),
+        hidden: 0,
+    };
+    let straight = Net::linear(&line.slope, line.level.as_slice(), &scaling, many.x.nrows());
+    if choice.hidden == Some(0) {
+        return Ok((straight, chosen));
+    }
+    let tried = &mut |step, of| {
+        let error = line.left_out_error().iter().copied().fold(0.0, f64::max);
+        progress(Progress { part: format!("{}: prior", choice.part), step, of, error });
+    };
+    let teacher = match gaussian::fit(&few, &many, tried, stop) {
+        Err(FitError::Stopped) => return Ok((straight, chosen)),
+        other => other?,
+    };
+    chosen.bent = newtons(teacher.left_out_error());
+    if choice.hidden.is_none() && !bends(&line, &teacher) {
+        return Ok((straight, chosen));
+    }
+    let lesson = Lesson { x: &many.x, stretch: &many.stretch, scaling: &scaling };
+    let widths: Vec<usize> = match choice.hidden {
+        Some(hidden) => vec![hidden],
+        None => WIDTHS.into_iter().filter(|width| *width <= choice.most).collect(),
+    };
+    let mut net = straight;
+    for hidden in widths {
+        let build = Build { hidden, skip: true };
+        let part = format!("{}: {hidden} units", choice.part);
+        let pupil = match distil(
+            &part,
+            &teacher,
+            &lesson,
+            (build, choice.inputs, choice.options),
+            progress,
+            stop,
+        ) {
+            // What there was before stays.
+            Err(FitError::Stopped) => break,
+            other => other?,
+        };
+        let close = pupil
+            .apart
+            .iter()
+            .zip(teacher.left_out_error())
+            .all(|(apart, error)| apart.powi(2) <= ADDED * error.powi(2));
+        net = pupil.net;
+        chosen.apart = newtons(pupil.apart);
+        chosen.hidden = hidden;
+        if close {
+            break;
+        }
+    }
+    Ok((net, chosen))
+}
+
+/// For some target the bent model is better on the stretches left out than the line, by more than the
+/// standard error of the difference.
+fn bends(line: &Model, bent: &Model) -> bool {
+    (0..line.left_out.ncols()).any(|k| {
+        let gain = line.left_out.column(k) - bent.left_out.column(k);
+        gain.mean() > (gain.variance() / gain.len() as f64).sqrt()
+    })
+}
+
+/// Every k-th row, so that at most `most` are left; every stretch keeps some.
+fn thin(rows: &gaussian::Rows, most: usize) -> gaussian::Rows {
+    let every = rows.x.nrows().div_ceil(most).max(1);
+    let kept: Vec<usize> = (0..rows.x.nrows()).step_by(every).collect();
+    let pick = |matrix: &DMatrix<f64>| matrix.select_rows(&kept);
+    let mut stretch: Vec<usize> = kept.iter().map(|row| rows.stretch[*row]).collect();
+    // Numbers without gaps, should a stretch be shorter than the steps.
+    let mut next = 0;
+    for i in 0..stretch.len() {
+        let same = i > 0 && rows.stretch[kept[i]] == rows.stretch[kept[i - 1]];
+        next += usize::from(i > 0 && !same);
+        stretch[i] = next;
+    }
+    gaussian::Rows { x: pick(&rows.x), y: pick(&rows.y), stretch }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NEVER: (&str, usize) = ("", usize::MAX);
+
+    /// Two channels that wander and a force that is straight in them, or bends.
+    fn recording(rows: usize, bent: f64) -> Recorded {
+        let x: Vec<Vec<f64>> = (0..rows)
+            .map(|row| row as f64 * 0.11)
+            .map(|t| vec![30.0 * (0.9 * t).sin(), 20.0 * (1.7 * t).cos()])
+            .collect();
+        let force = |x: &Vec<f64>| 0.1 * x[0] - 0.05 * x[1] + bent * (x[0] / 10.0).sin();
+        let y = x.iter().map(|x| vec![force(x)]).collect();
+        (x, y)
+    }
+
+    fn fit_to(
+        recordings: &[Recorded],
+        hidden: Option<usize>,
+        (part, step): (&str, usize),
+    ) -> Result<(Net, Chosen), FitError> {
+        let stop = AtomicBool::new(false);
+        let options = NetOptions { seed: 1, starts: 1, steps: 40 };
+        let inputs = Inputs::Alike;
+        let choice = Choice { part: "force", recordings, inputs, hidden, most: 16, options };
+        let mut progress = |p: Progress| {
+            if p.part.contains(part) && p.step >= step {
+                stop.store(true, std::sync::atomic::Ordering::Relaxed);
+            }
+        };
+        fit(&choice, &mut progress, &stop)
+    }
+
+    #[test]
+    fn a_line_is_left_a_line_and_what_bends_gets_as_many_units_as_it_needs() {
+        let (net, chosen) = fit_to(&[recording(300, 0.0)], None, NEVER).unwrap();
+        assert_eq!((net.name(2).as_str(), chosen.hidden), ("linear 2-1", 0));
+        assert!(chosen.line[0] < 1e-3 && chosen.left_out == LeftOut::Stretches, "{chosen:?}");
+
+        let bent = recording(300, 1.0);
+        let (net, chosen) = fit_to(std::slice::from_ref(&bent), None, NEVER).unwrap();
+        assert!(chosen.hidden > 0 && chosen.bent[0] < 0.1 * chosen.line[0], "{chosen:?}");
+        let error = bent.0.iter().zip(&bent.1).map(|(x, y)| {
+            let x: Vec<f32> = x.iter().map(|x| *x as f32).collect();
+            (f64::from(net.outputs(&x)[0]) - y[0]).abs()
+        });
+        assert!(error.fold(0.0, f64::max) < 0.15, "{chosen:?}");
+    }
+
+    #[test]
+    fn stopped_early_the_line_is_kept_and_later_the_narrow_net() {
+        let bent = [recording(300, 1.0)];
+        let (net, _) = fit_to(&bent, None, ("prior", 1)).unwrap();
+        assert_eq!(net.name(2), "linear 2-1");
+        let (net, chosen) = fit_to(&bent, Some(4), ("4 units", 20)).unwrap();
+        assert_eq!((net.name(2).as_str(), chosen.hidden), ("skip 2-4-1", 4));
+    }
+
+    #[test]
+    fn a_target_that_rests_and_a_dozen_rows_are_refused() {
+        let mut still = recording(300, 1.0);
+        still.1.iter_mut().for_each(|y| y[0] = 2.0);
+        assert!(matches!(fit_to(&[still], None, NEVER), Err(FitError::NoLoad { .. })));
+        let few = fit_to(&[recording(11, 1.0)], None, NEVER).unwrap_err();
+        assert!(matches!(few, FitError::TooFewRows { rows: 11, least: 12, .. }), "{few}");
+    }
+}

@@ -1,0 +1,48 @@
+//! Polynomials as linear models of more inputs.
+
+use serde::{Deserialize, Serialize};
+
+/// What becomes of the inputs before a model sees them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Expansion {
+    /// Nothing.
+    #[default]
+    None,
+    /// Each, its square and its cube.
+    Cubic,
+    /// Each, and each product of two, squares included.
+    Quadratic,
+}
+
+impl Expansion {
+    /// The terms of one row.
+    #[must_use]
+    pub fn terms(self, x: &[f64]) -> Vec<f64> {
+        match self {
+            Self::None => x.to_vec(),
+            Self::Cubic => {
+                let power = |n: i32| x.iter().map(move |x| x.powi(n));
+                power(1).chain(power(2)).chain(power(3)).collect()
+            }
+            Self::Quadratic => {
+                let products =
+                    x.iter().enumerate().flat_map(|(i, a)| x[i..].iter().map(move |b| a * b));
+                x.iter().copied().chain(products).collect()
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn terms_are_powers_of_each_or_products_of_two() {
+        let x = [2.0, -3.0];
+        assert_eq!(Expansion::None.terms(&x), [2.0, -3.0]);
+        assert_eq!(Expansion::Cubic.terms(&x), [2.0, -3.0, 4.0, 9.0, 8.0, -27.0]);
+        assert_eq!(Expansion::Quadratic.terms(&x), [2.0, -3.0, 4.0, -6.0, 9.0]);
+    }
+}

@@ -1,0 +1,124 @@
+//! The families of models, by the names that the command knows them by.
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::atomic::AtomicBool;
+
+use crate::auto::{self, Choice, Chosen};
+use crate::error::FitError;
+use crate::network::{self, Build, Net, NetOptions, Progress};
+use crate::scaling::Inputs;
+
+/// A family of models.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Family {
+    /// The family, the width and the decay that do best on what is left out.
+    Auto,
+    /// The net of 002: one hidden layer of tanh units.
+    #[default]
+    Mlp,
+    /// The same with a linear skip path.
+    Skip,
+    /// Linear, with a decay.
+    Ridge,
+    /// Linear in every input, its square and its cube.
+    Cubic,
+    /// Linear in every input and every product of two.
+    Quadratic,
+}
+
+/// Every family with its name.
+const NAMES: [(&str, Family); 6] = [
+    ("auto", Family::Auto),
+    ("mlp", Family::Mlp),
+    ("skip", Family::Skip),
+    ("ridge", Family::Ridge),
+    ("cubic", Family::Cubic),
+    ("quadratic", Family::Quadratic),
+];
+
+impl fmt::Display for Family {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = NAMES.iter().find(|(_, family)| family == self).map_or("", |(name, _)| name);
+        f.write_str(name)
+    }
+}
+
+impl FromStr for Family {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        NAMES.iter().find(|(name, _)| *name == text).map(|(_, family)| *family).ok_or_else(|| {
+            format!("no such model; there are {}", NAMES.map(|(name, _)| name).join(", "))
+        })
+    }
+}
+
+/// Inputs and targets of one recording, row for row.
+pub(crate) type Recorded = (Vec<Vec<f64>>, Vec<Vec<f64>>);
+
+/// What to train, and on what.
+pub(crate) struct Training<'a> {
+    pub part: &'a str,
+    pub family: Family,
+    pub recordings: &'a [Recorded],
+    pub inputs: Inputs,
+    /// Hidden units, if the user says.
+    pub hidden: Option<usize>,
+    /// Hidden units of the nets of fixed width, if not.
+    pub usual: usize,
+    /// The widest net that fits where it goes.
+    pub most: usize,
+    pub options: NetOptions,
+}
+
+impl Training<'_> {
+    /// Trains. How the model was chosen is told where it was.
+    ///
+    /// # Errors
+    /// What the recordings lack.
+    pub fn run(
+        &self,
+        progress: &mut dyn FnMut(Progress),
+        stop: &AtomicBool,
+    ) -> Result<(Net, Option<Chosen>), FitError> {
+        let chosen_from = |hidden| Choice {
+            part: self.part,
+            recordings: self.recordings,
+            inputs: self.inputs,
+            hidden,
+            most: self.most,
+            options: self.options,
+        };
+        let chosen = |(net, chosen)| (net, Some(chosen));
+        match self.family {
+            Family::Auto => auto::fit(&chosen_from(self.hidden), progress, stop).map(chosen),
+            // The polynomials are linear in their terms.
+            Family::Ridge | Family::Cubic | Family::Quadratic => {
+                auto::fit(&chosen_from(Some(0)), progress, stop).map(chosen)
+            }
+            Family::Mlp | Family::Skip => {
+                let (x, y): (Vec<_>, Vec<_>) = self.recordings.iter().cloned().unzip();
+                let skip = self.family == Family::Skip;
+                let build = Build { hidden: self.hidden.unwrap_or(self.usual), skip };
+                let options = (self.inputs, self.options);
+                let rows = (&*x.concat(), &*y.concat());
+                network::fit(self.part, rows, build, options, progress, stop).map(|net| (net, None))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_family_is_known_by_its_name() {
+        for (name, family) in NAMES {
+            assert_eq!(name.parse(), Ok(family));
+            assert_eq!(family.to_string(), name);
+        }
+        assert!("cubist".parse::<Family>().unwrap_err().contains("quadratic"));
+    }
+}

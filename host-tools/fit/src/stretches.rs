@@ -1,0 +1,100 @@
+//! Which rows belong together: what is left out to judge a model must not be there in its neighbours.
+
+/// How many stretches a recording is cut into.
+const STRETCHES: usize = 10;
+/// A recording with less than this share of the range of some target does not stand for the others.
+const SAME_KIND: f64 = 0.5;
+
+/// What was left out to choose a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeftOut {
+    /// Whole recordings, one after the other.
+    Recordings,
+    /// Stretches of the recordings, cut where the load is least.
+    Stretches,
+}
+
+/// The stretch that each row belongs to, the recordings' targets row by row in the order of time.
+///
+/// With three recordings or more of one kind, each is a stretch. Else a recording is cut into tenths: two
+/// recordings, or recordings of different loads, cannot be chosen by without one another.
+pub(crate) fn stretches(recordings: &[&[Vec<f64>]]) -> (LeftOut, Vec<usize>) {
+    let own: Vec<usize> = recordings
+        .iter()
+        .enumerate()
+        .flat_map(|(number, rows)| std::iter::repeat_n(number, rows.len()))
+        .collect();
+    if recordings.len() > 2 && of_one_kind(recordings) {
+        return (LeftOut::Recordings, own);
+    }
+    let mut stretches = Vec::with_capacity(own.len());
+    for rows in recordings {
+        let first = stretches.last().map_or(0, |last| last + 1);
+        stretches.extend(tenths(rows).into_iter().map(|stretch| first + stretch));
+    }
+    (LeftOut::Stretches, stretches)
+}
+
+fn of_one_kind(recordings: &[&[Vec<f64>]]) -> bool {
+    let targets = recordings.iter().flat_map(|r| r.first()).map(Vec::len).max().unwrap_or(0);
+    (0..targets).all(|k| {
+        let spans: Vec<f64> = recordings.iter().map(|rows| span(rows, k)).collect();
+        let most = spans.iter().copied().fold(0.0, f64::max);
+        spans.iter().all(|span| *span >= SAME_KIND * most)
+    })
+}
+
+fn span(rows: &[Vec<f64>], k: usize) -> f64 {
+    let values = || rows.iter().map(|row| row[k]);
+    values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
+}
+
+/// Ten stretches of about one length, each cut at the least load within a quarter of a stretch, so that
+/// what was pressed stays whole.
+fn tenths(rows: &[Vec<f64>]) -> Vec<usize> {
+    let targets = rows.first().map_or(0, Vec::len);
+    let spans: Vec<f64> = (0..targets).map(|k| span(rows, k).max(f64::MIN_POSITIVE)).collect();
+    let load = |row: usize| rows[row].iter().zip(&spans).map(|(y, s)| y.abs() / s).sum::<f64>();
+    let length = rows.len() / STRETCHES;
+    let cuts: Vec<usize> = (1..STRETCHES)
+        .map(|i| {
+            let middle = i * rows.len() / STRETCHES;
+            let near = middle - length / 4..=middle + length / 4;
+            near.filter(|row| *row < rows.len())
+                .min_by(|a, b| load(*a).total_cmp(&load(*b)))
+                .unwrap_or(middle)
+        })
+        .collect();
+    (0..rows.len()).map(|row| cuts.iter().filter(|cut| **cut <= row).count()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn presses(peak: f64) -> Vec<Vec<f64>> {
+        (0..1000)
+            .map(|i| vec![peak * (std::f64::consts::PI * f64::from(i) / 97.0).sin().abs()])
+            .collect()
+    }
+
+    #[test]
+    fn a_press_is_never_cut_in_two() {
+        let (rows, other) = (presses(3.0), presses(1.0));
+        let (left_out, stretch) = stretches(&[&rows, &other]);
+        assert_eq!(left_out, LeftOut::Stretches);
+        assert_eq!((stretch[0], *stretch.last().unwrap()), (0, 19));
+        for row in 1..1000 {
+            if stretch[row] != stretch[row - 1] {
+                assert!(rows[row][0] < 0.2, "cut at {row}: {}", rows[row][0]);
+            }
+        }
+    }
+
+    #[test]
+    fn three_recordings_of_one_kind_are_left_out_whole_and_others_are_not() {
+        let (rows, weak) = (presses(3.0), presses(0.5));
+        assert_eq!(stretches(&[&rows, &rows, &rows]).0, LeftOut::Recordings);
+        assert_eq!(stretches(&[&rows, &rows, &weak]).0, LeftOut::Stretches);
+    }
+}
