@@ -5,7 +5,8 @@ use std::path::Path;
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel_formats::{FileError, calibration};
 use taxel_link::{Client, LinkError, Port};
-use taxel_sim::scene::BUILT_IN;
+use taxel_sim::Scene;
+use taxel_sim::scene::{BUILT_IN, Kind};
 
 /// The calibration of the finger in the built-in scenes, made from recordings of it as the file's folder
 /// says.
@@ -44,11 +45,17 @@ pub fn scene_calibration(
 ) -> Result<Option<Calibration>, FileError> {
     match path {
         Some(path) => calibration::read(path).map(Some),
-        None if BUILT_IN.iter().any(|(name, _)| *name == scene) => {
+        None if is_virtual_finger(scene) => {
             calibration::parse(Path::new("virtual-finger.cal.toml"), VIRTUAL).map(Some)
         }
         None => Ok(None),
     }
+}
+
+/// Built in, and of the kind that the calibration was made on.
+fn is_virtual_finger(scene: &str) -> bool {
+    BUILT_IN.iter().any(|(name, _)| *name == scene)
+        && Scene::load(scene).is_ok_and(|scene| scene.device.kind == Kind::Taxel4x4)
 }
 
 /// A calibration as the bytes that go to a finger.

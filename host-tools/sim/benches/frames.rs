@@ -27,7 +27,7 @@ fn main() {
 
 fn frames() -> Result<(), FileError> {
     println!("{:<10} {:>12} {:>10}", "scene", "frames/s", "µs/frame");
-    for (name, text) in BUILT_IN {
+    for (name, text) in BUILT_IN.iter().copied() {
         let scene = Scene::parse(name, text)?;
         let mut fastest = f64::INFINITY;
         for _ in 0..RUNS {

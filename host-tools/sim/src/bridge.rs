@@ -1,9 +1,4 @@
-//! Force sensors under the rigid plate, from the force on the finger to midpoint voltages (003 §1.2).
-//!
-//! How the plate shares a force out: it is rigid and stands on four equal, linear, isotropic springs, so
-//! that besides the six equations of equilibrium the shares follow from its six motions. With sensors at
-//! (±5, ±5) mm and the contact 6 mm above them, f_z,i = F_z/4 + (x F_z + h F_x) x_i/100 + … and
-//! f_x,i = F_x/4 − M_z y_i/200, M_z = M + x F_y − y F_x.
+//! Force sensors, from the force on each to its midpoint voltages (003 §1.2).
 //!
 //! Voltages are fractions of the bridge supply, which is also the converter's reference.
 
@@ -13,10 +8,6 @@ use taxel::scan::SENSORS;
 use crate::scene::{Effect, REFERENCE_C, Scene, ZERO_C};
 use crate::seeds::{Purpose, stream};
 
-/// Places of the sensors in mm.
-pub const PLACES: [[f64; 2]; SENSORS] = [[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]];
-/// Height in mm of the skin above the sensors.
-pub const HEIGHT_MM: f64 = 6.0;
 /// ΔR_x/R per newton: 8.5 mV/V/N (003 §1.2.2, eq. (1.4)).
 const TANGENTIAL: f64 = 8.5e-3;
 /// Its tolerance: ± 0.3 of 8.5 mV/V/N.
@@ -34,27 +25,6 @@ const MISMATCH: f64 = 0.005;
 const TCR_MISMATCH: f64 = 2e-5;
 /// Standard deviation of an off-diagonal term between axes, as a share of the other axis' force.
 const CROSSTALK: f64 = 0.03;
-
-/// Shares of the four sensors in a `force` (N, z into the skin) on the skin at `point` (mm), with a
-/// moment `torsion` (N mm) about the normal there.
-#[must_use]
-pub fn shares(point: [f64; 2], force: [f64; 3], torsion: f64) -> [[f64; 3]; SENSORS] {
-    let [x, y] = point;
-    let [fx, fy, fz] = force;
-    // First moments of the sensors' normal forces; a force pointing to +x leans on the sensors at +x.
-    let lean = [x * fz + HEIGHT_MM * fx, y * fz + HEIGHT_MM * fy];
-    let torsion = torsion + x * fy - y * fx;
-    // Σ x_i² = Σ y_i² over the sensors.
-    let second: f64 = PLACES.iter().map(|[x, _]| x * x).sum();
-    let n = SENSORS as f64;
-    PLACES.map(|[xi, yi]| {
-        [
-            fx / n - torsion * yi / (2.0 * second),
-            fy / n + torsion * xi / (2.0 * second),
-            fz / n + (lean[0] * xi + lean[1] * yi) / second,
-        ]
-    })
-}
 
 /// A resistor that conducts nothing, over an intact one.
 const BROKEN: f64 = 1e9;
@@ -114,6 +84,10 @@ impl Bridge {
                     }
                 }
             }
+            let takes = scene.device.coating.takes();
+            for row in &mut bridge.taken {
+                row.iter_mut().zip(takes).for_each(|(term, takes)| *term *= takes);
+            }
             if scene.has(Effect::BridgeMismatch) {
                 for resistor in &mut bridge.rest {
                     let unit: f64 = unit.sample(&mut mismatch);
@@ -164,7 +138,7 @@ impl Bridge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
+    use crate::systems::plate::Wrench;
 
     const PERFECT: Bridge = Bridge {
         taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
@@ -242,15 +216,9 @@ mod tests {
 
     #[test]
     fn two_newtons_on_an_edge_stay_where_an_intact_bridge_is() {
-        for share in shares([5.0, 5.0], [1.4, 1.4, 2.0], 0.0) {
+        for share in Wrench::on_skin([5.0, 5.0], [1.4, 1.4, 2.0], 0.0).shares() {
             assert!(PERFECT.midpoints(share, USUAL).iter().all(|v| (0.25..0.75).contains(v)));
         }
-    }
-
-    #[test]
-    fn a_force_right_above_a_sensor_is_mostly_its_own() {
-        let over = shares([-5.0, -5.0], [0.0, 0.0, 1.0], 0.0);
-        assert!((over[0][2] - 0.75).abs() < 1e-12 && (over[2][2] + 0.25).abs() < 1e-12);
     }
 
     #[test]
@@ -266,31 +234,5 @@ mod tests {
         assert_eq!(scene(4), scene(4));
         assert_ne!(scene(4), scene(5));
         assert_ne!(scene(4)[0], scene(4)[1]);
-    }
-
-    proptest! {
-        #[test]
-        fn shares_balance_the_force_and_all_its_moments(
-            x in -5.0..5.0f64, y in -5.0..5.0f64,
-            fx in -2.0..2.0f64, fy in -2.0..2.0f64, fz in 0.0..2.0f64, torsion in -9.0..9.0f64,
-        ) {
-            let shares = shares([x, y], [fx, fy, fz], torsion);
-            for axis in 0..3 {
-                let sum: f64 = shares.iter().map(|s| s[axis]).sum();
-                prop_assert!((sum - [fx, fy, fz][axis]).abs() < 1e-12);
-            }
-            // Moments about the plate's centre, as r × f with z down and the contact at −h:
-            // z × f of the contact is balanced by x f_z and y f_z of the sensors.
-            let moment = |f: &dyn Fn([f64; 2], [f64; 3]) -> f64| -> f64 {
-                PLACES.iter().zip(&shares).map(|(p, s)| f(*p, *s)).sum()
-            };
-            let about_x = moment(&|p, s| p[1] * s[2]);
-            let about_y = moment(&|p, s| -p[0] * s[2]);
-            let about_z = moment(&|p, s| p[0] * s[1] - p[1] * s[0]);
-            let h = HEIGHT_MM;
-            prop_assert!((about_x - (y * fz - -h * fy)).abs() < 1e-9);
-            prop_assert!((about_y - (-h * fx - x * fz)).abs() < 1e-9);
-            prop_assert!((about_z - (torsion + x * fy - y * fx)).abs() < 1e-9);
-        }
     }
 }

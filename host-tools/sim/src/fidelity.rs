@@ -124,7 +124,9 @@ impl Ladder {
         let support = if scene.has_walls() {
             Support::Framed(Arc::new(Layer::new(skin, depth, facet)))
         } else {
-            let [coarse, fine] = [2, 4].map(|along| Facets::new(skin, depth, facet, along));
+            let centres = scene.device.facets();
+            let [coarse, fine] =
+                [2, 4].map(|along| Facets::below(skin, depth, facet, along, &centres));
             Support::HalfSpace { coarse, fine }
         };
         Self::on(scene, seed, skin, support)

@@ -26,5 +26,7 @@ mod simulator;
 pub mod skin;
 pub mod supply;
 
+pub mod systems;
+
 pub use scene::{Effect, Scene};
 pub use simulator::Simulator;

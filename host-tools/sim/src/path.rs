@@ -5,6 +5,7 @@ use crate::scene::{Act, MOST_CONTACTS, Scene};
 mod grip;
 mod motion;
 mod random;
+mod trials;
 
 pub use grip::Grip;
 use random::Drawn;
@@ -134,6 +135,9 @@ impl Path {
                     self.drawn = Some((*act, press, drawn));
                     drawn.at(since / random.each_s - f64::from(press), &self.grip)
                 }
+                Act::Grid(grid) => grid.at(since, &self.grip),
+                // It is alone.
+                Act::Plate(plate) => return plate.at(since, &self.grip),
             };
             if let Some(load) = load {
                 contacts.push(load);

@@ -50,7 +50,7 @@ ranges! {
     /// Share of its stiffness that the first cycle takes from a skin; beyond a half it would snap.
     first_cycle: 0.0 to 0.4;
     /// Friction coefficient.
-    friction: 0.0 to 2.0;
+    friction: 0.0 to 10.0;
     /// Normal force in newtons; the finger's working range is 2 N (002), a sensor's limit 10 N (003).
     normal: 0.0 to 10.0;
     /// Tangential force in newtons.
@@ -67,6 +67,14 @@ ranges! {
     moment: 0.0 to 86400.0;
     /// A fraction of the converter's range.
     ratio: 0.0 to 1.0;
+    /// Radius in mm of a fingertip that is wider than the pad.
+    fingertip: 8.0 to 1000.0;
+    /// Inclination of a plate in degrees.
+    incline: -2.0 to 2.0;
+    /// Height of a step in mm.
+    step: -0.25 to 0.25;
+    /// Error of a reference in newtons.
+    reference: 0.0 to 1.0;
     /// Tolerated error as a share of the largest displacement.
     tolerance: 0.00001 to 0.5;
     /// Frequency of the mains' lamps in Hz.
@@ -122,4 +130,18 @@ pub fn span_of_normals<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D
 /// Shares of the most that friction can hold.
 pub fn span_of_shares<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
     span(from, 0.0, 1.0)
+}
+
+/// Semi-axes in mm of a fingertip that is wider than the pad, corners too.
+pub fn fingertip_axes<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 3], D::Error> {
+    let axes = <[f64; 3]>::deserialize(from)?;
+    for axis in axes {
+        check(axis, 8.0, 1000.0).map_err(D::Error::custom)?;
+    }
+    Ok(axes)
+}
+
+/// Angles of a force to the skin, the lower one first.
+pub fn span_of_angles<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
+    span(from, 10.0, 170.0)
 }

@@ -32,6 +32,21 @@ pub enum Coating {
 }
 
 impl Coating {
+    /// Share of a force along x, y and z that the membrane takes; the coating carries the rest past it.
+    ///
+    /// The thesis says that coated sensors stand 10 N (§1.5) and bare ones 1 N along the skin and 15 bar,
+    /// which are 4.7 N on the membrane; so many times stronger are the coated ones taken to be. Those with
+    /// a wide base, rC and F02, are less sensitive along the skin (§1.6); half is an assumption.
+    #[must_use]
+    pub fn takes(self) -> [f64; 3] {
+        let [narrow, wide, normal] = [0.1, 0.05, 0.47];
+        match self {
+            Self::Bare => [1.0; 3],
+            Self::A | Self::B | Self::D => [narrow, narrow, normal],
+            Self::C | Self::F02 => [wide, wide, normal],
+        }
+    }
+
     /// a₁ … a₄ of (a₁s + a₂)/(s² + a₃s + a₄) (003 eq. (1.26), fig. 1.23; eq. (1.25) in the same form).
     #[must_use]
     pub fn coefficients(self) -> [f64; 4] {

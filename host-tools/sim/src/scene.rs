@@ -14,28 +14,23 @@ use crate::ranges;
 use crate::response::Coating;
 
 mod acts;
+mod catalogue;
 mod device;
 mod electronics;
 mod fault;
 mod indenter;
 mod light;
 mod temperature;
+mod trials;
 
 pub use acts::{Act, MOST_CONTACTS, Press, Random, Roll, Slide, Spring, Tap};
-pub use device::{Bits, Device, Taxel};
+pub use catalogue::BUILT_IN;
+pub use device::{Bits, Device, Kind, Taxel};
 pub use electronics::Electronics;
 pub use fault::{Broken, Fault, Place};
 pub use light::Light;
 pub use temperature::{REFERENCE_C, Temperature, ZERO_C};
-
-/// Scenes that come with the simulator, by name.
-pub const BUILT_IN: [(&str, &str); 5] = [
-    ("press", include_str!("../scenes/press.toml")),
-    ("presses", include_str!("../scenes/presses.toml")),
-    ("shear", include_str!("../scenes/shear.toml")),
-    ("tour", include_str!("../scenes/tour.toml")),
-    ("bench-s0", include_str!("../scenes/bench-s0.toml")),
-];
+pub use trials::{Grid, Plate};
 
 /// What a scene may list under `effects`; the rest is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -135,6 +130,12 @@ pub struct Scene {
     /// Rows of random presses.
     #[serde(default)]
     pub random: Vec<Spanned<Random>>,
+    /// Presses on a grid.
+    #[serde(default)]
+    pub grid: Vec<Spanned<Grid>>,
+    /// Plates on columns.
+    #[serde(default)]
+    pub plate: Vec<Spanned<Plate>>,
     /// What breaks, and when.
     #[serde(default)]
     fault: Vec<Fault>,
@@ -249,6 +250,10 @@ impl Default for Friction {
 pub struct Bench {
     /// Number of the sensor, 0 to 3.
     pub sensor: Spanned<usize>,
+    /// Standard deviation of its load cell in newtons. The truth of its sensor is then what that reads, as
+    /// on a real bench.
+    #[serde(default, deserialize_with = "ranges::reference")]
+    pub reference_n: f64,
 }
 
 impl Scene {
@@ -262,9 +267,9 @@ impl Scene {
         }
         let text = std::fs::read_to_string(name_or_path).map_err(|error| {
             if error.kind() == std::io::ErrorKind::NotFound {
-                let names = BUILT_IN.map(|(name, _)| name).join(", ");
-                FileError::new(name_or_path, "no such scene")
-                    .mend(format!("give a path to a TOML file, or one of {names}"))
+                FileError::new(name_or_path, "no such scene").mend(
+                    "give a path to a TOML file, or a name that `taxel simulate --list` shows",
+                )
             } else {
                 FileError::io(name_or_path, &error)
             }
@@ -340,6 +345,13 @@ impl Scene {
         self.fault.iter().filter_map(|f| f.times().ok().zip(f.broken(&self.device).ok()))
     }
 
+    /// The force sensor that is on a bench.
+    #[must_use]
+    pub fn bench_sensor(&self) -> Option<usize> {
+        let only = (self.device.kind == Kind::Mems3Axis).then_some(0);
+        self.bench.as_ref().map(|bench| *bench.sensor.get_ref()).or(only)
+    }
+
     /// Frames a second.
     #[must_use]
     pub fn rate_hz(&self) -> u32 {
@@ -380,10 +392,11 @@ impl Scene {
             return Err((at, problem));
         }
         if let Some(bench) = &self.bench
-            && !self.device.bridges.get(*bench.sensor.get_ref()).is_some_and(|there| *there)
+            && !self.device.sensors().get(*bench.sensor.get_ref()).is_some_and(|there| *there)
         {
             let problem = format!(
-                "the finger has no sensor {}; allowed are 0 to 3 where `bridges` is true",
+                "the device has no sensor {}; allowed are 0 to 3, those that its kind has and `bridges` \
+                 leaves",
                 bench.sensor.get_ref()
             );
             return Err((bench.sensor.span(), problem));
@@ -404,7 +417,8 @@ impl Scene {
         }
         self.indenter.indenter()?;
         self.check_walls()?;
-        acts::check(self)
+        acts::check(self)?;
+        trials::check(self)
     }
 
     /// The framed layer has its limits.
@@ -414,6 +428,10 @@ impl Scene {
         let Some(at) = listed.map(Spanned::span).or(named.map(Spanned::span)) else {
             return Ok(());
         };
+        if self.device.kind == Kind::Taxel4x1 {
+            let problem = "the walls are those of the 4×4 finger; a taxel-4x1 is a half-space";
+            return Err((at, problem.into()));
+        }
         let ([thin, thick], widest) = (layer::Layer::THICKNESS_MM, layer::Layer::WIDEST_FACET_MM);
         let Layer { depth_mm, facet_mm, .. } = self.layer;
         if (thin..=thick).contains(&depth_mm) && facet_mm <= widest {

@@ -21,6 +21,8 @@ pub enum Purpose {
     Flicker,
     /// Noise of every reading; a property of the run.
     Noise,
+    /// Error of a bench's load cell; a property of the run.
+    Reference,
     /// Press `.1` of the random presses that stand `.0`-th in the scene; a property of the run.
     RandomPress(u8, u32),
 }
@@ -36,6 +38,7 @@ pub fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
         Purpose::Flicker => 5,
         Purpose::Noise => 6,
         Purpose::BridgeDrift => 7,
+        Purpose::Reference => 8,
         Purpose::RandomPress(act, press) => 1 << 63 | u64::from(act) << 32 | u64::from(press),
     });
     rng

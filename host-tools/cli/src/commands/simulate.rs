@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
-use taxel::scan::ROWS;
 use taxel_formats::trace::{TraceHeader, TraceWriter};
+use taxel_sim::scene::BUILT_IN;
 use taxel_sim::{Scene, Simulator};
 
 use crate::interrupt::Interrupt;
@@ -13,12 +13,15 @@ use crate::output;
 /// Writes the ADC codes of a simulated scene, with the truth in extra columns.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Scene to simulate: press, presses, shear, tour, bench-s0, or the path of a TOML file.
-    #[arg(long)]
-    scene: String,
+    /// Scene to simulate: a name of --list, or the path of a TOML file.
+    #[arg(long, required_unless_present = "list")]
+    scene: Option<String>,
     /// Trace to write.
-    #[arg(long, value_name = "TRACE.csv")]
-    out: PathBuf,
+    #[arg(long, value_name = "TRACE.csv", required_unless_present = "list")]
+    out: Option<PathBuf>,
+    /// Prints the built-in scenes, a line each.
+    #[arg(long, exclusive = true)]
+    list: bool,
     /// Seed of noise, lamps and random presses; the device has its own in the scene.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -29,20 +32,21 @@ pub struct Args {
 /// # Errors
 /// The scene is wrong or the trace cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    output::keep([Path::new(&args.scene)], &args.out)?;
-    let scene = Scene::load(&args.scene)?;
+    let (Some(name), Some(out)) = (args.scene, args.out) else { return list() };
+    output::keep([Path::new(&name)], &out)?;
+    let scene = Scene::load(&name)?;
     let simulator = Simulator::new(&scene, args.seed);
     let header = TraceHeader {
         full_scale: simulator.full_scale(),
-        rows: if scene.device.taxels { ROWS } else { 0 },
-        bridges: scene.device.bridges,
+        rows: scene.device.rows(),
+        bridges: scene.device.sensors(),
         reference: true,
         temperature: false,
         truth: true,
         sensor_truth: true,
     };
     let interrupt = Interrupt::watch()?;
-    let mut trace = TraceWriter::create(&args.out, header)?;
+    let mut trace = TraceWriter::create(&out, header)?;
     let bar = ProgressBar::new(scene.frames());
     let mut written = 0u64;
     for sample in simulator {
@@ -59,5 +63,13 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     trace.finish()?;
     bar.finish_and_clear();
     let stopped = if interrupt.came() { "; stopped early" } else { "" };
-    output::line(format!("{}: {written} scans{stopped}", args.out.display()))
+    output::line(format!("{}: {written} scans{stopped}", out.display()))
+}
+
+/// Name and description of each built-in scene.
+fn list() -> anyhow::Result<()> {
+    for (name, _) in BUILT_IN {
+        output::line(format!("{name:<16} {}", Scene::load(name)?.description))?;
+    }
+    Ok(())
 }

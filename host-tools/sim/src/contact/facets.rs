@@ -29,17 +29,30 @@ const MOST_ALONG: usize = 4;
 const MOST_NODES: usize = TAXELS * MOST_ALONG * MOST_ALONG;
 
 impl Facets {
-    /// Square facets of side `facet_mm` at `depth_mm` below the surface of `skin`, each averaged by the
-    /// Gauss rule of `along` × `along` points (1 to 4).
+    /// Square facets of the 4×4 finger, of side `facet_mm` at `depth_mm` below the surface of `skin`, each
+    /// averaged by the Gauss rule of `along` × `along` points (1 to 4).
     #[must_use]
     pub fn new(skin: HalfSpace, depth_mm: f64, facet_mm: f64, along: usize) -> Self {
+        let centres = TAXEL_CENTRES.map(|centre| centre.map(|mm| f64::from(mm.0)));
+        Self::below(skin, depth_mm, facet_mm, along, &centres)
+    }
+
+    /// The same below other `centres` in mm, up to sixteen.
+    #[must_use]
+    pub fn below(
+        skin: HalfSpace,
+        depth_mm: f64,
+        facet_mm: f64,
+        along: usize,
+        centres: &[[f64; 2]],
+    ) -> Self {
         let rule = gauss_legendre(along.clamp(1, MOST_ALONG));
         let mut nodes = Nodes { x: vec![], y: vec![], share: vec![], per_facet: rule.len().pow(2) };
-        for centre in TAXEL_CENTRES {
+        for [x, y] in centres.iter().take(TAXELS) {
             for (v, weight_v) in &rule {
                 for (u, weight_u) in &rule {
-                    nodes.x.push(f64::from(centre[0].0) + 0.5 * facet_mm * u);
-                    nodes.y.push(f64::from(centre[1].0) + 0.5 * facet_mm * v);
+                    nodes.x.push(x + 0.5 * facet_mm * u);
+                    nodes.y.push(y + 0.5 * facet_mm * v);
                     nodes.share.push(0.25 * weight_u * weight_v);
                 }
             }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::Scene;
+use super::{Grid, Plate, Scene};
 use crate::contact::HalfSpace;
 use crate::ranges;
 
@@ -180,6 +180,10 @@ pub enum Act {
     Roll(Roll),
     /// A `[[random]]`, and which of them.
     Random(u8, Random),
+    /// A `[[grid]]`.
+    Grid(Grid),
+    /// A `[[plate]]`.
+    Plate(Plate),
 }
 
 impl Act {
@@ -198,6 +202,8 @@ impl Act {
             .chain(of(&scene.tap, Self::Tap))
             .chain(of(&scene.roll, Self::Roll))
             .chain(random)
+            .chain(of(&scene.grid, Self::Grid))
+            .chain(of(&scene.plate, Self::Plate))
             .collect();
         acts.sort_by(|(_, a), (_, b)| a.at_s().total_cmp(&b.at_s()));
         acts
@@ -212,6 +218,8 @@ impl Act {
             Self::Tap(tap) => tap.at_s,
             Self::Roll(roll) => roll.at_s,
             Self::Random(_, random) => random.at_s,
+            Self::Grid(grid) => grid.at_s,
+            Self::Plate(plate) => plate.at_s,
         }
     }
 
@@ -225,11 +233,13 @@ impl Act {
                 Self::Tap(tap) => tap.width_s,
                 Self::Roll(roll) => roll.rise_s + roll.travel_s + roll.fall_s,
                 Self::Random(_, random) => f64::from(random.presses) * random.each_s,
+                Self::Grid(grid) => grid.presses() as f64 * grid.each_s,
+                Self::Plate(plate) => plate.rise_s + plate.travel_s + plate.fall_s,
             }
     }
 
     /// Its greatest normal force in newtons, and the way of its contact point in mm.
-    fn reach(&self) -> (f64, [[f64; 2]; 2]) {
+    pub(super) fn reach(&self) -> (f64, [[f64; 2]; 2]) {
         match self {
             Self::Press(press) => (press.fz_n, [[press.x_mm, press.y_mm]; 2]),
             Self::Slide(slide) => (slide.fz_n, [slide.from_mm, slide.to_mm]),
@@ -239,6 +249,11 @@ impl Act {
                 let ([x0, x1], [y0, y1]) = (random.x_mm, random.y_mm);
                 (random.fz_n.into_iter().fold(0.0, f64::max), [[x0, y0], [x1, y1]])
             }
+            Self::Grid(grid) => {
+                let ([x0, x1], [y0, y1]) = (grid.x_mm, grid.y_mm);
+                (grid.force_n, [[x0, y0], [x1, y1]])
+            }
+            Self::Plate(plate) => (plate.fz_n, [[0.0; 2]; 2]),
         }
     }
 }
@@ -260,11 +275,11 @@ pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
         running.retain(|other| other.end_s() > act.at_s() + SLACK);
         for other in &running {
             let (begin, until) = (act.at_s(), other.end_s());
-            let random = |act: &Act| matches!(act, Act::Random(..));
-            if random(&act) || random(other) {
+            let alone = |act: &Act| matches!(act, Act::Random(..) | Act::Grid(_) | Act::Plate(_));
+            if alone(&act) || alone(other) {
                 let problem = format!(
-                    "begins at {begin} s while another contact lasts until {until} s; [[random]] \
-                     presses are alone"
+                    "begins at {begin} s while another contact lasts until {until} s; [[random]], \
+                     [[grid]] and [[plate]] are alone"
                 );
                 return Err((span, problem));
             }

@@ -1,24 +1,30 @@
 //! The table of a scene that says which finger it is.
 
 use serde::Deserialize;
-use taxel::scan::{COLS, ROWS, SENSORS, TAXELS};
+use taxel::scan::{COLS, ROWS, SENSORS, TAXEL_CENTRES, TAXELS};
 
 use crate::response::Coating;
+use crate::systems::surface::Surface;
+use crate::systems::{column, feeler, line_of_four};
 
 /// `[device]`
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Device {
+    /// Which of the papers' systems.
+    pub kind: Kind,
     /// Which individual: its gains, offsets and mismatches follow from this number.
     pub seed: u64,
     /// Resolution of the codes.
     pub bits: Bits,
-    /// The optical matrix is there.
-    pub taxels: bool,
-    /// Which force sensors are there.
-    pub bridges: [bool; SENSORS],
+    /// The optical matrix that the kind has is there.
+    taxels: bool,
+    /// Of the force sensors that the kind has, those that are there.
+    bridges: [bool; SENSORS],
     /// What covers the force sensors; with the effect `response`.
     pub coating: Coating,
+    /// What the fingertip of a `mems-array` is like.
+    pub surface: Surface,
     /// Pairs assembled so near to their facets that they work on the wrong side of their light curve.
     pub wrong_side: Vec<Taxel>,
 }
@@ -26,12 +32,84 @@ pub struct Device {
 impl Default for Device {
     fn default() -> Self {
         Self {
+            kind: Kind::Taxel4x4,
             seed: 1,
             bits: Bits::Sixteen,
             taxels: true,
             bridges: [true; SENSORS],
             coating: Coating::Bare,
+            surface: Surface::Plane,
             wrong_side: Vec::new(),
+        }
+    }
+}
+
+impl Device {
+    /// Rows of phototransistors that have light to see.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        match self.kind {
+            Kind::Taxel4x4 | Kind::OhkaMicro | Kind::OhkaColumn if self.taxels => ROWS,
+            Kind::Taxel4x1 if self.taxels => 1,
+            _ => 0,
+        }
+    }
+
+    /// Which force sensors are there.
+    #[must_use]
+    pub fn sensors(&self) -> [bool; SENSORS] {
+        let of_kind = match self.kind {
+            Kind::Taxel4x4 | Kind::MemsArray => [true; SENSORS],
+            Kind::Mems3Axis => [true, false, false, false],
+            Kind::Taxel4x1 | Kind::OhkaMicro | Kind::OhkaColumn => [false; SENSORS],
+        };
+        let mut there = self.bridges;
+        there.iter_mut().zip(of_kind).for_each(|(there, has)| *there &= has);
+        there
+    }
+
+    /// Places of the facets in mm, in the order of their taxels.
+    #[must_use]
+    pub fn facets(&self) -> Vec<[f64; 2]> {
+        match self.kind {
+            Kind::Taxel4x1 => line_of_four::CENTRES.to_vec(),
+            _ => TAXEL_CENTRES.map(|centre| centre.map(|mm| f64::from(mm.0))).to_vec(),
+        }
+    }
+}
+
+/// The systems of the papers; [`crate::systems`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+pub enum Kind {
+    /// The finger of this project: 4×4 taxels, four force sensors under its plate.
+    #[serde(rename = "taxel-4x4")]
+    Taxel4x4,
+    /// Four taxels in a row.
+    #[serde(rename = "taxel-4x1")]
+    Taxel4x1,
+    /// One force sensor on a bench.
+    #[serde(rename = "mems-3axis")]
+    Mems3Axis,
+    /// Four force sensors under a plate that carries a fingertip.
+    #[serde(rename = "mems-array")]
+    MemsArray,
+    /// The matrix looks at one conical feeler.
+    #[serde(rename = "ohka-micro")]
+    OhkaMicro,
+    /// The matrix looks at the cones of four columns.
+    #[serde(rename = "ohka-column")]
+    OhkaColumn,
+}
+
+impl Kind {
+    /// The most normal force in newtons that its laws hold for, on one contact; `None` where there is no
+    /// such limit.
+    #[must_use]
+    pub fn most_n(self) -> Option<f64> {
+        match self {
+            Self::OhkaMicro => Some(feeler::LINEAR_N),
+            Self::OhkaColumn => Some(column::MOST_N),
+            Self::Taxel4x4 | Self::Taxel4x1 | Self::Mems3Axis | Self::MemsArray => None,
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use serde::Deserialize;
-use taxel::scan::{COLS, ROWS, SENSORS};
+use taxel::scan::{COLS, SENSORS};
 use toml::Spanned;
 
 use super::Device;
@@ -204,12 +204,12 @@ impl Fault {
 }
 
 fn taxels(device: &Device) -> impl Iterator<Item = (String, usize)> {
-    let there = if device.taxels { ROWS * COLS } else { 0 };
+    let there = device.rows() * COLS;
     (0..there).map(|k| (format!("r{}c{}", k / COLS, k % COLS), k))
 }
 
 fn columns(device: &Device) -> impl Iterator<Item = (String, usize)> {
-    let there = if device.taxels { COLS } else { 0 };
+    let there = if device.rows() > 0 { COLS } else { 0 };
     (0..there).map(|c| (format!("c{c}"), c))
 }
 
@@ -218,7 +218,7 @@ fn of_sensors<const N: usize>(
     device: &Device,
     names: [&'static str; N],
 ) -> impl Iterator<Item = (String, (usize, usize))> {
-    let there = device.bridges;
+    let there = device.sensors();
     (0..SENSORS).filter(move |s| there.get(*s) == Some(&true)).flat_map(move |s| {
         names.into_iter().enumerate().map(move |(i, name)| (format!("s{s}_{name}"), (s, i)))
     })

@@ -1,0 +1,131 @@
+//! Tables of a scene that repeat an experiment of the papers.
+
+use std::num::NonZeroU32;
+use std::ops::Range;
+
+use serde::Deserialize;
+
+use super::{Act, Kind, Scene};
+use crate::ranges;
+use crate::systems::column::{COLUMNS, PITCH_MM, SPRING};
+
+/// `[[grid]]`: presses at the crossings of a grid, at each with a row of angles; 002's trials.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Grid {
+    /// Beginning in seconds.
+    #[serde(deserialize_with = "ranges::moment")]
+    pub at_s: f64,
+    /// Time of each in seconds, pause included.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub each_s: f64,
+    /// First and last x of the contact point in mm.
+    #[serde(deserialize_with = "ranges::span_on_pad")]
+    pub x_mm: [f64; 2],
+    /// How many places along x.
+    pub columns: NonZeroU32,
+    /// First and last y of the contact point in mm.
+    #[serde(deserialize_with = "ranges::span_on_pad")]
+    pub y_mm: [f64; 2],
+    /// How many places along y.
+    pub rows: NonZeroU32,
+    /// Magnitude of the force in newtons.
+    #[serde(deserialize_with = "ranges::normal")]
+    pub force_n: f64,
+    /// First and last angle of the force to the skin, in the plane of x and z: 90 is the normal, less
+    /// leans to +x.
+    #[serde(default = "Grid::normal", deserialize_with = "ranges::span_of_angles")]
+    pub angle_deg: [f64; 2],
+    /// How many angles.
+    #[serde(default = "Grid::one")]
+    pub angles: NonZeroU32,
+}
+
+impl Grid {
+    fn normal() -> [f64; 2] {
+        [90.0; 2]
+    }
+
+    fn one() -> NonZeroU32 {
+        NonZeroU32::MIN
+    }
+
+    /// How many presses.
+    #[must_use]
+    pub fn presses(&self) -> u64 {
+        [self.columns, self.rows, self.angles]
+            .into_iter()
+            .fold(1, |n, of| u64::from(of.get()).saturating_mul(n))
+    }
+}
+
+/// `[[plate]]`: a rigid plate on all four columns of an `ohka-column`, held by a robot at one height and
+/// attitude; 001 §5 and §6.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plate {
+    /// Beginning in seconds.
+    #[serde(deserialize_with = "ranges::moment")]
+    pub at_s: f64,
+    /// Normal force in newtons that it would have, flat and before its step.
+    #[serde(deserialize_with = "ranges::normal")]
+    pub fz_n: f64,
+    /// Inclination in degrees; positive presses harder at +x.
+    #[serde(default, deserialize_with = "ranges::incline")]
+    pub incline_deg: f64,
+    /// Height in mm of the step that comes over the columns from +x; negative goes down.
+    #[serde(default, deserialize_with = "ranges::step")]
+    pub step_mm: f64,
+    /// It rubs along the columns while it travels, to −x.
+    #[serde(default)]
+    pub rubs: bool,
+    /// Time to full force in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub rise_s: f64,
+    /// Time in which the step goes from beyond the columns at +x to beyond those at −x, in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub travel_s: f64,
+    /// Time of release in seconds.
+    #[serde(deserialize_with = "ranges::seconds")]
+    pub fall_s: f64,
+}
+
+impl Plate {
+    /// The most that a column carries of it, in newtons.
+    #[must_use]
+    pub fn most_n(&self) -> f64 {
+        let lean = self.incline_deg.to_radians().tan().abs() * 0.5 * PITCH_MM;
+        self.fz_n / COLUMNS as f64 + SPRING * (lean + self.step_mm.max(0.0))
+    }
+}
+
+/// The acts are such as the device's laws hold for.
+pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
+    let kind = scene.device.kind;
+    for (span, act) in Act::all(scene) {
+        if matches!(act, Act::Plate(_)) && kind != Kind::OhkaColumn {
+            let problem = "a plate needs columns; write `kind = \"ohka-column\"` in [device]";
+            return Err((span, problem.into()));
+        }
+        let (reached, way) = act.reach();
+        let normal = if let Act::Plate(plate) = act { plate.most_n() } else { reached };
+        if let Some(most) = kind.most_n()
+            && normal > most
+        {
+            let problem =
+                format!("{normal:.4} N on a contact; the laws of this device hold up to {most} N");
+            return Err((span, problem));
+        }
+        if kind == Kind::OhkaMicro && way != [[0.0; 2]; 2] {
+            let problem = "this device sees one feeler, at 0, 0; the force is put nowhere else";
+            return Err((span, problem.into()));
+        }
+        let placed = matches!(act, Act::Press(_) | Act::Tap(_) | Act::Plate(_));
+        if kind == Kind::OhkaColumn && !placed {
+            let problem = "columns take [[press]], [[tap]] and [[plate]]; a contact cannot move \
+                           from one to another";
+            return Err((span, problem.into()));
+        }
+    }
+    Ok(())
+}

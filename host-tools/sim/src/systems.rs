@@ -1,0 +1,64 @@
+//! The five systems of the papers: what each makes of a contact, from the force to light or strain.
+//!
+//! | `kind` of `[device]` | paper | the contact becomes |
+//! |---|---|---|
+//! | `taxel-4x4` | 002, 003 | sunk facets ([`crate::fidelity`]) and, through [`plate`], four force sensors |
+//! | `taxel-4x1` | 002 | sunk facets of the [`line`](line_of_four) |
+//! | `mems-3axis` | 003 ch. 1 | the force on one sensor, under its [`coating`](crate::response::Coating) |
+//! | `mems-array` | 003 ch. 2 | four sensors under a [`plate`] that carries a curved [`surface`] |
+//! | `ohka-micro` | 000 | a bright spot under a conical feeler: [`feeler`] |
+//! | `ohka-column` | 001 | contact areas of the cones under four columns: [`column`] |
+//!
+//! The two optical sensors of Ohka are their papers' own constitutive laws turned round: force in,
+//! brightness, shift and areas out. The dark readings, the noise and the converter are the finger's, so
+//! that an estimator has to earn its figure from codes.
+
+pub mod column;
+pub mod feeler;
+pub mod line_of_four;
+pub mod matrix;
+pub mod plate;
+pub mod surface;
+
+use taxel::scan::SENSORS;
+
+use crate::path::{Contacts, Load};
+use crate::scene::{Device, Kind};
+use plate::Wrench;
+
+/// The contacts as the device takes them: forces in its own frame, at the places it has for them. A feeler
+/// slips when it slides on its board.
+#[must_use]
+pub fn taken(device: &Device, contacts: Contacts) -> Contacts {
+    let place: fn(&Device, Load) -> Load = match device.kind {
+        Kind::MemsArray => |device, load| {
+            let (_, normal) = device.surface.at(load.point);
+            Load { force: surface::Surface::turned(normal, load.force), ..load }
+        },
+        Kind::OhkaMicro => |_, load| Load { slip: feeler::Spot::under(load.force).slip, ..load },
+        Kind::OhkaColumn => |_, load| {
+            let column = column::CENTRES.get(column::nearest(load.point)).copied();
+            Load { point: column.unwrap_or(load.point), ..load }
+        },
+        Kind::Taxel4x4 | Kind::Taxel4x1 | Kind::Mems3Axis => return contacts,
+    };
+    let mut taken = Contacts::default();
+    contacts.loads().iter().for_each(|load| taken.push(place(device, *load)));
+    taken
+}
+
+/// What the four sensors under a plate carry of contacts that the device has [`taken`].
+#[must_use]
+pub fn shares(device: &Device, contacts: &Contacts) -> [[f64; 3]; SENSORS] {
+    let mut shares = [[0.0; 3]; SENSORS];
+    for load in contacts.loads() {
+        let (place, normal) = match device.kind {
+            Kind::MemsArray => device.surface.at(load.point),
+            _ => surface::Surface::Plane.at(load.point),
+        };
+        let carried = Wrench::at(place, load.force, load.torsion, normal).shares();
+        let sums = shares.as_flattened_mut().iter_mut();
+        sums.zip(carried.as_flattened()).for_each(|(sum, part)| *sum += part);
+    }
+    shares
+}

@@ -1,0 +1,178 @@
+//! OHKA-COLUMN (001): columns of silicone that each stand on 2×2 cones against a lit acrylic board.
+//!
+//! A cone shines over the area S_i on which it touches the board. The areas under a column follow its
+//! force: A_z = S1 + S2 + S3 + S4 = F_z/α_v and A_x = S1 − S2 − S3 + S4 = F_x/(α_h0 − α_h A_z), the same
+//! for A_y = S1 + S2 − S3 − S4 (eqs (1) to (3) and (18), turned round; eq. (11) sums other cones). The
+//! fourth combination, S1 − S2 + S3 − S4, is that of a torsion, which the paper does not know: zero. A
+//! cone that is levered off its board shines no more, and there the law of the paper ends.
+//!
+//! The 4×4 matrix reads four columns: phototransistors 2i, 2i+1 of rows 2j, 2j+1 look at the cones of
+//! column (i, j), each at one, and gather its light. S1 is at (+x, +y) of its column, S2 at (−x, +y), S3 at
+//! (−x, −y), S4 at (+x, −y). A lit step is the edge light on and one row read, a dark step the light off.
+
+use rand_distr::{Distribution as _, StandardNormal};
+use taxel::scan::{COLS, TAXELS};
+
+use super::feeler::BACKGROUND;
+use crate::path::Load;
+use crate::scene::{Effect, Scene};
+use crate::seeds::{Purpose, stream};
+
+/// α_v in N/mm².
+pub const VERTICAL: f64 = 0.25;
+/// α_h0 in N/mm².
+pub const HORIZONTAL: f64 = 0.20;
+/// α_h in N/mm⁴.
+pub const SHRINKAGE: f64 = 0.081;
+/// k_v in N/mm: the spring of a column.
+pub const SPRING: f64 = 0.96;
+/// Normal force on a column in newtons up to which the laws are used: its 0.5 mm cones are then 0.3 mm
+/// shorter. (20 % are 0.1 mm, says the paper, and its steps are up to 0.2 mm.)
+pub const MOST_N: f64 = 0.3;
+
+/// Columns of the matrix.
+pub const COLUMNS: usize = 4;
+/// Distance of neighbouring columns in mm: two pitches of the matrix.
+pub const PITCH_MM: f64 = 5.0;
+/// Where the columns stand, in mm: column (i, j) is the (2j + i)-th.
+pub const CENTRES: [[f64; 2]; COLUMNS] = [
+    [-0.5 * PITCH_MM, -0.5 * PITCH_MM],
+    [0.5 * PITCH_MM, -0.5 * PITCH_MM],
+    [-0.5 * PITCH_MM, 0.5 * PITCH_MM],
+    [0.5 * PITCH_MM, 0.5 * PITCH_MM],
+];
+/// Radius of a column's tip in mm.
+pub const TIP_MM: f64 = 1.0;
+
+/// Light of a cone, in full scales per mm² of contact: the largest area in range, half of A_z at 0.3 N,
+/// gives three quarters.
+pub const LIGHT_PER_MM2: f64 = 1.25;
+/// Of phototransistors of one die, one standard deviation.
+const GAIN_SPREAD: f64 = 0.01;
+
+/// S1 … S4 in mm² under a column that carries `force` in newtons, z towards the board.
+#[must_use]
+pub fn areas([fx, fy, fz]: [f64; 3]) -> [f64; 4] {
+    let sum = fz.max(0.0) / VERTICAL;
+    // Positive as far as the columns are loaded (MOST_N).
+    let sensitivity = HORIZONTAL - SHRINKAGE * sum;
+    let (x, y) = (fx / sensitivity, fy / sensitivity);
+    [sum + x + y, sum - x + y, sum - x - y, sum + x - y].map(|s| (0.25 * s).max(0.0))
+}
+
+/// The column whose tip is nearest to `point`.
+#[must_use]
+pub fn nearest([x, y]: [f64; 2]) -> usize {
+    2 * usize::from(y >= 0.0) + usize::from(x >= 0.0)
+}
+
+/// The four columns of a device.
+#[derive(Clone, Debug)]
+pub struct Columns {
+    gains: [f64; TAXELS],
+}
+
+impl Columns {
+    /// Of the scene's device.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        let mut gains = [1.0; TAXELS];
+        if scene.has(Effect::GainSpread) {
+            let mut rng = stream(scene.device.seed, Purpose::GainSpread);
+            for gain in &mut gains {
+                let unit: f64 = StandardNormal.sample(&mut rng);
+                *gain += GAIN_SPREAD * unit.clamp(-3.0, 3.0);
+            }
+        }
+        Self { gains }
+    }
+
+    /// Light on each phototransistor beyond the dark, in full scales, with these loads on the tips of the
+    /// columns that are nearest to them.
+    #[must_use]
+    pub fn light(&self, loads: &[Load]) -> [f64; TAXELS] {
+        let mut forces = [[0.0; 3]; COLUMNS];
+        for load in loads {
+            if let Some(force) = forces.get_mut(nearest(load.point)) {
+                force.iter_mut().zip(load.force).for_each(|(sum, part)| *sum += part);
+            }
+        }
+        let mut light = self.gains.map(|gain| gain * BACKGROUND);
+        for (k, (light, gain)) in light.iter_mut().zip(&self.gains).enumerate() {
+            let (row, column) = (k / COLS, k % COLS);
+            let [s1, s2, s3, s4] =
+                forces.get(2 * (row / 2) + column / 2).map_or([0.0; 4], |force| areas(*force));
+            let area = [[s3, s4], [s2, s1]].as_flattened().get(2 * (row % 2) + column % 2).copied();
+            *light += gain * LIGHT_PER_MM2 * area.unwrap_or(0.0);
+        }
+        light
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Eqs (1) to (3) and (18).
+    fn force([s1, s2, s3, s4]: [f64; 4]) -> [f64; 3] {
+        let (x, y, z) = (s1 - s2 - s3 + s4, s1 + s2 - s3 - s4, s1 + s2 + s3 + s4);
+        let sensitivity = HORIZONTAL - SHRINKAGE * z;
+        [sensitivity * x, sensitivity * y, VERTICAL * z]
+    }
+
+    proptest! {
+        #[test]
+        fn the_papers_equations_give_the_force_back_while_every_cone_touches(
+            x in -0.35..0.35f64, y in -0.35..0.35f64, fz in 0.001..MOST_N,
+        ) {
+            let sensitivity = HORIZONTAL - SHRINKAGE * fz / VERTICAL;
+            // Of the shear that would lift a cone, F_x + F_y = sensitivity A_z.
+            let limit = sensitivity * fz / VERTICAL;
+            let asked = [x * limit, y * limit, fz];
+            for (found, asked) in force(areas(asked)).into_iter().zip(asked) {
+                prop_assert!((found - asked).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn a_cone_that_is_levered_off_stops_shining() {
+        let [s1, s2, s3, s4] = areas([0.2, 0.0, 0.1]);
+        assert!(s1 > 0.0 && s4 > 0.0);
+        assert_eq!([s2, s3], [0.0; 2]);
+    }
+
+    #[test]
+    fn each_column_lights_its_own_two_by_two_and_leans_the_way_it_is_pushed() {
+        let scene = Scene::parse("test.toml", "[scan]\nrate_hz = 1000\nduration_s = 1\n").unwrap();
+        let columns = Columns::new(&scene);
+        let rest = columns.light(&[]);
+        for (column, point) in CENTRES.into_iter().enumerate() {
+            assert_eq!(nearest(point), column);
+            let load = Load { point, force: [0.02, 0.01, 0.1], ..Load::default() };
+            let light = columns.light(&[load]);
+            let lit: Vec<usize> = (0..TAXELS).filter(|k| light[*k] != rest[*k]).collect();
+            let first = 8 * (column / 2) + 2 * (column % 2);
+            assert_eq!(lit, [first, first + 1, first + 4, first + 5]);
+            let [s3, s4, s2, s1] = [0, 1, 4, 5].map(|k| light[first + k] - rest[first]);
+            assert!(s4 > s3 && s1 > s2 && s2 > s3 && s1 > s4);
+            let areas = [s1, s2, s3, s4].map(|light| light / LIGHT_PER_MM2);
+            let found = force(areas);
+            assert!(found.iter().zip(load.force).all(|(f, asked)| (f - asked).abs() < 1e-12));
+        }
+    }
+
+    #[test]
+    fn the_hardest_load_stays_within_the_converters_range() {
+        let scene = Scene::parse("test.toml", "[scan]\nrate_hz = 1000\nduration_s = 1\n").unwrap();
+        let limit = (HORIZONTAL - SHRINKAGE * MOST_N / VERTICAL) * MOST_N / VERTICAL;
+        let load = Load {
+            point: CENTRES[0],
+            force: [0.5 * limit, 0.5 * limit, MOST_N],
+            ..Load::default()
+        };
+        let most = Columns::new(&scene).light(&[load]).into_iter().fold(0.0f64, f64::max);
+        assert!(most < 0.8, "{most}");
+    }
+}

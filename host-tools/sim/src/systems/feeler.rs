@@ -1,0 +1,252 @@
+//! OHKA-MICRO (000): conical feelers of silicone against an acrylic board that is lit from its edge.
+//!
+//! Where a feeler touches the board it shines as brightly as it is pressed, F_z = C·G (eq. (3)), and the
+//! bright spot moves with the shear, F_x = βu until the feeler slips on the board at αF_z + γ and
+//! F_x = Ku + (1 − K/β)(αF_z + γ) from there (eqs (10) to (12); (13) and (14) print αF_x + γ). Here the
+//! laws are turned round.
+//!
+//! What the 4×4 matrix has to do with it: it takes the place of the camera and looks at one feeler, through
+//! the paper's window of 460 µm and out of focus, so that each phototransistor sees a tent two pitches
+//! wide. Tents add up to one everywhere between the outer centres and their centroid is that of the
+//! light, so that the sum over the matrix is G and the centroid is u times 2.5 mm/[`PITCH_MM`], exactly,
+//! for any spot. A lit step is the edge light on and one row read, a dark step the light off.
+
+use rand_distr::{Distribution as _, StandardNormal};
+use taxel::scan::{COLS, ROWS, TAXELS};
+
+use crate::contact::Rule;
+use crate::contact::traction::Round;
+use crate::scene::{Effect, Scene};
+use crate::seeds::{Purpose, stream};
+
+/// K in N/mm, the spring of the rubber sheet once the feeler slips.
+pub const SLIDING: f64 = 0.067;
+/// β in N/mm, the spring of a feeler that sticks.
+pub const STICKING: f64 = 1.7;
+/// α: shear at which a feeler slips, per normal force.
+pub const ALPHA: f64 = 0.25;
+/// γ in newtons: shear at which an unloaded feeler slips.
+pub const GAMMA_N: f64 = 0.56e-3;
+/// Normal force on a feeler in newtons up to which brightness is proportional to it (fig. 8).
+pub const LINEAR_N: f64 = 0.012;
+
+/// Feelers along x and along y.
+pub const SHEET: [usize; 2] = [10, 12];
+/// Distance of the feelers in mm.
+pub const FEELER_PITCH_MM: f64 = 0.6;
+/// Young's modulus of the sheet in MPa.
+const YOUNG_MPA: f64 = 0.476;
+/// Poisson's ratio of the sheet.
+const POISSON: f64 = 0.499;
+/// Slope of the cone: 100 µm high over 150 µm.
+const SLOPE: f64 = 100.0 / 150.0;
+
+/// Distance on the board in mm of the places that neighbouring phototransistors look at: the spot stays
+/// between the outer ones, 240 µm from the middle, as it stays in the paper's window.
+pub const PITCH_MM: f64 = 0.16;
+/// G over F_z, 1/C, in full scales per newton: 12 mN half-way between two phototransistors give each
+/// three quarters of the range.
+pub const LIGHT_PER_NEWTON: f64 = 125.0;
+/// Light that the board scatters by itself while the edge is lit.
+pub const BACKGROUND: f64 = 0.03;
+/// Of phototransistors of one die, one standard deviation.
+const GAIN_SPREAD: f64 = 0.01;
+/// Of the middle of the matrix against the feeler's tip, one standard deviation in mm.
+const MISALIGNMENT_MM: f64 = 0.005;
+
+/// The bright spot under one feeler.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spot {
+    /// G, in full scales.
+    pub light: f64,
+    /// Shift of its centroid in mm.
+    pub shift: [f64; 2],
+    /// Radius of contact in mm.
+    pub radius: f64,
+    /// The feeler slips on the board.
+    pub slip: bool,
+}
+
+impl Spot {
+    /// Of a feeler that carries `force`, in newtons, z towards the board. Shear without a normal force
+    /// moves nothing that shines.
+    #[must_use]
+    pub fn under([fx, fy, fz]: [f64; 3]) -> Self {
+        if fz <= 0.0 {
+            return Self::default();
+        }
+        let holds = ALPHA * fz + GAMMA_N;
+        Self {
+            light: LIGHT_PER_NEWTON * fz,
+            shift: [shift(fx, holds), shift(fy, holds)],
+            radius: contact_radius(fz),
+            slip: fx.abs() > holds || fy.abs() > holds,
+        }
+    }
+}
+
+/// Eqs (10) and (11) for u; the feeler slips beyond `holds`.
+fn shift(shear: f64, holds: f64) -> f64 {
+    let stuck = shear.clamp(-holds, holds);
+    stuck / STICKING + (shear - stuck) / SLIDING
+}
+
+/// Of a cone pressed on a plane (Sneddon 1965): P = (π/2)·E*·a²·slope.
+fn contact_radius(normal: f64) -> f64 {
+    let reduced = YOUNG_MPA / (1.0 - POISSON * POISSON);
+    (2.0 * normal / (std::f64::consts::PI * reduced * SLOPE)).sqrt()
+}
+
+/// The whole sheet under a square probe of `side_mm` at `point`, whose `force` the feelers below it share
+/// evenly, as the paper takes its nine to: their spots, row by row. A probe between feelers carries none.
+#[must_use]
+pub fn sheet(point: [f64; 2], side_mm: f64, force: [f64; 3]) -> [[Spot; SHEET[0]]; SHEET[1]] {
+    let centre = |i: usize, n: usize| (i as f64 - (n as f64 - 1.0) / 2.0) * FEELER_PITCH_MM;
+    let below = |row: usize, column: usize| {
+        let [x, y] = [centre(column, SHEET[0]) - point[0], centre(row, SHEET[1]) - point[1]];
+        x.abs().max(y.abs()) <= side_mm / 2.0
+    };
+    let cells = (0..SHEET[1]).flat_map(|row| (0..SHEET[0]).map(move |column| (row, column)));
+    let carrying = cells.filter(|(row, column)| below(*row, *column)).count().max(1);
+    let each = Spot::under(force.map(|f| f / carrying as f64));
+    std::array::from_fn(|row| {
+        std::array::from_fn(|column| if below(row, column) { each } else { Spot::default() })
+    })
+}
+
+/// The matrix of a device, looking at one feeler.
+#[derive(Clone, Debug)]
+pub struct Feeler {
+    gains: [f64; TAXELS],
+    /// Of the spot at rest, in mm.
+    offset: [f64; 2],
+    /// Where the light of a spot comes from: the cone's pressure over its contact.
+    spot: Rule,
+}
+
+impl Feeler {
+    /// Of the scene's device.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        let mut feeler =
+            Self { gains: [1.0; TAXELS], offset: [0.0; 2], spot: Rule::round(Round::Corner, 2, 8) };
+        if scene.has(Effect::GainSpread) {
+            let mut rng = stream(scene.device.seed, Purpose::GainSpread);
+            let mut draw = |sigma: f64| -> f64 {
+                let unit: f64 = StandardNormal.sample(&mut rng);
+                sigma * unit.clamp(-3.0, 3.0)
+            };
+            feeler.gains.iter_mut().for_each(|gain| *gain += draw(GAIN_SPREAD));
+            feeler.offset = [draw(MISALIGNMENT_MM), draw(MISALIGNMENT_MM)];
+        }
+        feeler
+    }
+
+    /// Light on each phototransistor beyond the dark, in full scales, with this spot on the board.
+    #[must_use]
+    pub fn light(&self, spot: &Spot) -> [f64; TAXELS] {
+        let mut light = self.gains.map(|gain| gain * BACKGROUND);
+        if spot.light <= 0.0 {
+            return light;
+        }
+        let [ux, uy] = [spot.shift[0] + self.offset[0], spot.shift[1] + self.offset[1]];
+        for (at, share) in self.spot.points() {
+            let [x, y] = [ux + spot.radius * at[0], uy + spot.radius * at[1]];
+            let [along, across] = [x, y].map(|x| tents(x / PITCH_MM));
+            let seen = across.iter().flat_map(|v| along.iter().map(move |u| u * v));
+            for ((light, gain), seen) in light.iter_mut().zip(&self.gains).zip(seen) {
+                *light += gain * spot.light * share * seen;
+            }
+        }
+        light
+    }
+}
+
+/// Share of a point at `x` pitches from the middle that the four places of a row see.
+fn tents(x: f64) -> [f64; COLS] {
+    const { assert!(ROWS == COLS) };
+    [-1.5, -0.5, 0.5, 1.5].map(|centre: f64| (1.0 - (x - centre).abs()).max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn feeler() -> Feeler {
+        let text = "[scan]\nrate_hz = 1000\nduration_s = 1\n";
+        Feeler::new(&Scene::parse("test.toml", text).unwrap())
+    }
+
+    /// G and the centroid in mm, from the sixteen readings.
+    fn read(feeler: &Feeler, spot: &Spot) -> (f64, [f64; 2]) {
+        let rest = feeler.light(&Spot::default());
+        let light = feeler.light(spot);
+        let gained: Vec<f64> = light.iter().zip(rest).map(|(now, rest)| now - rest).collect();
+        let sum: f64 = gained.iter().sum();
+        let at = |place: &dyn Fn(usize) -> usize| -> f64 {
+            let moment = |(k, g): (usize, &f64)| (place(k) as f64 - 1.5) * PITCH_MM * g;
+            gained.iter().enumerate().map(moment).sum::<f64>() / sum
+        };
+        (sum, [at(&|k| k % COLS), at(&|k| k / COLS)])
+    }
+
+    #[test]
+    fn both_branches_of_the_bi_linear_law_are_the_papers_with_the_right_bracket() {
+        let fz = 6.5e-3;
+        let holds = ALPHA * fz + GAMMA_N;
+        for fx in [0.2e-3, 1.9e-3, 2.5e-3, 10e-3] {
+            let u = Spot::under([fx, 0.0, fz]).shift[0];
+            let sticks = STICKING * u;
+            let slips = SLIDING * u + (1.0 - SLIDING / STICKING) * holds;
+            let found = if fx < holds { sticks } else { slips };
+            assert!((found - fx).abs() < 1e-15, "{fx}");
+            // αF_x + γ in the bracket, as printed, is another force.
+            let printed = SLIDING * u + (1.0 - SLIDING / STICKING) * (ALPHA * fx + GAMMA_N);
+            assert!(fx < holds || (printed - fx).abs() > 0.05 * fx);
+        }
+    }
+
+    #[test]
+    fn the_window_of_the_paper_holds_every_spot_of_its_experiments() {
+        // Contact by Sneddon's cone; F_z as in fig. 12, F_x up to 10 mN; 460 µm.
+        for fz in [2.2e-3, 4.4e-3, 6.5e-3, 8.7e-3, 10.9e-3] {
+            let spot = Spot::under([10e-3, 0.0, fz]);
+            assert!(spot.shift[0] + spot.radius <= 0.2305, "{spot:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_matrix_reads_integral_and_centroid_of_any_spot_within_its_outer_centres(
+            fx in -10e-3..10e-3f64, fy in -10e-3..10e-3f64, fz in 1e-4..LINEAR_N,
+        ) {
+            let spot = Spot::under([fx, fy, fz]);
+            prop_assume!(spot.shift.iter().all(|u| u.abs() + spot.radius <= 1.5 * PITCH_MM));
+            let (light, shift) = read(&feeler(), &spot);
+            prop_assert!((light / spot.light - 1.0).abs() < 1e-9);
+            for (read, asked) in shift.iter().zip(spot.shift) {
+                prop_assert!((read - asked).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn brightness_does_not_depend_on_shear() {
+        // Fig. 14.
+        let at = |fx| Spot::under([fx, 0.0, 6.5e-3]).light;
+        assert_eq!(at(0.0), at(10e-3));
+    }
+
+    #[test]
+    fn a_probe_of_three_by_three_feelers_gives_each_a_ninth() {
+        let spots = sheet([0.3, 0.3], 1.8, [0.0, 0.0, 9.0 * 2.2e-3]);
+        let lit: Vec<(usize, usize)> = (0..SHEET[1])
+            .flat_map(|row| (0..SHEET[0]).map(move |column| (row, column)))
+            .filter(|(row, column)| spots[*row][*column].light > 0.0)
+            .collect();
+        let expected = (5..8).flat_map(|row| (4..7).map(move |column| (row, column)));
+        assert_eq!(lit, expected.collect::<Vec<_>>());
+        assert_eq!(spots[6][5], Spot::under([0.0, 0.0, 2.2e-3]));
+    }
+}

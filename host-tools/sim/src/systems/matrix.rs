@@ -1,0 +1,145 @@
+//! What the sixteen phototransistors see while they are lit, for each of the optical systems.
+
+use taxel::scan::{COLS, TAXELS};
+
+use super::column::Columns;
+use super::feeler::{Feeler, Spot};
+use crate::fidelity::{Ladder, Report};
+use crate::optics::Optics;
+use crate::path::Contacts;
+use crate::scene::{Kind, REFERENCE_C, Scene};
+use crate::skin::{self, Skin};
+
+/// The matrix of a run.
+#[derive(Clone, Debug)]
+pub struct Matrix {
+    leakage: [f64; COLS],
+    sight: Sight,
+}
+
+#[derive(Clone, Debug)]
+enum Sight {
+    Facets(Box<Facets>),
+    Feeler(Feeler),
+    Columns(Columns),
+}
+
+/// White facets under the skin, each with its LED.
+#[derive(Clone, Debug)]
+struct Facets {
+    /// `None` on the bench, where nothing touches the skin.
+    contact: Option<Ladder>,
+    /// `None` where it is as Hooke says.
+    skin: Option<Skin>,
+    optics: Optics,
+    /// Light of the unloaded pairs.
+    unloaded: [f64; TAXELS],
+    /// How deep they were in the last frame, in mm.
+    sunk: [f64; TAXELS],
+    /// Taxels that are there.
+    present: usize,
+}
+
+impl Matrix {
+    /// Of the scene's device; `None` where it has none.
+    #[must_use]
+    pub fn new(scene: &Scene, seed: u64) -> Option<Self> {
+        let present = scene.device.rows() * COLS;
+        if present == 0 {
+            return None;
+        }
+        let optics = Optics::new(scene);
+        let leakage = optics.leakage();
+        let sight = match scene.device.kind {
+            Kind::OhkaMicro => Sight::Feeler(Feeler::new(scene)),
+            Kind::OhkaColumn => Sight::Columns(Columns::new(scene)),
+            _ => {
+                let contact = scene.bench_sensor().is_none().then(|| Ladder::new(scene, seed));
+                let mut unloaded = optics.reflected(&[0.0; TAXELS], absent(present));
+                unloaded.iter_mut().skip(present).for_each(|light| *light = 0.0);
+                let sunk = [0.0; TAXELS];
+                let skin = Skin::of(scene);
+                Sight::Facets(Box::new(Facets { contact, skin, optics, unloaded, sunk, present }))
+            }
+        };
+        Some(Self { leakage, sight })
+    }
+
+    /// What the columns read of themselves in the dark.
+    #[must_use]
+    pub fn leakage(&self) -> [f64; COLS] {
+        self.leakage
+    }
+
+    /// How finely contact is computed, where facets sink.
+    #[must_use]
+    pub fn fidelity(&self) -> Option<&Report> {
+        match &self.sight {
+            Sight::Facets(facets) => facets.contact.as_ref().map(Ladder::report),
+            Sight::Feeler(_) | Sight::Columns(_) => None,
+        }
+    }
+
+    /// Light of each taxel on its column while its row is lit, at a nominal supply and with LEDs at their
+    /// reference temperature; the skin is `warmer_k` above its own. LEDs whose bit in `dead` is set give none; where one light serves all, those phototransistors
+    /// are blind.
+    pub fn light(&mut self, contacts: &Contacts, dead: u16, warmer_k: f64) -> [f64; TAXELS] {
+        let mut light = match &mut self.sight {
+            Sight::Facets(facets) => return facets.light(contacts, dead, warmer_k),
+            Sight::Feeler(feeler) => {
+                let force = contacts.whole().map_or([0.0; 3], |load| load.force);
+                feeler.light(&Spot::under(force))
+            }
+            Sight::Columns(columns) => columns.light(contacts.loads()),
+        };
+        let taxels = light.iter_mut().enumerate();
+        taxels.filter(|(k, _)| dead >> k & 1 == 1).for_each(|(_, light)| *light = 0.0);
+        light
+    }
+
+    /// How deep the facets were in the last frame, in mm, where the device has facets.
+    #[must_use]
+    pub fn sunk(&self) -> Option<&[f64; TAXELS]> {
+        match &self.sight {
+            Sight::Facets(facets) => Some(&facets.sunk),
+            Sight::Feeler(_) | Sight::Columns(_) => None,
+        }
+    }
+
+    /// Which facets are nearer to their pair than the peak of its light curve, in the last frame.
+    #[must_use]
+    pub fn wrong_side(&self) -> [bool; TAXELS] {
+        match &self.sight {
+            Sight::Facets(facets) => facets.optics.gaps(&facets.sunk).map(Optics::wrong_side),
+            Sight::Feeler(_) | Sight::Columns(_) => [false; TAXELS],
+        }
+    }
+}
+
+impl Facets {
+    fn light(&mut self, contacts: &Contacts, dead: u16, warmer_k: f64) -> [f64; TAXELS] {
+        let touched = self.contact.as_ref().filter(|_| !contacts.is_empty());
+        let celsius = REFERENCE_C + warmer_k;
+        self.sunk = touched.map_or([0.0; TAXELS], |contact| {
+            if warmer_k == 0.0 {
+                contact.displacement(contacts)
+            } else {
+                contact.displacement(&contacts.scaled(skin::softness(celsius)))
+            }
+        });
+        if let Some(skin) = &mut self.skin {
+            self.sunk = skin.sink(self.sunk, celsius);
+        }
+        if touched.is_none() && self.skin.is_none() && dead == 0 {
+            return self.unloaded;
+        }
+        let mut light = self.optics.reflected(&self.sunk, dead | absent(self.present));
+        light.iter_mut().skip(self.present).for_each(|light| *light = 0.0);
+        light
+    }
+}
+
+/// The bits of taxels that are not there.
+fn absent(present: usize) -> u16 {
+    (0..TAXELS).skip(present).fold(0, |bits, k| bits | 1 << k)
+}
