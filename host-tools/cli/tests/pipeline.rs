@@ -145,6 +145,46 @@ fn what_cannot_be_fitted_is_refused_in_one_line_that_says_why() {
     assert!(!folder.0.join("cal.toml").exists());
 }
 
+/// A minute and ten of them, with a new press every half second.
+#[cfg(unix)]
+#[test]
+fn a_trace_ten_times_as_long_takes_no_more_memory() {
+    use nix::sys::resource::{UsageWho, getrusage};
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    // The largest child so far, in kilobytes on Linux.
+    let largest = |minutes: u32| {
+        let scene = format!(
+            "effects = ['noise', 'flicker']\n[scan]\nrate_hz = 200\nduration_s = {}\n[[random]]\n\
+             at_s = 0\npresses = {}\neach_s = 0.5\nx_mm = [-2, 2]\ny_mm = [-2, 2]\nfz_n = [0.3, 1]\n",
+            60 * minutes,
+            120 * minutes
+        );
+        std::fs::write(folder.0.join("long.toml"), scene).unwrap();
+        folder.succeeds(&["simulate", "--scene", "long.toml", "--out", "long.csv"]);
+        let size = std::fs::metadata(folder.0.join("long.csv")).unwrap().len();
+        (getrusage(UsageWho::RUSAGE_CHILDREN).unwrap().max_rss(), size)
+    };
+    let (short, long) = (largest(1), largest(10));
+    assert!(long.1 > 9 * short.1, "{short:?} {long:?}");
+    assert!(long.0 < short.0 + 1024, "{short:?} {long:?}");
+}
+
+#[test]
+fn a_trace_has_the_thermometer_where_the_scene_lists_the_temperature() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    for listed in [true, false] {
+        let effects = if listed { "'temperature'" } else { "" };
+        let scene = format!("effects = [{effects}]\n[scan]\nrate_hz = 100\nduration_s = 0.1\n");
+        std::fs::write(folder.0.join("warm.toml"), scene).unwrap();
+        folder.succeeds(&["simulate", "--scene", "warm.toml", "--out", "warm.csv"]);
+        let trace = std::fs::read_to_string(folder.0.join("warm.csv")).unwrap();
+        let header = trace.lines().find(|line| line.starts_with("t_us")).unwrap();
+        assert_eq!(header.split(',').any(|name| name == "aux_temp"), listed, "{header}");
+    }
+}
+
 #[test]
 fn a_disk_that_is_full_is_said_with_the_mend() {
     if !Path::new("/dev/full").exists() {

@@ -46,11 +46,12 @@ impl Room {
     }
 
     /// Light at `device_us` of the device's clock, when the scene is at `scene_us`: lamps run on where
-    /// a scene begins again.
+    /// a scene begins again. They swing between no light and twice their mean, as the power of the mains
+    /// does.
     #[must_use]
     pub fn at(&self, device_us: f64, scene_us: f64) -> f64 {
         let lamps = self.flicker.map_or(0.0, |flicker| {
-            flicker.amplitude * (flicker.phase + flicker.speed * device_us).sin()
+            flicker.amplitude * (1.0 + (flicker.phase + flicker.speed * device_us).sin())
         });
         let sun = self.sun.map_or(0.0, |(sun, from)| if scene_us >= from { sun } else { 0.0 });
         self.ambient + lamps + sun
@@ -75,14 +76,16 @@ mod tests {
     }
 
     #[test]
-    fn lamps_swing_about_the_ambient_light_and_return_with_their_period() {
+    fn lamps_swing_between_darkness_and_twice_their_mean_and_return_with_their_period() {
         for (hz, period) in [(100.0, 10_000.0), (120.0, 1e6 / 120.0)] {
-            let room = room("'ambient', 'flicker'", &format!("flicker_hz = {hz}"));
+            let room = room("'flicker'", &format!("flicker_hz = {hz}"));
             let at = |time| room.at(time, time);
             assert!((at(700.0) - at(700.0 + period)).abs() < 1e-12);
-            assert!((at(700.0) + at(700.0 + period / 2.0) - 2.0 * 0.02).abs() < 1e-12);
-            let most = (0..100).map(|i| at(f64::from(i) * period / 100.0)).fold(0.0f64, f64::max);
-            assert!((most - 0.022).abs() < 1e-5, "{most}");
+            assert!((at(700.0) + at(700.0 + period / 2.0) - 2.0 * 0.002).abs() < 1e-12);
+            let all: Vec<f64> = (0..100).map(|i| at(f64::from(i) * period / 100.0)).collect();
+            let most = all.iter().fold(0.0f64, |most, light| most.max(*light));
+            let least = all.iter().fold(1.0f64, |least, light| least.min(*light));
+            assert!((most - 0.004).abs() < 1e-5 && (0.0..1e-5).contains(&least), "{least} {most}");
         }
     }
 

@@ -41,7 +41,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         rows: scene.device.rows(),
         bridges: scene.device.sensors(),
         reference: true,
-        temperature: false,
+        temperature: scene.temperature().is_some(),
         truth: true,
         sensor_truth: true,
     };

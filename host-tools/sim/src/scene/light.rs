@@ -11,7 +11,7 @@ pub struct Light {
     /// Steady part; with the effect `ambient`.
     #[serde(deserialize_with = "ranges::ratio")]
     pub ambient_ratio: f64,
-    /// Amplitude of the swing; with the effect `flicker`.
+    /// Light of the lamps: its mean, and the amplitude of its swing about it; with the effect `flicker`.
     #[serde(deserialize_with = "ranges::ratio")]
     pub flicker_ratio: f64,
     /// Frequency of the swing: twice the mains'.

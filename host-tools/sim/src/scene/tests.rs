@@ -255,3 +255,59 @@ fn a_grid_has_presses_and_is_alone() {
     let press = PRESS.replace("at_s = 1", "at_s = 1.5");
     refuses(&format!("{SCAN}{grid}{press}"), 14, &["[[press]]", "[[grid]]", "alone"]);
 }
+
+#[test]
+fn electronics_and_light_name_what_they_allow() {
+    for (table, key, allowed) in [
+        ("electronics", "load_ohm = 1", "10 to 100000"),
+        ("electronics", "pga_gain = 3", "1, 2, 4, 8, 16, 32, 64"),
+        ("electronics", "time_constant_us = 0", "0.1 to 1000"),
+        ("electronics", "oversampling = 12", "1, 2, 4, 8, 16, 32, 64, 128, 256"),
+        ("electronics", "oversampling = 256", "`step_us` 30 µs"),
+        ("electronics", "bridge_gain = 0", "1 to 100"),
+        ("electronics", "ratiometric = 'yes'", "boolean"),
+        ("electronics", "ripple_ratio = 0.9", "0 to 0.5"),
+        ("electronics", "ripple_hz = 0", "1 to 1000000"),
+        ("electronics", "gain = 3", "`pga_gain`"),
+        ("light", "sun_ratio = 2", "0 to 1"),
+        ("light", "sun_at_s = -1", "0 to 86400"),
+        ("device", "wrong_side = ['r4c0']", "r0c0 to r3c3"),
+    ] {
+        let name = key.split(' ').next().unwrap();
+        refuses(&format!("{SCAN}[{table}]\n{key}\n"), 5, &[name, allowed]);
+    }
+}
+
+#[test]
+fn a_fault_names_what_it_needs_and_what_the_finger_has() {
+    let fault = |keys: &str, line: u32, words: &[&str]| {
+        refuses(&format!("{SCAN}[[fault]]\nat_s = 1\n{keys}\n"), line, words);
+    };
+    fault("kind = 'flood'", 6, &["`kind`", "flood", "dead-led", "swapped-columns"]);
+    fault("kind = 'dead-led'", 6, &["`kind`", "needs `channel`", "r0c0, r0c1", "r3c3"]);
+    fault("kind = 'dead-led'\nchannel = 'c1'", 7, &["`channel`", "`c1`", "r0c0"]);
+    fault("kind = 'shorted-channel'\nchannel = 'r0c0'", 7, &["`channel`", "c0, c1", "s3_d"]);
+    fault("kind = 'broken-arm'\nchannel = 's0_r9'", 7, &["`channel`", "s0_r1", "s3_r8"]);
+    fault("kind = 'stuck-channel'\nchannel = 'x'", 7, &["`channel`", "r0c0", "s0_a", "vref"]);
+    fault(
+        "kind = 'swapped-columns'\nchannel = 'c1'",
+        6,
+        &["`kind`", "needs `with`", "c0, c1, c2, c3"],
+    );
+    fault("kind = 'supply-dip'", 6, &["`kind`", "needs `ratio`", "0.3 to 1"]);
+    fault("kind = 'supply-dip'\nratio = 0.1", 7, &["`ratio`", "0.3 to 1"]);
+    fault("kind = 'supply-dip'\nratio = 0.8\nchannel = 'c1'", 8, &["`channel`", "`ratio`"]);
+    fault("kind = 'dead-led'\nchannel = 'r0c0'\nratio = 1", 8, &["`ratio`", "`channel`"]);
+    fault(
+        "until_s = 0.5\nkind = 'supply-dip'\nratio = 0.8",
+        6,
+        &["`until_s`", "`at_s` 1 s", "later"],
+    );
+    fault("kind = 'dead-led'\nwhere = 'r0c0'", 7, &["where", "channel"]);
+    let blind = format!(
+        "{SCAN}[device]\ntaxels = false\nbridges = [true, false, true, true]\n[[fault]]\nat_s = 1\n"
+    );
+    refuses(&format!("{blind}kind = 'dead-led'\nchannel = 'r0c0'\n"), 10, &["no such part"]);
+    let message = refusal(&format!("{blind}kind = 'broken-arm'\nchannel = 's1_r1'\n"));
+    assert!(message.contains("s0_r8, s2_r1"), "{message}");
+}

@@ -1,0 +1,256 @@
+//! From a scene to its codes: what light, electronics and supply do to them, and that they repeat.
+
+use taxel::scan::{Codes, Midpoints, TAXELS};
+use taxel::units::Code;
+use taxel_formats::trace::Sample;
+use taxel_sim::{Scene, Simulator};
+
+const SCAN: &str = "[scan]\nrate_hz = 1000\nduration_s = 1\n";
+const PRESS: &str = "[[press]]\nat_s = 0.3\nx_mm = -1.25\ny_mm = 1.25\nfz_n = 0.8\nrise_s = 0.1\n\
+                     hold_s = 0.4\nfall_s = 0.1\n";
+/// A frame while the press is held.
+const HELD: usize = 600;
+
+fn run(text: &str) -> Vec<Sample> {
+    Simulator::new(&Scene::parse("test.toml", text).unwrap(), 1).collect()
+}
+
+/// Listed effects, the scan with more keys, further tables.
+fn scene(effects: &str, scan: &str, tables: &str) -> Vec<Sample> {
+    run(&format!("effects = [{effects}]\n{SCAN}{scan}\n{tables}\n{PRESS}"))
+}
+
+fn lit(codes: &Codes) -> [f64; TAXELS] {
+    let taxels = codes.taxels.unwrap();
+    std::array::from_fn(|k| f64::from(taxels.lit[k / 4][k % 4].0))
+}
+
+fn lit_less_dark(sample: &Sample) -> [f64; TAXELS] {
+    let dark = sample.scan.codes.taxels.unwrap().dark;
+    let lit = lit(&sample.scan.codes);
+    std::array::from_fn(|k| lit[k] - f64::from(dark[k % 4].0))
+}
+
+fn midpoints(sample: &Sample) -> [Code; 4] {
+    let Midpoints { a, b, c, d } = sample.scan.codes.bridges[0].unwrap();
+    [a, b, c, d]
+}
+
+fn codes(samples: &[Sample]) -> Vec<Codes> {
+    samples.iter().map(|sample| sample.scan.codes).collect()
+}
+
+/// A coating is what the finger is; how it follows is an effect.
+const COATED: &str = "[device]\ncoating = 'F02'\n";
+/// Tables that give every effect something to do.
+const TABLES: &str = "[light]\nsun_at_s = 0.5\n[temperature]\nend_c = 45\n";
+
+#[test]
+fn an_effect_changes_codes_only_where_it_is_listed() {
+    let run = |effects: &str, tables: &str| {
+        codes(&scene(effects, "step_us = 15", &format!("{COATED}{tables}")))
+    };
+    let plain = run("", "");
+    assert!(run("", TABLES) == plain, "tables alone change nothing");
+    for effect in [
+        "noise",
+        "ambient",
+        "flicker",
+        "sun",
+        "settling",
+        "supply-ripple",
+        "gain-spread",
+        "optical-crosstalk",
+        "bridge-mismatch",
+        "bridge-crosstalk",
+        "stiffening",
+        "hysteresis",
+        "skin-response",
+        "response",
+        "temperature",
+    ] {
+        assert!(run(&format!("'{effect}'"), TABLES) != plain, "{effect}");
+    }
+}
+
+/// Read 8 µs into a step of 12, of which the conversions take the last four, a column still has
+/// e^(−8/τ) of what it was apart from the light, and what the step before left of its own lag is
+/// e^(−12/τ) of that; τ is 7 µs over ln 9.
+#[test]
+fn a_short_step_spills_a_row_into_the_next_one_of_its_column_alone() {
+    let [settled, hasty] = ["", "'settling'"].map(|effects| {
+        let sample = scene(effects, "step_us = 12", "")[HELD];
+        (lit(&sample.scan.codes), sample.scan.codes.taxels.unwrap().dark)
+    });
+    let tau = 7.0 / 9f64.ln();
+    let mut largest = [0.0f64; 2];
+    for column in 0..4 {
+        let mut before = f64::from(settled.1[column].0);
+        let mut lag = 0.0;
+        for k in (column..TAXELS).step_by(4) {
+            let behind = before + lag - settled.0[k];
+            let error = hasty.0[k] - settled.0[k];
+            assert!((error - behind * (-8.0 / tau).exp()).abs() <= 1.0, "{k}: {error} {behind}");
+            let side = usize::from(error > 0.0);
+            largest[side] = largest[side].max(error.abs());
+            (before, lag) = (settled.0[k], behind * (-12.0 / tau).exp());
+        }
+    }
+    // Row 0 comes out of the dark; row 3 follows the pressed row 2.
+    assert!(largest[0] > 1000.0 && largest[1] > 200.0, "{largest:?}");
+    let patient = scene("'settling'", "step_us = 40", "")[HELD];
+    let errors = lit(&patient.scan.codes).into_iter().zip(settled.0);
+    assert!(errors.into_iter().all(|(patient, settled)| (patient - settled).abs() <= 1.0));
+}
+
+#[test]
+fn the_flag_of_the_wrong_side_names_the_taxels_that_darken_under_a_press() {
+    let text = format!(
+        "effects = ['gain-spread']\n{SCAN}[device]\nwrong_side = ['r2c1', 'r2c2']\n{PRESS}"
+    );
+    let scene = Scene::parse("test.toml", &text).unwrap();
+    let mut simulator = Simulator::new(&scene, 1);
+    let rest = lit_less_dark(&simulator.next().unwrap());
+    let held = lit_less_dark(&simulator.nth(HELD).unwrap());
+    let flagged = simulator.wrong_side();
+    assert_eq!(flagged.iter().filter(|flag| **flag).count(), 2);
+    // Of the taxels that the press moves by more than a thousandth, the sign of the change tells.
+    let moved = (0..TAXELS).filter(|k| (held[*k] / rest[*k] - 1.0).abs() > 1e-3);
+    assert!(moved.clone().count() > 8);
+    for k in moved {
+        assert_eq!(held[k] < rest[k], flagged[k], "taxel {k}");
+    }
+}
+
+#[test]
+fn the_sun_lifts_lit_and_dark_alike_until_it_clips() {
+    let sunny =
+        |ratio: f64| scene("'sun'", "", &format!("[light]\nsun_at_s = 0.1\nsun_ratio = {ratio}\n"));
+    let samples = sunny(0.3);
+    let dark = |t: usize| f64::from(samples[t].scan.codes.taxels.unwrap().dark[2].0);
+    assert!((dark(150) - dark(50) - 0.3 * 65_535.0).abs() < 1.0);
+    for (before, after) in lit_less_dark(&samples[50]).into_iter().zip(lit_less_dark(&samples[150]))
+    {
+        assert!((before - after).abs() <= 1.0);
+    }
+    assert!(lit(&sunny(0.8)[150].scan.codes).iter().all(|code| *code == 65_535.0));
+}
+
+#[test]
+fn lamps_leave_of_themselves_what_they_change_between_dark_and_lit() {
+    let samples = scene("'flicker'", "", "[light]\nflicker_ratio = 0.05\nflicker_hz = 100\n");
+    let rest = lit_less_dark(&scene("", "", "")[0]);
+    let worst = samples[..250].iter().flat_map(|sample| {
+        let now = lit_less_dark(sample);
+        (0..TAXELS).map(move |k| (k, (now[k] - rest[k]).abs() / 65_535.0))
+    });
+    let mut rows = [0.0f64; 4];
+    worst.for_each(|(k, error)| rows[k / 4] = rows[k / 4].max(error));
+    for (row, error) in rows.into_iter().enumerate() {
+        // 30 µs a row behind the dark step, at the steepest of the swing.
+        let most = 0.05 * std::f64::consts::TAU * 100.0 * 30e-6 * (row + 1) as f64;
+        assert!(
+            error < 1.02 * most + 1.0 / 65_535.0 && error > 0.8 * most,
+            "{row}: {error} {most}"
+        );
+    }
+}
+
+#[test]
+fn ripple_of_the_supply_is_in_a_bridges_codes_only_if_the_converter_does_not_follow() {
+    let swing = |ratiometric: bool| {
+        let keys = format!(
+            "[electronics]\nratiometric = {ratiometric}\nripple_ratio = 0.01\nripple_hz = 90\n"
+        );
+        let samples = scene("'supply-ripple'", "", &keys);
+        let a = samples[..250].iter().map(|sample| midpoints(sample)[0].0);
+        let swing = a.clone().max().unwrap() - a.min().unwrap();
+        let light = samples[..250].iter().map(|sample| lit(&sample.scan.codes)[0]);
+        (swing, light.clone().fold(0.0, f64::max) - light.fold(65_535.0, f64::min))
+    };
+    let (own, light) = swing(true);
+    assert_eq!(own, 0, "it cancels");
+    assert!(light > 100.0, "but the LEDs swing: {light}");
+    // ± 1 % of half the range.
+    assert!((640..=656).contains(&swing(false).0), "{}", swing(false).0);
+}
+
+#[test]
+fn amplified_light_clips_and_a_smaller_load_makes_room() {
+    let at = |electronics: &str| {
+        lit(&scene("", "", &format!("[electronics]\n{electronics}\n"))[HELD].scan.codes)
+    };
+    assert!(at("pga_gain = 8").iter().all(|code| *code == 65_535.0));
+    let (plain, balanced) = (at(""), at("pga_gain = 8\nload_ohm = 125"));
+    assert!(plain.iter().zip(balanced).all(|(a, b)| (a - b).abs() <= 1.0));
+}
+
+#[test]
+fn a_warm_finger_has_dimmer_leds_weaker_bridges_and_says_how_warm_it_is() {
+    let warm = scene("'temperature'", "", "[temperature]\nstart_c = 45\nend_c = 45\n");
+    let cool = scene("", "", "");
+    for (warm, cool) in lit_less_dark(&warm[100]).into_iter().zip(lit_less_dark(&cool[100])) {
+        assert!((warm / cool - 0.9).abs() < 1e-3, "20 K at −0.5 %/K: {}", warm / cool);
+    }
+    let u_z = |samples: &[Sample]| {
+        let u = |t: usize| {
+            let [a, b, c, d] = midpoints(&samples[t]).map(|code| f64::from(code.0));
+            (a + b) - (c + d)
+        };
+        u(HELD) - u(100)
+    };
+    // 298.15 K over 318.15 K, and a rounded code or two of some hundreds.
+    let ratio = u_z(&warm) / u_z(&cool);
+    assert!((ratio - 298.15 / 318.15).abs() < 0.01, "{ratio}");
+    let thermometer = warm[100].scan.codes.temperature.unwrap();
+    let volts = f64::from(thermometer.0) / 65_535.0 * 3.3;
+    assert!((30.0 + (volts - 0.76) / 2.5e-3 - 45.0).abs() < 0.05, "{volts}");
+    assert_eq!(cool[100].scan.codes.temperature, None);
+}
+
+#[test]
+fn the_truth_has_force_point_torsion_flags_and_every_sensor() {
+    let samples = scene("'noise'", "", "");
+    let (before, held) = (samples[100].truth, samples[HELD].truth);
+    assert_eq!(before.force, [Some(0.0); 3]);
+    assert_eq!((before.point, before.contact, before.slip), ([None; 2], Some(false), Some(false)));
+    assert_eq!(held.point, [Some(-1.25), Some(1.25)]);
+    assert_eq!((held.contact, held.slip, held.torsion), (Some(true), Some(false), Some(0.0)));
+    assert!(held.sensors.iter().flatten().all(Option::is_some));
+    let z: f64 = held.sensors.iter().filter_map(|sensor| sensor[2]).sum();
+    assert!((z - 0.8).abs() < 1e-9);
+}
+
+/// FNV-1a over every code and the truth in millionths.
+fn hash(samples: &[Sample]) -> u64 {
+    let mut hash = 0xcbf2_9ce4_8422_2325u64;
+    let mut eat = |value: i64| {
+        for byte in value.to_le_bytes() {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    };
+    for Sample { scan, truth } in samples {
+        let codes = &scan.codes;
+        let taxels = codes.taxels.unwrap();
+        taxels.lit.iter().chain([&taxels.dark]).flatten().for_each(|code| eat(code.0.into()));
+        for Midpoints { a, b, c, d } in codes.bridges.into_iter().flatten() {
+            [a, b, c, d].into_iter().for_each(|code| eat(code.0.into()));
+        }
+        eat(codes.reference.map_or(-1, |code| code.0.into()));
+        eat(codes.temperature.map_or(-1, |code| code.0.into()));
+        let truth = truth.force.iter().chain(&truth.point).chain(truth.sensors.as_flattened());
+        truth.for_each(|value| eat(value.map_or(i64::MIN, |value| (value * 1e6).round() as i64)));
+    }
+    hash
+}
+
+/// Noise and all, whatever the machine. If this number changes, every simulated trace has changed and
+/// recordings made before no longer repeat: that is for the changelog.
+#[test]
+fn a_scene_and_its_seed_give_the_same_bits_for_ever() {
+    let all = "'noise', 'ambient', 'flicker', 'sun', 'settling', 'supply-ripple', 'gain-spread', \
+               'optical-crosstalk', 'bridge-mismatch', 'bridge-crosstalk', 'stiffening', \
+               'hysteresis', 'skin-response', 'response', 'temperature'";
+    let found = hash(&scene(all, "", &format!("{COATED}{TABLES}")));
+    assert_eq!(found, 0xff8f_437a_2168_fd4e, "{found:#018x}");
+}
