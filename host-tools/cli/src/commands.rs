@@ -6,5 +6,6 @@ pub mod demo;
 pub mod info;
 pub mod record;
 pub mod replay;
+pub mod serve;
 pub mod set;
 pub mod simulate;

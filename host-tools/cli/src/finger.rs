@@ -1,5 +1,6 @@
 //! Which finger a command talks to.
 
+use std::net::ToSocketAddrs;
 use std::path::Path;
 
 use taxel::calibration::{Calibration, MAX_BYTES};
@@ -66,4 +67,13 @@ pub fn record(calibration: &Calibration) -> anyhow::Result<Vec<u8>> {
     let mut buffer = [0; MAX_BYTES];
     let bytes = calibration.to_bytes(&mut buffer);
     bytes.map(<[u8]>::to_vec).map_err(|error| anyhow::anyhow!("not a record: {error:?}"))
+}
+
+/// Where a virtual finger shall listen, as `--tcp` takes it.
+///
+/// # Errors
+/// It is no address.
+pub fn address(text: &str) -> Result<String, String> {
+    let known = text.to_socket_addrs().is_ok_and(|mut addresses| addresses.next().is_some());
+    if known { Ok(text.to_owned()) } else { Err("expected HOST:PORT, as in 127.0.0.1:5000".into()) }
 }

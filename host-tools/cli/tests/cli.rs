@@ -279,3 +279,12 @@ fn closed_output_is_no_panic_and_no_failure() {
     child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
     assert_eq!((child.wait().unwrap().code(), said.as_str()), (Some(0), ""));
 }
+
+#[test]
+fn what_is_already_a_port_is_not_served_again() {
+    let error = fails(1, &["serve", "--port", "tcp:127.0.0.1:5000"]);
+    assert_eq!(
+        error,
+        "taxel: tcp:127.0.0.1:5000: already a port of its own; serve takes sim:SCENE or file:TRACE.csv\n"
+    );
+}

@@ -8,6 +8,7 @@ mod cycles;
 mod firmware;
 mod memory;
 mod packages;
+mod python;
 mod run;
 mod steps;
 mod test;

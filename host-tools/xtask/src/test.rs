@@ -8,7 +8,7 @@ use clap::ValueEnum;
 use crate::run::{answer, cargo, clean_cargo, exists, locked, root, run};
 use crate::steps::Steps;
 use crate::toolchain::{Choice, Toolchain};
-use crate::{cycles, firmware, packages};
+use crate::{cycles, firmware, packages, python};
 
 /// Which tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -59,7 +59,8 @@ fn host(steps: &mut Steps) -> Result<()> {
     })?;
     steps.take("examples in the documentation", || {
         run(cargo().args(["test", "--quiet", "--workspace", "--doc"]).args(locked()))
-    })
+    })?;
+    steps.take("Python client", python::tests)
 }
 
 fn target(choice: Choice, steps: &mut Steps) -> Result<()> {

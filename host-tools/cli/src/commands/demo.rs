@@ -7,7 +7,6 @@ mod emulated;
 mod live;
 mod score;
 
-use std::net::ToSocketAddrs;
 use std::path::PathBuf;
 
 use serde::Serialize;
@@ -15,7 +14,7 @@ use taxel::frame::Frame;
 use taxel_formats::trace::Truth;
 use taxel_link::{Client, Source, VirtualFinger};
 
-use crate::finger::scene_calibration;
+use crate::finger::{address, scene_calibration};
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
 use live::Live;
@@ -45,11 +44,6 @@ pub struct Args {
     /// Run the firmware on an emulated Cortex-M4F (QEMU) instead.
     #[arg(long, conflicts_with = "tcp")]
     emulated: bool,
-}
-
-fn address(text: &str) -> Result<String, String> {
-    let known = text.to_socket_addrs().is_ok_and(|mut addresses| addresses.next().is_some());
-    if known { Ok(text.to_owned()) } else { Err("expected HOST:PORT, as in 127.0.0.1:5000".into()) }
 }
 
 /// A finger whose truth is known.

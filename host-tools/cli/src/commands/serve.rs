@@ -1,0 +1,62 @@
+//! `taxel serve`: a virtual finger for other programs.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::bail;
+use taxel_link::virtual_finger::Outcome;
+use taxel_link::{Port, Source, VirtualFinger};
+
+use crate::finger::{address, scene_calibration};
+use crate::interrupt::Interrupt;
+use crate::output;
+
+/// How often the loop looks whether it should end.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// Puts a virtual finger where other programs can connect to it, until Ctrl-C.
+///
+/// Prints the port, then waits. One program at a time; the finger's settings stay when it leaves.
+#[derive(clap::Args)]
+#[command(after_help = "Example: taxel serve --port sim:tour --tcp 127.0.0.1:5000 &
+         taxel record --port tcp:127.0.0.1:5000 --duration 5 --out frames.csv")]
+pub struct Args {
+    /// The finger: sim:SCENE or file:TRACE.csv.
+    #[arg(long, value_name = "PORT")]
+    port: Port,
+    /// Where; port 0 takes any that is free [default: a pseudo-terminal].
+    #[arg(long, value_name = "HOST:PORT", value_parser = address)]
+    tcp: Option<String>,
+    /// Calibration of the finger [default: a built-in scene's own].
+    #[arg(long, value_name = "CAL")]
+    calibration: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// The port is none of a virtual finger, the address is taken, or the trace is damaged.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let interrupt = Interrupt::watch()?;
+    let (source, scene) = match &args.port {
+        Port::Sim(scene) => (Source::scene(scene)?, scene.as_str()),
+        Port::File(trace) => (Source::trace(trace)?, ""),
+        other => {
+            bail!("{other}: already a port of its own; serve takes sim:SCENE or file:TRACE.csv")
+        }
+    };
+    let calibration = scene_calibration(args.calibration.as_deref(), scene)?;
+    let finger = match &args.tcp {
+        Some(address) => VirtualFinger::on_tcp(address, source, calibration.as_ref())?,
+        None => VirtualFinger::on_pty(source, calibration.as_ref())?,
+    };
+    output::line(finger.port())?;
+    while !interrupt.came() {
+        match finger.outcome() {
+            Some(Outcome::Finished) => break,
+            Some(Outcome::Failed(error)) => return Err(error.into()),
+            None => std::thread::sleep(LOOK),
+        }
+    }
+    Ok(())
+}

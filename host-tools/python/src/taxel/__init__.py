@@ -1,0 +1,53 @@
+"""Client of the taxel robot fingertip: newtons, millimetres and why not.
+
+Written from docs/protocol.md alone. :class:`Finger` talks to one; :func:`read_frames` reads recorded bytes.
+"""
+
+from collections.abc import Iterable, Iterator
+
+from .errors import LinkError, MalformedError, ProtocolError, RefusedError, TaxelError
+from .finger import Counts, Finger
+from .messages import Bias, Codes, Fields, Force, Frame, Info, NoValue, Point, PointMethod, Signals, Status
+from .messages import decode as _decode
+from .packets import Deframer as _Deframer
+from .table import columns, data_frame
+
+__all__ = [
+    "Bias",
+    "Codes",
+    "Counts",
+    "Fields",
+    "Finger",
+    "Force",
+    "Frame",
+    "Info",
+    "LinkError",
+    "MalformedError",
+    "NoValue",
+    "Point",
+    "PointMethod",
+    "ProtocolError",
+    "RefusedError",
+    "Signals",
+    "Status",
+    "TaxelError",
+    "columns",
+    "data_frame",
+    "read_frames",
+]
+
+
+def read_frames(received: Iterable[bytes]) -> Iterator[Frame]:
+    """The frames in bytes as they came over the wire, in pieces of any length.
+
+    Packets that are damaged and messages that are no frames are passed over.
+    """
+    deframer = _Deframer()
+    for piece in received:
+        for message in deframer.push(piece):
+            try:
+                decoded = _decode(message)
+            except MalformedError:
+                continue
+            if isinstance(decoded, Frame):
+                yield decoded

@@ -1,0 +1,296 @@
+"""A conversation with one finger."""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from types import TracebackType
+from typing import NamedTuple, TypeVar
+
+from .errors import LinkError, MalformedError, ProtocolError, RefusedError, TaxelError
+from .messages import (
+    CHUNK,
+    PROTOCOL,
+    Bias,
+    CalibrationChunk,
+    Command,
+    Done,
+    Fields,
+    Frame,
+    Info,
+    PointMethod,
+    Rate,
+    Refusal,
+    Reply,
+    Response,
+    Version,
+    decode,
+    request,
+)
+from .packets import Deframer, pack
+from .transport import Transport, connect
+
+R = TypeVar("R")
+
+QUEUE = 8192
+"""Frames kept for a program that reads them late; those beyond it are dropped and counted."""
+
+_PATIENCE = 0.5
+_TRIES = 4
+
+
+class Counts(NamedTuple):
+    """Since the stream was started."""
+
+    frames: int
+    """Frames received."""
+    lost: int
+    """Frames that the finger numbered but that never came."""
+    bad_packets: int
+    """Packets that could not be read."""
+    overflow: int
+    """Frames that came but that this program was too slow to take."""
+
+
+class Finger:
+    """A finger behind ``port``: a serial device or ``tcp:HOST:PORT``.
+
+    ::
+
+        with taxel.Finger("/dev/ttyACM0") as finger:
+            for frame in finger.frames(seconds=5):
+                print(frame.time_us, frame.force)
+
+    A thread reads the port, so that a slow loop over the frames loses none until :data:`QUEUE` of them
+    wait. Requests may be made while frames are being taken. Everything raises :class:`TaxelError`.
+    """
+
+    def __init__(self, port: str, *, transport: Transport | None = None) -> None:
+        self.port = port
+        self._transport = transport or connect(port)
+        self._frames: deque[Frame] = deque()
+        self._replies: deque[Version | Reply] = deque()
+        self._changed = threading.Condition()
+        self._asking = threading.Lock()
+        self._ended: TaxelError | None = None
+        self._stop = False
+        self._start_tag: int | None = None
+        self._started = False
+        self._next: int | None = None
+        self._received = self._lost = self._overflow = 0
+        # A serial link keeps what nobody has read: answers to the host before must not look like ours.
+        self._tag = random.randrange(256)
+        self._deframer = Deframer()
+        self._reader = threading.Thread(target=self._read, name="taxel-reader", daemon=True)
+        self._reader.start()
+        try:
+            self.version = self._ask_version()
+        except TaxelError:
+            self.close()
+            raise
+
+    def __enter__(self) -> Finger:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stops the stream and lets go of the port. May be called twice."""
+        if self._stop:
+            return
+        if self._started and self._ended is None:
+            try:
+                self.stream(False)
+            except TaxelError:
+                pass  # A finger that goes now is no matter any more.
+        self._stop = True
+        self._reader.join()
+        self._transport.close()
+
+    def frames(self, seconds: float | None = None) -> Iterator[Frame]:
+        """The stream, for so many seconds of device time or for ever.
+
+        Starts it, and stops it when the loop ends. Raises :class:`LinkError` when the finger goes, after
+        every frame that came before.
+        """
+        self.stream(True)
+        first: int | None = None
+        try:
+            while True:
+                frame = self.next_frame(timeout=5)
+                first = frame.time_us if first is None else first
+                if seconds is not None and frame.time_us - first >= seconds * 1e6:
+                    return
+                yield frame
+        finally:
+            if self._ended is None and not self._stop:
+                self.stream(False)
+
+    def next_frame(self, timeout: float) -> Frame:
+        """The next frame of a stream that has been started."""
+        deadline = time.monotonic() + timeout
+        with self._changed:
+            while not self._frames:
+                if self._ended is not None:
+                    raise self._ended
+                if not self._changed.wait(deadline - time.monotonic()) and not self._frames:
+                    raise LinkError(f"{self.port}: no frame for {timeout:g} s; is the stream on?")
+            return self._frames.popleft()
+
+    @property
+    def counts(self) -> Counts:
+        """Frames received and lost since the stream was started."""
+        return Counts(self._received, self._lost, self._deframer.bad_packets, self._overflow)
+
+    def stream(self, on: bool) -> None:
+        """Starts or stops the stream. Frames from before the start are not handed out."""
+        self._expect(Done, Command.stream(on), starts=on)
+
+    def info(self) -> Info:
+        """Who the finger is and how it is doing."""
+        return self._expect(Info, Command.INFO)
+
+    def set_rate(self, hz: int) -> float:
+        """Frames a second; returns the rate in force, the scan rate over a whole number."""
+        return self._expect(Rate, Command.set_rate(hz)).millihertz / 1000
+
+    def set_fields(self, fields: Fields) -> None:
+        """Which fields frames carry."""
+        self._expect(Done, Command.set_fields(fields))
+
+    def set_point_method(self, method: PointMethod) -> None:
+        """How the contact point is found."""
+        self._expect(Done, Command.set_point_method(method))
+
+    def take_bias(self, scans: int = 500) -> Bias:
+        """Averages so many scans into a new bias. Refused while the finger is not still."""
+        averaging = scans / max(1, self.info().scan_hz)
+        # Asked once: a second try would be refused as busy.
+        return self._expect(Bias, Command.take_bias(scans), averaging + _TRIES * _PATIENCE, 1)
+
+    def read_bias(self) -> Bias:
+        """The bias in force."""
+        return self._expect(Bias, Command.READ_BIAS)
+
+    def clear_bias(self) -> None:
+        """Back to the calibration's own bias."""
+        self._expect(Done, Command.CLEAR_BIAS)
+
+    def upload_calibration(self, record: bytes) -> None:
+        """Puts a record in force, once the finger has checked it. The old one stays if it is refused."""
+        self._expect(Done, Command.calibration_begin(len(record)))
+        for offset in range(0, len(record), CHUNK):
+            self._expect(Done, Command.calibration_chunk(offset, record[offset : offset + CHUNK]))
+        self._expect(Done, Command.CALIBRATION_COMMIT)
+
+    def download_calibration(self) -> bytes:
+        """The record in force."""
+        record = b""
+        while True:
+            chunk = self._expect(CalibrationChunk, Command.calibration_read(len(record)))
+            record += chunk.data
+            if len(chunk.data) < CHUNK:
+                return record
+
+    def _ask_version(self) -> Version:
+        answer = self._exchange(Command.VERSION, _PATIENCE, _TRIES, False)
+        if not isinstance(answer, Version):
+            raise self._confused()
+        if answer.protocol != PROTOCOL:
+            firmware = ".".join(map(str, answer.firmware))
+            raise ProtocolError(
+                f"{self.port}: firmware {firmware} speaks protocol {answer.protocol}, this package "
+                f"{PROTOCOL}; install the package that goes with it"
+            )
+        return answer
+
+    def _expect(
+        self,
+        kind: type[R],
+        command: bytes,
+        patience: float = _PATIENCE,
+        tries: int = _TRIES,
+        starts: bool = False,
+    ) -> R:
+        answer = self._exchange(command, patience, tries, starts)
+        result: Response | Refusal | None = answer.result if isinstance(answer, Reply) else None
+        if isinstance(result, Refusal):
+            raise RefusedError(f"{self.port}: {result}", result)
+        if not isinstance(result, kind):
+            raise self._confused()
+        return result
+
+    def _exchange(self, command: bytes, patience: float, tries: int, starts: bool) -> Version | Reply:
+        with self._asking:
+            self._tag = (self._tag + 1) % 256
+            tag = self._tag
+            if starts:
+                self._start_tag = tag
+            # A zero first ends whatever half a packet the finger may still hold.
+            packet = b"\0" + pack(request(tag, command))
+            for _ in range(tries):
+                self._transport.write(packet)
+                answer = self._answer(tag, command == Command.VERSION, time.monotonic() + patience)
+                if answer is not None:
+                    return answer
+        raise LinkError(f"{self.port}: nobody answers; is it a finger, and is its firmware running?")
+
+    def _answer(self, tag: int, version: bool, deadline: float) -> Version | Reply | None:
+        with self._changed:
+            while True:
+                while self._replies:
+                    reply = self._replies.popleft()
+                    if reply.tag == tag and isinstance(reply, Version) == version:
+                        return reply
+                if self._ended is not None:
+                    raise self._ended
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    return None
+                self._changed.wait(left)
+
+    def _confused(self) -> LinkError:
+        return LinkError(f"{self.port}: the answer belongs to another request; ask again")
+
+    def _read(self) -> None:
+        try:
+            while not self._stop:
+                messages = list(self._deframer.push(self._transport.read()))
+                if messages:
+                    with self._changed:
+                        for message in messages:
+                            self._take(message)
+                        self._changed.notify_all()
+        except TaxelError as error:
+            with self._changed:
+                self._ended = error
+                self._changed.notify_all()
+
+    def _take(self, message: bytes) -> None:
+        try:
+            decoded = decode(message)
+        except MalformedError:
+            self._deframer.bad_packets += 1
+            return
+        if not isinstance(decoded, Frame):
+            if decoded.tag == self._start_tag and isinstance(decoded, Reply):
+                self._start_tag, self._started, self._next = None, True, None
+                self._received = self._lost = self._overflow = 0
+                self._frames.clear()
+            self._replies.append(decoded)
+        elif self._started:
+            self._received += 1
+            ahead = 0 if self._next is None else (decoded.seq - self._next) & 0xFFFF_FFFF
+            # More than half the circle ahead is a step back: a finger that has started anew.
+            self._lost += ahead if ahead < 1 << 31 else 0
+            self._next = (decoded.seq + 1) & 0xFFFF_FFFF
+            if len(self._frames) < QUEUE:
+                self._frames.append(decoded)
+            else:
+                self._overflow += 1

@@ -1,0 +1,505 @@
+"""Messages: docs/protocol.md, sections "Host → finger", "Finger → host" and "A frame"."""
+
+from __future__ import annotations
+
+import struct
+from enum import Enum, IntFlag
+from typing import Any, NamedTuple, TypeAlias
+
+from . import _postcard as read
+from ._postcard import write_varint
+from .errors import MalformedError
+
+PROTOCOL = 1
+"""The version this package was written for."""
+
+CHUNK = 128
+"""Most bytes of a calibration record in one message."""
+
+
+class Status(IntFlag):
+    """What holds for a frame, and which estimators ran for it. Bits that this package does not know are
+    kept."""
+
+    CONTACT = 1 << 0
+    UNCALIBRATED = 1 << 1
+    SATURATED = 1 << 2
+    DEAD_TAXEL = 1 << 3
+    BRIDGE_FAULT = 1 << 4
+    OUT_OF_RANGE = 1 << 5
+    OVERRUN = 1 << 6
+    BIASED = 1 << 7
+    STUCK_CHANNEL = 1 << 8
+    RAN_ARG_MIN = 1 << 16
+    RAN_CENTROID = 1 << 17
+    RAN_NET = 1 << 18
+    RAN_SENSORS = 1 << 19
+
+
+class Fields(IntFlag):
+    """Which fields a frame carries."""
+
+    CODES = 1 << 0
+    SIGNALS = 1 << 1
+    SENSORS = 1 << 2
+    FORCE = 1 << 3
+    POINT = 1 << 4
+    ESTIMATES = SENSORS | FORCE | POINT
+    ALL = CODES | SIGNALS | ESTIMATES
+
+
+class NoValue(Enum):
+    """Why there is no value. It is no number, so that nobody computes with it by mistake."""
+
+    UNCALIBRATED = 0
+    NO_CONTACT = 1
+    SATURATED = 2
+    DEAD_CHANNEL = 3
+    OUT_OF_TRAINED_RANGE = 4
+    ILL_CONDITIONED = 5
+    ABSENT = 6
+    NOT_ESTIMATED = 7
+
+
+class PointMethod(Enum):
+    """How the contact point is found."""
+
+    CENTROID = 0
+    ARG_MIN = 1
+
+
+Newtons: TypeAlias = "float | NoValue"
+
+
+class Force(NamedTuple):
+    """In newtons; z is the normal force."""
+
+    x: Newtons
+    y: Newtons
+    z: Newtons
+
+
+class Point(NamedTuple):
+    """Of contact, in millimetres from the middle of the pad."""
+
+    x_mm: float
+    y_mm: float
+
+
+class Bridge(NamedTuple):
+    """Midpoints of a sensor's four half bridges, as ADC codes."""
+
+    a: int
+    b: int
+    c: int
+    d: int
+
+
+class Codes(NamedTuple):
+    """What the converters read. ``lit`` has sixteen codes by row, ``dark`` one a column."""
+
+    full_scale: int
+    lit: tuple[int, ...] | None
+    dark: tuple[int, ...] | None
+    bridges: tuple[Bridge | None, ...]
+    reference: int | None
+    temperature: int | None
+
+
+class Signals(NamedTuple):
+    """Conditioned signals: sixteen taxels, negative where the facet came nearer, and u − b of four sensors;
+    then a bit a taxel or sensor for what is wrong."""
+
+    taxels: tuple[float, ...] | None
+    bridges: tuple[tuple[float, ...] | None, ...]
+    saturated: int
+    dead: int
+    bridge_faults: int
+
+
+class Frame(NamedTuple):
+    """One frame of the stream. A field that was not asked for is ``None``."""
+
+    seq: int
+    time_us: int
+    status: Status
+    codes: Codes | None
+    signals: Signals | None
+    sensors: tuple[Force, ...] | None
+    force: Force | None
+    point: Point | NoValue | None
+
+    @property
+    def in_contact(self) -> bool:
+        """The contact gate is open."""
+        return bool(self.status & 1)
+
+
+class Version(NamedTuple):
+    """The answer to the version query."""
+
+    tag: int
+    protocol: int
+    firmware: tuple[int, int, int]
+
+
+class CalibrationId(NamedTuple):
+    """Which calibration is in force."""
+
+    serial: str
+    date: int
+    crc: int
+
+
+class Info(NamedTuple):
+    """Who the finger is and how it is doing. Costs are in ticks, ``tick_hz`` a second, for one scan."""
+
+    board: str
+    serial: str
+    build: str
+    scan_hz: int
+    full_scale: int
+    tick_hz: int
+    rate_millihertz: int
+    fields: Fields
+    streaming: bool
+    point_method: PointMethod
+    biased: bool
+    calibration: CalibrationId | None
+    scans: int
+    frames: int
+    lost: int
+    overruns: int
+    bad_packets: int
+    lost_replies: int
+    cost_last: int
+    cost_worst: int
+
+
+class Rate(NamedTuple):
+    """The rate in force."""
+
+    millihertz: int
+
+
+class TaxelBias(NamedTuple):
+    """Of sixteen taxels, in fractions of full scale."""
+
+    level: tuple[float, ...]
+    noise: float
+
+
+class BridgeBias(NamedTuple):
+    """Of a sensor's three signals, in fractions of full scale."""
+
+    level: tuple[float, ...]
+    noise: float
+
+
+class Bias(NamedTuple):
+    """What the unloaded finger reads; taken on command or the calibration's own."""
+
+    taxels: TaxelBias | None
+    bridges: tuple[BridgeBias | None, ...]
+    on_command: bool
+    in_contact: bool
+
+
+class CalibrationChunk(NamedTuple):
+    """Bytes of the record in force."""
+
+    offset: int
+    data: bytes
+
+
+class Done(NamedTuple):
+    """It is done."""
+
+
+class Refusal(NamedTuple):
+    """Why a request was not carried out: the reason in words, with its numbers."""
+
+    reason: str
+    details: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        if self.reason == "out of range":
+            return "out of range: it must be {}…{}".format(*self.details)
+        return " ".join([self.reason, *map(str, self.details)])
+
+
+Response: TypeAlias = Done | Info | Rate | Bias | CalibrationChunk
+
+
+class Reply(NamedTuple):
+    """The answer to any request but the version query."""
+
+    tag: int
+    result: Response | Refusal
+
+
+Message: TypeAlias = Version | Reply | Frame
+
+_NO_VALUES = tuple(NoValue)
+_SIXTEEN_F32 = read.array("<16f")
+_THREE_F32 = read.array("<3f")
+_THREE_U8 = read.array("<3B")
+
+
+def _variant(names: tuple[Any, ...], data: bytes, at: int) -> tuple[Any, int]:
+    number, at = read.varint(data, at)
+    if number >= len(names):
+        raise ValueError(f"variant {number} of {len(names)}")
+    return names[number], at
+
+
+def _newtons(data: bytes, at: int) -> tuple[Newtons, int]:
+    failed, at = read.boolean(data, at)
+    return _variant(_NO_VALUES, data, at) if failed else read.f32(data, at)
+
+
+def _force(data: bytes, at: int) -> tuple[Force, int]:
+    x, at = _newtons(data, at)
+    y, at = _newtons(data, at)
+    z, at = _newtons(data, at)
+    return Force(x, y, z), at
+
+
+def _point(data: bytes, at: int) -> tuple[Point | NoValue, int]:
+    failed, at = read.boolean(data, at)
+    if failed:
+        return _variant(_NO_VALUES, data, at)
+    x, at = read.f32(data, at)
+    y, at = read.f32(data, at)
+    return Point(x, y), at
+
+
+_TAXEL_CODES = read.option(read.array("<20H"))
+_BRIDGE_CODES = read.times(4, read.option(read.array("<4H")))
+_CODE = read.option(read.code)
+
+
+def _codes(data: bytes, at: int) -> tuple[Codes, int]:
+    full_scale, at = read.code(data, at)
+    taxels, at = _TAXEL_CODES(data, at)
+    bridges, at = _BRIDGE_CODES(data, at)
+    reference, at = _CODE(data, at)
+    temperature, at = _CODE(data, at)
+    lit, dark = (taxels[:16], taxels[16:]) if taxels else (None, None)
+    named = tuple(None if bridge is None else Bridge(*bridge) for bridge in bridges)
+    return Codes(full_scale, lit, dark, named, reference, temperature), at
+
+
+_TAXEL_SIGNALS = read.option(_SIXTEEN_F32)
+_BRIDGE_SIGNALS = read.times(4, read.option(_THREE_F32))
+
+
+def _signals(data: bytes, at: int) -> tuple[Signals, int]:
+    taxels, at = _TAXEL_SIGNALS(data, at)
+    bridges, at = _BRIDGE_SIGNALS(data, at)
+    saturated, at = read.varint(data, at)
+    dead, at = read.varint(data, at)
+    faults, at = read.u8(data, at)
+    return Signals(taxels, bridges, saturated, dead, faults), at
+
+
+_CODES_FIELD = read.option(_codes)
+_SIGNALS_FIELD = read.option(_signals)
+_SENSORS_FIELD = read.option(read.times(4, _force))
+_FORCE_FIELD = read.option(_force)
+_POINT_FIELD = read.option(_point)
+
+
+def _frame(data: bytes, at: int) -> tuple[Frame, int]:
+    seq, at = read.varint(data, at)
+    time, at = read.varint(data, at)
+    status, at = read.varint(data, at)
+    codes, at = _CODES_FIELD(data, at)
+    signals, at = _SIGNALS_FIELD(data, at)
+    sensors, at = _SENSORS_FIELD(data, at)
+    force, at = _FORCE_FIELD(data, at)
+    point, at = _POINT_FIELD(data, at)
+    return Frame(seq, time, Status(status), codes, signals, sensors, force, point), at
+
+
+def _version(data: bytes, at: int) -> tuple[Version, int]:
+    tag, at = read.u8(data, at)
+    protocol, at = read.varint(data, at)
+    firmware, at = _THREE_U8(data, at)
+    return Version(tag, protocol, (firmware[0], firmware[1], firmware[2])), at
+
+
+def _calibration_id(data: bytes, at: int) -> tuple[CalibrationId, int]:
+    serial, at = read.text(data, at)
+    date, at = read.varint(data, at)
+    crc, at = read.varint(data, at)
+    return CalibrationId(serial, date, crc), at
+
+
+_CALIBRATION_ID = read.option(_calibration_id)
+
+
+def _info(data: bytes, at: int) -> tuple[Info, int]:
+    board, at = read.text(data, at)
+    serial, at = read.text(data, at)
+    build, at = read.text(data, at)
+    scan_hz, at = read.varint(data, at)
+    full_scale, at = read.code(data, at)
+    tick_hz, at = read.varint(data, at)
+    rate, at = read.varint(data, at)
+    fields, at = read.varint(data, at)
+    streaming, at = read.boolean(data, at)
+    method, at = _variant(tuple(PointMethod), data, at)
+    biased, at = read.boolean(data, at)
+    calibration, at = _CALIBRATION_ID(data, at)
+    counts, at = read.times(8, read.varint)(data, at)
+    known = (board, serial, build, scan_hz, full_scale, tick_hz, rate, Fields(fields), streaming)
+    return Info(*known, method, biased, calibration, *counts), at
+
+
+def _taxel_bias(data: bytes, at: int) -> tuple[TaxelBias, int]:
+    level, at = _SIXTEEN_F32(data, at)
+    noise, at = read.f32(data, at)
+    return TaxelBias(level, noise), at
+
+
+def _bridge_bias(data: bytes, at: int) -> tuple[BridgeBias, int]:
+    level, at = _THREE_F32(data, at)
+    noise, at = read.f32(data, at)
+    return BridgeBias(level, noise), at
+
+
+_TAXEL_BIAS = read.option(_taxel_bias)
+_BRIDGE_BIASES = read.times(4, read.option(_bridge_bias))
+
+
+def _bias(data: bytes, at: int) -> tuple[Bias, int]:
+    taxels, at = _TAXEL_BIAS(data, at)
+    bridges, at = _BRIDGE_BIASES(data, at)
+    on_command, at = read.boolean(data, at)
+    in_contact, at = read.boolean(data, at)
+    return Bias(taxels, bridges, on_command, in_contact), at
+
+
+def _rate(data: bytes, at: int) -> tuple[Rate, int]:
+    millihertz, at = read.varint(data, at)
+    return Rate(millihertz), at
+
+
+def _chunk(data: bytes, at: int) -> tuple[CalibrationChunk, int]:
+    offset, at = read.varint(data, at)
+    record, at = read.blob(data, at)
+    return CalibrationChunk(offset, record), at
+
+
+def _done(_: bytes, at: int) -> tuple[Done, int]:
+    return Done(), at
+
+
+_RESPONSES = (_done, _info, _rate, _bias, _chunk)
+_REFUSALS = (
+    "out of range",
+    "the finger is not still",
+    "another bias is being taken",
+    "a chunk out of order",
+    "the record is not a calibration",
+    "there is no calibration",
+    "a taxel is clipped",
+)
+
+
+def _refusal(data: bytes, at: int) -> tuple[Refusal, int]:
+    number, at = read.varint(data, at)
+    reason = _REFUSALS[number] if number < len(_REFUSALS) else f"refusal {number}"
+    if number == 0:
+        limits, at = read.times(2, read.varint)(data, at)
+        return Refusal(reason, limits), at
+    # The rest of a refusal, if there is any, are its numbers.
+    details = []
+    while at < len(data):
+        detail, at = read.varint(data, at)
+        details.append(detail)
+    return Refusal(reason, tuple(details)), at
+
+
+def _reply(data: bytes, at: int) -> tuple[Reply, int]:
+    tag, at = read.u8(data, at)
+    refused, at = read.boolean(data, at)
+    if refused:
+        refusal, at = _refusal(data, at)
+        return Reply(tag, refusal), at
+    response, at = _variant(_RESPONSES, data, at)
+    result, at = response(data, at)
+    return Reply(tag, result), at
+
+
+_MESSAGES = (_version, _reply, _frame)
+
+
+def decode(message: bytes) -> Message:
+    """A message without its COBS and CRC.
+
+    Raises :class:`MalformedError` for anything that is none, too short or too long.
+    """
+    try:
+        reader, at = _variant(_MESSAGES, message, 0)
+        decoded: Message
+        decoded, at = reader(message, at)
+    except (IndexError, ValueError, struct.error) as error:
+        raise MalformedError(f"{message.hex(' ')} is no message of protocol {PROTOCOL}: {error}") from error
+    if at != len(message):
+        raise MalformedError(f"{message.hex(' ')} has {len(message) - at} bytes too many")
+    return decoded
+
+
+class Command:
+    """Requests, without their tag: what follows it on the wire."""
+
+    VERSION = bytes([0])
+    INFO = bytes([1])
+    READ_BIAS = bytes([7])
+    CLEAR_BIAS = bytes([8])
+    CALIBRATION_COMMIT = bytes([11])
+
+    @staticmethod
+    def stream(on: bool) -> bytes:
+        return bytes([2, on])
+
+    @staticmethod
+    def set_rate(hz: int) -> bytes:
+        return bytes([3]) + _u16(hz)
+
+    @staticmethod
+    def set_fields(fields: Fields) -> bytes:
+        return bytes([4]) + _u16(int(fields))
+
+    @staticmethod
+    def set_point_method(method: PointMethod) -> bytes:
+        return bytes([5, method.value])
+
+    @staticmethod
+    def take_bias(scans: int) -> bytes:
+        return bytes([6]) + _u16(scans)
+
+    @staticmethod
+    def calibration_begin(length: int) -> bytes:
+        return bytes([9]) + _u16(length)
+
+    @staticmethod
+    def calibration_chunk(offset: int, data: bytes) -> bytes:
+        return bytes([10]) + _u16(offset) + write_varint(len(data)) + data
+
+    @staticmethod
+    def calibration_read(offset: int) -> bytes:
+        return bytes([12]) + _u16(offset)
+
+
+def request(tag: int, command: bytes) -> bytes:
+    """The message that asks for ``command``; the reply carries ``tag`` back."""
+    return bytes([tag]) + command
+
+
+def _u16(value: int) -> bytes:
+    if not 0 <= value <= 0xFFFF:
+        raise ValueError(f"{value} does not fit: expected 0…65535")
+    return write_varint(value)

@@ -1,0 +1,178 @@
+"""Against the Rust side: a virtual finger that the `taxel` command serves, and what it makes of a trace.
+
+Needs that command: `TAXEL=path/to/taxel`, else the one that cargo last built, else `cargo build` makes it.
+"""
+
+import csv
+import os
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taxel
+from taxel import Fields, Finger, LinkError, RefusedError
+
+ROOT = Path(__file__).parents[3]
+
+FAST = """
+effects = ["noise"]
+
+[scan]
+rate_hz = 4000
+duration_s = 2
+
+[[press]]
+at_s = 0.5
+x_mm = 0.0
+y_mm = 0.0
+fz_n = 1.0
+rise_s = 0.2
+hold_s = 0.5
+fall_s = 0.2
+"""
+
+
+@pytest.fixture(scope="session")
+def command() -> str:
+    if "TAXEL" in os.environ:
+        return os.environ["TAXEL"]
+    subprocess.run(["cargo", "build", "--quiet", "--bin", "taxel"], cwd=ROOT, check=True)
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    return str(target / "debug" / "taxel")
+
+
+@contextmanager
+def serve(command: str, port: str, *arguments: str) -> Iterator[str]:
+    """A virtual finger, and the port it can be reached at."""
+    process = subprocess.Popen(
+        [command, "serve", "--port", port, *arguments], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+    finally:
+        process.terminate()
+        process.wait(10)
+
+
+@pytest.fixture
+def finger(command: str) -> Iterator[Finger]:
+    with serve(command, "sim:tour", "--tcp", "127.0.0.1:0") as port, Finger(port) as finger:
+        yield finger
+
+
+def test_the_stream_comes_without_a_gap(finger: Finger):
+    finger.set_fields(Fields.ESTIMATES)
+    rate = finger.set_rate(500)
+    frames = list(finger.frames(seconds=1))
+    assert len(frames) == pytest.approx(rate, abs=1)
+    assert {b.seq - a.seq for a, b in zip(frames, frames[1:], strict=False)} == {1}
+    assert finger.counts == (len(frames) + finger.counts.frames - len(frames), 0, 0, 0)
+    assert all(frame.codes is None and frame.force is not None for frame in frames)
+
+
+def test_settings_are_in_force_and_reported(finger: Finger):
+    finger.set_rate(250)
+    finger.set_fields(Fields.FORCE | Fields.POINT)
+    info = finger.info()
+    assert (info.rate_millihertz, info.fields) == (250_000, Fields.FORCE | Fields.POINT)
+    assert info.calibration is not None and info.scan_hz >= 250
+
+
+def test_a_refusal_says_why_in_one_line(finger: Finger):
+    with pytest.raises(RefusedError, match=r"out of range: it must be 1…\d+$") as refused:
+        finger.set_rate(0)
+    assert refused.value.refusal.details[0] == 1
+
+
+def test_the_calibration_reads_back_as_it_was_uploaded(finger: Finger):
+    record = finger.download_calibration()
+    assert len(record) > 100
+    finger.upload_calibration(record)
+    assert finger.download_calibration() == record
+    damaged = bytes([record[0]]) + bytes([record[1]]) + record[2:-1] + bytes([record[-1] ^ 1])
+    with pytest.raises(RefusedError, match="not a calibration"):
+        finger.upload_calibration(damaged)
+    assert finger.download_calibration() == record
+
+
+def test_requests_are_answered_while_frames_stream(finger: Finger):
+    for i, _ in enumerate(finger.frames(seconds=0.5)):
+        if i % 100 == 0:
+            assert finger.info().streaming
+    assert finger.counts.lost == 0
+
+
+def test_a_pulled_cable_is_told_after_the_last_frame(command: str):
+    with serve(command, "sim:tour", "--tcp", "127.0.0.1:0") as port:
+        finger = Finger(port)
+        stream = finger.frames()
+        next(stream)
+    with pytest.raises(LinkError, match="closed the link|reset by peer"):
+        for _ in stream:
+            pass
+    finger.close()
+
+
+@pytest.mark.parametrize(
+    ("port", "says"),
+    [
+        ("/dev/no-such-finger", "there is no such device"),
+        ("tcp:localhost", "not HOST:PORT"),
+        ("tcp:127.0.0.1:1", "refused"),
+    ],
+)
+def test_a_wrong_port_is_told_in_one_line(port: str, says: str):
+    with pytest.raises(LinkError, match=says) as error:
+        Finger(port)
+    assert "\n" not in str(error.value) and str(error.value).startswith(port)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are Unix's")
+def test_a_serial_device_works_as_tcp_does(command: str):
+    with serve(command, "sim:tour") as port, Finger(port) as finger:
+        finger.set_rate(1000)
+        assert len(list(finger.frames(seconds=1))) == pytest.approx(1000, abs=2)
+        assert finger.counts.lost == 0
+
+
+def test_values_are_those_of_the_rust_side(command: str, tmp_path: Path):
+    """The same trace through `taxel replay` and over TCP through this package, every field, every bit."""
+    trace, replayed = tmp_path / "trace.csv", tmp_path / "frames.csv"
+    calibration = ROOT / "host-tools/cli/assets/virtual-finger.cal.toml"
+    simulate = [command, "simulate", "--scene", "tour", "--seed", "3", "--out", str(trace)]
+    subprocess.run(simulate, check=True, capture_output=True)
+    rust = [command, "replay", str(trace), "--calibration", str(calibration), "--fields", "all"]
+    subprocess.run([*rust, "--out", str(replayed)], check=True, capture_output=True)
+    expected = {int(row["t_us"]): row for row in csv.DictReader(replayed.open())}
+    served = serve(command, f"file:{trace}", "--tcp", "127.0.0.1:0", "--calibration", str(calibration))
+    with served as port, Finger(port) as finger:
+        finger.set_fields(Fields.ALL)
+        finger.set_rate(finger.info().scan_hz)
+        frames = list(finger.frames(seconds=4))
+        assert finger.counts.lost == 0
+    table = taxel.columns(frames, Fields.ALL)
+    assert len(frames) > 1000 and np.nanmax(table["fz_n"]) > 0.1
+    assert table.keys() == next(iter(expected.values())).keys()
+    rows = [expected[int(t)] for t in table["t_us"]]
+    for name in table.keys() - {"t_us", "seq"}:
+        theirs = np.array([np.float32(row[name]) if row[name] else np.nan for row in rows])
+        np.testing.assert_array_equal(table[name].astype(np.float32), theirs, err_msg=name)
+
+
+def test_four_thousand_frames_a_second_are_sustained(command: str, tmp_path: Path):
+    scene = tmp_path / "fast.toml"
+    scene.write_text(FAST)
+    with serve(command, f"sim:{scene}", "--tcp", "127.0.0.1:0") as port, Finger(port) as finger:
+        assert finger.set_rate(4000) == 4000
+        finger.set_fields(Fields.ALL)
+        start = time.monotonic()
+        count = sum(1 for _ in finger.frames(seconds=10))
+        assert count == pytest.approx(40_000, abs=4)
+        assert finger.counts.lost == finger.counts.overflow == finger.counts.bad_packets == 0
+        assert time.monotonic() - start < 11
