@@ -1,6 +1,6 @@
 //! The whole way of one scan: codes → signals → gate → only the estimators that the scene needs.
 
-use crate::calibration::{Calibration, Range};
+use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
     Bias, BiasRefusal, BiasTaker, Health, Levels, Signals, Stuck, StuckWatch, Taken,
 };
@@ -107,7 +107,7 @@ impl Finger {
     #[must_use]
     pub fn new(calibration: Option<Calibration>) -> (Self, FingerState) {
         let finger = Self { calibration, ..Self::default() };
-        let state = FingerState { bias: finger.own_bias(), ..FingerState::default() };
+        let state = finger.restarted();
         (finger, state)
     }
 
@@ -117,10 +117,29 @@ impl Finger {
         self.calibration.as_ref()
     }
 
-    /// Puts another calibration in force; bias and gate start afresh from it.
-    pub fn recalibrate(&mut self, state: &mut FingerState, calibration: Calibration) {
-        self.calibration = Some(calibration);
-        *state = FingerState { bias: self.own_bias(), ..FingerState::default() };
+    /// Puts the calibration in `record` in force, read in place. Bias and gate are those of the one before
+    /// until they are [`Self::restarted`].
+    ///
+    /// # Errors
+    /// What is wrong with it; the finger is uncalibrated then.
+    pub fn recalibrate(&mut self, record: &[u8]) -> Result<(), CalibrationError> {
+        let read = self.calibration.get_or_insert(Calibration::EMPTY).read(record);
+        if read.is_err() {
+            self.calibration = None;
+        }
+        read
+    }
+
+    /// Memory to start afresh with.
+    #[must_use]
+    pub fn restarted(&self) -> FingerState {
+        FingerState { bias: self.own_bias(), ..FingerState::default() }
+    }
+
+    /// Puts a bias in force that was taken on command before.
+    pub fn restore_bias(&self, state: &mut FingerState, bias: Bias) {
+        state.bias = bias;
+        state.biased = true;
     }
 
     /// Drops a bias taken on command: the calibration's own is in force again.
@@ -246,8 +265,9 @@ impl Finger {
         health: &Health,
         status: &mut Status,
     ) -> Force {
-        let taxels = self.calibration.as_ref().and_then(|c| c.taxels.as_ref());
-        let Some((taxels, net)) = taxels.and_then(|t| t.net.as_ref().map(|net| (t, net))) else {
+        let calibration = self.calibration.as_ref();
+        let Some((taxels, net)) = calibration.and_then(|c| c.taxels.as_ref().zip(c.force.as_ref()))
+        else {
             return Force::none(NoValue::Uncalibrated);
         };
         if health.dead != 0 {

@@ -1,11 +1,12 @@
 //! The finger as an instrument: settings, counters, commands. It owns everything that survives a
-//! reconnect, and does no I/O; [`crate::session`] carries its words.
+//! reconnect, and keeps in a [`Store`] what survives power-off; [`crate::session`] carries its words.
 
-use crate::calibration::{self, Calibration, CalibrationError};
+use crate::calibration::{self, bias_fits};
 use crate::condition::BiasRefusal;
 use crate::finger::{Finger, FingerState};
 use crate::frame::{Fields, Frame, Status};
 use crate::scan::Scan;
+use crate::store::{Flash, Settings, Store, StoreError, StoredBias};
 use crate::wire::message::{
     CHUNK, CalibrationId, Command, Cost, Counters, Identity, Info, Message, PROTOCOL, Refusal,
     Request, Response,
@@ -18,11 +19,8 @@ pub struct Instrument {
     state: FingerState,
     /// CRC of the record in force.
     calibration_crc: u32,
-    /// Where records come in, and where the one in force is written out to be read back.
-    buffer: [u8; calibration::MAX_BYTES],
-    upload: Option<Upload>,
     streaming: bool,
-    divider: u16,
+    hz: u16,
     fields: Fields,
     until_due: u16,
     seq: u32,
@@ -33,12 +31,6 @@ pub struct Instrument {
     taking_in_contact: bool,
     counters: Counters,
     cost: Cost,
-}
-
-/// A calibration on its way into the buffer.
-struct Upload {
-    expected: usize,
-    received: usize,
 }
 
 /// What a scan brings about.
@@ -58,16 +50,14 @@ impl Instrument {
     #[must_use]
     pub fn new(identity: Identity) -> Self {
         let (finger, state) = Finger::new(None);
-        let divider = divider(identity.scan_hz, Self::DEFAULT_RATE_HZ.min(identity.scan_hz));
+        let hz = Self::DEFAULT_RATE_HZ.min(identity.scan_hz);
         Self {
             identity,
             finger,
             state,
             calibration_crc: 0,
-            buffer: [0; calibration::MAX_BYTES],
-            upload: None,
             streaming: false,
-            divider,
+            hz,
             fields: Fields::ESTIMATES,
             until_due: 0,
             seq: 0,
@@ -79,14 +69,33 @@ impl Instrument {
         }
     }
 
-    /// Puts a stored record in force, as a board does at power-up.
+    /// Puts in force what the store kept, as a board does at power-up: the newest calibration that this
+    /// firmware reads, the settings, and a bias that belongs to that calibration.
+    pub fn restore(&mut self, store: &mut Store<impl Flash>) {
+        store.open(|record| self.finger.recalibrate(record).is_ok());
+        self.begin_anew(store);
+        if let Some(Settings { hz, fields, point_method }) = store.settings()
+            && (1..=self.identity.scan_hz).contains(&hz)
+            && fields.0 <= Fields::ALL.0
+        {
+            (self.hz, self.fields, self.finger.point_method) = (hz, fields, point_method);
+        }
+        if let Some(StoredBias { calibration, bias: Some(bias) }) = store.bias()
+            && calibration == self.calibration_crc
+            && bias_fits(&bias)
+        {
+            self.finger.restore_bias(&mut self.state, bias);
+        }
+    }
+
+    /// Stores a calibration record and puts it in force, as an upload does.
     ///
     /// # Errors
     /// What is wrong with it; the instrument then stays as it was.
-    pub fn install(&mut self, record: &[u8]) -> Result<(), CalibrationError> {
-        let calibration = Calibration::from_bytes(record)?;
-        self.put_in_force(calibration, record_crc(record));
-        Ok(())
+    pub fn install(&mut self, record: &[u8], store: &mut Store<impl Flash>) -> Result<(), Refusal> {
+        store.begin(record.len())?;
+        store.write(0, record)?;
+        self.commit(store)
     }
 
     /// The stream is on.
@@ -126,7 +135,7 @@ impl Instrument {
         }
         if self.streaming {
             if self.until_due == 0 {
-                self.until_due = self.divider;
+                self.until_due = self.divider();
                 outcome.frame = Some(estimate.frame(self.seq, self.fields));
                 self.seq = self.seq.wrapping_add(1);
                 self.counters.frames = self.counters.frames.wrapping_add(1);
@@ -137,7 +146,7 @@ impl Instrument {
     }
 
     /// One request. `None` where the answer comes later, with a scan.
-    pub fn handle(&mut self, request: &Request) -> Option<Message> {
+    pub fn handle(&mut self, request: &Request, store: &mut Store<impl Flash>) -> Option<Message> {
         let tag = request.tag;
         if request.command == Command::Version {
             return Some(Message::Version {
@@ -146,14 +155,19 @@ impl Instrument {
                 firmware: firmware_version(),
             });
         }
-        match self.command(tag, &request.command) {
+        match self.command(tag, &request.command, store) {
             Ok(None) => None,
             Ok(Some(response)) => Some(Message::Reply { tag, result: Ok(response) }),
             Err(refusal) => Some(Message::Reply { tag, result: Err(refusal) }),
         }
     }
 
-    fn command(&mut self, tag: u8, command: &Command) -> Result<Option<Response>, Refusal> {
+    fn command(
+        &mut self,
+        tag: u8,
+        command: &Command,
+        store: &mut Store<impl Flash>,
+    ) -> Result<Option<Response>, Refusal> {
         match command {
             Command::Version => {}
             Command::Info => return Ok(Some(Response::Info(self.info()))),
@@ -163,7 +177,7 @@ impl Instrument {
             }
             Command::SetRate { hz } => {
                 in_range(u32::from(*hz), 1, u32::from(self.identity.scan_hz))?;
-                self.divider = divider(self.identity.scan_hz, *hz);
+                self.hz = *hz;
                 self.until_due = 0;
                 return Ok(Some(Response::Rate { millihertz: self.rate_millihertz() }));
             }
@@ -192,60 +206,60 @@ impl Instrument {
             }
             Command::CalibrationBegin { length } => {
                 in_range(u32::from(*length), 6, calibration::MAX_BYTES as u32)?;
-                self.upload = Some(Upload { expected: usize::from(*length), received: 0 });
+                store.begin(usize::from(*length))?;
             }
-            Command::CalibrationChunk { offset, data } => self.receive(*offset, data)?,
-            Command::CalibrationCommit => self.commit()?,
+            Command::CalibrationChunk { offset, data } => {
+                store.write(usize::from(*offset), data)?;
+            }
+            Command::CalibrationCommit => {
+                if self.state.taking_bias() {
+                    return Err(Refusal::Busy);
+                }
+                self.commit(store)?;
+            }
             Command::CalibrationRead { offset } => {
-                return self.read_calibration(*offset).map(Some);
+                let record = store.record().ok_or(Refusal::Uncalibrated)?;
+                let rest = record.get(usize::from(*offset)..).unwrap_or_default();
+                let data = rest.iter().copied().take(CHUNK).collect();
+                return Ok(Some(Response::Calibration { offset: *offset, data }));
+            }
+            Command::SaveSettings => {
+                let point_method = self.finger.point_method;
+                store.save_settings(&Settings {
+                    hz: self.hz,
+                    fields: self.fields,
+                    point_method,
+                })?;
+            }
+            Command::SaveBias => {
+                if self.state.taking_bias() {
+                    return Err(Refusal::Busy);
+                }
+                let bias = self.state.biased().then(|| *self.state.bias());
+                store.save_bias(&StoredBias { calibration: self.calibration_crc, bias })?;
             }
         }
         Ok(Some(Response::Done))
     }
 
-    fn receive(&mut self, offset: u16, data: &[u8]) -> Result<(), Refusal> {
-        let upload = self.upload.as_mut().ok_or(Refusal::OutOfOrder)?;
-        let end = upload.received + data.len();
-        if usize::from(offset) != upload.received || end > upload.expected {
-            return Err(Refusal::OutOfOrder);
+    /// What the store has received is read from its flash, put in force, and only then made the newest:
+    /// a record that is refused costs nothing but the other slot.
+    fn commit(&mut self, store: &mut Store<impl Flash>) -> Result<(), Refusal> {
+        let read = self.finger.recalibrate(store.written()?).map_err(Refusal::Calibration);
+        let done = read.and_then(|()| Ok(store.commit()?));
+        if done.is_ok() {
+            self.begin_anew(store);
+        } else if let Some(old) = store.record() {
+            // It was read before. Bias and gate still belong to it.
+            let _ = self.finger.recalibrate(old);
         }
-        let slot = self.buffer.get_mut(upload.received..end).ok_or(Refusal::OutOfOrder)?;
-        slot.copy_from_slice(data);
-        upload.received = end;
-        Ok(())
+        done
     }
 
-    fn commit(&mut self) -> Result<(), Refusal> {
-        if self.state.taking_bias() {
-            return Err(Refusal::Busy);
-        }
-        let upload = self.upload.take().ok_or(Refusal::OutOfOrder)?;
-        let record = self.buffer.get(..upload.expected).ok_or(Refusal::OutOfOrder)?;
-        if upload.received != upload.expected {
-            return Err(Refusal::OutOfOrder);
-        }
-        let calibration = Calibration::from_bytes(record).map_err(Refusal::Calibration)?;
-        let crc = record_crc(record);
-        self.put_in_force(calibration, crc);
-        Ok(())
-    }
-
-    fn put_in_force(&mut self, calibration: Calibration, crc: u32) {
-        self.finger.recalibrate(&mut self.state, calibration);
-        self.calibration_crc = crc;
+    fn begin_anew(&mut self, store: &Store<impl Flash>) {
+        self.state = self.finger.restarted();
+        self.calibration_crc = store.record().map_or(0, record_crc);
         self.bias_in_contact = false;
-    }
-
-    /// The record is written out afresh for every part: that is rare, and a copy of it would be a sixth
-    /// of a small controller's memory.
-    fn read_calibration(&mut self, offset: u16) -> Result<Response, Refusal> {
-        if self.upload.is_some() {
-            return Err(Refusal::Busy);
-        }
-        let calibration = self.finger.calibration().ok_or(Refusal::Uncalibrated)?;
-        let record = calibration.to_bytes(&mut self.buffer).map_err(Refusal::Calibration)?;
-        let rest = record.get(usize::from(offset)..).unwrap_or_default();
-        Ok(Response::Calibration { offset, data: rest.iter().copied().take(CHUNK).collect() })
     }
 
     fn bias_response(&self) -> Response {
@@ -256,8 +270,15 @@ impl Instrument {
         }
     }
 
+    /// Every how many scans a frame is due: the nearest whole number.
+    fn divider(&self) -> u16 {
+        let (scan_hz, hz) = (u32::from(self.identity.scan_hz), u32::from(self.hz.max(1)));
+        // 64-bit not needed: the sum stays below 2^17.
+        ((scan_hz + hz / 2) / hz).clamp(1, u32::from(u16::MAX)) as u16
+    }
+
     fn rate_millihertz(&self) -> u32 {
-        u32::from(self.identity.scan_hz) * 1000 / u32::from(self.divider.max(1))
+        u32::from(self.identity.scan_hz) * 1000 / u32::from(self.divider())
     }
 
     fn info(&self) -> Info {
@@ -284,11 +305,13 @@ fn record_crc(record: &[u8]) -> u32 {
     record.last_chunk().map_or(0, |crc| u32::from_le_bytes(*crc))
 }
 
-/// Every how many scans a frame is due: the nearest whole divider.
-fn divider(scan_hz: u16, hz: u16) -> u16 {
-    let hz = hz.max(1);
-    // 64-bit not needed: scan_hz + hz / 2 stays below 2^17.
-    ((u32::from(scan_hz) + u32::from(hz) / 2) / u32::from(hz)).clamp(1, u32::from(u16::MAX)) as u16
+impl From<StoreError> for Refusal {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::OutOfOrder => Self::OutOfOrder,
+            StoreError::Flash => Self::Storage,
+        }
+    }
 }
 
 fn in_range(value: u32, low: u32, high: u32) -> Result<(), Refusal> {

@@ -58,5 +58,6 @@ pub mod measured;
 pub mod roots;
 pub mod scan;
 pub mod session;
+pub mod store;
 pub mod units;
 pub mod wire;

@@ -20,6 +20,7 @@ use embedded_io_async::{Read, Write};
 
 use crate::instrument::Instrument;
 use crate::scan::Scan;
+use crate::store::{Flash, Store};
 use crate::wire::deframer::Deframer;
 use crate::wire::message::{Message, Request};
 use crate::wire::{MAX_PACKET, pack};
@@ -34,11 +35,17 @@ type Bytes = Pipe<NoopRawMutex, PIPE>;
 /// What a board gives the session.
 #[expect(async_fn_in_trait, reason = "single-threaded executors only: no Send bound is wanted")]
 pub trait Board {
+    /// Where it keeps what survives power-off.
+    type Flash: Flash;
+
     /// The next scan; `None` when there will be none. Dropping the future must lose nothing.
     async fn scan(&mut self) -> Option<Scan>;
 
     /// A free-running counter for [`crate::wire::message::Cost`]; 0 where there is none.
     fn ticks(&self) -> u32;
+
+    /// What survives power-off. Erasing and programming hold up the scan.
+    fn store(&mut self) -> &mut Store<Self::Flash>;
 }
 
 /// Who waits for whom.
@@ -139,7 +146,7 @@ async fn converse<R: Read>(
                 for byte in bytes.get(..length).unwrap_or_default() {
                     let answer = match deframer.push::<Request>(*byte) {
                         None => None,
-                        Some(Ok(request)) => instrument.handle(&request),
+                        Some(Ok(request)) => instrument.handle(&request, board.store()),
                         Some(Err(_)) => {
                             let counters = instrument.counters();
                             counters.bad_packets = counters.bad_packets.wrapping_add(1);

@@ -61,6 +61,10 @@ fn emulated_frames_equal_those_of_this_machine_bit_for_bit() {
         assert_eq!(bytes(board), bytes(host), "{board:?}\n{host:?}");
     }
     assert!(host.iter().any(|frame| frame.force.is_some_and(|f| f.z.is_ok_and(|z| z.0 > 0.1))));
+    // The calibration of this finger was uploaded, all frames had all fields: no path is deeper.
+    let stack = replay.stack.unwrap();
+    eprintln!("stack {stack} bytes");
+    assert!(stack <= 8 * 1024, "{stack}");
     let counters = replay.info.counters;
     assert_eq!((counters.scans, counters.lost, counters.overruns), (3000, 0, 0));
 }

@@ -182,7 +182,7 @@ fn an_overrun_is_flagged_in_its_frame() {
 #[test]
 fn a_normal_only_net_says_nothing_about_shear() {
     let mut record = calibration();
-    let net = record.taxels.as_mut().unwrap().net.as_mut().unwrap();
+    let net = record.force.as_mut().unwrap();
     net.output = [1.0].into_iter().collect();
     net.output_bias = [0.0].into_iter().collect();
     assert_eq!(record.validate(), Ok(()));
@@ -230,7 +230,7 @@ fn hostile(weight: f32, level: f32) -> Calibration {
     taxels.bias.level = [level; 16];
     taxels.bias.noise = 1e-9;
     taxels.range = [[-9e29, 9e29]; 16];
-    taxels.net = Some(taxel::estimate::net::ForceNet {
+    record.force = Some(taxel::estimate::net::ForceNet {
         hidden: core::iter::repeat_n(weight, 16 * 32).collect(),
         hidden_bias: core::iter::repeat_n(-weight, 32).collect(),
         output: core::iter::repeat_n(weight, 3 * 32).collect(),

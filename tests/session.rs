@@ -9,7 +9,7 @@ use std::future::poll_fn;
 use std::rc::Rc;
 use std::task::{Poll, Waker};
 
-use common::{calibration, identity, unloaded};
+use common::{calibration, identity, store, unloaded};
 use embassy_futures::block_on;
 use embassy_futures::select::{Either, select};
 use taxel::calibration::{CalibrationError, MAX_BYTES};
@@ -17,8 +17,9 @@ use taxel::frame::{Fields, Frame};
 use taxel::instrument::Instrument;
 use taxel::scan::Scan;
 use taxel::session::{Board, End, Pace, run_session};
+use taxel::store::{RamFlash, Store};
 use taxel::wire::deframer::Deframer;
-use taxel::wire::message::{CHUNK, Command, Info, Message, Refusal, Request, Response};
+use taxel::wire::message::{CHUNK, Command, Info, Message, PROTOCOL, Refusal, Request, Response};
 use taxel::wire::{MAX_PACKET, pack};
 
 /// One direction of a link: bytes with a limit, so that a host that does not read holds it up.
@@ -95,16 +96,25 @@ impl embedded_io_async::Write for HalfLink {
 }
 
 /// Scans from a list, one a poll, so that the other side gets its turns.
-struct Scans(VecDeque<Scan>);
+struct Scans {
+    scans: VecDeque<Scan>,
+    store: Store<RamFlash<Vec<u8>>>,
+}
 
 impl Board for Scans {
+    type Flash = RamFlash<Vec<u8>>;
+
     async fn scan(&mut self) -> Option<Scan> {
         embassy_futures::yield_now().await;
-        self.0.pop_front()
+        self.scans.pop_front()
     }
 
     fn ticks(&self) -> u32 {
         0
+    }
+
+    fn store(&mut self) -> &mut Store<Self::Flash> {
+        &mut self.store
     }
 }
 
@@ -160,7 +170,8 @@ impl Host {
 }
 
 fn scans(count: u64) -> Scans {
-    Scans((0..count).map(|i| unloaded(250 * i)).collect())
+    let scans = (0..count).map(|i| unloaded(250 * i)).collect();
+    Scans { scans, store: store() }
 }
 
 /// Runs `host` against a session; the link then closes. Returns the instrument and how it ended.
@@ -208,7 +219,10 @@ fn a_host_learns_who_it_talks_to() {
     let (_, end) = run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
         host.send(Command::Version).await;
         let answer = host.message().await;
-        assert!(matches!(answer, Some(Message::Version { tag: 1, protocol: 1, .. })), "{answer:?}");
+        assert!(
+            matches!(answer, Some(Message::Version { tag: 1, protocol: PROTOCOL, .. })),
+            "{answer:?}"
+        );
         let info = host.info().await;
         assert_eq!(info.identity, identity());
         assert_eq!(info.rate_millihertz, 1_000_000);
@@ -285,9 +299,10 @@ fn a_bias_is_answered_when_it_is_done_and_refused_while_another_runs() {
 fn a_bias_taken_while_something_touches_the_finger_says_so() {
     let mut instrument = fresh();
     let mut buffer = [0; MAX_BYTES];
-    instrument.install(calibration().to_bytes(&mut buffer).unwrap()).unwrap();
-    let scans = Scans((0..100_000).map(|i| common::pressed(250 * i, 5, 3_000)).collect());
-    run(instrument, scans, Pace::Live, 4096, async |host| {
+    let scans = (0..100_000).map(|i| common::pressed(250 * i, 5, 3_000)).collect();
+    let mut board = Scans { scans, store: store() };
+    instrument.install(calibration().to_bytes(&mut buffer).unwrap(), board.store()).unwrap();
+    run(instrument, board, Pace::Live, 4096, async |host| {
         let taken = host.ask(Command::TakeBias { scans: 50 }).await;
         let Ok(Response::Bias { in_contact, on_command, .. }) = taken else { panic!("{taken:?}") };
         assert!(in_contact && on_command);
@@ -340,9 +355,9 @@ fn a_calibration_is_uploaded_put_in_force_and_read_back() {
 fn a_damaged_or_incomplete_upload_leaves_the_old_calibration_in_force() {
     let mut buffer = [0; MAX_BYTES];
     let length = calibration().to_bytes(&mut buffer).unwrap().len();
-    let mut instrument = fresh();
-    instrument.install(&buffer[..length]).unwrap();
-    run(instrument, scans(1_000_000), Pace::Live, 4096, async |host| {
+    let (mut instrument, mut board) = (fresh(), scans(1_000_000));
+    instrument.install(&buffer[..length], board.store()).unwrap();
+    run(instrument, board, Pace::Live, 4096, async |host| {
         let crc = host.info().await.calibration.unwrap().crc;
         buffer[40] ^= 1;
         let refused = upload(host, &buffer[..length]).await;

@@ -4,7 +4,7 @@
 mod common;
 
 use proptest::prelude::*;
-use taxel::calibration::CalibrationError;
+use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES};
 use taxel::condition::{Health, Signals};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::{ContactPoint, Force};
@@ -65,6 +65,8 @@ fn every_request_has_its_bytes() {
         ),
         (Command::CalibrationCommit, "07 0b"),
         (Command::CalibrationRead { offset: 0 }, "07 0c 00"),
+        (Command::SaveSettings, "07 0d"),
+        (Command::SaveBias, "07 0e"),
     ];
     for (command, expected) in bytes {
         assert_eq!(body(&Request { tag: 7, command: command.clone() }), expected, "{command:?}");
@@ -79,8 +81,15 @@ fn every_refusal_has_its_bytes() {
         (Refusal::Busy, "01 07 01 02"),
         (Refusal::OutOfOrder, "01 07 01 03"),
         (Refusal::Calibration(CalibrationError::Crc), "01 07 01 04 01"),
+        (Refusal::Calibration(CalibrationError::Version { found: 3 }), "01 07 01 04 02 03"),
+        (
+            Refusal::Calibration(CalibrationError::Field { section: 16, field: 2 }),
+            "01 07 01 04 04 10 02",
+        ),
+        (Refusal::Calibration(CalibrationError::WithoutTaxels { section: 2 }), "01 07 01 04 05 02"),
         (Refusal::Uncalibrated, "01 07 01 05"),
         (Refusal::Saturated, "01 07 01 06"),
+        (Refusal::Storage, "01 07 01 07"),
     ];
     for (refusal, expected) in bytes {
         assert_eq!(body(&Message::Reply { tag: 7, result: Err(refusal) }), expected, "{refusal:?}");
@@ -89,6 +98,31 @@ fn every_refusal_has_its_bytes() {
     assert_eq!(body(&done), "01 07 00 00");
     let rate = Message::Reply { tag: 7, result: Ok(Response::Rate { millihertz: 1_000_000 }) };
     assert_eq!(body(&rate), "01 07 00 02 c0 84 3d");
+}
+
+#[test]
+fn a_calibration_record_has_its_bytes() {
+    let full = common::calibration();
+    let record = Calibration {
+        serial: "F".try_into().unwrap(),
+        date: 300,
+        sensors: full.sensors,
+        ..Calibration::default()
+    };
+    let mut buffer = [0; MAX_BYTES];
+    let zero = "00 00 00 00 ";
+    let one = "00 00 80 3f ";
+    let range = "cd cc 4c be cd cc 4c 3e ".repeat(3);
+    let residual = "6f 12 83 3a ".repeat(3);
+    assert_eq!(
+        hex(record.to_bytes(&mut buffer).unwrap()),
+        format!(
+            "02 00 01 46 ac 02 10 58 00 {}17 b7 d1 38 {one}{}{one}{}{one}{range}{residual}bb 0e 4b f5",
+            zero.repeat(3),
+            zero.repeat(3),
+            zero.repeat(3),
+        )
+    );
 }
 
 fn frame() -> Frame {

@@ -76,6 +76,15 @@ pub struct ForceNet {
 }
 
 impl ForceNet {
+    /// Says nothing yet.
+    pub(crate) const EMPTY: Self = Self {
+        hidden: Vec::new(),
+        hidden_bias: Vec::new(),
+        output: Vec::new(),
+        skip: Vec::new(),
+        output_bias: Vec::new(),
+    };
+
     /// Units and weights of the hidden layer fit each other and are finite; without units there must be
     /// a skip path, or the net would say the same whatever it sees.
     pub(crate) fn hidden_layer_fits(&self) -> bool {

@@ -13,7 +13,7 @@ use crate::frame::{Fields, Frame};
 use crate::units::FullScale;
 
 /// Version of everything but the version query. It changes when an old client would misread.
-pub const PROTOCOL: u16 = 1;
+pub const PROTOCOL: u16 = 2;
 
 /// Most bytes of a calibration record in one message.
 pub const CHUNK: usize = 128;
@@ -55,7 +55,7 @@ pub enum Command {
     ReadBias,
     /// 8: back to the calibration's own bias.
     ClearBias,
-    /// 9: a calibration of so many bytes follows.
+    /// 9: a calibration of so many bytes follows. What was in the slot that is not in force is erased.
     CalibrationBegin {
         /// Bytes of the whole record, version and CRC included.
         length: u16,
@@ -64,16 +64,20 @@ pub enum Command {
     CalibrationChunk {
         /// Where they go; must be where the last chunk ended.
         offset: u16,
-        /// The bytes.
+        /// The bytes: a multiple of 8 of them in all chunks but the last.
         data: Vec<u8, CHUNK>,
     },
-    /// 11: that was all; check it and put it in force.
+    /// 11: that was all; check it, put it in force, and keep it in force from now on.
     CalibrationCommit,
     /// 12: bytes of the calibration in force, from `offset` on; fewer than [`CHUNK`] are the last.
     CalibrationRead {
         /// Where to start.
         offset: u16,
     },
+    /// 13: rate, fields and contact point method as they are now, also after the next power-up.
+    SaveSettings,
+    /// 14: the bias in force, taken on command or the calibration's own, also after the next power-up.
+    SaveBias,
 }
 
 /// Finger to host.
@@ -152,6 +156,8 @@ pub enum Refusal {
     Uncalibrated,
     /// 6: a taxel is clipped, so that its bias cannot be known; the old bias stays.
     Saturated,
+    /// 7: the flash failed; what was stored before stays.
+    Storage,
 }
 
 /// Who this finger is and how it is doing.

@@ -6,6 +6,7 @@ use taxel::condition::{BridgeBias, TaxelBias};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::scan::{Codes, Midpoints, Scan, TAXELS, TaxelCodes};
+use taxel::store::{RamFlash, Store};
 use taxel::units::{Code, FullScale, Micros};
 use taxel::wire::message::Identity;
 
@@ -47,14 +48,14 @@ pub fn calibration() -> Calibration {
         taxels: Some(TaxelCalibration {
             bias: TaxelBias { level: [f32::from(LIT - DARK) / full; TAXELS], noise: 1e-4 },
             range: [[-0.5, 0.05]; TAXELS],
-            net: Some(ForceNet {
-                hidden: [-1.0; TAXELS].into_iter().collect(),
-                hidden_bias: [0.0].into_iter().collect(),
-                output: [0.0, 0.0, 1.0].into_iter().collect(),
-                skip: heapless::Vec::new(),
-                output_bias: [0.0, 0.0, 0.0].into_iter().collect(),
-            }),
             residual: [0.01; 3],
+        }),
+        force: Some(ForceNet {
+            hidden: [-1.0; TAXELS].into_iter().collect(),
+            hidden_bias: [0.0].into_iter().collect(),
+            output: [0.0, 0.0, 1.0].into_iter().collect(),
+            skip: heapless::Vec::new(),
+            output_bias: [0.0, 0.0, 0.0].into_iter().collect(),
         }),
         sensors: [
             Some(SensorCalibration {
@@ -79,4 +80,9 @@ pub fn identity() -> Identity {
         full_scale: FullScale::BITS_16,
         tick_hz: 1_000_000,
     }
+}
+
+/// An empty store.
+pub fn store() -> Store<RamFlash<Vec<u8>>> {
+    Store::new(RamFlash::new(vec![0; RamFlash::SIZE]))
 }

@@ -6,6 +6,7 @@
 #![no_std]
 
 pub mod boot;
+pub mod flash;
 pub mod link;
 pub mod scanner;
 pub mod stack;

@@ -15,6 +15,7 @@ use embassy_sync::channel::Channel;
 use embassy_time::{Duration, Timer};
 use taxel::scan::{Codes, Scan};
 use taxel::session::Board;
+use taxel::store::{Flash, Store};
 use taxel::units::Micros;
 
 /// Frames that may wait: 1 ms at 4 kHz.
@@ -80,22 +81,25 @@ impl Frames {
 }
 
 /// The session's end of the queue.
-pub struct Scanner {
+pub struct Scanner<F> {
     frames: &'static Frames,
     feed: fn(),
+    store: Store<F>,
 }
 
-impl Scanner {
+impl<F> Scanner<F> {
     /// How often a pause feeds the watchdog.
     const PAUSE: Duration = Duration::from_millis(100);
 
-    /// Scans from `frames`; `feed` feeds the watchdog.
-    pub const fn new(frames: &'static Frames, feed: fn()) -> Self {
-        Self { frames, feed }
+    /// Scans from `frames`; `feed` feeds the watchdog, `store` survives power-off.
+    pub const fn new(frames: &'static Frames, feed: fn(), store: Store<F>) -> Self {
+        Self { frames, feed, store }
     }
 }
 
-impl Board for Scanner {
+impl<F: Flash> Board for Scanner<F> {
+    type Flash = F;
+
     async fn scan(&mut self) -> Option<Scan> {
         loop {
             // A receive that is dropped has taken nothing.
@@ -112,5 +116,9 @@ impl Board for Scanner {
 
     fn ticks(&self) -> u32 {
         cortex_m::peripheral::DWT::cycle_count()
+    }
+
+    fn store(&mut self) -> &mut Store<F> {
+        &mut self.store
     }
 }

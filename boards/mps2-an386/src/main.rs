@@ -10,6 +10,7 @@
 
 mod image;
 mod mmio;
+mod nor;
 mod psram;
 mod stack;
 mod time_driver;
@@ -24,7 +25,7 @@ use cortex_m_semihosting::heprintln;
 use embassy_executor::InterruptExecutor;
 use embedded_io_async::Write;
 use taxel::instrument::Instrument;
-use taxel::session::run_session;
+use taxel::session::{Board, run_session};
 use taxel::wire::message::{Command, Identity, Request};
 use taxel::wire::{MAX_PACKET, pack};
 
@@ -66,7 +67,8 @@ async fn run() {
         fail(format_args!("the trace breaks off {} scans before its end", trace.missing()));
     }
     let mut buffer = [0; MAX_PACKET];
-    if let Some(info) = instrument.handle(&Request { tag: 0, command: Command::Info })
+    if let Some(info) =
+        instrument.handle(&Request { tag: 0, command: Command::Info }, trace.store())
         && let Ok(packet) = pack(&info, &mut buffer)
     {
         let Ok(()) = tx.write_all(packet).await;

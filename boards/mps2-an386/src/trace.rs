@@ -4,9 +4,11 @@ use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, Timer};
 use taxel::scan::Scan;
 use taxel::session::{Board, Pace};
+use taxel::store::Store;
 use taxel::units::Micros;
 
 use crate::image::{Header, MAGIC, VERSION};
+use crate::nor::{self, Nor};
 use crate::time_driver;
 
 /// Scans from an image, one after the other.
@@ -18,6 +20,7 @@ pub struct Trace {
     left: u32,
     /// When the first scan was asked for, and the time it carries.
     began: Option<(Instant, Micros)>,
+    store: Store<Nor>,
 }
 
 impl Trace {
@@ -27,7 +30,9 @@ impl Trace {
         if header.magic != MAGIC || header.version != VERSION {
             return None;
         }
-        let mut trace = Self { header, next: None, rest, left: header.scans, began: None };
+        let store = Store::new(nor::erased());
+        let (next, began, left) = (None, None, header.scans);
+        let mut trace = Self { header, next, rest, left, began, store };
         trace.read_next();
         Some(trace)
     }
@@ -54,6 +59,8 @@ impl Trace {
 }
 
 impl Board for Trace {
+    type Flash = Nor;
+
     async fn scan(&mut self) -> Option<Scan> {
         let due = self.next?.time;
         match self.pace() {
@@ -72,5 +79,9 @@ impl Board for Trace {
 
     fn ticks(&self) -> u32 {
         time_driver::cycles() as u32
+    }
+
+    fn store(&mut self) -> &mut Store<Nor> {
+        &mut self.store
     }
 }

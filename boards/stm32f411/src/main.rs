@@ -7,6 +7,7 @@
 #![no_main]
 
 mod clocks;
+mod flash;
 mod scan;
 mod status;
 
@@ -22,10 +23,14 @@ use embassy_stm32::{bind_interrupts, pac, uid};
 use embassy_usb::UsbDevice;
 use static_cell::StaticCell;
 use taxel::instrument::Instrument;
+use taxel::session::Board;
+use taxel::store::Store;
 use taxel::wire::message::Identity;
 use taxel_board::boot;
 use taxel_board::link::{self, Link};
 use taxel_board::scanner::Scanner;
+
+use crate::flash::Sectors;
 
 bind_interrupts!(struct Irqs {
     OTG_FS => InterruptHandler<USB_OTG_FS>;
@@ -57,7 +62,7 @@ fn main() -> ! {
     // First, so that a converter that never gets ready ends in a reset that is reported.
     IndependentWatchdog::new(chip.IWDG, WATCHDOG_US).unleash();
     let full_scale = scan::start();
-    let scanner = Scanner::new(&scan::FRAMES, feed);
+    let mut scanner = Scanner::new(&scan::FRAMES, feed, Store::new(flash::sectors(chip.FLASH)));
 
     // What the host has sent and nobody has read: one packet of each of two endpoints.
     static RECEIVED: StaticCell<[u8; 256]> = StaticCell::new();
@@ -77,6 +82,7 @@ fn main() -> ! {
         tick_hz: scan_plan::f411::CLOCK_HZ,
     };
     let instrument = INSTRUMENT.init_with(|| Instrument::new(identity));
+    instrument.restore(scanner.store());
     EXECUTOR.init(Executor::new()).run(|spawner| {
         spawner.spawn(usb(device).expect("spawned once"));
         spawner.spawn(session(link, scanner, instrument).expect("spawned once"));
@@ -105,7 +111,11 @@ async fn usb(mut device: UsbDevice<'static, Usb>) {
 }
 
 #[embassy_executor::task]
-async fn session(mut link: Link<Usb>, mut scanner: Scanner, instrument: &'static mut Instrument) {
+async fn session(
+    mut link: Link<Usb>,
+    mut scanner: Scanner<Sectors>,
+    instrument: &'static mut Instrument,
+) {
     link.serve(&mut scanner, instrument).await;
 }
 

@@ -8,6 +8,7 @@
 
 mod ccm;
 mod clocks;
+mod flash;
 mod scan;
 mod status;
 
@@ -23,10 +24,14 @@ use embassy_stm32::{bind_interrupts, pac, uid};
 use embassy_usb::UsbDevice;
 use static_cell::StaticCell;
 use taxel::instrument::Instrument;
+use taxel::session::Board;
+use taxel::store::Store;
 use taxel::wire::message::Identity;
 use taxel_board::boot;
 use taxel_board::link::{self, Link};
 use taxel_board::scanner::Scanner;
+
+use crate::flash::Pages;
 
 bind_interrupts!(struct Irqs {
     USB_LP => InterruptHandler<USB>;
@@ -61,7 +66,7 @@ fn main() -> ! {
     // First, so that a converter that never gets ready ends in a reset that is reported.
     IndependentWatchdog::new(chip.IWDG, WATCHDOG_US).unleash();
     let full_scale = scan::start();
-    let scanner = Scanner::new(&scan::FRAMES, feed);
+    let mut scanner = Scanner::new(&scan::FRAMES, feed, Store::new(flash::pages(chip.FLASH)));
 
     let driver = Driver::new(chip.USB, Irqs, chip.PA12, chip.PA11);
     let (device, link) =
@@ -75,6 +80,7 @@ fn main() -> ! {
         tick_hz: scan_plan::g431::CLOCK_HZ,
     };
     let instrument = INSTRUMENT.init_with(|| Instrument::new(identity));
+    instrument.restore(scanner.store());
     EXECUTOR.init(Executor::new()).run(|spawner| {
         spawner.spawn(usb(device).expect("spawned once"));
         spawner.spawn(session(link, scanner, instrument).expect("spawned once"));
@@ -103,7 +109,11 @@ async fn usb(mut device: UsbDevice<'static, Usb>) {
 }
 
 #[embassy_executor::task]
-async fn session(mut link: Link<Usb>, mut scanner: Scanner, instrument: &'static mut Instrument) {
+async fn session(
+    mut link: Link<Usb>,
+    mut scanner: Scanner<Pages>,
+    instrument: &'static mut Instrument,
+) {
     link.serve(&mut scanner, instrument).await;
 }
 

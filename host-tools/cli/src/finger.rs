@@ -66,7 +66,7 @@ fn is_virtual_finger(scene: &str) -> bool {
 pub fn record(calibration: &Calibration) -> anyhow::Result<Vec<u8>> {
     let mut buffer = [0; MAX_BYTES];
     let bytes = calibration.to_bytes(&mut buffer);
-    bytes.map(<[u8]>::to_vec).map_err(|error| anyhow::anyhow!("not a record: {error:?}"))
+    bytes.map(<[u8]>::to_vec).map_err(|error| anyhow::anyhow!("{error}"))
 }
 
 /// Where a virtual finger shall listen, as `--tcp` takes it.

@@ -1,6 +1,6 @@
 //! Why a fit is refused: what was found, what was expected, and how to mend it, in one line.
 
-use taxel::calibration::Field;
+use taxel::calibration::CalibrationError;
 use thiserror::Error;
 
 /// Why recordings do not make a calibration.
@@ -90,7 +90,7 @@ pub enum FitError {
     Stopped,
     /// The fit is not a valid record.
     #[error(
-        "the fit gives no valid record ({0:?}); look for a channel that jumps or is not connected"
+        "the fit gives no valid record ({0}); look for a channel that jumps or is not connected"
     )]
-    Record(Field),
+    Record(CalibrationError),
 }

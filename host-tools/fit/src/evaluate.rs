@@ -75,7 +75,7 @@ impl Against {
 }
 
 fn against(calibration: &Calibration) -> Option<Against> {
-    if calibration.taxels.as_ref().is_some_and(|taxels| taxels.net.is_some()) {
+    if calibration.force.is_some() {
         return Some(Against::Finger);
     }
     let mut calibrated = (0..SENSORS).filter(|i| calibration.sensors[*i].is_some());

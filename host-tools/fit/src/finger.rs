@@ -337,14 +337,14 @@ fn fit_net(
     fitted.calibration.taxels = Some(TaxelCalibration {
         bias,
         range: ranges(&x, bias.noise),
-        net: Some(ForceNet {
-            hidden: net.hidden.iter().copied().collect(),
-            hidden_bias: net.hidden_bias.iter().copied().collect(),
-            output: net.output.iter().copied().collect(),
-            skip: net.skip.iter().copied().collect(),
-            output_bias: net.output_bias.iter().copied().collect(),
-        }),
         residual: std::array::from_fn(|k| residual.get(k).map_or(0.0, |r| *r as f32)),
+    });
+    fitted.calibration.force = Some(ForceNet {
+        hidden: net.hidden.iter().copied().collect(),
+        hidden_bias: net.hidden_bias.iter().copied().collect(),
+        output: net.output.iter().copied().collect(),
+        skip: net.skip.iter().copied().collect(),
+        output_bias: net.output_bias.iter().copied().collect(),
     });
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! Calibration TOML: the record of `taxel::calibration` for people, and models of other sensors' tables.
 //!
 //! ```toml
-//! taxel_calibration = 1      # version of the format
+//! taxel_calibration = 2      # version of the format
 //! kind = "finger"            # or "table"
 //! crc32 = "8d2a11c3"         # over the record's bytes: the number `taxel info` shows
 //! serial = "F-0042"
@@ -16,7 +16,7 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES, VERSION};
+use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES, VERSION, names};
 
 use crate::error::FileError;
 use finger::FingerFile;
@@ -83,12 +83,15 @@ pub fn parse(path: &Path, text: &str) -> Result<Calibration, FileError> {
     let calibration = file.calibration().map_err(|(key, problem)| {
         located(path, text, key, problem).mend("fit the calibration again")
     })?;
-    let crc = record_crc(&calibration).map_err(|error| match error {
-        CalibrationError::Field(field) => {
-            let problem = format!("{field:?} holds a value that makes no sense");
-            located(path, text, finger::key(field), problem).mend("fit the calibration again")
-        }
-        error => FileError::new(path, format!("no calibration: {error:?}")),
+    let crc = record_crc(&calibration).map_err(|error| {
+        let error = match error {
+            CalibrationError::Field { section, field } => match names(section, field) {
+                Some((section, field)) => in_section(path, text, section, field),
+                None => FileError::new(path, error.to_string()),
+            },
+            error => FileError::new(path, error.to_string()),
+        };
+        error.mend("fit the calibration again")
     })?;
     check_crc(path, text, &head, crc)?;
     Ok(calibration)
@@ -100,9 +103,8 @@ pub fn parse(path: &Path, text: &str) -> Result<Calibration, FileError> {
 /// The record is not valid, or the file cannot be written.
 pub fn write(path: impl AsRef<Path>, calibration: &Calibration) -> Result<(), FileError> {
     let path = path.as_ref();
-    let crc = record_crc(calibration).map_err(|error| {
-        FileError::new(path, format!("not written: the record is not valid: {error:?}"))
-    })?;
+    let crc = record_crc(calibration)
+        .map_err(|error| FileError::new(path, format!("not written: {error}")))?;
     save(path, Kind::Finger, crc, &FingerFile::new(calibration))
 }
 
@@ -201,11 +203,30 @@ fn model_crc<T: Serialize>(path: &Path, model: &T) -> Result<u32, FileError> {
     Ok(crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes))
 }
 
+/// An error on the line of a field that makes no sense: its key, in the table of its section.
+fn in_section(path: &Path, text: &str, section: &str, field: &str) -> FileError {
+    let table = format!("[{section}]");
+    let sensor = section.strip_prefix('s').map(|number| format!("sensor = {number}"));
+    let begins = |line: &&str| *line == table || sensor.as_deref() == Some(line);
+    let skipped = text.lines().map(str::trim).take_while(|line| !begins(line)).count();
+    let rest: String = text.split_inclusive('\n').skip(skipped).collect();
+    let error = FileError::new(path, format!("{field} of {section} makes no sense")).column(field);
+    match line_of(&rest, field) {
+        Some(line) => error.line((skipped + line) as u64 + 1),
+        None => error,
+    }
+}
+
+/// The line where `key` is set, counted from 0.
+fn line_of(text: &str, key: &str) -> Option<usize> {
+    text.lines().position(|line| {
+        line.trim_start().strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
+    })
+}
+
 /// An error on the line where `key` is set.
 fn located(path: &Path, text: &str, key: &str, problem: impl Into<String>) -> FileError {
-    let line = text.lines().position(|line| {
-        line.trim_start().strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
-    });
+    let line = line_of(text, key);
     let error = FileError::new(path, problem).column(key);
     match line {
         Some(line) => error.line(line as u64 + 1),

@@ -23,14 +23,14 @@ fn record(weights: &[f32]) -> Calibration {
         taxels: Some(TaxelCalibration {
             bias: TaxelBias { level: [0.31; 16], noise: 9.1e-5 },
             range: [[-0.6, 0.05]; 16],
-            net: Some(ForceNet {
-                hidden: (0..12 * 16).map(weight).collect(),
-                hidden_bias: (0..12).map(weight).collect(),
-                output: (0..3 * 12).map(weight).collect(),
-                skip: (0..3 * 16).map(weight).collect(),
-                output_bias: (0..3).map(weight).collect(),
-            }),
             residual: [0.01, 0.02, 0.004],
+        }),
+        force: Some(ForceNet {
+            hidden: (0..12 * 16).map(weight).collect(),
+            hidden_bias: (0..12).map(weight).collect(),
+            output: (0..3 * 12).map(weight).collect(),
+            skip: (0..3 * 16).map(weight).collect(),
+            output_bias: (0..3).map(weight).collect(),
         }),
         sensors: [None, Some(sensor), None, None],
     }
@@ -79,8 +79,8 @@ fn damage_of_every_kind_is_named_with_its_line_and_the_mend() {
     let cases = [
         (String::new(), "cal.toml: the file is empty: expected a calibration in TOML; "),
         (
-            text.replace("taxel_calibration = 1", "taxel_calibration = 7"),
-            "cal.toml:1: `taxel_calibration`: version 7 where this build reads 1; fit it again",
+            text.replace("taxel_calibration = 2", "taxel_calibration = 7"),
+            "cal.toml:1: `taxel_calibration`: version 7 where this build reads 2; fit it again",
         ),
         (
             text.replace("\"finger\"", "\"table\""),
@@ -91,11 +91,8 @@ fn damage_of_every_kind_is_named_with_its_line_and_the_mend() {
             "cal.toml:3: `crc32`: says 00000000, the contents give ",
         ),
         (text.replacen("0.31", "0.32", 1), "cal.toml:3: `crc32`: says "),
-        (text.replacen("0.31", "oops", 1), "cal.toml:8: "),
-        (
-            text.replacen("0.31", "nan", 1),
-            "cal.toml:8: `bias`: TaxelBias holds a value that makes no sense; ",
-        ),
+        (text.replacen("0.31", "oops", 1), "cal.toml:9: "),
+        (text.replacen("0.31", "nan", 1), "cal.toml:9: `bias`: bias of taxels makes no sense; "),
         (text.replace("sensor = 1", "sensor = 9"), ": `sensor`: there is no sensor 9: 0…3; "),
         (
             text.replace("date = \"20", "date = \"x"),

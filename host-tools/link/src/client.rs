@@ -235,6 +235,22 @@ impl Client {
         self.done("bias", Command::ClearBias)
     }
 
+    /// Rate, fields and contact point method shall survive power-off.
+    ///
+    /// # Errors
+    /// As [`Self::info`]; refused when the finger's flash failed.
+    pub fn save_settings(&self) -> Result<(), LinkError> {
+        self.done("save", Command::SaveSettings)
+    }
+
+    /// The bias in force shall survive power-off.
+    ///
+    /// # Errors
+    /// As [`Self::save_settings`].
+    pub fn save_bias(&self) -> Result<(), LinkError> {
+        self.done("save", Command::SaveBias)
+    }
+
     fn bias(&self, response: &Response) -> Result<BiasInForce, LinkError> {
         match *response {
             Response::Bias { bias, on_command, in_contact } => {

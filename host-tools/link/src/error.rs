@@ -2,7 +2,6 @@
 
 use std::io;
 
-use taxel::calibration::CalibrationError;
 use taxel::wire::message::{PROTOCOL, Refusal};
 use taxel_formats::FileError;
 
@@ -141,22 +140,13 @@ fn refused(refusal: &Refusal) -> String {
             "refused, bytes of the calibration were lost; upload it again".into()
         }
         Refusal::Calibration(error) => {
-            format!("refused, {}; the old calibration stays", calibration(*error))
+            format!("refused, {error}; the old calibration stays")
+        }
+        Refusal::Storage => {
+            "the finger's flash failed; what was stored before stays; try again, and replace the board \
+             if it goes on"
+                .into()
         }
         Refusal::Uncalibrated => "the finger has no calibration; upload one".into(),
-    }
-}
-
-fn calibration(error: CalibrationError) -> String {
-    match error {
-        CalibrationError::Length => "no calibration has this length".into(),
-        CalibrationError::Crc => "the calibration is damaged (its CRC does not match)".into(),
-        CalibrationError::Version { found } => {
-            format!("the calibration has version {found}, which this firmware does not read")
-        }
-        CalibrationError::Malformed => {
-            "the calibration's fields are not those of its version".into()
-        }
-        CalibrationError::Field(field) => format!("the calibration's {field:?} makes no sense"),
     }
 }

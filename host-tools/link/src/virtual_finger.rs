@@ -23,7 +23,7 @@ use std::thread::JoinHandle;
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::instrument::Instrument;
 use taxel::session::Board;
-use taxel::wire::message::{Identity, Refusal};
+use taxel::wire::message::Refusal;
 use taxel_formats::FileError;
 use tokio::sync::oneshot;
 use tokio::task::{LocalSet, spawn_local};
@@ -125,7 +125,7 @@ impl VirtualFinger {
             // A task of its own, because only its waker stays equal to its clones: the session's pipe
             // compares them, and with the waker of `block_on` it would wake itself for ever.
             let session = async move {
-                let mut instrument = instrument(board.identity(), record.as_deref());
+                let mut instrument = instrument(&mut board, record.as_deref());
                 tokio::select! {
                     served = serve(&mut board, &mut instrument) => served,
                     _ = stopped => Ok(()),
@@ -182,11 +182,11 @@ fn refused(error: taxel::calibration::CalibrationError) -> Problem {
     Problem::Refusal { command: "calibration", refusal: Refusal::Calibration(error) }
 }
 
-fn instrument(identity: Identity, record: Option<&[u8]>) -> Instrument {
-    let mut instrument = Instrument::new(identity);
+fn instrument(board: &mut PacedBoard, record: Option<&[u8]>) -> Instrument {
+    let mut instrument = Instrument::new(board.identity());
     if let Some(record) = record {
         // It was made by `record` above, so that it installs; otherwise the frames say uncalibrated.
-        let _ = instrument.install(record);
+        let _ = instrument.install(record, board.store());
     }
     instrument
 }

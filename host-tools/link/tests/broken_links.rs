@@ -9,7 +9,7 @@ use std::time::Instant;
 use support::*;
 use taxel::frame::Fields;
 use taxel::wire::deframer::Deframer;
-use taxel::wire::message::{Command, Message, Request};
+use taxel::wire::message::{Command, Message, PROTOCOL, Request};
 use taxel::wire::{MAX_PACKET, pack};
 use taxel_link::{Client, LinkError, Port, Problem};
 
@@ -109,7 +109,7 @@ fn an_answer_lost_on_the_way_is_asked_for_again() {
         let lost = tag(&mut host);
         let tag = tag(&mut host);
         assert_eq!(tag, lost);
-        let answer = Message::Version { tag, protocol: 1, firmware: [0, 1, 0] };
+        let answer = Message::Version { tag, protocol: PROTOCOL, firmware: [0, 1, 0] };
         let _ = host.write_all(&packed(&answer));
         let _ = host.read_to_end(&mut Vec::new());
     });

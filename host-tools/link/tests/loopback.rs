@@ -164,6 +164,37 @@ fn a_calibration_can_go_up_while_the_stream_is_on() {
 }
 
 #[test]
+fn an_upload_that_is_broken_off_leaves_the_old_calibration_and_the_next_one_goes_up() {
+    let finger = on_tcp(still());
+    connect(&finger).upload_calibration(&record(), |_| {}).unwrap();
+    let mut other = calibration();
+    other.date += 1;
+    let other = bytes(&other);
+    // The cable is pulled when half of it is there.
+    let broken = connect(&finger);
+    let pulled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        broken.upload_calibration(&other, |sent| assert!(2 * sent < other.len(), "pulled"))
+    }));
+    assert!(pulled.is_err());
+    drop(broken);
+    let client = connect(&finger);
+    assert_eq!(client.download_calibration().unwrap(), record());
+    client.upload_calibration(&other, |_| {}).unwrap();
+    assert_eq!(client.download_calibration().unwrap(), other);
+}
+
+#[test]
+fn settings_and_bias_are_saved_on_command() {
+    let finger = on_tcp(still());
+    let client = connect(&finger);
+    client.set_rate(250).unwrap();
+    client.save_settings().unwrap();
+    client.take_bias(100).unwrap();
+    client.save_bias().unwrap();
+    assert!(client.info().unwrap().biased);
+}
+
+#[test]
 fn a_virtual_finger_starts_with_the_calibration_it_is_given() {
     let finger = VirtualFinger::on_tcp("127.0.0.1:0", still(), Some(&calibration())).unwrap();
     assert_eq!(connect(&finger).download_calibration().unwrap(), record());

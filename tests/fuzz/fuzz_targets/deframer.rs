@@ -3,6 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use taxel::instrument::Instrument;
+use taxel::store::{RamFlash, Store};
 use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{Identity, Message, Request};
@@ -17,19 +18,20 @@ fuzz_target!(|bytes: &[u8]| {
         full_scale: FullScale::BITS_12,
         tick_hz: 1,
     });
+    let mut store = Store::new(RamFlash::new(vec![0; RamFlash::SIZE]));
     let mut requests = Deframer::<448>::default();
     let mut messages = Deframer::<448>::default();
     for byte in bytes {
         let _: Option<Result<Message, _>> = messages.push(*byte);
         if let Some(Ok(request)) = requests.push::<Request>(*byte)
-            && let Some(answer) = instrument.handle(&request)
+            && let Some(answer) = instrument.handle(&request, &mut store)
         {
             pack(&answer, &mut [0; 448]).expect("every answer fits a packet");
         }
     }
     // The CRC keeps most inputs out: let the messages themselves be seen too.
     if let Ok(request) = postcard_request(bytes)
-        && let Some(answer) = instrument.handle(&request)
+        && let Some(answer) = instrument.handle(&request, &mut store)
     {
         pack(&answer, &mut [0; 448]).expect("every answer fits a packet");
     }

@@ -4,6 +4,7 @@ use serde::{Serialize, Serializer};
 use taxel::frame::{Fields, Frame};
 use taxel::instrument::Instrument;
 use taxel::scan::Scan;
+use taxel::store::{RamFlash, Store};
 use taxel::units::FullScale;
 use taxel::wire::message::{Command, Identity, Message, Request};
 use taxel::wire::{MAX_PACKET, pack};
@@ -40,12 +41,13 @@ fn instrument(record: &[u8], fields: Fields, mut scans: impl Iterator<Item = Sca
         full_scale: FullScale::BITS_16,
         tick_hz: 0,
     });
+    let mut store = Store::new(RamFlash::new([0; RamFlash::SIZE]));
     // Refused only where the stages end before they begin: the record was read once already.
-    let _ = instrument.install(record);
+    let _ = instrument.install(record, &mut store);
     let commands =
         [Command::SetRate { hz: SCAN_HZ }, Command::SetFields(fields), Command::Stream(true)];
     for (tag, command) in (0..).zip(commands) {
-        let _ = instrument.handle(&Request { tag, command });
+        let _ = instrument.handle(&Request { tag, command }, &mut store);
     }
     for scan in scans.by_ref().take(8) {
         instrument.scan(&scan);

@@ -8,7 +8,7 @@ use taxel_link::client::BiasInForce;
 use crate::finger::PortArg;
 use crate::output;
 
-/// Takes, reads or clears the finger's bias (its tare). It is only ever taken on this command.
+/// Takes, reads, clears or saves the finger's bias (its tare). It is only ever taken on this command.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -32,6 +32,8 @@ enum Action {
     Read,
     /// Go back to the calibration's own.
     Clear,
+    /// Keep the one in force over power-off; after `clear`, forget the one that was kept.
+    Save,
 }
 
 /// The bias as scripts read it: levels and noise as fractions of full scale.
@@ -61,6 +63,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Action::Read => client.read_bias()?,
         Action::Clear => {
             client.clear_bias()?;
+            client.read_bias()?
+        }
+        Action::Save => {
+            client.save_bias()?;
             client.read_bias()?
         }
     };

@@ -161,9 +161,10 @@ fn on_board(
     written?;
     if let Some(replay) = replay {
         output::note(format_args!(
-            "{}: at most {} instructions a scan",
+            "{}: at most {} instructions a scan, {} bytes of stack",
             replay.info.identity.board,
-            replay.worst_instructions()
+            replay.worst_instructions(),
+            replay.stack.map_or("unknown".to_owned(), |stack| stack.to_string())
         ));
     }
     Ok(())

@@ -7,7 +7,7 @@ use taxel_link::fields;
 use crate::finger::PortArg;
 use crate::output;
 
-/// Changes the finger's settings, which it keeps until it loses power.
+/// Changes the finger's settings, which it keeps until it loses power, or for good with --save.
 #[derive(clap::Args)]
 #[command(group(clap::ArgGroup::new("settings").required(true).multiple(true)))]
 pub struct Args {
@@ -23,6 +23,9 @@ pub struct Args {
     /// How the contact point is found.
     #[arg(long, value_name = "METHOD", group = "settings")]
     point: Option<Point>,
+    /// Keep rate, fields and method as they then are over power-off.
+    #[arg(long, group = "settings")]
+    save: bool,
 }
 
 /// The ways to find the contact point.
@@ -54,6 +57,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         };
         client.set_point_method(method)?;
         output::line(format_args!("point {name}"))?;
+    }
+    if args.save {
+        client.save_settings()?;
+        output::line("saved")?;
     }
     Ok(())
 }

@@ -3,18 +3,24 @@
 use std::time::{Duration, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
-use taxel::calibration::{Calibration, Field, Range, SensorCalibration, TaxelCalibration};
+use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
 use taxel::condition::{BridgeBias, TaxelBias};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::scan::TAXELS;
 
+/// The units of everything in a finger's file. A file that says otherwise is not read as if it did not.
+const UNITS: &str = "N, mm, N*mm; signals as fractions of full scale";
+
 #[derive(Serialize, Deserialize)]
 pub(super) struct FingerFile {
     serial: String,
     date: String,
+    units: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     taxels: Option<Taxels>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    force: Option<Net>,
     #[serde(default, rename = "sensor", skip_serializing_if = "Vec::is_empty")]
     sensors: Vec<Sensor>,
 }
@@ -26,8 +32,6 @@ struct Taxels {
     noise: f32,
     range: [Range; TAXELS],
     residual_n: [f32; 3],
-    #[serde(skip_serializing_if = "Option::is_none")]
-    net: Option<Net>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -50,20 +54,6 @@ struct Sensor {
     sensitivity: [[f32; 3]; 3],
 }
 
-/// The key under which a field stands in the file.
-pub(super) fn key(field: Field) -> &'static str {
-    match field {
-        Field::TaxelBias | Field::SensorBias(_) => "bias",
-        Field::TaxelNoise | Field::SensorNoise(_) => "noise",
-        Field::TaxelRange | Field::SensorRange(_) => "range",
-        Field::TaxelResidual | Field::SensorResidual(_) => "residual_n",
-        Field::NetHidden => "hidden",
-        Field::NetOutput => "output",
-        Field::NetSkip => "skip",
-        Field::Sensitivity(_) => "sensitivity",
-    }
-}
-
 impl FingerFile {
     pub(super) fn new(calibration: &Calibration) -> Self {
         let taxels = calibration.taxels.as_ref().map(|taxels| Taxels {
@@ -71,13 +61,13 @@ impl FingerFile {
             noise: taxels.bias.noise,
             range: taxels.range,
             residual_n: taxels.residual,
-            net: taxels.net.as_ref().map(|net| Net {
-                hidden: rows(&net.hidden, TAXELS),
-                hidden_bias: net.hidden_bias.to_vec(),
-                output: rows(&net.output, net.hidden_bias.len()),
-                skip: rows(&net.skip, TAXELS),
-                output_bias: net.output_bias.to_vec(),
-            }),
+        });
+        let force = calibration.force.as_ref().map(|net| Net {
+            hidden: rows(&net.hidden, TAXELS),
+            hidden_bias: net.hidden_bias.to_vec(),
+            output: rows(&net.output, net.hidden_bias.len()),
+            skip: rows(&net.skip, TAXELS),
+            output_bias: net.output_bias.to_vec(),
         });
         let sensors = calibration.sensors.iter().enumerate().filter_map(|(i, sensor)| {
             sensor.as_ref().map(|sensor| Sensor {
@@ -95,13 +85,18 @@ impl FingerFile {
                 UNIX_EPOCH + Duration::from_secs(calibration.date.min(LAST_DATE)),
             )
             .to_string(),
+            units: UNITS.to_owned(),
             taxels,
+            force,
             sensors: sensors.collect(),
         }
     }
 
     /// The record, or the key that does not fit and why.
     pub(super) fn calibration(self) -> Result<Calibration, (&'static str, String)> {
+        if self.units != UNITS {
+            return Err(("units", format!("`{}` where this build knows `{UNITS}`", self.units)));
+        }
         let mut calibration = Calibration {
             serial: heapless::String::try_from(self.serial.as_str())
                 .map_err(|_| ("serial", "more than 32 bytes".to_owned()))?,
@@ -112,10 +107,10 @@ impl FingerFile {
             calibration.taxels = Some(TaxelCalibration {
                 bias: TaxelBias { level: taxels.bias, noise: taxels.noise },
                 range: taxels.range,
-                net: taxels.net.map(Net::weights).transpose()?,
                 residual: taxels.residual_n,
             });
         }
+        calibration.force = self.force.map(Net::weights).transpose()?;
         for sensor in self.sensors {
             let number = sensor.sensor;
             let slot = calibration

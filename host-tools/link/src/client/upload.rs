@@ -39,7 +39,8 @@ impl Client {
     fn upload(&self, record: &[u8], progress: &mut impl FnMut(usize)) -> Result<(), LinkError> {
         // What does not fit the field is refused by the finger as too long.
         let length = u16::try_from(record.len()).unwrap_or(u16::MAX);
-        self.request(NAME, Command::CalibrationBegin { length })?;
+        // The finger erases a slot of its flash first, which may take seconds (128 KB sectors of an F4).
+        self.ask(NAME, Command::CalibrationBegin { length }, 8 * PATIENCE, 1)?;
         let mut offset = 0;
         for chunk in record.chunks(CHUNK) {
             let data = chunk.iter().copied().collect();

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use taxel::scan::Scan;
 use taxel::session::Board;
+use taxel::store::{RamFlash, Store};
 use taxel::wire::message::Identity;
 use taxel_formats::trace::Sample;
 use tokio::time::{Instant, sleep, sleep_until};
@@ -41,6 +42,7 @@ pub(super) struct PacedBoard {
     truth: TruthLog,
     ending: Ending,
     epoch: std::time::Instant,
+    store: Store<RamFlash<Vec<u8>>>,
 }
 
 impl PacedBoard {
@@ -61,6 +63,7 @@ impl PacedBoard {
             truth,
             ending,
             epoch,
+            store: Store::new(RamFlash::new(vec![0; RamFlash::SIZE])),
         })
     }
 
@@ -95,6 +98,8 @@ impl PacedBoard {
 }
 
 impl Board for PacedBoard {
+    type Flash = RamFlash<Vec<u8>>;
+
     async fn scan(&mut self) -> Option<Scan> {
         let due = self.due()?;
         let now = Instant::now();
@@ -122,6 +127,10 @@ impl Board for PacedBoard {
     fn ticks(&self) -> u32 {
         // Wraps by design: only differences count.
         self.epoch.elapsed().as_nanos() as u32
+    }
+
+    fn store(&mut self) -> &mut Store<Self::Flash> {
+        &mut self.store
     }
 }
 

@@ -87,18 +87,21 @@ pub fn calibration() -> Calibration {
     let taxels = TaxelCalibration {
         bias: TaxelBias { level: [0.39; TAXELS], noise: 1e-3 },
         range: [[-0.5, 0.5]; TAXELS],
-        net: None,
         residual: [0.1; 3],
     };
     Calibration {
         serial: "F-0042".try_into().unwrap(),
         date: 1_790_000_000,
         taxels: Some(taxels),
-        sensors: Default::default(),
+        ..Calibration::default()
     }
 }
 
-pub fn record() -> Vec<u8> {
+pub fn bytes(calibration: &Calibration) -> Vec<u8> {
     let mut buffer = [0; MAX_BYTES];
-    calibration().to_bytes(&mut buffer).unwrap().to_vec()
+    calibration.to_bytes(&mut buffer).unwrap().to_vec()
+}
+
+pub fn record() -> Vec<u8> {
+    bytes(&calibration())
 }

@@ -50,7 +50,7 @@ pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
 pub fn download(args: DownloadArgs) -> anyhow::Result<()> {
     let bytes = args.port.connect()?.download_calibration()?;
     let record = Calibration::from_bytes(&bytes)
-        .map_err(|error| anyhow::anyhow!("what came back is no calibration: {error:?}"))
+        .map_err(|error| anyhow::anyhow!("what came back is no calibration: {error}"))
         .with_context(|| args.port.port.to_string())?;
     calibration::write(&args.out, &record)?;
     output::line(format!("wrote {}", args.out.display()))

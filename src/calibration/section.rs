@@ -1,0 +1,96 @@
+//! A section of the record, whatever is in it.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::Calibration;
+
+/// Numbers beyond this are no calibration of a fingertip; it keeps every product finite.
+pub(super) const HUGE: f32 = 1e30;
+
+/// Names of a section's fields, each with what must hold for it. Positions are the wire's: append.
+pub(super) type Checks<T> = &'static [(&'static str, fn(&T) -> bool)];
+
+/// The coefficients of one estimator, as a section holds them.
+pub(super) trait Coefficients: Serialize + DeserializeOwned + 'static {
+    /// Its fields.
+    const CHECKS: Checks<Self>;
+    /// It works on the taxels' signals, which exist only with the taxels' own calibration.
+    const NEEDS_TAXELS: bool = false;
+
+    /// Reads it from all of `bytes`; `None` where they are something else. Sections beyond some 300 bytes
+    /// do it in place, because postcard's way is over the stack.
+    fn read(place: &mut Option<Self>, bytes: &[u8]) -> Option<()> {
+        let (coefficients, rest) = postcard::take_from_bytes(bytes).ok()?;
+        *place = Some(coefficients);
+        rest.is_empty().then_some(())
+    }
+}
+
+/// An optional section of a calibration.
+pub(super) trait Section {
+    fn present(&self) -> bool;
+    fn clear(&mut self);
+    fn read(&mut self, bytes: &[u8]) -> Option<()>;
+    fn write(&self, buffer: &mut [u8]) -> Option<usize>;
+    fn wrong_field(&self) -> Option<u8>;
+    fn field_name(&self, field: u8) -> Option<&'static str>;
+    fn needs_taxels(&self) -> bool;
+}
+
+impl<T: Coefficients> Section for Option<T> {
+    fn present(&self) -> bool {
+        self.is_some()
+    }
+
+    fn clear(&mut self) {
+        *self = None;
+    }
+
+    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+        T::read(self, bytes)
+    }
+
+    fn write(&self, buffer: &mut [u8]) -> Option<usize> {
+        Some(postcard::to_slice(self.as_ref()?, buffer).ok()?.len())
+    }
+
+    fn wrong_field(&self) -> Option<u8> {
+        let coefficients = self.as_ref()?;
+        let wrong = T::CHECKS.iter().position(|(_, holds)| !holds(coefficients))?;
+        u8::try_from(wrong).ok()
+    }
+
+    fn field_name(&self, field: u8) -> Option<&'static str> {
+        T::CHECKS.get(usize::from(field)).map(|(name, _)| *name)
+    }
+
+    fn needs_taxels(&self) -> bool {
+        T::NEEDS_TAXELS
+    }
+}
+
+/// A line of the list of sections.
+pub(super) struct Entry {
+    pub number: u8,
+    pub since: u16,
+    pub name: &'static str,
+    pub get: fn(&Calibration) -> &dyn Section,
+    pub get_mut: fn(&mut Calibration) -> &mut dyn Section,
+}
+
+pub(super) const fn entry(
+    number: u8,
+    since: u16,
+    name: &'static str,
+    get: fn(&Calibration) -> &dyn Section,
+    get_mut: fn(&mut Calibration) -> &mut dyn Section,
+) -> Entry {
+    Entry { number, since, name, get, get_mut }
+}
+
+/// None of them is NaN, infinite, or large enough to make a product so.
+pub(super) fn finite<'v>(values: impl IntoIterator<Item = &'v f32>) -> bool {
+    // A comparison with a NaN is false.
+    values.into_iter().all(|value| value.abs() < HUGE)
+}

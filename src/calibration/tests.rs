@@ -1,0 +1,170 @@
+use super::*;
+
+fn largest() -> Calibration {
+    let bias = TaxelBias { level: [0.3; TAXELS], noise: 1e-4 };
+    let net = ForceNet {
+        hidden: core::iter::repeat_n(0.5, 32 * 16).collect(),
+        hidden_bias: core::iter::repeat_n(0.1, 32).collect(),
+        output: core::iter::repeat_n(0.25, 3 * 32).collect(),
+        skip: core::iter::repeat_n(0.125, 3 * 16).collect(),
+        output_bias: core::iter::repeat_n(0.0, 3).collect(),
+    };
+    let sensor = SensorCalibration {
+        bias: BridgeBias { level: [0.01; 3], noise: 1e-4 },
+        sensitivity: Sensitivity([[1.0; 3]; 3]),
+        range: [[-0.1, 0.1]; 3],
+        residual: [0.001; 3],
+    };
+    Calibration {
+        serial: String::try_from("0123456789abcdef0123456789abcdef").unwrap(),
+        date: u64::MAX,
+        taxels: Some(TaxelCalibration { bias, range: [[-0.5, 0.1]; TAXELS], residual: [0.01; 3] }),
+        force: Some(net),
+        sensors: core::array::from_fn(|_| Some(sensor.clone())),
+    }
+}
+
+/// Makes the CRC right again after a change.
+fn sealed(bytes: &mut [u8]) -> &[u8] {
+    let end = bytes.len() - 4;
+    let crc = crc32(&bytes[..end]).to_le_bytes();
+    bytes[end..].copy_from_slice(&crc);
+    bytes
+}
+
+fn bytes(calibration: &Calibration) -> std::vec::Vec<u8> {
+    let mut buffer = [0; MAX_BYTES];
+    calibration.to_bytes(&mut buffer).unwrap().to_vec()
+}
+
+#[test]
+fn the_largest_record_fits_and_comes_back_the_same() {
+    assert_eq!(Calibration::from_bytes(&bytes(&largest())), Ok(largest()));
+}
+
+#[test]
+fn a_record_holds_the_sections_that_there_are_and_reading_it_drops_the_others() {
+    let without = Calibration { force: None, ..largest() };
+    let mut place = largest();
+    place.read(&bytes(&without)).unwrap();
+    assert_eq!(place, without);
+    let weights = 4 * (32 * 16 + 32 + 3 * 32 + 3 * 16 + 3);
+    let saved = bytes(&largest()).len() - bytes(&without).len();
+    assert!((weights..weights + 16).contains(&saved), "{saved}");
+    let empty = Calibration::default();
+    assert_eq!(Calibration::from_bytes(&bytes(&empty)), Ok(empty));
+}
+
+#[test]
+fn a_single_flipped_bit_is_noticed_wherever_it_is() {
+    let mut bytes = bytes(&largest());
+    for bit in 0..bytes.len() * 8 {
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        assert_eq!(Calibration::from_bytes(&bytes), Err(CalibrationError::Crc));
+        bytes[bit / 8] ^= 1 << (bit % 8);
+    }
+}
+
+#[test]
+fn another_version_is_named() {
+    for found in [0, 1, VERSION + 1, 0xffff] {
+        let mut bytes = bytes(&largest());
+        bytes[..2].copy_from_slice(&found.to_le_bytes());
+        let refused = Calibration::from_bytes(sealed(&mut bytes));
+        assert_eq!(refused, Err(CalibrationError::Version { found }));
+    }
+}
+
+#[test]
+fn sections_unknown_out_of_order_twice_or_torn_are_malformed() {
+    let only = |sections: &[(u8, &[u8])]| {
+        let mut bytes = VERSION.to_le_bytes().to_vec();
+        bytes.extend([0, 0]);
+        for (number, body) in sections {
+            bytes.push(*number);
+            bytes.extend((body.len() as u16).to_le_bytes());
+            bytes.extend(*body);
+        }
+        bytes.extend([0; 4]);
+        Calibration::from_bytes(sealed(&mut bytes))
+    };
+    let mut section = [0; 200];
+    let sensor = largest().sensors[0].clone();
+    let sensor = postcard::to_slice(&sensor.unwrap(), &mut section).unwrap();
+    assert!(only(&[(16, sensor), (18, sensor)]).is_ok());
+    let long = [&*sensor, &[0]].concat();
+    for wrong in [
+        &[(16, &*sensor), (16, sensor)][..],
+        &[(18, sensor), (16, sensor)],
+        &[(99, sensor)],
+        &[(16, &sensor[1..])],
+        &[(16, &long)],
+        &[(16, &[])],
+    ] {
+        assert_eq!(only(wrong), Err(CalibrationError::Malformed), "{wrong:?}");
+    }
+}
+
+#[test]
+fn the_list_of_sections_is_in_order_and_no_newer_than_the_version() {
+    assert!(SECTIONS.windows(2).all(|pair| pair[0].number < pair[1].number));
+    assert_eq!(SECTIONS.iter().map(|entry| entry.since).max(), Some(VERSION));
+}
+
+#[test]
+fn every_senseless_field_is_refused_by_name() {
+    let refused = |change: fn(&mut Calibration)| {
+        let mut record = largest();
+        change(&mut record);
+        match record.validate() {
+            Err(CalibrationError::Field { section, field }) => names(section, field).unwrap(),
+            other => panic!("{other:?}"),
+        }
+    };
+    fn taxels(r: &mut Calibration) -> &mut TaxelCalibration {
+        r.taxels.as_mut().unwrap()
+    }
+    fn net(r: &mut Calibration) -> &mut ForceNet {
+        r.force.as_mut().unwrap()
+    }
+    fn sensor(r: &mut Calibration, i: usize) -> &mut SensorCalibration {
+        r.sensors[i].as_mut().unwrap()
+    }
+    assert_eq!(refused(|r| taxels(r).bias.level[3] = f32::NAN), ("taxels", "bias"));
+    assert_eq!(refused(|r| taxels(r).bias.noise = 0.0), ("taxels", "noise"));
+    assert_eq!(refused(|r| taxels(r).range[0] = [1.0, 1.0]), ("taxels", "range"));
+    assert_eq!(refused(|r| taxels(r).residual[1] = f32::INFINITY), ("taxels", "residual_n"));
+    assert_eq!(refused(|r| net(r).hidden.truncate(2)), ("force", "hidden"));
+    assert_eq!(refused(|r| net(r).output_bias.truncate(2)), ("force", "output"));
+    assert_eq!(refused(|r| net(r).skip.truncate(2)), ("force", "skip"));
+    assert_eq!(
+        refused(|r| {
+            net(r).hidden.clear();
+            net(r).hidden_bias.clear();
+            net(r).output.clear();
+            net(r).skip.clear();
+        }),
+        ("force", "hidden")
+    );
+    assert_eq!(refused(|r| sensor(r, 2).sensitivity.0[1][1] = f32::NAN), ("s2", "sensitivity"));
+    assert_eq!(refused(|r| sensor(r, 3).range[0][1] = -9.0), ("s3", "range"));
+    assert_eq!(refused(|r| sensor(r, 0).bias.noise = -1.0), ("s0", "noise"));
+    assert_eq!(refused(|r| sensor(r, 0).bias.level[0] = 3.0), ("s0", "bias"));
+    assert_eq!(refused(|r| sensor(r, 1).residual[0] = -1.0), ("s1", "residual_n"));
+    assert_eq!(names(2, 9), None);
+    assert_eq!(names(99, 0), None);
+}
+
+#[test]
+fn a_net_may_be_linear_but_not_without_its_taxels() {
+    let mut linear = largest();
+    let net = linear.force.as_mut().unwrap();
+    net.hidden.clear();
+    net.hidden_bias.clear();
+    net.output.clear();
+    assert_eq!(linear.validate(), Ok(()));
+    linear.taxels = None;
+    assert_eq!(linear.validate(), Err(CalibrationError::WithoutTaxels { section: 2 }));
+    linear.force = None;
+    assert_eq!(linear.validate(), Ok(()));
+}

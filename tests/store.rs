@@ -1,0 +1,362 @@
+//! What survives power-off, whenever the power goes: at every operation of the flash, and in the middle of
+//! it.
+
+mod common;
+
+use common::{calibration, identity};
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use taxel::calibration::MAX_BYTES;
+use taxel::condition::{Bias, TaxelBias};
+use taxel::estimate::contact_point::PointMethod;
+use taxel::frame::Fields;
+use taxel::instrument::Instrument;
+use taxel::store::{
+    Area, Flash, FlashError, RamFlash, Settings, Store, StoreError, StoredBias, Word,
+};
+use taxel::wire::message::{Command, Info, Message, Refusal, Request, Response};
+
+/// Flash whose power goes in the middle of an operation.
+struct Mortal {
+    cells: RamFlash<Vec<u8>>,
+    /// Operations until then.
+    left: usize,
+    done: usize,
+    tear: ChaCha8Rng,
+}
+
+impl Mortal {
+    fn new() -> Self {
+        let cells = RamFlash::new(vec![0; RamFlash::SIZE]);
+        Self { cells, left: usize::MAX, done: 0, tear: ChaCha8Rng::seed_from_u64(0) }
+    }
+
+    /// What is found at the next power-up. The power will go again after `left` operations.
+    fn revived(self, left: usize, seed: u64) -> Self {
+        Self { left, done: 0, tear: ChaCha8Rng::seed_from_u64(seed), ..self }
+    }
+
+    /// How far an operation gets.
+    fn operate(&mut self) -> Result<Progress, FlashError> {
+        let progress = match self.left {
+            0 => return Err(FlashError),
+            1 => Progress::Torn,
+            _ => Progress::Whole,
+        };
+        self.left -= 1;
+        self.done += 1;
+        Ok(progress)
+    }
+}
+
+enum Progress {
+    Whole,
+    Torn,
+}
+
+impl Flash for Mortal {
+    fn bytes(&self, area: Area) -> &[u8] {
+        self.cells.bytes(area)
+    }
+
+    fn erase(&mut self, area: Area) -> Result<(), FlashError> {
+        match self.operate()? {
+            Progress::Whole => self.cells.erase(area),
+            Progress::Torn => {
+                let before = self.cells.bytes(area).to_vec();
+                self.cells.erase(area)?;
+                // Cells rise one by one: of each word nothing, some bits, or all may have risen.
+                for (i, word) in before.as_chunks::<8>().0.iter().enumerate() {
+                    let risen = match self.tear.random_range(0..3) {
+                        0 => 0,
+                        1 => self.tear.random(),
+                        _ => u64::MAX,
+                    };
+                    let word = u64::from_le_bytes(*word) | risen;
+                    if word != u64::MAX {
+                        self.cells.program(area, i * 8, word.to_le_bytes())?;
+                    }
+                }
+                Err(FlashError)
+            }
+        }
+    }
+
+    fn program(&mut self, area: Area, offset: usize, word: Word) -> Result<(), FlashError> {
+        match self.operate()? {
+            Progress::Whole => self.cells.program(area, offset, word),
+            Progress::Torn => {
+                // Cells fall one by one.
+                let standing: u64 = match self.tear.random_range(0..3) {
+                    0 => 0,
+                    1 => self.tear.random(),
+                    _ => u64::MAX,
+                };
+                let torn = (u64::from_le_bytes(word) | standing).to_le_bytes();
+                if torn != [0xff; 8] {
+                    self.cells.program(area, offset, torn)?;
+                }
+                Err(FlashError)
+            }
+        }
+    }
+}
+
+/// A record that no other number gives, of more than one chunk.
+fn record(number: u64) -> Vec<u8> {
+    let mut calibration = calibration();
+    calibration.date = number;
+    let mut buffer = [0; MAX_BYTES];
+    calibration.to_bytes(&mut buffer).unwrap().to_vec()
+}
+
+fn crc(record: &[u8]) -> u32 {
+    u32::from_le_bytes(*record.last_chunk().unwrap())
+}
+
+/// Power-up.
+fn wake(flash: Mortal) -> (Instrument, Store<Mortal>) {
+    let mut instrument = Instrument::new(identity());
+    let mut store = Store::new(flash);
+    instrument.restore(&mut store);
+    (instrument, store)
+}
+
+fn asleep(store: Store<Mortal>) -> Mortal {
+    store.into_flash()
+}
+
+fn ask(
+    instrument: &mut Instrument,
+    store: &mut Store<Mortal>,
+    command: Command,
+) -> Result<Response, Refusal> {
+    match instrument.handle(&Request { tag: 0, command }, store) {
+        Some(Message::Reply { result, .. }) => result,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn info(instrument: &mut Instrument, store: &mut Store<Mortal>) -> Info {
+    match ask(instrument, store, Command::Info) {
+        Ok(Response::Info(info)) => info,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn in_force(instrument: &mut Instrument, store: &mut Store<Mortal>) -> Option<u32> {
+    let shown = info(instrument, store).calibration.map(|id| id.crc);
+    // What is shown, what is read back and what estimates is the same record.
+    assert_eq!(shown, store.record().map(crc));
+    shown
+}
+
+#[test]
+fn a_calibration_survives_power_off() {
+    let (mut instrument, mut store) = wake(Mortal::new());
+    assert_eq!(in_force(&mut instrument, &mut store), None);
+    for number in 1..6 {
+        instrument.install(&record(number), &mut store).unwrap();
+        (instrument, store) = wake(asleep(store));
+        assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&record(number))));
+    }
+}
+
+#[test]
+fn a_power_cut_at_any_operation_of_an_upload_leaves_one_whole_calibration() {
+    let (old, new, newer) = (record(1), record(2), record(3));
+    let upload = |left: usize, seed: u64| {
+        let (mut instrument, mut store) = wake(Mortal::new());
+        instrument.install(&old, &mut store).unwrap();
+        let (mut instrument, mut store) = wake(asleep(store).revived(left, seed));
+        let done = instrument.install(&new, &mut store);
+        // While it still has power the old one is in force.
+        let expected = if done.is_ok() { crc(&new) } else { crc(&old) };
+        assert_eq!(in_force(&mut instrument, &mut store), Some(expected));
+        (done, asleep(store))
+    };
+    let operations = upload(usize::MAX, 0).1.done;
+    assert_eq!(operations, 1 + new.len().div_ceil(8) + 2, "erase, words, header");
+    let mut survivors = [0, 0];
+    for left in 1..=operations + 1 {
+        for seed in 0..8 {
+            let (done, flash) = upload(left, seed);
+            let (mut instrument, mut store) = wake(flash.revived(usize::MAX, 0));
+            let found = in_force(&mut instrument, &mut store);
+            let is_new = found == Some(crc(&new));
+            assert!(is_new || found == Some(crc(&old)), "cut at {left}: {found:?}");
+            assert!(is_new || done.is_err(), "cut at {left}: what was confirmed is gone");
+            survivors[usize::from(is_new)] += 1;
+            // And the torn slot takes the next one.
+            instrument.install(&newer, &mut store).unwrap();
+            assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&newer)));
+        }
+    }
+    assert!(survivors[0] > 8 * (operations - 3) && survivors[1] >= 8, "{survivors:?}");
+}
+
+#[test]
+fn an_interrupted_upload_leaves_the_old_calibration_and_the_next_one_starts_afresh() {
+    let (mut instrument, mut store) = wake(Mortal::new());
+    instrument.install(&record(1), &mut store).unwrap();
+    let (new, old) = (record(2), crc(&record(1)));
+    ask(&mut instrument, &mut store, Command::CalibrationBegin { length: new.len() as u16 })
+        .unwrap();
+    let data = new[..64].iter().copied().collect();
+    ask(&mut instrument, &mut store, Command::CalibrationChunk { offset: 0, data }).unwrap();
+    // The cable is pulled. Another host finds the old one, and can read it meanwhile.
+    assert_eq!(in_force(&mut instrument, &mut store), Some(old));
+    let read = ask(&mut instrument, &mut store, Command::CalibrationRead { offset: 0 });
+    assert!(matches!(read, Ok(Response::Calibration { .. })), "{read:?}");
+    instrument.install(&new, &mut store).unwrap();
+    assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&new)));
+}
+
+#[test]
+fn a_record_that_another_firmware_stored_gives_way_to_the_one_before() {
+    let (mut instrument, mut store) = wake(Mortal::new());
+    instrument.install(&record(1), &mut store).unwrap();
+    let mut foreign = record(2);
+    foreign[0] = 99;
+    let end = foreign.len() - 4;
+    let sum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&foreign[..end]);
+    foreign[end..].copy_from_slice(&sum.to_le_bytes());
+    store.begin(foreign.len()).unwrap();
+    store.write(0, &foreign).unwrap();
+    store.commit().unwrap();
+    let (mut instrument, mut store) = wake(asleep(store));
+    assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&record(1))));
+}
+
+#[test]
+fn bytes_out_of_order_or_torn_words_are_refused() {
+    let mut store = Store::new(Mortal::new());
+    assert_eq!(store.write(0, &[1; 8]), Err(StoreError::OutOfOrder), "nothing was begun");
+    assert_eq!(store.commit(), Err(StoreError::OutOfOrder));
+    assert_eq!(store.begin(MAX_BYTES + 1), Err(StoreError::OutOfOrder));
+    store.begin(20).unwrap();
+    assert_eq!(store.write(8, &[1; 8]), Err(StoreError::OutOfOrder), "a gap");
+    assert_eq!(store.write(0, &[1; 7]), Err(StoreError::OutOfOrder), "half a word");
+    store.write(0, &[1; 16]).unwrap();
+    assert_eq!(store.written(), Err(StoreError::OutOfOrder), "parts are missing");
+    assert_eq!(store.write(16, &[1; 8]), Err(StoreError::OutOfOrder), "too much");
+    store.write(16, &[1; 4]).unwrap();
+    assert_eq!(store.written(), Ok(&[1; 20][..]));
+}
+
+#[test]
+fn flash_in_memory_is_as_strict_as_flash() {
+    let mut flash = RamFlash::new(vec![0; RamFlash::SIZE]);
+    flash.program(Area::SlotB, 8, [0; 8]).unwrap();
+    assert_eq!(flash.program(Area::SlotB, 8, [0; 8]), Err(FlashError), "twice");
+    assert_eq!(flash.program(Area::SlotB, 4, [0; 8]), Err(FlashError), "across words");
+    assert_eq!(flash.program(Area::PageB, 2048, [0; 8]), Err(FlashError), "beyond its end");
+    assert_eq!(flash.bytes(Area::SlotA), [0xff; 4096]);
+    flash.erase(Area::SlotB).unwrap();
+    flash.program(Area::SlotB, 8, [1; 8]).unwrap();
+}
+
+fn settings(hz: u16) -> Settings {
+    Settings { hz, fields: Fields::FORCE, point_method: PointMethod::ArgMin }
+}
+
+#[test]
+fn settings_and_a_bias_survive_power_off_once_they_are_saved() {
+    let (mut instrument, mut store) = wake(Mortal::new());
+    instrument.install(&record(1), &mut store).unwrap();
+    ask(&mut instrument, &mut store, Command::SetRate { hz: 250 }).unwrap();
+    let (mut instrument, mut store) = wake(asleep(store));
+    assert_eq!(info(&mut instrument, &mut store).rate_millihertz, 1_000_000, "not saved");
+
+    ask(&mut instrument, &mut store, Command::SetRate { hz: 250 }).unwrap();
+    ask(&mut instrument, &mut store, Command::SetFields(Fields::FORCE)).unwrap();
+    ask(&mut instrument, &mut store, Command::SetPointMethod(PointMethod::ArgMin)).unwrap();
+    ask(&mut instrument, &mut store, Command::SaveSettings).unwrap();
+    assert!(
+        instrument
+            .handle(&Request { tag: 0, command: Command::TakeBias { scans: 4 } }, &mut store)
+            .is_none()
+    );
+    assert_eq!(ask(&mut instrument, &mut store, Command::SaveBias), Err(Refusal::Busy));
+    for t in 0..4 {
+        let _ = instrument.scan(&common::unloaded(250 * t));
+    }
+    ask(&mut instrument, &mut store, Command::SaveBias).unwrap();
+    let before = ask(&mut instrument, &mut store, Command::ReadBias);
+
+    let (mut instrument, mut store) = wake(asleep(store));
+    let found = info(&mut instrument, &mut store);
+    assert_eq!((found.rate_millihertz, found.fields), (250_000, Fields::FORCE));
+    assert_eq!(found.point_method, PointMethod::ArgMin);
+    assert!(found.biased);
+    assert_eq!(ask(&mut instrument, &mut store, Command::ReadBias), before);
+
+    // Cleared and saved, it is gone for good.
+    ask(&mut instrument, &mut store, Command::ClearBias).unwrap();
+    ask(&mut instrument, &mut store, Command::SaveBias).unwrap();
+    let (mut instrument, mut store) = wake(asleep(store));
+    assert!(!info(&mut instrument, &mut store).biased);
+}
+
+#[test]
+fn a_saved_bias_means_nothing_under_another_calibration() {
+    let (mut instrument, mut store) = wake(Mortal::new());
+    instrument.install(&record(1), &mut store).unwrap();
+    let taxels = TaxelBias { level: [0.25; 16], noise: 1e-4 };
+    let bias = Some(Bias { taxels: Some(taxels), ..Bias::default() });
+    store.save_bias(&StoredBias { calibration: crc(&record(1)), bias }).unwrap();
+    let (mut instrument, mut store) = wake(asleep(store));
+    assert!(info(&mut instrument, &mut store).biased);
+    instrument.install(&record(2), &mut store).unwrap();
+    assert!(!info(&mut instrument, &mut store).biased);
+    let (mut instrument, mut store) = wake(asleep(store));
+    assert!(!info(&mut instrument, &mut store).biased);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// The power goes again and again, uploads and settings mixed: what was confirmed last is there, or
+    /// what was on its way when the power went.
+    #[test]
+    fn whatever_happens_what_was_confirmed_last_is_there(
+        lives in proptest::collection::vec((1usize..300, any::<u64>()), 1..12),
+    ) {
+        let mut flash = Mortal::new();
+        let mut number = 0;
+        let mut records = [None, None];
+        let mut rates = [None, None];
+        for (left, seed) in lives {
+            let (mut instrument, mut store) = wake(flash.revived(left, seed));
+            let found = in_force(&mut instrument, &mut store);
+            prop_assert!(records.contains(&found), "{found:?} of {records:?}");
+            records = [found; 2];
+            // Reading mends what the last cut tore, and may itself be cut.
+            let found = store.settings();
+            if !off(&store) {
+                prop_assert!(rates.contains(&found), "{found:?} of {rates:?}");
+                rates = [found; 2];
+            }
+            while !off(&store) {
+                number += 1;
+                let new = record(number);
+                let done = instrument.install(&new, &mut store);
+                records = [if done.is_ok() { Some(crc(&new)) } else { records[0] }, Some(crc(&new))];
+                for _ in 0..20 {
+                    if off(&store) {
+                        break;
+                    }
+                    let new = settings(rates[1].map_or(1, |settings| settings.hz + 1));
+                    let done = store.save_settings(&new);
+                    rates = [if done.is_ok() { Some(new) } else { rates[0] }, Some(new)];
+                }
+            }
+            flash = asleep(store);
+        }
+    }
+}
+
+fn off(store: &Store<Mortal>) -> bool {
+    store.flash().left == 0
+}
