@@ -33,6 +33,8 @@ def test_the_version_query_is_frozen_for_ever():
         (Command.calibration_chunk(128, b"\xaa\xbb"), "07 0a 80 01 02 aa bb"),
         (Command.CALIBRATION_COMMIT, "07 0b"),
         (Command.calibration_read(0), "07 0c 00"),
+        (Command.SAVE_SETTINGS, "07 0d"),
+        (Command.SAVE_BIAS, "07 0e"),
     ],
 )
 def test_requests_have_their_bytes(command: bytes, expected: str):
@@ -47,6 +49,8 @@ def test_requests_have_their_bytes(command: bytes, expected: str):
         ("01 07 01 00 01 a0 1f", Refusal("out of range", (1, 4000))),
         ("01 07 01 01", Refusal("the finger is not still")),
         ("01 07 01 04 01", Refusal("the record is not a calibration", (1,))),
+        ("01 07 01 04 04 10 02", Refusal("the record is not a calibration", (4, 16, 2))),
+        ("01 07 01 07", Refusal("the flash failed; what was stored before stays")),
     ],
 )
 def test_replies_are_read(reply: str, result: object):

@@ -182,8 +182,19 @@ class Finger:
         """Back to the calibration's own bias."""
         self._expect(Done, Command.CLEAR_BIAS)
 
+    def save_settings(self) -> None:
+        """Keeps rate, fields and method as they are now, also after the next power-up."""
+        self._expect(Done, Command.SAVE_SETTINGS)
+
+    def save_bias(self) -> None:
+        """Keeps the bias in force, also after the next power-up, until the calibration changes."""
+        self._expect(Done, Command.SAVE_BIAS)
+
     def upload_calibration(self, record: bytes) -> None:
-        """Puts a record in force, once the finger has checked it. The old one stays if it is refused."""
+        """Puts a record in force, once the finger has checked and stored it.
+
+        The old one stays if it is refused, and if the power fails meanwhile.
+        """
         self._expect(Done, Command.calibration_begin(len(record)))
         for offset in range(0, len(record), CHUNK):
             self._expect(Done, Command.calibration_chunk(offset, record[offset : offset + CHUNK]))

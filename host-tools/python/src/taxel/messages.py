@@ -10,7 +10,7 @@ from . import _postcard as read
 from ._postcard import write_varint
 from .errors import MalformedError
 
-PROTOCOL = 1
+PROTOCOL = 2
 """The version this package was written for."""
 
 CHUNK = 128
@@ -405,6 +405,7 @@ _REFUSALS = (
     "the record is not a calibration",
     "there is no calibration",
     "a taxel is clipped",
+    "the flash failed; what was stored before stays",
 )
 
 
@@ -460,6 +461,8 @@ class Command:
     READ_BIAS = bytes([7])
     CLEAR_BIAS = bytes([8])
     CALIBRATION_COMMIT = bytes([11])
+    SAVE_SETTINGS = bytes([13])
+    SAVE_BIAS = bytes([14])
 
     @staticmethod
     def stream(on: bool) -> bytes:
