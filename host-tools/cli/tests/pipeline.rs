@@ -196,6 +196,18 @@ fn a_disk_that_is_full_is_said_with_the_mend() {
 }
 
 #[test]
+fn simulate_says_how_finely_contact_was_computed_and_how_far_that_may_be_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    let said = folder.succeeds(&["simulate", "--scene", "press", "--out", "a.csv"]);
+    let begins = "a.csv: 2000 scans; fidelity hertz, 0.";
+    assert!(said.starts_with(begins) && said.contains("% off converged of 1 % allowed"), "{said}");
+    // Without facets there is no such thing.
+    let said = folder.succeeds(&["simulate", "--scene", "bench-s0", "--out", "a.csv"]);
+    assert!(!said.contains("fidelity"), "{said}");
+}
+
+#[test]
 fn no_command_overwrites_what_it_reads() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());

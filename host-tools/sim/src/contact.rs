@@ -8,12 +8,14 @@
 //! - [`plane`]: line, flat block and cylinder in plane strain, in closed form (004);
 //! - [`sphere`]: Hertz's sphere in closed form;
 //! - [`traction`]: any contact as a superposition of point loads over it;
+//! - [`convergence`]: how fast superposition goes to the closed forms;
 //! - [`Indenter`]: the tractions of a tip, sphere, punch, corner, cylinder, block or edge that is pressed,
 //!   sheared (partial slip) and twisted;
 //! - [`Facets`]: what the optical taxels see of it: means of the vertical displacement.
 //!
 //! What a half-space is worth for a real skin, with numbers: `docs/simulator.md`.
 
+pub mod convergence;
 mod facets;
 mod halfspace;
 mod indenter;

@@ -53,9 +53,25 @@ pub enum Rung {
     Layer,
 }
 
+impl Rung {
+    /// All, the cheapest first.
+    pub const ALL: [Self; 4] = [Self::Point, Self::Hertz, Self::Converged, Self::Layer];
+}
+
+impl From<Rung> for Fidelity {
+    fn from(rung: Rung) -> Self {
+        match rung {
+            Rung::Point => Self::Point,
+            Rung::Hertz => Self::Hertz,
+            Rung::Converged => Self::Converged,
+            Rung::Layer => Self::Layer,
+        }
+    }
+}
+
 impl core::fmt::Display for Rung {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
+        f.pad(match self {
             Self::Point => "point",
             Self::Hertz => "hertz",
             Self::Converged => "converged",
@@ -89,7 +105,7 @@ impl core::fmt::Display for Report {
         write!(f, "fidelity {rung}")?;
         if let Some(error) = error {
             let (error, tolerance) = (100.0 * error, 100.0 * tolerance);
-            write!(f, ", {error:.2} % off {top} of {tolerance} % allowed")?;
+            write!(f, ", {error:.3} % off {top} of {tolerance} % allowed")?;
         }
         write!(f, ", {evaluations} evaluations a disc against {top_evaluations}")
     }
@@ -183,7 +199,9 @@ impl Ladder {
         self.on_rung(self.report.rung, contacts)
     }
 
-    fn on_rung(&self, rung: Rung, contacts: &Contacts) -> [f64; TAXELS] {
+    /// The same on a rung of choice; `layer` is `converged` where there are no walls.
+    #[must_use]
+    pub fn on_rung(&self, rung: Rung, contacts: &Contacts) -> [f64; TAXELS] {
         let mut patches = [None; 2 * MOST_CONTACTS];
         for (load, places) in contacts.loads().iter().zip(patches.chunks_exact_mut(2)) {
             places.copy_from_slice(&self.tractions(load));
@@ -243,7 +261,8 @@ impl Ladder {
 }
 
 /// Largest difference over the largest displacement.
-fn error(of: &[f64; TAXELS], best: &[f64; TAXELS]) -> f64 {
+#[must_use]
+pub fn error(of: &[f64; TAXELS], best: &[f64; TAXELS]) -> f64 {
     let most = best.iter().fold(0.0f64, |m, u| m.max(u.abs()));
     let worst = of.iter().zip(best).fold(0.0f64, |m, (u, b)| m.max((u - b).abs()));
     if most > 0.0 { worst / most } else { 0.0 }

@@ -2,9 +2,11 @@
 //!
 //! The way of a touch through the crate is the way of the light and the strain through the finger:
 //! [`path`] says where the indenter is and how hard it pushes, friction limited; [`contact`] turns that
-//! into the sinking of each reflective facet, as finely as [`fidelity`] finds the scene to need; [`optics`] into light on each phototransistor; [`response`]
-//! into what the force sensors feel of it in time, [`bridge`] into midpoint voltages of the force sensors; [`adc`] into codes. [`Simulator`] walks them once a
-//! frame. [`Scene`] is the TOML file that says what to simulate.
+//! into the sinking of each reflective facet, as finely as [`fidelity`] finds the scene to need, [`skin`]
+//! into how rubber sinks; [`optics`] into light on each phototransistor; [`response`] into what the force
+//! sensors feel of it in time, [`bridge`] into midpoint voltages of the force sensors; [`adc`] into codes.
+//! [`Simulator`] walks them once a frame. [`Scene`] is the TOML file that says what to simulate, [`cost`]
+//! what a rung of the ladder costs and is worth.
 //!
 //! What a scene does not list under `effects` is not computed. A run is a function of the scene and one
 //! seed: the same pair gives the same codes, bit for bit, and memory does not grow with duration.
@@ -12,6 +14,7 @@
 pub mod adc;
 pub mod bridge;
 pub mod contact;
+pub mod cost;
 pub mod electronics;
 mod faults;
 pub mod fidelity;
@@ -25,7 +28,6 @@ mod seeds;
 mod simulator;
 pub mod skin;
 pub mod supply;
-
 pub mod systems;
 
 pub use scene::{Effect, Scene};

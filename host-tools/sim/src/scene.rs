@@ -327,6 +327,22 @@ impl Scene {
         self.fidelity.as_ref().map_or(Fidelity::Auto, |fidelity| *fidelity.get_ref())
     }
 
+    /// The same scene with its contact computed as `fidelity` says.
+    #[must_use]
+    pub fn with_fidelity(mut self, fidelity: Fidelity) -> Self {
+        self.fidelity = Some(Spanned::new(0..0, fidelity));
+        self
+    }
+
+    /// The same scene with one more effect.
+    #[must_use]
+    pub fn with_effect(mut self, effect: Effect) -> Self {
+        if !self.has(effect) {
+            self.effects.push(Spanned::new(0..0, effect));
+        }
+        self
+    }
+
     /// The skin is a layer on its frame: the effect is listed, or the rung is the one that implies it.
     #[must_use]
     pub fn has_walls(&self) -> bool {

@@ -36,6 +36,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     output::keep([Path::new(&name)], &out)?;
     let scene = Scene::load(&name)?;
     let simulator = Simulator::new(&scene, args.seed);
+    let fidelity = simulator.fidelity().map(|report| format!("; {report}")).unwrap_or_default();
     let header = TraceHeader {
         full_scale: simulator.full_scale(),
         rows: scene.device.rows(),
@@ -63,7 +64,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     trace.finish()?;
     bar.finish_and_clear();
     let stopped = if interrupt.came() { "; stopped early" } else { "" };
-    output::line(format!("{}: {written} scans{stopped}", out.display()))
+    output::line(format!("{}: {written} scans{stopped}{fidelity}", out.display()))
 }
 
 /// Name and description of each built-in scene.

@@ -120,7 +120,6 @@ impl Complex {
 
 #[cfg(test)]
 mod tests {
-    use super::super::traction::gauss_legendre;
     use super::*;
 
     const SKIN: (f64, f64) = (0.236, 0.5);
@@ -128,91 +127,6 @@ mod tests {
     /// On axis, under the rim, outside, shallow and deep.
     const PLACES: [[f64; 2]; 6] =
         [[0.0, 0.4], [0.0, 2.5], [1.3, 0.6], [-0.8, 1.1], [3.0, 1.0], [2.0, 9.0]];
-
-    /// σ_zz and ε_zz by quadrature of 004's *point* load over the strip, far out along y too: nothing
-    /// of plane strain is assumed. `n` nodes in each direction.
-    fn integrated(traction: impl Fn(f64) -> f64, x: f64, z: f64, n: usize) -> (f64, f64) {
-        let skin = HalfSpace::new(SKIN.0, SKIN.1);
-        let step = PI / n as f64;
-        let mut sum = (0.0, 0.0);
-        for i in 0..n {
-            // s = a sin t takes the singularities at the rims away.
-            let t = (i as f64 + 0.5) * step - PI / 2.0;
-            let s = A * t.sin();
-            let reach = (x - s).hypot(z);
-            for (y, share) in whole_line(reach, n) {
-                let force = traction(s) * A * t.cos() * step * share;
-                sum.0 += skin.stress([0.0, 0.0, force], [x - s, y, z]);
-                sum.1 += skin.strain([0.0, 0.0, force], [x - s, y, z]);
-            }
-        }
-        sum
-    }
-
-    /// Points and weights along a whole line: y = reach·tan t, Gauss–Legendre in t.
-    fn whole_line(reach: f64, n: usize) -> impl Iterator<Item = (f64, f64)> {
-        gauss_legendre(n).into_iter().map(move |(t, weight)| {
-            let t = t * PI / 2.0;
-            (reach * t.tan(), weight * PI / 2.0 * reach / t.cos().powi(2))
-        })
-    }
-
-    fn block(s: f64) -> f64 {
-        1.0 / (PI * (A * A - s * s).sqrt())
-    }
-
-    fn cylinder(s: f64) -> f64 {
-        2.0 / (PI * A * A) * (A * A - s * s).sqrt()
-    }
-
-    #[test]
-    fn block_and_cylinder_agree_with_point_loads_all_along_them() {
-        let skin = HalfSpace::new(SKIN.0, SKIN.1);
-        for strip in [
-            Strip::Block { normal: 1.0, half_width: A },
-            Strip::Cylinder { normal: 1.0, half_width: A },
-        ] {
-            let traction =
-                |s| if matches!(strip, Strip::Block { .. }) { block(s) } else { cylinder(s) };
-            for [x, z] in PLACES {
-                let (stress, strain) = integrated(traction, x, z, 100);
-                assert!((strip.stress(x, z) / stress - 1.0).abs() < 1e-6, "{strip:?} {x} {z}");
-                assert!((strip.strain(&skin, x, z) / strain - 1.0).abs() < 1e-6, "{strip:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn the_line_agrees_with_point_loads_all_along_it() {
-        let (p, q) = (1.0, 0.6);
-        let line = Strip::Line { normal: p, tangential: q };
-        for poisson in [0.5, 0.3] {
-            let skin = HalfSpace::new(SKIN.0, poisson);
-            for [x, z] in PLACES {
-                let (mut stress, mut strain) = (0.0, 0.0);
-                for (y, share) in whole_line(x.hypot(z), 40) {
-                    let force = [q * share, 0.0, p * share];
-                    stress += skin.stress(force, [x, y, z]);
-                    strain += skin.strain(force, [x, y, z]);
-                }
-                assert!((line.stress(x, z) - stress).abs() < 1e-9 * stress.abs());
-                let most = line.strain(&skin, 0.0, z).abs();
-                assert!((line.strain(&skin, x, z) - strain).abs() < 1e-9 * most);
-            }
-        }
-    }
-
-    #[test]
-    fn a_smooth_strip_converges_at_least_to_third_order() {
-        // Midpoint in the mapped variables: periodic and smooth, so faster than any power until round-off.
-        let exact = Strip::Cylinder { normal: 1.0, half_width: A }.stress(0.9, 0.7);
-        let error = |n| (integrated(cylinder, 0.9, 0.7, n).0 - exact).abs();
-        let errors = [8, 16, 32].map(error);
-        for pair in errors.windows(2) {
-            let order = (pair[0] / pair[1]).log2();
-            assert!(order > 3.0, "{errors:?}");
-        }
-    }
 
     #[test]
     fn a_deep_plane_carries_the_whole_force() {

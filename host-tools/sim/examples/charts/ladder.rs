@@ -1,0 +1,85 @@
+//! Error against time of every rung of the ladder, a panel a scene.
+
+use std::path::Path;
+
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use taxel_sim::cost::Cost;
+
+use crate::Done;
+use crate::style::{COLOURS, FAINT, FONT, GREY};
+
+/// In µs.
+const TIMES: [f64; 2] = [0.5, 50_000.0];
+/// In per cent.
+const ERRORS: [f64; 2] = [7e-5, 200.0];
+/// Where the rung is drawn that the others are measured against, and has no error.
+const REFERENCE: f64 = 1e-4;
+/// What a scene allows unless it says otherwise, in per cent.
+const TOLERANCE: f64 = 1.0;
+
+pub fn draw(path: &Path, costs: &[Cost]) -> Done {
+    let area = SVGBackend::new(path, (900, 380)).into_drawing_area();
+    area.fill(&WHITE)?;
+    let mut scenes: Vec<&str> = costs.iter().map(|cost| cost.scene).collect();
+    scenes.dedup();
+    let panels = area.split_evenly((1, scenes.len()));
+    for ((panel, scene), colour) in panels.iter().zip(scenes).zip(COLOURS) {
+        let mut chart = ChartBuilder::on(panel)
+            .caption(scene, (FONT, 17))
+            .margin(10)
+            .x_label_area_size(42)
+            .y_label_area_size(74)
+            .build_cartesian_2d(
+                (TIMES[0]..TIMES[1]).log_scale(),
+                (ERRORS[0]..ERRORS[1]).log_scale(),
+            )?;
+        chart
+            .configure_mesh()
+            .light_line_style(WHITE)
+            .bold_line_style(FAINT)
+            .x_labels(5)
+            .y_labels(8)
+            .x_label_formatter(&|us| format!("{us}"))
+            .y_label_formatter(&|error| match *error > 2.0 * REFERENCE {
+                true => format!("{error} %"),
+                false => "reference".to_owned(),
+            })
+            .label_style((FONT, 13))
+            .x_desc("µs per frame in contact")
+            .y_desc("worst error of a facet")
+            .axis_desc_style((FONT, 14))
+            .draw()?;
+        chart.draw_series(DashedLineSeries::new(
+            TIMES.map(|us| (us, TOLERANCE)),
+            6,
+            4,
+            GREY.stroke_width(1),
+        ))?;
+        let right = Pos::new(HPos::Right, VPos::Bottom);
+        let grey = (FONT, 13).into_font().color(&GREY).pos(right);
+        chart.draw_series([Text::new("tolerance", (TIMES[1] * 0.8, TOLERANCE * 1.1), grey)])?;
+        let of_scene: Vec<&Cost> = costs.iter().filter(|cost| cost.scene == scene).collect();
+        let place = |cost: &Cost| (cost.us_per_frame, (100.0 * cost.error).max(REFERENCE));
+        chart.draw_series(LineSeries::new(
+            of_scene.iter().map(|cost| place(cost)),
+            colour.stroke_width(2),
+        ))?;
+        for cost in of_scene {
+            let (us, error) = place(cost);
+            chart.draw_series([Circle::new((us, error), 4, colour.filled())])?;
+            if cost.auto {
+                chart.draw_series([Circle::new((us, error), 8, BLACK.stroke_width(2))])?;
+            }
+            let auto = if cost.auto { " ← auto" } else { "" };
+            // To the right of the falling line; the rung that takes milliseconds has no room there.
+            let (side, away, above) =
+                if us > 1000.0 { (HPos::Center, 1.0, 3.0) } else { (HPos::Left, 1.9, 1.4) };
+            let text = (FONT, 14).into_font().color(&BLACK).pos(Pos::new(side, VPos::Bottom));
+            let label = format!("{}{auto}", cost.rung);
+            chart.draw_series([Text::new(label, (us * away, error * above), text)])?;
+        }
+    }
+    area.present()?;
+    Ok(())
+}

@@ -1,0 +1,141 @@
+//! What the rungs of the ladder of fidelity cost and how far each is off: `simulator.csv`.
+
+use std::fmt::Write as _;
+use std::time::{Duration, Instant};
+
+use taxel_formats::FileError;
+
+use crate::fidelity::{Fidelity, Ladder, Rung, error};
+use crate::path::{Contacts, Path};
+use crate::{Effect, Scene, Simulator};
+
+/// A rung on a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cost {
+    /// Name of the scene.
+    pub scene: &'static str,
+    /// The rung.
+    pub rung: Rung,
+    /// Worst error of a facet over the scene's contacts, against the top rung and over the largest
+    /// displacement that the contact makes.
+    pub error: f64,
+    /// Mean time of a frame in contact in µs: contact, light, electronics and noise, on one core.
+    pub us_per_frame: f64,
+    /// `auto` takes this rung.
+    pub auto: bool,
+}
+
+const SEED: u64 = 1;
+/// Contacts of a scene that errors are looked for at.
+const CONTACTS: usize = 200;
+/// Frames in contact that are timed.
+const FRAMES: usize = 1000;
+/// The fastest of so many times counts for each frame; in the others the machine was disturbed.
+const RUNS: usize = 5;
+
+/// The scenes that are charted: one contact that rests, many that slip, and one on the framed layer.
+///
+/// # Errors
+/// As [`Scene::load`].
+pub fn scenes() -> Result<[(&'static str, Scene); 3], FileError> {
+    let press = Scene::load("press")?;
+    let walls = press.clone().with_effect(Effect::Walls);
+    Ok([("press", press), ("shear", Scene::load("shear")?), ("press with walls", walls)])
+}
+
+/// Every rung on each of the [`scenes`]; it takes half a minute.
+///
+/// # Errors
+/// As [`scenes`].
+pub fn measure() -> Result<Vec<Cost>, FileError> {
+    let mut costs = vec![];
+    for (name, scene) in scenes()? {
+        for (rung, error, auto) in errors(&scene) {
+            let us_per_frame = us_per_frame(&scene.clone().with_fidelity(rung.into()));
+            costs.push(Cost { scene: name, rung, error, us_per_frame, auto });
+        }
+    }
+    Ok(costs)
+}
+
+/// The table of a chart: `scene,rung,error,us_per_frame`.
+#[must_use]
+pub fn csv(costs: &[Cost]) -> String {
+    let mut table = String::from("scene,rung,error,us_per_frame\n");
+    for Cost { scene, rung, error, us_per_frame, .. } in costs {
+        // Writing into a string cannot fail.
+        let _ = writeln!(table, "{scene},{rung},{error:.2e},{us_per_frame:.2}");
+    }
+    table
+}
+
+/// Rungs of the scene's physics, the error of each, and whether `auto` takes it.
+fn errors(scene: &Scene) -> Vec<(Rung, f64, bool)> {
+    let ladder = Ladder::new(&scene.clone().with_fidelity(Fidelity::Auto), SEED);
+    let report = ladder.report();
+    let rungs = Rung::ALL.into_iter().filter(|rung| *rung <= report.top);
+    let mut errors: Vec<_> = rungs.map(|rung| (rung, 0.0, rung == report.rung)).collect();
+    for contacts in contacts(scene) {
+        let best = ladder.on_rung(report.top, &contacts);
+        for (rung, worst, _) in &mut errors {
+            *worst = error(&ladder.on_rung(*rung, &contacts), &best).max(*worst);
+        }
+    }
+    errors
+}
+
+/// Contacts evenly spread over those of a scene.
+fn contacts(scene: &Scene) -> Vec<Contacts> {
+    let mut path = Path::new(scene, SEED);
+    let all: Vec<Contacts> = (0..scene.frames())
+        .map(|frame| path.at(frame as f64 / f64::from(scene.rate_hz())))
+        .filter(|at| !at.is_empty())
+        .collect();
+    all.iter().step_by(all.len().div_ceil(CONTACTS).max(1)).copied().collect()
+}
+
+fn us_per_frame(scene: &Scene) -> f64 {
+    let mut fastest = vec![Duration::MAX; FRAMES];
+    for _ in 0..RUNS {
+        let mut frames = Simulator::new(scene, SEED).endless();
+        for fastest in &mut fastest {
+            while let (Some(sample), time) = timed(|| frames.next()) {
+                if sample.truth.contact == Some(true) {
+                    *fastest = time.min(*fastest);
+                    break;
+                }
+            }
+        }
+    }
+    fastest.iter().sum::<Duration>().as_secs_f64() * 1e6 / FRAMES as f64
+}
+
+/// What `work` makes, and how long it takes.
+pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
+    let begin = Instant::now();
+    let made = work();
+    (made, begin.elapsed())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The charts of the documentation show what the code does; times are the machine's and not compared.
+    #[test]
+    fn the_committed_table_has_the_errors_of_every_rung() {
+        let committed = include_str!("../../../docs/images/simulator.csv");
+        let mut rows = committed.lines().skip(1);
+        for (name, scene) in scenes().unwrap() {
+            for (rung, error, _) in errors(&scene) {
+                let row: Vec<&str> = rows.next().unwrap().split(',').collect();
+                let [scene, on, charted, us] = row[..] else { panic!("{row:?}") };
+                assert_eq!((scene, on), (name, rung.to_string().as_str()));
+                let charted: f64 = charted.parse().unwrap();
+                assert!((charted - error).abs() <= 0.01 * error, "{name} {rung}: {error}");
+                assert!(us.parse::<f64>().unwrap() > 0.0);
+            }
+        }
+        assert_eq!(rows.next(), None);
+    }
+}
