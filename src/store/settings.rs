@@ -1,23 +1,18 @@
-//! Settings in two pages of flash, by `sequential-storage`: a power cut leaves the older ones.
+//! Settings and a bias taken on command, kept together: saving one writes both anew.
+//!
+//! An erasure for each save, of which a page stands ten thousand (DS12589 table 45): settings are saved when
+//! a person says so, and one mechanism is enough for all that is stored.
 
-use core::task::Poll;
-
-use embassy_futures::poll_once;
-use embedded_storage_async::nor_flash::{
-    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
-};
-use sequential_storage::cache::{Cache, Uncached};
-use sequential_storage::map::{MapConfig, MapStorage};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Area, Flash, FlashError, PAGE, Store, StoreError, WORD, Word};
+use super::{Flash, Store, StoreError};
 use crate::condition::Bias;
 use crate::estimate::contact_point::PointMethod;
 use crate::frame::Fields;
+use crate::wire::crc32;
 
-/// Longest item with its key, in whole words: a bias of everything takes 134 bytes (asserted below).
-const ITEM: usize = 144;
+/// Longest content: a bias of everything takes 154 bytes with all the rest (asserted below).
+const LONGEST: usize = 160;
 
 /// What the host has set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -39,23 +34,33 @@ pub struct StoredBias {
     pub bias: Option<Bias>,
 }
 
-/// The items' keys. Frozen: append, never renumber.
-trait Item: Serialize + DeserializeOwned {
-    const KEY: u8;
+/// What the settings' pages hold, in postcard and followed by its CRC-32. What another firmware wrote in
+/// another form is not there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Kept {
+    settings: Option<Settings>,
+    bias: Option<StoredBias>,
 }
 
-impl Item for Settings {
-    const KEY: u8 = 0;
-}
+impl Kept {
+    pub(super) fn read(bytes: &[u8]) -> Option<Self> {
+        let (body, crc) = bytes.split_last_chunk()?;
+        let (kept, rest) = postcard::take_from_bytes(body).ok()?;
+        (crc32(body) == u32::from_le_bytes(*crc) && rest.is_empty()).then_some(kept)
+    }
 
-impl Item for StoredBias {
-    const KEY: u8 = 1;
+    fn write<'b>(&self, buffer: &'b mut [u8; LONGEST]) -> Option<&'b [u8]> {
+        let length = postcard::to_slice(self, buffer).ok()?.len();
+        let crc = crc32(buffer.get(..length)?).to_le_bytes();
+        *buffer.get_mut(length..)?.first_chunk_mut()? = crc;
+        buffer.get(..length + crc.len())
+    }
 }
 
 impl<F: Flash> Store<F> {
     /// The settings that were saved last.
-    pub fn settings(&mut self) -> Option<Settings> {
-        self.load()
+    pub fn settings(&self) -> Option<Settings> {
+        self.kept().settings
     }
 
     /// Saves settings.
@@ -63,12 +68,12 @@ impl<F: Flash> Store<F> {
     /// # Errors
     /// The flash failed.
     pub fn save_settings(&mut self, settings: &Settings) -> Result<(), StoreError> {
-        self.save(settings)
+        self.keep(&Kept { settings: Some(*settings), ..self.kept() })
     }
 
     /// The bias that was saved last.
-    pub fn bias(&mut self) -> Option<StoredBias> {
-        self.load()
+    pub fn bias(&self) -> Option<StoredBias> {
+        self.kept().bias
     }
 
     /// Saves a bias.
@@ -76,91 +81,22 @@ impl<F: Flash> Store<F> {
     /// # Errors
     /// The flash failed.
     pub fn save_bias(&mut self, bias: &StoredBias) -> Result<(), StoreError> {
-        self.save(bias)
+        self.keep(&Kept { bias: Some(*bias), ..self.kept() })
     }
 
-    fn load<T: Item>(&mut self) -> Option<T> {
-        let mut buffer = [0; ITEM];
-        let mut map = map(&mut self.flash);
-        match poll_once(map.fetch_item::<&[u8]>(&mut buffer, &T::KEY)) {
-            Poll::Ready(Ok(item)) => postcard::from_bytes(item?).ok(),
-            _ => None,
+    fn kept(&self) -> Kept {
+        self.settings.current(&self.flash).and_then(Kept::read).unwrap_or_default()
+    }
+
+    fn keep(&mut self, kept: &Kept) -> Result<(), StoreError> {
+        let mut buffer = [0; LONGEST];
+        let bytes = kept.write(&mut buffer).ok_or(StoreError::Flash)?;
+        self.settings.begin(&mut self.flash, bytes.len())?;
+        self.settings.write(&mut self.flash, 0, bytes)?;
+        if self.settings.written(&self.flash)? != bytes {
+            return Err(StoreError::Flash);
         }
-    }
-
-    fn save<T: Item>(&mut self, item: &T) -> Result<(), StoreError> {
-        let mut bytes = [0; ITEM];
-        let bytes: &[u8] = postcard::to_slice(item, &mut bytes).map_err(|_| StoreError::Flash)?;
-        let mut buffer = [0; ITEM];
-        let mut map = map(&mut self.flash);
-        match poll_once(map.store_item(&mut buffer, &T::KEY, &bytes)) {
-            Poll::Ready(Ok(())) => Ok(()),
-            // It never is pending: the flash below blocks.
-            _ => Err(StoreError::Flash),
-        }
-    }
-}
-
-/// No cache: what is in the flash is looked up at power-up and on command only.
-type Map<'f, F> = MapStorage<u8, Pages<'f, F>, Cache<Uncached, Uncached, Uncached, u8>>;
-
-fn map<F: Flash>(flash: &mut F) -> Map<'_, F> {
-    let config = const { MapConfig::new(0..2 * PAGE as u32) };
-    MapStorage::new(Pages(flash), config, Cache::new_uncached())
-}
-
-/// The settings' pages one after the other.
-struct Pages<'f, F>(&'f mut F);
-
-fn page(offset: u32) -> (Area, usize) {
-    let offset = offset as usize;
-    (if offset < PAGE { Area::PageA } else { Area::PageB }, offset % PAGE)
-}
-
-impl NorFlashError for FlashError {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
-    }
-}
-
-impl<F> ErrorType for Pages<'_, F> {
-    type Error = FlashError;
-}
-
-impl<F: Flash> ReadNorFlash for Pages<'_, F> {
-    const READ_SIZE: usize = 1;
-
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
-        let (area, start) = page(offset);
-        let found = self.0.bytes(area).get(start..start + bytes.len()).ok_or(FlashError)?;
-        bytes.copy_from_slice(found);
-        Ok(())
-    }
-
-    fn capacity(&self) -> usize {
-        2 * PAGE
-    }
-}
-
-impl<F: Flash> NorFlash for Pages<'_, F> {
-    const WRITE_SIZE: usize = WORD;
-    const ERASE_SIZE: usize = PAGE;
-
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
-        for start in (from..to).step_by(PAGE) {
-            self.0.erase(page(start).0)?;
-        }
-        Ok(())
-    }
-
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        let (area, start) = page(offset);
-        let (words, []) = bytes.as_chunks::<WORD>() else { return Err(FlashError) };
-        for (i, word) in words.iter().enumerate() {
-            let word: Word = *word;
-            self.0.program(area, start + i * WORD, word)?;
-        }
-        Ok(())
+        self.settings.commit(&mut self.flash)
     }
 }
 
@@ -170,14 +106,30 @@ mod tests {
     use crate::condition::{BridgeBias, TaxelBias};
 
     #[test]
-    fn the_longest_item_fits_with_its_key() {
+    fn the_longest_content_fits() {
         let bias = Bias {
             taxels: Some(TaxelBias { level: [1.0; 16], noise: 1.0 }),
             bridges: [Some(BridgeBias { level: [1.0; 3], noise: 1.0 }); 4],
         };
-        let mut buffer = [0; ITEM];
-        let longest = StoredBias { calibration: u32::MAX, bias: Some(bias) };
-        let length = postcard::to_slice(&longest, &mut buffer).unwrap().len();
-        assert!((length + 1).next_multiple_of(WORD) <= ITEM, "{length}");
+        let settings =
+            Settings { hz: u16::MAX, fields: Fields::ALL, point_method: PointMethod::ArgMin };
+        let stored = StoredBias { calibration: u32::MAX, bias: Some(bias) };
+        let kept = Kept { settings: Some(settings), bias: Some(stored) };
+        let mut buffer = [0; LONGEST];
+        let bytes = kept.write(&mut buffer).unwrap();
+        assert_eq!(bytes.len(), 154);
+        assert_eq!(Kept::read(bytes), Some(kept));
+    }
+
+    #[test]
+    fn content_that_is_damaged_or_goes_on_is_none() {
+        let mut buffer = [0; LONGEST];
+        let bytes = Kept::default().write(&mut buffer).unwrap();
+        for i in 0..bytes.len() {
+            let mut damaged = bytes.to_vec();
+            damaged[i] ^= 1;
+            assert_eq!(Kept::read(&damaged), None, "byte {i}");
+            assert_eq!(Kept::read(&bytes[..i]), None, "{i} bytes");
+        }
     }
 }

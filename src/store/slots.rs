@@ -1,0 +1,165 @@
+//! Two areas of flash in turn: one holds what is in force, the other takes what comes next.
+//!
+//! ```text
+//! area:  magic u32 │ sequence u32 ║ length u32 │ CRC-32 of these 12 bytes ║ content … 0xff
+//!        └───────── header, written last, two words ────────┘
+//! ```
+//! When all of the new content is there and has been read back, its header makes it the newest, and not
+//! before: wherever the power is cut, one whole content is left.
+
+use super::{Area, Flash, StoreError, WORD, Word};
+use crate::wire::crc32;
+
+pub(super) const HEADER: usize = 2 * WORD;
+const MAGIC: [u8; 4] = *b"TXCL";
+
+/// What is known of the two areas.
+#[derive(Debug)]
+pub(super) struct Slots {
+    areas: [Area; 2],
+    newest: Option<Newest>,
+    incoming: Option<Incoming>,
+}
+
+/// The area whose content is in force.
+#[derive(Clone, Copy, Debug)]
+struct Newest {
+    area: Area,
+    sequence: u32,
+    length: usize,
+}
+
+/// Content on its way into the other area.
+#[derive(Clone, Copy, Debug)]
+struct Incoming {
+    expected: usize,
+    received: usize,
+}
+
+impl Slots {
+    pub(super) const fn new(areas: [Area; 2]) -> Self {
+        Self { areas, newest: None, incoming: None }
+    }
+
+    /// Finds the newest content that `accept` takes. The other area is tried where it takes none: that is
+    /// what a power cut leaves behind.
+    pub(super) fn open(&mut self, flash: &impl Flash, mut accept: impl FnMut(&[u8]) -> bool) {
+        self.incoming = None;
+        let found = self.areas.map(|area| newest_in(flash, area));
+        let [first, second] = match found {
+            [Some(a), Some(b)] if b.sequence > a.sequence => [Some(b), Some(a)],
+            other => other,
+        };
+        self.newest = first.filter(|newest| accept(newest.content(flash)));
+        if self.newest.is_none() {
+            self.newest = second.filter(|newest| accept(newest.content(flash)));
+        }
+    }
+
+    /// What is in force.
+    pub(super) fn current<'f>(&self, flash: &'f impl Flash) -> Option<&'f [u8]> {
+        self.newest.as_ref().map(|newest| newest.content(flash))
+    }
+
+    /// Erases the other area for `length` bytes.
+    pub(super) fn begin(
+        &mut self,
+        flash: &mut impl Flash,
+        length: usize,
+    ) -> Result<(), StoreError> {
+        self.incoming = None;
+        let area = self.other();
+        if length > area.size() - HEADER {
+            return Err(StoreError::OutOfOrder);
+        }
+        flash.erase(area)?;
+        self.incoming = Some(Incoming { expected: length, received: 0 });
+        Ok(())
+    }
+
+    /// The next of them; all but the last must be whole words.
+    pub(super) fn write(
+        &mut self,
+        flash: &mut impl Flash,
+        offset: usize,
+        data: &[u8],
+    ) -> Result<(), StoreError> {
+        let incoming = self.incoming.ok_or(StoreError::OutOfOrder)?;
+        let received = offset.saturating_add(data.len());
+        let whole = data.len().is_multiple_of(WORD) || received == incoming.expected;
+        if offset != incoming.received || received > incoming.expected || !whole {
+            return Err(StoreError::OutOfOrder);
+        }
+        let area = self.other();
+        for (i, bytes) in data.chunks(WORD).enumerate() {
+            let mut word = [0xff; WORD];
+            word.iter_mut().zip(bytes).for_each(|(word, byte)| *word = *byte);
+            flash.program(area, HEADER + offset + i * WORD, word)?;
+        }
+        self.incoming = Some(Incoming { received, ..incoming });
+        Ok(())
+    }
+
+    /// All that has been written, as the flash reads it.
+    pub(super) fn written<'f>(&self, flash: &'f impl Flash) -> Result<&'f [u8], StoreError> {
+        match self.incoming {
+            Some(Incoming { expected, received }) if expected == received => {
+                let bytes = flash.bytes(self.other());
+                bytes.get(HEADER..HEADER + expected).ok_or(StoreError::Flash)
+            }
+            _ => Err(StoreError::OutOfOrder),
+        }
+    }
+
+    /// Makes what has been written the newest.
+    pub(super) fn commit(&mut self, flash: &mut impl Flash) -> Result<(), StoreError> {
+        let length = self.written(flash)?.len();
+        let area = self.other();
+        let sequence = self.newest.map_or(0, |newest| newest.sequence.wrapping_add(1));
+        self.incoming = None;
+        let [first, second] = header(sequence, length);
+        flash.program(area, 0, first)?;
+        flash.program(area, WORD, second)?;
+        match newest_in(flash, area) {
+            Some(newest) if newest.sequence == sequence && newest.length == length => {
+                self.newest = Some(newest);
+                Ok(())
+            }
+            _ => Err(StoreError::Flash),
+        }
+    }
+
+    fn other(&self) -> Area {
+        let [first, second] = self.areas;
+        match self.newest {
+            Some(newest) if newest.area == first => second,
+            _ => first,
+        }
+    }
+}
+
+impl Newest {
+    fn content<'f>(&self, flash: &'f impl Flash) -> &'f [u8] {
+        flash.bytes(self.area).get(HEADER..HEADER + self.length).unwrap_or_default()
+    }
+}
+
+fn newest_in(flash: &impl Flash, area: Area) -> Option<Newest> {
+    let (head, _) = flash.bytes(area).split_first_chunk::<HEADER>()?;
+    let [_, _, _, _, s0, s1, s2, s3, l0, l1, l2, l3, ..] = *head;
+    let sequence = u32::from_le_bytes([s0, s1, s2, s3]);
+    let length = usize::try_from(u32::from_le_bytes([l0, l1, l2, l3])).ok()?;
+    let whole = header(sequence, length).as_flattened() == head;
+    (whole && length <= area.size() - HEADER).then_some(Newest { area, sequence, length })
+}
+
+/// The two words that make a content the newest.
+fn header(sequence: u32, length: usize) -> [Word; 2] {
+    let [m0, m1, m2, m3] = MAGIC;
+    let [s0, s1, s2, s3] = sequence.to_le_bytes();
+    // Lengths are checked against the area before they come here.
+    let [l0, l1, l2, l3] = (length as u32).to_le_bytes();
+    let head = [m0, m1, m2, m3, s0, s1, s2, s3, l0, l1, l2, l3];
+    let [c0, c1, c2, c3] = crc32(&head).to_le_bytes();
+    [[m0, m1, m2, m3, s0, s1, s2, s3], [l0, l1, l2, l3, c0, c1, c2, c3]]
+}
