@@ -17,6 +17,8 @@ const MOST_ROWS: usize = 4096;
 const SETTLE_US: u64 = 20_000;
 /// A force below this share of the recording's peak is none.
 const SMALL_FORCE: f64 = 0.005;
+/// Nor is one below so many standard deviations of the reference.
+const CLEAR_OF_NOISE: f64 = 5.0;
 
 /// A trace in memory.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,12 +69,11 @@ impl Recording {
     fn touched(&self) -> Option<Vec<bool>> {
         let forces: Vec<Option<f64>> = self.samples.iter().map(largest_force).collect();
         let peak = forces.iter().flatten().copied().fold(0.0, f64::max);
+        let least = (SMALL_FORCE * peak).max(CLEAR_OF_NOISE * jitter(&forces));
         let rows = self.samples.iter().zip(&forces);
         rows.map(|(sample, force)| match (sample.truth.contact, force) {
             (None, None) => None,
-            (contact, force) => {
-                Some(contact == Some(true) || force.is_some_and(|f| f > SMALL_FORCE * peak))
-            }
+            (contact, force) => Some(contact == Some(true) || force.is_some_and(|f| f > least)),
         })
         .collect()
     }
@@ -124,6 +125,15 @@ impl Recording {
 fn largest_force(sample: &Sample) -> Option<f64> {
     let components = sample.truth.force.iter().chain(sample.truth.sensors.iter().flatten());
     components.flatten().map(|force| force.abs()).reduce(f64::max)
+}
+
+/// Standard deviation of the reference: the median step from row to row is 0.954 of it, and more than half
+/// the rows change by less than that for any other reason.
+fn jitter(forces: &[Option<f64>]) -> f64 {
+    let steps = forces.windows(2).filter_map(|pair| Some((pair[1]? - pair[0]?).abs()));
+    let mut steps: Vec<f64> = steps.collect();
+    steps.sort_unstable_by(f64::total_cmp);
+    steps.get(steps.len() / 2).map_or(0.0, |median| median / 0.954)
 }
 
 /// Every level of a row, in a fixed order.

@@ -5,8 +5,8 @@
 //! into the sinking of each reflective facet, as finely as [`fidelity`] finds the scene to need, [`skin`]
 //! into how rubber sinks; [`optics`] into light on each phototransistor; [`response`] into what the force
 //! sensors feel of it in time, [`bridge`] into midpoint voltages of the force sensors; [`adc`] into codes.
-//! [`Simulator`] walks them once a frame. [`Scene`] is the TOML file that says what to simulate, [`cost`]
-//! what a rung of the ladder costs and is worth.
+//! [`systems`] are the sensors that all this is done for. [`Simulator`] walks them once a frame. [`Scene`] is
+//! the TOML file that says what to simulate, [`cost`] what a rung of the ladder costs and is worth.
 //!
 //! What a scene does not list under `effects` is not computed. A run is a function of the scene and one
 //! seed: the same pair gives the same codes, bit for bit, and memory does not grow with duration.

@@ -1,0 +1,125 @@
+//! Every built-in scene: that it is there, runs, repeats itself to the bit, and tells the truth.
+
+use taxel::condition::Levels;
+use taxel::units::Code;
+use taxel_formats::trace::Sample;
+use taxel_sim::scene::{BUILT_IN, Kind};
+use taxel_sim::{Scene, Simulator};
+
+use crate::UNLOADED;
+
+/// What has to be there, by name.
+const ASKED_FOR: [&str; 15] = [
+    "press",
+    "press-grid",
+    "shear-ramp",
+    "column-shear",
+    "column-incline",
+    "column-step",
+    "stick-slip",
+    "roll",
+    "torsion",
+    "tap",
+    "grasp",
+    "two-contacts",
+    "edge",
+    "flicker",
+    "temperature",
+];
+
+#[test]
+fn every_kind_of_scene_that_a_finger_is_judged_by_is_built_in_and_described() {
+    for name in ASKED_FOR {
+        assert!(BUILT_IN.iter().any(|(built_in, _)| *built_in == name), "{name}");
+    }
+    for (name, _) in BUILT_IN {
+        assert!(Scene::load(name).unwrap().description.len() > 10, "{name}");
+    }
+    let grasp = Scene::load("grasp").unwrap();
+    let held = run_to_end(&grasp, "grasp").held_s;
+    assert!(held >= 58.0, "{held} s");
+}
+
+/// What is learnt on the way through a scene.
+#[derive(Default)]
+struct Seen {
+    held_s: f64,
+    slips: bool,
+}
+
+/// Codes within range, time that runs, and a truth that fits together, frame by frame.
+fn run_to_end(scene: &Scene, name: &str) -> Seen {
+    let mut seen = Seen::default();
+    let mut last = None;
+    let mut frames = 0;
+    for (sample, again) in Simulator::new(scene, 1).zip(Simulator::new(scene, 1)) {
+        assert_eq!(sample, again, "{name}");
+        assert!(last < Some(sample.scan.time), "{name}: time runs");
+        last = Some(sample.scan.time);
+        frames += 1;
+        codes_are_within_range(scene, name, &sample);
+        let truth = &sample.truth;
+        let (contact, slip) = (truth.contact.unwrap(), truth.slip.unwrap());
+        let [_, _, fz] = truth.force.map(Option::unwrap);
+        assert!(contact || !slip, "{name}: nothing slips that does not touch");
+        // A bench's load cell errs.
+        let exact = scene.bench.as_ref().is_none_or(|bench| bench.reference_n == 0.0);
+        assert!(!exact || contact == (fz > 0.0), "{name}: what touches pushes");
+        seen.slips |= slip;
+        if contact {
+            seen.held_s += 1.0 / f64::from(scene.rate_hz());
+        }
+    }
+    assert_eq!(frames, scene.frames(), "{name}");
+    seen
+}
+
+fn codes_are_within_range(scene: &Scene, name: &str, sample: &Sample) {
+    let codes = sample.scan.codes;
+    let lit = codes.taxels.map_or([[Code(5000); 4]; 4], |taxels| taxels.lit);
+    let lit = &lit.as_flattened()[..scene.device.rows() * 4];
+    let dimmest = if scene.device.kind == Kind::Taxel4x4 { 3000 } else { 1500 };
+    let good = |code: &Code| code.0 > dimmest && !codes.full_scale.clips(*code);
+    assert!(lit.iter().all(good), "{name}");
+    for m in codes.bridges.iter().flatten() {
+        let intact = |code: Code| (0.25..0.75).contains(&codes.full_scale.ratio(code).0);
+        assert!([m.a, m.b, m.c, m.d].into_iter().all(intact), "{name}");
+    }
+}
+
+#[test]
+fn every_built_in_scene_runs_to_its_end_twice_alike_and_slips_where_it_says() {
+    let slipping = ["shear-ramp", "stick-slip", "torsion", "tour", "micro-shear", "column-step"];
+    for (name, _) in BUILT_IN {
+        let scene = Scene::load(name).unwrap();
+        let slips = run_to_end(&scene, name).slips;
+        let expected = slipping.contains(name) || name.starts_with("array-");
+        assert_eq!(slips, expected, "{name}");
+    }
+}
+
+#[test]
+fn another_seed_is_another_run_of_the_same_device() {
+    for (name, _) in BUILT_IN {
+        let scene = Scene::load(name).unwrap();
+        let first =
+            |seed| Simulator::new(&scene, seed).take(UNLOADED.into()).collect::<Vec<Sample>>();
+        let (one, other) = (first(1), first(2));
+        assert_ne!(one, other, "{name}");
+        let (one, other) = (mean(&one), mean(&other));
+        let near = one.iter().zip(&other).all(|(a, b)| (a - b).abs() < 0.01);
+        assert!(near, "{name}: {one:?} {other:?}");
+    }
+}
+
+/// Of each channel's level.
+fn mean(samples: &[Sample]) -> Vec<f32> {
+    let levels = samples.iter().map(|sample| Levels::read(&sample.scan.codes));
+    let channels = levels.map(|levels| {
+        let bridges = levels.bridges.into_iter().flatten().flatten();
+        levels.taxels.into_iter().flatten().chain(bridges).collect::<Vec<f32>>()
+    });
+    let sum = |sum: Vec<f32>, row: Vec<f32>| sum.iter().zip(row).map(|(s, c)| s + c).collect();
+    let sums: Vec<f32> = channels.reduce(sum).unwrap();
+    sums.into_iter().map(|sum| sum / samples.len() as f32).collect()
+}

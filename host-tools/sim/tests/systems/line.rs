@@ -1,0 +1,100 @@
+//! TAXEL-4x1 (002): place and angle of a 0.2 N force by its odd polynomials, out of codes.
+
+use taxel::estimate::row::{RowPolynomials, terms};
+use taxel_formats::trace::Sample;
+use taxel_sim::{Scene, Simulator};
+
+use crate::{contacts, fit, force, signals};
+
+/// One press while it is held.
+struct Press {
+    /// Light gained by the four taxels.
+    gained: [f64; 4],
+    /// How deep their facets are, in mm.
+    sunk: [f64; 4],
+    place_mm: f64,
+    angle_deg: f64,
+}
+
+fn presses(scene: &str, seed: u64) -> Vec<Press> {
+    let mut run = Simulator::new(&Scene::load(scene).unwrap(), seed);
+    let (mut samples, mut sunk) = (vec![], vec![]);
+    while let Some(sample) = run.next() {
+        samples.push(sample);
+        sunk.push(run.sunk().copied().unwrap());
+    }
+    let samples: Vec<Sample> = samples;
+    let rows: Vec<_> = signals(&samples).into_iter().zip(sunk).collect();
+    let presses = contacts(&rows, |((_, s), _)| s.truth.contact == Some(true));
+    presses
+        .into_iter()
+        .map(|press| {
+            let most = press.iter().map(|((_, s), _)| force(s)[2]).fold(0.0, f64::max);
+            let held: Vec<_> =
+                press.iter().filter(|((_, s), _)| force(s)[2] > 0.999 * most).collect();
+            let mean = |value: &dyn Fn(usize) -> f64| {
+                (0..held.len()).map(value).sum::<f64>() / held.len() as f64
+            };
+            let (_, first) = held[0].0;
+            let [fx, _, fz] = force(first);
+            Press {
+                gained: std::array::from_fn(|k| {
+                    mean(&|i| -f64::from(held[i].0.0.taxels.unwrap()[k]))
+                }),
+                sunk: std::array::from_fn(|k| mean(&|i| held[i].1[k])),
+                place_mm: first.truth.point[0].unwrap(),
+                angle_deg: fz.atan2(fx).to_degrees(),
+            }
+        })
+        .collect()
+}
+
+/// The polynomials fitted to `data`, and their worst errors on `trials` in mm and degrees.
+fn worst(data: &[Press], trials: &[Press], u: &dyn Fn(&Press) -> [f32; 4]) -> [f64; 2] {
+    let weights = |value: &dyn Fn(&Press) -> f64| {
+        fit(data.iter().map(|p| (terms(u(p)).map(f64::from), value(p)))).map(|w| w as f32)
+    };
+    let row =
+        RowPolynomials { point: weights(&|p| p.place_mm), angle: weights(&|p| p.angle_deg - 90.0) };
+    trials.iter().fold([0.0f64; 2], |[place, angle], p| {
+        let (x, theta) = row.contact(u(p));
+        [
+            place.max((f64::from(x) - p.place_mm).abs()),
+            angle.max((f64::from(theta) - p.angle_deg).abs()),
+        ]
+    })
+}
+
+#[test]
+fn trial_forces_are_placed_and_turned_as_in_the_paper_and_a_little_worse_out_of_codes() {
+    let (data, trials) = (presses("line-fit", 1), presses("line-trial", 2));
+    assert_eq!((data.len(), trials.len()), (7 * 13, 6 * 12));
+    let correlation = correlation(data.iter().map(|p| terms(p.sunk.map(|u| u as f32))));
+    // 002 has −0.68: its displacements are upwards, which turns the sign of s.
+    assert!((correlation - 0.68).abs() < 0.03, "{correlation}");
+    let [place, angle] = worst(&data, &trials, &|p| p.sunk.map(|u| u as f32));
+    // 002's figures are of computed displacements: 0.3 mm and less than 10°.
+    assert!(place < 0.32 && angle < 4.0, "{place} mm, {angle} degrees");
+
+    // As 002 does: first what displacement the light of each taxel means, one taxel at a time.
+    let powers = |p: &Press, k: usize| [1, 2, 3].map(|n| p.gained[k].powi(n));
+    let curves: [[f64; 3]; 4] =
+        std::array::from_fn(|k| fit(data.iter().map(|p| (powers(p, k), p.sunk[k]))));
+    let sunk = |p: &Press| {
+        std::array::from_fn(|k| {
+            powers(p, k).iter().zip(curves[k]).map(|(power, w)| power * w).sum::<f64>() as f32
+        })
+    };
+    let [place, angle] = worst(&data, &trials, &sunk);
+    assert!(place < 0.38 && angle < 5.5, "{place} mm, {angle} degrees");
+}
+
+/// Of s and t, the first two terms.
+fn correlation(rows: impl Iterator<Item = [f32; 8]> + Clone) -> f64 {
+    let mean = |value: &dyn Fn(f64, f64) -> f64| {
+        let values = rows.clone().map(|t| value(t[0].into(), t[1].into()));
+        values.clone().sum::<f64>() / values.count() as f64
+    };
+    // Odd in a mirrored touch, so their means are zero.
+    mean(&|s, t| s * t) / (mean(&|s, _| s * s) * mean(&|_, t| t * t)).sqrt()
+}

@@ -1,0 +1,71 @@
+//! The papers' five systems, end to end: scene → codes → the chip's arithmetic → the papers' own figures.
+//! What a user would fit is fitted here from one seed's trace, noise on, and judged on another's.
+
+mod array;
+mod catalogue;
+mod column;
+mod finger;
+mod line;
+mod mems;
+mod micro;
+
+use nalgebra::{DMatrix, DVector};
+use taxel::condition::{Bias, BiasTaker, Levels, Signals};
+use taxel_formats::trace::Sample;
+use taxel_sim::{Scene, Simulator};
+
+/// Frames of the unloaded beginning of every scene that a bias is taken from.
+const UNLOADED: u16 = 100;
+
+/// All frames of a built-in scene.
+fn run(name: &str, seed: u64) -> Vec<Sample> {
+    Simulator::new(&Scene::load(name).unwrap(), seed).collect()
+}
+
+/// What the unloaded beginning of a trace reads.
+fn bias(samples: &[Sample]) -> Bias {
+    let mut taker = BiasTaker::new(UNLOADED);
+    let levels = samples.iter().map(|sample| Levels::read(&sample.scan.codes));
+    let mut outcomes = levels.filter_map(|levels| taker.add(&levels, &Bias::default()));
+    outcomes.next().unwrap().unwrap().bias
+}
+
+/// Every frame as the chip's signals, beside its truth.
+fn signals(samples: &[Sample]) -> Vec<(Signals, &Sample)> {
+    let bias = bias(samples);
+    let signals = |sample: &Sample| bias.apply(Levels::read(&sample.scan.codes), None);
+    samples.iter().map(|sample| (signals(sample), sample)).collect()
+}
+
+/// One trace's force, known because it is simulated.
+fn force(sample: &Sample) -> [f64; 3] {
+    sample.truth.force.map(Option::unwrap)
+}
+
+/// Stretches of a trace in which something touches.
+fn contacts<T>(rows: &[T], touched: impl Fn(&T) -> bool) -> Vec<&[T]> {
+    let runs = rows.chunk_by(|a, b| touched(a) == touched(b));
+    runs.filter(|run| touched(&run[0])).collect()
+}
+
+/// Least squares: the weights of `terms` that make `value`.
+fn fit<const N: usize>(rows: impl IntoIterator<Item = ([f64; N], f64)>) -> [f64; N] {
+    let (terms, values): (Vec<[f64; N]>, Vec<f64>) = rows.into_iter().unzip();
+    let mut matrix = DMatrix::from_fn(terms.len(), N, |row, column| terms[row][column]);
+    // Powers differ by orders of magnitude.
+    let scales: [f64; N] = std::array::from_fn(|column| matrix.column(column).norm());
+    matrix.column_iter_mut().zip(scales).for_each(|(mut column, scale)| column /= scale);
+    let solution = matrix.svd(true, true).solve(&DVector::from_vec(values), 1e-12).unwrap();
+    std::array::from_fn(|i| solution[i] / scales[i])
+}
+
+/// Slope and height at zero of the straight line through (x, y).
+fn line(points: impl IntoIterator<Item = (f64, f64)>) -> [f64; 2] {
+    fit(points.into_iter().map(|(x, y)| ([x, 1.0], y)))
+}
+
+/// `found` is within so many per cent of what the paper prints.
+fn meets(what: &str, found: f64, paper: f64, percent: f64) {
+    let off = 100.0 * (found / paper - 1.0);
+    assert!(off.abs() <= percent, "{what}: {found:.5}, the paper has {paper} ({off:+.2} %)");
+}
