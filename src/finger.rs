@@ -1,9 +1,7 @@
 //! The whole way of one scan: codes → signals → gate → only the estimators that the scene needs.
 
 use crate::calibration::{Calibration, CalibrationError, Range};
-use crate::condition::{
-    Bias, BiasRefusal, BiasTaker, Health, Levels, Signals, Stuck, StuckWatch, Taken,
-};
+use crate::condition::{Bias, BiasRefusal, BiasTaker, Health, Levels, Signals, Stuck, StuckWatch};
 use crate::estimate::contact_point::{PointMethod, arg_min, centroid};
 use crate::estimate::gate::{Gate, GateState};
 use crate::estimate::{ContactPoint, Force};
@@ -49,8 +47,8 @@ pub struct Estimate {
     pub force: Force,
     /// The contact point.
     pub point: Measured<ContactPoint>,
-    /// A bias that was asked for is done with this scan.
-    pub bias: Option<Result<Taken, BiasRefusal>>,
+    /// The bias that was asked for is done with this scan: in the state, or refused.
+    pub bias: Option<Result<(), BiasRefusal>>,
 }
 
 impl Estimate {
@@ -156,9 +154,9 @@ impl Finger {
     /// One scan.
     pub fn estimate(&self, state: &mut FingerState, scan: &Scan) -> Estimate {
         let levels = Levels::read(&scan.codes);
-        let bias = self.advance_bias(state, &levels);
+        let bias = if state.taker.is_some() { advance_bias(state, &levels) } else { None };
         let healthy = self.calibration.as_ref().and_then(|c| c.taxels.as_ref());
-        let mut signals = state.bias.apply(levels, healthy.map(|taxels| &taxels.bias.level));
+        let mut signals = state.bias.apply(&levels, healthy.map(|taxels| &taxels.bias.level));
         let stuck = state.stuck.update(&scan.codes);
         signals.health.dead |= stuck.taxels;
         signals.health.bridge_faults |= stuck.bridges;
@@ -195,20 +193,6 @@ impl Finger {
             point,
             bias,
         }
-    }
-
-    fn advance_bias(
-        &self,
-        state: &mut FingerState,
-        levels: &Levels,
-    ) -> Option<Result<Taken, BiasRefusal>> {
-        let outcome = state.taker.as_mut()?.add(levels, &state.bias)?;
-        state.taker = None;
-        if let Ok(taken) = outcome {
-            state.bias = taken.bias;
-            state.biased = true;
-        }
-        Some(outcome)
     }
 
     fn sensor_forces(
@@ -295,6 +279,18 @@ impl Finger {
     }
 }
 
+/// Apart, because what it may hand back is large, rare, and would be copied with every scan.
+#[cold]
+#[inline(never)]
+fn advance_bias(state: &mut FingerState, levels: &Levels) -> Option<Result<(), BiasRefusal>> {
+    let outcome = state.taker.as_mut()?.add(levels, &state.bias)?;
+    state.taker = None;
+    Some(outcome.map(|taken| {
+        state.bias = taken.bias;
+        state.biased = true;
+    }))
+}
+
 fn flag(status: &mut Status, bit: Status, holds: bool) {
     if holds {
         status.set(bit);
@@ -310,5 +306,10 @@ fn normal_only(z: f32) -> Force {
 }
 
 fn within(ranges: &[Range], signals: &[f32]) -> bool {
-    ranges.iter().zip(signals).all(|([low, high], signal)| (low..=high).contains(&signal))
+    // A difference's sign is a bit: that of all of them together answers, without a branch for each.
+    let outside =
+        |[low, high]: &Range, signal: &f32| (signal - low).to_bits() | (high - signal).to_bits();
+    let signs =
+        ranges.iter().zip(signals).fold(0, |signs, (range, signal)| signs | outside(range, signal));
+    signs >> 31 == 0
 }

@@ -127,7 +127,7 @@ impl Instrument {
             if bias.is_ok() {
                 self.bias_in_contact = self.taking_in_contact;
             }
-            let result = bias.map(|_| self.bias_response()).map_err(|refusal| match refusal {
+            let result = bias.map(|()| self.bias_response()).map_err(|refusal| match refusal {
                 BiasRefusal::NotStill => Refusal::NotStill,
                 BiasRefusal::Saturated => Refusal::Saturated,
             });

@@ -23,7 +23,7 @@ use crate::scan::Scan;
 use crate::store::{Flash, Store};
 use crate::wire::deframer::Deframer;
 use crate::wire::message::{Message, Request};
-use crate::wire::{MAX_PACKET, pack};
+use crate::wire::{MAX_PACKET, WireError, pack, pack_frame};
 
 /// Bytes between instrument and link: some four frames with every field, or twenty with the estimates.
 const PIPE: usize = 2048;
@@ -162,8 +162,8 @@ async fn converse<R: Read>(
                 let outcome = instrument.scan(&scan);
                 instrument.note_cost(board.ticks().wrapping_sub(before));
                 reply(outcome.reply, pipe, instrument, pace).await;
-                if let Some(frame) = outcome.frame
-                    && !offer(&Message::Frame(frame), REPLY_RESERVE, pipe, pace).await
+                if let Some(frame) = &outcome.frame
+                    && !offer(|buffer| pack_frame(frame, buffer), REPLY_RESERVE, pipe, pace).await
                 {
                     let counters = instrument.counters();
                     counters.lost = counters.lost.wrapping_add(1);
@@ -175,7 +175,7 @@ async fn converse<R: Read>(
 
 async fn reply(answer: Option<Message>, pipe: &Bytes, instrument: &mut Instrument, pace: Pace) {
     if let Some(message) = answer
-        && !offer(&message, 0, pipe, pace).await
+        && !offer(|buffer| pack(&message, buffer), 0, pipe, pace).await
     {
         let counters = instrument.counters();
         counters.lost_replies = counters.lost_replies.wrapping_add(1);
@@ -183,10 +183,15 @@ async fn reply(answer: Option<Message>, pipe: &Bytes, instrument: &mut Instrumen
 }
 
 /// Puts a whole packet into the pipe, or nothing where it would leave less than `reserve` bytes.
-async fn offer(message: &Message, reserve: usize, pipe: &Bytes, pace: Pace) -> bool {
+async fn offer(
+    pack: impl FnOnce(&mut [u8]) -> Result<&[u8], WireError>,
+    reserve: usize,
+    pipe: &Bytes,
+    pace: Pace,
+) -> bool {
     let mut buffer = [0; MAX_PACKET];
     // A message that does not fit the buffer cannot be (tested); it would count as lost.
-    let Ok(packet) = pack(message, &mut buffer) else { return false };
+    let Ok(packet) = pack(&mut buffer) else { return false };
     if pace == Pace::Live && pipe.free_capacity() < packet.len() + reserve {
         return false;
     }

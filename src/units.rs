@@ -65,13 +65,26 @@ impl FullScale {
         Ratio(f32::from(code.0) / f32::from(self.0.get()))
     }
 
-    /// True where the reading may have been clipped.
+    /// One code as a fraction of full scale. A difference of codes times this is the fraction to within
+    /// 1.2e-7 of itself, for a multiplication instead of two divisions and a rounded difference.
+    #[must_use]
+    pub fn step(self) -> Ratio {
+        Ratio(1.0 / f32::from(self.0.get()))
+    }
+
+    /// The lowest code that may have been clipped.
     ///
     /// The band is the top 1/1024 of the range: an oversampled value of which some samples were
     /// clipped averages just below the top code.
     #[must_use]
+    pub const fn clipped(self) -> Code {
+        Code(self.0.get() - self.0.get() / 1024)
+    }
+
+    /// True where the reading may have been clipped.
+    #[must_use]
     pub fn clips(self, code: Code) -> bool {
-        code.0 >= self.0.get() - self.0.get() / 1024
+        code >= self.clipped()
     }
 }
 
@@ -154,6 +167,18 @@ mod tests {
         for full_scale in [FullScale::BITS_12, FullScale::BITS_16] {
             assert_eq!(full_scale.ratio(Code(0)), Ratio(0.0));
             assert_eq!(full_scale.ratio(full_scale.top()), Ratio(1.0));
+        }
+    }
+
+    #[test]
+    fn differences_in_steps_are_within_a_rounding_or_two_of_the_exact_quotient() {
+        for top in [1u16, 3, 1000, 4095, 50_001, 65_535] {
+            let step = FullScale::new(top).unwrap().step().0;
+            for difference in (-65_535..=65_535).step_by(7) {
+                let exact = f64::from(difference) / f64::from(top);
+                let found = f64::from(difference as f32 * step);
+                assert!((found - exact).abs() <= 1.2e-7 * exact.abs(), "{difference}/{top}");
+            }
         }
     }
 

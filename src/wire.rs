@@ -14,6 +14,8 @@ use serde::de::DeserializeOwned;
 
 pub(crate) use crc32::crc32;
 
+use crate::frame::Frame;
+
 /// Longest packet with its COBS overhead and final zero. The longest message is a frame with every
 /// field (asserted in the tests).
 pub const MAX_PACKET: usize = 448;
@@ -43,6 +45,20 @@ pub fn pack<'b, M: Serialize>(message: &M, buffer: &'b mut [u8]) -> Result<&'b [
         None => stuff_long_runs(message, buffer)?,
     };
     buffer.get(..length).ok_or(WireError::TooLong)
+}
+
+/// Packs [`message::Message::Frame`] of a frame that stays where it is: it is half a kilobyte to copy.
+///
+/// # Errors
+/// [`WireError::TooLong`] when it does not fit.
+pub fn pack_frame<'b>(frame: &Frame, buffer: &'b mut [u8]) -> Result<&'b [u8], WireError> {
+    struct Message<'f>(&'f Frame);
+    impl Serialize for Message<'_> {
+        fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+            serializer.serialize_newtype_variant("Message", 2, "Frame", self.0)
+        }
+    }
+    pack(&Message(frame), buffer)
 }
 
 /// Puts `message` and its CRC into `buffer`, one byte in; says where they end.

@@ -14,7 +14,7 @@ use taxel::scan::Codes;
 use taxel::units::{Code, FullScale, Micros, Millimetres};
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{CHUNK, Command, Message, Refusal, Request, Response};
-use taxel::wire::{MAX_PACKET, WireError, pack, unpack};
+use taxel::wire::{MAX_PACKET, WireError, pack, pack_frame, unpack};
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ")
@@ -32,6 +32,15 @@ fn body<M: serde::Serialize>(message: &M) -> String {
     let mut bytes = packet[..packet.len() - 1].to_vec();
     let length = cobs::decode_in_place(&mut bytes).unwrap();
     hex(&bytes[..length - 4])
+}
+
+/// The body of a frame, which is packed by reference and as a message alike.
+fn frame_body(frame: Frame) -> String {
+    let (mut by_reference, mut by_value) = ([0; MAX_PACKET], [0; MAX_PACKET]);
+    let by_reference = pack_frame(&frame, &mut by_reference).unwrap();
+    let message = Message::Frame(frame);
+    assert_eq!(by_reference, pack(&message, &mut by_value).unwrap());
+    body(&message)
 }
 
 #[test]
@@ -140,7 +149,7 @@ fn frame() -> Frame {
 
 #[test]
 fn frames_have_their_bytes() {
-    assert_eq!(body(&Message::Frame(frame())), "02 ac 02 c0 84 3d 81 80 10 00 00 00 00 00");
+    assert_eq!(frame_body(frame()), "02 ac 02 c0 84 3d 81 80 10 00 00 00 00 00");
     let estimates = Frame {
         sensors: Some([
             Force::known(0.5, -0.5, 1.0),
@@ -153,7 +162,7 @@ fn frames_have_their_bytes() {
         ..frame()
     };
     assert_eq!(
-        body(&Message::Frame(estimates)),
+        frame_body(estimates),
         "02 ac 02 c0 84 3d 81 80 10 00 00 \
          01 00 00 00 00 3f 00 00 00 00 bf 00 00 00 80 3f 01 06 01 06 01 06 01 00 01 00 01 00 \
          01 03 01 03 01 03 \
@@ -174,7 +183,7 @@ fn frames_have_their_bytes() {
     let minus_half = "00 00 00 bf ".repeat(16);
     let quarter = "00 00 80 3e ".repeat(3);
     assert_eq!(
-        body(&Message::Frame(raw)),
+        frame_body(raw),
         format!(
             "02 ac 02 c0 84 3d 81 80 10 01 ff 0f 00 00 00 00 00 01 34 12 00 \
              01 01 {minus_half}01 {quarter}00 00 00 81 02 00 08 00 00 00"

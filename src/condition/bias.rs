@@ -48,21 +48,22 @@ impl Bias {
     /// taken on command cannot make a dead taxel pass for a dark one. Without a calibration the bias
     /// itself has to do.
     #[must_use]
-    pub fn apply(&self, mut levels: Levels, healthy: Option<&TaxelLevels>) -> Signals {
-        levels.mark_dead(healthy.or(self.taxels.as_ref().map(|bias| &bias.level)));
-        let taxels = levels.taxels.zip(self.taxels).map(|(level, bias)| {
-            let mut c = bias.level;
-            c.iter_mut().zip(level).for_each(|(c, level)| *c -= level);
-            c
-        });
-        let mut bridges = [None; SENSORS];
-        for ((signal, level), bias) in bridges.iter_mut().zip(levels.bridges).zip(&self.bridges) {
-            *signal = level.zip(bias.as_ref()).map(|(mut u, bias)| {
-                u.iter_mut().zip(bias.level).for_each(|(u, b)| *u -= b);
-                u
-            });
+    pub fn apply(&self, levels: &Levels, healthy: Option<&TaxelLevels>) -> Signals {
+        let mut signals = Signals { health: levels.health, ..Signals::default() };
+        signals.health.dead = levels.dead(healthy.or(self.taxels.as_ref().map(|bias| &bias.level)));
+        if let (Some(levels), Some(bias)) = (&levels.taxels, &self.taxels) {
+            let c = signals.taxels.insert(bias.level);
+            c.iter_mut().zip(levels).for_each(|(c, level)| *c -= level);
         }
-        Signals { taxels, bridges, health: levels.health }
+        for ((signal, level), bias) in
+            signals.bridges.iter_mut().zip(&levels.bridges).zip(&self.bridges)
+        {
+            if let (Some(level), Some(bias)) = (level, bias) {
+                let u = signal.insert(*level);
+                u.iter_mut().zip(bias.level).for_each(|(u, b)| *u -= b);
+            }
+        }
+        signals
     }
 
     /// How far the signals stand out of their noise: the largest squared ratio of root mean square to
@@ -77,7 +78,11 @@ impl Bias {
             if let (Some(signal), Some(bias)) = (signal, bias)
                 && signals.health.bridge_faults >> i & 1 == 0
             {
-                most = most.max(activity(signal, 0, bias.noise));
+                let activity = activity(signal, 0, bias.noise);
+                // Not `max`, which is a call where the processor has no instruction for it.
+                if activity > most {
+                    most = activity;
+                }
             }
         }
         most
@@ -87,11 +92,16 @@ impl Bias {
 /// Mean square of some signals in units of their noise, over the channels whose bit in `skip` is clear.
 fn activity(signals: &[f32], skip: u16, noise: f32) -> f32 {
     let mut sum = 0.0;
-    let mut count = 0.0;
-    for (k, signal) in signals.iter().enumerate() {
-        if skip >> k & 1 == 0 {
-            sum += signal * signal;
-            count += 1.0;
+    let mut count = signals.len() as f32;
+    if skip == 0 {
+        sum = signals.iter().fold(sum, |sum, signal| sum + signal * signal);
+    } else {
+        count = 0.0;
+        for (k, signal) in signals.iter().enumerate() {
+            if skip >> k & 1 == 0 {
+                sum += signal * signal;
+                count += 1.0;
+            }
         }
     }
     if count > 0.0 && noise > 0.0 { sum / (count * noise * noise) } else { 0.0 }
@@ -279,7 +289,7 @@ mod tests {
         let unloaded = levels(0.0).taxels.unwrap();
         let bias =
             Bias { taxels: Some(TaxelBias { level: unloaded, noise: 1e-4 }), ..Bias::default() };
-        let nearer = bias.apply(levels(0.1), None).taxels.unwrap();
+        let nearer = bias.apply(&levels(0.1), None).taxels.unwrap();
         assert!(nearer.iter().all(|c| *c < 0.0));
     }
 
@@ -292,7 +302,7 @@ mod tests {
 
     #[test]
     fn without_a_bias_there_is_no_signal_rather_than_a_wrong_one() {
-        let signals = Bias::default().apply(levels(0.1), None);
+        let signals = Bias::default().apply(&levels(0.1), None);
         assert_eq!(signals.taxels, None);
     }
 }

@@ -1,7 +1,7 @@
 //! Absolute levels of one frame, before any bias.
 
 use super::Health;
-use crate::scan::{Codes, Midpoints, SENSORS, TAXELS, TaxelCodes};
+use crate::scan::{COLS, Codes, Midpoints, SENSORS, TAXELS, TaxelCodes};
 use crate::units::FullScale;
 
 /// Light of each taxel above dark, as fractions of full scale.
@@ -11,14 +11,15 @@ pub type TaxelLevels = [f32; TAXELS];
 pub type BridgeLevels = [f32; 3];
 
 /// An intact bridge's amplified midpoint rests near half the supply and moves by some 10 % of full scale
-/// per newton (8.5 mV/V/N times the gain, 003 §1.2). An open or shorted arm takes it to a rail.
-const MIDPOINT_MARGIN: f32 = 0.1;
+/// per newton (8.5 mV/V/N times the gain, 003 §1.2). An open or shorted arm takes it to a rail: nearer to
+/// one than this part of full scale.
+const MIDPOINT_MARGIN: u32 = 10;
 
 /// The four midpoints of an intact bridge average half its supply whatever the force, which moves two up
 /// and two down: what is left is half a per cent of mismatch per resistor, amplified (one standard
 /// deviation is 0.014 at a gain of 16). A supply that has dropped by a quarter, under a converter that does
-/// not follow it, takes the mean to 0.375.
-const COMMON_MARGIN: f32 = 0.1;
+/// not follow it, takes the mean to 0.375. The mean may be off by this part of full scale.
+const COMMON_MARGIN: u32 = 10;
 
 /// Without a bias to compare with, a taxel whose LED adds less than this is dead: the weakest
 /// phototransistor of a working pair adds some ten times as much.
@@ -40,57 +41,102 @@ pub struct Levels {
 }
 
 impl Levels {
-    /// Normalises one frame.
+    /// Normalises one frame. Whole codes are subtracted and compared; floats begin where they are scaled.
     #[must_use]
     pub fn read(codes: &Codes) -> Self {
         let mut levels = Self::default();
+        let step = codes.full_scale.step().0;
         if let Some(taxels) = &codes.taxels {
-            levels.taxels = Some(read_taxels(taxels, codes.full_scale, &mut levels.health));
+            levels.health.saturated = clipped(taxels, codes.full_scale);
+            levels.taxels = Some(read_taxels(taxels, step));
         }
+        let limits = BridgeLimits::new(codes.full_scale);
         for (i, (level, midpoints)) in levels.bridges.iter_mut().zip(&codes.bridges).enumerate() {
-            *level = midpoints.as_ref().map(|midpoints| {
-                let (outputs, intact) = read_bridge(midpoints, codes.full_scale);
+            if let Some(midpoints) = midpoints {
+                let (outputs, intact) = read_bridge(midpoints, &limits, step);
                 levels.health.bridge_faults |= u8::from(!intact) << i;
-                outputs
-            });
+                *level = Some(outputs);
+            }
         }
         levels
     }
 
-    /// Marks taxels that have lost most of the light they have unloaded.
-    pub(super) fn mark_dead(&mut self, unloaded: Option<&TaxelLevels>) {
-        let Some(levels) = &self.taxels else { return };
-        let mut dead = 0;
-        for (k, level) in levels.iter().enumerate() {
-            let least = unloaded
-                .and_then(|unloaded| unloaded.get(k))
-                .map_or(DEAD_LEVEL, |unloaded| (unloaded * DEAD_SHARE).max(DEAD_LEVEL));
-            dead |= u16::from(*level < least) << k;
+    /// Taxels that have lost most of the light they have unloaded.
+    pub(super) fn dead(&self, unloaded: Option<&TaxelLevels>) -> u16 {
+        let Some(levels) = &self.taxels else { return 0 };
+        let Some(unloaded) = unloaded else {
+            return marked(levels.iter().map(|level| *level < DEAD_LEVEL));
+        };
+        // The sign of a difference is a bit: that of all of them together says that there is nothing to
+        // look for, which is nearly always so, in half the time.
+        let mut signs = 0;
+        for (level, unloaded) in levels.iter().zip(unloaded) {
+            signs |= (level - unloaded * DEAD_SHARE).to_bits() | (level - DEAD_LEVEL).to_bits();
         }
-        self.health.dead = dead;
+        if signs >> 31 == 0 {
+            return 0;
+        }
+        let pairs = levels.iter().zip(unloaded);
+        marked(pairs.map(|(level, unloaded)| *level < unloaded * DEAD_SHARE || *level < DEAD_LEVEL))
     }
 }
 
-fn read_taxels(codes: &TaxelCodes, full_scale: FullScale, health: &mut Health) -> TaxelLevels {
+/// A bit for each taxel of which it holds.
+fn marked(taxels: impl Iterator<Item = bool>) -> u16 {
+    taxels.enumerate().fold(0, |marks, (k, holds)| marks | u16::from(holds) << k)
+}
+
+fn read_taxels(codes: &TaxelCodes, step: f32) -> TaxelLevels {
     let mut levels = [0.0; TAXELS];
-    let lit = codes.lit.iter().flat_map(|row| row.iter().zip(&codes.dark));
-    for (k, (level, (lit, dark))) in levels.iter_mut().zip(lit).enumerate() {
-        *level = full_scale.ratio(*lit).0 - full_scale.ratio(*dark).0;
-        let clipped = full_scale.clips(*lit) || full_scale.clips(*dark);
-        health.saturated |= u16::from(clipped) << k;
+    let rows = levels.as_chunks_mut::<COLS>().0;
+    for (levels, lit) in rows.iter_mut().zip(&codes.lit) {
+        for (level, (lit, dark)) in levels.iter_mut().zip(lit.iter().zip(&codes.dark)) {
+            *level = (i32::from(lit.0) - i32::from(dark.0)) as f32 * step;
+        }
     }
     levels
 }
 
+/// Taxels whose lit or dark code may have been clipped.
+fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
+    let all = codes.lit.as_flattened().iter().chain(&codes.dark);
+    // As with the dead ones: none of them is, in the time it takes to add up signs.
+    let limit = i32::from(full_scale.clipped().0);
+    if all.fold(0, |signs, code| signs | (limit - 1 - i32::from(code.0))) >= 0 {
+        return 0;
+    }
+    let pairs = codes.lit.iter().flat_map(|row| row.iter().zip(&codes.dark));
+    marked(pairs.map(|(lit, dark)| full_scale.clips(*lit) || full_scale.clips(*dark)))
+}
+
+/// What an intact bridge keeps to.
+struct BridgeLimits {
+    lowest: u32,
+    highest: u32,
+    /// Of the sum of all four.
+    least: u32,
+    most: u32,
+}
+
+impl BridgeLimits {
+    fn new(full_scale: FullScale) -> Self {
+        let top = u32::from(full_scale.top().0);
+        let (rail, common) = (top.div_ceil(MIDPOINT_MARGIN), 4 * top / COMMON_MARGIN);
+        Self { lowest: rail, highest: top - rail, least: 2 * top - common, most: 2 * top + common }
+    }
+}
+
 /// 003 eqs (1.10)–(1.12) before the amplifiers: u_x = V_B − V_A, u_y = V_C − V_D,
 /// u_z = (V_A + V_B) − (V_C + V_D). The amplifiers' gains are in S.
-fn read_bridge(midpoints: &Midpoints, full_scale: FullScale) -> (BridgeLevels, bool) {
+fn read_bridge(midpoints: &Midpoints, limits: &BridgeLimits, step: f32) -> (BridgeLevels, bool) {
     let [a, b, c, d] =
-        [midpoints.a, midpoints.b, midpoints.c, midpoints.d].map(|code| full_scale.ratio(code).0);
-    let intact = [a, b, c, d].iter().all(|v| (MIDPOINT_MARGIN..=1.0 - MIDPOINT_MARGIN).contains(v));
-    let common = 0.25 * ((a + b) + (c + d));
-    let fed = (0.5 - COMMON_MARGIN..=0.5 + COMMON_MARGIN).contains(&common);
-    ([b - a, c - d, (a + b) - (c + d)], intact && fed)
+        [midpoints.a, midpoints.b, midpoints.c, midpoints.d].map(|code| u32::from(code.0));
+    let clear = |v: u32| (limits.lowest..=limits.highest).contains(&v);
+    let intact = clear(a) && clear(b) && clear(c) && clear(d);
+    let fed = (limits.least..=limits.most).contains(&(a + b + c + d));
+    let [a, b, c, d] = [a, b, c, d].map(|code| code as i32);
+    let outputs = [b - a, c - d, (a + b) - (c + d)].map(|codes| codes as f32 * step);
+    (outputs, intact && fed)
 }
 
 #[cfg(test)]
@@ -137,9 +183,8 @@ mod tests {
         let unloaded = Levels::read(&codes(taxels)).taxels.unwrap();
         taxels.lit[2][1] = Code(101);
         for bias in [None, Some(&unloaded)] {
-            let mut levels = Levels::read(&codes(taxels));
-            levels.mark_dead(bias);
-            assert_eq!(levels.health.dead, 1 << 9);
+            let levels = Levels::read(&codes(taxels));
+            assert_eq!(levels.dead(bias), 1 << 9);
         }
     }
 
@@ -147,14 +192,17 @@ mod tests {
     fn bridge_outputs_follow_the_thesis_and_an_open_arm_is_a_fault() {
         let midpoints = Midpoints { a: Code(1000), b: Code(1100), c: Code(1300), d: Code(1250) };
         let full_scale = FullScale::new(2000).unwrap();
-        let ([x, y, z], intact) = read_bridge(&midpoints, full_scale);
+        let read = |midpoints: &Midpoints| {
+            read_bridge(midpoints, &BridgeLimits::new(full_scale), full_scale.step().0)
+        };
+        let ([x, y, z], intact) = read(&midpoints);
         assert!(intact);
         assert!((x - 100.0 / 2000.0).abs() < 1e-6);
         assert!((y - 50.0 / 2000.0).abs() < 1e-6);
         assert!((z - (2100.0 - 2550.0) / 2000.0).abs() < 1e-6);
         let open = Midpoints { c: Code(1990), ..midpoints };
-        assert!(!read_bridge(&open, full_scale).1);
+        assert!(!read(&open).1);
         let starved = Midpoints { a: Code(780), b: Code(780), c: Code(790), d: Code(790) };
-        assert!(!read_bridge(&starved, full_scale).1);
+        assert!(!read(&starved).1);
     }
 }

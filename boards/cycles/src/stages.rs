@@ -26,7 +26,7 @@ pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {
 
 /// What the finger sees in contact, conditioned.
 fn signals(inputs: &Inputs<'_>, bias: &Bias) -> impl Iterator<Item = Signals> + Clone {
-    inputs.touched().map(|scan| bias.apply(Levels::read(&scan.codes), None))
+    inputs.touched().map(|scan| bias.apply(&Levels::read(&scan.codes), None))
 }
 
 fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl Meter) {
@@ -39,7 +39,7 @@ fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl
     let levels = codes.map(|codes| Levels::read(&codes));
     let out = &mut Signals::default();
     meter.stage("condition: bias", &mut bias, levels, out, |bias, levels, out| {
-        *out = bias.apply(*levels, bias.taxels.as_ref().map(|taxels| &taxels.level));
+        *out = bias.apply(levels, bias.taxels.as_ref().map(|taxels| &taxels.level));
     });
     let seen = signals(inputs, &bias);
     let mut memory = (bias, Gate::default(), GateState::default());

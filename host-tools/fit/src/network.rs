@@ -136,9 +136,8 @@ impl Net {
 
 /// The outputs of a net for one row of inputs, by the arithmetic of the chip.
 pub(crate) fn outputs(layers: Layers<'_>, x: &[f32]) -> Vec<f32> {
-    let mut units = vec![0.0; layers.hidden_bias.len()];
     let mut y = layers.output_bias.to_vec();
-    layers.outputs(x, &mut units, &mut y);
+    layers.outputs(x, &mut y);
     y
 }
 

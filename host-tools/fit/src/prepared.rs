@@ -25,7 +25,7 @@ impl<'r> Prepared<'r> {
         let signals = recording
             .samples
             .iter()
-            .map(|sample| bias.apply(Levels::read(&sample.scan.codes), None))
+            .map(|sample| bias.apply(&Levels::read(&sample.scan.codes), None))
             .collect();
         Ok(Self { recording, bias, signals })
     }

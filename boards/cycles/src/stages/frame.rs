@@ -6,8 +6,8 @@ use taxel::instrument::Instrument;
 use taxel::scan::Scan;
 use taxel::store::{RamFlash, Store};
 use taxel::units::FullScale;
-use taxel::wire::message::{Command, Identity, Message, Request};
-use taxel::wire::{MAX_PACKET, pack};
+use taxel::wire::message::{Command, Identity, Request};
+use taxel::wire::{MAX_PACKET, pack_frame};
 
 use crate::Meter;
 use crate::host::Inputs;
@@ -19,8 +19,8 @@ struct Packet {
 }
 
 impl Packet {
-    fn pack(&mut self, message: &Message) {
-        self.length = pack(message, &mut self.bytes).map_or(0, <[u8]>::len);
+    fn pack(&mut self, frame: &Frame) {
+        self.length = pack_frame(frame, &mut self.bytes).map_or(0, <[u8]>::len);
     }
 }
 
@@ -57,8 +57,8 @@ fn instrument(record: &[u8], fields: Fields, mut scans: impl Iterator<Item = Sca
 
 fn whole(instrument: &mut Instrument, scan: &Scan, packet: &mut Packet) {
     packet.length = 0;
-    if let Some(frame) = instrument.scan(scan).frame {
-        packet.pack(&Message::Frame(frame));
+    if let Some(frame) = &instrument.scan(scan).frame {
+        packet.pack(frame);
     }
 }
 
@@ -89,7 +89,7 @@ pub fn stages(inputs: &Inputs<'_>, meter: &mut impl Meter) {
         let mut instrument = instrument(inputs.record, fields, inputs.touched());
         let frames = inputs.touched().filter_map(|scan| instrument.scan(&scan).frame);
         meter.stage(name, &mut (), frames, out, |(), frame: &Frame, packet| {
-            packet.pack(&Message::Frame(*frame));
+            packet.pack(frame);
         });
     }
 }

@@ -33,7 +33,7 @@ fn bias(samples: &[Sample]) -> Bias {
 /// Every frame as the chip's signals, beside its truth.
 fn signals(samples: &[Sample]) -> Vec<(Signals, &Sample)> {
     let bias = bias(samples);
-    let signals = |sample: &Sample| bias.apply(Levels::read(&sample.scan.codes), None);
+    let signals = |sample: &Sample| bias.apply(&Levels::read(&sample.scan.codes), None);
     samples.iter().map(|sample| (signals(sample), sample)).collect()
 }
 
