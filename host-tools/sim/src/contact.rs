@@ -17,6 +17,7 @@
 
 pub mod convergence;
 mod facets;
+mod gauss;
 mod halfspace;
 mod indenter;
 pub mod layer;

@@ -4,9 +4,10 @@
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
+use super::gauss::legendre;
 use super::plane::Strip;
 use super::sphere::Hertz;
-use super::traction::{Across, Round, gauss_legendre};
+use super::traction::{Across, Round};
 use super::{HalfSpace, Patch, Rule};
 
 /// A contact that 004 has in closed form, as heavy and wide as a touch of the finger.
@@ -89,7 +90,7 @@ impl Case {
 
 /// Points of a whole line and the length that each stands for: Gauss's rule in the angle.
 fn whole_line(reach: f64, n: usize) -> impl Iterator<Item = (f64, f64)> {
-    gauss_legendre(n).into_iter().map(move |(t, weight)| {
+    legendre(n).into_iter().map(move |(t, weight)| {
         let (tan, cos) = ((t * FRAC_PI_2).tan(), (t * FRAC_PI_2).cos());
         (reach * tan, weight * TAU / 4.0 * reach / (cos * cos))
     })

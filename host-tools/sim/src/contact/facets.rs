@@ -2,7 +2,7 @@
 
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
-use super::traction::gauss_legendre;
+use super::gauss::legendre;
 use super::{HalfSpace, Patch, Rule};
 
 /// Facets below the surface of a half-space, one under each taxel centre.
@@ -46,7 +46,7 @@ impl Facets {
         along: usize,
         centres: &[[f64; 2]],
     ) -> Self {
-        let rule = gauss_legendre(along.clamp(1, MOST_ALONG));
+        let rule = legendre(along.clamp(1, MOST_ALONG));
         let mut nodes = Nodes { x: vec![], y: vec![], share: vec![], per_facet: rule.len().pow(2) };
         for [x, y] in centres.iter().take(TAXELS) {
             for (v, weight_v) in &rule {

@@ -1,10 +1,12 @@
 //! Tractions as point loads: a [`Rule`] spreads them over a unit shape, a [`Patch`] puts it on the skin.
 //!
-//! Every rule takes the singularities of its traction away by a change of variable and is then of Gauss's
-//! kind, so that it converges faster than any power of the number of points; its shares sum to one, so
-//! that a patch carries its force exactly whatever the number of points.
+//! Every rule takes the singularities of its traction away, by a change of variable or into its weight, and
+//! is of Gauss's kind, so that it converges faster than any power of the number of points; its shares sum to
+//! one, so that a patch carries its force exactly whatever the number of points.
 
-use core::f64::consts::{FRAC_PI_2, PI, TAU};
+use core::f64::consts::{PI, TAU};
+
+use super::gauss::{arcosh, legendre};
 
 /// How a traction spreads over the unit disc, with r the distance from its centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +57,7 @@ impl Rule {
             Round::Punch => {
                 upper_half(2 * rings).map(|(c, weight)| ((1.0 - c * c).sqrt(), weight)).collect()
             }
-            Round::Corner => bent(rings).map(|(r, share)| (r, share * r)).collect(),
+            Round::Corner => arcosh(rings, 1.0),
         };
         let total: f64 = rings.iter().map(|(_, share)| share).sum();
         let points = rings.iter().enumerate().flat_map(|(ring, (r, share))| {
@@ -84,11 +86,12 @@ impl Rule {
                 .map(|(sin, cos)| (cos, sin * sin))
                 .collect(),
             Across::Edge => {
-                bent(across.div_ceil(2)).flat_map(|(v, share)| [(-v, share), (v, share)]).collect()
+                let half = arcosh(across.div_ceil(2), 0.0).into_iter();
+                half.flat_map(|(v, share)| [(-v, share), (v, share)]).collect()
             }
         };
         let total: f64 = across.iter().map(|(_, share)| share).sum();
-        let points = gauss_legendre(along).into_iter().flat_map(|(u, weight)| {
+        let points = legendre(along).into_iter().flat_map(|(u, weight)| {
             across.iter().map(move |(v, share)| ([u, *v], 0.5 * weight * share / total))
         });
         Self::of(points.collect())
@@ -165,49 +168,16 @@ impl Patch {
     }
 }
 
-/// Points in (0, 1) and arcosh(1/v)-weighted shares: v = sin²φ makes its logarithm at 0 and its root at
-/// 1 harmless.
-fn bent(n: usize) -> impl Iterator<Item = (f64, f64)> {
-    gauss_legendre(n).into_iter().map(|(t, weight)| {
-        let (sin, cos) = ((t + 1.0) * FRAC_PI_2 / 2.0).sin_cos();
-        let v = sin * sin;
-        (v, (1.0 / v).acosh() * 2.0 * sin * cos * weight)
-    })
-}
-
 /// The positive half of a Gauss–Legendre rule.
 fn upper_half(n: usize) -> impl Iterator<Item = (f64, f64)> {
-    gauss_legendre(n).into_iter().filter(|(c, _)| *c > 1e-12)
-}
-
-/// Points and weights of the Gauss–Legendre rule on \[−1, 1\]: roots of P_n by Newton's method from
-/// Tricomi's estimate.
-pub(crate) fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
-    let legendre = |x: f64| {
-        let (mut before, mut now) = (0.0, 1.0);
-        for k in 1..=n {
-            let k = k as f64;
-            (before, now) = (now, ((2.0 * k - 1.0) * x * now - (k - 1.0) * before) / k);
-        }
-        (now, n as f64 * (x * now - before) / (x * x - 1.0))
-    };
-    (0..n)
-        .map(|i| {
-            let mut x = -(PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
-            for _ in 0..8 {
-                let (value, slope) = legendre(x);
-                x -= value / slope;
-            }
-            let (_, slope) = legendre(x);
-            (x, 2.0 / ((1.0 - x * x) * slope * slope))
-        })
-        .collect()
+    legendre(n).into_iter().filter(|(c, _)| *c > 1e-12)
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::{HalfSpace, plane::Strip};
     use super::*;
+    use core::f64::consts::FRAC_PI_2;
 
     const SKIN: (f64, f64) = (0.236, 0.5);
 
@@ -251,19 +221,27 @@ mod tests {
 
     #[test]
     fn rings_have_the_moments_of_their_tractions() {
-        // ∫ r^2k dA over Hertz: 1, 2/5, 8/35, 16/105; over the punch: 1, 2/3, 8/15, 16/35.
+        // ∫ r^2k dA over Hertz: 1, 2/5, 8/35, 16/105; over the punch: 1, 2/3, 8/15, 16/35; over the
+        // cone B(k + 1, ½)/2(k + 1), by parts.
         let moment = |traction, power| -> f64 {
             let rule = Rule::round(traction, 4, 3);
             rule.points().iter().map(|([x, y], share)| share * x.hypot(*y).powi(power)).sum()
         };
-        for (power, hertz, punch) in [
-            (0, 1.0, 1.0),
-            (2, 2.0 / 5.0, 2.0 / 3.0),
-            (4, 8.0 / 35.0, 8.0 / 15.0),
-            (6, 16.0 / 105.0, 16.0 / 35.0),
+        for (power, hertz, punch, cone) in [
+            (0, 1.0, 1.0, 1.0),
+            (2, 2.0 / 5.0, 2.0 / 3.0, 1.0 / 3.0),
+            (4, 8.0 / 35.0, 8.0 / 15.0, 8.0 / 45.0),
+            (6, 16.0 / 105.0, 16.0 / 35.0, 4.0 / 35.0),
         ] {
             assert!((moment(Round::Hertz, power) - hertz).abs() < 1e-12);
             assert!((moment(Round::Punch, power) - punch).abs() < 1e-12);
+            assert!((moment(Round::Corner, power) - cone).abs() < 1e-12);
+        }
+        // Across the edge B(k + ½, ½)/π(2k + 1).
+        let rule = Rule::strip(Across::Edge, 1, 4);
+        for (power, edge) in [(2, 1.0 / 6.0), (4, 3.0 / 40.0), (6, 5.0 / 112.0)] {
+            let sum: f64 = rule.points().iter().map(|([_, v], share)| share * v.powi(power)).sum();
+            assert!((sum - edge).abs() < 1e-12, "{power}: {sum}");
         }
     }
 
@@ -317,21 +295,30 @@ mod tests {
     }
 
     #[test]
-    fn edges_and_corners_press_hardest_along_their_middle_and_sink_with_their_slope() {
-        // The displacement at the tip of a rigid cone is πa·slope/2 (Johnson §5.2): the traction, the
-        // radius and the influence function must agree on it. Taken at the surface, next to the centre.
+    fn a_cone_is_punches_of_all_radii_up_to_its_own() {
+        // arcosh(a/r) = ∫ dt/√(t² − r²) from r to a: a punch of radius t carries 2t dt/a² of the force.
         let skin = skin();
         let (slope, normal) = (0.3, 0.7);
         let a = skin.corner_radius(slope, normal);
-        let rule = Rule::round(Round::Corner, 200, 1);
+        let sunk = |z: f64| -> f64 {
+            let punches = legendre(100).into_iter().map(|(x, weight)| {
+                let t = 0.5 * (x + 1.0) * a;
+                let disc = z / (t * t + z * z) + (t / z).atan() / t;
+                weight * t / a * disc
+            });
+            normal * punches.sum::<f64>() / (4.0 * PI * skin.shear_modulus())
+        };
+        // The tip of a rigid cone is ½πa·slope deep (Johnson §5.2).
+        assert!((sunk(1e-9) / (FRAC_PI_2 * a * slope) - 1.0).abs() < 1e-6);
         let patch = Patch::disc([0.0; 2], a, [0.0, 0.0, normal]);
-        let sunk = patch.superpose(&rule, [0.0, 0.0, 1e-9], |f, at| skin.displacement(f, at));
-        assert!((sunk / (FRAC_PI_2 * a * slope) - 1.0).abs() < 1e-3, "{sunk}");
-
-        // ∫ arcosh(1/v) v² dv / ∫ arcosh(1/v) dv over the edge is 1/6.
-        let rule = Rule::strip(Across::Edge, 1, 40);
-        let second: f64 = rule.points().iter().map(|([_, v], share)| share * v * v).sum();
-        assert!((second - 1.0 / 6.0).abs() < 1e-5, "{second}");
+        for (rings, within) in [(2, 4e-2), (8, 2e-6), (16, 1e-9)] {
+            let rule = Rule::round(Round::Corner, rings, 1);
+            for z in [1.0, 2.5, 4.0] {
+                let sum = patch.superpose(&rule, [0.0, 0.0, z], |f, at| skin.displacement(f, at));
+                let error = (sum / sunk(z) - 1.0).abs();
+                assert!(error < within, "{rings} rings, {z} mm: {error}");
+            }
+        }
     }
 
     #[test]
@@ -359,7 +346,7 @@ mod tests {
         let (z, n, spokes) = (8.0, 24, 16);
         for rule in rules() {
             let mut carried = 0.0;
-            for (t, weight) in gauss_legendre(n) {
+            for (t, weight) in legendre(n) {
                 let angle = (t + 1.0) * PI / 4.0;
                 let r = z * angle.tan();
                 let ring = weight * PI / 4.0 * z / angle.cos().powi(2) * r * TAU / spokes as f64;

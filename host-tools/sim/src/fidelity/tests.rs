@@ -49,21 +49,31 @@ fn with_walls_the_framed_layer_is_the_measure() {
     assert!(most(&free) > 3.0 * most(&framed));
 }
 
-/// A scene of random geometry, material, tolerance and presses.
+/// A scene of random indenter, geometry, material, tolerance and presses.
 fn random_scene(seed: u64, walls: bool) -> Scene {
     let mut rng = crate::seeds::stream(seed, crate::seeds::Purpose::Noise);
     let mut draw = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
     let tolerance = 0.003 * 10f64.powf(draw(0.0, 1.0));
-    let (radius, young) = (draw(2.0, 15.0), draw(0.15, 1.0));
+    let young = draw(0.15, 1.0);
     let depth = if walls { 2.5 } else { draw(1.5, 5.0) };
     let poisson = if walls { 0.5 } else { draw(0.4, 0.5) };
     let force = draw(0.1, 2.0);
     let [x, y] = [draw(-3.0, 1.0), draw(-3.0, 1.0)];
     let young = if walls { crate::contact::SILICONE_YOUNG_MPA } else { young };
     let effects = if walls { "effects = ['walls']" } else { "" };
+    let lies = format!("length_mm = {}\nturn_deg = {}", draw(2.0, 10.0), draw(-90.0, 90.0));
+    let indenter = match seed % 7 {
+        0 => format!("kind = 'sphere'\nradius_mm = {}", draw(2.0, 15.0)),
+        1 => format!("kind = 'punch'\nradius_mm = {}", draw(0.5, 4.0)),
+        2 => format!("kind = 'corner'\nslope = {}", draw(0.2, 0.8)),
+        3 => format!("kind = 'cylinder'\nradius_mm = {}\n{lies}", draw(2.0, 15.0)),
+        4 => format!("kind = 'block'\nwidth_mm = {}\n{lies}", draw(0.5, 6.0)),
+        5 => format!("kind = 'edge'\nslope = {}\n{lies}", draw(0.2, 0.8)),
+        _ => "kind = 'point'".to_owned(),
+    };
     let text = format!(
         "{effects}\ntolerance = {tolerance}\n[material]\nyoung_mpa = {young}\npoisson = {poisson}\n\
-         [layer]\ndepth_mm = {depth}\n[indenter]\nradius_mm = {radius}\n{SCAN}[[random]]\nat_s = 0\n\
+         [layer]\ndepth_mm = {depth}\n[indenter]\n{indenter}\n{SCAN}[[random]]\nat_s = 0\n\
          presses = 4\neach_s = 0.5\nx_mm = [{x}, {}]\ny_mm = [{y}, {}]\nfz_n = [0.05, {force}]\n\
          shear_of_limit = [0, 1]\nroll_mm = 1\n",
         x + 3.0,

@@ -3,7 +3,7 @@
 use core::f64::consts::PI;
 
 use super::super::HalfSpace;
-use super::super::traction::gauss_legendre;
+use super::super::gauss::legendre;
 use super::spectrum::{Wave, bessel};
 
 /// A layer whose lower face cannot move.
@@ -34,7 +34,7 @@ impl Bonded {
         let top = 36.0 / reach;
         let nodes = 48 + (top * r / PI) as usize;
         let mut change = 0.0;
-        for (c, weight) in gauss_legendre(nodes) {
+        for (c, weight) in legendre(nodes) {
             let k = 0.5 * top * (c + 1.0);
             let share = 0.5 * top * weight * k / (2.0 * PI);
             let [pushed, dragged] = [[0.0, -1.0], [1.0, 0.0]]
@@ -54,7 +54,7 @@ impl Bonded {
     pub fn pressure(&self, normal: f64, r: f64) -> f64 {
         let (h, nu) = (self.thickness, self.skin.poisson());
         let top = 36.0 / h;
-        gauss_legendre(48 + (top * r.abs() / PI) as usize)
+        legendre(48 + (top * r.abs() / PI) as usize)
             .into_iter()
             .map(|(c, weight)| (0.5 * top * (c + 1.0), 0.5 * top * weight))
             .map(|(k, weight)| {
@@ -92,7 +92,7 @@ mod tests {
     #[test]
     fn the_floor_carries_the_load() {
         let (layer, far) = (Bonded::new(skin(), 2.5), 20.0);
-        let carried: f64 = gauss_legendre(60)
+        let carried: f64 = legendre(60)
             .into_iter()
             .map(|(c, weight)| (0.5 * far * (c + 1.0), 0.5 * far * weight))
             .map(|(r, weight)| layer.pressure(0.8, r) * 2.0 * PI * r * weight)
