@@ -1,8 +1,11 @@
 //! Photocurrents to voltages: four columns of phototransistors, each on one load, and their amplifiers.
 //!
-//! A column's light is in fractions of full scale on 1 kΩ without amplification, so that one is a
-//! photocurrent of 3.3 mA. At rest a mean pair passes 1 mA, the current at which the data sheet of the
-//! SFH 3010 states its 7 µs; what flowed in 002's sensor is not published.
+//! A column's light is in fractions of full scale on 1 kΩ amplified sixteenfold, so that one is a
+//! photocurrent of 206 µA; a mean pair has 155 µA at the peak of its curve and 60 µA at rest. 002 does not
+//! print its own. From data sheets: a wide SFH 482 gives 2.4 mW/sr at 100 mA, so 0.12 mW/sr at the 5 mA
+//! that 002 stays below; over the mirrored path of the peak, 2 mm at 45°, and nine tenths of it reflected,
+//! that is 1.4 mW/cm², for which an SFH 3010 gives at least 70 µA (25 µA in 0.5 mW/cm²). The pairs here
+//! have about twice the least.
 
 use taxel::scan::COLS;
 
@@ -10,22 +13,26 @@ use crate::scene::{Effect, Scene};
 
 /// Range of the converter in volts.
 const RANGE_V: f64 = 3.3;
+/// Load and amplifier on which a light of one reads as one.
+const LOAD_OHM: f64 = 1000.0;
+const AMPLIFIED: f64 = 16.0;
 /// Photocurrent of a light of one.
-const UNIT_A: f64 = RANGE_V / 1000.0;
+pub const UNIT_A: f64 = RANGE_V / (LOAD_OHM * AMPLIFIED);
 /// In coulombs (SI).
 const ELEMENTARY_CHARGE: f64 = 1.602_176_634e-19;
 /// In joules per kelvin (SI).
 const BOLTZMANN: f64 = 1.380_649e-23;
 /// Of the room, in kelvin.
 const ROOM_K: f64 = 298.15;
-/// Collector over base current of the phototransistor. The SFH 3010's sheet gives at least 25 µA in
-/// 0.5 mW/cm²; its 0.04 mm² of silicon make some 0.12 µA of that at 0.6 A/W, which is 200 and more.
-const CURRENT_GAIN: f64 = 250.0;
+/// Collector over base current of the phototransistor. The 25 µA above come from 0.04 mm² of silicon, which
+/// at 0.6 A/W make 0.12 µA of them: 208 at least, and with twice the least current some 450. The sheet of
+/// the larger SFH 3401 has 340 to 860.
+const CURRENT_GAIN: f64 = 450.0;
 
 /// The columns of one device.
 #[derive(Clone, Debug)]
 pub struct Columns {
-    /// Load and amplifier against 1 kΩ and none.
+    /// Load and amplifier against those of a light of one.
     gain: f64,
     settling: Option<Settling>,
 }
@@ -87,7 +94,7 @@ impl Columns {
 }
 
 fn gain(scene: &Scene) -> f64 {
-    scene.electronics.load_ohm / 1000.0 * scene.electronics.pga_gain.times()
+    scene.electronics.load_ohm / LOAD_OHM * scene.electronics.pga_gain.times() / AMPLIFIED
 }
 
 /// Noise of a column, in squares of the converter's range.
@@ -101,20 +108,28 @@ pub struct LightNoise {
 
 impl LightNoise {
     /// Within the bandwidth 1/4τ of the phototransistor on its load. The base current's shot noise is
-    /// amplified and the collector's own adds to it: 2q(1 + h)I; the load adds 4kTR.
+    /// amplified and the collector's own adds to it: 2q(1 + h)I; the load adds 4kTR. A reading's
+    /// conversions average of it what changes while they last.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
         let bandwidth = 1e6 / (4.0 * scene.time_constant_us());
+        let left = averaged(scene.sampling_us() / scene.time_constant_us());
         let load = scene.electronics.load_ohm;
         let amplified = scene.electronics.pga_gain.times() / RANGE_V;
         // A reading of one comes from this light.
         let current = UNIT_A / gain(scene);
         let shot = 2.0 * ELEMENTARY_CHARGE * (1.0 + CURRENT_GAIN) * current * bandwidth;
         Self {
-            shot: shot * (load * amplified).powi(2),
-            thermal: 4.0 * BOLTZMANN * ROOM_K * load * bandwidth * amplified.powi(2),
+            shot: shot * (load * amplified).powi(2) * left,
+            thermal: 4.0 * BOLTZMANN * ROOM_K * load * bandwidth * amplified.powi(2) * left,
         }
     }
+}
+
+/// What a mean over `time` leaves of the variance of noise that forgets itself as e^−t, both in its time
+/// constants.
+fn averaged(time: f64) -> f64 {
+    2.0 / time * (1.0 + (-time).exp_m1() / time)
 }
 
 #[cfg(test)]
@@ -156,33 +171,45 @@ mod tests {
     #[test]
     fn a_quarter_of_the_load_with_four_times_the_gain_reads_the_same_and_settles_four_times_as_fast()
      {
-        let quick = "load_ohm = 250\npga_gain = 4";
+        let quick = "load_ohm = 250\npga_gain = 64";
         let mut columns = Columns::new(&scene(quick, 30), [0.3; COLS]);
         assert!((columns.step([0.3; COLS])[0] - 0.3).abs() < 1e-12);
         let ratio = residue(quick, 10).ln() / residue("", 10).ln();
         assert!((ratio - 4.0).abs() < 1e-9, "{ratio}");
-        // What it costs: four times the bandwidth, so twice the shot noise.
-        let (slow, quick) = (LightNoise::of(&scene("", 30)), LightNoise::of(&scene(quick, 30)));
-        assert!((quick.shot / slow.shot - 4.0).abs() < 1e-9);
+        // What it costs: four times the bandwidth, so twice the shot noise of a single conversion.
+        let of = |electronics: &str| LightNoise::of(&scene(electronics, 30)).shot;
+        let tau = 7.0 / 9f64.ln();
+        let averaged = averaged(4.0 * 0.25 / tau) / averaged(0.25 / tau);
+        assert!((of(quick) / of("") / (4.0 * averaged) - 1.0).abs() < 1e-9);
     }
 
     #[test]
     fn an_amplifier_ends_at_its_rail() {
-        let mut columns = Columns::new(&scene("pga_gain = 16", 30), [0.0; COLS]);
+        let mut columns = Columns::new(&scene("pga_gain = 64", 30), [0.0; COLS]);
         assert_eq!(columns.step([0.5; COLS]), [1.0; COLS]);
     }
 
     #[test]
     fn noise_of_light_follows_from_charge_and_temperature() {
-        // 3.3 mA on 1 kΩ: 2·1.602e-19·251·3.3e-3 A²/Hz over 78.5 kHz are 144 nA, 144 µV of 3.3 V;
-        // 4kTR over the same band is 1.14 µV.
+        // 206 µA on 1 kΩ: 2·1.602e-19·451·206e-6 A²/Hz over 78.5 kHz are 48.4 nA, 48.4 µV, sixteenfold
+        // 774 µV of 3.3 V; 4kTR over the same band is 1.136 µV, sixteenfold 18.2 µV. One conversion, a
+        // quarter of a microsecond in 3.2, averages 2.6 % of the variance away.
         let noise = LightNoise::of(&scene("", 30));
-        assert!(
-            (noise.shot.sqrt() * RANGE_V / 144.3e-6 - 1.0).abs() < 2e-3,
-            "{}",
-            noise.shot.sqrt()
-        );
-        assert!((noise.thermal.sqrt() * RANGE_V / 1.136e-6 - 1.0).abs() < 2e-3);
+        let volts = |variance: f64| (variance / 0.9743).sqrt() * RANGE_V;
+        assert!((volts(noise.shot) / 774e-6 - 1.0).abs() < 2e-3, "{}", volts(noise.shot));
+        assert!((volts(noise.thermal) / 18.18e-6 - 1.0).abs() < 2e-3, "{}", volts(noise.thermal));
+    }
+
+    #[test]
+    fn the_mean_of_noise_that_forgets_is_that_of_its_samples() {
+        // Sums of e^−|i − j|dt over a thousand samples, over their square.
+        for time in [0.08, 1.0, 5.0] {
+            let step = time / 1000.0;
+            let sum: f64 =
+                (1..1000).map(|lag| f64::from(1000 - lag) * (-f64::from(lag) * step).exp()).sum();
+            let sampled = (1000.0 + 2.0 * sum) / 1e6;
+            assert!((averaged(time) / sampled - 1.0).abs() < 1e-3, "{time}");
+        }
     }
 
     #[test]

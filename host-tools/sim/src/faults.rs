@@ -8,6 +8,7 @@ use std::ops::Range;
 use taxel::scan::{COLS, Codes, Midpoints, ROWS, TaxelCodes};
 use taxel::units::Code;
 
+use crate::optics::Missing;
 use crate::scene::{Broken, Place, Scene};
 
 /// Well above the range, so that no noise brings it back into it.
@@ -51,25 +52,24 @@ impl Faults {
         self.events.iter().filter(|e| e.while_.contains(&self.now)).map(|e| e.broken)
     }
 
-    /// Taxels whose LED is dead, a bit each.
+    /// LEDs that are dead and phototransistors that are cut off.
     #[must_use]
-    pub fn dead_leds(&self) -> u16 {
-        self.active().fold(0, |dead, b| if let Broken::Led(k) = b { dead | 1 << k } else { dead })
-    }
-
-    /// Taxels whose phototransistor is cut off, a bit each.
-    #[must_use]
-    pub fn blind(&self) -> u16 {
-        self.active().fold(0, |blind, b| match b {
-            Broken::Open(Place::Taxel(k)) => blind | 1 << k,
-            _ => blind,
-        })
+    pub fn missing(&self) -> Missing {
+        let mut missing = Missing::default();
+        for broken in self.active() {
+            match broken {
+                Broken::Led(k) => missing.leds |= 1 << k,
+                Broken::Open(Place::Taxel(k)) => missing.eyes |= 1 << k,
+                _ => {}
+            }
+        }
+        missing
     }
 
     /// Which share of a column's phototransistors sees the room.
     #[must_use]
     pub fn seeing(&self) -> [f64; COLS] {
-        let blind = self.blind();
+        let blind = self.missing().eyes;
         let mut seeing = [1.0; COLS];
         if blind != 0 {
             for (c, seeing) in seeing.iter_mut().enumerate() {

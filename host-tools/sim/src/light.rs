@@ -1,6 +1,6 @@
 //! Light of the room that gets past the rubber, the same on every column.
 //!
-//! Everything is a fraction of the converter's full scale on a load of 1 kΩ.
+//! Everything is a fraction of the converter's full scale on a load of 1 kΩ amplified sixteenfold.
 
 use rand_distr::{Distribution as _, Uniform};
 

@@ -7,11 +7,18 @@
 //! device's seed. The finger works on the far side of the peak: nearer is brighter. A pair on the wrong
 //! side, nearer to its facet than the peak, darkens under a press.
 //!
-//! Everything is a fraction of the converter's full scale on a load of 1 kΩ.
+//! Neighbours come in in two ways (002: misaligned axes couple adjacent taxels). Those in a row are lit
+//! together, and a phototransistor sees some of the facets beside its own. Those in a column share a load,
+//! and only one of them is lit: its LED shines on the facets of the two beside it, whose phototransistors
+//! leak what they see onto the load. What unlit ones leak without any LED, their dark current, is in the
+//! dark step too.
+//!
+//! Everything is a fraction of the converter's full scale on a load of 1 kΩ amplified sixteenfold.
 
 use rand_distr::{Distribution as _, Uniform};
 use taxel::scan::{COLS, ROWS, TAXELS};
 
+use crate::electronics::UNIT_A;
 use crate::scene::{Effect, Scene};
 use crate::seeds::{Purpose, stream};
 
@@ -21,23 +28,34 @@ const SEPARATION_MM: f64 = 1.4;
 const PEAK_MM: f64 = SEPARATION_MM / 2.0;
 /// What the mean pair reads at the peak of its curve; the rest is room for bright pairs and lamps.
 const PEAK: f64 = 0.75;
-/// Leakage of a column of four phototransistors, read in the dark too.
-const LEAKAGE: f64 = 0.01;
+/// What a column's amplifier reads of nothing; an assumption: two millivolts of offset.
+const OFFSET: f64 = 0.01;
+/// Dark current of a phototransistor at the reference temperature (SFH 3010, typical), in amperes.
+const DARK_A: f64 = 1e-9;
+/// Kelvin in which the dark current of silicon doubles; an assumption.
+const DOUBLES_K: f64 = 10.0;
 
-/// Spread of a device, one standard deviation: gain, gap in mm, leakage.
+/// Spread of a device, one standard deviation, all assumptions: gain, gap in mm, offset.
 const GAIN_SPREAD: f64 = 0.08;
 const GAP_SPREAD_MM: f64 = 0.06;
-const LEAKAGE_SPREAD: f64 = 0.15;
-/// Most light that spills between neighbours. Those in a row are lit together and pick up each other's
-/// facets; those in a column share a load, so that a dark one adds what it sees of its lit neighbour's
-/// light.
+const OFFSET_SPREAD: f64 = 0.15;
+/// Most of a facet's light that a neighbour gets; an assumption, 002 says only that there is some.
 const STRAY: f64 = 0.03;
+
+/// What gives no light or sees none, a bit a taxel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Missing {
+    /// LEDs.
+    pub leds: u16,
+    /// Phototransistors.
+    pub eyes: u16,
+}
 
 /// The optics of one device in one room.
 #[derive(Clone, Debug)]
 pub struct Optics {
     pairs: [Pair; TAXELS],
-    leakage: [f64; COLS],
+    offsets: [f64; COLS],
     stray: Option<Box<Stray>>,
 }
 
@@ -47,7 +65,7 @@ struct Pair {
     gap: f64,
 }
 
-/// What taxel k gets of its neighbours: left, right, below, above.
+/// What taxel k gets of its neighbours' facets: left, right, below, above.
 type Stray = [[f64; 4]; TAXELS];
 
 impl Optics {
@@ -55,7 +73,7 @@ impl Optics {
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let mut pairs = [Pair { gain: PEAK, gap: scene.layer.gap_mm }; TAXELS];
-        let mut leakage = [LEAKAGE; COLS];
+        let mut offsets = [OFFSET; COLS];
         let device = scene.device.seed;
         if scene.has(Effect::GainSpread) {
             let mut rng = stream(device, Purpose::GainSpread);
@@ -68,7 +86,7 @@ impl Optics {
                 pair.gain *= 1.0 + draw(GAIN_SPREAD);
                 pair.gap += draw(GAP_SPREAD_MM);
             }
-            leakage.iter_mut().for_each(|leakage| *leakage *= 1.0 + draw(LEAKAGE_SPREAD));
+            offsets.iter_mut().for_each(|offset| *offset *= 1.0 + draw(OFFSET_SPREAD));
         }
         for taxel in &scene.device.wrong_side {
             if let Some(pair) = pairs.get_mut(taxel.index()) {
@@ -77,7 +95,7 @@ impl Optics {
             }
         }
         let stray = scene.has(Effect::OpticalCrosstalk).then(|| Box::new(draw_stray(device)));
-        Self { pairs, leakage, stray }
+        Self { pairs, offsets, stray }
     }
 
     /// A facet at `gap` mm is nearer than the peak of its pair's curve: the light falls as it nears.
@@ -94,24 +112,30 @@ impl Optics {
         gaps
     }
 
-    /// What each taxel's own LED adds to its column while its row is lit, with its facet sunk by
-    /// `sunk` mm. LEDs whose bit in `dead` is set give no light, to their neighbours neither.
+    /// What is added to each taxel's column while its row is lit, with its facet sunk by `sunk` mm.
     #[must_use]
-    pub fn reflected(&self, sunk: &[f64; TAXELS], dead: u16) -> [f64; TAXELS] {
+    pub fn reflected(&self, sunk: &[f64; TAXELS], missing: Missing) -> [f64; TAXELS] {
         let mut light = [0.0; TAXELS];
-        for (k, ((light, pair), sunk)) in light.iter_mut().zip(&self.pairs).zip(sunk).enumerate() {
-            if dead >> k & 1 == 0 {
-                *light = pair.gain * response(pair.gap - sunk);
-            }
+        for ((light, pair), sunk) in light.iter_mut().zip(&self.pairs).zip(sunk) {
+            *light = pair.gain * response(pair.gap - sunk);
         }
-        self.stray.as_ref().map_or(light, |stray| spill(&light, stray))
+        match &self.stray {
+            Some(stray) => spill(&light, stray, missing),
+            None => without(&light, missing.leds | missing.eyes),
+        }
     }
 
-    /// What a column reads of itself with every LED off.
+    /// What the columns' amplifiers read of nothing.
     #[must_use]
-    pub fn leakage(&self) -> [f64; COLS] {
-        self.leakage
+    pub fn offsets(&self) -> [f64; COLS] {
+        self.offsets
     }
+}
+
+/// What the four phototransistors of a column leak in the dark, `warmer_k` above the reference.
+#[must_use]
+pub fn dark_current(warmer_k: f64) -> f64 {
+    ROWS as f64 * DARK_A / UNIT_A * (warmer_k / DOUBLES_K).exp2()
 }
 
 /// Light of an LED `warmer_k` above the reference over that at it: −0.5 %/K (data sheet of the SFH 480).
@@ -144,19 +168,38 @@ fn draw_stray(device: u64) -> Stray {
     stray
 }
 
-fn spill(light: &[f64; TAXELS], stray: &Stray) -> [f64; TAXELS] {
-    let at = |row: usize, column: usize| {
+/// Without the taxels whose bit is set.
+#[must_use]
+pub fn without(light: &[f64; TAXELS], missing: u16) -> [f64; TAXELS] {
+    let mut light = *light;
+    if missing != 0 {
+        let taxels = light.iter_mut().enumerate();
+        taxels.filter(|(k, _)| missing >> k & 1 == 1).for_each(|(_, light)| *light = 0.0);
+    }
+    light
+}
+
+fn spill(light: &[f64; TAXELS], stray: &Stray, missing: Missing) -> [f64; TAXELS] {
+    // In a row every facet has its own LED and one of them sees; in a column one LED shines and every
+    // facet has its own to see it.
+    let (lit, seen) = (without(light, missing.leds), without(light, missing.eyes));
+    // Off the matrix there is nothing to pick up; wrapping makes an index that is off it.
+    let at = |light: &[f64; TAXELS], row: usize, column: usize| {
         if row < ROWS && column < COLS { light.get(row * COLS + column).copied() } else { None }
             .unwrap_or(0.0)
     };
-    let mut mixed = *light;
+    let mut mixed = [0.0; TAXELS];
     for (k, (mixed, [left, right, below, above])) in mixed.iter_mut().zip(stray).enumerate() {
         let (row, column) = (k / COLS, k % COLS);
-        // Off the matrix there is nothing to pick up; wrapping makes an index that is off it.
-        *mixed += left * at(row, column.wrapping_sub(1))
-            + right * at(row, column + 1)
-            + below * at(row.wrapping_sub(1), column)
-            + above * at(row + 1, column);
+        if missing.eyes >> k & 1 == 0 {
+            *mixed += at(&lit, row, column)
+                + left * at(&lit, row, column.wrapping_sub(1))
+                + right * at(&lit, row, column + 1);
+        }
+        if missing.leds >> k & 1 == 0 {
+            *mixed +=
+                below * at(&seen, row.wrapping_sub(1), column) + above * at(&seen, row + 1, column);
+        }
     }
     mixed
 }
@@ -164,6 +207,8 @@ fn spill(light: &[f64; TAXELS], stray: &Stray) -> [f64; TAXELS] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const NONE: Missing = Missing { leds: 0, eyes: 0 };
 
     fn optics(effects: &str) -> Optics {
         let text = format!("effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n");
@@ -182,10 +227,10 @@ mod tests {
     #[test]
     fn a_nearer_facet_is_brighter_and_the_others_stay_as_they_were() {
         let optics = optics("'gain-spread'");
-        let before = optics.reflected(&[0.0; TAXELS], 0);
+        let before = optics.reflected(&[0.0; TAXELS], NONE);
         let mut sunk = [0.0; TAXELS];
         sunk[6] = 0.4;
-        let after = optics.reflected(&sunk, 0);
+        let after = optics.reflected(&sunk, NONE);
         for k in 0..TAXELS {
             assert!(if k == 6 { after[k] > 1.1 * before[k] } else { after[k] == before[k] });
         }
@@ -194,10 +239,10 @@ mod tests {
     #[test]
     fn light_spills_to_the_four_neighbours_and_no_further() {
         let optics = optics("'optical-crosstalk'");
-        let before = optics.reflected(&[0.0; TAXELS], 0);
+        let before = optics.reflected(&[0.0; TAXELS], NONE);
         let mut sunk = [0.0; TAXELS];
         sunk[4] = 0.5;
-        let after = optics.reflected(&sunk, 0);
+        let after = optics.reflected(&sunk, NONE);
         let changed: Vec<usize> = (0..TAXELS).filter(|k| after[*k] != before[*k]).collect();
         assert_eq!(changed, [0, 4, 5, 8]);
         assert!(after[5] - before[5] < STRAY * PEAK);
@@ -206,8 +251,8 @@ mod tests {
     #[test]
     fn an_effect_that_is_not_listed_changes_nothing() {
         let plain = optics("");
-        assert!(plain.reflected(&[0.0; TAXELS], 0).windows(2).all(|pair| pair[0] == pair[1]));
-        assert_eq!(plain.leakage(), [LEAKAGE; COLS]);
+        assert!(plain.reflected(&[0.0; TAXELS], NONE).windows(2).all(|pair| pair[0] == pair[1]));
+        assert_eq!(plain.offsets(), [OFFSET; COLS]);
     }
 
     #[test]
@@ -225,8 +270,8 @@ mod tests {
         };
         assert_eq!(flagged(&right, 0.2), []);
         assert_eq!(flagged(&wrong, 0.0), [6, 12]);
-        let (before, after) = (wrong.reflected(&rest, 0), wrong.reflected(&[0.1; TAXELS], 0));
-        for (k, usual) in right.reflected(&rest, 0).into_iter().enumerate() {
+        let (before, after) = (wrong.reflected(&rest, NONE), wrong.reflected(&[0.1; TAXELS], NONE));
+        for (k, usual) in right.reflected(&rest, NONE).into_iter().enumerate() {
             assert!((before[k] - usual).abs() < 1e-12);
             assert_eq!(after[k] < before[k], k == 6 || k == 12, "taxel {k}");
         }
@@ -235,12 +280,31 @@ mod tests {
     }
 
     #[test]
-    fn a_dead_led_leaves_its_taxel_and_its_share_of_the_neighbours_dark() {
+    fn a_dead_led_is_missed_by_its_own_taxel_and_by_those_that_are_lit_with_it() {
         let optics = optics("'optical-crosstalk'");
-        let (all, dead) =
-            (optics.reflected(&[0.0; TAXELS], 0), optics.reflected(&[0.0; TAXELS], 1 << 5));
-        assert!(dead[5] < 0.15 * all[5], "what is left is its neighbours'");
+        let of = |missing| optics.reflected(&[0.0; TAXELS], missing);
+        let (all, dead) = (of(NONE), of(Missing { leds: 1 << 5, eyes: 0 }));
+        assert!(dead[5] > 0.0 && dead[5] < 0.15 * all[5], "what is left is its neighbours'");
         let changed: Vec<usize> = (0..TAXELS).filter(|k| dead[*k] != all[*k]).collect();
-        assert_eq!(changed, [1, 4, 5, 6, 9]);
+        assert_eq!(changed, [4, 5, 6]);
+    }
+
+    #[test]
+    fn a_phototransistor_that_sees_nothing_leaks_nothing_onto_the_rows_beside_it() {
+        let optics = optics("'optical-crosstalk'");
+        let of = |missing| optics.reflected(&[0.0; TAXELS], missing);
+        let (all, blind) = (of(NONE), of(Missing { leds: 0, eyes: 1 << 5 }));
+        assert!(blind[5] > 0.0 && blind[5] < 0.15 * all[5], "the column's others see its LED");
+        let changed: Vec<usize> = (0..TAXELS).filter(|k| blind[*k] != all[*k]).collect();
+        assert_eq!(changed, [1, 5, 9]);
+        // LED and phototransistor of one taxel gone, the rest still has its neighbours.
+        let gone = of(Missing { leds: 1 << 5, eyes: 1 << 5 });
+        assert_eq!(gone[5], 0.0);
+    }
+
+    #[test]
+    fn dark_currents_double_with_every_ten_kelvin() {
+        assert!((dark_current(0.0) * UNIT_A - 4e-9).abs() < 1e-15, "four of a nanoampere");
+        assert!((dark_current(60.0) / dark_current(0.0) - 64.0).abs() < 1e-6);
     }
 }

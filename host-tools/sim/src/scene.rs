@@ -49,7 +49,7 @@ pub enum Effect {
     Settling,
     /// The supply swings.
     SupplyRipple,
-    /// Every optical pair has its own gain, gap and leakage.
+    /// Every optical pair has its own gain and gap, every column its own offset.
     GainSpread,
     /// Light spills between neighbouring pairs.
     OpticalCrosstalk,

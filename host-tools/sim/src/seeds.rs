@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 /// What random numbers are for.
 #[derive(Clone, Copy)]
 pub enum Purpose {
-    /// Gains, gaps and leakage of the optical pairs; a property of the device.
+    /// Gains and gaps of the optical pairs, offsets of the columns; a property of the device.
     GainSpread,
     /// Stray light between neighbouring pairs; a property of the device.
     OpticalCrosstalk,

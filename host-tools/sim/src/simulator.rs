@@ -59,7 +59,8 @@ impl Simulator {
     pub fn new(scene: &Scene, seed: u64) -> Self {
         let matrix = Matrix::new(scene, seed);
         let room = Room::new(scene, seed);
-        let leakage = matrix.as_ref().map_or([0.0; COLS], Matrix::leakage);
+        let warmer_k = scene.temperature().map_or(0.0, |t| t.at(0.0) - REFERENCE_C);
+        let leakage = matrix.as_ref().map_or([0.0; COLS], |matrix| matrix.leakage(warmer_k));
         let dark = leakage.map(|leakage| leakage + room.at(0.0, 0.0));
         let mut bridges = Bridge::of(scene).map(Some);
         for (bridge, there) in bridges.iter_mut().zip(scene.device.sensors()) {
@@ -109,13 +110,8 @@ impl Simulator {
 
     fn taxels(&mut self, contacts: &Contacts, now: &Moment) -> Option<TaxelCodes> {
         let matrix = self.matrix.as_mut()?;
-        let mut light = matrix.light(contacts, self.faults.dead_leds(), now.warmer_k);
-        let leakage = matrix.leakage();
-        let blind = self.faults.blind();
-        if blind != 0 {
-            let taxels = light.iter_mut().enumerate();
-            taxels.filter(|(k, _)| blind >> k & 1 == 1).for_each(|(_, light)| *light = 0.0);
-        }
+        let light = matrix.light(contacts, self.faults.missing(), now.warmer_k);
+        let leakage = matrix.leakage(now.warmer_k);
         let dip = self.faults.supply();
         let seeing = self.faults.seeing();
         let mut codes = TaxelCodes::default();

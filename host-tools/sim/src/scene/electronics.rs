@@ -39,7 +39,8 @@ impl Default for Electronics {
         Self {
             // The load of the SFH 3010's data sheet.
             load_ohm: 1000.0,
-            pga_gain: PgaGain(1),
+            // What 60 µA of a pair at rest need to be a third of the range.
+            pga_gain: PgaGain(16),
             time_constant_us: None,
             oversampling: None,
             // Bare, a newton would move a 12-bit code by 17 steps only; sixteenfold, 2 N anywhere on
@@ -102,7 +103,8 @@ fn given_time_constant<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Opti
 }
 
 impl Scene {
-    /// Rise and fall of the SFH 3010 at 1 mA, 5 V and 1 kΩ: 7 µs from 10 % to 90 % (its data sheet).
+    /// Rise and fall of the SFH 3010 at 1 mA, 5 V and 1 kΩ: 7 µs from 10 % to 90 % (its data sheet); taken
+    /// to hold at the smaller current here, for which the sheet has no figure.
     const RISE_US: f64 = 7.0;
     /// STM32G431: one conversion at 60 MHz, 2.5 + 12.5 clocks.
     const CONVERSION_US: f64 = 0.25;

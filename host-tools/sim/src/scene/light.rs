@@ -4,7 +4,8 @@ use serde::Deserialize;
 
 use crate::ranges;
 
-/// `[light]`, as fractions of the converter's range at each column on a load of 1 kΩ.
+/// `[light]`, as fractions of the converter's range at each column on a load of 1 kΩ amplified
+/// sixteenfold.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Light {

@@ -5,7 +5,7 @@ use taxel::scan::{COLS, TAXELS};
 use super::column::Columns;
 use super::feeler::{Feeler, Spot};
 use crate::fidelity::{Ladder, Report};
-use crate::optics::Optics;
+use crate::optics::{self, Missing, Optics};
 use crate::path::Contacts;
 use crate::scene::{Kind, REFERENCE_C, Scene};
 use crate::skin::{self, Skin};
@@ -13,7 +13,8 @@ use crate::skin::{self, Skin};
 /// The matrix of a run.
 #[derive(Clone, Debug)]
 pub struct Matrix {
-    leakage: [f64; COLS],
+    /// Of the columns' amplifiers.
+    offsets: [f64; COLS],
     sight: Sight,
 }
 
@@ -49,26 +50,26 @@ impl Matrix {
             return None;
         }
         let optics = Optics::new(scene);
-        let leakage = optics.leakage();
+        let offsets = optics.offsets();
         let sight = match scene.device.kind {
             Kind::OhkaMicro => Sight::Feeler(Feeler::new(scene)),
             Kind::OhkaColumn => Sight::Columns(Columns::new(scene)),
             _ => {
                 let contact = scene.bench_sensor().is_none().then(|| Ladder::new(scene, seed));
-                let mut unloaded = optics.reflected(&[0.0; TAXELS], absent(present));
-                unloaded.iter_mut().skip(present).for_each(|light| *light = 0.0);
+                let unloaded = optics.reflected(&[0.0; TAXELS], absent(present));
                 let sunk = [0.0; TAXELS];
                 let skin = Skin::of(scene);
                 Sight::Facets(Box::new(Facets { contact, skin, optics, unloaded, sunk, present }))
             }
         };
-        Some(Self { leakage, sight })
+        Some(Self { offsets, sight })
     }
 
-    /// What the columns read of themselves in the dark.
+    /// What the columns read of themselves in the dark, `warmer_k` above the reference.
     #[must_use]
-    pub fn leakage(&self) -> [f64; COLS] {
-        self.leakage
+    pub fn leakage(&self, warmer_k: f64) -> [f64; COLS] {
+        let dark = optics::dark_current(warmer_k);
+        self.offsets.map(|offset| offset + dark)
     }
 
     /// How finely contact is computed, where facets sink.
@@ -81,20 +82,18 @@ impl Matrix {
     }
 
     /// Light of each taxel on its column while its row is lit, at a nominal supply and with LEDs at their
-    /// reference temperature; the skin is `warmer_k` above its own. LEDs whose bit in `dead` is set give none; where one light serves all, those phototransistors
-    /// are blind.
-    pub fn light(&mut self, contacts: &Contacts, dead: u16, warmer_k: f64) -> [f64; TAXELS] {
-        let mut light = match &mut self.sight {
-            Sight::Facets(facets) => return facets.light(contacts, dead, warmer_k),
+    /// reference temperature; the skin is `warmer_k` above its own. Where one light serves all, a taxel
+    /// without its LED is one without its phototransistor.
+    pub fn light(&mut self, contacts: &Contacts, missing: Missing, warmer_k: f64) -> [f64; TAXELS] {
+        let light = match &mut self.sight {
+            Sight::Facets(facets) => return facets.light(contacts, missing, warmer_k),
             Sight::Feeler(feeler) => {
                 let force = contacts.whole().map_or([0.0; 3], |load| load.force);
                 feeler.light(&Spot::under(force))
             }
             Sight::Columns(columns) => columns.light(contacts.loads()),
         };
-        let taxels = light.iter_mut().enumerate();
-        taxels.filter(|(k, _)| dead >> k & 1 == 1).for_each(|(_, light)| *light = 0.0);
-        light
+        optics::without(&light, missing.leds | missing.eyes)
     }
 
     /// How deep the facets were in the last frame, in mm, where the device has facets.
@@ -117,7 +116,7 @@ impl Matrix {
 }
 
 impl Facets {
-    fn light(&mut self, contacts: &Contacts, dead: u16, warmer_k: f64) -> [f64; TAXELS] {
+    fn light(&mut self, contacts: &Contacts, missing: Missing, warmer_k: f64) -> [f64; TAXELS] {
         let touched = self.contact.as_ref().filter(|_| !contacts.is_empty());
         let celsius = REFERENCE_C + warmer_k;
         self.sunk = touched.map_or([0.0; TAXELS], |contact| {
@@ -130,16 +129,17 @@ impl Facets {
         if let Some(skin) = &mut self.skin {
             self.sunk = skin.sink(self.sunk, celsius);
         }
-        if touched.is_none() && self.skin.is_none() && dead == 0 {
+        if touched.is_none() && self.skin.is_none() && missing == Missing::default() {
             return self.unloaded;
         }
-        let mut light = self.optics.reflected(&self.sunk, dead | absent(self.present));
-        light.iter_mut().skip(self.present).for_each(|light| *light = 0.0);
-        light
+        let Missing { leds, eyes } = absent(self.present);
+        let missing = Missing { leds: missing.leds | leds, eyes: missing.eyes | eyes };
+        self.optics.reflected(&self.sunk, missing)
     }
 }
 
-/// The bits of taxels that are not there.
-fn absent(present: usize) -> u16 {
-    (0..TAXELS).skip(present).fold(0, |bits, k| bits | 1 << k)
+/// The taxels that are not there.
+fn absent(present: usize) -> Missing {
+    let bits = (0..TAXELS).skip(present).fold(0, |bits, k| bits | 1 << k);
+    Missing { leds: bits, eyes: bits }
 }
