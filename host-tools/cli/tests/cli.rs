@@ -31,6 +31,16 @@ fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).unwrap()
 }
 
+#[test]
+fn the_built_in_scenes_are_listed_a_line_each_with_what_they_do() {
+    let list = succeeds(&["simulate", "--list"]);
+    for (name, _) in taxel_sim::scene::BUILT_IN {
+        let line = list.lines().find(|line| line.split_whitespace().next() == Some(name)).unwrap();
+        assert!(line.len() > name.len() + 10, "{line}");
+    }
+    assert_eq!(list.lines().count(), taxel_sim::scene::BUILT_IN.len());
+}
+
 /// A virtual finger of this process, and its port.
 fn finger() -> (VirtualFinger, String) {
     let source = Source::scene("press").unwrap();

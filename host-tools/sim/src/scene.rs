@@ -432,6 +432,7 @@ impl Scene {
             return Err((kinetic.span(), problem));
         }
         self.indenter.indenter()?;
+        device::check(self)?;
         self.check_walls()?;
         acts::check(self)?;
         trials::check(self)
@@ -444,8 +445,8 @@ impl Scene {
         let Some(at) = listed.map(Spanned::span).or(named.map(Spanned::span)) else {
             return Ok(());
         };
-        if self.device.kind == Kind::Taxel4x1 {
-            let problem = "the walls are those of the 4×4 finger; a taxel-4x1 is a half-space";
+        if self.device.kind != Kind::Taxel4x4 {
+            let problem = "the layer is that of the 4×4 finger; leave `fidelity` out";
             return Err((at, problem.into()));
         }
         let ([thin, thick], widest) = (layer::Layer::THICKNESS_MM, layer::Layer::WIDEST_FACET_MM);

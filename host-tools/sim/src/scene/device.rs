@@ -1,8 +1,11 @@
 //! The table of a scene that says which finger it is.
 
+use std::ops::Range;
+
 use serde::Deserialize;
 use taxel::scan::{COLS, ROWS, SENSORS, TAXEL_CENTRES, TAXELS};
 
+use super::{Effect, Scene};
 use crate::response::Coating;
 use crate::systems::surface::Surface;
 use crate::systems::{column, feeler, line_of_four};
@@ -112,6 +115,44 @@ impl Kind {
             Self::Taxel4x4 | Self::Taxel4x1 | Self::Mems3Axis | Self::MemsArray => None,
         }
     }
+
+    /// What it lacks for the effect to act on.
+    fn lacks(self, effect: Effect) -> Option<&'static str> {
+        let facets = matches!(self, Self::Taxel4x4 | Self::Taxel4x1);
+        let light = facets || matches!(self, Self::OhkaMicro | Self::OhkaColumn);
+        let sensors = matches!(self, Self::Taxel4x4 | Self::Mems3Axis | Self::MemsArray);
+        let (there, what) = match effect {
+            Effect::Noise | Effect::SupplyRipple | Effect::Temperature => return None,
+            Effect::Ambient
+            | Effect::Flicker
+            | Effect::Sun
+            | Effect::Settling
+            | Effect::GainSpread => (light, "phototransistors"),
+            Effect::OpticalCrosstalk
+            | Effect::Stiffening
+            | Effect::Hysteresis
+            | Effect::SkinResponse => (facets, "facets under a skin"),
+            Effect::Walls => (self == Self::Taxel4x4, "the walls of the 4×4 finger"),
+            Effect::BridgeMismatch | Effect::BridgeCrosstalk | Effect::Response => {
+                (sensors, "force sensors")
+            }
+        };
+        (!there).then_some(what)
+    }
+}
+
+/// What the scene lists has something to act on.
+pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
+    for listed in &scene.effects {
+        let effect = *listed.get_ref();
+        if let Some(what) = scene.device.kind.lacks(effect) {
+            let problem = format!(
+                "{effect:?} acts on {what}, which this `kind` of device lacks; leave it out"
+            );
+            return Err((listed.span(), problem));
+        }
+    }
+    Ok(())
 }
 
 /// Resolution of the codes.

@@ -240,7 +240,13 @@ fn a_device_refuses_what_its_laws_do_not_hold_for() {
     let slide = "[[slide]]\nat_s = 1\nfrom_mm = [0, 0]\nto_mm = [1, 1]\nfz_n = 0.1\nrise_s = 1\n\
                  travel_s = 1\nfall_s = 1\n";
     refuses(&format!("{}{slide}", device("ohka-column")), 6, &["[[press]]", "[[plate]]"]);
-    refuses(&format!("effects = ['walls']\n{}", device("taxel-4x1")), 1, &["taxel-4x1"]);
+    let listed = |effect: &str, kind: &str| format!("effects = ['{effect}']\n{}", device(kind));
+    refuses(&listed("walls", "taxel-4x1"), 1, &["effects", "walls of the 4×4 finger", "leave"]);
+    refuses(&listed("hysteresis", "ohka-micro"), 1, &["Hysteresis", "facets"]);
+    refuses(&listed("sun", "mems-array"), 1, &["Sun", "phototransistors"]);
+    refuses(&listed("response", "ohka-column"), 1, &["Response", "force sensors"]);
+    let layer = format!("fidelity = 'layer'\n{}", device("taxel-4x1"));
+    refuses(&layer, 1, &["fidelity", "4×4 finger"]);
     refuses(&format!("{}surface = {{ sphere = 3 }}\n", device("mems-array")), 6, &["8 to 1000"]);
     refuses(&format!("{}[bench]\nsensor = 1\n", device("mems-3axis")), 7, &["no sensor 1"]);
 }
