@@ -55,16 +55,31 @@ impl Estimate {
     /// The frame of this estimate, with the fields that were asked for.
     #[must_use]
     pub fn frame(&self, seq: u32, fields: Fields) -> Frame {
+        let mut frame = Frame::default();
+        self.put(&mut frame, seq, fields);
+        frame
+    }
+
+    /// The same into `frame`, which has no fields yet: only what is asked for is copied, and only once.
+    pub fn put(&self, frame: &mut Frame, seq: u32, fields: Fields) {
         let on = |field| fields.contains(field);
-        Frame {
-            seq,
-            time: self.time,
-            status: self.status,
-            codes: on(Fields::CODES).then_some(self.codes),
-            signals: on(Fields::SIGNALS).then_some(self.signals),
-            sensors: on(Fields::SENSORS).then_some(self.sensors),
-            force: on(Fields::FORCE).then_some(self.force),
-            point: on(Fields::POINT).then_some(self.point),
+        frame.seq = seq;
+        frame.time = self.time;
+        frame.status = self.status;
+        if on(Fields::CODES) {
+            frame.codes = Some(self.codes);
+        }
+        if on(Fields::SIGNALS) {
+            frame.signals = Some(self.signals);
+        }
+        if on(Fields::SENSORS) {
+            frame.sensors = Some(self.sensors);
+        }
+        if on(Fields::FORCE) {
+            frame.force = Some(self.force);
+        }
+        if on(Fields::POINT) {
+            frame.point = Some(self.point);
         }
     }
 }

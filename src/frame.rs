@@ -105,7 +105,7 @@ impl Fields {
 }
 
 /// One frame of the stream.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Frame {
     /// Counts frames of the stream, those that were dropped included: a gap is a loss.

@@ -24,6 +24,7 @@ pub struct Instrument {
     fields: Fields,
     until_due: u16,
     seq: u32,
+    frame: Frame,
     bias_tag: Option<u8>,
     /// The gate was open at some time while the bias in force was taken.
     bias_in_contact: bool,
@@ -36,8 +37,8 @@ pub struct Instrument {
 /// What a scan brings about.
 #[derive(Debug, Default)]
 pub struct Outcome {
-    /// The frame, if the stream is on and one is due.
-    pub frame: Option<Frame>,
+    /// The stream is on and a frame is due: [`Instrument::frame`].
+    pub frame: bool,
     /// The answer to a bias that this scan completed.
     pub reply: Option<Message>,
 }
@@ -61,6 +62,7 @@ impl Instrument {
             fields: Fields::ESTIMATES,
             until_due: 0,
             seq: 0,
+            frame: Frame::default(),
             bias_tag: None,
             bias_in_contact: false,
             taking_in_contact: false,
@@ -104,6 +106,12 @@ impl Instrument {
         self.streaming
     }
 
+    /// The last frame that was due. It stays here to be packed: it is half a kilobyte to hand about.
+    #[must_use]
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
     /// What has been counted.
     pub fn counters(&mut self) -> &mut Counters {
         &mut self.counters
@@ -136,7 +144,9 @@ impl Instrument {
         if self.streaming {
             if self.until_due == 0 {
                 self.until_due = self.divider();
-                outcome.frame = Some(estimate.frame(self.seq, self.fields));
+                outcome.frame = true;
+                self.frame = Frame::default();
+                estimate.put(&mut self.frame, self.seq, self.fields);
                 self.seq = self.seq.wrapping_add(1);
                 self.counters.frames = self.counters.frames.wrapping_add(1);
             }

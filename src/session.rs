@@ -162,11 +162,13 @@ async fn converse<R: Read>(
                 let outcome = instrument.scan(&scan);
                 instrument.note_cost(board.ticks().wrapping_sub(before));
                 reply(outcome.reply, pipe, instrument, pace).await;
-                if let Some(frame) = &outcome.frame
-                    && !offer(|buffer| pack_frame(frame, buffer), REPLY_RESERVE, pipe, pace).await
-                {
-                    let counters = instrument.counters();
-                    counters.lost = counters.lost.wrapping_add(1);
+                if outcome.frame {
+                    let mut buffer = [0; MAX_PACKET];
+                    let packed = pack_frame(instrument.frame(), &mut buffer);
+                    if !offer(packed, REPLY_RESERVE, pipe, pace).await {
+                        let counters = instrument.counters();
+                        counters.lost = counters.lost.wrapping_add(1);
+                    }
                 }
             }
         }
@@ -174,24 +176,18 @@ async fn converse<R: Read>(
 }
 
 async fn reply(answer: Option<Message>, pipe: &Bytes, instrument: &mut Instrument, pace: Pace) {
-    if let Some(message) = answer
-        && !offer(|buffer| pack(&message, buffer), 0, pipe, pace).await
-    {
+    let Some(message) = answer else { return };
+    let mut buffer = [0; MAX_PACKET];
+    if !offer(pack(&message, &mut buffer), 0, pipe, pace).await {
         let counters = instrument.counters();
         counters.lost_replies = counters.lost_replies.wrapping_add(1);
     }
 }
 
 /// Puts a whole packet into the pipe, or nothing where it would leave less than `reserve` bytes.
-async fn offer(
-    pack: impl FnOnce(&mut [u8]) -> Result<&[u8], WireError>,
-    reserve: usize,
-    pipe: &Bytes,
-    pace: Pace,
-) -> bool {
-    let mut buffer = [0; MAX_PACKET];
+async fn offer(packed: Result<&[u8], WireError>, reserve: usize, pipe: &Bytes, pace: Pace) -> bool {
     // A message that does not fit the buffer cannot be (tested); it would count as lost.
-    let Ok(packet) = pack(&mut buffer) else { return false };
+    let Ok(packet) = packed else { return false };
     if pace == Pace::Live && pipe.free_capacity() < packet.len() + reserve {
         return false;
     }

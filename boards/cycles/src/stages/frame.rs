@@ -57,8 +57,8 @@ fn instrument(record: &[u8], fields: Fields, mut scans: impl Iterator<Item = Sca
 
 fn whole(instrument: &mut Instrument, scan: &Scan, packet: &mut Packet) {
     packet.length = 0;
-    if let Some(frame) = &instrument.scan(scan).frame {
-        packet.pack(frame);
+    if instrument.scan(scan).frame {
+        packet.pack(instrument.frame());
     }
 }
 
@@ -87,7 +87,10 @@ pub fn stages(inputs: &Inputs<'_>, meter: &mut impl Meter) {
         [("encode: every field", Fields::ALL), ("encode: estimates", Fields::ESTIMATES)]
     {
         let mut instrument = instrument(inputs.record, fields, inputs.touched());
-        let frames = inputs.touched().filter_map(|scan| instrument.scan(&scan).frame);
+        let frames = inputs.touched().map(|scan| {
+            instrument.scan(&scan);
+            *instrument.frame()
+        });
         meter.stage(name, &mut (), frames, out, |(), frame: &Frame, packet| {
             packet.pack(frame);
         });
