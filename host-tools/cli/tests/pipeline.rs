@@ -119,6 +119,63 @@ fn a_table_of_any_sensor_is_fitted_by_the_names_of_its_columns() {
 }
 
 #[test]
+fn a_reference_that_another_clock_logged_is_brought_onto_the_sensors_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    // Presses of uneven length and height, one every two seconds.
+    let force = |t: f64| {
+        let i = (t / 2.0).floor();
+        let share = (t - 2.0 * i) / (1.2 + 0.6 * (5.0 * i * i).sin());
+        let peak = 3.0 + 2.0 * (7.0 * i).sin();
+        if share < 1.0 { peak * (std::f64::consts::PI * share).sin() } else { 0.0 }
+    };
+    let skin = (0..3000).map(|i| f64::from(i) * 0.02).map(|t| {
+        format!(
+            "{t:.2},{:.4},{:.4}\n",
+            7.0 - 2.0 * force(t),
+            0.3 * force(t) + 0.01 * (9.0 * t).sin()
+        )
+    });
+    let cell = (0..4800)
+        .map(|i| f64::from(i) * 0.0125)
+        .map(|t| format!("{:.0},{:.4}\n", 1e6 * (5.0 + 1.01 * t), force(t)));
+    let write = |name: &str, text: String| std::fs::write(folder.0.join(name), text).unwrap();
+    write("skin.csv", "t_s,m0,m1\n".to_owned() + &skin.collect::<String>());
+    write("cell.csv", "t_us,force_n\n".to_owned() + &cell.collect::<String>());
+    let fit = ["calibrate", "fit", "--model", "ridge", "--out", "skin.toml", "--json"];
+    let columns = ["--inputs", "m*", "--targets", "force_n"];
+    let files = ["--data", "skin.csv", "--reference", "cell.csv"];
+    let outcome = folder.succeeds(&[&fit[..], &columns[..], &files[..]].concat());
+    let outcome: serde_json::Value = serde_json::from_str(&outcome).unwrap();
+    let found = |key: &str| outcome["alignments"][0][key].as_f64().unwrap();
+    assert!((found("offset_s") - 5.0).abs() < 0.005, "{outcome}");
+    assert!((found("rate") - 0.01).abs() < 2e-4 && found("residual_s") < 0.005, "{outcome}");
+    assert!(outcome["parts"][0]["residual"][0].as_f64().unwrap() < 0.05, "{outcome}");
+    let twice = ["--data", "skin.csv", "--data", "skin.csv", "--reference", "cell.csv"];
+    let error = folder.fails(1, &[&fit[..], &columns[..], &twice[..]].concat());
+    assert!(error.contains("1 --reference for 2 --data; give one for each"), "{error}");
+}
+
+#[test]
+fn a_papers_law_is_fitted_written_and_judged_like_any_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    let rows = (0..400).map(f64::from).map(|i| {
+        let (a, b) = (0.3 * (0.37 * i).sin(), 0.2 * (0.11 * i).cos());
+        format!("{a},{b},{},{}\n", 1.5 * a + 0.4 * a * a, 2.0 * b - b * b * b)
+    });
+    let table = "c0,c1,u0_mm,u1_mm\n".to_owned() + &rows.collect::<String>();
+    std::fs::write(folder.0.join("gap.csv"), table).unwrap();
+    let fit = ["calibrate", "fit", "--data", "gap.csv", "--out", "gap.toml", "--model", "gap"];
+    folder.succeeds(&[&fit[..], &["--inputs", "c*", "--targets", "u0_mm,u1_mm"]].concat());
+    let evaluate = ["calibrate", "evaluate", "--data", "gap.csv", "--calibration", "gap.toml"];
+    let judged = folder.succeeds(&[&evaluate[..], &["--json"]].concat());
+    assert!(figures(&judged, "u1_mm").0 < 1e-5, "{judged}");
+    let error = folder.fails(1, &[&fit[..], &["--inputs", "c*", "--targets", "u0_mm"]].concat());
+    assert!(error.contains("gap: 2 inputs and 1 targets where it takes 2 (signals)"), "{error}");
+}
+
+#[test]
 fn what_cannot_be_fitted_is_refused_in_one_line_that_says_why() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());

@@ -1,19 +1,20 @@
 //! The model that the recordings bear: straight or bent, and how wide, chosen by what was left out.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::DMatrix;
 
 use crate::distil::{Lesson, distil};
 use crate::error::FitError;
-use crate::gaussian::{self, CHOICE_ROWS, Model, ROWS};
+use crate::gaussian::{self, CHOICE_ROWS, ROWS, Scores};
+use crate::line;
 use crate::model::Recorded;
 use crate::network::{Build, Net, NetOptions, Progress};
 use crate::scaling::{Inputs, Scaling};
 use crate::stretches::{LeftOut, stretches};
 
-/// Widths that are tried, narrowest first.
-const WIDTHS: [usize; 4] = [4, 8, 16, 32];
+/// Widths that are tried, narrowest first, and then the widest that there may be.
+const WIDTHS: [usize; 3] = [4, 8, 16];
 /// A net is wide enough when its distance from its teacher adds at most this share to the mean square
 /// error of the stretches left out: a tenth is 5 % of the RMS error.
 const ADDED: f64 = 0.1;
@@ -54,52 +55,47 @@ pub(crate) fn fit(
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<(Net, Chosen), FitError> {
-    let targets: Vec<&[Vec<f64>]> = choice.recordings.iter().map(|r| r.1.as_slice()).collect();
-    let (left_out, stretch) = stretches(&targets);
-    let x: Vec<&[f64]> = choice.recordings.iter().flat_map(|r| &r.0).map(Vec::as_slice).collect();
-    let y: Vec<&[f64]> = choice.recordings.iter().flat_map(|r| &r.1).map(Vec::as_slice).collect();
-    let least = 4 * (x.first().map_or(0, |row| row.len()) + 1);
-    if x.len() < least {
-        return Err(FitError::TooFewRows { part: choice.part.into(), rows: x.len(), least });
-    }
-    let scaling = Scaling::of(&x, &y, choice.inputs);
-    if scaling.a_target_rests() {
-        return Err(FitError::NoLoad { part: choice.part.into() });
-    }
-    let all = gaussian::Rows { x: scaling.inputs(&x), y: scaling.targets(&y), stretch };
+    let (left_out, scaling, all) = prepared(choice)?;
     let (few, many) = (thin(&all, CHOICE_ROWS), thin(&all, ROWS));
 
-    let line = gaussian::fit_line(&few, &many, stop)?;
+    if stop.load(Ordering::Relaxed) {
+        return Err(FitError::Stopped);
+    }
+    let no_line = || FitError::NoLoad { part: choice.part.into() };
+    let line = line::fit(&all).ok_or_else(no_line)?;
     let newtons = |errors: Vec<f64>| -> Vec<f64> {
         errors.iter().zip(&scaling.targets).map(|(error, s)| error * s.spread).collect()
     };
     let mut chosen = Chosen {
         left_out,
-        line: newtons(line.left_out_error()),
+        line: newtons(line.left_out.error()),
         bent: Vec::new(),
         apart: Vec::new(),
         hidden: 0,
     };
-    let straight = Net::linear(&line.slope, line.level.as_slice(), &scaling, many.x.nrows());
+    let straight = Net::linear(&line.slope, line.level.as_slice(), &scaling, all.x.nrows());
     if choice.hidden == Some(0) {
         return Ok((straight, chosen));
     }
     let tried = &mut |step, of| {
-        let error = line.left_out_error().iter().copied().fold(0.0, f64::max);
+        let error = line.left_out.error().iter().copied().fold(0.0, f64::max);
         progress(Progress { part: format!("{}: prior", choice.part), step, of, error });
     };
     let teacher = match gaussian::fit(&few, &many, tried, stop) {
         Err(FitError::Stopped) => return Ok((straight, chosen)),
         other => other?,
     };
-    chosen.bent = newtons(teacher.left_out_error());
-    if choice.hidden.is_none() && !bends(&line, &teacher) {
+    chosen.bent = newtons(teacher.left_out.error());
+    if choice.hidden.is_none() && !bends(&line.left_out, &teacher.left_out) {
         return Ok((straight, chosen));
     }
     let lesson = Lesson { x: &many.x, stretch: &many.stretch, scaling: &scaling };
     let widths: Vec<usize> = match choice.hidden {
         Some(hidden) => vec![hidden],
-        None => WIDTHS.into_iter().filter(|width| *width <= choice.most).collect(),
+        None => {
+            let narrow = WIDTHS.into_iter().filter(|width| *width < choice.most);
+            narrow.chain([choice.most]).collect()
+        }
     };
     let mut net = straight;
     for hidden in widths {
@@ -120,7 +116,7 @@ pub(crate) fn fit(
         let close = pupil
             .apart
             .iter()
-            .zip(teacher.left_out_error())
+            .zip(teacher.left_out.error())
             .all(|(apart, error)| apart.powi(2) <= ADDED * error.powi(2));
         net = pupil.net;
         chosen.apart = newtons(pupil.apart);
@@ -132,11 +128,42 @@ pub(crate) fn fit(
     Ok((net, chosen))
 }
 
+/// A straight line without a decay.
+///
+/// # Errors
+/// Too few rows, a target that never changes, or channels that say the same.
+pub(crate) fn line(choice: &Choice<'_>) -> Result<Net, FitError> {
+    let (_, scaling, rows) = prepared(choice)?;
+    let (slope, level) = line::without_decay(&rows).ok_or_else(|| FitError::Shape {
+        part: choice.part.into(),
+        problem: "some channels say what others say; leave them out or choose ridge".into(),
+    })?;
+    Ok(Net::linear(&slope, level.as_slice(), &scaling, rows.x.nrows()))
+}
+
+/// Scaled rows with their stretches.
+fn prepared(choice: &Choice<'_>) -> Result<(LeftOut, Scaling, gaussian::Rows), FitError> {
+    let targets: Vec<&[Vec<f64>]> = choice.recordings.iter().map(|r| r.1.as_slice()).collect();
+    let (left_out, stretch) = stretches(&targets);
+    let x: Vec<&[f64]> = choice.recordings.iter().flat_map(|r| &r.0).map(Vec::as_slice).collect();
+    let y: Vec<&[f64]> = choice.recordings.iter().flat_map(|r| &r.1).map(Vec::as_slice).collect();
+    let least = 4 * (x.first().map_or(0, |row| row.len()) + 1);
+    if x.len() < least {
+        return Err(FitError::TooFewRows { part: choice.part.into(), rows: x.len(), least });
+    }
+    let scaling = Scaling::of(&x, &y, choice.inputs);
+    if scaling.a_target_rests() {
+        return Err(FitError::NoLoad { part: choice.part.into() });
+    }
+    let all = gaussian::Rows { x: scaling.inputs(&x), y: scaling.targets(&y), stretch };
+    Ok((left_out, scaling, all))
+}
+
 /// For some target the bent model is better on the stretches left out than the line, by more than the
 /// standard error of the difference.
-fn bends(line: &Model, bent: &Model) -> bool {
-    (0..line.left_out.ncols()).any(|k| {
-        let gain = line.left_out.column(k) - bent.left_out.column(k);
+fn bends(line: &Scores, bent: &Scores) -> bool {
+    (0..line.0.ncols()).any(|k| {
+        let gain = line.0.column(k) - bent.0.column(k);
         gain.mean() > (gain.variance() / gain.len() as f64).sqrt()
     })
 }
@@ -185,7 +212,7 @@ mod tests {
         let choice = Choice { part: "force", recordings, inputs, hidden, most: 16, options };
         let mut progress = |p: Progress| {
             if p.part.contains(part) && p.step >= step {
-                stop.store(true, std::sync::atomic::Ordering::Relaxed);
+                stop.store(true, Ordering::Relaxed);
             }
         };
         fit(&choice, &mut progress, &stop)

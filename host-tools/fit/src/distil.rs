@@ -24,6 +24,9 @@ const NEIGHBOURS: usize = 12;
 /// more than stretches of one do, hence as far again as twice the distance on either side.
 const ALONG: std::ops::Range<f64> = -2.0..3.0;
 
+/// Steps a pupil is given, from one start: what it is told is smooth and free of noise.
+const STEPS: usize = 150;
+
 /// What the net is taught from: scaled recorded rows and their stretches.
 pub(crate) struct Lesson<'r> {
     pub x: &'r DMatrix<f64>,
@@ -49,6 +52,7 @@ pub(crate) fn distil(
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Pupil, FitError> {
+    let options = NetOptions { starts: 1, steps: STEPS.min(options.steps), ..options };
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let every = lesson.x.nrows().div_ceil(RECORDED).max(1);
     let recorded: Vec<usize> = (0..lesson.x.nrows()).step_by(every).collect();

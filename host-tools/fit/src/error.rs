@@ -85,6 +85,16 @@ pub enum FitError {
         /// How to mend it.
         mend: String,
     },
+    /// Sensor and reference cannot be brought onto one time.
+    #[error("{recording}: {problem}; {mend}")]
+    Unaligned {
+        /// Which reference.
+        recording: String,
+        /// What was found.
+        problem: String,
+        /// How to mend it.
+        mend: String,
+    },
     /// It was stopped before there was anything to keep.
     #[error("stopped before the first step; nothing was fitted")]
     Stopped,

@@ -9,9 +9,8 @@ use taxel::scan::SENSORS;
 use taxel_formats::trace::{Truth, sensor_truth_names};
 
 use crate::metrics::{Errors, TargetMetrics};
-use crate::recording::Recording;
+use crate::recording::{FORCES, Recording};
 
-const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
 const POINT: [&str; 2] = ["x_mm", "y_mm"];
 
 /// Runs the recording through the core's finger and compares every row with its reference.

@@ -15,6 +15,7 @@ use taxel::estimate::sensitivity::Sensitivity;
 use taxel::scan::{SENSORS, TAXELS};
 
 use crate::auto::Chosen;
+use crate::checks;
 use crate::error::FitError;
 use crate::least_squares;
 use crate::model::{Family, Training};
@@ -159,6 +160,32 @@ pub fn fit(
     Ok(fitted)
 }
 
+/// Takes out rows of a sensor that stand alone; how many.
+fn drop_outliers(
+    fitted: &mut Fitted,
+    name: &str,
+    signals: &mut Vec<[f64; 3]>,
+    forces: &mut Vec<[f64; 3]>,
+) -> usize {
+    let lists = |rows: &[[f64; 3]]| rows.iter().map(|row| row.to_vec()).collect::<Vec<_>>();
+    let mut recorded = [(lists(signals), lists(forces))];
+    let outliers = checks::remove_outliers(&mut recorded);
+    if outliers > 0 {
+        warn_of_outliers(fitted, name, outliers, signals.len());
+        let arrays = |rows: &[Vec<f64>]| rows.iter().map(|r| [r[0], r[1], r[2]]).collect();
+        let [(x, y)] = &recorded;
+        (*signals, *forces) = (arrays(x), arrays(y));
+    }
+    outliers
+}
+
+fn warn_of_outliers(fitted: &mut Fitted, name: &str, outliers: usize, rows: usize) {
+    fitted.warnings.push(format!(
+        "{name}: {outliers} of {rows} rows stand far out of the rows before and after them and were left out; \
+         look for a loose contact"
+    ));
+}
+
 /// All three components, if all are known.
 fn known(force: [Option<f64>; 3]) -> Option<[f64; 3]> {
     let [x, y, z] = force;
@@ -205,12 +232,18 @@ fn fit_sensor(
         }
     }
     let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
+    faulty += drop_outliers(fitted, &name, &mut signals, &mut forces);
     let fit = least_squares::fit(&name, &signals, &forces, f64::from(bias.noise))?;
     if fit.ratio < WEAK {
         fitted.warnings.push(format!(
             "{name}: in one direction the signals stand only {:.0} times out of their noise; load it \
              more evenly in x, y and z for a surer matrix",
             fit.ratio
+        ));
+    }
+    if fit.s[2][2] < 0.0 {
+        fitted.warnings.push(format!(
+            "{name}: f_z falls as u_z rises; a force into the skin is positive: look at the reference's sign"
         ));
     }
     let columns = |j: usize| signals.iter().map(move |u| u[j] as f32);
@@ -250,10 +283,14 @@ fn fit_net(
             format!("a record holds 1 or 3 outputs and at most {MAX_HIDDEN} hidden units");
         return Err(FitError::Shape { part: name, problem });
     }
-    if matches!(options.family, Family::Cubic | Family::Quadratic) {
+    let held = matches!(
+        options.family,
+        Family::Auto | Family::Mlp | Family::Skip | Family::Ridge | Family::LeastSquares
+    );
+    if !held {
         let problem = format!(
             "the record of a finger holds nets and linear models, none that is {}; choose auto, mlp, \
-             skip or ridge",
+             skip, ridge or least-squares",
             options.family
         );
         return Err(FitError::Shape { part: name, problem });
@@ -309,6 +346,20 @@ fn fit_net(
         rows.push((x, y));
     }
     let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
+    for (recording, (_, y)) in recordings.iter().zip(&rows) {
+        if y.iter().map(|y| y[outputs - 1]).sum::<f64>() < 0.0 {
+            return Err(FitError::Mismatch {
+                recording: recording.recording.name.clone(),
+                problem: "fz_n is negative where something presses".into(),
+                mend: "a force into the skin is positive: turn its sign".into(),
+            });
+        }
+    }
+    let total: usize = rows.iter().map(|(x, _)| x.len()).sum();
+    let outliers = checks::remove_outliers(&mut rows);
+    if outliers > 0 {
+        warn_of_outliers(fitted, &name, outliers, total);
+    }
     let training = Training {
         part: &name,
         family: options.family,

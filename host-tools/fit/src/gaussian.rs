@@ -7,7 +7,9 @@
 //!
 //! Reach ℓ and size ρ of the bend are chosen by leaving stretches out: with K⁻¹ at hand what the other
 //! rows say of a stretch B follows without another fit, e_B = ((K⁻¹)_BB)⁻¹·(K⁻¹y)_B (the block form of
-//! eq. (5.12)).
+//! eq. (5.12)). Of the priors within a standard error of the best the smoothest is taken (Breiman et al.
+//! 1984, §3.4.3): recordings of another day differ more than stretches of one, and what bends less errs
+//! less there.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -16,20 +18,16 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use crate::error::FitError;
 
 /// Rows on which the choice is made; its price grows with their cube.
-pub(crate) const CHOICE_ROWS: usize = 700;
+pub(crate) const CHOICE_ROWS: usize = 600;
 /// Rows that the predictions rest on.
-pub(crate) const ROWS: usize = 2000;
+pub(crate) const ROWS: usize = 1500;
 /// How free the straight line is beside the bend: rows are scaled to about one, so that slopes of ten
 /// spreads a spread are still ordinary.
 const LINE: f64 = 100.0;
-/// Reaches ℓ that are tried, in spreads of the inputs: from neighbours to a gentle bend of the whole.
-const REACHES: [f64; 9] = [0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6];
+/// Reaches ℓ that are tried, in spreads of the inputs: from a gentle bend of the whole to neighbours.
+const REACHES: [f64; 9] = [25.6, 12.8, 6.4, 3.2, 1.6, 0.8, 0.4, 0.2, 0.1];
 /// Sizes ρ that are tried; at 1e7 the noise is all but nothing beside the bend.
 const SIZES: [f64; 4] = [1e1, 1e3, 1e5, 1e7];
-/// Priors of a plain linear model that are tried.
-const LINES: [f64; 6] = [1e-2, 1e-1, 1e0, 1e1, 1e3, 1e5];
-/// Most members of a committee.
-const COMMITTEE: usize = 6;
 /// A prediction is made for so many rows at once.
 const CHUNK: usize = 256;
 
@@ -40,59 +38,98 @@ pub(crate) struct Rows {
     pub stretch: Vec<usize>,
 }
 
-/// One covariance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Prior {
-    line: f64,
-    bend: Option<Bend>,
+impl Rows {
+    /// Inputs and targets of each stretch.
+    pub fn by_stretch(&self) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
+        let stretches = self.stretch.iter().max().map_or(0, |last| last + 1);
+        (0..stretches)
+            .map(|stretch| self.of(stretch))
+            .map(|own| (self.x.select_rows(&own), self.y.select_rows(&own)))
+            .collect()
+    }
+
+    fn of(&self, stretch: usize) -> Vec<usize> {
+        (0..self.stretch.len()).filter(|row| self.stretch[*row] == stretch).collect()
+    }
 }
 
+/// How well a model foretells the stretches left out: ln of the mean square error, stretch × output.
+#[derive(Clone, Debug)]
+pub(crate) struct Scores(pub DMatrix<f64>);
+
+impl Scores {
+    /// From the errors of each stretch.
+    pub fn of(errors: &[DMatrix<f64>]) -> Self {
+        let outputs = errors.first().map_or(0, |errors| errors.ncols());
+        Self(DMatrix::from_fn(errors.len(), outputs, |stretch, k| {
+            let errors = errors[stretch].column(k);
+            // An error of a ten-thousandth of the spread is none: no reference is better.
+            (errors.norm_squared() / errors.len() as f64).max(1e-8).ln()
+        }))
+    }
+
+    /// RMS error of each scaled target on the stretches left out.
+    pub fn error(&self) -> Vec<f64> {
+        self.0.column_iter().map(|s| s.map(f64::exp).mean().sqrt()).collect()
+    }
+}
+
+/// Of some trials, simplest first, the first one whose score for an output is within a standard error of
+/// the best one's.
+pub(crate) fn simplest<'s>(
+    trials: impl Iterator<Item = &'s Scores> + Clone,
+    output: usize,
+) -> Option<usize> {
+    let mean = |scores: &Scores| scores.0.column(output).mean();
+    let best = trials.clone().min_by(|a, b| mean(a).total_cmp(&mean(b)))?;
+    let own = best.0.column(output);
+    let least = own.mean() + (own.variance() / own.len() as f64).sqrt();
+    trials.into_iter().position(|scores| mean(scores) <= least)
+}
+
+/// The bend of a covariance; the line beside it is [`LINE`] times as free.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Bend {
     reach: f64,
     size: f64,
 }
 
-impl Prior {
-    /// Covariances from dot products and squared distances.
-    fn covariance(self, dots: &DMatrix<f64>, squares: &DMatrix<f64>) -> DMatrix<f64> {
-        dots.zip_map(squares, |dot, square| {
-            self.line * (dot + 1.0) + self.bend.map_or(0.0, |bend| bend.of(square))
-        })
-    }
-}
-
 impl Bend {
     fn of(self, square: f64) -> f64 {
         self.size / (1.0 + square / (self.reach * self.reach)).sqrt()
     }
-}
 
-/// How well a prior foretells the stretches left out: ln of the mean square error, stretch × output.
-struct Trial {
-    prior: Prior,
-    scores: DMatrix<f64>,
-}
+    fn line(self) -> f64 {
+        LINE * self.size
+    }
 
-impl Trial {
-    fn score(&self, output: usize) -> f64 {
-        self.scores.column(output).mean()
+    /// Covariances from dot products and squared distances.
+    fn covariance(self, dots: &DMatrix<f64>, squares: &DMatrix<f64>) -> DMatrix<f64> {
+        dots.zip_map(squares, |dot, square| self.line() * (dot + 1.0) + self.of(square))
     }
 }
 
-/// A model: the mean of a committee of priors that the stretches left out cannot tell apart.
-pub(crate) struct Model {
-    rows: DMatrix<f64>,
-    members: Vec<(Bend, DMatrix<f64>)>,
-    /// Slope of each scaled target by each scaled input, inputs × outputs.
-    pub slope: DMatrix<f64>,
-    /// The targets at the inputs' mean.
-    pub level: DVector<f64>,
-    /// ln of the mean square error of each stretch left out, by the best prior alone: stretch × output.
-    pub left_out: DMatrix<f64>,
+/// How a bend did on the stretches left out.
+struct Trial {
+    bend: Bend,
+    scores: Scores,
 }
 
-/// Fits line and bend. `progress` is told how many priors were tried, of how many.
+/// A model; every output has the bend that suits it.
+pub(crate) struct Model {
+    rows: DMatrix<f64>,
+    /// Bends and the weights of the rows, rows × outputs, zero for outputs with another bend.
+    members: Vec<(Bend, DMatrix<f64>)>,
+    /// Slope of each scaled target by each scaled input, inputs × outputs.
+    slope: DMatrix<f64>,
+    /// The targets at the inputs' mean.
+    level: DVector<f64>,
+    /// How it did on each stretch left out.
+    pub left_out: Scores,
+}
+
+/// Fits line and bend: the choice by some rows, the model to others. `progress` is told how many bends
+/// were tried, of how many.
 ///
 /// # Errors
 /// Stopped before anything was chosen.
@@ -102,47 +139,24 @@ pub(crate) fn fit(
     progress: &mut dyn FnMut(usize, usize),
     stop: &AtomicBool,
 ) -> Result<Model, FitError> {
-    let priors: Vec<Prior> = REACHES
-        .iter()
-        .flat_map(|reach| SIZES.map(|size| (*reach, size)))
-        .map(|(reach, size)| Prior { line: LINE * size, bend: Some(Bend { reach, size }) })
-        .collect();
-    committee(choice, rows, &priors, progress, stop)
-}
-
-/// Fits the line alone; its decay is chosen in the same way.
-///
-/// # Errors
-/// As [`fit`].
-pub(crate) fn fit_line(choice: &Rows, rows: &Rows, stop: &AtomicBool) -> Result<Model, FitError> {
-    let priors = LINES.map(|line| Prior { line, bend: None });
-    committee(choice, rows, &priors, &mut |_, _| {}, stop)
-}
-
-fn committee(
-    choice: &Rows,
-    rows: &Rows,
-    priors: &[Prior],
-    progress: &mut dyn FnMut(usize, usize),
-    stop: &AtomicBool,
-) -> Result<Model, FitError> {
     let (dots, squares) = pairs(&choice.x, &choice.x);
+    let bends = SIZES.iter().flat_map(|size| REACHES.map(|reach| Bend { reach, size: *size }));
     let mut trials = Vec::new();
-    for (tried, prior) in priors.iter().enumerate() {
+    for (tried, bend) in bends.enumerate() {
         if stop.load(Ordering::Relaxed) {
             break;
         }
-        trials.extend(attempt(choice, *prior, &dots, &squares));
-        progress(tried + 1, priors.len());
+        trials.extend(attempt(choice, bend, &dots, &squares));
+        progress(tried + 1, SIZES.len() * REACHES.len());
     }
     let outputs = rows.y.ncols();
-    let chosen: Vec<Vec<usize>> = (0..outputs).map(|k| as_good_as_the_best(&trials, k)).collect();
-    if chosen.iter().any(Vec::is_empty) {
-        return Err(FitError::Stopped);
-    }
-    let mut left_out = DMatrix::zeros(trials[0].scores.nrows(), outputs);
+    let chosen: Vec<usize> = (0..outputs)
+        .map(|k| simplest(trials.iter().map(|trial| &trial.scores), k))
+        .collect::<Option<_>>()
+        .ok_or(FitError::Stopped)?;
+    let mut left_out = trials[0].scores.clone();
     for (k, chosen) in chosen.iter().enumerate() {
-        left_out.set_column(k, &trials[chosen[0]].scores.column(k));
+        left_out.0.set_column(k, &trials[*chosen].scores.0.column(k));
     }
     let mut model = Model {
         rows: rows.x.clone(),
@@ -153,74 +167,45 @@ fn committee(
     };
     let (dots, squares) = pairs(&rows.x, &rows.x);
     for (i, trial) in trials.iter().enumerate() {
-        let share = |k: usize| {
-            let own = &chosen[k];
-            if own.contains(&i) { 1.0 / own.len() as f64 } else { 0.0 }
-        };
-        if (0..outputs).all(|k| share(k) == 0.0) {
+        let own: Vec<bool> = chosen.iter().map(|chosen| *chosen == i).collect();
+        if !own.contains(&true) {
             continue;
         }
-        let Some(factor) = factor(trial.prior, &dots, &squares) else { continue };
+        let Some(factor) = factor(trial.bend, &dots, &squares) else { continue };
         let mut weights = factor.solve(&rows.y);
-        weights.column_iter_mut().enumerate().for_each(|(k, mut w)| w.scale_mut(share(k)));
-        model.slope += rows.x.transpose() * &weights * trial.prior.line;
-        model.level += weights.row_sum().transpose() * trial.prior.line;
-        if let Some(bend) = trial.prior.bend {
-            model.members.push((bend, weights));
-        }
+        weights
+            .column_iter_mut()
+            .zip(&own)
+            .filter(|(_, own)| !**own)
+            .for_each(|(mut w, _)| w.fill(0.0));
+        model.slope += rows.x.tr_mul(&weights) * trial.bend.line();
+        model.level += weights.row_sum().transpose() * trial.bend.line();
+        model.members.push((trial.bend, weights));
     }
     Ok(model)
 }
 
-/// The best trials for an output, best first: those whose stretches left out are not worse than the best
-/// one's by more than the standard error of the difference. Which of them is right the recordings do not
-/// say; their mean is safer than any.
-fn as_good_as_the_best(trials: &[Trial], output: usize) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..trials.len()).collect();
-    order.sort_by(|a, b| trials[*a].score(output).total_cmp(&trials[*b].score(output)));
-    let Some(best) = order.first().map(|best| trials[*best].scores.column(output)) else {
-        return order;
-    };
-    order.retain(|i| {
-        let worse = trials[*i].scores.column(output) - best;
-        worse.mean() <= (worse.variance() / worse.len() as f64).sqrt()
-    });
-    order.truncate(COMMITTEE);
-    order
-}
-
-fn attempt(
-    rows: &Rows,
-    prior: Prior,
-    dots: &DMatrix<f64>,
-    squares: &DMatrix<f64>,
-) -> Option<Trial> {
-    let factor = factor(prior, dots, squares)?;
+fn attempt(rows: &Rows, bend: Bend, dots: &DMatrix<f64>, squares: &DMatrix<f64>) -> Option<Trial> {
+    let factor = factor(bend, dots, squares)?;
     let weights = factor.solve(&rows.y);
     let n = rows.x.nrows();
     let mut inverse = DMatrix::identity(n, n);
     factor.l_dirty().solve_lower_triangular_mut(&mut inverse);
     let stretches = rows.stretch.iter().max()? + 1;
-    let mut scores = DMatrix::zeros(stretches, rows.y.ncols());
-    for stretch in 0..stretches {
-        let own: Vec<usize> = (0..n).filter(|row| rows.stretch[*row] == stretch).collect();
+    let errors = (0..stretches).map(|stretch| {
+        let own = rows.of(stretch);
         let columns = inverse.select_columns(&own);
-        let block = Cholesky::new(columns.transpose() * &columns)?;
-        let errors = block.solve(&weights.select_rows(&own));
-        for (k, errors) in errors.column_iter().enumerate() {
-            // An error of a ten-thousandth of the spread is none: no reference is better.
-            scores[(stretch, k)] = (errors.norm_squared() / own.len() as f64).max(1e-8).ln();
-        }
-    }
-    Some(Trial { prior, scores })
+        let block = Cholesky::new(columns.tr_mul(&columns))?;
+        Some(block.solve(&weights.select_rows(&own)))
+    });
+    Some(Trial { bend, scores: Scores::of(&errors.collect::<Option<Vec<_>>>()?) })
 }
 
-fn factor(prior: Prior, dots: &DMatrix<f64>, squares: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
-    let mut covariance = prior.covariance(dots, squares);
-    covariance.fill_diagonal(0.0);
+fn factor(bend: Bend, dots: &DMatrix<f64>, squares: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+    let mut covariance = bend.covariance(dots, squares);
     for i in 0..covariance.nrows() {
-        let own = prior.line * (dots[(i, i)] + 1.0) + prior.bend.map_or(0.0, |bend| bend.size);
-        covariance[(i, i)] = own + 1.0;
+        // A distance from itself is rounded; it is none.
+        covariance[(i, i)] = bend.line() * (dots[(i, i)] + 1.0) + bend.size + 1.0;
     }
     Cholesky::new(covariance)
 }
@@ -242,9 +227,6 @@ impl Model {
     pub fn outputs(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
         let mut y = x * &self.slope;
         y.row_iter_mut().for_each(|mut row| row += self.level.transpose());
-        if self.members.is_empty() {
-            return y;
-        }
         for start in (0..x.nrows()).step_by(CHUNK) {
             let count = CHUNK.min(x.nrows() - start);
             let (_, squares) = pairs(&x.rows(start, count).into_owned(), &self.rows);
@@ -254,11 +236,6 @@ impl Model {
             }
         }
         y
-    }
-
-    /// RMS error of each scaled target on the stretches left out.
-    pub fn left_out_error(&self) -> Vec<f64> {
-        self.left_out.column_iter().map(|s| s.map(f64::exp).mean().sqrt()).collect()
     }
 }
 
@@ -298,30 +275,29 @@ mod tests {
     #[test]
     fn what_a_stretch_left_out_gets_is_what_a_fit_without_it_says() {
         let all = rows(160, 0.3);
-        let prior = Prior { line: 1e3, bend: Some(Bend { reach: 0.8, size: 1e2 }) };
+        let bend = Bend { reach: 0.8, size: 1e2 };
         let (dots, squares) = pairs(&all.x, &all.x);
-        let trial = attempt(&all, prior, &dots, &squares).unwrap();
+        let trial = attempt(&all, bend, &dots, &squares).unwrap();
         let keep: Vec<usize> = (0..160).filter(|row| all.stretch[*row] != 3).collect();
         let left: Vec<usize> = (0..160).filter(|row| all.stretch[*row] == 3).collect();
         let (kx, ky) = (all.x.select_rows(&keep), all.y.select_rows(&keep));
         let (dots, squares) = pairs(&kx, &kx);
-        let weights = factor(prior, &dots, &squares).unwrap().solve(&ky);
+        let weights = factor(bend, &dots, &squares).unwrap().solve(&ky);
         let lx = all.x.select_rows(&left);
         let (dots, squares) = pairs(&lx, &kx);
-        let error = prior.covariance(&dots, &squares) * weights - all.y.select_rows(&left);
+        let error = bend.covariance(&dots, &squares) * weights - all.y.select_rows(&left);
         let direct = (error.norm_squared() / left.len() as f64).ln();
-        assert!((trial.scores[(3, 0)] - direct).abs() < 1e-6);
+        assert!((trial.scores.0[(3, 0)] - direct).abs() < 1e-6);
     }
 
     #[test]
-    fn a_line_is_found_to_be_one() {
-        let all = rows(300, 0.0);
-        let line = fit_line(&all, &all, &AtomicBool::new(false)).unwrap();
-        assert!((line.slope[(0, 0)] - 1.0).abs() < 1e-3 && (line.slope[(1, 0)] + 0.5).abs() < 1e-3);
-        assert!(line.left_out_error()[0] < 1e-3);
-        let bent = rows(300, 0.3);
-        let line = fit_line(&bent, &bent, &AtomicBool::new(false)).unwrap();
-        assert!(line.left_out_error()[0] > 10.0 * model(&bent).left_out_error()[0]);
+    fn of_what_does_as_well_the_simplest_is_taken() {
+        let scores =
+            |at: f64| Scores(DMatrix::from_column_slice(4, 1, &[at, at + 1.0, at, at + 1.0]));
+        // A standard error of four such stretches is 0.29.
+        let trials = [scores(1.0), scores(0.25), scores(0.0)];
+        assert_eq!(simplest(trials.iter(), 0), Some(1));
+        assert_eq!(simplest(trials[..0].iter(), 0), None);
     }
 
     #[test]

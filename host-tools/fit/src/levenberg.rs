@@ -191,14 +191,17 @@ fn inverse_diagonal(factor: &Cholesky<f64, Dyn>) -> DVector<f64> {
 }
 
 #[cfg(test)]
+mod independent;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use nalgebra::DMatrix;
 
-    const SHAPE: Shape = Shape { inputs: 2, hidden: 3, outputs: 2, skip: false };
+    pub(super) const SHAPE: Shape = Shape { inputs: 2, hidden: 3, outputs: 2, skip: false };
 
     /// Sixty rows of a smooth function that three units cannot quite follow.
-    fn rows() -> Rows {
+    pub(super) fn rows() -> Rows {
         let x = DMatrix::from_fn(60, 3, |row, column| match column {
             0 => (0.7 * row as f64).sin(),
             1 => (1.3 * row as f64 + 0.4).cos(),
@@ -211,8 +214,8 @@ mod tests {
         Rows { x, y }
     }
 
-    fn start(seed: usize) -> DVector<f64> {
-        DVector::from_fn(SHAPE.parameters(), |p, _| {
+    pub(super) fn start(shape: Shape, seed: usize) -> DVector<f64> {
+        DVector::from_fn(shape.parameters(), |p, _| {
             (1.0 + (2.0 + 0.1 * seed as f64) * p as f64).sin()
         })
     }
@@ -224,7 +227,7 @@ mod tests {
         let rows = rows();
         let cost = (0..20)
             .map(|seed| {
-                let state = State::new(SHAPE, &rows, start(seed));
+                let state = State::new(SHAPE, &rows, start(SHAPE, seed));
                 let state = train(SHAPE, &rows, state, Decay::Fixed(0.01), 500, &mut |_| true);
                 state.objective(&state.squares, &state.parameters)
             })
@@ -235,7 +238,7 @@ mod tests {
     #[test]
     fn the_diagonal_of_the_inverse_is_that_of_the_inverse() {
         let rows = rows();
-        let model = mlp::quadratic(SHAPE, start(1).as_slice(), &rows);
+        let model = mlp::quadratic(SHAPE, start(SHAPE, 1).as_slice(), &rows);
         let matrix = model.curvature + nalgebra::DMatrix::identity(17, 17);
         let expected = matrix.clone().try_inverse().unwrap().diagonal();
         let found = inverse_diagonal(&Cholesky::new(matrix).unwrap());
@@ -248,7 +251,7 @@ mod tests {
         let mut noise = signal.clone();
         noise.y.iter_mut().enumerate().for_each(|(i, y)| *y = (12.9898 * (i * i) as f64).sin());
         let effective = |rows: &Rows| {
-            let state = State::new(SHAPE, rows, start(3));
+            let state = State::new(SHAPE, rows, start(SHAPE, 3));
             train(SHAPE, rows, state, Decay::Evidence { per_row: 1.0 }, 100, &mut |_| true)
                 .effective
         };

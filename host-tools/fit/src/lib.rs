@@ -5,7 +5,9 @@
 //!   recording that it has not seen, through the very arithmetic of the chip.
 //! - [`table`] does the same for anybody's sensor that comes as a CSV of N channels.
 
+pub mod align;
 mod auto;
+mod checks;
 mod correlation;
 mod distil;
 pub mod error;
@@ -13,9 +15,11 @@ pub mod evaluate;
 mod expansion;
 pub mod finger;
 mod gaussian;
+mod laws;
 pub mod least_squares;
 mod levenberg;
 pub mod limit_surface;
+mod line;
 pub mod metrics;
 mod mlp;
 pub mod model;
@@ -30,5 +34,6 @@ pub mod table;
 pub use auto::Chosen;
 pub use error::FitError;
 pub use expansion::Expansion;
+pub use laws::Law;
 pub use scaling::Inputs;
 pub use stretches::LeftOut;

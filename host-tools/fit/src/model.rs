@@ -25,16 +25,31 @@ pub enum Family {
     Cubic,
     /// Linear in every input and every product of two.
     Quadratic,
+    /// Linear without a decay: S(u − b) row by row (003 eqs (1.22)–(1.24)), 3×3 or 6×3n.
+    LeastSquares,
+    /// The line of four of 002.
+    Row,
+    /// The feeler of 000.
+    Feeler,
+    /// The column of 001.
+    Column,
+    /// Each signal to the displacement of its own facet.
+    Gap,
 }
 
 /// Every family with its name.
-const NAMES: [(&str, Family); 6] = [
+const NAMES: [(&str, Family); 11] = [
     ("auto", Family::Auto),
     ("mlp", Family::Mlp),
     ("skip", Family::Skip),
     ("ridge", Family::Ridge),
     ("cubic", Family::Cubic),
     ("quadratic", Family::Quadratic),
+    ("least-squares", Family::LeastSquares),
+    ("row", Family::Row),
+    ("feeler", Family::Feeler),
+    ("column", Family::Column),
+    ("gap", Family::Gap),
 ];
 
 impl fmt::Display for Family {
@@ -97,6 +112,11 @@ impl Training<'_> {
             Family::Ridge | Family::Cubic | Family::Quadratic => {
                 auto::fit(&chosen_from(Some(0)), progress, stop).map(chosen)
             }
+            Family::LeastSquares => auto::line(&chosen_from(Some(0))).map(|net| (net, None)),
+            Family::Row | Family::Feeler | Family::Column | Family::Gap => Err(FitError::Shape {
+                part: self.part.into(),
+                problem: format!("{} is fitted to a table of its own quantities", self.family),
+            }),
             Family::Mlp | Family::Skip => {
                 let (x, y): (Vec<_>, Vec<_>) = self.recordings.iter().cloned().unzip();
                 let skip = self.family == Family::Skip;

@@ -5,10 +5,14 @@ use std::ops::Range;
 use taxel::condition::{Bias, BiasTaker, Levels};
 use taxel_formats::FileError;
 use taxel_formats::stretch::Stretch;
+use taxel_formats::table::Table;
 use taxel_formats::trace::{Sample, read_stretch};
 
+use crate::align::{self, Alignment, Series};
 use crate::error::FitError;
 
+/// Names of the finger's forces.
+pub(crate) const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
 /// Fewest rows that make an unloaded stretch.
 const LEAST_ROWS: usize = 20;
 /// More rows than this do not make a bias any better.
@@ -37,6 +41,34 @@ impl Recording {
     pub fn read(stretch: &Stretch) -> Result<Self, FileError> {
         let samples = read_stretch(stretch)?.collect::<Result<_, _>>()?;
         Ok(Self { name: stretch.path.display().to_string(), samples })
+    }
+
+    /// Takes the forces from a reference that another clock logged; rows beyond it get none.
+    ///
+    /// # Errors
+    /// A column that is no force of the finger, or the two cannot be brought onto one time.
+    pub fn align(&mut self, reference: &Table) -> Result<Alignment, FitError> {
+        let axes = reference.names.iter().map(|name| {
+            let axis = FORCES.iter().position(|force| force == name);
+            axis.ok_or_else(|| FitError::Unaligned {
+                recording: reference.path.display().to_string(),
+                problem: format!("`{name}` is no force of the finger"),
+                mend: format!("its columns are {}", FORCES.join(", ")),
+            })
+        });
+        let axes: Vec<usize> = axes.collect::<Result<_, _>>()?;
+        let times: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
+        let levels: Vec<Vec<f64>> = self.samples.iter().map(channels).collect();
+        let other = Series { times: &reference.times, rows: &reference.rows };
+        let name = reference.path.display().to_string();
+        let alignment = align::align(&name, Series { times: &times, rows: &levels }, other)?;
+        let times: Vec<f64> = times.iter().map(|t| alignment.time(*t)).collect();
+        for (sample, forces) in self.samples.iter_mut().zip(align::resample(other, &times)) {
+            for (at, axis) in axes.iter().enumerate() {
+                sample.truth.force[*axis] = forces.as_ref().map(|forces| forces[at]);
+            }
+        }
+        Ok(alignment)
     }
 
     /// What the unloaded finger reads, averaged as the chip would do it.

@@ -9,11 +9,14 @@ use taxel_formats::FileError;
 use taxel_formats::stretch::Stretch;
 use taxel_formats::table::{self, Table};
 
+use crate::align::{self, Alignment, Series};
 use crate::auto::Chosen;
+use crate::checks;
 use crate::error::FitError;
 use crate::expansion::Expansion;
+use crate::laws::{self, Law};
 use crate::metrics::{Errors, TargetMetrics};
-use crate::model::{Family, Training};
+use crate::model::{Family, Recorded, Training};
 use crate::network::{self, NetOptions, Progress};
 use crate::range::{extremes, trained_range};
 use crate::scaling::Inputs;
@@ -49,6 +52,28 @@ impl TableRecording {
         Ok(Self { inputs: inputs_read, targets })
     }
 
+    /// Inputs with a reference that another clock logged.
+    ///
+    /// # Errors
+    /// The two cannot be brought onto one time.
+    pub fn aligned(mut inputs: Table, mut targets: Table) -> Result<(Self, Alignment), FitError> {
+        let reference = targets.path.display().to_string();
+        inputs.keep(|name| !table::is_time(name));
+        let sensor = Series { times: &inputs.times, rows: &inputs.rows };
+        let other = Series { times: &targets.times, rows: &targets.rows };
+        let alignment = align::align(&reference, sensor, other)?;
+        let times: Vec<f64> = inputs.times.iter().map(|t| alignment.time(*t)).collect();
+        let mut found = align::resample(other, &times);
+        let known: Vec<bool> = found.iter().map(Option::is_some).collect();
+        let mut keep = known.iter();
+        inputs.rows.retain(|_| keep.next() == Some(&true));
+        let mut keep = known.iter();
+        inputs.times.retain(|_| keep.next() == Some(&true));
+        targets.rows = found.drain(..).flatten().collect();
+        targets.times = inputs.times.clone();
+        Ok((Self { inputs, targets }, alignment))
+    }
+
     fn name(&self) -> String {
         self.inputs.path.display().to_string()
     }
@@ -67,11 +92,13 @@ pub struct TableOptions {
 
 /// Hidden units where nobody says.
 const USUAL: usize = 16;
-/// A table's net goes wherever its owner can run it; beyond this it is no small sensor's model.
-const MOST: usize = 32;
+/// Multiply-adds of the widest net that `auto` chooses: about what a Cortex-M4 does in 20 µs.
+const MOST_MULTIPLY_ADDS: usize = 600;
+/// Most hidden units, as on the chip.
+const MOST: usize = taxel::estimate::net::MAX_HIDDEN;
 
 /// A net from N named inputs to some named targets, for [`taxel::estimate::net::Layers`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TableModel {
     /// Names of the input columns, in the order of the weights.
     pub inputs: Vec<String>,
@@ -98,12 +125,18 @@ pub struct TableModel {
     pub output_bias: Vec<f32>,
     /// RMS error of the fit, in the targets' units.
     pub residual: Vec<f32>,
+    /// The law of a paper, instead of the weights above.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<Law>,
 }
 
 impl TableModel {
     /// The targets for one row of inputs.
     #[must_use]
     pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
+        if let Some(law) = &self.law {
+            return law.estimate(inputs);
+        }
         let layers = Layers {
             hidden: &self.hidden,
             hidden_bias: &self.hidden_bias,
@@ -176,6 +209,7 @@ pub fn fit(
         }
         rows.push((recording.inputs.rows.clone(), recording.targets.rows.clone()));
     }
+    let mut warnings = check(recordings, &mut rows)?;
     let x: Vec<&[f64]> = rows.iter().flat_map(|(x, _)| x).map(Vec::as_slice).collect();
     let names = &first.inputs.names;
     let column = |i: usize| x.iter().map(move |row| row[i] as f32);
@@ -183,7 +217,6 @@ pub fn fit(
         .filter(|i| column(*i).all(|value| value == x[0][*i] as f32))
         .map(|i| names[i].as_str())
         .collect();
-    let mut warnings = Vec::new();
     if !constant.is_empty() {
         warnings.push(format!(
             "{}: the same value in every row, ignored; leave constant columns out of the inputs",
@@ -199,6 +232,21 @@ pub fn fit(
         Family::Quadratic => Expansion::Quadratic,
         _ => Expansion::None,
     };
+    let mut model = TableModel {
+        inputs: names.clone(),
+        targets: first.targets.names.clone(),
+        range,
+        expansion,
+        ..TableModel::default()
+    };
+    if let Some(law) = laws::fit(options.family, &rows) {
+        model.law = Some(law?);
+        let rows = x.len();
+        let effective = 0.0;
+        model.residual = residual(&model, recordings);
+        let name = options.family.to_string();
+        return Ok(FittedTable { model, warnings, rows, name, chosen: None, effective });
+    }
     let (mut centre, mut kind, total) = (Vec::new(), kind, x.len());
     if expansion != Expansion::None {
         // From the middle of each input its powers say different things; each has a size of its own.
@@ -216,7 +264,7 @@ pub fn fit(
         inputs: kind,
         hidden: options.hidden,
         usual: USUAL,
-        most: MOST,
+        most: widest(names.len(), first.targets.names.len()),
         options: options.net,
     };
     let (net, chosen) = training.run(progress, stop)?;
@@ -226,24 +274,66 @@ pub fn fit(
         }
         _ => net.name(names.len()),
     };
-    let mut model = TableModel {
-        inputs: names.clone(),
-        targets: first.targets.names.clone(),
-        range,
-        expansion,
+    model = TableModel {
         centre,
         hidden: net.hidden,
         hidden_bias: net.hidden_bias,
         output: net.output,
         skip: net.skip,
         output_bias: net.output_bias,
-        residual: Vec::new(),
+        ..model
     };
-    model.residual = errors(&model, recordings)
-        .into_iter()
-        .map(|errors| errors.into_metrics("").figures.map_or(0.0, |f| f.rmse as f32))
-        .collect();
+    model.residual = residual(&model, recordings);
     Ok(FittedTable { model, warnings, rows: total, name, chosen, effective: net.effective })
+}
+
+/// What the recordings cannot bear: refused, mended or warned of.
+fn check(recordings: &[TableRecording], rows: &mut [Recorded]) -> Result<Vec<String>, FitError> {
+    let first = &recordings[0];
+    let names: Vec<String> = recordings.iter().map(TableRecording::name).collect();
+    checks::same_sign(rows, &names, &first.targets.names)?;
+    let mut warnings = Vec::new();
+    for (recording, name) in recordings.iter().zip(&names) {
+        let (times, inputs) = (&recording.inputs.times, &recording.inputs.rows);
+        let series = Series { times, rows: inputs };
+        if let Some(off) = align::misaligned(series, &recording.targets.rows) {
+            warnings.push(format!(
+                "{name}: the reference fits far better {:+.3} s off at a rate {:+.2} % off; log it with its \
+                 own times and give it with --reference",
+                off.time(times[0]) - times[0],
+                1e2 * off.rate
+            ));
+        }
+    }
+    let total: usize = rows.iter().map(|(x, _)| x.len()).sum();
+    let outliers = checks::remove_outliers(rows);
+    if outliers > 0 {
+        warnings.push(format!(
+            "{outliers} of {total} rows stand far out of the rows before and after them and were left out; \
+             look for a loose contact"
+        ));
+    }
+    if let Some((same, condition)) = checks::collinear(rows) {
+        let same: Vec<&str> = same.iter().map(|i| first.inputs.names[*i].as_str()).collect();
+        warnings.push(format!(
+            "{}: together they say nothing that fewer would not (condition number {condition:.0e}); their \
+             weights are shared out by the decay",
+            same.join(", ")
+        ));
+    }
+    Ok(warnings)
+}
+
+/// RMS error of each target on the recordings themselves.
+fn residual(model: &TableModel, recordings: &[TableRecording]) -> Vec<f32> {
+    let errors = errors(model, recordings).into_iter();
+    errors.map(|errors| errors.into_metrics("").figures.map_or(0.0, |f| f.rmse as f32)).collect()
+}
+
+/// The most hidden units whose net, skip path included, stays within the multiply-adds.
+fn widest(inputs: usize, outputs: usize) -> usize {
+    let left = MOST_MULTIPLY_ADDS.saturating_sub(inputs * outputs);
+    (left / (inputs + outputs).max(1)).clamp(1, MOST)
 }
 
 /// The mean of each column.

@@ -1,18 +1,19 @@
 //! `taxel calibrate fit`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use taxel_fit::LeftOut;
+use taxel_fit::align::Alignment;
 use taxel_fit::finger::{self, FitOptions, Part, Subject};
 use taxel_fit::model::Family;
 use taxel_fit::network::{NetOptions, Progress};
 use taxel_fit::recording::Recording;
 use taxel_fit::table::{self, TableOptions, TableRecording};
 use taxel_formats::stretch::Stretch;
-use taxel_formats::{calibration, trace};
+use taxel_formats::{calibration, table as formats, trace};
 
 use super::words;
 use crate::interrupt::Interrupt;
@@ -39,12 +40,17 @@ pub struct Args {
     /// Reference columns of any CSV.
     #[arg(long, value_name = "NAME", value_delimiter = ',', requires = "inputs")]
     targets: Vec<String>,
+    /// Reference that another clock logged, one for each --data, with a time column t_s or t_us: offset and
+    /// rate are found from the load that both saw. Its columns are --targets, or fx_n, fy_n, fz_n.
+    #[arg(long, value_name = "FILE")]
+    reference: Vec<PathBuf>,
     /// Fit this MEMS sensor from force on it alone, whatever the recordings look like.
     #[arg(long, value_name = "0…3", value_parser = clap::value_parser!(u8).range(0..4), conflicts_with_all = ["inputs", "hidden"])]
     sensor: Option<u8>,
     /// Family of the model: auto (what does best on stretches left out), mlp (one hidden layer of tanh
-    /// units), skip (the same with a linear path past them), ridge (linear); of any CSV also cubic
-    /// (additive) and quadratic (with products).
+    /// units), skip (the same with a linear path past them), ridge (linear, with a decay), least-squares
+    /// (linear); of any CSV also cubic (additive) and quadratic (with products), and the papers' own laws:
+    /// row (002, the line of four), feeler (000), column (001), gap (signal to displacement).
     #[arg(long, value_name = "NAME", default_value_t = Family::default())]
     model: Family,
     /// Hidden tanh units [default: 12 for normal force alone, else 16; found by --model auto].
@@ -76,8 +82,39 @@ fn serial(text: &str) -> Result<heapless::String<32>, String> {
 struct Outcome {
     calibration: PathBuf,
     parts: Vec<Fit>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    alignments: Vec<Aligned>,
     warnings: Vec<String>,
     interrupted: bool,
+}
+
+/// Where a reference's time lies: t′ = offset + (1 + rate)·t.
+#[derive(Serialize)]
+struct Aligned {
+    reference: PathBuf,
+    offset_s: f64,
+    rate: f64,
+    residual_s: f64,
+    correlation: f64,
+}
+
+impl Aligned {
+    fn new(reference: &Path, found: Alignment) -> Self {
+        let Alignment { offset, rate, residual, correlation } = found;
+        let reference = reference.to_owned();
+        Self { reference, offset_s: offset, rate, residual_s: residual, correlation }
+    }
+
+    fn describe(&self) -> String {
+        format!(
+            "{}: clock {:+.4} s, {:+.3} % fast, within {:.1} ms; correlation {:.4}",
+            self.reference.display(),
+            self.offset_s,
+            1e2 * self.rate,
+            1e3 * self.residual_s,
+            self.correlation
+        )
+    }
 }
 
 /// One thing that was fitted.
@@ -158,16 +195,24 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         bar.set_position(progress.step as u64);
         bar.set_message(format!("{}: error {:.4}", progress.part, progress.error));
     };
+    anyhow::ensure!(
+        args.reference.is_empty() || args.reference.len() == args.data.len(),
+        "{} --reference for {} --data; give one for each",
+        args.reference.len(),
+        args.data.len()
+    );
+    let mut alignments = Vec::new();
     let (parts, warnings) = if args.inputs.is_empty() {
-        fit_finger(&args, &mut progress, &interrupt)?
+        fit_finger(&args, &mut alignments, &mut progress, &interrupt)?
     } else {
-        fit_table(&args, &mut progress, &interrupt)?
+        fit_table(&args, &mut alignments, &mut progress, &interrupt)?
     };
     bar.finish_and_clear();
     report(
         Outcome {
             calibration: args.out,
             parts: parts.into_iter().map(Fit::new).collect(),
+            alignments,
             warnings,
             interrupted: interrupt.came(),
         },
@@ -177,7 +222,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 type Fitted = anyhow::Result<(Vec<Part>, Vec<String>)>;
 
-fn fit_finger(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt) -> Fitted {
+fn fit_finger(
+    args: &Args,
+    alignments: &mut Vec<Aligned>,
+    progress: &mut dyn FnMut(Progress),
+    stop: &Interrupt,
+) -> Fitted {
     for data in &args.data {
         anyhow::ensure!(
             trace::is_trace(&data.path)?,
@@ -185,7 +235,11 @@ fn fit_finger(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt)
             data.path.display()
         );
     }
-    let recordings = args.data.iter().map(Recording::read).collect::<Result<Vec<_>, _>>()?;
+    let mut recordings = args.data.iter().map(Recording::read).collect::<Result<Vec<_>, _>>()?;
+    for (recording, path) in recordings.iter_mut().zip(&args.reference) {
+        let reference = formats::read(&Stretch::whole(path), &["f*_n"])?;
+        alignments.push(Aligned::new(path, recording.align(&reference)?));
+    }
     let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let options = FitOptions {
         subject: args.sensor.map_or(Subject::Found, |sensor| Subject::Sensor(sensor.into())),
@@ -201,13 +255,26 @@ fn fit_finger(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt)
     Ok((fitted.parts, fitted.warnings))
 }
 
-fn fit_table(args: &Args, progress: &mut dyn FnMut(Progress), stop: &Interrupt) -> Fitted {
+fn fit_table(
+    args: &Args,
+    alignments: &mut Vec<Aligned>,
+    progress: &mut dyn FnMut(Progress),
+    stop: &Interrupt,
+) -> Fitted {
     let (inputs, targets) = (words(&args.inputs), words(&args.targets));
-    let recordings = args
-        .data
-        .iter()
-        .map(|data| TableRecording::read(data, &inputs, &targets))
-        .collect::<Result<Vec<_>, _>>()?;
+    let mut recordings = Vec::new();
+    for (i, data) in args.data.iter().enumerate() {
+        recordings.push(match args.reference.get(i) {
+            None => TableRecording::read(data, &inputs, &targets)?,
+            Some(path) => {
+                let reference = formats::read(&Stretch::whole(path), &targets)?;
+                let (recording, found) =
+                    TableRecording::aligned(formats::read(data, &inputs)?, reference)?;
+                alignments.push(Aligned::new(path, found));
+                recording
+            }
+        });
+    }
     let options = TableOptions {
         family: args.model,
         hidden: args.hidden.map(usize::from),
@@ -236,6 +303,9 @@ fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
     }
     if json {
         return output::json(&outcome);
+    }
+    for aligned in &outcome.alignments {
+        output::line(aligned.describe())?;
     }
     for fit in &outcome.parts {
         let residual: Vec<String> =

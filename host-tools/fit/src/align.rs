@@ -1,0 +1,451 @@
+//! A reference that was logged by another clock, brought onto the sensor's time.
+//!
+//! Sensor and reference answer to the same load. What each of them shows most of (the first principal
+//! component of its columns) is cross-correlated at every offset and at rates up to ± 5 % apart. From the
+//! best of these Gauss–Newton goes on: the reference read at t′ = offset + rate·t shall be linear in the
+//! sensor's channels, so that slopes, offset and rate are one least-squares problem a step.
+
+use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
+
+use crate::error::FitError;
+
+/// Clocks of two instruments are closer than this; a wrong nominal rate may be this far off.
+const FARTHEST_RATE: f64 = 0.05;
+/// Most points on which the correlation is searched.
+const MOST_POINTS: usize = 8192;
+/// Most rates that are tried.
+const MOST_RATES: usize = 401;
+/// A correlation below this is no common load.
+const LEAST_CORRELATION: f64 = 0.5;
+/// A second offset that does nearly as well as the best: a load that repeats itself.
+const AMBIGUOUS: f64 = 0.97;
+/// Gauss–Newton steps, and rows that they look at.
+const STEPS: usize = 20;
+const MOST_ROWS: usize = 6000;
+/// Segments in which what is left of the misalignment is measured.
+const SEGMENTS: usize = 8;
+/// A gap of more than so many rows in the reference is not bridged.
+const GAP: f64 = 5.0;
+
+/// Rows with their times in seconds.
+#[derive(Clone, Copy, Debug)]
+pub struct Series<'s> {
+    /// Times, rising.
+    pub times: &'s [f64],
+    /// Columns of each row.
+    pub rows: &'s [Vec<f64>],
+}
+
+/// Where the reference's time lies: t′ = `offset` + (1 + `rate`)·t for the sensor's time t.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Alignment {
+    /// Seconds.
+    pub offset: f64,
+    /// How much faster the reference's clock runs, as a share.
+    pub rate: f64,
+    /// What is left in stretches of the recording, root mean square, in seconds.
+    pub residual: f64,
+    /// Correlation of the reference with what a line through the sensor's channels says of it.
+    pub correlation: f64,
+}
+
+impl Alignment {
+    /// The reference's time at a time of the sensor.
+    #[must_use]
+    pub fn time(&self, t: f64) -> f64 {
+        self.offset + (1.0 + self.rate) * t
+    }
+}
+
+/// Finds offset and rate.
+///
+/// # Errors
+/// Too little in common, or a load that repeats itself so that several offsets do.
+pub fn align(name: &str, sensor: Series<'_>, reference: Series<'_>) -> Result<Alignment, FitError> {
+    let refused = |problem: String, mend: &str| FitError::Unaligned {
+        recording: name.to_owned(),
+        problem,
+        mend: mend.to_owned(),
+    };
+    for series in [sensor, reference] {
+        if series.times.len() < 32 || series.times.len() != series.rows.len() {
+            let problem = format!("{} rows with a time where 32 are needed", series.times.len());
+            return Err(refused(
+                problem,
+                "name the time column t_s or t_us, and record for longer",
+            ));
+        }
+        if series.times.windows(2).any(|pair| pair[1] <= pair[0]) {
+            return Err(refused("time does not rise".into(), "sort the rows by their time"));
+        }
+    }
+    let own = Trace::new(sensor);
+    let other = Trace::new(reference);
+    let (Some(own), Some(other)) = (own, other) else {
+        return Err(refused("one of the two never changes".into(), "record presses with both"));
+    };
+    let coarse = search(&own, &other);
+    if coarse.correlation < LEAST_CORRELATION {
+        return Err(refused(
+            format!("sensor and reference correlate by {:.2} at best", coarse.correlation),
+            "check that both saw the same presses, and that their times overlap",
+        ));
+    }
+    if coarse.second > AMBIGUOUS * coarse.correlation {
+        return Err(refused(
+            "the load repeats itself, so that several offsets would do".into(),
+            "tap the sensor a few times at uneven intervals before and after",
+        ));
+    }
+    Ok(refine(sensor, &other, coarse.offset, coarse.rate))
+}
+
+/// Whether a reference on the sensor's own times would fit much better at other ones: its alignment, if what
+/// a line leaves of it falls to less than a half, and it is off by more than two rows somewhere.
+#[must_use]
+pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment> {
+    let reference = Series { times: sensor.times, rows: targets };
+    let found = align("", sensor, reference).ok()?;
+    let here = refine_from(sensor, &Trace::new(reference)?, 0.0, 0.0, 0);
+    let (first, last) = (*sensor.times.first()?, *sensor.times.last()?);
+    let row = (last - first) / sensor.times.len() as f64;
+    let off = [first, last].into_iter().map(|t| (found.time(t) - t).abs()).fold(0.0, f64::max);
+    let left = |alignment: &Alignment| 1.0 - alignment.correlation.powi(2);
+    (off > 2.0 * row && left(&found) < 0.5 * left(&here)).then_some(found)
+}
+
+/// The rows of a reference at some times of its own clock; `None` where it has none nearby.
+#[must_use]
+pub fn resample(reference: Series<'_>, times: &[f64]) -> Vec<Option<Vec<f64>>> {
+    let longest = GAP * median_step(reference.times);
+    let at = |t: f64| {
+        let next = reference.times.partition_point(|known| *known < t);
+        let exact = reference.times.get(next).filter(|known| **known == t);
+        if exact.is_some() {
+            return Some(reference.rows[next].clone());
+        }
+        let before = next.checked_sub(1)?;
+        let (a, b) = (reference.times[before], *reference.times.get(next)?);
+        let share = (t - a) / (b - a);
+        let between = |(a, b): (&f64, &f64)| a + share * (b - a);
+        (b - a <= longest).then(|| {
+            reference.rows[before].iter().zip(&reference.rows[next]).map(between).collect()
+        })
+    };
+    times.iter().map(|t| at(*t)).collect()
+}
+
+fn median_step(times: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied().unwrap_or_default()
+}
+
+/// One number a row: what the columns show most of, about zero.
+struct Trace<'s> {
+    times: &'s [f64],
+    values: Vec<f64>,
+}
+
+impl<'s> Trace<'s> {
+    /// `None` if nothing ever changes.
+    fn new(series: Series<'s>) -> Option<Self> {
+        let width = series.rows.first()?.len();
+        let rows = DMatrix::from_fn(series.rows.len(), width, |row, i| series.rows[row][i]);
+        let means = rows.row_mean();
+        let mut centred = rows;
+        centred.row_iter_mut().for_each(|mut row| row -= &means);
+        let eigen = SymmetricEigen::new(centred.tr_mul(&centred));
+        let most = eigen.eigenvalues.imax();
+        if eigen.eigenvalues[most] <= 1e-12 * means.norm_squared() * centred.nrows() as f64 {
+            return None;
+        }
+        let values: DVector<f64> = centred * eigen.eigenvectors.column(most);
+        Some(Self { times: series.times, values: values.as_slice().to_vec() })
+    }
+
+    /// The value at a time, between the two rows about it; `None` beyond the ends.
+    fn at(&self, t: f64) -> Option<f64> {
+        let next = self.times.partition_point(|known| *known < t).max(1);
+        let (a, b) = (self.times[next - 1], *self.times.get(next)?);
+        let share = (t - a) / (b - a);
+        (share >= 0.0).then(|| self.values[next - 1] * (1.0 - share) + self.values[next] * share)
+    }
+
+    fn span(&self) -> f64 {
+        self.times[self.times.len() - 1] - self.times[0]
+    }
+}
+
+/// The best of all offsets and rates, and how well any offset does that is another one.
+struct Coarse {
+    offset: f64,
+    rate: f64,
+    correlation: f64,
+    second: f64,
+}
+
+fn search(own: &Trace<'_>, other: &Trace<'_>) -> Coarse {
+    let span = own.span().max(other.span());
+    let step = median_step(own.times).max(median_step(other.times)).max(span / MOST_POINTS as f64);
+    let size = 2 * (span / step).ceil() as usize + 2;
+    let size = size.next_power_of_two();
+    let mut planner = FftPlanner::new();
+    let (forth, back) = (planner.plan_fft_forward(size), planner.plan_fft_inverse(size));
+    let spectrum = |value: &dyn Fn(usize) -> f64| {
+        let mut points: Vec<Complex<f64>> = (0..size).map(|i| value(i).into()).collect();
+        let energy: f64 = points.iter().map(|p| p.norm_sqr()).sum();
+        forth.process(&mut points);
+        (points, energy.max(f64::MIN_POSITIVE).sqrt())
+    };
+    let (fixed, own_energy) =
+        spectrum(&|i| own.at(own.times[0] + i as f64 * step).unwrap_or_default());
+    // As wide as a press is: beyond it the correlation has fallen to a half.
+    let width = correlation_time(&fixed, &*back) as f64 * step;
+    let rates = (2.0 * FARTHEST_RATE * span / width.max(step)).ceil() as usize | 1;
+    let rates = rates.clamp(21, MOST_RATES);
+    let mut best = Coarse { offset: 0.0, rate: 0.0, correlation: -1.0, second: 0.0 };
+    for number in 0..rates {
+        let rate = FARTHEST_RATE * (2.0 * number as f64 / (rates - 1) as f64 - 1.0);
+        // Sample i of the other is what it shows when the sensor's clock has gone on by i steps.
+        let sample = |i: usize| {
+            other.at(other.times[0] + (1.0 + rate) * i as f64 * step).unwrap_or_default()
+        };
+        let (mut product, energy) = spectrum(&sample);
+        product.iter_mut().zip(&fixed).for_each(|(p, f)| *p *= f.conj());
+        back.process(&mut product);
+        let norm = 1.0 / (size as f64 * own_energy * energy);
+        // Which way a principal component points is by chance.
+        let height = |lag: usize| product[lag].re.abs() * norm;
+        let Some(peak) = (0..size).max_by(|a, b| height(*a).total_cmp(&height(*b))) else {
+            continue;
+        };
+        if height(peak) > best.correlation {
+            let signed = if peak > size / 2 { peak as f64 - size as f64 } else { peak as f64 };
+            let apart = |lag: usize| {
+                let apart = lag.abs_diff(peak);
+                apart.min(size - apart) as f64 * step > 2.0 * width
+            };
+            let second = (0..size).filter(|lag| apart(*lag)).map(height).fold(0.0, f64::max);
+            // own(t0 + i·step) goes with other(t0′ + (1 + rate)(i + lag)·step).
+            let offset = other.times[0] + (1.0 + rate) * (signed * step - own.times[0]);
+            best = Coarse { offset, rate, correlation: height(peak), second };
+        }
+    }
+    best
+}
+
+/// Lag at which the autocorrelation has fallen to a half.
+fn correlation_time(spectrum: &[Complex<f64>], back: &dyn rustfft::Fft<f64>) -> usize {
+    let mut power: Vec<Complex<f64>> = spectrum.iter().map(|s| s.norm_sqr().into()).collect();
+    back.process(&mut power);
+    power.iter().position(|p| p.re < 0.5 * power[0].re).unwrap_or(1).max(1)
+}
+
+fn refine(sensor: Series<'_>, other: &Trace<'_>, offset: f64, rate: f64) -> Alignment {
+    refine_from(sensor, other, offset, rate, STEPS)
+}
+
+/// Gauss–Newton from a start; with no steps, what the start is worth.
+fn refine_from(
+    sensor: Series<'_>,
+    other: &Trace<'_>,
+    offset: f64,
+    rate: f64,
+    steps: usize,
+) -> Alignment {
+    let every = sensor.times.len().div_ceil(MOST_ROWS);
+    let picked: Vec<usize> = (0..sensor.times.len()).step_by(every).collect();
+    let half = 0.5 * median_step(other.times);
+    let middle = 0.5 * (sensor.times[0] + sensor.times[sensor.times.len() - 1]);
+    let mut found = Alignment { offset, rate, residual: 0.0, correlation: 0.0 };
+    let mut width = sensor.rows[0].len();
+    for step in 0..=steps {
+        // Rows (x, 1, y′, y′·(t − middle)) → y.
+        let rows: Vec<(f64, DVector<f64>, f64, f64)> = picked
+            .iter()
+            .filter_map(|row| {
+                let t = sensor.times[*row];
+                let at = found.time(t);
+                let (y, low, high) = (other.at(at)?, other.at(at - half)?, other.at(at + half)?);
+                let x = DVector::from_column_slice(&sensor.rows[*row]);
+                Some((t - middle, x, y, (high - low) / (2.0 * half)))
+            })
+            .collect();
+        let Some(first) = rows.first() else { return found };
+        width = first.1.len();
+        let solved = solve(&rows, width, step < steps);
+        let Some((solution, error)) = solved else { return found };
+        let y: DVector<f64> = DVector::from_iterator(rows.len(), rows.iter().map(|r| r.2));
+        let about = y.add_scalar(-y.mean()).norm_squared();
+        found.correlation =
+            (1.0 - error.norm_squared() / about.max(f64::MIN_POSITIVE)).max(0.0).sqrt();
+        if step == steps {
+            found.residual = local(&rows, &error);
+            break;
+        }
+        // y(t′ + δ) = y + y′·δ is to be w·x + b; δ = d₀ + d₁·(t − middle).
+        let (d0, d1) = (-solution[width + 1], -solution[width + 2]);
+        found.rate += d1;
+        found.offset += d0 - d1 * middle;
+    }
+    debug_assert!(width > 0);
+    found
+}
+
+type AlignedRow = (f64, DVector<f64>, f64, f64);
+
+/// Least squares of y by (x, 1) and, if `moving`, by y′ and y′·t; the solution and the errors.
+fn solve(rows: &[AlignedRow], width: usize, moving: bool) -> Option<(DVector<f64>, DVector<f64>)> {
+    let columns = width + 1 + if moving { 2 } else { 0 };
+    let matrix = DMatrix::from_fn(rows.len(), columns, |row, column| {
+        let (t, x, _, slope) = &rows[row];
+        match column {
+            i if i < width => x[i],
+            i if i == width => 1.0,
+            i if i == width + 1 => *slope,
+            _ => slope * t,
+        }
+    });
+    let y = DVector::from_iterator(rows.len(), rows.iter().map(|row| row.2));
+    // Columns of about one size, and a decay of a millionth for channels that say the same.
+    let sizes: Vec<f64> = matrix.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
+    let mut scaled = matrix;
+    scaled.column_iter_mut().zip(&sizes).for_each(|(mut c, size)| c /= *size);
+    let mut gram = scaled.tr_mul(&scaled);
+    (0..columns).for_each(|i| gram[(i, i)] += 1e-6);
+    let mut solution = Cholesky::new(gram)?.solve(&scaled.tr_mul(&y));
+    let error = &scaled * &solution - y;
+    solution.iter_mut().zip(&sizes).for_each(|(s, size)| *s /= size);
+    Some((solution, error))
+}
+
+/// Root mean square over segments of the shift that each would still like.
+fn local(rows: &[AlignedRow], error: &DVector<f64>) -> f64 {
+    let length = rows.len().div_ceil(SEGMENTS).max(1);
+    let shifts: Vec<f64> = rows
+        .chunks(length)
+        .zip(error.as_slice().chunks(length))
+        .map(|(rows, error)| {
+            let slopes: f64 = rows.iter().map(|row| row.3 * row.3).sum();
+            let product: f64 = rows.iter().zip(error).map(|(row, e)| row.3 * e).sum();
+            if slopes > 0.0 { product / slopes } else { 0.0 }
+        })
+        .collect();
+    (shifts.iter().map(|s| s * s).sum::<f64>() / shifts.len().max(1) as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Presses of uneven length at uneven intervals, seen at a time of the true clock.
+    fn force(t: f64) -> f64 {
+        let press = |at: f64, length: f64, peak: f64| {
+            let share = (t - at) / length;
+            if (0.0..1.0).contains(&share) {
+                peak * (std::f64::consts::PI * share).sin()
+            } else {
+                0.0
+            }
+        };
+        (0..24)
+            .map(f64::from)
+            .map(|i| {
+                press(
+                    2.0 + 2.3 * i + 0.6 * (5.0 * i * i).sin(),
+                    1.0 + 0.4 * (3.0 * i).cos(),
+                    1.0 + 0.5 * (7.0 * i).sin(),
+                )
+            })
+            .sum()
+    }
+
+    fn noise(i: usize) -> f64 {
+        (12.9898 * (i * i) as f64).sin()
+    }
+
+    /// A sensor of three channels at 200 Hz for a minute.
+    fn sensor() -> (Vec<f64>, Vec<Vec<f64>>) {
+        let times: Vec<f64> = (0..12_000).map(|i| i as f64 * 0.005).collect();
+        let rows = times.iter().enumerate().map(|(i, t)| {
+            let f = force(*t);
+            vec![
+                5.0 - 2.0 * f + 0.02 * noise(i),
+                0.4 * f + 0.1 * f * f + 0.02 * noise(i + 7),
+                0.02 * noise(i + 3),
+            ]
+        });
+        (times.clone(), rows.collect())
+    }
+
+    /// A load cell at 80 Hz whose clock shows `offset` + (1 + `rate`)·t.
+    fn load_cell(offset: f64, rate: f64, load: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let times: Vec<f64> = (0..4700).map(|i| offset + 0.4 + i as f64 * 0.0125).collect();
+        let rows = times
+            .iter()
+            .enumerate()
+            .map(|(i, t)| vec![load((t - offset) / (1.0 + rate)) + 0.005 * noise(i)]);
+        (times.clone(), rows.collect())
+    }
+
+    fn aligned(offset: f64, rate: f64) -> Result<Alignment, FitError> {
+        let (st, sx) = sensor();
+        let (rt, ry) = load_cell(offset, rate, force);
+        align("cell.csv", Series { times: &st, rows: &sx }, Series { times: &rt, rows: &ry })
+    }
+
+    #[test]
+    fn offset_and_rate_are_found_to_a_millisecond() {
+        for (offset, rate) in [(0.0, 0.0), (3.7, 0.0), (-1234.5, 0.03), (8.0, -0.03)] {
+            let found = aligned(offset, rate).unwrap();
+            for t in [2.0, 30.0, 55.0] {
+                let off = found.time(t) - (offset + (1.0 + rate) * t);
+                assert!(off.abs() < 1e-3, "{offset} {rate}: {off} s at {t}: {found:?}");
+            }
+            assert!(found.residual < 2e-3 && found.correlation > 0.99, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_load_that_repeats_itself_and_one_that_is_not_there_are_refused() {
+        let (st, _) = sensor();
+        let wave = |t: f64| (2.0 * std::f64::consts::PI * t).sin();
+        let sx: Vec<Vec<f64>> = st.iter().map(|t| vec![wave(*t)]).collect();
+        let (rt, ry) = load_cell(0.0, 0.0, wave);
+        let of = |sx: &[Vec<f64>], ry: &[Vec<f64>]| {
+            align("cell.csv", Series { times: &st, rows: sx }, Series { times: &rt, rows: ry })
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(of(&sx, &ry).contains("cell.csv: the load repeats itself"), "{}", of(&sx, &ry));
+        let hiss: Vec<Vec<f64>> = (0..ry.len()).map(|i| vec![noise(i)]).collect();
+        assert!(of(&sensor().1, &hiss).contains("correlate by"), "{}", of(&sensor().1, &hiss));
+        let still = vec![vec![2.5]; ry.len()];
+        assert!(of(&sensor().1, &still).contains("never changes"));
+    }
+
+    #[test]
+    fn a_reference_on_the_right_times_is_left_and_one_off_by_three_percent_is_told() {
+        let (times, rows) = sensor();
+        let series = Series { times: &times, rows: &rows };
+        let at = |rate: f64| -> Vec<Vec<f64>> {
+            times.iter().map(|t| vec![force(t * (1.0 + rate))]).collect()
+        };
+        assert_eq!(misaligned(series, &at(0.0)), None);
+        let found = misaligned(series, &at(0.03)).unwrap();
+        assert!((found.time(50.0) - 50.0 / 1.03).abs() < 2e-3, "{found:?}");
+    }
+
+    #[test]
+    fn rows_are_read_between_neighbours_and_gaps_are_not_bridged() {
+        let times = [0.0, 1.0, 2.0, 3.0, 20.0, 21.0];
+        let rows: Vec<Vec<f64>> = times.iter().map(|t| vec![10.0 * t]).collect();
+        let found =
+            resample(Series { times: &times, rows: &rows }, &[-0.1, 0.0, 1.25, 9.0, 21.0, 21.1]);
+        let expected = [None, Some(vec![0.0]), Some(vec![12.5]), None, Some(vec![210.0]), None];
+        assert_eq!(found, expected);
+    }
+}

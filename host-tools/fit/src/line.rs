@@ -1,0 +1,160 @@
+//! A straight line with a decay, by normal equations, its decay chosen by stretches left out.
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use crate::gaussian::{Rows, Scores, simplest};
+
+/// Decays that are tried, strongest first, against a noise of one: rows are scaled to about one.
+const DECAYS: [f64; 6] = [1e2, 1e1, 1e0, 1e-1, 1e-3, 1e-5];
+
+/// A singular value below this share of the largest is none.
+const SINGULAR: f64 = 1e-9;
+
+/// Slopes and levels of scaled targets over scaled inputs.
+#[derive(Clone, Debug)]
+pub(crate) struct Line {
+    /// Inputs × outputs.
+    pub slope: DMatrix<f64>,
+    /// The targets at the inputs' mean.
+    pub level: DVector<f64>,
+    /// How it did on each stretch left out.
+    pub left_out: Scores,
+}
+
+/// X̃ᵀX̃ and X̃ᵀY of some rows, X̃ with a last column of ones.
+struct Sums {
+    gram: DMatrix<f64>,
+    cross: DMatrix<f64>,
+}
+
+impl Sums {
+    fn of(x: &DMatrix<f64>, y: &DMatrix<f64>) -> Self {
+        let x = x.clone().insert_column(x.ncols(), 1.0);
+        Self { gram: x.tr_mul(&x), cross: x.tr_mul(y) }
+    }
+
+    fn without(&self, part: &Self) -> Self {
+        Self { gram: &self.gram - &part.gram, cross: &self.cross - &part.cross }
+    }
+
+    /// Slopes with the levels as a last row.
+    fn solve(&self, decay: f64) -> Option<DMatrix<f64>> {
+        let mut matrix = self.gram.clone();
+        (0..matrix.nrows()).for_each(|i| matrix[(i, i)] += decay);
+        Some(Cholesky::new(matrix)?.solve(&self.cross))
+    }
+}
+
+fn outputs(line: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut y = x * line.rows(0, x.ncols());
+    y.row_iter_mut().for_each(|mut row| row += line.row(x.ncols()));
+    y
+}
+
+/// Fits a line to scaled rows.
+pub(crate) fn fit(rows: &Rows) -> Option<Line> {
+    let parts: Vec<(DMatrix<f64>, DMatrix<f64>)> = rows.by_stretch();
+    let all = Sums::of(&rows.x, &rows.y);
+    let sums: Vec<Sums> = parts.iter().map(|(x, y)| Sums::of(x, y)).collect();
+    let trials: Vec<Scores> = DECAYS
+        .iter()
+        .map(|decay| {
+            let errors = parts.iter().zip(&sums).map(|((x, y), own)| {
+                let line = all.without(own).solve(*decay)?;
+                Some(outputs(&line, x) - y)
+            });
+            errors.collect::<Option<Vec<_>>>().map(|errors| Scores::of(&errors))
+        })
+        .collect::<Option<_>>()?;
+    let mut line = DMatrix::zeros(rows.x.ncols() + 1, rows.y.ncols());
+    let mut left_out = trials.first()?.clone();
+    for k in 0..rows.y.ncols() {
+        let chosen = simplest(trials.iter(), k)?;
+        line.set_column(k, &all.solve(DECAYS[chosen])?.column(k));
+        left_out.0.set_column(k, &trials[chosen].0.column(k));
+    }
+    let level = line.row(rows.x.ncols()).transpose();
+    Some(Line { slope: line.remove_row(rows.x.ncols()), level, left_out })
+}
+
+/// Slopes and levels by least squares alone; `None` where the rows do not determine them.
+pub(crate) fn without_decay(rows: &Rows) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    // What never changes is scaled to zero and gets no weight.
+    let idle: Vec<usize> =
+        (0..rows.x.ncols()).filter(|i| rows.x.column(*i).amax() == 0.0).collect();
+    let x = rows.x.clone().insert_column(rows.x.ncols(), 1.0).remove_columns_at(&idle);
+    let svd = x.svd(true, true);
+    if svd.singular_values.min() < SINGULAR * svd.singular_values.max() {
+        return None;
+    }
+    let mut line = svd.solve(&rows.y, 0.0).ok()?;
+    for i in idle {
+        line = line.insert_row(i, 0.0);
+    }
+    let level = line.row(rows.x.ncols()).transpose();
+    Some((line.remove_row(rows.x.ncols()), level))
+}
+
+/// What a line fitted to the other stretches says of each, beside what is so.
+pub(crate) fn foretold(rows: &Rows, decay: f64) -> Option<Vec<(DMatrix<f64>, DMatrix<f64>)>> {
+    let all = Sums::of(&rows.x, &rows.y);
+    let parts = rows.by_stretch().into_iter().map(|(x, y)| {
+        let line = all.without(&Sums::of(&x, &y)).solve(decay)?;
+        Some((outputs(&line, &x), y))
+    });
+    parts.collect()
+}
+
+/// What is left of the targets by a line through all rows.
+pub(crate) fn residual(rows: &Rows, decay: f64) -> Option<DMatrix<f64>> {
+    let line = Sums::of(&rows.x, &rows.y).solve(decay)?;
+    Some(outputs(&line, &rows.x) - &rows.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(bent: f64) -> Rows {
+        let x = DMatrix::from_fn(400, 2, |row, i| {
+            let t = row as f64 * 0.1;
+            if i == 0 { (0.9 * t).sin() } else { (1.7 * t).cos() }
+        });
+        let y = DMatrix::from_fn(400, 1, |row, _| {
+            x[(row, 0)] - 0.5 * x[(row, 1)] + bent * (3.0 * x[(row, 0)]).sin() + 0.2
+        });
+        Rows { x, y, stretch: (0..400).map(|row| row * 8 / 400).collect() }
+    }
+
+    #[test]
+    fn a_line_is_found_and_a_bend_is_left_as_error() {
+        let line = fit(&rows(0.0)).unwrap();
+        assert!((line.slope[(0, 0)] - 1.0).abs() < 1e-3 && (line.slope[(1, 0)] + 0.5).abs() < 1e-3);
+        assert!((line.level[0] - 0.2).abs() < 1e-3 && line.left_out.error()[0] < 1e-3);
+        assert!(fit(&rows(0.3)).unwrap().left_out.error()[0] > 0.05);
+    }
+
+    #[test]
+    fn without_a_decay_a_line_is_exact_and_twins_are_refused() {
+        let mut rows = rows(0.0);
+        rows.x = rows.x.insert_column(1, 0.0);
+        let (slope, level) = without_decay(&rows).unwrap();
+        let expected = [1.0, 0.0, -0.5];
+        assert!(slope.iter().zip(expected).all(|(found, wanted)| (found - wanted).abs() < 1e-9));
+        assert!((level[0] - 0.2).abs() < 1e-9);
+        let twin = rows.x.column(0) * 3.0;
+        rows.x.set_column(1, &twin);
+        assert!(without_decay(&rows).is_none());
+    }
+
+    #[test]
+    fn a_stretch_left_out_is_foretold_as_a_fit_without_it_does() {
+        let all = rows(0.3);
+        let keep: Vec<usize> = (0..400).filter(|row| all.stretch[*row] != 3).collect();
+        let less = Sums::of(&all.x.select_rows(&keep), &all.y.select_rows(&keep));
+        let left: Vec<usize> = (0..400).filter(|row| all.stretch[*row] == 3).collect();
+        let direct = outputs(&less.solve(0.1).unwrap(), &all.x.select_rows(&left));
+        let (found, _) = &foretold(&all, 0.1).unwrap()[3];
+        assert!((found - direct).amax() < 1e-9);
+    }
+}

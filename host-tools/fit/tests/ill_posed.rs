@@ -1,0 +1,156 @@
+//! Recordings that are wrong on purpose: each is fitted sanely with a word about it, or refused with why.
+
+use std::fmt::Write as _;
+use std::sync::atomic::AtomicBool;
+
+use taxel_fit::FitError;
+use taxel_fit::align::Alignment;
+use taxel_fit::model::Family;
+use taxel_fit::table::{FittedTable, TableOptions, TableRecording, evaluate, fit};
+use taxel_formats::table::read_from;
+
+/// Presses of uneven length and height, one after the other.
+fn load(t: f64) -> f64 {
+    let i = (t / 2.5).floor();
+    let length = 1.4 + 0.6 * (5.0 * i * i).sin();
+    let share = (t - 2.5 * i - 0.2) / length;
+    let peak = 6.0 + 4.0 * (7.0 * i).sin();
+    if (0.0..1.0).contains(&share) { peak * (std::f64::consts::PI * share).sin() } else { 0.0 }
+}
+
+/// One row of a sensor of three channels, and what its reference says.
+struct Row {
+    t: f64,
+    channels: [f64; 3],
+    force: f64,
+}
+
+/// `rows` rows at 50 Hz from `from`; each is passed through `spoil` with its number.
+fn recording(
+    name: &str,
+    rows: usize,
+    from: f64,
+    spoil: impl Fn(usize, &mut Row),
+) -> TableRecording {
+    let mut text = String::from("t_s,m0,m1,m2,force_n\n");
+    for i in 0..rows {
+        let t = from + i as f64 * 0.02;
+        let noise = |k: usize| (12.9898 * ((3 * i + k) as f64).powi(2)).sin();
+        let f = load(t);
+        let channels = [
+            90.0 + 30.0 * f + 0.5 * noise(0),
+            12.0 * f + 1.2 * f * f + 0.5 * noise(1),
+            20.0 * (0.4 * t).sin() + 5.0 * f,
+        ];
+        let mut row = Row { t, channels, force: f };
+        spoil(i, &mut row);
+        let [a, b, c] = row.channels;
+        writeln!(text, "{:.6},{a},{b},{c},{}", row.t, row.force).unwrap();
+    }
+    let stretch = name.parse().unwrap();
+    TableRecording {
+        inputs: read_from(text.as_bytes(), &stretch, &["m*"]).unwrap(),
+        targets: read_from(text.as_bytes(), &stretch, &["force_n"]).unwrap(),
+    }
+}
+
+fn ridge(recordings: &[TableRecording]) -> Result<FittedTable, FitError> {
+    let options = TableOptions { family: Family::Ridge, ..TableOptions::default() };
+    fit(recordings, &options, &mut |_| {}, &AtomicBool::new(false))
+}
+
+fn good(name: &str) -> TableRecording {
+    recording(name, 2000, 0.0, |_, _| {})
+}
+
+/// RMS error in newtons on a recording that has nothing wrong with it.
+fn error_of(fitted: &FittedTable) -> f64 {
+    let unseen = recording("unseen.csv", 1500, 60.0, |_, _| {});
+    evaluate(&fitted.model, &unseen).unwrap().targets[0].figures.unwrap().rmse
+}
+
+#[test]
+fn a_recording_with_nothing_wrong_is_fitted_without_a_word() {
+    let fitted = ridge(&[good("good.csv")]).unwrap();
+    assert_eq!(fitted.warnings, Vec::<String>::new());
+    assert!(error_of(&fitted) < 0.15, "{}", error_of(&fitted));
+}
+
+#[test]
+fn collinear_channels_are_named_and_share_their_weight() {
+    let collinear = recording("collinear.csv", 2000, 0.0, |_, row| {
+        row.channels[2] = 0.25 * row.channels[0] + 7.0;
+    });
+    let fitted = ridge(&[collinear]).unwrap();
+    assert!(fitted.warnings[0].starts_with("m0, m2: together"), "{:?}", fitted.warnings);
+    // A twin that had a weight of its own would have the opposite sign of the other's.
+    let [a, _, c] = *fitted.model.skip.as_slice() else { panic!("{:?}", fitted.model) };
+    assert!(a * c > 0.0 && a.abs() < 0.1, "{:?}", fitted.model.skip);
+    assert!(f64::from(fitted.model.residual[0]) < 0.15);
+}
+
+#[test]
+fn a_channel_that_never_changes_is_named_and_ignored() {
+    let constant = recording("constant.csv", 2000, 0.0, |_, row| row.channels[2] = 3.5);
+    let fitted = ridge(&[constant]).unwrap();
+    assert!(fitted.warnings[0].starts_with("m2: the same value"), "{:?}", fitted.warnings);
+    assert_eq!(fitted.model.skip[2], 0.0);
+    assert!(error_of(&fitted) < 0.15);
+}
+
+#[test]
+fn twelve_samples_are_too_few() {
+    let error = ridge(&[recording("few.csv", 12, 0.0, |_, _| {})]).unwrap_err().to_string();
+    assert_eq!(error, "ridge: 12 usable rows where at least 16 are needed; record for longer");
+}
+
+#[test]
+fn five_percent_of_outliers_change_nothing_and_are_counted() {
+    let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
+    let loose = recording("loose.csv", 2000, 0.0, |i, row| match i % 40 {
+        7 => row.force = 60.0,
+        29 => row.channels[1] = -900.0,
+        _ => {}
+    });
+    let fitted = ridge(&[loose]).unwrap();
+    assert!(
+        fitted.warnings[0].starts_with("100 of 2000 rows stand far out"),
+        "{:?}",
+        fitted.warnings
+    );
+    assert!(error_of(&fitted) < 1.1 * clean, "{} {clean}", error_of(&fitted));
+}
+
+#[test]
+fn a_reference_that_is_turned_round_in_one_recording_is_refused_by_name() {
+    let turned = recording("turned.csv", 2000, 40.0, |_, row| row.force = -row.force);
+    let other = recording("other.csv", 2000, 80.0, |_, _| {});
+    let error = ridge(&[good("good.csv"), turned, other]).unwrap_err().to_string();
+    assert!(error.starts_with("turned.csv: force_n runs against"), "{error}");
+}
+
+#[test]
+fn a_time_base_that_is_off_is_told_and_a_reference_of_its_own_is_aligned() {
+    let off = |rate: f64| {
+        recording("off.csv", 2000, 0.0, move |_, row| row.force = load(row.t * (1.0 + rate)))
+    };
+    let fitted = ridge(&[off(0.03)]).unwrap();
+    assert!(
+        fitted.warnings[0].contains("off.csv: the reference fits far better"),
+        "{:?}",
+        fitted.warnings
+    );
+    assert!(fitted.warnings[0].contains("--reference"), "{:?}", fitted.warnings);
+
+    // The same reference with the times that its own clock showed.
+    let mut reference = off(0.03).targets;
+    reference.rows = reference.times.iter().map(|t| vec![load(*t)]).collect();
+    reference.times.iter_mut().for_each(|t| *t = 700.0 + 1.03 * *t);
+    let (aligned, found) = TableRecording::aligned(good("good.csv").inputs, reference).unwrap();
+    let Alignment { offset, rate, residual, .. } = found;
+    assert!((offset - 700.0).abs() < 2e-3 && (rate - 0.03).abs() < 1e-4, "{found:?}");
+    assert!(residual < 2e-3, "{found:?}");
+    let fitted = ridge(&[aligned]).unwrap();
+    assert_eq!(fitted.warnings, Vec::<String>::new());
+    assert!(error_of(&fitted) < 0.15);
+}
