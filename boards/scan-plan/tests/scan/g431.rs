@@ -3,9 +3,7 @@
 //!
 //! The bit positions are those of the vendor's own register description (`stm32-metapac`), not ours.
 
-mod common;
-
-use common::{Span, grid, overlaps};
+use crate::common::{Span, grid, overlaps};
 use scan_plan::g431::{
     ADC_HZ, AMPLIFIER_NS, BRIDGE_READINGS, CLOCK_HZ, COLUMN_READINGS, Channel, INTERNAL_NS, Last,
     Plan, plan,
@@ -16,7 +14,7 @@ use stm32_metapac::adc::regs::{Cfgr, Cfgr2, Jsqr, Smpr, Smpr2, Sqr1, Sqr2};
 use stm32_metapac::bdma::regs::Cr;
 use stm32_metapac::timer::regs::{BdtrAdv, Ccmr3Adv, CcmrOutputGp16, Cr1Core, Cr2Adv, DierAdv};
 
-const DEFAULT: Settings =
+pub const DEFAULT: Settings =
     Settings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS };
 
 /// Sampling times of `SMPR`, in half cycles (RM0440 §21.7.6).
@@ -29,10 +27,10 @@ fn plans() -> impl Iterator<Item = (Settings, Plan)> {
 
 /// One conversion: which input, when its samples are taken, when its last result is there. In half
 /// timer ticks after the trigger.
-struct Conversion {
-    input: u8,
-    samples: Vec<Span>,
-    end: u64,
+pub struct Conversion {
+    pub input: u8,
+    pub samples: Vec<Span>,
+    pub end: u64,
 }
 
 /// What an ADC does after a trigger at `start` (half ticks), with `latency` half ADC cycles.
@@ -85,14 +83,14 @@ fn regular(adc: &scan_plan::g431::Adc) -> Vec<u8> {
 /// Latency of a trigger in half ticks, at most: four ADC cycles.
 const LATENCY: u64 = 4 * 8;
 
-struct Line {
-    columns: Vec<Conversion>,
-    internal: Vec<Conversion>,
-    bridges: Vec<Conversion>,
+pub struct Line {
+    pub columns: Vec<Conversion>,
+    pub internal: Vec<Conversion>,
+    pub bridges: Vec<Conversion>,
 }
 
 /// The time line of one step, triggers at their latest.
-fn line(plan: &Plan) -> Line {
+pub fn line(plan: &Plan) -> Line {
     let start = |compare: u32| u64::from(compare) * 2 + LATENCY;
     let jsqr = Jsqr(plan.adc1.jsqr);
     let injected: Vec<_> = (0..usize::from(jsqr.jl()) + 1).map(|i| jsqr.jsq(i)).collect();

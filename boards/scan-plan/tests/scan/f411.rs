@@ -1,13 +1,11 @@
 //! The STM32F411's plan, read back from its registers by RM0383's bit positions and played through on a
 //! time line.
 
-mod common;
-
-use common::{Span, grid, overlaps};
+use crate::common::{Span, grid, overlaps};
 use scan_plan::f411::{ADC_HZ, INTERNAL_NS, Plan, READINGS, plan};
 use scan_plan::{Refusal, STEPS, Settings, settle};
 
-const DEFAULT: Settings =
+pub const DEFAULT: Settings =
     Settings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS };
 
 fn plans() -> impl Iterator<Item = (Settings, Plan)> {
@@ -20,7 +18,7 @@ fn bits(value: u32, at: u32, count: u32) -> u32 {
 }
 
 /// Samples of the inputs in turn, from `start`: when each is taken, and when it is converted. In ticks.
-fn conversions(plan: &Plan, inputs: &[u32], start: u32) -> Vec<(Span, u64)> {
+pub fn conversions(plan: &Plan, inputs: &[u32], start: u32) -> Vec<(Span, u64)> {
     const CYCLES: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
     let mut now = u64::from(start) + 16;
     inputs
@@ -37,7 +35,7 @@ fn conversions(plan: &Plan, inputs: &[u32], start: u32) -> Vec<(Span, u64)> {
         .collect()
 }
 
-fn regular(plan: &Plan) -> Vec<u32> {
+pub fn regular(plan: &Plan) -> Vec<u32> {
     let place = |i: u32| match i {
         0..6 => bits(plan.adc.sqr3, 5 * i, 5),
         6..12 => bits(plan.adc.sqr2, 5 * (i - 6), 5),
@@ -47,7 +45,7 @@ fn regular(plan: &Plan) -> Vec<u32> {
 }
 
 /// With JL = 1 the two conversions are JSQ3 and JSQ4.
-fn injected(plan: &Plan) -> [u32; 2] {
+pub fn injected(plan: &Plan) -> [u32; 2] {
     assert_eq!(bits(plan.adc.jsqr, 20, 2), 1);
     [bits(plan.adc.jsqr, 10, 5), bits(plan.adc.jsqr, 15, 5)]
 }

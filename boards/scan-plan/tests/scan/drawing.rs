@@ -1,0 +1,145 @@
+//! Draws what happens when, as SVG.
+
+use std::fmt::Write;
+
+/// What a bar is about; it gives the colour.
+#[derive(Clone, Copy)]
+pub enum Kind {
+    Light,
+    Wait,
+    Columns,
+    Bridges,
+    Internal,
+    Compute,
+}
+
+impl Kind {
+    fn colour(self) -> &'static str {
+        match self {
+            Self::Light => "#f6c244",
+            Self::Wait => "#e3e3e3",
+            Self::Columns => "#7fb2e5",
+            Self::Bridges => "#8fcf9b",
+            Self::Internal => "#d3b3e6",
+            Self::Compute => "#f2a08c",
+        }
+    }
+}
+
+/// Something that lasts, in nanoseconds.
+pub struct Bar {
+    pub from: u64,
+    pub to: u64,
+    pub label: String,
+    pub kind: Kind,
+}
+
+/// One row of bars.
+pub struct Lane {
+    pub name: &'static str,
+    pub bars: Vec<Bar>,
+}
+
+/// Lanes over one axis of time.
+pub struct Panel {
+    pub title: String,
+    /// Nanoseconds from edge to edge.
+    pub length: u64,
+    /// Nanoseconds from tick to tick.
+    pub tick: u64,
+    pub lanes: Vec<Lane>,
+    /// Instants that go through all lanes, with their names.
+    pub marks: Vec<(u64, &'static str)>,
+}
+
+const LEFT: u64 = 130;
+const WIDTH: u64 = 760;
+const LANE: u64 = 34;
+const HEAD: u64 = 58;
+const FOOT: u64 = 44;
+
+/// All panels, one below the other.
+pub fn svg(panels: &[Panel]) -> String {
+    let whole: u64 = panels.iter().map(height).sum();
+    let width = LEFT + WIDTH + 20;
+    let mut out = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {whole}\" \
+         font-family=\"Helvetica, Arial, sans-serif\" font-size=\"12\">\n\
+         <rect width=\"{width}\" height=\"{whole}\" fill=\"white\"/>\n"
+    );
+    let mut top = 0;
+    for panel in panels {
+        draw(&mut out, panel, top).expect("a string takes everything");
+        top += height(panel);
+    }
+    out + "</svg>\n"
+}
+
+fn height(panel: &Panel) -> u64 {
+    HEAD + LANE * panel.lanes.len() as u64 + FOOT
+}
+
+fn draw(out: &mut String, panel: &Panel, top: u64) -> std::fmt::Result {
+    let x = |ns: u64| LEFT as f64 + ns as f64 * WIDTH as f64 / panel.length as f64;
+    let (first, last) = (top + HEAD, top + HEAD + LANE * panel.lanes.len() as u64);
+    writeln!(
+        out,
+        "<text x=\"{LEFT}\" y=\"{}\" font-size=\"14\" font-weight=\"bold\">{}</text>",
+        top + 20,
+        panel.title
+    )?;
+    for ns in (0..=panel.length).step_by(panel.tick as usize) {
+        let at = x(ns);
+        writeln!(
+            out,
+            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{first}\" y2=\"{}\" stroke=\"#d8d8d8\"/>\
+             <text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\" fill=\"#555\">{}</text>",
+            last + 4,
+            last + 18,
+            ns / 1000
+        )?;
+    }
+    writeln!(
+        out,
+        "<text x=\"{:.1}\" y=\"{}\" text-anchor=\"middle\" fill=\"#555\">time / µs</text>",
+        x(panel.length / 2),
+        last + 34
+    )?;
+    for (i, lane) in panel.lanes.iter().enumerate() {
+        let y = first + LANE * i as u64;
+        writeln!(out, "<text x=\"8\" y=\"{}\">{}</text>", y + 21, lane.name)?;
+        for bar in &lane.bars {
+            let (from, to) = (x(bar.from), x(bar.to));
+            writeln!(
+                out,
+                "<rect x=\"{from:.1}\" y=\"{}\" width=\"{:.1}\" height=\"{}\" fill=\"{}\" \
+                 stroke=\"#444\" stroke-width=\"0.6\"/>",
+                y + 4,
+                to - from,
+                LANE - 8,
+                bar.kind.colour()
+            )?;
+            if !bar.label.is_empty() {
+                writeln!(
+                    out,
+                    "<text x=\"{:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
+                    (from + to) / 2.0,
+                    y + 21,
+                    bar.label
+                )?;
+            }
+        }
+    }
+    for (ns, name) in &panel.marks {
+        let at = x(*ns);
+        writeln!(
+            out,
+            "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{}\" y2=\"{last}\" stroke=\"#c22\" \
+             stroke-dasharray=\"4 3\"/>\
+             <text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\" fill=\"#c22\">{name}</text>",
+            first - 6,
+            first - 10
+        )?;
+    }
+    Ok(())
+}

@@ -1,0 +1,238 @@
+//! What the boards' pages say of pins and timing, checked against what the firmware is built from.
+//!
+//! `TAXEL_DRAW=1 cargo test --package scan-plan` draws the pictures anew.
+
+use std::path::{Path, PathBuf};
+
+use scan_plan::pins::{F411, G431, Pin};
+use scan_plan::{STEPS, Step};
+
+use crate::drawing::{Bar, Kind, Lane, Panel, svg};
+use crate::{f411, g431};
+
+/// What USB full speed takes to fetch a frame, at worst.
+const USB_NS: u64 = 150_000;
+
+fn docs() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/boards")
+}
+
+fn page(board: &str) -> String {
+    std::fs::read_to_string(docs().join(board).with_extension("md")).unwrap()
+}
+
+#[test]
+fn the_pin_tables_are_those_that_the_firmware_configures_from() {
+    for (board, pins) in [("stm32g431", &G431[..]), ("stm32f411", &F411[..])] {
+        let page = page(board);
+        let rows: Vec<_> = page.lines().filter(|line| line.starts_with("| P")).collect();
+        let row = |pin: &Pin| {
+            let port = char::from(b'A' + pin.port);
+            format!("| P{port}{} | {} | {} |", pin.number, pin.function, pin.role)
+        };
+        let expected: Vec<_> = pins.iter().map(row).collect();
+        assert_eq!(rows, expected, "{board}");
+    }
+}
+
+#[test]
+fn the_pages_tables_and_drawings_of_a_step_are_the_plans() {
+    let product = product();
+    let black_pill = black_pill();
+    for (board, timing) in [("stm32g431", product), ("stm32f411", black_pill)] {
+        let page = page(board);
+        let us = |ns: u64| ns as f64 / 1000.0;
+        let rows = timing.table.iter().map(|(what, from, to)| {
+            format!("| {what} | {:.2} µs | {:.2} µs |", us(*from), us(*to))
+        });
+        let missing: Vec<_> = rows.filter(|row| !page.contains(row)).collect();
+        let drawn = svg(&timing.panels);
+        let path = docs().join(format!("{board}-timing.svg"));
+        if std::env::var_os("TAXEL_DRAW").is_some() {
+            std::fs::write(&path, &drawn).unwrap();
+        }
+        let there = std::fs::read_to_string(&path).unwrap_or_default();
+        assert!(there == drawn, "{} is not the plan's: draw it with TAXEL_DRAW=1", path.display());
+        assert!(missing.is_empty(), "not on the page of {board}:\n{}", missing.join("\n"));
+    }
+}
+
+struct Timing {
+    /// What, from, to: nanoseconds within a step.
+    table: Vec<(&'static str, u64, u64)>,
+    panels: Vec<Panel>,
+}
+
+fn bar(from: u64, to: u64, label: &str, kind: Kind) -> Bar {
+    Bar { from, to, label: label.to_owned(), kind }
+}
+
+fn product() -> Timing {
+    let plan = scan_plan::g431::plan(g431::DEFAULT).unwrap();
+    let step = plan.step;
+    let line = g431::line(&plan);
+    // The line counts half ticks.
+    let span = |conversions: &[g431::Conversion]| {
+        let (first, last) = (conversions.first().unwrap(), conversions.last().unwrap());
+        let ns = |halves: u64| u64::from(step.ns((halves / 2) as u32));
+        (ns(first.samples.first().unwrap().start), ns(last.end))
+    };
+    let [light, slow] = [step.light, step.slow].map(|ticks| u64::from(step.ns(ticks)));
+    let internal = span(&line.internal);
+    let columns = span(&line.columns);
+    let [first, bias, second] =
+        [&line.bridges[..2], &line.bridges[2..3], &line.bridges[3..]].map(span);
+    let table = vec![
+        ("settle time of the light", light, u64::from(step.ns(step.columns))),
+        ("amplifiers settle behind the multiplexer", light, slow),
+        ("ADC2: midpoints A, C, 8 samples each", first.0, first.1),
+        ("ADC1: temperature, reference", internal.0, internal.1),
+        ("ADC2: bias, while the amplifiers turn to B, D", bias.0, bias.1),
+        ("ADC2: midpoints B, D, 8 samples each", second.0, second.1),
+        ("ADC1: four columns, 8 samples each", columns.0, columns.1),
+        (
+            "spare, after the last sample",
+            u64::from(step.ns(step.done)),
+            u64::from(step.ns(step.top + 1)),
+        ),
+    ];
+    let lanes = vec![
+        light_lane(&step),
+        Lane {
+            name: "ADC1",
+            bars: vec![
+                bar(internal.0, internal.1, "temp., ref.", Kind::Internal),
+                bar(columns.0, columns.1, "columns 0–3", Kind::Columns),
+            ],
+        },
+        Lane {
+            name: "amplifiers",
+            bars: vec![
+                bar(light, slow, "", Kind::Wait),
+                bar(slow, first.1, "on A and C", Kind::Bridges),
+                bar(bias.0, bias.1, "settle", Kind::Wait),
+                bar(bias.1, second.1, "on B and D", Kind::Bridges),
+            ],
+        },
+        Lane {
+            name: "ADC2",
+            bars: vec![
+                bar(first.0, first.1, "A, C", Kind::Bridges),
+                bar(bias.0, bias.1, "bias", Kind::Internal),
+                bar(second.0, second.1, "B, D", Kind::Bridges),
+            ],
+        },
+    ];
+    let panels = vec![
+        step_panel(&step, lanes),
+        frame_panel(&step, [("ADC1 → DMA", columns), ("ADC2 → DMA", (first.0, second.1))]),
+    ];
+    Timing { table, panels }
+}
+
+fn black_pill() -> Timing {
+    let plan = scan_plan::f411::plan(f411::DEFAULT).unwrap();
+    let step = plan.step;
+    let span = |conversions: Vec<(crate::common::Span, u64)>| {
+        let ns = |ticks: u64| u64::from(step.ns(ticks as u32));
+        (ns(conversions.first().unwrap().0.start), ns(conversions.last().unwrap().1))
+    };
+    let inputs = f411::regular(&plan);
+    let all = f411::conversions(&plan, &inputs, plan.timer.ccr2);
+    let (columns, midpoints) = (span(all[..4].to_vec()), span(all[4..].to_vec()));
+    // One of the two, in turn; both take as long.
+    let internal = span(f411::conversions(&plan, &f411::injected(&plan)[..1], plan.timer.ccr3));
+    let table = vec![
+        (
+            "settle time of the light",
+            u64::from(step.ns(step.light)),
+            u64::from(step.ns(step.columns)),
+        ),
+        ("temperature or reference", internal.0, internal.1),
+        ("four columns", columns.0, columns.1),
+        ("midpoints A, B, C, D", midpoints.0, midpoints.1),
+        (
+            "spare, after the last sample",
+            u64::from(step.ns(step.done)),
+            u64::from(step.ns(step.top + 1)),
+        ),
+    ];
+    let lanes = vec![
+        light_lane(&step),
+        Lane {
+            name: "ADC1",
+            bars: vec![
+                bar(internal.0, internal.1, "temp. or ref.", Kind::Internal),
+                bar(columns.0, columns.1, "col.", Kind::Columns),
+                bar(midpoints.0, midpoints.1, "A–D", Kind::Bridges),
+            ],
+        },
+    ];
+    let panels = vec![
+        step_panel(&step, lanes),
+        frame_panel(&step, [("columns → DMA", columns), ("bridges → DMA", midpoints)]),
+    ];
+    Timing { table, panels }
+}
+
+fn light_lane(step: &Step) -> Lane {
+    let [light, columns, end] =
+        [step.light, step.columns, step.top + 1].map(|ticks| u64::from(step.ns(ticks)));
+    Lane {
+        name: "LED row, mux",
+        bars: vec![
+            bar(light, columns, "light settles", Kind::Wait),
+            bar(columns, end, "settled", Kind::Light),
+        ],
+    }
+}
+
+fn step_panel(step: &Step, lanes: Vec<Lane>) -> Panel {
+    let ns = |ticks| u64::from(step.ns(ticks));
+    Panel {
+        title: format!("One step of {} µs", ns(step.top + 1) / 1000),
+        length: ns(step.top + 1),
+        tick: 5_000,
+        lanes,
+        marks: vec![(ns(step.light), "A"), (ns(step.slow), "C"), (ns(step.columns), "B")],
+    }
+}
+
+/// A frame, and what becomes of it while the next one is scanned.
+fn frame_panel(step: &Step, converted: [(&'static str, (u64, u64)); 2]) -> Panel {
+    let period = u64::from(step.ns(step.top + 1));
+    let (frame, steps) = (period * u64::from(STEPS), u64::from(STEPS));
+    let complete = frame - period + u64::from(step.ns(step.done));
+    let names = ["dark", "row 0", "row 1", "row 2", "row 3"];
+    let rows = (0..2 * steps).map(|i| {
+        let name = names[(i % steps) as usize];
+        bar(
+            i * period,
+            (i + 1) * period,
+            name,
+            if i % steps == 0 { Kind::Wait } else { Kind::Light },
+        )
+    });
+    let mut lanes = vec![Lane { name: "step", bars: rows.collect() }];
+    for ((name, (from, to)), kind) in converted.into_iter().zip([Kind::Columns, Kind::Bridges]) {
+        let bars = (0..2 * steps).map(|i| bar(i * period + from, i * period + to, "", kind));
+        lanes.push(Lane { name, bars: bars.collect() });
+    }
+    // Half a frame is the budget, see the page.
+    let computed = complete + frame / 2;
+    lanes.push(Lane {
+        name: "CPU, budget",
+        bars: vec![bar(complete, computed, "interrupt, estimates", Kind::Compute)],
+    });
+    lanes.push(Lane {
+        name: "USB",
+        bars: vec![bar(computed, computed + USB_NS, "at most", Kind::Internal)],
+    });
+    Panel {
+        title: "One frame of five steps, and what becomes of it during the next".to_owned(),
+        length: computed + USB_NS,
+        tick: 50_000,
+        lanes,
+        marks: vec![(complete, "frame complete")],
+    }
+}
