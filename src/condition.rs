@@ -11,7 +11,7 @@ mod levels;
 mod stuck;
 
 pub use bias::{Bias, BiasRefusal, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias};
-pub use levels::{BridgeLevels, Levels, TaxelLevels};
+pub use levels::{BridgeLevels, DEAD_LEVEL, Levels, MIDPOINT_MARGIN, TaxelLevels};
 pub use stuck::{Stuck, StuckWatch};
 
 use serde::{Deserialize, Serialize};

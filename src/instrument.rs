@@ -6,7 +6,10 @@ use crate::condition::BiasRefusal;
 use crate::finger::{Finger, FingerState};
 use crate::frame::{Fields, Frame, Status};
 use crate::scan::Scan;
+use crate::self_test::{MOST_SCANS, Running, SelfTest};
 use crate::store::{Flash, Settings, Store, StoreError, StoredBias};
+use crate::units::FullScale;
+use crate::wire::crc32;
 use crate::wire::message::{
     CHUNK, CalibrationId, Command, Cost, Counters, Identity, Info, Message, PROTOCOL, Refusal,
     Request, Response,
@@ -32,6 +35,10 @@ pub struct Instrument {
     taking_in_contact: bool,
     counters: Counters,
     cost: Cost,
+    /// A self-test under way, and whom to tell.
+    self_test: Option<(u8, Running)>,
+    /// The stored record is whole, as it was when the test began.
+    record_intact: Option<bool>,
 }
 
 /// What a scan brings about.
@@ -68,6 +75,8 @@ impl Instrument {
             taking_in_contact: false,
             counters: Counters::default(),
             cost: Cost::default(),
+            self_test: None,
+            record_intact: None,
         }
     }
 
@@ -119,7 +128,7 @@ impl Instrument {
 
     /// Notes what processing the last scan cost.
     pub fn note_cost(&mut self, ticks: u32) {
-        self.cost = Cost { last: ticks, worst: self.cost.worst.max(ticks) };
+        self.cost.note(ticks);
     }
 
     /// One scan: estimates always, a frame when one is due.
@@ -140,6 +149,16 @@ impl Instrument {
                 BiasRefusal::Saturated => Refusal::Saturated,
             });
             outcome.reply = Some(Message::Reply { tag, result });
+        }
+        if let Some((tag, running)) = &mut self.self_test
+            && let Some((scans, channels)) = running.scan(&scan.codes)
+        {
+            let full_scale = scan.codes.full_scale;
+            let test = SelfTest { scans, full_scale, channels, record_intact: self.record_intact };
+            let result = Ok(Response::SelfTest(test));
+            // At most one reply a scan: a bias is not taken while a test runs.
+            outcome.reply = Some(Message::Reply { tag: *tag, result });
+            self.self_test = None;
         }
         if self.streaming {
             if self.until_due == 0 {
@@ -198,7 +217,7 @@ impl Instrument {
             Command::SetPointMethod(method) => self.finger.point_method = *method,
             Command::TakeBias { scans } => {
                 in_range(u32::from(*scans), 2, u32::from(u16::MAX))?;
-                if self.state.taking_bias() {
+                if self.busy() {
                     return Err(Refusal::Busy);
                 }
                 self.state.take_bias(*scans);
@@ -248,8 +267,43 @@ impl Instrument {
                 let bias = self.state.biased().then(|| *self.state.bias());
                 store.save_bias(&StoredBias { calibration: self.calibration_crc, bias })?;
             }
+            Command::SelfTest { scans } => {
+                in_range(u32::from(*scans), 2, u32::from(MOST_SCANS))?;
+                if self.busy() {
+                    return Err(Refusal::Busy);
+                }
+                self.record_intact = store.record().map(is_intact);
+                self.self_test = Some((tag, Running::over(*scans)));
+                return Ok(None);
+            }
+            // The board's; the session has asked it.
+            Command::Health | Command::Bootloader | Command::SetScan(_) => {
+                return Err(Refusal::Unsupported);
+            }
         }
         Ok(Some(Response::Done))
+    }
+
+    /// An answer is still to come with a scan.
+    #[must_use]
+    pub fn busy(&self) -> bool {
+        self.state.taking_bias() || self.self_test.is_some()
+    }
+
+    /// The board scans differently from now on.
+    pub fn rescanned(&mut self, scan_hz: u16, full_scale: FullScale) {
+        self.identity.scan_hz = scan_hz;
+        self.identity.full_scale = full_scale;
+        self.hz = self.hz.min(scan_hz);
+        self.until_due = 0;
+        self.forget();
+    }
+
+    /// What was learnt from other codes, or under another calibration, no longer holds.
+    #[inline(never)]
+    fn forget(&mut self) {
+        self.state = self.finger.restarted();
+        self.bias_in_contact = false;
     }
 
     /// What the store has received is read from its flash, put in force, and only then made the newest:
@@ -267,9 +321,8 @@ impl Instrument {
     }
 
     fn begin_anew(&mut self, store: &Store<impl Flash>) {
-        self.state = self.finger.restarted();
+        self.forget();
         self.calibration_crc = store.record().map_or(0, record_crc);
-        self.bias_in_contact = false;
     }
 
     fn bias_response(&self) -> Response {
@@ -308,6 +361,11 @@ impl Instrument {
             cost: self.cost,
         }
     }
+}
+
+/// The record's own CRC is that of the bytes before it.
+fn is_intact(record: &[u8]) -> bool {
+    record.split_last_chunk().is_some_and(|(body, crc)| crc32(body) == u32::from_le_bytes(*crc))
 }
 
 /// The CRC that a record ends with.

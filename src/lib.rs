@@ -57,6 +57,7 @@ pub mod instrument;
 pub mod measured;
 pub mod roots;
 pub mod scan;
+pub mod self_test;
 pub mod session;
 pub mod store;
 pub mod units;

@@ -21,8 +21,11 @@ use embedded_io_async::{Read, Write};
 use crate::instrument::Instrument;
 use crate::scan::Scan;
 use crate::store::{Flash, Store};
+use crate::units::FullScale;
 use crate::wire::deframer::Deframer;
-use crate::wire::message::{Message, Request};
+use crate::wire::message::{
+    BoardHealth, Command, Cost, Message, Refusal, Request, Response, ScanSettings,
+};
 use crate::wire::{MAX_PACKET, WireError, pack, pack_frame};
 
 /// Bytes between instrument and link: some four frames with every field, or twenty with the estimates.
@@ -46,6 +49,27 @@ pub trait Board {
 
     /// What survives power-off. Erasing and programming hold up the scan.
     fn store(&mut self) -> &mut Store<Self::Flash>;
+
+    /// How the board is doing, as far as it can tell.
+    fn health(&self) -> BoardHealth {
+        BoardHealth::default()
+    }
+
+    /// Goes to the chip's bootloader, as soon as the answer has had time to leave.
+    ///
+    /// # Errors
+    /// The board has none.
+    fn bootloader(&mut self) -> Result<(), Refusal> {
+        Err(Refusal::Unsupported)
+    }
+
+    /// Scans differently from now on; returns the codes' full scale.
+    ///
+    /// # Errors
+    /// Which setting is in the way; the scan goes on as it was.
+    fn set_scan(&mut self, _: &ScanSettings) -> Result<FullScale, Refusal> {
+        Err(Refusal::Unsupported)
+    }
 }
 
 /// Who waits for whom.
@@ -133,6 +157,7 @@ async fn converse<R: Read>(
 ) -> Result<End, R::Error> {
     let mut deframer = Deframer::<MAX_PACKET>::default();
     let mut bytes = [0; 64];
+    let mut sending = Cost::default();
     loop {
         let scanning = pace == Pace::Live || instrument.streaming();
         let next =
@@ -146,7 +171,7 @@ async fn converse<R: Read>(
                 for byte in bytes.get(..length).unwrap_or_default() {
                     let answer = match deframer.push::<Request>(*byte) {
                         None => None,
-                        Some(Ok(request)) => instrument.handle(&request, board.store()),
+                        Some(Ok(request)) => answer(&request, board, instrument, sending),
                         Some(Err(_)) => {
                             let counters = instrument.counters();
                             counters.bad_packets = counters.bad_packets.wrapping_add(1);
@@ -163,16 +188,40 @@ async fn converse<R: Read>(
                 instrument.note_cost(board.ticks().wrapping_sub(before));
                 reply(outcome.reply, pipe, instrument, pace).await;
                 if outcome.frame {
+                    let before = board.ticks();
                     let mut buffer = [0; MAX_PACKET];
                     let packed = pack_frame(instrument.frame(), &mut buffer);
                     if !offer(packed, REPLY_RESERVE, pipe, pace).await {
                         let counters = instrument.counters();
                         counters.lost = counters.lost.wrapping_add(1);
                     }
+                    sending.note(board.ticks().wrapping_sub(before));
                 }
             }
         }
     }
+}
+
+/// What is the board's goes to the board, the rest to the instrument.
+fn answer(
+    request: &Request,
+    board: &mut impl Board,
+    instrument: &mut Instrument,
+    sending: Cost,
+) -> Option<Message> {
+    let result = match &request.command {
+        Command::Health => {
+            Ok(Response::Health(BoardHealth { sending: Some(sending), ..board.health() }))
+        }
+        Command::Bootloader => board.bootloader().map(|()| Response::Done),
+        Command::SetScan(_) if instrument.busy() => Err(Refusal::Busy),
+        Command::SetScan(settings) => board.set_scan(settings).map(|full_scale| {
+            instrument.rescanned(settings.scan_hz, full_scale);
+            Response::Done
+        }),
+        _ => return instrument.handle(request, board.store()),
+    };
+    Some(Message::Reply { tag: request.tag, result })
 }
 
 async fn reply(answer: Option<Message>, pipe: &Bytes, instrument: &mut Instrument, pace: Pace) {

@@ -91,8 +91,9 @@ fn stuff_long_runs<M: Serialize>(message: &M, buffer: &mut [u8]) -> Result<usize
 /// What is wrong with it.
 pub fn unpack<M: DeserializeOwned>(bytes: &mut [u8]) -> Result<M, WireError> {
     let length = cobs::decode_in_place(bytes).map_err(|_| WireError::Coding)?;
-    let packet = bytes.get(..length).ok_or(WireError::Coding)?;
-    let (body, crc) = packet.split_last_chunk::<4>().ok_or(WireError::Coding)?;
+    let end = length.checked_sub(4).ok_or(WireError::Coding)?;
+    let body = bytes.get(..end).ok_or(WireError::Coding)?;
+    let crc = bytes.get(end..length).and_then(<[u8]>::first_chunk).ok_or(WireError::Coding)?;
     if crc32(body) != u32::from_le_bytes(*crc) {
         return Err(WireError::Crc);
     }

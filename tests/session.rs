@@ -16,10 +16,15 @@ use taxel::calibration::{CalibrationError, MAX_BYTES};
 use taxel::frame::{Fields, Frame};
 use taxel::instrument::Instrument;
 use taxel::scan::Scan;
+use taxel::self_test::Channel;
 use taxel::session::{Board, End, Pace, run_session};
 use taxel::store::{RamFlash, Store};
+use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
-use taxel::wire::message::{CHUNK, Command, Info, Message, PROTOCOL, Refusal, Request, Response};
+use taxel::wire::message::{
+    BoardHealth, CHUNK, Command, Info, Message, PROTOCOL, Refusal, Request, Reset, Response,
+    ScanSetting, ScanSettings,
+};
 use taxel::wire::{MAX_PACKET, pack};
 
 /// One direction of a link: bytes with a limit, so that a host that does not read holds it up.
@@ -95,9 +100,17 @@ impl embedded_io_async::Write for HalfLink {
     }
 }
 
+/// What else a board has.
+#[derive(PartialEq)]
+enum Desk {
+    Bare,
+    WithBootloader,
+}
+
 /// Scans from a list, one a poll, so that the other side gets its turns.
 struct Scans {
     scans: VecDeque<Scan>,
+    desk: Desk,
     store: Store<RamFlash<Vec<u8>>>,
 }
 
@@ -115,6 +128,21 @@ impl Board for Scans {
 
     fn store(&mut self) -> &mut Store<Self::Flash> {
         &mut self.store
+    }
+
+    fn health(&self) -> BoardHealth {
+        BoardHealth { reset: Reset::Watchdog, ..BoardHealth::default() }
+    }
+
+    fn bootloader(&mut self) -> Result<(), Refusal> {
+        if self.desk == Desk::Bare { Err(Refusal::Unsupported) } else { Ok(()) }
+    }
+
+    fn set_scan(&mut self, settings: &ScanSettings) -> Result<FullScale, Refusal> {
+        if settings.scan_hz > 8000 {
+            return Err(Refusal::Scan { setting: ScanSetting::ScanHz, low: 1, high: 8000 });
+        }
+        Ok(FullScale::BITS_16)
     }
 }
 
@@ -171,7 +199,7 @@ impl Host {
 
 fn scans(count: u64) -> Scans {
     let scans = (0..count).map(|i| unloaded(250 * i)).collect();
-    Scans { scans, store: store() }
+    Scans { scans, desk: Desk::Bare, store: store() }
 }
 
 /// Runs `host` against a session; the link then closes. Returns the instrument and how it ended.
@@ -296,11 +324,60 @@ fn a_bias_is_answered_when_it_is_done_and_refused_while_another_runs() {
 }
 
 #[test]
+fn a_self_test_tells_the_mean_and_noise_of_every_channel_and_whether_the_record_is_whole() {
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        host.send(Command::SelfTest { scans: 500 }).await;
+        assert_eq!(host.ask(Command::TakeBias { scans: 10 }).await, Err(Refusal::Busy));
+        assert_eq!(host.ask(Command::SelfTest { scans: 10 }).await, Err(Refusal::Busy));
+        let Some(Message::Reply { tag: 1, result }) = host.message().await else { panic!() };
+        let Ok(Response::SelfTest(test)) = result else { panic!("{result:?}") };
+        assert_eq!((test.scans, test.record_intact), (500, None));
+        let quiet = |code: u16| Some(Channel { mean: code.into(), noise: 0.0 });
+        assert_eq!(test.channels.lit, [[quiet(common::LIT); 4]; 4]);
+        assert_eq!(test.channels.dark, [quiet(common::DARK); 4]);
+        assert_eq!(
+            test.channels.bridges,
+            [[quiet(common::MIDPOINT); 4], [None; 4], [None; 4], [None; 4]]
+        );
+        let range = Err(Refusal::OutOfRange { low: 2, high: 4096 });
+        assert_eq!(host.ask(Command::SelfTest { scans: 4097 }).await, range);
+    });
+}
+
+#[test]
+fn a_board_is_asked_for_its_health_its_bootloader_and_another_scan() {
+    let board = Scans { desk: Desk::WithBootloader, ..scans(1_000_000) };
+    run(fresh(), board, Pace::Live, 4096, async |host| {
+        let Ok(Response::Health(health)) = host.ask(Command::Health).await else { panic!() };
+        assert_eq!(health.reset, Reset::Watchdog);
+        assert!(health.sending.is_some());
+        assert_eq!(host.ask(Command::Bootloader).await, Ok(Response::Done));
+
+        let slower = ScanSettings { scan_hz: 500, oversampling: 16, settle_ns: 30_000 };
+        host.send(Command::TakeBias { scans: 100 }).await;
+        assert_eq!(host.ask(Command::SetScan(slower)).await, Err(Refusal::Busy));
+        host.message().await;
+        assert_eq!(host.ask(Command::SetScan(slower)).await, Ok(Response::Done));
+        let info = host.info().await;
+        assert_eq!((info.identity.scan_hz, info.rate_millihertz), (500, 500_000));
+        assert_eq!(info.identity.full_scale, FullScale::BITS_16);
+        assert!(!info.biased, "a bias of the old codes");
+        let faster = ScanSettings { scan_hz: 9000, ..slower };
+        let refusal = Refusal::Scan { setting: ScanSetting::ScanHz, low: 1, high: 8000 };
+        assert_eq!(host.ask(Command::SetScan(faster)).await, Err(refusal));
+        assert_eq!(host.info().await.identity.scan_hz, 500);
+    });
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        assert_eq!(host.ask(Command::Bootloader).await, Err(Refusal::Unsupported));
+    });
+}
+
+#[test]
 fn a_bias_taken_while_something_touches_the_finger_says_so() {
     let mut instrument = fresh();
     let mut buffer = [0; MAX_BYTES];
     let scans = (0..100_000).map(|i| common::pressed(250 * i, 5, 3_000)).collect();
-    let mut board = Scans { scans, store: store() };
+    let mut board = Scans { scans, desk: Desk::Bare, store: store() };
     instrument.install(calibration().to_bytes(&mut buffer).unwrap(), board.store()).unwrap();
     run(instrument, board, Pace::Live, 4096, async |host| {
         let taken = host.ask(Command::TakeBias { scans: 50 }).await;

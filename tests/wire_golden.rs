@@ -11,9 +11,13 @@ use taxel::estimate::{ContactPoint, Force};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::NoValue;
 use taxel::scan::Codes;
+use taxel::self_test::{Channel, Channels, SelfTest};
 use taxel::units::{Code, FullScale, Micros, Millimetres};
 use taxel::wire::deframer::Deframer;
-use taxel::wire::message::{CHUNK, Command, Message, Refusal, Request, Response};
+use taxel::wire::message::{
+    BoardHealth, CHUNK, Command, Cost, Message, Refusal, Request, Reset, Response, ScanSetting,
+    ScanSettings,
+};
 use taxel::wire::{MAX_PACKET, WireError, pack, pack_frame, unpack};
 
 fn hex(bytes: &[u8]) -> String {
@@ -76,6 +80,13 @@ fn every_request_has_its_bytes() {
         (Command::CalibrationRead { offset: 0 }, "07 0c 00"),
         (Command::SaveSettings, "07 0d"),
         (Command::SaveBias, "07 0e"),
+        (Command::Health, "07 0f"),
+        (Command::SelfTest { scans: 1000 }, "07 10 e8 07"),
+        (Command::Bootloader, "07 11"),
+        (
+            Command::SetScan(ScanSettings { scan_hz: 4000, oversampling: 8, settle_ns: 26_500 }),
+            "07 12 a0 1f 08 84 cf 01",
+        ),
     ];
     for (command, expected) in bytes {
         assert_eq!(body(&Request { tag: 7, command: command.clone() }), expected, "{command:?}");
@@ -99,6 +110,11 @@ fn every_refusal_has_its_bytes() {
         (Refusal::Uncalibrated, "01 07 01 05"),
         (Refusal::Saturated, "01 07 01 06"),
         (Refusal::Storage, "01 07 01 07"),
+        (Refusal::Unsupported, "01 07 01 08"),
+        (
+            Refusal::Scan { setting: ScanSetting::SettleNs, low: 17_400, high: 100_000 },
+            "01 07 01 09 02 f8 87 01 a0 8d 06",
+        ),
     ];
     for (refusal, expected) in bytes {
         assert_eq!(body(&Message::Reply { tag: 7, result: Err(refusal) }), expected, "{refusal:?}");
@@ -131,6 +147,35 @@ fn a_calibration_record_has_its_bytes() {
             zero.repeat(3),
             zero.repeat(3),
         )
+    );
+}
+
+#[test]
+fn health_and_self_test_have_their_bytes() {
+    let reply = |response| Message::Reply { tag: 7, result: Ok(response) };
+    let health = BoardHealth {
+        reset: Reset::Watchdog,
+        panic: Some("a:1 b".try_into().unwrap()),
+        reading: Some(Cost { last: 300, worst: 301 }),
+        sending: None,
+        stack: Some((2000, 9000)),
+        scan: None,
+    };
+    assert_eq!(
+        body(&reply(Response::Health(health))),
+        "01 07 00 05 04 01 05 61 3a 31 20 62 01 ac 02 ad 02 00 01 d0 0f a8 46 00"
+    );
+    let one = Some(Channel { mean: 1.0, noise: 0.5 });
+    let test = SelfTest {
+        scans: 300,
+        full_scale: FullScale::BITS_12,
+        channels: Channels { reference: one, ..Channels::default() },
+        record_intact: Some(true),
+    };
+    let absent = "00 ".repeat(16 + 4 + 16);
+    assert_eq!(
+        body(&reply(Response::SelfTest(test))),
+        format!("01 07 00 06 ac 02 ff 0f {absent}01 00 00 80 3f 00 00 00 3f 00 01 01")
     );
 }
 
@@ -243,12 +288,33 @@ fn the_longest_messages_fit_a_packet() {
         cost: taxel::wire::message::Cost { last: u32::MAX, worst: u32::MAX },
     };
     let reply = |response| Message::Reply { tag: u8::MAX, result: Ok(response) };
+    let most = Cost { last: u32::MAX, worst: u32::MAX };
+    let health = BoardHealth {
+        reset: Reset::Other,
+        panic: Some(text(96).as_str().try_into().unwrap()),
+        reading: Some(most),
+        sending: Some(most),
+        stack: Some((u32::MAX, u32::MAX)),
+        scan: Some(ScanSettings { scan_hz: u16::MAX, oversampling: u16::MAX, settle_ns: u32::MAX }),
+    };
+    let channel = Some(Channel { mean: 1.0, noise: 1.0 });
+    let channels = Channels {
+        lit: [[channel; 4]; 4],
+        dark: [channel; 4],
+        bridges: [[channel; 4]; 4],
+        reference: channel,
+        temperature: channel,
+    };
+    let full_scale = FullScale::BITS_16;
+    let test = SelfTest { scans: u16::MAX, full_scale, channels, record_intact: Some(true) };
     let chunk = heapless::Vec::from_slice(&[0xff; CHUNK]).unwrap();
     for message in [
         Message::Frame(all),
         reply(Response::Bias { bias, on_command: true, in_contact: true }),
         reply(Response::Info(info)),
         reply(Response::Calibration { offset: u16::MAX, data: chunk }),
+        reply(Response::Health(health)),
+        reply(Response::SelfTest(test)),
     ] {
         let mut buffer = [0; MAX_PACKET];
         let mut packet = pack(&message, &mut buffer).unwrap().to_vec();

@@ -13,7 +13,7 @@ pub type BridgeLevels = [f32; 3];
 /// An intact bridge's amplified midpoint rests near half the supply and moves by some 10 % of full scale
 /// per newton (8.5 mV/V/N times the gain, 003 §1.2). An open or shorted arm takes it to a rail: nearer to
 /// one than this part of full scale.
-const MIDPOINT_MARGIN: u32 = 10;
+pub const MIDPOINT_MARGIN: u32 = 10;
 
 /// The four midpoints of an intact bridge average half its supply whatever the force, which moves two up
 /// and two down: what is left is half a per cent of mismatch per resistor, amplified (one standard
@@ -23,7 +23,7 @@ const COMMON_MARGIN: u32 = 10;
 
 /// Without a bias to compare with, a taxel whose LED adds less than this is dead: the weakest
 /// phototransistor of a working pair adds some ten times as much.
-const DEAD_LEVEL: f32 = 1.0 / 128.0;
+pub const DEAD_LEVEL: f32 = 1.0 / 128.0;
 
 /// A taxel that has lost three quarters of its unloaded light is dead: a facet moving away under
 /// shear takes a few per cent at most.

@@ -91,10 +91,12 @@ impl Slots {
             return Err(StoreError::OutOfOrder);
         }
         let area = self.other();
-        for (i, bytes) in data.chunks(WORD).enumerate() {
-            let mut word = [0xff; WORD];
-            word.iter_mut().zip(bytes).for_each(|(word, byte)| *word = *byte);
-            flash.program(area, HEADER + offset + i * WORD, word)?;
+        let (words, rest) = data.as_chunks();
+        let mut last = [0xff; WORD];
+        last.iter_mut().zip(rest).for_each(|(word, byte)| *word = *byte);
+        let last = (!rest.is_empty()).then_some(&last);
+        for (i, word) in words.iter().chain(last).enumerate() {
+            flash.program(area, HEADER + offset + i * WORD, *word)?;
         }
         self.incoming = Some(Incoming { received, ..incoming });
         Ok(())

@@ -10,6 +10,7 @@ use crate::calibration::CalibrationError;
 use crate::condition::Bias;
 use crate::estimate::contact_point::PointMethod;
 use crate::frame::{Fields, Frame};
+use crate::self_test::SelfTest;
 use crate::units::FullScale;
 
 /// Version of everything but the version query. It changes when an old client would misread.
@@ -78,6 +79,17 @@ pub enum Command {
     SaveSettings,
     /// 14: the bias in force, taken on command or the calibration's own, also after the next power-up.
     SaveBias,
+    /// 15: how the board itself is doing.
+    Health,
+    /// 16: mean and noise of every channel; answered when it is done.
+    SelfTest {
+        /// Scans to take, 2 … [`MOST_SCANS`](crate::self_test::MOST_SCANS).
+        scans: u16,
+    },
+    /// 17: go to the chip's own bootloader. The answer comes before.
+    Bootloader,
+    /// 18: scan differently until the next power-up. The stream's rate is set anew by the host.
+    SetScan(ScanSettings),
 }
 
 /// Finger to host.
@@ -104,6 +116,7 @@ pub enum Message {
 }
 
 /// What a request can bring.
+#[expect(clippy::large_enum_variant, reason = "there is no heap to put the large ones on")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Response {
     /// 0: done.
@@ -131,6 +144,10 @@ pub enum Response {
         /// The bytes; empty past the end.
         data: Vec<u8, CHUNK>,
     },
+    /// 5: to `Health`.
+    Health(BoardHealth),
+    /// 6: to `SelfTest`.
+    SelfTest(SelfTest),
 }
 
 /// Why a request was not carried out.
@@ -158,6 +175,17 @@ pub enum Refusal {
     Saturated,
     /// 7: the flash failed; what was stored before stays.
     Storage,
+    /// 8: this board has no such thing.
+    Unsupported,
+    /// 9: the scan cannot be had with this setting while the others stay as wished; it goes on as it was.
+    Scan {
+        /// The setting that is in the way.
+        setting: ScanSetting,
+        /// Least that would do.
+        low: u32,
+        /// Most that would do.
+        high: u32,
+    },
 }
 
 /// Who this finger is and how it is doing.
@@ -200,6 +228,66 @@ pub struct Identity {
     pub tick_hz: u32,
 }
 
+/// How the board itself is doing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BoardHealth {
+    /// Why it started.
+    pub reset: Reset,
+    /// Where and why the firmware panicked last, if that is why it started.
+    pub panic: Option<String<96>>,
+    /// Reading a scan out of the converters' buffers, in the identity's ticks.
+    pub reading: Option<Cost>,
+    /// Packing a frame and handing it to the link.
+    pub sending: Option<Cost>,
+    /// The most bytes of stack in use since power-up, of how many.
+    pub stack: Option<(u32, u32)>,
+    /// How it scans.
+    pub scan: Option<ScanSettings>,
+}
+
+/// Why a board started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reset {
+    /// 0: it cannot tell.
+    #[default]
+    Unknown,
+    /// 1: the supply came, or was too low.
+    Power,
+    /// 2: the reset pin.
+    Pin,
+    /// 3: the firmware asked for it; after a panic, too.
+    Software,
+    /// 4: no scan came through for too long.
+    Watchdog,
+    /// 5: option bytes or a low-power mode.
+    Other,
+}
+
+/// How a board scans.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ScanSettings {
+    /// Scans a second.
+    pub scan_hz: u16,
+    /// Samples added up for one reading; a power of two.
+    pub oversampling: u16,
+    /// From the change of row to the first sample of a column, in nanoseconds.
+    pub settle_ns: u32,
+}
+
+/// One of [`ScanSettings`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ScanSetting {
+    /// 0: `scan_hz`.
+    ScanHz,
+    /// 1: `oversampling`.
+    Oversampling,
+    /// 2: `settle_ns`.
+    SettleNs,
+}
+
 /// Which calibration is in force.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationId {
@@ -237,4 +325,11 @@ pub struct Cost {
     pub last: u32,
     /// The dearest since power-up.
     pub worst: u32,
+}
+
+impl Cost {
+    /// One more.
+    pub fn note(&mut self, ticks: u32) {
+        *self = Self { last: ticks, worst: self.worst.max(ticks) };
+    }
 }

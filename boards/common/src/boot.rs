@@ -4,7 +4,6 @@
 //! by a mark.
 
 use core::cell::UnsafeCell;
-use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr;
@@ -70,30 +69,72 @@ pub fn enter_bootloader() -> ! {
     SCB::sys_reset()
 }
 
-/// Writes the message down and resets; `info` of the next start shows it.
+/// Writes down where it was and resets; `info` of the next start shows it. The message is left out: all that
+/// formats numbers would come with it, 5 KB of flash.
 pub fn panic(info: &PanicInfo) -> ! {
-    cortex_m::interrupt::disable();
-    // SAFETY: nothing runs any more.
-    let kept = unsafe { &mut *kept().cast::<MaybeUninit<Kept>>() };
-    let kept = kept.write(Kept { mark: 0, length: 0, text: [0; MESSAGE] });
-    // A message that is too long is cut.
-    let _ = match info.location() {
-        Some(at) => write!(Cut(kept), "{}:{} {}", at.file(), at.line(), info.message()),
-        None => write!(Cut(kept), "{}", info.message()),
-    };
-    kept.mark = PANICKED;
-    SCB::sys_reset()
+    let mut note = Note::default();
+    if let Some(at) = info.location() {
+        // The end of a path says more than its beginning.
+        let file = at.file().as_bytes();
+        note.write(file.get(file.len().saturating_sub(MESSAGE - 16)..).unwrap_or_default());
+        note.write(b":");
+        note.decimal(at.line());
+    }
+    note.reset()
 }
 
-struct Cut<'k>(&'k mut Kept);
+/// The same of a fault, which has no line: where the program counter and the link register stood.
+pub fn fault(pc: u32, lr: u32) -> ! {
+    let mut note = Note::default();
+    note.write(b"fault at 0x");
+    note.hexadecimal(pc);
+    note.write(b", called from 0x");
+    note.hexadecimal(lr);
+    note.reset()
+}
 
-impl Write for Cut<'_> {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        for byte in text.bytes() {
-            let place = self.0.text.get_mut(self.0.length).ok_or(fmt::Error)?;
-            *place = byte;
-            self.0.length += 1;
+/// What is kept over the reset.
+struct Note {
+    text: [u8; MESSAGE],
+    length: usize,
+}
+
+impl Default for Note {
+    fn default() -> Self {
+        Self { text: [0; MESSAGE], length: 0 }
+    }
+}
+
+impl Note {
+    /// What is too long is cut.
+    fn write(&mut self, bytes: &[u8]) {
+        let room = self.text.get_mut(self.length..).unwrap_or_default();
+        room.iter_mut().zip(bytes).for_each(|(place, byte)| *place = *byte);
+        self.length += room.len().min(bytes.len());
+    }
+
+    fn decimal(&mut self, number: u32) {
+        let mut unit = 1_000_000_000;
+        while unit > 1 && number / unit == 0 {
+            unit /= 10;
         }
-        Ok(())
+        while unit > 0 {
+            self.write(&[b'0' + (number / unit % 10) as u8]);
+            unit /= 10;
+        }
+    }
+
+    fn hexadecimal(&mut self, number: u32) {
+        for nibble in (0..8).rev().map(|place| (number >> (4 * place) & 0xF) as u8) {
+            self.write(&[if nibble < 10 { b'0' + nibble } else { b'a' - 10 + nibble }]);
+        }
+    }
+
+    fn reset(self) -> ! {
+        cortex_m::interrupt::disable();
+        let Self { text, length } = self;
+        // SAFETY: nothing runs any more.
+        unsafe { ptr::write_volatile(kept(), Kept { mark: PANICKED, length, text }) };
+        SCB::sys_reset()
     }
 }

@@ -9,4 +9,5 @@ pub mod boot;
 pub mod flash;
 pub mod link;
 pub mod scanner;
+pub mod settings;
 pub mod stack;

@@ -12,11 +12,16 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
-use embassy_time::{Duration, Timer};
+use embassy_time::{Duration, Instant, Timer};
+use heapless::String;
 use taxel::scan::{Codes, Scan};
 use taxel::session::Board;
 use taxel::store::{Flash, Store};
-use taxel::units::Micros;
+use taxel::units::{FullScale, Micros};
+use taxel::wire::message::{BoardHealth, Cost, Refusal, Reset, ScanSettings};
+
+use crate::boot::{self, MESSAGE};
+use crate::stack;
 
 /// Frames that may wait: 1 ms at 4 kHz.
 const QUEUE: usize = 4;
@@ -80,35 +85,68 @@ impl Frames {
     }
 }
 
-/// The session's end of the queue.
-pub struct Scanner<F> {
-    frames: &'static Frames,
-    feed: fn(),
-    store: Store<F>,
+/// What a scanner asks of its chip.
+pub trait Chip {
+    /// Feeds the watchdog.
+    fn feed(&self);
+
+    /// How it scans.
+    fn scan_settings(&self) -> ScanSettings;
+
+    /// Scans differently from now on; the codes' full scale.
+    ///
+    /// # Errors
+    /// The setting that is in the way; the scan goes on as it was.
+    fn set_scan(&self, settings: &ScanSettings) -> Result<FullScale, Refusal>;
 }
 
-impl<F> Scanner<F> {
+/// The session's end of the queue, and all else that a session asks of a board.
+pub struct Scanner<C, F> {
+    frames: &'static Frames,
+    chip: C,
+    store: Store<F>,
+    started: Started,
+    /// When to go to the bootloader, if it is asked for.
+    leave: Option<Instant>,
+}
+
+/// How a board came to run.
+pub struct Started {
+    /// Why it was reset.
+    pub reset: Reset,
+    /// The panic before that, if it was one.
+    pub panic: Option<String<MESSAGE>>,
+}
+
+impl<C: Chip, F> Scanner<C, F> {
     /// How often a pause feeds the watchdog.
     const PAUSE: Duration = Duration::from_millis(100);
+    /// An answer leaves in that time.
+    const FAREWELL: Duration = Duration::from_millis(200);
 
-    /// Scans from `frames`; `feed` feeds the watchdog, `store` survives power-off.
-    pub const fn new(frames: &'static Frames, feed: fn(), store: Store<F>) -> Self {
-        Self { frames, feed, store }
+    /// Scans from `frames`; `store` survives power-off.
+    pub const fn new(frames: &'static Frames, chip: C, store: Store<F>, started: Started) -> Self {
+        Self { frames, chip, store, started, leave: None }
     }
 }
 
-impl<F: Flash> Board for Scanner<F> {
+impl<C: Chip, F: Flash> Board for Scanner<C, F> {
     type Flash = F;
 
     async fn scan(&mut self) -> Option<Scan> {
         loop {
+            if self.leave.is_some_and(|at| Instant::now() >= at) {
+                boot::enter_bootloader();
+            }
             // A receive that is dropped has taken nothing.
             match select(self.frames.queue.receive(), Timer::after(Self::PAUSE)).await {
                 Either::First(scan) => {
-                    (self.feed)();
+                    self.chip.feed();
                     return Some(scan);
                 }
-                Either::Second(()) if self.frames.paused.load(Ordering::Relaxed) => (self.feed)(),
+                Either::Second(()) if self.frames.paused.load(Ordering::Relaxed) => {
+                    self.chip.feed();
+                }
                 Either::Second(()) => {}
             }
         }
@@ -120,5 +158,26 @@ impl<F: Flash> Board for Scanner<F> {
 
     fn store(&mut self) -> &mut Store<F> {
         &mut self.store
+    }
+
+    fn health(&self) -> BoardHealth {
+        let (last, worst) = self.frames.cost();
+        BoardHealth {
+            reset: self.started.reset,
+            panic: self.started.panic.clone(),
+            reading: Some(Cost { last, worst }),
+            sending: None,
+            stack: Some((stack::deepest() as u32, stack::size() as u32)),
+            scan: Some(self.chip.scan_settings()),
+        }
+    }
+
+    fn bootloader(&mut self) -> Result<(), Refusal> {
+        self.leave = Some(Instant::now() + Self::FAREWELL);
+        Ok(())
+    }
+
+    fn set_scan(&mut self, settings: &ScanSettings) -> Result<FullScale, Refusal> {
+        self.chip.set_scan(settings)
     }
 }

@@ -20,3 +20,9 @@ pub fn deepest() -> usize {
     }
     top.addr() - word.addr()
 }
+
+/// All the bytes that there are for the stack.
+#[must_use]
+pub fn size() -> usize {
+    (&raw const _stack_start).addr() - (&raw const __sheap).addr()
+}

@@ -6,6 +6,7 @@ use embassy_stm32::rcc::{
     mux::Clk48sel,
 };
 use embassy_stm32::time::Hertz;
+use taxel::wire::message::Reset;
 
 /// The clocks: 25 MHz / 25 · 192 = 192 MHz, / 2 for the core, / 4 for the USB.
 pub fn config() -> embassy_stm32::Config {
@@ -26,14 +27,14 @@ pub fn config() -> embassy_stm32::Config {
 }
 
 /// Why the chip was reset; clears the record of it.
-pub fn reset_cause() -> &'static str {
+pub fn reset_cause() -> Reset {
     let csr = pac::RCC.csr().read();
     pac::RCC.csr().modify(|csr| csr.set_rmvf(true));
     match () {
-        () if csr.wdgrstf() => "watchdog",
-        () if csr.sftrstf() => "software",
-        () if csr.lpwrrstf() => "low power",
-        () if csr.borrstf() => "power",
-        () => "reset pin",
+        () if csr.wdgrstf() => Reset::Watchdog,
+        () if csr.sftrstf() => Reset::Software,
+        () if csr.lpwrrstf() => Reset::Other,
+        () if csr.borrstf() => Reset::Power,
+        () => Reset::Pin,
     }
 }

@@ -25,10 +25,11 @@ use static_cell::StaticCell;
 use taxel::instrument::Instrument;
 use taxel::session::Board;
 use taxel::store::Store;
-use taxel::wire::message::Identity;
-use taxel_board::boot;
+use taxel::units::FullScale;
+use taxel::wire::message::{Identity, Refusal, ScanSettings};
 use taxel_board::link::{self, Link};
-use taxel_board::scanner::Scanner;
+use taxel_board::scanner::{Chip, Scanner, Started};
+use taxel_board::{boot, settings};
 
 use crate::flash::Sectors;
 
@@ -51,7 +52,7 @@ fn main() -> ! {
     let panic = unsafe { boot::resume(ROM) };
     let chip = embassy_stm32::init(clocks::config());
     let reset = clocks::reset_cause();
-    defmt::info!("start after {}, build {=str}", reset, BUILD);
+    defmt::info!("start, build {=str}", BUILD);
     if let Some(panic) = &panic {
         defmt::error!("last panic: {=str}", panic.as_str());
     }
@@ -62,7 +63,8 @@ fn main() -> ! {
     // First, so that a converter that never gets ready ends in a reset that is reported.
     IndependentWatchdog::new(chip.IWDG, WATCHDOG_US).unleash();
     let full_scale = scan::start();
-    let mut scanner = Scanner::new(&scan::FRAMES, feed, Store::new(flash::sectors(chip.FLASH)));
+    let store = Store::new(flash::sectors(chip.FLASH));
+    let mut scanner = Scanner::new(&scan::FRAMES, Registers, store, Started { reset, panic });
 
     // What the host has sent and nobody has read: one packet of each of two endpoints.
     static RECEIVED: StaticCell<[u8; 256]> = StaticCell::new();
@@ -90,8 +92,21 @@ fn main() -> ! {
     })
 }
 
-fn feed() {
-    pac::IWDG.kr().write(|kr| kr.set_key(pac::iwdg::vals::Key::RESET));
+/// The chip, by its registers.
+struct Registers;
+
+impl Chip for Registers {
+    fn feed(&self) {
+        pac::IWDG.kr().write(|kr| kr.set_key(pac::iwdg::vals::Key::RESET));
+    }
+
+    fn scan_settings(&self) -> ScanSettings {
+        settings::told(&scan::settings())
+    }
+
+    fn set_scan(&self, wish: &ScanSettings) -> Result<FullScale, Refusal> {
+        scan::set(settings::wish(wish)).map_err(settings::refused)
+    }
 }
 
 const BUILD: &str = match option_env!("TAXEL_BUILD") {
@@ -113,7 +128,7 @@ async fn usb(mut device: UsbDevice<'static, Usb>) {
 #[embassy_executor::task]
 async fn session(
     mut link: Link<Usb>,
-    mut scanner: Scanner<Sectors>,
+    mut scanner: Scanner<Registers, Sectors>,
     instrument: &'static mut Instrument,
 ) {
     link.serve(&mut scanner, instrument).await;
@@ -121,11 +136,10 @@ async fn session(
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    panic!("hard fault at {:#010x}, called from {:#010x}", frame.pc(), frame.lr());
+    boot::fault(frame.pc(), frame.lr())
 }
 
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
-    defmt::error!("{}", defmt::Display2Format(info));
     boot::panic(info)
 }

@@ -7,7 +7,7 @@
 //! The patterns and the buffers lie in RAM: the flash stands still while one of its sectors is erased,
 //! and a pattern that came late would leave rows and readings out of step for good.
 
-use core::cell::UnsafeCell;
+use core::cell::{Cell, UnsafeCell};
 use core::ptr;
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -15,10 +15,12 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac::{ADC1, ADC1_COMMON, DMA2, GPIOA, GPIOB, GPIOC};
 use embassy_stm32::pac::{Interrupt, RCC, TIM1, interrupt};
 use embassy_stm32::pac::{adc, adccommon, dma, gpio, timer};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Instant;
-use scan_plan::f411::{INPUTS, Plan, READINGS, Stream, plan};
+use scan_plan::f411::{INPUTS, Plan, READINGS, Stream, Timer, plan};
 use scan_plan::pins::{self, F411_ROWS, F411_SELECT};
-use scan_plan::{Settings, pattern, settle};
+use scan_plan::{Refusal, Settings, pattern, settle};
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
 use taxel_board::scanner::Frames;
@@ -32,6 +34,55 @@ const PLAN: Plan = match plan(DEFAULT) {
     Ok(plan) => plan,
     Err(_) => panic!("the default settings cannot be had"),
 };
+
+/// For each port the bits of its mode register that stay, and those that are set: worked out by the
+/// compiler, so that the names of the pins stay out of the flash.
+const PINS: [(gpio::Gpio, u32, u32); 3] = [
+    (GPIOA, mode(0, !0), mode(0, 0)),
+    (GPIOB, mode(1, !0), mode(1, 0)),
+    (GPIOC, mode(2, !0), mode(2, 0)),
+];
+
+const fn mode(port: u8, before: u32) -> u32 {
+    pins::moder(&pins::F411, port, before)
+}
+
+/// What is in force, and what the interrupt needs of it. Written while the scan stands still.
+static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<Settings>> = Mutex::new(Cell::new(DEFAULT));
+static FRAME_US: AtomicU32 = AtomicU32::new(frame_us(&PLAN));
+
+const fn frame_us(plan: &Plan) -> u32 {
+    plan.step.frame_ticks() / (plan.step.tick_hz / 1_000_000)
+}
+
+/// How it scans.
+pub fn settings() -> Settings {
+    SETTINGS.lock(Cell::get)
+}
+
+/// Scans differently from now on; the codes' full scale.
+///
+/// # Errors
+/// The setting that is in the way; the scan goes on as it was.
+pub fn set(wish: Settings) -> Result<FullScale, Refusal> {
+    let plan = plan(wish)?;
+    cortex_m::interrupt::free(|_| {
+        let running = TIM1.cr1().read().cen();
+        halt();
+        SETTINGS.lock(|settings| settings.set(wish));
+        FRAME_US.store(frame_us(&plan), Ordering::Relaxed);
+        configure_timer(plan.timer);
+        if running {
+            run(&plan);
+        }
+    });
+    Ok(FullScale::BITS_12)
+}
+
+/// The plan in force; it has been had before.
+fn in_force() -> Plan {
+    plan(settings()).unwrap_or(PLAN)
+}
 
 /// The frames, for the session.
 pub static FRAMES: Frames = Frames::new();
@@ -80,8 +131,8 @@ pub fn start() -> FullScale {
     let _ = RCC.apb2enr().read();
 
     darken();
-    for (port, number) in [(GPIOA, 0), (GPIOB, 1), (GPIOC, 2)] {
-        let moder = pins::moder(&pins::F411, number, port.moder().read().0);
+    for (port, kept, set) in PINS {
+        let moder = port.moder().read().0 & kept | set;
         port.moder().write_value(gpio::regs::Moder(moder));
     }
     let plan = PLAN.adc;
@@ -92,17 +143,16 @@ pub fn start() -> FullScale {
     ADC1.sqr2().write_value(adc::regs::Sqr2(plan.sqr2));
     ADC1.sqr3().write_value(adc::regs::Sqr3(plan.sqr3));
     ADC1.jsqr().write_value(adc::regs::Jsqr(plan.jsqr));
-    configure_timer();
+    configure_timer(PLAN.timer);
     // Whatever else interrupts can wait for a frame.
     for later in [Interrupt::OTG_FS, Interrupt::TIM2] {
         later.set_priority(Priority::P4);
     }
-    run();
+    run(&PLAN);
     FullScale::BITS_12
 }
 
-fn configure_timer() {
-    let plan = PLAN.timer;
+fn configure_timer(plan: Timer) {
     TIM1.cr2().write_value(timer::regs::Cr2Adv(plan.cr2));
     TIM1.ccmr_output(0).write_value(timer::regs::CcmrOutputGp16(plan.ccmr1));
     TIM1.ccmr_output(1).write_value(timer::regs::CcmrOutputGp16(plan.ccmr2));
@@ -117,25 +167,25 @@ fn configure_timer() {
 }
 
 /// Starts at the beginning of a frame, from a standstill.
-fn run() {
+fn run(plan: &Plan) {
     // Off and on again, so that the sequence starts at its first input.
     ADC1.cr2().write_value(adc::regs::Cr2(0));
-    arm(PATTERNS, PLAN.patterns, GPIOB.bsrr().as_ptr().cast(), BUFFERS.patterns.get().cast());
-    arm(FROM_ADC, PLAN.readings, ADC1.dr().as_ptr().cast(), BUFFERS.readings.get().cast());
+    arm(PATTERNS, plan.patterns, GPIOB.bsrr().as_ptr().cast(), BUFFERS.patterns.get().cast());
+    arm(FROM_ADC, plan.readings, ADC1.dr().as_ptr().cast(), BUFFERS.readings.get().cast());
     let last = Interrupt::DMA2_STREAM0;
     last.set_priority(Priority::P0);
     last.unpend();
     // SAFETY: its handler is below, and no critical section relies on a masked line.
     unsafe { last.enable() };
-    ADC1.cr1().write_value(adc::regs::Cr1(PLAN.adc.cr1));
+    ADC1.cr1().write_value(adc::regs::Cr1(plan.adc.cr1));
     ADC1.sr().write_value(adc::regs::Sr(0));
-    ADC1.cr2().write_value(adc::regs::Cr2(PLAN.adc.cr2 | 1));
+    ADC1.cr2().write_value(adc::regs::Cr2(plan.adc.cr2 | 1));
     // 3 µs until it is stable (DS10314 table 66).
     cortex_m::asm::delay(scan_plan::ticks(3_000, scan_plan::f411::CLOCK_HZ));
     TIM1.egr().write(|egr| egr.set_ug(true));
     TIM1.sr().write_value(timer::regs::SrAdv(0));
     LAST_US.store(now_us(), Ordering::Relaxed);
-    TIM1.cr1().write_value(timer::regs::Cr1Gp16(PLAN.timer.cr1 | 1));
+    TIM1.cr1().write_value(timer::regs::Cr1Gp16(plan.timer.cr1 | 1));
     FRAMES.set_paused(false);
 }
 
@@ -167,12 +217,14 @@ fn darken() {
 
 /// The host has suspended the bus, which feeds the LEDs, or goes on.
 pub fn set_paused(paused: bool) {
-    let running = TIM1.cr1().read().cen();
-    if paused && running {
-        halt();
-    } else if !paused && !running {
-        run();
-    }
+    cortex_m::interrupt::free(|_| {
+        let running = TIM1.cr1().read().cen();
+        if paused && running {
+            halt();
+        } else if !paused && !running {
+            run(&in_force());
+        }
+    });
 }
 
 /// A frame is complete.
@@ -183,13 +235,13 @@ fn DMA2_STREAM0() {
     if ADC1.sr().read().ovr() {
         // The DMA came too late for a reading: rows and readings are out of step. Begin anew.
         halt();
-        run();
+        run(&in_force());
         return FRAMES.drop_one();
     }
     // Interrupts that were held up have become one. Time tells how many frames there were.
     let now = now_us();
     let since = now.wrapping_sub(LAST_US.swap(now, Ordering::Relaxed));
-    let frame_us = PLAN.step.frame_ticks() / (PLAN.step.tick_hz / 1_000_000);
+    let frame_us = FRAME_US.load(Ordering::Relaxed);
     let missed = since > frame_us + frame_us / 2;
 
     let half = left();
@@ -206,7 +258,7 @@ fn DMA2_STREAM0() {
 /// The half of the buffer that the DMA is not writing: while more than half is left to do it is in the
 /// first.
 fn left() -> usize {
-    usize::from(DMA2.st(FROM_ADC).ndtr().read().0 > PLAN.readings.count / 2)
+    usize::from(DMA2.st(FROM_ADC).ndtr().read().0 > READINGS as u32)
 }
 
 fn now_us() -> u32 {

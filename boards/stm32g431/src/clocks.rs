@@ -5,6 +5,7 @@ use embassy_stm32::pac;
 use embassy_stm32::rcc::{
     Hsi48Config, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
 };
+use taxel::wire::message::Reset;
 
 /// The clocks: HSI16 / 4 · 85 / 2.
 pub fn config() -> embassy_stm32::Config {
@@ -26,15 +27,14 @@ pub fn config() -> embassy_stm32::Config {
 }
 
 /// Why the chip was reset; clears the record of it.
-pub fn reset_cause() -> &'static str {
+pub fn reset_cause() -> Reset {
     let csr = pac::RCC.csr().read();
     pac::RCC.csr().modify(|csr| csr.set_rmvf(true));
     match () {
-        () if csr.iwdgrstf() => "watchdog",
-        () if csr.sftrstf() => "software",
-        () if csr.lpwrrstf() => "low power",
-        () if csr.oblrstf() => "option bytes",
-        () if csr.borrstf() => "power",
-        () => "reset pin",
+        () if csr.iwdgrstf() => Reset::Watchdog,
+        () if csr.sftrstf() => Reset::Software,
+        () if csr.lpwrrstf() || csr.oblrstf() => Reset::Other,
+        () if csr.borrstf() => Reset::Power,
+        () => Reset::Pin,
     }
 }

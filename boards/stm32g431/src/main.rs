@@ -26,10 +26,11 @@ use static_cell::StaticCell;
 use taxel::instrument::Instrument;
 use taxel::session::Board;
 use taxel::store::Store;
-use taxel::wire::message::Identity;
-use taxel_board::boot;
+use taxel::units::FullScale;
+use taxel::wire::message::{Identity, Refusal, ScanSettings};
 use taxel_board::link::{self, Link};
-use taxel_board::scanner::Scanner;
+use taxel_board::scanner::{Chip, Scanner, Started};
+use taxel_board::{boot, settings};
 
 use crate::flash::Pages;
 
@@ -55,7 +56,7 @@ fn main() -> ! {
     ccm::load();
     let chip = embassy_stm32::init(clocks::config());
     let reset = clocks::reset_cause();
-    defmt::info!("start after {}, build {=str}", reset, BUILD);
+    defmt::info!("start, build {=str}", BUILD);
     if let Some(panic) = &panic {
         defmt::error!("last panic: {=str}", panic.as_str());
     }
@@ -66,7 +67,8 @@ fn main() -> ! {
     // First, so that a converter that never gets ready ends in a reset that is reported.
     IndependentWatchdog::new(chip.IWDG, WATCHDOG_US).unleash();
     let full_scale = scan::start();
-    let mut scanner = Scanner::new(&scan::FRAMES, feed, Store::new(flash::pages(chip.FLASH)));
+    let store = Store::new(flash::pages(chip.FLASH));
+    let mut scanner = Scanner::new(&scan::FRAMES, Registers, store, Started { reset, panic });
 
     let driver = Driver::new(chip.USB, Irqs, chip.PA12, chip.PA11);
     let (device, link) =
@@ -88,8 +90,21 @@ fn main() -> ! {
     })
 }
 
-fn feed() {
-    pac::IWDG.kr().write(|kr| kr.set_key(pac::iwdg::vals::Key::RESET));
+/// The chip, by its registers.
+struct Registers;
+
+impl Chip for Registers {
+    fn feed(&self) {
+        pac::IWDG.kr().write(|kr| kr.set_key(pac::iwdg::vals::Key::RESET));
+    }
+
+    fn scan_settings(&self) -> ScanSettings {
+        settings::told(&scan::settings())
+    }
+
+    fn set_scan(&self, wish: &ScanSettings) -> Result<FullScale, Refusal> {
+        scan::set(settings::wish(wish)).map_err(settings::refused)
+    }
 }
 
 const BUILD: &str = match option_env!("TAXEL_BUILD") {
@@ -111,7 +126,7 @@ async fn usb(mut device: UsbDevice<'static, Usb>) {
 #[embassy_executor::task]
 async fn session(
     mut link: Link<Usb>,
-    mut scanner: Scanner<Pages>,
+    mut scanner: Scanner<Registers, Pages>,
     instrument: &'static mut Instrument,
 ) {
     link.serve(&mut scanner, instrument).await;
@@ -129,11 +144,10 @@ unsafe fn NonMaskableInt() {
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    panic!("hard fault at {:#010x}, called from {:#010x}", frame.pc(), frame.lr());
+    boot::fault(frame.pc(), frame.lr())
 }
 
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
-    defmt::error!("{}", defmt::Display2Format(info));
     boot::panic(info)
 }

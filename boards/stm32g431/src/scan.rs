@@ -7,18 +7,22 @@
 //! The patterns and the buffers lie in RAM: the flash stands still while one of its pages is erased, and
 //! a pattern that came late would leave rows and readings out of step for good.
 
-use core::cell::UnsafeCell;
+use core::cell::{Cell, UnsafeCell};
 use core::ptr;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, DMA1, DMAMUX1, GPIOA, GPIOB};
 use embassy_stm32::pac::{Interrupt, OPAMP2, OPAMP3, RCC, TIM1, interrupt};
 use embassy_stm32::pac::{adc, adccommon, bdma, dmamux, gpio, opamp, timer};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Instant;
-use scan_plan::g431::{BRIDGE_INPUTS, BRIDGE_READINGS, COLUMN_READINGS, Channel, Last, Plan, plan};
+use scan_plan::g431::{
+    BRIDGE_INPUTS, BRIDGE_READINGS, COLUMN_READINGS, Channel, Last, Plan, Timer, plan,
+};
 use scan_plan::pins::{self, G431_ROWS, G431_SELECT};
-use scan_plan::{Settings, pattern, settle};
+use scan_plan::{Refusal, Settings, pattern, settle};
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
 use taxel_board::scanner::Frames;
@@ -32,6 +36,61 @@ const PLAN: Plan = match plan(DEFAULT) {
     Ok(plan) => plan,
     Err(_) => panic!("the default settings cannot be had"),
 };
+
+/// For each port the bits of its mode register that stay, and those that are set: worked out by the
+/// compiler, so that the names of the pins stay out of the flash.
+const PINS: [(gpio::Gpio, u32, u32); 2] =
+    [(GPIOA, mode(0, !0), mode(0, 0)), (GPIOB, mode(1, !0), mode(1, 0))];
+
+const fn mode(port: u8, before: u32) -> u32 {
+    pins::moder(&pins::G431, port, before)
+}
+
+/// What is in force, and what the interrupt needs of it. Written while the scan stands still.
+static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<Settings>> = Mutex::new(Cell::new(DEFAULT));
+static OVERSAMPLING: AtomicU16 = AtomicU16::new(DEFAULT.oversampling);
+static FULL_SCALE: AtomicU16 = AtomicU16::new(PLAN.full_scale);
+static FRAME_US: AtomicU32 = AtomicU32::new(frame_us(&PLAN));
+
+const fn frame_us(plan: &Plan) -> u32 {
+    plan.step.frame_ticks() / (plan.step.tick_hz / 1_000_000)
+}
+
+/// How it scans.
+pub fn settings() -> Settings {
+    SETTINGS.lock(Cell::get)
+}
+
+/// Scans differently from now on; the codes' full scale.
+///
+/// # Errors
+/// The setting that is in the way; the scan goes on as it was.
+pub fn set(wish: Settings) -> Result<FullScale, Refusal> {
+    let plan = plan(wish)?;
+    // Some 20 µs: the longest conversion has to end.
+    cortex_m::interrupt::free(|_| {
+        let running = TIM1.cr1().read().cen();
+        halt();
+        SETTINGS.lock(|settings| settings.set(wish));
+        OVERSAMPLING.store(wish.oversampling, Ordering::Relaxed);
+        FULL_SCALE.store(plan.full_scale, Ordering::Relaxed);
+        FRAME_US.store(frame_us(&plan), Ordering::Relaxed);
+        configure(&plan);
+        if running {
+            run(&plan);
+        }
+    });
+    Ok(full_scale())
+}
+
+fn full_scale() -> FullScale {
+    FullScale::new(FULL_SCALE.load(Ordering::Relaxed)).unwrap_or(FullScale::BITS_12)
+}
+
+/// The plan in force; it has been had before.
+fn in_force() -> Plan {
+    plan(settings()).unwrap_or(PLAN)
+}
 
 /// The frames, for the session.
 pub static FRAMES: Frames = Frames::new();
@@ -86,8 +145,8 @@ pub fn start() -> FullScale {
     let _ = RCC.apb2enr().read();
 
     darken();
-    for (port, number) in [(GPIOA, 0), (GPIOB, 1)] {
-        let moder = pins::moder(&pins::G431, number, port.moder().read().0);
+    for (port, kept, set) in PINS {
+        let moder = port.moder().read().0 & kept | set;
         port.moder().write_value(gpio::regs::Moder(moder));
     }
     for amplifier in [OPAMP2, OPAMP3] {
@@ -95,8 +154,21 @@ pub fn start() -> FullScale {
         amplifier.csr().write_value(opamp::regs::Csr(PLAN.amplifier.csr));
     }
     ADC12_COMMON.ccr().write_value(adccommon::regs::Ccr(PLAN.adc_common));
-    for (converter, plan) in [(ADC1, PLAN.adc1), (ADC2, PLAN.adc2)] {
+    for converter in [ADC1, ADC2] {
         wake(converter);
+    }
+    configure(&PLAN);
+    // Whatever else interrupts can wait for a frame.
+    for later in [Interrupt::USB_LP, Interrupt::TIM2] {
+        later.set_priority(Priority::P4);
+    }
+    run(&PLAN);
+    full_scale()
+}
+
+/// Writes all that depends on the settings. The scan stands still.
+fn configure(plan: &Plan) {
+    for (converter, plan) in [(ADC1, plan.adc1), (ADC2, plan.adc2)] {
         converter.cfgr().write_value(adc::regs::Cfgr(plan.cfgr));
         converter.cfgr2().write_value(adc::regs::Cfgr2(plan.cfgr2));
         converter.smpr().write_value(adc::regs::Smpr(plan.smpr1));
@@ -105,13 +177,7 @@ pub fn start() -> FullScale {
         converter.sqr2().write_value(adc::regs::Sqr2(plan.sqr2));
         converter.jsqr().write_value(adc::regs::Jsqr(plan.jsqr));
     }
-    configure_timer();
-    // Whatever else interrupts can wait for a frame.
-    for later in [Interrupt::USB_LP, Interrupt::TIM2] {
-        later.set_priority(Priority::P4);
-    }
-    run();
-    FullScale::new(PLAN.full_scale).unwrap_or(FullScale::BITS_12)
+    configure_timer(plan.timer);
 }
 
 /// Brings a converter from deep power-down to ready (RM0440 §21.4.6, §21.4.8, §21.4.9).
@@ -130,8 +196,7 @@ fn wake(converter: adc::Adc) {
     while !converter.isr().read().adrdy() {}
 }
 
-fn configure_timer() {
-    let plan = PLAN.timer;
+fn configure_timer(plan: Timer) {
     TIM1.cr2().write_value(timer::regs::Cr2Adv(plan.cr2));
     TIM1.ccmr_output(0).write_value(timer::regs::CcmrOutputGp16(plan.ccmr1));
     TIM1.ccmr_output(1).write_value(timer::regs::CcmrOutputGp16(plan.ccmr2));
@@ -148,11 +213,11 @@ fn configure_timer() {
 }
 
 /// Starts at the beginning of a frame, from a standstill.
-fn run() {
-    arm(PATTERNS, PLAN.patterns, GPIOB.bsrr().as_ptr().cast(), BUFFERS.patterns.get().cast());
-    arm(COLUMNS, PLAN.columns, ADC1.dr().as_ptr().cast(), BUFFERS.columns.get().cast());
-    arm(BRIDGES, PLAN.bridges, ADC2.dr().as_ptr().cast(), BUFFERS.bridges.get().cast());
-    let last = match PLAN.last {
+fn run(plan: &Plan) {
+    arm(PATTERNS, plan.patterns, GPIOB.bsrr().as_ptr().cast(), BUFFERS.patterns.get().cast());
+    arm(COLUMNS, plan.columns, ADC1.dr().as_ptr().cast(), BUFFERS.columns.get().cast());
+    arm(BRIDGES, plan.bridges, ADC2.dr().as_ptr().cast(), BUFFERS.bridges.get().cast());
+    let last = match plan.last {
         Last::Columns => Interrupt::DMA1_CHANNEL2,
         Last::Bridges => Interrupt::DMA1_CHANNEL3,
     };
@@ -168,7 +233,7 @@ fn run() {
     TIM1.egr().write(|egr| egr.set_ug(true));
     TIM1.sr().write_value(timer::regs::SrAdv(0));
     LAST_US.store(now_us(), Ordering::Relaxed);
-    TIM1.cr1().write_value(timer::regs::Cr1Gp16(PLAN.timer.cr1 | 1));
+    TIM1.cr1().write_value(timer::regs::Cr1Gp16(plan.timer.cr1 | 1));
     FRAMES.set_paused(false);
 }
 
@@ -191,6 +256,9 @@ fn halt() {
         converter.cr().modify(|cr| cr.0 |= (cr.0 & 0b1100) << 2);
         while converter.cr().read().0 & 0b11_0000 != 0 {}
     }
+    for last in [Interrupt::DMA1_CHANNEL2, Interrupt::DMA1_CHANNEL3] {
+        last.disable();
+    }
     darken();
     FRAMES.set_paused(true);
 }
@@ -203,22 +271,24 @@ fn darken() {
 
 /// The host has suspended the bus, which feeds the LEDs, or goes on.
 pub fn set_paused(paused: bool) {
-    let running = TIM1.cr1().read().cen();
-    if paused && running {
-        halt();
-    } else if !paused && !running {
-        run();
-    }
+    cortex_m::interrupt::free(|_| {
+        let running = TIM1.cr1().read().cen();
+        if paused && running {
+            halt();
+        } else if !paused && !running {
+            run(&in_force());
+        }
+    });
 }
 
 #[interrupt]
 fn DMA1_CHANNEL2() {
-    on_frame(COLUMNS, PLAN.columns.count);
+    on_frame(COLUMNS, 2 * COLUMN_READINGS as u32);
 }
 
 #[interrupt]
 fn DMA1_CHANNEL3() {
-    on_frame(BRIDGES, PLAN.bridges.count);
+    on_frame(BRIDGES, 2 * BRIDGE_READINGS as u32);
 }
 
 /// A frame is complete.
@@ -229,13 +299,13 @@ fn on_frame(channel: usize, count: u32) {
     if ADC1.isr().read().ovr() || ADC2.isr().read().ovr() {
         // The DMA came too late for a reading: rows and readings are out of step. Begin anew.
         halt();
-        run();
+        run(&in_force());
         return FRAMES.drop_one();
     }
     // Interrupts that were held up have become one. Time tells how many frames there were.
     let now = now_us();
     let since = now.wrapping_sub(LAST_US.swap(now, Ordering::Relaxed));
-    let frame_us = PLAN.step.frame_ticks() / (PLAN.step.tick_hz / 1_000_000);
+    let frame_us = FRAME_US.load(Ordering::Relaxed);
     let missed = since > frame_us + frame_us / 2;
 
     let half = left(channel, count);
@@ -282,10 +352,10 @@ fn read(half: usize) -> Codes {
     // One sample each, brought to the scale of the others, which are sums.
     let internal = |place: usize| {
         let sample = ADC1.jdr(place).read().0 as u16 & 0xFFF;
-        Some(Code(sample * DEFAULT.oversampling))
+        Some(Code(sample * OVERSAMPLING.load(Ordering::Relaxed)))
     };
     Codes {
-        full_scale: FullScale::new(PLAN.full_scale).unwrap_or(FullScale::BITS_12),
+        full_scale: full_scale(),
         taxels: Some(TaxelCodes { lit, dark }),
         bridges: sensors,
         temperature: internal(0),

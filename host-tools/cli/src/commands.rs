@@ -3,9 +3,11 @@
 pub mod bias;
 pub mod calibrate;
 pub mod demo;
+pub mod dfu;
 pub mod info;
 pub mod record;
 pub mod replay;
+pub mod self_test;
 pub mod serve;
 pub mod set;
 pub mod simulate;

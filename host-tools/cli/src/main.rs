@@ -38,6 +38,8 @@ enum Command {
     Info(commands::info::Args),
     Bias(commands::bias::Args),
     Set(commands::set::Args),
+    SelfTest(commands::self_test::Args),
+    Dfu(commands::dfu::Args),
 }
 
 fn main() -> ExitCode {
@@ -55,6 +57,8 @@ fn main() -> ExitCode {
         Command::Info(args) => commands::info::run(args),
         Command::Bias(args) => commands::bias::run(args),
         Command::Set(args) => commands::set::run(args),
+        Command::SelfTest(args) => commands::self_test::run(args),
+        Command::Dfu(args) => commands::dfu::run(args),
     };
     failure::exit_code(done)
 }

@@ -182,6 +182,21 @@ fn info_shows_the_finger_and_set_changes_it_for_good() {
 }
 
 #[test]
+fn a_self_test_lists_every_channel_and_a_board_without_a_bootloader_says_so() {
+    let (_finger, port) = finger();
+    let test = json(&succeeds(&["self-test", "--port", &port, "--scans", "200", "--json"]));
+    assert_eq!(test["scans"], 200);
+    assert_eq!(test["wrong"], serde_json::json!([]));
+    assert!(test["channels"]["lit_r3c2"]["mean"].as_f64().unwrap() > 0.0);
+    let text = succeeds(&["info", "--port", &port]);
+    assert!(text.contains("started      after a reset that it cannot tell"), "{text}");
+    let error = fails(1, &["dfu", "--port", &port]);
+    assert!(error.contains("this board cannot do that"), "{error}");
+    let error = fails(1, &["set", "--port", &port, "--settle", "30"]);
+    assert!(error.contains("cannot scan in another way"), "{error}");
+}
+
+#[test]
 fn a_bias_is_taken_read_and_cleared() {
     let directory = tempfile::tempdir().unwrap();
     let trace = trace(directory.path(), 60_000);

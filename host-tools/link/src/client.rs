@@ -15,7 +15,10 @@ use taxel::calibration::Calibration;
 use taxel::condition::Bias;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Frame};
-use taxel::wire::message::{Command, Info, Message, PROTOCOL, Request, Response};
+use taxel::self_test::SelfTest;
+use taxel::wire::message::{
+    BoardHealth, Command, Info, Message, PROTOCOL, Request, Response, ScanSettings,
+};
 use taxel::wire::{MAX_PACKET, pack};
 
 pub use reader::Counts;
@@ -249,6 +252,50 @@ impl Client {
     /// As [`Self::save_settings`].
     pub fn save_bias(&self) -> Result<(), LinkError> {
         self.done("save", Command::SaveBias)
+    }
+
+    /// How the board itself is doing.
+    ///
+    /// # Errors
+    /// As [`Self::info`].
+    pub fn health(&self) -> Result<BoardHealth, LinkError> {
+        match self.request("health", Command::Health)? {
+            Response::Health(health) => Ok(health),
+            _ => Err(self.confused("health")),
+        }
+    }
+
+    /// Measures mean and noise of every channel over so many scans, and waits for it.
+    ///
+    /// # Errors
+    /// As [`Self::info`].
+    pub fn self_test(&self, scans: u16) -> Result<SelfTest, LinkError> {
+        let scan_hz = self.info()?.identity.scan_hz.max(1);
+        let measuring = Duration::from_secs_f64(f64::from(scans) / f64::from(scan_hz));
+        let command = Command::SelfTest { scans };
+        match self.ask("self-test", command, measuring + 4 * PATIENCE, 1)? {
+            Response::SelfTest(test) => Ok(test),
+            _ => Err(self.confused("self-test")),
+        }
+    }
+
+    /// Sends the board to its chip's own bootloader. The link ends soon after.
+    ///
+    /// # Errors
+    /// As [`Self::info`]; refused where there is none.
+    pub fn bootloader(&self) -> Result<(), LinkError> {
+        match self.ask("dfu", Command::Bootloader, PATIENCE, 1)? {
+            Response::Done => Ok(()),
+            _ => Err(self.confused("dfu")),
+        }
+    }
+
+    /// Scans differently until the next power-up.
+    ///
+    /// # Errors
+    /// As [`Self::info`]; refused where the settings cannot be had together.
+    pub fn set_scan(&self, settings: ScanSettings) -> Result<(), LinkError> {
+        self.done("scan", Command::SetScan(settings))
     }
 
     fn bias(&self, response: &Response) -> Result<BiasInForce, LinkError> {

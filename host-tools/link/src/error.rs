@@ -2,7 +2,7 @@
 
 use std::io;
 
-use taxel::wire::message::{PROTOCOL, Refusal};
+use taxel::wire::message::{PROTOCOL, Refusal, ScanSetting};
 use taxel_formats::FileError;
 
 use crate::port::Port;
@@ -135,7 +135,7 @@ fn refused(refusal: &Refusal) -> String {
         Refusal::NotStill => {
             "refused, the finger moved meanwhile; the old bias stays, let go and try again".into()
         }
-        Refusal::Busy => "refused, a bias is being taken; wait for it".into(),
+        Refusal::Busy => "refused, a bias is being taken or a self-test runs; wait for it".into(),
         Refusal::OutOfOrder => {
             "refused, bytes of the calibration were lost; upload it again".into()
         }
@@ -146,6 +146,17 @@ fn refused(refusal: &Refusal) -> String {
             "the finger's flash failed; what was stored before stays; try again, and replace the board \
              if it goes on"
                 .into()
+        }
+        Refusal::Unsupported => "this board cannot do that".into(),
+        Refusal::Scan { setting, low, high } => {
+            let name = match setting {
+                ScanSetting::ScanHz => "--scan",
+                ScanSetting::Oversampling => "--oversampling",
+                ScanSetting::SettleNs => "--settle in nanoseconds",
+            };
+            format!(
+                "{name} must lie in {low}…{high} while the other two stay; the scan goes on as it was"
+            )
         }
         Refusal::Uncalibrated => "the finger has no calibration; upload one".into(),
     }

@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
+use crate::image::Image;
 use crate::memory::{Footprint, Use, footprint};
 use crate::run::{answer, locked, program, root, run};
 use crate::toolchain::{Choice, Toolchain};
+use crate::{panics, stack};
 
 /// What a board may take at most, in bytes.
 struct Budget {
@@ -75,7 +77,33 @@ pub fn build(board: &str, toolchain: &Toolchain) -> Result<(PathBuf, Footprint)>
         within(footprint.flash.used, most.flash, "flash")?;
         within(footprint.ram.used, most.ram, "RAM")?;
     }
+    if is_hardware(board) {
+        audit(board, &built, &footprint)?;
+    }
     Ok((path, footprint))
+}
+
+/// What runs on a desk and not in an emulator.
+fn is_hardware(board: &str) -> bool {
+    board.starts_with("stm32")
+}
+
+/// What the machine code itself tells: the stack that it can take, and where it could panic.
+fn audit(board: &str, built: &Path, footprint: &Footprint) -> Result<()> {
+    let image = Image::read(built)?;
+    let (stack, free) = (stack::deepest(&image)?, footprint.ram.of - footprint.ram.used);
+    eprintln!("{board}: stack at most {} of the {free} bytes that are left", stack.bytes);
+    if u64::from(stack.bytes) > free {
+        let path: Vec<_> = stack.path.iter().map(|(name, own)| format!("{own} {name}")).collect();
+        bail!("{board} may run out of stack; the deepest path:\n  {}", path.join("\n  "));
+    }
+    eprintln!(
+        "{board}: no panic in the core; calls of panics elsewhere, and why they are not met:"
+    );
+    for (owner, count) in panics::remaining(built, &image)? {
+        eprintln!("  {count:3} {owner}: {}", panics::why(&owner).unwrap_or_default());
+    }
+    Ok(())
 }
 
 /// The board's own map, else the product's in the root.

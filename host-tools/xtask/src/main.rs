@@ -6,10 +6,13 @@
 
 mod cycles;
 mod firmware;
+mod image;
 mod memory;
 mod packages;
+mod panics;
 mod python;
 mod run;
+mod stack;
 mod steps;
 mod test;
 mod toolchain;

@@ -4,7 +4,7 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use serde_json::json;
 use taxel::estimate::contact_point::PointMethod;
-use taxel::wire::message::{CalibrationId, Info};
+use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Info, Reset, ScanSettings};
 use taxel_link::client::Version;
 use taxel_link::fields;
 
@@ -27,15 +27,15 @@ pub struct Args {
 /// The finger cannot be reached.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let client = args.port.connect()?;
-    let (version, info) = (client.version(), client.info()?);
+    let (version, info, health) = (client.version(), client.info()?, client.health()?);
     if args.json {
-        output::json(&as_json(version, &info))
+        output::json(&as_json(version, &info, &health))
     } else {
-        output::line(as_text(version, &info))
+        output::line(as_text(version, &info, &health))
     }
 }
 
-fn as_text(version: Version, info: &Info) -> String {
+fn as_text(version: Version, info: &Info, health: &BoardHealth) -> String {
     let Info { identity, counters, cost, .. } = info;
     let micros = |ticks: u32| f64::from(ticks) * 1e6 / f64::from(identity.tick_hz.max(1));
     let calibration = match &info.calibration {
@@ -75,10 +75,41 @@ fn as_text(version: Version, info: &Info) -> String {
         ),
         format!("cost         {:.1} µs a scan, worst {:.1} µs", micros(cost.last), micros(cost.worst)),
     ]
+    .into_iter()
+    .chain(board(health, micros))
+    .collect::<Vec<_>>()
     .join("\n")
 }
 
-fn as_json(version: Version, info: &Info) -> serde_json::Value {
+/// What the board could tell of itself.
+fn board(health: &BoardHealth, micros: impl Fn(u32) -> f64) -> Vec<String> {
+    let mut lines = vec![format!("started      after {}", reset(health.reset))];
+    lines.extend(health.panic.as_ref().map(|panic| format!("last panic   {panic}")));
+    for (name, cost) in [("reading", health.reading), ("sending", health.sending)] {
+        lines.extend(cost.map(|Cost { last, worst }| {
+            format!("{name:12} {:.1} µs, worst {:.1} µs", micros(last), micros(worst))
+        }));
+    }
+    lines.extend(health.stack.map(|(used, of)| format!("stack        {used} of {of} bytes")));
+    lines.extend(health.scan.map(|ScanSettings { oversampling, settle_ns, .. }| {
+        let settle_us = f64::from(settle_ns) / 1000.0;
+        format!("settings     {oversampling} samples a reading, {settle_us} µs to settle")
+    }));
+    lines
+}
+
+fn reset(reset: Reset) -> &'static str {
+    match reset {
+        Reset::Unknown => "a reset that it cannot tell",
+        Reset::Power => "power-up",
+        Reset::Pin => "the reset pin",
+        Reset::Software => "a reset by the firmware",
+        Reset::Watchdog => "the watchdog: no scan came through",
+        Reset::Other => "option bytes or low power",
+    }
+}
+
+fn as_json(version: Version, info: &Info, health: &BoardHealth) -> serde_json::Value {
     let Info { identity, counters, cost, .. } = info;
     json!({
         "board": identity.board.as_str(),
@@ -107,6 +138,13 @@ fn as_json(version: Version, info: &Info) -> serde_json::Value {
             "lost_replies": counters.lost_replies,
         },
         "cost": { "last": cost.last, "worst": cost.worst, "tick_hz": identity.tick_hz },
+        "started_after": reset(health.reset),
+        "last_panic": health.panic.as_deref(),
+        "reading": health.reading.map(|cost| json!({ "last": cost.last, "worst": cost.worst })),
+        "sending": health.sending.map(|cost| json!({ "last": cost.last, "worst": cost.worst })),
+        "stack": health.stack.map(|(used, of)| json!({ "used": used, "of": of })),
+        "oversampling": health.scan.map(|scan| scan.oversampling),
+        "settle_us": health.scan.map(|scan| f64::from(scan.settle_ns) / 1000.0),
     })
 }
 

@@ -1,7 +1,9 @@
-//! `taxel set`: rate, fields and contact point method.
+//! `taxel set`: rate, fields, contact point method, and how the board scans.
 
+use anyhow::Context;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
+use taxel::wire::message::ScanSettings;
 use taxel_link::fields;
 
 use crate::finger::PortArg;
@@ -23,6 +25,15 @@ pub struct Args {
     /// How the contact point is found.
     #[arg(long, value_name = "METHOD", group = "settings")]
     point: Option<Point>,
+    /// Scans a second.
+    #[arg(long, value_name = "HZ", group = "settings")]
+    scan: Option<u16>,
+    /// Samples added up for one reading: 1, 2, 4, 8 or 16.
+    #[arg(long, value_name = "SAMPLES", group = "settings")]
+    oversampling: Option<u16>,
+    /// From the change of LED row to the first sample, in microseconds.
+    #[arg(long, value_name = "US", group = "settings", value_parser = settle)]
+    settle: Option<u32>,
     /// Keep rate, fields and method as they then are over power-off.
     #[arg(long, group = "settings")]
     save: bool,
@@ -37,12 +48,39 @@ enum Point {
     Argmin,
 }
 
+fn settle(text: &str) -> Result<u32, String> {
+    let us: f64 = text.parse().map_err(|_| format!("`{text}` is not a number of microseconds"))?;
+    if (0.0..=1e6).contains(&us) {
+        Ok((us * 1000.0).round() as u32)
+    } else {
+        Err(format!("{us} µs must lie in 0…1000000"))
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
 /// The finger cannot be reached or refuses.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let client = args.port.connect()?;
+    if args.scan.is_some() || args.oversampling.is_some() || args.settle.is_some() {
+        let now = client.health()?.scan;
+        let now = now.context(
+            "this board cannot scan in another way; leave out --scan, --oversampling and --settle",
+        )?;
+        let wish = ScanSettings {
+            scan_hz: args.scan.unwrap_or(now.scan_hz),
+            oversampling: args.oversampling.unwrap_or(now.oversampling),
+            settle_ns: args.settle.unwrap_or(now.settle_ns),
+        };
+        client.set_scan(wish)?;
+        output::line(format_args!(
+            "scan {} Hz, {} samples a reading, {} µs to settle, until it loses power",
+            wish.scan_hz,
+            wish.oversampling,
+            f64::from(wish.settle_ns) / 1000.0
+        ))?;
+    }
     if let Some(hz) = args.rate {
         output::line(format_args!("rate {} Hz", client.set_rate(hz)?))?;
     }

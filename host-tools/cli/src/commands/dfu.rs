@@ -1,0 +1,20 @@
+//! `taxel dfu`: to the chip's own bootloader, for new firmware.
+
+use crate::finger::PortArg;
+use crate::output;
+
+/// Restarts the finger in its chip's own bootloader, where `dfu-util` finds it; see docs/boards.
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    port: PortArg,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// The finger cannot be reached, or has no bootloader.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    args.port.connect()?.bootloader()?;
+    output::line("in the bootloader; `dfu-util --list` shows it")
+}

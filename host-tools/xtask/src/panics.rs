@@ -1,0 +1,177 @@
+//! Where a firmware could still panic: every call of a panicking function, and whose line made it.
+//!
+//! The core must have none of its own, and those of the crates that it uses must be known here, each with
+//! the reason why it is not met. What the boards' drivers bring along is listed by crate.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use addr2line::Loader;
+use anyhow::{Result, anyhow, bail};
+
+use crate::image::Image;
+use crate::run::root;
+
+/// What a panic ends in.
+const PANICS: [&str; 9] = [
+    "core::panicking::",
+    "core::option::expect_failed",
+    "core::option::unwrap_failed",
+    "core::result::unwrap_failed",
+    "core::slice::index::slice_",
+    "core::str::slice_error_fail",
+    "core::cell::panic_",
+    "_defmt_panic",
+    "__defmt_default_panic",
+];
+
+/// The compiler's own, in every `async fn`: an executor polls no future that is done.
+const RESUMED: &str = "core::panicking::panic_const::panic_const_async_fn_resumed";
+
+/// The core.
+const CORE: &str = "taxel";
+/// The boards' own crates.
+const BOARDS: &str = "boards";
+
+/// Crates whose panics are known, and why they are not met.
+const KNOWN: [(&str, &str); 17] = [
+    (BOARDS, "at start-up, and in the handlers of faults"),
+    (
+        "cobs",
+        "on the core's path: its places stay below the length it is given; both ways are fuzzed",
+    ),
+    (
+        "embassy-sync",
+        "on the core's path: its pipe is borrowed by one task, and indexed by remainders",
+    ),
+    ("embedded-io-async", "on the core's path: a link that takes nothing, which no board's does"),
+    ("defmt", "as its macros have it: at start-up"),
+    ("defmt-rtt", "a log within a log, which nothing writes"),
+    ("embassy-executor", "tasks and wakers that are not its own, of which there are none"),
+    ("embassy-hal-internal", "at start-up"),
+    ("embassy-stm32", "at start-up; in the USB driver, registers that read what they never hold"),
+    ("embassy-time", "times beyond 2^64"),
+    ("embassy-time-driver", "times beyond 2^64"),
+    ("embassy-usb", "at start-up, and descriptors that do not fit, which start-up finds"),
+    ("embassy-usb-driver", "numbers of endpoints that start-up gives"),
+    (
+        "embassy-usb-synopsys-otg",
+        "in the USB driver, packets of a kind or size that USB does not have",
+    ),
+    ("postcard", "on the core's path: the buffer of a varint is as long as the longest; fuzzed"),
+    ("static_cell", "at start-up"),
+    ("stm32-metapac", "fields of registers that read what they never hold"),
+];
+
+/// True for a function that does not come back.
+pub fn is_panic(name: &str) -> bool {
+    PANICS.iter().any(|start| name.starts_with(start))
+}
+
+/// Why the panics of a crate are not met, if that is known.
+pub fn why(owner: &str) -> Option<&'static str> {
+    KNOWN.iter().find(|(known, _)| *known == owner).map(|(_, why)| *why)
+}
+
+/// Panics left in a firmware: how many calls of them, by the crate whose line makes them. Fails where one
+/// is the core's own, or of a crate that is not known.
+pub fn remaining(elf: &Path, image: &Image) -> Result<BTreeMap<String, usize>> {
+    let loader = Loader::new(elf).map_err(|error| anyhow!("{}: {error}", elf.display()))?;
+    let mut panicking: BTreeSet<u32> = image
+        .functions
+        .iter()
+        .filter(|(_, function)| is_panic(&function.name))
+        .map(|(address, _)| *address)
+        .collect();
+    let mut all = BTreeMap::new();
+    // What the standard library does in a function of its own is done by that function's callers.
+    loop {
+        let before = panicking.len();
+        all.clear();
+        for (address, function) in &image.functions {
+            let calls = function.calls.iter().filter(|(_, callee)| panicking.contains(callee));
+            for (site, callee) in calls.copied().collect::<Vec<_>>() {
+                let callee = image.at(callee).map_or("", |callee| &callee.name);
+                if panicking.contains(address) || callee == RESUMED {
+                    continue;
+                }
+                let Some((owner, line)) = owner(&loader, site)? else {
+                    panicking.insert(*address);
+                    continue;
+                };
+                if why(&owner).is_none() {
+                    bail!(
+                        "{line} may panic ({callee} in {}): find another way, or say in panics.rs why it \
+                         never does",
+                        function.name
+                    );
+                }
+                *all.entry(owner).or_default() += 1;
+            }
+        }
+        if panicking.len() == before {
+            return Ok(all);
+        }
+    }
+}
+
+/// The crate whose line made the code at `site`, and the line. What the standard library does is its
+/// caller's; none where there is no other.
+fn owner(loader: &Loader, site: u32) -> Result<Option<(String, String)>> {
+    let mut frames = loader.find_frames(u64::from(site)).map_err(|error| anyhow!("{error}"))?;
+    while let Some(frame) = frames.next()? {
+        if let Some(location) = frame.location
+            && let Some(file) = location.file
+            && let Some(name) = crate_of(file, &root())
+        {
+            return Ok(Some((name, format!("{file}:{}", location.line.unwrap_or_default()))));
+        }
+    }
+    Ok(None)
+}
+
+/// The crate that a source file belongs to; none for the standard library.
+fn crate_of(file: &str, root: &Path) -> Option<String> {
+    if ["core", "alloc", "compiler-builtins"]
+        .iter()
+        .any(|part| file.contains(&format!("/library/{part}/")))
+    {
+        return None;
+    }
+    if let Some((_, rest)) = file.split_once("/registry/src/") {
+        let folder = rest.split('/').nth(1)?;
+        return Some(folder.rsplit_once('-').map_or(folder, |(name, _)| name).to_owned());
+    }
+    // What a crate's build script wrote.
+    if let Some((_, rest)) = file.split_once("/build/")
+        && let Some((folder, _)) = rest.split_once("/out/")
+    {
+        return Some(folder.rsplit_once('-').map_or(folder, |(name, _)| name).to_owned());
+    }
+    let own = Path::new(file).strip_prefix(root).ok()?;
+    let mut folders = own.components().map(|folder| folder.as_os_str().to_string_lossy());
+    match folders.next()?.as_ref() {
+        "src" => Some(CORE.to_owned()),
+        _ => Some(BOARDS.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_belongs_to_the_crate_of_its_file() {
+        let of = |file| crate_of(file, Path::new("/home/me/taxel"));
+        assert_eq!(of("/home/me/taxel/src/wire/deframer.rs").as_deref(), Some("taxel"));
+        assert_eq!(of("/home/me/taxel/boards/common/src/link.rs").as_deref(), Some("boards"));
+        let registry = "/home/me/.cargo/registry/src/index.crates.io-1949cf8c6b5b557f";
+        let file = format!("{registry}/embassy-sync-0.8.0/src/pipe.rs");
+        assert_eq!(of(&file).as_deref(), Some("embassy-sync"));
+        let written =
+            "/home/me/taxel/boards/target/release/build/embassy-stm32-8fb/out/_generated.rs";
+        assert_eq!(of(written).as_deref(), Some("embassy-stm32"));
+        assert_eq!(of("/rustc/59807616/library/core/src/cell.rs"), None);
+        assert_eq!(of("/usr/lib/rustlib/src/rust/library/core/src/cell.rs"), None);
+    }
+}
