@@ -102,7 +102,7 @@ fn bad_usage_is_one_line_and_exit_code_2() {
         (
             &format!("set {port}"),
             "the following required arguments were not provided: <--rate <HZ>|--fields <LIST>|\
-             --point <METHOD>|--save>; see --help",
+             --point <METHOD>|--scan <HZ>|--oversampling <SAMPLES>|--settle <US>|--save>; see --help",
         ),
         (
             &format!("set {port} --fields force,colour"),

@@ -138,7 +138,7 @@ pub fn dark_current(warmer_k: f64) -> f64 {
     ROWS as f64 * DARK_A / UNIT_A * (warmer_k / DOUBLES_K).exp2()
 }
 
-/// Light of an LED `warmer_k` above the reference over that at it: −0.5 %/K (data sheet of the SFH 480).
+/// Light of an LED `warmer_k` above the reference over that at it: −0.5 %/K (assumed; usual for such LEDs).
 /// The phototransistor's own change is a curve without a number in its sheet and is not modelled.
 #[must_use]
 pub fn warm_led(warmer_k: f64) -> f64 {

@@ -406,6 +406,8 @@ _REFUSALS = (
     "there is no calibration",
     "a taxel is clipped",
     "the flash failed; what was stored before stays",
+    "this board has no such thing",
+    "the scan cannot be so",
 )
 
 
