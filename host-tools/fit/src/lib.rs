@@ -5,6 +5,7 @@
 //!   recording that it has not seen, through the very arithmetic of the chip.
 //! - [`table`] does the same for anybody's sensor that comes as a CSV of N channels.
 
+pub mod adjust;
 pub mod align;
 mod auto;
 mod checks;

@@ -1,10 +1,18 @@
 //! `taxel calibrate`: from recordings to a calibration, what it is worth, and onto the finger and back.
 
+mod adjust;
+mod compare;
 mod evaluate;
 mod fit;
+mod report;
 mod transfer;
 
-/// Fits, judges and transfers calibrations.
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use taxel_fit::recording::Recording;
+use taxel_formats::stretch::Stretch;
+
+/// Fits, judges, adjusts and transfers calibrations.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -15,6 +23,9 @@ pub struct Args {
 enum Command {
     Fit(fit::Args),
     Evaluate(evaluate::Args),
+    Report(report::Args),
+    Compare(compare::Args),
+    Adjust(adjust::Args),
     Upload(transfer::UploadArgs),
     Download(transfer::DownloadArgs),
 }
@@ -27,9 +38,31 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     match args.command {
         Command::Fit(args) => fit::run(args),
         Command::Evaluate(args) => evaluate::run(args),
+        Command::Report(args) => report::run(args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Adjust(args) => adjust::run(args),
         Command::Upload(args) => transfer::upload(args),
         Command::Download(args) => transfer::download(args),
     }
+}
+
+/// Reads whole recordings or stretches of them, none of which may be empty.
+fn recordings(stretches: &[Stretch]) -> anyhow::Result<Vec<Recording>> {
+    let read = |stretch: &Stretch| {
+        let recording = Recording::read(stretch)?;
+        anyhow::ensure!(
+            !recording.samples.is_empty(),
+            "{}: no rows; check the stretch FILE@FROM..TO",
+            recording.name
+        );
+        Ok(recording)
+    };
+    stretches.iter().map(read).collect()
+}
+
+/// Seconds since 1970-01-01 UTC.
+fn now() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs()
 }
 
 /// Column names as the readers of tables take them.

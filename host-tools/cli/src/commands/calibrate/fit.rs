@@ -1,7 +1,6 @@
 //! `taxel calibrate fit`.
 
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
@@ -240,14 +239,13 @@ fn fit_finger(
         let reference = formats::read(&Stretch::whole(path), &["f*_n"])?;
         alignments.push(Aligned::new(path, recording.align(&reference)?));
     }
-    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let options = FitOptions {
         subject: args.sensor.map_or(Subject::Found, |sensor| Subject::Sensor(sensor.into())),
         family: args.model,
         hidden: args.hidden.map(usize::from),
         net: NetOptions { seed: args.seed, ..NetOptions::default() },
         serial: args.serial.clone(),
-        date: since_epoch.as_secs(),
+        date: super::now(),
         ..FitOptions::default()
     };
     let fitted = finger::fit(&recordings, &options, progress, stop.flag())?;

@@ -1,0 +1,117 @@
+//! `taxel calibrate adjust`.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use taxel_fit::adjust;
+use taxel_formats::calibration;
+use taxel_formats::stretch::Stretch;
+
+use super::{now, recordings};
+use crate::output;
+
+/// Brings a calibration up to date with a few presses of known weight, the finger in its place.
+///
+/// Bias, one gain a taxel and one a row of each sensor's matrix are found anew; all else stays. Three presses
+/// at least, better nine all over the finger. Each recording begins with half a second in which nothing
+/// touches the finger.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// A recording of presses, or a stretch of it in seconds; may be given several times.
+    #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
+    data: Vec<Stretch>,
+    /// Every contact in the recordings is this weight, standing still: newtons straight down. Else their
+    /// reference columns fx_n fy_n fz_n (or s0_fx_n …) tell.
+    #[arg(long, value_name = "NEWTONS", value_parser = weight)]
+    weight: Option<f64>,
+    /// The calibration to start from.
+    #[arg(long, value_name = "OLD.toml")]
+    calibration: PathBuf,
+    /// The calibration to write.
+    #[arg(long, value_name = "NEW.toml")]
+    out: PathBuf,
+    /// Print the outcome as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel calibrate adjust --calibration finger.toml --data presses.csv --out today.toml
+  taxel calibrate adjust --calibration finger.toml --data 50g.csv --weight 0.4905 --out today.toml";
+
+fn weight(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(newtons) if newtons > 0.0 && newtons < 1000.0 => Ok(newtons),
+        _ => Err("expected newtons, more than 0, as in 0.4905 for 50 g".into()),
+    }
+}
+
+/// What an adjustment brought, as JSON.
+#[derive(Serialize)]
+struct Outcome {
+    calibration: PathBuf,
+    presses: usize,
+    taxel_gains: Vec<f64>,
+    sensor_gains: [Option<[f64; 3]>; 4],
+    /// With the new bias alone, newtons.
+    error_before: Option<f64>,
+    /// On presses that were left out, newtons.
+    error_after: Option<f64>,
+    warnings: Vec<String>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A file is wrong, or the recordings do not hold what is needed.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    output::keep(args.data.iter().map(|data| data.path.as_path()), &args.out)?;
+    let old = calibration::read(&args.calibration)?;
+    let mut recordings = recordings(&args.data)?;
+    if let Some(newtons) = args.weight {
+        for recording in &mut recordings {
+            adjust::weigh(&old, recording, newtons)?;
+        }
+    }
+    let adjusted = adjust::adjust(&old, &recordings, now())?;
+    calibration::write(&args.out, &adjusted.calibration)?;
+    for warning in &adjusted.warnings {
+        output::note(format_args!("taxel: warning: {warning}"));
+    }
+    let outcome = Outcome {
+        calibration: args.out,
+        presses: adjusted.presses,
+        taxel_gains: adjusted.taxels,
+        sensor_gains: adjusted.sensors,
+        error_before: adjusted.error.map(|[before, _]| before),
+        error_after: adjusted.error.map(|[_, after]| after),
+        warnings: adjusted.warnings,
+    };
+    if args.json {
+        return output::json(&outcome);
+    }
+    print(&outcome)
+}
+
+fn print(outcome: &Outcome) -> anyhow::Result<()> {
+    output::line(format!("{} presses", outcome.presses))?;
+    if let (Some(before), Some(after)) = (outcome.error_before, outcome.error_after) {
+        output::line(format!(
+            "RMS error over them: {:.2} mN with the new bias alone, {:.2} mN on presses left out of the gains",
+            before * 1e3,
+            after * 1e3
+        ))?;
+    }
+    for row in outcome.taxel_gains.chunks(4) {
+        let row: Vec<String> = row.iter().map(|gain| format!("{gain:.3}")).collect();
+        output::line(format!("gains  {}", row.join("  ")))?;
+    }
+    for (i, gains) in outcome.sensor_gains.iter().enumerate() {
+        if let Some([x, y, z]) = gains {
+            output::line(format!("s{i}: gains {x:.3} {y:.3} {z:.3}"))?;
+        }
+    }
+    output::line(format!("wrote {}", outcome.calibration.display()))
+}

@@ -1,0 +1,63 @@
+//! `taxel calibrate compare`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use taxel_formats::calibration;
+use taxel_formats::stretch::Stretch;
+use taxel_report::drift;
+
+use super::recordings;
+use crate::output;
+
+/// Shows how far two calibrations of one finger lie apart: what drifted between them.
+///
+/// Offsets and gains of the force sensors are told in newtons and percent, the unloaded light of the taxels in
+/// percent. With --data, recordings with references, it also tells how well each of the two meets them.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The earlier calibration.
+    #[arg(value_name = "OLD.toml")]
+    first: PathBuf,
+    /// The later one.
+    #[arg(value_name = "NEW.toml")]
+    second: PathBuf,
+    /// A recording with references; may be given several times.
+    #[arg(long, value_name = "FILE[@FROM..TO]")]
+    data: Vec<Stretch>,
+    /// Print the same as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A file is wrong.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let first = calibration::read(&args.first)?;
+    let second = calibration::read(&args.second)?;
+    let drift = drift::compare(&first, &second, &recordings(&args.data)?);
+    for warning in &drift.warnings {
+        output::note(format_args!("taxel: warning: {warning}"));
+    }
+    if args.json {
+        return output::json(&drift);
+    }
+    let apart = humantime::format_duration(Duration::from_secs(drift.seconds.unsigned_abs()));
+    let order = if drift.seconds < 0 { "before" } else { "after" };
+    output::line(format!("the second was made {apart} {order} the first"))?;
+    for change in &drift.changes {
+        output::line(format!(
+            "{:<8} {:<24} {:>+10.3} {}",
+            change.part, change.what, change.by, change.unit
+        ))?;
+    }
+    for met in &drift.met {
+        output::line(format!(
+            "{}: {} RMSE {:.5} → {:.5} {}",
+            met.recording, met.target, met.before, met.after, met.unit
+        ))?;
+    }
+    Ok(())
+}

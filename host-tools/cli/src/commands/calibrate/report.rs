@@ -1,0 +1,69 @@
+//! `taxel calibrate report`.
+
+use std::path::PathBuf;
+use std::time::{Duration, UNIX_EPOCH};
+
+use anyhow::Context;
+use humantime::format_rfc3339_seconds;
+use taxel_formats::calibration;
+use taxel_formats::stretch::Stretch;
+use taxel_report::{html, judge};
+
+use super::{now, recordings};
+use crate::output;
+
+/// Writes what a calibration is worth as a page for people: figures, plots, coverage, warnings.
+///
+/// Each --data is a recording that the calibration has not seen; its reference columns are compared with what
+/// the finger says, beside the papers' tables. With --fitted-to the page shows where those recordings lie,
+/// and warns where they cannot support the calibration.
+#[derive(clap::Args)]
+pub struct Args {
+    /// A recording to judge on, or a stretch of it in seconds; may be given several times.
+    #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
+    data: Vec<Stretch>,
+    /// A recording that the calibration was fitted to; may be given several times.
+    #[arg(long, value_name = "FILE[@FROM..TO]")]
+    fitted_to: Vec<Stretch>,
+    /// The calibration.
+    #[arg(long, value_name = "CAL.toml")]
+    calibration: PathBuf,
+    /// Page to write; it needs no other file and no network.
+    #[arg(long, value_name = "REPORT.html")]
+    out: PathBuf,
+    /// Print the same as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A file is wrong, or there is nothing to judge in the recordings.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let inputs = args.data.iter().chain(&args.fitted_to).map(|data| data.path.as_path());
+    output::keep(inputs.chain([args.calibration.as_path()]), &args.out)?;
+    let calibration = calibration::read(&args.calibration)?;
+    let (judged, fitted) = (recordings(&args.data)?, recordings(&args.fitted_to)?);
+    let report = judge(&calibration, &judged, &fitted);
+    for trial in &report.trials {
+        anyhow::ensure!(
+            !trial.figures.is_empty(),
+            "{}: nothing to judge; the recording needs reference columns (fx_n fy_n fz_n x_mm y_mm) of \
+             something that the calibration estimates",
+            trial.recording
+        );
+    }
+    let date =
+        |seconds| format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string();
+    let page = html::page(&report, &date(now()), &date(report.about.date));
+    std::fs::write(&args.out, page)
+        .with_context(|| format!("{}: cannot be written", args.out.display()))?;
+    for warning in &report.warnings {
+        output::note(format_args!("taxel: warning: {warning}"));
+    }
+    if args.json {
+        return output::json(&report);
+    }
+    output::line(format!("wrote {}", args.out.display()))
+}

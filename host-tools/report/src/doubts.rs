@@ -1,0 +1,191 @@
+//! Where the recordings cannot support the calibration.
+
+use nalgebra::DMatrix;
+use taxel::calibration::Calibration;
+use taxel::condition::{Bias, Levels};
+use taxel::scan::{SENSORS, TAXELS};
+use taxel_fit::recording::Recording;
+
+use crate::series::extent;
+
+/// A shear below this share of the normal force is none.
+const NO_SHEAR: f64 = 0.01;
+/// A component that goes less than this share of its way to one side goes to the other only.
+const ONE_SIDED: f64 = 0.1;
+/// Two channels that correlate beyond this are one.
+const SAME: f64 = 0.9999;
+/// Fewer recordings than this leave nothing to choose a model by: 003 and every careful judge hold out
+/// whole recordings.
+const FEW: usize = 3;
+
+/// What the user should know of the recordings that the calibration was fitted to, in full sentences.
+pub(crate) fn doubts(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
+    if fitted.is_empty() {
+        return vec![
+            "the recordings that the calibration was fitted to were not given (--fitted-to): whether they \
+             support it is not judged"
+                .into(),
+        ];
+    }
+    let mut doubts = Vec::new();
+    if fitted.len() < FEW {
+        doubts.push(format!(
+            "fitted to {} recording{}: with {FEW} or more, mounted anew each time, one can be left out to \
+             see what a new mounting does",
+            fitted.len(),
+            if fitted.len() == 1 { "" } else { "s" },
+        ));
+    }
+    doubts.extend(of_load(calibration, fitted));
+    doubts.extend(of_channels(calibration, fitted));
+    doubts
+}
+
+/// Judged on what it was fitted to.
+pub(crate) fn not_held_out(judged: &[Recording], fitted: &[Recording]) -> Vec<String> {
+    let known = |recording: &&Recording| {
+        let first = recording.samples.first();
+        fitted.iter().any(|fitted| {
+            fitted.name == recording.name && first.is_some_and(|row| fitted.samples.contains(row))
+        })
+    };
+    let name = |recording: &Recording| {
+        format!(
+            "{}: it was fitted to these very rows: what is said of it is no forecast",
+            recording.name
+        )
+    };
+    judged.iter().filter(known).map(name).collect()
+}
+
+fn of_load(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
+    let extents: [(f64, f64); 3] = std::array::from_fn(|axis| {
+        let rows = fitted.iter().flat_map(|recording| &recording.samples);
+        extent(rows.filter_map(|sample| sample.truth.force[axis]))
+    });
+    let largest = |axis: usize| extents[axis].0.abs().max(extents[axis].1.abs());
+    if extents.iter().all(|(low, high)| low > high) {
+        return Vec::new();
+    }
+    let mut doubts = Vec::new();
+    let three = calibration.force.as_ref().is_some_and(|net| net.output_bias.len() == 3)
+        || calibration.sensors.iter().any(Option::is_some);
+    for (axis, name) in [(0, "x"), (1, "y")] {
+        let (low, high) = extents[axis];
+        if !three || low > high {
+            continue;
+        }
+        if largest(axis) < NO_SHEAR * largest(2) {
+            doubts.push(format!(
+                "no shear in {name} (less than {:.0} % of the normal force): f{name} is a guess; press and \
+                 pull along {name}, both ways",
+                100.0 * NO_SHEAR
+            ));
+        } else if low.abs().min(high.abs()) < ONE_SIDED * largest(axis) || low * high > 0.0 {
+            doubts.push(format!(
+                "f{name} goes one way only ({low:.2} … {high:.2} N): the other way is a guess; pull along \
+                 {name} both ways"
+            ));
+        }
+    }
+    doubts
+}
+
+fn of_channels(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
+    let bias = calibration.bias();
+    let mut doubts = Vec::new();
+    if calibration.force.is_some() {
+        let names: Vec<String> = (0..TAXELS).map(|k| format!("r{}c{}", k / 4, k % 4)).collect();
+        doubts.extend(alike(&names, &taxels(&bias, fitted)));
+    }
+    for sensor in (0..SENSORS).filter(|i| calibration.sensors[*i].is_some()) {
+        let names = ["x", "y", "z"].map(|axis| format!("u_{axis} of s{sensor}"));
+        doubts.extend(alike(&names, &bridges(&bias, sensor, fitted)));
+    }
+    doubts
+}
+
+/// Channels that say the same as another one, or nothing.
+fn alike(names: &[String], rows: &[Vec<f64>]) -> Vec<String> {
+    let n = rows.len() as f64;
+    let channels: Vec<Vec<f64>> = (0..names.len())
+        .map(|k| {
+            let mean = rows.iter().map(|row| row[k]).sum::<f64>() / n;
+            rows.iter().map(|row| row[k] - mean).collect()
+        })
+        .collect();
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let power: Vec<f64> = channels.iter().map(|c| product(c, c)).collect();
+    let mut doubts = Vec::new();
+    for (k, name) in names.iter().enumerate() {
+        if rows.is_empty() {
+            break;
+        }
+        if power[k] == 0.0 {
+            doubts.push(format!("{name} never changes: is it connected?"));
+            continue;
+        }
+        for j in 0..k {
+            let r = product(&channels[k], &channels[j]) / (power[k] * power[j]).sqrt();
+            if r.abs() > SAME {
+                doubts.push(format!(
+                    "{name} says the same as {} (correlation {r:.5}): are two wires touching?",
+                    names[j]
+                ));
+            }
+        }
+    }
+    doubts
+}
+
+/// What the taxels say in contact, in the calibration's own bias.
+pub(crate) fn taxels(bias: &Bias, recordings: &[Recording]) -> Vec<Vec<f64>> {
+    signals(bias, recordings, |bias, levels| {
+        let noise = f64::from(bias.taxels?.noise);
+        let c = bias.apply(&levels, None).taxels?.map(f64::from).to_vec();
+        Some((c, noise))
+    })
+}
+
+/// What a sensor says under load.
+pub(crate) fn bridges(bias: &Bias, sensor: usize, recordings: &[Recording]) -> Vec<Vec<f64>> {
+    signals(bias, recordings, |bias, levels| {
+        let noise = f64::from(bias.bridges[sensor]?.noise);
+        let u = bias.apply(&levels, None).bridges[sensor]?.map(f64::from).to_vec();
+        Some((u, noise))
+    })
+}
+
+/// A row counts where its signals stand ten times out of their noise.
+fn signals(
+    bias: &Bias,
+    recordings: &[Recording],
+    read: impl Fn(&Bias, Levels) -> Option<(Vec<f64>, f64)>,
+) -> Vec<Vec<f64>> {
+    recordings
+        .iter()
+        .flat_map(|recording| &recording.samples)
+        .filter_map(|sample| read(bias, Levels::read(&sample.scan.codes)))
+        .filter(|(row, noise)| {
+            let square = row.iter().map(|x| x * x).sum::<f64>() / row.len() as f64;
+            square.sqrt() > 10.0 * noise
+        })
+        .map(|(row, _)| row)
+        .collect()
+}
+
+/// Largest over smallest singular value: how unevenly the rows determine the directions.
+pub(crate) fn condition(rows: &[Vec<f64>]) -> Option<f64> {
+    let columns = rows.first()?.len();
+    let mut square = DMatrix::<f64>::zeros(columns, columns);
+    for row in rows {
+        for (i, a) in row.iter().enumerate() {
+            for (j, b) in row.iter().enumerate() {
+                square[(i, j)] += a * b;
+            }
+        }
+    }
+    let values = square.symmetric_eigenvalues();
+    let (most, least) = (values.max(), values.min());
+    (least > 0.0).then(|| (most / least).sqrt())
+}

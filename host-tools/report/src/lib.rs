@@ -1,0 +1,23 @@
+//! What a calibration is worth, for people to read.
+//!
+//! ```text
+//! recordings ─▶ Series ─▶ figures, coverage, warnings ─▶ Report ─▶ JSON, or a page with plots
+//! ```
+//! [`judge`] makes a [`Report`] of recordings that the calibration has not seen, and of those that it was
+//! fitted to; [`html::page`] draws it. [`drift::compare`] tells how far two calibrations of one finger lie
+//! apart.
+
+mod coverage;
+mod doubts;
+pub mod drift;
+mod figures;
+pub mod html;
+mod papers;
+mod plots;
+mod report;
+mod series;
+
+pub use coverage::Coverage;
+pub use figures::Figures;
+pub use report::{About, Report, Trial, judge};
+pub use series::{Kind, Series};
