@@ -7,7 +7,9 @@
 
 pub mod boot;
 pub mod flash;
+pub mod identity;
 pub mod link;
 pub mod scanner;
 pub mod settings;
 pub mod stack;
+pub mod status;

@@ -33,6 +33,12 @@ pub struct Frames {
     lost: AtomicBool,
     /// The scan stands still on purpose.
     paused: AtomicBool,
+    /// How long a frame takes, in microseconds.
+    period: AtomicU32,
+    /// When the last frame's interrupt came, in microseconds.
+    last: AtomicU32,
+    /// Frames read since power-up.
+    count: AtomicU32,
     /// Cycles that the last interrupt took, and the most so far.
     cost: AtomicU32,
     worst: AtomicU32,
@@ -47,16 +53,51 @@ impl Frames {
             queue: Channel::new(),
             lost: AtomicBool::new(false),
             paused: AtomicBool::new(true),
+            period: AtomicU32::new(0),
+            last: AtomicU32::new(0),
+            count: AtomicU32::new(0),
             cost: AtomicU32::new(0),
             worst: AtomicU32::new(0),
         }
     }
 
-    /// A frame has been read. `missed` is true where one before it was not.
-    pub fn push(&self, time: Micros, codes: Codes, missed: bool) {
+    /// The scan begins, from a standstill; a frame takes so many microseconds.
+    pub fn begin(&self, period_us: u32) {
+        self.period.store(period_us, Ordering::Relaxed);
+        self.last.store(now_us(), Ordering::Relaxed);
+        self.paused.store(false, Ordering::Relaxed);
+    }
+
+    /// The scan stands still on purpose.
+    pub fn halt(&self) {
+        self.paused.store(true, Ordering::Relaxed);
+        self.drop_one();
+    }
+
+    /// A frame's interrupt has come. Interrupts that were held up have become one; time tells how many
+    /// there were. Says whether a frame before this one was missed.
+    pub fn tick(&self) -> bool {
+        let now = now_us();
+        let since = now.wrapping_sub(self.last.load(Ordering::Relaxed));
+        self.last.store(now, Ordering::Relaxed);
+        let period = self.period.load(Ordering::Relaxed);
+        since > period + period / 2
+    }
+
+    /// A frame has been read, that ends now. `missed` is true where one before it was not.
+    pub fn push(&self, codes: Codes, missed: bool) {
+        let period = u64::from(self.period.load(Ordering::Relaxed));
+        let time = Micros(Instant::now().as_micros().saturating_sub(period));
         let overrun = self.lost.load(Ordering::Relaxed) || missed;
         let scan = Scan { time, overrun, codes };
         self.lost.store(self.queue.try_send(scan).is_err(), Ordering::Relaxed);
+        self.count.store(self.count().wrapping_add(1), Ordering::Relaxed);
+    }
+
+    /// Frames read since power-up, wrapping.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        self.count.load(Ordering::Relaxed)
     }
 
     /// A frame came and could not be read whole.
@@ -75,14 +116,10 @@ impl Frames {
     pub fn cost(&self) -> (u32, u32) {
         (self.cost.load(Ordering::Relaxed), self.worst.load(Ordering::Relaxed))
     }
+}
 
-    /// The scan stands still on purpose, or goes on.
-    pub fn set_paused(&self, paused: bool) {
-        self.paused.store(paused, Ordering::Relaxed);
-        if paused {
-            self.drop_one();
-        }
-    }
+fn now_us() -> u32 {
+    Instant::now().as_micros() as u32
 }
 
 /// What a scanner asks of its chip.

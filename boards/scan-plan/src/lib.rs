@@ -88,6 +88,12 @@ impl Step {
         STEPS * (self.top + 1)
     }
 
+    /// Microseconds of a whole frame, rounded down.
+    #[must_use]
+    pub const fn frame_us(&self) -> u32 {
+        self.frame_ticks() / (self.tick_hz / 1_000_000)
+    }
+
     /// Frames a second as the timer gives them, in millihertz.
     #[must_use]
     pub const fn scan_millihertz(&self) -> u32 {

@@ -26,7 +26,8 @@ use taxel::instrument::Instrument;
 use taxel::session::Board;
 use taxel::store::Store;
 use taxel::units::FullScale;
-use taxel::wire::message::{Identity, Refusal, ScanSettings};
+use taxel::wire::message::{Refusal, ScanSettings};
+use taxel_board::identity::{BUILD, identity};
 use taxel_board::link::{self, Link};
 use taxel_board::scanner::{Chip, Scanner, Started};
 use taxel_board::{boot, settings};
@@ -75,14 +76,13 @@ fn main() -> ! {
     let driver = Driver::new_fs(chip.USB_OTG_FS, Irqs, chip.PA12, chip.PA11, received, config);
     let (device, link) =
         link::device(driver, "fingertip stm32f411", uid::uid_hex(), scan::set_paused);
-    let identity = Identity {
-        board: text("stm32f411"),
-        serial: text(uid::uid_hex()),
-        build: text(BUILD),
-        scan_hz: scan::DEFAULT.scan_hz,
+    let identity = identity(
+        "stm32f411",
+        uid::uid_hex(),
+        scan::DEFAULT.scan_hz,
         full_scale,
-        tick_hz: scan_plan::f411::CLOCK_HZ,
-    };
+        scan_plan::f411::CLOCK_HZ,
+    );
     let instrument = INSTRUMENT.init_with(|| Instrument::new(identity));
     instrument.restore(scanner.store());
     EXECUTOR.init(Executor::new()).run(|spawner| {
@@ -107,15 +107,6 @@ impl Chip for Registers {
     fn set_scan(&self, wish: &ScanSettings) -> Result<FullScale, Refusal> {
         scan::set(settings::wish(wish)).map_err(settings::refused)
     }
-}
-
-const BUILD: &str = match option_env!("TAXEL_BUILD") {
-    Some(build) => build,
-    None => "unknown",
-};
-
-fn text<const N: usize>(text: &str) -> heapless::String<N> {
-    text.try_into().unwrap_or_default()
 }
 
 type Usb = Driver<'static, USB_OTG_FS>;

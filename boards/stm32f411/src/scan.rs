@@ -9,7 +9,6 @@
 
 use core::cell::{Cell, UnsafeCell};
 use core::ptr;
-use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac::{ADC1, ADC1_COMMON, DMA2, GPIOA, GPIOB, GPIOC};
@@ -17,12 +16,11 @@ use embassy_stm32::pac::{Interrupt, RCC, TIM1, interrupt};
 use embassy_stm32::pac::{adc, adccommon, dma, gpio, timer};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_time::Instant;
 use scan_plan::f411::{INPUTS, Plan, READINGS, Stream, Timer, plan};
 use scan_plan::pins::{self, F411_ROWS, F411_SELECT};
 use scan_plan::{Refusal, Settings, pattern, settle};
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
-use taxel::units::{Code, FullScale, Micros};
+use taxel::units::{Code, FullScale};
 use taxel_board::scanner::Frames;
 
 /// What the finger starts with.
@@ -47,13 +45,8 @@ const fn mode(port: u8, before: u32) -> u32 {
     pins::moder(&pins::F411, port, before)
 }
 
-/// What is in force, and what the interrupt needs of it. Written while the scan stands still.
+/// What is in force. Written while the scan stands still.
 static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<Settings>> = Mutex::new(Cell::new(DEFAULT));
-static FRAME_US: AtomicU32 = AtomicU32::new(frame_us(&PLAN));
-
-const fn frame_us(plan: &Plan) -> u32 {
-    plan.step.frame_ticks() / (plan.step.tick_hz / 1_000_000)
-}
 
 /// How it scans.
 pub fn settings() -> Settings {
@@ -70,7 +63,6 @@ pub fn set(wish: Settings) -> Result<FullScale, Refusal> {
         let running = TIM1.cr1().read().cen();
         halt();
         SETTINGS.lock(|settings| settings.set(wish));
-        FRAME_US.store(frame_us(&plan), Ordering::Relaxed);
         configure_timer(plan.timer);
         if running {
             run(&plan);
@@ -105,15 +97,6 @@ static BUFFERS: Buffers = Buffers {
     patterns: UnsafeCell::new(pattern::words(F411_ROWS, F411_SELECT)),
     readings: UnsafeCell::new([[0; READINGS]; 2]),
 };
-
-/// When the last frame was read, and what has been counted. The interrupt's alone.
-static LAST_US: AtomicU32 = AtomicU32::new(0);
-static FRAMES_READ: AtomicU32 = AtomicU32::new(0);
-
-/// Frames read since power-up, wrapping.
-pub fn frames() -> u32 {
-    FRAMES_READ.load(Ordering::Relaxed)
-}
 
 /// Configures everything and lets it run. The codes' full scale.
 pub fn start() -> FullScale {
@@ -184,9 +167,8 @@ fn run(plan: &Plan) {
     cortex_m::asm::delay(scan_plan::ticks(3_000, scan_plan::f411::CLOCK_HZ));
     TIM1.egr().write(|egr| egr.set_ug(true));
     TIM1.sr().write_value(timer::regs::SrAdv(0));
-    LAST_US.store(now_us(), Ordering::Relaxed);
+    FRAMES.begin(plan.step.frame_us());
     TIM1.cr1().write_value(timer::regs::Cr1Gp16(plan.timer.cr1 | 1));
-    FRAMES.set_paused(false);
 }
 
 fn arm(stream: usize, plan: Stream, peripheral: *const (), memory: *mut u32) {
@@ -206,7 +188,7 @@ fn halt() {
     TIM1.cr1().write_value(timer::regs::Cr1Gp16(0));
     ADC1.cr2().write_value(adc::regs::Cr2(0));
     darken();
-    FRAMES.set_paused(true);
+    FRAMES.halt();
 }
 
 /// Every LED off.
@@ -238,20 +220,13 @@ fn DMA2_STREAM0() {
         run(&in_force());
         return FRAMES.drop_one();
     }
-    // Interrupts that were held up have become one. Time tells how many frames there were.
-    let now = now_us();
-    let since = now.wrapping_sub(LAST_US.swap(now, Ordering::Relaxed));
-    let frame_us = FRAME_US.load(Ordering::Relaxed);
-    let missed = since > frame_us + frame_us / 2;
-
+    let missed = FRAMES.tick();
     let half = left();
     let codes = read(half);
     if left() != half {
         return FRAMES.drop_one();
     }
-    let time = Instant::now().as_micros().saturating_sub(u64::from(frame_us));
-    FRAMES.push(Micros(time), codes, missed);
-    FRAMES_READ.store(frames().wrapping_add(1), Ordering::Relaxed);
+    FRAMES.push(codes, missed);
     FRAMES.note_cost(cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begin));
 }
 
@@ -259,10 +234,6 @@ fn DMA2_STREAM0() {
 /// first.
 fn left() -> usize {
     usize::from(DMA2.st(FROM_ADC).ndtr().read().0 > READINGS as u32)
-}
-
-fn now_us() -> u32 {
-    Instant::now().as_micros() as u32
 }
 
 /// The codes of one frame.

@@ -1,7 +1,6 @@
-//! The status LED, lit when its pin is low: short blinks while scans come, steady while they do not.
+//! The status LED's pin; the LED is lit when it is low.
 
 use embassy_stm32::pac::GPIOC;
-use embassy_time::{Duration, Timer};
 use scan_plan::pins::F411_STATUS;
 
 use crate::scan;
@@ -9,15 +8,7 @@ use crate::scan;
 /// Shows for ever how the scan is doing.
 #[embassy_executor::task]
 pub async fn show() {
-    let mut seen = 0;
-    loop {
-        let scans = scan::frames();
-        set(true);
-        Timer::after(Duration::from_millis(50)).await;
-        set(scans == seen);
-        seen = scans;
-        Timer::after(Duration::from_millis(950)).await;
-    }
+    taxel_board::status::show(&scan::FRAMES, set).await;
 }
 
 fn set(lit: bool) {

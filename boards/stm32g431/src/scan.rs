@@ -9,7 +9,7 @@
 
 use core::cell::{Cell, UnsafeCell};
 use core::ptr;
-use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU16, Ordering};
 
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, DMA1, DMAMUX1, GPIOA, GPIOB};
@@ -17,14 +17,13 @@ use embassy_stm32::pac::{Interrupt, OPAMP2, OPAMP3, RCC, TIM1, interrupt};
 use embassy_stm32::pac::{adc, adccommon, bdma, dmamux, gpio, opamp, timer};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_time::Instant;
 use scan_plan::g431::{
     BRIDGE_INPUTS, BRIDGE_READINGS, COLUMN_READINGS, Channel, Last, Plan, Timer, plan,
 };
 use scan_plan::pins::{self, G431_ROWS, G431_SELECT};
 use scan_plan::{Refusal, Settings, pattern, settle};
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
-use taxel::units::{Code, FullScale, Micros};
+use taxel::units::{Code, FullScale};
 use taxel_board::scanner::Frames;
 
 /// What the finger starts with.
@@ -50,11 +49,6 @@ const fn mode(port: u8, before: u32) -> u32 {
 static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<Settings>> = Mutex::new(Cell::new(DEFAULT));
 static OVERSAMPLING: AtomicU16 = AtomicU16::new(DEFAULT.oversampling);
 static FULL_SCALE: AtomicU16 = AtomicU16::new(PLAN.full_scale);
-static FRAME_US: AtomicU32 = AtomicU32::new(frame_us(&PLAN));
-
-const fn frame_us(plan: &Plan) -> u32 {
-    plan.step.frame_ticks() / (plan.step.tick_hz / 1_000_000)
-}
 
 /// How it scans.
 pub fn settings() -> Settings {
@@ -74,7 +68,6 @@ pub fn set(wish: Settings) -> Result<FullScale, Refusal> {
         SETTINGS.lock(|settings| settings.set(wish));
         OVERSAMPLING.store(wish.oversampling, Ordering::Relaxed);
         FULL_SCALE.store(plan.full_scale, Ordering::Relaxed);
-        FRAME_US.store(frame_us(&plan), Ordering::Relaxed);
         configure(&plan);
         if running {
             run(&plan);
@@ -116,15 +109,6 @@ static BUFFERS: Buffers = Buffers {
     columns: UnsafeCell::new([[0; COLUMN_READINGS]; 2]),
     bridges: UnsafeCell::new([[0; BRIDGE_READINGS]; 2]),
 };
-
-/// When the last frame was read, and what has been counted. The interrupt's alone.
-static LAST_US: AtomicU32 = AtomicU32::new(0);
-static FRAMES_READ: AtomicU32 = AtomicU32::new(0);
-
-/// Frames read since power-up, wrapping.
-pub fn frames() -> u32 {
-    FRAMES_READ.load(Ordering::Relaxed)
-}
 
 /// Configures everything and lets it run. The codes' full scale.
 pub fn start() -> FullScale {
@@ -232,9 +216,8 @@ fn run(plan: &Plan) {
     ADC1.cr().modify(|cr| cr.set_jadstart(true));
     TIM1.egr().write(|egr| egr.set_ug(true));
     TIM1.sr().write_value(timer::regs::SrAdv(0));
-    LAST_US.store(now_us(), Ordering::Relaxed);
+    FRAMES.begin(plan.step.frame_us());
     TIM1.cr1().write_value(timer::regs::Cr1Gp16(plan.timer.cr1 | 1));
-    FRAMES.set_paused(false);
 }
 
 fn arm(channel: usize, plan: Channel, peripheral: *const (), memory: *mut u32) {
@@ -260,7 +243,7 @@ fn halt() {
         last.disable();
     }
     darken();
-    FRAMES.set_paused(true);
+    FRAMES.halt();
 }
 
 /// Every LED off.
@@ -302,20 +285,13 @@ fn on_frame(channel: usize, count: u32) {
         run(&in_force());
         return FRAMES.drop_one();
     }
-    // Interrupts that were held up have become one. Time tells how many frames there were.
-    let now = now_us();
-    let since = now.wrapping_sub(LAST_US.swap(now, Ordering::Relaxed));
-    let frame_us = FRAME_US.load(Ordering::Relaxed);
-    let missed = since > frame_us + frame_us / 2;
-
+    let missed = FRAMES.tick();
     let half = left(channel, count);
     let codes = read(half);
     if left(channel, count) != half {
         return FRAMES.drop_one();
     }
-    let time = Instant::now().as_micros().saturating_sub(u64::from(frame_us));
-    FRAMES.push(Micros(time), codes, missed);
-    FRAMES_READ.store(frames().wrapping_add(1), Ordering::Relaxed);
+    FRAMES.push(codes, missed);
     FRAMES.note_cost(cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begin));
 }
 
@@ -323,10 +299,6 @@ fn on_frame(channel: usize, count: u32) {
 /// the first.
 fn left(channel: usize, count: u32) -> usize {
     usize::from(DMA1.ch(channel).ndtr().read().0 > count / 2)
-}
-
-fn now_us() -> u32 {
-    Instant::now().as_micros() as u32
 }
 
 /// The codes of one frame.
