@@ -72,7 +72,7 @@ def test_the_stream_comes_without_a_gap(finger: Finger):
     frames = list(finger.frames(seconds=1))
     assert len(frames) == pytest.approx(rate, abs=1)
     assert {b.seq - a.seq for a, b in zip(frames, frames[1:], strict=False)} == {1}
-    assert finger.counts == (len(frames) + finger.counts.frames - len(frames), 0, 0, 0)
+    assert finger.counts[1:] == (0, 0, 0)
     assert all(frame.codes is None and frame.force is not None for frame in frames)
 
 
@@ -95,7 +95,7 @@ def test_the_calibration_reads_back_as_it_was_uploaded(finger: Finger):
     assert len(record) > 100
     finger.upload_calibration(record)
     assert finger.download_calibration() == record
-    damaged = bytes([record[0]]) + bytes([record[1]]) + record[2:-1] + bytes([record[-1] ^ 1])
+    damaged = record[:-1] + bytes([record[-1] ^ 1])
     with pytest.raises(RefusedError, match="not a calibration"):
         finger.upload_calibration(damaged)
     assert finger.download_calibration() == record

@@ -4,7 +4,7 @@
 //! newtons, z into the skin; so stresses are MPa and pressure is a negative σ_zz. From the formulas up:
 //!
 //! - [`HalfSpace`]: the material; stress, strain and displacement under a point load (004 eqs (1), (2);
-//!   Johnson §3.2, §3.6), and how far indenters sink into it;
+//!   Johnson §3.2, §3.6), and how far indenters go into it;
 //! - [`plane`]: line, flat block and cylinder in plane strain, in closed form (004);
 //! - [`sphere`]: Hertz's sphere in closed form;
 //! - [`traction`]: any contact as a superposition of point loads over it;
@@ -27,5 +27,5 @@ pub mod traction;
 
 pub use facets::Facets;
 pub use halfspace::{HalfSpace, SILICONE_YOUNG_MPA};
-pub use indenter::{Indenter, Lies};
+pub use indenter::{Axis, Indenter};
 pub use traction::{Patch, Rule};

@@ -59,25 +59,25 @@ impl Faults {
         for broken in self.active() {
             match broken {
                 Broken::Led(k) => missing.leds |= 1 << k,
-                Broken::Open(Place::Taxel(k)) => missing.eyes |= 1 << k,
+                Broken::Open(Place::Taxel(k)) => missing.phototransistors |= 1 << k,
                 _ => {}
             }
         }
         missing
     }
 
-    /// Which share of a column's phototransistors sees the room.
+    /// Share of a column's phototransistors that the light of the room reaches.
     #[must_use]
-    pub fn seeing(&self) -> [f64; COLS] {
-        let blind = self.missing().eyes;
-        let mut seeing = [1.0; COLS];
+    pub fn ambient_shares(&self) -> [f64; COLS] {
+        let blind = self.missing().phototransistors;
+        let mut shares = [1.0; COLS];
         if blind != 0 {
-            for (c, seeing) in seeing.iter_mut().enumerate() {
+            for (c, share) in shares.iter_mut().enumerate() {
                 let cut_off = (0..ROWS).filter(|r| blind >> (r * COLS + c) & 1 == 1).count();
-                *seeing = 1.0 - cut_off as f64 / ROWS as f64;
+                *share = 1.0 - cut_off as f64 / ROWS as f64;
             }
         }
-        seeing
+        shares
     }
 
     /// What is left of the supply.

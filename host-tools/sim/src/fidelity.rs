@@ -193,7 +193,7 @@ impl Ladder {
         &self.report
     }
 
-    /// How far each facet sinks under `contacts`, in mm.
+    /// Displacement of each facet under `contacts`, in mm.
     #[must_use]
     pub fn displacement(&self, contacts: &Contacts) -> [f64; TAXELS] {
         self.on_rung(self.report.rung, contacts)

@@ -2,9 +2,9 @@
 //!
 //! The way of a touch through the crate is the way of the light and the strain through the finger:
 //! [`path`] says where the indenter is and how hard it pushes, friction limited; [`contact`] turns that
-//! into the sinking of each reflective facet, as finely as [`fidelity`] finds the scene to need, [`skin`]
-//! into how rubber sinks; [`optics`] into light on each phototransistor; [`response`] into what the force
-//! sensors feel of it in time, [`bridge`] into midpoint voltages of the force sensors; [`adc`] into codes.
+//! into the displacement of each reflective facet, as finely as [`fidelity`] finds the scene to need, [`skin`]
+//! into what rubber makes of it; [`optics`] into light on each phototransistor; [`response`] into what the force
+//! sensors follow of it in time, [`bridge`] into midpoint voltages of the force sensors; [`adc`] into codes.
 //! [`systems`] are the sensors that all this is done for. [`Simulator`] walks them once a frame. [`Scene`] is
 //! the TOML file that says what to simulate, [`cost`] what a rung of the ladder costs and is worth.
 //!

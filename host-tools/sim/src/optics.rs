@@ -1,7 +1,7 @@
 //! Gap to light: sixteen LED–phototransistor pairs looking at their facets.
 //!
 //! A pair of wide-angle devices a distance s apart, looking at a white facet at gap g, is taken as a
-//! Lambertian source whose mirror image lies 2g away: the light is cos²θ/r² = 4g²/(4g² + s²)², which
+//! Lambertian source whose mirror image is 2g away: the light is cos²θ/r² = 4g²/(4g² + s²)², which
 //! rises, peaks at g = s/2 and falls. 002 measures this curve, because at these distances no closed form
 //! is exact (its eq. (2)); the shape is right, and each pair's own gap, gain and leakage come from the
 //! device's seed. The finger works on the far side of the peak: nearer is brighter. A pair on the wrong
@@ -48,7 +48,7 @@ pub struct Missing {
     /// LEDs.
     pub leds: u16,
     /// Phototransistors.
-    pub eyes: u16,
+    pub phototransistors: u16,
 }
 
 /// The optics of one device in one room.
@@ -104,24 +104,25 @@ impl Optics {
         gap < PEAK_MM
     }
 
-    /// Facet to pair in mm with the facets sunk by `sunk` mm.
+    /// Facet to pair in mm with the facets displaced by `displacement` mm.
     #[must_use]
-    pub fn gaps(&self, sunk: &[f64; TAXELS]) -> [f64; TAXELS] {
-        let mut gaps = *sunk;
+    pub fn gaps(&self, displacement: &[f64; TAXELS]) -> [f64; TAXELS] {
+        let mut gaps = *displacement;
         gaps.iter_mut().zip(&self.pairs).for_each(|(gap, pair)| *gap = pair.gap - *gap);
         gaps
     }
 
-    /// What is added to each taxel's column while its row is lit, with its facet sunk by `sunk` mm.
+    /// What is added to each taxel's column while its row is lit, with its facet displaced by
+    /// `displacement` mm.
     #[must_use]
-    pub fn reflected(&self, sunk: &[f64; TAXELS], missing: Missing) -> [f64; TAXELS] {
+    pub fn reflected(&self, displacement: &[f64; TAXELS], missing: Missing) -> [f64; TAXELS] {
         let mut light = [0.0; TAXELS];
-        for ((light, pair), sunk) in light.iter_mut().zip(&self.pairs).zip(sunk) {
-            *light = pair.gain * response(pair.gap - sunk);
+        for ((light, pair), displacement) in light.iter_mut().zip(&self.pairs).zip(displacement) {
+            *light = pair.gain * response(pair.gap - displacement);
         }
         match &self.stray {
             Some(stray) => spill(&light, stray, missing),
-            None => without(&light, missing.leds | missing.eyes),
+            None => without(&light, missing.leds | missing.phototransistors),
         }
     }
 
@@ -182,7 +183,7 @@ pub fn without(light: &[f64; TAXELS], missing: u16) -> [f64; TAXELS] {
 fn spill(light: &[f64; TAXELS], stray: &Stray, missing: Missing) -> [f64; TAXELS] {
     // In a row every facet has its own LED and one of them sees; in a column one LED shines and every
     // facet has its own to see it.
-    let (lit, seen) = (without(light, missing.leds), without(light, missing.eyes));
+    let (lit, seen) = (without(light, missing.leds), without(light, missing.phototransistors));
     // Off the matrix there is nothing to pick up; wrapping makes an index that is off it.
     let at = |light: &[f64; TAXELS], row: usize, column: usize| {
         if row < ROWS && column < COLS { light.get(row * COLS + column).copied() } else { None }
@@ -191,7 +192,7 @@ fn spill(light: &[f64; TAXELS], stray: &Stray, missing: Missing) -> [f64; TAXELS
     let mut mixed = [0.0; TAXELS];
     for (k, (mixed, [left, right, below, above])) in mixed.iter_mut().zip(stray).enumerate() {
         let (row, column) = (k / COLS, k % COLS);
-        if missing.eyes >> k & 1 == 0 {
+        if missing.phototransistors >> k & 1 == 0 {
             *mixed += at(&lit, row, column)
                 + left * at(&lit, row, column.wrapping_sub(1))
                 + right * at(&lit, row, column + 1);
@@ -208,7 +209,7 @@ fn spill(light: &[f64; TAXELS], stray: &Stray, missing: Missing) -> [f64; TAXELS
 mod tests {
     use super::*;
 
-    const NONE: Missing = Missing { leds: 0, eyes: 0 };
+    const NONE: Missing = Missing { leds: 0, phototransistors: 0 };
 
     fn optics(effects: &str) -> Optics {
         let text = format!("effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n");
@@ -228,9 +229,9 @@ mod tests {
     fn a_nearer_facet_is_brighter_and_the_others_stay_as_they_were() {
         let optics = optics("'gain-spread'");
         let before = optics.reflected(&[0.0; TAXELS], NONE);
-        let mut sunk = [0.0; TAXELS];
-        sunk[6] = 0.4;
-        let after = optics.reflected(&sunk, NONE);
+        let mut displacement = [0.0; TAXELS];
+        displacement[6] = 0.4;
+        let after = optics.reflected(&displacement, NONE);
         for k in 0..TAXELS {
             assert!(if k == 6 { after[k] > 1.1 * before[k] } else { after[k] == before[k] });
         }
@@ -240,9 +241,9 @@ mod tests {
     fn light_spills_to_the_four_neighbours_and_no_further() {
         let optics = optics("'optical-crosstalk'");
         let before = optics.reflected(&[0.0; TAXELS], NONE);
-        let mut sunk = [0.0; TAXELS];
-        sunk[4] = 0.5;
-        let after = optics.reflected(&sunk, NONE);
+        let mut displacement = [0.0; TAXELS];
+        displacement[4] = 0.5;
+        let after = optics.reflected(&displacement, NONE);
         let changed: Vec<usize> = (0..TAXELS).filter(|k| after[*k] != before[*k]).collect();
         assert_eq!(changed, [0, 4, 5, 8]);
         assert!(after[5] - before[5] < STRAY * PEAK);
@@ -264,8 +265,8 @@ mod tests {
         let right = optics("");
         let wrong = optics("[device]\nwrong_side = ['r1c2', 'r3c0']\n");
         let rest = [0.0; TAXELS];
-        let flagged = |optics: &Optics, sunk: f64| -> Vec<usize> {
-            let gaps = optics.gaps(&[sunk; TAXELS]);
+        let flagged = |optics: &Optics, displacement: f64| -> Vec<usize> {
+            let gaps = optics.gaps(&[displacement; TAXELS]);
             (0..TAXELS).filter(|k| Optics::wrong_side(gaps[*k])).collect()
         };
         assert_eq!(flagged(&right, 0.2), []);
@@ -283,7 +284,7 @@ mod tests {
     fn a_dead_led_is_missed_by_its_own_taxel_and_by_those_that_are_lit_with_it() {
         let optics = optics("'optical-crosstalk'");
         let of = |missing| optics.reflected(&[0.0; TAXELS], missing);
-        let (all, dead) = (of(NONE), of(Missing { leds: 1 << 5, eyes: 0 }));
+        let (all, dead) = (of(NONE), of(Missing { leds: 1 << 5, phototransistors: 0 }));
         assert!(dead[5] > 0.0 && dead[5] < 0.15 * all[5], "what is left is its neighbours'");
         let changed: Vec<usize> = (0..TAXELS).filter(|k| dead[*k] != all[*k]).collect();
         assert_eq!(changed, [4, 5, 6]);
@@ -293,12 +294,12 @@ mod tests {
     fn a_phototransistor_that_sees_nothing_leaks_nothing_onto_the_rows_beside_it() {
         let optics = optics("'optical-crosstalk'");
         let of = |missing| optics.reflected(&[0.0; TAXELS], missing);
-        let (all, blind) = (of(NONE), of(Missing { leds: 0, eyes: 1 << 5 }));
+        let (all, blind) = (of(NONE), of(Missing { leds: 0, phototransistors: 1 << 5 }));
         assert!(blind[5] > 0.0 && blind[5] < 0.15 * all[5], "the column's others see its LED");
         let changed: Vec<usize> = (0..TAXELS).filter(|k| blind[*k] != all[*k]).collect();
         assert_eq!(changed, [1, 5, 9]);
         // LED and phototransistor of one taxel gone, the rest still has its neighbours.
-        let gone = of(Missing { leds: 1 << 5, eyes: 1 << 5 });
+        let gone = of(Missing { leds: 1 << 5, phototransistors: 1 << 5 });
         assert_eq!(gone[5], 0.0);
     }
 

@@ -207,7 +207,7 @@ pub struct Layer {
     /// Side of a facet in mm: the pitch less a wall of 0.6 mm, which carries the skin.
     #[serde(deserialize_with = "ranges::thickness")]
     pub facet_mm: f64,
-    /// Facet to optical pair, unloaded, in mm: 2 N sink a facet by up to 1.1 mm and must not reach the
+    /// Facet to optical pair, unloaded, in mm: 2 N displace a facet by up to 1.1 mm and must not reach the
     /// peak of the light curve at 0.7 mm.
     #[serde(deserialize_with = "ranges::thickness")]
     pub gap_mm: f64,

@@ -101,7 +101,7 @@ impl Simulator {
         self.adc.full_scale()
     }
 
-    /// How finely contact is computed and what error that leaves; `None` where no facet sinks, on the
+    /// How finely contact is computed and what error that leaves; `None` where no facet is displaced, on the
     /// bench or without the matrix.
     #[must_use]
     pub fn fidelity(&self) -> Option<&Report> {
@@ -113,7 +113,7 @@ impl Simulator {
         let light = matrix.light(contacts, self.faults.missing(), now.warmer_k);
         let leakage = matrix.leakage(now.warmer_k);
         let dip = self.faults.supply();
-        let seeing = self.faults.seeing();
+        let open = self.faults.ambient_shares();
         let mut codes = TaxelCodes::default();
         let steps = [&mut codes.dark].into_iter().chain(&mut codes.lit);
         let rows = [&[0.0; COLS][..]].into_iter().chain(light.chunks_exact(COLS));
@@ -122,8 +122,8 @@ impl Simulator {
             let room = self.room.at(now.device_us + later, now.scene_us + later);
             let supply = self.supply.at(now.device_us + later, dip);
             let mut level = leakage;
-            for ((level, led), seeing) in level.iter_mut().zip(row).zip(seeing) {
-                let seen = room * seeing + led * supply.leds * now.leds;
+            for ((level, led), share) in level.iter_mut().zip(row).zip(open) {
+                let seen = room * share + led * supply.leds * now.leds;
                 *level = (*level + seen) * supply.fixed;
             }
             if step == 0 {
@@ -144,10 +144,10 @@ impl Simulator {
         self.matrix.as_ref().map_or([false; TAXELS], Matrix::wrong_side)
     }
 
-    /// How deep the facets were in the last frame, in mm; `None` where the device has none.
+    /// Displacement of the facets in the last frame, in mm; `None` where the device has none.
     #[must_use]
-    pub fn sunk(&self) -> Option<&[f64; TAXELS]> {
-        self.matrix.as_ref().and_then(Matrix::sunk)
+    pub fn displacement(&self) -> Option<&[f64; TAXELS]> {
+        self.matrix.as_ref().and_then(Matrix::displacement)
     }
 
     /// The four sensors' shares of what touches.
@@ -160,8 +160,8 @@ impl Simulator {
         shares
     }
 
-    /// What of their shares the sensors have felt by now.
-    fn felt(&mut self, mut shares: [[f64; 3]; SENSORS]) -> [[f64; 3]; SENSORS] {
+    /// What the sensors sense of their shares by now.
+    fn sensed(&mut self, mut shares: [[f64; 3]; SENSORS]) -> [[f64; 3]; SENSORS] {
         if let Some(responses) = &mut self.response {
             for (share, response) in shares.iter_mut().zip(responses.iter_mut()) {
                 *share = response.follow(*share);
@@ -283,12 +283,12 @@ impl Iterator for Simulator {
         };
         self.faults.advance(now.scene_us);
         let shares = self.shares(&contacts);
-        let felt = self.felt(shares);
+        let sensed = self.sensed(shares);
         let fixed = self.supply.at(now.device_us, self.faults.supply()).fixed;
         let mut codes = Codes {
             full_scale: self.adc.full_scale(),
             taxels: self.taxels(&contacts, &now),
-            bridges: self.midpoints(&felt, &now),
+            bridges: self.midpoints(&sensed, &now),
             reference: Some(self.adc.voltage(REFERENCE * fixed)),
             temperature: celsius.map(|celsius| self.adc.voltage(thermometer(celsius) * fixed)),
         };
@@ -395,8 +395,9 @@ mod tests {
             );
             let scene = Scene::parse("test.toml", &text).unwrap();
             let mut run = Simulator::new(&scene, 1);
-            let sunk = core::iter::from_fn(|| run.next().map(|_| run.sunk().unwrap()[5]));
-            sunk.collect()
+            let displacement =
+                core::iter::from_fn(|| run.next().map(|_| run.displacement().unwrap()[5]));
+            displacement.collect()
         };
         let elastic = run("");
         let stiff = run("'stiffening'");

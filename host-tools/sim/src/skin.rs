@@ -1,7 +1,7 @@
-//! What rubber does beyond Hooke's law: how a facet sinks, out of how far it would elastically.
+//! What rubber does beyond Hooke's law: how a facet is displaced, out of how far it would be elastically.
 //!
 //! - `temperature`: the stiffness of a rubber grows with its absolute temperature (Treloar, *The Physics
-//!   of Rubber Elasticity*); forces sink facets accordingly less. Its viscosity falls as that of silicone
+//!   of Rubber Elasticity*); forces displace facets accordingly less. Its viscosity falls as that of silicone
 //!   fluids does.
 //! - `stiffening`: the column of skin above a facet, as thick as the skin, follows 002's Mooney–Rivlin law
 //!   in place of its tangent.
@@ -20,7 +20,7 @@ const FLOW: f64 = 15e3;
 /// The gas constant in J/(mol K).
 const GAS: f64 = 8.314;
 
-/// How many times as far the same force sinks a facet at `celsius` as at the reference temperature.
+/// How many times as far the same force displaces a facet at `celsius` as at the reference temperature.
 #[must_use]
 pub fn softness(celsius: f64) -> f64 {
     (REFERENCE_C + ZERO_C) / (celsius + ZERO_C)
@@ -73,25 +73,25 @@ impl Skin {
         listed.then_some(skin)
     }
 
-    /// How far the facets sink, in mm, one frame later, where they would be sunk by `elastic`.
+    /// Displacement of the facets in mm, one frame later, where it would be `elastic` by Hooke's law.
     #[must_use]
-    pub fn sink(&mut self, elastic: [f64; TAXELS], celsius: f64) -> [f64; TAXELS] {
-        let mut sunk = elastic;
+    pub fn displace(&mut self, elastic: [f64; TAXELS], celsius: f64) -> [f64; TAXELS] {
+        let mut displacement = elastic;
         if let Some(thickness) = self.stiffens {
-            sunk = sunk.map(|u| thickness * shortening(u / thickness));
+            displacement = displacement.map(|u| thickness * shortening(u / thickness));
         }
         if let Some(first_cycle) = &mut self.first_cycle {
-            sunk = first_cycle.sink(sunk);
+            displacement = first_cycle.displace(displacement);
         }
         match &mut self.follows {
-            Some(follows) => follows.sink(sunk, celsius),
-            None => sunk,
+            Some(follows) => follows.displace(displacement, celsius),
+            None => displacement,
         }
     }
 }
 
-/// Softening by the largest load so far, after Mullins: a facet that has been at m sinks to u(1 − D|u|/m)
-/// under what sinks a worked-in one to u, and to u(1 − D) beyond. So the first loading runs along a straight
+/// Softening by the largest load so far, after Mullins: a facet that has been at m goes to u(1 − D|u|/m)
+/// under what takes a worked-in one to u, and to u(1 − D) beyond. So the first loading runs along a straight
 /// line that is stiffer by 1/(1 − D), the way back and all later ones along a curve that meets it at m
 /// and is as soft as a worked-in skin from rest.
 #[derive(Clone, Debug)]
@@ -105,14 +105,14 @@ impl FirstCycle {
         Self { ratio, most: [0.0; TAXELS] }
     }
 
-    fn sink(&mut self, mut sunk: [f64; TAXELS]) -> [f64; TAXELS] {
-        for (u, most) in sunk.iter_mut().zip(&mut self.most) {
+    fn displace(&mut self, mut displacement: [f64; TAXELS]) -> [f64; TAXELS] {
+        for (u, most) in displacement.iter_mut().zip(&mut self.most) {
             *most = most.max(u.abs());
             if *most > 0.0 {
                 *u *= 1.0 - self.ratio * u.abs() / *most;
             }
         }
-        sunk
+        displacement
     }
 }
 
@@ -132,14 +132,14 @@ impl Follows {
         Self { response, period, celsius: REFERENCE_C }
     }
 
-    fn sink(&mut self, sunk: [f64; TAXELS], celsius: f64) -> [f64; TAXELS] {
+    fn displace(&mut self, displacement: [f64; TAXELS], celsius: f64) -> [f64; TAXELS] {
         /// Kelvin that change the pace by 0.2 %.
         const STEP: f64 = 0.1;
         if (celsius - self.celsius).abs() > STEP {
             self.celsius = celsius;
             self.response.set_period(self.period * haste(celsius));
         }
-        self.response.follow(sunk)
+        self.response.follow(displacement)
     }
 }
 
@@ -154,10 +154,10 @@ mod tests {
     }
 
     /// Facet 0 alone.
-    fn sink(skin: &mut Skin, u: f64) -> f64 {
+    fn displace(skin: &mut Skin, u: f64) -> f64 {
         let mut elastic = [0.0; TAXELS];
         elastic[0] = u;
-        skin.sink(elastic, REFERENCE_C)[0]
+        skin.displace(elastic, REFERENCE_C)[0]
     }
 
     #[test]
@@ -174,9 +174,9 @@ mod tests {
     #[test]
     fn small_loads_do_not_stiffen_and_a_fifth_of_the_thickness_does_by_a_sixth() {
         let mut skin = skin("'stiffening'");
-        assert!((sink(&mut skin, 1e-4) / 1e-4 - 1.0).abs() < 1e-4);
-        // 2.5 mm thick: what would sink it by 0.5 mm.
-        let ratio = sink(&mut skin, 0.5) / 0.5;
+        assert!((displace(&mut skin, 1e-4) / 1e-4 - 1.0).abs() < 1e-4);
+        // 2.5 mm thick: what would displace it by 0.5 mm.
+        let ratio = displace(&mut skin, 0.5) / 0.5;
         assert!((0.82..0.83).contains(&ratio), "{ratio}");
     }
 
@@ -189,11 +189,12 @@ mod tests {
             if !up {
                 loads.reverse();
             }
-            let mut sunk: Vec<f64> = loads.into_iter().map(|u| sink(&mut skin, u)).collect();
+            let mut displacement: Vec<f64> =
+                loads.into_iter().map(|u| displace(&mut skin, u)).collect();
             if !up {
-                sunk.reverse();
+                displacement.reverse();
             }
-            sunk
+            displacement
         };
         let [first, back, again, back_again] = [true, false, true, false].map(&mut run);
         for i in 1..100 {
@@ -208,18 +209,18 @@ mod tests {
     #[test]
     fn each_taxel_remembers_its_own_load() {
         let mut skin = skin("'hysteresis'");
-        let _ = sink(&mut skin, 0.5);
-        let after = skin.sink([0.1; TAXELS], REFERENCE_C);
+        let _ = displace(&mut skin, 0.5);
+        let after = skin.displace([0.1; TAXELS], REFERENCE_C);
         assert!(after[0] > 0.097 && after[1..].iter().all(|u| (u - 0.09).abs() < 1e-12));
         // More than ever before is a first loading again.
-        assert!((sink(&mut skin, 0.8) - 0.72).abs() < 1e-12);
+        assert!((displace(&mut skin, 0.8) - 0.72).abs() < 1e-12);
     }
 
     #[test]
     fn the_skin_settles_in_time_and_faster_when_warm() {
         let frames = |celsius: f64| {
             let mut skin = skin("'skin-response'");
-            (1..).find(|_| skin.sink([1.0; TAXELS], celsius)[5] > 0.95).unwrap()
+            (1..).find(|_| skin.displace([1.0; TAXELS], celsius)[5] > 0.95).unwrap()
         };
         assert_eq!(frames(REFERENCE_C), 11);
         assert!((15..30).contains(&frames(-10.0)) && frames(60.0) < 9, "{}", frames(-10.0));
@@ -244,8 +245,8 @@ mod tests {
             before in 0.0..1.0f64, load in -0.5..1.0f64, more in 0.001..0.5f64,
         ) {
             let mut skin = skin("'stiffening', 'hysteresis'");
-            let _ = sink(&mut skin, before);
-            prop_assert!(sink(&mut skin.clone(), load + more) > sink(&mut skin, load));
+            let _ = displace(&mut skin, before);
+            prop_assert!(displace(&mut skin.clone(), load + more) > displace(&mut skin, load));
         }
     }
 }

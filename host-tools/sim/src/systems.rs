@@ -2,8 +2,8 @@
 //!
 //! | `kind` of `[device]` | paper | the contact becomes |
 //! |---|---|---|
-//! | `taxel-4x4` | 002, 003 | sunk facets ([`crate::fidelity`]) and, through [`plate`], four force sensors |
-//! | `taxel-4x1` | 002 | sunk facets of the [`line`](line_of_four) |
+//! | `taxel-4x4` | 002, 003 | displaced facets ([`crate::fidelity`]) and, through [`plate`], four force sensors |
+//! | `taxel-4x1` | 002 | displaced facets of the [`line`](line_of_four) |
 //! | `mems-3axis` | 003 ch. 1 | the force on one sensor, under its [`coating`](crate::response::Coating) |
 //! | `mems-array` | 003 ch. 2 | four sensors under a [`plate`] that carries a curved [`surface`] |
 //! | `ohka-micro` | 000 | a bright spot under a conical feeler: [`feeler`] |

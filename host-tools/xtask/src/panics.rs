@@ -162,14 +162,14 @@ mod tests {
 
     #[test]
     fn a_line_belongs_to_the_crate_of_its_file() {
-        let of = |file| crate_of(file, Path::new("/home/me/taxel"));
-        assert_eq!(of("/home/me/taxel/src/wire/deframer.rs").as_deref(), Some("taxel"));
-        assert_eq!(of("/home/me/taxel/boards/common/src/link.rs").as_deref(), Some("boards"));
-        let registry = "/home/me/.cargo/registry/src/index.crates.io-1949cf8c6b5b557f";
+        let of = |file| crate_of(file, Path::new("/checkout/taxel"));
+        assert_eq!(of("/checkout/taxel/src/wire/deframer.rs").as_deref(), Some("taxel"));
+        assert_eq!(of("/checkout/taxel/boards/common/src/link.rs").as_deref(), Some("boards"));
+        let registry = "/home/registry/src/mirror-1949cf8c6b5b557f";
         let file = format!("{registry}/embassy-sync-0.8.0/src/pipe.rs");
         assert_eq!(of(&file).as_deref(), Some("embassy-sync"));
         let written =
-            "/home/me/taxel/boards/target/release/build/embassy-stm32-8fb/out/_generated.rs";
+            "/checkout/taxel/boards/target/release/build/embassy-stm32-8fb/out/_generated.rs";
         assert_eq!(of(written).as_deref(), Some("embassy-stm32"));
         assert_eq!(of("/rustc/59807616/library/core/src/cell.rs"), None);
         assert_eq!(of("/usr/lib/rustlib/src/rust/library/core/src/cell.rs"), None);

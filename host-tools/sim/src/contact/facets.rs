@@ -1,4 +1,4 @@
-//! What the optical taxels see of a contact: how far each reflective facet sinks, on average.
+//! What the optical taxels see of a contact: the mean displacement of each reflective facet.
 
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 

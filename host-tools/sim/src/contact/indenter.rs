@@ -30,32 +30,32 @@ pub enum Indenter {
         /// How steep its side rises from the skin.
         slope: f64,
     },
-    /// A cylinder that lies on the skin; the pressure is even along it.
+    /// A cylinder on its side; the pressure is even along it.
     Cylinder {
         /// Its radius.
         radius: f64,
-        /// How it lies.
-        lies: Lies,
+        /// Its axis.
+        axis: Axis,
     },
     /// A flat block.
     Block {
         /// Its width.
         width: f64,
-        /// How it lies.
-        lies: Lies,
+        /// Its axis.
+        axis: Axis,
     },
     /// A blunt edge, two faces of one slope.
     Edge {
         /// How steep its faces rise from the skin.
         slope: f64,
-        /// How it lies.
-        lies: Lies,
+        /// Its axis.
+        axis: Axis,
     },
 }
 
-/// How something long lies on the skin.
+/// The axis of something long, along the skin.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lies {
+pub struct Axis {
     /// Its length.
     pub length: f64,
     /// Its direction.
@@ -72,11 +72,11 @@ impl Indenter {
             Self::Sphere { radius } => round(skin.contact_radius(radius, normal)),
             Self::Punch { radius } => round(radius),
             Self::Corner { slope } => round(skin.corner_radius(slope, normal)),
-            Self::Cylinder { radius, lies: Lies { length, .. } } => {
+            Self::Cylinder { radius, axis: Axis { length, .. } } => {
                 [0.5 * length, skin.contact_half_width(radius, normal / length)]
             }
-            Self::Block { width, lies: Lies { length, .. } } => [0.5 * length, 0.5 * width],
-            Self::Edge { slope, lies: Lies { length, .. } } => {
+            Self::Block { width, axis: Axis { length, .. } } => [0.5 * length, 0.5 * width],
+            Self::Edge { slope, axis: Axis { length, .. } } => {
                 [0.5 * length, skin.edge_half_width(slope, normal / length)]
             }
         }
@@ -96,7 +96,8 @@ impl Indenter {
     /// `centre` (mm): one or two patches for the rules of this indenter.
     ///
     /// The traction of the torsion is spread as p·r, which under a flat punch is that of sticking all over
-    /// (Johnson §3.9). Below a round contact on a half-space nothing sinks by it, however it is spread.
+    /// (Johnson §3.9). Below a round contact on a half-space it displaces nothing vertically, however it
+    /// is spread.
     #[must_use]
     pub fn tractions(
         &self,
@@ -163,8 +164,8 @@ impl Indenter {
 
     fn turn(&self) -> f64 {
         match self {
-            Self::Cylinder { lies, .. } | Self::Block { lies, .. } | Self::Edge { lies, .. } => {
-                lies.turn
+            Self::Cylinder { axis, .. } | Self::Block { axis, .. } | Self::Edge { axis, .. } => {
+                axis.turn
             }
             _ => 0.0,
         }
@@ -220,15 +221,15 @@ mod tests {
         }
     }
 
-    const LIES: Lies = Lies { length: 8.0, turn: 0.4 };
+    const AXIS: Axis = Axis { length: 8.0, turn: 0.4 };
     const ALL: [Indenter; 7] = [
         Indenter::Point,
         SPHERE,
         Indenter::Punch { radius: 1.5 },
         Indenter::Corner { slope: 0.5 },
-        Indenter::Cylinder { radius: 6.0, lies: LIES },
-        Indenter::Block { width: 2.0, lies: LIES },
-        Indenter::Edge { slope: 0.5, lies: LIES },
+        Indenter::Cylinder { radius: 6.0, axis: AXIS },
+        Indenter::Block { width: 2.0, axis: AXIS },
+        Indenter::Edge { slope: 0.5, axis: AXIS },
     ];
 
     #[test]
@@ -256,8 +257,8 @@ mod tests {
         let skin = HalfSpace::new(0.236, 0.5);
         let across = |patch: Patch| patch.across[0].hypot(patch.across[1]);
         for (indenter, share) in [
-            (Indenter::Cylinder { radius: 6.0, lies: LIES }, 0.5f64.sqrt()),
-            (Indenter::Edge { slope: 0.5, lies: LIES }, 0.5),
+            (Indenter::Cylinder { radius: 6.0, axis: AXIS }, 0.5f64.sqrt()),
+            (Indenter::Edge { slope: 0.5, axis: AXIS }, 0.5),
         ] {
             let patches = indenter.tractions(&skin, [0.0; 2], [0.0, 0.4, 1.0], 0.0, 0.8);
             let [a, c] = patches.map(|patch| across(patch.unwrap()));
@@ -266,14 +267,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_sinks_by_a_torsion_under_a_round_contact_and_something_under_a_long_one() {
+    fn nothing_is_displaced_by_a_torsion_under_a_round_contact_and_something_under_a_long_one() {
         let skin = HalfSpace::new(0.236, 0.5);
         let facets = Facets::new(skin, 2.5, 1.9, 4);
         let most = |indenter: Indenter| {
             let [patch, _] = indenter.tractions(&skin, [0.4, -0.3], [0.0, 0.0, 1.0], 1.0, 0.8);
             let twisted = patch.map(|patch| Patch { force: [0.0; 3], ..patch });
-            let sunk = facets.displacement(&indenter.rule(16, 48), &twisted);
-            sunk.iter().fold(0.0f64, |m, u| m.max(u.abs()))
+            let displacement = facets.displacement(&indenter.rule(16, 48), &twisted);
+            displacement.iter().fold(0.0f64, |m, u| m.max(u.abs()))
         };
         // What is left under a round one is the rule's, which has a finite number of spokes.
         for indenter in [SPHERE, ALL[2], ALL[3]] {

@@ -278,8 +278,8 @@ mod tests {
     #[test]
     fn the_half_space_is_no_measure_of_amounts_above_the_frame() {
         // docs/simulator.md quotes these. One newton of a 6 mm sphere above a window and between four:
-        // the half-space sinks 3.7 and 4.9 times as far, and where the frame lets nothing through, two
-        // windows away, it still sinks by a third of its largest.
+        // the half-space is displaced 3.7 and 4.9 times as far, and where the frame lets nothing through, two
+        // windows away, it still goes by a third of its largest.
         let half = Facets::new(*SKIN, 2.5, 1.9, 4);
         for (centre, times) in [([1.25, 1.25], 3.74), ([0.0, 0.0], 4.91)] {
             let patches = SPHERE.tractions(&SKIN, centre, [0.0, 0.0, 1.0], 0.0, 0.8);

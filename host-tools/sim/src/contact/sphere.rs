@@ -144,8 +144,8 @@ mod tests {
         for poisson in [0.5, 0.25] {
             let skin = HalfSpace::new(0.236, poisson);
             let radius = skin.contact_radius(6.0, 0.8);
-            let sunk = Hertz { radius, normal: 0.8 }.displacement(&skin, 0.0, 1e-12);
-            assert!((sunk / (radius * radius / 6.0) - 1.0).abs() < 1e-9, "{sunk}");
+            let displacement = Hertz { radius, normal: 0.8 }.displacement(&skin, 0.0, 1e-12);
+            assert!((displacement / (radius * radius / 6.0) - 1.0).abs() < 1e-9, "{displacement}");
         }
     }
 

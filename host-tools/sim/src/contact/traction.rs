@@ -259,9 +259,9 @@ mod tests {
             let sum = patch.superpose(&rule, at, |f, at| skin.stress(f, at));
             assert!((sum / stress - 1.0).abs() < 1e-6, "{z}");
             let disc = z / (a * a + z * z) + 2.0 * 0.6 * (a / z).atan() / a;
-            let sunk = p * disc / (4.0 * PI * skin.shear_modulus());
+            let displacement = p * disc / (4.0 * PI * skin.shear_modulus());
             let sum = patch.superpose(&rule, at, |f, at| skin.displacement(f, at));
-            assert!((sum / sunk - 1.0).abs() < 1e-6, "{z}");
+            assert!((sum / displacement - 1.0).abs() < 1e-6, "{z}");
         }
     }
 
@@ -300,7 +300,7 @@ mod tests {
         let skin = skin();
         let (slope, normal) = (0.3, 0.7);
         let a = skin.corner_radius(slope, normal);
-        let sunk = |z: f64| -> f64 {
+        let displacement = |z: f64| -> f64 {
             let punches = legendre(100).into_iter().map(|(x, weight)| {
                 let t = 0.5 * (x + 1.0) * a;
                 let disc = z / (t * t + z * z) + (t / z).atan() / t;
@@ -309,13 +309,13 @@ mod tests {
             normal * punches.sum::<f64>() / (4.0 * PI * skin.shear_modulus())
         };
         // The tip of a rigid cone is ½πa·slope deep (Johnson §5.2).
-        assert!((sunk(1e-9) / (FRAC_PI_2 * a * slope) - 1.0).abs() < 1e-6);
+        assert!((displacement(1e-9) / (FRAC_PI_2 * a * slope) - 1.0).abs() < 1e-6);
         let patch = Patch::disc([0.0; 2], a, [0.0, 0.0, normal]);
         for (rings, within) in [(2, 4e-2), (8, 2e-6), (16, 1e-9)] {
             let rule = Rule::round(Round::Corner, rings, 1);
             for z in [1.0, 2.5, 4.0] {
                 let sum = patch.superpose(&rule, [0.0, 0.0, z], |f, at| skin.displacement(f, at));
-                let error = (sum / sunk(z) - 1.0).abs();
+                let error = (sum / displacement(z) - 1.0).abs();
                 assert!(error < within, "{rings} rings, {z} mm: {error}");
             }
         }

@@ -61,14 +61,14 @@ fn random_scene(seed: u64, walls: bool) -> Scene {
     let [x, y] = [draw(-3.0, 1.0), draw(-3.0, 1.0)];
     let young = if walls { crate::contact::SILICONE_YOUNG_MPA } else { young };
     let effects = if walls { "effects = ['walls']" } else { "" };
-    let lies = format!("length_mm = {}\nturn_deg = {}", draw(2.0, 10.0), draw(-90.0, 90.0));
+    let axis = format!("length_mm = {}\nturn_deg = {}", draw(2.0, 10.0), draw(-90.0, 90.0));
     let indenter = match seed % 7 {
         0 => format!("kind = 'sphere'\nradius_mm = {}", draw(2.0, 15.0)),
         1 => format!("kind = 'punch'\nradius_mm = {}", draw(0.5, 4.0)),
         2 => format!("kind = 'corner'\nslope = {}", draw(0.2, 0.8)),
-        3 => format!("kind = 'cylinder'\nradius_mm = {}\n{lies}", draw(2.0, 15.0)),
-        4 => format!("kind = 'block'\nwidth_mm = {}\n{lies}", draw(0.5, 6.0)),
-        5 => format!("kind = 'edge'\nslope = {}\n{lies}", draw(0.2, 0.8)),
+        3 => format!("kind = 'cylinder'\nradius_mm = {}\n{axis}", draw(2.0, 15.0)),
+        4 => format!("kind = 'block'\nwidth_mm = {}\n{axis}", draw(0.5, 6.0)),
+        5 => format!("kind = 'edge'\nslope = {}\n{axis}", draw(0.2, 0.8)),
         _ => "kind = 'point'".to_owned(),
     };
     let text = format!(

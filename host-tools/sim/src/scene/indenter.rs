@@ -5,7 +5,7 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::contact::{Indenter, Lies};
+use crate::contact::{Axis, Indenter};
 
 /// `[indenter]`
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -95,15 +95,15 @@ impl Table {
         };
         let (radius, slope) = (value("radius_mm")?, value("slope")?);
         let width = value("width_mm")?;
-        let lies = Lies { length: value("length_mm")?, turn: value("turn_deg")?.to_radians() };
+        let axis = Axis { length: value("length_mm")?, turn: value("turn_deg")?.to_radians() };
         Ok(match self.kind {
             Kind::Point => Indenter::Point,
             Kind::Sphere => Indenter::Sphere { radius },
             Kind::Punch => Indenter::Punch { radius },
             Kind::Corner => Indenter::Corner { slope },
-            Kind::Cylinder => Indenter::Cylinder { radius, lies },
-            Kind::Block => Indenter::Block { width, lies },
-            Kind::Edge => Indenter::Edge { slope, lies },
+            Kind::Cylinder => Indenter::Cylinder { radius, axis },
+            Kind::Block => Indenter::Block { width, axis },
+            Kind::Edge => Indenter::Edge { slope, axis },
         })
     }
 }

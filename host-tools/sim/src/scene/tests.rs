@@ -1,5 +1,5 @@
 use super::*;
-use crate::contact::Lies;
+use crate::contact::Axis;
 
 const SCAN: &str = "[scan]\nrate_hz = 1000\nduration_s = 10\n";
 const PRESS: &str = "[[press]]\nat_s = 1\nx_mm = 0\ny_mm = 0\nfz_n = 1\nrise_s = 0.1\nhold_s = 1\n\
@@ -142,14 +142,14 @@ fn no_more_contacts_than_four_at_once_and_random_ones_alone() {
 fn an_indenter_has_the_keys_of_its_kind() {
     let indenter = |text: &str| format!("{SCAN}[indenter]\n{text}\n");
     let parse = |text: &str| Scene::parse("my.toml", &indenter(text)).map(|scene| scene.indenter());
-    let lies = |turn: f64| Lies { length: 8.0, turn };
+    let axis = |turn: f64| Axis { length: 8.0, turn };
     assert_eq!(parse("radius_mm = 4").unwrap(), Indenter::Sphere { radius: 4.0 });
     assert_eq!(parse("kind = 'point'").unwrap(), Indenter::Point);
     assert_eq!(parse("kind = 'punch'").unwrap(), Indenter::Punch { radius: 2.0 });
     assert_eq!(parse("kind = 'corner'").unwrap(), Indenter::Corner { slope: 0.5 });
-    assert_eq!(parse("kind = 'edge'").unwrap(), Indenter::Edge { slope: 0.5, lies: lies(0.0) });
-    assert_eq!(parse("kind = 'block'").unwrap(), Indenter::Block { width: 3.0, lies: lies(0.0) });
-    let turned = Indenter::Cylinder { radius: 6.0, lies: lies(std::f64::consts::FRAC_PI_2) };
+    assert_eq!(parse("kind = 'edge'").unwrap(), Indenter::Edge { slope: 0.5, axis: axis(0.0) });
+    assert_eq!(parse("kind = 'block'").unwrap(), Indenter::Block { width: 3.0, axis: axis(0.0) });
+    let turned = Indenter::Cylinder { radius: 6.0, axis: axis(std::f64::consts::FRAC_PI_2) };
     assert_eq!(parse("kind = 'cylinder'\nturn_deg = 90").unwrap(), turned);
     refuses(&indenter("kind = 'ball'"), 5, &["`kind`", "ball", "sphere", "cylinder", "corner"]);
     refuses(&indenter("length_mm = 4"), 5, &["`length_mm`", "\"sphere\"", "`radius_mm`"]);

@@ -15,11 +15,11 @@ use crate::skin::{self, Skin};
 pub struct Matrix {
     /// Of the columns' amplifiers.
     offsets: [f64; COLS],
-    sight: Sight,
+    target: Target,
 }
 
 #[derive(Clone, Debug)]
-enum Sight {
+enum Target {
     Facets(Box<Facets>),
     Feeler(Feeler),
     Columns(Columns),
@@ -35,8 +35,8 @@ struct Facets {
     optics: Optics,
     /// Light of the unloaded pairs.
     unloaded: [f64; TAXELS],
-    /// How deep they were in the last frame, in mm.
-    sunk: [f64; TAXELS],
+    /// In the last frame, in mm.
+    displacement: [f64; TAXELS],
     /// Taxels that are there.
     present: usize,
 }
@@ -51,18 +51,25 @@ impl Matrix {
         }
         let optics = Optics::new(scene);
         let offsets = optics.offsets();
-        let sight = match scene.device.kind {
-            Kind::OhkaMicro => Sight::Feeler(Feeler::new(scene)),
-            Kind::OhkaColumn => Sight::Columns(Columns::new(scene)),
+        let target = match scene.device.kind {
+            Kind::OhkaMicro => Target::Feeler(Feeler::new(scene)),
+            Kind::OhkaColumn => Target::Columns(Columns::new(scene)),
             _ => {
                 let contact = scene.bench_sensor().is_none().then(|| Ladder::new(scene, seed));
                 let unloaded = optics.reflected(&[0.0; TAXELS], absent(present));
-                let sunk = [0.0; TAXELS];
+                let displacement = [0.0; TAXELS];
                 let skin = Skin::of(scene);
-                Sight::Facets(Box::new(Facets { contact, skin, optics, unloaded, sunk, present }))
+                Target::Facets(Box::new(Facets {
+                    contact,
+                    skin,
+                    optics,
+                    unloaded,
+                    displacement,
+                    present,
+                }))
             }
         };
-        Some(Self { offsets, sight })
+        Some(Self { offsets, target })
     }
 
     /// What the columns read of themselves in the dark, `warmer_k` above the reference.
@@ -72,12 +79,12 @@ impl Matrix {
         self.offsets.map(|offset| offset + dark)
     }
 
-    /// How finely contact is computed, where facets sink.
+    /// How finely contact is computed, where facets are displaced.
     #[must_use]
     pub fn fidelity(&self) -> Option<&Report> {
-        match &self.sight {
-            Sight::Facets(facets) => facets.contact.as_ref().map(Ladder::report),
-            Sight::Feeler(_) | Sight::Columns(_) => None,
+        match &self.target {
+            Target::Facets(facets) => facets.contact.as_ref().map(Ladder::report),
+            Target::Feeler(_) | Target::Columns(_) => None,
         }
     }
 
@@ -85,32 +92,34 @@ impl Matrix {
     /// reference temperature; the skin is `warmer_k` above its own. Where one light serves all, a taxel
     /// without its LED is one without its phototransistor.
     pub fn light(&mut self, contacts: &Contacts, missing: Missing, warmer_k: f64) -> [f64; TAXELS] {
-        let light = match &mut self.sight {
-            Sight::Facets(facets) => return facets.light(contacts, missing, warmer_k),
-            Sight::Feeler(feeler) => {
+        let light = match &mut self.target {
+            Target::Facets(facets) => return facets.light(contacts, missing, warmer_k),
+            Target::Feeler(feeler) => {
                 let force = contacts.whole().map_or([0.0; 3], |load| load.force);
                 feeler.light(&Spot::under(force))
             }
-            Sight::Columns(columns) => columns.light(contacts.loads()),
+            Target::Columns(columns) => columns.light(contacts.loads()),
         };
-        optics::without(&light, missing.leds | missing.eyes)
+        optics::without(&light, missing.leds | missing.phototransistors)
     }
 
-    /// How deep the facets were in the last frame, in mm, where the device has facets.
+    /// Displacement of the facets in the last frame, in mm, where the device has facets.
     #[must_use]
-    pub fn sunk(&self) -> Option<&[f64; TAXELS]> {
-        match &self.sight {
-            Sight::Facets(facets) => Some(&facets.sunk),
-            Sight::Feeler(_) | Sight::Columns(_) => None,
+    pub fn displacement(&self) -> Option<&[f64; TAXELS]> {
+        match &self.target {
+            Target::Facets(facets) => Some(&facets.displacement),
+            Target::Feeler(_) | Target::Columns(_) => None,
         }
     }
 
     /// Which facets are nearer to their pair than the peak of its light curve, in the last frame.
     #[must_use]
     pub fn wrong_side(&self) -> [bool; TAXELS] {
-        match &self.sight {
-            Sight::Facets(facets) => facets.optics.gaps(&facets.sunk).map(Optics::wrong_side),
-            Sight::Feeler(_) | Sight::Columns(_) => [false; TAXELS],
+        match &self.target {
+            Target::Facets(facets) => {
+                facets.optics.gaps(&facets.displacement).map(Optics::wrong_side)
+            }
+            Target::Feeler(_) | Target::Columns(_) => [false; TAXELS],
         }
     }
 }
@@ -119,7 +128,7 @@ impl Facets {
     fn light(&mut self, contacts: &Contacts, missing: Missing, warmer_k: f64) -> [f64; TAXELS] {
         let touched = self.contact.as_ref().filter(|_| !contacts.is_empty());
         let celsius = REFERENCE_C + warmer_k;
-        self.sunk = touched.map_or([0.0; TAXELS], |contact| {
+        self.displacement = touched.map_or([0.0; TAXELS], |contact| {
             if warmer_k == 0.0 {
                 contact.displacement(contacts)
             } else {
@@ -127,19 +136,22 @@ impl Facets {
             }
         });
         if let Some(skin) = &mut self.skin {
-            self.sunk = skin.sink(self.sunk, celsius);
+            self.displacement = skin.displace(self.displacement, celsius);
         }
         if touched.is_none() && self.skin.is_none() && missing == Missing::default() {
             return self.unloaded;
         }
-        let Missing { leds, eyes } = absent(self.present);
-        let missing = Missing { leds: missing.leds | leds, eyes: missing.eyes | eyes };
-        self.optics.reflected(&self.sunk, missing)
+        let Missing { leds, phototransistors } = absent(self.present);
+        let missing = Missing {
+            leds: missing.leds | leds,
+            phototransistors: missing.phototransistors | phototransistors,
+        };
+        self.optics.reflected(&self.displacement, missing)
     }
 }
 
 /// The taxels that are not there.
 fn absent(present: usize) -> Missing {
     let bits = (0..TAXELS).skip(present).fold(0, |bits, k| bits | 1 << k);
-    Missing { leds: bits, eyes: bits }
+    Missing { leds: bits, phototransistors: bits }
 }

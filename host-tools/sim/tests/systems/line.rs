@@ -11,20 +11,20 @@ struct Press {
     /// Light gained by the four taxels.
     gained: [f64; 4],
     /// How deep their facets are, in mm.
-    sunk: [f64; 4],
+    displacement: [f64; 4],
     place_mm: f64,
     angle_deg: f64,
 }
 
 fn presses(scene: &str, seed: u64) -> Vec<Press> {
     let mut run = Simulator::new(&Scene::load(scene).unwrap(), seed);
-    let (mut samples, mut sunk) = (vec![], vec![]);
+    let (mut samples, mut displacement) = (vec![], vec![]);
     while let Some(sample) = run.next() {
         samples.push(sample);
-        sunk.push(run.sunk().copied().unwrap());
+        displacement.push(run.displacement().copied().unwrap());
     }
     let samples: Vec<Sample> = samples;
-    let rows: Vec<_> = signals(&samples).into_iter().zip(sunk).collect();
+    let rows: Vec<_> = signals(&samples).into_iter().zip(displacement).collect();
     let presses = contacts(&rows, |((_, s), _)| s.truth.contact == Some(true));
     presses
         .into_iter()
@@ -41,7 +41,7 @@ fn presses(scene: &str, seed: u64) -> Vec<Press> {
                 gained: std::array::from_fn(|k| {
                     mean(&|i| -f64::from(held[i].0.0.taxels.unwrap()[k]))
                 }),
-                sunk: std::array::from_fn(|k| mean(&|i| held[i].1[k])),
+                displacement: std::array::from_fn(|k| mean(&|i| held[i].1[k])),
                 place_mm: first.truth.point[0].unwrap(),
                 angle_deg: fz.atan2(fx).to_degrees(),
             }
@@ -69,23 +69,23 @@ fn worst(data: &[Press], trials: &[Press], u: &dyn Fn(&Press) -> [f32; 4]) -> [f
 fn trial_forces_are_placed_and_turned_as_in_the_paper_and_a_little_worse_out_of_codes() {
     let (data, trials) = (presses("line-fit", 1), presses("line-trial", 2));
     assert_eq!((data.len(), trials.len()), (7 * 13, 6 * 12));
-    let correlation = correlation(data.iter().map(|p| terms(p.sunk.map(|u| u as f32))));
+    let correlation = correlation(data.iter().map(|p| terms(p.displacement.map(|u| u as f32))));
     // 002 has −0.68: its displacements are upwards, which turns the sign of s.
     assert!((correlation - 0.68).abs() < 0.03, "{correlation}");
-    let [place, angle] = worst(&data, &trials, &|p| p.sunk.map(|u| u as f32));
+    let [place, angle] = worst(&data, &trials, &|p| p.displacement.map(|u| u as f32));
     // 002's figures are of computed displacements: 0.3 mm and less than 10°.
     assert!(place < 0.32 && angle < 4.0, "{place} mm, {angle} degrees");
 
     // As 002 does: first what displacement the light of each taxel means, one taxel at a time.
     let powers = |p: &Press, k: usize| [1, 2, 3].map(|n| p.gained[k].powi(n));
     let curves: [[f64; 3]; 4] =
-        std::array::from_fn(|k| fit(data.iter().map(|p| (powers(p, k), p.sunk[k]))));
-    let sunk = |p: &Press| {
+        std::array::from_fn(|k| fit(data.iter().map(|p| (powers(p, k), p.displacement[k]))));
+    let displacement = |p: &Press| {
         std::array::from_fn(|k| {
             powers(p, k).iter().zip(curves[k]).map(|(power, w)| power * w).sum::<f64>() as f32
         })
     };
-    let [place, angle] = worst(&data, &trials, &sunk);
+    let [place, angle] = worst(&data, &trials, &displacement);
     // The shot noise of 60 µA a pair costs seven hundredths of a millimetre of this.
     assert!(place < 0.45 && angle < 7.0, "{place} mm, {angle} degrees");
 }
