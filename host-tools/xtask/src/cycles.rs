@@ -6,7 +6,7 @@ use std::process::Command;
 use anyhow::Result;
 use clap::Args;
 
-use crate::run::{exists, locked, program, root, run};
+use crate::run::{exists, locked, program, root, run, target};
 use crate::toolchain::{Choice, Toolchain};
 use crate::{firmware, packages};
 
@@ -75,10 +75,7 @@ fn emulator(image: &Path) -> Command {
 fn cargo(subcommand: &str) -> Command {
     let name = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = program(name, &directory());
-    command.args([subcommand, "--quiet"]).args(locked());
-    if std::env::var_os("CARGO_TARGET_DIR").is_none() {
-        command.arg("--target-dir").arg(root().join("target"));
-    }
+    command.args([subcommand, "--quiet"]).args(locked()).arg("--target-dir").arg(target());
     command
 }
 

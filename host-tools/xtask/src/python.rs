@@ -6,7 +6,7 @@ use std::process::Command;
 use anyhow::Result;
 
 use crate::packages;
-use crate::run::{answer, cargo, locked, program, root, run};
+use crate::run::{answer, cargo, locked, program, root, run, target};
 
 /// Runs them in an environment of their own under `target/`.
 pub fn tests() -> Result<()> {
@@ -43,9 +43,4 @@ fn environment(client: &Path) -> Result<PathBuf> {
         ".[test]",
     ]))?;
     Ok(python)
-}
-
-/// Where cargo builds the host's workspace.
-fn target() -> PathBuf {
-    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
