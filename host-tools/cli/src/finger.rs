@@ -53,10 +53,11 @@ pub fn scene_calibration(
     }
 }
 
-/// Built in, and of the kind that the calibration was made on.
+/// Built in, and of the kind that the calibration was made on, whose skin is no layer on a frame.
 fn is_virtual_finger(scene: &str) -> bool {
     BUILT_IN.iter().any(|(name, _)| *name == scene)
-        && Scene::load(scene).is_ok_and(|scene| scene.device.kind == Kind::Taxel4x4)
+        && Scene::load(scene)
+            .is_ok_and(|scene| scene.device.kind == Kind::Taxel4x4 && !scene.has_walls())
 }
 
 /// A calibration as the bytes that go to a finger.

@@ -5,6 +5,7 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use common::In;
+use taxel_formats::trace::{Sample, TraceReader};
 
 fn figures(json: &str, target: &str) -> (f64, u64) {
     let json: serde_json::Value = serde_json::from_str(json).unwrap();
@@ -240,6 +241,46 @@ fn a_trace_has_the_thermometer_where_the_scene_lists_the_temperature() {
         let header = trace.lines().find(|line| line.starts_with("t_us")).unwrap();
         assert_eq!(header.split(',').any(|name| name == "aux_temp"), listed, "{header}");
     }
+}
+
+/// Ten by twelve feelers through sixteen channels: a scan is one of them, 120 scans are the sheet.
+#[test]
+fn a_sheet_of_feelers_is_written_one_a_scan_and_adds_up_to_its_force() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    let said = folder.succeeds(&["simulate", "--scene", "sheet-press", "--out", "sheet.csv"]);
+    assert!(said.starts_with("sheet.csv: 18000 scans"), "{said}");
+    let text = std::fs::read_to_string(folder.0.join("sheet.csv")).unwrap();
+    let names = text.lines().find(|line| line.starts_with("t_us")).unwrap();
+    assert!(
+        names.contains("lit_r3c3") && names.contains("slip") && !names.contains("bridge"),
+        "{names}"
+    );
+    let trace = TraceReader::open(folder.0.join("sheet.csv")).unwrap();
+    let scans: Vec<Sample> = trace.map(Result::unwrap).collect();
+    let normal = |sample: &Sample| sample.truth.force[2].unwrap();
+    let bright = |sample: &Sample| -> f64 {
+        let lit = sample.scan.codes.taxels.unwrap().lit;
+        lit.as_flattened().iter().map(|code| f64::from(code.0)).sum()
+    };
+    // While 0.1 N is held: the pressure on the sheet, as bright as it is hard.
+    let (rest, held) = (&scans[..120], &scans[4800..4920]);
+    let force: f64 = held.iter().map(normal).sum();
+    // A trace has six places behind the point.
+    assert!((force - 0.1).abs() < 120.0 * 0.5e-6, "{force}");
+    let per_newton = |k: usize| (bright(&held[k]) - bright(&rest[k])) / normal(&held[k]);
+    let pressed: Vec<usize> = (0..120).filter(|k| normal(&held[*k]) > 3e-3).collect();
+    assert!(pressed.len() > 8, "{pressed:?}");
+    for k in pressed.iter().copied() {
+        let [x, y] = held[k].truth.point.map(Option::unwrap);
+        let feeler = (x + 2.7) / 0.6 + 10.0 * (y + 3.3) / 0.6;
+        assert!((feeler - k as f64).abs() < 1e-6, "{k}");
+        assert!((per_newton(k) / per_newton(pressed[0]) - 1.0).abs() < 0.03, "{k}");
+        assert_eq!((held[k].truth.contact, held[k].truth.slip), (Some(true), Some(false)));
+    }
+    // Sheared with half of what friction holds, the rim slips and the middle sticks.
+    let slips = scans[12_960..13_080].iter().filter(|s| s.truth.slip == Some(true)).count();
+    assert!((4..30).contains(&slips), "{slips}");
 }
 
 #[test]

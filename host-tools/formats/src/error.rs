@@ -62,6 +62,7 @@ impl FileError {
             ErrorKind::NotFound => new.mend("check the path"),
             ErrorKind::PermissionDenied => new.mend("check who may read or write it"),
             ErrorKind::IsADirectory => new.mend("give a file"),
+            ErrorKind::InvalidData => new.mend("save it as plain text, UTF-8"),
             ErrorKind::StorageFull => new.mend("free some space; what was written so far is kept"),
             _ => new,
         }
@@ -88,7 +89,7 @@ impl fmt::Display for FileError {
 
 /// Text out of a file or a library as one line of reasonable length.
 fn one_line(text: &str) -> String {
-    const MOST: usize = 300;
+    const MOST: usize = 500;
     let words = text.split(|c: char| c.is_whitespace() || c.is_control());
     let line = words.filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ");
     match line.char_indices().nth(MOST) {
@@ -111,6 +112,6 @@ mod tests {
             .mend("remove\tit");
         assert_eq!(error.to_string(), "a.csv:3: `m 0`: found `x y [2J`; remove it");
         let long = FileError::new("a.csv", "x".repeat(9999)).to_string();
-        assert!(long.len() < 400, "{}", long.len());
+        assert!(long.len() < 600, "{}", long.len());
     }
 }

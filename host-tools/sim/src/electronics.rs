@@ -53,7 +53,7 @@ impl Columns {
     /// The columns of the scene's device, come to rest in the light `dark` of a room.
     #[must_use]
     pub fn new(scene: &Scene, dark: [f64; COLS]) -> Self {
-        let step = f64::from(scene.scan.step_us);
+        let step = f64::from(scene.scan.step_us());
         let period = 1e6 / f64::from(scene.rate_hz());
         let left = |time: f64| (-time / scene.time_constant_us()).exp();
         let settling = scene.has(Effect::Settling).then(|| Settling {

@@ -125,7 +125,7 @@ impl Path {
                 Act::Roll(roll) => roll.at(since, &self.grip),
                 Act::Random(act, random) => {
                     let press = (since / random.each_s) as u32;
-                    if press >= random.presses {
+                    if press >= random.presses.get() {
                         continue;
                     }
                     let drawn = match self.drawn {

@@ -1,28 +1,196 @@
-//! Numbers of a scene that have limits. A limit is checked while the file is read, where the parser
-//! still knows the line.
+//! Numbers of a scene that have limits. A limit is checked while the file is read, where the parser still
+//! knows the line; what is out of it, or no number at all, is told what is allowed.
 
-use serde::de::{Deserialize, Deserializer, Error};
+use std::fmt;
 
-fn within<'de, D: Deserializer<'de>>(from: D, low: f64, high: f64) -> Result<f64, D::Error> {
-    let value = f64::deserialize(from)?;
-    check(value, low, high).map_err(D::Error::custom)
+use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
+
+/// From where to where a number may be.
+#[derive(Clone, Copy)]
+struct Limits {
+    low: f64,
+    high: f64,
+    /// What one outside is.
+    outside: &'static str,
 }
 
-/// A NaN is in no range.
-fn check(value: f64, low: f64, high: f64) -> Result<f64, String> {
-    if (low..=high).contains(&value) {
-        Ok(value)
-    } else {
-        Err(format!("{value} is out of range; allowed are {low} to {high}"))
+impl Limits {
+    const fn new(low: f64, high: f64) -> Self {
+        Self { low, high, outside: "out of range" }
+    }
+
+    /// A NaN is in no range.
+    fn check(self, value: f64) -> Result<f64, String> {
+        let Self { low, high, outside } = self;
+        if (low..=high).contains(&value) {
+            Ok(value)
+        } else {
+            Err(format!("{value} is {outside}; allowed are {low} to {high}"))
+        }
+    }
+
+    fn number<'de, D: Deserializer<'de>>(self, from: D) -> Result<f64, D::Error> {
+        self.check_any(Given::deserialize(from)?).map_err(D::Error::custom)
+    }
+
+    fn check_any(self, given: Given) -> Result<f64, String> {
+        let Self { low, high, .. } = self;
+        given
+            .0
+            .map_err(|what| format!("{what} instead of a number; allowed are {low} to {high}"))
+            .and_then(|value| self.check(value))
     }
 }
 
-/// Low and high of a range that random numbers are drawn from.
-fn span<'de, D: Deserializer<'de>>(from: D, low: f64, high: f64) -> Result<[f64; 2], D::Error> {
-    let [from, to] = <[f64; 2]>::deserialize(from)?;
-    for value in [from, to] {
-        check(value, low, high).map_err(D::Error::custom)?;
+/// A whole number from `LOW` to `HIGH`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Whole<const LOW: u32, const HIGH: u32>(u32);
+
+impl<const LOW: u32, const HIGH: u32> Whole<LOW, HIGH> {
+    /// `value`, or the nearest that is allowed.
+    pub const fn nearest(value: u32) -> Self {
+        Self(if value < LOW {
+            LOW
+        } else if value > HIGH {
+            HIGH
+        } else {
+            value
+        })
     }
+
+    /// The number.
+    pub const fn get(self) -> u32 {
+        self.0
+    }
+}
+
+impl<'de, const LOW: u32, const HIGH: u32> Deserialize<'de> for Whole<LOW, HIGH> {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        struct Within<const LOW: u32, const HIGH: u32>;
+        impl<const LOW: u32, const HIGH: u32> Visitor<'_> for Within<LOW, HIGH> {
+            type Value = u32;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "a whole number from {LOW} to {HIGH}")
+            }
+
+            fn visit_i64<E: Error>(self, value: i64) -> Result<u32, E> {
+                let known = u32::try_from(value).ok().filter(|v| (LOW..=HIGH).contains(v));
+                known.ok_or_else(|| {
+                    E::custom(format!("{value} is out of range; allowed are {LOW} to {HIGH}"))
+                })
+            }
+        }
+        from.deserialize_any(Within::<LOW, HIGH>).map(Self)
+    }
+}
+
+/// One of a few whole numbers.
+pub fn one_of<'de, D: Deserializer<'de>>(
+    from: D,
+    allowed: &'static [u16],
+) -> Result<u16, D::Error> {
+    struct OneOf(&'static [u16]);
+    impl Visitor<'_> for OneOf {
+        type Value = u16;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            let names: Vec<String> = self.0.iter().map(u16::to_string).collect();
+            write!(f, "one of {}", names.join(", "))
+        }
+
+        fn visit_i64<E: Error>(self, value: i64) -> Result<u16, E> {
+            let known = self.0.iter().copied().find(|allowed| i64::from(*allowed) == value);
+            known.ok_or_else(|| E::invalid_value(serde::de::Unexpected::Signed(value), &self))
+        }
+    }
+    from.deserialize_any(OneOf(allowed))
+}
+
+/// A number whose range depends on other keys; of what is no number, what it is.
+#[derive(Clone, Copy, Debug)]
+pub struct Given(Result<f64, &'static str>);
+
+impl Given {
+    /// It, where it is within the range.
+    pub fn within(&self, low: f64, high: f64) -> Result<f64, String> {
+        Limits::new(low, high).check_any(*self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Given {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        struct Anything;
+        impl<'de> Visitor<'de> for Anything {
+            type Value = Given;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number")
+            }
+
+            fn visit_f64<E>(self, value: f64) -> Result<Given, E> {
+                Ok(Given(Ok(value)))
+            }
+
+            fn visit_i64<E>(self, value: i64) -> Result<Given, E> {
+                Ok(Given(Ok(value as f64)))
+            }
+
+            fn visit_str<E>(self, _: &str) -> Result<Given, E> {
+                Ok(Given(Err("a text")))
+            }
+
+            fn visit_bool<E>(self, _: bool) -> Result<Given, E> {
+                Ok(Given(Err("true or false")))
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut values: A) -> Result<Given, A::Error> {
+                while values.next_element::<IgnoredAny>()?.is_some() {}
+                Ok(Given(Err("an array")))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut keys: A) -> Result<Given, A::Error> {
+                while keys.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+                Ok(Given(Err("a table or a date")))
+            }
+        }
+        from.deserialize_any(Anything)
+    }
+}
+
+/// So many numbers, each within the limits.
+fn numbers<'de, const N: usize, D: Deserializer<'de>>(
+    from: D,
+    limits: Limits,
+) -> Result<[f64; N], D::Error> {
+    struct Numbers<const N: usize>(Limits);
+    impl<'de, const N: usize> Visitor<'de> for Numbers<N> {
+        type Value = [f64; N];
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            let Limits { low, high, .. } = self.0;
+            write!(f, "{N} numbers from {low} to {high} in square brackets")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut values: A) -> Result<[f64; N], A::Error> {
+            let mut numbers = [0.0; N];
+            let mut count = 0;
+            while let Some(value) = values.next_element()? {
+                let value = self.0.check_any(value).map_err(A::Error::custom)?;
+                if let Some(number) = numbers.get_mut(count) {
+                    *number = value;
+                }
+                count += 1;
+            }
+            if count == N { Ok(numbers) } else { Err(A::Error::invalid_length(count, &self)) }
+        }
+    }
+    from.deserialize_any(Numbers::<N>(limits))
+}
+
+/// Low and high of a range.
+fn span<'de, D: Deserializer<'de>>(from: D, limits: Limits) -> Result<[f64; 2], D::Error> {
+    let [from, to] = numbers(from, limits)?;
     if from <= to {
         Ok([from, to])
     } else {
@@ -35,7 +203,7 @@ macro_rules! ranges {
     ($($(#[$doc:meta])* $name:ident: $low:literal to $high:literal;)*) => {$(
         $(#[$doc])*
         pub fn $name<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-            within(from, $low, $high)
+            Limits::new($low, $high).number(from)
         }
     )*};
 }
@@ -95,53 +263,40 @@ ranges! {
     roll: 0.0 to 5.0;
 }
 
-const PAD: f64 = 5.0;
-
 /// A coordinate on the pad, which is 10 mm square.
+const PAD: Limits = Limits { low: -5.0, high: 5.0, outside: "off the pad" };
+
+/// A coordinate on the pad.
 pub fn on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    let value = f64::deserialize(from)?;
-    on_pad_value(value).map_err(D::Error::custom)
+    PAD.number(from)
 }
 
 /// A point on the pad.
 pub fn point_on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
-    let point = <[f64; 2]>::deserialize(from)?;
-    for value in point {
-        on_pad_value(value).map_err(D::Error::custom)?;
-    }
-    Ok(point)
-}
-
-fn on_pad_value(value: f64) -> Result<f64, String> {
-    check(value, -PAD, PAD)
-        .map_err(|_| format!("{value} mm is off the pad; allowed are -{PAD} to {PAD}"))
+    numbers(from, PAD)
 }
 
 /// A stretch of coordinates on the pad.
 pub fn span_on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
-    span(from, -PAD, PAD)
+    span(from, PAD)
 }
 
 /// Normal forces in newtons.
 pub fn span_of_normals<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
-    span(from, 0.0, 10.0)
+    span(from, Limits::new(0.0, 10.0))
 }
 
 /// Shares of the most that friction can hold.
 pub fn span_of_shares<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
-    span(from, 0.0, 1.0)
+    span(from, Limits::new(0.0, 1.0))
 }
 
 /// Semi-axes in mm of a fingertip that is wider than the pad, corners too.
 pub fn fingertip_axes<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 3], D::Error> {
-    let axes = <[f64; 3]>::deserialize(from)?;
-    for axis in axes {
-        check(axis, 8.0, 1000.0).map_err(D::Error::custom)?;
-    }
-    Ok(axes)
+    numbers(from, Limits::new(8.0, 1000.0))
 }
 
 /// Angles of a force to the skin, the lower one first.
 pub fn span_of_angles<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
-    span(from, 10.0, 170.0)
+    span(from, Limits::new(10.0, 170.0))
 }

@@ -1,25 +1,26 @@
 //! Scenes: TOML files that say what to simulate. The unit of a number is in its key's name; what is
 //! left out has a default; what is misspelt, out of range or contradictory is an error with its line.
 
+use std::fmt;
 use std::ops::Range;
-use std::path::Path;
 
 use serde::Deserialize;
-use taxel_formats::FileError;
 use toml::Spanned;
 
-use crate::contact::{Indenter, SILICONE_YOUNG_MPA, layer};
+use crate::contact::{Indenter, SILICONE_YOUNG_MPA};
 use crate::fidelity::Fidelity;
-use crate::ranges;
+use crate::ranges::{self, Given, Whole};
 use crate::response::Coating;
 
 mod acts;
 mod catalogue;
+mod check;
 mod device;
 mod electronics;
 mod fault;
 mod indenter;
 mod light;
+mod read;
 mod temperature;
 mod trials;
 
@@ -70,6 +71,17 @@ pub enum Effect {
     Response,
     /// What warms changes: the finger is as warm as `[temperature]` says and not at its reference.
     Temperature,
+}
+
+/// As a scene writes it.
+impl fmt::Display for Effect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, letter) in format!("{self:?}").char_indices() {
+            let hyphen = if i > 0 && letter.is_uppercase() { "-" } else { "" };
+            write!(f, "{hyphen}{}", letter.to_ascii_lowercase())?;
+        }
+        Ok(())
+    }
 }
 
 /// A scene.
@@ -146,19 +158,25 @@ pub struct Scene {
 #[serde(deny_unknown_fields)]
 pub struct Scan {
     /// Frames a second, 1 to 20000.
-    pub rate_hz: Spanned<u32>,
+    rate_hz: Spanned<Whole<1, 20_000>>,
     /// Length of the scene in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub duration_s: f64,
     /// Time of each of the five steps (dark, row 0 … row 3) of a frame in microseconds.
-    #[serde(default = "Scan::step_us")]
-    pub step_us: u32,
+    #[serde(default = "Scan::usual_step")]
+    step_us: Spanned<Whole<1, 200_000>>,
 }
 
 impl Scan {
     /// Settling of the phototransistors to 12 bits is 26.5 µs; five such steps fit into 4 kHz.
-    fn step_us() -> u32 {
-        30
+    fn usual_step() -> Spanned<Whole<1, 200_000>> {
+        Spanned::new(0..0, Whole::nearest(30))
+    }
+
+    /// Time of each of the five steps in microseconds.
+    #[must_use]
+    pub fn step_us(&self) -> u32 {
+        self.step_us.get_ref().get()
     }
 }
 
@@ -227,14 +245,16 @@ pub struct Friction {
     #[serde(deserialize_with = "ranges::friction")]
     pub mu: f64,
     /// Of what slips; the same unless said otherwise.
-    mu_kinetic: Option<Spanned<f64>>,
+    mu_kinetic: Option<Spanned<Given>>,
 }
 
 impl Friction {
     /// Coulomb's coefficient of what slips.
     #[must_use]
     pub fn mu_kinetic(&self) -> f64 {
-        self.mu_kinetic.as_ref().map_or(self.mu, |mu| *mu.get_ref())
+        // Refused out of its range when the scene was checked.
+        let given = self.mu_kinetic.as_ref().map(|mu| mu.get_ref().within(0.0, self.mu));
+        given.and_then(Result::ok).unwrap_or(self.mu)
     }
 }
 
@@ -249,7 +269,7 @@ impl Default for Friction {
 #[serde(deny_unknown_fields)]
 pub struct Bench {
     /// Number of the sensor, 0 to 3.
-    pub sensor: Spanned<usize>,
+    sensor: Spanned<Whole<0, 3>>,
     /// Standard deviation of its load cell in newtons. The truth of its sensor is then what that reads, as
     /// on a real bench.
     #[serde(default, deserialize_with = "ranges::reference")]
@@ -257,47 +277,6 @@ pub struct Bench {
 }
 
 impl Scene {
-    /// A built-in scene by its name, or a file by its path.
-    ///
-    /// # Errors
-    /// What is wrong with it, in one line.
-    pub fn load(name_or_path: &str) -> Result<Self, FileError> {
-        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == name_or_path) {
-            return Self::parse(format!("{name}.toml"), text);
-        }
-        let text = std::fs::read_to_string(name_or_path).map_err(|error| {
-            if error.kind() == std::io::ErrorKind::NotFound {
-                FileError::new(name_or_path, "no such scene").mend(
-                    "give a path to a TOML file, or a name that `taxel simulate --list` shows",
-                )
-            } else {
-                FileError::io(name_or_path, &error)
-            }
-        })?;
-        Self::parse(name_or_path, &text)
-    }
-
-    /// A scene from its text; `path` is for errors.
-    ///
-    /// # Errors
-    /// What is wrong with it, in one line.
-    pub fn parse(path: impl AsRef<Path>, text: &str) -> Result<Self, FileError> {
-        let error = |at: Option<Range<usize>>, problem: String| {
-            let error = FileError::new(&path, problem);
-            let Some(at) = at else { return error };
-            let before = text.get(..at.start).unwrap_or(text);
-            let error = error.line(1 + before.matches('\n').count() as u64);
-            match key_at(text, at.start) {
-                Some(key) => error.column(key),
-                None => error,
-            }
-        };
-        let scene: Self =
-            toml::from_str(text).map_err(|e| error(e.span(), e.message().to_owned()))?;
-        scene.check().map_err(|(at, problem)| error(Some(at), problem))?;
-        Ok(scene)
-    }
-
     /// What touches the finger.
     #[must_use]
     pub fn indenter(&self) -> Indenter {
@@ -365,13 +344,13 @@ impl Scene {
     #[must_use]
     pub fn bench_sensor(&self) -> Option<usize> {
         let only = (self.device.kind == Kind::Mems3Axis).then_some(0);
-        self.bench.as_ref().map(|bench| *bench.sensor.get_ref()).or(only)
+        self.bench.as_ref().map(|bench| bench.sensor.get_ref().get() as usize).or(only)
     }
 
     /// Frames a second.
     #[must_use]
     pub fn rate_hz(&self) -> u32 {
-        *self.scan.rate_hz.get_ref()
+        self.scan.rate_hz.get_ref().get()
     }
 
     /// Frames of one pass.
@@ -380,94 +359,6 @@ impl Scene {
         // Both factors are bounded by their ranges; the product is below 2^31.
         (self.scan.duration_s * f64::from(self.rate_hz())).round().max(1.0) as u64
     }
-
-    /// What no single value can show.
-    fn check(&self) -> Result<(), (Range<usize>, String)> {
-        let rate = &self.scan.rate_hz;
-        if !(1..=20_000).contains(rate.get_ref()) {
-            let problem = format!("{} is out of range; allowed are 1 to 20000", rate.get_ref());
-            return Err((rate.span(), problem));
-        }
-        let steps = 5 * u64::from(self.scan.step_us);
-        let period = 1_000_000 / u64::from(*rate.get_ref());
-        if steps > period {
-            let problem = format!(
-                "a frame lasts {period} µs but its five steps of `step_us` {} µs last {steps} µs",
-                self.scan.step_us
-            );
-            return Err((rate.span(), problem));
-        }
-        let sampled = self.sampling_us();
-        if sampled >= f64::from(self.scan.step_us) {
-            let problem = format!(
-                "{} conversions of a reading last {sampled} µs, but its step `step_us` {} µs",
-                self.oversampling(),
-                self.scan.step_us
-            );
-            let at = self.electronics.oversampling.as_ref().map_or(rate.span(), Spanned::span);
-            return Err((at, problem));
-        }
-        if let Some(bench) = &self.bench
-            && !self.device.sensors().get(*bench.sensor.get_ref()).is_some_and(|there| *there)
-        {
-            let problem = format!(
-                "the device has no sensor {}; allowed are 0 to 3, those that its kind has and `bridges` \
-                 leaves",
-                bench.sensor.get_ref()
-            );
-            return Err((bench.sensor.span(), problem));
-        }
-        for fault in &self.fault {
-            fault.times()?;
-            fault.broken(&self.device)?;
-        }
-        if let Some(kinetic) = &self.friction.mu_kinetic
-            && !(0.0..=self.friction.mu).contains(kinetic.get_ref())
-        {
-            let problem = format!(
-                "{} is out of range; allowed are 0 to `mu` {}",
-                kinetic.get_ref(),
-                self.friction.mu
-            );
-            return Err((kinetic.span(), problem));
-        }
-        self.indenter.indenter()?;
-        device::check(self)?;
-        self.check_walls()?;
-        acts::check(self)?;
-        trials::check(self)
-    }
-
-    /// The framed layer has its limits.
-    fn check_walls(&self) -> Result<(), (Range<usize>, String)> {
-        let listed = self.effects.iter().find(|effect| *effect.get_ref() == Effect::Walls);
-        let named = self.fidelity.as_ref().filter(|f| *f.get_ref() == Fidelity::Layer);
-        let Some(at) = listed.map(Spanned::span).or(named.map(Spanned::span)) else {
-            return Ok(());
-        };
-        if self.device.kind != Kind::Taxel4x4 {
-            let problem = "the layer is that of the 4×4 finger; leave `fidelity` out";
-            return Err((at, problem.into()));
-        }
-        let ([thin, thick], widest) = (layer::Layer::THICKNESS_MM, layer::Layer::WIDEST_FACET_MM);
-        let Layer { depth_mm, facet_mm, .. } = self.layer;
-        if (thin..=thick).contains(&depth_mm) && facet_mm <= widest {
-            return Ok(());
-        }
-        let problem = format!(
-            "walls between facets of `facet_mm` {facet_mm} under `depth_mm` {depth_mm}; allowed are \
-             {thin} to {thick} for `depth_mm` and up to {widest} for `facet_mm`"
-        );
-        Err((at, problem))
-    }
-}
-
-/// The key, or the table, on the line that holds byte `at`.
-fn key_at(text: &str, at: usize) -> Option<&str> {
-    let begin = text.get(..at)?.rfind('\n').map_or(0, |newline| newline + 1);
-    let line = text.get(begin..)?.lines().next()?;
-    let key = line.split(['=', '#']).next()?.trim();
-    (!key.is_empty()).then_some(key)
 }
 
 #[cfg(test)]

@@ -20,6 +20,7 @@ use crate::seeds::{Purpose, stream};
 use crate::supply::Supply;
 use crate::systems;
 use crate::systems::matrix::Matrix;
+use crate::systems::sheet::{FEELERS, Sheet};
 
 /// The reference channel reads a voltage of its own, half of the converter's range at a nominal supply.
 const REFERENCE: f64 = 0.5;
@@ -38,6 +39,7 @@ pub struct Simulator {
     room: Room,
     supply: Supply,
     temperature: Option<Temperature>,
+    sheet: Option<Sheet>,
     faults: Faults,
     columns: Columns,
     bridges: [Option<Bridge>; SENSORS],
@@ -73,6 +75,7 @@ impl Simulator {
             room,
             supply: Supply::new(scene),
             temperature: scene.temperature(),
+            sheet: (scene.device.kind == Kind::OhkaSheet).then(|| Sheet::new(scene)),
             faults: Faults::of(scene),
             columns: Columns::new(scene, dark),
             bridges,
@@ -81,7 +84,7 @@ impl Simulator {
             reference: Reference::of(scene, seed),
             adc: Adc::new(scene, seed),
             rate_hz: u64::from(scene.rate_hz()),
-            step_us: f64::from(scene.scan.step_us),
+            step_us: f64::from(scene.scan.step_us()),
             frames: scene.frames(),
             endless: false,
             next: 0,
@@ -270,7 +273,10 @@ impl Iterator for Simulator {
         }
         let time_us = self.next * 1_000_000 / self.rate_hz;
         let scene_s = (self.next % self.frames) as f64 / self.rate_hz as f64;
-        let contacts = systems::taken(&self.device, self.path.at(scene_s));
+        let mut contacts = systems::taken(&self.device, self.path.at(scene_s));
+        if let Some(sheet) = &self.sheet {
+            contacts = sheet.seen((self.next % FEELERS as u64) as usize, &contacts);
+        }
         let load = contacts.whole();
         self.next += 1;
         let celsius = self.temperature.map(|temperature| temperature.at(scene_s));

@@ -7,6 +7,7 @@
 //! | `mems-3axis` | 003 ch. 1 | the force on one sensor, under its [`coating`](crate::response::Coating) |
 //! | `mems-array` | 003 ch. 2 | four sensors under a [`plate`] that carries a curved [`surface`] |
 //! | `ohka-micro` | 000 | a bright spot under a conical feeler: [`feeler`] |
+//! | `ohka-sheet` | 000 | such spots under a [`sheet`] of 10×12 feelers, one a scan |
 //! | `ohka-column` | 001 | contact areas of the cones under four columns: [`column`] |
 //!
 //! The two optical sensors of Ohka are their papers' own constitutive laws turned round: force in,
@@ -18,6 +19,7 @@ pub mod feeler;
 pub mod line_of_four;
 pub mod matrix;
 pub mod plate;
+pub mod sheet;
 pub mod surface;
 
 use taxel::scan::SENSORS;
@@ -40,7 +42,7 @@ pub fn taken(device: &Device, contacts: Contacts) -> Contacts {
             let column = column::CENTRES.get(column::nearest(load.point)).copied();
             Load { point: column.unwrap_or(load.point), ..load }
         },
-        Kind::Taxel4x4 | Kind::Taxel4x1 | Kind::Mems3Axis => return contacts,
+        Kind::Taxel4x4 | Kind::Taxel4x1 | Kind::Mems3Axis | Kind::OhkaSheet => return contacts,
     };
     let mut taken = Contacts::default();
     contacts.loads().iter().for_each(|load| taken.push(place(device, *load)));

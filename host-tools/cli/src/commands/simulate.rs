@@ -70,7 +70,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 /// Name and description of each built-in scene.
 fn list() -> anyhow::Result<()> {
     for (name, _) in BUILT_IN {
-        output::line(format!("{name:<16} {}", Scene::load(name)?.description))?;
+        output::line(format!("{name:<22} {}", Scene::load(name)?.description))?;
     }
     Ok(())
 }

@@ -5,9 +5,10 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::Spanned;
 
+use super::read::Problem;
 use super::{Grid, Plate, Scene};
 use crate::contact::HalfSpace;
-use crate::ranges;
+use crate::ranges::{self, Whole};
 
 /// Contacts that may touch at once.
 pub const MOST_CONTACTS: usize = 4;
@@ -146,7 +147,7 @@ pub struct Random {
     #[serde(deserialize_with = "ranges::moment")]
     pub at_s: f64,
     /// How many.
-    pub presses: u32,
+    pub presses: Whole<1, 1_000_000>,
     /// Time of each in seconds, pause included.
     #[serde(deserialize_with = "ranges::seconds")]
     pub each_s: f64,
@@ -232,7 +233,7 @@ impl Act {
                 Self::Slide(slide) => slide.rise_s + slide.travel_s + slide.fall_s,
                 Self::Tap(tap) => tap.width_s,
                 Self::Roll(roll) => roll.rise_s + roll.travel_s + roll.fall_s,
-                Self::Random(_, random) => f64::from(random.presses) * random.each_s,
+                Self::Random(_, random) => f64::from(random.presses.get()) * random.each_s,
                 Self::Grid(grid) => grid.presses() as f64 * grid.each_s,
                 Self::Plate(plate) => plate.rise_s + plate.travel_s + plate.fall_s,
             }
@@ -259,7 +260,7 @@ impl Act {
 }
 
 /// All acts end with the scene, and those that overlap in time are few and apart.
-pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
+pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     // Sums of decimal fractions are a few units in the last place off.
     const SLACK: f64 = 1e-9;
     let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
@@ -268,18 +269,21 @@ pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
     let mut running: Vec<Act> = vec![];
     for (span, act) in Act::all(scene) {
         if act.end_s() > scene.scan.duration_s + SLACK {
-            let (end, duration) = (act.end_s(), scene.scan.duration_s);
-            let problem = format!("ends at {end:.3} s but the scene at `duration_s` {duration} s");
+            let (end, duration) = (seconds(act.end_s()), scene.scan.duration_s);
+            let problem = format!(
+                "ends at {end} s but the scene at `duration_s` {duration} s; let it begin earlier or be \
+                 shorter, or make `duration_s` at least {end}"
+            );
             return Err((span, problem));
         }
         running.retain(|other| other.end_s() > act.at_s() + SLACK);
         for other in &running {
-            let (begin, until) = (act.at_s(), other.end_s());
+            let (begin, until) = (seconds(act.at_s()), seconds(other.end_s()));
             let alone = |act: &Act| matches!(act, Act::Random(..) | Act::Grid(_) | Act::Plate(_));
             if alone(&act) || alone(other) {
                 let problem = format!(
                     "begins at {begin} s while another contact lasts until {until} s; [[random]], \
-                     [[grid]] and [[plate]] are alone"
+                     [[grid]] and [[plate]] are alone: let it begin at {until} s or later"
                 );
                 return Err((span, problem));
             }
@@ -298,12 +302,17 @@ pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
             let problem = format!(
                 "is contact number {} at {} s; allowed are {MOST_CONTACTS} at once",
                 running.len(),
-                act.at_s()
+                seconds(act.at_s())
             );
             return Err((span, problem));
         }
     }
     Ok(())
+}
+
+/// A sum of decimal fractions, without what rounding left in its last places.
+fn seconds(sum: f64) -> f64 {
+    (sum * 1e6).round() / 1e6
 }
 
 /// Least distance between two straight ways.

@@ -1,11 +1,11 @@
 //! The table of a scene that says which finger it is.
 
-use std::ops::Range;
-
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use taxel::scan::{COLS, ROWS, SENSORS, TAXEL_CENTRES, TAXELS};
 
+use super::read::Problem;
 use super::{Effect, Scene};
+use crate::ranges;
 use crate::response::Coating;
 use crate::systems::surface::Surface;
 use crate::systems::{column, feeler, line_of_four};
@@ -52,7 +52,11 @@ impl Device {
     #[must_use]
     pub fn rows(&self) -> usize {
         match self.kind {
-            Kind::Taxel4x4 | Kind::OhkaMicro | Kind::OhkaColumn if self.taxels => ROWS,
+            Kind::Taxel4x4 | Kind::OhkaMicro | Kind::OhkaSheet | Kind::OhkaColumn
+                if self.taxels =>
+            {
+                ROWS
+            }
             Kind::Taxel4x1 if self.taxels => 1,
             _ => 0,
         }
@@ -64,7 +68,9 @@ impl Device {
         let of_kind = match self.kind {
             Kind::Taxel4x4 | Kind::MemsArray => [true; SENSORS],
             Kind::Mems3Axis => [true, false, false, false],
-            Kind::Taxel4x1 | Kind::OhkaMicro | Kind::OhkaColumn => [false; SENSORS],
+            Kind::Taxel4x1 | Kind::OhkaMicro | Kind::OhkaSheet | Kind::OhkaColumn => {
+                [false; SENSORS]
+            }
         };
         let mut there = self.bridges;
         there.iter_mut().zip(of_kind).for_each(|(there, has)| *there &= has);
@@ -99,6 +105,9 @@ pub enum Kind {
     /// The matrix looks at one conical feeler.
     #[serde(rename = "ohka-micro")]
     OhkaMicro,
+    /// The matrix looks at one after the other of 10×12 feelers.
+    #[serde(rename = "ohka-sheet")]
+    OhkaSheet,
     /// The matrix looks at the cones of four columns.
     #[serde(rename = "ohka-column")]
     OhkaColumn,
@@ -112,14 +121,18 @@ impl Kind {
         match self {
             Self::OhkaMicro => Some(feeler::LINEAR_N),
             Self::OhkaColumn => Some(column::MOST_N),
-            Self::Taxel4x4 | Self::Taxel4x1 | Self::Mems3Axis | Self::MemsArray => None,
+            Self::Taxel4x4
+            | Self::Taxel4x1
+            | Self::Mems3Axis
+            | Self::MemsArray
+            | Self::OhkaSheet => None,
         }
     }
 
     /// What it lacks for the effect to act on.
     fn lacks(self, effect: Effect) -> Option<&'static str> {
         let facets = matches!(self, Self::Taxel4x4 | Self::Taxel4x1);
-        let light = facets || matches!(self, Self::OhkaMicro | Self::OhkaColumn);
+        let light = facets || matches!(self, Self::OhkaMicro | Self::OhkaSheet | Self::OhkaColumn);
         let sensors = matches!(self, Self::Taxel4x4 | Self::Mems3Axis | Self::MemsArray);
         let (there, what) = match effect {
             Effect::Noise | Effect::SupplyRipple | Effect::Temperature => return None,
@@ -142,12 +155,12 @@ impl Kind {
 }
 
 /// What the scene lists has something to act on.
-pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
+pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     for listed in &scene.effects {
         let effect = *listed.get_ref();
         if let Some(what) = scene.device.kind.lacks(effect) {
             let problem = format!(
-                "{effect:?} acts on {what}, which this `kind` of device lacks; leave it out"
+                "`{effect}` acts on {what}, which this `kind` of device lacks; leave it out"
             );
             return Err((listed.span(), problem));
         }
@@ -156,8 +169,7 @@ pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
 }
 
 /// Resolution of the codes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "u8")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bits {
     /// Single conversions.
     Twelve,
@@ -165,15 +177,10 @@ pub enum Bits {
     Sixteen,
 }
 
-impl TryFrom<u8> for Bits {
-    type Error = String;
-
-    fn try_from(bits: u8) -> Result<Self, String> {
-        match bits {
-            12 => Ok(Self::Twelve),
-            16 => Ok(Self::Sixteen),
-            _ => Err(format!("{bits} bits; allowed are 12 and 16")),
-        }
+impl<'de> Deserialize<'de> for Bits {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let bits = ranges::one_of(from, &[12, 16])?;
+        Ok(if bits == 12 { Self::Twelve } else { Self::Sixteen })
     }
 }
 

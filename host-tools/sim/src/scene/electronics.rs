@@ -1,6 +1,6 @@
 //! The table of a scene that says what stands between a photocurrent or a bridge and its code.
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use toml::Spanned;
 
 use super::{Bits, Effect, Scene};
@@ -55,14 +55,10 @@ impl Default for Electronics {
 }
 
 /// Gain of an amplifier that a microcontroller has on its chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "u64")]
-pub struct PgaGain(u8);
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PgaGain(u16);
 
 impl PgaGain {
-    /// STM32G431 data sheet: a follower, or 2 to 64.
-    const ALLOWED: [u8; 7] = [1, 2, 4, 8, 16, 32, 64];
-
     /// How many times the voltage.
     #[must_use]
     pub fn times(self) -> f64 {
@@ -70,35 +66,25 @@ impl PgaGain {
     }
 }
 
-impl TryFrom<u64> for PgaGain {
-    type Error = String;
-
-    fn try_from(gain: u64) -> Result<Self, String> {
-        let known = Self::ALLOWED.into_iter().find(|allowed| u64::from(*allowed) == gain);
-        known
-            .map(Self)
-            .ok_or_else(|| format!("a gain of {gain}; allowed are 1, 2, 4, 8, 16, 32, 64"))
+impl<'de> Deserialize<'de> for PgaGain {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        // STM32G431 data sheet: a follower, or 2 to 64.
+        ranges::one_of(from, &[1, 2, 4, 8, 16, 32, 64]).map(Self)
     }
 }
 
 /// How many conversions make a reading.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "u64")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Oversampling(u16);
 
-impl TryFrom<u64> for Oversampling {
-    type Error = String;
-
-    fn try_from(ratio: u64) -> Result<Self, String> {
-        let known = u16::try_from(ratio).ok().filter(|r| r.is_power_of_two() && *r <= 256);
-        known.map(Self).ok_or_else(|| {
-            format!("{ratio} conversions a reading; allowed are 1, 2, 4, 8, 16, 32, 64, 128, 256")
-        })
+impl<'de> Deserialize<'de> for Oversampling {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        ranges::one_of(from, &[1, 2, 4, 8, 16, 32, 64, 128, 256]).map(Self)
     }
 }
 
 /// A key that may be left out keeps its range when it is there.
-fn given_time_constant<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+fn given_time_constant<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
     ranges::time_constant(from).map(Some)
 }
 

@@ -7,7 +7,8 @@ use taxel::scan::{COLS, SENSORS};
 use toml::Spanned;
 
 use super::Device;
-use crate::ranges;
+use super::read::Problem;
+use crate::ranges::{self, Given};
 
 /// `[[fault]]`
 #[derive(Clone, Debug, Deserialize)]
@@ -17,7 +18,7 @@ pub struct Fault {
     #[serde(deserialize_with = "ranges::moment")]
     at_s: f64,
     /// When it goes; without it, it stays.
-    until_s: Option<Spanned<f64>>,
+    until_s: Option<Spanned<Given>>,
     /// What is the matter.
     kind: Spanned<Kind>,
     /// Where: `r1c2` a taxel, `c2` a column, `s0_a` a midpoint, `s0_r3` a resistor, `vref`.
@@ -25,7 +26,7 @@ pub struct Fault {
     /// The other column of `swapped-columns`.
     with: Option<Spanned<String>>,
     /// What a `supply-dip` leaves of the supply.
-    ratio: Option<Spanned<f64>>,
+    ratio: Option<Spanned<Given>>,
 }
 
 /// `kind`
@@ -77,9 +78,6 @@ pub enum Broken {
     Swapped(usize, usize),
 }
 
-/// Where in the file, and what is wrong.
-type Problem = (Range<usize>, String);
-
 impl Fault {
     /// What a dip may leave; with less, nothing runs that could read.
     const DIP: [f64; 2] = [0.3, 1.0];
@@ -89,16 +87,16 @@ impl Fault {
     /// # Errors
     /// It ends before it begins.
     pub(super) fn times(&self) -> Result<Range<f64>, Problem> {
-        let Some(until) = &self.until_s else { return Ok(self.at_s..f64::INFINITY) };
-        if *until.get_ref() > self.at_s {
-            return Ok(self.at_s..*until.get_ref());
+        let Some(given) = &self.until_s else { return Ok(self.at_s..f64::INFINITY) };
+        let until = given.get_ref().within(0.0, 86_400.0).map_err(|e| (given.span(), e))?;
+        if until > self.at_s {
+            return Ok(self.at_s..until);
         }
         let problem = format!(
-            "ends at {} s but begins at `at_s` {} s; allowed is any later time",
-            until.get_ref(),
+            "ends at {until} s but begins at `at_s` {} s; allowed is any later time",
             self.at_s
         );
-        Err((until.span(), problem))
+        Err((given.span(), problem))
     }
 
     /// What it breaks in this finger.
@@ -196,10 +194,8 @@ impl Fault {
         let [least, most] = Self::DIP;
         let allowed = format!("{least} to {most}");
         let ratio = self.ratio.as_ref().ok_or_else(|| self.missing("ratio", &allowed))?;
-        if (least..=most).contains(ratio.get_ref()) {
-            return Ok(Broken::Supply(*ratio.get_ref()));
-        }
-        Err((ratio.span(), format!("{} is out of range; allowed are {allowed}", ratio.get_ref())))
+        let left = ratio.get_ref().within(least, most);
+        left.map(Broken::Supply).map_err(|problem| (ratio.span(), problem))
     }
 }
 

@@ -1,22 +1,22 @@
 //! The table of a scene that says what touches the finger.
 
-use std::ops::Range;
-
 use serde::Deserialize;
 use toml::Spanned;
 
+use super::read::Problem;
 use crate::contact::{Axis, Indenter};
+use crate::ranges::Given;
 
 /// `[indenter]`
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Table {
     kind: Kind,
-    radius_mm: Option<Spanned<f64>>,
-    width_mm: Option<Spanned<f64>>,
-    length_mm: Option<Spanned<f64>>,
-    slope: Option<Spanned<f64>>,
-    turn_deg: Option<Spanned<f64>>,
+    radius_mm: Option<Spanned<Given>>,
+    width_mm: Option<Spanned<Given>>,
+    length_mm: Option<Spanned<Given>>,
+    slope: Option<Spanned<Given>>,
+    turn_deg: Option<Spanned<Given>>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -59,7 +59,7 @@ impl Table {
     ///
     /// # Errors
     /// A key that the kind does not have, or a value out of its range.
-    pub(super) fn indenter(&self) -> Result<Indenter, (Range<usize>, String)> {
+    pub(super) fn indenter(&self) -> Result<Indenter, Problem> {
         let given = [
             ("radius_mm", &self.radius_mm),
             ("width_mm", &self.width_mm),
@@ -86,11 +86,7 @@ impl Table {
             let given = given.iter().find(|(key, _)| *key == name).and_then(|(_, v)| v.as_ref());
             match given {
                 None => Ok(*default),
-                Some(v) if (*low..=*high).contains(v.get_ref()) => Ok(*v.get_ref()),
-                Some(v) => Err((
-                    v.span(),
-                    format!("{} is out of range; allowed are {low} to {high}", v.get_ref()),
-                )),
+                Some(v) => v.get_ref().within(*low, *high).map_err(|problem| (v.span(), problem)),
             }
         };
         let (radius, slope) = (value("radius_mm")?, value("slope")?);

@@ -1,13 +1,14 @@
 //! Tables of a scene that repeat an experiment of the papers.
 
-use std::num::NonZeroU32;
-use std::ops::Range;
-
 use serde::Deserialize;
 
+use super::read::Problem;
 use super::{Act, Kind, Scene};
-use crate::ranges;
+use crate::path::Load;
+use crate::ranges::{self, Whole};
 use crate::systems::column::{COLUMNS, PITCH_MM, SPRING};
+use crate::systems::feeler::LINEAR_N;
+use crate::systems::sheet::{FEELERS, Sheet, centre};
 
 /// `[[grid]]`: presses at the crossings of a grid, at each with a row of angles; 002's trials.
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -23,12 +24,12 @@ pub struct Grid {
     #[serde(deserialize_with = "ranges::span_on_pad")]
     pub x_mm: [f64; 2],
     /// How many places along x.
-    pub columns: NonZeroU32,
+    pub columns: Whole<1, 1000>,
     /// First and last y of the contact point in mm.
     #[serde(deserialize_with = "ranges::span_on_pad")]
     pub y_mm: [f64; 2],
     /// How many places along y.
-    pub rows: NonZeroU32,
+    pub rows: Whole<1, 1000>,
     /// Magnitude of the force in newtons.
     #[serde(deserialize_with = "ranges::normal")]
     pub force_n: f64,
@@ -38,7 +39,7 @@ pub struct Grid {
     pub angle_deg: [f64; 2],
     /// How many angles.
     #[serde(default = "Grid::one")]
-    pub angles: NonZeroU32,
+    pub angles: Whole<1, 1000>,
 }
 
 impl Grid {
@@ -46,16 +47,14 @@ impl Grid {
         [90.0; 2]
     }
 
-    fn one() -> NonZeroU32 {
-        NonZeroU32::MIN
+    fn one() -> Whole<1, 1000> {
+        Whole::nearest(1)
     }
 
     /// How many presses.
     #[must_use]
     pub fn presses(&self) -> u64 {
-        [self.columns, self.rows, self.angles]
-            .into_iter()
-            .fold(1, |n, of| u64::from(of.get()).saturating_mul(n))
+        [self.columns, self.rows, self.angles].into_iter().fold(1, |n, of| n * u64::from(of.get()))
     }
 }
 
@@ -100,7 +99,7 @@ impl Plate {
 }
 
 /// The acts are such as the device's laws hold for.
-pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
+pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     let kind = scene.device.kind;
     for (span, act) in Act::all(scene) {
         if matches!(act, Act::Plate(_)) && kind != Kind::OhkaColumn {
@@ -120,11 +119,46 @@ pub(super) fn check(scene: &Scene) -> Result<(), (Range<usize>, String)> {
             let problem = "this device sees one feeler, at 0, 0; the force is put nowhere else";
             return Err((span, problem.into()));
         }
+        if kind == Kind::OhkaSheet {
+            on_sheet(scene, &act).map_err(|problem| (span.clone(), problem))?;
+        }
         let placed = matches!(act, Act::Press(_) | Act::Tap(_) | Act::Plate(_));
         if kind == Kind::OhkaColumn && !placed {
             let problem = "columns take [[press]], [[tap]] and [[plate]]; a contact cannot move \
                            from one to another";
             return Err((span, problem.into()));
+        }
+    }
+    Ok(())
+}
+
+/// The sheet carries the whole contact, and no feeler more than its law holds for.
+fn on_sheet(scene: &Scene, act: &Act) -> Result<(), String> {
+    const STEPS: u32 = 16;
+    if !matches!(act, Act::Press(_) | Act::Tap(_) | Act::Roll(_) | Act::Slide(_)) {
+        return Err("the sheet takes [[press]], [[tap]], [[roll]] and [[slide]]".into());
+    }
+    let sheet = Sheet::new(scene);
+    let (normal, [from, to]) = act.reach();
+    let steps = if from == to { 0 } else { STEPS };
+    for step in 0..=steps {
+        let done = f64::from(step) / f64::from(STEPS);
+        let point = [0, 1].map(|axis: usize| from[axis] + (to[axis] - from[axis]) * done);
+        let contacts = Load { point, force: [0.0, 0.0, normal], ..Load::default() }.into();
+        let carried = (0..FEELERS).map(|feeler| sheet.carried(feeler, &contacts)[2]);
+        let (sum, most) = carried.fold((0.0, 0.0f64), |(sum, most), n| (sum + n, most.max(n)));
+        if sum < 0.999_999 * normal {
+            let [[x, y], [edge_x, edge_y]] = [point, centre(FEELERS - 1)];
+            return Err(format!(
+                "with its middle at {x:.2}, {y:.2} mm the contact goes beyond the outer feelers at \
+                 ±{edge_x:.1}, ±{edge_y:.1} mm; move it inwards, press less or take a smaller indenter"
+            ));
+        }
+        if most > LINEAR_N {
+            return Err(format!(
+                "a feeler would carry {most:.4} N; its law holds up to {LINEAR_N} N: press less or take \
+                 a wider indenter"
+            ));
         }
     }
     Ok(())

@@ -30,10 +30,6 @@ pub const GAMMA_N: f64 = 0.56e-3;
 /// Normal force on a feeler in newtons up to which brightness is proportional to it (fig. 8).
 pub const LINEAR_N: f64 = 0.012;
 
-/// Feelers along x and along y.
-pub const SHEET: [usize; 2] = [10, 12];
-/// Distance of the feelers in mm.
-pub const FEELER_PITCH_MM: f64 = 0.6;
 /// Young's modulus of the sheet in MPa.
 const YOUNG_MPA: f64 = 0.476;
 /// Poisson's ratio of the sheet.
@@ -95,23 +91,6 @@ fn shift(shear: f64, holds: f64) -> f64 {
 fn contact_radius(normal: f64) -> f64 {
     let reduced = YOUNG_MPA / (1.0 - POISSON * POISSON);
     (2.0 * normal / (std::f64::consts::PI * reduced * SLOPE)).sqrt()
-}
-
-/// The whole sheet under a square probe of `side_mm` at `point`, whose `force` the feelers below it share
-/// evenly, as the paper takes its nine to: their spots, row by row. A probe between feelers carries none.
-#[must_use]
-pub fn sheet(point: [f64; 2], side_mm: f64, force: [f64; 3]) -> [[Spot; SHEET[0]]; SHEET[1]] {
-    let centre = |i: usize, n: usize| (i as f64 - (n as f64 - 1.0) / 2.0) * FEELER_PITCH_MM;
-    let below = |row: usize, column: usize| {
-        let [x, y] = [centre(column, SHEET[0]) - point[0], centre(row, SHEET[1]) - point[1]];
-        x.abs().max(y.abs()) <= side_mm / 2.0
-    };
-    let cells = (0..SHEET[1]).flat_map(|row| (0..SHEET[0]).map(move |column| (row, column)));
-    let carrying = cells.filter(|(row, column)| below(*row, *column)).count().max(1);
-    let each = Spot::under(force.map(|f| f / carrying as f64));
-    std::array::from_fn(|row| {
-        std::array::from_fn(|column| if below(row, column) { each } else { Spot::default() })
-    })
 }
 
 /// The matrix of a device, looking at one feeler.
@@ -236,17 +215,5 @@ mod tests {
         // Fig. 14.
         let at = |fx| Spot::under([fx, 0.0, 6.5e-3]).light;
         assert_eq!(at(0.0), at(10e-3));
-    }
-
-    #[test]
-    fn a_probe_of_three_by_three_feelers_gives_each_a_ninth() {
-        let spots = sheet([0.3, 0.3], 1.8, [0.0, 0.0, 9.0 * 2.2e-3]);
-        let lit: Vec<(usize, usize)> = (0..SHEET[1])
-            .flat_map(|row| (0..SHEET[0]).map(move |column| (row, column)))
-            .filter(|(row, column)| spots[*row][*column].light > 0.0)
-            .collect();
-        let expected = (5..8).flat_map(|row| (4..7).map(move |column| (row, column)));
-        assert_eq!(lit, expected.collect::<Vec<_>>());
-        assert_eq!(spots[6][5], Spot::under([0.0, 0.0, 2.2e-3]));
     }
 }

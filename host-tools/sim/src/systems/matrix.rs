@@ -52,7 +52,7 @@ impl Matrix {
         let optics = Optics::new(scene);
         let offsets = optics.offsets();
         let target = match scene.device.kind {
-            Kind::OhkaMicro => Target::Feeler(Feeler::new(scene)),
+            Kind::OhkaMicro | Kind::OhkaSheet => Target::Feeler(Feeler::new(scene)),
             Kind::OhkaColumn => Target::Columns(Columns::new(scene)),
             _ => {
                 let contact = scene.bench_sensor().is_none().then(|| Ladder::new(scene, seed));

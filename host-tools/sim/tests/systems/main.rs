@@ -4,6 +4,7 @@
 mod array;
 mod catalogue;
 mod column;
+mod effects;
 mod finger;
 mod line;
 mod mems;
@@ -32,7 +33,11 @@ fn bias(samples: &[Sample]) -> Bias {
 
 /// Every frame as the chip's signals, beside its truth.
 fn signals(samples: &[Sample]) -> Vec<(Signals, &Sample)> {
-    let bias = bias(samples);
+    signals_with(&bias(samples), samples)
+}
+
+/// The same with a bias that is known.
+fn signals_with<'a>(bias: &Bias, samples: &'a [Sample]) -> Vec<(Signals, &'a Sample)> {
     let signals = |sample: &Sample| bias.apply(&Levels::read(&sample.scan.codes), None);
     samples.iter().map(|sample| (signals(sample), sample)).collect()
 }

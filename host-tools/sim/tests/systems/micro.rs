@@ -1,18 +1,26 @@
 //! OHKA-MICRO (000): the feeler's bi-linear curve out of its own trace, and force out of codes.
 
+use taxel::condition::Bias;
 use taxel::estimate::bright_spot::{BrightSpot, Shear, Spot};
 use taxel_formats::trace::Sample;
+use taxel_sim::systems::feeler::LINEAR_N;
+use taxel_sim::systems::sheet::{FEELERS, SIZE};
 
-use crate::{contacts, fit, force, line, meets, run, signals};
+use crate::{bias, contacts, fit, force, line, meets, run, signals_with};
 
 /// What the matrix sees is 160 µm a phototransistor on the board.
 const PIXEL_UM: f32 = 160.0;
 
 /// G and the centroid in µm of each frame.
 fn spots(samples: &[Sample]) -> Vec<(Spot, &Sample)> {
+    spots_with(&bias(samples), samples)
+}
+
+fn spots_with<'a>(bias: &Bias, samples: &'a [Sample]) -> Vec<(Spot, &'a Sample)> {
     let grey = |c: [f32; 16]| c.map(|c| -c);
     let spot = |c| Spot::measure(&grey(c), 4, PIXEL_UM);
-    signals(samples).into_iter().map(|(signals, s)| (spot(signals.taxels.unwrap()), s)).collect()
+    let signals = signals_with(bias, samples).into_iter();
+    signals.map(|(signals, s)| (spot(signals.taxels.unwrap()), s)).collect()
 }
 
 /// F_x and F_z of the reference in mN.
@@ -136,4 +144,122 @@ fn the_feeler_slips_in_the_truth_exactly_beyond_the_papers_threshold() {
     }
     assert!(samples.iter().filter(slips).count() > samples.len() / 2);
     assert!(run("micro-press", 1).iter().all(|s| !slips(&s)));
+}
+
+/// The scans of each feeler of a sheet, in order.
+fn feelers(samples: &[Sample]) -> Vec<Vec<Sample>> {
+    (0..FEELERS).map(|k| samples.iter().skip(k).step_by(FEELERS).copied().collect()).collect()
+}
+
+#[test]
+fn every_feeler_of_the_sheet_has_its_own_share_of_the_pressure_and_all_of_them_the_whole() {
+    let samples = run("sheet-press", 1);
+    let pictures = samples.chunks_exact(FEELERS);
+    // While the first press is held: 0.1 N of a 20 mm sphere at (0.2, −0.3) mm.
+    let held = pictures.filter(|p| (0.52..1.05).contains(&(p[0].scan.time.0 as f64 * 1e-6)));
+    let mut count = 0;
+    for picture in held {
+        let [x, y, z] = [0, 1, 2].map(|axis| picture.iter().map(|s| force(s)[axis]).sum::<f64>());
+        assert!((z - 0.1).abs() < 1e-9 && x.abs() < 1e-12 && y.abs() < 1e-12, "{x} {y} {z}");
+        let touched: Vec<&Sample> =
+            picture.iter().filter(|s| s.truth.contact == Some(true)).collect();
+        let centroid = [0, 1].map(|axis: usize| {
+            touched.iter().map(|s| s.truth.point[axis].unwrap() * force(s)[2]).sum::<f64>() / z
+        });
+        assert!((centroid[0] - 0.2).abs() < 1e-9 && (centroid[1] + 0.3).abs() < 1e-9);
+        // Hertz: a = 1.33 mm, so that the feelers around the middle carry most and those beyond nothing.
+        assert!((20..=44).contains(&touched.len()), "{}", touched.len());
+        let hardest = touched.iter().max_by(|a, b| force(a)[2].total_cmp(&force(b)[2])).unwrap();
+        let [px, py] = hardest.truth.point.map(Option::unwrap);
+        assert!((px - 0.2).hypot(py + 0.3) < 0.6 && force(hardest)[2] < LINEAR_N);
+        count += 1;
+    }
+    assert!(count > 20);
+}
+
+/// What the codes of a scan give, whichever feeler it looks at: one calibration for all.
+#[test]
+fn a_picture_of_the_sheet_out_of_codes_is_the_pressure_on_it() {
+    let c = fit_normal(&run("micro-press", 1));
+    let samples = run("sheet-press", 2);
+    let bias = bias(&samples);
+    let seen = feelers(&samples).into_iter().map(|scans| {
+        let held = |s: &Sample| (0.52..1.05).contains(&(s.scan.time.0 as f64 * 1e-6));
+        let rows = spots_with(&bias, &scans);
+        let rows: Vec<_> = rows.iter().filter(|(_, s)| held(s)).collect();
+        let mean = |value: &dyn Fn(&(Spot, &Sample)) -> f64| {
+            rows.iter().map(|row| value(row)).sum::<f64>() / rows.len() as f64
+        };
+        (c * mean(&|(spot, _)| spot.integral.into()), mean(&|(_, s)| reference(s).1))
+    });
+    let pairs: Vec<(f64, f64)> = seen.collect();
+    let worst = pairs.iter().map(|(found, known)| (found - known).abs()).fold(0.0, f64::max);
+    assert!(worst < 0.12, "{worst} mN");
+    let total: f64 = pairs.iter().map(|(found, _)| found).sum();
+    assert!((total / 100.0 - 1.0).abs() < 0.02, "{total} mN of 100");
+}
+
+/// β, K, α, γ of one law for all: least squares in u over every scan, α and γ by ever finer grids. A spot is
+/// placed the better the brighter it is, so that rows weigh as their normal force.
+fn one_law(rows: &[(f64, f64, f64)]) -> [f64; 4] {
+    let pieces = |alpha: f64, gamma: f64| {
+        let terms = rows.iter().map(|(u, x, z)| {
+            let holds = alpha * z + gamma;
+            ([z * x.min(holds), z * (x - holds).max(0.0), *z], z * u)
+        });
+        let weights: [f64; 3] = fit(terms.clone());
+        let error = |(terms, u): ([f64; 3], f64)| {
+            (terms.iter().zip(weights).map(|(t, w)| t * w).sum::<f64>() - u).powi(2)
+        };
+        (terms.map(error).sum::<f64>(), [1.0 / weights[0], 1.0 / weights[1], alpha, gamma])
+    };
+    let [mut alpha, mut gamma] = [0.3, 0.6];
+    for finer in [1.0, 0.25, 0.0625] {
+        let grid = (-4..=4).flat_map(|i| (-4..=4).map(move |j| [i, j].map(f64::from)));
+        let found = grid.map(|[i, j]| pieces(alpha + 0.05 * finer * i, gamma + 0.12 * finer * j));
+        let best = found.min_by(|(a, _), (b, _)| a.total_cmp(b)).unwrap();
+        [alpha, gamma] = [best.1[2], best.1[3]];
+    }
+    pieces(alpha, gamma).1
+}
+
+#[test]
+fn the_feelers_of_the_sheet_give_the_papers_four_constants_back() {
+    // The nine under the probe, whose middle is above that in column 5 of row 6.
+    let samples = run("sheet-shear", 1);
+    let (bias, scans) = (bias(&samples), feelers(&samples));
+    let mut rows = vec![];
+    for feeler in
+        [5, 6, 7].into_iter().flat_map(|row| [4, 5, 6].map(|column| SIZE[0] * row + column))
+    {
+        let touched = spots_with(&bias, &scans[feeler]).into_iter();
+        rows.extend(touched.filter(|(_, s)| reference(s).1 > 1.0).map(|(spot, s)| {
+            let (x, z) = reference(s);
+            (f64::from(spot.centroid[0]), x, z)
+        }));
+    }
+    assert!(rows.len() > 2500, "{}", rows.len());
+    let [beta, k, alpha, gamma] = one_law(&rows);
+    meets("beta", beta, 1.7, 5.0);
+    meets("K", k, 0.067, 5.0);
+    meets("alpha", alpha, 0.25, 5.0);
+    meets("gamma", gamma, 0.56, 5.0);
+}
+
+#[test]
+fn a_sheared_sheet_slips_at_the_rim_of_its_contact_while_its_middle_sticks() {
+    let samples = run("sheet-press", 1);
+    // The picture in the middle of the second press: 0.05 N on 0.1 N.
+    let at = samples.iter().position(|s| s.scan.time.0 >= 2_150_000).unwrap() / FEELERS * FEELERS;
+    let picture = &samples[at..at + FEELERS];
+    let away = |s: &Sample| {
+        let [x, y] = s.truth.point.map(Option::unwrap);
+        (x - 0.2).hypot(y + 0.3)
+    };
+    let touched = picture.iter().filter(|s| s.truth.contact == Some(true));
+    let (slipping, sticking): (Vec<&Sample>, Vec<&Sample>) =
+        touched.partition(|s| s.truth.slip == Some(true));
+    let nearest = slipping.iter().map(|s| away(s)).fold(f64::MAX, f64::min);
+    assert!(slipping.len() > 10 && nearest > 0.55, "{} at {nearest} mm", slipping.len());
+    assert_eq!(sticking.iter().filter(|s| away(s) < 0.55).count(), 2);
 }

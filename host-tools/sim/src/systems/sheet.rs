@@ -1,0 +1,186 @@
+//! OHKA-MICRO's whole sheet (000 §4): 10×12 conical feelers, one after the other.
+//!
+//! The paper reads each feeler in a window of its own, cut out of the camera's picture. A scan has sixteen
+//! channels and a sheet 120 windows, so that a scan is the window of one [`feeler`](super::feeler): scan k
+//! looks at feeler k mod 120, row by row from −y, along x in a row. The truth of a scan is that of its
+//! feeler: its place, its force, whether it slips on the board. A hundred and twenty scans are a picture.
+//!
+//! What a feeler carries comes from the contact's traction on the sheet, normal and tangential: between
+//! feelers the sheet hands a load to the four around it by the lever rule, which keeps every force and
+//! the moments of the normal ones. (The paper divides the force of its flat probe by the nine feelers below it.)
+
+use super::feeler::Spot;
+use crate::contact::{HalfSpace, Indenter, Rule};
+use crate::path::{Contacts, Load};
+use crate::scene::Scene;
+
+/// Feelers along x and along y.
+pub const SIZE: [usize; 2] = [10, 12];
+/// All of them.
+pub const FEELERS: usize = SIZE[0] * SIZE[1];
+/// Distance of the feelers in mm.
+pub const PITCH_MM: f64 = 0.6;
+
+/// Place of a feeler's tip in mm.
+#[must_use]
+pub fn centre(feeler: usize) -> [f64; 2] {
+    let along = |i: usize, n: usize| (i as f64 - (n as f64 - 1.0) / 2.0) * PITCH_MM;
+    [along(feeler % SIZE[0], SIZE[0]), along(feeler / SIZE[0] % SIZE[1], SIZE[1])]
+}
+
+/// The sheet of a run.
+#[derive(Clone, Debug)]
+pub struct Sheet {
+    indenter: Indenter,
+    rubber: HalfSpace,
+    mu: f64,
+    /// Of the traction: within 1 % of a feeler's share (tested).
+    rule: Rule,
+}
+
+impl Sheet {
+    /// Of the scene's device.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        let indenter = scene.indenter();
+        Self {
+            rule: indenter.rule(12, 32),
+            indenter,
+            rubber: HalfSpace::new(scene.material.young_mpa, scene.material.poisson),
+            mu: scene.friction.mu,
+        }
+    }
+
+    /// What one feeler carries of what acts on the sheet, in newtons.
+    #[must_use]
+    pub fn carried(&self, feeler: usize, contacts: &Contacts) -> [f64; 3] {
+        let [x, y] = centre(feeler);
+        let lever = |distance: f64| (1.0 - distance.abs() / PITCH_MM).max(0.0);
+        let mut carried = [0.0; 3];
+        for load in contacts.loads() {
+            let reach = self.indenter.reach(&self.rubber, load.force[2]) + PITCH_MM;
+            if (load.point[0] - x).abs().max((load.point[1] - y).abs()) > reach {
+                continue;
+            }
+            let patches = self.indenter.tractions(
+                &self.rubber,
+                load.point,
+                load.force,
+                load.torsion,
+                self.mu,
+            );
+            for ([px, py], force) in patches.iter().flatten().flat_map(|p| p.loads(&self.rule)) {
+                let share = lever(px - x) * lever(py - y);
+                carried.iter_mut().zip(force).for_each(|(sum, part)| *sum += share * part);
+            }
+        }
+        carried
+    }
+
+    /// All that the scan sees of what acts on the sheet: the load on one feeler.
+    #[must_use]
+    pub fn seen(&self, feeler: usize, contacts: &Contacts) -> Contacts {
+        let force = self.carried(feeler, contacts);
+        if force[2] <= 0.0 {
+            return Contacts::default();
+        }
+        let slip = Spot::under(force).slip;
+        Load { point: centre(feeler), force, torsion: 0.0, slip }.into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn sheet(indenter: &str) -> Sheet {
+        let text = format!(
+            "[scan]\nrate_hz = 1000\nduration_s = 1\n[device]\nkind = 'ohka-sheet'\n[material]\n\
+             young_mpa = 0.476\n[friction]\nmu = 1\n[indenter]\n{indenter}\n"
+        );
+        Sheet::new(&Scene::parse("test.toml", &text).unwrap())
+    }
+
+    fn load(point: [f64; 2], force: [f64; 3]) -> Contacts {
+        Load { point, force, ..Load::default() }.into()
+    }
+
+    #[test]
+    fn a_tip_above_a_feeler_is_that_feelers_and_one_between_four_is_shared() {
+        let sheet = sheet("kind = 'point'");
+        let carried = |point| -> Vec<(usize, f64)> {
+            let contacts = load(point, [0.001, 0.0, 0.008]);
+            let of = |k| (k, sheet.carried(k, &contacts)[2]);
+            (0..FEELERS).map(of).filter(|(_, normal)| *normal > 1e-12).collect()
+        };
+        let [alone] = carried(centre(37))[..] else { panic!("one feeler") };
+        assert!(alone.0 == 37 && (alone.1 - 0.008).abs() < 1e-12);
+        let [x, y] = centre(37);
+        let shared = carried([x + 0.5 * PITCH_MM, y + 0.5 * PITCH_MM]);
+        assert_eq!(shared.iter().map(|(k, _)| *k).collect::<Vec<_>>(), [37, 38, 47, 48]);
+        assert!(shared.iter().all(|(_, normal)| (normal - 0.002).abs() < 1e-12));
+    }
+
+    #[test]
+    fn a_feeler_carries_the_pressure_around_it() {
+        // Hertz: the share of a small sphere-contact above one feeler by a fine sum over the disc.
+        let sheet = sheet("radius_mm = 20");
+        let force = 0.3;
+        let a = sheet.rubber.contact_radius(20.0, force);
+        for feeler in [54, 55, 45, 33] {
+            let [fx, fy] = centre(feeler);
+            let (n, mut sum) = (800, 0.0);
+            for i in 0..n {
+                for j in 0..n {
+                    let at = |i: i32| ((f64::from(i) + 0.5) / f64::from(n) * 2.0 - 1.0) * PITCH_MM;
+                    let (u, v) = (at(i), at(j));
+                    let s = ((fx + u).powi(2) + (fy + v).powi(2)) / (a * a);
+                    let lever = (1.0 - u.abs() / PITCH_MM) * (1.0 - v.abs() / PITCH_MM);
+                    sum += lever * (1.0 - s).max(0.0).sqrt();
+                }
+            }
+            let cell = (2.0 * PITCH_MM / f64::from(n)).powi(2);
+            let fine = 1.5 * force / (std::f64::consts::PI * a * a) * sum * cell;
+            let found = sheet.carried(feeler, &load([0.0; 2], [0.0, 0.0, force]))[2];
+            assert!((found / fine - 1.0).abs() < 0.01, "{feeler}: {found} {fine}");
+        }
+    }
+
+    #[test]
+    fn the_rim_of_a_sheared_contact_slips_before_its_middle() {
+        // Cattaneo and Mindlin: the traction is μ times the pressure at the rim first, and a feeler holds
+        // a quarter of its normal force and 0.56 mN.
+        let sheet = sheet("radius_mm = 20");
+        let contacts = load([0.0; 2], [0.09, 0.0, 0.3]);
+        let slips: Vec<usize> = (0..FEELERS)
+            .filter(|k| sheet.seen(*k, &contacts).loads().iter().any(|load| load.slip))
+            .collect();
+        assert!(slips.len() > 4, "{slips:?}");
+        let from_middle = |k: usize| centre(k)[0].hypot(centre(k)[1]);
+        assert!(slips.iter().all(|k| from_middle(*k) > 1.0), "{slips:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn together_the_feelers_carry_the_force_and_its_moment_and_nothing_else(
+            x in -1.0..1.0f64, y in -1.0..1.0f64, fx in -0.1..0.1f64, normal in 0.05..0.2f64,
+            indenter in prop::sample::select(vec![
+                "radius_mm = 6", "kind = 'punch'\nradius_mm = 1.2", "kind = 'corner'",
+                "kind = 'block'\nwidth_mm = 1.8\nlength_mm = 1.8",
+            ]),
+        ) {
+            let sheet = sheet(indenter);
+            let contacts = load([x, y], [fx.clamp(-normal, normal), 0.0, normal]);
+            let all: Vec<[f64; 3]> = (0..FEELERS).map(|k| sheet.carried(k, &contacts)).collect();
+            let sum = |axis: usize| all.iter().map(|force| force[axis]).sum::<f64>();
+            prop_assert!((sum(2) - normal).abs() < 1e-12);
+            prop_assert!((sum(0) - contacts.loads()[0].force[0]).abs() < 1e-12);
+            let moment = |axis: usize| -> f64 {
+                all.iter().enumerate().map(|(k, force)| centre(k)[axis] * force[2]).sum()
+            };
+            prop_assert!((moment(0) - x * normal).abs() < 1e-9);
+            prop_assert!((moment(1) - y * normal).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! The built-in scenes with an effect or a fault of their own: what that does to the codes, beside the same
+//! scene without it.
+
+use taxel::scan::{Codes, TAXELS};
+use taxel_formats::trace::Sample;
+use taxel_sim::scene::BUILT_IN;
+use taxel_sim::{Scene, Simulator};
+
+use crate::run;
+
+fn text(name: &str) -> &'static str {
+    BUILT_IN.iter().find(|(built_in, _)| *built_in == name).unwrap().1
+}
+
+/// The scene with one thing in its text replaced, the seed being the same.
+fn changed(name: &str, what: &str, by: &str) -> Vec<Sample> {
+    let text = text(name);
+    assert!(text.contains(what), "{name} has {what}");
+    Simulator::new(&Scene::parse("test.toml", &text.replace(what, by)).unwrap(), 1).collect()
+}
+
+fn at(samples: &[Sample], seconds: f64) -> &Sample {
+    let found = samples.iter().find(|s| s.scan.time.0 as f64 >= 1e6 * seconds);
+    found.unwrap()
+}
+
+/// Lit less dark of each taxel.
+fn levels(codes: &Codes) -> [f64; TAXELS] {
+    let codes = codes.taxels.unwrap();
+    std::array::from_fn(|k| f64::from(codes.lit[k / 4][k % 4].0) - f64::from(codes.dark[k % 4].0))
+}
+
+/// Means of the levels over 40 ms from `from` seconds on.
+fn mean(samples: &[Sample], from: f64) -> [f64; TAXELS] {
+    let within = |s: &&Sample| (from..from + 0.04).contains(&(s.scan.time.0 as f64 * 1e-6));
+    let rows: Vec<_> = samples.iter().filter(within).map(|s| levels(&s.scan.codes)).collect();
+    std::array::from_fn(|k| rows.iter().map(|row| row[k]).sum::<f64>() / rows.len() as f64)
+}
+
+/// What a touch adds to each taxel's light, as a share of its light at rest.
+fn rise(samples: &[Sample], from: f64) -> [f64; TAXELS] {
+    let (rest, now) = (mean(samples, 0.1), mean(samples, from));
+    std::array::from_fn(|k| now[k] / rest[k] - 1.0)
+}
+
+fn largest(rise: [f64; TAXELS]) -> f64 {
+    rise.into_iter().fold(0.0, |most, r| f64::max(most, r.abs()))
+}
+
+#[test]
+fn a_frame_carries_the_skin_so_that_facets_move_a_quarter_as_far_and_only_nearby() {
+    let walls = run("press-walls", 1);
+    let free = changed("press-walls", "\"walls\",", "");
+    // 1 N in the middle of a window, taxel 9; two windows away is taxel 11.
+    let (framed, half_space) = (rise(&walls, 0.8), rise(&free, 0.8));
+    assert!(largest(framed) == framed[9] && largest(half_space) == half_space[9]);
+    assert!((2.0..5.0).contains(&(half_space[9] / framed[9])), "{framed:?} {half_space:?}");
+    assert!(framed[11].abs() < 0.03 * framed[9], "{framed:?}");
+    assert!(half_space[11] > 0.15 * half_space[9], "{half_space:?}");
+    // Above the walls between four windows the frame takes more of it.
+    let between = rise(&walls, 1.8);
+    assert!(largest(between) < 0.8 * framed[9] && largest(between) > 0.3 * framed[9]);
+}
+
+#[test]
+fn a_frame_keeps_the_sign_of_shear_and_leaves_a_quarter_of_its_size() {
+    let walls = run("shear-walls", 1);
+    let free = changed("shear-walls", "\"walls\",", "");
+    // Sheared to +x and to −x under the same load: half the difference is the shear's.
+    let shear = |samples: &[Sample]| -> [f64; TAXELS] {
+        let (right, left) = (rise(samples, 1.03), rise(samples, 2.53));
+        std::array::from_fn(|k| 0.5 * (right[k] - left[k]))
+    };
+    let (framed, half_space) = (shear(&walls), shear(&free));
+    let k =
+        (0..TAXELS).max_by(|a, b| half_space[*a].abs().total_cmp(&half_space[*b].abs())).unwrap();
+    assert!(framed[k] * half_space[k] > 0.0, "{framed:?} {half_space:?}");
+    let left = largest(framed) / largest(half_space);
+    assert!((0.15..0.4).contains(&left), "{framed:?} {half_space:?}");
+    // It fades faster too: in the row that is farthest from the contact.
+    let far = |shear: [f64; TAXELS]| shear[12..].iter().fold(0.0f64, |m, s| m.max(s.abs()));
+    assert!(far(framed) / far(half_space) < 0.6 * left, "{framed:?} {half_space:?}");
+}
+
+/// Presses of `skin-cycle` are held at 1.8 N from 0.6 + 0.7 i to 0.9 + 0.7 i s.
+#[test]
+fn a_fresh_skin_is_stiffer_in_its_first_press_than_in_all_later_ones() {
+    let cycle = run("skin-cycle", 1);
+    let presses: Vec<f64> =
+        (0..5).map(|i| largest(rise(&cycle, 0.85 + 0.7 * f64::from(i)))).collect();
+    // At the largest load so far every press is on the curve of the first; below it, on the softer one.
+    let half_way = |i: u32| largest(rise_at(&cycle, 0.55 + 0.7 * f64::from(i)));
+    let later: Vec<f64> = (1..5).map(half_way).collect();
+    for (i, later) in later.iter().enumerate() {
+        assert!((1.03..1.15).contains(&(later / half_way(0))), "{i}: {later} {}", half_way(0));
+        assert!((later / half_way(1) - 1.0).abs() < 0.01, "{i}");
+    }
+    assert!(presses.iter().all(|p| (p / presses[0] - 1.0).abs() < 0.01), "{presses:?}");
+    let worked_in = changed("skin-cycle", "\"hysteresis\", ", "");
+    let of = |i: u32| largest(rise_at(&worked_in, 0.55 + 0.7 * f64::from(i)));
+    assert!((of(1) / of(0) - 1.0).abs() < 0.01);
+}
+
+/// As [`rise`], of 4 ms, for a moment while the force changes.
+fn rise_at(samples: &[Sample], seconds: f64) -> [f64; TAXELS] {
+    let rest = mean(samples, 0.1);
+    let frames = (0..4).map(|i| levels(&at(samples, seconds + 1e-3 * f64::from(i)).scan.codes));
+    let sum = frames.fold([0.0; TAXELS], |sum, row| std::array::from_fn(|k| sum[k] + row[k]));
+    std::array::from_fn(|k| 0.25 * sum[k] / rest[k] - 1.0)
+}
+
+#[test]
+fn a_skin_that_stiffens_moves_less_under_a_hard_press_and_as_far_under_a_light_one() {
+    let stiffening = run("skin-cycle", 1);
+    let linear = changed("skin-cycle", "\"stiffening\", ", "");
+    let less =
+        |seconds: f64| largest(rise_at(&stiffening, seconds)) / largest(rise_at(&linear, seconds));
+    // Held at 1.8 N, and at a tenth of it on the way up.
+    assert!((0.6..0.95).contains(&less(0.85)), "{}", less(0.85));
+    assert!((less(0.52) - 1.0).abs() < 0.5 * (1.0 - less(0.85)), "{} {}", less(0.52), less(0.85));
+}
+
+#[test]
+fn a_skin_that_follows_slowly_is_still_pressed_when_the_finger_lets_go() {
+    let slow = run("skin-cycle", 1);
+    let prompt = changed("skin-cycle", ", \"skin-response\"", "");
+    // Let go from 0.9 to 0.91 s.
+    let left =
+        |samples: &[Sample]| largest(rise_at(samples, 0.911)) / largest(rise_at(samples, 0.85));
+    assert!(left(&prompt) < 0.01, "{}", left(&prompt));
+    assert!(left(&slow) > 0.05, "{}", left(&slow));
+    // rA settles in 10 ms (003 fig. 1.21); 30 ms later nothing is left.
+    let settled = largest(rise_at(&slow, 0.94)) / largest(rise_at(&slow, 0.85));
+    assert!(settled < 0.01, "{settled}");
+}
+
+#[test]
+fn ripple_swings_light_and_bridges_at_its_frequency_unless_the_reference_follows() {
+    // Amplitude at 100 Hz over the mean, of a code, in the unloaded half second.
+    let swing = |samples: &[Sample], code: &dyn Fn(&Codes) -> f64| {
+        let codes: Vec<f64> = samples[..500].iter().map(|s| code(&s.scan.codes)).collect();
+        let turn = |i: usize| std::f64::consts::TAU * 0.1 * i as f64;
+        let (sin, cos) = codes.iter().enumerate().fold((0.0, 0.0), |(sin, cos), (i, code)| {
+            (sin + code * turn(i).sin(), cos + code * turn(i).cos())
+        });
+        2.0 * f64::hypot(sin, cos) / codes.iter().sum::<f64>()
+    };
+    let bridge = |codes: &Codes| f64::from(codes.bridges[0].unwrap().a.0);
+    let light = |codes: &Codes| levels(codes)[5];
+    let fixed = run("ripple", 1);
+    let follows = changed("ripple", "ratiometric = false", "ratiometric = true");
+    // 1 % of 5 V: the whole of it in a midpoint, and 1.35 % in the light of an LED that drops 1.3 V; lamps
+    // swing at the same frequency, as `flicker` does without it.
+    assert!((swing(&fixed, &bridge) - 0.01).abs() < 2e-4, "{}", swing(&fixed, &bridge));
+    assert!(swing(&follows, &bridge) < 1e-4, "{}", swing(&follows, &bridge));
+    assert!((swing(&fixed, &light) - 0.0135).abs() < 1e-3, "{}", swing(&fixed, &light));
+    let still = changed("ripple", "\"supply-ripple\",", "");
+    assert!(swing(&still, &light) < 2e-3 && swing(&still, &bridge) < 1e-4);
+}
+
+/// Codes of a fault scene and of the same without its fault: they are the same until it comes.
+fn with_and_without(name: &str) -> (Vec<Sample>, Vec<Sample>) {
+    let whole = text(name);
+    let sound = whole.split("[[fault]]").next().unwrap();
+    let broken = run(name, 1);
+    let scene = Scene::parse("test.toml", sound).unwrap();
+    let sound: Vec<Sample> = Simulator::new(&scene, 1).collect();
+    assert!(broken[..1000] == sound[..1000], "{name}");
+    assert!(broken[1000..].iter().zip(&sound[1000..]).all(|(b, s)| b.truth == s.truth), "{name}");
+    (broken, sound)
+}
+
+/// Taxels whose level differs from the sound one's by more than a tenth, at a moment.
+fn off(broken: &Sample, sound: &Sample) -> Vec<usize> {
+    let (broken, sound) = (levels(&broken.scan.codes), levels(&sound.scan.codes));
+    (0..TAXELS).filter(|k| (broken[*k] / sound[*k] - 1.0).abs() > 0.1).collect()
+}
+
+#[test]
+fn a_dead_led_leaves_its_taxel_dark_and_the_others_lit() {
+    let (broken, sound) = with_and_without("fault-dead-led");
+    assert_eq!(off(&broken[1500], &sound[1500]), [6]);
+    // What is left is stray light of its row.
+    assert!(levels(&broken[1500].scan.codes)[6] < 0.1 * levels(&sound[1500].scan.codes)[6]);
+}
+
+#[test]
+fn a_column_with_a_broken_wire_reads_nothing() {
+    let (broken, sound) = with_and_without("fault-open-channel");
+    assert_eq!(off(&broken[1500], &sound[1500]), [2, 6, 10, 14]);
+    let codes = broken[1500].scan.codes.taxels.unwrap();
+    assert!(codes.lit.iter().all(|row| row[2].0 < 50) && codes.dark[2].0 < 50);
+}
+
+#[test]
+fn a_midpoint_on_ground_reads_nothing_until_it_is_mended() {
+    let (broken, sound) = with_and_without("fault-shorted-channel");
+    let midpoints = |sample: &Sample| sample.scan.codes.bridges.map(Option::unwrap);
+    for (t, (broken, sound)) in broken.iter().zip(&sound).enumerate() {
+        let (broken, sound) = (midpoints(broken), midpoints(sound));
+        let shorted = (1000..1500).contains(&t);
+        assert_eq!(broken[0].a.0 < 50, shorted, "{t}");
+        assert!((i32::from(broken[0].b.0) - i32::from(sound[0].b.0)).abs() < 100, "{t}");
+    }
+}
+
+#[test]
+fn a_stuck_taxel_repeats_its_code_to_the_bit() {
+    let (broken, sound) = with_and_without("fault-stuck-channel");
+    let lit = |samples: &[Sample]| -> Vec<u16> {
+        samples[1000..].iter().map(|s| s.scan.codes.taxels.unwrap().lit[1][2].0).collect()
+    };
+    let (broken, sound) = (lit(&broken), lit(&sound));
+    assert!(broken.iter().all(|code| *code == broken[0]));
+    assert!(sound.iter().any(|code| code.abs_diff(sound[0]) > 1000), "it was let go meanwhile");
+}
+
+#[test]
+fn a_saturated_input_is_at_full_scale_in_every_row_and_in_the_dark() {
+    let (broken, _) = with_and_without("fault-saturated-adc");
+    for (t, sample) in broken.iter().enumerate() {
+        let codes = sample.scan.codes.taxels.unwrap();
+        let full = codes.lit.iter().chain([&codes.dark]).all(|row| row[2].0 == 65_535);
+        assert_eq!(full, (1000..1500).contains(&t), "{t}");
+    }
+}
+
+#[test]
+fn a_broken_arm_takes_its_midpoint_to_a_rail() {
+    let (broken, sound) = with_and_without("fault-broken-arm");
+    let share = |sample: &Sample| {
+        let m = sample.scan.codes.bridges[0].unwrap();
+        [m.a, m.b, m.c, m.d].map(|code| f64::from(code.0) / 65_535.0)
+    };
+    let rails = |shares: [f64; 4]| shares.map(|v| !(0.05..0.95).contains(&v));
+    assert_eq!(rails(share(&sound[1500])), [false; 4]);
+    assert_eq!(rails(share(&broken[1500])).iter().filter(|rail| **rail).count(), 1);
+    assert_eq!(broken[1500].scan.codes.bridges[1], sound[1500].scan.codes.bridges[1]);
+}
+
+#[test]
+fn a_dip_that_the_reference_follows_dims_the_light_and_lifts_the_reference_channel() {
+    let (broken, sound) = with_and_without("fault-supply-dip");
+    let reference = |sample: &Sample| f64::from(sample.scan.codes.reference.unwrap().0) / 65_535.0;
+    assert!((reference(&sound[1250]) - 0.5).abs() < 1e-3);
+    assert!((reference(&broken[1250]) - 0.5 / 0.8).abs() < 1e-3);
+    // A volt less of 3.7 V for an LED, on a converter whose range shrinks to 0.8.
+    let dimmed = (4.0 - 1.3) / 3.7 / 0.8;
+    let (lit, was) = (mean(&broken, 1.2), mean(&sound, 1.2));
+    assert!(lit.iter().zip(was).all(|(lit, was)| (lit / was - dimmed).abs() < 0.01), "{lit:?}");
+    assert_eq!(off(&broken[1600], &sound[1600]), [0usize; 0]);
+}
+
+#[test]
+fn swapped_columns_mirror_the_pattern() {
+    let (broken, sound) = with_and_without("fault-swapped-columns");
+    let (now, was) = (mean(&broken, 1.2), mean(&sound, 1.2));
+    for row in 0..4 {
+        for (column, other) in [(0, 0), (1, 2), (2, 1), (3, 3)] {
+            let ratio = now[4 * row + column] / was[4 * row + other];
+            assert!((ratio - 1.0).abs() < 0.005, "{row} {column}: {ratio}");
+        }
+    }
+}
