@@ -12,7 +12,7 @@ use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, with_timeout};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, ControlChanged, Receiver, Sender, State};
 use embassy_usb::driver::Driver;
-use embassy_usb::{Builder, Config, Handler, UsbDevice};
+use embassy_usb::{Builder, Config, Handler, UsbDevice, UsbVersion};
 use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 use static_cell::StaticCell;
 use taxel::instrument::Instrument;
@@ -88,6 +88,8 @@ pub fn device<D: Driver<'static>>(
     // LEDs 18 mA, controller 35 mA, bridges 7 mA; see the board's page.
     config.max_power = 100;
     config.max_packet_size_0 = PACKET as u8;
+    // From 2.01 on a host asks for capabilities (BOS), and an empty answer is an error to it.
+    config.bcd_usb = UsbVersion::Two;
     let mut builder = Builder::new(
         driver,
         config,

@@ -2,6 +2,7 @@
 //! host's start of frame: no crystal.
 
 use embassy_stm32::pac;
+use embassy_stm32::pac::rcc::vals::Hpre;
 use embassy_stm32::rcc::{
     Hsi48Config, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
 };
@@ -24,6 +25,19 @@ pub fn config() -> embassy_stm32::Config {
     config.rcc.hsi48 = Some(Hsi48Config { sync_from_usb: true });
     config.rcc.mux.clk48sel = Clk48sel::HSI48;
     config
+}
+
+/// Raises the core's voltage, as more than 150 MHz need (RM0440 §6.1.5). embassy-stm32 0.6 means to do it
+/// ([`Config::rcc`](embassy_stm32::Config)'s `boost`), but its register description has R1MODE at bit 0 of
+/// `PWR_CR5` and the chip at bit 8; and what is written before `init` does not outlast it. Call right
+/// after it.
+pub fn boost() {
+    const R1MODE: u32 = 1 << 8;
+    pac::RCC.cfgr().modify(|cfgr| cfgr.set_hpre(Hpre::DIV2));
+    pac::PWR.cr5().modify(|cr5| cr5.0 &= !R1MODE);
+    // A microsecond until the voltage is there.
+    cortex_m::asm::delay(170);
+    pac::RCC.cfgr().modify(|cfgr| cfgr.set_hpre(Hpre::DIV1));
 }
 
 /// Why the chip was reset; clears the record of it.

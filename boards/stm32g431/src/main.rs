@@ -56,6 +56,7 @@ fn main() -> ! {
     let panic = unsafe { boot::resume(ROM) };
     ccm::load();
     let chip = embassy_stm32::init(clocks::config());
+    clocks::boost();
     let reset = clocks::reset_cause();
     defmt::info!("start, build {=str}", BUILD);
     if let Some(panic) = &panic {
