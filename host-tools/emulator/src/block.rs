@@ -3,6 +3,11 @@
 use crate::cost::{Band, cost};
 use crate::isa::{Flow, Instruction};
 
+/// Hints of 16 bits (ARMv7-M Architecture Reference Manual, A5.2.5).
+const WFE: u16 = 0xbf20;
+const WFI: u16 = 0xbf30;
+const SEV: u16 = 0xbf40;
+
 /// A run of instructions that is entered only at its start.
 #[derive(Debug)]
 pub struct Block {
@@ -12,6 +17,12 @@ pub struct Block {
     pub end: u32,
     /// What it consists of; never empty.
     pub instructions: Box<[Instruction]>,
+    /// It ends with WFE or WFI.
+    pub waits: bool,
+    /// It has a SEV.
+    pub signals: bool,
+    /// It touches the floating-point unit.
+    pub floats: bool,
     /// All but the last instruction, entered from nowhere.
     body: Band,
 }
@@ -30,6 +41,7 @@ impl Block {
     pub fn decode(start: u32, code: &[u8]) -> Result<Self, Unknown> {
         let mut instructions = Vec::new();
         let (mut at, mut conditional) = (0usize, 0u8);
+        let (mut last, mut signals, mut floats) = (0, false, false);
         while at < code.len() {
             let rest = &code[at..];
             let mut word = [0; 4];
@@ -47,12 +59,21 @@ impl Block {
                 conditional = instruction.it_length;
             }
             at += usize::from(instruction.size);
+            // Of 32 bits the first half says which: those of the coprocessors are the floating-point unit's.
+            last = u16::from_le_bytes([word[0], word[1]]);
+            signals |= instruction.size == 2 && last == SEV;
+            floats |= instruction.size == 4 && last & 0xec00 == 0xec00;
             instructions.push(instruction);
         }
+        let waits = [WFE, WFI].contains(&last)
+            && instructions.last().is_some_and(|instruction| instruction.size == 2);
         let mut block = Self {
             start,
             end: start + at as u32,
             instructions: instructions.into(),
+            waits,
+            signals,
+            floats,
             body: Band::default(),
         };
         block.body = (0..block.instructions.len().saturating_sub(1))

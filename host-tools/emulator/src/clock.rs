@@ -131,8 +131,13 @@ impl Clock {
         }
     }
 
+    /// The block that control is in.
+    pub fn current(&self) -> Option<&Block> {
+        self.current.and_then(|i| self.blocks.get(i)).map(|(block, _)| block)
+    }
+
     /// Adds up the block that control was in, now that it is known where it went: to `next`.
-    fn leave(&mut self, next: u32) {
+    pub fn leave(&mut self, next: u32) {
         let Some(current) = self.current.take() else { return };
         let before = self.before.take();
         let runs_on =

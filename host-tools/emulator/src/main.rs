@@ -1,23 +1,20 @@
-//! A Cortex-M4F machine that counts: instructions exactly, cycles as modelled from the core's manual.
-
-mod bench;
-mod block;
-mod clock;
-mod cost;
-mod isa;
-mod machine;
-mod profile;
-mod report;
+//! Counts what the core's stages cost, and runs the whole board.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 use cycles::host::Inputs;
 use taxel_formats::trace::TraceReader;
 
-use crate::profile::Profiler;
+use taxel_emulator::board::cpu::{Board, End};
+use taxel_emulator::board::finger::Finger;
+use taxel_emulator::board::host::Host;
+use taxel_emulator::board::{capture, time};
+use taxel_emulator::profile::Profiler;
+use taxel_emulator::{bench, report};
 
 /// A Cortex-M4F machine: exact instructions, modelled cycles
 #[derive(Parser)]
@@ -30,6 +27,8 @@ struct Arguments {
 enum Task {
     /// What every stage of the core costs
     Cycles(Cycles),
+    /// Runs the board's image
+    Board(RunBoard),
 }
 
 #[derive(Args)]
@@ -56,9 +55,51 @@ struct Cycles {
     against: Option<PathBuf>,
 }
 
+#[derive(Args)]
+struct RunBoard {
+    /// The firmware, `boards/stm32g431`
+    image: PathBuf,
+    /// Virtual seconds
+    #[arg(long, default_value_t = 1.0)]
+    seconds: f64,
+    /// Writes what went over the USB here, as Linux's usbmon would
+    #[arg(long)]
+    pcap: Option<PathBuf>,
+}
+
+/// Lets the board run with nobody at its port; says how fast that was.
+fn run_board(arguments: &RunBoard) -> Result<()> {
+    let elf = read(&arguments.image)?;
+    let host = Host::new(arguments.pcap.is_some());
+    let mut board = Board::new(&elf, Finger::new(Vec::new()), host)?;
+    let start = Instant::now();
+    let time = (arguments.seconds * time::HZ as f64) as time::Tick;
+    if let End::Reset(cause) = board.run(time)? {
+        bail!("the board reset itself: {cause:?}");
+    }
+    let real = start.elapsed().as_secs_f64();
+    println!(
+        "{:.3} virtual seconds in {real:.3}: {:.1} million instructions a second; {} frames scanned",
+        time::seconds(board.now()),
+        board.instructions() as f64 / real / 1e6,
+        board.chip().finger.seen.len()
+    );
+    for (number, text) in &board.chip().host.descriptors.strings {
+        println!("USB string {number}: {text}");
+    }
+    match (&arguments.pcap, &board.chip().host.capture) {
+        (Some(path), Some(urbs)) => std::fs::write(path, capture::pcap(urbs))
+            .with_context(|| format!("{}: not written", path.display())),
+        _ => Ok(()),
+    }
+}
+
 fn main() -> ExitCode {
-    let Arguments { task: Task::Cycles(cycles) } = Arguments::parse();
-    match count(&cycles) {
+    let done = match Arguments::parse().task {
+        Task::Cycles(cycles) => count(&cycles),
+        Task::Board(arguments) => run_board(&arguments),
+    };
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("taxel-emulator: {error:#}");

@@ -1,0 +1,344 @@
+//! An ADC (RM0440 §21): calibration, a regular and an injected group started by a timer, oversampling of
+//! the regular one, overrun. Its clock is HCLK/4, in step with the timers.
+//!
+//! A sample is the voltage at the end of its sampling time. Noise and the sampling capacitor's own settling
+//! are not modelled.
+
+use stm32_metapac::adc::regs::{Cfgr, Cfgr2, Cr};
+
+use super::names::peripheral;
+use super::time::{Tick, micros};
+use super::{Outcome, UNMODELLED};
+
+const ISR: u32 = 0x00;
+const CR: u32 = 0x08;
+const CFGR: u32 = 0x0c;
+const CFGR2: u32 = 0x10;
+const SMPR1: u32 = 0x14;
+const SMPR2: u32 = 0x18;
+const SQR1: u32 = 0x30;
+const SQR4: u32 = 0x3c;
+const DR: u32 = 0x40;
+const JSQR: u32 = 0x4c;
+const JDR1: u32 = 0x80;
+const JDR4: u32 = 0x8c;
+
+const ADSTP: u32 = 1 << 4;
+const JADSTP: u32 = 1 << 5;
+
+/// Of DS12589 table 66: the regulator's start, the calibration, and from the trigger to the sampling.
+const REGULATOR_US: u64 = 20;
+const CALIBRATION_CYCLES: u64 = 116;
+const LATENCY_EIGHTHS: u64 = 17;
+/// Half cycles: the sampling times by their code, and the conversion of 12 bits.
+const SAMPLING_HALVES: [u64; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
+const CONVERSION_HALVES: u64 = 25;
+/// From enabled to ready; the data sheet's one conversion.
+const STABILISATION_HALVES: u64 = 30;
+
+/// A group that is being converted.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    /// Which of the sequence.
+    index: usize,
+    /// Samples added up.
+    samples: u32,
+    sum: u32,
+    /// A sample is being taken, else converted.
+    sampling: bool,
+    /// Until when.
+    until: Tick,
+}
+
+/// The groups.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Group {
+    Regular,
+    Injected,
+}
+
+/// An ADC.
+pub struct Adc {
+    isr: u32,
+    cr: u32,
+    cfgr: u32,
+    cfgr2: u32,
+    smpr: [u32; 2],
+    sqr: [u32; 4],
+    jsqr: u32,
+    dr: u32,
+    jdr: [u32; 4],
+    regular: Option<Run>,
+    injected: Option<Run>,
+    regulator_since: Tick,
+    /// The calibration or the start-up ends.
+    busy: Option<Tick>,
+    calibrated: bool,
+    ready: bool,
+    /// Of the ADC's clock.
+    cycle: Tick,
+    triggers: Vec<(String, &'static str)>,
+}
+
+impl Adc {
+    /// By its name.
+    pub fn new(name: &str) -> Self {
+        let triggers = peripheral(name).triggers;
+        Self {
+            isr: 0,
+            cr: 1 << 29,
+            cfgr: 1 << 31,
+            cfgr2: 0,
+            smpr: [0; 2],
+            sqr: [0; 4],
+            jsqr: 0,
+            dr: 0,
+            jdr: [0; 4],
+            regular: None,
+            injected: None,
+            regulator_since: 0,
+            busy: None,
+            calibrated: false,
+            ready: false,
+            cycle: 1,
+            triggers: triggers.iter().map(|t| (t.source.to_owned(), t.signal)).collect(),
+        }
+    }
+
+    fn halves(&self, halves: u64) -> Tick {
+        self.cycle * halves / 2
+    }
+
+    fn run(&mut self, group: Group) -> &mut Option<Run> {
+        match group {
+            Group::Regular => &mut self.regular,
+            Group::Injected => &mut self.injected,
+        }
+    }
+
+    /// The input that a run converts now.
+    fn input(&self, group: Group, index: usize) -> u32 {
+        let place = index + 1;
+        match group {
+            Group::Regular => self.sqr[place / 5] >> (6 * (place % 5)) & 0x1f,
+            Group::Injected => self.jsqr >> (9 + 6 * index) & 0x1f,
+        }
+    }
+
+    fn sampling(&self, input: u32) -> Tick {
+        let code = self.smpr[input as usize / 10] >> (3 * (input % 10)) & 7;
+        self.halves(SAMPLING_HALVES[code as usize])
+    }
+
+    /// The next moment at which something happens.
+    pub fn next(&self) -> Option<Tick> {
+        let runs = [self.regular, self.injected].into_iter().flatten().map(|run| run.until);
+        runs.chain(self.busy).min()
+    }
+
+    /// A trigger of this name has risen.
+    pub fn trigger(&mut self, source: &str, now: Tick) -> Outcome {
+        let cr = Cr(self.cr);
+        let (cfgr, jsqr) = (Cfgr(self.cfgr), self.jsqr);
+        let regular = (
+            Group::Regular,
+            cr.adstart(),
+            self.cfgr >> 10 & 3,
+            format!("ADC_EXT_TRG{}", cfgr.extsel()),
+        );
+        let injected = (
+            Group::Injected,
+            cr.jadstart(),
+            jsqr >> 7 & 3,
+            format!("ADC_JEXT_TRG{}", jsqr >> 2 & 0x1f),
+        );
+        for (group, started, edge, signal) in [regular, injected] {
+            let wanted = self.triggers.iter().any(|(from, to)| from == source && *to == signal);
+            if !started || !wanted || edge == 0 {
+                continue;
+            }
+            if edge != 1 {
+                return Err("a trigger by falling edges".into());
+            }
+            if self.regular.is_some() || self.injected.is_some() {
+                return Err(format!("{source} while it still converts"));
+            }
+            let start = now + self.cycle * LATENCY_EIGHTHS / 8;
+            let until = start + self.sampling(self.input(group, 0));
+            *self.run(group) = Some(Run { index: 0, samples: 0, sum: 0, sampling: true, until });
+        }
+        Ok(())
+    }
+
+    /// The input whose sample is taken at `now`, if one is.
+    pub fn sampled(&self, now: Tick) -> Option<u32> {
+        let groups = [(self.regular, Group::Regular), (self.injected, Group::Injected)];
+        let (run, group) = groups
+            .into_iter()
+            .find_map(|(run, group)| Some((run?, group)).filter(|(run, _)| run.until == now))?;
+        (run.sampling && self.busy != Some(now)).then(|| self.input(group, run.index))
+    }
+
+    /// What happens at [`Self::next`]; `sample` is asked for the code of
+    /// [`Self::sampled`]. True asks for a transfer.
+    pub fn advance(&mut self, now: Tick, sample: impl FnOnce() -> Outcome<u32>) -> Outcome<bool> {
+        if self.busy == Some(now) {
+            self.busy = None;
+            let mut cr = Cr(self.cr);
+            if cr.adcal() {
+                cr.set_adcal(false);
+                self.cr = cr.0;
+                self.calibrated = true;
+            } else {
+                self.isr |= 1;
+                self.ready = true;
+            }
+            return Ok(false);
+        }
+        let group = match (self.regular, self.injected) {
+            (Some(run), _) if run.until == now => Group::Regular,
+            _ => Group::Injected,
+        };
+        let Some(mut run) = *self.run(group) else { return Ok(false) };
+        let input = self.input(group, run.index);
+        if run.sampling {
+            run.sum += sample()?;
+            run.samples += 1;
+            run.sampling = false;
+            run.until = now + self.halves(CONVERSION_HALVES);
+            *self.run(group) = Some(run);
+            return Ok(false);
+        }
+        let cfgr2 = Cfgr2(self.cfgr2);
+        let ratio = match group {
+            Group::Regular if cfgr2.rovse() => 2 << (self.cfgr2 >> 2 & 7),
+            _ => 1,
+        };
+        run.sampling = true;
+        if run.samples < ratio {
+            run.until = now + self.sampling(input);
+            *self.run(group) = Some(run);
+            return Ok(false);
+        }
+        let (index, sum) = (run.index, run.sum);
+        let last = match group {
+            Group::Regular => self.sqr[0] & 0xf,
+            Group::Injected => self.jsqr & 3,
+        };
+        *self.run(group) = (index < last as usize).then(|| {
+            let until = now + self.sampling(self.input(group, index + 1));
+            Run { index: index + 1, samples: 0, sum: 0, until, ..run }
+        });
+        let ended = u32::from(self.run(group).is_none());
+        match group {
+            Group::Injected => {
+                self.jdr[index] = sum;
+                self.isr |= 1 << 5 | ended << 6;
+                Ok(false)
+            }
+            // EOC still stands: nobody has read the last one.
+            Group::Regular if self.isr >> 2 & 1 == 1 => {
+                self.isr |= 1 << 4;
+                Ok(false)
+            }
+            Group::Regular => {
+                self.dr = sum >> (self.cfgr2 >> 5 & 0xf);
+                self.isr |= 1 << 2 | ended << 3;
+                Ok(self.cfgr & 1 == 1)
+            }
+        }
+    }
+
+    /// The register at `offset`.
+    pub fn read(&mut self, offset: u32) -> Outcome<u32> {
+        Ok(match offset {
+            ISR => self.isr,
+            CR => self.cr,
+            CFGR => self.cfgr,
+            CFGR2 => self.cfgr2,
+            SMPR1 | SMPR2 => self.smpr[(offset - SMPR1) as usize / 4],
+            SQR1..=SQR4 => self.sqr[(offset - SQR1) as usize / 4],
+            DR => {
+                self.isr &= !(1 << 2);
+                self.dr
+            }
+            JSQR => self.jsqr,
+            JDR1..=JDR4 => self.jdr[(offset - JDR1) as usize / 4],
+            _ => return Err(UNMODELLED.into()),
+        })
+    }
+
+    /// Writes it. `cycle` is the period of the ADC's clock.
+    pub fn write(&mut self, offset: u32, value: u32, now: Tick, cycle: Tick) -> Outcome {
+        let started = self.cr & 0b1100 != 0;
+        match offset {
+            ISR => self.isr &= !value,
+            CR => return self.control(value, now, cycle),
+            _ if started => return Err("written while conversions are started".into()),
+            CFGR => {
+                // DMAEN, DMACFG, EXTSEL, EXTEN, JQDIS: the rest is not modelled.
+                if value & !(1 << 31 | 0xfe3) != 0 {
+                    return Err(UNMODELLED.into());
+                }
+                self.cfgr = value;
+            }
+            CFGR2 if value & !0x1fd != 0 => return Err(UNMODELLED.into()),
+            CFGR2 => self.cfgr2 = value,
+            SMPR1 | SMPR2 => self.smpr[(offset - SMPR1) as usize / 4] = value,
+            SQR1..=SQR4 => self.sqr[(offset - SQR1) as usize / 4] = value,
+            JSQR => self.jsqr = value,
+            _ => return Err(UNMODELLED.into()),
+        }
+        Ok(())
+    }
+
+    fn control(&mut self, value: u32, now: Tick, cycle: Tick) -> Outcome {
+        let (before, mut cr) = (Cr(self.cr), Cr(value));
+        if cr.deeppwd() && before.aden() {
+            return Err("deep power-down while it is enabled".into());
+        }
+        if cr.advregen() && !before.advregen() {
+            self.regulator_since = now;
+        }
+        let regulated = before.advregen() && now >= self.regulator_since + micros(REGULATOR_US);
+        self.cycle = cycle;
+        if cr.adcal() && !before.adcal() {
+            if !regulated || before.aden() {
+                return Err("calibration before the regulator is up, or while enabled".into());
+            }
+            self.busy = Some(now + CALIBRATION_CYCLES * cycle);
+        }
+        if cr.aden() && !before.aden() {
+            if !regulated || before.adcal() || !self.calibrated {
+                return Err("enabled without a regulator or a calibration".into());
+            }
+            self.busy = Some(now + self.halves(STABILISATION_HALVES));
+        }
+        if (cr.adstart() || cr.jadstart()) && !self.ready {
+            return Err("started before it is ready".into());
+        }
+        // What stops is stopped at once.
+        if value & ADSTP != 0 {
+            cr.set_adstart(false);
+            self.regular = None;
+        }
+        if value & JADSTP != 0 {
+            cr.set_jadstart(false);
+            self.injected = None;
+        }
+        cr.0 &= !(ADSTP | JADSTP);
+        if cr.addis() {
+            return Err(UNMODELLED.into());
+        }
+        // What stands is not cleared by writing 0.
+        cr.0 |= before.0 & 1 | (before.0 & 1 << 31);
+        if before.adstart() && value & ADSTP == 0 {
+            cr.set_adstart(true);
+        }
+        if before.jadstart() && value & JADSTP == 0 {
+            cr.set_jadstart(true);
+        }
+        self.cr = cr.0;
+        Ok(())
+    }
+}

@@ -1,0 +1,589 @@
+//! The chip: its peripherals, the bus that the core reaches them by, and the wires between them.
+
+use stm32_metapac::adccommon::regs::Ccr;
+
+use super::adc::Adc;
+use super::dma::{self, Dma};
+use super::finger::{Finger, Source};
+use super::flash::Flash;
+use super::gpio::Gpio;
+use super::host::Host;
+use super::iwdg::Iwdg;
+use super::names::{Names, base, field, interrupt, peripheral};
+use super::plain::Plain;
+use super::rcc::{Cause, Rcc};
+use super::system::{self, System};
+use super::time::{Tick, micros};
+use super::timer::Timer;
+use super::usb::Usb;
+use super::{Outcome, UNMODELLED};
+
+/// What the DMA writes to and reads from.
+pub trait Memory {
+    /// Reads a word or less.
+    fn read(&mut self, address: u32, size: u32) -> Outcome<u32>;
+    /// Writes it.
+    fn write(&mut self, address: u32, size: u32, value: u32) -> Outcome;
+}
+
+/// Begin of the private peripheral bus.
+pub const PRIVATE: u32 = 0xe000_0000;
+
+const PORTS: [(&str, u32); 6] = [
+    ("GPIOA", 0xabff_ffff),
+    ("GPIOB", 0xffff_febf),
+    ("GPIOC", !0),
+    ("GPIOD", !0),
+    ("GPIOE", !0),
+    ("GPIOF", !0),
+];
+const ADCS: [&str; 2] = ["ADC1", "ADC2"];
+/// The amplifiers that reach ADC2 inside the chip, and its inputs for them (RM0440 table 162).
+const OPAMPS: [(&str, u32); 2] = [("OPAMP2", 16), ("OPAMP3", 18)];
+/// ADC1's inputs for the temperature sensor and the reference.
+const TEMPERATURE: u32 = 16;
+const REFERENCE: u32 = 18;
+
+/// RCC's reset registers, AHB1RSTR to APB2RSTR.
+const RESETS: std::ops::RangeInclusive<u32> = 0x28..=0x40;
+const PWR_CR5: u32 = 0x80;
+/// How long the core may be too fast for its voltage.
+const UNBOOSTED: Tick = micros(1_000);
+
+/// A peripheral that is modelled.
+#[derive(Clone, Copy, Debug)]
+enum Unit {
+    Rcc,
+    Flash,
+    Gpio(usize),
+    Tim1,
+    Tim2,
+    Dma,
+    Multiplexer,
+    Adc(usize),
+    AdcCommon,
+    Opamp(usize),
+    Iwdg,
+    Usb,
+    UsbMemory,
+    Plain(usize),
+}
+
+/// Something that has a next moment.
+#[derive(Clone, Copy, Debug)]
+enum Part {
+    System,
+    Tim1,
+    Tim2,
+    Adc(usize),
+    Iwdg,
+    Host,
+    Voltage,
+}
+
+/// Interrupts of what is modelled.
+struct Lines {
+    tim1_up: usize,
+    tim1_cc: usize,
+    tim2: usize,
+    usb: usize,
+    dma: Vec<usize>,
+}
+
+/// Requests to the DMA.
+struct Requests {
+    adc: [u32; 2],
+    tim1: [u32; 4],
+}
+
+/// An STM32G431CB with a finger on its pins and a host on its port.
+pub struct Chip {
+    names: Names,
+    units: Vec<(u32, Unit)>,
+    lines: Lines,
+    requests: Requests,
+    rcc: Rcc,
+    flash: Flash,
+    gpio: Vec<Gpio>,
+    tim1: Timer,
+    tim2: Timer,
+    dma: Dma,
+    adc: [Adc; 2],
+    adc_common: Plain,
+    opamp: [Plain; 2],
+    iwdg: Iwdg,
+    usb: Usb,
+    plain: Vec<(&'static str, Plain)>,
+    /// The core's own.
+    pub system: System,
+    /// What is on the pins.
+    pub finger: Finger,
+    /// What is on the port.
+    pub host: Host,
+    /// The core stands still until then.
+    pub stalled: Tick,
+    /// The watchdog bit.
+    bitten: bool,
+    /// Until when the core may be this fast at this voltage.
+    voltage_limit: Option<Tick>,
+    next: Option<(Tick, Part)>,
+}
+
+/// What is kept as it is written: clock recovery, voltage, wiring of pins to interrupts, debugging.
+fn plain() -> Vec<(&'static str, Plain)> {
+    vec![
+        // CR1 to CR5, SR1, SR2: the voltage regulator is ready at once.
+        (
+            "PWR",
+            Plain::new(&[
+                (0x00, 0x200),
+                (0x04, 0),
+                (0x08, 0x8000),
+                (0x0c, 0),
+                (0x10, 0),
+                (0x14, 0),
+                (0x80, 0x100),
+            ]),
+        ),
+        (
+            "SYSCFG",
+            Plain::new(&[
+                (0x00, 0),
+                (0x04, 0x7c00_0001),
+                (0x08, 0),
+                (0x0c, 0),
+                (0x10, 0),
+                (0x14, 0),
+            ]),
+        ),
+        ("EXTI", Plain::new(&[(0x00, 0xff82_0000), (0x08, 0), (0x0c, 0)])),
+        ("CRS", Plain::new(&[(0x00, 0x4000), (0x04, 0x2022_bb7f), (0x08, 0)])),
+        ("DBGMCU", Plain::new(&[(0x00, 0x2001_6468), (0x04, 0)])),
+    ]
+}
+
+fn adc_common() -> Plain {
+    Plain::new(&[(0x08, 0)])
+}
+
+fn opamp() -> Plain {
+    Plain::new(&[(0x00, 0), (0x18, 0)])
+}
+
+impl Chip {
+    /// Just powered; `data` is where the flash behind the program begins.
+    pub fn new(data: u32, finger: Finger, host: Host) -> Self {
+        let names = Names::default();
+        let plain = plain();
+        let mut units: Vec<(u32, Unit)> = vec![
+            (base("RCC"), Unit::Rcc),
+            (base("FLASH"), Unit::Flash),
+            (base("TIM1"), Unit::Tim1),
+            (base("TIM2"), Unit::Tim2),
+            (base("DMA1"), Unit::Dma),
+            (base("DMAMUX1"), Unit::Multiplexer),
+            (base("ADC12_COMMON"), Unit::AdcCommon),
+            (base("IWDG"), Unit::Iwdg),
+            (base("USB"), Unit::Usb),
+            (base("USBRAM"), Unit::UsbMemory),
+        ];
+        units.extend(PORTS.iter().enumerate().map(|(i, (name, _))| (base(name), Unit::Gpio(i))));
+        units.extend(ADCS.iter().enumerate().map(|(i, name)| (base(name), Unit::Adc(i))));
+        units.extend(OPAMPS.iter().enumerate().map(|(i, (name, _))| (base(name), Unit::Opamp(i))));
+        units.extend(plain.iter().enumerate().map(|(i, (name, _))| (base(name), Unit::Plain(i))));
+        units.sort_by_key(|(base, _)| *base);
+        Self {
+            names,
+            units,
+            lines: Lines {
+                tim1_up: interrupt("TIM1_UP_TIM16"),
+                tim1_cc: interrupt("TIM1_CC"),
+                tim2: interrupt("TIM2"),
+                usb: interrupt("USB_LP"),
+                dma: (1..=dma::CHANNELS).map(|i| interrupt(&format!("DMA1_CHANNEL{i}"))).collect(),
+            },
+            requests: Requests {
+                adc: ADCS.map(|name| dma::request(name, name)),
+                tim1: ["CH1", "CH2", "CH3", "CH4"].map(|channel| dma::request("TIM1", channel)),
+            },
+            rcc: Rcc::new(Cause::Power, None),
+            flash: Flash::new(data),
+            gpio: PORTS.map(|(_, moder)| Gpio::new(moder)).into(),
+            tim1: Timer::new(16),
+            tim2: Timer::new(32),
+            dma: Dma::default(),
+            adc: ADCS.map(Adc::new),
+            adc_common: adc_common(),
+            opamp: OPAMPS.map(|_| opamp()),
+            iwdg: Iwdg::default(),
+            usb: Usb::default(),
+            plain,
+            system: System::default(),
+            finger,
+            host,
+            stalled: 0,
+            bitten: false,
+            voltage_limit: None,
+            next: None,
+        }
+    }
+
+    /// Everything but the flash's content, what is outside, and the record of the reset is as after power-up.
+    pub fn reset(&mut self, cause: Cause, now: Tick) {
+        self.rcc = Rcc::new(cause, (cause != Cause::Power).then_some(&self.rcc));
+        self.flash.reset();
+        self.gpio = PORTS.map(|(_, moder)| Gpio::new(moder)).into();
+        (self.tim1, self.tim2) = (Timer::new(16), Timer::new(32));
+        self.dma = Dma::default();
+        self.adc = ADCS.map(Adc::new);
+        self.adc_common = adc_common();
+        self.opamp = OPAMPS.map(|_| opamp());
+        self.iwdg = Iwdg::default();
+        self.usb = Usb::default();
+        self.plain = plain();
+        self.system = System::default();
+        (self.bitten, self.voltage_limit) = (false, None);
+        self.finger.pins(0, now);
+        self.plan();
+    }
+
+    /// The period of the core's clock.
+    pub fn hclk(&self) -> Tick {
+        self.rcc.hclk()
+    }
+
+    /// The flash behind the program.
+    pub fn flash(&mut self) -> &mut Flash {
+        &mut self.flash
+    }
+
+    /// Why it must reset, if it must.
+    pub fn take_reset(&mut self) -> Option<Cause> {
+        if std::mem::take(&mut self.bitten) {
+            return Some(Cause::Watchdog);
+        }
+        self.system.take_reset().then_some(Cause::Software)
+    }
+
+    /// When something happens next.
+    pub fn next(&self) -> Option<Tick> {
+        self.next.map(|(at, _)| at)
+    }
+
+    /// Finds out what that is. To be called when the host has been told something.
+    pub fn plan(&mut self) {
+        let parts = [
+            (self.system.next(), Part::System),
+            (self.tim1.next(), Part::Tim1),
+            (self.tim2.next(), Part::Tim2),
+            (self.adc[0].next(), Part::Adc(0)),
+            (self.adc[1].next(), Part::Adc(1)),
+            (self.iwdg.next(), Part::Iwdg),
+            (self.host.next(&self.usb), Part::Host),
+            (self.voltage_limit, Part::Voltage),
+        ];
+        let known = parts.into_iter().filter_map(|(at, part)| Some((at?, part)));
+        self.next = known.min_by_key(|(at, _)| *at);
+        self.system.set_line(self.lines.tim1_up, false);
+        self.system.set_line(self.lines.tim1_cc, self.tim1.interrupt());
+        self.system.set_line(self.lines.tim2, self.tim2.interrupt());
+        self.system.set_line(self.lines.usb, self.usb.interrupt());
+        for (i, line) in self.lines.dma.iter().enumerate() {
+            self.system.set_line(*line, self.dma.interrupt(i));
+        }
+    }
+
+    /// Lets all happen that happens up to `now`.
+    pub fn advance(&mut self, now: Tick, memory: &mut dyn Memory) -> Outcome {
+        while let Some((at, part)) = self.next.filter(|(at, _)| *at <= now) {
+            match part {
+                Part::System => self.system.advance(at),
+                Part::Tim1 => self.tim1_edge(at, memory)?,
+                Part::Tim2 => _ = self.tim2.advance(at),
+                Part::Adc(i) => self.adc_moment(i, at, memory)?,
+                Part::Iwdg => {
+                    self.bitten = true;
+                    self.iwdg = Iwdg::default();
+                }
+                Part::Host => self.host.advance(at, &mut self.usb)?,
+                Part::Voltage => {
+                    return Err(
+                        "a core faster than 150 MHz without boost mode (PWR.CR5.R1MODE)".into()
+                    );
+                }
+            }
+            self.plan();
+        }
+        Ok(())
+    }
+
+    fn tim1_edge(&mut self, now: Tick, memory: &mut dyn Memory) -> Outcome {
+        let edges = self.tim1.advance(now);
+        self.turn_amplifiers(now);
+        for (channel, asked) in edges.compare_dma.into_iter().enumerate() {
+            if asked {
+                self.transfer(self.requests.tim1[channel], now, memory)?;
+            }
+        }
+        for (rises, name) in [(edges.trgo, "TIM1_TRGO"), (edges.trgo2, "TIM1_TRGO2")] {
+            for (adc, its) in self.adc.iter_mut().zip(ADCS).filter(|_| rises) {
+                adc.trigger(name, now).map_err(|why| format!("{its}: {why}"))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The amplifiers' inputs, as TIM1 has them turned.
+    fn turn_amplifiers(&mut self, now: Tick) {
+        for i in 0..OPAMPS.len() {
+            if let Ok(pin) = self.amplified(i, now) {
+                self.finger.amplify(i, pin, now);
+            }
+        }
+    }
+
+    /// The pin that an amplifier amplifies.
+    fn amplified(&self, i: usize, now: Tick) -> Outcome<&'static str> {
+        let (csr, tcmr) = (self.opamp[i].read(0x00)?, self.opamp[i].read(0x18)?);
+        let name = OPAMPS[i].0;
+        // OPAEN; VM_SEL: PGA; OPAINTOEN.
+        if csr & 1 == 0 || csr >> 5 & 3 != 2 || csr >> 8 & 1 == 0 {
+            return Err(format!("{name} is off, without its PGA, or does not reach the ADC"));
+        }
+        // T1CM_EN
+        let turned = tcmr >> 3 & 1 == 1 && self.tim1.is_driven(5) && self.tim1.output(5, now);
+        let select = if turned { tcmr >> 1 & 3 } else { csr >> 2 & 3 };
+        self.pin(name, &format!("VINP{select}"))
+    }
+
+    /// The pin of a peripheral's signal, which must be analogue.
+    fn pin(&self, of: &str, signal: &str) -> Outcome<&'static str> {
+        let found = peripheral(of).pins.iter().find(|pin| pin.signal == signal);
+        let pin = found.ok_or_else(|| format!("{of} has no {signal}"))?.pin;
+        let port =
+            PORTS.iter().position(|(name, _)| name.as_bytes().last() == pin.as_bytes().get(1));
+        let number = pin.get(2..).and_then(|number| number.parse().ok());
+        match (port, number) {
+            (Some(port), Some(number)) if self.gpio[port].is_analogue(number) => Ok(pin),
+            _ => Err(format!("{of}'s {signal} is {pin}, which is not set to analogue")),
+        }
+    }
+
+    fn adc_moment(&mut self, i: usize, now: Tick, memory: &mut dyn Memory) -> Outcome {
+        let name = ADCS[i];
+        let source = self.adc[i].sampled(now).map(|input| self.source(i, input, now));
+        let finger = &mut self.finger;
+        let asks = self.adc[i].advance(now, || match source {
+            Some(source) => Ok(finger.sample(source?, now)),
+            None => Err("a sample of nothing".into()),
+        });
+        if asks.map_err(|why| format!("{name}: {why}"))? {
+            self.transfer(self.requests.adc[i], now, memory)?;
+        }
+        Ok(())
+    }
+
+    /// What an ADC's input is connected to.
+    fn source(&self, i: usize, input: u32, now: Tick) -> Outcome<Source> {
+        let common = Ccr(self.adc_common.read(0x08)?);
+        if i == 0 && input == TEMPERATURE && common.vsenseen() {
+            return Ok(Source::Temperature);
+        }
+        if i == 0 && input == REFERENCE && common.vrefen() {
+            return Ok(Source::Reference);
+        }
+        if let Some(which) = OPAMPS.iter().position(|(_, at)| i == 1 && *at == input) {
+            self.amplified(which, now)?;
+            return Ok(Source::Amplifier(which));
+        }
+        self.pin(ADCS[i], &format!("IN{input}")).map(Source::Pin)
+    }
+
+    fn transfer(&mut self, request: u32, now: Tick, memory: &mut dyn Memory) -> Outcome {
+        let Some(channel) = self.dma.served_by(request) else { return Ok(()) };
+        let Some(transfer) = self.dma.take(channel)? else { return Ok(()) };
+        let dma::Transfer { register, memory: place, size, to_peripheral } = transfer;
+        if to_peripheral {
+            let value = memory.read(place, size)?;
+            self.write(register, size, value, (now, 0))
+        } else {
+            let value = self.read(register, size, (now, 0))?;
+            memory.write(place, size, value)
+        }
+    }
+
+    /// Whose address that is, and how far behind its beginning.
+    fn unit(&self, address: u32) -> Option<(Unit, u32)> {
+        let owner = self.names.peripheral(address)?.address as u32;
+        let at = self.units.binary_search_by_key(&owner, |(base, _)| *base).ok()?;
+        self.units.get(at).map(|(base, unit)| (*unit, address - base))
+    }
+
+    /// The core may be faster than its voltage allows for a moment: embassy-stm32 0.6 cannot switch boost
+    /// mode on before it raises the clock.
+    fn check_voltage(&mut self, now: Tick) {
+        let pwr = self.plain.iter().find(|(name, _)| *name == "PWR");
+        // R1MODE
+        let boosted =
+            pwr.and_then(|(_, pwr)| pwr.read(PWR_CR5).ok()).is_some_and(|cr5| cr5 >> 8 & 1 == 0);
+        let bad = self.rcc.needs_boost() && !boosted;
+        self.voltage_limit = bad.then(|| self.voltage_limit.unwrap_or(now + UNBOOSTED));
+    }
+
+    /// RCC's reset registers: what they name is as after power-up.
+    fn reset_units(&mut self, offset: u32, value: u32) {
+        for (base, unit) in self.units.clone() {
+            let rcc = self.names.peripheral(base).and_then(|peripheral| peripheral.rcc.as_ref());
+            let Some(reset) = rcc.and_then(|rcc| rcc.reset.as_ref()) else { continue };
+            let (register, bit) = field("RCC", reset.register, reset.field);
+            if register != offset || value >> bit & 1 == 0 {
+                continue;
+            }
+            match unit {
+                Unit::Flash => self.flash.reset(),
+                Unit::Gpio(i) => self.gpio[i] = Gpio::new(PORTS[i].1),
+                Unit::Tim1 => self.tim1 = Timer::new(16),
+                Unit::Tim2 => self.tim2 = Timer::new(32),
+                Unit::Dma | Unit::Multiplexer => self.dma = Dma::default(),
+                Unit::Adc(i) => self.adc[i] = Adc::new(ADCS[i]),
+                Unit::AdcCommon => self.adc_common = adc_common(),
+                Unit::Opamp(i) => self.opamp[i] = opamp(),
+                Unit::Usb => self.usb = Usb::default(),
+                Unit::Plain(i) => {
+                    let name = self.plain[i].0;
+                    if let Some(fresh) = plain().into_iter().find(|(its, _)| *its == name) {
+                        self.plain[i] = fresh;
+                    }
+                }
+                Unit::Rcc | Unit::Iwdg | Unit::UsbMemory => {}
+            }
+        }
+    }
+
+    /// Reads a register; `now` is the time and the core's cycles.
+    pub fn read(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
+        self.read_inner(address, size, now)
+            .map_err(|why| format!("read of {}: {why}", self.name(address)))
+    }
+
+    /// Writes a register.
+    pub fn write(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
+        self.write_inner(address, size, value, now)
+            .map_err(|why| format!("write of {value:#x} to {}: {why}", self.name(address)))?;
+        self.plan();
+        Ok(())
+    }
+
+    fn name(&self, address: u32) -> String {
+        if address >= PRIVATE && self.unit(address).is_none() {
+            return system::name(address);
+        }
+        self.names.register(address)
+    }
+
+    fn is_clocked(&self, address: u32) -> Outcome {
+        let rcc = self.names.peripheral(address).and_then(|peripheral| peripheral.rcc.as_ref());
+        match rcc.and_then(|rcc| rcc.enable.as_ref()) {
+            Some(enable) if !self.rcc.enabled(enable) => {
+                Err(format!("its clock is off: {}.{}", enable.register, enable.field))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn read_inner(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
+        let Some((unit, offset)) = self.unit(address) else {
+            if address >= PRIVATE {
+                return self.system.read(address - PRIVATE, size, now.0, now.1);
+            }
+            return Err(UNMODELLED.into());
+        };
+        self.is_clocked(address)?;
+        let word = offset & !3;
+        let value = match unit {
+            Unit::Rcc => self.rcc.read(word),
+            Unit::Flash => self.flash.read(word),
+            Unit::Gpio(i) => self.gpio[i].read(word),
+            Unit::Tim1 => self.tim1.read(word, now.0),
+            Unit::Tim2 => self.tim2.read(word, now.0),
+            Unit::Dma => self.dma.read(word),
+            Unit::Multiplexer => self.dma.read_multiplexer(word),
+            Unit::Adc(i) => self.adc[i].read(word),
+            Unit::AdcCommon => self.adc_common.read(word),
+            Unit::Opamp(i) => self.opamp[i].read(word),
+            Unit::Iwdg => self.iwdg.read(word),
+            Unit::Usb => self.usb.read(word, self.host.frame(now.0)),
+            Unit::UsbMemory => return self.usb.read_memory(offset, size),
+            Unit::Plain(i) => self.plain[i].1.read(word),
+        }?;
+        Ok(value >> (8 * (offset & 3)) & u32::MAX >> (32 - 8 * size))
+    }
+
+    fn write_inner(
+        &mut self,
+        address: u32,
+        size: u32,
+        value: u32,
+        (now, cycles): (Tick, u32),
+    ) -> Outcome {
+        let hclk = self.rcc.hclk();
+        let Some((unit, offset)) = self.unit(address) else {
+            if address >= PRIVATE {
+                return self.system.write(address - PRIVATE, size, value, (now, cycles), hclk);
+            }
+            return Err(UNMODELLED.into());
+        };
+        self.is_clocked(address)?;
+        // PSC and its kin are half words.
+        let halves = matches!(unit, Unit::Tim1 | Unit::Tim2) && size == 2 && offset & 3 == 0;
+        if size != 4 && !halves && !matches!(unit, Unit::UsbMemory) {
+            return Err("written in part".into());
+        }
+        match unit {
+            Unit::Rcc => {
+                if RESETS.contains(&offset) {
+                    self.reset_units(offset, value);
+                }
+                self.rcc.write(offset, value, self.flash.latency())?;
+                self.check_voltage(now);
+                Ok(())
+            }
+            Unit::Flash => {
+                let busy = self.flash.write(offset, value)?;
+                self.stalled = now + busy;
+                Ok(())
+            }
+            Unit::Gpio(i) => {
+                self.gpio[i].write(offset, value)?;
+                if PORTS[i].0 == "GPIOB" {
+                    self.finger.pins(self.gpio[i].high(), now);
+                }
+                Ok(())
+            }
+            Unit::Tim1 => self.tim1.write(offset, value, now, hclk),
+            Unit::Tim2 => self.tim2.write(offset, value, now, hclk),
+            Unit::Dma => self.dma.write(offset, value),
+            Unit::Multiplexer => self.dma.write_multiplexer(offset, value),
+            Unit::Adc(i) => {
+                // CKMODE: HCLK/4.
+                if self.adc_common.read(0x08)? >> 16 & 3 != 3
+                    && offset == 0x08
+                    && value & 0x8000_0001 != 0
+                {
+                    return Err("with a clock that is not HCLK/4".into());
+                }
+                self.adc[i].write(offset, value, now, 4 * hclk)
+            }
+            Unit::AdcCommon => self.adc_common.write(offset, value),
+            Unit::Opamp(i) => self.opamp[i].write(offset, value),
+            Unit::Iwdg => self.iwdg.write(offset, value, now),
+            Unit::Usb => self.usb.write(offset, value, self.rcc.usb_clock()),
+            Unit::UsbMemory => self.usb.write_memory(offset, size, value),
+            Unit::Plain(i) => {
+                self.plain[i].1.write(offset, value)?;
+                self.check_voltage(now);
+                Ok(())
+            }
+        }
+    }
+}

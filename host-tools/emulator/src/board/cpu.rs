@@ -1,0 +1,592 @@
+//! The core: runs the image block by block, takes exceptions between blocks, sleeps to the next event.
+//!
+//! Time advances by what the blocks cost, at the upper end of the cost table's band; a register is read and
+//! written at the time at which its block began. The flash's wait states are not in it.
+
+use anyhow::{Context, Result, anyhow, bail};
+use object::LittleEndian;
+use object::elf::{FileHeader32, PT_LOAD};
+use object::read::elf::{FileHeader, ProgramHeader};
+use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM, Unicorn, uc_error};
+
+use super::Outcome;
+use super::chip::{Chip, Memory, PRIVATE};
+use super::finger::Finger;
+use super::flash::{BASE as FLASH, END as FLASH_END};
+use super::host::Host;
+use super::rcc::Cause;
+use super::system::{Masks, NMI};
+use super::time::{Tick, seconds};
+use crate::clock::Clock;
+
+const PAGE: u32 = 0x1000;
+const CCM: (u64, u64) = (0x1000_0000, 0x3000);
+const RAM: (u64, u64) = (0x2000_0000, 0x6000);
+/// The factory's bytes: unique identifier, calibration of the analogue parts.
+const FACTORY: (u64, u64) = (0x1fff_7000, 0x1000);
+const UNIQUE_ID: u32 = 0x1fff_7590;
+const PERIPHERALS: (u64, u64) = (0x4000_0000, 0x1100_0000);
+const PRIVATE_BYTES: u64 = 0x10_0000;
+
+/// Cycles of entering and of leaving an exception (Cortex-M4 TRM, 3.9).
+const ENTRY: u64 = 12;
+const EXIT: u64 = 12;
+/// unicorn's number of a return from an exception, and the addresses that mean one.
+const EXCEPTION_EXIT: u32 = 8;
+const EXCEPTION_RETURN: u32 = 0xffff_ff00;
+/// Bit 9 of a stacked xPSR: a word was left out for alignment.
+const REALIGNED: u32 = 1 << 9;
+
+const FRAME: [RegisterARM; 6] = [
+    RegisterARM::R0,
+    RegisterARM::R1,
+    RegisterARM::R2,
+    RegisterARM::R3,
+    RegisterARM::R12,
+    RegisterARM::LR,
+];
+const FLOATS: [RegisterARM; 16] = [
+    RegisterARM::S0,
+    RegisterARM::S1,
+    RegisterARM::S2,
+    RegisterARM::S3,
+    RegisterARM::S4,
+    RegisterARM::S5,
+    RegisterARM::S6,
+    RegisterARM::S7,
+    RegisterARM::S8,
+    RegisterARM::S9,
+    RegisterARM::S10,
+    RegisterARM::S11,
+    RegisterARM::S12,
+    RegisterARM::S13,
+    RegisterARM::S14,
+    RegisterARM::S15,
+];
+
+/// Why control came back.
+#[derive(Debug)]
+enum Stop {
+    /// An exception is to be taken.
+    Exception(usize),
+    /// One's handler returned.
+    Return,
+    /// The chip resets.
+    Reset(Cause),
+    /// The time is up.
+    Deadline,
+    /// Something that this machine does not have.
+    Fault(String),
+}
+
+/// What the machine keeps where unicorn's callbacks reach it.
+struct Inside {
+    clock: Clock,
+    /// Taken out while it moves memory.
+    chip: Option<Box<Chip>>,
+    now: Tick,
+    /// Cycles of the clock that are in `now`.
+    counted: u64,
+    /// Cycles of exceptions and of standing still.
+    extra: u64,
+    deadline: Tick,
+    /// The event that WFE waits for.
+    event: bool,
+    /// Floating-point registers are in use: CONTROL.FPCA.
+    float: bool,
+    stop: Option<Stop>,
+}
+
+/// How a stretch of time ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// It is over.
+    Time,
+    /// The chip was reset, and is about to start again.
+    Reset(Cause),
+}
+
+/// The board.
+pub struct Board {
+    unicorn: Unicorn<'static, Inside>,
+    next: u32,
+    /// Handlers that run, and what they return to; the last is the innermost.
+    handlers: Vec<(usize, u32)>,
+    image: Vec<u8>,
+}
+
+fn failed(what: &str) -> impl Fn(uc_error) -> anyhow::Error {
+    move |error| anyhow!("{what}: {error:?}")
+}
+
+impl Board {
+    /// A board with the program in `elf` and erased flash behind it, just powered.
+    pub fn new(elf: &[u8], finger: Finger, host: Host) -> Result<Self> {
+        let segments = segments(elf)?;
+        let end = segments.iter().map(|(at, data)| at + data.len() as u32).max().unwrap_or(FLASH);
+        let data = end.next_multiple_of(PAGE);
+        if segments.iter().any(|(at, _)| *at < FLASH) || data >= FLASH_END {
+            bail!("the image does not fit {FLASH:#010x}..{FLASH_END:#010x}");
+        }
+        let mut image = vec![0xff; (data - FLASH) as usize];
+        for (at, bytes) in segments {
+            let at = (at - FLASH) as usize;
+            image
+                .get_mut(at..at + bytes.len())
+                .context("an image beyond its end")?
+                .copy_from_slice(bytes);
+        }
+        let inside = Inside {
+            clock: Clock::default(),
+            chip: Some(Box::new(Chip::new(data, finger, host))),
+            now: 0,
+            counted: 0,
+            extra: 0,
+            deadline: 0,
+            event: false,
+            float: false,
+            stop: None,
+        };
+        let mut unicorn = Unicorn::new_with_data(Arch::ARM, Mode::THUMB, inside)
+            .map_err(failed("starting unicorn"))?;
+        // Not Mode::MCLASS: with it unicorn takes a Cortex-M33, whatever model is asked for.
+        unicorn
+            .ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32)
+            .map_err(failed("choosing the Cortex-M4"))?;
+        let map = [
+            (u64::from(FLASH), u64::from(data - FLASH), Prot::READ | Prot::EXEC),
+            (CCM.0, CCM.1, Prot::ALL),
+            (RAM.0, RAM.1, Prot::ALL),
+            (FACTORY.0, FACTORY.1, Prot::READ),
+        ];
+        for (address, bytes, access) in map {
+            unicorn.mem_map(address, bytes, access).map_err(failed("mapping memory"))?;
+        }
+        unicorn.mem_write(u64::from(FLASH), &image).map_err(failed("flashing"))?;
+        // Three words: coordinates on the wafer, its number, its lot.
+        let unique = [0x0020_0013u32, 0x5033_5012, 0x2037_364b].map(u32::to_le_bytes).concat();
+        unicorn
+            .mem_write(u64::from(UNIQUE_ID), &unique)
+            .map_err(failed("writing the unique identifier"))?;
+        for (start, bytes) in [
+            (u64::from(data), u64::from(FLASH_END - data)),
+            PERIPHERALS,
+            (u64::from(PRIVATE), PRIVATE_BYTES),
+        ] {
+            unicorn
+                .mmio_map(
+                    start,
+                    bytes,
+                    Some(move |unicorn: &mut Unicorn<'_, Inside>, offset: u64, size: usize| {
+                        read(unicorn, (start + offset) as u32, size)
+                    }),
+                    Some(
+                        move |unicorn: &mut Unicorn<'_, Inside>,
+                              offset: u64,
+                              size: usize,
+                              value: u64| {
+                            write(unicorn, (start + offset) as u32, size, value as u32);
+                        },
+                    ),
+                )
+                .map_err(failed("mapping the peripherals"))?;
+        }
+        unicorn.add_block_hook(1, 0, enter_block).map_err(failed("watching blocks"))?;
+        unicorn.add_intr_hook(take_interrupt).map_err(failed("watching exceptions"))?;
+        let mut board = Self { unicorn, next: 0, handlers: Vec::new(), image };
+        board.reset(Cause::Power)?;
+        Ok(board)
+    }
+
+    /// The chip, with what is connected to it.
+    pub fn chip(&mut self) -> &mut Chip {
+        // It is out of its place only within a callback.
+        self.unicorn.get_data_mut().chip.as_mut().expect("the chip is in its place between runs")
+    }
+
+    /// Virtual time.
+    pub fn now(&self) -> Tick {
+        self.unicorn.get_data().now
+    }
+
+    /// Instructions since power-up.
+    pub fn instructions(&self) -> u64 {
+        self.unicorn.get_data().clock.total().instructions
+    }
+
+    /// Takes the power away and gives it back: the RAM forgets.
+    pub fn power_cycle(&mut self) -> Result<()> {
+        for (address, bytes) in [CCM, RAM] {
+            // What RAM holds after power-up is anything; a pattern that is no number that anyone expects.
+            self.unicorn
+                .mem_write(address, &vec![0xa5; bytes as usize])
+                .map_err(failed("clearing the RAM"))?;
+        }
+        self.reset(Cause::Power)
+    }
+
+    fn reset(&mut self, cause: Cause) -> Result<()> {
+        let inside = self.unicorn.get_data_mut();
+        let now = inside.now;
+        (inside.event, inside.float, inside.stop) = (false, false, None);
+        if let Some(chip) = &mut inside.chip {
+            chip.reset(cause, now);
+        }
+        self.handlers.clear();
+        let word = |at: usize| {
+            self.image
+                .get(at..at + 4)
+                .and_then(|bytes| bytes.first_chunk())
+                .map_or(0, |b| u32::from_le_bytes(*b))
+        };
+        let (stack, entry) = (word(0), word(4));
+        self.set(RegisterARM::XPSR, 1 << 24)?;
+        self.set(RegisterARM::PRIMASK, 0)?;
+        self.set(RegisterARM::BASEPRI, 0)?;
+        self.set(RegisterARM::SP, stack)?;
+        self.set(RegisterARM::LR, u32::MAX)?;
+        self.next = entry & !1;
+        Ok(())
+    }
+
+    /// Runs for so long.
+    pub fn run(&mut self, time: Tick) -> Result<End> {
+        let inside = self.unicorn.get_data_mut();
+        inside.deadline = inside.now + time;
+        if let Some(chip) = &mut inside.chip {
+            chip.plan();
+        }
+        loop {
+            let outcome = self.unicorn.emu_start(u64::from(self.next | 1), 1, 0, 0);
+            let at = self.get(RegisterARM::PC)?;
+            self.next = at;
+            let stop = self.unicorn.get_data_mut().stop.take();
+            match stop {
+                Some(Stop::Exception(exception)) => self.enter(exception)?,
+                Some(Stop::Return) => self.leave()?,
+                Some(Stop::Reset(cause)) => {
+                    self.reset(cause)?;
+                    return Ok(End::Reset(cause));
+                }
+                Some(Stop::Deadline) => return Ok(End::Time),
+                Some(Stop::Fault(why)) => return Err(self.fault(at, &why)),
+                None if at >= EXCEPTION_RETURN & !1 => self.leave()?,
+                // unicorn ends at a WFI, and takes a WFE for invalid.
+                None if self.waits() && matches!(outcome, Ok(()) | Err(uc_error::INSN_INVALID)) => {
+                    pay(self.unicorn.get_data_mut(), at);
+                    if let Some(end) = self.wait()? {
+                        return Ok(end);
+                    }
+                }
+                None => match outcome {
+                    Err(error) => return Err(self.fault(at, &format!("{error:?}"))),
+                    Ok(()) => return Err(self.fault(at, "the core stopped")),
+                },
+            }
+        }
+    }
+
+    fn waits(&self) -> bool {
+        self.unicorn.get_data().clock.current().is_some_and(|block| block.waits)
+    }
+
+    fn fault(&self, at: u32, why: &str) -> anyhow::Error {
+        let link = self.get(RegisterARM::LR).unwrap_or_default();
+        anyhow!("{:.6} s, at {at:#010x} called from {link:#010x}: {why}", seconds(self.now()))
+    }
+
+    fn get(&self, register: RegisterARM) -> Result<u32> {
+        let value = self.unicorn.reg_read(register).map_err(failed("reading a register"))?;
+        Ok(value as u32)
+    }
+
+    fn set(&mut self, register: RegisterARM, value: u32) -> Result<()> {
+        self.unicorn.reg_write(register, u64::from(value)).map_err(failed("setting a register"))
+    }
+
+    fn word(&self, address: u32) -> Result<u32> {
+        let mut word = [0; 4];
+        let read = self.unicorn.mem_read(u64::from(address), &mut word);
+        read.map_err(|error| anyhow!("the stack at {address:#010x}: {error:?}"))?;
+        Ok(u32::from_le_bytes(word))
+    }
+
+    fn put(&mut self, address: u32, words: &[u32]) -> Result<()> {
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let written = self.unicorn.mem_write(u64::from(address), &bytes);
+        written.map_err(|error| anyhow!("the stack at {address:#010x}: {error:?}"))
+    }
+
+    /// Saves what a handler may change, and goes to it. Floating-point registers are saved at once and
+    /// charged as if they were saved lazily.
+    fn enter(&mut self, exception: usize) -> Result<()> {
+        let float = self.unicorn.get_data().float;
+        let (stack, xpsr) = (self.get(RegisterARM::SP)?, self.get(RegisterARM::XPSR)?);
+        let bytes = if float { 0x68 } else { 0x20 };
+        let realigned = stack & 4 != 0;
+        let frame = (stack - bytes) & !7;
+        let mut words = Vec::with_capacity(26);
+        for register in FRAME {
+            words.push(self.get(register)?);
+        }
+        words.extend([self.next, xpsr & !REALIGNED | if realigned { REALIGNED } else { 0 }]);
+        if float {
+            for register in FLOATS.into_iter().chain([RegisterARM::FPSCR]) {
+                words.push(self.get(register)?);
+            }
+            words.push(0);
+        }
+        self.put(frame, &words)?;
+        let back = 0xffff_ffe1
+            | if float { 0 } else { 0x10 }
+            | if self.handlers.is_empty() { 8 } else { 0 };
+        self.handlers.push((exception, back));
+        self.set(RegisterARM::SP, frame)?;
+        self.set(RegisterARM::LR, back)?;
+        self.set(RegisterARM::XPSR, 1 << 24 | exception as u32)?;
+        self.spend(ENTRY);
+        let chip = self.chip();
+        chip.system.enter(exception);
+        let vector = chip.system.vectors() + 4 * exception as u32;
+        self.next = self.word(vector)? & !1;
+        let inside = self.unicorn.get_data_mut();
+        (inside.event, inside.float) = (true, false);
+        Ok(())
+    }
+
+    /// Goes back to what was interrupted.
+    fn leave(&mut self) -> Result<()> {
+        let (exception, back) = self.handlers.pop().context("a return from no exception")?;
+        let frame = self.get(RegisterARM::SP)?;
+        let float = back & 0x10 == 0;
+        for (register, at) in FRAME.into_iter().zip((frame..).step_by(4)) {
+            let value = self.word(at)?;
+            self.set(register, value)?;
+        }
+        let (next, xpsr) = (self.word(frame + 0x18)?, self.word(frame + 0x1c)?);
+        if float {
+            for (register, at) in
+                FLOATS.into_iter().chain([RegisterARM::FPSCR]).zip((frame + 0x20..).step_by(4))
+            {
+                let value = self.word(at)?;
+                self.set(register, value)?;
+            }
+        }
+        let bytes = if float { 0x68 } else { 0x20 } + if xpsr & REALIGNED != 0 { 4 } else { 0 };
+        self.set(RegisterARM::XPSR, xpsr & !REALIGNED | 1 << 24)?;
+        self.set(RegisterARM::SP, frame + bytes)?;
+        self.next = next & !1;
+        self.spend(EXIT);
+        self.chip().system.leave(exception);
+        let inside = self.unicorn.get_data_mut();
+        (inside.event, inside.float) = (true, float);
+        Ok(())
+    }
+
+    fn spend(&mut self, cycles: u64) {
+        let inside = self.unicorn.get_data_mut();
+        inside.extra += cycles;
+        inside.now += cycles * inside.chip.as_ref().map_or(0, |chip| chip.hclk());
+    }
+
+    /// Sleeps until an exception is to be taken.
+    fn wait(&mut self) -> Result<Option<End>> {
+        loop {
+            if std::mem::take(&mut self.unicorn.get_data_mut().event) {
+                return Ok(None);
+            }
+            if let Some(exception) = deliverable(&mut self.unicorn) {
+                self.enter(exception)?;
+                return Ok(None);
+            }
+            let inside = self.unicorn.get_data_mut();
+            let next = inside.chip.as_ref().and_then(|chip| chip.next());
+            let until = next.map_or(inside.deadline, |next| next.min(inside.deadline));
+            inside.now = inside.now.max(until);
+            // Awake again later: what waits goes on waiting.
+            if next.is_none_or(|next| next > inside.deadline) {
+                inside.event = false;
+                return Ok(Some(End::Time)).inspect(|_| self.rewind());
+            }
+            advance(&mut self.unicorn).map_err(|why| self.fault(self.next, &why))?;
+            let reset =
+                self.unicorn.get_data_mut().chip.as_mut().and_then(|chip| chip.take_reset());
+            if let Some(cause) = reset {
+                self.reset(cause)?;
+                return Ok(Some(End::Reset(cause)));
+            }
+        }
+    }
+
+    /// Back to the WFE or WFI that was being executed: both are two bytes.
+    fn rewind(&mut self) {
+        self.next -= 2;
+    }
+}
+
+/// The loadable parts of an image, by the address that they are stored at.
+fn segments(elf: &[u8]) -> Result<Vec<(u32, &[u8])>> {
+    let header = FileHeader32::<LittleEndian>::parse(elf).context("not a 32-bit ELF file")?;
+    let endian = header.endian().context("not a little-endian ELF file")?;
+    let mut segments = Vec::new();
+    for segment in header.program_headers(endian, elf)? {
+        if segment.p_type(endian) == PT_LOAD
+            && let Ok(data) = segment.data(endian, elf)
+            && !data.is_empty()
+        {
+            segments.push((segment.p_paddr(endian), data));
+        }
+    }
+    Ok(segments)
+}
+
+/// unicorn's memory, for the DMA.
+struct Ram<'a, 'b>(&'a mut Unicorn<'b, Inside>);
+
+impl Memory for Ram<'_, '_> {
+    fn read(&mut self, address: u32, size: u32) -> Outcome<u32> {
+        let mut word = [0; 4];
+        let part = word.get_mut(..size as usize).ok_or("a transfer of more than a word")?;
+        let read = self.0.mem_read(u64::from(address), part);
+        read.map_err(|error| format!("the DMA reads {address:#010x}: {error:?}"))?;
+        Ok(u32::from_le_bytes(word))
+    }
+
+    fn write(&mut self, address: u32, size: u32, value: u32) -> Outcome {
+        let word = value.to_le_bytes();
+        let part = word.get(..size as usize).ok_or("a transfer of more than a word")?;
+        let written = self.0.mem_write(u64::from(address), part);
+        written.map_err(|error| format!("the DMA writes {address:#010x}: {error:?}"))
+    }
+}
+
+fn stop(unicorn: &mut Unicorn<'_, Inside>, why: Stop) {
+    unicorn.get_data_mut().stop.get_or_insert(why);
+    // Cannot fail while it runs.
+    let _ = unicorn.emu_stop();
+}
+
+/// Lets the chip come up to the core's time.
+fn advance(unicorn: &mut Unicorn<'_, Inside>) -> Outcome {
+    let inside = unicorn.get_data_mut();
+    let now = inside.now;
+    let Some(mut chip) = inside.chip.take() else { return Err("the chip is in use".into()) };
+    let done = chip.advance(now, &mut Ram(unicorn));
+    unicorn.get_data_mut().chip = Some(chip);
+    done
+}
+
+/// The exception that is to be taken now.
+fn deliverable(unicorn: &mut Unicorn<'_, Inside>) -> Option<usize> {
+    let register = |register| unicorn.reg_read(register).unwrap_or_default();
+    let chip = unicorn.get_data().chip.as_ref()?;
+    if !chip.system.is_waiting() {
+        return None;
+    }
+    let masks = Masks {
+        primask: register(RegisterARM::PRIMASK) & 1 == 1,
+        basepri: register(RegisterARM::BASEPRI) as u8,
+    };
+    chip.system.deliverable(masks)
+}
+
+/// Time advances by what the block cost that control has left for `next`.
+fn pay(inside: &mut Inside, next: u32) {
+    inside.clock.leave(next);
+    let cycles = inside.clock.total().cycles.high;
+    inside.now += (cycles - inside.counted) * inside.chip.as_ref().map_or(0, |chip| chip.hclk());
+    inside.counted = cycles;
+}
+
+/// Control enters a block: the one before is paid, what happened meanwhile happens, and an exception that is
+/// due is taken first.
+fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
+    let start = start as u32;
+    let inside = unicorn.get_data_mut();
+    pay(inside, start);
+    let Some(chip) = inside.chip.as_mut() else { return };
+    if chip.stalled > inside.now {
+        inside.now = chip.stalled;
+    }
+    if chip.flash().has_lost_power() {
+        return stop(unicorn, Stop::Reset(Cause::Power));
+    }
+    if let Some(cause) = chip.take_reset() {
+        return stop(unicorn, Stop::Reset(cause));
+    }
+    if chip.next().is_some_and(|next| next <= inside.now)
+        && let Err(why) = advance(unicorn)
+    {
+        return stop(unicorn, Stop::Fault(why));
+    }
+    if let Some(exception) = deliverable(unicorn) {
+        return stop(unicorn, Stop::Exception(exception));
+    }
+    let inside = unicorn.get_data_mut();
+    if inside.now >= inside.deadline {
+        return stop(unicorn, Stop::Deadline);
+    }
+    if !inside.clock.knows(start, length) {
+        let code = unicorn.mem_read_as_vec(u64::from(start), length as usize).unwrap_or_default();
+        if let Err(unknown) = unicorn.get_data_mut().clock.learn(start, &code) {
+            let why = format!(
+                "no model of the instruction {:#010x} at {:#010x}",
+                unknown.code, unknown.address
+            );
+            return stop(unicorn, Stop::Fault(why));
+        }
+    }
+    let inside = unicorn.get_data_mut();
+    inside.clock.enter(start, length, [0; 2]);
+    if let Some(block) = inside.clock.current() {
+        inside.event |= block.signals;
+        inside.float |= block.floats;
+    }
+}
+
+fn take_interrupt(unicorn: &mut Unicorn<'_, Inside>, number: u32) {
+    let why = match number {
+        EXCEPTION_EXIT => Stop::Return,
+        other => Stop::Fault(format!("exception {other} of unicorn's")),
+    };
+    stop(unicorn, why);
+}
+
+/// The time, and the cycles that the core has run.
+fn time(inside: &Inside) -> (Tick, u32) {
+    (inside.now, (inside.counted + inside.extra) as u32)
+}
+
+fn read(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize) -> u64 {
+    let inside = unicorn.get_data_mut();
+    let now = time(inside);
+    let Some(chip) = inside.chip.as_mut() else { return 0 };
+    if address < PERIPHERALS.0 as u32 {
+        let (value, torn) = chip.flash().fetch(address, size as u32);
+        if torn {
+            chip.system.pend(NMI);
+        }
+        return u64::from(value);
+    }
+    match chip.read(address, size as u32, now) {
+        Ok(value) => u64::from(value),
+        Err(why) => {
+            stop(unicorn, Stop::Fault(why));
+            0
+        }
+    }
+}
+
+fn write(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize, value: u32) {
+    let inside = unicorn.get_data_mut();
+    let now = time(inside);
+    let Some(chip) = inside.chip.as_mut() else { return };
+    let done = if address < PERIPHERALS.0 as u32 {
+        chip.flash().program(address, size as u32, value).map(|busy| chip.stalled = now.0 + busy)
+    } else {
+        chip.write(address, size as u32, value, now)
+    };
+    if let Err(why) = done {
+        stop(unicorn, Stop::Fault(why));
+    }
+}

@@ -1,0 +1,168 @@
+//! DMA1 and its request multiplexer (RM0440 §12, §13). A transfer is done the moment it is asked for: other
+//! masters on the bus are not modelled.
+
+use super::names::peripheral;
+use super::{Outcome, UNMODELLED};
+
+/// Channels of DMA1.
+pub const CHANNELS: usize = 6;
+/// Channels of the multiplexer, DMA2's included.
+const MULTIPLEXED: usize = 12;
+
+/// Flags of a channel in ISR.
+const COMPLETE: u32 = 2;
+const HALF: u32 = 4;
+
+#[derive(Clone, Copy, Default)]
+struct Channel {
+    ccr: u32,
+    cndtr: u32,
+    cpar: u32,
+    cmar: u32,
+    /// Transfers of a whole turn, and how many of them are done.
+    turn: u32,
+    done: u32,
+}
+
+/// What one request moves.
+#[derive(Clone, Copy, Debug)]
+pub struct Transfer {
+    /// The peripheral's register.
+    pub register: u32,
+    /// The place in memory.
+    pub memory: u32,
+    /// Bytes.
+    pub size: u32,
+    /// Out of the memory.
+    pub to_peripheral: bool,
+}
+
+/// DMA1 with DMAMUX1.
+#[derive(Default)]
+pub struct Dma {
+    channels: [Channel; CHANNELS],
+    isr: u32,
+    requests: [u32; MULTIPLEXED],
+}
+
+impl Dma {
+    /// A channel asks for its interrupt.
+    pub fn interrupt(&self, channel: usize) -> bool {
+        self.isr >> (4 * channel) & self.channels[channel].ccr & 0xe != 0
+    }
+
+    /// The channel that serves this request.
+    pub fn served_by(&self, request: u32) -> Option<usize> {
+        (0..CHANNELS)
+            .find(|i| self.requests[*i] & 0x7f == request && self.channels[*i].ccr & 1 == 1)
+    }
+
+    /// Takes the next transfer of a channel; none where it has done all it was to do.
+    pub fn take(&mut self, index: usize) -> Outcome<Option<Transfer>> {
+        let channel = &mut self.channels[index];
+        if channel.cndtr == 0 {
+            return Ok(None);
+        }
+        let ccr = channel.ccr;
+        let size = 1 << (ccr >> 8 & 3);
+        // MEM2MEM; PINC; sizes that differ.
+        if ccr >> 14 & 1 == 1 || ccr >> 6 & 1 == 1 || ccr >> 10 & 3 != ccr >> 8 & 3 {
+            return Err(format!("CCR = {ccr:#x}"));
+        }
+        let step = if ccr >> 7 & 1 == 1 { size * channel.done } else { 0 };
+        let transfer = Transfer {
+            register: channel.cpar,
+            memory: channel.cmar + step,
+            size,
+            to_peripheral: ccr >> 4 & 1 == 1,
+        };
+        channel.done += 1;
+        channel.cndtr -= 1;
+        let mut flags = 0;
+        if channel.done == channel.turn / 2 {
+            flags |= HALF;
+        }
+        if channel.cndtr == 0 {
+            flags |= COMPLETE;
+            // CIRC
+            if ccr >> 5 & 1 == 1 {
+                (channel.cndtr, channel.done) = (channel.turn, 0);
+            }
+        }
+        if flags != 0 {
+            self.isr |= (flags | 1) << (4 * index);
+        }
+        Ok(Some(transfer))
+    }
+
+    /// DMA1's register at `offset`.
+    pub fn read(&self, offset: u32) -> Outcome<u32> {
+        if offset == 0 {
+            return Ok(self.isr);
+        }
+        let (channel, register) = place(offset).ok_or(UNMODELLED)?;
+        let channel = &self.channels[channel];
+        Ok([channel.ccr, channel.cndtr, channel.cpar, channel.cmar][register])
+    }
+
+    /// Writes it.
+    pub fn write(&mut self, offset: u32, value: u32) -> Outcome {
+        if offset == 4 {
+            self.isr &= !value;
+            return Ok(());
+        }
+        let (index, register) = place(offset).ok_or(UNMODELLED)?;
+        let channel = &mut self.channels[index];
+        let enabled = channel.ccr & 1 == 1;
+        if enabled && register > 0 {
+            return Err("written while the channel is enabled".into());
+        }
+        match register {
+            0 => {
+                if !enabled && value & 1 == 1 {
+                    (channel.turn, channel.done) = (channel.cndtr, 0);
+                }
+                channel.ccr = value;
+            }
+            1 => channel.cndtr = value & 0xffff,
+            2 => channel.cpar = value,
+            _ => channel.cmar = value,
+        }
+        Ok(())
+    }
+
+    /// The multiplexer's register at `offset`.
+    pub fn read_multiplexer(&self, offset: u32) -> Outcome<u32> {
+        self.requests.get(offset as usize / 4).copied().ok_or_else(|| UNMODELLED.into())
+    }
+
+    /// Writes it.
+    pub fn write_multiplexer(&mut self, offset: u32, value: u32) -> Outcome {
+        // No synchronisation, no events.
+        if value & !0x7f != 0 {
+            return Err(UNMODELLED.into());
+        }
+        *self.requests.get_mut(offset as usize / 4).ok_or(UNMODELLED)? = value;
+        Ok(())
+    }
+}
+
+/// Channel and register of an offset in DMA1.
+fn place(offset: u32) -> Option<(usize, usize)> {
+    let at = offset.checked_sub(8)?;
+    let (channel, register) = (at as usize / 20, at as usize % 20 / 4);
+    (channel < CHANNELS && register < 4).then_some((channel, register))
+}
+
+/// The number of a request in the multiplexer's list.
+///
+/// # Panics
+/// Where there is no such request, which is a mistake of this program.
+pub fn request(of: &str, signal: &str) -> u32 {
+    peripheral(of)
+        .dma_channels
+        .iter()
+        .find(|channel| channel.signal == signal)
+        .and_then(|channel| channel.request)
+        .unwrap_or_else(|| panic!("{of} has no request {signal}"))
+}

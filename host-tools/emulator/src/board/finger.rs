@@ -1,0 +1,237 @@
+//! What is on the pins: LEDs and phototransistors, sensors behind their multiplexer, as the board's page
+//! has them wired. What the ADCs see follows the pins with the time that the parts take.
+
+use scan_plan::pins::{G431_ROWS, G431_SELECT};
+use taxel::scan::{Codes, Midpoints, TaxelCodes};
+use taxel::units::{Code, FullScale};
+
+use super::time::{HZ, Tick};
+
+/// The rise time of an SFH3010 on 1 kΩ is 7 µs from 10 to 90 %: the time constant is that over ln 9.
+const PHOTOTRANSISTOR_S: f64 = 7.0e-6 / 2.197_224_577;
+/// An amplifier's bandwidth of 7 MHz at a gain of 16 (DS12589 table 88).
+const AMPLIFIER_S: f64 = 16.0 / (2.0 * std::f64::consts::PI * 7.0e6);
+/// The top code of a 12-bit converter.
+const TOP: f64 = 4095.0;
+/// The bridges' own reference is in the middle.
+const BIAS: f64 = 2048.0;
+
+/// Columns by their pins, and midpoints A to D.
+const COLUMNS: [&str; 4] = ["PA0", "PA1", "PA2", "PA3"];
+const MIDPOINTS: [&str; 4] = ["PA7", "PB14", "PB0", "PB13"];
+const BIAS_PIN: &str = "PA5";
+
+/// What an ADC's input is connected to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// A pin.
+    Pin(&'static str),
+    /// An amplifier's output.
+    Amplifier(usize),
+    /// The chip's own.
+    Temperature,
+    /// See above.
+    Reference,
+}
+
+/// A voltage that follows another, in codes.
+#[derive(Clone, Copy)]
+struct Settling {
+    from: f64,
+    to: f64,
+    since: Tick,
+    seconds: f64,
+}
+
+impl Settling {
+    const fn new(seconds: f64) -> Self {
+        Self { from: 0.0, to: 0.0, since: 0, seconds }
+    }
+
+    fn at(&self, now: Tick) -> f64 {
+        let passed = now.saturating_sub(self.since) as f64 / HZ as f64;
+        self.to + (self.from - self.to) * (-passed / self.seconds).exp()
+    }
+
+    fn turn(&mut self, to: f64, now: Tick) {
+        if to.to_bits() != self.to.to_bits() {
+            (self.from, self.to, self.since) = (self.at(now), to, now);
+        }
+    }
+}
+
+/// What was converted in a frame.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// When its dark step began.
+    pub begin: Tick,
+    /// Sums of samples.
+    pub codes: Codes,
+}
+
+/// The finger.
+pub struct Finger {
+    /// Scan by scan, from the first again after the last.
+    scene: Vec<Codes>,
+    scan: usize,
+    rows: u32,
+    select: usize,
+    columns: [Settling; 4],
+    amplifiers: [Settling; 2],
+    amplified: [Option<usize>; 2],
+    begin: Tick,
+    sums: Sums,
+    /// Whole frames, oldest first.
+    pub seen: Vec<Seen>,
+}
+
+/// Samples of the frame that is being read, added up.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    dark: [u32; 4],
+    lit: [[u32; 4]; 4],
+    bridges: [[u32; 4]; 4],
+    internal: [u32; 2],
+    samples: u32,
+}
+
+impl Finger {
+    /// One that sees these scans, one after the other, in codes of 12 bits.
+    pub fn new(scene: Vec<Codes>) -> Self {
+        Self {
+            scene,
+            scan: 0,
+            rows: 0,
+            select: 0,
+            columns: [Settling::new(PHOTOTRANSISTOR_S); 4],
+            amplifiers: [Settling::new(AMPLIFIER_S); 2],
+            amplified: [None; 2],
+            begin: 0,
+            sums: Sums::default(),
+            seen: Vec::new(),
+        }
+    }
+
+    /// A step's row, where just one is lit.
+    fn row(&self) -> Option<usize> {
+        (self.rows.count_ones() == 1).then(|| self.rows.trailing_zeros() as usize)
+    }
+
+    fn codes(&self) -> Option<&Codes> {
+        self.scene.get(self.scan % self.scene.len().max(1))
+    }
+
+    /// Port B's outputs have changed.
+    pub fn pins(&mut self, high: u32, now: Tick) {
+        let bit = |pin: u8| high >> pin & 1;
+        let rows = G431_ROWS.iter().enumerate().map(|(i, pin)| bit(*pin) << i).sum();
+        let select = G431_SELECT.iter().enumerate().map(|(i, pin)| bit(*pin) << i).sum::<u32>();
+        if rows == 0 && self.rows != 0 {
+            self.end(now);
+        }
+        (self.rows, self.select) = (rows, select as usize);
+        self.light(now);
+        self.bridge(now);
+    }
+
+    /// The frame is over: the next scan of the scene.
+    fn end(&mut self, now: Tick) {
+        // Four columns in five steps, four midpoints in four.
+        const READINGS: u32 = 4 * 5 + 4 * 4;
+        let sums = std::mem::take(&mut self.sums);
+        let samples = sums.samples / READINGS;
+        if sums.samples.is_multiple_of(READINGS) && samples > 0 {
+            let code = |sum: u32| Code(sum as u16);
+            let full_scale = FullScale::new((TOP as u32 * samples) as u16);
+            let codes = Codes {
+                full_scale: full_scale.unwrap_or(FullScale::BITS_12),
+                taxels: Some(TaxelCodes {
+                    lit: sums.lit.map(|row| row.map(code)),
+                    dark: sums.dark.map(code),
+                }),
+                bridges: sums.bridges.map(|sums| {
+                    let [a, b, c, d] = sums.map(code);
+                    Some(Midpoints { a, b, c, d })
+                }),
+                temperature: Some(code(sums.internal[0] * samples)),
+                reference: Some(code(sums.internal[1] * samples)),
+            };
+            self.seen.push(Seen { begin: self.begin, codes });
+        }
+        self.begin = now;
+        self.scan += 1;
+    }
+
+    fn light(&mut self, now: Tick) {
+        let Some(TaxelCodes { lit, dark }) = self.codes().and_then(|codes| codes.taxels) else {
+            return;
+        };
+        for (column, settling) in self.columns.iter_mut().enumerate() {
+            let dark = f64::from(dark[column].0);
+            let light: f64 = (0..4)
+                .filter(|row| self.rows >> row & 1 == 1)
+                .map(|row| f64::from(lit[row][column].0) - dark)
+                .sum();
+            settling.turn((dark + light).clamp(0.0, TOP), now);
+        }
+    }
+
+    fn bridge(&mut self, now: Tick) {
+        let midpoints =
+            self.codes().and_then(|codes| codes.bridges.get(self.select).copied().flatten());
+        for (settling, midpoint) in self.amplifiers.iter_mut().zip(self.amplified) {
+            let Some(midpoint) = midpoint else { continue };
+            let code = match midpoints {
+                Some(Midpoints { a, b, c, d }) => f64::from([a, b, c, d][midpoint].0),
+                None => BIAS,
+            };
+            settling.turn(code, now);
+        }
+    }
+
+    /// An amplifier is connected to this pin.
+    pub fn amplify(&mut self, amplifier: usize, pin: &str, now: Tick) {
+        self.amplified[amplifier] = MIDPOINTS.iter().position(|midpoint| *midpoint == pin);
+        self.bridge(now);
+    }
+
+    /// The code that a converter without noise gives for what is there now.
+    pub fn sample(&mut self, source: Source, now: Tick) -> u32 {
+        let code = |value: f64| value.round().clamp(0.0, TOP) as u32;
+        match source {
+            Source::Pin(pin) => {
+                if let Some(column) = COLUMNS.iter().position(|column| *column == pin) {
+                    let code = code(self.columns[column].at(now));
+                    let row = self.row();
+                    let place = match row {
+                        Some(row) => &mut self.sums.lit[row][column],
+                        None => &mut self.sums.dark[column],
+                    };
+                    *place += code;
+                    self.sums.samples += 1;
+                    return code;
+                }
+                code(if pin == BIAS_PIN { BIAS } else { 0.0 })
+            }
+            Source::Amplifier(which) => {
+                let code = code(self.amplifiers[which].at(now));
+                if let (Some(_), Some(midpoint)) = (self.row(), self.amplified[which]) {
+                    self.sums.bridges[self.select][midpoint] += code;
+                    self.sums.samples += 1;
+                }
+                code
+            }
+            Source::Temperature | Source::Reference => {
+                let codes = self.codes();
+                let (which, own) = match source {
+                    Source::Temperature => (0, codes.and_then(|codes| codes.temperature)),
+                    _ => (1, codes.and_then(|codes| codes.reference)),
+                };
+                // 30 °C and 1.212 V at a supply of 3.3 V.
+                let code = own.map_or([943, 1504][which], |code| u32::from(code.0));
+                self.sums.internal[which] = code;
+                code
+            }
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! A GPIO port (RM0440 §9).
+
+use super::{Outcome, UNMODELLED};
+
+/// A port.
+pub struct Gpio {
+    moder: u32,
+    odr: u32,
+    /// Output type, speed, pulls, alternate functions: kept, without effect.
+    other: [u32; 5],
+}
+
+impl Gpio {
+    /// With the reset value of its mode register.
+    pub fn new(moder: u32) -> Self {
+        Self { moder, odr: 0, other: [0; 5] }
+    }
+
+    /// Pins that are outputs and high.
+    pub fn high(&self) -> u32 {
+        (0..16).filter(|pin| self.moder >> (2 * pin) & 3 == 1).map(|pin| 1 << pin).sum::<u32>()
+            & self.odr
+    }
+
+    /// A pin is connected to nothing but what is analogue.
+    pub fn is_analogue(&self, pin: u32) -> bool {
+        self.moder >> (2 * pin) & 3 == 3
+    }
+
+    /// The register at `offset`.
+    pub fn read(&self, offset: u32) -> Outcome<u32> {
+        Ok(match offset {
+            0x00 => self.moder,
+            0x04 => self.other[0],
+            0x08 => self.other[1],
+            0x0c => self.other[2],
+            0x14 => self.odr,
+            0x20 => self.other[3],
+            0x24 => self.other[4],
+            _ => return Err(UNMODELLED.into()),
+        })
+    }
+
+    /// Writes it.
+    pub fn write(&mut self, offset: u32, value: u32) -> Outcome {
+        match offset {
+            0x00 => self.moder = value,
+            0x04 => self.other[0] = value,
+            0x08 => self.other[1] = value,
+            0x0c => self.other[2] = value,
+            0x14 => self.odr = value & 0xffff,
+            // BSRR: where both are asked for, setting wins.
+            0x18 => self.odr = self.odr & !(value >> 16) | value & 0xffff,
+            0x20 => self.other[3] = value,
+            0x24 => self.other[4] = value,
+            0x28 => self.odr &= !value,
+            _ => return Err(UNMODELLED.into()),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,527 @@
+//! A USB host: notices the device, resets and enumerates it as Linux does, opens its serial port and moves
+//! bytes. Everything it does is kept for a capture.
+//!
+//! The bus carries one transaction after the other. An endpoint that answers NAK is asked again as soon as
+//! it would not: the polling itself is not drawn out, nor are frames and their starts.
+
+use std::collections::VecDeque;
+
+use super::Outcome;
+use super::capture::{Kind, Urb};
+use super::time::{HZ, Tick, micros};
+use super::usb::{Answer, Usb};
+
+/// Debounce, reset and recovery (USB 2.0, 7.1.7.3, 7.1.7.5, 9.2.6.3).
+const DEBOUNCE: Tick = micros(100_000);
+const RESET: Tick = micros(50_000);
+const RESET_RECOVERY: Tick = micros(10_000);
+const ADDRESS_RECOVERY: Tick = micros(2_000);
+/// A request may take that long (9.2.6.1).
+const PATIENCE: Tick = micros(5_000_000);
+/// Idle before the device must suspend (7.1.7.6).
+const IDLE: Tick = micros(3_000);
+
+/// Bits of a transaction besides its data: token, handshake, the data's frame, turning round.
+const OVERHEAD_BITS: Tick = 100;
+const BIT: Tick = HZ / 12_000_000;
+
+const ADDRESS: u8 = 7;
+const PACKET: usize = 64;
+
+/// Standard and class requests: type and request.
+const GET_DESCRIPTOR: [u8; 2] = [0x80, 6];
+const SET_ADDRESS: [u8; 2] = [0x00, 5];
+const SET_CONFIGURATION: [u8; 2] = [0x00, 9];
+const SET_LINE_CODING: [u8; 2] = [0x21, 0x20];
+const GET_LINE_CODING: [u8; 2] = [0xa1, 0x21];
+const SET_CONTROL_LINE_STATE: [u8; 2] = [0x21, 0x22];
+
+/// Descriptors.
+const DEVICE: u8 = 1;
+const CONFIGURATION: u8 = 2;
+const STRING: u8 = 3;
+const ENDPOINT: u8 = 5;
+const QUALIFIER: u8 = 6;
+const BOS: u8 = 15;
+
+/// 115200 baud, one stop bit, no parity, eight bits.
+const LINE_CODING: [u8; 7] = [0x00, 0xc2, 0x01, 0x00, 0, 0, 8];
+
+/// Where the device is with this host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// Nobody is there, or the cable is not.
+    Detached,
+    /// Somebody may be; until then.
+    Debouncing(Tick),
+    /// The bus is held reset until then.
+    Resetting(Tick),
+    /// It is asked what it is, or it works.
+    Running,
+}
+
+/// A control transfer.
+#[derive(Clone, Debug)]
+struct Control {
+    setup: [u8; 8],
+    data: Vec<u8>,
+    moved: usize,
+    stage: Stage,
+    data1: bool,
+    begun: Tick,
+    /// A stall is what is expected.
+    refused: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Setup,
+    Data,
+    Status,
+}
+
+impl Control {
+    fn new([kind, request]: [u8; 2], value: u16, index: u16, length: u16) -> Self {
+        let [v, i, l] = [value, index, length].map(u16::to_le_bytes);
+        let setup = [kind, request, v[0], v[1], i[0], i[1], l[0], l[1]];
+        Self {
+            setup,
+            data: Vec::new(),
+            moved: 0,
+            stage: Stage::Setup,
+            data1: true,
+            begun: 0,
+            refused: false,
+        }
+    }
+
+    fn sending(request: [u8; 2], value: u16, data: &[u8]) -> Self {
+        Self { data: data.to_vec(), ..Self::new(request, value, 0, data.len() as u16) }
+    }
+
+    fn is_in(&self) -> bool {
+        self.setup[0] & 0x80 != 0
+    }
+
+    fn length(&self) -> usize {
+        usize::from(u16::from_le_bytes([self.setup[6], self.setup[7]]))
+    }
+
+    fn is(&self, request: [u8; 2]) -> bool {
+        self.setup[..2] == request
+    }
+}
+
+/// What the descriptors say.
+#[derive(Clone, Debug, Default)]
+pub struct Descriptors {
+    /// The device's.
+    pub device: Vec<u8>,
+    /// The configuration's, with all within.
+    pub configuration: Vec<u8>,
+    /// Strings by their numbers, in the order in which they were read.
+    pub strings: Vec<(u8, String)>,
+}
+
+/// The host.
+pub struct Host {
+    plugged: bool,
+    state: State,
+    address: u8,
+    resets: u8,
+    /// The bus is free again.
+    free: Tick,
+    queue: VecDeque<Control>,
+    /// What the device said of itself.
+    pub descriptors: Descriptors,
+    /// Bulk endpoints: data to the host, data to the device.
+    bulk: Option<[u8; 2]>,
+    toggles: [bool; 2],
+    configured: bool,
+    /// The port's reader takes what comes.
+    pub reading: bool,
+    suspended: bool,
+    suspend_at: Option<Tick>,
+    received: Vec<u8>,
+    to_send: VecDeque<u8>,
+    /// What went over the bus, if it is kept.
+    pub capture: Option<Vec<Urb>>,
+}
+
+impl Host {
+    /// A host with the cable in.
+    pub fn new(capture: bool) -> Self {
+        Self {
+            plugged: true,
+            state: State::Detached,
+            address: 0,
+            resets: 0,
+            free: 0,
+            queue: VecDeque::new(),
+            descriptors: Descriptors::default(),
+            bulk: None,
+            toggles: [false; 2],
+            configured: false,
+            reading: true,
+            suspended: false,
+            suspend_at: None,
+            received: Vec::new(),
+            to_send: VecDeque::new(),
+            capture: capture.then(Vec::new),
+        }
+    }
+
+    /// The device is configured and nothing waits for it on endpoint 0.
+    pub fn is_ready(&self) -> bool {
+        self.configured && self.queue.is_empty()
+    }
+
+    /// Opens the serial port, or closes it: DTR and RTS.
+    pub fn open(&mut self, open: bool) {
+        self.queue.push_back(Control::new(SET_CONTROL_LINE_STATE, if open { 3 } else { 0 }, 0, 0));
+    }
+
+    /// Pulls the cable, or puts it in.
+    pub fn plug(&mut self, plugged: bool) {
+        self.plugged = plugged;
+        self.forget();
+    }
+
+    fn forget(&mut self) {
+        let capture = self.capture.take();
+        let (received, free) = (std::mem::take(&mut self.received), self.free);
+        *self = Self {
+            plugged: self.plugged,
+            reading: self.reading,
+            capture,
+            received,
+            free,
+            ..Self::new(false)
+        };
+    }
+
+    /// Suspends the bus, or wakes it.
+    pub fn suspend(&mut self, suspended: bool, now: Tick) {
+        self.suspended = suspended;
+        self.suspend_at = Some(if suspended { now + IDLE } else { now });
+    }
+
+    /// Bytes for the device.
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.to_send.extend(bytes);
+    }
+
+    /// Bytes from it, once.
+    pub fn take_received(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.received)
+    }
+
+    /// The number of the present frame.
+    pub fn frame(&self, now: Tick) -> u32 {
+        (now / micros(1_000)) as u32
+    }
+
+    /// When it does something next.
+    pub fn next(&self, usb: &Usb) -> Option<Tick> {
+        if let Some(at) = self.suspend_at {
+            return Some(at);
+        }
+        if !self.plugged {
+            return None;
+        }
+        match self.state {
+            State::Detached => usb.is_attached().then_some(self.free),
+            // It reset itself, or let go.
+            _ if !usb.is_attached() => Some(self.free),
+            State::Debouncing(until) | State::Resetting(until) => Some(until),
+            State::Running if self.suspended => None,
+            State::Running => self.next_transaction(usb),
+        }
+    }
+
+    fn next_transaction(&self, usb: &Usb) -> Option<Tick> {
+        if let Some(control) = self.queue.front() {
+            let ready = match (control.stage, control.is_in()) {
+                (Stage::Setup, _) => true,
+                (Stage::Data, true) | (Stage::Status, false) => usb.ready_to_send(self.address, 0),
+                (Stage::Data, false) | (Stage::Status, true) => {
+                    usb.ready_to_receive(self.address, 0)
+                }
+            };
+            return Some(if ready { self.free } else { control.begun + PATIENCE });
+        }
+        let [data_in, data_out] = self.bulk.filter(|_| self.configured)?;
+        let reads = self.reading && usb.ready_to_send(self.address, data_in);
+        let writes = !self.to_send.is_empty() && usb.ready_to_receive(self.address, data_out);
+        (reads || writes).then_some(self.free)
+    }
+
+    /// Does it.
+    pub fn advance(&mut self, now: Tick, usb: &mut Usb) -> Outcome {
+        if self.suspend_at.take().is_some() {
+            usb.suspend(self.suspended);
+            return Ok(());
+        }
+        match self.state {
+            State::Detached => self.state = State::Debouncing(now + DEBOUNCE),
+            _ if !usb.is_attached() => {
+                self.forget();
+                self.free = now;
+            }
+            State::Debouncing(_) => self.reset(now, usb),
+            State::Resetting(_) => {
+                self.free = now + RESET_RECOVERY;
+                self.state = State::Running;
+                self.ask_first();
+            }
+            State::Running => return self.transact(now, usb).map_err(|why| format!("USB: {why}")),
+        }
+        Ok(())
+    }
+
+    fn reset(&mut self, now: Tick, usb: &mut Usb) {
+        usb.bus_reset();
+        self.resets += 1;
+        self.address = 0;
+        self.state = State::Resetting(now + RESET);
+    }
+
+    /// The first question after a reset.
+    fn ask_first(&mut self) {
+        self.queue.push_back(if self.resets == 1 {
+            descriptor(DEVICE, 0, 64)
+        } else {
+            Control::new(SET_ADDRESS, u16::from(ADDRESS), 0, 0)
+        });
+    }
+
+    fn transact(&mut self, now: Tick, usb: &mut Usb) -> Outcome {
+        if let Some(mut control) = self.queue.pop_front() {
+            let done = self.control(&mut control, now, usb)?;
+            if done {
+                self.conclude(control, now, usb)?
+            } else {
+                self.queue.push_front(control)
+            }
+            return Ok(());
+        }
+        let Some([data_in, data_out]) = self.bulk else { return Ok(()) };
+        if self.reading && usb.ready_to_send(self.address, data_in) {
+            match usb.take(self.address, data_in)? {
+                Answer::Data(data1, data) => {
+                    if data1 != self.toggles[0] {
+                        return Err("a packet of endpoint 1 IN is missing or comes twice".into());
+                    }
+                    self.toggles[0] = !data1;
+                    self.occupy(now, data.len());
+                    self.note(Kind::Bulk, data_in | 0x80, None, &data, now);
+                    self.received.extend(data);
+                }
+                other => return Err(format!("bulk IN answered with {other:?}")),
+            }
+        } else {
+            let count = self.to_send.len().min(PACKET);
+            let data: Vec<u8> = self.to_send.drain(..count).collect();
+            match usb.out(self.address, data_out, self.toggles[1], &data)? {
+                Answer::Ack => {
+                    self.toggles[1] = !self.toggles[1];
+                    self.occupy(now, data.len());
+                    self.note(Kind::Bulk, data_out, None, &data, now);
+                }
+                other => return Err(format!("bulk OUT answered with {other:?}")),
+            }
+        }
+        Ok(())
+    }
+
+    /// The next transaction of a control transfer. True where it was the last.
+    fn control(&mut self, control: &mut Control, now: Tick, usb: &mut Usb) -> Outcome<bool> {
+        let name = |control: &Control| format!("request {:02x?}", control.setup);
+        if control.stage != Stage::Setup && now >= control.begun + PATIENCE {
+            return Err(format!("{} is not answered within 5 s", name(control)));
+        }
+        let is_in = control.is_in();
+        let answer = match (control.stage, is_in) {
+            (Stage::Setup, _) => {
+                control.begun = now;
+                self.occupy(now, 8);
+                match usb.setup(self.address, control.setup)? {
+                    Answer::Ack => {
+                        control.stage =
+                            if control.length() > 0 { Stage::Data } else { Stage::Status };
+                        return Ok(false);
+                    }
+                    other => return Err(format!("{} met {other:?}", name(control))),
+                }
+            }
+            (Stage::Data, true) | (Stage::Status, false) => usb.take(self.address, 0)?,
+            (Stage::Data, false) => {
+                let rest = &control.data[control.moved..];
+                usb.out(self.address, 0, control.data1, &rest[..rest.len().min(PACKET)])?
+            }
+            (Stage::Status, true) => usb.out(self.address, 0, true, &[])?,
+        };
+        match (answer, control.stage) {
+            (Answer::Data(true, data), Stage::Status) if data.is_empty() => return Ok(true),
+            (Answer::Ack, Stage::Status) => return Ok(true),
+            (Answer::Data(data1, data), Stage::Data) if data1 == control.data1 => {
+                self.occupy(now, data.len());
+                control.data1 = !data1;
+                let short = data.len() < PACKET;
+                control.data.extend(data);
+                if short || control.data.len() >= control.length() {
+                    control.stage = Stage::Status;
+                }
+            }
+            (Answer::Ack, Stage::Data) => {
+                let moved = (control.data.len() - control.moved).min(PACKET);
+                self.occupy(now, moved);
+                control.moved += moved;
+                control.data1 = !control.data1;
+                if control.moved == control.data.len() {
+                    control.stage = Stage::Status;
+                }
+            }
+            (Answer::Stall, _) if control.refused => {
+                control.data.clear();
+                return Ok(true);
+            }
+            (other, stage) => return Err(format!("{} met {other:?} in {stage:?}", name(control))),
+        }
+        Ok(false)
+    }
+
+    /// What follows from a transfer that is over.
+    fn conclude(&mut self, control: Control, now: Tick, usb: &mut Usb) -> Outcome {
+        let number = if control.is_in() { 0x80 } else { 0 };
+        self.note(Kind::Control, number, Some((control.setup, control.begun)), &control.data, now);
+        self.occupy(now, 0);
+        if control.is(SET_ADDRESS) {
+            self.address = ADDRESS;
+            self.free = now + ADDRESS_RECOVERY;
+            self.queue.push_back(descriptor(DEVICE, 0, 18));
+        } else if control.is(SET_CONFIGURATION) {
+            self.toggles = [false; 2];
+            self.queue.push_back(Control::sending(SET_LINE_CODING, 0, &LINE_CODING));
+            self.queue.push_back(Control::new(GET_LINE_CODING, 0, 0, 7));
+        } else if control.is(GET_LINE_CODING) {
+            if control.data != LINE_CODING {
+                return Err(format!("the line coding is {:02x?}", control.data));
+            }
+            self.configured = true;
+        } else if control.is(GET_DESCRIPTOR) {
+            return self.learn(&control, now, usb);
+        }
+        Ok(())
+    }
+
+    /// A descriptor has come; what is asked next.
+    fn learn(&mut self, control: &Control, now: Tick, usb: &mut Usb) -> Outcome {
+        let [_, _, number, kind, ..] = control.setup;
+        let data = &control.data;
+        match kind {
+            DEVICE if self.address == 0 => self.reset(now, usb),
+            DEVICE => {
+                let [.., manufacturer, product, serial, configurations] = data[..] else {
+                    return Err("a device descriptor that is cut".into());
+                };
+                if configurations != 1 {
+                    return Err(format!("{configurations} configurations"));
+                }
+                self.descriptors.device.clone_from(data);
+                // A device of one speed has no qualifier and says so.
+                self.queue.push_back(Control { refused: true, ..descriptor(QUALIFIER, 0, 10) });
+                // From USB 2.01 on there is more to be asked.
+                if data.get(2..4).is_some_and(|bcd| [bcd[1], bcd[0]] > [2, 0]) {
+                    self.queue.push_back(descriptor(BOS, 0, 5));
+                }
+                self.queue.push_back(descriptor(CONFIGURATION, 0, 9));
+                self.queue.push_back(descriptor(STRING, 0, 255));
+                for string in
+                    [manufacturer, product, serial].into_iter().filter(|string| *string > 0)
+                {
+                    self.queue.push_back(descriptor(STRING, string, 255));
+                }
+                self.queue.push_back(Control::new(SET_CONFIGURATION, 1, 0, 0));
+            }
+            CONFIGURATION | BOS if control.length() < 10 => {
+                let Some([low, high]) = data.get(2..4) else {
+                    return Err(format!("request {:02x?} brings {data:02x?}", control.setup));
+                };
+                let whole = u16::from_le_bytes([*low, *high]);
+                // Before what else is asked.
+                self.queue.push_front(descriptor(kind, number, whole.max(10)));
+            }
+            CONFIGURATION => {
+                self.descriptors.configuration.clone_from(data);
+                self.bulk = Some(bulk_endpoints(data)?);
+            }
+            STRING if number > 0 => {
+                let units: Vec<u16> = data
+                    .get(2..)
+                    .unwrap_or_default()
+                    .as_chunks::<2>()
+                    .0
+                    .iter()
+                    .map(|c| u16::from_le_bytes(*c))
+                    .collect();
+                self.descriptors.strings.push((number, String::from_utf16_lossy(&units)));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// The bus is busy with a transaction of so many bytes; bits are stuffed as rarely as never.
+    fn occupy(&mut self, now: Tick, bytes: usize) {
+        self.free = now + (OVERHEAD_BITS + 8 * bytes as Tick) * BIT;
+    }
+
+    fn note(
+        &mut self,
+        kind: Kind,
+        endpoint: u8,
+        setup: Option<([u8; 8], Tick)>,
+        data: &[u8],
+        now: Tick,
+    ) {
+        if let Some(capture) = &mut self.capture {
+            let (setup, begun) = setup.map_or((None, now), |(setup, begun)| (Some(setup), begun));
+            let stalled = setup.is_some_and(|s| s[0] & 0x80 != 0) && data.is_empty();
+            capture.push(Urb {
+                kind,
+                address: self.address,
+                endpoint,
+                setup,
+                data: data.to_vec(),
+                begun,
+                done: now,
+                stalled,
+            });
+        }
+    }
+}
+
+fn descriptor(kind: u8, number: u8, length: u16) -> Control {
+    // Strings in English, as the first is for what languages there are.
+    let language = if kind == STRING && number > 0 { 0x0409 } else { 0 };
+    Control::new(GET_DESCRIPTOR, u16::from(kind) << 8 | u16::from(number), language, length)
+}
+
+/// The numbers of the bulk endpoints in a configuration: to the host, to the device.
+fn bulk_endpoints(configuration: &[u8]) -> Outcome<[u8; 2]> {
+    let (mut found, mut rest) = ([None; 2], configuration);
+    while let Some((length, _)) = rest.split_first() {
+        let Some((descriptor, after)) = rest.split_at_checked(usize::from(*length).max(2)) else {
+            return Err("a configuration whose descriptors do not add up".into());
+        };
+        if let [_, ENDPOINT, address, 2, ..] = *descriptor {
+            found[usize::from(address & 0x80 == 0)] = Some(address & 0xf);
+        }
+        rest = after;
+    }
+    match found {
+        [Some(data_in), Some(data_out)] => Ok([data_in, data_out]),
+        _ => Err("a configuration without bulk endpoints both ways".into()),
+    }
+}

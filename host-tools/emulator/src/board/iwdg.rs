@@ -1,0 +1,55 @@
+//! The independent watchdog (RM0440 §43), on a clock of exactly 32 kHz.
+
+use super::time::{self, Tick};
+use super::{Outcome, UNMODELLED};
+
+const LSI: Tick = time::HZ / 32_000;
+
+/// IWDG.
+pub struct Iwdg {
+    unlocked: bool,
+    prescaler: u32,
+    reload: u32,
+    fed: Option<Tick>,
+}
+
+impl Default for Iwdg {
+    fn default() -> Self {
+        Self { unlocked: false, prescaler: 0, reload: 0xfff, fed: None }
+    }
+}
+
+impl Iwdg {
+    /// When it bites.
+    pub fn next(&self) -> Option<Tick> {
+        let count = Tick::from(self.reload + 1) * (4 << self.prescaler.min(6));
+        self.fed.map(|fed| fed + count * LSI)
+    }
+
+    /// The register at `offset`.
+    pub fn read(&self, offset: u32) -> Outcome<u32> {
+        Ok(match offset {
+            0x04 => self.prescaler,
+            0x08 => self.reload,
+            // SR: what was written is in force at once.
+            0x0c => 0,
+            0x10 => 0xfff,
+            _ => return Err(UNMODELLED.into()),
+        })
+    }
+
+    /// Writes it.
+    pub fn write(&mut self, offset: u32, value: u32, now: Tick) -> Outcome {
+        match (offset, value) {
+            (0x00, 0xaaaa) => self.fed = self.fed.map(|_| now),
+            (0x00, 0xcccc) => self.fed = Some(now),
+            (0x00, 0x5555) => self.unlocked = true,
+            (0x00, 0x0000) => self.unlocked = false,
+            (0x04 | 0x08, _) if !self.unlocked => return Err("written without its key".into()),
+            (0x04, _) => self.prescaler = value & 7,
+            (0x08, _) => self.reload = value & 0xfff,
+            _ => return Err(UNMODELLED.into()),
+        }
+        Ok(())
+    }
+}

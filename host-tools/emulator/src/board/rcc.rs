@@ -1,0 +1,190 @@
+//! Clocks and resets (RM0440 §7). An oscillator is ready as soon as it is switched on; what the clocks
+//! require of the flash is checked where the system clock changes.
+
+use super::names::field;
+use super::time::{self, Tick};
+use super::{Outcome, UNMODELLED};
+use stm32_metapac::metadata::PeripheralRccRegister;
+use stm32_metapac::rcc::regs::{Cfgr, Cr, Crrcr, Csr, Pllcfgr};
+
+const CR: u32 = 0x00;
+const CFGR: u32 = 0x08;
+const PLLCFGR: u32 = 0x0c;
+const CSR: u32 = 0x94;
+const CRRCR: u32 = 0x98;
+
+const HSI_HZ: u64 = 16_000_000;
+/// The most with boost mode, and without (DS12589 table 17).
+const FASTEST: u64 = 170_000_000;
+const FASTEST_UNBOOSTED: u64 = 150_000_000;
+
+/// What reset the chip: bits of CSR.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// Power came.
+    Power,
+    /// SYSRESETREQ.
+    Software,
+    /// The independent watchdog.
+    Watchdog,
+}
+
+/// RCC.
+pub struct Rcc {
+    registers: [u32; 0xa0 / 4],
+    hclk: Tick,
+}
+
+impl Rcc {
+    /// As after a reset. The flags of resets before it are kept until they are cleared.
+    pub fn new(cause: Cause, before: Option<&Self>) -> Self {
+        let mut registers = [0; 0xa0 / 4];
+        registers[CR as usize / 4] = 0x500;
+        registers[CFGR as usize / 4] = 0x5;
+        registers[PLLCFGR as usize / 4] = 0x1000;
+        // AHB1ENR, AHB1SMENR and the other masks of sleep mode.
+        registers[0x48 / 4] = 0x100;
+        for (offset, value) in [
+            (0x68, 0x130f),
+            (0x6c, 0x222_2f7f),
+            (0x70, 0x111),
+            (0x78, 0xd2fe_cd3f),
+            (0x7c, 0x103),
+            (0x80, 0x15_f801),
+        ] {
+            registers[offset / 4] = value;
+        }
+        let mut csr = Csr(before.map_or(0, |rcc| rcc.registers[CSR as usize / 4]) & !3);
+        // Every cause pulls the reset pin low too.
+        csr.set_pinrstf(true);
+        match cause {
+            Cause::Power => csr.set_borrstf(true),
+            Cause::Software => csr.set_sftrstf(true),
+            Cause::Watchdog => csr.set_iwdgrstf(true),
+        }
+        registers[CSR as usize / 4] = csr.0;
+        Self { registers, hclk: time::HZ / HSI_HZ }
+    }
+
+    fn register(&self, offset: u32) -> u32 {
+        self.registers[offset as usize / 4]
+    }
+
+    /// The period of HCLK, which all buses and timers run at here.
+    pub fn hclk(&self) -> Tick {
+        self.hclk
+    }
+
+    /// It is so fast that the core's voltage must be raised: boost mode.
+    pub fn needs_boost(&self) -> bool {
+        time::HZ / self.hclk > FASTEST_UNBOOSTED
+    }
+
+    /// The USB has its 48 MHz.
+    pub fn usb_clock(&self) -> bool {
+        // CLK48SEL = HSI48
+        Crrcr(self.register(CRRCR)).hsi48rdy() && self.register(0x88) >> 26 & 3 == 0
+    }
+
+    /// A peripheral's clock is on.
+    pub fn enabled(&self, by: &PeripheralRccRegister) -> bool {
+        let (offset, bit) = field("RCC", by.register, by.field);
+        self.register(offset) >> bit & 1 == 1
+    }
+
+    /// The register at `offset`.
+    pub fn read(&self, offset: u32) -> Outcome<u32> {
+        self.registers.get(offset as usize / 4).copied().ok_or_else(|| UNMODELLED.into())
+    }
+
+    /// Writes it. `latency` is the flash's wait states.
+    pub fn write(&mut self, offset: u32, value: u32, latency: u32) -> Outcome {
+        let pll_runs = Cr(self.register(CR)).pllon();
+        let place = self.registers.get_mut(offset as usize / 4).ok_or(UNMODELLED)?;
+        match offset {
+            CR => {
+                let mut cr = Cr(value);
+                if cr.hseon() {
+                    return Err("an external crystal, which this board does not have".into());
+                }
+                cr.set_hsirdy(cr.hsion());
+                cr.set_pllrdy(cr.pllon());
+                *place = cr.0;
+            }
+            CFGR => {
+                let mut cfgr = Cfgr(value);
+                cfgr.set_sws(cfgr.sw());
+                *place = cfgr.0;
+                return self.switch(latency);
+            }
+            PLLCFGR if pll_runs => {
+                return Err("the PLL is running while it is set up".into());
+            }
+            CSR => {
+                let mut csr = Csr(value);
+                csr.set_lsirdy(csr.lsion());
+                let flags = if csr.rmvf() { 0 } else { self.register(CSR) & 0xff00_0000 };
+                self.registers[CSR as usize / 4] = flags | csr.0 & 0x3;
+            }
+            CRRCR => {
+                let mut crrcr = Crrcr(value);
+                crrcr.set_hsi48rdy(crrcr.hsi48on());
+                *place = crrcr.0;
+            }
+            // ICSCR is calibrated in the factory.
+            0x04 => return Err(UNMODELLED.into()),
+            _ => *place = value,
+        }
+        Ok(())
+    }
+
+    /// The system clock that CFGR and PLLCFGR choose now.
+    fn switch(&mut self, latency: u32) -> Outcome {
+        let cr = Cr(self.register(CR));
+        let cfgr = self.register(CFGR);
+        let sysclk = match cfgr & 3 {
+            1 if cr.hsirdy() => HSI_HZ,
+            3 if cr.pllrdy() => self.pll()?,
+            other => return Err(format!("system clock {other}, which is not ready")),
+        };
+        let divider = match cfgr >> 4 & 0xf {
+            hpre @ 0b1000..=0b1011 => 2 << (hpre & 3),
+            hpre @ 0b1100.. => 64 << (hpre & 3),
+            _ => 1,
+        };
+        let hclk = sysclk / divider;
+        if cfgr >> 8 & 0b100_100 != 0 {
+            return Err("an APB bus slower than the AHB, which is not modelled".into());
+        }
+        if hclk > FASTEST {
+            return Err(format!("{hclk} Hz, which this chip does not reach"));
+        }
+        // RM0440 §3.3.3: MHz a wait state, with boost mode and, slower, without.
+        let step = if hclk > FASTEST_UNBOOSTED { 34 } else { 30 };
+        let needed = (hclk - 1) / (step * 1_000_000);
+        if u64::from(latency) < needed {
+            return Err(format!("{hclk} Hz with {latency} wait states, which takes {needed}"));
+        }
+        self.hclk =
+            time::period(hclk).ok_or_else(|| format!("{hclk} Hz, which are not modelled"))?;
+        Ok(())
+    }
+
+    /// The PLL's R output in hertz.
+    fn pll(&self) -> Outcome<u64> {
+        let raw = self.register(PLLCFGR);
+        let pll = Pllcfgr(raw);
+        if raw & 3 != 2 || !pll.pllren() {
+            return Err("a PLL that is not fed by HSI16 or whose R output is off".into());
+        }
+        let (m, n, r) = ((raw >> 4 & 0xf) + 1, raw >> 8 & 0x7f, 2 * ((raw >> 25 & 3) + 1));
+        let input = HSI_HZ / u64::from(m);
+        let vco = input * u64::from(n);
+        // DS12589 table 47, range 1.
+        if !(2_660_000..=16_000_000).contains(&input) || !(96_000_000..=344_000_000).contains(&vco)
+        {
+            return Err(format!("a PLL fed by {input} Hz with its oscillator at {vco} Hz"));
+        }
+        Ok(vco / u64::from(r))
+    }
+}

@@ -1,0 +1,109 @@
+//! A client on the emulated port: says what the ordinary client says, in virtual time.
+
+use anyhow::{Result, bail};
+use taxel::frame::Frame;
+use taxel::wire::deframer::Deframer;
+use taxel::wire::message::{Command, Message, Request, Response};
+use taxel::wire::{MAX_PACKET, pack};
+
+use super::cpu::{Board, End};
+use super::time::{Tick, micros, seconds};
+
+/// How often it looks what has come.
+const LOOK: Tick = micros(1_000);
+/// How long an answer may take: an erased slot and a tenth of a second.
+const PATIENCE: Tick = micros(400_000);
+
+/// A board with somebody at its port.
+pub struct Session {
+    /// The board.
+    pub board: Board,
+    deframer: Deframer,
+    tag: u8,
+    /// Frames that came, oldest first, with when.
+    pub frames: Vec<(Tick, Frame)>,
+    /// Packets that could not be read.
+    pub bad: usize,
+    replies: Vec<Message>,
+}
+
+impl Session {
+    /// Waits until the board is enumerated, and opens the port.
+    pub fn open(board: Board) -> Result<Self> {
+        let mut session = Self {
+            board,
+            deframer: Deframer::default(),
+            tag: 0,
+            frames: Vec::new(),
+            bad: 0,
+            replies: Vec::new(),
+        };
+        session.until("it is enumerated", micros(1_000_000), |session| {
+            session.board.chip().host.is_ready()
+        })?;
+        session.board.chip().host.open(true);
+        session.until("the port is open", micros(100_000), |session| {
+            session.board.chip().host.is_ready()
+        })?;
+        Ok(session)
+    }
+
+    /// Runs for so long; a reset that nobody asked for is an error.
+    pub fn run(&mut self, time: Tick) -> Result<()> {
+        let until = self.board.now() + time;
+        while self.board.now() < until {
+            let step = LOOK.min(until - self.board.now());
+            if let End::Reset(cause) = self.board.run(step)? {
+                bail!("{:.6} s: the board resets: {cause:?}", seconds(self.board.now()));
+            }
+            self.look();
+        }
+        Ok(())
+    }
+
+    fn until(
+        &mut self,
+        what: &str,
+        patience: Tick,
+        mut done: impl FnMut(&mut Self) -> bool,
+    ) -> Result<()> {
+        let end = self.board.now() + patience;
+        while !done(self) {
+            if self.board.now() >= end {
+                bail!("{:.6} s: still waiting until {what}", seconds(self.board.now()));
+            }
+            self.run(LOOK)?;
+        }
+        Ok(())
+    }
+
+    fn look(&mut self) {
+        let now = self.board.now();
+        for byte in self.board.chip().host.take_received() {
+            match self.deframer.push::<Message>(byte) {
+                Some(Ok(Message::Frame(frame))) => self.frames.push((now, frame)),
+                Some(Ok(message)) => self.replies.push(message),
+                Some(Err(_)) => self.bad += 1,
+                None => {}
+            }
+        }
+    }
+
+    /// Asks for something.
+    pub fn ask(&mut self, command: Command) -> Result<Response> {
+        self.tag = self.tag.wrapping_add(1);
+        let (tag, what) = (self.tag, format!("{command:?}"));
+        let mut buffer = [0; MAX_PACKET];
+        match pack(&Request { tag, command }, &mut buffer) {
+            Ok(packet) => self.board.chip().host.send(packet),
+            Err(error) => bail!("{what}: {error:?}"),
+        }
+        self.until(&format!("{what} is answered"), PATIENCE, |session| {
+            !session.replies.is_empty()
+        })?;
+        match self.replies.remove(0) {
+            Message::Reply { tag: its, result: Ok(response) } if its == tag => Ok(response),
+            other => bail!("{what} is answered with {other:?}"),
+        }
+    }
+}

@@ -1,0 +1,269 @@
+//! A timer that counts up (RM0440 §29, §30): update and compare, DMA requests, trigger outputs.
+
+use super::time::Tick;
+use super::{Outcome, UNMODELLED};
+
+/// Compare channels; 5 and 6 have neither flag nor request here.
+const CHANNELS: usize = 6;
+const FLAGGED: usize = 4;
+/// OCxM: the output does nothing.
+const FROZEN: u32 = 0;
+/// OCxM: inactive below the compare value, active from there on.
+const PWM2: u32 = 7;
+
+/// What a moment of the counter brings about.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Edges {
+    /// CCx asks for a transfer.
+    pub compare_dma: [bool; FLAGGED],
+    /// TRGO rises.
+    pub trgo: bool,
+    /// TRGO2 rises.
+    pub trgo2: bool,
+}
+
+/// A timer.
+pub struct Timer {
+    cr1: u32,
+    cr2: u32,
+    dier: u32,
+    sr: u32,
+    ccmr: [u32; 3],
+    ccer: u32,
+    bdtr: u32,
+    psc: u32,
+    arr: u32,
+    ccr: [u32; CHANNELS],
+    /// What is in force; the above may wait for the next update.
+    active: Active,
+    /// When the counter stood, or would have stood, at zero; while it runs.
+    origin: Tick,
+    /// The counter while it does not run.
+    held: u32,
+    /// All before this has happened.
+    cursor: Tick,
+    /// The counter's clock, before the prescaler.
+    clock: Tick,
+    /// The highest count that it can have.
+    top: u32,
+}
+
+#[derive(Clone, Copy)]
+struct Active {
+    psc: u32,
+    arr: u32,
+    ccr: [u32; CHANNELS],
+}
+
+impl Timer {
+    /// Of 16 or 32 bits.
+    pub fn new(bits: u32) -> Self {
+        let top = u32::MAX >> (32 - bits);
+        let active = Active { psc: 0, arr: top, ccr: [0; CHANNELS] };
+        Self {
+            cr1: 0,
+            cr2: 0,
+            dier: 0,
+            sr: 0,
+            ccmr: [0; 3],
+            ccer: 0,
+            bdtr: 0,
+            psc: 0,
+            arr: top,
+            ccr: [0; CHANNELS],
+            active,
+            origin: 0,
+            held: 0,
+            cursor: 0,
+            clock: 1,
+            top,
+        }
+    }
+
+    fn running(&self) -> bool {
+        self.cr1 & 1 == 1
+    }
+
+    /// Ticks of one count.
+    fn step(&self) -> Tick {
+        self.clock * (Tick::from(self.active.psc) + 1)
+    }
+
+    fn count(&self, now: Tick) -> u32 {
+        if self.running() { ((now - self.origin) / self.step()) as u32 } else { self.held }
+    }
+
+    fn at_count(&self, count: u32) -> Tick {
+        self.origin + Tick::from(count) * self.step()
+    }
+
+    fn mode(&self, channel: usize) -> u32 {
+        let half = self.ccmr[channel / 2] >> (8 * (channel % 2));
+        half >> 4 & 7 | half >> 13 & 8
+    }
+
+    /// The reference signal of a channel's output, where it is a pulse-width's.
+    pub fn output(&self, channel: usize, now: Tick) -> bool {
+        self.mode(channel) == PWM2 && self.count(now) >= self.active.ccr[channel]
+    }
+
+    /// The output of a channel reaches what is behind it: switched on, and not held by MOE.
+    pub fn is_driven(&self, channel: usize) -> bool {
+        self.ccer >> (4 * channel) & 1 == 1 && self.bdtr >> 15 & 1 == 1
+    }
+
+    /// It asks for an interrupt.
+    pub fn interrupt(&self) -> bool {
+        self.sr & self.dier & 0x1f != 0
+    }
+
+    /// The next moment at which something happens.
+    pub fn next(&self) -> Option<Tick> {
+        if !self.running() {
+            return None;
+        }
+        let matches = self.active.ccr.iter().filter(|ccr| **ccr <= self.active.arr);
+        let compare = matches.map(|ccr| self.at_count(*ccr)).filter(|at| *at >= self.cursor).min();
+        let update = self.at_count(self.active.arr) + self.step();
+        Some(compare.map_or(update, |compare| compare.min(update)))
+    }
+
+    /// What happens at [`Self::next`].
+    pub fn advance(&mut self, now: Tick) -> Edges {
+        let mut edges = Edges::default();
+        let count = self.count(now);
+        if count > self.active.arr {
+            self.origin = now;
+            self.cursor = now;
+            self.update();
+            return edges;
+        }
+        self.cursor = now + 1;
+        for channel in (0..CHANNELS).filter(|channel| self.active.ccr[*channel] == count) {
+            if channel < FLAGGED {
+                self.sr |= 2 << channel;
+                edges.compare_dma[channel] = self.dier >> (9 + channel) & 1 == 1;
+            }
+            let rises = self.mode(channel) == PWM2;
+            edges.trgo |= rises && self.cr2 >> 4 & 7 == 4 + channel as u32;
+            edges.trgo2 |= rises && self.cr2 >> 20 & 0xf == 4 + channel as u32;
+        }
+        edges
+    }
+
+    fn update(&mut self) {
+        self.sr |= 1;
+        self.active = Active { psc: self.psc, arr: self.arr, ccr: self.ccr };
+    }
+
+    /// The register at `offset`, at `now`.
+    pub fn read(&self, offset: u32, now: Tick) -> Outcome<u32> {
+        Ok(match offset {
+            0x00 => self.cr1,
+            0x04 => self.cr2,
+            0x0c => self.dier,
+            0x10 => self.sr,
+            0x18 => self.ccmr[0],
+            0x1c => self.ccmr[1],
+            0x20 => self.ccer,
+            0x24 => self.count(now),
+            0x28 => self.psc,
+            0x2c => self.arr,
+            0x34..=0x40 => self.ccr[(offset as usize - 0x34) / 4],
+            0x44 => self.bdtr,
+            0x48 => self.ccr[4],
+            0x4c => self.ccr[5],
+            0x50 => self.ccmr[2],
+            _ => return Err(UNMODELLED.into()),
+        })
+    }
+
+    /// Writes it; `clock` is the period of the timer's clock.
+    pub fn write(&mut self, offset: u32, value: u32, now: Tick, clock: Tick) -> Outcome {
+        match offset {
+            0x00 => return self.control(value, now, clock),
+            0x04 => self.cr2 = value,
+            // BIE, TIE and the requests of update, trigger and commutation are not modelled.
+            0x0c if value & !0x1e1f != 0 => return Err(UNMODELLED.into()),
+            0x0c => self.dier = value,
+            0x10 => self.sr &= value,
+            0x14 if value != 1 => return Err(UNMODELLED.into()),
+            0x14 => {
+                // Update generation: from zero, with all that was waiting. URS: without the flag.
+                let flag = self.sr & 1;
+                self.update();
+                if self.cr1 & 1 << 2 != 0 {
+                    self.sr = self.sr & !1 | flag;
+                }
+                (self.held, self.origin, self.cursor) = (0, now, now);
+            }
+            0x18 => self.ccmr[0] = value,
+            0x1c => self.ccmr[1] = value,
+            0x20 => self.ccer = value,
+            0x24 => {
+                self.held = value & self.top;
+                let origin = now.checked_sub(Tick::from(self.held) * self.step());
+                self.origin = origin.ok_or("a count from before power-up")?;
+                self.cursor = now;
+            }
+            0x28 => self.psc = value & 0xffff,
+            0x2c => {
+                self.arr = value & self.top;
+                // ARPE
+                if self.cr1 & 1 << 7 == 0 {
+                    self.active.arr = self.arr;
+                }
+            }
+            0x34..=0x40 => self.compare((offset as usize - 0x34) / 4, value, now),
+            0x44 => self.bdtr = value,
+            0x48 => self.compare(4, value, now),
+            0x4c => self.compare(5, value, now),
+            0x50 => self.ccmr[2] = value,
+            _ => return Err(UNMODELLED.into()),
+        }
+        Ok(())
+    }
+
+    fn compare(&mut self, channel: usize, value: u32, now: Tick) {
+        self.ccr[channel] = value & self.top;
+        // OCxPE
+        if self.ccmr[channel / 2] >> (8 * (channel % 2) + 3) & 1 == 0 {
+            self.active.ccr[channel] = self.ccr[channel];
+            // What has passed in this turn does not come back.
+            self.cursor = self.cursor.max(now);
+        }
+    }
+
+    fn control(&mut self, value: u32, now: Tick, clock: Tick) -> Outcome {
+        // CEN, URS and ARPE; not one-pulse, downwards or centre-aligned.
+        if value & !0b1000_0101 != 0 {
+            return Err(UNMODELLED.into());
+        }
+        let started = !self.running() && value & 1 == 1;
+        if self.running() && value & 1 == 0 {
+            self.held = self.count(now);
+        }
+        self.cr1 = value;
+        if started {
+            self.clock = clock;
+            let origin = now.checked_sub(Tick::from(self.held) * self.step());
+            self.origin = origin.ok_or("a count from before power-up")?;
+            self.cursor = now;
+            for channel in 0..CHANNELS {
+                if ![FROZEN, PWM2].contains(&self.mode(channel)) {
+                    return Err(format!(
+                        "output mode {} of channel {}",
+                        self.mode(channel),
+                        channel + 1
+                    ));
+                }
+            }
+            for (name, select) in [("MMS", self.cr2 >> 4 & 7), ("MMS2", self.cr2 >> 20 & 0xf)] {
+                if select != 0 && !(4..10).contains(&select) {
+                    return Err(format!("{name} = {select}"));
+                }
+            }
+        }
+        Ok(())
+    }
+}
