@@ -84,6 +84,18 @@ fn a_word_that_is_not_known_is_told_the_known_ones() {
             "5: `coating`: found no word in quotes; allowed are `bare`, `rA`, `rB`, `rC`, `rD`, `F02`",
         ),
         (
+            said("device", "bridges = [true, false]"),
+            "5: `bridges`: found 2; allowed is a list in square brackets, its length 4",
+        ),
+        (
+            said("device", "wrong_side = [3]"),
+            "5: `wrong_side`: found integer `3`; allowed is a text in quotes",
+        ),
+        (
+            said("device", "wrong_side = ['r4c0']"),
+            "5: `wrong_side`: no taxel `r4c0`; allowed are r0c0 to r3c3",
+        ),
+        (
             said("material", "yuong_mpa = 0.2"),
             "5: `yuong_mpa`: there is no key `yuong_mpa` here; allowed are `young_mpa`, `poisson`, \
              `first_cycle_ratio`, `follows`",
@@ -193,6 +205,28 @@ fn contacts_that_do_not_fit_are_told_when_and_where_they_would() {
             ),
             "8: `[[press]]`: a feeler would carry 0.0877 N; its law holds up to 0.012 N: press less or take a \
              wider indenter",
+        ),
+    ]);
+}
+
+#[test]
+fn a_sheet_is_told_where_it_ends_and_what_it_takes() {
+    let sheet = |more: &str| said("device", &format!("kind = 'ohka-sheet'\n{more}"));
+    all(&[
+        (
+            sheet(
+                "[indenter]\nradius_mm = 20\n[[press]]\nat_s = 1\nx_mm = 2\ny_mm = 0\nfz_n = 0.1\n\
+                 rise_s = 0.1\nhold_s = 0.4\nfall_s = 0.1",
+            ),
+            "8: `[[press]]`: with its middle at 2.00, 0.00 mm the contact goes beyond the outer feelers at \
+             ±2.7, ±3.3 mm; move it inwards, press less or take a smaller indenter",
+        ),
+        (
+            sheet(
+                "[[random]]\nat_s = 0\npresses = 1\neach_s = 1\nx_mm = [0, 0]\ny_mm = [0, 0]\n\
+                 fz_n = [0, 0.01]",
+            ),
+            "6: `[[random]]`: the sheet takes [[press]], [[tap]], [[roll]] and [[slide]]",
         ),
     ]);
 }

@@ -175,11 +175,14 @@ fn in_words(message: &str) -> Option<String> {
                 other => other,
             };
             let expected = match expected {
-                "a boolean" => "true or false",
-                "a sequence" => "a list in square brackets",
-                "u64" | "i64" => "a whole number from 0 to 9223372036854775807",
-                expected if expected.starts_with("struct ") => "a table, { key = value, … }",
-                expected => expected,
+                "a boolean" => "true or false".to_owned(),
+                "a string" => "a text in quotes".to_owned(),
+                "a sequence" => "a list in square brackets".to_owned(),
+                "u64" => format!("a whole number from 0 to {}", i64::MAX),
+                other if other.starts_with("struct ") => "a table, { key = value, … }".to_owned(),
+                other => {
+                    other.replace("an array of length", "a list in square brackets, its length")
+                }
             };
             return Some(format!("found {found}; allowed is {expected}"));
         }

@@ -6,10 +6,11 @@
 //! laws are turned round.
 //!
 //! What the 4×4 matrix has to do with it: it takes the place of the camera and looks at one feeler, through
-//! the paper's window of 460 µm and out of focus, so that each phototransistor sees a tent two pitches
-//! wide. Tents add up to one everywhere between the outer centres and their centroid is that of the
-//! light, so that the sum over the matrix is G and the centroid is u times 2.5 mm/[`PITCH_MM`], exactly,
-//! for any spot. A lit step is the edge light on and one row read, a dark step the light off.
+//! the paper's window of 460 µm and out of focus, so that each phototransistor weighs light by a hat
+//! function two pitches wide. Hats add up to one everywhere between the outer centres and their centroid
+//! is that of the light, so that the sum over the matrix is G and the centroid is u times
+//! 2.5 mm/[`PITCH_MM`], exactly, for any spot. A lit step is the edge light on and one row read, a dark step
+//! the light off.
 
 use rand_distr::{Distribution as _, StandardNormal};
 use taxel::scan::{COLS, ROWS, TAXELS};
@@ -131,7 +132,7 @@ impl Feeler {
         let [ux, uy] = [spot.shift[0] + self.offset[0], spot.shift[1] + self.offset[1]];
         for (at, share) in self.spot.points() {
             let [x, y] = [ux + spot.radius * at[0], uy + spot.radius * at[1]];
-            let [along, across] = [x, y].map(|x| tents(x / PITCH_MM));
+            let [along, across] = [x, y].map(|x| hats(x / PITCH_MM));
             let seen = across.iter().flat_map(|v| along.iter().map(move |u| u * v));
             for ((light, gain), seen) in light.iter_mut().zip(&self.gains).zip(seen) {
                 *light += gain * spot.light * share * seen;
@@ -142,7 +143,7 @@ impl Feeler {
 }
 
 /// Share of a point at `x` pitches from the middle that the four places of a row see.
-fn tents(x: f64) -> [f64; COLS] {
+fn hats(x: f64) -> [f64; COLS] {
     const { assert!(ROWS == COLS) };
     [-1.5, -0.5, 0.5, 1.5].map(|centre: f64| (1.0 - (x - centre).abs()).max(0.0))
 }

@@ -128,6 +128,26 @@ fn every_built_in_scene_runs_to_its_end_twice_alike_and_slips_where_it_says() {
 }
 
 #[test]
+fn every_built_in_scene_stands_in_the_table_of_the_manual() {
+    let page = include_str!("../../../../docs/simulator.md");
+    let (_, table) = page.split_once("Built-in scenes (").unwrap();
+    let (table, _) = table.split_once("\n## ").unwrap();
+    let names: Vec<&str> = table.split('`').skip(3).step_by(2).collect();
+    for (name, _) in BUILT_IN {
+        let there = names.iter().any(|written| match written.strip_suffix('*') {
+            Some(begin) => name.starts_with(begin),
+            None => written == name,
+        });
+        assert!(there, "{name} {names:?}");
+    }
+    let known = |written: &str| {
+        let begin = written.trim_end_matches('*');
+        BUILT_IN.iter().any(|(name, _)| name.starts_with(begin))
+    };
+    assert!(names.iter().all(|written| known(written)), "{names:?}");
+}
+
+#[test]
 fn another_seed_is_another_run_of_the_same_device() {
     for (name, _) in BUILT_IN {
         let scene = Scene::load(name).unwrap();
