@@ -69,16 +69,20 @@ pub fn enter_bootloader() -> ! {
     SCB::sys_reset()
 }
 
-/// Writes down where it was and resets; `info` of the next start shows it. The message is left out: all that
-/// formats numbers would come with it, 5 KB of flash.
+/// Writes down where it was and what it said, and resets; `info` of the next start shows it. A message with
+/// numbers in it is left out: all that formats them would come with it, 5 KB of flash.
 pub fn panic(info: &PanicInfo) -> ! {
     let mut note = Note::default();
     if let Some(at) = info.location() {
         // The end of a path says more than its beginning.
         let file = at.file().as_bytes();
-        note.write(file.get(file.len().saturating_sub(MESSAGE - 16)..).unwrap_or_default());
+        note.write(file.get(file.len().saturating_sub(MESSAGE / 2)..).unwrap_or_default());
         note.write(b":");
         note.decimal(at.line());
+    }
+    if let Some(message) = info.message().as_str() {
+        note.write(b": ");
+        note.write(message.as_bytes());
     }
     note.reset()
 }
