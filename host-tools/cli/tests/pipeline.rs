@@ -358,6 +358,23 @@ fn simulate_says_how_finely_contact_was_computed_and_how_far_that_may_be_off() {
 }
 
 #[test]
+fn simulate_counts_the_taxels_that_left_the_working_side_of_their_light_curve() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = In(folder.path());
+    let said = |scene: &str| {
+        let press = "[scan]\nrate_hz = 100\nduration_s = 1\n[[press]]\nat_s = 0.1\nx_mm = 1.25\ny_mm = 1.25\n\
+                     fz_n = 1\nrise_s = 0.1\nhold_s = 0.5\nfall_s = 0.1\n";
+        std::fs::write(folder.0.join("mine.toml"), format!("{press}{scene}")).unwrap();
+        folder.succeeds(&["simulate", "--scene", "mine.toml", "--out", "a.csv"])
+    };
+    assert!(!said("").contains("peak"), "{}", said(""));
+    let near = said("[layer]\ngap_mm = 1.2\n");
+    assert!(near.contains("; 1 taxel came past the peak of its light curve: r2c2"), "{near}");
+    let assembled = said("[device]\nwrong_side = ['r0c1', 'r3c3']\n");
+    assert!(assembled.contains("2 taxels came past the peak") && assembled.contains("r0c1, r3c3"));
+}
+
+#[test]
 fn no_command_overwrites_what_it_reads() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());

@@ -8,8 +8,8 @@
 //! | `layer` | as `converged` | the framed layer's series; implies `walls` |
 //!
 //! `auto` measures every rung against the top one of the physics that the scene lists, `converged` or,
-//! with `walls`, `layer`, at the hardest loads of the run, and takes the cheapest whose error stays under
-//! half of the scene's tolerance; the other half is for what lies between the probes. An error is the
+//! with `walls`, `layer`, at moments of every act (module `probes`), and takes the cheapest whose error stays
+//! under half of the scene's tolerance; the other half is for what lies between the probes. An error is the
 //! worst facet's, over the largest displacement that the load makes.
 
 use std::sync::Arc;
@@ -19,9 +19,12 @@ use taxel::scan::TAXELS;
 
 use crate::contact::layer::Layer;
 use crate::contact::{Facets, HalfSpace, Indenter, Patch, Rule};
-use crate::path::{Contacts, Load, Path};
+use crate::path::{Contacts, Load};
 use crate::scene::{MOST_CONTACTS, Scene};
-use crate::skin;
+
+mod probes;
+
+use probes::probes;
 
 /// `fidelity` of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -87,8 +90,8 @@ pub struct Report {
     pub rung: Rung,
     /// The rung that it is measured against.
     pub top: Rung,
-    /// Worst error of the rung at the probes, over the largest displacement; `None` if the scene names
-    /// the rung, so that nothing was measured.
+    /// Worst error of the rung at the probes, over the largest displacement; `None` if nothing was
+    /// measured, because the scene names the rung or nothing touches.
     pub error: Option<f64>,
     /// The most that the scene allows.
     pub tolerance: f64,
@@ -110,6 +113,11 @@ impl core::fmt::Display for Report {
         write!(f, ", {evaluations} evaluations a disc against {top_evaluations}")
     }
 }
+
+/// What averaging a facet may leave on the rungs `point` and `hertz`: of the usual facet two points each way.
+const COARSE: f64 = 1.2e-3;
+/// The same on the finer rungs: of the usual facet four.
+const FINE: f64 = 2e-6;
 
 /// What the tractions act on.
 #[derive(Clone, Debug)]
@@ -141,8 +149,10 @@ impl Ladder {
             Support::Framed(Arc::new(Layer::new(skin, depth, facet)))
         } else {
             let centres = scene.device.facets();
-            let [coarse, fine] =
-                [2, 4].map(|along| Facets::below(skin, depth, facet, along, &centres));
+            let [coarse, fine] = [COARSE, FINE].map(|error| {
+                let along = Facets::points_along(depth, facet, error);
+                Facets::below(skin, depth, facet, along, &centres)
+            });
             Support::HalfSpace { coarse, fine }
         };
         Self::on(scene, seed, skin, support)
@@ -179,8 +189,14 @@ impl Ladder {
             },
         };
         if rung.is_none() {
-            let (rung, error) = ladder.choose(&probes(scene, seed), top);
-            (ladder.report.rung, ladder.report.error) = (rung, Some(error));
+            let probes = probes(scene, seed);
+            // Where nothing touches, nothing is computed: the cheapest rung will do.
+            (ladder.report.rung, ladder.report.error) = if probes.is_empty() {
+                (Rung::Point, None)
+            } else {
+                let (rung, error) = ladder.choose(&probes, top);
+                (rung, Some(error))
+            };
         }
         ladder.report.evaluations = ladder.evaluations(ladder.report.rung);
         ladder.report.top_evaluations = ladder.evaluations(top);
@@ -243,20 +259,36 @@ impl Ladder {
 
     /// The cheapest rung within half the tolerance at every probe, and its worst error.
     fn choose(&self, probes: &[Contacts], top: Rung) -> (Rung, f64) {
-        let mut rungs = [Rung::Point, Rung::Hertz, Rung::Converged]
-            .map(|rung| (rung, if rung < top { Some(0.0) } else { None }));
+        let interpolation = self.interpolation(probes);
+        let mut good: Vec<(Rung, f64)> = Rung::ALL
+            .into_iter()
+            .filter(|rung| *rung < top)
+            .map(|rung| (rung, interpolation))
+            .collect();
         for contacts in probes {
-            let best = self.on_rung(top, contacts);
-            for (rung, worst) in &mut rungs {
-                let Some(so_far) = *worst else { continue };
-                let error = error(&self.on_rung(*rung, contacts), &best).max(so_far);
-                *worst = (error <= 0.5 * self.report.tolerance).then_some(error);
+            let best = self.on_rung(Rung::Converged, contacts);
+            for (rung, worst) in &mut good {
+                let error = error(&self.on_rung(*rung, contacts), &best);
+                *worst = worst.max(error + interpolation);
+            }
+            good.retain(|(_, worst)| *worst <= 0.5 * self.report.tolerance);
+            if good.is_empty() {
+                break;
             }
         }
-        rungs
-            .into_iter()
-            .find_map(|(rung, worst)| worst.map(|error| (rung, error)))
-            .unwrap_or((top, 0.0))
+        good.first().copied().unwrap_or((top, 0.0))
+    }
+
+    /// Error that the layer's table adds to every rung that reads it. It is a matter of where a load lies
+    /// between the places of the table, which a few probes tell; the series takes too long for all of them.
+    fn interpolation(&self, probes: &[Contacts]) -> f64 {
+        const LOOKS: usize = 32;
+        if matches!(self.support, Support::HalfSpace { .. }) {
+            return 0.0;
+        }
+        let looks = probes.iter().step_by(probes.len().div_ceil(LOOKS).max(1));
+        let error = |at| error(&self.on_rung(Rung::Converged, at), &self.on_rung(Rung::Layer, at));
+        looks.map(error).fold(0.0, f64::max)
     }
 }
 
@@ -266,38 +298,6 @@ pub fn error(of: &[f64; TAXELS], best: &[f64; TAXELS]) -> f64 {
     let most = best.iter().fold(0.0f64, |m, u| m.max(u.abs()));
     let worst = of.iter().zip(best).fold(0.0f64, |m, (u, b)| m.max((u - b).abs()));
     if most > 0.0 { worst / most } else { 0.0 }
-}
-
-/// The hardest moments of a run: of each stretch of it those with the most normal force, the most shear
-/// and the most torsion, since contact grows with the one and its asymmetry with the others.
-fn probes(scene: &Scene, seed: u64) -> Vec<Contacts> {
-    const STRETCHES: u64 = 16;
-    const LOOKS: u64 = 128;
-    let mut path = Path::new(scene, seed);
-    // A colder skin is softer, as if the forces were larger.
-    let softest = scene.temperature().map_or(1.0, |temperature| {
-        skin::softness(temperature.start_c.min(temperature.end_c)).max(1.0)
-    });
-    let frames = scene.frames();
-    let looks = frames.min(STRETCHES * LOOKS);
-    let hardness: [fn(&Load) -> f64; 3] = [
-        |load| load.force[2],
-        |load| load.force[0].hypot(load.force[1]),
-        |load| load.torsion.abs(),
-    ];
-    let mut probes = vec![];
-    for stretch in 0..STRETCHES {
-        let (first, last) = (stretch * looks / STRETCHES, (stretch + 1) * looks / STRETCHES);
-        let moments: Vec<Contacts> = (first..last)
-            .map(|look| path.at((look * frames / looks) as f64 / f64::from(scene.rate_hz())))
-            .collect();
-        for hardness in hardness {
-            let hard = |at: &&Contacts| at.loads().iter().map(hardness).sum::<f64>();
-            let hardest = moments.iter().max_by(|a, b| hard(a).total_cmp(&hard(b)));
-            probes.extend(hardest.filter(|at| hard(at) > 0.0).map(|at| at.scaled(softest)));
-        }
-    }
-    probes
 }
 
 #[cfg(test)]

@@ -20,6 +20,7 @@ mod electronics;
 mod fault;
 mod indenter;
 mod light;
+mod limits;
 mod read;
 mod temperature;
 mod trials;

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
+use taxel::scan::{COLS, TAXELS};
 use taxel_formats::trace::{TraceHeader, TraceWriter};
 use taxel_sim::scene::BUILT_IN;
 use taxel_sim::{Scene, Simulator};
@@ -35,7 +36,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let (Some(name), Some(out)) = (args.scene, args.out) else { return list() };
     output::keep([Path::new(&name)], &out)?;
     let scene = Scene::load(&name)?;
-    let simulator = Simulator::new(&scene, args.seed);
+    let mut simulator = Simulator::new(&scene, args.seed);
     let fidelity = simulator.fidelity().map(|report| format!("; {report}")).unwrap_or_default();
     let header = TraceHeader {
         full_scale: simulator.full_scale(),
@@ -50,11 +51,13 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let mut trace = TraceWriter::create(&out, header)?;
     let bar = ProgressBar::new(scene.frames());
     let mut written = 0u64;
-    for sample in simulator {
+    let mut wrong_side = [false; TAXELS];
+    while let Some(sample) = simulator.next() {
         if interrupt.came() {
             break;
         }
         trace.write(&sample)?;
+        wrong_side.iter_mut().zip(simulator.wrong_side()).for_each(|(was, is)| *was |= is);
         written += 1;
         // A redraw a frame would cost more than the frame.
         if written.is_multiple_of(1000) {
@@ -64,7 +67,19 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     trace.finish()?;
     bar.finish_and_clear();
     let stopped = if interrupt.came() { "; stopped early" } else { "" };
-    output::line(format!("{}: {written} scans{stopped}{fidelity}", out.display()))
+    let wrong_side = past_the_peak(&wrong_side);
+    output::line(format!("{}: {written} scans{stopped}{fidelity}{wrong_side}", out.display()))
+}
+
+/// How many facets came so near to their pair that its light fell, and which.
+fn past_the_peak(wrong_side: &[bool; TAXELS]) -> String {
+    let taxels = wrong_side.iter().enumerate().filter(|(_, past)| **past);
+    let names: Vec<String> = taxels.map(|(k, _)| format!("r{}c{}", k / COLS, k % COLS)).collect();
+    match names.len() {
+        0 => String::new(),
+        1 => format!("; 1 taxel came past the peak of its light curve: {}", names.concat()),
+        n => format!("; {n} taxels came past the peak of their light curve: {}", names.join(", ")),
+    }
 }
 
 /// Name and description of each built-in scene.

@@ -25,12 +25,13 @@ struct Nodes {
 }
 
 /// Most nodes along the side of a facet.
-const MOST_ALONG: usize = 4;
-const MOST_NODES: usize = TAXELS * MOST_ALONG * MOST_ALONG;
+const MOST_ALONG: usize = 16;
+/// Nodes whose sums are kept at a time.
+const BLOCK: usize = MOST_ALONG * MOST_ALONG;
 
 impl Facets {
     /// Square facets of the 4×4 finger, of side `facet_mm` at `depth_mm` below the surface of `skin`, each
-    /// averaged by the Gauss rule of `along` × `along` points (1 to 4).
+    /// averaged by the Gauss rule of `along` × `along` points (1 to 16).
     #[must_use]
     pub fn new(skin: HalfSpace, depth_mm: f64, facet_mm: f64, along: usize) -> Self {
         let centres = TAXEL_CENTRES.map(|centre| centre.map(|mm| f64::from(mm.0)));
@@ -60,6 +61,16 @@ impl Facets {
         Self { skin, depth: depth_mm, nodes }
     }
 
+    /// Points along the side of a facet that leave Gauss's rule an error of about `error`: ρ^−2n for a field whose
+    /// nearest pole is as far from the facet as a load above it, with ρ = t + √(1 + t²) at t = 2·depth/side (the
+    /// ellipse of Bernstein through it).
+    #[must_use]
+    pub fn points_along(depth_mm: f64, facet_mm: f64, error: f64) -> usize {
+        let t = 2.0 * depth_mm / facet_mm;
+        let points = -0.5 * error.ln() / (t + (1.0 + t * t).sqrt()).ln();
+        (points.ceil() as usize).clamp(1, MOST_ALONG)
+    }
+
     /// Point loads times places: what one call of [`Self::displacement`] costs for a patch.
     #[must_use]
     pub fn evaluations(&self, rule: &Rule) -> u64 {
@@ -72,32 +83,44 @@ impl Facets {
     pub fn displacement<'a>(
         &self,
         rule: &Rule,
-        patches: impl IntoIterator<Item = &'a Patch>,
+        patches: impl IntoIterator<Item = &'a Patch, IntoIter: Clone>,
     ) -> [f64; TAXELS] {
-        let mut sums = [0.0; MOST_NODES];
-        for patch in patches {
-            for (at, force) in patch.loads(rule) {
-                self.add_point_load(&mut sums, at, force);
-            }
-        }
+        let Nodes { x, y, share, per_facet } = &self.nodes;
+        let at_once = BLOCK / per_facet;
+        let block = at_once * per_facet;
+        let places = x.chunks(block).zip(y.chunks(block)).zip(share.chunks(block));
+        let patches = patches.into_iter();
         let mut facets = [0.0; TAXELS];
-        let per_facet = self.nodes.per_facet;
-        let shares = self.nodes.share.chunks_exact(per_facet);
-        for ((facet, sums), shares) in facets.iter_mut().zip(sums.chunks(per_facet)).zip(shares) {
-            *facet = sums.iter().zip(shares).map(|(sum, share)| sum * share).sum();
+        for (((x, y), share), facets) in places.zip(facets.chunks_mut(at_once)) {
+            let mut sums = [0.0; BLOCK];
+            for patch in patches.clone() {
+                for (at, force) in patch.loads(rule) {
+                    self.add_point_load(&mut sums, [x, y], at, force);
+                }
+            }
+            let facets = facets.iter_mut().zip(sums.chunks(*per_facet));
+            for ((facet, sums), shares) in facets.zip(share.chunks_exact(*per_facet)) {
+                *facet = sums.iter().zip(shares).map(|(sum, share)| sum * share).sum();
+            }
         }
         facets
     }
 
     /// What a load lacks is not computed: shear, normal force, or the term that an incompressible skin
     /// has not.
-    fn add_point_load(&self, sums: &mut [f64; MOST_NODES], at: [f64; 2], force: [f64; 3]) {
+    fn add_point_load(
+        &self,
+        sums: &mut [f64; BLOCK],
+        [x, y]: [&[f64]; 2],
+        at: [f64; 2],
+        force: [f64; 3],
+    ) {
         let z = self.depth;
         let compliance = 1.0 / (4.0 * core::f64::consts::PI * self.skin.shear_modulus());
         let [qx, qy, p] = force.map(|f| f * compliance);
         let around = 2.0 * (1.0 - self.skin.poisson());
         let compressible = 1.0 - 2.0 * self.skin.poisson();
-        let places = self.nodes.x.iter().zip(&self.nodes.y).map(|(x, y)| (x - at[0], y - at[1]));
+        let places = x.iter().zip(y).map(|(x, y)| (x - at[0], y - at[1]));
         let inverse = |x: f64, y: f64| 1.0 / (x * x + y * y + z * z).sqrt();
         if qx == 0.0 && qy == 0.0 {
             for (sum, (x, y)) in sums.iter_mut().zip(places) {

@@ -7,6 +7,8 @@
 //! size, so that it sticks all over until it slides. What was before, and shear that turns or falls, is
 //! not remembered.
 
+use core::f64::consts::{FRAC_PI_2, PI};
+
 use super::traction::{Across, Round};
 use super::{HalfSpace, Patch, Rule};
 
@@ -89,6 +91,29 @@ impl Indenter {
         match self {
             Self::Cylinder { .. } | Self::Block { .. } | Self::Edge { .. } => along.hypot(across),
             _ => along,
+        }
+    }
+
+    /// How far in mm it sinks into the skin's surface under `normal` newtons (Johnson §3.8, §4.2, §5.2); one
+    /// that lies on it, in its middle, as the sum of lines of its length. `None` of a tip, which has no size.
+    #[must_use]
+    pub fn indentation(&self, skin: &HalfSpace, normal: f64) -> Option<f64> {
+        let modulus = skin.contact_modulus();
+        let [along, across] = self.half_extents(skin, normal);
+        match *self {
+            Self::Point => None,
+            _ if normal <= 0.0 => Some(0.0),
+            Self::Sphere { radius } => Some(along * along / radius),
+            Self::Punch { radius } => Some(normal / (2.0 * radius * modulus)),
+            Self::Corner { slope } => Some(FRAC_PI_2 * along * slope),
+            Self::Cylinder { .. } | Self::Block { .. } | Self::Edge { .. } => {
+                // An even number of lines has none in the middle, where it would sink without end.
+                let lines = self.rule(64, 1);
+                let line = |([_, v], share): &([f64; 2], f64)| {
+                    share * (along / (across * v)).abs().asinh()
+                };
+                Some(normal / (PI * modulus * along) * lines.points().iter().map(line).sum::<f64>())
+            }
         }
     }
 
@@ -176,7 +201,6 @@ impl Indenter {
 mod tests {
     use super::super::Facets;
     use super::*;
-    use core::f64::consts::PI;
     use proptest::prelude::*;
 
     const SPHERE: Indenter = Indenter::Sphere { radius: 6.0 };
@@ -263,6 +287,26 @@ mod tests {
             let patches = indenter.tractions(&skin, [0.0; 2], [0.0, 0.4, 1.0], 0.0, 0.8);
             let [a, c] = patches.map(|patch| across(patch.unwrap()));
             assert!((c / a - share).abs() < 1e-12, "{indenter:?}: {}", c / a);
+        }
+    }
+
+    #[test]
+    fn every_indenter_sinks_as_far_as_the_surface_under_its_traction() {
+        // Just below it, so that no point load stands in the way.
+        let (skin, depth) = (HalfSpace::new(0.236, 0.5), 0.05);
+        for indenter in ALL {
+            let found = indenter.indentation(&skin, 1.1);
+            assert_eq!(found.is_none(), indenter == Indenter::Point);
+            let Some(found) = found else { continue };
+            let [patch, _] = indenter.tractions(&skin, [0.0; 2], [0.0, 0.0, 1.1], 0.0, 0.8);
+            let below = |f: [f64; 3], at: [f64; 3]| skin.displacement(f, at);
+            let rule = indenter.rule(40, 240);
+            let surface = patch.unwrap().superpose(&rule, [0.0, 0.0, depth], below);
+            assert!(
+                (found / surface - 1.0).abs() < 0.05,
+                "{indenter:?}: {found} mm for {surface} mm"
+            );
+            assert_eq!(indenter.indentation(&skin, 0.0), Some(0.0));
         }
     }
 

@@ -3,7 +3,7 @@
 use toml::Spanned;
 
 use super::read::Problem;
-use super::{Effect, Kind, Layer, Scene, acts, device, trials};
+use super::{Effect, Kind, Layer, Scene, acts, device, limits, trials};
 use crate::contact::layer;
 use crate::fidelity::Fidelity;
 
@@ -26,7 +26,8 @@ impl Scene {
         device::check(self)?;
         self.check_walls()?;
         acts::check(self)?;
-        trials::check(self)
+        trials::check(self)?;
+        limits::check(self)
     }
 
     /// The steps of a frame fit into it, and the conversions of a reading into its step.

@@ -321,3 +321,34 @@ fn a_fault_names_what_it_needs_and_what_the_finger_has() {
     let message = refusal(&format!("{blind}kind = 'broken-arm'\nchannel = 's1_r1'\n"));
     assert!(message.contains("s0_r8, s2_r1"), "{message}");
 }
+
+#[test]
+fn what_would_go_through_the_skin_is_refused_and_says_what_to_change() {
+    let words = ["`depth_mm`", "`fz_n`", "[indenter]", "[material]"];
+    // A sphere of 6 mm with 4 N goes 2.5 mm deep (a²/R).
+    refuses(&format!("{SCAN}{}", PRESS.replace("fz_n = 1", "fz_n = 4.2")), 4, &words);
+    assert!(
+        Scene::parse("my.toml", &format!("{SCAN}{}", PRESS.replace("fz_n = 1", "fz_n = 3.9")))
+            .is_ok()
+    );
+    for indenter in ["sphere", "punch", "corner", "cylinder", "block", "edge", "point"] {
+        let head = format!("{SCAN}[indenter]\nkind = '{indenter}'\n");
+        refuses(&format!("{head}[material]\nyoung_mpa = 0.001\n{PRESS}"), 8, &words);
+        assert!(Scene::parse("my.toml", &format!("{head}{PRESS}")).is_ok(), "{indenter}");
+    }
+    // A cold skin is softer; on a bench there is none.
+    let cold = format!(
+        "effects = ['temperature']\n{SCAN}[temperature]\nstart_c = -40\nend_c = 20\n{}",
+        PRESS.replace("fz_n = 1", "fz_n = 3.9")
+    );
+    refuses(&cold, 8, &words);
+    let bench = format!("{SCAN}[bench]\nsensor = 0\n{}", PRESS.replace("fz_n = 1", "fz_n = 9"));
+    assert!(Scene::parse("my.toml", &bench).is_ok());
+}
+
+#[test]
+fn a_facet_too_wide_for_its_depth_is_refused() {
+    let layer = "[layer]\ndepth_mm = 0.4\nfacet_mm = 1.9\n";
+    let light = PRESS.replace("fz_n = 1", "fz_n = 0.01");
+    refuses(&format!("{SCAN}{layer}{light}"), 7, &["`facet_mm` 1.9", "`depth_mm` 0.4", "4 times"]);
+}

@@ -92,8 +92,12 @@ fn combined_loads_come_out_of_codes() {
 }
 
 /// Loads of the four columns, averaged over the frames in which a plate is at a share of its way.
-fn loads(plate: &[([[f32; 4]; COLUMNS], &Sample)], from: f64, to: f64) -> [ColumnLoad; COLUMNS] {
-    let sensor = calibrated();
+fn loads(
+    sensor: &Column,
+    plate: &[([[f32; 4]; COLUMNS], &Sample)],
+    from: f64,
+    to: f64,
+) -> [ColumnLoad; COLUMNS] {
     let at = |share: f64| (share * plate.len() as f64) as usize;
     let rows = &plate[at(from)..at(to)];
     std::array::from_fn(|column| {
@@ -107,13 +111,14 @@ fn loads(plate: &[([[f32; 4]; COLUMNS], &Sample)], from: f64, to: f64) -> [Colum
 
 #[test]
 fn a_plate_is_as_inclined_as_it_is_far_within_the_papers_figure() {
+    let sensor = calibrated();
     let samples = run("column-incline", 2);
     let rows = areas(&samples);
     let plates = contacts(&rows, touched);
     let asked = [-0.38f32, -0.19, 0.0, 0.19, 0.38];
     assert_eq!(plates.len(), asked.len());
     for (plate, asked) in plates.into_iter().zip(asked) {
-        let [a, b, c, d] = loads(plate, 0.4, 0.6).map(|load| load.sunk);
+        let [a, b, c, d] = loads(&sensor, plate, 0.4, 0.6).map(|load| load.sunk);
         for pair in [[a, b], [c, d]] {
             let found = inclination(&pair, PITCH_MM as f32).unwrap();
             // The paper: ±0.4°.
@@ -124,6 +129,7 @@ fn a_plate_is_as_inclined_as_it_is_far_within_the_papers_figure() {
 
 #[test]
 fn steps_up_and_down_come_out_in_their_heights() {
+    let sensor = calibrated();
     let samples = run("column-step", 2);
     let rows = areas(&samples);
     let plates = contacts(&rows, touched);
@@ -131,7 +137,7 @@ fn steps_up_and_down_come_out_in_their_heights() {
     assert_eq!(plates.len(), asked.len());
     for (plate, asked) in plates.into_iter().zip(asked) {
         // A third of the contact is rise and fall; the edge meets the columns between.
-        let (before, after) = (loads(plate, 0.2, 0.23), loads(plate, 0.77, 0.8));
+        let (before, after) = (loads(&sensor, plate, 0.2, 0.23), loads(&sensor, plate, 0.77, 0.8));
         for (before, after) in before.iter().zip(after) {
             let found = step_height(&Column::PAPER, before.force[2], after.force[2]).unwrap();
             assert!((found / asked - 1.0).abs() < 0.02, "{found} mm for {asked} mm");
@@ -141,11 +147,12 @@ fn steps_up_and_down_come_out_in_their_heights() {
 
 #[test]
 fn rubbed_columns_tell_their_friction_on_both_sides_of_a_step() {
+    let sensor = calibrated();
     let samples = run("column-step", 2);
     let rows = areas(&samples);
     for plate in contacts(&rows, touched) {
         for (from, to) in [(0.27, 0.3), (0.7, 0.73)] {
-            for load in loads(plate, from, to) {
+            for load in loads(&sensor, plate, from, to) {
                 let mu = friction(&load, 0.02).unwrap();
                 assert!((mu - 0.3).abs() < 0.03, "{mu}");
             }

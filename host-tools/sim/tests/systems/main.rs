@@ -9,6 +9,7 @@ mod finger;
 mod line;
 mod mems;
 mod micro;
+mod physics;
 
 use nalgebra::{DMatrix, DVector};
 use taxel::condition::{Bias, BiasTaker, Levels, Signals};

@@ -6,7 +6,7 @@
 //! traction a displacement of the lower face takes while the upper one is free) gives a symmetric
 //! positive system; its matrix is a sum over spatial frequencies that splits into x and y.
 //!
-//! The layer is taken as repeating with a period of the pad and four thicknesses, all bonded between.
+//! The layer is taken as repeating ([`Resolution::apart`]), all bonded between.
 
 use core::f64::consts::{PI, TAU};
 
@@ -18,9 +18,30 @@ use super::spectrum::{Wave, bessel};
 const AXES: usize = 3;
 /// Side of the pad in mm.
 const PAD_MM: f64 = 10.0;
-/// Frequencies reach this far over half a window's side; what is left out makes a window 0.7 % too soft
-/// (from the change when going to 400).
-const REACH: f64 = 150.0;
+
+/// How finely the layer is solved.
+#[derive(Clone, Copy, Debug)]
+pub struct Resolution {
+    /// Polynomials each way in a window.
+    pub degrees: usize,
+    /// Frequencies of the windows' own solution reach so far over half a window's side.
+    pub reach: f64,
+    /// Thicknesses from the pad to its next repetition.
+    pub apart: f64,
+    /// What is as short as the thickness times 2π over this no longer reaches the upper face.
+    pub shortest: f64,
+}
+
+impl Resolution {
+    /// Of the simulator: one polynomial more changes a facet's displacement by less than a thousandth, and the
+    /// shortest wave arrives with e^−14. What all of it leaves is measured by the tests of `layer`.
+    pub const USUAL: Self = Self { degrees: 3, reach: 150.0, apart: 4.0, shortest: 14.0 };
+
+    /// Period of the repetition in mm.
+    pub fn period(&self, thickness: f64) -> f64 {
+        PAD_MM + self.apart * thickness
+    }
+}
 
 /// Displacement of the lower face while one window after the other is pushed by one newton, for a shear
 /// modulus of 1 MPa.
@@ -29,7 +50,6 @@ pub struct Windows {
     thickness: f64,
     poisson: f64,
     half_side: f64,
-    /// Polynomials in each direction.
     degrees: usize,
     /// Of pushed window q: the coefficient of window w, axis c, degrees m and n at
     /// ((w·3 + c)·degrees + m)·degrees + n.
@@ -37,10 +57,10 @@ pub struct Windows {
 }
 
 impl Windows {
-    /// Windows of `side` mm under a layer of `thickness` mm; `degrees` polynomials each way.
-    pub fn new(thickness: f64, side: f64, poisson: f64, degrees: usize) -> Self {
-        let half_side = side / 2.0;
-        let mut matrix = Stiffness::new(thickness, poisson, half_side, degrees).matrix();
+    /// Windows of `side` mm under a layer of `thickness` mm.
+    pub fn new(thickness: f64, side: f64, poisson: f64, resolution: &Resolution) -> Self {
+        let (half_side, degrees) = (side / 2.0, resolution.degrees);
+        let mut matrix = Stiffness::new(thickness, poisson, half_side, resolution).matrix();
         let each = AXES * degrees * degrees;
         // A uniform pressure of one newton works on nothing but φ₀φ₀ along z.
         let push = (PI / 4.0) * (PI / 4.0);
@@ -56,11 +76,6 @@ impl Windows {
         factor(&mut matrix);
         pushed.iter_mut().for_each(|load| substitute(&matrix, load));
         Self { thickness, poisson, half_side, degrees, coefficients: pushed }
-    }
-
-    /// Period of the repetition in mm.
-    pub fn period(&self) -> f64 {
-        period(self.thickness)
     }
 
     /// Mean u_z of each window under one newton spread over window `pushed`.
@@ -126,10 +141,6 @@ impl Windows {
     }
 }
 
-fn period(thickness: f64) -> f64 {
-    PAD_MM + 4.0 * thickness
-}
-
 /// f_m(κ) with φ̂_m = (−i)^m f_m: aπ(m + 1)J_{m+1}(κ)/κ, κ = ka.
 fn shapes(kappa: f64, half_side: f64, degrees: usize) -> Vec<f64> {
     (0..degrees)
@@ -165,9 +176,10 @@ const PAIRS: [(usize, usize, bool, bool); 6] = [
 ];
 
 impl Stiffness {
-    fn new(thickness: f64, poisson: f64, half_side: f64, degrees: usize) -> Self {
-        let step = TAU / period(thickness);
-        let count = (REACH / half_side / step).ceil() as usize;
+    fn new(thickness: f64, poisson: f64, half_side: f64, resolution: &Resolution) -> Self {
+        let (degrees, period) = (resolution.degrees, resolution.period(thickness));
+        let step = TAU / period;
+        let count = (resolution.reach / half_side / step).ceil() as usize;
         let pitch = f64::from(taxel::scan::PITCH.0);
         let factors = degrees * degrees * APART;
         // factors[odd][(m·degrees + m′)·APART + apart][k]: f_m f_m′ times the cosine or the sine that
@@ -187,7 +199,7 @@ impl Stiffness {
         let lines = [false, true].map(|odd| -> Vec<Vec<f64>> {
             (0..factors).map(|at| (0..count).map(|i| factor(odd, at, i)).collect()).collect()
         });
-        let area = period(thickness).powi(2);
+        let area = period.powi(2);
         let mut sums = vec![0.0; PAIRS.len() * factors * factors];
         for i in 0..count {
             let row: Vec<[f64; 6]> = (0..count)
@@ -328,7 +340,10 @@ mod tests {
 
     #[test]
     fn more_polynomials_change_little() {
-        let [few, many] = [3, 4].map(|degrees| Windows::new(2.5, 1.9, 0.5, degrees).means(5));
+        let [few, many] = [3, 4].map(|degrees| {
+            let resolution = Resolution { degrees, ..Resolution::USUAL };
+            Windows::new(2.5, 1.9, 0.5, &resolution).means(5)
+        });
         for (less, more) in few.iter().zip(many) {
             assert!((less - more).abs() < 1e-3 * few[5], "{less} {more}");
         }
@@ -336,7 +351,7 @@ mod tests {
 
     #[test]
     fn windows_push_each_other_alike_and_as_the_square_says() {
-        let windows = Windows::new(2.5, 1.9, 0.5, 3);
+        let windows = Windows::new(2.5, 1.9, 0.5, &Resolution::USUAL);
         let [corner, inner, far] = [0, 5, 15].map(|pushed| windows.means(pushed));
         assert!((corner[5] - inner[0]).abs() < 1e-12 && (corner[15] - far[0]).abs() < 1e-12);
         assert!((inner[6] - inner[9]).abs() < 1e-12 && (inner[4] - inner[1]).abs() < 1e-12);
@@ -347,7 +362,7 @@ mod tests {
         // Half of a penny crack of radius c under the pressure p opens by the volume 8pc³/3E*
         // (Sneddon), E* = 4G for ν = ½; a crack that contains another opens more.
         let side = 1.9;
-        let found = Windows::new(5.0, side, 0.5, 3).means(5)[5];
+        let found = Windows::new(5.0, side, 0.5, &Resolution::USUAL).means(5)[5];
         let mean = |c: f64| 8.0 * c.powi(3) / (3.0 * 4.0) / (side * side) / (side * side);
         let (inside, around) = (mean(side / 2.0), mean(side / 2.0 * f64::sqrt(2.0)));
         assert!(inside < found && found < around, "{inside} {found} {around}");
