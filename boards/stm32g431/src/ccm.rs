@@ -6,9 +6,12 @@ unsafe extern "C" {
     static mut __sccm: u32;
     static __eccm: u32;
     static __siccm: u32;
+    static mut __sccm_bss: u32;
+    static __eccm_bss: u32;
 }
 
-/// Copies code and constants from the flash into the CCM SRAM (`ccm.x`). Call before any of it runs.
+/// Copies code and constants from the flash into the CCM SRAM (`ccm.x`) and clears the rest. Call before any
+/// of it runs. What a reset leaves there is what was, and what power-up leaves is anything.
 pub fn load() {
     let (mut to, mut from) = (&raw mut __sccm, &raw const __siccm);
     // SAFETY: the linker has set aside as many words on both sides; nothing else knows of them yet.
@@ -17,6 +20,11 @@ pub fn load() {
         while to.cast_const() < &raw const __eccm {
             ptr::write_volatile(to, ptr::read_volatile(from));
             (to, from) = (to.add(1), from.add(1));
+        }
+        let mut word = &raw mut __sccm_bss;
+        while word.cast_const() < &raw const __eccm_bss {
+            ptr::write_volatile(word, 0);
+            word = word.add(1);
         }
     }
     cortex_m::asm::dsb();
