@@ -2,6 +2,7 @@
 //! entering a function and returning from it.
 
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 use std::ops::Sub;
 
 use crate::block::{Block, Unknown};
@@ -47,13 +48,33 @@ enum Call {
     Running { back: u32, stack: u32, since: Count },
 }
 
+/// Of addresses, once a block: the library's own hasher would be half of the emulator's time.
+#[derive(Debug, Default)]
+struct AddressHasher(u64);
+
+impl Hasher for AddressHasher {
+    fn finish(&self) -> u64 {
+        // The table takes its buckets from the low bits and its tags from the high ones.
+        self.0 ^ self.0 >> 32
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.write_u32(u32::from(*byte)));
+    }
+
+    fn write_u32(&mut self, word: u32) {
+        // 2^64 over the golden ratio.
+        self.0 = (self.0.rotate_left(5) ^ u64::from(word)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+}
+
 /// The counts, and the blocks they are made of.
 #[derive(Debug, Default)]
 pub struct Clock {
     total: Count,
     blocks: Vec<(Block, Visits)>,
     /// By start and length: the translator may cut the same code differently.
-    index: HashMap<(u32, u32), usize>,
+    index: HashMap<(u32, u32), usize, BuildHasherDefault<AddressHasher>>,
     /// The block that control is in.
     current: Option<usize>,
     /// The one before, where control ran on from it into the current one.

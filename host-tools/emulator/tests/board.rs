@@ -2,16 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
+use taxel::calibration::MAX_BYTES;
+use taxel::finger::Finger;
 use taxel::frame::{Fields, Frame, Status};
-use taxel::scan::Codes;
-use taxel::units::{Code, FullScale};
+use taxel::scan::{Codes, Scan};
+use taxel::units::{Code, FullScale, Micros};
 use taxel::wire::message::{Command, Info, Reset, Response};
+use taxel::wire::{MAX_PACKET, pack_frame};
 use taxel_formats::trace::TraceReader;
 
 use taxel_emulator::board::chip::Chip;
-use taxel_emulator::board::cpu::Board;
-use taxel_emulator::board::finger::Finger;
+use taxel_emulator::board::cpu::{Board, End};
+use taxel_emulator::board::finger::Finger as Wired;
 use taxel_emulator::board::host::Host;
+use taxel_emulator::board::names::base;
+use taxel_emulator::board::rcc::Cause;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::{Tick, micros};
 
@@ -55,7 +60,7 @@ fn in_12_bits(codes: Codes) -> Codes {
 }
 
 fn session(capture: bool) -> Session {
-    let board = Board::new(&image(), Finger::new(scene()), Host::new(capture)).unwrap();
+    let board = Board::new(&image(), Wired::new(scene()), Host::new(capture)).unwrap();
     Session::open(board).unwrap()
 }
 
@@ -66,24 +71,55 @@ fn info(session: &mut Session) -> Info {
     }
 }
 
+/// The greatest distance of a streamed code from what the scene shows, in codes of 12 bits; all channels of
+/// all frames, which are `divider` scans apart.
+fn deviation(frames: &[(Tick, Frame)], scene: &[Codes], divider: usize) -> f32 {
+    let distance = |first: usize| {
+        let shown = scene.iter().cycle().skip(first).step_by(divider);
+        let pairs = frames.iter().zip(shown);
+        pairs.map(|((_, frame), shown)| worst(&frame.codes.unwrap(), shown)).fold(0.0, f32::max)
+    };
+    (0..scene.len()).map(distance).fold(f32::INFINITY, f32::min)
+}
+
+fn worst(read: &Codes, shown: &Codes) -> f32 {
+    let samples = f32::from(read.full_scale.top().0) / 4095.0;
+    let (read, shown) = (channels(read), channels(shown));
+    read.zip(shown)
+        .map(|(read, shown)| (f32::from(read.0) / samples - f32::from(shown.0)).abs())
+        .fold(0.0, f32::max)
+}
+
+fn channels(codes: &Codes) -> impl Iterator<Item = Code> {
+    let taxels = codes.taxels.unwrap();
+    let bridges = codes.bridges.into_iter().flatten().flat_map(|m| [m.a, m.b, m.c, m.d]);
+    taxels.lit.into_iter().flatten().chain(taxels.dark).chain(bridges)
+}
+
+fn stream_codes(session: &mut Session, time: Tick) -> Vec<(Tick, Frame)> {
+    session.ask(Command::SetFields(Fields::CODES)).unwrap();
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(time).unwrap();
+    session.ask(Command::Stream(false)).unwrap();
+    std::mem::take(&mut session.frames)
+}
+
 #[test]
-fn the_image_boots_enumerates_and_streams_a_second_without_a_loss() {
+fn the_image_boots_enumerates_and_streams_ten_seconds_without_a_loss() {
     let mut session = session(false);
     session.ask(Command::SetFields(Fields::ALL)).unwrap();
     let before = info(&mut session);
     assert_eq!((before.identity.board.as_str(), before.identity.scan_hz), ("stm32g431", 4000));
     session.ask(Command::Stream(true)).unwrap();
-    session.run(micros(1_000_000)).unwrap();
+    session.run(micros(10_000_000)).unwrap();
     let after = info(&mut session);
 
     let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
-    assert_eq!(health.reset, Reset::Power);
-    assert_eq!(health.panic, None);
+    assert_eq!((health.reset, health.panic), (Reset::Power, None));
     assert_eq!(after.counters.lost, 0);
     assert_eq!(after.counters.overruns, before.counters.overruns);
-    assert_eq!(after.counters.bad_packets, 0);
-    assert_eq!(session.bad, 0);
-    assert!((1000..1010).contains(&session.frames.len()), "{} frames", session.frames.len());
+    assert_eq!((after.counters.bad_packets, session.bad), (0, 0));
+    assert!((10_000..10_010).contains(&session.frames.len()), "{} frames", session.frames.len());
     for pair in session.frames.windows(2) {
         let [(_, a), (_, b)] = pair else { panic!() };
         assert_eq!(b.seq, a.seq + 1);
@@ -93,14 +129,175 @@ fn the_image_boots_enumerates_and_streams_a_second_without_a_loss() {
 }
 
 #[test]
-fn what_is_streamed_is_what_the_converters_saw() {
+fn what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows() {
     let mut session = session(false);
-    session.ask(Command::SetFields(Fields::CODES)).unwrap();
+    let frames = stream_codes(&mut session, micros(300_000));
+    assert!(frames.len() > 290);
+    first_seen(session.board.chip(), &frames, 4);
+    // A step of a converter, for what has not quite settled.
+    let deviation = deviation(&frames, &scene(), 4);
+    assert!(deviation <= 1.0, "{deviation} codes");
+}
+
+#[test]
+fn frames_are_the_hosts_own_byte_for_byte() {
+    let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
+    let calibration = taxel_formats::calibration::read(&path).unwrap();
+    let mut record = [0; MAX_BYTES];
+    let record = calibration.to_bytes(&mut record).unwrap();
+    let mut session = session(false);
+    session.ask(Command::SetFields(Fields::ALL)).unwrap();
+    session.upload(record).unwrap();
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(300_000)).unwrap();
     let frames = std::mem::take(&mut session.frames);
-    assert!(frames.len() > 290);
-    first_seen(session.board.chip(), &frames, 4);
+    assert!(frames.iter().any(|(_, frame)| frame.status.contains(Status::CONTACT)));
+
+    // The board began anew with the calibration some scans before the first frame.
+    let chip = session.board.chip();
+    let (seen, first) = (&chip.finger.seen, first_seen(chip, &frames, 4));
+    let equal = |begin: &usize| {
+        let (finger, mut state) = Finger::new(Some(calibration.clone()));
+        let mut expected = frames.iter();
+        (*begin..first + 4 * frames.len()).zip(seen.iter().skip(*begin)).all(|(scan, seen)| {
+            let due = scan >= first && (scan - first).is_multiple_of(4);
+            let expected = if due { expected.next() } else { None };
+            let time = expected.map_or(Micros(0), |(_, frame)| frame.time);
+            let scan = Scan { time, overrun: false, codes: seen.codes };
+            let estimate = finger.estimate(&mut state, &scan);
+            expected.is_none_or(|(_, device)| {
+                packed(&estimate.frame(device.seq, Fields::ALL)) == packed(device)
+            })
+        })
+    };
+    assert!((first.saturating_sub(40)..=first).any(|begin| equal(&begin)));
+}
+
+fn packed(frame: &Frame) -> Vec<u8> {
+    let mut buffer = [0; MAX_PACKET];
+    pack_frame(frame, &mut buffer).unwrap().to_vec()
+}
+
+#[test]
+fn a_host_that_stops_reading_costs_frames_that_are_counted_and_nothing_else() {
+    let mut session = session(false);
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(100_000)).unwrap();
+    let before = info(&mut session);
+    session.board.chip().host.reading = false;
+    session.run(micros(2_000_000)).unwrap();
+    session.board.chip().host.reading = true;
+    session.run(micros(100_000)).unwrap();
+    let after = info(&mut session);
+    assert_eq!((after.counters.bad_packets, session.bad), (0, 0));
+    assert!(after.counters.lost > 1900, "{} frames lost", after.counters.lost);
+    let gaps: u32 = session.frames.windows(2).map(|pair| pair[1].1.seq - pair[0].1.seq - 1).sum();
+    assert_eq!(gaps, after.counters.lost);
+    assert_eq!(after.counters.overruns, before.counters.overruns);
+    // The scan went on. A frame's time is when its interrupt came, which waits for what masks it at most.
+    for pair in session.frames.windows(2) {
+        let [(_, a), (_, b)] = pair else { panic!() };
+        let late = (b.time.0 - a.time.0).abs_diff(1000 * u64::from(b.seq - a.seq));
+        assert!(late <= 10, "{late} µs at {}", a.seq);
+    }
+}
+
+#[test]
+fn nothing_is_sent_before_the_port_is_open_and_nothing_after_it_is_closed() {
+    let mut session = session(false);
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(50_000)).unwrap();
+    session.board.chip().host.open(false);
+    session.run(micros(50_000)).unwrap();
+    session.frames.clear();
+    session.run(micros(200_000)).unwrap();
+    assert_eq!(session.frames.len(), 0);
+}
+
+#[test]
+fn settings_outlast_the_cable_and_saved_ones_the_power() {
+    let mut session = session(false);
+    session.ask(Command::SetRate { hz: 500 }).unwrap();
+    session.board.chip().host.plug(false);
+    session.run(micros(500_000)).unwrap();
+    session.board.chip().host.plug(true);
+    session.reopen().unwrap();
+    assert_eq!(info(&mut session).rate_millihertz, 500_000);
+    session.ask(Command::SetRate { hz: 250 }).unwrap();
+    session.ask(Command::SaveSettings).unwrap();
+    session.ask(Command::SetRate { hz: 125 }).unwrap();
+    session.board.power_cycle().unwrap();
+    session.reopen().unwrap();
+    assert_eq!(info(&mut session).rate_millihertz, 250_000);
+}
+
+#[test]
+fn a_power_cut_in_an_upload_leaves_one_calibration_or_the_other() {
+    let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
+    let mut calibration = taxel_formats::calibration::read(&path).unwrap();
+    let mut session = session(false);
+    let mut buffer = [0; MAX_BYTES];
+    session.upload(calibration.to_bytes(&mut buffer).unwrap()).unwrap();
+    let mut before = info(&mut session).calibration.unwrap().date;
+
+    // Two erasures, then a double word after the other.
+    let words = calibration.to_bytes(&mut buffer).unwrap().len() as u64 / 8;
+    let moments =
+        [0, 1, 2, 3, 4, words / 3, words / 2, words - 1, words, words + 1, words + 2, words + 3];
+    let mut cut = 0;
+    for moment in moments {
+        calibration.date += 1;
+        session.board.chip().flash().cut_power_after(Some(moment));
+        if session.upload(calibration.to_bytes(&mut buffer).unwrap()).is_err() {
+            cut += 1;
+        }
+        session.board.chip().flash().cut_power_after(None);
+        session.board.power_cycle().unwrap();
+        session.reopen().unwrap();
+        let now = info(&mut session).calibration.expect("a calibration is in force").date;
+        assert!([before, calibration.date].contains(&now), "cut in operation {moment}: {now}");
+        before = now;
+    }
+    assert!(cut >= moments.len() - 3, "only {cut} cuts");
+}
+
+#[test]
+fn the_watchdog_bites_where_no_scan_comes() {
+    let mut session = session(false);
+    // TIM1 stands still, and nobody has asked for it.
+    let now = (session.board.now(), 0);
+    session.board.chip().write(base("TIM1"), 4, 0, now).unwrap();
+    let end = session.board.run(micros(1_000_000)).unwrap();
+    assert_eq!(end, End::Reset(Cause::Watchdog));
+    session.reopen().unwrap();
+    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    assert_eq!((health.reset, health.panic), (Reset::Watchdog, None));
+}
+
+/// Streams with a fault planted; how far the codes are off.
+fn deviation_with(address: u32, change: fn(u32) -> u32) -> f32 {
+    let mut board = Board::new(&image(), Wired::new(scene()), Host::new(false)).unwrap();
+    board.chip().plant(address, change);
+    let mut session = Session::open(board).unwrap();
+    deviation(&stream_codes(&mut session, micros(100_000)), &scene(), 4)
+}
+
+#[test]
+fn planted_faults_of_the_scan_show() {
+    const CCR1: u32 = 0x34;
+    const SQR1: u32 = 0x30;
+    const CMAR1: u32 = 0x14;
+    // The row is lit 18 µs late, so that 8 µs are left to settle.
+    let settle = deviation_with(base("TIM1") + CCR1, |count| count + 3060);
+    assert!(settle > 10.0, "{settle} codes");
+    // The first two columns are swapped.
+    let swapped = deviation_with(base("ADC1") + SQR1, |sqr| {
+        sqr & !0x3_ffc0 | sqr >> 6 & 0xfc0 | (sqr & 0xfc0) << 6
+    });
+    assert!(swapped > 10.0, "{swapped} codes");
+    // The patterns begin one row late.
+    let shifted = deviation_with(base("DMA1") + CMAR1, |address| address + 4);
+    assert!(shifted > 10.0, "{shifted} codes");
 }
 
 /// The scan of the first frame among those that the converters saw, where every later frame is `divider`

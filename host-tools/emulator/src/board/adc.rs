@@ -4,7 +4,8 @@
 //! A sample is the voltage at the end of its sampling time. Noise and the sampling capacitor's own settling
 //! are not modelled.
 
-use stm32_metapac::adc::regs::{Cfgr, Cfgr2, Cr};
+use stm32_metapac::adc::regs::{Cfgr2, Cr};
+use stm32_metapac::metadata::PeripheralTrigger;
 
 use super::names::peripheral;
 use super::time::{Tick, micros};
@@ -57,6 +58,15 @@ enum Group {
     Injected,
 }
 
+/// What a line of the chip's list of triggers says.
+fn trigger(line: &PeripheralTrigger) -> Option<(String, Group, u32)> {
+    let (group, number) = match line.signal.strip_prefix("ADC_EXT_TRG") {
+        Some(number) => (Group::Regular, number),
+        None => (Group::Injected, line.signal.strip_prefix("ADC_JEXT_TRG")?),
+    };
+    Some((line.source.to_owned(), group, number.parse().ok()?))
+}
+
 /// An ADC.
 pub struct Adc {
     isr: u32,
@@ -77,7 +87,8 @@ pub struct Adc {
     ready: bool,
     /// Of the ADC's clock.
     cycle: Tick,
-    triggers: Vec<(String, &'static str)>,
+    /// Who starts which group by which code of EXTSEL or JEXTSEL.
+    triggers: Vec<(String, Group, u32)>,
 }
 
 impl Adc {
@@ -101,7 +112,7 @@ impl Adc {
             calibrated: false,
             ready: false,
             cycle: 1,
-            triggers: triggers.iter().map(|t| (t.source.to_owned(), t.signal)).collect(),
+            triggers: triggers.iter().filter_map(trigger).collect(),
         }
     }
 
@@ -139,21 +150,14 @@ impl Adc {
     /// A trigger of this name has risen.
     pub fn trigger(&mut self, source: &str, now: Tick) -> Outcome {
         let cr = Cr(self.cr);
-        let (cfgr, jsqr) = (Cfgr(self.cfgr), self.jsqr);
-        let regular = (
-            Group::Regular,
-            cr.adstart(),
-            self.cfgr >> 10 & 3,
-            format!("ADC_EXT_TRG{}", cfgr.extsel()),
-        );
-        let injected = (
-            Group::Injected,
-            cr.jadstart(),
-            jsqr >> 7 & 3,
-            format!("ADC_JEXT_TRG{}", jsqr >> 2 & 0x1f),
-        );
-        for (group, started, edge, signal) in [regular, injected] {
-            let wanted = self.triggers.iter().any(|(from, to)| from == source && *to == signal);
+        let jsqr = self.jsqr;
+        let regular = (Group::Regular, cr.adstart(), self.cfgr >> 10 & 3, self.cfgr >> 5 & 0x1f);
+        let injected = (Group::Injected, cr.jadstart(), jsqr >> 7 & 3, jsqr >> 2 & 0x1f);
+        for (group, started, edge, select) in [regular, injected] {
+            let wanted = self
+                .triggers
+                .iter()
+                .any(|(from, starts, code)| (*starts, *code) == (group, select) && from == source);
             if !started || !wanted || edge == 0 {
                 continue;
             }
@@ -204,19 +208,16 @@ impl Adc {
         if run.sampling {
             run.sum += sample()?;
             run.samples += 1;
-            run.sampling = false;
             run.until = now + self.halves(CONVERSION_HALVES);
-            *self.run(group) = Some(run);
-            return Ok(false);
-        }
-        let cfgr2 = Cfgr2(self.cfgr2);
-        let ratio = match group {
-            Group::Regular if cfgr2.rovse() => 2 << (self.cfgr2 >> 2 & 7),
-            _ => 1,
-        };
-        run.sampling = true;
-        if run.samples < ratio {
-            run.until = now + self.sampling(input);
+            let ratio = match group {
+                Group::Regular if Cfgr2(self.cfgr2).rovse() => 2 << (self.cfgr2 >> 2 & 7),
+                _ => 1,
+            };
+            if run.samples < ratio {
+                run.until += self.sampling(input);
+            } else {
+                run.sampling = false;
+            }
             *self.run(group) = Some(run);
             return Ok(false);
         }
@@ -227,7 +228,7 @@ impl Adc {
         };
         *self.run(group) = (index < last as usize).then(|| {
             let until = now + self.sampling(self.input(group, index + 1));
-            Run { index: index + 1, samples: 0, sum: 0, until, ..run }
+            Run { index: index + 1, samples: 0, sum: 0, sampling: true, until }
         });
         let ended = u32::from(self.run(group).is_none());
         match group {

@@ -9,13 +9,14 @@ use super::flash::Flash;
 use super::gpio::Gpio;
 use super::host::Host;
 use super::iwdg::Iwdg;
-use super::names::{Names, base, field, interrupt, peripheral};
+use super::names::{Names, base, interrupt};
 use super::plain::Plain;
 use super::rcc::{Cause, Rcc};
 use super::system::{self, System};
 use super::time::{Tick, micros};
 use super::timer::Timer;
 use super::usb::Usb;
+use super::wires::{Bit, Pad, bits, pads};
 use super::{Outcome, UNMODELLED};
 
 /// What the DMA writes to and reads from.
@@ -69,6 +70,21 @@ enum Unit {
     Plain(usize),
 }
 
+/// Where a peripheral stands, and which bits switch it on and reset it.
+struct Place {
+    base: u32,
+    unit: Unit,
+    enable: Option<Bit>,
+    reset: Option<Bit>,
+}
+
+impl Place {
+    fn new((name, unit): (&str, Unit)) -> Self {
+        let [enable, reset] = bits(name);
+        Self { base: base(name), unit, enable, reset }
+    }
+}
+
 /// Something that has a next moment.
 #[derive(Clone, Copy, Debug)]
 enum Part {
@@ -81,9 +97,14 @@ enum Part {
     Voltage,
 }
 
+/// A fault: what is written to a register is changed on its way.
+struct Plant {
+    address: u32,
+    change: fn(u32) -> u32,
+}
+
 /// Interrupts of what is modelled.
 struct Lines {
-    tim1_up: usize,
     tim1_cc: usize,
     tim2: usize,
     usb: usize,
@@ -99,7 +120,9 @@ struct Requests {
 /// An STM32G431CB with a finger on its pins and a host on its port.
 pub struct Chip {
     names: Names,
-    units: Vec<(u32, Unit)>,
+    units: Vec<Place>,
+    adc_pads: [Vec<Option<Pad>>; 2],
+    opamp_pads: [Vec<Option<Pad>>; 2],
     lines: Lines,
     requests: Requests,
     rcc: Rcc,
@@ -124,9 +147,12 @@ pub struct Chip {
     pub stalled: Tick,
     /// The watchdog bit.
     bitten: bool,
+    plants: Vec<Plant>,
     /// Until when the core may be this fast at this voltage.
     voltage_limit: Option<Tick>,
     next: Option<(Tick, Part)>,
+    /// All before this has happened.
+    now: Tick,
 }
 
 /// What is kept as it is written: clock recovery, voltage, wiring of pins to interrupts, debugging.
@@ -175,28 +201,30 @@ impl Chip {
     pub fn new(data: u32, finger: Finger, host: Host) -> Self {
         let names = Names::default();
         let plain = plain();
-        let mut units: Vec<(u32, Unit)> = vec![
-            (base("RCC"), Unit::Rcc),
-            (base("FLASH"), Unit::Flash),
-            (base("TIM1"), Unit::Tim1),
-            (base("TIM2"), Unit::Tim2),
-            (base("DMA1"), Unit::Dma),
-            (base("DMAMUX1"), Unit::Multiplexer),
-            (base("ADC12_COMMON"), Unit::AdcCommon),
-            (base("IWDG"), Unit::Iwdg),
-            (base("USB"), Unit::Usb),
-            (base("USBRAM"), Unit::UsbMemory),
+        let mut units: Vec<(&str, Unit)> = vec![
+            ("RCC", Unit::Rcc),
+            ("FLASH", Unit::Flash),
+            ("TIM1", Unit::Tim1),
+            ("TIM2", Unit::Tim2),
+            ("DMA1", Unit::Dma),
+            ("DMAMUX1", Unit::Multiplexer),
+            ("ADC12_COMMON", Unit::AdcCommon),
+            ("IWDG", Unit::Iwdg),
+            ("USB", Unit::Usb),
+            ("USBRAM", Unit::UsbMemory),
         ];
-        units.extend(PORTS.iter().enumerate().map(|(i, (name, _))| (base(name), Unit::Gpio(i))));
-        units.extend(ADCS.iter().enumerate().map(|(i, name)| (base(name), Unit::Adc(i))));
-        units.extend(OPAMPS.iter().enumerate().map(|(i, (name, _))| (base(name), Unit::Opamp(i))));
-        units.extend(plain.iter().enumerate().map(|(i, (name, _))| (base(name), Unit::Plain(i))));
-        units.sort_by_key(|(base, _)| *base);
+        units.extend(PORTS.iter().enumerate().map(|(i, (name, _))| (*name, Unit::Gpio(i))));
+        units.extend(ADCS.iter().enumerate().map(|(i, name)| (*name, Unit::Adc(i))));
+        units.extend(OPAMPS.iter().enumerate().map(|(i, (name, _))| (*name, Unit::Opamp(i))));
+        units.extend(plain.iter().enumerate().map(|(i, (name, _))| (*name, Unit::Plain(i))));
+        let mut units: Vec<Place> = units.into_iter().map(Place::new).collect();
+        units.sort_by_key(|place| place.base);
         Self {
             names,
             units,
+            adc_pads: ADCS.map(|name| pads(name, "IN", 20)),
+            opamp_pads: OPAMPS.map(|(name, _)| pads(name, "VINP", 4)),
             lines: Lines {
-                tim1_up: interrupt("TIM1_UP_TIM16"),
                 tim1_cc: interrupt("TIM1_CC"),
                 tim2: interrupt("TIM2"),
                 usb: interrupt("USB_LP"),
@@ -223,8 +251,10 @@ impl Chip {
             host,
             stalled: 0,
             bitten: false,
+            plants: Vec::new(),
             voltage_limit: None,
             next: None,
+            now: 0,
         }
     }
 
@@ -270,8 +300,19 @@ impl Chip {
         self.next.map(|(at, _)| at)
     }
 
-    /// Finds out what that is. To be called when the host has been told something.
-    pub fn plan(&mut self) {
+    /// It is `now`, and the host may have been told something.
+    pub fn go_on(&mut self, now: Tick) {
+        self.now = self.now.max(now);
+        self.plan();
+    }
+
+    /// Finds out what comes next, and who asks for an interrupt.
+    fn plan(&mut self) {
+        self.schedule();
+        self.raise();
+    }
+
+    fn schedule(&mut self) {
         let parts = [
             (self.system.next(), Part::System),
             (self.tim1.next(), Part::Tim1),
@@ -284,7 +325,10 @@ impl Chip {
         ];
         let known = parts.into_iter().filter_map(|(at, part)| Some((at?, part)));
         self.next = known.min_by_key(|(at, _)| *at);
-        self.system.set_line(self.lines.tim1_up, false);
+    }
+
+    /// Lets interrupts' lines follow what asks for them.
+    fn raise(&mut self) {
         self.system.set_line(self.lines.tim1_cc, self.tim1.interrupt());
         self.system.set_line(self.lines.tim2, self.tim2.interrupt());
         self.system.set_line(self.lines.usb, self.usb.interrupt());
@@ -296,11 +340,19 @@ impl Chip {
     /// Lets all happen that happens up to `now`.
     pub fn advance(&mut self, now: Tick, memory: &mut dyn Memory) -> Outcome {
         while let Some((at, part)) = self.next.filter(|(at, _)| *at <= now) {
+            // What was waiting for something that has just come is not done in the past.
+            let at = at.max(self.now);
+            self.now = at;
             match part {
                 Part::System => self.system.advance(at),
                 Part::Tim1 => self.tim1_edge(at, memory)?,
                 Part::Tim2 => _ = self.tim2.advance(at),
-                Part::Adc(i) => self.adc_moment(i, at, memory)?,
+                Part::Adc(i) => {
+                    self.adc_moment(i, at, memory)?;
+                    // A sample alone asks for nothing.
+                    self.schedule();
+                    continue;
+                }
                 Part::Iwdg => {
                     self.bitten = true;
                     self.iwdg = Iwdg::default();
@@ -314,6 +366,7 @@ impl Chip {
             }
             self.plan();
         }
+        self.now = now;
         Ok(())
     }
 
@@ -353,19 +406,16 @@ impl Chip {
         // T1CM_EN
         let turned = tcmr >> 3 & 1 == 1 && self.tim1.is_driven(5) && self.tim1.output(5, now);
         let select = if turned { tcmr >> 1 & 3 } else { csr >> 2 & 3 };
-        self.pin(name, &format!("VINP{select}"))
+        self.pin(name, self.opamp_pads[i].get(select as usize))
     }
 
-    /// The pin of a peripheral's signal, which must be analogue.
-    fn pin(&self, of: &str, signal: &str) -> Outcome<&'static str> {
-        let found = peripheral(of).pins.iter().find(|pin| pin.signal == signal);
-        let pin = found.ok_or_else(|| format!("{of} has no {signal}"))?.pin;
-        let port =
-            PORTS.iter().position(|(name, _)| name.as_bytes().last() == pin.as_bytes().get(1));
-        let number = pin.get(2..).and_then(|number| number.parse().ok());
-        match (port, number) {
-            (Some(port), Some(number)) if self.gpio[port].is_analogue(number) => Ok(pin),
-            _ => Err(format!("{of}'s {signal} is {pin}, which is not set to analogue")),
+    /// The pin that an input is, which must be analogue.
+    fn pin(&self, of: &str, input: Option<&Option<Pad>>) -> Outcome<&'static str> {
+        let Some(Some(pad)) = input else { return Err(format!("{of} has no such input")) };
+        let name = pad.name;
+        match self.gpio.get(pad.port) {
+            Some(port) if port.is_analogue(pad.number) => Ok(name),
+            _ => Err(format!("{of}'s input {name} is not set to analogue")),
         }
     }
 
@@ -396,7 +446,7 @@ impl Chip {
             self.amplified(which, now)?;
             return Ok(Source::Amplifier(which));
         }
-        self.pin(ADCS[i], &format!("IN{input}")).map(Source::Pin)
+        self.pin(ADCS[i], self.adc_pads[i].get(input as usize)).map(Source::Pin)
     }
 
     fn transfer(&mut self, request: u32, now: Tick, memory: &mut dyn Memory) -> Outcome {
@@ -413,10 +463,10 @@ impl Chip {
     }
 
     /// Whose address that is, and how far behind its beginning.
-    fn unit(&self, address: u32) -> Option<(Unit, u32)> {
+    fn unit(&self, address: u32) -> Option<(&Place, u32)> {
         let owner = self.names.peripheral(address)?.address as u32;
-        let at = self.units.binary_search_by_key(&owner, |(base, _)| *base).ok()?;
-        self.units.get(at).map(|(base, unit)| (*unit, address - base))
+        let at = self.units.binary_search_by_key(&owner, |place| place.base).ok()?;
+        self.units.get(at).map(|place| (place, address - place.base))
     }
 
     /// The core may be faster than its voltage allows for a moment: embassy-stm32 0.6 cannot switch boost
@@ -432,13 +482,9 @@ impl Chip {
 
     /// RCC's reset registers: what they name is as after power-up.
     fn reset_units(&mut self, offset: u32, value: u32) {
-        for (base, unit) in self.units.clone() {
-            let rcc = self.names.peripheral(base).and_then(|peripheral| peripheral.rcc.as_ref());
-            let Some(reset) = rcc.and_then(|rcc| rcc.reset.as_ref()) else { continue };
-            let (register, bit) = field("RCC", reset.register, reset.field);
-            if register != offset || value >> bit & 1 == 0 {
-                continue;
-            }
+        let is_named = |reset: &Bit| reset.register == offset && value >> reset.place & 1 == 1;
+        let named = self.units.iter().filter(|place| place.reset.as_ref().is_some_and(is_named));
+        for unit in named.map(|place| place.unit).collect::<Vec<_>>() {
             match unit {
                 Unit::Flash => self.flash.reset(),
                 Unit::Gpio(i) => self.gpio[i] = Gpio::new(PORTS[i].1),
@@ -466,11 +512,19 @@ impl Chip {
             .map_err(|why| format!("read of {}: {why}", self.name(address)))
     }
 
+    /// Plants a fault: what is written to the register at `address` from now on is what `change` makes of
+    /// it, as if the firmware had it wrong.
+    pub fn plant(&mut self, address: u32, change: fn(u32) -> u32) {
+        self.plants.push(Plant { address, change });
+    }
+
     /// Writes a register.
     pub fn write(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
+        let plants = self.plants.iter().filter(|plant| plant.address == address);
+        let value = plants.fold(value, |value, plant| (plant.change)(value));
         self.write_inner(address, size, value, now)
             .map_err(|why| format!("write of {value:#x} to {}: {why}", self.name(address)))?;
-        self.plan();
+        self.go_on(now.0);
         Ok(())
     }
 
@@ -481,24 +535,24 @@ impl Chip {
         self.names.register(address)
     }
 
-    fn is_clocked(&self, address: u32) -> Outcome {
-        let rcc = self.names.peripheral(address).and_then(|peripheral| peripheral.rcc.as_ref());
-        match rcc.and_then(|rcc| rcc.enable.as_ref()) {
+    /// The peripheral at an address, if its clock is on, and how far behind its beginning that is.
+    fn awake(&self, address: u32) -> Outcome<Option<(Unit, u32)>> {
+        let Some((place, offset)) = self.unit(address) else { return Ok(None) };
+        match &place.enable {
             Some(enable) if !self.rcc.enabled(enable) => {
-                Err(format!("its clock is off: {}.{}", enable.register, enable.field))
+                Err(format!("its clock is off: {}", enable.name))
             }
-            _ => Ok(()),
+            _ => Ok(Some((place.unit, offset))),
         }
     }
 
     fn read_inner(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
-        let Some((unit, offset)) = self.unit(address) else {
+        let Some((unit, offset)) = self.awake(address)? else {
             if address >= PRIVATE {
                 return self.system.read(address - PRIVATE, size, now.0, now.1);
             }
             return Err(UNMODELLED.into());
         };
-        self.is_clocked(address)?;
         let word = offset & !3;
         let value = match unit {
             Unit::Rcc => self.rcc.read(word),
@@ -527,13 +581,12 @@ impl Chip {
         (now, cycles): (Tick, u32),
     ) -> Outcome {
         let hclk = self.rcc.hclk();
-        let Some((unit, offset)) = self.unit(address) else {
+        let Some((unit, offset)) = self.awake(address)? else {
             if address >= PRIVATE {
                 return self.system.write(address - PRIVATE, size, value, (now, cycles), hclk);
             }
             return Err(UNMODELLED.into());
         };
-        self.is_clocked(address)?;
         // PSC and its kin are half words.
         let halves = matches!(unit, Unit::Tim1 | Unit::Tim2) && size == 2 && offset & 3 == 0;
         if size != 4 && !halves && !matches!(unit, Unit::UsbMemory) {

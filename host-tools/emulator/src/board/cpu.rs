@@ -31,8 +31,10 @@ const PRIVATE_BYTES: u64 = 0x10_0000;
 /// Cycles of entering and of leaving an exception (Cortex-M4 TRM, 3.9).
 const ENTRY: u64 = 12;
 const EXIT: u64 = 12;
-/// unicorn's number of a return from an exception, and the addresses that mean one.
+/// unicorn's numbers of a return from an exception and of a failed fetch, and the addresses that mean the
+/// former.
 const EXCEPTION_EXIT: u32 = 8;
+const PREFETCH_ABORT: u32 = 3;
 const EXCEPTION_RETURN: u32 = 0xffff_ff00;
 /// Bit 9 of a stacked xPSR: a word was left out for alignment.
 const REALIGNED: u32 = 1 << 9;
@@ -194,7 +196,7 @@ impl Board {
         unicorn.add_block_hook(1, 0, enter_block).map_err(failed("watching blocks"))?;
         unicorn.add_intr_hook(take_interrupt).map_err(failed("watching exceptions"))?;
         let mut board = Self { unicorn, next: 0, handlers: Vec::new(), image };
-        board.reset(Cause::Power)?;
+        board.power_cycle()?;
         Ok(board)
     }
 
@@ -254,7 +256,7 @@ impl Board {
         let inside = self.unicorn.get_data_mut();
         inside.deadline = inside.now + time;
         if let Some(chip) = &mut inside.chip {
-            chip.plan();
+            chip.go_on(inside.now);
         }
         loop {
             let outcome = self.unicorn.emu_start(u64::from(self.next | 1), 1, 0, 0);
@@ -264,13 +266,18 @@ impl Board {
             match stop {
                 Some(Stop::Exception(exception)) => self.enter(exception)?,
                 Some(Stop::Return) => self.leave()?,
+                Some(Stop::Reset(Cause::Power)) => {
+                    self.chip().flash().cut_power_after(None);
+                    self.power_cycle()?;
+                    return Ok(End::Reset(Cause::Power));
+                }
                 Some(Stop::Reset(cause)) => {
                     self.reset(cause)?;
                     return Ok(End::Reset(cause));
                 }
                 Some(Stop::Deadline) => return Ok(End::Time),
                 Some(Stop::Fault(why)) => return Err(self.fault(at, &why)),
-                None if at >= EXCEPTION_RETURN & !1 => self.leave()?,
+                None if at >= EXCEPTION_RETURN => self.leave()?,
                 // unicorn ends at a WFI, and takes a WFE for invalid.
                 None if self.waits() && matches!(outcome, Ok(()) | Err(uc_error::INSN_INVALID)) => {
                     pay(self.unicorn.get_data_mut(), at);
@@ -545,8 +552,11 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
 }
 
 fn take_interrupt(unicorn: &mut Unicorn<'_, Inside>, number: u32) {
+    let at = unicorn.reg_read(RegisterARM::PC).unwrap_or_default() as u32;
     let why = match number {
         EXCEPTION_EXIT => Stop::Return,
+        // It fetches from there, or does not even do that, by what it knows of the page.
+        PREFETCH_ABORT if at >= EXCEPTION_RETURN => Stop::Return,
         other => Stop::Fault(format!("exception {other} of unicorn's")),
     };
     stop(unicorn, why);

@@ -95,9 +95,9 @@ impl Flash {
         self.operations
     }
 
-    /// Power fails in the middle of operation number `operation`.
-    pub fn cut_power_at(&mut self, operation: Option<u64>) {
-        self.cut = operation;
+    /// Power fails in the middle of the operation after so many more.
+    pub fn cut_power_after(&mut self, operations: Option<u64>) {
+        self.cut = operations.map(|more| self.operations + more);
     }
 
     /// Reads `size` bytes of it. True where the error correction raises the NMI.

@@ -138,6 +138,7 @@ pub struct Host {
     bulk: Option<[u8; 2]>,
     toggles: [bool; 2],
     configured: bool,
+    opened: bool,
     /// The port's reader takes what comes.
     pub reading: bool,
     suspended: bool,
@@ -162,6 +163,7 @@ impl Host {
             bulk: None,
             toggles: [false; 2],
             configured: false,
+            opened: false,
             reading: true,
             suspended: false,
             suspend_at: None,
@@ -174,6 +176,11 @@ impl Host {
     /// The device is configured and nothing waits for it on endpoint 0.
     pub fn is_ready(&self) -> bool {
         self.configured && self.queue.is_empty()
+    }
+
+    /// The device has taken note that its serial port is open.
+    pub fn is_open(&self) -> bool {
+        self.opened
     }
 
     /// Opens the serial port, or closes it: DTR and RTS.
@@ -409,6 +416,9 @@ impl Host {
                 return Err(format!("the line coding is {:02x?}", control.data));
             }
             self.configured = true;
+        } else if control.is(SET_CONTROL_LINE_STATE) {
+            // DTR
+            self.opened = control.setup[2] & 1 == 1;
         } else if control.is(GET_DESCRIPTOR) {
             return self.learn(&control, now, usb);
         }

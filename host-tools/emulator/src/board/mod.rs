@@ -28,6 +28,7 @@ pub mod system;
 pub mod time;
 pub mod timer;
 pub mod usb;
+pub mod wires;
 
 /// What came of it, or why the machine has to stop.
 pub type Outcome<T = ()> = Result<T, String>;

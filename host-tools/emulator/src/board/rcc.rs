@@ -1,10 +1,9 @@
 //! Clocks and resets (RM0440 §7). An oscillator is ready as soon as it is switched on; what the clocks
 //! require of the flash is checked where the system clock changes.
 
-use super::names::field;
 use super::time::{self, Tick};
+use super::wires::Bit;
 use super::{Outcome, UNMODELLED};
-use stm32_metapac::metadata::PeripheralRccRegister;
 use stm32_metapac::rcc::regs::{Cfgr, Cr, Crrcr, Csr, Pllcfgr};
 
 const CR: u32 = 0x00;
@@ -87,9 +86,8 @@ impl Rcc {
     }
 
     /// A peripheral's clock is on.
-    pub fn enabled(&self, by: &PeripheralRccRegister) -> bool {
-        let (offset, bit) = field("RCC", by.register, by.field);
-        self.register(offset) >> bit & 1 == 1
+    pub fn enabled(&self, by: &Bit) -> bool {
+        self.register(by.register) >> by.place & 1 == 1
     }
 
     /// The register at `offset`.

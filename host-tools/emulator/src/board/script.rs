@@ -3,7 +3,7 @@
 use anyhow::{Result, bail};
 use taxel::frame::Frame;
 use taxel::wire::deframer::Deframer;
-use taxel::wire::message::{Command, Message, Request, Response};
+use taxel::wire::message::{CHUNK, Command, Message, Request, Response};
 use taxel::wire::{MAX_PACKET, pack};
 
 use super::cpu::{Board, End};
@@ -38,13 +38,7 @@ impl Session {
             bad: 0,
             replies: Vec::new(),
         };
-        session.until("it is enumerated", micros(1_000_000), |session| {
-            session.board.chip().host.is_ready()
-        })?;
-        session.board.chip().host.open(true);
-        session.until("the port is open", micros(100_000), |session| {
-            session.board.chip().host.is_ready()
-        })?;
+        session.enumerate()?;
         Ok(session)
     }
 
@@ -87,6 +81,37 @@ impl Session {
                 None => {}
             }
         }
+    }
+
+    /// Uploads a calibration record and puts it in force.
+    pub fn upload(&mut self, record: &[u8]) -> Result<()> {
+        self.ask(Command::CalibrationBegin { length: u16::try_from(record.len())? })?;
+        for (i, bytes) in record.chunks(CHUNK).enumerate() {
+            let Ok(data) = heapless::Vec::from_slice(bytes) else { bail!("a chunk is too long") };
+            self.ask(Command::CalibrationChunk { offset: u16::try_from(i * CHUNK)?, data })?;
+        }
+        self.ask(Command::CalibrationCommit)?;
+        Ok(())
+    }
+
+    /// Waits for the board, which has been reset, or was plugged in again, and opens its port.
+    pub fn reopen(&mut self) -> Result<()> {
+        (self.deframer, self.tag) = (Deframer::default(), 0);
+        self.replies.clear();
+        self.frames.clear();
+        // The host notices first that it was away.
+        self.run(LOOK)?;
+        self.enumerate()
+    }
+
+    fn enumerate(&mut self) -> Result<()> {
+        self.until("the port is open", micros(1_000_000), |session| {
+            let host = &mut session.board.chip().host;
+            if host.is_ready() && !host.is_open() {
+                host.open(true);
+            }
+            host.is_ready() && host.is_open()
+        })
     }
 
     /// Asks for something.
