@@ -22,8 +22,11 @@ use heapless::String;
 use serde::{Deserialize, Serialize};
 
 use crate::condition::{Bias, BridgeBias, TaxelBias};
+use crate::estimate::array::Array;
+use crate::estimate::inverse::Inverse;
 use crate::estimate::net::ForceNet;
 use crate::estimate::sensitivity::Sensitivity;
+use crate::estimate::slip::Slip;
 use crate::scan::{SENSORS, TAXELS};
 use crate::store;
 use crate::wire::crc32;
@@ -35,7 +38,8 @@ pub(crate) use sections::bias_fits;
 pub const VERSION: u16 = 2;
 /// The first version that had sections. Nothing was released before it.
 const OLDEST: u16 = 2;
-/// No record in bytes is longer than what a slot of the flash holds.
+/// No record in bytes is longer than what a slot of the flash holds: a net of 24 units beside everything
+/// else, of 32 without a model of the skin.
 pub const MAX_BYTES: usize = store::RECORD;
 
 /// Lowest and highest signal seen in training, margin included.
@@ -52,19 +56,28 @@ pub struct Calibration {
     pub taxels: Option<TaxelCalibration>,
     /// Taxel signals to forces.
     pub force: Option<ForceNet>,
+    /// The skin: displacements of a touch, and signals to displacements.
+    pub model: Option<Inverse>,
+    /// What a contact holds before it slips.
+    pub slip: Option<Slip>,
     /// The force sensors.
     pub sensors: [Option<SensorCalibration>; SENSORS],
+    /// The force sensors as one.
+    pub array: Option<Array>,
 }
 
 /// Every section there is, in the order in which they stand in a record: its number, the version of the
 /// record that brought it, its name in files and messages, and where it is kept.
-const SECTIONS: [Entry; 6] = [
+const SECTIONS: [Entry; 9] = [
     entry(1, 2, "taxels", |c| &c.taxels, |c| &mut c.taxels),
     entry(2, 2, "force", |c| &c.force, |c| &mut c.force),
+    entry(3, 2, "model", |c| &c.model, |c| &mut c.model),
+    entry(4, 2, "slip", |c| &c.slip, |c| &mut c.slip),
     entry(16, 2, "s0", |c| &c.sensors[0], |c| &mut c.sensors[0]),
     entry(17, 2, "s1", |c| &c.sensors[1], |c| &mut c.sensors[1]),
     entry(18, 2, "s2", |c| &c.sensors[2], |c| &mut c.sensors[2]),
     entry(19, 2, "s3", |c| &c.sensors[3], |c| &mut c.sensors[3]),
+    entry(20, 2, "array", |c| &c.array, |c| &mut c.array),
 ];
 
 /// Calibration of the 4×4 optical matrix.
@@ -159,7 +172,10 @@ impl Calibration {
         date: 0,
         taxels: None,
         force: None,
+        model: None,
+        slip: None,
         sensors: [const { None }; SENSORS],
+        array: None,
     };
 
     /// The bias that the finger starts with.

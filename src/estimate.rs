@@ -1,5 +1,6 @@
 //! Signals become contact, position and force. One file an estimator, each with its source.
 
+pub mod array;
 pub mod bright_spot;
 pub mod column;
 pub mod contact_point;
@@ -12,6 +13,7 @@ pub mod limit_surface;
 pub mod net;
 pub mod row;
 pub mod sensitivity;
+pub mod slide;
 pub mod slip;
 mod solve;
 pub mod tanh;
@@ -32,6 +34,27 @@ pub struct ContactPoint {
     pub x: Millimetres,
     /// Along a column, from the middle of the matrix.
     pub y: Millimetres,
+}
+
+/// One of several contacts: its place and normal force.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct NormalContact {
+    /// Where.
+    pub point: ContactPoint,
+    /// How hard.
+    pub normal: Newtons,
+}
+
+impl NormalContact {
+    /// `normal` newtons at x, y in mm.
+    #[must_use]
+    pub const fn new((normal, [x, y]): (f32, [f32; 2])) -> Self {
+        Self {
+            point: ContactPoint { x: Millimetres(x), y: Millimetres(y) },
+            normal: Newtons(normal),
+        }
+    }
 }
 
 /// Force on the finger or on one sensor; z is positive into the skin. Each component stands alone,

@@ -1,14 +1,29 @@
 //! The whole way of one scan: codes → signals → gate → only the estimators that the scene needs.
+//!
+//! ```text
+//! no contact        nothing but the sensors' own forces
+//! normal contact    matrix: model of a normal contact     array: wrench, contact
+//! shear             matrix: model with shear              … and slip
+//! misfit            matrix: two contacts
+//! ```
+//! What matrix and array both say is weighted by what each is sure of; where one is faulty the other stands
+//! for both. Which estimators ran is in the status.
+
+mod matrix;
+mod together;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
-use crate::condition::{Bias, BiasRefusal, BiasTaker, Health, Levels, Signals, Stuck, StuckWatch};
-use crate::estimate::contact_point::{PointMethod, arg_min, centroid};
+use crate::condition::{Bias, BiasRefusal, BiasTaker, Levels, Signals, Stuck, StuckWatch};
+use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState};
-use crate::estimate::{ContactPoint, Force};
+use crate::estimate::slip::Verdict;
+use crate::estimate::{ContactPoint, Force, NormalContact};
 use crate::frame::{Fields, Frame, Status};
 use crate::measured::{Measured, NoValue};
-use crate::scan::{Codes, SENSORS, Scan, TAXELS};
-use crate::units::Micros;
+use crate::scan::{Codes, SENSORS, Scan};
+use crate::units::{Micros, NewtonMillimetres};
+use matrix::{Look, MatrixState, Seen};
+use together::{Felt, Fused, Grip, GripState};
 
 /// The coefficients of one finger. Nothing in here changes from scan to scan.
 #[derive(Clone, Debug, Default)]
@@ -28,6 +43,8 @@ pub struct FingerState {
     gate: GateState,
     stuck: StuckWatch,
     taker: Option<BiasTaker>,
+    matrix: MatrixState,
+    grip: GripState,
 }
 
 /// Everything one scan says.
@@ -47,6 +64,12 @@ pub struct Estimate {
     pub force: Force,
     /// The contact point.
     pub point: Measured<ContactPoint>,
+    /// How near to slip it is.
+    pub slip: Measured<Verdict>,
+    /// Moment about the contact's normal.
+    pub torsion: Measured<NewtonMillimetres>,
+    /// Two contacts, the stronger one first.
+    pub contacts: Measured<[NormalContact; 2]>,
     /// The bias that was asked for is done with this scan: in the state, or refused.
     pub bias: Option<Result<(), BiasRefusal>>,
 }
@@ -80,6 +103,15 @@ impl Estimate {
         }
         if on(Fields::POINT) {
             frame.point = Some(self.point);
+        }
+        if on(Fields::SLIP) {
+            frame.slip = Some(self.slip);
+        }
+        if on(Fields::TORSION) {
+            frame.torsion = Some(self.torsion);
+        }
+        if on(Fields::CONTACTS) {
+            frame.contacts = Some(self.contacts);
         }
     }
 }
@@ -186,16 +218,23 @@ impl Finger {
         let contact = self.gate.update(&mut state.gate, state.bias.activity(&signals));
         flag(&mut status, Status::CONTACT, contact);
 
+        let record = self.calibration.as_ref();
         let sensors = self.sensor_forces(&scan.codes, &signals, &mut status);
-        let point = match &signals.taxels {
-            None => Err(missing(scan.codes.taxels.is_some())),
-            Some(_) if !contact => Err(NoValue::NoContact),
-            Some(c) => self.contact_point(c, &signals.health, &state.bias, &mut status),
+        let felt = Felt::of(record, &signals, &sensors, (contact, &mut status));
+        let seen = match &signals.taxels {
+            None => Seen::nothing(missing(scan.codes.taxels.is_some())),
+            Some(c) => {
+                let (health, bias, method) = (&signals.health, &state.bias, self.point_method);
+                let look = Look { record, method, c, health, bias, contact, felt: &felt };
+                look.see(&mut state.matrix, &mut status)
+            }
         };
-        let force = match &signals.taxels {
-            None => Force::none(missing(scan.codes.taxels.is_some())),
-            Some(c) => self.force(c, contact, &signals.health, &mut status),
-        };
+        let fused = Fused::of(&seen, &felt, &mut status);
+        let (torsion, used) = (felt.torsion, seen.used);
+        let grip =
+            Grip { time: scan.time, signals: &signals, fused: &fused, torsion, used, contact };
+        let slip = grip.judge(record, &mut state.grip, &mut status);
+        let Fused { force, point, .. } = fused;
         let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
         flag(&mut status, Status::UNCALIBRATED, lacks(&force) && sensors.iter().all(lacks));
         Estimate {
@@ -206,6 +245,9 @@ impl Finger {
             sensors,
             force,
             point,
+            slip,
+            torsion,
+            contacts: seen.contacts,
             bias,
         }
     }
@@ -235,63 +277,6 @@ impl Finger {
             Force::known(x, y, z)
         })
     }
-
-    fn contact_point(
-        &self,
-        c: &[f32; TAXELS],
-        health: &Health,
-        bias: &Bias,
-        status: &mut Status,
-    ) -> Measured<ContactPoint> {
-        match self.point_method {
-            PointMethod::ArgMin => {
-                status.set(Status::RAN_ARG_MIN);
-                arg_min(c, health.dead)
-            }
-            PointMethod::Centroid => {
-                status.set(Status::RAN_CENTROID);
-                // Sixteen taxels of pure noise sum to some 6 sigma; below twice that it is noise.
-                let noise = bias.taxels.map_or(0.0, |bias| bias.noise);
-                centroid(c, health.dead, 12.0 * noise)
-            }
-        }
-    }
-
-    fn force(
-        &self,
-        c: &[f32; TAXELS],
-        contact: bool,
-        health: &Health,
-        status: &mut Status,
-    ) -> Force {
-        let calibration = self.calibration.as_ref();
-        let Some((taxels, net)) = calibration.and_then(|c| c.taxels.as_ref().zip(c.force.as_ref()))
-        else {
-            return Force::none(NoValue::Uncalibrated);
-        };
-        if health.dead != 0 {
-            return Force::none(NoValue::DeadChannel);
-        }
-        if health.saturated != 0 {
-            return Force::none(NoValue::Saturated);
-        }
-        if !contact {
-            return match net.output_bias.len() {
-                1 => normal_only(0.0),
-                _ => Force::known(0.0, 0.0, 0.0),
-            };
-        }
-        if !within(&taxels.range, c) {
-            status.set(Status::OUT_OF_RANGE);
-            return Force::none(NoValue::OutOfTrainedRange);
-        }
-        status.set(Status::RAN_NET);
-        match net.forces(c)[..] {
-            [x, y, z] => Force::known(x, y, z),
-            [z] => normal_only(z),
-            _ => Force::none(NoValue::NotEstimated),
-        }
-    }
 }
 
 /// Apart, because what it may hand back is large, rare, and would be copied with every scan.
@@ -314,10 +299,6 @@ fn flag(status: &mut Status, bit: Status, holds: bool) {
 
 fn missing(scanned: bool) -> NoValue {
     if scanned { NoValue::Uncalibrated } else { NoValue::Absent }
-}
-
-fn normal_only(z: f32) -> Force {
-    Force { z: Ok(crate::units::Newtons(z)), ..Force::none(NoValue::NotEstimated) }
 }
 
 fn within(ranges: &[Range], signals: &[f32]) -> bool {

@@ -3,10 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::condition::Signals;
-use crate::estimate::{ContactPoint, Force};
+use crate::estimate::slip::Verdict;
+use crate::estimate::{ContactPoint, Force, NormalContact};
 use crate::measured::Measured;
 use crate::scan::{Codes, SENSORS};
-use crate::units::Micros;
+use crate::units::{Micros, NewtonMillimetres};
 
 /// What holds for a frame and which estimators ran for it, a bit each. The bits are the wire's and
 /// are frozen: append, never renumber.
@@ -36,6 +37,14 @@ impl Status {
     /// Bit 8: a code does not change any more while the others do; its taxel or sensor is left out as a
     /// dead one is.
     pub const STUCK_CHANNEL: Self = Self(1 << 8);
+    /// Bit 9: no single contact accounts for the signals; the frame's contacts say more.
+    pub const NOT_SINGLE: Self = Self(1 << 9);
+    /// Bit 10: matrix and force sensors contradict each other; the surer one is given.
+    pub const DISAGREE: Self = Self(1 << 10);
+    /// Bit 11: the contact is about to slip.
+    pub const SLIP_WARNING: Self = Self(1 << 11);
+    /// Bit 12: the contact slides.
+    pub const SLIDES: Self = Self(1 << 12);
     /// Bit 16: the arg-min contact point ran.
     pub const RAN_ARG_MIN: Self = Self(1 << 16);
     /// Bit 17: the centroid contact point ran.
@@ -45,8 +54,19 @@ impl Status {
     /// Bit 19: at least one f = S(u − b) ran.
     pub const RAN_SENSORS: Self = Self(1 << 19);
 
+    /// Bit 20: the model of the skin ran, for a normal force at least.
+    pub const RAN_MODEL: Self = Self(1 << 20);
+    /// Bit 21: it ran with shear.
+    pub const RAN_SHEAR: Self = Self(1 << 21);
+    /// Bit 22: two contacts were looked for.
+    pub const RAN_PAIR: Self = Self(1 << 22);
+    /// Bit 23: the force sensors' common wrench and contact ran.
+    pub const RAN_ARRAY: Self = Self(1 << 23);
+    /// Bit 24: slip was judged.
+    pub const RAN_SLIP: Self = Self(1 << 24);
+
     /// Every bit with its name, as the tools print it.
-    pub const NAMES: [(Self, &'static str); 13] = [
+    pub const NAMES: [(Self, &'static str); 22] = [
         (Self::CONTACT, "contact"),
         (Self::UNCALIBRATED, "uncalibrated"),
         (Self::SATURATED, "saturated"),
@@ -56,10 +76,19 @@ impl Status {
         (Self::OVERRUN, "overrun"),
         (Self::BIASED, "biased"),
         (Self::STUCK_CHANNEL, "stuck-channel"),
+        (Self::NOT_SINGLE, "not-single"),
+        (Self::DISAGREE, "disagree"),
+        (Self::SLIP_WARNING, "slip-warning"),
+        (Self::SLIDES, "slides"),
         (Self::RAN_ARG_MIN, "ran-arg-min"),
         (Self::RAN_CENTROID, "ran-centroid"),
         (Self::RAN_NET, "ran-net"),
         (Self::RAN_SENSORS, "ran-sensors"),
+        (Self::RAN_MODEL, "ran-model"),
+        (Self::RAN_SHEAR, "ran-shear"),
+        (Self::RAN_PAIR, "ran-pair"),
+        (Self::RAN_ARRAY, "ran-array"),
+        (Self::RAN_SLIP, "ran-slip"),
     ];
 
     /// Sets the bits of `other`.
@@ -91,11 +120,18 @@ impl Fields {
     pub const FORCE: Self = Self(1 << 3);
     /// Bit 4: the contact point.
     pub const POINT: Self = Self(1 << 4);
+    /// Bit 5: slip.
+    pub const SLIP: Self = Self(1 << 5);
+    /// Bit 6: torsion.
+    pub const TORSION: Self = Self(1 << 6);
+    /// Bit 7: two contacts, one by one.
+    pub const CONTACTS: Self = Self(1 << 7);
 
     /// Every field there is.
-    pub const ALL: Self = Self(0b1_1111);
-    /// What a controller wants: force, contact point and per-sensor forces.
-    pub const ESTIMATES: Self = Self(Self::SENSORS.0 | Self::FORCE.0 | Self::POINT.0);
+    pub const ALL: Self = Self(0b1111_1111);
+    /// What a controller wants: force, contact point, per-sensor forces and slip.
+    pub const ESTIMATES: Self =
+        Self(Self::SENSORS.0 | Self::FORCE.0 | Self::POINT.0 | Self::SLIP.0);
 
     /// All bits of `other` are chosen.
     #[must_use]
@@ -124,6 +160,12 @@ pub struct Frame {
     pub force: Option<Force>,
     /// The contact point.
     pub point: Option<Measured<ContactPoint>>,
+    /// How near to slip it is, what friction it has, how hard to grip.
+    pub slip: Option<Measured<Verdict>>,
+    /// Moment about the normal of the contact.
+    pub torsion: Option<Measured<NewtonMillimetres>>,
+    /// Two contacts, the stronger one first, where a single one does not account for the signals.
+    pub contacts: Option<Measured<[NormalContact; 2]>>,
 }
 
 #[cfg(test)]
@@ -137,6 +179,6 @@ mod tests {
             assert_eq!(all & bit.0, 0);
             all | bit.0
         });
-        assert_eq!(all, 0x000f_01ff);
+        assert_eq!(all, 0x01ff_1fff);
     }
 }

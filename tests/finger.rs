@@ -2,16 +2,21 @@
 
 mod common;
 
-use common::{LIT, calibration, pressed, unloaded};
+use common::{LIT, calibration, everything, pressed, unloaded};
 use proptest::prelude::*;
 use taxel::calibration::{Calibration, MAX_BYTES};
-use taxel::estimate::Force;
+use taxel::estimate::array::WrenchMethod;
 use taxel::estimate::contact_point::PointMethod;
+use taxel::estimate::field::{Field, Radial};
+use taxel::estimate::intrinsic::Surface;
+use taxel::estimate::inverse::Curves;
+use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
+use taxel::estimate::{ContactPoint, Force};
 use taxel::finger::{Estimate, Finger, FingerState};
 use taxel::frame::Status;
 use taxel::measured::NoValue;
 use taxel::scan::{Codes, Midpoints, Scan, TaxelCodes};
-use taxel::units::{Code, FullScale, Micros, Newtons};
+use taxel::units::{Code, FullScale, Micros, Millimetres, Newtons};
 
 fn calibrated() -> (Finger, FingerState) {
     Finger::new(Some(calibration()))
@@ -218,14 +223,21 @@ fn any_codes() -> impl Strategy<Value = Codes> {
 
 fn finite(estimate: &Estimate) -> bool {
     let forces = estimate.sensors.iter().chain([&estimate.force]);
-    let force = |f: &Force| [f.x, f.y, f.z].iter().flatten().all(|n| n.0.is_finite());
-    let point = estimate.point.is_ok_and(|p| !(p.x.0.is_finite() && p.y.0.is_finite()));
-    forces.into_iter().all(force) && !point
+    let forces = forces.flat_map(|f| [f.x, f.y, f.z]).flatten().map(|n| n.0);
+    let at = |p: ContactPoint| [p.x.0, p.y.0];
+    let contacts = estimate.contacts.into_iter().flatten();
+    let slip = estimate.slip.into_iter().flat_map(|v| [v.margin, v.friction, v.grip.0]);
+    forces
+        .chain(estimate.point.into_iter().flat_map(at))
+        .chain(contacts.flat_map(|c| [c.point.x.0, c.point.y.0, c.normal.0]))
+        .chain(slip)
+        .chain(estimate.torsion.into_iter().map(|t| t.0))
+        .all(f32::is_finite)
 }
 
 /// A record whose every number is hostile but accepted.
 fn hostile(weight: f32, level: f32) -> Calibration {
-    let mut record = calibration();
+    let mut record = everything();
     let taxels = record.taxels.as_mut().unwrap();
     taxels.bias.level = [level; 16];
     taxels.bias.noise = 1e-9;
@@ -237,10 +249,65 @@ fn hostile(weight: f32, level: f32) -> Calibration {
         skip: core::iter::repeat_n(weight, 3 * 16).collect(),
         output_bias: core::iter::repeat_n(weight, 3).collect(),
     });
-    let sensor = record.sensors[0].as_mut().unwrap();
-    sensor.range = [[-9e29, 9e29]; 3];
-    sensor.sensitivity.0 = [[weight; 3]; 3];
+    for sensor in record.sensors.iter_mut().flatten() {
+        sensor.range = [[-9e29, 9e29]; 3];
+        sensor.sensitivity.0 = [[weight; 3]; 3];
+    }
+    let model = record.model.as_mut().unwrap();
+    model.curves = Curves { stray: [[level / 2.5; 4]; 16], gap: [[weight; 5]; 16] };
+    let radial = Radial { depth: [level, weight], terms: [[weight, level, -weight]; 4] };
+    model.field = Field { normal: radial, shear: radial, slip: level / 2.0 };
+    let array = record.array.as_mut().unwrap();
+    array.method = match level > 0.0 {
+        true => WrenchMethod::Sum(SensorPlaces([[weight; 3]; 4])),
+        false => WrenchMethod::Matrix(WrenchMatrix([[[weight; 3]; 4]; 6])),
+    };
+    array.surface = Surface::Sphere { radius: Millimetres(1.0 + level.abs()) };
     record
+}
+
+#[test]
+fn a_touch_runs_what_the_record_holds_and_the_status_says_so() {
+    let (finger, mut state) = Finger::new(Some(everything()));
+    let quiet = settled(&finger, &mut state, &unloaded(0));
+    assert_eq!(quiet.force, Force::known(0.0, 0.0, 0.0));
+    assert_eq!(quiet.status, Status::RAN_SENSORS);
+    assert_eq!(quiet.slip, Err(NoValue::NoContact));
+    // The force sensors feel nothing of this press: they contradict the matrix, which is less sure.
+    let pressed = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    for bit in [Status::CONTACT, Status::RAN_MODEL] {
+        assert!(pressed.status.contains(bit), "{:?}", pressed.status);
+    }
+    assert!(!pressed.status.contains(Status::RAN_NET));
+    assert!(!pressed.status.contains(Status::RAN_CENTROID));
+    let point = pressed.point.unwrap();
+    assert!((point.x.0 - 1.25).abs() < 0.3 && (point.y.0 + 1.25).abs() < 0.3, "{point:?}");
+}
+
+#[test]
+fn a_chosen_method_of_the_paper_runs_beside_the_net() {
+    let (mut finger, mut state) = Finger::new(Some(everything()));
+    finger.point_method = PointMethod::Centroid;
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    for bit in [Status::RAN_NET, Status::RAN_CENTROID] {
+        assert!(estimate.status.contains(bit), "{:?}", estimate.status);
+    }
+}
+
+#[test]
+fn where_a_taxel_is_dead_the_force_sensors_stand_for_both() {
+    let (finger, mut state) = Finger::new(Some(everything()));
+    let mut scan = pressed(0, 10, 6_554);
+    let taxels = scan.codes.taxels.as_mut().unwrap();
+    taxels.lit[0][0] = taxels.dark[0];
+    scan.codes.bridges = [scan.codes.bridges[0]; 4];
+    let estimate = settled(&finger, &mut state, &scan);
+    assert!(estimate.status.contains(Status::DEAD_TAXEL));
+    assert!(estimate.status.contains(Status::RAN_ARRAY), "{:?}", estimate.status);
+    assert!(estimate.force.z.is_ok(), "{:?}", estimate.force);
+    scan.codes.bridges[2] = None;
+    let estimate = settled(&finger, &mut state, &scan);
+    assert_eq!(estimate.force.z, Err(NoValue::DeadChannel));
 }
 
 proptest! {
@@ -260,7 +327,7 @@ proptest! {
             state.take_bias(3);
         }
         for (t, codes) in scans.into_iter().enumerate() {
-            for _ in 0..3 {
+            for _ in 0..6 {
                 let scan = Scan { time: Micros(t as u64), overrun: false, codes };
                 let estimate = finger.estimate(&mut state, &scan);
                 prop_assert!(finite(&estimate), "{estimate:?}");
@@ -281,15 +348,15 @@ proptest! {
     ) {
         // The CRC is made right again, so that the fields themselves have to hold.
         let mut buffer = [0; MAX_BYTES];
-        let length = calibration().to_bytes(&mut buffer).unwrap().len();
+        let length = everything().to_bytes(&mut buffer).unwrap().len();
         let at = 2 + at % (length - 10);
         buffer[at..at + 4].copy_from_slice(&with);
         let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&buffer[..length - 4]);
         buffer[length - 4..length].copy_from_slice(&crc.to_le_bytes());
         if let Ok(record) = Calibration::from_bytes(&buffer[..length]) {
             let (finger, mut state) = Finger::new(Some(record));
-            for t in 0..3 {
-                let scan = Scan { time: Micros(t), overrun: false, codes };
+            for t in 0..8 {
+                let scan = Scan { time: Micros(1000 * t), overrun: false, codes };
                 prop_assert!(finite(&finger.estimate(&mut state, &scan)));
             }
         }

@@ -304,7 +304,7 @@ fn values_out_of_range_are_refused_with_the_range() {
             );
         }
         let refused = host.ask(Command::SetFields(Fields(0x8000))).await;
-        assert_eq!(refused, Err(Refusal::OutOfRange { low: 0, high: 31 }));
+        assert_eq!(refused, Err(Refusal::OutOfRange { low: 0, high: 255 }));
         assert!(host.ask(Command::TakeBias { scans: 1 }).await.is_err());
     });
 }

@@ -7,12 +7,13 @@ use proptest::prelude::*;
 use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES};
 use taxel::condition::{Health, Signals};
 use taxel::estimate::contact_point::PointMethod;
-use taxel::estimate::{ContactPoint, Force};
+use taxel::estimate::slip::Verdict;
+use taxel::estimate::{ContactPoint, Force, NormalContact};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::NoValue;
 use taxel::scan::Codes;
 use taxel::self_test::{Channel, Channels, SelfTest};
-use taxel::units::{Code, FullScale, Micros, Millimetres};
+use taxel::units::{Code, FullScale, Micros, Millimetres, NewtonMillimetres, Newtons};
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{
     BoardHealth, CHUNK, Command, Cost, Message, Refusal, Request, Reset, Response, ScanSetting,
@@ -62,9 +63,10 @@ fn every_request_has_its_bytes() {
         (Command::Info, "07 01"),
         (Command::Stream(true), "07 02 01"),
         (Command::SetRate { hz: 1000 }, "07 03 e8 07"),
-        (Command::SetFields(Fields::ESTIMATES), "07 04 1c"),
+        (Command::SetFields(Fields::ESTIMATES), "07 04 3c"),
         (Command::SetPointMethod(PointMethod::Centroid), "07 05 00"),
         (Command::SetPointMethod(PointMethod::ArgMin), "07 05 01"),
+        (Command::SetPointMethod(PointMethod::Model), "07 05 02"),
         (Command::TakeBias { scans: 500 }, "07 06 f4 03"),
         (Command::ReadBias, "07 07"),
         (Command::ClearBias, "07 08"),
@@ -189,12 +191,15 @@ fn frame() -> Frame {
         sensors: None,
         force: None,
         point: None,
+        slip: None,
+        torsion: None,
+        contacts: None,
     }
 }
 
 #[test]
 fn frames_have_their_bytes() {
-    assert_eq!(frame_body(frame()), "02 ac 02 c0 84 3d 81 80 10 00 00 00 00 00");
+    assert_eq!(frame_body(frame()), "02 ac 02 c0 84 3d 81 80 10 00 00 00 00 00 00 00 00");
     let estimates = Frame {
         sensors: Some([
             Force::known(0.5, -0.5, 1.0),
@@ -204,6 +209,9 @@ fn frames_have_their_bytes() {
         ]),
         force: Some(Force { x: Err(NoValue::NotEstimated), ..Force::known(0.0, 0.0, 0.25) }),
         point: Some(Ok(ContactPoint { x: Millimetres(1.25), y: Millimetres(-2.0) })),
+        slip: Some(Ok(Verdict { margin: 0.25, friction: 0.5, grip: Newtons(2.0) })),
+        torsion: Some(Ok(NewtonMillimetres(-2.0))),
+        contacts: Some(Ok([(0.25, [1.25, -2.0]), (0.5, [-0.5, 1.0])].map(NormalContact::new))),
         ..frame()
     };
     assert_eq!(
@@ -212,7 +220,10 @@ fn frames_have_their_bytes() {
          01 00 00 00 00 3f 00 00 00 00 bf 00 00 00 80 3f 01 06 01 06 01 06 01 00 01 00 01 00 \
          01 03 01 03 01 03 \
          01 01 07 00 00 00 00 00 00 00 00 80 3e \
-         01 00 00 00 a0 3f 00 00 00 c0"
+         01 00 00 00 a0 3f 00 00 00 c0 \
+         01 00 00 00 80 3e 00 00 00 3f 00 00 00 40 \
+         01 00 00 00 00 c0 \
+         01 00 00 00 a0 3f 00 00 00 c0 00 00 80 3e 00 00 00 bf 00 00 80 3f 00 00 00 3f"
     );
     let mut codes = Codes { bridges: [None; 4], ..common::unloaded(0).codes };
     codes.taxels = None;
@@ -231,7 +242,7 @@ fn frames_have_their_bytes() {
         frame_body(raw),
         format!(
             "02 ac 02 c0 84 3d 81 80 10 01 ff 0f 00 00 00 00 00 01 34 12 00 \
-             01 01 {minus_half}01 {quarter}00 00 00 81 02 00 08 00 00 00"
+             01 01 {minus_half}01 {quarter}00 00 00 81 02 00 08 00 00 00 00 00 00"
         )
     );
 }
@@ -254,6 +265,9 @@ fn the_longest_messages_fit_a_packet() {
         sensors: Some([Force::known(1.0, 1.0, 1.0); 4]),
         force: Some(Force::known(1.0, 1.0, 1.0)),
         point: Some(Ok(ContactPoint { x: Millimetres(1.0), y: Millimetres(1.0) })),
+        slip: Some(Ok(Verdict { margin: 1.0, friction: 1.0, grip: Newtons(1.0) })),
+        torsion: Some(Ok(NewtonMillimetres(1.0))),
+        contacts: Some(Ok([(1.0, [1.0; 2]); 2].map(NormalContact::new))),
     };
     let bias = taxel::condition::Bias {
         taxels: common::calibration().taxels.map(|t| t.bias),

@@ -7,7 +7,11 @@ use heapless::Vec;
 use super::section::{Checks, Coefficients, HUGE, finite};
 use super::{Range, SensorCalibration, TaxelCalibration};
 use crate::condition::Bias;
+use crate::estimate::array::{Array, WrenchMethod};
+use crate::estimate::field::{Field, Radial};
+use crate::estimate::inverse::{Curves, Inverse};
 use crate::estimate::net::ForceNet;
+use crate::estimate::slip::Slip;
 
 impl Coefficients for TaxelCalibration {
     const CHECKS: Checks<Self> = &[
@@ -37,6 +41,73 @@ impl Coefficients for ForceNet {
     }
 }
 
+impl Coefficients for Inverse {
+    const CHECKS: Checks<Self> = &[
+        ("stray", |m| m.curves.stray.as_flattened().iter().all(|share| share.abs() < 1.0)),
+        ("gap", |m| finite(m.curves.gap.as_flattened())),
+        ("normal", |m| radial_fits(&m.field.normal)),
+        ("shear", |m| radial_fits(&m.field.shear)),
+        ("slip", |m| m.field.slip.abs() <= 1.0),
+        ("error", |m| {
+            let [floor, share] = m.error;
+            (1e-9..1.0).contains(&floor) && (0.0..1.0).contains(&share)
+        }),
+        ("friction", |m| (0.01..10.0).contains(&m.friction)),
+    ];
+    const NEEDS_TAXELS: bool = true;
+
+    fn read(place: &mut Option<Self>, bytes: &[u8]) -> Option<()> {
+        let model = place.insert(Self::EMPTY);
+        let Curves { stray, gap } = &mut model.curves;
+        let Field { normal, shear, slip } = &mut model.field;
+        let mut rest = bytes;
+        for numbers in [
+            stray.as_flattened_mut(),
+            gap.as_flattened_mut(),
+            &mut normal.depth,
+            normal.terms.as_flattened_mut(),
+            &mut shear.depth,
+            shear.terms.as_flattened_mut(),
+            core::slice::from_mut(slip),
+            &mut model.error,
+        ] {
+            rest = read_numbers(numbers, rest)?;
+        }
+        let (last, rest) = postcard::take_from_bytes(rest).ok()?;
+        (model.shear, model.friction) = last;
+        rest.is_empty().then_some(())
+    }
+}
+
+impl Coefficients for Slip {
+    const CHECKS: Checks<Self> = &[
+        ("usual", |s| {
+            let [friction, spread] = s.usual;
+            (0.05..=2.0).contains(&friction) && (0.0..=20.0).contains(&spread)
+        }),
+        ("radius", |s| {
+            let [c, gamma] = s.surface.radius;
+            (1e-3..1e3).contains(&c) && (0.0..=1.0).contains(&gamma)
+        }),
+        ("torque", |s| (1e-3..=1.0).contains(&s.surface.torque)),
+        ("curve", |s| s.surface.curve.iter().all(|bulge| (0.5..=1.5).contains(bulge))),
+        ("warn", |s| (0.0..=1.0).contains(&s.warn)),
+        ("safety", |s| (1.0..=100.0).contains(&s.safety)),
+    ];
+}
+
+impl Coefficients for Array {
+    const CHECKS: Checks<Self> = &[
+        ("method", |a| match &a.method {
+            WrenchMethod::Sum(places) => finite(places.0.as_flattened()),
+            WrenchMethod::Matrix(matrix) => finite(matrix.0.as_flattened().as_flattened()),
+        }),
+        ("residual", |a| a.residual.iter().all(|sigma| (1e-9..1e3).contains(sigma))),
+        ("moment_residual", |a| (1e-9..1e3).contains(&a.moment_residual)),
+        ("surface", |a| a.surface.fits()),
+    ];
+}
+
 impl Coefficients for SensorCalibration {
     const CHECKS: Checks<Self> = &[
         ("bias", |s| levels_fit(&s.bias.level)),
@@ -56,6 +127,19 @@ fn read_list<'b, const N: usize>(list: &mut Vec<f32, N>, bytes: &'b [u8]) -> Opt
         list.push(f32::from_le_bytes(*weight)).ok()?;
     }
     Some(rest)
+}
+
+/// Fills `numbers` from the front of `bytes`. Returns what follows them.
+fn read_numbers<'b>(numbers: &mut [f32], bytes: &'b [u8]) -> Option<&'b [u8]> {
+    let (own, rest) = bytes.split_at_checked(4 * numbers.len())?;
+    for (number, bytes) in numbers.iter_mut().zip(own.as_chunks::<4>().0) {
+        *number = f32::from_le_bytes(*bytes);
+    }
+    Some(rest)
+}
+
+fn radial_fits(radial: &Radial) -> bool {
+    finite(&radial.depth) && finite(radial.terms.as_flattened())
 }
 
 /// A bias that does not come from a record.

@@ -1,11 +1,17 @@
 use super::*;
+use crate::estimate::array::WrenchMethod;
+use crate::estimate::field::{Field, Radial};
+use crate::estimate::intrinsic::Surface;
+use crate::estimate::inverse::Curves;
+use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
+use crate::units::Millimetres;
 
 fn largest() -> Calibration {
     let bias = TaxelBias { level: [0.3; TAXELS], noise: 1e-4 };
     let net = ForceNet {
-        hidden: core::iter::repeat_n(0.5, 32 * 16).collect(),
-        hidden_bias: core::iter::repeat_n(0.1, 32).collect(),
-        output: core::iter::repeat_n(0.25, 3 * 32).collect(),
+        hidden: core::iter::repeat_n(0.5, 24 * 16).collect(),
+        hidden_bias: core::iter::repeat_n(0.1, 24).collect(),
+        output: core::iter::repeat_n(0.25, 3 * 24).collect(),
         skip: core::iter::repeat_n(0.125, 3 * 16).collect(),
         output_bias: core::iter::repeat_n(0.0, 3).collect(),
     };
@@ -20,7 +26,30 @@ fn largest() -> Calibration {
         date: u64::MAX,
         taxels: Some(TaxelCalibration { bias, range: [[-0.5, 0.1]; TAXELS], residual: [0.01; 3] }),
         force: Some(net),
+        model: Some(Inverse {
+            curves: Curves {
+                stray: [[0.01, 0.02, 0.03, 0.04]; TAXELS],
+                gap: [[1.0, 2.0, 3.0, 4.0, 5.0]; TAXELS],
+            },
+            field: Field {
+                normal: Radial { depth: [6.25, 2.0], terms: [[1.0, 0.5, 0.25]; 4] },
+                shear: Radial { depth: [6.5, 2.5], terms: [[2.5, 0.0, 0.75]; 4] },
+                slip: -0.4,
+            },
+            error: [1e-3, 2e-3],
+            shear: true,
+            friction: 0.8,
+        }),
+        slip: Some(Slip::usual(0.8)),
         sensors: core::array::from_fn(|_| Some(sensor.clone())),
+        array: Some(Array {
+            method: WrenchMethod::Matrix(WrenchMatrix([[[0.5; 3]; SENSORS]; 6])),
+            residual: [0.001; 3],
+            moment_residual: 0.01,
+            surface: Surface::Ellipsoid {
+                half_axes: [Millimetres(9.0), Millimetres(12.0), Millimetres(15.0)],
+            },
+        }),
     }
 }
 
@@ -48,7 +77,7 @@ fn a_record_holds_the_sections_that_there_are_and_reading_it_drops_the_others() 
     let mut place = largest();
     place.read(&bytes(&without)).unwrap();
     assert_eq!(place, without);
-    let weights = 4 * (32 * 16 + 32 + 3 * 32 + 3 * 16 + 3);
+    let weights = 4 * (24 * 16 + 24 + 3 * 24 + 3 * 16 + 3);
     let saved = bytes(&largest()).len() - bytes(&without).len();
     assert!((weights..weights + 16).contains(&saved), "{saved}");
     let empty = Calibration::default();
@@ -151,6 +180,38 @@ fn every_senseless_field_is_refused_by_name() {
     assert_eq!(refused(|r| sensor(r, 0).bias.noise = -1.0), ("s0", "noise"));
     assert_eq!(refused(|r| sensor(r, 0).bias.level[0] = 3.0), ("s0", "bias"));
     assert_eq!(refused(|r| sensor(r, 1).residual[0] = -1.0), ("s1", "residual_n"));
+    fn model(r: &mut Calibration) -> &mut Inverse {
+        r.model.as_mut().unwrap()
+    }
+    fn slip(r: &mut Calibration) -> &mut Slip {
+        r.slip.as_mut().unwrap()
+    }
+    fn array(r: &mut Calibration) -> &mut Array {
+        r.array.as_mut().unwrap()
+    }
+    assert_eq!(refused(|r| model(r).curves.stray[3][1] = 1.0), ("model", "stray"));
+    assert_eq!(refused(|r| model(r).curves.gap[3][1] = f32::NAN), ("model", "gap"));
+    assert_eq!(refused(|r| model(r).field.normal.depth[1] = 1e30), ("model", "normal"));
+    assert_eq!(refused(|r| model(r).field.shear.terms[3][2] = f32::NAN), ("model", "shear"));
+    assert_eq!(refused(|r| model(r).field.slip = -1.5), ("model", "slip"));
+    assert_eq!(refused(|r| model(r).error[0] = 0.0), ("model", "error"));
+    assert_eq!(refused(|r| model(r).friction = 0.0), ("model", "friction"));
+    assert_eq!(refused(|r| slip(r).usual[0] = 0.0), ("slip", "usual"));
+    assert_eq!(refused(|r| slip(r).surface.radius[0] = f32::NAN), ("slip", "radius"));
+    assert_eq!(refused(|r| slip(r).surface.torque = 2.0), ("slip", "torque"));
+    assert_eq!(refused(|r| slip(r).surface.curve[8] = 0.0), ("slip", "curve"));
+    assert_eq!(refused(|r| slip(r).warn = 1.5), ("slip", "warn"));
+    assert_eq!(refused(|r| slip(r).safety = 0.5), ("slip", "safety"));
+    assert_eq!(refused(|r| array(r).residual[2] = 0.0), ("array", "residual"));
+    assert_eq!(refused(|r| array(r).moment_residual = 0.0), ("array", "moment_residual"));
+    assert_eq!(
+        refused(|r| array(r).surface = Surface::Sphere { radius: Millimetres(0.0) }),
+        ("array", "surface")
+    );
+    assert_eq!(
+        refused(|r| array(r).method = WrenchMethod::Sum(SensorPlaces([[f32::INFINITY; 3]; 4]))),
+        ("array", "method")
+    );
     assert_eq!(names(2, 9), None);
     assert_eq!(names(99, 0), None);
 }
@@ -166,5 +227,7 @@ fn a_net_may_be_linear_but_not_without_its_taxels() {
     linear.taxels = None;
     assert_eq!(linear.validate(), Err(CalibrationError::WithoutTaxels { section: 2 }));
     linear.force = None;
+    assert_eq!(linear.validate(), Err(CalibrationError::WithoutTaxels { section: 3 }));
+    linear.model = None;
     assert_eq!(linear.validate(), Ok(()));
 }

@@ -7,15 +7,18 @@ use crate::measured::{Measured, NoValue};
 use crate::scan::{TAXEL_CENTRES, TAXELS};
 use crate::units::Millimetres;
 
-/// Which of the paper's two methods finds the contact point.
+/// How the contact point is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PointMethod {
-    /// 002 eqs (8)–(9): the centroid of the taxels that came nearer.
-    #[default]
+    /// 0, 002 eqs (8)–(9): the centroid of the taxels that came nearer.
     Centroid,
-    /// 002 eq. (7): the centre of the taxel that came nearest.
+    /// 1, 002 eq. (7): the centre of the taxel that came nearest.
     ArgMin,
+    /// 2: by the record's model of the skin (see [`super::inverse`]); the centroid where it has none. With
+    /// this the model gives the force, too; with another it is the net's where the record has one.
+    #[default]
+    Model,
 }
 
 /// 002 eq. (7): the centre of the taxel with the most negative c_k, over taxels whose bit in `skip`

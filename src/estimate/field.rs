@@ -46,6 +46,15 @@ pub struct Field {
     pub slip: f32,
 }
 
+impl Field {
+    /// Nothing moves.
+    pub(crate) const EMPTY: Self = Self { normal: Radial::EMPTY, shear: Radial::EMPTY, slip: 0.0 };
+}
+
+impl Radial {
+    const EMPTY: Self = Self { depth: [0.0; 2], terms: [[0.0; 3]; TERMS] };
+}
+
 /// A touch in the unknowns of the field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {

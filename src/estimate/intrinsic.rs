@@ -12,6 +12,8 @@
 //! r = (K D A⁻²M + (A²F) × M + h F) / (D K² + f²), which has no singularity at K = 0.
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "a NaN is to be refused as well")]
 
+use serde::{Deserialize, Serialize};
+
 use super::ContactPoint;
 use super::wrench::{Wrench, cross, dot};
 use crate::measured::{Measured, NoValue};
@@ -19,17 +21,18 @@ use crate::roots::sqrt;
 use crate::units::{Millimetres, NewtonMillimetres};
 
 /// The surface that is touched. Frame and origin are the wrench's; the origin lies on the surface.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Surface {
-    /// The plane z = 0: a flat skin.
+    /// 0: the plane z = 0: a flat skin.
     #[default]
     Plane,
-    /// A sphere whose top is the origin.
+    /// 1: a sphere whose top is the origin.
     Sphere {
         /// Its radius.
         radius: Millimetres,
     },
-    /// An ellipsoid with axes along x, y, z whose top is the origin.
+    /// 2: an ellipsoid with axes along x, y, z whose top is the origin.
     Ellipsoid {
         /// Its half axes.
         half_axes: [Millimetres; 3],
@@ -58,6 +61,17 @@ impl Contact {
 const FARTHEST: f32 = 1e3;
 
 impl Surface {
+    /// A fingertip may have this surface.
+    #[must_use]
+    pub fn fits(&self) -> bool {
+        let valid = |axis: &Millimetres| (1e-3..=FARTHEST).contains(&axis.0);
+        match self {
+            Self::Plane => true,
+            Self::Sphere { radius } => valid(radius),
+            Self::Ellipsoid { half_axes } => half_axes.iter().all(valid),
+        }
+    }
+
     /// The contact that makes `wrench`, whose normal force must be at least `least` newtons.
     ///
     /// # Errors

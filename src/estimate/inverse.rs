@@ -110,6 +110,15 @@ impl InverseState {
 }
 
 impl Inverse {
+    /// Says nothing yet.
+    pub(crate) const EMPTY: Self = Self {
+        curves: Curves { stray: [[0.0; 4]; TAXELS], gap: [[0.0; 5]; TAXELS] },
+        field: Field::EMPTY,
+        error: [1.0, 0.0],
+        shear: false,
+        friction: 1.0,
+    };
+
     /// One frame of displacements, of a touch without shear.
     ///
     /// # Errors
@@ -165,6 +174,14 @@ impl Inverse {
         let force = if whole > f32::MIN_POSITIVE { sum / whole } else { 0.0 };
         let size = crate::roots::cube_root(force).clamp(LEAST_SIZE, MOST_SIZE);
         Some(Load { size, ..newton })
+    }
+
+    /// What calibration leaves of a newton, as a share of what a newton sinks the facet under it.
+    pub(crate) fn expected_share(&self) -> f32 {
+        let newton = Load { size: 1.0, ..Load::default() };
+        let (sinks, _) = self.field.around(&newton).pressed([0.0; 2]);
+        let [floor, share] = self.error;
+        if sinks > f32::MIN_POSITIVE { ((floor + share) / sinks).min(1.0) } else { 1.0 }
     }
 
     /// What calibration leaves at this normal force.

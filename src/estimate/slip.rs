@@ -10,6 +10,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::limit_surface::LimitSurface;
+use crate::measured::{Measured, NoValue};
 use crate::roots::sqrt;
 use crate::units::Newtons;
 
@@ -45,9 +46,13 @@ pub struct Traction {
     pub normal: f32,
     /// Torsion in N·mm.
     pub torsion: f32,
+    /// So much of shear and torsion may be noise: a light touch is not about to slip because of it.
+    pub doubt: [f32; 2],
     /// Share of friction in use as the ring shows it, and its standard deviation, where it is seen.
     pub used: Option<[f32; 2]>,
-    /// It slides, as its vibration or its way tells.
+    /// It slides, as its vibration tells: a knock may sound alike, and teaches nothing.
+    pub rubs: bool,
+    /// It slides, as its way tells.
     pub slides: bool,
 }
 
@@ -59,7 +64,8 @@ pub struct SlipState {
 }
 
 /// The verdict on one contact.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Verdict {
     /// What is left of the friction: 1 unloaded, 0 at the limit.
     pub margin: f32,
@@ -67,8 +73,6 @@ pub struct Verdict {
     pub friction: f32,
     /// Normal force that would leave the safe margin at this shear and torsion.
     pub grip: Newtons,
-    /// The margin is below the warning's.
-    pub warning: bool,
 }
 
 /// Least normal force for which friction is estimated, in newtons.
@@ -76,8 +80,12 @@ const LEAST_NORMAL: f32 = 0.05;
 /// The ring is no truer than this share of friction, however sure the fit is: what the field's form
 /// leaves out is the same from frame to frame.
 const RING_ERROR: f32 = 0.1;
-/// … so a frame counts as this share of a new observation.
-const NEW: f32 = 0.02;
+/// … so a frame counts as one over the square of this of a new observation.
+const RING_FRAMES: f32 = 7.0;
+/// A slide uses all of its friction, to this share; a frame counts as half a new observation.
+const SLIDE_ERROR: f32 = 0.07;
+/// A share of friction that is known no better than this is not seen.
+const RING_SEEN: f32 = 0.25;
 /// A ring that says less than this much of its friction is in use says nothing of μ.
 const LEAST_USED: f32 = 0.35;
 /// How the variance of 1/μ grows from frame to frame: things touched change.
@@ -97,60 +105,78 @@ impl SlipState {
 }
 
 impl Slip {
+    /// A warning is due.
+    #[must_use]
+    pub fn warns(&self, verdict: &Verdict) -> bool {
+        verdict.margin < self.warn
+    }
+
     /// One frame of a contact.
-    pub fn judge(&self, state: &mut SlipState, traction: &Traction) -> Verdict {
+    ///
+    /// # Errors
+    /// [`NoValue::IllConditioned`] for a touch too light to have a ratio of shear to normal force.
+    pub fn judge(&self, state: &mut SlipState, traction: &Traction) -> Measured<Verdict> {
+        let Traction { shear: [fx, fy], normal, torsion, doubt, used, rubs, slides } = *traction;
+        if normal.is_nan() || normal < LEAST_NORMAL {
+            return Err(NoValue::IllConditioned);
+        }
+        let shear = sqrt(fx * fx + fy * fy);
+        let ratio = (shear / normal).min(FRICTION[1]);
+        let [inverse, variance] = self.learn(state, ratio, used, slides);
+        let friction = 1.0 / inverse;
+        let sure = [(shear - doubt[0]).max(0.0), (torsion.abs() - doubt[1]).max(0.0)];
+        let held = self.surface.load([sure[0], 0.0], sure[1], normal, friction);
+        let load = match used {
+            // Torsion adds to what the ring of shear shows as the surface has it.
+            Some([b, sigma]) => {
+                let (ring, known) = (sigma + RING_ERROR, ratio * sqrt(variance) + 0.02);
+                let (wr, wk) = (1.0 / (ring * ring), 1.0 / (known * known));
+                (b.clamp(0.0, 1.0) * wr + held.min(1.0) * wk) / (wr + wk)
+            }
+            None => held,
+        };
+        let load = if slides || rubs { 1.0 } else { load.clamp(0.0, 1.0) };
+        let grip = Newtons((self.safety * load * normal).clamp(0.0, 1e3));
+        Ok(Verdict { margin: 1.0 - load, friction, grip })
+    }
+
+    /// What is known of 1/μ after a frame with this ratio of shear to normal force, and its variance.
+    fn learn(
+        &self,
+        state: &mut SlipState,
+        ratio: f32,
+        used: Option<[f32; 2]>,
+        slides: bool,
+    ) -> [f32; 2] {
         let [usual, spread] = self.usual;
-        let Traction { shear: [fx, fy], normal, torsion, used, slides } = *traction;
-        let [mut inverse, mut variance] =
-            state.known.unwrap_or([1.0 / usual.clamp(FRICTION[0], FRICTION[1]), spread * spread]);
-        variance = (variance + WANDER).min(spread * spread);
-        let touching = normal > LEAST_NORMAL;
-        let ratio =
-            if touching { (sqrt(fx * fx + fy * fy) / normal).min(FRICTION[1]) } else { 0.0 };
-        let mut observe = |used: f32, noise: f32, share: f32| {
+        let start = [1.0 / usual.clamp(FRICTION[0], FRICTION[1]), spread * spread];
+        let [mut inverse, variance] = state.known.unwrap_or(start);
+        let mut variance = (variance + WANDER).min(spread * spread);
+        let unsure = ratio * ratio * variance > RING_ERROR * RING_ERROR;
+        let mut observe = |used: f32, noise: f32| {
             // b = F_t/F_n · 1/μ is linear in 1/μ: one step of Kalman's filter.
-            let gain = variance * ratio / (ratio * ratio * variance + noise * noise / share);
+            let gain = variance * ratio / (ratio * ratio * variance + noise * noise);
             inverse += gain * (used - ratio * inverse);
             variance -= gain * ratio * variance;
         };
-        if touching && slides && ratio > FRICTION[0] {
-            observe(1.0, 0.05, 0.5);
-        } else if let (true, Some([b, sigma])) = (touching, used)
-            && b > LEAST_USED
-        {
-            observe(b.min(1.0), sigma + RING_ERROR, NEW);
+        match used {
+            _ if slides && ratio > FRICTION[0] => observe(1.0, SLIDE_ERROR),
+            // A ring that is not seen is the model's guess; one that is seen is off by the same from frame to
+            // frame, so that it cannot better what is known more surely than that.
+            Some([b, sigma]) if b > LEAST_USED && sigma < RING_SEEN && unsure => {
+                observe(b.min(1.0), RING_FRAMES * (sigma + RING_ERROR));
+            }
+            _ => {}
         }
         // What holds is held: μ is at least the ratio seen.
-        let most = if ratio > FRICTION[0] { 1.0 / ratio } else { 1.0 / FRICTION[0] };
+        let most = 1.0 / ratio.max(FRICTION[0]);
         if !slides && inverse > most {
             inverse = most;
         }
         inverse = inverse.clamp(1.0 / FRICTION[1], 1.0 / FRICTION[0]);
         state.known = Some([inverse, variance]);
-        let friction = 1.0 / inverse;
-
-        let held = self.surface.load([fx, fy], torsion, normal, friction);
-        let load = match used {
-            // Torsion adds to what the ring of shear shows as the surface has it.
-            Some([b, sigma]) if touching => {
-                let doubt = sqrt(ratio * ratio * variance);
-                let (a, r) = (sigma + RING_ERROR, doubt + 0.02);
-                let (wa, wr) = (1.0 / (a * a), 1.0 / (r * r));
-                (b.clamp(0.0, 1.0) * wa + held.min(1.0) * wr) / (wa + wr)
-            }
-            _ => held,
-        };
-        let load = if slides { 1.0 } else { load.clamp(0.0, 1.0) };
-        let margin = 1.0 - load;
-        let grip = (self.safety * load * normal).clamp(0.0, 1e3);
-        Verdict { margin, friction, grip: Newtons(grip), warning: touching && margin < self.warn }
+        [inverse, variance]
     }
-}
-
-/// The finger's margin is that of the contact that will slip first.
-#[must_use]
-pub fn overall(verdicts: &[Verdict]) -> Option<Verdict> {
-    verdicts.iter().copied().reduce(|a, b| if b.margin < a.margin { b } else { a })
 }
 
 #[cfg(test)]
@@ -174,7 +200,7 @@ mod tests {
                     used: seen.then_some([b, 0.05]),
                     ..Traction::default()
                 };
-                slip().judge(state, &traction)
+                slip().judge(state, &traction).unwrap()
             })
             .collect()
     }
@@ -183,7 +209,7 @@ mod tests {
     fn where_the_ring_is_seen_the_warning_comes_before_the_slip_whatever_the_friction() {
         for mu in [0.2, 0.5, 0.8, 1.2] {
             let verdicts = dragged(&mut SlipState::default(), mu, true);
-            let first = verdicts.iter().position(|v| v.warning).unwrap();
+            let first = verdicts.iter().position(|v| slip().warns(v)).unwrap();
             assert!((80..190).contains(&first), "{mu}: {first}");
             let friction = verdicts[200].friction;
             assert!((friction / mu - 1.0).abs() < 0.3, "{mu}: {friction}");
@@ -196,10 +222,10 @@ mod tests {
         let sliding =
             Traction { shear: [0.3, 0.0], normal: 1.0, slides: true, ..Traction::default() };
         for _ in 0..50 {
-            assert_eq!(slip().judge(&mut state, &sliding).margin, 0.0);
+            assert_eq!(slip().judge(&mut state, &sliding).unwrap().margin, 0.0);
         }
         let verdicts = dragged(&mut state, 0.3, false);
-        let first = verdicts.iter().position(|v| v.warning).unwrap();
+        let first = verdicts.iter().position(|v| slip().warns(v)).unwrap();
         assert!((100..190).contains(&first), "{first}");
     }
 
@@ -214,9 +240,10 @@ mod tests {
     fn the_recommended_grip_leaves_the_margin_that_it_promises() {
         let mut state = SlipState::default();
         let shear = [0.5, 0.0];
-        let now = slip().judge(&mut state, &Traction { shear, normal: 0.8, ..Traction::default() });
+        let traction = Traction { shear, normal: 0.8, ..Traction::default() };
+        let now = slip().judge(&mut state, &traction).unwrap();
         let gripped = Traction { shear, normal: now.grip.0, ..Traction::default() };
-        let then = slip().judge(&mut state, &gripped);
+        let then = slip().judge(&mut state, &gripped).unwrap();
         assert!((then.margin - (1.0 - 1.0 / 1.5)).abs() < 0.01, "{now:?} {then:?}");
     }
 
@@ -225,21 +252,9 @@ mod tests {
         let turned = |torsion| {
             let traction =
                 Traction { shear: [0.3, 0.0], normal: 1.0, torsion, ..Traction::default() };
-            slip().judge(&mut SlipState::default(), &traction).margin
+            slip().judge(&mut SlipState::default(), &traction).unwrap().margin
         };
         assert!(turned(0.5) < turned(0.0));
-    }
-
-    #[test]
-    fn the_finger_slips_where_its_weakest_contact_does() {
-        let mut state = SlipState::default();
-        let of = |shear, state: &mut SlipState| {
-            slip()
-                .judge(state, &Traction { shear: [shear, 0.0], normal: 1.0, ..Traction::default() })
-        };
-        let verdicts = [of(0.1, &mut state), of(0.6, &mut state)];
-        assert_eq!(overall(&verdicts), Some(verdicts[1]));
-        assert_eq!(overall(&[]), None);
     }
 
     proptest! {
@@ -255,7 +270,9 @@ mod tests {
             let mut state = SlipState::default();
             for (shear, normal, torsion, used, slides) in tractions {
                 let used = used.map(|(b, sigma)| [b, sigma]);
-                let verdict = slip.judge(&mut state, &Traction { shear, normal, torsion, used, slides });
+                let doubt = [torsion, normal];
+            let traction = Traction { shear, normal, torsion, doubt, used, rubs: !slides, slides };
+                let Ok(verdict) = slip.judge(&mut state, &traction) else { continue };
                 prop_assert!((0.0..=1.0).contains(&verdict.margin), "{verdict:?}");
                 prop_assert!(verdict.friction.is_finite() && verdict.grip.0.is_finite(), "{verdict:?}");
             }

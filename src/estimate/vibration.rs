@@ -7,6 +7,7 @@
 
 use super::contact_point::halves;
 use crate::condition::Signals;
+use crate::units::Micros;
 
 /// Second-order section, direct form II transposed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,7 +54,8 @@ const CHANNELS: usize = 6;
 /// When the band is louder than its floor, and than the band below it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vibration {
-    /// The band, and the one below it: what falls off steeply from there is motion, not a rub.
+    /// The band, passed twice so that a steady motion leaves nothing in it, and the one below: what falls
+    /// off steeply from there is motion, not a rub.
     pub bands: [Biquad; 2],
     /// Share of a frame in the running mean of the energies, and in the floor's.
     pub forget: [f32; 2],
@@ -83,7 +85,7 @@ impl Vibration {
 /// What is remembered of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Channel {
-    filters: [BiquadState; 2],
+    filters: [BiquadState; 3],
     energy: [f32; 2],
     floor: f32,
     lasted: u16,
@@ -134,13 +136,12 @@ impl Vibration {
 
     fn listen(&self, channel: &mut Channel, x: f32, warm: bool, was: bool) -> bool {
         let [fast, slow] = self.forget;
-        let mut heard = 0.0;
-        let bands = self.bands.iter().zip(&mut channel.filters).zip(&mut channel.energy).rev();
-        for ((band, filter), energy) in bands {
-            let y = band.filter(filter, x);
-            heard = y * y;
-            *energy += fast * (heard - *energy);
-        }
+        let ([band, below], [once, twice, low]) = (&self.bands, &mut channel.filters);
+        let passed = band.filter(once, x);
+        let (high, low) = (band.filter(twice, passed), below.filter(low, x));
+        let heard = high * high;
+        channel.energy[0] += fast * (heard - channel.energy[0]);
+        channel.energy[1] += fast * (low * low - channel.energy[1]);
         let floor = channel.floor.max(QUIET);
         // The floor follows quickly at first, then slowly, and not at all while it vibrates.
         if !was {
@@ -152,6 +153,36 @@ impl Vibration {
         let loud = energy > if was { end } else { begin } * floor && energy > STEEP * below;
         channel.lasted = if loud { channel.lasted.saturating_add(1) } else { 0 };
         channel.lasted > self.lasting
+    }
+}
+
+/// A detector that learns the rate of its frames from their times.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Listener {
+    time: Option<Micros>,
+    interval_us: u64,
+    detector: Option<Vibration>,
+    state: VibrationState,
+}
+
+impl Listener {
+    /// One frame. Where the rate changes, it begins anew.
+    pub fn hear(&mut self, time: Micros, signals: &Signals) -> bool {
+        let interval = self.time.map_or(0, |last| time.0.saturating_sub(last.0));
+        self.time = Some(time);
+        // A frame that was lost is no other rate.
+        let lost = interval > self.interval_us + self.interval_us / 2 && self.detector.is_some();
+        if interval.abs_diff(self.interval_us) > self.interval_us / 8 && !lost {
+            let rate = 1e6 / interval.clamp(1, 1_000_000) as f32;
+            *self = Self {
+                time: Some(time),
+                interval_us: interval,
+                detector: Some(Vibration::at(rate)),
+                state: VibrationState::default(),
+            };
+        }
+        let Self { detector, state, .. } = self;
+        detector.as_ref().is_some_and(|detector| detector.update(state, signals))
     }
 }
 

@@ -11,7 +11,7 @@ use crate::estimate::contact_point::PointMethod;
 use crate::frame::Fields;
 use crate::wire::crc32;
 
-/// Longest content: a bias of everything takes 154 bytes with all the rest (asserted below).
+/// Longest content: a bias of everything takes 155 bytes with all the rest (asserted below).
 const LONGEST: usize = 160;
 
 /// What the host has set.
@@ -117,7 +117,7 @@ mod tests {
         let kept = Kept { settings: Some(settings), bias: Some(stored) };
         let mut buffer = [0; LONGEST];
         let bytes = kept.write(&mut buffer).unwrap();
-        assert_eq!(bytes.len(), 154);
+        assert_eq!(bytes.len(), 155);
         assert_eq!(Kept::read(bytes), Some(kept));
     }
 

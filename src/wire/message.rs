@@ -93,6 +93,10 @@ pub enum Command {
 }
 
 /// Finger to host.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "frames are what is said; nothing is boxed without a heap"
+)]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
     /// 0, frozen: the answer to the version query.

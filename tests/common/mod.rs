@@ -3,8 +3,14 @@
 
 use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
 use taxel::condition::{BridgeBias, TaxelBias};
+use taxel::estimate::array::{Array, WrenchMethod};
+use taxel::estimate::field::{Field, Radial};
+use taxel::estimate::intrinsic::Surface;
+use taxel::estimate::inverse::{Curves, Inverse};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::sensitivity::Sensitivity;
+use taxel::estimate::slip::Slip;
+use taxel::estimate::wrench::SensorPlaces;
 use taxel::scan::{Codes, Midpoints, Scan, TAXELS, TaxelCodes};
 use taxel::store::{RamFlash, Store};
 use taxel::units::{Code, FullScale, Micros};
@@ -57,6 +63,9 @@ pub fn calibration() -> Calibration {
             skip: heapless::Vec::new(),
             output_bias: [0.0, 0.0, 0.0].into_iter().collect(),
         }),
+        model: None,
+        slip: None,
+        array: None,
         sensors: [
             Some(SensorCalibration {
                 bias: BridgeBias { level: [0.0; 3], noise: 1e-4 },
@@ -69,6 +78,37 @@ pub fn calibration() -> Calibration {
             None,
         ],
     }
+}
+
+/// The same finger with all that a record may hold: a point load on a half-space 2.5 mm under it, and four
+/// sensors alike.
+pub fn everything() -> Calibration {
+    let mut record = calibration();
+    let point_load = |terms: [f32; 2], depth: f32| Radial {
+        depth: [depth, 1.0],
+        terms: [[terms[0], 0.0, 0.0], [terms[1], 0.0, 0.0], [0.0; 3], [0.0; 3]],
+    };
+    record.model = Some(Inverse {
+        curves: Curves { stray: [[0.01; 4]; TAXELS], gap: [[-4.0, 0.5, 0.0, 0.0, 0.0]; TAXELS] },
+        field: Field {
+            normal: point_load([1.0, 1.0], 6.25),
+            shear: point_load([2.5, 0.0], 6.25),
+            slip: -0.4,
+        },
+        error: [1e-3, 2e-3],
+        shear: true,
+        friction: 0.8,
+    });
+    record.slip = Some(Slip::usual(0.8));
+    let sensor = record.sensors[0].clone();
+    record.sensors = core::array::from_fn(|_| sensor.clone());
+    record.array = Some(Array {
+        method: WrenchMethod::Sum(SensorPlaces::default()),
+        residual: [1e-3; 3],
+        moment_residual: 1e-2,
+        surface: Surface::Plane,
+    });
+    record
 }
 
 pub fn identity() -> Identity {

@@ -110,7 +110,7 @@ fn a_sensor_on_the_bench_is_found_fitted_and_judged_to_a_millinewton() {
     ]);
     let frames = std::fs::read_to_string(folder.0.join("frames.csv")).unwrap();
     assert!(frames.starts_with(
-        "t_us,seq,status,fx_n,fy_n,fz_n,x_mm,y_mm,contact,s0_fx_n,s0_fy_n,s0_fz_n,s1_fx_n"
+        "t_us,seq,status,fx_n,fy_n,fz_n,x_mm,y_mm,contact,slip,slip_margin,friction,grip_n,s0_fx_n"
     ));
     assert_eq!(frames.lines().count() as u64, 1 + figures(&judged, "s0_fz_n").1);
 }

@@ -15,7 +15,7 @@ const POINT: [&str; 2] = ["x_mm", "y_mm"];
 
 /// Runs the recording through the core's finger and compares every row with its reference.
 ///
-/// `fx_n`, `fy_n`, `fz_n` are compared with the finger's force if the calibration has a net, otherwise
+/// `fx_n`, `fy_n`, `fz_n` are compared with the finger's force if the calibration has one, otherwise
 /// with the only calibrated sensor's; `x_mm`, `y_mm` with the contact point while something touches
 /// the finger; `s0_fx_n` … with their sensor. Columns that the recording lacks, and quantities that the
 /// calibration cannot estimate at all, are left out.
@@ -74,7 +74,7 @@ impl Against {
 }
 
 fn against(calibration: &Calibration) -> Option<Against> {
-    if calibration.force.is_some() {
+    if calibration.force.is_some() || calibration.model.is_some() || calibration.array.is_some() {
         return Some(Against::Finger);
     }
     let mut calibrated = (0..SENSORS).filter(|i| calibration.sensors[*i].is_some());

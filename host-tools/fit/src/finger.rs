@@ -12,23 +12,32 @@ use taxel::condition::{Bias, Signals};
 use taxel::estimate::gate::Gate;
 use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
 use taxel::estimate::sensitivity::Sensitivity;
+use taxel::estimate::slip::Slip;
 use taxel::scan::{SENSORS, TAXELS};
 
+use crate::array;
 use crate::auto::Chosen;
 use crate::checks;
 use crate::error::FitError;
 use crate::least_squares;
+use crate::limit_surface;
 use crate::model::{Family, Training};
 use crate::network::{Net, NetOptions, Progress};
 use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::Recording;
 use crate::scaling::Inputs;
+use crate::skin::{self, Skin};
 
 /// A shear below this share of the normal force is none: the recordings are of normal presses.
 const NO_SHEAR: f64 = 0.01;
 /// Signal to noise of S's weakest direction below which the fit warns: 1/20² is 0.25 % of S.
 const WEAK: f64 = 20.0;
+
+/// Friction of rubber before any is known.
+const USUAL_FRICTION: f32 = 0.6;
+/// Exponent of Hertz's pressure in 003's power law.
+const HERTZ: f64 = 2.0;
 
 /// What the recordings are for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -55,6 +64,9 @@ pub struct FitOptions {
     pub outputs: Option<usize>,
     /// Training of the net.
     pub net: NetOptions,
+    /// Leave out the model of the skin and the sensors' array, which need contact points: the net alone
+    /// as in 002.
+    pub net_only: bool,
     /// Serial number for the record.
     pub serial: heapless::String<32>,
     /// Date for the record, seconds since 1970-01-01 UTC.
@@ -155,6 +167,12 @@ pub fn fit(
         .collect();
     if !fingers.is_empty() {
         fit_net(&mut fitted, &fingers, options, progress, stop)?;
+        if !options.net_only {
+            fit_skin(&mut fitted, &fingers, progress, stop)?;
+        }
+    }
+    if !options.net_only {
+        fit_array(&mut fitted, &recordings, &subjects);
     }
     fitted.calibration.validate().map_err(FitError::Record)?;
     Ok(fitted)
@@ -398,6 +416,73 @@ fn fit_net(
         output_bias: net.output_bias.iter().copied().collect(),
     });
     Ok(())
+}
+
+/// The model of the skin, where the recordings tell contact points and it is better than the net.
+fn fit_skin(
+    fitted: &mut Fitted,
+    recordings: &[&Prepared<'_>],
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<(), FitError> {
+    let Some(taxels) = &fitted.calibration.taxels else { return Ok(()) };
+    let skin = match skin::fit(recordings, taxels.bias.noise, progress, stop) {
+        // Fewer rows than a model needs, or no time for one, leave the net.
+        Err(FitError::TooFewRows { .. } | FitError::Stopped) => return Ok(()),
+        skin => skin?,
+    };
+    let Some(Skin { model, rows, residual }) = skin else { return Ok(()) };
+    let of = |errors: &mut dyn Iterator<Item = f64>| errors.map(|e| e * e).sum::<f64>();
+    let components = fitted.calibration.force.as_ref().map_or(1, |net| net.output_bias.len());
+    let from = 3 - components.min(3);
+    let nets = of(&mut taxels.residual.iter().take(components).map(|e| f64::from(*e)));
+    if of(&mut residual.iter().skip(from).copied()) >= nets {
+        fitted.warnings.push(
+            "the model of the skin meets the recordings less well than the net and is left out"
+                .into(),
+        );
+        return Ok(());
+    }
+    fitted.calibration.slip = Some(slip(model.shear.then_some(model.friction)));
+    fitted.calibration.model = Some(model);
+    fitted.parts.push(Part {
+        name: "model of the skin".into(),
+        rows,
+        faulty: 0,
+        condition: None,
+        chosen: None,
+        effective: None,
+        residual: residual[from..].to_vec(),
+    });
+    Ok(())
+}
+
+/// The sensors' array, where all of them are calibrated and a recording tells contact points.
+fn fit_array(fitted: &mut Fitted, recordings: &[Prepared<'_>], subjects: &[Subject]) {
+    let fingers: Vec<&Prepared<'_>> = recordings
+        .iter()
+        .zip(subjects)
+        .filter_map(|(recording, subject)| (*subject == Subject::Finger).then_some(recording))
+        .collect();
+    let Some((array, rows)) = array::fit(&fingers, &fitted.calibration.sensors) else { return };
+    fitted.parts.push(Part {
+        name: "array of sensors".into(),
+        rows,
+        faulty: 0,
+        condition: None,
+        chosen: None,
+        effective: None,
+        residual: array.residual.iter().map(|r| f64::from(*r)).collect(),
+    });
+    fitted.calibration.array = Some(array);
+    fitted.calibration.slip.get_or_insert_with(|| slip(None));
+}
+
+/// What a contact holds: Hertz's pressure swept over the centres of rotation.
+fn slip(friction: Option<f32>) -> Slip {
+    let usual = Slip::usual(friction.unwrap_or(USUAL_FRICTION));
+    let [c, gamma] = usual.surface.radius.map(f64::from);
+    Slip { surface: limit_surface::power_law(HERTZ, c, gamma), ..usual }
 }
 
 fn ranges(x: &[Vec<f64>], noise: f32) -> [Range; TAXELS] {

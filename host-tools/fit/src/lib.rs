@@ -3,10 +3,13 @@
 //! - [`finger::fit`] makes the record of a finger from traces: S and b of its force sensors by least
 //!   squares (003), the force net by Levenberg–Marquardt (002). [`evaluate::finger`] judges it on a
 //!   recording that it has not seen, through the very arithmetic of the chip.
+//!   Where the recordings tell contact points, the model of the skin (004's inverse problem) and the wrench
+//!   of the sensors' array come with it, and what a contact holds ([`limit_surface`]).
 //! - [`table`] does the same for anybody's sensor that comes as a CSV of N channels.
 
 pub mod adjust;
 pub mod align;
+mod array;
 mod auto;
 mod checks;
 mod correlation;
@@ -16,6 +19,7 @@ pub mod evaluate;
 mod expansion;
 pub mod finger;
 mod gaussian;
+pub mod inverse;
 mod laws;
 pub mod least_squares;
 mod levenberg;
@@ -29,6 +33,7 @@ mod prepared;
 mod range;
 pub mod recording;
 mod scaling;
+mod skin;
 mod stretches;
 pub mod table;
 

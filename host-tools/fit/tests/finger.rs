@@ -97,7 +97,7 @@ fn bench(rows: usize, axes: [f64; 3]) -> Recording {
 
 fn options() -> FitOptions {
     let net = NetOptions { seed: 1, starts: 1, steps: 60 };
-    FitOptions { net, hidden: Some(8), ..FitOptions::default() }
+    FitOptions { net, hidden: Some(8), net_only: true, ..FitOptions::default() }
 }
 
 fn fit_quietly(recordings: &[Recording], options: &FitOptions) -> Result<Fitted, FitError> {
@@ -142,7 +142,7 @@ fn a_load_cell_that_errs_does_not_hide_the_unloaded_beginning() {
 #[test]
 fn presses_with_shear_give_a_net_that_holds_on_presses_it_has_not_seen() {
     let net = NetOptions { seed: 1, starts: 1, steps: 240 };
-    let options = FitOptions { net, ..FitOptions::default() };
+    let options = FitOptions { net, net_only: true, ..FitOptions::default() };
     let fitted = fit_quietly(&[presses(100, 0, 0.4)], &options).unwrap();
     assert_eq!(fitted.parts[0].name, "net 16-16-3");
     assert_eq!(fitted.calibration.validate(), Ok(()));

@@ -7,7 +7,8 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use taxel::estimate::Force;
+use taxel::estimate::slip::Verdict;
+use taxel::estimate::{Force, NormalContact};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::Measured;
 use taxel::scan::{ROWS, SENSORS, TAXELS};
@@ -57,7 +58,29 @@ impl FramesWriter {
             row.push(cell(point.map(|p| p.x)).unwrap_or_default());
             row.push(cell(point.map(|p| p.y)).unwrap_or_default());
         }
+        if on(Fields::TORSION) {
+            let torsion = frame.torsion.and_then(Result::ok);
+            row.push(torsion.map(|torsion| torsion.0.to_string()).unwrap_or_default());
+        }
         row.push(u8::from(frame.status.contains(Status::CONTACT)).to_string());
+        if on(Fields::SLIP) {
+            row.push(u8::from(frame.status.contains(Status::SLIDES)).to_string());
+            let verdict = frame.slip.and_then(Result::ok);
+            let cell = |value: fn(&Verdict) -> f32| {
+                verdict.as_ref().map(|verdict| value(verdict).to_string()).unwrap_or_default()
+            };
+            row.extend([cell(|v| v.margin), cell(|v| v.friction), cell(|v| v.grip.0)]);
+        }
+        if on(Fields::CONTACTS) {
+            let contacts = frame.contacts.and_then(Result::ok);
+            for i in 0..2 {
+                let contact = contacts.map(|contacts| contacts[i]);
+                let cell = |value: fn(&NormalContact) -> f32| {
+                    contact.as_ref().map(|contact| value(contact).to_string()).unwrap_or_default()
+                };
+                row.extend([cell(|c| c.point.x.0), cell(|c| c.point.y.0), cell(|c| c.normal.0)]);
+            }
+        }
         if on(Fields::SENSORS) {
             for i in 0..SENSORS {
                 push_force(row, frame.sensors.map(|sensors| sensors[i]));
@@ -104,7 +127,21 @@ fn header(fields: Fields) -> Vec<String> {
     if on(Fields::POINT) {
         names.extend(["x_mm", "y_mm"].map(str::to_owned));
     }
+    if on(Fields::TORSION) {
+        names.push("torsion_nmm".to_owned());
+    }
     names.push("contact".to_owned());
+    if on(Fields::SLIP) {
+        names.extend(["slip", "slip_margin", "friction", "grip_n"].map(str::to_owned));
+    }
+    if on(Fields::CONTACTS) {
+        names.extend((1..=2).flat_map(|i| {
+            ["x", "y"]
+                .map(|axis| format!("contact{i}_{axis}_mm"))
+                .into_iter()
+                .chain([format!("contact{i}_fz_n")])
+        }));
+    }
     if on(Fields::SENSORS) {
         names.extend((0..SENSORS).flat_map(sensor_truth_names));
     }

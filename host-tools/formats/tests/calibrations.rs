@@ -5,8 +5,15 @@ use std::path::Path;
 use proptest::prelude::*;
 use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
 use taxel::condition::{BridgeBias, TaxelBias};
+use taxel::estimate::array::{Array, WrenchMethod};
+use taxel::estimate::field::{Field, Radial};
+use taxel::estimate::intrinsic::Surface;
+use taxel::estimate::inverse::{Curves, Inverse};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::sensitivity::Sensitivity;
+use taxel::estimate::slip::Slip;
+use taxel::estimate::wrench::SensorPlaces;
+use taxel::units::Millimetres;
 use taxel_formats::calibration::{self, Kind};
 
 fn record(weights: &[f32]) -> Calibration {
@@ -32,7 +39,28 @@ fn record(weights: &[f32]) -> Calibration {
             skip: (0..3 * 16).map(weight).collect(),
             output_bias: (0..3).map(weight).collect(),
         }),
+        model: Some(Inverse {
+            curves: Curves {
+                stray: std::array::from_fn(|k| std::array::from_fn(|i| 0.01 * (k + i) as f32)),
+                gap: std::array::from_fn(|k| std::array::from_fn(|i| weight(k + i))),
+            },
+            field: Field {
+                normal: Radial { depth: [6.25, 2.0], terms: [[weight(2), 0.5, 0.25]; 4] },
+                shear: Radial { depth: [6.5, 2.5], terms: [[2.5, weight(3), 0.75]; 4] },
+                slip: -0.4,
+            },
+            error: [1e-3, 2e-3],
+            shear: true,
+            friction: 0.8,
+        }),
+        slip: Some(Slip::usual(0.7)),
         sensors: [None, Some(sensor), None, None],
+        array: Some(Array {
+            method: WrenchMethod::Sum(SensorPlaces::default()),
+            residual: [0.001, 0.002, 0.003],
+            moment_residual: 0.02,
+            surface: Surface::Sphere { radius: Millimetres(12.0) },
+        }),
     }
 }
 

@@ -3,19 +3,25 @@
 use taxel::frame::Fields;
 
 /// Every name and what it stands for.
-pub const NAMES: [(&str, Fields); 7] = [
+pub const NAMES: [(&str, Fields); 10] = [
     ("codes", Fields::CODES),
     ("signals", Fields::SIGNALS),
     ("sensors", Fields::SENSORS),
     ("force", Fields::FORCE),
     ("point", Fields::POINT),
+    ("slip", Fields::SLIP),
+    ("torsion", Fields::TORSION),
+    ("contacts", Fields::CONTACTS),
     ("estimates", Fields::ESTIMATES),
     ("all", Fields::ALL),
 ];
 
 /// A word in a list of fields that is none.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no field; choose from codes, signals, sensors, force, point, estimates, all")]
+#[error(
+    "`{0}` is no field; choose from codes, signals, sensors, force, point, slip, torsion, contacts, \
+     estimates, all"
+)]
 pub struct UnknownField(String);
 
 /// Reads a list such as `force,point`.

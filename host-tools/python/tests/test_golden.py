@@ -2,11 +2,11 @@
 
 import pytest
 
-from taxel import Fields, Force, Frame, MalformedError, NoValue, Point, PointMethod, Status, read_frames
+from taxel import Contact, Fields, Force, Frame, MalformedError, NoValue, Point, PointMethod, Slip, Status, read_frames
 from taxel.messages import Bridge, Command, Done, Rate, Refusal, Reply, Version, decode, request
 from taxel.packets import MAX_PACKET, Deframer, pack
 
-FRAME = "02 ac 02 c0 84 3d 81 80 10 00 00 00 00 00"
+FRAME = "02 ac 02 c0 84 3d 81 80 10 00 00 00 00 00 00 00 00"
 
 
 def message(text: str) -> bytes:
@@ -24,8 +24,9 @@ def test_the_version_query_is_frozen_for_ever():
         (Command.INFO, "07 01"),
         (Command.stream(True), "07 02 01"),
         (Command.set_rate(1000), "07 03 e8 07"),
-        (Command.set_fields(Fields.ESTIMATES), "07 04 1c"),
+        (Command.set_fields(Fields.ESTIMATES), "07 04 3c"),
         (Command.set_point_method(PointMethod.ARG_MIN), "07 05 01"),
+        (Command.set_point_method(PointMethod.MODEL), "07 05 02"),
         (Command.take_bias(500), "07 06 f4 03"),
         (Command.READ_BIAS, "07 07"),
         (Command.CLEAR_BIAS, "07 08"),
@@ -59,7 +60,7 @@ def test_replies_are_read(reply: str, result: object):
 
 def test_a_frame_without_fields_is_read():
     frame = decode(message(FRAME))
-    assert frame == Frame(300, 1_000_000, Status.CONTACT | Status.RAN_NET, *[None] * 5)
+    assert frame == Frame(300, 1_000_000, Status.CONTACT | Status.RAN_NET, *[None] * 8)
     assert frame.in_contact
 
 
@@ -71,19 +72,25 @@ def test_estimates_are_read_and_what_has_no_value_says_why():
             "01 03 01 03 01 03"
             "01 01 07 00 00 00 00 00 00 00 00 80 3e"
             "01 00 00 00 a0 3f 00 00 00 c0"
+            "01 00 00 00 80 3e 00 00 00 3f 00 00 00 40"
+            "01 00 00 00 00 c0"
+            "01 00 00 00 a0 3f 00 00 00 c0 00 00 80 3e 00 00 00 bf 00 00 80 3f 00 00 00 3f"
         )
     )
     assert frame.sensors[0] == Force(0.5, -0.5, 1.0)
     assert frame.sensors[3] == Force(*[NoValue.DEAD_CHANNEL] * 3)
     assert frame.force == Force(NoValue.NOT_ESTIMATED, 0.0, 0.25)
     assert frame.point == Point(1.25, -2.0)
+    assert frame.slip == Slip(0.25, 0.5, 2.0)
+    assert frame.torsion_nmm == -2.0
+    assert frame.contacts == (Contact(Point(1.25, -2.0), 0.25), Contact(Point(-0.5, 1.0), 0.5))
 
 
 def test_codes_and_signals_are_read():
     frame = decode(
         message(
             "02 ac 02 c0 84 3d 81 80 10 01 ff 0f 00 00 00 00 01 01 00 02 00 03 00 04 00 01 34 12 00"
-            f"01 01 {'00 00 00 bf' * 16} 01 {'00 00 80 3e' * 3} 00 00 00 81 02 00 08 00 00 00"
+            f"01 01 {'00 00 00 bf' * 16} 01 {'00 00 80 3e' * 3} 00 00 00 81 02 00 08 00 00 00 00 00 00"
         )
     )
     assert frame.codes.full_scale == 4095

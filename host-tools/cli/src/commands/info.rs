@@ -165,5 +165,6 @@ fn point(method: PointMethod) -> &'static str {
     match method {
         PointMethod::Centroid => "centroid",
         PointMethod::ArgMin => "argmin",
+        PointMethod::Model => "model",
     }
 }

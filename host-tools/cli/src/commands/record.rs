@@ -26,7 +26,8 @@ pub struct Args {
     /// Seconds of device time to record.
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
     duration: Option<f64>,
-    /// Fields to record, with commas between: codes, signals, sensors, force, point, estimates, all
+    /// Fields to record, with commas between: codes, signals, sensors, force, point, slip,
+    /// torsion, contacts, estimates, all
     /// [default: as the finger is set].
     #[arg(long, value_name = "LIST", value_parser = fields::parse)]
     fields: Option<Fields>,

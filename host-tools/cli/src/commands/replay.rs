@@ -40,7 +40,8 @@ pub struct Args {
     /// Where the core runs.
     #[arg(long, value_enum, default_value_t = Core::Host)]
     on: Core,
-    /// Fields of the frames: codes, signals, sensors, force, point, estimates, all.
+    /// Fields of the frames: codes, signals, sensors, force, point, slip, torsion, contacts,
+    /// estimates, all.
     #[arg(long, value_name = "LIST", default_value = "estimates", value_parser = fields::parse)]
     fields: Fields,
 }

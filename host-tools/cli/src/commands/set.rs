@@ -18,8 +18,8 @@ pub struct Args {
     /// Frames a second; the finger takes the nearest it can.
     #[arg(long, value_name = "HZ", group = "settings")]
     rate: Option<u16>,
-    /// Fields that frames carry, with commas between: codes, signals, sensors, force, point,
-    /// estimates, all.
+    /// Fields that frames carry, with commas between: codes, signals, sensors, force, point, slip,
+    /// torsion, contacts, estimates, all.
     #[arg(long, value_name = "LIST", value_parser = fields::parse, group = "settings")]
     fields: Option<Fields>,
     /// How the contact point is found.
@@ -46,6 +46,8 @@ enum Point {
     Centroid,
     /// The taxel with the least light.
     Argmin,
+    /// The calibration's model of the skin, which gives the force as well.
+    Model,
 }
 
 fn settle(text: &str) -> Result<u32, String> {
@@ -92,6 +94,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let (method, name) = match point {
             Point::Centroid => (PointMethod::Centroid, "centroid"),
             Point::Argmin => (PointMethod::ArgMin, "argmin"),
+            Point::Model => (PointMethod::Model, "model"),
         };
         client.set_point_method(method)?;
         output::line(format_args!("point {name}"))?;

@@ -5,8 +5,11 @@ use std::time::{Duration, UNIX_EPOCH};
 use serde::{Deserialize, Serialize};
 use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
 use taxel::condition::{BridgeBias, TaxelBias};
+use taxel::estimate::array::Array;
+use taxel::estimate::inverse::Inverse;
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::sensitivity::Sensitivity;
+use taxel::estimate::slip::Slip;
 use taxel::scan::TAXELS;
 
 /// The units of everything in a finger's file. A file that says otherwise is not read as if it did not.
@@ -21,6 +24,12 @@ pub(super) struct FingerFile {
     taxels: Option<Taxels>,
     #[serde(skip_serializing_if = "Option::is_none")]
     force: Option<Net>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    model: Option<Inverse>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    slip: Option<Slip>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    array: Option<Array>,
     #[serde(default, rename = "sensor", skip_serializing_if = "Vec::is_empty")]
     sensors: Vec<Sensor>,
 }
@@ -88,6 +97,9 @@ impl FingerFile {
             units: UNITS.to_owned(),
             taxels,
             force,
+            model: calibration.model.clone(),
+            slip: calibration.slip,
+            array: calibration.array,
             sensors: sensors.collect(),
         }
     }
@@ -111,6 +123,8 @@ impl FingerFile {
             });
         }
         calibration.force = self.force.map(Net::weights).transpose()?;
+        (calibration.model, calibration.slip, calibration.array) =
+            (self.model, self.slip, self.array);
         for sensor in self.sensors {
             let number = sensor.sensor;
             let slot = calibration

@@ -231,6 +231,9 @@ mod tests {
             sensors: None,
             force: None,
             point: None,
+            slip: None,
+            torsion: None,
+            contacts: None,
         };
         packed(&Message::Frame(frame))
     }

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 
 from .errors import LinkError, MalformedError, ProtocolError, RefusedError, TaxelError
 from .finger import Counts, Finger
-from .messages import Bias, Codes, Fields, Force, Frame, Info, NoValue, Point, PointMethod, Signals, Status
+from .messages import Bias, Codes, Contact, Fields, Force, Frame, Info, NoValue, Point, PointMethod, Signals
+from .messages import Slip, Status
 from .messages import decode as _decode
 from .packets import Deframer as _Deframer
 from .table import columns, data_frame
@@ -15,6 +16,7 @@ from .table import columns, data_frame
 __all__ = [
     "Bias",
     "Codes",
+    "Contact",
     "Counts",
     "Fields",
     "Finger",
@@ -29,6 +31,7 @@ __all__ = [
     "ProtocolError",
     "RefusedError",
     "Signals",
+    "Slip",
     "Status",
     "TaxelError",
     "columns",

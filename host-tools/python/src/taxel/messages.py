@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from enum import Enum, IntFlag
 from typing import Any, NamedTuple, TypeAlias
 
@@ -30,10 +31,19 @@ class Status(IntFlag):
     OVERRUN = 1 << 6
     BIASED = 1 << 7
     STUCK_CHANNEL = 1 << 8
+    NOT_SINGLE = 1 << 9
+    DISAGREE = 1 << 10
+    SLIP_WARNING = 1 << 11
+    SLIDES = 1 << 12
     RAN_ARG_MIN = 1 << 16
     RAN_CENTROID = 1 << 17
     RAN_NET = 1 << 18
     RAN_SENSORS = 1 << 19
+    RAN_MODEL = 1 << 20
+    RAN_SHEAR = 1 << 21
+    RAN_PAIR = 1 << 22
+    RAN_ARRAY = 1 << 23
+    RAN_SLIP = 1 << 24
 
 
 class Fields(IntFlag):
@@ -44,8 +54,11 @@ class Fields(IntFlag):
     SENSORS = 1 << 2
     FORCE = 1 << 3
     POINT = 1 << 4
-    ESTIMATES = SENSORS | FORCE | POINT
-    ALL = CODES | SIGNALS | ESTIMATES
+    SLIP = 1 << 5
+    TORSION = 1 << 6
+    CONTACTS = 1 << 7
+    ESTIMATES = SENSORS | FORCE | POINT | SLIP
+    ALL = CODES | SIGNALS | ESTIMATES | TORSION | CONTACTS
 
 
 class NoValue(Enum):
@@ -66,6 +79,7 @@ class PointMethod(Enum):
 
     CENTROID = 0
     ARG_MIN = 1
+    MODEL = 2
 
 
 Newtons: TypeAlias = "float | NoValue"
@@ -84,6 +98,22 @@ class Point(NamedTuple):
 
     x_mm: float
     y_mm: float
+
+
+class Slip(NamedTuple):
+    """``margin`` is what is left of the friction, 1 unloaded and 0 at the limit; ``grip_n`` the normal force
+    that would leave a third of it."""
+
+    margin: float
+    friction: float
+    grip_n: float
+
+
+class Contact(NamedTuple):
+    """One of two contacts."""
+
+    point: Point
+    normal_n: float
 
 
 class Bridge(NamedTuple):
@@ -128,6 +158,9 @@ class Frame(NamedTuple):
     sensors: tuple[Force, ...] | None
     force: Force | None
     point: Point | NoValue | None
+    slip: Slip | NoValue | None
+    torsion_nmm: float | NoValue | None
+    contacts: tuple[Contact, Contact] | NoValue | None
 
     @property
     def in_contact(self) -> bool:
@@ -265,13 +298,35 @@ def _force(data: bytes, at: int) -> tuple[Force, int]:
     return Force(x, y, z), at
 
 
-def _point(data: bytes, at: int) -> tuple[Point | NoValue, int]:
-    failed, at = read.boolean(data, at)
-    if failed:
-        return _variant(_NO_VALUES, data, at)
+def _measured(reader: Callable[[bytes, int], tuple[Any, int]]) -> Callable[[bytes, int], tuple[Any, int]]:
+    def value(data: bytes, at: int) -> tuple[Any, int]:
+        failed, at = read.boolean(data, at)
+        return _variant(_NO_VALUES, data, at) if failed else reader(data, at)
+
+    return value
+
+
+def _place(data: bytes, at: int) -> tuple[Point, int]:
     x, at = read.f32(data, at)
     y, at = read.f32(data, at)
     return Point(x, y), at
+
+
+def _slip(data: bytes, at: int) -> tuple[Slip, int]:
+    (margin, friction, grip), at = _THREE_F32(data, at)
+    return Slip(margin, friction, grip), at
+
+
+def _contact(data: bytes, at: int) -> tuple[Contact, int]:
+    point, at = _place(data, at)
+    normal, at = read.f32(data, at)
+    return Contact(point, normal), at
+
+
+def _contacts(data: bytes, at: int) -> tuple[tuple[Contact, Contact], int]:
+    one, at = _contact(data, at)
+    other, at = _contact(data, at)
+    return (one, other), at
 
 
 _TAXEL_CODES = read.option(read.array("<20H"))
@@ -307,7 +362,10 @@ _CODES_FIELD = read.option(_codes)
 _SIGNALS_FIELD = read.option(_signals)
 _SENSORS_FIELD = read.option(read.times(4, _force))
 _FORCE_FIELD = read.option(_force)
-_POINT_FIELD = read.option(_point)
+_POINT_FIELD = read.option(_measured(_place))
+_SLIP_FIELD = read.option(_measured(_slip))
+_TORSION_FIELD = read.option(_newtons)
+_CONTACTS_FIELD = read.option(_measured(_contacts))
 
 
 def _frame(data: bytes, at: int) -> tuple[Frame, int]:
@@ -319,7 +377,11 @@ def _frame(data: bytes, at: int) -> tuple[Frame, int]:
     sensors, at = _SENSORS_FIELD(data, at)
     force, at = _FORCE_FIELD(data, at)
     point, at = _POINT_FIELD(data, at)
-    return Frame(seq, time, Status(status), codes, signals, sensors, force, point), at
+    slip, at = _SLIP_FIELD(data, at)
+    torsion, at = _TORSION_FIELD(data, at)
+    contacts, at = _CONTACTS_FIELD(data, at)
+    fields = (codes, signals, sensors, force, point, slip, torsion, contacts)
+    return Frame(seq, time, Status(status), *fields), at
 
 
 def _version(data: bytes, at: int) -> tuple[Version, int]:

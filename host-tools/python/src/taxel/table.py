@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from .messages import Fields, Force, Frame, Newtons, Point
+from .messages import Fields, Force, Frame, Newtons, Point, Slip, Status
 
 if TYPE_CHECKING:
     import pandas
@@ -23,6 +23,7 @@ _SIGNALS = [
     *(f"c_r{k // 4}c{k % 4}" for k in range(16)),
     *(f"s{i}_u{axis}" for i in range(4) for axis in _AXES),
 ]
+_CONTACTS = [f"contact{i}_{name}" for i in (1, 2) for name in ("x_mm", "y_mm", "fz_n")]
 _HEALTH = ["saturated", "dead", "bridge_faults"]
 _CODES = [
     *(f"lit_r{k // 4}c{k % 4}" for k in range(16)),
@@ -49,7 +50,14 @@ def columns(frames: Iterable[Frame], fields: Fields) -> Columns:
         _add(table, _FORCE, rows, lambda frame: _force(frame.force))
     if Fields.POINT in fields:
         _add(table, ["x_mm", "y_mm"], rows, _point)
+    if Fields.TORSION in fields:
+        _add(table, ["torsion_nmm"], rows, lambda frame: [_value(frame.torsion_nmm)])
     table["contact"] = np.array([frame.in_contact for frame in rows], dtype=np.uint8)
+    if Fields.SLIP in fields:
+        table["slip"] = np.array([bool(frame.status & Status.SLIDES) for frame in rows], dtype=np.uint8)
+        _add(table, ["slip_margin", "friction", "grip_n"], rows, _slip)
+    if Fields.CONTACTS in fields:
+        _add(table, _CONTACTS, rows, _contacts)
     if Fields.SENSORS in fields:
         _add(table, _SENSORS, rows, _sensors)
     if Fields.SIGNALS in fields:
@@ -73,16 +81,26 @@ def _add(table: Columns, names: list[str], rows: list[Frame], row: Callable[[Fra
         table[name] = values[:, i]
 
 
-def _newtons(value: Newtons) -> float:
+def _value(value: Newtons | None) -> float:
     return value if isinstance(value, float) else nan
 
 
 def _force(force: Force | None) -> list[float]:
-    return [nan] * 3 if force is None else [_newtons(value) for value in force]
+    return [nan] * 3 if force is None else [_value(value) for value in force]
 
 
 def _point(frame: Frame) -> list[float]:
     return list(frame.point) if isinstance(frame.point, Point) else [nan] * 2
+
+
+def _slip(frame: Frame) -> list[float]:
+    return list(frame.slip) if isinstance(frame.slip, Slip) else [nan] * 3
+
+
+def _contacts(frame: Frame) -> list[float]:
+    if not isinstance(frame.contacts, tuple):
+        return [nan] * len(_CONTACTS)
+    return [value for contact in frame.contacts for value in (*contact.point, contact.normal_n)]
 
 
 def _sensors(frame: Frame) -> list[float]:

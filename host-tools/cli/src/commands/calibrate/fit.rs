@@ -55,6 +55,10 @@ pub struct Args {
     /// Hidden tanh units [default: 12 for normal force alone, else 16; found by --model auto].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
     hidden: Option<u8>,
+    /// Fit the net alone, as 002 does: no model of the skin and no array of sensors, which need the columns
+    /// of the contact point.
+    #[arg(long)]
+    net_only: bool,
     /// Seed of the net's starting weights.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -244,6 +248,7 @@ fn fit_finger(
         family: args.model,
         hidden: args.hidden.map(usize::from),
         net: NetOptions { seed: args.seed, ..NetOptions::default() },
+        net_only: args.net_only,
         serial: args.serial.clone(),
         date: super::now(),
         ..FitOptions::default()

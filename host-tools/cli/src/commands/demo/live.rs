@@ -111,6 +111,9 @@ mod tests {
             sensors: None,
             force: Some(Force::known(0.5, -0.25, 2.0)),
             point: Some(Ok(ContactPoint { x: Millimetres(1.0), y: Millimetres(-2.0) })),
+            slip: None,
+            torsion: None,
+            contacts: None,
         };
         assert_eq!(
             line(&frame, 1000.0, 3),

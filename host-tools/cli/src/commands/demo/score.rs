@@ -90,6 +90,9 @@ mod tests {
             sensors: None,
             force: Some(Force { z: Ok(Newtons(z)), ..Force::none(NoValue::NotEstimated) }),
             point: Some(Ok(ContactPoint { x: Millimetres(1.0), y: Millimetres(2.0) })),
+            slip: None,
+            torsion: None,
+            contacts: None,
         }
     }
 

@@ -1,0 +1,95 @@
+//! `cargo bench -p taxel-fit --bench accuracy`: what the estimators are worth, as a table. Five devices,
+//! each calibrated on its own recording and judged on a run that it has not seen, noise on.
+
+#[path = "../tests/judge/mod.rs"]
+mod judge;
+
+use judge::{
+    RINGS, With, calibrated, errors, false_warnings, mean, onsets, pairs, presses, replay,
+    resolution, run, tap_at_200_hz,
+};
+
+const DEVICES: [u32; 5] = [11, 12, 13, 14, 15];
+
+fn main() {
+    let records = DEVICES.map(|device| (device, calibrated(device)));
+    println!("single contact, f_z >= 0.1 N; mean over {} devices", records.len());
+    println!(
+        "| with | out to mm | point mm | fx mN | fy mN | fz mN | direction deg | torsion N mm | missing | frames |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|");
+    for with in [With::Matrix, With::Array, With::Both] {
+        let rings = records.each_ref().map(|(device, record)| {
+            let samples = run(*device, 77, 1000, 30.0, 0.8, &presses(140, [0.0, 0.99], 2.0));
+            errors(&samples, &replay(record, &samples, with), 0.1)
+        });
+        for (i, out) in RINGS.iter().enumerate() {
+            let of = |value: &dyn Fn(&judge::Ring) -> f64| mean(rings.iter().map(|r| value(&r[i])));
+            println!(
+                "| {with:?} | {out} | {:.3} | {:.1} | {:.1} | {:.1} | {:.2} | {:.3} | {} | {} |",
+                of(&|r| r.point.value()),
+                1e3 * of(&|r| r.force[0].value()),
+                1e3 * of(&|r| r.force[1].value()),
+                1e3 * of(&|r| r.force[2].value()),
+                of(&|r| r.direction.value()),
+                of(&|r| r.torsion.value()),
+                rings.iter().map(|r| r[i].missing).sum::<usize>(),
+                rings.iter().map(|r| r[i].point.count()).sum::<usize>(),
+            );
+        }
+    }
+
+    println!("\ntwo contacts, two pitches apart and more, 0.2 to 0.8 N each");
+    println!("| with | shown | found | point mm | normal mN |\n|---|---|---|---|---|");
+    for with in [With::Matrix, With::Both] {
+        let pairs = records.each_ref().map(|(device, record)| pairs(*device, record, 200, with));
+        println!(
+            "| {with:?} | {} | {} | {:.3} | {:.1} |",
+            pairs.iter().map(|p| p.shown).sum::<usize>(),
+            pairs.iter().map(|p| p.found).sum::<usize>(),
+            mean(pairs.iter().map(|p| p.point.value())),
+            1e3 * mean(pairs.iter().map(|p| p.normal.value())),
+        );
+    }
+
+    println!("\nslip: friction 0.2 to 1.2, 0.2 to 2 N; warned 20 ms before the slide");
+    println!(
+        "| with | first onsets | warned | later onsets | warned | false in 10 min of grasp at 0.2, 0.6, 1.2 |"
+    );
+    println!("|---|---|---|---|---|---|");
+    for with in [With::Matrix, With::Array, With::Both] {
+        let (mut first, mut later) = ([0; 2], [0; 2]);
+        for (device, record) in &records {
+            let onsets = onsets(*device, record, with);
+            (0..2).for_each(|i| {
+                first[i] += onsets.first[i];
+                later[i] += onsets.later[i];
+            });
+        }
+        let (device, record) = &records[0];
+        let warnings = [0.2, 0.6, 1.2].map(|mu| false_warnings(*device, record, (with, mu), 10.0));
+        println!(
+            "| {with:?} | {} | {} | {} | {} | {warnings:?} |",
+            first[0], first[1], later[0], later[1]
+        );
+    }
+
+    println!(
+        "\nresolution at 1 N, 1 kHz (standard deviation), and what is left of a tap of 2.5 ms"
+    );
+    println!(
+        "| with | fx mN | fy mN | fz mN | range 2 N over fz | tap |\n|---|---|---|---|---|---|"
+    );
+    for with in [With::Matrix, With::Array, With::Both] {
+        let sigma = records.each_ref().map(|(device, record)| resolution(*device, record, with));
+        let of = |axis: usize| mean(sigma.iter().map(|s| s[axis]));
+        let tap = mean(records.iter().map(|(device, record)| tap_at_200_hz(*device, record, with)));
+        println!(
+            "| {with:?} | {:.2} | {:.2} | {:.2} | {:.0} | {tap:.3} |",
+            1e3 * of(0),
+            1e3 * of(1),
+            1e3 * of(2),
+            2.0 / of(2)
+        );
+    }
+}

@@ -1,0 +1,103 @@
+//! The model of a finger's skin out of recordings that tell where it is touched, and whether it is worth
+//! having: what it is compared with is the net.
+
+use std::sync::atomic::AtomicBool;
+
+use taxel::condition::Signals;
+use taxel::estimate::gate::Gate;
+use taxel::estimate::inverse::{Inverse, InverseState};
+use taxel::scan::TAXELS;
+
+use crate::error::FitError;
+use crate::inverse::{self, Row};
+use crate::network::Progress;
+use crate::prepared::Prepared;
+
+/// Normal force in newtons above which the ratio of shear to it is friction's, not noise's.
+const FIRM: f64 = 0.2;
+/// No smaller friction is taken: where nothing is sheared there is none to be seen.
+const LEAST_FRICTION: f64 = 0.1;
+
+/// A fitted model.
+pub(crate) struct Skin {
+    pub model: Inverse,
+    pub rows: usize,
+    /// RMS error over the rows, as the chip follows them: f_x, f_y, f_z in newtons.
+    pub residual: [f64; 3],
+}
+
+/// Fits the model to the recordings that tell force and contact point; `None` where none does.
+///
+/// # Errors
+/// Too few rows, or stopped.
+pub(crate) fn fit(
+    recordings: &[&Prepared<'_>],
+    noise: f32,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Option<Skin>, FitError> {
+    let runs: Vec<Vec<Option<Row>>> = recordings.iter().map(|r| rows(r)).collect();
+    let loaded: Vec<Row> = runs.iter().flatten().flatten().cloned().collect();
+    if loaded.is_empty() {
+        return Ok(None);
+    }
+    let friction = friction(&loaded);
+    let shear = friction > LEAST_FRICTION;
+    let known = (friction.max(LEAST_FRICTION), f64::from(noise), shear);
+    let model = inverse::fit("model of the skin", &loaded, known, progress, stop)?;
+    let residual = residual(&model, &runs);
+    Ok(Some(Skin { model, rows: loaded.len(), residual }))
+}
+
+/// The largest ratio of shear to normal force under a firm load.
+pub(crate) fn friction(rows: &[Row]) -> f64 {
+    rows.iter()
+        .filter(|row| row.force[2] > FIRM)
+        .map(|row| row.force[0].hypot(row.force[1]) / row.force[2])
+        .fold(0.0, f64::max)
+}
+
+/// The moments of a recording that are touched, sound and fully known.
+fn rows(prepared: &Prepared<'_>) -> Vec<Option<Row>> {
+    let gate = Gate::default();
+    let samples = prepared.recording.samples.iter().zip(&prepared.signals);
+    samples
+        .map(|(sample, signals)| {
+            let ([fx, fy, fz], [x, y]) = (sample.truth.force, sample.truth.point);
+            let c = signals.taxels?;
+            let alone = Signals { taxels: Some(c), ..Signals::default() };
+            let touched = prepared.bias.activity(&alone) > gate.off * gate.off;
+            let sound = signals.health.dead == 0 && signals.health.saturated == 0;
+            let row = Row { signals: c.map(f64::from), force: [fx?, fy?, fz?], point: [x?, y?] };
+            (touched && sound && row.force[2] > 0.0).then_some(row)
+        })
+        .collect()
+}
+
+/// RMS error of the forces that the chip would say, row after row.
+fn residual(model: &Inverse, runs: &[Vec<Option<Row>>]) -> [f64; 3] {
+    let (mut squares, mut count) = ([0.0; 3], 0.0);
+    for run in runs {
+        let mut state = InverseState::default();
+        for row in run {
+            let Some(row) = row else {
+                state.clear();
+                continue;
+            };
+            let c: [f32; TAXELS] = row.signals.map(|c| c as f32);
+            let u = model.curves.displacements(&c);
+            let touch = if model.shear {
+                model.sheared(&mut state, &u)
+            } else {
+                model.pressed(&mut state, &u)
+            };
+            // What is not found is an error as large as the force.
+            let found = touch.map_or([0.0; 3], |touch| touch.force());
+            for ((sum, found), force) in squares.iter_mut().zip(found).zip(row.force) {
+                *sum += (f64::from(found) - force).powi(2);
+            }
+            count += 1.0;
+        }
+    }
+    squares.map(|sum| (sum / f64::max(count, 1.0)).sqrt())
+}

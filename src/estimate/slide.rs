@@ -1,0 +1,118 @@
+//! Gross slip by its way: what slides moves over the skin along the shear that it pulls with, and the
+//! ratio of shear to normal force stays where it is.
+//!
+//! Rolling moves the contact too, but friction does not hold a ratio then; a contact that is rolled along
+//! under a steady shear is taken for a slide.
+
+use super::slip::Traction;
+use crate::roots::sqrt;
+use crate::units::Micros;
+
+/// It slid when it went this far, in mm: ten times the scatter of a contact point.
+const WAY: f32 = 0.4;
+/// … and within this time; a slide is over when it has not gone as far again in as much.
+const WITHIN_US: u64 = 300_000;
+/// Sliding, the shear stays within this share of itself, and these newtons, of the same share of the normal
+/// force.
+const STEADY: f32 = 0.05;
+const STEADY_N: f32 = 0.005;
+/// The way points along the shear: cosine of the angle between them.
+const ALONG: f32 = 0.97;
+/// Less shear than this share of the normal force is not friction.
+const LEAST_RATIO: f32 = 0.04;
+/// Least normal force and shear in newtons for which ratio and place are known.
+const LEAST_NORMAL: f32 = 0.15;
+const LEAST_SHEAR: f32 = 0.02;
+
+/// Where a slide may have begun.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Anchor {
+    time: Micros,
+    place: [f32; 2],
+    ratio: f32,
+}
+
+/// What is remembered of a contact's way.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SlideState {
+    anchor: Option<Anchor>,
+    slid: Option<Micros>,
+}
+
+impl SlideState {
+    /// One frame: `place` of the contact in mm and what it pulls with. True while it slides.
+    pub fn update(&mut self, time: Micros, place: [f32; 2], traction: &Traction) -> bool {
+        let Traction { shear: [fx, fy], normal, .. } = *traction;
+        let shear = sqrt(fx * fx + fy * fy);
+        let known = normal > LEAST_NORMAL && shear > LEAST_SHEAR;
+        let ratio = if known { shear / normal } else { 0.0 };
+        let since = |then: Micros| time.0.saturating_sub(then.0);
+        let steady = |anchor: &Anchor| {
+            let apart = (ratio - anchor.ratio).abs() * normal;
+            apart < STEADY * shear + STEADY_N && since(anchor.time) < WITHIN_US
+        };
+        let now = Anchor { time, place, ratio };
+        match self.anchor.filter(steady).filter(|_| ratio > LEAST_RATIO) {
+            None => self.anchor = (ratio > LEAST_RATIO).then_some(now),
+            Some(anchor) => {
+                let [dx, dy] = [place[0] - anchor.place[0], place[1] - anchor.place[1]];
+                let way = sqrt(dx * dx + dy * dy);
+                if way > WAY {
+                    if dx * fx + dy * fy > ALONG * way * shear {
+                        self.slid = Some(time);
+                    }
+                    self.anchor = Some(now);
+                }
+            }
+        }
+        self.slid = self.slid.filter(|slid| since(*slid) < WITHIN_US && self.anchor.is_some());
+        self.slid.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pulled(shear: f32) -> Traction {
+        Traction { shear: [shear, 0.0], normal: 1.0, ..Traction::default() }
+    }
+
+    /// Frames at 1 kHz of a contact that moves by `way` mm a frame, and is pulled by `shear`; how many of
+    /// them slid.
+    fn slid(way: [f32; 2], shear: impl Fn(u32) -> f32) -> usize {
+        let mut state = SlideState::default();
+        (0..1000)
+            .filter(|i| {
+                let place = way.map(|w| w * *i as f32);
+                state.update(Micros(u64::from(*i) * 1000), place, &pulled(shear(*i)))
+            })
+            .count()
+    }
+
+    #[test]
+    fn a_contact_dragged_along_under_steady_shear_slides() {
+        let frames = slid([0.002, 0.0], |_| 0.5);
+        assert!((795..805).contains(&frames), "{frames}");
+    }
+
+    #[test]
+    fn what_rests_or_rolls_or_creeps_does_not() {
+        assert_eq!(slid([0.0, 0.0], |_| 0.5), 0);
+        assert_eq!(slid([0.002, 0.0], |_| 0.0), 0, "rolls freely");
+        assert_eq!(slid([0.0, 0.002], |_| 0.5), 0, "rolls across the shear");
+        assert_eq!(slid([0.002, 0.0], |i| 0.2 + 0.001 * i as f32), 0, "is being loaded");
+        assert_eq!(slid([0.0005, 0.0], |_| 0.5), 0, "creeps");
+    }
+
+    #[test]
+    fn a_slide_ends_when_it_stops_or_lets_go() {
+        let mut state = SlideState::default();
+        let mut at = |i: u32, x: f32, shear: f32| {
+            state.update(Micros(u64::from(i) * 1000), [x, 0.0], &pulled(shear))
+        };
+        assert!((0..500).map(|i| at(i, 0.002 * i as f32, 0.5)).last().unwrap());
+        assert!(!at(500, 1.0, 0.0));
+        assert!(!(501..1000).map(|i| at(i, 1.0, 0.5)).last().unwrap());
+    }
+}

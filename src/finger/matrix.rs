@@ -1,0 +1,249 @@
+//! What the optical matrix says of a touch: of the estimators that the record holds, those that the scene
+//! needs.
+//!
+//! ```text
+//! normal contact ──▶ model, 3 unknowns ──shear──▶ model, 6 unknowns ──misfit──▶ two contacts
+//! ```
+//! Each step up has its hysteresis. Without a model in the record the net gives the force; a method of 002
+//! gives the point where it was chosen, or where a faulty taxel leaves the model without its signals.
+
+use crate::calibration::{Calibration, TaxelCalibration};
+use crate::condition::{Bias, Health};
+use crate::estimate::contact_point::{PointMethod, arg_min, centroid};
+use crate::estimate::fusion::Uncertain;
+use crate::estimate::gate::{Gate, GateState};
+use crate::estimate::inverse::{Inverse, InverseState, Touch};
+use crate::estimate::two_contacts::{Pair, PairState};
+use crate::estimate::{ContactPoint, NormalContact};
+use crate::finger::together::Felt;
+use crate::finger::within;
+use crate::frame::Status;
+use crate::measured::{Measured, NoValue};
+use crate::scan::TAXELS;
+
+/// A method of 002 is this far off in the middle of the pad, in mm: its centroid, 0.6 to 1.
+const CENTROID_ERROR: f32 = 0.8;
+/// Shear is present where the force sensors feel this many times the shear that is taken for none. Without
+/// them it is always looked for: the misfit of a contact without shear does not tell it, because the place
+/// gives way first.
+const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 1, end_frames: 20 };
+/// A single contact is doubted where it misfits by this many times what calibration leaves.
+const SEVERAL: Gate = Gate { on: 3.0, off: 1.5, begin_frames: 4, end_frames: 20 };
+/// Shear below this, in newtons and as a share of the normal force, is taken for none.
+const UNSEEN_SHEAR: [f32; 2] = [0.005, 0.01];
+
+/// What the matrix remembers of a touch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct MatrixState {
+    model: InverseState,
+    pair: PairState,
+    sheared: GateState,
+    several: GateState,
+}
+
+/// What the matrix says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Seen {
+    pub force: [Measured<Uncertain>; 3],
+    pub point: Measured<[Uncertain; 2]>,
+    /// Share of friction in use and its standard deviation.
+    pub used: Option<[f32; 2]>,
+    pub contacts: Measured<[NormalContact; 2]>,
+}
+
+impl Seen {
+    pub(super) const fn nothing(reason: NoValue) -> Self {
+        Self { force: [Err(reason); 3], point: Err(reason), used: None, contacts: Err(reason) }
+    }
+
+    /// Nothing touches it: no force, of as many components as the record knows.
+    fn untouched(record: &Calibration) -> Self {
+        let none = Ok(Uncertain { value: 0.0, sigma: 0.0 });
+        let net = record.force.as_ref().map(|net| net.output_bias.len() == 3);
+        let sheared = record.model.as_ref().map(|model| model.shear);
+        let shear = match (net, sheared) {
+            (None, None) => return Self::nothing(NoValue::Uncalibrated).untouched_point(),
+            (net, sheared) if net == Some(true) || sheared == Some(true) => none,
+            _ => Err(NoValue::NotEstimated),
+        };
+        Self { force: [shear, shear, none], ..Self::nothing(NoValue::NoContact) }
+    }
+
+    const fn untouched_point(self) -> Self {
+        Self { point: Err(NoValue::NoContact), contacts: Err(NoValue::NoContact), ..self }
+    }
+}
+
+/// One scan of the matrix.
+pub(super) struct Look<'s> {
+    pub record: Option<&'s Calibration>,
+    pub method: PointMethod,
+    pub c: &'s [f32; TAXELS],
+    pub health: &'s Health,
+    pub bias: &'s Bias,
+    pub contact: bool,
+    /// What the force sensors feel.
+    pub felt: &'s Felt,
+}
+
+impl Look<'_> {
+    pub(super) fn see(&self, state: &mut MatrixState, status: &mut Status) -> Seen {
+        let blank = Calibration::EMPTY;
+        let record = self.record.unwrap_or(&blank);
+        if !self.contact {
+            *state = MatrixState::default();
+            let seen = Seen::untouched(record);
+            return match self.faulty() {
+                // What cannot be measured is not zero either.
+                Some(reason) if seen.force[2].is_ok() => Seen { force: [Err(reason); 3], ..seen },
+                _ => seen,
+            };
+        }
+        let force = match record.taxels.as_ref() {
+            Some(taxels) if record.model.is_some() || record.force.is_some() => {
+                self.usable(taxels, status)
+            }
+            _ => Err(NoValue::Uncalibrated),
+        };
+        let modelled = match (force, &record.model) {
+            (Ok(()), Some(model)) => Some(self.model(model, state, status)),
+            _ => None,
+        };
+        let mut seen = match (force, modelled) {
+            (Err(reason), _) => Seen::nothing(reason),
+            (Ok(()), Some(seen)) if self.method == PointMethod::Model => seen,
+            (Ok(()), modelled) => {
+                let known = modelled.unwrap_or(Seen::nothing(NoValue::NotEstimated));
+                match record.force.as_ref().zip(record.taxels.as_ref()) {
+                    None => known,
+                    Some((net, taxels)) => {
+                        status.set(Status::RAN_NET);
+                        let [sx, sy, sz] = taxels.residual;
+                        let of = |value: f32, sigma: f32| Ok(Uncertain { value, sigma });
+                        let force = match net.forces(self.c)[..] {
+                            [x, y, z] => [of(x, sx), of(y, sy), of(z, sz)],
+                            [z] => {
+                                [Err(NoValue::NotEstimated), Err(NoValue::NotEstimated), of(z, sx)]
+                            }
+                            _ => [Err(NoValue::NotEstimated); 3],
+                        };
+                        Seen { force, ..known }
+                    }
+                }
+            }
+        };
+        if self.method != PointMethod::Model || seen.point.is_err() {
+            seen.point = self.paper_point(status).map(|point| {
+                [point.x.0, point.y.0].map(|value| Uncertain { value, sigma: CENTROID_ERROR })
+            });
+        }
+        seen
+    }
+
+    fn faulty(&self) -> Option<NoValue> {
+        if self.health.dead != 0 {
+            Some(NoValue::DeadChannel)
+        } else {
+            (self.health.saturated != 0).then_some(NoValue::Saturated)
+        }
+    }
+
+    /// The signals are such as the record knows.
+    fn usable(&self, taxels: &TaxelCalibration, status: &mut Status) -> Measured<()> {
+        if let Some(reason) = self.faulty() {
+            return Err(reason);
+        }
+        if !within(&taxels.range, self.c) {
+            status.set(Status::OUT_OF_RANGE);
+            return Err(NoValue::OutOfTrainedRange);
+        }
+        Ok(())
+    }
+
+    fn paper_point(&self, status: &mut Status) -> Measured<ContactPoint> {
+        if self.method == PointMethod::ArgMin {
+            status.set(Status::RAN_ARG_MIN);
+            return arg_min(self.c, self.health.dead);
+        }
+        status.set(Status::RAN_CENTROID);
+        // Sixteen taxels of pure noise sum to some 6 sigma; below twice that it is noise.
+        let noise = self.bias.taxels.map_or(0.0, |bias| bias.noise);
+        centroid(self.c, self.health.dead, 12.0 * noise)
+    }
+
+    fn model(&self, model: &Inverse, state: &mut MatrixState, status: &mut Status) -> Seen {
+        status.set(Status::RAN_MODEL);
+        let u = model.curves.displacements(self.c);
+        let felt = self.felt.force;
+        let present = match felt {
+            [Ok(fx), Ok(fy), Ok(fz)] => {
+                let (fx, fy, none) = (fx.value, fy.value, unseen_shear(fz.value));
+                SHEAR.update(&mut state.sheared, (fx * fx + fy * fy) / (none * none))
+            }
+            _ => true,
+        };
+        let sheared = model.shear && present;
+        let touch = if sheared {
+            status.set(Status::RAN_SHEAR);
+            model.sheared(&mut state.model, &u)
+        } else {
+            model.pressed(&mut state.model, &u)
+        };
+        let touch = match touch {
+            Ok(touch) => touch,
+            Err(reason) => return Seen::nothing(reason),
+        };
+        if SEVERAL.update(&mut state.several, touch.misfit * touch.misfit) {
+            status.set(Status::NOT_SINGLE);
+            status.set(Status::RAN_PAIR);
+            if let Some(pair) = model.pair(&mut state.pair, &u, touch.misfit) {
+                return two(&pair, model.expected_share());
+            }
+        } else {
+            state.pair.clear();
+        }
+        one(&touch, sheared, model.shear)
+    }
+}
+
+fn unseen_shear(normal: f32) -> f32 {
+    let [floor, share] = UNSEEN_SHEAR;
+    floor + share * normal.max(0.0)
+}
+
+fn one(touch: &Touch, sheared: bool, shear: bool) -> Seen {
+    let [fx, fy, fz] = touch.force();
+    let [sx, sy, sz, px, py, used] = touch.sigma;
+    let of = |value: f32, sigma: f32| Uncertain { value, sigma };
+    let unseen = unseen_shear(fz);
+    let [x, y] = match (shear, sheared) {
+        (false, _) => [Err(NoValue::NotEstimated); 2],
+        (true, false) => [Ok(of(0.0, unseen)); 2],
+        (true, true) => [Ok(of(fx, sx)), Ok(of(fy, sy))],
+    };
+    let [at_x, at_y] = touch.load.point;
+    Seen {
+        force: [x, y, Ok(of(fz, sz))],
+        point: Ok([of(at_x, px), of(at_y, py)]),
+        used: sheared.then_some([touch.load.used, used]),
+        contacts: Err(NoValue::NotEstimated),
+    }
+}
+
+/// Two contacts: their sum, and the place where one contact would make the same moments.
+fn two(pair: &Pair, share: f32) -> Seen {
+    let [a, b] = pair.contacts.map(|load| (load.normal(), load.point));
+    let sum = a.0 + b.0;
+    let middle = |axis: fn([f32; 2]) -> f32| Uncertain {
+        value: (a.0 * axis(a.1) + b.0 * axis(b.1)) / sum.max(f32::MIN_POSITIVE),
+        sigma: CENTROID_ERROR,
+    };
+    let unknown = Err(NoValue::NotEstimated);
+    let normal = Uncertain { value: sum, sigma: pair.misfit.max(1.0) * share * sum };
+    Seen {
+        force: [unknown, unknown, Ok(normal)],
+        point: Ok([middle(|[x, _]| x), middle(|[_, y]| y)]),
+        used: None,
+        contacts: Ok([a, b].map(NormalContact::new)),
+    }
+}

@@ -1,0 +1,200 @@
+//! Matrix and array together: what each is sure of, one force and one place of it; and whether it slips.
+
+use super::matrix::Seen;
+use crate::calibration::Calibration;
+use crate::condition::Signals;
+use crate::estimate::array::Array;
+use crate::estimate::fusion::{Uncertain, fuse};
+use crate::estimate::slide::SlideState;
+use crate::estimate::slip::{SlipState, Traction, Verdict};
+use crate::estimate::vibration::Listener;
+use crate::estimate::{ContactPoint, Force};
+use crate::frame::Status;
+use crate::measured::{Measured, NoValue};
+use crate::scan::SENSORS;
+use crate::units::{Micros, Millimetres, NewtonMillimetres, Newtons};
+
+/// Sensitivities of the force sensors are known to this share, however small calibration's residual.
+const GAIN_ERROR: f32 = 0.005;
+
+/// Torsion below this many standard deviations of a moment is none.
+const TORSION_DOUBT: f32 = 3.0;
+
+/// What the array of force sensors feels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Felt {
+    pub force: [Measured<Uncertain>; 3],
+    pub point: Measured<[Uncertain; 2]>,
+    pub torsion: Measured<NewtonMillimetres>,
+}
+
+impl Felt {
+    const fn nothing(reason: NoValue) -> Self {
+        Self { force: [Err(reason); 3], point: Err(reason), torsion: Err(reason) }
+    }
+
+    /// The array under the forces on its sensors. Where one of them has none, none is felt.
+    pub(super) fn of(
+        record: Option<&Calibration>,
+        signals: &Signals,
+        sensors: &[Force; SENSORS],
+        (contact, status): (bool, &mut Status),
+    ) -> Self {
+        let Some(array) = record.and_then(|record| record.array.as_ref()) else {
+            let absent = signals.bridges.iter().all(Option::is_none);
+            let reason = if absent { NoValue::Absent } else { NoValue::Uncalibrated };
+            return Self::nothing(reason);
+        };
+        match newtons(sensors) {
+            Err(reason) => Self::nothing(reason),
+            Ok(_) if !contact => {
+                let none = Ok(Uncertain { value: 0.0, sigma: 0.0 });
+                Self { force: [none; 3], ..Self::nothing(NoValue::NoContact) }
+            }
+            Ok(forces) => {
+                status.set(Status::RAN_ARRAY);
+                Self::under(array, signals, &forces)
+            }
+        }
+    }
+
+    fn under(array: &Array, signals: &Signals, forces: &[[f32; 3]; SENSORS]) -> Self {
+        let u = signals.bridges.map(Option::unwrap_or_default);
+        let wrench = array.wrench(&u, forces);
+        let contact = array.contact(&wrench);
+        let [x, y, z] = wrench.force;
+        let [sx, sy, sz] = array.residual;
+        let of = |value: f32, sigma: f32| {
+            let gain = GAIN_ERROR * value.abs();
+            // A record of huge matrices may overflow; what is not finite is no force.
+            if value.abs() < f32::MAX {
+                Ok(Uncertain { value, sigma: sigma + gain })
+            } else {
+                Err(NoValue::IllConditioned)
+            }
+        };
+        Self {
+            force: [of(x, sx), of(y, sy), of(z, sz)],
+            point: contact.map(|(contact, sigma)| {
+                let [x, y, _] = contact.place;
+                [x, y].map(|value| Uncertain { value, sigma })
+            }),
+            torsion: contact.map(|(contact, _)| contact.torsion),
+        }
+    }
+}
+
+/// Every sensor's force in newtons, or why one has none.
+fn newtons(sensors: &[Force; SENSORS]) -> Measured<[[f32; 3]; SENSORS]> {
+    let mut forces = [[0.0; 3]; SENSORS];
+    for (newtons, force) in forces.iter_mut().zip(sensors) {
+        *newtons = [force.x?.0, force.y?.0, force.z?.0];
+    }
+    Ok(forces)
+}
+
+/// Force and point out of both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Fused {
+    pub force: Force,
+    /// Standard deviation of the shear.
+    pub shear_sigma: f32,
+    pub point: Measured<ContactPoint>,
+}
+
+impl Fused {
+    pub(super) fn of(seen: &Seen, felt: &Felt, status: &mut Status) -> Self {
+        let mut of = |a: Measured<Uncertain>, b: Measured<Uncertain>| {
+            // Of two reasons, that of the part which this finger has.
+            let (a, b) = if matches!(a, Err(NoValue::Absent)) { (b, a) } else { (a, b) };
+            fuse(a, b).map(|(one, agree)| {
+                if !agree {
+                    status.set(Status::DISAGREE);
+                }
+                one
+            })
+        };
+        let [x, y, z] = seen.force;
+        let [fx, fy, fz] = felt.force;
+        let [x, y, z] = [of(x, fx), of(y, fy), of(z, fz)];
+        let shear_sigma = [x, y].into_iter().flatten().fold(0.0f32, |most, f| most.max(f.sigma));
+        let newtons = |force: Measured<Uncertain>| force.map(|force| Newtons(force.value));
+        let axis = |point: &Measured<[Uncertain; 2]>, i: usize| {
+            point.and_then(|point| point.get(i).copied().ok_or(NoValue::NotEstimated))
+        };
+        let [px, py] = [0, 1].map(|i| {
+            let along = of(axis(&seen.point, i), axis(&felt.point, i));
+            along.map(|place| Millimetres(place.value))
+        });
+        Self {
+            force: Force { x: newtons(x), y: newtons(y), z: newtons(z) },
+            shear_sigma,
+            point: px.and_then(|x| py.map(|y| ContactPoint { x, y })),
+        }
+    }
+}
+
+/// What is remembered of slip.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct GripState {
+    slip: SlipState,
+    slide: SlideState,
+    ear: Listener,
+    touched: bool,
+}
+
+/// What slip is judged by.
+pub(super) struct Grip<'s> {
+    pub time: Micros,
+    pub signals: &'s Signals,
+    pub fused: &'s Fused,
+    pub torsion: Measured<NewtonMillimetres>,
+    pub used: Option<[f32; 2]>,
+    pub contact: bool,
+}
+
+impl Grip<'_> {
+    pub(super) fn judge(
+        &self,
+        record: Option<&Calibration>,
+        state: &mut GripState,
+        status: &mut Status,
+    ) -> Measured<Verdict> {
+        let slip = record.and_then(|record| record.slip.as_ref()).ok_or(NoValue::Uncalibrated)?;
+        let vibrates = state.ear.hear(self.time, self.signals);
+        if !self.contact {
+            if state.touched {
+                state.slip.release();
+                state.slide = SlideState::default();
+            }
+            state.touched = false;
+            return Err(NoValue::NoContact);
+        }
+        state.touched = true;
+        let Fused { force, shear_sigma, point } = *self.fused;
+        let (fx, fy, fz) = (force.x?.0, force.y?.0, force.z?.0);
+        let torsion = self.torsion.map_or(0.0, |torsion| torsion.0);
+        let array = record.and_then(|record| record.array.as_ref());
+        let moment_sigma = array.map_or(0.0, |array| array.moment_residual);
+        let mut traction = Traction {
+            shear: [fx, fy],
+            normal: fz,
+            torsion,
+            doubt: [shear_sigma, TORSION_DOUBT * moment_sigma],
+            used: self.used,
+            rubs: vibrates,
+            slides: false,
+        };
+        let place = point.map(|point| [point.x.0, point.y.0]);
+        traction.slides = place.is_ok_and(|place| state.slide.update(self.time, place, &traction));
+        status.set(Status::RAN_SLIP);
+        let verdict = slip.judge(&mut state.slip, &traction)?;
+        if traction.slides || traction.rubs {
+            status.set(Status::SLIDES);
+        }
+        if slip.warns(&verdict) {
+            status.set(Status::SLIP_WARNING);
+        }
+        Ok(verdict)
+    }
+}
