@@ -68,20 +68,33 @@ pub struct Calibration {
 
 /// Every section there is, in the order in which they stand in a record: its number, the version of the
 /// record that brought it, its name in files and messages, and where it is kept.
-const SECTIONS: [Entry; 9] = [
+const SECTIONS: &[Entry] = &[
     entry(1, 2, "taxels", |c| &c.taxels, |c| &mut c.taxels),
     entry(2, 2, "force", |c| &c.force, |c| &mut c.force),
+    #[cfg(feature = "model")]
     entry(3, 2, "model", |c| &c.model, |c| &mut c.model),
+    #[cfg(feature = "slip")]
     entry(4, 2, "slip", |c| &c.slip, |c| &mut c.slip),
     entry(16, 2, "s0", |c| &c.sensors[0], |c| &mut c.sensors[0]),
     entry(17, 2, "s1", |c| &c.sensors[1], |c| &mut c.sensors[1]),
     entry(18, 2, "s2", |c| &c.sensors[2], |c| &mut c.sensors[2]),
     entry(19, 2, "s3", |c| &c.sensors[3], |c| &mut c.sensors[3]),
+    #[cfg(feature = "array")]
     entry(20, 2, "array", |c| &c.array, |c| &mut c.array),
 ];
 
+/// Sections whose estimator this build goes without: they are passed over.
+const NOT_BUILT: &[u8] = &[
+    #[cfg(not(feature = "model"))]
+    3,
+    #[cfg(not(feature = "slip"))]
+    4,
+    #[cfg(not(feature = "array"))]
+    20,
+];
+
 /// Calibration of the 4×4 optical matrix.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TaxelCalibration {
     /// Levels and noise of the unloaded finger.
     pub bias: TaxelBias,
@@ -92,7 +105,7 @@ pub struct TaxelCalibration {
 }
 
 /// Calibration of one three-axis force sensor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SensorCalibration {
     /// b and its noise.
     pub bias: BridgeBias,
@@ -178,6 +191,21 @@ impl Calibration {
         array: None,
     };
 
+    /// The model of the skin, where this build can use it.
+    pub(crate) fn model(&self) -> Option<&Inverse> {
+        self.model.as_ref().filter(|_| cfg!(feature = "model"))
+    }
+
+    /// What slip is judged by, where this build can.
+    pub(crate) fn slip(&self) -> Option<&Slip> {
+        self.slip.as_ref().filter(|_| cfg!(feature = "slip"))
+    }
+
+    /// The force sensors as one, where this build can.
+    pub(crate) fn array(&self) -> Option<&Array> {
+        self.array.as_ref().filter(|_| cfg!(feature = "array"))
+    }
+
     /// The bias that the finger starts with.
     #[must_use]
     pub fn bias(&self) -> Bias {
@@ -192,7 +220,7 @@ impl Calibration {
     /// # Errors
     /// The first that does not.
     pub fn validate(&self) -> Result<(), CalibrationError> {
-        for Entry { number, get, .. } in &SECTIONS {
+        for Entry { number, get, .. } in SECTIONS {
             let section = get(self);
             if let Some(field) = section.wrong_field() {
                 return Err(CalibrationError::Field { section: *number, field });
@@ -215,6 +243,23 @@ impl Calibration {
     }
 
     /// How many bytes it took, or `None` for too many.
+    /// Apart from [`SECTIONS`], so that firmware, which only reads records, does not hold it.
+    fn write_section(&self, number: u8, buffer: &mut [u8]) -> Option<usize> {
+        let [s0, s1, s2, s3] = &self.sensors;
+        match number {
+            1 => section::write(&self.taxels, buffer),
+            2 => section::write(&self.force, buffer),
+            3 => section::write(&self.model, buffer),
+            4 => section::write(&self.slip, buffer),
+            16 => section::write(s0, buffer),
+            17 => section::write(s1, buffer),
+            18 => section::write(s2, buffer),
+            19 => section::write(s3, buffer),
+            20 => section::write(&self.array, buffer),
+            _ => None,
+        }
+    }
+
     fn write(&self, buffer: &mut [u8]) -> Option<usize> {
         let present = || SECTIONS.iter().filter(|entry| (entry.get)(self).present());
         let version = present().map(|entry| entry.since).max().unwrap_or(OLDEST);
@@ -223,7 +268,7 @@ impl Calibration {
         let mut end = 2 + postcard::to_slice(&(&self.serial, self.date), rest).ok()?.len();
         for entry in present() {
             let (head, rest) = buffer.get_mut(end..)?.split_first_chunk_mut::<3>()?;
-            let length = (entry.get)(self).write(rest)?;
+            let length = self.write_section(entry.number, rest)?;
             let [low, high] = u16::try_from(length).ok()?.to_le_bytes();
             *head = [entry.number, low, high];
             end += 3 + length;
@@ -261,10 +306,12 @@ impl Calibration {
         let mut entries = SECTIONS.iter().filter(|entry| entry.since <= version);
         while let Some(([number, low, high], tail)) = rest.split_first_chunk::<3>() {
             // In their order: none twice, and one way to write a record.
-            let entry = entries.find(|entry| entry.number == *number)?;
             let length = usize::from(u16::from_le_bytes([*low, *high]));
             let (section, tail) = tail.split_at_checked(length)?;
-            (entry.get_mut)(self).read(section)?;
+            if !NOT_BUILT.contains(number) {
+                let entry = entries.find(|entry| entry.number == *number)?;
+                (entry.get_mut)(self).read(section)?;
+            }
             rest = tail;
         }
         rest.is_empty().then_some(())

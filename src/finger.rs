@@ -168,7 +168,7 @@ impl Finger {
     /// # Errors
     /// What is wrong with it; the finger is uncalibrated then.
     pub fn recalibrate(&mut self, record: &[u8]) -> Result<(), CalibrationError> {
-        let read = self.calibration.get_or_insert(Calibration::EMPTY).read(record);
+        let read = self.calibration.get_or_insert_default().read(record);
         if read.is_err() {
             self.calibration = None;
         }

@@ -65,6 +65,19 @@ impl Status {
     /// Bit 24: slip was judged.
     pub const RAN_SLIP: Self = Self(1 << 24);
 
+    /// The estimators that this build holds.
+    pub const BUILT: Self = {
+        let always =
+            Self::RAN_ARG_MIN.0 | Self::RAN_CENTROID.0 | Self::RAN_NET.0 | Self::RAN_SENSORS.0;
+        let model = Self::RAN_MODEL.0 | Self::RAN_SHEAR.0 | Self::RAN_PAIR.0;
+        Self(
+            always
+                | if cfg!(feature = "model") { model } else { 0 }
+                | if cfg!(feature = "array") { Self::RAN_ARRAY.0 } else { 0 }
+                | if cfg!(feature = "slip") { Self::RAN_SLIP.0 } else { 0 },
+        )
+    };
+
     /// Every bit with its name, as the tools print it.
     pub const NAMES: [(Self, &'static str); 22] = [
         (Self::CONTACT, "contact"),

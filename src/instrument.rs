@@ -57,12 +57,12 @@ impl Instrument {
     /// An instrument, uncalibrated, with the stream off.
     #[must_use]
     pub fn new(identity: Identity) -> Self {
-        let (finger, state) = Finger::new(None);
         let hz = Self::DEFAULT_RATE_HZ.min(identity.scan_hz);
         Self {
             identity,
-            finger,
-            state,
+            // In place: a finger that is handed about crosses the stack.
+            finger: Finger::default(),
+            state: FingerState::default(),
             calibration_crc: 0,
             streaming: false,
             hz,
@@ -359,6 +359,7 @@ impl Instrument {
             }),
             counters: self.counters,
             cost: self.cost,
+            estimators: Status::BUILT,
         }
     }
 }

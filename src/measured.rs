@@ -20,7 +20,7 @@ pub enum NoValue {
     IllConditioned,
     /// 6: this finger has no such channel.
     Absent,
-    /// 7: the calibration has no estimator for it.
+    /// 7: the calibration, or this build, has no estimator for it.
     NotEstimated,
 }
 

@@ -9,6 +9,7 @@
 /// 1/√x for a positive normal x, relative error below 5e-7, no division. Zero, negative, subnormal and NaN
 /// arguments give the value for the least normal number, infinity that for the greatest: finite always.
 #[must_use]
+#[inline]
 pub fn inverse_sqrt(x: f32) -> f32 {
     // `max` and `min` return the other operand for a NaN.
     let x = x.max(f32::MIN_POSITIVE).min(f32::MAX);
@@ -23,12 +24,14 @@ pub fn inverse_sqrt(x: f32) -> f32 {
 
 /// √x, relative error below 6e-7; 0 for what is not positive.
 #[must_use]
+#[inline(never)]
 pub fn sqrt(x: f32) -> f32 {
     if x > 0.0 { x.min(f32::MAX) * inverse_sqrt(x) } else { 0.0 }
 }
 
 /// ∛x for x ≥ 0, relative error below 1e-6; 0 for what is not positive.
 #[must_use]
+#[inline(never)]
 pub fn cube_root(x: f32) -> f32 {
     if !(x >= f32::MIN_POSITIVE) {
         return 0.0;
@@ -45,6 +48,7 @@ pub fn cube_root(x: f32) -> f32 {
 /// x^p for x > 0 as 2^(p·log₂ x), relative error below 2e-5 for results between 1e-6 and 1e6; 0 for what
 /// is not positive. The result lies in [2⁻¹²⁶, 2¹²⁶].
 #[must_use]
+#[inline(never)]
 pub fn power(x: f32, p: f32) -> f32 {
     if x > 0.0 { exp2(p * log2(x)) } else { 0.0 }
 }

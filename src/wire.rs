@@ -52,13 +52,14 @@ pub fn pack<'b, M: Serialize>(message: &M, buffer: &'b mut [u8]) -> Result<&'b [
 /// # Errors
 /// [`WireError::TooLong`] when it does not fit.
 pub fn pack_frame<'b>(frame: &Frame, buffer: &'b mut [u8]) -> Result<&'b [u8], WireError> {
-    struct Message<'f>(&'f Frame);
-    impl Serialize for Message<'_> {
-        fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-            serializer.serialize_newtype_variant("Message", 2, "Frame", self.0)
-        }
+    #[derive(Serialize)]
+    #[serde(rename = "Message")]
+    enum Message<'f> {
+        _Version,
+        _Reply,
+        Frame(#[serde(serialize_with = "message::frame")] &'f Frame),
     }
-    pack(&Message(frame), buffer)
+    pack(&Message::Frame(frame), buffer)
 }
 
 /// Puts `message` and its CRC into `buffer`, one byte in; says where they end.

@@ -300,6 +300,7 @@ fn the_longest_messages_fit_a_packet() {
         }),
         counters,
         cost: taxel::wire::message::Cost { last: u32::MAX, worst: u32::MAX },
+        estimators: Status(u32::MAX),
     };
     let reply = |response| Message::Reply { tag: u8::MAX, result: Ok(response) };
     let most = Cost { last: u32::MAX, worst: u32::MAX };

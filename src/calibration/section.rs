@@ -1,7 +1,6 @@
 //! A section of the record, whatever is in it.
 
 use serde::Serialize;
-use serde::de::DeserializeOwned;
 
 use super::Calibration;
 
@@ -12,19 +11,15 @@ pub(super) const HUGE: f32 = 1e30;
 pub(super) type Checks<T> = &'static [(&'static str, fn(&T) -> bool)];
 
 /// The coefficients of one estimator, as a section holds them.
-pub(super) trait Coefficients: Serialize + DeserializeOwned + 'static {
+pub(super) trait Coefficients: Default + Serialize + 'static {
     /// Its fields.
     const CHECKS: Checks<Self>;
     /// It works on the taxels' signals, which exist only with the taxels' own calibration.
     const NEEDS_TAXELS: bool = false;
 
-    /// Reads it from all of `bytes`; `None` where they are something else. Sections beyond some 300 bytes
-    /// do it in place, because postcard's way is over the stack.
-    fn read(place: &mut Option<Self>, bytes: &[u8]) -> Option<()> {
-        let (coefficients, rest) = postcard::take_from_bytes(bytes).ok()?;
-        *place = Some(coefficients);
-        rest.is_empty().then_some(())
-    }
+    /// Reads it from all of `bytes`, in place, because postcard's way is over the stack; `None` where they
+    /// are something else.
+    fn read(&mut self, bytes: &[u8]) -> Option<()>;
 }
 
 /// An optional section of a calibration.
@@ -32,7 +27,6 @@ pub(super) trait Section {
     fn present(&self) -> bool;
     fn clear(&mut self);
     fn read(&mut self, bytes: &[u8]) -> Option<()>;
-    fn write(&self, buffer: &mut [u8]) -> Option<usize>;
     fn wrong_field(&self) -> Option<u8>;
     fn field_name(&self, field: u8) -> Option<&'static str>;
     fn needs_taxels(&self) -> bool;
@@ -48,11 +42,7 @@ impl<T: Coefficients> Section for Option<T> {
     }
 
     fn read(&mut self, bytes: &[u8]) -> Option<()> {
-        T::read(self, bytes)
-    }
-
-    fn write(&self, buffer: &mut [u8]) -> Option<usize> {
-        Some(postcard::to_slice(self.as_ref()?, buffer).ok()?.len())
+        self.insert(T::default()).read(bytes)
     }
 
     fn wrong_field(&self) -> Option<u8> {
@@ -68,6 +58,11 @@ impl<T: Coefficients> Section for Option<T> {
     fn needs_taxels(&self) -> bool {
         T::NEEDS_TAXELS
     }
+}
+
+/// Writes a section that is present; how long it has become.
+pub(super) fn write<T: Coefficients>(section: &Option<T>, buffer: &mut [u8]) -> Option<usize> {
+    Some(postcard::to_slice(section.as_ref()?, buffer).ok()?.len())
 }
 
 /// A line of the list of sections.
@@ -90,7 +85,8 @@ pub(super) const fn entry(
 }
 
 /// None of them is NaN, infinite, or large enough to make a product so.
-pub(super) fn finite<'v>(values: impl IntoIterator<Item = &'v f32>) -> bool {
+#[inline(never)]
+pub(super) fn finite(values: &[f32]) -> bool {
     // A comparison with a NaN is false.
-    values.into_iter().all(|value| value.abs() < HUGE)
+    values.iter().all(|value| value.abs() < HUGE)
 }

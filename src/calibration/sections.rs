@@ -2,7 +2,9 @@
 //!
 //! Comparisons with a NaN are false, so each of these refuses NaN without naming it.
 
-use heapless::Vec;
+use core::slice::from_mut;
+
+use heapless::VecView;
 
 use super::section::{Checks, Coefficients, HUGE, finite};
 use super::{Range, SensorCalibration, TaxelCalibration};
@@ -10,8 +12,10 @@ use crate::condition::Bias;
 use crate::estimate::array::{Array, WrenchMethod};
 use crate::estimate::field::{Field, Radial};
 use crate::estimate::inverse::{Curves, Inverse};
+use crate::estimate::limit_surface::LimitSurface;
 use crate::estimate::net::ForceNet;
 use crate::estimate::slip::Slip;
+use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
 
 impl Coefficients for TaxelCalibration {
     const CHECKS: Checks<Self> = &[
@@ -20,6 +24,13 @@ impl Coefficients for TaxelCalibration {
         ("range", |t| ranges_fit(&t.range)),
         ("residual_n", |t| residuals_fit(&t.residual)),
     ];
+
+    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+        let Self { bias, range, residual } = self;
+        let lists: &mut [&mut [f32]] =
+            &mut [&mut bias.level, from_mut(&mut bias.noise), range.as_flattened_mut(), residual];
+        read_numbers(lists, bytes)?.is_empty().then_some(())
+    }
 }
 
 impl Coefficients for ForceNet {
@@ -30,13 +41,12 @@ impl Coefficients for ForceNet {
     ];
     const NEEDS_TAXELS: bool = true;
 
-    fn read(place: &mut Option<Self>, bytes: &[u8]) -> Option<()> {
-        let net = place.insert(Self::EMPTY);
-        let rest = read_list(&mut net.hidden, bytes)?;
-        let rest = read_list(&mut net.hidden_bias, rest)?;
-        let rest = read_list(&mut net.output, rest)?;
-        let rest = read_list(&mut net.skip, rest)?;
-        let rest = read_list(&mut net.output_bias, rest)?;
+    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+        let rest = read_list(&mut self.hidden, bytes)?;
+        let rest = read_list(&mut self.hidden_bias, rest)?;
+        let rest = read_list(&mut self.output, rest)?;
+        let rest = read_list(&mut self.skip, rest)?;
+        let rest = read_list(&mut self.output_bias, rest)?;
         rest.is_empty().then_some(())
     }
 }
@@ -56,25 +66,24 @@ impl Coefficients for Inverse {
     ];
     const NEEDS_TAXELS: bool = true;
 
-    fn read(place: &mut Option<Self>, bytes: &[u8]) -> Option<()> {
-        let model = place.insert(Self::EMPTY);
-        let Curves { stray, gap } = &mut model.curves;
-        let Field { normal, shear, slip } = &mut model.field;
-        let mut rest = bytes;
-        for numbers in [
-            stray.as_flattened_mut(),
-            gap.as_flattened_mut(),
-            &mut normal.depth,
-            normal.terms.as_flattened_mut(),
-            &mut shear.depth,
-            shear.terms.as_flattened_mut(),
-            core::slice::from_mut(slip),
-            &mut model.error,
-        ] {
-            rest = read_numbers(numbers, rest)?;
-        }
+    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+        let Curves { stray, gap } = &mut self.curves;
+        let Field { normal, shear, slip } = &mut self.field;
+        let rest = read_numbers(
+            &mut [
+                stray.as_flattened_mut(),
+                gap.as_flattened_mut(),
+                &mut normal.depth,
+                normal.terms.as_flattened_mut(),
+                &mut shear.depth,
+                shear.terms.as_flattened_mut(),
+                from_mut(slip),
+                &mut self.error,
+            ],
+            bytes,
+        )?;
         let (last, rest) = postcard::take_from_bytes(rest).ok()?;
-        (model.shear, model.friction) = last;
+        (self.shear, self.friction) = last;
         rest.is_empty().then_some(())
     }
 }
@@ -94,6 +103,14 @@ impl Coefficients for Slip {
         ("warn", |s| (0.0..=1.0).contains(&s.warn)),
         ("safety", |s| (1.0..=100.0).contains(&s.safety)),
     ];
+
+    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+        let Self { usual, surface, warn, safety } = self;
+        let LimitSurface { radius, torque, curve } = surface;
+        let lists: &mut [&mut [f32]] =
+            &mut [usual, radius, from_mut(torque), curve, from_mut(warn), from_mut(safety)];
+        read_numbers(lists, bytes)?.is_empty().then_some(())
+    }
 }
 
 impl Coefficients for Array {
@@ -106,6 +123,30 @@ impl Coefficients for Array {
         ("moment_residual", |a| (1e-9..1e3).contains(&a.moment_residual)),
         ("surface", |a| a.surface.fits()),
     ];
+
+    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+        let (method, rest) = bytes.split_first()?;
+        let rest = match method {
+            0 => {
+                let mut places = SensorPlaces::default();
+                let rest = read_numbers(&mut [places.0.as_flattened_mut()], rest)?;
+                self.method = WrenchMethod::Sum(places);
+                rest
+            }
+            1 => {
+                let mut matrix = WrenchMatrix::default();
+                let numbers = matrix.0.as_flattened_mut().as_flattened_mut();
+                let rest = read_numbers(&mut [numbers], rest)?;
+                self.method = WrenchMethod::Matrix(matrix);
+                rest
+            }
+            _ => return None,
+        };
+        let lists = &mut [&mut self.residual[..], from_mut(&mut self.moment_residual)];
+        let (surface, rest) = postcard::take_from_bytes(read_numbers(lists, rest)?).ok()?;
+        self.surface = surface;
+        rest.is_empty().then_some(())
+    }
 }
 
 impl Coefficients for SensorCalibration {
@@ -116,10 +157,23 @@ impl Coefficients for SensorCalibration {
         ("range", |s| ranges_fit(&s.range)),
         ("residual_n", |s| residuals_fit(&s.residual)),
     ];
+
+    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+        let Self { bias, sensitivity, range, residual } = self;
+        let lists: &mut [&mut [f32]] = &mut [
+            &mut bias.level,
+            from_mut(&mut bias.noise),
+            sensitivity.0.as_flattened_mut(),
+            range.as_flattened_mut(),
+            residual,
+        ];
+        read_numbers(lists, bytes)?.is_empty().then_some(())
+    }
 }
 
 /// Reads one of postcard's lists in place. Returns what follows it.
-fn read_list<'b, const N: usize>(list: &mut Vec<f32, N>, bytes: &'b [u8]) -> Option<&'b [u8]> {
+#[inline(never)]
+fn read_list<'b>(list: &mut VecView<f32>, bytes: &'b [u8]) -> Option<&'b [u8]> {
     let (length, rest) = postcard::take_from_bytes::<u32>(bytes).ok()?;
     let (weights, rest) = rest.split_at_checked(usize::try_from(length).ok()?.checked_mul(4)?)?;
     list.clear();
@@ -130,12 +184,16 @@ fn read_list<'b, const N: usize>(list: &mut Vec<f32, N>, bytes: &'b [u8]) -> Opt
 }
 
 /// Fills `numbers` from the front of `bytes`. Returns what follows them.
-fn read_numbers<'b>(numbers: &mut [f32], bytes: &'b [u8]) -> Option<&'b [u8]> {
-    let (own, rest) = bytes.split_at_checked(4 * numbers.len())?;
-    for (number, bytes) in numbers.iter_mut().zip(own.as_chunks::<4>().0) {
-        *number = f32::from_le_bytes(*bytes);
+#[inline(never)]
+fn read_numbers<'b>(lists: &mut [&mut [f32]], mut bytes: &'b [u8]) -> Option<&'b [u8]> {
+    for numbers in lists {
+        let (own, rest) = bytes.split_at_checked(4 * numbers.len())?;
+        for (number, bytes) in numbers.iter_mut().zip(own.as_chunks::<4>().0) {
+            *number = f32::from_le_bytes(*bytes);
+        }
+        bytes = rest;
     }
-    Some(rest)
+    Some(bytes)
 }
 
 fn radial_fits(radial: &Radial) -> bool {
@@ -149,6 +207,7 @@ pub(crate) fn bias_fits(bias: &Bias) -> bool {
 }
 
 /// A level is a fraction of full scale; a difference of two may reach 2.
+#[inline(never)]
 fn levels_fit(levels: &[f32]) -> bool {
     levels.iter().all(|level| level.abs() <= 2.0)
 }
@@ -157,6 +216,7 @@ fn noise_fits(noise: f32) -> bool {
     (1e-9..1.0).contains(&noise)
 }
 
+#[inline(never)]
 fn ranges_fit(ranges: &[Range]) -> bool {
     ranges.iter().all(|[low, high]| low < high) && finite(ranges.as_flattened())
 }

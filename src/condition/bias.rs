@@ -12,7 +12,7 @@ use crate::scan::{SENSORS, TAXELS};
 pub const NOISE_FLOOR: f32 = 0.25 / 4096.0;
 
 /// The optical matrix, unloaded.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TaxelBias {
     /// Mean level of each taxel.
@@ -22,7 +22,7 @@ pub struct TaxelBias {
 }
 
 /// One force sensor, unloaded: b of 003.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BridgeBias {
     /// Mean of u_x, u_y, u_z.
@@ -165,19 +165,13 @@ impl BiasTaker {
         self.clipped |= levels.health.saturated != 0;
         // Deviations from the first frame, not raw levels: squares of small numbers keep their digits.
         if let (Some(level), Some(first)) = (&levels.taxels, &self.first.taxels) {
-            self.taxels
-                .iter_mut()
-                .zip(level.iter().zip(first))
-                .for_each(|(moments, (level, first))| moments.add(level - first));
+            add(&mut self.taxels, level, first);
         }
         for (moments, (level, first)) in
             self.bridges.iter_mut().zip(levels.bridges.iter().zip(&self.first.bridges))
         {
             if let (Some(level), Some(first)) = (level, first) {
-                moments
-                    .iter_mut()
-                    .zip(level.iter().zip(first))
-                    .for_each(|(moments, (level, first))| moments.add(level - first));
+                add(moments, level, first);
             }
         }
         (self.seen >= self.wanted).then(|| self.finish(known))
@@ -188,32 +182,53 @@ impl BiasTaker {
             return Err(BiasRefusal::Saturated);
         }
         let mut noisiest = 0.0f32;
-        let mut group = |moments: &[Moments], known: Option<f32>| -> Result<f32, BiasRefusal> {
-            let worst = moments.iter().fold(0.0f32, |worst, m| worst.max(m.variance()));
-            let limit = Self::STILL * known.unwrap_or(Self::UNKNOWN_NOISE).max(NOISE_FLOOR);
-            noisiest = noisiest.max(worst);
-            if worst > limit * limit {
-                return Err(BiasRefusal::NotStill);
-            }
-            let sum = moments.iter().fold(0.0, |sum, m| sum + m.variance());
-            Ok(sqrt(sum / moments.len() as f32).max(NOISE_FLOOR))
-        };
         let mut bias = Bias::default();
-        if let Some(first) = self.first.taxels {
-            let noise = group(&self.taxels, known.taxels.map(|t| t.noise))?;
-            let mut level = first;
-            level.iter_mut().zip(&self.taxels).for_each(|(level, m)| *level += m.mean());
+        if let Some(mut level) = self.first.taxels {
+            let known = known.taxels.map(|t| t.noise);
+            let noise = finish(&self.taxels, known, &mut level, &mut noisiest)?;
             bias.taxels = Some(TaxelBias { level, noise });
         }
         for (i, (bias, moments)) in bias.bridges.iter_mut().zip(&self.bridges).enumerate() {
-            let Some(first) = self.first.bridges.get(i).copied().flatten() else { continue };
-            let noise = group(moments, known.bridges.get(i).copied().flatten().map(|b| b.noise))?;
-            let mut level = first;
-            level.iter_mut().zip(moments).for_each(|(level, m)| *level += m.mean());
+            let Some(mut level) = self.first.bridges.get(i).copied().flatten() else { continue };
+            let known = known.bridges.get(i).copied().flatten().map(|b| b.noise);
+            let noise = finish(moments, known, &mut level, &mut noisiest)?;
             *bias = Some(BridgeBias { level, noise });
         }
         Ok(Taken { bias, noisiest: sqrt(noisiest) })
     }
+}
+
+// Small rather than fast: a bias is rare, and there are 28 channels.
+
+/// Adds the deviations of `levels` from those of the `first` frame.
+#[inline(never)]
+fn add(moments: &mut [Moments], levels: &[f32], first: &[f32]) {
+    for (moments, (level, first)) in moments.iter_mut().zip(levels.iter().zip(first)) {
+        moments.add(level - first);
+    }
+}
+
+/// Takes the `first` levels of a group of channels to their means, and says how noisy they are.
+#[inline(never)]
+fn finish(
+    moments: &[Moments],
+    known: Option<f32>,
+    first: &mut [f32],
+    noisiest: &mut f32,
+) -> Result<f32, BiasRefusal> {
+    let limit = BiasTaker::STILL * known.unwrap_or(BiasTaker::UNKNOWN_NOISE).max(NOISE_FLOOR);
+    let (mut worst, mut sum) = (0.0f32, 0.0);
+    for (level, moments) in first.iter_mut().zip(moments) {
+        let variance = moments.variance();
+        worst = worst.max(variance);
+        sum += variance;
+        *level += moments.mean();
+    }
+    *noisiest = noisiest.max(worst);
+    if worst > limit * limit {
+        return Err(BiasRefusal::NotStill);
+    }
+    Ok(sqrt(sum / moments.len() as f32).max(NOISE_FLOOR))
 }
 
 /// Running mean and variance.

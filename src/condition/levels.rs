@@ -81,7 +81,9 @@ impl Levels {
     }
 }
 
-/// A bit for each taxel of which it holds.
+/// A bit for each taxel of which it holds. What asks has seen that there is one.
+#[cold]
+#[inline(never)]
 fn marked(taxels: impl Iterator<Item = bool>) -> u16 {
     taxels.enumerate().fold(0, |marks, (k, holds)| marks | u16::from(holds) << k)
 }

@@ -21,8 +21,14 @@ pub enum WrenchMethod {
     Matrix(WrenchMatrix),
 }
 
+impl Default for WrenchMethod {
+    fn default() -> Self {
+        Self::Sum(SensorPlaces::default())
+    }
+}
+
 /// The coefficients of the sensors' array.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Array {
     /// How the wrench is found.

@@ -46,15 +46,6 @@ pub struct Field {
     pub slip: f32,
 }
 
-impl Field {
-    /// Nothing moves.
-    pub(crate) const EMPTY: Self = Self { normal: Radial::EMPTY, shear: Radial::EMPTY, slip: 0.0 };
-}
-
-impl Radial {
-    const EMPTY: Self = Self { depth: [0.0; 2], terms: [[0.0; 3]; TERMS] };
-}
-
 /// A touch in the unknowns of the field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
@@ -156,6 +147,7 @@ impl Field {
 impl Around<'_> {
     /// u of the facet at `facet` (mm) and its derivatives by s, x, y: a touch without shear.
     #[must_use]
+    #[inline(never)]
     pub fn pressed(&self, facet: [f32; 2]) -> (f32, [f32; 3]) {
         let load = self.load;
         let [dx, dy] = [facet[0] - load.point[0], facet[1] - load.point[1]];

@@ -20,6 +20,7 @@ const AGREE: f32 = 6.0;
 ///
 /// # Errors
 /// `a`'s reason where neither is there.
+#[inline(never)]
 pub fn fuse(a: Measured<Uncertain>, b: Measured<Uncertain>) -> Measured<(Uncertain, bool)> {
     let (Ok(a), Ok(b)) = (a, b) else {
         return a.or_else(|why| b.map_err(|_| why)).map(|one| (one, true));

@@ -31,7 +31,7 @@ const MOST_FRICTION: f32 = 2.0;
 const USED: [f32; 2] = [0.5, 0.4];
 
 /// From signals to displacements.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Curves {
     /// What of its neighbours' signals a taxel picks up: left, right, below (row − 1), above (row + 1).
     pub stray: [[f32; 4]; TAXELS],
@@ -61,7 +61,7 @@ impl Curves {
 }
 
 /// The coefficients of one finger.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Inverse {
     /// Signals to displacements.
     pub curves: Curves,
@@ -100,6 +100,11 @@ impl Touch {
         let [x, y] = self.load.shear;
         [x, y, self.load.normal()]
     }
+
+    #[inline(never)]
+    fn is_sound(&self) -> bool {
+        self.misfit < f32::MAX && self.sigma.iter().all(|sigma| *sigma < f32::MAX)
+    }
 }
 
 impl InverseState {
@@ -110,15 +115,6 @@ impl InverseState {
 }
 
 impl Inverse {
-    /// Says nothing yet.
-    pub(crate) const EMPTY: Self = Self {
-        curves: Curves { stray: [[0.0; 4]; TAXELS], gap: [[0.0; 5]; TAXELS] },
-        field: Field::EMPTY,
-        error: [1.0, 0.0],
-        shear: false,
-        friction: 1.0,
-    };
-
     /// One frame of displacements, of a touch without shear.
     ///
     /// # Errors
@@ -148,14 +144,13 @@ impl Inverse {
         let start = state.last.or_else(|| self.start(u));
         let found =
             start.and_then(|mut load| (0..STEPS).fold(None, |_, _| step(self, &mut load, u)));
-        let sound = found.filter(|touch| {
-            touch.misfit < f32::MAX && touch.sigma.iter().all(|sigma| *sigma < f32::MAX)
-        });
+        let sound = found.filter(Touch::is_sound);
         state.last = sound.map(|touch| touch.load);
         sound.ok_or(NoValue::IllConditioned)
     }
 
     /// Where to begin: the centroid of what sank, and the force of a contact there that sinks as much.
+    #[inline(never)]
     fn start(&self, u: &[f32; TAXELS]) -> Option<Load> {
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
         for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
@@ -253,6 +248,7 @@ impl Inverse {
 
 impl Load {
     /// A step, no longer than can be trusted, to where a contact can be.
+    #[inline(never)]
     pub(super) fn advance(&mut self, ds: f32, [dx, dy]: [f32; 2]) {
         self.size = (self.size + ds.clamp(-SIZE_STEP, SIZE_STEP)).clamp(LEAST_SIZE, MOST_SIZE);
         let [x, y] = self.point;

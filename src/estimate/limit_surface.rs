@@ -15,7 +15,7 @@ use crate::roots::{power, sqrt};
 pub const INTERVALS: usize = 8;
 
 /// The limit surface of one kind of contact, up to the friction coefficient.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LimitSurface {
     /// c in mm/N^γ and γ of a = c·N^γ. By Hertz γ = ⅓.

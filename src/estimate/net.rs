@@ -62,7 +62,7 @@ fn dot(row: &[f32], x: &[f32], bias: f32) -> f32 {
 
 /// The net of one finger: 16 signals c_k in, one (f_z) or three (f_x, f_y, f_z) forces in newtons out.
 /// Input and output scaling are folded into the weights. See [`Layers`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ForceNet {
     /// W, hidden × 16.
     pub hidden: Vec<f32, { MAX_HIDDEN * TAXELS }>,
@@ -77,15 +77,6 @@ pub struct ForceNet {
 }
 
 impl ForceNet {
-    /// Says nothing yet.
-    pub(crate) const EMPTY: Self = Self {
-        hidden: Vec::new(),
-        hidden_bias: Vec::new(),
-        output: Vec::new(),
-        skip: Vec::new(),
-        output_bias: Vec::new(),
-    };
-
     /// Units and weights of the hidden layer fit each other and are finite; without units there must be
     /// a skip path, or the net would say the same whatever it sees.
     pub(crate) fn hidden_layer_fits(&self) -> bool {

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// The full 3×3 sensitivity matrix S, cross-talk included, in newtons per fraction of full scale.
 /// Row i gives component i of the force: f_i = Σ S_ij·(u − b)_j.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sensitivity(pub [[f32; 3]; 3]);

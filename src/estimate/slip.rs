@@ -15,7 +15,7 @@ use crate::roots::sqrt;
 use crate::units::Newtons;
 
 /// How slip is judged.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Slip {
     /// Friction coefficient before any is known, and how much 1/μ may differ from its own (1 σ).

@@ -2,25 +2,33 @@
 #![expect(
     clippy::indexing_slicing,
     clippy::needless_range_loop,
-    reason = "matrix algebra: every index runs over 0..N of arrays of N"
+    reason = "matrix algebra: every index runs over 0..n of arrays of at least n"
 )]
 
 use crate::roots::inverse_sqrt;
 
-/// Normal equations A·x = b of a least-squares problem: A the sum of the outer products of its rows.
+/// Most unknowns of any estimator.
+const MOST: usize = 6;
+
+/// Normal equations A·x = b of a least-squares problem in `N` unknowns: A the sum of the outer products of
+/// its rows. All sizes lie in one shape, so that one solver serves them.
 #[derive(Clone, Copy, Debug)]
 pub struct Normal<const N: usize> {
     /// A; only its lower triangle is used.
-    pub matrix: [[f32; N]; N],
+    pub matrix: [[f32; MOST]; MOST],
     /// b.
     pub right: [f32; N],
 }
 
 impl<const N: usize> Normal<N> {
     /// No row yet.
-    pub const EMPTY: Self = Self { matrix: [[0.0; N]; N], right: [0.0; N] };
+    pub const EMPTY: Self = {
+        assert!(N <= MOST, "more unknowns than the solver takes");
+        Self { matrix: [[0.0; MOST]; MOST], right: [0.0; N] }
+    };
 
     /// Adds a row of the Jacobian and its residual.
+    #[inline]
     pub fn add(&mut self, row: &[f32; N], residual: f32) {
         for i in 0..N {
             for j in 0..=i {
@@ -40,54 +48,71 @@ impl<const N: usize> Normal<N> {
     /// x, and the diagonal of A⁻¹ (the variances, up to the noise's). `None` where A is not positive
     /// definite to the accuracy of f32.
     #[must_use]
-    pub fn solve(&self) -> Option<([f32; N], [f32; N])> {
-        // A = L·Lᵀ, with 1/L_ii kept in place of L_ii.
-        let mut l = [[0.0f32; N]; N];
-        for i in 0..N {
-            for j in 0..=i {
-                let mut sum = self.matrix[i][j];
-                for k in 0..j {
-                    sum -= l[i][k] * l[j][k];
-                }
-                if i > j {
-                    l[i][j] = sum * l[j][j];
-                } else if sum > f32::EPSILON * self.matrix[i][i] && sum > f32::MIN_POSITIVE {
-                    l[i][i] = inverse_sqrt(sum);
-                } else {
-                    return None;
-                }
-            }
-        }
-        let mut x = self.right;
-        for i in 0..N {
-            for k in 0..i {
-                x[i] -= l[i][k] * x[k];
-            }
-            x[i] *= l[i][i];
-        }
-        for i in (0..N).rev() {
-            for k in i + 1..N {
-                x[i] -= l[k][i] * x[k];
-            }
-            x[i] *= l[i][i];
-        }
-        // A⁻¹ = L⁻ᵀ·L⁻¹: the squared norms of the columns of L⁻¹.
-        let mut diagonal = [0.0; N];
-        for j in 0..N {
-            let mut column = [0.0; N];
-            column[j] = l[j][j];
-            diagonal[j] = column[j] * column[j];
-            for i in j + 1..N {
-                let mut sum = 0.0;
-                for k in j..i {
-                    sum -= l[i][k] * column[k];
-                }
-                column[i] = sum * l[i][i];
-                diagonal[j] += column[i] * column[i];
-            }
-        }
-        Some((x, diagonal))
+    pub fn solve(mut self) -> Option<([f32; N], [f32; N])> {
+        let (mut x, mut diagonal) = ([0.0; MOST], [0.0; MOST]);
+        x[..N].copy_from_slice(&self.right);
+        let solved = solve(&mut self.matrix, &mut x, &mut diagonal, N);
+        let first = |all: [f32; MOST]| all.first_chunk().copied();
+        if solved { first(x).zip(first(diagonal)) } else { None }
     }
+}
+
+/// Leaves the `n` unknowns x in `right` and the diagonal of A⁻¹ in `diagonal`.
+#[inline(never)]
+fn solve(
+    matrix: &mut [[f32; MOST]; MOST],
+    right: &mut [f32; MOST],
+    diagonal: &mut [f32; MOST],
+    n: usize,
+) -> bool {
+    let n = n.min(MOST);
+    // A = L·Lᵀ, L in place of A, with 1/L_ii kept in place of L_ii.
+    let l = matrix;
+    for i in 0..n {
+        for j in 0..i {
+            let mut sum = l[i][j];
+            for k in 0..j {
+                sum -= l[i][k] * l[j][k];
+            }
+            l[i][j] = sum * l[j][j];
+        }
+        let mut sum = l[i][i];
+        for k in 0..i {
+            sum -= l[i][k] * l[i][k];
+        }
+        let positive = sum > f32::EPSILON * l[i][i] && sum > f32::MIN_POSITIVE;
+        if !positive {
+            return false;
+        }
+        l[i][i] = inverse_sqrt(sum);
+    }
+    for i in 0..n {
+        for k in 0..i {
+            right[i] -= l[i][k] * right[k];
+        }
+        right[i] *= l[i][i];
+    }
+    for i in (0..n).rev() {
+        for k in i + 1..n {
+            right[i] -= l[k][i] * right[k];
+        }
+        right[i] *= l[i][i];
+    }
+    // A⁻¹ = L⁻ᵀ·L⁻¹: the squared norms of the columns of L⁻¹.
+    for j in 0..n {
+        let mut column = [0.0; MOST];
+        column[j] = l[j][j];
+        diagonal[j] = column[j] * column[j];
+        for i in j + 1..n {
+            let mut sum = 0.0;
+            for k in j..i {
+                sum -= l[i][k] * column[k];
+            }
+            column[i] = sum * l[i][i];
+            diagonal[j] += column[i] * column[i];
+        }
+    }
+    true
 }
 
 #[cfg(test)]

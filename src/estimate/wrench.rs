@@ -44,7 +44,7 @@ impl SensorPlaces {
 
 /// The full calibration, 6×3n: every signal of every sensor may bear on every component. Rows are F_x,
 /// F_y, F_z (N per full scale), M_x, M_y, M_z (N·mm per full scale); columns are the sensors' u − b.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WrenchMatrix(pub [[[f32; 3]; SENSORS]; 6]);
 
@@ -52,14 +52,17 @@ impl WrenchMatrix {
     /// The wrench for the signals u − b of every sensor; one that is not there counts as zero.
     #[must_use]
     pub fn wrench(&self, signals: &[[f32; 3]; SENSORS]) -> Wrench {
-        let [fx, fy, fz, mx, my, mz] = self.0.each_ref().map(|row| {
-            row.as_flattened()
-                .iter()
-                .zip(signals.as_flattened())
-                .fold(0.0, |sum, (m, u)| sum + m * u)
-        });
+        let signals = signals.as_flattened();
+        let [fx, fy, fz, mx, my, mz] =
+            self.0.each_ref().map(|row| weighted(row.as_flattened(), signals));
         Wrench { force: [fx, fy, fz], moment: [mx, my, mz] }
     }
+}
+
+/// Σ m·u. One of it, not six in a row.
+#[inline(never)]
+fn weighted(row: &[f32], signals: &[f32]) -> f32 {
+    row.iter().zip(signals).fold(0.0, |sum, (m, u)| sum + m * u)
 }
 
 /// a × b.

@@ -57,10 +57,10 @@ impl Seen {
     }
 
     /// Nothing touches it: no force, of as many components as the record knows.
-    fn untouched(record: &Calibration) -> Self {
+    fn untouched(record: Option<&Calibration>) -> Self {
         let none = Ok(Uncertain { value: 0.0, sigma: 0.0 });
-        let net = record.force.as_ref().map(|net| net.output_bias.len() == 3);
-        let sheared = record.model.as_ref().map(|model| model.shear);
+        let net = record.and_then(|r| r.force.as_ref()).map(|net| net.output_bias.len() == 3);
+        let sheared = record.and_then(Calibration::model).map(|model| model.shear);
         let shear = match (net, sheared) {
             (None, None) => return Self::nothing(NoValue::Uncalibrated).untouched_point(),
             (net, sheared) if net == Some(true) || sheared == Some(true) => none,
@@ -88,24 +88,23 @@ pub(super) struct Look<'s> {
 
 impl Look<'_> {
     pub(super) fn see(&self, state: &mut MatrixState, status: &mut Status) -> Seen {
-        let blank = Calibration::EMPTY;
-        let record = self.record.unwrap_or(&blank);
         if !self.contact {
             *state = MatrixState::default();
-            let seen = Seen::untouched(record);
+            let seen = Seen::untouched(self.record);
             return match self.faulty() {
                 // What cannot be measured is not zero either.
                 Some(reason) if seen.force[2].is_ok() => Seen { force: [Err(reason); 3], ..seen },
                 _ => seen,
             };
         }
-        let force = match record.taxels.as_ref() {
-            Some(taxels) if record.model.is_some() || record.force.is_some() => {
-                self.usable(taxels, status)
-            }
+        let taxels = self.record.and_then(|record| record.taxels.as_ref());
+        let net = self.record.and_then(|record| record.force.as_ref());
+        let model = self.record.and_then(Calibration::model);
+        let force = match taxels {
+            Some(taxels) if model.is_some() || net.is_some() => self.usable(taxels, status),
             _ => Err(NoValue::Uncalibrated),
         };
-        let modelled = match (force, &record.model) {
+        let modelled = match (force, model) {
             (Ok(()), Some(model)) => Some(self.model(model, state, status)),
             _ => None,
         };
@@ -114,7 +113,7 @@ impl Look<'_> {
             (Ok(()), Some(seen)) if self.method == PointMethod::Model => seen,
             (Ok(()), modelled) => {
                 let known = modelled.unwrap_or(Seen::nothing(NoValue::NotEstimated));
-                match record.force.as_ref().zip(record.taxels.as_ref()) {
+                match net.zip(taxels) {
                     None => known,
                     Some((net, taxels)) => {
                         status.set(Status::RAN_NET);

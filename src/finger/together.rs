@@ -40,9 +40,9 @@ impl Felt {
         sensors: &[Force; SENSORS],
         (contact, status): (bool, &mut Status),
     ) -> Self {
-        let Some(array) = record.and_then(|record| record.array.as_ref()) else {
+        let Some(array) = record.and_then(Calibration::array) else {
             let absent = signals.bridges.iter().all(Option::is_none);
-            let reason = if absent { NoValue::Absent } else { NoValue::Uncalibrated };
+            let reason = if absent { NoValue::Absent } else { without(cfg!(feature = "array")) };
             return Self::nothing(reason);
         };
         match newtons(sensors) {
@@ -84,6 +84,11 @@ impl Felt {
     }
 }
 
+/// Why there is nothing from an estimator for which the record holds nothing.
+const fn without(built: bool) -> NoValue {
+    if built { NoValue::Uncalibrated } else { NoValue::NotEstimated }
+}
+
 /// Every sensor's force in newtons, or why one has none.
 fn newtons(sensors: &[Force; SENSORS]) -> Measured<[[f32; 3]; SENSORS]> {
     let mut forces = [[0.0; 3]; SENSORS];
@@ -104,33 +109,39 @@ pub(super) struct Fused {
 
 impl Fused {
     pub(super) fn of(seen: &Seen, felt: &Felt, status: &mut Status) -> Self {
-        let mut of = |a: Measured<Uncertain>, b: Measured<Uncertain>| {
-            // Of two reasons, that of the part which this finger has.
-            let (a, b) = if matches!(a, Err(NoValue::Absent)) { (b, a) } else { (a, b) };
-            fuse(a, b).map(|(one, agree)| {
-                if !agree {
-                    status.set(Status::DISAGREE);
-                }
-                one
-            })
-        };
-        let [x, y, z] = seen.force;
-        let [fx, fy, fz] = felt.force;
-        let [x, y, z] = [of(x, fx), of(y, fy), of(z, fz)];
+        let mut force = seen.force;
+        force.iter_mut().zip(&felt.force).for_each(|(seen, felt)| join(seen, felt, status));
+        let [x, y, z] = force;
         let shear_sigma = [x, y].into_iter().flatten().fold(0.0f32, |most, f| most.max(f.sigma));
         let newtons = |force: Measured<Uncertain>| force.map(|force| Newtons(force.value));
-        let axis = |point: &Measured<[Uncertain; 2]>, i: usize| {
-            point.and_then(|point| point.get(i).copied().ok_or(NoValue::NotEstimated))
-        };
-        let [px, py] = [0, 1].map(|i| {
-            let along = of(axis(&seen.point, i), axis(&felt.point, i));
-            along.map(|place| Millimetres(place.value))
-        });
+        let [mut place, along] = [axes(&seen.point), axes(&felt.point)];
+        place.iter_mut().zip(&along).for_each(|(seen, felt)| join(seen, felt, status));
+        let [px, py] = place.map(|along| along.map(|place| Millimetres(place.value)));
         Self {
             force: Force { x: newtons(x), y: newtons(y), z: newtons(z) },
             shear_sigma,
             point: px.and_then(|x| py.map(|y| ContactPoint { x, y })),
         }
+    }
+}
+
+/// Leaves in `seen` what matrix and array say together.
+#[inline(never)]
+fn join(seen: &mut Measured<Uncertain>, felt: &Measured<Uncertain>, status: &mut Status) {
+    // Of two reasons, that of the part which this finger has.
+    let (a, b) = if matches!(seen, Err(NoValue::Absent)) { (*felt, *seen) } else { (*seen, *felt) };
+    *seen = fuse(a, b).map(|(one, agree)| {
+        if !agree {
+            status.set(Status::DISAGREE);
+        }
+        one
+    });
+}
+
+fn axes(point: &Measured<[Uncertain; 2]>) -> [Measured<Uncertain>; 2] {
+    match point {
+        Ok(point) => point.map(Ok),
+        Err(reason) => [Err(*reason); 2],
     }
 }
 
@@ -160,7 +171,7 @@ impl Grip<'_> {
         state: &mut GripState,
         status: &mut Status,
     ) -> Measured<Verdict> {
-        let slip = record.and_then(|record| record.slip.as_ref()).ok_or(NoValue::Uncalibrated)?;
+        let slip = record.and_then(Calibration::slip).ok_or(without(cfg!(feature = "slip")))?;
         let vibrates = state.ear.hear(self.time, self.signals);
         if !self.contact {
             if state.touched {
@@ -174,7 +185,7 @@ impl Grip<'_> {
         let Fused { force, shear_sigma, point } = *self.fused;
         let (fx, fy, fz) = (force.x?.0, force.y?.0, force.z?.0);
         let torsion = self.torsion.map_or(0.0, |torsion| torsion.0);
-        let array = record.and_then(|record| record.array.as_ref());
+        let array = record.and_then(Calibration::array);
         let moment_sigma = array.map_or(0.0, |array| array.moment_residual);
         let mut traction = Traction {
             shear: [fx, fy],

@@ -4,12 +4,12 @@
 //! protocol version, request 0 asks for it and message 0 answers: those two are frozen for ever.
 
 use heapless::{String, Vec};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 use crate::calibration::CalibrationError;
 use crate::condition::Bias;
 use crate::estimate::contact_point::PointMethod;
-use crate::frame::{Fields, Frame};
+use crate::frame::{Fields, Frame, Status};
 use crate::self_test::SelfTest;
 use crate::units::FullScale;
 
@@ -93,10 +93,6 @@ pub enum Command {
 }
 
 /// Finger to host.
-#[expect(
-    clippy::large_enum_variant,
-    reason = "frames are what is said; nothing is boxed without a heap"
-)]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
     /// 0, frozen: the answer to the version query.
@@ -116,7 +112,13 @@ pub enum Message {
         result: Result<Response, Refusal>,
     },
     /// 2: a frame of the stream.
-    Frame(Frame),
+    Frame(#[serde(serialize_with = "frame")] Frame),
+}
+
+/// Once, and not wherever a message may be a frame.
+#[inline(never)]
+pub(super) fn frame<S: Serializer>(frame: &Frame, serializer: S) -> Result<S::Ok, S::Error> {
+    frame.serialize(serializer)
 }
 
 /// What a request can bring.
@@ -213,6 +215,8 @@ pub struct Info {
     pub counters: Counters,
     /// What a scan's processing costs.
     pub cost: Cost,
+    /// The estimators that its firmware holds: bits that a frame's status sets when they run.
+    pub estimators: Status,
 }
 
 /// What does not change while the finger runs.

@@ -4,6 +4,7 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use serde_json::json;
 use taxel::estimate::contact_point::PointMethod;
+use taxel::frame::Status;
 use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Info, Reset, ScanSettings};
 use taxel_link::client::Version;
 use taxel_link::fields;
@@ -62,6 +63,7 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth) -> String {
             fields::list(info.fields)
         ),
         format!("point        {}", point(info.point_method)),
+        format!("estimators   {}", estimators(info).join(", ")),
         format!("calibration  {calibration}"),
         format!("bias         {}", if info.biased { "taken on command" } else { "the calibration's" }),
         format!(
@@ -123,6 +125,7 @@ fn as_json(version: Version, info: &Info, health: &BoardHealth) -> serde_json::V
         "streaming": info.streaming,
         "fields": fields::list(info.fields),
         "point": point(info.point_method),
+        "estimators": estimators(info),
         "biased": info.biased,
         "calibration": info.calibration.as_ref().map(|id| json!({
             "serial": id.serial.as_str(),
@@ -158,6 +161,12 @@ const LAST_DATE: u64 = 253_402_300_799;
 fn date(id: &CalibrationId) -> String {
     let at = UNIX_EPOCH + Duration::from_secs(id.date.min(LAST_DATE));
     humantime::format_rfc3339_seconds(at).to_string()
+}
+
+/// The estimators that the finger's firmware holds, as a frame's status calls them when they run.
+fn estimators(info: &Info) -> Vec<&'static str> {
+    let named = Status::NAMES.iter().filter(|(bit, _)| info.estimators.contains(*bit));
+    named.map(|(_, name)| name.trim_start_matches("ran-")).collect()
 }
 
 /// A contact point method, as `taxel set --point` takes it.

@@ -207,6 +207,7 @@ class Info(NamedTuple):
     lost_replies: int
     cost_last: int
     cost_worst: int
+    estimators: Status
 
 
 class Rate(NamedTuple):
@@ -415,8 +416,9 @@ def _info(data: bytes, at: int) -> tuple[Info, int]:
     biased, at = read.boolean(data, at)
     calibration, at = _CALIBRATION_ID(data, at)
     counts, at = read.times(8, read.varint)(data, at)
+    estimators, at = read.varint(data, at)
     known = (board, serial, build, scan_hz, full_scale, tick_hz, rate, Fields(fields), streaming)
-    return Info(*known, method, biased, calibration, *counts), at
+    return Info(*known, method, biased, calibration, *counts, Status(estimators)), at
 
 
 def _taxel_bias(data: bytes, at: int) -> tuple[TaxelBias, int]:
