@@ -5,13 +5,17 @@ mod nets;
 
 use taxel::calibration::Calibration;
 use taxel::condition::{Bias, Levels, Signals};
+use taxel::estimate::bright_spot::Spot;
 use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::gate::{Gate, GateState};
 use taxel::estimate::tanh::tanh;
 use taxel::measured::NoValue;
+use taxel::scan::{COLS, PITCH};
 
 use crate::Meter;
 use crate::host::Inputs;
+
+pub use nets::papers_net;
 
 /// Every stage on every input.
 pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {
@@ -61,10 +65,30 @@ fn estimators(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl M
             *out = arg_min(c, 0);
         },
     );
-    meter.stage("contact point: centroid", &mut (), c, &mut nowhere.clone(), |(), c, out| {
-        *out = centroid(c, 0, 1e-3);
+    meter.stage(
+        "contact point: centroid",
+        &mut (),
+        c.clone(),
+        &mut nowhere.clone(),
+        |(), c, out| {
+            *out = centroid(c, 0, 1e-3);
+        },
+    );
+    let integral = &mut [0.0; 3];
+    meter.stage("G integral", &mut (), c.clone(), integral, |(), c, out| {
+        let spot = Spot::measure(&c.map(|c| -c), COLS, PITCH.0);
+        *out = [spot.integral, spot.centroid[0], spot.centroid[1]];
     });
     let u = signals(inputs, &bias).filter_map(|signals| signals.bridges[0]);
+    let all = signals(inputs, &bias).map(|signals| signals.bridges);
+    let mut sensors = calibration.sensors.each_ref().map(|s| s.as_ref().map(|s| s.sensitivity));
+    meter.stage("sum of four sensors", &mut sensors, all, &mut [0.0; 3], |sensors, u, out| {
+        *out = [0.0; 3];
+        for (s, u) in sensors.iter().zip(u) {
+            let (Some(s), Some(u)) = (s, u) else { continue };
+            out.iter_mut().zip(s.force(*u)).for_each(|(sum, force)| *sum += force);
+        }
+    });
     if let Some(sensor) = &calibration.sensors[0] {
         let mut s = sensor.sensitivity;
         meter.stage("f = S(u - b), one sensor", &mut s, u, &mut [0.0; 3], |s, u, out| {

@@ -2,6 +2,7 @@
 
 pub mod bias;
 pub mod calibrate;
+pub mod chart;
 pub mod demo;
 pub mod dfu;
 pub mod info;

@@ -94,12 +94,9 @@ pub fn run(
 
     let mut stages = Vec::<Stage>::new();
     let mut said = String::new();
-    loop {
-        let HostCall { operation, parameter } = machine.run(INSTRUCTION_LIMIT)?;
-        match operation {
-            operation if operation == MEASURE as u32 => {
-                let call = Words::<3>::read(&machine, parameter)?;
-                let name = String::from_utf8_lossy(&call.span(&machine, 1)?).into_owned();
+    while let Some(event) = next(&mut machine, &mut said)? {
+        match event {
+            Event::Call { name, function } => {
                 if stages.last().is_none_or(|stage| stage.name != name) {
                     if let Some(done) = stages.last() {
                         watch(done, machine.clock());
@@ -107,10 +104,9 @@ pub fn run(
                     machine.clock().forget_visits();
                     stages.push(Stage { name, calls: Vec::new() });
                 }
-                machine.clock().await_call(call.0[0]);
+                machine.clock().await_call(function);
             }
-            operation if operation == REPORT as u32 => {
-                let result = Words::<2>::read(&machine, parameter)?.span(&machine, 0)?;
+            Event::Result(result) => {
                 let Some(stage) = stages.last_mut() else { bail!("a result of no call") };
                 let name = &stage.name;
                 let count = machine
@@ -127,15 +123,6 @@ pub fn run(
                 );
                 stage.calls.push(count);
             }
-            SYS_OPEN => machine.answer(1)?,
-            SYS_WRITE => {
-                let write = Words::<3>::read(&machine, parameter)?;
-                said += &String::from_utf8_lossy(&write.span(&machine, 1)?);
-                machine.answer(0)?;
-            }
-            SYS_EXIT if parameter == APPLICATION_EXIT => break,
-            SYS_EXIT => bail!("the image ended with {parameter:#x}: {}", said.trim()),
-            other => bail!("the image makes the host call {other:#x}, which nothing answers"),
         }
     }
     if let Some(done) = stages.last() {
@@ -143,6 +130,46 @@ pub fn run(
     }
     ensure!(expected.next().is_none(), "the image makes fewer calls than this host");
     Ok(stages)
+}
+
+/// What an image says to its machine.
+pub enum Event {
+    /// The next call of a function is to be measured.
+    Call {
+        /// What it is called in the table.
+        name: String,
+        /// Its address.
+        function: u32,
+    },
+    /// The call is over and gave these bytes.
+    Result(Vec<u8>),
+}
+
+/// Runs to the next event; `None` where the image ends well. `said` collects what it prints.
+pub fn next(machine: &mut Machine, said: &mut String) -> Result<Option<Event>> {
+    loop {
+        let HostCall { operation, parameter } = machine.run(INSTRUCTION_LIMIT)?;
+        match operation {
+            operation if operation == MEASURE as u32 => {
+                let call = Words::<3>::read(machine, parameter)?;
+                let name = String::from_utf8_lossy(&call.span(machine, 1)?).into_owned();
+                return Ok(Some(Event::Call { name, function: call.0[0] }));
+            }
+            operation if operation == REPORT as u32 => {
+                let result = Words::<2>::read(machine, parameter)?.span(machine, 0)?;
+                return Ok(Some(Event::Result(result)));
+            }
+            SYS_OPEN => machine.answer(1)?,
+            SYS_WRITE => {
+                let write = Words::<3>::read(machine, parameter)?;
+                *said += &String::from_utf8_lossy(&write.span(machine, 1)?);
+                machine.answer(0)?;
+            }
+            SYS_EXIT if parameter == APPLICATION_EXIT => return Ok(None),
+            SYS_EXIT => bail!("the image ended with {parameter:#x}: {}", said.trim()),
+            other => bail!("the image makes the host call {other:#x}, which nothing answers"),
+        }
+    }
 }
 
 /// The parameter block of a host call.

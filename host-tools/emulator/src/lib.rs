@@ -8,5 +8,6 @@ pub mod clock;
 pub mod cost;
 pub mod isa;
 pub mod machine;
+pub mod peers;
 pub mod profile;
 pub mod report;

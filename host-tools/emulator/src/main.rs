@@ -1,4 +1,4 @@
-//! Counts what the core's stages cost, and runs the whole board.
+//! Counts what the core's stages cost, compares them with other people's, and runs the whole board.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -7,6 +7,8 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 use cycles::host::Inputs;
+use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::condition::Levels;
 use taxel_formats::trace::TraceReader;
 
 use taxel_emulator::board::cpu::{Board, End};
@@ -14,7 +16,7 @@ use taxel_emulator::board::finger::Finger;
 use taxel_emulator::board::host::Host;
 use taxel_emulator::board::{capture, time};
 use taxel_emulator::profile::Profiler;
-use taxel_emulator::{bench, report};
+use taxel_emulator::{bench, peers, report};
 
 /// A Cortex-M4F machine: exact instructions, modelled cycles
 #[derive(Parser)]
@@ -29,18 +31,44 @@ enum Task {
     Cycles(Cycles),
     /// Runs the board's image
     Board(RunBoard),
+    /// What the same net costs in other people's libraries
+    Peers(Peers),
 }
 
+/// The finger that stages and nets work on.
 #[derive(Args)]
-struct Cycles {
-    /// The bench image, `boards/cycles`
-    image: PathBuf,
+struct Seen {
     /// Calibration of the finger that the scans are of
     #[arg(long)]
     calibration: PathBuf,
     /// Trace CSV with a `contact` column
     #[arg(long)]
     scans: PathBuf,
+}
+
+#[derive(Args)]
+struct Peers {
+    /// The bench image, `boards/cycles`, for the core's own net
+    image: PathBuf,
+    #[command(flatten)]
+    seen: Seen,
+    /// An image of peers/peers.c, and what it was built with, as in `gcc 12.2 -O3=peers.elf`
+    #[arg(long = "peer", value_name = "WITH=ELF", required = true)]
+    peers: Vec<String>,
+    /// A peer that could not be built, and why
+    #[arg(long)]
+    missing: Vec<String>,
+    /// Where the table goes
+    #[arg(long)]
+    csv: PathBuf,
+}
+
+#[derive(Args)]
+struct Cycles {
+    /// The bench image, `boards/cycles`
+    image: PathBuf,
+    #[command(flatten)]
+    seen: Seen,
     /// Only stages whose name contains this
     #[arg(long, default_value = "")]
     filter: String,
@@ -98,6 +126,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Cycles(cycles) => count(&cycles),
         Task::Board(arguments) => run_board(&arguments),
+        Task::Peers(peers) => compare_with(&peers),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -108,16 +137,50 @@ fn main() -> ExitCode {
     }
 }
 
+impl Seen {
+    /// The calibration, its record, and the scans in postcard: without contact, and in contact.
+    fn read(&self) -> Result<(Calibration, Vec<u8>, [Vec<u8>; 2])> {
+        let calibration = taxel_formats::calibration::read(&self.calibration)?;
+        let mut record = [0; MAX_BYTES];
+        let record = match calibration.to_bytes(&mut record) {
+            Ok(record) => record.to_vec(),
+            Err(error) => bail!("{}: {error:?}", self.calibration.display()),
+        };
+        Ok((calibration, record, scans(&self.scans)?))
+    }
+}
+
+fn compare_with(arguments: &Peers) -> Result<()> {
+    let (calibration, record, [free, touched]) = arguments.seen.read()?;
+    let inputs = Inputs { record: &record, free: &free, touched: &touched };
+    let (net, bias) = (cycles::papers_net(), calibration.bias());
+    let signals: Vec<_> = inputs
+        .touched()
+        .filter_map(|scan| bias.apply(&Levels::read(&scan.codes), None).taxels)
+        .collect();
+    let stages = bench::run(&read(&arguments.image)?, &inputs, |_, _| {})?;
+    let own = stages.iter().find(|stage| stage.name == "net 16-16-3");
+    let mut all = vec![peers::own(own.context("the image has no net 16-16-3")?, &net, &signals)];
+    for peer in &arguments.peers {
+        let (with, elf) = peer.rsplit_once('=').context("--peer: expected WITH=ELF")?;
+        all.extend(peers::run(&read(Path::new(elf))?, with, &net, &signals)?);
+    }
+    for peer in &all {
+        let (cycles, instructions) = (peer.worst.cycles, peer.worst.instructions);
+        println!(
+            "{:<60} {:.1e}  {}-{} cycles  {instructions} instructions",
+            peer.name, peer.max_error, cycles.low, cycles.high
+        );
+    }
+    let table = peers::csv(&peers::best(all), &arguments.missing);
+    std::fs::write(&arguments.csv, table)
+        .with_context(|| format!("{}: not written", arguments.csv.display()))
+}
+
 fn count(arguments: &Cycles) -> Result<()> {
     let elf = read(&arguments.image)?;
-    let calibration = taxel_formats::calibration::read(&arguments.calibration)?;
-    let mut record = [0; taxel::calibration::MAX_BYTES];
-    let record = match calibration.to_bytes(&mut record) {
-        Ok(record) => record,
-        Err(error) => bail!("{}: {error:?}", arguments.calibration.display()),
-    };
-    let [free, touched] = scans(&arguments.scans)?;
-    let inputs = Inputs { record, free: &free, touched: &touched };
+    let (_, record, [free, touched]) = arguments.seen.read()?;
+    let inputs = Inputs { record: &record, free: &free, touched: &touched };
     let profiler = arguments.profile.then(|| Profiler::new(&arguments.image)).transpose()?;
     let wanted = |name: &str| name.contains(&arguments.filter);
     let stages = bench::run(&elf, &inputs, |stage, clock| {

@@ -8,7 +8,7 @@ use clap::Args;
 
 use crate::run::{exists, locked, program, root, run, target};
 use crate::toolchain::{Choice, Toolchain};
-use crate::{firmware, packages};
+use crate::{firmware, packages, peers};
 
 /// The crate of `boards/` that calls the stages.
 const IMAGE: &str = "cycles";
@@ -25,12 +25,19 @@ pub struct Cycles {
     /// Shows which functions the cycles go to
     #[arg(long)]
     profile: bool,
+    /// The 16-16-3 net in other people's libraries instead, from PyPI; writes host-tools/emulator/data/peers.csv
+    #[arg(long, conflicts_with_all = ["filter", "csv", "profile"])]
+    peers: bool,
 }
 
 /// `cargo xtask cycles`.
 pub fn task(arguments: &Cycles, choice: Choice) -> Result<()> {
     prepare()?;
-    let mut emulator = emulator(&image(&Toolchain::find(choice)?)?);
+    let image = image(&Toolchain::find(choice)?)?;
+    if arguments.peers {
+        return peers::task(&image, &directory().join("data/peers.csv"));
+    }
+    let mut emulator = emulator("cycles", &image);
     emulator.args(["--filter", &arguments.filter]);
     if let Some(path) = &arguments.csv {
         emulator.arg("--csv").arg(std::path::absolute(path)?);
@@ -43,7 +50,7 @@ pub fn task(arguments: &Cycles, choice: Choice) -> Result<()> {
 
 /// Fails where a stage has become dearer than the committed table says.
 pub fn guard(toolchain: &Toolchain) -> Result<()> {
-    let mut emulator = emulator(&image(toolchain)?);
+    let mut emulator = emulator("cycles", &image(toolchain)?);
     run(emulator.arg("--against").arg(directory().join("data/cycles.csv")))
 }
 
@@ -59,13 +66,15 @@ fn image(toolchain: &Toolchain) -> Result<PathBuf> {
     firmware::build(IMAGE, toolchain).map(|(path, _)| path)
 }
 
-fn directory() -> PathBuf {
+/// Where the emulator lies.
+pub fn directory() -> PathBuf {
     root().join("host-tools/emulator")
 }
 
-fn emulator(image: &Path) -> Command {
+/// The emulator on the bench image and the finger that its stages work on.
+pub fn emulator(task: &str, image: &Path) -> Command {
     let mut command = cargo("run");
-    command.args(["--", "cycles"]).arg(image);
+    command.args(["--", task]).arg(image);
     command.arg("--calibration").arg(root().join("host-tools/cli/assets/virtual-finger.cal.toml"));
     command.arg("--scans").arg(directory().join("data/scans.csv"));
     command

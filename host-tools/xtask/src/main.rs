@@ -10,6 +10,7 @@ mod image;
 mod memory;
 mod packages;
 mod panics;
+mod peers;
 mod python;
 mod run;
 mod stack;

@@ -1,39 +1,136 @@
-//! Nets of every shape that the papers and the trainer use.
+//! Models of every shape that the papers and the trainer use, by the names that the trainer gives them.
 
-use heapless::Vec;
-use taxel::estimate::net::ForceNet;
+use heapless::{String, Vec};
+use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
 use taxel::scan::TAXELS;
 
 use crate::Meter;
 
-/// A net of the given shape. What the weights are does not matter to the cost, only that the units work
-/// where tanh bends.
-fn net(hidden: usize, outputs: usize, skip: bool) -> ForceNet {
-    let mut state = 0x2545_f491u32;
-    let mut weight = |scale: f32| {
-        state ^= state << 13;
-        state ^= state >> 17;
-        state ^= state << 5;
-        (state >> 8) as f32 / (1u32 << 23) as f32 * scale - scale
-    };
-    ForceNet {
-        hidden: (0..hidden * TAXELS).map(|_| weight(6.0)).collect(),
-        hidden_bias: (0..hidden).map(|_| weight(0.5)).collect(),
-        output: (0..hidden * outputs).map(|_| weight(0.5)).collect(),
-        skip: (0..if skip { outputs * TAXELS } else { 0 }).map(|_| weight(1.0)).collect(),
-        output_bias: (0..outputs).map(|_| weight(0.1)).collect(),
+/// Components of a force.
+const OUTPUTS: usize = 3;
+/// Of all weights.
+const SEED: u32 = 0x2545_f491;
+/// Each signal, its square and its cube.
+const CUBIC: usize = 3 * TAXELS;
+/// Each signal and each product of two.
+const QUADRATIC: usize = TAXELS + TAXELS * (TAXELS + 1) / 2;
+
+/// Weights for a model whose cost is wanted. What they are does not matter to the cost, only that the
+/// units work where tanh bends.
+struct Weights(u32);
+
+impl Weights {
+    fn next(&mut self, scale: f32) -> f32 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 17;
+        self.0 ^= self.0 << 5;
+        (self.0 >> 8) as f32 / (1u32 << 23) as f32 * scale - scale
+    }
+
+    fn net(&mut self, Shape { hidden, outputs, skip }: Shape) -> ForceNet {
+        ForceNet {
+            hidden: (0..hidden * TAXELS).map(|_| self.next(6.0)).collect(),
+            hidden_bias: (0..hidden).map(|_| self.next(0.5)).collect(),
+            output: (0..hidden * outputs).map(|_| self.next(0.5)).collect(),
+            skip: (0..usize::from(skip) * outputs * TAXELS).map(|_| self.next(1.0)).collect(),
+            output_bias: (0..outputs).map(|_| self.next(0.1)).collect(),
+        }
     }
 }
 
-pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl Meter) {
-    for (name, hidden, outputs, skip) in [
-        ("net 16-12-1", 12, 1, false),
-        ("net 16-16-3", 16, 3, false),
-        ("net linear + 6 tanh, 3 outputs", 6, 3, true),
-        ("net linear + 16 tanh, 3 outputs", 16, 3, true),
-        ("net linear, 3 outputs", 0, 3, true),
-    ] {
-        let mut net = net(hidden, outputs, skip);
-        meter.stage(name, &mut net, c.clone(), &mut Vec::new(), |net, c, out| *out = net.forces(c));
+#[derive(Clone, Copy)]
+struct Shape {
+    hidden: usize,
+    outputs: usize,
+    skip: bool,
+}
+
+impl Shape {
+    fn name(self) -> String<16> {
+        let mut name = String::new();
+        let Self { hidden, outputs, .. } = self;
+        // No name is longer than "skip 16-32-3".
+        let _ = match self {
+            Self { hidden: 0, .. } => {
+                core::fmt::write(&mut name, format_args!("linear 16-{outputs}"))
+            }
+            Self { skip: true, .. } => {
+                core::fmt::write(&mut name, format_args!("skip 16-{hidden}-{outputs}"))
+            }
+            _ => core::fmt::write(&mut name, format_args!("net 16-{hidden}-{outputs}")),
+        };
+        name
     }
+}
+
+/// 002's net for three components of the force, whose cost is compared with other people's.
+pub fn papers_net() -> ForceNet {
+    Weights(SEED).net(Shape { hidden: 16, outputs: OUTPUTS, skip: false })
+}
+
+pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl Meter) {
+    let papers = Shape { hidden: 12, outputs: 1, skip: false };
+    let linear = Shape { hidden: 0, outputs: OUTPUTS, skip: true };
+    let wide =
+        |skip| [2, 4, 6, 8, 16, MAX_HIDDEN].map(|hidden| Shape { hidden, outputs: OUTPUTS, skip });
+    for shape in [papers, linear].into_iter().chain(wide(false)).chain(wide(true)) {
+        let mut net = Weights(SEED).net(shape);
+        meter.stage(&shape.name(), &mut net, c.clone(), &mut Vec::new(), |net, c, out| {
+            *out = net.forces(c);
+        });
+    }
+    polynomials(&mut Weights(SEED), c, meter);
+}
+
+fn polynomials(
+    weights: &mut Weights,
+    c: impl Iterator<Item = [f32; TAXELS]> + Clone,
+    meter: &mut impl Meter,
+) {
+    let out = &mut [0.0; OUTPUTS];
+    let mut cubic = core::array::from_fn(|_| weights.next(1.0));
+    meter.stage(
+        "cubic 16-3",
+        &mut cubic,
+        c.clone(),
+        out,
+        |weights: &mut [f32; OUTPUTS * CUBIC], c, y| {
+            let mut terms = [0.0; CUBIC];
+            let powers =
+                c.iter().copied().chain(c.iter().map(|c| c * c)).chain(c.iter().map(|c| c * c * c));
+            terms.iter_mut().zip(powers).for_each(|(term, power)| *term = power);
+            *y = line(weights, &terms);
+        },
+    );
+    let mut quadratic = core::array::from_fn(|_| weights.next(1.0));
+    meter.stage(
+        "quadratic 16-3",
+        &mut quadratic,
+        c,
+        out,
+        |weights: &mut [f32; OUTPUTS * QUADRATIC], c, y| {
+            let mut terms = [0.0; QUADRATIC];
+            let products =
+                c.iter().enumerate().flat_map(|(i, a)| c.iter().skip(i).map(move |b| a * b));
+            terms
+                .iter_mut()
+                .zip(c.iter().copied().chain(products))
+                .for_each(|(term, product)| *term = product);
+            *y = line(weights, &terms);
+        },
+    );
+}
+
+/// A linear map of some terms.
+fn line(weights: &[f32], terms: &[f32]) -> [f32; OUTPUTS] {
+    let mut y = [0.0; OUTPUTS];
+    let layers = Layers {
+        hidden: &[],
+        hidden_bias: &[],
+        output: &[],
+        skip: weights,
+        output_bias: &[0.1, 0.2, 0.3],
+    };
+    layers.outputs(terms, &mut y);
+    y
 }

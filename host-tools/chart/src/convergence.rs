@@ -1,13 +1,11 @@
 //! Error of superposed point loads against closed forms, over the number of points.
 
-use std::path::Path;
-
+use plotters::coord::Shift;
 use plotters::prelude::*;
 use taxel_sim::contact::convergence::{Case, OFF_AXIS, ON_AXIS};
 use taxel_sim::contact::{HalfSpace, SILICONE_YOUNG_MPA};
 
-use crate::Done;
-use crate::style::{COLOURS, FAINT, FONT, GREY, power_of_ten};
+use crate::style::{COLOURS, Done, FAINT, FONT, GREY, power_of_ten, svg};
 
 const POINTS: [usize; 12] = [2, 3, 4, 6, 8, 12, 16, 20, 24, 32, 48, 64];
 /// Below, round-off is all there is.
@@ -16,9 +14,11 @@ const MOST: f64 = 10.0;
 /// The most that a closed form may be off.
 const REQUIRED: f64 = 1e-3;
 
-pub fn draw(path: &Path) -> Done {
-    let area = SVGBackend::new(path, (900, 430)).into_drawing_area();
-    area.fill(&WHITE)?;
+pub(crate) fn draw() -> anyhow::Result<String> {
+    svg((900, 430), drawn)
+}
+
+fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>) -> Done {
     let panels = area.split_evenly((1, 2));
     let places: [(&str, &[[f64; 2]]); 2] = [("on the axis", &ON_AXIS), ("off the axis", &OFF_AXIS)];
     for (panel, (title, places)) in panels.iter().zip(places) {
@@ -80,6 +80,5 @@ pub fn draw(path: &Path) -> Done {
             .label_font((FONT, 14))
             .draw()?;
     }
-    area.present()?;
     Ok(())
 }

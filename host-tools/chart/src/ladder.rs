@@ -1,13 +1,11 @@
 //! Error against time of every rung of the ladder, a panel a scene.
 
-use std::path::Path;
-
+use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use taxel_sim::cost::Cost;
 
-use crate::Done;
-use crate::style::{COLOURS, FAINT, FONT, GREY};
+use crate::style::{COLOURS, Done, FAINT, FONT, GREY, svg};
 
 /// In µs.
 const TIMES: [f64; 2] = [0.5, 50_000.0];
@@ -18,9 +16,11 @@ const REFERENCE: f64 = 1e-4;
 /// What a scene allows unless it says otherwise, in per cent.
 const TOLERANCE: f64 = 1.0;
 
-pub fn draw(path: &Path, costs: &[Cost]) -> Done {
-    let area = SVGBackend::new(path, (900, 380)).into_drawing_area();
-    area.fill(&WHITE)?;
+pub(crate) fn draw(costs: &[Cost]) -> anyhow::Result<String> {
+    svg((900, 380), |area| drawn(area, costs))
+}
+
+fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, costs: &[Cost]) -> Done {
     let mut scenes: Vec<&str> = costs.iter().map(|cost| cost.scene).collect();
     scenes.dedup();
     let panels = area.split_evenly((1, scenes.len()));
@@ -80,6 +80,5 @@ pub fn draw(path: &Path, costs: &[Cost]) -> Done {
             chart.draw_series([Text::new(label, (us * away, error * above), text)])?;
         }
     }
-    area.present()?;
     Ok(())
 }

@@ -1,0 +1,159 @@
+//! The failure maps as SVG: a panel a sweep, error over stated accuracy of every method.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use crate::failures::{FAILS, Map, Point};
+use crate::style::{COLOURS, Done, FAINT, FONT, GREY, svg};
+
+type Area<'p> = DrawingArea<SVGBackend<'p>, Shift>;
+
+/// Of one panel in pixels.
+const SIZE: (u32, u32) = (300, 200);
+const ACROSS: usize = 3;
+const LEGEND: u32 = 56;
+/// Error over stated accuracy.
+const RATIOS: [f64; 2] = [0.05, 200.0];
+
+/// The methods, by colour, in the order of the maps.
+pub(crate) fn methods(maps: &[Map]) -> Vec<&'static str> {
+    let mut names: Vec<&str> = Vec::new();
+    for map in maps {
+        if !names.contains(&map.method) {
+            names.push(map.method);
+        }
+    }
+    names
+}
+
+fn sweeps(maps: &[Map]) -> Vec<&'static str> {
+    let mut names: Vec<&str> = Vec::new();
+    for map in maps {
+        if !names.contains(&map.sweep) {
+            names.push(map.sweep);
+        }
+    }
+    names
+}
+
+/// The share of its stated accuracy that a method is off by; at the bottom where it says nothing.
+fn ratio(point: &Point) -> f64 {
+    let stated = point.count.stated().max(f64::MIN_POSITIVE);
+    point.count.error().map_or(RATIOS[0], |error| error / stated).clamp(RATIOS[0], RATIOS[1])
+}
+
+pub(crate) fn draw(maps: &[Map]) -> anyhow::Result<String> {
+    let (methods, sweeps) = (methods(maps), sweeps(maps));
+    let down = sweeps.len().div_ceil(ACROSS);
+    let size = (SIZE.0 * ACROSS as u32, SIZE.1 * down as u32 + LEGEND);
+    svg(size, |area| {
+        let (top, rest) = area.split_vertically(LEGEND);
+        legend(&top, &methods)?;
+        for (area, sweep) in rest.split_evenly((down, ACROSS)).iter().zip(&sweeps) {
+            let of: Vec<&Map> = maps.iter().filter(|map| map.sweep == *sweep).collect();
+            panel(area, sweep, &of, &methods)?;
+        }
+        Ok(())
+    })
+}
+
+fn legend(area: &Area<'_>, methods: &[&str]) -> Done {
+    let mut x = 20;
+    for (name, colour) in methods.iter().zip(COLOURS) {
+        area.draw(&PathElement::new([(x, 16), (x + 20, 16)], colour.stroke_width(2)))?;
+        area.draw(&Text::new((*name).to_owned(), (x + 26, 9), (FONT, 14).into_font()))?;
+        x += 48 + 7 * i32::try_from(name.chars().count())?;
+    }
+    let notes = [
+        (true, "flagged or withheld (most frames)", 20),
+        (false, "not flagged: above the dashed line, silent", 280),
+    ];
+    for (flagged, note, x) in notes {
+        dot(area, (x + 8, 40), BLACK, flagged)?;
+        area.draw(&Text::new(note, (x + 20, 33), (FONT, 14).into_font()))?;
+    }
+    let grey = Rectangle::new([(600, 34), (620, 46)], FAINT.filled());
+    area.draw(&grey)?;
+    area.draw(&Text::new("working range", (626, 33), (FONT, 14).into_font()))?;
+    Ok(())
+}
+
+fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, flagged: bool) -> Done {
+    area.draw(&Circle::new(at, 4, WHITE.filled()))?;
+    let style = if flagged { colour.filled() } else { colour.stroke_width(2) };
+    area.draw(&Circle::new(at, 4, style))?;
+    Ok(())
+}
+
+fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done {
+    let Some(first) = maps.first() else { return Ok(()) };
+    // In the order of their size, at even distances: some sweeps span decades, some go both ways.
+    let mut values: Vec<f64> = first.points.iter().map(|point| point.value).collect();
+    values.sort_by(f64::total_cmp);
+    let at = |value: f64| values.iter().position(|v| *v == value).unwrap_or_default() as f64;
+    let last = values.len().saturating_sub(1) as f64;
+    let mut chart = ChartBuilder::on(area)
+        .margin(6)
+        .margin_right(12)
+        .x_label_area_size(36)
+        .y_label_area_size(46)
+        .build_cartesian_2d(-0.5..last + 0.5, (RATIOS[0]..RATIOS[1]).log_scale())?;
+    let within = |point: &&Point| point.within;
+    chart.draw_series(first.points.iter().filter(within).map(|point| {
+        let x = at(point.value);
+        Rectangle::new([(x - 0.5, RATIOS[0]), (x + 0.5, RATIOS[1])], FAINT.filled())
+    }))?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .x_labels(values.len().min(9))
+        .x_label_formatter(&|x| {
+            let whole = (x - x.round()).abs() < 1e-6 && *x >= 0.0;
+            let value = whole.then(|| values.get(x.round() as usize)).flatten();
+            value.map_or_else(String::new, |value| short(*value))
+        })
+        .y_labels(5)
+        .y_label_formatter(&|ratio| format!("{ratio}"))
+        .label_style((FONT, 11))
+        .x_desc(sweep)
+        .y_desc("error / stated")
+        .axis_desc_style((FONT, 13))
+        .draw()?;
+    chart.draw_series(DashedLineSeries::new(
+        [(-0.5, FAILS), (last + 0.5, FAILS)],
+        5,
+        4,
+        GREY.stroke_width(1),
+    ))?;
+    for map in maps {
+        let colour = methods.iter().position(|name| *name == map.method).map(|i| COLOURS[i % 6]);
+        let colour = colour.unwrap_or(BLACK);
+        let mut points: Vec<&Point> = map.points.iter().collect();
+        points.sort_by(|a, b| a.value.total_cmp(&b.value));
+        let places = points.iter().map(|point| (at(point.value), ratio(point)));
+        chart.draw_series(LineSeries::new(places, colour.stroke_width(2)))?;
+        for point in points {
+            let place = (at(point.value), ratio(point));
+            let flagged = point.count.share(point.count.flagged) > 0.5;
+            chart.draw_series([Circle::new(place, 4, WHITE.filled())])?;
+            let style = if flagged { colour.filled() } else { colour.stroke_width(2) };
+            chart.draw_series([Circle::new(place, 4, style)])?;
+        }
+    }
+    Ok(())
+}
+
+/// A number in few letters.
+fn short(value: f64) -> String {
+    if value.abs() >= 1e4 { format!("{value:.0e}") } else { format!("{value}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_on_an_axis_are_short() {
+        assert_eq!([1e8, 1000.0, 0.005, -30.0].map(short), ["1e8", "1000", "0.005", "-30"]);
+    }
+}

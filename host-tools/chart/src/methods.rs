@@ -1,0 +1,242 @@
+//! Every method that is charted, fitted to one device. **To add one**: a line in [`all`].
+
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::Context;
+use taxel::calibration::Calibration;
+use taxel::condition::Signals;
+use taxel::estimate::ContactPoint;
+use taxel::estimate::bright_spot::Spot;
+use taxel::estimate::contact_point::{arg_min, centroid};
+use taxel::finger::Finger;
+use taxel::measured::Measured;
+use taxel::scan::{COLS, PITCH, TAXELS};
+use taxel_fit::finger::{FitOptions, Subject};
+use taxel_fit::model::Family;
+use taxel_fit::network::NetOptions;
+use taxel_fit::table::{self, TableModel, TableOptions, TableRecording};
+use taxel_formats::table::Table;
+
+use crate::Effort;
+use crate::device::{Device, Moment};
+
+/// Rows that a model is fitted to; a net would take no more.
+const ROWS: usize = 4096;
+/// Below so many standard deviations of the signals the finger runs no estimator (the gate's `off`).
+const GATE: f32 = 5.0;
+
+/// What a method says of one moment.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Said {
+    /// f_x, f_y, f_z in newtons.
+    pub force: [Option<f64>; 3],
+    /// x, y in mm.
+    pub point: Option<[f64; 2]>,
+}
+
+/// What kind of thing a method is; the charts' colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Group {
+    /// A method of one of the papers.
+    Paper,
+    /// Linear, or linear in powers of the signals.
+    Polynomial,
+    /// A net of tanh units.
+    Net,
+    /// The same with a linear skip path.
+    Skip,
+    /// The force sensors.
+    Sensors,
+    /// What the firmware runs.
+    Finger,
+}
+
+/// One method, fitted.
+pub struct Method {
+    /// Its name in the tables.
+    pub name: String,
+    /// Its kind.
+    pub group: Group,
+    /// The stages of the table of costs that it is made of.
+    pub stages: Vec<String>,
+    /// The method itself.
+    pub says: Box<dyn FnMut(&Moment) -> Said>,
+}
+
+impl Method {
+    fn new(
+        name: &str,
+        group: Group,
+        stages: &[&str],
+        says: impl FnMut(&Moment) -> Said + 'static,
+    ) -> Self {
+        let stages = stages.iter().map(|stage| (*stage).to_owned()).collect();
+        Self { name: name.to_owned(), group, stages, says: Box::new(says) }
+    }
+}
+
+/// All of them, fitted to `device`.
+///
+/// # Errors
+/// A fit failed, or was stopped.
+pub fn all(
+    device: &Device,
+    effort: &Effort,
+    step: &mut dyn FnMut(&str),
+    stop: &AtomicBool,
+) -> anyhow::Result<Vec<Method>> {
+    let rows = Rows::of(device);
+    let mut methods = vec![
+        Method::new("arg-min", Group::Paper, &["contact point: arg-min"], |moment| {
+            placed(moment, arg_min)
+        }),
+        {
+            let least = 12.0 * device.bias.taxels.map_or(0.0, |bias| bias.noise);
+            let says = move |moment: &Moment| placed(moment, |c, dead| centroid(c, dead, least));
+            Method::new("centroid", Group::Paper, &["contact point: centroid"], says)
+        },
+        integral(&rows),
+    ];
+    let mut fit = |family: Family, hidden: Option<usize>, normal_only: bool| {
+        let wanted = if normal_only { rows.normal() } else { rows.table.clone() };
+        let net = NetOptions { seed: 0, starts: 1, steps: effort.steps };
+        let options = TableOptions { family, hidden, net };
+        let fitted = table::fit(&[wanted], &options, &mut |_| {}, stop)?;
+        anyhow::ensure!(!stop.load(std::sync::atomic::Ordering::Relaxed), "stopped");
+        step(&fitted.name);
+        anyhow::Ok(fitted)
+    };
+    let mut models = vec![(Group::Paper, fit(Family::Mlp, Some(12), true)?)];
+    models.push((Group::Polynomial, fit(Family::Ridge, None, false)?));
+    models.push((Group::Polynomial, fit(Family::Cubic, None, false)?));
+    models.push((Group::Polynomial, fit(Family::Quadratic, None, false)?));
+    for hidden in &effort.widths {
+        let group = if *hidden == 16 { Group::Paper } else { Group::Net };
+        models.push((group, fit(Family::Mlp, Some(*hidden), false)?));
+        models.push((Group::Skip, fit(Family::Skip, Some(*hidden), false)?));
+    }
+    methods.extend(models.into_iter().map(|(group, fitted)| {
+        let name = fitted.name.clone();
+        Method::new(&name, group, &[&name], move |moment| modelled(&fitted.model, &moment.signals))
+    }));
+    let calibration = calibrated(device, effort, stop)?;
+    step("force sensors");
+    methods.push(sensors(calibration));
+    Ok(methods)
+}
+
+/// Signals and references of a calibration, as rows of a table.
+struct Rows {
+    table: TableRecording,
+}
+
+impl Rows {
+    fn of(device: &Device) -> Self {
+        let noise = device.bias.taxels.map_or(0.0, |bias| bias.noise);
+        let (mut x, mut y, mut times) = (Vec::new(), Vec::new(), Vec::new());
+        let mut begin = 0.0;
+        for recording in &device.recordings {
+            for moment in device.moments(recording.samples.clone()) {
+                let time = begin + moment.sample.scan.time.0 as f64 * 1e-6;
+                let (Some(c), [Some(fx), Some(fy), Some(fz)]) =
+                    (moment.signals.taxels, moment.sample.truth.force)
+                else {
+                    continue;
+                };
+                let squares: f32 = c.iter().map(|c| c * c).sum();
+                if squares > (GATE * noise).powi(2) * TAXELS as f32 {
+                    x.push(c.map(f64::from).to_vec());
+                    y.push(vec![fx, fy, fz]);
+                    times.push(time);
+                }
+            }
+            begin = times.last().copied().unwrap_or_default() + 1.0;
+        }
+        let every = x.len().div_ceil(ROWS).max(1);
+        let thin = |rows: Vec<Vec<f64>>| rows.into_iter().step_by(every).collect();
+        let times: Vec<f64> = times.into_iter().step_by(every).collect();
+        let names = (0..TAXELS).map(|k| format!("c_r{}c{}", k / COLS, k % COLS)).collect();
+        let targets = ["fx_n", "fy_n", "fz_n"].map(str::to_owned).to_vec();
+        let table =
+            |names, rows, times| Table { path: PathBuf::from("calibration"), names, rows, times };
+        Self {
+            table: TableRecording {
+                inputs: table(names, thin(x), times.clone()),
+                targets: table(targets, thin(y), times),
+            },
+        }
+    }
+
+    /// With f_z alone as the target.
+    fn normal(&self) -> TableRecording {
+        let mut recording = self.table.clone();
+        recording.targets.keep(|name| name == "fz_n");
+        recording
+    }
+}
+
+fn placed(moment: &Moment, method: impl Fn(&[f32; TAXELS], u16) -> Measured<ContactPoint>) -> Said {
+    let found = moment.signals.taxels.and_then(|c| method(&c, moment.signals.health.dead).ok());
+    let point = found.map(|point| [f64::from(point.x.0), f64::from(point.y.0)]);
+    Said { point, ..Said::default() }
+}
+
+/// 000 eq. (3) on the finger's own matrix: F_z = C·G, C by least squares.
+fn integral(rows: &Rows) -> Method {
+    let measure =
+        |c: [f32; TAXELS]| f64::from(Spot::measure(&c.map(|c| -c), COLS, PITCH.0).integral);
+    let (mut with, mut of) = (0.0, 0.0);
+    for (x, y) in rows.table.inputs.rows.iter().zip(&rows.table.targets.rows) {
+        let g = measure(std::array::from_fn(|k| x[k] as f32));
+        with += g * y[2];
+        of += g * g;
+    }
+    let newtons = with / of;
+    Method::new("G integral", Group::Paper, &["G integral"], move |moment| {
+        let normal = moment.signals.taxels.map(|c| newtons * measure(c));
+        Said { force: [None, None, normal], ..Said::default() }
+    })
+}
+
+fn modelled(model: &TableModel, signals: &Signals) -> Said {
+    let Some(c) = signals.taxels else { return Said::default() };
+    let force = match model.estimate(&c)[..] {
+        [z] => [None, None, Some(f64::from(z))],
+        [x, y, z] => [x, y, z].map(|f| Some(f64::from(f))),
+        _ => [None; 3],
+    };
+    Said { force, ..Said::default() }
+}
+
+/// The record of the device, as the tools make it.
+pub(crate) fn calibrated(
+    device: &Device,
+    effort: &Effort,
+    stop: &AtomicBool,
+) -> anyhow::Result<Calibration> {
+    let options = FitOptions {
+        subject: Subject::Finger,
+        family: Family::Skip,
+        net: NetOptions { seed: 0, starts: 1, steps: effort.steps },
+        ..FitOptions::default()
+    };
+    let fitted = taxel_fit::finger::fit(&device.recordings, &options, &mut |_| {}, stop)
+        .context("the finger's own calibration")?;
+    Ok(fitted.calibration)
+}
+
+/// The sum of f = S(u − b) over the force sensors (003).
+fn sensors(calibration: Calibration) -> Method {
+    let (finger, mut state) = Finger::new(Some(calibration));
+    Method::new("four sensors", Group::Sensors, &["sum of four sensors"], move |moment| {
+        let sensors = finger.estimate(&mut state, &moment.sample.scan).sensors;
+        let mut force = [Some(0.0); 3];
+        for sensor in &sensors {
+            for (sum, component) in force.iter_mut().zip([sensor.x, sensor.y, sensor.z]) {
+                *sum = sum.zip(component.ok()).map(|(sum, f)| sum + f64::from(f.0));
+            }
+        }
+        Said { force, ..Said::default() }
+    })
+}

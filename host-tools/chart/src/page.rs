@@ -1,0 +1,144 @@
+//! The charts as pages that answer the mouse; they need no other file and no network.
+
+use std::fmt::Write as _;
+
+use plotly::common::{Line, Marker, MarkerSymbol, Mode};
+use plotly::layout::{Axis, AxisType};
+use plotly::{Layout, Plot, Scatter};
+use plotters::style::RGBColor;
+
+use crate::estimators::{Row, front};
+use crate::failures::Map;
+use crate::methods::Group;
+use crate::scatter::{GROUPS, Title, colour};
+use crate::style::{COLOURS, GREY};
+
+const WIDTH: usize = 860;
+const HEIGHT: usize = 460;
+
+/// A page of plots, one below the other.
+pub(crate) fn page(title: &str, lead: &str, plots: impl Iterator<Item = Plot>) -> String {
+    let mut page = format!(
+        "<!doctype html><html lang=en><meta charset=utf-8><title>{title}</title>\
+         <body style=\"font-family:sans-serif;max-width:60em;margin:auto\"><h1>{title}</h1><p>{lead}</p>{}",
+        Plot::offline_js_sources()
+    );
+    for (i, plot) in plots.enumerate() {
+        // Writing into a string cannot fail.
+        let _ = writeln!(page, "{}", plot.to_inline_html(Some(&format!("plot{i}"))));
+    }
+    page + "</body></html>\n"
+}
+
+/// The layout that all plots share.
+pub(crate) fn layout(title: &str, x: &str, y: &str) -> Layout {
+    let axis = |name: &str| Axis::new().title(name.to_owned()).type_(AxisType::Log);
+    Layout::new()
+        .title(title.to_owned())
+        .width(WIDTH)
+        .height(HEIGHT)
+        .x_axis(axis(x))
+        .y_axis(axis(y))
+}
+
+/// A colour as the web writes it.
+pub(crate) fn hex(RGBColor(r, g, b): RGBColor) -> String {
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+/// Error over cost, a plot a quantity of a scene.
+pub(crate) fn estimators(rows: &[Row], panels: &[Title<'_>]) -> String {
+    let plots = panels.iter().map(|(scene, quantity)| {
+        let of = |row: &&Row| row.scene == *scene && row.quantity == *quantity;
+        let shown: Vec<&Row> = rows.iter().filter(of).collect();
+        let mut plot = Plot::new();
+        let front = front(&shown);
+        let [x, y] = axes(&front);
+        plot.add_trace(
+            Scatter::new(x, y)
+                .name("Pareto front")
+                .mode(Mode::Lines)
+                .line(Line::new().color(hex(GREY))),
+        );
+        for (group, name) in GROUPS {
+            let of: Vec<&Row> = shown.iter().copied().filter(|row| row.group == group).collect();
+            if of.is_empty() {
+                continue;
+            }
+            let [x, y] = axes(&of);
+            let marker = Marker::new().size(10).color(hex(colour(group))).symbol(symbol(group));
+            let names = of.iter().map(|row| told(row)).collect();
+            plot.add_trace(
+                Scatter::new(x, y).name(name).mode(Mode::Markers).marker(marker).text_array(names),
+            );
+        }
+        let title = format!("{}, scene “{scene}”", quantity.name());
+        let error = format!("RMSE / {}", quantity.unit());
+        plot.set_layout(layout(&title, "modelled Cortex-M4F cycles an estimate", &error));
+        plot
+    });
+    page(
+        "Error over cost",
+        "Root mean square error on runs that the fits have not seen, the mean over the devices, over the \
+         modelled cycles of one estimate from conditioned signals.",
+        plots,
+    )
+}
+
+/// Error, stated accuracy and flagged share over each sweep, a plot a map.
+pub(crate) fn failures(maps: &[Map]) -> String {
+    let plots = maps.iter().map(|map| {
+        let mut plot = Plot::new();
+        let told: Vec<String> = map.points.iter().map(|point| format!("{}", point.value)).collect();
+        let lines: [(&str, Vec<Option<f64>>); 3] = [
+            ("error", map.points.iter().map(|point| point.count.error()).collect()),
+            ("stated", map.points.iter().map(|point| Some(point.count.stated())).collect()),
+            (
+                "flagged share",
+                map.points.iter().map(|p| Some(p.count.share(p.count.flagged))).collect(),
+            ),
+        ];
+        for ((name, values), colour) in lines.into_iter().zip(COLOURS) {
+            plot.add_trace(
+                Scatter::new(told.clone(), values)
+                    .name(name)
+                    .mode(Mode::LinesMarkers)
+                    .line(Line::new().color(hex(colour))),
+            );
+        }
+        let title = format!("{} over {}", map.method, map.sweep);
+        let x = Axis::new().title(map.sweep.to_owned()).type_(AxisType::Category);
+        let y = Axis::new().title("error, stated accuracy; share of frames").type_(AxisType::Log);
+        plot.set_layout(Layout::new().title(title).width(WIDTH).height(HEIGHT).x_axis(x).y_axis(y));
+        plot
+    });
+    page(
+        "Where each method fails",
+        "RMS error of the values that were given, the accuracy that the finger states for them, and the share \
+         of frames that it withholds or flags.",
+        plots,
+    )
+}
+
+fn axes(rows: &[&Row]) -> [Vec<f64>; 2] {
+    [rows.iter().map(|row| row.cost.cycles()).collect(), rows.iter().map(|row| row.rmse).collect()]
+}
+
+fn told(row: &Row) -> String {
+    let cost = row.cost;
+    format!(
+        "{}: {} to {} cycles, {} instructions",
+        row.name, cost.cycles_low, cost.cycles_high, cost.instructions
+    )
+}
+
+fn symbol(group: Group) -> MarkerSymbol {
+    match group {
+        Group::Finger => MarkerSymbol::Diamond,
+        Group::Paper => MarkerSymbol::TriangleUp,
+        Group::Polynomial => MarkerSymbol::Square,
+        Group::Net => MarkerSymbol::CircleOpen,
+        Group::Skip => MarkerSymbol::Circle,
+        Group::Sensors => MarkerSymbol::X,
+    }
+}

@@ -1,0 +1,226 @@
+//! Error over cost as SVG: a panel a quantity of a scene, the Pareto front drawn, labels that do not meet.
+
+use plotters::coord::Shift;
+use plotters::coord::combinators::LogCoord;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use crate::estimators::{Quantity, Row, front};
+use crate::methods::Group;
+use crate::style::{COLOURS, Done, FAINT, FONT, GREY, svg};
+
+type Panel<'p> = DrawingArea<SVGBackend<'p>, Shift>;
+type Chart<'p> = ChartContext<'p, SVGBackend<'p>, Cartesian2d<LogCoord<f64>, LogCoord<f64>>>;
+
+/// Of one panel in pixels.
+const SIZE: (u32, u32) = (450, 340);
+/// Height of the lines that say what the marks are.
+const LEGEND: u32 = 54;
+/// Letters of a label in pixels.
+const LETTERS: i32 = 13;
+
+/// Every group with what the legend calls it.
+pub(crate) const GROUPS: [(Group, &str); 6] = [
+    (Group::Finger, "the firmware's"),
+    (Group::Paper, "of the papers"),
+    (Group::Polynomial, "polynomial"),
+    (Group::Net, "tanh net"),
+    (Group::Skip, "tanh net + linear path"),
+    (Group::Sensors, "force sensors"),
+];
+
+/// The colour of a group.
+pub(crate) fn colour(group: Group) -> RGBColor {
+    match group {
+        Group::Finger => COLOURS[5],
+        Group::Paper => COLOURS[1],
+        Group::Polynomial => COLOURS[2],
+        Group::Net => COLOURS[4],
+        Group::Skip => COLOURS[0],
+        Group::Sensors => COLOURS[3],
+    }
+}
+
+/// One panel: a quantity on a scene.
+pub(crate) type Title<'t> = (&'t str, Quantity);
+
+/// Draws two panels a row.
+pub(crate) fn draw(rows: &[Row], panels: &[Title<'_>]) -> anyhow::Result<String> {
+    let down = panels.len().div_ceil(2);
+    let size = (2 * SIZE.0, u32::try_from(down)? * SIZE.1 + LEGEND);
+    svg(size, |area| drawn(area, rows, panels, down))
+}
+
+fn drawn(area: &Panel<'_>, rows: &[Row], panels: &[Title<'_>], down: usize) -> Done {
+    let (legend, charts) = area.split_vertically(LEGEND);
+    self::legend(&legend)?;
+    for (panel, (scene, quantity)) in charts.split_evenly((down, 2)).iter().zip(panels) {
+        let of = |row: &&Row| row.scene == *scene && row.quantity == *quantity;
+        let shown: Vec<&Row> = rows.iter().filter(of).collect();
+        self::panel(panel, &format!("{}, scene “{scene}”", quantity.name()), *quantity, &shown)?;
+    }
+    Ok(())
+}
+
+fn legend(area: &Panel<'_>) -> Done {
+    let mut x = 24;
+    for (group, name) in GROUPS {
+        mark(area, (x, 18), group)?;
+        area.draw(&Text::new(name, (x + 12, 11), (FONT, 14).into_font()))?;
+        x += 34 + i32::try_from(name.chars().count())? * 7;
+    }
+    area.draw(&PathElement::new([(x - 6, 18), (x + 14, 18)], GREY.stroke_width(2)))?;
+    area.draw(&Text::new("Pareto front", (x + 20, 11), (FONT, 14).into_font()))?;
+    let note = "Numbers at nets: hidden units. The front is that of the optical matrix; the force sensors are other hardware.";
+    area.draw(&Text::new(note, (18, 33), (FONT, 13).into_font().color(&GREY)))?;
+    Ok(())
+}
+
+/// A mark whose shape tells the group as its colour does.
+fn mark(area: &Panel<'_>, at: (i32, i32), group: Group) -> Done {
+    let style = colour(group).filled();
+    match group {
+        Group::Finger => {
+            let (x, y) = at;
+            let star = [(x, y - 8), (x + 8, y), (x, y + 8), (x - 8, y)];
+            area.draw(&Polygon::new(star, style))?;
+        }
+        Group::Paper => area.draw(&TriangleMarker::new(at, 7, style))?,
+        Group::Polynomial => {
+            let (x, y) = at;
+            area.draw(&Rectangle::new([(x - 5, y - 5), (x + 5, y + 5)], style))?;
+        }
+        Group::Net => area.draw(&Circle::new(at, 5, colour(group).stroke_width(2)))?,
+        Group::Skip => area.draw(&Circle::new(at, 5, style))?,
+        Group::Sensors => area.draw(&Cross::new(at, 5, colour(group).stroke_width(3)))?,
+    }
+    Ok(())
+}
+
+/// From a round number below to a round number above, on a scale of one, two, five.
+pub(crate) fn around(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
+    let low = values.clone().fold(f64::INFINITY, f64::min);
+    let high = values.fold(0.0, f64::max);
+    if !(low > 0.0 && low <= high) {
+        return [0.1, 1.0];
+    }
+    let rounded = |value: f64, up: bool| {
+        let ten = 10f64.powf(value.log10().floor());
+        let steps = [1.0, 2.0, 5.0, 10.0].map(|step| step * ten);
+        let below = steps.iter().rev().find(|step| **step <= value * (1.0 + 1e-9));
+        let above = steps.iter().find(|step| **step >= value * (1.0 - 1e-9));
+        if up { above } else { below }.copied().unwrap_or(value)
+    };
+    [rounded(low * 0.85, false), rounded(high * 1.15, true)]
+}
+
+fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Done {
+    let [left, right] = around(rows.iter().map(|row| row.cost.cycles()));
+    let scale = 1e3;
+    let error = |row: &Row| row.rmse * scale;
+    let [bottom, top] = around(rows.iter().map(|row| error(row)));
+    let mut chart: Chart<'_> = ChartBuilder::on(area)
+        .caption(title, (FONT, 16))
+        .margin(8)
+        .margin_right(18)
+        .x_label_area_size(40)
+        .y_label_area_size(64)
+        .build_cartesian_2d((left..right).log_scale(), (bottom..top).log_scale())?;
+    let unit = if quantity.unit() == "N" { "mN" } else { "µm" };
+    chart
+        .configure_mesh()
+        .light_line_style(WHITE)
+        .bold_line_style(FAINT)
+        .x_labels(12)
+        .y_labels(12)
+        .x_label_formatter(&|cycles| format!("{cycles:.0}"))
+        .y_label_formatter(&|error| format!("{error:.0}"))
+        .label_style((FONT, 13))
+        .x_desc("modelled Cortex-M4F cycles an estimate")
+        .y_desc(format!("RMSE / {unit}"))
+        .axis_desc_style((FONT, 14))
+        .draw()?;
+    let front = front(rows);
+    let corner = |row: &&Row| (row.cost.cycles(), error(row));
+    chart.draw_series(LineSeries::new(front.iter().map(corner), GREY.stroke_width(2)))?;
+    let place = |row: &Row| chart.backend_coord(&(row.cost.cycles(), error(row)));
+    let (base_x, base_y) = area.get_base_pixel();
+    let place = |row: &Row| {
+        let (x, y) = place(row);
+        (x - base_x, y - base_y)
+    };
+    // A box a mark, so that no label covers one; then a box a label.
+    let mut taken: Vec<[i32; 4]> = Vec::new();
+    for row in rows {
+        let (x, y) = place(row);
+        mark(area, (x, y), row.group)?;
+        taken.push([x - 6, y - 6, x + 6, y + 6]);
+    }
+    let (width, height) = area.dim_in_pixel();
+    let inside = [68, 28, i32::try_from(width)? - 4, i32::try_from(height)? - 52];
+    let important = |row: &&&Row| front.contains(*row) || row.group != Group::Net;
+    for row in rows.iter().filter(important) {
+        let name = label(row);
+        let wide = i32::try_from(name.chars().count())? * LETTERS / 2 + 2;
+        let (x, y) = place(row);
+        let around = [9, 20, 34, 48].into_iter().flat_map(|away| {
+            [
+                [x + away, y - 8],
+                [x - away - wide, y - 8],
+                [x - wide / 2, y - away - 12],
+                [x - wide / 2, y + away - 3],
+                [x + away, y - 8 - away],
+                [x + away, y - 8 + away],
+                [x - away - wide, y - 8 - away],
+                [x - away - wide, y - 8 + away],
+            ]
+        });
+        let boxes = around.map(|[x, y]| [x, y, x + wide, y + LETTERS + 1]);
+        let Some(free) =
+            boxes.into_iter().find(|b| within(b, &inside) && !taken.iter().any(|t| meet(b, t)))
+        else {
+            continue;
+        };
+        taken.push(free);
+        let [x, y, ..] = free;
+        let style = (FONT, LETTERS).into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Top));
+        area.draw(&Text::new(name, (x, y), style))?;
+    }
+    Ok(())
+}
+
+/// What stands at a mark: of a net its width.
+fn label(row: &Row) -> String {
+    let middle = row.name.split('-').nth(1);
+    match (row.group, middle) {
+        (Group::Skip | Group::Net, Some(width)) => width.to_owned(),
+        _ => row.name.trim_start_matches("net ").to_owned(),
+    }
+}
+
+fn within([a, b, c, d]: &[i32; 4], [l, t, r, m]: &[i32; 4]) -> bool {
+    a >= l && b >= t && c <= r && d <= m
+}
+
+fn meet(a: &[i32; 4], b: &[i32; 4]) -> bool {
+    a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_go_from_one_round_number_to_another_around_all_values() {
+        assert_eq!(around([26.0, 90.0, 800.0].into_iter()), [20.0, 1000.0]);
+        let [low, high] = around([0.0034, 0.004].into_iter());
+        assert!((low - 0.002).abs() < 1e-12 && (high - 0.005).abs() < 1e-12);
+        assert_eq!(around(std::iter::empty()), [0.1, 1.0]);
+    }
+
+    #[test]
+    fn boxes_that_touch_at_an_edge_do_not_meet() {
+        assert!(meet(&[0, 0, 10, 10], &[9, 9, 12, 12]));
+        assert!(!meet(&[0, 0, 10, 10], &[10, 0, 20, 10]));
+    }
+}

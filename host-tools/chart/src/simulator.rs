@@ -1,0 +1,17 @@
+//! The simulator's own charts: error against time of a frame, and convergence.
+
+use std::path::Path;
+
+use crate::{convergence, files, ladder};
+
+/// Times every rung of the ladder of fidelity and writes `simulator.csv`, `simulator.svg` and
+/// `convergence.svg`; it takes half a minute.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn write(folder: &Path) -> anyhow::Result<()> {
+    let costs = taxel_sim::cost::measure()?;
+    files::write(&folder.join("simulator.csv"), &taxel_sim::cost::csv(&costs))?;
+    files::write(&folder.join("simulator.svg"), &ladder::draw(&costs)?)?;
+    files::write(&folder.join("convergence.svg"), &convergence::draw()?)
+}

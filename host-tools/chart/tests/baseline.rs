@@ -1,0 +1,92 @@
+//! Errors are held to a committed baseline, as costs are (`cargo xtask cycles`): the tables that
+//! `taxel chart --quick` writes, under `data/`.
+
+use std::collections::HashMap;
+use std::sync::atomic::AtomicBool;
+
+use taxel_chart::{Effort, Waiting, estimators, failures};
+
+/// Another machine's arithmetic takes the training of a net another way; a change that costs more than this
+/// is a change.
+const MARGIN: f64 = 1.1;
+/// Of an error or a share next to nothing a tenth is nothing: half a millinewton or micrometre …
+const ERROR: f64 = 5e-4;
+/// … and one frame of a hundred.
+const SHARE: f64 = 0.01;
+
+const ANEW: &str = "if that is wanted, write the baseline anew: \
+                    `taxel chart --quick --only estimators --only failures --out host-tools/chart/data`, and keep its two CSV";
+
+/// Rows by their first `keys` cells, and the cells after them.
+fn rows(table: &str, keys: usize) -> Vec<(Vec<String>, Vec<String>)> {
+    let mut reader = csv::Reader::from_reader(table.as_bytes());
+    let rows = reader.records().map(|row| {
+        let cells: Vec<String> = row.unwrap().iter().map(str::to_owned).collect();
+        let (key, rest) = cells.split_at(keys);
+        (key.to_vec(), rest.to_vec())
+    });
+    rows.collect()
+}
+
+fn number(cell: &str) -> Option<f64> {
+    cell.parse().ok()
+}
+
+/// What is worse than in the baseline, in sentences.
+fn worse(
+    baseline: &str,
+    now: &str,
+    keys: usize,
+    judge: impl Fn(&[String], &[String]) -> Option<String>,
+) -> Vec<String> {
+    let before: HashMap<_, _> = rows(baseline, keys).into_iter().collect();
+    let now = rows(now, keys);
+    assert!(!now.is_empty());
+    now.iter()
+        .filter_map(|(key, now)| match before.get(key) {
+            None => Some(format!("{}: not in the baseline", key.join(", "))),
+            Some(before) => judge(before, now).map(|what| format!("{}: {what}", key.join(", "))),
+        })
+        .collect()
+}
+
+fn waiting(stop: &AtomicBool) -> Waiting<'_> {
+    Waiting { progress: &|_, _| {}, stop }
+}
+
+#[test]
+fn no_estimator_errs_more_than_the_baseline_says() {
+    let stop = AtomicBool::new(false);
+    let found = estimators::measure(&Effort::quick(), waiting(&stop)).unwrap();
+    let worse = worse(
+        include_str!("../data/estimators.csv"),
+        &estimators::csv(&found),
+        3,
+        |before, now| {
+            let [before, now] = [before, now].map(|cells| number(&cells[1]).unwrap());
+            (now > MARGIN * before + ERROR).then(|| format!("{now}, was {before}"))
+        },
+    );
+    assert!(worse.is_empty(), "{worse:#?}; {ANEW}");
+}
+
+#[test]
+fn nothing_fails_farther_or_is_flagged_less_than_the_baseline_says() {
+    let stop = AtomicBool::new(false);
+    let maps = failures::measure(&Effort::quick(), waiting(&stop)).unwrap();
+    let worse =
+        worse(include_str!("../data/failures.csv"), &failures::csv(&maps), 3, |before, now| {
+            let within = now[0] == "true";
+            let [flags_before, flags] = [before, now].map(|cells| number(&cells[3]).unwrap());
+            if flags < flags_before - SHARE && !within || flags > flags_before + SHARE && within {
+                return Some(format!("flagged {flags}, was {flags_before}"));
+            }
+            // Of what is withheld almost always, what is left says nothing.
+            let (Some(before), Some(now)) = (number(&before[1]), number(&now[1])) else {
+                return None;
+            };
+            (flags < 0.9 && now > MARGIN * before + ERROR)
+                .then(|| format!("off by {now}, was {before}"))
+        });
+    assert!(worse.is_empty(), "{worse:#?}; {ANEW}");
+}

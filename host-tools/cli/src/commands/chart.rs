@@ -1,0 +1,106 @@
+//! `taxel chart`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::ValueEnum;
+use indicatif::{ProgressBar, ProgressStyle};
+use taxel_chart::{Effort, Waiting, estimators, failures, peers, simulator};
+
+use crate::interrupt::Interrupt;
+use crate::output;
+
+/// Writes every chart anew: speed against accuracy, and where each method fails.
+///
+/// Into DIR go, for each chart, the table behind it (CSV), a picture (SVG) and a page that answers the mouse
+/// (HTML). Costs come from the committed table of the counting emulator (`cargo xtask cycles`). Ctrl-C ends
+/// it; charts that were finished stay, no file is left half written.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder to write to.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Only these charts; may be given several times.
+    #[arg(long, value_enum, value_name = "CHART")]
+    only: Vec<Chart>,
+    /// One device and narrow nets, as the tests compare with their baseline: seconds instead of minutes.
+    #[arg(long)]
+    quick: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Chart {
+    /// Cost and error of every estimator.
+    Estimators,
+    /// Where each method fails, and whether it says so.
+    Failures,
+    /// The core's net beside other people's.
+    Peers,
+    /// Time and error of the simulator's rungs.
+    Simulator,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A file cannot be written, or it was interrupted.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    std::fs::create_dir_all(&args.out)
+        .with_context(|| format!("{}: cannot be made", args.out.display()))?;
+    let interrupt = Interrupt::watch()?;
+    let effort = if args.quick { Effort::quick() } else { Effort::full() };
+    let wanted = |chart| args.only.is_empty() || args.only.contains(&chart);
+    if wanted(Chart::Estimators) {
+        let rows = waited_for(&interrupt, |waiting| estimators::measure(&effort, waiting))?;
+        estimators::write(&rows, &args.out)?;
+        said(&args.out, "estimators")?;
+    }
+    if wanted(Chart::Failures) {
+        let maps = waited_for(&interrupt, |waiting| failures::measure(&effort, waiting))?;
+        failures::write(&maps, &args.out)?;
+        said(&args.out, "failures")?;
+        let totals = failures::totals(&maps);
+        output::line(format!(
+            "silent failures: {:.3} % of {} frames, {:.3} % of the {} within the working range, of which {:.3} % \
+             are flagged",
+            100.0 * totals.silent[0],
+            totals.frames[0],
+            100.0 * totals.silent[1],
+            totals.frames[1],
+            100.0 * totals.false_flags
+        ))?;
+    }
+    if wanted(Chart::Peers) {
+        peers::write(&args.out)?;
+        said(&args.out, "peers")?;
+    }
+    if wanted(Chart::Simulator) {
+        anyhow::ensure!(!interrupt.came(), "interrupted");
+        simulator::write(&args.out)?;
+        said(&args.out, "simulator")?;
+    }
+    Ok(())
+}
+
+fn said(folder: &Path, chart: &str) -> anyhow::Result<()> {
+    output::line(format!("wrote {}", folder.join(chart).with_extension("csv").display()))
+}
+
+/// With a bar that shows how far it is.
+fn waited_for<T>(
+    interrupt: &Interrupt,
+    work: impl FnOnce(Waiting<'_>) -> anyhow::Result<T>,
+) -> anyhow::Result<T> {
+    const STEPS: f64 = 1000.0;
+    let bar = ProgressBar::new(STEPS as u64);
+    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {percent} % {eta}  {msg}") {
+        bar.set_style(style);
+    }
+    let progress = |share: f64, what: &str| {
+        bar.set_position((share * STEPS) as u64);
+        bar.set_message(what.to_owned());
+    };
+    let done = work(Waiting { progress: &progress, stop: interrupt.flag() });
+    bar.finish_and_clear();
+    if interrupt.came() { Err(anyhow::anyhow!("interrupted")) } else { done }
+}

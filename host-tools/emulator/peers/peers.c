@@ -1,0 +1,118 @@
+/* Other people's nets on the machine of host-tools/emulator: the 16-16-3 tanh net of 002 by each library,
+ * with the weights and inputs that the host hands over. `cargo xtask cycles --peers` builds and runs it. */
+
+#include <stdint.h>
+#include <string.h>
+
+#include "arm_math.h"
+#include "eml_net.h"
+
+enum { INPUTS = 16, HIDDEN = 16, OUTPUTS = 3 };
+
+/* As host-tools/emulator/src/peers.rs writes it. */
+struct given {
+    uint32_t length;
+    uint32_t count;
+    float hidden[HIDDEN * INPUTS];
+    float hidden_bias[HIDDEN];
+    float output[OUTPUTS * HIDDEN];
+    float output_bias[OUTPUTS];
+    float inputs[][INPUTS];
+};
+static const struct given *const given = (const struct given *)0x90000000;
+
+/* emlearn: method "loadable", weights a row an input. */
+static float eml_hidden[INPUTS * HIDDEN], eml_output[HIDDEN * OUTPUTS], eml_buffers[2][HIDDEN];
+static EmlNetLayer eml_layers[2] = {
+    { HIDDEN, INPUTS, eml_hidden, 0, EmlNetActivationTanh },
+    { OUTPUTS, HIDDEN, eml_output, 0, EmlNetActivationIdentity },
+};
+static EmlNet eml = { 2, eml_layers, eml_buffers[0], eml_buffers[1], HIDDEN };
+
+static void emlearn(const float *x, float *y)
+{
+    eml_net_infer(&eml, x, INPUTS);
+    for (int i = 0; i < OUTPUTS; i++) {
+        y[i] = eml.activations2[i];
+    }
+}
+
+/* CMSIS-DSP: its matrices and vectors, the C library's tanhf, which it lacks. */
+static arm_matrix_instance_f32 dsp_hidden, dsp_output;
+
+static void cmsis_dsp(const float *x, float *y)
+{
+    float units[HIDDEN];
+    arm_mat_vec_mult_f32(&dsp_hidden, x, units);
+    arm_add_f32(units, given->hidden_bias, units, HIDDEN);
+    for (int i = 0; i < HIDDEN; i++) {
+        units[i] = tanhf(units[i]);
+    }
+    arm_mat_vec_mult_f32(&dsp_output, units, y);
+    arm_add_f32(y, given->output_bias, y, OUTPUTS);
+}
+
+static void prepare(void)
+{
+    for (int i = 0; i < INPUTS; i++) {
+        for (int h = 0; h < HIDDEN; h++) {
+            eml_hidden[i * HIDDEN + h] = given->hidden[h * INPUTS + i];
+        }
+    }
+    for (int h = 0; h < HIDDEN; h++) {
+        for (int o = 0; o < OUTPUTS; o++) {
+            eml_output[h * OUTPUTS + o] = given->output[o * HIDDEN + h];
+        }
+    }
+    eml_layers[0].biases = given->hidden_bias;
+    eml_layers[1].biases = given->output_bias;
+    arm_mat_init_f32(&dsp_hidden, HIDDEN, INPUTS, (float *)given->hidden);
+    arm_mat_init_f32(&dsp_output, OUTPUTS, HIDDEN, (float *)given->output);
+}
+
+/* Semihosting, with the operations of boards/cycles/src/host.rs. */
+static void host(uint32_t operation, const void *parameter)
+{
+    register uint32_t r0 __asm__("r0") = operation;
+    register const void *r1 __asm__("r1") = parameter;
+    __asm__ volatile("bkpt 0xab" : "+r"(r0) : "r"(r1) : "memory");
+}
+
+typedef void (*peer)(const float *, float *);
+
+static void measure(const char *name, peer volatile run)
+{
+    for (uint32_t i = 0; i < given->count; i++) {
+        float y[OUTPUTS];
+        const uint32_t call[3] = { (uint32_t)run, (uint32_t)name, strlen(name) };
+        host(0x100, call);
+        run(given->inputs[i], y);
+        const uint32_t result[2] = { (uint32_t)y, sizeof y };
+        host(0x101, result);
+    }
+}
+
+extern uint32_t data_from, data_begin, data_end, bss_begin, bss_end, stack_top;
+
+void reset(void)
+{
+    *(volatile uint32_t *)0xe000ed88 |= 0xf << 20; /* the floating-point unit */
+    __asm__ volatile("dsb\n\tisb");
+    memcpy(&data_begin, &data_from, (char *)&data_end - (char *)&data_begin);
+    memset(&bss_begin, 0, (char *)&bss_end - (char *)&bss_begin);
+    prepare();
+    measure("emlearn", emlearn);
+    measure("CMSIS-DSP", cmsis_dsp);
+    host(0x18, (const void *)0x20026);
+    for (;;) {
+    }
+}
+
+__attribute__((section(".vectors"), used)) static const void *const vectors[2] = { &stack_top, reset };
+
+/* tanhf sets errno where the C library is told to. */
+int *__errno(void)
+{
+    static int number;
+    return &number;
+}

@@ -1,0 +1,155 @@
+//! Other people's nets on the same machine, by the same table of costs: `peers.csv`.
+//!
+//! The net is 002's 16-16-3 and the inputs are what a finger sees in contact, the same for all. Errors are
+//! those against the net in `f64`.
+
+use std::fmt::Write as _;
+
+use anyhow::{Context, Result, ensure};
+use taxel::estimate::net::ForceNet;
+use taxel::scan::TAXELS;
+
+use crate::bench::{Event, Stage, next};
+use crate::clock::Count;
+use crate::machine::{Machine, SHARED};
+
+/// Outputs of the net: f_x, f_y, f_z.
+const OUTPUTS: usize = 3;
+
+/// One implementation of the net.
+pub struct Peer {
+    /// Whose, and what it was built with.
+    pub name: String,
+    /// Largest error of an output; newtons, for a net that gives up to 8.
+    pub max_error: f64,
+    /// The most that a call took, each figure by itself.
+    pub worst: Count,
+}
+
+/// The net in `f64`.
+fn exact(net: &ForceNet, c: &[f32; TAXELS]) -> Vec<f64> {
+    let wide = |x: &f32| f64::from(*x);
+    let units = net.hidden.chunks_exact(TAXELS).zip(&net.hidden_bias);
+    let units: Vec<f64> = units
+        .map(|(row, bias)| {
+            row.iter().zip(c).fold(wide(bias), |sum, (w, c)| sum + wide(w) * wide(c)).tanh()
+        })
+        .collect();
+    let rows = net.output.chunks_exact(units.len()).zip(&net.output_bias);
+    rows.map(|(row, bias)| row.iter().zip(&units).fold(wide(bias), |sum, (v, u)| sum + wide(v) * u))
+        .collect()
+}
+
+fn largest_error(net: &ForceNet, c: &[f32; TAXELS], found: &[f32]) -> f64 {
+    let errors = exact(net, c).into_iter().zip(found).map(|(y, f)| (y - f64::from(*f)).abs());
+    errors.fold(0.0, f64::max)
+}
+
+/// The core's own net. What it gives on the machine is what it gives here, bit for bit ([`crate::bench`]).
+pub fn own(stage: &Stage, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Peer {
+    let errors = inputs.iter().map(|c| largest_error(net, c, &net.forces(c)));
+    Peer { name: "taxel".into(), max_error: errors.fold(0.0, f64::max), worst: stage.worst() }
+}
+
+/// Runs the image of `peers/peers.c` in `elf`, which was built as `with` says.
+pub fn run(elf: &[u8], with: &str, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Result<Vec<Peer>> {
+    let mut machine = Machine::new(elf)?;
+    machine.write(SHARED, &given(net, inputs)?)?;
+    let mut peers: Vec<(Stage, f64)> = Vec::new();
+    let mut said = String::new();
+    while let Some(event) = next(&mut machine, &mut said)? {
+        match event {
+            Event::Call { name, function } => {
+                if peers.last().is_none_or(|(stage, _)| stage.name != name) {
+                    peers.push((Stage { name, calls: Vec::new() }, 0.0));
+                }
+                machine.clock().await_call(function);
+            }
+            Event::Result(bytes) => {
+                let (stage, error) = peers.last_mut().context("a result of no call")?;
+                let count = machine.clock().take_measured();
+                let name = &stage.name;
+                let count = count.with_context(|| format!("{name}: was not seen to return"))?;
+                let c = inputs.get(stage.calls.len()).context("more calls than inputs")?;
+                let words = bytes.as_chunks::<4>().0;
+                let y: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
+                ensure!(y.len() == OUTPUTS, "{name}: gives {} outputs", y.len());
+                *error = largest_error(net, c, &y).max(*error);
+                stage.calls.push(count);
+            }
+        }
+    }
+    let peer = |(stage, max_error): (Stage, f64)| Peer {
+        name: format!("{}, {with}", stage.name),
+        max_error,
+        worst: stage.worst(),
+    };
+    Ok(peers.into_iter().map(peer).collect())
+}
+
+/// `struct given` of peers.c.
+fn given(net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Result<Vec<u8>> {
+    let count = u32::try_from(inputs.len())?;
+    let numbers = [&net.hidden[..], &net.hidden_bias, &net.output, &net.output_bias].concat();
+    let numbers = numbers.iter().chain(inputs.iter().flatten()).flat_map(|x| x.to_le_bytes());
+    let mut bytes: Vec<u8> = [0; 4].into_iter().chain(count.to_le_bytes()).chain(numbers).collect();
+    let length = u32::try_from(bytes.len() - 4)?;
+    bytes[..4].copy_from_slice(&length.to_le_bytes());
+    Ok(bytes)
+}
+
+/// Of each library the build that takes the fewest cycles, in the order in which they came.
+pub fn best(peers: Vec<Peer>) -> Vec<Peer> {
+    let library = |peer: &Peer| peer.name.split(',').next().unwrap_or_default().to_owned();
+    let mut best: Vec<Peer> = Vec::new();
+    for peer in peers {
+        match best.iter_mut().find(|other| library(other) == library(&peer)) {
+            None => best.push(peer),
+            Some(other) if peer.worst.cycles.high < other.worst.cycles.high => *other = peer,
+            Some(_) => {}
+        }
+    }
+    best
+}
+
+/// The table; `missing` are the peers that could not be built, with the reason.
+pub fn csv(peers: &[Peer], missing: &[String]) -> String {
+    let mut table = String::from("name,net,max_error,cycles_low,cycles_high,instructions\n");
+    for Peer { name, max_error, worst } in peers {
+        let (low, high) = (worst.cycles.low, worst.cycles.high);
+        // Writing into a string cannot fail.
+        let _ = writeln!(
+            table,
+            "\"{name}\",16-16-3,{max_error:.1e},{low},{high},{}",
+            worst.instructions
+        );
+    }
+    for name in missing {
+        let _ = writeln!(table, "\"{name}\",16-16-3,,,,");
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn peer(name: &str, high: u64) -> Peer {
+        let mut worst = Count::default();
+        worst.cycles.high = high;
+        Peer { name: name.into(), max_error: 0.0, worst }
+    }
+
+    #[test]
+    fn of_each_library_the_fastest_build_is_kept() {
+        let all = vec![peer("a, -O2", 9), peer("b, -O2", 4), peer("a, -O3", 7), peer("b, -O3", 5)];
+        let names: Vec<String> = best(all).into_iter().map(|peer| peer.name).collect();
+        assert_eq!(names, ["a, -O3", "b, -O2"]);
+    }
+
+    #[test]
+    fn a_peer_that_was_not_built_stands_in_the_table_without_figures() {
+        let table = csv(&[peer("a, -O2", 9)], &["b: no sources".into()]);
+        assert!(table.ends_with("\"a, -O2\",16-16-3,0.0e0,0,9,0\n\"b: no sources\",16-16-3,,,,\n"));
+    }
+}
