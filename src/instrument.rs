@@ -12,7 +12,7 @@ use crate::units::FullScale;
 use crate::wire::crc32;
 use crate::wire::message::{
     CHUNK, CalibrationId, Command, Cost, Counters, Identity, Info, Message, PROTOCOL, Refusal,
-    Request, Response,
+    Request, Response, ScanSettings,
 };
 
 /// A finger with its settings.
@@ -24,6 +24,8 @@ pub struct Instrument {
     calibration_crc: u32,
     streaming: bool,
     hz: u16,
+    /// What the host has said of the scan.
+    scan: Option<ScanSettings>,
     fields: Fields,
     until_due: u16,
     seq: u32,
@@ -66,6 +68,7 @@ impl Instrument {
             calibration_crc: 0,
             streaming: false,
             hz,
+            scan: None,
             fields: Fields::ESTIMATES,
             until_due: 0,
             seq: 0,
@@ -81,15 +84,24 @@ impl Instrument {
     }
 
     /// Puts in force what the store kept, as a board does at power-up: the newest calibration that this
-    /// firmware reads, the settings, and a bias that belongs to that calibration.
-    pub fn restore(&mut self, store: &mut Store<impl Flash>) {
+    /// firmware reads, the settings, and a bias that belongs to that calibration. `rescan` makes the board
+    /// scan as it was set to, or says that it cannot; it then scans in its own way.
+    pub fn restore(
+        &mut self,
+        store: &mut Store<impl Flash>,
+        rescan: impl FnOnce(&ScanSettings) -> Result<FullScale, Refusal>,
+    ) {
         store.open(|record| self.finger.recalibrate(record).is_ok());
         self.begin_anew(store);
-        if let Some(Settings { hz, fields, point_method }) = store.settings()
-            && (1..=self.identity.scan_hz).contains(&hz)
-            && fields.0 <= Fields::ALL.0
-        {
-            (self.hz, self.fields, self.finger.point_method) = (hz, fields, point_method);
+        if let Some(Settings { hz, fields, point_method, scan }) = store.settings() {
+            if let Some(scan) = scan
+                && let Ok(full_scale) = rescan(&scan)
+            {
+                self.rescanned(&scan, full_scale);
+            }
+            if (1..=self.identity.scan_hz).contains(&hz) && fields.0 <= Fields::ALL.0 {
+                (self.hz, self.fields, self.finger.point_method) = (hz, fields, point_method);
+            }
         }
         if let Some(StoredBias { calibration, bias: Some(bias) }) = store.bias()
             && calibration == self.calibration_crc
@@ -254,11 +266,8 @@ impl Instrument {
             }
             Command::SaveSettings => {
                 let point_method = self.finger.point_method;
-                store.save_settings(&Settings {
-                    hz: self.hz,
-                    fields: self.fields,
-                    point_method,
-                })?;
+                let (hz, fields, scan) = (self.hz, self.fields, self.scan);
+                store.save_settings(&Settings { hz, fields, point_method, scan })?;
             }
             Command::SaveBias => {
                 if self.state.taking_bias() {
@@ -291,10 +300,11 @@ impl Instrument {
     }
 
     /// The board scans differently from now on.
-    pub fn rescanned(&mut self, scan_hz: u16, full_scale: FullScale) {
-        self.identity.scan_hz = scan_hz;
+    pub fn rescanned(&mut self, scan: &ScanSettings, full_scale: FullScale) {
+        self.scan = Some(*scan);
+        self.identity.scan_hz = scan.scan_hz;
         self.identity.full_scale = full_scale;
-        self.hz = self.hz.min(scan_hz);
+        self.hz = self.hz.min(scan.scan_hz);
         self.until_due = 0;
         self.forget();
     }

@@ -216,7 +216,7 @@ fn answer(
         Command::Bootloader => board.bootloader().map(|()| Response::Done),
         Command::SetScan(_) if instrument.busy() => Err(Refusal::Busy),
         Command::SetScan(settings) => board.set_scan(settings).map(|full_scale| {
-            instrument.rescanned(settings.scan_hz, full_scale);
+            instrument.rescanned(settings, full_scale);
             Response::Done
         }),
         _ => return instrument.handle(request, board.store()),

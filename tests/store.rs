@@ -15,7 +15,10 @@ use taxel::instrument::Instrument;
 use taxel::store::{
     Area, Flash, FlashError, RamFlash, Settings, Store, StoreError, StoredBias, Word,
 };
-use taxel::wire::message::{Command, Info, Message, Refusal, Request, Response};
+use taxel::units::FullScale;
+use taxel::wire::message::{
+    Command, Info, Message, Refusal, Request, Response, ScanSetting, ScanSettings,
+};
 
 /// Flash whose power goes in the middle of an operation.
 struct Mortal {
@@ -115,11 +118,18 @@ fn crc(record: &[u8]) -> u32 {
     u32::from_le_bytes(*record.last_chunk().unwrap())
 }
 
+/// A board that scans at 2 kHz at most.
+fn rescan(scan: &ScanSettings) -> Result<FullScale, Refusal> {
+    let (setting, low, high) = (ScanSetting::ScanHz, 1, 2000);
+    let possible = u32::from(scan.scan_hz) <= high;
+    if possible { Ok(FullScale::BITS_16) } else { Err(Refusal::Scan { setting, low, high }) }
+}
+
 /// Power-up.
 fn wake(flash: Mortal) -> (Instrument, Store<Mortal>) {
     let mut instrument = Instrument::new(identity());
     let mut store = Store::new(flash);
-    instrument.restore(&mut store);
+    instrument.restore(&mut store, rescan);
     (instrument, store)
 }
 
@@ -258,7 +268,7 @@ fn flash_in_memory_is_as_strict_as_flash() {
 }
 
 fn settings(hz: u16) -> Settings {
-    Settings { hz, fields: Fields::FORCE, point_method: PointMethod::ArgMin }
+    Settings { hz, fields: Fields::FORCE, point_method: PointMethod::ArgMin, scan: None }
 }
 
 #[test]
@@ -297,6 +307,25 @@ fn settings_and_a_bias_survive_power_off_once_they_are_saved() {
     ask(&mut instrument, &mut store, Command::SaveBias).unwrap();
     let (mut instrument, mut store) = wake(asleep(store));
     assert!(!info(&mut instrument, &mut store).biased);
+}
+
+#[test]
+fn a_saved_scan_is_taken_up_again_by_a_board_that_can() {
+    for (scan_hz, taken_up) in [(1000, true), (3000, false)] {
+        let (mut instrument, mut store) = wake(Mortal::new());
+        // The board's doing, which the session tells.
+        let scan = ScanSettings { scan_hz, oversampling: 4, settle_ns: 30_000 };
+        instrument.rescanned(&scan, FullScale::BITS_12);
+        ask(&mut instrument, &mut store, Command::SetRate { hz: 500 }).unwrap();
+        ask(&mut instrument, &mut store, Command::SaveSettings).unwrap();
+        assert_eq!(store.settings().unwrap().scan, Some(scan));
+
+        let (mut instrument, mut store) = wake(asleep(store));
+        let found = info(&mut instrument, &mut store);
+        let scan_hz = if taken_up { scan_hz } else { identity().scan_hz };
+        assert_eq!((found.identity.scan_hz, found.rate_millihertz), (scan_hz, 500_000));
+        assert_eq!(found.identity.full_scale, FullScale::BITS_16, "as the board says");
+    }
 }
 
 #[test]

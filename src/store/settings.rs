@@ -10,9 +10,10 @@ use crate::condition::Bias;
 use crate::estimate::contact_point::PointMethod;
 use crate::frame::Fields;
 use crate::wire::crc32;
+use crate::wire::message::ScanSettings;
 
-/// Longest content: a bias of everything takes 155 bytes with all the rest (asserted below).
-const LONGEST: usize = 160;
+/// Longest content: a bias of everything takes 167 bytes with all the rest (asserted below).
+const LONGEST: usize = 168;
 
 /// What the host has set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -23,6 +24,8 @@ pub struct Settings {
     pub fields: Fields,
     /// How the contact point is found.
     pub point_method: PointMethod,
+    /// How the board scans; `None` for its own way.
+    pub scan: Option<ScanSettings>,
 }
 
 /// A bias taken on command, and the calibration that it was taken under.
@@ -111,13 +114,15 @@ mod tests {
             taxels: Some(TaxelBias { level: [1.0; 16], noise: 1.0 }),
             bridges: [Some(BridgeBias { level: [1.0; 3], noise: 1.0 }); 4],
         };
-        let settings =
-            Settings { hz: u16::MAX, fields: Fields::ALL, point_method: PointMethod::ArgMin };
+        let scan =
+            Some(ScanSettings { scan_hz: u16::MAX, oversampling: u16::MAX, settle_ns: u32::MAX });
+        let point_method = PointMethod::ArgMin;
+        let settings = Settings { hz: u16::MAX, fields: Fields::ALL, point_method, scan };
         let stored = StoredBias { calibration: u32::MAX, bias: Some(bias) };
         let kept = Kept { settings: Some(settings), bias: Some(stored) };
         let mut buffer = [0; LONGEST];
         let bytes = kept.write(&mut buffer).unwrap();
-        assert_eq!(bytes.len(), 155);
+        assert_eq!(bytes.len(), 167);
         assert_eq!(Kept::read(bytes), Some(kept));
     }
 

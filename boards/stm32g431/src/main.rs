@@ -83,7 +83,7 @@ fn main() -> ! {
         scan_plan::g431::CLOCK_HZ,
     );
     let instrument = INSTRUMENT.init_with(|| Instrument::new(identity));
-    instrument.restore(scanner.store());
+    instrument.restore(scanner.store(), |scan| Registers.set_scan(scan));
     EXECUTOR.init(Executor::new()).run(|spawner| {
         spawner.spawn(usb(device).expect("spawned once"));
         spawner.spawn(session(link, scanner, instrument).expect("spawned once"));

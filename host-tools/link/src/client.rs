@@ -290,7 +290,7 @@ impl Client {
         }
     }
 
-    /// Scans differently until the next power-up.
+    /// Scans differently from now on.
     ///
     /// # Errors
     /// As [`Self::info`]; refused where the settings cannot be had together.

@@ -34,7 +34,7 @@ pub struct Args {
     /// From the change of LED row to the first sample, in microseconds.
     #[arg(long, value_name = "US", group = "settings", value_parser = settle)]
     settle: Option<u32>,
-    /// Keep rate, fields and method as they then are over power-off.
+    /// Keep scan, rate, fields and method as they then are over power-off.
     #[arg(long, group = "settings")]
     save: bool,
 }
@@ -77,7 +77,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         };
         client.set_scan(wish)?;
         output::line(format_args!(
-            "scan {} Hz, {} samples a reading, {} µs to settle, until it loses power",
+            "scan {} Hz, {} samples a reading, {} µs to settle",
             wish.scan_hz,
             wish.oversampling,
             f64::from(wish.settle_ns) / 1000.0
