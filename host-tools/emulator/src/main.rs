@@ -12,9 +12,10 @@ use taxel::condition::Levels;
 use taxel_formats::trace::TraceReader;
 
 use taxel_emulator::board::cpu::{Board, End};
-use taxel_emulator::board::finger::Finger;
+use taxel_emulator::board::finger::{Finger, in_12_bits};
 use taxel_emulator::board::host::Host;
-use taxel_emulator::board::{capture, time};
+use taxel_emulator::board::server::Server;
+use taxel_emulator::board::{capture, time, timing};
 use taxel_emulator::profile::Profiler;
 use taxel_emulator::{bench, peers, report};
 
@@ -33,6 +34,8 @@ enum Task {
     Board(RunBoard),
     /// What the same net costs in other people's libraries
     Peers(Peers),
+    /// Runs it with its USB behind a TCP port
+    Serve(Serve),
 }
 
 /// The finger that stages and nets work on.
@@ -93,6 +96,37 @@ struct RunBoard {
     /// Writes what went over the USB here, as Linux's usbmon would
     #[arg(long)]
     pcap: Option<PathBuf>,
+    /// Writes what happens on the scan's pins here, as CSV
+    #[arg(long)]
+    timing: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct Serve {
+    /// The firmware, `boards/stm32g431`
+    image: PathBuf,
+    /// What the finger sees, a trace CSV; again from its beginning when it is over
+    #[arg(long)]
+    trace: PathBuf,
+    /// Where to listen; port 0 is any that is free
+    #[arg(long, default_value = "127.0.0.1:0")]
+    listen: String,
+}
+
+/// Says on the first line where the board listens, then serves it until it is ended.
+fn serve(arguments: &Serve) -> Result<()> {
+    let samples = TraceReader::open(&arguments.trace)?.collect::<Result<Vec<_>, _>>()?;
+    let [first, .., last] = samples.as_slice() else {
+        bail!("{}: needs two scans at least", arguments.trace.display());
+    };
+    let each =
+        last.scan.time.0.saturating_sub(first.scan.time.0) as f64 / (samples.len() - 1) as f64;
+    let scene = samples.iter().map(|sample| in_12_bits(sample.scan.codes)).collect();
+    let each = (each * (time::HZ / 1_000_000) as f64).round() as time::Tick;
+    let board = Board::new(&read(&arguments.image)?, Finger::timed(scene, each), Host::new(false))?;
+    let mut server = Server::new(board, &arguments.listen)?;
+    println!("{}", server.greeting()?);
+    server.serve()
 }
 
 /// Lets the board run with nobody at its port; says how fast that was.
@@ -100,6 +134,7 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
     let elf = read(&arguments.image)?;
     let host = Host::new(arguments.pcap.is_some());
     let mut board = Board::new(&elf, Finger::new(Vec::new()), host)?;
+    board.chip().finger.timing = arguments.timing.as_ref().map(|_| Vec::new());
     let start = Instant::now();
     let time = (arguments.seconds * time::HZ as f64) as time::Tick;
     if let End::Reset(cause) = board.run(time)? {
@@ -115,11 +150,13 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
     for (number, text) in &board.chip().host.descriptors.strings {
         println!("USB string {number}: {text}");
     }
-    match (&arguments.pcap, &board.chip().host.capture) {
-        (Some(path), Some(urbs)) => std::fs::write(path, capture::pcap(urbs))
-            .with_context(|| format!("{}: not written", path.display())),
-        _ => Ok(()),
+    if let (Some(path), Some(urbs)) = (&arguments.pcap, &board.chip().host.capture) {
+        write(path, &capture::pcap(urbs))?;
     }
+    if let (Some(path), Some(moments)) = (&arguments.timing, &board.chip().finger.timing) {
+        write(path, timing::csv(moments).as_bytes())?;
+    }
+    Ok(())
 }
 
 fn main() -> ExitCode {
@@ -127,6 +164,7 @@ fn main() -> ExitCode {
         Task::Cycles(cycles) => count(&cycles),
         Task::Board(arguments) => run_board(&arguments),
         Task::Peers(peers) => compare_with(&peers),
+        Task::Serve(arguments) => serve(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -201,6 +239,10 @@ fn count(arguments: &Cycles) -> Result<()> {
         Some(path) => report::compare(path, &stages),
         None => Ok(()),
     }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    std::fs::write(path, bytes).with_context(|| format!("{}: not written", path.display()))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>> {

@@ -1,24 +1,28 @@
 //! The very image that is flashed, `cargo xtask firmware stm32g431`.
 
 use std::path::{Path, PathBuf};
+use std::process::Command as Process;
 
+use scan_plan::g431::{CLOCK_HZ, TICKS_PER_CYCLE, plan};
+use scan_plan::{Settings, settle};
 use taxel::calibration::MAX_BYTES;
 use taxel::finger::Finger;
 use taxel::frame::{Fields, Frame, Status};
 use taxel::scan::{Codes, Scan};
-use taxel::units::{Code, FullScale, Micros};
+use taxel::units::{Code, Micros};
 use taxel::wire::message::{Command, Info, Reset, Response};
 use taxel::wire::{MAX_PACKET, pack_frame};
 use taxel_formats::trace::TraceReader;
 
+use taxel_emulator::board::capture::pcap;
 use taxel_emulator::board::chip::Chip;
 use taxel_emulator::board::cpu::{Board, End};
-use taxel_emulator::board::finger::Finger as Wired;
+use taxel_emulator::board::finger::{Finger as Wired, Moment, Source, in_12_bits};
 use taxel_emulator::board::host::Host;
 use taxel_emulator::board::names::base;
 use taxel_emulator::board::rcc::Cause;
 use taxel_emulator::board::script::Session;
-use taxel_emulator::board::time::{Tick, micros};
+use taxel_emulator::board::time::{HZ, Tick, micros};
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -38,25 +42,6 @@ fn scene() -> Vec<Codes> {
     let trace = repository().join("host-tools/emulator/data/scans.csv");
     let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
     scans.map(in_12_bits).collect()
-}
-
-fn in_12_bits(codes: Codes) -> Codes {
-    let scale = 4095.0 / f32::from(codes.full_scale.top().0);
-    let code = |code: Code| Code((f32::from(code.0) * scale).round() as u16);
-    let mut codes = codes;
-    codes.full_scale = FullScale::BITS_12;
-    if let Some(taxels) = &mut codes.taxels {
-        taxels.lit = taxels.lit.map(|row| row.map(code));
-        taxels.dark = taxels.dark.map(code);
-    }
-    for midpoints in codes.bridges.iter_mut().flatten() {
-        for midpoint in [&mut midpoints.a, &mut midpoints.b, &mut midpoints.c, &mut midpoints.d] {
-            *midpoint = code(*midpoint);
-        }
-    }
-    codes.reference = codes.reference.map(code);
-    codes.temperature = codes.temperature.map(code);
-    codes
 }
 
 fn session(capture: bool) -> Session {
@@ -272,6 +257,99 @@ fn the_watchdog_bites_where_no_scan_comes() {
     session.reopen().unwrap();
     let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
     assert_eq!((health.reset, health.panic), (Reset::Watchdog, None));
+}
+
+#[test]
+fn the_scan_keeps_time_to_the_tick_of_its_timer() {
+    let mut session = session(false);
+    session.board.chip().finger.timing = Some(Vec::new());
+    session.run(micros(20_000)).unwrap();
+    let timing = session.board.chip().finger.timing.take().unwrap();
+    let plan =
+        plan(Settings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS }).unwrap();
+    let tick = HZ / u64::from(CLOCK_HZ);
+
+    let patterns: Vec<_> = timing
+        .iter()
+        .filter_map(|(at, moment)| match moment {
+            Moment::Pattern(rows, sensor) => Some((*at, *rows, *sensor)),
+            Moment::Sample(_) => None,
+        })
+        .collect();
+    let order = [(0b0000, 0), (0b0001, 0), (0b0010, 1), (0b0100, 2), (0b1000, 3)];
+    let first = patterns.iter().position(|(_, rows, _)| *rows == 0).unwrap();
+    let steps = &patterns[first..];
+    assert!(steps.len() > 390);
+    for ((_, rows, sensor), expected) in steps.iter().zip(order.iter().cycle()) {
+        assert_eq!((*rows, *sensor), *expected);
+    }
+    for pair in steps.windows(2) {
+        assert_eq!(pair[1].0 - pair[0].0, u64::from(plan.step.top + 1) * tick);
+    }
+
+    // The first sample of a column after a pattern: never before the light has settled, and always then.
+    let delays: Vec<_> = steps
+        .iter()
+        .filter_map(|(begin, ..)| {
+            let column = |(at, moment): &&(Tick, Moment)| {
+                at > begin && *moment == Moment::Sample(Source::Pin("PA0"))
+            };
+            timing.iter().find(column).map(|(at, _)| at - begin)
+        })
+        .collect();
+    let settled = u64::from(settle::DEFAULT_NS) * HZ / 1_000_000_000;
+    assert!(delays.len() > 390);
+    assert!(delays.iter().all(|delay| *delay == delays[0] && *delay >= settled), "{delays:?}");
+
+    // Both converters follow one timer: so do their first samples.
+    let amplifier = |(_, moment): &&(Tick, Moment)| *moment == Moment::Sample(Source::Amplifier(0));
+    let internal = |(_, moment): &&(Tick, Moment)| *moment == Moment::Sample(Source::Temperature);
+    let apart = |first: Option<&(Tick, Moment)>, begin: Tick| first.map(|(at, _)| at - begin);
+    for pair in steps.windows(2).take(100) {
+        let within = || timing.iter().filter(|(at, _)| (pair[0].0..pair[1].0).contains(at));
+        let [bridge, chip] =
+            [apart(within().find(amplifier), pair[0].0), apart(within().find(internal), pair[0].0)];
+        // ADC2's first sample ends after 24.5 of its cycles, ADC1's injected one after 247.5.
+        assert_eq!(
+            chip.unwrap() - bridge.unwrap(),
+            (495 - 49) * u64::from(TICKS_PER_CYCLE) * tick / 2
+        );
+    }
+}
+
+#[test]
+fn a_dissector_finds_nothing_malformed_and_a_serial_port() {
+    let mut session = session(true);
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(50_000)).unwrap();
+    let urbs = session.board.chip().host.capture.take().unwrap();
+    let path = std::env::temp_dir().join(format!("taxel-board-{}.pcap", std::process::id()));
+    std::fs::write(&path, pcap(&urbs)).unwrap();
+    let tshark = |arguments: &[&str]| {
+        let output = Process::new("tshark").arg("-r").arg(&path).args(arguments).output();
+        let output = output.expect("tshark is needed: `sudo apt-get install tshark`");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let complaints = tshark(&["-Y", "_ws.malformed || _ws.expert"]);
+    let subtypes = tshark(&[
+        "-Y",
+        "usbcom.descriptor.subtype",
+        "-T",
+        "fields",
+        "-e",
+        "usbcom.descriptor.subtype",
+    ]);
+    let vendor = tshark(&["-Y", "usb.idVendor == 0x1209 && usb.idProduct == 0x0001"]);
+    let coding = tshark(&["-V", "-Y", "frame contains 21:20"]);
+    let bulk = tshark(&["-Y", "usb.transfer_type == 3 && usb.endpoint_address.direction == 1"]);
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(complaints, "");
+    // Header, abstract control management, union.
+    assert_eq!(subtypes.trim(), "0x00,0x02,0x06");
+    assert_eq!(vendor.lines().count(), 2, "{vendor}");
+    assert!(coding.contains("SET LINE CODING"), "{coding}");
+    assert!(bulk.lines().count() > 40, "{bulk}");
 }
 
 /// Streams with a fault planted; how far the codes are off.

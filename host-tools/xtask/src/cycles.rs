@@ -54,9 +54,13 @@ pub fn guard(toolchain: &Toolchain) -> Result<()> {
     run(emulator.arg("--against").arg(directory().join("data/cycles.csv")))
 }
 
-/// The emulator's own format, lints and tests.
+/// The emulator's own format, lints and tests. Those of the whole board run the image of `stm32g431`, and
+/// have its USB traffic judged by tshark.
 pub fn tests() -> Result<()> {
     prepare()?;
+    if !exists("tshark") {
+        packages::install(&["tshark"], "what judges the board's USB traffic")?;
+    }
     run(program("cargo", &directory()).args(["fmt", "--check"]))?;
     run(cargo("clippy").args(["--all-targets", "--", "-D", "warnings"]))?;
     run(&mut cargo("test"))

@@ -282,6 +282,11 @@ impl Chip {
         self.rcc.hclk()
     }
 
+    /// A moment by the firmware's own clock, in microseconds; TIM2 is what it counts by.
+    pub fn device_us(&self, at: Tick) -> Option<u64> {
+        Some(at.checked_sub(self.tim2.started()?)? / micros(1))
+    }
+
     /// The flash behind the program.
     pub fn flash(&mut self) -> &mut Flash {
         &mut self.flash

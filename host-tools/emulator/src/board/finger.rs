@@ -60,6 +60,34 @@ impl Settling {
     }
 }
 
+/// The same codes for a converter of 12 bits.
+pub fn in_12_bits(mut codes: Codes) -> Codes {
+    let scale = TOP / f64::from(codes.full_scale.top().0);
+    let code = |code: Code| Code((f64::from(code.0) * scale).round() as u16);
+    codes.full_scale = FullScale::BITS_12;
+    if let Some(taxels) = &mut codes.taxels {
+        taxels.lit = taxels.lit.map(|row| row.map(code));
+        taxels.dark = taxels.dark.map(code);
+    }
+    for midpoints in codes.bridges.iter_mut().flatten() {
+        for midpoint in [&mut midpoints.a, &mut midpoints.b, &mut midpoints.c, &mut midpoints.d] {
+            *midpoint = code(*midpoint);
+        }
+    }
+    codes.reference = codes.reference.map(code);
+    codes.temperature = codes.temperature.map(code);
+    codes
+}
+
+/// Something on the pins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Moment {
+    /// Rows that are lit, a bit each, and the sensor that the multiplexer connects.
+    Pattern(u32, usize),
+    /// A sample has been taken.
+    Sample(Source),
+}
+
 /// What was converted in a frame.
 #[derive(Clone, Debug)]
 pub struct Seen {
@@ -73,6 +101,10 @@ pub struct Seen {
 pub struct Finger {
     /// Scan by scan, from the first again after the last.
     scene: Vec<Codes>,
+    /// How long each of them lasts, where it does not last a scan.
+    each: Option<Tick>,
+    /// When the first scan was over.
+    first: Option<Tick>,
     scan: usize,
     rows: u32,
     select: usize,
@@ -81,7 +113,11 @@ pub struct Finger {
     amplified: [Option<usize>; 2],
     begin: Tick,
     sums: Sums,
-    /// Whole frames, oldest first.
+    /// What happens on the pins, if it is kept, and when.
+    pub timing: Option<Vec<(Tick, Moment)>>,
+    /// Whole frames are kept.
+    pub keeps: bool,
+    /// They are, oldest first.
     pub seen: Vec<Seen>,
 }
 
@@ -98,8 +134,19 @@ struct Sums {
 impl Finger {
     /// One that sees these scans, one after the other, in codes of 12 bits.
     pub fn new(scene: Vec<Codes>) -> Self {
+        Self::with(scene, None)
+    }
+
+    /// One that sees each of these for so long, counted from its first scan on.
+    pub fn timed(scene: Vec<Codes>, each: Tick) -> Self {
+        Self::with(scene, Some(each.max(1)))
+    }
+
+    fn with(scene: Vec<Codes>, each: Option<Tick>) -> Self {
         Self {
             scene,
+            each,
+            first: None,
             scan: 0,
             rows: 0,
             select: 0,
@@ -108,6 +155,8 @@ impl Finger {
             amplified: [None; 2],
             begin: 0,
             sums: Sums::default(),
+            timing: None,
+            keeps: true,
             seen: Vec::new(),
         }
     }
@@ -115,6 +164,11 @@ impl Finger {
     /// A step's row, where just one is lit.
     fn row(&self) -> Option<usize> {
         (self.rows.count_ones() == 1).then(|| self.rows.trailing_zeros() as usize)
+    }
+
+    /// When its first scan was over, from which on the scene's times count.
+    pub fn first(&self) -> Option<Tick> {
+        self.first
     }
 
     fn codes(&self) -> Option<&Codes> {
@@ -130,8 +184,15 @@ impl Finger {
             self.end(now);
         }
         (self.rows, self.select) = (rows, select as usize);
+        self.note(now, Moment::Pattern(self.rows, self.select));
         self.light(now);
         self.bridge(now);
+    }
+
+    fn note(&mut self, now: Tick, moment: Moment) {
+        if let Some(timing) = &mut self.timing {
+            timing.push((now, moment));
+        }
     }
 
     /// The frame is over: the next scan of the scene.
@@ -156,10 +217,16 @@ impl Finger {
                 temperature: Some(code(sums.internal[0] * samples)),
                 reference: Some(code(sums.internal[1] * samples)),
             };
-            self.seen.push(Seen { begin: self.begin, codes });
+            if self.keeps {
+                self.seen.push(Seen { begin: self.begin, codes });
+            }
         }
         self.begin = now;
-        self.scan += 1;
+        let first = *self.first.get_or_insert(now);
+        self.scan = match self.each {
+            Some(each) => ((now - first) / each) as usize,
+            None => self.scan + 1,
+        };
     }
 
     fn light(&mut self, now: Tick) {
@@ -197,6 +264,7 @@ impl Finger {
 
     /// The code that a converter without noise gives for what is there now.
     pub fn sample(&mut self, source: Source, now: Tick) -> u32 {
+        self.note(now, Moment::Sample(source));
         let code = |value: f64| value.round().clamp(0.0, TOP) as u32;
         match source {
             Source::Pin(pin) => {

@@ -24,9 +24,11 @@ pub mod names;
 pub mod plain;
 pub mod rcc;
 pub mod script;
+pub mod server;
 pub mod system;
 pub mod time;
 pub mod timer;
+pub mod timing;
 pub mod usb;
 pub mod wires;
 

@@ -42,6 +42,8 @@ pub struct Timer {
     held: u32,
     /// All before this has happened.
     cursor: Tick,
+    /// When it was first started.
+    started: Option<Tick>,
     /// The counter's clock, before the prescaler.
     clock: Tick,
     /// The highest count that it can have.
@@ -75,6 +77,7 @@ impl Timer {
             origin: 0,
             held: 0,
             cursor: 0,
+            started: None,
             clock: 1,
             top,
         }
@@ -82,6 +85,11 @@ impl Timer {
 
     fn running(&self) -> bool {
         self.cr1 & 1 == 1
+    }
+
+    /// When it was first started.
+    pub fn started(&self) -> Option<Tick> {
+        self.started
     }
 
     /// Ticks of one count.
@@ -246,6 +254,7 @@ impl Timer {
         self.cr1 = value;
         if started {
             self.clock = clock;
+            self.started.get_or_insert(now);
             let origin = now.checked_sub(Tick::from(self.held) * self.step());
             self.origin = origin.ok_or("a count from before power-up")?;
             self.cursor = now;

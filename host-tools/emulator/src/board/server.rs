@@ -1,0 +1,119 @@
+//! The emulated port behind a TCP port: an ordinary client connects, and has opened the serial port.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+use super::cpu::{Board, End};
+use super::time::{HZ, Tick, micros, seconds};
+
+/// How often bytes are handed over.
+const SLICE: Tick = micros(1_000);
+/// What the client has not taken yet; the host stops reading beyond that.
+const MOST: usize = 1 << 16;
+/// How long the board may take until it is there.
+const BOOT: Tick = micros(2_000_000);
+
+/// A board behind a port.
+pub struct Server {
+    board: Board,
+    listener: TcpListener,
+    client: Option<TcpStream>,
+    unsent: Vec<u8>,
+}
+
+impl Server {
+    /// Lets the board boot, and listens.
+    pub fn new(mut board: Board, address: &str) -> Result<Self> {
+        board.chip().finger.keeps = false;
+        while !board.chip().host.is_ready() || board.chip().finger.first().is_none() {
+            if board.now() > BOOT {
+                bail!("the board is not there after {:.1} virtual seconds", seconds(board.now()));
+            }
+            step(&mut board)?;
+        }
+        let listener =
+            TcpListener::bind(address).with_context(|| format!("listening on {address}"))?;
+        listener.set_nonblocking(true)?;
+        Ok(Self { board, listener, client: None, unsent: Vec::new() })
+    }
+
+    /// Where it listens, and which of its own microseconds the scene began at.
+    pub fn greeting(&mut self) -> Result<String> {
+        let port = self.listener.local_addr()?.port();
+        let chip = self.board.chip();
+        let began = chip.finger.first().and_then(|first| chip.device_us(first)).unwrap_or(0);
+        Ok(format!("tcp:127.0.0.1:{port} scene at {began} us"))
+    }
+
+    /// Serves one client after the other, in real time or slower, for ever.
+    pub fn serve(mut self) -> Result<()> {
+        let (start, begin) = (Instant::now(), self.board.now());
+        loop {
+            step(&mut self.board)?;
+            self.accept()?;
+            self.exchange();
+            let virtual_time =
+                Duration::from_secs_f64((self.board.now() - begin) as f64 / HZ as f64);
+            std::thread::sleep(virtual_time.saturating_sub(start.elapsed()));
+        }
+    }
+
+    fn accept(&mut self) -> Result<()> {
+        if self.client.is_some() {
+            return Ok(());
+        }
+        match self.listener.accept() {
+            Ok((client, _)) => {
+                client.set_nonblocking(true)?;
+                // A frame is wanted now, not together with the next one.
+                client.set_nodelay(true)?;
+                self.client = Some(client);
+                self.board.chip().host.open(true);
+            }
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+            Err(error) => return Err(error.into()),
+        }
+        Ok(())
+    }
+
+    fn exchange(&mut self) {
+        let Some(client) = &mut self.client else { return };
+        let host = &mut self.board.chip().host;
+        self.unsent.extend(host.take_received());
+        let mut bytes = [0; 4096];
+        let read = match client.read(&mut bytes) {
+            Ok(0) => Err(ErrorKind::UnexpectedEof),
+            Ok(count) => {
+                host.send(&bytes[..count]);
+                Ok(())
+            }
+            Err(error) => Err(error.kind()),
+        };
+        let written = client.write(&self.unsent).map_err(|error| error.kind());
+        if let Ok(count) = written {
+            self.unsent.drain(..count);
+        }
+        host.reading = self.unsent.len() < MOST;
+        if [read, written.map(|_| ())]
+            .iter()
+            .any(|done| matches!(done, Err(kind) if *kind != ErrorKind::WouldBlock))
+        {
+            // It is gone.
+            host.open(false);
+            host.reading = true;
+            self.client = None;
+            self.unsent.clear();
+        }
+    }
+}
+
+/// A millisecond; a board that resets itself starts again, as it would on a desk.
+fn step(board: &mut Board) -> Result<()> {
+    if let End::Reset(cause) = board.run(SLICE)? {
+        eprintln!("{:.6} s: the board resets: {cause:?}", seconds(board.now()));
+    }
+    Ok(())
+}
