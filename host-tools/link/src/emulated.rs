@@ -6,6 +6,7 @@
 //! A replay ([`replay()`]) is lossless and takes as long as the host needs; virtual time then counts
 //! instructions. A live board ([`Emulated::start`] with [`Pace::Live`]) keeps real time.
 
+mod product;
 mod replay;
 
 use std::collections::VecDeque;
@@ -21,6 +22,7 @@ use taxel::session::Pace;
 use taxel::wire::WireError;
 use tempfile::NamedTempFile;
 
+pub use product::{PRODUCT, Product};
 pub use replay::{Replay, replay};
 
 use crate::error::Problem;
@@ -65,12 +67,12 @@ pub enum EmulatedError {
     /// There is no firmware to run.
     #[error(
         "no firmware for the emulated board; run this inside a checkout of the repository, or point \
-         TAXEL_FIRMWARE_DIR to where {BOARD}.elf lies"
+         TAXEL_FIRMWARE_DIR to where {0}.elf lies"
     )]
-    NoFirmware,
+    NoFirmware(&'static str),
     /// The firmware's build failed.
-    #[error("the emulated board's firmware does not build; see `cargo xtask firmware {BOARD}`")]
-    Build,
+    #[error("the emulated board's firmware does not build; see `cargo xtask firmware {0}`")]
+    Build(&'static str),
     /// The operating system refused something.
     #[error("{what}: {error}")]
     System {
@@ -177,7 +179,7 @@ impl Emulated {
     /// # Errors
     /// QEMU or the firmware is missing, or something does not start.
     pub fn start(image: &Image) -> Result<Self, EmulatedError> {
-        Self::start_firmware(&firmware()?, image)
+        Self::start_firmware(&firmware(BOARD)?, image)
     }
 
     /// Starts the firmware in the ELF file `firmware` on `image`.
@@ -290,25 +292,25 @@ impl Read for Reader {
     }
 }
 
-/// The firmware to run.
-fn firmware() -> Result<PathBuf, EmulatedError> {
-    let name = format!("{BOARD}.elf");
+/// The firmware of a board.
+fn firmware(board: &'static str) -> Result<PathBuf, EmulatedError> {
+    let name = format!("{board}.elf");
     if let Some(directory) = std::env::var_os("TAXEL_FIRMWARE_DIR") {
         let path = Path::new(&directory).join(name);
-        return if path.is_file() { Ok(path) } else { Err(EmulatedError::NoFirmware) };
+        return if path.is_file() { Ok(path) } else { Err(EmulatedError::NoFirmware(board)) };
     }
-    let root = checkout().ok_or(EmulatedError::NoFirmware)?;
+    let root = checkout().ok_or(EmulatedError::NoFirmware(board))?;
     // Always, not only where it is missing: what runs shall be what is written. It takes a moment when
     // nothing has changed.
     let built = Process::new("cargo")
-        .args(["run", "--quiet", "--package", "xtask", "--", "firmware", BOARD])
+        .args(["run", "--quiet", "--package", "xtask", "--", "firmware", board])
         .current_dir(&root)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .status();
     match built {
         Ok(status) if status.success() => Ok(root.join("boards/target/firmware").join(name)),
-        _ => Err(EmulatedError::Build),
+        _ => Err(EmulatedError::Build(board)),
     }
 }
 

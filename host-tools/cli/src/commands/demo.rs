@@ -5,6 +5,7 @@
 
 mod emulated;
 mod live;
+mod product;
 mod score;
 
 use std::path::PathBuf;
@@ -41,9 +42,22 @@ pub struct Args {
     /// Put the finger behind this TCP address instead of a pseudo-terminal.
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     tcp: Option<String>,
-    /// Run the firmware on an emulated Cortex-M4F (QEMU) instead.
+    /// Run the firmware on an emulated Cortex-M4F instead.
     #[arg(long, conflicts_with = "tcp")]
     emulated: bool,
+    /// Which board's firmware.
+    #[arg(long, requires = "emulated", value_enum, default_value_t = Board::Mps2An386)]
+    board: Board,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Board {
+    /// Under QEMU, with the scans in its memory.
+    #[value(name = "mps2-an386")]
+    Mps2An386,
+    /// The product's own image, converters and USB and all, on the repository's emulator.
+    #[value(name = "stm32g431")]
+    Stm32G431,
 }
 
 /// A finger whose truth is known.
@@ -90,6 +104,10 @@ struct Report {
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
     let calibration = scene_calibration(args.calibration.as_deref(), &args.scene)?;
+    if args.emulated && args.board == Board::Stm32G431 {
+        let board = product::Board::start(&args.scene, calibration)?;
+        return perform(board, &args, &interrupt);
+    }
     if args.emulated {
         let board = emulated::Board::start(&args.scene, args.duration, calibration)?;
         return perform(board, &args, &interrupt);

@@ -1,0 +1,76 @@
+//! The demo's finger on the emulated product: the very image that is flashed, its converters and its USB.
+
+use taxel::calibration::Calibration;
+use taxel::frame::Frame;
+use taxel_formats::trace::{Sample, TraceHeader, TraceWriter, Truth};
+use taxel_link::Client;
+use taxel_link::emulated::{PRODUCT, Product};
+use taxel_sim::{Scene, Simulator};
+use tempfile::NamedTempFile;
+
+use super::Performer;
+use crate::finger::record;
+
+/// Seed of the scene's noise.
+const SEED: u64 = 1;
+
+/// A running board, and what really happens to its finger.
+pub struct Board {
+    board: Product,
+    calibration: Option<Calibration>,
+    samples: Vec<Sample>,
+    period_us: u64,
+    // The emulator has read it; it goes with this.
+    _trace: NamedTempFile,
+}
+
+impl Board {
+    /// Starts the firmware on a scene.
+    ///
+    /// # Errors
+    /// The scene is wrong, or the emulator or the firmware does not build.
+    pub fn start(scene: &str, calibration: Option<Calibration>) -> anyhow::Result<Self> {
+        let scene = Scene::load(scene)?;
+        let simulator = Simulator::new(&scene, SEED);
+        let header = TraceHeader {
+            full_scale: simulator.full_scale(),
+            rows: scene.device.rows(),
+            bridges: scene.device.sensors(),
+            reference: true,
+            temperature: scene.temperature().is_some(),
+            truth: false,
+            sensor_truth: false,
+        };
+        let samples: Vec<Sample> = simulator.collect();
+        let trace = NamedTempFile::with_suffix(".csv")?;
+        let mut writer = TraceWriter::create(trace.path(), header)?;
+        for sample in &samples {
+            writer.write(sample)?;
+        }
+        writer.finish()?;
+        let board = Product::start(trace.path())?;
+        let period_us = 1_000_000 / u64::from(scene.rate_hz()).max(1);
+        Ok(Self { board, calibration, samples, period_us, _trace: trace })
+    }
+}
+
+impl Performer for Board {
+    fn name(&self) -> String {
+        format!("{PRODUCT} on the emulator, at {}", self.board.port())
+    }
+
+    fn connect(&mut self) -> anyhow::Result<Client> {
+        let client = Client::open(self.board.port(), None)?;
+        if let Some(calibration) = &self.calibration {
+            client.upload_calibration(&record(calibration)?, |_| {})?;
+        }
+        Ok(client)
+    }
+
+    /// What the finger saw when the frame's dark step began.
+    fn truth(&self, frame: &Frame) -> Option<Truth> {
+        let since = frame.time.0.checked_sub(self.board.scene_us())?;
+        let place = (since / self.period_us) as usize % self.samples.len().max(1);
+        self.samples.get(place).map(|sample| sample.truth)
+    }
+}
