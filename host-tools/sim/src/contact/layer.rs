@@ -282,8 +282,8 @@ mod tests {
         // largest facet framed and on the half-space, and of either what is left at r2c0.
         let half = Facets::new(*SKIN, 2.5, 1.9, 4);
         for (centre, quoted) in [
-            ([1.25, 1.25], [0.158, 0.591, 0.017, 0.379]),
-            ([0.0, 0.0], [0.100, 0.492, 0.127, 0.584]),
+            ([1.25, 1.25], [0.157, 0.591, 0.017, 0.379]),
+            ([0.0, 0.0], [0.0995, 0.492, 0.127, 0.584]),
         ] {
             let patches = SPHERE.tractions(&SKIN, centre, [0.0, 0.0, 1.0], 0.0, 0.8);
             let framed = exact_of(&patches);
@@ -296,10 +296,9 @@ mod tests {
         }
     }
 
-    /// The top rung's own error, which docs/simulator.md quotes: every number of its solution finer at once, most
-    /// of it from the reach of frequencies.
+    /// The top rung's own error, which docs/simulator.md quotes: against every number of its solution finer at once.
     #[test]
-    fn the_layer_is_within_half_a_percent_of_a_finer_one() {
+    fn the_layer_is_within_a_seventh_of_a_percent_of_a_finer_one() {
         let finer = Resolution { degrees: 4, reach: 400.0, apart: 6.0, shortest: 18.0 };
         let finer = Series::new(*SKIN, 2.5, 1.9, &finer);
         let rule = Rule::round(Round::Hertz, 16, 32);
@@ -314,7 +313,7 @@ mod tests {
             let best = gather(&rule, patches.iter().flatten(), |at| finer.at(at));
             let errors = usual.iter().zip(best).map(|(usual, best)| (usual - best).abs());
             let worst = errors.fold(0.0, f64::max) / most(&best);
-            assert!((0.004..0.0055).contains(&worst), "{centre:?}: {worst}");
+            assert!(worst < 0.0014, "{centre:?}: {worst}");
         }
     }
 

@@ -57,8 +57,18 @@ pub struct Windows {
 }
 
 impl Windows {
-    /// Windows of `side` mm under a layer of `thickness` mm.
+    /// Windows of `side` mm under a layer of `thickness` mm. What the cut of frequencies leaves out falls as one
+    /// over their reach, so that a solution of half the reach tells how much it is.
     pub fn new(thickness: f64, side: f64, poisson: f64, resolution: &Resolution) -> Self {
+        let near = Resolution { reach: 0.5 * resolution.reach, ..*resolution };
+        let [mut far, near] = [resolution, &near].map(|r| Self::cut(thickness, side, poisson, r));
+        let both = far.coefficients.iter_mut().flatten().zip(near.coefficients.iter().flatten());
+        both.for_each(|(far, near)| *far += *far - near);
+        far
+    }
+
+    /// With no more than the frequencies within reach.
+    fn cut(thickness: f64, side: f64, poisson: f64, resolution: &Resolution) -> Self {
         let (half_side, degrees) = (side / 2.0, resolution.degrees);
         let mut matrix = Stiffness::new(thickness, poisson, half_side, resolution).matrix();
         let each = AXES * degrees * degrees;
