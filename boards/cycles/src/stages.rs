@@ -1,6 +1,7 @@
 //! The list of stages: from codes to wire bytes, then the estimators one by one.
 
 mod frame;
+mod model;
 mod nets;
 
 use taxel::calibration::Calibration;
@@ -25,6 +26,7 @@ pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {
     conditioning(inputs, &calibration, meter);
     estimators(inputs, &calibration, meter);
     nets::stages(signals(inputs, &calibration.bias()).filter_map(|s| s.taxels), meter);
+    model::stages(signals(inputs, &calibration.bias()).filter_map(|s| s.taxels), meter);
     arithmetic(meter);
 }
 

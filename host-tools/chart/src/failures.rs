@@ -26,13 +26,15 @@ pub(crate) const FAILS: f64 = 3.0;
 const TRUSTED: f64 = 0.01;
 
 /// Status bits that tell that something is wrong.
-const FLAGS: [Status; 6] = [
+const FLAGS: [Status; 8] = [
     Status::UNCALIBRATED,
     Status::SATURATED,
     Status::DEAD_TAXEL,
     Status::BRIDGE_FAULT,
     Status::OUT_OF_RANGE,
     Status::STUCK_CHANNEL,
+    Status::NOT_SINGLE,
+    Status::DISAGREE,
 ];
 
 /// What of the finger is mapped.

@@ -121,7 +121,8 @@ pub fn all(
         Method::new(&name, group, &[&name], move |moment| modelled(&fitted.model, &moment.signals))
     }));
     let calibration = calibrated(device, effort, stop)?;
-    step("force sensors");
+    step("model of the skin");
+    methods.push(matrix(&calibration));
     methods.push(sensors(calibration));
     Ok(methods)
 }
@@ -224,6 +225,21 @@ pub(crate) fn calibrated(
     let fitted = taxel_fit::finger::fit(&device.recordings, &options, &mut |_| {}, stop)
         .context("the finger's own calibration")?;
     Ok(fitted.calibration)
+}
+
+/// What the firmware makes of the optical matrix alone: the model of the skin, with shear looked for in every
+/// frame because no force sensor says that there is none.
+fn matrix(calibration: &Calibration) -> Method {
+    let alone = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
+    let (finger, mut state) = Finger::new(Some(alone));
+    Method::new("model", Group::Finger, &["model, with shear"], move |moment| {
+        let mut scan = moment.sample.scan;
+        scan.codes.bridges = Default::default();
+        let estimate = finger.estimate(&mut state, &scan);
+        let force = [estimate.force.x, estimate.force.y, estimate.force.z];
+        let point = estimate.point.ok().map(|point| [point.x.0, point.y.0].map(f64::from));
+        Said { force: force.map(|f| f.ok().map(|f| f64::from(f.0))), point }
+    })
 }
 
 /// The sum of f = S(u − b) over the force sensors (003).

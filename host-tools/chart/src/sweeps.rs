@@ -42,7 +42,7 @@ pub fn all() -> Vec<Sweep> {
         ),
         sweep(
             "overload / N",
-            &[1.0, 1.5, 2.0, 2.2, 2.5, 3.0, 4.0, 6.0, 9.0],
+            &[1.0, 1.5, 2.0, 2.2, 2.5, 3.0, 3.5, 4.0],
             |v| v <= 2.0,
             |device, v| run(device, &Run { acts: &presses([v, v], 0.0), ..Run::default() }),
         ),
@@ -84,7 +84,7 @@ pub fn all() -> Vec<Sweep> {
                 let indenter = format!("kind = 'punch'\nradius_mm = {v}");
                 run(
                     device,
-                    &Run { indenter: &indenter, acts: &presses([0.2, 1.0], 0.0), ..Run::default() },
+                    &Run { indenter: &indenter, acts: &presses([0.2, 0.6], 0.0), ..Run::default() },
                 )
             },
         ),
