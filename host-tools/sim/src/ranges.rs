@@ -263,8 +263,10 @@ ranges! {
     roll: 0.0 to 5.0;
 }
 
-/// A coordinate on the pad, which is 10 mm square.
-const PAD: Limits = Limits { low: -5.0, high: 5.0, outside: "off the pad" };
+/// Side of the pad in mm.
+pub const PAD_MM: f64 = 10.0;
+/// A coordinate on the pad.
+const PAD: Limits = Limits { low: -0.5 * PAD_MM, high: 0.5 * PAD_MM, outside: "off the pad" };
 
 /// A coordinate on the pad.
 pub fn on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {

@@ -39,7 +39,7 @@ pub fn taken(device: &Device, contacts: Contacts) -> Contacts {
         },
         Kind::OhkaMicro => |_, load| Load { slip: feeler::Spot::under(load.force).slip, ..load },
         Kind::OhkaColumn => |_, load| {
-            let column = column::CENTRES.get(column::nearest(load.point)).copied();
+            let column = column::below(load.point).and_then(|at| column::CENTRES.get(at).copied());
             Load { point: column.unwrap_or(load.point), ..load }
         },
         Kind::Taxel4x4 | Kind::Taxel4x1 | Kind::Mems3Axis | Kind::OhkaSheet => return contacts,

@@ -94,6 +94,27 @@ impl Indenter {
         }
     }
 
+    /// How far the contact reaches from its middle along x and along y, in mm, under `normal` newtons.
+    #[must_use]
+    pub fn sides(&self, skin: &HalfSpace, normal: f64) -> [f64; 2] {
+        let [along, across] = self.half_extents(skin, normal);
+        if matches!(self, Self::Cylinder { .. } | Self::Block { .. } | Self::Edge { .. }) {
+            let [cos, sin] = [self.turn().cos().abs(), self.turn().sin().abs()];
+            [along * cos + across * sin, along * sin + across * cos]
+        } else {
+            [along; 2]
+        }
+    }
+
+    /// The radius that its face is curved with, in mm; `None` of what is not round.
+    #[must_use]
+    pub fn radius(&self) -> Option<f64> {
+        match *self {
+            Self::Sphere { radius } | Self::Cylinder { radius, .. } => Some(radius),
+            _ => None,
+        }
+    }
+
     /// How far in mm it sinks into the skin's surface under `normal` newtons (Johnson §3.8, §4.2, §5.2); one
     /// that lies on it, in its middle, as the sum of lines of its length. `None` of a tip, which has no size.
     #[must_use]

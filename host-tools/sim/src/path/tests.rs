@@ -64,11 +64,11 @@ fn random_presses_are_the_seeds() {
 
 #[test]
 fn a_tap_is_half_a_sine() {
-    let mut path = path("[[tap]]\nat_s = 1\nx_mm = 1\ny_mm = 2\nfz_n = 3\nwidth_s = 0.02\n");
+    let mut path = path("[[tap]]\nat_s = 1\nx_mm = 1\ny_mm = 2\nfz_n = 2\nwidth_s = 0.02\n");
     assert_eq!(one(&mut path, 0.999), None);
     let peak = one(&mut path, 1.01).unwrap();
-    assert!((peak.force[2] - 3.0).abs() < 1e-12 && peak.point == [1.0, 2.0]);
-    assert!((one(&mut path, 1.0 + 0.02 / 6.0).unwrap().force[2] - 1.5).abs() < 1e-9);
+    assert!((peak.force[2] - 2.0).abs() < 1e-12 && peak.point == [1.0, 2.0]);
+    assert!((one(&mut path, 1.0 + 0.02 / 6.0).unwrap().force[2] - 1.0).abs() < 1e-9);
     assert_eq!(one(&mut path, 1.021), None);
 }
 

@@ -241,6 +241,7 @@ fn a_device_refuses_what_its_laws_do_not_hold_for() {
     refuses(&format!("{}{PRESS}", device("ohka-micro")), 6, &["1.0000 N", "up to 0.012 N"]);
     let aside = PRESS.replace("x_mm = 0", "x_mm = 1").replace("fz_n = 1", "fz_n = 0.01");
     refuses(&format!("{}{aside}", device("ohka-micro")), 6, &["one feeler", "0, 0"]);
+    refuses(&format!("{}{aside}", device("mems-3axis")), 6, &["one force sensor", "0, 0"]);
     let slide = "[[slide]]\nat_s = 1\nfrom_mm = [0, 0]\nto_mm = [1, 1]\nfz_n = 0.1\nrise_s = 1\n\
                  travel_s = 1\nfall_s = 1\n";
     refuses(&format!("{}{slide}", device("ohka-column")), 6, &["[[press]]", "[[plate]]"]);
@@ -253,6 +254,75 @@ fn a_device_refuses_what_its_laws_do_not_hold_for() {
     refuses(&layer, 1, &["fidelity", "4×4 finger"]);
     refuses(&format!("{}surface = {{ sphere = 3 }}\n", device("mems-array")), 6, &["8 to 1000"]);
     refuses(&format!("{}[bench]\nsensor = 1\n", device("mems-3axis")), 7, &["no sensor 1"]);
+}
+
+/// A press of `fz_n` newtons at a place.
+fn press(at_s: f64, [x, y]: [f64; 2], fz_n: f64) -> String {
+    format!(
+        "[[press]]\nat_s = {at_s}\nx_mm = {x}\ny_mm = {y}\nfz_n = {fz_n}\nrise_s = 0.1\nhold_s = 1\n\
+         fall_s = 0.1\n"
+    )
+}
+
+#[test]
+fn a_column_is_pressed_on_its_tip_and_no_harder_by_several_than_by_one() {
+    let columns = format!("{SCAN}[device]\nkind = 'ohka-column'\n[indenter]\nkind = 'point'\n");
+    let between = format!("{columns}{}", press(1.0, [0.0, 0.0], 0.1));
+    refuses(&between, 8, &["0, 0 mm", "no column", "-2.5, -2.5", "1 mm in radius"]);
+    let both = |x: f64, y: f64, at_s: f64| {
+        let second = press(at_s, [x, y], 0.2);
+        format!("{columns}{}{second}", press(1.0, [2.5, 2.5], 0.2))
+    };
+    refuses(&both(2.8, 2.2, 2.0), 16, &["0.4000 N", "2.2 s", "up to 0.3 N", "0.1000 N at most"]);
+    for (x, y, at_s) in [(-2.5, 2.5, 2.0), (2.8, 2.2, 2.2)] {
+        assert!(Scene::parse("my.toml", &both(x, y, at_s)).is_ok(), "{x} {y} {at_s}");
+    }
+}
+
+#[test]
+fn a_contact_larger_than_the_pad_is_refused() {
+    let on = |head: &str, indenter: &str, place: [f64; 2], fz_n: f64| {
+        format!("{head}{SCAN}[indenter]\n{indenter}\n{}", press(1.0, place, fz_n))
+    };
+    let walls = "effects = ['walls']\n";
+    for head in ["", walls] {
+        let line = if head.is_empty() { 6 } else { 7 };
+        for radius in [300, 1000] {
+            let large = on(head, &format!("radius_mm = {radius}"), [0.0, 0.0], 2.0);
+            refuses(&large, line, &["[[press]]", "along x", "may reach 8 mm", "move it inwards"]);
+        }
+    }
+    // What counts is the area at its largest, where it is.
+    let cylinder = |turn: f64| format!("kind = 'cylinder'\nlength_mm = 10\nturn_deg = {turn}");
+    refuses(&on("", &cylinder(0.0), [4.5, 0.0], 0.5), 8, &["9.50 mm along x"]);
+    assert!(Scene::parse("my.toml", &on("", &cylinder(90.0), [4.5, 0.0], 0.5)).is_ok());
+    refuses(&on("", "radius_mm = 6", [0.0, -4.99], 2.0), 6, &["8.05 mm along y"]);
+    assert!(Scene::parse("my.toml", &on("", "radius_mm = 6", [4.9, -4.9], 2.0)).is_ok());
+    // A thinner layer repeats sooner.
+    let thin = "[layer]\ndepth_mm = 1\n";
+    let text = on(walls, "kind = 'punch'\nradius_mm = 2.5", [4.6, 0.0], 0.1);
+    refuses(&format!("{text}{thin}"), 8, &["7.10 mm along x", "may reach 7 mm"]);
+}
+
+#[test]
+fn a_contact_beyond_the_laws_of_hertz_is_refused() {
+    let on = |indenter: &str, layer: &str, fz_n: f64| {
+        format!("{SCAN}[layer]\n{layer}\n[indenter]\n{indenter}\n{}", press(1.0, [0.0; 2], fz_n))
+    };
+    let small = on("radius_mm = 2", "depth_mm = 20", 1.0);
+    refuses(
+        &small,
+        8,
+        &["1.68 mm", "`radius_mm` of 2", "0.7 of it, 1.40 mm", "`fz_n` of 0.575 at most"],
+    );
+    assert!(Scene::parse("my.toml", &on("radius_mm = 2", "depth_mm = 20", 0.575)).is_ok());
+    let deep = on("radius_mm = 6", "depth_mm = 2", 2.0);
+    refuses(
+        &deep,
+        8,
+        &["1.56 mm", "`depth_mm` 2 mm", "0.7 of it, 1.40 mm", "`fz_n` of 1.702 at most"],
+    );
+    assert!(Scene::parse("my.toml", &on("radius_mm = 6", "depth_mm = 2", 1.702)).is_ok());
 }
 
 #[test]
@@ -325,10 +395,10 @@ fn a_fault_names_what_it_needs_and_what_the_finger_has() {
 #[test]
 fn what_would_go_through_the_skin_is_refused_and_says_what_to_change() {
     let words = ["`depth_mm`", "`fz_n`", "[indenter]", "[material]"];
-    // A sphere of 6 mm with 4 N goes 2.5 mm deep (a²/R).
-    refuses(&format!("{SCAN}{}", PRESS.replace("fz_n = 1", "fz_n = 4.2")), 4, &words);
+    // A sphere of 6 mm with 2.379 N goes 1.75 mm deep (a²/R).
+    refuses(&format!("{SCAN}{}", PRESS.replace("fz_n = 1", "fz_n = 2.38")), 4, &words);
     assert!(
-        Scene::parse("my.toml", &format!("{SCAN}{}", PRESS.replace("fz_n = 1", "fz_n = 3.9")))
+        Scene::parse("my.toml", &format!("{SCAN}{}", PRESS.replace("fz_n = 1", "fz_n = 2.37")))
             .is_ok()
     );
     for indenter in ["sphere", "punch", "corner", "cylinder", "block", "edge", "point"] {
@@ -339,7 +409,7 @@ fn what_would_go_through_the_skin_is_refused_and_says_what_to_change() {
     // A cold skin is softer; on a bench there is none.
     let cold = format!(
         "effects = ['temperature']\n{SCAN}[temperature]\nstart_c = -40\nend_c = 20\n{}",
-        PRESS.replace("fz_n = 1", "fz_n = 3.9")
+        PRESS.replace("fz_n = 1", "fz_n = 2.37")
     );
     refuses(&cold, 8, &words);
     let bench = format!("{SCAN}[bench]\nsensor = 0\n{}", PRESS.replace("fz_n = 1", "fz_n = 9"));

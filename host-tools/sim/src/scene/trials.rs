@@ -6,7 +6,7 @@ use super::read::Problem;
 use super::{Act, Kind, Scene};
 use crate::path::Load;
 use crate::ranges::{self, Whole};
-use crate::systems::column::{COLUMNS, PITCH_MM, SPRING};
+use crate::systems::column::{self, CENTRES, COLUMNS, MOST_N, PITCH_MM, SPRING, TIP_MM};
 use crate::systems::feeler::LINEAR_N;
 use crate::systems::sheet::{FEELERS, Sheet, centre};
 
@@ -101,6 +101,7 @@ impl Plate {
 /// The acts are such as the device's laws hold for.
 pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     let kind = scene.device.kind;
+    let mut before: Vec<Act> = vec![];
     for (span, act) in Act::all(scene) {
         if matches!(act, Act::Plate(_)) && kind != Kind::OhkaColumn {
             let problem = "a plate needs columns; write `kind = \"ohka-column\"` in [device]";
@@ -115,19 +116,56 @@ pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
                 format!("{normal:.4} N on a contact; the laws of this device hold up to {most} N");
             return Err((span, problem));
         }
-        if kind == Kind::OhkaMicro && way != [[0.0; 2]; 2] {
-            let problem = "this device sees one feeler, at 0, 0; the force is put nowhere else";
-            return Err((span, problem.into()));
+        if matches!(kind, Kind::OhkaMicro | Kind::Mems3Axis) && way != [[0.0; 2]; 2] {
+            let what = if kind == Kind::OhkaMicro { "feeler" } else { "force sensor" };
+            let problem =
+                format!("this device is one {what}, at 0, 0; the force is put nowhere else");
+            return Err((span, problem));
         }
         if kind == Kind::OhkaSheet {
             on_sheet(scene, &act).map_err(|problem| (span.clone(), problem))?;
         }
-        let placed = matches!(act, Act::Press(_) | Act::Tap(_) | Act::Plate(_));
-        if kind == Kind::OhkaColumn && !placed {
-            let problem = "columns take [[press]], [[tap]] and [[plate]]; a contact cannot move \
-                           from one to another";
-            return Err((span, problem.into()));
+        if kind == Kind::OhkaColumn {
+            on_columns(&act, &before).map_err(|problem| (span.clone(), problem))?;
+            before.push(act);
         }
+    }
+    Ok(())
+}
+
+/// It stays on the tip of one column, which carries no more than its law holds for together with those of the
+/// acts `before` that have not ended.
+fn on_columns(act: &Act, before: &[Act]) -> Result<(), String> {
+    if matches!(act, Act::Plate(_)) {
+        return Ok(());
+    }
+    if !matches!(act, Act::Press(_) | Act::Tap(_)) {
+        return Err(
+            "columns take [[press]], [[tap]] and [[plate]]; a contact cannot move from one to \
+                    another"
+                .into(),
+        );
+    }
+    let column = |act: &Act| column::below(act.reach().1[0]);
+    let Some(on) = column(act) else {
+        let [x, y] = act.reach().1[0];
+        return Err(format!(
+            "is put at {x}, {y} mm, where no column stands; their tips are at {} mm and {TIP_MM} mm in radius",
+            CENTRES.map(|[x, y]| format!("{x}, {y}")).join(" or ")
+        ));
+    };
+    let still =
+        before.iter().filter(|other| other.end_s() > act.at_s() && column(other) == Some(on));
+    let (others, until) = still.fold((0.0, 0.0f64), |(sum, until), other| {
+        (sum + other.reach().0, until.max(other.end_s()))
+    });
+    let sum = act.reach().0 + others;
+    if others > 0.0 && sum > MOST_N {
+        return Err(format!(
+            "brings the force on its column to {sum:.4} N, with what lasts until {until} s; the laws of this \
+             device hold up to {MOST_N} N: press with {:.4} N at most, or begin when the others have ended",
+            (MOST_N - others).max(0.0)
+        ));
     }
     Ok(())
 }

@@ -60,10 +60,12 @@ pub fn areas([fx, fy, fz]: [f64; 3]) -> [f64; 4] {
     [sum + x + y, sum - x + y, sum - x - y, sum + x - y].map(|s| (0.25 * s).max(0.0))
 }
 
-/// The column whose tip is nearest to `point`.
+/// The column on whose tip `point` lies; `None` between them. Where on its tip it lies makes no difference: the
+/// paper's laws know no moment.
 #[must_use]
-pub fn nearest([x, y]: [f64; 2]) -> usize {
-    2 * usize::from(y >= 0.0) + usize::from(x >= 0.0)
+pub fn below(point: [f64; 2]) -> Option<usize> {
+    let away = |centre: [f64; 2]| (point[0] - centre[0]).hypot(point[1] - centre[1]);
+    CENTRES.into_iter().position(|centre| away(centre) <= TIP_MM)
 }
 
 /// The four columns of a device.
@@ -87,13 +89,13 @@ impl Columns {
         Self { gains }
     }
 
-    /// Light on each phototransistor beyond the dark, in full scales, with these loads on the tips of the
-    /// columns that are nearest to them.
+    /// Light on each phototransistor beyond the dark, in full scales, with these loads on the tips of
+    /// columns.
     #[must_use]
     pub fn light(&self, loads: &[Load]) -> [f64; TAXELS] {
         let mut forces = [[0.0; 3]; COLUMNS];
         for load in loads {
-            if let Some(force) = forces.get_mut(nearest(load.point)) {
+            if let Some(force) = below(load.point).and_then(|column| forces.get_mut(column)) {
                 force.iter_mut().zip(load.force).for_each(|(sum, part)| *sum += part);
             }
         }
@@ -149,7 +151,7 @@ mod tests {
         let columns = Columns::new(&scene);
         let rest = columns.light(&[]);
         for (column, point) in CENTRES.into_iter().enumerate() {
-            assert_eq!(nearest(point), column);
+            assert_eq!(below(point), Some(column));
             let load = Load { point, force: [0.02, 0.01, 0.1], ..Load::default() };
             let light = columns.light(&[load]);
             let lit: Vec<usize> = (0..TAXELS).filter(|k| light[*k] != rest[*k]).collect();

@@ -13,11 +13,10 @@ use core::f64::consts::{PI, TAU};
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
 use super::spectrum::{Wave, bessel};
+use crate::ranges::PAD_MM;
 
 /// Directions of a displacement.
 const AXES: usize = 3;
-/// Side of the pad in mm.
-const PAD_MM: f64 = 10.0;
 
 /// How finely the layer is solved.
 #[derive(Clone, Copy, Debug)]

@@ -27,15 +27,15 @@ impl Draw {
     fn indenter(&mut self, seed: u64) -> String {
         let axis = format!(
             "length_mm = {}\nturn_deg = {}",
-            self.between(2.0, 10.0),
+            self.between(2.0, 6.0),
             self.between(-90.0, 90.0)
         );
         let kind = match seed % 7 {
             0 => format!("kind = 'sphere'\nradius_mm = {}", self.between(2.0, 15.0)),
-            1 => format!("kind = 'punch'\nradius_mm = {}", self.between(0.5, 4.0)),
+            1 => format!("kind = 'punch'\nradius_mm = {}", self.between(0.5, 3.0)),
             2 => format!("kind = 'corner'\nslope = {}", self.between(0.2, 0.8)),
             3 => format!("kind = 'cylinder'\nradius_mm = {}\n{axis}", self.between(2.0, 15.0)),
-            4 => format!("kind = 'block'\nwidth_mm = {}\n{axis}", self.between(0.5, 6.0)),
+            4 => format!("kind = 'block'\nwidth_mm = {}\n{axis}", self.between(0.5, 3.0)),
             5 => format!("kind = 'edge'\nslope = {}\n{axis}", self.between(0.2, 0.8)),
             _ => "kind = 'point'".to_owned(),
         };
