@@ -5,6 +5,7 @@ pub mod calibrate;
 pub mod chart;
 pub mod demo;
 pub mod dfu;
+pub mod export;
 pub mod info;
 pub mod record;
 pub mod replay;

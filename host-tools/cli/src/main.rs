@@ -24,8 +24,8 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-PORT is a serial device (/dev/ttyACM0, COM3), tcp:HOST:PORT, file:TRACE.csv, which is played back in
-real time, or sim:SCENE, a virtual finger. Without hardware, start with `taxel demo`.";
+PORT is a serial device (/dev/ttyACM0, COM3), tcp:HOST:PORT, file:PATH, a trace or recording
+played back in real time, or sim:SCENE, a virtual finger. Without hardware, start with `taxel demo`.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -35,6 +35,7 @@ enum Command {
     Calibrate(commands::calibrate::Args),
     Chart(commands::chart::Args),
     Record(commands::record::Args),
+    Export(commands::export::Args),
     Serve(commands::serve::Args),
     Info(commands::info::Args),
     Bias(commands::bias::Args),
@@ -55,6 +56,7 @@ fn main() -> ExitCode {
         Command::Calibrate(args) => commands::calibrate::run(args),
         Command::Chart(args) => commands::chart::run(args),
         Command::Record(args) => commands::record::run(args),
+        Command::Export(args) => commands::export::run(args),
         Command::Serve(args) => commands::serve::run(args),
         Command::Info(args) => commands::info::run(args),
         Command::Bias(args) => commands::bias::run(args),

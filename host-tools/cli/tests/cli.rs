@@ -64,7 +64,7 @@ fn trace(directory: &Path, scans: u64) -> String {
 fn lines(path: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(path).unwrap();
     assert!(text.ends_with('\n'));
-    let mut lines = text.lines();
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let cells = lines.next().unwrap().split(',').count();
     lines
         .map(|line| {

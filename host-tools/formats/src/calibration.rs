@@ -103,9 +103,17 @@ pub fn parse(path: &Path, text: &str) -> Result<Calibration, FileError> {
 /// The record is not valid, or the file cannot be written.
 pub fn write(path: impl AsRef<Path>, calibration: &Calibration) -> Result<(), FileError> {
     let path = path.as_ref();
+    save(path, &to_text(path, calibration)?)
+}
+
+/// The text of the file that [`write`] writes; `path` is only for messages.
+///
+/// # Errors
+/// The record is not valid.
+pub fn to_text(path: &Path, calibration: &Calibration) -> Result<String, FileError> {
     let crc = record_crc(calibration)
         .map_err(|error| FileError::new(path, format!("not written: {error}")))?;
-    save(path, Kind::Finger, crc, &FingerFile::new(calibration))
+    text_of(path, Kind::Finger, crc, &FingerFile::new(calibration))
 }
 
 /// Reads the model of a table.
@@ -126,7 +134,7 @@ pub fn read_table<T: Serialize + DeserializeOwned>(path: impl AsRef<Path>) -> Re
 /// The file cannot be written.
 pub fn write_table<T: Serialize>(path: impl AsRef<Path>, model: &T) -> Result<(), FileError> {
     let path = path.as_ref();
-    save(path, Kind::Table, model_crc(path, model)?, model)
+    save(path, &text_of(path, Kind::Table, model_crc(path, model)?, model)?)
 }
 
 fn text(path: &Path) -> Result<String, FileError> {
@@ -167,10 +175,12 @@ fn open<T: DeserializeOwned>(
     Ok((head, file.body))
 }
 
-fn save<T: Serialize>(path: &Path, kind: Kind, crc: u32, body: &T) -> Result<(), FileError> {
+fn text_of<T: Serialize>(path: &Path, kind: Kind, crc: u32, body: &T) -> Result<String, FileError> {
     let file = File { taxel_calibration: VERSION, kind, crc32: format!("{crc:08x}"), body };
-    let text = toml::to_string(&file)
-        .map_err(|error| FileError::new(path, format!("not written: {error}")))?;
+    toml::to_string(&file).map_err(|error| FileError::new(path, format!("not written: {error}")))
+}
+
+fn save(path: &Path, text: &str) -> Result<(), FileError> {
     // Beside it first, then in its place: a full disk does not cost the calibration that was there.
     let beside = path.with_extension("toml.part");
     let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, path));

@@ -47,7 +47,7 @@ impl FileError {
     }
 
     /// What a CSV writer met on `path`.
-    pub(crate) fn csv(path: impl AsRef<Path>, error: csv::Error) -> Self {
+    pub fn csv(path: impl AsRef<Path>, error: csv::Error) -> Self {
         match error.into_kind() {
             csv::ErrorKind::Io(error) => Self::io(path, &error),
             other => Self::new(path, format!("{other:?}")),

@@ -1,201 +1,239 @@
-//! Frames CSV: what the finger said, one line a frame.
+//! What the finger said as a row of named columns: the same in every kind of recording.
 //!
-//! `t_us seq status`, then a column for every value of the chosen fields, unit in the name; an empty cell
-//! is a value that the finger did not give.
+//! `t_us seq status`, then a column for every value of the chosen fields, unit in the name. A cell is
+//! empty where the frame does not carry its field or the finger has no such channel, and holds the reason
+//! where the finger withheld the value.
 
-use std::fs::File;
-use std::io::BufWriter;
-use std::path::{Path, PathBuf};
+use std::fmt;
 
-use taxel::estimate::slip::Verdict;
-use taxel::estimate::{Force, NormalContact};
+use taxel::estimate::Force;
 use taxel::frame::{Fields, Frame, Status};
-use taxel::measured::Measured;
+use taxel::measured::{Measured, NoValue};
 use taxel::scan::{ROWS, SENSORS, TAXELS};
-use taxel::units::{Millimetres, Newtons};
 
-use crate::error::FileError;
 use crate::trace::{bridge_names, sensor_truth_names, taxel_names};
 
-/// Writes frames line by line.
-pub struct FramesWriter {
-    path: PathBuf,
-    fields: Fields,
-    records: csv::Writer<BufWriter<File>>,
-    row: Vec<String>,
+/// A column.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Column {
+    /// Its name, unit included.
+    pub name: String,
+    /// What its cells hold.
+    pub kind: Kind,
 }
 
-impl FramesWriter {
-    /// Creates the file and writes its header.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn create(path: impl AsRef<Path>, fields: Fields) -> Result<Self, FileError> {
-        let path = path.as_ref().to_owned();
-        let file = File::create(&path).map_err(|error| FileError::io(&path, &error))?;
-        let records = csv::Writer::from_writer(BufWriter::new(file));
-        let mut writer = Self { path, fields, records, row: header(fields) };
-        writer.flush_row()?;
-        Ok(writer)
-    }
+/// What the cells of a column hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Whole numbers.
+    Whole,
+    /// Real numbers.
+    Real,
+    /// Real numbers, or the reason why there is none.
+    Measured,
+}
 
-    /// One line.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn write(&mut self, frame: &Frame) -> Result<(), FileError> {
-        let row = &mut self.row;
-        row.push(frame.time.0.to_string());
-        row.push(frame.seq.to_string());
-        row.push(frame.status.0.to_string());
-        let on = |field| self.fields.contains(field);
-        if on(Fields::FORCE) {
-            push_force(row, frame.force);
-        }
-        if on(Fields::POINT) {
-            let point = frame.point.and_then(Result::ok);
-            let cell = |value: Option<Millimetres>| value.map(|v| v.0.to_string());
-            row.push(cell(point.map(|p| p.x)).unwrap_or_default());
-            row.push(cell(point.map(|p| p.y)).unwrap_or_default());
-        }
-        if on(Fields::TORSION) {
-            let torsion = frame.torsion.and_then(Result::ok);
-            row.push(torsion.map(|torsion| torsion.0.to_string()).unwrap_or_default());
-        }
-        row.push(u8::from(frame.status.contains(Status::CONTACT)).to_string());
-        if on(Fields::SLIP) {
-            row.push(u8::from(frame.status.contains(Status::SLIDES)).to_string());
-            let verdict = frame.slip.and_then(Result::ok);
-            let cell = |value: fn(&Verdict) -> f32| {
-                verdict.as_ref().map(|verdict| value(verdict).to_string()).unwrap_or_default()
-            };
-            row.extend([cell(|v| v.margin), cell(|v| v.friction), cell(|v| v.grip.0)]);
-        }
-        if on(Fields::CONTACTS) {
-            let contacts = frame.contacts.and_then(Result::ok);
-            for i in 0..2 {
-                let contact = contacts.map(|contacts| contacts[i]);
-                let cell = |value: fn(&NormalContact) -> f32| {
-                    contact.as_ref().map(|contact| value(contact).to_string()).unwrap_or_default()
-                };
-                row.extend([cell(|c| c.point.x.0), cell(|c| c.point.y.0), cell(|c| c.normal.0)]);
-            }
-        }
-        if on(Fields::SENSORS) {
-            for i in 0..SENSORS {
-                push_force(row, frame.sensors.map(|sensors| sensors[i]));
-            }
-        }
-        if on(Fields::SIGNALS) {
-            push_signals(row, frame);
-        }
-        if on(Fields::CODES) {
-            push_codes(row, frame);
-        }
-        self.flush_row()
-    }
+/// A value in a row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cell {
+    /// Not asked for, or no such channel.
+    Empty,
+    /// Of a [`Kind::Whole`] column.
+    Whole(u64),
+    /// Of the other two.
+    Real(f32),
+    /// Of a [`Kind::Measured`] column: withheld, and why.
+    Withheld(NoValue),
+}
 
-    /// Makes what was written so far safe from a crash of this process.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn flush(&mut self) -> Result<(), FileError> {
-        self.records.flush().map_err(|error| FileError::io(&self.path, &error))
-    }
-
-    /// Ends the file; a writer that is merely dropped cannot say that the disk was full.
-    ///
-    /// # Errors
-    /// The last lines could not be written.
-    pub fn finish(mut self) -> Result<(), FileError> {
-        self.flush()
-    }
-
-    fn flush_row(&mut self) -> Result<(), FileError> {
-        let written = self.records.write_record(&self.row);
-        self.row.clear();
-        written.map_err(|error| FileError::csv(&self.path, error))
+/// As it stands in a CSV file: nothing where there is no value.
+impl fmt::Display for Cell {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty | Self::Withheld(_) => Ok(()),
+            Self::Whole(value) => value.fmt(f),
+            Self::Real(value) => value.fmt(f),
+        }
     }
 }
 
-fn header(fields: Fields) -> Vec<String> {
+/// The words for the reasons, as files and pages use them.
+#[must_use]
+pub const fn reason(reason: NoValue) -> &'static str {
+    match reason {
+        NoValue::Uncalibrated => "uncalibrated",
+        NoValue::NoContact => "no contact",
+        NoValue::Saturated => "saturated",
+        NoValue::DeadChannel => "dead channel",
+        NoValue::OutOfTrainedRange => "out of trained range",
+        NoValue::IllConditioned => "ill-conditioned",
+        NoValue::Absent => "absent",
+        NoValue::NotEstimated => "not estimated",
+    }
+}
+
+/// Every reason, in the order of the wire's numbers.
+pub const REASONS: [NoValue; 8] = [
+    NoValue::Uncalibrated,
+    NoValue::NoContact,
+    NoValue::Saturated,
+    NoValue::DeadChannel,
+    NoValue::OutOfTrainedRange,
+    NoValue::IllConditioned,
+    NoValue::Absent,
+    NoValue::NotEstimated,
+];
+
+/// The columns of frames with these fields.
+#[must_use]
+pub fn columns(fields: Fields) -> Vec<Column> {
     let on = |field| fields.contains(field);
-    let mut names: Vec<String> = ["t_us", "seq", "status"].map(str::to_owned).into();
+    let mut columns = Vec::new();
+    let mut add = |kind: Kind, names: &[&str]| {
+        columns.extend(names.iter().map(|name| Column { name: (*name).to_owned(), kind }));
+    };
+    add(Kind::Whole, &["t_us", "seq", "status"]);
     if on(Fields::FORCE) {
-        names.extend(["fx_n", "fy_n", "fz_n"].map(str::to_owned));
+        add(Kind::Measured, &["fx_n", "fy_n", "fz_n"]);
     }
     if on(Fields::POINT) {
-        names.extend(["x_mm", "y_mm"].map(str::to_owned));
+        add(Kind::Measured, &["x_mm", "y_mm"]);
     }
     if on(Fields::TORSION) {
-        names.push("torsion_nmm".to_owned());
+        add(Kind::Measured, &["torsion_nmm"]);
     }
-    names.push("contact".to_owned());
+    add(Kind::Whole, &["contact"]);
     if on(Fields::SLIP) {
-        names.extend(["slip", "slip_margin", "friction", "grip_n"].map(str::to_owned));
+        add(Kind::Whole, &["slip"]);
+        add(Kind::Measured, &["slip_margin", "friction", "grip_n"]);
     }
     if on(Fields::CONTACTS) {
-        names.extend((1..=2).flat_map(|i| {
-            ["x", "y"]
-                .map(|axis| format!("contact{i}_{axis}_mm"))
-                .into_iter()
-                .chain([format!("contact{i}_fz_n")])
-        }));
+        for i in ["1", "2"] {
+            let names = ["x_mm", "y_mm", "fz_n"].map(|value| format!("contact{i}_{value}"));
+            add(Kind::Measured, &names.each_ref().map(String::as_str));
+        }
     }
+    let mut add = |kind: Kind, names: Vec<String>| {
+        columns.extend(names.into_iter().map(|name| Column { name, kind }));
+    };
     if on(Fields::SENSORS) {
-        names.extend((0..SENSORS).flat_map(sensor_truth_names));
+        add(Kind::Measured, (0..SENSORS).flat_map(sensor_truth_names).collect());
     }
     if on(Fields::SIGNALS) {
-        names.extend((0..TAXELS).map(|k| format!("c_r{}c{}", k / 4, k % 4)));
-        names.extend((0..SENSORS).flat_map(|i| ["x", "y", "z"].map(|u| format!("s{i}_u{u}"))));
-        names.extend(["saturated", "dead", "bridge_faults"].map(str::to_owned));
+        add(Kind::Real, (0..TAXELS).map(|k| format!("c_r{}c{}", k / 4, k % 4)).collect());
+        let bridge = |i| ["x", "y", "z"].map(|u| format!("s{i}_u{u}"));
+        add(Kind::Real, (0..SENSORS).flat_map(bridge).collect());
+        add(Kind::Whole, ["saturated", "dead", "bridge_faults"].map(str::to_owned).into());
     }
     if on(Fields::CODES) {
-        names.extend(taxel_names(ROWS));
-        names.extend((0..SENSORS).flat_map(bridge_names));
-        names.extend(["aux_vref", "aux_temp"].map(str::to_owned));
+        add(Kind::Whole, taxel_names(ROWS));
+        add(Kind::Whole, (0..SENSORS).flat_map(bridge_names).collect());
+        add(Kind::Whole, ["aux_vref", "aux_temp"].map(str::to_owned).into());
     }
-    names
+    columns
 }
 
-fn push_force(row: &mut Vec<String>, force: Option<Force>) {
-    let cell = |component: fn(&Force) -> Measured<Newtons>| {
-        let value = force.as_ref().and_then(|force| component(force).ok());
-        value.map(|newtons| newtons.0.to_string()).unwrap_or_default()
+/// Appends the cells of a frame, one for each of [`columns`].
+pub fn cells(frame: &Frame, fields: Fields, row: &mut Vec<Cell>) {
+    row.extend([frame.time.0, frame.seq.into(), frame.status.0.into()].map(Cell::Whole));
+    let on = |field| fields.contains(field);
+    if on(Fields::FORCE) {
+        push_force(row, frame.force);
+    }
+    if on(Fields::POINT) {
+        row.push(measured(frame.point, |point| point.x.0));
+        row.push(measured(frame.point, |point| point.y.0));
+    }
+    if on(Fields::TORSION) {
+        row.push(measured(frame.torsion, |torsion| torsion.0));
+    }
+    row.push(Cell::Whole(frame.status.contains(Status::CONTACT).into()));
+    if on(Fields::SLIP) {
+        row.push(Cell::Whole(frame.status.contains(Status::SLIDES).into()));
+        row.push(measured(frame.slip, |verdict| verdict.margin));
+        row.push(measured(frame.slip, |verdict| verdict.friction));
+        row.push(measured(frame.slip, |verdict| verdict.grip.0));
+    }
+    if on(Fields::CONTACTS) {
+        for i in 0..2 {
+            row.push(measured(frame.contacts, |contacts| contacts[i].point.x.0));
+            row.push(measured(frame.contacts, |contacts| contacts[i].point.y.0));
+            row.push(measured(frame.contacts, |contacts| contacts[i].normal.0));
+        }
+    }
+    if on(Fields::SENSORS) {
+        for i in 0..SENSORS {
+            push_force(row, frame.sensors.map(|sensors| sensors[i]));
+        }
+    }
+    if on(Fields::SIGNALS) {
+        push_signals(row, frame);
+    }
+    if on(Fields::CODES) {
+        push_codes(row, frame);
+    }
+}
+
+fn measured<T>(value: Option<Measured<T>>, part: impl Fn(T) -> f32) -> Cell {
+    match value {
+        None => Cell::Empty,
+        Some(Ok(value)) => Cell::Real(part(value)),
+        Some(Err(reason)) => Cell::Withheld(reason),
+    }
+}
+
+fn push_force(row: &mut Vec<Cell>, force: Option<Force>) {
+    let axis = |axis: fn(Force) -> Measured<taxel::units::Newtons>| {
+        measured(force.map(axis), |newtons| newtons.0)
     };
-    row.extend([cell(|f| f.x), cell(|f| f.y), cell(|f| f.z)]);
+    row.extend([axis(|f| f.x), axis(|f| f.y), axis(|f| f.z)]);
 }
 
-fn push_signals(row: &mut Vec<String>, frame: &Frame) {
+fn push_signals(row: &mut Vec<Cell>, frame: &Frame) {
+    let real = |value: Option<f32>| value.map_or(Cell::Empty, Cell::Real);
     let taxels = frame.signals.and_then(|signals| signals.taxels);
-    row.extend((0..TAXELS).map(|k| taxels.map(|c| c[k].to_string()).unwrap_or_default()));
+    row.extend((0..TAXELS).map(|k| real(taxels.map(|c| c[k]))));
     for i in 0..SENSORS {
         let bridge = frame.signals.and_then(|signals| signals.bridges[i]);
-        row.extend((0..3).map(|axis| bridge.map(|u| u[axis].to_string()).unwrap_or_default()));
+        row.extend((0..3).map(|axis| real(bridge.map(|u| u[axis]))));
     }
     let health = frame.signals.map(|signals| signals.health);
-    let cell = |bits: Option<u16>| bits.map(|bits| bits.to_string()).unwrap_or_default();
-    row.push(cell(health.map(|health| health.saturated)));
-    row.push(cell(health.map(|health| health.dead)));
-    row.push(cell(health.map(|health| health.bridge_faults.into())));
+    let bits = |bits: Option<u16>| bits.map_or(Cell::Empty, |bits| Cell::Whole(bits.into()));
+    row.push(bits(health.map(|health| health.saturated)));
+    row.push(bits(health.map(|health| health.dead)));
+    row.push(bits(health.map(|health| health.bridge_faults.into())));
 }
 
-fn push_codes(row: &mut Vec<String>, frame: &Frame) {
-    let cell =
-        |code: Option<taxel::units::Code>| code.map(|code| code.0.to_string()).unwrap_or_default();
+fn push_codes(row: &mut Vec<Cell>, frame: &Frame) {
+    let code = |code: Option<taxel::units::Code>| {
+        code.map_or(Cell::Empty, |code| Cell::Whole(code.0.into()))
+    };
     let taxels = frame.codes.and_then(|codes| codes.taxels);
-    let lit = (0..TAXELS).map(|k| taxels.map(|t| t.lit[k / 4][k % 4]));
-    let dark = (0..4).map(|c| taxels.map(|t| t.dark[c]));
-    row.extend(lit.chain(dark).map(cell));
+    row.extend((0..TAXELS).map(|k| code(taxels.map(|t| t.lit[k / 4][k % 4]))));
+    row.extend((0..4).map(|c| code(taxels.map(|t| t.dark[c]))));
     for i in 0..SENSORS {
         let bridge = frame.codes.and_then(|codes| codes.bridges[i]);
         row.extend([
-            cell(bridge.map(|m| m.a)),
-            cell(bridge.map(|m| m.b)),
-            cell(bridge.map(|m| m.c)),
-            cell(bridge.map(|m| m.d)),
+            code(bridge.map(|m| m.a)),
+            code(bridge.map(|m| m.b)),
+            code(bridge.map(|m| m.c)),
+            code(bridge.map(|m| m.d)),
         ]);
     }
-    row.push(cell(frame.codes.and_then(|codes| codes.reference)));
-    row.push(cell(frame.codes.and_then(|codes| codes.temperature)));
+    row.push(code(frame.codes.and_then(|codes| codes.reference)));
+    row.push(code(frame.codes.and_then(|codes| codes.temperature)));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_column_has_a_cell_whatever_the_fields() {
+        for fields in (0..=Fields::ALL.0).map(Fields) {
+            let mut row = Vec::new();
+            cells(&Frame::default(), fields, &mut row);
+            assert_eq!(row.len(), columns(fields).len(), "{fields:?}");
+        }
+    }
 }

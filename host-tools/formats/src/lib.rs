@@ -4,7 +4,7 @@
 pub mod calibration;
 pub mod error;
 pub mod frames;
-mod lines;
+pub mod lines;
 pub mod stretch;
 pub mod table;
 pub mod trace;

@@ -16,7 +16,7 @@ const LONGEST: u64 = 1 << 20;
 const BYTE_ORDER_MARK: &str = "\u{feff}";
 
 /// Lines that are neither blank nor comments.
-pub(crate) struct Lines<R> {
+pub struct Lines<R> {
     source: R,
     path: PathBuf,
     line: u64,
@@ -24,17 +24,22 @@ pub(crate) struct Lines<R> {
 }
 
 impl<R: BufRead> Lines<R> {
-    pub(crate) fn new(source: R, path: &Path) -> Self {
+    /// Lines of `source`; `path` is only for messages.
+    pub fn new(source: R, path: &Path) -> Self {
         Self { source, path: path.to_owned(), line: 0, text: Vec::new() }
     }
 
-    pub(crate) fn path(&self) -> &Path {
+    /// For messages.
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// The next line's fields and its number, counted from 1; `None` at the end. `comment` hears the
     /// comments passed on the way, without their `#`.
-    pub(crate) fn next(
+    ///
+    /// # Errors
+    /// It cannot be read, or is no CSV file.
+    pub fn next(
         &mut self,
         record: &mut StringRecord,
         mut comment: impl FnMut(&str, u64) -> Result<(), FileError>,
@@ -70,7 +75,10 @@ impl<R: BufRead> Lines<R> {
     }
 
     /// As [`Self::next`], for lines that must have as many fields as the header; comments mean nothing.
-    pub(crate) fn next_row(
+    ///
+    /// # Errors
+    /// As [`Self::next`], or the line has not as many fields.
+    pub fn next_row(
         &mut self,
         record: &mut StringRecord,
         fields: usize,

@@ -7,7 +7,7 @@
 mod read;
 mod write;
 
-pub use read::{Channels, TraceReader, is_trace, read_stretch};
+pub use read::{Channels, TraceReader, cut, is_trace, read_stretch};
 pub use write::{TraceHeader, TraceWriter};
 
 use taxel::scan::{COLS, SENSORS, Scan};
@@ -46,6 +46,12 @@ pub const TRUTH_COLUMNS: [&str; 8] =
 pub(crate) fn taxel_names(rows: usize) -> Vec<String> {
     let lit = (0..rows).flat_map(|r| (0..COLS).map(move |c| format!("lit_r{r}c{c}")));
     lit.chain((0..COLS).map(|c| format!("dark_c{c}"))).collect()
+}
+
+/// True for the name of a column of codes.
+#[must_use]
+pub fn is_code(name: &str) -> bool {
+    ["lit_r", "dark_c", "bridge_s", "aux_"].iter().any(|prefix| name.starts_with(prefix))
 }
 
 pub(crate) fn bridge_names(sensor: usize) -> Vec<String> {

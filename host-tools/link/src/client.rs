@@ -161,6 +161,16 @@ impl Client {
         }
     }
 
+    /// How long a question and its answer take, there and back.
+    ///
+    /// # Errors
+    /// As [`Self::info`].
+    pub fn echo(&self) -> Result<Duration, LinkError> {
+        let asked = Instant::now();
+        // Asked once: a lost answer is no measure of time.
+        self.exchange(&Command::Version, PATIENCE, 1).map(|_| asked.elapsed())
+    }
+
     /// Who the finger is and how it is doing.
     ///
     /// # Errors

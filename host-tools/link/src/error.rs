@@ -49,6 +49,9 @@ pub enum Problem {
     /// There is no such device.
     #[error("no such device; {0}")]
     Missing(String),
+    /// Not one finger on USB, or not this one.
+    #[error("{0}")]
+    NoFinger(String),
     /// A file where a device was expected.
     #[error("a file, not a device; write `file:` before it to play it back")]
     NotADevice,

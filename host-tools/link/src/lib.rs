@@ -11,14 +11,22 @@
 //! happened, and the mend.
 
 pub mod client;
+mod clock;
 pub mod emulated;
 pub mod error;
 pub mod fields;
+mod files;
 pub mod port;
+pub mod self_test;
+mod steady;
 mod transport;
+pub mod usb;
 pub mod virtual_finger;
 
 pub use client::{Client, Counts, Received};
+pub use clock::{DeviceClock, HostTime};
 pub use error::{LinkError, Problem};
+pub use files::Files;
 pub use port::Port;
+pub use steady::{Event, Steady};
 pub use virtual_finger::{Source, TruthLog, VirtualFinger};

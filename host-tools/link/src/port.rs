@@ -7,6 +7,8 @@ use std::str::FromStr;
 /// Where a finger is: the same words in every command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Port {
+    /// `usb:SERIAL`, the finger of that serial number on USB, or `usb`, the only one.
+    Usb(Option<String>),
     /// A serial device, as the operating system calls it.
     Serial(String),
     /// `tcp:HOST:PORT`: a finger behind a network.
@@ -26,11 +28,13 @@ pub enum Port {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PortError {
     /// There is nothing where a name belongs.
-    #[error("`{0}` names nothing; write a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE")]
+    #[error(
+        "`{0}` names nothing; write usb, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE"
+    )]
     Empty(String),
     /// Not one of the kinds there are.
     #[error(
-        "`{0}:` is no kind of port; write a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE"
+        "`{0}:` is no kind of port; write usb, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE"
     )]
     Kind(String),
     /// `tcp:` without host and port.
@@ -47,11 +51,15 @@ impl FromStr for Port {
             Some((kind, name)) if !kind.contains(['/', '\\', '.']) => (kind, name),
             _ => ("", word),
         };
+        if word == "usb" {
+            return Ok(Self::Usb(None));
+        }
         if name.is_empty() {
             return Err(PortError::Empty(word.to_owned()));
         }
         match kind {
             "" => Ok(Self::Serial(name.to_owned())),
+            "usb" => Ok(Self::Usb(Some(name.to_owned()))),
             "tcp" => address(name).ok_or_else(|| PortError::Address(name.to_owned())),
             "file" => Ok(Self::File(name.into())),
             "sim" => Ok(Self::Sim(name.to_owned())),
@@ -76,6 +84,8 @@ fn address(name: &str) -> Option<Port> {
 impl fmt::Display for Port {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Usb(None) => f.write_str("usb"),
+            Self::Usb(Some(serial)) => write!(f, "usb:{serial}"),
             Self::Serial(name) => f.write_str(name),
             Self::Tcp { host, port } if host.contains(':') => write!(f, "tcp:[{host}]:{port}"),
             Self::Tcp { host, port } => write!(f, "tcp:{host}:{port}"),
@@ -92,6 +102,8 @@ mod tests {
     #[test]
     fn every_kind_of_port_reads_back_as_it_was_written() {
         for word in [
+            "usb",
+            "usb:F-0042",
             "/dev/ttyACM0",
             "COM3",
             "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0",

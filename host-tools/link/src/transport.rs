@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use crate::error::{LinkError, Problem, one_line};
 use crate::port::Port;
+use crate::usb;
 use taxel::calibration::Calibration;
 
 use crate::virtual_finger::{Source, VirtualFinger};
@@ -31,6 +32,10 @@ pub(crate) struct Transport {
 /// Opens `port`; a virtual finger starts with `calibration`.
 pub(crate) fn open(port: &Port, calibration: Option<&Calibration>) -> Result<Transport, LinkError> {
     let source = match port {
+        Port::Usb(number) => {
+            let device = usb::find(&usb::devices(), number.as_deref());
+            return device.and_then(|name| serial(&name)).map_err(|problem| problem.at(port));
+        }
         Port::Serial(name) => return serial(name).map_err(|problem| problem.at(port)),
         Port::Tcp { host, port: number } => {
             return tcp((host.as_str(), *number)).map_err(|problem| problem.at(port));

@@ -115,6 +115,7 @@ impl VirtualFinger {
         calibration: Option<&Calibration>,
         serve: impl AsyncFnOnce(&mut PacedBoard, &mut Instrument) -> io::Result<()> + Send + 'static,
     ) -> Result<Self, LinkError> {
+        let calibration = calibration.or(source.calibration());
         let record = calibration.map(record).transpose().map_err(|problem| problem.at(&port))?;
         let truth = TruthLog::default();
         let outcome = Ending::default();

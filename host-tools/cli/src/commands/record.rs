@@ -2,27 +2,29 @@
 
 use std::io::IsTerminal;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
 
 use anyhow::bail;
 use taxel::frame::Fields;
-use taxel_formats::frames::FramesWriter;
-use taxel_link::{Port, fields};
+use taxel_link::{Files, Port, fields};
 
 use crate::finger::PortArg;
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
 
-/// Records the stream as CSV until Ctrl-C, or for a while.
+/// Records the stream until Ctrl-C, or for a while.
 ///
-/// What has come is in the file within a second, whatever happens to this program.
+/// The file's name tells its kind: .mcap (Foxglove opens it), .parquet (tables) or .csv. What has come is in
+/// the file within a second, whatever happens to this program. Each row has the device's time and that of
+/// this host; the file knows the finger, its settings and its calibration. A recording with the codes is a
+/// port of its own, `file:FRAMES.mcap`, and can be computed again by `taxel replay`.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
     port: PortArg,
-    /// File to write.
-    #[arg(long, value_name = "FRAMES.csv")]
-    out: PathBuf,
+    /// File to write; may be given more than once.
+    #[arg(long, value_name = "FRAMES.mcap", required = true)]
+    out: Vec<PathBuf>,
     /// Seconds of device time to record.
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
     duration: Option<f64>,
@@ -39,8 +41,10 @@ pub struct Args {
     json: bool,
 }
 
-/// How often the file is brought up to date.
-const FLUSH: Duration = Duration::from_millis(500);
+const EXAMPLES: &str = "\
+Examples:
+  taxel record --port /dev/ttyACM0 --fields all --out press.mcap
+  taxel record --port sim:tour --duration 5 --out frames.csv --out frames.parquet";
 
 /// Runs the command.
 ///
@@ -48,7 +52,7 @@ const FLUSH: Duration = Duration::from_millis(500);
 /// The finger cannot be reached or goes away, or the file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
     if let Port::File(trace) = &args.port.port {
-        output::keep([trace.as_path()], &args.out)?;
+        args.out.iter().try_for_each(|out| output::keep([trace.as_path()], out))?;
     }
     let interrupt = Interrupt::watch()?;
     let client = args.port.connect()?;
@@ -58,37 +62,26 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if let Some(fields) = args.fields {
         client.set_fields(fields)?;
     }
-    let mut file = FramesWriter::create(&args.out, client.info()?.fields)?;
+    let mut files = Files::create(&client, &args.out)?;
+    let names: Vec<_> = args.out.iter().map(|out| out.display().to_string()).collect();
+    let names = names.join(", ");
     if args.duration.is_none() && std::io::stderr().is_terminal() {
-        output::note(format_args!(
-            "recording {} into {}; Ctrl-C ends it",
-            client.port(),
-            args.out.display()
-        ));
+        output::note(format_args!("recording {} into {names}; Ctrl-C ends it", client.port()));
     }
-    let mut flushed = Instant::now();
-    let recorded = stream::run(&client, args.duration, &interrupt, |received| {
-        file.write(&received.frame)?;
-        if received.at.duration_since(flushed) >= FLUSH {
-            file.flush()?;
-            flushed = received.at;
-        }
-        Ok(())
-    })?;
-    file.finish()?;
+    let recorded =
+        stream::run(&client, args.duration, &interrupt, |received| Ok(files.write(received)?));
+    let finished = files.finish();
+    let recorded = recorded?;
+    finished?;
     let summary = recorded.summary;
     if let Some(error) = recorded.broken {
-        bail!("{error}; {} has the {} frames until then", args.out.display(), summary.frames);
+        bail!("{error}; {names} has the {} frames until then", summary.frames);
     }
     if args.json {
         return output::json(&summary);
     }
     output::line(format_args!(
-        "{}: {} frames, {} lost, {:.1} Hz, {:.3} s",
-        args.out.display(),
-        summary.frames,
-        summary.lost,
-        summary.rate_hz,
-        summary.duration_s
+        "{names}: {} frames, {} lost, {:.1} Hz, {:.3} s",
+        summary.frames, summary.lost, summary.rate_hz, summary.duration_s
     ))
 }

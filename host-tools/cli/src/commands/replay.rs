@@ -10,13 +10,14 @@ use taxel::calibration::Calibration;
 use taxel::finger::Finger;
 use taxel::frame::{Fields, Frame};
 use taxel::measured::{Measured, NoValue};
-use taxel::units::Newtons;
+use taxel::units::{FullScale, Newtons};
 use taxel_formats::FileError;
-use taxel_formats::frames::FramesWriter;
+use taxel_formats::frames::{Cell, cells, columns};
 use taxel_formats::stretch::Stretch;
-use taxel_formats::trace::{Sample, read_stretch};
+use taxel_formats::trace::{Sample, cut};
 use taxel_link::emulated;
 use taxel_link::fields;
+use taxel_recording::{Header, Recorder, Scans};
 
 use crate::finger::record;
 use crate::interrupt::Interrupt;
@@ -28,13 +29,13 @@ use crate::output;
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The trace, or a stretch of it in seconds.
+    /// The trace or recording, or a stretch of it in seconds.
     #[arg(value_name = "TRACE.csv[@FROM..TO]")]
     trace: Stretch,
-    /// Calibration of the finger; without one there is no force.
+    /// Calibration of the finger [default: a recording's own]; without one there is no force.
     #[arg(long, value_name = "CAL.toml")]
     calibration: Option<PathBuf>,
-    /// Frames to write.
+    /// Frames to write: .csv, .mcap or .parquet.
     #[arg(long, value_name = "FRAMES.csv")]
     out: PathBuf,
     /// Where the core runs.
@@ -70,13 +71,23 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let calibration =
         args.calibration.as_ref().map(taxel_formats::calibration::read).transpose()?;
     let interrupt = Interrupt::watch()?;
-    let mut samples = read_stretch(&args.trace)?.peekable();
-    if samples.peek().is_none() {
-        bail!("{}: no scans; check the stretch FILE@FROM..TO", args.trace.path.display());
-    }
+    let scans = Scans::open(&args.trace.path)?;
+    let calibration = calibration.or(scans.calibration);
+    let mut samples = cut(scans.samples, &args.trace).peekable();
+    let full_scale = match samples.peek() {
+        Some(Ok(sample)) => sample.scan.codes.full_scale,
+        Some(Err(error)) => return Err(error.clone().into()),
+        None => bail!("{}: no scans; check the stretch FILE@FROM..TO", args.trace.path.display()),
+    };
+    // As in a trace, 12 bits go without saying.
+    let scaled = full_scale != FullScale::BITS_12 && args.fields.contains(Fields::CODES);
+    let header = match scaled {
+        true => Header::default().with("full_scale", full_scale.top().0),
+        false => Header::default(),
+    };
     let uncalibrated = calibration.is_none();
-    let mut sink =
-        Sink { frames: FramesWriter::create(&args.out, args.fields)?, count: 0, withheld: 0 };
+    let frames = Recorder::create(&args.out, &header, &columns(args.fields))?;
+    let mut sink = Sink { frames, fields: args.fields, row: Vec::new(), count: 0, withheld: 0 };
     match args.on {
         Core::Host => on_host(samples, calibration, args.fields, &mut sink, &interrupt)?,
         Core::Mps2An386 => on_board(samples, calibration, args.fields, &mut sink, &interrupt)?,
@@ -97,7 +108,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 /// Where frames go, and what is counted of them.
 struct Sink {
-    frames: FramesWriter,
+    frames: Recorder,
+    fields: Fields,
+    row: Vec<Cell>,
     count: usize,
     withheld: usize,
 }
@@ -107,7 +120,9 @@ impl Sink {
         let mut forces = frame.sensors.iter().flatten().chain(&frame.force);
         self.count += 1;
         self.withheld += usize::from(forces.any(|force| withheld(force.z)));
-        self.frames.write(frame)
+        self.row.clear();
+        cells(frame, self.fields, &mut self.row);
+        self.frames.write(&self.row)
     }
 }
 

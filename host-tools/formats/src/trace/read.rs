@@ -134,11 +134,19 @@ fn parse_full_scale(value: &str, path: &Path, line: u64) -> Result<FullScale, Fi
 pub fn read_stretch(
     stretch: &Stretch,
 ) -> Result<impl Iterator<Item = Result<Sample, FileError>> + use<>, FileError> {
+    Ok(cut(TraceReader::open(&stretch.path)?, stretch))
+}
+
+/// Those of `samples` that lie in a stretch; what comes after it is not read.
+pub fn cut<S: Iterator<Item = Result<Sample, FileError>>>(
+    samples: S,
+    stretch: &Stretch,
+) -> impl Iterator<Item = Result<Sample, FileError>> + use<S> {
     let seconds = |sample: &Sample| sample.scan.time.0 as f64 * 1e-6;
     let (wanted, ended) = (stretch.clone(), stretch.clone());
-    Ok(TraceReader::open(&stretch.path)?
+    samples
         .take_while(move |s| s.as_ref().map_or(true, |s| !ended.ended(seconds(s))))
-        .filter(move |s| s.as_ref().map_or(true, |s| wanted.contains(seconds(s)))))
+        .filter(move |s| s.as_ref().map_or(true, |s| wanted.contains(seconds(s))))
 }
 
 /// True where the file begins like a taxel trace rather than any other CSV.

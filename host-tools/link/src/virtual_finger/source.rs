@@ -3,9 +3,11 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
+use taxel::calibration::Calibration;
 use taxel::units::FullScale;
 use taxel_formats::FileError;
-use taxel_formats::trace::{Sample, TraceReader};
+use taxel_formats::trace::Sample;
+use taxel_recording::Scans;
 use taxel_sim::{Scene, Simulator};
 
 use crate::error::LinkError;
@@ -17,6 +19,7 @@ pub struct Source {
     /// What was read to learn the rate.
     ahead: VecDeque<Sample>,
     failure: Option<FileError>,
+    calibration: Option<Calibration>,
 }
 
 impl Source {
@@ -28,13 +31,20 @@ impl Source {
         Self::fallible(name.into(), samples.map(Ok))
     }
 
-    /// A trace, line by line.
+    /// A trace or a recording, scan by scan. A recording's own calibration is [`Self::calibration`].
     ///
     /// # Errors
-    /// It cannot be opened or is none.
+    /// It cannot be opened or has no codes.
     pub fn trace(path: &Path) -> Result<Self, LinkError> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self::fallible(name, TraceReader::open(path)?))
+        let Scans { samples, calibration } = Scans::open(path)?;
+        Ok(Self { calibration, ..Self::fallible(name, samples) })
+    }
+
+    /// The calibration that the finger had when it was recorded.
+    #[must_use]
+    pub fn calibration(&self) -> Option<&Calibration> {
+        self.calibration.as_ref()
     }
 
     /// A scene, by name or path, over and over.
@@ -50,7 +60,13 @@ impl Source {
         name: String,
         samples: impl Iterator<Item = Result<Sample, FileError>> + Send + 'static,
     ) -> Self {
-        Self { name, samples: Box::new(samples), ahead: VecDeque::new(), failure: None }
+        Self {
+            name,
+            samples: Box::new(samples),
+            ahead: VecDeque::new(),
+            failure: None,
+            calibration: None,
+        }
     }
 
     pub(super) fn name(&self) -> &str {

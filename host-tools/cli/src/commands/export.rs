@@ -1,0 +1,81 @@
+//! `taxel export`: a recording as another kind of file.
+
+use std::path::PathBuf;
+
+use anyhow::bail;
+use indicatif::ProgressBar;
+use taxel_formats::FileError;
+use taxel_formats::frames::Cell;
+use taxel_formats::stretch::Stretch;
+use taxel_recording::{Recorder, Recording};
+
+use crate::interrupt::Interrupt;
+use crate::output;
+
+/// Writes a recording, or a stretch of it, as another kind of file; saves what a damaged one still has.
+///
+/// The names tell the kinds: .mcap, .parquet or .csv. CSV keeps neither the calibration nor the reasons for
+/// withheld values.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The recording, or a stretch of it in seconds of device time.
+    #[arg(value_name = "FRAMES.mcap[@FROM..TO]")]
+    recording: Stretch,
+    /// File to write.
+    #[arg(long, value_name = "FRAMES.parquet")]
+    out: PathBuf,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel export press.mcap --out press.parquet
+  taxel export press.mcap@12..15 --out cut.csv
+  taxel export cut-short.mcap --out whole.mcap";
+
+/// Runs the command.
+///
+/// # Errors
+/// The recording is none, or damaged, or the file cannot be written.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let path = &args.recording.path;
+    output::keep([path.as_path()], &args.out)?;
+    let interrupt = Interrupt::watch()?;
+    let mut recording = Recording::open(path)?;
+    let mut out = Recorder::create(&args.out, &recording.header, &recording.columns)?;
+    let time = recording.position("t_us");
+    let bar = ProgressBar::new_spinner();
+    let (mut count, mut damage) = (0, None::<FileError>);
+    while !interrupt.came() {
+        let row = match recording.next() {
+            None => break,
+            Some(Ok(row)) => row,
+            Some(Err(error)) => {
+                damage.get_or_insert(error);
+                continue;
+            }
+        };
+        let seconds = match time.and_then(|at| row.get(at)) {
+            Some(Cell::Whole(micros)) => *micros as f64 * 1e-6,
+            _ => f64::NEG_INFINITY,
+        };
+        if args.recording.ended(seconds) {
+            break;
+        }
+        if args.recording.contains(seconds) {
+            out.write(&row)?;
+            count += 1;
+            bar.inc(1);
+        }
+    }
+    bar.finish_and_clear();
+    out.finish()?;
+    let out = args.out.display();
+    match damage {
+        Some(error) => bail!("{error}; {out} has the {count} frames that could be read"),
+        None if interrupt.came() => {
+            output::line(format_args!("{out}: {count} frames; stopped early"))
+        }
+        None => output::line(format_args!("{out}: {count} frames")),
+    }
+}

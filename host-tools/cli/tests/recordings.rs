@@ -1,0 +1,203 @@
+//! Recording as a user meets it: three kinds of file at once, the same numbers in each, and bad days.
+
+mod common;
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use common::In;
+use taxel_formats::frames::Cell;
+use taxel_recording::Recording;
+
+fn rows(path: &Path) -> Vec<Vec<Cell>> {
+    Recording::open(path).unwrap().map(Result::unwrap).collect()
+}
+
+fn whole(recording: &Recording, row: &[Cell], name: &str) -> u64 {
+    match row[recording.position(name).unwrap()] {
+        Cell::Whole(value) => value,
+        other => panic!("{name}: {other:?}"),
+    }
+}
+
+#[test]
+fn three_files_of_one_stream_have_the_same_rows_and_name_the_finger() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let out = ["a.mcap", "a.parquet", "a.csv"];
+    let files = out.iter().flat_map(|name| ["--out", name]);
+    let args = ["record", "--port", "sim:press", "--duration", "1", "--fields", "all"];
+    let said = taxel.succeeds(&args.into_iter().chain(files).collect::<Vec<_>>());
+    assert!(said.starts_with("a.mcap, a.parquet, a.csv: 1000 frames, 0 lost"), "{said}");
+
+    let [mcap, parquet, csv] = out.map(|name| folder.path().join(name));
+    let first = rows(&mcap);
+    assert_eq!(first.len(), 1000);
+    assert_eq!(rows(&parquet), first);
+    assert_eq!(rows(&csv).len(), 1000);
+    let recording = Recording::open(&mcap).unwrap();
+    let facts = &recording.header.facts;
+    for (name, value) in [("board", "virtual"), ("serial", "press"), ("full_scale", "65535")] {
+        assert_eq!(facts[name], value);
+        assert_eq!(Recording::open(&csv).unwrap().header.facts[name], value);
+    }
+    assert_eq!(facts["calibration_crc"].len(), 8);
+    assert!(recording.header.calibration.as_ref().unwrap().contains(&facts["calibration_crc"]));
+    // Host and device time run alike, whatever lies between them.
+    let span = |name| {
+        let at = |row: &Vec<Cell>| whole(&recording, row, name);
+        (at(&first[999]) - at(&first[0])) as f64 * 1e-6
+    };
+    assert!((span("t_us") - 0.999).abs() < 0.002, "{}", span("t_us"));
+    assert!((span("host_us") - span("t_us")).abs() < 0.5, "{}", span("host_us"));
+}
+
+#[test]
+fn a_recording_is_a_port_and_is_computed_again_to_the_same_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let record = |port: &str, out: &str| {
+        taxel.succeeds(&[
+            "record",
+            "--port",
+            port,
+            "--duration",
+            "1",
+            "--fields",
+            "all",
+            "--out",
+            out,
+        ])
+    };
+    record("sim:press", "a.mcap");
+    taxel.succeeds(&["replay", "a.mcap", "--fields", "all", "--out", "again.mcap"]);
+    let (recorded, again) = (folder.path().join("a.mcap"), folder.path().join("again.mcap"));
+    let recording = Recording::open(&recorded).unwrap();
+    let force = recording.position("fz_n").unwrap();
+    let same =
+        rows(&recorded).iter().zip(rows(&again)).filter(|(a, b)| a[force] == b[force]).count();
+    // The gate of the finger knew what came before the recording; the replay begins without.
+    assert!(same > 900, "{same}");
+    // The calibration came along.
+    let info = taxel.succeeds(&["info", "--port", "file:a.mcap", "--json"]);
+    let info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    assert_eq!(info["calibration"]["crc"], recording.header.facts["calibration_crc"].as_str());
+    assert_eq!(info["serial"], "a");
+    taxel.succeeds(&["export", "a.mcap", "--out", "a.csv"]);
+    record("file:a.csv", "b.csv");
+    assert!(rows(&folder.path().join("b.csv")).len() > 500);
+}
+
+#[test]
+fn what_has_no_codes_cannot_be_computed_again_and_says_what_to_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let args = ["record", "--port", "sim:press", "--duration", "0.2", "--fields", "force"];
+    taxel.succeeds(&[args.as_slice(), &["--out", "a.mcap"]].concat());
+    let error = taxel.fails(1, &["replay", "a.mcap", "--out", "b.csv"]);
+    assert!(error.contains("a.mcap: no ADC codes in it"), "{error}");
+    assert!(error.contains("record with the field `codes`"), "{error}");
+}
+
+#[test]
+fn export_cuts_a_stretch_and_saves_what_a_damaged_file_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["record", "--port", "sim:press", "--duration", "3", "--out", "a.mcap"]);
+    let all = rows(&folder.path().join("a.mcap"));
+    let start = whole(&Recording::open(&folder.path().join("a.mcap")).unwrap(), &all[0], "t_us");
+    let from = start as f64 * 1e-6 + 1.0;
+    let stretch = format!("a.mcap@{from}..{}", from + 0.5);
+    let said = taxel.succeeds(&["export", &stretch, "--out", "cut.parquet"]);
+    assert!(said.starts_with("cut.parquet: 500 frames"), "{said}");
+
+    let mut bytes = std::fs::read(folder.path().join("a.mcap")).unwrap();
+    // Wider than the index of messages that follows each chunk.
+    let middle = bytes.len() / 2;
+    (middle..middle + 10_000).step_by(1000).for_each(|at| bytes[at] ^= 0xff);
+    std::fs::write(folder.path().join("bad.mcap"), bytes).unwrap();
+    let error = taxel.fails(1, &["export", "bad.mcap", "--out", "saved.mcap"]);
+    assert!(error.contains("bad.mcap: damaged after row "), "{error}");
+    let saved = rows(&folder.path().join("saved.mcap"));
+    assert!(error.contains(&format!("saved.mcap has the {} frames", saved.len())), "{error}");
+    assert!(saved.len() > 500 && saved.len() < 3000, "{}", saved.len());
+}
+
+/// A writer that is killed leaves all but the last second, in every kind of file.
+#[cfg(unix)]
+#[test]
+fn kill_9_loses_at_most_the_last_second() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let files = ["--out", "a.mcap", "--out", "a.csv", "--out", "a.parquet"];
+    let record = [["record", "--port", "sim:press"].as_slice(), &files].concat();
+    let mut child = taxel.command(&record).spawn().unwrap();
+    let mcap = folder.path().join("a.mcap");
+    let begun = Instant::now();
+    while Recording::open(&mcap).is_err() {
+        assert!(begun.elapsed() < Duration::from_secs(20), "no recording");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(2300));
+    // What the virtual finger has streamed by now is some time after the first row of the file.
+    let killed = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    for name in ["a.mcap", "a.parquet.part.mcap", "a.csv"] {
+        let path = folder.path().join(name);
+        let recording = Recording::open(&path).unwrap();
+        let at = recording.position("host_us").unwrap();
+        // The last line of a CSV may be torn.
+        let times = recording.map_while(Result::ok).map(|row| match row[at] {
+            Cell::Whole(micros) => micros,
+            other => panic!("{other:?}"),
+        });
+        let times: Vec<u64> = times.collect();
+        let lost = killed.as_micros() as u64 - times.last().unwrap();
+        assert!(lost < 1_000_000, "{name}: {lost} µs");
+        assert!(times.len() > 1300, "{name}: {}", times.len());
+    }
+    let said = taxel.succeeds(&["export", "a.parquet.part.mcap", "--out", "a.parquet"]);
+    assert!(said.starts_with("a.parquet: "), "{said}");
+}
+
+/// A disk that is full: here a limit on the size of files, which any user may set.
+#[cfg(unix)]
+#[test]
+fn a_full_disk_ends_the_recording_in_one_line_and_keeps_what_was_written() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.mcap", "a.csv"] {
+        let script = "trap '' XFSZ; ulimit -f 2000; exec \"$0\" \"$@\"";
+        let output = std::process::Command::new("bash")
+            .args(["-c", script, env!("CARGO_BIN_EXE_taxel")])
+            .args(["record", "--port", "sim:press-4khz", "--rate", "4000", "--fields", "all"])
+            .args(["--out", name])
+            .current_dir(folder.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert!(said.starts_with(&format!("taxel: {name}: ")), "{said}");
+        assert!(said.contains("too large") || said.contains("No space"), "{said}");
+        let recording = Recording::open(&folder.path().join(name)).unwrap();
+        let kept = recording.map_while(Result::ok).count();
+        assert!(kept > 100, "{name}: {kept}");
+    }
+}
+
+#[test]
+fn a_recording_keeps_its_meaning_through_every_kind_of_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["record", "--port", "sim:press", "--duration", "0.5", "--out", "a.mcap"]);
+    taxel.succeeds(&["export", "a.mcap", "--out", "b.parquet"]);
+    taxel.succeeds(&["export", "b.parquet", "--out", "c.mcap"]);
+    let (a, c) = (folder.path().join("a.mcap"), folder.path().join("c.mcap"));
+    assert_eq!(rows(&a), rows(&c));
+    assert_eq!(Recording::open(&a).unwrap().header, Recording::open(&c).unwrap().header);
+    let error = taxel.fails(1, &["export", "a.mcap", "--out", "a.xlsx"]);
+    assert!(error.contains("let it end in .mcap, .parquet or .csv"), "{error}");
+    let error = taxel.fails(1, &["export", "a.mcap", "--out", "./a.mcap"]);
+    assert!(error.contains("would overwrite"), "{error}");
+}

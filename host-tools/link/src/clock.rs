@@ -1,0 +1,212 @@
+//! The device's clock in the host's time.
+//!
+//! A frame is received some time after its scan: at best one way of the link, now and then much more. What
+//! bounds the clock is therefore the earliest frames: the line below all of them, as near as it goes, has the
+//! device's rate for slope (the lower convex hull; Moon, Skelly and Towsley, INFOCOM 1999). It lies one
+//! way of the link too late, which is between nothing and a whole echo, so that half the shortest echo is
+//! taken off and counts as error.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use taxel::units::Micros;
+
+/// The earliest frame of each so many seconds is kept, for so long.
+const BUCKET: f64 = 1.0;
+const KEPT: usize = 120;
+/// A rate is told only from so many seconds on; before, it is taken as right.
+const LEAST_SPAN: f64 = 10.0;
+
+/// A device's clock, as frames tell it.
+#[derive(Clone, Debug, Default)]
+pub struct DeviceClock {
+    /// The first frame: device seconds, and when it was received.
+    origin: Option<(f64, Instant)>,
+    /// Device seconds since the first frame, and how much later than expected the frame came.
+    earliest: VecDeque<(f64, f64)>,
+    last: f64,
+    echo: Option<f64>,
+    line: Line,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Line {
+    offset: f64,
+    slope: f64,
+    /// How far the earliest frames lie above it.
+    spread: f64,
+}
+
+/// A moment of the device by the host's clock.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HostTime {
+    /// When it was.
+    pub at: Instant,
+    /// It was at most so much earlier or later, as far as the link lets one tell.
+    pub error: Duration,
+}
+
+impl DeviceClock {
+    /// A frame of this device time was received at `at`.
+    pub fn frame(&mut self, device: Micros, at: Instant) {
+        let device = device.0 as f64 * 1e-6;
+        let (start, received) = *self.origin.get_or_insert((device, at));
+        let time = device - start;
+        if time < self.last {
+            // It has been restarted.
+            *self = Self { echo: self.echo, ..Self::default() };
+            self.origin = Some((device, at));
+            self.earliest.push_back((0.0, 0.0));
+            return;
+        }
+        self.last = time;
+        let late = at.saturating_duration_since(received).as_secs_f64()
+            - received.saturating_duration_since(at).as_secs_f64()
+            - time;
+        match self.earliest.back_mut() {
+            Some(last) if (last.0 / BUCKET).floor() == (time / BUCKET).floor() => {
+                if late < last.1 {
+                    *last = (time, late);
+                }
+            }
+            _ => {
+                self.fit();
+                if self.earliest.len() == KEPT {
+                    self.earliest.pop_front();
+                }
+                self.earliest.push_back((time, late));
+            }
+        }
+    }
+
+    /// A question to the device and its answer took so long.
+    pub fn echo(&mut self, echo: Duration) {
+        let echo = echo.as_secs_f64();
+        self.echo = Some(self.echo.map_or(echo, |least| least.min(echo)));
+    }
+
+    /// When, by the host's clock, it was `device` on the device. `None` before the first echo and the first
+    /// seconds of frames.
+    #[must_use]
+    pub fn host(&self, device: Micros) -> Option<HostTime> {
+        let (start, received) = self.origin?;
+        let echo = self.echo?;
+        if self.earliest.len() < 2 {
+            return None;
+        }
+        let time = device.0 as f64 * 1e-6 - start;
+        let late = self.line.offset + self.line.slope * time - echo / 2.0;
+        let at = time + late;
+        let at = match at >= 0.0 {
+            true => received + Duration::from_secs_f64(at),
+            false => received.checked_sub(Duration::from_secs_f64(-at))?,
+        };
+        Some(HostTime { at, error: Duration::from_secs_f64(echo / 2.0 + self.line.spread) })
+    }
+
+    /// How much faster the device's clock runs than the host's, in parts per million, once that can be told.
+    #[must_use]
+    pub fn drift_ppm(&self) -> Option<f64> {
+        (self.span() >= LEAST_SPAN).then_some(-self.line.slope * 1e6)
+    }
+
+    fn span(&self) -> f64 {
+        let (first, last) = (self.earliest.front(), self.earliest.back());
+        first.zip(last).map_or(0.0, |(first, last)| last.0 - first.0)
+    }
+
+    /// The line below the earliest frames of every bucket that is over.
+    fn fit(&mut self) {
+        let least = self.earliest.iter().map(|(_, late)| *late).fold(f64::INFINITY, f64::min);
+        let mut line = Line { offset: least, slope: 0.0, spread: 0.0 };
+        if self.span() >= LEAST_SPAN
+            && let Some(((t0, y0), (t1, y1))) = self.edge()
+        {
+            line.slope = (y1 - y0) / (t1 - t0);
+            line.offset = y0 - line.slope * t0;
+        }
+        let above = self.earliest.iter().map(|(t, late)| late - line.offset - line.slope * t);
+        // A bucket whose every frame was late says nothing about the clock: half of them must not.
+        let mut above: Vec<f64> = above.collect();
+        above.sort_by(f64::total_cmp);
+        line.spread = above.get(above.len() / 2).copied().unwrap_or_default();
+        self.line = line;
+    }
+
+    /// The edge of the lower convex hull over the middle of the time: of all lines below the points, the one
+    /// along it is the nearest to them.
+    fn edge(&self) -> Option<((f64, f64), (f64, f64))> {
+        let mut hull: Vec<(f64, f64)> = Vec::new();
+        for point in &self.earliest {
+            while let [.., a, b] = hull.as_slice()
+                && (b.0 - a.0) * (point.1 - a.1) <= (point.0 - a.0) * (b.1 - a.1)
+            {
+                hull.pop();
+            }
+            hull.push(*point);
+        }
+        let middle =
+            self.earliest.iter().map(|(time, _)| time).sum::<f64>() / self.earliest.len() as f64;
+        hull.windows(2).find_map(|edge| match edge {
+            [a, b] if (a.0..=b.0).contains(&middle) => Some((*a, *b)),
+            _ => None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Delays of a link in seconds: 0.2 ms at least, and a tail.
+    fn delay(i: u64) -> f64 {
+        let noise =
+            (i.wrapping_mul(6_364_136_223_846_793_005) >> 33) as f64 / f64::from(1u32 << 31);
+        2e-4 + 3e-3 * noise.powi(4) + if i.is_multiple_of(97) { 0.02 } else { 0.0 }
+    }
+
+    /// Streams `seconds` at 1 kHz with a clock that is `ppm` fast; the worst error of the map after
+    /// `settled` seconds, and the error that it stated.
+    fn worst(ppm: f64, seconds: u64, settled: u64) -> (f64, f64, DeviceClock) {
+        let start = Instant::now();
+        let mut clock = DeviceClock::default();
+        clock.echo(Duration::from_micros(900));
+        clock.echo(Duration::from_micros(500));
+        let (mut worst, mut stated) = (0.0f64, 0.0f64);
+        for i in 0..seconds * 1000 {
+            let true_time = i as f64 * 1e-3;
+            let device = Micros((5e6 + true_time * 1e6 * (1.0 + ppm * 1e-6)).round() as u64);
+            clock.frame(device, start + Duration::from_secs_f64(true_time + delay(i)));
+            if i > settled * 1000 {
+                let host = clock.host(device).unwrap();
+                let found = host.at.saturating_duration_since(start).as_secs_f64();
+                worst = worst.max((found - true_time).abs());
+                stated = stated.max(host.error.as_secs_f64());
+            }
+        }
+        (worst, stated, clock)
+    }
+
+    #[test]
+    fn the_error_is_no_greater_than_stated_and_small_whatever_the_drift() {
+        for ppm in [-100.0, 0.0, 80.0] {
+            let (worst, stated, clock) = worst(ppm, 60, 15);
+            assert!(worst <= stated, "{ppm} ppm: off by {worst}, said {stated}");
+            assert!(stated < 5e-4, "{ppm} ppm: {stated}");
+            assert!((clock.drift_ppm().unwrap() - ppm).abs() < 3.0, "{:?}", clock.drift_ppm());
+        }
+    }
+
+    #[test]
+    fn nothing_is_said_before_it_can_be_told_and_a_restart_begins_anew() {
+        let mut clock = DeviceClock::default();
+        let now = Instant::now();
+        clock.frame(Micros(0), now);
+        assert_eq!(clock.host(Micros(0)), None);
+        let (_, _, mut clock) = worst(0.0, 20, 15);
+        assert!(clock.host(Micros(6_000_000)).is_some());
+        clock.frame(Micros(10), now + Duration::from_secs(30));
+        assert_eq!(clock.host(Micros(10)), None);
+        assert_eq!(clock.drift_ppm(), None);
+    }
+}

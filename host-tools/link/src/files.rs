@@ -1,0 +1,114 @@
+//! The files that a stream is recorded into, and what is said about the finger in them.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use taxel::calibration::Calibration;
+use taxel::frame::Fields;
+use taxel::wire::message::Info;
+use taxel_formats::frames::{Cell, cells, columns};
+use taxel_formats::{FileError, calibration};
+use taxel_recording::{Header, Recorder, host_time};
+
+use crate::client::{Client, Received};
+use crate::error::LinkError;
+use crate::fields;
+
+/// How often the files are brought up to date: what a killed program loses at most, and some slack.
+const FLUSH: Duration = Duration::from_millis(500);
+
+/// One stream into some files at once.
+pub struct Files {
+    recorders: Vec<Recorder>,
+    fields: Fields,
+    row: Vec<Cell>,
+    /// A moment by both clocks of this machine.
+    epoch: (Instant, Duration),
+    flushed: Instant,
+}
+
+impl Files {
+    /// Begins a recording of what `client` streams with its present settings.
+    ///
+    /// # Errors
+    /// A file cannot be written, or the finger does not say who it is.
+    pub fn create(client: &Client, paths: &[PathBuf]) -> Result<Self, LinkError> {
+        let info = client.info()?;
+        let header = header(client, &info)?;
+        let columns: Vec<_> = columns(info.fields).into_iter().chain([host_time()]).collect();
+        let create = |path: &PathBuf| Recorder::create(path, &header, &columns);
+        let recorders = paths.iter().map(create).collect::<Result<_, FileError>>()?;
+        let now = Instant::now();
+        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Ok(Self {
+            recorders,
+            fields: info.fields,
+            row: Vec::new(),
+            epoch: (now, unix),
+            flushed: now,
+        })
+    }
+
+    /// One frame more.
+    ///
+    /// # Errors
+    /// A file cannot be written. The others have the frame all the same.
+    pub fn write(&mut self, received: &Received) -> Result<(), FileError> {
+        self.row.clear();
+        cells(&received.frame, self.fields, &mut self.row);
+        let (instant, unix) = self.epoch;
+        let host = unix + received.at.saturating_duration_since(instant);
+        self.row.push(Cell::Whole(host.as_micros() as u64));
+        let flush = received.at.saturating_duration_since(self.flushed) >= FLUSH;
+        if flush {
+            self.flushed = received.at;
+        }
+        let mut written = Ok(());
+        for recorder in &mut self.recorders {
+            let done = recorder.write(&self.row);
+            written = written.and(if flush { done.and_then(|()| recorder.flush()) } else { done });
+        }
+        written
+    }
+
+    /// Ends every file, whatever becomes of the others.
+    ///
+    /// # Errors
+    /// The first that could not be ended.
+    pub fn finish(self) -> Result<(), FileError> {
+        let ends = self.recorders.into_iter().map(Recorder::finish);
+        ends.fold(Ok(()), Result::and)
+    }
+}
+
+/// Which finger, how it was set, and what it was calibrated with.
+fn header(client: &Client, info: &Info) -> Result<Header, LinkError> {
+    let identity = &info.identity;
+    let [major, minor, patch] = client.version().firmware;
+    let mut header = Header::default()
+        .with("board", &identity.board)
+        .with("serial", &identity.serial)
+        .with("build", &identity.build)
+        .with("firmware", format!("{major}.{minor}.{patch}"))
+        .with("scan_hz", identity.scan_hz)
+        .with("full_scale", identity.full_scale.top().0)
+        .with("rate_hz", f64::from(info.rate_millihertz) / 1000.0)
+        .with("fields", fields::list(info.fields))
+        .with("biased", info.biased)
+        .with("port", client.port())
+        .with("started", humantime::format_rfc3339_millis(SystemTime::now()));
+    if let Some(id) = &info.calibration {
+        let date = UNIX_EPOCH + Duration::from_secs(id.date);
+        header = header
+            .with("calibration_serial", &id.serial)
+            .with("calibration_date", humantime::format_rfc3339_seconds(date))
+            .with("calibration_crc", format!("{:08x}", id.crc));
+        let record = client.download_calibration()?;
+        let place = Path::new("the finger's calibration");
+        header.calibration = Calibration::from_bytes(&record)
+            .ok()
+            .map(|calibration| calibration::to_text(place, &calibration))
+            .transpose()?;
+    }
+    Ok(header)
+}

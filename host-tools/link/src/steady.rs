@@ -1,0 +1,139 @@
+//! A finger that stays connected: when the link breaks it is opened again, and what the finger had been set
+//! to is set again.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use taxel::calibration::Calibration;
+use taxel::estimate::contact_point::PointMethod;
+use taxel::frame::Fields;
+use taxel::wire::message::Info;
+
+use crate::client::{Client, Received};
+use crate::error::{LinkError, Problem};
+use crate::port::Port;
+
+/// How often a port that has gone is tried.
+const RETRY: Duration = Duration::from_millis(100);
+
+/// One finger, through however many connections.
+pub struct Steady {
+    port: Port,
+    calibration: Option<Calibration>,
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
+    client: Option<Arc<Client>>,
+    settings: Option<Settings>,
+}
+
+/// What a finger forgets when it loses power.
+#[derive(Clone, Copy)]
+struct Settings {
+    millihertz: u32,
+    fields: Fields,
+    method: PointMethod,
+}
+
+/// What came next.
+#[expect(clippy::large_enum_variant, reason = "a frame is handed on at once, thousands a second")]
+pub enum Event {
+    /// A frame.
+    Frame(Received),
+    /// Nothing, for as long as the caller was patient.
+    Quiet,
+    /// The finger is there, for the first time or again, and streams.
+    There(Arc<Client>),
+    /// It is not there, and why. It is being looked for.
+    Gone(LinkError),
+    /// A playback is over: nothing more will come.
+    Over,
+}
+
+impl Steady {
+    /// A finger at `port`, which need not be there yet. A virtual one starts with `calibration`.
+    #[must_use]
+    pub fn new(port: Port, calibration: Option<Calibration>) -> Self {
+        Self { port, calibration, state: Mutex::default() }
+    }
+
+    /// One that is connected already, and streams.
+    #[must_use]
+    pub fn of(client: Arc<Client>) -> Self {
+        let port = client.port().clone();
+        let state = State { client: Some(client), settings: None };
+        Self { port, calibration: None, state: Mutex::new(state) }
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn port(&self) -> &Port {
+        &self.port
+    }
+
+    /// The connection, while there is one.
+    #[must_use]
+    pub fn client(&self) -> Option<Arc<Client>> {
+        self.state().client.clone()
+    }
+
+    /// The next thing that happens; streams from the first call on.
+    pub fn next(&self, patience: Duration) -> Event {
+        let Some(client) = self.client() else {
+            return match self.connect() {
+                Ok(client) => Event::There(client),
+                Err(error) => {
+                    std::thread::sleep(RETRY);
+                    Event::Gone(error)
+                }
+            };
+        };
+        match client.next(patience) {
+            Ok(Some(received)) => Event::Frame(received),
+            Ok(None) => Event::Quiet,
+            Err(error) if error.problem() == Some(&Problem::Ended) => Event::Over,
+            Err(error) => {
+                self.state().client = None;
+                Event::Gone(error)
+            }
+        }
+    }
+
+    /// What the finger is set to now is what it shall be set to after a reconnect.
+    ///
+    /// # Errors
+    /// It does not say.
+    pub fn remember(&self, client: &Client) -> Result<Info, LinkError> {
+        let info = client.info()?;
+        self.state().settings = Some(Settings {
+            millihertz: info.rate_millihertz,
+            fields: info.fields,
+            method: info.point_method,
+        });
+        Ok(info)
+    }
+
+    fn connect(&self) -> Result<Arc<Client>, LinkError> {
+        let client = Client::open(&self.port, self.calibration.as_ref())?;
+        let settings = self.state().settings;
+        match settings {
+            None => drop(self.remember(&client)?),
+            Some(Settings { millihertz, fields, method }) => {
+                let hertz = millihertz.div_ceil(1000).clamp(1, u16::MAX.into());
+                client.set_rate(hertz as u16)?;
+                client.set_fields(fields)?;
+                client.set_point_method(method)?;
+            }
+        }
+        client.stream(true)?;
+        let client = Arc::new(client);
+        self.state().client = Some(Arc::clone(&client));
+        Ok(client)
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,130 @@
+//! Frames CSV. Facts stand before the header line, `# serial=F-0042`; a withheld value is an empty cell,
+//! and its reason is lost.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use taxel::frame::Fields;
+use taxel_formats::FileError;
+use taxel_formats::frames::{Cell, Column, Kind, columns};
+use taxel_formats::lines::Lines;
+
+use crate::header::Header;
+use crate::{HOST_TIME, Recording, Sink, host_time};
+
+pub(crate) struct Writer {
+    path: PathBuf,
+    records: csv::Writer<BufWriter<File>>,
+}
+
+impl Writer {
+    pub(crate) fn create(
+        path: &Path,
+        header: &Header,
+        columns: &[Column],
+    ) -> Result<Self, FileError> {
+        let failed = |error: std::io::Error| FileError::io(path, &error);
+        let mut file = BufWriter::new(File::create(path).map_err(failed)?);
+        for (name, value) in &header.facts {
+            writeln!(file, "# {name}={value}").map_err(failed)?;
+        }
+        let mut writer = Self { path: path.to_owned(), records: csv::Writer::from_writer(file) };
+        let names = columns.iter().map(|column| column.name.as_str());
+        writer.records.write_record(names).map_err(|error| writer.failed(error))?;
+        writer.flush()?;
+        Ok(writer)
+    }
+
+    fn failed(&self, error: csv::Error) -> FileError {
+        FileError::csv(&self.path, error)
+    }
+}
+
+impl Sink for Writer {
+    fn write(&mut self, row: &[Cell]) -> Result<(), FileError> {
+        let cells = row.iter().map(ToString::to_string);
+        let written = self.records.write_record(cells);
+        written.map_err(|error| self.failed(error))
+    }
+
+    fn flush(&mut self) -> Result<(), FileError> {
+        self.records.flush().map_err(|error| FileError::io(&self.path, &error))
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<(), FileError> {
+        self.flush()
+    }
+}
+
+/// Opens a frames CSV, or any other with a time column `t_us`.
+pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
+    let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
+    let mut lines = Lines::new(BufReader::new(file), path);
+    let mut header = Header::default();
+    let mut names = csv::StringRecord::new();
+    let found = lines.next(&mut names, |comment, _| {
+        if let Some((name, value)) = comment.split_once('=') {
+            header.facts.insert(name.trim().to_owned(), value.trim().to_owned());
+        }
+        Ok(())
+    })?;
+    let Some(line) = found else {
+        return Err(FileError::new(path, "the file is empty: expected a line of column names"));
+    };
+    if !names.iter().any(|name| name == "t_us") {
+        return Err(FileError::new(path, "the column is missing")
+            .line(line)
+            .column("t_us")
+            .mend("a recording needs device time in microseconds"));
+    }
+    let known = columns(Fields::ALL);
+    let columns: Vec<Column> = names
+        .iter()
+        .map(|name| {
+            let known = known.iter().find(|column| column.name == name).cloned();
+            match known {
+                Some(column) => column,
+                None if name == HOST_TIME => host_time(),
+                None => Column { name: name.to_owned(), kind: Kind::Real },
+            }
+        })
+        .collect();
+    let rows = Rows { lines, columns: columns.clone(), record: csv::StringRecord::new() };
+    Ok(Recording { header, columns, rows: Box::new(rows) })
+}
+
+struct Rows<R> {
+    lines: Lines<R>,
+    columns: Vec<Column>,
+    record: csv::StringRecord,
+}
+
+impl<R: BufRead> Iterator for Rows<R> {
+    type Item = Result<Vec<Cell>, FileError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let line = match self.lines.next_row(&mut self.record, self.columns.len()) {
+            Ok(line) => line?,
+            Err(error) => return Some(Err(error)),
+        };
+        let cell = |(text, column): (&str, &Column)| {
+            let value = match column.kind {
+                _ if text.is_empty() => Some(Cell::Empty),
+                Kind::Whole => text.parse().ok().map(Cell::Whole),
+                Kind::Real | Kind::Measured => {
+                    text.parse().ok().filter(|value: &f32| value.is_finite()).map(Cell::Real)
+                }
+            };
+            value.ok_or_else(|| {
+                let wanted =
+                    if column.kind == Kind::Whole { "a whole number" } else { "a finite number" };
+                FileError::new(self.lines.path(), format!("expected {wanted}, found `{text}`"))
+                    .line(line)
+                    .column(&column.name)
+                    .mend("mend the cell, or leave it empty where there is no value")
+            })
+        };
+        Some(self.record.iter().zip(&self.columns).map(cell).collect())
+    }
+}

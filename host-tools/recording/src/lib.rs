@@ -1,0 +1,139 @@
+//! Recordings: what a finger said, row by row, in the kind of file that the name asks for.
+//!
+//! ```text
+//! Frame ──taxel_formats::frames::cells──▶ row ──Recorder──▶ .mcap · .parquet · .csv ──Recording──▶ row
+//! ```
+//! A recording is a [`Header`] (which finger, which calibration), named columns, and rows. Nothing in
+//! here knows what a column means, so that a field which frames gain is recorded without a change.
+
+mod csv;
+mod header;
+mod mcap;
+mod parquet;
+mod scans;
+mod schema;
+
+use std::path::Path;
+
+use taxel_formats::FileError;
+use taxel_formats::frames::{Cell, Column, Kind};
+
+pub use header::Header;
+pub use scans::Scans;
+
+/// The column of host receive time: microseconds since 1970-01-01 UTC.
+pub const HOST_TIME: &str = "host_us";
+
+/// The column of host receive time.
+#[must_use]
+pub fn host_time() -> Column {
+    Column { name: HOST_TIME.to_owned(), kind: Kind::Whole }
+}
+
+/// The kinds of file there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Csv,
+    Mcap,
+    Parquet,
+}
+
+impl Format {
+    fn of(path: &Path) -> Result<Self, FileError> {
+        match path.extension().and_then(|extension| extension.to_str()) {
+            Some("csv") => Ok(Self::Csv),
+            Some("mcap") => Ok(Self::Mcap),
+            Some("parquet") => Ok(Self::Parquet),
+            _ => Err(FileError::new(path, "no kind of recording that its name tells")
+                .mend("let it end in .mcap, .parquet or .csv")),
+        }
+    }
+}
+
+/// Writes a recording.
+pub struct Recorder(Box<dyn Sink + Send>);
+
+/// A kind of file.
+trait Sink {
+    fn write(&mut self, row: &[Cell]) -> Result<(), FileError>;
+    fn flush(&mut self) -> Result<(), FileError>;
+    fn finish(self: Box<Self>) -> Result<(), FileError>;
+}
+
+impl Recorder {
+    /// Begins the file.
+    ///
+    /// # Errors
+    /// Its name tells no kind of recording, or it cannot be written.
+    pub fn create(path: &Path, header: &Header, columns: &[Column]) -> Result<Self, FileError> {
+        Ok(Self(match Format::of(path)? {
+            Format::Csv => Box::new(csv::Writer::create(path, header, columns)?),
+            Format::Mcap => Box::new(mcap::Writer::create(path, header, columns)?),
+            Format::Parquet => Box::new(parquet::Writer::create(path, header, columns)?),
+        }))
+    }
+
+    /// Appends a row, a cell for each column.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&mut self, row: &[Cell]) -> Result<(), FileError> {
+        self.0.write(row)
+    }
+
+    /// Makes what was written so far safe from the end of this process.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn flush(&mut self) -> Result<(), FileError> {
+        self.0.flush()
+    }
+
+    /// Ends the file; a recorder that is merely dropped cannot say that the disk was full.
+    ///
+    /// # Errors
+    /// The end could not be written.
+    pub fn finish(self) -> Result<(), FileError> {
+        self.0.finish()
+    }
+}
+
+type Rows = Box<dyn Iterator<Item = Result<Vec<Cell>, FileError>> + Send>;
+
+/// Reads a recording. Rows come one by one; an error among them says what could not be read, and where the
+/// rest of the file can be read, its rows follow.
+pub struct Recording {
+    /// Which finger it is of.
+    pub header: Header,
+    /// What the cells of a row are.
+    pub columns: Vec<Column>,
+    rows: Rows,
+}
+
+impl Recording {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// It is no recording, or cannot be read.
+    pub fn open(path: &Path) -> Result<Self, FileError> {
+        match Format::of(path)? {
+            Format::Csv => csv::open(path),
+            Format::Mcap => mcap::open(path),
+            Format::Parquet => parquet::open(path),
+        }
+    }
+
+    /// Where the column of this name stands in a row.
+    #[must_use]
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|column| column.name == name)
+    }
+}
+
+impl Iterator for Recording {
+    type Item = Result<Vec<Cell>, FileError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.rows.next()
+    }
+}

@@ -1,0 +1,267 @@
+//! Parquet, for tables: whole numbers are INT64, real ones FLOAT; a measured column `fx_n` is followed by
+//! `fx_n_withheld`, the reason in words where there is no value. Facts and calibration are key-value
+//! metadata.
+//!
+//! A Parquet file cannot be read without its end, so that it cannot be written safely while a stream runs.
+//! The rows go to an MCAP file beside it first and become Parquet when it is finished; after a crash
+//! `taxel export` does that.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, FloatType, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
+use parquet::record::{Field, Row};
+use parquet::schema::types::{Type, TypePtr};
+use taxel_formats::FileError;
+use taxel_formats::frames::{Cell, Column, Kind, REASONS, reason};
+
+use crate::header::Header;
+use crate::{Recording, Sink, mcap};
+
+const WITHHELD: &str = "_withheld";
+const CALIBRATION: &str = "calibration";
+/// Rows in memory before they are written: four seconds of the fastest stream.
+const GROUP: usize = 16_384;
+
+pub(crate) struct Writer {
+    path: PathBuf,
+    spool: PathBuf,
+    rows: mcap::Writer,
+}
+
+impl Writer {
+    pub(crate) fn create(
+        path: &Path,
+        header: &Header,
+        columns: &[Column],
+    ) -> Result<Self, FileError> {
+        let spool = path.with_extension("parquet.part.mcap");
+        let rows = mcap::Writer::create(&spool, header, columns)?;
+        Ok(Self { path: path.to_owned(), spool, rows })
+    }
+}
+
+impl Sink for Writer {
+    fn write(&mut self, row: &[Cell]) -> Result<(), FileError> {
+        self.rows.write(row)
+    }
+
+    fn flush(&mut self) -> Result<(), FileError> {
+        self.rows.flush()
+    }
+
+    /// Turns the rows into Parquet.
+    fn finish(self: Box<Self>) -> Result<(), FileError> {
+        let Self { path, spool, rows } = *self;
+        Box::new(rows).finish()?;
+        let kept = |error: FileError| {
+            error.mend(format!(
+                "all rows are in {}; mend the cause, then `taxel export` it",
+                spool.display()
+            ))
+        };
+        convert(&path, mcap::open(&spool)?).map_err(kept)?;
+        std::fs::remove_file(&spool).map_err(|error| FileError::io(&spool, &error))
+    }
+}
+
+fn convert(path: &Path, rows: Recording) -> Result<(), FileError> {
+    let failed = |error: ParquetError| failed(path, error);
+    let file = File::create(path).map_err(|error| FileError::io(path, &error))?;
+    let facts = rows.header.facts.clone().into_iter();
+    let calibration = rows.header.calibration.clone().map(|text| (CALIBRATION.to_owned(), text));
+    let pairs = facts.chain(calibration).map(|(key, value)| KeyValue { key, value: Some(value) });
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::SNAPPY)
+        .set_created_by(concat!("taxel ", env!("CARGO_PKG_VERSION")).to_owned())
+        .set_key_value_metadata(Some(pairs.collect()))
+        .build();
+    let columns = rows.columns.clone();
+    let schema = schema(&columns).map_err(failed)?;
+    let mut file = SerializedFileWriter::new(BufWriter::new(file), schema, Arc::new(properties))
+        .map_err(failed)?;
+    let mut group = Vec::with_capacity(GROUP);
+    for row in rows {
+        group.push(row?);
+        if group.len() == GROUP {
+            let mut writer = file.next_row_group().map_err(failed)?;
+            write_group(&mut writer, &columns, &group).map_err(failed)?;
+            writer.close().map_err(failed)?;
+            group.clear();
+        }
+    }
+    if !group.is_empty() {
+        let mut writer = file.next_row_group().map_err(failed)?;
+        write_group(&mut writer, &columns, &group).map_err(failed)?;
+        writer.close().map_err(failed)?;
+    }
+    file.close().map_err(failed)?;
+    Ok(())
+}
+
+fn schema(columns: &[Column]) -> Result<TypePtr, ParquetError> {
+    let optional = |name: &str, physical, logical| {
+        Type::primitive_type_builder(name, physical)
+            .with_repetition(Repetition::OPTIONAL)
+            .with_logical_type(logical)
+            .build()
+            .map(Arc::new)
+    };
+    let mut fields = Vec::new();
+    for column in columns {
+        let physical = if column.kind == Kind::Whole { Physical::INT64 } else { Physical::FLOAT };
+        fields.push(optional(&column.name, physical, None)?);
+        if column.kind == Kind::Measured {
+            let name = format!("{}{WITHHELD}", column.name);
+            fields.push(optional(&name, Physical::BYTE_ARRAY, Some(LogicalType::String))?);
+        }
+    }
+    Type::group_type_builder("frame").with_fields(fields).build().map(Arc::new)
+}
+
+fn write_group(
+    group: &mut SerializedRowGroupWriter<'_, BufWriter<File>>,
+    columns: &[Column],
+    rows: &[Vec<Cell>],
+) -> Result<(), ParquetError> {
+    for (at, column) in columns.iter().enumerate() {
+        let cells = rows.iter().map(|row| row.get(at).copied().unwrap_or(Cell::Empty));
+        if column.kind == Kind::Whole {
+            write_column::<Int64Type>(group, cells, |cell| match cell {
+                Cell::Whole(whole) => i64::try_from(whole).ok(),
+                _ => None,
+            })?;
+            continue;
+        }
+        write_column::<FloatType>(group, cells.clone(), |cell| match cell {
+            Cell::Real(real) => Some(real),
+            _ => None,
+        })?;
+        if column.kind == Kind::Measured {
+            write_column::<ByteArrayType>(group, cells, |cell| match cell {
+                Cell::Withheld(why) => Some(ByteArray::from(reason(why))),
+                _ => None,
+            })?;
+        }
+    }
+    Ok(())
+}
+
+fn write_column<T: parquet::data_type::DataType>(
+    group: &mut SerializedRowGroupWriter<'_, BufWriter<File>>,
+    cells: impl Iterator<Item = Cell>,
+    value: impl Fn(Cell) -> Option<T::T>,
+) -> Result<(), ParquetError> {
+    let cells: Vec<_> = cells.map(value).collect();
+    let levels: Vec<i16> = cells.iter().map(|cell| cell.is_some().into()).collect();
+    let values: Vec<_> = cells.into_iter().flatten().collect();
+    let Some(mut writer) = group.next_column()? else {
+        return Err(ParquetError::General("fewer columns than cells".to_owned()));
+    };
+    writer.typed::<T>().write_batch(&values, Some(&levels), None)?;
+    writer.close()
+}
+
+fn failed(path: &Path, error: ParquetError) -> FileError {
+    match error {
+        ParquetError::External(source) => match source.downcast::<std::io::Error>() {
+            Ok(error) => FileError::io(path, &error),
+            Err(error) => FileError::new(path, error.to_string()),
+        },
+        error => FileError::new(path, error.to_string()),
+    }
+}
+
+/// Opens a file.
+pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
+    let unreadable = |error: ParquetError| {
+        failed(path, error)
+            .mend("is it a whole Parquet file? One that was cut short cannot be read")
+    };
+    let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
+    let reader = guarded(|| SerializedFileReader::new(file)).map_err(unreadable)?;
+    let metadata = reader.metadata().file_metadata();
+    let mut header = Header::default();
+    for pair in metadata.key_value_metadata().into_iter().flatten() {
+        match &pair.value {
+            Some(text) if pair.key == CALIBRATION => header.calibration = Some(text.clone()),
+            Some(value) => drop(header.facts.insert(pair.key.clone(), value.clone())),
+            None => {}
+        }
+    }
+    let fields = metadata.schema().get_fields();
+    let columns = columns(fields).filter(|columns| columns.iter().any(|c| c.name == "t_us"));
+    let Some(columns) = columns else {
+        return Err(FileError::new(path, "no recording of taxel frames")
+            .mend("`taxel record` and `taxel export` write one"));
+    };
+    let path = path.to_owned();
+    let kinds = columns.clone();
+    let mut rows = reader.into_iter();
+    let mut over = false;
+    // The library says the same error for ever.
+    let rows = std::iter::from_fn(move || {
+        let next = if over { None } else { guarded(|| rows.next().transpose()).transpose() };
+        let row = next?;
+        over = row.is_err();
+        Some(row.map(|row| cells(&row, &kinds)).map_err(|error| failed(&path, error)))
+    });
+    Ok(Recording { header, columns, rows: Box::new(rows) })
+}
+
+/// The library asserts what a damaged file may break; here that is an error like any other.
+fn guarded<T>(read: impl FnOnce() -> Result<T, ParquetError>) -> Result<T, ParquetError> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(read))
+        .unwrap_or_else(|_| Err(ParquetError::General("damaged".to_owned())))
+}
+
+/// The columns that [`schema`] made these of.
+fn columns(fields: &[TypePtr]) -> Option<Vec<Column>> {
+    let mut columns: Vec<Column> = Vec::new();
+    for field in fields {
+        let name = field.name();
+        if !field.is_primitive() {
+            return None;
+        }
+        let kind = match field.get_physical_type() {
+            Physical::INT64 => Kind::Whole,
+            Physical::FLOAT => Kind::Real,
+            Physical::BYTE_ARRAY => {
+                let last =
+                    columns.last_mut().filter(|c| name.strip_suffix(WITHHELD) == Some(&c.name))?;
+                last.kind = Kind::Measured;
+                continue;
+            }
+            _ => return None,
+        };
+        columns.push(Column { name: name.to_owned(), kind });
+    }
+    Some(columns)
+}
+
+fn cells(row: &Row, columns: &[Column]) -> Vec<Cell> {
+    let mut fields = row.get_column_iter().map(|(_, field)| field);
+    let mut next = || fields.next().unwrap_or(&Field::Null);
+    let cell = |column: &Column| {
+        let value = next();
+        let why = if column.kind == Kind::Measured { next() } else { &Field::Null };
+        match (value, why) {
+            (Field::Long(whole), _) => Cell::Whole(whole.unsigned_abs()),
+            (Field::Float(real), _) => Cell::Real(*real),
+            (_, Field::Str(words)) => {
+                let why = REASONS.into_iter().find(|why| reason(*why) == words);
+                why.map_or(Cell::Empty, Cell::Withheld)
+            }
+            _ => Cell::Empty,
+        }
+    };
+    columns.iter().map(cell).collect()
+}

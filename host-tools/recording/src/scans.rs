@@ -1,0 +1,102 @@
+//! A recording that has the codes is a trace: it can be played back and computed again.
+
+use std::io::{self, BufReader, Cursor, Read};
+use std::path::Path;
+
+use taxel::calibration::Calibration;
+use taxel_formats::FileError;
+use taxel_formats::calibration;
+use taxel_formats::frames::Cell;
+use taxel_formats::trace::{Sample, TraceReader, is_code};
+
+use crate::{Format, Recording};
+
+type Samples = Box<dyn Iterator<Item = Result<Sample, FileError>> + Send>;
+
+/// What a trace or a recording has for the core to compute from.
+pub struct Scans {
+    /// The scans; a trace's with their truth.
+    pub samples: Samples,
+    /// The calibration that was in force when it was recorded.
+    pub calibration: Option<Calibration>,
+}
+
+impl Scans {
+    /// Opens a trace, or a recording of any kind.
+    ///
+    /// # Errors
+    /// It cannot be read, or there are no codes in it.
+    pub fn open(path: &Path) -> Result<Self, FileError> {
+        if !is_recording(path) {
+            return Ok(Self { samples: Box::new(TraceReader::open(path)?), calibration: None });
+        }
+        let recording = Recording::open(path)?;
+        let text = recording.header.calibration.as_deref();
+        let calibration = text.map(|text| calibration::parse(path, text)).transpose()?;
+        Ok(Self { samples: Box::new(samples(recording, path)?), calibration })
+    }
+}
+
+/// A trace is a CSV file whose lines have no numbers.
+fn is_recording(path: &Path) -> bool {
+    match Format::of(path) {
+        Ok(Format::Mcap | Format::Parquet) => true,
+        // Whatever else it is called, the reader of traces says what is wrong with it.
+        _ => crate::csv::open(path).is_ok_and(|recording| recording.position("seq").is_some()),
+    }
+}
+
+fn samples(
+    mut recording: Recording,
+    path: &Path,
+) -> Result<impl Iterator<Item = Result<Sample, FileError>> + Send + use<>, FileError> {
+    // A channel that the finger does not have has empty cells, in the first row as in every other.
+    let first = recording.next().transpose()?.unwrap_or_default();
+    let kept = recording.columns.iter().zip(&first).map(|(column, cell)| {
+        column.name == "t_us" || is_code(&column.name) && *cell != Cell::Empty
+    });
+    let kept: Vec<bool> = kept.collect();
+    if !recording.columns.iter().zip(&kept).any(|(column, kept)| *kept && is_code(&column.name)) {
+        return Err(FileError::new(
+            path,
+            "no ADC codes in it, so that it cannot be computed again",
+        )
+        .mend("record with the field `codes`"));
+    }
+    let names = recording.columns.iter().zip(&kept).filter(|(_, kept)| **kept);
+    let names: Vec<_> = names.map(|(column, _)| column.name.as_str()).collect();
+    let full_scale = recording.header.facts.get("full_scale").map_or("4095", String::as_str);
+    let head = format!("# full_scale={full_scale}\n{}\n", names.join(","));
+    let text =
+        TraceText { line: Cursor::new(head.into_bytes()), ahead: Some(first), recording, kept };
+    TraceReader::new(BufReader::new(text), path)
+}
+
+/// The recording as the text of a trace: the reader of traces checks it as it does any other.
+struct TraceText {
+    line: Cursor<Vec<u8>>,
+    ahead: Option<Vec<Cell>>,
+    recording: Recording,
+    kept: Vec<bool>,
+}
+
+impl Read for TraceText {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        loop {
+            let read = self.line.read(buffer)?;
+            if read > 0 || buffer.is_empty() {
+                return Ok(read);
+            }
+            let row = match self.ahead.take() {
+                Some(row) => row,
+                None => match self.recording.next() {
+                    None => return Ok(0),
+                    Some(row) => row.map_err(io::Error::other)?,
+                },
+            };
+            let cells = row.iter().zip(&self.kept).filter(|(_, kept)| **kept);
+            let cells: Vec<_> = cells.map(|(cell, _)| cell.to_string()).collect();
+            self.line = Cursor::new((cells.join(",") + "\n").into_bytes());
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! What goes into a recording comes out of it, in every kind of file, and out of damaged ones as far as it
+//! can.
+
+use std::path::Path;
+
+use taxel::condition::{Health, Signals};
+use taxel::estimate::{ContactPoint, Force};
+use taxel::frame::{Fields, Frame, Status};
+use taxel::measured::NoValue;
+use taxel::units::{Micros, Millimetres, Newtons};
+use taxel_formats::frames::{Cell, Column, REASONS, cells, columns};
+use taxel_recording::{Header, Recorder, Recording, host_time};
+
+fn header() -> Header {
+    let header = Header::default().with("serial", "F-0042").with("full_scale", 65535);
+    Header { calibration: Some("taxel_calibration = 2\n".to_owned()), ..header }
+}
+
+fn all_columns() -> Vec<Column> {
+    columns(Fields::ALL).into_iter().chain([host_time()]).collect()
+}
+
+/// Every kind of cell, every reason, and numbers that only their exact text or bits bring back.
+fn rows(count: u64) -> Vec<Vec<Cell>> {
+    (0..count)
+        .map(|i| {
+            let newtons = |value: f32| Ok(Newtons(value / 3.0));
+            let why = REASONS[i as usize % REASONS.len()];
+            let frame = Frame {
+                seq: i as u32,
+                time: Micros((1 << 40) + i * 250),
+                status: Status::CONTACT,
+                signals: Some(Signals {
+                    taxels: Some(std::array::from_fn(|k| (k as f32 + i as f32).sin() * 1e-7)),
+                    bridges: [Some([1.0e-30, -0.0, 3.4e38]), None, None, None],
+                    health: Health { saturated: 0xffff, dead: 1, bridge_faults: 15 },
+                }),
+                force: Some(Force { x: newtons(i as f32), y: Err(why), z: newtons(-1.0) }),
+                point: Some(if i % 2 == 0 {
+                    Err(NoValue::NoContact)
+                } else {
+                    Ok(ContactPoint { x: Millimetres(0.1), y: Millimetres(-3.7) })
+                }),
+                ..Frame::default()
+            };
+            let mut row = Vec::new();
+            cells(&frame, Fields::ALL, &mut row);
+            row.push(Cell::Whole(1_790_000_000_000_000 + i));
+            row
+        })
+        .collect()
+}
+
+fn record(path: &Path, rows: &[Vec<Cell>]) {
+    let mut recorder = Recorder::create(path, &header(), &all_columns()).unwrap();
+    for (i, row) in rows.iter().enumerate() {
+        recorder.write(row).unwrap();
+        if i % 100 == 99 {
+            recorder.flush().unwrap();
+        }
+    }
+    recorder.finish().unwrap();
+}
+
+fn read(path: &Path) -> (Vec<Vec<Cell>>, Vec<String>) {
+    let mut errors = Vec::new();
+    let rows = Recording::open(path).unwrap();
+    let rows = rows.filter_map(|row| row.map_err(|error| errors.push(error.to_string())).ok());
+    let rows = rows.collect();
+    (rows, errors)
+}
+
+#[test]
+fn mcap_and_parquet_give_back_every_cell_and_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    // More than one row group of Parquet.
+    let rows = rows(20_000);
+    for name in ["a.mcap", "a.parquet"] {
+        let path = folder.path().join(name);
+        record(&path, &rows);
+        let recording = Recording::open(&path).unwrap();
+        assert_eq!(recording.header, header());
+        assert_eq!(recording.columns, all_columns());
+        assert!(recording.map(Result::unwrap).eq(rows.iter().cloned()), "{name}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "the spool is gone");
+}
+
+#[test]
+fn csv_gives_back_every_value_and_an_empty_cell_for_every_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv");
+    let mut rows = rows(50);
+    record(&path, &rows);
+    for cell in rows.iter_mut().flatten() {
+        if let Cell::Withheld(_) = cell {
+            *cell = Cell::Empty;
+        }
+    }
+    let recording = Recording::open(&path).unwrap();
+    assert_eq!(recording.header.facts, header().facts);
+    assert!(recording.map(Result::unwrap).eq(rows));
+}
+
+#[test]
+fn an_mcap_file_that_is_cut_off_loses_only_what_came_after_its_last_flush() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let rows = rows(1000);
+    record(&path, &rows);
+    let whole = std::fs::read(&path).unwrap();
+    let mut longest = 0;
+    for length in (0..whole.len()).step_by(whole.len() / 97) {
+        std::fs::write(&path, &whole[..length]).unwrap();
+        let Ok(recording) = Recording::open(&path) else {
+            assert!(length < whole.len() / 5, "{length} bytes");
+            continue;
+        };
+        let found: Vec<_> = recording.map(Result::unwrap).collect();
+        assert_eq!(found, rows[..found.len()]);
+        assert_eq!(found.len() % 100, 0);
+        longest = found.len();
+    }
+    assert_eq!(longest, 1000);
+}
+
+#[test]
+fn a_damaged_chunk_costs_its_own_rows_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let rows = rows(1000);
+    record(&path, &rows);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0x55;
+    std::fs::write(&path, &bytes).unwrap();
+    let (found, errors) = read(&path);
+    assert_eq!(found.len(), 900);
+    assert!(found.iter().all(|row| rows.contains(row)));
+    assert_eq!(errors.len(), 1);
+    assert!(errors[0].contains("a.mcap: damaged after row "), "{errors:?}");
+}
+
+#[test]
+fn whatever_bytes_are_damaged_no_wrong_row_and_no_panic_comes_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = rows(60);
+    for name in ["a.mcap", "a.parquet"] {
+        let path = folder.path().join(name);
+        record(&path, &rows);
+        let whole = std::fs::read(&path).unwrap();
+        for at in (0..whole.len()).step_by(whole.len() / 199) {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 0xff;
+            std::fs::write(&path, &bytes).unwrap();
+            let Ok(recording) = Recording::open(&path) else { continue };
+            let found = recording.flatten().count();
+            assert!(found <= 60);
+        }
+    }
+}
+
+#[test]
+fn what_is_no_recording_is_refused_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, content, message) in [
+        ("a.mcap", "", "a.mcap: "),
+        ("a.mcap", "hello, this is no such file", "a.mcap: damaged after row 0: Bad magic number"),
+        ("a.parquet", "PAR1", "a.parquet: "),
+        ("a.csv", "", "a.csv: the file is empty"),
+        ("a.csv", "x,y\n1,2\n", "a.csv:1: `t_us`: the column is missing"),
+        ("a.txt", "", "a.txt: no kind of recording that its name tells; let it end in .mcap"),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, content).unwrap();
+        let Err(error) = Recording::open(&path) else { panic!("{name} opened") };
+        let error = error.to_string();
+        assert!(error.contains(message), "{error}");
+        assert!(!error.contains('\n'));
+    }
+}

@@ -1,0 +1,112 @@
+//! The C header reads what this core sends: compiled by the system's C compiler, without a warning.
+
+mod common;
+
+use std::io::Write as _;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use taxel::condition::{Health, Signals};
+use taxel::estimate::{ContactPoint, Force};
+use taxel::frame::{Frame, Status};
+use taxel::measured::NoValue;
+use taxel::units::{Micros, Millimetres};
+use taxel::wire::message::Message;
+use taxel::wire::{MAX_PACKET, pack};
+
+/// What the C program prints for a stream.
+fn printed(stream: &[u8]) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("print_frames");
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("host-tools/c/print_frames.c");
+    let compiled = Command::new("cc")
+        .args(["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O1"])
+        .args(["-fsanitize=undefined,address", "-fno-sanitize-recover=all"])
+        .arg(source)
+        .arg("-o")
+        .arg(&program)
+        .output()
+        .expect("a C compiler named cc");
+    assert!(compiled.status.success(), "{}", String::from_utf8_lossy(&compiled.stderr));
+    let mut child =
+        Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    child.stdin.take().unwrap().write_all(stream).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success());
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn packet(frame: Frame) -> Vec<u8> {
+    pack(&Message::Frame(frame), &mut [0; MAX_PACKET]).unwrap().to_vec()
+}
+
+#[test]
+fn the_c_header_reads_every_field_that_frames_carry_and_nothing_that_is_none() {
+    let small = Frame {
+        seq: 300,
+        time: Micros(1_000_000),
+        status: Status(Status::CONTACT.0 | Status::RAN_NET.0),
+        ..Frame::default()
+    };
+    let estimates = Frame {
+        seq: u32::MAX,
+        time: Micros(u64::MAX),
+        sensors: Some([
+            Force::known(0.5, -0.5, 1.0),
+            Force::known(0.1, 0.2, 0.3),
+            Force::known(0.0, 0.0, 0.0),
+            Force { z: Err(NoValue::DeadChannel), ..Force::known(1.0, 2.0, 3.0) },
+        ]),
+        force: Some(Force { x: Err(NoValue::NotEstimated), ..Force::known(0.0, 1.0e-7, 0.25) }),
+        point: Some(Ok(ContactPoint { x: Millimetres(1.25), y: Millimetres(-2.0) })),
+        ..Frame::default()
+    };
+    let codes = common::unloaded(0).codes;
+    let raw = Frame {
+        codes: Some(codes),
+        signals: Some(Signals {
+            taxels: Some(std::array::from_fn(|k| k as f32 / -3.0)),
+            bridges: [Some([0.1, 0.2, 0.3]), None, None, None],
+            health: Health { saturated: 0x8001, dead: 2, bridge_faults: 8 },
+        }),
+        point: Some(Err(NoValue::NoContact)),
+        ..Frame::default()
+    };
+    let mut damaged = packet(small);
+    damaged[5] ^= 0x10;
+    let version = Message::Version { tag: 1, protocol: 2, firmware: [0, 1, 0] };
+    let version = pack(&version, &mut [0; MAX_PACKET]).unwrap().to_vec();
+    let stream = [
+        vec![0x41, 0x42, 0],
+        packet(small),
+        damaged,
+        version,
+        vec![0x11; 1000],
+        vec![0, 0],
+        packet(estimates),
+        packet(raw),
+    ];
+    let taxels = codes.taxels.unwrap();
+    let or_minus_one = |code: Option<taxel::units::Code>| code.map_or(-1, |code| i32::from(code.0));
+    let bridge = |s: usize| codes.bridges[s];
+    let expected = [
+        "seq=300 time_us=1000000 status=262145".to_owned(),
+        "seq=4294967295 time_us=18446744073709551615 status=0 s0x=0.5 s3z=!3 fx=!7 fy=1.00000001e-07 \
+         fz=0.25 x=1.25 y=-2"
+            .to_owned(),
+        format!(
+            "seq=0 time_us=0 status=0 full_scale={} lit0={} lit15={} dark3={} bridge0d={} bridge3a={} \
+             reference={} temperature={} c0=-0 c15=-5 u0z=0.300000012 saturated=32769 dead=2 \
+             bridge_faults=8 x=!1 y=!1",
+            codes.full_scale.top().0,
+            taxels.lit[0][0].0,
+            taxels.lit[3][3].0,
+            taxels.dark[3].0,
+            or_minus_one(bridge(0).map(|b| b.d)),
+            or_minus_one(bridge(3).map(|b| b.a)),
+            or_minus_one(codes.reference),
+            or_minus_one(codes.temperature),
+        ),
+    ];
+    assert_eq!(printed(&stream.concat()).lines().collect::<Vec<_>>(), expected);
+}
