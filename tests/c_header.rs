@@ -7,10 +7,11 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use taxel::condition::{Health, Signals};
-use taxel::estimate::{ContactPoint, Force};
+use taxel::estimate::slip::Verdict;
+use taxel::estimate::{ContactPoint, Force, NormalContact};
 use taxel::frame::{Frame, Status};
 use taxel::measured::NoValue;
-use taxel::units::{Micros, Millimetres};
+use taxel::units::{Micros, Millimetres, Newtons};
 use taxel::wire::message::Message;
 use taxel::wire::{MAX_PACKET, pack};
 
@@ -59,6 +60,9 @@ fn the_c_header_reads_every_field_that_frames_carry_and_nothing_that_is_none() {
         ]),
         force: Some(Force { x: Err(NoValue::NotEstimated), ..Force::known(0.0, 1.0e-7, 0.25) }),
         point: Some(Ok(ContactPoint { x: Millimetres(1.25), y: Millimetres(-2.0) })),
+        slip: Some(Ok(Verdict { margin: 0.25, friction: 0.5, grip: Newtons(2.0) })),
+        torsion: Some(Err(NoValue::IllConditioned)),
+        contacts: Some(Ok([(0.25, [1.25, -2.0]), (0.5, [-0.5, 1.0])].map(NormalContact::new))),
         ..Frame::default()
     };
     let codes = common::unloaded(0).codes;
@@ -92,7 +96,7 @@ fn the_c_header_reads_every_field_that_frames_carry_and_nothing_that_is_none() {
     let expected = [
         "seq=300 time_us=1000000 status=262145".to_owned(),
         "seq=4294967295 time_us=18446744073709551615 status=0 s0x=0.5 s3z=!3 fx=!7 fy=1.00000001e-07 \
-         fz=0.25 x=1.25 y=-2"
+         fz=0.25 x=1.25 y=-2 margin=0.25 grip=2 torsion=!5 contact1y=-2 contact2fz=0.5"
             .to_owned(),
         format!(
             "seq=0 time_us=0 status=0 full_scale={} lit0={} lit15={} dark3={} bridge0d={} bridge3a={} \

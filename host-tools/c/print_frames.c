@@ -41,6 +41,11 @@ int main(void) {
         print("fz", frame.force[2]);
         print("x", frame.point[0]);
         print("y", frame.point[1]);
+        print("margin", frame.slip[0]);
+        print("grip", frame.slip[2]);
+        print("torsion", frame.torsion);
+        print("contact1y", frame.contacts[0][1]);
+        print("contact2fz", frame.contacts[1][2]);
         putchar('\n');
     }
     return 0;

@@ -46,6 +46,10 @@ enum taxel_why {
 #define TAXEL_STATUS_OVERRUN (UINT32_C(1) << 6)
 #define TAXEL_STATUS_BIASED (UINT32_C(1) << 7)
 #define TAXEL_STATUS_STUCK_CHANNEL (UINT32_C(1) << 8)
+#define TAXEL_STATUS_NOT_SINGLE (UINT32_C(1) << 9)
+#define TAXEL_STATUS_DISAGREE (UINT32_C(1) << 10)
+#define TAXEL_STATUS_SLIP_WARNING (UINT32_C(1) << 11)
+#define TAXEL_STATUS_SLIDES (UINT32_C(1) << 12)
 
 /* A measured value; `value` is 0 where it is not given. */
 struct taxel_value {
@@ -79,6 +83,9 @@ struct taxel_frame {
     struct taxel_value sensors[TAXEL_SENSORS][3]; /* newtons */
     struct taxel_value force[3];                  /* newtons, z into the skin */
     struct taxel_value point[2];                  /* millimetres */
+    struct taxel_value slip[3];                   /* margin, friction, grip in newtons */
+    struct taxel_value torsion;                   /* newton millimetres */
+    struct taxel_value contacts[2][3];            /* x and y in millimetres, normal force in newtons */
 };
 
 static inline int taxel_given(struct taxel_value value) { return value.why == TAXEL_GIVEN; }
@@ -164,6 +171,20 @@ static inline void taxel_force(struct taxel_reader *r, struct taxel_value force[
     }
 }
 
+/* Values that are given together or withheld together. */
+static inline void taxel_values(struct taxel_reader *r, struct taxel_value *values, int count) {
+    int withheld = taxel_choice(r);
+    int8_t why = withheld ? (int8_t)(taxel_byte(r) & 0x7f) : (int8_t)TAXEL_GIVEN;
+    for (int i = 0; i < count; i++) {
+        values[i].why = why;
+        if (!withheld) values[i].value = taxel_float(r);
+    }
+}
+
+static inline void taxel_not_sent(struct taxel_value *values, int count) {
+    for (int i = 0; i < count; i++) values[i].why = TAXEL_NOT_SENT;
+}
+
 static inline void taxel_decode_codes(struct taxel_reader *r, struct taxel_codes *codes) {
     memset(codes, 0xff, sizeof *codes); /* every code is -1 */
     codes->full_scale = taxel_code(r);
@@ -196,10 +217,12 @@ static inline void taxel_decode_signals(struct taxel_reader *r, struct taxel_sig
 static inline int taxel_frame_decode(const uint8_t *message, size_t length, struct taxel_frame *frame) {
     struct taxel_reader r = {message, message + length, 1};
     memset(frame, 0, sizeof *frame);
-    for (int s = 0; s < TAXEL_SENSORS; s++)
-        for (int axis = 0; axis < 3; axis++) frame->sensors[s][axis].why = TAXEL_NOT_SENT;
-    for (int axis = 0; axis < 3; axis++) frame->force[axis].why = TAXEL_NOT_SENT;
-    for (int axis = 0; axis < 2; axis++) frame->point[axis].why = TAXEL_NOT_SENT;
+    taxel_not_sent(frame->sensors[0], 3 * TAXEL_SENSORS);
+    taxel_not_sent(frame->force, 3);
+    taxel_not_sent(frame->point, 2);
+    taxel_not_sent(frame->slip, 3);
+    taxel_not_sent(&frame->torsion, 1);
+    taxel_not_sent(frame->contacts[0], 6);
     if (taxel_varint(&r) != 2) return 0; /* another message */
     frame->seq = (uint32_t)taxel_varint(&r);
     frame->time_us = taxel_varint(&r);
@@ -209,14 +232,10 @@ static inline int taxel_frame_decode(const uint8_t *message, size_t length, stru
     if (taxel_field(&r))
         for (int s = 0; s < TAXEL_SENSORS; s++) taxel_force(&r, frame->sensors[s]);
     if (taxel_field(&r)) taxel_force(&r, frame->force);
-    if (taxel_field(&r)) {
-        int withheld = taxel_choice(&r);
-        int8_t why = withheld ? (int8_t)(taxel_byte(&r) & 0x7f) : (int8_t)TAXEL_GIVEN;
-        for (int axis = 0; axis < 2; axis++) {
-            frame->point[axis].why = why;
-            if (!withheld) frame->point[axis].value = taxel_float(&r);
-        }
-    }
+    if (taxel_field(&r)) taxel_values(&r, frame->point, 2);
+    if (taxel_field(&r)) taxel_values(&r, frame->slip, 3);
+    if (taxel_field(&r)) taxel_values(&r, &frame->torsion, 1);
+    if (taxel_field(&r)) taxel_values(&r, frame->contacts[0], 6);
     return r.ok;
 }
 

@@ -16,7 +16,7 @@ const VIRTUAL: &str = include_str!("../assets/virtual-finger.cal.toml");
 /// The one argument that every command with a finger has.
 #[derive(clap::Args)]
 pub struct PortArg {
-    /// The finger: a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE.
+    /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE.
     #[arg(long, value_name = "PORT")]
     pub port: Port,
 }

@@ -24,7 +24,8 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-PORT is a serial device (/dev/ttyACM0, COM3), tcp:HOST:PORT, file:PATH, a trace or recording
+PORT is usb (the finger that is plugged in), usb:SERIAL, a serial device (/dev/ttyACM0, COM3),
+tcp:HOST:PORT, file:PATH, a trace or recording
 played back in real time, or sim:SCENE, a virtual finger. Without hardware, start with `taxel demo`.";
 
 #[derive(Subcommand)]
@@ -34,6 +35,7 @@ enum Command {
     Replay(commands::replay::Args),
     Calibrate(commands::calibrate::Args),
     Chart(commands::chart::Args),
+    View(commands::view::Args),
     Record(commands::record::Args),
     Export(commands::export::Args),
     Serve(commands::serve::Args),
@@ -42,6 +44,9 @@ enum Command {
     Set(commands::set::Args),
     SelfTest(commands::self_test::Args),
     Dfu(commands::dfu::Args),
+    Ports(commands::ports::Args),
+    Udev(commands::udev::Args),
+    Completions(commands::completions::Args),
 }
 
 fn main() -> ExitCode {
@@ -55,6 +60,7 @@ fn main() -> ExitCode {
         Command::Replay(args) => commands::replay::run(args),
         Command::Calibrate(args) => commands::calibrate::run(args),
         Command::Chart(args) => commands::chart::run(args),
+        Command::View(args) => commands::view::run(args),
         Command::Record(args) => commands::record::run(args),
         Command::Export(args) => commands::export::run(args),
         Command::Serve(args) => commands::serve::run(args),
@@ -63,6 +69,9 @@ fn main() -> ExitCode {
         Command::Set(args) => commands::set::run(args),
         Command::SelfTest(args) => commands::self_test::run(args),
         Command::Dfu(args) => commands::dfu::run(args),
+        Command::Ports(args) => commands::ports::run(args),
+        Command::Udev(args) => commands::udev::run(args),
+        Command::Completions(args) => commands::completions::run(args),
     };
     failure::exit_code(done)
 }

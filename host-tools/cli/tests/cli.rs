@@ -89,8 +89,8 @@ fn bad_usage_is_one_line_and_exit_code_2() {
     for (args, line) in [
         (
             "info --port udp:here",
-            "invalid value 'udp:here' for '--port <PORT>': `udp:` is no kind of port; write a serial device, \
-             tcp:HOST:PORT, file:PATH or sim:SCENE; see --help",
+            "invalid value 'udp:here' for '--port <PORT>': `udp:` is no kind of port; write usb, a serial \
+             device, tcp:HOST:PORT, file:PATH or sim:SCENE; see --help",
         ),
         (
             "info --port tcp:here",

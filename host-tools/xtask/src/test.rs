@@ -51,7 +51,12 @@ fn host(steps: &mut Steps) -> Result<()> {
             .args(locked())
             .args(["--", "-D", "warnings"]))
     })?;
-    steps.take("host tests", || run(&mut tests(Tests::Host)))?;
+    steps.take("host tests", || {
+        if !exists("chromium") {
+            packages::install(&["chromium"], "the browser that the page is tried in")?;
+        }
+        run(&mut tests(Tests::Host))
+    })?;
     steps.take("fuzz targets compile", || {
         run(clean_cargo("cargo", &root().join("tests/fuzz"))
             .args(["check", "--quiet"])

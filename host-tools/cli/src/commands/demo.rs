@@ -9,19 +9,22 @@ mod product;
 mod score;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use serde::Serialize;
 use taxel::frame::Frame;
 use taxel_formats::trace::Truth;
 use taxel_link::{Client, Source, VirtualFinger};
+use taxel_view::{Feed, Server, Tap};
 
+use crate::commands::view::PAGE;
 use crate::finger::{address, scene_calibration};
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
 use live::Live;
 use score::{Accuracy, Score};
 
-/// Runs a virtual finger and shows what it feels: no hardware needed.
+/// Runs a virtual finger and shows what it feels, in the browser and here: no hardware needed.
 #[derive(clap::Args)]
 pub struct Args {
     /// What happens to the finger: a built-in scene, or the path of a TOML file.
@@ -30,7 +33,7 @@ pub struct Args {
     /// Seconds to run [default: until Ctrl-C].
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
     duration: Option<f64>,
-    /// Show nothing until the summary.
+    /// No page, and nothing shown until the summary.
     #[arg(long)]
     headless: bool,
     /// Print the summary as JSON.
@@ -122,9 +125,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 }
 
 fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> anyhow::Result<()> {
-    let client = finger.connect()?;
-    if !args.headless {
+    let client = Arc::new(finger.connect()?);
+    let page = if args.headless { None } else { Some(page(&client)?) };
+    if let Some((server, _)) = &page {
         output::note(format_args!("{}, scene {}", finger.name(), args.scene));
+        output::note(format_args!("watch it at {}", server.url()));
     }
     let mut live = Live::new(!args.headless);
     let mut score = Score::default();
@@ -134,6 +139,7 @@ fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> an
             score.add(&received.frame, &truth);
         }
         live.show(received, &client.counts());
+        page.iter().for_each(|(_, tap)| tap.take(received));
         Ok(())
     })?;
     live.clear();
@@ -147,6 +153,19 @@ fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> an
         memory_end: resident(),
     };
     if args.json { output::json(&report) } else { output::line(as_text(&report)) }
+}
+
+/// The live page: at its usual address, or where there is room.
+fn page(client: &Arc<Client>) -> anyhow::Result<(Server, Tap)> {
+    let feed = || Feed::tapped(Arc::clone(client), PathBuf::from("."));
+    let (usual, tap) = feed()?;
+    match Server::start(PAGE, vec![usual]) {
+        Ok(server) => Ok((server, tap)),
+        Err(_) => {
+            let (other, tap) = feed()?;
+            Ok((Server::start("127.0.0.1:0", vec![other])?, tap))
+        }
+    }
 }
 
 fn as_text(report: &Report) -> String {

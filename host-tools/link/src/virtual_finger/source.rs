@@ -53,6 +53,7 @@ impl Source {
     /// There is no such scene, or something in it is wrong.
     pub fn scene(name: &str) -> Result<Self, LinkError> {
         let scene = Scene::load(name)?;
+        let name = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
         Ok(Self::samples(name, Simulator::new(&scene, SEED).endless()))
     }
 

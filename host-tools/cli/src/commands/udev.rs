@@ -1,0 +1,36 @@
+//! `taxel udev`: the rule that lets this machine's users at a finger.
+
+use crate::output;
+
+/// The rule file.
+const RULES: &str = include_str!("../../assets/70-taxel.rules");
+
+/// Prints the udev rules of a finger: who may open it, a name that stays, and no modem manager.
+#[derive(clap::Args)]
+#[command(after_help = "Example: taxel udev | sudo tee /etc/udev/rules.d/70-taxel.rules
+         sudo udevadm control --reload && sudo udevadm trigger")]
+pub struct Args {}
+
+/// Runs the command.
+///
+/// # Errors
+/// Standard output is closed.
+pub fn run(_: Args) -> anyhow::Result<()> {
+    output::line(RULES.trim_end())
+}
+
+#[cfg(test)]
+mod tests {
+    use taxel_link::usb::{MANUFACTURER, PRODUCT, VENDOR};
+
+    #[test]
+    fn the_rule_is_for_the_fingers_that_the_program_finds() {
+        for part in [
+            format!("ATTRS{{idVendor}}==\"{VENDOR:04x}\""),
+            format!("ATTRS{{idProduct}}==\"{PRODUCT:04x}\""),
+            format!("ATTRS{{manufacturer}}==\"{MANUFACTURER}\""),
+        ] {
+            assert!(super::RULES.contains(&part), "{part}");
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! `taxel view`: the live page.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use taxel_link::{Port, Steady};
+use taxel_view::{Feed, Server, Source};
+
+use crate::finger::{address, scene_calibration};
+use crate::interrupt::Interrupt;
+use crate::output;
+
+/// How often the loop looks whether it should end.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// Shows fingers in the browser, live, until Ctrl-C; or a recording, with a scrubber.
+///
+/// Prints the page's address. A finger that is not there, or goes, is waited for, and is set again to what
+/// it was set to. Of a finger on another machine: `ssh -L 8173:127.0.0.1:8173 HOST taxel view --port …`.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE; may be given more than once.
+    #[arg(long, value_name = "PORT", required = true)]
+    port: Vec<Port>,
+    /// Where the page is served. Beyond this machine anybody who can reach it commands the finger.
+    #[arg(long, value_name = "HOST:PORT", default_value = PAGE, value_parser = address)]
+    listen: String,
+    /// Calibration of a virtual finger [default: a built-in scene's own].
+    #[arg(long, value_name = "CAL")]
+    calibration: Option<PathBuf>,
+    /// Folder of what the page records.
+    #[arg(long, value_name = "FOLDER", default_value = ".")]
+    folder: PathBuf,
+}
+
+/// Where pages are served unless said otherwise.
+pub const PAGE: &str = "127.0.0.1:8173";
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel view --port /dev/ttyACM0
+  taxel view --port sim:tour --port sim:slip
+  taxel view --port file:press.mcap --listen 127.0.0.1:0";
+
+/// Runs the command.
+///
+/// # Errors
+/// A file cannot be read, or the address is taken.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let interrupt = Interrupt::watch()?;
+    let mut feeds = Vec::new();
+    for port in args.port {
+        let source = match port {
+            Port::File(path) => Source::File(path),
+            port => {
+                let scene = if let Port::Sim(scene) = &port { scene.as_str() } else { "" };
+                let calibration = scene_calibration(args.calibration.as_deref(), scene)?;
+                Source::Finger(Box::new(Steady::new(port, calibration)), args.folder.clone())
+            }
+        };
+        feeds.push(Feed::start(source)?);
+    }
+    let server = Server::start(&args.listen, feeds)?;
+    output::line(server.url())?;
+    while !interrupt.came() {
+        std::thread::sleep(LOOK);
+    }
+    Ok(())
+}

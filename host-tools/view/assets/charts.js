@@ -1,0 +1,127 @@
+// Strip charts of measured columns and the spectrum of a channel, by uPlot.
+const uPlot = window.uPlot;
+/** Seconds that a strip chart shows. */
+const WINDOW = 20;
+const tall = () => (innerWidth > 832 ? 235 : 165);
+const short = (values) => values.map((value) => String(Number(value.toPrecision(3))));
+
+/** A colour that a canvas understands: the style sheet's, as computed for the present theme. */
+function paint(name) {
+  const probe = document.createElement("span");
+  probe.style.color = `var(${name})`;
+  document.body.append(probe);
+  const made = getComputedStyle(probe).color;
+  probe.remove();
+  return made;
+}
+
+function faded(rgb) {
+  return rgb.replace(/^rgb\(/, "rgba(").replace(/\)$/, ", .25)");
+}
+
+function axes(unit) {
+  const common = { stroke: paint("--quiet"), grid: { stroke: paint("--line"), width: 1 }, ticks: { stroke: paint("--line"), width: 1 }, font: "12px system-ui, sans-serif" };
+  return [{ ...common }, { ...common, size: 56, values: (plot, splits) => short(splits), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
+}
+
+/** Least and greatest of some columns over the last seconds: the band between them is what happened. */
+export class Strip {
+  constructor(parent, title, unit, names, labels) {
+    this.names = names;
+    const figure = document.createElement("div");
+    figure.className = "chart";
+    const heading = document.createElement("h3");
+    heading.append(title);
+    const colours = ["--x", "--y", "--z"].slice(names.length === 1 ? 2 : 0);
+    names.forEach((name, i) => {
+      const key = document.createElement("span");
+      key.className = "key";
+      const swatch = document.createElement("i");
+      swatch.style.background = `var(${colours[i % 3]})`;
+      key.append(swatch, labels[i]);
+      if (names.length > 1) heading.append(key);
+    });
+    figure.append(heading);
+    this.holder = document.createElement("div");
+    figure.append(this.holder);
+    parent.append(figure);
+    this.unit = unit;
+    this.colours = colours;
+    this.build();
+  }
+
+  build() {
+    this.plot?.destroy();
+    const series = [{}];
+    const bands = [];
+    this.names.forEach((name, i) => {
+      const stroke = paint(this.colours[i % 3]);
+      series.push({ stroke, width: 1.25, points: { show: false } }, { stroke, width: 1.25, points: { show: false } });
+      bands.push({ series: [2 * i + 2, 2 * i + 1], fill: faded(stroke) });
+    });
+    const [time, value] = axes(this.unit);
+    // Seconds before now: the finger's own clock means nothing to a reader.
+    time.values = (plot, splits) => splits.map((t) => (t === 0 ? "now" : `${t} s`));
+    this.plot = new uPlot({
+      width: Math.max(240, this.holder.clientWidth || 600),
+      height: tall(),
+      series,
+      bands,
+      axes: [time, value],
+      scales: { x: { time: false, range: [-WINDOW, 0] }, y: { range: (plot, low, high) => span(low, high) } },
+      cursor: { show: false },
+      legend: { show: false },
+    }, [[]].concat(this.names.flatMap(() => [[], []])), this.holder);
+  }
+
+  resize() {
+    this.plot.setSize({ width: Math.max(240, this.holder.clientWidth), height: tall() });
+  }
+
+  draw(times, lows, highs) {
+    const now = times.at(-1) ?? 0;
+    this.plot.setData([times.map((t) => t - now), ...this.names.flatMap((name) => [lows[name], highs[name]])]);
+  }
+}
+
+/** A range that does not jump at every wiggle and always has zero in it. */
+function span(low, high) {
+  if (low === null || high === null || low === undefined) return [0, 1];
+  const [least, most] = [Math.min(0, low ?? 0), Math.max(0, high ?? 0)];
+  const pad = Math.max((most - least) * .08, .005);
+  return [least === 0 ? (most > 0 ? -pad / 2 : -.05) : least - pad, most === 0 ? (least < 0 ? pad / 2 : .05) : most + pad];
+}
+
+export class Spectrum {
+  constructor(holder) {
+    this.holder = holder;
+    this.build("");
+  }
+
+  build(unit) {
+    this.unit = unit;
+    this.plot?.destroy();
+    const stroke = paint("--z");
+    const [hertz, value] = axes(unit ? `amplitude, ${unit}` : "amplitude");
+    hertz.values = (plot, splits) => splits.map((f) => `${f} Hz`);
+    this.plot = new uPlot({
+      width: Math.max(240, this.holder.clientWidth || 600),
+      height: 180,
+      series: [{}, { stroke, width: 1.25, fill: faded(stroke), points: { show: false } }],
+      axes: [hertz, value],
+      scales: { x: { time: false }, y: { range: (plot, low, high) => [0, Math.max(high ?? 0, 1e-9) * 1.1] } },
+      cursor: { show: false },
+      legend: { show: false },
+    }, [[], []], this.holder);
+  }
+
+  resize() {
+    this.plot.setSize({ width: Math.max(240, this.holder.clientWidth), height: 180 });
+  }
+
+  draw(step, lines) {
+    this.plot.setData([lines.map((_, i) => i * step), lines]);
+  }
+}
+
+export { WINDOW };

@@ -1,0 +1,343 @@
+//! The page in a real browser: what it shows is what was streamed, and its buttons do what they say.
+//!
+//! `TAXEL_SCREENSHOTS=docs/images cargo test -p taxel-view --test page` keeps the pictures.
+
+mod support;
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use support::Browser;
+use taxel::frame::{Fields, Frame};
+use taxel_formats::calibration;
+use taxel_link::{Client, Port, Steady, VirtualFinger};
+use taxel_recording::Recording;
+use taxel_view::{Feed, Server, Source};
+
+/// A built-in scene, or one of these tests.
+fn source(scene: &str) -> taxel_link::Source {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/scenes/{scene}.toml"));
+    let own = own.exists().then(|| own.display().to_string());
+    taxel_link::Source::scene(own.as_deref().unwrap_or(scene)).unwrap()
+}
+
+fn finger(scene: &str) -> VirtualFinger {
+    let text = include_str!("../../cli/assets/virtual-finger.cal.toml");
+    let calibration = calibration::parse(Path::new("virtual-finger"), text).unwrap();
+    let source = source(scene);
+    VirtualFinger::on_tcp("127.0.0.1:0", source, Some(&calibration)).unwrap()
+}
+
+fn serve(feeds: Vec<Feed>) -> Server {
+    Server::start("127.0.0.1:0", feeds).unwrap()
+}
+
+fn show(port: &Port, folder: &Path) -> Server {
+    let steady = Steady::new(port.clone(), None);
+    serve(vec![Feed::start(Source::Finger(Box::new(steady), folder.to_owned())).unwrap()])
+}
+
+/// Streams a finger into a page and remembers every frame.
+struct Tapped {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<HashMap<u32, Frame>>,
+    client: Arc<Client>,
+    server: Server,
+}
+
+fn tapped(finger: &VirtualFinger, rate: u16, folder: &Path) -> Tapped {
+    let client = Arc::new(Client::open(finger.port(), None).unwrap());
+    client.set_rate(rate).unwrap();
+    client.set_fields(Fields::ALL).unwrap();
+    let (feed, tap) = Feed::tapped(Arc::clone(&client), folder.to_owned()).unwrap();
+    let stop = Arc::new(AtomicBool::new(false));
+    let (stopped, streaming) = (Arc::clone(&stop), Arc::clone(&client));
+    let thread = std::thread::spawn(move || {
+        let mut frames = HashMap::new();
+        streaming.stream(true).unwrap();
+        while !stopped.load(Ordering::Relaxed) {
+            if let Some(received) = streaming.next(Duration::from_millis(50)).unwrap() {
+                tap.take(&received);
+                frames.insert(received.frame.seq, received.frame);
+            }
+        }
+        frames
+    });
+    Tapped { stop, thread, client, server: serve(vec![feed]) }
+}
+
+impl Tapped {
+    fn end(self) -> HashMap<u32, Frame> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap()
+    }
+}
+
+#[test]
+fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
+    let folder = tempfile::tempdir().unwrap();
+    let finger = finger("press-4khz");
+    let tapped = tapped(&finger, 4000, folder.path());
+    let mut browser = Browser::open(&tapped.server.url(), 1280, 900);
+    browser.wait_for("Number(document.getElementById('values').dataset.seq) > 12000");
+    let mut shown = Vec::new();
+    for _ in 0..40 {
+        let values = "({ seq: Number(values.dataset.seq), rows: Object.fromEntries([...values.children]
+            .map((one, i, all) => [one.textContent, all[i + 1]?.dataset.value]).filter((_, i) => i % 2 === 0)) })"
+            .replace("values.", "document.getElementById('values').");
+        shown.push(browser.value(&values));
+        std::thread::sleep(Duration::from_millis(25));
+    }
+    let chart = browser.value(
+        "({ time: taxel.times, low: taxel.low.fz_n, high: taxel.high.fz_n, lost: taxel.lost,
+            draw: taxel.drawn.slice(-100), frames: taxel.frames })",
+    );
+    assert_eq!(tapped.client.counts().overflow, 0);
+    let frames = tapped.end();
+
+    let mut forces = 0;
+    for page in &shown {
+        let frame = &frames[&(page["seq"].as_u64().unwrap() as u32)];
+        let force = frame.force.unwrap();
+        for (name, value) in [("force x", force.x), ("force y", force.y), ("force z", force.z)] {
+            let text = page["rows"][name].as_str().unwrap();
+            match value {
+                Ok(newtons) => {
+                    assert_eq!(text.parse::<f64>().unwrap(), f64::from(newtons.0), "{name}");
+                    forces += 1;
+                }
+                Err(why) => assert_eq!(text, taxel_formats::frames::reason(why), "{name}"),
+            }
+        }
+    }
+    assert!(forces > 60, "{forces}");
+
+    // Every force that came is within its tick's band, and the bands are no wider than what came.
+    let series = |name: &str| -> Vec<Option<f64>> {
+        chart[name].as_array().unwrap().iter().map(Value::as_f64).collect()
+    };
+    // JSON's decimals are read back to within a bit of f64; forces are f32.
+    let exact = |value: Option<f64>| value.map(|value| value as f32);
+    let (time, low, high) = (series("time"), series("low"), series("high"));
+    let mut by_time: Vec<(f64, f32)> = frames
+        .values()
+        .filter_map(|frame| {
+            let fz = frame.force?.z.ok()?;
+            Some((frame.time.0 as f64 * 1e-6, fz.0))
+        })
+        .collect();
+    by_time.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut compared = 0;
+    for i in 1..time.len() {
+        let (from, to) = (time[i - 1].unwrap(), time[i].unwrap());
+        let came =
+            by_time.iter().filter(|(t, _)| *t > from + 1e-7 && *t <= to + 1e-7).map(|(_, fz)| *fz);
+        let ends = came.fold(None, |ends: Option<(f32, f32)>, fz| {
+            let (least, most) = ends.unwrap_or((fz, fz));
+            Some((least.min(fz), most.max(fz)))
+        });
+        assert_eq!(ends, exact(low[i]).zip(exact(high[i])), "tick {i}");
+        compared += 1;
+    }
+    assert!(compared > 120, "{compared} ticks");
+    assert_eq!(chart["lost"], 0);
+
+    // What a frame of the screen costs the page, in milliseconds: 60 a second leave 16.7.
+    let mut draw: Vec<f64> =
+        chart["draw"].as_array().unwrap().iter().map(|ms| ms.as_f64().unwrap()).collect();
+    draw.sort_by(f64::total_cmp);
+    let median = draw[draw.len() / 2];
+    println!("drawing takes {median:.1} ms in the median");
+    assert!(median < 16.7, "{median} ms");
+}
+
+#[test]
+fn the_page_looks_right_idle_pressed_broken_and_on_a_phone() {
+    let folder = tempfile::tempdir().unwrap();
+    let idle = finger("idle");
+    let server = show(idle.port(), folder.path());
+    let mut browser = Browser::open(&server.url(), 1280, 860);
+    browser.wait_for("taxel.times.length > 300");
+    assert!(browser.text("flags").contains("Nothing touches the finger"));
+    browser.picture("view-idle");
+
+    for (scene, name, until) in [
+        (
+            "shear",
+            "view-press",
+            "Math.hypot(taxel.latest[taxel.at.fx_n], taxel.latest[taxel.at.fy_n]) > .6",
+        ),
+        ("faulty", "view-fault", "document.getElementById('flags').querySelector('.bad')"),
+    ] {
+        let finger = finger(scene);
+        let server = show(finger.port(), folder.path());
+        let mut browser = Browser::open(&server.url(), 1280, 860);
+        browser.wait_for("taxel.times.length > 240");
+        browser.wait_for(until);
+        browser.picture(name);
+        if scene == "shear" {
+            browser.dark(true);
+            std::thread::sleep(Duration::from_millis(300));
+            browser.picture("view-dark");
+            browser.dark(false);
+            browser.resize(390, 844);
+            std::thread::sleep(Duration::from_millis(300));
+            let wide = "document.documentElement.scrollWidth";
+            assert_eq!(browser.value(wide), 390, "a phone must not scroll sideways");
+            browser.wait_for(until);
+            browser.picture("view-phone");
+        }
+    }
+}
+
+#[test]
+fn every_control_works_by_keyboard_and_says_what_came_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let finger = finger("idle");
+    let server = show(finger.port(), folder.path());
+    let mut browser = Browser::open(&server.url(), 1280, 900);
+    browser.wait_for("taxel.times.length > 10");
+    let mut press = |key: &str, said: &str| {
+        browser.key(key);
+        browser
+            .wait_for(&format!("document.getElementById('said').textContent.includes('{said}')"));
+    };
+    press("b", "bias taken");
+    press("t", "channels are as they should be");
+    press("r", "recording into");
+    browser.wait_for("taxel.recording");
+    std::thread::sleep(Duration::from_millis(1200));
+    browser.key("r");
+    browser.wait_for("!taxel.recording");
+    let files: Vec<_> = std::fs::read_dir(folder.path()).unwrap().flatten().collect();
+    assert_eq!(files.len(), 1);
+    let rows = Recording::open(&files[0].path()).unwrap().map(Result::unwrap).count();
+    assert!(rows > 900, "{rows}");
+
+    // By Tab alone, every control is reached.
+    let mut reached = std::collections::BTreeSet::new();
+    for _ in 0..30 {
+        browser.key("Tab");
+        let at = browser.value("document.activeElement.id || document.activeElement.value");
+        reached.insert(at.as_str().unwrap_or_default().to_owned());
+    }
+    for id in
+        ["bias", "clear-bias", "self-test", "record", "rate-input", "method", "force", "channel"]
+    {
+        assert!(reached.contains(id), "{id} is not among {reached:?}");
+    }
+
+    browser.value("document.getElementById('rate-input').focus(), document.getElementById('rate-input').value = 250");
+    browser.key("Enter");
+    browser.wait_for("document.getElementById('said').textContent === 'rate 250 Hz'");
+    browser.wait_for("Math.abs(taxel.rate - 250) < 5");
+    browser.value("document.querySelector('#fields [value=codes]').click()");
+    browser.wait_for("'lit_r0c0' in taxel.at");
+    browser.value("(document.getElementById('channel').value = 'lit_r0c0', document.getElementById('channel').onchange())");
+    browser.wait_for("taxel.spectrumShown?.channel === 'lit_r0c0' && taxel.spectrumShown.lines");
+}
+
+#[test]
+fn a_finger_that_is_not_there_is_waited_for_and_set_again_when_it_is_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = finger("idle");
+    let port = first.port().clone();
+    let Port::Tcp { host, port: number } = &port else { panic!("{port}") };
+    let address = format!("{host}:{number}");
+    drop(first);
+    let server = show(&port, folder.path());
+    let mut browser = Browser::open(&server.url(), 1280, 900);
+    assert!(browser.text("trouble").contains("connection refused"), "{}", browser.text("trouble"));
+
+    let again = || {
+        let begun = Instant::now();
+        loop {
+            // The address may be busy for a moment after the last one.
+            match VirtualFinger::on_tcp(&address, source("idle"), None) {
+                Ok(finger) => break finger,
+                Err(error) => assert!(begun.elapsed() < Duration::from_secs(10), "{error}"),
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    };
+    let finger = again();
+    browser.wait_for("!taxel.trouble && taxel.times.length > 5");
+    browser.value("(document.getElementById('rate-input').value = 500, document.querySelector('#rate-form button').click())");
+    browser.wait_for("Math.abs(taxel.rate - 500) < 10");
+    drop(finger);
+    browser.wait_for("taxel.trouble");
+    assert!(
+        browser.text("trouble").contains("the finger is gone")
+            || browser.text("trouble").contains("refused")
+    );
+    let _finger = again();
+    let back = Instant::now();
+    browser.wait_for("!taxel.trouble && taxel.rate");
+    // A second, and what the browser takes to say so.
+    assert!(back.elapsed() < Duration::from_secs(2), "{:?}", back.elapsed());
+    browser.wait_for("Math.abs(taxel.rate - 500) < 10");
+}
+
+#[test]
+fn a_recording_plays_stops_and_is_sought_by_its_scrubber() {
+    let folder = tempfile::tempdir().unwrap();
+    let finger = finger("press");
+    let client = Client::open(finger.port(), None).unwrap();
+    client.set_fields(Fields(Fields::SIGNALS.0 | Fields::ESTIMATES.0)).unwrap();
+    let path = folder.path().join("press.mcap");
+    let mut files = taxel_link::Files::create(&client, std::slice::from_ref(&path)).unwrap();
+    client.stream(true).unwrap();
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(4) {
+        if let Some(received) = client.next(Duration::from_millis(50)).unwrap() {
+            files.write(&received).unwrap();
+        }
+    }
+    files.finish().unwrap();
+    let recording = Recording::open(&path).unwrap();
+    let (time, force) = (recording.position("t_us").unwrap(), recording.position("fz_n").unwrap());
+    let rows: Vec<_> = recording.map(Result::unwrap).collect();
+
+    let server = serve(vec![Feed::start(Source::File(path)).unwrap()]);
+    let mut browser = Browser::open(&server.url(), 1280, 900);
+    browser.wait_for("taxel.playback.of > 3.5 && taxel.playback.at > 0.5");
+    browser.key(" ");
+    browser.wait_for("!taxel.playback.runs");
+    for to in [3.0, 1.0, 2.0] {
+        browser.value(&format!(
+            "(s => {{ s.value = {to}; s.onchange(); }})(document.getElementById('scrubber'))"
+        ));
+        browser.wait_for(&format!("Math.abs(taxel.playback.at - {to}) < .01"));
+        browser.wait_for(&format!(
+            "Math.abs(taxel.latest[taxel.at.t_us] - taxel.times.at(-1) * 1e6) < 1 && taxel.times.at(-1) * 1e6 - {} <= {to} * 1e6 + 1",
+            whole(&rows[0][time])
+        ));
+        let latest = browser.value("taxel.latest");
+        let row = rows.iter().find(|row| latest[time] == whole(&row[time])).unwrap();
+        let at = (whole(&row[time]) - whole(&rows[0][time])) as f64 * 1e-6;
+        assert!((at - to).abs() < 0.01, "{at} where {to} was sought");
+        match row[force] {
+            taxel_formats::frames::Cell::Real(value) => {
+                assert_eq!(latest[force].as_f64().map(|v| v as f32), Some(value))
+            }
+            taxel_formats::frames::Cell::Withheld(why) => {
+                assert_eq!(latest[force], taxel_formats::frames::reason(why));
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    browser.key("b");
+    assert_eq!(browser.text("said"), "", "a recording has no bias to take");
+}
+
+fn whole(cell: &taxel_formats::frames::Cell) -> u64 {
+    match cell {
+        taxel_formats::frames::Cell::Whole(value) => *value,
+        other => panic!("{other:?}"),
+    }
+}

@@ -1,0 +1,158 @@
+//! A headless Chromium, driven over its DevTools protocol.
+
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use tungstenite::stream::MaybeTlsStream;
+use tungstenite::{Message, WebSocket, connect};
+
+/// Long enough for the slowest machine: only a test that fails waits for it.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// One page in a browser of its own.
+pub struct Browser {
+    process: Child,
+    socket: WebSocket<MaybeTlsStream<TcpStream>>,
+    session: String,
+    id: u64,
+    _profile: tempfile::TempDir,
+}
+
+impl Browser {
+    /// Opens `url` in a window of this size.
+    pub fn open(url: &str, width: u32, height: u32) -> Self {
+        let profile = tempfile::tempdir().unwrap();
+        let mut process = Command::new("chromium")
+            .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"])
+            .args(["--remote-debugging-port=0", "--no-first-run", "--disable-extensions"])
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .arg("about:blank")
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("chromium is needed for the tests of the page: install your system's package");
+        let mut said = BufReader::new(process.stderr.take().unwrap()).lines();
+        let address = said
+            .by_ref()
+            .map_while(Result::ok)
+            .find_map(|line| line.strip_prefix("DevTools listening on ").map(str::to_owned));
+        // What it says from here on is of no interest, but it must be able to say it.
+        std::thread::spawn(move || said.for_each(drop));
+        let (socket, _) = connect(address.expect("chromium has no DevTools")).unwrap();
+        let session = String::new();
+        let mut browser = Self { process, socket, session, id: 0, _profile: profile };
+        let target = browser.ask("Target.createTarget", json!({ "url": "about:blank" }));
+        let attach = json!({ "targetId": target["targetId"], "flatten": true });
+        let attached = browser.ask("Target.attachToTarget", attach);
+        browser.session = attached["sessionId"].as_str().unwrap().to_owned();
+        browser.resize(width, height);
+        browser.ask("Page.enable", json!({}));
+        browser.ask("Page.navigate", json!({ "url": url }));
+        browser.wait_for("window.taxel?.latest?.length > 0 || window.taxel?.trouble");
+        browser
+    }
+
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600 });
+        self.ask("Emulation.setDeviceMetricsOverride", size);
+    }
+
+    pub fn dark(&mut self, dark: bool) {
+        let value = if dark { "dark" } else { "light" };
+        let features = json!([{ "name": "prefers-color-scheme", "value": value }]);
+        self.ask("Emulation.setEmulatedMedia", json!({ "features": features }));
+    }
+
+    /// Sends a command of the protocol and waits for its answer.
+    fn ask(&mut self, method: &str, params: Value) -> Value {
+        self.id += 1;
+        let mut command = json!({ "id": self.id, "method": method, "params": params });
+        if !self.session.is_empty() {
+            command["sessionId"] = json!(self.session);
+        }
+        self.socket.send(Message::text(command.to_string())).unwrap();
+        loop {
+            let Message::Text(text) = self.socket.read().unwrap() else { continue };
+            let mut answer: Value = serde_json::from_str(text.as_str()).unwrap();
+            if answer["id"] == self.id {
+                assert_eq!(answer["error"], Value::Null, "{method}");
+                return answer["result"].take();
+            }
+        }
+    }
+
+    /// The value of an expression in the page.
+    pub fn value(&mut self, expression: &str) -> Value {
+        let params =
+            json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let mut answer = self.ask("Runtime.evaluate", params);
+        assert_eq!(answer["exceptionDetails"], Value::Null, "{expression}");
+        answer["result"]["value"].take()
+    }
+
+    /// Until an expression is true in the page.
+    pub fn wait_for(&mut self, expression: &str) {
+        let begun = Instant::now();
+        while self.value(&format!("Boolean({expression})")) != true {
+            assert!(begun.elapsed() < PATIENCE, "never came: {expression}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Presses a key, as a user does.
+    pub fn key(&mut self, key: &str) {
+        for kind in ["keyDown", "keyUp"] {
+            let text = if key.len() == 1 && kind == "keyDown" { key } else { "" };
+            let code = match key {
+                "Tab" => 9,
+                "Enter" => 13,
+                " " => 32,
+                "ArrowRight" => 39,
+                _ => 0,
+            };
+            let text = if key == "Enter" && kind == "keyDown" { "\r" } else { text };
+            let event =
+                json!({ "type": kind, "key": key, "text": text, "windowsVirtualKeyCode": code });
+            self.ask("Input.dispatchKeyEvent", event);
+        }
+    }
+
+    pub fn text(&mut self, id: &str) -> String {
+        let text = self.value(&format!("document.getElementById('{id}').innerText"));
+        text.as_str().unwrap_or_default().to_owned()
+    }
+
+    /// A picture of the whole page; kept where `TAXEL_SCREENSHOTS` names a folder.
+    pub fn picture(&mut self, name: &str) {
+        let height =
+            self.value("Math.ceil(document.documentElement.getBoundingClientRect().height)");
+        let width = self.value("innerWidth");
+        let clip = json!({ "x": 0, "y": 0, "width": width, "height": height, "scale": 1 });
+        let params = json!({ "format": "png", "captureBeyondViewport": true, "clip": clip });
+        let data = self.ask("Page.captureScreenshot", params);
+        let data = data["data"].as_str().unwrap();
+        assert!(data.len() > 10_000, "an empty picture");
+        if let Some(folder) = std::env::var_os("TAXEL_SCREENSHOTS") {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(folder);
+            std::fs::write(path.join(format!("{name}.png")), decode(data)).unwrap();
+        }
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// Base64, as the protocol sends pictures.
+fn decode(text: &str) -> Vec<u8> {
+    use base64::Engine as _;
+    base64::engine::general_purpose::STANDARD.decode(text).unwrap()
+}
