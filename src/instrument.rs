@@ -5,7 +5,7 @@ use crate::calibration::{self, bias_fits};
 use crate::condition::BiasRefusal;
 use crate::finger::{Finger, FingerState};
 use crate::frame::{Fields, Frame, Status};
-use crate::scan::Scan;
+use crate::scan::{Codes, Scan};
 use crate::self_test::{MOST_SCANS, Running, SelfTest};
 use crate::store::{Flash, Settings, Store, StoreError, StoredBias};
 use crate::units::FullScale;
@@ -150,27 +150,8 @@ impl Instrument {
         self.counters.overruns = self.counters.overruns.wrapping_add(u32::from(scan.overrun));
         let mut outcome = Outcome::default();
         self.taking_in_contact |= estimate.status.contains(Status::CONTACT);
-        if let Some(bias) = estimate.bias
-            && let Some(tag) = self.bias_tag.take()
-        {
-            if bias.is_ok() {
-                self.bias_in_contact = self.taking_in_contact;
-            }
-            let result = bias.map(|()| self.bias_response()).map_err(|refusal| match refusal {
-                BiasRefusal::NotStill => Refusal::NotStill,
-                BiasRefusal::Saturated => Refusal::Saturated,
-            });
-            outcome.reply = Some(Message::Reply { tag, result });
-        }
-        if let Some((tag, running)) = &mut self.self_test
-            && let Some((scans, channels)) = running.scan(&scan.codes)
-        {
-            let full_scale = scan.codes.full_scale;
-            let test = SelfTest { scans, full_scale, channels, record_intact: self.record_intact };
-            let result = Ok(Response::SelfTest(test));
-            // At most one reply a scan: a bias is not taken while a test runs.
-            outcome.reply = Some(Message::Reply { tag: *tag, result });
-            self.self_test = None;
+        if estimate.bias.is_some() || self.self_test.is_some() {
+            self.finish(estimate.bias, &scan.codes, &mut outcome.reply);
         }
         if self.streaming {
             if self.until_due == 0 {
@@ -184,6 +165,40 @@ impl Instrument {
             self.until_due = self.until_due.saturating_sub(1);
         }
         outcome
+    }
+
+    /// What takes several scans and may be done with this one: a bias, a self-test. Apart, because a reply is
+    /// large, rare, and would be copied with every scan.
+    #[cold]
+    #[inline(never)]
+    fn finish(
+        &mut self,
+        bias: Option<Result<(), BiasRefusal>>,
+        codes: &Codes,
+        reply: &mut Option<Message>,
+    ) {
+        if let Some(bias) = bias
+            && let Some(tag) = self.bias_tag.take()
+        {
+            if bias.is_ok() {
+                self.bias_in_contact = self.taking_in_contact;
+            }
+            let result = bias.map(|()| self.bias_response()).map_err(|refusal| match refusal {
+                BiasRefusal::NotStill => Refusal::NotStill,
+                BiasRefusal::Saturated => Refusal::Saturated,
+            });
+            *reply = Some(Message::Reply { tag, result });
+        }
+        if let Some((tag, running)) = &mut self.self_test
+            && let Some((scans, channels)) = running.scan(codes)
+        {
+            let full_scale = codes.full_scale;
+            let test = SelfTest { scans, full_scale, channels, record_intact: self.record_intact };
+            let result = Ok(Response::SelfTest(test));
+            // At most one reply a scan: a bias is not taken while a test runs.
+            *reply = Some(Message::Reply { tag: *tag, result });
+            self.self_test = None;
+        }
     }
 
     /// One request. `None` where the answer comes later, with a scan.

@@ -1,18 +1,21 @@
 //! Square roots, powers and the arc tangent out of additions, multiplications and divisions, so that host
 //! and chip give the same bits. Every error bound is asserted below.
-#![expect(
-    clippy::manual_clamp,
-    clippy::neg_cmp_op_on_partial_ord,
-    reason = "`clamp` would let a NaN through; it is to end like what is too small"
-)]
+#![expect(clippy::neg_cmp_op_on_partial_ord, reason = "a NaN is to end like what is too small")]
+
+/// The nearest positive normal number; the least for a NaN. Not `max` and `min`, which are calls where the
+/// processor has no instructions for them.
+#[inline]
+fn normal(x: f32) -> f32 {
+    let x = if x > f32::MIN_POSITIVE { x } else { f32::MIN_POSITIVE };
+    if x < f32::MAX { x } else { f32::MAX }
+}
 
 /// 1/√x for a positive normal x, relative error below 5e-7, no division. Zero, negative, subnormal and NaN
 /// arguments give the value for the least normal number, infinity that for the greatest: finite always.
 #[must_use]
 #[inline]
 pub fn inverse_sqrt(x: f32) -> f32 {
-    // `max` and `min` return the other operand for a NaN.
-    let x = x.max(f32::MIN_POSITIVE).min(f32::MAX);
+    let x = normal(x);
     let half = 0.5 * x;
     // Halving the exponent's bits is the classic start, 3.5 % off; each step of Newton squares that.
     let mut root = f32::from_bits(0x5f37_59df - (x.to_bits() >> 1));
@@ -26,7 +29,7 @@ pub fn inverse_sqrt(x: f32) -> f32 {
 #[must_use]
 #[inline(never)]
 pub fn sqrt(x: f32) -> f32 {
-    if x > 0.0 { x.min(f32::MAX) * inverse_sqrt(x) } else { 0.0 }
+    if x > 0.0 { normal(x) * inverse_sqrt(x) } else { 0.0 }
 }
 
 /// ∛x for x ≥ 0, relative error below 1e-6; 0 for what is not positive.
@@ -36,7 +39,7 @@ pub fn cube_root(x: f32) -> f32 {
     if !(x >= f32::MIN_POSITIVE) {
         return 0.0;
     }
-    let x = x.min(f32::MAX);
+    let x = normal(x);
     // A third of the exponent's bits: 5 % off at most, then Newton on r³ = x.
     let mut root = f32::from_bits(x.to_bits() / 3 + 0x2a51_1cd0);
     for _ in 0..3 {
@@ -55,7 +58,7 @@ pub fn power(x: f32, p: f32) -> f32 {
 
 /// log₂ of a positive number: its exponent, and atanh's series on the mantissa in [√½, √2).
 fn log2(x: f32) -> f32 {
-    let x = x.max(f32::MIN_POSITIVE).min(f32::MAX);
+    let x = normal(x);
     let bits = x.to_bits();
     let shifted = bits.wrapping_sub(0x3f35_04f3);
     let exponent = (shifted as i32 >> 23) as f32;
@@ -71,7 +74,8 @@ fn log2(x: f32) -> f32 {
 
 /// 2^x, x clamped to [−126, 126]: Taylor's series of 2^f around the nearest integer, |f| ≤ ½.
 fn exp2(x: f32) -> f32 {
-    let x = x.max(-126.0).min(126.0);
+    let x = if x > -126.0 { x } else { -126.0 };
+    let x = if x < 126.0 { x } else { 126.0 };
     let whole = (x + if x < 0.0 { -0.5 } else { 0.5 }) as i32;
     let f = (x - whole as f32) * core::f32::consts::LN_2;
     let series = 1.0

@@ -1,8 +1,6 @@
 //! Two sensors of one force: the optical matrix and the force sensors under the plate, weighted by what
 //! each is sure of.
 
-use crate::measured::Measured;
-
 /// A component and its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uncertain {
@@ -15,33 +13,27 @@ pub struct Uncertain {
 /// How many standard deviations apart two sensors of one force may be before one of them is not believed.
 const AGREE: f32 = 6.0;
 
-/// The mean of `a` and `b` weighted by their inverse variances; the one that is there where the other is
-/// not. `false` beside the value where they contradict each other: then the surer one is given alone.
-///
-/// # Errors
-/// `a`'s reason where neither is there.
+/// The mean of `a` and `b` weighted by their inverse variances. `false` beside it where they contradict each
+/// other: then the surer one is given alone.
+#[must_use]
 #[inline(never)]
-pub fn fuse(a: Measured<Uncertain>, b: Measured<Uncertain>) -> Measured<(Uncertain, bool)> {
-    let (Ok(a), Ok(b)) = (a, b) else {
-        return a.or_else(|why| b.map_err(|_| why)).map(|one| (one, true));
-    };
+pub fn fuse(a: Uncertain, b: Uncertain) -> (Uncertain, bool) {
     let [va, vb] =
         [a.sigma, b.sigma].map(|sigma| sigma.clamp(1e-6, 1e6)).map(|sigma| sigma * sigma);
     let apart = a.value - b.value;
     let surer = if va <= vb { a } else { b };
     if apart * apart > AGREE * AGREE * (va + vb) {
-        return Ok((surer, false));
+        return (surer, false);
     }
     // b + (a − b)·v_b/(v_a + v_b): the weight lies between 0 and 1 whatever the variances.
     let value = b.value + apart * (vb / (va + vb));
     let sigma = crate::roots::sqrt(va * vb / (va + vb));
-    Ok((Uncertain { value, sigma }, true))
+    (Uncertain { value, sigma }, true)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measured::NoValue;
     use proptest::prelude::*;
 
     const fn of(value: f32, sigma: f32) -> Uncertain {
@@ -50,30 +42,22 @@ mod tests {
 
     #[test]
     fn the_surer_sensor_weighs_more_and_both_are_surer_than_one() {
-        let (fused, agree) = fuse(Ok(of(1.0, 0.01)), Ok(of(1.02, 0.02))).unwrap();
+        let (fused, agree) = fuse(of(1.0, 0.01), of(1.02, 0.02));
         assert!(agree);
         assert!((fused.value - 1.004).abs() < 1e-6 && fused.sigma < 0.01, "{fused:?}");
     }
 
     #[test]
-    fn where_one_is_missing_the_other_stands_for_both() {
-        let one = of(1.0, 0.01);
-        assert_eq!(fuse(Ok(one), Err(NoValue::DeadChannel)), Ok((one, true)));
-        assert_eq!(fuse(Err(NoValue::Saturated), Ok(one)), Ok((one, true)));
-        assert_eq!(fuse(Err(NoValue::Saturated), Err(NoValue::Absent)), Err(NoValue::Saturated));
-    }
-
-    #[test]
     fn sensors_that_contradict_each_other_are_told_and_not_averaged() {
         let (surer, other) = (of(1.0, 0.01), of(0.5, 0.03));
-        assert_eq!(fuse(Ok(other), Ok(surer)), Ok((surer, false)));
+        assert_eq!(fuse(other, surer), (surer, false));
     }
 
     proptest! {
         #[test]
         fn finite_stays_finite(a in -1e30..1e30f32, b in -1e30..1e30f32, sa in any::<f32>(), sb in any::<f32>()) {
             prop_assume!(!sa.is_nan() && !sb.is_nan());
-            let (fused, _) = fuse(Ok(of(a, sa)), Ok(of(b, sb))).unwrap();
+            let (fused, _) = fuse(of(a, sa), of(b, sb));
             prop_assert!(fused.value.is_finite());
         }
     }

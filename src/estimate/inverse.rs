@@ -13,9 +13,9 @@ use crate::measured::{Measured, NoValue};
 use crate::roots::sqrt;
 use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 
-/// Steps a frame. From the last frame's touch one step is as good as converged at a kilohertz; the second
-/// is for the first frames of a contact.
-const STEPS: usize = 2;
+/// Steps in the first frame of a contact. From the last frame's touch one step is as good as converged at a
+/// kilohertz.
+const FIRST_STEPS: usize = 3;
 /// Least f_z that is followed, as s: 1 mN.
 const LEAST_SIZE: f32 = 0.1;
 /// Most, as s: 27 N, beyond the range of any sensor of 002 or 003.
@@ -141,9 +141,12 @@ impl Inverse {
         u: &[f32; TAXELS],
         step: impl Fn(&Self, &mut Load, &[f32; TAXELS]) -> Option<Touch>,
     ) -> Measured<Touch> {
-        let start = state.last.or_else(|| self.start(u));
+        let (start, steps) = match state.last {
+            Some(last) => (Some(last), 1),
+            None => (self.start(u), FIRST_STEPS),
+        };
         let found =
-            start.and_then(|mut load| (0..STEPS).fold(None, |_, _| step(self, &mut load, u)));
+            start.and_then(|mut load| (0..steps).fold(None, |_, _| step(self, &mut load, u)));
         let sound = found.filter(Touch::is_sound);
         state.last = sound.map(|touch| touch.load);
         sound.ok_or(NoValue::IllConditioned)

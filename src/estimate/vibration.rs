@@ -173,16 +173,19 @@ impl Listener {
         // A frame that was lost is no other rate.
         let lost = interval > self.interval_us + self.interval_us / 2 && self.detector.is_some();
         if interval.abs_diff(self.interval_us) > self.interval_us / 8 && !lost {
-            let rate = 1e6 / interval.clamp(1, 1_000_000) as f32;
-            *self = Self {
-                time: Some(time),
-                interval_us: interval,
-                detector: Some(Vibration::at(rate)),
-                state: VibrationState::default(),
-            };
+            self.tune(interval);
         }
         let Self { detector, state, .. } = self;
         detector.as_ref().is_some_and(|detector| detector.update(state, signals))
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn tune(&mut self, interval_us: u64) {
+        let rate = 1e6 / interval_us.clamp(1, 1_000_000) as f32;
+        self.interval_us = interval_us;
+        self.detector = Some(Vibration::at(rate));
+        self.state = VibrationState::default();
     }
 }
 

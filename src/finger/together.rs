@@ -128,14 +128,18 @@ impl Fused {
 /// Leaves in `seen` what matrix and array say together.
 #[inline(never)]
 fn join(seen: &mut Measured<Uncertain>, felt: &Measured<Uncertain>, status: &mut Status) {
-    // Of two reasons, that of the part which this finger has.
-    let (a, b) = if matches!(seen, Err(NoValue::Absent)) { (*felt, *seen) } else { (*seen, *felt) };
-    *seen = fuse(a, b).map(|(one, agree)| {
-        if !agree {
-            status.set(Status::DISAGREE);
+    match (&*seen, felt) {
+        (Ok(one), Ok(other)) => {
+            let (one, agree) = fuse(*one, *other);
+            if !agree {
+                status.set(Status::DISAGREE);
+            }
+            *seen = Ok(one);
         }
-        one
-    });
+        // Of two reasons, that of the part which this finger has.
+        (Err(_), Ok(_)) | (Err(NoValue::Absent), Err(_)) => *seen = *felt,
+        (_, Err(_)) => {}
+    }
 }
 
 fn axes(point: &Measured<[Uncertain; 2]>) -> [Measured<Uncertain>; 2] {
@@ -207,5 +211,24 @@ impl Grip<'_> {
             status.set(Status::SLIP_WARNING);
         }
         Ok(verdict)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_one_is_missing_the_other_stands_for_both() {
+        let one = Ok(Uncertain { value: 1.0, sigma: 0.01 });
+        let joined = |mut seen, felt| {
+            join(&mut seen, &felt, &mut Status::default());
+            seen
+        };
+        assert_eq!(joined(one, Err(NoValue::DeadChannel)), one);
+        assert_eq!(joined(Err(NoValue::Saturated), one), one);
+        let neither = |seen, felt| joined(Err(seen), Err(felt));
+        assert_eq!(neither(NoValue::Saturated, NoValue::Absent), Err(NoValue::Saturated));
+        assert_eq!(neither(NoValue::Absent, NoValue::DeadChannel), Err(NoValue::DeadChannel));
     }
 }

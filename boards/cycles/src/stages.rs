@@ -3,6 +3,8 @@
 mod frame;
 mod model;
 mod nets;
+mod papers;
+mod touch;
 
 use taxel::calibration::Calibration;
 use taxel::condition::{Bias, Levels, Signals};
@@ -11,6 +13,7 @@ use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::gate::{Gate, GateState};
 use taxel::estimate::tanh::tanh;
 use taxel::measured::NoValue;
+use taxel::roots::{atan, cube_root, inverse_sqrt, power, sqrt};
 use taxel::scan::{COLS, PITCH};
 
 use crate::Meter;
@@ -27,6 +30,8 @@ pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {
     estimators(inputs, &calibration, meter);
     nets::stages(signals(inputs, &calibration.bias()).filter_map(|s| s.taxels), meter);
     model::stages(signals(inputs, &calibration.bias()).filter_map(|s| s.taxels), meter);
+    touch::stages(&calibration, signals(inputs, &calibration.bias()), meter);
+    papers::stages(signals(inputs, &calibration.bias()).filter_map(|s| s.taxels), meter);
     arithmetic(meter);
 }
 
@@ -106,4 +111,9 @@ fn arguments() -> impl Iterator<Item = f32> + Clone {
 
 fn arithmetic(meter: &mut impl Meter) {
     meter.stage("tanh", &mut (), arguments(), &mut 0.0, |(), x, out| *out = tanh(*x));
+    meter.stage("1/sqrt", &mut (), arguments(), &mut 0.0, |(), x, out| *out = inverse_sqrt(*x));
+    meter.stage("sqrt", &mut (), arguments(), &mut 0.0, |(), x, out| *out = sqrt(*x));
+    meter.stage("cube root", &mut (), arguments(), &mut 0.0, |(), x, out| *out = cube_root(*x));
+    meter.stage("power", &mut (), arguments(), &mut 0.0, |(), x, out| *out = power(*x, 0.3));
+    meter.stage("atan", &mut (), arguments(), &mut 0.0, |(), x, out| *out = atan(*x));
 }

@@ -1,0 +1,40 @@
+//! What the papers' other sensors ask for: the line of four of 002, the feeler of 000, the columns of 001.
+
+use taxel::estimate::bright_spot::{BrightSpot, Shear, Spot};
+use taxel::estimate::column::{Column, inclination, quadrants};
+use taxel::estimate::row::RowPolynomials;
+use taxel::measured::NoValue;
+use taxel::scan::TAXELS;
+
+use crate::Meter;
+
+pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl Meter) {
+    let line = c.clone().map(|c| [c[0], c[1], c[2], c[3]]);
+    let mut row = RowPolynomials { point: [0.3; 8], angle: [0.2; 8] };
+    meter.stage("002: line of four", &mut row, line, &mut (0.0, 0.0), |row, u, out| {
+        *out = row.contact(*u);
+    });
+    let mut feeler = BrightSpot { normal: 0.01, x: Shear::PAPER, y: Shear::PAPER };
+    let images = c.clone().map(|c| c.map(|c| 1.0 - c));
+    meter.stage(
+        "000: feeler, 16 pixels",
+        &mut feeler,
+        images,
+        &mut [0.0; 3],
+        |feeler, grey, out| {
+            let spot = Spot::measure(grey, 4, 1.0);
+            *out = feeler.force(spot.integral, spot.centroid);
+        },
+    );
+    let nothing = Err(NoValue::IllConditioned);
+    meter.stage(
+        "001: four columns",
+        &mut Column::PAPER.clone(),
+        c,
+        &mut nothing.clone(),
+        |column, c, out| {
+            let sunk = quadrants(c).map(|areas| column.load(areas).sunk);
+            *out = inclination(&sunk, 5.0);
+        },
+    );
+}
