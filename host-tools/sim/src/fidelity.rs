@@ -104,13 +104,21 @@ pub struct Report {
 
 impl core::fmt::Display for Report {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let Self { rung, top, error, tolerance, evaluations, top_evaluations } = self;
+        let Self { rung, top, error, tolerance, evaluations, top_evaluations } = *self;
         write!(f, "fidelity {rung}")?;
         if let Some(error) = error {
             let (error, tolerance) = (100.0 * error, 100.0 * tolerance);
             write!(f, ", {error:.3} % off {top} of {tolerance} % allowed")?;
         }
-        write!(f, ", {evaluations} evaluations a disc against {top_evaluations}")
+        if top == Rung::Layer {
+            write!(f, ", itself within {} %", 100.0 * Layer::ERROR)?;
+        }
+        match top_evaluations as f64 / evaluations.max(1) as f64 {
+            times if times > 1.0 => {
+                write!(f, ", computed with {times:.0} times less work than {top}")
+            }
+            _ => Ok(()),
+        }
     }
 }
 
@@ -183,7 +191,7 @@ impl Ladder {
                 rung: rung.unwrap_or(top),
                 top,
                 error: None,
-                tolerance: scene.tolerance,
+                tolerance: scene.tolerance(),
                 evaluations: 0,
                 top_evaluations: 0,
             },

@@ -243,8 +243,6 @@ ranges! {
     step: -0.25 to 0.25;
     /// Error of a reference in newtons.
     reference: 0.0 to 1.0;
-    /// Tolerated error as a share of the largest displacement.
-    tolerance: 0.00001 to 0.5;
     /// Frequency of the mains' lamps in Hz.
     lamps: 1.0 to 10000.0;
     /// Temperature in °C at which silicone, diodes and bridges still work.

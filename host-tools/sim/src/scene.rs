@@ -97,9 +97,8 @@ pub struct Scene {
     pub effects: Vec<Spanned<Effect>>,
     /// How finely contact is computed; [`Scene::fidelity`].
     fidelity: Option<Spanned<Fidelity>>,
-    /// Error that `fidelity = "auto"` may leave, as a share of the largest displacement of a facet.
-    #[serde(default = "Scene::one_percent", deserialize_with = "ranges::tolerance")]
-    pub tolerance: f64,
+    /// [`Scene::tolerance`].
+    tolerance: Option<Spanned<Given>>,
     /// When to sample.
     pub scan: Scan,
     /// The finger.
@@ -297,8 +296,17 @@ impl Scene {
         self.effects.iter().any(|listed| *listed.get_ref() == effect)
     }
 
-    fn one_percent() -> f64 {
-        0.01
+    /// What `tolerance` may be.
+    const TOLERANCES: [f64; 2] = [0.00001, 0.5];
+
+    /// Error that `fidelity = "auto"` may leave, as a share of the largest displacement of a facet; 1 % unless
+    /// said otherwise.
+    #[must_use]
+    pub fn tolerance(&self) -> f64 {
+        let [low, high] = Self::TOLERANCES;
+        // Refused out of its range when the scene was checked.
+        let given = self.tolerance.as_ref().map(|given| given.get_ref().within(low, high));
+        given.and_then(Result::ok).unwrap_or(0.01)
     }
 
     /// How finely contact is computed.

@@ -260,8 +260,9 @@ fn choices_are_the_parsers() {
 /// Keys that a scene keeps as "left out", and what it makes of them.
 fn made_of_left_out(scene: &Scene) -> String {
     format!(
-        "{:?} {:?} {} {} {}",
+        "{:?} {} {:?} {} {} {}",
         scene.fidelity(),
+        scene.tolerance(),
         scene.indenter(),
         scene.friction.mu_kinetic(),
         scene.oversampling(),
@@ -279,8 +280,8 @@ fn without_places(scene: &Scene) -> String {
 
 #[test]
 fn defaults_are_what_a_scene_without_the_key_has() {
-    const LEFT_OUT: [&str; 6] =
-        ["fidelity", "radius_mm", "width_mm", "length_mm", "turn_deg", "slope"];
+    const LEFT_OUT: [&str; 7] =
+        ["fidelity", "tolerance", "radius_mm", "width_mm", "length_mm", "turn_deg", "slope"];
     let mut checked = 0;
     for Section { header, rows } in sections() {
         for row in &rows {

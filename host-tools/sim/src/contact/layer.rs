@@ -33,11 +33,15 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// Thicknesses in mm that are modelled: thinner, a window is no longer narrow against the layer;
-    /// thicker, the series grows long.
-    pub const THICKNESS_MM: [f64; 2] = [1.0, 5.0];
-    /// The widest facet in mm that leaves a wall.
-    pub const WIDEST_FACET_MM: f64 = 2.4;
+    /// Thicknesses in mm for which [`Self::ERROR`] holds, shown at the corners of the three ranges.
+    pub const THICKNESS_MM: [f64; 2] = [2.5, 4.0];
+    /// Sides of facets in mm, the same.
+    pub const FACET_MM: [f64; 2] = [1.6, 1.9];
+    /// Poisson's ratios, the same.
+    pub const POISSON: [f64; 2] = [0.4, 0.5];
+    /// How far a facet may be off at most, over the largest one's displacement: against a finer
+    /// solution, whose frequencies reach 400.
+    pub const ERROR: f64 = 0.01;
 
     /// Of `thickness_mm` of the material of `skin`, with windows of `facet_mm`.
     #[must_use]
@@ -314,6 +318,41 @@ mod tests {
             let errors = usual.iter().zip(best).map(|(usual, best)| (usual - best).abs());
             let worst = errors.fold(0.0, f64::max) / most(&best);
             assert!(worst < 0.0014, "{centre:?}: {worst}");
+        }
+    }
+
+    /// Corners of the ranges with both ends of every one, and contacts that reach as far over the rim as they may.
+    #[test]
+    fn the_stated_error_holds_at_the_corners_of_what_is_allowed() {
+        let ([thin, thick], [narrow, wide]) = (Layer::THICKNESS_MM, Layer::FACET_MM);
+        let [loose, tight] = Layer::POISSON;
+        // The fourth polynomial is what another test is for.
+        let finer = Resolution { degrees: 3, reach: 400.0, apart: 6.0, shortest: 18.0 };
+        let rule = Rule::round(Round::Hertz, 4, 12);
+        for (depth, facet, poisson) in [
+            (thin, wide, loose),
+            (thin, narrow, tight),
+            (thick, narrow, loose),
+            (thick, wide, tight),
+        ] {
+            let skin = HalfSpace::new(SILICONE_YOUNG_MPA, poisson);
+            let usual = Series::new(skin, depth, facet, &Resolution::USUAL);
+            let finer = Series::new(skin, depth, facet, &finer);
+            for (centre, radius, force) in [
+                ([1.25, 1.25], 1.0, [0.0, 0.0, 1.0]),
+                ([0.0, 0.0], 2.0, [0.0, 0.0, 1.0]),
+                ([1.25, 0.0], 0.7, [1.0, 0.0, 0.0]),
+                ([0.0, 0.0], 0.0, [0.0, 0.0, 1.0]),
+                ([3.9, -4.2], 2.0, [0.4, 0.2, 1.0]),
+                ([5.0, 5.0], 3.0, [0.3, 0.0, 0.5]),
+            ] {
+                let patch = Patch::disc(centre, radius, force);
+                let found = gather(&rule, [&patch], |at| usual.at(at));
+                let best = gather(&rule, [&patch], |at| finer.at(at));
+                let errors = found.iter().zip(best).map(|(found, best)| (found - best).abs());
+                let worst = errors.fold(0.0, f64::max) / most(&best);
+                assert!(worst < Layer::ERROR, "{depth} {facet} {poisson} {centre:?}: {worst}");
+            }
         }
     }
 

@@ -41,12 +41,16 @@ fn what_the_scene_tolerates_decides() {
     assert!(usual.report().error.unwrap() < 0.005);
     let text = usual.report().to_string();
     assert!(text.starts_with("fidelity hertz, 0.") && text.contains("of 1 % allowed"), "{text}");
+    assert!(text.ends_with(", computed with 32 times less work than converged"), "{text}");
+    assert!(!strict.report().to_string().contains("work"), "{}", strict.report());
 }
 
 #[test]
 fn with_walls_the_framed_layer_is_the_measure() {
     let framed = Ladder::new(&scene("effects = ['walls']"), 1);
     assert_eq!((framed.report().top, framed.report().rung), (Rung::Layer, Rung::Converged));
+    let text = framed.report().to_string();
+    assert!(text.contains("off layer of 1 % allowed, itself within 1 %, computed with"), "{text}");
     let free = Ladder::new(&scene(""), 1);
     let load =
         Contacts::from(Load { point: [0.6, -0.4], force: [0.0, 0.0, 1.2], ..Load::default() });

@@ -239,6 +239,22 @@ impl Act {
             }
     }
 
+    /// Seconds of a contact, the share of them in which it touches, and the keys that say so.
+    fn touching(&self) -> (f64, f64, &'static str) {
+        const PRESSED: &str = "make `rise_s`, `hold_s` and `fall_s` together";
+        const MOVED: &str = "make `rise_s`, `travel_s` and `fall_s` together";
+        match self {
+            Self::Press(_) => (self.end_s() - self.at_s(), 1.0, PRESSED),
+            Self::Slide(_) | Self::Roll(_) | Self::Plate(_) => {
+                (self.end_s() - self.at_s(), 1.0, MOVED)
+            }
+            Self::Tap(tap) => (tap.width_s, 1.0, "make `width_s`"),
+            // They rest for a tenth at both ends.
+            Self::Random(_, random) => (random.each_s, 0.8, "make `each_s`"),
+            Self::Grid(grid) => (grid.each_s, 0.8, "make `each_s`"),
+        }
+    }
+
     /// Its greatest normal force in newtons, and the way of its contact point in mm.
     pub(super) fn reach(&self) -> (f64, [[f64; 2]; 2]) {
         match self {
@@ -263,6 +279,8 @@ impl Act {
 pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     // Sums of decimal fractions are a few units in the last place off.
     const SLACK: f64 = 1e-9;
+    // Periods of the scan: within one, both scans may fall on the ends, where nothing presses.
+    const SCANS: f64 = 2.0;
     let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
     let indenter = scene.indenter();
     let reach = |normal| indenter.reach(&skin, normal);
@@ -273,6 +291,17 @@ pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
             let problem = format!(
                 "ends at {end} s but the scene at `duration_s` {duration} s; let it begin earlier or be \
                  shorter, or make `duration_s` at least {end}"
+            );
+            return Err((span, problem));
+        }
+        let (touching, share, keys) = act.touching();
+        let least = SCANS / f64::from(scene.rate_hz());
+        if share * touching < least - SLACK {
+            let problem = format!(
+                "touches for {} s, which scans at {} Hz may not see; {keys} at least {} s, or scan faster",
+                seconds(share * touching),
+                scene.rate_hz(),
+                (least / share * 1e6).ceil() / 1e6
             );
             return Err((span, problem));
         }

@@ -22,6 +22,10 @@ impl Scene {
                 .within(0.0, self.friction.mu)
                 .map_err(|problem| (kinetic.span(), format!("{problem}, which is `mu`")))?;
         }
+        if let Some(tolerance) = &self.tolerance {
+            let [low, high] = Self::TOLERANCES;
+            tolerance.get_ref().within(low, high).map_err(|problem| (tolerance.span(), problem))?;
+        }
         self.indenter.indenter()?;
         device::check(self)?;
         self.check_walls()?;
@@ -87,15 +91,30 @@ impl Scene {
             let problem = "the layer is that of the 4×4 finger; leave `fidelity` out";
             return Err((at, problem.into()));
         }
-        let ([thin, thick], widest) = (layer::Layer::THICKNESS_MM, layer::Layer::WIDEST_FACET_MM);
         let Layer { depth_mm, facet_mm, .. } = self.layer;
-        if (thin..=thick).contains(&depth_mm) && facet_mm <= widest {
-            return Ok(());
+        for (key, value, [low, high]) in [
+            ("depth_mm", depth_mm, layer::Layer::THICKNESS_MM),
+            ("facet_mm", facet_mm, layer::Layer::FACET_MM),
+            ("poisson", self.material.poisson, layer::Layer::POISSON),
+        ] {
+            if !(low..=high).contains(&value) {
+                let problem = format!(
+                    "walls with `{key}` {value}; allowed are {low} to {high}, for which the layer's error is \
+                     known: change `{key}` or leave the walls out"
+                );
+                return Err((at, problem));
+            }
         }
-        let problem = format!(
-            "walls between facets of `facet_mm` {facet_mm} under `depth_mm` {depth_mm}; allowed are \
-             {thin} to {thick} for `depth_mm` and up to {widest} for `facet_mm`"
-        );
-        Err((at, problem))
+        let least = layer::Layer::ERROR;
+        match &self.tolerance {
+            Some(given) if self.fidelity() == Fidelity::Auto && self.tolerance() < least => {
+                let problem = format!(
+                    "{} is less than the layer with walls keeps itself; allowed are {least} to 0.5",
+                    self.tolerance()
+                );
+                Err((given.span(), problem))
+            }
+            _ => Ok(()),
+        }
     }
 }

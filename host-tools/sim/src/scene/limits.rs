@@ -15,10 +15,9 @@ const WIDEST_OF_RADIUS: f64 = 0.7;
 /// (tested), as far as its Mooney–Rivlin law (002) is known here against the linear one.
 const DEEPEST: f64 = 0.7;
 /// How far beyond the rim of the pad an area of contact may go in mm: as 2 N, the working range of 002, on a
-/// sphere of 6 mm do at the rim. There the model's skin goes on and a real one ends.
+/// sphere of 6 mm do at the rim. There the model's skin goes on and a real one ends. A layer with walls repeats,
+/// with at least 10 mm between.
 const OVERHANG_MM: f64 = 3.0;
-/// With walls the same in thicknesses: half of what lies between the layer and its next repetition.
-const OVERHANG_DEPTHS: f64 = 2.0;
 
 /// No act pushes its indenter through the skin, round a sphere or off the pad, and no facet is wide for its
 /// depth.
@@ -96,16 +95,11 @@ impl Pressed<'_> {
     }
 
     fn on_pad(&self) -> Result<(), String> {
-        let overhang = if self.scene.has_walls() {
-            OVERHANG_MM.min(OVERHANG_DEPTHS * self.scene.layer.depth_mm)
-        } else {
-            OVERHANG_MM
-        };
         let (normal, way) = self.act.reach();
         let sides = self.scene.indenter().sides(&self.skin, self.softest * normal);
         for point in way {
             for ((axis, at), side) in ["x", "y"].into_iter().zip(point).zip(sides) {
-                let (found, most) = (at.abs() + side, 0.5 * PAD_MM + overhang);
+                let (found, most) = (at.abs() + side, 0.5 * PAD_MM + OVERHANG_MM);
                 if found > most {
                     return Err(format!(
                         "touches the skin out to {found:.2} mm along {axis}; the pad ends at {} mm and areas of \

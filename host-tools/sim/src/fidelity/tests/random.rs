@@ -99,6 +99,7 @@ fn random_scene(seed: u64) -> Scene {
     let walls = seed.is_multiple_of(WALLS);
     let line = !walls && seed % 10 == 3;
     let tolerance = draw.scale(0.003, 0.03);
+    let tolerance = if walls { tolerance.max(Layer::ERROR) } else { tolerance };
     let [young, poisson] = [draw.between(0.15, 1.0), draw.between(0.4, 0.5)];
     let [depth, facet] = [draw.between(1.5, 5.0), draw.between(1.0, if line { 4.0 } else { 2.4 })];
     let [young, poisson] =
@@ -194,7 +195,7 @@ fn auto_keeps_its_tolerance_on_two_hundred_random_scenes_at_a_twentieth_of_the_c
     assert!(touched.iter().all(|frames| *frames > 5000), "{touched:?}");
     let [saved, faster] = [savings, faster].map(|mut ratios| {
         ratios.sort_by(f64::total_cmp);
-        ratios[100]
+        0.5 * (ratios[99] + ratios[100])
     });
     assert!(saved >= 20.0, "{saved}");
     // Evaluations, which every machine counts alike, stand for time.
