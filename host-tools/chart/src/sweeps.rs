@@ -6,6 +6,7 @@ use rand_distr::{Distribution, StandardNormal};
 use taxel::scan::TAXELS;
 use taxel::units::Code;
 use taxel_formats::trace::Sample;
+use taxel_sim::contact::{HalfSpace, SILICONE_YOUNG_MPA};
 use taxel_sim::{Scene, Simulator};
 
 /// Effects of every run, as in calibration.
@@ -42,7 +43,7 @@ pub fn all() -> Vec<Sweep> {
         ),
         sweep(
             "overload / N",
-            &[1.0, 1.5, 2.0, 2.2, 2.5, 3.0, 3.5, 4.0],
+            &[1.0, 1.5, 2.0, 2.1, 2.2, 2.3],
             |v| v <= 2.0,
             |device, v| run(device, &Run { acts: &presses([v, v], 0.0), ..Run::default() }),
         ),
@@ -52,29 +53,12 @@ pub fn all() -> Vec<Sweep> {
             |v| v <= 4.2,
             |device, v| run(device, &Run { acts: &placed(v), ..Run::default() }),
         ),
-        sweep(
-            "radius of a sphere / mm",
-            &[6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.5],
-            |v| v >= 5.0,
-            |device, v| {
-                let indenter = format!("radius_mm = {v}");
-                run(
-                    device,
-                    &Run { indenter: &indenter, acts: &presses([0.2, 1.0], 0.0), ..Run::default() },
-                )
-            },
-        ),
+        sweep("radius of a sphere / mm", &[6.0, 5.0, 4.0, 3.0, 2.0, 1.0], |v| v >= 5.0, sphere),
         sweep(
             "radius of a sphere, flatter / mm",
-            &[6.0, 8.0, 12.0, 20.0, 50.0, 200.0, 1000.0],
+            &[6.0, 8.0, 12.0, 20.0, 50.0, 100.0, 200.0],
             |v| v <= 8.0,
-            |device, v| {
-                let indenter = format!("radius_mm = {v}");
-                run(
-                    device,
-                    &Run { indenter: &indenter, acts: &presses([0.2, 1.0], 0.0), ..Run::default() },
-                )
-            },
+            sphere,
         ),
         sweep(
             "radius of a flat punch / mm",
@@ -84,7 +68,7 @@ pub fn all() -> Vec<Sweep> {
                 let indenter = format!("kind = 'punch'\nradius_mm = {v}");
                 run(
                     device,
-                    &Run { indenter: &indenter, acts: &presses([0.2, 0.6], 0.0), ..Run::default() },
+                    &Run { indenter: &indenter, acts: &presses([0.2, 0.5], 0.0), ..Run::default() },
                 )
             },
         ),
@@ -310,6 +294,16 @@ fn presses([low, high]: [f64; 2], shear: f64) -> String {
         "[[random]]\nat_s = 1\npresses = 24\neach_s = 0.2\nx_mm = [-2, 2]\ny_mm = [-2, 2]\n\
          fz_n = [{low}, {high}]\nshear_of_limit = [0, {shear}]\nroll_mm = 1\n"
     )
+}
+
+/// Presses of a sphere with up to 1 N, or with what the simulator's laws hold for: a contact no wider than 0.7 of
+/// the radius, and on the pad.
+fn sphere(device: u64, radius: f64) -> anyhow::Result<Vec<Sample>> {
+    let skin = HalfSpace::new(SILICONE_YOUNG_MPA, 0.5);
+    let half_width = (0.69 * radius).min(4.9);
+    let most = 4.0 / 3.0 * skin.contact_modulus() * half_width.powi(3) / radius;
+    let acts = presses([0.2, 1.0].map(|load: f64| load * most.min(1.0)), 0.0);
+    run(device, &Run { indenter: &format!("radius_mm = {radius}"), acts: &acts, ..Run::default() })
 }
 
 /// Normal presses at a distance from the middle, along x.

@@ -68,7 +68,8 @@ fn every_command_that_the_manuals_name_is_there() {
     ] {
         let named = manual.split("taxel ").skip(1).filter_map(|rest| {
             let before = rest.split(|c: char| !c.is_ascii_lowercase() && c != '-').next();
-            before.filter(|word| rest.starts_with(word) && word.len() > 2)
+            before
+                .filter(|word| word.starts_with(|c: char| c.is_ascii_lowercase()) && word.len() > 2)
         });
         let in_code = named.filter(|word| {
             manual.contains(&format!("`taxel {word}"))
