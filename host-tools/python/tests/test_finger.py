@@ -149,7 +149,9 @@ def test_values_are_those_of_the_rust_side(command: str, tmp_path: Path):
     subprocess.run(simulate, check=True, capture_output=True)
     rust = [command, "replay", str(trace), "--calibration", str(calibration), "--fields", "all"]
     subprocess.run([*rust, "--out", str(replayed)], check=True, capture_output=True)
-    expected = {int(row["t_us"]): row for row in csv.DictReader(replayed.open())}
+    # What the recording is of stands before its header, in lines that begin with #.
+    lines = (line for line in replayed.open() if not line.startswith("#"))
+    expected = {int(row["t_us"]): row for row in csv.DictReader(lines)}
     served = serve(command, f"file:{trace}", "--tcp", "127.0.0.1:0", "--calibration", str(calibration))
     with served as port, Finger(port) as finger:
         finger.set_fields(Fields.ALL)

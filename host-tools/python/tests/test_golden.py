@@ -2,7 +2,19 @@
 
 import pytest
 
-from taxel import Contact, Fields, Force, Frame, MalformedError, NoValue, Point, PointMethod, Slip, Status, read_frames
+from taxel import (
+    Contact,
+    Fields,
+    Force,
+    Frame,
+    MalformedError,
+    NoValue,
+    Point,
+    PointMethod,
+    Slip,
+    Status,
+    read_frames,
+)
 from taxel.messages import Bridge, Command, Done, Rate, Refusal, Reply, Version, decode, request
 from taxel.packets import MAX_PACKET, Deframer, pack
 

@@ -7,8 +7,21 @@ from collections.abc import Iterable, Iterator
 
 from .errors import LinkError, MalformedError, ProtocolError, RefusedError, TaxelError
 from .finger import Counts, Finger
-from .messages import Bias, Codes, Contact, Fields, Force, Frame, Info, NoValue, Point, PointMethod, Signals
-from .messages import Slip, Status
+from .messages import (
+    Bias,
+    Codes,
+    Contact,
+    Fields,
+    Force,
+    Frame,
+    Info,
+    NoValue,
+    Point,
+    PointMethod,
+    Signals,
+    Slip,
+    Status,
+)
 from .messages import decode as _decode
 from .packets import Deframer as _Deframer
 from .table import columns, data_frame

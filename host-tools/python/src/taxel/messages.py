@@ -418,7 +418,9 @@ def _info(data: bytes, at: int) -> tuple[Info, int]:
     counts, at = read.times(8, read.varint)(data, at)
     estimators, at = read.varint(data, at)
     known = (board, serial, build, scan_hz, full_scale, tick_hz, rate, Fields(fields), streaming)
-    return Info(*known, method, biased, calibration, *counts, Status(estimators)), at
+    scans, frames, lost, overruns, bad_packets, lost_replies, cost_last, cost_worst = counts
+    counters = (scans, frames, lost, overruns, bad_packets, lost_replies, cost_last, cost_worst)
+    return Info(*known, method, biased, calibration, *counters, Status(estimators)), at
 
 
 def _taxel_bias(data: bytes, at: int) -> tuple[TaxelBias, int]:
