@@ -6,6 +6,7 @@ use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::measured::NoValue;
 use taxel::scan::SENSORS;
+use taxel_formats::frames;
 use taxel_formats::trace::{Truth, sensor_truth_names};
 
 use crate::metrics::{Errors, TargetMetrics};
@@ -101,20 +102,7 @@ fn compare<const N: usize>(
         match (truth, found) {
             (None, _) | (_, Err(NoValue::NotEstimated)) => {}
             (Some(truth), Ok(found)) => errors.add(f64::from(found) - truth),
-            (Some(_), Err(reason)) => errors.withhold(reason_name(reason)),
+            (Some(_), Err(reason)) => errors.withhold(frames::reason(reason)),
         }
-    }
-}
-
-fn reason_name(reason: NoValue) -> &'static str {
-    match reason {
-        NoValue::Uncalibrated => "uncalibrated",
-        NoValue::NoContact => "no contact",
-        NoValue::Saturated => "saturated",
-        NoValue::DeadChannel => "dead channel",
-        NoValue::OutOfTrainedRange => "out of trained range",
-        NoValue::IllConditioned => "ill-conditioned",
-        NoValue::Absent => "absent",
-        NoValue::NotEstimated => "not estimated",
     }
 }

@@ -4,7 +4,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
 use taxel::scan::{COLS, Codes, Midpoints, SENSORS, Scan, TAXELS, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
-use taxel_formats::trace::{Sample, Truth};
+use taxel_formats::trace::{Sample, TraceHeader, Truth};
 
 use crate::adc::Adc;
 use crate::bridge::{Bridge, Surroundings};
@@ -102,6 +102,20 @@ impl Simulator {
     #[must_use]
     pub fn full_scale(&self) -> FullScale {
         self.adc.full_scale()
+    }
+
+    /// The columns of its trace, with those of the truth or without.
+    #[must_use]
+    pub fn trace_header(&self, truth: bool) -> TraceHeader {
+        TraceHeader {
+            full_scale: self.full_scale(),
+            rows: self.device.rows(),
+            bridges: self.device.sensors(),
+            reference: true,
+            temperature: self.temperature.is_some(),
+            truth,
+            sensor_truth: truth,
+        }
     }
 
     /// How finely contact is computed and what error that leaves; `None` where no facet is displaced, on the

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
 use taxel::scan::{COLS, TAXELS};
-use taxel_formats::trace::{TraceHeader, TraceWriter};
+use taxel_formats::trace::TraceWriter;
 use taxel_sim::scene::BUILT_IN;
 use taxel_sim::{Scene, Simulator};
 
@@ -38,17 +38,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let scene = Scene::load(&name)?;
     let mut simulator = Simulator::new(&scene, args.seed);
     let fidelity = simulator.fidelity().map(|report| format!("; {report}")).unwrap_or_default();
-    let header = TraceHeader {
-        full_scale: simulator.full_scale(),
-        rows: scene.device.rows(),
-        bridges: scene.device.sensors(),
-        reference: true,
-        temperature: scene.temperature().is_some(),
-        truth: true,
-        sensor_truth: true,
-    };
     let interrupt = Interrupt::watch()?;
-    let mut trace = TraceWriter::create(&out, header)?;
+    let mut trace = TraceWriter::create(&out, simulator.trace_header(true))?;
     let bar = ProgressBar::new(scene.frames());
     let mut written = 0u64;
     let mut wrong_side = [false; TAXELS];

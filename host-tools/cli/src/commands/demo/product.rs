@@ -2,7 +2,7 @@
 
 use taxel::calibration::Calibration;
 use taxel::frame::Frame;
-use taxel_formats::trace::{Sample, TraceHeader, TraceWriter, Truth};
+use taxel_formats::trace::{Sample, TraceWriter, Truth};
 use taxel_link::Client;
 use taxel_link::emulated::{PRODUCT, Product};
 use taxel_sim::{Scene, Simulator};
@@ -32,15 +32,7 @@ impl Board {
     pub fn start(scene: &str, calibration: Option<Calibration>) -> anyhow::Result<Self> {
         let scene = Scene::load(scene)?;
         let simulator = Simulator::new(&scene, SEED);
-        let header = TraceHeader {
-            full_scale: simulator.full_scale(),
-            rows: scene.device.rows(),
-            bridges: scene.device.sensors(),
-            reference: true,
-            temperature: scene.temperature().is_some(),
-            truth: false,
-            sensor_truth: false,
-        };
+        let header = simulator.trace_header(false);
         let samples: Vec<Sample> = simulator.collect();
         let trace = NamedTempFile::with_suffix(".csv")?;
         let mut writer = TraceWriter::create(trace.path(), header)?;
