@@ -252,7 +252,8 @@ fn a_finger_that_is_not_there_is_waited_for_and_set_again_when_it_is_back() {
     drop(first);
     let server = show(&port, folder.path());
     let mut browser = Browser::open(&server.url(), 1280, 900);
-    assert!(browser.text("trouble").contains("connection refused"), "{}", browser.text("trouble"));
+    browser
+        .wait_for("document.getElementById('trouble').textContent.includes('connection refused')");
 
     let again = || {
         let begun = Instant::now();
