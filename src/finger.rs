@@ -209,7 +209,7 @@ impl Finger {
         signals.health.bridge_faults |= stuck.bridges;
         let mut status = Status::default();
         flag(&mut status, Status::STUCK_CHANNEL, stuck != Stuck::default());
-        flag(&mut status, Status::OVERRUN, scan.overrun);
+        flag(&mut status, Status::OVERRUN, scan.lost > 0);
         flag(&mut status, Status::BIASED, state.biased);
         flag(&mut status, Status::SATURATED, signals.health.saturated != 0);
         flag(&mut status, Status::DEAD_TAXEL, signals.health.dead != 0);

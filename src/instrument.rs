@@ -147,7 +147,7 @@ impl Instrument {
     pub fn scan(&mut self, scan: &Scan) -> Outcome {
         let estimate = self.finger.estimate(&mut self.state, scan);
         self.counters.scans = self.counters.scans.wrapping_add(1);
-        self.counters.overruns = self.counters.overruns.wrapping_add(u32::from(scan.overrun));
+        self.counters.overruns = self.counters.overruns.wrapping_add(scan.lost);
         let mut outcome = Outcome::default();
         self.taking_in_contact |= estimate.status.contains(Status::CONTACT);
         if estimate.bias.is_some() || self.self_test.is_some() {

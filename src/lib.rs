@@ -29,7 +29,7 @@
 //!     reference: None,
 //!     temperature: None,
 //! };
-//! let estimate = finger.estimate(&mut state, &Scan { time: Micros(0), overrun: false, codes });
+//! let estimate = finger.estimate(&mut state, &Scan { time: Micros(0), lost: 0, codes });
 //! assert_eq!(estimate.force.z, Err(NoValue::Uncalibrated));
 //! ```
 #![no_std]

@@ -81,8 +81,8 @@ pub struct Codes {
 pub struct Scan {
     /// When the dark step began.
     pub time: Micros,
-    /// True where frames were lost between the previous one and this.
-    pub overrun: bool,
+    /// Scans that were lost between the previous one and this.
+    pub lost: u32,
     /// What was read.
     pub codes: Codes,
 }

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 /// On the wire it is two bytes, little-endian (a varint would need three for most codes).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(transparent)]
 pub struct Code(pub u16);
 
 impl Serialize for Code {

@@ -75,7 +75,7 @@ fn emulated_faults_are_flagged_as_on_this_machine() {
     scans.extend((40..80).map(|t| pressed(250 * t, 6, 6_554)));
     scans.extend((80..90).map(|t| pressed(250 * t, 6, u16::MAX - common::LIT)));
     scans.extend((90..100).map(|t| pressed(250 * t, 6, 39_000)));
-    scans.extend((100..110).map(|t| Scan { overrun: true, ..unloaded(250 * t) }));
+    scans.extend((100..110).map(|t| Scan { lost: 1, ..unloaded(250 * t) }));
     for calibration in [None, Some(calibration())] {
         let (board, _) = on_board(&scans, calibration.as_ref());
         assert_eq!(board, on_host(&scans, calibration));

@@ -180,7 +180,7 @@ fn a_broken_bridge_arm_withholds_that_sensor() {
 #[test]
 fn an_overrun_is_flagged_in_its_frame() {
     let (finger, mut state) = calibrated();
-    let scan = Scan { overrun: true, ..unloaded(0) };
+    let scan = Scan { lost: 1, ..unloaded(0) };
     assert!(finger.estimate(&mut state, &scan).status.contains(Status::OVERRUN));
 }
 
@@ -328,7 +328,7 @@ proptest! {
         }
         for (t, codes) in scans.into_iter().enumerate() {
             for _ in 0..6 {
-                let scan = Scan { time: Micros(t as u64), overrun: false, codes };
+                let scan = Scan { time: Micros(t as u64), lost: 0, codes };
                 let estimate = finger.estimate(&mut state, &scan);
                 prop_assert!(finite(&estimate), "{estimate:?}");
             }
@@ -356,7 +356,7 @@ proptest! {
         if let Ok(record) = Calibration::from_bytes(&buffer[..length]) {
             let (finger, mut state) = Finger::new(Some(record));
             for t in 0..8 {
-                let scan = Scan { time: Micros(1000 * t), overrun: false, codes };
+                let scan = Scan { time: Micros(1000 * t), lost: 0, codes };
                 prop_assert!(finite(&finger.estimate(&mut state, &scan)));
             }
         }

@@ -317,7 +317,7 @@ pub struct Counters {
     pub frames: u32,
     /// Of those, frames dropped because the link was full.
     pub lost: u32,
-    /// Scans that came with an overrun.
+    /// Scans that were lost before they could be processed.
     pub overruns: u32,
     /// Packets from the host that could not be read.
     pub bad_packets: u32,

@@ -25,7 +25,7 @@ pub fn unloaded(time: u64) -> Scan {
     let rest = Code(MIDPOINT);
     Scan {
         time: Micros(time),
-        overrun: false,
+        lost: 0,
         codes: Codes {
             full_scale: FullScale::BITS_16,
             taxels: Some(TaxelCodes { lit: [[Code(LIT); 4]; 4], dark: [Code(DARK); 4] }),

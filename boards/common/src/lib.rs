@@ -13,3 +13,4 @@ pub mod scanner;
 pub mod settings;
 pub mod stack;
 pub mod status;
+pub mod time;

@@ -2,7 +2,7 @@
 //!
 //! The interrupt puts each frame into a short queue and is done. While the session is busy for longer
 //! than a frame (a calibration is checked, a page of flash erased) the queue fills; what does not fit is
-//! lost, and the next scan that fits says so. It never stops the instrument.
+//! lost, and the next scan that fits says how many. It never stops the instrument.
 //!
 //! The watchdog is fed here and nowhere else: by scans that have come all the way, or by a pause that was
 //! asked for.
@@ -25,12 +25,14 @@ use crate::stack;
 
 /// Frames that may wait: 1 ms at 4 kHz.
 const QUEUE: usize = 4;
+/// Microseconds by which an interrupt is late at most where nothing holds it up but critical sections.
+const PROMPT: u32 = 8;
 
 /// The interrupt's end of the queue.
 pub struct Frames {
     queue: Channel<CriticalSectionRawMutex, Scan, QUEUE>,
-    /// Frames were lost since the last that was queued.
-    lost: AtomicBool,
+    /// Frames that were lost since the last that was queued.
+    lost: AtomicU32,
     /// The scan stands still on purpose.
     paused: AtomicBool,
     /// How long a frame takes, in microseconds.
@@ -51,7 +53,7 @@ impl Frames {
     pub const fn new() -> Self {
         Self {
             queue: Channel::new(),
-            lost: AtomicBool::new(false),
+            lost: AtomicU32::new(0),
             paused: AtomicBool::new(true),
             period: AtomicU32::new(0),
             last: AtomicU32::new(0),
@@ -68,29 +70,35 @@ impl Frames {
         self.paused.store(false, Ordering::Relaxed);
     }
 
-    /// The scan stands still on purpose.
+    /// The scan stands still on purpose, in the middle of a frame.
     pub fn halt(&self) {
         self.paused.store(true, Ordering::Relaxed);
-        self.drop_one();
+        self.lose(1);
     }
 
-    /// A frame's interrupt has come. Interrupts that were held up have become one; time tells how many
-    /// there were. Says whether a frame before this one was missed.
-    pub fn tick(&self) -> bool {
-        let now = now_us();
-        let since = now.wrapping_sub(self.last.load(Ordering::Relaxed));
-        self.last.store(now, Ordering::Relaxed);
-        let period = self.period.load(Ordering::Relaxed);
-        since > period + period / 2
+    /// A frame's interrupt has come: when. Interrupts that were held up have become one; time tells how
+    /// many there were, and of their frames all but the last are lost.
+    pub fn tick(&self) -> Instant {
+        let now = Instant::now();
+        let us = now.as_micros() as u32;
+        let since = us.wrapping_sub(self.last.load(Ordering::Relaxed));
+        let period = self.period.load(Ordering::Relaxed).max(1);
+        let frames = ((since + PROMPT) / period).max(1);
+        // An interrupt that was held up says nothing of when its frame was complete; the ones before do.
+        let late = since.saturating_sub(frames * period);
+        let complete = if late > PROMPT { us.wrapping_sub(late) } else { us };
+        self.last.store(complete, Ordering::Relaxed);
+        self.lose(frames - 1);
+        now
     }
 
-    /// A frame has been read, that ends now. `missed` is true where one before it was not.
-    pub fn push(&self, codes: Codes, missed: bool) {
+    /// A frame has been read, that ended at `end`.
+    pub fn push(&self, codes: Codes, end: Instant) {
         let period = u64::from(self.period.load(Ordering::Relaxed));
-        let time = Micros(Instant::now().as_micros().saturating_sub(period));
-        let overrun = self.lost.load(Ordering::Relaxed) || missed;
-        let scan = Scan { time, overrun, codes };
-        self.lost.store(self.queue.try_send(scan).is_err(), Ordering::Relaxed);
+        let time = Micros(end.as_micros().saturating_sub(period));
+        let lost = self.lost.load(Ordering::Relaxed);
+        let queued = self.queue.try_send(Scan { time, lost, codes }).is_ok();
+        self.lost.store(if queued { 0 } else { lost.saturating_add(1) }, Ordering::Relaxed);
         self.count.store(self.count().wrapping_add(1), Ordering::Relaxed);
     }
 
@@ -100,9 +108,11 @@ impl Frames {
         self.count.load(Ordering::Relaxed)
     }
 
-    /// A frame came and could not be read whole.
-    pub fn drop_one(&self) {
-        self.lost.store(true, Ordering::Relaxed);
+    /// Frames came that could not be read whole.
+    pub fn lose(&self, frames: u32) {
+        // From the frame's interrupt and what cannot be interrupted by it.
+        let lost = self.lost.load(Ordering::Relaxed);
+        self.lost.store(lost.saturating_add(frames), Ordering::Relaxed);
     }
 
     /// Notes what reading a frame took.

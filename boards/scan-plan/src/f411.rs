@@ -182,8 +182,9 @@ const fn adc() -> Adc {
     let [first, second] = INTERNAL_INPUTS;
     smpr1 |= INTERNAL_SAMPLE << (3 * (first - 10)) | INTERNAL_SAMPLE << (3 * (second - 10));
     Adc {
-        // SCAN, JDISCEN
-        cr1: 1 << 8 | 1 << 12,
+        // SCAN, JDISCEN; OVRIE: an overrun stops the requests to the DMA (RM0383 §11.8.1), and so the
+        // frame's interrupt.
+        cr1: 1 << 8 | 1 << 12 | 1 << 26,
         // DMA, DDS; JEXTSEL = TIM1_TRGO, EXTSEL = TIM1_CC2, both rising
         cr2: 1 << 8 | 1 << 9 | 1 << 16 | 1 << 20 | 1 << 24 | 1 << 28,
         smpr1,

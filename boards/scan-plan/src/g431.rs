@@ -85,6 +85,7 @@ pub struct Timer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the registers' own names")]
 pub struct Adc {
+    pub ier: u32,
     pub cfgr: u32,
     pub cfgr2: u32,
     pub smpr1: u32,
@@ -314,6 +315,8 @@ const fn adc(
         (smpr1, smpr2) = with_sample(smpr1, smpr2, second, INTERNAL_SAMPLE);
     }
     Adc {
+        // OVRIE: an overrun stops the requests to the DMA (RM0440 §21.4.27), and so the frame's interrupt.
+        ier: 1 << 4,
         // DMAEN, DMACFG: in a circle; EXTEN: rising; JQDIS: JSQR is no queue.
         cfgr: 1 | 1 << 1 | trigger << 5 | 1 << 10 | 1 << 31,
         // ROVSE and OVSR = 2^(n + 1), no shift: a reading is the sum of its samples.

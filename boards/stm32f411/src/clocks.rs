@@ -1,6 +1,7 @@
 //! 96 MHz from the Black Pill's crystal of 25 MHz: the highest rate that also gives the USB its 48 MHz.
 
-use embassy_stm32::pac;
+use embassy_stm32::interrupt::InterruptExt;
+use embassy_stm32::pac::{self, interrupt};
 use embassy_stm32::rcc::{
     APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource, Sysclk,
     mux::Clk48sel,
@@ -24,6 +25,22 @@ pub fn config() -> embassy_stm32::Config {
     config.rcc.apb1_pre = APBPrescaler::DIV2;
     config.rcc.mux.clk48sel = Clk48sel::PLL1_Q;
     config
+}
+
+/// Lets time run, on TIM2. Its interrupt gets its priority with the scan's.
+pub fn start_time() {
+    pac::RCC.apb1enr().modify(|w| w.set_tim2en(true));
+    // Two cycles after its clock a peripheral answers; a read back takes longer.
+    let _ = pac::RCC.apb1enr().read();
+    // The timer's clock is the core's on either bus of this chip.
+    taxel_board::time::start(scan_plan::f411::CLOCK_HZ);
+    // SAFETY: its handler is below, and no critical section relies on a masked line.
+    unsafe { pac::Interrupt::TIM2.enable() };
+}
+
+#[interrupt]
+fn TIM2() {
+    taxel_board::time::on_interrupt();
 }
 
 /// Why the chip was reset; clears the record of it.

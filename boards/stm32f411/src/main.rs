@@ -52,6 +52,7 @@ fn main() -> ! {
     // SAFETY: nothing runs yet, and that is where this chip has its bootloader.
     let panic = unsafe { boot::resume(ROM) };
     let chip = embassy_stm32::init(clocks::config());
+    clocks::start_time();
     let reset = clocks::reset_cause();
     defmt::info!("start, build {=str}", BUILD);
     if let Some(panic) = &panic {

@@ -2,13 +2,16 @@
 //!
 //! After [`start`] no code takes part in a frame but the interrupt at its end, which copies 42 readings
 //! out of the half of the buffer that the DMA has just left. It has the time of a whole frame for it; a
-//! frame that was overwritten meanwhile is dropped and flagged, never delivered torn.
+//! frame that was overwritten meanwhile is dropped and counted, never delivered torn.
+//!
+//! A reading for which the DMA comes too late is an overrun of the converter, which then asks for no more
+//! transfers: an interrupt of its own begins the scan anew.
 //!
 //! The patterns and the buffers lie in RAM: the flash stands still while one of its sectors is erased,
 //! and a pattern that came late would leave rows and readings out of step for good.
 
 use core::cell::{Cell, UnsafeCell};
-use core::ptr;
+use core::sync::atomic::{Ordering, compiler_fence};
 
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac::{ADC1, ADC1_COMMON, DMA2, GPIOA, GPIOB, GPIOC};
@@ -18,7 +21,7 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use scan_plan::f411::{INPUTS, Plan, READINGS, Stream, Timer, plan};
 use scan_plan::pins::{self, F411_ROWS, F411_SELECT};
-use scan_plan::{Refusal, Settings, pattern, settle};
+use scan_plan::{Refusal, STEPS, Settings, pattern, settle};
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
 use taxel::units::{Code, FullScale};
 use taxel_board::scanner::Frames;
@@ -89,8 +92,8 @@ struct Buffers {
     readings: UnsafeCell<[[u16; READINGS]; 2]>,
 }
 
-// SAFETY: the patterns never change; the readings are written by the DMA alone and read by volatile
-// copies in the one interrupt.
+// SAFETY: the patterns never change; the readings are written by the DMA alone, and copied in the one
+// interrupt, between fences.
 unsafe impl Sync for Buffers {}
 
 static BUFFERS: Buffers = Buffers {
@@ -155,13 +158,14 @@ fn run(plan: &Plan) {
     ADC1.cr2().write_value(adc::regs::Cr2(0));
     arm(PATTERNS, plan.patterns, GPIOB.bsrr().as_ptr().cast(), BUFFERS.patterns.get().cast());
     arm(FROM_ADC, plan.readings, ADC1.dr().as_ptr().cast(), BUFFERS.readings.get().cast());
-    let last = Interrupt::DMA2_STREAM0;
-    last.set_priority(Priority::P0);
-    last.unpend();
-    // SAFETY: its handler is below, and no critical section relies on a masked line.
-    unsafe { last.enable() };
-    ADC1.cr1().write_value(adc::regs::Cr1(plan.adc.cr1));
     ADC1.sr().write_value(adc::regs::Sr(0));
+    ADC1.cr1().write_value(adc::regs::Cr1(plan.adc.cr1));
+    for line in [Interrupt::DMA2_STREAM0, Interrupt::ADC] {
+        line.set_priority(Priority::P0);
+        line.unpend();
+        // SAFETY: its handler is below, and no critical section relies on a masked line.
+        unsafe { line.enable() };
+    }
     ADC1.cr2().write_value(adc::regs::Cr2(plan.adc.cr2 | 1));
     // 3 µs until it is stable (DS10314 table 66).
     cortex_m::asm::delay(scan_plan::ticks(3_000, scan_plan::f411::CLOCK_HZ));
@@ -187,6 +191,9 @@ fn arm(stream: usize, plan: Stream, peripheral: *const (), memory: *mut u32) {
 fn halt() {
     TIM1.cr1().write_value(timer::regs::Cr1Gp16(0));
     ADC1.cr2().write_value(adc::regs::Cr2(0));
+    for line in [Interrupt::DMA2_STREAM0, Interrupt::ADC] {
+        line.disable();
+    }
     darken();
     FRAMES.halt();
 }
@@ -214,20 +221,36 @@ pub fn set_paused(paused: bool) {
 fn DMA2_STREAM0() {
     let begin = cortex_m::peripheral::DWT::cycle_count();
     DMA2.ifcr(0).write_value(dma::regs::Ixr(0x3D << (6 * FROM_ADC)));
-    if ADC1.sr().read().ovr() {
-        // The DMA came too late for a reading: rows and readings are out of step. Begin anew.
-        halt();
-        run(&in_force());
-        return FRAMES.drop_one();
+    if overrun() {
+        return begin_anew();
     }
-    let missed = FRAMES.tick();
+    let end = FRAMES.tick();
     let half = left();
     let codes = read(half);
     if left() != half {
-        return FRAMES.drop_one();
+        return FRAMES.lose(1);
     }
-    FRAMES.push(codes, missed);
+    FRAMES.push(codes, end);
     FRAMES.note_cost(cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begin));
+}
+
+/// The converter has overrun; of the same priority as the frame's.
+#[interrupt]
+fn ADC() {
+    if overrun() {
+        begin_anew();
+    }
+}
+
+/// The DMA came too late for a reading: rows and readings are out of step.
+fn overrun() -> bool {
+    ADC1.sr().read().ovr()
+}
+
+/// The frame that is being read is lost, and counted as such.
+fn begin_anew() {
+    halt();
+    run(&in_force());
 }
 
 /// The half of the buffer that the DMA is not writing: while more than half is left to do it is in the
@@ -238,26 +261,21 @@ fn left() -> usize {
 
 /// The codes of one frame.
 fn read(half: usize) -> Codes {
+    // Between what says which half is complete, before and after.
+    compiler_fence(Ordering::SeqCst);
     // SAFETY: both halves are there; the DMA is writing the other.
-    let readings =
-        unsafe { ptr::read_volatile(BUFFERS.readings.get().cast::<[u16; READINGS]>().add(half)) };
-    let steps = readings.as_chunks::<{ INPUTS.len() }>().0;
-    let (mut taxels, mut sensors) = (TaxelCodes::default(), [None; 4]);
-    let mut rows = taxels.lit.iter_mut().zip(&mut sensors);
-    for (step, &[c0, c1, c2, c3, a, b, c, d]) in steps.iter().enumerate() {
-        let columns = [c0, c1, c2, c3].map(Code);
-        if step == 0 {
-            // The dark step's midpoints are sensor 0's again, and are left out.
-            taxels.dark = columns;
-        } else if let Some((row, sensor)) = rows.next() {
-            *row = columns;
-            *sensor = Some(Midpoints { a: Code(a), b: Code(b), c: Code(c), d: Code(d) });
-        }
-    }
+    let readings = unsafe {
+        *BUFFERS.readings.get().cast::<[[Code; INPUTS.len()]; STEPS as usize]>().add(half)
+    };
+    compiler_fence(Ordering::SeqCst);
+    // The dark step's midpoints are sensor 0's again, and are left out.
+    let [[d0, d1, d2, d3, ..], steps @ ..] = readings;
+    let lit = steps.map(|[c0, c1, c2, c3, ..]| [c0, c1, c2, c3]);
+    let sensors = steps.map(|[.., a, b, c, d]| Some(Midpoints { a, b, c, d }));
     let internal = |place: usize| Some(Code(ADC1.jdr(place).read().0 as u16 & 0xFFF));
     Codes {
         full_scale: FullScale::BITS_12,
-        taxels: Some(taxels),
+        taxels: Some(TaxelCodes { lit, dark: [d0, d1, d2, d3] }),
         bridges: sensors,
         temperature: internal(0),
         reference: internal(1),

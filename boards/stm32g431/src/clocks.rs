@@ -1,8 +1,9 @@
 //! 170 MHz from the internal 16 MHz, 48 MHz for the USB from the internal oscillator that follows the
 //! host's start of frame: no crystal.
 
-use embassy_stm32::pac;
+use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac::rcc::vals::Hpre;
+use embassy_stm32::pac::{self, interrupt};
 use embassy_stm32::rcc::{
     Hsi48Config, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
 };
@@ -38,6 +39,22 @@ pub fn boost() {
     // A microsecond until the voltage is there.
     cortex_m::asm::delay(170);
     pac::RCC.cfgr().modify(|cfgr| cfgr.set_hpre(Hpre::DIV1));
+}
+
+/// Lets time run, on TIM2. Its interrupt gets its priority with the scan's.
+pub fn start_time() {
+    pac::RCC.apb1enr1().modify(|w| w.set_tim2en(true));
+    // Two cycles after its clock a peripheral answers; a read back takes longer.
+    let _ = pac::RCC.apb1enr1().read();
+    // The timer's clock is the core's on either bus of this chip.
+    taxel_board::time::start(scan_plan::g431::CLOCK_HZ);
+    // SAFETY: its handler is below, and no critical section relies on a masked line.
+    unsafe { pac::Interrupt::TIM2.enable() };
+}
+
+#[interrupt]
+fn TIM2() {
+    taxel_board::time::on_interrupt();
 }
 
 /// Why the chip was reset; clears the record of it.

@@ -57,6 +57,7 @@ fn main() -> ! {
     ccm::load();
     let chip = embassy_stm32::init(clocks::config());
     clocks::boost();
+    clocks::start_time();
     let reset = clocks::reset_cause();
     defmt::info!("start, build {=str}", BUILD);
     if let Some(panic) = &panic {

@@ -2,14 +2,16 @@
 //!
 //! After [`start`] no code takes part in a frame but the interrupt at its end, which copies 47 readings
 //! out of the half of the buffer that the DMA has just left. It has the time of a whole frame for it; a
-//! frame that was overwritten meanwhile is dropped and flagged, never delivered torn.
+//! frame that was overwritten meanwhile is dropped and counted, never delivered torn.
+//!
+//! A reading for which the DMA comes too late is an overrun of its converter, which then asks for no more
+//! transfers: an interrupt of its own begins the scan anew.
 //!
 //! The patterns and the buffers lie in RAM: the flash stands still while one of its pages is erased, and
 //! a pattern that came late would leave rows and readings out of step for good.
 
 use core::cell::{Cell, UnsafeCell};
-use core::ptr;
-use core::sync::atomic::{AtomicU16, Ordering};
+use core::sync::atomic::{AtomicU16, Ordering, compiler_fence};
 
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, DMA1, DMAMUX1, GPIOA, GPIOB};
@@ -21,7 +23,7 @@ use scan_plan::g431::{
     BRIDGE_INPUTS, BRIDGE_READINGS, COLUMN_READINGS, Channel, Last, Plan, Timer, plan,
 };
 use scan_plan::pins::{self, G431_ROWS, G431_SELECT};
-use scan_plan::{Refusal, Settings, pattern, settle};
+use scan_plan::{Refusal, STEPS, Settings, pattern, settle};
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
 use taxel::units::{Code, FullScale};
 use taxel_board::scanner::Frames;
@@ -100,8 +102,8 @@ struct Buffers {
     bridges: UnsafeCell<[[u16; BRIDGE_READINGS]; 2]>,
 }
 
-// SAFETY: the patterns never change; the readings are written by the DMA alone and read by volatile
-// copies in the one interrupt.
+// SAFETY: the patterns never change; the readings are written by the DMA alone, and copied in the one
+// interrupt, between fences.
 unsafe impl Sync for Buffers {}
 
 static BUFFERS: Buffers = Buffers {
@@ -153,6 +155,7 @@ pub fn start() -> FullScale {
 /// Writes all that depends on the settings. The scan stands still.
 fn configure(plan: &Plan) {
     for (converter, plan) in [(ADC1, plan.adc1), (ADC2, plan.adc2)] {
+        converter.ier().write_value(adc::regs::Ier(plan.ier));
         converter.cfgr().write_value(adc::regs::Cfgr(plan.cfgr));
         converter.cfgr2().write_value(adc::regs::Cfgr2(plan.cfgr2));
         converter.smpr().write_value(adc::regs::Smpr(plan.smpr1));
@@ -205,12 +208,20 @@ fn run(plan: &Plan) {
         Last::Columns => Interrupt::DMA1_CHANNEL2,
         Last::Bridges => Interrupt::DMA1_CHANNEL3,
     };
-    last.set_priority(Priority::P0);
-    last.unpend();
-    // SAFETY: its handler is below, and no critical section relies on a masked line.
-    unsafe { last.enable() };
     for converter in [ADC1, ADC2] {
-        converter.isr().write(|isr| isr.set_ovr(true));
+        // A reading that still stands would make the next one an overrun.
+        converter.isr().write(|isr| {
+            isr.set_eoc(true);
+            isr.set_ovr(true);
+        });
+    }
+    for line in [last, Interrupt::ADC1_2] {
+        line.set_priority(Priority::P0);
+        line.unpend();
+        // SAFETY: its handler is below, and no critical section relies on a masked line.
+        unsafe { line.enable() };
+    }
+    for converter in [ADC1, ADC2] {
         converter.cr().modify(|cr| cr.set_adstart(true));
     }
     ADC1.cr().modify(|cr| cr.set_jadstart(true));
@@ -239,8 +250,8 @@ fn halt() {
         converter.cr().modify(|cr| cr.0 |= (cr.0 & 0b1100) << 2);
         while converter.cr().read().0 & 0b11_0000 != 0 {}
     }
-    for last in [Interrupt::DMA1_CHANNEL2, Interrupt::DMA1_CHANNEL3] {
-        last.disable();
+    for line in [Interrupt::DMA1_CHANNEL2, Interrupt::DMA1_CHANNEL3, Interrupt::ADC1_2] {
+        line.disable();
     }
     darken();
     FRAMES.halt();
@@ -279,20 +290,36 @@ fn DMA1_CHANNEL3() {
 fn on_frame(channel: usize, count: u32) {
     let begin = cortex_m::peripheral::DWT::cycle_count();
     DMA1.ifcr().write_value(bdma::regs::Isr(0xF << (4 * channel)));
-    if ADC1.isr().read().ovr() || ADC2.isr().read().ovr() {
-        // The DMA came too late for a reading: rows and readings are out of step. Begin anew.
-        halt();
-        run(&in_force());
-        return FRAMES.drop_one();
+    if overrun() {
+        return begin_anew();
     }
-    let missed = FRAMES.tick();
+    let end = FRAMES.tick();
     let half = left(channel, count);
     let codes = read(half);
     if left(channel, count) != half {
-        return FRAMES.drop_one();
+        return FRAMES.lose(1);
     }
-    FRAMES.push(codes, missed);
+    FRAMES.push(codes, end);
     FRAMES.note_cost(cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begin));
+}
+
+/// A converter has overrun; of the same priority as the frame's.
+#[interrupt]
+fn ADC1_2() {
+    if overrun() {
+        begin_anew();
+    }
+}
+
+/// The DMA came too late for a reading: rows and readings are out of step.
+fn overrun() -> bool {
+    ADC1.isr().read().ovr() || ADC2.isr().read().ovr()
+}
+
+/// The frame that is being read is lost, and counted as such.
+fn begin_anew() {
+    halt();
+    run(&in_force());
 }
 
 /// The half of the buffers that the DMA is not writing: while more than half is left to do it is in
@@ -303,24 +330,28 @@ fn left(channel: usize, count: u32) -> usize {
 
 /// The codes of one frame.
 fn read(half: usize) -> Codes {
+    // Between what says which half is complete, before and after.
+    compiler_fence(Ordering::SeqCst);
     // SAFETY: both halves are there; the DMA is writing the other.
     let (columns, bridges) = unsafe {
         (
-            ptr::read_volatile(BUFFERS.columns.get().cast::<[u16; COLUMN_READINGS]>().add(half)),
-            ptr::read_volatile(BUFFERS.bridges.get().cast::<[u16; BRIDGE_READINGS]>().add(half)),
+            *BUFFERS
+                .columns
+                .get()
+                .cast::<[[Code; scan_plan::COLUMNS as usize]; STEPS as usize]>()
+                .add(half),
+            *BUFFERS
+                .bridges
+                .get()
+                .cast::<[[Code; BRIDGE_INPUTS.len()]; STEPS as usize]>()
+                .add(half),
         )
     };
-    let mut columns = columns.as_chunks::<4>().0.iter().map(|step| step.map(Code));
-    let dark = columns.next().unwrap_or_default();
-    let mut lit = [[Code(0); 4]; 4];
-    lit.iter_mut().zip(columns).for_each(|(row, codes)| *row = codes);
-
-    // The dark step's are sensor 0's again, and are left out.
-    let steps = bridges.as_chunks::<{ BRIDGE_INPUTS.len() }>().0.iter().skip(1);
-    let mut sensors = [None; 4];
-    for (sensor, &[a, c, _bias, b, d]) in sensors.iter_mut().zip(steps) {
-        *sensor = Some(Midpoints { a: Code(a), b: Code(b), c: Code(c), d: Code(d) });
-    }
+    compiler_fence(Ordering::SeqCst);
+    let [dark, lit @ ..] = columns;
+    // The dark step's midpoints are sensor 0's again, and are left out.
+    let [_, steps @ ..] = bridges;
+    let sensors = steps.map(|[a, c, _bias, b, d]| Some(Midpoints { a, b, c, d }));
     // One sample each, brought to the scale of the others, which are sums.
     let internal = |place: usize| {
         let sample = ADC1.jdr(place).read().0 as u16 & 0xFFF;

@@ -148,7 +148,7 @@ fn frames_are_the_hosts_own_byte_for_byte() {
             let due = scan >= first && (scan - first).is_multiple_of(4);
             let expected = if due { expected.next() } else { None };
             let time = expected.map_or(Micros(0), |(_, frame)| frame.time);
-            let scan = Scan { time, overrun: false, codes: seen.codes };
+            let scan = Scan { time, lost: 0, codes: seen.codes };
             let estimate = finger.estimate(&mut state, &scan);
             expected.is_none_or(|(_, device)| {
                 packed(&estimate.frame(device.seq, Fields::ALL)) == packed(device)

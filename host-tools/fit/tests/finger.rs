@@ -57,7 +57,7 @@ fn sample(row: usize, force: [f64; 3], at: [f64; 2], on_sensor: [f64; 3]) -> Sam
         contact: Some(fz > 0.0),
         ..Truth::default()
     };
-    Sample { scan: Scan { time: Micros(row as u64 * 2000), overrun: false, codes }, truth }
+    Sample { scan: Scan { time: Micros(row as u64 * 2000), lost: 0, codes }, truth }
 }
 
 fn recording(samples: Vec<Sample>) -> Recording {

@@ -140,7 +140,7 @@ fn sample(time: u64, code: u16) -> Sample {
     Sample {
         scan: Scan {
             time: Micros(time),
-            overrun: false,
+            lost: 0,
             codes: Codes {
                 full_scale: FullScale::BITS_16,
                 taxels: Some(TaxelCodes { lit: [[code; 4]; 4], dark: [Code(5); 4] }),

@@ -338,7 +338,7 @@ mod tests {
             reference: None,
             temperature: None,
         };
-        let scan = |i| Scan { time: Micros(1_000 + i * period), overrun: false, codes };
+        let scan = |i| Scan { time: Micros(1_000 + i * period), lost: 0, codes };
         (0..count).map(scan).collect()
     }
 

@@ -313,7 +313,7 @@ impl Iterator for Simulator {
             temperature: celsius.map(|celsius| self.adc.voltage(thermometer(celsius) * fixed)),
         };
         self.faults.stick(&mut codes);
-        let scan = Scan { time: Micros(time_us), overrun: false, codes };
+        let scan = Scan { time: Micros(time_us), lost: 0, codes };
         Some(Sample { scan, truth: self.truth(load.as_ref(), &shares) })
     }
 }

@@ -101,6 +101,7 @@ fn triggers_clocks_and_dma_follow_the_reference_manual() {
     assert_eq!((bits(plan.adc.cr2, 28, 2), bits(plan.adc.cr2, 20, 2)), (1, 1), "rising");
     assert_eq!(bits(plan.adc.cr2, 8, 2), 3, "DMA without end");
     assert_eq!(bits(plan.adc.cr1, 8, 1), 1, "SCAN");
+    assert_eq!(bits(plan.adc.cr1, 26, 1), 1, "OVRIE: an overrun stops the DMA");
     let timer = plan.timer;
     assert_eq!(bits(timer.cr2, 4, 3), 0b110, "TRGO = OC3REF");
     assert_eq!((bits(timer.ccmr1, 12, 3), bits(timer.ccmr2, 4, 3)), (7, 7), "PWM mode 2");

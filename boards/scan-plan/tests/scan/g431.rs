@@ -249,6 +249,10 @@ fn clocks_and_triggers_follow_the_reference_manual() {
     assert_eq!(jsqr.jextsel(), 8);
     assert_eq!(jsqr.jexten(), pac::adc::vals::Exten::RISING_EDGE);
     assert_eq!(plan.adc2.jsqr, 0);
+    for ier in [plan.adc1.ier, plan.adc2.ier].map(pac::adc::regs::Ier) {
+        assert!(ier.ovrie(), "an overrun stops the DMA: only its own interrupt tells of it");
+        assert_eq!(ier.0.count_ones(), 1);
+    }
     for cfgr in [adc1, adc2] {
         assert_eq!(cfgr.exten(), pac::adc::vals::Exten::RISING_EDGE);
         assert_eq!(cfgr.res(), pac::adc::vals::Res::BITS12);

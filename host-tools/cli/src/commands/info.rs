@@ -67,7 +67,7 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth) -> String {
         format!("calibration  {calibration}"),
         format!("bias         {}", if info.biased { "taken on command" } else { "the calibration's" }),
         format!(
-            "counted      {} scans, {} overruns, {} frames, {} lost, {} bad packets, {} lost replies",
+            "counted      {} scans, {} overrun, {} frames, {} lost, {} bad packets, {} lost replies",
             counters.scans,
             counters.overruns,
             counters.frames,

@@ -69,7 +69,10 @@ fn as_text(test: &SelfTest, info: &Info, health: &BoardHealth) -> String {
     if let Some(reading) = health.reading {
         lines.push(format!("worst scan {:.1} µs to read", micros(reading.worst)));
     }
-    lines.push(format!("{} overruns, {} frames lost", info.counters.overruns, info.counters.lost));
+    lines.push(format!(
+        "{} scans overrun, {} frames lost",
+        info.counters.overruns, info.counters.lost
+    ));
     lines.join("\n")
 }
 

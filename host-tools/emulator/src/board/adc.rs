@@ -12,6 +12,7 @@ use super::time::{Tick, micros};
 use super::{Outcome, UNMODELLED};
 
 const ISR: u32 = 0x00;
+const IER: u32 = 0x04;
 const CR: u32 = 0x08;
 const CFGR: u32 = 0x0c;
 const CFGR2: u32 = 0x10;
@@ -70,6 +71,7 @@ fn trigger(line: &PeripheralTrigger) -> Option<(String, Group, u32)> {
 /// An ADC.
 pub struct Adc {
     isr: u32,
+    ier: u32,
     cr: u32,
     cfgr: u32,
     cfgr2: u32,
@@ -97,6 +99,7 @@ impl Adc {
         let triggers = peripheral(name).triggers;
         Self {
             isr: 0,
+            ier: 0,
             cr: 1 << 29,
             cfgr: 1 << 31,
             cfgr2: 0,
@@ -139,6 +142,11 @@ impl Adc {
     fn sampling(&self, input: u32) -> Tick {
         let code = self.smpr[input as usize / 10] >> (3 * (input % 10)) & 7;
         self.halves(SAMPLING_HALVES[code as usize])
+    }
+
+    /// It asks for an interrupt.
+    pub fn interrupt(&self) -> bool {
+        self.isr & self.ier & 0x7ff != 0
     }
 
     /// The next moment at which something happens.
@@ -237,7 +245,7 @@ impl Adc {
                 self.isr |= 1 << 5 | ended << 6;
                 Ok(false)
             }
-            // EOC still stands: nobody has read the last one.
+            // EOC still stands: nobody has read the last one. Nobody is asked to any more (§21.4.27).
             Group::Regular if self.isr >> 2 & 1 == 1 => {
                 self.isr |= 1 << 4;
                 Ok(false)
@@ -254,6 +262,7 @@ impl Adc {
     pub fn read(&mut self, offset: u32) -> Outcome<u32> {
         Ok(match offset {
             ISR => self.isr,
+            IER => self.ier,
             CR => self.cr,
             CFGR => self.cfgr,
             CFGR2 => self.cfgr2,
@@ -276,6 +285,7 @@ impl Adc {
             ISR => self.isr &= !value,
             CR => return self.control(value, now, cycle),
             _ if started => return Err("written while conversions are started".into()),
+            IER => self.ier = value,
             CFGR => {
                 // DMAEN, DMACFG, EXTSEL, EXTEN, JQDIS: the rest is not modelled.
                 if value & !(1 << 31 | 0xfe3) != 0 {

@@ -108,6 +108,7 @@ struct Lines {
     tim1_cc: usize,
     tim2: usize,
     usb: usize,
+    adc: usize,
     dma: Vec<usize>,
 }
 
@@ -148,6 +149,8 @@ pub struct Chip {
     /// The watchdog bit.
     bitten: bool,
     plants: Vec<Plant>,
+    /// Readings of these ADCs that the DMA is still to miss.
+    withheld: [u32; 2],
     /// Until when the core may be this fast at this voltage.
     voltage_limit: Option<Tick>,
     next: Option<(Tick, Part)>,
@@ -228,6 +231,7 @@ impl Chip {
                 tim1_cc: interrupt("TIM1_CC"),
                 tim2: interrupt("TIM2"),
                 usb: interrupt("USB_LP"),
+                adc: interrupt("ADC1_2"),
                 dma: (1..=dma::CHANNELS).map(|i| interrupt(&format!("DMA1_CHANNEL{i}"))).collect(),
             },
             requests: Requests {
@@ -252,6 +256,7 @@ impl Chip {
             stalled: 0,
             bitten: false,
             plants: Vec::new(),
+            withheld: [0; 2],
             voltage_limit: None,
             next: None,
             now: 0,
@@ -337,6 +342,7 @@ impl Chip {
         self.system.set_line(self.lines.tim1_cc, self.tim1.interrupt());
         self.system.set_line(self.lines.tim2, self.tim2.interrupt());
         self.system.set_line(self.lines.usb, self.usb.interrupt());
+        self.system.set_line(self.lines.adc, self.adc.iter().any(Adc::interrupt));
         for (i, line) in self.lines.dma.iter().enumerate() {
             self.system.set_line(*line, self.dma.interrupt(i));
         }
@@ -433,8 +439,12 @@ impl Chip {
             None => Err("a sample of nothing".into()),
         });
         if asks.map_err(|why| format!("{name}: {why}"))? {
-            self.transfer(self.requests.adc[i], now, memory)?;
+            match &mut self.withheld[i] {
+                0 => self.transfer(self.requests.adc[i], now, memory)?,
+                left => *left -= 1,
+            }
         }
+        self.system.set_line(self.lines.adc, self.adc.iter().any(Adc::interrupt));
         Ok(())
     }
 
@@ -521,6 +531,12 @@ impl Chip {
     /// it, as if the firmware had it wrong.
     pub fn plant(&mut self, address: u32, change: fn(u32) -> u32) {
         self.plants.push(Plant { address, change });
+    }
+
+    /// Withholds the DMA's next grant from an ADC, 0 or 1: as if other masters had held the bus for a whole
+    /// conversion.
+    pub fn withhold(&mut self, adc: usize) {
+        self.withheld[adc] += 1;
     }
 
     /// Writes a register.

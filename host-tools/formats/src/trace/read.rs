@@ -246,7 +246,7 @@ impl Columns {
             reference: self.reference.map(code).transpose()?,
             temperature: self.temperature.map(code).transpose()?,
         };
-        let scan = Scan { time: Micros(cells.time(self.time)?), overrun: false, codes };
+        let scan = Scan { time: Micros(cells.time(self.time)?), lost: 0, codes };
         Ok(Sample { scan, truth: self.truth(cells)? })
     }
 

@@ -37,7 +37,7 @@ pub(super) struct PacedBoard {
     next: Option<Sample>,
     /// A moment of this machine's time and the device time that belongs to it.
     origin: Option<(Instant, u64)>,
-    overrun: bool,
+    lost: u32,
     burst: u32,
     truth: TruthLog,
     ending: Ending,
@@ -58,7 +58,7 @@ impl PacedBoard {
             scan_hz,
             next: None,
             origin: None,
-            overrun: false,
+            lost: 0,
             burst: 0,
             truth,
             ending,
@@ -116,10 +116,10 @@ impl Board for PacedBoard {
         }
         if now.duration_since(due) > PATIENCE {
             self.origin = None;
-            self.overrun = true;
+            self.lost += 1;
         }
         let Sample { mut scan, truth } = self.next.take()?;
-        scan.overrun |= std::mem::take(&mut self.overrun);
+        scan.lost += std::mem::take(&mut self.lost);
         self.truth.push(scan.time, truth);
         Some(scan)
     }
@@ -156,7 +156,7 @@ mod tests {
             let start = Instant::now();
             let mut scans = 0;
             while let Some(scan) = board.scan().await {
-                assert!(!scan.overrun);
+                assert_eq!(scan.lost, 0);
                 scans += 1;
             }
             assert_eq!(scans, 4001);
@@ -183,14 +183,14 @@ mod tests {
     fn after_a_long_stall_the_clock_has_stopped_and_the_next_scan_says_so() {
         run(async {
             let mut board = board(8000);
-            assert!(!board.scan().await.unwrap().overrun);
+            assert_eq!(board.scan().await.unwrap().lost, 0);
             tokio::time::advance(Duration::from_secs(1)).await;
             let late = board.scan().await.unwrap();
-            assert!(late.overrun);
+            assert!(late.lost > 0);
             assert_eq!(late.time.0, 250);
             let resumed = Instant::now();
             for _ in 0..4000 {
-                assert!(!board.scan().await.unwrap().overrun);
+                assert_eq!(board.scan().await.unwrap().lost, 0);
             }
             assert!(resumed.elapsed().abs_diff(Duration::from_secs(1)) <= Duration::from_millis(1));
         });

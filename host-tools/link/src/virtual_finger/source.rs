@@ -136,7 +136,7 @@ pub(super) mod tests {
                 reference: None,
                 temperature: None,
             };
-            let scan = Scan { time: Micros(i * 1_000_000 / scan_hz), overrun: false, codes };
+            let scan = Scan { time: Micros(i * 1_000_000 / scan_hz), lost: 0, codes };
             Sample { scan, truth: Truth::default() }
         })
     }

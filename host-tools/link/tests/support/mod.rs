@@ -28,7 +28,7 @@ fn samples(level: impl Fn(u64) -> u16 + Send + 'static) -> impl Iterator<Item = 
         };
         let time = Micros(i * 1_000_000 / SCAN_HZ);
         let truth = Truth { force: [None, None, Some(i as f64)], ..Truth::default() };
-        Sample { scan: Scan { time, overrun: false, codes }, truth }
+        Sample { scan: Scan { time, lost: 0, codes }, truth }
     })
 }
 

@@ -1,0 +1,126 @@
+//! embassy-time on TIM2, which both chips have at the same place, with 32 bits.
+//!
+//! The HAL's own driver takes 16 bits of it: an interrupt that is held up for 33 ms loses time, and the
+//! erasure of a flash sector holds up all of them for as long as a second. Here the counter counts
+//! microseconds and goes on meanwhile; each half of its turn is counted, which may be 35 minutes late.
+
+use core::cell::RefCell;
+use core::ptr::with_exposed_provenance_mut;
+use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
+use core::task::Waker;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_time_driver::{Driver, TICK_HZ, time_driver_impl};
+use embassy_time_queue_utils::Queue;
+
+/// A register of TIM2 (RM0440 §30.5, RM0383 §13.4), by its offset.
+#[derive(Clone, Copy)]
+struct Register(usize);
+
+const CR1: Register = Register(0x00);
+const DIER: Register = Register(0x0C);
+const SR: Register = Register(0x10);
+const EGR: Register = Register(0x14);
+const CNT: Register = Register(0x24);
+const PSC: Register = Register(0x28);
+const ARR: Register = Register(0x2C);
+const CCR1: Register = Register(0x34);
+const CCR2: Register = Register(0x38);
+
+/// The counter runs; only its own overflow counts as an update.
+const CEN: u32 = 1 << 0;
+const URS: u32 = 1 << 2;
+/// Flags and enables of the same places: a whole turn, half a turn, the next deadline.
+const UPDATE: u32 = 1 << 0;
+const HALF_TURN: u32 = 1 << 1;
+const DEADLINE: u32 = 1 << 2;
+
+impl Register {
+    fn place(self) -> *mut u32 {
+        const TIM2: usize = 0x4000_0000;
+        with_exposed_provenance_mut(TIM2 + self.0)
+    }
+
+    fn read(self) -> u32 {
+        // SAFETY: a word register that is always there; reading has no effect.
+        unsafe { self.place().read_volatile() }
+    }
+
+    fn write(self, value: u32) {
+        // SAFETY: a word register that is this driver's alone.
+        unsafe { self.place().write_volatile(value) }
+    }
+}
+
+struct Tim2 {
+    /// Half turns of the counter since [`start`].
+    halves: AtomicU32,
+    queue: Mutex<CriticalSectionRawMutex, RefCell<Queue>>,
+}
+
+time_driver_impl!(static DRIVER: Tim2 = Tim2 {
+    halves: AtomicU32::new(0),
+    queue: Mutex::new(RefCell::new(Queue::new())),
+});
+
+/// Starts time, from a timer that is as reset left it, whose clock is on and counts `clock_hz`. The board's
+/// handler of TIM2 calls [`on_interrupt`].
+pub fn start(clock_hz: u32) {
+    PSC.write(clock_hz / TICK_HZ as u32 - 1);
+    ARR.write(u32::MAX);
+    CCR1.write(1 << 31);
+    CR1.write(URS);
+    // The prescaler takes effect.
+    EGR.write(1);
+    DIER.write(UPDATE | HALF_TURN | DEADLINE);
+    CR1.write(URS | CEN);
+}
+
+/// TIM2's interrupt.
+pub fn on_interrupt() {
+    let flags = SR.read();
+    // Those that are read as set are cleared, by a zero.
+    SR.write(!flags);
+    for turned in [UPDATE, HALF_TURN] {
+        if flags & turned != 0 {
+            // Nobody else writes it.
+            let halves = DRIVER.halves.load(Ordering::Relaxed);
+            DRIVER.halves.store(halves.wrapping_add(1), Ordering::Relaxed);
+        }
+    }
+    DRIVER.queue.lock(|queue| DRIVER.wake(&mut queue.borrow_mut()));
+}
+
+impl Tim2 {
+    /// Wakes what is due, and has the counter interrupt at what is due next. What is due after more than a
+    /// turn is looked at too early, once a turn.
+    fn wake(&self, queue: &mut Queue) {
+        loop {
+            let next = queue.next_expiration(self.now());
+            CCR2.write(next as u32);
+            if next > self.now() {
+                return;
+            }
+        }
+    }
+}
+
+impl Driver for Tim2 {
+    fn now(&self) -> u64 {
+        let halves = self.halves.load(Ordering::Relaxed);
+        compiler_fence(Ordering::Acquire);
+        // A counter in the other half than was counted has just come there.
+        let within = CNT.read() ^ (halves & 1) << 31;
+        (u64::from(halves) << 31) + u64::from(within)
+    }
+
+    fn schedule_wake(&self, at: u64, waker: &Waker) {
+        self.queue.lock(|queue| {
+            let mut queue = queue.borrow_mut();
+            if queue.schedule_wake(at, waker) {
+                self.wake(&mut queue);
+            }
+        });
+    }
+}

@@ -1,0 +1,119 @@
+//! What is lost when the very image that is flashed is disturbed, and how it says so.
+
+use std::path::{Path, PathBuf};
+
+use taxel::frame::{Fields, Status};
+use taxel::wire::message::{Command, Counters, Response};
+use taxel_formats::trace::TraceReader;
+
+use taxel_emulator::board::cpu::Board;
+use taxel_emulator::board::finger::{Finger, in_12_bits};
+use taxel_emulator::board::host::Host;
+use taxel_emulator::board::script::Session;
+use taxel_emulator::board::time::{Tick, micros};
+
+/// Between two scans.
+const PERIOD: Tick = micros(250);
+
+fn session() -> Session {
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let directory = std::env::var_os("TAXEL_FIRMWARE_DIR").map(PathBuf::from);
+    let directory = directory.unwrap_or_else(|| repository.join("boards/target/firmware"));
+    let image = std::fs::read(directory.join("stm32g431.elf"))
+        .expect("the firmware: build it with `cargo xtask firmware stm32g431`");
+    let trace = repository.join("host-tools/emulator/data/scans.csv");
+    let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
+    let finger = Finger::new(scans.map(in_12_bits).collect());
+    let mut session = Session::open(Board::new(&image, finger, Host::new(false)).unwrap()).unwrap();
+    session.ask(Command::SetFields(Fields::ESTIMATES)).unwrap();
+    session.ask(Command::SetRate { hz: 4000 }).unwrap();
+    session
+}
+
+fn counters(session: &mut Session) -> Counters {
+    match session.ask(Command::Info).unwrap() {
+        Response::Info(info) => info.counters,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Scans that the board should have taken since `before`, less those that it says it has taken or lost.
+fn unaccounted(before: (Tick, Counters), after: (Tick, Counters)) -> i64 {
+    let due = (after.0 - before.0) / PERIOD;
+    let scans = |counters: Counters| i64::from(counters.scans) + i64::from(counters.overruns);
+    due as i64 - (scans(after.1) - scans(before.1))
+}
+
+#[test]
+fn a_reading_that_the_dma_misses_costs_a_scan_that_is_counted_and_the_rows_stay_in_order() {
+    let mut session = session();
+    session.ask(Command::SetFields(Fields::CODES)).unwrap();
+    session.ask(Command::Stream(true)).unwrap();
+    // Either converter, and in whatever step it happens to be.
+    for (i, adc) in [0, 1, 0, 1, 1, 0].into_iter().enumerate() {
+        session.run(micros(20_000) + i as Tick * micros(37)).unwrap();
+        session.frames.clear();
+        let before = counters(&mut session);
+        session.board.chip().withhold(adc);
+        session.run(micros(20_000)).unwrap();
+        let after = counters(&mut session);
+        assert_eq!(after.overruns - before.overruns, 1, "of ADC{}", adc + 1);
+        let flagged = session.frames.iter().filter(|(_, f)| f.status.contains(Status::OVERRUN));
+        assert_eq!(flagged.count(), 1);
+        // What came after it is, in order, what the converters saw.
+        let begin = session.frames.iter().position(|(_, f)| f.status.contains(Status::OVERRUN));
+        let frames = &session.frames[begin.unwrap()..];
+        assert!(frames.len() > 60);
+        let codes: Vec<_> = frames.iter().map(|(_, frame)| frame.codes.unwrap()).collect();
+        let seen: Vec<_> = session.board.chip().finger.seen.iter().map(|s| s.codes).collect();
+        assert!(seen.windows(codes.len()).any(|seen| seen == codes));
+    }
+}
+
+#[test]
+fn a_core_that_stands_still_loses_scans_that_are_counted_one_by_one_and_no_time() {
+    let mut session = session();
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(50_000)).unwrap();
+    let mut since = None;
+    // As long as an erasure of a page takes, of two, of a sector of the other board.
+    for stall_us in [22_000, 49_000, 130_000, 400_000] {
+        let before = (session.board.now(), counters(&mut session));
+        session.frames.clear();
+        let now = session.board.now();
+        session.board.chip().stalled = now + micros(stall_us);
+        session.run(micros(stall_us) + micros(30_000)).unwrap();
+        let after = (session.board.now(), counters(&mut session));
+        let lost = i64::from(after.1.overruns - before.1.overruns);
+        let due = stall_us as i64 / 250;
+        assert!((due - 6..=due).contains(&lost), "{lost} lost in {stall_us} µs");
+        assert!(unaccounted(before, after).abs() <= 8, "{}", unaccounted(before, after));
+
+        // The device's time goes on as that of the world does.
+        let Some((arrived, last)) = session.frames.last() else { panic!("no frames") };
+        let behind = (arrived / micros(1)).abs_diff(last.time.0);
+        let first = *since.get_or_insert(behind);
+        assert!(behind.abs_diff(first) < 1_500, "{behind} µs behind the world, was {first}");
+    }
+}
+
+#[test]
+fn what_is_lost_while_nobody_listens_is_counted_too() {
+    let mut session = session();
+    session.ask(Command::Stream(true)).unwrap();
+    let before = (session.board.now(), counters(&mut session));
+    session.board.chip().host.open(false);
+    session.run(micros(50_000)).unwrap();
+    let now = session.board.now();
+    session.board.chip().stalled = now + micros(100_000);
+    session.run(micros(200_000)).unwrap();
+    for adc in [0, 1] {
+        session.board.chip().withhold(adc);
+        session.run(micros(10_000)).unwrap();
+    }
+    session.reopen().unwrap();
+    let after = (session.board.now(), counters(&mut session));
+    let lost = after.1.overruns - before.1.overruns;
+    assert!((392..=402).contains(&lost), "{lost}");
+    assert!(unaccounted(before, after).abs() <= 8, "{}", unaccounted(before, after));
+}
