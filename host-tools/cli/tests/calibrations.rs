@@ -12,7 +12,8 @@ use taxel_formats::calibration;
 use taxel_formats::trace::{Sample, TraceHeader, TraceWriter};
 use taxel_sim::{Scene, Simulator};
 
-const VIRTUAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/virtual-finger.cal.toml");
+/// The virtual finger with the net and the sensors alone, as `calibrate fit --net-only` makes it.
+const VIRTUAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
 
 /// The finger of the built-in scenes, pressed at nine places with `newtons`, 0.4 s each.
 fn nine_presses(directory: &Path, newtons: f64, seed: u64) -> Vec<Sample> {

@@ -126,7 +126,7 @@ fn what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows() {
 
 #[test]
 fn frames_are_the_hosts_own_byte_for_byte() {
-    let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
+    let path = repository().join("host-tools/emulator/data/finger.cal.toml");
     let calibration = taxel_formats::calibration::read(&path).unwrap();
     let mut record = [0; MAX_BYTES];
     let record = calibration.to_bytes(&mut record).unwrap();
@@ -218,7 +218,7 @@ fn settings_outlast_the_cable_and_saved_ones_the_power() {
 
 #[test]
 fn a_power_cut_in_an_upload_leaves_one_calibration_or_the_other() {
-    let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
+    let path = repository().join("host-tools/emulator/data/finger.cal.toml");
     let mut calibration = taxel_formats::calibration::read(&path).unwrap();
     let mut session = session(false);
     let mut buffer = [0; MAX_BYTES];

@@ -2,7 +2,7 @@
 const uPlot = window.uPlot;
 /** Seconds that a strip chart shows. */
 const WINDOW = 20;
-const tall = () => (innerWidth > 832 ? 235 : 165);
+const tall = () => (innerWidth > 832 ? 190 : 165);
 const short = (values) => values.map((value) => String(Number(value.toPrecision(3))));
 
 /** A colour that a canvas understands: the style sheet's, as computed for the present theme. */
@@ -21,7 +21,7 @@ function faded(rgb) {
 
 function axes(unit) {
   const common = { stroke: paint("--quiet"), grid: { stroke: paint("--line"), width: 1 }, ticks: { stroke: paint("--line"), width: 1 }, font: "12px system-ui, sans-serif" };
-  return [{ ...common }, { ...common, size: 56, values: (plot, splits) => short(splits), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
+  return [{ ...common }, { ...common, size: 62, values: (plot, splits) => short(splits), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
 }
 
 /** Least and greatest of some columns over the last seconds: the band between them is what happened. */
@@ -96,6 +96,7 @@ export class Spectrum {
   constructor(holder) {
     this.holder = holder;
     this.build("");
+    this.show(false);
   }
 
   build(unit) {
@@ -109,7 +110,7 @@ export class Spectrum {
       height: 180,
       series: [{}, { stroke, width: 1.25, fill: faded(stroke), points: { show: false } }],
       axes: [hertz, value],
-      scales: { x: { time: false }, y: { range: (plot, low, high) => [0, Math.max(high ?? 0, 1e-9) * 1.1] } },
+      scales: { x: { time: false }, y: { range: (plot, low, high) => [0, high > 0 ? high * 1.1 : 1] } },
       cursor: { show: false },
       legend: { show: false },
     }, [[], []], this.holder);
@@ -117,6 +118,11 @@ export class Spectrum {
 
   resize() {
     this.plot.setSize({ width: Math.max(240, this.holder.clientWidth), height: 180 });
+  }
+
+  /** Axes without a line say nothing. */
+  show(yes) {
+    this.holder.style.visibility = yes ? "visible" : "hidden";
   }
 
   draw(step, lines) {

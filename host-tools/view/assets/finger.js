@@ -20,6 +20,13 @@ const MM_PER_N = 2;
 /** The least signal that fills a taxel's colour: below it there is only noise. */
 const LEAST = 0.02;
 
+function cross(parent) {
+  const made = element("g", { class: "point" }, parent);
+  element("circle", { r: .45 }, made);
+  element("path", { d: "M-.8 0H.8M0 -.8V.8" }, made);
+  return made;
+}
+
 export class Finger {
   constructor(svg, centres) {
     svg.replaceChildren();
@@ -35,29 +42,40 @@ export class Finger {
     element("text", { x: -far + 2.8, y: far - .4 }, svg).textContent = "2 mm";
     element("text", { x: far - .6, y: far - .4, "text-anchor": "end" }, svg).textContent = `arrow: 1 N = ${MM_PER_N} mm`;
     this.press = element("circle", { class: "press" }, svg);
-    this.arrow = element("line", { class: "arrow" }, svg);
-    this.head = element("polygon", { class: "head", points: "0,-.35 .8,0 0,.35" }, svg);
-    this.point = element("g", { class: "point" }, svg);
-    element("circle", { r: .45 }, this.point);
-    element("path", { d: "M-.8 0H.8M0 -.8V.8" }, this.point);
+    // What stands over the colours has an edge in the ground's colour.
+    const over = element("g", { class: "over" }, svg);
+    this.arrow = element("line", { class: "arrow" }, over);
+    this.head = element("polygon", { class: "head", points: "0,-.35 .8,0 0,.35" }, over);
+    this.point = cross(over);
+    this.contacts = [cross(over), cross(over)];
   }
 
-  /** `signals` may be absent; `point` and `force` are numbers or reasons. */
-  draw({ signals, saturated, dead, point, force }) {
+  /**
+   * `signals` may be absent; `point`, `force` and `contacts` are numbers or reasons. Two contacts take the
+   * place of the one point, which lies between them.
+   */
+  draw({ signals, saturated, dead, point, force, contacts }) {
     // The strongest signal of late has the full colour.
-    const strongest = Math.max(...(signals ?? []).filter(number).map(Math.abs), LEAST);
+    const faults = saturated | dead;
+    const sound = (signals ?? []).filter((signal, k) => number(signal) && !(faults >> k & 1));
+    const strongest = Math.max(...sound.map(Math.abs), LEAST);
     this.full = Math.max(strongest, (this.full ?? 0) * .99);
     this.taxels.forEach((cell, k) => {
       const signal = signals?.[k];
-      const share = number(signal) ? Math.min(1, Math.abs(signal) / this.full) : 0;
+      const fault = faults >> k & 1;
+      const share = number(signal) && !fault ? Math.min(1, Math.abs(signal) / this.full) : 0;
       cell.setAttribute("fill", share > 0 ? `color-mix(in oklab, var(--${signal < 0 ? "near" : "away"}) ${Math.round(share * 100)}%, transparent)` : "transparent");
-      const fault = (saturated >> k | dead >> k) & 1;
       cell.classList.toggle("fault", Boolean(fault));
       cell.firstChild.textContent = `row ${k >> 2}, column ${k & 3}: ${number(signal) ? signal.toFixed(4) : "–"}${fault ? saturated >> k & 1 ? ", clipped" : ", dead" : ""}`;
     });
+    const two = contacts.flat().every(number);
+    this.contacts.forEach((made, i) => {
+      shown(made, two);
+      if (two) made.setAttribute("transform", `translate(${contacts[i][0]} ${-contacts[i][1]})`);
+    });
     const there = point.every(number);
     const [x, y] = there ? [point[0], -point[1]] : [0, 0];
-    shown(this.point, there);
+    shown(this.point, there && !two);
     this.point.setAttribute("transform", `translate(${x} ${y})`);
     const [fx, fy, fz] = force.map((f) => (number(f) ? f : 0));
     shown(this.press, there && fz > 0);
@@ -80,6 +98,7 @@ export class Sensor {
     element("circle", { class: "ring", r: .9 }, svg);
     this.press = element("circle", { class: "press", r: 0 }, svg);
     this.arrow = element("line", { class: "arrow", x1: 0, y1: 0 }, svg);
+    this.head = element("polygon", { class: "head", points: "-.1,-.16 .12,0 -.1,.16" }, svg);
     this.text = document.createElement("figcaption");
     this.name = name;
     figure.append(svg, this.text);
@@ -91,9 +110,14 @@ export class Sensor {
     const [x, y, z] = given ? force : [0, 0, 0];
     // A newton is the ring.
     const long = Math.max(1, Math.hypot(x, y));
-    set(this.arrow, { x2: x / long * .9, y2: -y / long * .9 });
+    const [dx, dy] = [x / long * .9, -y / long * .9];
+    const sheared = Math.hypot(dx, dy) > .05;
+    shown(this.arrow, sheared);
+    shown(this.head, sheared);
+    set(this.arrow, { x2: dx, y2: dy });
+    this.head.setAttribute("transform", `translate(${dx} ${dy}) rotate(${Math.atan2(dy, dx) * 180 / Math.PI})`);
     this.press.setAttribute("r", Math.min(.9, Math.sqrt(Math.max(0, z)) * .9));
     const why = force.find((f) => typeof f === "string");
-    this.text.textContent = `${this.name}: ${given ? `${z.toFixed(2)} N` : why ?? "–"}`;
+    this.text.textContent = `${this.name}: ${given ? `${z.toFixed(2).replace("-0.00", "0.00")} N` : why ?? "–"}`;
   }
 }

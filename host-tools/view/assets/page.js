@@ -5,7 +5,8 @@ import { FLAGS } from "./flags.js";
 
 const $ = (id) => document.getElementById(id);
 const number = (value) => typeof value === "number";
-const fixed = (value, digits) => (number(value) ? value.toFixed(digits) : null);
+/** A number in so many decimals; what rounds to nothing has no sign. */
+const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
 
 const state = { at: {}, facts: {}, times: [], low: {}, high: {}, latest: [], measured: [], flagged: {}, drawn: [] };
 let socket, finger, sensors = [], strips = [], spectrum, dragging = false, wanted = true;
@@ -93,9 +94,11 @@ function charts(names) {
 
 function layout(names) {
   $("charts").replaceChildren();
+  if (!names.length) return $("charts").append(Object.assign(document.createElement("p"), { className: "quiet", textContent: "Waiting for the first frame …" }));
   strips = charts(state.measured).map((group) => new Strip($("charts"), ...group));
   if (!strips.length) $("charts").textContent = "No measured values in the stream: choose the field “force” or “sensors”.";
   $("sensors").replaceChildren();
+  $("sensors-panel").hidden = true;
   sensors = [];
   for (let s = 0; names.includes(`s${s}_fz_n`); s++) sensors.push(null);
   const channel = $("channel").value;
@@ -119,6 +122,7 @@ function learn(facts) {
   $("identity").textContent = parts.filter(Boolean).join(" · ");
   document.title = serial ? `taxel · ${serial}` : "taxel";
   $("live-controls").hidden = !live;
+  $("no-controls").hidden = Boolean(live) || Boolean(state.playback);
   if (!live) return;
   if (document.activeElement !== $("rate-input")) $("rate-input").value = Math.round(facts.rate_hz);
   $("rate-input").max = facts.scan_hz;
@@ -144,10 +148,14 @@ function draw() {
   const value = (name) => state.latest[state.at[name]] ?? null;
   const signals = "c_r0c0" in state.at ? Array.from({ length: 16 }, (_, k) => value(`c_r${k >> 2}c${k & 3}`)) : undefined;
   const force = ["fx_n", "fy_n", "fz_n"].map(value), point = ["x_mm", "y_mm"].map(value);
-  finger.draw({ signals, saturated: value("saturated") ?? 0, dead: value("dead") ?? 0, point, force });
+  const names = Object.keys(state.at);
+  const contacts = [1, 2].map((i) => ["x_mm", "y_mm"].map((end) => value(`contact${i}_${end}`)));
+  finger.draw({ signals, saturated: value("saturated") ?? 0, dead: value("dead") ?? 0, point, force, contacts });
+  $("scale").textContent = signals ? `Blue came nearer, orange went away; full colour is ${finger.full.toFixed(2)} of full scale.` : names.length ? "The taxels are in the field “signals”." : "";
   sensors.forEach((sensor, s) => {
     const given = ["x", "y", "z"].map((axis) => value(`s${s}_f${axis}_n`));
     if (!given.some((f) => f !== null && f !== "absent")) return;
+    $("sensors-panel").hidden = false;
     sensors[s] = sensor ?? new Sensor($("sensors"), s);
     sensors[s].draw(given);
   });
@@ -157,6 +165,7 @@ function draw() {
   if (state.spectrum) {
     const { step_hz, lines, filled, channel } = state.spectrum;
     $("filling").textContent = lines || !channel ? "" : filled > 0 ? `collecting, ${Math.round(filled * 100)} %` : "no value to make one of";
+    spectrum.show(Boolean(lines));
     if (lines) spectrum.draw(step_hz, lines);
     state.spectrumShown = state.spectrum;
     state.spectrum = null;
@@ -173,6 +182,11 @@ function values(force, point, value) {
     ["torsion", value("torsion_nmm"), "N·mm", 2], ["slip margin", value("slip_margin"), "", 2],
     ["friction", value("friction"), "", 2], ["grip wanted", value("grip_n"), "N", 2],
   ];
+  // Two contacts are rare: why there are none is not said.
+  for (const i of [1, 2]) {
+    const [x, y, fz] = ["x_mm", "y_mm", "fz_n"].map((end) => value(`contact${i}_${end}`));
+    if (number(fz)) rows.push([`contact ${i} x`, x, "mm", 2], [`contact ${i} y`, y, "mm", 2], [`contact ${i} force`, fz, "N", 2]);
+  }
   const there = rows.filter(([, given]) => given !== null);
   const list = $("values");
   list.dataset.seq = value("seq");
@@ -199,14 +213,14 @@ function flags() {
   const bits = state.latest[state.at.status] ?? 0;
   const shown = (state.facts.flags ?? []).filter(([bit, name]) => !name.startsWith("ran-") && (bits & bit || now - (state.flagged[name] ?? -Infinity) < (name === "contact" ? 0 : LINGER)));
   const ran = (state.facts.flags ?? []).filter(([bit, name]) => name.startsWith("ran-") && bits & bit).map(([, name]) => name.slice(4));
-  const key = shown.map(([bit, name]) => name + Boolean(bits & bit)).join() + ran.join();
+  const key = shown.map(([bit, name]) => name + Boolean(bits & bit)).join() + ran.join() + ("status" in state.at);
   if (key === state.flagKey) return;
   state.flagKey = key;
   const items = shown.map(([bit, name]) => {
     const [kind, words, todo] = FLAGS[name] ?? ["warn", name, ""];
     return item(`${kind}${bits & bit ? "" : " past"}`, words, todo);
   });
-  if (!shown.some(([, name]) => name === "contact")) items.unshift(item("", "Nothing touches the finger", ""));
+  if (!shown.some(([, name]) => name === "contact")) items.unshift(item("", "status" in state.at ? "Nothing touches the finger" : "No word from the finger", ""));
   if (ran.length) items.push(item("", "Estimators that ran", ran.join(", ")));
   $("flags").replaceChildren(...items);
 }
@@ -223,13 +237,14 @@ function vitals() {
   $("rate").textContent = number(state.rate) ? `${state.rate.toFixed(0)} Hz` : "–";
   $("lost").textContent = state.lost;
   $("echo").textContent = number(state.echo_ms) ? `${state.echo_ms.toFixed(1)} ms` : "–";
-  $("clock").textContent = state.clock ? `${Math.round(state.clock[0]) || 0} ppm` : "–";
-  $("clock").title = state.clock ? `its time is known on this machine to ${state.clock[1].toFixed(2)} ms` : "";
+  $("clock").textContent = state.clock ? `± ${state.clock[1].toFixed(2)} ms` : "–";
+  $("clock").title = state.clock ? `it runs ${Math.round(state.clock[0])} parts per million faster than this machine's` : "";
   trouble(state.trouble);
   $("record").setAttribute("aria-pressed", Boolean(state.recording));
   $("record").textContent = state.recording ? "End recording" : "Record";
   $("playback").hidden = !state.playback;
   if (!state.playback) return;
+  $("no-controls").hidden = true;
   const { at, of, runs } = state.playback;
   $("play").textContent = runs ? "Pause" : "Play";
   $("scrubber").max = of ?? Math.max(1, at);

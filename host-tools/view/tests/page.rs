@@ -157,28 +157,46 @@ fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
 }
 
 #[test]
-fn the_page_looks_right_idle_pressed_broken_and_on_a_phone() {
+fn the_page_looks_right_idle_pressed_slipping_broken_and_on_a_phone() {
     let folder = tempfile::tempdir().unwrap();
-    let idle = finger("idle");
-    let server = show(idle.port(), folder.path());
-    let mut browser = Browser::open(&server.url(), 1280, 860);
-    browser.wait_for("taxel.times.length > 300");
-    assert!(browser.text("flags").contains("Nothing touches the finger"));
-    browser.picture("view-idle");
-
     for (scene, name, until) in [
+        ("idle", "view-idle", "taxel.times.length > 300"),
         (
             "shear",
             "view-press",
             "Math.hypot(taxel.latest[taxel.at.fx_n], taxel.latest[taxel.at.fy_n]) > .6",
+        ),
+        // The tour slides after nine seconds.
+        (
+            "tour",
+            "view-slip",
+            "/It slides/.test(flags()) && taxel.latest[taxel.at.slip_margin] < .1",
+        ),
+        (
+            "two-contacts",
+            "view-two-contacts",
+            "typeof taxel.latest[taxel.at.contact2_fz_n] === 'number' && /More than one/.test(flags())",
         ),
         ("faulty", "view-fault", "document.getElementById('flags').querySelector('.bad')"),
     ] {
         let finger = finger(scene);
         let server = show(finger.port(), folder.path());
         let mut browser = Browser::open(&server.url(), 1280, 860);
-        browser.wait_for("taxel.times.length > 240");
+        browser.value("void (window.flags = () => document.getElementById('flags').innerText)");
+        if scene == "two-contacts" {
+            browser.wait_for("document.querySelector('#fields [value=contacts]')");
+            browser.value("document.querySelector('#fields [value=contacts]').click()");
+        }
+        browser.wait_for("taxel.times.length > 60");
         browser.wait_for(until);
+        if scene == "idle" {
+            assert!(browser.text("flags").contains("Nothing touches the finger"));
+        }
+        if scene == "two-contacts" {
+            let crosses = "[...document.querySelectorAll('#map .point')]
+                .filter((made) => made.getAttribute('visibility') === 'visible').length";
+            assert_eq!(browser.value(crosses), 2);
+        }
         browser.picture(name);
         if scene == "shear" {
             browser.dark(true);
@@ -192,6 +210,26 @@ fn the_page_looks_right_idle_pressed_broken_and_on_a_phone() {
             browser.wait_for(until);
             browser.picture("view-phone");
         }
+    }
+}
+
+#[test]
+fn a_page_without_a_finger_says_why_and_offers_nothing_that_cannot_be_had() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("notes.txt");
+    std::fs::write(&file, "no device").unwrap();
+    for (port, why) in [
+        (Port::Usb(Some("NOBODY-HAS-THIS".into())), "USB"),
+        (Port::Serial("/dev/no-such-device".into()), "no such device"),
+        (Port::Serial(file.display().to_string()), "a file, not a device"),
+    ] {
+        let server = show(&port, folder.path());
+        let mut browser = Browser::open(&server.url(), 1280, 900);
+        browser
+            .wait_for(&format!("document.getElementById('trouble').innerText.includes('{why}')"));
+        assert!(browser.text("trouble").starts_with(&port.to_string()));
+        assert!(browser.text("flags").contains("No word from the finger"));
+        assert_eq!(browser.value("document.getElementById('bias').offsetParent"), Value::Null);
     }
 }
 

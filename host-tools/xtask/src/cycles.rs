@@ -79,7 +79,7 @@ pub fn directory() -> PathBuf {
 pub fn emulator(task: &str, image: &Path) -> Command {
     let mut command = cargo("run");
     command.args(["--", task]).arg(image);
-    command.arg("--calibration").arg(root().join("host-tools/cli/assets/virtual-finger.cal.toml"));
+    command.arg("--calibration").arg(directory().join("data/finger.cal.toml"));
     command.arg("--scans").arg(directory().join("data/scans.csv"));
     command
 }

@@ -206,7 +206,9 @@ impl Live {
                     return Err("end the recording first: its columns are those fields".to_owned());
                 }
                 let fields = fields::parse(&list).map_err(|error| error.to_string())?;
-                client.set_fields(fields).map(|()| format!("fields {}", fields::list(fields)))
+                client
+                    .set_fields(fields)
+                    .map(|()| format!("fields {}", fields::list(fields).replace(',', ", ")))
             }
             Order::Method { name } => {
                 let method = match name.as_str() {
