@@ -1,6 +1,7 @@
 //! The firmware of `boards/mps2-an386` on an emulated Cortex-M4F, fed through its memory and heard through
-//! its UART, against the same core on this machine. Needs `qemu-system-arm` and a Cortex-M compiler:
-//! `cargo xtask test` sees to both.
+//! its UART, and the product's on its emulated pins and USB, against the same core on this machine. Needs
+//! `qemu-system-arm`, a Cortex-M compiler and what `host-tools/emulator` builds with: `cargo xtask test`
+//! sees to all.
 
 mod common;
 
@@ -9,9 +10,9 @@ use std::ops::ControlFlow;
 use common::{calibration, pressed, unloaded};
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::finger::Finger;
-use taxel::frame::{Fields, Frame};
-use taxel::scan::Scan;
-use taxel_link::emulated::{Replay, replay};
+use taxel::frame::{Fields, Frame, Status};
+use taxel::scan::{Codes, Scan};
+use taxel_link::emulated::{OnPins, Replay, replay};
 use taxel_sim::{Scene, Simulator};
 
 fn on_host(scans: &[Scan], calibration: Option<Calibration>) -> Vec<Frame> {
@@ -114,4 +115,70 @@ fn emulated_replay_ends_when_its_listener_has_enough() {
     });
     assert_eq!(replay.unwrap(), None);
     assert_eq!(heard, 10);
+}
+
+/// These scans on the product's pins.
+fn on_pins(scans: &[Scan], calibration: Option<&Calibration>, fields: Fields) -> Vec<Frame> {
+    let mut buffer = [0; MAX_BYTES];
+    let record = calibration.map(|calibration| calibration.to_bytes(&mut buffer).unwrap());
+    let mut frames = vec![];
+    let replay = OnPins::prepare(scans, record.as_deref(), fields).unwrap();
+    assert_eq!(replay.full_scale().top().0, 8 * 4095);
+    replay
+        .run(|frame| {
+            frames.push(*frame);
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+    frames
+}
+
+/// The greatest distance of the codes that the converters read from those of the trace, in steps of 12 bits.
+fn off(frame: &Frame, scan: &Scan) -> f32 {
+    let steps = |codes: &Codes| {
+        let step = f32::from(codes.full_scale.top().0) / 4095.0;
+        let taxels = codes.taxels.unwrap();
+        let bridges = codes.bridges.into_iter().flatten().flat_map(|m| [m.a, m.b, m.c, m.d]);
+        let codes = taxels.lit.into_iter().flatten().chain(taxels.dark).chain(bridges);
+        codes.map(move |code| f32::from(code.0) / step).collect::<Vec<_>>()
+    };
+    let (read, shown) = (steps(&frame.codes.unwrap()), steps(&scan.codes));
+    read.iter().zip(&shown).map(|(read, shown)| (read - shown).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn emulated_pins_bring_a_trace_to_the_client_as_this_machine_would_have_it() {
+    let (tour, calibration) = (tour(), virtual_finger());
+    let scans = &tour[1500..2500];
+    let frames = on_pins(scans, Some(&calibration), Fields::ALL);
+    assert_eq!(frames.len(), scans.len());
+    let (finger, mut state) = Finger::new(Some(calibration));
+    for ((seq, frame), scan) in (0..).zip(&frames).zip(scans) {
+        // Half a step of the trace's own rounding, and one for what has not quite settled.
+        assert!(off(frame, scan) <= 1.5, "scan {seq}: {}", off(frame, scan));
+        let overrun = frame.status.contains(Status::OVERRUN);
+        let read = Scan { time: frame.time, lost: overrun.into(), codes: frame.codes.unwrap() };
+        let host = finger.estimate(&mut state, &read).frame(seq, Fields::ALL);
+        assert_eq!(bytes(frame), bytes(&host), "{frame:?}\n{host:?}");
+        assert_eq!(overrun, seq == 0);
+        assert!(frame.time.0.abs_diff(scan.time.0) <= 5, "{} for {}", frame.time.0, scan.time.0);
+    }
+    assert!(frames.iter().any(|frame| frame.status.contains(Status::CONTACT)));
+}
+
+#[test]
+fn emulated_pins_show_a_slow_trace_as_long_as_it_lasts() {
+    let scans: Vec<Scan> = tour()
+        .iter()
+        .step_by(8)
+        .enumerate()
+        .map(|(i, scan)| Scan { time: taxel::units::Micros(4_000 * i as u64), ..*scan })
+        .take(100)
+        .collect();
+    let frames = on_pins(&scans, None, Fields::CODES);
+    assert_eq!(frames.len(), scans.len());
+    for (frame, scan) in frames.iter().zip(&scans) {
+        assert!(off(frame, scan) <= 1.5, "{}", off(frame, scan));
+        assert!(frame.time.0.abs_diff(scan.time.0) < 500, "{} for {}", frame.time.0, scan.time.0);
+    }
 }

@@ -115,6 +115,14 @@ impl Frames {
         self.lost.store(lost.saturating_add(frames), Ordering::Relaxed);
     }
 
+    /// Frames that still wait are lost: they were read in another way than those to come.
+    fn forget(&self) {
+        cortex_m::interrupt::free(|_| {
+            self.lose(self.queue.len() as u32);
+            self.queue.clear();
+        });
+    }
+
     /// Notes what reading a frame took.
     pub fn note_cost(&self, cycles: u32) {
         self.cost.store(cycles, Ordering::Relaxed);
@@ -225,6 +233,8 @@ impl<C: Chip, F: Flash> Board for Scanner<C, F> {
     }
 
     fn set_scan(&mut self, settings: &ScanSettings) -> Result<FullScale, Refusal> {
-        self.chip.set_scan(settings)
+        let full_scale = self.chip.set_scan(settings)?;
+        self.frames.forget();
+        Ok(full_scale)
     }
 }

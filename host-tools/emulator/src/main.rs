@@ -12,7 +12,7 @@ use taxel::condition::Levels;
 use taxel_formats::trace::TraceReader;
 
 use taxel_emulator::board::cpu::{Board, End};
-use taxel_emulator::board::finger::{Finger, in_12_bits};
+use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
 use taxel_emulator::board::host::Host;
 use taxel_emulator::board::server::Server;
 use taxel_emulator::board::{capture, time, timing};
@@ -108,6 +108,10 @@ struct Serve {
     /// What the finger sees, a trace CSV; again from its beginning when it is over
     #[arg(long)]
     trace: PathBuf,
+    /// A scan of the trace for each of the board's, from the first whenever it begins to scan and to the last,
+    /// which stays; time waits for the client
+    #[arg(long)]
+    replay: bool,
     /// Where to listen; port 0 is any that is free
     #[arg(long, default_value = "127.0.0.1:0")]
     listen: String,
@@ -119,12 +123,17 @@ fn serve(arguments: &Serve) -> Result<()> {
     let [first, .., last] = samples.as_slice() else {
         bail!("{}: needs two scans at least", arguments.trace.display());
     };
-    let each =
-        last.scan.time.0.saturating_sub(first.scan.time.0) as f64 / (samples.len() - 1) as f64;
+    let pace = if arguments.replay {
+        Pace::Replay
+    } else {
+        let span = last.scan.time.0.saturating_sub(first.scan.time.0);
+        let each = span as f64 / (samples.len() - 1) as f64;
+        Pace::Timed((each * (time::HZ / 1_000_000) as f64).round() as time::Tick)
+    };
     let scene = samples.iter().map(|sample| in_12_bits(sample.scan.codes)).collect();
-    let each = (each * (time::HZ / 1_000_000) as f64).round() as time::Tick;
-    let board = Board::new(&read(&arguments.image)?, Finger::timed(scene, each), Host::new(false))?;
-    let mut server = Server::new(board, &arguments.listen)?;
+    let finger = Finger::new(scene, pace);
+    let board = Board::new(&read(&arguments.image)?, finger, Host::new(false))?;
+    let mut server = Server::new(board, &arguments.listen, arguments.replay)?;
     println!("{}", server.greeting()?);
     server.serve()
 }
@@ -133,7 +142,7 @@ fn serve(arguments: &Serve) -> Result<()> {
 fn run_board(arguments: &RunBoard) -> Result<()> {
     let elf = read(&arguments.image)?;
     let host = Host::new(arguments.pcap.is_some());
-    let mut board = Board::new(&elf, Finger::new(Vec::new()), host)?;
+    let mut board = Board::new(&elf, Finger::new(Vec::new(), Pace::Scans), host)?;
     board.chip().finger.timing = arguments.timing.as_ref().map(|_| Vec::new());
     let start = Instant::now();
     let time = (arguments.seconds * time::HZ as f64) as time::Tick;

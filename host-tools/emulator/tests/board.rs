@@ -17,7 +17,7 @@ use taxel_formats::trace::TraceReader;
 use taxel_emulator::board::capture::pcap;
 use taxel_emulator::board::chip::Chip;
 use taxel_emulator::board::cpu::{Board, End};
-use taxel_emulator::board::finger::{Finger as Wired, Moment, Source, in_12_bits};
+use taxel_emulator::board::finger::{Finger as Wired, Moment, Pace, Source, in_12_bits};
 use taxel_emulator::board::host::Host;
 use taxel_emulator::board::names::base;
 use taxel_emulator::board::rcc::Cause;
@@ -45,7 +45,7 @@ fn scene() -> Vec<Codes> {
 }
 
 fn session(capture: bool) -> Session {
-    let board = Board::new(&image(), Wired::new(scene()), Host::new(capture)).unwrap();
+    let board = Board::new(&image(), Wired::new(scene(), Pace::Scans), Host::new(capture)).unwrap();
     Session::open(board).unwrap()
 }
 
@@ -354,7 +354,8 @@ fn a_dissector_finds_nothing_malformed_and_a_serial_port() {
 
 /// Streams with a fault planted; how far the codes are off.
 fn deviation_with(address: u32, change: fn(u32) -> u32) -> f32 {
-    let mut board = Board::new(&image(), Wired::new(scene()), Host::new(false)).unwrap();
+    let mut board =
+        Board::new(&image(), Wired::new(scene(), Pace::Scans), Host::new(false)).unwrap();
     board.chip().plant(address, change);
     let mut session = Session::open(board).unwrap();
     deviation(&stream_codes(&mut session, micros(100_000)), &scene(), 4)

@@ -305,7 +305,11 @@ impl Client {
     /// # Errors
     /// As [`Self::info`]; refused where the settings cannot be had together.
     pub fn set_scan(&self, settings: ScanSettings) -> Result<(), LinkError> {
-        self.done("scan", Command::SetScan(settings))
+        // Asked once: the scan would begin anew with every try.
+        match self.ask("scan", Command::SetScan(settings), 4 * PATIENCE, 1)? {
+            Response::Done => Ok(()),
+            _ => Err(self.confused("scan")),
+        }
     }
 
     fn bias(&self, response: &Response) -> Result<BiasInForce, LinkError> {

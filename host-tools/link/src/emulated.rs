@@ -6,6 +6,7 @@
 //! A replay ([`replay()`]) is lossless and takes as long as the host needs; virtual time then counts
 //! instructions. A live board ([`Emulated::start`] with [`Pace::Live`]) keeps real time.
 
+mod pins;
 mod product;
 mod replay;
 
@@ -22,10 +23,11 @@ use taxel::session::Pace;
 use taxel::wire::WireError;
 use tempfile::NamedTempFile;
 
+pub use pins::OnPins;
 pub use product::{PRODUCT, Product};
 pub use replay::{Replay, replay};
 
-use crate::error::Problem;
+use crate::error::{LinkError, Problem};
 
 // The board's own file, so that the two sides cannot disagree.
 #[path = "../../../boards/mps2-an386/src/image.rs"]
@@ -57,6 +59,26 @@ pub enum EmulatedError {
         fit: usize,
         /// How long those take, in whole seconds.
         seconds: u64,
+    },
+    /// The trace is faster than the board can scan.
+    #[error(
+        "the trace has {hz} scans a second, and the board scans {most} times at most; replay it on the host"
+    )]
+    TooFast {
+        /// Scans a second of the trace.
+        hz: u16,
+        /// Of the board.
+        most: u32,
+    },
+    /// The board's link did not carry all frames.
+    #[error(
+        "the board's link carried {received} of {expected} frames before one was lost; ask for fewer --fields"
+    )]
+    Overflowed {
+        /// Frames that came.
+        received: usize,
+        /// Scans that were played back.
+        expected: usize,
     },
     /// QEMU is not installed.
     #[error(
@@ -101,12 +123,25 @@ pub enum EmulatedError {
     /// The finger did not do what it was asked.
     #[error("emulated board: {0}")]
     Finger(Problem),
+    /// The client that speaks to it had trouble.
+    #[error("emulated board: {0}")]
+    Link(#[from] LinkError),
 }
 
 impl EmulatedError {
     fn system(what: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |error| Self::System { what, error }
     }
+}
+
+/// Scans a second, by their times; one where there is but one scan.
+fn rate_hz(scans: &[Scan]) -> Result<u16, EmulatedError> {
+    let (Some(first), Some(last)) = (scans.first(), scans.last()) else {
+        return Err(EmulatedError::Empty);
+    };
+    let duration = last.time.0.saturating_sub(first.time.0).max(1);
+    let hz = ((scans.len() as u64 - 1) * 1_000_000 + duration / 2) / duration;
+    Ok(u16::try_from(hz).unwrap_or(u16::MAX).max(1))
 }
 
 /// Scans as the board wants them in its memory.
@@ -123,18 +158,8 @@ impl Image {
     /// # Errors
     /// There are none, or too many.
     pub fn new(scans: &[Scan], pace: Pace) -> Result<Self, EmulatedError> {
-        let [first, .., last] = scans else { return Self::single(scans, pace) };
-        let duration = last.time.0.saturating_sub(first.time.0).max(1);
-        let scan_hz = (scans.len() as u64 - 1) * 1_000_000 + duration / 2;
-        Self::pack(scans, pace, u16::try_from(scan_hz / duration).unwrap_or(u16::MAX).max(1))
-    }
-
-    fn single(scans: &[Scan], pace: Pace) -> Result<Self, EmulatedError> {
-        if scans.is_empty() { Err(EmulatedError::Empty) } else { Self::pack(scans, pace, 1) }
-    }
-
-    fn pack(scans: &[Scan], pace: Pace, scan_hz: u16) -> Result<Self, EmulatedError> {
         let first = scans.first().ok_or(EmulatedError::Empty)?;
+        let scan_hz = rate_hz(scans)?;
         let header = image::Header {
             magic: image::MAGIC,
             version: image::VERSION,

@@ -21,7 +21,7 @@ pub enum Part {
     All,
 }
 
-/// The file of tests that needs the emulated board, and what the names of those tests begin with.
+/// The file of tests that needs the emulated boards, and what the names of those tests begin with.
 const EMULATED: &str = "emulated_board";
 const EMULATED_PREFIX: &str = "emulated_";
 
@@ -93,13 +93,13 @@ fn target(choice: Choice, steps: &mut Steps) -> Result<()> {
     for board in firmware::boards()? {
         steps.take(&format!("firmware of {board}"), || firmware::build(&board, &toolchain))?;
     }
-    steps.take("tests on the emulated board", || {
+    steps.take("tests of the emulator", cycles::tests)?;
+    steps.take("tests on the emulated boards", || {
         if !exists("qemu-system-arm") {
             packages::install(&["qemu-system-arm"], "the emulator")?;
         }
         run(tests(Tests::Emulated).env("TAXEL_FIRMWARE_DIR", firmware::directory()))
     })?;
-    steps.take("tests of the counting emulator", cycles::tests)?;
     steps.take("instructions and cycles of every stage", || cycles::guard(&toolchain))
 }
 

@@ -15,7 +15,7 @@ use taxel_formats::FileError;
 use taxel_formats::frames::{Cell, cells, columns};
 use taxel_formats::stretch::Stretch;
 use taxel_formats::trace::{Sample, cut};
-use taxel_link::emulated;
+use taxel_link::emulated::{self, OnPins};
 use taxel_link::fields;
 use taxel_recording::{Header, Recorder, Scans};
 
@@ -25,7 +25,9 @@ use crate::output;
 
 /// Plays a trace through the core and writes what the finger says of it.
 ///
-/// The frames are the same byte for byte wherever they are computed.
+/// From the same codes the frames are the same byte for byte wherever they are computed. On the product's
+/// pins the trace is light and voltages: its converters make their own codes of them, and times are the
+/// board's.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -50,7 +52,8 @@ pub struct Args {
 const EXAMPLES: &str = "\
 Examples:
   taxel replay shear.csv@30.. --calibration finger.toml --out frames.csv
-  taxel replay shear.csv --calibration finger.toml --out frames.csv --on mps2-an386";
+  taxel replay shear.csv --calibration finger.toml --out frames.csv --on mps2-an386
+  taxel replay shear.csv --calibration finger.toml --out frames.csv --on stm32g431 --fields all";
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Core {
@@ -59,6 +62,9 @@ enum Core {
     /// The firmware on a Cortex-M4F under QEMU.
     #[value(name = "mps2-an386")]
     Mps2An386,
+    /// The product's own image on the repository's emulator, with the trace on its pins.
+    #[value(name = "stm32g431")]
+    Stm32G431,
 }
 
 /// Runs the command.
@@ -79,19 +85,14 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Some(Err(error)) => return Err(error.clone().into()),
         None => bail!("{}: no scans; check the stretch FILE@FROM..TO", args.trace.path.display()),
     };
-    // As in a trace, 12 bits go without saying.
-    let scaled = full_scale != FullScale::BITS_12 && args.fields.contains(Fields::CODES);
-    let header = match scaled {
-        true => Header::default().with("full_scale", full_scale.top().0),
-        false => Header::default(),
-    };
     let uncalibrated = calibration.is_none();
-    let frames = Recorder::create(&args.out, &header, &columns(args.fields))?;
-    let mut sink = Sink { frames, fields: args.fields, row: Vec::new(), count: 0, withheld: 0 };
-    match args.on {
-        Core::Host => on_host(samples, calibration, args.fields, &mut sink, &interrupt)?,
-        Core::Mps2An386 => on_board(samples, calibration, args.fields, &mut sink, &interrupt)?,
-    }
+    let sink = match args.on {
+        Core::Host => on_host(samples, calibration, Sink::create(&args, full_scale)?, &interrupt)?,
+        Core::Mps2An386 => {
+            on_board(samples, calibration, Sink::create(&args, full_scale)?, &interrupt)?
+        }
+        Core::Stm32G431 => on_pins(samples, calibration, &args, &interrupt)?,
+    };
     sink.frames.finish()?;
     output::line(format!(
         "{}: {} frames, {}{}",
@@ -116,6 +117,17 @@ struct Sink {
 }
 
 impl Sink {
+    fn create(args: &Args, full_scale: FullScale) -> Result<Self, FileError> {
+        // As in a trace, 12 bits go without saying.
+        let scaled = full_scale != FullScale::BITS_12 && args.fields.contains(Fields::CODES);
+        let header = match scaled {
+            true => Header::default().with("full_scale", full_scale.top().0),
+            false => Header::default(),
+        };
+        let frames = Recorder::create(&args.out, &header, &columns(args.fields))?;
+        Ok(Self { frames, fields: args.fields, row: Vec::new(), count: 0, withheld: 0 })
+    }
+
     fn take(&mut self, frame: &Frame) -> Result<(), FileError> {
         let mut forces = frame.sensors.iter().flatten().chain(&frame.force);
         self.count += 1;
@@ -138,40 +150,33 @@ fn withheld(force: Measured<Newtons>) -> bool {
 fn on_host(
     samples: impl Iterator<Item = Result<Sample, FileError>>,
     calibration: Option<Calibration>,
-    fields: Fields,
-    sink: &mut Sink,
+    mut sink: Sink,
     interrupt: &Interrupt,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<Sink> {
     let (finger, mut state) = Finger::new(calibration);
     for (seq, sample) in (0u32..).zip(samples) {
         if interrupt.came() {
             break;
         }
         let estimate = finger.estimate(&mut state, &sample?.scan);
-        sink.take(&estimate.frame(seq, fields))?;
+        sink.take(&estimate.frame(seq, sink.fields))?;
     }
-    Ok(())
+    Ok(sink)
 }
 
 fn on_board(
     samples: impl Iterator<Item = Result<Sample, FileError>>,
     calibration: Option<Calibration>,
-    fields: Fields,
-    sink: &mut Sink,
+    mut sink: Sink,
     interrupt: &Interrupt,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<Sink> {
     let scans = samples.map(|s| s.map(|s| s.scan)).collect::<Result<Vec<_>, _>>()?;
     let record = calibration.as_ref().map(record).transpose()?;
     let bar = ProgressBar::new(scans.len() as u64);
     let mut written = Ok(());
-    let replay = emulated::replay(&scans, record.as_deref(), fields, |frame| {
+    let replay = emulated::replay(&scans, record.as_deref(), sink.fields, |frame| {
         bar.inc(1);
-        written = sink.take(frame);
-        if written.is_err() || interrupt.came() {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
+        taken(sink.take(frame), &mut written, interrupt)
     })?;
     bar.finish_and_clear();
     written?;
@@ -183,5 +188,41 @@ fn on_board(
             replay.stack.map_or("unknown".to_owned(), |stack| stack.to_string())
         ));
     }
-    Ok(())
+    Ok(sink)
+}
+
+/// As [`on_board`], of the product. What its codes are fractions of is known when it runs.
+fn on_pins(
+    samples: impl Iterator<Item = Result<Sample, FileError>>,
+    calibration: Option<Calibration>,
+    args: &Args,
+    interrupt: &Interrupt,
+) -> anyhow::Result<Sink> {
+    let scans = samples.map(|s| s.map(|s| s.scan)).collect::<Result<Vec<_>, _>>()?;
+    let record = calibration.as_ref().map(record).transpose()?;
+    let bar = ProgressBar::new(scans.len() as u64);
+    let replay = OnPins::prepare(&scans, record.as_deref(), args.fields)?;
+    let mut sink = Sink::create(args, replay.full_scale())?;
+    let mut written = Ok(());
+    replay.run(|frame| {
+        bar.inc(1);
+        taken(sink.take(frame), &mut written, interrupt)
+    })?;
+    bar.finish_and_clear();
+    written?;
+    Ok(sink)
+}
+
+/// Goes on unless the frame could not be written, or somebody wants an end.
+fn taken(
+    result: Result<(), FileError>,
+    written: &mut Result<(), FileError>,
+    interrupt: &Interrupt,
+) -> ControlFlow<()> {
+    *written = result;
+    if written.is_err() || interrupt.came() {
+        ControlFlow::Break(())
+    } else {
+        ControlFlow::Continue(())
+    }
 }

@@ -359,10 +359,11 @@ impl Chip {
                 Part::Tim1 => self.tim1_edge(at, memory)?,
                 Part::Tim2 => _ = self.tim2.advance(at),
                 Part::Adc(i) => {
-                    self.adc_moment(i, at, memory)?;
-                    // A sample alone asks for nothing.
-                    self.schedule();
-                    continue;
+                    if !self.adc_moment(i, at, memory)? {
+                        // A sample alone asks for nothing.
+                        self.schedule();
+                        continue;
+                    }
                 }
                 Part::Iwdg => {
                     self.bitten = true;
@@ -430,7 +431,8 @@ impl Chip {
         }
     }
 
-    fn adc_moment(&mut self, i: usize, now: Tick, memory: &mut dyn Memory) -> Outcome {
+    /// True where the DMA was asked for a transfer.
+    fn adc_moment(&mut self, i: usize, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
         let name = ADCS[i];
         let source = self.adc[i].sampled(now).map(|input| self.source(i, input, now));
         let finger = &mut self.finger;
@@ -438,14 +440,15 @@ impl Chip {
             Some(source) => Ok(finger.sample(source?, now)),
             None => Err("a sample of nothing".into()),
         });
-        if asks.map_err(|why| format!("{name}: {why}"))? {
+        let asks = asks.map_err(|why| format!("{name}: {why}"))?;
+        if asks {
             match &mut self.withheld[i] {
                 0 => self.transfer(self.requests.adc[i], now, memory)?,
                 left => *left -= 1,
             }
         }
         self.system.set_line(self.lines.adc, self.adc.iter().any(Adc::interrupt));
-        Ok(())
+        Ok(asks)
     }
 
     /// What an ADC's input is connected to.
@@ -634,7 +637,14 @@ impl Chip {
                 }
                 Ok(())
             }
-            Unit::Tim1 => self.tim1.write(offset, value, now, hclk),
+            Unit::Tim1 => {
+                let ran = self.tim1.is_running();
+                self.tim1.write(offset, value, now, hclk)?;
+                if self.tim1.is_running() && !ran {
+                    self.finger.scanned_anew(now);
+                }
+                Ok(())
+            }
             Unit::Tim2 => self.tim2.write(offset, value, now, hclk),
             Unit::Dma => self.dma.write(offset, value),
             Unit::Multiplexer => self.dma.write_multiplexer(offset, value),

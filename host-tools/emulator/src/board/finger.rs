@@ -88,6 +88,17 @@ pub enum Moment {
     Sample(Source),
 }
 
+/// How a scene goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// Scan by scan, from the first again after the last.
+    Scans,
+    /// Each lasts so long, counted from the first scan on; from the first again after the last.
+    Timed(Tick),
+    /// Scan by scan, from the first whenever the board begins to scan; the last one stays.
+    Replay,
+}
+
 /// What was converted in a frame.
 #[derive(Clone, Debug)]
 pub struct Seen {
@@ -99,10 +110,8 @@ pub struct Seen {
 
 /// The finger.
 pub struct Finger {
-    /// Scan by scan, from the first again after the last.
     scene: Vec<Codes>,
-    /// How long each of them lasts, where it does not last a scan.
-    each: Option<Tick>,
+    pace: Pace,
     /// When the first scan was over.
     first: Option<Tick>,
     scan: usize,
@@ -132,20 +141,11 @@ struct Sums {
 }
 
 impl Finger {
-    /// One that sees these scans, one after the other, in codes of 12 bits.
-    pub fn new(scene: Vec<Codes>) -> Self {
-        Self::with(scene, None)
-    }
-
-    /// One that sees each of these for so long, counted from its first scan on.
-    pub fn timed(scene: Vec<Codes>, each: Tick) -> Self {
-        Self::with(scene, Some(each.max(1)))
-    }
-
-    fn with(scene: Vec<Codes>, each: Option<Tick>) -> Self {
+    /// One that sees these scans, in codes of 12 bits.
+    pub fn new(scene: Vec<Codes>, pace: Pace) -> Self {
         Self {
             scene,
-            each,
+            pace,
             first: None,
             scan: 0,
             rows: 0,
@@ -172,7 +172,19 @@ impl Finger {
     }
 
     fn codes(&self) -> Option<&Codes> {
-        self.scene.get(self.scan % self.scene.len().max(1))
+        let last = self.scene.len().checked_sub(1)?;
+        self.scene.get(match self.pace {
+            Pace::Replay => self.scan.min(last),
+            Pace::Scans | Pace::Timed(_) => self.scan % (last + 1),
+        })
+    }
+
+    /// The board begins to scan, from a standstill.
+    pub fn scanned_anew(&mut self, now: Tick) {
+        (self.sums, self.begin) = (Sums::default(), now);
+        if self.pace == Pace::Replay {
+            self.scan = 0;
+        }
     }
 
     /// Port B's outputs have changed.
@@ -223,9 +235,9 @@ impl Finger {
         }
         self.begin = now;
         let first = *self.first.get_or_insert(now);
-        self.scan = match self.each {
-            Some(each) => ((now - first) / each) as usize,
-            None => self.scan + 1,
+        self.scan = match self.pace {
+            Pace::Timed(each) => ((now - first) / each.max(1)) as usize,
+            Pace::Scans | Pace::Replay => self.scan + 1,
         };
     }
 

@@ -13,6 +13,8 @@ use super::time::{HZ, Tick, micros, seconds};
 const SLICE: Tick = micros(1_000);
 /// What the client has not taken yet; the host stops reading beyond that.
 const MOST: usize = 1 << 16;
+/// How often a client that has not taken what was sent is offered it.
+const WAIT: Duration = Duration::from_millis(1);
 /// How long the board may take until it is there.
 const BOOT: Tick = micros(2_000_000);
 
@@ -22,11 +24,14 @@ pub struct Server {
     listener: TcpListener,
     client: Option<TcpStream>,
     unsent: Vec<u8>,
+    /// Time waits for the client, else it is real time, or slower.
+    waits: bool,
 }
 
 impl Server {
-    /// Lets the board boot, and listens.
-    pub fn new(mut board: Board, address: &str) -> Result<Self> {
+    /// Lets the board boot, and listens. `waits` makes time stand still until the client has taken what was
+    /// sent, and does not hold the board back otherwise.
+    pub fn new(mut board: Board, address: &str, waits: bool) -> Result<Self> {
         board.chip().finger.keeps = false;
         while !board.chip().host.is_ready() || board.chip().finger.first().is_none() {
             if board.now() > BOOT {
@@ -37,7 +42,7 @@ impl Server {
         let listener =
             TcpListener::bind(address).with_context(|| format!("listening on {address}"))?;
         listener.set_nonblocking(true)?;
-        Ok(Self { board, listener, client: None, unsent: Vec::new() })
+        Ok(Self { board, listener, client: None, unsent: Vec::new(), waits })
     }
 
     /// Where it listens, and which of its own microseconds the scene began at.
@@ -48,13 +53,20 @@ impl Server {
         Ok(format!("tcp:127.0.0.1:{port} scene at {began} us"))
     }
 
-    /// Serves one client after the other, in real time or slower, for ever.
+    /// Serves one client after the other, for ever.
     pub fn serve(mut self) -> Result<()> {
         let (start, begin) = (Instant::now(), self.board.now());
         loop {
             step(&mut self.board)?;
             self.accept()?;
             self.exchange();
+            if self.waits {
+                while !self.unsent.is_empty() {
+                    std::thread::sleep(WAIT);
+                    self.exchange();
+                }
+                continue;
+            }
             let virtual_time =
                 Duration::from_secs_f64((self.board.now() - begin) as f64 / HZ as f64);
             std::thread::sleep(virtual_time.saturating_sub(start.elapsed()));

@@ -83,7 +83,8 @@ impl Timer {
         }
     }
 
-    fn running(&self) -> bool {
+    /// It counts.
+    pub fn is_running(&self) -> bool {
         self.cr1 & 1 == 1
     }
 
@@ -98,7 +99,7 @@ impl Timer {
     }
 
     fn count(&self, now: Tick) -> u32 {
-        if self.running() { ((now - self.origin) / self.step()) as u32 } else { self.held }
+        if self.is_running() { ((now - self.origin) / self.step()) as u32 } else { self.held }
     }
 
     fn at_count(&self, count: u32) -> Tick {
@@ -127,7 +128,7 @@ impl Timer {
 
     /// The next moment at which something happens.
     pub fn next(&self) -> Option<Tick> {
-        if !self.running() {
+        if !self.is_running() {
             return None;
         }
         let matches = self.active.ccr.iter().filter(|ccr| **ccr <= self.active.arr);
@@ -247,8 +248,8 @@ impl Timer {
         if value & !0b1000_0101 != 0 {
             return Err(UNMODELLED.into());
         }
-        let started = !self.running() && value & 1 == 1;
-        if self.running() && value & 1 == 0 {
+        let started = !self.is_running() && value & 1 == 1;
+        if self.is_running() && value & 1 == 0 {
             self.held = self.count(now);
         }
         self.cr1 = value;

@@ -26,6 +26,19 @@ impl Product {
     /// # Errors
     /// There is no checkout of the repository here, or something does not build or start.
     pub fn start(trace: &Path) -> Result<Self, EmulatedError> {
+        Self::serving(trace, &[])
+    }
+
+    /// The same, for a replay: the finger sees a scan of the trace in each of the board's, from the first
+    /// whenever the board begins to scan, and time waits for the client.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub(super) fn replaying(trace: &Path) -> Result<Self, EmulatedError> {
+        Self::serving(trace, &["--replay"])
+    }
+
+    fn serving(trace: &Path, more: &[&str]) -> Result<Self, EmulatedError> {
         // The emulator runs in a folder of its own.
         let place =
             |path| std::path::absolute(path).map_err(EmulatedError::system("finding a file"));
@@ -37,7 +50,7 @@ impl Product {
         if std::env::var_os("CARGO_TARGET_DIR").is_none() {
             cargo.arg("--target-dir").arg(root.join("target"));
         }
-        cargo.arg("--").arg("serve").arg(firmware).arg("--trace").arg(trace);
+        cargo.arg("--").arg("serve").arg(firmware).arg("--trace").arg(trace).args(more);
         let mut child = cargo
             .current_dir(root.join("host-tools/emulator"))
             .stdin(Stdio::null())
