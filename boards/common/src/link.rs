@@ -9,6 +9,7 @@
 //! * Each session begins with a zero, so that a message that the last one tore ends there.
 
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use embassy_time::{Duration, with_timeout};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, ControlChanged, Receiver, Sender, State};
 use embassy_usb::driver::Driver;
@@ -120,6 +121,9 @@ impl<D: Driver<'static>> Link<D> {
                 defmt::info!("port closed while writing");
             }
             defmt::info!("session over");
+            // After a reset of the bus its endpoints are off at once, and DTR is when the device's task has
+            // heard of it: let it.
+            yield_now().await;
         }
     }
 }
