@@ -127,7 +127,9 @@ fn what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows() {
 #[test]
 fn frames_are_the_hosts_own_byte_for_byte() {
     let path = repository().join("host-tools/emulator/data/finger.cal.toml");
-    let calibration = taxel_formats::calibration::read(&path).unwrap();
+    let mut calibration = taxel_formats::calibration::read(&path).unwrap();
+    // The image leaves the model of the skin out, and passes over its section.
+    calibration.model = None;
     let mut record = [0; MAX_BYTES];
     let record = calibration.to_bytes(&mut record).unwrap();
     let mut session = session(false);
