@@ -122,7 +122,7 @@ fn on_pins(scans: &[Scan], calibration: Option<&Calibration>, fields: Fields) ->
     let mut buffer = [0; MAX_BYTES];
     let record = calibration.map(|calibration| calibration.to_bytes(&mut buffer).unwrap());
     let mut frames = vec![];
-    let replay = OnPins::prepare(scans, record.as_deref(), fields).unwrap();
+    let replay = OnPins::prepare(scans, record, fields).unwrap();
     assert_eq!(replay.full_scale().top().0, 8 * 4095);
     replay
         .run(|frame| {
