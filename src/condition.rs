@@ -1,17 +1,20 @@
 //! Codes become signals: dark subtraction, full-scale normalisation, bias, and channel health.
 //!
 //! ```text
-//! Codes ──Levels::read──▶ Levels ──Bias::apply──▶ Signals
+//! Codes ──Levels::read──▶ Levels ──Bias::apply──▶ Signals ──LowPass::smooth──▶ Signals
 //! ```
 //! [`Levels`] are absolute fractions of full scale and need no calibration. [`Signals`] are changes
-//! against the unloaded finger and exist only once a [`Bias`] is known.
+//! against the unloaded finger and exist only once a [`Bias`] is known. They are smoothed only where the
+//! host has asked for it.
 
 mod bias;
 mod levels;
+mod low_pass;
 mod stuck;
 
 pub use bias::{Bias, BiasRefusal, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias};
 pub use levels::{BridgeLevels, DEAD_LEVEL, Levels, MIDPOINT_MARGIN, TaxelLevels};
+pub use low_pass::{LowPass, LowPassState};
 pub use stuck::{Stuck, StuckWatch};
 
 use serde::{Deserialize, Serialize};

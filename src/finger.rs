@@ -13,7 +13,9 @@ mod matrix;
 mod together;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
-use crate::condition::{Bias, BiasRefusal, BiasTaker, Levels, Signals, Stuck, StuckWatch};
+use crate::condition::{
+    Bias, BiasRefusal, BiasTaker, Levels, LowPass, LowPassState, Signals, Stuck, StuckWatch,
+};
 use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState};
 use crate::estimate::slip::Verdict;
@@ -33,6 +35,8 @@ pub struct Finger {
     pub gate: Gate,
     /// How the contact point is found.
     pub point_method: PointMethod,
+    /// What smooths the signals that forces and places come from.
+    pub filter: Option<LowPass>,
 }
 
 /// The memory of one finger, from scan to scan.
@@ -43,6 +47,7 @@ pub struct FingerState {
     gate: GateState,
     stuck: StuckWatch,
     taker: Option<BiasTaker>,
+    smooth: LowPassState,
     matrix: MatrixState,
     grip: GripState,
 }
@@ -185,6 +190,7 @@ impl Finger {
     pub fn restore_bias(&self, state: &mut FingerState, bias: Bias) {
         state.bias = bias;
         state.biased = true;
+        state.smooth = LowPassState::default();
     }
 
     /// Drops a bias taken on command: the calibration's own is in force again.
@@ -192,6 +198,7 @@ impl Finger {
         state.bias = self.own_bias();
         state.biased = false;
         state.taker = None;
+        state.smooth = LowPassState::default();
     }
 
     fn own_bias(&self) -> Bias {
@@ -218,6 +225,13 @@ impl Finger {
         let contact = self.gate.update(&mut state.gate, state.bias.activity(&signals));
         flag(&mut status, Status::CONTACT, contact);
 
+        // The gate answers at once, and what slips is heard above any filter's corner: both have the
+        // signals as they came.
+        let mut raw = None;
+        if let Some(filter) = &self.filter {
+            raw = Some(signals);
+            filter.smooth(&mut state.smooth, &mut signals);
+        }
         let record = self.calibration.as_ref();
         let sensors = self.sensor_forces(&scan.codes, &signals, &mut status);
         let felt = Felt::of(record, &signals, &sensors, (contact, &mut status));
@@ -231,8 +245,8 @@ impl Finger {
         };
         let fused = Fused::of(&seen, &felt, &mut status);
         let (torsion, used) = (felt.torsion, seen.used);
-        let grip =
-            Grip { time: scan.time, signals: &signals, fused: &fused, torsion, used, contact };
+        let heard = raw.as_ref().unwrap_or(&signals);
+        let grip = Grip { time: scan.time, signals: heard, fused: &fused, torsion, used, contact };
         let slip = grip.judge(record, &mut state.grip, &mut status);
         let Fused { force, point, .. } = fused;
         let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
@@ -288,6 +302,7 @@ fn advance_bias(state: &mut FingerState, levels: &Levels) -> Option<Result<(), B
     Some(outcome.map(|taken| {
         state.bias = taken.bias;
         state.biased = true;
+        state.smooth = LowPassState::default();
     }))
 }
 

@@ -2,7 +2,7 @@
 //! reconnect, and keeps in a [`Store`] what survives power-off; [`crate::session`] carries its words.
 
 use crate::calibration::{self, bias_fits};
-use crate::condition::BiasRefusal;
+use crate::condition::{BiasRefusal, LowPass};
 use crate::finger::{Finger, FingerState};
 use crate::frame::{Fields, Frame, Status};
 use crate::scan::{Codes, Scan};
@@ -26,6 +26,8 @@ pub struct Instrument {
     hz: u16,
     /// What the host has said of the scan.
     scan: Option<ScanSettings>,
+    /// Corner of the low-pass; 0 for none.
+    filter_hz: u16,
     fields: Fields,
     until_due: u16,
     seq: u32,
@@ -69,6 +71,7 @@ impl Instrument {
             streaming: false,
             hz,
             scan: None,
+            filter_hz: 0,
             fields: Fields::ESTIMATES,
             until_due: 0,
             seq: 0,
@@ -93,7 +96,7 @@ impl Instrument {
     ) {
         store.open(|record| self.finger.recalibrate(record).is_ok());
         self.begin_anew(store);
-        if let Some(Settings { hz, fields, point_method, scan }) = store.settings() {
+        if let Some(Settings { hz, fields, point_method, scan, filter_hz }) = store.settings() {
             if let Some(scan) = scan
                 && let Ok(full_scale) = rescan(&scan)
             {
@@ -102,6 +105,7 @@ impl Instrument {
             if (1..=self.identity.scan_hz).contains(&hz) && fields.0 <= Fields::ALL.0 {
                 (self.hz, self.fields, self.finger.point_method) = (hz, fields, point_method);
             }
+            self.set_filter(filter_hz);
         }
         if let Some(StoredBias { calibration, bias: Some(bias) }) = store.bias()
             && calibration == self.calibration_crc
@@ -241,6 +245,10 @@ impl Instrument {
                 in_range(u32::from(fields.0), 0, u32::from(Fields::ALL.0))?;
                 self.fields = *fields;
             }
+            Command::SetFilter { hz } => {
+                in_range(u32::from(*hz), 0, u32::from(self.highest_filter()))?;
+                self.set_filter(*hz);
+            }
             Command::SetPointMethod(method) => self.finger.point_method = *method,
             Command::TakeBias { scans } => {
                 in_range(u32::from(*scans), 2, u32::from(u16::MAX))?;
@@ -282,7 +290,8 @@ impl Instrument {
             Command::SaveSettings => {
                 let point_method = self.finger.point_method;
                 let (hz, fields, scan) = (self.hz, self.fields, self.scan);
-                store.save_settings(&Settings { hz, fields, point_method, scan })?;
+                let filter_hz = self.filter_hz;
+                store.save_settings(&Settings { hz, fields, point_method, scan, filter_hz })?;
             }
             Command::SaveBias => {
                 if self.state.taking_bias() {
@@ -321,7 +330,19 @@ impl Instrument {
         self.identity.full_scale = full_scale;
         self.hz = self.hz.min(scan.scan_hz);
         self.until_due = 0;
+        self.set_filter(self.filter_hz);
         self.forget();
+    }
+
+    /// A corner nearer to half the scans a second than this would let all through.
+    fn highest_filter(&self) -> u16 {
+        self.identity.scan_hz / 4
+    }
+
+    fn set_filter(&mut self, hz: u16) {
+        self.filter_hz = hz.min(self.highest_filter());
+        let filter = LowPass::new(self.filter_hz, self.identity.scan_hz);
+        self.finger.filter = (self.filter_hz > 0).then_some(filter);
     }
 
     /// What was learnt from other codes, or under another calibration, no longer holds.
@@ -385,6 +406,7 @@ impl Instrument {
             counters: self.counters,
             cost: self.cost,
             estimators: Status::BUILT,
+            filter_hz: self.filter_hz,
         }
     }
 }

@@ -5,6 +5,7 @@ mod common;
 use common::{LIT, calibration, everything, pressed, unloaded};
 use proptest::prelude::*;
 use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::condition::LowPass;
 use taxel::estimate::array::WrenchMethod;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::field::{Field, Radial};
@@ -62,6 +63,38 @@ fn the_contact_point_method_is_selectable_and_named_in_the_status() {
     let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
     assert!(estimate.status.contains(Status::RAN_ARG_MIN));
     assert!(!estimate.status.contains(Status::RAN_CENTROID));
+}
+
+/// Presses that flicker by ±1 % from scan to scan: with a filter a hundredth of it is left, and the gate as
+/// quick as before.
+#[test]
+fn a_filter_quietens_forces_and_places_and_delays_nothing_but_them() {
+    let (plain, mut plain_state) = calibrated();
+    let (mut smooth, mut smooth_state) = calibrated();
+    smooth.filter = Some(LowPass::new(100, 4000));
+    let mut spread = [[f32::MAX, f32::MIN]; 2];
+    for i in 0..2000u64 {
+        let scan = match i {
+            0..100 => unloaded(250 * i),
+            _ => pressed(250 * i, 6, if i % 2 == 0 { 6_488 } else { 6_620 }),
+        };
+        let estimates =
+            [plain.estimate(&mut plain_state, &scan), smooth.estimate(&mut smooth_state, &scan)];
+        let [plain, smooth] = estimates;
+        let contact = |estimate: &Estimate| estimate.status.contains(Status::CONTACT);
+        assert_eq!(contact(&plain), contact(&smooth), "scan {i}");
+        assert_eq!(plain.codes, smooth.codes);
+        if i >= 1000 {
+            for (spread, estimate) in spread.iter_mut().zip(&estimates) {
+                let Ok(Newtons(fz)) = estimate.force.z else { panic!("{:?}", estimate.force) };
+                *spread = [spread[0].min(fz), spread[1].max(fz)];
+            }
+        }
+    }
+    let [plain, smooth] = spread.map(|[low, high]| high - low);
+    assert!(plain > 1.5e-3 && smooth < 0.01 * plain, "{plain} {smooth}");
+    let middle = (spread[1][0] + spread[1][1]) / 2.0;
+    assert!((f64::from(middle) - 0.1f64.tanh()).abs() < 1e-4, "{middle}");
 }
 
 #[test]

@@ -278,17 +278,19 @@ fn the_stream_is_off_until_asked_for_and_then_counts_every_frame() {
 }
 
 #[test]
-fn rate_and_fields_are_set_apart_and_outlive_the_connection() {
+fn rate_filter_and_fields_are_set_apart_and_outlive_the_connection() {
     let (instrument, _) = run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
         let rate = host.ask(Command::SetRate { hz: 333 }).await.unwrap();
         // 4000 / 12: the rate in force is said, not the one wished for.
         assert_eq!(rate, Response::Rate { millihertz: 333_333 });
+        host.ask(Command::SetFilter { hz: 50 }).await.unwrap();
         host.ask(Command::SetFields(Fields::FORCE)).await.unwrap();
         host.ask(Command::Stream(true)).await.unwrap();
     });
     run(instrument, scans(1_000_000), Pace::Live, 4096, async |host| {
         let info = host.info().await;
         assert_eq!((info.rate_millihertz, info.fields), (333_333, Fields::FORCE));
+        assert_eq!(info.filter_hz, 50);
         let Some(Message::Frame(frame)) = host.message().await else { panic!() };
         assert!(frame.force.is_some() && frame.point.is_none() && frame.codes.is_none());
     });
@@ -303,6 +305,8 @@ fn values_out_of_range_are_refused_with_the_range() {
                 Err(Refusal::OutOfRange { low: 1, high: 4000 })
             );
         }
+        let refused = host.ask(Command::SetFilter { hz: 1001 }).await;
+        assert_eq!(refused, Err(Refusal::OutOfRange { low: 0, high: 1000 }));
         let refused = host.ask(Command::SetFields(Fields(0x8000))).await;
         assert_eq!(refused, Err(Refusal::OutOfRange { low: 0, high: 255 }));
         assert!(host.ask(Command::TakeBias { scans: 1 }).await.is_err());

@@ -268,7 +268,7 @@ fn flash_in_memory_is_as_strict_as_flash() {
 }
 
 fn settings(hz: u16) -> Settings {
-    Settings { hz, fields: Fields::FORCE, point_method: PointMethod::ArgMin, scan: None }
+    Settings { hz, fields: Fields::FORCE, point_method: PointMethod::ArgMin, scan: None, filter_hz: 0 }
 }
 
 #[test]
@@ -282,6 +282,7 @@ fn settings_and_a_bias_survive_power_off_once_they_are_saved() {
     ask(&mut instrument, &mut store, Command::SetRate { hz: 250 }).unwrap();
     ask(&mut instrument, &mut store, Command::SetFields(Fields::FORCE)).unwrap();
     ask(&mut instrument, &mut store, Command::SetPointMethod(PointMethod::ArgMin)).unwrap();
+    ask(&mut instrument, &mut store, Command::SetFilter { hz: 50 }).unwrap();
     ask(&mut instrument, &mut store, Command::SaveSettings).unwrap();
     assert!(
         instrument
@@ -298,7 +299,7 @@ fn settings_and_a_bias_survive_power_off_once_they_are_saved() {
     let (mut instrument, mut store) = wake(asleep(store));
     let found = info(&mut instrument, &mut store);
     assert_eq!((found.rate_millihertz, found.fields), (250_000, Fields::FORCE));
-    assert_eq!(found.point_method, PointMethod::ArgMin);
+    assert_eq!((found.point_method, found.filter_hz), (PointMethod::ArgMin, 50));
     assert!(found.biased);
     assert_eq!(ask(&mut instrument, &mut store, Command::ReadBias), before);
 

@@ -89,6 +89,7 @@ fn every_request_has_its_bytes() {
             Command::SetScan(ScanSettings { scan_hz: 4000, oversampling: 8, settle_ns: 26_500 }),
             "07 12 a0 1f 08 84 cf 01",
         ),
+        (Command::SetFilter { hz: 150 }, "07 13 96 01"),
     ];
     for (command, expected) in bytes {
         assert_eq!(body(&Request { tag: 7, command: command.clone() }), expected, "{command:?}");
@@ -301,6 +302,7 @@ fn the_longest_messages_fit_a_packet() {
         counters,
         cost: taxel::wire::message::Cost { last: u32::MAX, worst: u32::MAX },
         estimators: Status(u32::MAX),
+        filter_hz: u16::MAX,
     };
     let reply = |response| Message::Reply { tag: u8::MAX, result: Ok(response) };
     let most = Cost { last: u32::MAX, worst: u32::MAX };

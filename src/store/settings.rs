@@ -12,8 +12,8 @@ use crate::frame::Fields;
 use crate::wire::crc32;
 use crate::wire::message::ScanSettings;
 
-/// Longest content: a bias of everything takes 167 bytes with all the rest (asserted below).
-const LONGEST: usize = 168;
+/// Longest content: a bias of everything takes 170 bytes with all the rest (asserted below).
+const LONGEST: usize = 170;
 
 /// What the host has set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -26,6 +26,8 @@ pub struct Settings {
     pub point_method: PointMethod,
     /// How the board scans; `None` for its own way.
     pub scan: Option<ScanSettings>,
+    /// Corner of the low-pass in hertz; 0 for none.
+    pub filter_hz: u16,
 }
 
 /// A bias taken on command, and the calibration that it was taken under.
@@ -117,12 +119,18 @@ mod tests {
         let scan =
             Some(ScanSettings { scan_hz: u16::MAX, oversampling: u16::MAX, settle_ns: u32::MAX });
         let point_method = PointMethod::ArgMin;
-        let settings = Settings { hz: u16::MAX, fields: Fields::ALL, point_method, scan };
+        let settings = Settings {
+            hz: u16::MAX,
+            fields: Fields::ALL,
+            point_method,
+            scan,
+            filter_hz: u16::MAX,
+        };
         let stored = StoredBias { calibration: u32::MAX, bias: Some(bias) };
         let kept = Kept { settings: Some(settings), bias: Some(stored) };
         let mut buffer = [0; LONGEST];
         let bytes = kept.write(&mut buffer).unwrap();
-        assert_eq!(bytes.len(), 167);
+        assert_eq!(bytes.len(), 170);
         assert_eq!(Kept::read(bytes), Some(kept));
     }
 

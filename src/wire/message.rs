@@ -75,7 +75,7 @@ pub enum Command {
         /// Where to start.
         offset: u16,
     },
-    /// 13: rate, fields and contact point method as they are now, also after the next power-up.
+    /// 13: scan, rate, filter, fields and contact point method as they are now, also after the next power-up.
     SaveSettings,
     /// 14: the bias in force, taken on command or the calibration's own, also after the next power-up.
     SaveBias,
@@ -90,6 +90,11 @@ pub enum Command {
     Bootloader,
     /// 18: scan differently until the next power-up. The stream's rate is set anew by the host.
     SetScan(ScanSettings),
+    /// 19: what smooths the signals, set apart from the rate.
+    SetFilter {
+        /// −3 dB of a second-order low-pass, 1 … a quarter of the scans a second; 0 for none.
+        hz: u16,
+    },
 }
 
 /// Finger to host.
@@ -217,6 +222,8 @@ pub struct Info {
     pub cost: Cost,
     /// The estimators that its firmware holds: bits that a frame's status sets when they run.
     pub estimators: Status,
+    /// Corner of the low-pass over the signals in hertz; 0 for none.
+    pub filter_hz: u16,
 }
 
 /// What does not change while the finger runs.

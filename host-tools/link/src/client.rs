@@ -248,7 +248,7 @@ impl Client {
         self.done("bias", Command::ClearBias)
     }
 
-    /// Rate, fields and contact point method shall survive power-off.
+    /// Scan, rate, filter, fields and contact point method shall survive power-off.
     ///
     /// # Errors
     /// As [`Self::info`]; refused when the finger's flash failed.
@@ -298,6 +298,14 @@ impl Client {
             Response::Done => Ok(()),
             _ => Err(self.confused("dfu")),
         }
+    }
+
+    /// Smooths the signals that forces and places come from: −3 dB at `hz`, 0 for no filter.
+    ///
+    /// # Errors
+    /// As [`Self::info`]; refused above a quarter of the scans a second.
+    pub fn set_filter(&self, hz: u16) -> Result<(), LinkError> {
+        self.done("filter", Command::SetFilter { hz })
     }
 
     /// Scans differently from now on.

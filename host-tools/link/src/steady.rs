@@ -33,6 +33,7 @@ struct State {
 #[derive(Clone, Copy)]
 struct Settings {
     millihertz: u32,
+    filter_hz: u16,
     fields: Fields,
     method: PointMethod,
 }
@@ -109,6 +110,7 @@ impl Steady {
         let info = client.info()?;
         self.state().settings = Some(Settings {
             millihertz: info.rate_millihertz,
+            filter_hz: info.filter_hz,
             fields: info.fields,
             method: info.point_method,
         });
@@ -120,9 +122,10 @@ impl Steady {
         let settings = self.state().settings;
         match settings {
             None => drop(self.remember(&client)?),
-            Some(Settings { millihertz, fields, method }) => {
+            Some(Settings { millihertz, filter_hz, fields, method }) => {
                 let hertz = millihertz.div_ceil(1000).clamp(1, u16::MAX.into());
                 client.set_rate(hertz as u16)?;
+                client.set_filter(filter_hz)?;
                 client.set_fields(fields)?;
                 client.set_point_method(method)?;
             }

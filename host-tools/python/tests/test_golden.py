@@ -39,6 +39,7 @@ def test_the_version_query_is_frozen_for_ever():
         (Command.set_fields(Fields.ESTIMATES), "07 04 3c"),
         (Command.set_point_method(PointMethod.ARG_MIN), "07 05 01"),
         (Command.set_point_method(PointMethod.MODEL), "07 05 02"),
+        (Command.set_filter(150), "07 13 96 01"),
         (Command.take_bias(500), "07 06 f4 03"),
         (Command.READ_BIAS, "07 07"),
         (Command.CLEAR_BIAS, "07 08"),

@@ -127,6 +127,9 @@ function learn(facts) {
   if (document.activeElement !== $("rate-input")) $("rate-input").value = Math.round(facts.rate_hz);
   $("rate-input").max = facts.scan_hz;
   $("method").value = facts.method;
+  const corners = new Set([0, 5, 10, 20, 50, 100, 200, 500, facts.filter_hz].filter((hz) => hz <= facts.scan_hz / 4));
+  $("filter").replaceChildren(...[...corners].sort((a, b) => a - b).map((hz) => new Option(hz ? `${hz} Hz` : "none", hz)));
+  $("filter").value = facts.filter_hz;
   const chosen = facts.fields.split(",");
   $("fields").replaceChildren(...facts.field_names.map((name) => {
     const label = document.createElement("label");
@@ -274,6 +277,7 @@ command("clear-bias", "clear-bias");
 command("self-test", "self-test");
 command("record", "record", () => ({ on: !state.recording }));
 command("play", "play", () => ({ on: !state.playback?.runs }));
+$("filter").onchange = () => ask("filter", { hz: Number($("filter").value) });
 $("method").onchange = () => ask("method", { name: $("method").value });
 $("channel").onchange = choose;
 $("rate-form").onsubmit = (event) => {

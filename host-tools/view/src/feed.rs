@@ -128,6 +128,7 @@ fn facts(client: &Client, info: &Info) -> Value {
         "firmware": format!("{major}.{minor}.{patch}"),
         "scan_hz": identity.scan_hz,
         "rate_hz": f64::from(info.rate_millihertz) / 1000.0,
+        "filter_hz": info.filter_hz,
         "fields": fields::list(info.fields),
         "method": method,
         "biased": info.biased,

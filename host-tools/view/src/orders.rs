@@ -14,6 +14,8 @@ pub(crate) enum Order {
     Record { on: bool },
     /// Frames a second.
     Rate { hz: u16 },
+    /// Corner of the low-pass; 0 for none.
+    Filter { hz: u16 },
     /// Fields by their names, with commas between.
     Fields { list: String },
     /// How the contact point is found: `centroid`, `argmin` or `model`.

@@ -62,6 +62,7 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth) -> String {
             if info.streaming { "on" } else { "off" },
             fields::list(info.fields)
         ),
+        format!("filter       {}", filter(info.filter_hz)),
         format!("point        {}", point(info.point_method)),
         format!("estimators   {}", estimators(info).join(", ")),
         format!("calibration  {calibration}"),
@@ -81,6 +82,10 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth) -> String {
     .chain(board(health, micros))
     .collect::<Vec<_>>()
     .join("\n")
+}
+
+fn filter(hz: u16) -> String {
+    if hz == 0 { "none".to_owned() } else { format!("{hz} Hz, second order") }
 }
 
 /// What the board could tell of itself.
@@ -124,6 +129,7 @@ fn as_json(version: Version, info: &Info, health: &BoardHealth) -> serde_json::V
         "rate_hz": f64::from(info.rate_millihertz) / 1000.0,
         "streaming": info.streaming,
         "fields": fields::list(info.fields),
+        "filter_hz": info.filter_hz,
         "point": point(info.point_method),
         "estimators": estimators(info),
         "biased": info.biased,

@@ -1,4 +1,4 @@
-//! `taxel set`: rate, fields, contact point method, and how the board scans.
+//! `taxel set`: rate, filter, fields, contact point method, and how the board scans.
 
 use anyhow::Context;
 use taxel::estimate::contact_point::PointMethod;
@@ -18,6 +18,9 @@ pub struct Args {
     /// Frames a second; the finger takes the nearest it can.
     #[arg(long, value_name = "HZ", group = "settings")]
     rate: Option<u16>,
+    /// Smooths forces and places: −3 dB of a second-order low-pass at so many hertz, 0 for none.
+    #[arg(long, value_name = "HZ", group = "settings")]
+    filter: Option<u16>,
     /// Fields that frames carry, with commas between: codes, signals, sensors, force, point, slip,
     /// torsion, contacts, estimates, all.
     #[arg(long, value_name = "LIST", value_parser = fields::parse, group = "settings")]
@@ -34,7 +37,7 @@ pub struct Args {
     /// From the change of LED row to the first sample, in microseconds.
     #[arg(long, value_name = "US", group = "settings", value_parser = settle)]
     settle: Option<u32>,
-    /// Keep scan, rate, fields and method as they then are over power-off.
+    /// Keep scan, rate, filter, fields and method as they then are over power-off.
     #[arg(long, group = "settings")]
     save: bool,
 }
@@ -85,6 +88,13 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     if let Some(hz) = args.rate {
         output::line(format_args!("rate {} Hz", client.set_rate(hz)?))?;
+    }
+    if let Some(hz) = args.filter {
+        client.set_filter(hz)?;
+        output::line(match hz {
+            0 => "filter none".to_owned(),
+            hz => format!("filter {hz} Hz"),
+        })?;
     }
     if let Some(chosen) = args.fields {
         client.set_fields(chosen)?;

@@ -160,6 +160,10 @@ class Finger:
         """Frames a second; returns the rate in force, the scan rate over a whole number."""
         return self._expect(Rate, Command.set_rate(hz)).millihertz / 1000
 
+    def set_filter(self, hz: int) -> None:
+        """Smooths what forces and places come from: a second-order low-pass, 0 for none."""
+        self._expect(Done, Command.set_filter(hz))
+
     def set_fields(self, fields: Fields) -> None:
         """Which fields frames carry."""
         self._expect(Done, Command.set_fields(fields))
@@ -183,7 +187,7 @@ class Finger:
         self._expect(Done, Command.CLEAR_BIAS)
 
     def save_settings(self) -> None:
-        """Keeps rate, fields and method as they are now, also after the next power-up."""
+        """Keeps scan, rate, filter, fields and method as they are now, also after the next power-up."""
         self._expect(Done, Command.SAVE_SETTINGS)
 
     def save_bias(self) -> None:

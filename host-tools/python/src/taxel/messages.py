@@ -208,6 +208,7 @@ class Info(NamedTuple):
     cost_last: int
     cost_worst: int
     estimators: Status
+    filter_hz: int
 
 
 class Rate(NamedTuple):
@@ -417,10 +418,12 @@ def _info(data: bytes, at: int) -> tuple[Info, int]:
     calibration, at = _CALIBRATION_ID(data, at)
     counts, at = read.times(8, read.varint)(data, at)
     estimators, at = read.varint(data, at)
+    filter_hz, at = read.varint(data, at)
     known = (board, serial, build, scan_hz, full_scale, tick_hz, rate, Fields(fields), streaming)
     scans, frames, lost, overruns, bad_packets, lost_replies, cost_last, cost_worst = counts
     counters = (scans, frames, lost, overruns, bad_packets, lost_replies, cost_last, cost_worst)
-    return Info(*known, method, biased, calibration, *counters, Status(estimators)), at
+    held = Status(estimators)
+    return Info(*known, method, biased, calibration, *counters, held, filter_hz), at
 
 
 def _taxel_bias(data: bytes, at: int) -> tuple[TaxelBias, int]:
@@ -563,6 +566,10 @@ class Command:
     @staticmethod
     def calibration_read(offset: int) -> bytes:
         return bytes([12]) + _u16(offset)
+
+    @staticmethod
+    def set_filter(hz: int) -> bytes:
+        return bytes([19]) + _u16(hz)
 
 
 def request(tag: int, command: bytes) -> bytes:

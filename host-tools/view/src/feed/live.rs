@@ -201,6 +201,10 @@ impl Live {
                 client.clear_bias().map(|()| "back to the calibration's bias".to_owned())
             }
             Order::Rate { hz } => client.set_rate(hz).map(|hz| format!("rate {hz} Hz")),
+            Order::Filter { hz } => client.set_filter(hz).map(|()| match hz {
+                0 => "no filter".to_owned(),
+                hz => format!("filter {hz} Hz"),
+            }),
             Order::Fields { list } => {
                 if self.now().files.is_some() {
                     return Err("end the recording first: its columns are those fields".to_owned());

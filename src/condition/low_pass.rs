@@ -1,0 +1,136 @@
+//! A low-pass over the signals, where the host has asked for one: less noise, and a later answer.
+//!
+//! Second order, Butterworth, as a state-variable filter with trapezoidal integrators (Zavalishin, *The Art
+//! of VA Filter Design*, 2012, §4): unlike a direct form it keeps a steady signal to the bit in single
+//! precision, however low its corner.
+
+use core::f32::consts::{PI, SQRT_2};
+
+use super::Signals;
+use crate::scan::{SENSORS, TAXELS};
+
+/// Coefficients of one corner frequency.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LowPass {
+    a: [f32; 3],
+}
+
+/// What one signal leaves behind: the integrators.
+type Integrators = [f32; 2];
+
+/// What is remembered of all signals; of one that is absent, nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LowPassState {
+    taxels: Option<[Integrators; TAXELS]>,
+    bridges: [Option<[Integrators; 3]>; SENSORS],
+}
+
+impl LowPass {
+    /// −3 dB at `hz`, of `scan_hz` scans a second: no more than a quarter of them.
+    #[must_use]
+    pub fn new(hz: u16, scan_hz: u16) -> Self {
+        let corner = (f32::from(hz) / f32::from(scan_hz.max(1))).clamp(1e-5, 0.25);
+        // tan(π·corner) by its continued fraction: the angle is ¼π at most, where it is 6e-5 off.
+        let x = PI * corner;
+        let x2 = x * x;
+        let g = x / (1.0 - x2 / (3.0 - x2 / (5.0 - x2 / 7.0)));
+        let a1 = 1.0 / (1.0 + g * (g + SQRT_2));
+        Self { a: [a1, g * a1, g * g * a1] }
+    }
+
+    /// Smooths the signals of one scan. What was absent the last time begins with its present value.
+    pub fn smooth(&self, state: &mut LowPassState, signals: &mut Signals) {
+        self.group(&mut state.taxels, &mut signals.taxels);
+        for (state, bridge) in state.bridges.iter_mut().zip(&mut signals.bridges) {
+            self.group(state, bridge);
+        }
+    }
+
+    #[inline(never)]
+    fn all(&self, state: &mut [Integrators], signals: &mut [f32]) {
+        let [a1, a2, a3] = self.a;
+        for ([first, second], x) in state.iter_mut().zip(signals) {
+            let rest = *x - *second;
+            let band = a1 * *first + a2 * rest;
+            let low = *second + a2 * *first + a3 * rest;
+            *first = 2.0 * band - *first;
+            *second = 2.0 * low - *second;
+            *x = low;
+        }
+    }
+
+    fn group<const N: usize>(
+        &self,
+        state: &mut Option<[Integrators; N]>,
+        signals: &mut Option<[f32; N]>,
+    ) {
+        let Some(signals) = signals else {
+            *state = None;
+            return;
+        };
+        self.all(state.get_or_insert_with(|| signals.map(|x| [0.0, x])), signals);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RATE: u16 = 4000;
+
+    fn signals(x: f32) -> Signals {
+        Signals { taxels: Some([x; TAXELS]), bridges: [Some([x; 3]); SENSORS], ..Signals::default() }
+    }
+
+    fn after(filter: &LowPass, state: &mut LowPassState, mut signals: Signals) -> Signals {
+        filter.smooth(state, &mut signals);
+        signals
+    }
+
+    /// The amplitude that a sine of amplitude 1 is left with.
+    fn gain(corner: u16, hz: f32) -> f32 {
+        let (filter, mut state) = (LowPass::new(corner, RATE), LowPassState::default());
+        let rounds = 40 * usize::from(RATE) / usize::from(corner).min(hz as usize);
+        let mut most = 0.0f32;
+        for i in 0..rounds {
+            let turn = (f64::from(hz) * i as f64 / f64::from(RATE)).fract();
+            let x = (core::f64::consts::TAU * turn).sin() as f32;
+            let y = after(&filter, &mut state, signals(x));
+            if i > rounds / 2 {
+                most = most.max(y.taxels.unwrap()[7]).max(y.bridges[2].unwrap()[1]);
+            }
+        }
+        most
+    }
+
+    #[test]
+    fn the_corner_is_where_it_was_asked_for_and_the_slope_forty_decibels_a_decade() {
+        for corner in [5u16, 20, 100, 400] {
+            let hz = f32::from(corner);
+            let half = gain(corner, hz);
+            assert!((half - core::f32::consts::FRAC_1_SQRT_2).abs() < 0.01, "{corner} Hz: {half}");
+            assert!(gain(corner, 0.2 * hz) > 0.99);
+        }
+        let (once, tenfold) = (gain(20, 100.0), gain(20, 1000.0));
+        // The warp of the bilinear transform only helps.
+        assert!((0.03..0.05).contains(&once) && tenfold < 0.01 * once, "{once} {tenfold}");
+    }
+
+    #[test]
+    fn a_steady_signal_comes_through_to_the_bit_from_the_first_scan_on() {
+        for corner in [1, 50, 1000] {
+            let (filter, mut state) = (LowPass::new(corner, RATE), LowPassState::default());
+            for _ in 0..1000 {
+                assert_eq!(after(&filter, &mut state, signals(-0.123)), signals(-0.123));
+            }
+        }
+    }
+
+    #[test]
+    fn a_channel_that_went_and_came_begins_with_what_it_says_now() {
+        let (filter, mut state) = (LowPass::new(10, RATE), LowPassState::default());
+        after(&filter, &mut state, signals(1.0));
+        assert_eq!(after(&filter, &mut state, Signals::default()), Signals::default());
+        assert_eq!(after(&filter, &mut state, signals(2.0)), signals(2.0));
+    }
+}
