@@ -268,7 +268,13 @@ fn flash_in_memory_is_as_strict_as_flash() {
 }
 
 fn settings(hz: u16) -> Settings {
-    Settings { hz, fields: Fields::FORCE, point_method: PointMethod::ArgMin, scan: None, filter_hz: 0 }
+    Settings {
+        hz,
+        fields: Fields::FORCE,
+        point_method: PointMethod::ArgMin,
+        scan: None,
+        filter_hz: 0,
+    }
 }
 
 #[test]

@@ -79,7 +79,11 @@ mod tests {
     const RATE: u16 = 4000;
 
     fn signals(x: f32) -> Signals {
-        Signals { taxels: Some([x; TAXELS]), bridges: [Some([x; 3]); SENSORS], ..Signals::default() }
+        Signals {
+            taxels: Some([x; TAXELS]),
+            bridges: [Some([x; 3]); SENSORS],
+            ..Signals::default()
+        }
     }
 
     fn after(filter: &LowPass, state: &mut LowPassState, mut signals: Signals) -> Signals {
@@ -114,6 +118,20 @@ mod tests {
         let (once, tenfold) = (gain(20, 100.0), gain(20, 1000.0));
         // The warp of the bilinear transform only helps.
         assert!((0.03..0.05).contains(&once) && tenfold < 0.01 * once, "{once} {tenfold}");
+    }
+
+    #[test]
+    fn what_moves_slowly_comes_late_by_root_two_over_the_corner_in_radians() {
+        for corner in [20u16, 50, 200] {
+            let (filter, mut state) = (LowPass::new(corner, RATE), LowPassState::default());
+            let mut late = 0.0;
+            for i in 0..4000u16 {
+                let x = f32::from(i) / f32::from(RATE);
+                late = x - after(&filter, &mut state, signals(x)).taxels.unwrap()[0];
+            }
+            let expected = SQRT_2 / (core::f32::consts::TAU * f32::from(corner));
+            assert!((late / expected - 1.0).abs() < 0.02, "{corner} Hz: {late} s, not {expected}");
+        }
     }
 
     #[test]

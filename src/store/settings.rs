@@ -119,13 +119,8 @@ mod tests {
         let scan =
             Some(ScanSettings { scan_hz: u16::MAX, oversampling: u16::MAX, settle_ns: u32::MAX });
         let point_method = PointMethod::ArgMin;
-        let settings = Settings {
-            hz: u16::MAX,
-            fields: Fields::ALL,
-            point_method,
-            scan,
-            filter_hz: u16::MAX,
-        };
+        let settings =
+            Settings { hz: u16::MAX, fields: Fields::ALL, point_method, scan, filter_hz: u16::MAX };
         let stored = StoredBias { calibration: u32::MAX, bias: Some(bias) };
         let kept = Kept { settings: Some(settings), bias: Some(stored) };
         let mut buffer = [0; LONGEST];

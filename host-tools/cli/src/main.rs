@@ -4,6 +4,7 @@
 //! everything else to standard error; an error is one line there. Exit codes: 0 done, 1 the thing
 //! failed, 2 bad usage.
 
+mod browser;
 mod commands;
 mod failure;
 mod finger;

@@ -24,6 +24,27 @@ function axes(unit) {
   return [{ ...common }, { ...common, size: 62, values: (plot, splits) => short(splits), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
 }
 
+/** A point for two pixels: of each stretch of time the least and the greatest, so that no peak is lost. */
+function thinned(times, lows, highs, step) {
+  const points = [[], ...lows.flatMap(() => [[], []])];
+  let stretch;
+  times.forEach((time, i) => {
+    const its = Math.floor(time / step);
+    const fresh = its !== stretch;
+    stretch = its;
+    const at = fresh ? points[0].push(0) - 1 : points[0].length - 1;
+    points[0][at] = time;
+    lows.forEach((low, k) => {
+      const [least, most] = [points[2 * k + 1], points[2 * k + 2]];
+      const [was, is] = [fresh ? null : least[at], low[i]];
+      least[at] = was === null ? is : is === null ? was : Math.min(was, is);
+      const [had, has] = [fresh ? null : most[at], highs[k][i]];
+      most[at] = had === null ? has : has === null ? had : Math.max(had, has);
+    });
+  });
+  return points;
+}
+
 /** Least and greatest of some columns over the last seconds: the band between them is what happened. */
 export class Strip {
   constructor(parent, title, unit, names, labels) {
@@ -52,6 +73,7 @@ export class Strip {
 
   build() {
     this.plot?.destroy();
+    this.now = undefined;
     const series = [{}];
     const bands = [];
     this.names.forEach((name, i) => {
@@ -75,12 +97,20 @@ export class Strip {
   }
 
   resize() {
+    this.now = undefined;
     this.plot.setSize({ width: Math.max(240, this.holder.clientWidth), height: tall() });
   }
 
+  /** Draws what has moved by a pixel; in between nothing would be seen. */
   draw(times, lows, highs) {
     const now = times.at(-1) ?? 0;
-    this.plot.setData([times.map((t) => t - now), ...this.names.flatMap((name) => [lows[name], highs[name]])]);
+    const moved = Math.abs(now - (this.now ?? -Infinity));
+    if (moved < WINDOW / this.plot.bbox.width) return;
+    this.now = now;
+    const step = 2 * devicePixelRatio * WINDOW / this.plot.bbox.width;
+    const of = (columns) => this.names.map((name) => columns[name]);
+    const [ends, ...values] = thinned(times, of(lows), of(highs), step);
+    this.plot.setData([ends.map((time) => time - now), ...values]);
   }
 }
 

@@ -8,11 +8,16 @@ function element(name, attributes, parent) {
   return made;
 }
 
+/** What does not change costs no new picture. */
 function set(made, attributes) {
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (made.getAttribute(key) !== String(value)) made.setAttribute(key, value);
+  }
 }
 
-const shown = (made, yes) => made.setAttribute("visibility", yes ? "visible" : "hidden");
+const shown = (made, yes) => set(made, { visibility: yes ? "visible" : "hidden" });
+/** A length to a hundredth, below which no screen shows it. */
+const short = (value) => Math.round(value * 100) / 100;
 const number = (value) => typeof value === "number";
 
 /** Millimetres that a newton of shear is long. */
@@ -22,8 +27,10 @@ const LEAST = 0.02;
 
 function cross(parent) {
   const made = element("g", { class: "point" }, parent);
-  element("circle", { r: .45 }, made);
-  element("path", { d: "M-.8 0H.8M0 -.8V.8" }, made);
+  for (const kind of ["under", "over"]) {
+    element("circle", { class: kind, r: .45 }, made);
+    element("path", { class: kind, d: "M-.8 0H.8M0 -.8V.8" }, made);
+  }
   return made;
 }
 
@@ -43,11 +50,10 @@ export class Finger {
     element("text", { x: far - .6, y: far - .4, "text-anchor": "end" }, svg).textContent = `arrow: 1 N = ${MM_PER_N} mm`;
     this.press = element("circle", { class: "press" }, svg);
     // What stands over the colours has an edge in the ground's colour.
-    const over = element("g", { class: "over" }, svg);
-    this.arrow = element("line", { class: "arrow" }, over);
-    this.head = element("polygon", { class: "head", points: "0,-.35 .8,0 0,.35" }, over);
-    this.point = cross(over);
-    this.contacts = [cross(over), cross(over)];
+    this.arrows = ["under", "over"].map((kind) => element("line", { class: `arrow ${kind}` }, svg));
+    this.head = element("polygon", { class: "head", points: "0,-.35 .8,0 0,.35" }, svg);
+    this.point = cross(svg);
+    this.contacts = [cross(svg), cross(svg)];
   }
 
   /**
@@ -64,29 +70,35 @@ export class Finger {
       const signal = signals?.[k];
       const fault = faults >> k & 1;
       const share = number(signal) && !fault ? Math.min(1, Math.abs(signal) / this.full) : 0;
-      cell.setAttribute("fill", share > 0 ? `color-mix(in oklab, var(--${signal < 0 ? "near" : "away"}) ${Math.round(share * 100)}%, transparent)` : "transparent");
-      cell.classList.toggle("fault", Boolean(fault));
-      cell.firstChild.textContent = `row ${k >> 2}, column ${k & 3}: ${number(signal) ? signal.toFixed(4) : "–"}${fault ? saturated >> k & 1 ? ", clipped" : ", dead" : ""}`;
+      const percent = Math.round(share * 100);
+      set(cell, {
+        class: fault ? "taxel fault" : "taxel",
+        fill: percent > 0 ? `color-mix(in oklab, var(--${signal < 0 ? "near" : "away"}) ${percent}%, transparent)` : "transparent",
+      });
+      // Read by who points at it, not by who looks.
+      if (cell.matches(":hover")) cell.firstChild.textContent = `row ${k >> 2}, column ${k & 3}: ${number(signal) ? signal.toFixed(4) : "–"}${fault ? saturated >> k & 1 ? ", clipped" : ", dead" : ""}`;
     });
     const two = contacts.flat().every(number);
     this.contacts.forEach((made, i) => {
       shown(made, two);
-      if (two) made.setAttribute("transform", `translate(${contacts[i][0]} ${-contacts[i][1]})`);
+      if (two) set(made, { transform: `translate(${short(contacts[i][0])} ${short(-contacts[i][1])})` });
     });
     const there = point.every(number);
-    const [x, y] = there ? [point[0], -point[1]] : [0, 0];
+    const [x, y] = there ? [short(point[0]), short(-point[1])] : [0, 0];
     shown(this.point, there && !two);
-    this.point.setAttribute("transform", `translate(${x} ${y})`);
+    set(this.point, { transform: `translate(${x} ${y})` });
     const [fx, fy, fz] = force.map((f) => (number(f) ? f : 0));
     shown(this.press, there && fz > 0);
-    set(this.press, { cx: x, cy: y, r: Math.sqrt(Math.max(0, fz)) * .9 });
-    const [dx, dy] = [fx * MM_PER_N, -fy * MM_PER_N];
+    set(this.press, { cx: x, cy: y, r: short(Math.sqrt(Math.max(0, fz)) * .9) });
+    const [dx, dy] = [short(fx * MM_PER_N), short(-fy * MM_PER_N)];
     const sheared = there && Math.hypot(dx, dy) > .15;
-    shown(this.arrow, sheared);
     shown(this.head, sheared);
-    set(this.arrow, { x1: x, y1: y, x2: x + dx, y2: y + dy });
-    const turn = Math.atan2(dy, dx) * 180 / Math.PI;
-    this.head.setAttribute("transform", `translate(${x + dx} ${y + dy}) rotate(${turn})`);
+    for (const arrow of this.arrows) {
+      shown(arrow, sheared);
+      set(arrow, { x1: x, y1: y, x2: x + dx, y2: y + dy });
+    }
+    const turn = short(Math.atan2(dy, dx) * 180 / Math.PI);
+    set(this.head, { transform: `translate(${x + dx} ${y + dy}) rotate(${turn})` });
   }
 }
 
@@ -110,14 +122,15 @@ export class Sensor {
     const [x, y, z] = given ? force : [0, 0, 0];
     // A newton is the ring.
     const long = Math.max(1, Math.hypot(x, y));
-    const [dx, dy] = [x / long * .9, -y / long * .9];
+    const [dx, dy] = [short(x / long * .9), short(-y / long * .9)];
     const sheared = Math.hypot(dx, dy) > .05;
     shown(this.arrow, sheared);
     shown(this.head, sheared);
     set(this.arrow, { x2: dx, y2: dy });
-    this.head.setAttribute("transform", `translate(${dx} ${dy}) rotate(${Math.atan2(dy, dx) * 180 / Math.PI})`);
-    this.press.setAttribute("r", Math.min(.9, Math.sqrt(Math.max(0, z)) * .9));
+    set(this.head, { transform: `translate(${dx} ${dy}) rotate(${short(Math.atan2(dy, dx) * 180 / Math.PI)})` });
+    set(this.press, { r: short(Math.min(.9, Math.sqrt(Math.max(0, z)) * .9)) });
     const why = force.find((f) => typeof f === "string");
-    this.text.textContent = `${this.name}: ${given ? `${z.toFixed(2).replace("-0.00", "0.00")} N` : why ?? "–"}`;
+    const text = `${this.name}: ${given ? `${z.toFixed(2).replace("-0.00", "0.00")} N` : why ?? "–"}`;
+    if (this.text.textContent !== text) this.text.textContent = text;
   }
 }

@@ -8,7 +8,7 @@ const number = (value) => typeof value === "number";
 /** A number in so many decimals; what rounds to nothing has no sign. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
 
-const state = { at: {}, facts: {}, times: [], low: {}, high: {}, latest: [], measured: [], flagged: {}, drawn: [] };
+const state = { at: {}, facts: {}, times: [], low: {}, high: {}, latest: [], measured: [], flagged: {}, drawn: [], draws: 0 };
 let socket, finger, sensors = [], strips = [], spectrum, dragging = false, wanted = true;
 
 // —— the link ——
@@ -141,11 +141,22 @@ function learn(facts) {
 }
 
 // —— drawing, once a frame of the screen ——
-function draw() {
+/** Milliseconds from one reading of the numbers to the next: nobody reads faster. */
+const READ = 100;
+let read = -Infinity;
+
+/** Text that is the same is not laid out again. */
+function write(id, text) {
+  if ($(id).textContent !== text) $(id).textContent = text;
+}
+
+function draw(now) {
   requestAnimationFrame(draw);
   if (!wanted) return;
   wanted = false;
-  vitals();
+  const reads = now - read >= READ;
+  if (reads) read = now;
+  if (reads) vitals();
   if (!finger) return;
   const begun = performance.now();
   const value = (name) => state.latest[state.at[name]] ?? null;
@@ -154,7 +165,7 @@ function draw() {
   const names = Object.keys(state.at);
   const contacts = [1, 2].map((i) => ["x_mm", "y_mm"].map((end) => value(`contact${i}_${end}`)));
   finger.draw({ signals, saturated: value("saturated") ?? 0, dead: value("dead") ?? 0, point, force, contacts });
-  $("scale").textContent = signals ? `Blue came nearer, orange went away; full colour is ${finger.full.toFixed(2)} of full scale.` : names.length ? "The taxels are in the field “signals”." : "";
+  if (reads) write("scale", signals ? `Blue came nearer, orange went away; full colour is ${finger.full.toFixed(2)} of full scale.` : names.length ? "The taxels are in the field “signals”." : "");
   sensors.forEach((sensor, s) => {
     const given = ["x", "y", "z"].map((axis) => value(`s${s}_f${axis}_n`));
     if (!given.some((f) => f !== null && f !== "absent")) return;
@@ -162,7 +173,7 @@ function draw() {
     sensors[s] = sensor ?? new Sensor($("sensors"), s);
     sensors[s].draw(given);
   });
-  values(force, point, value);
+  if (reads) values(force, point, value);
   flags();
   strips.forEach((strip) => strip.draw(state.times, state.low, state.high));
   if (state.spectrum) {
@@ -173,6 +184,7 @@ function draw() {
     state.spectrumShown = state.spectrum;
     state.spectrum = null;
   }
+  state.draws++;
   state.drawn.push(performance.now() - begun);
   if (state.drawn.length > 600) state.drawn.splice(0, 300);
 }
@@ -237,22 +249,22 @@ function item(kind, words, todo) {
 }
 
 function vitals() {
-  $("rate").textContent = number(state.rate) ? `${state.rate.toFixed(0)} Hz` : "–";
-  $("lost").textContent = state.lost;
-  $("echo").textContent = number(state.echo_ms) ? `${state.echo_ms.toFixed(1)} ms` : "–";
-  $("clock").textContent = state.clock ? `± ${state.clock[1].toFixed(2)} ms` : "–";
+  write("rate", number(state.rate) ? `${state.rate.toFixed(0)} Hz` : "–");
+  write("lost", String(state.lost ?? "–"));
+  write("echo", number(state.echo_ms) ? `${state.echo_ms.toFixed(1)} ms` : "–");
+  write("clock", state.clock ? `± ${state.clock[1].toFixed(2)} ms` : "–");
   $("clock").title = state.clock ? `it runs ${Math.round(state.clock[0])} parts per million faster than this machine's` : "";
   trouble(state.trouble);
   $("record").setAttribute("aria-pressed", Boolean(state.recording));
-  $("record").textContent = state.recording ? "End recording" : "Record";
+  write("record", state.recording ? "End recording" : "Record");
   $("playback").hidden = !state.playback;
   if (!state.playback) return;
   $("no-controls").hidden = true;
   const { at, of, runs } = state.playback;
-  $("play").textContent = runs ? "Pause" : "Play";
+  write("play", runs ? "Pause" : "Play");
   $("scrubber").max = of ?? Math.max(1, at);
   if (!dragging) $("scrubber").value = at;
-  $("place").textContent = `${at.toFixed(1)} s${of === null ? "" : ` of ${of.toFixed(1)} s`}`;
+  write("place", `${at.toFixed(1)} s${of === null ? "" : ` of ${of.toFixed(1)} s`}`);
 }
 
 function trouble(text) {
@@ -306,4 +318,4 @@ fetch("fingers").then((answer) => answer.json()).then((names) => {
 /** For the tests and for scripts in the browser's console. */
 window.taxel = state;
 connect();
-draw();
+requestAnimationFrame(draw);

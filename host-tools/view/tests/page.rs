@@ -91,7 +91,7 @@ fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
             .map((one, i, all) => [one.textContent, all[i + 1]?.dataset.value]).filter((_, i) => i % 2 === 0)) })"
             .replace("values.", "document.getElementById('values').");
         shown.push(browser.value(&values));
-        std::thread::sleep(Duration::from_millis(25));
+        std::thread::sleep(Duration::from_millis(60));
     }
     let chart = browser.value(
         "({ time: taxel.times, low: taxel.low.fz_n, high: taxel.high.fz_n, lost: taxel.lost,
@@ -154,6 +154,82 @@ fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
     let median = draw[draw.len() / 2];
     println!("drawing takes {median:.1} ms in the median");
     assert!(median < 16.7, "{median} ms");
+}
+
+/// A browser with nothing to do draws 60 times a second, and the page must not keep it from that: nine tenths of what
+/// the empty browser does just before and after. That holds where nobody else wants the machine, and is asked of a
+/// round in which nobody took more than a quarter of a processor. What holds everywhere: 60 drawings and all that
+/// comes with them fit into two processors, without a graphics card.
+#[test]
+fn a_4_khz_stream_is_drawn_60_times_a_second() {
+    let folder = tempfile::tempdir().unwrap();
+    let finger = finger("press-4khz");
+    let tapped = tapped(&finger, 4000, folder.path());
+    let mut browser = Browser::blank(1280, 900);
+    // Calls and drawings a second, over some seconds.
+    let measure = |browser: &mut Browser, seconds: u32| {
+        let measured = browser.value(&format!(
+            "new Promise((done) => {{
+                const [from, draws] = [performance.now(), window.taxel?.draws];
+                let calls = 0;
+                const step = () => {{
+                    calls++;
+                    const past = (performance.now() - from) / 1000;
+                    if (past < {seconds}) return requestAnimationFrame(step);
+                    done([calls / past, window.taxel?.draws - draws]);
+                }};
+                requestAnimationFrame(step);
+            }})"
+        ));
+        [0, 1].map(|i| measured[i].as_f64().unwrap_or(0.0))
+    };
+    let (mut share, mut cost) = (None, f64::INFINITY);
+    for _ in 0..4 {
+        let [before, _] = measure(&mut browser, 1);
+        browser.show(&tapped.server.url());
+        browser.wait_for("taxel.rate > 3900 && taxel.times.length > 60");
+        // What a page costs that has just been opened is another matter.
+        std::thread::sleep(Duration::from_secs(2));
+        let spent = |browser: &mut Browser| (browser.cpu_seconds(), all_but(browser));
+        let begun = spent(&mut browser);
+        let [calls, draws] = measure(&mut browser, 3);
+        let ended = spent(&mut browser);
+        let cpu = 1e3 * (ended.0 - begun.0) / draws;
+        let others = ended.1.zip(begun.1).map_or(0.0, |(ended, begun)| (ended - begun) / 3.0);
+        browser.leave();
+        let [after, _] = measure(&mut browser, 1);
+        println!(
+            "empty {before:.0} and {after:.0} a second; the page {calls:.0}, drawn {:.0}, {cpu:.1} ms of \
+             processor each; others took {others:.1} processors",
+            draws / 3.0
+        );
+        cost = cost.min(cpu);
+        if others < 0.25 {
+            share = Some(share.unwrap_or(0.0f64).max(draws / 3.0 / ((before + after) / 2.0)));
+        }
+        if share.is_some_and(|share| share >= 0.9) && cost < 2e3 / 60.0 {
+            break;
+        }
+    }
+    match share {
+        Some(share) => assert!(share >= 0.9, "drawn {share:.2} times as often as an empty page"),
+        None => println!("the machine had too much else to do to tell how often the page is drawn"),
+    }
+    assert!(cost < 2e3 / 60.0, "{cost:.1} ms of processor a drawing");
+    tapped.end();
+}
+
+/// Seconds of processor that this machine has spent on others than the browser and this test.
+fn all_but(browser: &mut Browser) -> Option<f64> {
+    // Hundredths of a second on every Linux that there is; elsewhere nobody tells.
+    let ticks = |text: &str| text.parse::<f64>().unwrap_or(0.0) / 100.0;
+    let machine = std::fs::read_to_string("/proc/stat").ok()?;
+    let all: Vec<f64> = machine.lines().next()?.split_whitespace().skip(1).map(ticks).collect();
+    let idle: f64 = all.get(3..5)?.iter().sum();
+    let own = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let own: f64 = own.rsplit(')').next()?.split_whitespace().skip(11).take(2).map(ticks).sum();
+    // User to steal; what guests have is in user's already.
+    Some(all.iter().take(8).sum::<f64>() - idle - own - browser.cpu_seconds())
 }
 
 #[test]
@@ -264,9 +340,17 @@ fn every_control_works_by_keyboard_and_says_what_came_of_it() {
         let at = browser.value("document.activeElement.id || document.activeElement.value");
         reached.insert(at.as_str().unwrap_or_default().to_owned());
     }
-    for id in
-        ["bias", "clear-bias", "self-test", "record", "rate-input", "method", "force", "channel"]
-    {
+    for id in [
+        "bias",
+        "clear-bias",
+        "self-test",
+        "record",
+        "rate-input",
+        "filter",
+        "method",
+        "force",
+        "channel",
+    ] {
         assert!(reached.contains(id), "{id} is not among {reached:?}");
     }
 
@@ -274,6 +358,9 @@ fn every_control_works_by_keyboard_and_says_what_came_of_it() {
     browser.key("Enter");
     browser.wait_for("document.getElementById('said').textContent === 'rate 250 Hz'");
     browser.wait_for("Math.abs(taxel.rate - 250) < 5");
+    browser.value("(document.getElementById('filter').value = 20, document.getElementById('filter').onchange())");
+    browser.wait_for("document.getElementById('said').textContent === 'filter 20 Hz'");
+    browser.wait_for("taxel.facts.filter_hz === 20");
     browser.value("document.querySelector('#fields [value=codes]').click()");
     browser.wait_for("'lit_r0c0' in taxel.at");
     browser.value("(document.getElementById('channel').value = 'lit_r0c0', document.getElementById('channel').onchange())");
@@ -308,6 +395,8 @@ fn a_finger_that_is_not_there_is_waited_for_and_set_again_when_it_is_back() {
     browser.wait_for("!taxel.trouble && taxel.times.length > 5");
     browser.value("(document.getElementById('rate-input').value = 500, document.querySelector('#rate-form button').click())");
     browser.wait_for("Math.abs(taxel.rate - 500) < 10");
+    browser.value("(document.getElementById('filter').value = 50, document.getElementById('filter').onchange())");
+    browser.wait_for("taxel.facts.filter_hz === 50");
     drop(finger);
     // First that it is gone, and then that nobody answers there.
     browser.wait_for("/the finger is gone|connection refused/.test(document.getElementById('trouble').textContent)");
@@ -317,6 +406,7 @@ fn a_finger_that_is_not_there_is_waited_for_and_set_again_when_it_is_back() {
     // A second, and what the browser takes to say so.
     assert!(back.elapsed() < Duration::from_secs(2), "{:?}", back.elapsed());
     browser.wait_for("Math.abs(taxel.rate - 500) < 10");
+    browser.wait_for("taxel.facts.filter_hz === 50");
 }
 
 #[test]

@@ -109,7 +109,7 @@ fn tests(which: Tests) -> Command {
     let mut command = cargo();
     let nextest = answer(cargo().args(["nextest", "--version"])).is_some();
     if nextest {
-        command.args(["nextest", "run"]);
+        command.args(["nextest", "run", "--config-file"]).arg(root().join(".ci/nextest.toml"));
     } else {
         command.args(["test", "--quiet"]);
     }

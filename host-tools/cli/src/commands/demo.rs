@@ -17,6 +17,7 @@ use taxel_formats::trace::Truth;
 use taxel_link::{Client, Source, VirtualFinger};
 use taxel_view::{Feed, Server, Tap};
 
+use crate::browser;
 use crate::commands::view::PAGE;
 use crate::finger::{address, scene_calibration};
 use crate::interrupt::Interrupt;
@@ -25,6 +26,8 @@ use live::Live;
 use score::{Accuracy, Score};
 
 /// Runs a virtual finger and shows what it feels, in the browser and here: no hardware needed.
+///
+/// The page is opened where there is a display, and served in any case.
 #[derive(clap::Args)]
 pub struct Args {
     /// What happens to the finger: a built-in scene, or the path of a TOML file.
@@ -33,7 +36,7 @@ pub struct Args {
     /// Seconds to run [default: until Ctrl-C].
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
     duration: Option<f64>,
-    /// No page, and nothing shown until the summary.
+    /// No page, no browser, and nothing shown until the summary.
     #[arg(long)]
     headless: bool,
     /// Print the summary as JSON.
@@ -130,6 +133,7 @@ fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> an
     if let Some((server, _)) = &page {
         output::note(format_args!("{}, scene {}", finger.name(), args.scene));
         output::note(format_args!("watch it at {}", server.url()));
+        browser::open(&server.url());
     }
     let mut live = Live::new(!args.headless);
     let mut score = Score::default();

@@ -6,6 +6,7 @@ use std::time::Duration;
 use taxel_link::{Port, Steady};
 use taxel_view::{Feed, Server, Source};
 
+use crate::browser;
 use crate::finger::{address, scene_calibration};
 use crate::interrupt::Interrupt;
 use crate::output;
@@ -15,13 +16,13 @@ const LOOK: Duration = Duration::from_millis(100);
 
 /// Shows fingers in the browser, live, until Ctrl-C; or a recording, with a scrubber.
 ///
-/// Prints the page's address. A finger that is not there, or goes, is waited for, and is set again to what
+/// Prints the page's address, and opens it where there is a display. A finger that is not there, or goes, is waited for, and is set again to what
 /// it was set to. Of a finger on another machine: `ssh -L 8173:127.0.0.1:8173 HOST taxel view --port …`.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE; may be given more than once.
-    #[arg(long, value_name = "PORT", required = true)]
+    #[arg(long, value_name = "PORT", default_value = "usb")]
     port: Vec<Port>,
     /// Where the page is served. Beyond this machine anybody who can reach it commands the finger.
     #[arg(long, value_name = "HOST:PORT", default_value = PAGE, value_parser = address)]
@@ -29,6 +30,9 @@ pub struct Args {
     /// Calibration of a virtual finger [default: a built-in scene's own].
     #[arg(long, value_name = "CAL")]
     calibration: Option<PathBuf>,
+    /// Only serve the page, and open no browser.
+    #[arg(long)]
+    no_browser: bool,
     /// Folder of what the page records.
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     folder: PathBuf,
@@ -39,6 +43,7 @@ pub const PAGE: &str = "127.0.0.1:8173";
 
 const EXAMPLES: &str = "\
 Examples:
+  taxel view
   taxel view --port /dev/ttyACM0
   taxel view --port sim:tour --port sim:slip
   taxel view --port file:press.mcap --listen 127.0.0.1:0";
@@ -63,6 +68,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     let server = Server::start(&args.listen, feeds)?;
     output::line(server.url())?;
+    if !args.no_browser {
+        browser::open(&server.url());
+    }
     while !interrupt.came() {
         std::thread::sleep(LOOK);
     }

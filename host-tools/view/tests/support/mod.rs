@@ -25,6 +25,13 @@ pub struct Browser {
 impl Browser {
     /// Opens `url` in a window of this size.
     pub fn open(url: &str, width: u32, height: u32) -> Self {
+        let mut browser = Self::blank(width, height);
+        browser.show(url);
+        browser
+    }
+
+    /// An empty window of this size.
+    pub fn blank(width: u32, height: u32) -> Self {
         let profile = tempfile::tempdir().unwrap();
         let mut process = Command::new("chromium")
             .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"])
@@ -52,9 +59,19 @@ impl Browser {
         browser.session = attached["sessionId"].as_str().unwrap().to_owned();
         browser.resize(width, height);
         browser.ask("Page.enable", json!({}));
-        browser.ask("Page.navigate", json!({ "url": url }));
-        browser.wait_for("window.taxel?.latest?.length > 0 || window.taxel?.trouble");
         browser
+    }
+
+    /// Goes to the page and waits until it has something to show.
+    pub fn show(&mut self, url: &str) {
+        self.ask("Page.navigate", json!({ "url": url }));
+        self.wait_for("window.taxel?.latest?.length > 0 || window.taxel?.trouble");
+    }
+
+    /// Leaves the page.
+    pub fn leave(&mut self) {
+        self.ask("Page.navigate", json!({ "url": "about:blank" }));
+        self.wait_for("location.href === 'about:blank' && document.readyState === 'complete'");
     }
 
     pub fn resize(&mut self, width: u32, height: u32) {
@@ -84,6 +101,16 @@ impl Browser {
                 return answer["result"].take();
             }
         }
+    }
+
+    /// Seconds of processor that all of the browser's processes have had.
+    pub fn cpu_seconds(&mut self) -> f64 {
+        // Asked of the browser, not of the page.
+        let session = std::mem::take(&mut self.session);
+        let info = self.ask("SystemInfo.getProcessInfo", json!({}));
+        self.session = session;
+        let processes = info["processInfo"].as_array().unwrap();
+        processes.iter().map(|process| process["cpuTime"].as_f64().unwrap()).sum()
     }
 
     /// The value of an expression in the page.
