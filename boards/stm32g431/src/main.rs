@@ -11,6 +11,7 @@ mod clocks;
 mod flash;
 mod scan;
 mod status;
+mod usb;
 
 use core::panic::PanicInfo;
 
@@ -18,7 +19,7 @@ use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::peripherals::USB;
-use embassy_stm32::usb::{Driver, InterruptHandler};
+use embassy_stm32::usb::InterruptHandler;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, pac, uid};
 use embassy_usb::UsbDevice;
@@ -34,6 +35,7 @@ use taxel_board::scanner::{Chip, Scanner, Started};
 use taxel_board::{boot, settings};
 
 use crate::flash::Pages;
+use crate::usb::Driver;
 
 bind_interrupts!(struct Irqs {
     USB_LP => InterruptHandler<USB>;
@@ -73,8 +75,9 @@ fn main() -> ! {
     let store = Store::new(flash::pages(chip.FLASH));
     let mut scanner = Scanner::new(&scan::FRAMES, Registers, store, Started { reset, panic });
 
-    let driver = Driver::new(chip.USB, Irqs, chip.PA12, chip.PA11);
-    let (device, link) =
+    let driver = embassy_stm32::usb::Driver::new(chip.USB, Irqs, chip.PA12, chip.PA11);
+    let driver = Driver(driver);
+    let (port, link) =
         link::device(driver, "fingertip stm32g431", uid::uid_hex(), scan::set_paused);
     let identity = identity(
         "stm32g431",
@@ -86,7 +89,7 @@ fn main() -> ! {
     let instrument = INSTRUMENT.init_with(|| Instrument::new(identity));
     instrument.restore(scanner.store(), |scan| Registers.set_scan(scan));
     EXECUTOR.init(Executor::new()).run(|spawner| {
-        spawner.spawn(usb(device).expect("spawned once"));
+        spawner.spawn(device(port).expect("spawned once"));
         spawner.spawn(session(link, scanner, instrument).expect("spawned once"));
         spawner.spawn(status::show().expect("spawned once"));
     })
@@ -109,16 +112,14 @@ impl Chip for Registers {
     }
 }
 
-type Usb = Driver<'static, USB>;
-
 #[embassy_executor::task]
-async fn usb(mut device: UsbDevice<'static, Usb>) {
+async fn device(mut device: UsbDevice<'static, Driver>) {
     device.run().await;
 }
 
 #[embassy_executor::task]
 async fn session(
-    mut link: Link<Usb>,
+    mut link: Link<Driver>,
     mut scanner: Scanner<Registers, Pages>,
     instrument: &'static mut Instrument,
 ) {
