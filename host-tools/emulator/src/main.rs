@@ -146,13 +146,16 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
     board.chip().finger.timing = arguments.timing.as_ref().map(|_| Vec::new());
     let start = Instant::now();
     let time = (arguments.seconds * time::HZ as f64) as time::Tick;
-    if let End::Reset(cause) = board.run(time)? {
-        bail!("the board reset itself: {cause:?}");
+    match board.run(time)? {
+        End::Time => {}
+        end => bail!("the board ended: {end:?}"),
     }
     let real = start.elapsed().as_secs_f64();
     println!(
-        "{:.3} virtual seconds in {real:.3}: {:.1} million instructions a second; {} frames scanned",
+        "{:.3} virtual seconds in {real:.3}: {:.0} virtual µs and {:.1} million instructions a real second; \
+         {} frames scanned",
         time::seconds(board.now()),
+        time::seconds(board.now()) * 1e6 / real,
         board.instructions() as f64 / real / 1e6,
         board.chip().finger.seen.len()
     );

@@ -25,6 +25,9 @@ const RAM: (u64, u64) = (0x2000_0000, 0x6000);
 /// The factory's bytes: unique identifier, calibration of the analogue parts.
 const FACTORY: (u64, u64) = (0x1fff_7000, 0x1000);
 const UNIQUE_ID: u32 = 0x1fff_7590;
+/// The ROM, of which only the vector table's promise is modelled: who goes to it has ended.
+const ROM: (u64, u64) = (0x1fff_0000, 0x7000);
+const ROM_ENTRY: u32 = 0x1fff_0100;
 const PERIPHERALS: (u64, u64) = (0x4000_0000, 0x1100_0000);
 const PRIVATE_BYTES: u64 = 0x10_0000;
 
@@ -77,6 +80,8 @@ enum Stop {
     Reset(Cause),
     /// The time is up.
     Deadline,
+    /// The ROM's bootloader has begun.
+    Bootloader,
     /// Something that this machine does not have.
     Fault(String),
 }
@@ -106,6 +111,8 @@ pub enum End {
     Time,
     /// The chip was reset, and is about to start again.
     Reset(Cause),
+    /// The program has gone to the bootloader in the chip's ROM, which is not modelled.
+    Bootloader,
 }
 
 /// The board.
@@ -160,11 +167,17 @@ impl Board {
             (CCM.0, CCM.1, Prot::ALL),
             (RAM.0, RAM.1, Prot::ALL),
             (FACTORY.0, FACTORY.1, Prot::READ),
+            (ROM.0, ROM.1, Prot::READ | Prot::EXEC),
         ];
         for (address, bytes, access) in map {
             unicorn.mem_map(address, bytes, access).map_err(failed("mapping memory"))?;
         }
         unicorn.mem_write(u64::from(FLASH), &image).map_err(failed("flashing"))?;
+        // Its stack, its entry, and there a branch to itself.
+        let vectors = [RAM.0 as u32 + 0x1000, ROM_ENTRY | 1].map(u32::to_le_bytes).concat();
+        for (address, bytes) in [(ROM.0, &vectors[..]), (u64::from(ROM_ENTRY), &[0xfe, 0xe7])] {
+            unicorn.mem_write(address, bytes).map_err(failed("writing the ROM"))?;
+        }
         // Three words: coordinates on the wafer, its number, its lot.
         let unique = [0x0020_0013u32, 0x5033_5012, 0x2037_364b].map(u32::to_le_bytes).concat();
         unicorn
@@ -275,6 +288,7 @@ impl Board {
                     self.reset(cause)?;
                     return Ok(End::Reset(cause));
                 }
+                Some(Stop::Bootloader) => return Ok(End::Bootloader),
                 Some(Stop::Deadline) => return Ok(End::Time),
                 Some(Stop::Fault(why)) => return Err(self.fault(at, &why)),
                 None if at >= EXCEPTION_RETURN => self.leave()?,
@@ -520,6 +534,9 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
     }
     if let Some(cause) = chip.take_reset() {
         return stop(unicorn, Stop::Reset(cause));
+    }
+    if start == ROM_ENTRY {
+        return stop(unicorn, Stop::Bootloader);
     }
     if chip.next().is_some_and(|next| next <= inside.now)
         && let Err(why) = advance(unicorn)

@@ -166,6 +166,11 @@ impl Finger {
         (self.rows.count_ones() == 1).then(|| self.rows.trailing_zeros() as usize)
     }
 
+    /// Rows that are lit, a bit each.
+    pub fn rows(&self) -> u32 {
+        self.rows
+    }
+
     /// When its first scan was over, from which on the scene's times count.
     pub fn first(&self) -> Option<Tick> {
         self.first

@@ -46,6 +46,15 @@ pub struct Flash {
     operations: u64,
     /// The operation that the power does not outlast.
     cut: Option<u64>,
+    /// What a cut in each operation would leave, if it is kept.
+    cuts: Option<Vec<Cells>>,
+}
+
+/// What is programmed, and what a power cut tore.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cells {
+    data: Vec<u8>,
+    torn: BTreeSet<u32>,
 }
 
 impl Flash {
@@ -63,7 +72,28 @@ impl Flash {
             half: None,
             operations: 0,
             cut: None,
+            cuts: None,
         }
+    }
+
+    /// Keeps from now on what a power cut in the middle of each operation would leave.
+    pub fn keep_cuts(&mut self) {
+        self.cuts = Some(Vec::new());
+    }
+
+    /// That, one after the other; it is kept no longer.
+    pub fn take_cuts(&mut self) -> Vec<Cells> {
+        self.cuts.take().unwrap_or_default()
+    }
+
+    /// What it holds.
+    pub fn cells(&self) -> Cells {
+        Cells { data: self.data.clone(), torn: self.torn.clone() }
+    }
+
+    /// Puts that there.
+    pub fn put(&mut self, cells: Cells) {
+        (self.data, self.torn) = (cells.data, cells.torn);
     }
 
     /// The controller is reset; what was programmed stays.
@@ -76,6 +106,7 @@ impl Flash {
             torn,
             operations: self.operations,
             cut: self.cut,
+            cuts: self.cuts.take(),
             ..blank
         };
     }
@@ -141,9 +172,7 @@ impl Flash {
         }
         place.copy_from_slice(&word);
         self.torn.remove(&first);
-        if self.is_cut() {
-            self.torn.insert(first);
-        }
+        self.finish(std::iter::once(first));
         Ok(PROGRAM)
     }
 
@@ -152,9 +181,17 @@ impl Flash {
         self.cut.is_some_and(|cut| self.operations > cut)
     }
 
-    fn is_cut(&mut self) -> bool {
+    /// An operation on these double words is over, or is cut short.
+    fn finish(&mut self, words: impl Iterator<Item = u32> + Clone) {
         self.operations += 1;
-        self.has_lost_power()
+        if self.cuts.is_some() {
+            let mut cut = self.cells();
+            cut.torn.extend(words.clone());
+            self.cuts.iter_mut().for_each(|cuts| cuts.push(cut.clone()));
+        }
+        if self.has_lost_power() {
+            self.torn.extend(words);
+        }
     }
 
     fn erase(&mut self, page: u32) -> Outcome<Tick> {
@@ -165,10 +202,8 @@ impl Flash {
         let at = at as usize;
         self.data[at..at + PAGE as usize].fill(0xff);
         self.torn.retain(|word| !(address..address + PAGE).contains(word));
-        if self.is_cut() {
-            // Some cells are erased and some not: no word of it can be trusted.
-            self.torn.extend((address..address + PAGE).step_by(8));
-        }
+        // Cut short, some cells are erased and some not: no word of it can be trusted.
+        self.finish((address..address + PAGE).step_by(8));
         Ok(ERASE)
     }
 

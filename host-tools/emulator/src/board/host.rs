@@ -21,6 +21,9 @@ const PATIENCE: Tick = micros(5_000_000);
 /// Idle before the device must suspend (7.1.7.6).
 const IDLE: Tick = micros(3_000);
 
+/// A hurried host waits so much less than the above.
+const HURRY: Tick = 20;
+
 /// Bits of a transaction besides its data: token, handshake, the data's frame, turning round.
 const OVERHEAD_BITS: Tick = 100;
 const BIT: Tick = HZ / 12_000_000;
@@ -35,6 +38,9 @@ const SET_CONFIGURATION: [u8; 2] = [0x00, 9];
 const SET_LINE_CODING: [u8; 2] = [0x21, 0x20];
 const GET_LINE_CODING: [u8; 2] = [0xa1, 0x21];
 const SET_CONTROL_LINE_STATE: [u8; 2] = [0x21, 0x22];
+/// To an endpoint; of all features it has but ENDPOINT_HALT, which is 0.
+const CLEAR_FEATURE: [u8; 2] = [0x02, 1];
+const SET_FEATURE: [u8; 2] = [0x02, 3];
 
 /// Descriptors.
 const DEVICE: u8 = 1;
@@ -143,6 +149,12 @@ pub struct Host {
     pub reading: bool,
     suspended: bool,
     suspend_at: Option<Tick>,
+    /// Debounces, resets and waits for a twentieth of the time that it should.
+    pub hurries: bool,
+    /// A fault: the device takes a request for what this makes of it.
+    pub misread: Option<fn([u8; 8]) -> [u8; 8]>,
+    /// Transactions of bulk endpoints that were answered with a stall.
+    pub stalls: usize,
     received: Vec<u8>,
     to_send: VecDeque<u8>,
     /// What went over the bus, if it is kept.
@@ -167,6 +179,9 @@ impl Host {
             reading: true,
             suspended: false,
             suspend_at: None,
+            hurries: false,
+            misread: None,
+            stalls: 0,
             received: Vec::new(),
             to_send: VecDeque::new(),
             capture: capture.then(Vec::new),
@@ -194,12 +209,27 @@ impl Host {
         self.forget();
     }
 
+    /// Halts the device's bulk endpoint to the host, or lets it go on.
+    pub fn halt(&mut self, halted: bool) {
+        let Some([data_in, _]) = self.bulk else { return };
+        let request = if halted { SET_FEATURE } else { CLEAR_FEATURE };
+        self.queue.push_back(Control::new(request, 0, u16::from(data_in) | 0x80, 0));
+    }
+
+    /// How long it waits for what should take `time`.
+    fn wait(&self, time: Tick) -> Tick {
+        if self.hurries { time / HURRY } else { time }
+    }
+
     fn forget(&mut self) {
         let capture = self.capture.take();
         let (received, free) = (std::mem::take(&mut self.received), self.free);
         *self = Self {
             plugged: self.plugged,
             reading: self.reading,
+            hurries: self.hurries,
+            misread: self.misread,
+            stalls: self.stalls,
             capture,
             received,
             free,
@@ -270,14 +300,14 @@ impl Host {
             return Ok(());
         }
         match self.state {
-            State::Detached => self.state = State::Debouncing(now + DEBOUNCE),
+            State::Detached => self.state = State::Debouncing(now + self.wait(DEBOUNCE)),
             _ if !usb.is_attached() => {
                 self.forget();
                 self.free = now;
             }
             State::Debouncing(_) => self.reset(now, usb),
             State::Resetting(_) => {
-                self.free = now + RESET_RECOVERY;
+                self.free = now + self.wait(RESET_RECOVERY);
                 self.state = State::Running;
                 self.ask_first();
             }
@@ -290,7 +320,7 @@ impl Host {
         usb.bus_reset();
         self.resets += 1;
         self.address = 0;
-        self.state = State::Resetting(now + RESET);
+        self.state = State::Resetting(now + self.wait(RESET));
     }
 
     /// The first question after a reset.
@@ -324,6 +354,12 @@ impl Host {
                     self.note(Kind::Bulk, data_in | 0x80, None, &data, now);
                     self.received.extend(data);
                 }
+                // What a driver does of it: it clears the halt.
+                Answer::Stall => {
+                    self.stalls += 1;
+                    self.occupy(now, 0);
+                    self.halt(false);
+                }
                 other => return Err(format!("bulk IN answered with {other:?}")),
             }
         } else {
@@ -352,7 +388,8 @@ impl Host {
             (Stage::Setup, _) => {
                 control.begun = now;
                 self.occupy(now, 8);
-                match usb.setup(self.address, control.setup)? {
+                let setup = self.misread.map_or(control.setup, |misread| misread(control.setup));
+                match usb.setup(self.address, setup)? {
                     Answer::Ack => {
                         control.stage =
                             if control.length() > 0 { Stage::Data } else { Stage::Status };
@@ -405,12 +442,15 @@ impl Host {
         self.occupy(now, 0);
         if control.is(SET_ADDRESS) {
             self.address = ADDRESS;
-            self.free = now + ADDRESS_RECOVERY;
+            self.free = now + self.wait(ADDRESS_RECOVERY);
             self.queue.push_back(descriptor(DEVICE, 0, 18));
         } else if control.is(SET_CONFIGURATION) {
             self.toggles = [false; 2];
             self.queue.push_back(Control::sending(SET_LINE_CODING, 0, &LINE_CODING));
             self.queue.push_back(Control::new(GET_LINE_CODING, 0, 0, 7));
+        } else if control.is(CLEAR_FEATURE) {
+            // Data begin anew (USB 2.0, 9.4.5).
+            self.toggles[0] = false;
         } else if control.is(GET_LINE_CODING) {
             if control.data != LINE_CODING {
                 return Err(format!("the line coding is {:02x?}", control.data));

@@ -47,8 +47,9 @@ impl Session {
         let until = self.board.now() + time;
         while self.board.now() < until {
             let step = LOOK.min(until - self.board.now());
-            if let End::Reset(cause) = self.board.run(step)? {
-                bail!("{:.6} s: the board resets: {cause:?}", seconds(self.board.now()));
+            match self.board.run(step)? {
+                End::Time => {}
+                end => bail!("{:.6} s: the board ended: {end:?}", seconds(self.board.now())),
             }
             self.look();
         }

@@ -124,8 +124,14 @@ impl Server {
 
 /// A millisecond; a board that resets itself starts again, as it would on a desk.
 fn step(board: &mut Board) -> Result<()> {
-    if let End::Reset(cause) = board.run(SLICE)? {
-        eprintln!("{:.6} s: the board resets: {cause:?}", seconds(board.now()));
+    match board.run(SLICE)? {
+        End::Time => {}
+        End::Reset(cause) => {
+            eprintln!("{:.6} s: the board resets: {cause:?}", seconds(board.now()));
+        }
+        End::Bootloader => {
+            bail!("{:.6} s: the board is in its ROM's bootloader", seconds(board.now()));
+        }
     }
     Ok(())
 }
