@@ -81,6 +81,8 @@ pub struct Clock {
     before: Option<usize>,
     call: Option<Call>,
     measured: Option<Count>,
+    /// Visits of all blocks are counted, and not of measured calls alone.
+    all: bool,
 }
 
 impl Clock {
@@ -100,9 +102,15 @@ impl Clock {
         self.measured.take()
     }
 
-    /// Every block that was seen, and how often measured functions ran it.
+    /// Every block that was seen, and how often it was run while that was counted.
     pub fn blocks(&self) -> &[(Block, Visits)] {
         &self.blocks
+    }
+
+    /// Counts how often blocks run from now on, whoever calls them.
+    pub fn count_all(&mut self) {
+        self.all = true;
+        self.forget_visits();
     }
 
     /// Forgets how often blocks ran.
@@ -170,8 +178,8 @@ impl Clock {
         if !taken {
             self.before = Some(current);
         }
-        if let (Some(Call::Running { .. }), Some((_, visits))) =
-            (self.call, self.blocks.get_mut(current))
+        if (self.all || matches!(self.call, Some(Call::Running { .. })))
+            && let Some((_, visits)) = self.blocks.get_mut(current)
         {
             if taken {
                 visits.taken += 1;

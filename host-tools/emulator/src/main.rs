@@ -9,13 +9,15 @@ use clap::{Args, Parser, Subcommand};
 use cycles::host::Inputs;
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::condition::Levels;
+use taxel::wire::message::Command;
 use taxel_formats::trace::TraceReader;
 
 use taxel_emulator::board::cpu::{Board, End};
 use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
 use taxel_emulator::board::host::Host;
+use taxel_emulator::board::script::Session;
 use taxel_emulator::board::server::Server;
-use taxel_emulator::board::{capture, time, timing};
+use taxel_emulator::board::{capture, diagram, time, timing};
 use taxel_emulator::profile::Profiler;
 use taxel_emulator::{bench, peers, report};
 
@@ -32,6 +34,8 @@ enum Task {
     Cycles(Cycles),
     /// Runs the board's image
     Board(RunBoard),
+    /// Which functions of the board's image the cycles go to while it streams 1000 frames a second
+    Profile(Profile),
     /// What the same net costs in other people's libraries
     Peers(Peers),
     /// Runs it with its USB behind a TCP port
@@ -99,6 +103,23 @@ struct RunBoard {
     /// Writes what happens on the scan's pins here, as CSV
     #[arg(long)]
     timing: Option<PathBuf>,
+    /// The same as a value change dump, for a viewer of waveforms
+    #[arg(long)]
+    vcd: Option<PathBuf>,
+    /// Draws the diagram of the board's page from it, as SVG
+    #[arg(long)]
+    diagram: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct Profile {
+    /// The firmware, `boards/stm32g431`
+    image: PathBuf,
+    #[command(flatten)]
+    seen: Seen,
+    /// Virtual seconds
+    #[arg(long, default_value_t = 1.0)]
+    seconds: f64,
 }
 
 #[derive(Args)]
@@ -143,7 +164,8 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
     let elf = read(&arguments.image)?;
     let host = Host::new(arguments.pcap.is_some());
     let mut board = Board::new(&elf, Finger::new(Vec::new(), Pace::Scans), host)?;
-    board.chip().finger.timing = arguments.timing.as_ref().map(|_| Vec::new());
+    let timed = [&arguments.timing, &arguments.vcd, &arguments.diagram];
+    board.chip().finger.timing = timed.iter().any(|path| path.is_some()).then(Vec::new);
     let start = Instant::now();
     let time = (arguments.seconds * time::HZ as f64) as time::Tick;
     match board.run(time)? {
@@ -165,9 +187,40 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
     if let (Some(path), Some(urbs)) = (&arguments.pcap, &board.chip().host.capture) {
         write(path, &capture::pcap(urbs))?;
     }
-    if let (Some(path), Some(moments)) = (&arguments.timing, &board.chip().finger.timing) {
-        write(path, timing::csv(moments).as_bytes())?;
+    let moments = board.chip().finger.timing.take().unwrap_or_default();
+    if let Some(path) = &arguments.timing {
+        write(path, timing::csv(&moments).as_bytes())?;
     }
+    if let Some(path) = &arguments.vcd {
+        let mut dump = Vec::new();
+        timing::vcd(&moments, &mut dump)?;
+        write(path, &dump)?;
+    }
+    if let Some(path) = &arguments.diagram {
+        let drawn =
+            diagram::svg(&moments).context("too short to see a whole frame; --seconds 1")?;
+        write(path, drawn.as_bytes())?;
+    }
+    Ok(())
+}
+
+/// Calibrated, with every scan of the trace in turn, an ordinary client at the port.
+fn profile_board(arguments: &Profile) -> Result<()> {
+    let (_, record, _) = arguments.seen.read()?;
+    let scans = TraceReader::open(&arguments.seen.scans)?;
+    let scans = scans.map(|sample| Ok(in_12_bits(sample?.scan.codes)));
+    let finger = Finger::new(scans.collect::<Result<_>>()?, Pace::Scans);
+    let board = Board::new(&read(&arguments.image)?, finger, Host::new(false))?;
+    let profiler = Profiler::new(&arguments.image)?;
+    let mut session = Session::open(board)?;
+    session.upload(&record)?;
+    session.ask(Command::Stream(true))?;
+    session.board.clock().count_all();
+    session.board.chip().finger.seen.clear();
+    session.run((arguments.seconds * time::HZ as f64) as time::Tick)?;
+    let scans = session.board.chip().finger.seen.len();
+    let name = format!("{}: a scan, and a quarter of a frame", arguments.image.display());
+    report::profile(&name, &profiler.shares(scans, session.board.clock()));
     Ok(())
 }
 
@@ -175,6 +228,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Cycles(cycles) => count(&cycles),
         Task::Board(arguments) => run_board(&arguments),
+        Task::Profile(arguments) => profile_board(&arguments),
         Task::Peers(peers) => compare_with(&peers),
         Task::Serve(arguments) => serve(&arguments),
     };
@@ -237,7 +291,7 @@ fn count(arguments: &Cycles) -> Result<()> {
         if let Some(profiler) = &profiler
             && wanted(&stage.name)
         {
-            report::profile(&stage.name, &profiler.shares(stage, clock));
+            report::profile(&stage.name, &profiler.shares(stage.calls.len(), clock));
         }
     })?;
     let stages: Vec<_> = stages.into_iter().filter(|stage| wanted(&stage.name)).collect();

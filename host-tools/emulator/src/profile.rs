@@ -6,7 +6,6 @@ use std::path::Path;
 use addr2line::Loader;
 use anyhow::{Result, anyhow};
 
-use crate::bench::Stage;
 use crate::clock::Clock;
 use crate::cost::Band;
 
@@ -19,7 +18,7 @@ pub struct Profiler {
 pub struct Share {
     /// Its name, and in brackets the innermost that was inlined into it.
     pub name: String,
-    /// Instructions a call of the stage, mean.
+    /// Instructions a call, mean.
     pub instructions: f64,
     /// Cycles a call, mean: low and high.
     pub cycles: [f64; 2],
@@ -33,8 +32,8 @@ impl Profiler {
         Ok(Self { loader })
     }
 
-    /// The shares of a stage that has just run, the greatest first.
-    pub fn shares(&self, stage: &Stage, clock: &Clock) -> Vec<Share> {
+    /// The shares of what has just run so many times, the greatest first.
+    pub fn shares(&self, calls: usize, clock: &Clock) -> Vec<Share> {
         let mut sums = HashMap::<String, (u64, Band)>::new();
         for (block, visits) in clock.blocks() {
             let runs = visits.taken + visits.fell_through;
@@ -53,7 +52,7 @@ impl Profiler {
                 address += u32::from(instruction.size);
             }
         }
-        let calls = stage.calls.len().max(1) as f64;
+        let calls = calls.max(1) as f64;
         let mut shares: Vec<_> = sums
             .into_iter()
             .map(|(name, (instructions, Band { low, high }))| Share {

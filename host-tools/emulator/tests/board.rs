@@ -17,12 +17,14 @@ use taxel_formats::trace::TraceReader;
 use taxel_emulator::board::capture::pcap;
 use taxel_emulator::board::chip::Chip;
 use taxel_emulator::board::cpu::{Board, End};
+use taxel_emulator::board::diagram;
 use taxel_emulator::board::finger::{Finger as Wired, Moment, Pace, Source, in_12_bits};
 use taxel_emulator::board::host::Host;
 use taxel_emulator::board::names::base;
 use taxel_emulator::board::rcc::Cause;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::{HZ, Tick, micros};
+use taxel_emulator::board::timing::vcd;
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -415,7 +417,7 @@ fn the_scan_keeps_time_to_the_tick_of_its_timer() {
         .iter()
         .filter_map(|(at, moment)| match moment {
             Moment::Pattern(rows, sensor) => Some((*at, *rows, *sensor)),
-            Moment::Sample(_) => None,
+            _ => None,
         })
         .collect();
     let order = [(0b0000, 0), (0b0001, 0), (0b0010, 1), (0b0100, 2), (0b1000, 3)];
@@ -457,6 +459,69 @@ fn the_scan_keeps_time_to_the_tick_of_its_timer() {
             (495 - 49) * u64::from(TICKS_PER_CYCLE) * tick / 2
         );
     }
+}
+
+#[test]
+fn every_step_is_the_same_to_the_tick_and_both_converters_start_together() {
+    let mut session = session(false);
+    session.board.chip().finger.timing = Some(Vec::new());
+    session.run(micros(10_000)).unwrap();
+    let timing = session.board.chip().finger.timing.take().unwrap();
+    let plan =
+        plan(Settings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS }).unwrap();
+    let tick = HZ / u64::from(CLOCK_HZ);
+    let steps: Vec<Tick> = moments(&timing, |m| matches!(m, Moment::Pattern(..)));
+    let after =
+        |at: &Tick| steps.iter().filter(|step| **step <= *at).map(|step| (at - step) / tick).min();
+    let distinct = |wanted: Moment| {
+        let mut found: Vec<_> =
+            moments(&timing, |m| *m == wanted).iter().filter_map(after).collect();
+        found.sort_unstable();
+        found.dedup();
+        found
+    };
+    // From the pattern: what does not wait for light starts on both converters at once, and then the columns.
+    let [slow, columns] =
+        [plan.step.slow, plan.step.columns].map(|at| u64::from(at - plan.step.light));
+    assert_eq!(distinct(Moment::Trigger(0)), [slow, columns]);
+    assert_eq!(distinct(Moment::Trigger(1)), [slow]);
+    assert_eq!(distinct(Moment::Turn(0, 1)), [u64::from(plan.second_input - plan.step.light)]);
+    // Two internal channels and four columns; A, C, bias, B, D.
+    assert_eq!((distinct(Moment::Result(0)).len(), distinct(Moment::Result(1)).len()), (6, 5));
+}
+
+fn moments(timing: &[(Tick, Moment)], wanted: impl Fn(&Moment) -> bool) -> Vec<Tick> {
+    timing.iter().filter(|(_, moment)| wanted(moment)).map(|(at, _)| *at).collect()
+}
+
+#[test]
+fn the_diagram_of_the_boards_page_is_what_happens_on_the_pins() {
+    let mut board =
+        Board::new(&image(), Wired::new(scene(), Pace::Scans), Host::new(false)).unwrap();
+    board.chip().finger.timing = Some(Vec::new());
+    assert_eq!(board.run(micros(50_000)).unwrap(), End::Time);
+    let timing = board.chip().finger.timing.take().unwrap();
+    let path = repository().join("docs/boards/stm32g431-pins.svg");
+    let committed = std::fs::read_to_string(&path).unwrap();
+    assert!(committed == diagram::svg(&timing).unwrap(), "the page says how it is drawn anew");
+
+    // The dump has the same edges as the diagram's steps.
+    let mut dump = Vec::new();
+    vcd(&timing, &mut dump).unwrap();
+    let mut parser = vcd::Parser::new(&dump[..]);
+    let header = parser.parse_header().unwrap();
+    let row = header.find_var(&["stm32g431", "row_0"]).unwrap().code;
+    let (mut now, mut edges) = (0, Vec::new());
+    for command in parser {
+        match command.unwrap() {
+            vcd::Command::Timestamp(at) => now = at,
+            vcd::Command::ChangeScalar(id, vcd::Value::V1) if id == row => edges.push(now),
+            _ => {}
+        }
+    }
+    assert!(edges.len() > 150);
+    // A frame of 250 µs each, to the picosecond that a tick is rounded to.
+    assert!(edges.windows(2).skip(1).all(|pair| (pair[1] - pair[0]).abs_diff(250_000_000) <= 1));
 }
 
 #[test]

@@ -7,7 +7,7 @@ use taxel::wire::message::{Command, Counters, Response};
 use taxel_formats::trace::TraceReader;
 
 use taxel_emulator::board::cpu::Board;
-use taxel_emulator::board::finger::{Finger, in_12_bits};
+use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
 use taxel_emulator::board::host::Host;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::{Tick, micros};
@@ -23,7 +23,7 @@ fn session() -> Session {
         .expect("the firmware: build it with `cargo xtask firmware stm32g431`");
     let trace = repository.join("host-tools/emulator/data/scans.csv");
     let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
-    let finger = Finger::new(scans.map(in_12_bits).collect());
+    let finger = Finger::new(scans.map(in_12_bits).collect(), Pace::Scans);
     let mut session = Session::open(Board::new(&image, finger, Host::new(false)).unwrap()).unwrap();
     session.ask(Command::SetFields(Fields::ESTIMATES)).unwrap();
     session.ask(Command::SetRate { hz: 4000 }).unwrap();

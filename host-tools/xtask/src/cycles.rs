@@ -13,6 +13,9 @@ use crate::{firmware, packages, peers};
 /// The crate of `boards/` that calls the stages.
 const IMAGE: &str = "cycles";
 
+/// The board that runs as a whole.
+const PRODUCT: &str = "stm32g431";
+
 /// What is to be shown.
 #[derive(Args)]
 pub struct Cycles {
@@ -25,6 +28,9 @@ pub struct Cycles {
     /// Shows which functions the cycles go to
     #[arg(long)]
     profile: bool,
+    /// Which functions of the product's own image the cycles go to while it streams
+    #[arg(long, conflicts_with_all = ["filter", "csv", "profile", "peers"])]
+    board: bool,
     /// The 16-16-3 net in other people's libraries instead, from PyPI; writes host-tools/emulator/data/peers.csv
     #[arg(long, conflicts_with_all = ["filter", "csv", "profile"])]
     peers: bool,
@@ -33,6 +39,10 @@ pub struct Cycles {
 /// `cargo xtask cycles`.
 pub fn task(arguments: &Cycles, choice: Choice) -> Result<()> {
     prepare()?;
+    if arguments.board {
+        let (image, _) = firmware::build(PRODUCT, &Toolchain::find(choice)?)?;
+        return run(&mut emulator("profile", &image));
+    }
     let image = image(&Toolchain::find(choice)?)?;
     if arguments.peers {
         return peers::task(&image, &directory().join("data/peers.csv"));

@@ -155,8 +155,9 @@ impl Adc {
         runs.chain(self.busy).min()
     }
 
-    /// A trigger of this name has risen.
-    pub fn trigger(&mut self, source: &str, now: Tick) -> Outcome {
+    /// A trigger of this name has risen. True where it starts something.
+    pub fn trigger(&mut self, source: &str, now: Tick) -> Outcome<bool> {
+        let mut starts = false;
         let cr = Cr(self.cr);
         let jsqr = self.jsqr;
         let regular = (Group::Regular, cr.adstart(), self.cfgr >> 10 & 3, self.cfgr >> 5 & 0x1f);
@@ -178,8 +179,9 @@ impl Adc {
             let start = now + self.cycle * LATENCY_EIGHTHS / 8;
             let until = start + self.sampling(self.input(group, 0));
             *self.run(group) = Some(Run { index: 0, samples: 0, sum: 0, sampling: true, until });
+            starts = true;
         }
-        Ok(())
+        Ok(starts)
     }
 
     /// The input whose sample is taken at `now`, if one is.
@@ -189,6 +191,11 @@ impl Adc {
             .into_iter()
             .find_map(|(run, group)| Some((run?, group)).filter(|(run, _)| run.until == now))?;
         (run.sampling && self.busy != Some(now)).then(|| self.input(group, run.index))
+    }
+
+    /// A group is under way.
+    pub fn is_converting(&self) -> bool {
+        self.regular.is_some() || self.injected.is_some()
     }
 
     /// What happens at [`Self::next`]; `sample` is asked for the code of

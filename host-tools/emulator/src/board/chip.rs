@@ -4,7 +4,7 @@ use stm32_metapac::adccommon::regs::Ccr;
 
 use super::adc::Adc;
 use super::dma::{self, Dma};
-use super::finger::{Finger, Source};
+use super::finger::{Finger, Moment, Source};
 use super::flash::Flash;
 use super::gpio::Gpio;
 use super::host::Host;
@@ -391,8 +391,11 @@ impl Chip {
             }
         }
         for (rises, name) in [(edges.trgo, "TIM1_TRGO"), (edges.trgo2, "TIM1_TRGO2")] {
-            for (adc, its) in self.adc.iter_mut().zip(ADCS).filter(|_| rises) {
-                adc.trigger(name, now).map_err(|why| format!("{its}: {why}"))?;
+            for (i, its) in ADCS.iter().enumerate().filter(|_| rises) {
+                let starts = self.adc[i].trigger(name, now);
+                if starts.map_err(|why| format!("{its}: {why}"))? {
+                    self.finger.note(now, Moment::Trigger(i));
+                }
             }
         }
         Ok(())
@@ -436,6 +439,9 @@ impl Chip {
         let name = ADCS[i];
         let source = self.adc[i].sampled(now).map(|input| self.source(i, input, now));
         let finger = &mut self.finger;
+        if source.is_none() && self.adc[i].is_converting() {
+            finger.note(now, Moment::Result(i));
+        }
         let asks = self.adc[i].advance(now, || match source {
             Some(source) => Ok(finger.sample(source?, now)),
             None => Err("a sample of nothing".into()),

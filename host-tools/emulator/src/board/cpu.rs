@@ -307,6 +307,11 @@ impl Board {
         }
     }
 
+    /// Counts and blocks.
+    pub fn clock(&mut self) -> &mut Clock {
+        &mut self.unicorn.get_data_mut().clock
+    }
+
     fn waits(&self) -> bool {
         self.unicorn.get_data().clock.current().is_some_and(|block| block.waits)
     }

@@ -86,6 +86,12 @@ pub enum Moment {
     Pattern(u32, usize),
     /// A sample has been taken.
     Sample(Source),
+    /// A converter is started: ADC1 is 0.
+    Trigger(usize),
+    /// A converter has a result.
+    Result(usize),
+    /// An amplifier turns to its first input, or its second.
+    Turn(usize, usize),
 }
 
 /// How a scene goes on.
@@ -206,7 +212,8 @@ impl Finger {
         self.bridge(now);
     }
 
-    fn note(&mut self, now: Tick, moment: Moment) {
+    /// Something has happened.
+    pub fn note(&mut self, now: Tick, moment: Moment) {
         if let Some(timing) = &mut self.timing {
             timing.push((now, moment));
         }
@@ -275,7 +282,13 @@ impl Finger {
 
     /// An amplifier is connected to this pin.
     pub fn amplify(&mut self, amplifier: usize, pin: &str, now: Tick) {
+        let before = self.amplified[amplifier];
         self.amplified[amplifier] = MIDPOINTS.iter().position(|midpoint| *midpoint == pin);
+        if let Some(midpoint) =
+            self.amplified[amplifier].filter(|_| self.amplified[amplifier] != before)
+        {
+            self.note(now, Moment::Turn(amplifier, midpoint % 2));
+        }
         self.bridge(now);
     }
 

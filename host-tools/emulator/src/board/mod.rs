@@ -14,6 +14,7 @@ pub mod adc;
 pub mod capture;
 pub mod chip;
 pub mod cpu;
+pub mod diagram;
 pub mod dma;
 pub mod finger;
 pub mod flash;
