@@ -10,6 +10,7 @@ use crate::output;
 
 /// Takes, reads, clears or saves the finger's bias (its tare). It is only ever taken on this command.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
     port: PortArg,
@@ -22,6 +23,12 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel bias --port usb take
+  taxel bias --port usb save
+  taxel bias --port sim:presses take --scans 50";
 
 /// What can be done with a bias.
 #[derive(Clone, Copy, clap::ValueEnum)]

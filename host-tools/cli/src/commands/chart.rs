@@ -16,6 +16,7 @@ use crate::output;
 /// (HTML). Costs come from the committed table of the counting emulator (`cargo xtask cycles`). Ctrl-C ends
 /// it; charts that were finished stay, no file is left half written.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     /// Folder to write to.
     #[arg(long, value_name = "DIR")]
@@ -27,6 +28,11 @@ pub struct Args {
     #[arg(long)]
     quick: bool,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel chart --out charts
+  taxel chart --out charts --only estimators --quick";
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Chart {

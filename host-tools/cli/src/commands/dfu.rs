@@ -5,10 +5,15 @@ use crate::output;
 
 /// Restarts the finger in its chip's own bootloader, where `dfu-util` finds it; see docs/boards.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
     port: PortArg,
 }
+
+const EXAMPLES: &str = "\
+Example:
+  taxel dfu --port usb && dfu-util -a 0 -s 0x08000000:leave -D stm32g431.bin";
 
 /// Runs the command.
 ///

@@ -14,6 +14,7 @@ use crate::output;
 
 /// Shows who the finger is, its settings, and what it has counted.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
     port: PortArg,
@@ -21,6 +22,11 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel info --port usb
+  taxel info --port sim:tour --json";
 
 /// Runs the command.
 ///

@@ -7,6 +7,7 @@ use crate::output;
 
 /// Lists the serial devices of this machine, the fingers among them by the port that names each for good.
 #[derive(clap::Args)]
+#[command(after_help = "Examples:\n  taxel ports\n  taxel ports --json")]
 pub struct Args {
     /// Print it as JSON.
     #[arg(long)]

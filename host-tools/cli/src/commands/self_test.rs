@@ -11,6 +11,7 @@ use crate::output;
 /// Measures noise, light and midpoints of the unloaded finger, and checks its stored calibration. Exit
 /// code 1 where something is wrong.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
     port: PortArg,
@@ -21,6 +22,11 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel self-test --port usb
+  taxel self-test --port sim:fault-dead-led --scans 100 --json";
 
 /// Runs the command.
 ///

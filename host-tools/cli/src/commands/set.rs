@@ -12,6 +12,7 @@ use crate::output;
 /// Changes the finger's settings, which it keeps until it loses power, or for good with --save.
 #[derive(clap::Args)]
 #[command(group(clap::ArgGroup::new("settings").required(true).multiple(true)))]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
     port: PortArg,
@@ -41,6 +42,11 @@ pub struct Args {
     #[arg(long, group = "settings")]
     save: bool,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel set --port usb --rate 500 --fields force,point
+  taxel set --port usb --scan 4000 --oversampling 4 --settle 20 --save";
 
 /// The ways to find the contact point.
 #[derive(Clone, Copy, clap::ValueEnum)]

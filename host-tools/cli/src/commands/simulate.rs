@@ -13,6 +13,7 @@ use crate::output;
 
 /// Writes the ADC codes of a simulated scene, with the truth in extra columns.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     /// Scene to simulate: a name of --list, or the path of a TOML file.
     #[arg(long, required_unless_present = "list")]
@@ -27,6 +28,11 @@ pub struct Args {
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel simulate --list
+  taxel simulate --scene shear --seed 2 --out shear.csv";
 
 /// Runs the command.
 ///

@@ -15,6 +15,7 @@ use crate::output;
 /// Offsets and gains of the force sensors are told in newtons and percent, the unloaded light of the taxels in
 /// percent. With --data, recordings with references, it also tells how well each of the two meets them.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     /// The earlier calibration.
     #[arg(value_name = "OLD.toml")]
@@ -29,6 +30,11 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel calibrate compare finger.toml today.toml
+  taxel calibrate compare finger.toml today.toml --data unseen.csv";
 
 /// Runs the command.
 ///

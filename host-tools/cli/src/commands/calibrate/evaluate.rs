@@ -20,6 +20,7 @@ use crate::output;
 /// the chip. Error is estimate − reference; bias is its mean, sigma its standard deviation, max the largest
 /// absolute error. Rows that the finger gives no value for are counted with the reason.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     /// The recording, or a stretch of it in seconds.
     #[arg(long, value_name = "FILE[@FROM..TO]")]
@@ -31,6 +32,11 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel calibrate evaluate --data unseen.csv --calibration finger.toml
+  taxel calibrate evaluate --data shear.csv@30.. --calibration finger.toml --json";
 
 /// Figures of a target; none where nothing could be judged.
 #[derive(Serialize)]

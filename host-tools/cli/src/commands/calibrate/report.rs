@@ -18,6 +18,7 @@ use crate::output;
 /// the finger says, beside the papers' tables. With --fitted-to the page shows where those recordings lie,
 /// and warns where they cannot support the calibration.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     /// A recording to judge on, or a stretch of it in seconds; may be given several times.
     #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
@@ -35,6 +36,10 @@ pub struct Args {
     #[arg(long)]
     json: bool,
 }
+
+const EXAMPLES: &str = "\
+Example:
+  taxel calibrate report --data unseen.csv --fitted-to presses.csv --calibration finger.toml --out finger.html";
 
 /// Runs the command.
 ///

@@ -12,6 +12,7 @@ use crate::output;
 
 /// Puts a calibration in force on a finger and reads it back.
 #[derive(clap::Args)]
+#[command(after_help = UPLOAD_EXAMPLES)]
 pub struct UploadArgs {
     #[command(flatten)]
     port: PortArg,
@@ -20,8 +21,13 @@ pub struct UploadArgs {
     calibration: PathBuf,
 }
 
+const UPLOAD_EXAMPLES: &str = "\
+Example:
+  taxel calibrate upload --port usb --calibration finger.toml";
+
 /// Writes the calibration in force on a finger to a file.
 #[derive(clap::Args)]
+#[command(after_help = DOWNLOAD_EXAMPLES)]
 pub struct DownloadArgs {
     #[command(flatten)]
     port: PortArg,
@@ -29,6 +35,10 @@ pub struct DownloadArgs {
     #[arg(long, value_name = "CAL.toml")]
     out: PathBuf,
 }
+
+const DOWNLOAD_EXAMPLES: &str = "\
+Example:
+  taxel calibrate download --port usb:F-0042 --out F-0042.toml";
 
 /// Runs `upload`.
 ///
