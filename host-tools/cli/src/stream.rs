@@ -3,9 +3,10 @@
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use taxel_link::{Client, Problem, Received};
+use taxel_link::{Client, Event, LinkError, Received, Steady};
 
 use crate::interrupt::Interrupt;
+use crate::output;
 
 /// How often the loop looks whether it should end.
 const LOOK: Duration = Duration::from_millis(100);
@@ -13,17 +14,21 @@ const LOOK: Duration = Duration::from_millis(100);
 const DRY: Duration = Duration::from_secs(5);
 
 /// What came.
-#[derive(Clone, Copy, Debug, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct Summary {
     /// Frames received.
     pub frames: u64,
-    /// Frames that never came: lost on the way, or by this program.
+    /// Frames that never came: lost on the way, or by this program. Those of a gap are not known.
     pub lost: u64,
     /// Packets that could not be read.
     pub bad_packets: u64,
-    /// Frames a second by this host's clock; 0 for fewer than two frames.
+    /// How often the finger was gone and came again.
+    pub gaps: u64,
+    /// How long it was gone, in seconds.
+    pub gap_s: f64,
+    /// Frames a second by this host's clock, gaps left out; 0 for fewer than two frames.
     pub rate_hz: f64,
-    /// Device time from the first frame to the last, in seconds.
+    /// From the first frame to the last, in seconds: device time, and this host's for the gaps.
     pub duration_s: f64,
 }
 
@@ -35,65 +40,143 @@ pub struct Ended {
     pub broken: Option<anyhow::Error>,
 }
 
-/// Starts the stream and hands each frame to `each`, for `duration` of device time or until Ctrl-C.
+/// What a stream brings.
+pub enum Next<'n> {
+    /// A frame.
+    Frame(&'n Received),
+    /// The finger had gone, and is there again.
+    Again(&'n Client),
+}
+
+/// Takes the frames of a finger that is connected and does not stream yet, for `duration` or until Ctrl-C.
+/// One that goes is waited for if it is `awaited`, and told of on standard error; else that is the end.
 ///
 /// # Errors
 /// What `each` said, or the start. A link that breaks later is no error here: see [`Ended`].
 pub fn run(
-    client: &Client,
+    finger: &Steady,
+    awaited: bool,
     duration: Option<f64>,
     interrupt: &Interrupt,
-    mut each: impl FnMut(&Received) -> anyhow::Result<()>,
+    mut each: impl FnMut(Next<'_>) -> anyhow::Result<()>,
 ) -> anyhow::Result<Ended> {
-    client.stream(true)?;
-    let mut span: Option<(Received, Received)> = None;
-    let mut taken = 0;
+    let mut client = finger.client();
+    client.iter().try_for_each(|client| client.stream(true))?;
+    let mut tally = Tally::default();
     let mut heard = Instant::now();
+    let mut gone: Option<LinkError> = None;
+    let enough = |seconds: f64| duration.is_some_and(|duration| seconds >= duration);
     let broken = loop {
         if interrupt.came() {
             break None;
         }
-        let received = match client.next(LOOK) {
-            Ok(Some(received)) => received,
-            Ok(None) if heard.elapsed() < DRY => continue,
-            Ok(None) => {
-                let dry = DRY.as_secs();
-                break Some(anyhow!("{}: no frame for {dry} s; plug it in again", client.port()));
+        match finger.next(LOOK) {
+            Event::Frame(received) => {
+                heard = received.at;
+                if enough(tally.elapsed(&received)) {
+                    break None;
+                }
+                tally.add(&received);
+                each(Next::Frame(&received))?;
             }
-            Err(error) if error.problem() == Some(&Problem::Ended) => break None,
-            Err(error) => break Some(error.into()),
-        };
-        heard = received.at;
-        let (first, _) = *span.get_or_insert((received, received));
-        let elapsed = received.frame.time.0.saturating_sub(first.frame.time.0);
-        if duration.is_some_and(|duration| elapsed as f64 >= duration * 1e6) {
-            break None;
+            Event::Quiet if heard.elapsed() < DRY => {}
+            Event::Quiet => {
+                let dry = DRY.as_secs();
+                break Some(anyhow!("{}: no frame for {dry} s; plug it in again", finger.port()));
+            }
+            Event::There(again) => {
+                (gone, heard) = (None, Instant::now());
+                output::note(format_args!("{}: there again", finger.port()));
+                each(Next::Again(&again))?;
+                client = Some(again);
+            }
+            Event::Gone(error) if awaited => {
+                if let Some(client) = client.take() {
+                    tally.end_connection(&client);
+                    output::note(format_args!("{error}; waiting for it"));
+                }
+                if enough(tally.duration_s() + heard.elapsed().as_secs_f64()) {
+                    break Some(error.into());
+                }
+                gone = Some(error);
+            }
+            Event::Gone(error) => break Some(error.into()),
+            Event::Over => break None,
         }
-        span = Some((first, received));
-        taken += 1;
-        each(&received)?;
     };
     // What came until here is counted; what is still on its way is not.
-    let counts = client.counts();
+    client.iter().for_each(|client| tally.end_connection(client));
     if broken.is_none() {
         // A finger that goes now is no matter any more.
-        let _ = client.stream(false);
+        client.iter().for_each(|client| drop(client.stream(false)));
     }
-    let summary = Summary {
-        frames: taken,
-        lost: counts.lost + counts.overflow,
-        bad_packets: counts.bad_packets,
-        rate_hz: span.map_or(0.0, |(first, last)| rate(&first, &last, taken)),
-        duration_s: span.map_or(0.0, |(first, last)| {
-            last.frame.time.0.saturating_sub(first.frame.time.0) as f64 / 1e6
-        }),
-    };
-    Ok(Ended { summary, broken })
+    // Whoever ends a recording while its finger is gone must not take it for whole.
+    let broken = broken.or(gone.map(anyhow::Error::from));
+    Ok(Ended { summary: tally.summary(), broken })
 }
 
-fn rate(first: &Received, last: &Received, frames: u64) -> f64 {
-    let span = last.at.duration_since(first.at).as_secs_f64();
-    if span > 0.0 { frames.saturating_sub(1) as f64 / span } else { 0.0 }
+/// Counts what came, through however many connections.
+#[derive(Default)]
+struct Tally {
+    summary: Summary,
+    first: Option<Received>,
+    last: Option<Received>,
+    /// The first frame of this connection, and so many seconds after the first of all.
+    connection: Option<(Received, f64)>,
+}
+
+impl Tally {
+    /// From the first frame of all to `received`.
+    fn elapsed(&self, received: &Received) -> f64 {
+        match (&self.connection, &self.last) {
+            (Some((first, after)), _) => {
+                after + received.frame.time.0.saturating_sub(first.frame.time.0) as f64 / 1e6
+            }
+            // The finger may have started anew, and its clock with it.
+            (None, Some(last)) => self.duration_s() + seconds_between(last, received),
+            (None, None) => 0.0,
+        }
+    }
+
+    fn duration_s(&self) -> f64 {
+        self.summary.duration_s
+    }
+
+    fn add(&mut self, received: &Received) {
+        let elapsed = self.elapsed(received);
+        if self.connection.is_none() {
+            if let Some(last) = &self.last {
+                self.summary.gaps += 1;
+                self.summary.gap_s += seconds_between(last, received);
+            }
+            self.connection = Some((*received, elapsed));
+        }
+        self.summary.frames += 1;
+        self.summary.duration_s = elapsed;
+        self.first.get_or_insert(*received);
+        self.last = Some(*received);
+    }
+
+    fn end_connection(&mut self, client: &Client) {
+        let counts = client.counts();
+        self.summary.lost += counts.lost + counts.overflow;
+        self.summary.bad_packets += counts.bad_packets;
+        self.connection = None;
+    }
+
+    fn summary(mut self) -> Summary {
+        if let Some((first, last)) = self.first.zip(self.last) {
+            let streamed = seconds_between(&first, &last) - self.summary.gap_s;
+            // Each connection has one frame more than steps from frame to frame.
+            let steps = self.summary.frames.saturating_sub(1 + self.summary.gaps);
+            self.summary.rate_hz = if streamed > 0.0 { steps as f64 / streamed } else { 0.0 };
+        }
+        self.summary
+    }
+}
+
+fn seconds_between(earlier: &Received, later: &Received) -> f64 {
+    later.at.saturating_duration_since(earlier.at).as_secs_f64()
 }
 
 /// A positive number of seconds, as `--duration` takes it.

@@ -2,7 +2,9 @@
 
 mod common;
 
+use std::io::{BufRead, BufReader};
 use std::path::Path;
+use std::process::Child;
 use std::time::{Duration, Instant};
 
 use common::In;
@@ -89,6 +91,30 @@ fn a_recording_is_a_port_and_is_computed_again_to_the_same_frames() {
 }
 
 #[test]
+fn a_recording_without_codes_is_a_port_too_and_says_again_what_the_finger_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let record = |port: &str, more: &[&str], out: &str| {
+        let args = ["record", "--port", port, "--out", out];
+        taxel.succeeds(&[args.as_slice(), more].concat())
+    };
+    record("sim:press", &["--duration", "1", "--fields", "force,point,slip"], "a.mcap");
+    let said = record("file:a.mcap", &[], "again.mcap");
+    assert!(said.starts_with("again.mcap: 1000 frames, 0 lost"), "{said}");
+    let (a, again) = (folder.path().join("a.mcap"), folder.path().join("again.mcap"));
+    let (recording, played) = (Recording::open(&a).unwrap(), Recording::open(&again).unwrap());
+    let finger = recording.position("host_us").unwrap();
+    let said = |path: &Path| rows(path).iter().map(|row| row[..finger].to_vec()).collect::<Vec<_>>();
+    assert_eq!(said(&a), said(&again));
+    for fact in ["serial", "rate_hz", "fields", "calibration_crc"] {
+        assert_eq!(recording.header.facts[fact], played.header.facts[fact], "{fact}");
+    }
+    assert_eq!(recording.header.calibration, played.header.calibration);
+    let error = taxel.fails(1, &["bias", "--port", "file:a.mcap", "take"]);
+    assert!(error.contains("this board cannot do that"), "{error}");
+}
+
+#[test]
 fn what_has_no_codes_cannot_be_computed_again_and_says_what_to_record() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
@@ -161,12 +187,73 @@ fn kill_9_loses_at_most_the_last_second() {
     assert!(said.starts_with("a.parquet: "), "{said}");
 }
 
+/// A finger that is pulled out and plugged in again, maybe another one in its place.
+#[test]
+fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let address = {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        listener.local_addr().unwrap().to_string()
+    };
+    let serve = |scene: &str| {
+        let port = format!("sim:{scene}");
+        let mut finger = taxel.command(&["serve", "--port", &port, "--tcp", &address]).spawn().unwrap();
+        let mut said = String::new();
+        BufReader::new(finger.stdout.take().unwrap()).read_line(&mut said).unwrap();
+        assert!(said.starts_with("tcp:"), "{said}");
+        finger
+    };
+    let pull = |mut finger: Child| {
+        finger.kill().unwrap();
+        finger.wait().unwrap();
+    };
+    let record = |out: &str, duration: &str, scenes: [&str; 2]| {
+        let port = format!("tcp:{address}");
+        let args = ["record", "--port", &port, "--rate", "500", "--duration", duration, "--out", out];
+        let finger = serve(scenes[0]);
+        let recording = taxel.command(&args).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(1500));
+        pull(finger);
+        std::thread::sleep(Duration::from_millis(700));
+        let finger = serve(scenes[1]);
+        let output = recording.wait_with_output().unwrap();
+        pull(finger);
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        (output.status.code(), text(output.stdout), text(output.stderr))
+    };
+
+    let (code, out, err) = record("a.mcap", "4", ["press", "press"]);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.contains("the finger was gone 1×, "), "{out}");
+    assert!(err.contains("waiting for it") && err.contains("there again"), "{err}");
+    let path = folder.path().join("a.mcap");
+    let recording = Recording::open(&path).unwrap();
+    let rows = rows(&path);
+    let column = |name| rows.iter().map(|row| whole(&recording, row, name)).collect::<Vec<_>>();
+    let (connection, host) = (column("connection"), column("host_us"));
+    let again = connection.iter().position(|count| *count == 2).unwrap();
+    assert!(again > 100 && rows.len() - again > 100, "{again} of {}", rows.len());
+    assert!(connection.is_sorted() && connection.last() == Some(&2));
+    // Longer than it was away, and not by more than a second.
+    let gap = host[again] - host[again - 1];
+    assert!((700_000..1_700_000 + 1_000_000).contains(&gap), "{gap} µs");
+    // The rate is set again: a finger starts with twice as many frames.
+    let steps = host.last().unwrap() - host[again];
+    let rate = (rows.len() - 1 - again) as f64 / steps as f64 * 1e6;
+    assert!((rate - 500.0).abs() < 50.0, "{rate}");
+
+    let (code, _, err) = record("b.mcap", "10", ["press", "shear"]);
+    assert_eq!(code, Some(1));
+    assert!(err.contains("another finger, shear, instead of press"), "{err}");
+}
+
 /// A disk that is full: here a limit on the size of files, which any user may set.
 #[cfg(unix)]
 #[test]
 fn a_full_disk_ends_the_recording_in_one_line_and_keeps_what_was_written() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["a.mcap", "a.csv"] {
+    for (name, kept) in [("a.mcap", "a.mcap"), ("a.csv", "a.csv"), ("a.parquet", "a.parquet.part.mcap")] {
         let script = "trap '' XFSZ; ulimit -f 2000; exec \"$0\" \"$@\"";
         let output = std::process::Command::new("bash")
             .args(["-c", script, env!("CARGO_BIN_EXE_taxel")])
@@ -178,11 +265,11 @@ fn a_full_disk_ends_the_recording_in_one_line_and_keeps_what_was_written() {
         let said = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{said}");
         assert_eq!(said.lines().count(), 1, "{said}");
-        assert!(said.starts_with(&format!("taxel: {name}: ")), "{said}");
+        assert!(said.starts_with(&format!("taxel: {name}")), "{said}");
         assert!(said.contains("too large") || said.contains("No space"), "{said}");
-        let recording = Recording::open(&folder.path().join(name)).unwrap();
-        let kept = recording.map_while(Result::ok).count();
-        assert!(kept > 100, "{name}: {kept}");
+        let recording = Recording::open(&folder.path().join(kept)).unwrap();
+        let rows = recording.map_while(Result::ok).count();
+        assert!(rows > 100, "{name}: {rows}");
     }
 }
 

@@ -39,8 +39,9 @@ impl LinkError {
 pub enum Problem {
     /// The operating system does not let this user at it.
     #[error(
-        "permission denied; join the group that owns it (`sudo usermod -aG dialout $USER`, then log \
-         in again) or install a udev rule for the finger"
+        "permission denied; install the finger's udev rule (`taxel udev | sudo tee \
+         /etc/udev/rules.d/70-taxel.rules`, then plug it in again), or join the group that owns the port \
+         (`sudo usermod -aG dialout $USER`, then log in again)"
     )]
     Permission,
     /// Somebody else has it.

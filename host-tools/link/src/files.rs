@@ -8,11 +8,12 @@ use taxel::frame::Fields;
 use taxel::wire::message::Info;
 use taxel_formats::frames::{Cell, cells, columns};
 use taxel_formats::{FileError, calibration};
-use taxel_recording::{Header, Recorder, host_time};
+use taxel_recording::{Header, Recorder, host_columns};
 
 use crate::client::{Client, Received};
 use crate::error::LinkError;
 use crate::fields;
+use crate::stamps::Stamps;
 
 /// How often the files are brought up to date: what a killed program loses at most, and some slack.
 const FLUSH: Duration = Duration::from_millis(500);
@@ -22,8 +23,9 @@ pub struct Files {
     recorders: Vec<Recorder>,
     fields: Fields,
     row: Vec<Cell>,
-    /// A moment by both clocks of this machine.
-    epoch: (Instant, Duration),
+    stamps: Stamps,
+    /// Which of the connections, from 1.
+    connection: u64,
     flushed: Instant,
 }
 
@@ -35,18 +37,27 @@ impl Files {
     pub fn create(client: &Client, paths: &[PathBuf]) -> Result<Self, LinkError> {
         let info = client.info()?;
         let header = header(client, &info)?;
-        let columns: Vec<_> = columns(info.fields).into_iter().chain([host_time()]).collect();
+        let columns: Vec<_> = columns(info.fields).into_iter().chain(host_columns()).collect();
         let create = |path: &PathBuf| Recorder::create(path, &header, &columns);
         let recorders = paths.iter().map(create).collect::<Result<_, FileError>>()?;
-        let now = Instant::now();
-        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Ok(Self {
             recorders,
             fields: info.fields,
             row: Vec::new(),
-            epoch: (now, unix),
-            flushed: now,
+            stamps: Stamps::default(),
+            connection: 1,
+            flushed: Instant::now(),
         })
+    }
+
+    /// The finger had gone and is there again: what comes now follows a gap.
+    pub fn reconnected(&mut self) {
+        self.connection += 1;
+    }
+
+    /// A question to the finger and its answer took so long: see [`Stamps::echo`].
+    pub fn echo(&mut self, echo: Duration) {
+        self.stamps.echo(echo);
     }
 
     /// One frame more.
@@ -56,9 +67,14 @@ impl Files {
     pub fn write(&mut self, received: &Received) -> Result<(), FileError> {
         self.row.clear();
         cells(&received.frame, self.fields, &mut self.row);
-        let (instant, unix) = self.epoch;
-        let host = unix + received.at.saturating_duration_since(instant);
-        self.row.push(Cell::Whole(host.as_micros() as u64));
+        self.stamps.frame(received);
+        let micros = |unix: Duration| Cell::Whole(unix.as_micros() as u64);
+        let scanned = self.stamps.scanned(received.frame.time);
+        self.row.extend([
+            micros(self.stamps.unix(received.at)),
+            scanned.map_or(Cell::Empty, |(unix, _)| micros(unix)),
+            Cell::Whole(self.connection),
+        ]);
         let flush = received.at.saturating_duration_since(self.flushed) >= FLUSH;
         if flush {
             self.flushed = received.at;

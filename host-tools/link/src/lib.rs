@@ -12,12 +12,15 @@
 
 pub mod client;
 mod clock;
+mod echoes;
 pub mod emulated;
 pub mod error;
 pub mod fields;
 mod files;
 pub mod port;
+mod recorded;
 pub mod self_test;
+mod stamps;
 mod steady;
 mod transport;
 pub mod usb;
@@ -25,8 +28,10 @@ pub mod virtual_finger;
 
 pub use client::{Client, Counts, Received};
 pub use clock::{DeviceClock, HostTime};
+pub use echoes::Echoes;
 pub use error::{LinkError, Problem};
 pub use files::Files;
 pub use port::Port;
+pub use stamps::Stamps;
 pub use steady::{Event, Steady};
 pub use virtual_finger::{Source, TruthLog, VirtualFinger};

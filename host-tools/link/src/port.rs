@@ -18,7 +18,7 @@ pub enum Port {
         /// TCP port.
         port: u16,
     },
-    /// `file:PATH`: a trace, played back in real time by a virtual finger.
+    /// `file:PATH`: a trace or a recording, played back in real time by a virtual finger.
     File(PathBuf),
     /// `sim:SCENE`: a virtual finger in a scene, by name or path.
     Sim(String),

@@ -31,7 +31,7 @@ pub(crate) struct Transport {
 
 /// Opens `port`; a virtual finger starts with `calibration`.
 pub(crate) fn open(port: &Port, calibration: Option<&Calibration>) -> Result<Transport, LinkError> {
-    let source = match port {
+    let finger = match port {
         Port::Usb(number) => {
             let device = usb::find(&usb::devices(), number.as_deref());
             return device.and_then(|name| serial(&name)).map_err(|problem| problem.at(port));
@@ -40,10 +40,11 @@ pub(crate) fn open(port: &Port, calibration: Option<&Calibration>) -> Result<Tra
         Port::Tcp { host, port: number } => {
             return tcp((host.as_str(), *number)).map_err(|problem| problem.at(port));
         }
-        Port::File(path) => Source::trace(path)?,
-        Port::Sim(scene) => Source::scene(scene)?,
+        Port::File(path) => VirtualFinger::of_file(path, calibration)?,
+        Port::Sim(scene) => {
+            VirtualFinger::on_tcp("127.0.0.1:0", Source::scene(scene)?, calibration)?
+        }
     };
-    let finger = VirtualFinger::on_tcp("127.0.0.1:0", source, calibration)?;
     let transport = open(finger.port(), None)?;
     Ok(Transport { finger: Some(finger), ..transport })
 }
@@ -107,4 +108,21 @@ fn split(stream: TcpStream) -> io::Result<Transport> {
     stream.set_write_timeout(Some(WRITE_PATIENCE))?;
     let writer = stream.try_clone()?;
     Ok(Transport { reader: Box::new(stream), writer: Box::new(writer), finger: None })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whoever runs the tests may be let at every device, so that only the system's answer is real here.
+    #[test]
+    fn a_device_that_its_user_may_not_open_is_told_with_the_udev_rule() {
+        let denied = serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied);
+        let denied = serialport::Error::new(denied, "Permission denied");
+        let problem = no_serial("/dev/ttyACM0", &denied);
+        assert_eq!(problem, Problem::Permission);
+        let line = problem.at(&Port::Serial("/dev/ttyACM0".to_owned())).to_string();
+        assert!(line.starts_with("/dev/ttyACM0: permission denied; "), "{line}");
+        assert!(line.contains("taxel udev") && !line.contains('\n'), "{line}");
+    }
 }

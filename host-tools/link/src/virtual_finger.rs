@@ -9,6 +9,7 @@
 //! except that the truth is known.
 
 mod board;
+mod player;
 #[cfg(unix)]
 mod pty;
 mod source;
@@ -17,6 +18,7 @@ mod truth;
 
 use std::io;
 use std::net::ToSocketAddrs;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
@@ -34,6 +36,7 @@ pub use truth::TruthLog;
 use crate::error::{LinkError, Problem, one_line};
 use crate::port::Port;
 use board::PacedBoard;
+use player::Player;
 
 /// Bytes kept for a host that reads late: some three seconds of the default stream. More would only make old
 /// what it reads then.
@@ -109,6 +112,50 @@ impl VirtualFinger {
         })
     }
 
+    /// What a recording has, behind a TCP port: computed from its codes, or else its frames as they are.
+    ///
+    /// # Errors
+    /// It cannot be read, or the calibration is not valid.
+    pub fn of_file(path: &Path, calibration: Option<&Calibration>) -> Result<Self, LinkError> {
+        let Some(player) = Player::open(path)? else {
+            return Self::on_tcp("127.0.0.1:0", Source::trace(path)?, calibration);
+        };
+        let here = Port::File(path.to_owned());
+        let failed = |error: io::Error| Problem::Open(one_line(&error)).at(&here);
+        let listener = tcp::listen("127.0.0.1:0").map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
+        let port = Port::Tcp { host: address.ip().to_string(), port: address.port() };
+        let outcome = Ending::default();
+        let ending = Arc::clone(&outcome);
+        let (stop, stopped) = oneshot::channel::<()>();
+        let play = async move {
+            tokio::select! {
+                played = player.serve(listener) => {
+                    let end = played?;
+                    *ending.lock().unwrap_or_else(PoisonError::into_inner) = Some(end);
+                    Ok(())
+                }
+                _ = stopped => Ok(()),
+            }
+        };
+        let thread = Self::thread(&here, move |runtime| runtime.block_on(play))?;
+        let truth = TruthLog::default();
+        Ok(Self { port, truth, outcome, stop: Some(stop), thread: Some(thread) })
+    }
+
+    /// A thread for it. A link that breaks or never was ends it: the client at its other end says so.
+    fn thread(
+        port: &Port,
+        live: impl FnOnce(&tokio::runtime::Runtime) -> io::Result<()> + Send + 'static,
+    ) -> Result<JoinHandle<()>, LinkError> {
+        let run = move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+            let _ = runtime.and_then(|runtime| live(&runtime));
+        };
+        let thread = std::thread::Builder::new().name("virtual-finger".to_owned()).spawn(run);
+        thread.map_err(|error| Problem::Open(one_line(&error)).at(port))
+    }
+
     fn start(
         port: Port,
         source: Source,
@@ -121,8 +168,7 @@ impl VirtualFinger {
         let outcome = Ending::default();
         let mut board = PacedBoard::new(source, truth.clone(), Arc::clone(&outcome))?;
         let (stop, stopped) = oneshot::channel::<()>();
-        let live = move || -> io::Result<()> {
-            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let thread = Self::thread(&port, move |runtime| {
             // A task of its own, because only its waker stays equal to its clones: the session's pipe
             // compares them, and with the waker of `block_on` it would wake itself for ever.
             let session = async move {
@@ -132,15 +178,8 @@ impl VirtualFinger {
                     _ = stopped => Ok(()),
                 }
             };
-            LocalSet::new().block_on(&runtime, async { spawn_local(session).await? })
-        };
-        let thread = std::thread::Builder::new()
-            .name("virtual-finger".to_owned())
-            .spawn(move || {
-                // A link that broke or never was: the client at its other end says so.
-                let _ = live();
-            })
-            .map_err(|error| Problem::Open(one_line(&error)).at(&port))?;
+            LocalSet::new().block_on(runtime, async { spawn_local(session).await? })
+        })?;
         Ok(Self { port, truth, outcome, stop: Some(stop), thread: Some(thread) })
     }
 

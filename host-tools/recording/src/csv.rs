@@ -11,7 +11,7 @@ use taxel_formats::frames::{Cell, Column, Kind, columns};
 use taxel_formats::lines::Lines;
 
 use crate::header::Header;
-use crate::{HOST_TIME, Recording, Sink, host_time};
+use crate::{Recording, Sink, host_columns};
 
 pub(crate) struct Writer {
     path: PathBuf,
@@ -78,14 +78,13 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
             .column("t_us")
             .mend("a recording needs device time in microseconds"));
     }
-    let known = columns(Fields::ALL);
+    let known: Vec<_> = columns(Fields::ALL).into_iter().chain(host_columns()).collect();
     let columns: Vec<Column> = names
         .iter()
         .map(|name| {
             let known = known.iter().find(|column| column.name == name).cloned();
             match known {
                 Some(column) => column,
-                None if name == HOST_TIME => host_time(),
                 None => Column { name: name.to_owned(), kind: Kind::Real },
             }
         })

@@ -24,10 +24,12 @@ pub use scans::Scans;
 /// The column of host receive time: microseconds since 1970-01-01 UTC.
 pub const HOST_TIME: &str = "host_us";
 
-/// The column of host receive time.
+/// What the host knows of a frame, after the finger's own columns: when it came; when it was scanned, by the
+/// host's clock (empty before the finger's is known); and by which of the recording's connections, from 1.
 #[must_use]
-pub fn host_time() -> Column {
-    Column { name: HOST_TIME.to_owned(), kind: Kind::Whole }
+pub fn host_columns() -> [Column; 3] {
+    [HOST_TIME, "host_scan_us", "connection"]
+        .map(|name| Column { name: name.to_owned(), kind: Kind::Whole })
 }
 
 /// The kinds of file there are.

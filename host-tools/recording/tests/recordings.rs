@@ -9,7 +9,7 @@ use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::NoValue;
 use taxel::units::{Micros, Millimetres, Newtons};
 use taxel_formats::frames::{Cell, Column, REASONS, cells, columns};
-use taxel_recording::{Header, Recorder, Recording, host_time};
+use taxel_recording::{Header, Recorder, Recording, host_columns};
 
 fn header() -> Header {
     let header = Header::default().with("serial", "F-0042").with("full_scale", 65535);
@@ -17,7 +17,7 @@ fn header() -> Header {
 }
 
 fn all_columns() -> Vec<Column> {
-    columns(Fields::ALL).into_iter().chain([host_time()]).collect()
+    columns(Fields::ALL).into_iter().chain(host_columns()).collect()
 }
 
 /// Every kind of cell, every reason, and numbers that only their exact text or bits bring back.
@@ -45,7 +45,9 @@ fn rows(count: u64) -> Vec<Vec<Cell>> {
             };
             let mut row = Vec::new();
             cells(&frame, Fields::ALL, &mut row);
-            row.push(Cell::Whole(1_790_000_000_000_000 + i));
+            let micros = Cell::Whole(1_790_000_000_000_000 + i);
+            // The finger's clock is not known from the first frame on.
+            row.extend([micros, if i < 40 { Cell::Empty } else { micros }, Cell::Whole(1)]);
             row
         })
         .collect()

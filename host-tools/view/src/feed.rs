@@ -72,7 +72,7 @@ impl Feed {
     /// A file cannot be read. A finger that is not there is no error: it is waited for.
     pub fn start(source: Source) -> Result<Self, FileError> {
         match source {
-            Source::Finger(steady, folder) => Ok(live::start(*steady, folder)),
+            Source::Finger(steady, folder) => Ok(live::start(Arc::new(*steady), folder)),
             Source::File(path) => playback::start(path),
         }
     }
@@ -81,8 +81,8 @@ impl Feed {
     ///
     /// # Errors
     /// The finger does not say who it is.
-    pub fn tapped(client: Arc<Client>, folder: PathBuf) -> Result<(Self, Tap), LinkError> {
-        live::tapped(client, folder)
+    pub fn tapped(finger: &Arc<Steady>, folder: PathBuf) -> Result<(Self, Tap), LinkError> {
+        live::tapped(finger, folder)
     }
 
     fn new(name: String) -> (Self, Context, Receiver<Envelope>) {

@@ -14,13 +14,13 @@ use std::sync::Arc;
 use serde::Serialize;
 use taxel::frame::Frame;
 use taxel_formats::trace::Truth;
-use taxel_link::{Client, Source, VirtualFinger};
-use taxel_view::{Feed, Server, Tap};
+use taxel_link::{Client, Source, Steady, VirtualFinger};
 
 use crate::browser;
-use crate::commands::view::PAGE;
+use crate::commands::view::page;
 use crate::finger::{address, scene_calibration};
 use crate::interrupt::Interrupt;
+use crate::stream::Next;
 use crate::{output, stream};
 use live::Live;
 use score::{Accuracy, Score};
@@ -29,6 +29,7 @@ use score::{Accuracy, Score};
 ///
 /// The page is opened where there is a display, and served in any case.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     /// What happens to the finger: a built-in scene, or the path of a TOML file.
     #[arg(long, default_value = "tour")]
@@ -55,6 +56,12 @@ pub struct Args {
     #[arg(long, requires = "emulated", value_enum, default_value_t = Board::Mps2An386)]
     board: Board,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  taxel demo
+  taxel demo --scene stick-slip --duration 5 --headless --json
+  taxel demo --emulated --board stm32g431";
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Board {
@@ -129,7 +136,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> anyhow::Result<()> {
     let client = Arc::new(finger.connect()?);
-    let page = if args.headless { None } else { Some(page(&client)?) };
+    let steady = Arc::new(Steady::of(Arc::clone(&client)));
+    let page = if args.headless { None } else { Some(page(&steady, None)?) };
     if let Some((server, _)) = &page {
         output::note(format_args!("{}, scene {}", finger.name(), args.scene));
         output::note(format_args!("watch it at {}", server.url()));
@@ -138,7 +146,8 @@ fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> an
     let mut live = Live::new(!args.headless);
     let mut score = Score::default();
     let memory_start = resident();
-    let ended = stream::run(&client, args.duration, interrupt, |received| {
+    let ended = stream::run(&steady, false, args.duration, interrupt, |next| {
+        let Next::Frame(received) = next else { return Ok(()) };
         if let Some(truth) = finger.truth(&received.frame) {
             score.add(&received.frame, &truth);
         }
@@ -157,19 +166,6 @@ fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> an
         memory_end: resident(),
     };
     if args.json { output::json(&report) } else { output::line(as_text(&report)) }
-}
-
-/// The live page: at its usual address, or where there is room.
-fn page(client: &Arc<Client>) -> anyhow::Result<(Server, Tap)> {
-    let feed = || Feed::tapped(Arc::clone(client), PathBuf::from("."));
-    let (usual, tap) = feed()?;
-    match Server::start(PAGE, vec![usual]) {
-        Ok(server) => Ok((server, tap)),
-        Err(_) => {
-            let (other, tap) = feed()?;
-            Ok((Server::start("127.0.0.1:0", vec![other])?, tap))
-        }
-    }
 }
 
 fn as_text(report: &Report) -> String {

@@ -1,10 +1,11 @@
 //! `taxel view`: the live page.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use taxel_link::{Port, Steady};
-use taxel_view::{Feed, Server, Source};
+use taxel_view::{Feed, Server, Source, Tap};
 
 use crate::browser;
 use crate::finger::{address, scene_calibration};
@@ -39,13 +40,13 @@ pub struct Args {
 }
 
 /// Where pages are served unless said otherwise.
-pub const PAGE: &str = "127.0.0.1:8173";
+const PAGE: &str = "127.0.0.1:8173";
 
 const EXAMPLES: &str = "\
 Examples:
   taxel view
   taxel view --port /dev/ttyACM0
-  taxel view --port sim:tour --port sim:slip
+  taxel view --port sim:tour --port sim:stick-slip
   taxel view --port file:press.mcap --listen 127.0.0.1:0";
 
 /// Runs the command.
@@ -75,4 +76,22 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         std::thread::sleep(LOOK);
     }
     Ok(())
+}
+
+/// The page of a finger whose frames another command takes: at `address`, or else at its usual one or where
+/// there is room.
+///
+/// # Errors
+/// The finger does not say who it is, or the address is taken.
+pub fn page(finger: &Arc<Steady>, address: Option<&str>) -> anyhow::Result<(Server, Tap)> {
+    let feed = || Feed::tapped(finger, PathBuf::from("."));
+    let (usual, tap) = feed()?;
+    match (Server::start(address.unwrap_or(PAGE), vec![usual]), address) {
+        (Ok(server), _) => Ok((server, tap)),
+        (Err(error), Some(_)) => Err(error.into()),
+        (Err(_), None) => {
+            let (other, tap) = feed()?;
+            Ok((Server::start("127.0.0.1:0", vec![other])?, tap))
+        }
+    }
 }

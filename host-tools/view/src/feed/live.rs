@@ -26,7 +26,7 @@ const DRY: Duration = Duration::from_secs(2);
 const SCANS: u16 = 1000;
 
 /// Sets a finger going: one thread takes its frames, another carries out what the page asks for.
-pub(super) fn start(steady: Steady, folder: PathBuf) -> Feed {
+pub(super) fn start(steady: Arc<Steady>, folder: PathBuf) -> Feed {
     let (mut feed, context, orders) = Feed::new(steady.port().to_string());
     let live = Arc::new(Live { steady, folder, context, now: Mutex::default() });
     let other = Arc::clone(&live);
@@ -36,11 +36,13 @@ pub(super) fn start(steady: Steady, folder: PathBuf) -> Feed {
 }
 
 /// A finger whose frames another program takes and hands on: see [`Tap::take`].
-pub(super) fn tapped(client: Arc<Client>, folder: PathBuf) -> Result<(Feed, Tap), LinkError> {
-    let (mut feed, context, orders) = Feed::new(client.port().to_string());
-    let steady = Steady::of(Arc::clone(&client));
+pub(super) fn tapped(steady: &Arc<Steady>, folder: PathBuf) -> Result<(Feed, Tap), LinkError> {
+    let (mut feed, context, orders) = Feed::new(steady.port().to_string());
+    let steady = Arc::clone(steady);
     let live = Arc::new(Live { steady, folder, context, now: Mutex::default() });
-    live.there(&client)?;
+    if let Some(client) = live.steady.client() {
+        live.there(&client)?;
+    }
     let other = Arc::clone(&live);
     feed.spawn("view-orders", move || other.orders(&orders));
     Ok((feed, Tap(live)))
@@ -54,6 +56,11 @@ impl Tap {
     pub fn take(&self, received: &Received) {
         self.0.take(received);
     }
+
+    /// The finger had gone, and is there again.
+    pub fn again(&self, client: &Client) {
+        self.0.trouble(self.0.there(client).err());
+    }
 }
 
 impl Drop for Tap {
@@ -64,7 +71,7 @@ impl Drop for Tap {
 
 /// What both threads have.
 struct Live {
-    steady: Steady,
+    steady: Arc<Steady>,
     folder: PathBuf,
     context: Context,
     now: Mutex<Now>,
@@ -79,6 +86,13 @@ struct Now {
     /// Frames and losses of connections that are over.
     before: (u64, u64),
     clock: DeviceClock,
+}
+
+impl Now {
+    fn echo(&mut self, echo: Duration) {
+        self.clock.echo(echo);
+        self.files.iter_mut().for_each(|(_, files)| files.echo(echo));
+    }
 }
 
 impl Live {
@@ -118,6 +132,7 @@ impl Live {
 
     /// A finger has come. The page draws the taxels, so it asks for their signals.
     fn there(&self, client: &Client) -> Result<(), LinkError> {
+        self.now().files.iter_mut().for_each(|(_, files)| files.reconnected());
         let info = client.info()?;
         if !info.fields.contains(Fields::SIGNALS) {
             client.set_fields(Fields(info.fields.0 | Fields::SIGNALS.0))?;
@@ -180,7 +195,7 @@ impl Live {
             if echoed.elapsed() >= ECHO {
                 echoed = Instant::now();
                 let echo = self.steady.client().and_then(|client| client.echo().ok());
-                echo.into_iter().for_each(|echo| self.now().clock.echo(echo));
+                echo.into_iter().for_each(|echo| self.now().echo(echo));
                 self.context.scope.lock().link.echo = echo;
             }
         }
