@@ -1,6 +1,7 @@
 //! A file a command.
 
 pub mod bias;
+pub mod bridge;
 pub mod calibrate;
 pub mod chart;
 pub mod completions;

@@ -39,6 +39,7 @@ enum Command {
     View(commands::view::Args),
     Record(commands::record::Args),
     Export(commands::export::Args),
+    Bridge(commands::bridge::Args),
     Serve(commands::serve::Args),
     Info(commands::info::Args),
     Bias(commands::bias::Args),
@@ -64,6 +65,7 @@ fn main() -> ExitCode {
         Command::View(args) => commands::view::run(args),
         Command::Record(args) => commands::record::run(args),
         Command::Export(args) => commands::export::run(args),
+        Command::Bridge(args) => commands::bridge::run(args),
         Command::Serve(args) => commands::serve::run(args),
         Command::Info(args) => commands::info::run(args),
         Command::Bias(args) => commands::bias::run(args),
@@ -75,4 +77,44 @@ fn main() -> ExitCode {
         Command::Completions(args) => commands::completions::run(args),
     };
     failure::exit_code(done)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+    use taxel_sim::scene::BUILT_IN;
+
+    use super::*;
+
+    /// Every command without subcommands, and its examples.
+    fn examples(command: &clap::Command, found: &mut Vec<(String, Vec<String>)>) {
+        if command.has_subcommands() {
+            command.get_subcommands().for_each(|command| examples(command, found));
+            return;
+        }
+        let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+        let lines = help.lines().filter_map(|line| line.find("taxel ").map(|at| &line[at..]));
+        found.push((command.get_name().to_owned(), lines.map(str::to_owned).collect()));
+    }
+
+    #[test]
+    fn every_command_has_examples_that_it_understands() {
+        let mut found = Vec::new();
+        examples(&Cli::command(), &mut found);
+        assert!(found.len() > 20);
+        for (name, lines) in found {
+            assert!(!lines.is_empty(), "{name} has no example");
+            for line in lines {
+                // Up to where the shell has its say.
+                let words = line.split([';', '|', '>', '&']).next().unwrap().split_whitespace();
+                let words: Vec<_> = words.collect();
+                assert!(Cli::try_parse_from(&words).is_ok(), "{line}");
+                let scenes = words.windows(2).filter(|pair| pair[0] == "--scene").map(|pair| pair[1]);
+                let ports = words.iter().filter_map(|word| word.strip_prefix("sim:"));
+                for scene in scenes.chain(ports) {
+                    assert!(BUILT_IN.iter().any(|(name, _)| *name == scene), "{line}");
+                }
+            }
+        }
+    }
 }

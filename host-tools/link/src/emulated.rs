@@ -339,7 +339,9 @@ fn firmware(board: &'static str) -> Result<PathBuf, EmulatedError> {
     }
 }
 
-fn checkout() -> Option<PathBuf> {
+/// The repository that this is run in, or was built in.
+#[must_use]
+pub fn checkout() -> Option<PathBuf> {
     [std::env::current_dir().ok(), std::env::current_exe().ok()].into_iter().flatten().find_map(
         |start| {
             let holds = |path: &&Path| path.join("boards").join(BOARD).join("Cargo.toml").is_file();

@@ -1,0 +1,183 @@
+//! What rmw_zenoh, the middleware of ROS 2 systems on Zenoh, expects of names, keys, liveliness tokens and
+//! attachments. Its design document, "Topic and Service name mapping", "Graph Cache" and "Publishers", is the
+//! source of every format in here.
+
+use std::time::Duration;
+
+use xxhash_rust::xxh3::xxh3_128;
+
+use super::ros::Type;
+
+/// No liveliness token can have an empty part.
+const NONE: &str = "%";
+/// QoS other than the default: history of ten. Reliable, volatile, keep last are the default.
+const QOS: &str = "::,10:,:,:,,";
+
+/// A part of the graph: what all entities of this program share.
+pub struct Context {
+    pub domain: u32,
+    /// Of the Zenoh session, in hexadecimal.
+    pub session: String,
+    pub namespace: Namespace,
+}
+
+/// An absolute name, `/taxel`, or `/` for none.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Namespace(String);
+
+impl std::str::FromStr for Namespace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bare = text.strip_prefix('/').unwrap_or(text);
+        if bare.is_empty() {
+            return Ok(Self(String::new()));
+        }
+        match bare.split('/').find(|part| name(part) != *part) {
+            None => Ok(Self(format!("/{bare}"))),
+            Some(part) => Err(format!(
+                "`{part}` is no ROS name; write letters, digits and single underscores, as in /hand/left"
+            )),
+        }
+    }
+}
+
+impl Namespace {
+    /// A topic in it.
+    pub fn topic(&self, name: &str) -> String {
+        format!("{}/{name}", self.0)
+    }
+}
+
+/// A publisher as the graph has it.
+pub struct Publisher {
+    /// Where its samples go.
+    pub key: String,
+    pub token: String,
+    gid: [u8; 16],
+}
+
+/// A finger's serial number as a name that ROS takes.
+pub fn name(serial: &str) -> String {
+    let mut name = String::new();
+    for c in serial.chars() {
+        let c = if c.is_ascii_alphanumeric() { c } else { '_' };
+        // Two underscores in a row are kept for ROS itself.
+        if c != '_' || !name.ends_with('_') {
+            name.push(c);
+        }
+    }
+    if !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
+        name.insert_str(0, if name.starts_with('_') { "finger" } else { "finger_" });
+    }
+    name
+}
+
+impl Context {
+    /// The token of a node.
+    pub fn node(&self, id: u32, name: &str) -> String {
+        self.token(id, id, "NN", name)
+    }
+
+    /// A publisher of a node.
+    pub fn publisher(&self, node: (u32, &str), id: u32, topic: &str, kind: &Type) -> Publisher {
+        let (node_id, name) = node;
+        let Type { name: type_name, hash } = kind;
+        let entity = self.token(node_id, id, "MP", name);
+        let token = format!("{entity}/{}/{type_name}/{hash}/{QOS}", mangled(topic));
+        let gid = xxh3_128(token.as_bytes()).to_le_bytes();
+        let key =
+            format!("{}/{}/{type_name}/{hash}", self.domain, topic.trim_start_matches('/'));
+        Publisher { key, token, gid }
+    }
+
+    fn token(&self, node: u32, id: u32, kind: &str, name: &str) -> String {
+        let Self { domain, session, namespace } = self;
+        let namespace = mangled(&namespace.0);
+        format!("@ros2_lv/{domain}/{session}/{node}/{id}/{kind}/{NONE}/{namespace}/{name}")
+    }
+}
+
+impl Publisher {
+    /// What goes with a sample: its number, when it was published, and by whom.
+    pub fn attachment(&self, number: u64, at: Duration) -> [u8; 33] {
+        let mut bytes = [0; 33];
+        let (numbers, gid) = bytes.split_at_mut(16);
+        numbers[..8].copy_from_slice(&number.to_le_bytes());
+        numbers[8..].copy_from_slice(&(at.as_nanos() as u64).to_le_bytes());
+        gid[0] = self.gid.len() as u8;
+        gid[1..].copy_from_slice(&self.gid);
+        bytes
+    }
+}
+
+fn mangled(name: &str) -> String {
+    if name.is_empty() { NONE.to_owned() } else { name.replace('/', "%") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STRING: Type = Type {
+        name: "std_msgs::msg::dds_::String_",
+        hash: "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    };
+
+    fn context(domain: u32, namespace: &str) -> Context {
+        let session = "8b20917502ee955ac4476e0266340d5c".to_owned();
+        Context { domain, session, namespace: namespace.parse().unwrap() }
+    }
+
+    /// The examples of rmw_zenoh's design document, but for the depth of the history.
+    #[test]
+    fn keys_and_tokens_are_those_of_the_design_document() {
+        let talker = context(2, "/").publisher((0, "talker"), 10, "/chatter", &STRING);
+        assert_eq!(
+            talker.token.replace(",10:", ",7:"),
+            "@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0/10/MP/%/%/talker/%chatter/\
+             std_msgs::msg::dds_::String_/\
+             RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18/::,7:,:,:,,"
+        );
+        assert_eq!(
+            context(2, "").node(0, "listener"),
+            "@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0/0/NN/%/%/listener"
+        );
+        let robot = context(0, "/robot1");
+        let topic = robot.namespace.topic("chatter");
+        let talker = robot.publisher((0, "talker"), 10, &topic, &STRING);
+        assert_eq!(
+            talker.key,
+            "0/robot1/chatter/std_msgs::msg::dds_::String_/\
+             RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+        );
+        assert!(talker.token.contains("/MP/%/%robot1/talker/%robot1%chatter/"), "{}", talker.token);
+    }
+
+    #[test]
+    fn an_attachment_is_two_numbers_and_who_it_is_from() {
+        let publisher = context(0, "/").publisher((0, "talker"), 1, "/chatter", &STRING);
+        let bytes = publisher.attachment(7, Duration::new(1, 2));
+        assert_eq!(bytes[..16], [7, 0, 0, 0, 0, 0, 0, 0, 2, 202, 154, 59, 0, 0, 0, 0]);
+        assert_eq!(bytes[16], 16);
+        let other = context(0, "/").publisher((0, "talker"), 2, "/chatter", &STRING);
+        assert_ne!(bytes, other.attachment(7, Duration::new(1, 2)));
+    }
+
+    #[test]
+    fn serial_numbers_become_names_that_ros_takes() {
+        for (serial, expected) in [
+            ("F-0042", "F_0042"),
+            ("press", "press"),
+            ("0042", "finger_0042"),
+            ("a--b  c", "a_b_c"),
+            ("_x", "finger_x"),
+            ("", "finger_"),
+        ] {
+            assert_eq!(name(serial), expected);
+        }
+        assert!("/hand/left".parse::<Namespace>().is_ok());
+        assert!("/hand//left".parse::<Namespace>().unwrap_err().contains("no ROS name"));
+        assert!("hand-left".parse::<Namespace>().is_err());
+    }
+}

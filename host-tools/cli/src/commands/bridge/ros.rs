@@ -1,0 +1,168 @@
+//! What a frame is as ROS 2 messages, in CDR.
+//!
+//! Units are those of ROS, metres and newton metres (REP 103). `geometry_msgs/WrenchStamped` cannot say that
+//! there is no value: a frame whose force is withheld has none, and `taxel_msgs/Frame` has the reason.
+
+use std::time::Duration;
+
+use cdr_encoding::to_writer;
+use serde::Serialize;
+use taxel::condition::Signals;
+use taxel::estimate::Force;
+use taxel::frame::Frame;
+use taxel::measured::{Measured, NoValue};
+use taxel::scan::SENSORS;
+use taxel::units::Newtons;
+
+/// A message type: its name as DDS writes it, and the hash of its definition (REP 2016), both of which are part
+/// of every key.
+pub struct Type {
+    pub name: &'static str,
+    pub hash: &'static str,
+}
+
+/// `geometry_msgs/msg/WrenchStamped`.
+pub const WRENCH: Type = Type {
+    name: "geometry_msgs::msg::dds_::WrenchStamped_",
+    hash: "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77",
+};
+
+/// `taxel_msgs/msg/Frame`, of `host-tools/bridge/taxel_msgs`.
+pub const FRAME: Type = Type {
+    name: "taxel_msgs::msg::dds_::Frame_",
+    hash: "RIHS01_1558c72b9c38b8aa5b1f8bedea5a03aa7bf4c88f9d31b83c6fb4ae51afbdd65a",
+};
+
+#[derive(Clone, Copy, Serialize)]
+struct Time {
+    sec: i32,
+    nanosec: u32,
+}
+
+#[derive(Clone, Copy, Serialize)]
+struct Header<'n> {
+    stamp: Time,
+    frame_id: &'n str,
+}
+
+#[derive(Serialize)]
+struct Vector3 {
+    x: f64,
+    y: f64,
+    z: f64,
+}
+
+#[derive(Serialize)]
+struct WrenchStamped<'n> {
+    header: Header<'n>,
+    force: Vector3,
+    torque: Vector3,
+}
+
+#[derive(Clone, Copy, Serialize)]
+struct Value {
+    value: f32,
+    withheld: u8,
+}
+
+#[derive(Serialize)]
+struct FrameMessage<'n> {
+    header: Header<'n>,
+    device_us: u64,
+    seq: u32,
+    status: u32,
+    force: Vec<Value>,
+    point: Vec<Value>,
+    torsion: Vec<Value>,
+    slip: Vec<Value>,
+    contacts: Vec<Value>,
+    sensors: Vec<Value>,
+    taxels: Vec<f32>,
+    bridges: Vec<Value>,
+}
+
+/// The wrench on the finger; `None` where a component of its force is withheld or not streamed. The moment is
+/// that about the normal of the contact, 0 where the finger does not tell it.
+pub fn wrench(frame: &Frame, at: Duration, name: &str) -> Option<Vec<u8>> {
+    let Force { x: Ok(x), y: Ok(y), z: Ok(z) } = frame.force? else { return None };
+    let [x, y, z] = [x, y, z].map(|newtons| f64::from(newtons.0));
+    let torsion = frame.torsion.and_then(Result::ok).map_or(0.0, |t| f64::from(t.0) * 1e-3);
+    Some(cdr(&WrenchStamped {
+        header: header(at, name),
+        force: Vector3 { x, y, z },
+        torque: Vector3 { x: 0.0, y: 0.0, z: torsion },
+    }))
+}
+
+/// All that the frame says but its codes.
+pub fn frame(frame: &Frame, at: Duration, name: &str) -> Vec<u8> {
+    let signals = frame.signals;
+    cdr(&FrameMessage {
+        header: header(at, name),
+        device_us: frame.time.0,
+        seq: frame.seq,
+        status: frame.status.0,
+        force: frame.force.iter().flat_map(forces).collect(),
+        point: values(frame.point, |point| [metres(point.x.0), metres(point.y.0)]),
+        torsion: values(frame.torsion, |torsion| [torsion.0 * 1e-3]),
+        slip: values(frame.slip, |slip| [slip.margin, slip.friction, slip.grip.0]),
+        contacts: values(frame.contacts, |[a, b]| {
+            let [ax, ay, bx, by] = [a.point.x, a.point.y, b.point.x, b.point.y].map(|mm| metres(mm.0));
+            [ax, ay, a.normal.0, bx, by, b.normal.0]
+        }),
+        sensors: frame.sensors.iter().flatten().flat_map(forces).collect(),
+        taxels: signals.and_then(|s| s.taxels).map_or(Vec::new(), |taxels| taxels.to_vec()),
+        bridges: signals.iter().flat_map(bridges).collect(),
+    })
+}
+
+fn header(at: Duration, name: &str) -> Header<'_> {
+    // ROS runs out of seconds in 2038.
+    let sec = i32::try_from(at.as_secs()).unwrap_or(i32::MAX);
+    Header { stamp: Time { sec, nanosec: at.subsec_nanos() }, frame_id: name }
+}
+
+fn metres(mm: f32) -> f32 {
+    mm * 1e-3
+}
+
+fn forces(force: &Force) -> [Value; 3] {
+    [force.x, force.y, force.z].map(|axis| value(axis.map(|Newtons(newtons)| newtons)))
+}
+
+fn bridges(signals: &Signals) -> impl Iterator<Item = Value> {
+    let bridges = signals.bridges;
+    (0..SENSORS).flat_map(move |i| match bridges[i] {
+        Some(axes) => axes.map(|axis| value(Ok(axis))),
+        None => [value(Err(NoValue::Absent)); 3],
+    })
+}
+
+/// The values of a field: none where it is not streamed, and as many reasons as values where it is withheld.
+fn values<T, const N: usize>(
+    field: Option<Measured<T>>,
+    numbers: impl FnOnce(T) -> [f32; N],
+) -> Vec<Value> {
+    match field {
+        None => Vec::new(),
+        Some(Ok(given)) => numbers(given).map(|number| value(Ok(number))).to_vec(),
+        Some(Err(why)) => vec![value(Err(why)); N],
+    }
+}
+
+fn value(measured: Measured<f32>) -> Value {
+    match measured {
+        Ok(value) => Value { value, withheld: 0 },
+        // Zero means given; the wire counts reasons from nought.
+        Err(why) => Value { value: 0.0, withheld: why as u8 + 1 },
+    }
+}
+
+/// As ROS 2 sends it: the four bytes that say little-endian CDR, then the message.
+fn cdr(message: &impl Serialize) -> Vec<u8> {
+    let mut bytes = vec![0, 1, 0, 0];
+    // Neither a vector nor these structures can refuse.
+    let written = to_writer::<_, byteorder::LittleEndian, _>(&mut bytes, message);
+    debug_assert!(written.is_ok());
+    bytes
+}
