@@ -109,7 +109,8 @@ mod tests {
                 let words = line.split([';', '|', '>', '&']).next().unwrap().split_whitespace();
                 let words: Vec<_> = words.collect();
                 assert!(Cli::try_parse_from(&words).is_ok(), "{line}");
-                let scenes = words.windows(2).filter(|pair| pair[0] == "--scene").map(|pair| pair[1]);
+                let scenes =
+                    words.windows(2).filter(|pair| pair[0] == "--scene").map(|pair| pair[1]);
                 let ports = words.iter().filter_map(|word| word.strip_prefix("sim:"));
                 for scene in scenes.chain(ports) {
                     assert!(BUILT_IN.iter().any(|(name, _)| *name == scene), "{line}");

@@ -104,7 +104,8 @@ fn a_recording_without_codes_is_a_port_too_and_says_again_what_the_finger_said()
     let (a, again) = (folder.path().join("a.mcap"), folder.path().join("again.mcap"));
     let (recording, played) = (Recording::open(&a).unwrap(), Recording::open(&again).unwrap());
     let finger = recording.position("host_us").unwrap();
-    let said = |path: &Path| rows(path).iter().map(|row| row[..finger].to_vec()).collect::<Vec<_>>();
+    let said =
+        |path: &Path| rows(path).iter().map(|row| row[..finger].to_vec()).collect::<Vec<_>>();
     assert_eq!(said(&a), said(&again));
     for fact in ["serial", "rate_hz", "fields", "calibration_crc"] {
         assert_eq!(recording.header.facts[fact], played.header.facts[fact], "{fact}");
@@ -198,7 +199,8 @@ fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_re
     };
     let serve = |scene: &str| {
         let port = format!("sim:{scene}");
-        let mut finger = taxel.command(&["serve", "--port", &port, "--tcp", &address]).spawn().unwrap();
+        let mut finger =
+            taxel.command(&["serve", "--port", &port, "--tcp", &address]).spawn().unwrap();
         let mut said = String::new();
         BufReader::new(finger.stdout.take().unwrap()).read_line(&mut said).unwrap();
         assert!(said.starts_with("tcp:"), "{said}");
@@ -210,7 +212,8 @@ fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_re
     };
     let record = |out: &str, duration: &str, scenes: [&str; 2]| {
         let port = format!("tcp:{address}");
-        let args = ["record", "--port", &port, "--rate", "500", "--duration", duration, "--out", out];
+        let args =
+            ["record", "--port", &port, "--rate", "500", "--duration", duration, "--out", out];
         let finger = serve(scenes[0]);
         let recording = taxel.command(&args).spawn().unwrap();
         std::thread::sleep(Duration::from_millis(1500));
@@ -253,7 +256,9 @@ fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_re
 #[test]
 fn a_full_disk_ends_the_recording_in_one_line_and_keeps_what_was_written() {
     let folder = tempfile::tempdir().unwrap();
-    for (name, kept) in [("a.mcap", "a.mcap"), ("a.csv", "a.csv"), ("a.parquet", "a.parquet.part.mcap")] {
+    for (name, kept) in
+        [("a.mcap", "a.mcap"), ("a.csv", "a.csv"), ("a.parquet", "a.parquet.part.mcap")]
+    {
         let script = "trap '' XFSZ; ulimit -f 2000; exec \"$0\" \"$@\"";
         let output = std::process::Command::new("bash")
             .args(["-c", script, env!("CARGO_BIN_EXE_taxel")])

@@ -109,6 +109,7 @@ fn header(client: &Client, info: &Info) -> Result<Header, LinkError> {
         .with("scan_hz", identity.scan_hz)
         .with("full_scale", identity.full_scale.top().0)
         .with("rate_hz", f64::from(info.rate_millihertz) / 1000.0)
+        .with("filter_hz", info.filter_hz)
         .with("fields", fields::list(info.fields))
         .with("biased", info.biased)
         .with("port", client.port())

@@ -88,13 +88,11 @@ impl Recorded {
             status: Status(row.whole("status") as u32),
             codes: None,
             signals: on(Fields::SIGNALS).then(|| row.signals()),
-            sensors: on(Fields::SENSORS)
-                .then(|| std::array::from_fn(|i| force(&format!("s{i}_")))),
+            sensors: on(Fields::SENSORS).then(|| std::array::from_fn(|i| force(&format!("s{i}_")))),
             force: on(Fields::FORCE).then(|| force("")),
             point: on(Fields::POINT).then(|| row.point("")),
             slip: on(Fields::SLIP).then(|| row.slip()),
-            torsion: on(Fields::TORSION)
-                .then(|| row.real("torsion_nmm").map(NewtonMillimetres)),
+            torsion: on(Fields::TORSION).then(|| row.real("torsion_nmm").map(NewtonMillimetres)),
             contacts: on(Fields::CONTACTS).then(|| row.contacts()),
         }
     }
@@ -141,7 +139,8 @@ impl Row<'_> {
     }
 
     fn slip(&self) -> Measured<Verdict> {
-        let [margin, friction, grip] = ["slip_margin", "friction", "grip_n"].map(|name| self.real(name));
+        let [margin, friction, grip] =
+            ["slip_margin", "friction", "grip_n"].map(|name| self.real(name));
         Ok(Verdict { margin: margin?, friction: friction?, grip: Newtons(grip?) })
     }
 
@@ -218,7 +217,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for name in ["a.mcap", "a.parquet"] {
             let path = folder.path().join(name);
-            let mut recorder = Recorder::create(&path, &Header::default(), &columns(fields)).unwrap();
+            let mut recorder =
+                Recorder::create(&path, &Header::default(), &columns(fields)).unwrap();
             for frame in &frames {
                 let mut row = Vec::new();
                 cells(frame, fields, &mut row);

@@ -1,63 +1,20 @@
-"""Against the Rust side: a virtual finger that the `taxel` command serves, and what it makes of a trace.
-
-Needs that command: `TAXEL=path/to/taxel`, else the one that cargo last built, else `cargo build` makes it.
-"""
+"""Against the Rust side: a virtual finger that the `taxel` command serves, and what it makes of a trace."""
 
 import csv
 import os
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fingers import FAST, serve
 
 import taxel
 from taxel import Fields, Finger, LinkError, RefusedError
 
 ROOT = Path(__file__).parents[3]
-
-FAST = """
-effects = ["noise"]
-
-[scan]
-rate_hz = 4000
-duration_s = 2
-
-[[press]]
-at_s = 0.5
-x_mm = 0.0
-y_mm = 0.0
-fz_n = 1.0
-rise_s = 0.2
-hold_s = 0.5
-fall_s = 0.2
-"""
-
-
-@pytest.fixture(scope="session")
-def command() -> str:
-    if "TAXEL" in os.environ:
-        return os.environ["TAXEL"]
-    subprocess.run(["cargo", "build", "--quiet", "--bin", "taxel"], cwd=ROOT, check=True)
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    return str(target / "debug" / "taxel")
-
-
-@contextmanager
-def serve(command: str, port: str, *arguments: str) -> Iterator[str]:
-    """A virtual finger, and the port it can be reached at."""
-    process = subprocess.Popen(
-        [command, "serve", "--port", port, *arguments], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        assert process.stdout is not None
-        yield process.stdout.readline().strip()
-    finally:
-        process.terminate()
-        process.wait(10)
 
 
 @pytest.fixture

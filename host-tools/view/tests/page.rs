@@ -54,7 +54,8 @@ fn tapped(finger: &VirtualFinger, rate: u16, folder: &Path) -> Tapped {
     let client = Arc::new(Client::open(finger.port(), None).unwrap());
     client.set_rate(rate).unwrap();
     client.set_fields(Fields::ALL).unwrap();
-    let (feed, tap) = Feed::tapped(&Arc::new(Steady::of(Arc::clone(&client))), folder.to_owned()).unwrap();
+    let (feed, tap) =
+        Feed::tapped(&Arc::new(Steady::of(Arc::clone(&client))), folder.to_owned()).unwrap();
     let stop = Arc::new(AtomicBool::new(false));
     let (stopped, streaming) = (Arc::clone(&stop), Arc::clone(&client));
     let thread = std::thread::spawn(move || {

@@ -1,4 +1,5 @@
-//! The Python client's own checks: types, lints, and its tests against the `taxel` command.
+//! The Python client's own checks: types, lints, and its tests against the `taxel` command; and, with other
+//! people's libraries, what recordings and the bridge to ROS 2 are worth.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -6,7 +7,7 @@ use std::process::Command;
 use anyhow::Result;
 
 use crate::packages;
-use crate::run::{answer, cargo, locked, program, root, run, target};
+use crate::run::{answer, cargo, clean_cargo, locked, program, root, run, target};
 
 /// Runs them in an environment of their own under `target/`.
 pub fn tests() -> Result<()> {
@@ -17,6 +18,13 @@ pub fn tests() -> Result<()> {
     check(&["ruff", "format", "--check", "src", "tests"])?;
     check(&["mypy"])?;
     run(cargo().args(["build", "--quiet", "--bin", "taxel"]).args(locked()))?;
+    // A workspace of its own; `taxel` looks for it beside itself.
+    let bridge = root().join("host-tools/bridge");
+    run(clean_cargo("cargo", &bridge).args(["fmt", "--check"]))?;
+    run(clean_cargo("cargo", &bridge)
+        .args(["build", "--quiet", "--target-dir"])
+        .arg(target())
+        .args(locked()))?;
     run(program(&python, &client)
         .env("TAXEL", target().join("debug/taxel"))
         .args(["-m", "pytest", "--quiet"]))
@@ -26,7 +34,10 @@ pub fn tests() -> Result<()> {
 fn environment(client: &Path) -> Result<PathBuf> {
     let directory = target().join("python-client");
     let python = directory.join("bin/python");
-    if answer(Command::new(&python).args(["-m", "pytest", "--version"])).is_some() {
+    // An environment from before these were needed lacks them.
+    let all_there = "import pytest, mypy, ruff, pandas, zenoh, mcap_protobuf, pyarrow, rosbags, websockets, xxhash";
+    let check = format!("{all_there}; print(1)");
+    if answer(Command::new(&python).args(["-c", &check])).is_some() {
         return Ok(python);
     }
     // Debian's python3 makes no environments without this package.

@@ -59,7 +59,10 @@ impl Player {
         }
     }
 
-    async fn converse(&mut self, stream: &mut tokio::net::TcpStream) -> io::Result<Option<Outcome>> {
+    async fn converse(
+        &mut self,
+        stream: &mut tokio::net::TcpStream,
+    ) -> io::Result<Option<Outcome>> {
         let (mut rx, mut tx) = stream.split();
         let mut deframer = Deframer::<MAX_PACKET>::default();
         let mut bytes = [0; 256];
@@ -125,13 +128,13 @@ impl Player {
                 Ok(Response::Done)
             }
             // The finger takes the nearest it can.
-            Command::SetRate { .. } => {
-                Ok(Response::Rate { millihertz: self.info.rate_millihertz })
-            }
+            Command::SetRate { .. } => Ok(Response::Rate { millihertz: self.info.rate_millihertz }),
             Command::SetFields(fields) if self.frames.fields().contains(*fields) => {
                 self.info.fields = *fields;
                 Ok(Response::Done)
             }
+            // What a finger is set to again when it comes back.
+            Command::SetFilter { hz } if *hz == self.info.filter_hz => Ok(Response::Done),
             Command::SetPointMethod(method) if *method == self.info.point_method => {
                 Ok(Response::Done)
             }
@@ -172,6 +175,7 @@ fn info(path: &Path, frames: &Recorded) -> Info {
             tick_hz: 1,
         },
         rate_millihertz: (rate * 1000.0) as u32,
+        filter_hz: fact("filter_hz").parse().unwrap_or_default(),
         fields: frames.fields(),
         streaming: false,
         point_method: PointMethod::Centroid,

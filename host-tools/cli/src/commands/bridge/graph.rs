@@ -86,8 +86,7 @@ impl Context {
         let entity = self.token(node_id, id, "MP", name);
         let token = format!("{entity}/{}/{type_name}/{hash}/{QOS}", mangled(topic));
         let gid = xxh3_128(token.as_bytes()).to_le_bytes();
-        let key =
-            format!("{}/{}/{type_name}/{hash}", self.domain, topic.trim_start_matches('/'));
+        let key = format!("{}/{}/{type_name}/{hash}", self.domain, topic.trim_start_matches('/'));
         Publisher { key, token, gid }
     }
 

@@ -107,7 +107,8 @@ pub fn frame(frame: &Frame, at: Duration, name: &str) -> Vec<u8> {
         torsion: values(frame.torsion, |torsion| [torsion.0 * 1e-3]),
         slip: values(frame.slip, |slip| [slip.margin, slip.friction, slip.grip.0]),
         contacts: values(frame.contacts, |[a, b]| {
-            let [ax, ay, bx, by] = [a.point.x, a.point.y, b.point.x, b.point.y].map(|mm| metres(mm.0));
+            let [ax, ay, bx, by] =
+                [a.point.x, a.point.y, b.point.x, b.point.y].map(|mm| metres(mm.0));
             [ax, ay, a.normal.0, bx, by, b.normal.0]
         }),
         sensors: frame.sensors.iter().flatten().flat_map(forces).collect(),

@@ -1,0 +1,273 @@
+"""`taxel bridge --zenoh` in one process, a Zenoh subscriber with another maker's CDR decoder in this one.
+
+What rmw_zenoh expects is taken from its design document, not from our source.
+"""
+
+import csv
+import importlib.util
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import xxhash
+import zenoh
+
+ROOT = Path(__file__).parents[3]
+CALIBRATION = ROOT / "host-tools/cli/assets/virtual-finger.cal.toml"
+# Fingers that differ in what happens to them; each is named after its scene.
+SCENES = [
+    "press",
+    "presses",
+    "press-grid",
+    "shear",
+    "shear-ramp",
+    "stick-slip",
+    "roll",
+    "torsion",
+    "tap",
+    "grasp",
+]
+REASONS = 8
+
+
+def load(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+listen = load(ROOT / "host-tools/bridge/listen.py")
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+class Network:
+    """A subscriber's session, and everything that bridges publish into it."""
+
+    def __init__(self, store: Any, domain: int, endpoint: str) -> None:
+        self.store, self.domain, self.endpoint = store, domain, endpoint
+        self.session = listen.open_session(endpoint, None)
+        self.topics: dict[str, Any] = {}
+
+    def subscribe(self, topic: str, kind: str) -> None:
+        def take(sample: zenoh.Sample) -> None:
+            self.topics.setdefault(str(sample.key_expr), listen.Topic()).take(sample)
+
+        self.session.declare_subscriber(listen.key(self.store, self.domain, topic, kind), take)
+
+    def samples(self, topic: str, kind: str) -> list[Any]:
+        found = self.topics.get(listen.key(self.store, self.domain, topic, kind))
+        return [] if found is None else found.samples
+
+    def tokens(self) -> list[str]:
+        replies = self.session.liveliness().get("@ros2_lv/**", timeout=2.0)
+        return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
+
+
+@pytest.fixture(scope="module")
+def store() -> Any:
+    return listen.typestore()
+
+
+@pytest.fixture
+def network(store: Any) -> Iterator[Network]:
+    network = Network(store, 3, free_endpoint())
+    yield network
+    network.session.close()
+
+
+@contextmanager
+def bridge(command: str, network: Network, ports: list[str], *more: str) -> Iterator[Any]:
+    fingers = [word for port in ports for word in ("--port", port)]
+    process = subprocess.Popen(
+        [command, "bridge", "--zenoh", *fingers, "--connect", network.endpoint, *more]
+        + ["--domain", str(network.domain)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        process.wait(20)
+
+
+def wait(condition: Callable[[], bool], seconds: float = 30) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came about"
+        time.sleep(0.02)
+
+
+def at(message: Any) -> int:
+    """The nanosecond that a message is stamped with."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def test_names_keys_tokens_and_attachments_are_those_of_rmw_zenoh(command: str, network: Network):
+    network.subscribe("hand/press/wrench", listen.WRENCH)
+    network.subscribe("hand/frames", listen.FRAME)
+    with bridge(command, network, ["sim:press"], "--namespace", "/hand") as process:
+        wait(lambda: len(network.samples("hand/frames", listen.FRAME)) > 100)
+        node, *publishers = sorted(network.tokens(), key=len)
+        parts = node.split("/")
+        assert parts[:2] == ["@ros2_lv", "3"]
+        assert parts[4:] == [parts[3], "NN", "%", "%hand", "press"]
+        assert parts[2] in {str(peer) for peer in network.session.info.peers_zid()}
+        assert len(publishers) == 2
+        for topic, kind in (("hand/press/wrench", listen.WRENCH), ("hand/frames", listen.FRAME)):
+            key, type_name, type_hash = listen.key(network.store, 3, topic, kind).rsplit("/", 2)
+            assert key == f"3/{topic}"
+            mangled = "%" + topic.replace("/", "%")
+            (token,) = [t for t in publishers if f"/{mangled}/" in t]
+            tail = ["MP", "%", "%hand", "press", mangled, type_name, type_hash, "::,10:,:,:,,"]
+            assert token.split("/")[:4] == parts[:4] and token.split("/")[5:] == tail
+            # The publisher's identity is the hash of its token, low half first.
+            gid = xxhash.xxh3_128_intdigest(token).to_bytes(16, "little")
+            samples = network.samples(topic, kind)
+            assert {s.publisher for s in samples} == {gid}
+            numbers = [s.number for s in samples]
+            assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+            assert all(0 <= s.at_ns - s.published_ns < 5e9 for s in samples)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+        wait(lambda: network.tokens() == [])
+
+
+def test_values_are_the_fingers_own_to_the_last_bit(command: str, network: Network, tmp_path: Path):
+    trace, replayed = tmp_path / "trace.csv", tmp_path / "frames.csv"
+    simulate = [command, "simulate", "--scene", "tour", "--seed", "3", "--out", str(trace)]
+    subprocess.run(simulate, check=True, capture_output=True)
+    core = [command, "replay", str(trace), "--calibration", str(CALIBRATION), "--fields", "all"]
+    subprocess.run([*core, "--out", str(replayed)], check=True, capture_output=True)
+    lines = (line for line in replayed.open() if not line.startswith("#"))
+    expected = {int(row["t_us"]): row for row in csv.DictReader(lines)}
+    network.subscribe("taxel/trace/wrench", listen.WRENCH)
+    network.subscribe("taxel/frames", listen.FRAME)
+    more = ["--calibration", str(CALIBRATION), "--fields", "all", "--json"]
+    with bridge(command, network, [f"file:{trace}"], *more) as process:
+        out, _ = process.communicate(timeout=60)
+    (report,) = json.loads(out)
+    assert report["lost"] == 0 and report["names"] == ["trace"]
+    samples = network.samples("taxel/frames", listen.FRAME)
+    frames = [network.store.deserialize_cdr(s.payload, listen.FRAME) for s in samples]
+    assert len(frames) > 1000
+    withheld = 0
+    for frame in frames:
+        assert frame.header.frame_id == "trace"
+        row = expected[frame.device_us]
+        assert frame.status == int(row["status"])
+        for values, names, scale in (
+            (frame.force, ["fx_n", "fy_n", "fz_n"], 1),
+            (frame.point, ["x_mm", "y_mm"], 1e-3),
+            (frame.torsion, ["torsion_nmm"], 1e-3),
+            (frame.slip, ["slip_margin", "friction", "grip_n"], 1),
+            (frame.sensors[:3], ["s0_fx_n", "s0_fy_n", "s0_fz_n"], 1),
+        ):
+            assert len(values) == len(names)
+            for value, name in zip(values, names, strict=True):
+                if row[name]:
+                    theirs = np.float32(row[name]) * np.float32(scale)
+                    assert (value.withheld, np.float32(value.value)) == (0, theirs), name
+                else:
+                    assert 1 <= value.withheld <= REASONS and value.value == 0
+                    withheld += 1
+        assert [np.float32(row[f"c_r{k // 4}c{k % 4}"]) for k in range(16)] == list(frame.taxels)
+    assert withheld > 100
+    # A force that is withheld is no wrench, rather than a wrench of nought.
+    wrenches = [
+        network.store.deserialize_cdr(s.payload, listen.WRENCH)
+        for s in network.samples("taxel/trace/wrench", listen.WRENCH)
+    ]
+    began = max(at(wrenches[0]), at(frames[0]))
+    given = [f for f in frames if at(f) >= began and all(v.withheld == 0 for v in f.force)]
+    wrenches = [wrench for wrench in wrenches if at(wrench) >= began]
+    assert len(wrenches) == len(given) > 1000
+    for stamped, frame in zip(wrenches, given, strict=True):
+        force = stamped.wrench.force
+        assert (force.x, force.y, force.z) == tuple(v.value for v in frame.force)
+        assert stamped.header == frame.header
+    assert np.median(np.diff([at(frame) for frame in frames])) == pytest.approx(1e6, abs=2e5)
+
+
+def test_a_finger_that_goes_is_waited_for_and_two_cannot_have_one_name(command: str, network: Network):
+    with bridge(command, network, ["tcp:127.0.0.1:1", "sim:press"], "--duration", "2") as process:
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert err.count("tcp:127.0.0.1:1: connection refused") == 1 and "waiting for it" in err
+    assert "tcp:127.0.0.1:1: never there" in out and "sim:press: press, " in out
+    with bridge(command, network, ["sim:press", "sim:press"]) as process:
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "another finger is called press already" in err.splitlines()[-1]
+
+
+def test_an_endpoint_that_is_none_is_told_in_one_line(command: str, network: Network):
+    with bridge(command, network, ["sim:press"], "--listen", "nonsense") as process:
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert len(err.splitlines()) == 1 and "check --connect and --listen" in err
+
+
+def test_ten_fingers_at_a_kilohertz_reach_another_process_without_loss(command: str, network: Network):
+    network.subscribe("taxel/*/wrench", listen.WRENCH)
+    ports = [f"sim:{scene}" for scene in SCENES]
+    with bridge(command, network, ports, "--duration", "4", "--json") as process:
+        out, _ = process.communicate(timeout=120)
+    reports = json.loads(out)
+    assert len(reports) == len(SCENES)
+    assert [report["lost"] for report in reports] == [0] * len(SCENES)
+    samples = [s for topic in network.topics.values() for s in topic.samples]
+    assert [topic.lost() for topic in network.topics.values()] == [0] * len(SCENES)
+    # All but those that were published before the subscriber was known.
+    published = sum(report["frames"] - report["withheld"] for report in reports)
+    assert len(samples) > 0.8 * published and published > 20_000
+    late = listen.percentiles([(s.at_ns - s.published_ns) * 1e-6 for s in samples])
+    print(f"{len(samples)} wrenches of {len(SCENES)} fingers, 0 lost, ms late: {late}")
+
+
+def test_the_manuals_commands_do_what_it_says(command: str, tmp_path: Path):
+    """Each line of an `sh` block that begins with `taxel`, and the listener beside the bridge."""
+    manual = (ROOT / "docs/ros2.md").read_text()
+    blocks = [block.split("```")[0] for block in manual.split("```sh\n")[1:]]
+    lines = [line for block in blocks for line in block.splitlines() if line.startswith("taxel ")]
+    assert lines
+    for line in lines:
+        ran = subprocess.run(
+            [command, *line.split()[1:]], cwd=tmp_path, capture_output=True, text=True, timeout=60
+        )
+        assert ran.returncode == 0, ran.stderr
+        assert "node /taxel/press, topics /taxel/press/wrench and /taxel/frames" in ran.stderr
+    endpoint = free_endpoint()
+    listener = subprocess.Popen(
+        [sys.executable, str(ROOT / "host-tools/bridge/listen.py"), "--seconds", "5"]
+        + ["--listen", endpoint],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    fingers = ["--port", "sim:press", "--port", "sim:shear", "--connect", endpoint]
+    run = [command, "bridge", "--zenoh", *fingers, "--duration", "8"]
+    subprocess.run(run, capture_output=True, check=True)
+    out, _ = listener.communicate(timeout=30)
+    assert "0/taxel/press/wrench: " in out and "0/taxel/shear/wrench: " in out
+    assert "2 fingers, " in out and ", 0 lost" in out and "median" in out

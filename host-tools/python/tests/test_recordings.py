@@ -1,0 +1,93 @@
+"""What `taxel record` writes, read by other people's libraries: MCAP's own, pyarrow and pandas."""
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+SECONDS = 2
+FILES = ("a.mcap", "a.parquet", "a.csv")
+
+
+@pytest.fixture(scope="module")
+def folder(command: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recordings")
+    record = [command, "record", "--port", "sim:press", "--fields", "all"]
+    files = [word for name in FILES for word in ("--out", name)]
+    subprocess.run([*record, "--duration", str(SECONDS), *files], cwd=folder, check=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def table(folder: Path) -> pd.DataFrame:
+    return pd.read_parquet(folder / "a.parquet")
+
+
+def test_mcap_is_whole_and_says_what_it_holds(folder: Path):
+    with (folder / "a.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert summary.statistics.message_count == SECONDS * 1000
+        (channel,) = summary.channels.values()
+        assert (channel.topic, channel.message_encoding) == ("/taxel/press", "protobuf")
+        (schema,) = summary.schemas.values()
+        assert (schema.name, schema.encoding) == ("taxel.Frame", "protobuf")
+        (attachment,) = reader.iter_attachments()
+        assert attachment.name == "calibration.toml" and b"taxel_calibration" in attachment.data
+        (metadata,) = reader.iter_metadata()
+        assert metadata.metadata["board"] == "virtual"
+
+
+def test_mcap_and_parquet_hold_the_same_values_and_the_same_reasons(folder: Path, table: pd.DataFrame):
+    with (folder / "a.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        messages = [decoded for _, _, _, decoded in reader.iter_decoded_messages()]
+    assert len(messages) == len(table) == SECONDS * 1000
+    fields = [f.name for f in messages[0].DESCRIPTOR.fields]
+    assert fields == list(table.columns)
+    withheld = 0
+    for name in fields:
+        theirs = [getattr(m, name) if m.HasField(name) else None for m in messages]
+        column = table[name]
+        if name.endswith("_withheld"):
+            names = messages[0].DESCRIPTOR.fields_by_name[name].enum_type.values_by_number
+            words = [None if v is None else names[v].name.lower() for v in theirs]
+            ours = [None if pd.isna(v) else v.replace(" ", "_").replace("-", "_") for v in column]
+            assert words == ours, name
+            withheld += sum(word is not None for word in words)
+        else:
+            numbers = np.array([np.nan if v is None else v for v in theirs], dtype=np.float64)
+            np.testing.assert_array_equal(numbers, column.astype(np.float64), err_msg=name)
+    assert withheld > 0 and table["fz_n"].max() > 0.5
+
+
+def test_csv_holds_the_values_of_parquet(folder: Path, table: pd.DataFrame):
+    csv = pd.read_csv(folder / "a.csv", comment="#")
+    for name in csv.columns:
+        theirs = csv[name].astype(np.float32 if table[name].dtype == np.float32 else np.float64)
+        np.testing.assert_array_equal(theirs, table[name].astype(theirs.dtype), err_msg=name)
+    assert set(csv.columns) == {name for name in table.columns if not name.endswith("_withheld")}
+
+
+def test_parquet_names_the_finger_and_carries_its_calibration(folder: Path):
+    facts: dict[bytes, Any] = pq.read_schema(folder / "a.parquet").metadata
+    assert facts[b"serial"] == b"press" and facts[b"rate_hz"] == b"1000"
+    assert any(b"taxel_calibration" in value for value in facts.values())
+
+
+def test_the_hosts_clock_is_on_every_row_and_the_fingers_is_mapped_to_it(table: pd.DataFrame):
+    mapped = table.dropna(subset="host_scan_us")
+    assert len(mapped) > len(table) * 0.3
+    # A scan comes before its frame, and runs by the finger's clock.
+    late = mapped["host_us"].astype(float) - mapped["host_scan_us"].astype(float)
+    assert late.median() > 0 and late.min() > -1000
+    steps = np.diff(mapped["host_scan_us"].astype(float)) - np.diff(mapped["t_us"].astype(float))
+    assert np.abs(steps).max() < 5000 and np.median(np.abs(steps)) <= 1
+    assert set(table["connection"]) == {1}
