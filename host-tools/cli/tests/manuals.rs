@@ -34,10 +34,10 @@ taxel() {
         # Zenoh takes minutes to build; the Python tests run it, and what docs/ros2.md says of it.
         " bridge "*) set -- help bridge ;;
         *" --duration "* | *" --help "*) ;;
-        # What runs until Ctrl-C gets it after four seconds, and must end well. Another page may be served.
+        # What runs until Ctrl-C gets it after four seconds, once, and must end well. Another page may be served.
         " view "* | " serve "* | " demo "*)
             [[ "$all" != " view "* ]] || set -- "$@" --listen 127.0.0.1:0
-            timeout --preserve-status --signal=INT 4 "$TAXEL" "$@"
+            timeout --foreground --preserve-status --signal=INT 4 "$TAXEL" "$@"
             return ;;
         # Minutes. What it draws is measured by the tests of the crate `chart`.
         " chart "*) set -- chart --help ;;

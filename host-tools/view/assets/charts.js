@@ -24,7 +24,7 @@ function axes(unit) {
   return [{ ...common }, { ...common, size: 62, values: (plot, splits) => short(splits), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
 }
 
-/** A point for two pixels: of each stretch of time the least and the greatest, so that no peak is lost. */
+/** A point for each pixel: of its stretch of time the least and the greatest, so that no peak is lost. */
 function thinned(times, lows, highs, step) {
   const points = [[], ...lows.flatMap(() => [[], []])];
   let stretch;
@@ -107,7 +107,7 @@ export class Strip {
     const moved = Math.abs(now - (this.now ?? -Infinity));
     if (moved < WINDOW / this.plot.bbox.width) return;
     this.now = now;
-    const step = 2 * devicePixelRatio * WINDOW / this.plot.bbox.width;
+    const step = WINDOW / this.plot.bbox.width;
     const of = (columns) => this.names.map((name) => columns[name]);
     const [ends, ...values] = thinned(times, of(lows), of(highs), step);
     this.plot.setData([ends.map((time) => time - now), ...values]);
@@ -152,7 +152,9 @@ export class Spectrum {
 
   /** Axes without a line say nothing. */
   show(yes) {
-    this.holder.style.visibility = yes ? "visible" : "hidden";
+    if (this.holder.hidden !== yes) return;
+    this.holder.hidden = !yes;
+    if (yes) this.resize();
   }
 
   draw(step, lines) {

@@ -156,8 +156,8 @@ async fn converse(mut socket: WebSocket, feed: &Feed) -> Result<(), axum::Error>
     let mut frames = interval(FRAME);
     let mut spectra = interval(SPECTRUM);
     // A page that is slow to read is told everything later, not twice as often.
-    frames.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    spectra.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    frames.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    spectra.set_missed_tick_behavior(MissedTickBehavior::Skip);
     let mut seen = Seen::default();
     loop {
         let message = tokio::select! {

@@ -50,10 +50,10 @@ struct Tapped {
     server: Server,
 }
 
-fn tapped(finger: &VirtualFinger, rate: u16, folder: &Path) -> Tapped {
+fn tapped(finger: &VirtualFinger, rate: u16, fields: Fields, folder: &Path) -> Tapped {
     let client = Arc::new(Client::open(finger.port(), None).unwrap());
     client.set_rate(rate).unwrap();
-    client.set_fields(Fields::ALL).unwrap();
+    client.set_fields(fields).unwrap();
     let (feed, tap) =
         Feed::tapped(&Arc::new(Steady::of(Arc::clone(&client))), folder.to_owned()).unwrap();
     let stop = Arc::new(AtomicBool::new(false));
@@ -83,7 +83,7 @@ impl Tapped {
 fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
     let folder = tempfile::tempdir().unwrap();
     let finger = finger("press-4khz");
-    let tapped = tapped(&finger, 4000, folder.path());
+    let tapped = tapped(&finger, 4000, Fields::ALL, folder.path());
     let mut browser = Browser::open(&tapped.server.url(), 1280, 900);
     browser.wait_for("Number(document.getElementById('values').dataset.seq) > 12000");
     let mut shown = Vec::new();
@@ -165,7 +165,9 @@ fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
 fn a_4_khz_stream_is_drawn_60_times_a_second() {
     let folder = tempfile::tempdir().unwrap();
     let finger = finger("press-4khz");
-    let tapped = tapped(&finger, 4000, folder.path());
+    // What the page asks a finger for by itself.
+    let fields = Fields(Fields::ESTIMATES.0 | Fields::SIGNALS.0);
+    let tapped = tapped(&finger, 4000, fields, folder.path());
     let mut browser = Browser::blank(1280, 900);
     // Calls and drawings a second, over some seconds.
     let measure = |browser: &mut Browser, seconds: u32| {
@@ -206,14 +208,14 @@ fn a_4_khz_stream_is_drawn_60_times_a_second() {
         );
         cost = cost.min(cpu);
         if others < 0.25 {
-            share = Some(share.unwrap_or(0.0f64).max(draws / 3.0 / ((before + after) / 2.0)));
+            share = Some(share.unwrap_or(0.0f64).max(calls / ((before + after) / 2.0)));
         }
         if share.is_some_and(|share| share >= 0.9) && cost < 2e3 / 60.0 {
             break;
         }
     }
     match share {
-        Some(share) => assert!(share >= 0.9, "drawn {share:.2} times as often as an empty page"),
+        Some(share) => assert!(share >= 0.9, "{share:.2} pictures for each of an empty page"),
         None => println!("the machine had too much else to do to tell how often the page is drawn"),
     }
     assert!(cost < 2e3 / 60.0, "{cost:.1} ms of processor a drawing");
@@ -254,7 +256,12 @@ fn the_page_looks_right_idle_pressed_slipping_broken_and_on_a_phone() {
             "view-two-contacts",
             "typeof taxel.latest[taxel.at.contact2_fz_n] === 'number' && /More than one/.test(flags())",
         ),
-        ("faulty", "view-fault", "document.getElementById('flags').querySelector('.bad')"),
+        (
+            "faulty",
+            "view-fault",
+            "document.getElementById('flags').querySelectorAll('.bad').length === 2
+                && taxel.times.length > 400",
+        ),
     ] {
         let finger = finger(scene);
         let server = show(finger.port(), folder.path());
