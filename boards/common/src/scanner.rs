@@ -117,10 +117,9 @@ impl Frames {
 
     /// Frames that still wait are lost: they were read in another way than those to come.
     fn forget(&self) {
-        cortex_m::interrupt::free(|_| {
-            self.lose(self.queue.len() as u32);
-            self.queue.clear();
-        });
+        while self.queue.try_receive().is_ok() {
+            cortex_m::interrupt::free(|_| self.lose(1));
+        }
     }
 
     /// Notes what reading a frame took.
