@@ -103,7 +103,10 @@ impl Instrument {
                 self.rescanned(&scan, full_scale);
             }
             if (1..=self.identity.scan_hz).contains(&hz) && fields.0 <= Fields::ALL.0 {
-                (self.hz, self.fields, self.finger.point_method) = (hz, fields, point_method);
+                (self.hz, self.fields) = (hz, fields);
+            }
+            if point_method.is_built() {
+                self.finger.point_method = point_method;
             }
             self.set_filter(filter_hz);
         }
@@ -249,6 +252,9 @@ impl Instrument {
                 in_range(u32::from(*hz), 0, u32::from(self.highest_filter()))?;
                 self.set_filter(*hz);
             }
+            Command::SetPointMethod(method) if !method.is_built() => {
+                return Err(Refusal::Unsupported);
+            }
             Command::SetPointMethod(method) => self.finger.point_method = *method,
             Command::TakeBias { scans } => {
                 in_range(u32::from(*scans), 2, u32::from(u16::MAX))?;
@@ -305,7 +311,8 @@ impl Instrument {
                 if self.busy() {
                     return Err(Refusal::Busy);
                 }
-                self.record_intact = store.record().map(is_intact);
+                let damaged = store.passed_over().filter(|record| !is_intact(record));
+                self.record_intact = damaged.or(store.record()).map(is_intact);
                 self.self_test = Some((tag, Running::over(*scans)));
                 return Ok(None);
             }

@@ -44,7 +44,8 @@ pub struct SelfTest {
     pub full_scale: FullScale,
     /// The channels that the finger has.
     pub channels: Channels<Option<Channel>>,
-    /// The stored calibration is whole, if there is one.
+    /// The stored calibration is whole, if there is one. Not so where the newest was found damaged at
+    /// power-up, and an older one is in force, or none.
     pub record_intact: Option<bool>,
 }
 

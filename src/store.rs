@@ -133,6 +133,13 @@ impl<F: Flash> Store<F> {
         self.calibration.current(&self.flash)
     }
 
+    /// A record that was put in force once, and that the last [`Self::open`] did not accept: an older one is
+    /// in force, or none.
+    #[must_use]
+    pub fn passed_over(&self) -> Option<&[u8]> {
+        self.calibration.passed_over(&self.flash)
+    }
+
     /// A record of `length` bytes will follow: erases the slot that is not in force.
     ///
     /// # Errors

@@ -267,6 +267,56 @@ fn flash_in_memory_is_as_strict_as_flash() {
     flash.program(Area::SlotB, 8, [1; 8]).unwrap();
 }
 
+/// Bits fall by themselves: all that stand of the first byte from `offset` on in which any does.
+fn rot(flash: &mut Mortal, area: Area, offset: usize) {
+    let mut bytes = flash.bytes(area).to_vec();
+    let byte = bytes[offset..].iter_mut().find(|byte| **byte != 0).unwrap();
+    *byte = 0;
+    flash.cells.erase(area).unwrap();
+    for (i, word) in bytes.as_chunks::<8>().0.iter().enumerate() {
+        if *word != [0xff; 8] {
+            flash.cells.program(area, 8 * i, *word).unwrap();
+        }
+    }
+}
+
+fn record_intact(instrument: &mut Instrument, store: &mut Store<Mortal>) -> Option<bool> {
+    let request = Request { tag: 0, command: Command::SelfTest { scans: 2 } };
+    assert_eq!(instrument.handle(&request, store), None);
+    let _ = instrument.scan(&common::unloaded(0));
+    match instrument.scan(&common::unloaded(250)).reply {
+        Some(Message::Reply { result: Ok(Response::SelfTest(test)), .. }) => test.record_intact,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_self_test_tells_of_a_record_that_was_found_damaged_at_power_up() {
+    let (mut instrument, mut store) = wake(Mortal::new());
+    assert_eq!(record_intact(&mut instrument, &mut store), None);
+    instrument.install(&record(1), &mut store).unwrap();
+    assert_eq!(record_intact(&mut instrument, &mut store), Some(true));
+    instrument.install(&record(2), &mut store).unwrap();
+
+    // Of the second record's coefficients, behind its header.
+    let mut flash = asleep(store);
+    rot(&mut flash, Area::SlotB, 200);
+    let (mut instrument, mut store) = wake(flash);
+    assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&record(1))), "the older one");
+    assert_eq!(record_intact(&mut instrument, &mut store), Some(false));
+
+    let mut flash = asleep(store);
+    rot(&mut flash, Area::SlotA, 200);
+    let (mut instrument, mut store) = wake(flash);
+    assert_eq!(in_force(&mut instrument, &mut store), None);
+    assert_eq!(record_intact(&mut instrument, &mut store), Some(false));
+
+    // Another upload mends it.
+    instrument.install(&record(3), &mut store).unwrap();
+    instrument.install(&record(4), &mut store).unwrap();
+    assert_eq!(record_intact(&mut instrument, &mut store), Some(true));
+}
+
 fn settings(hz: u16) -> Settings {
     Settings {
         hz,

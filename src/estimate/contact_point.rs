@@ -12,13 +12,22 @@ use crate::units::Millimetres;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PointMethod {
     /// 0, 002 eqs (8)–(9): the centroid of the taxels that came nearer.
+    #[cfg_attr(not(feature = "model"), default)]
     Centroid,
     /// 1, 002 eq. (7): the centre of the taxel that came nearest.
     ArgMin,
     /// 2: by the record's model of the skin (see [`super::inverse`]); the centroid where it has none. With
     /// this the model gives the force, too; with another it is the net's where the record has one.
-    #[default]
+    #[cfg_attr(feature = "model", default)]
     Model,
+}
+
+impl PointMethod {
+    /// This build holds it.
+    #[must_use]
+    pub const fn is_built(self) -> bool {
+        !matches!(self, Self::Model) || cfg!(feature = "model")
+    }
 }
 
 /// 002 eq. (7): the centre of the taxel with the most negative c_k, over taxels whose bit in `skip`

@@ -142,11 +142,14 @@ impl Vibration {
         let heard = high * high;
         channel.energy[0] += fast * (heard - channel.energy[0]);
         channel.energy[1] += fast * (low * low - channel.energy[1]);
-        let floor = channel.floor.max(QUIET);
+        // Not `max` and `min`, which are calls where the processor has no instruction for them.
+        let floor = if channel.floor > QUIET { channel.floor } else { QUIET };
         // The floor follows quickly at first, then slowly, and not at all while it vibrates.
         if !was {
             let share = if warm { slow } else { fast };
-            channel.floor += share * (heard.min(4.0 * floor) - channel.floor);
+            let most = 4.0 * floor;
+            let heard = if heard < most { heard } else { most };
+            channel.floor += share * (heard - channel.floor);
         }
         let [begin, end] = self.loud;
         let [energy, below] = channel.energy;

@@ -52,17 +52,16 @@ impl WrenchMatrix {
     /// The wrench for the signals u − b of every sensor; one that is not there counts as zero.
     #[must_use]
     pub fn wrench(&self, signals: &[[f32; 3]; SENSORS]) -> Wrench {
-        let signals = signals.as_flattened();
-        let [fx, fy, fz, mx, my, mz] =
-            self.0.each_ref().map(|row| weighted(row.as_flattened(), signals));
+        let [fx, fy, fz, mx, my, mz] = self.0.each_ref().map(|row| weighted(row, signals));
         Wrench { force: [fx, fy, fz], moment: [mx, my, mz] }
     }
 }
 
 /// Σ m·u. One of it, not six in a row.
 #[inline(never)]
-fn weighted(row: &[f32], signals: &[f32]) -> f32 {
-    row.iter().zip(signals).fold(0.0, |sum, (m, u)| sum + m * u)
+fn weighted(row: &[[f32; 3]; SENSORS], signals: &[[f32; 3]; SENSORS]) -> f32 {
+    let sensors = row.iter().zip(signals);
+    sensors.fold(0.0, |sum, ([a, b, c], [x, y, z])| sum + a * x + b * y + c * z)
 }
 
 /// a × b.

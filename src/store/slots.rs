@@ -18,6 +18,8 @@ const MAGIC: [u8; 4] = *b"TXCL";
 pub(super) struct Slots {
     areas: [Area; 2],
     newest: Option<Newest>,
+    /// Newer than that, and not accepted when it was read at power-up.
+    passed_over: Option<Newest>,
     incoming: Option<Incoming>,
 }
 
@@ -38,13 +40,13 @@ struct Incoming {
 
 impl Slots {
     pub(super) const fn new(areas: [Area; 2]) -> Self {
-        Self { areas, newest: None, incoming: None }
+        Self { areas, newest: None, passed_over: None, incoming: None }
     }
 
     /// Finds the newest content that `accept` takes. The other area is tried where it takes none: that is
     /// what a power cut leaves behind.
     pub(super) fn open(&mut self, flash: &impl Flash, mut accept: impl FnMut(&[u8]) -> bool) {
-        self.incoming = None;
+        (self.incoming, self.passed_over) = (None, None);
         let found = self.areas.map(|area| newest_in(flash, area));
         let [first, second] = match found {
             [Some(a), Some(b)] if b.sequence > a.sequence => [Some(b), Some(a)],
@@ -53,7 +55,13 @@ impl Slots {
         self.newest = first.filter(|newest| accept(newest.content(flash)));
         if self.newest.is_none() {
             self.newest = second.filter(|newest| accept(newest.content(flash)));
+            self.passed_over = first.or(second.filter(|_| self.newest.is_none()));
         }
+    }
+
+    /// What was made the newest and was not accepted at power-up, until it is erased.
+    pub(super) fn passed_over<'f>(&self, flash: &'f impl Flash) -> Option<&'f [u8]> {
+        self.passed_over.as_ref().map(|newest| newest.content(flash))
     }
 
     /// What is in force.
@@ -72,6 +80,7 @@ impl Slots {
         if length > area.size() - HEADER {
             return Err(StoreError::OutOfOrder);
         }
+        self.passed_over = self.passed_over.filter(|passed| passed.area != area);
         flash.erase(area)?;
         self.incoming = Some(Incoming { expected: length, received: 0 });
         Ok(())

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use indicatif::ProgressBar;
 use taxel::calibration::Calibration;
+use taxel::frame::Status;
 use taxel_formats::calibration;
 
 use crate::finger::{PortArg, record};
@@ -45,12 +46,52 @@ Example:
 /// # Errors
 /// The file is wrong, or the finger refused.
 pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
-    let bytes = record(&calibration::read(&args.calibration)?)?;
+    let calibration = calibration::read(&args.calibration)?;
+    let bytes = record(&calibration)?;
     let client = args.port.connect()?;
+    let info = client.info()?;
     let bar = ProgressBar::new(bytes.len() as u64);
     client.upload_calibration(&bytes, |sent| bar.set_position(sent as u64))?;
     bar.finish_and_clear();
-    output::line(format!("{}: {} bytes uploaded and read back", args.port.port, bytes.len()))
+    output::line(format!("{}: {} bytes uploaded and read back", args.port.port, bytes.len()))?;
+    for section in passed_over(&calibration, info.estimators) {
+        output::note(format_args!(
+            "{}: the firmware of {} goes without the estimator of `{section}`: it keeps the section and \
+             passes it over",
+            args.port.port, info.identity.board
+        ));
+    }
+    Ok(())
+}
+
+/// Sections of a record whose estimators are not among those that a firmware holds.
+fn passed_over(calibration: &Calibration, held: Status) -> Vec<&'static str> {
+    let sections = [
+        ("model", calibration.model.is_some(), Status::RAN_MODEL),
+        ("slip", calibration.slip.is_some(), Status::RAN_SLIP),
+        ("array", calibration.array.is_some(), Status::RAN_ARRAY),
+    ];
+    let passed =
+        |(name, present, ran): (_, bool, _)| (present && !held.contains(ran)).then_some(name);
+    sections.into_iter().filter_map(passed).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taxel::estimate::slip::Slip;
+
+    #[test]
+    fn a_section_is_passed_over_where_the_firmware_has_no_estimator_for_it() {
+        let calibration = Calibration {
+            model: Some(taxel::estimate::inverse::Inverse::default()),
+            slip: Some(Slip::usual(0.5)),
+            ..Calibration::default()
+        };
+        assert_eq!(passed_over(&calibration, Status::BUILT), Vec::<&str>::new());
+        assert_eq!(passed_over(&calibration, Status::RAN_SLIP), ["model"]);
+        assert_eq!(passed_over(&Calibration::default(), Status::default()), Vec::<&str>::new());
+    }
 }
 
 /// Runs `download`.
