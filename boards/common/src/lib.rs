@@ -6,6 +6,7 @@
 #![no_std]
 
 pub mod boot;
+mod copy;
 pub mod flash;
 pub mod identity;
 pub mod link;

@@ -4,6 +4,7 @@ mod frame;
 mod model;
 mod nets;
 mod papers;
+mod product;
 mod touch;
 
 use taxel::calibration::Calibration;
@@ -20,12 +21,14 @@ use crate::Meter;
 use crate::host::Inputs;
 
 pub use nets::papers_net;
+pub use product::dearest;
 
 /// Every stage on every input.
 pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {
     // A record that the core refuses leaves nothing to measure, and whoever measures will say so.
     let Ok(calibration) = Calibration::from_bytes(inputs.record) else { return };
-    frame::stages(inputs, meter);
+    frame::stages(inputs, &calibration, meter);
+    product::stages(inputs, &calibration, meter);
     conditioning(inputs, &calibration, meter);
     estimators(inputs, &calibration, meter);
     nets::stages(signals(inputs, &calibration.bias()).filter_map(|s| s.taxels), meter);

@@ -7,7 +7,7 @@
 //! Temperature and reference need 10 µs each, more than the settle time has room for together: they are
 //! an injected group that takes one of them a step, in turn (JDISCEN).
 
-use crate::{Refusal, STEPS, Settings, Step, fit, ticks};
+use crate::{Refusal, STEPS, Settings, Step, fit, settle_refusal, ticks};
 
 /// HCLK, APB2 and the timer's clock: the highest that also gives 48 MHz to the USB.
 pub const CLOCK_HZ: u32 = 96_000_000;
@@ -116,13 +116,11 @@ pub const fn plan(settings: Settings) -> Result<Plan, Refusal> {
     let columns = LIGHT + ticks(settings.settle_ns, CLOCK_HZ);
     // The multiplexer turns with the LED row: every input must have been sampled before.
     let all = INPUTS.len() as u32 * conversion(INPUT_SAMPLE) - CONVERT_CYCLES * TICKS_PER_CYCLE;
-    let done = columns + latency + all;
+    let sampling = latency + all;
+    let done = columns + sampling;
     if columns < slow + internal || done > crate::LONGEST_STEP {
-        return Err(Refusal::SettleNs {
-            low: ((slow + internal - LIGHT) as u64 * 1_000_000_000).div_ceil(CLOCK_HZ as u64)
-                as u32,
-            high: ((crate::LONGEST_STEP / 2) as u64 * 1_000_000_000 / CLOCK_HZ as u64) as u32,
-        });
+        let least = slow + internal - LIGHT;
+        return Err(settle_refusal(least, LIGHT + sampling, settings.scan_hz, CLOCK_HZ));
     }
     let top = match fit(settings.scan_hz, done, CLOCK_HZ) {
         Ok(top) => top,

@@ -14,7 +14,7 @@
 //! Both ADCs run on HCLK/4, in step with the timer: a trigger is taken after the same number of cycles
 //! every time, so that the jitter of a sample is the jitter of the crystal-less clock and nothing else.
 
-use crate::{COLUMNS, Refusal, STEPS, Settings, Step, fit, ticks};
+use crate::{COLUMNS, Refusal, STEPS, Settings, Step, fit, settle_refusal, ticks};
 
 /// HCLK, APB2 and the timer's clock.
 pub const CLOCK_HZ: u32 = 170_000_000;
@@ -167,11 +167,13 @@ pub const fn plan(settings: Settings) -> Result<Plan, Refusal> {
     // The injected group must be out of the columns' way.
     let internal = latency + INTERNAL_INPUTS.len() as u32 * conversion(INTERNAL_SAMPLE);
     let columns = LIGHT + ticks(settings.settle_ns, CLOCK_HZ);
-    if columns < slow + internal {
-        return Err(settle_refusal(slow + internal));
-    }
+    let sampling = latency + sampled(COLUMNS * samples as u32, COLUMN_SAMPLE);
     // The next pattern may come as soon as the last column has been sampled.
-    let columns_done = columns + latency + sampled(COLUMNS * samples as u32, COLUMN_SAMPLE);
+    let columns_done = columns + sampling;
+    if columns < slow + internal || columns_done > crate::LONGEST_STEP {
+        let least = slow + internal - LIGHT;
+        return Err(settle_refusal(least, LIGHT + sampling, settings.scan_hz, CLOCK_HZ));
+    }
 
     let amplified = conversion(AMPLIFIER_SAMPLE) * samples as u32;
     let second_input = slow + latency + 2 * amplified;
@@ -186,9 +188,6 @@ pub const fn plan(settings: Settings) -> Result<Plan, Refusal> {
     } else {
         (Last::Bridges, second_done)
     };
-    if done > crate::LONGEST_STEP {
-        return Err(settle_refusal(slow + internal));
-    }
     let top = match fit(settings.scan_hz, done, CLOCK_HZ) {
         Ok(top) => top,
         Err(refusal) => return Err(refusal),
@@ -243,15 +242,6 @@ const fn bias_sample(samples: u32) -> u32 {
         sample += 1;
     }
     sample
-}
-
-const fn settle_refusal(least_columns: u32) -> Refusal {
-    let low = (least_columns - LIGHT) as u64 * 1_000_000_000;
-    let high = (crate::LONGEST_STEP / 2) as u64 * 1_000_000_000;
-    Refusal::SettleNs {
-        low: low.div_ceil(CLOCK_HZ as u64) as u32,
-        high: (high / CLOCK_HZ as u64) as u32,
-    }
 }
 
 const fn timer(step: &Step, second_input: u32) -> Timer {

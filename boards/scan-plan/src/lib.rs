@@ -55,7 +55,8 @@ pub enum Refusal {
         /// Most.
         high: u32,
     },
-    /// The settle time: what is read meanwhile would not fit, or is longer than a step.
+    /// The settle time: what is read meanwhile would not fit, or it is longer than a step. Where the rate
+    /// leaves room for none at all, the range is that of the slowest.
     SettleNs {
         /// Least, in nanoseconds.
         low: u32,
@@ -117,6 +118,17 @@ pub const fn ticks(ns: u32, tick_hz: u32) -> u32 {
 const fn step_ticks(hz: u32, tick_hz: u32) -> u32 {
     let steps_hz = if hz == 0 { STEPS } else { STEPS * hz };
     (tick_hz + steps_hz / 2) / steps_hz
+}
+
+/// Refuses a settle time: a step needs at least `least` ticks of it, and `rest` ticks beside it.
+const fn settle_refusal(least: u32, rest: u32, scan_hz: u16, tick_hz: u32) -> Refusal {
+    let step = step_ticks(scan_hz as u32, tick_hz);
+    let fits = scan_hz > 0 && step <= LONGEST_STEP && step >= least + rest;
+    let most = if fits { step } else { LONGEST_STEP } - rest;
+    Refusal::SettleNs {
+        low: (least as u64 * 1_000_000_000).div_ceil(tick_hz as u64) as u32,
+        high: (most as u64 * 1_000_000_000 / tick_hz as u64) as u32,
+    }
 }
 
 /// The timer counts to 65535 at most.

@@ -1,7 +1,8 @@
-//! What is lost when the very image that is flashed is disturbed, and how it says so.
+//! What the very image that is flashed says when it is disturbed: what is lost, broken, or not there.
 
 use std::path::{Path, PathBuf};
 
+use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
 use taxel::wire::message::{Command, Counters, Response};
 use taxel_formats::trace::TraceReader;
@@ -116,4 +117,32 @@ fn what_is_lost_while_nobody_listens_is_counted_too() {
     let lost = after.1.overruns - before.1.overruns;
     assert!((392..=402).contains(&lost), "{lost}");
     assert!(unaccounted(before, after).abs() <= 8, "{}", unaccounted(before, after));
+}
+
+#[test]
+fn midpoints_around_a_bias_that_is_gone_are_a_fault_and_not_a_force() {
+    let mut session = session();
+    session.ask(Command::Stream(true)).unwrap();
+    let faulty = |session: &mut Session| {
+        session.frames.clear();
+        session.run(micros(20_000)).unwrap();
+        let flagged =
+            session.frames.iter().filter(|(_, f)| f.status.contains(Status::BRIDGE_FAULT));
+        (flagged.count(), session.frames.len())
+    };
+    assert_eq!(faulty(&mut session).0, 0);
+    // The buffer's supply has come off.
+    session.board.chip().finger.bias = 0.0;
+    session.run(micros(2_000)).unwrap();
+    let (flagged, frames) = faulty(&mut session);
+    assert!(frames > 70 && flagged == frames, "{flagged} of {frames}");
+}
+
+#[test]
+fn the_model_of_the_skin_that_the_image_goes_without_is_refused() {
+    let mut session = session();
+    let refused = session.ask(Command::SetPointMethod(PointMethod::Model)).unwrap_err();
+    assert!(refused.to_string().contains("Unsupported"), "{refused}");
+    let Response::Info(info) = session.ask(Command::Info).unwrap() else { panic!() };
+    assert_eq!(info.point_method, PointMethod::Centroid);
 }

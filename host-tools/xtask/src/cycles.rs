@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::Result;
+use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use crate::run::{exists, locked, program, root, run, target};
@@ -58,10 +58,41 @@ pub fn task(arguments: &Cycles, choice: Choice) -> Result<()> {
     run(&mut emulator)
 }
 
-/// Fails where a stage has become dearer than the committed table says.
+/// Fails where a stage has become dearer than the committed table says, or a frame of the product than it
+/// may be.
 pub fn guard(toolchain: &Toolchain) -> Result<()> {
+    let counted = target().join("cycles.csv");
     let mut emulator = emulator("cycles", &image(toolchain)?);
-    run(emulator.arg("--against").arg(directory().join("data/cycles.csv")))
+    emulator.arg("--csv").arg(&counted);
+    run(emulator.arg("--against").arg(directory().join("data/cycles.csv")))?;
+    let read = |path: &Path| {
+        std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))
+    };
+    within_half_a_frame(&read(&counted)?)
+}
+
+/// What the names of stages that are a whole frame of the product begin with.
+const FRAME: &str = "\"product: ";
+/// Cycles of half a frame: 170 MHz, 4 kHz.
+const HALF_A_FRAME: u64 = 170_000_000 / 4_000 / 2;
+
+/// Fails where a frame of the product takes more than half of its time, of which the other half is the
+/// USB's and the user's.
+fn within_half_a_frame(table: &str) -> Result<()> {
+    let frames: Vec<_> = table.lines().filter(|line| line.starts_with(FRAME)).collect();
+    if frames.is_empty() {
+        bail!("the table has no stage {FRAME}…\": boards/cycles/src/stages/product.rs");
+    }
+    for line in frames {
+        // Name, instructions, cycles from low to high.
+        let (name, numbers) = line[1..].split_once("\",").context("a name without an end")?;
+        let high = numbers.split(',').nth(2).and_then(|cycles| cycles.parse::<u64>().ok());
+        let high = high.with_context(|| format!("{name}: no cycles"))?;
+        if high >= HALF_A_FRAME {
+            bail!("{name}: {high} cycles, more than half a frame at 4 kHz ({HALF_A_FRAME})");
+        }
+    }
+    Ok(())
 }
 
 /// The emulator's own format, lints and tests. Those of the whole board run the image of `stm32g431`, and
@@ -122,4 +153,25 @@ fn libclang() -> bool {
             name.starts_with("libclang.so") || name.starts_with("libclang-") && name.contains(".so")
         })
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_products_dearest_frame_fits_half_its_time_by_the_committed_table() {
+        let table = std::fs::read_to_string(directory().join("data/cycles.csv")).unwrap();
+        within_half_a_frame(&table).unwrap();
+    }
+
+    #[test]
+    fn a_frame_that_is_too_dear_is_refused_and_so_is_a_table_without_one() {
+        let with =
+            |cycles: u64| format!("name\n\"product: a, b\",1,2,{cycles},4\n\"other\",1,2,99999\n");
+        assert!(within_half_a_frame(&with(HALF_A_FRAME - 1)).is_ok());
+        let refused = within_half_a_frame(&with(HALF_A_FRAME)).unwrap_err().to_string();
+        assert!(refused.contains("product: a, b") || refused.contains("a, b"), "{refused}");
+        assert!(within_half_a_frame("name\n\"other\",1,2,3\n").is_err());
+    }
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use serde::Deserialize;
 
 use crate::image::Image;
 use crate::memory::{Footprint, Use, footprint};
@@ -10,15 +11,41 @@ use crate::run::{answer, locked, program, root, run};
 use crate::toolchain::{Choice, Toolchain};
 use crate::{panics, stack};
 
-/// What a board may take at most, in bytes.
-struct Budget {
-    flash: u64,
-    ram: u64,
+/// What a board's manifest says of it, in `[package.metadata.board]`.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Board {
+    /// It runs on a desk and not in an emulator: it has a page, and a stack that can run out.
+    #[serde(default)]
+    hardware: bool,
+    /// What it may take at most, in bytes.
+    flash_budget: Option<u64>,
+    ram_budget: Option<u64>,
 }
 
-/// The product's: 96 KB of flash, so that the next years' features fit; three fifths of the 22 KB of RAM.
-const BUDGETS: [(&str, Budget); 1] =
-    [("stm32g431", Budget { flash: 96 << 10, ram: 22 * 1024 * 3 / 5 })];
+impl Board {
+    fn read(name: &str) -> Result<Self> {
+        #[derive(Deserialize)]
+        struct Manifest {
+            package: Package,
+        }
+        #[derive(Deserialize)]
+        struct Package {
+            #[serde(default)]
+            metadata: Metadata,
+        }
+        #[derive(Default, Deserialize)]
+        struct Metadata {
+            #[serde(default)]
+            board: Board,
+        }
+        let path = root().join("boards").join(name).join("Cargo.toml");
+        let text = std::fs::read_to_string(&path)
+            .context("reading it")
+            .and_then(|text| Ok(toml::from_str::<Manifest>(&text)?.package.metadata.board));
+        text.with_context(|| path.display().to_string())
+    }
+}
 
 fn within(used: u64, most: u64, what: &str) -> Result<()> {
     if used > most {
@@ -76,12 +103,15 @@ pub fn build(board: &str, toolchain: &Toolchain) -> Result<(PathBuf, Footprint)>
         size(flash),
         size(ram)
     );
-    if let Some((_, most)) = BUDGETS.iter().find(|(of, _)| *of == board) {
-        within(footprint.flash.used, most.flash, "flash")?;
-        within(footprint.ram.used, most.ram, "RAM")?;
+    let Board { hardware, flash_budget, ram_budget } = Board::read(board)?;
+    for (used, most, what) in
+        [(footprint.flash.used, flash_budget, "flash"), (footprint.ram.used, ram_budget, "RAM")]
+    {
+        most.map_or(Ok(()), |most| within(used, most, what))?;
     }
-    if is_hardware(board) {
-        stack_fits(board, &built, &footprint)?;
+    if hardware {
+        let stack = stack_fits(board, &built, &footprint)?;
+        page_agrees(board, &footprint, stack)?;
     }
     if board != BENCH {
         panics_are_known(board, &built)?;
@@ -89,13 +119,34 @@ pub fn build(board: &str, toolchain: &Toolchain) -> Result<(PathBuf, Footprint)>
     Ok((path, footprint))
 }
 
-/// What runs on a desk and not in an emulator.
-fn is_hardware(board: &str) -> bool {
-    board.starts_with("stm32")
+/// Another compiler's code is this much longer or shorter.
+const MARGIN: f64 = 0.05;
+
+/// The sizes on the board's page are those of the firmware.
+fn page_agrees(board: &str, footprint: &Footprint, stack: u32) -> Result<()> {
+    let path = root().join("docs/boards").join(board).with_extension("md");
+    let page = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+    let sizes = [
+        ("flash", Some(footprint.flash.used)),
+        ("RAM, statics", Some(footprint.ram.used)),
+        ("stack, the deepest that the machine code can take", Some(u64::from(stack))),
+        ("CCM SRAM", footprint.ccm.map(|ccm| ccm.used)),
+    ];
+    for (row, used) in sizes {
+        let Some(used) = used else { continue };
+        let used = used as f64 / 1024.0;
+        let cell = page.lines().find_map(|line| line.strip_prefix(&format!("| {row} | ")));
+        let stated = cell.and_then(|cell| cell.split_once(" KB")?.0.parse::<f64>().ok());
+        let right = stated.is_some_and(|stated| (used / stated - 1.0).abs() < MARGIN);
+        if !right {
+            bail!("{}: the row `| {row} | … KB |` should say {used:.1} KB", path.display());
+        }
+    }
+    Ok(())
 }
 
 /// The stack that the machine code can take.
-fn stack_fits(board: &str, built: &Path, footprint: &Footprint) -> Result<()> {
+fn stack_fits(board: &str, built: &Path, footprint: &Footprint) -> Result<u32> {
     let (stack, free) =
         (stack::deepest(&Image::read(built)?)?, footprint.ram.of - footprint.ram.used);
     eprintln!("{board}: stack at most {} of the {free} bytes that are left", stack.bytes);
@@ -103,7 +154,7 @@ fn stack_fits(board: &str, built: &Path, footprint: &Footprint) -> Result<()> {
         let path: Vec<_> = stack.path.iter().map(|(name, own)| format!("{own} {name}")).collect();
         bail!("{board} may run out of stack; the deepest path:\n  {}", path.join("\n  "));
     }
-    Ok(())
+    Ok(stack.bytes)
 }
 
 /// Where the machine code could panic. Of the emulated board too: it alone holds every estimator.

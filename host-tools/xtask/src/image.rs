@@ -16,8 +16,10 @@ pub struct Function {
     pub name: String,
     /// Where calls are, and where they go. Jumps out of the function count as calls.
     pub calls: Vec<(u32, u32)>,
-    /// Where the function calls through a register.
-    pub indirect: Vec<u32>,
+    /// Where the function calls through which register.
+    pub indirect: Vec<(u32, u8)>,
+    /// Constants that it loads into which register: a function that it calls several times is one.
+    pub constants: Vec<(u8, u32)>,
     /// The most bytes of stack that it takes itself.
     pub frame: u32,
     end: u32,
@@ -66,8 +68,8 @@ impl Image {
                 let address = symbol.address() as u32 & !1;
                 let end = address + symbol.size() as u32;
                 let name = format!("{:#}", rustc_demangle::demangle(symbol.name()?));
-                let mut function =
-                    Function { name, calls: vec![], indirect: vec![], frame: 0, end };
+                let (calls, indirect, constants) = (vec![], vec![], vec![]);
+                let mut function = Function { name, calls, indirect, constants, frame: 0, end };
                 let mut at = address;
                 while at < end {
                     if marks.range(..=at).next_back().is_some_and(|(_, code)| !code) {
@@ -81,6 +83,12 @@ impl Image {
                     let first = half(at).ok_or_else(|| anyhow!("{} is cut", function.name))?;
                     let second = if is_long(first) { half(at + 2) } else { None };
                     function.take(address, at, first, second)?;
+                    let constant = loaded(at, first, second).and_then(|(register, place)| {
+                        let bytes =
+                            code.get(place.checked_sub(start)? as usize..)?.first_chunk()?;
+                        Some((register, u32::from_le_bytes(*bytes)))
+                    });
+                    function.constants.extend(constant);
                     at += if second.is_some() { 4 } else { 2 };
                 }
                 functions.insert(address, function);
@@ -106,7 +114,7 @@ impl Function {
             self.calls.push((at, target));
         }
         if is_indirect(first) {
-            self.indirect.push(at);
+            self.indirect.push((at, (first >> 3 & 0xF) as u8));
         }
         match taken(first, second) {
             Some(bytes) => self.frame += bytes,
@@ -118,6 +126,17 @@ impl Function {
 
 fn is_long(first: u16) -> bool {
     first >> 11 >= 0b11101
+}
+
+/// LDR of a constant among the code: which register, from where.
+fn loaded(at: u32, first: u16, second: Option<u16>) -> Option<(u8, u32)> {
+    let pc = at.wrapping_add(4) & !3;
+    match (first, second) {
+        (0x4800..=0x4FFF, None) => Some(((first >> 8 & 7) as u8, pc + 4 * u32::from(first & 0xFF))),
+        (0xF8DF, Some(two)) => Some(((two >> 12) as u8, pc + u32::from(two & 0xFFF))),
+        (0xF85F, Some(two)) => Some(((two >> 12) as u8, pc.wrapping_sub(u32::from(two & 0xFFF)))),
+        _ => None,
+    }
 }
 
 /// BLX register; BX of any register but the link register.

@@ -1,14 +1,14 @@
 //! The most stack that a firmware can take, from its machine code: every path of calls, and on top
 //! of it the deepest handler of each priority.
 //!
-//! A call through a register is followed to what may stand there ([`FOLLOWED`], [`POINTERS`]). A panic ends in a reset and
-//! is left out.
+//! A call through a register is followed to what may stand there ([`POINTERS`]); one of which nothing is said
+//! is an error. A panic ends in a reset and is left out.
 
 use std::collections::{HashMap, HashSet};
 
 use anyhow::{Result, bail};
 
-use crate::image::{EXCEPTION_FRAME, Image};
+use crate::image::{EXCEPTION_FRAME, Function, Image};
 use crate::panics::is_panic;
 
 /// The most stack that a firmware can take.
@@ -47,26 +47,83 @@ pub fn deepest(image: &Image) -> Result<Stack> {
 
 /// Handlers of one priority, which do not interrupt each other (`scan::start` of the boards). Any other may
 /// interrupt all the rest.
-const LEVELS: [&[&str]; 2] =
-    [&["DMA1_CHANNEL2", "DMA1_CHANNEL3", "DMA2_STREAM0"], &["USB_LP", "OTG_FS", "TIM2"]];
+const LEVELS: [&[&str]; 2] = [
+    &["DMA1_CHANNEL2", "DMA1_CHANNEL3", "ADC1_2", "DMA2_STREAM0", "ADC"],
+    &["USB_LP", "OTG_FS", "TIM2"],
+];
 
 /// A fault ends in a reset, as a panic does.
 const RESETS: [&str; 2] = ["HardFault", "HardFaultTrampoline"];
 
-/// Who is called through a register, by the caller's name: how it begins, then what the callees' contain.
-const FOLLOWED: [(&str, &[&str]); 3] = [
-    (
-        "embassy_executor::platform::thread::Executor::run",
-        &["embassy_executor::raw::TaskStorage<F>::poll"],
-    ),
-    ("_defmt_", &["defmt_rtt::channel::Channel::"]),
-    // It does not come back.
-    ("cortex_m::asm::bootload", &[]),
-];
+/// Calls through a register: parts of the callers' names, and of the names of those whom they can mean.
+struct Pointer {
+    callers: &'static [&'static str],
+    callees: &'static [&'static str],
+}
 
-/// Whom all others can mean: wakers, and the functions that a board hands out.
-const POINTERS: &[&str] =
-    &["embassy_executor::raw::waker::", "::scan::set_paused", "::flash::place"];
+/// All that there are, but for functions whose address a caller has loaded as a constant.
+const POINTERS: &[Pointer] = &[
+    Pointer {
+        callers: &["::Executor::run"],
+        callees: &["embassy_executor::raw::TaskStorage<F>::poll"],
+    },
+    // Wakers.
+    Pointer {
+        callers: &[
+            "embassy_sync::waitqueue::",
+            "embassy_executor::raw::TaskStorage<F>::poll",
+            "_embassy_time_schedule_wake",
+            "taxel_board::time::",
+            "embassy_usb::class::cdc_acm::",
+            "embassy_stm32::usb::",
+            "as core::future::future::Future>::poll",
+            "taxel_board::scanner::",
+            "taxel_board::link::",
+            "taxel::session::",
+            "::scan::on_frame",
+            "DMA2_STREAM0",
+            "USB_LP",
+            "OTG_FS",
+        ],
+        callees: &["embassy_executor::raw::waker::"],
+    },
+    // The USB device's tasks tell those who handle its events; one of them is the board's.
+    Pointer {
+        callers: &[
+            "embassy_executor::raw::TaskStorage<F>::poll",
+            "embassy_usb::UsbDevice",
+            "embassy_usb::Inner",
+        ],
+        callees: &[" as embassy_usb::Handler>::"],
+    },
+    Pointer { callers: &["taxel_board::link::Suspend as"], callees: &["::scan::set_paused"] },
+    // The store's flash.
+    Pointer {
+        callers: &[
+            "taxel::store::",
+            "taxel::instrument::Instrument::",
+            "embassy_executor::raw::TaskStorage<F>::poll",
+            "as core::future::future::Future>::poll",
+            "taxel_board::flash::",
+        ],
+        callees: &["::flash::place"],
+    },
+    // A calibration's sections, and the checks of their fields.
+    Pointer {
+        callers: &["taxel::calibration::Calibration::", "taxel::finger::Finger::recalibrate"],
+        callees: &[
+            " as taxel::calibration::section::Section>::",
+            "core::ops::function::FnOnce::call_once",
+        ],
+    },
+    Pointer {
+        callers: &[" as taxel::calibration::section::Section>::wrong_field"],
+        callees: &["core::ops::function::FnOnce::call_once"],
+    },
+    Pointer { callers: &["_defmt_"], callees: &["defmt_rtt::channel::Channel::"] },
+    // It does not come back; the compiler's outlined functions come back by a register.
+    Pointer { callers: &["cortex_m::asm::bootload", "OUTLINED_FUNCTION_"], callees: &[] },
+];
 
 struct Paths<'i> {
     image: &'i Image,
@@ -91,8 +148,8 @@ impl Paths<'_> {
             bail!("{} calls itself", function.name);
         }
         let mut callees: Vec<_> = function.calls.iter().map(|(_, callee)| *callee).collect();
-        if !function.indirect.is_empty() {
-            callees.extend(self.through_register(&function.name));
+        for (at, register) in &function.indirect {
+            callees.extend(self.through_register(function, *at, *register)?);
         }
         let mut deepest = (0, None);
         for callee in callees {
@@ -103,11 +160,33 @@ impl Paths<'_> {
         Ok(function.frame + deepest.0)
     }
 
-    fn through_register(&self, caller: &str) -> Vec<u32> {
-        let followed = FOLLOWED.iter().find(|(start, _)| caller.starts_with(start));
-        let callees = followed.map_or(POINTERS, |(_, callees)| *callees);
-        let is = |name: &str| callees.iter().any(|part| name.contains(part));
-        let functions = self.image.functions.iter();
-        functions.filter(|(_, f)| is(&f.name)).map(|(address, _)| *address).collect()
+    /// Whom a function can call through `register`, which it does at `at`.
+    fn through_register(&self, caller: &Function, at: u32, register: u8) -> Result<Vec<u32>> {
+        let constants = caller.constants.iter().filter(|(loaded, _)| *loaded == register);
+        let constants = constants.map(|(_, word)| word & !1);
+        let mut callees: Vec<_> =
+            constants.filter(|at| self.image.functions.contains_key(at)).collect();
+        let known =
+            |pointer: &&Pointer| pointer.callers.iter().any(|part| caller.name.contains(part));
+        let pointers: Vec<_> = POINTERS.iter().filter(known).collect();
+        if pointers.is_empty() && callees.is_empty() {
+            bail!(
+                "{} calls through a register at {at:#x}, and whom is not known: say so in stack.rs, POINTERS",
+                caller.name
+            );
+        }
+        for Pointer { callees: parts, .. } in pointers {
+            let is = |name: &str| parts.iter().any(|part| name.contains(part));
+            let listed = self.image.functions.iter().filter(|(_, f)| is(&f.name));
+            let before = callees.len();
+            callees.extend(listed.map(|(at, _)| *at));
+            if !parts.is_empty() && callees.len() == before {
+                bail!(
+                    "{}: no function is called {parts:?} any more: stack.rs, POINTERS",
+                    caller.name
+                );
+            }
+        }
+        Ok(callees)
     }
 }

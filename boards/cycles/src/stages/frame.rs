@@ -1,6 +1,7 @@
 //! A whole scan, from codes to wire bytes, as the session does it.
 
 use serde::{Serialize, Serializer};
+use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::frame::{Fields, Frame};
 use taxel::instrument::Instrument;
 use taxel::scan::Scan;
@@ -13,12 +14,14 @@ use crate::Meter;
 use crate::host::Inputs;
 
 /// A packet.
-struct Packet {
+pub struct Packet {
     bytes: [u8; MAX_PACKET],
     length: usize,
 }
 
 impl Packet {
+    pub const EMPTY: Self = Self { bytes: [0; MAX_PACKET], length: 0 };
+
     fn pack(&mut self, frame: &Frame) {
         self.length = pack_frame(frame, &mut self.bytes).map_or(0, <[u8]>::len);
     }
@@ -31,7 +34,20 @@ impl Serialize for Packet {
 }
 
 /// An instrument that has seen the first of the scans, so that its gate has made up its mind.
-fn instrument(record: &[u8], fields: Fields, mut scans: impl Iterator<Item = Scan>) -> Instrument {
+fn warm(record: &[u8], fields: Fields, scans: impl Iterator<Item = Scan>) -> Instrument {
+    let mut instrument = instrument(record, fields, None);
+    for scan in scans.take(8) {
+        instrument.scan(&scan);
+    }
+    instrument
+}
+
+/// An instrument that streams every scan, and has been `asked` for more.
+pub fn instrument(
+    record: &[u8],
+    fields: Fields,
+    asked: impl IntoIterator<Item = Command>,
+) -> Instrument {
     const SCAN_HZ: u16 = 4000;
     let mut instrument = Instrument::new(Identity {
         board: heapless::String::new(),
@@ -46,47 +62,49 @@ fn instrument(record: &[u8], fields: Fields, mut scans: impl Iterator<Item = Sca
     let _ = instrument.install(record, &mut store);
     let commands =
         [Command::SetRate { hz: SCAN_HZ }, Command::SetFields(fields), Command::Stream(true)];
-    for (tag, command) in (0..).zip(commands) {
+    for (tag, command) in (0..).zip(commands.into_iter().chain(asked)) {
         let _ = instrument.handle(&Request { tag, command }, &mut store);
-    }
-    for scan in scans.by_ref().take(8) {
-        instrument.scan(&scan);
     }
     instrument
 }
 
-fn whole(instrument: &mut Instrument, scan: &Scan, packet: &mut Packet) {
+pub fn whole(instrument: &mut Instrument, scan: &Scan, packet: &mut Packet) {
     packet.length = 0;
     if instrument.scan(scan).frame {
         packet.pack(instrument.frame());
     }
 }
 
-pub fn stages(inputs: &Inputs<'_>, meter: &mut impl Meter) {
-    let mut packet = Packet { bytes: [0; MAX_PACKET], length: 0 };
+/// With the net and the sensors' own sections; what the others cost has stages of its own.
+pub fn stages(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl Meter) {
+    let plain = Calibration { model: None, slip: None, array: None, ..calibration.clone() };
+    let mut buffer = [0; MAX_BYTES];
+    // Refused, it leaves nothing to measure, and whoever measures will say so.
+    let Ok(record) = plain.to_bytes(&mut buffer) else { return };
+    let mut packet = Packet::EMPTY;
     let out = &mut packet;
     for (name, fields) in [
         ("codes to wire bytes, no contact, every field", Fields::ALL),
         ("codes to wire bytes, no contact, estimates", Fields::ESTIMATES),
     ] {
-        let mut instrument = instrument(inputs.record, fields, inputs.free());
+        let mut instrument = warm(record, fields, inputs.free());
         meter.stage(name, &mut instrument, inputs.free(), out, whole);
     }
     for (name, fields) in [
         ("codes to wire bytes, contact, every field", Fields::ALL),
         ("codes to wire bytes, contact, estimates", Fields::ESTIMATES),
     ] {
-        let mut instrument = instrument(inputs.record, fields, inputs.touched());
+        let mut instrument = warm(record, fields, inputs.touched());
         meter.stage(name, &mut instrument, inputs.touched(), out, whole);
     }
-    let mut quiet = instrument(inputs.record, Fields::ALL, inputs.touched());
+    let mut quiet = warm(record, Fields::ALL, inputs.touched());
     meter.stage("estimates, contact, no frame", &mut quiet, inputs.touched(), out, |i, scan, _| {
         i.scan(scan);
     });
     for (name, fields) in
         [("encode: every field", Fields::ALL), ("encode: estimates", Fields::ESTIMATES)]
     {
-        let mut instrument = instrument(inputs.record, fields, inputs.touched());
+        let mut instrument = warm(record, fields, inputs.touched());
         let frames = inputs.touched().map(|scan| {
             instrument.scan(&scan);
             *instrument.frame()

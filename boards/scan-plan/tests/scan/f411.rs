@@ -124,9 +124,13 @@ fn oversampling_and_short_settle_times_are_refused() {
         plan(Settings { oversampling: 2, ..DEFAULT }),
         Err(Refusal::Oversampling { low: 1, high: 1 })
     );
-    let Err(Refusal::SettleNs { low, .. }) = plan(Settings { settle_ns: 9000, ..DEFAULT }) else {
-        panic!("9 µs leave no time for the temperature")
-    };
-    assert!(plan(Settings { settle_ns: low, ..DEFAULT }).is_ok());
-    assert!(plan(Settings { settle_ns: low - 20, ..DEFAULT }).is_err());
+    for scan_hz in [600, 1000, 3333, 4000] {
+        let with = |settle_ns| plan(Settings { settle_ns, scan_hz, ..DEFAULT });
+        let Err(Refusal::SettleNs { low, high }) = with(9000) else {
+            panic!("9 µs leave no time for the temperature")
+        };
+        // A tick is 10.4 ns.
+        assert!(with(low).is_ok() && matches!(with(low - 12), Err(Refusal::SettleNs { .. })));
+        assert!(with(high).is_ok() && with(high + 11).is_err(), "{low}..={high} at {scan_hz} Hz");
+    }
 }

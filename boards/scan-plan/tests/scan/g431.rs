@@ -355,10 +355,30 @@ fn the_ranges_of_a_refusal_are_exact() {
             assert!(with(low - 1).is_err() && with(high + 1).is_err(), "{low}..={high}");
         }
     }
-    let with = |settle_ns| plan(Settings { settle_ns, ..DEFAULT });
-    let Err(Refusal::SettleNs { low, .. }) = with(0) else { panic!("no settling is refused") };
-    assert!(with(low).is_ok());
-    assert!(matches!(with(low - 10), Err(Refusal::SettleNs { .. })));
+    for oversampling in [1, 2, 4, 8, 16] {
+        for scan_hz in [600, 1000, 3333, 4000, 5000] {
+            let with = |settle_ns| plan(Settings { settle_ns, oversampling, scan_hz });
+            for wrong in [0, 1_000_000_000] {
+                let Err(Refusal::SettleNs { low, high }) = with(wrong) else {
+                    panic!("{wrong} ns is no settle time")
+                };
+                if with(low).is_err() {
+                    // No settle time is short enough for this rate; the slowest has room for these.
+                    assert!(matches!(with(low), Err(Refusal::ScanHz { .. })));
+                    continue;
+                }
+                assert!(with(high).is_ok(), "{low}..={high} at {scan_hz} Hz");
+                // A tick is 5.9 ns.
+                assert!(matches!(with(low - 7), Err(Refusal::SettleNs { .. })));
+                assert!(with(high + 6).is_err(), "{low}..={high} at {scan_hz} Hz");
+            }
+        }
+    }
+    let Err(Refusal::SettleNs { high, .. }) = plan(Settings { settle_ns: 0, ..DEFAULT }) else {
+        panic!("no settling is refused")
+    };
+    // Of a step of 50 µs the columns take 18.68 µs, from their trigger to their last sample.
+    assert!((31_310..31_330).contains(&high), "{high}");
 }
 
 #[test]

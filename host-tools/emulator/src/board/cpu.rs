@@ -229,6 +229,11 @@ impl Board {
         self.unicorn.get_data().clock.total().instructions
     }
 
+    /// Modelled cycles that the core has run, sleep left out.
+    pub fn cycles(&self) -> u64 {
+        self.unicorn.get_data().clock.total().cycles.high
+    }
+
     /// Takes the power away and gives it back: the RAM forgets.
     pub fn power_cycle(&mut self) -> Result<()> {
         for (address, bytes) in [CCM, RAM] {

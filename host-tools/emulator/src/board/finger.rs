@@ -126,6 +126,8 @@ pub struct Finger {
     columns: [Settling; 4],
     amplifiers: [Settling; 2],
     amplified: [Option<usize>; 2],
+    /// The voltage on the amplifiers' bias pin, in codes.
+    pub bias: f64,
     begin: Tick,
     sums: Sums,
     /// What happens on the pins, if it is kept, and when.
@@ -159,6 +161,7 @@ impl Finger {
             columns: [Settling::new(PHOTOTRANSISTOR_S); 4],
             amplifiers: [Settling::new(AMPLIFIER_S); 2],
             amplified: [None; 2],
+            bias: BIAS,
             begin: 0,
             sums: Sums::default(),
             timing: None,
@@ -274,7 +277,7 @@ impl Finger {
             let Some(midpoint) = midpoint else { continue };
             let code = match midpoints {
                 Some(Midpoints { a, b, c, d }) => f64::from([a, b, c, d][midpoint].0),
-                None => BIAS,
+                None => self.bias,
             };
             settling.turn(code, now);
         }
@@ -309,7 +312,7 @@ impl Finger {
                     self.sums.samples += 1;
                     return code;
                 }
-                code(if pin == BIAS_PIN { BIAS } else { 0.0 })
+                code(if pin == BIAS_PIN { self.bias } else { 0.0 })
             }
             Source::Amplifier(which) => {
                 let code = code(self.amplifiers[which].at(now));

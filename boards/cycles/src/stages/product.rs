@@ -1,0 +1,117 @@
+//! The most that a frame can cost the product: a record of every section that its firmware reads, each at
+//! its dearest, and a scene that has all of them at work. What begins with `product: ` must fit half a frame
+//! at 4 kHz (`cargo xtask cycles`, `host-tools/xtask`); every field of every scan is more than USB carries.
+
+use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::estimate::array::{Array, WrenchMethod};
+use taxel::estimate::contact_point::PointMethod;
+use taxel::estimate::intrinsic::Surface;
+use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
+use taxel::estimate::slip::Slip;
+use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
+use taxel::frame::Fields;
+use taxel::scan::{SENSORS, Scan, TAXELS};
+use taxel::units::{Micros, Millimetres};
+use taxel::wire::message::Command;
+
+use super::frame::{Packet, instrument, whole};
+use crate::Meter;
+use crate::host::Inputs;
+
+/// Between two scans, in microseconds.
+const PERIOD: u64 = 250;
+/// Scans until the ear for vibration knows its floor and listens to all that it can hear, and more.
+const UNTOUCHED: usize = 220;
+const TOUCHED: usize = 138;
+
+/// The dearest record of the finger that `calibration` is of: it says the same, in the longest way.
+#[must_use]
+pub fn dearest(calibration: &Calibration) -> Calibration {
+    let sums = WrenchMethod::Matrix(as_matrix(calibration));
+    Calibration {
+        force: calibration.force.as_ref().map(widest),
+        // No stored record has room for it beside such a net, and the product goes without it.
+        model: None,
+        slip: Some(Slip::usual(0.5)),
+        array: Some(Array {
+            method: sums,
+            residual: [1e-3; 3],
+            moment_residual: 1e-3,
+            surface: Surface::Ellipsoid { half_axes: [9.0, 12.0, 15.0].map(Millimetres) },
+        }),
+        ..calibration.clone()
+    }
+}
+
+/// The same net with as many units as fit, and a skip path that adds nothing.
+fn widest(net: &ForceNet) -> ForceNet {
+    let (units, outputs) = (net.hidden_bias.len(), net.output_bias.len());
+    let times = (MAX_HIDDEN / units.max(1)).max(1);
+    let repeated = |list: &[f32]| list.iter().copied().cycle().take(times * list.len()).collect();
+    let share = 1.0 / times as f32;
+    let rows = net.output.chunks(units.max(1));
+    let output = rows.flat_map(|row| (0..times).flat_map(|_| row.iter().map(|v| share * v)));
+    ForceNet {
+        hidden: net.hidden.iter().copied().cycle().take(times * net.hidden.len()).collect(),
+        hidden_bias: repeated(&net.hidden_bias),
+        output: output.collect(),
+        skip: (0..outputs * TAXELS).map(|_| 0.0).collect(),
+        output_bias: net.output_bias.clone(),
+    }
+}
+
+/// The sum of the sensors' wrenches, one signal after the other.
+fn as_matrix(calibration: &Calibration) -> WrenchMatrix {
+    let mut matrix = WrenchMatrix::default();
+    for (i, sensor) in calibration.sensors.iter().enumerate() {
+        let Some(sensor) = sensor else { continue };
+        for axis in 0..3 {
+            let unit = |j: usize, value: f32| if j == axis { value } else { 0.0 };
+            let mut forces = [[0.0; 3]; SENSORS];
+            if let Some(force) = forces.get_mut(i) {
+                *force = sensor.sensitivity.force([0, 1, 2].map(|j| unit(j, 1.0)));
+            }
+            let wrench = SensorPlaces::default().wrench(&forces);
+            let components = wrench.force.into_iter().chain(wrench.moment);
+            for (row, value) in matrix.0.iter_mut().zip(components) {
+                if let Some(place) = row.get_mut(i).and_then(|row| row.get_mut(axis)) {
+                    *place = value;
+                }
+            }
+        }
+    }
+    matrix
+}
+
+/// Nothing, then one touch after the other, then nothing, as fast as the product scans.
+fn scene<'a>(inputs: &Inputs<'a>) -> impl Iterator<Item = Scan> + Clone + use<'a> {
+    let free = inputs.free();
+    let untouched = free.clone().cycle().take(UNTOUCHED);
+    let touched = inputs.touched().cycle().take(TOUCHED);
+    let times = (0u64..).map(|i| Micros(PERIOD * i));
+    untouched.chain(touched).chain(free).zip(times).map(|(scan, time)| Scan { time, ..scan })
+}
+
+pub fn stages(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl Meter) {
+    let mut buffer = [0; MAX_BYTES];
+    // Refused, it leaves nothing to measure, and whoever measures will say so.
+    let Ok(record) = dearest(calibration).to_bytes(&mut buffer) else { return };
+    // A method of its own point beside net and array, and it is the dearer one.
+    let method = Command::SetPointMethod(PointMethod::ArgMin);
+    let mut packet = Packet::EMPTY;
+    let self_test = Command::SelfTest { scans: taxel::self_test::MOST_SCANS };
+    for (name, fields, busy) in [
+        ("product: every section, estimates", Fields::ESTIMATES, None),
+        (
+            "product: the same while a bias is taken",
+            Fields::ESTIMATES,
+            Some(Command::TakeBias { scans: u16::MAX }),
+        ),
+        ("every section, every field", Fields::ALL, None),
+        ("every section, every field, in a self-test", Fields::ALL, Some(self_test)),
+    ] {
+        let asked = core::iter::once(method.clone()).chain(busy);
+        let mut instrument = instrument(record, fields, asked);
+        meter.stage(name, &mut instrument, scene(inputs), &mut packet, whole);
+    }
+}
