@@ -143,7 +143,7 @@ def test_names_keys_tokens_and_attachments_are_those_of_rmw_zenoh(command: str, 
             tail = ["MP", "%", "%hand", "press", mangled, type_name, type_hash, "::,10:,:,:,,"]
             assert token.split("/")[:4] == parts[:4] and token.split("/")[5:] == tail
             # The publisher's identity is the hash of its token, low half first.
-            gid = xxhash.xxh3_128_intdigest(token).to_bytes(16, "little")
+            gid = xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
             samples = network.samples(topic, kind)
             assert {s.publisher for s in samples} == {gid}
             numbers = [s.number for s in samples]
@@ -222,6 +222,17 @@ def test_a_finger_that_goes_is_waited_for_and_two_cannot_have_one_name(command: 
     assert "another finger is called press already" in err.splitlines()[-1]
 
 
+def test_a_router_that_is_started_later_is_found(command: str, store: Any):
+    network = Network(store, 3, free_endpoint())
+    network.session.close()
+    with bridge(command, network, ["sim:press"]) as process:
+        assert process.stderr is not None and "node /taxel/press" in process.stderr.readline()
+        later = Network(store, 3, network.endpoint)
+        later.subscribe("taxel/press/wrench", listen.WRENCH)
+        wait(lambda: len(later.samples("taxel/press/wrench", listen.WRENCH)) > 100)
+        later.session.close()
+
+
 def test_an_endpoint_that_is_none_is_told_in_one_line(command: str, network: Network):
     with bridge(command, network, ["sim:press"], "--listen", "nonsense") as process:
         _, err = process.communicate(timeout=60)
@@ -265,6 +276,8 @@ def test_the_manuals_commands_do_what_it_says(command: str, tmp_path: Path):
         stdout=subprocess.PIPE,
         text=True,
     )
+    host, _, port = endpoint.removeprefix("tcp/").partition(":")
+    wait(lambda: socket.socket().connect_ex((host, int(port))) == 0)
     fingers = ["--port", "sim:press", "--port", "sim:shear", "--connect", endpoint]
     run = [command, "bridge", "--zenoh", *fingers, "--duration", "8"]
     subprocess.run(run, capture_output=True, check=True)

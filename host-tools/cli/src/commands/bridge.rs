@@ -180,7 +180,13 @@ fn config(session: &str, connect: &[String], listen: &[String]) -> String {
     json!({
         "id": session,
         "mode": "peer",
-        "connect": { "endpoints": connect, "exit_on_failure": false, "timeout_ms": 0 },
+        "connect": {
+            "endpoints": connect,
+            "exit_on_failure": false,
+            "timeout_ms": -1,
+            // A router that is started later, or anew, is found within a second.
+            "retry": { "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 },
+        },
         "listen": { "endpoints": listen },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": true } },
         // A millisecond, the default, is less than a reader may be held up by its operating system.
