@@ -1,7 +1,10 @@
 //! The chip: its peripherals, the bus that the core reaches them by, and the wires between them.
 
+mod bus;
+
 use stm32_metapac::adccommon::regs::Ccr;
 
+use super::Outcome;
 use super::adc::Adc;
 use super::dma::{self, Dma};
 use super::finger::{Finger, Moment, Source};
@@ -12,12 +15,11 @@ use super::iwdg::Iwdg;
 use super::names::{Names, base, interrupt};
 use super::plain::Plain;
 use super::rcc::{Cause, Rcc};
-use super::system::{self, System};
+use super::system::System;
 use super::time::{Tick, micros};
 use super::timer::Timer;
 use super::usb::Usb;
 use super::wires::{Bit, Pad, bits, pads};
-use super::{Outcome, UNMODELLED};
 
 /// What the DMA writes to and reads from.
 pub trait Memory {
@@ -486,56 +488,6 @@ impl Chip {
         }
     }
 
-    /// Whose address that is, and how far behind its beginning.
-    fn unit(&self, address: u32) -> Option<(&Place, u32)> {
-        let owner = self.names.peripheral(address)?.address as u32;
-        let at = self.units.binary_search_by_key(&owner, |place| place.base).ok()?;
-        self.units.get(at).map(|place| (place, address - place.base))
-    }
-
-    /// The core may be faster than its voltage allows for a moment: embassy-stm32 0.6 cannot switch boost
-    /// mode on before it raises the clock.
-    fn check_voltage(&mut self, now: Tick) {
-        let pwr = self.plain.iter().find(|(name, _)| *name == "PWR");
-        // R1MODE
-        let boosted =
-            pwr.and_then(|(_, pwr)| pwr.read(PWR_CR5).ok()).is_some_and(|cr5| cr5 >> 8 & 1 == 0);
-        let bad = self.rcc.needs_boost() && !boosted;
-        self.voltage_limit = bad.then(|| self.voltage_limit.unwrap_or(now + UNBOOSTED));
-    }
-
-    /// RCC's reset registers: what they name is as after power-up.
-    fn reset_units(&mut self, offset: u32, value: u32) {
-        let is_named = |reset: &Bit| reset.register == offset && value >> reset.place & 1 == 1;
-        let named = self.units.iter().filter(|place| place.reset.as_ref().is_some_and(is_named));
-        for unit in named.map(|place| place.unit).collect::<Vec<_>>() {
-            match unit {
-                Unit::Flash => self.flash.reset(),
-                Unit::Gpio(i) => self.gpio[i] = Gpio::new(PORTS[i].1),
-                Unit::Tim1 => self.tim1 = Timer::new(16),
-                Unit::Tim2 => self.tim2 = Timer::new(32),
-                Unit::Dma | Unit::Multiplexer => self.dma = Dma::default(),
-                Unit::Adc(i) => self.adc[i] = Adc::new(ADCS[i]),
-                Unit::AdcCommon => self.adc_common = adc_common(),
-                Unit::Opamp(i) => self.opamp[i] = opamp(),
-                Unit::Usb => self.usb = Usb::default(),
-                Unit::Plain(i) => {
-                    let name = self.plain[i].0;
-                    if let Some(fresh) = plain().into_iter().find(|(its, _)| *its == name) {
-                        self.plain[i] = fresh;
-                    }
-                }
-                Unit::Rcc | Unit::Iwdg | Unit::UsbMemory => {}
-            }
-        }
-    }
-
-    /// Reads a register; `now` is the time and the core's cycles.
-    pub fn read(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
-        self.read_inner(address, size, now)
-            .map_err(|why| format!("read of {}: {why}", self.name(address)))
-    }
-
     /// Plants a fault: what is written to the register at `address` from now on is what `change` makes of
     /// it, as if the firmware had it wrong.
     pub fn plant(&mut self, address: u32, change: fn(u32) -> u32) {
@@ -546,134 +498,5 @@ impl Chip {
     /// conversion.
     pub fn withhold(&mut self, adc: usize) {
         self.withheld[adc] += 1;
-    }
-
-    /// Writes a register.
-    pub fn write(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
-        let plants = self.plants.iter().filter(|plant| plant.address == address);
-        let value = plants.fold(value, |value, plant| (plant.change)(value));
-        self.write_inner(address, size, value, now)
-            .map_err(|why| format!("write of {value:#x} to {}: {why}", self.name(address)))?;
-        self.go_on(now.0);
-        Ok(())
-    }
-
-    fn name(&self, address: u32) -> String {
-        if address >= PRIVATE && self.unit(address).is_none() {
-            return system::name(address);
-        }
-        self.names.register(address)
-    }
-
-    /// The peripheral at an address, if its clock is on, and how far behind its beginning that is.
-    fn awake(&self, address: u32) -> Outcome<Option<(Unit, u32)>> {
-        let Some((place, offset)) = self.unit(address) else { return Ok(None) };
-        match &place.enable {
-            Some(enable) if !self.rcc.enabled(enable) => {
-                Err(format!("its clock is off: {}", enable.name))
-            }
-            _ => Ok(Some((place.unit, offset))),
-        }
-    }
-
-    fn read_inner(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
-        let Some((unit, offset)) = self.awake(address)? else {
-            if address >= PRIVATE {
-                return self.system.read(address - PRIVATE, size, now.0, now.1);
-            }
-            return Err(UNMODELLED.into());
-        };
-        let word = offset & !3;
-        let value = match unit {
-            Unit::Rcc => self.rcc.read(word),
-            Unit::Flash => self.flash.read(word),
-            Unit::Gpio(i) => self.gpio[i].read(word),
-            Unit::Tim1 => self.tim1.read(word, now.0),
-            Unit::Tim2 => self.tim2.read(word, now.0),
-            Unit::Dma => self.dma.read(word),
-            Unit::Multiplexer => self.dma.read_multiplexer(word),
-            Unit::Adc(i) => self.adc[i].read(word),
-            Unit::AdcCommon => self.adc_common.read(word),
-            Unit::Opamp(i) => self.opamp[i].read(word),
-            Unit::Iwdg => self.iwdg.read(word),
-            Unit::Usb => self.usb.read(word, self.host.frame(now.0)),
-            Unit::UsbMemory => return self.usb.read_memory(offset, size),
-            Unit::Plain(i) => self.plain[i].1.read(word),
-        }?;
-        Ok(value >> (8 * (offset & 3)) & u32::MAX >> (32 - 8 * size))
-    }
-
-    fn write_inner(
-        &mut self,
-        address: u32,
-        size: u32,
-        value: u32,
-        (now, cycles): (Tick, u32),
-    ) -> Outcome {
-        let hclk = self.rcc.hclk();
-        let Some((unit, offset)) = self.awake(address)? else {
-            if address >= PRIVATE {
-                return self.system.write(address - PRIVATE, size, value, (now, cycles), hclk);
-            }
-            return Err(UNMODELLED.into());
-        };
-        // PSC and its kin are half words.
-        let halves = matches!(unit, Unit::Tim1 | Unit::Tim2) && size == 2 && offset & 3 == 0;
-        if size != 4 && !halves && !matches!(unit, Unit::UsbMemory) {
-            return Err("written in part".into());
-        }
-        match unit {
-            Unit::Rcc => {
-                if RESETS.contains(&offset) {
-                    self.reset_units(offset, value);
-                }
-                self.rcc.write(offset, value, self.flash.latency())?;
-                self.check_voltage(now);
-                Ok(())
-            }
-            Unit::Flash => {
-                let busy = self.flash.write(offset, value)?;
-                self.stalled = now + busy;
-                Ok(())
-            }
-            Unit::Gpio(i) => {
-                self.gpio[i].write(offset, value)?;
-                if PORTS[i].0 == "GPIOB" {
-                    self.finger.pins(self.gpio[i].high(), now);
-                }
-                Ok(())
-            }
-            Unit::Tim1 => {
-                let ran = self.tim1.is_running();
-                self.tim1.write(offset, value, now, hclk)?;
-                if self.tim1.is_running() && !ran {
-                    self.finger.scanned_anew(now);
-                }
-                Ok(())
-            }
-            Unit::Tim2 => self.tim2.write(offset, value, now, hclk),
-            Unit::Dma => self.dma.write(offset, value),
-            Unit::Multiplexer => self.dma.write_multiplexer(offset, value),
-            Unit::Adc(i) => {
-                // CKMODE: HCLK/4.
-                if self.adc_common.read(0x08)? >> 16 & 3 != 3
-                    && offset == 0x08
-                    && value & 0x8000_0001 != 0
-                {
-                    return Err("with a clock that is not HCLK/4".into());
-                }
-                self.adc[i].write(offset, value, now, 4 * hclk)
-            }
-            Unit::AdcCommon => self.adc_common.write(offset, value),
-            Unit::Opamp(i) => self.opamp[i].write(offset, value),
-            Unit::Iwdg => self.iwdg.write(offset, value, now),
-            Unit::Usb => self.usb.write(offset, value, self.rcc.usb_clock()),
-            Unit::UsbMemory => self.usb.write_memory(offset, size, value),
-            Unit::Plain(i) => {
-                self.plain[i].1.write(offset, value)?;
-                self.check_voltage(now);
-                Ok(())
-            }
-        }
     }
 }

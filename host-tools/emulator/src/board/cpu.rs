@@ -3,6 +3,8 @@
 //! Time advances by what the blocks cost, at the upper end of the cost table's band; a register is read and
 //! written at the time at which its block began. The flash's wait states are not in it.
 
+mod exceptions;
+
 use anyhow::{Context, Result, anyhow, bail};
 use object::LittleEndian;
 use object::elf::{FileHeader32, PT_LOAD};
@@ -31,44 +33,11 @@ const ROM_ENTRY: u32 = 0x1fff_0100;
 const PERIPHERALS: (u64, u64) = (0x4000_0000, 0x1100_0000);
 const PRIVATE_BYTES: u64 = 0x10_0000;
 
-/// Cycles of entering and of leaving an exception (Cortex-M4 TRM, 3.9).
-const ENTRY: u64 = 12;
-const EXIT: u64 = 12;
 /// unicorn's numbers of a return from an exception and of a failed fetch, and the addresses that mean the
 /// former.
 const EXCEPTION_EXIT: u32 = 8;
 const PREFETCH_ABORT: u32 = 3;
 const EXCEPTION_RETURN: u32 = 0xffff_ff00;
-/// Bit 9 of a stacked xPSR: a word was left out for alignment.
-const REALIGNED: u32 = 1 << 9;
-
-const FRAME: [RegisterARM; 6] = [
-    RegisterARM::R0,
-    RegisterARM::R1,
-    RegisterARM::R2,
-    RegisterARM::R3,
-    RegisterARM::R12,
-    RegisterARM::LR,
-];
-const FLOATS: [RegisterARM; 16] = [
-    RegisterARM::S0,
-    RegisterARM::S1,
-    RegisterARM::S2,
-    RegisterARM::S3,
-    RegisterARM::S4,
-    RegisterARM::S5,
-    RegisterARM::S6,
-    RegisterARM::S7,
-    RegisterARM::S8,
-    RegisterARM::S9,
-    RegisterARM::S10,
-    RegisterARM::S11,
-    RegisterARM::S12,
-    RegisterARM::S13,
-    RegisterARM::S14,
-    RegisterARM::S15,
-];
-
 /// Why control came back.
 #[derive(Debug)]
 enum Stop {
@@ -346,78 +315,6 @@ impl Board {
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         let written = self.unicorn.mem_write(u64::from(address), &bytes);
         written.map_err(|error| anyhow!("the stack at {address:#010x}: {error:?}"))
-    }
-
-    /// Saves what a handler may change, and goes to it. Floating-point registers are saved at once and
-    /// charged as if they were saved lazily.
-    fn enter(&mut self, exception: usize) -> Result<()> {
-        let float = self.unicorn.get_data().float;
-        let (stack, xpsr) = (self.get(RegisterARM::SP)?, self.get(RegisterARM::XPSR)?);
-        let bytes = if float { 0x68 } else { 0x20 };
-        let realigned = stack & 4 != 0;
-        let frame = (stack - bytes) & !7;
-        let mut words = Vec::with_capacity(26);
-        for register in FRAME {
-            words.push(self.get(register)?);
-        }
-        words.extend([self.next, xpsr & !REALIGNED | if realigned { REALIGNED } else { 0 }]);
-        if float {
-            for register in FLOATS.into_iter().chain([RegisterARM::FPSCR]) {
-                words.push(self.get(register)?);
-            }
-            words.push(0);
-        }
-        self.put(frame, &words)?;
-        let back = 0xffff_ffe1
-            | if float { 0 } else { 0x10 }
-            | if self.handlers.is_empty() { 8 } else { 0 };
-        self.handlers.push((exception, back));
-        self.set(RegisterARM::SP, frame)?;
-        self.set(RegisterARM::LR, back)?;
-        self.set(RegisterARM::XPSR, 1 << 24 | exception as u32)?;
-        self.spend(ENTRY);
-        let chip = self.chip();
-        chip.system.enter(exception);
-        let vector = chip.system.vectors() + 4 * exception as u32;
-        self.next = self.word(vector)? & !1;
-        let inside = self.unicorn.get_data_mut();
-        (inside.event, inside.float) = (true, false);
-        Ok(())
-    }
-
-    /// Goes back to what was interrupted.
-    fn leave(&mut self) -> Result<()> {
-        let (exception, back) = self.handlers.pop().context("a return from no exception")?;
-        let frame = self.get(RegisterARM::SP)?;
-        let float = back & 0x10 == 0;
-        for (register, at) in FRAME.into_iter().zip((frame..).step_by(4)) {
-            let value = self.word(at)?;
-            self.set(register, value)?;
-        }
-        let (next, xpsr) = (self.word(frame + 0x18)?, self.word(frame + 0x1c)?);
-        if float {
-            for (register, at) in
-                FLOATS.into_iter().chain([RegisterARM::FPSCR]).zip((frame + 0x20..).step_by(4))
-            {
-                let value = self.word(at)?;
-                self.set(register, value)?;
-            }
-        }
-        let bytes = if float { 0x68 } else { 0x20 } + if xpsr & REALIGNED != 0 { 4 } else { 0 };
-        self.set(RegisterARM::XPSR, xpsr & !REALIGNED | 1 << 24)?;
-        self.set(RegisterARM::SP, frame + bytes)?;
-        self.next = next & !1;
-        self.spend(EXIT);
-        self.chip().system.leave(exception);
-        let inside = self.unicorn.get_data_mut();
-        (inside.event, inside.float) = (true, float);
-        Ok(())
-    }
-
-    fn spend(&mut self, cycles: u64) {
-        let inside = self.unicorn.get_data_mut();
-        inside.extra += cycles;
-        inside.now += cycles * inside.chip.as_ref().map_or(0, |chip| chip.hclk());
     }
 
     /// Sleeps until an exception is to be taken.

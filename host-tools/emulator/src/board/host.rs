@@ -4,12 +4,19 @@
 //! The bus carries one transaction after the other. An endpoint that answers NAK is asked again as soon as
 //! it would not: the polling itself is not drawn out, nor are frames and their starts.
 
+mod control;
+
 use std::collections::VecDeque;
 
 use super::Outcome;
 use super::capture::{Kind, Urb};
 use super::time::{HZ, Tick, micros};
 use super::usb::{Answer, Usb};
+use control::{
+    BOS, CLEAR_FEATURE, CONFIGURATION, Control, DEVICE, GET_DESCRIPTOR, GET_LINE_CODING, QUALIFIER,
+    SET_ADDRESS, SET_CONFIGURATION, SET_CONTROL_LINE_STATE, SET_FEATURE, SET_LINE_CODING, STRING,
+    Stage, bulk_endpoints, descriptor,
+};
 
 /// Debounce, reset and recovery (USB 2.0, 7.1.7.3, 7.1.7.5, 9.2.6.3).
 const DEBOUNCE: Tick = micros(100_000);
@@ -31,25 +38,6 @@ const BIT: Tick = HZ / 12_000_000;
 const ADDRESS: u8 = 7;
 const PACKET: usize = 64;
 
-/// Standard and class requests: type and request.
-const GET_DESCRIPTOR: [u8; 2] = [0x80, 6];
-const SET_ADDRESS: [u8; 2] = [0x00, 5];
-const SET_CONFIGURATION: [u8; 2] = [0x00, 9];
-const SET_LINE_CODING: [u8; 2] = [0x21, 0x20];
-const GET_LINE_CODING: [u8; 2] = [0xa1, 0x21];
-const SET_CONTROL_LINE_STATE: [u8; 2] = [0x21, 0x22];
-/// To an endpoint; of all features it has but ENDPOINT_HALT, which is 0.
-const CLEAR_FEATURE: [u8; 2] = [0x02, 1];
-const SET_FEATURE: [u8; 2] = [0x02, 3];
-
-/// Descriptors.
-const DEVICE: u8 = 1;
-const CONFIGURATION: u8 = 2;
-const STRING: u8 = 3;
-const ENDPOINT: u8 = 5;
-const QUALIFIER: u8 = 6;
-const BOS: u8 = 15;
-
 /// 115200 baud, one stop bit, no parity, eight bits.
 const LINE_CODING: [u8; 7] = [0x00, 0xc2, 0x01, 0x00, 0, 0, 8];
 
@@ -64,58 +52,6 @@ enum State {
     Resetting(Tick),
     /// It is asked what it is, or it works.
     Running,
-}
-
-/// A control transfer.
-#[derive(Clone, Debug)]
-struct Control {
-    setup: [u8; 8],
-    data: Vec<u8>,
-    moved: usize,
-    stage: Stage,
-    data1: bool,
-    begun: Tick,
-    /// A stall is what is expected.
-    refused: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stage {
-    Setup,
-    Data,
-    Status,
-}
-
-impl Control {
-    fn new([kind, request]: [u8; 2], value: u16, index: u16, length: u16) -> Self {
-        let [v, i, l] = [value, index, length].map(u16::to_le_bytes);
-        let setup = [kind, request, v[0], v[1], i[0], i[1], l[0], l[1]];
-        Self {
-            setup,
-            data: Vec::new(),
-            moved: 0,
-            stage: Stage::Setup,
-            data1: true,
-            begun: 0,
-            refused: false,
-        }
-    }
-
-    fn sending(request: [u8; 2], value: u16, data: &[u8]) -> Self {
-        Self { data: data.to_vec(), ..Self::new(request, value, 0, data.len() as u16) }
-    }
-
-    fn is_in(&self) -> bool {
-        self.setup[0] & 0x80 != 0
-    }
-
-    fn length(&self) -> usize {
-        usize::from(u16::from_le_bytes([self.setup[6], self.setup[7]]))
-    }
-
-    fn is(&self, request: [u8; 2]) -> bool {
-        self.setup[..2] == request
-    }
 }
 
 /// What the descriptors say.
@@ -549,29 +485,5 @@ impl Host {
                 stalled,
             });
         }
-    }
-}
-
-fn descriptor(kind: u8, number: u8, length: u16) -> Control {
-    // Strings in English, as the first is for what languages there are.
-    let language = if kind == STRING && number > 0 { 0x0409 } else { 0 };
-    Control::new(GET_DESCRIPTOR, u16::from(kind) << 8 | u16::from(number), language, length)
-}
-
-/// The numbers of the bulk endpoints in a configuration: to the host, to the device.
-fn bulk_endpoints(configuration: &[u8]) -> Outcome<[u8; 2]> {
-    let (mut found, mut rest) = ([None; 2], configuration);
-    while let Some((length, _)) = rest.split_first() {
-        let Some((descriptor, after)) = rest.split_at_checked(usize::from(*length).max(2)) else {
-            return Err("a configuration whose descriptors do not add up".into());
-        };
-        if let [_, ENDPOINT, address, 2, ..] = *descriptor {
-            found[usize::from(address & 0x80 == 0)] = Some(address & 0xf);
-        }
-        rest = after;
-    }
-    match found {
-        [Some(data_in), Some(data_out)] => Ok([data_in, data_out]),
-        _ => Err("a configuration without bulk endpoints both ways".into()),
     }
 }
