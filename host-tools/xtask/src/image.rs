@@ -22,7 +22,8 @@ pub struct Function {
     pub constants: Vec<(u8, u32)>,
     /// The most bytes of stack that it takes itself.
     pub frame: u32,
-    end: u32,
+    /// The address behind it.
+    pub end: u32,
 }
 
 /// A firmware.

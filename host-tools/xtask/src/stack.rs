@@ -190,3 +190,42 @@ impl Paths<'_> {
         Ok(callees)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn function(name: &str, at: u32, frame: u32) -> (u32, Function) {
+        let (calls, indirect, constants) = (vec![], vec![], vec![]);
+        let name = name.to_owned();
+        (at, Function { name, calls, indirect, constants, frame, end: at + 0x10 })
+    }
+
+    /// `Reset` calls `caller`, which calls through r3.
+    fn image(caller: &str, constants: Vec<(u8, u32)>) -> Image {
+        let (at, mut reset) = function("Reset", 0x100, 8);
+        reset.calls.push((0x104, 0x200));
+        let (of, mut caller) = function(caller, 0x200, 16);
+        caller.indirect.push((0x204, 3));
+        caller.constants = constants;
+        let waker = function("embassy_executor::raw::waker::wake", 0x300, 32);
+        let other = function("board::other", 0x400, 64);
+        let functions = [(at, reset), (of, caller), waker, other].into_iter().collect();
+        Image { functions, handlers: vec![] }
+    }
+
+    #[test]
+    fn a_pointer_is_followed_to_whom_it_can_mean() {
+        let known = "embassy_sync::waitqueue::atomic_waker::AtomicWaker::wake";
+        assert_eq!(deepest(&image(known, vec![])).unwrap().bytes, 8 + 16 + 32);
+        // The address of a function, with its lowest bit set; another register's constant is none of it.
+        let constants = vec![(3, 0x401), (4, 0x301)];
+        assert_eq!(deepest(&image("board::main", constants)).unwrap().bytes, 8 + 16 + 64);
+    }
+
+    #[test]
+    fn a_call_by_a_pointer_that_nobody_has_explained_is_an_error() {
+        let error = deepest(&image("board::main", vec![(4, 0x401)])).err().unwrap().to_string();
+        assert!(error.contains("board::main") && error.contains("0x204"), "{error}");
+    }
+}
