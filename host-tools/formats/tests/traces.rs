@@ -37,6 +37,33 @@ fn a_good_trace_is_read_whatever_the_order_of_its_columns() {
     assert_eq!(straight[0].scan.codes.taxels.unwrap().lit[0][1], Code(2));
 }
 
+/// As `taxel record --fields codes,force` writes it, of a finger without sensors and temperature.
+#[test]
+fn a_recording_is_a_trace_without_what_its_finger_lacks_and_without_a_truth() {
+    let lit: Vec<String> = (0..16).map(|k| format!("lit_r{}c{}", k / 4, k % 4)).collect();
+    let names = format!(
+        "t_us,seq,status,contact,fz_n,{},dark_c0,dark_c1,dark_c2,dark_c3,bridge_s0_a,bridge_s0_b,\
+         bridge_s0_c,bridge_s0_d,aux_vref,aux_temp",
+        lit.join(",")
+    );
+    let row = |t: u32| format!("{t},{t},1,1,0.5,{}9,9,9,9,,,,,700,", "100,".repeat(16));
+    let text = format!("# serial=F\n# full_scale=65535\n{names}\n{}\n{}\n", row(250), row(500));
+    let samples: Vec<Sample> =
+        TraceReader::new(text.as_bytes(), "f.csv").unwrap().map(Result::unwrap).collect();
+    assert_eq!(samples.len(), 2);
+    for sample in samples {
+        let codes = sample.scan.codes;
+        assert_eq!(codes.taxels.unwrap().lit[3][3], Code(100));
+        assert_eq!((codes.bridges, codes.temperature), ([None; 4], None));
+        assert_eq!(codes.reference, Some(Code(700)));
+        assert_eq!(sample.truth, Truth::default(), "the finger's own word is no truth");
+    }
+    // A channel that is lost on the way is an error, as ever.
+    let torn = text.replacen("500,500,1,1,0.5,100", "500,500,1,1,0.5,", 1);
+    let mut reader = TraceReader::new(torn.as_bytes(), "f.csv").unwrap();
+    assert!(reader.next().unwrap().is_ok() && reader.next().unwrap().is_err());
+}
+
 #[test]
 fn whatever_is_wrong_is_one_line_that_names_line_column_and_mend() {
     let good = line("0", "7");

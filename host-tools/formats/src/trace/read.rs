@@ -92,6 +92,9 @@ impl<R: BufRead> TraceReader<R> {
         };
         let path = self.lines.path();
         let cells = Cells { record: &self.record, names: &self.names, path, line };
+        if self.columns.recorded && self.last_time.is_none() {
+            self.columns.leave_out_empty(&cells);
+        }
         let sample = self.columns.sample(&cells)?;
         let time = sample.scan.time.0;
         if let Some(last) = self.last_time.replace(time)
@@ -166,6 +169,8 @@ pub fn is_trace(path: impl AsRef<Path>) -> Result<bool, FileError> {
 /// Where each channel stands in a line.
 struct Columns {
     full_scale: FullScale,
+    /// These are frames that a finger sent, with its codes among them.
+    recorded: bool,
     time: usize,
     taxels: Option<(Vec<[usize; COLS]>, [usize; COLS])>,
     bridges: [Option<[usize; 4]>; SENSORS],
@@ -199,16 +204,32 @@ impl Columns {
                 "a trace has lit_r0c0…lit_r3c3 with dark_c0…dark_c3, or bridge_s0_a…, or both",
             ));
         }
+        // What a finger says of a touch is no truth, whatever its columns are called.
+        let recorded = header.find("seq").is_some();
+        let truth = |name: &str| if recorded { None } else { header.find(name) };
         Ok(Self {
             full_scale,
+            recorded,
             time,
             taxels,
             bridges,
             reference: header.find("aux_vref"),
             temperature: header.find("aux_temp"),
-            truth: TRUTH_COLUMNS.map(|name| header.find(name)),
-            sensors: std::array::from_fn(|i| sensor_truth_names(i).map(|name| header.find(&name))),
+            truth: TRUTH_COLUMNS.map(truth),
+            sensors: std::array::from_fn(|i| sensor_truth_names(i).map(|name| truth(&name))),
         })
+    }
+
+    /// In a recording a channel that the finger does not have has empty cells, in the first row as in all.
+    fn leave_out_empty(&mut self, cells: &Cells) {
+        let empty = |at: usize| cells.text(at).is_empty();
+        self.taxels
+            .take_if(|(lit, dark)| lit.iter().chain([&*dark]).flatten().all(|at| empty(*at)));
+        for bridge in &mut self.bridges {
+            bridge.take_if(|midpoints| midpoints.iter().all(|at| empty(*at)));
+        }
+        self.reference.take_if(|at| empty(*at));
+        self.temperature.take_if(|at| empty(*at));
     }
 
     fn sample(&self, cells: &Cells) -> Result<Sample, FileError> {
