@@ -104,7 +104,7 @@ pub fn all(
         let options = TableOptions { family, hidden, net };
         let fitted = table::fit(&[wanted], &options, &mut |_| {}, stop)?;
         anyhow::ensure!(!stop.load(std::sync::atomic::Ordering::Relaxed), "stopped");
-        step(&fitted.name);
+        step(&fitted.model.shape());
         anyhow::Ok(fitted)
     };
     let mut models = vec![(Group::Paper, fit(Family::Mlp, Some(12), true)?)];
@@ -117,7 +117,7 @@ pub fn all(
         models.push((Group::Skip, fit(Family::Skip, Some(*hidden), false)?));
     }
     methods.extend(models.into_iter().map(|(group, fitted)| {
-        let name = fitted.name.clone();
+        let name = fitted.model.shape();
         Method::new(&name, group, &[&name], move |moment| modelled(&fitted.model, &moment.signals))
     }));
     let calibration = calibrated(device, effort, stop)?;

@@ -285,3 +285,66 @@ fn a_report_is_one_page_with_figures_plots_and_warnings() {
     let same = [&report[..], &["--data", "judged.csv", "--fitted-to", "judged.csv"]].concat();
     assert!(folder.taxel(&same).err.contains("no forecast"));
 }
+
+/// Somebody else's skin: presses with noise, in one recording or another.
+fn skin(name: &str, seed: f64, folder: &Path) {
+    let row = |i: i32| {
+        let t = f64::from(i) * 0.02;
+        let noise = |k: f64| 0.5 * (12.9898 * (f64::from(i) + k).powi(2) + seed).sin();
+        let fz = 5.0 * (0.9 * t + seed).sin().max(0.0);
+        let fx = 0.8 * fz * (0.37 * t + seed).sin();
+        let m = [30.0 * fz + noise(0.1), 8.0 * fz + 20.0 * fx + noise(0.2), fz * fz + noise(0.3)];
+        format!("{t:.2},{:.3},{:.3},{:.3},{fx:.4},{fz:.4}\n", m[0], m[1], m[2])
+    };
+    let table = "t_s,m0,m1,m2,fx_n,fz_n\n".to_owned() + &(0..1500).map(row).collect::<String>();
+    std::fs::write(folder.join(name), table).unwrap();
+}
+
+#[test]
+fn somebody_elses_sensor_gets_the_same_report_and_is_compared_with_what_it_was() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = In(directory.path());
+    for (name, seed) in [("a.csv", 0.0), ("b.csv", 2.0), ("unseen.csv", 4.0)] {
+        skin(name, seed, directory.path());
+    }
+    let fit = ["calibrate", "fit", "--model", "ridge", "--inputs", "m*", "--targets", "fx_n,fz_n"];
+    let first = ["--data", "a.csv", "--data", "b.csv", "--serial", "skin 7", "--out", "first.toml"];
+    folder.succeeds(&[&fit[..], &first].concat());
+    let report = ["calibrate", "report", "--calibration", "first.toml", "--out", "page.html"];
+    let data = ["--data", "unseen.csv", "--fitted-to", "a.csv", "--fitted-to", "b.csv", "--json"];
+    let ran = folder.taxel(&[&report[..], &data].concat());
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    let found = json(&ran.out);
+    let figures = found["trials"][0]["figures"].as_array().unwrap();
+    let fz = figures.iter().find(|f| f["target"] == "fz_n").unwrap();
+    let evaluated = rmse(&folder, "first.toml", "unseen.csv", "fz_n");
+    assert!((fz["rmse"].as_f64().unwrap() - evaluated).abs() < 1e-12, "{fz}");
+    for figure in ["bias", "sigma", "max", "percent", "hysteresis_percent", "noise", "resolution"] {
+        assert!(fz[figure].is_number(), "{figure}: {fz}");
+    }
+    assert_eq!(fz["crosstalk_percent"][0][0], "fx_n");
+    let part = &found["about"]["parts"][0];
+    assert_eq!(
+        (&found["about"]["serial"], &part["model"]),
+        (&"skin 7".into(), &"m0, m1, m2 → fx_n, fz_n: linear 3-2".into())
+    );
+    assert!(part["condition_of_data"].as_f64().unwrap() > 1.0, "{part}");
+    // Inputs in their two directions, and fz over fx.
+    assert_eq!(found["coverage"].as_array().unwrap().len(), 2);
+    assert!(ran.err.contains("fitted to 2 recordings"), "{}", ran.err);
+    let page = std::fs::read_to_string(directory.path().join("page.html")).unwrap();
+    assert!(page.contains("skin 7") && page.contains("003 table 1.2"));
+    assert!(page.matches("<svg").count() == 6 && !page.contains("NaN"), "{}", page.len());
+
+    let second = ["--data", "a.csv", "--serial", "skin 7", "--out", "second.toml"];
+    folder.succeeds(&[&fit[..], &second].concat());
+    let compare = ["calibrate", "compare", "first.toml", "second.toml", "--data", "unseen.csv"];
+    let drift = json(&folder.succeeds(&[&compare[..], &["--json"]].concat()));
+    let met = drift["met"].as_array().unwrap().iter().find(|m| m["target"] == "fz_n").unwrap();
+    assert!((met["before"].as_f64().unwrap() - evaluated).abs() < 1e-12, "{met}");
+    // Each target in the middle and along each of three inputs.
+    assert_eq!(drift["changes"].as_array().unwrap().len(), 8);
+    // A finger's record is not a table's.
+    let error = folder.fails(1, &["calibrate", "compare", "first.toml", VIRTUAL]);
+    assert!(error.contains("a finger calibration where a table one is needed"), "{error}");
+}

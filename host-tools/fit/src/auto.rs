@@ -11,7 +11,9 @@ use crate::line;
 use crate::model::Recorded;
 use crate::network::{Build, Net, NetOptions, Progress};
 use crate::scaling::{Inputs, Scaling};
+use crate::skin::Skin;
 use crate::stretches::{LeftOut, stretches};
+use crate::taught;
 
 /// Widths that are tried, narrowest first, and then the widest that there may be.
 const WIDTHS: [usize; 3] = [4, 8, 16];
@@ -29,6 +31,15 @@ pub(crate) struct Choice<'a> {
     /// The widest net that fits where it goes.
     pub most: usize,
     pub options: NetOptions,
+    /// What else could teach a net.
+    pub skin: Option<SkinTeacher<'a>>,
+}
+
+/// The model of the skin, where there is one, and the units of a net that it teaches if nobody says.
+#[derive(Clone, Copy)]
+pub(crate) struct SkinTeacher<'a> {
+    pub skin: &'a Skin,
+    pub hidden: usize,
 }
 
 /// How a model was chosen.
@@ -40,8 +51,12 @@ pub struct Chosen {
     pub line: Vec<f64>,
     /// The same of the bent model that the net was taught by.
     pub bent: Vec<f64>,
-    /// How far the net is from that model, between and beyond the recorded rows; empty for a line.
+    /// How far the net is from that model, between and beyond the recorded rows; empty for a line, and for
+    /// a net that the model of the skin taught.
     pub apart: Vec<f64>,
+    /// RMS error of the model of the skin, where that taught the net: it meets the recordings better than
+    /// the bent model meets what was left out.
+    pub skin: Vec<f64>,
     /// Hidden units.
     pub hidden: usize,
 }
@@ -71,6 +86,7 @@ pub(crate) fn fit(
         line: newtons(line.left_out.error()),
         bent: Vec::new(),
         apart: Vec::new(),
+        skin: Vec::new(),
         hidden: 0,
     };
     let straight = Net::linear(&line.slope, line.level.as_slice(), &scaling, all.x.nrows());
@@ -81,13 +97,30 @@ pub(crate) fn fit(
         let error = line.left_out.error().iter().copied().fold(0.0, f64::max);
         progress(Progress { part: format!("{}: prior", choice.part), step, of, error });
     };
-    let teacher = match gaussian::fit(&few, &many, tried, stop) {
+    let teacher = match gaussian::fit(&few, &many, all.heard(), tried, stop) {
         Err(FitError::Stopped) => return Ok((straight, chosen)),
         other => other?,
     };
     chosen.bent = newtons(teacher.left_out.error());
     if choice.hidden.is_none() && !bends(&line.left_out, &teacher.left_out) {
         return Ok((straight, chosen));
+    }
+    if let Some(SkinTeacher { skin, hidden }) = choice.skin {
+        let own = &skin.residual[3 - chosen.bent.len().min(3)..];
+        let squares = |errors: &[f64]| errors.iter().map(|e| e * e).sum::<f64>();
+        if squares(own) < squares(&chosen.bent) {
+            let hidden = choice.hidden.unwrap_or(hidden);
+            let part = format!("{}: {hidden} units", choice.part);
+            // Of one price a net without a linear path does better here: c to force is far from straight.
+            let shape = (own.len(), Build { hidden, skip: false }, choice.options);
+            return match taught::fit(&part, skin, shape, progress, stop) {
+                Err(FitError::Stopped) => Ok((straight, chosen)),
+                net => {
+                    (chosen.skin, chosen.hidden) = (own.to_vec(), hidden);
+                    Ok((net?, chosen))
+                }
+            };
+        }
     }
     let lesson = Lesson { x: &many.x, stretch: &many.stretch, scaling: &scaling };
     let widths: Vec<usize> = match choice.hidden {
@@ -209,7 +242,8 @@ mod tests {
         let stop = AtomicBool::new(false);
         let options = NetOptions { seed: 1, starts: 1, steps: 40 };
         let inputs = Inputs::Alike;
-        let choice = Choice { part: "force", recordings, inputs, hidden, most: 16, options };
+        let choice =
+            Choice { part: "force", recordings, inputs, hidden, most: 16, options, skin: None };
         let mut progress = |p: Progress| {
             if p.part.contains(part) && p.step >= step {
                 stop.store(true, Ordering::Relaxed);

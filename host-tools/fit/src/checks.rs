@@ -89,9 +89,23 @@ fn median(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// Channels of which some combination hardly moves, besides those that do not move at all: numbers of those
-/// that have part in it, and the condition number of the data.
-pub(crate) fn collinear(recordings: &[Recorded]) -> Option<(Vec<usize>, f64)> {
+/// How evenly the channels move, each scaled by its own spread; those that do not move at all are left out.
+pub(crate) struct Conditioning {
+    /// Condition number of the data.
+    pub number: f64,
+    /// Numbers of the channels that have part in the combination that moves least.
+    pub weakest: Vec<usize>,
+}
+
+impl Conditioning {
+    /// The combination says nothing that the other channels do not.
+    pub fn is_collinear(&self) -> bool {
+        self.number > 1.0 / SAME
+    }
+}
+
+/// `None` where fewer than two channels move.
+pub(crate) fn conditioning(recordings: &[Recorded]) -> Option<Conditioning> {
     let (scaling, rows) = scaled(recordings);
     let moving: Vec<usize> =
         (0..scaling.inputs.len()).filter(|i| scaling.inputs[*i].spread > 0.0).collect();
@@ -101,8 +115,8 @@ pub(crate) fn collinear(recordings: &[Recorded]) -> Option<(Vec<usize>, f64)> {
     let ratio = (eigen.eigenvalues[least].max(0.0) / most).sqrt();
     let weights = eigen.eigenvectors.column(least);
     let part = moving.iter().zip(weights.iter()).filter(|(_, w)| w.abs() > PART);
-    (ratio < SAME && moving.len() > 1)
-        .then(|| (part.map(|(i, _)| *i).collect(), 1.0 / ratio.max(1e-15)))
+    let weakest = part.map(|(i, _)| *i).collect();
+    (moving.len() > 1).then(|| Conditioning { number: 1.0 / ratio.max(1e-15), weakest })
 }
 
 /// A recording whose references run against what all the others say.
@@ -173,10 +187,11 @@ mod tests {
     #[test]
     fn a_channel_that_repeats_others_is_found_with_them() {
         let mut recording = recording(300);
-        assert_eq!(collinear(std::slice::from_ref(&recording)), None);
+        let even = conditioning(std::slice::from_ref(&recording)).unwrap();
+        assert!(even.number < 2.0 && !even.is_collinear(), "{}", even.number);
         recording.0.iter_mut().for_each(|x| x[2] = 0.5 * x[0] - 3.0);
-        let (channels, condition) = collinear(&[recording]).unwrap();
-        assert!(channels == [0, 2] && condition > 1e6, "{channels:?} {condition}");
+        let found = conditioning(&[recording]).unwrap();
+        assert!(found.weakest == [0, 2] && found.is_collinear(), "{:?}", found.weakest);
     }
 
     #[test]

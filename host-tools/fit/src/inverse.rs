@@ -134,7 +134,8 @@ struct Problem<'r> {
     shear: bool,
 }
 
-fn neighbours(k: usize) -> [Option<usize>; 4] {
+/// The taxels to the left and right, and in the row before and after.
+pub(crate) fn neighbours(k: usize) -> [Option<usize>; 4] {
     let column = k % COLS;
     [
         (column > 0).then(|| k - 1),

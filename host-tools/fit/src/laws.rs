@@ -56,6 +56,17 @@ pub enum Law {
 }
 
 impl Law {
+    /// Its family.
+    #[must_use]
+    pub fn family(&self) -> Family {
+        match self {
+            Self::Row { .. } => Family::Row,
+            Self::Feeler { .. } => Family::Feeler,
+            Self::Column { .. } => Family::Column,
+            Self::Gap { .. } => Family::Gap,
+        }
+    }
+
     /// The targets for a row of inputs, by the core's arithmetic.
     #[must_use]
     pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {

@@ -36,6 +36,7 @@ mod scaling;
 mod skin;
 mod stretches;
 pub mod table;
+mod taught;
 
 pub use auto::Chosen;
 pub use error::FitError;

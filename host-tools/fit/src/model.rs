@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
 
-use crate::auto::{self, Choice, Chosen};
+use crate::auto::{self, Choice, Chosen, SkinTeacher};
 use crate::error::FitError;
 use crate::network::{self, Build, Net, NetOptions, Progress};
 use crate::scaling::Inputs;
@@ -85,6 +85,8 @@ pub(crate) struct Training<'a> {
     /// The widest net that fits where it goes.
     pub most: usize,
     pub options: NetOptions,
+    /// What else could teach a net that `auto` chooses.
+    pub skin: Option<SkinTeacher<'a>>,
 }
 
 impl Training<'_> {
@@ -104,6 +106,7 @@ impl Training<'_> {
             hidden,
             most: self.most,
             options: self.options,
+            skin: self.skin,
         };
         let chosen = |(net, chosen)| (net, Some(chosen));
         match self.family {

@@ -87,12 +87,8 @@ impl Net {
     /// Its shape: `net 16-16-3`, `skip 16-6-3`, `linear 16-3`.
     #[must_use]
     pub fn name(&self, inputs: usize) -> String {
-        let outputs = self.output_bias.len();
-        match (self.hidden_bias.len(), self.skip.is_empty()) {
-            (0, _) => format!("linear {inputs}-{outputs}"),
-            (hidden, true) => format!("net {inputs}-{hidden}-{outputs}"),
-            (hidden, false) => format!("skip {inputs}-{hidden}-{outputs}"),
-        }
+        let (hidden, outputs) = (self.hidden_bias.len(), self.output_bias.len());
+        shape_name(inputs, hidden, outputs, !self.skip.is_empty())
     }
 
     /// A linear net: slopes of scaled targets by scaled inputs, inputs × outputs, and levels.
@@ -195,6 +191,15 @@ pub(crate) fn imitate(
     let state = trainer.explore(Decay::Fixed(IMITATION_DECAY), progress, stop)?;
     let state = trainer.settle(state, Decay::Fixed(IMITATION_DECAY), progress, stop);
     Ok(trainer.fold(&state))
+}
+
+/// `net 16-16-3`, `skip 16-6-3`, `linear 16-3`.
+pub(crate) fn shape_name(inputs: usize, hidden: usize, outputs: usize, skip: bool) -> String {
+    match (hidden, skip) {
+        (0, _) => format!("linear {inputs}-{outputs}"),
+        (hidden, false) => format!("net {inputs}-{hidden}-{outputs}"),
+        (hidden, true) => format!("skip {inputs}-{hidden}-{outputs}"),
+    }
 }
 
 fn shape(part: &str, x: &[Vec<f64>], y: &[Vec<f64>], build: Build) -> Result<Shape, FitError> {

@@ -21,7 +21,8 @@ const LEAST_FRICTION: f64 = 0.1;
 /// A fitted model.
 pub(crate) struct Skin {
     pub model: Inverse,
-    pub rows: usize,
+    /// The rows it was fitted to.
+    pub rows: Vec<Row>,
     /// RMS error over the rows, as the chip follows them: f_x, f_y, f_z in newtons.
     pub residual: [f64; 3],
 }
@@ -46,7 +47,7 @@ pub(crate) fn fit(
     let known = (friction.max(LEAST_FRICTION), f64::from(noise), shear);
     let model = inverse::fit("model of the skin", &loaded, known, progress, stop)?;
     let residual = residual(&model, &runs);
-    Ok(Some(Skin { model, rows: loaded.len(), residual }))
+    Ok(Some(Skin { model, rows: loaded, residual }))
 }
 
 /// The largest ratio of shear to normal force under a firm load.

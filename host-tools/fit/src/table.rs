@@ -11,7 +11,7 @@ use taxel_formats::table::{self, Table};
 
 use crate::align::{self, Alignment, Series};
 use crate::auto::Chosen;
-use crate::checks;
+use crate::checks::{self, Conditioning};
 use crate::error::FitError;
 use crate::expansion::Expansion;
 use crate::laws::{self, Law};
@@ -74,7 +74,9 @@ impl TableRecording {
         Ok((Self { inputs, targets }, alignment))
     }
 
-    fn name(&self) -> String {
+    /// What messages call it.
+    #[must_use]
+    pub fn name(&self) -> String {
         self.inputs.path.display().to_string()
     }
 }
@@ -94,12 +96,20 @@ pub struct TableOptions {
 const USUAL: usize = 16;
 /// Multiply-adds of the widest net that `auto` chooses: about what a Cortex-M4 does in 20 µs.
 const MOST_MULTIPLY_ADDS: usize = 600;
+/// Condition number of the data above which a model without a decay is warned of.
+const EVEN: f64 = 30.0;
 /// Most hidden units, as on the chip.
 const MOST: usize = taxel::estimate::net::MAX_HIDDEN;
 
 /// A net from N named inputs to some named targets, for [`taxel::estimate::net::Layers`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TableModel {
+    /// Serial number of the sensor.
+    #[serde(default)]
+    pub serial: String,
+    /// When it was fitted, seconds since 1970-01-01 UTC.
+    #[serde(default, with = "taxel_formats::calibration::date")]
+    pub date: u64,
     /// Names of the input columns, in the order of the weights.
     pub inputs: Vec<String>,
     /// Names of the targets.
@@ -152,6 +162,20 @@ impl TableModel {
         network::outputs(layers, &to_f32(&self.expansion.terms(&from_centre)))
     }
 
+    /// Its shape: `skip 15-16-1`, `cubic 15-1`, `row`.
+    #[must_use]
+    pub fn shape(&self) -> String {
+        let (inputs, outputs) = (self.inputs.len(), self.targets.len());
+        match (&self.law, self.expansion) {
+            (Some(law), _) => law.family().to_string(),
+            (None, Expansion::Cubic) => format!("{} {inputs}-{outputs}", Family::Cubic),
+            (None, Expansion::Quadratic) => format!("{} {inputs}-{outputs}", Family::Quadratic),
+            (None, Expansion::None) => {
+                network::shape_name(inputs, self.hidden_bias.len(), outputs, !self.skip.is_empty())
+            }
+        }
+    }
+
     /// Every input lies within what training saw.
     #[must_use]
     pub fn within_range(&self, inputs: &[f32]) -> bool {
@@ -168,8 +192,8 @@ pub struct FittedTable {
     pub warnings: Vec<String>,
     /// Rows of the recordings.
     pub rows: usize,
-    /// Its shape.
-    pub name: String,
+    /// Condition number of its inputs, each scaled by its own spread.
+    pub condition: Option<f64>,
     /// How it was chosen.
     pub chosen: Option<Chosen>,
     /// How many of the net's parameters the data determine.
@@ -210,6 +234,11 @@ pub fn fit(
         rows.push((recording.inputs.rows.clone(), recording.targets.rows.clone()));
     }
     let mut warnings = check(recordings, &mut rows)?;
+    let conditioning = checks::conditioning(&rows);
+    if let Some(found) = &conditioning {
+        warnings.extend(uneven(found, options.family, &first.inputs.names));
+    }
+    let condition = conditioning.map(|found| found.number);
     let x: Vec<&[f64]> = rows.iter().flat_map(|(x, _)| x).map(Vec::as_slice).collect();
     let names = &first.inputs.names;
     let column = |i: usize| x.iter().map(move |row| row[i] as f32);
@@ -244,8 +273,7 @@ pub fn fit(
         let rows = x.len();
         let effective = 0.0;
         model.residual = residual(&model, recordings);
-        let name = options.family.to_string();
-        return Ok(FittedTable { model, warnings, rows, name, chosen: None, effective });
+        return Ok(FittedTable { model, warnings, rows, condition, chosen: None, effective });
     }
     let (mut centre, mut kind, total) = (Vec::new(), kind, x.len());
     if expansion != Expansion::None {
@@ -266,14 +294,9 @@ pub fn fit(
         usual: USUAL,
         most: widest(names.len(), first.targets.names.len()),
         options: options.net,
+        skin: None,
     };
     let (net, chosen) = training.run(progress, stop)?;
-    let name = match options.family {
-        Family::Cubic | Family::Quadratic => {
-            format!("{} {}-{}", options.family, names.len(), first.targets.names.len())
-        }
-        _ => net.name(names.len()),
-    };
     model = TableModel {
         centre,
         hidden: net.hidden,
@@ -284,7 +307,8 @@ pub fn fit(
         ..model
     };
     model.residual = residual(&model, recordings);
-    Ok(FittedTable { model, warnings, rows: total, name, chosen, effective: net.effective })
+    let effective = net.effective;
+    Ok(FittedTable { model, warnings, rows: total, condition, chosen, effective })
 }
 
 /// What the recordings cannot bear: refused, mended or warned of.
@@ -313,15 +337,25 @@ fn check(recordings: &[TableRecording], rows: &mut [Recorded]) -> Result<Vec<Str
              look for a loose contact"
         ));
     }
-    if let Some((same, condition)) = checks::collinear(rows) {
-        let same: Vec<&str> = same.iter().map(|i| first.inputs.names[*i].as_str()).collect();
-        warnings.push(format!(
-            "{}: together they say nothing that fewer would not (condition number {condition:.0e}); their \
-             weights are shared out by the decay",
-            same.join(", ")
+    Ok(warnings)
+}
+
+/// Channels that say the same; or, of a model without a decay, nearly the same.
+fn uneven(found: &Conditioning, family: Family, names: &[String]) -> Option<String> {
+    let weakest: Vec<&str> = found.weakest.iter().map(|i| names[*i].as_str()).collect();
+    let (weakest, number) = (weakest.join(", "), found.number);
+    if found.is_collinear() {
+        return Some(format!(
+            "{weakest}: together they say nothing that fewer would not (condition number {number:.0e}); their \
+             weights are shared out by the decay"
         ));
     }
-    Ok(warnings)
+    (family == Family::LeastSquares && number > EVEN).then(|| {
+        format!(
+            "{weakest}: in one combination they hardly move (condition number {number:.0} of the data), and \
+             without a decay their noise decides its weights; load it more evenly, or choose ridge or auto"
+        )
+    })
 }
 
 /// RMS error of each target on the recordings themselves.

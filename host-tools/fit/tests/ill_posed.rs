@@ -55,7 +55,11 @@ fn recording(
 }
 
 fn ridge(recordings: &[TableRecording]) -> Result<FittedTable, FitError> {
-    let options = TableOptions { family: Family::Ridge, ..TableOptions::default() };
+    fit_to(recordings, Family::Ridge)
+}
+
+fn fit_to(recordings: &[TableRecording], family: Family) -> Result<FittedTable, FitError> {
+    let options = TableOptions { family, ..TableOptions::default() };
     fit(recordings, &options, &mut |_| {}, &AtomicBool::new(false))
 }
 
@@ -87,6 +91,19 @@ fn collinear_channels_are_named_and_share_their_weight() {
     let [a, _, c] = *fitted.model.skip.as_slice() else { panic!("{:?}", fitted.model) };
     assert!(a * c > 0.0 && a.abs() < 0.1, "{:?}", fitted.model.skip);
     assert!(f64::from(fitted.model.residual[0]) < 0.15);
+}
+
+#[test]
+fn channels_that_are_nearly_the_same_are_warned_of_where_no_decay_guards_them() {
+    let twins = recording("twins.csv", 2000, 0.0, |_, row| {
+        row.channels[2] = 0.25 * row.channels[0] + 0.1 * row.channels[2];
+    });
+    let twins = std::slice::from_ref(&twins);
+    let bare = fit_to(twins, Family::LeastSquares).unwrap();
+    assert!(bare.condition.is_some_and(|c| (30.0..1e4).contains(&c)), "{:?}", bare.condition);
+    assert!(bare.warnings[0].contains("without a decay"), "{:?}", bare.warnings);
+    assert_eq!(ridge(twins).unwrap().warnings, Vec::<String>::new());
+    assert!(fit_to(&[good("good.csv")], Family::LeastSquares).unwrap().warnings.is_empty());
 }
 
 #[test]

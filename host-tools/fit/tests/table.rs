@@ -90,7 +90,7 @@ fn each_polynomial_follows_what_it_has_terms_for() {
         let options = TableOptions { family, ..TableOptions::default() };
         let stop = AtomicBool::new(false);
         let fitted = fit(&[recording(240, 0, force)], &options, &mut |_| {}, &stop).unwrap();
-        assert_eq!(fitted.name, name);
+        assert_eq!(fitted.model.shape(), name);
         let judged = evaluate(&fitted.model, &recording(300, 900, force)).unwrap();
         let rmse = judged.targets[0].figures.unwrap().rmse;
         assert_eq!(rmse < 0.005, good, "{family} {rmse}");

@@ -10,6 +10,7 @@
 //! ```
 //! Numbers are the very f32 of the chip; a file that was edited by hand no longer matches its CRC.
 
+pub mod date;
 mod finger;
 
 use std::path::Path;

@@ -34,12 +34,22 @@ const MAPS: [(Kind, Kind); 3] = [
     (Kind::Force(0), Kind::Force(2)),
 ];
 
-/// The maps of what was fitted to; without that, of what is judged.
+/// The maps of a finger.
 pub(crate) fn maps(fitted: &[Vec<Series>], judged: &[Vec<Series>]) -> Vec<Coverage> {
-    MAPS.iter()
+    over(&MAPS, fitted, judged)
+}
+
+/// The maps of what was fitted to; without that, of what is judged.
+pub(crate) fn over(
+    pairs: &[(Kind, Kind)],
+    fitted: &[Vec<Series>],
+    judged: &[Vec<Series>],
+) -> Vec<Coverage> {
+    pairs
+        .iter()
         .filter_map(|(x, y)| {
-            let judged = points(judged, *x, *y);
-            let fitted = points(fitted, *x, *y);
+            let judged = points(judged, x, y);
+            let fitted = points(fitted, x, y);
             let all = || fitted.iter().chain(&judged);
             let x_range = range(all().map(|p| p[0]))?;
             let y_range = range(all().map(|p| p[1]))?;
@@ -57,8 +67,8 @@ pub(crate) fn maps(fitted: &[Vec<Series>], judged: &[Vec<Series>]) -> Vec<Covera
         .collect()
 }
 
-fn points(recordings: &[Vec<Series>], x: Kind, y: Kind) -> Vec<[f64; 2]> {
-    let find = |all: &[Series], kind: Kind| all.iter().find(|s| s.kind == kind).cloned();
+fn points(recordings: &[Vec<Series>], x: &Kind, y: &Kind) -> Vec<[f64; 2]> {
+    let find = |all: &[Series], kind: &Kind| all.iter().find(|s| s.kind == *kind).cloned();
     recordings
         .iter()
         .filter_map(|all| Some((find(all, x)?, find(all, y)?)))
@@ -103,6 +113,7 @@ mod tests {
             time: vec![0.0; points.len()],
             reference: points.iter().map(of).collect(),
             estimate: vec![None; points.len()],
+            timed: true,
         };
         vec![series(0, |p| p.0), series(1, |p| p.1)]
     }

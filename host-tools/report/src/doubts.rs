@@ -21,27 +21,39 @@ const FEW: usize = 3;
 /// What the user should know of the recordings that the calibration was fitted to, in full sentences.
 pub(crate) fn doubts(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
     if fitted.is_empty() {
-        return vec![
-            "the recordings that the calibration was fitted to were not given (--fitted-to): whether they \
-             support it is not judged"
-                .into(),
-        ];
+        return unknown();
     }
-    let mut doubts = Vec::new();
-    if fitted.len() < FEW {
-        doubts.push(format!(
-            "fitted to {} recording{}: with {FEW} or more, mounted anew each time, one can be left out to \
-             see what a new mounting does",
-            fitted.len(),
-            if fitted.len() == 1 { "" } else { "s" },
-        ));
-    }
+    let mut doubts = few(fitted.len());
     doubts.extend(of_load(calibration, fitted));
     doubts.extend(of_channels(calibration, fitted));
     doubts
 }
 
+/// Nobody said what the calibration was fitted to.
+pub(crate) fn unknown() -> Vec<String> {
+    vec![
+        "the recordings that the calibration was fitted to were not given (--fitted-to): whether they \
+         support it is not judged"
+            .into(),
+    ]
+}
+
+/// Too few recordings.
+pub(crate) fn few(recordings: usize) -> Vec<String> {
+    let s = if recordings == 1 { "" } else { "s" };
+    let doubt = format!(
+        "fitted to {recordings} recording{s}: with {FEW} or more, mounted anew each time, one can be left \
+         out to see what a new mounting does"
+    );
+    if recordings < FEW { vec![doubt] } else { Vec::new() }
+}
+
 /// Judged on what it was fitted to.
+pub(crate) fn no_forecast(recording: &str) -> String {
+    format!("{recording}: it was fitted to these very rows: what is said of it is no forecast")
+}
+
+/// The recordings among `judged` that the calibration was fitted to.
 pub(crate) fn not_held_out(judged: &[Recording], fitted: &[Recording]) -> Vec<String> {
     let known = |recording: &&Recording| {
         let first = recording.samples.first();
@@ -49,13 +61,7 @@ pub(crate) fn not_held_out(judged: &[Recording], fitted: &[Recording]) -> Vec<St
             fitted.name == recording.name && first.is_some_and(|row| fitted.samples.contains(row))
         })
     };
-    let name = |recording: &Recording| {
-        format!(
-            "{}: it was fitted to these very rows: what is said of it is no forecast",
-            recording.name
-        )
-    };
-    judged.iter().filter(known).map(name).collect()
+    judged.iter().filter(known).map(|recording| no_forecast(&recording.name)).collect()
 }
 
 fn of_load(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
@@ -63,16 +69,22 @@ fn of_load(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
         let rows = fitted.iter().flat_map(|recording| &recording.samples);
         extent(rows.filter_map(|sample| sample.truth.force[axis]))
     });
-    let largest = |axis: usize| extents[axis].0.abs().max(extents[axis].1.abs());
-    if extents.iter().all(|(low, high)| low > high) {
-        return Vec::new();
-    }
-    let mut doubts = Vec::new();
     let three = calibration.force.as_ref().is_some_and(|net| net.output_bias.len() == 3)
         || calibration.sensors.iter().any(Option::is_some);
+    if three { of_shear(extents) } else { Vec::new() }
+}
+
+/// Shear that there was none of, or one way only; `extents` are those of f_x, f_y and f_z, the other way
+/// round where a component has no reference.
+pub(crate) fn of_shear(extents: [(f64, f64); 3]) -> Vec<String> {
+    let largest = |axis: usize| match extents[axis] {
+        (low, high) if low > high => 0.0,
+        (low, high) => low.abs().max(high.abs()),
+    };
+    let mut doubts = Vec::new();
     for (axis, name) in [(0, "x"), (1, "y")] {
         let (low, high) = extents[axis];
-        if !three || low > high {
+        if low > high {
             continue;
         }
         if largest(axis) < NO_SHEAR * largest(2) {
@@ -106,7 +118,7 @@ fn of_channels(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
 }
 
 /// Channels that say the same as another one, or nothing.
-fn alike(names: &[String], rows: &[Vec<f64>]) -> Vec<String> {
+pub(crate) fn alike(names: &[String], rows: &[Vec<f64>]) -> Vec<String> {
     let n = rows.len() as f64;
     let channels: Vec<Vec<f64>> = (0..names.len())
         .map(|k| {

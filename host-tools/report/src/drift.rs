@@ -5,9 +5,11 @@ use serde::Serialize;
 use taxel::calibration::{Calibration, SensorCalibration};
 use taxel::scan::{SENSORS, TAXELS};
 use taxel_fit::recording::Recording;
+use taxel_fit::table::{TableModel, TableRecording};
 
 use crate::figures::figures;
-use crate::series;
+use crate::series::{self, Series, fine, split_unit};
+use crate::table;
 
 /// What became of a finger between two calibrations.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -57,14 +59,12 @@ pub fn compare(first: &Calibration, second: &Calibration, recordings: &[Recordin
         seconds: second.date.cast_signed() - first.date.cast_signed(),
         warnings: Vec::new(),
         changes: Vec::new(),
-        met: recordings.iter().flat_map(|r| met(first, second, r)).collect(),
+        met: recordings
+            .iter()
+            .flat_map(|r| met(&r.name, &series::run(first, r), &series::run(second, r)))
+            .collect(),
     };
-    if first.serial != second.serial {
-        drift.warnings.push(format!(
-            "they are of different fingers (`{}` and `{}`): what follows is no drift",
-            first.serial, second.serial
-        ));
-    }
+    drift.warnings.extend(strangers("fingers", &first.serial, &second.serial));
     taxels(&mut drift, first, second);
     for i in 0..SENSORS {
         let name = format!("s{i}");
@@ -74,6 +74,50 @@ pub fn compare(first: &Calibration, second: &Calibration, recordings: &[Recordin
         }
     }
     drift
+}
+
+/// Compares two models of one table: what they say in the middle of the first one's range, how that changes
+/// from end to end of each input's, and how well they meet `recordings`.
+#[must_use]
+pub fn compare_tables(
+    first: &TableModel,
+    second: &TableModel,
+    recordings: &[TableRecording],
+) -> Drift {
+    let mut drift = Drift {
+        seconds: second.date.cast_signed() - first.date.cast_signed(),
+        warnings: strangers("sensors", &first.serial, &second.serial).into_iter().collect(),
+        changes: Vec::new(),
+        met: recordings
+            .iter()
+            .flat_map(|r| met(&r.name(), &table::series(first, r), &table::series(second, r)))
+            .collect(),
+    };
+    let middle: Vec<f32> = first.range.iter().map(|[low, high]| 0.5 * (low + high)).collect();
+    for (k, target) in first.targets.iter().enumerate() {
+        let (times, unit) = fine(split_unit(target).1);
+        let by = |x: &[f32]| {
+            let said =
+                |model: &TableModel| model.estimate(x).get(k).copied().map_or(0.0, f64::from);
+            times * (said(second) - said(first))
+        };
+        drift.push(target, "in the middle of the range".into(), by(&middle), unit);
+        for ((i, input), [low, high]) in first.inputs.iter().enumerate().zip(&first.range) {
+            let at = |end: f32| {
+                let mut x = middle.clone();
+                x[i] = end;
+                by(&x)
+            };
+            drift.push(target, format!("{input} from end to end"), at(*high) - at(*low), unit);
+        }
+    }
+    drift
+}
+
+fn strangers(of: &str, first: &str, second: &str) -> Option<String> {
+    (first != second).then(|| {
+        format!("they are of different {of} (`{first}` and `{second}`): what follows is no drift")
+    })
 }
 
 fn only_one(drift: &mut Drift, part: &str, first: bool, second: bool) {
@@ -148,16 +192,14 @@ impl Drift {
     }
 }
 
-fn met(first: &Calibration, second: &Calibration, recording: &Recording) -> Vec<Met> {
-    let run = |calibration| series::run(calibration, recording);
-    let (before, after) = (run(first), run(second));
+fn met(recording: &str, before: &[Series], after: &[Series]) -> Vec<Met> {
     before
         .iter()
         .filter_map(|before| {
             let after = after.iter().find(|after| after.kind == before.kind)?;
             let (a, b) = (figures(before, &[])?, figures(after, &[])?);
             Some(Met {
-                recording: recording.name.clone(),
+                recording: recording.into(),
                 target: a.target,
                 unit: a.unit,
                 before: a.rmse,

@@ -6,6 +6,7 @@ use crate::figures::Figures;
 use crate::papers::{ANGLE_DEG, Printed, Requirement};
 use crate::plots;
 use crate::report::{Report, Trial};
+use crate::series::{fine, split_unit};
 
 const STYLE: &str = include_str!("report.css");
 
@@ -14,16 +15,18 @@ const STYLE: &str = include_str!("report.css");
 pub fn page(report: &Report, made: &str, of: &str) -> String {
     let mut page = String::new();
     let about = &report.about;
-    let serial = if about.serial.is_empty() { "without a serial number" } else { &about.serial };
+    let of_whom = match about.serial.as_str() {
+        "" => "Calibration without a serial number".to_owned(),
+        serial => format!("Calibration of {}", escaped(serial)),
+    };
     let _ = write!(
         page,
         "<!doctype html><html lang=en><meta charset=utf-8>\
          <meta name=viewport content=\"width=device-width\">\
-         <title>Calibration of {serial}</title><style>{STYLE}</style>\
-         <h1>Calibration of {serial}</h1>\
+         <title>{of_whom}</title><style>{STYLE}</style>\
+         <h1>{of_whom}</h1>\
          <p class=lead>Calibrated {of}, judged {made}. Error is estimate − reference; the estimates are \
          those of the code that runs on the finger.</p>",
-        serial = escaped(serial),
         of = escaped(of),
         made = escaped(made),
     );
@@ -49,7 +52,7 @@ pub fn page(report: &Report, made: &str, of: &str) -> String {
         }
         page += "</div>";
     }
-    papers(&mut page, &report.papers);
+    papers(&mut page, &report.papers, &report.trials);
     requirements(&mut page, &report.requirements);
     page += NOTES;
     page += "</html>\n";
@@ -100,18 +103,18 @@ fn overview(page: &mut String, trials: &[Trial]) {
 }
 
 fn parts(page: &mut String, report: &Report) {
-    *page += "<h2>The record</h2><table><tr><th>part<th class=text>model<th>RMS error of the fit / mN\
+    *page += "<h2>The record</h2><table><tr><th>part<th class=text>model<th>RMS error of the fit\
               <th>noise of a channel / ppm<th>condition of S<th>condition of the data</tr>";
     for part in &report.about.parts {
         let residual: Vec<String> =
-            part.residual_n.iter().map(|newtons| format!("{:.2}", 1e3 * newtons)).collect();
+            part.residual.iter().zip(&part.units).map(|(r, unit)| quantity(*r, unit)).collect();
         let _ = write!(
             page,
-            "<tr><th>{}<td class=text>{}<td>{}<td>{:.0}<td>{}<td>{}</tr>",
+            "<tr><th>{}<td class=text>{}<td>{}<td>{}<td>{}<td>{}</tr>",
             escaped(&part.name),
             escaped(&part.model),
             residual.join(", "),
-            1e6 * part.noise,
+            optional(part.noise.map(|noise| 1e6 * noise), 0),
             optional(part.condition, 2),
             optional(part.condition_of_data, 0)
         );
@@ -122,35 +125,39 @@ fn parts(page: &mut String, report: &Report) {
 fn section(page: &mut String, trial: &Trial) {
     let _ = write!(
         page,
-        "<h2>{}</h2><p>{:.1} s at {:.0} Hz.</p><table><tr><th>quantity<th>bias<th>σ<th>RMSE<th>max\
+        "<h2>{}</h2><p>{}</p><table><tr><th>quantity<th>bias<th>σ<th>RMSE<th>max\
          <th>% of span<th>span<th>hysteresis / %<th class=text>cross-talk / %<th>noise<th>resolution\
          <th>dynamic range<th>rows<th>withheld</tr>",
         escaped(&trial.recording),
-        trial.seconds,
-        trial.rate_hz
+        match trial.rate_hz {
+            rate if rate > 0.0 => format!("{:.1} s at {rate:.0} Hz.", trial.seconds),
+            _ => "It tells no time (no column t_s or t_us).".into(),
+        }
     );
     for found in &trial.figures {
         let crosstalk: Vec<String> = found
             .crosstalk_percent
             .iter()
-            .map(|(of, percent)| format!("{} {percent:+.1}", axis(of)))
+            // A rounded zero has no sign.
+            .map(|(of, percent)| (short(of), (10.0 * percent).round() / 10.0 + 0.0))
+            .map(|(of, percent)| format!("{of} {percent:+.1}"))
             .collect();
         let _ = write!(
             page,
             "<tr><th>{}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{:.2} {}<td>{}<td class=text>{}<td>{}<td>{}\
              <td>{}<td>{}<td>{}</tr>",
-            short(&found.target),
-            milli(found.bias),
-            milli(found.sigma),
-            milli(found.rmse),
-            quantity(found.max, found.unit),
+            in_unit(&found.target, found.unit),
+            fixed(found.bias, found.unit),
+            fixed(found.sigma, found.unit),
+            fixed(found.rmse, found.unit),
+            fixed(found.max, found.unit),
             optional(found.percent, 2),
             found.span,
             found.unit,
             optional(found.hysteresis_percent, 2),
             if crosstalk.is_empty() { "–".into() } else { crosstalk.join(", ") },
-            found.noise.map_or("–".into(), milli),
-            found.resolution.map_or("–".into(), |r| quantity(r, found.unit)),
+            found.noise.map_or("–".into(), |noise| fixed(noise, found.unit)),
+            found.resolution.map_or("–".into(), |r| fixed(r, found.unit)),
             found.dynamic_range.map_or("–".into(), |range| format!("{range:.0} : 1")),
             found.rows,
             found.withheld
@@ -179,22 +186,38 @@ fn section(page: &mut String, trial: &Trial) {
     }
 }
 
-fn papers(page: &mut String, papers: &[Printed]) {
-    *page += "<h2>What the papers print</h2><table><tr><th>quantity<th class=text>where<th>bias<th>σ\
-              <th>max</tr>";
+/// The papers' tables, and beside each line the worst that was found here of the same quantity.
+fn papers(page: &mut String, papers: &[Printed], trials: &[Trial]) {
+    *page += "<h2>Beside what the papers print</h2><table><tr><th>quantity<th class=text>where<th>bias\
+              <th>σ<th>max<th>here: bias<th>σ<th>max</tr>";
     for paper in papers {
         let cell = |value: Option<f64>| value.map_or("–".into(), |v| quantity(v, paper.unit));
+        let here = ours(paper, trials);
         let _ = write!(
             page,
-            "<tr><th>{}<td class=text>{}<td>{}<td>{}<td>{}</tr>",
+            "<tr><th>{}<td class=text>{}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
             paper.quantity,
             escaped(paper.source),
             cell(paper.bias),
             cell(paper.sigma),
-            cell(paper.max)
+            cell(paper.max),
+            cell(here.map(|found| found.bias)),
+            cell(here.map(|found| found.sigma)),
+            cell(here.map(|found| found.max)),
         );
     }
     *page += "</table>";
+}
+
+/// Of the finger's figures of a paper's quantity, or any of its sensors', those with the largest σ.
+fn ours<'t>(paper: &Printed, trials: &'t [Trial]) -> Option<&'t Figures> {
+    let same = |found: &&Figures| {
+        let name = split_unit(&found.target).0;
+        let name = name.rsplit_once('_').map_or(name, |(_, component)| component);
+        found.unit == paper.unit && paper.quantity.split(", ").any(|quantity| quantity == name)
+    };
+    let all = trials.iter().flat_map(|trial| &trial.figures);
+    all.filter(same).max_by(|a, b| a.sigma.total_cmp(&b.sigma))
 }
 
 fn requirements(page: &mut String, requirements: &[Requirement]) {
@@ -229,27 +252,36 @@ error with the component itself.\
 says that some direction was hardly loaded or hardly seen.\
 <dt>withheld<dd>rows for which the finger says why it has no value instead of giving one.</dl>";
 
-fn quantity(value: f64, unit: &str) -> String {
-    let unit = if unit == "N" { "mN" } else { "µm" };
-    format!("{} {unit}", milli(value))
+/// A number with the unit that errors are told in.
+fn quantity(value: f64, unit: &'static str) -> String {
+    format!("{} {}", fixed(value, unit), fine(unit).1).trim_end().to_owned()
 }
 
-fn milli(value: f64) -> String {
-    format!("{:.2}", 1e3 * value)
+/// Two digits of a thousandth; four that count of what has no thousandths here.
+fn fixed(value: f64, unit: &'static str) -> String {
+    let (times, told) = fine(unit);
+    if told != unit {
+        return format!("{:.2}", times * value);
+    }
+    let digits = 3 - value.abs().max(1e-6).log10().floor() as i32;
+    format!("{value:.*}", usize::try_from(digits).unwrap_or(0))
 }
 
 fn optional(value: Option<f64>, digits: usize) -> String {
     value.map_or("–".into(), |value| format!("{value:.digits$}"))
 }
 
-/// The last letter of a column's name without its unit.
-fn axis(name: &str) -> String {
-    short(name).chars().last().into_iter().collect()
+/// A quantity and the unit that its errors are told in: `fx / mN`.
+fn in_unit(name: &str, unit: &'static str) -> String {
+    match fine(unit).1 {
+        "" => short(name),
+        unit => format!("{} / {unit}", short(name)),
+    }
 }
 
 /// A column's name without its unit.
 fn short(name: &str) -> String {
-    escaped(name.rsplit_once('_').map_or(name, |(name, _)| name))
+    escaped(split_unit(name).0)
 }
 
 fn escaped(text: &str) -> String {
@@ -264,6 +296,15 @@ mod tests {
     fn what_comes_from_a_file_is_text_and_never_markup() {
         assert_eq!(escaped("<b> & \"c\""), "&lt;b&gt; &amp; &quot;c&quot;");
         assert_eq!(short("s0_fx_n"), "s0_fx");
-        assert_eq!(axis("s0_fx_n"), "x");
+        assert_eq!(short("mass_total"), "mass_total");
+    }
+
+    #[test]
+    fn newtons_are_told_in_thousandths_and_other_units_by_the_digits_that_count() {
+        assert_eq!(quantity(0.012_345, "N"), "12.35 mN");
+        assert_eq!(quantity(0.5, "mm"), "500.00 µm");
+        assert_eq!(quantity(-6.781_23, "°"), "-6.781 °");
+        assert_eq!(quantity(0.001_234_5, ""), "0.001234");
+        assert_eq!(quantity(0.0, ""), "0.000000000");
     }
 }

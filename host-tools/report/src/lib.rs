@@ -5,7 +5,7 @@
 //! ```
 //! [`judge`] makes a [`Report`] of recordings that the calibration has not seen, and of those that it was
 //! fitted to; [`html::page`] draws it. [`drift::compare`] tells how far two calibrations of one finger lie
-//! apart.
+//! apart. [`table`] and [`drift::compare_tables`] do the same for somebody else's sensor.
 
 mod coverage;
 mod doubts;
@@ -16,6 +16,7 @@ mod papers;
 mod plots;
 mod report;
 mod series;
+pub mod table;
 
 pub use coverage::Coverage;
 pub use figures::Figures;

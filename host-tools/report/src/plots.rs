@@ -4,7 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use crate::coverage::{CELLS, Coverage};
-use crate::series::{Series, extent};
+use crate::series::{Series, extent, fine, split_unit};
 
 /// Reference and estimate are told apart without colour by their width.
 const REFERENCE: RGBColor = RGBColor(0x9a, 0xa5, 0xb1);
@@ -36,10 +36,11 @@ fn padded(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
     if low <= high { low - pad..high + pad } else { 0.0..1.0 }
 }
 
-fn label(series: &Series) -> String {
-    let name = series.kind.name();
-    let quantity = name.rsplit_once('_').map_or(name.as_str(), |(quantity, _)| quantity);
-    format!("{quantity} / {}", series.kind.unit())
+fn label(name: &str) -> String {
+    match split_unit(name) {
+        (quantity, "") => quantity.to_owned(),
+        (quantity, unit) => format!("{quantity} / {unit}"),
+    }
 }
 
 /// Reference and estimate over time.
@@ -61,8 +62,8 @@ pub(crate) fn over_time(series: &Series) -> String {
             .light_line_style(TRANSPARENT)
             .x_labels(8)
             .y_labels(5)
-            .x_desc("time / s")
-            .y_desc(label(series))
+            .x_desc(if series.timed { "time / s" } else { "row" })
+            .y_desc(label(&series.kind.name()))
             .draw()?;
         let step = (series.time.len() / LINE).max(1);
         let rows = || (0..series.time.len()).step_by(step);
@@ -83,13 +84,13 @@ pub(crate) fn over_time(series: &Series) -> String {
 pub(crate) fn over_reference(series: &Series) -> String {
     svg((380, 240), |area| {
         area.fill(&WHITE)?;
-        let y = padded(series.errors().map(|(_, error)| 1e3 * error).chain([0.0]));
+        let (times, unit) = fine(series.kind.unit());
+        let y = padded(series.errors().map(|(_, error)| times * error).chain([0.0]));
         let mut chart = ChartBuilder::on(area)
             .margin(8)
             .x_label_area_size(36)
             .y_label_area_size(58)
             .build_cartesian_2d(padded(series.reference.iter().copied()), y)?;
-        let milli = if series.kind.unit() == "N" { "error / mN" } else { "error / µm" };
         chart
             .configure_mesh()
             .label_style(("sans-serif", 13))
@@ -97,14 +98,14 @@ pub(crate) fn over_reference(series: &Series) -> String {
             .light_line_style(TRANSPARENT)
             .x_labels(5)
             .y_labels(5)
-            .x_desc(label(series))
-            .y_desc(milli)
+            .x_desc(label(&series.kind.name()))
+            .y_desc(if unit.is_empty() { "error".into() } else { format!("error / {unit}") })
             .draw()?;
         let step = (series.time.len() / DOTS).max(1);
         let points = (step..series.time.len()).step_by(step).filter_map(|i| {
             let moved = series.reference[i] - series.reference[i - step];
             let error = series.estimate[i]? - series.reference[i];
-            Some((moved, (series.reference[i], 1e3 * error)))
+            Some((moved, (series.reference[i], times * error)))
         });
         let still = 1e-3 * series.span();
         chart.draw_series(points.map(|(moved, at)| {
@@ -131,7 +132,6 @@ pub(crate) fn map(coverage: &Coverage) -> String {
             .x_label_area_size(36)
             .y_label_area_size(52)
             .build_cartesian_2d(x0..x1, y0..y1)?;
-        let axis = |name: &str| name.rsplit_once('_').map_or(name, |(name, _)| name).to_owned();
         chart
             .configure_mesh()
             .label_style(("sans-serif", 13))
@@ -139,8 +139,8 @@ pub(crate) fn map(coverage: &Coverage) -> String {
             .disable_mesh()
             .x_labels(6)
             .y_labels(6)
-            .x_desc(format!("{} / {}", axis(&coverage.x), coverage.unit))
-            .y_desc(format!("{} / {}", axis(&coverage.y), coverage.unit))
+            .x_desc(label(&coverage.x))
+            .y_desc(label(&coverage.y))
             .draw()?;
         let side = |low: f64, high: f64, i: usize| low + (high - low) * i as f64 / CELLS as f64;
         let cells = coverage.rows.iter().enumerate().flat_map(|(j, row)| {

@@ -12,6 +12,8 @@ use crate::figures::{Figures, figures};
 use crate::papers::{self, Printed, Requirement};
 use crate::series::{self, Kind, Series};
 
+/// The components of a force.
+const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
 /// Below this force its direction says nothing, newtons.
 const LEAST_FORCE: f64 = 0.3;
 
@@ -46,14 +48,16 @@ pub struct About {
 /// A calibrated part.
 #[derive(Clone, Debug, Serialize)]
 pub struct Part {
-    /// `finger` or `s0` ….
+    /// `finger`, `s0` …, or `table`.
     pub name: String,
     /// What the estimator is.
     pub model: String,
-    /// RMS error of the fit, newtons.
-    pub residual_n: Vec<f64>,
+    /// RMS error of the fit, in the units below.
+    pub residual: Vec<f64>,
+    /// Units of what it estimates.
+    pub units: Vec<&'static str>,
     /// Noise of a channel in one frame, unloaded, fraction of full scale.
-    pub noise: f64,
+    pub noise: Option<f64>,
     /// Condition number of S; none for nets.
     pub condition: Option<f64>,
     /// Condition number of the signals that it was fitted to (or judged on, where that is not known).
@@ -98,6 +102,17 @@ pub fn judge(calibration: &Calibration, judged: &[Recording], fitted: &[Recordin
     let coverage = coverage::maps(&seen, &heard);
     let mut warnings = doubts::not_held_out(judged, fitted);
     warnings.extend(doubts::doubts(calibration, fitted));
+    let about = about(calibration, if fitted.is_empty() { judged } else { fitted });
+    assemble(about, warnings, trials, coverage)
+}
+
+/// The report of what was found.
+pub(crate) fn assemble(
+    about: About,
+    mut warnings: Vec<String>,
+    trials: Vec<Trial>,
+    coverage: Vec<Coverage>,
+) -> Report {
     for map in &coverage {
         if let Some(percent) = map.beyond_percent
             && percent >= 1.0
@@ -110,7 +125,7 @@ pub fn judge(calibration: &Calibration, judged: &[Recording], fitted: &[Recordin
         }
     }
     Report {
-        about: about(calibration, if fitted.is_empty() { judged } else { fitted }),
+        about,
         papers: papers::PRINTED.to_vec(),
         requirements: requirements(&trials),
         warnings,
@@ -128,8 +143,9 @@ fn about(calibration: &Calibration, recordings: &[Recording]) -> About {
         parts.push(Part {
             name: "finger".into(),
             model: format!("16 taxels → {} tanh units → {outputs}{skip}", net.hidden_bias.len()),
-            residual_n: taxels_of.residual.iter().take(outputs).map(|r| f64::from(*r)).collect(),
-            noise: f64::from(taxels_of.bias.noise),
+            residual: taxels_of.residual.iter().take(outputs).map(|r| f64::from(*r)).collect(),
+            units: vec!["N"; outputs],
+            noise: Some(f64::from(taxels_of.bias.noise)),
             condition: None,
             condition_of_data: condition(&taxels(&bias, recordings)),
         });
@@ -141,8 +157,9 @@ fn about(calibration: &Calibration, recordings: &[Recording]) -> About {
         parts.push(Part {
             name: format!("s{i}"),
             model: "f = S(u − b)".into(),
-            residual_n: sensor.residual.map(f64::from).to_vec(),
-            noise: f64::from(sensor.bias.noise),
+            residual: sensor.residual.map(f64::from).to_vec(),
+            units: vec!["N"; 3],
+            noise: Some(f64::from(sensor.bias.noise)),
             condition: (singular.min() > 0.0).then(|| singular.max() / singular.min()),
             condition_of_data: condition(&bridges(&bias, i, recordings)),
         });
@@ -155,31 +172,40 @@ fn trial(calibration: &Calibration, recording: &Recording) -> Trial {
     let time = |sample: Option<&taxel_formats::trace::Sample>| sample.map_or(0, |s| s.scan.time.0);
     let begin = time(recording.samples.first());
     let seconds = time(recording.samples.last()).saturating_sub(begin) as f64 * 1e-6;
-    let rows = recording.samples.len().saturating_sub(1) as f64;
-    let mut trial = Trial {
-        recording: recording.name.clone(),
-        seconds,
-        rate_hz: if seconds > 0.0 { rows / seconds } else { 0.0 },
-        figures: Vec::new(),
-        angle: angle(&series),
-        series,
-    };
-    for one in &trial.series {
-        let together = |other: &&Series| {
-            other.kind.group() == one.kind.group()
-                && other.kind != one.kind
-                && !matches!(one.kind, Kind::Point(_))
+    Trial::new(recording.name.clone(), seconds, recording.samples.len(), series)
+}
+
+impl Trial {
+    /// A recording of so many seconds and rows; no seconds where it tells no time.
+    pub(crate) fn new(recording: String, seconds: f64, rows: usize, series: Vec<Series>) -> Self {
+        let rows = rows.saturating_sub(1) as f64;
+        let mut trial = Self {
+            recording,
+            seconds,
+            rate_hz: if seconds > 0.0 { rows / seconds } else { 0.0 },
+            figures: Vec::new(),
+            angle: angle(&series),
+            series,
         };
-        let others: Vec<&Series> = trial.series.iter().filter(together).collect();
-        if let Some(found) = figures(one, &others) {
-            trial.figures.push(found);
+        trial.judge();
+        trial
+    }
+
+    fn judge(&mut self) {
+        for one in &self.series {
+            let together = |other: &&Series| {
+                other.kind.group() == one.kind.group()
+                    && other.kind != one.kind
+                    && !matches!(one.kind, Kind::Point(_))
+            };
+            let others: Vec<&Series> = self.series.iter().filter(together).collect();
+            self.figures.extend(figures(one, &others));
         }
     }
-    trial
 }
 
 fn angle(series: &[Series]) -> Option<Angle> {
-    let find = |axis: usize| series.iter().find(|s| s.kind == Kind::Force(axis));
+    let find = |axis: usize| series.iter().find(|s| s.kind.name() == FORCES[axis]);
     let [x, y, z] = [find(0)?, find(1)?, find(2)?];
     let norm = |v: [f64; 3]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
     let degrees: Vec<f64> = (0..z.reference.len())
@@ -209,7 +235,7 @@ fn requirements(trials: &[Trial]) -> Vec<Requirement> {
     let spatial = worst(|f| Some(f.rmse), "mm", true);
     let sensitivity = worst(|f| f.resolution, "N", true);
     let range = worst(|f| f.dynamic_range, "N", false);
-    let rate = trials.iter().map(|trial| trial.rate_hz).reduce(f64::min);
+    let rate = trials.iter().map(|trial| trial.rate_hz).filter(|hz| *hz > 0.0).reduce(f64::min);
     vec![
         Requirement {
             asked: "spatial resolution 1–2 mm",

@@ -9,7 +9,7 @@ use taxel_fit::recording::Recording;
 use taxel_formats::trace::{Sample, sensor_truth_names};
 
 /// What a series is of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Component of the finger's force, newtons.
     Force(usize),
@@ -17,6 +17,38 @@ pub enum Kind {
     Point(usize),
     /// Component of a sensor's force, newtons.
     Sensor(usize, usize),
+    /// A reference column of somebody else's sensor.
+    Column(String),
+}
+
+/// Units that the end of a column's name tells.
+const UNITS: [(&str, &str); 8] = [
+    ("n", "N"),
+    ("mm", "mm"),
+    ("nmm", "N·mm"),
+    ("deg", "°"),
+    ("pa", "Pa"),
+    ("kpa", "kPa"),
+    ("g", "g"),
+    ("s", "s"),
+];
+
+/// A column's name without its unit, and the unit; empty where the name tells none.
+pub(crate) fn split_unit(name: &str) -> (&str, &'static str) {
+    let known = name.rsplit_once('_').and_then(|(quantity, end)| {
+        let (_, unit) = UNITS.iter().find(|(short, _)| *short == end)?;
+        Some((quantity, *unit))
+    });
+    known.unwrap_or((name, ""))
+}
+
+/// The unit in which an error is told, and how many of it make one of `unit`.
+pub(crate) fn fine(unit: &'static str) -> (f64, &'static str) {
+    match unit {
+        "N" => (1e3, "mN"),
+        "mm" => (1e3, "µm"),
+        unit => (1.0, unit),
+    }
 }
 
 impl Kind {
@@ -28,30 +60,31 @@ impl Kind {
 
     /// Its reference column.
     #[must_use]
-    pub fn name(self) -> String {
+    pub fn name(&self) -> String {
         match self {
-            Self::Force(axis) => ["fx_n", "fy_n", "fz_n"][axis].into(),
-            Self::Point(axis) => ["x_mm", "y_mm"][axis].into(),
-            Self::Sensor(sensor, axis) => sensor_truth_names(sensor)[axis].clone(),
+            Self::Force(axis) => ["fx_n", "fy_n", "fz_n"][*axis].into(),
+            Self::Point(axis) => ["x_mm", "y_mm"][*axis].into(),
+            Self::Sensor(sensor, axis) => sensor_truth_names(*sensor)[*axis].clone(),
+            Self::Column(name) => name.clone(),
         }
     }
 
     /// Its unit.
     #[must_use]
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Point(_) => "mm",
-            _ => "N",
-        }
+    pub fn unit(&self) -> &'static str {
+        split_unit(&self.name()).1
     }
 
-    /// Which of those that are measured together: the finger's force, the point, a sensor's force.
-    pub(crate) fn group(self) -> usize {
-        match self {
+    /// Which of those that are measured together: the finger's force, the point, a sensor's force, the
+    /// columns of a table that have one unit.
+    pub(crate) fn group(&self) -> (usize, &'static str) {
+        let number = match self {
             Self::Force(_) => 0,
             Self::Point(_) => 1,
             Self::Sensor(sensor, _) => 2 + sensor,
-        }
+            Self::Column(_) => 2 + SENSORS,
+        };
+        (number, self.unit())
     }
 }
 
@@ -60,12 +93,14 @@ impl Kind {
 pub struct Series {
     /// What of.
     pub kind: Kind,
-    /// Seconds since the first row.
+    /// Seconds since the first row; the rows' numbers where the recording tells no time.
     pub time: Vec<f64>,
     /// The reference.
     pub reference: Vec<f64>,
     /// What the finger said; `None` where it withheld it.
     pub estimate: Vec<Option<f64>>,
+    /// The recording tells time.
+    pub timed: bool,
 }
 
 impl Series {
@@ -90,7 +125,7 @@ pub(crate) fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
 /// one sensor is calibrated, `fx_n` … are the force on that sensor.
 pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Series> {
     let mut all: Vec<Series> = Kind::all()
-        .map(|kind| Series { kind, time: vec![], reference: vec![], estimate: vec![] })
+        .map(|kind| Series { kind, time: vec![], reference: vec![], estimate: vec![], timed: true })
         .collect();
     let (finger, mut state) = Finger::new(Some(calibration.clone()));
     let bench = bench_sensor(calibration);
@@ -99,10 +134,10 @@ pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Serie
         let estimate = finger.estimate(&mut state, &sample.scan);
         let time = sample.scan.time.0.saturating_sub(begin) as f64 * 1e-6;
         for series in &mut all {
-            if let Some(reference) = reference(series.kind, sample, &estimate) {
+            if let Some(reference) = reference(&series.kind, sample, &estimate) {
                 series.time.push(time);
                 series.reference.push(reference);
-                series.estimate.push(said(series.kind, &estimate, bench).map(f64::from));
+                series.estimate.push(said(&series.kind, &estimate, bench).map(f64::from));
             }
         }
     }
@@ -118,29 +153,31 @@ fn bench_sensor(calibration: &Calibration) -> Option<usize> {
     }
 }
 
-fn reference(kind: Kind, sample: &Sample, estimate: &Estimate) -> Option<f64> {
+fn reference(kind: &Kind, sample: &Sample, estimate: &Estimate) -> Option<f64> {
     let truth = &sample.truth;
     match kind {
-        Kind::Force(axis) => truth.force[axis],
+        Kind::Force(axis) => truth.force[*axis],
         // A point is judged only while there is one.
         Kind::Point(axis) => truth
             .contact
             .unwrap_or_else(|| estimate.status.contains(Status::CONTACT))
-            .then_some(truth.point[axis])
+            .then_some(truth.point[*axis])
             .flatten(),
-        Kind::Sensor(sensor, axis) => truth.sensors[sensor][axis],
+        Kind::Sensor(sensor, axis) => truth.sensors[*sensor][*axis],
+        Kind::Column(_) => None,
     }
 }
 
-fn said(kind: Kind, estimate: &Estimate, bench: Option<usize>) -> Option<f32> {
+fn said(kind: &Kind, estimate: &Estimate, bench: Option<usize>) -> Option<f32> {
     let component = |force: &Force, axis: usize| {
         [force.x, force.y, force.z][axis].ok().map(|newtons| newtons.0)
     };
     match kind {
         Kind::Force(axis) => {
-            component(bench.map_or(&estimate.force, |i| &estimate.sensors[i]), axis)
+            component(bench.map_or(&estimate.force, |i| &estimate.sensors[i]), *axis)
         }
-        Kind::Point(axis) => estimate.point.ok().map(|point| [point.x, point.y][axis].0),
-        Kind::Sensor(sensor, axis) => component(&estimate.sensors[sensor], axis),
+        Kind::Point(axis) => estimate.point.ok().map(|point| [point.x, point.y][*axis].0),
+        Kind::Sensor(sensor, axis) => component(&estimate.sensors[*sensor], *axis),
+        Kind::Column(_) => None,
     }
 }

@@ -2,15 +2,13 @@
 
 mod adjust;
 mod compare;
+mod data;
 mod evaluate;
 mod fit;
 mod report;
 mod transfer;
 
 use std::time::{SystemTime, UNIX_EPOCH};
-
-use taxel_fit::recording::Recording;
-use taxel_formats::stretch::Stretch;
 
 /// Fits, judges, adjusts and transfers calibrations.
 #[derive(clap::Args)]
@@ -46,26 +44,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
 }
 
-/// Reads whole recordings or stretches of them, none of which may be empty.
-fn recordings(stretches: &[Stretch]) -> anyhow::Result<Vec<Recording>> {
-    let read = |stretch: &Stretch| {
-        let recording = Recording::read(stretch)?;
-        anyhow::ensure!(
-            !recording.samples.is_empty(),
-            "{}: no rows; check the stretch FILE@FROM..TO",
-            recording.name
-        );
-        Ok(recording)
-    };
-    stretches.iter().map(read).collect()
-}
-
 /// Seconds since 1970-01-01 UTC.
 fn now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs()
-}
-
-/// Column names as the readers of tables take them.
-fn words(list: &[String]) -> Vec<&str> {
-    list.iter().map(String::as_str).collect()
 }

@@ -1,7 +1,5 @@
 //! The finger's record as people read it: weights in rows, sensors by number, the date as a date.
 
-use std::time::{Duration, UNIX_EPOCH};
-
 use serde::{Deserialize, Serialize};
 use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
 use taxel::condition::{BridgeBias, TaxelBias};
@@ -11,6 +9,8 @@ use taxel::estimate::net::ForceNet;
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
 use taxel::scan::TAXELS;
+
+use super::date;
 
 /// The units of everything in a finger's file. A file that says otherwise is not read as if it did not.
 const UNITS: &str = "N, mm, N*mm; signals as fractions of full scale";
@@ -90,10 +90,7 @@ impl FingerFile {
         });
         Self {
             serial: calibration.serial.as_str().to_owned(),
-            date: humantime::format_rfc3339_seconds(
-                UNIX_EPOCH + Duration::from_secs(calibration.date.min(LAST_DATE)),
-            )
-            .to_string(),
+            date: date::to_text(calibration.date),
             units: UNITS.to_owned(),
             taxels,
             force,
@@ -112,7 +109,7 @@ impl FingerFile {
         let mut calibration = Calibration {
             serial: heapless::String::try_from(self.serial.as_str())
                 .map_err(|_| ("serial", "more than 32 bytes".to_owned()))?,
-            date: date(&self.date)?,
+            date: date::from_text(&self.date).map_err(|problem| ("date", problem))?,
             ..Calibration::default()
         };
         if let Some(taxels) = self.taxels {
@@ -152,17 +149,6 @@ impl Net {
             output_bias: collect("output_bias", &self.output_bias)?,
         })
     }
-}
-
-/// 9999-12-31, the last date that RFC 3339 can write.
-const LAST_DATE: u64 = 253_402_300_799;
-
-fn date(text: &str) -> Result<u64, (&'static str, String)> {
-    humantime::parse_rfc3339(text)
-        .ok()
-        .and_then(|time| time.duration_since(UNIX_EPOCH).ok())
-        .map(|since| since.as_secs())
-        .ok_or_else(|| ("date", format!("`{text}` is no date like 2026-11-21T09:30:00Z")))
 }
 
 fn rows(flat: &[f32], width: usize) -> Vec<Vec<f32>> {

@@ -7,7 +7,7 @@ use taxel_fit::adjust;
 use taxel_formats::calibration;
 use taxel_formats::stretch::Stretch;
 
-use super::{now, recordings};
+use super::{data, now};
 use crate::output;
 
 /// Brings a calibration up to date with a few presses of known weight, the finger in its place.
@@ -69,7 +69,7 @@ struct Outcome {
 pub fn run(args: Args) -> anyhow::Result<()> {
     output::keep(args.data.iter().map(|data| data.path.as_path()), &args.out)?;
     let old = calibration::read(&args.calibration)?;
-    let mut recordings = recordings(&args.data)?;
+    let mut recordings = data::traces(&args.data, &[])?.recordings;
     if let Some(newtons) = args.weight {
         for recording in &mut recordings {
             adjust::weigh(&old, recording, newtons)?;

@@ -3,17 +3,19 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use taxel_formats::calibration;
+use taxel_fit::table::TableModel;
+use taxel_formats::calibration::{self, Kind};
 use taxel_formats::stretch::Stretch;
 use taxel_report::drift;
 
-use super::recordings;
+use super::data;
 use crate::output;
 
-/// Shows how far two calibrations of one finger lie apart: what drifted between them.
+/// Shows how far two calibrations of one finger, or two models of one sensor, lie apart: what drifted.
 ///
 /// Offsets and gains of the force sensors are told in newtons and percent, the unloaded light of the taxels in
-/// percent. With --data, recordings with references, it also tells how well each of the two meets them.
+/// percent; of a table's model how what it says changed in the middle of the inputs' range and along each of
+/// them. With --data, recordings with references, it also tells how well each of the two meets them.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -41,9 +43,29 @@ Examples:
 /// # Errors
 /// A file is wrong.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let first = calibration::read(&args.first)?;
-    let second = calibration::read(&args.second)?;
-    let drift = drift::compare(&first, &second, &recordings(&args.data)?);
+    let drift = match calibration::kind(&args.first)? {
+        Kind::Finger => {
+            let first = calibration::read(&args.first)?;
+            let second = calibration::read(&args.second)?;
+            drift::compare(&first, &second, &data::traces(&args.data, &[])?.recordings)
+        }
+        Kind::Table => {
+            let first: TableModel = calibration::read_table(&args.first)?;
+            let second: TableModel = calibration::read_table(&args.second)?;
+            anyhow::ensure!(
+                first.inputs == second.inputs && first.targets == second.targets,
+                "{}: {} → {} where {} has {} → {}; compare models of the same columns",
+                args.second.display(),
+                second.inputs.join(", "),
+                second.targets.join(", "),
+                args.first.display(),
+                first.inputs.join(", "),
+                first.targets.join(", ")
+            );
+            let read = data::tables(&args.data, &[], &first.inputs, &first.targets)?;
+            drift::compare_tables(&first, &second, &read.recordings)
+        }
+    };
     for warning in &drift.warnings {
         output::note(format_args!("taxel: warning: {warning}"));
     }

@@ -6,12 +6,11 @@ use std::path::PathBuf;
 use serde::Serialize;
 use taxel_fit::evaluate;
 use taxel_fit::metrics::TargetMetrics;
-use taxel_fit::recording::Recording;
-use taxel_fit::table::{self, TableModel, TableRecording};
+use taxel_fit::table::{self, TableModel};
 use taxel_formats::calibration::{self, Kind};
 use taxel_formats::stretch::Stretch;
 
-use super::words;
+use super::data;
 use crate::output;
 
 /// Judges a calibration on a recording that it has not seen.
@@ -25,6 +24,9 @@ pub struct Args {
     /// The recording, or a stretch of it in seconds.
     #[arg(long, value_name = "FILE[@FROM..TO]")]
     data: Stretch,
+    /// Reference that another clock logged, as for `calibrate fit`.
+    #[arg(long, value_name = "FILE")]
+    reference: Option<PathBuf>,
     /// The calibration.
     #[arg(long, value_name = "CAL.toml")]
     calibration: PathBuf,
@@ -68,29 +70,30 @@ impl<'m> Figures<'m> {
 /// # Errors
 /// A file is wrong, or calibration and recording do not fit each other.
 pub fn run(args: Args) -> anyhow::Result<()> {
+    let (stretch, reference) = (std::slice::from_ref(&args.data), args.reference.as_slice());
     let metrics = match calibration::kind(&args.calibration)? {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;
-            let recording = Recording::read(&args.data)?;
-            anyhow::ensure!(
-                !recording.samples.is_empty(),
-                "{}: no rows; check the stretch FILE@FROM..TO",
-                args.data.path.display()
-            );
-            evaluate::finger(&calibration, &recording)
+            let read = data::traces(stretch, reference)?;
+            read.note();
+            read.recordings.iter().flat_map(|r| evaluate::finger(&calibration, r)).collect()
         }
         Kind::Table => {
             let model: TableModel = calibration::read_table(&args.calibration)?;
-            let recording =
-                TableRecording::read(&args.data, &words(&model.inputs), &words(&model.targets))?;
-            let evaluation = table::evaluate(&model, &recording)?;
-            if evaluation.beyond_range > 0 {
-                output::note(format_args!(
-                    "taxel: warning: {} rows have inputs beyond what training saw",
-                    evaluation.beyond_range
-                ));
+            let read = data::tables(stretch, reference, &model.inputs, &model.targets)?;
+            read.note();
+            let mut metrics = Vec::new();
+            for recording in &read.recordings {
+                let evaluation = table::evaluate(&model, recording)?;
+                if evaluation.beyond_range > 0 {
+                    output::note(format_args!(
+                        "taxel: warning: {} rows have inputs beyond what training saw",
+                        evaluation.beyond_range
+                    ));
+                }
+                metrics.extend(evaluation.targets);
             }
-            evaluation.targets
+            metrics
         }
     };
     anyhow::ensure!(

@@ -1,20 +1,18 @@
 //! `taxel calibrate fit`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use taxel_fit::LeftOut;
-use taxel_fit::align::Alignment;
 use taxel_fit::finger::{self, FitOptions, Part, Subject};
 use taxel_fit::model::Family;
 use taxel_fit::network::{NetOptions, Progress};
-use taxel_fit::recording::Recording;
-use taxel_fit::table::{self, TableOptions, TableRecording};
+use taxel_fit::table::{self, TableOptions};
+use taxel_formats::calibration;
 use taxel_formats::stretch::Stretch;
-use taxel_formats::{calibration, table as formats, trace};
 
-use super::words;
+use super::data::{self, Aligned};
 use crate::interrupt::Interrupt;
 use crate::output;
 
@@ -46,7 +44,8 @@ pub struct Args {
     /// Fit this MEMS sensor from force on it alone, whatever the recordings look like.
     #[arg(long, value_name = "0…3", value_parser = clap::value_parser!(u8).range(0..4), conflicts_with_all = ["inputs", "hidden"])]
     sensor: Option<u8>,
-    /// Family of the model: auto (what does best on stretches left out), mlp (one hidden layer of tanh
+    /// Family of the model: auto (what does best on stretches left out; a finger's net is taught by the model
+    /// of its skin where the recordings tell contact points), mlp (one hidden layer of tanh
     /// units), skip (the same with a linear path past them), ridge (linear, with a decay), least-squares
     /// (linear); of any CSV also cubic (additive) and quadratic (with products), and the papers' own laws:
     /// row (002, the line of four), feeler (000), column (001), gap (signal to displacement).
@@ -55,14 +54,13 @@ pub struct Args {
     /// Hidden tanh units [default: 12 for normal force alone, else 16; found by --model auto].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
     hidden: Option<u8>,
-    /// Fit the net alone, as 002 does: no model of the skin and no array of sensors, which need the columns
-    /// of the contact point.
+    /// Keep the net alone, as 002 does: no model of the skin and no array of sensors in the record.
     #[arg(long)]
     net_only: bool,
     /// Seed of the net's starting weights.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Serial number of the finger, kept in the record.
+    /// Serial number of the finger or sensor, kept in the record.
     #[arg(long, default_value = "", value_parser = serial)]
     serial: heapless::String<32>,
     /// Print the outcome as JSON.
@@ -91,32 +89,13 @@ struct Outcome {
     interrupted: bool,
 }
 
-/// Where a reference's time lies: t′ = offset + (1 + rate)·t.
-#[derive(Serialize)]
-struct Aligned {
-    reference: PathBuf,
-    offset_s: f64,
-    rate: f64,
-    residual_s: f64,
-    correlation: f64,
-}
-
-impl Aligned {
-    fn new(reference: &Path, found: Alignment) -> Self {
-        let Alignment { offset, rate, residual, correlation } = found;
-        let reference = reference.to_owned();
-        Self { reference, offset_s: offset, rate, residual_s: residual, correlation }
-    }
-
-    fn describe(&self) -> String {
-        format!(
-            "{}: clock {:+.4} s, {:+.3} % fast, within {:.1} ms; correlation {:.4}",
-            self.reference.display(),
-            self.offset_s,
-            1e2 * self.rate,
-            1e3 * self.residual_s,
-            self.correlation
-        )
+impl Outcome {
+    fn new(args: &Args, parts: Vec<Part>, alignments: Vec<Aligned>, warnings: Vec<String>) -> Self {
+        let calibration = args.out.clone();
+        // With --reference they may name columns of a finger's force.
+        let targets: &[String] = if args.inputs.is_empty() { &[] } else { &args.targets };
+        let parts = parts.into_iter().map(|part| Fit::new(part, targets)).collect();
+        Self { calibration, parts, alignments, warnings, interrupted: false }
     }
 }
 
@@ -124,6 +103,9 @@ impl Aligned {
 #[derive(Serialize)]
 struct Fit {
     part: String,
+    /// What a table's model estimates, in the units that these names tell; a finger's parts estimate forces.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    targets: Vec<String>,
     rows: usize,
     left_out: usize,
     residual: Vec<f64>,
@@ -140,6 +122,8 @@ struct Chosen {
     line: Vec<f64>,
     bent: Vec<f64>,
     apart: Vec<f64>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    skin: Vec<f64>,
     hidden: usize,
 }
 
@@ -149,38 +133,50 @@ impl From<taxel_fit::Chosen> for Chosen {
             LeftOut::Recordings => "recordings",
             LeftOut::Stretches => "stretches",
         };
-        let taxel_fit::Chosen { line, bent, apart, hidden, .. } = chosen;
-        Self { left_out, line, bent, apart, hidden }
+        let taxel_fit::Chosen { line, bent, apart, skin, hidden, .. } = chosen;
+        Self { left_out, line, bent, apart, skin, hidden }
     }
 }
 
 impl Chosen {
-    fn describe(&self) -> String {
-        let milli = |errors: &[f64]| {
-            errors.iter().map(|e| format!("{:.2}", e * 1e3)).collect::<Vec<_>>().join(" ")
-        };
-        let line = milli(&self.line);
-        let mut text = format!("  on {} left out: straight line {line} mN", self.left_out);
+    fn describe(&self, told: impl Fn(&[f64]) -> String) -> String {
+        let line = told(&self.line);
+        let mut text = format!("  on {} left out: straight line {line}", self.left_out);
         if !self.bent.is_empty() {
-            text += &format!(", bent {} mN", milli(&self.bent));
+            text += &format!("; bent {}", told(&self.bent));
         }
         if !self.apart.is_empty() {
-            text += &format!("; {} units, {} mN from it", self.hidden, milli(&self.apart));
+            text += &format!("; {} units, from it {}", self.hidden, told(&self.apart));
+        }
+        if !self.skin.is_empty() {
+            let (units, skin) = (self.hidden, told(&self.skin));
+            text += &format!("; {units} units, taught by the model of the skin, {skin}");
         }
         text
     }
 }
 
 impl Fit {
-    fn new(part: Part) -> Self {
+    fn new(part: Part, targets: &[String]) -> Self {
         Self {
             part: part.name,
+            targets: targets.to_vec(),
             rows: part.rows,
             left_out: part.faulty,
             residual: part.residual,
             condition: part.condition,
             chosen: part.chosen.map(Chosen::from),
         }
+    }
+
+    /// An error of each target: millinewtons, or the columns with theirs.
+    fn told(&self, errors: &[f64]) -> String {
+        if self.targets.is_empty() {
+            let milli: Vec<String> = errors.iter().map(|e| format!("{:.2}", e * 1e3)).collect();
+            return format!("{} mN", milli.join(" "));
+        }
+        let each = self.targets.iter().zip(errors).map(|(name, e)| format!("{name} {e:.4}"));
+        each.collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -198,51 +194,22 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         bar.set_position(progress.step as u64);
         bar.set_message(format!("{}: error {:.4}", progress.part, progress.error));
     };
-    anyhow::ensure!(
-        args.reference.is_empty() || args.reference.len() == args.data.len(),
-        "{} --reference for {} --data; give one for each",
-        args.reference.len(),
-        args.data.len()
-    );
-    let mut alignments = Vec::new();
-    let (parts, warnings) = if args.inputs.is_empty() {
-        fit_finger(&args, &mut alignments, &mut progress, &interrupt)?
+    let mut outcome = if args.inputs.is_empty() {
+        fit_finger(&args, &mut progress, &interrupt)?
     } else {
-        fit_table(&args, &mut alignments, &mut progress, &interrupt)?
+        fit_table(&args, &mut progress, &interrupt)?
     };
+    outcome.interrupted = interrupt.came();
     bar.finish_and_clear();
-    report(
-        Outcome {
-            calibration: args.out,
-            parts: parts.into_iter().map(Fit::new).collect(),
-            alignments,
-            warnings,
-            interrupted: interrupt.came(),
-        },
-        args.json,
-    )
+    report(outcome, args.json)
 }
-
-type Fitted = anyhow::Result<(Vec<Part>, Vec<String>)>;
 
 fn fit_finger(
     args: &Args,
-    alignments: &mut Vec<Aligned>,
     progress: &mut dyn FnMut(Progress),
     stop: &Interrupt,
-) -> Fitted {
-    for data in &args.data {
-        anyhow::ensure!(
-            trace::is_trace(&data.path)?,
-            "{}:1: not a taxel trace; name the columns of other files with --inputs and --targets",
-            data.path.display()
-        );
-    }
-    let mut recordings = args.data.iter().map(Recording::read).collect::<Result<Vec<_>, _>>()?;
-    for (recording, path) in recordings.iter_mut().zip(&args.reference) {
-        let reference = formats::read(&Stretch::whole(path), &["f*_n"])?;
-        alignments.push(Aligned::new(path, recording.align(&reference)?));
-    }
+) -> anyhow::Result<Outcome> {
+    let data::Read { recordings, alignments } = data::traces(&args.data, &args.reference)?;
     let options = FitOptions {
         subject: args.sensor.map_or(Subject::Found, |sensor| Subject::Sensor(sensor.into())),
         family: args.model,
@@ -255,46 +222,35 @@ fn fit_finger(
     };
     let fitted = finger::fit(&recordings, &options, progress, stop.flag())?;
     calibration::write(&args.out, &fitted.calibration)?;
-    Ok((fitted.parts, fitted.warnings))
+    Ok(Outcome::new(args, fitted.parts, alignments, fitted.warnings))
 }
 
 fn fit_table(
     args: &Args,
-    alignments: &mut Vec<Aligned>,
     progress: &mut dyn FnMut(Progress),
     stop: &Interrupt,
-) -> Fitted {
-    let (inputs, targets) = (words(&args.inputs), words(&args.targets));
-    let mut recordings = Vec::new();
-    for (i, data) in args.data.iter().enumerate() {
-        recordings.push(match args.reference.get(i) {
-            None => TableRecording::read(data, &inputs, &targets)?,
-            Some(path) => {
-                let reference = formats::read(&Stretch::whole(path), &targets)?;
-                let (recording, found) =
-                    TableRecording::aligned(formats::read(data, &inputs)?, reference)?;
-                alignments.push(Aligned::new(path, found));
-                recording
-            }
-        });
-    }
+) -> anyhow::Result<Outcome> {
+    let data::Read { recordings, alignments } =
+        data::tables(&args.data, &args.reference, &args.inputs, &args.targets)?;
     let options = TableOptions {
         family: args.model,
         hidden: args.hidden.map(usize::from),
         net: NetOptions { seed: args.seed, ..NetOptions::default() },
     };
-    let fitted = table::fit(&recordings, &options, progress, stop.flag())?;
+    let mut fitted = table::fit(&recordings, &options, progress, stop.flag())?;
+    fitted.model.serial = args.serial.as_str().to_owned();
+    fitted.model.date = super::now();
     calibration::write_table(&args.out, &fitted.model)?;
     let part = Part {
-        name: fitted.name,
+        name: fitted.model.shape(),
         rows: fitted.rows,
         faulty: 0,
-        condition: None,
+        condition: fitted.condition,
         chosen: fitted.chosen,
         effective: Some(fitted.effective),
         residual: fitted.model.residual.iter().map(|r| f64::from(*r)).collect(),
     };
-    Ok((vec![part], fitted.warnings))
+    Ok(Outcome::new(args, vec![part], alignments, fitted.warnings))
 }
 
 fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
@@ -311,16 +267,15 @@ fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
         output::line(aligned.describe())?;
     }
     for fit in &outcome.parts {
-        let residual: Vec<String> =
-            fit.residual.iter().map(|r| format!("{:.2}", r * 1e3)).collect();
+        let (residual, rows) = (fit.told(&fit.residual), fit.rows);
+        let condition =
+            fit.condition.map_or_else(String::new, |c| format!("; condition number {c:.1}"));
         output::line(format!(
-            "{}: {} rows, RMS error of the fit {} mN",
-            fit.part,
-            fit.rows,
-            residual.join(" ")
+            "{}: {rows} rows, RMS error of the fit {residual}{condition}",
+            fit.part
         ))?;
         if let Some(chosen) = &fit.chosen {
-            output::line(chosen.describe())?;
+            output::line(chosen.describe(|errors| fit.told(errors)))?;
         }
     }
     output::line(format!("wrote {}", outcome.calibration.display()))

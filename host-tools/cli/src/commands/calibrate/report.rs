@@ -5,11 +5,12 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use anyhow::Context;
 use humantime::format_rfc3339_seconds;
-use taxel_formats::calibration;
+use taxel_fit::table::TableModel;
+use taxel_formats::calibration::{self, Kind};
 use taxel_formats::stretch::Stretch;
-use taxel_report::{html, judge};
+use taxel_report::{html, judge, table};
 
-use super::{now, recordings};
+use super::{data, now};
 use crate::output;
 
 /// Writes what a calibration is worth as a page for people: figures, plots, coverage, warnings.
@@ -23,9 +24,15 @@ pub struct Args {
     /// A recording to judge on, or a stretch of it in seconds; may be given several times.
     #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
     data: Vec<Stretch>,
+    /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
+    #[arg(long, value_name = "FILE")]
+    reference: Vec<PathBuf>,
     /// A recording that the calibration was fitted to; may be given several times.
     #[arg(long, value_name = "FILE[@FROM..TO]")]
     fitted_to: Vec<Stretch>,
+    /// Reference that another clock logged, one for each --fitted-to.
+    #[arg(long, value_name = "FILE")]
+    fitted_reference: Vec<PathBuf>,
     /// The calibration.
     #[arg(long, value_name = "CAL.toml")]
     calibration: PathBuf,
@@ -47,10 +54,27 @@ Example:
 /// A file is wrong, or there is nothing to judge in the recordings.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let inputs = args.data.iter().chain(&args.fitted_to).map(|data| data.path.as_path());
-    output::keep(inputs.chain([args.calibration.as_path()]), &args.out)?;
-    let calibration = calibration::read(&args.calibration)?;
-    let (judged, fitted) = (recordings(&args.data)?, recordings(&args.fitted_to)?);
-    let report = judge(&calibration, &judged, &fitted);
+    let references = args.reference.iter().chain(&args.fitted_reference).map(PathBuf::as_path);
+    output::keep(inputs.chain(references).chain([args.calibration.as_path()]), &args.out)?;
+    let report = match calibration::kind(&args.calibration)? {
+        Kind::Finger => {
+            let calibration = calibration::read(&args.calibration)?;
+            let judged = data::traces(&args.data, &args.reference)?;
+            let fitted = data::traces(&args.fitted_to, &args.fitted_reference)?;
+            judged.note();
+            judge(&calibration, &judged.recordings, &fitted.recordings)
+        }
+        Kind::Table => {
+            let model: TableModel = calibration::read_table(&args.calibration)?;
+            let read = |stretches, references| {
+                data::tables(stretches, references, &model.inputs, &model.targets)
+            };
+            let judged = read(&args.data, &args.reference)?;
+            let fitted = read(&args.fitted_to, &args.fitted_reference)?;
+            judged.note();
+            table::judge(&model, &judged.recordings, &fitted.recordings)
+        }
+    };
     for trial in &report.trials {
         anyhow::ensure!(
             !trial.figures.is_empty(),

@@ -1,0 +1,128 @@
+//! Recordings as the subcommands take them: whole, in stretches, with a reference that another clock logged.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use taxel_fit::align::Alignment;
+use taxel_fit::recording::Recording;
+use taxel_fit::table::TableRecording;
+use taxel_formats::stretch::Stretch;
+use taxel_formats::{table, trace};
+
+use crate::output;
+
+/// Recordings, and where the times of their references lie.
+pub struct Read<T> {
+    pub recordings: Vec<T>,
+    pub alignments: Vec<Aligned>,
+}
+
+impl<T> Read<T> {
+    /// Tells where the references' times lie, beside what the command prints.
+    pub fn note(&self) {
+        for aligned in &self.alignments {
+            output::note(format_args!("taxel: {}", aligned.describe()));
+        }
+    }
+}
+
+/// Where a reference's time lies: t′ = offset + (1 + rate)·t.
+#[derive(Serialize)]
+pub struct Aligned {
+    reference: PathBuf,
+    offset_s: f64,
+    rate: f64,
+    residual_s: f64,
+    correlation: f64,
+}
+
+impl Aligned {
+    fn new(reference: &Path, found: Alignment) -> Self {
+        let Alignment { offset, rate, residual, correlation } = found;
+        let reference = reference.to_owned();
+        Self { reference, offset_s: offset, rate, residual_s: residual, correlation }
+    }
+
+    pub fn describe(&self) -> String {
+        format!(
+            "{}: clock {:+.4} s, {:+.3} % fast, within {:.1} ms; correlation {:.4}",
+            self.reference.display(),
+            self.offset_s,
+            1e2 * self.rate,
+            1e3 * self.residual_s,
+            self.correlation
+        )
+    }
+}
+
+/// Traces of a finger, none of which may be empty; `references` are none, or one for each.
+pub fn traces(stretches: &[Stretch], references: &[PathBuf]) -> anyhow::Result<Read<Recording>> {
+    let mut read = Read { recordings: Vec::new(), alignments: Vec::new() };
+    for (stretch, reference) in paired(stretches, references)? {
+        anyhow::ensure!(
+            trace::is_trace(&stretch.path)?,
+            "{}:1: not a taxel trace; name the columns of other files with --inputs and --targets",
+            stretch.path.display()
+        );
+        let mut recording = Recording::read(stretch)?;
+        not_empty(stretch, recording.samples.len())?;
+        if let Some(path) = reference {
+            let reference = table::read(&Stretch::whole(path), &["f*_n"])?;
+            read.alignments.push(Aligned::new(path, recording.align(&reference)?));
+        }
+        read.recordings.push(recording);
+    }
+    Ok(read)
+}
+
+/// The same of somebody else's sensor.
+pub fn tables(
+    stretches: &[Stretch],
+    references: &[PathBuf],
+    inputs: &[String],
+    targets: &[String],
+) -> anyhow::Result<Read<TableRecording>> {
+    let (inputs, targets) = (words(inputs), words(targets));
+    let mut read = Read { recordings: Vec::new(), alignments: Vec::new() };
+    for (stretch, reference) in paired(stretches, references)? {
+        let recording = match reference {
+            None => TableRecording::read(stretch, &inputs, &targets)?,
+            Some(path) => {
+                let reference = table::read(&Stretch::whole(path), &targets)?;
+                let sensor = table::read(stretch, &inputs)?;
+                let (recording, found) = TableRecording::aligned(sensor, reference)?;
+                read.alignments.push(Aligned::new(path, found));
+                recording
+            }
+        };
+        not_empty(stretch, recording.inputs.rows.len())?;
+        read.recordings.push(recording);
+    }
+    Ok(read)
+}
+
+fn not_empty(stretch: &Stretch, rows: usize) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        rows > 0,
+        "{}: no rows; check the stretch FILE@FROM..TO",
+        stretch.path.display()
+    );
+    Ok(())
+}
+
+fn paired<'a>(
+    stretches: &'a [Stretch],
+    references: &'a [PathBuf],
+) -> anyhow::Result<impl Iterator<Item = (&'a Stretch, Option<&'a PathBuf>)>> {
+    anyhow::ensure!(
+        references.is_empty() || references.len() == stretches.len(),
+        "{} --reference for {} --data; give one for each",
+        references.len(),
+        stretches.len()
+    );
+    Ok(stretches.iter().enumerate().map(|(i, stretch)| (stretch, references.get(i))))
+}
+
+fn words(list: &[String]) -> Vec<&str> {
+    list.iter().map(String::as_str).collect()
+}

@@ -1,0 +1,118 @@
+//! One force sensor: S and b of f = S(u − b), by least squares (003 eqs (1.22)–(1.24)).
+
+use taxel::calibration::SensorCalibration;
+use taxel::estimate::sensitivity::Sensitivity;
+
+use super::{Fitted, Part, known, warn_of_outliers};
+use crate::checks;
+use crate::error::FitError;
+use crate::least_squares;
+use crate::prepared::Prepared;
+use crate::range::trained_range;
+
+/// Signal to noise of S's weakest direction below which the fit warns: 1/20² is 0.25 % of S.
+const WEAK: f64 = 20.0;
+
+/// Condition number of a sensor's signals above which the fit warns: a tenth of it in the reference would
+/// already be threefold in the force. Loads as in 003 (±0.35 N, 0–1 N) have about 5.
+const EVEN: f64 = 20.0;
+
+/// Fits a sensor to the recordings that load it; those with `true` load nothing else.
+pub(super) fn fit(
+    fitted: &mut Fitted,
+    sensor: usize,
+    recordings: &[(&Prepared<'_>, bool)],
+) -> Result<(), FitError> {
+    let name = format!("s{sensor}");
+    let (mut signals, mut forces, mut faulty) = (Vec::new(), Vec::new(), 0);
+    let mut first_bias = None;
+    for (recording, bench) in recordings {
+        let missing = |missing: String, mend: &str| FitError::Missing {
+            recording: recording.recording.name.clone(),
+            missing,
+            mend: mend.into(),
+        };
+        let bias = recording.bias.bridges[sensor].ok_or_else(|| {
+            missing(
+                format!("columns bridge_{name}_a … bridge_{name}_d"),
+                "record that sensor, or choose another",
+            )
+        })?;
+        first_bias.get_or_insert(bias);
+        for (sample, signal) in recording.recording.samples.iter().zip(&recording.signals) {
+            let truth = known(sample.truth.sensors[sensor])
+                .or_else(|| bench.then(|| known(sample.truth.force)).flatten());
+            let (Some(force), Some(u)) = (truth, signal.bridges[sensor]) else { continue };
+            if signal.health.bridge_faults >> sensor & 1 == 1 {
+                faulty += 1;
+                continue;
+            }
+            signals.push(u.map(f64::from));
+            forces.push(force);
+        }
+        if signals.is_empty() && faulty == 0 {
+            return Err(missing(
+                "reference columns fx_n, fy_n, fz_n".into(),
+                "record a three-axis reference along with the sensor, or give one with --reference",
+            ));
+        }
+    }
+    let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
+    faulty += drop_outliers(fitted, &name, &mut signals, &mut forces);
+    let fit = least_squares::fit(&name, &signals, &forces, f64::from(bias.noise))?;
+    if fit.ratio < WEAK {
+        fitted.warnings.push(format!(
+            "{name}: in one direction the signals stand only {:.0} times out of their noise; load it \
+             more evenly in x, y and z for a surer matrix",
+            fit.ratio
+        ));
+    }
+    if fit.condition > EVEN {
+        fitted.warnings.push(format!(
+            "{name}: condition number {:.0} of the signals: errors of the reference grow by as much in the \
+             direction that was loaded least; load it more evenly in x, y and z",
+            fit.condition
+        ));
+    }
+    if fit.s[2][2] < 0.0 {
+        fitted.warnings.push(format!(
+            "{name}: f_z falls as u_z rises; a force into the skin is positive: look at the reference's sign"
+        ));
+    }
+    let columns = |j: usize| signals.iter().map(move |u| u[j] as f32);
+    fitted.calibration.sensors[sensor] = Some(SensorCalibration {
+        bias,
+        sensitivity: Sensitivity(fit.s.map(|row| row.map(|s| s as f32))),
+        range: std::array::from_fn(|j| trained_range(columns(j), bias.noise)),
+        residual: fit.rms.map(|rms| rms as f32),
+    });
+    fitted.parts.push(Part {
+        name,
+        rows: signals.len(),
+        faulty,
+        condition: Some(fit.condition),
+        chosen: None,
+        effective: None,
+        residual: fit.rms.to_vec(),
+    });
+    Ok(())
+}
+
+/// Takes out rows of a sensor that stand alone; how many.
+fn drop_outliers(
+    fitted: &mut Fitted,
+    name: &str,
+    signals: &mut Vec<[f64; 3]>,
+    forces: &mut Vec<[f64; 3]>,
+) -> usize {
+    let lists = |rows: &[[f64; 3]]| rows.iter().map(|row| row.to_vec()).collect::<Vec<_>>();
+    let mut recorded = [(lists(signals), lists(forces))];
+    let outliers = checks::remove_outliers(&mut recorded);
+    if outliers > 0 {
+        warn_of_outliers(fitted, name, outliers, signals.len());
+        let arrays = |rows: &[Vec<f64>]| rows.iter().map(|r| [r[0], r[1], r[2]]).collect();
+        let [(x, y)] = &recorded;
+        (*signals, *forces) = (arrays(x), arrays(y));
+    }
+    outliers
+}

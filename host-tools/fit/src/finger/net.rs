@@ -1,0 +1,210 @@
+//! The net from the optical matrix to the force (002).
+
+use std::sync::atomic::AtomicBool;
+
+use taxel::calibration::{Range, TaxelCalibration};
+use taxel::condition::{Bias, Signals};
+use taxel::estimate::gate::Gate;
+use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
+use taxel::scan::TAXELS;
+
+use super::{FitOptions, Fitted, Part, known, warn_of_outliers};
+use crate::auto::SkinTeacher;
+use crate::checks;
+use crate::error::FitError;
+use crate::model::{Family, Training};
+use crate::network::{Net, Progress};
+use crate::prepared::Prepared;
+use crate::range::trained_range;
+use crate::scaling::Inputs;
+use crate::skin::Skin;
+
+/// A shear below this share of the normal force is none: the recordings are of normal presses.
+const NO_SHEAR: f64 = 0.01;
+
+/// Fits the net to the recordings of the finger; the model of the skin, where there is one, may teach it.
+pub(super) fn fit(
+    fitted: &mut Fitted,
+    recordings: &[&Prepared<'_>],
+    (options, skin): (&FitOptions, Option<&Skin>),
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<(), FitError> {
+    let outputs = match options.outputs {
+        None => outputs_of(recordings),
+        Some(outputs) => outputs,
+    };
+    let usual = if outputs == 1 { 12 } else { 16 };
+    let name = "net".to_owned();
+    if !matches!(outputs, 1 | 3) || options.hidden.is_some_and(|hidden| hidden > MAX_HIDDEN) {
+        let problem =
+            format!("a record holds 1 or 3 outputs and at most {MAX_HIDDEN} hidden units");
+        return Err(FitError::Shape { part: name, problem });
+    }
+    let held = matches!(
+        options.family,
+        Family::Auto | Family::Mlp | Family::Skip | Family::Ridge | Family::LeastSquares
+    );
+    if !held {
+        let problem = format!(
+            "the record of a finger holds nets and linear models, none that is {}; choose auto, mlp, \
+             skip, ridge or least-squares",
+            options.family
+        );
+        return Err(FitError::Shape { part: name, problem });
+    }
+    let (mut rows, mut faulty) = (Vec::new(), 0);
+    let mut first_bias = None;
+    for recording in recordings {
+        let missing = |missing: &str, mend: &str| FitError::Missing {
+            recording: recording.recording.name.clone(),
+            missing: missing.into(),
+            mend: mend.into(),
+        };
+        let bias = recording.bias.taxels.ok_or_else(|| {
+            missing("columns lit_r0c0 … dark_c3", "the net needs the optical matrix")
+        })?;
+        first_bias.get_or_insert(bias);
+        let (mut x, mut y, before) = (Vec::new(), Vec::new(), faulty);
+        let own = Bias { taxels: Some(bias), ..Bias::default() };
+        let gate = Gate::default();
+        for (sample, signals) in recording.recording.samples.iter().zip(&recording.signals) {
+            let [fx, fy, fz] = sample.truth.force;
+            let target = if outputs == 1 {
+                fz.map(|z| vec![z])
+            } else {
+                known([fx, fy, fz]).map(|force| force.to_vec())
+            };
+            let (Some(target), Some(c)) = (target, signals.taxels) else { continue };
+            // What the net never sees on the chip must not shape it: rows below the gate.
+            let alone = Signals { taxels: Some(c), ..Signals::default() };
+            if signals.health.dead != 0 || signals.health.saturated != 0 {
+                faulty += 1;
+            } else if own.activity(&alone) > gate.off * gate.off {
+                x.push(c.map(f64::from).to_vec());
+                y.push(target);
+            }
+        }
+        if x.is_empty() && faulty == before {
+            let no_reference =
+                recording.recording.samples.iter().all(|s| s.truth.force[2].is_none());
+            return Err(match (no_reference, outputs) {
+                (true, _) => missing(
+                    "reference column fz_n",
+                    "record a reference along with it, or give one with --reference",
+                ),
+                (false, 3)
+                    if recording.recording.samples.iter().all(|s| s.truth.force[0].is_none()) =>
+                {
+                    missing(
+                        "reference columns fx_n, fy_n",
+                        "add them, or fit fz_n alone (1 output)",
+                    )
+                }
+                _ => FitError::NoLoad { part: format!("{name}: {}", recording.recording.name) },
+            });
+        }
+        rows.push((x, y));
+    }
+    let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
+    for (recording, (_, y)) in recordings.iter().zip(&rows) {
+        if y.iter().map(|y| y[outputs - 1]).sum::<f64>() < 0.0 {
+            return Err(FitError::Mismatch {
+                recording: recording.recording.name.clone(),
+                problem: "fz_n is negative where something presses".into(),
+                mend: "a force into the skin is positive: turn its sign".into(),
+            });
+        }
+    }
+    let total: usize = rows.iter().map(|(x, _)| x.len()).sum();
+    let outliers = checks::remove_outliers(&mut rows);
+    if outliers > 0 {
+        warn_of_outliers(fitted, &name, outliers, total);
+    }
+    let training = Training {
+        part: &name,
+        family: options.family,
+        recordings: &rows,
+        inputs: Inputs::Alike,
+        hidden: options.hidden,
+        usual,
+        most: MAX_HIDDEN,
+        options: options.net,
+        skin: skin.map(|skin| SkinTeacher { skin, hidden: usual }),
+    };
+    let (net, chosen) = training.run(progress, stop)?;
+    let (x, y): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
+    let (x, y) = (x.concat(), y.concat());
+    let name = net.name(TAXELS);
+    warn_of_faults(fitted, &name, faulty, x.len(), &x);
+    let residual = residual(&net, &x, &y);
+    fitted.parts.push(Part {
+        name,
+        rows: x.len(),
+        faulty,
+        condition: None,
+        chosen,
+        effective: Some(net.effective),
+        residual: residual.clone(),
+    });
+    fitted.calibration.taxels = Some(TaxelCalibration {
+        bias,
+        range: ranges(&x, bias.noise),
+        residual: std::array::from_fn(|k| residual.get(k).map_or(0.0, |r| *r as f32)),
+    });
+    fitted.calibration.force = Some(ForceNet {
+        hidden: net.hidden.iter().copied().collect(),
+        hidden_bias: net.hidden_bias.iter().copied().collect(),
+        output: net.output.iter().copied().collect(),
+        skip: net.skip.iter().copied().collect(),
+        output_bias: net.output_bias.iter().copied().collect(),
+    });
+    Ok(())
+}
+
+fn ranges(x: &[Vec<f64>], noise: f32) -> [Range; TAXELS] {
+    std::array::from_fn(|k| trained_range(x.iter().map(|row| row[k] as f32), noise))
+}
+
+/// RMS error per output, by the arithmetic of the chip.
+fn residual(net: &Net, x: &[Vec<f64>], y: &[Vec<f64>]) -> Vec<f64> {
+    let mut squares = vec![0.0; net.output_bias.len()];
+    for (x, y) in x.iter().zip(y) {
+        let x: Vec<f32> = x.iter().map(|x| *x as f32).collect();
+        for ((sum, found), wanted) in squares.iter_mut().zip(net.outputs(&x)).zip(y) {
+            *sum += (f64::from(found) - wanted).powi(2);
+        }
+    }
+    squares.iter().map(|sum| (sum / x.len().max(1) as f64).sqrt()).collect()
+}
+
+/// Three outputs where any recording holds shear, else one.
+fn outputs_of(recordings: &[&Prepared<'_>]) -> usize {
+    let peak = |axes: &[usize]| {
+        let samples = recordings.iter().flat_map(|r| &r.recording.samples);
+        samples
+            .flat_map(|s| axes.iter().filter_map(|axis| s.truth.force[*axis]))
+            .fold(0.0, |peak: f64, f| peak.max(f.abs()))
+    };
+    if peak(&[0, 1]) > NO_SHEAR * peak(&[2]) { 3 } else { 1 }
+}
+
+fn warn_of_faults(fitted: &mut Fitted, name: &str, faulty: usize, rows: usize, x: &[Vec<f64>]) {
+    if faulty > 0 {
+        fitted.warnings.push(format!(
+            "{name}: {faulty} of {} loaded or faulty rows have a saturated or dead taxel and were left \
+             out; lower the light or mend the taxel",
+            faulty + rows
+        ));
+    }
+    for k in 0..TAXELS {
+        let same = x.first().is_some_and(|first| x.iter().all(|row| row[k] == first[k]));
+        if same {
+            fitted.warnings.push(format!(
+                "{name}: taxel r{}c{} reads the same in every row and is ignored; is it connected?",
+                k / 4,
+                k % 4
+            ));
+        }
+    }
+}
