@@ -25,6 +25,7 @@ use crate::condition::{Bias, BridgeBias, TaxelBias};
 use crate::estimate::array::Array;
 use crate::estimate::inverse::Inverse;
 use crate::estimate::net::ForceNet;
+use crate::estimate::quantised::{Net, QuantisedNet};
 use crate::estimate::sensitivity::Sensitivity;
 use crate::estimate::slip::Slip;
 use crate::scan::{SENSORS, TAXELS};
@@ -56,6 +57,9 @@ pub struct Calibration {
     pub taxels: Option<TaxelCalibration>,
     /// Taxel signals to forces.
     pub force: Option<ForceNet>,
+    /// The same in 16 bits. Where both are there, the other one is used.
+    #[cfg(feature = "quantised")]
+    pub quantised: Option<QuantisedNet>,
     /// The skin: displacements of a touch, and signals to displacements.
     pub model: Option<Inverse>,
     /// What a contact holds before it slips.
@@ -75,6 +79,8 @@ const SECTIONS: &[Entry] = &[
     entry(3, 2, "model", |c| &c.model, |c| &mut c.model),
     #[cfg(feature = "slip")]
     entry(4, 2, "slip", |c| &c.slip, |c| &mut c.slip),
+    #[cfg(feature = "quantised")]
+    entry(5, 2, "quantised", |c| &c.quantised, |c| &mut c.quantised),
     entry(16, 2, "s0", |c| &c.sensors[0], |c| &mut c.sensors[0]),
     entry(17, 2, "s1", |c| &c.sensors[1], |c| &mut c.sensors[1]),
     entry(18, 2, "s2", |c| &c.sensors[2], |c| &mut c.sensors[2]),
@@ -89,6 +95,8 @@ const NOT_BUILT: &[u8] = &[
     3,
     #[cfg(not(feature = "slip"))]
     4,
+    #[cfg(not(feature = "quantised"))]
+    5,
     #[cfg(not(feature = "array"))]
     20,
 ];
@@ -185,11 +193,29 @@ impl Calibration {
         date: 0,
         taxels: None,
         force: None,
+        #[cfg(feature = "quantised")]
+        quantised: None,
         model: None,
         slip: None,
         sensors: [const { None }; SENSORS],
         array: None,
     };
+
+    /// The net, in f32 where the record has it so.
+    #[must_use]
+    pub fn net(&self) -> Option<Net<'_>> {
+        self.force.as_ref().map(Net::Float).or(self.quantised().map(Net::Quantised))
+    }
+
+    #[cfg(feature = "quantised")]
+    fn quantised(&self) -> Option<&QuantisedNet> {
+        self.quantised.as_ref()
+    }
+
+    #[cfg(not(feature = "quantised"))]
+    fn quantised(&self) -> Option<&QuantisedNet> {
+        None
+    }
 
     /// The model of the skin, where this build can use it.
     pub(crate) fn model(&self) -> Option<&Inverse> {
@@ -251,6 +277,8 @@ impl Calibration {
             2 => section::write(&self.force, buffer),
             3 => section::write(&self.model, buffer),
             4 => section::write(&self.slip, buffer),
+            #[cfg(feature = "quantised")]
+            5 => section::write(&self.quantised, buffer),
             16 => section::write(s0, buffer),
             17 => section::write(s1, buffer),
             18 => section::write(s2, buffer),

@@ -11,6 +11,7 @@ pub mod intrinsic;
 pub mod inverse;
 pub mod limit_surface;
 pub mod net;
+pub mod quantised;
 pub mod row;
 pub mod sensitivity;
 pub mod slide;

@@ -64,6 +64,8 @@ impl Status {
     pub const RAN_ARRAY: Self = Self(1 << 23);
     /// Bit 24: slip was judged.
     pub const RAN_SLIP: Self = Self(1 << 24);
+    /// Bit 25: the force net in 16 bits ran.
+    pub const RAN_QUANTISED: Self = Self(1 << 25);
 
     /// The estimators that this build holds.
     pub const BUILT: Self = {
@@ -74,12 +76,13 @@ impl Status {
             always
                 | if cfg!(feature = "model") { model } else { 0 }
                 | if cfg!(feature = "array") { Self::RAN_ARRAY.0 } else { 0 }
-                | if cfg!(feature = "slip") { Self::RAN_SLIP.0 } else { 0 },
+                | if cfg!(feature = "slip") { Self::RAN_SLIP.0 } else { 0 }
+                | if cfg!(feature = "quantised") { Self::RAN_QUANTISED.0 } else { 0 },
         )
     };
 
     /// Every bit with its name, as the tools print it.
-    pub const NAMES: [(Self, &'static str); 22] = [
+    pub const NAMES: [(Self, &'static str); 23] = [
         (Self::CONTACT, "contact"),
         (Self::UNCALIBRATED, "uncalibrated"),
         (Self::SATURATED, "saturated"),
@@ -102,6 +105,7 @@ impl Status {
         (Self::RAN_PAIR, "ran-pair"),
         (Self::RAN_ARRAY, "ran-array"),
         (Self::RAN_SLIP, "ran-slip"),
+        (Self::RAN_QUANTISED, "ran-quantised-net"),
     ];
 
     /// Sets the bits of `other`.
@@ -192,6 +196,6 @@ mod tests {
             assert_eq!(all & bit.0, 0);
             all | bit.0
         });
-        assert_eq!(all, 0x01ff_1fff);
+        assert_eq!(all, 0x03ff_1fff);
     }
 }

@@ -11,6 +11,7 @@ use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::Curves;
+use taxel::estimate::quantised::QuantisedNet;
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::estimate::{ContactPoint, Force};
 use taxel::finger::{Estimate, Finger, FingerState};
@@ -54,6 +55,20 @@ fn a_press_has_a_force_and_a_place() {
     for bit in [Status::CONTACT, Status::RAN_NET, Status::RAN_CENTROID] {
         assert!(estimate.status.contains(bit), "{:?}", estimate.status);
     }
+}
+
+#[test]
+fn a_net_in_sixteen_bits_runs_instead_of_the_other_and_the_status_says_so() {
+    let float = calibration();
+    let quantised = float.force.as_ref().and_then(|net| QuantisedNet::new(net, 0.5));
+    let (finger, mut state) = Finger::new(Some(Calibration { force: None, quantised, ..float }));
+    let quiet = settled(&finger, &mut state, &unloaded(0));
+    assert_eq!(quiet.force, Force::known(0.0, 0.0, 0.0));
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    let Ok(Newtons(fz)) = estimate.force.z else { panic!("{:?}", estimate.force) };
+    assert!((f64::from(fz) - 0.1f64.tanh()).abs() < 5e-4, "{fz}");
+    assert!(estimate.status.contains(Status::RAN_QUANTISED), "{:?}", estimate.status);
+    assert!(!estimate.status.contains(Status::RAN_NET), "{:?}", estimate.status);
 }
 
 #[test]

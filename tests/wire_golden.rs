@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES};
 use taxel::condition::{Health, Signals};
 use taxel::estimate::contact_point::PointMethod;
+use taxel::estimate::quantised::{self, Group, QuantisedNet};
 use taxel::estimate::slip::Verdict;
 use taxel::estimate::{ContactPoint, Force, NormalContact};
 use taxel::frame::{Fields, Frame, Status};
@@ -151,6 +152,42 @@ fn a_calibration_record_has_its_bytes() {
             zero.repeat(3),
         )
     );
+}
+
+#[test]
+fn a_net_in_sixteen_bits_has_its_bytes() {
+    let mut weights = [0; 16];
+    (weights[0], weights[1], weights[15]) = (1, -2, 0x1234);
+    let row = quantised::packed(&weights);
+    let group = Group { weights: [row; 4], bias: [-1; 4] };
+    let record = Calibration {
+        force: None,
+        quantised: Some(QuantisedNet {
+            signal: 1024.0,
+            hidden: [group].into_iter().collect(),
+            shift: 9,
+            output: [[row; 3]].into_iter().collect(),
+            skip: None,
+            scale: [1.0, 2.0],
+            output_bias: [1.0].into_iter().collect(),
+        }),
+        sensors: Default::default(),
+        ..common::calibration()
+    };
+    let weights = format!("01 00 fe ff {}34 12 ", "00 00 ".repeat(13));
+    let section = format!(
+        "05 00 01 00 00 80 44 01 {}{}09 01 {}00 00 00 80 3f 00 00 00 40 01 00 00 80 3f",
+        weights.repeat(4),
+        "ff ff ff ff ".repeat(4),
+        weights.repeat(3),
+    );
+    let length = section.split(' ').count() - 3;
+    let section =
+        section.replacen("05 00 01", &format!("05 {:02x} {:02x}", length % 256, length / 256), 1);
+    let mut buffer = [0; MAX_BYTES];
+    let bytes = record.to_bytes(&mut buffer).unwrap();
+    let found = hex(&bytes[..bytes.len() - 4]);
+    assert!(found.ends_with(&section), "{found}\n{section}");
 }
 
 #[test]

@@ -14,6 +14,10 @@ use crate::estimate::field::{Field, Radial};
 use crate::estimate::inverse::{Curves, Inverse};
 use crate::estimate::limit_surface::LimitSurface;
 use crate::estimate::net::ForceNet;
+#[cfg(feature = "quantised")]
+use crate::estimate::net::MAX_OUTPUTS;
+#[cfg(feature = "quantised")]
+use crate::estimate::quantised::{Group, QuantisedNet, Row};
 use crate::estimate::slip::Slip;
 use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
 
@@ -48,6 +52,49 @@ impl Coefficients for ForceNet {
         let rest = read_list(&mut self.skip, rest)?;
         let rest = read_list(&mut self.output_bias, rest)?;
         rest.is_empty().then_some(())
+    }
+}
+
+#[cfg(feature = "quantised")]
+impl Coefficients for QuantisedNet {
+    const CHECKS: Checks<Self> = &[
+        ("signal", Self::signal_fits),
+        ("hidden", Self::hidden_fits),
+        ("shift", Self::shift_fits),
+        ("output", Self::output_fits),
+        ("skip", Self::skip_fits),
+        ("scale", Self::scale_fits),
+    ];
+    const NEEDS_TAXELS: bool = true;
+
+    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+        let ((signal, groups), mut rest) = postcard::take_from_bytes::<(f32, u8)>(bytes).ok()?;
+        self.signal = signal;
+        self.hidden.clear();
+        for _ in 0..groups {
+            let mut group = Group::default();
+            rest = read_weights(group.weights.as_flattened_mut(), rest)?;
+            for bias in &mut group.bias {
+                let (bytes, tail) = rest.split_first_chunk()?;
+                (*bias, rest) = (i32::from_le_bytes(*bytes), tail);
+            }
+            self.hidden.push(group).ok()?;
+        }
+        let ((shift, blocks), mut rest) = postcard::take_from_bytes::<(u8, u8)>(rest).ok()?;
+        self.shift = shift;
+        self.output.clear();
+        for _ in 0..blocks {
+            let mut rows = <[Row; MAX_OUTPUTS]>::default();
+            rest = read_weights(rows.as_flattened_mut(), rest)?;
+            self.output.push(rows).ok()?;
+        }
+        let (skip, mut rest) = postcard::take_from_bytes::<bool>(rest).ok()?;
+        self.skip = skip.then(Default::default);
+        for row in self.skip.iter_mut().flatten() {
+            rest = read_weights(row, rest)?;
+        }
+        let rest = read_numbers(&mut [&mut self.scale], rest)?;
+        read_list(&mut self.output_bias, rest)?.is_empty().then_some(())
     }
 }
 
@@ -179,6 +226,17 @@ fn read_list<'b>(list: &mut VecView<f32>, bytes: &'b [u8]) -> Option<&'b [u8]> {
     list.clear();
     for weight in weights.as_chunks::<4>().0 {
         list.push(f32::from_le_bytes(*weight)).ok()?;
+    }
+    Some(rest)
+}
+
+/// Fills `words` from the front of `bytes`. Returns what follows them.
+#[cfg(feature = "quantised")]
+#[inline(never)]
+fn read_weights<'b>(words: &mut [u32], bytes: &'b [u8]) -> Option<&'b [u8]> {
+    let (own, rest) = bytes.split_at_checked(4 * words.len())?;
+    for (word, bytes) in words.iter_mut().zip(own.as_chunks::<4>().0) {
+        *word = u32::from_le_bytes(*bytes);
     }
     Some(rest)
 }

@@ -40,6 +40,7 @@ fn largest() -> Calibration {
             shear: true,
             friction: 0.8,
         }),
+        quantised: None,
         slip: Some(Slip::usual(0.8)),
         sensors: core::array::from_fn(|_| Some(sensor.clone())),
         array: Some(Array {
@@ -82,6 +83,52 @@ fn a_record_holds_the_sections_that_there_are_and_reading_it_drops_the_others() 
     assert!((weights..weights + 16).contains(&saved), "{saved}");
     let empty = Calibration::default();
     assert_eq!(Calibration::from_bytes(&bytes(&empty)), Ok(empty));
+}
+
+/// The same finger with its net in 16 bits, of all shapes.
+fn quantised(hidden: usize, outputs: usize, skip: bool) -> Calibration {
+    let weight = |i: usize| (i * 37 % 101) as f32 / 50.0 - 1.0;
+    let net = ForceNet {
+        hidden: (0..hidden * 16).map(weight).collect(),
+        hidden_bias: (0..hidden).map(weight).collect(),
+        output: (0..outputs * hidden).map(weight).collect(),
+        skip: (0..usize::from(skip) * outputs * 16).map(weight).collect(),
+        output_bias: (0..outputs).map(weight).collect(),
+    };
+    Calibration { force: None, quantised: QuantisedNet::new(&net, 0.6), ..largest() }
+}
+
+#[test]
+fn a_net_in_sixteen_bits_comes_back_the_same() {
+    for (hidden, outputs, skip) in [(16, 3, false), (6, 3, true), (32, 1, true), (0, 3, true)] {
+        let record = quantised(hidden, outputs, skip);
+        assert!(record.quantised.is_some());
+        assert_eq!(Calibration::from_bytes(&bytes(&record)), Ok(record));
+    }
+}
+
+#[test]
+fn sixteen_bit_weights_whose_sums_could_leave_thirty_two_are_refused() {
+    let refused = |change: fn(&mut QuantisedNet)| {
+        let mut record = quantised(32, 3, true);
+        change(record.quantised.as_mut().unwrap());
+        match record.validate() {
+            Err(CalibrationError::Field { section, field }) => names(section, field).unwrap(),
+            other => panic!("{other:?}"),
+        }
+    };
+    // Two weights of −2¹⁵ times signals of −2¹⁵ each make 2³¹.
+    const LARGE: u32 = 0x8000_8000;
+    assert_eq!(refused(|net| net.hidden[3].weights[1] = [LARGE; 8]), ("quantised", "hidden"));
+    assert_eq!(refused(|net| net.hidden[3].bias[1] = i32::MIN), ("quantised", "hidden"));
+    assert_eq!(refused(|net| net.shift = 32), ("quantised", "shift"));
+    assert_eq!(refused(|net| net.output[1][2] = [LARGE; 8]), ("quantised", "output"));
+    assert_eq!(refused(|net| net.output.truncate(1)), ("quantised", "output"));
+    assert_eq!(refused(|net| net.output_bias.truncate(2)), ("quantised", "output"));
+    assert_eq!(refused(|net| net.skip = Some([[LARGE; 8]; 3])), ("quantised", "skip"));
+    assert_eq!(refused(|net| net.scale[0] = f32::NAN), ("quantised", "scale"));
+    assert_eq!(refused(|net| net.signal = 0.0), ("quantised", "signal"));
+    assert_eq!(refused(|net| (net.skip, net.hidden) = Default::default()), ("quantised", "hidden"));
 }
 
 #[test]

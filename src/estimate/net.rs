@@ -12,7 +12,7 @@ pub const MAX_HIDDEN: usize = 32;
 pub const MAX_OUTPUTS: usize = 3;
 
 /// Weights below this cannot overflow a sum of inputs in [−2, 2]; no fit gives larger ones.
-const HUGE: f32 = 1e30;
+pub(super) const HUGE: f32 = 1e30;
 
 /// y = V·tanh(W·x + a) + L·x + b, for weights given as flat row-major slices.
 ///
@@ -137,7 +137,7 @@ fn thirds(rows: &[f32], length: usize) -> Option<[&[f32]; 3]> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     const X: [f32; 2] = [0.5, -0.25];
@@ -173,15 +173,15 @@ mod tests {
     }
 
     /// Numbers in [−scale, scale).
-    struct Numbers(u32);
+    pub(in crate::estimate) struct Numbers(pub u32);
 
     impl Numbers {
-        fn next(&mut self, scale: f32) -> f32 {
+        pub fn next(&mut self, scale: f32) -> f32 {
             self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (self.0 as f32 / (1u64 << 31) as f32 - 1.0) * scale
         }
 
-        fn net(&mut self, hidden: usize, outputs: usize, skip: bool) -> ForceNet {
+        pub fn net(&mut self, hidden: usize, outputs: usize, skip: bool) -> ForceNet {
             ForceNet {
                 hidden: (0..hidden * TAXELS).map(|_| self.next(1.0)).collect(),
                 hidden_bias: (0..hidden).map(|_| self.next(0.5)).collect(),

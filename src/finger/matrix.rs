@@ -13,6 +13,7 @@ use crate::estimate::contact_point::{PointMethod, arg_min, centroid};
 use crate::estimate::fusion::Uncertain;
 use crate::estimate::gate::{Gate, GateState};
 use crate::estimate::inverse::{Inverse, InverseState, Touch};
+use crate::estimate::quantised::Net;
 use crate::estimate::two_contacts::{Pair, PairState};
 use crate::estimate::{ContactPoint, NormalContact};
 use crate::finger::together::Felt;
@@ -59,7 +60,7 @@ impl Seen {
     /// Nothing touches it: no force, of as many components as the record knows.
     fn untouched(record: Option<&Calibration>) -> Self {
         let none = Ok(Uncertain { value: 0.0, sigma: 0.0 });
-        let net = record.and_then(|r| r.force.as_ref()).map(|net| net.output_bias.len() == 3);
+        let net = record.and_then(Calibration::net).map(|net| net.outputs() == 3);
         let sheared = record.and_then(Calibration::model).map(|model| model.shear);
         let shear = match (net, sheared) {
             (None, None) => return Self::nothing(NoValue::Uncalibrated).untouched_point(),
@@ -98,7 +99,7 @@ impl Look<'_> {
             };
         }
         let taxels = self.record.and_then(|record| record.taxels.as_ref());
-        let net = self.record.and_then(|record| record.force.as_ref());
+        let net = self.record.and_then(Calibration::net);
         let model = self.record.and_then(Calibration::model);
         let force = match taxels {
             Some(taxels) if model.is_some() || net.is_some() => self.usable(taxels, status),
@@ -116,7 +117,10 @@ impl Look<'_> {
                 match net.zip(taxels) {
                     None => known,
                     Some((net, taxels)) => {
-                        status.set(Status::RAN_NET);
+                        status.set(match net {
+                            Net::Float(_) => Status::RAN_NET,
+                            Net::Quantised(_) => Status::RAN_QUANTISED,
+                        });
                         let [sx, sy, sz] = taxels.residual;
                         let of = |value: f32, sigma: f32| Ok(Uncertain { value, sigma });
                         let force = match net.forces(self.c)[..] {

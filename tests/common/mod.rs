@@ -63,6 +63,7 @@ pub fn calibration() -> Calibration {
             skip: heapless::Vec::new(),
             output_bias: [0.0, 0.0, 0.0].into_iter().collect(),
         }),
+        quantised: None,
         model: None,
         slip: None,
         array: None,

@@ -7,7 +7,7 @@ mod stages;
 
 use serde::Serialize;
 
-pub use stages::{all, dearest, papers_net};
+pub use stages::{all, dearest, papers_net, papers_net_quantised};
 
 /// Calls stages and keeps what came of it.
 pub trait Meter {

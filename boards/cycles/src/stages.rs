@@ -20,7 +20,7 @@ use taxel::scan::{COLS, PITCH};
 use crate::Meter;
 use crate::host::Inputs;
 
-pub use nets::papers_net;
+pub use nets::{papers_net, papers_net_quantised};
 pub use product::dearest;
 
 /// Every stage on every input.

@@ -263,8 +263,15 @@ fn compare_with(arguments: &Peers) -> Result<()> {
         .filter_map(|scan| bias.apply(&Levels::read(&scan.codes), None).taxels)
         .collect();
     let stages = bench::run(&read(&arguments.image)?, &inputs, |_, _| {})?;
-    let own = stages.iter().find(|stage| stage.name == "net 16-16-3");
-    let mut all = vec![peers::own(own.context("the image has no net 16-16-3")?, &net, &signals)];
+    let own = |name: &str| {
+        let stage = stages.iter().find(|stage| stage.name == name);
+        stage.with_context(|| format!("the image has no {name}"))
+    };
+    let q15 = cycles::papers_net_quantised().context("the net does not fit into 16 bits")?;
+    let mut all = vec![
+        peers::own("taxel", own("net 16-16-3")?, &net, &signals, |c| net.forces(c)),
+        peers::own("taxel q15", own("q15 net 16-16-3")?, &net, &signals, |c| q15.forces(c)),
+    ];
     for peer in &arguments.peers {
         let (with, elf) = peer.rsplit_once('=').context("--peer: expected WITH=ELF")?;
         all.extend(peers::run(&read(Path::new(elf))?, with, &net, &signals)?);

@@ -45,10 +45,16 @@ fn largest_error(net: &ForceNet, c: &[f32; TAXELS], found: &[f32]) -> f64 {
     errors.fold(0.0, f64::max)
 }
 
-/// The core's own net. What it gives on the machine is what it gives here, bit for bit ([`crate::bench`]).
-pub fn own(stage: &Stage, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Peer {
-    let errors = inputs.iter().map(|c| largest_error(net, c, &net.forces(c)));
-    Peer { name: "taxel".into(), max_error: errors.fold(0.0, f64::max), worst: stage.worst() }
+/// The core's own, which gives `forces`: on the machine what it gives here, bit for bit ([`crate::bench`]).
+pub fn own(
+    name: &str,
+    stage: &Stage,
+    net: &ForceNet,
+    inputs: &[[f32; TAXELS]],
+    forces: impl Fn(&[f32; TAXELS]) -> heapless::Vec<f32, OUTPUTS>,
+) -> Peer {
+    let errors = inputs.iter().map(|c| largest_error(net, c, &forces(c)));
+    Peer { name: name.into(), max_error: errors.fold(0.0, f64::max), worst: stage.worst() }
 }
 
 /// Runs the image of `peers/peers.c` in `elf`, which was built as `with` says.

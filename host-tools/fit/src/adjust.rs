@@ -345,7 +345,7 @@ impl Problem<'_> {
 /// One gain a row of S, each press counting once. It is what S says regressed on the truth that is inverted:
 /// noise is in what S says, and the other way round it would draw the gain towards zero.
 fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
-    let bench = adjusted.calibration.force.is_none()
+    let bench = adjusted.calibration.net().is_none()
         && adjusted.calibration.sensors.iter().flatten().count() == 1;
     for i in 0..SENSORS {
         let Some(sensor) = &mut adjusted.calibration.sensors[i] else { continue };

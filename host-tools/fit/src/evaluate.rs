@@ -75,7 +75,7 @@ impl Against {
 }
 
 fn against(calibration: &Calibration) -> Option<Against> {
-    if calibration.force.is_some() || calibration.model.is_some() || calibration.array.is_some() {
+    if calibration.net().is_some() || calibration.model.is_some() || calibration.array.is_some() {
         return Some(Against::Finger);
     }
     let mut calibrated = (0..SENSORS).filter(|i| calibration.sensors[*i].is_some());

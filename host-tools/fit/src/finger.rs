@@ -21,6 +21,7 @@ use crate::limit_surface;
 use crate::model::Family;
 use crate::network::{NetOptions, Progress};
 use crate::prepared::Prepared;
+use crate::quantise::{self, Form};
 use crate::recording::Recording;
 use crate::skin::{self, Skin};
 
@@ -56,6 +57,8 @@ pub struct FitOptions {
     pub net: NetOptions,
     /// Leave the model of the skin and the sensors' array out of the record: the net alone, as in 002.
     pub net_only: bool,
+    /// The numbers that the record holds the net in.
+    pub form: Form,
     /// Serial number for the record.
     pub serial: heapless::String<32>,
     /// Date for the record, seconds since 1970-01-01 UTC.
@@ -167,6 +170,9 @@ pub fn fit(
     }
     if !options.net_only {
         fit_array(&mut fitted, &recordings, &subjects);
+    }
+    if options.form == Form::Q15 {
+        quantise::net(&mut fitted, &fingers)?;
     }
     fitted.calibration.validate().map_err(FitError::Record)?;
     Ok(fitted)

@@ -6,12 +6,12 @@ use std::sync::atomic::AtomicBool;
 use taxel::calibration::Calibration;
 use taxel::scan::{Codes, Midpoints, SENSORS, Scan, TAXEL_CENTRES, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
-use taxel_fit::FitError;
 use taxel_fit::evaluate;
 use taxel_fit::finger::{FitOptions, Fitted, Subject, fit};
 use taxel_fit::metrics::{Figures, TargetMetrics};
 use taxel_fit::network::NetOptions;
 use taxel_fit::recording::Recording;
+use taxel_fit::{FitError, Form};
 use taxel_formats::trace::{Sample, Truth};
 
 /// Outputs of a bridge per newton, as fractions of full scale: u = G·f.
@@ -137,6 +137,26 @@ fn a_load_cell_that_errs_does_not_hide_the_unloaded_beginning() {
         let figures = figures(&metrics, target);
         assert!(figures.rmse < 0.01 && figures.n == 800, "{target} {figures:?}");
     }
+}
+
+#[test]
+fn a_net_in_sixteen_bits_says_what_that_costs_and_it_is_little() {
+    let recordings = [presses(60, 0, 0.4)];
+    let float = fit_quietly(&recordings, &options()).unwrap();
+    let quantised = fit_quietly(&recordings, &FitOptions { form: Form::Q15, ..options() }).unwrap();
+    assert_eq!(quantised.parts[0], float.parts[0]);
+    assert_eq!(quantised.parts[1].name, "the net in 16 bits");
+    assert_eq!(quantised.calibration.force, None);
+    let kept = quantised.calibration.taxels.as_ref().unwrap().residual;
+    for ((float, q15), kept) in
+        float.parts[0].residual.iter().zip(&quantised.parts[1].residual).zip(kept)
+    {
+        assert!((q15 / float - 1.0).abs() < 0.01, "{float} {q15}");
+        assert_eq!(*q15 as f32, kept);
+    }
+    let judged = |fitted: &Fitted| evaluate::finger(&fitted.calibration, &presses(20, 100, 0.4));
+    let [float, q15] = [&float, &quantised].map(|fitted| figures(&judged(fitted), "fz_n").rmse);
+    assert!((q15 / float - 1.0).abs() < 0.01, "{float} {q15}");
 }
 
 #[test]

@@ -12,6 +12,7 @@
 
 pub mod date;
 mod finger;
+mod quantised;
 
 use std::path::Path;
 

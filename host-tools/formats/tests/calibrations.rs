@@ -10,6 +10,7 @@ use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::{Curves, Inverse};
 use taxel::estimate::net::ForceNet;
+use taxel::estimate::quantised::QuantisedNet;
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::SensorPlaces;
@@ -39,6 +40,7 @@ fn record(weights: &[f32]) -> Calibration {
             skip: (0..3 * 16).map(weight).collect(),
             output_bias: (0..3).map(weight).collect(),
         }),
+        quantised: None,
         model: Some(Inverse {
             curves: Curves {
                 stray: std::array::from_fn(|k| std::array::from_fn(|i| 0.01 * (k + i) as f32)),
@@ -97,6 +99,25 @@ proptest! {
         let text = written(&record(&[0.5]));
         let at = at % text.len();
         let _ = parse(&format!("{}{with}{}", &text[..at], &text[at + 1..]));
+    }
+}
+
+#[test]
+fn a_net_in_sixteen_bits_comes_back_and_what_does_not_fit_is_named_with_its_line() {
+    let mut record = record(&[0.5, -0.25, 0.125]);
+    record.quantised = record.force.take().and_then(|net| QuantisedNet::new(&net, 0.6));
+    assert!(record.quantised.is_some());
+    let text = written(&record);
+    assert_eq!(parse(&text), Ok(record));
+    let line = |key: &str| text.lines().position(|line| line.starts_with(key)).unwrap() + 1;
+    for (from, to, key, message) in [
+        ("hidden_bias = [", "hidden_bias = [1, ", "hidden =", "`hidden`: 12 units with 13 biases"),
+        ("output = [[", "output = [[7, ", "output =", "`output`: expected 3 rows of as many"),
+        ("shift = ", "shift = 77 # ", "shift =", "`shift`: shift of quantised makes no sense"),
+    ] {
+        let error = parse(&text.replacen(from, to, 1)).unwrap_err();
+        let expected = format!("cal.toml:{}: {message}", line(key));
+        assert!(error.contains(&expected), "{error}\n  lacks {expected}");
     }
 }
 

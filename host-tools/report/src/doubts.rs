@@ -69,7 +69,7 @@ fn of_load(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
         let rows = fitted.iter().flat_map(|recording| &recording.samples);
         extent(rows.filter_map(|sample| sample.truth.force[axis]))
     });
-    let three = calibration.force.as_ref().is_some_and(|net| net.output_bias.len() == 3)
+    let three = calibration.net().is_some_and(|net| net.outputs() == 3)
         || calibration.sensors.iter().any(Option::is_some);
     if three { of_shear(extents) } else { Vec::new() }
 }

@@ -33,9 +33,10 @@ const FLAGS: [&str; 6] = [
     "-O3 -funroll-loops -ffp-contract=off",
     "-Ofast -funroll-loops -ffp-contract=off",
 ];
-/// What was looked for and not found.
-const MISSING: &str =
-    "CMSIS-NN s16: not built, no package with its C sources was found on PyPI or npm";
+/// What was looked for and not found. Of the packages that name it, `cmsis-nn-rs` (crates.io) and
+/// `tflite-micro` (PyPI) come without its C sources, `tfmicro` (crates.io) with their callers alone, and
+/// `torch2cmsis` (PyPI) with a converter.
+const MISSING: &str = "CMSIS-NN s16: not built, no package with its C sources was found on PyPI, npm, crates.io or Debian";
 
 /// Builds them, runs them and writes the table to `csv`.
 pub fn task(image: &Path, csv: &Path) -> Result<()> {

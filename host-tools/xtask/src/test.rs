@@ -21,6 +21,9 @@ pub enum Part {
     All,
 }
 
+/// What `boards/*/Cargo.toml` choose of the core's features, and none of them.
+const CORE_FEATURES: [&str; 2] = ["", "array,slip"];
+
 /// The file of tests that needs the emulated boards, and what the names of those tests begin with.
 const EMULATED: &str = "emulated_board";
 const EMULATED_PREFIX: &str = "emulated_";
@@ -50,6 +53,16 @@ fn host(steps: &mut Steps) -> Result<()> {
             .args(["clippy", "--workspace", "--all-targets"])
             .args(locked())
             .args(["--", "-D", "warnings"]))
+    })?;
+    steps.take("lints of the core with the estimators of each board", || {
+        for features in CORE_FEATURES {
+            run(cargo()
+                .args(["clippy", "--quiet", "--package", "taxel", "--no-default-features"])
+                .args(["--features", features])
+                .args(locked())
+                .args(["--", "-D", "warnings"]))?;
+        }
+        Ok(())
     })?;
     steps.take("host tests", || {
         if !exists("chromium") {

@@ -2,6 +2,7 @@
 
 use heapless::{String, Vec};
 use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
+use taxel::estimate::quantised::QuantisedNet;
 use taxel::scan::TAXELS;
 
 use crate::Meter;
@@ -10,6 +11,8 @@ use crate::Meter;
 const OUTPUTS: usize = 3;
 /// Of all weights.
 const SEED: u32 = 0x2545_f491;
+/// No signal in contact is larger.
+const LARGEST: f32 = 0.6;
 /// Each signal, its square and its cube.
 const CUBIC: usize = 3 * TAXELS;
 /// Each signal and each product of two.
@@ -46,7 +49,7 @@ struct Shape {
 }
 
 impl Shape {
-    fn name(self) -> String<16> {
+    fn name(self) -> String<24> {
         let mut name = String::new();
         let Self { hidden, outputs, .. } = self;
         // No name is longer than "skip 16-32-3".
@@ -68,6 +71,11 @@ pub fn papers_net() -> ForceNet {
     Weights(SEED).net(Shape { hidden: 16, outputs: OUTPUTS, skip: false })
 }
 
+/// The same in 16 bits.
+pub fn papers_net_quantised() -> Option<QuantisedNet> {
+    QuantisedNet::new(&papers_net(), LARGEST)
+}
+
 pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl Meter) {
     let papers = Shape { hidden: 12, outputs: 1, skip: false };
     let linear = Shape { hidden: 0, outputs: OUTPUTS, skip: true };
@@ -75,6 +83,14 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
         |skip| [2, 4, 6, 8, 16, MAX_HIDDEN].map(|hidden| Shape { hidden, outputs: OUTPUTS, skip });
     for shape in [papers, linear].into_iter().chain(wide(false)).chain(wide(true)) {
         let mut net = Weights(SEED).net(shape);
+        if let Some(mut net) = QuantisedNet::new(&net, LARGEST) {
+            let mut name = String::<24>::new();
+            // No name is longer than "q15 skip 16-32-3".
+            let _ = core::fmt::write(&mut name, format_args!("q15 {}", shape.name()));
+            meter.stage(&name, &mut net, c.clone(), &mut Vec::new(), |net, c, out| {
+                *out = net.forces(c);
+            });
+        }
         meter.stage(&shape.name(), &mut net, c.clone(), &mut Vec::new(), |net, c, out| {
             *out = net.forces(c);
         });

@@ -11,6 +11,7 @@ use taxel::estimate::slip::Slip;
 use taxel::scan::TAXELS;
 
 use super::date;
+use super::quantised::Quantised;
 
 /// The units of everything in a finger's file. A file that says otherwise is not read as if it did not.
 const UNITS: &str = "N, mm, N*mm; signals as fractions of full scale";
@@ -24,6 +25,8 @@ pub(super) struct FingerFile {
     taxels: Option<Taxels>,
     #[serde(skip_serializing_if = "Option::is_none")]
     force: Option<Net>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    quantised: Option<Quantised>,
     #[serde(skip_serializing_if = "Option::is_none")]
     model: Option<Inverse>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -94,6 +97,7 @@ impl FingerFile {
             units: UNITS.to_owned(),
             taxels,
             force,
+            quantised: calibration.quantised.as_ref().map(Quantised::new),
             model: calibration.model.clone(),
             slip: calibration.slip,
             array: calibration.array,
@@ -120,6 +124,7 @@ impl FingerFile {
             });
         }
         calibration.force = self.force.map(Net::weights).transpose()?;
+        calibration.quantised = self.quantised.map(Quantised::net).transpose()?;
         (calibration.model, calibration.slip, calibration.array) =
             (self.model, self.slip, self.array);
         for sensor in self.sensors {

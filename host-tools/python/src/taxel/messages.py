@@ -44,6 +44,7 @@ class Status(IntFlag):
     RAN_PAIR = 1 << 22
     RAN_ARRAY = 1 << 23
     RAN_SLIP = 1 << 24
+    RAN_QUANTISED = 1 << 25
 
 
 class Fields(IntFlag):

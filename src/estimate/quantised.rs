@@ -1,0 +1,398 @@
+//! The finger's net in whole numbers of sixteen bits: half the time of [`ForceNet`] for some ten-thousandths
+//! of its output.
+//!
+//! Signals, weights and activations are 16 bits, sums 32. Each layer has one scale, the finest at which no sum
+//! of its products can leave 32 bits whatever the signals: [`QuantisedNet::hidden_fits`] and its sisters prove
+//! that for a record before it is used. What it costs in accuracy is asserted below.
+//!
+//! Two numbers stand in a word: one load for two products (SMLABB, SMLATT), at any level of optimisation.
+//! LLVM's pass that makes one SMLAD of them wants both factors loaded for each product anew, which costs more
+//! than it saves; an intrinsic would be `unsafe` or unstable.
+
+use core::cell::Cell;
+
+use heapless::Vec;
+use serde::{Serialize, Serializer};
+
+use super::net::{ForceNet, HUGE, MAX_HIDDEN, MAX_OUTPUTS};
+use super::tanh::whole_tanh;
+use crate::scan::TAXELS;
+
+/// Units come in groups; what a net has fewer is filled up with zeros.
+pub const GROUP: usize = 4;
+const MAX_GROUPS: usize = MAX_HIDDEN / GROUP;
+/// Activations go into the outputs by as many as there are taxels.
+const BLOCKS: usize = MAX_HIDDEN / TAXELS;
+
+/// The largest signal or activation.
+const LARGEST: i32 = i16::MAX as i32;
+/// 1.0 of an activation.
+const UNIT: f32 = 32_768.0;
+/// Fraction bits of the argument of tanh, which covers [−8, 8).
+const ARGUMENT_BITS: u8 = 18;
+/// A sum is shifted by less than its width.
+const MAX_SHIFT: u8 = 31;
+
+/// Sixteen weights, two in a word: the first in the lower half.
+pub type Row = [u32; WORDS];
+const WORDS: usize = TAXELS / 2;
+/// Sixteen signals or activations. A [`Cell`], because the compiler then reads a word where it is needed, and
+/// not sixteen halves beforehand for which there are no registers.
+type Lanes = [Cell<u32>; WORDS];
+
+/// Four hidden units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Group {
+    /// W.
+    pub weights: [Row; GROUP],
+    /// a, rounding of the shift included.
+    pub bias: [i32; GROUP],
+}
+
+/// A [`ForceNet`] in 16 bits.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct QuantisedNet {
+    /// 1.0 of a signal: the largest that training saw fills 16 bits.
+    pub signal: f32,
+    /// W and a.
+    pub hidden: Vec<Group, MAX_GROUPS>,
+    /// From a sum of the hidden layer to the argument of tanh, in bits.
+    pub shift: u8,
+    /// V for each sixteen activations: three rows, of which a net with one output uses the first.
+    pub output: Vec<[Row; MAX_OUTPUTS], BLOCKS>,
+    /// L, if there is a skip path.
+    pub skip: Option<[Row; MAX_OUTPUTS]>,
+    /// Newtons for one unit of the sums over V, and over L.
+    pub scale: [f32; 2],
+    /// b, one an output: either one (f_z) or three (f_x, f_y, f_z).
+    pub output_bias: Vec<f32, MAX_OUTPUTS>,
+}
+
+impl QuantisedNet {
+    /// `net` in 16 bits, for signals up to `largest`. `None` where its weights are too large for them: one
+    /// signal alone would take a unit a thousand times beyond the bend of tanh.
+    #[must_use]
+    pub fn new(net: &ForceNet, largest: f32) -> Option<Self> {
+        let signal = LARGEST as f32 / largest;
+        let units = || net.hidden.as_chunks::<TAXELS>().0.iter().zip(&net.hidden_bias);
+        let fits =
+            |shift: &u8| units().all(|(row, bias)| unit(row, *bias, (signal, *shift)).is_some());
+        let shift = (0..=MAX_SHIFT - ARGUMENT_BITS).rev().find(fits)?;
+        let mut quantised =
+            Self { signal, shift, output_bias: net.output_bias.clone(), ..Self::default() };
+        for (i, (row, bias)) in units().enumerate() {
+            if i % GROUP == 0 {
+                quantised.hidden.push(Group::default()).ok()?;
+            }
+            let group = quantised.hidden.last_mut()?;
+            let (row, bias) = unit(row, *bias, (signal, shift))?;
+            *group.weights.get_mut(i % GROUP)? = row;
+            *group.bias.get_mut(i % GROUP)? = bias;
+        }
+        let hidden = net.hidden_bias.len();
+        let output_one = layer_one(net.output.chunks_exact(hidden.max(1)));
+        for block in 0..hidden.div_ceil(TAXELS) {
+            let mut rows = [Row::default(); MAX_OUTPUTS];
+            for (row, weights) in rows.iter_mut().zip(net.output.chunks_exact(hidden)) {
+                *row = whole(weights.get(block * TAXELS..)?, output_one);
+            }
+            quantised.output.push(rows).ok()?;
+        }
+        let skip_one = layer_one(net.skip.chunks_exact(TAXELS));
+        if !net.skip.is_empty() {
+            let mut rows = [Row::default(); MAX_OUTPUTS];
+            for (row, weights) in rows.iter_mut().zip(net.skip.chunks_exact(TAXELS)) {
+                *row = whole(weights, skip_one);
+            }
+            quantised.skip = Some(rows);
+        }
+        quantised.scale = [1.0 / (output_one * UNIT), 1.0 / (skip_one * signal)];
+        Some(quantised)
+    }
+
+    /// A signal has a scale.
+    pub(crate) fn signal_fits(&self) -> bool {
+        (1.0..1e9).contains(&self.signal)
+    }
+
+    /// There are units or a skip path, and no sum of a unit can leave 32 bits.
+    pub(crate) fn hidden_fits(&self) -> bool {
+        let units = |group: &Group| {
+            group.weights.iter().zip(group.bias).all(|(row, bias)| row_fits(row, bias))
+        };
+        !(self.hidden.is_empty() && self.skip.is_none()) && self.hidden.iter().all(units)
+    }
+
+    /// The shift is one.
+    pub(crate) fn shift_fits(&self) -> bool {
+        self.shift <= MAX_SHIFT
+    }
+
+    /// The outputs are one or three and finite, there are weights for every unit, and no sum can leave 32
+    /// bits: those of both blocks go into one.
+    pub(crate) fn output_fits(&self) -> bool {
+        let blocks = (self.hidden.len() * GROUP).div_ceil(TAXELS);
+        let rows = |output: usize| self.output.iter().filter_map(move |rows| rows.get(output));
+        matches!(self.output_bias.len(), 1 | MAX_OUTPUTS)
+            && self.output.len() == blocks
+            && self.output_bias.iter().all(|bias| bias.abs() < HUGE)
+            && (0..MAX_OUTPUTS).all(|output| rows(output).map(absolute_sum).sum::<i64>() <= BOUND)
+    }
+
+    /// No sum of the skip path can leave 32 bits.
+    pub(crate) fn skip_fits(&self) -> bool {
+        self.skip.iter().flatten().all(|row| row_fits(row, 0))
+    }
+
+    /// No force is larger than 2³¹ times a scale.
+    pub(crate) fn scale_fits(&self) -> bool {
+        self.scale.iter().all(|scale| scale.abs() < 1e20)
+    }
+
+    /// Forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`. Signals beyond the largest count as that.
+    #[must_use]
+    pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
+        let x = [const { Cell::new(0) }; WORDS];
+        for (x, [low, high]) in x.iter().zip(c.as_chunks::<2>().0) {
+            x.set(word([low, high].map(|c| clipped((c * self.signal) as i32))));
+        }
+        let mut bent = [0; MAX_OUTPUTS];
+        for (groups, rows) in self.hidden.chunks(TAXELS / GROUP).zip(&self.output) {
+            let h = [const { Cell::new(0) }; WORDS];
+            activate(groups, &x, &h, self.shift);
+            bent = weigh(rows, &h, bent);
+        }
+        let straight = self.skip.as_ref().map(|skip| weigh(skip, &x, [0; MAX_OUTPUTS]));
+        let [bend, slope] = self.scale;
+        let force = |bias: f32, bent: i32, straight: i32| {
+            bias + bent as f32 * bend + straight as f32 * slope
+        };
+        let ([p, q, r], [s, t, u]) = (bent, straight.unwrap_or_default());
+        match self.output_bias[..] {
+            [z] => Vec::from_array([force(z, p, s)]),
+            [x, y, z] => Vec::from_array([force(x, p, s), force(y, q, t), force(z, r, u)]),
+            _ => Vec::new(),
+        }
+    }
+}
+
+/// As a record holds it: whole numbers in little-endian bytes.
+impl Serialize for QuantisedNet {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let rows = |rows: &[Row; MAX_OUTPUTS]| rows.map(|row| row.map(u32::to_le_bytes));
+        let group = |group: &Group| {
+            let weights = group.weights.map(|row| row.map(u32::to_le_bytes));
+            (weights, group.bias.map(i32::to_le_bytes))
+        };
+        let hidden: Vec<_, MAX_GROUPS> = self.hidden.iter().map(group).collect();
+        let output: Vec<_, BLOCKS> = self.output.iter().map(rows).collect();
+        let skip = self.skip.as_ref().map(rows);
+        (self.signal, hidden, self.shift, output, skip, self.scale, &self.output_bias)
+            .serialize(serializer)
+    }
+}
+
+/// The net of a record, in the form that it has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Net<'r> {
+    /// In f32.
+    Float(&'r ForceNet),
+    /// In 16 bits.
+    Quantised(&'r QuantisedNet),
+}
+
+impl Net<'_> {
+    /// One (f_z) or three.
+    #[must_use]
+    pub fn outputs(&self) -> usize {
+        match self {
+            Self::Float(net) => net.output_bias.len(),
+            Self::Quantised(net) => net.output_bias.len(),
+        }
+    }
+
+    /// Forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`.
+    #[must_use]
+    pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
+        match self {
+            Self::Float(net) => net.forces(c),
+            Self::Quantised(net) => net.forces(c),
+        }
+    }
+}
+
+/// h = tanh(W·x + a).
+#[inline(never)]
+fn activate(groups: &[Group], x: &Lanes, h: &[Cell<u32>], shift: u8) {
+    for (group, [low, high]) in groups.iter().zip(h.as_chunks::<2>().0) {
+        let sums = dots(&group.weights, x, group.bias);
+        let [a, b, c, d] = sums.map(|sum| whole_tanh(sum >> (shift & MAX_SHIFT)));
+        low.set(word([a, b]));
+        high.set(word([c, d]));
+    }
+}
+
+/// sums + V·h, or + L·x.
+#[inline(never)]
+fn weigh(rows: &[Row; MAX_OUTPUTS], lanes: &Lanes, sums: [i32; MAX_OUTPUTS]) -> [i32; MAX_OUTPUTS] {
+    dots(rows, lanes, sums)
+}
+
+/// sums + rows·x, word by word of x. What a record's bounds let through does not overflow; nothing else would
+/// panic.
+#[inline(always)]
+fn dots<const N: usize>(rows: &[Row; N], x: &Lanes, mut sums: [i32; N]) -> [i32; N] {
+    for (i, x) in x.iter().enumerate() {
+        let x = x.get();
+        for (sum, row) in sums.iter_mut().zip(rows) {
+            let w = row.get(i).copied().unwrap_or_default();
+            let low = i32::from(w as i16) * i32::from(x as i16);
+            let high = (w as i32 >> 16).wrapping_mul(x as i32 >> 16);
+            *sum = sum.wrapping_add(low).wrapping_add(high);
+        }
+    }
+    sums
+}
+
+#[inline(always)]
+fn word([low, high]: [i16; 2]) -> u32 {
+    u32::from(low as u16) | u32::from(high as u16) << 16
+}
+
+/// The weights of a row, as words.
+#[must_use]
+pub fn packed(weights: &[i16; TAXELS]) -> Row {
+    let mut row = Row::default();
+    row.iter_mut().zip(weights.as_chunks::<2>().0).for_each(|(w, pair)| *w = word(*pair));
+    row
+}
+
+/// The words of a row, as weights.
+#[must_use]
+pub fn unpacked(row: &Row) -> [i16; TAXELS] {
+    let mut weights = [0; TAXELS];
+    for ([low, high], w) in weights.as_chunks_mut::<2>().0.iter_mut().zip(row) {
+        (*low, *high) = (*w as i16, (*w >> 16) as i16);
+    }
+    weights
+}
+
+/// Most that the absolute weights of one sum may add up to.
+const BOUND: i64 = (i32::MAX / (LARGEST + 1)) as i64;
+
+fn absolute_sum(row: &Row) -> i64 {
+    unpacked(row).iter().map(|w| i64::from(*w).abs()).sum()
+}
+
+/// bias + row·x stays within 32 bits for every x.
+fn row_fits(row: &Row, bias: i32) -> bool {
+    absolute_sum(row) * i64::from(LARGEST + 1) + i64::from(bias).abs() <= i64::from(i32::MAX)
+}
+
+/// Weights and bias of a unit, where they leave neither 16 nor 32 bits.
+fn unit(weights: &[f32; TAXELS], bias: f32, (signal, shift): (f32, u8)) -> Option<(Row, i32)> {
+    let one = (1u32 << (shift + ARGUMENT_BITS).min(MAX_SHIFT)) as f32;
+    let row = whole(weights, one / signal);
+    let half = 1i32 << shift.min(MAX_SHIFT) >> 1;
+    let bias = ((bias * one) as i32).saturating_add(half);
+    let clips = unpacked(&row).iter().any(|w| i32::from(*w).abs() >= LARGEST);
+    (!clips && row_fits(&row, bias)).then_some((row, bias))
+}
+
+/// 1.0 of a weight of a linear layer: the largest with which neither a weight nor a sum of products leaves
+/// its bits, half a unit of rounding each.
+fn layer_one<'w>(rows: impl Iterator<Item = &'w [f32]> + Clone) -> f32 {
+    let largest = |of: fn(f32, &f32) -> f32| {
+        rows.clone().map(|row| row.iter().fold(0.0, of)).fold(0.0f32, f32::max)
+    };
+    let weight = largest(|most, w| most.max(w.abs()));
+    let sum = largest(|sum, w| sum + w.abs());
+    let of = |most: f32, bits: f32| if most > 0.0 { bits / most } else { f32::MAX };
+    let one = of(weight, LARGEST as f32).min(of(sum, BOUND as f32 - MAX_HIDDEN as f32));
+    if one < f32::MAX { one } else { 1.0 }
+}
+
+/// Weights as multiples of 1/`one`; those that there are not are zero.
+fn whole(weights: &[f32], one: f32) -> Row {
+    let mut whole = [0; TAXELS];
+    for (whole, weight) in whole.iter_mut().zip(weights) {
+        let exact = weight * one;
+        *whole = (exact + 0.5f32.copysign(exact)) as i16;
+    }
+    packed(&whole)
+}
+
+fn clipped(x: i32) -> i16 {
+    x.clamp(i32::from(i16::MIN), LARGEST) as i16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::net::tests::Numbers;
+
+    /// Weights as fits give them: units that bend within the signals, forces of a newton.
+    fn nets() -> impl Iterator<Item = (ForceNet, Numbers)> {
+        let shapes = [(16, 3, false), (6, 3, true), (12, 1, false), (32, 3, true), (0, 3, true)];
+        (0..200).map(move |seed| {
+            let mut numbers = Numbers(seed + 1);
+            let (hidden, outputs, skip) = shapes[seed as usize % shapes.len()];
+            let mut net = numbers.net(hidden, outputs, skip);
+            net.hidden.iter_mut().for_each(|w| *w *= 6.0);
+            (net, numbers)
+        })
+    }
+
+    /// The most that output `k` of a net can say, its bias apart.
+    fn most(net: &ForceNet, k: usize) -> f32 {
+        let of = |weights: &[f32], width: usize| -> f32 {
+            let row = weights.chunks(width.max(1)).nth(k).unwrap_or_default();
+            row.iter().map(|w| w.abs()).sum()
+        };
+        of(&net.output, net.hidden_bias.len()) + of(&net.skip, TAXELS)
+    }
+
+    #[test]
+    fn forces_are_those_in_f32_to_a_thousandth_of_what_the_net_can_say() {
+        let (mut worst, mut squares, mut count) = (0.0f32, 0.0, 0);
+        for (net, mut numbers) in nets() {
+            let quantised = QuantisedNet::new(&net, 0.5).unwrap();
+            assert!(quantised.hidden_fits() && quantised.output_fits() && quantised.skip_fits());
+            for _ in 0..50 {
+                let c = core::array::from_fn(|_| numbers.next(0.5));
+                let (found, exact) = (quantised.forces(&c), net.forces(&c));
+                assert_eq!(found.len(), exact.len());
+                for (k, (found, exact)) in found.iter().zip(exact).enumerate() {
+                    let error = (found - exact).abs() / most(&net, k);
+                    worst = worst.max(error);
+                    squares += f64::from(error).powi(2);
+                    count += 1;
+                }
+            }
+        }
+        let rms = (squares / f64::from(count)).sqrt();
+        assert!(worst < 6e-4 && rms < 6e-5, "{worst:e} {rms:e}");
+    }
+
+    #[test]
+    fn no_signal_overflows_a_sum_and_none_gives_more_than_the_largest_does() {
+        for (net, mut numbers) in nets() {
+            let quantised = QuantisedNet::new(&net, 0.5).unwrap();
+            for scale in [0.6, 3.0, 1e6, 1e30] {
+                let c: [f32; TAXELS] = core::array::from_fn(|_| numbers.next(scale));
+                let clipped = quantised.forces(&c.map(|c| c.clamp(-0.500_02, 0.5)));
+                assert_eq!(quantised.forces(&c), clipped);
+                for (k, y) in clipped.iter().enumerate() {
+                    assert!((y - net.output_bias[k]).abs() <= most(&net, k) * 1.001, "{y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn weights_beyond_sixteen_bits_are_no_net() {
+        let mut net = Numbers(1).net(4, 3, false);
+        net.hidden[5] = 1e9;
+        assert_eq!(QuantisedNet::new(&net, 0.5), None);
+    }
+}
