@@ -254,19 +254,20 @@ fn a_playback_is_recorded_to_its_end() {
 }
 
 #[test]
-fn a_pulled_cable_fails_and_leaves_the_recording_whole() {
+fn a_pulled_cable_that_stays_out_fails_and_leaves_the_recording_whole() {
     let (finger, port) = finger();
     let directory = tempfile::tempdir().unwrap();
     let out = directory.path().join("frames.csv");
-    let child = command(&["record", "--port", &port, "--out", out.to_str().unwrap()]);
+    let path = out.to_str().unwrap();
+    let child = command(&["record", "--port", &port, "--out", path, "--duration", "5"]);
     let child = recording(child, &out);
     drop(finger);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     let said = String::from_utf8(output.stderr).unwrap();
     let frames = lines(&out).len();
-    assert!(said.starts_with("taxel: tcp:127.0.0.1:"), "{said}");
-    assert!(said.contains("the finger is gone"), "{said}");
+    assert!(said.contains("the finger is gone") && said.contains("waiting for it"), "{said}");
+    assert!(said.lines().last().unwrap().starts_with("taxel: tcp:127.0.0.1:"), "{said}");
     assert!(said.ends_with(&format!("frames.csv has the {frames} frames until then\n")), "{said}");
 }
 
