@@ -57,7 +57,7 @@ impl Quantised {
             .map(|(weights, bias)| Group { weights: weights.map(|row| packed(&row)), bias: *bias });
         let width = self.output.first().map_or(0, Vec::len);
         let even = self.output.iter().all(|row| row.len() == width);
-        if self.output.len() != MAX_OUTPUTS || !even || width % TAXELS != 0 {
+        if self.output.len() != MAX_OUTPUTS || !even || !width.is_multiple_of(TAXELS) {
             let problem =
                 format!("expected {MAX_OUTPUTS} rows of as many weights, a multiple of {TAXELS}");
             return Err(("output", problem));

@@ -67,6 +67,7 @@ pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
 /// Sections of a record whose estimators are not among those that a firmware holds.
 fn passed_over(calibration: &Calibration, held: Status) -> Vec<&'static str> {
     let sections = [
+        ("quantised", calibration.quantised.is_some(), Status::RAN_QUANTISED),
         ("model", calibration.model.is_some(), Status::RAN_MODEL),
         ("slip", calibration.slip.is_some(), Status::RAN_SLIP),
         ("array", calibration.array.is_some(), Status::RAN_ARRAY),
@@ -74,6 +75,19 @@ fn passed_over(calibration: &Calibration, held: Status) -> Vec<&'static str> {
     let passed =
         |(name, present, ran): (_, bool, _)| (present && !held.contains(ran)).then_some(name);
     sections.into_iter().filter_map(passed).collect()
+}
+
+/// Runs `download`.
+///
+/// # Errors
+/// The finger has none, or the file cannot be written.
+pub fn download(args: DownloadArgs) -> anyhow::Result<()> {
+    let bytes = args.port.connect()?.download_calibration()?;
+    let record = Calibration::from_bytes(&bytes)
+        .map_err(|error| anyhow::anyhow!("what came back is no calibration: {error}"))
+        .with_context(|| args.port.port.to_string())?;
+    calibration::write(&args.out, &record)?;
+    output::line(format!("wrote {}", args.out.display()))
 }
 
 #[cfg(test)]
@@ -92,17 +106,4 @@ mod tests {
         assert_eq!(passed_over(&calibration, Status::RAN_SLIP), ["model"]);
         assert_eq!(passed_over(&Calibration::default(), Status::default()), Vec::<&str>::new());
     }
-}
-
-/// Runs `download`.
-///
-/// # Errors
-/// The finger has none, or the file cannot be written.
-pub fn download(args: DownloadArgs) -> anyhow::Result<()> {
-    let bytes = args.port.connect()?.download_calibration()?;
-    let record = Calibration::from_bytes(&bytes)
-        .map_err(|error| anyhow::anyhow!("what came back is no calibration: {error}"))
-        .with_context(|| args.port.port.to_string())?;
-    calibration::write(&args.out, &record)?;
-    output::line(format!("wrote {}", args.out.display()))
 }
