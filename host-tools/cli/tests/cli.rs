@@ -101,7 +101,7 @@ fn bad_usage_is_one_line_and_exit_code_2() {
         ("infp", "unrecognized subcommand 'infp'; a similar subcommand exists: 'info'; see --help"),
         (
             &format!("set {port}"),
-            "the following required arguments were not provided: <--rate <HZ>|--fields <LIST>|\
+            "the following required arguments were not provided: <--rate <HZ>|--filter <HZ>|--fields <LIST>|\
              --point <METHOD>|--scan <HZ>|--oversampling <SAMPLES>|--settle <US>|--save>; see --help",
         ),
         (
