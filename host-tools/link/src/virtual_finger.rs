@@ -130,11 +130,7 @@ impl VirtualFinger {
         let (stop, stopped) = oneshot::channel::<()>();
         let play = async move {
             tokio::select! {
-                played = player.serve(listener) => {
-                    let end = played?;
-                    *ending.lock().unwrap_or_else(PoisonError::into_inner) = Some(end);
-                    Ok(())
-                }
+                played = player.serve(listener, &ending) => played,
                 _ = stopped => Ok(()),
             }
         };

@@ -6,6 +6,7 @@
 use std::io;
 use std::net::TcpListener;
 use std::path::Path;
+use std::sync::PoisonError;
 use std::time::Duration;
 
 use taxel::estimate::contact_point::PointMethod;
@@ -21,7 +22,7 @@ use taxel_formats::FileError;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::{Instant, sleep_until};
 
-use super::Outcome;
+use super::{Ending, Outcome};
 use crate::error::LinkError;
 use crate::recorded::Recorded;
 
@@ -45,15 +46,16 @@ impl Player {
         Ok(Some(Self { frames, next: Some(first), origin: None, info }))
     }
 
-    /// One host after the other, until the frames are over.
-    pub(super) async fn serve(mut self, listener: TcpListener) -> io::Result<Outcome> {
+    /// One host after the other, until the frames are over, which `ending` says before the link closes.
+    pub(super) async fn serve(mut self, listener: TcpListener, ending: &Ending) -> io::Result<()> {
         let listener = tokio::net::TcpListener::from_std(listener)?;
         loop {
             let mut stream = listener.accept().await?.0;
             stream.set_nodelay(true)?;
             // However a host leaves, the next one is welcome.
             if let Ok(Some(outcome)) = self.converse(&mut stream).await {
-                return Ok(outcome);
+                *ending.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
+                return Ok(());
             }
             self.play(false);
         }
