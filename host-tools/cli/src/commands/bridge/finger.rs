@@ -107,6 +107,8 @@ impl Finger {
         if let Some(fields) = self.shared.fields {
             client.set_fields(fields)?;
         }
+        // Frames from before have other fields than were asked for.
+        while client.next(Duration::ZERO)?.is_some() {}
         self.steady.remember(client)
     }
 
