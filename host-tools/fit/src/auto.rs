@@ -18,7 +18,7 @@ use crate::taught;
 /// Widths that are tried, narrowest first, and then the widest that there may be.
 const WIDTHS: [usize; 3] = [4, 8, 16];
 /// A net is wide enough when its distance from its teacher adds at most this share to the mean square
-/// error of the stretches left out: a tenth is 5 % of the RMS error.
+/// error of a usual stretch left out: a tenth is 5 % of the RMS error.
 const ADDED: f64 = 0.1;
 
 /// What there is to choose from, and for.
@@ -149,7 +149,7 @@ pub(crate) fn fit(
         let close = pupil
             .apart
             .iter()
-            .zip(teacher.left_out.error())
+            .zip(teacher.left_out.usual())
             .all(|(apart, error)| apart.powi(2) <= ADDED * error.powi(2));
         net = pupil.net;
         chosen.apart = newtons(pupil.apart);

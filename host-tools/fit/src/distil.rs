@@ -14,12 +14,14 @@ use crate::gaussian::Model;
 use crate::network::{self, Build, Net, NetOptions, Progress};
 use crate::scaling::{Inputs, Scale, Scaling};
 
-/// Recorded rows that the net is taught.
+/// Recorded rows that the net is taught; fewer are taught several times over, lest those between outweigh them.
 const RECORDED: usize = 1024;
 /// Rows between and beyond them.
 const BETWEEN: usize = 3072;
-/// One of so many nearest rows of other stretches is the other end of the line on which such a row lies.
+/// One of so many nearest rows of other stretches is the other end of the line on which such a row lies, and
+/// no more than this share of them: a dozen of a hundred rows would be other loads, not this one once more.
 const NEIGHBOURS: usize = 12;
+const NEIGHBOURHOOD: usize = 32;
 /// The row lies this far along that line: 0 and 1 are recorded rows. Recordings of another day differ by
 /// more than stretches of one do, hence as far again as twice the distance on either side.
 const ALONG: std::ops::Range<f64> = -2.0..3.0;
@@ -56,6 +58,7 @@ pub(crate) fn distil(
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let every = lesson.x.nrows().div_ceil(RECORDED).max(1);
     let recorded: Vec<usize> = (0..lesson.x.nrows()).step_by(every).collect();
+    let recorded = recorded.repeat(RECORDED / recorded.len().max(1));
     let between = between(lesson, BETWEEN, &mut rng);
     let taught = stack(&lesson.x.select_rows(&recorded), &between);
     let unscaled = |x: &DMatrix<f64>, scales: &[Scale]| -> Vec<Vec<f64>> {
@@ -108,7 +111,7 @@ fn between(lesson: &Lesson<'_>, count: usize, rng: &mut ChaCha8Rng) -> DMatrix<f
             rows.row_mut(i).copy_from(&x.row(from));
             continue;
         }
-        let near = NEIGHBOURS.min(others.len());
+        let near = (others.len() / NEIGHBOURHOOD).clamp(1, NEIGHBOURS);
         others.select_nth_unstable_by(near - 1, |a, b| a.0.total_cmp(&b.0));
         let (_, other) = others[rng.random_range(0..near)];
         let along = rng.random_range(ALONG);

@@ -106,6 +106,11 @@ impl Scores {
     pub fn error(&self) -> Vec<f64> {
         self.0.column_iter().map(|s| s.map(f64::exp).mean().sqrt()).collect()
     }
+
+    /// The same of a usual stretch: the geometric mean, which one that lies beyond all others does not rule.
+    pub fn usual(&self) -> Vec<f64> {
+        self.0.column_iter().map(|s| s.mean().exp().sqrt()).collect()
+    }
 }
 
 /// Of some trials those whose score for an output is within a standard error of the best one's.
