@@ -6,7 +6,7 @@ use crate::condition::{BiasRefusal, LowPass};
 use crate::finger::{Finger, FingerState};
 use crate::frame::{Fields, Frame, Status};
 use crate::scan::{Codes, Scan};
-use crate::self_test::{MOST_SCANS, Running, SelfTest};
+use crate::self_test::{MOST_SCANS, Running};
 use crate::store::{Flash, Settings, Store, StoreError, StoredBias};
 use crate::units::FullScale;
 use crate::wire::crc32;
@@ -33,6 +33,8 @@ pub struct Instrument {
     seq: u32,
     frame: Frame,
     bias_tag: Option<u8>,
+    /// What came of the bias that this scan completed.
+    bias_taken: Option<Result<(), BiasRefusal>>,
     /// The gate was open at some time while the bias in force was taken.
     bias_in_contact: bool,
     /// The same of the bias that is being taken.
@@ -46,12 +48,12 @@ pub struct Instrument {
 }
 
 /// What a scan brings about.
-#[derive(Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
     /// The stream is on and a frame is due: [`Instrument::frame`].
     pub frame: bool,
-    /// The answer to a bias that this scan completed.
-    pub reply: Option<Message>,
+    /// It completed a bias or a self-test: [`Instrument::take_reply`], before the next scan.
+    pub reply: bool,
 }
 
 impl Instrument {
@@ -77,6 +79,7 @@ impl Instrument {
             seq: 0,
             frame: Frame::default(),
             bias_tag: None,
+            bias_taken: None,
             bias_in_contact: false,
             taking_in_contact: false,
             counters: Counters::default(),
@@ -157,8 +160,9 @@ impl Instrument {
         self.counters.overruns = self.counters.overruns.wrapping_add(scan.lost);
         let mut outcome = Outcome::default();
         self.taking_in_contact |= estimate.status.contains(Status::CONTACT);
+        self.bias_taken = estimate.bias;
         if estimate.bias.is_some() || self.self_test.is_some() {
-            self.finish(estimate.bias, &scan.codes, &mut outcome.reply);
+            outcome.reply = self.finish(&scan.codes);
         }
         if self.streaming {
             if self.until_due == 0 {
@@ -174,38 +178,36 @@ impl Instrument {
         outcome
     }
 
-    /// What takes several scans and may be done with this one: a bias, a self-test. Apart, because a reply is
-    /// large, rare, and would be copied with every scan.
+    /// What takes several scans and may be done with this one: a bias, a self-test.
     #[cold]
     #[inline(never)]
-    fn finish(
-        &mut self,
-        bias: Option<Result<(), BiasRefusal>>,
-        codes: &Codes,
-        reply: &mut Option<Message>,
-    ) {
-        if let Some(bias) = bias
-            && let Some(tag) = self.bias_tag.take()
-        {
-            if bias.is_ok() {
-                self.bias_in_contact = self.taking_in_contact;
-            }
-            let result = bias.map(|()| self.bias_response()).map_err(|refusal| match refusal {
+    fn finish(&mut self, codes: &Codes) -> bool {
+        if let Some(Ok(())) = self.bias_taken {
+            self.bias_in_contact = self.taking_in_contact;
+        }
+        // Whoever asked for one that is over is not there any more.
+        let _ = self.self_test.take_if(|(_, running)| running.is_over());
+        let tested = self.self_test.as_mut().is_some_and(|(_, running)| running.scan(codes));
+        tested || (self.bias_taken.is_some() && self.bias_tag.is_some())
+    }
+
+    /// The answer to what the last scan completed. Apart, because it is large, rare, and would be copied with
+    /// every scan.
+    #[cold]
+    #[inline(never)]
+    pub fn take_reply(&mut self) -> Option<Message> {
+        // At most one a scan: a bias is not taken while a test runs.
+        if let Some(taken) = self.bias_taken.take() {
+            let tag = self.bias_tag.take()?;
+            let result = taken.map(|()| self.bias_response()).map_err(|refusal| match refusal {
                 BiasRefusal::NotStill => Refusal::NotStill,
                 BiasRefusal::Saturated => Refusal::Saturated,
             });
-            *reply = Some(Message::Reply { tag, result });
+            return Some(Message::Reply { tag, result });
         }
-        if let Some((tag, running)) = &mut self.self_test
-            && let Some((scans, channels)) = running.scan(codes)
-        {
-            let full_scale = codes.full_scale;
-            let test = SelfTest { scans, full_scale, channels, record_intact: self.record_intact };
-            let result = Ok(Response::SelfTest(test));
-            // At most one reply a scan: a bias is not taken while a test runs.
-            *reply = Some(Message::Reply { tag: *tag, result });
-            self.self_test = None;
-        }
+        let (tag, running) = self.self_test.take_if(|(_, running)| running.is_over())?;
+        let test = running.result(self.record_intact);
+        Some(Message::Reply { tag, result: Ok(Response::SelfTest(test)) })
     }
 
     /// One request. `None` where the answer comes later, with a scan.

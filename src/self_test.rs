@@ -54,6 +54,8 @@ pub struct SelfTest {
 pub struct Running {
     left: u16,
     scans: u16,
+    /// Of the last scan.
+    full_scale: FullScale,
     sums: Channels<Sums>,
 }
 
@@ -93,27 +95,37 @@ impl Running {
     #[must_use]
     pub fn over(scans: u16) -> Self {
         let scans = scans.min(MOST_SCANS);
-        Self { left: scans, scans, sums: Channels::default() }
+        let full_scale = FullScale::BITS_16;
+        Self { left: scans, scans, full_scale, sums: Channels::default() }
     }
 
-    /// Takes a scan; the channels, when it was the last.
+    /// Takes a scan; true when it was the last.
     // Rare: it must not swell what runs in every scan.
     #[cold]
     #[inline(never)]
-    pub fn scan(&mut self, codes: &Codes) -> Option<(u16, Channels<Option<Channel>>)> {
+    pub fn scan(&mut self, codes: &Codes) -> bool {
         for (sums, code) in pairs(&mut self.sums, &read(codes)) {
             sums.add(*code);
         }
+        self.full_scale = codes.full_scale;
         self.left = self.left.saturating_sub(1);
-        (self.left == 0).then(|| (self.scans, self.channels()))
+        self.is_over()
     }
 
-    fn channels(&self) -> Channels<Option<Channel>> {
+    /// It has had all its scans.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.left == 0
+    }
+
+    /// What it has found.
+    #[must_use]
+    pub fn result(&self, record_intact: Option<bool>) -> SelfTest {
         let mut channels = Channels::default();
         for (channel, sums) in pairs(&mut channels, &self.sums) {
             *channel = sums.channel();
         }
-        channels
+        SelfTest { scans: self.scans, full_scale: self.full_scale, channels, record_intact }
     }
 }
 
@@ -171,11 +183,12 @@ mod tests {
     fn run(scans: u16, of: impl Fn(u16) -> Codes) -> Channels<Option<Channel>> {
         let mut running = Running::over(scans);
         for i in 1..scans {
-            assert_eq!(running.scan(&of(i)), None);
+            assert!(!running.scan(&of(i)));
         }
-        let (count, channels) = running.scan(&of(0)).expect("that was the last");
-        assert_eq!(count, scans);
-        channels
+        assert!(running.scan(&of(0)), "that was the last");
+        let test = running.result(None);
+        assert_eq!((test.scans, test.full_scale), (scans, FullScale::BITS_16));
+        test.channels
     }
 
     #[test]

@@ -157,6 +157,7 @@ async fn converse<R: Read>(
 ) -> Result<End, R::Error> {
     let mut deframer = Deframer::<MAX_PACKET>::default();
     let mut bytes = [0; 64];
+    let mut buffer = [0; MAX_PACKET];
     let mut sending = Cost::default();
     loop {
         let scanning = pace == Pace::Live || instrument.streaming();
@@ -178,18 +179,18 @@ async fn converse<R: Read>(
                             None
                         }
                     };
-                    reply(answer, pipe, instrument, pace).await;
+                    reply(&answer, &mut buffer, pipe, instrument, pace).await;
                 }
             }
             Either::Second(None) => return Ok(End::Scans),
             Either::Second(Some(scan)) => {
                 let before = board.ticks();
                 let outcome = instrument.scan(&scan);
+                let late = if outcome.reply { instrument.take_reply() } else { None };
                 instrument.note_cost(board.ticks().wrapping_sub(before));
-                reply(outcome.reply, pipe, instrument, pace).await;
+                reply(&late, &mut buffer, pipe, instrument, pace).await;
                 if outcome.frame {
                     let before = board.ticks();
-                    let mut buffer = [0; MAX_PACKET];
                     let packed = pack_frame(instrument.frame(), &mut buffer);
                     if !offer(packed, REPLY_RESERVE, pipe, pace).await {
                         let counters = instrument.counters();
@@ -224,10 +225,16 @@ fn answer(
     Some(Message::Reply { tag: request.tag, result })
 }
 
-async fn reply(answer: Option<Message>, pipe: &Bytes, instrument: &mut Instrument, pace: Pace) {
+/// The answer stays where it is: it is half a kilobyte to hand about, and there is none in nearly every scan.
+async fn reply(
+    answer: &Option<Message>,
+    buffer: &mut [u8; MAX_PACKET],
+    pipe: &Bytes,
+    instrument: &mut Instrument,
+    pace: Pace,
+) {
     let Some(message) = answer else { return };
-    let mut buffer = [0; MAX_PACKET];
-    if !offer(pack(&message, &mut buffer), 0, pipe, pace).await {
+    if !offer(pack(message, buffer), 0, pipe, pace).await {
         let counters = instrument.counters();
         counters.lost_replies = counters.lost_replies.wrapping_add(1);
     }

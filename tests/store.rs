@@ -284,7 +284,8 @@ fn record_intact(instrument: &mut Instrument, store: &mut Store<Mortal>) -> Opti
     let request = Request { tag: 0, command: Command::SelfTest { scans: 2 } };
     assert_eq!(instrument.handle(&request, store), None);
     let _ = instrument.scan(&common::unloaded(0));
-    match instrument.scan(&common::unloaded(250)).reply {
+    assert!(instrument.scan(&common::unloaded(250)).reply);
+    match instrument.take_reply() {
         Some(Message::Reply { result: Ok(Response::SelfTest(test)), .. }) => test.record_intact,
         other => panic!("{other:?}"),
     }

@@ -7,8 +7,8 @@ fn main() {
     let root = Path::new(&here).ancestors().nth(2).expect("the repository").display();
     println!("cargo:rustc-link-search={root}");
     println!("cargo:rustc-link-search={here}");
-    println!("cargo:rustc-link-arg-bins=-Tlink.x");
     println!("cargo:rustc-link-arg-bins=-Tccm.x");
+    println!("cargo:rustc-link-arg-bins=-Tlink.x");
     println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
     // lld pads segments to 64 KB pages by default; bare metal has no pages.
     println!("cargo:rustc-link-arg-bins=--nmagic");

@@ -208,7 +208,9 @@ impl<D: Driver<'static>> Write for Tx<'_, D> {
         }
         let room = self.packet.get_mut(self.length..).unwrap_or_default();
         let taken = room.len().min(bytes.len());
-        room.iter_mut().zip(bytes).for_each(|(place, byte)| *place = *byte);
+        if let (Some(room), Some(bytes)) = (room.get_mut(..taken), bytes.get(..taken)) {
+            room.copy_from_slice(bytes);
+        }
         self.length += taken;
         Ok(taken)
     }

@@ -192,11 +192,13 @@ impl<C: Chip, F: Flash> Board for Scanner<C, F> {
             if self.leave.is_some_and(|at| Instant::now() >= at) {
                 boot::enter_bootloader();
             }
-            // A receive that is dropped has taken nothing.
-            match select(self.frames.queue.receive(), Timer::after(Self::PAUSE)).await {
-                Either::First(scan) => {
+            // Waits without the scan, which every hand that it goes through would copy.
+            match select(self.frames.queue.ready_to_receive(), Timer::after(Self::PAUSE)).await {
+                Either::First(()) => {
                     self.chip.feed();
-                    return Some(scan);
+                    if let Ok(scan) = self.frames.queue.try_receive() {
+                        return Some(scan);
+                    }
                 }
                 Either::Second(()) if self.frames.paused.load(Ordering::Relaxed) => {
                     self.chip.feed();

@@ -339,29 +339,30 @@ fn read(half: usize) -> Codes {
     // SAFETY: both halves are there; the DMA is writing the other.
     let (columns, bridges) = unsafe {
         (
-            *BUFFERS
+            &*BUFFERS
                 .columns
                 .get()
                 .cast::<[[Code; scan_plan::COLUMNS as usize]; STEPS as usize]>()
                 .add(half),
-            *BUFFERS
+            &*BUFFERS
                 .bridges
                 .get()
                 .cast::<[[Code; BRIDGE_INPUTS.len()]; STEPS as usize]>()
                 .add(half),
         )
     };
-    compiler_fence(Ordering::SeqCst);
     let [dark, lit @ ..] = columns;
     // The dark step's midpoints are sensor 0's again, and are left out.
     let [_, steps @ ..] = bridges;
     let top = FULL_SCALE.load(Ordering::Relaxed);
-    let sensors = steps.map(|[a, c, bias, b, d]| {
+    let sensors = steps.each_ref().map(|&[a, c, bias, b, d]| {
         // Around a bias that is not the middle the amplifiers say nothing of a bridge: a midpoint at the rail
         // is a fault to all who read it.
         let biased = bias.0.abs_diff(top / 2) <= top / BIAS_MARGIN;
         Some(if biased { Midpoints { a, b, c, d } } else { Midpoints::default() })
     });
+    let taxels = TaxelCodes { lit: *lit, dark: *dark };
+    compiler_fence(Ordering::SeqCst);
     // One sample each, brought to the scale of the others, which are sums.
     let internal = |place: usize| {
         let sample = ADC1.jdr(place).read().0 as u16 & 0xFFF;
@@ -369,7 +370,7 @@ fn read(half: usize) -> Codes {
     };
     Codes {
         full_scale: full_scale(),
-        taxels: Some(TaxelCodes { lit, dark }),
+        taxels: Some(taxels),
         bridges: sensors,
         temperature: internal(0),
         reference: internal(1),

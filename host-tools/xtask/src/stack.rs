@@ -71,6 +71,7 @@ const POINTERS: &[Pointer] = &[
     Pointer {
         callers: &[
             "embassy_sync::waitqueue::",
+            "CriticalSectionRawMutex as ",
             "embassy_executor::raw::TaskStorage<F>::poll",
             "_embassy_time_schedule_wake",
             "taxel_board::time::",

@@ -1,5 +1,7 @@
 //! A whole scan, from codes to wire bytes, as the session does it.
 
+use core::hint::black_box;
+
 use serde::{Serialize, Serializer};
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::frame::{Fields, Frame};
@@ -70,8 +72,12 @@ pub fn instrument(
 
 pub fn whole(instrument: &mut Instrument, scan: &Scan, packet: &mut Packet) {
     packet.length = 0;
-    if instrument.scan(scan).frame {
+    let outcome = instrument.scan(scan);
+    if outcome.frame {
         packet.pack(instrument.frame());
+    }
+    if outcome.reply {
+        let _ = black_box(instrument.take_reply());
     }
 }
 

@@ -96,8 +96,8 @@ pub fn stages(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl M
     let mut buffer = [0; MAX_BYTES];
     // Refused, it leaves nothing to measure, and whoever measures will say so.
     let Ok(record) = dearest(calibration).to_bytes(&mut buffer) else { return };
-    // A method of its own point beside net and array, and it is the dearer one.
-    let method = Command::SetPointMethod(PointMethod::ArgMin);
+    // A method of its own point beside net and array, and it is the dearer one; and all signals smoothed.
+    let usual = [Command::SetPointMethod(PointMethod::ArgMin), Command::SetFilter { hz: 300 }];
     let mut packet = Packet::EMPTY;
     let self_test = Command::SelfTest { scans: taxel::self_test::MOST_SCANS };
     for (name, fields, busy) in [
@@ -110,7 +110,7 @@ pub fn stages(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl M
         ("every section, every field", Fields::ALL, None),
         ("every section, every field, in a self-test", Fields::ALL, Some(self_test)),
     ] {
-        let asked = core::iter::once(method.clone()).chain(busy);
+        let asked = usual.iter().cloned().chain(busy);
         let mut instrument = instrument(record, fields, asked);
         meter.stage(name, &mut instrument, scene(inputs), &mut packet, whole);
     }
