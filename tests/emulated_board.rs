@@ -9,10 +9,11 @@ use std::ops::ControlFlow;
 
 use common::{calibration, pressed, unloaded};
 use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::estimate::contact_point::PointMethod;
 use taxel::finger::Finger;
 use taxel::frame::{Fields, Frame, Status};
 use taxel::scan::{Codes, Scan};
-use taxel_link::emulated::{OnPins, Replay, replay};
+use taxel_link::emulated::{OnPins, Replay, Settings, replay};
 use taxel_sim::{Scene, Simulator};
 
 fn on_host(scans: &[Scan], calibration: Option<Calibration>) -> Vec<Frame> {
@@ -27,7 +28,7 @@ fn on_board(scans: &[Scan], calibration: Option<&Calibration>) -> (Vec<Frame>, R
     let mut buffer = [0; MAX_BYTES];
     let record = calibration.map(|calibration| calibration.to_bytes(&mut buffer).unwrap());
     let mut frames = vec![];
-    let replay = replay(scans, record, Fields::ALL, |frame| {
+    let replay = replay(scans, record, &settings(Fields::ALL), |frame| {
         frames.push(*frame);
         ControlFlow::Continue(())
     });
@@ -100,8 +101,9 @@ fn emulated_cost_is_counted_and_repeatable() {
 
 #[test]
 fn emulated_replay_of_nothing_is_refused_in_one_line() {
-    let error =
-        replay(&[], None, Fields::ALL, |_| ControlFlow::Continue(())).unwrap_err().to_string();
+    let error = replay(&[], None, &settings(Fields::ALL), |_| ControlFlow::Continue(()))
+        .unwrap_err()
+        .to_string();
     assert_eq!(error, "the trace has no scans; give one that has");
 }
 
@@ -109,7 +111,7 @@ fn emulated_replay_of_nothing_is_refused_in_one_line() {
 fn emulated_replay_ends_when_its_listener_has_enough() {
     let scans = tour();
     let mut heard = 0;
-    let replay = replay(&scans, None, Fields::ESTIMATES, |_| {
+    let replay = replay(&scans, None, &settings(Fields::ESTIMATES), |_| {
         heard += 1;
         if heard < 10 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
@@ -117,12 +119,17 @@ fn emulated_replay_ends_when_its_listener_has_enough() {
     assert_eq!(heard, 10);
 }
 
+/// A board as it comes, but for its fields.
+fn settings(fields: Fields) -> Settings {
+    Settings { fields, filter_hz: 0, point_method: PointMethod::default() }
+}
+
 /// These scans on the product's pins.
 fn on_pins(scans: &[Scan], calibration: Option<&Calibration>, fields: Fields) -> Vec<Frame> {
     let mut buffer = [0; MAX_BYTES];
     let record = calibration.map(|calibration| calibration.to_bytes(&mut buffer).unwrap());
     let mut frames = vec![];
-    let replay = OnPins::prepare(scans, record, fields).unwrap();
+    let replay = OnPins::prepare(scans, record, &settings(fields)).unwrap();
     assert_eq!(replay.full_scale().top().0, 8 * 4095);
     replay
         .run(|frame| {

@@ -6,8 +6,11 @@ use std::path::Path;
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel_formats::{FileError, calibration};
 use taxel_link::{Client, LinkError, Port};
+use taxel_recording::Recording;
 use taxel_sim::Scene;
 use taxel_sim::scene::{BUILT_IN, Kind};
+
+use crate::output;
 
 /// The calibration of the finger in the built-in scenes, made from recordings of it as the file's folder
 /// says.
@@ -29,6 +32,12 @@ impl PortArg {
     pub fn connect(&self) -> Result<Client, LinkError> {
         let calibration = match &self.port {
             Port::Sim(scene) => scene_calibration(None, scene)?,
+            Port::File(path) => {
+                // What is no recording is the client's to say.
+                let remarks = Recording::open(path).map(|recording| recording.remarks(path));
+                remarks.into_iter().flatten().for_each(output::note);
+                None
+            }
             _ => None,
         };
         Client::open(&self.port, calibration.as_ref())

@@ -84,10 +84,89 @@ fn a_recording_is_a_port_and_is_computed_again_to_the_same_frames() {
     let info = taxel.succeeds(&["info", "--port", "file:a.mcap", "--json"]);
     let info: serde_json::Value = serde_json::from_str(&info).unwrap();
     assert_eq!(info["calibration"]["crc"], recording.header.facts["calibration_crc"].as_str());
-    assert_eq!(info["serial"], "a");
+    for (fact, value) in [("serial", "press"), ("board", "virtual")] {
+        assert_eq!(info[fact], value);
+    }
+    // What its playback has counted is none of the finger's.
+    assert!(info["counters"].is_null() && info["started_after"].is_null(), "{info}");
+    let text = taxel.succeeds(&["info", "--port", "file:a.mcap"]);
+    assert!(!text.contains("counted") && !text.contains("started"), "{text}");
     taxel.succeeds(&["export", "a.mcap", "--out", "a.csv"]);
     record("file:a.csv", "b.csv");
     assert!(rows(&folder.path().join("b.csv")).len() > 500);
+}
+
+/// A finger that was set in every way, from whose codes every number comes out again to the bit.
+#[test]
+fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_finger() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let (mut finger, port) = served(&taxel, &["--port", "sim:press", "--tcp", "127.0.0.1:0"]);
+    taxel.succeeds(&["set", "--port", &port, "--filter", "20", "--point", "argmin"]);
+    let bias = ["bias", "--port", &port, "take", "--scans", "50", "--json"];
+    // While nothing touches it, which is so in nearly half of its two seconds.
+    let untouched =
+        |ran: common::Ran| ran.code == Some(0) && ran.out.contains("\"in_contact\":false");
+    assert!((0..200).any(|_| untouched(taxel.taxel(&bias))));
+    let record = ["record", "--port", &port, "--duration", "4", "--fields", "all"];
+    taxel.succeeds(&[record.as_slice(), &["--out", "a.mcap", "--out", "a.csv"]].concat());
+    finger.kill().unwrap();
+    finger.wait().unwrap();
+
+    let recording = Recording::open(&folder.path().join("a.mcap")).unwrap();
+    let facts = &recording.header.facts;
+    assert_eq!((&*facts["filter_hz"], &*facts["point"]), ("20", "argmin"));
+    assert_eq!(facts["bias_matrix"].split(' ').count(), 17);
+    let (time, host) =
+        (recording.position("t_us").unwrap(), recording.position("host_us").unwrap());
+    // By device time, without the sequence number and without what the host knows.
+    let of = |name: &str, from: u64| {
+        let rows = rows(&folder.path().join(name)).into_iter();
+        let rows = rows.map(|row| (row[time], row[2..host].to_vec()));
+        rows.filter(|(time, _)| matches!(time, Cell::Whole(t) if *t >= from)).collect::<Vec<_>>()
+    };
+    let said = of("a.mcap", 0);
+    let Cell::Whole(first) = said[0].0 else { panic!("{:?}", said[0].0) };
+    let settled = of("a.mcap", first + 1_000_000);
+    assert!(settled.len() > 2900, "{}", settled.len());
+
+    taxel.succeeds(&["replay", "a.mcap", "--fields", "all", "--out", "again.mcap"]);
+    assert!(of("again.mcap", first + 1_000_000) == settled);
+    taxel.succeeds(&["record", "--port", "file:a.mcap", "--out", "played.mcap"]);
+    let played = of("played.mcap", first + 1_000_000);
+    // The first scans pass while the client is still saying hello.
+    let missed = settled.len() - played.len();
+    assert!(missed < 2000 && played == settled[missed..], "{missed}");
+    // What was said of the finger is said again, by either.
+    for name in ["again.mcap", "played.mcap"] {
+        let again = Recording::open(&folder.path().join(name)).unwrap();
+        for fact in facts.keys().filter(|fact| !["port", "started"].contains(&fact.as_str())) {
+            assert_eq!(again.header.facts[fact], facts[fact], "{name}: {fact}");
+        }
+        assert_eq!(again.header.calibration, recording.header.calibration);
+    }
+    let header = Recording::open(&folder.path().join("again.mcap")).unwrap().header;
+    assert_eq!(header.facts["replayed"], "a.mcap");
+    // CSV has it too, though not the calibration.
+    assert_eq!(Recording::open(&folder.path().join("a.csv")).unwrap().header.bias(), header.bias());
+    let error = taxel.fails(1, &["replay", "a.mcap", "--on", "mps2-an386", "--out", "b.csv"]);
+    assert!(error.contains("which a board cannot be given"), "{error}");
+
+    // A recording of before, which said only that there was a bias.
+    let text = std::fs::read_to_string(folder.path().join("a.csv")).unwrap();
+    let old: Vec<_> = text.lines().filter(|line| !line.starts_with("# bias_")).collect();
+    std::fs::write(folder.path().join("old.csv"), old.join("\n") + "\n").unwrap();
+    let ran = taxel.taxel(&["info", "--port", "file:old.csv"]);
+    assert!(ran.err.starts_with("old.csv: the finger had a bias taken on command"), "{}", ran.err);
+}
+
+/// A virtual finger in a process of its own, and where it is.
+fn served(taxel: &In, args: &[&str]) -> (Child, String) {
+    let mut finger = taxel.command(&[&["serve"], args].concat()).spawn().unwrap();
+    let mut said = String::new();
+    BufReader::new(finger.stdout.take().unwrap()).read_line(&mut said).unwrap();
+    assert!(said.starts_with("tcp:"), "{said}");
+    (finger, said.trim().to_owned())
 }
 
 #[test]
@@ -199,12 +278,7 @@ fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_re
     };
     let serve = |scene: &str| {
         let port = format!("sim:{scene}");
-        let mut finger =
-            taxel.command(&["serve", "--port", &port, "--tcp", &address]).spawn().unwrap();
-        let mut said = String::new();
-        BufReader::new(finger.stdout.take().unwrap()).read_line(&mut said).unwrap();
-        assert!(said.starts_with("tcp:"), "{said}");
-        finger
+        served(&taxel, &["--port", &port, "--tcp", &address]).0
     };
     let pull = |mut finger: Child| {
         finger.kill().unwrap();

@@ -203,7 +203,11 @@ fn check_crc(path: &Path, text: &str, head: &Head, crc: u32) -> Result<(), FileE
 }
 
 /// The CRC at the end of the record's bytes.
-fn record_crc(calibration: &Calibration) -> Result<u32, CalibrationError> {
+/// The CRC-32 of its record: the number that tells calibrations apart.
+///
+/// # Errors
+/// It is not valid.
+pub fn record_crc(calibration: &Calibration) -> Result<u32, CalibrationError> {
     let mut buffer = [0; MAX_BYTES];
     let bytes = calibration.to_bytes(&mut buffer)?;
     Ok(bytes.last_chunk().map_or(0, |crc| u32::from_le_bytes(*crc)))

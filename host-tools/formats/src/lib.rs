@@ -5,6 +5,7 @@ pub mod calibration;
 pub mod error;
 pub mod frames;
 pub mod lines;
+pub mod point_method;
 pub mod stretch;
 pub mod table;
 pub mod trace;

@@ -18,6 +18,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use taxel::estimate::contact_point::PointMethod;
+use taxel::frame::Fields;
 use taxel::scan::Scan;
 use taxel::session::Pace;
 use taxel::wire::WireError;
@@ -40,6 +42,17 @@ pub const BOARD: &str = "mps2-an386";
 const ICOUNT_SHIFT: u32 = 6;
 /// How long a read waits before it says that nothing came.
 const POLL: Duration = Duration::from_millis(50);
+
+/// How a board that replays is set; its rate is the trace's.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Of its frames.
+    pub fields: Fields,
+    /// Corner of the low-pass in hertz; 0 for none.
+    pub filter_hz: u16,
+    /// How the contact point is found.
+    pub point_method: PointMethod,
+}
 
 /// What can go wrong with an emulated board.
 #[derive(Debug, thiserror::Error)]

@@ -11,7 +11,7 @@ use taxel_formats::{FileError, calibration};
 use taxel_recording::{Header, Recorder, host_columns};
 
 use crate::client::{Client, Received};
-use crate::error::LinkError;
+use crate::error::{LinkError, Problem};
 use crate::fields;
 use crate::stamps::Stamps;
 
@@ -100,6 +100,13 @@ impl Files {
 /// Which finger, how it was set, and what it was calibrated with.
 fn header(client: &Client, info: &Info) -> Result<Header, LinkError> {
     let identity = &info.identity;
+    let bias = match info.biased.then(|| client.read_bias()).transpose() {
+        Ok(bias) => bias,
+        // It plays a recording, and that does not have it.
+        Err(error) if matches!(error.problem(), Some(Problem::Refusal { .. })) => None,
+        Err(error) => return Err(error),
+    };
+    let rate_hz = f64::from(info.rate_millihertz) / 1000.0;
     let [major, minor, patch] = client.version().firmware;
     let mut header = Header::default()
         .with("board", &identity.board)
@@ -108,12 +115,11 @@ fn header(client: &Client, info: &Info) -> Result<Header, LinkError> {
         .with("firmware", format!("{major}.{minor}.{patch}"))
         .with("scan_hz", identity.scan_hz)
         .with("full_scale", identity.full_scale.top().0)
-        .with("rate_hz", f64::from(info.rate_millihertz) / 1000.0)
-        .with("filter_hz", info.filter_hz)
         .with("fields", fields::list(info.fields))
         .with("biased", info.biased)
         .with("port", client.port())
-        .with("started", humantime::format_rfc3339_millis(SystemTime::now()));
+        .with("started", humantime::format_rfc3339_millis(SystemTime::now()))
+        .with_settings(rate_hz, info.filter_hz, info.point_method, bias.as_ref().map(|b| &b.bias));
     if let Some(id) = &info.calibration {
         let date = UNIX_EPOCH + Duration::from_secs(id.date);
         header = header

@@ -224,6 +224,11 @@ fn instrument(board: &mut PacedBoard, record: Option<&[u8]>) -> Instrument {
         // It was made by `record` above, so that it installs; otherwise the frames say uncalibrated.
         let _ = instrument.install(record, board.store());
     }
+    // A record ends with its CRC; without one, the bias belongs to none.
+    let crc =
+        record.and_then(|record| record.last_chunk()).map_or(0, |crc| u32::from_le_bytes(*crc));
+    board.keep(crc);
+    instrument.restore(board.store(), |_| Err(Refusal::Unsupported));
     instrument
 }
 

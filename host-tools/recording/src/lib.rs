@@ -17,6 +17,7 @@ use std::path::Path;
 
 use taxel_formats::FileError;
 use taxel_formats::frames::{Cell, Column, Kind};
+use taxel_formats::trace::is_code;
 
 pub use header::Header;
 pub use scans::Scans;
@@ -123,6 +124,31 @@ impl Recording {
             Format::Mcap => mcap::open(path),
             Format::Parquet => parquet::open(path),
         }
+    }
+
+    /// What whoever plays it should be told of it: a line each, with what to do. `path` is where it lies.
+    #[must_use]
+    pub fn remarks(&self, path: &Path) -> Vec<String> {
+        let (path, header) = (path.display(), &self.header);
+        let mut remarks = Vec::new();
+        if !self.columns.iter().any(|column| is_code(&column.name)) {
+            return remarks;
+        }
+        if header.biased() && header.bias().is_none() {
+            remarks.push(format!(
+                "{path}: the finger had a bias taken on command, which is not in this recording: forces are \
+                 computed with the calibration's; record anew"
+            ));
+        }
+        let scans: f64 = header.fact("scan_hz").parse().unwrap_or_default();
+        if header.filter_hz() > 0 && header.rate_hz() < scans {
+            remarks.push(format!(
+                "{path}: the finger's filter had all {scans} scans a second, the recording has {}: what is \
+                 computed from it differs by noise; record with --rate {scans}",
+                header.rate_hz()
+            ));
+        }
+        remarks
     }
 
     /// Where the column of this name stands in a row.

@@ -9,7 +9,7 @@ use taxel_formats::calibration;
 use taxel_formats::frames::Cell;
 use taxel_formats::trace::{Sample, TraceReader, is_code};
 
-use crate::{Format, Recording};
+use crate::{Format, Header, Recording};
 
 type Samples = Box<dyn Iterator<Item = Result<Sample, FileError>> + Send>;
 
@@ -17,8 +17,12 @@ type Samples = Box<dyn Iterator<Item = Result<Sample, FileError>> + Send>;
 pub struct Scans {
     /// The scans; a trace's with their truth.
     pub samples: Samples,
+    /// Which finger it is of and how that was set; a trace does not say.
+    pub header: Header,
     /// The calibration that was in force when it was recorded.
     pub calibration: Option<Calibration>,
+    /// What whoever computes it should know: see [`Recording::remarks`].
+    pub remarks: Vec<String>,
 }
 
 impl Scans {
@@ -28,12 +32,18 @@ impl Scans {
     /// It cannot be read, or there are no codes in it.
     pub fn open(path: &Path) -> Result<Self, FileError> {
         if !is_recording(path) {
-            return Ok(Self { samples: Box::new(TraceReader::open(path)?), calibration: None });
+            return Ok(Self {
+                samples: Box::new(TraceReader::open(path)?),
+                header: Header::default(),
+                calibration: None,
+                remarks: Vec::new(),
+            });
         }
         let recording = Recording::open(path)?;
         let text = recording.header.calibration.as_deref();
         let calibration = text.map(|text| calibration::parse(path, text)).transpose()?;
-        Ok(Self { samples: Box::new(samples(recording, path)?), calibration })
+        let (header, remarks) = (recording.header.clone(), recording.remarks(path));
+        Ok(Self { samples: Box::new(samples(recording, path)?), header, calibration, remarks })
     }
 }
 
@@ -65,7 +75,10 @@ fn samples(
     }
     let names = recording.columns.iter().zip(&kept).filter(|(_, kept)| **kept);
     let names: Vec<_> = names.map(|(column, _)| column.name.as_str()).collect();
-    let full_scale = recording.header.facts.get("full_scale").map_or("4095", String::as_str);
+    let full_scale = match recording.header.fact("full_scale") {
+        "" => "4095",
+        known => known,
+    };
     let head = format!("# full_scale={full_scale}\n{}\n", names.join(","));
     let text =
         TraceText { line: Cursor::new(head.into_bytes()), ahead: Some(first), recording, kept };

@@ -10,11 +10,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use serde_json::{Value, json};
-use taxel::estimate::contact_point::PointMethod;
+use taxel::calibration::Calibration;
 use taxel::frame::Status;
 use taxel::scan::TAXEL_CENTRES;
 use taxel::wire::message::Info;
-use taxel_formats::FileError;
+use taxel_formats::{FileError, point_method};
 use taxel_link::{Client, LinkError, Steady, fields};
 
 use crate::orders::Envelope;
@@ -25,8 +25,8 @@ pub use live::Tap;
 pub enum Source {
     /// A finger; recordings that the page asks for go to this folder.
     Finger(Box<Steady>, PathBuf),
-    /// A recording or a trace.
-    File(PathBuf),
+    /// A recording or a trace, and what it shall be computed with instead of its own calibration.
+    File(PathBuf, Option<Box<Calibration>>),
 }
 
 /// A source at work.
@@ -73,7 +73,9 @@ impl Feed {
     pub fn start(source: Source) -> Result<Self, FileError> {
         match source {
             Source::Finger(steady, folder) => Ok(live::start(Arc::new(*steady), folder)),
-            Source::File(path) => playback::start(path),
+            Source::File(path, calibration) => {
+                playback::start(path, calibration.map(|calibration| *calibration))
+            }
         }
     }
 
@@ -116,11 +118,6 @@ impl Drop for Feed {
 fn facts(client: &Client, info: &Info) -> Value {
     let identity = &info.identity;
     let [major, minor, patch] = client.version().firmware;
-    let method = match info.point_method {
-        PointMethod::Centroid => "centroid",
-        PointMethod::ArgMin => "argmin",
-        PointMethod::Model => "model",
-    };
     page_facts(json!({
         "live": true,
         "board": identity.board,
@@ -130,7 +127,7 @@ fn facts(client: &Client, info: &Info) -> Value {
         "rate_hz": f64::from(info.rate_millihertz) / 1000.0,
         "filter_hz": info.filter_hz,
         "fields": fields::list(info.fields),
-        "method": method,
+        "method": point_method::name(info.point_method),
         "biased": info.biased,
         "calibration": info.calibration.as_ref().map(|id| &id.serial),
     }))

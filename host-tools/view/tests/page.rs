@@ -437,7 +437,7 @@ fn a_recording_plays_stops_and_is_sought_by_its_scrubber() {
     let (time, force) = (recording.position("t_us").unwrap(), recording.position("fz_n").unwrap());
     let rows: Vec<_> = recording.map(Result::unwrap).collect();
 
-    let server = serve(vec![Feed::start(Source::File(path)).unwrap()]);
+    let server = serve(vec![Feed::start(Source::File(path, None)).unwrap()]);
     let mut browser = Browser::open(&server.url(), 1280, 900);
     browser.wait_for("taxel.playback.of > 3.5 && taxel.playback.at > 0.5");
     browser.key(" ");

@@ -3,11 +3,11 @@
 use std::time::{Duration, UNIX_EPOCH};
 
 use serde_json::json;
-use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Status;
 use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Info, Reset, ScanSettings};
+use taxel_formats::point_method;
 use taxel_link::client::Version;
-use taxel_link::fields;
+use taxel_link::{Port, fields};
 
 use crate::finger::PortArg;
 use crate::output;
@@ -35,16 +35,17 @@ Examples:
 pub fn run(args: Args) -> anyhow::Result<()> {
     let client = args.port.connect()?;
     let (version, info, health) = (client.version(), client.info()?, client.health()?);
+    let live = !matches!(args.port.port, Port::File(_));
     if args.json {
-        output::json(&as_json(version, &info, &health))
+        output::json(&as_json(version, &info, &health, live))
     } else {
-        output::line(as_text(version, &info, &health))
+        output::line(as_text(version, &info, &health, live))
     }
 }
 
-fn as_text(version: Version, info: &Info, health: &BoardHealth) -> String {
-    let Info { identity, counters, cost, .. } = info;
-    let micros = |ticks: u32| f64::from(ticks) * 1e6 / f64::from(identity.tick_hz.max(1));
+/// `live` is false for a recording: what its playback has counted is none of the finger's.
+fn as_text(version: Version, info: &Info, health: &BoardHealth, live: bool) -> String {
+    let identity = &info.identity;
     let calibration = match &info.calibration {
         Some(id) => format!("{} of {}, CRC {:08x}", id.serial, date(id), id.crc),
         None => {
@@ -57,11 +58,7 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth) -> String {
             identity.board, identity.serial, identity.build
         ),
         format!("firmware     {}, protocol {}", firmware(version), version.protocol),
-        format!(
-            "scan         {} Hz, full scale {}",
-            identity.scan_hz,
-            identity.full_scale.top().0
-        ),
+        format!("scan         {} Hz, full scale {}", identity.scan_hz, identity.full_scale.top().0),
         format!(
             "stream       {} Hz, {}, fields {}",
             f64::from(info.rate_millihertz) / 1000.0,
@@ -69,10 +66,25 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth) -> String {
             fields::list(info.fields)
         ),
         format!("filter       {}", filter(info.filter_hz)),
-        format!("point        {}", point(info.point_method)),
+        format!("point        {}", point_method::name(info.point_method)),
         format!("estimators   {}", estimators(info).join(", ")),
         format!("calibration  {calibration}"),
-        format!("bias         {}", if info.biased { "taken on command" } else { "the calibration's" }),
+        format!(
+            "bias         {}",
+            if info.biased { "taken on command" } else { "the calibration's" }
+        ),
+    ]
+    .into_iter()
+    .chain(live.then(|| running(info, health)).into_iter().flatten())
+    .collect::<Vec<_>>()
+    .join("\n")
+}
+
+/// What the finger has counted and measured of itself.
+fn running(info: &Info, health: &BoardHealth) -> Vec<String> {
+    let Info { identity, counters, cost, .. } = info;
+    let micros = |ticks: u32| f64::from(ticks) * 1e6 / f64::from(identity.tick_hz.max(1));
+    [
         format!(
             "counted      {} scans, {} overrun, {} frames, {} lost, {} bad packets, {} lost replies",
             counters.scans,
@@ -86,8 +98,7 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth) -> String {
     ]
     .into_iter()
     .chain(board(health, micros))
-    .collect::<Vec<_>>()
-    .join("\n")
+    .collect()
 }
 
 fn filter(hz: u16) -> String {
@@ -122,9 +133,9 @@ fn reset(reset: Reset) -> &'static str {
     }
 }
 
-fn as_json(version: Version, info: &Info, health: &BoardHealth) -> serde_json::Value {
+fn as_json(version: Version, info: &Info, health: &BoardHealth, live: bool) -> serde_json::Value {
     let Info { identity, counters, cost, .. } = info;
-    json!({
+    let mut all = json!({
         "board": identity.board.as_str(),
         "serial": identity.serial.as_str(),
         "build": identity.build.as_str(),
@@ -136,7 +147,7 @@ fn as_json(version: Version, info: &Info, health: &BoardHealth) -> serde_json::V
         "streaming": info.streaming,
         "fields": fields::list(info.fields),
         "filter_hz": info.filter_hz,
-        "point": point(info.point_method),
+        "point": point_method::name(info.point_method),
         "estimators": estimators(info),
         "biased": info.biased,
         "calibration": info.calibration.as_ref().map(|id| json!({
@@ -160,7 +171,13 @@ fn as_json(version: Version, info: &Info, health: &BoardHealth) -> serde_json::V
         "stack": health.stack.map(|(used, of)| json!({ "used": used, "of": of })),
         "oversampling": health.scan.map(|scan| scan.oversampling),
         "settle_us": health.scan.map(|scan| f64::from(scan.settle_ns) / 1000.0),
-    })
+    });
+    if !live {
+        for key in ["counters", "cost", "started_after"] {
+            all[key] = serde_json::Value::Null;
+        }
+    }
+    all
 }
 
 fn firmware(version: Version) -> String {
@@ -179,13 +196,4 @@ fn date(id: &CalibrationId) -> String {
 fn estimators(info: &Info) -> Vec<&'static str> {
     let named = Status::NAMES.iter().filter(|(bit, _)| info.estimators.contains(*bit));
     named.map(|(_, name)| name.trim_start_matches("ran-")).collect()
-}
-
-/// A contact point method, as `taxel set --point` takes it.
-fn point(method: PointMethod) -> &'static str {
-    match method {
-        PointMethod::Centroid => "centroid",
-        PointMethod::ArgMin => "argmin",
-        PointMethod::Model => "model",
-    }
 }

@@ -3,19 +3,20 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::{anyhow, bail};
 use clap::ValueEnum;
 use indicatif::ProgressBar;
 use taxel::calibration::Calibration;
-use taxel::finger::Finger;
+use taxel::finger::{Finger, FingerState};
 use taxel::frame::{Fields, Frame};
 use taxel::measured::{Measured, NoValue};
 use taxel::units::{FullScale, Newtons};
 use taxel_formats::FileError;
+use taxel_formats::calibration::{self, date, record_crc};
 use taxel_formats::frames::{Cell, cells, columns};
 use taxel_formats::stretch::Stretch;
 use taxel_formats::trace::{Sample, cut};
-use taxel_link::emulated::{self, OnPins};
+use taxel_link::emulated::{self, OnPins, Settings};
 use taxel_link::fields;
 use taxel_recording::{Header, Recorder, Scans};
 
@@ -25,7 +26,8 @@ use crate::output;
 
 /// Plays a trace through the core and writes what the finger says of it.
 ///
-/// From the same codes the frames are the same byte for byte wherever they are computed. On the product's
+/// From the same codes the frames are the same byte for byte wherever they are computed. A recording is computed
+/// as its finger was set: filter, way to the contact point, bias. On the product's
 /// pins the trace is light and voltages: its converters make their own codes of them, and times are the
 /// board's.
 #[derive(clap::Args)]
@@ -55,6 +57,9 @@ Examples:
   taxel replay shear.csv --calibration finger.toml --out frames.csv --on mps2-an386
   taxel replay shear.csv --calibration finger.toml --out frames.csv --on stm32g431 --fields all";
 
+/// The fact of what codes are fractions of.
+const FULL_SCALE: &str = "full_scale";
+
 #[derive(Clone, Copy, ValueEnum)]
 enum Core {
     /// This machine.
@@ -74,10 +79,11 @@ enum Core {
 pub fn run(args: Args) -> anyhow::Result<()> {
     let inputs = [args.trace.path.as_path()].into_iter().chain(args.calibration.as_deref());
     output::keep(inputs, &args.out)?;
-    let calibration =
-        args.calibration.as_ref().map(taxel_formats::calibration::read).transpose()?;
+    let calibration = args.calibration.as_ref().map(calibration::read).transpose()?;
     let interrupt = Interrupt::watch()?;
     let scans = Scans::open(&args.trace.path)?;
+    scans.remarks.iter().for_each(output::note);
+    let header = replayed(scans.header, &args, calibration.as_ref())?;
     let calibration = calibration.or(scans.calibration);
     let mut samples = cut(scans.samples, &args.trace).peekable();
     let full_scale = match samples.peek() {
@@ -87,11 +93,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     };
     let uncalibrated = calibration.is_none();
     let sink = match args.on {
-        Core::Host => on_host(samples, calibration, Sink::create(&args, full_scale)?, &interrupt)?,
-        Core::Mps2An386 => {
-            on_board(samples, calibration, Sink::create(&args, full_scale)?, &interrupt)?
+        Core::Host => {
+            let finger = header.finger(calibration);
+            on_host(samples, finger, Sink::create(&args, header, full_scale)?, &interrupt)?
         }
-        Core::Stm32G431 => on_pins(samples, calibration, &args, &interrupt)?,
+        Core::Mps2An386 => on_board(samples, calibration, &args, header, &interrupt)?,
+        Core::Stm32G431 => on_pins(samples, calibration, &args, header, &interrupt)?,
     };
     sink.frames.finish()?;
     output::line(format!(
@@ -107,6 +114,33 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     ))
 }
 
+/// What is said of the frames: what the recording says of its finger, and what they are computed with here.
+fn replayed(
+    recorded: Header,
+    args: &Args,
+    calibration: Option<&Calibration>,
+) -> anyhow::Result<Header> {
+    let header = recorded
+        .with("replayed", args.trace.path.display())
+        .with("fields", fields::list(args.fields));
+    let header = if header.biased() && header.bias().is_none() {
+        header.with("biased", false)
+    } else {
+        header
+    };
+    let (Some(calibration), Some(path)) = (calibration, &args.calibration) else {
+        return Ok(header);
+    };
+    let crc = record_crc(calibration).map_err(|error| anyhow!("{}: {error}", path.display()))?;
+    Ok(Header {
+        calibration: Some(calibration::to_text(path, calibration)?),
+        ..header
+            .with("calibration_serial", &calibration.serial)
+            .with("calibration_date", date::to_text(calibration.date))
+            .with("calibration_crc", format!("{:08x}", crc))
+    })
+}
+
 /// Where frames go, and what is counted of them.
 struct Sink {
     frames: Recorder,
@@ -117,12 +151,12 @@ struct Sink {
 }
 
 impl Sink {
-    fn create(args: &Args, full_scale: FullScale) -> Result<Self, FileError> {
+    fn create(args: &Args, header: Header, full_scale: FullScale) -> Result<Self, FileError> {
         // As in a trace, 12 bits go without saying.
-        let scaled = full_scale != FullScale::BITS_12 && args.fields.contains(Fields::CODES);
-        let header = match scaled {
-            true => Header::default().with("full_scale", full_scale.top().0),
-            false => Header::default(),
+        let said = full_scale != FullScale::BITS_12 || header.facts.contains_key(FULL_SCALE);
+        let header = match said {
+            true => header.with(FULL_SCALE, full_scale.top().0),
+            false => header,
         };
         let frames = Recorder::create(&args.out, &header, &columns(args.fields))?;
         Ok(Self { frames, fields: args.fields, row: Vec::new(), count: 0, withheld: 0 })
@@ -149,11 +183,10 @@ fn withheld(force: Measured<Newtons>) -> bool {
 
 fn on_host(
     samples: impl Iterator<Item = Result<Sample, FileError>>,
-    calibration: Option<Calibration>,
+    (finger, mut state): (Finger, FingerState),
     mut sink: Sink,
     interrupt: &Interrupt,
 ) -> anyhow::Result<Sink> {
-    let (finger, mut state) = Finger::new(calibration);
     for (seq, sample) in (0u32..).zip(samples) {
         if interrupt.came() {
             break;
@@ -167,14 +200,18 @@ fn on_host(
 fn on_board(
     samples: impl Iterator<Item = Result<Sample, FileError>>,
     calibration: Option<Calibration>,
-    mut sink: Sink,
+    args: &Args,
+    header: Header,
     interrupt: &Interrupt,
 ) -> anyhow::Result<Sink> {
+    let settings = settings(&header, args)?;
     let scans = samples.map(|s| s.map(|s| s.scan)).collect::<Result<Vec<_>, _>>()?;
     let record = calibration.as_ref().map(record).transpose()?;
     let bar = ProgressBar::new(scans.len() as u64);
+    let full_scale = scans.first().map_or(FullScale::BITS_12, |scan| scan.codes.full_scale);
+    let mut sink = Sink::create(args, header, full_scale)?;
     let mut written = Ok(());
-    let replay = emulated::replay(&scans, record.as_deref(), sink.fields, |frame| {
+    let replay = emulated::replay(&scans, record.as_deref(), &settings, |frame| {
         bar.inc(1);
         taken(sink.take(frame), &mut written, interrupt)
     })?;
@@ -196,13 +233,15 @@ fn on_pins(
     samples: impl Iterator<Item = Result<Sample, FileError>>,
     calibration: Option<Calibration>,
     args: &Args,
+    header: Header,
     interrupt: &Interrupt,
 ) -> anyhow::Result<Sink> {
+    let settings = settings(&header, args)?;
     let scans = samples.map(|s| s.map(|s| s.scan)).collect::<Result<Vec<_>, _>>()?;
     let record = calibration.as_ref().map(record).transpose()?;
     let bar = ProgressBar::new(scans.len() as u64);
-    let replay = OnPins::prepare(&scans, record.as_deref(), args.fields)?;
-    let mut sink = Sink::create(args, replay.full_scale())?;
+    let replay = OnPins::prepare(&scans, record.as_deref(), &settings)?;
+    let mut sink = Sink::create(args, header, replay.full_scale())?;
     let mut written = Ok(());
     replay.run(|frame| {
         bar.inc(1);
@@ -211,6 +250,18 @@ fn on_pins(
     bar.finish_and_clear();
     written?;
     Ok(sink)
+}
+
+/// How an emulated board is to be set. A board takes its bias from its own scans alone.
+fn settings(header: &Header, args: &Args) -> anyhow::Result<Settings> {
+    if header.bias().is_some() {
+        bail!(
+            "{}: recorded with a bias taken on command, which a board cannot be given; replay it `--on host`",
+            args.trace.path.display()
+        );
+    }
+    let (filter_hz, point_method) = (header.filter_hz(), header.point_method());
+    Ok(Settings { fields: args.fields, filter_hz, point_method })
 }
 
 /// Goes on unless the frame could not be written, or somebody wants an end.

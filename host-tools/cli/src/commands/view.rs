@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use taxel_formats::calibration;
 use taxel_link::{Port, Steady};
 use taxel_view::{Feed, Server, Source, Tap};
 
@@ -28,7 +29,8 @@ pub struct Args {
     /// Where the page is served. Beyond this machine anybody who can reach it commands the finger.
     #[arg(long, value_name = "HOST:PORT", default_value = PAGE, value_parser = address)]
     listen: String,
-    /// Calibration of a virtual finger [default: a built-in scene's own].
+    /// Calibration of a virtual finger, or to compute a recording's codes again with [default: a built-in
+    /// scene's own, a recording as it was recorded].
     #[arg(long, value_name = "CAL")]
     calibration: Option<PathBuf>,
     /// Only serve the page, and open no browser.
@@ -58,7 +60,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let mut feeds = Vec::new();
     for port in args.port {
         let source = match port {
-            Port::File(path) => Source::File(path),
+            Port::File(path) => {
+                let given = args.calibration.as_deref().map(calibration::read).transpose()?;
+                Source::File(path, given.map(Box::new))
+            }
             port => {
                 let scene = if let Port::Sim(scene) = &port { scene.as_str() } else { "" };
                 let calibration = scene_calibration(args.calibration.as_deref(), scene)?;

@@ -7,14 +7,14 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use taxel::frame::{Fields, Frame, Status};
+use taxel::frame::{Frame, Status};
 use taxel::scan::Scan;
 use taxel::units::{FullScale, Micros};
 use taxel::wire::message::{Refusal, ScanSettings};
 use taxel_formats::trace::{Sample, TraceHeader, TraceWriter, Truth};
 use tempfile::NamedTempFile;
 
-use super::{EmulatedError, Product, rate_hz};
+use super::{EmulatedError, Product, Settings, rate_hz};
 use crate::client::Client;
 use crate::error::{LinkError, Problem};
 
@@ -45,7 +45,7 @@ impl OnPins {
     pub fn prepare(
         scans: &[Scan],
         record: Option<&[u8]>,
-        fields: Fields,
+        wanted: &Settings,
     ) -> Result<Self, EmulatedError> {
         let hz = rate_hz(scans)?;
         let each = SLOWEST_HZ.div_ceil(hz);
@@ -56,8 +56,10 @@ impl OnPins {
             client.upload_calibration(record, |_| {})?;
         }
         let settings = scanning(&client, hz.saturating_mul(each))?;
-        client.set_fields(fields)?;
+        client.set_fields(wanted.fields)?;
         client.set_rate(hz)?;
+        client.set_filter(wanted.filter_hz)?;
+        client.set_point_method(wanted.point_method)?;
         let full_scale = client.info()?.identity.full_scale;
         let begin = scans.first().map_or(Micros(0), |scan| scan.time);
         let scans = scans.len();

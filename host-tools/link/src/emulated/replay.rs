@@ -4,14 +4,14 @@ use std::io::{ErrorKind, Read, Write};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use taxel::frame::{Fields, Frame};
+use taxel::frame::Frame;
 use taxel::scan::Scan;
 use taxel::session::Pace;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{CHUNK, Command, Info, Message, PROTOCOL, Request, Response};
 use taxel::wire::{MAX_PACKET, pack};
 
-use super::{Emulated, EmulatedError, ICOUNT_SHIFT, Image};
+use super::{Emulated, EmulatedError, ICOUNT_SHIFT, Image, Settings};
 use crate::error::Problem;
 
 /// The tag of the last [`Info`], which comes unasked.
@@ -45,7 +45,7 @@ impl Replay {
 pub fn replay(
     scans: &[Scan],
     calibration: Option<&[u8]>,
-    fields: Fields,
+    settings: &Settings,
     mut frame: impl FnMut(&Frame) -> ControlFlow<()>,
 ) -> Result<Option<Replay>, EmulatedError> {
     let image = Image::new(scans, Pace::Lossless)?;
@@ -54,7 +54,7 @@ pub fn replay(
         board.take_link().ok_or_else(|| EmulatedError::Stopped("it has no link".to_owned()))?;
     let mut link = Link { reader, writer, deframer: Deframer::default(), tag: FAREWELL };
     let mut received = 0;
-    let talk = prepare(&mut link, &image, calibration, fields).and_then(|()| {
+    let talk = prepare(&mut link, &image, calibration, settings).and_then(|()| {
         let mut heard = Heard::Nothing;
         while let Some(message) = link.next()? {
             match message {
@@ -101,7 +101,7 @@ fn prepare(
     link: &mut Link,
     image: &Image,
     calibration: Option<&[u8]>,
-    fields: Fields,
+    settings: &Settings,
 ) -> Result<(), EmulatedError> {
     match link.ask(Command::Version)? {
         Message::Version { protocol: PROTOCOL, .. } => {}
@@ -120,7 +120,11 @@ fn prepare(
         link.set("calibration", Command::CalibrationCommit)?;
     }
     link.set("rate", Command::SetRate { hz: image.scan_hz() })?;
-    link.set("fields", Command::SetFields(fields))?;
+    if settings.filter_hz > 0 {
+        link.set("filter", Command::SetFilter { hz: settings.filter_hz })?;
+    }
+    link.set("point", Command::SetPointMethod(settings.point_method))?;
+    link.set("fields", Command::SetFields(settings.fields))?;
     link.set("stream", Command::Stream(true))
 }
 

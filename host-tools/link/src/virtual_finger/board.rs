@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use taxel::scan::Scan;
 use taxel::session::Board;
-use taxel::store::{RamFlash, Store};
+use taxel::store::{RamFlash, Store, StoredBias};
 use taxel::wire::message::Identity;
 use taxel_formats::trace::Sample;
 use tokio::time::{Instant, sleep, sleep_until};
@@ -72,12 +72,24 @@ impl PacedBoard {
         let short = |text: &str| text.chars().filter(char::is_ascii).collect::<String>();
         let cut = |text: String, most: usize| text.chars().take(most).collect::<String>();
         Identity {
-            board: "virtual".try_into().unwrap_or_default(),
-            serial: cut(short(self.source.name()), 32).as_str().try_into().unwrap_or_default(),
+            board: cut(short(self.source.board()), 24).as_str().try_into().unwrap_or_default(),
+            serial: cut(short(self.source.serial()), 32).as_str().try_into().unwrap_or_default(),
             build: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
             scan_hz: self.scan_hz,
             full_scale: self.source.full_scale(),
             tick_hz: TICK_HZ,
+        }
+    }
+
+    /// Keeps what a recorded finger was set to, as if it had been saved there: the bias belongs to the
+    /// calibration of this CRC.
+    pub(super) fn keep(&mut self, calibration: u32) {
+        // A flash in memory does not fail.
+        if let Some(settings) = self.source.settings() {
+            let _ = self.store.save_settings(&settings);
+        }
+        if let Some(bias) = self.source.bias() {
+            let _ = self.store.save_bias(&StoredBias { calibration, bias: Some(bias) });
         }
     }
 

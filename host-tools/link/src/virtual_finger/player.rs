@@ -9,7 +9,6 @@ use std::path::Path;
 use std::sync::PoisonError;
 use std::time::Duration;
 
-use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Frame, Status};
 use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
@@ -140,6 +139,10 @@ impl Player {
             Command::SetPointMethod(method) if *method == self.info.point_method => {
                 Ok(Response::Done)
             }
+            Command::ReadBias => match self.frames.header().bias() {
+                Some(bias) => Ok(Response::Bias { bias, on_command: true, in_contact: false }),
+                None => Err(Refusal::Unsupported),
+            },
             Command::CalibrationRead { offset } => self.calibration(*offset),
             _ => Err(Refusal::Unsupported),
         };
@@ -169,7 +172,7 @@ fn info(path: &Path, frames: &Recorded) -> Info {
     });
     Info {
         identity: Identity {
-            board: short("recording"),
+            board: short(fact("board")),
             serial: short(serial),
             build: short(fact("build")),
             scan_hz: fact("scan_hz").parse().unwrap_or_default(),
@@ -180,7 +183,7 @@ fn info(path: &Path, frames: &Recorded) -> Info {
         filter_hz: fact("filter_hz").parse().unwrap_or_default(),
         fields: frames.fields(),
         streaming: false,
-        point_method: PointMethod::Centroid,
+        point_method: frames.header().point_method(),
         biased: fact("biased") == "true",
         calibration,
         counters: Counters::default(),

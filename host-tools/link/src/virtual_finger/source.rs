@@ -4,13 +4,17 @@ use std::collections::VecDeque;
 use std::path::Path;
 
 use taxel::calibration::Calibration;
+use taxel::condition::Bias;
+use taxel::frame::Fields;
+use taxel::store::Settings;
 use taxel::units::FullScale;
 use taxel_formats::FileError;
 use taxel_formats::trace::Sample;
-use taxel_recording::Scans;
+use taxel_recording::{Header, Scans};
 use taxel_sim::{Scene, Simulator};
 
 use crate::error::LinkError;
+use crate::fields;
 
 /// Samples one by one, as they are needed, each with its device time and its truth.
 pub struct Source {
@@ -19,6 +23,8 @@ pub struct Source {
     /// What was read to learn the rate.
     ahead: VecDeque<Sample>,
     failure: Option<FileError>,
+    /// Of a recording: which finger it is of, and how that was set.
+    header: Header,
     calibration: Option<Calibration>,
 }
 
@@ -31,14 +37,15 @@ impl Source {
         Self::fallible(name.into(), samples.map(Ok))
     }
 
-    /// A trace or a recording, scan by scan. A recording's own calibration is [`Self::calibration`].
+    /// A trace or a recording, scan by scan. A recording's finger is set as it was, and its own calibration
+    /// is [`Self::calibration`].
     ///
     /// # Errors
     /// It cannot be opened or has no codes.
     pub fn trace(path: &Path) -> Result<Self, LinkError> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let Scans { samples, calibration } = Scans::open(path)?;
-        Ok(Self { calibration, ..Self::fallible(name, samples) })
+        let Scans { samples, header, calibration, .. } = Scans::open(path)?;
+        Ok(Self { header, calibration, ..Self::fallible(name, samples) })
     }
 
     /// The calibration that the finger had when it was recorded.
@@ -66,15 +73,44 @@ impl Source {
             samples: Box::new(samples),
             ahead: VecDeque::new(),
             failure: None,
+            header: Header::default(),
             calibration: None,
         }
     }
 
-    pub(super) fn name(&self) -> &str {
-        &self.name
+    /// The finger's serial number.
+    pub(super) fn serial(&self) -> &str {
+        match self.header.fact("serial") {
+            "" => &self.name,
+            recorded => recorded,
+        }
     }
 
-    /// Scans a second, from the first two.
+    pub(super) fn board(&self) -> &str {
+        match self.header.fact("board") {
+            "" => "virtual",
+            recorded => recorded,
+        }
+    }
+
+    /// How the finger was set when it was recorded; `None` for one that was not.
+    pub(super) fn settings(&self) -> Option<Settings> {
+        let hz = self.header.rate_hz().round() as u16;
+        (hz > 0).then(|| Settings {
+            hz,
+            fields: fields::parse(self.header.fact("fields")).unwrap_or(Fields::ESTIMATES),
+            point_method: self.header.point_method(),
+            scan: None,
+            filter_hz: self.header.filter_hz(),
+        })
+    }
+
+    /// The bias that was taken on command.
+    pub(super) fn bias(&self) -> Option<Bias> {
+        self.header.bias()
+    }
+
+    /// Scans a second: as it is recorded, or else from the first two.
     pub(super) fn scan_hz(&mut self) -> Result<u16, LinkError> {
         self.ahead.extend(self.samples.by_ref().take(2).collect::<Result<Vec<_>, _>>()?);
         let Some(first) = self.ahead.front() else {
@@ -85,7 +121,7 @@ impl Source {
         let last = self.ahead.back().unwrap_or(first);
         let period = last.scan.time.0.saturating_sub(first.scan.time.0);
         let hz = 1_000_000u64.checked_div(period).unwrap_or(1000).clamp(1, u16::MAX.into());
-        Ok(hz as u16)
+        Ok(self.settings().map_or(hz as u16, |settings| settings.hz))
     }
 
     pub(super) fn full_scale(&self) -> FullScale {

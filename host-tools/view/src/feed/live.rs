@@ -5,10 +5,10 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
 use taxel_formats::frames::{Cell, cells, columns};
+use taxel_formats::point_method;
 use taxel_link::{
     Client, DeviceClock, Event, Files, LinkError, Received, Steady, fields, self_test,
 };
@@ -230,11 +230,7 @@ impl Live {
                     .map(|()| format!("fields {}", fields::list(fields).replace(',', ", ")))
             }
             Order::Method { name } => {
-                let method = match name.as_str() {
-                    "argmin" => PointMethod::ArgMin,
-                    "model" => PointMethod::Model,
-                    _ => PointMethod::Centroid,
-                };
+                let method = point_method::parse(&name).unwrap_or_default();
                 client.set_point_method(method).map(|()| format!("contact point by {name}"))
             }
             Order::SelfTest => client.self_test(SCANS).map(|test| {

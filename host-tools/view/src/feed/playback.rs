@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::json;
-use taxel::finger::Finger;
+use taxel::calibration::Calibration;
 use taxel::frame::Fields;
 use taxel_formats::FileError;
 use taxel_formats::frames::{Cell, Column, cells, columns};
@@ -22,30 +22,39 @@ const BEFORE: f64 = 20.0;
 
 type Rows = Box<dyn Iterator<Item = Result<Vec<Cell>, FileError>> + Send>;
 
-/// Opens the file at its beginning.
-fn open(path: &Path) -> Result<(Vec<Column>, Rows, serde_json::Value), FileError> {
+/// Opens the file at its beginning. A recording is shown as it was recorded, unless another `calibration` is
+/// given: then it is computed again, as a trace is.
+fn open(
+    path: &Path,
+    calibration: Option<&Calibration>,
+) -> Result<(Vec<Column>, Rows, serde_json::Value), FileError> {
     let recording = Recording::open(path);
     if let Ok(recording) = recording
         && recording.position("seq").is_some()
+        && calibration.is_none()
     {
         let facts = json!(recording.header.facts);
         return Ok((recording.columns.clone(), Box::new(recording), facts));
     }
     let scans = Scans::open(path)?;
-    let (finger, mut state) = Finger::new(scans.calibration);
+    let serial = match scans.header.fact("serial") {
+        "" => "a trace, computed now".to_owned(),
+        recorded => format!("{recorded}, computed now"),
+    };
+    let (finger, mut state) = scans.header.finger(calibration.cloned().or(scans.calibration));
     let rows = (0u32..).zip(scans.samples).map(move |(seq, sample)| {
         let estimate = finger.estimate(&mut state, &sample?.scan);
         let mut row = Vec::new();
         cells(&estimate.frame(seq, Fields::ALL), Fields::ALL, &mut row);
         Ok(row)
     });
-    Ok((columns(Fields::ALL), Box::new(rows), json!({ "serial": "a trace, computed now" })))
+    Ok((columns(Fields::ALL), Box::new(rows), json!({ "serial": serial })))
 }
 
 /// Sets a file going.
-pub(super) fn start(path: PathBuf) -> Result<Feed, FileError> {
+pub(super) fn start(path: PathBuf, calibration: Option<Calibration>) -> Result<Feed, FileError> {
     let (mut feed, context, orders) = Feed::new(format!("file:{}", path.display()));
-    let (columns, rows, facts) = open(&path)?;
+    let (columns, rows, facts) = open(&path, calibration.as_ref())?;
     let time_at = columns.iter().position(|column| column.name == "t_us").unwrap_or_default();
     {
         let mut scope = context.scope.lock();
@@ -55,21 +64,27 @@ pub(super) fn start(path: PathBuf) -> Result<Feed, FileError> {
     }
     let length = Arc::new(Mutex::new(None));
     let found = Arc::clone(&length);
-    let (whole, stop) = (path.clone(), context.clone());
+    let (whole, with, stop) = (path.clone(), calibration.clone(), context.clone());
     feed.spawn("view-length", move || {
-        let length = length_of(&whole, time_at, &stop);
+        let length = length_of(&whole, with.as_ref(), time_at, &stop);
         if let Ok(mut found) = found.lock() {
             *found = length;
         }
     });
-    let mut player = Player { path, context, rows, time_at, length, start: None, next: None };
+    let mut player =
+        Player { path, calibration, context, rows, time_at, length, start: None, next: None };
     feed.spawn("view-playback", move || player.run(&orders));
     Ok(feed)
 }
 
 /// Seconds from the first row to the last.
-fn length_of(path: &Path, time_at: usize, context: &Context) -> Option<f64> {
-    let (_, rows, _) = open(path).ok()?;
+fn length_of(
+    path: &Path,
+    calibration: Option<&Calibration>,
+    time_at: usize,
+    context: &Context,
+) -> Option<f64> {
+    let (_, rows, _) = open(path, calibration).ok()?;
     let mut times = rows.take_while(|_| !context.stopped()).flatten();
     let first = seconds(&times.next()?, time_at);
     Some(times.last().map_or(0.0, |last| seconds(&last, time_at) - first))
@@ -84,6 +99,7 @@ fn seconds(row: &[Cell], time_at: usize) -> f64 {
 
 struct Player {
     path: PathBuf,
+    calibration: Option<Calibration>,
     context: Context,
     rows: Rows,
     time_at: usize,
@@ -162,7 +178,7 @@ impl Player {
     /// Goes to a place, and shows what came just before it.
     fn seek(&mut self, to: f64) -> Result<f64, FileError> {
         let to = if to.is_finite() { to.max(0.0) } else { 0.0 };
-        (_, self.rows, _) = open(&self.path)?;
+        (_, self.rows, _) = open(&self.path, self.calibration.as_ref())?;
         self.next = None;
         self.context.scope.lock().restart();
         let from = to - BEFORE;
