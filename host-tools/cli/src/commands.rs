@@ -9,6 +9,7 @@ pub mod demo;
 pub mod dfu;
 pub mod export;
 pub mod info;
+pub mod man;
 pub mod ports;
 pub mod record;
 pub mod replay;

@@ -2,6 +2,8 @@
 
 use std::process::ExitCode;
 
+use clap::error::ErrorKind;
+
 use crate::output::{self, Closed};
 
 /// The thing failed.
@@ -29,6 +31,11 @@ pub fn usage(error: &clap::Error) -> ExitCode {
         let _ = error.print();
         return ExitCode::SUCCESS;
     }
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        // Whoever has not said yet what to do wants to know what there is.
+        let _ = error.print();
+        return ExitCode::from(USAGE);
+    }
     output::note(format_args!("taxel: {}", usage_line(&error.to_string())));
     ExitCode::from(USAGE)
 }
@@ -51,11 +58,11 @@ mod tests {
 
     #[test]
     fn what_the_parser_says_on_many_lines_is_said_on_one() {
-        let message = "error: the following required arguments were not provided:\n  --port <PORT>\n\n\
-                       Usage: taxel info --port <PORT>\n\nFor more information, try '--help'.\n";
+        let message = "error: the following required arguments were not provided:\n  --out <FILE>\n\n\
+                       Usage: taxel export --out <FILE>\n\nFor more information, try '--help'.\n";
         assert_eq!(
             usage_line(message),
-            "the following required arguments were not provided: --port <PORT>; see --help"
+            "the following required arguments were not provided: --out <FILE>; see --help"
         );
     }
 }

@@ -20,7 +20,7 @@ const VIRTUAL: &str = include_str!("../assets/virtual-finger.cal.toml");
 #[derive(clap::Args)]
 pub struct PortArg {
     /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE.
-    #[arg(long, value_name = "PORT")]
+    #[arg(long, value_name = "PORT", default_value = "usb")]
     pub port: Port,
 }
 

@@ -49,6 +49,7 @@ enum Command {
     Ports(commands::ports::Args),
     Udev(commands::udev::Args),
     Completions(commands::completions::Args),
+    Man(commands::man::Args),
 }
 
 fn main() -> ExitCode {
@@ -75,6 +76,7 @@ fn main() -> ExitCode {
         Command::Ports(args) => commands::ports::run(args),
         Command::Udev(args) => commands::udev::run(args),
         Command::Completions(args) => commands::completions::run(args),
+        Command::Man(args) => commands::man::run(args),
     };
     failure::exit_code(done)
 }
@@ -86,27 +88,82 @@ mod tests {
 
     use super::*;
 
-    /// Every command without subcommands, and its examples.
+    /// Every command, and its examples.
     fn examples(command: &clap::Command, found: &mut Vec<(String, Vec<String>)>) {
-        if command.has_subcommands() {
-            command.get_subcommands().for_each(|command| examples(command, found));
-            return;
-        }
+        command.get_subcommands().for_each(|command| examples(command, found));
         let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
         let lines = help.lines().filter_map(|line| line.find("taxel ").map(|at| &line[at..]));
         found.push((command.get_name().to_owned(), lines.map(str::to_owned).collect()));
     }
 
+    /// What a page gives as a command: whole lines of its blocks, and code within a sentence.
+    fn commands(page: &str) -> Vec<String> {
+        let mut found = Vec::new();
+        let mut prose = String::new();
+        let mut inside = false;
+        for line in page.lines() {
+            match line.trim().starts_with("```") {
+                true => inside = !inside,
+                false if inside => found.push(line.to_owned()),
+                false => prose += &format!("{line}\n"),
+            }
+        }
+        found.extend(prose.split('`').skip(1).step_by(2).map(str::to_owned));
+        found.retain(|command| command.starts_with("taxel ") && !command.ends_with('…'));
+        found
+    }
+
+    /// Named in a sentence as what they do. To be run they want the name of a file as well, or which fingers.
+    const NAMED: [&str; 6] = [
+        "taxel simulate",
+        "taxel record",
+        "taxel replay",
+        "taxel export",
+        "taxel bridge",
+        "taxel bridge --zenoh",
+    ];
+
+    #[test]
+    fn every_command_that_a_manual_gives_is_understood_as_it_is_written() {
+        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let text = |name: &str| std::fs::read_to_string(root.join(name)).unwrap();
+        let mut pages = ["README.md", "host-tools/python/README.md"].map(text).to_vec();
+        for folder in ["docs", "docs/boards"] {
+            let files =
+                std::fs::read_dir(root.join(folder)).unwrap().map(|file| file.unwrap().path());
+            let manuals = files.filter(|file| file.extension().is_some_and(|kind| kind == "md"));
+            pages.extend(manuals.map(|file| std::fs::read_to_string(file).unwrap()));
+        }
+        // The page's own advice has no marks around it.
+        let advice = include_str!("../../view/assets/flags.js");
+        let advice =
+            advice.match_indices(": taxel ").map(|(at, _)| advice[at + 2..].split(". ").next());
+        let advice = advice.map(|words| words.unwrap().split(".\"").next().unwrap().to_owned());
+        let mut given: Vec<_> =
+            advice.chain(pages.iter().flat_map(|page| commands(page))).collect();
+        given.retain(|command| !NAMED.contains(&command.as_str()));
+        assert!(given.len() > 80, "{}", given.len());
+        for command in given {
+            // Up to where the shell has its say, or a second column what it does.
+            let words = command.split(['\\', ';', '|', '>', '&', '#']).next().unwrap();
+            let words = words.split("   ").next().unwrap();
+            let parsed = Cli::try_parse_from(words.split_whitespace());
+            let understood = parsed.err().is_none_or(|error| !error.use_stderr());
+            assert!(understood, "`{command}`");
+        }
+    }
+
     #[test]
     fn every_command_has_examples_that_it_understands() {
         let mut found = Vec::new();
-        examples(&Cli::command(), &mut found);
+        Cli::command().get_subcommands().for_each(|command| examples(command, &mut found));
         assert!(found.len() > 20);
         for (name, lines) in found {
             assert!(!lines.is_empty(), "{name} has no example");
             for line in lines {
                 // Up to where the shell has its say.
-                let words = line.split([';', '|', '>', '&']).next().unwrap().split_whitespace();
+                let words =
+                    line.split([';', '|', '>', '&', '#']).next().unwrap().split_whitespace();
                 let words: Vec<_> = words.collect();
                 assert!(Cli::try_parse_from(&words).is_ok(), "{line}");
                 let scenes =

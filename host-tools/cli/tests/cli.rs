@@ -84,6 +84,43 @@ fn help_names_the_commands_and_what_a_port_is() {
 }
 
 #[test]
+fn every_command_has_a_manual_page_with_its_options_and_examples() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("man1");
+    succeeds(&["man", "--out", out.to_str().unwrap()]);
+    let page = |name: &str| std::fs::read_to_string(out.join(format!("{name}.1"))).unwrap();
+    let help = succeeds(&["--help"]);
+    let (_, commands) = help.split_once("Commands:\n").unwrap();
+    let names =
+        commands.lines().map_while(|line| line.strip_prefix("  ")?.split_whitespace().next());
+    let names: Vec<_> = names.filter(|name| *name != "help").collect();
+    assert!(names.len() > 15, "{names:?}");
+    for name in names {
+        let (text, title) = (page(&format!("taxel-{name}")), format!("\n.TH taxel-{name} 1 "));
+        assert!(text.contains(&title), "{name}");
+        for section in ["NAME", "SYNOPSIS", "DESCRIPTION", "OPTIONS", "EXTRA"] {
+            assert!(text.contains(&format!("\n.SH {section}\n")), "{name} has no {section}");
+        }
+        // What begins with a point or a quote is an order to the typesetter: only these are meant.
+        let meant = [".ie", ".el", ".TH", ".SH", ".TP", ".IP", ".PP", ".RS", ".RE", ".br"];
+        let orders = text.lines().filter(|line| line.starts_with(['.', '\'']));
+        orders.for_each(|line| assert!(meant.contains(&&line[..3]), "{name}: {line}"));
+    }
+    // An example keeps its line.
+    assert!(page("taxel-record").contains("\n  taxel record \\-\\-port sim:tour "));
+    assert!(page("taxel-calibrate-upload").contains(".SH NAME\ntaxel\\-calibrate\\-upload"));
+}
+
+#[test]
+fn a_command_that_says_too_little_is_answered_by_its_help() {
+    for (args, word) in [(&[][..], "\n  demo "), (&["calibrate"], "\n  upload ")] {
+        let ran = here().taxel(args);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""));
+        assert!(ran.err.contains("Usage: taxel ") && ran.err.contains(word), "{}", ran.err);
+    }
+}
+
+#[test]
 fn bad_usage_is_one_line_and_exit_code_2() {
     let port = "--port sim:press";
     for (args, line) in [
@@ -97,7 +134,10 @@ fn bad_usage_is_one_line_and_exit_code_2() {
             "invalid value 'tcp:here' for '--port <PORT>': `here` is not HOST:PORT; write for example \
              tcp:192.168.1.20:5000 or tcp:[::1]:5000; see --help",
         ),
-        ("info", "the following required arguments were not provided: --port <PORT>; see --help"),
+        (
+            "calibrate download",
+            "the following required arguments were not provided: --out <CAL.toml>; see --help",
+        ),
         ("infp", "unrecognized subcommand 'infp'; a similar subcommand exists: 'info'; see --help"),
         (
             &format!("set {port}"),
@@ -194,6 +234,19 @@ fn a_self_test_lists_every_channel_and_a_board_without_a_bootloader_says_so() {
     assert!(error.contains("this board cannot do that"), "{error}");
     let error = fails(1, &["set", "--port", &port, "--settle", "30"]);
     assert!(error.contains("cannot scan in another way"), "{error}");
+}
+
+/// The virtual finger of the example has faults that its scene says.
+#[test]
+fn the_self_tests_own_example_finds_what_is_broken() {
+    let help = succeeds(&["self-test", "--help"]);
+    let example = help.lines().find(|line| line.contains("taxel self-test --port sim:")).unwrap();
+    let words: Vec<_> = example.split('#').next().unwrap().split_whitespace().skip(1).collect();
+    let ran = here().taxel(&words);
+    assert_eq!(ran.code, Some(1), "{}", ran.out);
+    let led = "taxel: self-test: lit_r1c2 is hardly brighter than its column in the dark";
+    assert!(ran.err.starts_with(led) && ran.err.contains("; bridge_s1_a rests at "), "{}", ran.err);
+    assert!(!ran.err.contains("noisy") && ran.out.contains("lit_r3c3 "), "{}{}", ran.err, ran.out);
 }
 
 #[test]

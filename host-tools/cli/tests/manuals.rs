@@ -162,7 +162,15 @@ fn the_readme_does_what_it_says() {
 #[test]
 fn getting_started_does_what_it_says() {
     let folder = run("docs/getting-started.md");
-    for name in ["taxel.bash", "tour.mcap", "tour.csv", "tour.parquet", "second.csv", "again.csv"] {
+    for name in [
+        "taxel.bash",
+        "man1/taxel.1",
+        "tour.mcap",
+        "tour.csv",
+        "tour.parquet",
+        "second.csv",
+        "again.csv",
+    ] {
         let size = std::fs::metadata(folder.path().join(name)).unwrap().len();
         assert!(size > 1000, "{name}: {size} bytes");
     }

@@ -57,7 +57,10 @@ pub enum Problem {
     #[error("a file, not a device; write `file:` before it to play it back")]
     NotADevice,
     /// Nobody listens at that address.
-    #[error("connection refused; check address and port, and that the finger's bridge is running")]
+    #[error(
+        "connection refused; check address and port, and that `taxel serve` or the serial server there is \
+         running"
+    )]
     Refused,
     /// The address leads nowhere.
     #[error("cannot be reached: {0}; check the address and the network")]
@@ -68,7 +71,7 @@ pub enum Problem {
     /// Nobody answers.
     #[error(
         "no answer within 2 s; is it a taxel finger, powered and running? It may also be in its \
-         bootloader"
+         bootloader, or another program is connected to it"
     )]
     Silent,
     /// The other side speaks another protocol.
@@ -125,7 +128,7 @@ impl Problem {
 
 /// The text of an error on one line.
 pub(crate) fn one_line(error: &dyn std::error::Error) -> String {
-    error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+    taxel_formats::error::one_line(&error.to_string())
 }
 
 fn refused(refusal: &Refusal) -> String {

@@ -56,7 +56,9 @@ pub(crate) fn find(devices: &[Device], serial: Option<&str>) -> Result<String, P
         || fingers.iter().map(|(serial, _)| format!("usb:{serial}")).collect::<Vec<_>>().join(", ");
     match (serial, fingers.as_slice()) {
         (_, []) => Err(Problem::NoFinger(
-            "no finger on USB; plug it in, or see `taxel ports` for what is there".to_owned(),
+            "no finger on USB; plug it in, or choose another port with --port: `taxel ports` lists what is there, \
+             sim:tour is a finger without hardware"
+                .to_owned(),
         )),
         (None, [(_, only)]) => Ok(only.name.clone()),
         (None, _) => {

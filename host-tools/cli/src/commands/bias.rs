@@ -26,8 +26,8 @@ pub struct Args {
 
 const EXAMPLES: &str = "\
 Examples:
-  taxel bias --port usb take
-  taxel bias --port usb save
+  taxel bias take
+  taxel bias save
   taxel bias --port sim:presses take --scans 50";
 
 /// What can be done with a bias.

@@ -12,10 +12,18 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Fits, judges, adjusts and transfers calibrations.
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(subcommand)]
     command: Command,
 }
+
+const EXAMPLES: &str = "\
+Examples, from a recorded press to a finger that says newtons:
+  taxel calibrate fit --data presses.csv --out finger.toml
+  taxel calibrate evaluate --data unseen.csv --calibration finger.toml
+  taxel calibrate upload --calibration finger.toml
+  taxel calibrate adjust --data weights.csv --calibration finger.toml --out today.toml";
 
 #[derive(clap::Subcommand)]
 enum Command {

@@ -13,7 +13,7 @@ pub struct Args {
 
 const EXAMPLES: &str = "\
 Example:
-  taxel dfu --port usb && dfu-util -a 0 -s 0x08000000:leave -D stm32g431.bin";
+  taxel dfu && dfu-util -a 0 -s 0x08000000:leave -D stm32g431.bin";
 
 /// Runs the command.
 ///

@@ -25,7 +25,7 @@ pub struct Args {
 
 const EXAMPLES: &str = "\
 Examples:
-  taxel info --port usb
+  taxel info
   taxel info --port sim:tour --json";
 
 /// Runs the command.
@@ -49,7 +49,7 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth, live: bool) -> S
     let calibration = match &info.calibration {
         Some(id) => format!("{} of {}, CRC {:08x}", id.serial, date(id), id.crc),
         None => {
-            "none, so that there are no forces; `taxel calibrate upload` installs one".to_owned()
+            "none, so that there are no forces; `taxel calibrate upload --calibration FILE` installs one".to_owned()
         }
     };
     [

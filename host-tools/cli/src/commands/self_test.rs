@@ -25,8 +25,9 @@ pub struct Args {
 
 const EXAMPLES: &str = "\
 Examples:
-  taxel self-test --port usb
-  taxel self-test --port sim:fault-dead-led --scans 100 --json";
+  taxel self-test
+  taxel self-test --port sim:fault-at-rest --scans 200          # a dead LED and a shorted bridge
+  taxel self-test --json && taxel record --out sound.mcap";
 
 /// Runs the command.
 ///

@@ -45,8 +45,8 @@ pub struct Args {
 
 const EXAMPLES: &str = "\
 Examples:
-  taxel set --port usb --rate 500 --fields force,point
-  taxel set --port usb --scan 4000 --oversampling 4 --settle 20 --save";
+  taxel set --rate 500 --fields force,point
+  taxel set --scan 4000 --oversampling 4 --settle 20 --save";
 
 /// The ways to find the contact point.
 #[derive(Clone, Copy, clap::ValueEnum)]

@@ -36,6 +36,7 @@ pub const BUILT_IN: &[(&str, &str)] = scenes! {
     "fault-broken-arm"
     "fault-supply-dip"
     "fault-swapped-columns"
+    "fault-at-rest"
     "tour"
     "bench-s0"
     "line-fit"
