@@ -3,6 +3,9 @@
 use std::fmt::Display;
 use std::io::{self, Write};
 use std::path::Path;
+use std::time::Duration;
+
+use indicatif::ProgressBar;
 
 /// Nobody reads standard output any more.
 #[derive(Debug)]
@@ -32,6 +35,16 @@ pub fn line(text: impl Display) -> anyhow::Result<()> {
 /// Says something on standard error, which may be closed: then nobody wants to know.
 pub fn note(text: impl Display) {
     let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// Shows on a terminal that something is at work whose end cannot be told, such as a recording that becomes Parquet.
+pub fn waiting<T>(what: String, work: impl FnOnce() -> T) -> T {
+    let bar = ProgressBar::new_spinner().with_message(what);
+    bar.tick();
+    bar.enable_steady_tick(Duration::from_millis(100));
+    let done = work();
+    bar.finish_and_clear();
+    done
 }
 
 /// Refuses to write where something is read from.

@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use indicatif::{ProgressBar, ProgressStyle};
 use taxel_link::{Client, Event, LinkError, Received, Steady};
 
 use crate::interrupt::Interrupt;
@@ -66,6 +67,9 @@ pub fn run(
     let mut heard = Instant::now();
     let mut gone: Option<LinkError> = None;
     let enough = |seconds: f64| duration.is_some_and(|duration| seconds >= duration);
+    let bar = bar(duration)?;
+    // A note stands above the bar.
+    let note = |text: String| bar.suspend(|| output::note(text));
     let broken = loop {
         if interrupt.came() {
             break None;
@@ -77,6 +81,7 @@ pub fn run(
                     break None;
                 }
                 tally.add(&received);
+                bar.set_position(millis(tally.duration_s()));
                 each(Next::Frame(&received))?;
             }
             Event::Quiet if heard.elapsed() < DRY => {}
@@ -86,14 +91,14 @@ pub fn run(
             }
             Event::There(again) => {
                 (gone, heard) = (None, Instant::now());
-                output::note(format_args!("{}: there again", finger.port()));
+                note(format!("{}: there again", finger.port()));
                 each(Next::Again(&again))?;
                 client = Some(again);
             }
             Event::Gone(error) if awaited => {
                 if let Some(client) = client.take() {
                     tally.end_connection(&client);
-                    output::note(format_args!("{error}; waiting for it"));
+                    note(format!("{error}; waiting for it"));
                 }
                 if enough(tally.duration_s() + heard.elapsed().as_secs_f64()) {
                     break Some(error.into());
@@ -104,6 +109,7 @@ pub fn run(
             Event::Over => break None,
         }
     };
+    bar.finish_and_clear();
     // What came until here is counted; what is still on its way is not.
     client.iter().for_each(|client| tally.end_connection(client));
     if broken.is_none() {
@@ -113,6 +119,17 @@ pub fn run(
     // Whoever ends a recording while its finger is gone must not take it for whole.
     let broken = broken.or(gone.map(anyhow::Error::from));
     Ok(Ended { summary: tally.summary(), broken })
+}
+
+/// How far it is, in milliseconds, on a terminal. Where it goes on until Ctrl-C there is no telling.
+fn bar(duration: Option<f64>) -> anyhow::Result<ProgressBar> {
+    let Some(seconds) = duration else { return Ok(ProgressBar::hidden()) };
+    let style = ProgressStyle::with_template("{wide_bar} {percent} % {eta}")?;
+    Ok(ProgressBar::new(millis(seconds)).with_style(style))
+}
+
+fn millis(seconds: f64) -> u64 {
+    (seconds * 1e3) as u64
 }
 
 /// Counts what came, through however many connections.

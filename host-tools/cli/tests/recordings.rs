@@ -352,6 +352,51 @@ fn a_full_disk_ends_the_recording_in_one_line_and_keeps_what_was_written() {
     }
 }
 
+/// What a command says on a terminal.
+#[cfg(unix)]
+fn on_a_terminal(mut command: std::process::Command) -> String {
+    let terminal = nix::pty::openpty(None, None).unwrap();
+    let child = command.stderr(terminal.slave).spawn();
+    // The command's own copy of the slave's end has to go for the master to come to an end.
+    drop(command);
+    let (mut said, mut bytes) = (Vec::new(), [0; 4096]);
+    let mut master = std::fs::File::from(terminal.master);
+    // Once nobody holds the other end Linux calls that an error.
+    while let Ok(read @ 1..) = std::io::Read::read(&mut master, &mut bytes) {
+        said.extend_from_slice(&bytes[..read]);
+    }
+    assert!(child.unwrap().wait().unwrap().success());
+    String::from_utf8(said).unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn on_a_terminal_it_can_be_seen_how_far_a_recording_is_and_elsewhere_nothing_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let record = ["record", "--port", "sim:press", "--duration", "2", "--out", "a.parquet"];
+    let said = on_a_terminal(taxel.command(&record));
+    let shares = said.split(" %").filter_map(|before| before.rsplit(' ').next()?.parse().ok());
+    let shares: Vec<u32> = shares.collect();
+    assert!(shares.is_sorted() && shares.iter().any(|share| (20..100).contains(share)), "{said}");
+    assert!(said.contains("writing a.parquet"), "{said}");
+    assert_eq!(taxel.taxel(&record).err, "");
+
+    let said = on_a_terminal(taxel.command(&["export", "a.parquet", "--out", "b.parquet"]));
+    assert!(said.contains("writing b.parquet"), "{said}");
+}
+
+#[test]
+fn a_stretch_without_a_frame_is_told_and_overwrites_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["record", "--port", "sim:press", "--duration", "0.2", "--out", "a.mcap"]);
+    std::fs::write(folder.path().join("b.csv"), "here before").unwrap();
+    let error = taxel.fails(1, &["export", "a.mcap@1000..2000", "--out", "b.csv"]);
+    assert!(error.starts_with("taxel: a.mcap: no frame within this stretch; "), "{error}");
+    assert_eq!(std::fs::read_to_string(folder.path().join("b.csv")).unwrap(), "here before");
+}
+
 #[test]
 fn a_recording_keeps_its_meaning_through_every_kind_of_file() {
     let folder = tempfile::tempdir().unwrap();

@@ -63,7 +63,7 @@ impl FileError {
             ErrorKind::PermissionDenied => new.mend("check who may read or write it"),
             ErrorKind::IsADirectory => new.mend("give a file"),
             ErrorKind::InvalidData => new.mend("save it as plain text, UTF-8"),
-            ErrorKind::StorageFull => new.mend("free some space; what was written so far is kept"),
+            ErrorKind::StorageFull => new.mend("free some space"),
             _ => new,
         }
     }
@@ -87,9 +87,13 @@ impl fmt::Display for FileError {
     }
 }
 
-/// Text out of a file or a library as one line of reasonable length.
-fn one_line(text: &str) -> String {
+/// Text out of a file, a library or the operating system as one line of reasonable length.
+#[must_use]
+pub fn one_line(text: &str) -> String {
     const MOST: usize = 500;
+    // What Rust appends to the system's own words helps nobody.
+    let said = text.rfind(" (os error ").filter(|_| text.ends_with(')'));
+    let text = &text[..said.unwrap_or(text.len())];
     let words = text.split(|c: char| c.is_whitespace() || c.is_control());
     let line = words.filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ");
     match line.char_indices().nth(MOST) {
@@ -103,6 +107,15 @@ impl std::error::Error for FileError {}
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_systems_words_stand_without_its_numbers() {
+        let missing = std::io::Error::from_raw_os_error(2);
+        assert!(missing.to_string().contains("os error 2"));
+        let said = FileError::io("a.csv", &missing).to_string();
+        assert!(said.starts_with("a.csv: ") && said.ends_with("; check the path"), "{said}");
+        assert!(!said.contains("os error"), "{said}");
+    }
 
     #[test]
     fn whatever_a_file_holds_its_error_is_one_line() {

@@ -10,7 +10,7 @@ use taxel_formats::stretch::Stretch;
 use taxel_recording::{Recorder, Recording};
 
 use crate::interrupt::Interrupt;
-use crate::output;
+use crate::output::{self, waiting};
 
 /// Writes a recording, or a stretch of it, as another kind of file; saves what a damaged one still has.
 ///
@@ -42,10 +42,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     output::keep([path.as_path()], &args.out)?;
     let interrupt = Interrupt::watch()?;
     let mut recording = Recording::open(path)?;
-    let mut out = Recorder::create(&args.out, &recording.header, &recording.columns)?;
+    // Begun by the first frame: for none of them, a file that is there already is not given up.
+    let mut out = None;
     let time = recording.position("t_us");
     let bar = ProgressBar::new_spinner();
-    let (mut count, mut damage) = (0, None::<FileError>);
+    let (mut count, mut damage, mut times) = (0, None::<FileError>, None);
     while !interrupt.came() {
         let row = match recording.next() {
             None => break,
@@ -59,17 +60,29 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             Some(Cell::Whole(micros)) => *micros as f64 * 1e-6,
             _ => f64::NEG_INFINITY,
         };
+        times = Some((times.map_or(seconds, |(first, _)| first), seconds));
         if args.recording.ended(seconds) {
             break;
         }
         if args.recording.contains(seconds) {
-            out.write(&row)?;
+            if out.is_none() {
+                out = Some(Recorder::create(&args.out, &recording.header, &recording.columns)?);
+            }
+            out.iter_mut().try_for_each(|out| out.write(&row))?;
             count += 1;
             bar.inc(1);
         }
     }
     bar.finish_and_clear();
-    out.finish()?;
+    if let Some(out) = out {
+        waiting(format!("writing {}", args.out.display()), || out.finish())?;
+    } else if !interrupt.came() {
+        let none = times.map(|(first, last)| {
+            FileError::new(path, "no frame within this stretch")
+                .mend(format!("those that were read have times from {first:.3} s to {last:.3} s"))
+        });
+        bail!(damage.or(none).unwrap_or_else(|| FileError::new(path, "no frame in it")));
+    }
     let out = args.out.display();
     match damage {
         Some(error) => bail!("{error}; {out} has the {count} frames that could be read"),

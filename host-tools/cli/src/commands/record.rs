@@ -11,6 +11,7 @@ use taxel_link::{Echoes, Files, Port, Steady, fields};
 use crate::commands::view::page;
 use crate::finger::{PortArg, address};
 use crate::interrupt::Interrupt;
+use crate::output::waiting;
 use crate::stream::Next;
 use crate::{output, stream};
 
@@ -99,7 +100,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             Ok(())
         }
     });
-    let finished = files.finish();
+    let finished = waiting(format!("writing {names}"), || files.finish());
     let recorded = recorded?;
     finished?;
     let summary = recorded.summary;
