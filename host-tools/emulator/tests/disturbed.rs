@@ -2,22 +2,29 @@
 
 use std::path::{Path, PathBuf};
 
+use taxel::calibration::MAX_BYTES;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
-use taxel::wire::message::{Command, Counters, Response};
+use taxel::wire::message::{Command, Counters, Reset, Response};
 use taxel_formats::trace::TraceReader;
 
-use taxel_emulator::board::cpu::Board;
+use taxel_emulator::board::cpu::{Board, End};
 use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
 use taxel_emulator::board::host::Host;
+use taxel_emulator::board::rcc::Cause;
 use taxel_emulator::board::script::Session;
+use taxel_emulator::board::system::NMI;
 use taxel_emulator::board::time::{Tick, micros};
 
 /// Between two scans.
 const PERIOD: Tick = micros(250);
 
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
 fn session() -> Session {
-    let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let repository = repository();
     let directory = std::env::var_os("TAXEL_FIRMWARE_DIR").map(PathBuf::from);
     let directory = directory.unwrap_or_else(|| repository.join("boards/target/firmware"));
     let image = std::fs::read(directory.join("stm32g431.elf"))
@@ -145,4 +152,81 @@ fn the_model_of_the_skin_that_the_image_goes_without_is_refused() {
     assert!(refused.to_string().contains("Unsupported"), "{refused}");
     let Response::Info(info) = session.ask(Command::Info).unwrap() else { panic!() };
     assert_eq!(info.point_method, PointMethod::Centroid);
+}
+
+/// The number in the first cell behind this row's name on the board's page.
+fn stated(row: &str) -> u32 {
+    let page = std::fs::read_to_string(repository().join("docs/boards/stm32g431.md")).unwrap();
+    let line = page.lines().find(|line| line.starts_with(&format!("| {row} |")));
+    let cell = line.unwrap_or_else(|| panic!("no row `{row}`")).split('|').nth(2).unwrap();
+    cell.chars().filter(char::is_ascii_digit).collect::<String>().parse().unwrap()
+}
+
+#[test]
+fn an_upload_during_the_stream_costs_the_scans_that_the_page_states_and_no_more() {
+    let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
+    let calibration = cycles::dearest(&taxel_formats::calibration::read(&path).unwrap());
+    let mut record = [0; MAX_BYTES];
+    let record = calibration.to_bytes(&mut record).unwrap();
+    let mut session = session();
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(50_000)).unwrap();
+    let lost_by = |session: &mut Session, what: fn(&mut Session, &[u8])| {
+        let before = (session.board.now(), counters(session));
+        session.frames.clear();
+        what(session, record);
+        session.run(micros(20_000)).unwrap();
+        let after = (session.board.now(), counters(session));
+        assert!(unaccounted(before, after).abs() <= 8, "{}", unaccounted(before, after));
+        assert_eq!(session.bad, 0);
+        let lost = after.1.overruns - before.1.overruns;
+        if lost > 0 {
+            assert!(session.frames.iter().any(|(_, f)| f.status.contains(Status::OVERRUN)));
+        }
+        lost
+    };
+    let erased = lost_by(&mut session, |session, record| {
+        let length = record.len() as u16;
+        session.ask(Command::CalibrationBegin { length }).unwrap();
+    });
+    let uploaded = lost_by(&mut session, |session, record| session.upload(record).unwrap());
+    let saved = lost_by(&mut session, |session, _| {
+        session.ask(Command::SaveSettings).unwrap();
+    });
+    for (lost, row) in [
+        (erased, "scans lost to the erasure of a slot"),
+        (uploaded, "scans lost to an upload of the longest record"),
+        (saved, "scans lost to saved settings"),
+    ] {
+        let stated = stated(row);
+        assert!(
+            lost > 0 && lost <= stated && lost + 10 >= stated,
+            "{row}: {lost}, the page says {stated}"
+        );
+    }
+}
+
+#[test]
+fn a_panic_ends_in_a_reset_and_is_told_of_once() {
+    let mut session = session();
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(20_000)).unwrap();
+    // The image panics over an NMI that is none of its flash's.
+    session.board.chip().system.pend(NMI);
+    assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
+    let health = |session: &mut Session| {
+        session.reopen().unwrap();
+        let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+        (health.reset, health.panic)
+    };
+    let (reset, panic) = health(&mut session);
+    let panic = panic.expect("the panic was kept over the reset");
+    assert_eq!(reset, Reset::Software);
+    let (place, message) = panic.split_once(": ").expect("where, and what");
+    assert_eq!(message, "NMI, and not of the flash");
+    let (file, line) = place.rsplit_once(':').expect("a file and a line");
+    assert!(file.ends_with("stm32g431/src/main.rs") && line.parse::<u32>().is_ok(), "{place}");
+    // After the next start it is old.
+    session.board.power_cycle().unwrap();
+    assert_eq!(health(&mut session), (Reset::Power, None));
 }

@@ -1,13 +1,14 @@
 //! Where a firmware could still panic: every call of a panicking function, and whose line made it.
 //!
 //! The core must have none of its own, and those of the crates that it uses must be known here, each with
-//! the reason why it is not met. What the boards' drivers bring along is listed by crate.
+//! the reason why it is not met. What the boards' drivers bring along is listed by crate, and how many lines
+//! of each in `boards/panics.csv`: one more is one to be looked at.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use addr2line::Loader;
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 
 use crate::image::Image;
 use crate::run::root;
@@ -77,9 +78,40 @@ pub fn why(owner: &str) -> Option<&'static str> {
     KNOWN.iter().find(|(known, _)| *known == owner).map(|(_, why)| *why)
 }
 
-/// Panics left in a firmware: how many calls of them, by the crate whose line makes them. Fails where one
-/// is the core's own, or of a crate that is not known.
-pub fn remaining(elf: &Path, image: &Image) -> Result<BTreeMap<String, usize>> {
+/// The lines that may panic, by their crate.
+pub type Sites = BTreeMap<String, BTreeSet<String>>;
+
+/// How many lines of which crate are known in a board's firmware.
+pub const LIST: &str = "boards/panics.csv";
+
+/// Fails where a crate has more lines that may panic than the list `list` says of `board`.
+pub fn none_is_new(board: &str, sites: &Sites, list: &str) -> Result<()> {
+    for (owner, lines) in sites {
+        let row = format!("{board},{owner},");
+        let known = list.lines().find_map(|line| line.strip_prefix(&row));
+        let known = known.map_or(Ok(0), str::parse::<usize>);
+        let known = known.with_context(|| format!("{LIST}: the row `{row}` needs a number"))?;
+        if lines.len() > known {
+            let lines: Vec<_> = lines.iter().map(String::as_str).collect();
+            bail!(
+                "{board}: {} lines of {owner} may panic, {known} of them known: find which is new and \
+                 another way, or say `{row}{}` in {LIST}\n  {}",
+                lines.len(),
+                lines.len(),
+                lines.join("\n  ")
+            );
+        }
+    }
+    Ok(())
+}
+
+/// The list.
+pub fn list() -> Result<String> {
+    std::fs::read_to_string(root().join(LIST)).context(LIST)
+}
+
+/// Panics left in a firmware. Fails where one is the core's own, or of a crate that is not known.
+pub fn remaining(elf: &Path, image: &Image) -> Result<Sites> {
     let loader = Loader::new(elf).map_err(|error| anyhow!("{}: {error}", elf.display()))?;
     let mut panicking: BTreeSet<u32> = image
         .functions
@@ -87,7 +119,7 @@ pub fn remaining(elf: &Path, image: &Image) -> Result<BTreeMap<String, usize>> {
         .filter(|(_, function)| is_panic(&function.name))
         .map(|(address, _)| *address)
         .collect();
-    let mut all = BTreeMap::new();
+    let mut all = Sites::new();
     // What the standard library does in a function of its own is done by that function's callers.
     loop {
         let before = panicking.len();
@@ -110,7 +142,7 @@ pub fn remaining(elf: &Path, image: &Image) -> Result<BTreeMap<String, usize>> {
                         function.name
                     );
                 }
-                *all.entry(owner).or_default() += 1;
+                all.entry(owner).or_default().insert(line);
             }
         }
         if panicking.len() == before {
@@ -163,6 +195,23 @@ fn crate_of(file: &str, root: &Path) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_line_more_than_the_list_knows_is_refused_by_its_name() {
+        let lines = ["a.rs:1", "a.rs:7"].map(str::to_owned).into();
+        let sites = Sites::from([("embassy-usb".to_owned(), lines)]);
+        let with =
+            |known: &str| none_is_new("board", &sites, &format!("board,crate,lines\n{known}\n"));
+        assert!(with("board,embassy-usb,2").is_ok() && with("board,embassy-usb,3").is_ok());
+        for known in ["board,embassy-usb,1", "other,embassy-usb,2", ""] {
+            let refused = with(known).unwrap_err().to_string();
+            assert!(
+                refused.contains("a.rs:7") && refused.contains("`board,embassy-usb,2`"),
+                "{refused}"
+            );
+        }
+        assert!(with("board,embassy-usb,many").is_err());
+    }
 
     #[test]
     fn a_line_belongs_to_the_crate_of_its_file() {
