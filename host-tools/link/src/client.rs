@@ -35,6 +35,9 @@ const QUEUE: usize = 8192;
 const PATIENCE: Duration = Duration::from_millis(500);
 /// How often it is asked: with [`PATIENCE`], two seconds in all.
 const TRIES: u32 = 4;
+/// A finger that is waited for is asked whether it is there at shorter notice: it has answered before, and
+/// what is said to a board that still starts is lost.
+const KNOWN_PATIENCE: Duration = Duration::from_millis(150);
 
 /// A frame, and when this host received it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,7 +94,15 @@ impl Client {
     /// # Errors
     /// The port cannot be opened, nobody answers, or the finger speaks another protocol.
     pub fn open(port: &Port, calibration: Option<&Calibration>) -> Result<Self, LinkError> {
-        Self::start(port, transport::open(port, calibration)?)
+        Self::start(port, transport::open(port, calibration)?, PATIENCE)
+    }
+
+    /// The same for a finger that was there before: see [`KNOWN_PATIENCE`].
+    pub(crate) fn reopen(
+        port: &Port,
+        calibration: Option<&Calibration>,
+    ) -> Result<Self, LinkError> {
+        Self::start(port, transport::open(port, calibration)?, KNOWN_PATIENCE)
     }
 
     /// A conversation over any two streams of bytes; `name` is what messages call them. Reads must return
@@ -105,10 +116,10 @@ impl Client {
         writer: Box<dyn Write + Send>,
     ) -> Result<Self, LinkError> {
         let port = Port::Serial(name.to_owned());
-        Self::start(&port, Transport { reader, writer, finger: None })
+        Self::start(&port, Transport { reader, writer, finger: None }, PATIENCE)
     }
 
-    fn start(port: &Port, transport: Transport) -> Result<Self, LinkError> {
+    fn start(port: &Port, transport: Transport, patience: Duration) -> Result<Self, LinkError> {
         let shared = Arc::new(Shared::default());
         let (reply_in, replies) = channel();
         let (frame_in, frames) = sync_channel(QUEUE);
@@ -126,7 +137,7 @@ impl Client {
             finger: transport.finger,
             thread: Some(thread),
         };
-        client.version = client.ask_version()?;
+        client.version = client.ask_version(patience)?;
         Ok(client)
     }
 
@@ -329,8 +340,8 @@ impl Client {
         }
     }
 
-    fn ask_version(&self) -> Result<Version, LinkError> {
-        match self.exchange(&Command::Version, PATIENCE, TRIES)? {
+    fn ask_version(&self, patience: Duration) -> Result<Version, LinkError> {
+        match self.exchange(&Command::Version, patience, TRIES)? {
             Message::Version { protocol, firmware, .. } if protocol == PROTOCOL => {
                 Ok(Version { protocol, firmware })
             }

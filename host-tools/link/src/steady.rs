@@ -7,7 +7,7 @@ use std::time::Duration;
 use taxel::calibration::Calibration;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
-use taxel::wire::message::Info;
+use taxel::wire::message::{Info, ScanSettings};
 
 use crate::client::{Client, Received};
 use crate::error::{LinkError, Problem};
@@ -27,6 +27,7 @@ pub struct Steady {
 struct State {
     client: Option<Arc<Client>>,
     settings: Option<Settings>,
+    bias_lost: bool,
 }
 
 /// What a finger forgets when it loses power.
@@ -36,6 +37,10 @@ struct Settings {
     filter_hz: u16,
     fields: Fields,
     method: PointMethod,
+    /// How it scans, where the board can tell.
+    scan: Option<ScanSettings>,
+    /// A bias taken on command was in force.
+    biased: bool,
 }
 
 /// What came next.
@@ -64,7 +69,7 @@ impl Steady {
     #[must_use]
     pub fn of(client: Arc<Client>) -> Self {
         let port = client.port().clone();
-        let state = State { client: Some(client), settings: None };
+        let state = State { client: Some(client), ..State::default() };
         Self { port, calibration: None, state: Mutex::new(state) }
     }
 
@@ -113,16 +118,35 @@ impl Steady {
             filter_hz: info.filter_hz,
             fields: info.fields,
             method: info.point_method,
+            scan: client.health()?.scan,
+            biased: info.biased,
         });
         Ok(info)
     }
 
+    /// The finger had a bias taken on command, and came back without: a board without power forgets it, and
+    /// nobody but the finger itself can take it again.
+    #[must_use]
+    pub fn bias_lost(&self) -> bool {
+        self.state().bias_lost
+    }
+
     fn connect(&self) -> Result<Arc<Client>, LinkError> {
-        let client = Client::open(&self.port, self.calibration.as_ref())?;
         let settings = self.state().settings;
+        let client = match settings {
+            None => Client::open(&self.port, self.calibration.as_ref())?,
+            Some(_) => Client::reopen(&self.port, self.calibration.as_ref())?,
+        };
         match settings {
             None => drop(self.remember(&client)?),
-            Some(Settings { millihertz, filter_hz, fields, method }) => {
+            Some(Settings { millihertz, filter_hz, fields, method, scan, biased }) => {
+                // First, because the others depend on it. Not in vain, because the finger forgets its bias with it.
+                if let Some(scan) = scan
+                    && client.health()?.scan != Some(scan)
+                {
+                    client.set_scan(scan)?;
+                }
+                self.state().bias_lost = biased && !client.info()?.biased;
                 let hertz = millihertz.div_ceil(1000).clamp(1, u16::MAX.into());
                 client.set_rate(hertz as u16)?;
                 client.set_filter(filter_hz)?;
