@@ -59,6 +59,7 @@ impl Files {
     pub fn echo(&mut self, echo: Duration) {
         self.stamps.echo(echo);
     }
+        self.stamps.reconnected();
 
     /// One frame more.
     ///
@@ -79,6 +80,7 @@ impl Files {
         if flush {
             self.flushed = received.at;
         }
+            scanned.map_or(Cell::Empty, |(_, error)| micros(error)),
         let mut written = Ok(());
         for recorder in &mut self.recorders {
             let done = recorder.write(&self.row);

@@ -23,6 +23,11 @@ impl Default for Stamps {
 }
 
 impl Stamps {
+    /// The finger had gone and is there again, maybe with another clock and by another way.
+    pub fn reconnected(&mut self) {
+        self.clock = DeviceClock::default();
+    }
+
     /// Learns from a frame.
     pub fn frame(&mut self, received: &Received) {
         self.clock.frame(received.frame.time, received.at);
@@ -48,5 +53,38 @@ impl Stamps {
     pub fn scanned(&self, device: Micros) -> Option<(Duration, Duration)> {
         let host = self.clock.host(device)?;
         Some((self.unix(host.at), host.error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use taxel::frame::Frame;
+
+    use super::*;
+
+    #[test]
+    fn a_clock_that_jumped_ahead_while_the_finger_was_gone_is_learnt_anew() {
+        let mut stamps = Stamps::default();
+        let begin = Instant::now();
+        // A millisecond of device time each, from `device` seconds on, `after` seconds after the beginning.
+        let stream = |stamps: &mut Stamps, device: u64, after: u64, frames: u64| {
+            for i in 0..frames {
+                let time = Micros(device * 1_000_000 + i * 1000);
+                let at = begin + Duration::from_micros(after * 1_000_000 + i * 1000 + 200);
+                stamps.frame(&Received { frame: Frame { time, ..Frame::default() }, at });
+            }
+            Micros(device * 1_000_000 + (frames - 1) * 1000)
+        };
+        stamps.echo(Duration::from_micros(400));
+        let last = stream(&mut stamps, 5, 0, 20_000);
+        assert!(stamps.scanned(last).is_some());
+        // Another hour by its own clock, a minute by ours.
+        stamps.reconnected();
+        assert_eq!(stamps.scanned(last), None);
+        stamps.echo(Duration::from_micros(400));
+        let last = stream(&mut stamps, 3600, 60, 3000);
+        let (at, error) = stamps.scanned(last).unwrap();
+        let truth = stamps.unix(begin + Duration::from_micros(60_000_000 + 2_999_000));
+        assert!(at.abs_diff(truth) <= error && error < Duration::from_millis(1), "{error:?}");
     }
 }

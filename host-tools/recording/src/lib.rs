@@ -26,10 +26,11 @@ pub use scans::Scans;
 pub const HOST_TIME: &str = "host_us";
 
 /// What the host knows of a frame, after the finger's own columns: when it came; when it was scanned, by the
-/// host's clock (empty before the finger's is known); and by which of the recording's connections, from 1.
+/// host's clock, and how far off that may be (both empty before the finger's is known); and by which of the
+/// recording's connections, from 1.
 #[must_use]
-pub fn host_columns() -> [Column; 3] {
-    [HOST_TIME, "host_scan_us", "connection"]
+pub fn host_columns() -> [Column; 4] {
+    [HOST_TIME, "host_scan_us", "host_scan_error_us", "connection"]
         .map(|name| Column { name: name.to_owned(), kind: Kind::Whole })
 }
 

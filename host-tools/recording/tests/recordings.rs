@@ -47,7 +47,8 @@ fn rows(count: u64) -> Vec<Vec<Cell>> {
             cells(&frame, Fields::ALL, &mut row);
             let micros = Cell::Whole(1_790_000_000_000_000 + i);
             // The finger's clock is not known from the first frame on.
-            row.extend([micros, if i < 40 { Cell::Empty } else { micros }, Cell::Whole(1)]);
+            let [scan, error] = if i < 40 { [Cell::Empty; 2] } else { [micros, Cell::Whole(250)] };
+            row.extend([micros, scan, error, Cell::Whole(1)]);
             row
         })
         .collect()

@@ -80,6 +80,11 @@ impl Finger {
                 Event::Quiet => {}
                 Event::There(there) => {
                     (client, missed) = (Some(Arc::clone(&there)), false);
+                    self.stamps.reconnected();
+                    if self.steady.bias_lost() {
+                        let port = self.steady.port();
+                        output::note(format_args!("{port}: its bias is gone; take it again"));
+                    }
                     match self.set(&there) {
                         Ok(info) => self.there(&info.identity.serial)?,
                         // It has gone again, which the next event says too.
