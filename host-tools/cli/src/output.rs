@@ -2,10 +2,11 @@
 
 use std::fmt::Display;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use indicatif::ProgressBar;
+use taxel_recording::Existing;
 
 /// Nobody reads standard output any more.
 #[derive(Debug)]
@@ -61,6 +62,43 @@ pub fn keep<'p>(inputs: impl IntoIterator<Item = &'p Path>, out: &Path) -> anyho
             out.display(),
             input.display()
         ),
+    }
+}
+
+/// Refuses files that are one and the same.
+///
+/// # Errors
+/// Two of `outs` are, by whatever name.
+pub fn apart(outs: &[PathBuf]) -> anyhow::Result<()> {
+    // What is not there yet is known by its folder.
+    let place = |out: &PathBuf| {
+        let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new(".")).canonicalize();
+        out.canonicalize().or(folder.map(|folder| folder.join(out.file_name().unwrap_or_default())))
+    };
+    let mut places = Vec::new();
+    for out in outs {
+        // Whoever opens it says why it has no place.
+        let Ok(place) = place(out) else { continue };
+        if places.contains(&place) {
+            anyhow::bail!("{}: --out names it twice; give each file once", out.display());
+        }
+        places.push(place);
+    }
+    Ok(())
+}
+
+/// What may become of files that are there already.
+#[derive(Clone, Copy, clap::Args)]
+pub struct Overwrite {
+    /// Overwrite files that are there already.
+    #[arg(long)]
+    force: bool,
+}
+
+impl Overwrite {
+    pub fn existing(self) -> Existing {
+        if self.force { Existing::Replace } else { Existing::Keep }
     }
 }
 

@@ -263,8 +263,14 @@ fn kill_9_loses_at_most_the_last_second() {
         assert!(lost < 1_000_000, "{name}: {lost} µs");
         assert!(times.len() > 1300, "{name}: {}", times.len());
     }
-    let said = taxel.succeeds(&["export", "a.parquet.part.mcap", "--out", "a.parquet"]);
-    assert!(said.starts_with("a.parquet: "), "{said}");
+    // The same again does not touch what is left of it.
+    let saved = rows(&folder.path().join("a.parquet.part.mcap"));
+    let error = taxel.fails(1, &["record", "--port", "sim:press", "--out", "a.parquet"]);
+    let mend = ["export", "a.parquet.part.mcap", "--out", "a.parquet"];
+    assert!(error.contains(&format!("`taxel {}`", mend.join(" "))), "{error}");
+    let said = taxel.succeeds(&mend);
+    assert!(said.starts_with(&format!("a.parquet: {} frames", saved.len())), "{said}");
+    assert!(rows(&folder.path().join("a.parquet")) == saved);
 }
 
 /// A finger that is pulled out and plugged in again, maybe another one in its place.
@@ -380,7 +386,8 @@ fn on_a_terminal_it_can_be_seen_how_far_a_recording_is_and_elsewhere_nothing_is_
     let shares: Vec<u32> = shares.collect();
     assert!(shares.is_sorted() && shares.iter().any(|share| (20..100).contains(share)), "{said}");
     assert!(said.contains("writing a.parquet"), "{said}");
-    assert_eq!(taxel.taxel(&record).err, "");
+    let again = [record.as_slice(), &["--force"]].concat();
+    assert_eq!(taxel.taxel(&again).err, "");
 
     let said = on_a_terminal(taxel.command(&["export", "a.parquet", "--out", "b.parquet"]));
     assert!(said.contains("writing b.parquet"), "{said}");
@@ -409,6 +416,19 @@ fn a_recording_keeps_its_meaning_through_every_kind_of_file() {
     assert_eq!(Recording::open(&a).unwrap().header, Recording::open(&c).unwrap().header);
     let error = taxel.fails(1, &["export", "a.mcap", "--out", "a.xlsx"]);
     assert!(error.contains("let it end in .mcap, .parquet or .csv"), "{error}");
+    for again in [
+        ["record", "--port", "sim:press", "--duration", "1", "--out", "a.mcap"].as_slice(),
+        &["export", "a.mcap", "--out", "c.mcap"],
+        &["replay", "a.mcap", "--out", "b.parquet"],
+    ] {
+        let error = taxel.fails(1, again);
+        assert!(error.contains("there is such a file already; "), "{error}");
+    }
+    taxel.succeeds(&["export", "a.mcap", "--out", "c.mcap", "--force"]);
+    let twice = ["record", "--port", "sim:press", "--out", "d.mcap", "--out", "./d.mcap"];
+    let error = taxel.fails(1, &twice);
+    assert!(error.contains("./d.mcap: --out names it twice"), "{error}");
+    assert!(!folder.path().join("d.mcap").exists());
     let error = taxel.fails(1, &["export", "a.mcap", "--out", "./a.mcap"]);
     assert!(error.contains("would overwrite"), "{error}");
 }

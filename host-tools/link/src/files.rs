@@ -8,7 +8,7 @@ use taxel::frame::Fields;
 use taxel::wire::message::Info;
 use taxel_formats::frames::{Cell, cells, columns};
 use taxel_formats::{FileError, calibration};
-use taxel_recording::{Header, Recorder, host_columns};
+use taxel_recording::{Existing, Header, Recorder, host_columns};
 
 use crate::client::{Client, Received};
 use crate::error::{LinkError, Problem};
@@ -34,11 +34,17 @@ impl Files {
     ///
     /// # Errors
     /// A file cannot be written, or the finger does not say who it is.
-    pub fn create(client: &Client, paths: &[PathBuf]) -> Result<Self, LinkError> {
+    pub fn create(
+        client: &Client,
+        paths: &[PathBuf],
+        existing: Existing,
+    ) -> Result<Self, LinkError> {
+        // Before the first is begun: one that cannot be must not leave the others behind.
+        paths.iter().try_for_each(|path| Recorder::check(path, existing))?;
         let info = client.info()?;
         let header = header(client, &info)?;
         let columns: Vec<_> = columns(info.fields).into_iter().chain(host_columns()).collect();
-        let create = |path: &PathBuf| Recorder::create(path, &header, &columns);
+        let create = |path: &PathBuf| Recorder::create(path, &header, &columns, existing);
         let recorders = paths.iter().map(create).collect::<Result<_, FileError>>()?;
         Ok(Self {
             recorders,
@@ -53,13 +59,13 @@ impl Files {
     /// The finger had gone and is there again: what comes now follows a gap.
     pub fn reconnected(&mut self) {
         self.connection += 1;
+        self.stamps.reconnected();
     }
 
     /// A question to the finger and its answer took so long: see [`Stamps::echo`].
     pub fn echo(&mut self, echo: Duration) {
         self.stamps.echo(echo);
     }
-        self.stamps.reconnected();
 
     /// One frame more.
     ///
@@ -74,13 +80,13 @@ impl Files {
         self.row.extend([
             micros(self.stamps.unix(received.at)),
             scanned.map_or(Cell::Empty, |(unix, _)| micros(unix)),
+            scanned.map_or(Cell::Empty, |(_, error)| micros(error)),
             Cell::Whole(self.connection),
         ]);
         let flush = received.at.saturating_duration_since(self.flushed) >= FLUSH;
         if flush {
             self.flushed = received.at;
         }
-            scanned.map_or(Cell::Empty, |(_, error)| micros(error)),
         let mut written = Ok(());
         for recorder in &mut self.recorders {
             let done = recorder.write(&self.row);

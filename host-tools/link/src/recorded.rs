@@ -174,7 +174,7 @@ impl Row<'_> {
 #[cfg(test)]
 mod tests {
     use taxel_formats::frames::cells;
-    use taxel_recording::Recorder;
+    use taxel_recording::{Existing, Recorder};
 
     use super::*;
 
@@ -218,7 +218,8 @@ mod tests {
         for name in ["a.mcap", "a.parquet"] {
             let path = folder.path().join(name);
             let mut recorder =
-                Recorder::create(&path, &Header::default(), &columns(fields)).unwrap();
+                Recorder::create(&path, &Header::default(), &columns(fields), Existing::Keep)
+                    .unwrap();
             for frame in &frames {
                 let mut row = Vec::new();
                 cells(frame, fields, &mut row);

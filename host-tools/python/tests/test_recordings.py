@@ -88,6 +88,9 @@ def test_the_hosts_clock_is_on_every_row_and_the_fingers_is_mapped_to_it(table: 
     # A scan comes before its frame, and runs by the finger's clock.
     late = mapped["host_us"].astype(float) - mapped["host_scan_us"].astype(float)
     assert late.median() > 0 and late.min() > -1000
+    # Where there is a time, there is its error.
+    errors = table["host_scan_error_us"]
+    assert (errors.notna() == table["host_scan_us"].notna()).all() and errors.min() > 0
     steps = np.diff(mapped["host_scan_us"].astype(float)) - np.diff(mapped["t_us"].astype(float))
     assert np.abs(steps).max() < 5000 and np.median(np.abs(steps)) <= 1
     assert set(table["connection"]) == {1}

@@ -11,7 +11,7 @@ use taxel_formats::frames::{Cell, Column, Kind, columns};
 use taxel_formats::lines::Lines;
 
 use crate::header::Header;
-use crate::{Recording, Sink, host_columns};
+use crate::{Existing, Recording, Sink, begin, host_columns};
 
 pub(crate) struct Writer {
     path: PathBuf,
@@ -23,9 +23,10 @@ impl Writer {
         path: &Path,
         header: &Header,
         columns: &[Column],
+        existing: Existing,
     ) -> Result<Self, FileError> {
         let failed = |error: std::io::Error| FileError::io(path, &error);
-        let mut file = BufWriter::new(File::create(path).map_err(failed)?);
+        let mut file = BufWriter::new(begin(path, existing)?);
         for (name, value) in &header.facts {
             writeln!(file, "# {name}={value}").map_err(failed)?;
         }
@@ -90,7 +91,7 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
         })
         .collect();
     let rows = Rows { lines, columns: columns.clone(), record: csv::StringRecord::new() };
-    Ok(Recording { header, columns, rows: Box::new(rows) })
+    Ok(Recording { header, columns, whole: true, rows: Box::new(rows) })
 }
 
 struct Rows<R> {

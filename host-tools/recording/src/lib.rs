@@ -13,6 +13,8 @@ mod parquet;
 mod scans;
 mod schema;
 
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use taxel_formats::FileError;
@@ -54,6 +56,35 @@ impl Format {
     }
 }
 
+/// What becomes of a file that is there already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// It stays, and nothing is written.
+    Keep,
+    /// It is overwritten.
+    Replace,
+}
+
+/// A file to write into. A device, such as a pipe, is there already.
+fn begin(path: &Path, existing: Existing) -> Result<File, FileError> {
+    let device = path.metadata().is_ok_and(|found| !found.is_file());
+    let mut options = File::options();
+    options.write(true);
+    match existing {
+        Existing::Keep if !device => options.create_new(true),
+        _ => options.create(true).truncate(true),
+    };
+    options.open(path).map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => taken(path),
+        _ => FileError::io(path, &error),
+    })
+}
+
+fn taken(path: &Path) -> FileError {
+    FileError::new(path, "there is such a file already")
+        .mend("choose another name, or add --force to overwrite it")
+}
+
 /// Writes a recording.
 pub struct Recorder(Box<dyn Sink + Send>);
 
@@ -65,15 +96,48 @@ trait Sink {
 }
 
 impl Recorder {
-    /// Begins the file.
+    /// Makes sure that a file may be begun, and touches nothing.
     ///
     /// # Errors
-    /// Its name tells no kind of recording, or it cannot be written.
-    pub fn create(path: &Path, header: &Header, columns: &[Column]) -> Result<Self, FileError> {
+    /// Its name tells no kind of recording, or it is there and shall stay.
+    pub fn check(path: &Path, existing: Existing) -> Result<(), FileError> {
+        if Format::of(path)? == Format::Parquet {
+            parquet::check(path)?;
+        }
+        if existing == Existing::Keep && path.is_file() { Err(taken(path)) } else { Ok(()) }
+    }
+
+    /// Begins the file of what comes but once: it is safe from the end of this process.
+    ///
+    /// # Errors
+    /// Its name tells no kind of recording, it cannot be written, or it is there and shall stay.
+    pub fn create(
+        path: &Path,
+        header: &Header,
+        columns: &[Column],
+        existing: Existing,
+    ) -> Result<Self, FileError> {
+        Self::check(path, existing)?;
+        if Format::of(path)? == Format::Parquet {
+            return Ok(Self(Box::new(parquet::Spooled::create(path, header, columns, existing)?)));
+        }
+        Self::derived(path, header, columns, existing)
+    }
+
+    /// Begins the file of what another file has, from which it can be made again.
+    ///
+    /// # Errors
+    /// As [`Self::create`].
+    pub fn derived(
+        path: &Path,
+        header: &Header,
+        columns: &[Column],
+        existing: Existing,
+    ) -> Result<Self, FileError> {
         Ok(Self(match Format::of(path)? {
-            Format::Csv => Box::new(csv::Writer::create(path, header, columns)?),
-            Format::Mcap => Box::new(mcap::Writer::create(path, header, columns)?),
-            Format::Parquet => Box::new(parquet::Writer::create(path, header, columns)?),
+            Format::Csv => Box::new(csv::Writer::create(path, header, columns, existing)?),
+            Format::Mcap => Box::new(mcap::Writer::create(path, header, columns, existing)?),
+            Format::Parquet => Box::new(parquet::Writer::create(path, header, columns, existing)?),
         }))
     }
 
@@ -111,6 +175,8 @@ pub struct Recording {
     pub header: Header,
     /// What the cells of a row are.
     pub columns: Vec<Column>,
+    /// It ends as its writer ends a file; of CSV that cannot be told.
+    pub whole: bool,
     rows: Rows,
 }
 
@@ -127,11 +193,20 @@ impl Recording {
         }
     }
 
+    /// What to say of one that is not [whole](Self::whole).
+    #[must_use]
+    pub fn cut_short(&self, path: &Path) -> String {
+        format!("{}: has no end: the recording was cut short, or still goes on", path.display())
+    }
+
     /// What whoever plays it should be told of it: a line each, with what to do. `path` is where it lies.
     #[must_use]
     pub fn remarks(&self, path: &Path) -> Vec<String> {
-        let (path, header) = (path.display(), &self.header);
+        let (place, path, header) = (path, path.display(), &self.header);
         let mut remarks = Vec::new();
+        if !self.whole {
+            remarks.push(self.cut_short(place));
+        }
         if !self.columns.iter().any(|column| is_code(&column.name)) {
             return remarks;
         }

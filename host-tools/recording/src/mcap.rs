@@ -7,7 +7,7 @@
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Cursor, Read};
+use std::io::{self, BufReader, BufWriter, Cursor, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use mcap::records::{self, MessageHeader, Record};
@@ -17,7 +17,7 @@ use taxel_formats::FileError;
 use taxel_formats::frames::{Cell, Column};
 
 use crate::header::Header;
-use crate::{HOST_TIME, Recording, Sink, schema};
+use crate::{Existing, HOST_TIME, Recording, Sink, begin, schema};
 
 /// A channel's name begins with it; the finger's serial number follows.
 const TOPIC: &str = "/taxel/";
@@ -42,9 +42,10 @@ impl Writer {
         path: &Path,
         header: &Header,
         columns: &[Column],
+        existing: Existing,
     ) -> Result<Self, FileError> {
         let failed = |error: McapError| no_writing(path, error);
-        let file = File::create(path).map_err(|error| FileError::io(path, &error))?;
+        let file = begin(path, existing)?;
         let options = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             .library(concat!("taxel ", env!("CARGO_PKG_VERSION")))
@@ -149,9 +150,22 @@ fn contents(chunk: &[u8]) -> Result<Vec<Record<'static>>, McapError> {
     Ok(records)
 }
 
+/// The file's last bytes are those of every whole one. What cannot be gone back in, such as a pipe, ends as it may.
+fn ends(file: &mut File) -> io::Result<bool> {
+    let mut last = [0; mcap::MAGIC.len()];
+    let read =
+        file.seek(SeekFrom::End(-(last.len() as i64))).and_then(|_| file.read_exact(&mut last));
+    match file.rewind() {
+        Err(error) if error.kind() != ErrorKind::NotSeekable => Err(error),
+        Err(_) => Ok(true),
+        Ok(()) => Ok(read.is_ok() && last.as_slice() == mcap::MAGIC),
+    }
+}
+
 /// Opens a file and reads it up to its first row.
 pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
-    let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
+    let mut file = File::open(path).map_err(|error| FileError::io(path, &error))?;
+    let whole = ends(&mut file).map_err(|error| FileError::io(path, &error))?;
     let options = LinearReaderOptions::default()
         .with_emit_chunks(true)
         .with_skip_end_magic(true)
@@ -177,7 +191,7 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
                 .mend("`taxel record` and `taxel export` write one"),
         });
     };
-    Ok(Recording { header: rows.header.clone(), columns, rows: Box::new(rows) })
+    Ok(Recording { header: rows.header.clone(), columns, whole, rows: Box::new(rows) })
 }
 
 struct Rows {

@@ -24,32 +24,51 @@ use taxel_formats::FileError;
 use taxel_formats::frames::{Cell, Column, Kind, REASONS, reason};
 
 use crate::header::Header;
-use crate::{Recording, Sink, mcap};
+use crate::{Existing, Recording, Sink, begin, mcap};
 
 const WITHHELD: &str = "_withheld";
 const CALIBRATION: &str = "calibration";
 /// Rows in memory before they are written: four seconds of the fastest stream.
 const GROUP: usize = 16_384;
 
-pub(crate) struct Writer {
+/// Where the rows of a stream lie until they are a table.
+fn spool(path: &Path) -> PathBuf {
+    path.with_extension("parquet.part.mcap")
+}
+
+/// Whatever may be overwritten, what was saved from a crash may not.
+pub(crate) fn check(path: &Path) -> Result<(), FileError> {
+    let spool = spool(path);
+    if !spool.exists() {
+        return Ok(());
+    }
+    let (part, whole) = (spool.display(), path.display());
+    let mend = format!("`taxel export {part} --out {whole}`, then remove it, and record again");
+    Err(FileError::new(&spool, "has the rows of a recording that was killed").mend(mend))
+}
+
+/// A stream into Parquet.
+pub(crate) struct Spooled {
     path: PathBuf,
+    existing: Existing,
     spool: PathBuf,
     rows: mcap::Writer,
 }
 
-impl Writer {
+impl Spooled {
     pub(crate) fn create(
         path: &Path,
         header: &Header,
         columns: &[Column],
+        existing: Existing,
     ) -> Result<Self, FileError> {
-        let spool = path.with_extension("parquet.part.mcap");
-        let rows = mcap::Writer::create(&spool, header, columns)?;
-        Ok(Self { path: path.to_owned(), spool, rows })
+        let spool = spool(path);
+        let rows = mcap::Writer::create(&spool, header, columns, Existing::Keep)?;
+        Ok(Self { path: path.to_owned(), existing, spool, rows })
     }
 }
 
-impl Sink for Writer {
+impl Sink for Spooled {
     fn write(&mut self, row: &[Cell]) -> Result<(), FileError> {
         self.rows.write(row)
     }
@@ -60,7 +79,7 @@ impl Sink for Writer {
 
     /// Turns the rows into Parquet.
     fn finish(self: Box<Self>) -> Result<(), FileError> {
-        let Self { path, spool, rows } = *self;
+        let Self { path, existing, spool, rows } = *self;
         Box::new(rows).finish()?;
         let kept = |error: FileError| {
             error.mend(format!(
@@ -68,43 +87,82 @@ impl Sink for Writer {
                 spool.display()
             ))
         };
-        convert(&path, mcap::open(&spool)?).map_err(kept)?;
+        let turned = || {
+            let rows = mcap::open(&spool)?;
+            let mut table = Writer::create(&path, &rows.header, &rows.columns, existing)?;
+            for row in rows {
+                table.write(&row?)?;
+            }
+            Box::new(table).finish()
+        };
+        turned().map_err(kept)?;
         std::fs::remove_file(&spool).map_err(|error| FileError::io(&spool, &error))
     }
 }
 
-fn convert(path: &Path, rows: Recording) -> Result<(), FileError> {
-    let failed = |error: ParquetError| failed(path, error);
-    let file = File::create(path).map_err(|error| FileError::io(path, &error))?;
-    let facts = rows.header.facts.clone().into_iter();
-    let calibration = rows.header.calibration.clone().map(|text| (CALIBRATION.to_owned(), text));
-    let pairs = facts.chain(calibration).map(|(key, value)| KeyValue { key, value: Some(value) });
-    let properties = WriterProperties::builder()
-        .set_compression(Compression::SNAPPY)
-        .set_created_by(concat!("taxel ", env!("CARGO_PKG_VERSION")).to_owned())
-        .set_key_value_metadata(Some(pairs.collect()))
-        .build();
-    let columns = rows.columns.clone();
-    let schema = schema(&columns).map_err(failed)?;
-    let mut file = SerializedFileWriter::new(BufWriter::new(file), schema, Arc::new(properties))
-        .map_err(failed)?;
-    let mut group = Vec::with_capacity(GROUP);
-    for row in rows {
-        group.push(row?);
-        if group.len() == GROUP {
-            let mut writer = file.next_row_group().map_err(failed)?;
-            write_group(&mut writer, &columns, &group).map_err(failed)?;
-            writer.close().map_err(failed)?;
-            group.clear();
+/// A table, which is none before its end.
+pub(crate) struct Writer {
+    path: PathBuf,
+    columns: Vec<Column>,
+    file: SerializedFileWriter<BufWriter<File>>,
+    group: Vec<Vec<Cell>>,
+}
+
+impl Writer {
+    pub(crate) fn create(
+        path: &Path,
+        header: &Header,
+        columns: &[Column],
+        existing: Existing,
+    ) -> Result<Self, FileError> {
+        let failed = |error: ParquetError| failed(path, error);
+        let file = begin(path, existing)?;
+        let facts = header.facts.clone().into_iter();
+        let calibration = header.calibration.clone().map(|text| (CALIBRATION.to_owned(), text));
+        let pairs =
+            facts.chain(calibration).map(|(key, value)| KeyValue { key, value: Some(value) });
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::SNAPPY)
+            .set_created_by(concat!("taxel ", env!("CARGO_PKG_VERSION")).to_owned())
+            .set_key_value_metadata(Some(pairs.collect()))
+            .build();
+        let schema = schema(columns).map_err(failed)?;
+        let file = SerializedFileWriter::new(BufWriter::new(file), schema, Arc::new(properties))
+            .map_err(failed)?;
+        let group = Vec::with_capacity(GROUP);
+        Ok(Self { path: path.to_owned(), columns: columns.to_owned(), file, group })
+    }
+
+    fn end_group(&mut self) -> Result<(), FileError> {
+        let mut written = || {
+            let mut group = self.file.next_row_group()?;
+            write_group(&mut group, &self.columns, &self.group)?;
+            group.close()
+        };
+        written().map_err(|error| failed(&self.path, error))?;
+        self.group.clear();
+        Ok(())
+    }
+}
+
+impl Sink for Writer {
+    fn write(&mut self, row: &[Cell]) -> Result<(), FileError> {
+        self.group.push(row.to_owned());
+        if self.group.len() == GROUP { self.end_group() } else { Ok(()) }
+    }
+
+    /// There is nothing to save before the end.
+    fn flush(&mut self) -> Result<(), FileError> {
+        Ok(())
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<(), FileError> {
+        if !self.group.is_empty() {
+            self.end_group()?;
         }
+        let Self { path, file, .. } = *self;
+        file.close().map(drop).map_err(|error| failed(&path, error))
     }
-    if !group.is_empty() {
-        let mut writer = file.next_row_group().map_err(failed)?;
-        write_group(&mut writer, &columns, &group).map_err(failed)?;
-        writer.close().map_err(failed)?;
-    }
-    file.close().map_err(failed)?;
-    Ok(())
 }
 
 fn schema(columns: &[Column]) -> Result<TypePtr, ParquetError> {
@@ -214,7 +272,7 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
         over = row.is_err();
         Some(row.map(|row| cells(&row, &kinds)).map_err(|error| failed(&path, error)))
     });
-    Ok(Recording { header, columns, rows: Box::new(rows) })
+    Ok(Recording { header, columns, whole: true, rows: Box::new(rows) })
 }
 
 /// The library asserts what a damaged file may break; here that is an error like any other.

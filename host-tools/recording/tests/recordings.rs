@@ -9,7 +9,7 @@ use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::NoValue;
 use taxel::units::{Micros, Millimetres, Newtons};
 use taxel_formats::frames::{Cell, Column, REASONS, cells, columns};
-use taxel_recording::{Header, Recorder, Recording, host_columns};
+use taxel_recording::{Existing, Header, Recorder, Recording, host_columns};
 
 fn header() -> Header {
     let header = Header::default().with("serial", "F-0042").with("full_scale", 65535);
@@ -55,7 +55,8 @@ fn rows(count: u64) -> Vec<Vec<Cell>> {
 }
 
 fn record(path: &Path, rows: &[Vec<Cell>]) {
-    let mut recorder = Recorder::create(path, &header(), &all_columns()).unwrap();
+    let mut recorder =
+        Recorder::create(path, &header(), &all_columns(), Existing::Replace).unwrap();
     for (i, row) in rows.iter().enumerate() {
         recorder.write(row).unwrap();
         if i % 100 == 99 {
@@ -112,6 +113,7 @@ fn an_mcap_file_that_is_cut_off_loses_only_what_came_after_its_last_flush() {
     let rows = rows(1000);
     record(&path, &rows);
     let whole = std::fs::read(&path).unwrap();
+    assert!(Recording::open(&path).unwrap().remarks(&path).is_empty());
     let mut longest = 0;
     for length in (0..whole.len()).step_by(whole.len() / 97) {
         std::fs::write(&path, &whole[..length]).unwrap();
@@ -119,6 +121,12 @@ fn an_mcap_file_that_is_cut_off_loses_only_what_came_after_its_last_flush() {
             assert!(length < whole.len() / 5, "{length} bytes");
             continue;
         };
+        // Whoever plays it is told, also where no row is missing.
+        let remarks = recording.remarks(&path);
+        assert!(
+            remarks.iter().any(|remark| remark.contains("a.mcap: has no end: ")),
+            "{remarks:?}"
+        );
         let found: Vec<_> = recording.map(Result::unwrap).collect();
         assert_eq!(found, rows[..found.len()]);
         assert_eq!(found.len() % 100, 0);
@@ -181,4 +189,48 @@ fn what_is_no_recording_is_refused_in_one_line() {
         assert!(error.contains(message), "{error}");
         assert!(!error.contains('\n'));
     }
+}
+
+#[test]
+fn a_file_that_is_there_stays_unless_it_shall_be_overwritten() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.mcap", "a.parquet", "a.csv"] {
+        let path = folder.path().join(name);
+        let create = |existing| Recorder::create(&path, &header(), &all_columns(), existing);
+        create(Existing::Keep).unwrap().finish().unwrap();
+        let before = std::fs::read(&path).unwrap();
+        let error = create(Existing::Keep).err().unwrap().to_string();
+        assert!(error.contains(&format!("{name}: there is such a file already; ")), "{error}");
+        assert!(error.contains("--force"), "{error}");
+        assert_eq!(std::fs::read(&path).unwrap(), before);
+        record(&path, &rows(10));
+        assert_eq!(read(&path).0.len(), 10);
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
+}
+
+/// The mend that the line names is one: all rows are in the table, and what they were saved in is untouched.
+#[test]
+fn what_a_killed_recording_left_is_never_overwritten_and_its_mend_brings_it_all_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.parquet");
+    let spool = folder.path().join("a.parquet.part.mcap");
+    let mut killed = Recorder::create(&path, &header(), &all_columns(), Existing::Keep).unwrap();
+    rows(500).iter().for_each(|row| killed.write(row).unwrap());
+    killed.flush().unwrap();
+    std::mem::forget(killed);
+    let saved = std::fs::read(&spool).unwrap();
+    for existing in [Existing::Keep, Existing::Replace] {
+        let error = Recorder::create(&path, &header(), &all_columns(), existing);
+        let error = error.err().unwrap().to_string();
+        assert!(error.contains("a recording that was killed; `taxel export "), "{error}");
+        assert!(!error.contains('\n'));
+    }
+    let found = Recording::open(&spool).unwrap();
+    let columns = found.columns.clone();
+    let mut table = Recorder::derived(&path, &found.header, &columns, Existing::Keep).unwrap();
+    found.for_each(|row| table.write(&row.unwrap()).unwrap());
+    table.finish().unwrap();
+    assert_eq!(read(&path).0, rows(500));
+    assert_eq!(std::fs::read(&spool).unwrap(), saved);
 }

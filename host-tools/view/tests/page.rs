@@ -424,7 +424,12 @@ fn a_recording_plays_stops_and_is_sought_by_its_scrubber() {
     let client = Client::open(finger.port(), None).unwrap();
     client.set_fields(Fields(Fields::SIGNALS.0 | Fields::ESTIMATES.0)).unwrap();
     let path = folder.path().join("press.mcap");
-    let mut files = taxel_link::Files::create(&client, std::slice::from_ref(&path)).unwrap();
+    let mut files = taxel_link::Files::create(
+        &client,
+        std::slice::from_ref(&path),
+        taxel_recording::Existing::Keep,
+    )
+    .unwrap();
     client.stream(true).unwrap();
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_secs(4) {

@@ -10,7 +10,7 @@ use taxel_formats::stretch::Stretch;
 use taxel_recording::{Recorder, Recording};
 
 use crate::interrupt::Interrupt;
-use crate::output::{self, waiting};
+use crate::output::{self, Overwrite, waiting};
 
 /// Writes a recording, or a stretch of it, as another kind of file; saves what a damaged one still has.
 ///
@@ -25,6 +25,8 @@ pub struct Args {
     /// File to write.
     #[arg(long, value_name = "FRAMES.parquet")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 const EXAMPLES: &str = "\
@@ -42,6 +44,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     output::keep([path.as_path()], &args.out)?;
     let interrupt = Interrupt::watch()?;
     let mut recording = Recording::open(path)?;
+    if !recording.whole {
+        output::note(recording.cut_short(path));
+    }
     // Begun by the first frame: for none of them, a file that is there already is not given up.
     let mut out = None;
     let time = recording.position("t_us");
@@ -66,7 +71,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         }
         if args.recording.contains(seconds) {
             if out.is_none() {
-                out = Some(Recorder::create(&args.out, &recording.header, &recording.columns)?);
+                let existing = args.overwrite.existing();
+                let (header, columns) = (&recording.header, &recording.columns);
+                out = Some(Recorder::derived(&args.out, header, columns, existing)?);
             }
             out.iter_mut().try_for_each(|out| out.write(&row))?;
             count += 1;

@@ -11,7 +11,7 @@ use taxel_link::{Echoes, Files, Port, Steady, fields};
 use crate::commands::view::page;
 use crate::finger::{PortArg, address};
 use crate::interrupt::Interrupt;
-use crate::output::waiting;
+use crate::output::{Overwrite, waiting};
 use crate::stream::Next;
 use crate::{output, stream};
 
@@ -30,6 +30,8 @@ pub struct Args {
     /// File to write; may be given more than once.
     #[arg(long, value_name = "FRAMES.mcap", required = true)]
     out: Vec<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Seconds of device time to record.
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
     duration: Option<f64>,
@@ -63,6 +65,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if let Port::File(trace) = &args.port.port {
         args.out.iter().try_for_each(|out| output::keep([trace.as_path()], out))?;
     }
+    output::apart(&args.out)?;
     let interrupt = Interrupt::watch()?;
     let client = Arc::new(args.port.connect()?);
     if let Some(hz) = args.rate {
@@ -76,7 +79,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let page = args.page.as_deref().map(|address| page(&steady, Some(address))).transpose()?;
     page.iter().for_each(|(server, _)| output::note(server.url()));
     let serial = steady.remember(&client)?.identity.serial;
-    let mut files = Files::create(&client, &args.out)?;
+    let mut files = Files::create(&client, &args.out, args.overwrite.existing())?;
     let names: Vec<_> = args.out.iter().map(|out| out.display().to_string()).collect();
     let names = names.join(", ");
     if args.duration.is_none() && std::io::stderr().is_terminal() {

@@ -22,7 +22,7 @@ use taxel_recording::{Header, Recorder, Scans};
 
 use crate::finger::record;
 use crate::interrupt::Interrupt;
-use crate::output;
+use crate::output::{self, Overwrite};
 
 /// Plays a trace through the core and writes what the finger says of it.
 ///
@@ -42,6 +42,8 @@ pub struct Args {
     /// Frames to write: .csv, .mcap or .parquet.
     #[arg(long, value_name = "FRAMES.csv")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Where the core runs.
     #[arg(long, value_enum, default_value_t = Core::Host)]
     on: Core,
@@ -158,7 +160,12 @@ impl Sink {
             true => header.with(FULL_SCALE, full_scale.top().0),
             false => header,
         };
-        let frames = Recorder::create(&args.out, &header, &columns(args.fields))?;
+        let frames = Recorder::derived(
+            &args.out,
+            &header,
+            &columns(args.fields),
+            args.overwrite.existing(),
+        )?;
         Ok(Self { frames, fields: args.fields, row: Vec::new(), count: 0, withheld: 0 })
     }
 

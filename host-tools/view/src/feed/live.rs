@@ -13,6 +13,8 @@ use taxel_link::{
     Client, DeviceClock, Event, Files, LinkError, Received, Steady, fields, self_test,
 };
 
+use taxel_recording::Existing;
+
 use super::{Context, Feed, facts};
 use crate::orders::{Envelope, Order, Outcome};
 
@@ -22,6 +24,8 @@ const LOOK: Duration = Duration::from_millis(50);
 const ECHO: Duration = Duration::from_secs(1);
 /// A finger that brings nothing for so long does not stream.
 const DRY: Duration = Duration::from_secs(2);
+/// What the finger's user has to know of a reconnect.
+const BIAS_LOST: &str = "the finger came back without its bias; take it again";
 /// Scans in a bias and in a self-test: a quarter of a second at 4 kHz, a second at 1 kHz.
 const SCANS: u16 = 1000;
 
@@ -132,7 +136,14 @@ impl Live {
 
     /// A finger has come. The page draws the taxels, so it asks for their signals.
     fn there(&self, client: &Client) -> Result<(), LinkError> {
-        self.now().files.iter_mut().for_each(|(_, files)| files.reconnected());
+        {
+            let mut now = self.now();
+            now.clock = DeviceClock::default();
+            now.files.iter_mut().for_each(|(_, files)| files.reconnected());
+        }
+        if self.steady.bias_lost() {
+            self.context.scope.lock().mishap = Some(BIAS_LOST.to_owned());
+        }
         let info = client.info()?;
         if !info.fields.contains(Fields::SIGNALS) {
             client.set_fields(Fields(info.fields.0 | Fields::SIGNALS.0))?;
@@ -255,9 +266,12 @@ impl Live {
     }
 
     fn begin_recording(&self, client: &Client) -> Outcome {
+        if let Some((path, _)) = &self.now().files {
+            return Err(format!("already recording into {}", path.display()));
+        }
         let info = client.info().map_err(|error| error.to_string())?;
         let path = self.folder.join(file_name(&info));
-        let files = Files::create(client, std::slice::from_ref(&path));
+        let files = Files::create(client, std::slice::from_ref(&path), Existing::Keep);
         let files = files.map_err(|error| error.to_string())?;
         let name = path.display().to_string();
         self.now().files = Some((path, files));
@@ -278,7 +292,7 @@ impl Live {
     }
 }
 
-/// `taxel-F-0042-1790000000.mcap`: names that sort by time and never meet.
+/// `taxel-F-0042-1790000000.mcap`: names that sort by time. One that is there is never written to.
 fn file_name(info: &Info) -> PathBuf {
     let serial = info.identity.serial.chars();
     let serial: String = serial.map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();

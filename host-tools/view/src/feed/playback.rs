@@ -61,6 +61,8 @@ pub(super) fn start(path: PathBuf, calibration: Option<Calibration>) -> Result<F
         scope.set_columns(columns);
         scope.facts = page_facts(facts);
         scope.playback = Some((0.0, None, true));
+        let cut_short = Recording::open(&path).ok().filter(|recording| !recording.whole);
+        scope.mishap = cut_short.map(|recording| recording.cut_short(&path));
     }
     let length = Arc::new(Mutex::new(None));
     let found = Arc::clone(&length);
