@@ -27,9 +27,9 @@ const BLOCKS: usize = MAX_HIDDEN / TAXELS;
 /// The largest signal or activation.
 const LARGEST: i32 = i16::MAX as i32;
 /// 1.0 of an activation.
-const UNIT: f32 = 32_768.0;
+pub const UNIT: f32 = 32_768.0;
 /// Fraction bits of the argument of tanh, which covers [−8, 8).
-const ARGUMENT_BITS: u8 = 18;
+pub const ARGUMENT_BITS: u8 = 18;
 /// A sum is shifted by less than its width.
 const MAX_SHIFT: u8 = 31;
 

@@ -176,8 +176,9 @@ fn known_weights_do_without_reference_columns() {
     assert!(error.contains("presses with a known force"), "{error}");
     let weighed = ["--weight", "0.4905", "--out", "today.toml", "--json"];
     let outcome = json(&folder.succeeds(&[&adjust[..], &weighed].concat()));
-    let (before, after) =
-        (outcome["error_before"].as_f64().unwrap(), outcome["error_after"].as_f64().unwrap());
+    assert_eq!(outcome["errors"][0]["estimator"], "net");
+    let [before, after] =
+        ["before", "after"].map(|when| outcome["errors"][0][when].as_f64().unwrap());
     eprintln!("{outcome}");
     assert!(after < 0.3 * before, "{before} → {after}");
     let error = folder.fails(2, &[&adjust[..], &["--weight=-1", "--out", "none.toml"]].concat());

@@ -246,6 +246,15 @@ fn the_recorded_codes_of_a_live_finger_and_a_load_cells_own_log_make_a_calibrati
     let judged = folder.succeeds(&[&judge[..], &["--calibration", "cal.toml", "--json"]].concat());
     let (rmse, rows) = figures(&judged, "fz_n");
     assert!(rmse < 0.15 && rows > 10_000, "{judged}");
+
+    // The same codes as `taxel record` keeps them.
+    folder.succeeds(&["export", "live.csv", "--out", "live.mcap"]);
+    let judge = ["calibrate", "evaluate", "--data", "live.mcap", "--reference", "cell.csv"];
+    let packed = folder.succeeds(&[&judge[..], &["--calibration", "cal.toml", "--json"]].concat());
+    assert_eq!(packed, judged);
+    let table = ["--data", "live.mcap", "--inputs", "lit_*", "--targets", "fz_n"];
+    let error = folder.fails(1, &[&["calibrate", "fit", "--out", "any.toml"], &table[..]].concat());
+    assert!(error.contains("`taxel export live.mcap --out columns.csv`"), "{error}");
 }
 
 #[test]

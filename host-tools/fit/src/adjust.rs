@@ -9,12 +9,16 @@
 //!
 //! The gains are the most probable ones under these priors (Gauss–Newton), each press counting once however
 //! long it lasts. A sensor's S gets one gain a row, from the presses whose force on that sensor is known.
-//! Gains go into the weights: the record's form stays, and the finger does nothing more in a frame.
+//! Gains go into the coefficients of all that works on the taxels: the record's form stays, and the finger
+//! does nothing more in a frame.
 
-use nalgebra::{Const, DVector, Dyn, OMatrix, SMatrix, SVector};
+mod taxels;
+
+use nalgebra::{Matrix3, RowVector3};
 use taxel::calibration::Calibration;
 use taxel::condition::{Bias, Levels};
-use taxel::estimate::net::ForceNet;
+use taxel::estimate::array::{Array, WrenchMethod};
+use taxel::estimate::wrench::WrenchMatrix;
 use taxel::finger::Finger;
 use taxel::frame::Status;
 use taxel::scan::{SENSORS, TAXELS};
@@ -22,16 +26,12 @@ use taxel::scan::{SENSORS, TAXELS};
 use crate::error::FitError;
 use crate::recording::Recording;
 
-/// Standard deviation of what the unloaded light does not tell of a taxel's gain.
-const OWN: f64 = 0.05;
 /// Standard deviation of the gain that all taxels, or a row of S, have in common.
 const COMMON: f64 = 0.2;
 /// Fewest presses: one is left out to judge the others, and two must be left.
 const LEAST_PRESSES: usize = 3;
 /// Rows that a press is thinned to.
 const ROWS: usize = 16;
-/// Steps of Gauss–Newton: from a good guess it has converged long before.
-const STEPS: usize = 10;
 /// A gain that changes by more is no ageing any more: something else is wrong.
 const AGED: f64 = 0.5;
 /// What a press begins and ends with is left out: the weight is being put down.
@@ -46,12 +46,23 @@ pub struct Adjusted {
     pub presses: usize,
     /// Gain of each taxel; empty where the finger has no net or the presses do not know its force.
     pub taxels: Vec<f64>,
-    /// RMS error over the presses in newtons: with the new bias alone, and with gains from all other presses.
-    pub error: Option<[f64; 2]>,
+    /// What gains did for each estimator of the taxels.
+    pub helped: Vec<Helped>,
     /// Gain of each row of S, where the presses know it.
     pub sensors: [Option<[f64; 3]>; SENSORS],
     /// What the user should look at, in full sentences.
     pub warnings: Vec<String>,
+}
+
+/// RMS error of f_z over the presses, newtons.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Helped {
+    /// `net`, or `model of the skin`.
+    pub estimator: &'static str,
+    /// With the new bias alone.
+    pub before: f64,
+    /// On each press with the gains that all others gave.
+    pub after: f64,
 }
 
 /// A row under load.
@@ -63,8 +74,6 @@ struct Row {
 }
 
 type Press = Vec<Row>;
-type Gains = SVector<f64, TAXELS>;
-type Jacobian = OMatrix<f64, Dyn, Const<TAXELS>>;
 
 /// Makes every contact in `recording` a press with a weight of `newtons` straight down, where nothing else is
 /// known of it.
@@ -100,7 +109,7 @@ pub fn adjust(
         calibration: Calibration { date, ..renewed(calibration, &first.bias()?) },
         presses: 0,
         taxels: Vec::new(),
-        error: None,
+        helped: Vec::new(),
         sensors: [None; SENSORS],
         warnings: Vec::new(),
     };
@@ -119,7 +128,7 @@ pub fn adjust(
             least: LEAST_PRESSES,
         });
     }
-    taxels(&mut adjusted, calibration, &presses);
+    taxels::adjust(&mut adjusted, calibration, &presses)?;
     sensors(&mut adjusted, &presses);
     adjusted.calibration.validate().map_err(FitError::Record)?;
     Ok(adjusted)
@@ -183,165 +192,6 @@ fn press(bias: &Bias, recording: &Recording, rows: std::ops::Range<usize>) -> Pr
     known.into_iter().step_by(step).collect()
 }
 
-fn taxels(adjusted: &mut Adjusted, before: &Calibration, presses: &[Press]) {
-    let Some((old, net)) = before.taxels.as_ref().zip(before.force.as_ref()) else { return };
-    let Some(new) = adjusted.calibration.taxels.as_ref().map(|taxels| taxels.bias) else { return };
-    let known = |press: &&Press| press.iter().any(|row| row.c.is_some() && row.force[2].is_some());
-    let presses: Vec<&Press> = presses.iter().filter(known).collect();
-    if presses.len() < LEAST_PRESSES {
-        adjusted.warnings.push(format!(
-            "the net: {} presses with a known force on the finger where {LEAST_PRESSES} are needed; its \
-             gains stay",
-            presses.len()
-        ));
-        return;
-    }
-    let light = Gains::from_fn(|k, _| {
-        let ratio = f64::from(new.level[k]) / f64::from(old.bias.level[k]);
-        if ratio > 0.0 { ratio.ln() } else { 0.0 }
-    });
-    let problem = Problem { net, light, sigma: old.residual.map(|r| f64::from(r).max(1e-3)) };
-    let left_out: Vec<f64> = (0..presses.len())
-        .map(|i| {
-            let others: Vec<&Press> =
-                presses.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, p)| *p).collect();
-            problem.square(&problem.solve(&others), presses[i])
-        })
-        .collect();
-    let unchanged: Vec<f64> =
-        presses.iter().map(|press| problem.square(&Gains::zeros(), press)).collect();
-    let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / presses.len() as f64).sqrt();
-    adjusted.error = Some([rms(&unchanged), rms(&left_out)]);
-    let gains = problem.solve(&presses).map(f64::exp);
-    let spread = gains.iter().fold(0.0, |most: f64, gain| most.max((gain - 1.0).abs()));
-    let refused = if !better(&left_out, &unchanged) {
-        Some("gains from all but one press do not surely help with that one".to_owned())
-    } else if spread > AGED {
-        let percent = 100.0 * spread;
-        Some(format!("a taxel's gain would change by {percent:.0} %, which is more than ageing"))
-    } else {
-        None
-    };
-    adjusted.taxels = vec![1.0; TAXELS];
-    let left = if refused.is_none() { rms(&left_out) } else { rms(&unchanged) };
-    match refused {
-        Some(why) => {
-            adjusted.warnings.push(format!("the net: {why}; they stay, the bias is new"));
-        }
-        None => {
-            adjusted.taxels = gains.iter().copied().collect();
-            fold(&mut adjusted.calibration, &gains);
-        }
-    }
-    let expected = f64::from(old.residual[if net.output_bias.len() == 1 { 0 } else { 2 }]);
-    if left > 5.0 * expected {
-        adjusted.warnings.push(format!(
-            "the net: {:.1} mN are left on presses not used, where the record's own residual was {:.1} mN; \
-             fit anew for more",
-            1e3 * left,
-            1e3 * expected
-        ));
-    }
-}
-
-/// By more than one standard error of the mean difference: what is less may be chance.
-fn better(squares: &[f64], than: &[f64]) -> bool {
-    let n = squares.len() as f64;
-    let gained: Vec<f64> = than.iter().zip(squares).map(|(than, square)| than - square).collect();
-    let mean = gained.iter().sum::<f64>() / n;
-    let variance = gained.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    mean > (variance / n).sqrt()
-}
-
-/// A gain of the signals is the inverse of one of the weights they go through.
-fn fold(calibration: &mut Calibration, gains: &Gains) {
-    if let Some(net) = &mut calibration.force {
-        for row in net.hidden.chunks_exact_mut(TAXELS).chain(net.skip.chunks_exact_mut(TAXELS)) {
-            row.iter_mut().zip(gains).for_each(|(w, gain)| *w = (f64::from(*w) / gain) as f32);
-        }
-    }
-    if let Some(taxels) = &mut calibration.taxels {
-        for (range, gain) in taxels.range.iter_mut().zip(gains) {
-            *range = range.map(|end| (f64::from(end) * gain) as f32);
-        }
-    }
-}
-
-/// The most probable logarithms of the gains.
-struct Problem<'n> {
-    net: &'n ForceNet,
-    /// What the unloaded light says of them.
-    light: Gains,
-    /// How well the net fitted when it was made, newtons an output.
-    sigma: [f64; 3],
-}
-
-impl Problem<'_> {
-    /// Errors of a row, those components that are known, in units of the net's own.
-    fn errors(&self, gains: &Gains, row: &Row) -> Vec<f64> {
-        let Some(c) = &row.c else { return Vec::new() };
-        let found = self.said(gains, c);
-        let truth = if found.len() == 1 { &row.force[2..] } else { &row.force[..] };
-        let known = found.iter().zip(truth).zip(&self.sigma);
-        known.filter_map(|((f, t), s)| Some((f64::from(*f) - (*t)?) / s)).collect()
-    }
-
-    /// The net's outputs for signals divided by their gains.
-    fn said(&self, gains: &Gains, c: &[f32; TAXELS]) -> heapless::Vec<f32, 3> {
-        self.net.forces(&std::array::from_fn(|k| (f64::from(c[k]) * (-gains[k]).exp()) as f32))
-    }
-
-    /// Mean square error of f_z, the last output, over a press, newtons².
-    fn square(&self, gains: &Gains, press: &Press) -> f64 {
-        let error = |row: &Row| {
-            let found = self.said(gains, row.c.as_ref()?);
-            Some((f64::from(*found.last()?) - row.force[2]?).powi(2))
-        };
-        let squares: Vec<f64> = press.iter().filter_map(error).collect();
-        squares.iter().sum::<f64>() / squares.len().max(1) as f64
-    }
-
-    fn solve(&self, presses: &[&Press]) -> Gains {
-        // Covariance COMMON²·11ᵀ + OWN²·1, inverted by Sherman and Morrison.
-        let share = COMMON.powi(2) / (OWN.powi(2) + TAXELS as f64 * COMMON.powi(2));
-        let prior =
-            (SMatrix::<f64, TAXELS, TAXELS>::identity() - SMatrix::repeat(share)) / OWN.powi(2);
-        let mut gains = self.light;
-        for _ in 0..STEPS {
-            let mut curvature = prior;
-            let mut slope = prior * (self.light - gains);
-            for press in presses {
-                let weight = 1.0 / press.len() as f64;
-                for row in *press {
-                    let (errors, jacobian) = self.linear(&gains, row);
-                    curvature += jacobian.tr_mul(&jacobian) * weight;
-                    slope -= jacobian.tr_mul(&errors) * weight;
-                }
-            }
-            let Some(step) = curvature.cholesky().map(|c| c.solve(&slope)) else { break };
-            gains += step;
-            if step.amax() < 1e-6 {
-                break;
-            }
-        }
-        gains
-    }
-
-    /// Errors of a row and how they change with the gains.
-    fn linear(&self, gains: &Gains, row: &Row) -> (DVector<f64>, Jacobian) {
-        const STEP: f64 = 1e-3;
-        let errors = DVector::from_vec(self.errors(gains, row));
-        let mut jacobian = Jacobian::zeros(errors.len());
-        for k in 0..TAXELS {
-            let mut moved = *gains;
-            moved[k] += STEP;
-            let moved = DVector::from_vec(self.errors(&moved, row));
-            jacobian.set_column(k, &((moved - &errors) / STEP));
-        }
-        (errors, jacobian)
-    }
-}
-
 /// One gain a row of S, each press counting once. It is what S says regressed on the truth that is inverted:
 /// noise is in what S says, and the other way round it would draw the gain towards zero.
 fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
@@ -388,9 +238,50 @@ fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
             }
             *gain = found;
         }
+        let old = sensor.sensitivity;
         for (row, gain) in sensor.sensitivity.0.iter_mut().zip(gains) {
             *row = row.map(|s| (f64::from(s) * gain) as f32);
         }
+        let new = sensor.sensitivity;
+        if let Some(Array { method: WrenchMethod::Matrix(matrix), .. }) =
+            &mut adjusted.calibration.array
+        {
+            fold(matrix, i, [old, new].map(|s| Matrix3::from_fn(|j, k| f64::from(s.0[j][k]))));
+        }
         adjusted.sensors[i] = Some(gains);
+    }
+}
+
+/// Of what the sensor says now, the matrix has to see what it said when S was the old one.
+fn fold(matrix: &mut WrenchMatrix, sensor: usize, [old, new]: [Matrix3<f64>; 2]) {
+    let Some(once) = old.try_inverse().map(|back| back * new) else { return };
+    for row in &mut matrix.0 {
+        let folded = RowVector3::from(row[sensor].map(f64::from)) * once;
+        row[sensor] = std::array::from_fn(|axis| folded[axis] as f32);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_matrix_of_the_array_says_of_aged_signals_what_it_said_of_young_ones() {
+        let old = Matrix3::new(9.0, 0.3, -0.4, 0.2, 11.0, 0.1, -0.3, 0.5, 7.0);
+        let new = Matrix3::from_diagonal(&[1.2, 0.9, 1.1].into()) * old;
+        let young = nalgebra::Vector3::new(0.01, -0.02, 0.03);
+        let aged = new.try_inverse().unwrap() * old * young;
+        let mut matrix = WrenchMatrix([[[1.0, -2.0, 0.5]; SENSORS]; 6]);
+        let [signals, after] = [young, aged].map(|u| {
+            let u: [f32; 3] = std::array::from_fn(|axis| u[axis] as f32);
+            [[0.0; 3], u, [0.0; 3], [0.0; 3]]
+        });
+        let wanted = matrix.wrench(&signals);
+        fold(&mut matrix, 1, [old, new]);
+        let found = matrix.wrench(&after);
+        for (found, wanted) in found.force.iter().zip(wanted.force) {
+            assert!((found - wanted).abs() < 1e-6, "{found} {wanted}");
+        }
+        assert_eq!(matrix.0[0][0], [1.0, -2.0, 0.5]);
     }
 }

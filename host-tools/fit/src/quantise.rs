@@ -1,6 +1,8 @@
 //! The net of a finger in 16 bits: the f32 net rounded, not another fit.
 
-use taxel::estimate::quantised::QuantisedNet;
+use taxel::calibration::TaxelCalibration;
+use taxel::estimate::net::ForceNet;
+use taxel::estimate::quantised::{ARGUMENT_BITS, GROUP, QuantisedNet, UNIT, unpacked};
 
 use crate::error::FitError;
 use crate::finger::{Fitted, Part};
@@ -24,11 +26,7 @@ pub enum Form {
 pub(crate) fn net(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(), FitError> {
     let Some(taxels) = &mut fitted.calibration.taxels else { return Ok(()) };
     let Some(float) = fitted.calibration.force.take() else { return Ok(()) };
-    let largest = taxels.range.as_flattened().iter().fold(0.0f32, |most, end| most.max(end.abs()));
-    let net = QuantisedNet::new(&float, largest).ok_or_else(|| FitError::Shape {
-        part: "net".into(),
-        problem: "a unit's weights are beyond 16 bits; fit it in f32".into(),
-    })?;
+    let net = whole(&float, taxels)?;
     let seen = recordings.iter().flat_map(|recording| &recording.signals);
     let (mut squares, mut rows) = ([0.0; 3], 0u32);
     for c in seen.filter_map(|signals| signals.taxels.as_ref()) {
@@ -52,4 +50,70 @@ pub(crate) fn net(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(
     });
     fitted.calibration.quantised = Some(net);
     Ok(())
+}
+
+/// `net` in 16 bits, for the signals of this range and no others.
+///
+/// # Errors
+/// A unit's weights are beyond 16 bits.
+pub(crate) fn whole(net: &ForceNet, taxels: &TaxelCalibration) -> Result<QuantisedNet, FitError> {
+    let largest = taxels.range.as_flattened().iter().fold(0.0f32, |most, end| most.max(end.abs()));
+    QuantisedNet::new(net, largest).ok_or_else(|| FitError::Shape {
+        part: "net".into(),
+        problem: "a unit's weights are beyond 16 bits; fit it in f32".into(),
+    })
+}
+
+/// The net that 16 bits hold, in f32: units that only fill a group up say nothing.
+pub(crate) fn float(net: &QuantisedNet) -> ForceNet {
+    let row = |row, one: f32| unpacked(row).map(|w| f32::from(w) * one);
+    let one = f32::from(net.shift + ARGUMENT_BITS).exp2().recip();
+    let units = net.hidden.iter().flat_map(|group| group.weights.iter().zip(group.bias));
+    let half = 1i32 << net.shift >> 1;
+    let outputs = 0..net.output_bias.len();
+    let [bend, slope] = net.scale;
+    let hidden = GROUP * net.hidden.len();
+    let output = |k: usize| {
+        let blocks = net.output.iter().flat_map(move |rows| row(&rows[k], bend * UNIT));
+        blocks.take(hidden)
+    };
+    ForceNet {
+        hidden: units.clone().flat_map(|(w, _)| row(w, one * net.signal)).collect(),
+        hidden_bias: units.map(|(_, bias)| (bias - half) as f32 * one).collect(),
+        output: outputs.clone().flat_map(output).collect(),
+        skip: net
+            .skip
+            .iter()
+            .flat_map(|rows| outputs.clone().flat_map(|k| row(&rows[k], slope * net.signal)))
+            .collect(),
+        output_bias: net.output_bias.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_net_in_16_bits_comes_back_to_them_as_it_was() {
+        let wave = |k: usize, by: f32| by * (1.7 * k as f32 + 0.3).sin();
+        for (units, outputs) in [(6, 3), (20, 1)] {
+            let net = ForceNet {
+                hidden: (0..units * 16).map(|k| wave(k, 5.0)).collect(),
+                hidden_bias: (0..units).map(|k| wave(k, 0.5)).collect(),
+                output: (0..units * outputs).map(|k| wave(k, 0.4)).collect(),
+                skip: (0..16 * outputs).map(|k| wave(k, 0.9)).collect(),
+                output_bias: (0..outputs).map(|k| wave(k, 0.1)).collect(),
+            };
+            let taxels = TaxelCalibration { range: [[-0.4, 0.3]; 16], ..Default::default() };
+            let first = whole(&net, &taxels).unwrap();
+            let again = whole(&float(&first), &taxels).unwrap();
+            for k in 0..100 {
+                let c = std::array::from_fn(|i| wave(16 * k + i, 0.4));
+                for (a, b) in first.forces(&c).iter().zip(again.forces(&c)) {
+                    assert!((a - b).abs() < 1e-4, "{a} {b}");
+                }
+            }
+        }
+    }
 }

@@ -3,10 +3,8 @@
 use std::ops::Range;
 
 use taxel::condition::{Bias, BiasTaker, Levels};
-use taxel_formats::FileError;
-use taxel_formats::stretch::Stretch;
 use taxel_formats::table::Table;
-use taxel_formats::trace::{Sample, read_stretch};
+use taxel_formats::trace::Sample;
 
 use crate::align::{self, Alignment, Series};
 use crate::error::FitError;
@@ -34,15 +32,6 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Reads a stretch of a trace file.
-    ///
-    /// # Errors
-    /// What is wrong with the file.
-    pub fn read(stretch: &Stretch) -> Result<Self, FileError> {
-        let samples = read_stretch(stretch)?.collect::<Result<_, _>>()?;
-        Ok(Self { name: stretch.path.display().to_string(), samples })
-    }
-
     /// Takes the forces from a reference that another clock logged; rows beyond it get none.
     ///
     /// # Errors

@@ -7,7 +7,7 @@
 mod read;
 mod write;
 
-pub use read::{Channels, TraceReader, cut, is_trace, read_stretch};
+pub use read::{Channels, TraceReader, cut, is_trace};
 pub use write::{TraceHeader, TraceWriter};
 
 use taxel::scan::{COLS, SENSORS, Scan};

@@ -113,7 +113,7 @@ fn parts(page: &mut String, report: &Report) {
             "<tr><th>{}<td class=text>{}<td>{}<td>{}<td>{}<td>{}</tr>",
             escaped(&part.name),
             escaped(&part.model),
-            residual.join(", "),
+            if residual.is_empty() { "–".into() } else { residual.join(", ") },
             optional(part.noise.map(|noise| 1e6 * noise), 0),
             optional(part.condition, 2),
             optional(part.condition_of_data, 0)

@@ -3,6 +3,8 @@
 use nalgebra::Matrix3;
 use serde::Serialize;
 use taxel::calibration::Calibration;
+use taxel::estimate::array::WrenchMethod;
+use taxel::estimate::quantised::{GROUP, Net};
 use taxel::scan::SENSORS;
 use taxel_fit::recording::Recording;
 
@@ -46,13 +48,13 @@ pub struct About {
 }
 
 /// A calibrated part.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Part {
-    /// `finger`, `s0` …, or `table`.
+    /// `finger`, `skin`, `slip`, `s0` …, `array`, or `table`.
     pub name: String,
     /// What the estimator is.
     pub model: String,
-    /// RMS error of the fit, in the units below.
+    /// RMS error of the fit, in the units below; none for what a record keeps none of.
     pub residual: Vec<f64>,
     /// Units of what it estimates.
     pub units: Vec<&'static str>,
@@ -137,17 +139,38 @@ pub(crate) fn assemble(
 fn about(calibration: &Calibration, recordings: &[Recording]) -> About {
     let bias = calibration.bias();
     let mut parts = Vec::new();
-    if let (Some(taxels_of), Some(net)) = (&calibration.taxels, &calibration.force) {
-        let outputs = net.output_bias.len();
-        let skip = if net.skip.is_empty() { "" } else { ", linear path past them" };
+    let condition_of_data = condition(&taxels(&bias, recordings));
+    if let (Some(taxels_of), Some(net)) = (&calibration.taxels, calibration.net()) {
+        let outputs = net.outputs();
         parts.push(Part {
             name: "finger".into(),
-            model: format!("16 taxels → {} tanh units → {outputs}{skip}", net.hidden_bias.len()),
+            model: net_model(net),
             residual: taxels_of.residual.iter().take(outputs).map(|r| f64::from(*r)).collect(),
             units: vec!["N"; outputs],
             noise: Some(f64::from(taxels_of.bias.noise)),
             condition: None,
-            condition_of_data: condition(&taxels(&bias, recordings)),
+            condition_of_data,
+        });
+    }
+    if let Some(skin) = &calibration.model {
+        let model = if skin.shear {
+            format!("one contact's field, with shear up to {:.2} of f_z", skin.friction)
+        } else {
+            "one contact's field, without shear".into()
+        };
+        parts.push(Part { name: "skin".into(), model, condition_of_data, ..Part::default() });
+    }
+    if let Some(slip) = &calibration.slip {
+        let [friction, _] = slip.usual;
+        let [radius, _] = slip.surface.radius;
+        parts.push(Part {
+            name: "slip".into(),
+            model: format!(
+                "limit surface, friction {friction:.2} until felt, contact radius {radius:.2} mm at 1 N; \
+                 warns below a margin of {:.2}",
+                slip.warn
+            ),
+            ..Part::default()
         });
     }
     for i in 0..SENSORS {
@@ -164,7 +187,30 @@ fn about(calibration: &Calibration, recordings: &[Recording]) -> About {
             condition_of_data: condition(&bridges(&bias, i, recordings)),
         });
     }
+    if let Some(array) = &calibration.array {
+        let model = match array.method {
+            WrenchMethod::Sum(_) => "wrench: sum of the sensors' forces and moments",
+            WrenchMethod::Matrix(_) => "wrench: 6×12 matrix of the sensors' signals",
+        };
+        parts.push(Part {
+            name: "array".into(),
+            model: model.into(),
+            residual: array.residual.map(f64::from).to_vec(),
+            units: vec!["N"; 3],
+            ..Part::default()
+        });
+    }
     About { serial: calibration.serial.to_string(), date: calibration.date, parts }
+}
+
+/// Its shape and its numbers.
+fn net_model(net: Net<'_>) -> String {
+    let (units, skip, form) = match net {
+        Net::Float(net) => (net.hidden_bias.len(), !net.skip.is_empty(), ""),
+        Net::Quantised(net) => (GROUP * net.hidden.len(), net.skip.is_some(), ", in 16 bits"),
+    };
+    let skip = if skip { ", linear path past them" } else { "" };
+    format!("16 taxels → {units} tanh units → {}{skip}{form}", net.outputs())
 }
 
 fn trial(calibration: &Calibration, recording: &Recording) -> Trial {

@@ -37,7 +37,7 @@ pub fn presses(count: u32, shear: [f64; 2], roll: f64) -> String {
 }
 
 /// Of what touches a finger in calibration: shear has to cover all that it will meet.
-const FRICTION: f64 = 1.2;
+pub const FRICTION: f64 = 1.2;
 
 /// The device's calibration: 90 s of presses. The net is a token one, for what is judged is not it.
 pub fn calibrated(device: u32) -> Calibration {

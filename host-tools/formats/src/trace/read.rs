@@ -130,16 +130,6 @@ fn parse_full_scale(value: &str, path: &Path, line: u64) -> Result<FullScale, Fi
     })
 }
 
-/// The samples of a stretch of a trace, one by one; what comes after it is not read.
-///
-/// # Errors
-/// The file cannot be read, or its header is not that of a trace.
-pub fn read_stretch(
-    stretch: &Stretch,
-) -> Result<impl Iterator<Item = Result<Sample, FileError>> + use<>, FileError> {
-    Ok(cut(TraceReader::open(&stretch.path)?, stretch))
-}
-
 /// Those of `samples` that lie in a stretch; what comes after it is not read.
 pub fn cut<S: Iterator<Item = Result<Sample, FileError>>>(
     samples: S,

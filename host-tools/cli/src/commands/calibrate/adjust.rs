@@ -12,8 +12,8 @@ use crate::output;
 
 /// Brings a calibration up to date with a few presses of known weight, the finger in its place.
 ///
-/// Bias, one gain a taxel and one a row of each sensor's matrix are found anew; all else stays. Three presses
-/// at least, better nine all over the finger. Each recording begins with half a second in which nothing
+/// Bias, one gain a taxel (for the net and the model of the skin alike) and one a row of each sensor's matrix
+/// are found anew; all else stays. Three presses at least, better nine all over the finger. Each recording begins with half a second in which nothing
 /// touches the finger.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -55,11 +55,25 @@ struct Outcome {
     presses: usize,
     taxel_gains: Vec<f64>,
     sensor_gains: [Option<[f64; 3]>; 4],
-    /// With the new bias alone, newtons.
-    error_before: Option<f64>,
-    /// On presses that were left out, newtons.
-    error_after: Option<f64>,
+    /// Of each estimator of the taxels.
+    errors: Vec<Error>,
     warnings: Vec<String>,
+}
+
+/// RMS error of f_z over the presses, newtons.
+#[derive(Serialize)]
+struct Error {
+    estimator: &'static str,
+    /// With the new bias alone.
+    before: f64,
+    /// On presses that were left out.
+    after: f64,
+}
+
+impl From<adjust::Helped> for Error {
+    fn from(adjust::Helped { estimator, before, after }: adjust::Helped) -> Self {
+        Self { estimator, before, after }
+    }
 }
 
 /// Runs the command.
@@ -85,8 +99,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         presses: adjusted.presses,
         taxel_gains: adjusted.taxels,
         sensor_gains: adjusted.sensors,
-        error_before: adjusted.error.map(|[before, _]| before),
-        error_after: adjusted.error.map(|[_, after]| after),
+        errors: adjusted.helped.into_iter().map(Error::from).collect(),
         warnings: adjusted.warnings,
     };
     if args.json {
@@ -97,9 +110,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 fn print(outcome: &Outcome) -> anyhow::Result<()> {
     output::line(format!("{} presses", outcome.presses))?;
-    if let (Some(before), Some(after)) = (outcome.error_before, outcome.error_after) {
+    for Error { estimator, before, after } in &outcome.errors {
         output::line(format!(
-            "RMS error over them: {:.2} mN with the new bias alone, {:.2} mN on presses left out of the gains",
+            "{estimator}: RMS error of fz {:.2} mN with the new bias alone, {:.2} mN on presses left out of the \
+             gains",
             before * 1e3,
             after * 1e3
         ))?;

@@ -1,5 +1,6 @@
 //! Recordings as the subcommands take them: whole, in stretches, with a reference that another clock logged.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -8,6 +9,7 @@ use taxel_fit::recording::Recording;
 use taxel_fit::table::TableRecording;
 use taxel_formats::stretch::Stretch;
 use taxel_formats::{table, trace};
+use taxel_recording::Scans;
 
 use crate::output;
 
@@ -55,16 +57,18 @@ impl Aligned {
     }
 }
 
-/// Traces of a finger, none of which may be empty; `references` are none, or one for each.
+/// Traces of a finger, or recordings of its codes, none of which may be empty; `references` are none, or one for each.
 pub fn traces(stretches: &[Stretch], references: &[PathBuf]) -> anyhow::Result<Read<Recording>> {
     let mut read = Read { recordings: Vec::new(), alignments: Vec::new() };
     for (stretch, reference) in paired(stretches, references)? {
         anyhow::ensure!(
-            trace::is_trace(&stretch.path)?,
+            is_packed(&stretch.path) || trace::is_trace(&stretch.path)?,
             "{}:1: not a taxel trace; name the columns of other files with --inputs and --targets",
             stretch.path.display()
         );
-        let mut recording = Recording::read(stretch)?;
+        let samples = trace::cut(Scans::open(&stretch.path)?.samples, stretch);
+        let name = stretch.path.display().to_string();
+        let mut recording = Recording { name, samples: samples.collect::<Result<_, _>>()? };
         not_empty(stretch, recording.samples.len())?;
         if let Some(path) = reference {
             let reference = table::read(&Stretch::whole(path), &["f*_n"])?;
@@ -85,6 +89,11 @@ pub fn tables(
     let (inputs, targets) = (words(inputs), words(targets));
     let mut read = Read { recordings: Vec::new(), alignments: Vec::new() };
     for (stretch, reference) in paired(stretches, references)? {
+        let file = stretch.path.display();
+        anyhow::ensure!(
+            !is_packed(&stretch.path),
+            "{file}: --inputs and --targets name columns of a CSV; `taxel export {file} --out columns.csv` makes one"
+        );
         let recording = match reference {
             None => TableRecording::read(stretch, &inputs, &targets)?,
             Some(path) => {
@@ -99,6 +108,12 @@ pub fn tables(
         read.recordings.push(recording);
     }
     Ok(read)
+}
+
+/// A recording that is no text.
+fn is_packed(path: &Path) -> bool {
+    let extension = path.extension().and_then(OsStr::to_str);
+    matches!(extension, Some("mcap" | "parquet"))
 }
 
 fn not_empty(stretch: &Stretch, rows: usize) -> anyhow::Result<()> {
