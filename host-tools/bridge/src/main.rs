@@ -1,18 +1,31 @@
-//! Zenoh behind a pipe: `taxel bridge` starts this program and writes [`Order`]s to its standard input, until
-//! it closes it. Nothing in here knows what a finger is, and nothing in `taxel` what Zenoh is.
+//! Zenoh, or a server for Foxglove, behind a pipe: `taxel bridge` starts this program and writes [`Order`]s to
+//! its standard input, until it closes it. Nothing in here knows what a finger is, and nothing in `taxel` what
+//! Zenoh or a WebSocket is.
+//!
+//! [`Order`]: order::Order
 
+mod foxglove_server;
 mod order;
+mod zenoh_peer;
 
 use std::error::Error;
-use std::io::{BufReader, Write};
+use std::io::{BufReader, StdinLock, Write};
 use std::process::ExitCode;
 
-use order::Order;
-use zenoh::qos::CongestionControl;
-use zenoh::{Config, Wait};
+/// Whatever went wrong, in the words of whom it happened to.
+type Failure = Box<dyn Error + Send + Sync>;
 
 fn main() -> ExitCode {
-    match run() {
+    let words: Vec<_> = std::env::args().skip(1).collect();
+    let ran = match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["zenoh", config] => zenoh_peer::run(config),
+        ["foxglove", address] => foxglove_server::run(address),
+        _ => Err(
+            "taxel-bridge zenoh CONFIG | foxglove HOST:PORT: it is `taxel bridge` that calls it"
+                .into(),
+        ),
+    };
+    match ran {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // `taxel bridge` makes one line of its own out of it.
@@ -22,34 +35,8 @@ fn main() -> ExitCode {
     }
 }
 
-fn run() -> Result<(), Box<dyn Error + Send + Sync>> {
-    let config = std::env::args().nth(1);
-    let config = config.ok_or("taxel-bridge CONFIG: it is `taxel bridge` that calls it")?;
-    let session = zenoh::open(Config::from_json5(&config)?).wait()?;
-    writeln!(std::io::stdout(), "ready")?;
-    let mut pipe = BufReader::with_capacity(1 << 16, std::io::stdin().lock());
-    let mut buffer = Vec::new();
-    let (mut tokens, mut publishers) = (Vec::new(), Vec::new());
-    while let Some(order) = order::next(&mut pipe, &mut buffer)? {
-        match order {
-            Order::Token(key) => {
-                tokens.push(session.liveliness().declare_token(key.to_owned()).wait()?);
-            }
-            Order::Publisher(key) => {
-                let publisher = session
-                    .declare_publisher(key.to_owned())
-                    // A reader that does not keep up loses samples, which their numbers tell, and holds up
-                    // nobody else.
-                    .congestion_control(CongestionControl::Drop);
-                publishers.push(publisher.wait()?);
-            }
-            Order::Put { publisher, attachment, payload } => {
-                let publisher = publishers.get(publisher as usize).ok_or("no such publisher")?;
-                publisher.put(payload).attachment(attachment).wait()?;
-            }
-        }
-    }
-    // Before the session, so that everybody hears that they are gone.
-    drop((tokens, publishers));
-    session.close().wait()
+/// Says that orders can come.
+fn ready(said: &str) -> std::io::Result<BufReader<StdinLock<'static>>> {
+    writeln!(std::io::stdout(), "ready {said}")?;
+    Ok(BufReader::with_capacity(1 << 16, std::io::stdin().lock()))
 }

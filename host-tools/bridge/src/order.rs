@@ -21,6 +21,25 @@ pub enum Order<'a> {
         /// What it gets.
         payload: &'a [u8],
     },
+    /// A channel of messages. They are numbered from nought, in the order in which they come; one with the
+    /// topic of another takes its place.
+    Channel {
+        /// What it is called.
+        topic: &'a str,
+        /// The full name of its type.
+        schema: &'a str,
+        /// Its type, as protobuf describes it.
+        descriptor: &'a [u8],
+    },
+    /// A message.
+    Message {
+        /// Where.
+        channel: u32,
+        /// When, in nanoseconds since 1970.
+        nanos: u64,
+        /// What.
+        payload: &'a [u8],
+    },
 }
 
 /// No order is nearly as long.
@@ -74,6 +93,8 @@ mod tests {
             Order::Token("@ros2_lv/0/1/0/0/NN/%/%/finger"),
             Order::Publisher("0/finger/wrench"),
             Order::Put { publisher: 0, attachment: &[1, 2], payload: &[0; 300] },
+            Order::Channel { topic: "/taxel/finger", schema: "taxel.Frame", descriptor: &[3] },
+            Order::Message { channel: 0, nanos: u64::MAX, payload: &[4, 5] },
         ];
         let mut bytes = Vec::new();
         orders.iter().for_each(|order| order.append(&mut bytes).unwrap());

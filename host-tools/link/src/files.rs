@@ -6,7 +6,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use taxel::calibration::Calibration;
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
-use taxel_formats::frames::{Cell, cells, columns};
+use taxel_formats::frames::{Cell, Column, cells, columns};
 use taxel_formats::{FileError, calibration};
 use taxel_recording::{Existing, Header, Recorder, host_columns};
 
@@ -43,7 +43,7 @@ impl Files {
         paths.iter().try_for_each(|path| Recorder::check(path, existing))?;
         let info = client.info()?;
         let header = header(client, &info)?;
-        let columns: Vec<_> = columns(info.fields).into_iter().chain(host_columns()).collect();
+        let columns = row_columns(info.fields);
         let create = |path: &PathBuf| Recorder::create(path, &header, &columns, existing);
         let recorders = paths.iter().map(create).collect::<Result<_, FileError>>()?;
         Ok(Self {
@@ -72,17 +72,8 @@ impl Files {
     /// # Errors
     /// A file cannot be written. The others have the frame all the same.
     pub fn write(&mut self, received: &Received) -> Result<(), FileError> {
-        self.row.clear();
-        cells(&received.frame, self.fields, &mut self.row);
         self.stamps.frame(received);
-        let micros = |unix: Duration| Cell::Whole(unix.as_micros() as u64);
-        let scanned = self.stamps.scanned(received.frame.time);
-        self.row.extend([
-            micros(self.stamps.unix(received.at)),
-            scanned.map_or(Cell::Empty, |(unix, _)| micros(unix)),
-            scanned.map_or(Cell::Empty, |(_, error)| micros(error)),
-            Cell::Whole(self.connection),
-        ]);
+        row(received, self.fields, &self.stamps, self.connection, &mut self.row);
         let flush = received.at.saturating_duration_since(self.flushed) >= FLUSH;
         if flush {
             self.flushed = received.at;
@@ -103,6 +94,32 @@ impl Files {
         let ends = self.recorders.into_iter().map(Recorder::finish);
         ends.fold(Ok(()), Result::and)
     }
+}
+
+/// The columns of a recording of these fields: the frame's own, and what the host knows of it.
+#[must_use]
+pub fn row_columns(fields: Fields) -> Vec<Column> {
+    columns(fields).into_iter().chain(host_columns()).collect()
+}
+
+/// The row of a frame, a cell for each of [`row_columns`].
+pub fn row(
+    received: &Received,
+    fields: Fields,
+    stamps: &Stamps,
+    connection: u64,
+    row: &mut Vec<Cell>,
+) {
+    row.clear();
+    cells(&received.frame, fields, row);
+    let micros = |unix: Duration| Cell::Whole(unix.as_micros() as u64);
+    let scanned = stamps.scanned(received.frame.time);
+    row.extend([
+        micros(stamps.unix(received.at)),
+        scanned.map_or(Cell::Empty, |(unix, _)| micros(unix)),
+        scanned.map_or(Cell::Empty, |(_, error)| micros(error)),
+        Cell::Whole(connection),
+    ]);
 }
 
 /// Which finger, how it was set, and what it was calibrated with.

@@ -30,7 +30,7 @@ pub use client::{Client, Counts, Received};
 pub use clock::{DeviceClock, HostTime};
 pub use echoes::Echoes;
 pub use error::{LinkError, Problem};
-pub use files::Files;
+pub use files::{Files, row, row_columns};
 pub use port::Port;
 pub use stamps::Stamps;
 pub use steady::{Event, Steady};

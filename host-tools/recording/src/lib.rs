@@ -11,7 +11,7 @@ mod header;
 mod mcap;
 mod parquet;
 mod scans;
-mod schema;
+pub mod schema;
 
 use std::fs::File;
 use std::io::ErrorKind;

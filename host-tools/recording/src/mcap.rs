@@ -19,8 +19,6 @@ use taxel_formats::frames::{Cell, Column};
 use crate::header::Header;
 use crate::{Existing, HOST_TIME, Recording, Sink, begin, schema};
 
-/// A channel's name begins with it; the finger's serial number follows.
-const TOPIC: &str = "/taxel/";
 /// The name of the metadata and of the calibration among the attachments.
 const METADATA: &str = "taxel";
 const CALIBRATION: &str = "calibration.toml";
@@ -68,7 +66,12 @@ impl Writer {
         let schema = mcap.add_schema(schema::NAME, "protobuf", &schema::descriptor(columns));
         let serial = header.facts.get("serial").map_or("finger", String::as_str);
         let channel = mcap
-            .add_channel(schema.map_err(failed)?, &topic(serial), "protobuf", &BTreeMap::new())
+            .add_channel(
+                schema.map_err(failed)?,
+                &schema::topic(serial),
+                "protobuf",
+                &BTreeMap::new(),
+            )
             .map_err(failed)?;
         let find = |name| columns.iter().position(|column| column.name == name);
         let time = find(HOST_TIME).or_else(|| find("t_us"));
@@ -107,14 +110,6 @@ impl Sink for Writer {
         let Self { mcap, path, .. } = *self;
         std::io::Write::flush(&mut mcap.into_inner()).map_err(|error| FileError::io(&path, &error))
     }
-}
-
-/// A name that Foxglove takes as one segment of a path.
-fn topic(serial: &str) -> String {
-    let segment = serial
-        .chars()
-        .map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' });
-    format!("{TOPIC}{}", segment.collect::<String>())
 }
 
 fn no_writing(path: &Path, error: McapError) -> FileError {

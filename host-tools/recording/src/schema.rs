@@ -1,4 +1,4 @@
-//! The schema of a row in MCAP: a protobuf message made of the columns.
+//! A row as a message, in MCAP and live: protobuf, its schema made of the columns.
 //!
 //! ```text
 //! message Frame {
@@ -20,7 +20,9 @@ use prost_types::{
 use taxel_formats::frames::{Cell, Column, Kind, REASONS, reason};
 
 /// The message's full name.
-pub(crate) const NAME: &str = "taxel.Frame";
+pub const NAME: &str = "taxel.Frame";
+/// A topic begins with it; the finger's serial number follows.
+const TOPIC: &str = "/taxel/";
 const WITHHELD: &str = "_withheld";
 const GIVEN: &str = "_given";
 /// Enums of proto3 begin with a zero that means nothing; ours is no reason.
@@ -32,8 +34,18 @@ fn tags(column: usize) -> (u32, u32) {
     (first, first + 1)
 }
 
-/// The schema as MCAP wants it: a serialised `FileDescriptorSet`.
-pub(crate) fn descriptor(columns: &[Column]) -> Vec<u8> {
+/// The topic of a finger: its serial number as Foxglove takes it for one segment of a path.
+#[must_use]
+pub fn topic(serial: &str) -> String {
+    let segment = serial
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' });
+    format!("{TOPIC}{}", segment.collect::<String>())
+}
+
+/// The schema as MCAP and Foxglove want it: a serialised `FileDescriptorSet`.
+#[must_use]
+pub fn descriptor(columns: &[Column]) -> Vec<u8> {
     let mut message = DescriptorProto { name: Some("Frame".to_owned()), ..Default::default() };
     for (at, column) in columns.iter().enumerate() {
         let (value, withheld) = tags(at);
@@ -119,7 +131,7 @@ pub(crate) fn columns(descriptor: &[u8]) -> Option<Vec<Column>> {
 }
 
 /// A row as a message of that schema.
-pub(crate) fn encode(row: &[Cell], message: &mut Vec<u8>) {
+pub fn encode(row: &[Cell], message: &mut Vec<u8>) {
     message.clear();
     for (at, cell) in row.iter().enumerate() {
         let (value, withheld) = tags(at);

@@ -1,51 +1,60 @@
-//! `taxel bridge`: fingers as a part of a ROS 2 system, without ROS.
+//! `taxel bridge`: fingers as a part of a ROS 2 system, without ROS, and live in Foxglove.
 //!
 //! ```text
-//! finger ──Steady──▶ finger ──CDR──┐
-//! finger ──Steady──▶ finger ──CDR──┼──pipe──▶ taxel-bridge ──Zenoh──▶ rmw_zenoh, any Zenoh program
+//! finger ──Steady──▶ finger ──┬─CDR──────▶ pipe ──▶ taxel-bridge ──Zenoh──────▶ rmw_zenoh, any Zenoh program
+//! finger ──Steady──▶ finger ──┴─protobuf─▶ pipe ──▶ taxel-bridge ──WebSocket──▶ Foxglove
 //! ```
 
 mod finger;
+mod foxglove;
 mod graph;
 mod pipe;
 mod ros;
+mod zenoh;
 
-use std::hash::{BuildHasher, RandomState};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use anyhow::{anyhow, bail};
-use serde_json::json;
+use anyhow::anyhow;
+use clap::ArgGroup;
 use taxel::frame::Fields;
 use taxel_link::{Port, Steady, fields};
 
-use crate::finger::scene_calibration;
+use crate::finger::{address, scene_calibration};
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
-use finger::{Finger, Report};
-use graph::{Context, Namespace};
-use pipe::Pipe;
+use finger::{Finger, Outlet, Report};
+use graph::Namespace;
 
 /// How often the loop looks whether it should end.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Publishes fingers over Zenoh as ROS 2 nodes, until Ctrl-C or for a while; no ROS is needed here.
+/// Publishes fingers, over Zenoh as ROS 2 nodes or live to Foxglove, until Ctrl-C or for a while.
 ///
-/// A ROS 2 system with RMW_IMPLEMENTATION=rmw_zenoh_cpp has them in its graph: `ros2 topic list`, `ros2 topic echo
-/// /taxel/F_0042/wrench`. Each finger is a node named after its serial number, with two topics:
+/// --zenoh: no ROS is needed here. A ROS 2 system with RMW_IMPLEMENTATION=rmw_zenoh_cpp has them in its graph:
+/// `ros2 topic list`, `ros2 topic echo /taxel/F_0042/wrench`. Each finger is a node named after its serial number, with two topics:
 /// NAMESPACE/FINGER/wrench (geometry_msgs/WrenchStamped) and NAMESPACE/frames (taxel_msgs/Frame), which all
-/// fingers of all machines share. A finger that is not there, or goes, is waited for. docs/ros2.md says more.
+/// fingers of all machines share. docs/ros2.md says more.
+///
+/// --foxglove: each finger is a topic, /taxel/FINGER, of the messages that a recording in MCAP has. In Foxglove:
+/// Open connection, Foxglove WebSocket, ws://localhost:8765.
+///
+/// A finger that is not there, or goes, is waited for.
 #[derive(clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, group = ArgGroup::new("to").required(true).multiple(true))]
 pub struct Args {
     /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE; may be given more than once.
     #[arg(long, value_name = "PORT", required = true)]
     port: Vec<Port>,
     /// Over Zenoh, as rmw_zenoh does it.
-    #[arg(long, required = true)]
+    #[arg(long, group = "to")]
     zenoh: bool,
+    /// To Foxglove, which connects here [default: 127.0.0.1:8765].
+    #[arg(long, group = "to", value_name = "HOST:PORT", value_parser = address)]
+    #[arg(num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    foxglove: Option<String>,
     /// A Zenoh router or peer to connect to; may be given more than once. It need not be there yet.
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/localhost:7447")]
     connect: Vec<String>,
@@ -80,15 +89,11 @@ const EXAMPLES: &str = "\
 Examples:
   taxel bridge --zenoh --port usb
   taxel bridge --zenoh --port usb:F-0042 --port usb:F-0043 --namespace /left_hand
+  taxel bridge --foxglove --port usb
   taxel bridge --zenoh --port sim:tour --connect tcp/robot.local:7447 --domain 7";
 
 /// What all fingers of a bridge have.
 struct Shared {
-    context: Context,
-    pipe: Pipe,
-    /// So that no two fingers have one name.
-    names: Mutex<Vec<String>>,
-    publishers: Mutex<u32>,
     rate: Option<u16>,
     fields: Option<Fields>,
     stop: AtomicBool,
@@ -97,7 +102,7 @@ struct Shared {
 /// Runs the command.
 ///
 /// # Errors
-/// Zenoh cannot be had, two fingers have one name, or the other side of the pipe goes.
+/// `taxel-bridge` cannot be had, two fingers have one name, or the other side of a pipe goes.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
     let domain = match args.domain {
@@ -110,21 +115,22 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Ok(Arc::new(Steady::new(port, calibration)))
     });
     let steadies = steadies.collect::<anyhow::Result<Vec<_>>>()?;
-    let session = session();
-    let pipe = Pipe::open(&config(&session, &args.connect, &args.listen))?;
-    let shared = Arc::new(Shared {
-        context: Context { domain, session, namespace: args.namespace },
-        pipe,
-        names: Default::default(),
-        publishers: Default::default(),
-        rate: args.rate,
-        fields: args.fields,
-        stop: AtomicBool::new(false),
-    });
+    let zenoh = args
+        .zenoh
+        .then(|| zenoh::Session::open(domain, args.namespace, &args.connect, &args.listen));
+    let zenoh = zenoh.transpose()?;
+    let foxglove = args.foxglove.as_deref().map(foxglove::Server::start).transpose()?;
+    let outlets = || -> Vec<Box<dyn Outlet>> {
+        let nodes = zenoh.clone().map(|session| Box::new(zenoh::Nodes::new(session)) as _);
+        let topics = foxglove.clone().map(|server| Box::new(foxglove::Topics::new(server)) as _);
+        nodes.into_iter().chain(topics).collect()
+    };
+    let stop = AtomicBool::new(false);
+    let shared = Arc::new(Shared { rate: args.rate, fields: args.fields, stop });
     let began = Instant::now();
     let start = |steady: Arc<Steady>| {
-        let shared = Arc::clone(&shared);
-        std::thread::spawn(move || Finger::new(steady, shared).serve())
+        let finger = Finger::new(steady, Arc::clone(&shared), outlets());
+        std::thread::spawn(move || finger.serve())
     };
     let fingers: Vec<_> = steadies.into_iter().map(start).collect();
     let enough = |now: Duration| args.duration.is_some_and(|most| now.as_secs_f64() >= most);
@@ -140,12 +146,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Ok(report) => report,
         Err(_) => Err(anyhow!("a finger's thread ended by a fault of this program")),
     });
-    let reports = reports.collect::<Vec<_>>().into_iter().collect::<anyhow::Result<Vec<_>>>();
-    let broken = reports.as_ref().is_err_and(|error| error.is::<std::io::Error>());
-    if broken && let Some(Shared { mut pipe, .. }) = Arc::into_inner(shared) {
-        bail!("Zenoh: {}", pipe.last_words());
-    }
-    let reports = reports?;
+    let reports = reports.collect::<Vec<_>>().into_iter().collect::<anyhow::Result<Vec<_>>>()?;
     if args.json {
         return output::json(&reports);
     }
@@ -154,9 +155,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 fn as_text(report: &Report) -> String {
     let Report { port, names, frames, lost, withheld } = report;
-    let wrenches = frames - withheld;
+    let forces = frames - withheld;
     let name = if names.is_empty() { "never there".to_owned() } else { names.join(", ") };
-    format!("{port}: {name}, {frames} frames, {lost} lost, {wrenches} wrenches")
+    format!("{port}: {name}, {frames} frames, {lost} lost, {forces} with a force")
 }
 
 /// What ROS 2 itself goes by.
@@ -167,32 +168,4 @@ fn ros_domain() -> anyhow::Result<u32> {
         }
         _ => Ok(0),
     }
-}
-
-/// A session's identity: 128 bits, the first of its digits not nought.
-fn session() -> String {
-    let random = || RandomState::new().hash_one(std::process::id());
-    format!("{:016x}{:016x}", random() | 1 << 63, random())
-}
-
-/// As rmw_zenoh sets up its sessions: peers that find each other through a router, and no multicast.
-fn config(session: &str, connect: &[String], listen: &[String]) -> String {
-    json!({
-        "id": session,
-        "mode": "peer",
-        "connect": {
-            "endpoints": connect,
-            "exit_on_failure": false,
-            "timeout_ms": -1,
-            // A router that is started later, or anew, is found within a second.
-            "retry": { "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 },
-        },
-        "listen": { "endpoints": listen },
-        "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": true } },
-        // A millisecond, the default, is less than a reader may be held up by its operating system.
-        "transport": { "link": { "tx": { "queue": { "congestion_control": {
-            "drop": { "wait_before_drop": 50_000 }
-        } } } } },
-    })
-    .to_string()
 }

@@ -2,17 +2,22 @@
 
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use anyhow::bail;
 use serde::Serialize;
 use taxel::wire::message::Info;
-use taxel_link::{Client, Echoes, Event, LinkError, Problem, Received, Stamps, Steady};
+use taxel_link::{Client, Echoes, Event, LinkError, Port, Problem, Received, Stamps, Steady};
 
-use super::graph::{Publisher, name};
-use super::pipe::Order;
 use super::{LOOK, Shared, ros};
 use crate::output;
+
+/// Where a finger's frames go.
+pub trait Outlet: Send {
+    /// A finger is there, perhaps another than before; what it is called.
+    fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String>;
+    /// A frame of the finger that is there. The stamps know it already.
+    fn frame(&mut self, received: &Received, stamps: &Stamps) -> anyhow::Result<()>;
+}
 
 /// What became of a finger's frames.
 #[derive(Default, Serialize)]
@@ -27,35 +32,19 @@ pub struct Report {
     pub withheld: u64,
 }
 
-/// A finger as a node.
-struct Node {
-    name: String,
-    wrench: Topic,
-    frames: Topic,
-}
-
-/// A publisher and how often it has published.
-struct Topic {
-    /// Its number on the other side of the pipe.
-    number: u32,
-    publisher: Publisher,
-    samples: u64,
-}
-
 /// One finger, in its own thread.
 pub struct Finger {
     steady: Arc<Steady>,
     shared: Arc<Shared>,
-    /// The last is the one that is there.
-    nodes: Vec<Node>,
+    outlets: Vec<Box<dyn Outlet>>,
     stamps: Stamps,
     report: Report,
 }
 
 impl Finger {
-    pub fn new(steady: Arc<Steady>, shared: Arc<Shared>) -> Self {
+    pub fn new(steady: Arc<Steady>, shared: Arc<Shared>, outlets: Vec<Box<dyn Outlet>>) -> Self {
         let report = Report { port: steady.port().to_string(), ..Report::default() };
-        Self { steady, shared, nodes: Vec::new(), stamps: Stamps::default(), report }
+        Self { steady, shared, outlets, stamps: Stamps::default(), report }
     }
 
     /// Publishes until the bridge ends, or a playback does.
@@ -86,7 +75,7 @@ impl Finger {
                         output::note(format_args!("{port}: its bias is gone; take it again"));
                     }
                     match self.set(&there) {
-                        Ok(info) => self.there(&info.identity.serial)?,
+                        Ok(info) => self.there(&info)?,
                         // It has gone again, which the next event says too.
                         Err(error) if matches!(error.problem(), Some(Problem::Unplugged(_))) => {}
                         Err(error) => return Err(error.into()),
@@ -117,75 +106,24 @@ impl Finger {
         self.steady.remember(client)
     }
 
-    /// A finger of this serial number is there: a node, unless it was one before.
-    fn there(&mut self, serial: &str) -> anyhow::Result<()> {
-        let name = name(serial);
-        if let Some(known) = self.nodes.iter().position(|node| node.name == name) {
-            let node = self.nodes.remove(known);
-            self.nodes.push(node);
-            return Ok(());
+    fn there(&mut self, info: &Info) -> anyhow::Result<()> {
+        for outlet in &mut self.outlets {
+            let name = outlet.there(self.steady.port(), info)?;
+            if !self.report.names.contains(&name) {
+                self.report.names.push(name);
+            }
         }
-        let shared = Arc::clone(&self.shared);
-        let mut names = lock(&shared.names);
-        if names.contains(&name) {
-            bail!(
-                "{}: another finger is called {name} already; give each its own serial number",
-                self.steady.port()
-            );
-        }
-        names.push(name.clone());
-        let mut numbers = lock(&shared.publishers);
-        let context = &shared.context;
-        // Three entities a finger, numbered over the whole session.
-        let node = *numbers / 2 * 3;
-        let topic = |i: u32, topic: &str, kind| Topic {
-            number: *numbers + i,
-            publisher: context.publisher(
-                (node, &name),
-                node + 1 + i,
-                &context.namespace.topic(topic),
-                kind,
-            ),
-            samples: 0,
-        };
-        let wrench = topic(0, &format!("{name}/wrench"), &ros::WRENCH);
-        let frames = topic(1, "frames", &ros::FRAME);
-        shared.pipe.send(&[
-            Order::Token(&context.node(node, &name)),
-            Order::Publisher(&wrench.publisher.key),
-            Order::Token(&wrench.publisher.token),
-            Order::Publisher(&frames.publisher.key),
-            Order::Token(&frames.publisher.token),
-        ])?;
-        *numbers += 2;
-        output::note(format_args!(
-            "{}: node {}, topics {} and {}",
-            self.steady.port(),
-            context.namespace.topic(&name),
-            context.namespace.topic(&format!("{name}/wrench")),
-            context.namespace.topic("frames")
-        ));
-        self.report.names.push(name.clone());
-        self.nodes.push(Node { name, wrench, frames });
         Ok(())
     }
 
     fn publish(&mut self, received: &Received) -> anyhow::Result<()> {
         self.stamps.frame(received);
-        let Some(node) = self.nodes.last_mut() else { return Ok(()) };
-        let scanned = self.stamps.scanned(received.frame.time);
-        // Until the finger's clock is known, when it came is the best there is.
-        let at = scanned.map_or(self.stamps.unix(received.at), |(at, _)| at);
-        let now = self.stamps.unix(Instant::now());
-        let wrench = ros::wrench(&received.frame, at, &node.name);
-        let frame = ros::frame(&received.frame, at, &node.name);
+        if self.report.names.is_empty() {
+            return Ok(());
+        }
         self.report.frames += 1;
-        self.report.withheld += u64::from(wrench.is_none());
-        let wrench = wrench.map(|payload| (node.wrench.next(now), payload));
-        let attachment = node.frames.next(now);
-        let mut orders = vec![node.frames.put(&attachment, &frame)];
-        orders.extend(wrench.iter().map(|(a, payload)| node.wrench.put(a, payload)));
-        Ok(self.shared.pipe.send(&orders)?)
+        self.report.withheld += u64::from(ros::force(&received.frame).is_none());
+        self.outlets.iter_mut().try_for_each(|outlet| outlet.frame(received, &self.stamps))
     }
 
     fn count(&mut self, client: &Client) {
@@ -194,18 +132,7 @@ impl Finger {
     }
 }
 
-impl Topic {
-    /// What goes with the next sample. They count from 1.
-    fn next(&mut self, now: Duration) -> [u8; 33] {
-        self.samples += 1;
-        self.publisher.attachment(self.samples, now)
-    }
-
-    fn put<'o>(&self, attachment: &'o [u8], payload: &'o [u8]) -> Order<'o> {
-        Order::Put { publisher: self.number, attachment, payload }
-    }
-}
-
-fn lock<T>(mutex: &std::sync::Mutex<T>) -> MutexGuard<'_, T> {
+/// What others left half done is no worse for that.
+pub fn lock<T>(mutex: &std::sync::Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

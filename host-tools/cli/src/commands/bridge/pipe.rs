@@ -1,13 +1,14 @@
-//! The program that speaks Zenoh, `host-tools/bridge`, at the other end of a pipe.
+//! The program that speaks to others, `host-tools/bridge`, at the other end of a pipe.
 
-use std::io::{self, BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use anyhow::{Context, bail};
 use taxel_link::emulated::checkout;
 
+use super::finger::lock;
 use crate::output;
 
 // The other side's own file, so that the two cannot disagree.
@@ -18,20 +19,23 @@ pub use order::Order;
 
 const PROGRAM: &str = if cfg!(windows) { "taxel-bridge.exe" } else { "taxel-bridge" };
 
-/// A Zenoh session. Dropping it closes it.
-pub struct Pipe {
+/// The program, running. Dropping it ends what it does.
+pub struct Pipe(Mutex<Running>);
+
+struct Running {
     child: Child,
-    input: Mutex<Option<ChildStdin>>,
+    input: Option<ChildStdin>,
 }
 
 impl Pipe {
-    /// Starts the program with a Zenoh configuration, and waits for the session to be open.
+    /// Starts the program with these words, and waits until it is ready; what it says of that. `hint` is how to
+    /// mend it if it does not get ready.
     ///
     /// # Errors
-    /// It is not there and cannot be built, or Zenoh refuses the configuration.
-    pub fn open(config: &str) -> anyhow::Result<Self> {
+    /// It is not there and cannot be built, or does not get ready.
+    pub fn open(words: [&str; 2], hint: &str) -> anyhow::Result<(Self, String)> {
         let mut command = program()?;
-        command.arg(config).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.args(words).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         #[cfg(unix)]
         // Ctrl-C is for us: we close the pipe when the last sample is through it.
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
@@ -40,32 +44,35 @@ impl Pipe {
         if let Some(stdout) = child.stdout.take() {
             BufReader::new(stdout).read_line(&mut greeting).context("taxel-bridge")?;
         }
-        let input = Mutex::new(child.stdin.take());
-        let mut pipe = Self { child, input };
-        if greeting.trim() != "ready" {
-            bail!("Zenoh: {}; check --connect and --listen", pipe.last_words());
+        let input = child.stdin.take();
+        let mut running = Running { child, input };
+        match greeting.trim().strip_prefix("ready") {
+            Some(said) => Ok((Self(Mutex::new(running)), said.trim().to_owned())),
+            None => bail!("{}: {}; {hint}", words[0], running.last_words()),
         }
-        Ok(pipe)
     }
 
     /// Gives orders, all of them or none.
     ///
     /// # Errors
-    /// The other side has gone.
-    pub fn send(&self, orders: &[Order<'_>]) -> io::Result<()> {
+    /// The other side has gone: its last words.
+    pub fn send(&self, orders: &[Order<'_>]) -> anyhow::Result<()> {
         let mut bytes = Vec::new();
         orders.iter().try_for_each(|order| order.append(&mut bytes))?;
-        match self.input.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
-            Some(input) => input.write_all(&bytes),
-            None => Err(io::ErrorKind::BrokenPipe.into()),
+        let mut running = lock(&self.0);
+        match running.input.as_mut().map(|input| input.write_all(&bytes)) {
+            Some(Ok(())) => Ok(()),
+            _ => bail!("taxel-bridge: {}", running.last_words()),
         }
     }
+}
 
+impl Running {
     /// Why the program ended, once it did.
-    pub fn last_words(&mut self) -> String {
-        self.close();
+    fn last_words(&mut self) -> String {
+        drop(self.input.take());
         let mut words = String::new();
-        if let Some(mut stderr) = self.child.stderr.take() {
+        if let Some(stderr) = &mut self.child.stderr {
             // Without words its end has to do.
             let _ = stderr.read_to_string(&mut words);
         }
@@ -74,15 +81,11 @@ impl Pipe {
             words => words.to_owned(),
         }
     }
-
-    fn close(&mut self) {
-        drop(self.input.lock().unwrap_or_else(PoisonError::into_inner).take());
-    }
 }
 
-impl Drop for Pipe {
+impl Drop for Running {
     fn drop(&mut self) {
-        self.close();
+        drop(self.input.take());
         // Closed, it tells everybody that we are gone, and ends.
         let _ = self.child.wait();
     }

@@ -81,11 +81,16 @@ struct FrameMessage<'n> {
     bridges: Vec<Value>,
 }
 
-/// The wrench on the finger; `None` where a component of its force is withheld or not streamed. The moment is
+/// The force of a frame, N; `None` where a component of it is withheld or not streamed.
+pub fn force(frame: &Frame) -> Option<[f64; 3]> {
+    let Force { x: Ok(x), y: Ok(y), z: Ok(z) } = frame.force? else { return None };
+    Some([x, y, z].map(|newtons| f64::from(newtons.0)))
+}
+
+/// The wrench on the finger; `None` where it has no [`force`]. The moment is
 /// that about the normal of the contact, 0 where the finger does not tell it.
 pub fn wrench(frame: &Frame, at: Duration, name: &str) -> Option<Vec<u8>> {
-    let Force { x: Ok(x), y: Ok(y), z: Ok(z) } = frame.force? else { return None };
-    let [x, y, z] = [x, y, z].map(|newtons| f64::from(newtons.0));
+    let [x, y, z] = force(frame)?;
     let torsion = frame.torsion.and_then(Result::ok).map_or(0.0, |t| f64::from(t.0) * 1e-3);
     Some(cdr(&WrenchStamped {
         header: header(at, name),

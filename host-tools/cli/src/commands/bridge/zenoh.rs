@@ -1,0 +1,178 @@
+//! Fingers as nodes of a ROS 2 system, over Zenoh.
+
+use std::hash::{BuildHasher, RandomState};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use anyhow::bail;
+use serde_json::json;
+use taxel::wire::message::Info;
+use taxel_link::{Port, Received, Stamps};
+
+use super::finger::{Outlet, lock};
+use super::graph::{Context, Namespace, Publisher, name};
+use super::pipe::{Order, Pipe};
+use super::ros;
+use crate::output;
+
+/// The session that all fingers of a bridge share.
+pub struct Session {
+    context: Context,
+    pipe: Pipe,
+    /// So that no two fingers have one name.
+    names: Mutex<Vec<String>>,
+    publishers: Mutex<u32>,
+}
+
+impl Session {
+    /// Opens it.
+    ///
+    /// # Errors
+    /// Zenoh cannot be had, or takes no such endpoints.
+    pub fn open(
+        domain: u32,
+        namespace: Namespace,
+        connect: &[String],
+        listen: &[String],
+    ) -> anyhow::Result<Arc<Self>> {
+        let session = identity();
+        let config = config(&session, connect, listen);
+        let (pipe, _) = Pipe::open(["zenoh", &config], "check --connect and --listen")?;
+        let context = Context { domain, session, namespace };
+        Ok(Arc::new(Self { context, pipe, names: Mutex::default(), publishers: Mutex::default() }))
+    }
+}
+
+/// One finger in it.
+pub struct Nodes {
+    session: Arc<Session>,
+    /// The last is the one that is there.
+    nodes: Vec<Node>,
+}
+
+/// A finger as a node.
+struct Node {
+    name: String,
+    wrench: Topic,
+    frames: Topic,
+}
+
+/// A publisher and how often it has published.
+struct Topic {
+    /// Its number on the other side of the pipe.
+    number: u32,
+    publisher: Publisher,
+    samples: u64,
+}
+
+impl Nodes {
+    pub fn new(session: Arc<Session>) -> Self {
+        Self { session, nodes: Vec::new() }
+    }
+}
+
+impl Outlet for Nodes {
+    /// A finger of this serial number is there: a node, unless it was one before.
+    fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String> {
+        let name = name(&info.identity.serial);
+        if let Some(known) = self.nodes.iter().position(|node| node.name == name) {
+            let node = self.nodes.remove(known);
+            self.nodes.push(node);
+            return Ok(name);
+        }
+        let Session { context, pipe, names, publishers } = &*self.session;
+        let mut names = lock(names);
+        if names.contains(&name) {
+            bail!(
+                "{port}: another finger is called {name} already; give each its own serial number"
+            );
+        }
+        names.push(name.clone());
+        let mut numbers = lock(publishers);
+        // Three entities a finger, numbered over the whole session.
+        let node = *numbers / 2 * 3;
+        let topic = |i: u32, topic: &str, kind| Topic {
+            number: *numbers + i,
+            publisher: context.publisher(
+                (node, &name),
+                node + 1 + i,
+                &context.namespace.topic(topic),
+                kind,
+            ),
+            samples: 0,
+        };
+        let wrench = topic(0, &format!("{name}/wrench"), &ros::WRENCH);
+        let frames = topic(1, "frames", &ros::FRAME);
+        pipe.send(&[
+            Order::Token(&context.node(node, &name)),
+            Order::Publisher(&wrench.publisher.key),
+            Order::Token(&wrench.publisher.token),
+            Order::Publisher(&frames.publisher.key),
+            Order::Token(&frames.publisher.token),
+        ])?;
+        *numbers += 2;
+        output::note(format_args!(
+            "{port}: node {}, topics {} and {}",
+            context.namespace.topic(&name),
+            context.namespace.topic(&format!("{name}/wrench")),
+            context.namespace.topic("frames")
+        ));
+        self.nodes.push(Node { name: name.clone(), wrench, frames });
+        Ok(name)
+    }
+
+    fn frame(&mut self, received: &Received, stamps: &Stamps) -> anyhow::Result<()> {
+        let Some(node) = self.nodes.last_mut() else { return Ok(()) };
+        let scanned = stamps.scanned(received.frame.time);
+        // Until the finger's clock is known, when it came is the best there is.
+        let at = scanned.map_or(stamps.unix(received.at), |(at, _)| at);
+        let now = stamps.unix(Instant::now());
+        let wrench = ros::wrench(&received.frame, at, &node.name);
+        let frame = ros::frame(&received.frame, at, &node.name);
+        let wrench = wrench.map(|payload| (node.wrench.next(now), payload));
+        let attachment = node.frames.next(now);
+        let mut orders = vec![node.frames.put(&attachment, &frame)];
+        orders.extend(wrench.iter().map(|(a, payload)| node.wrench.put(a, payload)));
+        self.session.pipe.send(&orders)
+    }
+}
+
+impl Topic {
+    /// What goes with the next sample. They count from 1.
+    fn next(&mut self, now: Duration) -> [u8; 33] {
+        self.samples += 1;
+        self.publisher.attachment(self.samples, now)
+    }
+
+    fn put<'o>(&self, attachment: &'o [u8], payload: &'o [u8]) -> Order<'o> {
+        Order::Put { publisher: self.number, attachment, payload }
+    }
+}
+
+/// A session's identity: 128 bits, the first of its digits not nought.
+fn identity() -> String {
+    let random = || RandomState::new().hash_one(std::process::id());
+    format!("{:016x}{:016x}", random() | 1 << 63, random())
+}
+
+/// As rmw_zenoh sets up its sessions: peers that find each other through a router, and no multicast.
+fn config(session: &str, connect: &[String], listen: &[String]) -> String {
+    json!({
+        "id": session,
+        "mode": "peer",
+        "connect": {
+            "endpoints": connect,
+            "exit_on_failure": false,
+            "timeout_ms": -1,
+            // A router that is started later, or anew, is found within a second.
+            "retry": { "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 },
+        },
+        "listen": { "endpoints": listen },
+        "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": true } },
+        // A millisecond, the default, is less than a reader may be held up by its operating system.
+        "transport": { "link": { "tx": { "queue": { "congestion_control": {
+            "drop": { "wait_before_drop": 50_000 }
+        } } } } },
+    })
+    .to_string()
+}

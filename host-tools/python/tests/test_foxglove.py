@@ -1,0 +1,144 @@
+"""`taxel bridge --foxglove`, and a client of the Foxglove WebSocket protocol that is not Foxglove's own.
+
+The protocol is taken from its specification, `foxglove.sdk.v1`.
+"""
+
+import base64
+import csv
+import json
+import signal
+import struct
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+ROOT = Path(__file__).parents[3]
+CALIBRATION = ROOT / "host-tools/cli/assets/virtual-finger.cal.toml"
+MESSAGE = struct.Struct("<BIQ")
+MESSAGE_DATA = 1
+
+
+@contextmanager
+def bridge(command: str, ports: list[str], *more: str) -> Iterator[tuple[Any, str]]:
+    """The bridge, and where it serves."""
+    fingers = [word for port in ports for word in ("--port", port)]
+    process = subprocess.Popen(
+        [command, "bridge", "--foxglove", "127.0.0.1:0", *fingers, *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stderr is not None
+        line = process.stderr.readline()
+        while "ws://" not in line:
+            assert line, "it ended before it served"
+            line = process.stderr.readline()
+        yield process, line.split()[-1]
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        process.wait(20)
+
+
+def open_viewer(url: str) -> ClientConnection:
+    return connect(url, subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None)
+
+
+def channels(viewer: ClientConnection, topics: set[str]) -> dict[str, Any]:
+    """What is offered, once all these are."""
+    offered: dict[str, Any] = {}
+    while not topics <= offered.keys():
+        word = viewer.recv(timeout=30)
+        if isinstance(word, str) and json.loads(word)["op"] == "advertise":
+            offered |= {channel["topic"]: channel for channel in json.loads(word)["channels"]}
+    return offered
+
+
+def message_class(channel: dict[str, Any]) -> Any:
+    schema = base64.b64decode(channel["schema"])
+    files = descriptor_pb2.FileDescriptorSet.FromString(schema).file
+    pool = descriptor_pool.DescriptorPool()
+    for file in files:
+        pool.Add(file)
+    found = pool.FindMessageTypeByName(channel["schemaName"])
+    return message_factory.GetMessageClass(found)
+
+
+def subscribe(viewer: ClientConnection, ids: dict[int, int]) -> None:
+    subscriptions = [{"id": of, "channelId": channel} for of, channel in ids.items()]
+    viewer.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
+
+
+def messages(viewer: ClientConnection, ids: dict[int, int]) -> Iterator[tuple[int, int, bytes]]:
+    """Subscription, time and bytes of each, of the channels with these ids."""
+    subscribe(viewer, ids)
+    while True:
+        word = viewer.recv(timeout=30)
+        if isinstance(word, str) and "Unknown channel ID" in word:
+            # Foxglove's server advertises a channel a moment before it takes subscriptions to it.
+            subscribe(viewer, {of: id for of, id in ids.items() if f": {id}" in word})
+        if isinstance(word, bytes) and word[0] == MESSAGE_DATA:
+            _, of, nanos = MESSAGE.unpack_from(word)
+            yield of, nanos, word[MESSAGE.size :]
+
+
+def test_a_viewer_gets_what_the_finger_says_with_its_reasons(command: str, tmp_path: Path):
+    trace, replayed = tmp_path / "trace.csv", tmp_path / "frames.csv"
+    simulate = [command, "simulate", "--scene", "presses", "--seed", "3", "--out", str(trace)]
+    subprocess.run(simulate, check=True, capture_output=True)
+    core = [command, "replay", str(trace), "--calibration", str(CALIBRATION), "--fields", "all"]
+    subprocess.run([*core, "--out", str(replayed)], check=True, capture_output=True)
+    lines = (line for line in replayed.open() if not line.startswith("#"))
+    expected = {int(row["t_us"]): row for row in csv.DictReader(lines)}
+    more = ["--calibration", str(CALIBRATION), "--fields", "all"]
+    with bridge(command, [f"file:{trace}"], *more) as (_, url), open_viewer(url) as viewer:
+        channel = channels(viewer, {"/taxel/trace"})["/taxel/trace"]
+        assert (channel["encoding"], channel["schemaEncoding"]) == ("protobuf", "protobuf")
+        frame = message_class(channel)
+        forces = withheld = 0
+        last = 0
+        for of, nanos, payload in messages(viewer, {7: channel["id"]}):
+            message = frame.FromString(payload)
+            row = expected[message.t_us]
+            assert of == 7 and nanos == message.host_us * 1000 >= last
+            last = nanos
+            assert message.status == int(row["status"])
+            for name in ("fx_n", "fy_n", "fz_n", "x_mm", "y_mm"):
+                if row[name]:
+                    assert message.HasField(name)
+                    assert np.float32(row[name]) == np.float32(getattr(message, name)), name
+                    forces += 1
+                else:
+                    assert not message.HasField(name)
+                    assert getattr(message, f"{name}_withheld") > 0
+                    withheld += 1
+            if forces > 1000 and withheld > 100:
+                return
+
+
+def test_fingers_are_topics_and_an_address_in_use_is_told_in_one_line(command: str):
+    with bridge(command, ["sim:press", "sim:shear"]) as (process, url):
+        with open_viewer(url) as viewer:
+            offered = channels(viewer, {"/taxel/press", "/taxel/shear"})
+            ids = {k: channel["id"] for k, channel in enumerate(offered.values())}
+            heard = set()
+            for of, _, _ in messages(viewer, ids):
+                heard.add(of)
+                if len(heard) == 2:
+                    break
+        address = url.removeprefix("ws://")
+        second = [command, "bridge", "--foxglove", address, "--port", "sim:press"]
+        refused = subprocess.run(second, capture_output=True, text=True, timeout=60)
+        assert refused.returncode == 1
+        (line,) = refused.stderr.splitlines()
+        assert "--foxglove HOST:PORT names another address" in line
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
