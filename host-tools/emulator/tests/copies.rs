@@ -1,0 +1,117 @@
+//! What the firmware copies and clears memory by, its own code, does what C says of it: every length, way of
+//! lying and overlap.
+
+use std::path::{Path, PathBuf};
+
+use object::LittleEndian;
+use object::read::elf::ElfFile32;
+use object::{Object, ObjectSegment, ObjectSymbol};
+use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM, Unicorn};
+
+/// Where the code lies, what it works on, and where it comes back to.
+const CCM: u32 = 0x1000_0000;
+const RAM: u32 = 0x2000_0000;
+const BACK: u32 = 0x3000_0000;
+/// Longer than what is copied by sixteen bytes a turn, and all that is left then.
+const LONGEST: usize = 70;
+const PLACES: usize = 4;
+/// Of the memory that is looked at.
+const BYTES: usize = 256;
+
+struct Image {
+    unicorn: Unicorn<'static, ()>,
+    symbols: Vec<(String, u32)>,
+}
+
+impl Image {
+    fn open() -> Self {
+        let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let directory = std::env::var_os("TAXEL_FIRMWARE_DIR").map(PathBuf::from);
+        let directory = directory.unwrap_or_else(|| repository.join("boards/target/firmware"));
+        let bytes = std::fs::read(directory.join("stm32g431.elf"))
+            .expect("the firmware: build it with `cargo xtask firmware stm32g431`");
+        let elf = ElfFile32::<LittleEndian>::parse(&*bytes).unwrap();
+        let mut unicorn = Unicorn::new(Arch::ARM, Mode::THUMB).unwrap();
+        unicorn.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).unwrap();
+        for place in [CCM, RAM, BACK] {
+            unicorn.mem_map(u64::from(place), 0x4000, Prot::ALL).unwrap();
+        }
+        for segment in elf.segments().filter(|segment| segment.address() == u64::from(CCM)) {
+            unicorn.mem_write(segment.address(), segment.data().unwrap()).unwrap();
+        }
+        let symbols = elf.symbols().map(|s| (s.name().unwrap().to_owned(), s.address() as u32));
+        Self { symbols: symbols.collect(), unicorn }
+    }
+
+    /// What is in memory after `function` has been called, before it was `memory`.
+    fn after(&mut self, function: &str, arguments: [u32; 3], memory: &[u8]) -> Vec<u8> {
+        let (_, address) = self
+            .symbols
+            .iter()
+            .find(|(name, _)| name == function)
+            .unwrap_or_else(|| panic!("no function {function}"));
+        let address = u64::from(*address | 1);
+        assert!((CCM..CCM + 0x4000).contains(&(address as u32)), "{function} is not in the CCM");
+        self.unicorn.mem_write(u64::from(RAM), memory).unwrap();
+        let registers = [RegisterARM::R0, RegisterARM::R1, RegisterARM::R2];
+        for (register, value) in registers.into_iter().zip(arguments) {
+            self.unicorn.reg_write(register, u64::from(value)).unwrap();
+        }
+        self.unicorn.reg_write(RegisterARM::SP, u64::from(RAM) + 0x4000).unwrap();
+        self.unicorn.reg_write(RegisterARM::LR, u64::from(BACK | 1)).unwrap();
+        self.unicorn.emu_start(address, u64::from(BACK), 0, 10_000).unwrap();
+        assert_eq!(self.unicorn.reg_read(RegisterARM::SP).unwrap(), u64::from(RAM) + 0x4000);
+        self.unicorn.mem_read_as_vec(u64::from(RAM), memory.len()).unwrap()
+    }
+}
+
+fn memory() -> Vec<u8> {
+    (0..BYTES).map(|i| (i * 7 + 1) as u8).collect()
+}
+
+/// `name` on all that does not overlap; `aligned` where it may be called so only.
+fn copies(image: &mut Image, name: &str, aligned: bool) {
+    let places = if aligned { 1 } else { PLACES };
+    for (to, from) in (0..places).flat_map(|to| (0..places).map(move |from| (to, 128 + from))) {
+        for length in 0..LONGEST {
+            let mut expected = memory();
+            expected.copy_within(from..from + length, to);
+            let arguments = [RAM + to as u32, RAM + from as u32, length as u32];
+            let found = image.after(name, arguments, &memory());
+            assert!(found == expected, "{name}: {length} bytes from {from} to {to}");
+        }
+    }
+}
+
+#[test]
+fn copies_of_every_length_and_place_are_whole_and_touch_nothing_else() {
+    let mut image = Image::open();
+    copies(&mut image, "__aeabi_memcpy", false);
+    copies(&mut image, "__aeabi_memcpy4", true);
+}
+
+#[test]
+fn memory_is_cleared_from_end_to_end_and_no_further() {
+    let mut image = Image::open();
+    for (at, length) in (0..PLACES).flat_map(|at| (0..LONGEST).map(move |length| (at, length))) {
+        let mut expected = memory();
+        expected[at..at + length].fill(0);
+        let found =
+            image.after("__aeabi_memclr", [RAM + at as u32, length as u32, 0x55], &memory());
+        assert!(found == expected, "{length} bytes at {at}");
+    }
+}
+
+#[test]
+fn what_overlaps_is_moved_as_if_it_did_not() {
+    let mut image = Image::open();
+    for (to, from) in (40..60).flat_map(|to| (40..60).map(move |from| (to, from))) {
+        for length in (0..LONGEST).step_by(3) {
+            let mut expected = memory();
+            expected.copy_within(from..from + length, to);
+            let arguments = [RAM + to as u32, RAM + from as u32, length as u32];
+            let found = image.after("__aeabi_memmove", arguments, &memory());
+            assert!(found == expected, "{length} bytes from {from} to {to}");
+        }
+    }
+}
