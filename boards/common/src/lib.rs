@@ -15,3 +15,4 @@ pub mod settings;
 pub mod stack;
 pub mod status;
 pub mod time;
+pub mod usb;

@@ -10,6 +10,7 @@ mod clocks;
 mod flash;
 mod scan;
 mod status;
+mod usb;
 
 use core::panic::PanicInfo;
 
@@ -17,7 +18,7 @@ use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::peripherals::USB_OTG_FS;
-use embassy_stm32::usb::{self, Driver, InterruptHandler};
+use embassy_stm32::usb::{self as otg, InterruptHandler};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, pac, uid};
 use embassy_usb::UsbDevice;
@@ -33,6 +34,7 @@ use taxel_board::scanner::{Chip, Scanner, Started};
 use taxel_board::{boot, settings};
 
 use crate::flash::Sectors;
+use crate::usb::Driver;
 
 bind_interrupts!(struct Irqs {
     OTG_FS => InterruptHandler<USB_OTG_FS>;
@@ -70,12 +72,13 @@ fn main() -> ! {
 
     // What the host has sent and nobody has read: one packet of each of two endpoints.
     static RECEIVED: StaticCell<[u8; 256]> = StaticCell::new();
-    let mut config = usb::Config::default();
+    let mut config = otg::Config::default();
     // A Black Pill does not wire VBUS to PA9.
     config.vbus_detection = false;
     let received = RECEIVED.init([0; 256]);
-    let driver = Driver::new_fs(chip.USB_OTG_FS, Irqs, chip.PA12, chip.PA11, received, config);
-    let (device, link) =
+    let driver = otg::Driver::new_fs(chip.USB_OTG_FS, Irqs, chip.PA12, chip.PA11, received, config);
+    let driver = Driver::new(driver);
+    let (port, link) =
         link::device(driver, "fingertip stm32f411", uid::uid_hex(), scan::set_paused);
     let identity = identity(
         "stm32f411",
@@ -87,7 +90,7 @@ fn main() -> ! {
     let instrument = INSTRUMENT.init_with(|| Instrument::new(identity));
     instrument.restore(scanner.store(), |scan| Registers.set_scan(scan));
     EXECUTOR.init(Executor::new()).run(|spawner| {
-        spawner.spawn(usb(device).expect("spawned once"));
+        spawner.spawn(device(port).expect("spawned once"));
         spawner.spawn(session(link, scanner, instrument).expect("spawned once"));
         spawner.spawn(status::show().expect("spawned once"));
     })
@@ -110,16 +113,14 @@ impl Chip for Registers {
     }
 }
 
-type Usb = Driver<'static, USB_OTG_FS>;
-
 #[embassy_executor::task]
-async fn usb(mut device: UsbDevice<'static, Usb>) {
+async fn device(mut device: UsbDevice<'static, Driver>) {
     device.run().await;
 }
 
 #[embassy_executor::task]
 async fn session(
-    mut link: Link<Usb>,
+    mut link: Link<Driver>,
     mut scanner: Scanner<Registers, Sectors>,
     instrument: &'static mut Instrument,
 ) {

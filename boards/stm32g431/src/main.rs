@@ -76,7 +76,7 @@ fn main() -> ! {
     let mut scanner = Scanner::new(&scan::FRAMES, Registers, store, Started { reset, panic });
 
     let driver = embassy_stm32::usb::Driver::new(chip.USB, Irqs, chip.PA12, chip.PA11);
-    let driver = Driver(driver);
+    let driver = Driver::new(driver);
     let (port, link) =
         link::device(driver, "fingertip stm32g431", uid::uid_hex(), scan::set_paused);
     let identity = identity(

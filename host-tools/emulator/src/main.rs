@@ -15,6 +15,7 @@ use taxel_formats::trace::TraceReader;
 use taxel_emulator::board::cpu::{Board, End};
 use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
 use taxel_emulator::board::host::Host;
+use taxel_emulator::board::model::Model;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::server::Server;
 use taxel_emulator::board::{capture, diagram, time, timing};
@@ -92,8 +93,11 @@ struct Cycles {
 
 #[derive(Args)]
 struct RunBoard {
-    /// The firmware, `boards/stm32g431`
+    /// The firmware, `cargo xtask firmware BOARD`
     image: PathBuf,
+    /// The board that it is for
+    #[arg(long, value_enum, default_value_t = Model::G431)]
+    board: Model,
     /// Virtual seconds
     #[arg(long, default_value_t = 1.0)]
     seconds: f64,
@@ -124,8 +128,11 @@ struct Profile {
 
 #[derive(Args)]
 struct Serve {
-    /// The firmware, `boards/stm32g431`
+    /// The firmware, `cargo xtask firmware BOARD`
     image: PathBuf,
+    /// The board that it is for
+    #[arg(long, value_enum, default_value_t = Model::G431)]
+    board: Model,
     /// What the finger sees, a trace CSV; again from its beginning when it is over
     #[arg(long)]
     trace: PathBuf,
@@ -153,7 +160,7 @@ fn serve(arguments: &Serve) -> Result<()> {
     };
     let scene = samples.iter().map(|sample| in_12_bits(sample.scan.codes)).collect();
     let finger = Finger::new(scene, pace);
-    let board = Board::new(&read(&arguments.image)?, finger, Host::new(false))?;
+    let board = Board::new(arguments.board, &read(&arguments.image)?, finger, Host::new(false))?;
     let mut server = Server::new(board, &arguments.listen, arguments.replay)?;
     println!("{}", server.greeting()?);
     server.serve()
@@ -163,14 +170,14 @@ fn serve(arguments: &Serve) -> Result<()> {
 fn run_board(arguments: &RunBoard) -> Result<()> {
     let elf = read(&arguments.image)?;
     let host = Host::new(arguments.pcap.is_some());
-    let mut board = Board::new(&elf, Finger::new(Vec::new(), Pace::Scans), host)?;
+    let mut board = Board::new(arguments.board, &elf, Finger::new(Vec::new(), Pace::Scans), host)?;
     let timed = [&arguments.timing, &arguments.vcd, &arguments.diagram];
-    board.chip().finger.timing = timed.iter().any(|path| path.is_some()).then(Vec::new);
+    board.finger().timing = timed.iter().any(|path| path.is_some()).then(Vec::new);
     let start = Instant::now();
     let time = (arguments.seconds * time::HZ as f64) as time::Tick;
     match board.run(time)? {
         End::Time => {}
-        end => bail!("the board ended: {end:?}"),
+        end => bail!("{:.6} s: the board ended: {end:?}", time::seconds(board.now())),
     }
     let real = start.elapsed().as_secs_f64();
     println!(
@@ -179,21 +186,21 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
         time::seconds(board.now()),
         time::seconds(board.now()) * 1e6 / real,
         board.instructions() as f64 / real / 1e6,
-        board.chip().finger.seen.len()
+        board.finger().seen.len()
     );
-    for (number, text) in &board.chip().host.descriptors.strings {
+    for (number, text) in &board.host().descriptors.strings {
         println!("USB string {number}: {text}");
     }
-    if let (Some(path), Some(urbs)) = (&arguments.pcap, &board.chip().host.capture) {
+    if let (Some(path), Some(urbs)) = (&arguments.pcap, &board.host().capture) {
         write(path, &capture::pcap(urbs))?;
     }
-    let moments = board.chip().finger.timing.take().unwrap_or_default();
+    let moments = board.finger().timing.take().unwrap_or_default();
     if let Some(path) = &arguments.timing {
         write(path, timing::csv(&moments).as_bytes())?;
     }
-    if let Some(path) = &arguments.vcd {
+    if let (Some(path), Some(wiring)) = (&arguments.vcd, board.finger().wiring()) {
         let mut dump = Vec::new();
-        timing::vcd(&moments, &mut dump)?;
+        timing::vcd(&moments, wiring, &mut dump)?;
         write(path, &dump)?;
     }
     if let Some(path) = &arguments.diagram {
@@ -210,15 +217,15 @@ fn profile_board(arguments: &Profile) -> Result<()> {
     let scans = TraceReader::open(&arguments.seen.scans)?;
     let scans = scans.map(|sample| Ok(in_12_bits(sample?.scan.codes)));
     let finger = Finger::new(scans.collect::<Result<_>>()?, Pace::Scans);
-    let board = Board::new(&read(&arguments.image)?, finger, Host::new(false))?;
+    let board = Board::new(Model::G431, &read(&arguments.image)?, finger, Host::new(false))?;
     let profiler = Profiler::new(&arguments.image)?;
     let mut session = Session::open(board)?;
     session.upload(&record)?;
     session.ask(Command::Stream(true))?;
     session.board.clock().count_all();
-    session.board.chip().finger.seen.clear();
+    session.board.finger().seen.clear();
     session.run((arguments.seconds * time::HZ as f64) as time::Tick)?;
-    let scans = session.board.chip().finger.seen.len();
+    let scans = session.board.finger().seen.len();
     let name = format!("{}: a scan, and a quarter of a frame", arguments.image.display());
     report::profile(&name, &profiler.shares(scans, session.board.clock()));
     Ok(())

@@ -14,6 +14,7 @@ use taxel_formats::trace::TraceReader;
 use taxel_emulator::board::cpu::Board;
 use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
 use taxel_emulator::board::host::Host;
+use taxel_emulator::board::model::Model;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::micros;
 
@@ -33,7 +34,8 @@ fn session(fields: Fields) -> Session {
     let trace = repository().join("host-tools/emulator/data/scans.csv");
     let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
     let finger = Finger::new(scans.map(in_12_bits).collect(), Pace::Scans);
-    let mut session = Session::open(Board::new(&image, finger, Host::new(false)).unwrap()).unwrap();
+    let mut session =
+        Session::open(Board::new(Model::G431, &image, finger, Host::new(false)).unwrap()).unwrap();
 
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
     let calibration = cycles::dearest(&taxel_formats::calibration::read(&path).unwrap());
@@ -113,7 +115,7 @@ fn the_dearest_frame_takes_less_than_half_of_its_time() {
     let command = Command::TakeBias { scans: u16::MAX };
     let mut buffer = [0; MAX_PACKET];
     let packet = pack(&Request { tag: 0, command }, &mut buffer).unwrap();
-    session.board.chip().host.send(packet);
+    session.board.host().send(packet);
     session.run(micros(100_000)).unwrap();
     let [_, biasing, sending] = worst(&mut session);
     assert!(biasing > estimating, "no bias is being taken");

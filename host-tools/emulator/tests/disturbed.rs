@@ -8,10 +8,11 @@ use taxel::frame::{Fields, Status};
 use taxel::wire::message::{Command, Counters, Reset, Response};
 use taxel_formats::trace::TraceReader;
 
+use taxel_emulator::board::chip::Cause;
 use taxel_emulator::board::cpu::{Board, End};
 use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
 use taxel_emulator::board::host::Host;
-use taxel_emulator::board::rcc::Cause;
+use taxel_emulator::board::model::Model;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::system::NMI;
 use taxel_emulator::board::time::{Tick, micros};
@@ -32,7 +33,8 @@ fn session() -> Session {
     let trace = repository.join("host-tools/emulator/data/scans.csv");
     let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
     let finger = Finger::new(scans.map(in_12_bits).collect(), Pace::Scans);
-    let mut session = Session::open(Board::new(&image, finger, Host::new(false)).unwrap()).unwrap();
+    let mut session =
+        Session::open(Board::new(Model::G431, &image, finger, Host::new(false)).unwrap()).unwrap();
     session.ask(Command::SetFields(Fields::ESTIMATES)).unwrap();
     session.ask(Command::SetRate { hz: 4000 }).unwrap();
     session
@@ -73,7 +75,7 @@ fn a_reading_that_the_dma_misses_costs_a_scan_that_is_counted_and_the_rows_stay_
         let frames = &session.frames[begin.unwrap()..];
         assert!(frames.len() > 60);
         let codes: Vec<_> = frames.iter().map(|(_, frame)| frame.codes.unwrap()).collect();
-        let seen: Vec<_> = session.board.chip().finger.seen.iter().map(|s| s.codes).collect();
+        let seen: Vec<_> = session.board.finger().seen.iter().map(|s| s.codes).collect();
         assert!(seen.windows(codes.len()).any(|seen| seen == codes));
     }
 }
@@ -88,8 +90,7 @@ fn a_core_that_stands_still_loses_scans_that_are_counted_one_by_one_and_no_time(
     for stall_us in [22_000, 49_000, 130_000, 400_000] {
         let before = (session.board.now(), counters(&mut session));
         session.frames.clear();
-        let now = session.board.now();
-        session.board.chip().stalled = now + micros(stall_us);
+        session.board.stall(micros(stall_us));
         session.run(micros(stall_us) + micros(30_000)).unwrap();
         let after = (session.board.now(), counters(&mut session));
         let lost = i64::from(after.1.overruns - before.1.overruns);
@@ -110,10 +111,9 @@ fn what_is_lost_while_nobody_listens_is_counted_too() {
     let mut session = session();
     session.ask(Command::Stream(true)).unwrap();
     let before = (session.board.now(), counters(&mut session));
-    session.board.chip().host.open(false);
+    session.board.host().open(false);
     session.run(micros(50_000)).unwrap();
-    let now = session.board.now();
-    session.board.chip().stalled = now + micros(100_000);
+    session.board.stall(micros(100_000));
     session.run(micros(200_000)).unwrap();
     for adc in [0, 1] {
         session.board.chip().withhold(adc);
@@ -139,7 +139,7 @@ fn midpoints_around_a_bias_that_is_gone_are_a_fault_and_not_a_force() {
     };
     assert_eq!(faulty(&mut session).0, 0);
     // The buffer's supply has come off.
-    session.board.chip().finger.bias = 0.0;
+    session.board.finger().bias = 0.0;
     session.run(micros(2_000)).unwrap();
     let (flagged, frames) = faulty(&mut session);
     assert!(frames > 70 && flagged == frames, "{flagged} of {frames}");
@@ -212,7 +212,7 @@ fn a_panic_ends_in_a_reset_and_is_told_of_once() {
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(20_000)).unwrap();
     // The image panics over an NMI that is none of its flash's.
-    session.board.chip().system.pend(NMI);
+    session.board.chip().common_mut().system.pend(NMI);
     assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
     let health = |session: &mut Session| {
         session.reopen().unwrap();

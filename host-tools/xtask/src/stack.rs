@@ -77,6 +77,7 @@ const POINTERS: &[Pointer] = &[
             "taxel_board::time::",
             "embassy_usb::class::cdc_acm::",
             "embassy_stm32::usb::",
+            "taxel_board::usb::",
             "as core::future::future::Future>::poll",
             "taxel_board::scanner::",
             "taxel_board::link::",

@@ -4,34 +4,21 @@
 //! written at the time at which its block began. The flash's wait states are not in it.
 
 mod exceptions;
+mod memory;
 
-use anyhow::{Context, Result, anyhow, bail};
-use object::LittleEndian;
-use object::elf::{FileHeader32, PT_LOAD};
-use object::read::elf::{FileHeader, ProgramHeader};
-use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM, Unicorn, uc_error};
+use anyhow::{Result, anyhow};
+use unicorn_engine::{Arch, ArmCpuModel, Mode, RegisterARM, Unicorn, uc_error};
 
 use super::Outcome;
-use super::chip::{Chip, Memory, PRIVATE};
+use super::cells::Held;
+use super::chip::{Cause, Chip};
 use super::finger::Finger;
-use super::flash::{BASE as FLASH, END as FLASH_END};
 use super::host::Host;
-use super::rcc::Cause;
-use super::system::{Masks, NMI};
+use super::model::Model;
+use super::system::Masks;
 use super::time::{Tick, seconds};
 use crate::clock::Clock;
-
-const PAGE: u32 = 0x1000;
-const CCM: (u64, u64) = (0x1000_0000, 0x3000);
-const RAM: (u64, u64) = (0x2000_0000, 0x6000);
-/// The factory's bytes: unique identifier, calibration of the analogue parts.
-const FACTORY: (u64, u64) = (0x1fff_7000, 0x1000);
-const UNIQUE_ID: u32 = 0x1fff_7590;
-/// The ROM, of which only the vector table's promise is modelled: who goes to it has ended.
-const ROM: (u64, u64) = (0x1fff_0000, 0x7000);
-const ROM_ENTRY: u32 = 0x1fff_0100;
-const PERIPHERALS: (u64, u64) = (0x4000_0000, 0x1100_0000);
-const PRIVATE_BYTES: u64 = 0x10_0000;
+use memory::{ROM_ENTRY, Ram};
 
 /// unicorn's numbers of a return from an exception and of a failed fetch, and the addresses that mean the
 /// former.
@@ -59,7 +46,7 @@ enum Stop {
 struct Inside {
     clock: Clock,
     /// Taken out while it moves memory.
-    chip: Option<Box<Chip>>,
+    chip: Option<Box<dyn Chip>>,
     now: Tick,
     /// Cycles of the clock that are in `now`.
     counted: u64,
@@ -90,7 +77,8 @@ pub struct Board {
     next: u32,
     /// Handlers that run, and what they return to; the last is the innermost.
     handlers: Vec<(usize, u32)>,
-    image: Vec<u8>,
+    /// Stack and entry that the image begins with.
+    vectors: [u32; 2],
 }
 
 fn failed(what: &str) -> impl Fn(uc_error) -> anyhow::Error {
@@ -98,25 +86,13 @@ fn failed(what: &str) -> impl Fn(uc_error) -> anyhow::Error {
 }
 
 impl Board {
-    /// A board with the program in `elf` and erased flash behind it, just powered.
-    pub fn new(elf: &[u8], finger: Finger, host: Host) -> Result<Self> {
-        let segments = segments(elf)?;
-        let end = segments.iter().map(|(at, data)| at + data.len() as u32).max().unwrap_or(FLASH);
-        let data = end.next_multiple_of(PAGE);
-        if segments.iter().any(|(at, _)| *at < FLASH) || data >= FLASH_END {
-            bail!("the image does not fit {FLASH:#010x}..{FLASH_END:#010x}");
-        }
-        let mut image = vec![0xff; (data - FLASH) as usize];
-        for (at, bytes) in segments {
-            let at = (at - FLASH) as usize;
-            image
-                .get_mut(at..at + bytes.len())
-                .context("an image beyond its end")?
-                .copy_from_slice(bytes);
-        }
+    /// A board with the program in `elf` and else an erased flash, just powered.
+    pub fn new(model: Model, elf: &[u8], finger: Finger, host: Host) -> Result<Self> {
+        let chip = model.chip(finger, host);
+        let (map, segments) = (chip.map(), memory::segments(elf)?);
         let inside = Inside {
             clock: Clock::default(),
-            chip: Some(Box::new(Chip::new(data, finger, host))),
+            chip: Some(chip),
             now: 0,
             counted: 0,
             extra: 0,
@@ -131,61 +107,40 @@ impl Board {
         unicorn
             .ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32)
             .map_err(failed("choosing the Cortex-M4"))?;
-        let map = [
-            (u64::from(FLASH), u64::from(data - FLASH), Prot::READ | Prot::EXEC),
-            (CCM.0, CCM.1, Prot::ALL),
-            (RAM.0, RAM.1, Prot::ALL),
-            (FACTORY.0, FACTORY.1, Prot::READ),
-            (ROM.0, ROM.1, Prot::READ | Prot::EXEC),
-        ];
-        for (address, bytes, access) in map {
-            unicorn.mem_map(address, bytes, access).map_err(failed("mapping memory"))?;
-        }
-        unicorn.mem_write(u64::from(FLASH), &image).map_err(failed("flashing"))?;
-        // Its stack, its entry, and there a branch to itself.
-        let vectors = [RAM.0 as u32 + 0x1000, ROM_ENTRY | 1].map(u32::to_le_bytes).concat();
-        for (address, bytes) in [(ROM.0, &vectors[..]), (u64::from(ROM_ENTRY), &[0xfe, 0xe7])] {
-            unicorn.mem_write(address, bytes).map_err(failed("writing the ROM"))?;
-        }
-        // Three words: coordinates on the wafer, its number, its lot.
-        let unique = [0x0020_0013u32, 0x5033_5012, 0x2037_364b].map(u32::to_le_bytes).concat();
-        unicorn
-            .mem_write(u64::from(UNIQUE_ID), &unique)
-            .map_err(failed("writing the unique identifier"))?;
-        for (start, bytes) in [
-            (u64::from(data), u64::from(FLASH_END - data)),
-            PERIPHERALS,
-            (u64::from(PRIVATE), PRIVATE_BYTES),
-        ] {
-            unicorn
-                .mmio_map(
-                    start,
-                    bytes,
-                    Some(move |unicorn: &mut Unicorn<'_, Inside>, offset: u64, size: usize| {
-                        read(unicorn, (start + offset) as u32, size)
-                    }),
-                    Some(
-                        move |unicorn: &mut Unicorn<'_, Inside>,
-                              offset: u64,
-                              size: usize,
-                              value: u64| {
-                            write(unicorn, (start + offset) as u32, size, value as u32);
-                        },
-                    ),
-                )
-                .map_err(failed("mapping the peripherals"))?;
-        }
+        let vectors = memory::map(&mut unicorn, &map, &segments)?;
         unicorn.add_block_hook(1, 0, enter_block).map_err(failed("watching blocks"))?;
         unicorn.add_intr_hook(take_interrupt).map_err(failed("watching exceptions"))?;
-        let mut board = Self { unicorn, next: 0, handlers: Vec::new(), image };
+        let mut board = Self { unicorn, next: 0, handlers: Vec::new(), vectors };
         board.power_cycle()?;
         Ok(board)
     }
 
-    /// The chip, with what is connected to it.
-    pub fn chip(&mut self) -> &mut Chip {
+    /// The chip.
+    pub fn chip(&mut self) -> &mut dyn Chip {
+        let chip = self.unicorn.get_data_mut().chip.as_mut();
         // It is out of its place only within a callback.
-        self.unicorn.get_data_mut().chip.as_mut().expect("the chip is in its place between runs")
+        chip.expect("the chip is in its place between runs").as_mut()
+    }
+
+    /// What is on its pins.
+    pub fn finger(&mut self) -> &mut Finger {
+        &mut self.chip().common_mut().finger
+    }
+
+    /// What is on its port.
+    pub fn host(&mut self) -> &mut Host {
+        &mut self.chip().common_mut().host
+    }
+
+    /// What the flash holds that the program changes.
+    pub fn flash(&mut self) -> &mut Held {
+        self.chip().flash().held()
+    }
+
+    /// The core stands still for so long.
+    pub fn stall(&mut self, time: Tick) {
+        let until = self.now() + time;
+        self.chip().common_mut().stalled = until;
     }
 
     /// Virtual time.
@@ -205,10 +160,10 @@ impl Board {
 
     /// Takes the power away and gives it back: the RAM forgets.
     pub fn power_cycle(&mut self) -> Result<()> {
-        for (address, bytes) in [CCM, RAM] {
+        for (address, bytes) in self.chip().map().ram {
             // What RAM holds after power-up is anything; a pattern that is no number that anyone expects.
             self.unicorn
-                .mem_write(address, &vec![0xa5; bytes as usize])
+                .mem_write(u64::from(*address), &vec![0xa5; *bytes as usize])
                 .map_err(failed("clearing the RAM"))?;
         }
         self.reset(Cause::Power)
@@ -222,13 +177,7 @@ impl Board {
             chip.reset(cause, now);
         }
         self.handlers.clear();
-        let word = |at: usize| {
-            self.image
-                .get(at..at + 4)
-                .and_then(|bytes| bytes.first_chunk())
-                .map_or(0, |b| u32::from_le_bytes(*b))
-        };
-        let (stack, entry) = (word(0), word(4));
+        let [stack, entry] = self.vectors;
         self.set(RegisterARM::XPSR, 1 << 24)?;
         self.set(RegisterARM::PRIMASK, 0)?;
         self.set(RegisterARM::BASEPRI, 0)?;
@@ -254,7 +203,7 @@ impl Board {
                 Some(Stop::Exception(exception)) => self.enter(exception)?,
                 Some(Stop::Return) => self.leave()?,
                 Some(Stop::Reset(Cause::Power)) => {
-                    self.chip().flash().cut_power_after(None);
+                    self.flash().cut_power_after(None);
                     self.power_cycle()?;
                     return Ok(End::Reset(Cause::Power));
                 }
@@ -337,8 +286,12 @@ impl Board {
                 return Ok(Some(End::Time)).inspect(|_| self.rewind());
             }
             advance(&mut self.unicorn).map_err(|why| self.fault(self.next, &why))?;
-            let reset =
-                self.unicorn.get_data_mut().chip.as_mut().and_then(|chip| chip.take_reset());
+            let reset = self
+                .unicorn
+                .get_data_mut()
+                .chip
+                .as_mut()
+                .and_then(|chip| chip.common_mut().take_reset());
             if let Some(cause) = reset {
                 self.reset(cause)?;
                 return Ok(Some(End::Reset(cause)));
@@ -349,42 +302,6 @@ impl Board {
     /// Back to the WFE or WFI that was being executed: both are two bytes.
     fn rewind(&mut self) {
         self.next -= 2;
-    }
-}
-
-/// The loadable parts of an image, by the address that they are stored at.
-fn segments(elf: &[u8]) -> Result<Vec<(u32, &[u8])>> {
-    let header = FileHeader32::<LittleEndian>::parse(elf).context("not a 32-bit ELF file")?;
-    let endian = header.endian().context("not a little-endian ELF file")?;
-    let mut segments = Vec::new();
-    for segment in header.program_headers(endian, elf)? {
-        if segment.p_type(endian) == PT_LOAD
-            && let Ok(data) = segment.data(endian, elf)
-            && !data.is_empty()
-        {
-            segments.push((segment.p_paddr(endian), data));
-        }
-    }
-    Ok(segments)
-}
-
-/// unicorn's memory, for the DMA.
-struct Ram<'a, 'b>(&'a mut Unicorn<'b, Inside>);
-
-impl Memory for Ram<'_, '_> {
-    fn read(&mut self, address: u32, size: u32) -> Outcome<u32> {
-        let mut word = [0; 4];
-        let part = word.get_mut(..size as usize).ok_or("a transfer of more than a word")?;
-        let read = self.0.mem_read(u64::from(address), part);
-        read.map_err(|error| format!("the DMA reads {address:#010x}: {error:?}"))?;
-        Ok(u32::from_le_bytes(word))
-    }
-
-    fn write(&mut self, address: u32, size: u32, value: u32) -> Outcome {
-        let word = value.to_le_bytes();
-        let part = word.get(..size as usize).ok_or("a transfer of more than a word")?;
-        let written = self.0.mem_write(u64::from(address), part);
-        written.map_err(|error| format!("the DMA writes {address:#010x}: {error:?}"))
     }
 }
 
@@ -408,14 +325,15 @@ fn advance(unicorn: &mut Unicorn<'_, Inside>) -> Outcome {
 fn deliverable(unicorn: &mut Unicorn<'_, Inside>) -> Option<usize> {
     let register = |register| unicorn.reg_read(register).unwrap_or_default();
     let chip = unicorn.get_data().chip.as_ref()?;
-    if !chip.system.is_waiting() {
+    let system = &chip.common().system;
+    if !system.is_waiting() {
         return None;
     }
     let masks = Masks {
         primask: register(RegisterARM::PRIMASK) & 1 == 1,
         basepri: register(RegisterARM::BASEPRI) as u8,
     };
-    chip.system.deliverable(masks)
+    system.deliverable(masks)
 }
 
 /// Time advances by what the block cost that control has left for `next`.
@@ -433,13 +351,11 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
     let inside = unicorn.get_data_mut();
     pay(inside, start);
     let Some(chip) = inside.chip.as_mut() else { return };
-    if chip.stalled > inside.now {
-        inside.now = chip.stalled;
-    }
-    if chip.flash().has_lost_power() {
+    inside.now = inside.now.max(chip.common().stalled);
+    if chip.flash().held().has_lost_power() {
         return stop(unicorn, Stop::Reset(Cause::Power));
     }
-    if let Some(cause) = chip.take_reset() {
+    if let Some(cause) = chip.common_mut().take_reset() {
         return stop(unicorn, Stop::Reset(cause));
     }
     if start == ROM_ENTRY {
@@ -489,38 +405,4 @@ fn take_interrupt(unicorn: &mut Unicorn<'_, Inside>, number: u32) {
 /// The time, and the cycles that the core has run.
 fn time(inside: &Inside) -> (Tick, u32) {
     (inside.now, (inside.counted + inside.extra) as u32)
-}
-
-fn read(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize) -> u64 {
-    let inside = unicorn.get_data_mut();
-    let now = time(inside);
-    let Some(chip) = inside.chip.as_mut() else { return 0 };
-    if address < PERIPHERALS.0 as u32 {
-        let (value, torn) = chip.flash().fetch(address, size as u32);
-        if torn {
-            chip.system.pend(NMI);
-        }
-        return u64::from(value);
-    }
-    match chip.read(address, size as u32, now) {
-        Ok(value) => u64::from(value),
-        Err(why) => {
-            stop(unicorn, Stop::Fault(why));
-            0
-        }
-    }
-}
-
-fn write(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize, value: u32) {
-    let inside = unicorn.get_data_mut();
-    let now = time(inside);
-    let Some(chip) = inside.chip.as_mut() else { return };
-    let done = if address < PERIPHERALS.0 as u32 {
-        chip.flash().program(address, size as u32, value).map(|busy| chip.stalled = now.0 + busy)
-    } else {
-        chip.write(address, size as u32, value, now)
-    };
-    if let Err(why) = done {
-        stop(unicorn, Stop::Fault(why));
-    }
 }

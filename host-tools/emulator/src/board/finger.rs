@@ -1,7 +1,6 @@
 //! What is on the pins: LEDs and phototransistors, sensors behind their multiplexer, as the board's page
 //! has them wired. What the ADCs see follows the pins with the time that the parts take.
 
-use scan_plan::pins::{G431_ROWS, G431_SELECT};
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
 use taxel::units::{Code, FullScale};
 
@@ -16,10 +15,22 @@ const TOP: f64 = 4095.0;
 /// The bridges' own reference is in the middle.
 const BIAS: f64 = 2048.0;
 
-/// Columns by their pins, and midpoints A to D.
-const COLUMNS: [&str; 4] = ["PA0", "PA1", "PA2", "PA3"];
-const MIDPOINTS: [&str; 4] = ["PA7", "PB14", "PB0", "PB13"];
-const BIAS_PIN: &str = "PA5";
+/// How a finger is wired to a board's pins.
+#[derive(Clone, Copy, Debug)]
+pub struct Wiring {
+    /// The board's name.
+    pub board: &'static str,
+    /// LED rows and multiplexer address, on port B.
+    pub rows: [u8; 4],
+    /// See above.
+    pub select: [u8; 2],
+    /// Columns by their pins.
+    pub columns: [&'static str; 4],
+    /// Midpoints A to D.
+    pub midpoints: [&'static str; 4],
+    /// The amplifiers' bias, where there are amplifiers.
+    pub bias: Option<&'static str>,
+}
 
 /// What an ADC's input is connected to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -116,6 +127,7 @@ pub struct Seen {
 
 /// The finger.
 pub struct Finger {
+    wiring: Option<Wiring>,
     scene: Vec<Codes>,
     pace: Pace,
     /// When the first scan was over.
@@ -152,6 +164,7 @@ impl Finger {
     /// One that sees these scans, in codes of 12 bits.
     pub fn new(scene: Vec<Codes>, pace: Pace) -> Self {
         Self {
+            wiring: None,
             scene,
             pace,
             first: None,
@@ -168,6 +181,16 @@ impl Finger {
             keeps: true,
             seen: Vec::new(),
         }
+    }
+
+    /// Wires it to a board.
+    pub fn wire(&mut self, wiring: Wiring) {
+        self.wiring = Some(wiring);
+    }
+
+    /// How it is wired, once it is.
+    pub fn wiring(&self) -> Option<&Wiring> {
+        self.wiring.as_ref()
     }
 
     /// A step's row, where just one is lit.
@@ -203,9 +226,10 @@ impl Finger {
 
     /// Port B's outputs have changed.
     pub fn pins(&mut self, high: u32, now: Tick) {
+        let Some(Wiring { rows, select, .. }) = &self.wiring else { return };
         let bit = |pin: u8| high >> pin & 1;
-        let rows = G431_ROWS.iter().enumerate().map(|(i, pin)| bit(*pin) << i).sum();
-        let select = G431_SELECT.iter().enumerate().map(|(i, pin)| bit(*pin) << i).sum::<u32>();
+        let rows = rows.iter().enumerate().map(|(i, pin)| bit(*pin) << i).sum();
+        let select = select.iter().enumerate().map(|(i, pin)| bit(*pin) << i).sum::<u32>();
         if rows == 0 && self.rows != 0 {
             self.end(now);
         }
@@ -271,22 +295,18 @@ impl Finger {
     }
 
     fn bridge(&mut self, now: Tick) {
-        let midpoints =
-            self.codes().and_then(|codes| codes.bridges.get(self.select).copied().flatten());
-        for (settling, midpoint) in self.amplifiers.iter_mut().zip(self.amplified) {
-            let Some(midpoint) = midpoint else { continue };
-            let code = match midpoints {
-                Some(Midpoints { a, b, c, d }) => f64::from([a, b, c, d][midpoint].0),
-                None => self.bias,
-            };
-            settling.turn(code, now);
+        for i in 0..self.amplifiers.len() {
+            if let Some(midpoint) = self.amplified[i] {
+                let code = self.connected(midpoint);
+                self.amplifiers[i].turn(code, now);
+            }
         }
     }
 
     /// An amplifier is connected to this pin.
     pub fn amplify(&mut self, amplifier: usize, pin: &str, now: Tick) {
         let before = self.amplified[amplifier];
-        self.amplified[amplifier] = MIDPOINTS.iter().position(|midpoint| *midpoint == pin);
+        self.amplified[amplifier] = self.midpoint(pin);
         if let Some(midpoint) =
             self.amplified[amplifier].filter(|_| self.amplified[amplifier] != before)
         {
@@ -295,13 +315,27 @@ impl Finger {
         self.bridge(now);
     }
 
+    /// The midpoint on a pin.
+    fn midpoint(&self, pin: &str) -> Option<usize> {
+        self.wiring?.midpoints.iter().position(|midpoint| *midpoint == pin)
+    }
+
+    /// A midpoint's voltage behind the multiplexer, in codes.
+    fn connected(&self, midpoint: usize) -> f64 {
+        match self.codes().and_then(|codes| codes.bridges.get(self.select).copied().flatten()) {
+            Some(Midpoints { a, b, c, d }) => f64::from([a, b, c, d][midpoint].0),
+            None => self.bias,
+        }
+    }
+
     /// The code that a converter without noise gives for what is there now.
     pub fn sample(&mut self, source: Source, now: Tick) -> u32 {
         self.note(now, Moment::Sample(source));
         let code = |value: f64| value.round().clamp(0.0, TOP) as u32;
         match source {
             Source::Pin(pin) => {
-                if let Some(column) = COLUMNS.iter().position(|column| *column == pin) {
+                let column = self.wiring.and_then(|w| w.columns.iter().position(|at| *at == pin));
+                if let Some(column) = column {
                     let code = code(self.columns[column].at(now));
                     let row = self.row();
                     let place = match row {
@@ -312,13 +346,18 @@ impl Finger {
                     self.sums.samples += 1;
                     return code;
                 }
-                code(if pin == BIAS_PIN { self.bias } else { 0.0 })
+                if let Some(midpoint) = self.midpoint(pin) {
+                    let code = code(self.connected(midpoint));
+                    self.bridge_sample(midpoint, code);
+                    return code;
+                }
+                let bias = self.wiring.is_some_and(|wiring| wiring.bias == Some(pin));
+                code(if bias { self.bias } else { 0.0 })
             }
             Source::Amplifier(which) => {
                 let code = code(self.amplifiers[which].at(now));
-                if let (Some(_), Some(midpoint)) = (self.row(), self.amplified[which]) {
-                    self.sums.bridges[self.select][midpoint] += code;
-                    self.sums.samples += 1;
+                if let Some(midpoint) = self.amplified[which] {
+                    self.bridge_sample(midpoint, code);
                 }
                 code
             }
@@ -333,6 +372,14 @@ impl Finger {
                 self.sums.internal[which] = code;
                 code
             }
+        }
+    }
+
+    /// A midpoint has been sampled; the dark step's are left out.
+    fn bridge_sample(&mut self, midpoint: usize, code: u32) {
+        if self.row().is_some() {
+            self.sums.bridges[self.select][midpoint] += code;
+            self.sums.samples += 1;
         }
     }
 }

@@ -5,24 +5,20 @@
 //! it would not: the polling itself is not drawn out, nor are frames and their starts.
 
 mod control;
+mod enumeration;
 
 use std::collections::VecDeque;
 
 use super::Outcome;
 use super::capture::{Kind, Urb};
 use super::time::{HZ, Tick, micros};
-use super::usb::{Answer, Usb};
-use control::{
-    BOS, CLEAR_FEATURE, CONFIGURATION, Control, DEVICE, GET_DESCRIPTOR, GET_LINE_CODING, QUALIFIER,
-    SET_ADDRESS, SET_CONFIGURATION, SET_CONTROL_LINE_STATE, SET_FEATURE, SET_LINE_CODING, STRING,
-    Stage, bulk_endpoints, descriptor,
-};
+use super::usb::{Answer, Device};
+use control::{CLEAR_FEATURE, Control, SET_CONTROL_LINE_STATE, SET_FEATURE, Stage};
 
 /// Debounce, reset and recovery (USB 2.0, 7.1.7.3, 7.1.7.5, 9.2.6.3).
 const DEBOUNCE: Tick = micros(100_000);
 const RESET: Tick = micros(50_000);
 const RESET_RECOVERY: Tick = micros(10_000);
-const ADDRESS_RECOVERY: Tick = micros(2_000);
 /// A request may take that long (9.2.6.1).
 const PATIENCE: Tick = micros(5_000_000);
 /// Idle before the device must suspend (7.1.7.6).
@@ -35,11 +31,7 @@ const HURRY: Tick = 20;
 const OVERHEAD_BITS: Tick = 100;
 const BIT: Tick = HZ / 12_000_000;
 
-const ADDRESS: u8 = 7;
 const PACKET: usize = 64;
-
-/// 115200 baud, one stop bit, no parity, eight bits.
-const LINE_CODING: [u8; 7] = [0x00, 0xc2, 0x01, 0x00, 0, 0, 8];
 
 /// Where the device is with this host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -195,7 +187,7 @@ impl Host {
     }
 
     /// When it does something next.
-    pub fn next(&self, usb: &Usb) -> Option<Tick> {
+    pub fn next(&self, usb: &dyn Device) -> Option<Tick> {
         if let Some(at) = self.suspend_at {
             return Some(at);
         }
@@ -212,7 +204,7 @@ impl Host {
         }
     }
 
-    fn next_transaction(&self, usb: &Usb) -> Option<Tick> {
+    fn next_transaction(&self, usb: &dyn Device) -> Option<Tick> {
         if let Some(control) = self.queue.front() {
             let ready = match (control.stage, control.is_in()) {
                 (Stage::Setup, _) => true,
@@ -230,7 +222,7 @@ impl Host {
     }
 
     /// Does it.
-    pub fn advance(&mut self, now: Tick, usb: &mut Usb) -> Outcome {
+    pub fn advance(&mut self, now: Tick, usb: &mut dyn Device) -> Outcome {
         if self.suspend_at.take().is_some() {
             usb.suspend(self.suspended);
             return Ok(());
@@ -243,6 +235,7 @@ impl Host {
             }
             State::Debouncing(_) => self.reset(now, usb),
             State::Resetting(_) => {
+                usb.bus_reset_over();
                 self.free = now + self.wait(RESET_RECOVERY);
                 self.state = State::Running;
                 self.ask_first();
@@ -252,23 +245,14 @@ impl Host {
         Ok(())
     }
 
-    fn reset(&mut self, now: Tick, usb: &mut Usb) {
+    fn reset(&mut self, now: Tick, usb: &mut dyn Device) {
         usb.bus_reset();
         self.resets += 1;
         self.address = 0;
         self.state = State::Resetting(now + self.wait(RESET));
     }
 
-    /// The first question after a reset.
-    fn ask_first(&mut self) {
-        self.queue.push_back(if self.resets == 1 {
-            descriptor(DEVICE, 0, 64)
-        } else {
-            Control::new(SET_ADDRESS, u16::from(ADDRESS), 0, 0)
-        });
-    }
-
-    fn transact(&mut self, now: Tick, usb: &mut Usb) -> Outcome {
+    fn transact(&mut self, now: Tick, usb: &mut dyn Device) -> Outcome {
         if let Some(mut control) = self.queue.pop_front() {
             let done = self.control(&mut control, now, usb)?;
             if done {
@@ -314,7 +298,7 @@ impl Host {
     }
 
     /// The next transaction of a control transfer. True where it was the last.
-    fn control(&mut self, control: &mut Control, now: Tick, usb: &mut Usb) -> Outcome<bool> {
+    fn control(&mut self, control: &mut Control, now: Tick, usb: &mut dyn Device) -> Outcome<bool> {
         let name = |control: &Control| format!("request {:02x?}", control.setup);
         if control.stage != Stage::Setup && now >= control.begun + PATIENCE {
             return Err(format!("{} is not answered within 5 s", name(control)));
@@ -369,93 +353,6 @@ impl Host {
             (other, stage) => return Err(format!("{} met {other:?} in {stage:?}", name(control))),
         }
         Ok(false)
-    }
-
-    /// What follows from a transfer that is over.
-    fn conclude(&mut self, control: Control, now: Tick, usb: &mut Usb) -> Outcome {
-        let number = if control.is_in() { 0x80 } else { 0 };
-        self.note(Kind::Control, number, Some((control.setup, control.begun)), &control.data, now);
-        self.occupy(now, 0);
-        if control.is(SET_ADDRESS) {
-            self.address = ADDRESS;
-            self.free = now + self.wait(ADDRESS_RECOVERY);
-            self.queue.push_back(descriptor(DEVICE, 0, 18));
-        } else if control.is(SET_CONFIGURATION) {
-            self.toggles = [false; 2];
-            self.queue.push_back(Control::sending(SET_LINE_CODING, 0, &LINE_CODING));
-            self.queue.push_back(Control::new(GET_LINE_CODING, 0, 0, 7));
-        } else if control.is(CLEAR_FEATURE) {
-            // Data begin anew (USB 2.0, 9.4.5).
-            self.toggles[0] = false;
-        } else if control.is(GET_LINE_CODING) {
-            if control.data != LINE_CODING {
-                return Err(format!("the line coding is {:02x?}", control.data));
-            }
-            self.configured = true;
-        } else if control.is(SET_CONTROL_LINE_STATE) {
-            // DTR
-            self.opened = control.setup[2] & 1 == 1;
-        } else if control.is(GET_DESCRIPTOR) {
-            return self.learn(&control, now, usb);
-        }
-        Ok(())
-    }
-
-    /// A descriptor has come; what is asked next.
-    fn learn(&mut self, control: &Control, now: Tick, usb: &mut Usb) -> Outcome {
-        let [_, _, number, kind, ..] = control.setup;
-        let data = &control.data;
-        match kind {
-            DEVICE if self.address == 0 => self.reset(now, usb),
-            DEVICE => {
-                let [.., manufacturer, product, serial, configurations] = data[..] else {
-                    return Err("a device descriptor that is cut".into());
-                };
-                if configurations != 1 {
-                    return Err(format!("{configurations} configurations"));
-                }
-                self.descriptors.device.clone_from(data);
-                // A device of one speed has no qualifier and says so.
-                self.queue.push_back(Control { refused: true, ..descriptor(QUALIFIER, 0, 10) });
-                // From USB 2.01 on there is more to be asked.
-                if data.get(2..4).is_some_and(|bcd| [bcd[1], bcd[0]] > [2, 0]) {
-                    self.queue.push_back(descriptor(BOS, 0, 5));
-                }
-                self.queue.push_back(descriptor(CONFIGURATION, 0, 9));
-                self.queue.push_back(descriptor(STRING, 0, 255));
-                for string in
-                    [manufacturer, product, serial].into_iter().filter(|string| *string > 0)
-                {
-                    self.queue.push_back(descriptor(STRING, string, 255));
-                }
-                self.queue.push_back(Control::new(SET_CONFIGURATION, 1, 0, 0));
-            }
-            CONFIGURATION | BOS if control.length() < 10 => {
-                let Some([low, high]) = data.get(2..4) else {
-                    return Err(format!("request {:02x?} brings {data:02x?}", control.setup));
-                };
-                let whole = u16::from_le_bytes([*low, *high]);
-                // Before what else is asked.
-                self.queue.push_front(descriptor(kind, number, whole.max(10)));
-            }
-            CONFIGURATION => {
-                self.descriptors.configuration.clone_from(data);
-                self.bulk = Some(bulk_endpoints(data)?);
-            }
-            STRING if number > 0 => {
-                let units: Vec<u16> = data
-                    .get(2..)
-                    .unwrap_or_default()
-                    .as_chunks::<2>()
-                    .0
-                    .iter()
-                    .map(|c| u16::from_le_bytes(*c))
-                    .collect();
-                self.descriptors.strings.push((number, String::from_utf16_lossy(&units)));
-            }
-            _ => {}
-        }
-        Ok(())
     }
 
     /// The bus is busy with a transaction of so many bytes; bits are stuffed as rarely as never.

@@ -11,8 +11,8 @@ use super::time::{Tick, micros, seconds};
 
 /// How often it looks what has come.
 const LOOK: Tick = micros(1_000);
-/// How long an answer may take: an erased slot and a tenth of a second.
-const PATIENCE: Tick = micros(400_000);
+/// How long an answer may take: the slowest slot's erasure, 550 ms on the STM32F411, and a tenth of a second.
+const PATIENCE: Tick = micros(650_000);
 
 /// A board with somebody at its port.
 pub struct Session {
@@ -74,7 +74,7 @@ impl Session {
 
     fn look(&mut self) {
         let now = self.board.now();
-        for byte in self.board.chip().host.take_received() {
+        for byte in self.board.host().take_received() {
             match self.deframer.push::<Message>(byte) {
                 Some(Ok(Message::Frame(frame))) => self.frames.push((now, frame)),
                 Some(Ok(message)) => self.replies.push(message),
@@ -107,7 +107,7 @@ impl Session {
 
     fn enumerate(&mut self) -> Result<()> {
         self.until("the port is open", micros(1_000_000), |session| {
-            let host = &mut session.board.chip().host;
+            let host = &mut session.board.host();
             if host.is_ready() && !host.is_open() {
                 host.open(true);
             }
@@ -121,7 +121,7 @@ impl Session {
         let (tag, what) = (self.tag, format!("{command:?}"));
         let mut buffer = [0; MAX_PACKET];
         match pack(&Request { tag, command }, &mut buffer) {
-            Ok(packet) => self.board.chip().host.send(packet),
+            Ok(packet) => self.board.host().send(packet),
             Err(error) => bail!("{what}: {error:?}"),
         }
         self.until(&format!("{what} is answered"), PATIENCE, |session| {

@@ -32,8 +32,8 @@ impl Server {
     /// Lets the board boot, and listens. `waits` makes time stand still until the client has taken what was
     /// sent, and does not hold the board back otherwise.
     pub fn new(mut board: Board, address: &str, waits: bool) -> Result<Self> {
-        board.chip().finger.keeps = false;
-        while !board.chip().host.is_ready() || board.chip().finger.first().is_none() {
+        board.finger().keeps = false;
+        while !board.host().is_ready() || board.finger().first().is_none() {
             if board.now() > BOOT {
                 bail!("the board is not there after {:.1} virtual seconds", seconds(board.now()));
             }
@@ -48,7 +48,7 @@ impl Server {
     /// Where it listens, and which of its own microseconds the scene began at.
     pub fn greeting(&mut self) -> Result<String> {
         let port = self.listener.local_addr()?.port();
-        let chip = self.board.chip();
+        let chip = self.board.chip().common();
         let began = chip.finger.first().and_then(|first| chip.device_us(first)).unwrap_or(0);
         Ok(format!("tcp:127.0.0.1:{port} scene at {began} us"))
     }
@@ -83,7 +83,7 @@ impl Server {
                 // A frame is wanted now, not together with the next one.
                 client.set_nodelay(true)?;
                 self.client = Some(client);
-                self.board.chip().host.open(true);
+                self.board.host().open(true);
             }
             Err(error) if error.kind() == ErrorKind::WouldBlock => {}
             Err(error) => return Err(error.into()),
@@ -93,7 +93,7 @@ impl Server {
 
     fn exchange(&mut self) {
         let Some(client) = &mut self.client else { return };
-        let host = &mut self.board.chip().host;
+        let host = &mut self.board.host();
         self.unsent.extend(host.take_received());
         let mut bytes = [0; 4096];
         let read = match client.read(&mut bytes) {

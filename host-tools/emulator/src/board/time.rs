@@ -3,8 +3,8 @@
 /// Ticks since power-up. A tick is the longest time of which each clock's period is a multiple.
 pub type Tick = u64;
 
-/// Ticks a second: the least common multiple of 170 MHz, 16 MHz and 48 MHz.
-pub const HZ: u64 = 4_080_000_000;
+/// Ticks a second: the least common multiple of 170 MHz, 96 MHz, 16 MHz and 48 MHz.
+pub const HZ: u64 = 8_160_000_000;
 
 /// Ticks of so many microseconds.
 pub const fn micros(us: u64) -> Tick {

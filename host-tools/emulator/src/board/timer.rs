@@ -1,4 +1,4 @@
-//! A timer that counts up (RM0440 §29, §30): update and compare, DMA requests, trigger outputs.
+//! A timer that counts up (RM0440 §29, §30; RM0383 §12, §13): update and compare, DMA requests, trigger outputs.
 
 use super::time::Tick;
 use super::{Outcome, UNMODELLED};
@@ -20,6 +20,8 @@ pub struct Edges {
     pub trgo: bool,
     /// TRGO2 rises.
     pub trgo2: bool,
+    /// The output of a channel rises, and reaches what is behind it.
+    pub outputs: [bool; FLAGGED],
 }
 
 /// A timer.
@@ -48,6 +50,8 @@ pub struct Timer {
     clock: Tick,
     /// The highest count that it can have.
     top: u32,
+    /// How many compare channels it has.
+    channels: usize,
 }
 
 #[derive(Clone, Copy)]
@@ -58,9 +62,17 @@ struct Active {
 }
 
 impl Timer {
-    /// Of 16 or 32 bits.
-    pub fn new(bits: u32) -> Self {
-        let top = u32::MAX >> (32 - bits);
+    /// Of 16 or 32 bits, with so many compare channels.
+    pub fn new(bits: u32, channels: usize) -> Self {
+        Self::counting_to(u32::MAX >> (32 - bits), channels)
+    }
+
+    /// One like it, as after a reset.
+    pub fn fresh(&self) -> Self {
+        Self::counting_to(self.top, self.channels)
+    }
+
+    fn counting_to(top: u32, channels: usize) -> Self {
         let active = Active { psc: 0, arr: top, ccr: [0; CHANNELS] };
         Self {
             cr1: 0,
@@ -80,6 +92,7 @@ impl Timer {
             started: None,
             clock: 1,
             top,
+            channels,
         }
     }
 
@@ -154,6 +167,9 @@ impl Timer {
                 edges.compare_dma[channel] = self.dier >> (9 + channel) & 1 == 1;
             }
             let rises = self.mode(channel) == PWM2;
+            if channel < FLAGGED {
+                edges.outputs[channel] = rises && self.is_driven(channel);
+            }
             edges.trgo |= rises && self.cr2 >> 4 & 7 == 4 + channel as u32;
             edges.trgo2 |= rises && self.cr2 >> 20 & 0xf == 4 + channel as u32;
         }
@@ -165,9 +181,15 @@ impl Timer {
         self.active = Active { psc: self.psc, arr: self.arr, ccr: self.ccr };
     }
 
+    /// Channels 5 and 6 have registers of their own.
+    fn has(&self, offset: u32) -> bool {
+        self.channels == CHANNELS || offset < 0x48
+    }
+
     /// The register at `offset`, at `now`.
     pub fn read(&self, offset: u32, now: Tick) -> Outcome<u32> {
         Ok(match offset {
+            _ if !self.has(offset) => return Err(UNMODELLED.into()),
             0x00 => self.cr1,
             0x04 => self.cr2,
             0x0c => self.dier,
@@ -190,6 +212,7 @@ impl Timer {
     /// Writes it; `clock` is the period of the timer's clock.
     pub fn write(&mut self, offset: u32, value: u32, now: Tick, clock: Tick) -> Outcome {
         match offset {
+            _ if !self.has(offset) => return Err(UNMODELLED.into()),
             0x00 => return self.control(value, now, clock),
             0x04 => self.cr2 = value,
             // BIE, TIE and the requests of update, trigger and commutation are not modelled.

@@ -6,7 +6,7 @@ use std::io;
 
 use vcd::{IdCode, SimulationCommand, TimescaleUnit, Value, VarType, Writer};
 
-use super::finger::{Moment, Source};
+use super::finger::{Moment, Source, Wiring};
 use super::time::{HZ, Tick};
 
 /// A line a moment: nanoseconds since the first of them, what happened, rows or input.
@@ -39,7 +39,7 @@ fn input(source: Source) -> String {
     }
 }
 
-/// Picoseconds, of which a tick is 245.1.
+/// Picoseconds, of which a tick is 122.5.
 fn picoseconds(at: Tick) -> u64 {
     (u128::from(at) * 1_000_000_000_000 / u128::from(HZ)) as u64
 }
@@ -49,10 +49,10 @@ fn picoseconds(at: Tick) -> u64 {
 ///
 /// # Errors
 /// Of writing.
-pub fn vcd(timing: &[(Tick, Moment)], to: impl io::Write) -> io::Result<()> {
+pub fn vcd(timing: &[(Tick, Moment)], wiring: &Wiring, to: impl io::Write) -> io::Result<()> {
     let mut file = Writer::new(to);
     file.timescale(1, TimescaleUnit::PS)?;
-    file.add_module("stm32g431")?;
+    file.add_module(wiring.board)?;
     let mut wire = |name: &str| file.add_wire(1, name);
     let rows = [wire("row_0")?, wire("row_1")?, wire("row_2")?, wire("row_3")?];
     let seconds = [wire("opamp2_second_input")?, wire("opamp3_second_input")?];
@@ -78,7 +78,7 @@ pub fn vcd(timing: &[(Tick, Moment)], to: impl io::Write) -> io::Result<()> {
         match *moment {
             Moment::Trigger(adc) => happens(events[adc][0])?,
             Moment::Result(adc) => happens(events[adc][2])?,
-            Moment::Sample(source) => happens(events[converter(source)][1])?,
+            Moment::Sample(source) => happens(events[converter(source, wiring)][1])?,
             Moment::Turn(which, input) => {
                 file.change_scalar(seconds[which], Value::from(input == 1))?
             }
@@ -95,6 +95,7 @@ pub fn vcd(timing: &[(Tick, Moment)], to: impl io::Write) -> io::Result<()> {
 }
 
 /// The converter that samples it: the amplifiers and their bias are ADC2's.
-fn converter(source: Source) -> usize {
-    usize::from(matches!(source, Source::Amplifier(_) | Source::Pin("PA5")))
+fn converter(source: Source, wiring: &Wiring) -> usize {
+    let bias = matches!(source, Source::Pin(pin) if wiring.bias == Some(pin));
+    usize::from(bias || matches!(source, Source::Amplifier(_)))
 }

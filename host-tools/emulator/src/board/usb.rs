@@ -1,30 +1,6 @@
-//! The USB full-speed device and its packet memory (RM0440 §45), as the bus sees it: transactions come in,
-//! handshakes go out. No double buffers, no isochronous endpoints.
+//! A USB device as the bus sees it: transactions come in, handshakes go out.
 
-use stm32_metapac::usb::regs::{Cntr, Epr, Istr};
-use stm32_metapac::usb::vals::{EpType, Stat};
-
-use super::{Outcome, UNMODELLED};
-
-const ENDPOINTS: usize = 8;
-const MEMORY: usize = 1024;
-
-const CNTR: u32 = 0x40;
-const ISTR: u32 = 0x44;
-const FNR: u32 = 0x48;
-const DADDR: u32 = 0x4c;
-const BTABLE: u32 = 0x50;
-const BCDR: u32 = 0x58;
-
-/// DPPU: the pull-up that tells a host that somebody is there.
-const PULL_UP: u32 = 1 << 15;
-/// Bits of ISTR that stand until they are cleared.
-const STANDING: u32 = 0x7f80;
-/// Of an endpoint's register: DTOG_RX, STAT_RX, DTOG_TX, STAT_TX.
-const TOGGLES: u32 = 1 << 14 | 3 << 12 | 1 << 6 | 3 << 4;
-const SUSP: u32 = 1 << 11;
-const RESET: u32 = 1 << 10;
-const WKUP: u32 = 1 << 12;
+use super::Outcome;
 
 /// What a device answers to a transaction.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,232 +17,24 @@ pub enum Answer {
     Silence,
 }
 
-/// The USB device.
-pub struct Usb {
-    epr: [Epr; ENDPOINTS],
-    cntr: u32,
-    istr: u32,
-    daddr: u32,
-    btable: u32,
-    bcdr: u32,
-    memory: [u8; MEMORY],
-}
-
-impl Default for Usb {
-    fn default() -> Self {
-        Self {
-            epr: [Epr(0); ENDPOINTS],
-            cntr: 3,
-            istr: 0,
-            daddr: 0,
-            btable: 0,
-            bcdr: 0,
-            memory: [0; MEMORY],
-        }
-    }
-}
-
-impl Usb {
-    /// The device shows itself to the host.
-    pub fn is_attached(&self) -> bool {
-        let cntr = Cntr(self.cntr);
-        self.bcdr & PULL_UP != 0 && !cntr.pdwn() && !cntr.fres()
-    }
-
-    /// It asks for its interrupt.
-    pub fn interrupt(&self) -> bool {
-        self.status() & self.cntr & 0xff00 != 0
-    }
-
-    fn status(&self) -> u32 {
-        let mut istr = Istr(self.istr);
-        let first = self.epr.iter().position(|epr| epr.ctr_rx() || epr.ctr_tx());
-        if let Some(first) = first {
-            istr.set_ctr(true);
-            istr.set_ep_id(first as u8);
-            // DIR: an OUT or SETUP is among them.
-            istr.0 |= u32::from(self.epr[first].ctr_rx()) << 4;
-        }
-        istr.0
-    }
-
+/// A device.
+pub trait Device {
+    /// It shows itself to the host.
+    fn is_attached(&self) -> bool;
     /// The host resets the bus.
-    pub fn bus_reset(&mut self) {
-        self.epr = [Epr(0); ENDPOINTS];
-        self.daddr = 0;
-        self.istr |= RESET;
-    }
-
+    fn bus_reset(&mut self);
+    /// It has been reset for long enough.
+    fn bus_reset_over(&mut self) {}
     /// The bus has been idle for 3 ms, or is so no longer.
-    pub fn suspend(&mut self, suspended: bool) {
-        self.istr |= if suspended { SUSP } else { WKUP };
-    }
-
-    /// The register that has this endpoint.
-    fn endpoint(&self, address: u8, number: u8) -> Option<usize> {
-        let addressed = self.daddr == u32::from(address) | 0x80;
-        (0..ENDPOINTS).find(|i| {
-            let epr = self.epr[*i];
-            let used = epr.stat_rx() != Stat::DISABLED || epr.stat_tx() != Stat::DISABLED;
-            addressed && used && epr.ea() == number
-        })
-    }
-
-    /// What an IN of this endpoint would meet.
-    pub fn ready_to_send(&self, address: u8, number: u8) -> bool {
-        self.endpoint(address, number).is_some_and(|i| self.epr[i].stat_tx() != Stat::NAK)
-    }
-
-    /// What an OUT of this endpoint would meet.
-    pub fn ready_to_receive(&self, address: u8, number: u8) -> bool {
-        self.endpoint(address, number).is_some_and(|i| self.epr[i].stat_rx() != Stat::NAK)
-    }
-
+    fn suspend(&mut self, suspended: bool);
+    /// An IN of this endpoint would not meet a NAK.
+    fn ready_to_send(&self, address: u8, number: u8) -> bool;
+    /// An OUT of this endpoint would not.
+    fn ready_to_receive(&self, address: u8, number: u8) -> bool;
     /// SETUP.
-    pub fn setup(&mut self, address: u8, data: [u8; 8]) -> Outcome<Answer> {
-        let Some(i) = self.endpoint(address, 0) else { return Ok(Answer::Silence) };
-        if self.epr[i].ep_type() != EpType::CONTROL || self.epr[i].stat_rx() == Stat::DISABLED {
-            return Ok(Answer::Silence);
-        }
-        self.receive(i, &data)?;
-        let epr = &mut self.epr[i];
-        epr.set_setup(true);
-        epr.set_stat_tx(Stat::NAK);
-        epr.set_dtog_rx(true);
-        epr.set_dtog_tx(true);
-        Ok(Answer::Ack)
-    }
-
+    fn setup(&mut self, address: u8, data: [u8; 8]) -> Outcome<Answer>;
     /// OUT with DATA1 or DATA0.
-    pub fn out(&mut self, address: u8, number: u8, data1: bool, data: &[u8]) -> Outcome<Answer> {
-        let Some(i) = self.endpoint(address, number) else { return Ok(Answer::Silence) };
-        let epr = self.epr[i];
-        match epr.stat_rx() {
-            Stat::DISABLED => return Ok(Answer::Silence),
-            Stat::NAK => return Ok(Answer::Nak),
-            Stat::STALL => return Ok(Answer::Stall),
-            Stat::VALID => {}
-        }
-        // STATUS_OUT: only an empty packet may come.
-        if epr.ep_type() == EpType::CONTROL && epr.ep_kind() && !data.is_empty() {
-            return Ok(Answer::Stall);
-        }
-        if epr.dtog_rx() != data1 {
-            // A repetition: taken, and thrown away.
-            return Ok(Answer::Ack);
-        }
-        self.receive(i, data)?;
-        self.epr[i].set_dtog_rx(!data1);
-        self.epr[i].set_setup(false);
-        Ok(Answer::Ack)
-    }
-
+    fn out(&mut self, address: u8, number: u8, data1: bool, data: &[u8]) -> Outcome<Answer>;
     /// IN, acknowledged by the host.
-    pub fn take(&mut self, address: u8, number: u8) -> Outcome<Answer> {
-        let Some(i) = self.endpoint(address, number) else { return Ok(Answer::Silence) };
-        match self.epr[i].stat_tx() {
-            Stat::DISABLED => return Ok(Answer::Silence),
-            Stat::NAK => return Ok(Answer::Nak),
-            Stat::STALL => return Ok(Answer::Stall),
-            Stat::VALID => {}
-        }
-        let (at, count) = (self.entry(i, 0) as usize, usize::from(self.entry(i, 1) & 0x3ff));
-        let data =
-            self.memory.get(at..at + count).ok_or("a packet beyond the packet memory")?.to_vec();
-        let epr = &mut self.epr[i];
-        let data1 = epr.dtog_tx();
-        epr.set_dtog_tx(!data1);
-        epr.set_stat_tx(Stat::NAK);
-        epr.set_ctr_tx(true);
-        Ok(Answer::Data(data1, data))
-    }
-
-    fn receive(&mut self, i: usize, data: &[u8]) -> Outcome {
-        let (at, room) = (self.entry(i, 2) as usize, self.entry(i, 3));
-        let blocks = usize::from(room >> 10 & 0x1f);
-        let room = if room >> 15 == 1 { 32 * (blocks + 1) } else { 2 * blocks };
-        if data.len() > room {
-            return Err(format!("{} bytes for a buffer of {room}", data.len()));
-        }
-        let place = self.memory.get_mut(at..at + data.len());
-        place.ok_or("a buffer beyond the packet memory")?.copy_from_slice(data);
-        let kept = self.entry(i, 3) & !0x3ff;
-        self.set_entry(i, 3, kept | data.len() as u16);
-        let epr = &mut self.epr[i];
-        epr.set_stat_rx(Stat::NAK);
-        epr.set_ctr_rx(true);
-        Ok(())
-    }
-
-    /// A half word of an endpoint's buffer description: address and count to send, the same to receive.
-    fn entry(&self, i: usize, which: usize) -> u16 {
-        let at = self.btable as usize + 8 * i + 2 * which;
-        u16::from_le_bytes([self.memory[at], self.memory[at + 1]])
-    }
-
-    fn set_entry(&mut self, i: usize, which: usize, value: u16) {
-        let at = self.btable as usize + 8 * i + 2 * which;
-        self.memory[at..at + 2].copy_from_slice(&value.to_le_bytes());
-    }
-
-    /// The register at `offset`; `frame` is the number of the host's frame.
-    pub fn read(&self, offset: u32, frame: u32) -> Outcome<u32> {
-        Ok(match offset {
-            0x00..=0x1c => self.epr[offset as usize / 4].0,
-            CNTR => self.cntr,
-            ISTR => self.status(),
-            FNR => frame & 0x7ff,
-            DADDR => self.daddr,
-            BTABLE => self.btable,
-            BCDR => self.bcdr,
-            _ => return Err(UNMODELLED.into()),
-        })
-    }
-
-    /// Writes it. `clock` says whether the peripheral has its 48 MHz.
-    pub fn write(&mut self, offset: u32, value: u32, clock: bool) -> Outcome {
-        match offset {
-            0x00..=0x1c => {
-                let epr = &mut self.epr[offset as usize / 4];
-                // Data toggles and states turn over where 1 is written, CTR falls where 0 is.
-                let kept = epr.0 & value & 0x8080;
-                let toggled = (epr.0 ^ value) & TOGGLES;
-                epr.0 = kept | toggled | epr.0 & 0x0800 | value & 0x070f;
-                if epr.ep_type() == EpType::ISO {
-                    return Err("an isochronous endpoint".into());
-                }
-            }
-            CNTR => {
-                if !clock {
-                    return Err("without a clock of 48 MHz".into());
-                }
-                self.cntr = value;
-            }
-            ISTR => self.istr &= value | !STANDING,
-            DADDR => self.daddr = value & 0xff,
-            BTABLE if value & 7 != 0 || value >= MEMORY as u32 => return Err(UNMODELLED.into()),
-            BTABLE => self.btable = value,
-            BCDR if value & !PULL_UP != 0 => return Err(UNMODELLED.into()),
-            BCDR => self.bcdr = value,
-            _ => return Err(UNMODELLED.into()),
-        }
-        Ok(())
-    }
-
-    /// Half a word, or a byte, of the packet memory.
-    pub fn read_memory(&self, offset: u32, size: u32) -> Outcome<u32> {
-        let at = offset as usize;
-        let bytes = self.memory.get(at..at + size as usize).filter(|bytes| bytes.len() <= 2);
-        let bytes = bytes.ok_or("a word from a packet memory of 16 bits")?;
-        Ok(bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
-    }
-
-    /// Writes it.
-    pub fn write_memory(&mut self, offset: u32, size: u32, value: u32) -> Outcome {
-        let at = offset as usize;
-        let place = self.memory.get_mut(at..at + size as usize).filter(|place| place.len() <= 2);
-        let place = place.ok_or("a word to a packet memory of 16 bits")?;
-        place.iter_mut().zip(value.to_le_bytes()).for_each(|(to, from)| *to = from);
-        Ok(())
-    }
+    fn take(&mut self, address: u8, number: u8) -> Outcome<Answer>;
 }

@@ -67,9 +67,9 @@ impl Board {
         self.set(RegisterARM::LR, back)?;
         self.set(RegisterARM::XPSR, 1 << 24 | exception as u32)?;
         self.spend(ENTRY);
-        let chip = self.chip();
-        chip.system.enter(exception);
-        let vector = chip.system.vectors() + 4 * exception as u32;
+        let system = &mut self.chip().common_mut().system;
+        system.enter(exception);
+        let vector = system.vectors() + 4 * exception as u32;
         self.next = self.word(vector)? & !1;
         let inside = self.unicorn.get_data_mut();
         (inside.event, inside.float) = (true, false);
@@ -99,7 +99,7 @@ impl Board {
         self.set(RegisterARM::SP, frame + bytes)?;
         self.next = next & !1;
         self.spend(EXIT);
-        self.chip().system.leave(exception);
+        self.chip().common_mut().system.leave(exception);
         let inside = self.unicorn.get_data_mut();
         (inside.event, inside.float) = (true, float);
         Ok(())

@@ -1,9 +1,10 @@
 //! Clocks and resets (RM0440 §7). An oscillator is ready as soon as it is switched on; what the clocks
 //! require of the flash is checked where the system clock changes.
 
-use super::time::{self, Tick};
 use super::wires::Bit;
-use super::{Outcome, UNMODELLED};
+use crate::board::chip::Cause;
+use crate::board::time::{self, Tick};
+use crate::board::{Outcome, UNMODELLED};
 use stm32_metapac::rcc::regs::{Cfgr, Cr, Crrcr, Csr, Pllcfgr};
 
 const CR: u32 = 0x00;
@@ -16,17 +17,6 @@ const HSI_HZ: u64 = 16_000_000;
 /// The most with boost mode, and without (DS12589 table 17).
 const FASTEST: u64 = 170_000_000;
 const FASTEST_UNBOOSTED: u64 = 150_000_000;
-
-/// What reset the chip: bits of CSR.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
-    /// Power came.
-    Power,
-    /// SYSRESETREQ.
-    Software,
-    /// The independent watchdog.
-    Watchdog,
-}
 
 /// RCC.
 pub struct Rcc {

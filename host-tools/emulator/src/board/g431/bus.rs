@@ -1,21 +1,17 @@
 //! The bus: whose register an address is, and what reading and writing it does.
 
 use super::{
-    ADCS, Chip, Gpio, PORTS, PRIVATE, PWR_CR5, Place, RESETS, UNBOOSTED, Unit, adc_common, opamp,
-    plain,
+    ADCS, Adc, Bit, Dma, G431, MODES, PWR_CR5, Place, RESETS, UNBOOSTED, Unit, Usb, adc_common,
+    opamp, plain,
 };
-use crate::board::adc::Adc;
-use crate::board::dma::Dma;
-use crate::board::system;
+use crate::board::chip::PRIVATE;
+use crate::board::gpio::Gpio;
 use crate::board::time::Tick;
-use crate::board::timer::Timer;
-use crate::board::usb::Usb;
-use crate::board::wires::Bit;
 use crate::board::{Outcome, UNMODELLED};
 
-impl Chip {
+impl G431 {
     /// Whose address that is, and how far behind its beginning.
-    fn unit(&self, address: u32) -> Option<(&Place, u32)> {
+    pub(super) fn unit(&self, address: u32) -> Option<(&Place, u32)> {
         let owner = self.names.peripheral(address)?.address as u32;
         let at = self.units.binary_search_by_key(&owner, |place| place.base).ok()?;
         self.units.get(at).map(|place| (place, address - place.base))
@@ -39,9 +35,9 @@ impl Chip {
         for unit in named.map(|place| place.unit).collect::<Vec<_>>() {
             match unit {
                 Unit::Flash => self.flash.reset(),
-                Unit::Gpio(i) => self.gpio[i] = Gpio::new(PORTS[i].1),
-                Unit::Tim1 => self.tim1 = Timer::new(16),
-                Unit::Tim2 => self.tim2 = Timer::new(32),
+                Unit::Gpio(i) => self.common.ports[i] = Gpio::new(MODES[i]),
+                Unit::Tim1 => self.common.tim1 = self.common.tim1.fresh(),
+                Unit::Tim2 => self.common.tim2 = self.common.tim2.fresh(),
                 Unit::Dma | Unit::Multiplexer => self.dma = Dma::default(),
                 Unit::Adc(i) => self.adc[i] = Adc::new(ADCS[i]),
                 Unit::AdcCommon => self.adc_common = adc_common(),
@@ -58,29 +54,6 @@ impl Chip {
         }
     }
 
-    /// Reads a register; `now` is the time and the core's cycles.
-    pub fn read(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
-        self.read_inner(address, size, now)
-            .map_err(|why| format!("read of {}: {why}", self.name(address)))
-    }
-
-    /// Writes a register.
-    pub fn write(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
-        let plants = self.plants.iter().filter(|plant| plant.address == address);
-        let value = plants.fold(value, |value, plant| (plant.change)(value));
-        self.write_inner(address, size, value, now)
-            .map_err(|why| format!("write of {value:#x} to {}: {why}", self.name(address)))?;
-        self.go_on(now.0);
-        Ok(())
-    }
-
-    fn name(&self, address: u32) -> String {
-        if address >= PRIVATE && self.unit(address).is_none() {
-            return system::name(address);
-        }
-        self.names.register(address)
-    }
-
     /// The peripheral at an address, if its clock is on, and how far behind its beginning that is.
     fn awake(&self, address: u32) -> Outcome<Option<(Unit, u32)>> {
         let Some((place, offset)) = self.unit(address) else { return Ok(None) };
@@ -92,10 +65,10 @@ impl Chip {
         }
     }
 
-    fn read_inner(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
+    pub(super) fn read_unit(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
         let Some((unit, offset)) = self.awake(address)? else {
             if address >= PRIVATE {
-                return self.system.read(address - PRIVATE, size, now.0, now.1);
+                return self.common.system.read(address - PRIVATE, size, now.0, now.1);
             }
             return Err(UNMODELLED.into());
         };
@@ -103,23 +76,23 @@ impl Chip {
         let value = match unit {
             Unit::Rcc => self.rcc.read(word),
             Unit::Flash => self.flash.read(word),
-            Unit::Gpio(i) => self.gpio[i].read(word),
-            Unit::Tim1 => self.tim1.read(word, now.0),
-            Unit::Tim2 => self.tim2.read(word, now.0),
+            Unit::Gpio(i) => self.common.ports[i].read(word),
+            Unit::Tim1 => self.common.tim1.read(word, now.0),
+            Unit::Tim2 => self.common.tim2.read(word, now.0),
             Unit::Dma => self.dma.read(word),
             Unit::Multiplexer => self.dma.read_multiplexer(word),
             Unit::Adc(i) => self.adc[i].read(word),
             Unit::AdcCommon => self.adc_common.read(word),
             Unit::Opamp(i) => self.opamp[i].read(word),
-            Unit::Iwdg => self.iwdg.read(word),
-            Unit::Usb => self.usb.read(word, self.host.frame(now.0)),
+            Unit::Iwdg => self.common.iwdg.read(word),
+            Unit::Usb => self.usb.read(word, self.common.host.frame(now.0)),
             Unit::UsbMemory => return self.usb.read_memory(offset, size),
             Unit::Plain(i) => self.plain[i].1.read(word),
         }?;
         Ok(value >> (8 * (offset & 3)) & u32::MAX >> (32 - 8 * size))
     }
 
-    fn write_inner(
+    pub(super) fn write_unit(
         &mut self,
         address: u32,
         size: u32,
@@ -129,7 +102,13 @@ impl Chip {
         let hclk = self.rcc.hclk();
         let Some((unit, offset)) = self.awake(address)? else {
             if address >= PRIVATE {
-                return self.system.write(address - PRIVATE, size, value, (now, cycles), hclk);
+                return self.common.system.write(
+                    address - PRIVATE,
+                    size,
+                    value,
+                    (now, cycles),
+                    hclk,
+                );
             }
             return Err(UNMODELLED.into());
         };
@@ -149,25 +128,12 @@ impl Chip {
             }
             Unit::Flash => {
                 let busy = self.flash.write(offset, value)?;
-                self.stalled = now + busy;
+                self.common.stalled = now + busy;
                 Ok(())
             }
-            Unit::Gpio(i) => {
-                self.gpio[i].write(offset, value)?;
-                if PORTS[i].0 == "GPIOB" {
-                    self.finger.pins(self.gpio[i].high(), now);
-                }
-                Ok(())
-            }
-            Unit::Tim1 => {
-                let ran = self.tim1.is_running();
-                self.tim1.write(offset, value, now, hclk)?;
-                if self.tim1.is_running() && !ran {
-                    self.finger.scanned_anew(now);
-                }
-                Ok(())
-            }
-            Unit::Tim2 => self.tim2.write(offset, value, now, hclk),
+            Unit::Gpio(i) => self.common.write_port(i, offset, value, now),
+            Unit::Tim1 => self.common.write_tim1(offset, value, now, hclk),
+            Unit::Tim2 => self.common.tim2.write(offset, value, now, hclk),
             Unit::Dma => self.dma.write(offset, value),
             Unit::Multiplexer => self.dma.write_multiplexer(offset, value),
             Unit::Adc(i) => {
@@ -182,7 +148,7 @@ impl Chip {
             }
             Unit::AdcCommon => self.adc_common.write(offset, value),
             Unit::Opamp(i) => self.opamp[i].write(offset, value),
-            Unit::Iwdg => self.iwdg.write(offset, value, now),
+            Unit::Iwdg => self.common.iwdg.write(offset, value, now),
             Unit::Usb => self.usb.write(offset, value, self.rcc.usb_clock()),
             Unit::UsbMemory => self.usb.write_memory(offset, size, value),
             Unit::Plain(i) => {

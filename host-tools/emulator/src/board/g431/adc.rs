@@ -8,8 +8,8 @@ use stm32_metapac::adc::regs::{Cfgr2, Cr};
 use stm32_metapac::metadata::PeripheralTrigger;
 
 use super::names::peripheral;
-use super::time::{Tick, micros};
-use super::{Outcome, UNMODELLED};
+use crate::board::time::{Tick, micros};
+use crate::board::{Outcome, UNMODELLED};
 
 const ISR: u32 = 0x00;
 const IER: u32 = 0x04;

@@ -2,7 +2,7 @@
 //! masters on the bus are not modelled.
 
 use super::names::peripheral;
-use super::{Outcome, UNMODELLED};
+use crate::board::{Outcome, UNMODELLED};
 
 /// Channels of DMA1.
 pub const CHANNELS: usize = 6;

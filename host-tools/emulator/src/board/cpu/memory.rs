@@ -1,0 +1,154 @@
+//! What the core finds at an address: the image, the memories, and the chip behind all else.
+
+use anyhow::{Context, Result, ensure};
+use object::LittleEndian;
+use object::elf::{FileHeader32, PT_LOAD};
+use object::read::elf::{FileHeader, ProgramHeader};
+use unicorn_engine::{Prot, Unicorn};
+
+use super::{Inside, Stop, failed, stop, time};
+use crate::board::Outcome;
+use crate::board::chip::{Map, Memory, PRIVATE};
+use crate::board::system::NMI;
+
+/// The ROM of both chips, of which only the vector table's promise is modelled: who goes to it has ended.
+const ROM: (u32, u32) = (0x1fff_0000, 0x7000);
+/// Where it begins.
+pub const ROM_ENTRY: u32 = ROM.0 + 0x100;
+const PERIPHERALS: (u32, u32) = (0x4000_0000, 0x1100_0000);
+const PRIVATE_BYTES: u32 = 0x10_0000;
+
+/// Parts of an image, and where they are stored.
+type Segments<'a> = Vec<(u32, &'a [u8])>;
+
+/// The loadable parts of an image, by the address that they are stored at.
+pub fn segments(elf: &[u8]) -> Result<Segments<'_>> {
+    let header = FileHeader32::<LittleEndian>::parse(elf).context("not a 32-bit ELF file")?;
+    let endian = header.endian().context("not a little-endian ELF file")?;
+    let mut segments = Vec::new();
+    for segment in header.program_headers(endian, elf)? {
+        if segment.p_type(endian) == PT_LOAD
+            && let Ok(data) = segment.data(endian, elf)
+            && !data.is_empty()
+        {
+            segments.push((segment.p_paddr(endian), data));
+        }
+    }
+    Ok(segments)
+}
+
+/// Maps a chip's memories and flashes the image. The stack and the entry that it begins with.
+pub fn map(
+    unicorn: &mut Unicorn<'_, Inside>,
+    map: &Map,
+    segments: &Segments<'_>,
+) -> Result<[u32; 2]> {
+    let (flash, data) = (map.flash, map.data);
+    let behind = data.0 + data.1;
+    // What is around the data is the program's.
+    let code = [(flash.0, data.0 - flash.0), (behind, flash.0 + flash.1 - behind)];
+    let read_only = Prot::READ | Prot::EXEC;
+    let memories = code
+        .iter()
+        .map(|memory| (memory, read_only))
+        .chain(map.ram.iter().map(|memory| (memory, Prot::ALL)))
+        .chain([(&map.factory, Prot::READ), (&ROM, read_only)])
+        .filter(|((_, bytes), _)| *bytes > 0);
+    for ((address, bytes), access) in memories {
+        let mapped = unicorn.mem_map(u64::from(*address), u64::from(*bytes), access);
+        mapped.map_err(failed("mapping memory"))?;
+    }
+    let mut put = |address: u32, bytes: &[u8]| {
+        unicorn.mem_write(u64::from(address), bytes).map_err(failed("flashing"))
+    };
+    for (address, bytes) in code {
+        put(address, &vec![0xff; bytes as usize])?;
+    }
+    for (address, bytes) in segments {
+        let end = *address + bytes.len() as u32;
+        let within = code.iter().any(|(from, room)| *address >= *from && end <= from + room);
+        ensure!(
+            within,
+            "the image has {} bytes at {address:#010x}, where this board has no flash for its program",
+            bytes.len()
+        );
+        put(*address, bytes)?;
+    }
+    // The ROM's stack, its entry, and there a branch to itself.
+    let rom = [map.ram[0].0 + 0x1000, ROM_ENTRY | 1].map(u32::to_le_bytes).concat();
+    put(ROM.0, &rom)?;
+    put(ROM_ENTRY, &[0xfe, 0xe7])?;
+    // Three words: coordinates on the wafer, its number, its lot.
+    put(map.unique_id, &[0x0020_0013u32, 0x5033_5012, 0x2037_364b].map(u32::to_le_bytes).concat())?;
+    for (start, bytes) in [data, PERIPHERALS, (PRIVATE, PRIVATE_BYTES)] {
+        let read = move |unicorn: &mut Unicorn<'_, Inside>, offset: u64, size: usize| {
+            read(unicorn, start + offset as u32, size)
+        };
+        let write =
+            move |unicorn: &mut Unicorn<'_, Inside>, offset: u64, size: usize, value: u64| {
+                write(unicorn, start + offset as u32, size, value as u32);
+            };
+        unicorn
+            .mmio_map(u64::from(start), u64::from(bytes), Some(read), Some(write))
+            .map_err(failed("mapping the peripherals"))?;
+    }
+    let mut vectors = [0; 8];
+    unicorn.mem_read(u64::from(flash.0), &mut vectors).map_err(failed("reading the vectors"))?;
+    let [a, b, c, d, entry @ ..] = vectors;
+    Ok([[a, b, c, d], entry].map(u32::from_le_bytes))
+}
+
+/// unicorn's memory, for the DMA.
+pub struct Ram<'a, 'b>(pub &'a mut Unicorn<'b, Inside>);
+
+impl Memory for Ram<'_, '_> {
+    fn read(&mut self, address: u32, size: u32) -> Outcome<u32> {
+        let mut word = [0; 4];
+        let part = word.get_mut(..size as usize).ok_or("a transfer of more than a word")?;
+        let read = self.0.mem_read(u64::from(address), part);
+        read.map_err(|error| format!("the DMA reads {address:#010x}: {error:?}"))?;
+        Ok(u32::from_le_bytes(word))
+    }
+
+    fn write(&mut self, address: u32, size: u32, value: u32) -> Outcome {
+        let word = value.to_le_bytes();
+        let part = word.get(..size as usize).ok_or("a transfer of more than a word")?;
+        let written = self.0.mem_write(u64::from(address), part);
+        written.map_err(|error| format!("the DMA writes {address:#010x}: {error:?}"))
+    }
+}
+
+fn read(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize) -> u64 {
+    let inside = unicorn.get_data_mut();
+    let now = time(inside);
+    let Some(chip) = inside.chip.as_mut() else { return 0 };
+    if address < PERIPHERALS.0 {
+        let (value, torn) = chip.flash().fetch(address, size as u32);
+        if torn {
+            chip.common_mut().system.pend(NMI);
+        }
+        return u64::from(value);
+    }
+    match chip.read(address, size as u32, now) {
+        Ok(value) => u64::from(value),
+        Err(why) => {
+            stop(unicorn, Stop::Fault(why));
+            0
+        }
+    }
+}
+
+fn write(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize, value: u32) {
+    let inside = unicorn.get_data_mut();
+    let now = time(inside);
+    let Some(chip) = inside.chip.as_mut() else { return };
+    let done = if address < PERIPHERALS.0 {
+        let busy = chip.flash().program(address, size as u32, value);
+        busy.map(|busy| chip.common_mut().stalled = now.0 + busy)
+    } else {
+        chip.write(address, size as u32, value, now)
+    };
+    if let Err(why) = done {
+        stop(unicorn, Stop::Fault(why));
+    }
+}

@@ -1,0 +1,168 @@
+//! DMA2's eight streams in direct mode (RM0383 §9). A transfer is done the moment it is asked for: other masters on
+//! the bus are not modelled, nor are the FIFO, memory to memory, bursts and double buffers.
+
+use crate::board::{Outcome, UNMODELLED};
+
+/// Streams.
+pub const STREAMS: usize = 8;
+/// From one stream's registers to the next one's, and where the first are.
+const STRIDE: u32 = 0x18;
+const FIRST: u32 = 0x10;
+
+/// Flags of a stream: complete, half. TCIE and HTIE are a place lower in its CR.
+const COMPLETE: u32 = 1 << 5;
+const HALF: u32 = 1 << 4;
+/// In which bit of their register the flags of a stream begin.
+const FLAGS: [u32; 4] = [0, 6, 16, 22];
+
+/// Of CR: TCIE, HTIE, DIR, CIRC, MINC, PSIZE, MSIZE, PL, CHSEL, EN; the rest is not modelled.
+const MODELLED: u32 = 0x0e03_7dd9;
+
+#[derive(Clone, Copy, Default)]
+struct Stream {
+    cr: u32,
+    ndtr: u32,
+    par: u32,
+    m0ar: u32,
+    fcr: u32,
+    /// Transfers of a whole turn, and how many of them are done.
+    turn: u32,
+    done: u32,
+    flags: u32,
+}
+
+/// What one request moves.
+#[derive(Clone, Copy, Debug)]
+pub struct Transfer {
+    /// The peripheral's register.
+    pub register: u32,
+    /// The place in memory.
+    pub memory: u32,
+    /// Bytes.
+    pub size: u32,
+    /// Out of the memory.
+    pub to_peripheral: bool,
+}
+
+/// DMA2.
+#[derive(Default)]
+pub struct Dma {
+    streams: [Stream; STREAMS],
+}
+
+impl Dma {
+    /// A stream asks for its interrupt.
+    pub fn interrupt(&self, stream: usize) -> bool {
+        let Stream { cr, flags, .. } = self.streams[stream];
+        flags & cr << 1 & (COMPLETE | HALF) != 0
+    }
+
+    /// The next transfer of a stream, where it is on and serves this channel, and has not done all it was to do.
+    pub fn take(&mut self, stream: usize, channel: u32) -> Option<Transfer> {
+        let stream = &mut self.streams[stream];
+        let cr = stream.cr;
+        if cr & 1 == 0 || cr >> 25 & 7 != channel || stream.ndtr == 0 {
+            return None;
+        }
+        let size = 1 << (cr >> 11 & 3);
+        let step = if cr >> 10 & 1 == 1 { size * stream.done } else { 0 };
+        let transfer = Transfer {
+            register: stream.par,
+            memory: stream.m0ar + step,
+            size,
+            to_peripheral: cr >> 6 & 1 == 1,
+        };
+        stream.done += 1;
+        stream.ndtr -= 1;
+        if stream.done == stream.turn / 2 {
+            stream.flags |= HALF;
+        }
+        if stream.ndtr == 0 {
+            stream.flags |= COMPLETE;
+            // CIRC; else it switches itself off.
+            if cr >> 8 & 1 == 1 {
+                (stream.ndtr, stream.done) = (stream.turn, 0);
+            } else {
+                stream.cr &= !1;
+            }
+        }
+        Some(transfer)
+    }
+
+    fn flags(&self, first: usize) -> u32 {
+        FLAGS.iter().zip(&self.streams[first..]).map(|(at, stream)| stream.flags << at).sum()
+    }
+
+    /// The register at `offset`.
+    pub fn read(&self, offset: u32) -> Outcome<u32> {
+        if offset < FIRST {
+            return match offset {
+                0x00 => Ok(self.flags(0)),
+                0x04 => Ok(self.flags(4)),
+                _ => Err("only written".into()),
+            };
+        }
+        let (stream, register) = place(offset).ok_or(UNMODELLED)?;
+        let stream = &self.streams[stream];
+        Ok(match register {
+            0x00 => stream.cr,
+            0x04 => stream.ndtr,
+            0x08 => stream.par,
+            0x0c => stream.m0ar,
+            // FS: the FIFO is empty.
+            0x14 => stream.fcr | 4 << 3,
+            _ => return Err(UNMODELLED.into()),
+        })
+    }
+
+    /// Writes it.
+    pub fn write(&mut self, offset: u32, value: u32) -> Outcome {
+        if let 0x08 | 0x0c = offset {
+            let first = if offset == 0x08 { 0 } else { 4 };
+            for (at, stream) in FLAGS.iter().zip(&mut self.streams[first..]) {
+                stream.flags &= !(value >> at & 0x3d);
+            }
+            return Ok(());
+        }
+        let (index, register) = place(offset).ok_or(UNMODELLED)?;
+        let stream = &mut self.streams[index];
+        let enabled = stream.cr & 1 == 1;
+        match register {
+            0x00 if value & !MODELLED != 0 => return Err(UNMODELLED.into()),
+            0x00 => {
+                // DIR: memory to memory; sizes that differ.
+                if value & 1 == 1 && (value >> 6 & 3 > 1 || value >> 11 & 3 != value >> 13 & 3) {
+                    return Err(UNMODELLED.into());
+                }
+                if enabled && value & 1 == 1 && value != stream.cr {
+                    return Err("written while the stream is enabled".into());
+                }
+                if !enabled && value & 1 == 1 {
+                    if stream.flags != 0 {
+                        return Err(
+                            "enabled while flags of the last transfer stand (§9.3.17)".into()
+                        );
+                    }
+                    (stream.turn, stream.done) = (stream.ndtr, 0);
+                }
+                stream.cr = value;
+            }
+            _ if enabled => return Err("written while the stream is enabled".into()),
+            0x04 => stream.ndtr = value & 0xffff,
+            0x08 => stream.par = value,
+            0x0c => stream.m0ar = value,
+            // DMDIS, FEIE
+            0x14 if value & (1 << 2 | 1 << 7) != 0 => return Err(UNMODELLED.into()),
+            0x14 => stream.fcr = value & 3,
+            _ => return Err(UNMODELLED.into()),
+        }
+        Ok(())
+    }
+}
+
+/// Stream and register of an offset.
+fn place(offset: u32) -> Option<(usize, u32)> {
+    let at = offset.checked_sub(FIRST)?;
+    let stream = (at / STRIDE) as usize;
+    (stream < STREAMS).then_some((stream, at % STRIDE))
+}

@@ -1,0 +1,177 @@
+//! The flash (RM0383 §3): wait states, erasing a sector, programming a word, what a power cut leaves.
+//!
+//! Only the sectors that `memory.x` keeps from the program can be erased and programmed: a firmware that changes its
+//! own code is not modelled. While the flash is busy the core stands still, since it fetches from there. There is no
+//! error correction: what a cut leaves reads as it is, half of it done.
+
+use crate::board::cells::{Cells, Flash as Changed, Held};
+use crate::board::time::{Tick, micros};
+use crate::board::{Outcome, UNMODELLED};
+
+/// Where the flash is, and how many bytes.
+pub const ALL: (u32, u32) = (0x0800_0000, 0x8_0000);
+/// What survives power-off: sectors 1 to 4.
+pub const DATA: (u32, u32) = (0x0800_4000, 0x1_c000);
+/// Those sectors, and how long erasing them takes by 8, 16 and 32 bits at once (DS10314 table 47, typical).
+const SECTORS: [(u32, u32, [Tick; 3]); 4] = [
+    (0x0800_4000, 0x4000, SMALL),
+    (0x0800_8000, 0x4000, SMALL),
+    (0x0800_c000, 0x4000, SMALL),
+    (0x0801_0000, 0x1_0000, [micros(1_200_000), micros(700_000), micros(550_000)]),
+];
+const SMALL: [Tick; 3] = [micros(400_000), micros(300_000), micros(250_000)];
+/// How long programming a word takes.
+const PROGRAM: Tick = micros(16);
+
+const ACR: u32 = 0x00;
+const KEYR: u32 = 0x04;
+const SR: u32 = 0x0c;
+const CR: u32 = 0x10;
+const OPTCR: u32 = 0x14;
+
+const LOCK: u32 = 1 << 31;
+const STRT: u32 = 1 << 16;
+const PG: u32 = 1;
+const SER: u32 = 1 << 1;
+/// PSIZE: 32 bits at once.
+const WORDS: usize = 2;
+const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+
+/// Bits that an operation that is cut has done, where all would have been.
+const HALF_DONE: u8 = 0b0101_0110;
+
+/// The flash's controller, and what it controls.
+pub struct Flash {
+    held: Held,
+    acr: u32,
+    cr: u32,
+    sr: u32,
+    keys: usize,
+}
+
+impl Default for Flash {
+    /// Erased.
+    fn default() -> Self {
+        Self { held: Held::erased(DATA), acr: 0, cr: LOCK, sr: 0, keys: 0 }
+    }
+}
+
+impl Flash {
+    /// The controller is reset; what was programmed stays.
+    pub fn reset(&mut self) {
+        let held = std::mem::replace(&mut self.held, Held::erased((0, 0)));
+        *self = Self { held, ..Self::default() };
+    }
+
+    /// Wait states.
+    pub fn latency(&self) -> u32 {
+        self.acr & 0xf
+    }
+
+    /// The register at `offset`.
+    pub fn read(&self, offset: u32) -> Outcome<u32> {
+        Ok(match offset {
+            ACR => self.acr,
+            // An operation is over before the core can ask.
+            SR => self.sr,
+            CR => self.cr,
+            // The factory's; brown-out and write protection are the firmware's business nowhere.
+            OPTCR => 0x0fff_aaed,
+            _ => return Err(UNMODELLED.into()),
+        })
+    }
+
+    /// Writes it. How long the core stands still.
+    pub fn write(&mut self, offset: u32, value: u32) -> Outcome<Tick> {
+        match offset {
+            // LATENCY, PRFTEN, ICEN, DCEN, ICRST, DCRST
+            ACR if value & !0x1f0f != 0 => return Err(UNMODELLED.into()),
+            ACR => self.acr = value,
+            KEYR if KEYS.get(self.keys) == Some(&value) => {
+                self.keys += 1;
+                if self.keys == KEYS.len() {
+                    (self.keys, self.cr) = (0, self.cr & !LOCK);
+                }
+            }
+            KEYR => return Err("a wrong key, which locks the flash until the next reset".into()),
+            SR => self.sr &= !value,
+            CR => return self.control(value),
+            _ => return Err(UNMODELLED.into()),
+        }
+        Ok(0)
+    }
+
+    fn control(&mut self, value: u32) -> Outcome<Tick> {
+        if self.cr & LOCK != 0 {
+            return if value & LOCK != 0 {
+                Ok(0)
+            } else {
+                Err("written while it is locked".into())
+            };
+        }
+        // PG, SER, SNB, PSIZE, STRT, LOCK
+        if value & !(LOCK | STRT | 0x37b) != 0 {
+            return Err(UNMODELLED.into());
+        }
+        self.cr = value & !STRT;
+        if value & STRT == 0 {
+            return Ok(0);
+        }
+        if value & (PG | SER) != SER {
+            return Err("STRT without SER, or with PG".into());
+        }
+        self.erase(value >> 3 & 0xf)
+    }
+
+    /// PSIZE.
+    fn parallelism(&self) -> usize {
+        (self.cr >> 8 & 3) as usize
+    }
+
+    fn erase(&mut self, number: u32) -> Outcome<Tick> {
+        let sector = (number as usize).checked_sub(1).and_then(|i| SECTORS.get(i)).copied();
+        let sector = sector.ok_or_else(|| format!("sector {number}, which holds the program"));
+        let (address, bytes, times) = sector?;
+        // By 64 bits it takes a second voltage.
+        let time = times.get(self.parallelism()).ok_or("PSIZE = x64")?;
+        let cells = self.held.bytes(address, bytes)?;
+        let before = cells.to_vec();
+        cells.fill(0xff);
+        // Cut short, some of its bits are erased and some not.
+        self.held.finish(|cells| half_done(cells, address, &before));
+        Ok(*time)
+    }
+}
+
+/// Every other bit from `address` on is still, or again, as it was `before`.
+fn half_done(cells: &mut Cells, address: u32, before: &[u8]) {
+    let at = (address - DATA.0) as usize;
+    for (cell, before) in cells.data.iter_mut().skip(at).zip(before) {
+        *cell = *cell & HALF_DONE | before & !HALF_DONE;
+    }
+}
+
+impl Changed for Flash {
+    fn held(&mut self) -> &mut Held {
+        &mut self.held
+    }
+
+    fn fetch(&mut self, address: u32, size: u32) -> (u32, bool) {
+        (self.held.fetch(address, size), false)
+    }
+
+    fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick> {
+        if self.cr & PG == 0 {
+            return Err("a write to the flash without PG".into());
+        }
+        if size != 4 || address & 3 != 0 || self.parallelism() != WORDS {
+            return Err("a write to the flash that is not a word by PSIZE = x32".into());
+        }
+        let cells = self.held.bytes(address, 4)?;
+        let before = cells.to_vec();
+        // A bit can only be cleared.
+        cells.iter_mut().zip(value.to_le_bytes()).for_each(|(cell, byte)| *cell &= byte);
+        self.held.finish(|cells| half_done(cells, address, &before));
+        Ok(PROGRAM)
+    }
+}

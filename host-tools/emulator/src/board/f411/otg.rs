@@ -1,0 +1,404 @@
+//! The USB OTG core as a full-speed device without DMA (RM0383 §22): FIFOs, endpoints, and the interrupts that they
+//! ask for. No host mode, no isochronous endpoints, no low power.
+//!
+//! What the bus sends lies in one receive FIFO until the program pops it; what it is to fetch lies in a FIFO of its
+//! endpoint. An OUT endpoint takes what comes whenever it does not answer NAK, whether EPENA is set or not: embassy's
+//! driver relies on that.
+
+mod bus;
+
+use std::collections::VecDeque;
+
+use crate::board::{Outcome, UNMODELLED};
+
+/// Endpoints each way, with endpoint 0.
+const ENDPOINTS: usize = 4;
+/// Words of the memory that all FIFOs share.
+const MEMORY: u32 = 320;
+
+const GAHBCFG: u32 = 0x008;
+const GUSBCFG: u32 = 0x00c;
+const GRSTCTL: u32 = 0x010;
+const GINTSTS: u32 = 0x014;
+const GINTMSK: u32 = 0x018;
+const GRXSTSP: u32 = 0x020;
+const GRXFSIZ: u32 = 0x024;
+const DIEPTXF0: u32 = 0x028;
+const GCCFG: u32 = 0x038;
+const CID: u32 = 0x03c;
+/// Of the core's hardware configuration, which RM0383 leaves out and the driver reads: the width of an interface that
+/// a full-speed core does not have.
+const GHWCFG4: u32 = 0x050;
+const DIEPTXF1: u32 = 0x104;
+const DCFG: u32 = 0x800;
+const DCTL: u32 = 0x804;
+const DSTS: u32 = 0x808;
+const DIEPMSK: u32 = 0x810;
+const DOEPMSK: u32 = 0x814;
+const DAINT: u32 = 0x818;
+const DAINTMSK: u32 = 0x81c;
+const DIEPEMPMSK: u32 = 0x834;
+const IN: u32 = 0x900;
+const OUT: u32 = 0xb00;
+const PCGCCTL: u32 = 0xe00;
+const FIFO: u32 = 0x1000;
+
+/// Of GINTSTS.
+const RXFLVL: u32 = 1 << 4;
+const NPTXFE: u32 = 1 << 5;
+const USBSUSP: u32 = 1 << 11;
+const USBRST: u32 = 1 << 12;
+const ENUMDNE: u32 = 1 << 13;
+const IEPINT: u32 = 1 << 18;
+const OEPINT: u32 = 1 << 19;
+const WKUPINT: u32 = 1 << 31;
+/// Those that stand until they are cleared.
+const STANDING: u32 = WKUPINT | 1 << 30 | ENUMDNE | USBRST | USBSUSP | 1 << 3;
+
+/// Of an endpoint's control register.
+const USBAEP: u32 = 1 << 15;
+const NAKSTS: u32 = 1 << 17;
+const STALL: u32 = 1 << 21;
+const CNAK: u32 = 1 << 26;
+const SNAK: u32 = 1 << 27;
+const SD0PID: u32 = 1 << 28;
+const SODDFRM: u32 = 1 << 29;
+const EPDIS: u32 = 1 << 30;
+const EPENA: u32 = 1 << 31;
+
+/// Of an endpoint's interrupts: transfer complete, disabled, SETUP done, FIFO empty.
+const XFRC: u32 = 1;
+const EPDISD: u32 = 1 << 1;
+const STUP: u32 = 1 << 3;
+const TXFE: u32 = 1 << 7;
+
+/// PKTSTS.
+const OUT_DATA: u32 = 0b0010;
+const OUT_DONE: u32 = 0b0011;
+const SETUP_DONE: u32 = 0b0100;
+const SETUP_DATA: u32 = 0b0110;
+
+/// One way of an endpoint.
+#[derive(Clone, Default)]
+struct Endpoint {
+    /// MPSIZ, USBAEP, NAKSTS, EPTYP, STALL, TXFNUM, EPENA.
+    ctl: u32,
+    int: u32,
+    tsiz: u32,
+    /// The next data are DATA1.
+    data1: bool,
+}
+
+impl Endpoint {
+    fn is(&self, bit: u32) -> bool {
+        self.ctl & bit != 0
+    }
+
+    /// XFRSIZ and PKTCNT lose what has been moved.
+    fn moved(&mut self, bytes: usize) {
+        let left = (self.tsiz & 0x7_ffff).saturating_sub(bytes as u32);
+        let packets = (self.tsiz >> 19 & 0x3ff).saturating_sub(1);
+        self.tsiz = self.tsiz & 0x6000_0000 | packets << 19 | left;
+        if packets == 0 {
+            self.ctl = self.ctl & !EPENA | NAKSTS;
+        }
+    }
+}
+
+/// Something in the receive FIFO.
+struct Entry {
+    status: u32,
+    words: VecDeque<u32>,
+}
+
+/// The core.
+pub struct Otg {
+    gahbcfg: u32,
+    gusbcfg: u32,
+    gintsts: u32,
+    gintmsk: u32,
+    gccfg: u32,
+    grxfsiz: u32,
+    dieptxf: [u32; ENDPOINTS],
+    dcfg: u32,
+    dctl: u32,
+    diepmsk: u32,
+    doepmsk: u32,
+    daintmsk: u32,
+    diepempmsk: u32,
+    suspended: bool,
+    ins: [Endpoint; ENDPOINTS],
+    outs: [Endpoint; ENDPOINTS],
+    transmit: [VecDeque<u32>; ENDPOINTS],
+    receive: VecDeque<Entry>,
+    /// What is left of the entry that was popped last.
+    popped: VecDeque<u32>,
+    /// The address until the status of SET_ADDRESS is through.
+    former: Option<u32>,
+}
+
+impl Default for Otg {
+    fn default() -> Self {
+        let mut otg = Self {
+            gahbcfg: 0,
+            gusbcfg: 0x1440,
+            gintsts: 0,
+            gintmsk: 0,
+            gccfg: 0,
+            grxfsiz: 0x200,
+            dieptxf: [0x0200_0200; ENDPOINTS],
+            dcfg: 0x0220_0000,
+            dctl: 0,
+            diepmsk: 0,
+            doepmsk: 0,
+            daintmsk: 0,
+            diepempmsk: 0,
+            suspended: false,
+            ins: Default::default(),
+            outs: Default::default(),
+            transmit: Default::default(),
+            receive: VecDeque::new(),
+            popped: VecDeque::new(),
+            former: None,
+        };
+        // Endpoint 0 is always there, and endpoints answer NAK until they are told otherwise.
+        for endpoint in otg.ins.iter_mut().chain(&mut otg.outs) {
+            endpoint.ctl |= NAKSTS;
+        }
+        (otg.ins[0].ctl, otg.outs[0].ctl) = (USBAEP | NAKSTS, USBAEP | NAKSTS);
+        otg
+    }
+}
+
+impl Otg {
+    /// It asks for its interrupt.
+    pub fn interrupt(&self) -> bool {
+        self.gahbcfg & 1 == 1 && self.status() & self.gintmsk != 0
+    }
+
+    /// GINTSTS.
+    fn status(&self) -> u32 {
+        let asked = self.daint() & self.daintmsk;
+        let flag = |set: bool, bit: u32| if set { bit } else { 0 };
+        self.gintsts
+            | NPTXFE
+            | flag(!self.receive.is_empty(), RXFLVL)
+            | flag(asked & 0xffff != 0, IEPINT)
+            | flag(asked >> 16 != 0, OEPINT)
+    }
+
+    /// Endpoints that ask: IN in the lower half, OUT in the upper.
+    fn daint(&self) -> u32 {
+        let asks = |i: usize| {
+            let empty = self.transmit[i].is_empty() && self.diepempmsk >> i & 1 == 1;
+            let ins = self.ins[i].int & self.diepmsk != 0 || empty;
+            let outs = self.outs[i].int & self.doepmsk != 0;
+            u32::from(ins) << i | u32::from(outs) << (16 + i)
+        };
+        (0..ENDPOINTS).map(asks).sum()
+    }
+
+    /// The register at `offset`; `frame` is the number of the host's frame.
+    pub fn read(&mut self, offset: u32, frame: u32) -> Outcome<u32> {
+        Ok(match offset {
+            GAHBCFG => self.gahbcfg,
+            GUSBCFG => self.gusbcfg,
+            // AHBIDL: what is asked of it is done at once.
+            GRSTCTL => 1 << 31,
+            GINTSTS => self.status(),
+            GINTMSK => self.gintmsk,
+            GRXSTSP => self.pop()?,
+            GRXFSIZ => self.grxfsiz,
+            DIEPTXF0 => self.dieptxf[0],
+            DIEPTXF1..0x110 => self.dieptxf[1 + (offset - DIEPTXF1) as usize / 4],
+            GCCFG => self.gccfg,
+            CID => 0x1200,
+            GHWCFG4 => 0x0ff0_8030,
+            DCFG => self.dcfg,
+            DCTL => self.dctl,
+            // Full speed; FNSOF.
+            DSTS => u32::from(self.suspended) | 0b11 << 1 | (frame & 0x3fff) << 8,
+            DIEPMSK => self.diepmsk,
+            DOEPMSK => self.doepmsk,
+            DAINT => self.daint(),
+            DAINTMSK => self.daintmsk,
+            DIEPEMPMSK => self.diepempmsk,
+            PCGCCTL => 0,
+            FIFO..0x5000 => self.popped.pop_front().ok_or("more words than the packet has")?,
+            IN..OUT | OUT..0xd00 => return self.read_endpoint(offset),
+            _ => return Err(UNMODELLED.into()),
+        })
+    }
+
+    fn read_endpoint(&self, offset: u32) -> Outcome<u32> {
+        let (i, register) = (((offset & 0x1ff) % 0x100 / 0x20) as usize, offset & 0x1f);
+        let ways = if offset < OUT { &self.ins } else { &self.outs };
+        let endpoint = ways.get(i).ok_or(UNMODELLED)?;
+        Ok(match register {
+            // DPID
+            0x00 => endpoint.ctl | u32::from(endpoint.data1) << 16,
+            // TXFE follows the FIFO.
+            0x08 if offset < OUT && self.transmit[i].is_empty() => endpoint.int | TXFE,
+            0x08 => endpoint.int,
+            0x10 => endpoint.tsiz,
+            0x18 if offset < OUT => self.depth(i) - self.transmit[i].len() as u32,
+            _ => return Err(UNMODELLED.into()),
+        })
+    }
+
+    /// Words of an IN endpoint's FIFO.
+    fn depth(&self, i: usize) -> u32 {
+        self.dieptxf[i] >> 16
+    }
+
+    /// Takes an entry out of the receive FIFO: its status.
+    fn pop(&mut self) -> Outcome<u32> {
+        if !self.popped.is_empty() {
+            return Err("before all words of the last packet are read".into());
+        }
+        let Entry { status, words } = self.receive.pop_front().ok_or("the FIFO is empty")?;
+        self.popped = words;
+        // These two are not for reading: popped, they become an interrupt (§22.17.5).
+        let i = (status & 0xf) as usize;
+        match status >> 17 & 0xf {
+            SETUP_DONE => self.outs[i].int |= STUP,
+            OUT_DONE => self.outs[i].int |= XFRC,
+            _ => {}
+        }
+        Ok(status)
+    }
+
+    /// Writes it. `clock` says whether the core has its 48 MHz.
+    pub fn write(&mut self, offset: u32, value: u32, clock: bool) -> Outcome {
+        match offset {
+            // GINT, TXFELVL
+            GAHBCFG if value & !0x81 != 0 => return Err(UNMODELLED.into()),
+            GAHBCFG => self.gahbcfg = value,
+            // FHMOD, and not FDMOD.
+            GUSBCFG if value >> 29 & 3 != 2 => return Err("not forced to be a device".into()),
+            GUSBCFG => self.gusbcfg = value,
+            GRSTCTL => return self.flush(value),
+            GINTSTS => self.gintsts &= !(value & STANDING),
+            GINTMSK => self.gintmsk = value,
+            GRXFSIZ => self.grxfsiz = value & 0xffff,
+            DIEPTXF0 => return self.place(0, value),
+            DIEPTXF1..0x110 => return self.place(1 + (offset - DIEPTXF1) as usize / 4, value),
+            GCCFG if !clock => return Err("without a clock of 48 MHz".into()),
+            // VBUSBSEN, VBUSASEN: the board does not wire VBUS to PA9. PWRDWN and NOVBUSSENS.
+            GCCFG if value & !(1 << 21 | 1 << 16) != 0 => return Err(UNMODELLED.into()),
+            GCCFG => self.gccfg = value,
+            DCFG => {
+                let (before, now) = (self.dcfg >> 4 & 0x7f, value >> 4 & 0x7f);
+                if value & 3 != 3 {
+                    return Err("not of full speed by the internal transceiver".into());
+                }
+                self.former = (now != before && now != 0).then_some(before);
+                self.dcfg = value;
+            }
+            // SDIS; remote wake-up, test modes and global NAKs are not modelled.
+            DCTL if value & !2 != 0 => return Err(UNMODELLED.into()),
+            DCTL => self.dctl = value,
+            DIEPMSK => self.diepmsk = value,
+            DOEPMSK => self.doepmsk = value,
+            DAINTMSK => self.daintmsk = value,
+            DIEPEMPMSK => self.diepempmsk = value,
+            FIFO..0x5000 => return self.push((offset / FIFO - 1) as usize, value),
+            IN..OUT | OUT..0xd00 => return self.write_endpoint(offset, value),
+            _ => return Err(UNMODELLED.into()),
+        }
+        Ok(())
+    }
+
+    /// Where an IN endpoint's FIFO lies, and how long it is.
+    fn place(&mut self, i: usize, value: u32) -> Outcome {
+        let (start, words) = (value & 0xffff, value >> 16);
+        if start + words > MEMORY || words < 16 || start < self.grxfsiz {
+            return Err(format!("{words} words at {start} of {MEMORY}"));
+        }
+        self.dieptxf[i] = value;
+        Ok(())
+    }
+
+    /// GRSTCTL: RXFFLSH, and TXFFLSH of one FIFO or of all.
+    fn flush(&mut self, value: u32) -> Outcome {
+        if value & !(0x1f << 6 | 3 << 4) != 0 {
+            return Err(UNMODELLED.into());
+        }
+        if value >> 4 & 1 == 1 {
+            self.receive.clear();
+            self.popped.clear();
+        }
+        if value >> 5 & 1 == 1 {
+            match (value >> 6 & 0x1f) as usize {
+                0x10 => self.transmit.iter_mut().for_each(VecDeque::clear),
+                one => self.transmit.get_mut(one).ok_or(UNMODELLED)?.clear(),
+            }
+        }
+        Ok(())
+    }
+
+    /// A word of a packet that is to be fetched.
+    fn push(&mut self, i: usize, word: u32) -> Outcome {
+        let wanted = (self.ins[i].tsiz & 0x7_ffff).div_ceil(4) as usize;
+        if !self.ins[i].is(EPENA) || self.transmit[i].len() >= wanted {
+            return Err("a word that belongs to no transfer".into());
+        }
+        if self.transmit[i].len() as u32 >= self.depth(i) {
+            return Err("the FIFO is full".into());
+        }
+        self.transmit[i].push_back(word);
+        Ok(())
+    }
+
+    fn write_endpoint(&mut self, offset: u32, value: u32) -> Outcome {
+        let (i, register) = (((offset & 0x1ff) % 0x100 / 0x20) as usize, offset & 0x1f);
+        let ways = if offset < OUT { &mut self.ins } else { &mut self.outs };
+        let endpoint = ways.get_mut(i).ok_or(UNMODELLED)?;
+        match register {
+            0x00 => control(endpoint, i, value),
+            // What is written as one is cleared.
+            0x08 => {
+                endpoint.int &= !value;
+                Ok(())
+            }
+            0x10 => {
+                endpoint.tsiz = value;
+                Ok(())
+            }
+            _ => Err(UNMODELLED.into()),
+        }
+    }
+}
+
+/// Writes an endpoint's control register.
+fn control(endpoint: &mut Endpoint, i: usize, value: u32) -> Outcome {
+    if i > 0 && value >> 18 & 3 == 1 {
+        return Err("an isochronous endpoint".into());
+    }
+    let before = endpoint.ctl;
+    // MPSIZ, EPTYP, TXFNUM are as written, and USBAEP where it can be; EPENA and NAKSTS have bits of their own.
+    let mut ctl =
+        value & (0x7ff | 3 << 18 | 0xf << 22 | USBAEP | STALL) | before & (EPENA | NAKSTS);
+    if i == 0 {
+        // Here STALL can be set, and only a SETUP clears it (§22.16.4).
+        ctl |= USBAEP | before & STALL;
+    }
+    if value & CNAK != 0 {
+        ctl &= !NAKSTS;
+    }
+    if value & SNAK != 0 {
+        ctl |= NAKSTS;
+    }
+    if value & (SD0PID | SODDFRM) != 0 && i > 0 {
+        endpoint.data1 = value & SODDFRM != 0;
+    }
+    if value & EPENA != 0 {
+        ctl |= EPENA;
+    }
+    if value & EPDIS != 0 && before & EPENA != 0 {
+        ctl &= !EPENA;
+        endpoint.int |= EPDISD;
+    }
+    endpoint.ctl = ctl;
+    Ok(())
+}

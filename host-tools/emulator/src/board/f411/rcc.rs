@@ -1,0 +1,198 @@
+//! Clocks and resets (RM0383 §6). An oscillator is ready as soon as it is switched on; what the clocks require of
+//! flash and voltage is checked where the system clock changes.
+
+use crate::board::chip::Cause;
+use crate::board::time::{self, Tick};
+use crate::board::{Outcome, UNMODELLED};
+
+const CR: u32 = 0x00;
+const PLLCFGR: u32 = 0x04;
+const CFGR: u32 = 0x08;
+const BDCR: u32 = 0x70;
+const CSR: u32 = 0x74;
+
+const HSI_HZ: u64 = 16_000_000;
+/// The Black Pill's crystal.
+const HSE_HZ: u64 = 25_000_000;
+/// The most by scales 1, 2 and 3 of the core's voltage (DS10314 table 14).
+const FASTEST: [u64; 3] = [100_000_000, 84_000_000, 64_000_000];
+/// The most of the slower bus.
+const FASTEST_APB1: u64 = 50_000_000;
+/// MHz a wait state at 2.7 V to 3.6 V (RM0383 table 6).
+const WAIT_STATE_HZ: u64 = 30_000_000;
+
+/// RCC.
+pub struct Rcc {
+    registers: [u32; 0x90 / 4],
+    hclk: Tick,
+    /// Cycles of HCLK in one of the slower bus.
+    apb1: u64,
+}
+
+impl Rcc {
+    /// As after a reset. The flags of resets before it are kept until they are cleared.
+    pub fn new(cause: Cause, before: Option<&Self>) -> Self {
+        let mut registers = [0; 0x90 / 4];
+        for (offset, value) in [
+            (CR, 0x83),
+            (PLLCFGR, 0x2400_3010),
+            (0x50, 0x0061_900f),
+            (0x54, 0x80),
+            (0x60, 0x10e2_c80f),
+            (0x64, 0x0007_7930),
+            (0x84, 0x2400_3010),
+        ] {
+            registers[offset as usize / 4] = value;
+        }
+        let csr = before.map_or(0, |rcc| rcc.register(CSR) & 0xfe00_0000);
+        // Every cause pulls the reset pin low too: PINRSTF.
+        let cause = match cause {
+            // BORRSTF, PORRSTF
+            Cause::Power => 1 << 25 | 1 << 27,
+            Cause::Software => 1 << 28,
+            Cause::Watchdog => 1 << 29,
+        };
+        registers[CSR as usize / 4] = csr | 1 << 26 | cause;
+        Self { registers, hclk: time::HZ / HSI_HZ, apb1: 1 }
+    }
+
+    fn register(&self, offset: u32) -> u32 {
+        self.registers[offset as usize / 4]
+    }
+
+    /// The period of HCLK, which the faster APB bus runs at here.
+    pub fn hclk(&self) -> Tick {
+        self.hclk
+    }
+
+    /// The period of TIM2's clock: twice its bus's, where that is slower (TIMPRE is not set).
+    pub fn tim2_clock(&self) -> Tick {
+        if self.apb1 == 1 { self.hclk } else { self.hclk * self.apb1 / 2 }
+    }
+
+    /// The USB has its 48 MHz: the PLL's Q output.
+    pub fn usb_clock(&self) -> bool {
+        let divider = u64::from(self.register(PLLCFGR) >> 24 & 0xf);
+        self.register(CR) >> 25 & 1 == 1
+            && self.oscillator().is_ok_and(|vco| vco == 48_000_000 * divider)
+    }
+
+    /// The PLL is on.
+    pub fn pll_runs(&self) -> bool {
+        self.register(CR) >> 24 & 1 == 1
+    }
+
+    /// A peripheral's clock is on.
+    pub fn enabled(&self, (offset, place): (u32, u32)) -> bool {
+        self.register(offset) >> place & 1 == 1
+    }
+
+    /// The register at `offset`.
+    pub fn read(&self, offset: u32) -> Outcome<u32> {
+        self.registers.get(offset as usize / 4).copied().ok_or_else(|| UNMODELLED.into())
+    }
+
+    /// Writes it. `latency` is the flash's wait states, `scale` the core's voltage's: 1 to 3.
+    pub fn write(&mut self, offset: u32, value: u32, latency: u32, scale: u32) -> Outcome {
+        let pll_runs = self.pll_runs();
+        let sws = self.register(CFGR) >> 2 & 3;
+        let place = self.registers.get_mut(offset as usize / 4).ok_or(UNMODELLED)?;
+        match offset {
+            // HSEBYP, CSSON, PLLI2SON
+            CR if value & (1 << 18 | 1 << 19 | 1 << 26) != 0 => return Err(UNMODELLED.into()),
+            CR => {
+                let on = value & (1 | 1 << 16 | 1 << 24);
+                let stopped = [(0, 0), (1, 16), (2, 24)];
+                if stopped.iter().any(|(clock, bit)| sws == *clock && on >> bit & 1 == 0) {
+                    return Err("the system clock's source is switched off".into());
+                }
+                // What is on is ready, its next bit.
+                *place = value & 0xf8 | on | on << 1 | *place & 0xff00;
+            }
+            PLLCFGR if pll_runs => return Err("the PLL is running while it is set up".into()),
+            CFGR => {
+                *place = value & !0xc | (value & 3) << 2;
+                return self.switch(latency, scale);
+            }
+            CSR => {
+                // RMVF; LSION, LSIRDY
+                let flags = if value >> 24 & 1 == 1 { 0 } else { *place & 0xfe00_0000 };
+                let on = value & 1;
+                *place = flags | on << 1 | on;
+            }
+            BDCR if value & 5 != 0 => {
+                return Err("a crystal of 32 kHz, which is not modelled".into());
+            }
+            // The RTC's domain: reset, or its clock, of which nothing hangs here.
+            BDCR => *place = if value >> 16 & 1 == 1 { 1 << 16 } else { value },
+            // Interrupts, spread spectrum.
+            0x0c | 0x80 => return Err(UNMODELLED.into()),
+            _ => *place = value,
+        }
+        Ok(())
+    }
+
+    /// The system clock that CFGR and PLLCFGR choose now.
+    fn switch(&mut self, latency: u32, scale: u32) -> Outcome {
+        let (cr, cfgr) = (self.register(CR), self.register(CFGR));
+        let sysclk = match cfgr & 3 {
+            0 if cr >> 1 & 1 == 1 => HSI_HZ,
+            2 if cr >> 25 & 1 == 1 => self.pll()?,
+            other => {
+                return Err(format!("system clock {other}, which is not ready or not modelled"));
+            }
+        };
+        let divider = match cfgr >> 4 & 0xf {
+            hpre @ 0b1000..=0b1011 => 2 << (hpre & 3),
+            hpre @ 0b1100.. => 64 << (hpre & 3),
+            _ => 1,
+        };
+        let hclk = sysclk / divider;
+        let bus = |ppre: u32| if ppre & 4 == 0 { 1 } else { 2 << (ppre & 3) };
+        self.apb1 = bus(cfgr >> 10 & 7);
+        if bus(cfgr >> 13 & 7) != 1 {
+            return Err("an APB2 slower than the AHB, which is not modelled".into());
+        }
+        if hclk / self.apb1 > FASTEST_APB1 {
+            return Err(format!("APB1 at {} Hz, which it does not reach", hclk / self.apb1));
+        }
+        let fastest = FASTEST[scale as usize - 1];
+        if hclk > fastest {
+            return Err(format!(
+                "{hclk} Hz, above the {fastest} of voltage scale {scale} (PWR.CR.VOS)"
+            ));
+        }
+        let needed = (hclk - 1) / WAIT_STATE_HZ;
+        if u64::from(latency) < needed {
+            return Err(format!("{hclk} Hz with {latency} wait states, which takes {needed}"));
+        }
+        self.hclk =
+            time::period(hclk).ok_or_else(|| format!("{hclk} Hz, which are not modelled"))?;
+        Ok(())
+    }
+
+    /// The PLL's oscillator in hertz.
+    fn oscillator(&self) -> Outcome<u64> {
+        let (raw, cr) = (self.register(PLLCFGR), self.register(CR));
+        let source = match raw >> 22 & 1 {
+            1 if cr >> 17 & 1 == 1 => HSE_HZ,
+            1 => return Err("a PLL fed by a crystal that is off".into()),
+            _ => HSI_HZ,
+        };
+        let (m, n) = (u64::from(raw & 0x3f), u64::from(raw >> 6 & 0x1ff));
+        if m < 2 || !(50..=432).contains(&n) {
+            return Err(format!("a PLL with M = {m}, N = {n}"));
+        }
+        let (input, vco) = (source / m, source / m * n);
+        // DS10314 table 42.
+        if !(950_000..=2_100_000).contains(&input) || !(100_000_000..=432_000_000).contains(&vco) {
+            return Err(format!("a PLL fed by {input} Hz with its oscillator at {vco} Hz"));
+        }
+        Ok(vco)
+    }
+
+    /// The PLL's P output.
+    fn pll(&self) -> Outcome<u64> {
+        Ok(self.oscillator()? / (2 * (u64::from(self.register(PLLCFGR) >> 16 & 3) + 1)))
+    }
+}

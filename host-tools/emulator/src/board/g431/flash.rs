@@ -1,0 +1,173 @@
+//! The flash (RM0440 §3.3): wait states, erasing a page, programming 64 bits, what a power cut leaves.
+//!
+//! Only the pages that `memory.x` keeps from the program can be erased and programmed: a firmware that changes its own code is
+//! not modelled. While the flash is busy the core stands still, since it fetches from there.
+
+use crate::board::cells::{Cells, Flash as Changed, Held};
+use crate::board::time::{Tick, micros};
+use crate::board::{Outcome, UNMODELLED};
+
+/// Where the flash is, and how many bytes.
+pub const ALL: (u32, u32) = (0x0800_0000, 0x2_0000);
+/// What survives power-off: the last six pages.
+pub const DATA: (u32, u32) = (0x0801_d000, 0x3000);
+const PAGE: u32 = 2048;
+
+const ACR: u32 = 0x00;
+const KEYR: u32 = 0x08;
+const SR: u32 = 0x10;
+const CR: u32 = 0x14;
+const ECCR: u32 = 0x18;
+const OPTR: u32 = 0x20;
+
+const LOCK: u32 = 1 << 31;
+const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+
+/// DS12589 table 44, typical.
+const PROGRAM: Tick = micros(82);
+const ERASE: Tick = micros(22_020);
+
+/// The flash's controller, and what it controls.
+pub struct Flash {
+    held: Held,
+    acr: u32,
+    cr: u32,
+    sr: u32,
+    eccr: u32,
+    keys: usize,
+    /// The first half of a double word.
+    half: Option<(u32, u32)>,
+}
+
+impl Default for Flash {
+    /// Erased.
+    fn default() -> Self {
+        Self { held: Held::erased(DATA), acr: 0x600, cr: LOCK, sr: 0, eccr: 0, keys: 0, half: None }
+    }
+}
+
+impl Flash {
+    /// The controller is reset; what was programmed stays.
+    pub fn reset(&mut self) {
+        let held = std::mem::replace(&mut self.held, Held::erased((0, 0)));
+        *self = Self { held, ..Self::default() };
+    }
+
+    /// Wait states.
+    pub fn latency(&self) -> u32 {
+        self.acr & 0xf
+    }
+
+    fn erase(&mut self, page: u32) -> Outcome<Tick> {
+        let address = ALL.0 + page * PAGE;
+        self.held.bytes(address, PAGE)?.fill(0xff);
+        self.held.cells.torn.retain(|word| !(address..address + PAGE).contains(word));
+        // Cut short, some cells are erased and some not: no word of it can be trusted.
+        self.held.finish(|cells| tear(cells, address, PAGE));
+        Ok(ERASE)
+    }
+
+    /// The register at `offset`.
+    pub fn read(&self, offset: u32) -> Outcome<u32> {
+        Ok(match offset {
+            ACR => self.acr,
+            SR => self.sr,
+            CR => self.cr,
+            ECCR => self.eccr,
+            // The factory's; BOR, nBOOT0 and their kin are the firmware's business nowhere.
+            OPTR => 0xffef_f8aa,
+            _ => return Err(UNMODELLED.into()),
+        })
+    }
+
+    /// Writes it. How long the core stands still.
+    pub fn write(&mut self, offset: u32, value: u32) -> Outcome<Tick> {
+        match offset {
+            ACR => self.acr = value,
+            KEYR if KEYS.get(self.keys) == Some(&value) => {
+                self.keys += 1;
+                if self.keys == KEYS.len() {
+                    (self.keys, self.cr) = (0, self.cr & !LOCK);
+                }
+            }
+            KEYR => return Err("a wrong key, which locks the flash until the next reset".into()),
+            SR => self.sr &= !value,
+            ECCR => self.eccr &= !(value & 0xc000_0000),
+            CR => return self.control(value),
+            _ => return Err(UNMODELLED.into()),
+        }
+        Ok(0)
+    }
+
+    fn control(&mut self, value: u32) -> Outcome<Tick> {
+        if self.cr & LOCK != 0 {
+            return if value & LOCK != 0 {
+                Ok(0)
+            } else {
+                Err("written while it is locked".into())
+            };
+        }
+        // PG, PER, PNB, STRT, LOCK
+        if value & !(LOCK | 1 << 16 | 0x3fb) != 0 {
+            return Err(UNMODELLED.into());
+        }
+        self.cr = value & !(1 << 16);
+        if value >> 16 & 1 == 0 {
+            return Ok(0);
+        }
+        if value & 3 != 2 {
+            return Err("STRT without PER".into());
+        }
+        self.erase(value >> 3 & 0x7f)
+    }
+}
+
+/// The double words from `address` on are half done.
+fn tear(cells: &mut Cells, address: u32, length: u32) {
+    cells.torn.extend((address..address + length).step_by(8));
+}
+
+impl Changed for Flash {
+    fn held(&mut self) -> &mut Held {
+        &mut self.held
+    }
+
+    fn fetch(&mut self, address: u32, size: u32) -> (u32, bool) {
+        let torn = self.held.cells.torn.contains(&(address & !7));
+        if torn {
+            // ECCD; the place is left out.
+            self.eccr |= 1 << 31;
+        }
+        (self.held.fetch(address, size), torn)
+    }
+
+    /// A word is half of a double word.
+    fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick> {
+        if self.cr & 1 == 0 || size != 4 {
+            return Err("a write to the flash without PG, or not of 32 bits".into());
+        }
+        let Some((first, low)) = self.half.take() else {
+            if address & 7 != 0 {
+                return Err("the first word of a double word is not its lower one".into());
+            }
+            self.half = Some((address, value));
+            return Ok(0);
+        };
+        if address != first + 4 {
+            return Err("the second word does not follow the first".into());
+        }
+        let word = [low.to_le_bytes(), value.to_le_bytes()].concat();
+        let torn = self.held.cells.torn.contains(&first);
+        let place = self.held.bytes(first, 8)?;
+        let erased = place.iter().all(|byte| *byte == 0xff) && !torn;
+        if !erased && word.iter().any(|byte| *byte != 0) {
+            // PROGERR: the word is not changed.
+            self.sr |= 1 << 3;
+            return Ok(0);
+        }
+        place.copy_from_slice(&word);
+        self.held.cells.torn.remove(&first);
+        self.held.finish(|cells| tear(cells, first, 8));
+        Ok(PROGRAM)
+    }
+}

@@ -1,0 +1,411 @@
+//! The STM32G431CB (RM0440, DS12589): its peripherals, the bus that the core reaches them by, and the wires between
+//! them.
+
+mod adc;
+mod bus;
+mod dma;
+mod flash;
+pub mod names;
+mod rcc;
+mod usb;
+mod wires;
+
+use stm32_metapac::adccommon::regs::Ccr;
+
+use super::Outcome;
+use super::cells::Flash as Changed;
+use super::chip::{Cause, Chip, Common, Map, Memory, PRIVATE, Part};
+use super::finger::{Finger, Moment, Source, Wiring};
+use super::host::Host;
+use super::plain::Plain;
+use super::system;
+use super::time::{Tick, micros};
+use adc::Adc;
+use dma::Dma;
+use flash::Flash;
+use names::{Names, base, interrupt};
+use rcc::Rcc;
+use usb::Usb;
+use wires::{Bit, Pad, bits, pads};
+
+/// The finger's wiring on this board (docs/boards/stm32g431.md).
+const WIRING: Wiring = Wiring {
+    board: "stm32g431",
+    rows: scan_plan::pins::G431_ROWS,
+    select: scan_plan::pins::G431_SELECT,
+    columns: ["PA0", "PA1", "PA2", "PA3"],
+    midpoints: ["PA7", "PB14", "PB0", "PB13"],
+    bias: Some("PA5"),
+};
+
+/// Where its memories are (DS12589 §4): the CCM SRAM at its first place, and RAM.
+const MAP: Map = Map {
+    flash: flash::ALL,
+    data: flash::DATA,
+    ram: &[(0x2000_0000, 0x6000), (0x1000_0000, 0x3000)],
+    factory: (0x1fff_7000, 0x1000),
+    unique_id: 0x1fff_7590,
+};
+
+const PORTS: [&str; 6] = ["GPIOA", "GPIOB", "GPIOC", "GPIOD", "GPIOE", "GPIOF"];
+/// Reset values of their mode registers.
+const MODES: [u32; 6] = [0xabff_ffff, 0xffff_febf, !0, !0, !0, !0];
+/// Compare channels of TIM1.
+const CHANNELS: usize = 6;
+const ADCS: [&str; 2] = ["ADC1", "ADC2"];
+/// The amplifiers that reach ADC2 inside the chip, and its inputs for them (RM0440 table 162).
+const OPAMPS: [(&str, u32); 2] = [("OPAMP2", 16), ("OPAMP3", 18)];
+/// ADC1's inputs for the temperature sensor and the reference.
+const TEMPERATURE: u32 = 16;
+const REFERENCE: u32 = 18;
+
+/// RCC's reset registers, AHB1RSTR to APB2RSTR.
+const RESETS: std::ops::RangeInclusive<u32> = 0x28..=0x40;
+const PWR_CR5: u32 = 0x80;
+/// How long the core may be too fast for its voltage.
+const UNBOOSTED: Tick = micros(1_000);
+
+/// A peripheral that is modelled.
+#[derive(Clone, Copy, Debug)]
+enum Unit {
+    Rcc,
+    Flash,
+    Gpio(usize),
+    Tim1,
+    Tim2,
+    Dma,
+    Multiplexer,
+    Adc(usize),
+    AdcCommon,
+    Opamp(usize),
+    Iwdg,
+    Usb,
+    UsbMemory,
+    Plain(usize),
+}
+
+/// Where a peripheral stands, and which bits switch it on and reset it.
+struct Place {
+    base: u32,
+    unit: Unit,
+    enable: Option<Bit>,
+    reset: Option<Bit>,
+}
+
+impl Place {
+    fn new((name, unit): (&str, Unit)) -> Self {
+        let [enable, reset] = bits(name);
+        Self { base: base(name), unit, enable, reset }
+    }
+}
+
+/// Interrupts of what is modelled.
+struct Lines {
+    usb: usize,
+    adc: usize,
+    dma: Vec<usize>,
+}
+
+/// Requests to the DMA.
+struct Requests {
+    adc: [u32; 2],
+    tim1: [u32; 4],
+}
+
+/// The chip.
+pub struct G431 {
+    common: Common,
+    names: Names,
+    units: Vec<Place>,
+    adc_pads: [Vec<Option<Pad>>; 2],
+    opamp_pads: [Vec<Option<Pad>>; 2],
+    lines: Lines,
+    requests: Requests,
+    rcc: Rcc,
+    flash: Flash,
+    dma: Dma,
+    adc: [Adc; 2],
+    adc_common: Plain,
+    opamp: [Plain; 2],
+    usb: Usb,
+    plain: Vec<(&'static str, Plain)>,
+    /// Until when the core may be this fast at this voltage.
+    voltage_limit: Option<Tick>,
+}
+
+/// What is kept as it is written: clock recovery, voltage, wiring of pins to interrupts, debugging.
+fn plain() -> Vec<(&'static str, Plain)> {
+    vec![
+        // CR1 to CR5, SR1, SR2: the voltage regulator is ready at once.
+        (
+            "PWR",
+            Plain::new(&[
+                (0x00, 0x200),
+                (0x04, 0),
+                (0x08, 0x8000),
+                (0x0c, 0),
+                (0x10, 0),
+                (0x14, 0),
+                (0x80, 0x100),
+            ]),
+        ),
+        (
+            "SYSCFG",
+            Plain::new(&[
+                (0x00, 0),
+                (0x04, 0x7c00_0001),
+                (0x08, 0),
+                (0x0c, 0),
+                (0x10, 0),
+                (0x14, 0),
+            ]),
+        ),
+        ("EXTI", Plain::new(&[(0x00, 0xff82_0000), (0x08, 0), (0x0c, 0)])),
+        ("CRS", Plain::new(&[(0x00, 0x4000), (0x04, 0x2022_bb7f), (0x08, 0)])),
+        ("DBGMCU", Plain::new(&[(0x00, 0x2001_6468), (0x04, 0)])),
+    ]
+}
+
+fn adc_common() -> Plain {
+    Plain::new(&[(0x08, 0)])
+}
+
+fn opamp() -> Plain {
+    Plain::new(&[(0x00, 0), (0x18, 0)])
+}
+
+impl G431 {
+    /// Just powered.
+    pub fn new(mut finger: Finger, host: Host) -> Self {
+        finger.wire(WIRING);
+        let names = Names::default();
+        let plain = plain();
+        let mut units: Vec<(&str, Unit)> = vec![
+            ("RCC", Unit::Rcc),
+            ("FLASH", Unit::Flash),
+            ("TIM1", Unit::Tim1),
+            ("TIM2", Unit::Tim2),
+            ("DMA1", Unit::Dma),
+            ("DMAMUX1", Unit::Multiplexer),
+            ("ADC12_COMMON", Unit::AdcCommon),
+            ("IWDG", Unit::Iwdg),
+            ("USB", Unit::Usb),
+            ("USBRAM", Unit::UsbMemory),
+        ];
+        units.extend(PORTS.iter().enumerate().map(|(i, name)| (*name, Unit::Gpio(i))));
+        units.extend(ADCS.iter().enumerate().map(|(i, name)| (*name, Unit::Adc(i))));
+        units.extend(OPAMPS.iter().enumerate().map(|(i, (name, _))| (*name, Unit::Opamp(i))));
+        units.extend(plain.iter().enumerate().map(|(i, (name, _))| (*name, Unit::Plain(i))));
+        let mut units: Vec<Place> = units.into_iter().map(Place::new).collect();
+        units.sort_by_key(|place| place.base);
+        Self {
+            common: Common::new(finger, host, &MODES, CHANNELS),
+            names,
+            units,
+            adc_pads: ADCS.map(|name| pads(name, "IN", 20)),
+            opamp_pads: OPAMPS.map(|(name, _)| pads(name, "VINP", 4)),
+            lines: Lines {
+                usb: interrupt("USB_LP"),
+                adc: interrupt("ADC1_2"),
+                dma: (1..=dma::CHANNELS).map(|i| interrupt(&format!("DMA1_CHANNEL{i}"))).collect(),
+            },
+            requests: Requests {
+                adc: ADCS.map(|name| dma::request(name, name)),
+                tim1: ["CH1", "CH2", "CH3", "CH4"].map(|channel| dma::request("TIM1", channel)),
+            },
+            rcc: Rcc::new(Cause::Power, None),
+            flash: Flash::default(),
+            dma: Dma::default(),
+            adc: ADCS.map(Adc::new),
+            adc_common: adc_common(),
+            opamp: OPAMPS.map(|_| opamp()),
+            usb: Usb::default(),
+            plain,
+            voltage_limit: None,
+        }
+    }
+
+    fn tim1_edge(&mut self, now: Tick, memory: &mut dyn Memory) -> Outcome {
+        let edges = self.common.tim1.advance(now);
+        self.turn_amplifiers(now);
+        for (channel, asked) in edges.compare_dma.into_iter().enumerate() {
+            if asked {
+                self.transfer(self.requests.tim1[channel], now, memory)?;
+            }
+        }
+        for (rises, name) in [(edges.trgo, "TIM1_TRGO"), (edges.trgo2, "TIM1_TRGO2")] {
+            for (i, its) in ADCS.iter().enumerate().filter(|_| rises) {
+                let starts = self.adc[i].trigger(name, now);
+                if starts.map_err(|why| format!("{its}: {why}"))? {
+                    self.common.finger.note(now, Moment::Trigger(i));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The amplifiers' inputs, as TIM1 has them turned.
+    fn turn_amplifiers(&mut self, now: Tick) {
+        for i in 0..OPAMPS.len() {
+            if let Ok(pin) = self.amplified(i, now) {
+                self.common.finger.amplify(i, pin, now);
+            }
+        }
+    }
+
+    /// The pin that an amplifier amplifies.
+    fn amplified(&self, i: usize, now: Tick) -> Outcome<&'static str> {
+        let (csr, tcmr) = (self.opamp[i].read(0x00)?, self.opamp[i].read(0x18)?);
+        let name = OPAMPS[i].0;
+        // OPAEN; VM_SEL: PGA; OPAINTOEN.
+        if csr & 1 == 0 || csr >> 5 & 3 != 2 || csr >> 8 & 1 == 0 {
+            return Err(format!("{name} is off, without its PGA, or does not reach the ADC"));
+        }
+        // T1CM_EN
+        let turned =
+            tcmr >> 3 & 1 == 1 && self.common.tim1.is_driven(5) && self.common.tim1.output(5, now);
+        let select = if turned { tcmr >> 1 & 3 } else { csr >> 2 & 3 };
+        self.pin(name, self.opamp_pads[i].get(select as usize))
+    }
+
+    /// The pin that an input is, which must be analogue.
+    fn pin(&self, of: &str, input: Option<&Option<Pad>>) -> Outcome<&'static str> {
+        let Some(Some(pad)) = input else { return Err(format!("{of} has no such input")) };
+        self.common.analogue(of, pad.name, pad.port, pad.number)
+    }
+
+    /// True where the DMA was asked for a transfer.
+    fn adc_moment(&mut self, i: usize, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
+        let name = ADCS[i];
+        let source = self.adc[i].sampled(now).map(|input| self.source(i, input, now));
+        let finger = &mut self.common.finger;
+        if source.is_none() && self.adc[i].is_converting() {
+            finger.note(now, Moment::Result(i));
+        }
+        let asks = self.adc[i].advance(now, || match source {
+            Some(source) => Ok(finger.sample(source?, now)),
+            None => Err("a sample of nothing".into()),
+        });
+        let asks = asks.map_err(|why| format!("{name}: {why}"))?;
+        if asks && !self.common.misses(i) {
+            self.transfer(self.requests.adc[i], now, memory)?;
+        }
+        self.common.system.set_line(self.lines.adc, self.adc.iter().any(Adc::interrupt));
+        Ok(asks)
+    }
+
+    /// What an ADC's input is connected to.
+    fn source(&self, i: usize, input: u32, now: Tick) -> Outcome<Source> {
+        let common = Ccr(self.adc_common.read(0x08)?);
+        if i == 0 && input == TEMPERATURE && common.vsenseen() {
+            return Ok(Source::Temperature);
+        }
+        if i == 0 && input == REFERENCE && common.vrefen() {
+            return Ok(Source::Reference);
+        }
+        if let Some(which) = OPAMPS.iter().position(|(_, at)| i == 1 && *at == input) {
+            self.amplified(which, now)?;
+            return Ok(Source::Amplifier(which));
+        }
+        self.pin(ADCS[i], self.adc_pads[i].get(input as usize)).map(Source::Pin)
+    }
+
+    fn transfer(&mut self, request: u32, now: Tick, memory: &mut dyn Memory) -> Outcome {
+        let Some(channel) = self.dma.served_by(request) else { return Ok(()) };
+        let Some(transfer) = self.dma.take(channel)? else { return Ok(()) };
+        let dma::Transfer { register, memory: place, size, to_peripheral } = transfer;
+        if to_peripheral {
+            let value = memory.read(place, size)?;
+            self.write(register, size, value, (now, 0))
+        } else {
+            let value = self.read(register, size, (now, 0))?;
+            memory.write(place, size, value)
+        }
+    }
+}
+
+impl Chip for G431 {
+    fn map(&self) -> Map {
+        MAP
+    }
+
+    fn common(&self) -> &Common {
+        &self.common
+    }
+
+    fn common_mut(&mut self) -> &mut Common {
+        &mut self.common
+    }
+
+    fn flash(&mut self) -> &mut dyn Changed {
+        &mut self.flash
+    }
+
+    fn hclk(&self) -> Tick {
+        self.rcc.hclk()
+    }
+
+    fn reset(&mut self, cause: Cause, now: Tick) {
+        self.rcc = Rcc::new(cause, (cause != Cause::Power).then_some(&self.rcc));
+        self.flash.reset();
+        self.dma = Dma::default();
+        self.adc = ADCS.map(Adc::new);
+        self.adc_common = adc_common();
+        self.opamp = OPAMPS.map(|_| opamp());
+        self.usb = Usb::default();
+        self.plain = plain();
+        self.voltage_limit = None;
+        self.common.reset(now, &MODES);
+        self.plan();
+    }
+
+    fn schedule(&mut self) {
+        self.common.schedule(&[
+            (self.adc[0].next(), Part::Adc(0)),
+            (self.adc[1].next(), Part::Adc(1)),
+            (self.common.host.next(&self.usb), Part::Host),
+            (self.voltage_limit, Part::Voltage),
+        ]);
+    }
+
+    fn raise(&mut self) {
+        self.common.raise();
+        let system = &mut self.common.system;
+        system.set_line(self.lines.usb, self.usb.interrupt());
+        system.set_line(self.lines.adc, self.adc.iter().any(Adc::interrupt));
+        for (i, line) in self.lines.dma.iter().enumerate() {
+            system.set_line(*line, self.dma.interrupt(i));
+        }
+    }
+
+    fn happen(&mut self, part: Part, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
+        match part {
+            Part::System => self.common.system.advance(now),
+            Part::Tim1 => self.tim1_edge(now, memory)?,
+            Part::Tim2 => _ = self.common.tim2.advance(now),
+            // A sample alone asks for nothing.
+            Part::Adc(i) => return self.adc_moment(i, now, memory),
+            Part::Iwdg => self.common.bite(),
+            Part::Host => self.common.host.advance(now, &mut self.usb)?,
+            Part::Voltage => {
+                return Err("a core faster than 150 MHz without boost mode (PWR.CR5.R1MODE)".into());
+            }
+        }
+        Ok(true)
+    }
+
+    fn read_register(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
+        self.read_unit(address, size, now)
+    }
+
+    fn write_register(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
+        self.write_unit(address, size, value, now)
+    }
+
+    fn name(&self, address: u32) -> String {
+        if address >= PRIVATE && self.unit(address).is_none() {
+            return system::name(address);
+        }
+        self.names.register(address)
+    }
+}

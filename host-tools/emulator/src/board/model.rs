@@ -1,0 +1,30 @@
+//! The boards that there are.
+
+use clap::ValueEnum;
+
+use super::chip::Chip;
+use super::f411::F411;
+use super::finger::Finger;
+use super::g431::G431;
+use super::host::Host;
+
+/// A board, by its name in `boards/`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Model {
+    /// The product.
+    #[value(name = "stm32g431")]
+    G431,
+    /// The Black Pill.
+    #[value(name = "stm32f411")]
+    F411,
+}
+
+impl Model {
+    /// Its chip, just powered.
+    pub fn chip(self, finger: Finger, host: Host) -> Box<dyn Chip> {
+        match self {
+            Self::G431 => Box::new(G431::new(finger, host)),
+            Self::F411 => Box::new(F411::new(finger, host)),
+        }
+    }
+}

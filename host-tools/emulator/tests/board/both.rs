@@ -1,0 +1,373 @@
+//! What both boards do alike: boot, enumerate, stream, lose nothing silently, forget nothing.
+
+use std::process::Command as Process;
+
+use taxel::calibration::MAX_BYTES;
+use taxel::finger::Finger;
+use taxel::frame::{Fields, Status};
+use taxel::scan::Scan;
+use taxel::units::Micros;
+use taxel::wire::message::{Command, Reset, Response};
+
+use taxel_emulator::board::capture::pcap;
+use taxel_emulator::board::chip::Cause;
+use taxel_emulator::board::cpu::End;
+use taxel_emulator::board::model::Model;
+use taxel_emulator::board::script::Session;
+use taxel_emulator::board::time::micros;
+
+use crate::support::{
+    board, deviation, first_seen, info, name, packed, repository, scene, session, stream_codes,
+    tim1,
+};
+
+fn the_image_boots_enumerates_and_streams_ten_seconds_without_a_loss(model: Model) {
+    let mut session = session(model, false);
+    session.ask(Command::SetFields(Fields::ALL)).unwrap();
+    let before = info(&mut session);
+    assert_eq!((before.identity.board.as_str(), before.identity.scan_hz), (name(model), 4000));
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(10_000_000)).unwrap();
+    let after = info(&mut session);
+
+    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    assert_eq!((health.reset, health.panic), (Reset::Power, None));
+    assert_eq!(after.counters.lost, 0);
+    assert_eq!(after.counters.overruns, before.counters.overruns);
+    assert_eq!((after.counters.bad_packets, session.bad), (0, 0));
+    assert!((10_000..10_010).contains(&session.frames.len()), "{} frames", session.frames.len());
+    for pair in session.frames.windows(2) {
+        let [(_, a), (_, b)] = pair else { panic!() };
+        assert_eq!(b.seq, a.seq + 1);
+        assert!((999..=1001).contains(&(b.time.0 - a.time.0)), "{} to {}", a.time.0, b.time.0);
+        assert!(!b.status.contains(Status::OVERRUN));
+    }
+}
+
+fn what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows(model: Model) {
+    let mut session = session(model, false);
+    let frames = stream_codes(&mut session, micros(300_000));
+    assert!(frames.len() > 290);
+    first_seen(&session.board.finger().seen, &frames, 4);
+    // A step of a converter, for what has not quite settled.
+    let deviation = deviation(&frames, &scene(), 4);
+    assert!(deviation <= 1.0, "{deviation} codes");
+}
+
+fn frames_are_the_hosts_own_byte_for_byte(model: Model) {
+    let path = repository().join("host-tools/emulator/data/finger.cal.toml");
+    let mut calibration = taxel_formats::calibration::read(&path).unwrap();
+    // The image leaves the model of the skin out, and passes over its section.
+    calibration.model = None;
+    let mut record = [0; MAX_BYTES];
+    let record = calibration.to_bytes(&mut record).unwrap();
+    let mut session = session(model, false);
+    session.ask(Command::SetFields(Fields::ALL)).unwrap();
+    session.upload(record).unwrap();
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(300_000)).unwrap();
+    let frames = std::mem::take(&mut session.frames);
+    assert!(frames.iter().any(|(_, frame)| frame.status.contains(Status::CONTACT)));
+
+    // The board began anew with the calibration some scans before the first frame.
+    let seen = &session.board.finger().seen;
+    let first = first_seen(seen, &frames, 4);
+    let equal = |begin: &usize| {
+        let (finger, mut state) = Finger::new(Some(calibration.clone()));
+        let mut expected = frames.iter();
+        (*begin..first + 4 * frames.len()).zip(seen.iter().skip(*begin)).all(|(scan, seen)| {
+            let due = scan >= first && (scan - first).is_multiple_of(4);
+            let expected = if due { expected.next() } else { None };
+            let time = expected.map_or(Micros(0), |(_, frame)| frame.time);
+            let scan = Scan { time, lost: 0, codes: seen.codes };
+            let estimate = finger.estimate(&mut state, &scan);
+            expected.is_none_or(|(_, device)| {
+                packed(&estimate.frame(device.seq, Fields::ALL)) == packed(device)
+            })
+        })
+    };
+    assert!((first.saturating_sub(40)..=first).any(|begin| equal(&begin)));
+}
+
+fn a_host_that_stops_reading_costs_frames_that_are_counted_and_nothing_else(model: Model) {
+    let mut session = session(model, false);
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(100_000)).unwrap();
+    let before = info(&mut session);
+    session.board.host().reading = false;
+    session.run(micros(5_000_000)).unwrap();
+    session.board.host().reading = true;
+    session.run(micros(100_000)).unwrap();
+    let after = info(&mut session);
+    assert_eq!((after.counters.bad_packets, session.bad), (0, 0));
+    assert!(after.counters.lost > 4900, "{} frames lost", after.counters.lost);
+    let gaps: u32 = session.frames.windows(2).map(|pair| pair[1].1.seq - pair[0].1.seq - 1).sum();
+    assert_eq!(gaps, after.counters.lost);
+    assert_eq!(after.counters.overruns, before.counters.overruns);
+    // The scan went on. A frame's time is when its interrupt came, which waits for what masks it at most.
+    for pair in session.frames.windows(2) {
+        let [(_, a), (_, b)] = pair else { panic!() };
+        let late = (b.time.0 - a.time.0).abs_diff(1000 * u64::from(b.seq - a.seq));
+        assert!(late <= 10, "{late} µs at {}", a.seq);
+    }
+}
+
+/// Frames that come after the port is closed, while the stream is on, and after the cable was out and in
+/// and nobody has opened it.
+fn frames_of_a_closed_port(model: Model, misread: Option<fn([u8; 8]) -> [u8; 8]>) -> [usize; 2] {
+    let mut session = session(model, false);
+    session.board.host().misread = misread;
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(50_000)).unwrap();
+    session.board.host().open(false);
+    let frames = |session: &mut Session| {
+        session.run(micros(50_000)).unwrap();
+        session.frames.clear();
+        session.run(micros(200_000)).unwrap();
+        std::mem::take(&mut session.frames).len()
+    };
+    let closed = frames(&mut session);
+    session.board.host().plug(false);
+    session.run(micros(10_000)).unwrap();
+    session.board.host().plug(true);
+    session.run(micros(400_000)).unwrap();
+    assert!(session.board.host().is_ready());
+    [closed, frames(&mut session)]
+}
+
+fn nothing_is_sent_before_the_port_is_open_and_nothing_after_it_is_closed(model: Model) {
+    assert_eq!(frames_of_a_closed_port(model, None), [0, 0]);
+}
+
+fn a_firmware_that_ignores_dtr_shows(model: Model) {
+    // It takes every SET_CONTROL_LINE_STATE for one with DTR.
+    let ignored = frames_of_a_closed_port(
+        model,
+        Some(|setup| match setup {
+            [0x21, 0x22, low, rest @ ..] => {
+                let mut seen = [0x21, 0x22, low | 1, 0, 0, 0, 0, 0];
+                seen[3..].copy_from_slice(&rest);
+                seen
+            }
+            other => other,
+        }),
+    );
+    assert!(ignored[0] > 150, "{ignored:?}");
+}
+
+fn a_suspended_bus_puts_the_light_out_until_it_wakes(model: Model) {
+    let mut session = session(model, false);
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(50_000)).unwrap();
+    let now = session.board.now();
+    session.board.host().suspend(true, now);
+    // The bus is idle for 3 ms first.
+    session.run(micros(10_000)).unwrap();
+    session.frames.clear();
+    session.board.finger().timing = Some(Vec::new());
+    // Longer than the watchdog waits.
+    session.run(micros(800_000)).unwrap();
+    assert_eq!(session.board.finger().timing.take().unwrap(), []);
+    assert_eq!(session.board.finger().rows(), 0);
+    assert_eq!(session.frames.len(), 0);
+    let now = session.board.now();
+    session.board.host().suspend(false, now);
+    session.run(micros(200_000)).unwrap();
+    assert!(session.frames.len() > 190, "{} frames", session.frames.len());
+    assert_eq!(session.bad, 0);
+    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    assert_eq!(health.reset, Reset::Power);
+}
+
+fn an_endpoint_that_the_host_halts_goes_on_when_it_is_let(model: Model) {
+    let mut session = session(model, false);
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(50_000)).unwrap();
+    session.board.host().halt(true);
+    session.run(micros(50_000)).unwrap();
+    assert!(session.board.host().stalls > 0);
+    session.frames.clear();
+    session.run(micros(200_000)).unwrap();
+    assert!(session.frames.len() > 190, "{} frames", session.frames.len());
+    // A host may clear a halt that there is none of: the data begin anew, whichever was next.
+    for _ in 0..6 {
+        session.board.host().halt(false);
+        session.run(micros(7_000)).unwrap();
+    }
+    session.frames.clear();
+    session.run(micros(200_000)).unwrap();
+    assert!(session.frames.len() > 190, "{} frames", session.frames.len());
+    assert_eq!(info(&mut session).counters.bad_packets, 0);
+}
+
+fn a_self_test_measures_what_is_on_the_pins(model: Model) {
+    let still = scene()[..1].to_vec();
+    let mut session = Session::open(board(model, still.clone(), false)).unwrap();
+    let Response::SelfTest(test) = session.ask(Command::SelfTest { scans: 200 }).unwrap() else {
+        panic!()
+    };
+    let samples = match model {
+        Model::G431 => 8,
+        Model::F411 => 1,
+    };
+    assert_eq!((test.scans, test.full_scale.top().0), (200, samples * 4095));
+    let lit = still[0].taxels.unwrap().lit.into_iter().flatten();
+    for (channel, code) in test.channels.lit.into_iter().flatten().zip(lit) {
+        let channel = channel.unwrap();
+        assert!(
+            (channel.mean / f32::from(samples) - f32::from(code.0)).abs() <= 1.0
+                && channel.noise == 0.0
+        );
+    }
+}
+
+fn the_bootloader_is_entered_after_the_answer(model: Model) {
+    let mut session = session(model, false);
+    assert_eq!(session.ask(Command::Bootloader).unwrap(), Response::Done);
+    assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
+    assert_eq!(session.board.run(micros(20_000)).unwrap(), End::Bootloader);
+}
+
+fn settings_outlast_the_cable_and_saved_ones_the_power(model: Model) {
+    let mut session = session(model, false);
+    session.ask(Command::SetRate { hz: 500 }).unwrap();
+    session.board.host().plug(false);
+    session.run(micros(500_000)).unwrap();
+    session.board.host().plug(true);
+    session.reopen().unwrap();
+    assert_eq!(info(&mut session).rate_millihertz, 500_000);
+    session.ask(Command::SetRate { hz: 250 }).unwrap();
+    session.ask(Command::SaveSettings).unwrap();
+    session.ask(Command::SetRate { hz: 125 }).unwrap();
+    session.board.power_cycle().unwrap();
+    session.reopen().unwrap();
+    assert_eq!(info(&mut session).rate_millihertz, 250_000);
+}
+
+/// After a cut in any operation the flash holds what `Held::keep_cuts` keeps: the program stands still meanwhile,
+/// and nothing else outlasts the power. So one upload shows all cuts, and each is started from; of the Black Pill's
+/// the first, the last and some between them.
+fn a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other(model: Model) {
+    let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
+    let mut calibration = taxel_formats::calibration::read(&path).unwrap();
+    let mut session = session(model, false);
+    session.board.host().hurries = true;
+    let mut buffer = [0; MAX_BYTES];
+    session.upload(calibration.to_bytes(&mut buffer).unwrap()).unwrap();
+    let old = calibration.date;
+    let before = session.board.flash().cells.clone();
+
+    calibration.date += 1;
+    let record = calibration.to_bytes(&mut buffer).unwrap();
+    session.board.flash().keep_cuts();
+    session.upload(record).unwrap();
+    let cuts = session.board.flash().take_cuts();
+    // A slot is erased, then comes one word after the other.
+    assert!(cuts.len() > record.len() / 8, "{} operations", cuts.len());
+
+    let (mut dates, ends) = (Vec::new(), [0..3, cuts.len() - 3..cuts.len()]);
+    for (i, cut) in cuts.iter().enumerate() {
+        if model == Model::F411 && i % 61 > 0 && !ends.iter().any(|end| end.contains(&i)) {
+            continue;
+        }
+        session.board.flash().cells = cut.clone();
+        session.board.power_cycle().unwrap();
+        session.reopen().unwrap();
+        let calibration = info(&mut session).calibration.expect("a calibration is in force");
+        dates.push((i, calibration.date));
+    }
+    // The old one, until from some operation on it is the new one.
+    let kept = dates.iter().take_while(|(_, date)| *date == old).count();
+    assert!(dates[kept - 1].0 > record.len() / 8, "{kept} of {}", dates.len());
+    assert!(dates[kept..].iter().all(|(_, date)| *date == calibration.date), "{dates:?}");
+    println!("{} operations, the old calibration after {kept} of {} cuts", cuts.len(), dates.len());
+
+    // What is kept is what a cut leaves: two of them are made. The upload is the same, whatever went before.
+    for moment in [1, cuts.len() / 2] {
+        session.board.flash().cells = before.clone();
+        session.board.power_cycle().unwrap();
+        session.reopen().unwrap();
+        session.board.flash().cut_power_after(Some(moment as u64));
+        session.upload(record).unwrap_err();
+        assert_eq!(session.board.flash().cells, cuts[moment], "operation {moment}");
+        session.reopen().unwrap();
+        session.upload(record).unwrap();
+        assert_eq!(info(&mut session).calibration.unwrap().date, calibration.date);
+    }
+}
+
+fn the_watchdog_bites_where_no_scan_comes(model: Model) {
+    let mut session = session(model, false);
+    // TIM1 stands still, and nobody has asked for it.
+    let now = (session.board.now(), 0);
+    session.board.chip().write(tim1(model), 4, 0, now).unwrap();
+    // Half a second, and the Black Pill, whose flash takes longer to erase, three.
+    let end = session.board.run(micros(4_000_000)).unwrap();
+    assert_eq!(end, End::Reset(Cause::Watchdog));
+    session.reopen().unwrap();
+    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    assert_eq!((health.reset, health.panic), (Reset::Watchdog, None));
+}
+
+fn a_dissector_finds_nothing_malformed_and_a_serial_port(model: Model) {
+    let mut session = session(model, true);
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(50_000)).unwrap();
+    let urbs = session.board.host().capture.take().unwrap();
+    let path =
+        std::env::temp_dir().join(format!("taxel-{}-{}.pcap", name(model), std::process::id()));
+    std::fs::write(&path, pcap(&urbs)).unwrap();
+    let tshark = |arguments: &[&str]| {
+        let output = Process::new("tshark").arg("-r").arg(&path).args(arguments).output();
+        let output = output.expect("tshark is needed: `sudo apt-get install tshark`");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let complaints = tshark(&["-Y", "_ws.malformed || _ws.expert"]);
+    let subtypes = tshark(&[
+        "-Y",
+        "usbcom.descriptor.subtype",
+        "-T",
+        "fields",
+        "-e",
+        "usbcom.descriptor.subtype",
+    ]);
+    let vendor = tshark(&["-Y", "usb.idVendor == 0x1209 && usb.idProduct == 0x0001"]);
+    let coding = tshark(&["-V", "-Y", "frame contains 21:20"]);
+    let bulk = tshark(&["-Y", "usb.transfer_type == 3 && usb.endpoint_address.direction == 1"]);
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(complaints, "");
+    // Header, abstract control management, union.
+    assert_eq!(subtypes.trim(), "0x00,0x02,0x06");
+    assert_eq!(vendor.lines().count(), 2, "{vendor}");
+    assert!(coding.contains("SET LINE CODING"), "{coding}");
+    assert!(bulk.lines().count() > 40, "{bulk}");
+}
+
+macro_rules! on_both {
+    ($($test:ident)*) => {
+        mod g431 {
+            $(#[test] fn $test() { super::$test(super::Model::G431); })*
+        }
+        mod f411 {
+            $(#[test] fn $test() { super::$test(super::Model::F411); })*
+        }
+    };
+}
+
+on_both! {
+    the_image_boots_enumerates_and_streams_ten_seconds_without_a_loss
+    what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows
+    frames_are_the_hosts_own_byte_for_byte
+    a_host_that_stops_reading_costs_frames_that_are_counted_and_nothing_else
+    nothing_is_sent_before_the_port_is_open_and_nothing_after_it_is_closed
+    a_firmware_that_ignores_dtr_shows
+    a_suspended_bus_puts_the_light_out_until_it_wakes
+    an_endpoint_that_the_host_halts_goes_on_when_it_is_let
+    a_self_test_measures_what_is_on_the_pins
+    the_bootloader_is_entered_after_the_answer
+    settings_outlast_the_cable_and_saved_ones_the_power
+    a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other
+    the_watchdog_bites_where_no_scan_comes
+    a_dissector_finds_nothing_malformed_and_a_serial_port
+}

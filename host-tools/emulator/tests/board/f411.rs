@@ -1,0 +1,131 @@
+//! The Black Pill's scan, read off the pins, and what is its own.
+
+use scan_plan::f411::{CLOCK_HZ, INPUTS, TICKS_PER_CYCLE, plan};
+use scan_plan::{Settings, settle};
+use taxel::frame::{Fields, Status};
+use taxel::wire::message::{Command, Response, ScanSettings};
+
+use taxel_emulator::board::f411::registers::base;
+use taxel_emulator::board::finger::{Moment, Source};
+use taxel_emulator::board::model::Model::F411;
+use taxel_emulator::board::time::{HZ, Tick, micros};
+
+use crate::support::{deviation_with, info, moments, session, stream_codes};
+
+const TICK: Tick = HZ / CLOCK_HZ as Tick;
+
+fn is_pattern(moment: &Moment) -> bool {
+    matches!(moment, Moment::Pattern(..))
+}
+
+#[test]
+fn rows_follow_one_another_and_every_step_is_the_same_to_the_tick() {
+    let mut session = session(F411, false);
+    session.board.finger().timing = Some(Vec::new());
+    session.run(micros(20_000)).unwrap();
+    let timing = session.board.finger().timing.take().unwrap();
+    let plan =
+        plan(Settings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS }).unwrap();
+
+    let first = timing.iter().position(|(_, m)| *m == Moment::Pattern(0, 0)).unwrap();
+    let patterns: Vec<_> = timing[first..].iter().filter(|(_, m)| is_pattern(m)).collect();
+    assert!(patterns.len() > 390);
+    let order = [(0b0000, 0), (0b0001, 0), (0b0010, 1), (0b0100, 2), (0b1000, 3)];
+    for ((_, moment), (rows, sensor)) in patterns.iter().zip(order.into_iter().cycle()) {
+        assert_eq!(*moment, Moment::Pattern(rows, sensor));
+    }
+    for pair in patterns.windows(2) {
+        assert_eq!(pair[1].0 - pair[0].0, Tick::from(plan.step.top + 1) * TICK);
+    }
+
+    // From the pattern, in the timer's ticks: what is distinct of all steps.
+    let steps = moments(&timing[first..], is_pattern);
+    let after = |at: &Tick| steps.iter().rev().find(|step| *step <= at).map(|step| at - step);
+    let distinct = |wanted: &dyn Fn(&Moment) -> bool| {
+        let mut found: Vec<_> = moments(&timing, wanted).iter().filter_map(after).collect();
+        found.sort_unstable();
+        found.dedup();
+        found
+    };
+    let ticks = |counts: u32| Tick::from(counts) * TICK;
+    let [slow, columns] = [plan.step.slow, plan.step.columns].map(|at| ticks(at - plan.step.light));
+    assert_eq!(distinct(&|m| *m == Moment::Trigger(0)), [slow, columns]);
+    // Each input once a step, one after the other, the first when the light has settled.
+    let pins = ["PA1", "PA2", "PA3", "PA4", "PA5", "PA6", "PA7", "PB0"];
+    assert_eq!(pins.len(), INPUTS.len());
+    let each = ticks(27 * TICKS_PER_CYCLE);
+    for (pin, due) in pins.into_iter().zip((columns..).step_by(each as usize)) {
+        let [sampled] = distinct(&|m| *m == Moment::Sample(Source::Pin(pin)))[..] else {
+            panic!("{pin} is sampled at several places of a step")
+        };
+        assert_eq!(sampled - due, ticks(18 * TICKS_PER_CYCLE), "3 cycles to begin, 15 to sample");
+    }
+    let settled = Tick::from(settle::DEFAULT_NS) * HZ / 1_000_000_000;
+    assert!(columns >= settled);
+    // Temperature and reference take turns at one place.
+    let internal = [Source::Temperature, Source::Reference];
+    let [temperature, reference] =
+        internal.map(|source| distinct(&|m| *m == Moment::Sample(source)));
+    assert_eq!((temperature.len(), &temperature), (1, &reference));
+    let turns = moments(&timing, |m| internal.iter().any(|source| *m == Moment::Sample(*source)));
+    assert!(turns.len() > 390);
+}
+
+#[test]
+fn planted_faults_of_the_scan_show() {
+    const CCR1: u32 = 0x34;
+    const SQR3: u32 = 0x34;
+    const S1M0AR: u32 = 0x34;
+    // The row is lit 18 µs late, so that 8 µs are left to settle.
+    let settle = deviation_with(F411, base("TIM1") + CCR1, |count| count + 1728);
+    assert!(settle > 10.0, "{settle} codes");
+    // The first two columns are swapped.
+    let swapped = deviation_with(F411, base("ADC1") + SQR3, |sqr| {
+        sqr & !0x3ff | sqr >> 5 & 0x1f | sqr << 5 & 0x3e0
+    });
+    assert!(swapped > 10.0, "{swapped} codes");
+    // The patterns begin one row late.
+    let shifted = deviation_with(F411, base("DMA2") + S1M0AR, |address| address + 4);
+    assert!(shifted > 10.0, "{shifted} codes");
+}
+
+#[test]
+fn a_reading_that_the_dma_misses_costs_a_scan_that_is_counted_and_the_rows_stay_in_order() {
+    let mut session = session(F411, false);
+    session.ask(Command::SetRate { hz: 4000 }).unwrap();
+    session.ask(Command::SetFields(Fields::CODES)).unwrap();
+    session.ask(Command::Stream(true)).unwrap();
+    // In whatever step it happens to be.
+    for i in 0..4 {
+        session.run(micros(20_000) + i * micros(37)).unwrap();
+        session.frames.clear();
+        let before = info(&mut session).counters;
+        session.board.chip().withhold(0);
+        session.run(micros(20_000)).unwrap();
+        assert_eq!(info(&mut session).counters.overruns - before.overruns, 1);
+        let begin = session.frames.iter().position(|(_, f)| f.status.contains(Status::OVERRUN));
+        let frames = &session.frames[begin.unwrap()..];
+        assert!(frames.len() > 60);
+        let codes: Vec<_> = frames.iter().map(|(_, frame)| frame.codes.unwrap()).collect();
+        let seen: Vec<_> = session.board.finger().seen.iter().map(|s| s.codes).collect();
+        assert!(seen.windows(codes.len()).any(|seen| seen == codes));
+    }
+}
+
+#[test]
+fn the_scan_is_set_anew_at_once_or_refused_and_goes_on() {
+    let mut session = session(F411, false);
+    let wish = ScanSettings { scan_hz: 2000, oversampling: 1, settle_ns: 40_000 };
+    session.ask(Command::SetScan(wish)).unwrap();
+    session.board.finger().timing = Some(Vec::new());
+    let frames = stream_codes(&mut session, micros(100_000));
+    assert!(frames.len() > 95);
+    let timing = session.board.finger().timing.take().unwrap();
+    let steps = moments(&timing, is_pattern);
+    assert!(steps.windows(2).all(|pair| pair[1] - pair[0] == micros(100)));
+    // There is no oversampler.
+    let refused = session.ask(Command::SetScan(ScanSettings { oversampling: 2, ..wish }));
+    assert!(refused.unwrap_err().to_string().contains("Oversampling"));
+    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    assert_eq!(health.scan, Some(wish));
+}

@@ -1,0 +1,137 @@
+//! What the tests of both boards need.
+
+use std::path::{Path, PathBuf};
+
+use taxel::frame::{Fields, Frame};
+use taxel::scan::Codes;
+use taxel::units::Code;
+use taxel::wire::message::{Command, Info, Response};
+use taxel::wire::{MAX_PACKET, pack_frame};
+use taxel_formats::trace::TraceReader;
+
+use taxel_emulator::board::cpu::Board;
+use taxel_emulator::board::finger::{Finger, Moment, Pace, Seen, in_12_bits};
+use taxel_emulator::board::host::Host;
+use taxel_emulator::board::model::Model;
+use taxel_emulator::board::script::Session;
+use taxel_emulator::board::time::{Tick, micros};
+use taxel_emulator::board::{f411, g431};
+
+pub fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// A board's name in `boards/`.
+pub fn name(model: Model) -> &'static str {
+    match model {
+        Model::G431 => "stm32g431",
+        Model::F411 => "stm32f411",
+    }
+}
+
+/// Where its scan's timer is.
+pub fn tim1(model: Model) -> u32 {
+    match model {
+        Model::G431 => g431::names::base("TIM1"),
+        Model::F411 => f411::registers::base("TIM1"),
+    }
+}
+
+/// The very image that is flashed.
+fn image(model: Model) -> Vec<u8> {
+    let name = name(model);
+    let directory = std::env::var_os("TAXEL_FIRMWARE_DIR").map(PathBuf::from);
+    let directory = directory.unwrap_or_else(|| repository().join("boards/target/firmware"));
+    let path = directory.join(name).with_extension("elf");
+    std::fs::read(&path).unwrap_or_else(|error| {
+        panic!("{}: {error}; build it with `cargo xtask firmware {name}`", path.display())
+    })
+}
+
+/// Scans of a finger that is touched now and then, in codes of 12 bits.
+pub fn scene() -> Vec<Codes> {
+    let trace = repository().join("host-tools/emulator/data/scans.csv");
+    let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
+    scans.map(in_12_bits).collect()
+}
+
+/// A board with that on its pins, scan by scan, just powered.
+pub fn board(model: Model, scene: Vec<Codes>, capture: bool) -> Board {
+    let finger = Finger::new(scene, Pace::Scans);
+    Board::new(model, &image(model), finger, Host::new(capture)).unwrap()
+}
+
+/// Somebody at the port of one with [`scene`] on its pins.
+pub fn session(model: Model, capture: bool) -> Session {
+    Session::open(board(model, scene(), capture)).unwrap()
+}
+
+pub fn info(session: &mut Session) -> Info {
+    match session.ask(Command::Info).unwrap() {
+        Response::Info(info) => info,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The greatest distance of a streamed code from what the scene shows, in codes of 12 bits; all channels of
+/// all frames, which are `divider` scans apart.
+pub fn deviation(frames: &[(Tick, Frame)], scene: &[Codes], divider: usize) -> f32 {
+    let distance = |first: usize| {
+        let shown = scene.iter().cycle().skip(first).step_by(divider);
+        let pairs = frames.iter().zip(shown);
+        pairs.map(|((_, frame), shown)| worst(&frame.codes.unwrap(), shown)).fold(0.0, f32::max)
+    };
+    (0..scene.len()).map(distance).fold(f32::INFINITY, f32::min)
+}
+
+fn worst(read: &Codes, shown: &Codes) -> f32 {
+    let samples = f32::from(read.full_scale.top().0) / 4095.0;
+    let (read, shown) = (channels(read), channels(shown));
+    read.zip(shown)
+        .map(|(read, shown)| (f32::from(read.0) / samples - f32::from(shown.0)).abs())
+        .fold(0.0, f32::max)
+}
+
+fn channels(codes: &Codes) -> impl Iterator<Item = Code> {
+    let taxels = codes.taxels.unwrap();
+    let bridges = codes.bridges.into_iter().flatten().flat_map(|m| [m.a, m.b, m.c, m.d]);
+    taxels.lit.into_iter().flatten().chain(taxels.dark).chain(bridges)
+}
+
+pub fn stream_codes(session: &mut Session, time: Tick) -> Vec<(Tick, Frame)> {
+    session.ask(Command::SetFields(Fields::CODES)).unwrap();
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(time).unwrap();
+    session.ask(Command::Stream(false)).unwrap();
+    std::mem::take(&mut session.frames)
+}
+
+pub fn packed(frame: &Frame) -> Vec<u8> {
+    let mut buffer = [0; MAX_PACKET];
+    pack_frame(frame, &mut buffer).unwrap().to_vec()
+}
+
+pub fn moments(timing: &[(Tick, Moment)], wanted: impl Fn(&Moment) -> bool) -> Vec<Tick> {
+    timing.iter().filter(|(_, moment)| wanted(moment)).map(|(at, _)| *at).collect()
+}
+
+/// The scan of the first frame among those that the converters saw, where every later frame is `divider`
+/// scans after the one before.
+pub fn first_seen(seen: &[Seen], frames: &[(Tick, Frame)], divider: usize) -> usize {
+    let fits = |first: &usize| {
+        let scans = seen.iter().skip(*first).step_by(divider);
+        frames.iter().zip(scans).all(|((_, frame), seen)| frame.codes == Some(seen.codes))
+    };
+    let last = seen.len() - divider * (frames.len() - 1);
+    (0..last)
+        .find(fits)
+        .expect("the codes of all frames, in order, are among those that were converted")
+}
+
+/// Streams with a fault planted; how far the codes are off.
+pub fn deviation_with(model: Model, address: u32, change: fn(u32) -> u32) -> f32 {
+    let mut board = board(model, scene(), false);
+    board.chip().plant(address, change);
+    let mut session = Session::open(board).unwrap();
+    deviation(&stream_codes(&mut session, micros(100_000)), &scene(), 4)
+}
