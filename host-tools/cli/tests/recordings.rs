@@ -408,7 +408,8 @@ fn a_stretch_without_a_frame_is_told_and_overwrites_nothing() {
 fn a_recording_keeps_its_meaning_through_every_kind_of_file() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
-    taxel.succeeds(&["record", "--port", "sim:press", "--duration", "0.5", "--out", "a.mcap"]);
+    let record = ["record", "--port", "sim:press", "--duration", "0.5", "--fields", "all"];
+    taxel.succeeds(&[record.as_slice(), &["--out", "a.mcap"]].concat());
     taxel.succeeds(&["export", "a.mcap", "--out", "b.parquet"]);
     taxel.succeeds(&["export", "b.parquet", "--out", "c.mcap"]);
     let (a, c) = (folder.path().join("a.mcap"), folder.path().join("c.mcap"));
