@@ -76,9 +76,17 @@ class Network:
         found = self.topics.get(listen.key(self.store, self.domain, topic, kind))
         return [] if found is None else found.samples
 
-    def tokens(self) -> list[str]:
-        replies = self.session.liveliness().get("@ros2_lv/**", timeout=2.0)
-        return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
+    def tokens(self, count: int) -> list[str]:
+        """The network's tokens, once there are so many: they arrive when they do, as samples do."""
+        found: list[str] = []
+
+        def all_there() -> bool:
+            replies = self.session.liveliness().get("@ros2_lv/**", timeout=2.0)
+            found[:] = sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
+            return len(found) == count
+
+        wait(all_there)
+        return found
 
 
 @pytest.fixture(scope="module")
@@ -129,12 +137,11 @@ def test_names_keys_tokens_and_attachments_are_those_of_rmw_zenoh(command: str, 
     network.subscribe("hand/frames", listen.FRAME)
     with bridge(command, network, ["sim:press"], "--namespace", "/hand") as process:
         wait(lambda: len(network.samples("hand/frames", listen.FRAME)) > 100)
-        node, *publishers = sorted(network.tokens(), key=len)
+        node, *publishers = sorted(network.tokens(3), key=len)
         parts = node.split("/")
         assert parts[:2] == ["@ros2_lv", "3"]
         assert parts[4:] == [parts[3], "NN", "%", "%hand", "press"]
         assert parts[2] in {str(peer) for peer in network.session.info.peers_zid()}
-        assert len(publishers) == 2
         for topic, kind in (("hand/press/wrench", listen.WRENCH), ("hand/frames", listen.FRAME)):
             key, type_name, type_hash = listen.key(network.store, 3, topic, kind).rsplit("/", 2)
             assert key == f"3/{topic}"
@@ -151,7 +158,7 @@ def test_names_keys_tokens_and_attachments_are_those_of_rmw_zenoh(command: str, 
             assert all(0 <= s.at_ns - s.published_ns < 5e9 for s in samples)
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0
-        wait(lambda: network.tokens() == [])
+        assert network.tokens(0) == []
 
 
 def test_values_are_the_fingers_own_to_the_last_bit(command: str, network: Network, tmp_path: Path):
@@ -243,16 +250,19 @@ def test_an_endpoint_that_is_none_is_told_in_one_line(command: str, network: Net
 def test_ten_fingers_at_a_kilohertz_reach_another_process_without_loss(command: str, network: Network):
     network.subscribe("taxel/*/wrench", listen.WRENCH)
     ports = [f"sim:{scene}" for scene in SCENES]
-    with bridge(command, network, ports, "--duration", "4", "--json") as process:
+    with bridge(command, network, ports, "--json") as process:
+        # Some seconds of all of them, from whenever each has found its way here.
+        wait(lambda: len(network.topics) == len(SCENES), 120)
+        topics = network.topics.values()
+        wait(lambda: all(len(topic.samples) > 2000 for topic in topics), 120)
+        process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=120)
     reports = json.loads(out)
     assert len(reports) == len(SCENES)
     assert [report["lost"] for report in reports] == [0] * len(SCENES)
-    samples = [s for topic in network.topics.values() for s in topic.samples]
-    assert [topic.lost() for topic in network.topics.values()] == [0] * len(SCENES)
-    # All but those that were published before the subscriber was known.
-    published = sum(report["frames"] - report["withheld"] for report in reports)
-    assert len(samples) > 0.8 * published and published > 20_000
+    assert [topic.lost() for topic in topics] == [0] * len(SCENES)
+    samples = [s for topic in topics for s in topic.samples]
+    assert 20_000 < len(samples) <= sum(report["frames"] - report["withheld"] for report in reports)
     late = listen.percentiles([(s.at_ns - s.published_ns) * 1e-6 for s in samples])
     print(f"{len(samples)} wrenches of {len(SCENES)} fingers, 0 lost, ms late: {late}")
 
@@ -271,7 +281,8 @@ def test_the_manuals_commands_do_what_it_says(command: str, tmp_path: Path):
         assert "node /taxel/press, topics /taxel/press/wrench and /taxel/frames" in ran.stderr
     endpoint = free_endpoint()
     listener = subprocess.Popen(
-        [sys.executable, str(ROOT / "host-tools/bridge/listen.py"), "--seconds", "5"]
+        # Long enough for a bridge that is slow to start: it has four seconds to say.
+        [sys.executable, str(ROOT / "host-tools/bridge/listen.py"), "--seconds", "20"]
         + ["--listen", endpoint],
         stdout=subprocess.PIPE,
         text=True,
@@ -279,7 +290,7 @@ def test_the_manuals_commands_do_what_it_says(command: str, tmp_path: Path):
     host, _, port = endpoint.removeprefix("tcp/").partition(":")
     wait(lambda: socket.socket().connect_ex((host, int(port))) == 0)
     fingers = ["--port", "sim:press", "--port", "sim:shear", "--connect", endpoint]
-    run = [command, "bridge", "--zenoh", *fingers, "--duration", "8"]
+    run = [command, "bridge", "--zenoh", *fingers, "--duration", "4"]
     subprocess.run(run, capture_output=True, check=True)
     out, _ = listener.communicate(timeout=30)
     assert "0/taxel/press/wrench: " in out and "0/taxel/shear/wrench: " in out

@@ -14,6 +14,9 @@ POLL = 0.1
 
 READ = 65536
 
+BAUD = 1_000_000
+"""Of a UART; USB does not care."""
+
 
 class Transport(Protocol):
     """Two streams of bytes. ``read`` returns what there is, nothing after :data:`POLL`; both raise
@@ -30,8 +33,8 @@ class SerialTransport:
     def __init__(self, name: str) -> None:
         self._name = name
         try:
-            # Line settings mean nothing to a finger; a second program on the port would steal its bytes.
-            self._port = serial.Serial(name, baudrate=115200, timeout=POLL, write_timeout=1, exclusive=True)
+            # 8N1, as pyserial has it by itself; a second program on the port would steal the finger's bytes.
+            self._port = serial.Serial(name, baudrate=BAUD, timeout=POLL, write_timeout=1, exclusive=True)
         except (serial.SerialException, ValueError, OSError) as error:
             raise LinkError(f"{name}: {_reason(error)}") from error
 
