@@ -17,10 +17,16 @@ pub fn tests() -> Result<()> {
     check(&["ruff", "check", "."])?;
     check(&["ruff", "format", "--check", "src", "tests"])?;
     check(&["mypy"])?;
+    as_users_install_it(&python, &client)?;
     run(cargo().args(["build", "--quiet", "--bin", "taxel"]).args(locked()))?;
     // A workspace of its own; `taxel` looks for it beside itself.
     let bridge = root().join("host-tools/bridge");
     run(clean_cargo("cargo", &bridge).args(["fmt", "--check"]))?;
+    run(clean_cargo("cargo", &bridge)
+        .args(["clippy", "--quiet", "--all-targets", "--target-dir"])
+        .arg(target())
+        .args(locked())
+        .args(["--", "-D", "warnings"]))?;
     run(clean_cargo("cargo", &bridge)
         .args(["build", "--quiet", "--target-dir"])
         .arg(target())
@@ -28,6 +34,37 @@ pub fn tests() -> Result<()> {
     run(program(&python, &client)
         .env("TAXEL", target().join("debug/taxel"))
         .args(["-m", "pytest", "--quiet"]))
+}
+
+/// A program of somebody who has installed the client: types and all.
+const USERS: &str = "\
+import taxel
+serial: str = taxel.Finger(\"/dev/ttyACM0\").info().serial
+";
+
+/// `pip install ./host-tools/python`, as the manual has it, into an environment that has nothing else; then from a folder
+/// outside of the repository `taxel` is imported, and a user's program is checked against the types that came along.
+fn as_users_install_it(tools: &Path, client: &Path) -> Result<()> {
+    let folder = target().join("python-user");
+    let environment = folder.join("environment");
+    let python = environment.join("bin/python");
+    let there = answer(Command::new(&python).args(["-c", "import numpy, serial, cobs; print(1)"]));
+    if there.is_none() {
+        run(program("python3", client).args(["-m", "venv"]).arg(&environment))?;
+    }
+    // What it needs is there from the last time; the client itself is built and installed anew.
+    let install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
+    let anew: &[&str] = if there.is_some() { &["--force-reinstall", "--no-deps"] } else { &[] };
+    run(program(&python, &root()).args(install).args(anew).arg("./host-tools/python"))?;
+    let typed = "import taxel, pathlib; p = pathlib.Path(taxel.__file__).parent; \
+                 assert 'site-packages' in p.parts and (p / 'py.typed').exists(), p";
+    run(program(&python, &folder).args(["-I", "-c", typed]))?;
+    std::fs::write(folder.join("program.py"), USERS)?;
+    run(program(tools, &folder)
+        .args(["-m", "mypy", "--strict", "--python-executable"])
+        .arg(&python)
+        .args(["--config-file=", "program.py"]))?;
+    Ok(())
 }
 
 /// The interpreter of an environment that has the client and what its tests need.
