@@ -21,7 +21,7 @@ function faded(rgb) {
 
 function axes(unit) {
   const common = { stroke: paint("--quiet"), grid: { stroke: paint("--line"), width: 1 }, ticks: { stroke: paint("--line"), width: 1 }, font: "12px system-ui, sans-serif" };
-  return [{ ...common }, { ...common, size: 62, values: (plot, splits) => short(splits), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
+  return [{ ...common }, { ...common, size: 62, values: (plot, splits) => (plot.bare ? splits.map(() => "") : short(splits)), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
 }
 
 /** A point for each pixel: of its stretch of time the least and the greatest, so that no peak is lost. */
@@ -90,7 +90,7 @@ export class Strip {
       series,
       bands,
       axes: [time, value],
-      scales: { x: { time: false, range: [-WINDOW, 0] }, y: { range: (plot, low, high) => span(low, high) } },
+      scales: { x: { time: false, range: [-WINDOW, 0] }, y: { range: span } },
       cursor: { show: false },
       legend: { show: false },
     }, [[]].concat(this.names.flatMap(() => [[], []])), this.holder);
@@ -114,10 +114,11 @@ export class Strip {
   }
 }
 
-/** A range that does not jump at every wiggle and always has zero in it. */
-function span(low, high) {
-  if (low === null || high === null || low === undefined) return [0, 1];
-  const [least, most] = [Math.min(0, low ?? 0), Math.max(0, high ?? 0)];
+/** A range that does not jump at every wiggle and always has zero in it. Without a value an axis has no numbers. */
+function span(plot, low, high) {
+  plot.bare = low === null || high === null || low === undefined;
+  if (plot.bare) return [0, 1];
+  const [least, most] = [Math.min(0, low), Math.max(0, high)];
   const pad = Math.max((most - least) * .08, .005);
   return [least === 0 ? (most > 0 ? -pad / 2 : -.05) : least - pad, most === 0 ? (least < 0 ? pad / 2 : .05) : most + pad];
 }

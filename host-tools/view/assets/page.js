@@ -12,16 +12,23 @@ const state = { at: {}, facts: {}, times: [], low: {}, high: {}, latest: [], mea
 let socket, finger, sensors = [], strips = [], spectrum, dragging = false, wanted = true;
 
 // —— the link ——
-const params = new URLSearchParams(location.search);
-const which = Number(params.get("finger") ?? 0);
+/** The finger that the address asks for, or else the first, once it is known which there are. */
+function choosable(names) {
+  const asked = new URLSearchParams(location.search).get("finger");
+  const which = asked in names ? asked : 0;
+  $("finger").replaceChildren(...names.map((name, i) => new Option(name, i)));
+  $("finger").value = which;
+  $("finger").parentElement.hidden = names.length < 2;
+  return which;
+}
 
-function connect() {
+function connect(which) {
   socket = new WebSocket(`${location.origin.replace(/^http/, "ws")}/finger/${which}`);
   socket.onmessage = (event) => receive(JSON.parse(event.data));
   socket.onopen = () => { if ($("channel").value) ask("channel", { name: $("channel").value }); };
   socket.onclose = () => {
-    trouble("the taxel program has ended; start it again and this page goes on");
-    setTimeout(connect, 500);
+    trouble("the taxel program does not answer: it has ended, or the way to it is cut (SSH, network); once it is there again this page goes on");
+    setTimeout(connect, 500, which);
   };
 }
 
@@ -130,14 +137,18 @@ function learn(facts) {
   const corners = new Set([0, 5, 10, 20, 50, 100, 200, 500, facts.filter_hz].filter((hz) => hz <= facts.scan_hz / 4));
   $("filter").replaceChildren(...[...corners].sort((a, b) => a - b).map((hz) => new Option(hz ? `${hz} Hz` : "none", hz)));
   $("filter").value = facts.filter_hz;
+  // Made once: a box that is made anew has lost the keyboard.
+  if (!$("fields").children.length) $("fields").append(...facts.field_names.map(fieldBox));
   const chosen = facts.fields.split(",");
-  $("fields").replaceChildren(...facts.field_names.map((name) => {
-    const label = document.createElement("label");
-    const box = Object.assign(document.createElement("input"), { type: "checkbox", value: name, checked: chosen.includes(name) });
-    box.onchange = () => ask("fields", { list: [...$("fields").querySelectorAll(":checked")].map((one) => one.value).join() });
-    label.append(box, ` ${name}`);
-    return label;
-  }));
+  for (const box of $("fields").querySelectorAll("input")) box.checked = chosen.includes(box.value);
+}
+
+function fieldBox(name) {
+  const label = document.createElement("label");
+  const box = Object.assign(document.createElement("input"), { type: "checkbox", value: name });
+  box.onchange = () => ask("fields", { list: [...$("fields").querySelectorAll(":checked")].map((one) => one.value).join() });
+  label.append(box, ` ${name}`);
+  return label;
 }
 
 // —— drawing, once a frame of the screen ——
@@ -253,7 +264,8 @@ function vitals() {
   write("lost", String(state.lost ?? "–"));
   write("echo", number(state.echo_ms) ? `${state.echo_ms.toFixed(1)} ms` : "–");
   write("clock", state.clock ? `± ${state.clock[1].toFixed(2)} ms` : "–");
-  $("clock").title = state.clock ? `it runs ${Math.round(state.clock[0])} parts per million faster than this machine's` : "";
+  const [ppm] = state.clock ?? [null];
+  $("clock").title = number(ppm) ? `it runs ${Math.round(ppm)} parts per million faster than this machine's` : "how fast it runs is known after ten seconds";
   trouble(state.trouble);
   $("record").setAttribute("aria-pressed", Boolean(state.recording));
   write("record", state.recording ? "End recording" : "Record");
@@ -310,12 +322,9 @@ addEventListener("resize", () => { strips.forEach((strip) => strip.resize()); sp
 matchMedia("(prefers-color-scheme: dark)").onchange = () => { strips.forEach((strip) => strip.build()); spectrum.build(spectrum.unit); wanted = true; };
 
 spectrum = new Spectrum($("spectrum"));
-fetch("fingers").then((answer) => answer.json()).then((names) => {
-  $("finger").replaceChildren(...names.map((name, i) => new Option(name, i)));
-  $("finger").value = which;
-  $("finger").parentElement.hidden = names.length < 2;
-});
 /** For the tests and for scripts in the browser's console. */
 window.taxel = state;
-connect();
-requestAnimationFrame(draw);
+fetch("fingers").then((answer) => answer.json()).then((names) => {
+  connect(choosable(names));
+  requestAnimationFrame(draw);
+});

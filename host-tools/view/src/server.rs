@@ -1,14 +1,15 @@
 //! Serves the page, and one WebSocket for each page that is open.
 
-use std::net::{SocketAddr, TcpListener};
+use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use axum::Router;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
-use axum::extract::{Path, State};
+use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use serde_json::{Value, json};
@@ -65,6 +66,7 @@ impl Server {
         let listener = TcpListener::bind(address).map_err(failed)?;
         listener.set_nonblocking(true).map_err(failed)?;
         let local = listener.local_addr().map_err(failed)?;
+        let name = host(address).to_owned();
         let (stop, stopped) = oneshot::channel::<()>();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         let runtime = runtime.map_err(failed)?;
@@ -73,7 +75,7 @@ impl Server {
                 let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
                 tokio::select! {
                     // An accept that fails is tried again by the library.
-                    _ = axum::serve(listener, routes(feeds)) => {}
+                    _ = axum::serve(listener, routes(feeds, name)) => {}
                     _ = stopped => {}
                 }
             });
@@ -102,7 +104,8 @@ impl Drop for Server {
 
 type Feeds = Arc<Vec<Feed>>;
 
-fn routes(feeds: Vec<Feed>) -> Router {
+/// What is served to whoever calls this machine by its address, `localhost` or `name`.
+fn routes(feeds: Vec<Feed>, name: String) -> Router {
     let pages = ASSETS.into_iter().fold(Router::new(), |router, (path, kind, text)| {
         let headers = [(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "no-cache")];
         router.route(path, get(move || async move { (headers, text) }))
@@ -111,6 +114,31 @@ fn routes(feeds: Vec<Feed>) -> Router {
         .route("/fingers", get(fingers))
         .route("/finger/{number}", get(finger))
         .with_state(Arc::new(feeds))
+        .layer(from_fn_with_state(Arc::<str>::from(name), only_by_own_name))
+}
+
+/// Whoever owns a name may let it lead to this machine (DNS rebinding): to the browser, what is served here
+/// would then be that page's own, and the finger its to command.
+async fn only_by_own_name(State(name): State<Arc<str>>, request: Request, next: Next) -> Response {
+    let called = request.headers().get(header::HOST).and_then(|value| value.to_str().ok());
+    if is_own(called.unwrap_or_default(), &name) {
+        return next.run(request).await;
+    }
+    let mend = "this page is served by its IP address and as localhost; for another name, give it to --listen";
+    (StatusCode::FORBIDDEN, mend).into_response()
+}
+
+/// An address is nobody's name to give away.
+fn is_own(called: &str, name: &str) -> bool {
+    let called = host(called);
+    called.parse::<IpAddr>().is_ok()
+        || ["localhost", name].iter().any(|own| called.eq_ignore_ascii_case(own))
+}
+
+/// The host of `HOST:PORT`, `[HOST]:PORT` or `HOST`.
+fn host(address: &str) -> &str {
+    let end = address.rfind(':').filter(|colon| !address.ends_with(']') && *colon > 0);
+    address[..end.unwrap_or(address.len())].trim_matches(['[', ']'])
 }
 
 async fn fingers(State(feeds): State<Feeds>) -> impl IntoResponse {
@@ -187,6 +215,24 @@ fn order(message: &Message, feed: &Feed, reply: &mpsc::UnboundedSender<Outcome>)
         Ok(order) => {
             let sent = feed.orders.send(Envelope { order, reply: reply.clone() });
             sent.is_err().then(|| json!({ "failed": "the finger is not there" }))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn this_machine_goes_by_addresses_localhost_and_the_name_that_it_listens_by() {
+        let name = host("robot.local:8173");
+        for own in ["127.0.0.1:8173", "192.168.1.20", "[::1]:8173", "[fe80::1]", "localhost:8173"] {
+            assert!(is_own(own, name), "{own}");
+        }
+        assert!(is_own("Robot.Local:8173", name));
+        for other in ["", ":8173", "evil.example:8173", "127.0.0.1.evil.example", "localhost.evil"]
+        {
+            assert!(!is_own(other, name), "{other}");
         }
     }
 }

@@ -172,7 +172,8 @@ impl Live {
         let mut now = self.now();
         let Some(fields) = now.fields else { return };
         now.clock.frame(received.frame.time, received.at);
-        let clock = now.clock.drift_ppm().zip(now.clock.host(received.frame.time));
+        let clock =
+            now.clock.host(received.frame.time).map(|host| (now.clock.drift_ppm(), host.error));
         let mut row = std::mem::take(&mut now.row);
         row.clear();
         cells(&received.frame, fields, &mut row);
@@ -186,7 +187,7 @@ impl Live {
         }
         scope.trouble = None;
         scope.push(&row, received.at);
-        scope.link.clock = clock.map(|(ppm, host)| (ppm, host.error));
+        scope.link.clock = clock;
         now.row = row;
         if let Some(client) = self.steady.client() {
             let counts = client.counts();
