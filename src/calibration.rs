@@ -21,7 +21,7 @@ use core::fmt;
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
-use crate::condition::{Bias, BridgeBias, TaxelBias};
+use crate::condition::{Bias, BridgeBias, TaxelBias, Warmth};
 use crate::estimate::array::Array;
 use crate::estimate::inverse::Inverse;
 use crate::estimate::net::ForceNet;
@@ -36,7 +36,7 @@ use section::{Entry, entry};
 pub(crate) use sections::bias_fits;
 
 /// Newest version of the record that this firmware reads.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 /// The first version that had sections. Nothing was released before it.
 const OLDEST: u16 = 2;
 /// No record in bytes is longer than what a slot of the flash holds: a net of 24 units beside everything
@@ -64,6 +64,8 @@ pub struct Calibration {
     pub model: Option<Inverse>,
     /// What a contact holds before it slips.
     pub slip: Option<Slip>,
+    /// What warmth does to it.
+    pub warmth: Option<Warmth>,
     /// The force sensors.
     pub sensors: [Option<SensorCalibration>; SENSORS],
     /// The force sensors as one.
@@ -81,6 +83,7 @@ const SECTIONS: &[Entry] = &[
     entry(4, 2, "slip", |c| &c.slip, |c| &mut c.slip),
     #[cfg(feature = "quantised")]
     entry(5, 2, "quantised", |c| &c.quantised, |c| &mut c.quantised),
+    entry(6, 3, "warmth", |c| &c.warmth, |c| &mut c.warmth),
     entry(16, 2, "s0", |c| &c.sensors[0], |c| &mut c.sensors[0]),
     entry(17, 2, "s1", |c| &c.sensors[1], |c| &mut c.sensors[1]),
     entry(18, 2, "s2", |c| &c.sensors[2], |c| &mut c.sensors[2]),
@@ -197,6 +200,7 @@ impl Calibration {
         quantised: None,
         model: None,
         slip: None,
+        warmth: None,
         sensors: [const { None }; SENSORS],
         array: None,
     };
@@ -279,6 +283,7 @@ impl Calibration {
             4 => section::write(&self.slip, buffer),
             #[cfg(feature = "quantised")]
             5 => section::write(&self.quantised, buffer),
+            6 => section::write(&self.warmth, buffer),
             16 => section::write(s0, buffer),
             17 => section::write(s1, buffer),
             18 => section::write(s2, buffer),

@@ -1,7 +1,7 @@
 //! Codes become signals: dark subtraction, full-scale normalisation, bias, and channel health.
 //!
 //! ```text
-//! Codes ──Levels::read──▶ Levels ──Bias::apply──▶ Signals ──LowPass::smooth──▶ Signals
+//! Codes ──Levels::read, Warmth::correct──▶ Levels ──Bias::apply, LowPass::smooth──▶ Signals
 //! ```
 //! [`Levels`] are absolute fractions of full scale and need no calibration. [`Signals`] are changes
 //! against the unloaded finger and exist only once a [`Bias`] is known. They are smoothed only where the
@@ -10,12 +10,16 @@
 mod bias;
 mod levels;
 mod low_pass;
+mod noise;
 mod stuck;
+mod warmth;
 
 pub use bias::{Bias, BiasRefusal, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias};
 pub use levels::{BridgeLevels, DEAD_LEVEL, Levels, MIDPOINT_MARGIN, TaxelLevels};
 pub use low_pass::{LowPass, LowPassState};
+pub use noise::NoiseWatch;
 pub use stuck::{Stuck, StuckWatch};
+pub use warmth::{PER_KELVIN, Thermometer, Warmth};
 
 use serde::{Deserialize, Serialize};
 

@@ -14,7 +14,8 @@ mod together;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
-    Bias, BiasRefusal, BiasTaker, Levels, LowPass, LowPassState, Signals, Stuck, StuckWatch,
+    Bias, BiasRefusal, BiasTaker, Levels, LowPass, LowPassState, NoiseWatch, Signals, Stuck,
+    StuckWatch, Thermometer, Warmth,
 };
 use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState};
@@ -46,6 +47,8 @@ pub struct FingerState {
     biased: bool,
     gate: GateState,
     stuck: StuckWatch,
+    noise: NoiseWatch,
+    thermometer: Thermometer,
     taker: Option<BiasTaker>,
     smooth: LowPassState,
     matrix: MatrixState,
@@ -207,14 +210,24 @@ impl Finger {
 
     /// One scan.
     pub fn estimate(&self, state: &mut FingerState, scan: &Scan) -> Estimate {
-        let levels = Levels::read(&scan.codes);
+        let warmth = self.calibration.as_ref().and_then(|record| record.warmth.as_ref());
+        let warm = warmth.zip(state.thermometer.read(&scan.codes));
+        let levels = levels(&scan.codes, warm);
         let bias = if state.taker.is_some() { advance_bias(state, &levels) } else { None };
         let healthy = self.calibration.as_ref().and_then(|c| c.taxels.as_ref());
         let mut signals = state.bias.apply(&levels, healthy.map(|taxels| &taxels.bias.level));
         let stuck = state.stuck.update(&scan.codes);
         signals.health.dead |= stuck.taxels;
         signals.health.bridge_faults |= stuck.bridges;
+        let noisy = state.noise.update(&signals, &state.bias);
+        if let Some((warmth, level)) = warm {
+            let gain = warmth.gain(level);
+            signals.bridges.iter_mut().flatten().flatten().for_each(|u| *u *= gain);
+        }
         let mut status = Status::default();
+        let unknown = |(warmth, level): (&Warmth, f32)| warmth.unknown(level);
+        flag(&mut status, Status::TEMPERATURE, warm.is_some_and(unknown));
+        flag(&mut status, Status::NOISY, noisy != 0);
         flag(&mut status, Status::STUCK_CHANNEL, stuck != Stuck::default());
         flag(&mut status, Status::OVERRUN, scan.lost > 0);
         flag(&mut status, Status::BIASED, state.biased);
@@ -291,6 +304,15 @@ impl Finger {
             Force::known(x, y, z)
         })
     }
+}
+
+/// Levels of a scan, brought to the temperature of the calibration.
+fn levels(codes: &Codes, warm: Option<(&Warmth, f32)>) -> Levels {
+    let mut levels = Levels::read(codes);
+    if let Some((warmth, level)) = warm {
+        warmth.correct(&mut levels, level);
+    }
+    levels
 }
 
 /// Apart, because what it may hand back is large, rare, and would be copied with every scan.

@@ -45,6 +45,10 @@ impl Status {
     pub const SLIP_WARNING: Self = Self(1 << 11);
     /// Bit 12: the contact slides.
     pub const SLIDES: Self = Self(1 << 12);
+    /// Bit 13: it is warmer or colder than the calibration knows.
+    pub const TEMPERATURE: Self = Self(1 << 13);
+    /// Bit 14: a force sensor is far noisier than when its bias was taken.
+    pub const NOISY: Self = Self(1 << 14);
     /// Bit 16: the arg-min contact point ran.
     pub const RAN_ARG_MIN: Self = Self(1 << 16);
     /// Bit 17: the centroid contact point ran.
@@ -82,7 +86,7 @@ impl Status {
     };
 
     /// Every bit with its name, as the tools print it.
-    pub const NAMES: [(Self, &'static str); 23] = [
+    pub const NAMES: [(Self, &'static str); 25] = [
         (Self::CONTACT, "contact"),
         (Self::UNCALIBRATED, "uncalibrated"),
         (Self::SATURATED, "saturated"),
@@ -96,6 +100,8 @@ impl Status {
         (Self::DISAGREE, "disagree"),
         (Self::SLIP_WARNING, "slip-warning"),
         (Self::SLIDES, "slides"),
+        (Self::TEMPERATURE, "temperature"),
+        (Self::NOISY, "noisy"),
         (Self::RAN_ARG_MIN, "ran-arg-min"),
         (Self::RAN_CENTROID, "ran-centroid"),
         (Self::RAN_NET, "ran-net"),
@@ -196,6 +202,6 @@ mod tests {
             assert_eq!(all & bit.0, 0);
             all | bit.0
         });
-        assert_eq!(all, 0x03ff_1fff);
+        assert_eq!(all, 0x03ff_7fff);
     }
 }

@@ -8,7 +8,7 @@ use heapless::VecView;
 
 use super::section::{Checks, Coefficients, HUGE, finite};
 use super::{Range, SensorCalibration, TaxelCalibration};
-use crate::condition::Bias;
+use crate::condition::{Bias, Warmth};
 use crate::estimate::array::{Array, WrenchMethod};
 use crate::estimate::field::{Field, Radial};
 use crate::estimate::inverse::{Curves, Inverse};
@@ -156,6 +156,27 @@ impl Coefficients for Slip {
         let LimitSurface { radius, torque, curve } = surface;
         let lists: &mut [&mut [f32]] =
             &mut [usual, radius, from_mut(torque), curve, from_mut(warn), from_mut(safety)];
+        read_numbers(lists, bytes)?.is_empty().then_some(())
+    }
+}
+
+impl Coefficients for Warmth {
+    const CHECKS: Checks<Self> = &[
+        ("reference", |w| (0.0..=1.0).contains(&w.reference)),
+        ("range", |w| ranges_fit(&[w.range])),
+        ("light, sensitivity", Self::shares_fit),
+        ("offset", |w| w.offset.as_flattened().iter().all(|offset| offset.abs() <= 1e3)),
+    ];
+
+    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+        let Self { reference, range, light, sensitivity, offset } = self;
+        let lists: &mut [&mut [f32]] = &mut [
+            from_mut(reference),
+            range,
+            from_mut(light),
+            from_mut(sensitivity),
+            offset.as_flattened_mut(),
+        ];
         read_numbers(lists, bytes)?.is_empty().then_some(())
     }
 }

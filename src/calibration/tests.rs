@@ -42,6 +42,13 @@ fn largest() -> Calibration {
         }),
         quantised: None,
         slip: Some(Slip::usual(0.8)),
+        warmth: Some(Warmth {
+            reference: 0.23,
+            range: [0.22, 0.24],
+            light: -6.6,
+            sensitivity: -4.4,
+            offset: [[0.05, -0.02, 0.01]; SENSORS],
+        }),
         sensors: core::array::from_fn(|_| Some(sensor.clone())),
         array: Some(Array {
             method: WrenchMethod::Matrix(WrenchMatrix([[[0.5; 3]; SENSORS]; 6])),

@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
-use taxel::condition::{BridgeBias, TaxelBias};
+use taxel::condition::{BridgeBias, TaxelBias, Warmth};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
@@ -11,7 +11,7 @@ use taxel::estimate::net::ForceNet;
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::SensorPlaces;
-use taxel::scan::{Codes, Midpoints, Scan, TAXELS, TaxelCodes};
+use taxel::scan::{Codes, Midpoints, SENSORS, Scan, TAXELS, TaxelCodes};
 use taxel::store::{RamFlash, Store};
 use taxel::units::{Code, FullScale, Micros};
 use taxel::wire::message::Identity;
@@ -66,6 +66,7 @@ pub fn calibration() -> Calibration {
         quantised: None,
         model: None,
         slip: None,
+        warmth: None,
         array: None,
         sensors: [
             Some(SensorCalibration {
@@ -101,6 +102,13 @@ pub fn everything() -> Calibration {
         friction: 0.8,
     });
     record.slip = Some(Slip::usual(0.8));
+    record.warmth = Some(Warmth {
+        reference: 26_214.0 / 65_535.0,
+        range: [0.0, 1.0],
+        light: -6.6,
+        sensitivity: -4.4,
+        offset: [[0.05, -0.02, 0.01]; SENSORS],
+    });
     let sensor = record.sensors[0].clone();
     record.sensors = core::array::from_fn(|_| sensor.clone());
     record.array = Some(Array {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
-use taxel::condition::{BridgeBias, TaxelBias};
+use taxel::condition::{BridgeBias, TaxelBias, Warmth};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
@@ -56,6 +56,13 @@ fn record(weights: &[f32]) -> Calibration {
             friction: 0.8,
         }),
         slip: Some(Slip::usual(0.7)),
+        warmth: Some(Warmth {
+            reference: 0.231,
+            range: [0.229, 0.24],
+            light: -6.6,
+            sensitivity: -4.4,
+            offset: [[0.05, -0.02, 0.01]; 4],
+        }),
         sensors: [None, Some(sensor), None, None],
         array: Some(Array {
             method: WrenchMethod::Sum(SensorPlaces::default()),

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
-use taxel::condition::{BridgeBias, TaxelBias};
+use taxel::condition::{BridgeBias, TaxelBias, Warmth};
 use taxel::estimate::array::Array;
 use taxel::estimate::inverse::Inverse;
 use taxel::estimate::net::ForceNet;
@@ -31,6 +31,8 @@ pub(super) struct FingerFile {
     model: Option<Inverse>,
     #[serde(skip_serializing_if = "Option::is_none")]
     slip: Option<Slip>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    warmth: Option<Warmth>,
     #[serde(skip_serializing_if = "Option::is_none")]
     array: Option<Array>,
     #[serde(default, rename = "sensor", skip_serializing_if = "Vec::is_empty")]
@@ -100,6 +102,7 @@ impl FingerFile {
             quantised: calibration.quantised.as_ref().map(Quantised::new),
             model: calibration.model.clone(),
             slip: calibration.slip,
+            warmth: calibration.warmth,
             array: calibration.array,
             sensors: sensors.collect(),
         }
@@ -127,6 +130,7 @@ impl FingerFile {
         calibration.quantised = self.quantised.map(Quantised::net).transpose()?;
         (calibration.model, calibration.slip, calibration.array) =
             (self.model, self.slip, self.array);
+        calibration.warmth = self.warmth;
         for sensor in self.sensors {
             let number = sensor.sensor;
             let slot = calibration

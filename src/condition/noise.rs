@@ -1,0 +1,140 @@
+//! A force sensor that is far noisier than when its bias was taken.
+//!
+//! Noise is told from movement by fourth differences: what moves at a twenty-fifth of the scan rate or slower
+//! hardly has any, while white noise is 70 times as strong in them (1 + 16 + 36 + 16 + 1). And by the quieter
+//! half of the blocks of a window: a knock is in one block, noise in all.
+
+use super::{Bias, Signals};
+use crate::scan::SENSORS;
+
+/// Blocks of a window, and scans of a block.
+const BLOCKS: usize = 8;
+const BLOCK: u8 = 8;
+/// Scans before the first fourth difference.
+const FILL: u8 = 4;
+/// Variance of white noise in its fourth differences.
+const GAIN: f32 = 70.0;
+/// The quieter half of the blocks has two thirds of the variance of all; so much of the bias' own variance
+/// in it is a noise of some 1.5 times that of the bias. A sound sensor gets there once in billions of windows.
+const NOISY: f32 = 1.5;
+
+/// The memory of the watch: one sensor at a time, so that it costs three differences a scan.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NoiseWatch {
+    sensor: u8,
+    seen: u8,
+    /// Signals of the last scans, and their differences up to the third, of the sensor that is watched.
+    last: [[f32; 4]; 3],
+    blocks: [f32; BLOCKS],
+    /// Bit i: sensor i was noisy in its last window.
+    noisy: u8,
+}
+
+impl NoiseWatch {
+    /// Takes one scan; the sensors that are noisy, a bit each.
+    pub fn update(&mut self, signals: &Signals, bias: &Bias) -> u8 {
+        let i = usize::from(self.sensor);
+        let signal = signals.bridges.get(i).copied().flatten();
+        let noise = bias.bridges.get(i).copied().flatten().map(|bias| bias.noise);
+        let (Some(signal), Some(noise)) = (signal, noise) else {
+            self.noisy &= !(1 << self.sensor);
+            self.next();
+            return self.noisy;
+        };
+        let mut sum = 0.0;
+        for (last, u) in self.last.iter_mut().zip(signal) {
+            // Each difference is that of the one before it with its last value.
+            let fourth = last.iter_mut().fold(u, |now, last| now - core::mem::replace(last, now));
+            sum += fourth * fourth;
+        }
+        if self.seen >= FILL
+            && let Some(block) = self.blocks.get_mut(usize::from((self.seen - FILL) / BLOCK))
+        {
+            *block += sum;
+        }
+        self.seen += 1;
+        if self.seen >= FILL + BLOCK * BLOCKS as u8 {
+            let values = 3.0 * f32::from(BLOCK) * (BLOCKS / 2) as f32;
+            let noisy = self.quieter_half() > NOISY * GAIN * values * noise * noise;
+            self.noisy = self.noisy & !(1 << self.sensor) | u8::from(noisy) << self.sensor;
+            self.next();
+        }
+        self.noisy
+    }
+
+    fn quieter_half(&mut self) -> f32 {
+        // What is no number is not small.
+        self.blocks.sort_unstable_by(|a, b| a.partial_cmp(b).unwrap_or(core::cmp::Ordering::Less));
+        self.blocks.iter().take(BLOCKS / 2).sum()
+    }
+
+    fn next(&mut self) {
+        let sensor = (self.sensor + 1) % SENSORS as u8;
+        *self = Self { sensor, noisy: self.noisy, ..Self::default() };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::condition::BridgeBias;
+
+    const NOISE: f32 = 1e-4;
+
+    fn bias() -> Bias {
+        let sensor = BridgeBias { level: [0.0; 3], noise: NOISE };
+        Bias { bridges: [Some(sensor); SENSORS], ..Bias::default() }
+    }
+
+    /// Noise of a standard deviation of one: twelve numbers of a multiplicative generator.
+    fn noise(state: &mut u32) -> f32 {
+        let mut uniform = || {
+            *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (*state >> 8) as f32 / (1 << 24) as f32
+        };
+        (0..12).map(|_| uniform()).sum::<f32>() - 6.0
+    }
+
+    /// Share of scans in which a sensor passes for noisy.
+    fn flagged(times: f32, moving: impl Fn(usize) -> f32) -> f32 {
+        let (mut watch, mut state, mut flagged) = (NoiseWatch::default(), 1, 0);
+        let scans = 60_000;
+        for i in 0..scans {
+            let bridges = core::array::from_fn(|_| {
+                let axis = |_| moving(i) + times * NOISE * noise(&mut state);
+                Some(core::array::from_fn(axis))
+            });
+            let signals = Signals { bridges, ..Signals::default() };
+            flagged += u32::from(watch.update(&signals, &bias()) != 0);
+        }
+        flagged as f32 / scans as f32
+    }
+
+    #[test]
+    fn noise_of_twice_the_usual_is_told_and_the_usual_is_not() {
+        assert_eq!(flagged(1.0, |_| 0.0), 0.0);
+        assert!(flagged(2.0, |_| 0.0) > 0.98);
+        assert!(flagged(10.0, |_| 0.0) > 0.98);
+    }
+
+    #[test]
+    fn presses_and_knocks_are_no_noise() {
+        // A newton is 0.13 of full scale: pressed, or knocked at, ten times a second.
+        let slow = |i: usize| 0.13 * f32::sin(i as f32 * core::f32::consts::TAU * 10.0 / 1000.0);
+        assert_eq!(flagged(1.0, slow), 0.0);
+        assert_eq!(flagged(1.0, |i| if i % 100 == 0 { 0.05 } else { 0.0 }), 0.0);
+    }
+
+    #[test]
+    fn signals_that_are_no_numbers_pass_for_noise_or_not_but_never_stop_the_watch() {
+        let mut watch = NoiseWatch::default();
+        for i in 0..1000 {
+            let wild = [f32::NAN, f32::MAX, f32::NEG_INFINITY][i % 3];
+            let signals = Signals { bridges: [Some([wild; 3]); SENSORS], ..Signals::default() };
+            let _ = watch.update(&signals, &bias());
+        }
+        let still = Signals { bridges: [Some([0.0; 3]); SENSORS], ..Signals::default() };
+        let last = (0..1000).map(|_| watch.update(&still, &bias())).last();
+        assert_eq!(last, Some(0));
+    }
+}

@@ -1,0 +1,180 @@
+//! What warmth does to the channels, and within which the calibration knows it.
+//!
+//! An LED gives some 0.5 % less light for each kelvin, and a bridge's offset moves with what its resistors do
+//! not have in common: 2 K take a bare force sensor seven times its noise off. Both are proportional to the
+//! change of temperature, so they are taken off with the thermometer that every board reads in each scan.
+//! Levels are brought to the temperature of the calibration **before** the bias is: a bias taken on a warm
+//! finger is good on a cold one.
+
+use serde::{Deserialize, Serialize};
+
+use super::levels::{BridgeLevels, Levels};
+use crate::scan::{Codes, SENSORS};
+
+/// Level of the thermometers on STM32 chips per kelvin: 2.5 mV (DS12589 table 79, DS10314 table 71) of 3.3 V.
+pub const PER_KELVIN: f32 = 2.5e-3 / 3.3;
+
+/// A thermometer is slow and its single readings are good to a third of a kelvin: this part of each new one
+/// is taken.
+const NEW: f32 = 1.0 / 64.0;
+
+/// Farther than this the straight lines are not followed, wherever the thermometer says it is: 100 K.
+const FARTHEST: f32 = 100.0 * PER_KELVIN;
+
+/// How the channels move with the thermometer's level, which is a fraction of full scale as theirs is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Warmth {
+    /// The level to which all channels are brought.
+    pub reference: f32,
+    /// The lowest and the highest level at which the channels are known.
+    pub range: [f32; 2],
+    /// Relative change of a taxel's light per level.
+    pub light: f32,
+    /// Relative change of the force sensors' sensitivity per level.
+    pub sensitivity: f32,
+    /// Change of u_x, u_y, u_z of each sensor per level.
+    pub offset: [BridgeLevels; SENSORS],
+}
+
+impl Warmth {
+    /// Over [`FARTHEST`] light and sensitivity change by less than half.
+    pub(crate) fn shares_fit(&self) -> bool {
+        [self.light, self.sensitivity].iter().all(|share| (share * FARTHEST).abs() < 0.5)
+    }
+
+    /// Signals that are not trusted at this level of the thermometer.
+    #[must_use]
+    pub fn unknown(&self, level: f32) -> bool {
+        let [low, high] = self.range;
+        !(low..=high).contains(&level)
+    }
+
+    fn change(&self, level: f32) -> f32 {
+        (level - self.reference).clamp(-FARTHEST, FARTHEST)
+    }
+
+    /// Levels as they would be at the reference: light divided by what is left of it, offsets taken off.
+    pub fn correct(&self, levels: &mut Levels, level: f32) {
+        let change = self.change(level);
+        if let Some(taxels) = &mut levels.taxels {
+            let brighter = 1.0 / (1.0 + self.light * change);
+            taxels.iter_mut().for_each(|level| *level *= brighter);
+        }
+        for (bridge, offset) in levels.bridges.iter_mut().zip(&self.offset) {
+            if let Some(bridge) = bridge {
+                bridge.iter_mut().zip(offset).for_each(|(u, offset)| *u -= offset * change);
+            }
+        }
+    }
+
+    /// What the signals of the force sensors are to be multiplied by.
+    #[must_use]
+    pub fn gain(&self, level: f32) -> f32 {
+        1.0 / (1.0 + self.sensitivity * self.change(level))
+    }
+}
+
+/// The thermometer's level, smoothed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Thermometer {
+    level: Option<f32>,
+}
+
+impl Thermometer {
+    /// Takes one scan. Nothing where the finger has no thermometer.
+    pub fn read(&mut self, codes: &Codes) -> Option<f32> {
+        let now = f32::from(codes.temperature?.0) * codes.full_scale.step().0;
+        let level = self.level.get_or_insert(now);
+        *level += NEW * (now - *level);
+        Some(*level)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::condition::Bias;
+    use crate::units::{Code, FullScale};
+    use proptest::prelude::*;
+
+    const WARMTH: Warmth = Warmth {
+        reference: 0.23,
+        range: [0.22, 0.24],
+        light: -6.6,
+        sensitivity: -4.4,
+        offset: [[0.3, -0.2, 0.5]; SENSORS],
+    };
+
+    fn at(kelvin: f32) -> f32 {
+        WARMTH.reference + kelvin * PER_KELVIN
+    }
+
+    #[test]
+    fn a_warm_finger_reads_as_it_would_at_the_temperature_of_its_calibration() {
+        let cold = Levels {
+            taxels: Some([0.4; 16]),
+            bridges: [Some([0.01, 0.02, -0.03]); SENSORS],
+            ..Levels::default()
+        };
+        let change = 8.0 * PER_KELVIN;
+        let mut warm = cold;
+        for level in warm.taxels.iter_mut().flatten() {
+            *level *= 1.0 + WARMTH.light * change;
+        }
+        for bridge in warm.bridges.iter_mut().flatten() {
+            bridge.iter_mut().zip([0.3, -0.2, 0.5]).for_each(|(u, offset)| *u += offset * change);
+        }
+        WARMTH.correct(&mut warm, at(8.0));
+        let bias = Bias::default();
+        assert_eq!(bias.apply(&warm, None).health, bias.apply(&cold, None).health);
+        let pairs = warm.taxels.unwrap().into_iter().zip(cold.taxels.unwrap());
+        pairs.for_each(|(warm, cold)| assert!((warm - cold).abs() < 1e-6, "{warm} {cold}"));
+        for (warm, cold) in warm.bridges.iter().flatten().zip(cold.bridges.iter().flatten()) {
+            warm.iter().zip(cold).for_each(|(w, c)| assert!((w - c).abs() < 1e-6, "{w} {c}"));
+        }
+        assert!((WARMTH.gain(at(8.0)) * (1.0 + WARMTH.sensitivity * change) - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_temperature_that_was_never_recorded_is_not_known() {
+        assert!(!WARMTH.unknown(at(0.0)) && WARMTH.unknown(at(20.0)) && WARMTH.unknown(at(-20.0)));
+    }
+
+    #[test]
+    fn the_thermometer_is_smooth_and_a_finger_without_one_has_no_temperature() {
+        let mut codes = Codes {
+            full_scale: FullScale::BITS_12,
+            taxels: None,
+            bridges: [None; SENSORS],
+            reference: None,
+            temperature: None,
+        };
+        let mut thermometer = Thermometer::default();
+        assert_eq!(thermometer.read(&codes), None);
+        let levels: std::vec::Vec<f32> = (0..1000)
+            .map(|i| {
+                codes.temperature = Some(Code(930 + i % 2));
+                thermometer.read(&codes).unwrap()
+            })
+            .collect();
+        let middle = 930.5 * codes.full_scale.step().0;
+        assert!(levels[500..].iter().all(|l| (l - middle).abs() < 0.02 * PER_KELVIN));
+    }
+
+    proptest! {
+        #[test]
+        fn no_temperature_makes_a_level_infinite(
+            level in -1.0f32..2.0, light in -6.0f32..6.0, offset in -1e3f32..1e3,
+        ) {
+            let warmth = Warmth { light, offset: [[offset; 3]; SENSORS], ..WARMTH };
+            prop_assume!(warmth.shares_fit());
+            let mut levels = Levels { taxels: Some([1.0; 16]), ..Levels::default() };
+            levels.bridges = [Some([1.0; 3]); SENSORS];
+            warmth.correct(&mut levels, level);
+            prop_assert!(levels.taxels.iter().flatten().all(|l| l.is_finite()));
+            prop_assert!(levels.bridges.iter().flatten().flatten().all(|u| u.is_finite()));
+            prop_assert!(warmth.gain(level).is_finite());
+        }
+    }
+}
