@@ -40,7 +40,7 @@ impl Device {
             Ok(Recording { name: name.to_owned(), samples })
         });
         let recordings: Vec<Recording> = recordings.into_iter().collect::<anyhow::Result<_>>()?;
-        let bias = recordings.first().context("nothing to calibrate on")?.bias()?;
+        let bias = recordings.first().context("nothing to calibrate on")?.bias(None)?;
         Ok(Self { seed, recordings, bias })
     }
 

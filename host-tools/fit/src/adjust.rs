@@ -16,7 +16,7 @@ mod taxels;
 
 use nalgebra::{Matrix3, RowVector3};
 use taxel::calibration::Calibration;
-use taxel::condition::{Bias, Levels};
+use taxel::condition::{Bias, Signals};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::wrench::WrenchMatrix;
 use taxel::finger::Finger;
@@ -85,7 +85,7 @@ pub fn weigh(
     recording: &mut Recording,
     newtons: f64,
 ) -> Result<(), FitError> {
-    for rows in contacts(&renewed(calibration, &recording.bias()?), recording) {
+    for rows in contacts(&renewed(calibration, &recording.bias(calibration.warmth.as_ref())?), recording) {
         let settling = (SETTLING * rows.len() as f64) as usize;
         for row in rows.start + settling..rows.end - settling {
             recording.samples[row].truth.force = [Some(0.0), Some(0.0), Some(newtons)];
@@ -105,8 +105,9 @@ pub fn adjust(
     date: u64,
 ) -> Result<Adjusted, FitError> {
     let first = recordings.first().ok_or(FitError::NoRecording)?;
+    let warmth = calibration.warmth.as_ref();
     let mut adjusted = Adjusted {
-        calibration: Calibration { date, ..renewed(calibration, &first.bias()?) },
+        calibration: Calibration { date, ..renewed(calibration, &first.bias(warmth)?) },
         presses: 0,
         taxels: Vec::new(),
         helped: Vec::new(),
@@ -115,9 +116,10 @@ pub fn adjust(
     };
     let mut presses = Vec::new();
     for recording in recordings {
-        let bias = recording.bias()?;
+        let bias = recording.bias(warmth)?;
         let own = renewed(calibration, &bias);
-        presses.extend(contacts(&own, recording).map(|rows| press(&bias, recording, rows)));
+        let signals = recording.signals(&bias, warmth);
+        presses.extend(contacts(&own, recording).map(|rows| press(&signals, recording, rows)));
     }
     presses.retain(|press: &Press| !press.is_empty());
     adjusted.presses = presses.len();
@@ -172,11 +174,11 @@ fn contacts(
 }
 
 /// The rows of a contact whose force is known, thinned.
-fn press(bias: &Bias, recording: &Recording, rows: std::ops::Range<usize>) -> Press {
-    let known: Vec<Row> = recording.samples[rows]
+fn press(signals: &[Signals], recording: &Recording, rows: std::ops::Range<usize>) -> Press {
+    let known: Vec<Row> = recording.samples[rows.clone()]
         .iter()
-        .filter_map(|sample| {
-            let signals = bias.apply(&Levels::read(&sample.scan.codes), None);
+        .zip(&signals[rows])
+        .filter_map(|(sample, signals)| {
             let healthy = signals.health.dead == 0 && signals.health.saturated == 0;
             let row = Row {
                 c: signals.taxels.filter(|_| healthy),

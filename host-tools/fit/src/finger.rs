@@ -24,6 +24,7 @@ use crate::prepared::Prepared;
 use crate::quantise::{self, Form};
 use crate::recording::Recording;
 use crate::skin::{self, Skin};
+use crate::warmth;
 
 /// Friction of rubber before any is known.
 const USUAL_FRICTION: f32 = 0.6;
@@ -114,8 +115,17 @@ pub fn fit(
         let problem = format!("a finger has sensors s0 … s{}", SENSORS - 1);
         return Err(FitError::Shape { part: format!("s{sensor}"), problem });
     }
-    let recordings: Vec<Prepared<'_>> =
-        recordings.iter().map(Prepared::new).collect::<Result<_, _>>()?;
+    let warmth = warmth::fit(recordings);
+    // A recording of the finger at rest says how it warms, and nothing else.
+    let at_rest = |recording: &&Recording| warmth.is_some() && recording.is_unloaded();
+    let recordings: Vec<Prepared<'_>> = recordings
+        .iter()
+        .filter(|recording| !at_rest(recording))
+        .map(|recording| Prepared::new(recording, warmth.as_ref()))
+        .collect::<Result<_, _>>()?;
+    if recordings.is_empty() {
+        return Err(FitError::NoLoad { part: "finger".into() });
+    }
     let subjects: Vec<Subject> = recordings
         .iter()
         .map(|recording| match options.subject {
@@ -127,6 +137,7 @@ pub fn fit(
         calibration: Calibration {
             serial: options.serial.clone(),
             date: options.date,
+            warmth,
             ..Calibration::default()
         },
         warnings: Vec::new(),

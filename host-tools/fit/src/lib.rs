@@ -38,6 +38,7 @@ mod skin;
 mod stretches;
 pub mod table;
 mod taught;
+mod warmth;
 
 pub use auto::Chosen;
 pub use error::FitError;

@@ -1,6 +1,6 @@
 //! A finger's recording as the chip sees it, and what it is for.
 
-use taxel::condition::{Bias, Levels, Signals};
+use taxel::condition::{Bias, Signals, Warmth};
 use taxel::scan::SENSORS;
 
 use crate::error::FitError;
@@ -20,13 +20,9 @@ pub(crate) struct Prepared<'r> {
 }
 
 impl<'r> Prepared<'r> {
-    pub fn new(recording: &'r Recording) -> Result<Self, FitError> {
-        let bias = recording.bias()?;
-        let signals = recording
-            .samples
-            .iter()
-            .map(|sample| bias.apply(&Levels::read(&sample.scan.codes), None))
-            .collect();
+    pub fn new(recording: &'r Recording, warmth: Option<&Warmth>) -> Result<Self, FitError> {
+        let bias = recording.bias(warmth)?;
+        let signals = recording.signals(&bias, warmth);
         Ok(Self { recording, bias, signals })
     }
 

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use taxel::condition::{Bias, BiasTaker, Levels};
+use taxel::condition::{Bias, BiasTaker, Levels, Signals, Thermometer, Warmth};
 use taxel_formats::table::Table;
 use taxel_formats::trace::Sample;
 
@@ -60,17 +60,49 @@ impl Recording {
         Ok(alignment)
     }
 
-    /// What the unloaded finger reads, averaged as the chip would do it.
+    /// What the unloaded finger reads, averaged as the chip would do it, at the temperature of `warmth`.
     ///
     /// # Errors
     /// There is no stretch in which nothing touches the finger and its signals are still.
-    pub fn bias(&self) -> Result<Bias, FitError> {
+    pub fn bias(&self, warmth: Option<&Warmth>) -> Result<Bias, FitError> {
         if self.samples.is_empty() {
             return Err(FitError::Empty { recording: self.name.clone() });
         }
-        self.unloaded().and_then(|rows| self.bias_of(rows)).ok_or_else(|| {
+        self.unloaded().and_then(|rows| self.bias_of(rows, warmth)).ok_or_else(|| {
             FitError::NoUnloadedStretch { recording: self.name.clone(), rows: LEAST_ROWS }
         })
+    }
+
+    /// Every row's signals as the chip sees them: changes from `bias` at the temperature of `warmth`.
+    #[must_use]
+    pub fn signals(&self, bias: &Bias, warmth: Option<&Warmth>) -> Vec<Signals> {
+        let rows = self.warm_levels(warmth).into_iter();
+        rows.map(|(levels, gain)| {
+            let mut signals = bias.apply(&levels, None);
+            signals.bridges.iter_mut().flatten().flatten().for_each(|u| *u *= gain);
+            signals
+        })
+        .collect()
+    }
+
+    /// Levels at the temperature of `warmth`, and what a force sensor's signals are to be multiplied by there.
+    fn warm_levels(&self, warmth: Option<&Warmth>) -> Vec<(Levels, f32)> {
+        let mut thermometer = Thermometer::default();
+        let rows = self.samples.iter().map(|sample| {
+            let mut levels = Levels::read(&sample.scan.codes);
+            let warm = warmth.zip(thermometer.read(&sample.scan.codes));
+            let gain = warm.map_or(1.0, |(warmth, level)| {
+                warmth.correct(&mut levels, level);
+                warmth.gain(level)
+            });
+            (levels, gain)
+        });
+        rows.collect()
+    }
+
+    /// The reference says that nothing ever touches the finger: a recording of its warmth alone.
+    pub(crate) fn is_unloaded(&self) -> bool {
+        self.touched().is_some_and(|touched| !touched.contains(&true))
     }
 
     /// The first stretch in which nothing touches the finger: by the reference's word if it has one,
@@ -87,7 +119,7 @@ impl Recording {
 
     /// Whether each row is touched, if the recording says: by its contact column or by a force. (On
     /// the bench a sensor may be sheared without a normal force, which is no contact but a load.)
-    fn touched(&self) -> Option<Vec<bool>> {
+    pub(crate) fn touched(&self) -> Option<Vec<bool>> {
         let forces: Vec<Option<f64>> = self.samples.iter().map(largest_force).collect();
         let peak = forces.iter().flatten().copied().fold(0.0, f64::max);
         let least = (SMALL_FORCE * peak).max(CLEAR_OF_NOISE * jitter(&forces));
@@ -133,11 +165,11 @@ impl Recording {
         })
     }
 
-    fn bias_of(&self, rows: Range<usize>) -> Option<Bias> {
+    fn bias_of(&self, rows: Range<usize>, warmth: Option<&Warmth>) -> Option<Bias> {
         let mut taker = BiasTaker::new(u16::try_from(rows.len()).ok()?);
-        let outcomes = self.samples[rows]
-            .iter()
-            .filter_map(|s| taker.add(&Levels::read(&s.scan.codes), &Bias::default()));
+        let levels = self.warm_levels(warmth);
+        let outcomes =
+            levels[rows].iter().filter_map(|(levels, _)| taker.add(levels, &Bias::default()));
         outcomes.last()?.ok().map(|taken| taken.bias)
     }
 }

@@ -228,8 +228,8 @@ fn the_record_survives_the_way_to_the_chip() {
 fn without_a_contact_column_or_a_force_the_first_still_frames_are_the_unloaded_ones() {
     let mut silent = presses(30, 0, 0.0);
     silent.samples.iter_mut().for_each(|s| s.truth = Truth::default());
-    let known = presses(30, 0, 0.0).bias().unwrap().taxels.unwrap();
-    let found = silent.bias().unwrap().taxels.unwrap();
+    let known = presses(30, 0, 0.0).bias(None).unwrap().taxels.unwrap();
+    let found = silent.bias(None).unwrap().taxels.unwrap();
     let apart = |(a, b): (&f32, &f32)| (a - b).abs() < 2.0 * known.noise;
     assert!(known.level.iter().zip(&found.level).all(apart));
 }
