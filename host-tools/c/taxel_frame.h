@@ -50,6 +50,8 @@ enum taxel_why {
 #define TAXEL_STATUS_DISAGREE (UINT32_C(1) << 10)
 #define TAXEL_STATUS_SLIP_WARNING (UINT32_C(1) << 11)
 #define TAXEL_STATUS_SLIDES (UINT32_C(1) << 12)
+#define TAXEL_STATUS_TEMPERATURE (UINT32_C(1) << 13)
+#define TAXEL_STATUS_NOISY (UINT32_C(1) << 14)
 
 /* A measured value; `value` is 0 where it is not given. */
 struct taxel_value {

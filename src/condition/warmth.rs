@@ -18,8 +18,8 @@ pub const PER_KELVIN: f32 = 2.5e-3 / 3.3;
 /// is taken.
 const NEW: f32 = 1.0 / 64.0;
 
-/// Farther than this the straight lines are not followed, wherever the thermometer says it is: 100 K.
-const FARTHEST: f32 = 100.0 * PER_KELVIN;
+/// Farther than this the straight lines are not followed, wherever the thermometer says it is: 60 K.
+const FARTHEST: f32 = 60.0 * PER_KELVIN;
 
 /// How the channels move with the thermometer's level, which is a fraction of full scale as theirs is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

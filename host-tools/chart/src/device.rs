@@ -4,10 +4,12 @@ use anyhow::Context;
 use taxel::condition::{Bias, Levels, Signals};
 use taxel_fit::recording::Recording;
 use taxel_formats::trace::Sample;
-use taxel_sim::{Scene, Simulator};
+use taxel_sim::{Effect, Scene, Simulator};
 
-/// The scenes that a finger is calibrated on, as the README does it.
+/// The scenes that a finger is calibrated on, as the README does it, with its thermometer.
 pub const CALIBRATION: [&str; 2] = ["presses", "shear"];
+/// The scene that tells what warmth does to it.
+const WARM_UP: &str = "warm-up";
 /// Seed of those runs; others are judged on.
 const FITTED: u64 = 1;
 const JUDGED: u64 = 2;
@@ -17,6 +19,8 @@ pub struct Device {
     seed: u64,
     /// What it is calibrated on.
     pub recordings: Vec<Recording>,
+    /// And at rest, while it warms.
+    pub warm_up: Recording,
     /// What it reads with nothing touching it.
     pub bias: Bias,
 }
@@ -35,13 +39,10 @@ impl Device {
     /// # Errors
     /// A built-in scene cannot be run.
     pub fn new(seed: u64) -> anyhow::Result<Self> {
-        let recordings = CALIBRATION.map(|name| {
-            let samples = run(seed, name, FITTED)?;
-            Ok(Recording { name: name.to_owned(), samples })
-        });
+        let recordings = CALIBRATION.map(|name| recorded(seed, name));
         let recordings: Vec<Recording> = recordings.into_iter().collect::<anyhow::Result<_>>()?;
         let bias = recordings.first().context("nothing to calibrate on")?.bias(None)?;
-        Ok(Self { seed, recordings, bias })
+        Ok(Self { seed, recordings, warm_up: recorded(seed, WARM_UP)?, bias })
     }
 
     /// A run of a built-in scene that no fit has seen.
@@ -58,6 +59,13 @@ impl Device {
         let signals = |sample: &Sample| self.bias.apply(&Levels::read(&sample.scan.codes), None);
         samples.into_iter().map(|sample| Moment { signals: signals(&sample), sample }).collect()
     }
+}
+
+fn recorded(device: u64, name: &str) -> anyhow::Result<Recording> {
+    let mut scene = Scene::load(name)?.with_effect(Effect::Temperature);
+    scene.device.seed = device;
+    let samples = Simulator::new(&scene, FITTED).collect();
+    Ok(Recording { name: name.to_owned(), samples })
 }
 
 fn run(device: u64, scene: &str, seed: u64) -> anyhow::Result<Vec<Sample>> {

@@ -26,7 +26,7 @@ pub(crate) const FAILS: f64 = 3.0;
 const TRUSTED: f64 = 0.01;
 
 /// Status bits that tell that something is wrong.
-const FLAGS: [Status; 8] = [
+const FLAGS: [Status; 10] = [
     Status::UNCALIBRATED,
     Status::SATURATED,
     Status::DEAD_TAXEL,
@@ -35,7 +35,12 @@ const FLAGS: [Status; 8] = [
     Status::STUCK_CHANNEL,
     Status::NOT_SINGLE,
     Status::DISAGREE,
+    Status::TEMPERATURE,
+    Status::NOISY,
 ];
+
+/// Those that warn of single force sensors.
+const SENSOR_FLAGS: [Status; 2] = [Status::TEMPERATURE, Status::NOISY];
 
 /// What of the finger is mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +99,8 @@ impl Method {
 
     /// Bits that withhold nothing, but warn of this method.
     fn warned(self, status: Status) -> bool {
-        self != Self::Sensors && FLAGS.iter().any(|flag| status.contains(*flag))
+        let flags = if self == Self::Sensors { &SENSOR_FLAGS[..] } else { &FLAGS };
+        flags.iter().any(|flag| status.contains(*flag))
     }
 }
 

@@ -222,7 +222,8 @@ pub(crate) fn calibrated(
         net: NetOptions { seed: 0, starts: 1, steps: effort.steps },
         ..FitOptions::default()
     };
-    let fitted = taxel_fit::finger::fit(&device.recordings, &options, &mut |_| {}, stop)
+    let recordings = [&device.recordings[..], std::slice::from_ref(&device.warm_up)].concat();
+    let fitted = taxel_fit::finger::fit(&recordings, &options, &mut |_| {}, stop)
         .context("the finger's own calibration")?;
     Ok(fitted.calibration)
 }

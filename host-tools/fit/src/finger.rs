@@ -116,11 +116,17 @@ pub fn fit(
         return Err(FitError::Shape { part: format!("s{sensor}"), problem });
     }
     let warmth = warmth::fit(recordings);
-    // A recording of the finger at rest says how it warms, and nothing else.
-    let at_rest = |recording: &&Recording| warmth.is_some() && recording.is_unloaded();
+    let warnings = recordings.iter().filter(|r| warmth.is_none() && warmth::is_warm_up(r)).map(|r| {
+        format!(
+            "{}: left out, as the recordings with loads lack the thermometer (aux_temp) that would say how warm \
+             the finger was",
+            r.name
+        )
+    });
+    let warnings = warnings.collect();
     let recordings: Vec<Prepared<'_>> = recordings
         .iter()
-        .filter(|recording| !at_rest(recording))
+        .filter(|recording| !warmth::is_warm_up(recording))
         .map(|recording| Prepared::new(recording, warmth.as_ref()))
         .collect::<Result<_, _>>()?;
     if recordings.is_empty() {
@@ -140,7 +146,7 @@ pub fn fit(
             warmth,
             ..Calibration::default()
         },
-        warnings: Vec::new(),
+        warnings,
         parts: Vec::new(),
     };
     for sensor in 0..SENSORS {

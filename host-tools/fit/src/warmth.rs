@@ -3,9 +3,10 @@
 //! Record the finger at rest while it warms up: light and offsets follow the thermometer in straight lines,
 //! by least squares. Where the temperature hardly changes nothing is known but that it was this one.
 
-use taxel::calibration::Calibration;
 use taxel::condition::{Levels, PER_KELVIN, Warmth};
 use taxel::scan::{SENSORS, TAXELS};
+
+use taxel_formats::trace::Sample;
 
 use crate::recording::Recording;
 
@@ -20,18 +21,21 @@ const LEAST_K: f64 = 2.0;
 /// More rows than this do not make a line any better.
 const MOST_ROWS: usize = 20_000;
 
-/// What it is, if the recordings have a thermometer.
+/// A recording of the finger at rest with its thermometer, which says how it warms and nothing else.
+pub(crate) fn is_warm_up(recording: &Recording) -> bool {
+    let has = |sample: &Sample| sample.scan.codes.temperature.is_some();
+    recording.samples.iter().all(has) && recording.is_unloaded()
+}
+
+/// What it is, if the recordings with loads have a thermometer.
 pub(crate) fn fit(recordings: &[Recording]) -> Option<Warmth> {
     let readings: Vec<Vec<(Levels, f64)>> = recordings.iter().map(warm).collect();
     let all: Vec<&(Levels, f64)> = readings.iter().flatten().collect();
     // Sensitivities are fitted to loads, so theirs is the temperature to go back to.
     let loaded = |(recording, readings): (&Recording, &Vec<(Levels, f64)>)| {
-        if recording.is_unloaded() { Vec::new() } else { readings.iter().map(|r| r.1).collect() }
+        if is_warm_up(recording) { Vec::new() } else { readings.iter().map(|r| r.1).collect() }
     };
-    let mut temperatures: Vec<f64> = recordings.iter().zip(&readings).flat_map(loaded).collect();
-    if temperatures.is_empty() {
-        temperatures = all.iter().map(|reading| reading.1).collect();
-    }
+    let temperatures: Vec<f64> = recordings.iter().zip(&readings).flat_map(loaded).collect();
     if temperatures.is_empty() {
         return None;
     }
@@ -74,9 +78,7 @@ pub(crate) fn fit(recordings: &[Recording]) -> Option<Warmth> {
             }
         }
     }
-    // Slopes that no part has are a recording gone wrong: no record holds them.
-    let sound = Calibration { warmth: Some(warmth), ..Calibration::default() }.validate().is_ok();
-    Some(if sound { warmth } else { Warmth { light: 0.0, offset: Default::default(), ..warmth } })
+    Some(warmth)
 }
 
 /// Levels, and how warm it was.

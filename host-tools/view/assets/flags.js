@@ -13,4 +13,6 @@ export const FLAGS = {
   "disagree": ["warn", "Matrix and force sensors disagree", "The surer one is given. Take a bias; if it stays, calibrate again."],
   "slip-warning": ["warn", "About to slip", "Grip harder."],
   "slides": ["bad", "It slides", "Grip harder."],
+  "temperature": ["warn", "Warmer or colder than was calibrated", "Record it at rest while it warms, and fit again with that recording."],
+  "noisy": ["warn", "A force sensor is noisy", "Look at its supply and its wires."],
 };

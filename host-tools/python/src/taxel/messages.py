@@ -35,6 +35,8 @@ class Status(IntFlag):
     DISAGREE = 1 << 10
     SLIP_WARNING = 1 << 11
     SLIDES = 1 << 12
+    TEMPERATURE = 1 << 13
+    NOISY = 1 << 14
     RAN_ARG_MIN = 1 << 16
     RAN_CENTROID = 1 << 17
     RAN_NET = 1 << 18

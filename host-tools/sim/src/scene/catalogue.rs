@@ -24,6 +24,7 @@ pub const BUILT_IN: &[(&str, &str)] = scenes! {
     "edge"
     "flicker"
     "temperature"
+    "warm-up"
     "press-walls"
     "shear-walls"
     "skin-cycle"
