@@ -85,7 +85,9 @@ pub fn weigh(
     recording: &mut Recording,
     newtons: f64,
 ) -> Result<(), FitError> {
-    for rows in contacts(&renewed(calibration, &recording.bias(calibration.warmth.as_ref())?), recording) {
+    for rows in
+        contacts(&renewed(calibration, &recording.bias(calibration.warmth.as_ref())?), recording)
+    {
         let settling = (SETTLING * rows.len() as f64) as usize;
         for row in rows.start + settling..rows.end - settling {
             recording.samples[row].truth.force = [Some(0.0), Some(0.0), Some(newtons)];

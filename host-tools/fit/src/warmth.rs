@@ -60,9 +60,9 @@ pub(crate) fn fit(recordings: &[Recording]) -> Option<Warmth> {
     let still: Vec<&(Levels, f64)> =
         still.iter().step_by(still.len().div_ceil(MOST_ROWS).max(1)).collect();
     let line = |level: &dyn Fn(&Levels) -> Option<f32>| {
-        let rows = still.iter().filter_map(|(levels, warm)| {
-            Some((warm - reference, f64::from(level(levels)?)))
-        });
+        let rows = still
+            .iter()
+            .filter_map(|(levels, warm)| Some((warm - reference, f64::from(level(levels)?))));
         straight(&rows.collect::<Vec<_>>())
     };
     let taxels: Vec<(f64, f64)> =

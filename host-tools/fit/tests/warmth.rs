@@ -74,7 +74,8 @@ fn a_finger_that_was_recorded_warming_measures_warm_and_cold_as_in_its_room() {
     assert_eq!(flagged, 0.0);
     for celsius in [12.0, 23.0, 27.0, 38.0] {
         let samples = presses(celsius);
-        let ((left, flagged), (before, told)) = (judged(&with, &samples), judged(&without, &samples));
+        let ((left, flagged), (before, told)) =
+            (judged(&with, &samples), judged(&without, &samples));
         println!("{celsius} °C: {left:.5} N, {before:.5} N without a recording of it");
         assert!(left < 1.5 * room, "{celsius} °C: {left} N, {room} N in its room");
         assert_eq!(flagged, 0.0, "{celsius} °C");
