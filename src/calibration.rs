@@ -36,7 +36,7 @@ use section::{Entry, entry};
 pub(crate) use sections::bias_fits;
 
 /// Newest version of the record that this firmware reads.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 2;
 /// The first version that had sections. Nothing was released before it.
 const OLDEST: u16 = 2;
 /// No record in bytes is longer than what a slot of the flash holds: a net of 24 units beside everything
@@ -83,7 +83,8 @@ const SECTIONS: &[Entry] = &[
     entry(4, 2, "slip", |c| &c.slip, |c| &mut c.slip),
     #[cfg(feature = "quantised")]
     entry(5, 2, "quantised", |c| &c.quantised, |c| &mut c.quantised),
-    entry(6, 3, "warmth", |c| &c.warmth, |c| &mut c.warmth),
+    #[cfg(feature = "warmth")]
+    entry(6, 2, "warmth", |c| &c.warmth, |c| &mut c.warmth),
     entry(16, 2, "s0", |c| &c.sensors[0], |c| &mut c.sensors[0]),
     entry(17, 2, "s1", |c| &c.sensors[1], |c| &mut c.sensors[1]),
     entry(18, 2, "s2", |c| &c.sensors[2], |c| &mut c.sensors[2]),
@@ -100,6 +101,8 @@ const NOT_BUILT: &[u8] = &[
     4,
     #[cfg(not(feature = "quantised"))]
     5,
+    #[cfg(not(feature = "warmth"))]
+    6,
     #[cfg(not(feature = "array"))]
     20,
 ];
@@ -229,6 +232,11 @@ impl Calibration {
     /// What slip is judged by, where this build can.
     pub(crate) fn slip(&self) -> Option<&Slip> {
         self.slip.as_ref().filter(|_| cfg!(feature = "slip"))
+    }
+
+    /// What warmth does, where this build takes it off.
+    pub(crate) fn warmth(&self) -> Option<&Warmth> {
+        self.warmth.as_ref().filter(|_| cfg!(feature = "warmth"))
     }
 
     /// The force sensors as one, where this build can.

@@ -210,8 +210,9 @@ impl Finger {
 
     /// One scan.
     pub fn estimate(&self, state: &mut FingerState, scan: &Scan) -> Estimate {
-        let warmth = self.calibration.as_ref().and_then(|record| record.warmth.as_ref());
-        let warm = warmth.zip(state.thermometer.read(&scan.codes));
+        let warmth = self.calibration.as_ref().and_then(Calibration::warmth);
+        let thermometer = &mut state.thermometer;
+        let warm = warmth.and_then(|warmth| Some((warmth, thermometer.read(&scan.codes)?)));
         let levels = levels(&scan.codes, warm);
         let bias = if state.taker.is_some() { advance_bias(state, &levels) } else { None };
         let healthy = self.calibration.as_ref().and_then(|c| c.taxels.as_ref());
