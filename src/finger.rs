@@ -228,6 +228,7 @@ impl Finger {
         let mut status = Status::default();
         let unknown = |(warmth, level): (&Warmth, f32)| warmth.unknown(level);
         flag(&mut status, Status::TEMPERATURE, warm.is_some_and(unknown));
+        flag(&mut status, Status::RAN_WARMTH, warm.is_some());
         flag(&mut status, Status::NOISY, noisy != 0);
         flag(&mut status, Status::STUCK_CHANNEL, stuck != Stuck::default());
         flag(&mut status, Status::OVERRUN, scan.lost > 0);

@@ -70,6 +70,8 @@ impl Status {
     pub const RAN_SLIP: Self = Self(1 << 24);
     /// Bit 25: the force net in 16 bits ran.
     pub const RAN_QUANTISED: Self = Self(1 << 25);
+    /// Bit 26: what warmth does was taken off.
+    pub const RAN_WARMTH: Self = Self(1 << 26);
 
     /// The estimators that this build holds.
     pub const BUILT: Self = {
@@ -81,12 +83,13 @@ impl Status {
                 | if cfg!(feature = "model") { model } else { 0 }
                 | if cfg!(feature = "array") { Self::RAN_ARRAY.0 } else { 0 }
                 | if cfg!(feature = "slip") { Self::RAN_SLIP.0 } else { 0 }
-                | if cfg!(feature = "quantised") { Self::RAN_QUANTISED.0 } else { 0 },
+                | if cfg!(feature = "quantised") { Self::RAN_QUANTISED.0 } else { 0 }
+                | if cfg!(feature = "warmth") { Self::RAN_WARMTH.0 } else { 0 },
         )
     };
 
     /// Every bit with its name, as the tools print it.
-    pub const NAMES: [(Self, &'static str); 25] = [
+    pub const NAMES: [(Self, &'static str); 26] = [
         (Self::CONTACT, "contact"),
         (Self::UNCALIBRATED, "uncalibrated"),
         (Self::SATURATED, "saturated"),
@@ -112,6 +115,7 @@ impl Status {
         (Self::RAN_ARRAY, "ran-array"),
         (Self::RAN_SLIP, "ran-slip"),
         (Self::RAN_QUANTISED, "ran-quantised-net"),
+        (Self::RAN_WARMTH, "ran-warmth"),
     ];
 
     /// Sets the bits of `other`.
@@ -202,6 +206,6 @@ mod tests {
             assert_eq!(all & bit.0, 0);
             all | bit.0
         });
-        assert_eq!(all, 0x03ff_7fff);
+        assert_eq!(all, 0x07ff_7fff);
     }
 }

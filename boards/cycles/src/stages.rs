@@ -8,7 +8,7 @@ mod product;
 mod touch;
 
 use taxel::calibration::Calibration;
-use taxel::condition::{Bias, Levels, Signals};
+use taxel::condition::{Bias, Levels, NoiseWatch, Signals, Warmth};
 use taxel::estimate::bright_spot::Spot;
 use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::gate::{Gate, GateState};
@@ -51,11 +51,34 @@ fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl
         *out = [levels.taxels.map(|taxels| taxels[0]), levels.bridges[0].map(|bridge| bridge[0])];
     });
     let levels = codes.map(|codes| Levels::read(&codes));
+    let mut warm = (Warmth::default(), Levels::default());
+    let first = &mut None;
+    meter.stage(
+        "condition: warmth",
+        &mut warm,
+        levels.clone(),
+        first,
+        |(warmth, out), levels, first| {
+            *out = *levels;
+            warmth.correct(out, 0.25);
+            *first = out.taxels.map(|taxels| taxels[0]);
+        },
+    );
     let out = &mut Signals::default();
     meter.stage("condition: bias", &mut bias, levels, out, |bias, levels, out| {
         *out = bias.apply(levels, bias.taxels.as_ref().map(|taxels| &taxels.level));
     });
     let seen = signals(inputs, &bias);
+    let mut memory = (bias, NoiseWatch::default());
+    meter.stage(
+        "condition: noise",
+        &mut memory,
+        seen.clone(),
+        &mut 0,
+        |(bias, watch), signals, out| {
+            *out = watch.update(signals, bias);
+        },
+    );
     let mut memory = (bias, Gate::default(), GateState::default());
     meter.stage("gate", &mut memory, seen, &mut false, |(bias, gate, state), signals, out| {
         *out = gate.update(state, bias.activity(signals));

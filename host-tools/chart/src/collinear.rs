@@ -18,10 +18,10 @@ const WITHIN: f64 = 10.0;
 /// The fit is the one that flags: it refuses, or the sensor is judged on loads of every direction.
 pub(crate) fn map(device: u64) -> Map {
     let conditions = [1.0, 3.0, 1e1, 3e1, 1e2, 1e3, 1e4, 1e6, 1e8];
-    let points = conditions.map(|condition| Point {
-        value: condition,
-        within: condition <= WITHIN,
-        count: judge(device, condition),
+    let points = conditions.map(|condition| {
+        let (count, within) = (judge(device, condition), condition <= WITHIN);
+        let working = if within { count } else { Count::default() };
+        Point { value: condition, within, count, working }
     });
     Map {
         method: "force sensor's fit / N",

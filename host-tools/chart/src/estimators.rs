@@ -19,6 +19,10 @@ pub enum Quantity {
     Shear,
     /// Distance of the contact point.
     Point,
+    /// About the normal.
+    Torsion,
+    /// Slides or not, as one or nought: the square of the error is the share of frames that are wrong.
+    Slip,
 }
 
 impl Quantity {
@@ -29,6 +33,8 @@ impl Quantity {
             Self::Normal => "normal force",
             Self::Shear => "shear force",
             Self::Point => "contact point",
+            Self::Torsion => "torsion",
+            Self::Slip => "slip",
         }
     }
 
@@ -38,6 +44,18 @@ impl Quantity {
         match self {
             Self::Normal | Self::Shear => "N",
             Self::Point => "mm",
+            Self::Torsion => "N·mm",
+            Self::Slip => "1",
+        }
+    }
+
+    /// The unit of its error in the pictures, and how many of them are one of [`Self::unit`].
+    pub(crate) fn shown(self) -> (&'static str, f64) {
+        match self {
+            Self::Normal | Self::Shear => ("mN", 1e3),
+            Self::Point => ("µm", 1e3),
+            Self::Torsion => ("N·µm", 1e3),
+            Self::Slip => ("%", 1e2),
         }
     }
 
@@ -52,20 +70,24 @@ impl Quantity {
                 let ([x, y], [tx, ty]) = (said.point?, truth.point);
                 Some((x - tx?).powi(2) + (y - ty?).powi(2))
             }
+            Self::Torsion => Some((said.torsion? - truth.torsion?).powi(2)),
+            Self::Slip => Some(f64::from(u8::from(said.slides? != truth.slip?))),
         }
     }
 }
 
-use Quantity::{Normal, Point, Shear};
+use Quantity::{Normal, Point, Shear, Slip, Torsion};
 
 /// The built-in scenes that methods are judged on, and what for.
-pub const SCENES: [(&str, &[Quantity]); 6] = [
+pub const SCENES: [(&str, &[Quantity]); 8] = [
     ("presses", &[Normal, Point]),
     ("shear", &[Normal, Shear, Point]),
     ("roll", &[Normal, Point]),
     ("edge", &[Normal, Point]),
     ("tap", &[Normal, Point]),
     ("tour", &[Normal, Shear, Point]),
+    ("torsion", &[Torsion]),
+    ("stick-slip", &[Slip]),
 ];
 
 /// Loads below this many newtons are not judged: there is nothing to know of them yet.

@@ -20,6 +20,9 @@ use crate::methods::calibrated;
 use crate::sweeps::{self, Sweep};
 use crate::{Effort, Waiting, collinear, files, map, page};
 
+/// Newtons below which a touch is outside the working range, whatever the sweep: the first frames of each
+/// press are.
+const LEAST_N: f64 = 0.1;
 /// An error beyond so many times the stated accuracy is a failure.
 pub(crate) const FAILS: f64 = 3.0;
 /// A method is trusted up to where a larger share of frames fails, flagged or not.
@@ -179,8 +182,11 @@ pub struct Map {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Point {
     pub value: f64,
+    /// The value is in the working range.
     pub within: bool,
     pub count: Count,
+    /// Of them the frames in the working range: none where the value is not.
+    pub working: Count,
 }
 
 /// What it all comes to: shares of frames.
@@ -219,6 +225,7 @@ pub fn measure(effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Vec<Map>
             for (map, own) in maps.iter_mut().zip(&own) {
                 for (point, own) in map.points.iter_mut().zip(&own.points) {
                     point.count.merge(&own.count);
+                    point.working.merge(&own.working);
                 }
             }
         }
@@ -233,26 +240,33 @@ fn over(sweep: &Sweep, device: u64, record: &Calibration) -> anyhow::Result<Vec<
         points: Vec::new(),
     });
     for value in &sweep.values {
+        let within = (sweep.within)(*value);
         let counts = judge(&(sweep.run)(device, *value)?, record);
-        for (map, count) in maps.iter_mut().zip(counts) {
-            map.points.push(Point { value: *value, within: (sweep.within)(*value), count });
+        for (map, [count, loaded]) in maps.iter_mut().zip(counts) {
+            let working = if within { loaded } else { Count::default() };
+            map.points.push(Point { value: *value, within, count, working });
         }
     }
     Ok(maps.into())
 }
 
-/// Frames in contact, one by one.
-fn judge(samples: &[Sample], record: &Calibration) -> [Count; Method::ALL.len()] {
+/// Frames in contact, one by one: all, and those with a load of the working range.
+fn judge(samples: &[Sample], record: &Calibration) -> [[Count; 2]; Method::ALL.len()] {
     let (finger, mut state) = Finger::new(Some(record.clone()));
-    let mut counts = [Count::default(); Method::ALL.len()];
+    let mut counts = [[Count::default(); 2]; Method::ALL.len()];
     for sample in samples {
         let estimate = finger.estimate(&mut state, &sample.scan);
         if sample.truth.contact != Some(true) {
             continue;
         }
-        for (count, method) in counts.iter_mut().zip(Method::ALL) {
+        let loaded = sample.truth.force[2].is_some_and(|fz| fz >= LEAST_N);
+        for ([all, working], method) in counts.iter_mut().zip(Method::ALL) {
             for (error, stated) in method.errors(&estimate, &sample.truth, record) {
-                count.add(error, stated, method.warned(estimate.status));
+                let warned = method.warned(estimate.status);
+                all.add(error, stated, warned);
+                if loaded {
+                    working.add(error, stated, warned);
+                }
             }
         }
     }
@@ -274,9 +288,7 @@ pub fn totals(maps: &[Map]) -> Totals {
     let (mut all, mut within) = (Count::default(), Count::default());
     for point in maps.iter().flat_map(|map| &map.points) {
         all.merge(&point.count);
-        if point.within {
-            within.merge(&point.count);
-        }
+        within.merge(&point.working);
     }
     Totals {
         frames: [all.frames, within.frames],
@@ -290,7 +302,7 @@ pub fn totals(maps: &[Map]) -> Totals {
 pub fn csv(maps: &[Map]) -> String {
     let mut table = String::from("method,sweep,value,within_range,error,stated,flagged\n");
     for map in maps {
-        for Point { value, within, count } in &map.points {
+        for Point { value, within, count, .. } in &map.points {
             let error = count.error().map(|error| format!("{error:.5}")).unwrap_or_default();
             let (stated, flagged) = (count.stated(), count.share(count.flagged));
             // Writing into a string cannot fail.
@@ -342,7 +354,13 @@ mod tests {
         let points = errors.iter().map(|(value, error, warned)| {
             let mut count = Count::default();
             count.add(*error, 1.0, *warned);
-            Point { value: *value, within: *value < 2.0, count }
+            let within = *value < 2.0;
+            Point {
+                value: *value,
+                within,
+                count,
+                working: if within { count } else { Count::default() },
+            }
         });
         Map { method: "force / N", sweep: "load / N", points: points.collect() }
     }

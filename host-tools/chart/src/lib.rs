@@ -7,6 +7,7 @@
 //! Every figure is of devices that nothing was developed on, calibrated on their own recordings and judged
 //! on runs that their fits have not seen, noise on.
 
+mod bars;
 mod collinear;
 mod convergence;
 pub mod costs;
@@ -23,6 +24,7 @@ mod scatter;
 pub mod simulator;
 mod style;
 mod sweeps;
+pub mod throughput;
 
 use std::sync::atomic::AtomicBool;
 

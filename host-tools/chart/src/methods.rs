@@ -9,7 +9,11 @@ use taxel::condition::Signals;
 use taxel::estimate::ContactPoint;
 use taxel::estimate::bright_spot::Spot;
 use taxel::estimate::contact_point::{arg_min, centroid};
-use taxel::finger::Finger;
+use taxel::estimate::net::ForceNet;
+use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::vibration::Listener;
+use taxel::finger::{Estimate, Finger};
+use taxel::frame::Status;
 use taxel::measured::Measured;
 use taxel::scan::{COLS, PITCH, TAXELS};
 use taxel_fit::finger::{FitOptions, Subject};
@@ -33,6 +37,10 @@ pub struct Said {
     pub force: [Option<f64>; 3],
     /// x, y in mm.
     pub point: Option<[f64; 2]>,
+    /// About the normal, in N·mm.
+    pub torsion: Option<f64>,
+    /// It slides.
+    pub slides: Option<bool>,
 }
 
 /// What kind of thing a method is; the charts' colours.
@@ -46,6 +54,8 @@ pub enum Group {
     Net,
     /// The same with a linear skip path.
     Skip,
+    /// Either of them in 16 bits.
+    Quantised,
     /// The force sensors.
     Sensors,
     /// What the firmware runs.
@@ -116,13 +126,18 @@ pub fn all(
         models.push((group, fit(Family::Mlp, Some(*hidden), false)?));
         models.push((Group::Skip, fit(Family::Skip, Some(*hidden), false)?));
     }
-    methods.extend(models.into_iter().map(|(group, fitted)| {
+    for (group, fitted) in models {
         let name = fitted.model.shape();
-        Method::new(&name, group, &[&name], move |moment| modelled(&fitted.model, &moment.signals))
-    }));
+        methods.extend(quantised(&fitted.model));
+        methods.push(Method::new(&name, group, &[&name], move |moment| {
+            modelled(&fitted.model, &moment.signals)
+        }));
+    }
     let calibration = calibrated(device, effort, stop)?;
     step("model of the skin");
     methods.push(matrix(&calibration));
+    methods.push(finger(&calibration));
+    methods.extend(slides(&calibration));
     methods.push(sensors(calibration));
     Ok(methods)
 }
@@ -200,14 +215,40 @@ fn integral(rows: &Rows) -> Method {
     })
 }
 
+/// The net of `model` in 16 bits, where it is one.
+fn quantised(model: &TableModel) -> Option<Method> {
+    if model.hidden_bias.is_empty() {
+        return None;
+    }
+    let list = |weights: &[f32]| weights.iter().copied().collect();
+    let net = ForceNet {
+        hidden: model.hidden.iter().copied().collect(),
+        hidden_bias: list(&model.hidden_bias),
+        output: model.output.iter().copied().collect(),
+        skip: model.skip.iter().copied().collect(),
+        output_bias: model.output_bias.iter().copied().collect(),
+    };
+    let largest = model.range.as_flattened().iter().fold(0.0f32, |most, end| most.max(end.abs()));
+    let net = QuantisedNet::new(&net, largest)?;
+    let name = format!("q15 {}", model.shape());
+    Some(Method::new(&name, Group::Quantised, &[&name], move |moment| {
+        let force = moment.signals.taxels.map(|c| net.forces(&c));
+        Said { force: force.map_or([None; 3], |force| components(&force)), ..Said::default() }
+    }))
+}
+
 fn modelled(model: &TableModel, signals: &Signals) -> Said {
     let Some(c) = signals.taxels else { return Said::default() };
-    let force = match model.estimate(&c)[..] {
+    Said { force: components(&model.estimate(&c)), ..Said::default() }
+}
+
+/// What a net says, of f_z alone or of all three.
+fn components(outputs: &[f32]) -> [Option<f64>; 3] {
+    match *outputs {
         [z] => [None, None, Some(f64::from(z))],
         [x, y, z] => [x, y, z].map(|f| Some(f64::from(f))),
         _ => [None; 3],
-    };
-    Said { force, ..Said::default() }
+    }
 }
 
 /// The record of the device, as the tools make it.
@@ -239,8 +280,47 @@ fn matrix(calibration: &Calibration) -> Method {
         let estimate = finger.estimate(&mut state, &scan);
         let force = [estimate.force.x, estimate.force.y, estimate.force.z];
         let point = estimate.point.ok().map(|point| [point.x.0, point.y.0].map(f64::from));
-        Said { force: force.map(|f| f.ok().map(|f| f64::from(f.0))), point }
+        let force = force.map(|f| f.ok().map(|f| f64::from(f.0)));
+        Said { force, point, ..Said::default() }
     })
+}
+
+/// The torsion of the force sensors as one, and the firmware's word on slip: by way, vibration and friction.
+fn finger(calibration: &Calibration) -> Method {
+    let (finger, mut state) = Finger::new(Some(calibration.clone()));
+    let stages = ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
+    Method::new("four sensors, torsion", Group::Sensors, &stages, move |moment| {
+        let estimate = finger.estimate(&mut state, &moment.sample.scan);
+        let torsion = estimate.torsion.ok().map(|torsion| f64::from(torsion.0));
+        Said { torsion, ..Said::default() }
+    })
+}
+
+/// Whether it slides: as the firmware says, by its vibration alone, and by the friction that is left.
+fn slides(calibration: &Calibration) -> [Method; 3] {
+    let judged = |slides: fn(&Estimate) -> bool| {
+        let (finger, mut state) = Finger::new(Some(calibration.clone()));
+        move |moment: &Moment| {
+            let estimate = finger.estimate(&mut state, &moment.sample.scan);
+            Said { slides: Some(slides(&estimate)), ..Said::default() }
+        }
+    };
+    let mut ear = Listener::default();
+    [
+        Method::new(
+            "slip: way and vibration",
+            Group::Finger,
+            &["slip: by its way", "slip: by its vibration"],
+            judged(|estimate| estimate.status.contains(Status::SLIDES)),
+        ),
+        Method::new("slip: margin used up", Group::Finger, &["slip: verdict"], {
+            judged(|estimate| estimate.slip.is_ok_and(|verdict| verdict.margin <= 0.0))
+        }),
+        Method::new("slip: vibration", Group::Paper, &["slip: by its vibration"], move |moment| {
+            let slides = ear.hear(moment.sample.scan.time, &moment.signals);
+            Said { slides: Some(slides), ..Said::default() }
+        }),
+    ]
 }
 
 /// The sum of f = S(u − b) over the force sensors (003).

@@ -7,6 +7,9 @@ use plotly::layout::{Axis, AxisType};
 use plotly::{Layout, Plot, Scatter};
 use plotters::style::RGBColor;
 
+use taxel_sim::cost::Cost;
+
+use crate::bars::Bar;
 use crate::estimators::{Row, front};
 use crate::failures::Map;
 use crate::methods::Group;
@@ -120,6 +123,52 @@ pub(crate) fn failures(maps: &[Map]) -> String {
     )
 }
 
+/// A plot of bars.
+pub(crate) fn bars(title: &str, lead: &str, bars: &[Bar]) -> String {
+    let shown = || bars.iter().filter(|bar| bar.long.is_some());
+    let long = shown().filter_map(|bar| bar.long).collect::<Vec<f64>>();
+    let told = shown().map(|bar| bar.told.clone()).collect::<Vec<String>>();
+    let mut plot = Plot::new();
+    let names = shown().map(|bar| bar.name.clone()).collect::<Vec<String>>();
+    let colour = Marker::new().color(hex(COLOURS[0]));
+    plot.add_trace(plotly::Bar::new(names, long).text_array(told).marker(colour));
+    plot.set_layout(Layout::new().title(title.to_owned()).width(WIDTH).height(HEIGHT));
+    let rest = bars.iter().filter(|bar| bar.long.is_none());
+    let rest: String = rest.map(|bar| format!("<br>{}", bar.name)).collect();
+    page(title, &format!("{lead}{rest}"), std::iter::once(plot))
+}
+
+/// Error over time of a frame, a plot a scene.
+pub(crate) fn simulator(costs: &[Cost]) -> String {
+    let mut scenes: Vec<&str> = costs.iter().map(|cost| cost.scene).collect();
+    scenes.dedup();
+    let plots = scenes.into_iter().map(|scene| {
+        // The rung that the others are measured against has no error, and no place on this axis.
+        let of = costs.iter().filter(|cost| cost.scene == scene && cost.error > 0.0);
+        let rungs: Vec<&Cost> = of.collect();
+        let mut plot = Plot::new();
+        let name = |cost: &&Cost| format!("{}{}", cost.rung, if cost.auto { ", auto" } else { "" });
+        let trace = Scatter::new(
+            rungs.iter().map(|cost| cost.us_per_frame).collect(),
+            rungs.iter().map(|cost| cost.error).collect(),
+        );
+        plot.add_trace(
+            trace
+                .mode(Mode::LinesMarkers)
+                .line(Line::new().color(hex(COLOURS[0])))
+                .text_array(rungs.iter().map(name).collect::<Vec<String>>()),
+        );
+        let title = format!("Scene “{scene}”");
+        plot.set_layout(layout(&title, "µs per frame in contact", "worst error of a facet"));
+        plot
+    });
+    page(
+        "What the simulator's rungs cost",
+        "Worst error of a facet, a share of the largest displacement, over the time of a frame in contact.",
+        plots,
+    )
+}
+
 fn axes(rows: &[&Row]) -> [Vec<f64>; 2] {
     [rows.iter().map(|row| row.cost.cycles()).collect(), rows.iter().map(|row| row.rmse).collect()]
 }
@@ -139,6 +188,7 @@ fn symbol(group: Group) -> MarkerSymbol {
         Group::Polynomial => MarkerSymbol::Square,
         Group::Net => MarkerSymbol::CircleOpen,
         Group::Skip => MarkerSymbol::Circle,
+        Group::Quantised => MarkerSymbol::SquareOpen,
         Group::Sensors => MarkerSymbol::X,
     }
 }

@@ -2,13 +2,9 @@
 
 use std::path::Path;
 
+use crate::bars::{self, Bar};
+use crate::{files, page};
 use anyhow::Context;
-use plotters::coord::Shift;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-
-use crate::files;
-use crate::style::{COLOURS, Done, FONT, GREY, svg};
 
 const COMMITTED: &str = include_str!("../../emulator/data/peers.csv");
 
@@ -24,9 +20,14 @@ struct Peer {
 /// # Errors
 /// One of them cannot be written, or the committed table is none.
 pub fn write(folder: &Path) -> anyhow::Result<()> {
-    let peers = parse(COMMITTED).context("host-tools/emulator/data/peers.csv")?;
+    let bars = bars(&parse(COMMITTED).context("host-tools/emulator/data/peers.csv")?);
+    let title = "The 16-16-3 net with tanh units, modelled Cortex-M4F cycles a call";
     files::write(&folder.join("peers.csv"), COMMITTED)?;
-    files::write(&folder.join("peers.svg"), &draw(&peers)?)
+    files::write(&folder.join("peers.svg"), &bars::draw(title, &bars)?)?;
+    files::write(
+        &folder.join("peers.html"),
+        &page::bars("Beside other people's nets", title, &bars),
+    )
 }
 
 fn parse(table: &str) -> anyhow::Result<Vec<Peer>> {
@@ -44,43 +45,23 @@ fn parse(table: &str) -> anyhow::Result<Vec<Peer>> {
     rows.collect()
 }
 
-const WIDTH: u32 = 900;
-/// A bar and its gap, in pixels.
-const ROW: i32 = 52;
-
-fn draw(peers: &[Peer]) -> anyhow::Result<String> {
-    let height = u32::try_from(ROW)? * u32::try_from(peers.len())? + 44;
-    svg((WIDTH, height), |area| bars(area, peers))
-}
-
-fn bars(area: &DrawingArea<SVGBackend<'_>, Shift>, peers: &[Peer]) -> Done {
-    let font = |size: i32| (FONT, size).into_font();
-    let middle = Pos::new(HPos::Left, VPos::Center);
-    let title = "The 16-16-3 net with tanh units, modelled Cortex-M4F cycles a call";
-    area.draw(&Text::new(title, (16, 10), font(16)))?;
+/// Cycles and error of each, and how many times the first one's it takes.
+fn bars(peers: &[Peer]) -> Vec<Bar> {
     let own = peers.first().and_then(|peer| peer.cycles);
-    let most = peers.iter().filter_map(|peer| peer.cycles).fold(1.0, f64::max);
-    for (i, peer) in (0..).zip(peers) {
-        let y = 40 + ROW * i;
-        area.draw(&Text::new(peer.name.clone(), (16, y + 8), font(14).color(&BLACK).pos(middle)))?;
-        let (text, from) = match (peer.cycles, own) {
-            (Some(cycles), Some(own)) => {
-                let long = (500.0 * cycles / most) as i32;
-                let colour = if i == 0 { COLOURS[0] } else { COLOURS[4] };
-                area.draw(&Rectangle::new([(16, y + 18), (16 + long, y + 38)], colour.filled()))?;
-                let ratio = if i == 0 {
-                    String::new()
-                } else {
-                    format!(", {:.2} times as many", cycles / own)
-                };
-                (format!("{cycles:.0}{ratio}; error ≤ {}", peer.max_error), 24 + long)
-            }
-            _ => ("not built".to_owned(), 16),
-        };
-        let style = font(14).color(if peer.cycles.is_some() { &BLACK } else { &GREY }).pos(middle);
-        area.draw(&Text::new(text, (from, y + 28), style))?;
-    }
-    Ok(())
+    let told = |(i, peer): (usize, &Peer)| match (peer.cycles, own) {
+        (Some(cycles), Some(own)) if i > 0 => {
+            let ratio = cycles / own;
+            format!("{cycles:.0}, {ratio:.2} times as many; error ≤ {}", peer.max_error)
+        }
+        (Some(cycles), _) => format!("{cycles:.0}; error ≤ {}", peer.max_error),
+        _ => "not built".to_owned(),
+    };
+    let bar = |(i, peer): (usize, &Peer)| Bar {
+        name: peer.name.clone(),
+        long: peer.cycles,
+        told: told((i, peer)),
+    };
+    peers.iter().enumerate().map(bar).collect()
 }
 
 #[cfg(test)]

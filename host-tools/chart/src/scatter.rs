@@ -20,12 +20,13 @@ const LEGEND: u32 = 54;
 const LETTERS: i32 = 13;
 
 /// Every group with what the legend calls it.
-pub(crate) const GROUPS: [(Group, &str); 6] = [
+pub(crate) const GROUPS: [(Group, &str); 7] = [
     (Group::Finger, "the firmware's"),
     (Group::Paper, "of the papers"),
     (Group::Polynomial, "polynomial"),
     (Group::Net, "tanh net"),
-    (Group::Skip, "tanh net + linear path"),
+    (Group::Skip, "with a linear path"),
+    (Group::Quantised, "in 16 bits"),
     (Group::Sensors, "force sensors"),
 ];
 
@@ -36,7 +37,7 @@ pub(crate) fn colour(group: Group) -> RGBColor {
         Group::Paper => COLOURS[1],
         Group::Polynomial => COLOURS[2],
         Group::Net => COLOURS[4],
-        Group::Skip => COLOURS[0],
+        Group::Skip | Group::Quantised => COLOURS[0],
         Group::Sensors => COLOURS[3],
     }
 }
@@ -69,10 +70,10 @@ fn legend(area: &Panel<'_>) -> Done {
         area.draw(&Text::new(name, (x + 12, 11), (FONT, 14).into_font()))?;
         x += 34 + i32::try_from(name.chars().count())? * 7;
     }
-    area.draw(&PathElement::new([(x - 6, 18), (x + 14, 18)], GREY.stroke_width(2)))?;
-    area.draw(&Text::new("Pareto front", (x + 20, 11), (FONT, 14).into_font()))?;
-    let note = "Numbers at nets: hidden units. The front is that of the optical matrix; the force sensors are other hardware.";
-    area.draw(&Text::new(note, (18, 33), (FONT, 13).into_font().color(&GREY)))?;
+    area.draw(&PathElement::new([(18, 40), (38, 40)], GREY.stroke_width(2)))?;
+    area.draw(&Text::new("Pareto front", (44, 33), (FONT, 14).into_font()))?;
+    let note = "that of the optical matrix; the force sensors are other hardware. Numbers at nets: hidden units.";
+    area.draw(&Text::new(note, (134, 33), (FONT, 13).into_font().color(&GREY)))?;
     Ok(())
 }
 
@@ -92,6 +93,12 @@ fn mark(area: &Panel<'_>, at: (i32, i32), group: Group) -> Done {
         }
         Group::Net => area.draw(&Circle::new(at, 5, colour(group).stroke_width(2)))?,
         Group::Skip => area.draw(&Circle::new(at, 5, style))?,
+        Group::Quantised => {
+            let (x, y) = at;
+            let square =
+                Rectangle::new([(x - 4, y - 4), (x + 4, y + 4)], colour(group).stroke_width(1));
+            area.draw(&square)?;
+        }
         Group::Sensors => area.draw(&Cross::new(at, 5, colour(group).stroke_width(3)))?,
     }
     Ok(())
@@ -116,7 +123,7 @@ pub(crate) fn around(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
 
 fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Done {
     let [left, right] = around(rows.iter().map(|row| row.cost.cycles()));
-    let scale = 1e3;
+    let (unit, scale) = quantity.shown();
     let error = |row: &Row| row.rmse * scale;
     let [bottom, top] = around(rows.iter().map(|row| error(row)));
     let mut chart: Chart<'_> = ChartBuilder::on(area)
@@ -126,7 +133,6 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
         .x_label_area_size(40)
         .y_label_area_size(64)
         .build_cartesian_2d((left..right).log_scale(), (bottom..top).log_scale())?;
-    let unit = if quantity.unit() == "N" { "mN" } else { "µm" };
     chart
         .configure_mesh()
         .light_line_style(WHITE)
@@ -134,7 +140,7 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
         .x_labels(6)
         .y_labels(6)
         .x_label_formatter(&|cycles| format!("{cycles:.0}"))
-        .y_label_formatter(&|error| format!("{error:.0}"))
+        .y_label_formatter(&|error| format!("{error}"))
         .label_style((FONT, 13))
         .x_desc("modelled Cortex-M4F cycles an estimate")
         .y_desc(format!("RMSE / {unit}"))
@@ -158,7 +164,8 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
     }
     let (width, height) = area.dim_in_pixel();
     let inside = [68, 28, i32::try_from(width)? - 4, i32::try_from(height)? - 52];
-    let important = |row: &&&Row| front.contains(*row) || row.group != Group::Net;
+    let important =
+        |row: &&&Row| front.contains(*row) || !matches!(row.group, Group::Net | Group::Quantised);
     for row in rows.iter().filter(important) {
         let name = label(row);
         let wide = i32::try_from(name.chars().count())? * LETTERS / 2 + 2;
@@ -193,7 +200,7 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
 fn label(row: &Row) -> String {
     let middle = row.name.split('-').nth(1);
     match (row.group, middle) {
-        (Group::Skip | Group::Net, Some(width)) => width.to_owned(),
+        (Group::Skip | Group::Net | Group::Quantised, Some(width)) => width.to_owned(),
         _ => row.name.trim_start_matches("net ").to_owned(),
     }
 }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::{convergence, files, ladder};
+use crate::{convergence, files, ladder, page};
 
-/// Times every rung of the ladder of fidelity and writes `simulator.csv`, `simulator.svg` and
+/// Times every rung of the ladder of fidelity and writes `simulator.csv`, its picture and page, and
 /// `convergence.svg`; it takes half a minute.
 ///
 /// # Errors
@@ -13,5 +13,6 @@ pub fn write(folder: &Path) -> anyhow::Result<()> {
     let costs = taxel_sim::cost::measure()?;
     files::write(&folder.join("simulator.csv"), &taxel_sim::cost::csv(&costs))?;
     files::write(&folder.join("simulator.svg"), &ladder::draw(&costs)?)?;
+    files::write(&folder.join("simulator.html"), &page::simulator(&costs))?;
     files::write(&folder.join("convergence.svg"), &convergence::draw()?)
 }

@@ -14,6 +14,8 @@ const EFFECTS: &str = "'noise', 'ambient', 'flicker', 'gain-spread', 'optical-cr
                        'bridge-mismatch', 'bridge-crosstalk'";
 /// Seed of the runs: that of no other.
 const SEED: u64 = 3;
+/// Scans a second.
+const RATE_HZ: usize = 500;
 /// Standard deviation of a reading of the built-in fingers, in 16-bit codes.
 const NOISE_CODES: f64 = 4.0;
 
@@ -96,8 +98,8 @@ pub fn all() -> Vec<Sweep> {
         ),
         sweep(
             "noise / times",
-            &[1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 100.0],
-            |v| v <= 2.0,
+            &[1.0, 1.5, 2.0, 4.0, 8.0, 16.0, 32.0, 100.0],
+            |v| v <= 1.0,
             |device, v| {
                 let mut samples = usual(device)?;
                 let mut rng = ChaCha8Rng::seed_from_u64(SEED);
@@ -147,6 +149,28 @@ pub fn all() -> Vec<Sweep> {
                 let mut samples = usual(device)?;
                 lit(&mut samples, |_, level, _| level + v);
                 Ok(samples)
+            },
+        ),
+        sweep(
+            "bias drift in a run / 16-bit codes",
+            &[0.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0],
+            |v| v <= 4.0,
+            |device, v| {
+                let mut samples = usual(device)?;
+                let end = samples.last().map_or(1, |sample| sample.scan.time.0) as f64;
+                lit(&mut samples, |_, level, time| level + v * time as f64 / end);
+                Ok(samples)
+            },
+        ),
+        sweep(
+            "warming in a run / K",
+            &[0.0, 1.0, 2.0, 5.0, 10.0, -1.0, -2.0, -5.0, -10.0],
+            |v| v.abs() <= 2.0,
+            |device, v| {
+                let end = 25.0 + v;
+                let tables =
+                    format!("[temperature]\nstart_c = 25\nend_c = {end}\nfrom_s = 1\nramp_s = 4\n");
+                run(device, &Run { effects: ", 'temperature'", tables: &tables, ..Run::default() })
             },
         ),
         sweep(
@@ -226,6 +250,12 @@ pub fn all() -> Vec<Sweep> {
             },
         ),
         sweep(
+            "jitter of the time steps / share",
+            &[0.0, 0.1, 0.2, 0.5, 0.8],
+            |v| v <= 0.2,
+            jittered,
+        ),
+        sweep(
             "first-cycle softening / share",
             &[0.0, 0.02, 0.05, 0.1, 0.2, 0.4],
             |v| v <= 0.02,
@@ -264,20 +294,22 @@ struct Run<'r> {
     mu: f64,
     acts: &'r str,
     seconds: f64,
+    rate_hz: usize,
 }
 
 impl Default for Run<'_> {
     fn default() -> Self {
-        Self { effects: "", tables: "", indenter: "radius_mm = 6", mu: 0.8, acts: "", seconds: 6.0 }
+        let (indenter, rate_hz) = ("radius_mm = 6", RATE_HZ);
+        Self { effects: "", tables: "", indenter, mu: 0.8, acts: "", seconds: 6.0, rate_hz }
     }
 }
 
 fn run(device: u64, what: &Run<'_>) -> anyhow::Result<Vec<Sample>> {
-    let Run { effects, tables, indenter, mu, acts, seconds } = what;
+    let Run { effects, tables, indenter, mu, acts, seconds, rate_hz } = what;
     let usual = presses([0.2, 2.0], 0.9);
     let acts = if acts.is_empty() { &usual } else { *acts };
     let text = format!(
-        "effects = [{EFFECTS}{effects}]\n[scan]\nrate_hz = 500\nduration_s = {seconds}\n\
+        "effects = [{EFFECTS}{effects}]\n[scan]\nrate_hz = {rate_hz}\nduration_s = {seconds}\n\
          [device]\nseed = {device}\nbits = 16\n[indenter]\n{indenter}\n[friction]\nmu = {mu}\n{tables}{acts}"
     );
     Ok(Simulator::new(&Scene::parse("sweep.toml", &text)?, SEED).collect())
@@ -286,6 +318,17 @@ fn run(device: u64, what: &Run<'_>) -> anyhow::Result<Vec<Sample>> {
 /// Presses with shear in the middle of the pad, as in calibration.
 fn usual(device: u64) -> anyhow::Result<Vec<Sample>> {
     run(device, &Run::default())
+}
+
+/// Scans that come up to a share of their period too early or too late: taken out of ten times as many.
+fn jittered(device: u64, share: f64) -> anyhow::Result<Vec<Sample>> {
+    const FINER: usize = 10;
+    let fine = run(device, &Run { rate_hz: RATE_HZ * FINER, ..Run::default() })?;
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let most = (share * FINER as f64 / 2.0).round() as usize;
+    let early = |at: usize| (at + rng.random_range(0..=2 * most)).checked_sub(most);
+    let taken = (0..fine.len()).step_by(FINER).filter_map(early);
+    Ok(taken.filter_map(|at| fine.get(at).copied()).collect())
 }
 
 /// Twenty-four presses in the middle of the pad, with up to `shear` of what friction holds.

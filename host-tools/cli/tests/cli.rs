@@ -41,6 +41,30 @@ fn the_built_in_scenes_are_listed_a_line_each_with_what_they_do() {
     assert_eq!(list.lines().count(), taxel_sim::scene::BUILT_IN.len());
 }
 
+#[test]
+fn a_chart_comes_as_table_picture_and_page_and_no_part_of_one_is_left() {
+    let directory = tempfile::tempdir().unwrap();
+    let charts = directory.path().join("charts");
+    let said = succeeds(&["chart", "--only", "peers", "--out", charts.to_str().unwrap()]);
+    assert!(said.contains("peers.csv"), "{said}");
+    let read = |name: &str| std::fs::read_to_string(charts.join(name)).unwrap();
+    let table = read("peers.csv");
+    assert!(
+        table.starts_with("name,net,max_error,cycles_low,cycles_high,instructions\n"),
+        "{table}"
+    );
+    let first = table.lines().nth(1).unwrap().split(',').nth(3).unwrap();
+    assert!(first.parse::<f64>().unwrap() > 0.0);
+    assert!(read("peers.svg").contains("16-16-3") && read("peers.html").contains("16-16-3"));
+    let mut names: Vec<_> =
+        std::fs::read_dir(&charts).unwrap().map(|f| f.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["peers.csv", "peers.html", "peers.svg"]);
+    let file = charts.join("peers.csv");
+    let told = fails(1, &["chart", "--only", "peers", "--out", file.to_str().unwrap()]);
+    assert!(told.contains("peers.csv") && told.contains("cannot be made"), "{told}");
+}
+
 /// A virtual finger of this process, and its port.
 fn finger() -> (VirtualFinger, String) {
     let source = Source::scene("press").unwrap();

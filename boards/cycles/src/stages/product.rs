@@ -3,6 +3,7 @@
 //! at 4 kHz (`cargo xtask cycles`, `host-tools/xtask`); every field of every scan is more than USB carries.
 
 use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::condition::Warmth;
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::intrinsic::Surface;
@@ -10,8 +11,8 @@ use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::frame::Fields;
-use taxel::scan::{SENSORS, Scan, TAXELS};
-use taxel::units::{Micros, Millimetres};
+use taxel::scan::{Codes, SENSORS, Scan, TAXELS};
+use taxel::units::{Code, Micros, Millimetres};
 use taxel::wire::message::Command;
 
 use super::frame::{Packet, instrument, whole};
@@ -23,6 +24,8 @@ const PERIOD: u64 = 250;
 /// Scans until the ear for vibration knows its floor and listens to all that it can hear, and more.
 const UNTOUCHED: usize = 220;
 const TOUCHED: usize = 138;
+/// What the chip's thermometer says.
+const ROOM: Code = Code(15_000);
 
 /// The dearest record of the finger that `calibration` is of: it says the same, in the longest way.
 #[must_use]
@@ -33,6 +36,8 @@ pub fn dearest(calibration: &Calibration) -> Calibration {
         // No stored record has room for it beside such a net, and the product goes without it.
         model: None,
         slip: Some(Slip::usual(0.5)),
+        // The STM32G431 goes without it for want of flash, and has the time for it.
+        warmth: Some(Warmth { range: [0.0, 1.0], ..Warmth::default() }),
         array: Some(Array {
             method: sums,
             residual: [1e-3; 3],
@@ -89,7 +94,9 @@ fn scene<'a>(inputs: &Inputs<'a>) -> impl Iterator<Item = Scan> + Clone + use<'a
     let untouched = free.clone().cycle().take(UNTOUCHED);
     let touched = inputs.touched().cycle().take(TOUCHED);
     let times = (0u64..).map(|i| Micros(PERIOD * i));
-    untouched.chain(touched).chain(free).zip(times).map(|(scan, time)| Scan { time, ..scan })
+    let warm = |codes: Codes| Codes { temperature: Some(ROOM), ..codes };
+    let scans = untouched.chain(touched).chain(free).zip(times);
+    scans.map(move |(scan, time)| Scan { time, codes: warm(scan.codes), ..scan })
 }
 
 pub fn stages(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl Meter) {

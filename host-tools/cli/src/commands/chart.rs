@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use taxel_chart::{Effort, Waiting, estimators, failures, peers, simulator};
+use taxel_chart::{Effort, Waiting, estimators, failures, peers, simulator, throughput};
 
 use crate::interrupt::Interrupt;
 use crate::output;
@@ -44,6 +44,8 @@ enum Chart {
     Peers,
     /// Time and error of the simulator's rungs.
     Simulator,
+    /// What a host does with a frame, and how fast.
+    Throughput,
 }
 
 /// Runs the command.
@@ -84,6 +86,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         anyhow::ensure!(!interrupt.came(), "interrupted");
         simulator::write(&args.out)?;
         said(&args.out, "simulator")?;
+    }
+    if wanted(Chart::Throughput) {
+        let stages = waited_for(&interrupt, throughput::measure)?;
+        throughput::write(&stages, &args.out)?;
+        said(&args.out, "throughput")?;
     }
     Ok(())
 }

@@ -47,6 +47,7 @@ class Status(IntFlag):
     RAN_ARRAY = 1 << 23
     RAN_SLIP = 1 << 24
     RAN_QUANTISED = 1 << 25
+    RAN_WARMTH = 1 << 26
 
 
 class Fields(IntFlag):

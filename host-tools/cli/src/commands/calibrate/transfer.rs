@@ -70,6 +70,7 @@ fn passed_over(calibration: &Calibration, held: Status) -> Vec<&'static str> {
         ("quantised", calibration.quantised.is_some(), Status::RAN_QUANTISED),
         ("model", calibration.model.is_some(), Status::RAN_MODEL),
         ("slip", calibration.slip.is_some(), Status::RAN_SLIP),
+        ("warmth", calibration.warmth.is_some(), Status::RAN_WARMTH),
         ("array", calibration.array.is_some(), Status::RAN_ARRAY),
     ];
     let passed =
