@@ -220,6 +220,9 @@ impl Finger {
         let stuck = state.stuck.update(&scan.codes);
         signals.health.dead |= stuck.taxels;
         signals.health.bridge_faults |= stuck.bridges;
+        if scan.lost > 0 {
+            state.noise.interrupt();
+        }
         let noisy = state.noise.update(&signals, &state.bias);
         if let Some((warmth, level)) = warm {
             let gain = warmth.gain(level);

@@ -63,11 +63,16 @@ impl NoiseWatch {
         self.noisy
     }
 
+    /// Scans were lost: what lies between the two beside the gap may be movement, and the window begins anew.
+    pub fn interrupt(&mut self) {
+        *self = Self { sensor: self.sensor, noisy: self.noisy, ..Self::default() };
+    }
+
     fn next(&mut self, noisy: bool) {
         let others = self.noisy & !(1 << self.sensor);
-        let noisy = others | u8::from(noisy) << self.sensor;
-        let sensor = (self.sensor + 1) % SENSORS as u8;
-        *self = Self { sensor, noisy, ..Self::default() };
+        self.noisy = others | u8::from(noisy) << self.sensor;
+        self.sensor = (self.sensor + 1) % SENSORS as u8;
+        self.interrupt();
     }
 }
 
@@ -120,6 +125,19 @@ mod tests {
         let slow = |i: usize| 0.13 * f32::sin(i as f32 * core::f32::consts::TAU * 10.0 / 1000.0);
         assert_eq!(flagged(1.0, slow), 0.0);
         assert_eq!(flagged(1.0, |i| if i % 100 == 0 { 0.05 } else { 0.0 }), 0.0);
+    }
+
+    #[test]
+    fn what_moved_while_scans_were_lost_is_no_noise() {
+        let mut watch = NoiseWatch::default();
+        let noisy = (0..10_000u16).map(|i| {
+            if i % 3 == 0 {
+                watch.interrupt();
+            }
+            let steps = [Some([f32::from(i / 3); 3]); SENSORS];
+            watch.update(&Signals { bridges: steps, ..Signals::default() }, &bias())
+        });
+        assert_eq!(noisy.max(), Some(0));
     }
 
     #[test]

@@ -21,8 +21,6 @@ pub enum Quantity {
     Point,
     /// About the normal.
     Torsion,
-    /// Slides or not, as one or nought: the square of the error is the share of frames that are wrong.
-    Slip,
 }
 
 impl Quantity {
@@ -34,7 +32,6 @@ impl Quantity {
             Self::Shear => "shear force",
             Self::Point => "contact point",
             Self::Torsion => "torsion",
-            Self::Slip => "slip",
         }
     }
 
@@ -45,7 +42,6 @@ impl Quantity {
             Self::Normal | Self::Shear => "N",
             Self::Point => "mm",
             Self::Torsion => "N·mm",
-            Self::Slip => "1",
         }
     }
 
@@ -55,7 +51,6 @@ impl Quantity {
             Self::Normal | Self::Shear => ("mN", 1e3),
             Self::Point => ("µm", 1e3),
             Self::Torsion => ("N·µm", 1e3),
-            Self::Slip => ("%", 1e2),
         }
     }
 
@@ -71,15 +66,14 @@ impl Quantity {
                 Some((x - tx?).powi(2) + (y - ty?).powi(2))
             }
             Self::Torsion => Some((said.torsion? - truth.torsion?).powi(2)),
-            Self::Slip => Some(f64::from(u8::from(said.slides? != truth.slip?))),
         }
     }
 }
 
-use Quantity::{Normal, Point, Shear, Slip, Torsion};
+use Quantity::{Normal, Point, Shear, Torsion};
 
 /// The built-in scenes that methods are judged on, and what for.
-pub const SCENES: [(&str, &[Quantity]); 8] = [
+pub const SCENES: [(&str, &[Quantity]); 7] = [
     ("presses", &[Normal, Point]),
     ("shear", &[Normal, Shear, Point]),
     ("roll", &[Normal, Point]),
@@ -87,7 +81,6 @@ pub const SCENES: [(&str, &[Quantity]); 8] = [
     ("tap", &[Normal, Point]),
     ("tour", &[Normal, Shear, Point]),
     ("torsion", &[Torsion]),
-    ("stick-slip", &[Slip]),
 ];
 
 /// Loads below this many newtons are not judged: there is nothing to know of them yet.

@@ -11,9 +11,7 @@ use taxel::estimate::bright_spot::Spot;
 use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::quantised::QuantisedNet;
-use taxel::estimate::vibration::Listener;
-use taxel::finger::{Estimate, Finger};
-use taxel::frame::Status;
+use taxel::finger::Finger;
 use taxel::measured::Measured;
 use taxel::scan::{COLS, PITCH, TAXELS};
 use taxel_fit::finger::{FitOptions, Subject};
@@ -39,8 +37,6 @@ pub struct Said {
     pub point: Option<[f64; 2]>,
     /// About the normal, in N·mm.
     pub torsion: Option<f64>,
-    /// It slides.
-    pub slides: Option<bool>,
 }
 
 /// What kind of thing a method is; the charts' colours.
@@ -136,8 +132,7 @@ pub fn all(
     let calibration = calibrated(device, effort, stop)?;
     step("model of the skin");
     methods.push(matrix(&calibration));
-    methods.push(finger(&calibration));
-    methods.extend(slides(&calibration));
+    methods.push(torsion(&calibration));
     methods.push(sensors(calibration));
     Ok(methods)
 }
@@ -285,8 +280,8 @@ fn matrix(calibration: &Calibration) -> Method {
     })
 }
 
-/// The torsion of the force sensors as one, and the firmware's word on slip: by way, vibration and friction.
-fn finger(calibration: &Calibration) -> Method {
+/// The torsion of the force sensors as one.
+fn torsion(calibration: &Calibration) -> Method {
     let (finger, mut state) = Finger::new(Some(calibration.clone()));
     let stages = ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
     Method::new("four sensors, torsion", Group::Sensors, &stages, move |moment| {
@@ -294,33 +289,6 @@ fn finger(calibration: &Calibration) -> Method {
         let torsion = estimate.torsion.ok().map(|torsion| f64::from(torsion.0));
         Said { torsion, ..Said::default() }
     })
-}
-
-/// Whether it slides: as the firmware says, by its vibration alone, and by the friction that is left.
-fn slides(calibration: &Calibration) -> [Method; 3] {
-    let judged = |slides: fn(&Estimate) -> bool| {
-        let (finger, mut state) = Finger::new(Some(calibration.clone()));
-        move |moment: &Moment| {
-            let estimate = finger.estimate(&mut state, &moment.sample.scan);
-            Said { slides: Some(slides(&estimate)), ..Said::default() }
-        }
-    };
-    let mut ear = Listener::default();
-    [
-        Method::new(
-            "slip: way and vibration",
-            Group::Finger,
-            &["slip: by its way", "slip: by its vibration"],
-            judged(|estimate| estimate.status.contains(Status::SLIDES)),
-        ),
-        Method::new("slip: margin used up", Group::Finger, &["slip: verdict"], {
-            judged(|estimate| estimate.slip.is_ok_and(|verdict| verdict.margin <= 0.0))
-        }),
-        Method::new("slip: vibration", Group::Paper, &["slip: by its vibration"], move |moment| {
-            let slides = ear.hear(moment.sample.scan.time, &moment.signals);
-            Said { slides: Some(slides), ..Said::default() }
-        }),
-    ]
 }
 
 /// The sum of f = S(u − b) over the force sensors (003).

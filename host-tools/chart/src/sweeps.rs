@@ -245,7 +245,13 @@ pub fn all() -> Vec<Sweep> {
             |device, v| {
                 let mut rng = ChaCha8Rng::seed_from_u64(SEED);
                 let mut samples = usual(device)?;
-                samples.retain(|sample| sample.scan.time.0 < 900_000 || !rng.random_bool(v));
+                let mut lost = 0;
+                samples.retain_mut(|sample| {
+                    let kept = sample.scan.time.0 < 900_000 || !rng.random_bool(v);
+                    sample.scan.lost = lost;
+                    lost = if kept { 0 } else { lost + 1 };
+                    kept
+                });
                 Ok(samples)
             },
         ),

@@ -74,6 +74,10 @@ fn no_estimator_errs_more_than_the_baseline_says() {
 fn nothing_fails_farther_or_is_flagged_less_than_the_baseline_says() {
     let stop = AtomicBool::new(false);
     let maps = failures::measure(&Effort::quick(), waiting(&stop)).unwrap();
+    // Of all frames, of those in the working range, and flagged there.
+    let totals = failures::totals(&maps);
+    assert!(totals.silent[0] < 0.005 && totals.silent[1] < 0.0005, "{totals:?}");
+    assert!(totals.false_flags < 0.001, "{totals:?}");
     let worse =
         worse(include_str!("../data/failures.csv"), &failures::csv(&maps), 3, |before, now| {
             let within = now[0] == "true";
