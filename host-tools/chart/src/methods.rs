@@ -284,7 +284,7 @@ fn matrix(calibration: &Calibration) -> Method {
 fn torsion(calibration: &Calibration) -> Method {
     let (finger, mut state) = Finger::new(Some(calibration.clone()));
     let stages = ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
-    Method::new("four sensors, torsion", Group::Sensors, &stages, move |moment| {
+    Method::new("four sensors' torsion", Group::Sensors, &stages, move |moment| {
         let estimate = finger.estimate(&mut state, &moment.sample.scan);
         let torsion = estimate.torsion.ok().map(|torsion| f64::from(torsion.0));
         Said { torsion, ..Said::default() }

@@ -114,7 +114,8 @@ mod tests {
     }
 
     /// Named in a sentence as what they do. To be run they want the name of a file as well, or which fingers.
-    const NAMED: [&str; 6] = [
+    const NAMED: [&str; 7] = [
+        "taxel calibrate upload",
         "taxel simulate",
         "taxel record",
         "taxel replay",
