@@ -6,8 +6,8 @@
 //! A replay ([`replay()`]) is lossless and takes as long as the host needs; virtual time then counts
 //! instructions. A live board ([`Emulated::start`] with [`Pace::Live`]) keeps real time.
 
+mod hardware;
 mod pins;
-mod product;
 mod replay;
 
 use std::collections::VecDeque;
@@ -25,8 +25,8 @@ use taxel::session::Pace;
 use taxel::wire::WireError;
 use tempfile::NamedTempFile;
 
+pub use hardware::{Hardware, ServedBoard};
 pub use pins::OnPins;
-pub use product::{PRODUCT, Product};
 pub use replay::{Replay, replay};
 
 use crate::error::{LinkError, Problem};

@@ -4,8 +4,8 @@
 //! the demo knows more is the truth.
 
 mod emulated;
+mod hardware;
 mod live;
-mod product;
 mod score;
 
 use std::path::PathBuf;
@@ -14,6 +14,7 @@ use std::sync::Arc;
 use serde::Serialize;
 use taxel::frame::Frame;
 use taxel_formats::trace::Truth;
+use taxel_link::emulated::Hardware;
 use taxel_link::{Client, Source, Steady, VirtualFinger};
 
 use crate::browser;
@@ -63,7 +64,7 @@ Examples:
   taxel demo --scene stick-slip --duration 5 --headless --json
   taxel demo --emulated --board stm32g431";
 
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, clap::ValueEnum)]
 enum Board {
     /// Under QEMU, with the scans in its memory.
     #[value(name = "mps2-an386")]
@@ -71,6 +72,20 @@ enum Board {
     /// The product's own image, converters and USB and all, on the repository's emulator.
     #[value(name = "stm32g431")]
     Stm32G431,
+    /// The same of the board on a Black Pill.
+    #[value(name = "stm32f411")]
+    Stm32F411,
+}
+
+impl Board {
+    /// What it is where it has hardware, which the repository's emulator runs.
+    fn hardware(self) -> Option<Hardware> {
+        match self {
+            Self::Mps2An386 => None,
+            Self::Stm32G431 => Some(Hardware::Stm32G431),
+            Self::Stm32F411 => Some(Hardware::Stm32F411),
+        }
+    }
 }
 
 /// A finger whose truth is known.
@@ -117,8 +132,8 @@ struct Report {
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
     let calibration = scene_calibration(args.calibration.as_deref(), &args.scene)?;
-    if args.emulated && args.board == Board::Stm32G431 {
-        let board = product::Board::start(&args.scene, calibration)?;
+    if let Some(board) = args.board.hardware().filter(|_| args.emulated) {
+        let board = hardware::Board::start(board, &args.scene, calibration)?;
         return perform(board, &args, &interrupt);
     }
     if args.emulated {

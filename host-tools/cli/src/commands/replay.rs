@@ -16,7 +16,7 @@ use taxel_formats::calibration::{self, date, record_crc};
 use taxel_formats::frames::{Cell, cells, columns};
 use taxel_formats::stretch::Stretch;
 use taxel_formats::trace::{Sample, cut};
-use taxel_link::emulated::{self, OnPins, Settings};
+use taxel_link::emulated::{self, Hardware, OnPins, Settings};
 use taxel_link::fields;
 use taxel_recording::{Header, Recorder, Scans};
 
@@ -27,8 +27,8 @@ use crate::output::{self, Overwrite};
 /// Plays a trace through the core and writes what the finger says of it.
 ///
 /// From the same codes the frames are the same byte for byte wherever they are computed. A recording is computed
-/// as its finger was set: filter, way to the contact point, bias. On the product's
-/// pins the trace is light and voltages: its converters make their own codes of them, and times are the
+/// as its finger was set: filter, way to the contact point, bias. On the pins of a board the trace is light and
+/// voltages: its converters make their own codes of them, and times are the
 /// board's.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -72,6 +72,9 @@ enum Core {
     /// The product's own image on the repository's emulator, with the trace on its pins.
     #[value(name = "stm32g431")]
     Stm32G431,
+    /// The same of the board on a Black Pill.
+    #[value(name = "stm32f411")]
+    Stm32F411,
 }
 
 /// Runs the command.
@@ -100,7 +103,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             on_host(samples, finger, Sink::create(&args, header, full_scale)?, &interrupt)?
         }
         Core::Mps2An386 => on_board(samples, calibration, &args, header, &interrupt)?,
-        Core::Stm32G431 => on_pins(samples, calibration, &args, header, &interrupt)?,
+        Core::Stm32G431 => {
+            on_pins(Hardware::Stm32G431, samples, calibration, &args, header, &interrupt)?
+        }
+        Core::Stm32F411 => {
+            on_pins(Hardware::Stm32F411, samples, calibration, &args, header, &interrupt)?
+        }
     };
     sink.frames.finish()?;
     output::line(format!(
@@ -235,8 +243,9 @@ fn on_board(
     Ok(sink)
 }
 
-/// As [`on_board`], of the product. What its codes are fractions of is known when it runs.
+/// As [`on_board`], of a board with hardware. What its codes are fractions of is known when it runs.
 fn on_pins(
+    board: Hardware,
     samples: impl Iterator<Item = Result<Sample, FileError>>,
     calibration: Option<Calibration>,
     args: &Args,
@@ -247,7 +256,7 @@ fn on_pins(
     let scans = samples.map(|s| s.map(|s| s.scan)).collect::<Result<Vec<_>, _>>()?;
     let record = calibration.as_ref().map(record).transpose()?;
     let bar = ProgressBar::new(scans.len() as u64);
-    let replay = OnPins::prepare(&scans, record.as_deref(), &settings)?;
+    let replay = OnPins::prepare(board, &scans, record.as_deref(), &settings)?;
     let mut sink = Sink::create(args, header, replay.full_scale())?;
     let mut written = Ok(());
     replay.run(|frame| {

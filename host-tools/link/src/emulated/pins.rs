@@ -1,4 +1,4 @@
-//! A trace on the pins of the emulated product, heard by the ordinary client: converters, scan, USB and all.
+//! A trace on the pins of an emulated board, heard by the ordinary client: converters, scan, USB and all.
 //!
 //! The board scans as often as the trace has scans, and sees one of them in each; of a trace slower than its
 //! slowest scan, each several times. Time waits for the client, so that nothing is lost on this side; what
@@ -14,12 +14,10 @@ use taxel::wire::message::{Refusal, ScanSettings};
 use taxel_formats::trace::{Sample, TraceHeader, TraceWriter, Truth};
 use tempfile::NamedTempFile;
 
-use super::{EmulatedError, Product, Settings, rate_hz};
+use super::{EmulatedError, Hardware, ServedBoard, Settings, rate_hz};
 use crate::client::Client;
 use crate::error::{LinkError, Problem};
 
-/// Least scans a second: TIM1 counts a step, a fifth of a scan, in 16 bits at 170 MHz.
-const SLOWEST_HZ: u16 = 519;
 /// Samples added up for a reading: as many as the rate leaves time for.
 const OVERSAMPLING: [u16; 4] = [8, 4, 2, 1];
 /// A board that says nothing for so long has nothing more to say.
@@ -34,7 +32,7 @@ pub struct OnPins {
     scans: usize,
     begin: Micros,
     // The emulator has read the trace, and ends with this.
-    _product: Product,
+    _board: ServedBoard,
 }
 
 impl OnPins {
@@ -43,15 +41,16 @@ impl OnPins {
     /// # Errors
     /// The board does not start, does not scan that fast, or refuses the calibration.
     pub fn prepare(
+        board: Hardware,
         scans: &[Scan],
         record: Option<&[u8]>,
         wanted: &Settings,
     ) -> Result<Self, EmulatedError> {
         let hz = rate_hz(scans)?;
-        let each = SLOWEST_HZ.div_ceil(hz);
+        let each = board.slowest_hz().div_ceil(hz);
         let trace = written(scans, each)?;
-        let product = Product::replaying(trace.path())?;
-        let client = Client::open(product.port(), None)?;
+        let board = ServedBoard::replaying(board, trace.path())?;
+        let client = Client::open(board.port(), None)?;
         if let Some(record) = record {
             client.upload_calibration(record, |_| {})?;
         }
@@ -63,7 +62,7 @@ impl OnPins {
         let full_scale = client.info()?.identity.full_scale;
         let begin = scans.first().map_or(Micros(0), |scan| scan.time);
         let scans = scans.len();
-        Ok(Self { client, settings, full_scale, scans, begin, _product: product })
+        Ok(Self { client, settings, full_scale, scans, begin, _board: board })
     }
 
     /// What the codes of its frames are fractions of.

@@ -1,5 +1,5 @@
-//! The product's own image on the emulator that has all of its chip: `host-tools/emulator`, a program of its
-//! own because of its licence, with the board's USB port behind TCP.
+//! The image of a board with hardware on the emulator that has all of its chip: `host-tools/emulator`, a program of
+//! its own because of its licence, with the board's USB port behind TCP.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -8,25 +8,50 @@ use std::process::{Child, Command as Process, Stdio};
 use super::{EmulatedError, checkout, firmware};
 use crate::port::Port;
 
-/// The product's name, as in `boards/`.
-pub const PRODUCT: &str = "stm32g431";
+/// The boards with hardware.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hardware {
+    /// The product.
+    Stm32G431,
+    /// The Black Pill.
+    Stm32F411,
+}
+
+impl Hardware {
+    /// Its name, as in `boards/`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Stm32G431 => "stm32g431",
+            Self::Stm32F411 => "stm32f411",
+        }
+    }
+
+    /// Least scans a second: TIM1 counts a step, a fifth of a scan, in 16 bits at 170 MHz or 96 MHz.
+    pub(super) const fn slowest_hz(self) -> u16 {
+        match self {
+            Self::Stm32G431 => 519,
+            Self::Stm32F411 => 293,
+        }
+    }
+}
 
 /// A running board. Dropping it ends it.
 #[derive(Debug)]
-pub struct Product {
+pub struct ServedBoard {
     child: Child,
     port: Port,
     scene_us: u64,
 }
 
-impl Product {
+impl ServedBoard {
     /// Starts the firmware on a finger that sees the trace at `trace`, over and over, in real time. The
     /// emulator is built where it has not been, which takes minutes.
     ///
     /// # Errors
     /// There is no checkout of the repository here, or something does not build or start.
-    pub fn start(trace: &Path) -> Result<Self, EmulatedError> {
-        Self::serving(trace, &[])
+    pub fn start(board: Hardware, trace: &Path) -> Result<Self, EmulatedError> {
+        Self::serving(board, trace, &[])
     }
 
     /// The same, for a replay: the finger sees a scan of the trace in each of the board's, from the first
@@ -34,23 +59,24 @@ impl Product {
     ///
     /// # Errors
     /// As [`Self::start`].
-    pub(super) fn replaying(trace: &Path) -> Result<Self, EmulatedError> {
-        Self::serving(trace, &["--replay"])
+    pub(super) fn replaying(board: Hardware, trace: &Path) -> Result<Self, EmulatedError> {
+        Self::serving(board, trace, &["--replay"])
     }
 
-    fn serving(trace: &Path, more: &[&str]) -> Result<Self, EmulatedError> {
+    fn serving(board: Hardware, trace: &Path, more: &[&str]) -> Result<Self, EmulatedError> {
         // The emulator runs in a folder of its own.
         let place =
             |path| std::path::absolute(path).map_err(EmulatedError::system("finding a file"));
-        let (firmware, trace) = (place(firmware(PRODUCT)?)?, place(trace.to_owned())?);
-        let root = checkout().ok_or(EmulatedError::NoFirmware(PRODUCT))?;
+        let (firmware, trace) = (place(firmware(board.name())?)?, place(trace.to_owned())?);
+        let root = checkout().ok_or(EmulatedError::NoFirmware(board.name()))?;
         let mut cargo = Process::new("cargo");
         cargo.args(["run", "--quiet", "--locked"]);
         // Beside the rest, unless the user has a place of his own.
         if std::env::var_os("CARGO_TARGET_DIR").is_none() {
             cargo.arg("--target-dir").arg(root.join("target"));
         }
-        cargo.arg("--").arg("serve").arg(firmware).arg("--trace").arg(trace).args(more);
+        cargo.args(["--", "serve", "--board", board.name()]).arg(firmware);
+        cargo.arg("--trace").arg(trace).args(more);
         let mut child = cargo
             .current_dir(root.join("host-tools/emulator"))
             .stdin(Stdio::null())
@@ -92,7 +118,7 @@ fn understand(greeting: &str) -> Option<(Port, u64)> {
     Some((port.parse().ok()?, began.strip_suffix(" us")?.parse().ok()?))
 }
 
-impl Drop for Product {
+impl Drop for ServedBoard {
     fn drop(&mut self) {
         // Both fail only where it has already ended.
         let _ = self.child.kill();

@@ -1,10 +1,10 @@
-//! The demo's finger on the emulated product: the very image that is flashed, its converters and its USB.
+//! The demo's finger on an emulated board with hardware: the very image that is flashed, its converters and its USB.
 
 use taxel::calibration::Calibration;
 use taxel::frame::Frame;
 use taxel_formats::trace::{Sample, TraceWriter, Truth};
 use taxel_link::Client;
-use taxel_link::emulated::{PRODUCT, Product};
+use taxel_link::emulated::{Hardware, ServedBoard};
 use taxel_sim::{Scene, Simulator};
 use tempfile::NamedTempFile;
 
@@ -16,7 +16,8 @@ const SEED: u64 = 1;
 
 /// A running board, and what really happens to its finger.
 pub struct Board {
-    board: Product,
+    hardware: Hardware,
+    board: ServedBoard,
     calibration: Option<Calibration>,
     samples: Vec<Sample>,
     period_us: u64,
@@ -29,7 +30,11 @@ impl Board {
     ///
     /// # Errors
     /// The scene is wrong, or the emulator or the firmware does not build.
-    pub fn start(scene: &str, calibration: Option<Calibration>) -> anyhow::Result<Self> {
+    pub fn start(
+        hardware: Hardware,
+        scene: &str,
+        calibration: Option<Calibration>,
+    ) -> anyhow::Result<Self> {
         let scene = Scene::load(scene)?;
         let simulator = Simulator::new(&scene, SEED);
         let header = simulator.trace_header(false);
@@ -40,15 +45,15 @@ impl Board {
             writer.write(sample)?;
         }
         writer.finish()?;
-        let board = Product::start(trace.path())?;
+        let board = ServedBoard::start(hardware, trace.path())?;
         let period_us = 1_000_000 / u64::from(scene.rate_hz()).max(1);
-        Ok(Self { board, calibration, samples, period_us, _trace: trace })
+        Ok(Self { hardware, board, calibration, samples, period_us, _trace: trace })
     }
 }
 
 impl Performer for Board {
     fn name(&self) -> String {
-        format!("{PRODUCT} on the emulator, at {}", self.board.port())
+        format!("{} on the emulator, at {}", self.hardware.name(), self.board.port())
     }
 
     fn connect(&mut self) -> anyhow::Result<Client> {
