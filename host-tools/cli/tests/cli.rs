@@ -251,7 +251,9 @@ fn a_self_test_lists_every_channel_and_a_board_without_a_bootloader_says_so() {
     let test = json(&succeeds(&["self-test", "--port", &port, "--scans", "200", "--json"]));
     assert_eq!(test["scans"], 200);
     assert_eq!(test["wrong"], serde_json::json!([]));
-    assert!(test["channels"]["lit_r3c2"]["mean"].as_f64().unwrap() > 0.0);
+    let mean = |channel: &str| test["channels"][channel]["mean"].as_f64().unwrap();
+    let ratio = test["lit_over_dark"][3][2].as_f64().unwrap();
+    assert!(ratio > 2.0 && (ratio - mean("lit_r3c2") / mean("dark_c2")).abs() < 1e-3, "{ratio}");
     let text = succeeds(&["info", "--port", &port]);
     assert!(text.contains("started      after a reset that it cannot tell"), "{text}");
     let error = fails(1, &["dfu", "--port", &port]);

@@ -53,6 +53,19 @@ pub fn findings(test: &SelfTest) -> Vec<String> {
     wrong
 }
 
+/// How many times as bright as its column in the dark each taxel is when lit, by row; `None` where either is not
+/// there. Below one code there is no darker.
+#[must_use]
+pub fn on_off(test: &SelfTest) -> [[Option<f32>; 4]; 4] {
+    let dark = test.channels.dark;
+    test.channels.lit.map(|row| {
+        std::array::from_fn(|c| {
+            let (lit, dark) = (row.get(c).copied()??, dark.get(c).copied()??);
+            Some(lit.mean / dark.mean.max(1.0))
+        })
+    })
+}
+
 /// The channels that are there, by their names in a trace.
 #[must_use]
 pub fn named(test: &SelfTest) -> Vec<(String, Channel)> {

@@ -3,7 +3,7 @@
 use serde_json::json;
 use taxel::self_test::{Channel, SelfTest};
 use taxel::wire::message::{BoardHealth, Info};
-use taxel_link::self_test::{findings, named};
+use taxel_link::self_test::{findings, named, on_off};
 
 use crate::finger::PortArg;
 use crate::output;
@@ -64,6 +64,10 @@ fn as_text(test: &SelfTest, info: &Info, health: &BoardHealth) -> String {
             .iter()
             .map(|(name, Channel { mean, noise })| format!("{name:14} {mean:9.1} {noise:8.2}")),
     );
+    for (r, row) in on_off(test).iter().enumerate() {
+        let ratios = row.map(|ratio| ratio.map_or("–".to_owned(), |ratio| format!("{ratio:.1}")));
+        lines.push(format!("lit / dark, row {r}: {}", ratios.join(" ")));
+    }
     lines.push(format!(
         "stored calibration {}",
         match test.record_intact {
@@ -97,6 +101,7 @@ fn as_json(
         "scans": test.scans,
         "full_scale": test.full_scale.top().0,
         "channels": channels,
+        "lit_over_dark": on_off(test),
         "record_intact": test.record_intact,
         "worst_ticks": info.cost.worst,
         "worst_reading_ticks": health.reading.map(|cost| cost.worst),
