@@ -13,7 +13,7 @@ use taxel::estimate::contact_point::PointMethod;
 use taxel::finger::Finger;
 use taxel::frame::{Fields, Frame, Status};
 use taxel::scan::{Codes, Scan};
-use taxel_link::emulated::{OnPins, Replay, Settings, replay};
+use taxel_link::emulated::{Hardware, OnPins, Replay, Settings, replay};
 use taxel_sim::{Scene, Simulator};
 
 fn on_host(scans: &[Scan], calibration: Option<Calibration>) -> Vec<Frame> {
@@ -129,7 +129,7 @@ fn on_pins(scans: &[Scan], calibration: Option<&Calibration>, fields: Fields) ->
     let mut buffer = [0; MAX_BYTES];
     let record = calibration.map(|calibration| calibration.to_bytes(&mut buffer).unwrap());
     let mut frames = vec![];
-    let replay = OnPins::prepare(scans, record, &settings(fields)).unwrap();
+    let replay = OnPins::prepare(Hardware::Stm32G431, scans, record, &settings(fields)).unwrap();
     assert_eq!(replay.full_scale().top().0, 8 * 4095);
     replay
         .run(|frame| {
