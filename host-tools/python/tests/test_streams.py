@@ -80,7 +80,7 @@ def test_both_read_the_same_values_to_the_last_bit(both: tuple[pd.DataFrame, lis
     rust, frames = both
     table = taxel.columns(frames, Fields.ALL)
     ours = [name for name in rust.columns if not name.endswith("_withheld")]
-    host = ["host_us", "host_scan_us", "connection"]
+    host = ["host_us", "host_scan_us", "host_scan_error_us", "connection"]
     assert [*table] == [name for name in ours if name not in host]
     for name, column in table.items():
         theirs = rust[name].astype(np.float64)

@@ -7,6 +7,7 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
+use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Frame, Status};
 use taxel::scan::Scan;
 use taxel::units::{FullScale, Micros};
@@ -58,7 +59,11 @@ impl OnPins {
         client.set_fields(wanted.fields)?;
         client.set_rate(hz)?;
         client.set_filter(wanted.filter_hz)?;
-        client.set_point_method(wanted.point_method)?;
+        // It begins with the default, for which an image without the model takes the next best; to ask for the
+        // model by name it would refuse.
+        if wanted.point_method != PointMethod::default() {
+            client.set_point_method(wanted.point_method)?;
+        }
         let full_scale = client.info()?.identity.full_scale;
         let begin = scans.first().map_or(Micros(0), |scan| scan.time);
         let scans = scans.len();
