@@ -138,7 +138,7 @@ fn section(page: &mut String, trial: &Trial) {
         let crosstalk: Vec<String> = found
             .crosstalk_percent
             .iter()
-            // A rounded zero has no sign.
+            // `+0.0`, never `-0.0`.
             .map(|(of, percent)| (short(of), (10.0 * percent).round() / 10.0 + 0.0))
             .map(|(of, percent)| format!("{of} {percent:+.1}"))
             .collect();
@@ -261,14 +261,23 @@ fn quantity(value: f64, unit: &'static str) -> String {
 fn fixed(value: f64, unit: &'static str) -> String {
     let (times, told) = fine(unit);
     if told != unit {
-        return format!("{:.2}", times * value);
+        return rounded(times * value, 2);
     }
     let digits = 3 - value.abs().max(1e-6).log10().floor() as i32;
-    format!("{value:.*}", usize::try_from(digits).unwrap_or(0))
+    rounded(value, usize::try_from(digits).unwrap_or(0))
+}
+
+/// A zero has no sign, a rounded one neither.
+fn rounded(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|b| matches!(b, b'0' | b'.')) => zero.to_owned(),
+        _ => text,
+    }
 }
 
 fn optional(value: Option<f64>, digits: usize) -> String {
-    value.map_or("–".into(), |value| format!("{value:.digits$}"))
+    value.map_or("–".into(), |value| rounded(value, digits))
 }
 
 /// A quantity and the unit that its errors are told in: `fx / mN`.
@@ -306,5 +315,7 @@ mod tests {
         assert_eq!(quantity(-6.781_23, "°"), "-6.781 °");
         assert_eq!(quantity(0.001_234_5, ""), "0.001234");
         assert_eq!(quantity(0.0, ""), "0.000000000");
+        assert_eq!(quantity(-0.000_004, "N"), "0.00 mN");
+        assert_eq!(quantity(-0.000_006, "N"), "-0.01 mN");
     }
 }
