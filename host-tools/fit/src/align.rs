@@ -5,18 +5,13 @@
 //! best of these Gauss–Newton goes on: the reference read at t′ = offset + rate·t shall be linear in the
 //! sensor's channels, so that slopes, offset and rate are one least-squares problem a step.
 
-use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+mod search;
+
+use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::error::FitError;
+use search::{Trace, search};
 
-/// Clocks of two instruments are closer than this; a wrong nominal rate may be this far off.
-const FARTHEST_RATE: f64 = 0.05;
-/// Most points on which the correlation is searched.
-const MOST_POINTS: usize = 8192;
-/// Most rates that are tried.
-const MOST_RATES: usize = 401;
 /// A correlation below this is no common load.
 const LEAST_CORRELATION: f64 = 0.5;
 /// A second offset that does nearly as well as the best: a load that repeats itself.
@@ -116,6 +111,16 @@ pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment>
     (off > 2.0 * row && left(&found) < 0.5 * left(&here)).then_some(found)
 }
 
+/// What is to be said of a reference that [`misaligned`] found to be so, of a recording that begins at `first`.
+pub(crate) fn off_time(recording: &str, found: &Alignment, first: f64) -> String {
+    format!(
+        "{recording}: the reference fits far better {:+.3} s off at a rate {:+.2} % off; log it with its own \
+         times and give it with --reference",
+        found.time(first) - first,
+        1e2 * found.rate
+    )
+}
+
 /// The rows of a reference at some times of its own clock; `None` where it has none nearby.
 #[must_use]
 pub fn resample(reference: Series<'_>, times: &[f64]) -> Vec<Option<Vec<f64>>> {
@@ -141,107 +146,6 @@ fn median_step(times: &[f64]) -> f64 {
     let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
     steps.sort_by(f64::total_cmp);
     steps.get(steps.len() / 2).copied().unwrap_or_default()
-}
-
-/// One number a row: what the columns show most of, about zero.
-struct Trace<'s> {
-    times: &'s [f64],
-    values: Vec<f64>,
-}
-
-impl<'s> Trace<'s> {
-    /// `None` if nothing ever changes.
-    fn new(series: Series<'s>) -> Option<Self> {
-        let width = series.rows.first()?.len();
-        let rows = DMatrix::from_fn(series.rows.len(), width, |row, i| series.rows[row][i]);
-        let means = rows.row_mean();
-        let mut centred = rows;
-        centred.row_iter_mut().for_each(|mut row| row -= &means);
-        let eigen = SymmetricEigen::new(centred.tr_mul(&centred));
-        let most = eigen.eigenvalues.imax();
-        if eigen.eigenvalues[most] <= 1e-12 * means.norm_squared() * centred.nrows() as f64 {
-            return None;
-        }
-        let values: DVector<f64> = centred * eigen.eigenvectors.column(most);
-        Some(Self { times: series.times, values: values.as_slice().to_vec() })
-    }
-
-    /// The value at a time, between the two rows about it; `None` beyond the ends.
-    fn at(&self, t: f64) -> Option<f64> {
-        let next = self.times.partition_point(|known| *known < t).max(1);
-        let (a, b) = (self.times[next - 1], *self.times.get(next)?);
-        let share = (t - a) / (b - a);
-        (share >= 0.0).then(|| self.values[next - 1] * (1.0 - share) + self.values[next] * share)
-    }
-
-    fn span(&self) -> f64 {
-        self.times[self.times.len() - 1] - self.times[0]
-    }
-}
-
-/// The best of all offsets and rates, and how well any offset does that is another one.
-struct Coarse {
-    offset: f64,
-    rate: f64,
-    correlation: f64,
-    second: f64,
-}
-
-fn search(own: &Trace<'_>, other: &Trace<'_>) -> Coarse {
-    let span = own.span().max(other.span());
-    let step = median_step(own.times).max(median_step(other.times)).max(span / MOST_POINTS as f64);
-    let size = 2 * (span / step).ceil() as usize + 2;
-    let size = size.next_power_of_two();
-    let mut planner = FftPlanner::new();
-    let (forth, back) = (planner.plan_fft_forward(size), planner.plan_fft_inverse(size));
-    let spectrum = |value: &dyn Fn(usize) -> f64| {
-        let mut points: Vec<Complex<f64>> = (0..size).map(|i| value(i).into()).collect();
-        let energy: f64 = points.iter().map(|p| p.norm_sqr()).sum();
-        forth.process(&mut points);
-        (points, energy.max(f64::MIN_POSITIVE).sqrt())
-    };
-    let (fixed, own_energy) =
-        spectrum(&|i| own.at(own.times[0] + i as f64 * step).unwrap_or_default());
-    // As wide as a press is: beyond it the correlation has fallen to a half.
-    let width = correlation_time(&fixed, &*back) as f64 * step;
-    let rates = (2.0 * FARTHEST_RATE * span / width.max(step)).ceil() as usize | 1;
-    let rates = rates.clamp(21, MOST_RATES);
-    let mut best = Coarse { offset: 0.0, rate: 0.0, correlation: -1.0, second: 0.0 };
-    for number in 0..rates {
-        let rate = FARTHEST_RATE * (2.0 * number as f64 / (rates - 1) as f64 - 1.0);
-        // Sample i of the other is what it shows when the sensor's clock has gone on by i steps.
-        let sample = |i: usize| {
-            other.at(other.times[0] + (1.0 + rate) * i as f64 * step).unwrap_or_default()
-        };
-        let (mut product, energy) = spectrum(&sample);
-        product.iter_mut().zip(&fixed).for_each(|(p, f)| *p *= f.conj());
-        back.process(&mut product);
-        let norm = 1.0 / (size as f64 * own_energy * energy);
-        // Which way a principal component points is by chance.
-        let height = |lag: usize| product[lag].re.abs() * norm;
-        let Some(peak) = (0..size).max_by(|a, b| height(*a).total_cmp(&height(*b))) else {
-            continue;
-        };
-        if height(peak) > best.correlation {
-            let signed = if peak > size / 2 { peak as f64 - size as f64 } else { peak as f64 };
-            let apart = |lag: usize| {
-                let apart = lag.abs_diff(peak);
-                apart.min(size - apart) as f64 * step > 2.0 * width
-            };
-            let second = (0..size).filter(|lag| apart(*lag)).map(height).fold(0.0, f64::max);
-            // own(t0 + i·step) goes with other(t0′ + (1 + rate)(i + lag)·step).
-            let offset = other.times[0] + (1.0 + rate) * (signed * step - own.times[0]);
-            best = Coarse { offset, rate, correlation: height(peak), second };
-        }
-    }
-    best
-}
-
-/// Lag at which the autocorrelation has fallen to a half.
-fn correlation_time(spectrum: &[Complex<f64>], back: &dyn rustfft::Fft<f64>) -> usize {
-    let mut power: Vec<Complex<f64>> = spectrum.iter().map(|s| s.norm_sqr().into()).collect();
-    back.process(&mut power);
-    power.iter().position(|p| p.re < 0.5 * power[0].re).unwrap_or(1).max(1)
 }
 
 fn refine(sensor: Series<'_>, other: &Trace<'_>, offset: f64, rate: f64) -> Alignment {

@@ -111,8 +111,8 @@ pub(crate) fn fit(
         if squares(own) < squares(&chosen.bent) {
             let hidden = choice.hidden.unwrap_or(hidden);
             let part = format!("{}: {hidden} units", choice.part);
-            // Of one price a net without a linear path does better here: c to force is far from straight.
-            let shape = (own.len(), Build { hidden, skip: false }, choice.options);
+            // Of one price the net with a linear path does better: its units need not carry what is straight.
+            let shape = (own.len(), Build { hidden, skip: true }, choice.options);
             return match taught::fit(&part, skin, shape, progress, stop) {
                 Err(FitError::Stopped) => Ok((straight, chosen)),
                 net => {

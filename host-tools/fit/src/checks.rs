@@ -39,7 +39,21 @@ fn scaled(recordings: &[Recorded]) -> (Scaling, Rows) {
 /// and after. What bends, drifts or lags does so over many rows and stays. Returns how many were taken.
 pub(crate) fn remove_outliers(recordings: &mut [Recorded]) -> usize {
     let (_, rows) = scaled(recordings);
-    let Some(residual) = line::residual(&rows, DECAY) else { return 0 };
+    line::residual(&rows, DECAY).map_or(0, |residual| remove(recordings, &residual))
+}
+
+/// The same by the error against a law that the rows obey: a line would take a law's own jumps for outliers.
+pub(crate) fn remove_outliers_of(
+    recordings: &mut [Recorded],
+    law: impl Fn(&[f64]) -> Vec<f64>,
+) -> usize {
+    let (scaling, rows) = scaled(recordings);
+    let said: Vec<Vec<f64>> = recordings.iter().flat_map(|(x, _)| x).map(|x| law(x)).collect();
+    let residual = scaling.targets(&said) - rows.y;
+    remove(recordings, &residual)
+}
+
+fn remove(recordings: &mut [Recorded], residual: &DMatrix<f64>) -> usize {
     let mut wrong = vec![false; residual.nrows()];
     let mut first = 0;
     for (x, _) in recordings.iter() {
@@ -79,7 +93,7 @@ fn around(error: &[f64], row: usize) -> Option<[f64; 3]> {
     Some([near[1], median(near.clone()), near[near.len() - 2]])
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let middle = values.len() / 2;
     match values.len() {

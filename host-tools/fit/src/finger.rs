@@ -14,6 +14,7 @@ use taxel::calibration::Calibration;
 use taxel::estimate::slip::Slip;
 use taxel::scan::SENSORS;
 
+use crate::align;
 use crate::array;
 use crate::auto::Chosen;
 use crate::error::FitError;
@@ -149,6 +150,7 @@ pub fn fit(
         warnings,
         parts: Vec::new(),
     };
+    fitted.warnings.extend(recordings.iter().filter_map(off_time));
     for sensor in 0..SENSORS {
         let own: Vec<(&Prepared<'_>, bool)> = recordings
             .iter()
@@ -195,11 +197,31 @@ pub fn fit(
     Ok(fitted)
 }
 
+/// A recording whose reference has another time than its signals.
+fn off_time(prepared: &Prepared<'_>) -> Option<String> {
+    let first = prepared.recording.samples.first()?.scan.time.0 as f64 * 1e-6;
+    let found = prepared.misaligned()?;
+    Some(align::off_time(&prepared.recording.name, &found, first))
+}
+
 fn warn_of_outliers(fitted: &mut Fitted, name: &str, outliers: usize, rows: usize) {
     fitted.warnings.push(format!(
         "{name}: {outliers} of {rows} rows stand far out of the rows before and after them and were left out; \
          look for a loose contact"
     ));
+}
+
+fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String]) {
+    if !columns.is_empty() {
+        fitted.warnings.push(format!(
+            "{}: {} the same in every row; look for a channel that is not connected",
+            prepared.recording.name,
+            match columns {
+                [only] => format!("{only} reads"),
+                _ => format!("{} read", columns.join(", ")),
+            }
+        ));
+    }
 }
 
 /// All three components, if all are known.

@@ -1,8 +1,10 @@
 //! A finger's recording as the chip sees it, and what it is for.
 
 use taxel::condition::{Bias, Signals, Warmth};
-use taxel::scan::SENSORS;
+use taxel::scan::{COLS, Codes, Midpoints, SENSORS, TAXELS};
+use taxel::units::Code;
 
+use crate::align::{self, Alignment, Series};
 use crate::error::FitError;
 use crate::finger::Subject;
 use crate::recording::Recording;
@@ -11,6 +13,10 @@ use crate::recording::Recording;
 const ANSWERS: f32 = 8.0;
 /// … and this share of the signals of the sensor that answers most.
 const ANSWERS_SHARE: f32 = 0.02;
+
+/// Seconds by which a skin may lag behind the reference: a relaxing one of 003 (fig. 1.23) has time constants
+/// of some 4 ms.
+const LAGS: f64 = 0.02;
 
 /// A recording with its signals as the chip sees them.
 pub(crate) struct Prepared<'r> {
@@ -37,6 +43,58 @@ impl<'r> Prepared<'r> {
             .collect();
         ratios.sort_by(f32::total_cmp);
         ratios.get(ratios.len() * 99 / 100).copied().unwrap_or_default()
+    }
+
+    /// Columns of the matrix that read the same in every row.
+    pub fn stuck_taxels(&self) -> Vec<String> {
+        let lit = |k: usize| {
+            let (row, column) = (k / COLS, k % COLS);
+            let code = move |c: &Codes| Some(*c.taxels.as_ref()?.lit.get(row)?.get(column)?);
+            self.stuck(code).then(|| format!("lit_r{row}c{column}"))
+        };
+        (0..TAXELS).filter_map(lit).collect()
+    }
+
+    /// The same of a sensor's midpoints.
+    pub fn stuck_midpoints(&self, sensor: usize) -> Vec<String> {
+        let of = |m: Midpoints| [m.a, m.b, m.c, m.d];
+        let stuck = ["a", "b", "c", "d"].into_iter().enumerate().filter_map(|(i, name)| {
+            let code = |c: &Codes| Some(of(c.bridges.get(sensor).copied().flatten()?)[i]);
+            self.stuck(code).then(|| format!("bridge_s{sensor}_{name}"))
+        });
+        stuck.collect()
+    }
+
+    fn stuck(&self, code: impl Fn(&Codes) -> Option<Code>) -> bool {
+        let codes = || self.recording.samples.iter().map(|sample| code(&sample.scan.codes));
+        let first = codes().next().flatten();
+        first.is_some() && codes().all(|code| code == first)
+    }
+
+    /// Where the reference would lie if it had been logged by another clock, for all that the signals say.
+    pub fn misaligned(&self) -> Option<Alignment> {
+        let rows = self.recording.samples.iter().zip(&self.signals);
+        let known = rows.filter_map(|(sample, signals)| {
+            let force: Vec<f64> = sample.truth.force.iter().flatten().copied().collect();
+            let channels = signals.taxels.iter().flatten();
+            let channels = channels.chain(signals.bridges.iter().flatten().flatten());
+            let channels: Vec<f64> = channels.map(|c| f64::from(*c)).collect();
+            let time = sample.scan.time.0 as f64 * 1e-6;
+            (!force.is_empty()).then_some((time, channels, force))
+        });
+        let (mut times, mut channels, mut forces) = (Vec::new(), Vec::new(), Vec::new());
+        for (time, own, force) in known {
+            times.push(time);
+            channels.push(own);
+            forces.push(force);
+        }
+        let alike = |rows: &[Vec<f64>]| rows.windows(2).all(|pair| pair[0].len() == pair[1].len());
+        if times.is_empty() || !alike(&channels) || !alike(&forces) {
+            return None;
+        }
+        let found = align::misaligned(Series { times: &times, rows: &channels }, &forces)?;
+        let ends = [times.first(), times.last()].into_iter().flatten();
+        ends.map(|t| (found.time(*t) - t).abs()).any(|off| off > LAGS).then_some(found)
     }
 
     /// A bench recording if exactly one sensor answers, else the finger's.

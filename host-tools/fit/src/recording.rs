@@ -7,6 +7,7 @@ use taxel_formats::table::Table;
 use taxel_formats::trace::Sample;
 
 use crate::align::{self, Alignment, Series};
+use crate::checks::median;
 use crate::error::FitError;
 
 /// Names of the finger's forces.
@@ -21,6 +22,10 @@ const SETTLE_US: u64 = 20_000;
 const SMALL_FORCE: f64 = 0.005;
 /// Nor is one below so many standard deviations of the reference.
 const CLEAR_OF_NOISE: f64 = 5.0;
+/// A row of the unloaded stretch is wrong if a channel lies off its median by so many of its deviations and
+/// by more than a step or two of a 12-bit converter.
+const SPIKE: f64 = 8.0;
+const SMALL_SPIKE: f64 = 2.0 / 4096.0;
 
 /// A trace in memory.
 #[derive(Clone, Debug, PartialEq)]
@@ -124,11 +129,18 @@ impl Recording {
         let peak = forces.iter().flatten().copied().fold(0.0, f64::max);
         let least = (SMALL_FORCE * peak).max(CLEAR_OF_NOISE * jitter(&forces));
         let rows = self.samples.iter().zip(&forces);
-        rows.map(|(sample, force)| match (sample.truth.contact, force) {
-            (None, None) => None,
-            (contact, force) => Some(contact == Some(true) || force.is_some_and(|f| f > least)),
-        })
-        .collect()
+        let touched: Option<Vec<bool>> = rows
+            .map(|(sample, force)| match (sample.truth.contact, force) {
+                (None, None) => None,
+                (contact, force) => Some(contact == Some(true) || force.is_some_and(|f| f > least)),
+            })
+            .collect();
+        // One row alone is no touch: the reference was wrong there.
+        let alone = |rows: &[bool], i: usize| {
+            let beside = [i.checked_sub(1), Some(i + 1)];
+            !beside.into_iter().flatten().any(|at| rows.get(at) == Some(&true))
+        };
+        touched.map(|rows| (0..rows.len()).map(|i| rows[i] && !alone(&rows, i)).collect())
     }
 
     fn first_untouched(&self, touched: &[bool]) -> Option<Range<usize>> {
@@ -166,12 +178,31 @@ impl Recording {
     }
 
     fn bias_of(&self, rows: Range<usize>, warmth: Option<&Warmth>) -> Option<Bias> {
-        let mut taker = BiasTaker::new(u16::try_from(rows.len()).ok()?);
         let levels = self.warm_levels(warmth);
-        let outcomes =
-            levels[rows].iter().filter_map(|(levels, _)| taker.add(levels, &Bias::default()));
+        let sound = sound(&self.samples[rows.clone()]);
+        let sound: Vec<&Levels> = levels[rows]
+            .iter()
+            .zip(sound)
+            .filter_map(|((l, _), sound)| sound.then_some(l))
+            .collect();
+        let mut taker = BiasTaker::new(u16::try_from(sound.len()).ok()?);
+        let outcomes = sound.into_iter().filter_map(|levels| taker.add(levels, &Bias::default()));
         outcomes.last()?.ok().map(|taken| taken.bias)
     }
+}
+
+/// Which of some unloaded rows are free of spikes: every channel is near its median.
+fn sound(samples: &[Sample]) -> Vec<bool> {
+    let levels: Vec<Vec<f64>> = samples.iter().map(channels).collect();
+    let mut sound = vec![true; samples.len()];
+    for k in 0..levels.first().map_or(0, Vec::len) {
+        let values = || levels.iter().map(move |row| row.get(k).copied().unwrap_or_default());
+        let middle = median(values().collect());
+        let deviation = 1.4826 * median(values().map(|v| (v - middle).abs()).collect());
+        let limit = (SPIKE * deviation).max(SMALL_SPIKE);
+        sound.iter_mut().zip(values()).for_each(|(sound, v)| *sound &= (v - middle).abs() <= limit);
+    }
+    sound
 }
 
 /// The largest force component that the reference names.

@@ -1,10 +1,9 @@
 //! Somebody else's sensor: any CSV with N input columns and some reference columns.
 
+mod model;
+
 use std::sync::atomic::AtomicBool;
 
-use serde::{Deserialize, Serialize};
-use taxel::calibration::Range;
-use taxel::estimate::net::Layers;
 use taxel_formats::FileError;
 use taxel_formats::stretch::Stretch;
 use taxel_formats::table::{self, Table};
@@ -14,12 +13,14 @@ use crate::auto::Chosen;
 use crate::checks::{self, Conditioning};
 use crate::error::FitError;
 use crate::expansion::Expansion;
-use crate::laws::{self, Law};
+use crate::laws;
 use crate::metrics::{Errors, TargetMetrics};
 use crate::model::{Family, Recorded, Training};
-use crate::network::{self, NetOptions, Progress};
+use crate::network::{NetOptions, Progress};
 use crate::range::{extremes, trained_range};
 use crate::scaling::Inputs;
+
+pub use model::TableModel;
 
 /// Rows of a table with their references.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,90 +99,12 @@ const USUAL: usize = 16;
 const MOST_MULTIPLY_ADDS: usize = 600;
 /// Condition number of the data above which a model without a decay is warned of.
 const EVEN: f64 = 30.0;
+/// The third power of a larger input is no f32.
+const LARGEST: f64 = 1e12;
+/// A force that goes so many times as far one way as the other goes one way: the rest is noise.
+const ONE_WAY: f32 = 20.0;
 /// Most hidden units, as on the chip.
 const MOST: usize = taxel::estimate::net::MAX_HIDDEN;
-
-/// A net from N named inputs to some named targets, for [`taxel::estimate::net::Layers`].
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct TableModel {
-    /// Serial number of the sensor.
-    #[serde(default)]
-    pub serial: String,
-    /// When it was fitted, seconds since 1970-01-01 UTC.
-    #[serde(default, with = "taxel_formats::calibration::date")]
-    pub date: u64,
-    /// Names of the input columns, in the order of the weights.
-    pub inputs: Vec<String>,
-    /// Names of the targets.
-    pub targets: Vec<String>,
-    /// Range of each input in training, margin included.
-    pub range: Vec<Range>,
-    /// What becomes of the inputs, less `centre`, before the weights below see them.
-    #[serde(default)]
-    pub expansion: Expansion,
-    /// Taken from the inputs of an expansion first; else empty.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub centre: Vec<f32>,
-    /// W, a row a unit.
-    pub hidden: Vec<f32>,
-    /// a.
-    pub hidden_bias: Vec<f32>,
-    /// V, a row a target.
-    pub output: Vec<f32>,
-    /// L, a row a target, if there is a skip path.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub skip: Vec<f32>,
-    /// b.
-    pub output_bias: Vec<f32>,
-    /// RMS error of the fit, in the targets' units.
-    pub residual: Vec<f32>,
-    /// The law of a paper, instead of the weights above.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub law: Option<Law>,
-}
-
-impl TableModel {
-    /// The targets for one row of inputs.
-    #[must_use]
-    pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
-        if let Some(law) = &self.law {
-            return law.estimate(inputs);
-        }
-        let layers = Layers {
-            hidden: &self.hidden,
-            hidden_bias: &self.hidden_bias,
-            output: &self.output,
-            skip: &self.skip,
-            output_bias: &self.output_bias,
-        };
-        if self.expansion == Expansion::None {
-            return network::outputs(layers, inputs);
-        }
-        let from_centre: Vec<f64> =
-            inputs.iter().zip(&self.centre).map(|(x, c)| f64::from(x - c)).collect();
-        network::outputs(layers, &to_f32(&self.expansion.terms(&from_centre)))
-    }
-
-    /// Its shape: `skip 15-16-1`, `cubic 15-1`, `row`.
-    #[must_use]
-    pub fn shape(&self) -> String {
-        let (inputs, outputs) = (self.inputs.len(), self.targets.len());
-        match (&self.law, self.expansion) {
-            (Some(law), _) => law.family().to_string(),
-            (None, Expansion::Cubic) => format!("{} {inputs}-{outputs}", Family::Cubic),
-            (None, Expansion::Quadratic) => format!("{} {inputs}-{outputs}", Family::Quadratic),
-            (None, Expansion::None) => {
-                network::shape_name(inputs, self.hidden_bias.len(), outputs, !self.skip.is_empty())
-            }
-        }
-    }
-
-    /// Every input lies within what training saw.
-    #[must_use]
-    pub fn within_range(&self, inputs: &[f32]) -> bool {
-        self.range.iter().zip(inputs).all(|([low, high], x)| (low..=high).contains(&x))
-    }
-}
 
 /// A table's model and how it came about.
 #[derive(Clone, Debug, PartialEq)]
@@ -231,9 +154,26 @@ pub fn fit(
                 });
             }
         }
+        for table in [&recording.inputs, &recording.targets] {
+            let beyond = |value: &f64| value.abs() > LARGEST;
+            if let Some((row, i)) = (table.rows.iter().enumerate())
+                .find_map(|(row, values)| Some((row, values.iter().position(beyond)?)))
+            {
+                return Err(FitError::Mismatch {
+                    recording: recording.name(),
+                    problem: format!(
+                        "{} is {:e} in row {}, more than f32 can reckon with",
+                        table.names[i],
+                        table.rows[row][i],
+                        row + 1
+                    ),
+                    mend: "mend the cell, or record in a larger unit".into(),
+                });
+            }
+        }
         rows.push((recording.inputs.rows.clone(), recording.targets.rows.clone()));
     }
-    let mut warnings = check(recordings, &mut rows)?;
+    let mut warnings = check(recordings, &mut rows, options.family)?;
     let conditioning = checks::conditioning(&rows);
     if let Some(found) = &conditioning {
         warnings.extend(uneven(found, options.family, &first.inputs.names));
@@ -312,7 +252,11 @@ pub fn fit(
 }
 
 /// What the recordings cannot bear: refused, mended or warned of.
-fn check(recordings: &[TableRecording], rows: &mut [Recorded]) -> Result<Vec<String>, FitError> {
+fn check(
+    recordings: &[TableRecording],
+    rows: &mut [Recorded],
+    family: Family,
+) -> Result<Vec<String>, FitError> {
     let first = &recordings[0];
     let names: Vec<String> = recordings.iter().map(TableRecording::name).collect();
     checks::same_sign(rows, &names, &first.targets.names)?;
@@ -321,16 +265,26 @@ fn check(recordings: &[TableRecording], rows: &mut [Recorded]) -> Result<Vec<Str
         let (times, inputs) = (&recording.inputs.times, &recording.inputs.rows);
         let series = Series { times, rows: inputs };
         if let Some(off) = align::misaligned(series, &recording.targets.rows) {
+            warnings.push(align::off_time(name, &off, times[0]));
+        }
+    }
+    for (k, target) in first.targets.names.iter().enumerate() {
+        let [low, high] = extremes(rows.iter().flat_map(|(_, y)| y).map(|y| y[k] as f32));
+        if target.ends_with("_n") && low < 0.0 && ONE_WAY * high < -low {
             warnings.push(format!(
-                "{name}: the reference fits far better {:+.3} s off at a rate {:+.2} % off; log it with its \
-                 own times and give it with --reference",
-                off.time(times[0]) - times[0],
-                1e2 * off.rate
+                "{target}: never a force but a negative one; look at the reference's sign"
             ));
         }
     }
     let total: usize = rows.iter().map(|(x, _)| x.len()).sum();
-    let outliers = checks::remove_outliers(rows);
+    let outliers = match laws::fit(family, rows) {
+        Some(Ok(law)) => checks::remove_outliers_of(rows, |x| {
+            law.estimate(&to_f32(x)).into_iter().map(f64::from).collect()
+        }),
+        // What cannot be fitted is refused later.
+        Some(Err(_)) => 0,
+        None => checks::remove_outliers(rows),
+    };
     if outliers > 0 {
         warnings.push(format!(
             "{outliers} of {total} rows stand far out of the rows before and after them and were left out; \

@@ -171,3 +171,14 @@ fn a_time_base_that_is_off_is_told_and_a_reference_of_its_own_is_aligned() {
     assert_eq!(fitted.warnings, Vec::<String>::new());
     assert!(error_of(&fitted) < 0.15);
 }
+
+#[test]
+fn a_number_that_f32_cannot_reckon_with_is_refused_by_its_place() {
+    let huge = recording("huge.csv", 2000, 0.0, |i, row| {
+        if i == 41 {
+            row.channels[1] = 1e300;
+        }
+    });
+    let error = ridge(&[huge]).unwrap_err().to_string();
+    assert!(error.starts_with("huge.csv: m1 is 1e300 in row 42, more than f32"), "{error}");
+}

@@ -3,12 +3,14 @@
 use taxel::calibration::SensorCalibration;
 use taxel::estimate::sensitivity::Sensitivity;
 
-use super::{Fitted, Part, known, warn_of_outliers};
+use super::{Fitted, Part, known, warn_of_outliers, warn_of_stuck};
 use crate::checks;
 use crate::error::FitError;
 use crate::least_squares;
+use crate::model::Recorded;
 use crate::prepared::Prepared;
 use crate::range::trained_range;
+use crate::recording::FORCES;
 
 /// Signal to noise of S's weakest direction below which the fit warns: 1/20² is 0.25 % of S.
 const WEAK: f64 = 20.0;
@@ -25,7 +27,7 @@ pub(super) fn fit(
 ) -> Result<(), FitError> {
     let name = format!("s{sensor}");
     let (mut signals, mut forces, mut faulty) = (Vec::new(), Vec::new(), 0);
-    let mut first_bias = None;
+    let (mut first_bias, mut each) = (None, Vec::new());
     for (recording, bench) in recordings {
         let missing = |missing: String, mend: &str| FitError::Missing {
             recording: recording.recording.name.clone(),
@@ -39,6 +41,8 @@ pub(super) fn fit(
             )
         })?;
         first_bias.get_or_insert(bias);
+        warn_of_stuck(fitted, recording, &recording.stuck_midpoints(sensor));
+        let before = signals.len();
         for (sample, signal) in recording.recording.samples.iter().zip(&recording.signals) {
             let truth = known(sample.truth.sensors[sensor])
                 .or_else(|| bench.then(|| known(sample.truth.force)).flatten());
@@ -50,6 +54,7 @@ pub(super) fn fit(
             signals.push(u.map(f64::from));
             forces.push(force);
         }
+        each.push(recorded(&signals[before..], &forces[before..]));
         if signals.is_empty() && faulty == 0 {
             return Err(missing(
                 "reference columns fx_n, fy_n, fz_n".into(),
@@ -58,6 +63,8 @@ pub(super) fn fit(
         }
     }
     let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
+    let names: Vec<String> = recordings.iter().map(|(r, _)| r.recording.name.clone()).collect();
+    checks::same_sign(&each, &names, &FORCES.map(String::from))?;
     faulty += drop_outliers(fitted, &name, &mut signals, &mut forces);
     let fit = least_squares::fit(&name, &signals, &forces, f64::from(bias.noise))?;
     if fit.ratio < WEAK {
@@ -74,10 +81,13 @@ pub(super) fn fit(
             fit.condition
         ));
     }
-    if fit.s[2][2] < 0.0 {
-        fitted.warnings.push(format!(
-            "{name}: f_z falls as u_z rises; a force into the skin is positive: look at the reference's sign"
-        ));
+    for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
+        if fit.s[k][k] < 0.0 {
+            fitted.warnings.push(format!(
+                "{name}: f_{axis} falls as u_{axis} rises: look at the reference's sign (a force into the skin is \
+                 positive)"
+            ));
+        }
     }
     let columns = |j: usize| signals.iter().map(move |u| u[j] as f32);
     fitted.calibration.sensors[sensor] = Some(SensorCalibration {
@@ -98,6 +108,11 @@ pub(super) fn fit(
     Ok(())
 }
 
+fn recorded(signals: &[[f64; 3]], forces: &[[f64; 3]]) -> Recorded {
+    let lists = |rows: &[[f64; 3]]| rows.iter().map(|row| row.to_vec()).collect();
+    (lists(signals), lists(forces))
+}
+
 /// Takes out rows of a sensor that stand alone; how many.
 fn drop_outliers(
     fitted: &mut Fitted,
@@ -105,8 +120,7 @@ fn drop_outliers(
     signals: &mut Vec<[f64; 3]>,
     forces: &mut Vec<[f64; 3]>,
 ) -> usize {
-    let lists = |rows: &[[f64; 3]]| rows.iter().map(|row| row.to_vec()).collect::<Vec<_>>();
-    let mut recorded = [(lists(signals), lists(forces))];
+    let mut recorded = [recorded(signals, forces)];
     let outliers = checks::remove_outliers(&mut recorded);
     if outliers > 0 {
         warn_of_outliers(fitted, name, outliers, signals.len());

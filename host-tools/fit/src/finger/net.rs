@@ -6,11 +6,11 @@ use taxel::calibration::{Range, TaxelCalibration};
 use taxel::condition::{Bias, Signals};
 use taxel::estimate::gate::Gate;
 use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
-use taxel::scan::TAXELS;
+use taxel::scan::{COLS, TAXELS};
 
-use super::{FitOptions, Fitted, Part, known, warn_of_outliers};
+use super::{FitOptions, Fitted, Part, known, warn_of_outliers, warn_of_stuck};
 use crate::auto::SkinTeacher;
-use crate::checks;
+use crate::checks::{self, Conditioning};
 use crate::error::FitError;
 use crate::model::{Family, Training};
 use crate::network::{Net, Progress};
@@ -65,6 +65,7 @@ pub(super) fn fit(
             missing("columns lit_r0c0 … dark_c3", "the net needs the optical matrix")
         })?;
         first_bias.get_or_insert(bias);
+        warn_of_stuck(fitted, recording, &recording.stuck_taxels());
         let (mut x, mut y, before) = (Vec::new(), Vec::new(), faulty);
         let own = Bias { taxels: Some(bias), ..Bias::default() };
         let gate = Gate::default();
@@ -121,6 +122,15 @@ pub(super) fn fit(
     if outliers > 0 {
         warn_of_outliers(fitted, &name, outliers, total);
     }
+    if let Some(found) = checks::conditioning(&rows).filter(Conditioning::is_collinear) {
+        let taxels = found.weakest.iter().map(|k| format!("r{}c{}", k / COLS, k % COLS));
+        fitted.warnings.push(format!(
+            "{name}: taxels {} say together what fewer of them would (condition number {:.0e}); look for \
+             channels that are joined",
+            taxels.collect::<Vec<_>>().join(", "),
+            found.number
+        ));
+    }
     let training = Training {
         part: &name,
         family: options.family,
@@ -136,7 +146,7 @@ pub(super) fn fit(
     let (x, y): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
     let (x, y) = (x.concat(), y.concat());
     let name = net.name(TAXELS);
-    warn_of_faults(fitted, &name, faulty, x.len(), &x);
+    warn_of_faults(fitted, &name, faulty, x.len());
     let residual = residual(&net, &x, &y);
     fitted.parts.push(Part {
         name,
@@ -189,22 +199,12 @@ fn outputs_of(recordings: &[&Prepared<'_>]) -> usize {
     if peak(&[0, 1]) > NO_SHEAR * peak(&[2]) { 3 } else { 1 }
 }
 
-fn warn_of_faults(fitted: &mut Fitted, name: &str, faulty: usize, rows: usize, x: &[Vec<f64>]) {
+fn warn_of_faults(fitted: &mut Fitted, name: &str, faulty: usize, rows: usize) {
     if faulty > 0 {
         fitted.warnings.push(format!(
             "{name}: {faulty} of {} loaded or faulty rows have a saturated or dead taxel and were left \
              out; lower the light or mend the taxel",
             faulty + rows
         ));
-    }
-    for k in 0..TAXELS {
-        let same = x.first().is_some_and(|first| x.iter().all(|row| row[k] == first[k]));
-        if same {
-            fitted.warnings.push(format!(
-                "{name}: taxel r{}c{} reads the same in every row and is ignored; is it connected?",
-                k / 4,
-                k % 4
-            ));
-        }
     }
 }
