@@ -48,11 +48,20 @@ pub fn waiting<T>(what: String, work: impl FnOnce() -> T) -> T {
     done
 }
 
-/// Refuses to write where something is read from.
+/// Refuses to write where something is read from, or nothing can be: better before the work than after it.
 ///
 /// # Errors
-/// `out` is one of `inputs`, by whatever name.
+/// `out` is one of `inputs`, by whatever name, or lies in no folder.
 pub fn keep<'p>(inputs: impl IntoIterator<Item = &'p Path>, out: &Path) -> anyhow::Result<()> {
+    let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder {
+        anyhow::ensure!(
+            folder.is_dir(),
+            "{}: there is no folder {}; make it, or choose another",
+            out.display(),
+            folder.display()
+        );
+    }
     let Ok(target) = out.canonicalize() else { return Ok(()) };
     let same = inputs.into_iter().find(|input| input.canonicalize().is_ok_and(|i| i == target));
     match same {

@@ -5,11 +5,11 @@ mod common;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use common::In;
-use taxel::scan::{ROWS, SENSORS, TaxelCodes};
-use taxel::units::{Code, FullScale};
+use common::{In, write_trace};
+use taxel::scan::TaxelCodes;
+use taxel::units::Code;
 use taxel_formats::calibration;
-use taxel_formats::trace::{Sample, TraceHeader, TraceWriter};
+use taxel_formats::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
 /// The virtual finger with the net and the sensors alone, as `calibrate fit --net-only` makes it.
@@ -77,22 +77,6 @@ fn aged(samples: &[Sample], skin: f64) -> Vec<Sample> {
         sample
     };
     samples.iter().map(age).collect()
-}
-
-fn write_trace(directory: &Path, name: &str, samples: &[Sample], truth: bool) -> String {
-    let header = TraceHeader {
-        full_scale: FullScale::BITS_16,
-        rows: ROWS,
-        bridges: [true; SENSORS],
-        reference: true,
-        temperature: false,
-        truth,
-        sensor_truth: truth,
-    };
-    let mut writer = TraceWriter::create(directory.join(name), header).unwrap();
-    samples.iter().for_each(|sample| writer.write(sample).unwrap());
-    writer.finish().unwrap();
-    name.to_owned()
 }
 
 fn json(text: &str) -> serde_json::Value {

@@ -428,9 +428,22 @@ fn no_command_overwrites_what_it_reads() {
     let folder = In(folder.path());
     folder.succeeds(&["simulate", "--scene", "press", "--out", "a.csv"]);
     let before = std::fs::read(folder.0.join("a.csv")).unwrap();
-    let commands: [&[&str]; 3] = [
+    let asset = asset();
+    let (calibration, fit) = (asset.to_str().unwrap(), ["calibrate", "fit", "--data"]);
+    let commands: [&[&str]; 5] = [
         &["replay", "a.csv", "--out", "./a.csv"],
-        &["calibrate", "fit", "--data", "a.csv@0..1", "--out", "a.csv"],
+        &[&fit[..], &["a.csv@0..1", "--out", "a.csv"]].concat(),
+        &[&fit[..], &["b.csv", "--reference", "a.csv", "--out", "a.csv"]].concat(),
+        &[
+            "calibrate",
+            "adjust",
+            "--data",
+            "a.csv",
+            "--calibration",
+            calibration,
+            "--out",
+            calibration,
+        ],
         &["record", "--port", "file:a.csv", "--out", "a.csv"],
     ];
     for args in commands {
@@ -438,6 +451,12 @@ fn no_command_overwrites_what_it_reads() {
         assert!(error.contains("would overwrite what is read from"), "{error}");
     }
     assert_eq!(std::fs::read(folder.0.join("a.csv")).unwrap(), before);
+    // Nor does one work for minutes and then not know where to.
+    let error = folder.fails(1, &[&fit[..], &["a.csv", "--out", "no/such/b.toml"]].concat());
+    assert_eq!(
+        error,
+        "taxel: no/such/b.toml: there is no folder no/such; make it, or choose another\n"
+    );
 }
 
 #[test]

@@ -4,6 +4,10 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use taxel::scan::{ROWS, SENSORS};
+use taxel::units::FullScale;
+use taxel_formats::trace::{Sample, TraceHeader, TraceWriter};
+
 /// Exit code, standard output, standard error.
 pub struct Ran {
     pub code: Option<i32>,
@@ -46,4 +50,21 @@ impl In<'_> {
         assert_eq!(ran.code, Some(0), "{}", ran.err);
         ran.out
     }
+}
+
+/// Writes a trace of a finger with all its channels; its name.
+pub fn write_trace(directory: &Path, name: &str, samples: &[Sample], truth: bool) -> String {
+    let header = TraceHeader {
+        full_scale: FullScale::BITS_16,
+        rows: ROWS,
+        bridges: [true; SENSORS],
+        reference: true,
+        temperature: false,
+        truth,
+        sensor_truth: truth,
+    };
+    let mut writer = TraceWriter::create(directory.join(name), header).unwrap();
+    samples.iter().for_each(|sample| writer.write(sample).unwrap());
+    writer.finish().unwrap();
+    name.to_owned()
 }

@@ -81,7 +81,8 @@ impl From<adjust::Helped> for Error {
 /// # Errors
 /// A file is wrong, or the recordings do not hold what is needed.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    output::keep(args.data.iter().map(|data| data.path.as_path()), &args.out)?;
+    let data = args.data.iter().map(|data| data.path.as_path());
+    output::keep(data.chain([args.calibration.as_path()]), &args.out)?;
     let old = calibration::read(&args.calibration)?;
     let mut recordings = data::traces(&args.data, &[])?.recordings;
     if let Some(newtons) = args.weight {

@@ -66,7 +66,9 @@ pub fn traces(stretches: &[Stretch], references: &[PathBuf]) -> anyhow::Result<R
             "{}:1: not a taxel trace; name the columns of other files with --inputs and --targets",
             stretch.path.display()
         );
-        let samples = trace::cut(Scans::open(&stretch.path)?.samples, stretch);
+        let scans = Scans::open(&stretch.path)?;
+        scans.remarks.iter().for_each(output::note);
+        let samples = trace::cut(scans.samples, stretch);
         let name = stretch.path.display().to_string();
         let mut recording = Recording { name, samples: samples.collect::<Result<_, _>>()? };
         not_empty(stretch, recording.samples.len())?;

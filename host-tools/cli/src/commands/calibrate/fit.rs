@@ -205,7 +205,8 @@ impl Fit {
 /// # Errors
 /// A file is wrong, or the recordings do not make a calibration.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    output::keep(args.data.iter().map(|data| data.path.as_path()), &args.out)?;
+    let data = args.data.iter().map(|data| data.path.as_path());
+    output::keep(data.chain(args.reference.iter().map(PathBuf::as_path)), &args.out)?;
     let interrupt = Interrupt::watch()?;
     let bar = ProgressBar::new(0);
     bar.set_style(ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}")?);

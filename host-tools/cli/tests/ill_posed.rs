@@ -1,0 +1,269 @@
+//! Recordings that are wrong on purpose, fitted as a user would type it: each brings a sane calibration with a
+//! word about it, or a refusal that says why; never a bad record in silence.
+
+mod common;
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use common::{In, write_trace};
+use taxel::units::Code;
+use taxel_formats::trace::Sample;
+use taxel_sim::{Scene, Simulator};
+
+/// What is typed besides the recordings: nothing, and the choice by what is left out.
+const WAYS: [&[&str]; 2] = [&[], &["--model", "auto"]];
+
+/// How a fit must end.
+enum End<'w> {
+    /// With these words in the one line on standard error, and no record.
+    Refused(&'w str),
+    /// With these words in a warning; on a recording with nothing wrong the RMS error is below so many newtons.
+    Warned(&'w str, f64),
+}
+
+/// Fits `data` in each way, and judges on `unseen`.
+fn fits(
+    folder: &In<'_>,
+    what: &[&str],
+    data: &[&str],
+    (target, unseen): (&str, &str),
+    end: &End<'_>,
+) {
+    for way in WAYS {
+        let _ = std::fs::remove_file(folder.0.join("cal.toml"));
+        let data = data.iter().flat_map(|file| ["--data", file]);
+        let fit = ["calibrate", "fit", "--out", "cal.toml"].into_iter().chain(data);
+        let typed: Vec<&str> = fit.chain(what.iter().copied()).chain(way.iter().copied()).collect();
+        match *end {
+            End::Refused(words) => {
+                let said = folder.fails(1, &typed);
+                assert!(said.contains(words), "{typed:?}: {said}");
+                assert!(!folder.0.join("cal.toml").exists(), "{typed:?}");
+            }
+            End::Warned(words, most) => {
+                let ran = folder.taxel(&typed);
+                assert_eq!(ran.code, Some(0), "{typed:?}: {}", ran.err);
+                let warned =
+                    |line: &str| line.starts_with("taxel: warning:") && line.contains(words);
+                assert!(ran.err.lines().any(warned), "{typed:?}: {}", ran.err);
+                let judge = ["calibrate", "evaluate", "--calibration", "cal.toml", "--json"];
+                let judged = folder.succeeds(&[&judge[..], &["--data", unseen]].concat());
+                let judged: serde_json::Value = serde_json::from_str(&judged).unwrap();
+                let rmse = judged[target]["rmse"].as_f64().unwrap();
+                assert!(rmse < most, "{typed:?}: {rmse} N");
+            }
+        }
+    }
+}
+
+/// Somebody else's sensor of three channels at 50 Hz; every row goes through `spoil`.
+fn table(
+    folder: &Path,
+    name: &str,
+    rows: usize,
+    from: f64,
+    spoil: impl Fn(usize, f64, &mut [f64; 4]),
+) {
+    let mut text = String::from("t_s,m0,m1,m2,force_n\n");
+    for i in 0..rows {
+        let t = from + 0.02 * i as f64;
+        let noise = |k: usize| (12.9898 * ((3 * i + k) as f64).powi(2)).sin();
+        let f = load(t);
+        let mut row = [
+            90.0 + 30.0 * f + 0.5 * noise(0),
+            12.0 * f + 1.2 * f * f + 0.5 * noise(1),
+            20.0 * (0.4 * t).sin() + 5.0 * f,
+            f,
+        ];
+        spoil(i, t, &mut row);
+        let [a, b, c, force] = row;
+        writeln!(text, "{t:.2},{a},{b},{c},{force}").unwrap();
+    }
+    std::fs::write(folder.join(name), text).unwrap();
+}
+
+/// Presses of uneven length and height, one after the other.
+fn load(t: f64) -> f64 {
+    let i = (t / 2.5).floor();
+    let share = (t - 2.5 * i - 0.2) / (1.4 + 0.6 * (5.0 * i * i).sin());
+    let peak = 6.0 + 4.0 * (7.0 * i).sin();
+    if (0.0..1.0).contains(&share) { peak * (std::f64::consts::PI * share).sin() } else { 0.0 }
+}
+
+#[test]
+fn a_table_that_is_wrong_is_told_of_or_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = In(directory.path());
+    let write = |name: &str, rows: usize, from: f64, spoil: &dyn Fn(usize, f64, &mut [f64; 4])| {
+        table(folder.0, name, rows, from, spoil);
+    };
+    write("good.csv", 600, 0.0, &|_, _, _| {});
+    write("unseen.csv", 600, 60.0, &|_, _, _| {});
+    write("joined-unseen.csv", 600, 60.0, &|_, _, row| row[2] = 0.25 * row[0] + 7.0);
+    write("joined.csv", 600, 0.0, &|_, _, row| row[2] = 0.25 * row[0] + 7.0);
+    write("constant.csv", 600, 0.0, &|_, _, row| row[2] = 3.5);
+    write("few.csv", 12, 0.4, &|_, _, _| {});
+    write("loose.csv", 600, 0.0, &|i, _, row| match i % 40 {
+        7 => row[3] = 60.0,
+        29 => row[1] = -900.0,
+        _ => {}
+    });
+    write("turned.csv", 600, 40.0, &|_, _, row| row[3] = -row[3]);
+    write("off.csv", 600, 0.0, &|_, t, row| row[3] = load(1.03 * t));
+
+    let what = ["--inputs", "m*", "--targets", "force_n", "--hidden", "4"];
+    let judged = ("force_n", "unseen.csv");
+    let fits = |data: &[&str], judged, end| fits(&folder, &what, data, judged, &end);
+    let joined = ("force_n", "joined-unseen.csv");
+    fits(&["joined.csv"], joined, End::Warned("m0, m2: together they say nothing", 0.2));
+    fits(&["constant.csv"], judged, End::Warned("m2: the same value in every row", 0.2));
+    fits(&["few.csv"], judged, End::Refused("12 usable rows where at least"));
+    fits(&["loose.csv"], judged, End::Warned("30 of 600 rows stand far out", 0.2));
+    fits(&["good.csv", "turned.csv"], judged, End::Refused("force_n runs against"));
+    let turned = ("force_n", "turned.csv");
+    fits(&["turned.csv"], turned, End::Warned("force_n: never a force but a negative one", 0.3));
+    // What such a record is worth is not to be known; the reference's own clock mends it.
+    fits(&["off.csv"], judged, End::Warned("the reference fits far better", 6.0));
+}
+
+/// A finger pressed for eight seconds at 200 Hz; every row goes through `spoil`.
+fn finger(folder: &Path, name: &str, seed: u64, spoil: impl Fn(usize, &mut Sample)) {
+    let scene = "effects = ['noise', 'ambient', 'gain-spread', 'optical-crosstalk']\n\
+                 [scan]\nrate_hz = 200\nduration_s = 9\n[device]\nseed = 3\nbits = 16\n\
+                 [indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n\
+                 [[random]]\nat_s = 1\npresses = 26\neach_s = 0.3\nx_mm = [-2, 2]\ny_mm = [-2, 2]\n\
+                 fz_n = [0.4, 2]\nshear_of_limit = [0, 0]\n";
+    let mut samples: Vec<Sample> =
+        Simulator::new(&Scene::parse("presses.toml", scene).unwrap(), seed).collect();
+    for (row, sample) in samples.iter_mut().enumerate() {
+        // No contact points: the net alone is what is wanted here.
+        sample.truth.point = [None; 2];
+        sample.truth.sensors = [[None; 3]; 4];
+        spoil(row, sample);
+    }
+    write_trace(folder, name, &samples, true);
+}
+
+fn taxel(sample: &mut Sample, row: usize, column: usize) -> &mut Code {
+    &mut sample.scan.codes.taxels.as_mut().unwrap().lit[row][column]
+}
+
+#[test]
+fn a_fingers_recording_that_is_wrong_is_told_of_or_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = In(directory.path());
+    let write = |name: &str, seed: u64, spoil: &dyn Fn(usize, &mut Sample)| {
+        finger(folder.0, name, seed, spoil);
+    };
+    let join = |_: usize, sample: &mut Sample| {
+        let taxels = sample.scan.codes.taxels.as_mut().unwrap();
+        taxels.dark[0] = taxels.dark[1];
+        taxels.lit[0][0] = taxels.lit[0][1];
+    };
+    write("unseen.csv", 2, &|_, _| {});
+    write("joined-unseen.csv", 2, &join);
+    write("joined.csv", 1, &join);
+    write("constant-unseen.csv", 2, &|_, sample| *taxel(sample, 1, 2) = Code(25_000));
+    write("constant.csv", 1, &|_, sample| *taxel(sample, 1, 2) = Code(25_000));
+    write("loose.csv", 1, &|i, sample| match i % 40 {
+        7 => sample.truth.force[2] = sample.truth.force[2].map(|f| f + 30.0),
+        29 => *taxel(sample, 1, 1) = Code(60_000),
+        _ => {}
+    });
+    write("turned.csv", 1, &|_, sample| {
+        sample.truth.force = sample.truth.force.map(|f| f.map(|f| -f));
+    });
+    let mut late = Vec::new();
+    finger(folder.0, "good.csv", 1, |_, _| {});
+    let good: Vec<Sample> = taxel_formats::trace::TraceReader::open(folder.0.join("good.csv"))
+        .unwrap()
+        .collect::<Result<_, _>>()
+        .unwrap();
+    for (i, sample) in good.iter().enumerate() {
+        let then = good[(1.03 * i as f64) as usize % good.len()].truth;
+        late.push(Sample { truth: then, ..*sample });
+    }
+    write_trace(folder.0, "off.csv", &late, true);
+
+    let what = ["--hidden", "4"];
+    let judged = ("fz_n", "unseen.csv");
+    let fits = |data: &[&str], judged, end| fits(&folder, &what, data, judged, &end);
+    let joined = ("fz_n", "joined-unseen.csv");
+    fits(&["joined.csv"], joined, End::Warned("taxels r0c0, r0c1 say together", 0.1));
+    let constant = ("fz_n", "constant-unseen.csv");
+    fits(&["constant.csv"], constant, End::Warned("lit_r1c2 reads the same in every row", 0.1));
+    fits(&["good.csv@0..1.06"], judged, End::Refused("usable rows where at least"));
+    fits(&["loose.csv"], judged, End::Warned("stand far out", 0.1));
+    fits(&["turned.csv"], judged, End::Refused("fz_n is negative where something presses"));
+    fits(&["off.csv"], judged, End::Warned("the reference fits far better", 3.0));
+}
+
+/// A force sensor on the bench at 250 Hz; every row goes through `spoil`.
+fn bench(folder: &Path, name: &str, seed: u64, spoil: impl Fn(usize, &mut Sample)) {
+    let scene = "effects = ['noise', 'bridge-mismatch', 'bridge-crosstalk']\n\
+                 [scan]\nrate_hz = 250\nduration_s = 13\n[device]\nseed = 1\nbits = 16\n\
+                 [indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n[bench]\nsensor = 0\n\
+                 [[random]]\nat_s = 1\npresses = 24\neach_s = 0.5\nx_mm = [0, 0]\ny_mm = [0, 0]\n\
+                 fz_n = [0.3, 1.2]\nshear_of_limit = [0, 0.95]\n";
+    let simulator = Simulator::new(&Scene::parse("bench.toml", scene).unwrap(), seed);
+    let mut samples: Vec<Sample> = simulator.collect();
+    samples.iter_mut().enumerate().for_each(|(row, sample)| {
+        sample.truth.sensors = [[None; 3]; 4];
+        spoil(row, sample);
+    });
+    write_trace(folder, name, &samples, true);
+}
+
+#[test]
+fn a_force_sensors_recording_that_is_wrong_is_told_of_or_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = In(directory.path());
+    let write = |name: &str, seed: u64, spoil: &dyn Fn(usize, &mut Sample)| {
+        bench(folder.0, name, seed, spoil);
+    };
+    write("unseen.csv", 2, &|_, _| {});
+    write("joined.csv", 1, &|_, sample| {
+        let midpoints = sample.scan.codes.bridges[0].as_mut().unwrap();
+        (midpoints.c, midpoints.d) = (midpoints.a, midpoints.b);
+    });
+    let stuck = |_: usize, sample: &mut Sample| {
+        sample.scan.codes.bridges[0].as_mut().unwrap().c = Code(31_000);
+    };
+    write("constant.csv", 1, &stuck);
+    write("constant-unseen.csv", 2, &stuck);
+    write("loose.csv", 1, &|i, sample| match i % 40 {
+        7 => sample.truth.force[2] = sample.truth.force[2].map(|f| f + 9.0),
+        29 => sample.scan.codes.bridges[0].as_mut().unwrap().a = Code(60_000),
+        _ => {}
+    });
+    let turn = |_: usize, sample: &mut Sample| {
+        sample.truth.force = sample.truth.force.map(|f| f.map(|f| -f));
+    };
+    write("turned.csv", 1, &turn);
+    write("turned-unseen.csv", 2, &turn);
+    write("good.csv", 3, &|_, _| {});
+    let good: Vec<Sample> = taxel_formats::trace::TraceReader::open(folder.0.join("good.csv"))
+        .unwrap()
+        .collect::<Result<_, _>>()
+        .unwrap();
+    let off: Vec<Sample> = (0..good.len())
+        .map(|i| {
+            let truth = good[(1.03 * i as f64) as usize % good.len()].truth;
+            Sample { truth, ..good[i] }
+        })
+        .collect();
+    write_trace(folder.0, "off.csv", &off, true);
+
+    let fits = |data: &[&str], judged, end| fits(&folder, &[], data, judged, &end);
+    let judged = ("fz_n", "unseen.csv");
+    fits(&["joined.csv"], judged, End::Refused("the loads do not determine every axis"));
+    let constant = ("fz_n", "constant-unseen.csv");
+    fits(&["constant.csv"], constant, End::Warned("bridge_s0_c reads the same in every row", 0.02));
+    fits(&["good.csv@0.9..0.948"], judged, End::Refused("unloaded stretch"));
+    fits(&["loose.csv"], judged, End::Warned("stand far out", 0.005));
+    let turned = ("fz_n", "turned-unseen.csv");
+    fits(&["turned.csv"], turned, End::Warned("look at the reference's sign", 0.005));
+    fits(&["good.csv", "turned.csv"], judged, End::Refused("runs against"));
+    fits(&["off.csv"], judged, End::Warned("the reference fits far better", 2.0));
+}
