@@ -222,6 +222,7 @@ impl Finger {
         signals.health.bridge_faults |= stuck.bridges;
         if scan.lost > 0 {
             state.noise.interrupt();
+            state.matrix.interrupt();
         }
         let noisy = state.noise.update(&signals, &state.bias);
         if let Some((warmth, level)) = warm {

@@ -80,6 +80,8 @@ pub struct Inverse {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InverseState {
     last: Option<Load>,
+    /// It is not of the frame before this one.
+    old: bool,
 }
 
 /// A touch as found.
@@ -112,6 +114,11 @@ impl InverseState {
     pub fn clear(&mut self) {
         self.last = None;
     }
+
+    /// Frames are missing: one step may not lead from the last touch to the next.
+    pub fn interrupt(&mut self) {
+        self.old = true;
+    }
 }
 
 impl Inverse {
@@ -142,13 +149,13 @@ impl Inverse {
         step: impl Fn(&Self, &mut Load, &[f32; TAXELS]) -> Option<Touch>,
     ) -> Measured<Touch> {
         let (start, steps) = match state.last {
-            Some(last) => (Some(last), 1),
+            Some(last) => (Some(last), if state.old { FIRST_STEPS } else { 1 }),
             None => (self.start(u), FIRST_STEPS),
         };
         let found =
             start.and_then(|mut load| (0..steps).fold(None, |_, _| step(self, &mut load, u)));
         let sound = found.filter(Touch::is_sound);
-        state.last = sound.map(|touch| touch.load);
+        *state = InverseState { last: sound.map(|touch| touch.load), old: false };
         sound.ok_or(NoValue::IllConditioned)
     }
 

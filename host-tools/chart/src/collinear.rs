@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use taxel_fit::least_squares;
 
-use crate::failures::{Count, Map, Point};
+use crate::failures::{Count, Map, Of, Point};
 
 /// Outputs of a bridge per newton as shares of full scale, about those of 003's sensor.
 const GAIN: f64 = 0.05;
@@ -24,6 +24,7 @@ pub(crate) fn map(device: u64) -> Map {
         Point { value: condition, within, count, working }
     });
     Map {
+        of: Of::Finger,
         method: "force sensor's fit / N",
         sweep: "condition of the loads / 1",
         points: points.into(),

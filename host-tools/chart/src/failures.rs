@@ -1,122 +1,26 @@
 //! Where the finger stops being trustworthy, and whether it says so: `failures.csv`.
 //!
-//! For each method of the firmware and each [sweep](crate::sweeps): its error, the accuracy that it states
-//! and the share of frames that it flags, by withholding the value or in the status. A frame is a **silent
-//! failure** where the error is beyond three times the stated accuracy and nothing is flagged.
+//! For each [method](crate::mapped) and each [sweep](crate::sweeps): its error, the [accuracy](crate::accuracy)
+//! that it states and the share of frames that it flags, by withholding the value or in the status. A frame
+//! is a **silent failure** where the error is beyond three times the stated accuracy and nothing is flagged.
 
 use std::fmt::Write as _;
 use std::path::Path;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use taxel::calibration::Calibration;
-use taxel::finger::{Estimate, Finger};
-use taxel::frame::Status;
-use taxel::measured::Measured;
-use taxel::units::Newtons;
-use taxel_formats::trace::{Sample, Truth};
+use rayon::prelude::*;
 
+use crate::accuracy::Accuracy;
 use crate::device::Device;
+use crate::mapped::{Fingers, LEAST_N, Said};
 use crate::methods::calibrated;
 use crate::sweeps::{self, Sweep};
 use crate::{Effort, Waiting, collinear, files, map, page};
 
-/// Newtons below which a touch is outside the working range, whatever the sweep: the first frames of each
-/// press are.
-const LEAST_N: f64 = 0.1;
 /// An error beyond so many times the stated accuracy is a failure.
 pub(crate) const FAILS: f64 = 3.0;
 /// A method is trusted up to where a larger share of frames fails, flagged or not.
-const TRUSTED: f64 = 0.01;
-
-/// Status bits that tell that something is wrong.
-const FLAGS: [Status; 10] = [
-    Status::UNCALIBRATED,
-    Status::SATURATED,
-    Status::DEAD_TAXEL,
-    Status::BRIDGE_FAULT,
-    Status::OUT_OF_RANGE,
-    Status::STUCK_CHANNEL,
-    Status::NOT_SINGLE,
-    Status::DISAGREE,
-    Status::TEMPERATURE,
-    Status::NOISY,
-];
-
-/// Those that warn of single force sensors.
-const SENSOR_FLAGS: [Status; 2] = [Status::TEMPERATURE, Status::NOISY];
-
-/// What of the finger is mapped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Method {
-    Force,
-    Point,
-    Sensors,
-}
-
-impl Method {
-    const ALL: [Self; 3] = [Self::Force, Self::Point, Self::Sensors];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Force => "force / N",
-            Self::Point => "contact point / mm",
-            Self::Sensors => "force sensors / N",
-        }
-    }
-
-    /// Each of its values: error, if there is a value, and what accuracy is stated for it.
-    fn errors(
-        self,
-        estimate: &Estimate,
-        truth: &Truth,
-        record: &Calibration,
-    ) -> Vec<(Option<f64>, f64)> {
-        let residual = |residual: &[f32; 3]| {
-            residual.iter().map(|r| f64::from(*r).powi(2)).sum::<f64>().sqrt()
-        };
-        match self {
-            Self::Force => {
-                let stated =
-                    record.taxels.as_ref().map_or(0.0, |taxels| residual(&taxels.residual));
-                let found = [estimate.force.x, estimate.force.y, estimate.force.z];
-                vec![(distance(found, truth.force), stated)]
-            }
-            Self::Point => {
-                let found = estimate.point.ok();
-                let off = found.zip(truth.point[0]).zip(truth.point[1]);
-                let error = off.map(|((found, x), y)| {
-                    (f64::from(found.x.0) - x).hypot(f64::from(found.y.0) - y)
-                });
-                vec![(error, POINT_MM)]
-            }
-            Self::Sensors => {
-                let of = estimate.sensors.iter().zip(&truth.sensors).zip(&record.sensors);
-                of.filter_map(|((found, truth), sensor)| {
-                    let stated = residual(&sensor.as_ref()?.residual);
-                    Some((distance([found.x, found.y, found.z], *truth), stated))
-                })
-                .collect()
-            }
-        }
-    }
-
-    /// Bits that withhold nothing, but warn of this method.
-    fn warned(self, status: Status) -> bool {
-        let flags = if self == Self::Sensors { &SENSOR_FLAGS[..] } else { &FLAGS };
-        flags.iter().any(|flag| status.contains(*flag))
-    }
-}
-
-/// What the documentation states of the centroid: 0.6 mm RMS in the middle of the pad, 1 mm out to its edge.
-const POINT_MM: f64 = 1.0;
-
-fn distance(found: [Measured<Newtons>; 3], truth: [Option<f64>; 3]) -> Option<f64> {
-    let mut squares = 0.0;
-    for (found, truth) in found.into_iter().zip(truth) {
-        squares += (f64::from(found.ok()?.0) - truth?).powi(2);
-    }
-    Some(squares.sqrt())
-}
+pub(crate) const TRUSTED: f64 = 0.01;
 
 /// Counts of one method at one value of a sweep.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -170,9 +74,19 @@ impl Count {
     }
 }
 
+/// Whose a method is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Of {
+    /// The finger as it is shipped, matrix and force sensors together.
+    Finger,
+    /// Its matrix alone.
+    Matrix,
+}
+
 /// A method over a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
+    pub(crate) of: Of,
     pub(crate) method: &'static str,
     pub(crate) sweep: &'static str,
     pub(crate) points: Vec<Point>,
@@ -189,7 +103,7 @@ pub(crate) struct Point {
     pub working: Count,
 }
 
-/// What it all comes to: shares of frames.
+/// What maps come to: shares of frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Totals {
     /// Frames judged, and how many of them lie within the working range.
@@ -200,77 +114,92 @@ pub struct Totals {
     pub false_flags: f64,
 }
 
-/// Maps every method over every sweep, over the devices.
+/// A calibrated device, and what each of its methods states.
+struct Stated {
+    seed: u64,
+    fingers: Fingers,
+    stated: Vec<Accuracy>,
+}
+
+/// Maps every method over every sweep, over the devices, on all cores.
 ///
 /// # Errors
 /// A fit failed, or it was stopped.
 pub fn measure(effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Vec<Map>> {
     let sweeps = sweeps::all();
-    let mut maps: Vec<Map> = Vec::new();
-    let of = effort.devices.len() * sweeps.len();
-    let mut done = 0;
-    for seed in &effort.devices {
-        let record = calibrated(&Device::new(*seed)?, effort, waiting.stop)?;
-        let mut own = Vec::new();
-        for sweep in &sweeps {
+    let devices: Vec<Stated> = effort
+        .devices
+        .par_iter()
+        .map(|seed| stated(*seed, effort, waiting))
+        .collect::<Result<_, _>>()?;
+    let jobs: Vec<(&Stated, &Sweep)> =
+        devices.iter().flat_map(|device| sweeps.iter().map(move |sweep| (device, sweep))).collect();
+    let done = AtomicUsize::new(0);
+    let judged: Vec<Vec<Map>> = jobs
+        .par_iter()
+        .map(|(device, sweep)| {
             anyhow::ensure!(!waiting.stop.load(Ordering::Relaxed), "stopped");
-            own.extend(over(sweep, *seed, &record)?);
-            done += 1;
-            (waiting.progress)(done as f64 / of as f64, sweep.name);
-        }
-        own.push(collinear::map(*seed));
+            let maps = over(sweep, device)?;
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            (waiting.progress)(done as f64 / jobs.len() as f64, sweep.name);
+            anyhow::Ok(maps)
+        })
+        .collect::<Result<_, _>>()?;
+    let mut maps: Vec<Map> = Vec::new();
+    for (device, own) in devices.iter().zip(judged.chunks(sweeps.len())) {
+        let own = own.iter().flatten().cloned().chain([collinear::map(device.seed)]);
         if maps.is_empty() {
-            maps = own;
-        } else {
-            for (map, own) in maps.iter_mut().zip(&own) {
-                for (point, own) in map.points.iter_mut().zip(&own.points) {
-                    point.count.merge(&own.count);
-                    point.working.merge(&own.working);
-                }
+            maps = own.collect();
+            continue;
+        }
+        for (map, own) in maps.iter_mut().zip(own) {
+            for (point, own) in map.points.iter_mut().zip(&own.points) {
+                point.count.merge(&own.count);
+                point.working.merge(&own.working);
             }
         }
     }
     Ok(maps)
 }
 
-fn over(sweep: &Sweep, device: u64, record: &Calibration) -> anyhow::Result<Vec<Map>> {
-    let mut maps = Method::ALL.map(|method| Map {
-        method: method.name(),
-        sweep: sweep.name,
-        points: Vec::new(),
-    });
+fn stated(seed: u64, effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Stated> {
+    let device = Device::new(seed)?;
+    let mut fingers = Fingers::new(&calibrated(&device, effort, waiting.stop)?)?;
+    let stated = fingers.stated(&device)?;
+    Ok(Stated { seed, fingers, stated })
+}
+
+fn over(sweep: &Sweep, device: &Stated) -> anyhow::Result<Vec<Map>> {
+    let map = |(of, method)| Map { of, method, sweep: sweep.name, points: Vec::new() };
+    let mut maps: Vec<Map> = Fingers::methods().map(map).collect();
+    let mut fingers = device.fingers.clone();
     for value in &sweep.values {
         let within = (sweep.within)(*value);
-        let counts = judge(&(sweep.run)(device, *value)?, record);
-        for (map, [count, loaded]) in maps.iter_mut().zip(counts) {
-            let working = if within { loaded } else { Count::default() };
+        let samples = (sweep.run)(device.seed, *value)?;
+        fingers.restart();
+        let mut counts = vec![[Count::default(); 2]; maps.len()];
+        for sample in &samples {
+            let load = sample.truth.force[2].unwrap_or_default();
+            let working = within && load >= LEAST_N;
+            fingers.judge(sample, |Said { method, error, felt, warned }| {
+                if let (Some([all, of_them]), Some(stated)) =
+                    (counts.get_mut(method), device.stated.get(method))
+                {
+                    let stated = stated.at(load, felt);
+                    all.add(error, stated, warned);
+                    if working {
+                        of_them.add(error, stated, warned);
+                    }
+                }
+            });
+        }
+        for (map, [count, working]) in maps.iter_mut().zip(counts) {
             map.points.push(Point { value: *value, within, count, working });
         }
     }
-    Ok(maps.into())
-}
-
-/// Frames in contact, one by one: all, and those with a load of the working range.
-fn judge(samples: &[Sample], record: &Calibration) -> [[Count; 2]; Method::ALL.len()] {
-    let (finger, mut state) = Finger::new(Some(record.clone()));
-    let mut counts = [[Count::default(); 2]; Method::ALL.len()];
-    for sample in samples {
-        let estimate = finger.estimate(&mut state, &sample.scan);
-        if sample.truth.contact != Some(true) {
-            continue;
-        }
-        let loaded = sample.truth.force[2].is_some_and(|fz| fz >= LEAST_N);
-        for ([all, working], method) in counts.iter_mut().zip(Method::ALL) {
-            for (error, stated) in method.errors(&estimate, &sample.truth, record) {
-                let warned = method.warned(estimate.status);
-                all.add(error, stated, warned);
-                if loaded {
-                    working.add(error, stated, warned);
-                }
-            }
-        }
-    }
-    counts
+    // What a method says nothing of in a whole sweep has no map there.
+    maps.retain(|map| map.points.iter().any(|point| point.count.frames > 0));
+    Ok(maps)
 }
 
 impl Map {
@@ -282,11 +211,16 @@ impl Map {
     }
 }
 
-/// Sums up.
+/// Sums up what is said by the finger as it is shipped, matrix and force sensors together, or by its matrix
+/// alone.
 #[must_use]
-pub fn totals(maps: &[Map]) -> Totals {
+pub fn totals(maps: &[Map], of: Of) -> Totals {
+    sum(maps.iter().filter(|map| map.of == of))
+}
+
+fn sum<'m>(maps: impl Iterator<Item = &'m Map>) -> Totals {
     let (mut all, mut within) = (Count::default(), Count::default());
-    for point in maps.iter().flat_map(|map| &map.points) {
+    for point in maps.flat_map(|map| &map.points) {
         all.merge(&point.count);
         within.merge(&point.working);
     }
@@ -316,33 +250,45 @@ pub fn csv(maps: &[Map]) -> String {
     table
 }
 
-/// What each map comes to: `boundaries.csv`.
+/// What each map comes to, in frames: `boundaries.csv`.
 #[must_use]
 pub fn boundaries(maps: &[Map]) -> String {
     let mut table = String::from(
-        "method,sweep,trusted_up_to,frames,silent,silent_within_range,flagged_within_range\n",
+        "method,sweep,trusted_up_to,frames,silent,within_range,silent_within_range,flagged_within_range\n",
     );
     for map in maps {
-        let totals = totals(std::slice::from_ref(map));
+        let (mut all, mut within) = (Count::default(), Count::default());
+        for point in &map.points {
+            all.merge(&point.count);
+            within.merge(&point.working);
+        }
         let boundary = map.boundary().map(|value| value.to_string()).unwrap_or_default();
-        let ([frames, _], [silent, within]) = (totals.frames, totals.silent);
         let _ = writeln!(
             table,
-            "{},\"{}\",{boundary},{frames},{silent:.5},{within:.5},{:.5}",
-            map.method, map.sweep, totals.false_flags
+            "{},\"{}\",{boundary},{},{},{},{},{}",
+            map.method,
+            map.sweep,
+            all.frames,
+            all.silent,
+            within.frames,
+            within.silent,
+            within.flagged
         );
     }
     table
 }
 
-/// Writes tables, picture and page into `folder`.
+/// Writes tables, pictures and page into `folder`.
 ///
 /// # Errors
 /// One of them cannot be written.
 pub fn write(maps: &[Map], folder: &Path) -> anyhow::Result<()> {
     files::write(&folder.join("failures.csv"), &csv(maps))?;
     files::write(&folder.join("boundaries.csv"), &boundaries(maps))?;
-    files::write(&folder.join("failures.svg"), &map::draw(maps)?)?;
+    for (of, name) in [(Of::Finger, "failures.svg"), (Of::Matrix, "failures-matrix.svg")] {
+        let of: Vec<&Map> = maps.iter().filter(|map| map.of == of).collect();
+        files::write(&folder.join(name), &map::draw(&of)?)?;
+    }
     files::write(&folder.join("failures.html"), &page::failures(maps))
 }
 
@@ -362,7 +308,7 @@ mod tests {
                 working: if within { count } else { Count::default() },
             }
         });
-        Map { method: "force / N", sweep: "load / N", points: points.collect() }
+        Map { of: Of::Finger, method: "force / N", sweep: "load / N", points: points.collect() }
     }
 
     #[test]
@@ -374,12 +320,12 @@ mod tests {
             (4.0, None, false),
         ]);
         assert_eq!(map.boundary(), Some(1.0));
-        let totals = totals(&[map]);
+        let totals = totals(&[map], Of::Finger);
         assert_eq!((totals.frames, totals.silent, totals.false_flags), ([4, 1], [0.25, 0.0], 0.0));
     }
 
     #[test]
     fn a_flag_within_the_working_range_is_a_false_one() {
-        assert_eq!(totals(&[map(&[(1.0, Some(0.1), true)])]).false_flags, 1.0);
+        assert_eq!(totals(&[map(&[(1.0, Some(0.1), true)])], Of::Finger).false_flags, 1.0);
     }
 }

@@ -7,6 +7,7 @@
 //! Every figure is of devices that nothing was developed on, calibrated on their own recordings and judged
 //! on runs that their fits have not seen, noise on.
 
+mod accuracy;
 mod bars;
 mod collinear;
 mod convergence;
@@ -17,9 +18,11 @@ pub mod failures;
 mod files;
 mod ladder;
 mod map;
+mod mapped;
 mod methods;
 mod page;
 pub mod peers;
+mod runs;
 mod scatter;
 pub mod simulator;
 mod style;

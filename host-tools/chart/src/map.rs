@@ -3,7 +3,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use crate::failures::{FAILS, Map, Point};
+use crate::failures::{FAILS, Map, Point, TRUSTED};
 use crate::style::{COLOURS, Done, FAINT, FONT, GREY, svg};
 
 type Area<'p> = DrawingArea<SVGBackend<'p>, Shift>;
@@ -11,12 +11,13 @@ type Area<'p> = DrawingArea<SVGBackend<'p>, Shift>;
 /// Of one panel in pixels.
 const SIZE: (u32, u32) = (300, 200);
 const ACROSS: usize = 3;
-const LEGEND: u32 = 56;
+/// Of a line of the legend.
+const ROW: u32 = 20;
 /// Error over stated accuracy.
 const RATIOS: [f64; 2] = [0.05, 200.0];
 
 /// The methods, by colour, in the order of the maps.
-pub(crate) fn methods(maps: &[Map]) -> Vec<&'static str> {
+fn methods(maps: &[&Map]) -> Vec<&'static str> {
     let mut names: Vec<&str> = Vec::new();
     for map in maps {
         if !names.contains(&map.method) {
@@ -26,7 +27,7 @@ pub(crate) fn methods(maps: &[Map]) -> Vec<&'static str> {
     names
 }
 
-fn sweeps(maps: &[Map]) -> Vec<&'static str> {
+fn sweeps(maps: &[&Map]) -> Vec<&'static str> {
     let mut names: Vec<&str> = Vec::new();
     for map in maps {
         if !names.contains(&map.sweep) {
@@ -42,15 +43,16 @@ fn ratio(point: &Point) -> f64 {
     point.count.error().map_or(RATIOS[0], |error| error / stated).clamp(RATIOS[0], RATIOS[1])
 }
 
-pub(crate) fn draw(maps: &[Map]) -> anyhow::Result<String> {
+pub(crate) fn draw(maps: &[&Map]) -> anyhow::Result<String> {
     let (methods, sweeps) = (methods(maps), sweeps(maps));
     let down = sweeps.len().div_ceil(ACROSS);
-    let size = (SIZE.0 * ACROSS as u32, SIZE.1 * down as u32 + LEGEND);
+    let legend_height = ROW * (methods.len().div_ceil(ACROSS) as u32 + 2);
+    let size = (SIZE.0 * ACROSS as u32, SIZE.1 * down as u32 + legend_height);
     svg(size, |area| {
-        let (top, rest) = area.split_vertically(LEGEND);
+        let (top, rest) = area.split_vertically(legend_height);
         legend(&top, &methods)?;
         for (area, sweep) in rest.split_evenly((down, ACROSS)).iter().zip(&sweeps) {
-            let of: Vec<&Map> = maps.iter().filter(|map| map.sweep == *sweep).collect();
+            let of: Vec<&Map> = maps.iter().copied().filter(|map| map.sweep == *sweep).collect();
             panel(area, sweep, &of, &methods)?;
         }
         Ok(())
@@ -58,24 +60,30 @@ pub(crate) fn draw(maps: &[Map]) -> anyhow::Result<String> {
 }
 
 fn legend(area: &Area<'_>, methods: &[&str]) -> Done {
-    let mut x = 20;
-    for (name, colour) in methods.iter().zip(COLOURS) {
-        area.draw(&PathElement::new([(x, 16), (x + 20, 16)], colour.stroke_width(2)))?;
-        area.draw(&Text::new((*name).to_owned(), (x + 26, 9), (FONT, 14).into_font()))?;
-        x += 48 + 7 * i32::try_from(name.chars().count())?;
+    for (i, (name, colour)) in methods.iter().zip(COLOURS).enumerate() {
+        let [x, y] =
+            [20 + SIZE.0 as i32 * (i % ACROSS) as i32, 16 + ROW as i32 * (i / ACROSS) as i32];
+        area.draw(&PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(2)))?;
+        area.draw(&Text::new((*name).to_owned(), (x + 26, y - 7), (FONT, 14).into_font()))?;
     }
-    let notes = [
-        (true, "flagged or withheld (most frames)", 20),
-        (false, "not flagged: above the dashed line, silent", 280),
-    ];
-    for (flagged, note, x) in notes {
-        dot(area, (x + 8, 40), BLACK, flagged)?;
-        area.draw(&Text::new(note, (x + 20, 33), (FONT, 14).into_font()))?;
+    let y = ROW as i32 * methods.len().div_ceil(ACROSS) as i32 + 18;
+    let write = |note: String, x| area.draw(&Text::new(note, (x, y - 7), (FONT, 14).into_font()));
+    for (flagged, note, x) in
+        [(true, "most values flagged or withheld", 20), (false, "most not", 275)]
+    {
+        dot(area, (x + 8, y), BLACK, flagged)?;
+        write(note.into(), x + 20)?;
     }
-    let grey = Rectangle::new([(600, 34), (620, 46)], FAINT.filled());
-    area.draw(&grey)?;
-    area.draw(&Text::new("working range", (626, 33), (FONT, 14).into_font()))?;
+    area.draw(&silent((400, y)))?;
+    write(format!("silent failures above {} %", 100.0 * TRUSTED), 414)?;
+    area.draw(&Rectangle::new([(640, y - 6), (660, y + 6)], FAINT.filled()))?;
+    write("working range".into(), 666)?;
     Ok(())
+}
+
+/// The mark where more than [`TRUSTED`] of the values fail and nothing says so.
+fn silent<C>(at: C) -> Cross<C, i32> {
+    Cross::new(at, 8, BLACK.stroke_width(2))
 }
 
 fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, flagged: bool) -> Done {
@@ -138,6 +146,9 @@ fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done 
             chart.draw_series([Circle::new(place, 4, WHITE.filled())])?;
             let style = if flagged { colour.filled() } else { colour.stroke_width(2) };
             chart.draw_series([Circle::new(place, 4, style)])?;
+            if point.count.share(point.count.silent) > TRUSTED {
+                chart.draw_series([silent(place)])?;
+            }
         }
     }
     Ok(())

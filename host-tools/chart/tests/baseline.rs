@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
 
+use taxel_chart::failures::Of;
 use taxel_chart::{Effort, Waiting, estimators, failures};
 
 /// Another machine's arithmetic takes the training of a net another way; a change that costs more than this
@@ -15,7 +16,7 @@ const ERROR: f64 = 5e-4;
 const SHARE: f64 = 0.01;
 
 const ANEW: &str = "if that is wanted, write the baseline anew: \
-                    `taxel chart --quick --only estimators --only failures --out host-tools/chart/data`, and keep its two CSV";
+                    `taxel chart --quick --only estimators --only failures --out host-tools/chart/data`, and keep its three CSV";
 
 /// Rows by their first `keys` cells, and the cells after them.
 fn rows(table: &str, keys: usize) -> Vec<(Vec<String>, Vec<String>)> {
@@ -74,10 +75,25 @@ fn no_estimator_errs_more_than_the_baseline_says() {
 fn nothing_fails_farther_or_is_flagged_less_than_the_baseline_says() {
     let stop = AtomicBool::new(false);
     let maps = failures::measure(&Effort::quick(), waiting(&stop)).unwrap();
-    // Of all frames, of those in the working range, and flagged there.
-    let totals = failures::totals(&maps);
+    // Of all values, of those in the working range, and flagged there.
+    let totals = failures::totals(&maps, Of::Finger);
     assert!(totals.silent[0] < 0.005 && totals.silent[1] < 0.0005, "{totals:?}");
     assert!(totals.false_flags < 0.001, "{totals:?}");
+    let silent = worse(
+        include_str!("../data/boundaries.csv"),
+        &failures::boundaries(&maps),
+        2,
+        |before, now| {
+            let share = |cells: &[String]| {
+                let [frames, silent] = [1, 2].map(|i| number(&cells[i]).unwrap());
+                silent / frames
+            };
+            let [before, now] = [before, now].map(share);
+            (now > MARGIN * before + SHARE)
+                .then(|| format!("{now} of the values silent failures, was {before}"))
+        },
+    );
+    assert!(silent.is_empty(), "{silent:#?}; {ANEW}");
     let worse =
         worse(include_str!("../data/failures.csv"), &failures::csv(&maps), 3, |before, now| {
             let within = now[0] == "true";

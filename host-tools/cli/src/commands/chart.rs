@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
+use taxel_chart::failures::Of;
 use taxel_chart::{Effort, Waiting, estimators, failures, peers, simulator, throughput};
 
 use crate::interrupt::Interrupt;
@@ -67,16 +68,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let maps = waited_for(&interrupt, |waiting| failures::measure(&effort, waiting))?;
         failures::write(&maps, &args.out)?;
         said(&args.out, "failures")?;
-        let totals = failures::totals(&maps);
-        output::line(format!(
-            "silent failures: {:.3} % of {} frames, {:.3} % of the {} within the working range, of which {:.3} % \
-             are flagged",
-            100.0 * totals.silent[0],
-            totals.frames[0],
-            100.0 * totals.silent[1],
-            totals.frames[1],
-            100.0 * totals.false_flags
-        ))?;
+        for (of, whose) in [(Of::Finger, "the finger"), (Of::Matrix, "its matrix alone")] {
+            let totals = failures::totals(&maps, of);
+            output::line(format!(
+                "silent failures of {whose}: {:.3} % of {} values, {:.3} % of the {} within the working range, \
+                 of which {:.3} % are flagged",
+                100.0 * totals.silent[0],
+                totals.frames[0],
+                100.0 * totals.silent[1],
+                totals.frames[1],
+                100.0 * totals.false_flags
+            ))?;
+        }
     }
     if wanted(Chart::Peers) {
         peers::write(&args.out)?;
