@@ -11,6 +11,7 @@ use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::Curves;
+use taxel::estimate::net::{ForceNet, Unit};
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::estimate::{ContactPoint, Force};
@@ -236,7 +237,6 @@ fn an_overrun_is_flagged_in_its_frame() {
 fn a_normal_only_net_says_nothing_about_shear() {
     let mut record = calibration();
     let net = record.force.as_mut().unwrap();
-    net.output = [1.0].into_iter().collect();
     net.output_bias = [0.0].into_iter().collect();
     assert_eq!(record.validate(), Ok(()));
     let (finger, mut state) = Finger::new(Some(record));
@@ -290,12 +290,11 @@ fn hostile(weight: f32, level: f32) -> Calibration {
     taxels.bias.level = [level; 16];
     taxels.bias.noise = 1e-9;
     taxels.range = [[-9e29, 9e29]; 16];
-    record.force = Some(taxel::estimate::net::ForceNet {
-        hidden: core::iter::repeat_n(weight, 16 * 32).collect(),
-        hidden_bias: core::iter::repeat_n(-weight, 32).collect(),
-        output: core::iter::repeat_n(weight, 3 * 32).collect(),
-        skip: core::iter::repeat_n(weight, 3 * 16).collect(),
-        output_bias: core::iter::repeat_n(weight, 3).collect(),
+    let unit = Unit { weights: [weight; 16], bias: -weight, output: [weight; 3] };
+    record.force = Some(ForceNet {
+        units: core::iter::repeat_n(unit, 32).collect(),
+        skip: Some([[weight; 16]; 3]),
+        output_bias: [weight; 3].into(),
     });
     for sensor in record.sensors.iter_mut().flatten() {
         sensor.range = [[-9e29, 9e29]; 3];

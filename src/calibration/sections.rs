@@ -4,6 +4,7 @@
 
 use core::slice::from_mut;
 
+#[cfg(feature = "quantised")]
 use heapless::VecView;
 
 use super::section::{Checks, Coefficients, HUGE, finite};
@@ -38,19 +39,16 @@ impl Coefficients for TaxelCalibration {
 }
 
 impl Coefficients for ForceNet {
-    const CHECKS: Checks<Self> = &[
-        ("hidden", Self::hidden_layer_fits),
-        ("output", Self::output_layer_fits),
-        ("skip", Self::skip_fits),
-    ];
+    const CHECKS: Checks<Self> =
+        &[("hidden", Self::hidden_fits), ("output", Self::output_fits), ("skip", Self::skip_fits)];
     const NEEDS_TAXELS: bool = true;
 
     fn read(&mut self, bytes: &[u8]) -> Option<()> {
-        let rest = read_list(&mut self.hidden, bytes)?;
-        let rest = read_list(&mut self.hidden_bias, rest)?;
-        let rest = read_list(&mut self.output, rest)?;
-        let rest = read_list(&mut self.skip, rest)?;
-        let rest = read_list(&mut self.output_bias, rest)?;
+        let (mut lists, mut rest) = ([[].as_slice(); 5], bytes);
+        for list in &mut lists {
+            (*list, rest) = split_list(rest)?;
+        }
+        self.fill(lists, f32::from_le_bytes).ok()?;
         rest.is_empty().then_some(())
     }
 }
@@ -240,15 +238,23 @@ impl Coefficients for SensorCalibration {
 }
 
 /// Reads one of postcard's lists in place. Returns what follows it.
+#[cfg(feature = "quantised")]
 #[inline(never)]
 fn read_list<'b>(list: &mut VecView<f32>, bytes: &'b [u8]) -> Option<&'b [u8]> {
-    let (length, rest) = postcard::take_from_bytes::<u32>(bytes).ok()?;
-    let (weights, rest) = rest.split_at_checked(usize::try_from(length).ok()?.checked_mul(4)?)?;
+    let (weights, rest) = split_list(bytes)?;
     list.clear();
-    for weight in weights.as_chunks::<4>().0 {
+    for weight in weights {
         list.push(f32::from_le_bytes(*weight)).ok()?;
     }
     Some(rest)
+}
+
+/// The numbers at the front of `bytes`, their count before them, and what follows them.
+#[inline(never)]
+fn split_list(bytes: &[u8]) -> Option<(&[[u8; 4]], &[u8])> {
+    let (length, rest) = postcard::take_from_bytes::<u32>(bytes).ok()?;
+    let (numbers, rest) = rest.split_at_checked(usize::try_from(length).ok()?.checked_mul(4)?)?;
+    Some((numbers.as_chunks::<4>().0, rest))
 }
 
 /// Fills `words` from the front of `bytes`. Returns what follows them.

@@ -3,17 +3,17 @@ use crate::estimate::array::WrenchMethod;
 use crate::estimate::field::{Field, Radial};
 use crate::estimate::intrinsic::Surface;
 use crate::estimate::inverse::Curves;
+use crate::estimate::net::{Layers, Unit};
 use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use crate::units::Millimetres;
 
 fn largest() -> Calibration {
     let bias = TaxelBias { level: [0.3; TAXELS], noise: 1e-4 };
+    let unit = Unit { weights: [0.5; TAXELS], bias: 0.1, output: [0.25; 3] };
     let net = ForceNet {
-        hidden: core::iter::repeat_n(0.5, 24 * 16).collect(),
-        hidden_bias: core::iter::repeat_n(0.1, 24).collect(),
-        output: core::iter::repeat_n(0.25, 3 * 24).collect(),
-        skip: core::iter::repeat_n(0.125, 3 * 16).collect(),
-        output_bias: core::iter::repeat_n(0.0, 3).collect(),
+        units: core::iter::repeat_n(unit, 24).collect(),
+        skip: Some([[0.125; TAXELS]; 3]),
+        output_bias: [0.0; 3].into(),
     };
     let sensor = SensorCalibration {
         bias: BridgeBias { level: [0.01; 3], noise: 1e-4 },
@@ -95,13 +95,15 @@ fn a_record_holds_the_sections_that_there_are_and_reading_it_drops_the_others() 
 /// The same finger with its net in 16 bits, of all shapes.
 fn quantised(hidden: usize, outputs: usize, skip: bool) -> Calibration {
     let weight = |i: usize| (i * 37 % 101) as f32 / 50.0 - 1.0;
-    let net = ForceNet {
-        hidden: (0..hidden * 16).map(weight).collect(),
-        hidden_bias: (0..hidden).map(weight).collect(),
-        output: (0..outputs * hidden).map(weight).collect(),
-        skip: (0..usize::from(skip) * outputs * 16).map(weight).collect(),
-        output_bias: (0..outputs).map(weight).collect(),
-    };
+    let list = |count: usize| (0..count).map(weight).collect::<std::vec::Vec<_>>();
+    let net = ForceNet::new(&Layers {
+        hidden: &list(hidden * 16),
+        hidden_bias: &list(hidden),
+        output: &list(outputs * hidden),
+        skip: &list(usize::from(skip) * outputs * 16),
+        output_bias: &list(outputs),
+    })
+    .unwrap();
     Calibration { force: None, quantised: QuantisedNet::new(&net, 0.6), ..largest() }
 }
 
@@ -217,15 +219,15 @@ fn every_senseless_field_is_refused_by_name() {
     assert_eq!(refused(|r| taxels(r).bias.noise = 0.0), ("taxels", "noise"));
     assert_eq!(refused(|r| taxels(r).range[0] = [1.0, 1.0]), ("taxels", "range"));
     assert_eq!(refused(|r| taxels(r).residual[1] = f32::INFINITY), ("taxels", "residual_n"));
-    assert_eq!(refused(|r| net(r).hidden.truncate(2)), ("force", "hidden"));
+    assert_eq!(refused(|r| net(r).units[7].weights[3] = f32::NAN), ("force", "hidden"));
+    assert_eq!(refused(|r| net(r).units[7].bias = f32::INFINITY), ("force", "hidden"));
+    assert_eq!(refused(|r| net(r).units[7].output[1] = 1e30), ("force", "output"));
     assert_eq!(refused(|r| net(r).output_bias.truncate(2)), ("force", "output"));
-    assert_eq!(refused(|r| net(r).skip.truncate(2)), ("force", "skip"));
+    assert_eq!(refused(|r| net(r).skip = Some([[f32::NAN; 16]; 3])), ("force", "skip"));
     assert_eq!(
         refused(|r| {
-            net(r).hidden.clear();
-            net(r).hidden_bias.clear();
-            net(r).output.clear();
-            net(r).skip.clear();
+            net(r).units.clear();
+            net(r).skip = None;
         }),
         ("force", "hidden")
     );
@@ -274,9 +276,7 @@ fn every_senseless_field_is_refused_by_name() {
 fn a_net_may_be_linear_but_not_without_its_taxels() {
     let mut linear = largest();
     let net = linear.force.as_mut().unwrap();
-    net.hidden.clear();
-    net.hidden_bias.clear();
-    net.output.clear();
+    net.units.clear();
     assert_eq!(linear.validate(), Ok(()));
     linear.taxels = None;
     assert_eq!(linear.validate(), Err(CalibrationError::WithoutTaxels { section: 2 }));

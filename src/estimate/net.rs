@@ -1,9 +1,10 @@
 //! The feed-forward net of 002, one hidden layer of tanh units and linear output, with a linear skip path.
 
 use heapless::Vec;
-use serde::{Deserialize, Serialize};
+use serde::ser::SerializeSeq;
+use serde::{Serialize, Serializer};
 
-use super::tanh::{tanh, tanh_of_bounded};
+use super::tanh::{tanh, tanh_of_finite};
 use crate::scan::TAXELS;
 
 /// Most hidden units a record may hold. 002 uses 12 (normal only) and 16 (three components).
@@ -60,80 +61,184 @@ fn dot(row: &[f32], x: &[f32], bias: f32) -> f32 {
     row.iter().zip(x).fold(bias, |sum, (w, x)| sum + w * x)
 }
 
+/// One hidden unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Unit {
+    /// Its row of W.
+    pub weights: [f32; TAXELS],
+    /// Its element of a.
+    pub bias: f32,
+    /// Its column of V. A net with one output has it last, where f_z is.
+    pub output: [f32; MAX_OUTPUTS],
+}
+
 /// The net of one finger: 16 signals c_k in, one (f_z) or three (f_x, f_y, f_z) forces in newtons out.
 /// Input and output scaling are folded into the weights. See [`Layers`].
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+///
+/// What belongs to a unit stands together: one address for all of it, and the loads follow each other.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ForceNet {
-    /// W, hidden × 16.
-    pub hidden: Vec<f32, { MAX_HIDDEN * TAXELS }>,
-    /// a, one a hidden unit.
-    pub hidden_bias: Vec<f32, MAX_HIDDEN>,
-    /// V, outputs × hidden.
-    pub output: Vec<f32, { MAX_OUTPUTS * MAX_HIDDEN }>,
-    /// L, outputs × 16; empty without a skip path.
-    pub skip: Vec<f32, { MAX_OUTPUTS * TAXELS }>,
+    /// W, a and V.
+    pub units: Vec<Unit, MAX_HIDDEN>,
+    /// L, if there is a skip path; of a net with one output the last row.
+    pub skip: Option<[[f32; TAXELS]; MAX_OUTPUTS]>,
     /// b, one an output: either one (f_z) or three (f_x, f_y, f_z).
     pub output_bias: Vec<f32, MAX_OUTPUTS>,
 }
 
 impl ForceNet {
-    /// Units and weights of the hidden layer fit each other and are finite; without units there must be
-    /// a skip path, or the net would say the same whatever it sees.
-    pub(crate) fn hidden_layer_fits(&self) -> bool {
-        !(self.hidden_bias.is_empty() && self.skip.is_empty())
-            && self.hidden.len() == self.hidden_bias.len() * TAXELS
-            && self.hidden.iter().chain(&self.hidden_bias).all(|w| w.abs() < HUGE)
+    /// The net of `layers`.
+    ///
+    /// # Errors
+    /// The field of [`Layers`] whose length does not fit 16 signals, one or three outputs, or the others.
+    pub fn new(layers: &Layers<'_>) -> Result<Self, &'static str> {
+        let Layers { hidden, hidden_bias, output, skip, output_bias } = *layers;
+        let mut net = Self::default();
+        net.fill([hidden, hidden_bias, output, skip, output_bias], |weight| weight)?;
+        Ok(net)
     }
 
-    /// Outputs and their weights fit the hidden layer and are finite.
-    pub(crate) fn output_layer_fits(&self) -> bool {
-        matches!(self.output_bias.len(), 1 | 3)
-            && self.output.len() == self.output_bias.len() * self.hidden_bias.len()
-            && self.output.iter().chain(&self.output_bias).all(|w| w.abs() < HUGE)
+    /// Takes the fields of [`Layers`], in their order, in a form of which `number` makes f32.
+    pub(crate) fn fill<W: Copy>(
+        &mut self,
+        [hidden, hidden_bias, output, skip, output_bias]: [&[W]; 5],
+        number: fn(W) -> f32,
+    ) -> Result<(), &'static str> {
+        let (rows, rest) = hidden.as_chunks::<TAXELS>();
+        if !rest.is_empty() || rows.len() != hidden_bias.len() {
+            return Err("hidden");
+        }
+        let outputs = output_bias.len();
+        if !matches!(outputs, 1 | MAX_OUTPUTS) || output.len() != outputs * rows.len() {
+            return Err("output");
+        }
+        let (straight, rest) = skip.as_chunks::<TAXELS>();
+        if !rest.is_empty() || !(straight.is_empty() || straight.len() == outputs) {
+            return Err("skip");
+        }
+        self.units.clear();
+        for (j, (row, bias)) in rows.iter().zip(hidden_bias).enumerate() {
+            let mut unit =
+                Unit { weights: row.map(number), bias: number(*bias), ..Unit::default() };
+            let column = output.iter().skip(j).step_by(rows.len());
+            for (v, weight) in unit.output.iter_mut().skip(MAX_OUTPUTS - outputs).zip(column) {
+                *v = number(*weight);
+            }
+            self.units.push(unit).map_err(|_| "hidden")?;
+        }
+        self.skip = (!straight.is_empty()).then_some([[0.0; TAXELS]; MAX_OUTPUTS]);
+        let rows =
+            self.skip.iter_mut().flat_map(|rows| rows.iter_mut().skip(MAX_OUTPUTS - outputs));
+        for (row, weights) in rows.zip(straight) {
+            *row = weights.map(number);
+        }
+        self.output_bias.clear();
+        for bias in output_bias {
+            self.output_bias.push(number(*bias)).map_err(|_| "output")?;
+        }
+        Ok(())
     }
 
-    /// The skip path, if any, fits the outputs and is finite.
+    /// W, one row of 16 a unit, one after the other.
+    pub fn hidden(&self) -> impl Iterator<Item = f32> + Clone {
+        self.units.iter().flat_map(|unit| unit.weights)
+    }
+
+    /// a, one a unit.
+    pub fn hidden_bias(&self) -> impl Iterator<Item = f32> + Clone {
+        self.units.iter().map(|unit| unit.bias)
+    }
+
+    /// V, one row of as many as there are units an output, one after the other.
+    pub fn output(&self) -> impl Iterator<Item = f32> + Clone {
+        let first = MAX_OUTPUTS - self.output_bias.len();
+        let row = |k: usize| self.units.iter().filter_map(move |unit| unit.output.get(k).copied());
+        (first..MAX_OUTPUTS).flat_map(row)
+    }
+
+    /// L, one row of 16 an output, one after the other; nothing without a skip path.
+    pub fn straight(&self) -> &[f32] {
+        let first = MAX_OUTPUTS - self.output_bias.len();
+        self.skip.as_ref().and_then(|rows| rows.get(first..)).unwrap_or_default().as_flattened()
+    }
+
+    /// There are units or a skip path, without which the net would say the same whatever it sees; the units'
+    /// weights are finite.
+    pub(crate) fn hidden_fits(&self) -> bool {
+        !(self.units.is_empty() && self.skip.is_none())
+            && self.hidden().chain(self.hidden_bias()).all(|w| w.abs() < HUGE)
+    }
+
+    /// There are one or three outputs, and their weights are finite.
+    pub(crate) fn output_fits(&self) -> bool {
+        matches!(self.output_bias.len(), 1 | MAX_OUTPUTS)
+            && self.output().chain(self.output_bias.iter().copied()).all(|w| w.abs() < HUGE)
+    }
+
+    /// The skip path, if any, is finite.
     pub(crate) fn skip_fits(&self) -> bool {
-        (self.skip.is_empty() || self.skip.len() == self.output_bias.len() * TAXELS)
-            && self.skip.iter().all(|w| w.abs() < HUGE)
+        self.skip.iter().flatten().flatten().all(|w| w.abs() < HUGE)
     }
 
-    /// Forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`. The bits of [`Layers::outputs`], in two thirds of its
-    /// time: signals and sums stay in registers. A single output is for that taken for three alike.
+    /// Forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`. The bits of [`Layers::outputs`], in less time:
+    /// signals and sums stay in registers.
     #[must_use]
     pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
-        let ([mut x, mut y, mut z], rows) = match self.output_bias[..] {
-            [only] => ([only; 3], Some([&self.output[..]; 3])),
-            [x, y, z] => ([x, y, z], thirds(&self.output, self.hidden_bias.len())),
+        let mut sums = match self.output_bias[..] {
+            [z] => [0.0, 0.0, z],
+            [x, y, z] => [x, y, z],
             _ => return Vec::new(),
         };
-        if let [l, m, n] = self.skip.as_chunks::<TAXELS>().0 {
-            x = dot(l, c, x);
-            y = dot(m, c, y);
-            z = dot(n, c, z);
-        } else if let [l] = self.skip.as_chunks::<TAXELS>().0 {
-            z = dot(l, c, z);
+        if let Some([l, m, n]) = &self.skip {
+            let [x, y, z] = sums;
+            sums = [dot(l, c, x), dot(m, c, y), dot(n, c, z)];
         }
-        let [v, w, u] = rows.unwrap_or_default();
-        let units = self.hidden.as_chunks::<TAXELS>().0.iter().zip(&self.hidden_bias);
-        for ((row, bias), ((v, w), u)) in units.zip(v.iter().zip(w).zip(u)) {
-            let unit = tanh_of_bounded(dot(row, c, *bias));
-            x += unit * v;
-            y += unit * w;
-            z += unit * u;
+        let (pairs, odd) = self.units.as_chunks::<2>();
+        // An odd unit has one for company that says nothing.
+        let last = odd.first().map(|unit| [*unit, Unit::default()]);
+        for pairs in [pairs, last.as_slice()] {
+            for [one, other] in pairs {
+                let arguments = [one, other].map(|unit| dot(&unit.weights, c, unit.bias));
+                let [first, second] = tanh_of_finite(arguments);
+                sums = other.add(second, one.add(first, sums));
+            }
         }
         match self.output_bias.len() {
-            1 => Vec::from_array([z]),
-            _ => Vec::from_array([x, y, z]),
+            1 => Vec::from_array([sums[2]]),
+            _ => Vec::from_array(sums),
         }
     }
 }
 
-/// Three rows of `length`.
-fn thirds(rows: &[f32], length: usize) -> Option<[&[f32]; 3]> {
-    let (first, rest) = rows.split_at_checked(length)?;
-    let (second, third) = rest.split_at_checked(length)?;
-    Some([first, second, third])
+impl Unit {
+    /// sums + V·activation.
+    #[inline(always)]
+    fn add(&self, activation: f32, [x, y, z]: [f32; MAX_OUTPUTS]) -> [f32; MAX_OUTPUTS] {
+        let [u, v, w] = self.output;
+        [x + activation * u, y + activation * v, z + activation * w]
+    }
+}
+
+/// As a record holds it: the lists of [`Layers`].
+impl Serialize for ForceNet {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Self { units, output_bias, .. } = self;
+        let hidden = List(units.len() * TAXELS, self.hidden());
+        let hidden_bias = List(units.len(), self.hidden_bias());
+        let output = List(units.len() * output_bias.len(), self.output());
+        (hidden, hidden_bias, output, self.straight(), output_bias).serialize(serializer)
+    }
+}
+
+/// So many numbers as a sequence.
+struct List<I>(usize, I);
+
+impl<I: Iterator<Item = f32> + Clone> Serialize for List<I> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut list = serializer.serialize_seq(Some(self.0))?;
+        self.1.clone().try_for_each(|number| list.serialize_element(&number))?;
+        list.end()
+    }
 }
 
 #[cfg(test)]
@@ -182,38 +287,77 @@ pub(super) mod tests {
         }
 
         pub fn net(&mut self, hidden: usize, outputs: usize, skip: bool) -> ForceNet {
-            ForceNet {
-                hidden: (0..hidden * TAXELS).map(|_| self.next(1.0)).collect(),
-                hidden_bias: (0..hidden).map(|_| self.next(0.5)).collect(),
-                output: (0..hidden * outputs).map(|_| self.next(0.5)).collect(),
-                skip: (0..usize::from(skip) * outputs * TAXELS).map(|_| self.next(1.0)).collect(),
-                output_bias: (0..outputs).map(|_| self.next(0.1)).collect(),
-            }
+            self.both(hidden, outputs, skip).1
         }
+
+        /// The lists of a net, and the net.
+        fn both(&mut self, hidden: usize, outputs: usize, skip: bool) -> ([List; 5], ForceNet) {
+            let mut list = |count: usize, scale| (0..count).map(|_| self.next(scale)).collect();
+            let lists: [List; 5] = [
+                list(hidden * TAXELS, 1.0),
+                list(hidden, 0.5),
+                list(hidden * outputs, 0.5),
+                list(usize::from(skip) * outputs * TAXELS, 1.0),
+                list(outputs, 0.1),
+            ];
+            let net = ForceNet::new(&layers(&lists)).unwrap();
+            (lists, net)
+        }
+    }
+
+    type List = std::vec::Vec<f32>;
+
+    fn layers([hidden, hidden_bias, output, skip, output_bias]: &[List; 5]) -> Layers<'_> {
+        Layers { hidden, hidden_bias, output, skip, output_bias }
     }
 
     #[test]
     fn a_fingers_net_gives_the_bits_of_the_general_one() {
         let mut numbers = Numbers(1);
         for (hidden, outputs, skip) in
-            [(16, 3, false), (6, 3, true), (12, 1, false), (5, 1, true), (0, 3, true), (0, 1, true)]
+            [(16, 3, false), (7, 3, true), (12, 1, false), (5, 1, true), (0, 3, true), (0, 1, true)]
         {
-            let net = numbers.net(hidden, outputs, skip);
-            assert!(net.hidden_layer_fits() && net.output_layer_fits() && net.skip_fits());
-            let layers = Layers {
-                hidden: &net.hidden,
-                hidden_bias: &net.hidden_bias,
-                output: &net.output,
-                skip: &net.skip,
-                output_bias: &net.output_bias,
-            };
+            let (lists, net) = numbers.both(hidden, outputs, skip);
+            assert!(net.hidden_fits() && net.output_fits() && net.skip_fits());
             for _ in 0..100 {
                 let c = core::array::from_fn(|_| numbers.next(0.5));
                 let mut y = [0.0; MAX_OUTPUTS];
-                layers.outputs(&c, &mut y[..outputs]);
+                layers(&lists).outputs(&c, &mut y[..outputs]);
                 assert_eq!(net.forces(&c)[..], y[..outputs], "{hidden} {outputs} {skip}");
             }
         }
+    }
+
+    #[test]
+    fn a_net_is_the_lists_that_it_was_made_of() {
+        for outputs in [1, 3] {
+            let (lists, net) = Numbers(3).both(5, outputs, true);
+            let [hidden, hidden_bias, output, skip, output_bias] = &lists;
+            assert!(net.hidden().eq(hidden.iter().copied()));
+            assert!(net.hidden_bias().eq(hidden_bias.iter().copied()));
+            assert!(net.output().eq(output.iter().copied()));
+            assert_eq!(net.straight(), skip);
+            assert_eq!(net.output_bias[..], output_bias[..]);
+        }
+    }
+
+    #[test]
+    fn lists_that_do_not_fit_each_other_are_no_net() {
+        let refused = |list: usize, length: usize| {
+            let (mut lists, _) = Numbers(3).both(5, 3, true);
+            lists[list].resize(length, 0.0);
+            ForceNet::new(&layers(&lists)).unwrap_err()
+        };
+        for length in [0, 2, 79, 81, 96] {
+            assert_eq!(refused(0, length), "hidden");
+        }
+        assert_eq!(refused(1, 4), "hidden");
+        assert_eq!(refused(2, 16), "output");
+        assert_eq!([refused(4, 0), refused(4, 2)], ["output"; 2]);
+        assert_eq!([refused(3, 16), refused(3, 47), refused(3, 64)], ["skip"; 3]);
+        let wide =
+            [33 * 16, 33, 33, 0, 1].map(|count| List::from_iter(core::iter::repeat_n(0.0, count)));
+        assert_eq!(ForceNet::new(&layers(&wide)), Err("hidden"));
     }
 
     #[test]
@@ -224,16 +368,14 @@ pub(super) mod tests {
         for _ in 0..100 {
             let net = numbers.net(16, 3, false);
             let c: [f32; TAXELS] = core::array::from_fn(|_| numbers.next(0.5));
-            let unit = |(row, bias): (&[f32], &f32)| {
-                let sum = row.iter().zip(&c).fold(wide(*bias), |s, (w, x)| s + wide(*w) * wide(*x));
-                sum.tanh()
-            };
-            let units: std::vec::Vec<f64> =
-                net.hidden.chunks(TAXELS).zip(&net.hidden_bias).map(unit).collect();
-            for ((y, row), bias) in
-                net.forces(&c).iter().zip(net.output.chunks(16)).zip(&net.output_bias)
-            {
-                let exact = row.iter().zip(&units).fold(wide(*bias), |s, (v, h)| s + wide(*v) * h);
+            let mut exact =
+                net.output_bias.iter().map(|bias| wide(*bias)).collect::<std::vec::Vec<_>>();
+            for Unit { weights, bias, output } in &net.units {
+                let terms = weights.iter().zip(&c).map(|(w, x)| wide(*w) * wide(*x));
+                let h = (wide(*bias) + terms.sum::<f64>()).tanh();
+                exact.iter_mut().zip(output).for_each(|(y, v)| *y += wide(*v) * h);
+            }
+            for (y, exact) in net.forces(&c).iter().zip(exact) {
                 worst = worst.max((wide(*y) - exact).abs());
             }
         }

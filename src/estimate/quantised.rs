@@ -14,7 +14,7 @@ use core::cell::Cell;
 use heapless::Vec;
 use serde::{Serialize, Serializer};
 
-use super::net::{ForceNet, HUGE, MAX_HIDDEN, MAX_OUTPUTS};
+use super::net::{ForceNet, HUGE, MAX_HIDDEN, MAX_OUTPUTS, Unit};
 use super::tanh::whole_tanh;
 use crate::scan::TAXELS;
 
@@ -74,37 +74,34 @@ impl QuantisedNet {
     #[must_use]
     pub fn new(net: &ForceNet, largest: f32) -> Option<Self> {
         let signal = LARGEST as f32 / largest;
-        let units = || net.hidden.as_chunks::<TAXELS>().0.iter().zip(&net.hidden_bias);
         let fits =
-            |shift: &u8| units().all(|(row, bias)| unit(row, *bias, (signal, *shift)).is_some());
+            |shift: &u8| net.units.iter().all(|unit| whole_unit(unit, (signal, *shift)).is_some());
         let shift = (0..=MAX_SHIFT - ARGUMENT_BITS).rev().find(fits)?;
         let mut quantised =
             Self { signal, shift, output_bias: net.output_bias.clone(), ..Self::default() };
-        for (i, (row, bias)) in units().enumerate() {
+        for (i, unit) in net.units.iter().enumerate() {
             if i % GROUP == 0 {
                 quantised.hidden.push(Group::default()).ok()?;
             }
             let group = quantised.hidden.last_mut()?;
-            let (row, bias) = unit(row, *bias, (signal, shift))?;
+            let (row, bias) = whole_unit(unit, (signal, shift))?;
             *group.weights.get_mut(i % GROUP)? = row;
             *group.bias.get_mut(i % GROUP)? = bias;
         }
-        let hidden = net.hidden_bias.len();
-        let output_one = layer_one(net.output.chunks_exact(hidden.max(1)));
-        for block in 0..hidden.div_ceil(TAXELS) {
-            let mut rows = [Row::default(); MAX_OUTPUTS];
-            for (row, weights) in rows.iter_mut().zip(net.output.chunks_exact(hidden)) {
-                *row = whole(weights.get(block * TAXELS..)?, output_one);
-            }
-            quantised.output.push(rows).ok()?;
+        // A net with one output has it last, and here first.
+        let from = MAX_OUTPUTS - net.output_bias.len();
+        let weights =
+            |k: usize| net.units.iter().filter_map(move |unit| unit.output.get(from + k).copied());
+        let output_one = layer_one((0..MAX_OUTPUTS).map(weights));
+        for block in 0..net.units.len().div_ceil(TAXELS) {
+            let row = |k: usize| whole(weights(k).skip(block * TAXELS), output_one);
+            quantised.output.push(core::array::from_fn(row)).ok()?;
         }
-        let skip_one = layer_one(net.skip.chunks_exact(TAXELS));
-        if !net.skip.is_empty() {
-            let mut rows = [Row::default(); MAX_OUTPUTS];
-            for (row, weights) in rows.iter_mut().zip(net.skip.chunks_exact(TAXELS)) {
-                *row = whole(weights, skip_one);
-            }
-            quantised.skip = Some(rows);
+        let skip =
+            |k: usize| net.straight().chunks_exact(TAXELS).nth(k).into_iter().flatten().copied();
+        let skip_one = layer_one((0..MAX_OUTPUTS).map(skip));
+        if net.skip.is_some() {
+            quantised.skip = Some(core::array::from_fn(|k| whole(skip(k), skip_one)));
         }
         quantised.scale = [1.0 / (output_one * UNIT), 1.0 / (skip_one * signal)];
         Some(quantised)
@@ -290,21 +287,20 @@ fn row_fits(row: &Row, bias: i32) -> bool {
 }
 
 /// Weights and bias of a unit, where they leave neither 16 nor 32 bits.
-fn unit(weights: &[f32; TAXELS], bias: f32, (signal, shift): (f32, u8)) -> Option<(Row, i32)> {
+fn whole_unit(unit: &Unit, (signal, shift): (f32, u8)) -> Option<(Row, i32)> {
     let one = (1u32 << (shift + ARGUMENT_BITS).min(MAX_SHIFT)) as f32;
-    let row = whole(weights, one / signal);
+    let row = whole(unit.weights.into_iter(), one / signal);
     let half = 1i32 << shift.min(MAX_SHIFT) >> 1;
-    let bias = ((bias * one) as i32).saturating_add(half);
+    let bias = ((unit.bias * one) as i32).saturating_add(half);
     let clips = unpacked(&row).iter().any(|w| i32::from(*w).abs() >= LARGEST);
     (!clips && row_fits(&row, bias)).then_some((row, bias))
 }
 
 /// 1.0 of a weight of a linear layer: the largest with which neither a weight nor a sum of products leaves
 /// its bits, half a unit of rounding each.
-fn layer_one<'w>(rows: impl Iterator<Item = &'w [f32]> + Clone) -> f32 {
-    let largest = |of: fn(f32, &f32) -> f32| {
-        rows.clone().map(|row| row.iter().fold(0.0, of)).fold(0.0f32, f32::max)
-    };
+fn layer_one<R: Iterator<Item = f32>>(rows: impl Iterator<Item = R> + Clone) -> f32 {
+    let largest =
+        |of: fn(f32, f32) -> f32| rows.clone().map(|row| row.fold(0.0, of)).fold(0.0f32, f32::max);
     let weight = largest(|most, w| most.max(w.abs()));
     let sum = largest(|sum, w| sum + w.abs());
     let of = |most: f32, bits: f32| if most > 0.0 { bits / most } else { f32::MAX };
@@ -313,7 +309,7 @@ fn layer_one<'w>(rows: impl Iterator<Item = &'w [f32]> + Clone) -> f32 {
 }
 
 /// Weights as multiples of 1/`one`; those that there are not are zero.
-fn whole(weights: &[f32], one: f32) -> Row {
+fn whole(weights: impl Iterator<Item = f32>, one: f32) -> Row {
     let mut whole = [0; TAXELS];
     for (whole, weight) in whole.iter_mut().zip(weights) {
         let exact = weight * one;
@@ -338,18 +334,17 @@ mod tests {
             let mut numbers = Numbers(seed + 1);
             let (hidden, outputs, skip) = shapes[seed as usize % shapes.len()];
             let mut net = numbers.net(hidden, outputs, skip);
-            net.hidden.iter_mut().for_each(|w| *w *= 6.0);
+            net.units.iter_mut().for_each(|unit| unit.weights = unit.weights.map(|w| w * 6.0));
             (net, numbers)
         })
     }
 
     /// The most that output `k` of a net can say, its bias apart.
     fn most(net: &ForceNet, k: usize) -> f32 {
-        let of = |weights: &[f32], width: usize| -> f32 {
-            let row = weights.chunks(width.max(1)).nth(k).unwrap_or_default();
-            row.iter().map(|w| w.abs()).sum()
-        };
-        of(&net.output, net.hidden_bias.len()) + of(&net.skip, TAXELS)
+        let from = MAX_OUTPUTS - net.output_bias.len();
+        let bent: f32 = net.units.iter().map(|unit| unit.output[from + k].abs()).sum();
+        let straight = net.straight().chunks(TAXELS).nth(k).unwrap_or_default();
+        bent + straight.iter().map(|w| w.abs()).sum::<f32>()
     }
 
     #[test]
@@ -392,7 +387,7 @@ mod tests {
     #[test]
     fn weights_beyond_sixteen_bits_are_no_net() {
         let mut net = Numbers(1).net(4, 3, false);
-        net.hidden[5] = 1e9;
+        net.units[0].weights[5] = 1e9;
         assert_eq!(QuantisedNet::new(&net, 0.5), None);
     }
 }

@@ -7,7 +7,7 @@ use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::{Curves, Inverse};
-use taxel::estimate::net::ForceNet;
+use taxel::estimate::net::{ForceNet, Unit};
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::SensorPlaces;
@@ -57,11 +57,9 @@ pub fn calibration() -> Calibration {
             residual: [0.01; 3],
         }),
         force: Some(ForceNet {
-            hidden: [-1.0; TAXELS].into_iter().collect(),
-            hidden_bias: [0.0].into_iter().collect(),
-            output: [0.0, 0.0, 1.0].into_iter().collect(),
-            skip: heapless::Vec::new(),
-            output_bias: [0.0, 0.0, 0.0].into_iter().collect(),
+            units: [Unit { weights: [-1.0; TAXELS], bias: 0.0, output: [0.0, 0.0, 1.0] }].into(),
+            skip: None,
+            output_bias: [0.0; 3].into(),
         }),
         quantised: None,
         model: None,

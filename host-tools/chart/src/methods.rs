@@ -215,14 +215,7 @@ fn quantised(model: &TableModel) -> Option<Method> {
     if model.hidden_bias.is_empty() {
         return None;
     }
-    let list = |weights: &[f32]| weights.iter().copied().collect();
-    let net = ForceNet {
-        hidden: model.hidden.iter().copied().collect(),
-        hidden_bias: list(&model.hidden_bias),
-        output: model.output.iter().copied().collect(),
-        skip: model.skip.iter().copied().collect(),
-        output_bias: model.output_bias.iter().copied().collect(),
-    };
+    let net = ForceNet::new(&model.layers()).ok()?;
     let largest = model.range.as_flattened().iter().fold(0.0f32, |most, end| most.max(end.abs()));
     let net = QuantisedNet::new(&net, largest)?;
     let name = format!("q15 {}", model.shape());

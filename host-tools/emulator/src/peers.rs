@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use anyhow::{Context, Result, ensure};
-use taxel::estimate::net::ForceNet;
+use taxel::estimate::net::{ForceNet, Unit};
 use taxel::scan::TAXELS;
 
 use crate::bench::{Event, Stage, next};
@@ -29,15 +29,13 @@ pub struct Peer {
 /// The net in `f64`.
 fn exact(net: &ForceNet, c: &[f32; TAXELS]) -> Vec<f64> {
     let wide = |x: &f32| f64::from(*x);
-    let units = net.hidden.chunks_exact(TAXELS).zip(&net.hidden_bias);
-    let units: Vec<f64> = units
-        .map(|(row, bias)| {
-            row.iter().zip(c).fold(wide(bias), |sum, (w, c)| sum + wide(w) * wide(c)).tanh()
-        })
-        .collect();
-    let rows = net.output.chunks_exact(units.len()).zip(&net.output_bias);
-    rows.map(|(row, bias)| row.iter().zip(&units).fold(wide(bias), |sum, (v, u)| sum + wide(v) * u))
-        .collect()
+    let mut outputs: Vec<f64> = net.output_bias.iter().map(wide).collect();
+    for Unit { weights, bias, output } in &net.units {
+        let terms = weights.iter().zip(c).map(|(w, c)| wide(w) * wide(c));
+        let activation = (wide(bias) + terms.sum::<f64>()).tanh();
+        outputs.iter_mut().zip(output).for_each(|(y, v)| *y += wide(v) * activation);
+    }
+    outputs
 }
 
 fn largest_error(net: &ForceNet, c: &[f32; TAXELS], found: &[f32]) -> f64 {
@@ -96,8 +94,9 @@ pub fn run(elf: &[u8], with: &str, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> 
 /// `struct given` of peers.c.
 fn given(net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Result<Vec<u8>> {
     let count = u32::try_from(inputs.len())?;
-    let numbers = [&net.hidden[..], &net.hidden_bias, &net.output, &net.output_bias].concat();
-    let numbers = numbers.iter().chain(inputs.iter().flatten()).flat_map(|x| x.to_le_bytes());
+    let weights = net.hidden().chain(net.hidden_bias()).chain(net.output());
+    let weights = weights.chain(net.output_bias.iter().copied());
+    let numbers = weights.chain(inputs.iter().flatten().copied()).flat_map(f32::to_le_bytes);
     let mut bytes: Vec<u8> = [0; 4].into_iter().chain(count.to_le_bytes()).chain(numbers).collect();
     let length = u32::try_from(bytes.len() - 4)?;
     bytes[..4].copy_from_slice(&length.to_le_bytes());

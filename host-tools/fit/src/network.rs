@@ -118,14 +118,19 @@ impl Net {
     /// The outputs for one row, by the arithmetic of the chip.
     #[must_use]
     pub fn outputs(&self, x: &[f32]) -> Vec<f32> {
-        let layers = Layers {
+        outputs(self.layers(), x)
+    }
+
+    /// As the core takes it.
+    #[must_use]
+    pub fn layers(&self) -> Layers<'_> {
+        Layers {
             hidden: &self.hidden,
             hidden_bias: &self.hidden_bias,
             output: &self.output,
             skip: &self.skip,
             output_bias: &self.output_bias,
-        };
-        outputs(layers, x)
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! The net of a finger in 16 bits: the f32 net rounded, not another fit.
 
 use taxel::calibration::TaxelCalibration;
-use taxel::estimate::net::ForceNet;
+use taxel::estimate::net::{ForceNet, Layers};
 use taxel::estimate::quantised::{ARGUMENT_BITS, GROUP, QuantisedNet, UNIT, unpacked};
 
 use crate::error::FitError;
@@ -77,17 +77,16 @@ pub(crate) fn float(net: &QuantisedNet) -> ForceNet {
         let blocks = net.output.iter().flat_map(move |rows| row(&rows[k], bend * UNIT));
         blocks.take(hidden)
     };
-    ForceNet {
-        hidden: units.clone().flat_map(|(w, _)| row(w, one * net.signal)).collect(),
-        hidden_bias: units.map(|(_, bias)| (bias - half) as f32 * one).collect(),
-        output: outputs.clone().flat_map(output).collect(),
-        skip: net
-            .skip
-            .iter()
-            .flat_map(|rows| outputs.clone().flat_map(|k| row(&rows[k], slope * net.signal)))
-            .collect(),
-        output_bias: net.output_bias.clone(),
-    }
+    let skip =
+        net.skip.iter().flat_map(|rows| outputs.clone().map(|k| row(&rows[k], slope * net.signal)));
+    let layers = Layers {
+        hidden: &units.clone().flat_map(|(w, _)| row(w, one * net.signal)).collect::<Vec<_>>(),
+        hidden_bias: &units.map(|(_, bias)| (bias - half) as f32 * one).collect::<Vec<_>>(),
+        output: &outputs.clone().flat_map(output).collect::<Vec<_>>(),
+        skip: &skip.flatten().collect::<Vec<_>>(),
+        output_bias: &net.output_bias,
+    };
+    ForceNet::new(&layers).expect("what 16 bits hold is of a finger's shape")
 }
 
 #[cfg(test)]
@@ -98,13 +97,15 @@ mod tests {
     fn a_net_in_16_bits_comes_back_to_them_as_it_was() {
         let wave = |k: usize, by: f32| by * (1.7 * k as f32 + 0.3).sin();
         for (units, outputs) in [(6, 3), (20, 1)] {
-            let net = ForceNet {
-                hidden: (0..units * 16).map(|k| wave(k, 5.0)).collect(),
-                hidden_bias: (0..units).map(|k| wave(k, 0.5)).collect(),
-                output: (0..units * outputs).map(|k| wave(k, 0.4)).collect(),
-                skip: (0..16 * outputs).map(|k| wave(k, 0.9)).collect(),
-                output_bias: (0..outputs).map(|k| wave(k, 0.1)).collect(),
-            };
+            let list = |count: usize, by| (0..count).map(|k| wave(k, by)).collect::<Vec<_>>();
+            let net = ForceNet::new(&Layers {
+                hidden: &list(units * 16, 5.0),
+                hidden_bias: &list(units, 0.5),
+                output: &list(units * outputs, 0.4),
+                skip: &list(16 * outputs, 0.9),
+                output_bias: &list(outputs, 0.1),
+            })
+            .unwrap();
             let taxels = TaxelCalibration { range: [[-0.4, 0.3]; 16], ..Default::default() };
             let first = whole(&net, &taxels).unwrap();
             let again = whole(&float(&first), &taxels).unwrap();

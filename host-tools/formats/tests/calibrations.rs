@@ -9,7 +9,7 @@ use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::{Curves, Inverse};
-use taxel::estimate::net::ForceNet;
+use taxel::estimate::net::{ForceNet, Unit};
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
@@ -19,6 +19,16 @@ use taxel_formats::calibration::{self, Kind};
 
 fn record(weights: &[f32]) -> Calibration {
     let weight = |i: usize| weights[i % weights.len()];
+    let unit = |j: usize| Unit {
+        weights: std::array::from_fn(|i| weight(16 * j + i)),
+        bias: weight(j),
+        output: std::array::from_fn(|k| weight(12 * k + j)),
+    };
+    let force = ForceNet {
+        units: (0..12).map(unit).collect(),
+        skip: Some(std::array::from_fn(|k| std::array::from_fn(|i| weight(16 * k + i)))),
+        output_bias: (0..3).map(weight).collect(),
+    };
     let sensor = SensorCalibration {
         bias: BridgeBias { level: [0.01, -0.02, 0.003], noise: 1.25e-4 },
         sensitivity: Sensitivity([[1.0, 0.1, 0.2], [weight(1), 2.0, 0.3], [0.0, 0.4, 3.0]]),
@@ -33,13 +43,7 @@ fn record(weights: &[f32]) -> Calibration {
             range: [[-0.6, 0.05]; 16],
             residual: [0.01, 0.02, 0.004],
         }),
-        force: Some(ForceNet {
-            hidden: (0..12 * 16).map(weight).collect(),
-            hidden_bias: (0..12).map(weight).collect(),
-            output: (0..3 * 12).map(weight).collect(),
-            skip: (0..3 * 16).map(weight).collect(),
-            output_bias: (0..3).map(weight).collect(),
-        }),
+        force: Some(force),
         quantised: None,
         model: Some(Inverse {
             curves: Curves {

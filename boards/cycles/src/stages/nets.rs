@@ -1,7 +1,7 @@
 //! Models of every shape that the papers and the trainer use, by the names that the trainer gives them.
 
 use heapless::{String, Vec};
-use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
+use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN, Unit};
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::scan::TAXELS;
 
@@ -31,13 +31,15 @@ impl Weights {
     }
 
     fn net(&mut self, Shape { hidden, outputs, skip }: Shape) -> ForceNet {
-        ForceNet {
-            hidden: (0..hidden * TAXELS).map(|_| self.next(6.0)).collect(),
-            hidden_bias: (0..hidden).map(|_| self.next(0.5)).collect(),
-            output: (0..hidden * outputs).map(|_| self.next(0.5)).collect(),
-            skip: (0..usize::from(skip) * outputs * TAXELS).map(|_| self.next(1.0)).collect(),
-            output_bias: (0..outputs).map(|_| self.next(0.1)).collect(),
-        }
+        let mut row = |scale| core::array::from_fn(|_| self.next(scale));
+        let skip = skip.then(|| core::array::from_fn(|_| row(1.0)));
+        let unit = |_| Unit {
+            weights: core::array::from_fn(|_| self.next(6.0)),
+            bias: self.next(0.5),
+            output: core::array::from_fn(|_| self.next(0.5)),
+        };
+        let units = (0..hidden).map(unit).collect();
+        ForceNet { units, skip, output_bias: (0..outputs).map(|_| self.next(0.1)).collect() }
     }
 }
 

@@ -6,7 +6,7 @@ use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::intrinsic::Surface;
-use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
+use taxel::estimate::net::{ForceNet, MAX_HIDDEN, MAX_OUTPUTS, Unit};
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::frame::Fields;
@@ -49,17 +49,12 @@ pub fn dearest(calibration: &Calibration) -> Calibration {
 
 /// The same net with as many units as fit, and a skip path that adds nothing.
 fn widest(net: &ForceNet) -> ForceNet {
-    let (units, outputs) = (net.hidden_bias.len(), net.output_bias.len());
-    let times = (MAX_HIDDEN / units.max(1)).max(1);
-    let repeated = |list: &[f32]| list.iter().copied().cycle().take(times * list.len()).collect();
+    let times = (MAX_HIDDEN / net.units.len().max(1)).max(1);
     let share = 1.0 / times as f32;
-    let rows = net.output.chunks(units.max(1));
-    let output = rows.flat_map(|row| (0..times).flat_map(|_| row.iter().map(|v| share * v)));
+    let units = net.units.iter().cycle().take(times * net.units.len());
     ForceNet {
-        hidden: net.hidden.iter().copied().cycle().take(times * net.hidden.len()).collect(),
-        hidden_bias: repeated(&net.hidden_bias),
-        output: output.collect(),
-        skip: (0..outputs * TAXELS).map(|_| 0.0).collect(),
+        units: units.map(|unit| Unit { output: unit.output.map(|v| share * v), ..*unit }).collect(),
+        skip: Some([[0.0; TAXELS]; MAX_OUTPUTS]),
         output_bias: net.output_bias.clone(),
     }
 }

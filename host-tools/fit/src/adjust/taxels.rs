@@ -252,7 +252,9 @@ fn fold(calibration: &mut Calibration, gains: &Gains) -> Result<(), FitError> {
 }
 
 fn fold_net(net: &mut ForceNet, gains: &Gains) {
-    for row in net.hidden.chunks_exact_mut(TAXELS).chain(net.skip.chunks_exact_mut(TAXELS)) {
+    for row in
+        net.units.iter_mut().map(|unit| &mut unit.weights).chain(net.skip.iter_mut().flatten())
+    {
         row.iter_mut().zip(gains).for_each(|(w, gain)| *w = (f64::from(*w) / gain) as f32);
     }
 }

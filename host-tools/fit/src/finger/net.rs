@@ -162,13 +162,11 @@ pub(super) fn fit(
         range: ranges(&x, bias.noise),
         residual: std::array::from_fn(|k| residual.get(k).map_or(0.0, |r| *r as f32)),
     });
-    fitted.calibration.force = Some(ForceNet {
-        hidden: net.hidden.iter().copied().collect(),
-        hidden_bias: net.hidden_bias.iter().copied().collect(),
-        output: net.output.iter().copied().collect(),
-        skip: net.skip.iter().copied().collect(),
-        output_bias: net.output_bias.iter().copied().collect(),
-    });
+    fitted.calibration.force =
+        Some(ForceNet::new(&net.layers()).map_err(|list| FitError::Shape {
+            part: "net".into(),
+            problem: format!("its {list} is not of a finger's shape"),
+        })?);
     Ok(())
 }
 

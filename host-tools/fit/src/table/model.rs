@@ -49,19 +49,25 @@ pub struct TableModel {
 }
 
 impl TableModel {
+    /// As the core takes it.
+    #[must_use]
+    pub fn layers(&self) -> Layers<'_> {
+        Layers {
+            hidden: &self.hidden,
+            hidden_bias: &self.hidden_bias,
+            output: &self.output,
+            skip: &self.skip,
+            output_bias: &self.output_bias,
+        }
+    }
+
     /// The targets for one row of inputs.
     #[must_use]
     pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
         if let Some(law) = &self.law {
             return law.estimate(inputs);
         }
-        let layers = Layers {
-            hidden: &self.hidden,
-            hidden_bias: &self.hidden_bias,
-            output: &self.output,
-            skip: &self.skip,
-            output_bias: &self.output_bias,
-        };
+        let layers = self.layers();
         if self.expansion == Expansion::None {
             return network::outputs(layers, inputs);
         }

@@ -5,7 +5,7 @@ use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration
 use taxel::condition::{BridgeBias, TaxelBias, Warmth};
 use taxel::estimate::array::Array;
 use taxel::estimate::inverse::Inverse;
-use taxel::estimate::net::ForceNet;
+use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
 use taxel::scan::TAXELS;
@@ -77,10 +77,10 @@ impl FingerFile {
             residual_n: taxels.residual,
         });
         let force = calibration.force.as_ref().map(|net| Net {
-            hidden: rows(&net.hidden, TAXELS),
-            hidden_bias: net.hidden_bias.to_vec(),
-            output: rows(&net.output, net.hidden_bias.len()),
-            skip: rows(&net.skip, TAXELS),
+            hidden: net.units.iter().map(|unit| unit.weights.to_vec()).collect(),
+            hidden_bias: net.hidden_bias().collect(),
+            output: rows(&net.output().collect::<Vec<_>>(), net.units.len()),
+            skip: rows(net.straight(), TAXELS),
             output_bias: net.output_bias.to_vec(),
         });
         let sensors = calibration.sensors.iter().enumerate().filter_map(|(i, sensor)| {
@@ -150,13 +150,28 @@ impl FingerFile {
 
 impl Net {
     fn weights(self) -> Result<ForceNet, (&'static str, String)> {
-        Ok(ForceNet {
-            hidden: flat("hidden", &self.hidden, TAXELS)?,
-            hidden_bias: collect("hidden_bias", &self.hidden_bias)?,
-            output: flat("output", &self.output, self.hidden_bias.len())?,
-            skip: flat("skip", &self.skip, TAXELS)?,
-            output_bias: collect("output_bias", &self.output_bias)?,
-        })
+        let layers = Layers {
+            hidden: &flat("hidden", &self.hidden, TAXELS)?,
+            hidden_bias: &self.hidden_bias,
+            output: &flat("output", &self.output, self.hidden_bias.len())?,
+            skip: &flat("skip", &self.skip, TAXELS)?,
+            output_bias: &self.output_bias,
+        };
+        ForceNet::new(&layers).map_err(|key| (key, self.lengths()))
+    }
+
+    fn lengths(&self) -> String {
+        let [rows, units, output, skip, outputs] = [
+            self.hidden.len(),
+            self.hidden_bias.len(),
+            self.output.len(),
+            self.skip.len(),
+            self.output_bias.len(),
+        ];
+        format!(
+            "rows: {rows} of hidden for {units} of hidden_bias (as many, at most {MAX_HIDDEN}), {output} of \
+             output and {skip} of skip for {outputs} of output_bias (one or three; of skip none or as many)"
+        )
     }
 }
 
@@ -164,21 +179,13 @@ fn rows(flat: &[f32], width: usize) -> Vec<Vec<f32>> {
     flat.chunks(width.max(1)).map(<[f32]>::to_vec).collect()
 }
 
-fn flat<const N: usize>(
+fn flat(
     key: &'static str,
     rows: &[Vec<f32>],
     width: usize,
-) -> Result<heapless::Vec<f32, N>, (&'static str, String)> {
+) -> Result<Vec<f32>, (&'static str, String)> {
     if let Some(row) = rows.iter().find(|row| row.len() != width) {
         return Err((key, format!("a row of {} weights where {width} belong", row.len())));
     }
-    collect(key, &rows.concat())
-}
-
-fn collect<const N: usize>(
-    key: &'static str,
-    weights: &[f32],
-) -> Result<heapless::Vec<f32, N>, (&'static str, String)> {
-    heapless::Vec::from_slice(weights)
-        .map_err(|_| (key, format!("{} weights where at most {N} fit", weights.len())))
+    Ok(rows.concat())
 }
