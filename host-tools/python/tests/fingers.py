@@ -1,8 +1,13 @@
 """Virtual fingers for the tests."""
 
+import csv
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).parents[3]
+CALIBRATION = ROOT / "host-tools/cli/assets/virtual-finger.cal.toml"
 
 # Scans as fast as the product.
 FAST = """
@@ -35,3 +40,15 @@ def serve(command: str, port: str, *arguments: str) -> Iterator[str]:
     finally:
         process.terminate()
         process.wait(10)
+
+
+def replayed(command: str, scene: str, folder: Path) -> tuple[Path, dict[int, dict[str, str]]]:
+    """A trace of the scene, and by time what `taxel replay` says of it: every field, as text."""
+    trace, frames = folder / "trace.csv", folder / "frames.csv"
+    simulate = [command, "simulate", "--scene", scene, "--seed", "3", "--out", str(trace)]
+    subprocess.run(simulate, check=True, capture_output=True)
+    core = [command, "replay", str(trace), "--calibration", str(CALIBRATION), "--fields", "all"]
+    subprocess.run([*core, "--out", str(frames)], check=True, capture_output=True)
+    # What the recording is of stands before its header, in lines that begin with #.
+    lines = (line for line in frames.open() if not line.startswith("#"))
+    return trace, {int(row["t_us"]): row for row in csv.DictReader(lines)}

@@ -3,7 +3,6 @@
 What rmw_zenoh expects is taken from its design document, not from our source.
 """
 
-import csv
 import importlib.util
 import json
 import signal
@@ -21,9 +20,8 @@ import numpy as np
 import pytest
 import xxhash
 import zenoh
+from fingers import CALIBRATION, ROOT, replayed
 
-ROOT = Path(__file__).parents[3]
-CALIBRATION = ROOT / "host-tools/cli/assets/virtual-finger.cal.toml"
 # Fingers that differ in what happens to them; each is named after its scene.
 SCENES = [
     "press",
@@ -162,13 +160,7 @@ def test_names_keys_tokens_and_attachments_are_those_of_rmw_zenoh(command: str, 
 
 
 def test_values_are_the_fingers_own_to_the_last_bit(command: str, network: Network, tmp_path: Path):
-    trace, replayed = tmp_path / "trace.csv", tmp_path / "frames.csv"
-    simulate = [command, "simulate", "--scene", "tour", "--seed", "3", "--out", str(trace)]
-    subprocess.run(simulate, check=True, capture_output=True)
-    core = [command, "replay", str(trace), "--calibration", str(CALIBRATION), "--fields", "all"]
-    subprocess.run([*core, "--out", str(replayed)], check=True, capture_output=True)
-    lines = (line for line in replayed.open() if not line.startswith("#"))
-    expected = {int(row["t_us"]): row for row in csv.DictReader(lines)}
+    trace, expected = replayed(command, "tour", tmp_path)
     network.subscribe("taxel/trace/wrench", listen.WRENCH)
     network.subscribe("taxel/frames", listen.FRAME)
     more = ["--calibration", str(CALIBRATION), "--fields", "all", "--json"]

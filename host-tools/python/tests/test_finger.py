@@ -1,20 +1,16 @@
 """Against the Rust side: a virtual finger that the `taxel` command serves, and what it makes of a trace."""
 
-import csv
 import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from fingers import FAST, serve
+from fingers import CALIBRATION, FAST, ROOT, replayed, serve
 
 import taxel
 from taxel import Fields, Finger, LinkError, RefusedError
 from taxel.transport import SerialTransport
-
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -116,16 +112,8 @@ def test_a_serial_device_works_as_tcp_does(command: str):
 
 def test_values_are_those_of_the_rust_side(command: str, tmp_path: Path):
     """The same trace through `taxel replay` and over TCP through this package, every field, every bit."""
-    trace, replayed = tmp_path / "trace.csv", tmp_path / "frames.csv"
-    calibration = ROOT / "host-tools/cli/assets/virtual-finger.cal.toml"
-    simulate = [command, "simulate", "--scene", "tour", "--seed", "3", "--out", str(trace)]
-    subprocess.run(simulate, check=True, capture_output=True)
-    rust = [command, "replay", str(trace), "--calibration", str(calibration), "--fields", "all"]
-    subprocess.run([*rust, "--out", str(replayed)], check=True, capture_output=True)
-    # What the recording is of stands before its header, in lines that begin with #.
-    lines = (line for line in replayed.open() if not line.startswith("#"))
-    expected = {int(row["t_us"]): row for row in csv.DictReader(lines)}
-    served = serve(command, f"file:{trace}", "--tcp", "127.0.0.1:0", "--calibration", str(calibration))
+    trace, expected = replayed(command, "tour", tmp_path)
+    served = serve(command, f"file:{trace}", "--tcp", "127.0.0.1:0", "--calibration", str(CALIBRATION))
     with served as port, Finger(port) as finger:
         finger.set_fields(Fields.ALL)
         finger.set_rate(finger.info().scan_hz)

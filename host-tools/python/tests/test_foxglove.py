@@ -4,7 +4,6 @@ The protocol is taken from its specification, `foxglove.sdk.v1`.
 """
 
 import base64
-import csv
 import json
 import signal
 import struct
@@ -15,12 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fingers import CALIBRATION, replayed
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-ROOT = Path(__file__).parents[3]
-CALIBRATION = ROOT / "host-tools/cli/assets/virtual-finger.cal.toml"
 MESSAGE = struct.Struct("<BIQ")
 MESSAGE_DATA = 1
 
@@ -91,13 +89,7 @@ def messages(viewer: ClientConnection, ids: dict[int, int]) -> Iterator[tuple[in
 
 
 def test_a_viewer_gets_what_the_finger_says_with_its_reasons(command: str, tmp_path: Path):
-    trace, replayed = tmp_path / "trace.csv", tmp_path / "frames.csv"
-    simulate = [command, "simulate", "--scene", "presses", "--seed", "3", "--out", str(trace)]
-    subprocess.run(simulate, check=True, capture_output=True)
-    core = [command, "replay", str(trace), "--calibration", str(CALIBRATION), "--fields", "all"]
-    subprocess.run([*core, "--out", str(replayed)], check=True, capture_output=True)
-    lines = (line for line in replayed.open() if not line.startswith("#"))
-    expected = {int(row["t_us"]): row for row in csv.DictReader(lines)}
+    trace, expected = replayed(command, "presses", tmp_path)
     more = ["--calibration", str(CALIBRATION), "--fields", "all"]
     with bridge(command, [f"file:{trace}"], *more) as (_, url), open_viewer(url) as viewer:
         channel = channels(viewer, {"/taxel/trace"})["/taxel/trace"]
