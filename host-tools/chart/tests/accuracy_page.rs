@@ -1,0 +1,150 @@
+//! The figures of `docs/accuracy.md` are those of the tables beside its pictures.
+
+use std::collections::HashMap;
+
+const PAGE: &str = include_str!("../../../docs/accuracy.md");
+const ESTIMATORS: &str = include_str!("../../../docs/images/estimators.csv");
+const BOUNDARIES: &str = include_str!("../../../docs/images/boundaries.csv");
+const PEERS: &str = include_str!("../../../docs/images/peers.csv");
+const THROUGHPUT: &str = include_str!("../../../docs/images/throughput.csv");
+
+fn rows(table: &str) -> Vec<HashMap<String, String>> {
+    csv::Reader::from_reader(table.as_bytes()).deserialize().map(Result::unwrap).collect()
+}
+
+fn number(row: &HashMap<String, String>, column: &str) -> f64 {
+    row[column].parse().unwrap_or_else(|_| panic!("{column} of {row:?}"))
+}
+
+fn cycles(row: &HashMap<String, String>) -> f64 {
+    (number(row, "cycles_low") + number(row, "cycles_high")) / 2.0
+}
+
+/// Every line stands in the page; what does not is told as it should.
+fn stand(lines: &[String]) {
+    let missing: Vec<&String> = lines.iter().filter(|line| !PAGE.contains(*line)).collect();
+    assert!(missing.is_empty(), "docs/accuracy.md lacks, with today's figures:\n{missing:#?}");
+}
+
+#[test]
+fn the_table_of_methods_has_the_figures_of_estimators_csv() {
+    let table = rows(ESTIMATORS);
+    let methods = [
+        "arg-min",
+        "centroid",
+        "q15 net 16-12-1",
+        "net 16-12-1",
+        "q15 net 16-16-3",
+        "net 16-16-3",
+        "skip 16-16-3",
+        "model",
+        "four sensors",
+    ];
+    let lines: Vec<String> = methods
+        .into_iter()
+        .map(|name| {
+            let of = |scene: &str, quantity: &str| {
+                let mut found = table.iter().filter(|row| row["name"] == name);
+                found.find(|row| row["scene"] == scene && row["quantity"] == quantity)
+            };
+            let told = |scene, quantity, times: f64, unit| match of(scene, quantity) {
+                Some(row) if unit == "mN" => format!("{:.1} mN", times * number(row, "rmse")),
+                Some(row) => format!("{:.2} {unit}", times * number(row, "rmse")),
+                None => "–".into(),
+            };
+            let any = table.iter().find(|row| row["name"] == name).unwrap();
+            format!(
+                "| {name} | {} | {} | {} | {} | {:.1}k |",
+                told("presses", "normal force", 1e3, "mN"),
+                told("shear", "shear force", 1e3, "mN"),
+                told("presses", "contact point", 1.0, "mm"),
+                told("shear", "contact point", 1.0, "mm"),
+                cycles(any) / 1e3
+            )
+        })
+        .collect();
+    stand(&lines);
+}
+
+#[test]
+fn the_table_of_silent_failures_has_the_figures_of_boundaries_csv() {
+    let alone = ["model's force / N", "model's point / mm", "net's force / N", "centroid / mm"];
+    let alone = [&alone[..], &["q15 net's force / N", "arg-min / mm"]].concat();
+    let table = rows(BOUNDARIES);
+    let line = |label: &str, of: &dyn Fn(&str) -> bool| {
+        let sum = |column| -> f64 {
+            let rows = table.iter().filter(|row| of(&row["method"]));
+            rows.map(|row| number(row, column)).sum()
+        };
+        let share = |part, whole| {
+            let whole = sum(whole);
+            format!("{:.3} %", 100.0 * sum(part) / if whole > 0.0 { whole } else { 1.0 })
+        };
+        format!(
+            "| {label} | {} | {} | {} | {:.1} million |",
+            share("silent", "frames"),
+            share("silent_within_range", "within_range"),
+            share("flagged_within_range", "within_range"),
+            sum("frames") / 1e6
+        )
+    };
+    let mut lines = Vec::new();
+    let mut named: Vec<&str> = table.iter().map(|row| row["method"].as_str()).collect();
+    named.sort_unstable();
+    named.dedup();
+    for name in named.into_iter().filter(|name| *name != "force sensor's fit / N") {
+        lines.push(line(name.split(" / ").next().unwrap(), &|method| method == name));
+    }
+    lines.push(line("**the finger, together**", &|method| !alone.contains(&method)));
+    lines.push(line("**the matrix alone, together**", &|method| alone.contains(&method)));
+    lines.push(line("everything", &|_| true));
+    stand(&lines);
+}
+
+#[test]
+fn the_ratios_to_other_peoples_nets_are_those_of_peers_csv() {
+    let table = rows(PEERS);
+    let ratio = |peer: &str| {
+        let row = table.iter().find(|row| row["name"].starts_with(peer)).unwrap();
+        assert!(number(&table[0], "max_error") <= number(row, "max_error"), "{peer}");
+        cycles(row) / cycles(&table[0])
+    };
+    assert_eq!(table[0]["name"], "taxel");
+    let [dsp, emlearn] = ["CMSIS-DSP", "emlearn"].map(ratio);
+    stand(&[
+        format!("{dsp:.2} times fewer cycles than CMSIS-DSP (aim: 2.8)"),
+        format!("{emlearn:.2} times fewer than emlearn (aim: 3.5)"),
+    ]);
+}
+
+#[test]
+fn what_a_host_can_take_is_what_throughput_csv_says() {
+    let lines: Vec<String> = rows(THROUGHPUT)
+        .iter()
+        .map(|row| format!("| {} | {:.1} µs |", row["stage"], number(row, "us_per_frame")))
+        .collect();
+    stand(&lines);
+}
+
+/// The model of the skin is what the firmware looks at the matrix with by default. The force sensors are other
+/// hardware: no choice of method puts them into a finger.
+#[test]
+fn the_default_lies_on_the_front_of_every_scene_but_the_one_that_the_page_names() {
+    let table = rows(ESTIMATORS);
+    let mut beaten = Vec::new();
+    for own in table.iter().filter(|row| row["name"] == "model") {
+        let beats = |row: &&HashMap<String, String>| {
+            row["scene"] == own["scene"]
+                && row["quantity"] == own["quantity"]
+                && !row["name"].starts_with("four sensors")
+                && cycles(row) < cycles(own)
+                && number(row, "rmse") <= number(own, "rmse")
+        };
+        if table.iter().any(|row| beats(&row)) {
+            beaten.push(format!("{} of `{}`", own["quantity"], own["scene"]));
+        }
+    }
+    let named = PAGE.lines().find(|line| line.contains("not on the front")).unwrap_or_default();
+    assert_eq!(beaten, ["normal force of `tap`"]);
+    assert!(named.contains("normal force of `tap`"), "{named}");
+}
