@@ -29,6 +29,9 @@ const ALONG: std::ops::Range<f64> = -2.0..3.0;
 /// Steps a pupil is given, from one start: what it is told is smooth and free of noise.
 const STEPS: usize = 150;
 
+/// Decay of its weights: below a thousandth of what any output says.
+const DECAY: f64 = 1e-4;
+
 /// What the net is taught from: scaled recorded rows and their stretches.
 pub(crate) struct Lesson<'r> {
     pub x: &'r DMatrix<f64>,
@@ -68,7 +71,7 @@ pub(crate) fn distil(
     };
     let x = unscaled(&taught, &lesson.scaling.inputs);
     let y = unscaled(&teacher.outputs(&taught), &lesson.scaling.targets);
-    let net = network::imitate(part, (&x, &y), build, (inputs, options), progress, stop)?;
+    let net = network::imitate(part, (&x, &y), (build, DECAY), (inputs, options), progress, stop)?;
 
     let unseen = self::between(lesson, RECORDED, &mut rng);
     let wanted = teacher.outputs(&unseen);

@@ -18,9 +18,6 @@ use trainer::Trainer;
 pub(crate) const MOST_ROWS: usize = 4096;
 /// While the net takes shape every row counts.
 const EXPLORE: Decay = Decay::Evidence { per_row: 1.0 };
-/// Decay of a net that imitates, against a noise of one (targets have the spread one): below a thousandth
-/// of what any output says.
-const IMITATION_DECAY: f64 = 1e-4;
 
 /// How a net is trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -176,14 +173,15 @@ pub fn fit(
 }
 
 /// Trains a net to say what `y` says of `x`, where `y` is no measurement but another model's word: there is
-/// no noise to guard against, and the decay only keeps the weights small where they do not matter.
+/// no noise to guard against, and the decay, against a noise of one (targets have the spread one), only keeps
+/// the weights small where they do not matter.
 ///
 /// # Errors
 /// As [`fit`].
 pub(crate) fn imitate(
     part: &str,
     (x, y): (&[Vec<f64>], &[Vec<f64>]),
-    build: Build,
+    (build, decay): (Build, f64),
     (inputs, options): (Inputs, NetOptions),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
@@ -192,8 +190,8 @@ pub(crate) fn imitate(
     let x: Vec<&[f64]> = x.iter().map(Vec::as_slice).collect();
     let y: Vec<&[f64]> = y.iter().map(Vec::as_slice).collect();
     let mut trainer = Trainer::new(part, shape, Scaling::of(&x, &y, inputs), (&x, &y), options)?;
-    let state = trainer.explore(Decay::Fixed(IMITATION_DECAY), progress, stop)?;
-    let state = trainer.settle(state, Decay::Fixed(IMITATION_DECAY), progress, stop);
+    let state = trainer.explore(Decay::Fixed(decay), progress, stop)?;
+    let state = trainer.settle(state, Decay::Fixed(decay), progress, stop);
     Ok(trainer.fold(&state))
 }
 

@@ -13,7 +13,7 @@ use crate::auto::Chosen;
 use crate::checks::{self, Conditioning};
 use crate::error::FitError;
 use crate::expansion::Expansion;
-use crate::laws;
+use crate::laws::{self, Law};
 use crate::metrics::{Errors, TargetMetrics};
 use crate::model::{Family, Recorded, Training};
 use crate::network::{NetOptions, Progress};
@@ -278,9 +278,13 @@ fn check(
     }
     let total: usize = rows.iter().map(|(x, _)| x.len()).sum();
     let outliers = match laws::fit(family, rows) {
-        Some(Ok(law)) => checks::remove_outliers_of(rows, |x| {
-            law.estimate(&to_f32(x)).into_iter().map(f64::from).collect()
-        }),
+        Some(Ok(bent)) => {
+            // The outliers bent it; what it leaves gives the law that they are judged by.
+            let mut kept = rows.to_vec();
+            checks::remove_outliers_of(&mut kept, |x| said(&bent, x));
+            let law = laws::fit(family, &kept).and_then(Result::ok).unwrap_or(bent);
+            checks::remove_outliers_of(rows, |x| said(&law, x))
+        }
         // What cannot be fitted is refused later.
         Some(Err(_)) => 0,
         None => checks::remove_outliers(rows),
@@ -292,6 +296,10 @@ fn check(
         ));
     }
     Ok(warnings)
+}
+
+fn said(law: &Law, x: &[f64]) -> Vec<f64> {
+    law.estimate(&to_f32(x)).into_iter().map(f64::from).collect()
 }
 
 /// Channels that say the same; or, of a model without a decay, nearly the same.

@@ -26,6 +26,9 @@ const RECORDED: usize = 1000;
 const AWAY: f64 = 0.3;
 /// Its normal force is this share of the recorded one's.
 const HARDER: std::ops::Range<f64> = 0.8..1.2;
+/// Decay of the net's weights: as little as keeps units from growing until they all but cancel each other, for in
+/// 16 bits their difference is lost then.
+const DECAY: f64 = 1e-3;
 /// Newton steps from a displacement to the signal that its curve makes of it, and what is left at the end,
 /// in units of the displacement.
 const STEPS: usize = 40;
@@ -54,7 +57,7 @@ pub(crate) fn fit(
     }));
     let x: Vec<Vec<f64>> = taught.iter().map(|row| row.signals.to_vec()).collect();
     let y: Vec<Vec<f64>> = taught.iter().map(|row| row.force[3 - outputs..].to_vec()).collect();
-    network::imitate(part, (&x, &y), build, (Inputs::Alike, options), progress, stop)
+    network::imitate(part, (&x, &y), (build, DECAY), (Inputs::Alike, options), progress, stop)
 }
 
 /// Force and place of a touch like the recorded ones, sheared as much as the one nearby and in any direction.
@@ -123,6 +126,7 @@ mod tests {
     use super::*;
     use taxel::estimate::field::{Field, Radial};
     use taxel::estimate::inverse::Curves;
+    use taxel::estimate::net::ForceNet;
 
     /// A half-space under curves that flatten, with stray light.
     fn model() -> Inverse {
@@ -196,14 +200,23 @@ mod tests {
                 .unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(9);
         let touches: Vec<_> = (0..200).map(|_| touch(&skin.rows, &skin.model, &mut rng)).collect();
-        let off = |net: &Net| -> f64 {
+        let off = |forces: &dyn Fn(&[f32; TAXELS]) -> Vec<f32>| -> f64 {
             let squares = touches.iter().map(|(force, point)| {
                 let seen = signals(&skin.model, *force, *point).unwrap().map(|c| c as f32);
-                let found = net.outputs(&seen).into_iter().zip(force);
+                let found = forces(&seen).into_iter().zip(force);
                 found.map(|(found, force)| (f64::from(found) - force).powi(2)).sum::<f64>()
             });
             (squares.sum::<f64>() / touches.len() as f64).sqrt()
         };
-        assert!(off(&taught) < off(&alone), "{} {}", off(&taught), off(&alone));
+        let [of_taught, of_alone] = [&taught, &alone].map(|net| off(&|c| net.outputs(c)));
+        assert!(of_taught < of_alone, "{of_taught} {of_alone}");
+
+        // In 16 bits it is hardly worse.
+        let range = [[-0.5, 0.5]; TAXELS];
+        let held = taxel::calibration::TaxelCalibration { range, ..Default::default() };
+        let float = ForceNet::new(&taught.layers()).unwrap();
+        let whole = crate::quantise::whole(&float, &held).unwrap();
+        let of_whole = off(&|c| whole.forces(c).to_vec());
+        assert!(of_whole < 1.1 * of_taught, "{of_whole} {of_taught}");
     }
 }

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
 
+use taxel::estimate::bright_spot::{BrightSpot, Shear};
 use taxel_fit::FitError;
 use taxel_fit::align::Alignment;
 use taxel_fit::model::Family;
@@ -181,4 +182,41 @@ fn a_number_that_f32_cannot_reckon_with_is_refused_by_its_place() {
     });
     let error = ridge(&[huge]).unwrap_err().to_string();
     assert!(error.starts_with("huge.csv: m1 is 1e300 in row 42, more than f32"), "{error}");
+}
+
+/// A feeler of 000 that sticks and slips by turns; every row goes through `spoil`.
+fn feeler(spoil: impl Fn(usize, &mut [f32; 3])) -> TableRecording {
+    let shear = Shear { stuck: 1.7, sheet: 0.067, friction: 0.25, adhesion: 0.56 };
+    let spot = BrightSpot { normal: 0.03, x: shear, y: shear };
+    let mut text = String::from("t_s,G,ux,uy,fx_n,fy_n,fz_n\n");
+    for i in 0..900 {
+        let t = i as f32;
+        let (g, [ux, uy]) =
+            (150.0 + 60.0 * (0.035 * t).sin(), [3.0 * (0.0933 * t).sin(), 3.0 * (0.091 * t).cos()]);
+        let mut force = spot.force(g, [ux, uy]);
+        spoil(i, &mut force);
+        let [fx, fy, fz] = force;
+        writeln!(text, "{:.2},{g},{ux},{uy},{fx},{fy},{fz}", 0.01 * t).unwrap();
+    }
+    let stretch = "feeler.csv".parse().unwrap();
+    TableRecording {
+        inputs: read_from(text.as_bytes(), &stretch, &["G", "u*"]).unwrap(),
+        targets: read_from(text.as_bytes(), &stretch, &["f*"]).unwrap(),
+    }
+}
+
+#[test]
+fn a_laws_own_jumps_are_no_outliers_and_rows_off_the_law_are() {
+    let clean = fit_to(&[feeler(|_, _| {})], Family::Feeler).unwrap();
+    assert_eq!(clean.warnings, Vec::<String>::new());
+    let loose = feeler(|i, force| {
+        if i % 45 == 20 {
+            force[0] += 4.0;
+        }
+    });
+    let fitted = fit_to(&[loose], Family::Feeler).unwrap();
+    assert!(fitted.warnings[0].starts_with("20 of 900 rows stand far"), "{:?}", fitted.warnings);
+    let unseen = evaluate(&fitted.model, &feeler(|_, _| {})).unwrap();
+    let off = unseen.targets[0].figures.unwrap().rmse;
+    assert!(off < 0.01, "{off}");
 }
