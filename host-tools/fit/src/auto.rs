@@ -17,6 +17,9 @@ use crate::taught;
 
 /// Widths that are tried, narrowest first, and then the widest that there may be.
 const WIDTHS: [usize; 3] = [4, 8, 16];
+/// A net that the model of the skin teaches has a linear path from so many units on, which then need not carry what
+/// is straight. Of the price of fewer with one, two units more do better.
+const STRAIGHT: usize = 8;
 /// A net is wide enough when its distance from its teacher adds at most this share to the mean square
 /// error of a usual stretch left out: a tenth is 5 % of the RMS error.
 const ADDED: f64 = 0.1;
@@ -111,8 +114,7 @@ pub(crate) fn fit(
         if squares(own) < squares(&chosen.bent) {
             let hidden = choice.hidden.unwrap_or(hidden);
             let part = format!("{}: {hidden} units", choice.part);
-            // Of one price the net with a linear path does better: its units need not carry what is straight.
-            let shape = (own.len(), Build { hidden, skip: true }, choice.options);
+            let shape = (own.len(), Build { hidden, skip: hidden >= STRAIGHT }, choice.options);
             return match taught::fit(&part, skin, shape, progress, stop) {
                 Err(FitError::Stopped) => Ok((straight, chosen)),
                 net => {
