@@ -5,14 +5,14 @@ mod common;
 use common::{LIT, calibration, everything, pressed, unloaded};
 use proptest::prelude::*;
 use taxel::calibration::{Calibration, MAX_BYTES};
-use taxel::condition::LowPass;
+use taxel::condition::{LowPass, Warmth};
 use taxel::estimate::array::WrenchMethod;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::Curves;
 use taxel::estimate::net::{ForceNet, Unit};
-use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::quantised::{Group, QuantisedNet};
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::estimate::{ContactPoint, Force};
 use taxel::finger::{Estimate, Finger, FingerState};
@@ -256,16 +256,17 @@ fn any_codes() -> impl Strategy<Value = Codes> {
         1u16..,
         proptest::option::of(any::<([[u16; 4]; 4], [u16; 4])>()),
         proptest::array::uniform4(proptest::option::of(midpoints)),
+        any::<(Option<u16>, Option<u16>)>(),
     )
-        .prop_map(|(top, taxels, bridges)| Codes {
+        .prop_map(|(top, taxels, bridges, (reference, temperature))| Codes {
             full_scale: FullScale::new(top).unwrap(),
             taxels: taxels.map(|(lit, dark)| TaxelCodes {
                 lit: lit.map(|row| row.map(Code)),
                 dark: dark.map(Code),
             }),
             bridges,
-            reference: None,
-            temperature: None,
+            reference: reference.map(Code),
+            temperature: temperature.map(Code),
         })
 }
 
@@ -280,11 +281,30 @@ fn finite(estimate: &Estimate) -> bool {
         .chain(contacts.flat_map(|c| [c.point.x.0, c.point.y.0, c.normal.0]))
         .chain(slip)
         .chain(estimate.torsion.into_iter().map(|t| t.0))
+        .chain(estimate.signals.taxels.into_iter().flatten())
+        .chain(estimate.signals.bridges.into_iter().flatten().flatten())
         .all(f32::is_finite)
 }
 
+/// A net in 16 bits that fills its sums as far as it may: a record's other net is not asked beside it.
+fn hostile_in_sixteen_bits(weight: f32) -> QuantisedNet {
+    // Sums of products stay within 32 bits: 1000 · 2¹⁵ · 32 is half of them.
+    let most = 0x03e8_fc18;
+    let sign = if weight < 0.0 { most } else { !most };
+    let group = Group { weights: [[sign; 8]; 4], bias: [if weight < 0.0 { 1 } else { -1 }; 4] };
+    QuantisedNet {
+        signal: 1.0 + 9e8 * weight.abs().min(1.0),
+        hidden: core::iter::repeat_n(group, 8).collect(),
+        shift: 31,
+        output: core::iter::repeat_n([[most; 8]; 3], 2).collect(),
+        skip: Some([[most; 8]; 3]),
+        scale: [weight.clamp(-9e19, 9e19), -weight.clamp(-9e19, 9e19)],
+        output_bias: core::iter::repeat_n(weight, 3).collect(),
+    }
+}
+
 /// A record whose every number is hostile but accepted.
-fn hostile(weight: f32, level: f32) -> Calibration {
+fn hostile(weight: f32, level: f32, sixteen_bits: bool) -> Calibration {
     let mut record = everything();
     let taxels = record.taxels.as_mut().unwrap();
     taxels.bias.level = [level; 16];
@@ -295,6 +315,18 @@ fn hostile(weight: f32, level: f32) -> Calibration {
         units: core::iter::repeat_n(unit, 32).collect(),
         skip: Some([[weight; 16]; 3]),
         output_bias: [weight; 3].into(),
+    });
+    if sixteen_bits {
+        (record.force, record.quantised) = (None, Some(hostile_in_sixteen_bits(weight)));
+    }
+    // Half of the light and of the sensitivity over the farthest that is followed, 60 K of 758 µ each.
+    let share = 10.9 * (level / 2.0);
+    record.warmth = Some(Warmth {
+        reference: level.abs() / 2.0,
+        range: [-9e29, 9e29],
+        light: share,
+        sensitivity: -share,
+        offset: [[weight.clamp(-1e3, 1e3); 3]; 4],
     });
     for sensor in record.sensors.iter_mut().flatten() {
         sensor.range = [[-9e29, 9e29]; 3];
@@ -365,11 +397,17 @@ proptest! {
         scans in proptest::collection::vec(any_codes(), 1..8),
         weight in prop_oneof![-9e29f32..9e29, -1e-38f32..1e-38, -10.0f32..10.0],
         level in -2.0f32..2.0,
-        taking in any::<bool>(),
+        (sixteen_bits, taking) in any::<(bool, bool)>(),
+        method in prop_oneof![
+            Just(PointMethod::Model), Just(PointMethod::Centroid), Just(PointMethod::ArgMin),
+        ],
+        corner in proptest::option::of(1u16..2000),
     ) {
-        let record = hostile(weight, level);
+        let record = hostile(weight, level, sixteen_bits);
         prop_assert_eq!(record.validate(), Ok(()));
-        let (finger, mut state) = Finger::new(Some(record));
+        let (mut finger, mut state) = Finger::new(Some(record));
+        finger.point_method = method;
+        finger.filter = corner.map(|corner| LowPass::new(corner, 4000));
         if taking {
             state.take_bias(3);
         }

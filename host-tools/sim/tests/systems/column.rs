@@ -4,7 +4,7 @@ use taxel::estimate::column::{Column, ColumnLoad, friction, inclination, quadran
 use taxel_formats::trace::Sample;
 use taxel_sim::systems::column::{CENTRES, COLUMNS, LIGHT_PER_MM2, PITCH_MM};
 
-use crate::{contacts, force, line, meets, run, signals};
+use crate::{HELD_OUT, contacts, force, line, meets, rms, run, run_on, signals};
 
 /// S_1 … S_4 in mm² of every column, frame by frame.
 fn areas(samples: &[Sample]) -> Vec<([[f32; 4]; COLUMNS], &Sample)> {
@@ -58,8 +58,12 @@ fn test_b(samples: &[Sample]) -> [f64; 2] {
 
 /// The sensor as tests A and B make it; how far a column sinks an area is the paper's.
 fn calibrated() -> Column {
-    let of_columns = test_a(&run("column-press", 1));
-    let [shear, flattening] = test_b(&run("column-shear", 1)).map(|value| value as f32);
+    calibrated_by(|name| run(name, 1))
+}
+
+fn calibrated_by(run: impl Fn(&str) -> Vec<Sample>) -> Column {
+    let of_columns = test_a(&run("column-press"));
+    let [shear, flattening] = test_b(&run("column-shear")).map(|value| value as f32);
     let normal = (of_columns.iter().sum::<f64>() / COLUMNS as f64) as f32;
     Column { normal, shear, flattening, ..Column::PAPER }
 }
@@ -125,6 +129,59 @@ fn a_plate_is_as_inclined_as_it_is_far_within_the_papers_figure() {
             assert!((found - asked).abs() < 0.02, "{found} for {asked}");
         }
     }
+}
+
+#[test]
+fn frame_by_frame_an_inclination_scatters_by_less_than_a_tenth_of_a_degree_on_five_devices() {
+    let asked = [-0.38f32, -0.19, 0.0, 0.19, 0.38];
+    let sigma = HELD_OUT.map(|device| {
+        let sensor = calibrated_by(|name| run_on(device, name, 1));
+        let samples = run_on(device, "column-incline", 2);
+        let rows = areas(&samples);
+        let plates = contacts(&rows, touched);
+        assert_eq!(plates.len(), asked.len());
+        let mut errors = Vec::new();
+        for (plate, asked) in plates.into_iter().zip(asked) {
+            let at = |share: f64| (share * plate.len() as f64) as usize;
+            for (frame, _) in &plate[at(0.3)..at(0.7)] {
+                let [a, b, c, d] = frame.map(|areas| sensor.load(areas).sunk);
+                for pair in [[a, b], [c, d]] {
+                    let found = inclination(&pair, PITCH_MM as f32).unwrap();
+                    errors.push(f64::from(found - asked));
+                }
+            }
+        }
+        assert!(errors.len() > 3000);
+        rms(&errors)
+    });
+    let mean = sigma.iter().sum::<f64>() / sigma.len() as f64;
+    println!("inclination: {sigma:.4?}, mean {mean:.4} degrees");
+    assert!(mean < 0.1, "{sigma:?}");
+}
+
+#[test]
+fn steps_are_in_the_ratio_of_their_heights_on_five_devices() {
+    let mut mean = [0.0; 3];
+    for device in HELD_OUT {
+        let sensor = calibrated_by(|name| run_on(device, name, 1));
+        let samples = run_on(device, "column-step", 2);
+        let rows = areas(&samples);
+        for (step, plate) in contacts(&rows, touched).into_iter().enumerate() {
+            let (before, after) =
+                (loads(&sensor, plate, 0.2, 0.23), loads(&sensor, plate, 0.77, 0.8));
+            for (before, after) in before.iter().zip(after) {
+                let found = step_height(&sensor, before.force[2], after.force[2]).unwrap();
+                // Three up, three down, four columns each.
+                mean[step % 3] += f64::from(found.abs()) / (8.0 * HELD_OUT.len() as f64);
+            }
+        }
+    }
+    let [one, two, four] = mean;
+    println!("steps: {mean:.4?} mm, 1 : {:.3} : {:.3}", two / one, four / one);
+    assert!(
+        (two / one / 2.0 - 1.0).abs() < 0.1 && (four / one / 4.0 - 1.0).abs() < 0.1,
+        "{mean:?}"
+    );
 }
 
 #[test]

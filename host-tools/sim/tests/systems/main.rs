@@ -24,6 +24,21 @@ fn run(name: &str, seed: u64) -> Vec<Sample> {
     Simulator::new(&Scene::load(name).unwrap(), seed).collect()
 }
 
+/// Devices that nothing was developed on.
+const HELD_OUT: [u64; 5] = [11, 12, 13, 14, 15];
+
+/// All frames of a built-in scene on another device than its own.
+fn run_on(device: u64, name: &str, seed: u64) -> Vec<Sample> {
+    let mut scene = Scene::load(name).unwrap();
+    scene.device.seed = device;
+    Simulator::new(&scene, seed).collect()
+}
+
+/// Root mean square.
+fn rms(errors: &[f64]) -> f64 {
+    (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
+}
+
 /// What the unloaded beginning of a trace reads.
 fn bias(samples: &[Sample]) -> Bias {
     let mut taker = BiasTaker::new(UNLOADED);
