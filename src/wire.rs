@@ -6,6 +6,7 @@
 
 mod crc32;
 pub mod deframer;
+mod frame;
 pub mod message;
 mod stuffing;
 
@@ -39,12 +40,7 @@ pub enum WireError {
 /// # Errors
 /// [`WireError::TooLong`] when it does not fit.
 pub fn pack<'b, M: Serialize>(message: &M, buffer: &'b mut [u8]) -> Result<&'b [u8], WireError> {
-    let end = put(message, buffer)?;
-    let length = match stuffing::stuff(buffer, end) {
-        Some(length) => length,
-        None => stuff_long_runs(message, buffer)?,
-    };
-    buffer.get(..length).ok_or(WireError::TooLong)
+    close(buffer, |body| postcard::to_slice(message, body).ok().map(|message| message.len()))
 }
 
 /// Packs [`message::Message::Frame`] of a frame that stays where it is: it is half a kilobyte to copy.
@@ -52,38 +48,43 @@ pub fn pack<'b, M: Serialize>(message: &M, buffer: &'b mut [u8]) -> Result<&'b [
 /// # Errors
 /// [`WireError::TooLong`] when it does not fit.
 pub fn pack_frame<'b>(frame: &Frame, buffer: &'b mut [u8]) -> Result<&'b [u8], WireError> {
-    #[derive(Serialize)]
-    #[serde(rename = "Message")]
-    enum Message<'f> {
-        _Version,
-        _Reply,
-        Frame(#[serde(serialize_with = "message::frame")] &'f Frame),
-    }
-    pack(&Message::Frame(frame), buffer)
+    close(buffer, |body| frame::put(frame, body))
 }
 
-/// Puts `message` and its CRC into `buffer`, one byte in; says where they end.
-fn put<M: Serialize>(message: &M, buffer: &mut [u8]) -> Result<usize, WireError> {
-    let (_, body) = buffer.split_first_mut().ok_or(WireError::TooLong)?;
-    let length = postcard::to_slice(message, body).map_err(|_| WireError::TooLong)?.len();
-    let (message, rest) = body.split_at_mut_checked(length).ok_or(WireError::TooLong)?;
-    *rest.first_chunk_mut().ok_or(WireError::TooLong)? = crc32(message).to_le_bytes();
-    Ok(1 + length + size_of::<u32>())
+/// The packet of the message that `put` puts into a buffer, of which it says how long it is.
+#[inline(always)]
+fn close(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Result<&[u8], WireError> {
+    let end = sealed(buffer, &put).ok_or(WireError::TooLong)?;
+    let length = match stuffing::stuff(buffer, end) {
+        Some(length) => length,
+        None => stuff_long_runs(buffer, &put).ok_or(WireError::TooLong)?,
+    };
+    buffer.get(..length).ok_or(WireError::TooLong)
+}
+
+/// Puts a message and its CRC into `buffer`, one byte in; says where they end.
+#[inline(always)]
+fn sealed(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option<usize> {
+    let (_, body) = buffer.split_first_mut()?;
+    let length = put(body)?;
+    let (message, rest) = body.split_at_mut_checked(length)?;
+    *rest.first_chunk_mut()? = crc32(message).to_le_bytes();
+    Some(1 + length + size_of::<u32>())
 }
 
 /// For what cannot be stuffed in place, which is rare: nearly every value has a zero before it that says
 /// that it is there.
 #[cold]
-fn stuff_long_runs<M: Serialize>(message: &M, buffer: &mut [u8]) -> Result<usize, WireError> {
+fn stuff_long_runs(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option<usize> {
     let mut plain = [0; MAX_PACKET];
-    let end = put(message, &mut plain)?;
-    let packet = plain.get(1..end).ok_or(WireError::TooLong)?;
+    let end = sealed(&mut plain, put)?;
+    let packet = plain.get(1..end)?;
     if buffer.len() <= cobs::max_encoding_length(packet.len()) {
-        return Err(WireError::TooLong);
+        return None;
     }
     let length = cobs::encode(packet, buffer);
-    *buffer.get_mut(length).ok_or(WireError::TooLong)? = 0;
-    Ok(length + 1)
+    *buffer.get_mut(length)? = 0;
+    Some(length + 1)
 }
 
 /// Reads the packet in `bytes` (without the final zero), decoding in place.

@@ -12,7 +12,7 @@ use taxel::estimate::slip::Verdict;
 use taxel::estimate::{ContactPoint, Force, NormalContact};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::NoValue;
-use taxel::scan::Codes;
+use taxel::scan::{Codes, Midpoints, TaxelCodes};
 use taxel::self_test::{Channel, Channels, SelfTest};
 use taxel::units::{Code, FullScale, Micros, Millimetres, NewtonMillimetres, Newtons};
 use taxel::wire::deframer::Deframer;
@@ -285,6 +285,64 @@ fn frames_have_their_bytes() {
     );
 }
 
+/// A frame of which every choice and every value is one of `words`.
+fn made_of(words: &[u32]) -> Frame {
+    let words = std::cell::RefCell::new(words.iter().copied().cycle());
+    let word = || words.borrow_mut().next().unwrap();
+    let float = || f32::from_bits(word());
+    let code = || Code(word() as u16);
+    let reasons = [
+        NoValue::Uncalibrated,
+        NoValue::NoContact,
+        NoValue::Saturated,
+        NoValue::DeadChannel,
+        NoValue::OutOfTrainedRange,
+        NoValue::IllConditioned,
+        NoValue::Absent,
+        NoValue::NotEstimated,
+    ];
+    let missing = || reasons.get(word() as usize % 16).copied();
+    let present = || word() % 4 != 0;
+    let newtons = || missing().map_or_else(|| Ok(Newtons(float())), Err);
+    let force = || Force { x: newtons(), y: newtons(), z: newtons() };
+    let place = || ContactPoint { x: Millimetres(float()), y: Millimetres(float()) };
+    let verdict = || Verdict { margin: float(), friction: float(), grip: Newtons(float()) };
+    let contact = |_| NormalContact { point: place(), normal: Newtons(float()) };
+    let codes = || Codes {
+        full_scale: FullScale::new(word() as u16).unwrap_or(FullScale::BITS_12),
+        taxels: present().then(|| TaxelCodes {
+            lit: [(); 4].map(|()| [(); 4].map(|()| code())),
+            dark: [(); 4].map(|()| code()),
+        }),
+        bridges: [(); 4]
+            .map(|()| present().then(|| Midpoints { a: code(), b: code(), c: code(), d: code() })),
+        reference: present().then(code),
+        temperature: present().then(code),
+    };
+    let signals = || Signals {
+        taxels: present().then(|| [(); 16].map(|()| float())),
+        bridges: [(); 4].map(|()| present().then(|| [(); 3].map(|()| float()))),
+        health: Health {
+            saturated: word() as u16,
+            dead: word() as u16,
+            bridge_faults: word() as u8,
+        },
+    };
+    Frame {
+        seq: word(),
+        time: Micros(u64::from(word()) << (word() % 33)),
+        status: Status(word()),
+        codes: present().then(codes),
+        signals: present().then(signals),
+        sensors: present().then(|| [(); 4].map(|()| force())),
+        force: present().then(force),
+        point: present().then(|| missing().map_or_else(|| Ok(place()), Err)),
+        slip: present().then(|| missing().map_or_else(|| Ok(verdict()), Err)),
+        torsion: present().then(|| missing().map_or_else(|| Ok(NewtonMillimetres(float())), Err)),
+        contacts: present().then(|| missing().map_or_else(|| Ok([(); 2].map(contact)), Err)),
+    }
+}
+
 #[test]
 fn the_longest_messages_fit_a_packet() {
     let scan = common::unloaded(u64::MAX);
@@ -415,6 +473,17 @@ proptest! {
             let _: Option<Result<Request, _>> = requests.push(byte);
             let _: Option<Result<Message, _>> = messages.push(byte);
         }
+    }
+
+    /// [`frame_body`] holds what is put by hand against what postcard makes of it.
+    #[test]
+    fn any_frame_is_packed_by_reference_and_as_a_message_alike(
+        words in proptest::collection::vec(
+            prop_oneof![4 => any::<u32>(), 1 => Just(0), 1 => 0..300u32, 1 => Just(0x3f80_0000)],
+            1..150,
+        )
+    ) {
+        frame_body(made_of(&words));
     }
 
     #[test]
