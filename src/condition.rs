@@ -5,9 +5,10 @@
 //! ```
 //! [`Levels`] are absolute fractions of full scale and need no calibration. [`Signals`] are changes
 //! against the unloaded finger and exist only once a [`Bias`] is known. They are smoothed only where the
-//! host has asked for it.
+//! host has asked for it. [`Bias::direct`] goes from codes to signals in one pass, for every scan.
 
 mod bias;
+mod direct;
 mod levels;
 mod low_pass;
 mod noise;
@@ -19,7 +20,7 @@ pub use levels::{BridgeLevels, DEAD_LEVEL, Levels, MIDPOINT_MARGIN, TaxelLevels}
 pub use low_pass::{LowPass, LowPassState};
 pub use noise::NoiseWatch;
 pub use stuck::{Stuck, StuckWatch};
-pub use warmth::{PER_KELVIN, Thermometer, Warmth};
+pub use warmth::{PER_KELVIN, Thermometer, Warm, Warmth};
 
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +36,15 @@ pub struct Signals {
     pub bridges: [Option<[f32; 3]>; SENSORS],
     /// Which channels cannot be trusted.
     pub health: Health,
+}
+
+impl Signals {
+    /// Of no channel.
+    pub(crate) const NOTHING: Self = Self {
+        taxels: None,
+        bridges: [None; SENSORS],
+        health: Health { saturated: 0, dead: 0, bridge_faults: 0 },
+    };
 }
 
 /// Per-channel faults of one frame, a bit a channel.

@@ -15,13 +15,13 @@ mod together;
 use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
     Bias, BiasRefusal, BiasTaker, Levels, LowPass, LowPassState, NoiseWatch, Signals, Stuck,
-    StuckWatch, Thermometer, Warmth,
+    StuckWatch, Thermometer, Warm,
 };
 use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState};
 use crate::estimate::slip::Verdict;
 use crate::estimate::{ContactPoint, Force, NormalContact};
-use crate::frame::{Fields, Frame, Status};
+use crate::frame::{Fields, FrameRef, Status};
 use crate::measured::{Measured, NoValue};
 use crate::scan::{Codes, SENSORS, Scan};
 use crate::units::{Micros, NewtonMillimetres};
@@ -62,8 +62,6 @@ pub struct Estimate {
     pub time: Micros,
     /// What holds, and which estimators ran.
     pub status: Status,
-    /// The codes it all came from.
-    pub codes: Codes,
     /// Conditioned signals.
     pub signals: Signals,
     /// Force on each sensor.
@@ -83,43 +81,36 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// The frame of this estimate, with the fields that were asked for.
-    #[must_use]
-    pub fn frame(&self, seq: u32, fields: Fields) -> Frame {
-        let mut frame = Frame::default();
-        self.put(&mut frame, seq, fields);
-        frame
-    }
+    /// Of no scan yet.
+    pub(crate) const NOTHING: Self = Self {
+        time: Micros(0),
+        status: Status(0),
+        signals: Signals::NOTHING,
+        sensors: [Force::none(NoValue::Absent); SENSORS],
+        force: Force::none(NoValue::Absent),
+        point: Err(NoValue::Absent),
+        slip: Err(NoValue::Absent),
+        torsion: Err(NoValue::Absent),
+        contacts: Err(NoValue::Absent),
+        bias: None,
+    };
 
-    /// The same into `frame`, which has no fields yet: only what is asked for is copied, and only once.
-    pub fn put(&self, frame: &mut Frame, seq: u32, fields: Fields) {
+    /// The frame of this estimate of `codes`, with the fields that were asked for.
+    #[must_use]
+    pub fn frame<'e>(&'e self, codes: &'e Codes, seq: u32, fields: Fields) -> FrameRef<'e> {
         let on = |field| fields.contains(field);
-        frame.seq = seq;
-        frame.time = self.time;
-        frame.status = self.status;
-        if on(Fields::CODES) {
-            frame.codes = Some(self.codes);
-        }
-        if on(Fields::SIGNALS) {
-            frame.signals = Some(self.signals);
-        }
-        if on(Fields::SENSORS) {
-            frame.sensors = Some(self.sensors);
-        }
-        if on(Fields::FORCE) {
-            frame.force = Some(self.force);
-        }
-        if on(Fields::POINT) {
-            frame.point = Some(self.point);
-        }
-        if on(Fields::SLIP) {
-            frame.slip = Some(self.slip);
-        }
-        if on(Fields::TORSION) {
-            frame.torsion = Some(self.torsion);
-        }
-        if on(Fields::CONTACTS) {
-            frame.contacts = Some(self.contacts);
+        FrameRef {
+            seq,
+            time: self.time,
+            status: self.status,
+            codes: on(Fields::CODES).then_some(codes),
+            signals: on(Fields::SIGNALS).then_some(&self.signals),
+            sensors: on(Fields::SENSORS).then_some(&self.sensors),
+            force: on(Fields::FORCE).then_some(&self.force),
+            point: on(Fields::POINT).then_some(&self.point),
+            slip: on(Fields::SLIP).then_some(&self.slip),
+            torsion: on(Fields::TORSION).then_some(&self.torsion),
+            contacts: on(Fields::CONTACTS).then_some(&self.contacts),
         }
     }
 }
@@ -210,13 +201,28 @@ impl Finger {
 
     /// One scan.
     pub fn estimate(&self, state: &mut FingerState, scan: &Scan) -> Estimate {
+        let mut estimate = Estimate::NOTHING;
+        self.update(&mut estimate, state, scan);
+        estimate
+    }
+
+    /// The same in the place of another scan's estimate, of which nothing stays.
+    pub fn update(&self, estimate: &mut Estimate, state: &mut FingerState, scan: &Scan) {
         let warmth = self.calibration.as_ref().and_then(Calibration::warmth);
         let thermometer = &mut state.thermometer;
         let warm = warmth.and_then(|warmth| Some((warmth, thermometer.read(&scan.codes)?)));
-        let levels = levels(&scan.codes, warm);
-        let bias = if state.taker.is_some() { advance_bias(state, &levels) } else { None };
         let healthy = self.calibration.as_ref().and_then(|c| c.taxels.as_ref());
-        let mut signals = state.bias.apply(&levels, healthy.map(|taxels| &taxels.bias.level));
+        let healthy = healthy.map(|taxels| &taxels.bias.level);
+        let signals = &mut estimate.signals;
+        let bias = if state.taker.is_some() {
+            let levels = Levels::at_reference(&scan.codes, warm);
+            let bias = advance_bias(state, &levels);
+            *signals = state.bias.apply(&levels, healthy);
+            bias
+        } else {
+            state.bias.direct(&scan.codes, healthy, warm, signals);
+            None
+        };
         let stuck = state.stuck.update(&scan.codes);
         signals.health.dead |= stuck.taxels;
         signals.health.bridge_faults |= stuck.bridges;
@@ -224,13 +230,13 @@ impl Finger {
             state.noise.interrupt();
             state.matrix.interrupt();
         }
-        let noisy = state.noise.update(&signals, &state.bias);
+        let noisy = state.noise.update(signals, &state.bias);
         if let Some((warmth, level)) = warm {
             let gain = warmth.gain(level);
             signals.bridges.iter_mut().flatten().flatten().for_each(|u| *u *= gain);
         }
         let mut status = Status::default();
-        let unknown = |(warmth, level): (&Warmth, f32)| warmth.unknown(level);
+        let unknown = |(warmth, level): Warm<'_>| warmth.unknown(level);
         flag(&mut status, Status::TEMPERATURE, warm.is_some_and(unknown));
         flag(&mut status, Status::RAN_WARMTH, warm.is_some());
         flag(&mut status, Status::NOISY, noisy != 0);
@@ -241,19 +247,19 @@ impl Finger {
         flag(&mut status, Status::DEAD_TAXEL, signals.health.dead != 0);
         flag(&mut status, Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
 
-        let contact = self.gate.update(&mut state.gate, state.bias.activity(&signals));
+        let contact = self.gate.update(&mut state.gate, state.bias.activity(signals));
         flag(&mut status, Status::CONTACT, contact);
 
         // The gate answers at once, and what slips is heard above any filter's corner: both have the
         // signals as they came.
         let mut raw = None;
         if let Some(filter) = &self.filter {
-            raw = Some(signals);
-            filter.smooth(&mut state.smooth, &mut signals);
+            raw = Some(*signals);
+            filter.smooth(&mut state.smooth, signals);
         }
         let record = self.calibration.as_ref();
-        let sensors = self.sensor_forces(&scan.codes, &signals, &mut status);
-        let felt = Felt::of(record, &signals, &sensors, (contact, &mut status));
+        let sensors = self.sensor_forces(&scan.codes, signals, &mut status);
+        let felt = Felt::of(record, signals, &sensors, (contact, &mut status));
         let seen = match &signals.taxels {
             None => Seen::nothing(missing(scan.codes.taxels.is_some())),
             Some(c) => {
@@ -264,25 +270,21 @@ impl Finger {
         };
         let fused = Fused::of(&seen, &felt, &mut status);
         let (torsion, used) = (felt.torsion, seen.used);
-        let heard = raw.as_ref().unwrap_or(&signals);
+        let heard = raw.as_ref().unwrap_or(signals);
         let grip = Grip { time: scan.time, signals: heard, fused: &fused, torsion, used, contact };
         let slip = grip.judge(record, &mut state.grip, &mut status);
         let Fused { force, point, .. } = fused;
         let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
         flag(&mut status, Status::UNCALIBRATED, lacks(&force) && sensors.iter().all(lacks));
-        Estimate {
-            time: scan.time,
-            status,
-            codes: scan.codes,
-            signals,
-            sensors,
-            force,
-            point,
-            slip,
-            torsion,
-            contacts: seen.contacts,
-            bias,
-        }
+        estimate.time = scan.time;
+        estimate.status = status;
+        estimate.sensors = sensors;
+        estimate.force = force;
+        estimate.point = point;
+        estimate.slip = slip;
+        estimate.torsion = torsion;
+        estimate.contacts = seen.contacts;
+        estimate.bias = bias;
     }
 
     fn sensor_forces(
@@ -310,15 +312,6 @@ impl Finger {
             Force::known(x, y, z)
         })
     }
-}
-
-/// Levels of a scan, brought to the temperature of the calibration.
-fn levels(codes: &Codes, warm: Option<(&Warmth, f32)>) -> Levels {
-    let mut levels = Levels::read(codes);
-    if let Some((warmth, level)) = warm {
-        warmth.correct(&mut levels, level);
-    }
-    levels
 }
 
 /// Apart, because what it may hand back is large, rare, and would be copied with every scan.

@@ -195,6 +195,61 @@ pub struct Frame {
     pub contacts: Option<Measured<[NormalContact; 2]>>,
 }
 
+/// A frame whose fields lie where they were made: half a kilobyte that need not be copied to be sent.
+#[derive(Clone, Copy, Debug)]
+#[expect(missing_docs, reason = "they are those of a frame")]
+pub struct FrameRef<'f> {
+    pub seq: u32,
+    pub time: Micros,
+    pub status: Status,
+    pub codes: Option<&'f Codes>,
+    pub signals: Option<&'f Signals>,
+    pub sensors: Option<&'f [Force; SENSORS]>,
+    pub force: Option<&'f Force>,
+    pub point: Option<&'f Measured<ContactPoint>>,
+    pub slip: Option<&'f Measured<Verdict>>,
+    pub torsion: Option<&'f Measured<NewtonMillimetres>>,
+    pub contacts: Option<&'f Measured<[NormalContact; 2]>>,
+}
+
+impl<'f> From<&'f Frame> for FrameRef<'f> {
+    fn from(frame: &'f Frame) -> Self {
+        let Frame { seq, time, status, .. } = *frame;
+        Self {
+            seq,
+            time,
+            status,
+            codes: frame.codes.as_ref(),
+            signals: frame.signals.as_ref(),
+            sensors: frame.sensors.as_ref(),
+            force: frame.force.as_ref(),
+            point: frame.point.as_ref(),
+            slip: frame.slip.as_ref(),
+            torsion: frame.torsion.as_ref(),
+            contacts: frame.contacts.as_ref(),
+        }
+    }
+}
+
+impl From<FrameRef<'_>> for Frame {
+    fn from(frame: FrameRef<'_>) -> Self {
+        let FrameRef { seq, time, status, .. } = frame;
+        Self {
+            seq,
+            time,
+            status,
+            codes: frame.codes.copied(),
+            signals: frame.signals.copied(),
+            sensors: frame.sensors.copied(),
+            force: frame.force.copied(),
+            point: frame.point.copied(),
+            slip: frame.slip.copied(),
+            torsion: frame.torsion.copied(),
+            contacts: frame.contacts.copied(),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,8 +3,8 @@
 
 use crate::calibration::{self, bias_fits};
 use crate::condition::{BiasRefusal, LowPass};
-use crate::finger::{Finger, FingerState};
-use crate::frame::{Fields, Frame, Status};
+use crate::finger::{Estimate, Finger, FingerState};
+use crate::frame::{Fields, FrameRef, Status};
 use crate::scan::{Codes, Scan};
 use crate::self_test::{MOST_SCANS, Running};
 use crate::store::{Flash, Settings, Store, StoreError, StoredBias};
@@ -31,7 +31,8 @@ pub struct Instrument {
     fields: Fields,
     until_due: u16,
     seq: u32,
-    frame: Frame,
+    /// Of the last scan.
+    estimate: Estimate,
     bias_tag: Option<u8>,
     /// What came of the bias that this scan completed.
     bias_taken: Option<Result<(), BiasRefusal>>,
@@ -77,7 +78,7 @@ impl Instrument {
             fields: Fields::ESTIMATES,
             until_due: 0,
             seq: 0,
-            frame: Frame::default(),
+            estimate: Estimate::NOTHING,
             bias_tag: None,
             bias_taken: None,
             bias_in_contact: false,
@@ -137,10 +138,10 @@ impl Instrument {
         self.streaming
     }
 
-    /// The last frame that was due. It stays here to be packed: it is half a kilobyte to hand about.
+    /// The frame that is due of `scan`, the last one.
     #[must_use]
-    pub fn frame(&self) -> &Frame {
-        &self.frame
+    pub fn frame<'s>(&'s self, scan: &'s Scan) -> FrameRef<'s> {
+        self.estimate.frame(&scan.codes, self.seq.wrapping_sub(1), self.fields)
     }
 
     /// What has been counted.
@@ -155,21 +156,19 @@ impl Instrument {
 
     /// One scan: estimates always, a frame when one is due.
     pub fn scan(&mut self, scan: &Scan) -> Outcome {
-        let estimate = self.finger.estimate(&mut self.state, scan);
+        self.finger.update(&mut self.estimate, &mut self.state, scan);
         self.counters.scans = self.counters.scans.wrapping_add(1);
         self.counters.overruns = self.counters.overruns.wrapping_add(scan.lost);
         let mut outcome = Outcome::default();
-        self.taking_in_contact |= estimate.status.contains(Status::CONTACT);
-        self.bias_taken = estimate.bias;
-        if estimate.bias.is_some() || self.self_test.is_some() {
+        self.taking_in_contact |= self.estimate.status.contains(Status::CONTACT);
+        self.bias_taken = self.estimate.bias;
+        if self.bias_taken.is_some() || self.self_test.is_some() {
             outcome.reply = self.finish(&scan.codes);
         }
         if self.streaming {
             if self.until_due == 0 {
                 self.until_due = self.divider();
                 outcome.frame = true;
-                self.frame = Frame::default();
-                estimate.put(&mut self.frame, self.seq, self.fields);
                 self.seq = self.seq.wrapping_add(1);
                 self.counters.frames = self.counters.frames.wrapping_add(1);
             }

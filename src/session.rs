@@ -191,7 +191,7 @@ async fn converse<R: Read>(
                 reply(&late, &mut buffer, pipe, instrument, pace).await;
                 if outcome.frame {
                     let before = board.ticks();
-                    let packed = pack_frame(instrument.frame(), &mut buffer);
+                    let packed = pack_frame(instrument.frame(&scan), &mut buffer);
                     if !offer(packed, REPLY_RESERVE, pipe, pace).await {
                         let counters = instrument.counters();
                         counters.lost = counters.lost.wrapping_add(1);

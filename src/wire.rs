@@ -15,7 +15,7 @@ use serde::de::DeserializeOwned;
 
 pub(crate) use crc32::crc32;
 
-use crate::frame::Frame;
+use crate::frame::FrameRef;
 
 /// Longest packet with its COBS overhead and final zero. The longest message is a frame with every
 /// field (asserted in the tests).
@@ -43,12 +43,16 @@ pub fn pack<'b, M: Serialize>(message: &M, buffer: &'b mut [u8]) -> Result<&'b [
     close(buffer, |body| postcard::to_slice(message, body).ok().map(|message| message.len()))
 }
 
-/// Packs [`message::Message::Frame`] of a frame that stays where it is: it is half a kilobyte to copy.
+/// Packs [`message::Message::Frame`] of a frame that stays where it is.
 ///
 /// # Errors
 /// [`WireError::TooLong`] when it does not fit.
-pub fn pack_frame<'b>(frame: &Frame, buffer: &'b mut [u8]) -> Result<&'b [u8], WireError> {
-    close(buffer, |body| frame::put(frame, body))
+pub fn pack_frame<'b, 'f>(
+    frame: impl Into<FrameRef<'f>>,
+    buffer: &'b mut [u8],
+) -> Result<&'b [u8], WireError> {
+    let frame = frame.into();
+    close(buffer, |body| frame::put(&frame, body))
 }
 
 /// The packet of the message that `put` puts into a buffer, of which it says how long it is.

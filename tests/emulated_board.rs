@@ -20,7 +20,9 @@ fn on_host(scans: &[Scan], calibration: Option<Calibration>) -> Vec<Frame> {
     let (finger, mut state) = Finger::new(calibration);
     let seqs = 0..;
     seqs.zip(scans)
-        .map(|(seq, scan)| finger.estimate(&mut state, scan).frame(seq, Fields::ALL))
+        .map(|(seq, scan)| {
+            finger.estimate(&mut state, scan).frame(&scan.codes, seq, Fields::ALL).into()
+        })
         .collect()
 }
 
@@ -166,7 +168,8 @@ fn emulated_pins_bring_a_trace_to_the_client_as_this_machine_would_have_it() {
         assert!(off(frame, scan) <= 1.5, "scan {seq}: {}", off(frame, scan));
         let overrun = frame.status.contains(Status::OVERRUN);
         let read = Scan { time: frame.time, lost: overrun.into(), codes: frame.codes.unwrap() };
-        let host = finger.estimate(&mut state, &read).frame(seq, Fields::ALL);
+        let host = finger.estimate(&mut state, &read);
+        let host = Frame::from(host.frame(&read.codes, seq, Fields::ALL));
         assert_eq!(bytes(frame), bytes(&host), "{frame:?}\n{host:?}");
         assert_eq!(overrun, seq == 0);
         assert!(frame.time.0.abs_diff(scan.time.0) <= 5, "{} for {}", frame.time.0, scan.time.0);

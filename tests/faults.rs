@@ -3,6 +3,7 @@
 
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
+use taxel::scan::Scan;
 use taxel_sim::{Scene, Simulator};
 
 /// The finger of the built-in scenes, unloaded for a second, then with the fault, then without again.
@@ -10,17 +11,26 @@ const SCENE: &str = "effects = ['noise', 'ambient', 'flicker', 'gain-spread', 'o
                      'bridge-mismatch', 'bridge-crosstalk']\n[scan]\nrate_hz = 1000\nduration_s = 3\n";
 const BIAS: usize = 300;
 
-/// Estimates of a finger without a calibration that takes its bias first; a frame a millisecond.
-fn estimates(more: &str) -> Vec<Estimate> {
+/// A scan a millisecond.
+fn scans(more: &str) -> impl Iterator<Item = Scan> {
     let scene = Scene::parse("fault.toml", &format!("{SCENE}{more}")).unwrap();
+    Simulator::new(&scene, 3).map(|sample| sample.scan)
+}
+
+/// Estimates of a finger without a calibration that takes its bias first.
+fn estimates(more: &str) -> Vec<Estimate> {
     let (finger, mut state) = Finger::new(None);
     state.take_bias(BIAS as u16);
-    let samples = Simulator::new(&scene, 3);
-    samples.map(|sample| finger.estimate(&mut state, &sample.scan)).collect()
+    scans(more).map(|scan| finger.estimate(&mut state, &scan)).collect()
+}
+
+/// The scene's fault, from the first to the second second.
+fn table(keys: &str) -> String {
+    format!("[[fault]]\nat_s = 1\nuntil_s = 2\n{keys}\n")
 }
 
 fn fault(keys: &str) -> Vec<Estimate> {
-    estimates(&format!("[[fault]]\nat_s = 1\nuntil_s = 2\n{keys}\n"))
+    estimates(&table(keys))
 }
 
 const FAULTS: Status = Status(
@@ -143,7 +153,7 @@ fn a_dip_that_the_converter_follows_swapped_columns_and_a_floating_midpoint_go_u
         let bridge = estimate.signals.bridges[1].unwrap()[0].abs() > 0.005;
         assert!(moved || bridge || keys.contains("vref"), "{keys} changes what is measured");
     }
-    let dip = fault("kind = 'supply-dip'\nratio = 0.8");
+    let dip: Vec<_> = scans(&table("kind = 'supply-dip'\nratio = 0.8")).collect();
     let reference = |t: usize| dip[t].codes.full_scale.ratio(dip[t].codes.reference.unwrap()).0;
     assert!((reference(500) - 0.5).abs() < 1e-3 && (reference(1500) - 0.625).abs() < 1e-3);
 }

@@ -99,7 +99,6 @@ fn a_filter_quietens_forces_and_places_and_delays_nothing_but_them() {
         let [plain, smooth] = estimates;
         let contact = |estimate: &Estimate| estimate.status.contains(Status::CONTACT);
         assert_eq!(contact(&plain), contact(&smooth), "scan {i}");
-        assert_eq!(plain.codes, smooth.codes);
         if i >= 1000 {
             for (spread, estimate) in spread.iter_mut().zip(&estimates) {
                 let Ok(Newtons(fz)) = estimate.force.z else { panic!("{:?}", estimate.force) };

@@ -48,6 +48,7 @@ impl Bias {
     /// taken on command cannot make a dead taxel pass for a dark one. Without a calibration the bias
     /// itself has to do.
     #[must_use]
+    #[inline(never)]
     pub fn apply(&self, levels: &Levels, healthy: Option<&TaxelLevels>) -> Signals {
         let mut signals = Signals { health: levels.health, ..Signals::default() };
         signals.health.dead = levels.dead(healthy.or(self.taxels.as_ref().map(|bias| &bias.level)));

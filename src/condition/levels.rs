@@ -1,8 +1,9 @@
 //! Absolute levels of one frame, before any bias.
 
 use super::Health;
+use super::warmth::Warm;
 use crate::scan::{COLS, Codes, Midpoints, SENSORS, TAXELS, TaxelCodes};
-use crate::units::FullScale;
+use crate::units::{Code, FullScale};
 
 /// Light of each taxel above dark, as fractions of full scale.
 pub type TaxelLevels = [f32; TAXELS];
@@ -61,24 +62,48 @@ impl Levels {
         levels
     }
 
+    /// Those of a scan, brought to the temperature of the calibration.
+    #[must_use]
+    #[inline(never)]
+    pub fn at_reference(codes: &Codes, warm: Option<Warm<'_>>) -> Self {
+        let mut levels = Self::read(codes);
+        if let Some((warmth, level)) = warm {
+            warmth.correct(&mut levels, level);
+        }
+        levels
+    }
+
     /// Taxels that have lost most of the light they have unloaded.
     pub(super) fn dead(&self, unloaded: Option<&TaxelLevels>) -> u16 {
         let Some(levels) = &self.taxels else { return 0 };
         let Some(unloaded) = unloaded else {
             return marked(levels.iter().map(|level| *level < DEAD_LEVEL));
         };
-        // The sign of a difference is a bit: that of all of them together says that there is nothing to
-        // look for, which is nearly always so, in half the time.
-        let mut signs = 0;
-        for (level, unloaded) in levels.iter().zip(unloaded) {
-            signs |= (level - unloaded * DEAD_SHARE).to_bits() | (level - DEAD_LEVEL).to_bits();
-        }
-        if signs >> 31 == 0 {
+        let pairs = levels.iter().zip(unloaded);
+        if !any_sign(pairs.fold(0, |signs, (level, unloaded)| signs | lost(*level, *unloaded))) {
             return 0;
         }
         let pairs = levels.iter().zip(unloaded);
         marked(pairs.map(|(level, unloaded)| *level < unloaded * DEAD_SHARE || *level < DEAD_LEVEL))
     }
+}
+
+/// The sign of a difference is a bit: that of many of them together says that there is nothing to look for,
+/// which is nearly always so, in half the time.
+pub(super) fn any_sign(signs: u32) -> bool {
+    signs >> 31 != 0
+}
+
+/// A sign where a taxel has lost most of its light.
+#[inline(always)]
+pub(super) fn lost(level: f32, unloaded: f32) -> u32 {
+    (level - unloaded * DEAD_SHARE).to_bits() | (level - DEAD_LEVEL).to_bits()
+}
+
+/// Lit less dark.
+#[inline(always)]
+pub(super) fn light(lit: Code, dark: Code, step: f32) -> f32 {
+    (i32::from(lit.0) - i32::from(dark.0)) as f32 * step
 }
 
 /// A bit for each taxel of which it holds. What asks has seen that there is one.
@@ -93,18 +118,23 @@ fn read_taxels(codes: &TaxelCodes, step: f32) -> TaxelLevels {
     let rows = levels.as_chunks_mut::<COLS>().0;
     for (levels, lit) in rows.iter_mut().zip(&codes.lit) {
         for (level, (lit, dark)) in levels.iter_mut().zip(lit.iter().zip(&codes.dark)) {
-            *level = (i32::from(lit.0) - i32::from(dark.0)) as f32 * step;
+            *level = light(*lit, *dark, step);
         }
     }
     levels
 }
 
+/// A sign where a code is one that may have been clipped.
+#[inline(always)]
+pub(super) fn reaches(limit: Code, code: Code) -> u32 {
+    u32::from(limit.0).wrapping_sub(u32::from(code.0) + 1)
+}
+
 /// Taxels whose lit or dark code may have been clipped.
-fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
+pub(super) fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
     let all = codes.lit.as_flattened().iter().chain(&codes.dark);
-    // As with the dead ones: none of them is, in the time it takes to add up signs.
-    let limit = i32::from(full_scale.clipped().0);
-    if all.fold(0, |signs, code| signs | (limit - 1 - i32::from(code.0))) >= 0 {
+    let limit = full_scale.clipped();
+    if !any_sign(all.fold(0, |signs, code| signs | reaches(limit, *code))) {
         return 0;
     }
     let pairs = codes.lit.iter().flat_map(|row| row.iter().zip(&codes.dark));
@@ -112,7 +142,7 @@ fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
 }
 
 /// What an intact bridge keeps to.
-struct BridgeLimits {
+pub(super) struct BridgeLimits {
     lowest: u32,
     highest: u32,
     /// Of the sum of all four.
@@ -121,7 +151,7 @@ struct BridgeLimits {
 }
 
 impl BridgeLimits {
-    fn new(full_scale: FullScale) -> Self {
+    pub fn new(full_scale: FullScale) -> Self {
         let top = u32::from(full_scale.top().0);
         let (rail, common) = (top.div_ceil(MIDPOINT_MARGIN), 4 * top / COMMON_MARGIN);
         Self { lowest: rail, highest: top - rail, least: 2 * top - common, most: 2 * top + common }
@@ -130,21 +160,27 @@ impl BridgeLimits {
 
 /// 003 eqs (1.10)–(1.12) before the amplifiers: u_x = V_B − V_A, u_y = V_C − V_D,
 /// u_z = (V_A + V_B) − (V_C + V_D). The amplifiers' gains are in S.
-fn read_bridge(midpoints: &Midpoints, limits: &BridgeLimits, step: f32) -> (BridgeLevels, bool) {
+#[inline(always)]
+pub(super) fn read_bridge(
+    midpoints: &Midpoints,
+    limits: &BridgeLimits,
+    step: f32,
+) -> (BridgeLevels, bool) {
     let [a, b, c, d] =
         [midpoints.a, midpoints.b, midpoints.c, midpoints.d].map(|code| u32::from(code.0));
-    let clear = |v: u32| (limits.lowest..=limits.highest).contains(&v);
-    let intact = clear(a) && clear(b) && clear(c) && clear(d);
-    let fed = (limits.least..=limits.most).contains(&(a + b + c + d));
+    // Signs again: eighteen bits are compared in 32.
+    let outside = |v: u32, low: u32, high: u32| v.wrapping_sub(low) | high.wrapping_sub(v);
+    let rails = [a, b, c, d].into_iter();
+    let rails = rails.fold(0, |signs, v| signs | outside(v, limits.lowest, limits.highest));
+    let faulty = any_sign(rails | outside(a + b + c + d, limits.least, limits.most));
     let [a, b, c, d] = [a, b, c, d].map(|code| code as i32);
     let outputs = [b - a, c - d, (a + b) - (c + d)].map(|codes| codes as f32 * step);
-    (outputs, intact && fed)
+    (outputs, !faulty)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::Code;
 
     fn codes(taxels: TaxelCodes) -> Codes {
         Codes {

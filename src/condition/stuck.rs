@@ -65,6 +65,9 @@ impl StuckWatch {
             let stuck = self.judged(TAXELS) | self.judged(!TAXELS);
             *self = Self { stuck, ..Self::default() };
         }
+        if self.stuck == 0 {
+            return Stuck::default();
+        }
         let [low, high, midpoints @ ..] = self.stuck.to_le_bytes();
         let mut bridges = 0;
         for (i, midpoints) in midpoints.iter().flat_map(|two| [two & 15, two >> 4]).enumerate() {

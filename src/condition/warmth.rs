@@ -37,6 +37,9 @@ pub struct Warmth {
     pub offset: [BridgeLevels; SENSORS],
 }
 
+/// Warmth, and the thermometer's level now.
+pub type Warm<'c> = (&'c Warmth, f32);
+
 impl Warmth {
     /// Over [`FARTHEST`] light and sensitivity change by less than half.
     pub(crate) fn shares_fit(&self) -> bool {
@@ -50,7 +53,7 @@ impl Warmth {
         !(low..=high).contains(&level)
     }
 
-    fn change(&self, level: f32) -> f32 {
+    pub(super) fn change(&self, level: f32) -> f32 {
         (level - self.reference).clamp(-FARTHEST, FARTHEST)
     }
 
@@ -58,7 +61,7 @@ impl Warmth {
     pub fn correct(&self, levels: &mut Levels, level: f32) {
         let change = self.change(level);
         if let Some(taxels) = &mut levels.taxels {
-            let brighter = 1.0 / (1.0 + self.light * change);
+            let brighter = self.brighter(change);
             taxels.iter_mut().for_each(|level| *level *= brighter);
         }
         for (bridge, offset) in levels.bridges.iter_mut().zip(&self.offset) {
@@ -66,6 +69,11 @@ impl Warmth {
                 bridge.iter_mut().zip(offset).for_each(|(u, offset)| *u -= offset * change);
             }
         }
+    }
+
+    /// What light is to be multiplied by.
+    pub(super) fn brighter(&self, change: f32) -> f32 {
+        1.0 / (1.0 + self.light * change)
     }
 
     /// What the signals of the force sensors are to be multiplied by.

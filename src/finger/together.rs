@@ -125,9 +125,16 @@ impl Fused {
     }
 }
 
-/// Leaves in `seen` what matrix and array say together.
-#[inline(never)]
+/// Leaves in `seen` what matrix and array say together: where the array says nothing, no more than it did.
+#[inline(always)]
 fn join(seen: &mut Measured<Uncertain>, felt: &Measured<Uncertain>, status: &mut Status) {
+    if felt.is_ok() || *seen == Err(NoValue::Absent) {
+        meet(seen, felt, status);
+    }
+}
+
+#[inline(never)]
+fn meet(seen: &mut Measured<Uncertain>, felt: &Measured<Uncertain>, status: &mut Status) {
     match (&*seen, felt) {
         (Ok(one), Ok(other)) => {
             let (one, agree) = fuse(*one, *other);

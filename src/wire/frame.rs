@@ -5,7 +5,7 @@
 use crate::condition::Signals;
 use crate::estimate::slip::Verdict;
 use crate::estimate::{ContactPoint, Force, NormalContact};
-use crate::frame::Frame;
+use crate::frame::FrameRef;
 use crate::measured::Measured;
 use crate::scan::{Codes, Midpoints, TaxelCodes};
 use crate::units::{Code, Micros, NewtonMillimetres, Newtons};
@@ -14,21 +14,20 @@ use crate::units::{Code, Micros, NewtonMillimetres, Newtons};
 const FRAME: u8 = 2;
 
 /// Puts the frame into `buffer`; how long it is. Nothing where it does not fit.
-pub(super) fn put(frame: &Frame, buffer: &mut [u8]) -> Option<usize> {
+pub(super) fn put(frame: &FrameRef<'_>, buffer: &mut [u8]) -> Option<usize> {
     let length = buffer.len();
     let rest = byte(buffer, FRAME)?;
     let rest = varint(rest, frame.seq)?;
     let rest = time(rest, frame.time)?;
     let rest = varint(rest, frame.status.0)?;
-    let rest = option(rest, &frame.codes, codes)?;
-    let rest = option(rest, &frame.signals, signals)?;
-    let rest = option(rest, &frame.sensors, |rest, sensors| forces(rest, sensors))?;
-    let rest =
-        option(rest, &frame.force, |rest, force| forces(rest, core::array::from_ref(force)))?;
-    let rest = option(rest, &frame.point, |rest, point| measured(rest, point, place))?;
-    let rest = option(rest, &frame.slip, |rest, slip| measured(rest, slip, verdict))?;
-    let rest = option(rest, &frame.torsion, |rest, torsion| measured(rest, torsion, moment))?;
-    let rest = option(rest, &frame.contacts, |rest, two| measured(rest, two, contacts))?;
+    let rest = option(rest, frame.codes, codes)?;
+    let rest = option(rest, frame.signals, signals)?;
+    let rest = option(rest, frame.sensors, |rest, sensors| forces(rest, sensors))?;
+    let rest = option(rest, frame.force, |rest, force| forces(rest, core::slice::from_ref(force)))?;
+    let rest = option(rest, frame.point, |rest, point| measured(rest, point, place))?;
+    let rest = option(rest, frame.slip, |rest, slip| measured(rest, slip, verdict))?;
+    let rest = option(rest, frame.torsion, |rest, torsion| measured(rest, torsion, moment))?;
+    let rest = option(rest, frame.contacts, |rest, two| measured(rest, two, contacts))?;
     Some(length - rest.len())
 }
 
@@ -68,7 +67,7 @@ fn time(mut rest: &mut [u8], Micros(mut time): Micros) -> Rest<'_> {
 #[inline(always)]
 fn option<'b, T>(
     rest: &'b mut [u8],
-    value: &Option<T>,
+    value: Option<&T>,
     put: impl Fn(&'b mut [u8], &T) -> Rest<'b>,
 ) -> Rest<'b> {
     match value {
@@ -112,22 +111,22 @@ fn code<'b>(rest: &'b mut [u8], code: &Code) -> Rest<'b> {
 
 fn codes<'b>(rest: &'b mut [u8], codes: &Codes) -> Rest<'b> {
     let rest = code(rest, &codes.full_scale.top())?;
-    let mut rest = option(rest, &codes.taxels, |rest, TaxelCodes { lit, dark }| {
+    let mut rest = option(rest, codes.taxels.as_ref(), |rest, TaxelCodes { lit, dark }| {
         pairs(pairs(rest, lit.as_flattened().as_chunks().0)?, dark.as_chunks().0)
     })?;
     for midpoints in &codes.bridges {
-        rest = option(rest, midpoints, |rest, &Midpoints { a, b, c, d }| {
+        rest = option(rest, midpoints.as_ref(), |rest, &Midpoints { a, b, c, d }| {
             pairs(rest, &[[a, b], [c, d]])
         })?;
     }
-    let rest = option(rest, &codes.reference, code)?;
-    option(rest, &codes.temperature, code)
+    let rest = option(rest, codes.reference.as_ref(), code)?;
+    option(rest, codes.temperature.as_ref(), code)
 }
 
 fn signals<'b>(rest: &'b mut [u8], signals: &Signals) -> Rest<'b> {
-    let mut rest = option(rest, &signals.taxels, |rest, taxels| floats(rest, taxels))?;
+    let mut rest = option(rest, signals.taxels.as_ref(), |rest, taxels| floats(rest, taxels))?;
     for bridge in &signals.bridges {
-        rest = option(rest, bridge, |rest, bridge| floats(rest, bridge))?;
+        rest = option(rest, bridge.as_ref(), |rest, bridge| floats(rest, bridge))?;
     }
     let health = &signals.health;
     let rest = varint(varint(rest, health.saturated.into())?, health.dead.into())?;

@@ -61,7 +61,7 @@ pub fn measure(waiting: Waiting<'_>) -> anyhow::Result<Vec<Stage>> {
         frames.clear();
         for sample in &samples {
             if instrument.scan(&sample.scan).frame {
-                frames.push(*instrument.frame());
+                frames.push(instrument.frame(&sample.scan).into());
             }
         }
         Ok(frames.len())

@@ -4,7 +4,7 @@ use core::hint::black_box;
 
 use serde::{Serialize, Serializer};
 use taxel::calibration::{Calibration, MAX_BYTES};
-use taxel::frame::{Fields, Frame};
+use taxel::frame::{Fields, Frame, FrameRef};
 use taxel::instrument::Instrument;
 use taxel::scan::Scan;
 use taxel::store::{RamFlash, Store};
@@ -24,7 +24,7 @@ pub struct Packet {
 impl Packet {
     pub const EMPTY: Self = Self { bytes: [0; MAX_PACKET], length: 0 };
 
-    fn pack(&mut self, frame: &Frame) {
+    fn pack<'f>(&mut self, frame: impl Into<FrameRef<'f>>) {
         self.length = pack_frame(frame, &mut self.bytes).map_or(0, <[u8]>::len);
     }
 }
@@ -74,7 +74,7 @@ pub fn whole(instrument: &mut Instrument, scan: &Scan, packet: &mut Packet) {
     packet.length = 0;
     let outcome = instrument.scan(scan);
     if outcome.frame {
-        packet.pack(instrument.frame());
+        packet.pack(instrument.frame(scan));
     }
     if outcome.reply {
         let _ = black_box(instrument.take_reply());
@@ -113,7 +113,7 @@ pub fn stages(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl M
         let mut instrument = warm(record, fields, inputs.touched());
         let frames = inputs.touched().map(|scan| {
             instrument.scan(&scan);
-            *instrument.frame()
+            Frame::from(instrument.frame(&scan))
         });
         meter.stage(name, &mut (), frames, out, |(), frame: &Frame, packet| {
             packet.pack(frame);

@@ -35,7 +35,7 @@ pub fn dearest(calibration: &Calibration) -> Calibration {
         // No stored record has room for it beside such a net, and the product goes without it.
         model: None,
         slip: Some(Slip::usual(0.5)),
-        // The product's image is built without it: with its 550 cycles such a frame is 40 over its half.
+        // The product's image is built without it, for want of flash.
         warmth: None,
         array: Some(Array {
             method: sums,

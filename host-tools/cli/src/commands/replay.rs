@@ -206,8 +206,9 @@ fn on_host(
         if interrupt.came() {
             break;
         }
-        let estimate = finger.estimate(&mut state, &sample?.scan);
-        sink.take(&estimate.frame(seq, sink.fields))?;
+        let scan = sample?.scan;
+        let estimate = finger.estimate(&mut state, &scan);
+        sink.take(&estimate.frame(&scan.codes, seq, sink.fields).into())?;
     }
     Ok(sink)
 }

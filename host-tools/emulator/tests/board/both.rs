@@ -82,7 +82,8 @@ fn frames_are_the_hosts_own_byte_for_byte(model: Model) {
             let scan = Scan { time, lost: 0, codes: seen.codes };
             let estimate = finger.estimate(&mut state, &scan);
             expected.is_none_or(|(_, device)| {
-                packed(&estimate.frame(device.seq, Fields::ALL)) == packed(device)
+                packed(&estimate.frame(&scan.codes, device.seq, Fields::ALL).into())
+                    == packed(device)
             })
         })
     };

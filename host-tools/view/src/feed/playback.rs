@@ -43,9 +43,10 @@ fn open(
     };
     let (finger, mut state) = scans.header.finger(calibration.cloned().or(scans.calibration));
     let rows = (0u32..).zip(scans.samples).map(move |(seq, sample)| {
-        let estimate = finger.estimate(&mut state, &sample?.scan);
+        let scan = sample?.scan;
+        let estimate = finger.estimate(&mut state, &scan);
         let mut row = Vec::new();
-        cells(&estimate.frame(seq, Fields::ALL), Fields::ALL, &mut row);
+        cells(&estimate.frame(&scan.codes, seq, Fields::ALL).into(), Fields::ALL, &mut row);
         Ok(row)
     });
     Ok((columns(Fields::ALL), Box::new(rows), json!({ "serial": serial })))
