@@ -26,6 +26,19 @@ pub trait Memory {
     fn write(&mut self, address: u32, size: u32, value: u32) -> Outcome;
 }
 
+/// What one request to the DMA moves.
+#[derive(Clone, Copy, Debug)]
+pub struct Transfer {
+    /// The peripheral's register.
+    pub register: u32,
+    /// The place in memory.
+    pub memory: u32,
+    /// Bytes.
+    pub size: u32,
+    /// Out of the memory.
+    pub to_peripheral: bool,
+}
+
 /// What reset the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
@@ -299,6 +312,21 @@ pub trait Chip {
             .map_err(|why| format!("write of {value:#x} to {}: {why}", self.name(address)))?;
         self.go_on(now.0);
         Ok(())
+    }
+
+    /// Does what a request to the DMA asks for.
+    ///
+    /// # Errors
+    /// The place or the register that cannot be had.
+    fn transfer(&mut self, transfer: Transfer, now: Tick, memory: &mut dyn Memory) -> Outcome {
+        let Transfer { register, memory: place, size, to_peripheral } = transfer;
+        if to_peripheral {
+            let value = memory.read(place, size)?;
+            self.write(register, size, value, (now, 0))
+        } else {
+            let value = self.read(register, size, (now, 0))?;
+            memory.write(place, size, value)
+        }
     }
 
     /// Plants a fault: what is written to the register at `address` from now on is what `change` makes of

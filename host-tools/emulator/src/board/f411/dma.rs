@@ -1,6 +1,7 @@
 //! DMA2's eight streams in direct mode (RM0383 §9). A transfer is done the moment it is asked for: other masters on
 //! the bus are not modelled, nor are the FIFO, memory to memory, bursts and double buffers.
 
+use crate::board::chip::Transfer;
 use crate::board::{Outcome, UNMODELLED};
 
 /// Streams.
@@ -29,19 +30,6 @@ struct Stream {
     turn: u32,
     done: u32,
     flags: u32,
-}
-
-/// What one request moves.
-#[derive(Clone, Copy, Debug)]
-pub struct Transfer {
-    /// The peripheral's register.
-    pub register: u32,
-    /// The place in memory.
-    pub memory: u32,
-    /// Bytes.
-    pub size: u32,
-    /// Out of the memory.
-    pub to_peripheral: bool,
 }
 
 /// DMA2.

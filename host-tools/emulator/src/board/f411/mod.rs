@@ -141,7 +141,7 @@ impl F411 {
         let edges = self.common.tim1.advance(now);
         for (asked, request) in edges.compare_dma.into_iter().zip(FROM_TIM1) {
             if asked {
-                self.transfer(request, now, memory)?;
+                self.serve(request, now, memory)?;
             }
         }
         let compared = ["TIM1_CC1", "TIM1_CC2", "TIM1_CC3", "TIM1_CC4"];
@@ -168,7 +168,7 @@ impl F411 {
         });
         let asks = asks.map_err(|why| format!("ADC1: {why}"))?;
         if asks && !self.common.misses(0) {
-            self.transfer(FROM_ADC, now, memory)?;
+            self.serve(FROM_ADC, now, memory)?;
         }
         Ok(asks || self.adc.interrupt())
     }
@@ -187,21 +187,14 @@ impl F411 {
         }
     }
 
-    fn transfer(
+    fn serve(
         &mut self,
         (stream, channel): (usize, u32),
         now: Tick,
         memory: &mut dyn Memory,
     ) -> Outcome {
         let Some(transfer) = self.dma.take(stream, channel) else { return Ok(()) };
-        let dma::Transfer { register, memory: place, size, to_peripheral } = transfer;
-        if to_peripheral {
-            let value = memory.read(place, size)?;
-            self.write(register, size, value, (now, 0))
-        } else {
-            let value = self.read(register, size, (now, 0))?;
-            memory.write(place, size, value)
-        }
+        self.transfer(transfer, now, memory)
     }
 }
 

@@ -2,6 +2,7 @@
 //! masters on the bus are not modelled.
 
 use super::names::peripheral;
+use crate::board::chip::Transfer;
 use crate::board::{Outcome, UNMODELLED};
 
 /// Channels of DMA1.
@@ -22,19 +23,6 @@ struct Channel {
     /// Transfers of a whole turn, and how many of them are done.
     turn: u32,
     done: u32,
-}
-
-/// What one request moves.
-#[derive(Clone, Copy, Debug)]
-pub struct Transfer {
-    /// The peripheral's register.
-    pub register: u32,
-    /// The place in memory.
-    pub memory: u32,
-    /// Bytes.
-    pub size: u32,
-    /// Out of the memory.
-    pub to_peripheral: bool,
 }
 
 /// DMA1 with DMAMUX1.

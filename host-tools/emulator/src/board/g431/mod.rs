@@ -230,7 +230,7 @@ impl G431 {
         self.turn_amplifiers(now);
         for (channel, asked) in edges.compare_dma.into_iter().enumerate() {
             if asked {
-                self.transfer(self.requests.tim1[channel], now, memory)?;
+                self.serve(self.requests.tim1[channel], now, memory)?;
             }
         }
         for (rises, name) in [(edges.trgo, "TIM1_TRGO"), (edges.trgo2, "TIM1_TRGO2")] {
@@ -288,7 +288,7 @@ impl G431 {
         });
         let asks = asks.map_err(|why| format!("{name}: {why}"))?;
         if asks && !self.common.misses(i) {
-            self.transfer(self.requests.adc[i], now, memory)?;
+            self.serve(self.requests.adc[i], now, memory)?;
         }
         self.common.system.set_line(self.lines.adc, self.adc.iter().any(Adc::interrupt));
         Ok(asks)
@@ -310,17 +310,10 @@ impl G431 {
         self.pin(ADCS[i], self.adc_pads[i].get(input as usize)).map(Source::Pin)
     }
 
-    fn transfer(&mut self, request: u32, now: Tick, memory: &mut dyn Memory) -> Outcome {
+    fn serve(&mut self, request: u32, now: Tick, memory: &mut dyn Memory) -> Outcome {
         let Some(channel) = self.dma.served_by(request) else { return Ok(()) };
         let Some(transfer) = self.dma.take(channel)? else { return Ok(()) };
-        let dma::Transfer { register, memory: place, size, to_peripheral } = transfer;
-        if to_peripheral {
-            let value = memory.read(place, size)?;
-            self.write(register, size, value, (now, 0))
-        } else {
-            let value = self.read(register, size, (now, 0))?;
-            memory.write(place, size, value)
-        }
+        self.transfer(transfer, now, memory)
     }
 }
 
