@@ -16,6 +16,43 @@ pub trait Flash {
     fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick>;
 }
 
+/// LOCK, of a controller's CR.
+pub const LOCK: u32 = 1 << 31;
+/// What KEYR wants, one after the other.
+const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+
+/// What keeps a controller from being told to change anything: both chips have the same.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Lock {
+    /// Keys that have come.
+    keys: usize,
+}
+
+impl Lock {
+    /// One key more; the last opens CR.
+    pub fn turn(&mut self, key: u32, cr: &mut u32) -> Outcome {
+        if KEYS.get(self.keys) != Some(&key) {
+            return Err("a wrong key, which locks the flash until the next reset".into());
+        }
+        self.keys += 1;
+        if self.keys == KEYS.len() {
+            (self.keys, *cr) = (0, *cr & !LOCK);
+        }
+        Ok(())
+    }
+
+    /// Whether CR stays as it is, whatever is written: nothing but the lock may be.
+    pub fn holds(cr: u32, value: u32) -> Outcome<bool> {
+        if cr & LOCK == 0 {
+            Ok(false)
+        } else if value & LOCK != 0 {
+            Ok(true)
+        } else {
+            Err("written while it is locked".into())
+        }
+    }
+}
+
 /// What is programmed, and what a power cut tore.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cells {

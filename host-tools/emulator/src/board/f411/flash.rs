@@ -4,7 +4,7 @@
 //! own code is not modelled. While the flash is busy the core stands still, since it fetches from there. There is no
 //! error correction: what a cut leaves reads as it is, half of it done.
 
-use crate::board::cells::{Cells, Flash as Changed, Held};
+use crate::board::cells::{Cells, Flash as Changed, Held, LOCK, Lock};
 use crate::board::time::{Tick, micros};
 use crate::board::{Outcome, UNMODELLED};
 
@@ -29,13 +29,11 @@ const SR: u32 = 0x0c;
 const CR: u32 = 0x10;
 const OPTCR: u32 = 0x14;
 
-const LOCK: u32 = 1 << 31;
 const STRT: u32 = 1 << 16;
 const PG: u32 = 1;
 const SER: u32 = 1 << 1;
 /// PSIZE: 32 bits at once.
 const WORDS: usize = 2;
-const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 
 /// Bits that an operation that is cut has done, where all would have been.
 const HALF_DONE: u8 = 0b0101_0110;
@@ -46,13 +44,13 @@ pub struct Flash {
     acr: u32,
     cr: u32,
     sr: u32,
-    keys: usize,
+    lock: Lock,
 }
 
 impl Default for Flash {
     /// Erased.
     fn default() -> Self {
-        Self { held: Held::erased(DATA), acr: 0, cr: LOCK, sr: 0, keys: 0 }
+        Self { held: Held::erased(DATA), acr: 0, cr: LOCK, sr: 0, lock: Lock::default() }
     }
 }
 
@@ -87,13 +85,7 @@ impl Flash {
             // LATENCY, PRFTEN, ICEN, DCEN, ICRST, DCRST
             ACR if value & !0x1f0f != 0 => return Err(UNMODELLED.into()),
             ACR => self.acr = value,
-            KEYR if KEYS.get(self.keys) == Some(&value) => {
-                self.keys += 1;
-                if self.keys == KEYS.len() {
-                    (self.keys, self.cr) = (0, self.cr & !LOCK);
-                }
-            }
-            KEYR => return Err("a wrong key, which locks the flash until the next reset".into()),
+            KEYR => self.lock.turn(value, &mut self.cr)?,
             SR => self.sr &= !value,
             CR => return self.control(value),
             _ => return Err(UNMODELLED.into()),
@@ -102,12 +94,8 @@ impl Flash {
     }
 
     fn control(&mut self, value: u32) -> Outcome<Tick> {
-        if self.cr & LOCK != 0 {
-            return if value & LOCK != 0 {
-                Ok(0)
-            } else {
-                Err("written while it is locked".into())
-            };
+        if Lock::holds(self.cr, value)? {
+            return Ok(0);
         }
         // PG, SER, SNB, PSIZE, STRT, LOCK
         if value & !(LOCK | STRT | 0x37b) != 0 {

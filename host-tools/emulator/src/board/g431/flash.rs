@@ -3,7 +3,7 @@
 //! Only the pages that `memory.x` keeps from the program can be erased and programmed: a firmware that changes its own code is
 //! not modelled. While the flash is busy the core stands still, since it fetches from there.
 
-use crate::board::cells::{Cells, Flash as Changed, Held};
+use crate::board::cells::{Cells, Flash as Changed, Held, LOCK, Lock};
 use crate::board::time::{Tick, micros};
 use crate::board::{Outcome, UNMODELLED};
 
@@ -20,9 +20,6 @@ const CR: u32 = 0x14;
 const ECCR: u32 = 0x18;
 const OPTR: u32 = 0x20;
 
-const LOCK: u32 = 1 << 31;
-const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
-
 /// DS12589 table 44, typical.
 const PROGRAM: Tick = micros(82);
 const ERASE: Tick = micros(22_020);
@@ -34,7 +31,7 @@ pub struct Flash {
     cr: u32,
     sr: u32,
     eccr: u32,
-    keys: usize,
+    lock: Lock,
     /// The first half of a double word.
     half: Option<(u32, u32)>,
 }
@@ -42,7 +39,15 @@ pub struct Flash {
 impl Default for Flash {
     /// Erased.
     fn default() -> Self {
-        Self { held: Held::erased(DATA), acr: 0x600, cr: LOCK, sr: 0, eccr: 0, keys: 0, half: None }
+        Self {
+            held: Held::erased(DATA),
+            acr: 0x600,
+            cr: LOCK,
+            sr: 0,
+            eccr: 0,
+            lock: Lock::default(),
+            half: None,
+        }
     }
 }
 
@@ -84,13 +89,7 @@ impl Flash {
     pub fn write(&mut self, offset: u32, value: u32) -> Outcome<Tick> {
         match offset {
             ACR => self.acr = value,
-            KEYR if KEYS.get(self.keys) == Some(&value) => {
-                self.keys += 1;
-                if self.keys == KEYS.len() {
-                    (self.keys, self.cr) = (0, self.cr & !LOCK);
-                }
-            }
-            KEYR => return Err("a wrong key, which locks the flash until the next reset".into()),
+            KEYR => self.lock.turn(value, &mut self.cr)?,
             SR => self.sr &= !value,
             ECCR => self.eccr &= !(value & 0xc000_0000),
             CR => return self.control(value),
@@ -100,12 +99,8 @@ impl Flash {
     }
 
     fn control(&mut self, value: u32) -> Outcome<Tick> {
-        if self.cr & LOCK != 0 {
-            return if value & LOCK != 0 {
-                Ok(0)
-            } else {
-                Err("written while it is locked".into())
-            };
+        if Lock::holds(self.cr, value)? {
+            return Ok(0);
         }
         // PG, PER, PNB, STRT, LOCK
         if value & !(LOCK | 1 << 16 | 0x3fb) != 0 {
