@@ -1,7 +1,7 @@
 //! A client on the emulated port: says what the ordinary client says, in virtual time.
 
 use anyhow::{Result, bail};
-use taxel::frame::Frame;
+use taxel::frame::{Frame, Status};
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{CHUNK, Command, Message, Request, Response};
 use taxel::wire::{MAX_PACKET, pack};
@@ -82,6 +82,16 @@ impl Session {
                 None => {}
             }
         }
+    }
+
+    /// How many frames there are from the first one on that has `status`. None where what they carry is not,
+    /// scan by scan, what the converters saw.
+    pub fn seen_in_order_since(&mut self, status: Status) -> Option<usize> {
+        let begin = self.frames.iter().position(|(_, frame)| frame.status.contains(status))?;
+        let codes = self.frames.iter().skip(begin).map(|(_, frame)| frame.codes);
+        let codes = codes.collect::<Option<Vec<_>>>()?;
+        let seen: Vec<_> = self.board.finger().seen.iter().map(|scan| scan.codes).collect();
+        seen.windows(codes.len()).any(|seen| seen == codes).then_some(codes.len())
     }
 
     /// Uploads a calibration record and puts it in force.
