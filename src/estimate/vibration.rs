@@ -164,6 +164,8 @@ impl Vibration {
 pub struct Listener {
     time: Option<Micros>,
     interval_us: u64,
+    /// Between the last two frames.
+    before_us: u64,
     detector: Option<Vibration>,
     state: VibrationState,
 }
@@ -173,9 +175,11 @@ impl Listener {
     pub fn hear(&mut self, time: Micros, signals: &Signals) -> bool {
         let interval = self.time.map_or(0, |last| time.0.saturating_sub(last.0));
         self.time = Some(time);
-        // A frame that was lost is no other rate.
-        let lost = interval > self.interval_us + self.interval_us / 2 && self.detector.is_some();
-        if interval.abs_diff(self.interval_us) > self.interval_us / 8 && !lost {
+        // A frame that was lost, or a clock that began again, is no other rate: two intervals are.
+        let differs = |from: u64| interval.abs_diff(from) > from / 8;
+        let new = differs(self.interval_us) && !differs(self.before_us) && interval > 0;
+        self.before_us = interval;
+        if new {
             self.tune(interval);
         }
         let Self { detector, state, .. } = self;
@@ -244,6 +248,18 @@ mod tests {
         let first = first.unwrap();
         assert!((2.0..2.02).contains(&first), "{first}");
         assert!(state.vibrates());
+    }
+
+    #[test]
+    fn a_clock_that_begins_again_and_another_rate_are_listened_to_as_before() {
+        let mut listener = Listener::default();
+        for interval_us in [250, 1000, 1000] {
+            let heard = (0..4000u64).filter(|i| {
+                listener.hear(Micros(interval_us * i), &signals(5e-5 * noise(*i as u32)))
+            });
+            assert_eq!(heard.count(), 0, "{interval_us} us");
+            assert_eq!(listener.interval_us, interval_us);
+        }
     }
 
     #[test]
