@@ -1,7 +1,7 @@
 //! Models of every shape that the papers and the trainer use, by the names that the trainer gives them.
 
 use heapless::{String, Vec};
-use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN, Unit};
+use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::scan::TAXELS;
 
@@ -31,15 +31,17 @@ impl Weights {
     }
 
     fn net(&mut self, Shape { hidden, outputs, skip }: Shape) -> ForceNet {
-        let mut row = |scale| core::array::from_fn(|_| self.next(scale));
-        let skip = skip.then(|| core::array::from_fn(|_| row(1.0)));
-        let unit = |_| Unit {
-            weights: core::array::from_fn(|_| self.next(6.0)),
-            bias: self.next(0.5),
-            output: core::array::from_fn(|_| self.next(0.5)),
+        let mut list = |count: usize, scale| -> Vec<f32, { MAX_HIDDEN * TAXELS }> {
+            (0..count).map(|_| self.next(scale)).collect()
         };
-        let units = (0..hidden).map(unit).collect();
-        ForceNet { units, skip, output_bias: (0..outputs).map(|_| self.next(0.1)).collect() }
+        let layers = Layers {
+            hidden: &list(hidden * TAXELS, 6.0),
+            hidden_bias: &list(hidden, 0.5),
+            output: &list(hidden * outputs, 0.5),
+            skip: &list(usize::from(skip) * outputs * TAXELS, 1.0),
+            output_bias: &list(outputs, 0.1),
+        };
+        ForceNet::new(&layers).unwrap_or_default()
     }
 }
 
