@@ -123,6 +123,9 @@ pub(crate) fn conditioning(recordings: &[Recorded]) -> Option<Conditioning> {
     let (scaling, rows) = scaled(recordings);
     let moving: Vec<usize> =
         (0..scaling.inputs.len()).filter(|i| scaling.inputs[*i].spread > 0.0).collect();
+    if moving.len() < 2 {
+        return None;
+    }
     let x: DMatrix<f64> = rows.x.select_columns(&moving);
     let eigen = SymmetricEigen::new(x.tr_mul(&x));
     let (least, most) = (eigen.eigenvalues.imin(), eigen.eigenvalues.max());
@@ -130,7 +133,7 @@ pub(crate) fn conditioning(recordings: &[Recorded]) -> Option<Conditioning> {
     let weights = eigen.eigenvectors.column(least);
     let part = moving.iter().zip(weights.iter()).filter(|(_, w)| w.abs() > PART);
     let weakest = part.map(|(i, _)| *i).collect();
-    (moving.len() > 1).then(|| Conditioning { number: 1.0 / ratio.max(1e-15), weakest })
+    Some(Conditioning { number: 1.0 / ratio.max(1e-15), weakest })
 }
 
 /// A recording whose references run against what all the others say.

@@ -50,16 +50,30 @@ impl TableRecording {
             inputs.contains(&name)
                 || !(targets.names.iter().any(|t| t == name) || table::is_time(name))
         });
+        if inputs_read.names.is_empty() {
+            return Err(FileError::new(&stretch.path, "only targets and the time match")
+                .line(1)
+                .column(inputs.join(","))
+                .mend("name columns of the sensor with --inputs"));
+        }
         Ok(Self { inputs: inputs_read, targets })
     }
 
-    /// Inputs with a reference that another clock logged.
+    /// Inputs with a reference that another clock logged. What the sensor's own file says of a target is no
+    /// input, nor is the time.
     ///
     /// # Errors
-    /// The two cannot be brought onto one time.
+    /// No input is left, or the two cannot be brought onto one time.
     pub fn aligned(mut inputs: Table, mut targets: Table) -> Result<(Self, Alignment), FitError> {
         let reference = targets.path.display().to_string();
-        inputs.keep(|name| !table::is_time(name));
+        inputs.keep(|name| !table::is_time(name) && !targets.names.iter().any(|t| t == name));
+        if inputs.names.is_empty() {
+            return Err(FitError::Mismatch {
+                recording: inputs.path.display().to_string(),
+                problem: "only targets and the time match --inputs".into(),
+                mend: "name columns of the sensor".into(),
+            });
+        }
         let sensor = Series { times: &inputs.times, rows: &inputs.rows };
         let other = Series { times: &targets.times, rows: &targets.rows };
         let alignment = align::align(&reference, sensor, other)?;
@@ -186,6 +200,16 @@ pub fn fit(
         .filter(|i| column(*i).all(|value| value == x[0][*i] as f32))
         .map(|i| names[i].as_str())
         .collect();
+    if constant.len() == names.len() {
+        return Err(FitError::Mismatch {
+            recording: first.name(),
+            problem: format!(
+                "{}: the same value in every row, and there is no other input",
+                constant.join(", ")
+            ),
+            mend: "look for a cable that came off, or name other columns with --inputs".into(),
+        });
+    }
     if !constant.is_empty() {
         warnings.push(format!(
             "{}: the same value in every row, ignored; leave constant columns out of the inputs",

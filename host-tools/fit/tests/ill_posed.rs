@@ -117,6 +117,18 @@ fn a_channel_that_never_changes_is_named_and_ignored() {
 }
 
 #[test]
+fn the_answer_is_no_input_even_where_the_sensors_own_file_has_it() {
+    let TableRecording { mut inputs, targets } = good("good.csv");
+    inputs.names.push("force_n".into());
+    inputs.rows.iter_mut().zip(&targets.rows).for_each(|(row, target)| row.push(target[0]));
+    let (found, _) = TableRecording::aligned(inputs.clone(), targets.clone()).unwrap();
+    assert_eq!(found.inputs.names, ["m0", "m1", "m2"]);
+    inputs.keep(|name| name == "force_n");
+    let error = TableRecording::aligned(inputs, targets).unwrap_err().to_string();
+    assert!(error.starts_with("good.csv: only targets and the time match"), "{error}");
+}
+
+#[test]
 fn twelve_samples_are_too_few() {
     let error = ridge(&[recording("few.csv", 12, 0.0, |_, _| {})]).unwrap_err().to_string();
     assert_eq!(error, "ridge: 12 usable rows where at least 16 are needed; record for longer");

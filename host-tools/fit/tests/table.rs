@@ -45,6 +45,14 @@ fn a_model_holds_on_rows_it_has_not_seen_and_names_its_columns() {
 }
 
 #[test]
+fn inputs_that_never_change_are_refused_by_name() {
+    let train = recording(400, 0, &["m2"], &["force_n"]);
+    let error = fit(&[train], &options(), &mut |_| {}, &AtomicBool::new(false)).unwrap_err();
+    let error = error.to_string();
+    assert!(error.starts_with("other.csv: m2: the same value in every row, and"), "{error}");
+}
+
+#[test]
 fn other_columns_than_the_models_are_refused() {
     let train = recording(400, 0, &["m*"], &["force_n"]);
     let other = recording(400, 0, &["m0", "m1"], &["force_n"]);

@@ -118,6 +118,14 @@ pub(super) fn fit(
         }
     }
     let total: usize = rows.iter().map(|(x, _)| x.len()).sum();
+    if total == 0 {
+        return Err(FitError::Shape {
+            part: name,
+            problem: format!(
+                "of {faulty} rows with a load none is without a dead or saturated taxel; `taxel self-test` names it"
+            ),
+        });
+    }
     let outliers = checks::remove_outliers(&mut rows);
     if outliers > 0 {
         warn_of_outliers(fitted, &name, outliers, total);
