@@ -25,6 +25,7 @@ use crate::frame::{Fields, FrameRef, Status};
 use crate::measured::{Measured, NoValue};
 use crate::scan::{Codes, SENSORS, Scan};
 use crate::units::{Micros, NewtonMillimetres};
+pub use matrix::SKIN_ERROR;
 use matrix::{Look, MatrixState, Seen};
 use together::{Felt, Fused, Grip, GripState};
 

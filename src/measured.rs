@@ -24,5 +24,19 @@ pub enum NoValue {
     NotEstimated,
 }
 
+impl NoValue {
+    /// Every reason, in the order of the wire's numbers.
+    pub const ALL: [Self; 8] = [
+        Self::Uncalibrated,
+        Self::NoContact,
+        Self::Saturated,
+        Self::DeadChannel,
+        Self::OutOfTrainedRange,
+        Self::IllConditioned,
+        Self::Absent,
+        Self::NotEstimated,
+    ];
+}
+
 /// A value, or the reason for its absence.
 pub type Measured<T> = Result<T, NoValue>;

@@ -12,7 +12,7 @@ use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::Curves;
 use taxel::estimate::net::{ForceNet, Unit};
-use taxel::estimate::quantised::{Group, QuantisedNet};
+use taxel::estimate::quantised::{Group, QuantisedNet, Rows};
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::estimate::{ContactPoint, Force};
 use taxel::finger::{Estimate, Finger, FingerState};
@@ -288,15 +288,16 @@ fn finite(estimate: &Estimate) -> bool {
 /// A net in 16 bits that fills its sums as far as it may: a record's other net is not asked beside it.
 fn hostile_in_sixteen_bits(weight: f32) -> QuantisedNet {
     // Sums of products stay within 32 bits: 1000 · 2¹⁵ · 32 is half of them.
-    let most = 0x03e8_fc18;
-    let sign = if weight < 0.0 { most } else { !most };
-    let group = Group { weights: [[sign; 8]; 4], bias: [if weight < 0.0 { 1 } else { -1 }; 4] };
+    let most: [i16; 16] = core::array::from_fn(|k| if k % 2 == 0 { -1000 } else { 1000 });
+    let sign = if weight < 0.0 { most } else { most.map(|w| !w) };
+    let bias = [if weight < 0.0 { 1 } else { -1 }; 4];
+    let group = Group { weights: Rows::new(&[sign; 4]), bias };
     QuantisedNet {
         signal: 1.0 + 9e8 * weight.abs().min(1.0),
         hidden: core::iter::repeat_n(group, 8).collect(),
         shift: 31,
-        output: core::iter::repeat_n([[most; 8]; 3], 2).collect(),
-        skip: Some([[most; 8]; 3]),
+        output: core::iter::repeat_n(Rows::new(&[most; 3]), 2).collect(),
+        skip: Some(Rows::new(&[most; 3])),
         scale: [weight.clamp(-9e19, 9e19), -weight.clamp(-9e19, 9e19)],
         output_bias: core::iter::repeat_n(weight, 3).collect(),
     }

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES};
 use taxel::condition::{Health, Signals};
 use taxel::estimate::contact_point::PointMethod;
-use taxel::estimate::quantised::{self, Group, QuantisedNet};
+use taxel::estimate::quantised::{Group, QuantisedNet, Rows};
 use taxel::estimate::slip::Verdict;
 use taxel::estimate::{ContactPoint, Force, NormalContact};
 use taxel::frame::{Fields, Frame, Status};
@@ -158,15 +158,14 @@ fn a_calibration_record_has_its_bytes() {
 fn a_net_in_sixteen_bits_has_its_bytes() {
     let mut weights = [0; 16];
     (weights[0], weights[1], weights[15]) = (1, -2, 0x1234);
-    let row = quantised::packed(&weights);
-    let group = Group { weights: [row; 4], bias: [-1; 4] };
+    let group = Group { weights: Rows::new(&[weights; 4]), bias: [-1; 4] };
     let record = Calibration {
         force: None,
         quantised: Some(QuantisedNet {
             signal: 1024.0,
             hidden: [group].into_iter().collect(),
             shift: 9,
-            output: [[row; 3]].into_iter().collect(),
+            output: [Rows::new(&[weights; 3])].into_iter().collect(),
             skip: None,
             scale: [1.0, 2.0],
             output_bias: [1.0].into_iter().collect(),
@@ -291,17 +290,7 @@ fn made_of(words: &[u32]) -> Frame {
     let word = || words.borrow_mut().next().unwrap();
     let float = || f32::from_bits(word());
     let code = || Code(word() as u16);
-    let reasons = [
-        NoValue::Uncalibrated,
-        NoValue::NoContact,
-        NoValue::Saturated,
-        NoValue::DeadChannel,
-        NoValue::OutOfTrainedRange,
-        NoValue::IllConditioned,
-        NoValue::Absent,
-        NoValue::NotEstimated,
-    ];
-    let missing = || reasons.get(word() as usize % 16).copied();
+    let missing = || NoValue::ALL.get(word() as usize % 16).copied();
     let present = || word() % 4 != 0;
     let newtons = || missing().map_or_else(|| Ok(Newtons(float())), Err);
     let force = || Force { x: newtons(), y: newtons(), z: newtons() };

@@ -16,11 +16,11 @@ use crate::estimate::inverse::{Curves, Inverse};
 use crate::estimate::limit_surface::LimitSurface;
 use crate::estimate::net::ForceNet;
 #[cfg(feature = "quantised")]
-use crate::estimate::net::MAX_OUTPUTS;
-#[cfg(feature = "quantised")]
-use crate::estimate::quantised::{Group, QuantisedNet, Row};
+use crate::estimate::quantised::{Group, QuantisedNet, Rows};
 use crate::estimate::slip::Slip;
 use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
+#[cfg(feature = "quantised")]
+use crate::scan::TAXELS;
 
 impl Coefficients for TaxelCalibration {
     const CHECKS: Checks<Self> = &[
@@ -71,7 +71,7 @@ impl Coefficients for QuantisedNet {
         self.hidden.clear();
         for _ in 0..groups {
             let mut group = Group::default();
-            rest = read_weights(group.weights.as_flattened_mut(), rest)?;
+            (group.weights, rest) = read_rows(rest)?;
             for bias in &mut group.bias {
                 let (bytes, tail) = rest.split_first_chunk()?;
                 (*bias, rest) = (i32::from_le_bytes(*bytes), tail);
@@ -82,14 +82,16 @@ impl Coefficients for QuantisedNet {
         self.shift = shift;
         self.output.clear();
         for _ in 0..blocks {
-            let mut rows = <[Row; MAX_OUTPUTS]>::default();
-            rest = read_weights(rows.as_flattened_mut(), rest)?;
+            let rows;
+            (rows, rest) = read_rows(rest)?;
             self.output.push(rows).ok()?;
         }
         let (skip, mut rest) = postcard::take_from_bytes::<bool>(rest).ok()?;
-        self.skip = skip.then(Default::default);
-        for row in self.skip.iter_mut().flatten() {
-            rest = read_weights(row, rest)?;
+        self.skip = None;
+        if skip {
+            let rows;
+            (rows, rest) = read_rows(rest)?;
+            self.skip = Some(rows);
         }
         let rest = read_numbers(&mut [&mut self.scale], rest)?;
         read_list(&mut self.output_bias, rest)?.is_empty().then_some(())
@@ -257,15 +259,16 @@ fn split_list(bytes: &[u8]) -> Option<(&[[u8; 4]], &[u8])> {
     Some((numbers.as_chunks::<4>().0, rest))
 }
 
-/// Fills `words` from the front of `bytes`. Returns what follows them.
+/// The rows of weights at the front of `bytes`, and what follows them.
 #[cfg(feature = "quantised")]
-#[inline(never)]
-fn read_weights<'b>(words: &mut [u32], bytes: &'b [u8]) -> Option<&'b [u8]> {
-    let (own, rest) = bytes.split_at_checked(4 * words.len())?;
-    for (word, bytes) in words.iter_mut().zip(own.as_chunks::<4>().0) {
-        *word = u32::from_le_bytes(*bytes);
+fn read_rows<const N: usize>(bytes: &[u8]) -> Option<(Rows<N>, &[u8])> {
+    let mut rows = [[0; TAXELS]; N];
+    let weights = rows.as_flattened_mut();
+    let (own, rest) = bytes.split_at_checked(2 * weights.len())?;
+    for (weight, bytes) in weights.iter_mut().zip(own.as_chunks::<2>().0) {
+        *weight = i16::from_le_bytes(*bytes);
     }
-    Some(rest)
+    Some((Rows::new(&rows), rest))
 }
 
 /// Fills `numbers` from the front of `bytes`. Returns what follows them.

@@ -4,6 +4,7 @@ use crate::estimate::field::{Field, Radial};
 use crate::estimate::intrinsic::Surface;
 use crate::estimate::inverse::Curves;
 use crate::estimate::net::{Layers, Unit};
+use crate::estimate::quantised::Rows;
 use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use crate::units::Millimetres;
 
@@ -127,14 +128,17 @@ fn sixteen_bit_weights_whose_sums_could_leave_thirty_two_are_refused() {
         }
     };
     // Two weights of −2¹⁵ times signals of −2¹⁵ each make 2³¹.
-    const LARGE: u32 = 0x8000_8000;
-    assert_eq!(refused(|net| net.hidden[3].weights[1] = [LARGE; 8]), ("quantised", "hidden"));
+    const LARGE: [i16; 16] = [i16::MIN; 16];
+    assert_eq!(
+        refused(|net| net.hidden[3].weights = Rows::new(&[LARGE; 4])),
+        ("quantised", "hidden")
+    );
     assert_eq!(refused(|net| net.hidden[3].bias[1] = i32::MIN), ("quantised", "hidden"));
     assert_eq!(refused(|net| net.shift = 32), ("quantised", "shift"));
-    assert_eq!(refused(|net| net.output[1][2] = [LARGE; 8]), ("quantised", "output"));
+    assert_eq!(refused(|net| net.output[1] = Rows::new(&[LARGE; 3])), ("quantised", "output"));
     assert_eq!(refused(|net| net.output.truncate(1)), ("quantised", "output"));
     assert_eq!(refused(|net| net.output_bias.truncate(2)), ("quantised", "output"));
-    assert_eq!(refused(|net| net.skip = Some([[LARGE; 8]; 3])), ("quantised", "skip"));
+    assert_eq!(refused(|net| net.skip = Some(Rows::new(&[LARGE; 3]))), ("quantised", "skip"));
     assert_eq!(refused(|net| net.scale[0] = f32::NAN), ("quantised", "scale"));
     assert_eq!(refused(|net| net.signal = 0.0), ("quantised", "signal"));
     assert_eq!(refused(|net| (net.skip, net.hidden) = Default::default()), ("quantised", "hidden"));

@@ -57,19 +57,39 @@ pub fn arg_min(c: &[f32; TAXELS], skip: u16) -> Measured<ContactPoint> {
 /// [`NoValue::IllConditioned`] when the weights sum to less than `least`, so that the quotient would be
 /// noise.
 pub fn centroid(c: &[f32; TAXELS], skip: u16, least: f32) -> Measured<ContactPoint> {
+    let sound;
+    let c = if skip == 0 {
+        c
+    } else {
+        sound = without(c, skip);
+        &sound
+    };
     let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
-    for (k, (c, centre)) in c.iter().zip(&TAXEL_CENTRES).enumerate() {
-        if *c < 0.0 && skip >> k & 1 == 0 {
-            sum -= c;
-            x -= c * centre[0].0;
-            y -= c * centre[1].0;
-        }
+    for (c, centre) in c.iter().zip(&TAXEL_CENTRES) {
+        // The sign is a bit: what is not nearer counts as zero, for less than asking costs.
+        let nearer = f32::from_bits(c.to_bits() & (c.to_bits() as i32 >> 31) as u32);
+        sum -= nearer;
+        x -= nearer * centre[0].0;
+        y -= nearer * centre[1].0;
     }
     if sum > least.max(f32::MIN_POSITIVE) {
         Ok(ContactPoint { x: Millimetres(x / sum), y: Millimetres(y / sum) })
     } else {
         Err(NoValue::IllConditioned)
     }
+}
+
+/// The signals but for those whose bit in `skip` is set.
+#[cold]
+#[inline(never)]
+fn without(c: &[f32; TAXELS], skip: u16) -> [f32; TAXELS] {
+    let mut c = *c;
+    for (k, c) in c.iter_mut().enumerate() {
+        if skip >> k & 1 == 1 {
+            *c = 0.0;
+        }
+    }
+    c
 }
 
 /// All of the matrix, right less left, and the rows at +y less those at −y: the sums in which motion of

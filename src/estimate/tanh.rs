@@ -83,7 +83,7 @@ const HALF_STEP: f64 = 1.0 / 64.0;
 /// tanh and slope at the middle of each step of 1/32, in one word: upper half, lower half. Indices are those
 /// of an argument's two's complement, so that negative ones come last.
 #[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
-static WHOLE_TABLE: [u32; ENTRIES] = {
+pub(super) static WHOLE_TABLE: [u32; ENTRIES] = {
     let mut table = [0; ENTRIES];
     let mut t = TANH_STEP;
     let mut i = 0;
@@ -105,6 +105,7 @@ static WHOLE_TABLE: [u32; ENTRIES] = {
 
 /// tanh in whole numbers, by the tangent in the middle of its step: 18 fraction bits in, 15 out. Within
 /// **1e-4** (asserted below).
+#[cfg(not(dsp))]
 #[inline(always)]
 pub(super) fn whole_tanh(x: i32) -> i16 {
     // What is beyond ±8 counts as that.

@@ -32,7 +32,7 @@ const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 1, end_frames: 20 };
 const SEVERAL: Gate = Gate { on: 3.0, off: 1.5, begin_frames: 4, end_frames: 20 };
 /// A rubber's stiffness is known to this share, however well the model met its calibration: it grows by a
 /// third of a per cent with each kelvin, and the first loading meets a stiffer skin (002 fig. 3).
-const SKIN_ERROR: f32 = 0.05;
+pub const SKIN_ERROR: f32 = 0.05;
 /// And a place to this many mm beyond what its covariance says: by so much another indenter's press, or one
 /// that shears, is drawn aside.
 const PLACE_ERROR: f32 = 0.05;

@@ -7,7 +7,7 @@ use crate::estimate::slip::Verdict;
 use crate::estimate::{ContactPoint, Force, NormalContact};
 use crate::frame::FrameRef;
 use crate::measured::Measured;
-use crate::scan::{Codes, Midpoints, TaxelCodes};
+use crate::scan::{Codes, Midpoints, TAXELS, TaxelCodes};
 use crate::units::{Code, Micros, NewtonMillimetres, Newtons};
 
 /// Which message it is.
@@ -88,21 +88,28 @@ fn measured<'b, T>(
     }
 }
 
+/// A few at a time, which have room or have not together.
+#[inline(always)]
+fn floats<'b, const N: usize>(rest: &'b mut [u8], values: &[f32; N]) -> Rest<'b> {
+    let (place, rest) = rest.split_at_mut_checked(4 * N)?;
+    place.as_chunks_mut().0.iter_mut().zip(values).for_each(|(p, value)| *p = value.to_le_bytes());
+    Some(rest)
+}
+
 #[inline(never)]
-fn floats<'b>(mut rest: &'b mut [u8], values: &[f32]) -> Rest<'b> {
-    for value in values {
-        rest = bytes(rest, value.to_le_bytes())?;
+fn matrix<'b>(mut rest: &'b mut [u8], taxels: &[f32; TAXELS]) -> Rest<'b> {
+    for four in taxels.as_chunks::<4>().0 {
+        rest = floats(rest, four)?;
     }
     Some(rest)
 }
 
-/// Codes in pairs: every group has an even number of them.
-#[inline(never)]
-fn pairs<'b>(mut rest: &'b mut [u8], codes: &[[Code; 2]]) -> Rest<'b> {
-    for [a, b] in codes {
-        rest = bytes(rest, (u32::from(a.0) | u32::from(b.0) << 16).to_le_bytes())?;
-    }
-    Some(rest)
+/// A row of codes, or those of a sensor.
+#[inline(always)]
+fn four<'b>(rest: &'b mut [u8], &[a, b, c, d]: &[Code; 4]) -> Rest<'b> {
+    let words = [[a, b], [c, d]].map(|[low, high]| u32::from(low.0) | u32::from(high.0) << 16);
+    let [[e, f, g, h], [i, j, k, l]] = words.map(u32::to_le_bytes);
+    bytes(rest, [e, f, g, h, i, j, k, l])
 }
 
 fn code<'b>(rest: &'b mut [u8], code: &Code) -> Rest<'b> {
@@ -112,11 +119,12 @@ fn code<'b>(rest: &'b mut [u8], code: &Code) -> Rest<'b> {
 fn codes<'b>(rest: &'b mut [u8], codes: &Codes) -> Rest<'b> {
     let rest = code(rest, &codes.full_scale.top())?;
     let mut rest = option(rest, codes.taxels.as_ref(), |rest, TaxelCodes { lit, dark }| {
-        pairs(pairs(rest, lit.as_flattened().as_chunks().0)?, dark.as_chunks().0)
+        let rest = lit.iter().try_fold(rest, |rest, row| four(rest, row))?;
+        four(rest, dark)
     })?;
     for midpoints in &codes.bridges {
         rest = option(rest, midpoints.as_ref(), |rest, &Midpoints { a, b, c, d }| {
-            pairs(rest, &[[a, b], [c, d]])
+            four(rest, &[a, b, c, d])
         })?;
     }
     let rest = option(rest, codes.reference.as_ref(), code)?;
@@ -124,7 +132,7 @@ fn codes<'b>(rest: &'b mut [u8], codes: &Codes) -> Rest<'b> {
 }
 
 fn signals<'b>(rest: &'b mut [u8], signals: &Signals) -> Rest<'b> {
-    let mut rest = option(rest, signals.taxels.as_ref(), |rest, taxels| floats(rest, taxels))?;
+    let mut rest = option(rest, signals.taxels.as_ref(), |rest, taxels| matrix(rest, taxels))?;
     for bridge in &signals.bridges {
         rest = option(rest, bridge.as_ref(), |rest, bridge| floats(rest, bridge))?;
     }
@@ -136,12 +144,18 @@ fn signals<'b>(rest: &'b mut [u8], signals: &Signals) -> Rest<'b> {
 #[inline(never)]
 fn forces<'b>(mut rest: &'b mut [u8], forces: &[Force]) -> Rest<'b> {
     for Force { x, y, z } in forces {
-        rest = newtons(newtons(newtons(rest, x)?, y)?, z)?;
+        rest = if let (Ok(x), Ok(y), Ok(z)) = (x, y, z) {
+            let ([a, b, c, d], [e, f, g, h]) = (x.0.to_le_bytes(), y.0.to_le_bytes());
+            let [i, j, k, l] = z.0.to_le_bytes();
+            bytes(rest, [0, a, b, c, d, 0, e, f, g, h, 0, i, j, k, l])?
+        } else {
+            newtons(newtons(newtons(rest, x)?, y)?, z)?
+        };
     }
     Some(rest)
 }
 
-#[inline(always)]
+#[inline(never)]
 fn newtons<'b>(rest: &'b mut [u8], value: &Measured<Newtons>) -> Rest<'b> {
     match value {
         Ok(value) => {

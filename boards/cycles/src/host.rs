@@ -9,6 +9,8 @@ use taxel::scan::Scan;
 pub const MEASURE: usize = 0x100;
 /// A measured call is over; the parameter points at the [`Span`] of its result in postcard.
 pub const REPORT: usize = 0x101;
+/// A call that was not measured is over; the parameter points at its [`Compared`].
+pub const COMPARE: usize = 0x102;
 
 /// Where the machine puts the inputs: their length as a `u32`, then [`Inputs`] in postcard.
 pub const INPUTS: usize = 0x9000_0000;
@@ -37,6 +39,16 @@ pub struct Call {
     pub function: usize,
     /// What is printed for it.
     pub name: Span,
+}
+
+/// What came of a call that was not measured.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Compared {
+    /// What is printed for it where it is not what it should be.
+    pub name: Span,
+    /// In postcard.
+    pub result: Span,
 }
 
 /// What the stages work on.

@@ -21,6 +21,16 @@ pub trait Meter {
         out: &mut O,
         stage: fn(&mut M, &I, &mut O),
     );
+
+    /// The same, only to compare what comes of it: nobody asks what it takes.
+    fn compare<M, I, O: Serialize>(
+        &mut self,
+        name: &str,
+        memory: &mut M,
+        inputs: impl Iterator<Item = I>,
+        out: &mut O,
+        stage: fn(&mut M, &I, &mut O),
+    );
 }
 
 /// Longest result in postcard: the largest packet and its length.

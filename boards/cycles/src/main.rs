@@ -12,9 +12,14 @@ use cortex_m as _;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::debug::{self, EXIT_FAILURE, EXIT_SUCCESS};
 use cortex_m_semihosting::{heprintln, syscall};
-use cycles::host::{Call, INPUTS, Inputs, MEASURE, REPORT, Span};
+use cycles::host::{COMPARE, Call, Compared, INPUTS, Inputs, MEASURE, REPORT, Span};
 use cycles::{MAX_RESULT, Meter, result_bytes};
 use serde::Serialize;
+
+fn fits<'b>(result: Option<&'b [u8]>, name: &str) -> &'b [u8] {
+    let Some(result) = result else { panic!("a result of {name} does not fit") };
+    result
+}
 
 /// Has the machine measure.
 struct Machine;
@@ -36,11 +41,27 @@ impl Meter for Machine {
             unsafe { syscall(MEASURE, &call) };
             stage(memory, &input, out);
             let mut buffer = [0; MAX_RESULT];
-            let Some(result) = result_bytes(out, &mut buffer) else {
-                panic!("a result of {name} does not fit");
-            };
+            let result = fits(result_bytes(out, &mut buffer), name);
             // SAFETY: the operation reads the span and the result, both of which are alive.
             unsafe { syscall(REPORT, &Span::of(result)) };
+        }
+    }
+
+    fn compare<M, I, O: Serialize>(
+        &mut self,
+        name: &str,
+        memory: &mut M,
+        inputs: impl Iterator<Item = I>,
+        out: &mut O,
+        stage: fn(&mut M, &I, &mut O),
+    ) {
+        for input in inputs {
+            stage(memory, &input, out);
+            let mut buffer = [0; MAX_RESULT];
+            let result = fits(result_bytes(out, &mut buffer), name);
+            let compared = Compared { name: Span::of(name.as_bytes()), result: Span::of(result) };
+            // SAFETY: the operation reads the spans and what they are of, all of which is alive.
+            unsafe { syscall(COMPARE, &compared) };
         }
     }
 }

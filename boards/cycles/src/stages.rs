@@ -50,6 +50,17 @@ fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl
         let levels = Levels::read(codes);
         *out = [levels.taxels.map(|taxels| taxels[0]), levels.bridges[0].map(|bridge| bridge[0])];
     });
+    // The way that a scan takes; the three after it are its steps.
+    meter.stage(
+        "condition: the three in one pass",
+        &mut (bias, Warmth::default()),
+        codes.clone(),
+        &mut Signals::default(),
+        |(bias, warmth), codes, out| {
+            let healthy = bias.taxels.as_ref().map(|taxels| &taxels.level);
+            bias.direct(codes, healthy, Some((warmth, 0.25)), out);
+        },
+    );
     let levels = codes.map(|codes| Levels::read(&codes));
     let mut warm = (Warmth::default(), Levels::default());
     let first = &mut None;

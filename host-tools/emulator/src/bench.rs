@@ -2,7 +2,7 @@
 //! the same code on this host.
 
 use anyhow::{Context, Result, bail, ensure};
-use cycles::host::{INPUTS, Inputs, MEASURE, REPORT};
+use cycles::host::{COMPARE, INPUTS, Inputs, MEASURE, REPORT};
 use cycles::{MAX_RESULT, Meter, result_bytes};
 use serde::Serialize;
 
@@ -74,6 +74,31 @@ impl Meter for Here {
             self.results.push((name.to_owned(), result.to_owned()));
         }
     }
+
+    fn compare<M, I, O: Serialize>(
+        &mut self,
+        name: &str,
+        memory: &mut M,
+        inputs: impl Iterator<Item = I>,
+        out: &mut O,
+        stage: fn(&mut M, &I, &mut O),
+    ) {
+        self.stage(name, memory, inputs, out, stage);
+    }
+}
+
+/// The result of a call is what it is on this host.
+fn agree(
+    expected: &mut impl Iterator<Item = (String, Vec<u8>)>,
+    name: &str,
+    result: &[u8],
+) -> Result<()> {
+    let Some((here, wanted)) = expected.next() else {
+        bail!("{name}: the image makes more calls than this host");
+    };
+    ensure!(here == name, "the image calls {name} where this host calls {here}");
+    ensure!(result == wanted, "{name}: the Cortex-M4 gives {result:02x?}, this host {wanted:02x?}");
+    Ok(())
 }
 
 /// Runs the image in `elf`; `watch` is called after each stage with the blocks that it ran.
@@ -113,16 +138,10 @@ pub fn run(
                     .clock()
                     .take_measured()
                     .with_context(|| format!("{name}: the call was not seen to return"))?;
-                let Some((here, wanted)) = expected.next() else {
-                    bail!("{name}: the image makes more calls than this host");
-                };
-                ensure!(here == *name, "the image calls {name} where this host calls {here}");
-                ensure!(
-                    result == wanted,
-                    "{name}: the Cortex-M4 gives {result:02x?}, this host {wanted:02x?}"
-                );
+                agree(&mut expected, name, &result)?;
                 stage.calls.push(count);
             }
+            Event::Compared { name, result } => agree(&mut expected, &name, &result)?,
         }
     }
     if let Some(done) = stages.last() {
@@ -143,6 +162,13 @@ pub enum Event {
     },
     /// The call is over and gave these bytes.
     Result(Vec<u8>),
+    /// So did one that was not measured.
+    Compared {
+        /// What it is called where it gave others.
+        name: String,
+        /// The bytes.
+        result: Vec<u8>,
+    },
 }
 
 /// Runs to the next event; `None` where the image ends well. `said` collects what it prints.
@@ -158,6 +184,12 @@ pub fn next(machine: &mut Machine, said: &mut String) -> Result<Option<Event>> {
             operation if operation == REPORT as u32 => {
                 let result = Words::<2>::read(machine, parameter)?.span(machine, 0)?;
                 return Ok(Some(Event::Result(result)));
+            }
+            operation if operation == COMPARE as u32 => {
+                let compared = Words::<4>::read(machine, parameter)?;
+                let name = String::from_utf8_lossy(&compared.span(machine, 0)?).into_owned();
+                let result = compared.span(machine, 2)?;
+                return Ok(Some(Event::Compared { name, result }));
             }
             SYS_OPEN => machine.answer(1)?,
             SYS_WRITE => {

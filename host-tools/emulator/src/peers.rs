@@ -5,7 +5,7 @@
 
 use std::fmt::Write as _;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use taxel::estimate::net::{ForceNet, Unit};
 use taxel::scan::TAXELS;
 
@@ -81,6 +81,7 @@ pub fn run(elf: &[u8], with: &str, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> 
                 *error = largest_error(net, c, &y).max(*error);
                 stage.calls.push(count);
             }
+            Event::Compared { name, .. } => bail!("{name}: only the core compares with this host"),
         }
     }
     let peer = |(stage, max_error): (Stage, f64)| Peer {

@@ -2,11 +2,13 @@
 
 use taxel::calibration::TaxelCalibration;
 use taxel::estimate::net::{ForceNet, Layers};
-use taxel::estimate::quantised::{ARGUMENT_BITS, GROUP, QuantisedNet, UNIT, unpacked};
+use taxel::estimate::quantised::{ARGUMENT_BITS, GROUP, QuantisedNet, UNIT};
+use taxel::scan::TAXELS;
 
 use crate::error::FitError;
 use crate::finger::{Fitted, Part};
 use crate::prepared::Prepared;
+use crate::range::largest;
 
 /// In which numbers the record holds the net.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -57,8 +59,7 @@ pub(crate) fn net(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(
 /// # Errors
 /// A unit's weights are beyond 16 bits.
 pub(crate) fn whole(net: &ForceNet, taxels: &TaxelCalibration) -> Result<QuantisedNet, FitError> {
-    let largest = taxels.range.as_flattened().iter().fold(0.0f32, |most, end| most.max(end.abs()));
-    QuantisedNet::new(net, largest).ok_or_else(|| FitError::Shape {
+    QuantisedNet::new(net, largest(&taxels.range)).ok_or_else(|| FitError::Shape {
         part: "net".into(),
         problem: "a unit's weights are beyond 16 bits; fit it in f32".into(),
     })
@@ -66,19 +67,22 @@ pub(crate) fn whole(net: &ForceNet, taxels: &TaxelCalibration) -> Result<Quantis
 
 /// The net that 16 bits hold, in f32: units that only fill a group up say nothing.
 pub(crate) fn float(net: &QuantisedNet) -> ForceNet {
-    let row = |row, one: f32| unpacked(row).map(|w| f32::from(w) * one);
+    let row = |row: [i16; TAXELS], one: f32| row.map(|w| f32::from(w) * one);
     let one = f32::from(net.shift + ARGUMENT_BITS).exp2().recip();
-    let units = net.hidden.iter().flat_map(|group| group.weights.iter().zip(group.bias));
+    let units =
+        net.hidden.iter().flat_map(|group| group.weights.weights().into_iter().zip(group.bias));
     let half = 1i32 << net.shift >> 1;
     let outputs = 0..net.output_bias.len();
     let [bend, slope] = net.scale;
     let hidden = GROUP * net.hidden.len();
     let output = |k: usize| {
-        let blocks = net.output.iter().flat_map(move |rows| row(&rows[k], bend * UNIT));
+        let blocks = net.output.iter().flat_map(move |rows| row(rows.weights()[k], bend * UNIT));
         blocks.take(hidden)
     };
-    let skip =
-        net.skip.iter().flat_map(|rows| outputs.clone().map(|k| row(&rows[k], slope * net.signal)));
+    let skip = net
+        .skip
+        .iter()
+        .flat_map(|rows| outputs.clone().map(|k| row(rows.weights()[k], slope * net.signal)));
     let layers = Layers {
         hidden: &units.clone().flat_map(|(w, _)| row(w, one * net.signal)).collect::<Vec<_>>(),
         hidden_bias: &units.map(|(_, bias)| (bias - half) as f32 * one).collect::<Vec<_>>(),

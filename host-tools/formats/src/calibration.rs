@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES, VERSION, names};
 
 use crate::error::FileError;
+use crate::save;
 use finger::FingerFile;
 
 /// What a calibration file is for.
@@ -182,17 +183,6 @@ fn text_of<T: Serialize>(path: &Path, kind: Kind, crc: u32, body: &T) -> Result<
     toml::to_string(&file).map_err(|error| FileError::new(path, format!("not written: {error}")))
 }
 
-fn save(path: &Path, text: &str) -> Result<(), FileError> {
-    // Beside it first, then in its place: a full disk does not cost the calibration that was there.
-    let beside = path.with_extension("toml.part");
-    let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, path));
-    written.map_err(|error| {
-        // Nothing can be done if even this fails.
-        let _ = std::fs::remove_file(&beside);
-        FileError::io(path, &error)
-    })
-}
-
 fn check_crc(path: &Path, text: &str, head: &Head, crc: u32) -> Result<(), FileError> {
     if u32::from_str_radix(&head.crc32, 16) == Ok(crc) {
         return Ok(());
@@ -202,7 +192,6 @@ fn check_crc(path: &Path, text: &str, head: &Head, crc: u32) -> Result<(), FileE
         .mend("the file was damaged or edited: restore it or fit again"))
 }
 
-/// The CRC at the end of the record's bytes.
 /// The CRC-32 of its record: the number that tells calibrations apart.
 ///
 /// # Errors

@@ -64,7 +64,7 @@ pub fn guard(toolchain: &Toolchain) -> Result<()> {
     let counted = target().join("cycles.csv");
     let mut emulator = emulator("cycles", &image(toolchain)?);
     emulator.arg("--csv").arg(&counted);
-    run(emulator.arg("--against").arg(directory().join("data/cycles.csv")))?;
+    run(emulator.arg("--against").arg(table()))?;
     let read = |path: &Path| {
         std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))
     };
@@ -130,6 +130,11 @@ pub fn directory() -> PathBuf {
     root().join("host-tools/emulator")
 }
 
+/// What every stage costs, as committed.
+pub fn table() -> PathBuf {
+    directory().join("data/cycles.csv")
+}
+
 /// The emulator on the bench image and the finger that its stages work on.
 pub fn emulator(task: &str, image: &Path) -> Command {
     let mut command = cargo("run");
@@ -175,7 +180,7 @@ mod tests {
 
     #[test]
     fn the_products_dearest_frame_fits_half_its_time_by_the_committed_table() {
-        let table = std::fs::read_to_string(directory().join("data/cycles.csv")).unwrap();
+        let table = std::fs::read_to_string(super::table()).unwrap();
         within_half_a_frame(&table, &std::fs::read_to_string(page()).unwrap()).unwrap();
     }
 

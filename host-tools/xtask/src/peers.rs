@@ -34,8 +34,9 @@ const FLAGS: [&str; 6] = [
     "-Ofast -funroll-loops -ffp-contract=off",
 ];
 /// What was looked for and not found. Of the packages that name it, `cmsis-nn-rs` (crates.io) and
-/// `tflite-micro` (PyPI) come without its C sources, `tfmicro` (crates.io) with their callers alone, and
-/// `torch2cmsis` (PyPI) with a converter.
+/// `tflite-micro` (PyPI) come without its C sources, `tfmicro` (crates.io) with their callers alone,
+/// `torch2cmsis` (PyPI) with a converter, `utensor-cgen` (PyPI) with a caller's template, `mlonmcu` (PyPI) with a
+/// script that fetches it from elsewhere, and `executorch` (PyPI) with the library as built for a PC.
 const MISSING: &str = "CMSIS-NN s16: not built, no package with its C sources was found on PyPI, npm, crates.io or Debian";
 
 /// Builds them, runs them and writes the table to `csv`.

@@ -2,7 +2,7 @@
 
 use heapless::{String, Vec};
 use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
-use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::quantised::{QuantisedNet, Rows};
 use taxel::scan::TAXELS;
 
 use crate::Meter;
@@ -23,11 +23,20 @@ const QUADRATIC: usize = TAXELS + TAXELS * (TAXELS + 1) / 2;
 struct Weights(u32);
 
 impl Weights {
-    fn next(&mut self, scale: f32) -> f32 {
+    fn word(&mut self) -> u32 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 17;
         self.0 ^= self.0 << 5;
-        (self.0 >> 8) as f32 / (1u32 << 23) as f32 * scale - scale
+        self.0
+    }
+
+    fn next(&mut self, scale: f32) -> f32 {
+        (self.word() >> 8) as f32 / (1u32 << 23) as f32 * scale - scale
+    }
+
+    fn rows<const N: usize>(&mut self) -> Rows<N> {
+        let row = |_| core::array::from_fn(|_| self.word() as i16);
+        Rows::new(&core::array::from_fn(row))
     }
 
     fn net(&mut self, Shape { hidden, outputs, skip }: Shape) -> ForceNet {
@@ -42,6 +51,50 @@ impl Weights {
             output_bias: &list(outputs, 0.1),
         };
         ForceNet::new(&layers).unwrap_or_default()
+    }
+}
+
+impl Weights {
+    /// A net of the shape of another with any bits for weights.
+    fn wild(&mut self, like: &QuantisedNet) -> QuantisedNet {
+        let mut wild = like.clone();
+        for group in &mut wild.hidden {
+            group.weights = self.rows();
+            group.bias = core::array::from_fn(|_| self.word() as i32);
+        }
+        wild.shift = self.word().to_le_bytes()[0] % 32;
+        let rows = wild.output.iter_mut().chain(&mut wild.skip);
+        rows.for_each(|rows| *rows = self.rows());
+        wild
+    }
+
+    /// Mostly such as a finger has; an eighth of them such as none should have.
+    fn signals(&mut self) -> [f32; TAXELS] {
+        const EXTREME: [f32; 16] = [
+            0.0,
+            -0.0,
+            LARGEST,
+            -LARGEST,
+            1.0,
+            -1.0,
+            1e-5,
+            -1e-5,
+            f32::MIN_POSITIVE,
+            1e-44,
+            1e30,
+            f32::MAX,
+            f32::MIN,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            f32::NAN,
+        ];
+        core::array::from_fn(|_| {
+            let [which, extreme, ..] = self.word().to_le_bytes();
+            match EXTREME.get(usize::from(extreme) % EXTREME.len()) {
+                Some(extreme) if which < 32 => *extreme,
+                _ => self.next(1.1 * LARGEST),
+            }
+        })
     }
 }
 
@@ -100,6 +153,37 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
         });
     }
     polynomials(&mut Weights(SEED), c, meter);
+    in_every_bit([papers, linear].into_iter().chain(wide(false)).chain(wide(true)), meter);
+}
+
+/// Signals of a call, and calls of a net: with 14 shapes of two kinds each 10 752 signals.
+const BATCH: usize = 32;
+const BATCHES: u32 = 12;
+
+/// Nets in 16 bits are the same on the core and on the host to the bit, whatever they are given: those that a
+/// record may hold, and those that none may, of whose sums nobody has proved that they fit.
+fn in_every_bit(shapes: impl Iterator<Item = Shape>, meter: &mut impl Meter) {
+    let mut weights = Weights(SEED);
+    let mut seed = SEED;
+    for shape in shapes {
+        let Some(sound) = QuantisedNet::new(&weights.net(shape), LARGEST) else { continue };
+        let wild = weights.wild(&sound);
+        for mut net in [sound, wild] {
+            let batches = seed..seed + BATCHES;
+            seed += BATCHES;
+            meter.compare(
+                "q15, any signals",
+                &mut net,
+                batches,
+                &mut Vec::<_, BATCH>::new(),
+                |net: &mut QuantisedNet, seed, out| {
+                    let mut numbers = Weights(seed.wrapping_mul(0x9e37_79b9));
+                    out.clear();
+                    out.extend((0..BATCH).map(|_| net.forces(&numbers.signals())));
+                },
+            );
+        }
+    }
 }
 
 fn polynomials(

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use taxel::estimate::net::MAX_OUTPUTS;
-use taxel::estimate::quantised::{GROUP, Group, QuantisedNet, packed, unpacked};
+use taxel::estimate::quantised::{GROUP, Group, QuantisedNet, Rows};
 use taxel::scan::TAXELS;
 
 /// A key that does not fit, and why.
@@ -23,18 +23,14 @@ pub(super) struct Quantised {
 
 impl Quantised {
     pub(super) fn new(net: &QuantisedNet) -> Self {
-        let rows = |k: usize| net.output.iter().flat_map(move |rows| unpacked(&rows[k])).collect();
+        let rows = |k: usize| net.output.iter().flat_map(move |rows| rows.weights()[k]).collect();
         Self {
             signal: net.signal,
             shift: net.shift,
-            hidden: net
-                .hidden
-                .iter()
-                .flat_map(|group| group.weights.map(|row| unpacked(&row)))
-                .collect(),
+            hidden: net.hidden.iter().flat_map(|group| group.weights.weights()).collect(),
             hidden_bias: net.hidden.iter().flat_map(|group| group.bias).collect(),
             output: (0..MAX_OUTPUTS).map(rows).collect(),
-            skip: net.skip.map(|rows| rows.map(|row| unpacked(&row))),
+            skip: net.skip.map(|rows| rows.weights()),
             scale: net.scale,
             output_bias: net.output_bias.to_vec(),
         }
@@ -54,7 +50,7 @@ impl Quantised {
         let groups = rows
             .iter()
             .zip(biases)
-            .map(|(weights, bias)| Group { weights: weights.map(|row| packed(&row)), bias: *bias });
+            .map(|(weights, bias)| Group { bias: *bias, weights: Rows::new(weights) });
         let width = self.output.first().map_or(0, Vec::len);
         let even = self.output.iter().all(|row| row.len() == width);
         if self.output.len() != MAX_OUTPUTS || !even || !width.is_multiple_of(TAXELS) {
@@ -63,15 +59,15 @@ impl Quantised {
             return Err(("output", problem));
         }
         let block = |i: usize| {
-            let row = |k: usize| packed(&self.output[k].as_chunks::<TAXELS>().0[i]);
-            std::array::from_fn(row)
+            let row = |k: usize| self.output[k].as_chunks::<TAXELS>().0[i];
+            Rows::new(&std::array::from_fn(row))
         };
         Ok(QuantisedNet {
             signal: self.signal,
             shift: self.shift,
             hidden: fitting("hidden", groups)?,
             output: fitting("output", (0..width / TAXELS).map(block))?,
-            skip: self.skip.map(|rows| rows.map(|row| packed(&row))),
+            skip: self.skip.map(|rows| Rows::new(&rows)),
             scale: self.scale,
             output_bias: fitting("output_bias", self.output_bias.iter().copied())?,
         })
