@@ -62,7 +62,25 @@ pub fn keep<'p>(inputs: impl IntoIterator<Item = &'p Path>, out: &Path) -> anyho
             folder.display()
         );
     }
-    let Ok(target) = out.canonicalize() else { return Ok(()) };
+    let Ok(target) = out.canonicalize() else {
+        let folder = folder.unwrap_or(Path::new("."));
+        let error = match tempfile::tempfile_in(folder) {
+            Ok(_) => return Ok(()),
+            Err(error) => error.kind(),
+        };
+        anyhow::bail!(
+            "{}: nothing can be written in {} ({error}); choose another folder",
+            out.display(),
+            folder.display()
+        );
+    };
+    anyhow::ensure!(!target.is_dir(), "{}: is a folder; name a file in it", out.display());
+    let locked = target.metadata().is_ok_and(|file| file.permissions().readonly());
+    anyhow::ensure!(
+        !locked,
+        "{}: is write-protected; choose another name, or take the protection off",
+        out.display()
+    );
     let same = inputs.into_iter().find(|input| input.canonicalize().is_ok_and(|i| i == target));
     match same {
         None => Ok(()),

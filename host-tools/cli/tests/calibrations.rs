@@ -5,7 +5,10 @@ mod common;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use common::{In, write_trace};
+use common::{In, json, write_trace};
+use taxel::calibration::Calibration;
+use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::slip::Slip;
 use taxel::scan::TaxelCodes;
 use taxel::units::Code;
 use taxel_formats::calibration;
@@ -77,10 +80,6 @@ fn aged(samples: &[Sample], skin: f64) -> Vec<Sample> {
         sample
     };
     samples.iter().map(age).collect()
-}
-
-fn json(text: &str) -> serde_json::Value {
-    serde_json::from_str(text).unwrap()
 }
 
 fn rmse(folder: &In<'_>, calibration: &str, data: &str, target: &str) -> f64 {
@@ -167,6 +166,112 @@ fn known_weights_do_without_reference_columns() {
     assert!(after < 0.3 * before, "{before} → {after}");
     let error = folder.fails(2, &[&adjust[..], &["--weight=-1", "--out", "none.toml"]].concat());
     assert!(error.contains("newtons"), "{error}");
+}
+
+/// The cell's clock: 40 s ahead, and 0.3 % fast.
+fn write_cell(folder: &Path, samples: &[Sample]) {
+    let rows = samples.iter().step_by(4).map(|sample| {
+        let seconds = 40.0 + 1.003 * sample.scan.time.0 as f64 * 1e-6;
+        let [fx, fy, fz] = sample.truth.force.map(Option::unwrap);
+        format!("{seconds:.6},{fx:.5},{fy:.5},{fz:.5}\n")
+    });
+    std::fs::write(
+        folder.join("cell.csv"),
+        "t_s,fx_n,fy_n,fz_n\n".to_owned() + &rows.collect::<String>(),
+    )
+    .unwrap();
+}
+
+#[test]
+fn presses_on_a_load_cell_with_a_clock_of_its_own_adjust_and_compare_as_well() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = In(directory.path());
+    let presses = aged(&nine_presses(directory.path(), 1.0, 3), 1.1);
+    write_trace(directory.path(), "presses.csv", &presses, false);
+    write_cell(directory.path(), &presses);
+    write_trace(directory.path(), "old.csv", &aged(&tour(5), 1.1), true);
+    let with_cell = ["--data", "presses.csv", "--reference", "cell.csv", "--json"];
+    let adjust = ["calibrate", "adjust", "--calibration", VIRTUAL, "--out", "today.toml"];
+    let outcome = json(&folder.succeeds(&[&adjust[..], &with_cell].concat()));
+    let aligned = |key: &str| outcome["alignments"][0][key].as_f64().unwrap();
+    assert!((aligned("offset_s") - 40.0).abs() < 5e-3, "{outcome}");
+    assert!((aligned("rate") - 0.003).abs() < 5e-4, "{outcome}");
+    assert_eq!(outcome["presses"], 9, "{outcome}");
+    let (once, now) =
+        (rmse(&folder, VIRTUAL, "old.csv", "fz_n"), rmse(&folder, "today.toml", "old.csv", "fz_n"));
+    eprintln!("fz: {once:.4} aged, {now:.4} adjusted");
+    assert!(now < 0.5 * once, "{once} {now}");
+
+    let compare = ["calibrate", "compare", VIRTUAL, "today.toml"];
+    let drift = json(&folder.succeeds(&[&compare[..], &with_cell].concat()));
+    let met = drift["met"].as_array().unwrap().iter().find(|m| m["target"] == "fz_n").unwrap();
+    assert!(met["after"].as_f64() < met["before"].as_f64(), "{met}");
+
+    // A weight says it all; so would the cell.
+    let both = [&adjust[..], &with_cell, &["--weight", "1"]].concat();
+    let error = folder.fails(2, &both);
+    assert!(error.contains("'--reference <FILE>' cannot be used with"), "{error}");
+    let error = folder.fails(2, &[&compare[..], &["--reference", "cell.csv"]].concat());
+    assert!(error.contains("--data"), "{error}");
+}
+
+#[test]
+fn records_that_have_different_things_are_compared_and_what_they_lack_is_said() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = In(directory.path());
+    let whole = calibration::read(VIRTUAL).unwrap();
+    let write = |name: &str, calibration: &Calibration| {
+        calibration::write(directory.path().join(name), calibration).unwrap();
+    };
+    let mut other = whole.clone();
+    other.serial = "F-0099".try_into().unwrap();
+    other.date += 86_400;
+    other.sensors[2] = None;
+    other.quantised = other.force.take().and_then(|net| QuantisedNet::new(&net, 0.6));
+    other.slip = Some(Slip::usual(0.5));
+    write("other.toml", &other);
+    let mut narrow = whole.clone();
+    narrow.force.as_mut().unwrap().units.truncate(3);
+    write("narrow.toml", &narrow);
+    let bare =
+        Calibration { taxels: None, force: None, model: None, warmth: None, ..whole.clone() };
+    write("bare.toml", &bare);
+
+    let ran = folder.taxel(&["calibrate", "compare", VIRTUAL, "other.toml"]);
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    for line in [
+        "they are of different fingers (`VIRTUAL-4X4` and `F-0099`): what follows is no drift",
+        "the net is in f32 in the first, in 16 bits in the second",
+        "the nets differ; what that means in newtons shows on a recording with references (--data)",
+        "s2 is only in the first",
+        "slip is only in the second",
+    ] {
+        assert!(ran.err.contains(&format!("taxel: warning: {line}\n")), "{line}: {}", ran.err);
+    }
+    assert!(ran.out.starts_with("the second was made 1day after the first\n"), "{}", ran.out);
+    // A line each, unit last.
+    for line in ran.out.lines().skip(1) {
+        assert!(line.ends_with(" %") || line.ends_with(" mN"), "{line}");
+    }
+    assert!(ran.out.lines().any(|line| line.starts_with("s1 ")) && !ran.out.contains("s2 "));
+
+    let of =
+        |second: &str| json(&folder.succeeds(&["calibrate", "compare", VIRTUAL, second, "--json"]));
+    assert_eq!(of("other.toml")["seconds"], 86_400);
+    assert!(of("narrow.toml")["warnings"][0].as_str().unwrap().starts_with("the nets differ"));
+    let changes = of("narrow.toml")["changes"].clone();
+    let by = |change: &serde_json::Value| change["by"].as_f64().unwrap().abs();
+    assert!(changes.as_array().unwrap().iter().all(|change| by(change) < 1e-6), "{changes}");
+    let warned = of("bare.toml")["warnings"].to_string();
+    assert!(warned.contains("the optical matrix is only in the first"), "{warned}");
+
+    let text = std::fs::read_to_string(directory.path().join("other.toml")).unwrap();
+    std::fs::write(directory.path().join("corrupt.toml"), text.replacen("T11:", "T12:", 1))
+        .unwrap();
+    for pair in [["corrupt.toml", "other.toml"], ["other.toml", "corrupt.toml"]] {
+        let error = folder.fails(1, &[&["calibrate", "compare"][..], &pair].concat());
+        assert!(error.starts_with("taxel: corrupt.toml:3: `crc32`: says "), "{error}");
+    }
 }
 
 #[test]

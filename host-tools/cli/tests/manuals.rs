@@ -5,6 +5,7 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use common::In;
+use taxel::measured::NoValue;
 
 /// Everything that has a shell block, and some that may get one.
 const MANUALS: [&str; 14] = [
@@ -209,7 +210,7 @@ fn every_flag_and_every_reason_is_explained() {
             assert!(page.contains(&format!("\"{name}\":")), "{name}");
         }
     }
-    for reason in taxel_formats::frames::REASONS {
+    for reason in NoValue::ALL {
         let words = taxel_formats::frames::reason(reason);
         assert!(manual.contains(&format!("| {words} |")), "{words}");
     }

@@ -96,7 +96,8 @@ fn a_recording_is_a_port_and_is_computed_again_to_the_same_frames() {
     assert!(rows(&folder.path().join("b.csv")).len() > 500);
 }
 
-/// A finger that was set in every way, from whose codes every number comes out again to the bit.
+/// A finger that was set in every way, from whose codes every number comes out again. To the bit, but for what
+/// its filter began with: in f32 that fades to a rounding, and a rounding may stay as long as a finger rests.
 #[test]
 fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_finger() {
     let folder = tempfile::tempdir().unwrap();
@@ -131,12 +132,13 @@ fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_fin
     assert!(settled.len() > 2900, "{}", settled.len());
 
     taxel.succeeds(&["replay", "a.mcap", "--fields", "all", "--out", "again.mcap"]);
-    assert!(of("again.mcap", first + 1_000_000) == settled);
+    assert_alike(&of("again.mcap", first + 1_000_000), &settled);
     taxel.succeeds(&["record", "--port", "file:a.mcap", "--out", "played.mcap"]);
     let played = of("played.mcap", first + 1_000_000);
     // The first scans pass while the client is still saying hello.
     let missed = settled.len() - played.len();
-    assert!(missed < 2000 && played == settled[missed..], "{missed}");
+    assert!(missed < 2000, "{missed}");
+    assert_alike(&played, &settled[missed..]);
     // What was said of the finger is said again, by either.
     for name in ["again.mcap", "played.mcap"] {
         let again = Recording::open(&folder.path().join(name)).unwrap();
@@ -159,6 +161,27 @@ fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_fin
     let ran = taxel.taxel(&["info", "--port", "file:old.csv"]);
     assert!(ran.err.starts_with("old.csv: the finger had a bias taken on command"), "{}", ran.err);
 }
+
+/// The same times, flags and reasons, and numbers that differ by a few roundings of f32 at most.
+fn assert_alike(found: &[(Cell, Vec<Cell>)], expected: &[(Cell, Vec<Cell>)]) {
+    assert_eq!(found.len(), expected.len());
+    for ((time, found), (expected_time, expected)) in found.iter().zip(expected) {
+        assert_eq!((time, found.len()), (expected_time, expected.len()));
+        for (i, pair) in found.iter().zip(expected).enumerate() {
+            match pair {
+                (Cell::Real(a), Cell::Real(b)) => {
+                    assert!(
+                        (a - b).abs() <= ROUNDINGS * b.abs().max(1.0),
+                        "{time:?}, {i}: {a} {b}"
+                    );
+                }
+                (a, b) => assert_eq!(a, b, "{time:?}, {i}"),
+            }
+        }
+    }
+}
+/// Those of a filter, as far as they come by way of the estimators.
+const ROUNDINGS: f32 = 1e-6;
 
 /// A virtual finger in a process of its own, and where it is.
 fn served(taxel: &In, args: &[&str]) -> (Child, String) {

@@ -54,42 +54,56 @@ impl Alignment {
     }
 }
 
-/// Finds offset and rate.
+/// Finds offset and rate; the names are for messages.
 ///
 /// # Errors
 /// Too little in common, or a load that repeats itself so that several offsets do.
-pub fn align(name: &str, sensor: Series<'_>, reference: Series<'_>) -> Result<Alignment, FitError> {
-    let refused = |problem: String, mend: &str| FitError::Unaligned {
+pub fn align(
+    [sensor_name, reference_name]: [&str; 2],
+    sensor: Series<'_>,
+    reference: Series<'_>,
+) -> Result<Alignment, FitError> {
+    let refused = |name: &str, problem: String, mend: &str| FitError::Unaligned {
         recording: name.to_owned(),
         problem,
         mend: mend.to_owned(),
     };
-    for series in [sensor, reference] {
+    for (name, series) in [(sensor_name, sensor), (reference_name, reference)] {
         if series.times.len() < 32 || series.times.len() != series.rows.len() {
             let problem = format!("{} rows with a time where 32 are needed", series.times.len());
             return Err(refused(
+                name,
                 problem,
                 "name the time column t_s or t_us, and record for longer",
             ));
         }
-        if series.times.windows(2).any(|pair| pair[1] <= pair[0]) {
-            return Err(refused("time does not rise".into(), "sort the rows by their time"));
+        if let Some(pair) = series.times.windows(2).find(|pair| pair[1] <= pair[0]) {
+            let problem = format!("after {} s comes {} s", pair[0], pair[1]);
+            return Err(refused(name, problem, "sort the rows by their time"));
         }
     }
-    let own = Trace::new(sensor);
-    let other = Trace::new(reference);
-    let (Some(own), Some(other)) = (own, other) else {
-        return Err(refused("one of the two never changes".into(), "record presses with both"));
+    let changing = |name, series| {
+        let never = || refused(name, "it never changes".into(), "record presses with both");
+        Trace::new(series).ok_or_else(never)
     };
+    let own = changing(sensor_name, sensor)?;
+    let other = changing(reference_name, reference)?;
     let coarse = search(&own, &other);
     if coarse.correlation < LEAST_CORRELATION {
         return Err(refused(
-            format!("sensor and reference correlate by {:.2} at best", coarse.correlation),
-            "check that both saw the same presses, and that their times overlap",
+            reference_name,
+            format!(
+                "sensor and reference correlate by {:.2} at best (the sensor's times run {}, the reference's {})",
+                coarse.correlation,
+                span(sensor.times),
+                span(reference.times)
+            ),
+            "check that both saw the same presses",
         ));
     }
     if coarse.second > AMBIGUOUS * coarse.correlation {
         return Err(refused(
+            reference_name,
             "the load repeats itself, so that several offsets would do".into(),
             "tap the sensor a few times at uneven intervals before and after",
         ));
@@ -97,12 +111,32 @@ pub fn align(name: &str, sensor: Series<'_>, reference: Series<'_>) -> Result<Al
     Ok(refine(sensor, &other, coarse.offset, coarse.rate))
 }
 
+/// Of a reference that has no row near any of the sensor's `times`, which are the reference's own.
+pub(crate) fn apart(name: &str, times: &[f64], reference: &[f64]) -> FitError {
+    FitError::Unaligned {
+        recording: name.to_owned(),
+        problem: format!(
+            "no row of it belongs to the sensor's: by its clock those run {}, and its own {}",
+            span(times),
+            span(reference)
+        ),
+        mend: "give the log of the same presses, without gaps".to_owned(),
+    }
+}
+
+fn span(times: &[f64]) -> String {
+    match times {
+        [first, .., last] => format!("from {first:.1} to {last:.1} s"),
+        _ => "nowhere".to_owned(),
+    }
+}
+
 /// Whether a reference on the sensor's own times would fit much better at other ones: its alignment, if what
 /// a line leaves of it falls to less than a half, and it is off by more than two rows somewhere.
 #[must_use]
 pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment> {
     let reference = Series { times: sensor.times, rows: targets };
-    let found = align("", sensor, reference).ok()?;
+    let found = align([""; 2], sensor, reference).ok()?;
     let here = refine_from(sensor, &Trace::new(reference)?, 0.0, 0.0, 0);
     let (first, last) = (*sensor.times.first()?, *sensor.times.last()?);
     let row = (last - first) / sensor.times.len() as f64;
@@ -298,7 +332,11 @@ mod tests {
     fn aligned(offset: f64, rate: f64) -> Result<Alignment, FitError> {
         let (st, sx) = sensor();
         let (rt, ry) = load_cell(offset, rate, force);
-        align("cell.csv", Series { times: &st, rows: &sx }, Series { times: &rt, rows: &ry })
+        align(
+            ["skin.csv", "cell.csv"],
+            Series { times: &st, rows: &sx },
+            Series { times: &rt, rows: &ry },
+        )
     }
 
     #[test]
@@ -320,9 +358,13 @@ mod tests {
         let sx: Vec<Vec<f64>> = st.iter().map(|t| vec![wave(*t)]).collect();
         let (rt, ry) = load_cell(0.0, 0.0, wave);
         let of = |sx: &[Vec<f64>], ry: &[Vec<f64>]| {
-            align("cell.csv", Series { times: &st, rows: sx }, Series { times: &rt, rows: ry })
-                .unwrap_err()
-                .to_string()
+            align(
+                ["skin.csv", "cell.csv"],
+                Series { times: &st, rows: sx },
+                Series { times: &rt, rows: ry },
+            )
+            .unwrap_err()
+            .to_string()
         };
         assert!(of(&sx, &ry).contains("cell.csv: the load repeats itself"), "{}", of(&sx, &ry));
         let hiss: Vec<Vec<f64>> = (0..ry.len()).map(|i| vec![noise(i)]).collect();

@@ -11,7 +11,7 @@ pub enum FitError {
     #[error("no recording to fit to; give at least one")]
     NoRecording,
     /// A recording has no rows.
-    #[error("{recording}: no rows; check the stretch FILE@FROM..TO")]
+    #[error("{recording}: no rows to fit to; record for longer")]
     Empty {
         /// Its name.
         recording: String,
@@ -103,4 +103,19 @@ pub enum FitError {
         "the fit gives no valid record ({0}); look for a channel that jumps or is not connected"
     )]
     Record(CalibrationError),
+}
+
+impl FitError {
+    /// Of what was to be fitted, the recordings that it was to be fitted to.
+    #[must_use]
+    pub(crate) fn of(mut self, recordings: &str) -> Self {
+        if let Self::NoLoad { part }
+        | Self::Collinear { part, .. }
+        | Self::TooFewRows { part, .. }
+        | Self::Shape { part, .. } = &mut self
+        {
+            *part = format!("{recordings}: {part}");
+        }
+        self
+    }
 }

@@ -31,7 +31,7 @@ pub mod model;
 pub mod network;
 mod prepared;
 mod quantise;
-mod range;
+pub mod range;
 pub mod recording;
 mod scaling;
 mod skin;

@@ -14,8 +14,7 @@ const NOISES: f32 = 10.0;
 
 /// Range of one channel in training, margin included.
 pub(crate) fn trained_range(values: impl Iterator<Item = f32>, noise: f32) -> Range {
-    let (low, high) =
-        values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    let [low, high] = extremes(values);
     let margin = (MARGIN * (high - low)).max(NOISES * noise);
     [low - margin, high + margin]
 }
@@ -23,6 +22,12 @@ pub(crate) fn trained_range(values: impl Iterator<Item = f32>, noise: f32) -> Ra
 /// The lowest and the highest value.
 pub(crate) fn extremes(values: impl Iterator<Item = f32>) -> Range {
     values.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+}
+
+/// The largest value, of either sign, that lies in one of the ranges.
+#[must_use]
+pub fn largest(ranges: &[Range]) -> f32 {
+    ranges.as_flattened().iter().fold(0.0, |most, end| most.max(end.abs()))
 }
 
 #[cfg(test)]

@@ -55,9 +55,14 @@ impl Recording {
         let levels: Vec<Vec<f64>> = self.samples.iter().map(channels).collect();
         let other = Series { times: &reference.times, rows: &reference.rows };
         let name = reference.path.display().to_string();
-        let alignment = align::align(&name, Series { times: &times, rows: &levels }, other)?;
+        let sensor = Series { times: &times, rows: &levels };
+        let alignment = align::align([&self.name, &name], sensor, other)?;
         let times: Vec<f64> = times.iter().map(|t| alignment.time(*t)).collect();
-        for (sample, forces) in self.samples.iter_mut().zip(align::resample(other, &times)) {
+        let forces = align::resample(other, &times);
+        if forces.iter().all(Option::is_none) {
+            return Err(align::apart(&name, &times, &reference.times));
+        }
+        for (sample, forces) in self.samples.iter_mut().zip(forces) {
             for (at, axis) in axes.iter().enumerate() {
                 sample.truth.force[*axis] = forces.as_ref().map(|forces| forces[at]);
             }

@@ -76,7 +76,8 @@ impl TableRecording {
         }
         let sensor = Series { times: &inputs.times, rows: &inputs.rows };
         let other = Series { times: &targets.times, rows: &targets.rows };
-        let alignment = align::align(&reference, sensor, other)?;
+        let alignment =
+            align::align([&inputs.path.display().to_string(), &reference], sensor, other)?;
         let times: Vec<f64> = inputs.times.iter().map(|t| alignment.time(*t)).collect();
         let mut found = align::resample(other, &times);
         let known: Vec<bool> = found.iter().map(Option::is_some).collect();
@@ -85,7 +86,10 @@ impl TableRecording {
         let mut keep = known.iter();
         inputs.times.retain(|_| keep.next() == Some(&true));
         targets.rows = found.drain(..).flatten().collect();
-        targets.times = inputs.times.clone();
+        let referred = std::mem::replace(&mut targets.times, inputs.times.clone());
+        if targets.rows.is_empty() {
+            return Err(align::apart(&reference, &times, &referred));
+        }
         Ok((Self { inputs, targets }, alignment))
     }
 
@@ -113,8 +117,6 @@ const USUAL: usize = 16;
 const MOST_MULTIPLY_ADDS: usize = 600;
 /// Condition number of the data above which a model without a decay is warned of.
 const EVEN: f64 = 30.0;
-/// The third power of a larger input is no f32.
-const LARGEST: f64 = 1e12;
 /// A force that goes so many times as far one way as the other goes one way: the rest is noise.
 const ONE_WAY: f32 = 20.0;
 /// Most hidden units, as on the chip.
@@ -147,6 +149,16 @@ pub fn fit(
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<FittedTable, FitError> {
+    let names: Vec<String> = recordings.iter().map(TableRecording::name).collect();
+    fit_model(recordings, options, progress, stop).map_err(|error| error.of(&names.join(", ")))
+}
+
+fn fit_model(
+    recordings: &[TableRecording],
+    options: &TableOptions,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<FittedTable, FitError> {
     let first = recordings.first().ok_or(FitError::NoRecording)?;
     let mut rows = Vec::new();
     for recording in recordings {
@@ -168,23 +180,6 @@ pub fn fit(
                 });
             }
         }
-        for table in [&recording.inputs, &recording.targets] {
-            let beyond = |value: &f64| value.abs() > LARGEST;
-            if let Some((row, i)) = (table.rows.iter().enumerate())
-                .find_map(|(row, values)| Some((row, values.iter().position(beyond)?)))
-            {
-                return Err(FitError::Mismatch {
-                    recording: recording.name(),
-                    problem: format!(
-                        "{} is {:e} in row {}, more than f32 can reckon with",
-                        table.names[i],
-                        table.rows[row][i],
-                        row + 1
-                    ),
-                    mend: "mend the cell, or record in a larger unit".into(),
-                });
-            }
-        }
         rows.push((recording.inputs.rows.clone(), recording.targets.rows.clone()));
     }
     let mut warnings = check(recordings, &mut rows, options.family)?;
@@ -192,7 +187,7 @@ pub fn fit(
     if let Some(found) = &conditioning {
         warnings.extend(uneven(found, options.family, &first.inputs.names));
     }
-    let condition = conditioning.map(|found| found.number);
+    let condition = conditioning.as_ref().map(|found| found.number);
     let x: Vec<&[f64]> = rows.iter().flat_map(|(x, _)| x).map(Vec::as_slice).collect();
     let names = &first.inputs.names;
     let column = |i: usize| x.iter().map(move |row| row[i] as f32);
@@ -260,7 +255,16 @@ pub fn fit(
         options: options.net,
         skin: None,
     };
-    let (net, chosen) = training.run(progress, stop)?;
+    let (net, chosen) = training.run(progress, stop).map_err(|error| match (error, conditioning) {
+        (FitError::Shape { part, .. }, Some(found)) => FitError::Shape {
+            part,
+            problem: format!(
+                "{} say together what fewer of them would; leave some of them out, or choose ridge",
+                listed(&found.weakest, names)
+            ),
+        },
+        (error, _) => error,
+    })?;
     model = TableModel {
         centre,
         hidden: net.hidden,
@@ -328,8 +332,7 @@ fn said(law: &Law, x: &[f64]) -> Vec<f64> {
 
 /// Channels that say the same; or, of a model without a decay, nearly the same.
 fn uneven(found: &Conditioning, family: Family, names: &[String]) -> Option<String> {
-    let weakest: Vec<&str> = found.weakest.iter().map(|i| names[*i].as_str()).collect();
-    let (weakest, number) = (weakest.join(", "), found.number);
+    let (weakest, number) = (listed(&found.weakest, names), found.number);
     if found.is_collinear() {
         return Some(format!(
             "{weakest}: together they say nothing that fewer would not (condition number {number:.0e}); their \
@@ -342,6 +345,10 @@ fn uneven(found: &Conditioning, family: Family, names: &[String]) -> Option<Stri
              without a decay their noise decides its weights; load it more evenly, or choose ridge or auto"
         )
     })
+}
+
+fn listed(columns: &[usize], names: &[String]) -> String {
+    columns.iter().map(|i| names[*i].as_str()).collect::<Vec<_>>().join(", ")
 }
 
 /// RMS error of each target on the recordings themselves.

@@ -72,18 +72,6 @@ pub const fn reason(reason: NoValue) -> &'static str {
     }
 }
 
-/// Every reason, in the order of the wire's numbers.
-pub const REASONS: [NoValue; 8] = [
-    NoValue::Uncalibrated,
-    NoValue::NoContact,
-    NoValue::Saturated,
-    NoValue::DeadChannel,
-    NoValue::OutOfTrainedRange,
-    NoValue::IllConditioned,
-    NoValue::Absent,
-    NoValue::NotEstimated,
-];
-
 /// The columns of frames with these fields.
 #[must_use]
 pub fn columns(fields: Fields) -> Vec<Column> {

@@ -5,9 +5,12 @@ pub mod calibration;
 pub mod error;
 pub mod frames;
 pub mod lines;
+mod number;
 pub mod point_method;
+mod save;
 pub mod stretch;
 pub mod table;
 pub mod trace;
 
 pub use error::FileError;
+pub use save::save;

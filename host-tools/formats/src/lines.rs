@@ -21,12 +21,14 @@ pub struct Lines<R> {
     path: PathBuf,
     line: u64,
     text: Vec<u8>,
+    /// The line of column names has passed.
+    named: bool,
 }
 
 impl<R: BufRead> Lines<R> {
     /// Lines of `source`; `path` is only for messages.
     pub fn new(source: R, path: &Path) -> Self {
-        Self { source, path: path.to_owned(), line: 0, text: Vec::new() }
+        Self { source, path: path.to_owned(), line: 0, text: Vec::new(), named: false }
     }
 
     /// For messages.
@@ -54,11 +56,15 @@ impl<R: BufRead> Lines<R> {
             }
             self.line += 1;
             let text = std::str::from_utf8(&self.text).map_err(|_| {
-                FileError::new(&self.path, "not text: expected a CSV file in UTF-8").line(self.line)
+                FileError::new(&self.path, "not text: expected a CSV file in UTF-8")
+                    .line(self.line)
+                    .mend("export it as CSV, UTF-8")
             })?;
             if length as u64 == LONGEST {
                 let problem = "a line of more than a million bytes: expected a CSV file";
-                return Err(FileError::new(&self.path, problem).line(self.line));
+                return Err(FileError::new(&self.path, problem)
+                    .line(self.line)
+                    .mend("export it as CSV, a row a line"));
             }
             let text = text.trim().trim_start_matches(BYTE_ORDER_MARK);
             if text.is_empty() {
@@ -70,7 +76,24 @@ impl<R: BufRead> Lines<R> {
             }
             split(text, record)
                 .map_err(|error| FileError::new(&self.path, error.to_string()).line(self.line))?;
+            if !std::mem::replace(&mut self.named, true) {
+                self.separated_by_commas(record)?;
+            }
             return Ok(Some(self.line));
+        }
+    }
+
+    /// Spreadsheets separate by what their country does.
+    fn separated_by_commas(&self, names: &StringRecord) -> Result<(), FileError> {
+        let other = |names: &str| [';', '\t', '|'].into_iter().find(|mark| names.contains(*mark));
+        match (names.len(), names.get(0).and_then(other)) {
+            (1, Some(mark)) => {
+                let problem = format!("columns are separated by {mark:?}: expected commas");
+                Err(FileError::new(&self.path, problem)
+                    .line(self.line)
+                    .mend("export it with commas, and points in the numbers"))
+            }
+            _ => Ok(()),
         }
     }
 

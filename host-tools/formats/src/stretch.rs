@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use crate::error::FileError;
+
 /// A file and the part of it that is meant. Times are the recording's own, in seconds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stretch {
@@ -28,6 +30,30 @@ impl Stretch {
     #[must_use]
     pub fn ended(&self, seconds: f64) -> bool {
         seconds >= self.to
+    }
+
+    /// What is wrong where no row belongs to it, of a file whose rows lie between these times.
+    #[must_use]
+    pub fn without_rows(&self, all: Option<(f64, f64)>) -> FileError {
+        let whole = *self == Self::whole(&self.path);
+        match all {
+            Some((first, last)) if !whole => {
+                let problem = format!(
+                    "no rows {}: those of the recording lie between {first} and {last} s",
+                    self.range()
+                );
+                FileError::new(&self.path, problem).mend("check the stretch FILE@FROM..TO")
+            }
+            _ => FileError::new(&self.path, "no rows after the line of column names")
+                .mend("give a recording that has some"),
+        }
+    }
+
+    fn range(&self) -> String {
+        let end = |word: &str, end: f64| {
+            if end.is_finite() { format!(" {word} {end} s") } else { String::new() }
+        };
+        format!("{}{}", end("from", self.from), end("to", self.to)).trim_start().to_owned()
     }
 }
 

@@ -7,6 +7,7 @@ use csv::StringRecord;
 
 use crate::error::FileError;
 use crate::lines::Lines;
+use crate::number;
 use crate::stretch::Stretch;
 
 /// Some columns of a CSV file as numbers.
@@ -38,7 +39,8 @@ impl Table {
 /// column `t_s` or `t_us`; a file without one can only be read whole.
 ///
 /// # Errors
-/// The file cannot be read, a pattern matches nothing, or a cell is not a finite number.
+/// The file cannot be read, a pattern matches nothing, a cell is no number that something measured, or the stretch
+/// has no rows.
 pub fn read(stretch: &Stretch, patterns: &[&str]) -> Result<Table, FileError> {
     let path = &stretch.path;
     let file = std::fs::File::open(path).map_err(|error| FileError::io(path, &error))?;
@@ -57,15 +59,15 @@ pub fn read_from(
     let path = stretch.path.as_path();
     let mut lines = Lines::new(BufReader::new(source), path);
     let mut names = StringRecord::new();
-    if lines.next(&mut names, |_, _| Ok(()))?.is_none() {
+    let Some(line) = lines.next(&mut names, |_, _| Ok(()))? else {
         return Err(FileError::new(path, "no header: the file is empty")
             .mend("the first line names the columns"));
-    }
-    let columns = select(&names, patterns, path)?;
+    };
+    let columns = select((&names, line), patterns, path)?;
     let time = time_column(&names);
     if time.is_none() && *stretch != Stretch::whole(path) {
         return Err(FileError::new(path, "the column is missing")
-            .line(1)
+            .line(line)
             .column("t_s")
             .mend("a stretch FILE@FROM..TO needs a time column, `t_s` or `t_us`"));
     }
@@ -76,25 +78,34 @@ pub fn read_from(
         times: Vec::new(),
     };
     let mut record = StringRecord::new();
+    let mut all: Option<(f64, f64)> = None;
     while let Some(line) = lines.next_row(&mut record, names.len())? {
-        let number = |at: usize| match record[at].parse::<f64>() {
-            Ok(value) if value.is_finite() => Ok(value),
-            _ => Err(FileError::new(
-                path,
-                format!("expected a finite number, found `{}`", &record[at]),
-            )
-            .line(line)
-            .column(&names[at])
-            .mend("mend the cell or remove the line")),
+        let number = |at: usize, read: fn(&str) -> Result<f64, String>| {
+            read(&record[at]).map_err(|problem| {
+                FileError::new(path, problem)
+                    .line(line)
+                    .column(&names[at])
+                    .mend("mend the cell, remove the line, or leave the column out")
+            })
         };
         if let Some((at, scale)) = time {
-            let seconds = number(at)? * scale;
+            let seconds = number(at, number::finite)? * scale;
+            all = Some((all.map_or(seconds, |(first, _)| first), seconds));
             if !stretch.contains(seconds) {
                 continue;
             }
             table.times.push(seconds);
         }
-        table.rows.push(columns.iter().map(|at| number(*at)).collect::<Result<_, _>>()?);
+        let row = columns
+            .iter()
+            .map(|at| {
+                number(*at, if is_time(&names[*at]) { number::finite } else { number::measured })
+            })
+            .collect::<Result<_, _>>()?;
+        table.rows.push(row);
+    }
+    if table.rows.is_empty() {
+        return Err(stretch.without_rows(all));
     }
     Ok(table)
 }
@@ -118,17 +129,29 @@ fn time_column(names: &StringRecord) -> Option<(usize, f64)> {
     names.iter().enumerate().find_map(|(at, name)| Some((at, time_scale(name)?)))
 }
 
-fn select(names: &StringRecord, patterns: &[&str], path: &Path) -> Result<Vec<usize>, FileError> {
+fn select(
+    (names, line): (&StringRecord, u64),
+    patterns: &[&str],
+    path: &Path,
+) -> Result<Vec<usize>, FileError> {
     let mut columns = Vec::new();
     for pattern in patterns {
         let found: Vec<usize> =
             (0..names.len()).filter(|at| matches(pattern, &names[*at])).collect();
         if found.is_empty() {
             let some: Vec<&str> = names.iter().take(6).collect();
+            let more = if names.len() > some.len() { " …" } else { "" };
             return Err(FileError::new(path, "no column matches")
-                .line(1)
+                .line(line)
                 .column(*pattern)
-                .mend(format!("this file has {} …", some.join(", "))));
+                .mend(format!("this file has {}{more}", some.join(", "))));
+        }
+        let twice = |at: &&usize| names.iter().filter(|name| *name == &names[**at]).count() > 1;
+        if let Some(at) = found.iter().find(twice) {
+            return Err(FileError::new(path, "the column stands twice")
+                .line(line)
+                .column(&names[*at])
+                .mend("remove one of them"));
         }
         columns.extend(found.into_iter().filter(|at| !columns.contains(at)).collect::<Vec<_>>());
     }
@@ -185,17 +208,17 @@ mod tests {
             ("", "a.csv: no header: the file is empty; the first line names the columns"),
             (
                 "m0\nx\n",
-                "a.csv:2: `m0`: expected a finite number, found `x`; mend the cell or remove the line",
+                "a.csv:2: `m0`: expected a finite number, found `x`; mend the cell, remove the line, or leave the column out",
             ),
             (
                 "m0\nNaN\n",
-                "a.csv:2: `m0`: expected a finite number, found `NaN`; mend the cell or remove the line",
+                "a.csv:2: `m0`: expected a finite number, found `NaN`; mend the cell, remove the line, or leave the column out",
             ),
             (
                 "m0,b\n1,2\n3\n",
                 "a.csv:3: 1 fields where the header has 2; complete or remove the line; a recording cut short often ends in one",
             ),
-            ("b,c\n1,2\n", "a.csv:1: `m*`: no column matches; this file has b, c …"),
+            ("b,c\n1,2\n", "a.csv:1: `m*`: no column matches; this file has b, c"),
         ];
         for (text, message) in cases {
             assert_eq!(read_text(text, "a.csv", &["m*"]).unwrap_err(), message);

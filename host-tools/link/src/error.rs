@@ -105,12 +105,42 @@ pub enum Problem {
         "{0}: the answer belongs to another question; is another program using the same finger?"
     )]
     Confused(&'static str),
+    /// An upload did not come to its end.
+    #[error("{why}; {in_force}")]
+    Upload {
+        /// What broke it off.
+        why: Box<Problem>,
+        /// What that leaves.
+        in_force: InForce,
+    },
+    /// The user has had enough.
+    #[error("stopped")]
+    Stopped,
     /// A calibration came back other than it was sent.
     #[error("the calibration reads back differently from what was sent; upload it again")]
     ReadBack,
     /// This platform lacks it.
     #[error("not available on this operating system; use tcp:HOST:PORT")]
     Unsupported,
+}
+
+/// Which calibration is in force on a finger after an upload that was broken off. Whichever it is, it is whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum InForce {
+    /// The one before, or none if there was none.
+    #[error("what was in force before stays; upload again")]
+    Before,
+    /// That of before or the new one: it was told to put the new one in force, and nothing came back.
+    #[error(
+        "either the calibration of before or the new one is in force, whole; upload again, or see which \
+         with `taxel info`"
+    )]
+    Either,
+    /// The new one.
+    #[error(
+        "the new calibration is in force, but was not read back; `taxel calibrate download` reads it"
+    )]
+    New,
 }
 
 impl Problem {
@@ -144,7 +174,7 @@ fn refused(refusal: &Refusal) -> String {
         }
         Refusal::Busy => "refused, a bias is being taken or a self-test runs; wait for it".into(),
         Refusal::OutOfOrder => {
-            "refused, bytes of the calibration were lost; upload it again".into()
+            "refused, bytes of the calibration were lost; the old one stays, upload again".into()
         }
         Refusal::Calibration(error) => {
             format!("refused, {error}; the old calibration stays")

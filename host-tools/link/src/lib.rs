@@ -29,7 +29,7 @@ pub mod virtual_finger;
 pub use client::{Client, Counts, Received};
 pub use clock::{DeviceClock, HostTime};
 pub use echoes::Echoes;
-pub use error::{LinkError, Problem};
+pub use error::{InForce, LinkError, Problem};
 pub use files::{Files, row, row_columns};
 pub use port::Port;
 pub use stamps::Stamps;

@@ -2,6 +2,7 @@
 
 mod support;
 
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 use support::*;
@@ -9,7 +10,7 @@ use taxel::calibration::CalibrationError;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
 use taxel::wire::message::{PROTOCOL, Refusal};
-use taxel_link::{Client, LinkError, Port, Problem, Source, VirtualFinger};
+use taxel_link::{Client, InForce, LinkError, Port, Problem, Source, VirtualFinger};
 
 fn refusal(result: Result<impl std::fmt::Debug, LinkError>) -> Refusal {
     match result.unwrap_err().problem() {
@@ -133,7 +134,11 @@ fn a_calibration_goes_up_and_comes_back_byte_by_byte() {
         let client = connect(&finger);
         assert_eq!(refusal(client.download_calibration()), Refusal::Uncalibrated);
         let mut seen = Vec::new();
-        client.upload_calibration(&record(), |bytes| seen.push(bytes)).unwrap();
+        let told = |bytes| {
+            seen.push(bytes);
+            ControlFlow::Continue(())
+        };
+        client.upload_calibration(&record(), told).unwrap();
         assert_eq!(seen.last(), Some(&record().len()));
         assert_eq!(client.download_calibration().unwrap(), record());
         let id = client.info().unwrap().calibration.unwrap();
@@ -145,10 +150,10 @@ fn a_calibration_goes_up_and_comes_back_byte_by_byte() {
 fn a_calibration_with_a_flipped_bit_is_refused_and_the_old_one_stays() {
     let finger = on_tcp(still());
     let client = connect(&finger);
-    client.upload_calibration(&record(), |_| {}).unwrap();
+    client.upload_calibration(&record(), |_| ControlFlow::Continue(())).unwrap();
     let mut damaged = record();
     damaged[100] ^= 1 << 4;
-    let refused = refusal(client.upload_calibration(&damaged, |_| {}));
+    let refused = refusal(client.upload_calibration(&damaged, |_| ControlFlow::Continue(())));
     assert_eq!(refused, Refusal::Calibration(CalibrationError::Crc));
     assert_eq!(client.download_calibration().unwrap(), record());
 }
@@ -158,7 +163,7 @@ fn a_calibration_can_go_up_while_the_stream_is_on() {
     for finger in on_every_link() {
         let client = connect(&finger);
         client.stream(true).unwrap();
-        client.upload_calibration(&record(), |_| {}).unwrap();
+        client.upload_calibration(&record(), |_| ControlFlow::Continue(())).unwrap();
         assert_eq!(client.counts().lost, 0);
     }
 }
@@ -166,20 +171,24 @@ fn a_calibration_can_go_up_while_the_stream_is_on() {
 #[test]
 fn an_upload_that_is_broken_off_leaves_the_old_calibration_and_the_next_one_goes_up() {
     let finger = on_tcp(still());
-    connect(&finger).upload_calibration(&record(), |_| {}).unwrap();
+    connect(&finger).upload_calibration(&record(), |_| ControlFlow::Continue(())).unwrap();
     let mut other = calibration();
     other.date += 1;
     let other = bytes(&other);
-    // The cable is pulled when half of it is there.
-    let broken = connect(&finger);
-    let pulled = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-        broken.upload_calibration(&other, |sent| assert!(2 * sent < other.len(), "pulled"))
-    }));
-    assert!(pulled.is_err());
-    drop(broken);
+    let stop_at = |most: usize| {
+        let halt =
+            |sent| if sent < most { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let stopped = connect(&finger).upload_calibration(&other, halt).unwrap_err();
+        let why = Box::new(Problem::Stopped);
+        let in_force = InForce::Before;
+        assert_eq!(stopped.problem(), Some(&Problem::Upload { why, in_force }));
+        assert_eq!(connect(&finger).download_calibration().unwrap(), record());
+    };
+    // Before the first byte, with half of it there, and with all of it.
+    [0, other.len() / 2, other.len()].into_iter().for_each(stop_at);
     let client = connect(&finger);
     assert_eq!(client.download_calibration().unwrap(), record());
-    client.upload_calibration(&other, |_| {}).unwrap();
+    client.upload_calibration(&other, |_| ControlFlow::Continue(())).unwrap();
     assert_eq!(client.download_calibration().unwrap(), other);
 }
 

@@ -20,8 +20,9 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::record::{Field, Row};
 use parquet::schema::types::{Type, TypePtr};
+use taxel::measured::NoValue;
 use taxel_formats::FileError;
-use taxel_formats::frames::{Cell, Column, Kind, REASONS, reason};
+use taxel_formats::frames::{Cell, Column, Kind, reason};
 
 use crate::header::Header;
 use crate::{Existing, Recording, Sink, begin, mcap};
@@ -315,7 +316,7 @@ fn cells(row: &Row, columns: &[Column]) -> Vec<Cell> {
             (Field::Long(whole), _) => Cell::Whole(whole.unsigned_abs()),
             (Field::Float(real), _) => Cell::Real(*real),
             (_, Field::Str(words)) => {
-                let why = REASONS.into_iter().find(|why| reason(*why) == words);
+                let why = NoValue::ALL.into_iter().find(|why| reason(*why) == words);
                 why.map_or(Cell::Empty, Cell::Withheld)
             }
             _ => Cell::Empty,

@@ -17,7 +17,8 @@ use prost_types::{
     DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto,
     FileDescriptorProto, FileDescriptorSet, OneofDescriptorProto,
 };
-use taxel_formats::frames::{Cell, Column, Kind, REASONS, reason};
+use taxel::measured::NoValue;
+use taxel_formats::frames::{Cell, Column, Kind, reason};
 
 /// The message's full name.
 pub const NAME: &str = "taxel.Frame";
@@ -62,7 +63,7 @@ pub fn descriptor(columns: &[Column]) -> Vec<u8> {
             message.field.push(field);
         }
     }
-    let reasons = (FIRST_REASON..).zip(REASONS);
+    let reasons = (FIRST_REASON..).zip(NoValue::ALL);
     let reasons = reasons.map(|(number, why)| (number, constant(reason(why))));
     let values = [(0, "NONE".to_owned())].into_iter().chain(reasons);
     let file = FileDescriptorProto {
@@ -161,7 +162,7 @@ pub(crate) fn decode(mut message: &[u8], columns: &[Column]) -> Option<Vec<Cell>
             let mut number = 0;
             int32::merge(wire, &mut number, &mut message, context.clone()).ok()?;
             let at = usize::try_from(number - FIRST_REASON).ok()?;
-            Cell::Withheld(*REASONS.get(at)?)
+            Cell::Withheld(*NoValue::ALL.get(at)?)
         } else if column.kind == Kind::Whole {
             let mut whole = 0;
             uint64::merge(wire, &mut whole, &mut message, context.clone()).ok()?;

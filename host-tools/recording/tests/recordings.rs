@@ -8,7 +8,7 @@ use taxel::estimate::{ContactPoint, Force};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::NoValue;
 use taxel::units::{Micros, Millimetres, Newtons};
-use taxel_formats::frames::{Cell, Column, REASONS, cells, columns};
+use taxel_formats::frames::{Cell, Column, cells, columns};
 use taxel_recording::{Existing, Header, Recorder, Recording, host_columns};
 
 fn header() -> Header {
@@ -25,7 +25,7 @@ fn rows(count: u64) -> Vec<Vec<Cell>> {
     (0..count)
         .map(|i| {
             let newtons = |value: f32| Ok(Newtons(value / 3.0));
-            let why = REASONS[i as usize % REASONS.len()];
+            let why = NoValue::ALL[i as usize % NoValue::ALL.len()];
             let frame = Frame {
                 seq: i as u32,
                 time: Micros((1 << 40) + i * 250),

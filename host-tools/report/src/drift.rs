@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use taxel::calibration::{Calibration, SensorCalibration};
+use taxel::estimate::quantised::Net;
 use taxel::scan::{SENSORS, TAXELS};
 use taxel_fit::recording::Recording;
 use taxel_fit::table::{TableModel, TableRecording};
@@ -72,6 +73,13 @@ pub fn compare(first: &Calibration, second: &Calibration, recordings: &[Recordin
             (Some(a), Some(b)) => sensor(&mut drift, &name, a, b),
             (a, b) => only_one(&mut drift, &name, a.is_some(), b.is_some()),
         }
+    }
+    let parts = |of: &Calibration| {
+        [of.model.is_some(), of.slip.is_some(), of.warmth.is_some(), of.array.is_some()]
+    };
+    let names = ["the model of the skin", "slip", "warmth", "the array of sensors"];
+    for (part, (a, b)) in names.into_iter().zip(parts(first).into_iter().zip(parts(second))) {
+        only_one(&mut drift, part, a, b);
     }
     drift
 }
@@ -144,13 +152,24 @@ fn taxels(drift: &mut Drift, first: &Calibration, second: &Calibration) {
         drift.push("taxels", format!("unloaded light, r{}c{}", k / 4, k % 4), changes[k], "%");
     }
     drift.push("taxels", "noise".into(), ratio(a.bias.noise, b.bias.noise), "%");
-    match (&first.force, &second.force) {
-        (Some(a), Some(b)) if a != b && drift.met.is_empty() => drift.warnings.push(
-            "the nets differ; what that means in newtons shows on a recording with references (--data)"
-                .into(),
-        ),
-        (Some(_), Some(_)) => {}
-        (a, b) => only_one(drift, "the net", a.is_some(), b.is_some()),
+    let told = !drift.met.is_empty();
+    match [first, second].map(Calibration::net) {
+        [Some(a), Some(b)] => {
+            let form = |net: Net| if matches!(net, Net::Float(_)) { "f32" } else { "16 bits" };
+            if form(a) != form(b) {
+                let (a, b) = (form(a), form(b));
+                drift
+                    .warnings
+                    .push(format!("the net is in {a} in the first, in {b} in the second"));
+            }
+            if a != b && !told {
+                drift.warnings.push(
+                    "the nets differ; what that means in newtons shows on a recording with references (--data)"
+                        .into(),
+                );
+            }
+        }
+        [a, b] => only_one(drift, "the net", a.is_some(), b.is_some()),
     }
 }
 

@@ -206,7 +206,7 @@ fn about(calibration: &Calibration, recordings: &[Recording]) -> About {
 /// Its shape and its numbers.
 fn net_model(net: Net<'_>) -> String {
     let (units, skip, form) = match net {
-        Net::Float(net) => (net.hidden_bias().count(), net.skip.is_some(), ""),
+        Net::Float(net) => (net.units.len(), net.skip.is_some(), ""),
         Net::Quantised(net) => (GROUP * net.hidden.len(), net.skip.is_some(), ", in 16 bits"),
     };
     let skip = if skip { ", linear path past them" } else { "" };

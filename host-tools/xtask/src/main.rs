@@ -7,6 +7,7 @@
 mod cycles;
 mod firmware;
 mod image;
+mod judge;
 mod memory;
 mod packages;
 mod panics;
@@ -23,6 +24,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::cycles::Cycles;
+use crate::judge::Judge;
 use crate::steps::Steps;
 use crate::toolchain::Choice;
 
@@ -52,6 +54,8 @@ enum Task {
     },
     /// What every stage of the core costs on a Cortex-M4F: exact instructions, modelled cycles
     Cycles(Cycles),
+    /// Whether calibration reaches what is asked of it on recordings that are not in the repository
+    Judge(Judge),
 }
 
 fn main() -> ExitCode {
@@ -61,6 +65,7 @@ fn main() -> ExitCode {
         Task::Test { part } => test::all(part, arguments.toolchain, &mut steps),
         Task::Firmware { board } => firmware::task(&board, arguments.toolchain),
         Task::Cycles(cycles) => cycles::task(&cycles, arguments.toolchain),
+        Task::Judge(judge) => judge::task(&judge),
     };
     match done {
         Ok(()) => {

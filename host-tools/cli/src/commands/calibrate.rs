@@ -20,7 +20,7 @@ pub struct Args {
 
 const EXAMPLES: &str = "\
 Examples, from a recorded press to a finger that says newtons:
-  taxel calibrate fit --data presses.csv --out finger.toml
+  taxel calibrate fit --data presses.csv --data shear.csv --out finger.toml
   taxel calibrate evaluate --data unseen.csv --calibration finger.toml
   taxel calibrate upload --calibration finger.toml
   taxel calibrate adjust --data weights.csv --calibration finger.toml --out today.toml";

@@ -1,8 +1,9 @@
 //! Running the command from a folder.
 #![allow(dead_code, reason = "each test file uses its part")]
 
-use std::path::Path;
-use std::process::{Command, Stdio};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
 
 use taxel::scan::{ROWS, SENSORS};
 use taxel::units::FullScale;
@@ -13,6 +14,20 @@ pub struct Ran {
     pub code: Option<i32>,
     pub out: String,
     pub err: String,
+}
+
+impl Ran {
+    pub fn of(output: Output) -> Self {
+        Self {
+            code: output.status.code(),
+            out: String::from_utf8(output.stdout).unwrap(),
+            err: String::from_utf8(output.stderr).unwrap(),
+        }
+    }
+}
+
+pub fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap()
 }
 
 /// The folder that the command is run in.
@@ -27,12 +42,20 @@ impl In<'_> {
     }
 
     pub fn taxel(&self, args: &[&str]) -> Ran {
-        let output = self.command(args).output().unwrap();
-        Ran {
-            code: output.status.code(),
-            out: String::from_utf8(output.stdout).unwrap(),
-            err: String::from_utf8(output.stderr).unwrap(),
-        }
+        Ran::of(self.command(args).output().unwrap())
+    }
+
+    /// What is in the folder: names of all, and texts of the files.
+    pub fn files(&self) -> BTreeMap<String, Option<String>> {
+        let entries = std::fs::read_dir(self.0).unwrap().map(|entry| entry.unwrap());
+        let text = |path: PathBuf| {
+            path.metadata()
+                .is_ok_and(|file| file.is_file())
+                .then(|| String::from_utf8_lossy(&std::fs::read(path).unwrap()).into_owned())
+        };
+        entries
+            .map(|entry| (entry.file_name().into_string().unwrap(), text(entry.path())))
+            .collect()
     }
 
     /// One line on standard error, nothing on standard output.

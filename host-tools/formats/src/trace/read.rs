@@ -12,6 +12,7 @@ use taxel::units::{Code, FullScale, Micros};
 use super::{Sample, TRUTH_COLUMNS, Truth, bridge_names, sensor_truth_names, taxel_names};
 use crate::error::FileError;
 use crate::lines::Lines;
+use crate::number;
 use crate::stretch::Stretch;
 
 const FULL_SCALE_KEY: &str = "full_scale";
@@ -373,12 +374,9 @@ impl Cells<'_> {
         let Some(at) = at else { return Ok(None) };
         match self.text(at) {
             "" => Ok(None),
-            text => match text.parse::<f64>() {
-                Ok(value) if value.is_finite() => Ok(Some(value)),
-                _ => Err(self
-                    .error(at, format!("expected a finite number, found `{text}`"))
-                    .mend("leave the cell empty where the value is not known")),
-            },
+            text => number::measured(text).map(Some).map_err(|problem| {
+                self.error(at, problem).mend("leave the cell empty where the value is not known")
+            }),
         }
     }
 

@@ -1,29 +1,48 @@
 //! Calibrations on their way to the finger and back, in chunks.
 
+use std::ops::ControlFlow;
+
 use taxel::calibration::MAX_BYTES;
 use taxel::wire::message::{CHUNK, Command, Refusal, Response};
 
 use super::{Client, PATIENCE};
-use crate::error::{LinkError, Problem};
+use crate::error::{InForce, LinkError, Problem};
 
 /// How often an upload starts over when a chunk or its answer was lost.
 const UPLOADS: u32 = 3;
 
 impl Client {
     /// Sends a calibration record, puts it in force, and reads it back to be sure. `progress` hears how
-    /// many bytes have arrived.
+    /// many bytes have arrived, and may end it as long as the record is not complete.
     ///
     /// # Errors
-    /// Refused as it stands (the old one then stays), or the link broke.
+    /// Refused as it stands (the old one then stays), or the link broke: [`Problem::Upload`] tells which
+    /// calibration is in force.
     pub fn upload_calibration(
         &self,
         record: &[u8],
-        mut progress: impl FnMut(usize),
+        mut progress: impl FnMut(usize) -> ControlFlow<()>,
+    ) -> Result<(), LinkError> {
+        let mut in_force = InForce::Before;
+        self.upload_and_read_back(record, &mut progress, &mut in_force).map_err(|error| {
+            match error.problem() {
+                // These say it themselves.
+                None | Some(Problem::Refusal { .. } | Problem::ReadBack) => error,
+                Some(why) => self.error(Problem::Upload { why: Box::new(why.clone()), in_force }),
+            }
+        })
+    }
+
+    fn upload_and_read_back(
+        &self,
+        record: &[u8],
+        progress: &mut impl FnMut(usize) -> ControlFlow<()>,
+        in_force: &mut InForce,
     ) -> Result<(), LinkError> {
         let mut left = UPLOADS;
         loop {
             left -= 1;
-            match self.upload(record, &mut progress) {
+            match self.upload(record, progress, in_force) {
                 Err(error) if left > 0 && worth_repeating(&error) => {}
                 Err(error) => return Err(error),
                 Ok(()) => break,
@@ -36,7 +55,17 @@ impl Client {
         }
     }
 
-    fn upload(&self, record: &[u8], progress: &mut impl FnMut(usize)) -> Result<(), LinkError> {
+    fn upload(
+        &self,
+        record: &[u8],
+        progress: &mut impl FnMut(usize) -> ControlFlow<()>,
+        in_force: &mut InForce,
+    ) -> Result<(), LinkError> {
+        let mut progress = |sent: usize| match progress(sent) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(self.error(Problem::Stopped)),
+        };
+        progress(0)?;
         // What does not fit the field is refused by the finger as too long.
         let length = u16::try_from(record.len()).unwrap_or(u16::MAX);
         // The finger erases a slot of its flash first, which may take seconds (128 KB sectors of an F4).
@@ -47,9 +76,11 @@ impl Client {
             // Asked once: a repeated chunk would be out of order.
             self.ask(NAME, Command::CalibrationChunk { offset, data }, PATIENCE, 1)?;
             offset += chunk.len() as u16;
-            progress(offset.into());
+            progress(offset.into())?;
         }
+        *in_force = InForce::Either;
         self.ask(NAME, Command::CalibrationCommit, 4 * PATIENCE, 1)?;
+        *in_force = InForce::New;
         Ok(())
     }
 

@@ -53,7 +53,7 @@ impl OnPins {
         let board = ServedBoard::replaying(board, trace.path())?;
         let client = Client::open(board.port(), None)?;
         if let Some(record) = record {
-            client.upload_calibration(record, |_| {})?;
+            client.upload_calibration(record, |_| ControlFlow::Continue(()))?;
         }
         let settings = scanning(&client, hz.saturating_mul(each))?;
         client.set_fields(wanted.fields)?;

@@ -7,7 +7,8 @@ use taxel_fit::adjust;
 use taxel_formats::calibration;
 use taxel_formats::stretch::Stretch;
 
-use super::{data, now};
+use super::data::{self, Aligned};
+use super::now;
 use crate::output;
 
 /// Brings a calibration up to date with a few presses of known weight, the finger in its place.
@@ -25,6 +26,9 @@ pub struct Args {
     /// reference columns fx_n fy_n fz_n (or s0_fx_n …) tell.
     #[arg(long, value_name = "NEWTONS", value_parser = weight)]
     weight: Option<f64>,
+    /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
+    #[arg(long, value_name = "FILE", conflicts_with = "weight")]
+    reference: Vec<PathBuf>,
     /// The calibration to start from.
     #[arg(long, value_name = "OLD.toml")]
     calibration: PathBuf,
@@ -39,7 +43,8 @@ pub struct Args {
 const EXAMPLES: &str = "\
 Examples:
   taxel calibrate adjust --calibration finger.toml --data presses.csv --out today.toml
-  taxel calibrate adjust --calibration finger.toml --data 50g.csv --weight 0.4905 --out today.toml";
+  taxel calibrate adjust --calibration finger.toml --data 50g.csv --weight 0.4905 --out today.toml
+  taxel calibrate adjust --calibration finger.toml --data presses.csv --reference cell.csv --out today.toml";
 
 fn weight(text: &str) -> Result<f64, String> {
     match text.parse() {
@@ -57,6 +62,8 @@ struct Outcome {
     sensor_gains: [Option<[f64; 3]>; 4],
     /// Of each estimator of the taxels.
     errors: Vec<Error>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    alignments: Vec<Aligned>,
     warnings: Vec<String>,
 }
 
@@ -82,9 +89,10 @@ impl From<adjust::Helped> for Error {
 /// A file is wrong, or the recordings do not hold what is needed.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let data = args.data.iter().map(|data| data.path.as_path());
-    output::keep(data.chain([args.calibration.as_path()]), &args.out)?;
+    let references = args.reference.iter().map(PathBuf::as_path);
+    output::keep(data.chain(references).chain([args.calibration.as_path()]), &args.out)?;
     let old = calibration::read(&args.calibration)?;
-    let mut recordings = data::traces(&args.data, &[])?.recordings;
+    let data::Read { mut recordings, alignments } = data::traces(&args.data, &args.reference)?;
     if let Some(newtons) = args.weight {
         for recording in &mut recordings {
             adjust::weigh(&old, recording, newtons)?;
@@ -101,6 +109,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         taxel_gains: adjusted.taxels,
         sensor_gains: adjusted.sensors,
         errors: adjusted.helped.into_iter().map(Error::from).collect(),
+        alignments,
         warnings: adjusted.warnings,
     };
     if args.json {
@@ -110,6 +119,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 }
 
 fn print(outcome: &Outcome) -> anyhow::Result<()> {
+    for aligned in &outcome.alignments {
+        output::line(aligned.describe())?;
+    }
     output::line(format!("{} presses", outcome.presses))?;
     for Error { estimator, before, after } in &outcome.errors {
         output::line(format!(

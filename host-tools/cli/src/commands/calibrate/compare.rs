@@ -28,6 +28,9 @@ pub struct Args {
     /// A recording with references; may be given several times.
     #[arg(long, value_name = "FILE[@FROM..TO]")]
     data: Vec<Stretch>,
+    /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
+    #[arg(long, value_name = "FILE", requires = "data")]
+    reference: Vec<PathBuf>,
     /// Print the same as one JSON object.
     #[arg(long)]
     json: bool,
@@ -47,7 +50,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Kind::Finger => {
             let first = calibration::read(&args.first)?;
             let second = calibration::read(&args.second)?;
-            drift::compare(&first, &second, &data::traces(&args.data, &[])?.recordings)
+            let read = data::traces(&args.data, &args.reference)?;
+            read.note();
+            drift::compare(&first, &second, &read.recordings)
         }
         Kind::Table => {
             let first: TableModel = calibration::read_table(&args.first)?;
@@ -62,7 +67,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                 first.inputs.join(", "),
                 first.targets.join(", ")
             );
-            let read = data::tables(&args.data, &[], &first.inputs, &first.targets)?;
+            let read = data::tables(&args.data, &args.reference, &first.inputs, &first.targets)?;
+            read.note();
             drift::compare_tables(&first, &second, &read.recordings)
         }
     };

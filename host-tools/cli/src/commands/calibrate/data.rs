@@ -68,10 +68,17 @@ pub fn traces(stretches: &[Stretch], references: &[PathBuf]) -> anyhow::Result<R
         );
         let scans = Scans::open(&stretch.path)?;
         scans.remarks.iter().for_each(output::note);
-        let samples = trace::cut(scans.samples, stretch);
         let name = stretch.path.display().to_string();
-        let mut recording = Recording { name, samples: samples.collect::<Result<_, _>>()? };
-        not_empty(stretch, recording.samples.len())?;
+        let mut all = None;
+        let seen = scans.samples.inspect(|sample| {
+            if let Ok(sample) = sample {
+                let seconds = sample.scan.time.0 as f64 / 1e6;
+                all = Some((all.map_or(seconds, |(first, _)| first), seconds));
+            }
+        });
+        let samples = trace::cut(seen, stretch).collect::<Result<Vec<_>, _>>()?;
+        anyhow::ensure!(!samples.is_empty(), stretch.without_rows(all));
+        let mut recording = Recording { name, samples };
         if let Some(path) = reference {
             let reference = table::read(&Stretch::whole(path), &["f*_n"])?;
             read.alignments.push(Aligned::new(path, recording.align(&reference)?));
@@ -106,7 +113,6 @@ pub fn tables(
                 recording
             }
         };
-        not_empty(stretch, recording.inputs.rows.len())?;
         read.recordings.push(recording);
     }
     Ok(read)
@@ -116,15 +122,6 @@ pub fn tables(
 fn is_packed(path: &Path) -> bool {
     let extension = path.extension().and_then(OsStr::to_str);
     matches!(extension, Some("mcap" | "parquet"))
-}
-
-fn not_empty(stretch: &Stretch, rows: usize) -> anyhow::Result<()> {
-    anyhow::ensure!(
-        rows > 0,
-        "{}: no rows; check the stretch FILE@FROM..TO",
-        stretch.path.display()
-    );
-    Ok(())
 }
 
 fn paired<'a>(

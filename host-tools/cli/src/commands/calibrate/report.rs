@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::time::{Duration, UNIX_EPOCH};
 
-use anyhow::Context;
 use humantime::format_rfc3339_seconds;
 use taxel_fit::table::TableModel;
 use taxel_formats::calibration::{self, Kind};
@@ -86,8 +85,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let date =
         |seconds| format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string();
     let page = html::page(&report, &date(now()), &date(report.about.date));
-    std::fs::write(&args.out, page)
-        .with_context(|| format!("{}: cannot be written", args.out.display()))?;
+    taxel_formats::save(&args.out, page)?;
     for warning in &report.warnings {
         output::note(format_args!("taxel: warning: {warning}"));
     }

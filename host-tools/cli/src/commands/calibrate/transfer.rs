@@ -1,5 +1,6 @@
 //! `taxel calibrate upload` and `download`.
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use anyhow::Context;
@@ -7,11 +8,16 @@ use indicatif::ProgressBar;
 use taxel::calibration::Calibration;
 use taxel::frame::Status;
 use taxel_formats::calibration;
+use taxel_link::Port;
 
 use crate::finger::{PortArg, record};
+use crate::interrupt::Interrupt;
 use crate::output;
 
 /// Puts a calibration in force on a finger and reads it back.
+///
+/// However it is broken off, by Ctrl-C, the cable or the power, the calibration of before or the new one is in
+/// force, whole, and the last line says which.
 #[derive(clap::Args)]
 #[command(after_help = UPLOAD_EXAMPLES)]
 pub struct UploadArgs {
@@ -23,8 +29,10 @@ pub struct UploadArgs {
 }
 
 const UPLOAD_EXAMPLES: &str = "\
-Example:
-  taxel calibrate upload --port usb --calibration finger.toml";
+Examples, with a finger and without one:
+  taxel calibrate upload --port usb --calibration finger.toml
+  taxel serve --port sim:tour --tcp 127.0.0.1:5000
+  taxel calibrate upload --port tcp:127.0.0.1:5000 --calibration finger.toml";
 
 /// Writes the calibration in force on a finger to a file.
 #[derive(clap::Args)]
@@ -48,12 +56,24 @@ Example:
 pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
     let calibration = calibration::read(&args.calibration)?;
     let bytes = record(&calibration)?;
+    let interrupt = Interrupt::watch()?;
     let client = args.port.connect()?;
     let info = client.info()?;
     let bar = ProgressBar::new(bytes.len() as u64);
-    client.upload_calibration(&bytes, |sent| bar.set_position(sent as u64))?;
+    let uploaded = client.upload_calibration(&bytes, |sent| {
+        bar.set_position(sent as u64);
+        if interrupt.came() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
     bar.finish_and_clear();
+    uploaded?;
     output::line(format!("{}: {} bytes uploaded and read back", args.port.port, bytes.len()))?;
+    if let Port::Sim(_) | Port::File(_) = args.port.port {
+        output::note(format_args!(
+            "{0}: this virtual finger ends with the command, and its calibration with it; `taxel serve --port {0} \
+             --tcp 127.0.0.1:5000` is one that stays",
+            args.port.port
+        ));
+    }
     for section in passed_over(&calibration, info.estimators) {
         output::note(format_args!(
             "{}: the firmware of {} goes without the estimator of `{section}`: it keeps the section and \
@@ -83,6 +103,7 @@ fn passed_over(calibration: &Calibration, held: Status) -> Vec<&'static str> {
 /// # Errors
 /// The finger has none, or the file cannot be written.
 pub fn download(args: DownloadArgs) -> anyhow::Result<()> {
+    output::keep([], &args.out)?;
     let bytes = args.port.connect()?.download_calibration()?;
     let record = Calibration::from_bytes(&bytes)
         .map_err(|error| anyhow::anyhow!("what came back is no calibration: {error}"))

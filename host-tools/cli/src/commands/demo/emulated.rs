@@ -1,6 +1,7 @@
 //! The demo's finger on the emulated board: the firmware itself, in real time.
 
 use std::collections::HashMap;
+use std::ops::ControlFlow;
 
 use anyhow::Context;
 use taxel::calibration::Calibration;
@@ -64,7 +65,7 @@ impl Performer for Board {
         let (reader, writer) = self.board.take_link().context("the board has no link left")?;
         let client = Client::over(BOARD, reader, writer)?;
         if let Some(calibration) = &self.calibration {
-            client.upload_calibration(&record(calibration)?, |_| {})?;
+            client.upload_calibration(&record(calibration)?, |_| ControlFlow::Continue(()))?;
         }
         Ok(client)
     }

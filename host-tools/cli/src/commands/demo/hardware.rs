@@ -1,5 +1,7 @@
 //! The demo's finger on an emulated board with hardware: the very image that is flashed, its converters and its USB.
 
+use std::ops::ControlFlow;
+
 use taxel::calibration::Calibration;
 use taxel::frame::Frame;
 use taxel_formats::trace::{Sample, TraceWriter, Truth};
@@ -59,7 +61,7 @@ impl Performer for Board {
     fn connect(&mut self) -> anyhow::Result<Client> {
         let client = Client::open(self.board.port(), None)?;
         if let Some(calibration) = &self.calibration {
-            client.upload_calibration(&record(calibration)?, |_| {})?;
+            client.upload_calibration(&record(calibration)?, |_| ControlFlow::Continue(()))?;
         }
         Ok(client)
     }

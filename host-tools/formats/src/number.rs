@@ -1,0 +1,26 @@
+//! A cell that holds a number.
+
+/// Nothing that is measured is larger, and the third power of what is larger is no f32.
+const LARGEST: f64 = 1e12;
+
+/// Any finite number; else what is wrong with the cell.
+pub(crate) fn finite(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ if text.is_empty() => Err("expected a finite number, found nothing".to_owned()),
+        _ if text.contains(',') => {
+            Err(format!("expected a number with a decimal point, found `{text}`"))
+        }
+        _ => Err(format!("expected a finite number, found `{text}`")),
+    }
+}
+
+/// One that something measured.
+pub(crate) fn measured(text: &str) -> Result<f64, String> {
+    let value = finite(text)?;
+    if value.abs() <= LARGEST {
+        Ok(value)
+    } else {
+        Err(format!("expected a number up to {LARGEST:e}, found `{text}`"))
+    }
+}

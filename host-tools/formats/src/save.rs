@@ -1,0 +1,129 @@
+//! Files that are there whole or not at all.
+
+use std::fs::{File, Metadata, OpenOptions};
+use std::io::{self, Write};
+use std::path::Path;
+
+use tempfile::Builder;
+
+use crate::error::FileError;
+
+/// Writes a file beside `path`, all of it to the disk, and puts it there only then: whenever power, disk or
+/// program fail, what was there before is there still.
+///
+/// # Errors
+/// It cannot be written, or what is there is not to be overwritten.
+pub fn save(path: impl AsRef<Path>, contents: impl AsRef<[u8]>) -> Result<(), FileError> {
+    let (path, contents) = (path.as_ref(), contents.as_ref());
+    // A link goes on pointing where it does.
+    let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let saved = match target.metadata() {
+        // A device or a pipe cannot be replaced.
+        Ok(former) if !former.is_file() => pour(&target, contents),
+        former => replace(&target, former.ok(), contents),
+    };
+    saved.map_err(|error| FileError::io(path, &error))
+}
+
+fn pour(target: &Path, contents: &[u8]) -> io::Result<()> {
+    OpenOptions::new().write(true).open(target)?.write_all(contents)
+}
+
+fn replace(target: &Path, former: Option<Metadata>, contents: &[u8]) -> io::Result<()> {
+    if former.as_ref().is_some_and(|former| former.permissions().readonly()) {
+        return Err(io::ErrorKind::PermissionDenied.into());
+    }
+    let folder = match target.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let mut builder = Builder::new();
+    builder.prefix(".").suffix(".part");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // As any new file has them, less the user's mask.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    // The name that it would say is none that the user has heard of.
+    let opened = builder.tempfile_in(folder);
+    let mut beside = opened.map_err(|error| io::Error::from(error.kind()))?;
+    beside.as_file_mut().write_all(contents)?;
+    if let Some(former) = former {
+        beside.as_file().set_permissions(former.permissions())?;
+    }
+    beside.as_file().sync_all()?;
+    beside.persist(target).map_err(|error| error.error)?;
+    // The folder has the name: on Unix it is a file of its own to be kept.
+    if cfg!(unix) {
+        File::open(folder)?.sync_all()?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let mut names: Vec<_> =
+            entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_is_replaced_by_another_of_its_name_and_nothing_lies_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.toml");
+        save(&path, "one").unwrap();
+        // Whoever has the former one open still reads it whole: it was not written into.
+        let mut former = File::open(&path).unwrap();
+        save(&path, "two and more").unwrap();
+        assert_eq!(io::read_to_string(&mut former).unwrap(), "one");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "two and more");
+        assert_eq!(names(folder.path()), ["a.toml"]);
+    }
+
+    #[test]
+    fn what_fails_leaves_the_former_file_whole_and_nothing_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.toml");
+        save(&path, "one").unwrap();
+        let mut kept = path.metadata().unwrap().permissions();
+        kept.set_readonly(true);
+        std::fs::set_permissions(&path, kept).unwrap();
+        let error = save(&path, "two").unwrap_err().to_string();
+        assert!(error.ends_with("permission denied; check who may read or write it"), "{error}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "one");
+        let nowhere = folder.path().join("no/a.toml");
+        let error = save(&nowhere, "two").unwrap_err().to_string();
+        assert_eq!(error, format!("{}: entity not found; check the path", nowhere.display()));
+        assert!(save(folder.path(), "two").unwrap_err().to_string().contains("give a file"));
+        assert_eq!(names(folder.path()), ["a.toml"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_one_and_rights_stay_what_they_are() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (path, link) = (folder.path().join("a.toml"), folder.path().join("latest.toml"));
+        save(&path, "one").unwrap();
+        assert_eq!(path.metadata().unwrap().permissions().mode() & 0o600, 0o600);
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o640)).unwrap();
+        std::os::unix::fs::symlink("a.toml", &link).unwrap();
+        save(&link, "two").unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "two");
+        assert!(link.symlink_metadata().unwrap().is_symlink());
+        assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o640);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_is_written_to_and_not_replaced() {
+        save("/dev/null", "one").unwrap();
+        assert!(!Path::new("/dev/null").metadata().unwrap().is_file());
+    }
+}
