@@ -6,6 +6,8 @@ use taxel_fit::recording::Recording;
 use taxel_formats::trace::Sample;
 use taxel_sim::{Effect, Scene, Simulator};
 
+use crate::truth::{Beyond, Touches};
+
 /// The scenes that a finger is calibrated on, as the README does it, with its thermometer.
 pub const CALIBRATION: [&str; 2] = ["presses", "shear"];
 /// The scene that tells what warmth does to it.
@@ -31,6 +33,8 @@ pub struct Moment {
     pub sample: Sample,
     /// The codes, conditioned.
     pub signals: Signals,
+    /// What is true beyond the sample's own truth.
+    pub beyond: Beyond,
 }
 
 impl Device {
@@ -50,14 +54,18 @@ impl Device {
     /// # Errors
     /// There is no such scene.
     pub fn unseen(&self, scene: &str) -> anyhow::Result<Vec<Moment>> {
-        Ok(self.moments(run(self.seed, scene, JUDGED)?))
+        let mut scene = Scene::load(scene)?;
+        scene.device.seed = self.seed;
+        let mut touches = Touches::new(&scene, JUDGED);
+        let samples = Simulator::new(&scene, JUDGED);
+        Ok(samples.map(|sample| self.moment(sample, touches.at(&sample))).collect())
     }
 
-    /// Samples with their signals.
+    /// A sample with its signals.
     #[must_use]
-    pub fn moments(&self, samples: Vec<Sample>) -> Vec<Moment> {
-        let signals = |sample: &Sample| self.bias.apply(&Levels::read(&sample.scan.codes), None);
-        samples.into_iter().map(|sample| Moment { signals: signals(&sample), sample }).collect()
+    pub fn moment(&self, sample: Sample, beyond: Beyond) -> Moment {
+        let signals = self.bias.apply(&Levels::read(&sample.scan.codes), None);
+        Moment { sample, signals, beyond }
     }
 }
 
@@ -66,10 +74,4 @@ fn recorded(device: u64, name: &str) -> anyhow::Result<Recording> {
     scene.device.seed = device;
     let samples = Simulator::new(&scene, FITTED).collect();
     Ok(Recording { name: name.to_owned(), samples })
-}
-
-fn run(device: u64, scene: &str, seed: u64) -> anyhow::Result<Vec<Sample>> {
-    let mut scene = Scene::load(scene)?;
-    scene.device.seed = device;
-    Ok(Simulator::new(&scene, seed).collect())
 }

@@ -21,6 +21,10 @@ pub enum Quantity {
     Point,
     /// About the normal.
     Torsion,
+    /// What is left of the friction, a share.
+    Margin,
+    /// Whether it slides: the square of the error is the share of frames that are wrong.
+    Slide,
 }
 
 impl Quantity {
@@ -32,6 +36,8 @@ impl Quantity {
             Self::Shear => "shear force",
             Self::Point => "contact point",
             Self::Torsion => "torsion",
+            Self::Margin => "slip margin",
+            Self::Slide => "slide",
         }
     }
 
@@ -42,6 +48,7 @@ impl Quantity {
             Self::Normal | Self::Shear => "N",
             Self::Point => "mm",
             Self::Torsion => "N·mm",
+            Self::Margin | Self::Slide => "1",
         }
     }
 
@@ -51,6 +58,7 @@ impl Quantity {
             Self::Normal | Self::Shear => ("mN", 1e3),
             Self::Point => ("µm", 1e3),
             Self::Torsion => ("N·µm", 1e3),
+            Self::Margin | Self::Slide => ("%", 1e2),
         }
     }
 
@@ -66,25 +74,28 @@ impl Quantity {
                 Some((x - tx?).powi(2) + (y - ty?).powi(2))
             }
             Self::Torsion => Some((said.torsion? - truth.torsion?).powi(2)),
+            Self::Margin => Some((said.margin? - moment.beyond.margin?).powi(2)),
+            Self::Slide => Some(f64::from(u8::from(said.slides? != truth.slip?))),
         }
     }
 }
 
-use Quantity::{Normal, Point, Shear, Torsion};
+use Quantity::{Margin, Normal, Point, Shear, Slide, Torsion};
 
 /// The built-in scenes that methods are judged on, and what for.
-pub const SCENES: [(&str, &[Quantity]); 7] = [
+pub const SCENES: [(&str, &[Quantity]); 8] = [
     ("presses", &[Normal, Point]),
-    ("shear", &[Normal, Shear, Point]),
+    ("shear", &[Normal, Shear, Point, Margin]),
     ("roll", &[Normal, Point]),
     ("edge", &[Normal, Point]),
     ("tap", &[Normal, Point]),
-    ("tour", &[Normal, Shear, Point]),
-    ("torsion", &[Torsion]),
+    ("tour", &[Normal, Shear, Point, Margin, Slide]),
+    ("torsion", &[Torsion, Margin]),
+    ("stick-slip", &[Margin, Slide]),
 ];
 
 /// Loads below this many newtons are not judged: there is nothing to know of them yet.
-const LEAST_N: f64 = 0.05;
+pub(crate) const LEAST_N: f64 = 0.05;
 
 /// A method on a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -233,6 +244,10 @@ const PANELS: [Title<'_>; 4] =
     [("presses", Normal), ("shear", Normal), ("shear", Shear), ("presses", Point)];
 const MORE: [Title<'_>; 4] = [("edge", Normal), ("edge", Point), ("tour", Normal), ("tour", Shear)];
 
+/// How near to slip it is, and whether it slides.
+const SLIP: [Title<'_>; 4] =
+    [("shear", Margin), ("stick-slip", Margin), ("tour", Slide), ("stick-slip", Slide)];
+
 /// Writes table, pictures and page into `folder`.
 ///
 /// # Errors
@@ -241,6 +256,7 @@ pub fn write(rows: &[Row], folder: &Path) -> anyhow::Result<()> {
     files::write(&folder.join("estimators.csv"), &csv(rows))?;
     files::write(&folder.join("estimators.svg"), &scatter::draw(rows, &PANELS)?)?;
     files::write(&folder.join("estimators-more.svg"), &scatter::draw(rows, &MORE)?)?;
+    files::write(&folder.join("estimators-slip.svg"), &scatter::draw(rows, &SLIP)?)?;
     let all: Vec<Title<'_>> = SCENES
         .iter()
         .flat_map(|(scene, quantities)| quantities.iter().map(move |q| (*scene, *q)))

@@ -12,8 +12,10 @@ use rayon::prelude::*;
 
 use crate::accuracy::Accuracy;
 use crate::device::Device;
-use crate::mapped::{Fingers, LEAST_N, Said};
+use crate::estimators::LEAST_N;
+use crate::mapped::{Fingers, Said};
 use crate::methods::calibrated;
+use crate::runs::Recorded;
 use crate::sweeps::{self, Sweep};
 use crate::{Effort, Waiting, collinear, files, map, page};
 
@@ -175,13 +177,13 @@ fn over(sweep: &Sweep, device: &Stated) -> anyhow::Result<Vec<Map>> {
     let mut fingers = device.fingers.clone();
     for value in &sweep.values {
         let within = (sweep.within)(*value);
-        let samples = (sweep.run)(device.seed, *value)?;
+        let Recorded { samples, mut touches } = (sweep.run)(device.seed, *value)?;
         fingers.restart();
         let mut counts = vec![[Count::default(); 2]; maps.len()];
         for sample in &samples {
             let load = sample.truth.force[2].unwrap_or_default();
             let working = within && load >= LEAST_N;
-            fingers.judge(sample, |Said { method, error, felt, warned }| {
+            fingers.judge(sample, &touches.at(sample), |Said { method, error, felt, warned }| {
                 if let (Some([all, of_them]), Some(stated)) =
                     (counts.get_mut(method), device.stated.get(method))
                 {
@@ -203,6 +205,15 @@ fn over(sweep: &Sweep, device: &Stated) -> anyhow::Result<Vec<Map>> {
 }
 
 impl Map {
+    /// The picture that it is drawn in: slip has its own.
+    fn picture(&self) -> &'static str {
+        match self.of {
+            _ if self.method.contains("slip") => "failures-slip",
+            Of::Finger => "failures",
+            Of::Matrix => "failures-matrix",
+        }
+    }
+
     /// The last value, coming from the harmless ones, up to which the method can be trusted.
     #[must_use]
     pub fn boundary(&self) -> Option<f64> {
@@ -215,20 +226,23 @@ impl Map {
 /// alone.
 #[must_use]
 pub fn totals(maps: &[Map], of: Of) -> Totals {
-    sum(maps.iter().filter(|map| map.of == of))
-}
-
-fn sum<'m>(maps: impl Iterator<Item = &'m Map>) -> Totals {
-    let (mut all, mut within) = (Count::default(), Count::default());
-    for point in maps.flat_map(|map| &map.points) {
-        all.merge(&point.count);
-        within.merge(&point.working);
-    }
+    let points = maps.iter().filter(|map| map.of == of).flat_map(|map| &map.points);
+    let [all, within] = together(points);
     Totals {
         frames: [all.frames, within.frames],
         silent: [all.share(all.silent), within.share(within.silent)],
         false_flags: within.share(within.flagged),
     }
+}
+
+/// Counts over some points: of all frames, and of those in the working range.
+fn together<'m>(points: impl IntoIterator<Item = &'m Point>) -> [Count; 2] {
+    let [mut all, mut within] = [Count::default(); 2];
+    for point in points {
+        all.merge(&point.count);
+        within.merge(&point.working);
+    }
+    [all, within]
 }
 
 /// The table `failures.csv`.
@@ -257,11 +271,7 @@ pub fn boundaries(maps: &[Map]) -> String {
         "method,sweep,trusted_up_to,frames,silent,within_range,silent_within_range,flagged_within_range\n",
     );
     for map in maps {
-        let (mut all, mut within) = (Count::default(), Count::default());
-        for point in &map.points {
-            all.merge(&point.count);
-            within.merge(&point.working);
-        }
+        let [all, within] = together(&map.points);
         let boundary = map.boundary().map(|value| value.to_string()).unwrap_or_default();
         let _ = writeln!(
             table,
@@ -285,9 +295,9 @@ pub fn boundaries(maps: &[Map]) -> String {
 pub fn write(maps: &[Map], folder: &Path) -> anyhow::Result<()> {
     files::write(&folder.join("failures.csv"), &csv(maps))?;
     files::write(&folder.join("boundaries.csv"), &boundaries(maps))?;
-    for (of, name) in [(Of::Finger, "failures.svg"), (Of::Matrix, "failures-matrix.svg")] {
-        let of: Vec<&Map> = maps.iter().filter(|map| map.of == of).collect();
-        files::write(&folder.join(name), &map::draw(&of)?)?;
+    for name in ["failures", "failures-matrix", "failures-slip"] {
+        let shown: Vec<&Map> = maps.iter().filter(|map| map.picture() == name).collect();
+        files::write(&folder.join(format!("{name}.svg")), &map::draw(&shown)?)?;
     }
     files::write(&folder.join("failures.html"), &page::failures(maps))
 }

@@ -28,6 +28,7 @@ pub mod simulator;
 mod style;
 mod sweeps;
 pub mod throughput;
+mod truth;
 
 use std::sync::atomic::AtomicBool;
 

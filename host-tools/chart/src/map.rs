@@ -15,6 +15,9 @@ const ACROSS: usize = 3;
 const ROW: u32 = 20;
 /// Error over stated accuracy.
 const RATIOS: [f64; 2] = [0.05, 200.0];
+/// Above them each method has a lane of its own for the marks of its silent failures, so many times as high as
+/// the one below.
+const LANE: f64 = 1.4;
 
 /// The methods, by colour, in the order of the maps.
 fn methods(maps: &[&Map]) -> Vec<&'static str> {
@@ -74,16 +77,16 @@ fn legend(area: &Area<'_>, methods: &[&str]) -> Done {
         dot(area, (x + 8, y), BLACK, flagged)?;
         write(note.into(), x + 20)?;
     }
-    area.draw(&silent((400, y)))?;
-    write(format!("silent failures above {} %", 100.0 * TRUSTED), 414)?;
-    area.draw(&Rectangle::new([(640, y - 6), (660, y + 6)], FAINT.filled()))?;
-    write("working range".into(), 666)?;
+    area.draw(&silent((360, y), BLACK))?;
+    write(format!("silent failures above {} %, a lane a method", 100.0 * TRUSTED), 372)?;
+    area.draw(&Rectangle::new([(690, y - 6), (710, y + 6)], FAINT.filled()))?;
+    write("working range".into(), 716)?;
     Ok(())
 }
 
 /// The mark where more than [`TRUSTED`] of the values fail and nothing says so.
-fn silent<C>(at: C) -> Cross<C, i32> {
-    Cross::new(at, 8, BLACK.stroke_width(2))
+fn silent<C>(at: C, colour: RGBColor) -> Cross<C, i32> {
+    Cross::new(at, 3, colour.stroke_width(2))
 }
 
 fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, flagged: bool) -> Done {
@@ -100,16 +103,18 @@ fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done 
     values.sort_by(f64::total_cmp);
     let at = |value: f64| values.iter().position(|v| *v == value).unwrap_or_default() as f64;
     let last = values.len().saturating_sub(1) as f64;
+    let lane = |method: usize| RATIOS[1] * LANE.powf(method as f64 + 0.9);
+    let top = lane(methods.len());
     let mut chart = ChartBuilder::on(area)
         .margin(6)
         .margin_right(12)
         .x_label_area_size(36)
         .y_label_area_size(46)
-        .build_cartesian_2d(-0.5..last + 0.5, (RATIOS[0]..RATIOS[1]).log_scale())?;
+        .build_cartesian_2d(-0.5..last + 0.5, (RATIOS[0]..top).log_scale())?;
     let within = |point: &&Point| point.within;
     chart.draw_series(first.points.iter().filter(within).map(|point| {
         let x = at(point.value);
-        Rectangle::new([(x - 0.5, RATIOS[0]), (x + 0.5, RATIOS[1])], FAINT.filled())
+        Rectangle::new([(x - 0.5, RATIOS[0]), (x + 0.5, top)], FAINT.filled())
     }))?;
     chart
         .configure_mesh()
@@ -121,7 +126,9 @@ fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done 
             value.map_or_else(String::new, |value| short(*value))
         })
         .y_labels(5)
-        .y_label_formatter(&|ratio| format!("{ratio}"))
+        .y_label_formatter(&|ratio| {
+            if *ratio <= RATIOS[1] { format!("{ratio}") } else { String::new() }
+        })
         .label_style((FONT, 11))
         .x_desc(sweep)
         .y_desc("error / stated")
@@ -134,8 +141,8 @@ fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done 
         GREY.stroke_width(1),
     ))?;
     for map in maps {
-        let colour = methods.iter().position(|name| *name == map.method).map(|i| COLOURS[i % 6]);
-        let colour = colour.unwrap_or(BLACK);
+        let number = methods.iter().position(|name| *name == map.method).unwrap_or_default();
+        let colour = COLOURS.get(number).copied().unwrap_or(BLACK);
         let mut points: Vec<&Point> = map.points.iter().collect();
         points.sort_by(|a, b| a.value.total_cmp(&b.value));
         let places = points.iter().map(|point| (at(point.value), ratio(point)));
@@ -147,7 +154,7 @@ fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done 
             let style = if flagged { colour.filled() } else { colour.stroke_width(2) };
             chart.draw_series([Circle::new(place, 4, style)])?;
             if point.count.share(point.count.silent) > TRUSTED {
-                chart.draw_series([silent(place)])?;
+                chart.draw_series([silent((at(point.value), lane(number)), colour)])?;
             }
         }
     }

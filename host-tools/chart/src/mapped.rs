@@ -6,20 +6,20 @@
 
 use anyhow::Context;
 use taxel::calibration::Calibration;
+use taxel::estimate::NormalContact;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::quantised::QuantisedNet;
-use taxel::finger::{Estimate, Finger, FingerState};
+use taxel::finger::{Estimate, Finger, FingerState, SKIN_ERROR};
 use taxel::frame::Status;
 use taxel::measured::Measured;
 use taxel::units::Newtons;
+use taxel_fit::range::largest;
 use taxel_formats::trace::{Sample, Truth};
 
 use crate::accuracy::{Accuracy, Unseen};
 use crate::device::{CALIBRATION, Device};
 use crate::failures::Of;
-
-/// Loads below this many newtons are neither stated for nor in the working range, as in `estimators.csv`.
-pub(crate) const LEAST_N: f64 = 0.05;
+use crate::truth::Beyond;
 
 /// Status bits that tell that something is wrong.
 const FLAGS: [Status; 10] = [
@@ -35,6 +35,11 @@ const FLAGS: [Status; 10] = [
     Status::NOISY,
 ];
 
+/// The built-in scene of two contacts.
+const TWO: &str = "two-contacts";
+/// A warning of slip is false where so many times the margin is left at which one is due.
+const FALSE_ALARM: f64 = 2.0;
+
 /// Those that warn of single force sensors.
 const SENSOR_FLAGS: [Status; 2] = [Status::TEMPERATURE, Status::NOISY];
 
@@ -45,6 +50,12 @@ enum Quantity {
     Point,
     Torsion,
     Sensors,
+    /// Where each of two contacts is.
+    Pair,
+    /// What is left of the friction.
+    Margin,
+    /// The warning of slip.
+    Warning,
 }
 
 /// A method: its name in the tables, and what of its finger it is.
@@ -56,10 +67,17 @@ const SHIPPED: &[Method] = &[
     ("contact point / mm", Quantity::Point),
     ("torsion / N·mm", Quantity::Torsion),
     ("force sensors / N", Quantity::Sensors),
+    ("two contacts / mm", Quantity::Pair),
+    ("slip margin / 1", Quantity::Margin),
+    ("slip warning / 1", Quantity::Warning),
 ];
 /// Of the matrix alone.
-const MODEL: &[Method] =
-    &[("model's force / N", Quantity::Force), ("model's point / mm", Quantity::Point)];
+const MODEL: &[Method] = &[
+    ("model's force / N", Quantity::Force),
+    ("model's point / mm", Quantity::Point),
+    ("model's slip margin / 1", Quantity::Margin),
+    ("model's slip warning / 1", Quantity::Warning),
+];
 const NET: &[Method] = &[("net's force / N", Quantity::Force), ("centroid / mm", Quantity::Point)];
 const QUANTISED: &[Method] =
     &[("q15 net's force / N", Quantity::Force), ("arg-min / mm", Quantity::Point)];
@@ -72,6 +90,8 @@ struct Set {
     methods: &'static [Method],
     /// The force sensors are there.
     sensors: bool,
+    /// It warns of slip below this margin.
+    warns: f64,
 }
 
 /// An error, and whether the status warns of the value.
@@ -98,9 +118,8 @@ impl Fingers {
         let matrix = Calibration { array: None, sensors: Default::default(), ..record.clone() };
         let net = matrix.force.as_ref().context("the calibration has no net")?;
         let ranges = matrix.taxels.as_ref().map_or(&[][..], |taxels| &taxels.range);
-        let largest = ranges.as_flattened().iter().fold(0.0f32, |most, end| most.max(end.abs()));
         let quantised =
-            QuantisedNet::new(net, largest).context("the net has no form in 16 bits")?;
+            QuantisedNet::new(net, largest(ranges)).context("the net has no form in 16 bits")?;
         let quantised = Calibration { force: None, quantised: Some(quantised), ..matrix.clone() };
         let sets = [
             (record.clone(), PointMethod::Model, SHIPPED, true),
@@ -108,10 +127,11 @@ impl Fingers {
             (matrix, PointMethod::Centroid, NET, false),
             (quantised, PointMethod::ArgMin, QUANTISED, false),
         ];
-        let set = |(record, point_method, methods, sensors)| {
+        let set = |(record, point_method, methods, sensors): (Calibration, _, _, _)| {
+            let warns = record.slip.as_ref().map_or(0.0, |slip| f64::from(slip.warn));
             let (mut finger, state) = Finger::new(Some(record));
             finger.point_method = point_method;
-            Set { finger, state, methods, sensors }
+            Set { finger, state, methods, sensors, warns }
         };
         Ok(Self { sets: sets.map(set).into() })
     }
@@ -129,9 +149,9 @@ impl Fingers {
     }
 
     /// One scan: what each method says, where something touches the finger.
-    pub(crate) fn judge(&mut self, sample: &Sample, mut said: impl FnMut(Said)) {
+    pub(crate) fn judge(&mut self, sample: &Sample, beyond: &Beyond, mut said: impl FnMut(Said)) {
         let mut method = 0;
-        for Set { finger, state, methods, sensors } in &mut self.sets {
+        for Set { finger, state, methods, sensors, warns } in &mut self.sets {
             let mut scan = sample.scan;
             if !*sensors {
                 scan.codes.bridges = Default::default();
@@ -141,7 +161,8 @@ impl Fingers {
                 if sample.truth.contact == Some(true) {
                     let felt = estimate.status.contains(Status::CONTACT);
                     let warned = quantity.warned(estimate.status);
-                    quantity.errors(&estimate, &sample.truth, |error| {
+                    let truth = Truths { truth: &sample.truth, beyond, warns: *warns };
+                    quantity.errors(&estimate, &truth, |error| {
                         said(Said { method, error, felt, warned })
                     });
                 }
@@ -151,34 +172,57 @@ impl Fingers {
     }
 
     /// What each method states, out of recordings of the kind that the finger is calibrated on, but that
-    /// the fit has not seen.
+    /// the fit has not seen; of two contacts, out of a recording of two.
     pub(crate) fn stated(&mut self, device: &Device) -> anyhow::Result<Vec<Accuracy>> {
-        let mut unseen: Vec<Vec<Unseen>> = Self::methods().map(|_| Vec::new()).collect();
-        for scene in CALIBRATION {
+        let methods: Vec<&Method> = self.sets.iter().flat_map(|set| set.methods).collect();
+        let mut unseen: Vec<Vec<Unseen>> = methods.iter().map(|_| Vec::new()).collect();
+        for scene in CALIBRATION.into_iter().chain([TWO]) {
             self.restart();
             for moment in device.unseen(scene)? {
                 let load = moment.sample.truth.force[2].unwrap_or_default();
-                self.judge(&moment.sample, |said| {
+                self.judge(&moment.sample, &moment.beyond, |said| {
                     let Said { method, error, felt, .. } = said;
-                    if let (Some(unseen), Some(error)) = (unseen.get_mut(method), error) {
+                    let pair = methods.get(method).is_some_and(|(_, q)| *q == Quantity::Pair);
+                    if let (Some(unseen), Some(error)) = (unseen.get_mut(method), error)
+                        && pair == (scene == TWO)
+                    {
                         unseen.push(Unseen { load, felt, error });
                     }
                 });
             }
         }
-        let quantities = [SHIPPED, MODEL, NET, QUANTISED].into_iter().flatten();
-        Ok(quantities.zip(&unseen).map(|((_, quantity), unseen)| quantity.states(unseen)).collect())
+        let stated = methods.iter().zip(&unseen).zip(Self::methods());
+        Ok(stated.map(|(((_, quantity), unseen), (of, _))| quantity.states(of, unseen)).collect())
     }
 }
 
+/// What is true at a moment.
+struct Truths<'t> {
+    truth: &'t Truth,
+    beyond: &'t Beyond,
+    /// The margin below which a warning is due.
+    warns: f64,
+}
+
 impl Quantity {
-    /// Of a force the residual grows with the load; a place is a moment over the load.
-    fn states(self, unseen: &[Unseen]) -> Accuracy {
-        Accuracy::of(unseen, if self == Self::Point { f64::recip } else { |load| load })
+    /// Of a force the residual grows with the load; a place and a share of friction are something over the load.
+    fn states(self, of: Of, unseen: &[Unseen]) -> Accuracy {
+        let over = match self {
+            Self::Force | Self::Torsion | Self::Sensors => |load| load,
+            Self::Point | Self::Pair | Self::Margin => f64::recip,
+            Self::Warning => return Accuracy::of_verdicts(),
+        };
+        let stated = Accuracy::of(unseen, over);
+        // What the matrix alone takes for a force is a depth, and a skin's stiffness.
+        match (of, self) {
+            (Of::Matrix, Self::Force) => stated.with_share(f64::from(SKIN_ERROR)),
+            _ => stated,
+        }
     }
 
     /// Each of its values' errors, where the truth is known.
-    fn errors(self, estimate: &Estimate, truth: &Truth, mut judged: impl FnMut(Option<f64>)) {
+    fn errors(self, estimate: &Estimate, known: &Truths<'_>, mut judged: impl FnMut(Option<f64>)) {
+        let Truths { truth, beyond, warns } = known;
         match self {
             Self::Force => {
                 let found = [estimate.force.x, estimate.force.y, estimate.force.z];
@@ -203,14 +247,45 @@ impl Quantity {
                     judged(distance([found.x, found.y, found.z], *truth));
                 }
             }
+            Self::Pair => {
+                if let Some(places) = beyond.places {
+                    judged(estimate.contacts.ok().map(|found| apart(found, places)));
+                }
+            }
+            Self::Margin => {
+                if let Some(margin) = beyond.margin {
+                    judged(
+                        estimate.slip.ok().map(|found| (f64::from(found.margin) - margin).abs()),
+                    );
+                }
+            }
+            Self::Warning => {
+                if let (Some(slips), Some(margin)) = (truth.slip, beyond.margin) {
+                    let warned = [Status::SLIP_WARNING, Status::SLIDES]
+                        .into_iter()
+                        .any(|bit| estimate.status.contains(bit));
+                    let wrong = if warned { margin > FALSE_ALARM * warns } else { slips };
+                    judged(estimate.slip.ok().map(|_| f64::from(u8::from(wrong))));
+                }
+            }
         }
     }
 
     /// Bits that withhold nothing, but warn of this quantity.
     fn warned(self, status: Status) -> bool {
         let flags = if self == Self::Sensors { &SENSOR_FLAGS[..] } else { &FLAGS };
-        flags.iter().any(|flag| status.contains(*flag))
+        // That there is no single contact is what is said of two, and no warning of it.
+        let said = |flag: Status| self == Self::Pair && flag == Status::NOT_SINGLE;
+        flags.iter().any(|flag| status.contains(*flag) && !said(*flag))
     }
+}
+
+/// How far the farther of two contacts is from where it should be, whichever is which.
+fn apart(found: [NormalContact; 2], places: [[f64; 2]; 2]) -> f64 {
+    let [a, b] = found.map(|contact| [contact.point.x, contact.point.y].map(|at| f64::from(at.0)));
+    let off = |[x, y]: [f64; 2], [tx, ty]: [f64; 2]| (x - tx).hypot(y - ty);
+    let [one, other] = places;
+    off(a, one).max(off(b, other)).min(off(a, other).max(off(b, one)))
 }
 
 fn distance(found: [Measured<Newtons>; 3], truth: [Option<f64>; 3]) -> Option<f64> {

@@ -11,17 +11,21 @@ use taxel::estimate::bright_spot::Spot;
 use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::vibration::Listener;
 use taxel::finger::Finger;
+use taxel::frame::Status;
 use taxel::measured::Measured;
 use taxel::scan::{COLS, PITCH, TAXELS};
 use taxel_fit::finger::{FitOptions, Subject};
 use taxel_fit::model::Family;
 use taxel_fit::network::NetOptions;
+use taxel_fit::range::largest;
 use taxel_fit::table::{self, TableModel, TableOptions, TableRecording};
 use taxel_formats::table::Table;
 
 use crate::Effort;
 use crate::device::{Device, Moment};
+use crate::truth::Beyond;
 
 /// Rows that a model is fitted to; a net would take no more.
 const ROWS: usize = 4096;
@@ -37,6 +41,10 @@ pub struct Said {
     pub point: Option<[f64; 2]>,
     /// About the normal, in N·mm.
     pub torsion: Option<f64>,
+    /// What is left of the friction.
+    pub margin: Option<f64>,
+    /// It slides.
+    pub slides: Option<bool>,
 }
 
 /// What kind of thing a method is; the charts' colours.
@@ -133,6 +141,7 @@ pub fn all(
     step("model of the skin");
     methods.push(matrix(&calibration));
     methods.push(torsion(&calibration));
+    methods.extend(slips(&calibration));
     methods.push(sensors(calibration));
     Ok(methods)
 }
@@ -148,7 +157,8 @@ impl Rows {
         let (mut x, mut y, mut times) = (Vec::new(), Vec::new(), Vec::new());
         let mut begin = 0.0;
         for recording in &device.recordings {
-            for moment in device.moments(recording.samples.clone()) {
+            for sample in &recording.samples {
+                let moment = device.moment(*sample, Beyond::default());
                 let time = begin + moment.sample.scan.time.0 as f64 * 1e-6;
                 let (Some(c), [Some(fx), Some(fy), Some(fz)]) =
                     (moment.signals.taxels, moment.sample.truth.force)
@@ -216,8 +226,7 @@ fn quantised(model: &TableModel) -> Option<Method> {
         return None;
     }
     let net = ForceNet::new(&model.layers()).ok()?;
-    let largest = model.range.as_flattened().iter().fold(0.0f32, |most, end| most.max(end.abs()));
-    let net = QuantisedNet::new(&net, largest)?;
+    let net = QuantisedNet::new(&net, largest(&model.range))?;
     let name = format!("q15 {}", model.shape());
     Some(Method::new(&name, Group::Quantised, &[&name], move |moment| {
         let force = moment.signals.taxels.map(|c| net.forces(&c));
@@ -271,6 +280,43 @@ fn matrix(calibration: &Calibration) -> Method {
         let force = force.map(|f| f.ok().map(|f| f64::from(f.0)));
         Said { force, point, ..Said::default() }
     })
+}
+
+/// Slip as the firmware tells it: out of the matrix alone, of the force sensors alone, of both, and by ear alone.
+fn slips(calibration: &Calibration) -> [Method; 4] {
+    let (model, ear) = ("model, with shear", "slip: by its vibration");
+    let array = ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
+    let judged = ["slip: verdict", "slip: by its way", ear];
+    let matrix = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
+    let sensors = Calibration { taxels: None, force: None, model: None, ..calibration.clone() };
+    let of = |name, group, stages: &[&str], record: Calibration| {
+        let blind = [record.taxels.is_none(), record.array.is_none()];
+        let (finger, mut state) = Finger::new(Some(record));
+        Method::new(name, group, &[stages, &judged].concat(), move |moment| {
+            let mut scan = moment.sample.scan;
+            let [no_matrix, no_sensors] = blind;
+            if no_matrix {
+                scan.codes.taxels = None;
+            }
+            if no_sensors {
+                scan.codes.bridges = Default::default();
+            }
+            let estimate = finger.estimate(&mut state, &scan);
+            let margin = estimate.slip.ok().map(|verdict| f64::from(verdict.margin));
+            let slides = Some(estimate.status.contains(Status::SLIDES));
+            Said { margin, slides, ..Said::default() }
+        })
+    };
+    let mut listener = Listener::default();
+    [
+        of("slip: matrix", Group::Finger, &[model], matrix),
+        of("slip: force sensors", Group::Sensors, &array, sensors),
+        of("slip: both", Group::Finger, &[&[model], &array[..]].concat(), calibration.clone()),
+        Method::new("slip: vibration", Group::Finger, &[ear], move |moment| {
+            let slides = Some(listener.hear(moment.sample.scan.time, &moment.signals));
+            Said { slides, ..Said::default() }
+        }),
+    ]
 }
 
 /// The torsion of the force sensors as one.

@@ -8,6 +8,8 @@ use taxel_formats::trace::Sample;
 use taxel_sim::contact::{HalfSpace, SILICONE_YOUNG_MPA};
 use taxel_sim::{Scene, Simulator};
 
+use crate::truth::Touches;
+
 /// Effects of every run, as in calibration.
 const EFFECTS: &str = "'noise', 'ambient', 'flicker', 'gain-spread', 'optical-crosstalk', \
                        'bridge-mismatch', 'bridge-crosstalk'";
@@ -34,7 +36,13 @@ impl Default for Run<'_> {
     }
 }
 
-pub(crate) fn run(device: u64, what: &Run<'_>) -> anyhow::Result<Vec<Sample>> {
+/// A run, and what is true in it.
+pub struct Recorded {
+    pub(crate) samples: Vec<Sample>,
+    pub(crate) touches: Touches,
+}
+
+pub(crate) fn run(device: u64, what: &Run<'_>) -> anyhow::Result<Recorded> {
     let Run { effects, tables, indenter, mu, acts, seconds, rate_hz } = what;
     let usual = presses([0.2, 2.0], 0.9);
     let acts = if acts.is_empty() { &usual } else { *acts };
@@ -42,23 +50,27 @@ pub(crate) fn run(device: u64, what: &Run<'_>) -> anyhow::Result<Vec<Sample>> {
         "effects = [{EFFECTS}{effects}]\n[scan]\nrate_hz = {rate_hz}\nduration_s = {seconds}\n\
          [device]\nseed = {device}\nbits = 16\n[indenter]\n{indenter}\n[friction]\nmu = {mu}\n{tables}{acts}"
     );
-    Ok(Simulator::new(&Scene::parse("sweep.toml", &text)?, SEED).collect())
+    let scene = Scene::parse("sweep.toml", &text)?;
+    let samples = Simulator::new(&scene, SEED).collect();
+    Ok(Recorded { samples, touches: Touches::new(&scene, SEED) })
 }
 
 /// Presses with shear in the middle of the pad, as in calibration.
-pub(crate) fn usual(device: u64) -> anyhow::Result<Vec<Sample>> {
+pub(crate) fn usual(device: u64) -> anyhow::Result<Recorded> {
     run(device, &Run::default())
 }
 
 /// Scans that come up to a share of their period too early or too late: taken out of ten times as many.
-pub(crate) fn jittered(device: u64, share: f64) -> anyhow::Result<Vec<Sample>> {
+pub(crate) fn jittered(device: u64, share: f64) -> anyhow::Result<Recorded> {
     const FINER: usize = 10;
-    let fine = run(device, &Run { rate_hz: RATE_HZ * FINER, ..Run::default() })?;
+    let Recorded { samples: fine, touches } =
+        run(device, &Run { rate_hz: RATE_HZ * FINER, ..Run::default() })?;
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let most = (share * FINER as f64 / 2.0).round() as usize;
     let early = |at: usize| (at + rng.random_range(0..=2 * most)).checked_sub(most);
     let taken = (0..fine.len()).step_by(FINER).filter_map(early);
-    Ok(taken.filter_map(|at| fine.get(at).copied()).collect())
+    let samples = taken.filter_map(|at| fine.get(at).copied()).collect();
+    Ok(Recorded { samples, touches })
 }
 
 /// Twenty-four presses in the middle of the pad, with up to `shear` of what friction holds.
@@ -71,7 +83,7 @@ pub(crate) fn presses([low, high]: [f64; 2], shear: f64) -> String {
 
 /// Presses of a sphere with up to 1 N, or with what the simulator's laws hold for: a contact no wider than 0.7 of
 /// the radius, and on the pad.
-pub(crate) fn sphere(device: u64, radius: f64) -> anyhow::Result<Vec<Sample>> {
+pub(crate) fn sphere(device: u64, radius: f64) -> anyhow::Result<Recorded> {
     let skin = HalfSpace::new(SILICONE_YOUNG_MPA, 0.5);
     let half_width = (0.69 * radius).min(4.9);
     let most = 4.0 / 3.0 * skin.contact_modulus() * half_width.powi(3) / radius;
@@ -87,39 +99,45 @@ pub(crate) fn placed(distance: f64) -> String {
     )
 }
 
-/// Two presses at once on a diagonal of the pad.
+/// Two presses at once, so far apart on a diagonal of the pad.
 pub(crate) fn two(distance: f64) -> String {
     let half = distance / 8f64.sqrt();
-    let press = |at: f64, sign: f64| {
-        let place = sign * half;
+    pressed([[half, half], [-half, -half]])
+}
+
+/// Two presses at once 5 mm apart, the outer of them so far from the middle along x.
+pub(crate) fn outer(distance: f64) -> String {
+    pressed([[distance, 0.5], [distance - 5.0, -0.5]])
+}
+
+/// A press at each place, the second a little later.
+fn pressed(places: [[f64; 2]; 2]) -> String {
+    let press = |at_s: f64, [x, y]: [f64; 2]| {
         format!(
-            "[[press]]\nat_s = {at}\nx_mm = {place}\ny_mm = {place}\nfz_n = 0.4\nrise_s = 0.1\n\
+            "[[press]]\nat_s = {at_s}\nx_mm = {x}\ny_mm = {y}\nfz_n = 0.4\nrise_s = 0.1\n\
              hold_s = 3\nfall_s = 0.1\n"
         )
     };
-    press(1.0, 1.0) + &press(1.05, -1.0)
+    let [one, other] = places;
+    press(1.0, one) + &press(1.05, other)
 }
 
 /// A press that is asked for `share` of what friction holds.
 pub(crate) fn sheared(share: f64) -> String {
-    let shear = share * 0.8;
-    let press = |i: i32| {
-        let (at, x) = (1.0 + 1.6 * f64::from(i), 0.7 * f64::from(i - 1));
-        format!(
-            "[[press]]\nat_s = {at}\nx_mm = {x}\ny_mm = 0.3\nfz_n = 1\nfx_n = {shear}\nrise_s = 0.2\n\
-             hold_s = 1\nfall_s = 0.2\n"
-        )
-    };
-    (0..3).map(press).collect()
+    thrice(&format!("fx_n = {}", share * 0.8))
 }
 
 /// A press that is asked for `share` of the torsion that friction holds: 1.15 N·mm under 1 N.
 pub(crate) fn twisted(share: f64) -> String {
-    let torsion = share * 1.15;
+    thrice(&format!("torsion_nmm = {}", share * 1.15))
+}
+
+/// A press of 1 N with another load beside it, at three places.
+fn thrice(load: &str) -> String {
     let press = |i: i32| {
         let (at, x) = (1.0 + 1.6 * f64::from(i), 0.7 * f64::from(i - 1));
         format!(
-            "[[press]]\nat_s = {at}\nx_mm = {x}\ny_mm = 0.3\nfz_n = 1\ntorsion_nmm = {torsion}\nrise_s = 0.2\n\
+            "[[press]]\nat_s = {at}\nx_mm = {x}\ny_mm = 0.3\nfz_n = 1\n{load}\nrise_s = 0.2\n\
              hold_s = 1\nfall_s = 0.2\n"
         )
     };

@@ -3,11 +3,10 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use taxel_formats::trace::Sample;
 
 use crate::runs::{
-    Run, SEED, each_code, jittered, lit, placed, presses, run, sheared, sphere, twisted, two,
-    unloaded, usual,
+    Recorded, Run, SEED, each_code, jittered, lit, outer, placed, presses, run, sheared, sphere,
+    twisted, two, unloaded, usual,
 };
 
 /// Standard deviation of a reading of the built-in fingers, in 16-bit codes.
@@ -22,7 +21,7 @@ pub struct Sweep {
     /// The value is one that the finger is said to work with.
     pub within: fn(f64) -> bool,
     /// What is recorded on a device at a value.
-    pub run: fn(u64, f64) -> anyhow::Result<Vec<Sample>>,
+    pub run: fn(u64, f64) -> anyhow::Result<Recorded>,
 }
 
 /// All of them.
@@ -77,6 +76,14 @@ pub fn all() -> Vec<Sweep> {
             },
         ),
         sweep(
+            "two contacts, the outer from the middle / mm",
+            &[2.5, 3.0, 3.5, 4.0, 4.4, 4.7],
+            |_| false,
+            |device, v| {
+                run(device, &Run { indenter: "radius_mm = 3", acts: &outer(v), ..Run::default() })
+            },
+        ),
+        sweep(
             "shear over friction / 1",
             &[0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0, 1.2, 2.0],
             |v| v <= 1.0,
@@ -102,14 +109,14 @@ pub fn all() -> Vec<Sweep> {
             // The flag is up from 1.5 times the noise of the bias on, which the record states.
             |v| v <= 1.2,
             |device, v| {
-                let mut samples = usual(device)?;
+                let mut run = usual(device)?;
                 let mut rng = ChaCha8Rng::seed_from_u64(SEED);
                 let more = NOISE_CODES * (v * v - 1.0).max(0.0).sqrt();
-                each_code(&mut samples, |code, _| {
+                each_code(&mut run.samples, |code, _| {
                     let gauss: f64 = StandardNormal.sample(&mut rng);
                     code + more * gauss
                 });
-                Ok(samples)
+                Ok(run)
             },
         ),
         sweep(
@@ -147,9 +154,9 @@ pub fn all() -> Vec<Sweep> {
             &[0.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0],
             |v| v <= 4.0,
             |device, v| {
-                let mut samples = usual(device)?;
-                lit(&mut samples, |_, level, _| level + v);
-                Ok(samples)
+                let mut run = usual(device)?;
+                lit(&mut run.samples, |_, level, _| level + v);
+                Ok(run)
             },
         ),
         sweep(
@@ -157,10 +164,10 @@ pub fn all() -> Vec<Sweep> {
             &[0.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0],
             |v| v <= 4.0,
             |device, v| {
-                let mut samples = usual(device)?;
-                let end = samples.last().map_or(1, |sample| sample.scan.time.0) as f64;
-                lit(&mut samples, |_, level, time| level + v * time as f64 / end);
-                Ok(samples)
+                let mut run = usual(device)?;
+                let end = run.samples.last().map_or(1, |sample| sample.scan.time.0) as f64;
+                lit(&mut run.samples, |_, level, time| level + v * time as f64 / end);
+                Ok(run)
             },
         ),
         sweep(
@@ -179,9 +186,9 @@ pub fn all() -> Vec<Sweep> {
             &[0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, -0.1, -0.5, -1.0, -2.0, -5.0, -10.0, -20.0],
             |v| v.abs() <= 0.1,
             |device, v| {
-                let mut samples = usual(device)?;
-                lit(&mut samples, |_, level, _| level * (1.0 + v / 100.0));
-                Ok(samples)
+                let mut run = usual(device)?;
+                lit(&mut run.samples, |_, level, _| level * (1.0 + v / 100.0));
+                Ok(run)
             },
         ),
         sweep(
@@ -230,13 +237,13 @@ pub fn all() -> Vec<Sweep> {
             &[1.0, 1.1, 1.2, 1.5, 2.0, 3.0],
             |v| v <= 1.0,
             |device, v| {
-                let mut samples = usual(device)?;
-                let rest = unloaded(&samples);
-                lit(&mut samples, |k, level, _| {
+                let mut run = usual(device)?;
+                let rest = unloaded(&run.samples);
+                lit(&mut run.samples, |k, level, _| {
                     let rest = rest.get(k).copied().unwrap_or_default();
                     rest + v * (level - rest)
                 });
-                Ok(samples)
+                Ok(run)
             },
         ),
         sweep(
@@ -245,15 +252,15 @@ pub fn all() -> Vec<Sweep> {
             |v| v <= 0.5,
             |device, v| {
                 let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-                let mut samples = usual(device)?;
+                let mut run = usual(device)?;
                 let mut lost = 0;
-                samples.retain_mut(|sample| {
+                run.samples.retain_mut(|sample| {
                     let kept = sample.scan.time.0 < 900_000 || !rng.random_bool(v);
                     sample.scan.lost = lost;
                     lost = if kept { 0 } else { lost + 1 };
                     kept
                 });
-                Ok(samples)
+                Ok(run)
             },
         ),
         sweep(

@@ -1,0 +1,114 @@
+//! What of a scene's truth no trace holds: what is left of the friction, and where each of two contacts is.
+
+use taxel_formats::trace::Sample;
+use taxel_sim::Scene;
+use taxel_sim::contact::{HalfSpace, Indenter};
+use taxel_sim::path::{Load, Path};
+
+use crate::estimators::LEAST_N;
+
+/// The touches of a scene.
+pub(crate) struct Touches {
+    path: Path,
+    mu: f64,
+    indenter: Indenter,
+    skin: HalfSpace,
+}
+
+impl Touches {
+    /// Those of a run of `scene` with this seed.
+    pub(crate) fn new(scene: &Scene, seed: u64) -> Self {
+        Self {
+            path: Path::new(scene, seed),
+            mu: scene.friction.mu,
+            indenter: scene.indenter(),
+            skin: HalfSpace::new(scene.material.young_mpa, scene.material.poisson),
+        }
+    }
+
+    /// What holds in the scan of `sample`, beside its own truth.
+    pub(crate) fn at(&mut self, sample: &Sample) -> Beyond {
+        let contacts = self.path.at(sample.scan.time.0 as f64 * 1e-6);
+        match contacts.loads() {
+            [one] => Beyond { margin: self.margin(one), places: None },
+            [one, other] if one.force[2].min(other.force[2]) >= LEAST_N => {
+                Beyond { margin: None, places: Some([one.point, other.point]) }
+            }
+            _ => Beyond::default(),
+        }
+    }
+
+    /// The share of its friction that a contact does not use: the ellipse of shear and torsion, as the path has it.
+    fn margin(&self, load: &Load) -> Option<f64> {
+        let [fx, fy, normal] = load.force;
+        if load.slip {
+            return Some(0.0);
+        }
+        let shear = fx.hypot(fy) / (self.mu * normal);
+        let turning = if load.torsion == 0.0 {
+            0.0
+        } else {
+            load.torsion / self.indenter.torsion_held(&self.skin, normal, self.mu)
+        };
+        let margin = 1.0 - shear.hypot(turning);
+        margin.is_finite().then(|| margin.clamp(0.0, 1.0))
+    }
+}
+
+/// What holds at one moment.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Beyond {
+    /// What is left of the friction: 1 unloaded, 0 where it slips. Of a single contact.
+    pub margin: Option<f64>,
+    /// Where both contacts are, in mm, where there are two and neither is too light to be judged.
+    pub places: Option<[[f64; 2]; 2]>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taxel_sim::Simulator;
+
+    /// What holds `at` seconds after the begin.
+    fn holds(acts: &str, at: f64) -> (Sample, Beyond) {
+        let text = format!(
+            "effects = []\n[scan]\nrate_hz = 100\nduration_s = 2\n[device]\nseed = 1\nbits = 16\n\
+             [indenter]\nradius_mm = 6\n[friction]\nmu = 0.5\n{acts}"
+        );
+        let scene = Scene::parse("truth.toml", &text).unwrap();
+        let mut touches = Touches::new(&scene, 1);
+        let sample = Simulator::new(&scene, 1).nth((100.0 * at) as usize).unwrap();
+        (sample, touches.at(&sample))
+    }
+
+    fn press(x_mm: f64, more: &str) -> String {
+        format!(
+            "[[press]]\nat_s = 0.1\nx_mm = {x_mm}\ny_mm = 0\nfz_n = 1\n{more}\nrise_s = 0.1\n\
+             hold_s = 1\nfall_s = 0.1\n"
+        )
+    }
+
+    #[test]
+    fn shear_uses_friction_and_a_slide_all_of_it() {
+        for (shear, left) in [(0.0, 1.0), (0.2, 0.6), (0.45, 0.1), (0.6, 0.0)] {
+            let (sample, beyond) = holds(&press(0.0, &format!("fx_n = {shear}")), 0.6);
+            assert_eq!(sample.truth.slip, Some(shear > 0.5));
+            assert!((beyond.margin.unwrap() - left).abs() < 1e-9, "{shear}: {beyond:?}");
+        }
+        assert_eq!(holds(&press(0.0, ""), 0.05).1, Beyond::default(), "nothing touches");
+    }
+
+    #[test]
+    fn torsion_uses_friction_too() {
+        let left = |torsion: f64| {
+            holds(&press(0.0, &format!("torsion_nmm = {torsion}")), 0.6).1.margin.unwrap()
+        };
+        assert!(left(0.2) < 0.9 && left(0.4) < left(0.2) && left(9.0) == 0.0);
+    }
+
+    #[test]
+    fn of_two_contacts_both_places_are_known_and_no_one_friction() {
+        let (_, beyond) = holds(&(press(-2.0, "") + &press(3.0, "")), 0.6);
+        assert_eq!(beyond, Beyond { margin: None, places: Some([[-2.0, 0.0], [3.0, 0.0]]) });
+    }
+}
