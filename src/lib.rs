@@ -2,8 +2,7 @@
 //! four piezoresistive force sensors go in; newtons, millimetres and the reasons for their absence come
 //! out, framed for a link.
 //!
-//! Everything runs alike on a Cortex-M and on a host: no HAL, no heap, no `unsafe` but for one module of
-//! assembly (the net in 16 bits on a Cortex-M4, `estimate/quantised/dsp.rs`), and the same codes give the same
+//! Everything runs alike on a Cortex-M and on a host: no HAL, no heap, no `unsafe`, and the same codes give the same
 //! frames **bit for bit**, because floats are only added, multiplied, divided and compared, in a fixed order.
 //!
 //! ```text

@@ -5,27 +5,16 @@
 //! of its products can leave 32 bits whatever the signals: [`QuantisedNet::hidden_fits`] and its sisters prove
 //! that for a record before it is used. What it costs in accuracy is asserted below.
 //!
-//! Two numbers stand in a word, so that one instruction of a Cortex-M4 adds two products. The steps that it has
-//! such instructions for stand twice: in `dsp.rs` in these, in `portable.rs` for any other processor.
-
-#[cfg(dsp)]
-mod dsp;
-#[cfg(not(dsp))]
-mod portable;
+//! Two numbers stand in a word, so that one instruction of a Cortex-M4 adds two products: [`taxel_dsp`].
 
 use heapless::Vec;
 use serde::{Serialize, Serializer};
-
-#[cfg(dsp)]
-use dsp as steps;
-#[cfg(not(dsp))]
-use portable as steps;
+pub use taxel_dsp::{GROUP, Group, Rows};
+use taxel_dsp::{Input, Lanes};
 
 use super::net::{ForceNet, HUGE, MAX_HIDDEN, MAX_OUTPUTS, Unit};
 use crate::scan::TAXELS;
 
-/// Units come in groups; what a net has fewer is filled up with zeros.
-pub const GROUP: usize = 4;
 const MAX_GROUPS: usize = MAX_HIDDEN / GROUP;
 /// Activations go into the outputs by as many as there are taxels.
 const BLOCKS: usize = MAX_HIDDEN / TAXELS;
@@ -39,59 +28,12 @@ pub const ARGUMENT_BITS: u8 = 18;
 /// A sum is shifted by less than its width.
 const MAX_SHIFT: u8 = 31;
 
-/// Sixteen signals or activations, four in two words: the first in the lower half.
-type Lanes = [[u32; 2]; TAXELS / GROUP];
-
-/// N rows of sixteen weights in the order in which the sums take them: of four columns those of each row, then
-/// of the next four.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(transparent)]
-pub struct Rows<const N: usize>([[[u32; 2]; N]; TAXELS / GROUP]);
-
-impl<const N: usize> Rows<N> {
-    /// Of these weights, row by row.
-    #[must_use]
-    pub fn new(weights: &[[i16; TAXELS]; N]) -> Self {
-        Self(transposed(&weights.map(|row| lanes(&row))))
-    }
-
-    /// The weights, row by row.
-    #[must_use]
-    pub fn weights(&self) -> [[i16; TAXELS]; N] {
-        transposed(&self.0).map(|lanes| numbers(&lanes))
-    }
-}
-
-impl<const N: usize> Default for Rows<N> {
-    fn default() -> Self {
-        Self([[[0; 2]; N]; TAXELS / GROUP])
-    }
-}
-
-/// Four hidden units.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct Group {
-    /// a, rounding of the shift included.
-    pub bias: [i32; GROUP],
-    /// W.
-    pub weights: Rows<GROUP>,
-}
-
-/// What the hidden units are given.
-#[repr(C)]
-struct Input {
-    x: Lanes,
-    /// From a sum to the argument of tanh, in bits: less than 32.
-    shift: u32,
-}
-
 /// A [`ForceNet`] in 16 bits.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct QuantisedNet {
     /// 1.0 of a signal: the largest that training saw fills 16 bits.
     pub signal: f32,
-    /// W and a.
+    /// W and a; units come in groups, what a net has fewer is filled up with zeros.
     pub hidden: Vec<Group, MAX_GROUPS>,
     /// From a sum of the hidden layer to the argument of tanh, in bits.
     pub shift: u8,
@@ -191,13 +133,14 @@ impl QuantisedNet {
     pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
         let mut input = Input { x: Lanes::default(), shift: (self.shift & MAX_SHIFT).into() };
         for (x, c) in input.x.as_chunks_mut().0.iter_mut().zip(c.as_chunks().0) {
-            *x = steps::narrowed(c, self.signal);
+            *x = taxel_dsp::narrowed(c, self.signal);
         }
         let mut groups = self.hidden.iter();
-        let mut next = || groups.next().map_or([0; 2], |group| steps::activations(group, &input));
+        let mut next =
+            || groups.next().map_or([0; 2], |group| taxel_dsp::activations(group, &input));
         let mut bent = [0; MAX_OUTPUTS];
         for rows in &self.output {
-            bent = steps::sums_of_outputs(rows, &[next(), next(), next(), next()], bent);
+            bent = taxel_dsp::sums_of_outputs(rows, &[next(), next(), next(), next()], bent);
         }
         let [bend, slope] = self.scale;
         let force = |bias: f32, bent: i32| bias + bent as f32 * bend;
@@ -208,7 +151,7 @@ impl QuantisedNet {
             _ => Vec::new(),
         };
         if let Some(skip) = &self.skip {
-            let straight = steps::sums_of_outputs(skip, &input.x, [0; MAX_OUTPUTS]);
+            let straight = taxel_dsp::sums_of_outputs(skip, &input.x, [0; MAX_OUTPUTS]);
             for (force, straight) in forces.iter_mut().zip(straight) {
                 *force += straight as f32 * slope;
             }
@@ -259,33 +202,6 @@ impl Net<'_> {
             Self::Quantised(net) => net.forces(c),
         }
     }
-}
-
-#[inline(always)]
-fn word([low, high]: [i16; 2]) -> u32 {
-    u32::from(low as u16) | u32::from(high as u16) << 16
-}
-
-fn lanes(numbers: &[i16; TAXELS]) -> Lanes {
-    let mut lanes = Lanes::default();
-    for (lanes, [a, b, c, d]) in lanes.iter_mut().zip(numbers.as_chunks::<4>().0) {
-        *lanes = [word([*a, *b]), word([*c, *d])];
-    }
-    lanes
-}
-
-fn numbers(lanes: &Lanes) -> [i16; TAXELS] {
-    let mut numbers = [0; TAXELS];
-    for ([low, high], word) in numbers.as_chunks_mut::<2>().0.iter_mut().zip(lanes.as_flattened()) {
-        (*low, *high) = (*word as i16, (*word >> 16) as i16);
-    }
-    numbers
-}
-
-fn transposed<T: Copy + Default, const A: usize, const B: usize>(
-    rows: &[[T; A]; B],
-) -> [[T; B]; A] {
-    core::array::from_fn(|i| rows.map(|row| row.get(i).copied().unwrap_or_default()))
 }
 
 /// Most that the absolute weights of one sum may add up to.

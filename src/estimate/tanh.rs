@@ -73,50 +73,6 @@ fn zip<const N: usize>(a: [f32; N], b: [f32; N], f: impl Fn(f32, f32) -> f32) ->
     a.map(|a| f(a, b.next().unwrap_or_default()))
 }
 
-/// tanh(1/32).
-const TANH_WIDE_STEP: f64 = 0.031_239_831_446_031_27;
-const ENTRIES: usize = 512;
-/// How far the middle of a step is from either end. What the tangent misses there is t·g·d²: half of it is
-/// taken off everywhere.
-const HALF_STEP: f64 = 1.0 / 64.0;
-
-/// tanh and slope at the middle of each step of 1/32, in one word: upper half, lower half. Indices are those
-/// of an argument's two's complement, so that negative ones come last.
-#[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
-pub(super) static WHOLE_TABLE: [u32; ENTRIES] = {
-    let mut table = [0; ENTRIES];
-    let mut t = TANH_STEP;
-    let mut i = 0;
-    while i < ENTRIES / 2 {
-        let g = 1.0 - t * t;
-        let bent = t - t * g * HALF_STEP * HALF_STEP / 2.0;
-        // Rounded, and half a unit up: the shift at the end rounds down.
-        let slope = (g * 1024.0 + 0.5) as u32;
-        let value = bent * 32_768.0;
-        let up = if value < 32_767.0 { (value + 1.0) as i32 } else { 32_767 };
-        let down = -(value as i32);
-        table[i] = ((up as u32) << 16) | slope;
-        table[ENTRIES - 1 - i] = ((down as u32) << 16) | slope;
-        t = (t + TANH_WIDE_STEP) / (1.0 + t * TANH_WIDE_STEP);
-        i += 1;
-    }
-    table
-};
-
-/// tanh in whole numbers, by the tangent in the middle of its step: 18 fraction bits in, 15 out. Within
-/// **1e-4** (asserted below).
-#[cfg(not(dsp))]
-#[inline(always)]
-pub(super) fn whole_tanh(x: i32) -> i16 {
-    // What is beyond ±8 counts as that.
-    let x = x.clamp(-(1 << 21), (1 << 21) - 1);
-    let entry = WHOLE_TABLE.get((x as u32 >> 13) as usize % ENTRIES).copied().unwrap_or_default();
-    // A step is 2¹³, which here becomes 2¹⁶.
-    let from_middle = ((x << 3) ^ 0x8000) as i16;
-    let slope = i32::from(entry as i16);
-    ((entry as i32).wrapping_add(slope * i32::from(from_middle)) >> 16) as i16
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -141,19 +97,5 @@ mod tests {
             assert!(y.abs() <= 1.0, "{x}: {y}");
             assert_eq!(tanh(-x), -y, "{x}");
         }
-    }
-
-    #[test]
-    fn in_whole_numbers_it_is_good_to_a_ten_thousandth_for_every_argument() {
-        let mut worst = (0.0f64, 0);
-        for x in -2_200_000..2_200_000 {
-            let exact = (f64::from(x) / 262_144.0).tanh();
-            let error = (f64::from(whole_tanh(x)) / 32_768.0 - exact).abs();
-            if error > worst.0 {
-                worst = (error, x);
-            }
-        }
-        assert!(worst.0 < 1e-4, "{worst:?}");
-        assert_eq!([whole_tanh(i32::MIN), whole_tanh(i32::MAX)], [-32_767, 32_767]);
     }
 }

@@ -2,7 +2,7 @@
 //! products of sixteen bits to a sum, and VCVT to sixteen bits, which clips. To the bit what `portable.rs` says,
 //! which `cargo xtask cycles` shows on an emulated core for ten thousand inputs.
 //!
-//! This is all of the core's `unsafe`, and a third of the time of the net. Written out, because LLVM's own pass
+//! All of the `unsafe` below the boards, and a third of the time of the net. Written out, because LLVM's own pass
 //! wants both factors of an SMLAD loaded anew for each product, which costs more than it saves, and the
 //! intrinsics are not stable. Each block reads what the references beside it vouch for, word by word and each once,
 //! one of them tanh's table too, and writes nothing but the registers that it names: no memory, not the stack.
@@ -11,9 +11,8 @@
 
 use core::arch::asm;
 
-use super::{Group, Input, Lanes, Rows};
-use crate::estimate::net::MAX_OUTPUTS;
-use crate::estimate::tanh::WHOLE_TABLE;
+use crate::tanh::TABLE;
+use crate::{Group, Input, Lanes, OUTPUTS, Rows};
 
 /// Four columns of four rows: r0–r3 weights, r4, r5, r8, r9 the sums, r10, r11 of x.
 macro_rules! four_columns_of_group {
@@ -50,7 +49,8 @@ macro_rules! bent {
 
 /// h = tanh(W·x + a).
 #[inline(always)]
-pub(super) fn activations(group: &Group, input: &Input) -> [u32; 2] {
+#[must_use]
+pub fn activations(group: &Group, input: &Input) -> [u32; 2] {
     let (low, high);
     // SAFETY: reads the 16 bytes of the group's bias and the 128 of its weights behind it, the 32 of x and the
     // shift behind it (`repr(C)` both), and the table at indices of nine bits, which are its 512 words. All are
@@ -69,7 +69,7 @@ pub(super) fn activations(group: &Group, input: &Input) -> [u32; 2] {
             bent!("r4"), bent!("r5"), bent!("r8"), bent!("r9"),
             "pkhtb r4, r5, r4, asr #16",
             "pkhtb r5, r9, r8, asr #16",
-            table = sym WHOLE_TABLE,
+            table = sym TABLE,
             inout("r12") group => _,
             inout("lr") input => _,
             out("r4") low, out("r5") high,
@@ -98,11 +98,12 @@ macro_rules! four_columns_of_outputs {
 
 /// sums + V·h, or + L·x.
 #[inline(always)]
-pub(super) fn sums_of_outputs(
-    rows: &Rows<MAX_OUTPUTS>,
+#[must_use]
+pub fn sums_of_outputs(
+    rows: &Rows<OUTPUTS>,
     h: &Lanes,
-    [mut a, mut b, mut c]: [i32; MAX_OUTPUTS],
-) -> [i32; MAX_OUTPUTS] {
+    [mut a, mut b, mut c]: [i32; OUTPUTS],
+) -> [i32; OUTPUTS] {
     // SAFETY: reads the 96 bytes of the rows and the 32 of h; words, and aligned as such. Writes only registers.
     unsafe {
         asm!(
@@ -122,7 +123,8 @@ pub(super) fn sums_of_outputs(
 
 /// Eight signals times their scale, rounded towards zero and clipped to sixteen bits. A NaN is nothing.
 #[inline(always)]
-pub(super) fn narrowed(c: &[f32; 8], scale: f32) -> [[u32; 2]; 2] {
+#[must_use]
+pub fn narrowed(c: &[f32; 8], scale: f32) -> [[u32; 2]; 2] {
     let (first, second, third, fourth);
     // SAFETY: reads the 32 bytes of the signals; words, and aligned as such. Writes only registers. The scale
     // comes in a core register, because stable rustc takes no operand in one of the floating-point unit's.

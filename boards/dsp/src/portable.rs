@@ -1,23 +1,20 @@
 //! The steps of the net on any processor. What a record's bounds let through does not overflow; nothing else
 //! would panic, and both forms wrap alike.
 
-use super::{Group, Input, LARGEST, Lanes, Rows, word};
-use crate::estimate::net::MAX_OUTPUTS;
-use crate::estimate::tanh::whole_tanh;
+use crate::tanh::whole_tanh;
+use crate::{Group, Input, Lanes, OUTPUTS, Rows, word};
 
 /// h = tanh(W·x + a).
-pub(super) fn activations(group: &Group, input: &Input) -> [u32; 2] {
+#[must_use]
+pub fn activations(group: &Group, input: &Input) -> [u32; 2] {
     let sums = sums(&group.weights, &input.x, group.bias);
-    let [a, b, c, d] = sums.map(|sum| whole_tanh(sum >> input.shift));
+    let [a, b, c, d] = sums.map(|sum| whole_tanh(sum >> input.shift.min(31)));
     [word([a, b]), word([c, d])]
 }
 
 /// sums + V·h, or + L·x.
-pub(super) fn sums_of_outputs(
-    rows: &Rows<MAX_OUTPUTS>,
-    h: &Lanes,
-    sums: [i32; MAX_OUTPUTS],
-) -> [i32; MAX_OUTPUTS] {
+#[must_use]
+pub fn sums_of_outputs(rows: &Rows<OUTPUTS>, h: &Lanes, sums: [i32; OUTPUTS]) -> [i32; OUTPUTS] {
     self::sums(rows, h, sums)
 }
 
@@ -35,8 +32,9 @@ fn sums<const N: usize>(Rows(weights): &Rows<N>, x: &Lanes, mut sums: [i32; N]) 
 }
 
 /// Eight signals times their scale, rounded towards zero and clipped to sixteen bits. A NaN is nothing.
-pub(super) fn narrowed(c: &[f32; 8], scale: f32) -> [[u32; 2]; 2] {
-    let clipped = |x: i32| x.clamp(i32::from(i16::MIN), LARGEST) as i16;
+#[must_use]
+pub fn narrowed(c: &[f32; 8], scale: f32) -> [[u32; 2]; 2] {
+    let clipped = |x: i32| x.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16;
     let [a, b, c, d, e, f, g, h] = c.map(|c| clipped((c * scale) as i32));
     [[word([a, b]), word([c, d])], [word([e, f]), word([g, h])]]
 }
