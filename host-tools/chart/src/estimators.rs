@@ -4,11 +4,13 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use taxel_formats::save;
+
 use crate::costs::{Cost, Costs};
 use crate::device::{Device, Moment};
 use crate::methods::{self, Group, Said};
 use crate::scatter::{self, Title};
-use crate::{Effort, Waiting, files, page};
+use crate::{Effort, Waiting, page};
 
 /// What is judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -253,15 +255,16 @@ const SLIP: [Title<'_>; 4] =
 /// # Errors
 /// One of them cannot be written.
 pub fn write(rows: &[Row], folder: &Path) -> anyhow::Result<()> {
-    files::write(&folder.join("estimators.csv"), &csv(rows))?;
-    files::write(&folder.join("estimators.svg"), &scatter::draw(rows, &PANELS)?)?;
-    files::write(&folder.join("estimators-more.svg"), &scatter::draw(rows, &MORE)?)?;
-    files::write(&folder.join("estimators-slip.svg"), &scatter::draw(rows, &SLIP)?)?;
+    save(folder.join("estimators.csv"), csv(rows))?;
+    save(folder.join("estimators.svg"), scatter::draw(rows, &PANELS)?)?;
+    save(folder.join("estimators-more.svg"), scatter::draw(rows, &MORE)?)?;
+    save(folder.join("estimators-slip.svg"), scatter::draw(rows, &SLIP)?)?;
     let all: Vec<Title<'_>> = SCENES
         .iter()
         .flat_map(|(scene, quantities)| quantities.iter().map(move |q| (*scene, *q)))
         .collect();
-    files::write(&folder.join("estimators.html"), &page::estimators(rows, &all))
+    save(folder.join("estimators.html"), page::estimators(rows, &all))?;
+    Ok(())
 }
 
 /// Of the rows of one panel those that no other beats in both cost and error, the cheapest first. The force

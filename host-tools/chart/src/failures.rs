@@ -10,6 +10,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
+use taxel_formats::save;
+
 use crate::accuracy::Accuracy;
 use crate::device::Device;
 use crate::estimators::LEAST_N;
@@ -17,7 +19,7 @@ use crate::mapped::{Fingers, Said};
 use crate::methods::calibrated;
 use crate::runs::Recorded;
 use crate::sweeps::{self, Sweep};
-use crate::{Effort, Waiting, collinear, files, map, page};
+use crate::{Effort, Waiting, collinear, map, page};
 
 /// An error beyond so many times the stated accuracy is a failure.
 pub(crate) const FAILS: f64 = 3.0;
@@ -105,6 +107,18 @@ pub(crate) struct Point {
     pub working: Count,
 }
 
+impl Point {
+    /// Most of the values are flagged or withheld.
+    pub(crate) fn flagged(&self) -> bool {
+        self.count.share(self.count.flagged) > 0.5
+    }
+
+    /// More than [`TRUSTED`] of the values fail and nothing says so.
+    pub(crate) fn silent(&self) -> bool {
+        self.count.share(self.count.silent) > TRUSTED
+    }
+}
+
 /// What maps come to: shares of frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Totals {
@@ -176,26 +190,25 @@ fn over(sweep: &Sweep, device: &Stated) -> anyhow::Result<Vec<Map>> {
     let mut maps: Vec<Map> = Fingers::methods().map(map).collect();
     let mut fingers = device.fingers.clone();
     for value in &sweep.values {
-        let within = (sweep.within)(*value);
+        let within: Vec<bool> = maps.iter().map(|map| (sweep.within)(map.of, *value)).collect();
         let Recorded { samples, mut touches } = (sweep.run)(device.seed, *value)?;
         fingers.restart();
         let mut counts = vec![[Count::default(); 2]; maps.len()];
         for sample in &samples {
             let load = sample.truth.force[2].unwrap_or_default();
-            let working = within && load >= LEAST_N;
             fingers.judge(sample, &touches.at(sample), |Said { method, error, felt, warned }| {
-                if let (Some([all, of_them]), Some(stated)) =
-                    (counts.get_mut(method), device.stated.get(method))
+                if let (Some([all, of_them]), Some(stated), Some(within)) =
+                    (counts.get_mut(method), device.stated.get(method), within.get(method))
                 {
                     let stated = stated.at(load, felt);
                     all.add(error, stated, warned);
-                    if working {
+                    if *within && load >= LEAST_N {
                         of_them.add(error, stated, warned);
                     }
                 }
             });
         }
-        for (map, [count, working]) in maps.iter_mut().zip(counts) {
+        for ((map, [count, working]), within) in maps.iter_mut().zip(counts).zip(within) {
             map.points.push(Point { value: *value, within, count, working });
         }
     }
@@ -293,13 +306,14 @@ pub fn boundaries(maps: &[Map]) -> String {
 /// # Errors
 /// One of them cannot be written.
 pub fn write(maps: &[Map], folder: &Path) -> anyhow::Result<()> {
-    files::write(&folder.join("failures.csv"), &csv(maps))?;
-    files::write(&folder.join("boundaries.csv"), &boundaries(maps))?;
+    save(folder.join("failures.csv"), csv(maps))?;
+    save(folder.join("boundaries.csv"), boundaries(maps))?;
     for name in ["failures", "failures-matrix", "failures-slip"] {
         let shown: Vec<&Map> = maps.iter().filter(|map| map.picture() == name).collect();
-        files::write(&folder.join(format!("{name}.svg")), &map::draw(&shown)?)?;
+        save(folder.join(format!("{name}.svg")), map::draw(&shown)?)?;
     }
-    files::write(&folder.join("failures.html"), &page::failures(maps))
+    save(folder.join("failures.html"), page::failures(maps))?;
+    Ok(())
 }
 
 #[cfg(test)]

@@ -15,7 +15,6 @@ pub mod costs;
 pub mod device;
 pub mod estimators;
 pub mod failures;
-mod files;
 mod ladder;
 mod map;
 mod mapped;

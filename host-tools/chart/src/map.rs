@@ -149,11 +149,10 @@ fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done 
         chart.draw_series(LineSeries::new(places, colour.stroke_width(2)))?;
         for point in points {
             let place = (at(point.value), ratio(point));
-            let flagged = point.count.share(point.count.flagged) > 0.5;
             chart.draw_series([Circle::new(place, 4, WHITE.filled())])?;
-            let style = if flagged { colour.filled() } else { colour.stroke_width(2) };
+            let style = if point.flagged() { colour.filled() } else { colour.stroke_width(2) };
             chart.draw_series([Circle::new(place, 4, style)])?;
-            if point.count.share(point.count.silent) > TRUSTED {
+            if point.silent() {
                 chart.draw_series([silent((at(point.value), lane(number)), colour)])?;
             }
         }

@@ -11,7 +11,7 @@ use taxel_sim::cost::Cost;
 
 use crate::bars::Bar;
 use crate::estimators::{Row, front};
-use crate::failures::Map;
+use crate::failures::{FAILS, Map, Point, TRUSTED};
 use crate::methods::Group;
 use crate::scatter::{GROUPS, Title, colour};
 use crate::style::{COLOURS, GREY};
@@ -88,39 +88,81 @@ pub(crate) fn estimators(rows: &[Row], panels: &[Title<'_>]) -> String {
     )
 }
 
-/// Error, stated accuracy and flagged share over each sweep, a plot a map.
+/// Error over stated accuracy, a plot a sweep and a line a method; the mouse tells the figures of a point.
 pub(crate) fn failures(maps: &[Map]) -> String {
-    let plots = maps.iter().map(|map| {
-        let mut plot = Plot::new();
-        let told: Vec<String> = map.points.iter().map(|point| format!("{}", point.value)).collect();
-        let lines: [(&str, Vec<Option<f64>>); 3] = [
-            ("error", map.points.iter().map(|point| point.count.error()).collect()),
-            ("stated", map.points.iter().map(|point| Some(point.count.stated())).collect()),
-            (
-                "flagged share",
-                map.points.iter().map(|p| Some(p.count.share(p.count.flagged))).collect(),
-            ),
-        ];
-        for ((name, values), colour) in lines.into_iter().zip(COLOURS) {
-            plot.add_trace(
-                Scatter::new(told.clone(), values)
-                    .name(name)
-                    .mode(Mode::LinesMarkers)
-                    .line(Line::new().color(hex(colour))),
-            );
+    let mut sweeps: Vec<&str> = Vec::new();
+    for map in maps {
+        if !sweeps.contains(&map.sweep) {
+            sweeps.push(map.sweep);
         }
-        let title = format!("{} over {}", map.method, map.sweep);
-        let x = Axis::new().title(map.sweep.to_owned()).type_(AxisType::Category);
-        let y = Axis::new().title("error, stated accuracy; share of frames").type_(AxisType::Log);
-        plot.set_layout(Layout::new().title(title).width(WIDTH).height(HEIGHT).x_axis(x).y_axis(y));
+    }
+    let plots = sweeps.into_iter().map(|sweep| {
+        let mut plot = Plot::new();
+        let of = maps.iter().filter(|map| map.sweep == sweep);
+        for (map, colour) in of.zip(COLOURS.into_iter().cycle()) {
+            let mut points: Vec<&Point> = map.points.iter().collect();
+            points.sort_by(|a, b| a.value.total_cmp(&b.value));
+            let trace = |points: &[&Point]| {
+                let over = |point: &&Point| {
+                    let stated = point.count.stated().max(f64::MIN_POSITIVE);
+                    point.count.error().map(|error| error / stated)
+                };
+                Scatter::new(
+                    points.iter().map(|point| point.value.to_string()).collect(),
+                    points.iter().map(over).collect(),
+                )
+                .name(map.method)
+                .legend_group(map.method)
+                .text_array(points.iter().map(|point| figures(point)).collect::<Vec<String>>())
+            };
+            plot.add_trace(trace(&points).mode(Mode::Lines).line(Line::new().color(hex(colour))));
+            let marks: [Marked; 3] = [
+                (MarkerSymbol::X, Point::silent),
+                (MarkerSymbol::Circle, |point| !point.silent() && point.flagged()),
+                (MarkerSymbol::CircleOpen, |point| !point.silent() && !point.flagged()),
+            ];
+            for (symbol, of) in marks {
+                let marked: Vec<&Point> =
+                    points.iter().copied().filter(|point| of(point)).collect();
+                let marker = Marker::new().size(9).color(hex(colour)).symbol(symbol);
+                plot.add_trace(
+                    trace(&marked).mode(Mode::Markers).marker(marker).show_legend(false),
+                );
+            }
+        }
+        let x = Axis::new().title(sweep.to_owned()).type_(AxisType::Category);
+        let y = Axis::new().title("error over stated accuracy").type_(AxisType::Log);
+        plot.set_layout(
+            Layout::new()
+                .title(format!("Over {sweep}"))
+                .width(WIDTH)
+                .height(HEIGHT)
+                .x_axis(x)
+                .y_axis(y),
+        );
         plot
     });
-    page(
-        "Where each method fails",
-        "RMS error of the values that were given, the accuracy that the finger states for them, and the share \
-         of frames that it withholds or flags.",
-        plots,
-    )
+    let lead = format!(
+        "RMS error of the values that were given over the accuracy that the finger states for them. Filled: most \
+         values are flagged or withheld. A cross: more than {} % of the values are off by more than {FAILS} \
+         times what is stated, and nothing says so.",
+        100.0 * TRUSTED
+    );
+    page("Where each method fails", &lead, plots)
+}
+
+/// A mark and the points that have it.
+type Marked = (MarkerSymbol, fn(&Point) -> bool);
+
+/// What the mouse is told of a point.
+fn figures(point: &Point) -> String {
+    let count = &point.count;
+    let error =
+        count.error().map_or_else(|| "no value".into(), |error| format!("error {error:.4}"));
+    let [flagged, silent] =
+        [count.flagged, count.silent].map(|frames| format!("{:.2} %", 100.0 * count.share(frames)));
+    let within = if point.within { "; in the working range" } else { "" };
+    format!("{error}, stated {:.4}; flagged {flagged}, silent {silent}{within}", count.stated())
 }
 
 /// A plot of bars.

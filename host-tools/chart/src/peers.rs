@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
+use taxel_formats::save;
+
 use crate::bars::{self, Bar};
-use crate::{files, page};
+use crate::page;
 use anyhow::Context;
 
 const COMMITTED: &str = include_str!("../../emulator/data/peers.csv");
@@ -22,12 +24,10 @@ struct Peer {
 pub fn write(folder: &Path) -> anyhow::Result<()> {
     let bars = bars(&parse(COMMITTED).context("host-tools/emulator/data/peers.csv")?);
     let title = "The 16-16-3 net with tanh units, modelled Cortex-M4F cycles a call";
-    files::write(&folder.join("peers.csv"), COMMITTED)?;
-    files::write(&folder.join("peers.svg"), &bars::draw(title, &bars)?)?;
-    files::write(
-        &folder.join("peers.html"),
-        &page::bars("Beside other people's nets", title, &bars),
-    )
+    save(folder.join("peers.csv"), COMMITTED)?;
+    save(folder.join("peers.svg"), bars::draw(title, &bars)?)?;
+    save(folder.join("peers.html"), page::bars("Beside other people's nets", title, &bars))?;
+    Ok(())
 }
 
 fn parse(table: &str) -> anyhow::Result<Vec<Peer>> {

@@ -139,7 +139,7 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
         .bold_line_style(FAINT)
         .x_labels(6)
         .y_labels(6)
-        .x_label_formatter(&|cycles| format!("{cycles:.0}"))
+        .x_label_formatter(&|cycles| thousands(*cycles))
         .y_label_formatter(&|error| format!("{error}"))
         .label_style((FONT, 13))
         .x_desc("modelled Cortex-M4F cycles an estimate")
@@ -196,6 +196,11 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
     Ok(())
 }
 
+/// A number of cycles in few letters.
+fn thousands(cycles: f64) -> String {
+    if cycles >= 1e3 { format!("{}k", cycles / 1e3) } else { format!("{cycles}") }
+}
+
 /// What stands at a mark: of a net its width.
 fn label(row: &Row) -> String {
     let middle = row.name.split('-').nth(1);
@@ -223,6 +228,11 @@ mod tests {
         let [low, high] = around([0.0034, 0.004].into_iter());
         assert!((low - 0.002).abs() < 1e-12 && (high - 0.005).abs() < 1e-12);
         assert_eq!(around(std::iter::empty()), [0.1, 1.0]);
+    }
+
+    #[test]
+    fn cycles_on_an_axis_are_short() {
+        assert_eq!([200.0, 1e3, 1e5].map(thousands), ["200", "1k", "100k"]);
     }
 
     #[test]

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use crate::{convergence, files, ladder, page};
+use taxel_formats::save;
+
+use crate::{convergence, ladder, page};
 
 /// Times every rung of the ladder of fidelity and writes `simulator.csv`, its picture and page, and
 /// `convergence.svg`; it takes half a minute.
@@ -11,8 +13,9 @@ use crate::{convergence, files, ladder, page};
 /// A file cannot be written.
 pub fn write(folder: &Path) -> anyhow::Result<()> {
     let costs = taxel_sim::cost::measure()?;
-    files::write(&folder.join("simulator.csv"), &taxel_sim::cost::csv(&costs))?;
-    files::write(&folder.join("simulator.svg"), &ladder::draw(&costs)?)?;
-    files::write(&folder.join("simulator.html"), &page::simulator(&costs))?;
-    files::write(&folder.join("convergence.svg"), &convergence::draw()?)
+    save(folder.join("simulator.csv"), taxel_sim::cost::csv(&costs))?;
+    save(folder.join("simulator.svg"), ladder::draw(&costs)?)?;
+    save(folder.join("simulator.html"), page::simulator(&costs))?;
+    save(folder.join("convergence.svg"), convergence::draw()?)?;
+    Ok(())
 }

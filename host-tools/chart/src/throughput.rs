@@ -14,13 +14,14 @@ use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{Command, Identity, Message, Request};
 use taxel::wire::{MAX_PACKET, pack_frame};
+use taxel_formats::save;
 use taxel_formats::trace::{Sample, TraceHeader, TraceReader, TraceWriter};
 use taxel_sim::{Scene, Simulator};
 
 use crate::bars::{self, Bar};
 use crate::device::Device;
 use crate::methods::calibrated;
-use crate::{Effort, Waiting, files, page};
+use crate::{Effort, Waiting, page};
 
 /// What everything works on: presses, shear and slides at 1 kHz.
 const SCENE: &str = "tour";
@@ -173,7 +174,8 @@ pub fn write(stages: &[Stage], folder: &Path) -> anyhow::Result<()> {
         })
         .collect();
     let title = "What a host does with a frame, µs on one core of the machine that drew this";
-    files::write(&folder.join("throughput.csv"), &csv(stages))?;
-    files::write(&folder.join("throughput.svg"), &bars::draw(title, &bars)?)?;
-    files::write(&folder.join("throughput.html"), &page::bars("What a host can take", title, &bars))
+    save(folder.join("throughput.csv"), csv(stages))?;
+    save(folder.join("throughput.svg"), bars::draw(title, &bars)?)?;
+    save(folder.join("throughput.html"), page::bars("What a host can take", title, &bars))?;
+    Ok(())
 }
