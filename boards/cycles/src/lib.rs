@@ -30,7 +30,9 @@ pub trait Meter {
         inputs: impl Iterator<Item = I>,
         out: &mut O,
         stage: fn(&mut M, &I, &mut O),
-    );
+    ) {
+        self.stage(name, memory, inputs, out, stage);
+    }
 }
 
 /// Longest result in postcard: the largest packet and its length.

@@ -16,9 +16,13 @@ use cycles::host::{COMPARE, Call, Compared, INPUTS, Inputs, MEASURE, REPORT, Spa
 use cycles::{MAX_RESULT, Meter, result_bytes};
 use serde::Serialize;
 
-fn fits<'b>(result: Option<&'b [u8]>, name: &str) -> &'b [u8] {
-    let Some(result) = result else { panic!("a result of {name} does not fit") };
-    result
+/// What came of a call of `name`, while `tell` runs.
+fn result<O: Serialize>(name: &str, out: &O, tell: impl FnOnce(Span)) {
+    let mut buffer = [0; MAX_RESULT];
+    match result_bytes(out, &mut buffer) {
+        Some(result) => tell(Span::of(result)),
+        None => panic!("a result of {name} does not fit"),
+    }
 }
 
 /// Has the machine measure.
@@ -40,10 +44,10 @@ impl Meter for Machine {
             // SAFETY: the operation reads the call and its name, both of which are alive.
             unsafe { syscall(MEASURE, &call) };
             stage(memory, &input, out);
-            let mut buffer = [0; MAX_RESULT];
-            let result = fits(result_bytes(out, &mut buffer), name);
             // SAFETY: the operation reads the span and the result, both of which are alive.
-            unsafe { syscall(REPORT, &Span::of(result)) };
+            result(name, out, |result| unsafe {
+                syscall(REPORT, &result);
+            });
         }
     }
 
@@ -57,11 +61,11 @@ impl Meter for Machine {
     ) {
         for input in inputs {
             stage(memory, &input, out);
-            let mut buffer = [0; MAX_RESULT];
-            let result = fits(result_bytes(out, &mut buffer), name);
-            let compared = Compared { name: Span::of(name.as_bytes()), result: Span::of(result) };
-            // SAFETY: the operation reads the spans and what they are of, all of which is alive.
-            unsafe { syscall(COMPARE, &compared) };
+            result(name, out, |result| {
+                let compared = Compared { name: Span::of(name.as_bytes()), result };
+                // SAFETY: the operation reads the spans and what they are of, all of which is alive.
+                unsafe { syscall(COMPARE, &compared) };
+            });
         }
     }
 }

@@ -74,17 +74,6 @@ impl Meter for Here {
             self.results.push((name.to_owned(), result.to_owned()));
         }
     }
-
-    fn compare<M, I, O: Serialize>(
-        &mut self,
-        name: &str,
-        memory: &mut M,
-        inputs: impl Iterator<Item = I>,
-        out: &mut O,
-        stage: fn(&mut M, &I, &mut O),
-    ) {
-        self.stage(name, memory, inputs, out, stage);
-    }
 }
 
 /// The result of a call is what it is on this host.

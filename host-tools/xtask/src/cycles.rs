@@ -6,6 +6,7 @@ use std::process::Command;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
+use crate::costs::{self, Stage};
 use crate::run::{exists, locked, program, root, run, target};
 use crate::toolchain::{Choice, Toolchain};
 use crate::{firmware, packages, peers};
@@ -65,14 +66,13 @@ pub fn guard(toolchain: &Toolchain) -> Result<()> {
     let mut emulator = emulator("cycles", &image(toolchain)?);
     emulator.arg("--csv").arg(&counted);
     run(emulator.arg("--against").arg(table()))?;
-    let read = |path: &Path| {
-        std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))
-    };
-    within_half_a_frame(&read(&counted)?, &read(&page())?)
+    let page = page();
+    let text = std::fs::read_to_string(&page).with_context(|| page.display().to_string())?;
+    within_half_a_frame(&costs::read(&counted)?, &text)
 }
 
 /// What the names of stages that are a whole frame of the product begin with.
-const FRAME: &str = "\"product: ";
+const FRAME: &str = "product: ";
 /// Cycles of half a frame: 170 MHz, 4 kHz.
 const HALF_A_FRAME: u64 = 170_000_000 / 4_000 / 2;
 
@@ -84,24 +84,20 @@ fn page() -> PathBuf {
 /// Fails where a frame of the product takes more than half of its time, of which the other half is the
 /// USB's and the user's. The stages know of no interrupt: the page says what it takes, to which
 /// the emulator's tests hold the image.
-fn within_half_a_frame(table: &str, page: &str) -> Result<()> {
+fn within_half_a_frame(table: &[Stage], page: &str) -> Result<()> {
     const INTERRUPT: &str = "| reading: the frame's interrupt |";
     let row = page.lines().find_map(|line| line.strip_prefix(INTERRUPT));
     let digits = |cell: &str| cell.chars().filter(char::is_ascii_digit).collect::<String>();
     let interrupt = row.and_then(|row| digits(row.split('|').next()?).parse::<u64>().ok());
     let interrupt = interrupt.with_context(|| format!("the page has no row `{INTERRUPT} …`"))?;
-    let frames: Vec<_> = table.lines().filter(|line| line.starts_with(FRAME)).collect();
-    if frames.is_empty() {
-        bail!("the table has no stage {FRAME}…\": boards/cycles/src/stages/product.rs");
+    let mut frames = table.iter().filter(|stage| stage.name.starts_with(FRAME)).peekable();
+    if frames.peek().is_none() {
+        bail!("the table has no stage {FRAME}…: boards/cycles/src/stages/product.rs");
     }
-    for line in frames {
-        // Name, instructions, cycles from low to high.
-        let (name, numbers) = line[1..].split_once("\",").context("a name without an end")?;
-        let high = numbers.split(',').nth(2).and_then(|cycles| cycles.parse::<u64>().ok());
-        let high = high.with_context(|| format!("{name}: no cycles"))?;
-        if high + interrupt >= HALF_A_FRAME {
+    for Stage { name, cycles } in frames {
+        if cycles + interrupt >= HALF_A_FRAME {
             bail!(
-                "{name}: {high} cycles and {interrupt} of the interrupt, more than half a frame at 4 kHz \
+                "{name}: {cycles} cycles and {interrupt} of the interrupt, more than half a frame at 4 kHz \
                  ({HALF_A_FRAME})"
             );
         }
@@ -180,20 +176,20 @@ mod tests {
 
     #[test]
     fn the_products_dearest_frame_fits_half_its_time_by_the_committed_table() {
-        let table = std::fs::read_to_string(super::table()).unwrap();
+        let table = costs::read(&super::table()).unwrap();
         within_half_a_frame(&table, &std::fs::read_to_string(page()).unwrap()).unwrap();
     }
 
     #[test]
     fn a_frame_that_is_too_dear_is_refused_and_so_is_a_table_without_one() {
-        let with =
-            |cycles: u64| format!("name\n\"product: a, b\",1,2,{cycles},4\n\"other\",1,2,99999\n");
+        let table = |rows: &str| costs::parse(&format!("name,cycles_high\n{rows}")).unwrap();
+        let with = |cycles: u64| table(&format!("\"product: a, b\",{cycles}\n\"other\",99999\n"));
         let page = "| reading: the frame's interrupt | 1 081 | 3 % |";
         assert!(within_half_a_frame(&with(HALF_A_FRAME - 1_082), page).is_ok());
         let refused =
             within_half_a_frame(&with(HALF_A_FRAME - 1_081), page).unwrap_err().to_string();
         assert!(refused.contains("a, b: 20169 cycles and 1081 of the interrupt"), "{refused}");
-        assert!(within_half_a_frame("name\n\"other\",1,2,3\n", page).is_err());
+        assert!(within_half_a_frame(&table("\"other\",3\n"), page).is_err());
         assert!(within_half_a_frame(&with(1), "").is_err());
     }
 }

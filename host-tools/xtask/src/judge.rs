@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use serde_json::Value;
 
+use crate::costs::{self, Stage};
 use crate::cycles;
 use crate::run::{cargo, locked, program, root, run, target};
 
@@ -48,6 +49,9 @@ const TABLE: &[&str] = &["--inputs", "m*", "--targets", "force_n", "--model", "a
 /// Of its time, from the first row, what the shear recording is fitted to; the rest judges.
 const SHARE: f64 = 0.8;
 
+/// What a small net may take of a Cortex-M4F.
+const SMALL_CYCLES: u64 = 900;
+
 /// The skin's limits are what scikit-learn's best of three seeds leaves (linear skip path and 16 tanh units by L-BFGS:
 /// 0.46, 0.78 and 0.28 N).
 fn cases(data: &Path) -> Result<Vec<Case>> {
@@ -83,9 +87,9 @@ fn cases(data: &Path) -> Result<Vec<Case>> {
         ),
         finger(
             "device3, a small net",
-            &["--model", "auto", "--net-only", "--hidden", "6"],
+            &["--model", "auto", "--net-only", "--hidden", "12", "--form", "q15"],
             SMALL,
-            Cost::Cycles(900),
+            Cost::Cycles(SMALL_CYCLES),
         ),
         finger("device3, any net", &["--model", "auto", "--net-only"], ANY, Cost::Cycles(6000)),
     ])
@@ -97,7 +101,7 @@ pub fn task(arguments: &Judge) -> Result<()> {
     let cases = cases(&data)?;
     let cases: Vec<&Case> = cases.iter().filter(|c| c.name.contains(&arguments.filter)).collect();
     ensure!(!cases.is_empty(), "--filter {}: no case has this in its name", arguments.filter);
-    let costs = std::fs::read_to_string(cycles::table())?;
+    let costs = costs::read(&cycles::table())?;
     run(cargo().args(["build", "--quiet", "--bin", "taxel"]).args(locked()))?;
     let mut missed = 0;
     for case in &cases {
@@ -113,7 +117,7 @@ pub fn task(arguments: &Judge) -> Result<()> {
     }
 }
 
-fn judged(case: &Case, data: &Path, costs: &str) -> Result<Vec<Verdict>> {
+fn judged(case: &Case, data: &Path, costs: &[Stage]) -> Result<Vec<Verdict>> {
     let record = target().join("judged.toml");
     let taxel = |words: &[&str]| -> Result<Value> {
         let mut command = program(target().join("debug/taxel"), &root());
@@ -160,7 +164,7 @@ fn judged(case: &Case, data: &Path, costs: &str) -> Result<Vec<Verdict>> {
 /// Rows without a value are no good ones: no more than this share.
 const WITHHELD: f64 = 0.01;
 
-fn cost(case: &Case, fit: &Value, costs: &str) -> Result<Verdict> {
+fn cost(case: &Case, fit: &Value, costs: &[Stage]) -> Result<Verdict> {
     let parts = fit["parts"].as_array().map_or(&[][..], Vec::as_slice);
     let names = || parts.iter().filter_map(|part| part["part"].as_str());
     let shape = names().find(|name| dimensions(name).is_some());
@@ -205,10 +209,8 @@ fn multiply_adds(shape: &str) -> Option<u64> {
     }
 }
 
-/// The dearer end of a stage's band in the table of costs.
-fn modelled(costs: &str, stage: &str) -> Option<u64> {
-    let row = costs.lines().find_map(|line| line.strip_prefix(&format!("\"{stage}\",")))?;
-    row.split(',').nth(2)?.parse().ok()
+fn modelled(costs: &[Stage], stage: &str) -> Option<u64> {
+    costs.iter().find(|row| row.name == stage).map(|row| row.cycles)
 }
 
 /// The second where [`SHARE`] of a table's time is over.
@@ -262,9 +264,10 @@ mod tests {
         assert_eq!(multiply_adds("net 16-6-3"), Some(114));
         assert_eq!(multiply_adds("linear 15-1"), Some(15));
         assert_eq!(multiply_adds("array of sensors"), None);
-        let costs = std::fs::read_to_string(cycles::table()).unwrap();
-        let [small, wide] = ["net 16-6-3", "skip 16-16-3"].map(|stage| modelled(&costs, stage));
-        assert!(small.is_some_and(|c| c < wide.unwrap()), "{small:?} {wide:?}");
+        let costs = costs::read(&cycles::table()).unwrap();
+        let shapes = ["q15 skip 16-12-3", "q15 skip 16-16-3", "skip 16-12-3"];
+        let [small, wide, float] = shapes.map(|stage| modelled(&costs, stage).unwrap());
+        assert!(small <= SMALL_CYCLES && SMALL_CYCLES < wide.min(float), "{small} {wide} {float}");
         assert_eq!(modelled(&costs, "net 16-7-3"), None);
     }
 }

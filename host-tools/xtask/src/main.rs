@@ -4,6 +4,7 @@
 //! The boards build with whatever can build for a Cortex-M here ([`toolchain`]), so that the committed
 //! cargo configuration names none of it and a clean clone needs one command.
 
+mod costs;
 mod cycles;
 mod firmware;
 mod image;

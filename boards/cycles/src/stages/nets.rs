@@ -52,9 +52,7 @@ impl Weights {
         };
         ForceNet::new(&layers).unwrap_or_default()
     }
-}
 
-impl Weights {
     /// A net of the shape of another with any bits for weights.
     fn wild(&mut self, like: &QuantisedNet) -> QuantisedNet {
         let mut wild = like.clone();
@@ -134,11 +132,7 @@ pub fn papers_net_quantised() -> Option<QuantisedNet> {
 }
 
 pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl Meter) {
-    let papers = Shape { hidden: 12, outputs: 1, skip: false };
-    let linear = Shape { hidden: 0, outputs: OUTPUTS, skip: true };
-    let wide =
-        |skip| [2, 4, 6, 8, 16, MAX_HIDDEN].map(|hidden| Shape { hidden, outputs: OUTPUTS, skip });
-    for shape in [papers, linear].into_iter().chain(wide(false)).chain(wide(true)) {
+    for shape in shapes() {
         let mut net = Weights(SEED).net(shape);
         if let Some(mut net) = QuantisedNet::new(&net, LARGEST) {
             let mut name = String::<24>::new();
@@ -153,19 +147,30 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
         });
     }
     polynomials(&mut Weights(SEED), c, meter);
-    in_every_bit([papers, linear].into_iter().chain(wide(false)).chain(wide(true)), meter);
+    in_every_bit(meter);
 }
 
-/// Signals of a call, and calls of a net: with 14 shapes of two kinds each 10 752 signals.
+/// The paper's own, a straight line, and three components by nets of every width that is charted or judged.
+fn shapes() -> impl Iterator<Item = Shape> {
+    let papers = Shape { hidden: 12, outputs: 1, skip: false };
+    let linear = Shape { hidden: 0, outputs: OUTPUTS, skip: true };
+    let wide = |skip| {
+        let widths = [2, 4, 6, 8, 12, 16, MAX_HIDDEN];
+        widths.map(|hidden| Shape { hidden, outputs: OUTPUTS, skip })
+    };
+    [papers, linear].into_iter().chain(wide(false)).chain(wide(true))
+}
+
+/// Signals of a call, and calls of a net: with 16 shapes of two kinds each 12 288 signals.
 const BATCH: usize = 32;
 const BATCHES: u32 = 12;
 
 /// Nets in 16 bits are the same on the core and on the host to the bit, whatever they are given: those that a
 /// record may hold, and those that none may, of whose sums nobody has proved that they fit.
-fn in_every_bit(shapes: impl Iterator<Item = Shape>, meter: &mut impl Meter) {
+fn in_every_bit(meter: &mut impl Meter) {
     let mut weights = Weights(SEED);
     let mut seed = SEED;
-    for shape in shapes {
+    for shape in shapes() {
         let Some(sound) = QuantisedNet::new(&weights.net(shape), LARGEST) else { continue };
         let wild = weights.wild(&sound);
         for mut net in [sound, wild] {
