@@ -5,11 +5,15 @@
 //! Coulomb friction. Turning about a centre anywhere on its plane gives a force and a torsion; swept over
 //! the centres they draw a curve, from (μN, 0) to (0, τ_max) with τ_max = κ·μ·N·a. The ellipse through the
 //! same ends is its cheap form. The curve is found on the host (`taxel_fit::limit_surface`); its radius
-//! over the ellipse's is kept at a few angles.
+//! over the ellipse's is kept at a few angles. [`Sweep`] is the curve itself, a dozen times dearer: which of the
+//! three is worth what is in `host-tools/fit/data/limit-surface.csv`.
+
+mod sweep;
 
 use serde::{Deserialize, Serialize};
 
 use crate::roots::{power, sqrt};
+pub use sweep::Sweep;
 
 /// Intervals of the kept curve.
 pub const INTERVALS: usize = 8;
@@ -50,21 +54,46 @@ impl LimitSurface {
     /// shear in newtons, the torsion in N·mm. A contact without normal force or friction holds nothing:
     /// any load is 1 for it.
     #[must_use]
-    pub fn load(&self, [fx, fy]: [f32; 2], torsion: f32, normal: f32, mu: f32) -> f32 {
+    pub fn load(&self, shear: [f32; 2], torsion: f32, normal: f32, mu: f32) -> f32 {
+        let [force2, turning2] = match self.squares(shear, torsion, normal, mu) {
+            Ok(squares) => squares,
+            Err(load) => return load,
+        };
+        let sum = force2 + turning2;
+        bounded(sqrt(sum) / self.bulge(force2 / sum))
+    }
+
+    /// The same by the ellipse, whatever the curve: the cheap form.
+    #[must_use]
+    pub fn load_by_ellipse(&self, shear: [f32; 2], torsion: f32, normal: f32, mu: f32) -> f32 {
+        match self.squares(shear, torsion, normal, mu) {
+            Ok([force2, turning2]) => bounded(sqrt(force2 + turning2)),
+            Err(load) => load,
+        }
+    }
+
+    /// Squares of the shear and of the torsion over the most that each may be alone; where these or those are
+    /// none, the load.
+    #[inline(always)]
+    fn squares(
+        &self,
+        [fx, fy]: [f32; 2],
+        torsion: f32,
+        normal: f32,
+        mu: f32,
+    ) -> Result<[f32; 2], f32> {
         let most = [mu * normal, self.most_torsion(normal, mu)];
         if !most.iter().all(|most| (1e-9..1e9).contains(most)) {
-            return 1.0;
+            return Err(1.0);
         }
         let [force, turning] = most.map(|most| 1.0 / most);
         let force2 = (fx * fx + fy * fy) * force * force;
         let turning2 = torsion * torsion * turning * turning;
         let sum = force2 + turning2;
         if sum.is_nan() || sum <= f32::MIN_POSITIVE {
-            return 0.0;
+            return Err(0.0);
         }
-        let load = sqrt(sum) / self.bulge(force2 / sum);
-        // An overflow is far beyond any limit.
-        if load < 1e9 { load } else { 1e9 }
+        Ok([force2, turning2])
     }
 
     /// The curve's radius over the ellipse's at this share of force.
@@ -76,6 +105,11 @@ impl LimitSurface {
         };
         (a + (b - a) * (at - from as f32)).max(0.1)
     }
+}
+
+/// An overflow is far beyond any limit.
+fn bounded(load: f32) -> f32 {
+    if load < 1e9 { load } else { 1e9 }
 }
 
 #[cfg(test)]
@@ -112,6 +146,7 @@ mod tests {
                 radius: [c, gamma], torque: 0.6, curve: [bulge; INTERVALS + 1],
             };
             prop_assert!(surface.load(shear, torsion, normal, mu).is_finite());
+            prop_assert!(surface.load_by_ellipse(shear, torsion, normal, mu).is_finite());
         }
     }
 }

@@ -8,7 +8,7 @@ use taxel::estimate::field::{Field, Load, Radial};
 use taxel::estimate::fusion::{Uncertain, fuse};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::{Curves, Inverse};
-use taxel::estimate::limit_surface::LimitSurface;
+use taxel::estimate::limit_surface::{LimitSurface, Sweep};
 use taxel::estimate::slide::SlideState;
 use taxel::estimate::slip::{Slip, SlipState, Traction};
 use taxel::estimate::two_contacts::PairState;
@@ -169,17 +169,7 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
             *out = slip.judge(state, traction).ok();
         },
     );
-    let bulging = LimitSurface {
-        curve: [1.0, 1.01, 1.02, 1.02, 1.01, 1.0, 1.0, 1.0, 1.0],
-        ..Slip::usual(0.5).surface
-    };
-    for (name, mut surface) in
-        [("slip: the ellipse", Slip::usual(0.5).surface), ("slip: the limit surface", bulging)]
-    {
-        meter.stage(name, &mut surface, tractions.clone(), &mut 0.0, |surface, traction, out| {
-            *out = surface.load(traction.shear, traction.torsion, traction.normal, 0.5);
-        });
-    }
+    limit_surface_stages(tractions.clone(), meter);
     let way = tractions
         .zip(0u8..)
         .map(|(traction, i)| (Micros(1000 * u64::from(i)), [0.01 * f32::from(i), 0.0], traction));
@@ -197,5 +187,30 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
     let ear = &mut Listener::default();
     meter.stage("slip: by its vibration", ear, heard, &mut false, |ear, (time, signals), out| {
         *out = ear.hear(*time, signals);
+    });
+}
+
+/// The three forms of the limit surface on the same tractions.
+fn limit_surface_stages(tractions: impl Iterator<Item = Traction> + Clone, meter: &mut impl Meter) {
+    let mut surface = LimitSurface {
+        curve: [1.0, 1.01, 1.02, 1.02, 1.01, 1.0, 1.0, 1.0, 1.0],
+        ..Slip::usual(0.5).surface
+    };
+    let mut sweep = Sweep::power_law(2.0, surface.radius);
+    let out = &mut 0.0;
+    meter.stage("slip: the ellipse", &mut surface, tractions.clone(), out, |surface, at, out| {
+        *out = surface.load_by_ellipse(at.shear, at.torsion, at.normal, 0.5);
+    });
+    meter.stage(
+        "slip: the limit surface",
+        &mut surface,
+        tractions.clone(),
+        out,
+        |surface, at, out| {
+            *out = surface.load(at.shear, at.torsion, at.normal, 0.5);
+        },
+    );
+    meter.stage("slip: the limit surface, swept", &mut sweep, tractions, out, |sweep, at, out| {
+        *out = sweep.load(at.shear, at.torsion, at.normal, 0.5);
     });
 }
