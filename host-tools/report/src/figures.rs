@@ -146,6 +146,10 @@ fn crosstalk(series: &Series, others: &[&Series]) -> Vec<(String, f64)> {
         rows.len(),
         rows.iter().map(|row| series.estimate[*row].unwrap_or_default() - series.reference[*row]),
     );
+    // A component that is zero throughout has no direction; no singular values would ever be found.
+    if sizes.contains(&0.0) {
+        return Vec::new();
+    }
     // Where the components rise and fall together none of them can be told to be the cause.
     let svd = (x.transpose() * &x).svd(true, true);
     let (most, least) = (svd.singular_values.max(), svd.singular_values.min());
@@ -202,8 +206,15 @@ mod tests {
         assert!((percent + 7.0).abs() < 0.01, "{percent}");
         // Components that go together cannot be told apart, and nothing is said of them.
         let twin = series(2, x.clone(), x.clone());
-        let found = figures(&series(0, x.clone(), x), &[&twin]).unwrap();
+        let found = figures(&series(0, x.clone(), x.clone()), &[&twin]).unwrap();
         assert!(found.crosstalk_percent.is_empty(), "{found:?}");
+        // Nor of one that is zero throughout.
+        let (rests, said) = (vec![0.0; x.len()], x.clone());
+        let still = series(2, rests.clone(), rests.clone());
+        for (reference, other) in [(x.clone(), still), (rests, series(2, x.clone(), x))] {
+            let found = figures(&series(0, reference, said.clone()), &[&other]).unwrap();
+            assert!(found.crosstalk_percent.is_empty(), "{found:?}");
+        }
     }
 
     #[test]
