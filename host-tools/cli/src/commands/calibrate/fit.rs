@@ -254,7 +254,8 @@ fn fit_table(
 ) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
         args.form == NetForm::F32,
-        "--form q15 is for a finger's net; leave it out with --inputs"
+        "--form q15: 16 bits are for the 16 taxels of a finger, whose firmware runs them; a table's model (--inputs) \
+         is kept in f32: leave --form out"
     );
     let data::Read { recordings, alignments } =
         data::tables(&args.data, &args.reference, &args.inputs, &args.targets)?;
