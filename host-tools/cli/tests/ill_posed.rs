@@ -111,6 +111,10 @@ fn a_table_that_is_wrong_is_told_of_or_refused() {
     });
     write("turned.csv", 600, 40.0, &|_, _, row| row[3] = -row[3]);
     write("off.csv", 600, 0.0, &|_, t, row| row[3] = load(1.03 * t));
+    let good = std::fs::read_to_string(folder.0.join("good.csv")).unwrap();
+    let timeless: String =
+        good.lines().map(|line| format!("{}\n", line.split_once(',').unwrap().1)).collect();
+    std::fs::write(folder.0.join("timeless.csv"), timeless).unwrap();
 
     let what = ["--inputs", "m*", "--targets", "force_n", "--hidden", "4"];
     let judged = ("force_n", "unseen.csv");
@@ -120,22 +124,33 @@ fn a_table_that_is_wrong_is_told_of_or_refused() {
     fits(&["constant.csv"], judged, End::Warned("m2: the same value in every row", 0.2));
     fits(&["few.csv"], judged, End::Refused("12 usable rows where at least"));
     fits(&["loose.csv"], judged, End::Warned("30 of 600 rows stand far out", 0.2));
-    fits(&["good.csv", "turned.csv"], judged, End::Refused("force_n runs against"));
+    let against = "turned.csv: force_n runs against what";
+    fits(&["good.csv", "turned.csv"], judged, End::Refused(against));
+    fits(&["good.csv", "turned.csv", "unseen.csv"], judged, End::Refused(against));
     let turned = ("force_n", "turned.csv");
-    fits(&["turned.csv"], turned, End::Warned("force_n: never a force but a negative one", 0.3));
-    // What such a record is worth is not to be known; the reference's own clock mends it.
-    fits(&["off.csv"], judged, End::Warned("the reference fits far better", 6.0));
+    let negative = "turned.csv: force_n: never a force but a negative one";
+    fits(&["turned.csv"], turned, End::Warned(negative, 0.3));
+    fits(&["off.csv"], judged, End::Warned("off.csv: the reference fits far better", 0.2));
+    fits(&["timeless.csv"], judged, End::Warned("timeless.csv: no time column", 0.2));
 }
 
-/// A finger pressed for eight seconds at 200 Hz; every row goes through `spoil`.
-fn finger(folder: &Path, name: &str, seed: u64, spoil: impl Fn(usize, &mut Sample)) {
-    let scene = "effects = ['noise', 'ambient', 'gain-spread', 'optical-crosstalk']\n\
+/// A finger pressed for eight seconds at 200 Hz, with up to `shear` of what friction holds; every row goes through
+/// `spoil`.
+fn finger(
+    folder: &Path,
+    name: &str,
+    (seed, shear): (u64, f64),
+    spoil: impl Fn(usize, &mut Sample),
+) {
+    let scene = format!(
+        "effects = ['noise', 'ambient', 'gain-spread', 'optical-crosstalk']\n\
                  [scan]\nrate_hz = 200\nduration_s = 9\n[device]\nseed = 3\nbits = 16\n\
                  [indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n\
                  [[random]]\nat_s = 1\npresses = 26\neach_s = 0.3\nx_mm = [-2, 2]\ny_mm = [-2, 2]\n\
-                 fz_n = [0.4, 2]\nshear_of_limit = [0, 0]\n";
+                 fz_n = [0.4, 2]\nshear_of_limit = [0, {shear}]\n"
+    );
     let mut samples: Vec<Sample> =
-        Simulator::new(&Scene::parse("presses.toml", scene).unwrap(), seed).collect();
+        Simulator::new(&Scene::parse("presses.toml", &scene).unwrap(), seed).collect();
     for (row, sample) in samples.iter_mut().enumerate() {
         // No contact points: the net alone is what is wanted here.
         sample.truth.point = [None; 2];
@@ -154,7 +169,7 @@ fn a_fingers_recording_that_is_wrong_is_told_of_or_refused() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let write = |name: &str, seed: u64, spoil: &dyn Fn(usize, &mut Sample)| {
-        finger(folder.0, name, seed, spoil);
+        finger(folder.0, name, (seed, 0.0), spoil);
     };
     let join = |_: usize, sample: &mut Sample| {
         let taxels = sample.scan.codes.taxels.as_mut().unwrap();
@@ -175,7 +190,12 @@ fn a_fingers_recording_that_is_wrong_is_told_of_or_refused() {
         sample.truth.force = sample.truth.force.map(|f| f.map(|f| -f));
     });
     let mut late = Vec::new();
-    finger(folder.0, "good.csv", 1, |_, _| {});
+    finger(folder.0, "good.csv", (1, 0.0), |_, _| {});
+    finger(folder.0, "sheared.csv", (1, 0.9), |_, _| {});
+    finger(folder.0, "shear-turned.csv", (2, 0.9), |_, sample| {
+        let [x, y, z] = sample.truth.force;
+        sample.truth.force = [x.map(|x| -x), y.map(|y| -y), z];
+    });
     let good: Vec<Sample> = taxel_formats::trace::TraceReader::open(folder.0.join("good.csv"))
         .unwrap()
         .collect::<Result<_, _>>()
@@ -195,8 +215,12 @@ fn a_fingers_recording_that_is_wrong_is_told_of_or_refused() {
     fits(&["constant.csv"], constant, End::Warned("lit_r1c2 reads the same in every row", 0.1));
     fits(&["good.csv@0..1.06"], judged, End::Refused("usable rows where at least"));
     fits(&["loose.csv"], judged, End::Warned("stand far out", 0.1));
-    fits(&["turned.csv"], judged, End::Refused("fz_n is negative where something presses"));
-    fits(&["off.csv"], judged, End::Warned("the reference fits far better", 3.0));
+    let negative = "turned.csv: fz_n is negative where something presses";
+    fits(&["turned.csv"], judged, End::Refused(negative));
+    fits(&["good.csv", "turned.csv"], judged, End::Refused(negative));
+    let against = "shear-turned.csv: fx_n, fy_n run against what sheared.csv says";
+    fits(&["sheared.csv", "shear-turned.csv"], judged, End::Refused(against));
+    fits(&["off.csv"], judged, End::Warned("off.csv: the reference fits far better", 0.1));
 }
 
 /// A force sensor on the bench at 250 Hz; every row goes through `spoil`.
@@ -264,6 +288,7 @@ fn a_force_sensors_recording_that_is_wrong_is_told_of_or_refused() {
     fits(&["loose.csv"], judged, End::Warned("stand far out", 0.005));
     let turned = ("fz_n", "turned-unseen.csv");
     fits(&["turned.csv"], turned, End::Warned("look at the reference's sign", 0.005));
-    fits(&["good.csv", "turned.csv"], judged, End::Refused("runs against"));
-    fits(&["off.csv"], judged, End::Warned("the reference fits far better", 2.0));
+    let against = "turned.csv: fx_n, fy_n, fz_n run against what good.csv says";
+    fits(&["good.csv", "turned.csv"], judged, End::Refused(against));
+    fits(&["off.csv"], judged, End::Warned("off.csv: the reference fits far better", 0.005));
 }

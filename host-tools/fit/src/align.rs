@@ -10,10 +10,14 @@ mod search;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::error::FitError;
-use search::{Trace, search};
+use search::{MOST_RATES, Trace, rates, search};
 
+/// Fewest rows of either.
+const LEAST_ROWS: usize = 32;
 /// A correlation below this is no common load.
 const LEAST_CORRELATION: f64 = 0.5;
+/// Of a load that repeats itself, one above this is not looked at for drift.
+const GOOD_CORRELATION: f64 = 0.9;
 /// A second offset that does nearly as well as the best: a load that repeats itself.
 const AMBIGUOUS: f64 = 0.97;
 /// Gauss–Newton steps, and rows that they look at.
@@ -69,8 +73,9 @@ pub fn align(
         mend: mend.to_owned(),
     };
     for (name, series) in [(sensor_name, sensor), (reference_name, reference)] {
-        if series.times.len() < 32 || series.times.len() != series.rows.len() {
-            let problem = format!("{} rows with a time where 32 are needed", series.times.len());
+        if series.times.len() < LEAST_ROWS || series.times.len() != series.rows.len() {
+            let rows = series.times.len();
+            let problem = format!("{rows} rows with a time where {LEAST_ROWS} are needed");
             return Err(refused(
                 name,
                 problem,
@@ -136,8 +141,20 @@ fn span(times: &[f64]) -> String {
 #[must_use]
 pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment> {
     let reference = Series { times: sensor.times, rows: targets };
-    let found = align([""; 2], sensor, reference).ok()?;
-    let here = refine_from(sensor, &Trace::new(reference)?, 0.0, 0.0, 0);
+    if sensor.times.len() < LEAST_ROWS
+        || sensor.times.len() != sensor.rows.len()
+        || sensor.times.windows(2).any(|pair| pair[1] <= pair[0])
+    {
+        return None;
+    }
+    let here = || Some(refine_from(sensor, &Trace::new(reference)?, 0.0, 0.0, 0));
+    // A load that repeats itself leaves the offset open: both began at one time then.
+    let drifted = || {
+        let good = here()?.correlation > GOOD_CORRELATION;
+        if good { None } else { drifting(sensor, reference) }
+    };
+    let found = align([""; 2], sensor, reference).ok().or_else(drifted)?;
+    let here = here()?;
     let (first, last) = (*sensor.times.first()?, *sensor.times.last()?);
     let row = (last - first) / sensor.times.len() as f64;
     let off = [first, last].into_iter().map(|t| (found.time(t) - t).abs()).fold(0.0, f64::max);
@@ -145,35 +162,54 @@ pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment>
     (off > 2.0 * row && left(&found) < 0.5 * left(&here)).then_some(found)
 }
 
-/// What is to be said of a reference that [`misaligned`] found to be so, of a recording that begins at `first`.
+/// The best alignment of clocks that began together.
+fn drifting(sensor: Series<'_>, reference: Series<'_>) -> Option<Alignment> {
+    let other = Trace::new(reference)?;
+    let first = *sensor.times.first()?;
+    let from = rates(MOST_RATES).map(|rate| refine_from(sensor, &other, -rate * first, rate, 0));
+    let best = from.max_by(|a, b| a.correlation.total_cmp(&b.correlation))?;
+    let refined = refine(sensor, &other, best.offset, best.rate);
+    (refined.correlation >= LEAST_CORRELATION).then_some(refined)
+}
+
+/// What is to be said of a reference that [`misaligned`] found to be so and that was read where it fits, of a
+/// recording that begins at `first`.
 pub(crate) fn off_time(recording: &str, found: &Alignment, first: f64) -> String {
     format!(
-        "{recording}: the reference fits far better {:+.3} s off at a rate {:+.2} % off; log it with its own \
-         times and give it with --reference",
+        "{recording}: the reference fits far better {:+.3} s off at a rate {:+.2} % off and was read there, within \
+         {:.1} ms; log it with its own times and give it with --reference",
         found.time(first) - first,
-        1e2 * found.rate
+        1e2 * found.rate,
+        1e3 * found.residual
     )
 }
 
 /// The rows of a reference at some times of its own clock; `None` where it has none nearby.
 #[must_use]
 pub fn resample(reference: Series<'_>, times: &[f64]) -> Vec<Option<Vec<f64>>> {
-    let longest = GAP * median_step(reference.times);
-    let at = |t: f64| {
-        let next = reference.times.partition_point(|known| *known < t);
-        let exact = reference.times.get(next).filter(|known| **known == t);
-        if exact.is_some() {
-            return Some(reference.rows[next].clone());
+    let found = places(reference.times, times).into_iter().map(|place| {
+        let (before, share) = place?;
+        let between = |(a, b): (&f64, &f64)| if share == 0.0 { *a } else { a + share * (b - a) };
+        let after = &reference.rows[(before + 1).min(reference.rows.len() - 1)];
+        Some(reference.rows[before].iter().zip(after).map(between).collect())
+    });
+    found.collect()
+}
+
+/// Where some times lie among `known` ones: behind which, and by what share of the way to the next. `None` beyond the
+/// ends and in gaps.
+pub(crate) fn places(known: &[f64], times: &[f64]) -> Vec<Option<(usize, f64)>> {
+    let longest = GAP * median_step(known);
+    let place = |t: f64| {
+        let next = known.partition_point(|known| *known < t);
+        if known.get(next) == Some(&t) {
+            return Some((next, 0.0));
         }
         let before = next.checked_sub(1)?;
-        let (a, b) = (reference.times[before], *reference.times.get(next)?);
-        let share = (t - a) / (b - a);
-        let between = |(a, b): (&f64, &f64)| a + share * (b - a);
-        (b - a <= longest).then(|| {
-            reference.rows[before].iter().zip(&reference.rows[next]).map(between).collect()
-        })
+        let (a, b) = (known[before], *known.get(next)?);
+        (b - a <= longest).then(|| (before, (t - a) / (b - a)))
     };
-    times.iter().map(|t| at(*t)).collect()
+    times.iter().map(|t| place(*t)).collect()
 }
 
 fn median_step(times: &[f64]) -> f64 {
@@ -383,6 +419,22 @@ mod tests {
         assert_eq!(misaligned(series, &at(0.0)), None);
         let found = misaligned(series, &at(0.03)).unwrap();
         assert!((found.time(50.0) - 50.0 / 1.03).abs() < 2e-3, "{found:?}");
+    }
+
+    #[test]
+    fn of_a_load_that_repeats_itself_the_rate_is_found_from_a_common_beginning() {
+        let wave = |t: f64| (2.0 * std::f64::consts::PI * t).sin();
+        let (times, _) = sensor();
+        let rows: Vec<Vec<f64>> = times.iter().map(|t| vec![wave(*t)]).collect();
+        let series = Series { times: &times, rows: &rows };
+        let at = |rate: f64| -> Vec<Vec<f64>> {
+            times.iter().map(|t| vec![wave(t * (1.0 + rate))]).collect()
+        };
+        assert_eq!(misaligned(series, &at(0.0)), None);
+        for rate in [0.03, -0.03] {
+            let found = misaligned(series, &at(rate)).unwrap();
+            assert!((found.time(50.0) - 50.0 / (1.0 + rate)).abs() < 2e-3, "{found:?}");
+        }
     }
 
     #[test]

@@ -1,8 +1,7 @@
-//! What recordings cannot bear: rows that are wrong, channels that say the same, references turned round.
+//! What recordings cannot bear: rows that are wrong, and channels that say the same.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
-use crate::error::FitError;
 use crate::gaussian::Rows;
 use crate::line;
 use crate::model::Recorded;
@@ -22,8 +21,6 @@ const MOST: f64 = 0.15;
 const SAME: f64 = 1e-6;
 /// A channel has part in a combination with a weight of this at least.
 const PART: f64 = 0.2;
-/// A recording of which the others foretell less than minus this share is turned round.
-const REVERSED: f64 = 0.3;
 
 fn scaled(recordings: &[Recorded]) -> (Scaling, Rows) {
     let x: Vec<&[f64]> = recordings.iter().flat_map(|r| &r.0).map(Vec::as_slice).collect();
@@ -136,42 +133,6 @@ pub(crate) fn conditioning(recordings: &[Recorded]) -> Option<Conditioning> {
     Some(Conditioning { number: 1.0 / ratio.max(1e-15), weakest })
 }
 
-/// A recording whose references run against what all the others say.
-///
-/// # Errors
-/// Its name and the target's.
-pub(crate) fn same_sign(
-    recordings: &[Recorded],
-    names: &[String],
-    targets: &[String],
-) -> Result<(), FitError> {
-    if recordings.len() < 2 {
-        return Ok(());
-    }
-    let (_, rows) = scaled(recordings);
-    let Some(foretold) = line::foretold(&rows, DECAY) else { return Ok(()) };
-    // Where one of three is turned, the others foretell nothing of each other; it itself is the worst.
-    let mut worst = (-REVERSED, None);
-    for (recording, (found, wanted)) in names.iter().zip(&foretold) {
-        for (k, target) in targets.iter().enumerate() {
-            let centred = |m: &DMatrix<f64>| m.column(k).add_scalar(-m.column(k).mean());
-            let (found, wanted) = (centred(found), centred(wanted));
-            let share = found.dot(&wanted) / wanted.norm_squared();
-            if share < worst.0 {
-                worst = (share, Some((recording, target)));
-            }
-        }
-    }
-    match worst.1 {
-        None => Ok(()),
-        Some((recording, target)) => Err(FitError::Mismatch {
-            recording: recording.clone(),
-            problem: format!("{target} runs against what the other recordings say"),
-            mend: "turn its sign in the recordings where it is wrong".into(),
-        }),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -209,16 +170,5 @@ mod tests {
         recording.0.iter_mut().for_each(|x| x[2] = 0.5 * x[0] - 3.0);
         let found = conditioning(&[recording]).unwrap();
         assert!(found.weakest == [0, 2] && found.is_collinear(), "{:?}", found.weakest);
-    }
-
-    #[test]
-    fn a_recording_that_is_turned_round_is_named() {
-        let names: Vec<String> = ["a.csv", "b.csv", "c.csv"].map(String::from).into();
-        let targets = ["force_n".to_owned()];
-        let mut all = [recording(300), recording(400), recording(500)];
-        assert_eq!(same_sign(&all, &names, &targets), Ok(()));
-        all[1].1.iter_mut().for_each(|y| y[0] = -y[0]);
-        let error = same_sign(&all, &names, &targets).unwrap_err().to_string();
-        assert!(error.starts_with("b.csv: force_n runs against"), "{error}");
     }
 }

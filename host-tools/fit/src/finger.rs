@@ -14,7 +14,6 @@ use taxel::calibration::Calibration;
 use taxel::estimate::slip::Slip;
 use taxel::scan::SENSORS;
 
-use crate::align;
 use crate::array;
 use crate::auto::Chosen;
 use crate::error::FitError;
@@ -124,12 +123,14 @@ pub fn fit(
             r.name
         )
     });
-    let warnings = warnings.collect();
-    let recordings: Vec<Prepared<'_>> = recordings
+    let mut warnings: Vec<String> = warnings.collect();
+    let prepared = recordings
         .iter()
         .filter(|recording| !warmth::is_warm_up(recording))
-        .map(|recording| Prepared::new(recording, warmth.as_ref()))
-        .collect::<Result<_, _>>()?;
+        .map(|recording| Prepared::new(recording, warmth.as_ref()));
+    let (recordings, off): (Vec<Prepared<'_>>, Vec<Option<String>>) =
+        prepared.collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
+    warnings.extend(off.into_iter().flatten());
     if recordings.is_empty() {
         return Err(FitError::NoLoad { part: "finger".into() });
     }
@@ -150,7 +151,6 @@ pub fn fit(
         warnings,
         parts: Vec::new(),
     };
-    fitted.warnings.extend(recordings.iter().filter_map(off_time));
     for sensor in 0..SENSORS {
         let own: Vec<(&Prepared<'_>, bool)> = recordings
             .iter()
@@ -177,12 +177,13 @@ pub fn fit(
         .map(|(recording, _)| recording)
         .collect();
     if !fingers.is_empty() {
+        let loads = net::loads(&mut fitted, &fingers, options)?;
         let skin = if options.net_only && options.family != Family::Auto {
             None
         } else {
             model_of_the_skin(&fingers, progress, stop)?
         };
-        net::fit(&mut fitted, &fingers, (options, skin.as_ref()), progress, stop)?;
+        net::fit(&mut fitted, loads, (options, skin.as_ref()), progress, stop)?;
         if let Some(skin) = skin.filter(|_| !options.net_only) {
             keep_skin(&mut fitted, skin);
         }
@@ -195,13 +196,6 @@ pub fn fit(
     }
     fitted.calibration.validate().map_err(FitError::Record)?;
     Ok(fitted)
-}
-
-/// A recording whose reference has another time than its signals.
-fn off_time(prepared: &Prepared<'_>) -> Option<String> {
-    let first = prepared.recording.samples.first()?.scan.time.0 as f64 * 1e-6;
-    let found = prepared.misaligned()?;
-    Some(align::off_time(&prepared.recording.name, &found, first))
 }
 
 fn warn_of_outliers(fitted: &mut Fitted, name: &str, outliers: usize, rows: usize) {

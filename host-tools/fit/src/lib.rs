@@ -34,6 +34,7 @@ mod quantise;
 pub mod range;
 pub mod recording;
 mod scaling;
+mod sign;
 mod skin;
 mod stretches;
 pub mod table;

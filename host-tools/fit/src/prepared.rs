@@ -1,5 +1,7 @@
 //! A finger's recording as the chip sees it, and what it is for.
 
+use std::borrow::Cow;
+
 use taxel::condition::{Bias, Signals, Warmth};
 use taxel::scan::{COLS, Codes, Midpoints, SENSORS, TAXELS};
 use taxel::units::Code;
@@ -20,13 +22,29 @@ const LAGS: f64 = 0.02;
 
 /// A recording with its signals as the chip sees them.
 pub(crate) struct Prepared<'r> {
-    pub recording: &'r Recording,
+    pub recording: Cow<'r, Recording>,
     pub bias: Bias,
     pub signals: Vec<Signals>,
 }
 
 impl<'r> Prepared<'r> {
-    pub fn new(recording: &'r Recording, warmth: Option<&Warmth>) -> Result<Self, FitError> {
+    /// The recording, its reference read where it fits; and what is to be said of it.
+    ///
+    /// # Errors
+    /// There is no unloaded stretch.
+    pub fn new(
+        recording: &'r Recording,
+        warmth: Option<&Warmth>,
+    ) -> Result<(Self, Option<String>), FitError> {
+        let prepared = Self::of(Cow::Borrowed(recording), warmth)?;
+        let Some(found) = prepared.misaligned() else { return Ok((prepared, None)) };
+        let first = recording.samples.first().map_or(0.0, |s| s.scan.time.0 as f64 * 1e-6);
+        let told = align::off_time(&recording.name, &found, first);
+        let read = Cow::Owned(recording.with_truth_at(&found));
+        Ok((Self::of(read, warmth)?, Some(told)))
+    }
+
+    fn of(recording: Cow<'r, Recording>, warmth: Option<&Warmth>) -> Result<Self, FitError> {
         let bias = recording.bias(warmth)?;
         let signals = recording.signals(&bias, warmth);
         Ok(Self { recording, bias, signals })
@@ -72,7 +90,7 @@ impl<'r> Prepared<'r> {
     }
 
     /// Where the reference would lie if it had been logged by another clock, for all that the signals say.
-    pub fn misaligned(&self) -> Option<Alignment> {
+    fn misaligned(&self) -> Option<Alignment> {
         let rows = self.recording.samples.iter().zip(&self.signals);
         let known = rows.filter_map(|(sample, signals)| {
             let force: Vec<f64> = sample.truth.force.iter().flatten().copied().collect();

@@ -1,10 +1,11 @@
 //! A trace in memory, and the stretch of it in which nothing touches the finger.
 
+use std::array;
 use std::ops::Range;
 
 use taxel::condition::{Bias, BiasTaker, Levels, Signals, Thermometer, Warmth};
 use taxel_formats::table::Table;
-use taxel_formats::trace::Sample;
+use taxel_formats::trace::{Sample, Truth};
 
 use crate::align::{self, Alignment, Series};
 use crate::checks::median;
@@ -68,6 +69,20 @@ impl Recording {
             }
         }
         Ok(alignment)
+    }
+
+    /// The same with its truth read at the times that `alignment` says; rows beyond it get none.
+    pub(crate) fn with_truth_at(&self, alignment: &Alignment) -> Self {
+        let own: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
+        let times: Vec<f64> = own.iter().map(|t| alignment.time(*t)).collect();
+        let mut read = self.clone();
+        for (sample, place) in read.samples.iter_mut().zip(align::places(&own, &times)) {
+            sample.truth = place.map_or_else(Truth::default, |(before, share)| {
+                let after = self.samples.get(before + 1).unwrap_or(&self.samples[before]);
+                between(&self.samples[before].truth, &after.truth, share)
+            });
+        }
+        read
     }
 
     /// What the unloaded finger reads, averaged as the chip would do it, at the temperature of `warmth`.
@@ -193,6 +208,21 @@ impl Recording {
         let mut taker = BiasTaker::new(u16::try_from(sound.len()).ok()?);
         let outcomes = sound.into_iter().filter_map(|levels| taker.add(levels, &Bias::default()));
         outcomes.last()?.ok().map(|taken| taken.bias)
+    }
+}
+
+/// What is so a share of the way from one row to the next.
+fn between(a: &Truth, b: &Truth, share: f64) -> Truth {
+    let value = |a: Option<f64>, b: Option<f64>| Some(a? + share * (b? - a?));
+    let triple = |a: [Option<f64>; 3], b: [Option<f64>; 3]| array::from_fn(|k| value(a[k], b[k]));
+    let nearer = if share < 0.5 { a } else { b };
+    Truth {
+        force: triple(a.force, b.force),
+        point: array::from_fn(|k| value(a.point[k], b.point[k])),
+        torsion: value(a.torsion, b.torsion),
+        contact: nearer.contact,
+        slip: nearer.slip,
+        sensors: array::from_fn(|k| triple(a.sensors[k], b.sensors[k])),
     }
 }
 

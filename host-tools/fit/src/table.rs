@@ -2,6 +2,7 @@
 
 mod model;
 
+use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use taxel_formats::FileError;
@@ -19,6 +20,7 @@ use crate::model::{Family, Recorded, Training};
 use crate::network::{NetOptions, Progress};
 use crate::range::{extremes, trained_range};
 use crate::scaling::Inputs;
+use crate::sign;
 
 pub use model::TableModel;
 
@@ -229,17 +231,17 @@ fn fit_model(
     };
     if let Some(law) = laws::fit(options.family, &rows) {
         model.law = Some(law?);
-        let rows = x.len();
-        let effective = 0.0;
-        model.residual = residual(&model, recordings);
+        model.residual = residual(&model, &rows);
+        let (rows, effective) = (x.len(), 0.0);
         return Ok(FittedTable { model, warnings, rows, condition, chosen: None, effective });
     }
     let (mut centre, mut kind, total) = (Vec::new(), kind, x.len());
+    let mut terms = Cow::Borrowed(&rows);
     if expansion != Expansion::None {
         // From the middle of each input its powers say different things; each has a size of its own.
         centre = middles(&x);
         kind = Inputs::Unlike;
-        for row in rows.iter_mut().flat_map(|(x, _)| x) {
+        for row in terms.to_mut().iter_mut().flat_map(|(x, _)| x) {
             row.iter_mut().zip(&centre).for_each(|(x, centre)| *x -= f64::from(*centre));
             *row = expansion.terms(row);
         }
@@ -247,7 +249,7 @@ fn fit_model(
     let training = Training {
         part: &options.family.to_string(),
         family: options.family,
-        recordings: &rows,
+        recordings: &terms,
         inputs: kind,
         hidden: options.hidden,
         usual: USUAL,
@@ -274,7 +276,7 @@ fn fit_model(
         output_bias: net.output_bias,
         ..model
     };
-    model.residual = residual(&model, recordings);
+    model.residual = residual(&model, &rows);
     let effective = net.effective;
     Ok(FittedTable { model, warnings, rows: total, condition, chosen, effective })
 }
@@ -287,20 +289,17 @@ fn check(
 ) -> Result<Vec<String>, FitError> {
     let first = &recordings[0];
     let names: Vec<String> = recordings.iter().map(TableRecording::name).collect();
-    checks::same_sign(rows, &names, &first.targets.names)?;
-    let mut warnings = Vec::new();
-    for (recording, name) in recordings.iter().zip(&names) {
-        let (times, inputs) = (&recording.inputs.times, &recording.inputs.rows);
-        let series = Series { times, rows: inputs };
-        if let Some(off) = align::misaligned(series, &recording.targets.rows) {
-            warnings.push(align::off_time(name, &off, times[0]));
-        }
-    }
-    for (k, target) in first.targets.names.iter().enumerate() {
-        let [low, high] = extremes(rows.iter().flat_map(|(_, y)| y).map(|y| y[k] as f32));
-        if target.ends_with("_n") && low < 0.0 && ONE_WAY * high < -low {
+    let mut warnings = put_on_time(recordings, rows);
+    sign::same_sign(rows, &names, &first.targets.names)?;
+    for (k, target) in first.targets.names.iter().enumerate().filter(|(_, t)| t.ends_with("_n")) {
+        let pulls = |(_, y): &&Recorded| {
+            let [low, high] = extremes(y.iter().map(|y| y[k] as f32));
+            low < 0.0 && ONE_WAY * high < -low
+        };
+        if rows.iter().all(|recorded| pulls(&recorded)) {
+            let names = names.join(", ");
             warnings.push(format!(
-                "{target}: never a force but a negative one; look at the reference's sign"
+                "{names}: {target}: never a force but a negative one; look at the reference's sign"
             ));
         }
     }
@@ -324,6 +323,31 @@ fn check(
         ));
     }
     Ok(warnings)
+}
+
+/// References read at the times at which they fit, and what is to be said of it.
+fn put_on_time(recordings: &[TableRecording], rows: &mut [Recorded]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for (recording, (x, y)) in recordings.iter().zip(rows) {
+        let times = &recording.inputs.times;
+        let Some(off) = align::misaligned(Series { times, rows: x }, y) else { continue };
+        let read: Vec<f64> = times.iter().map(|t| off.time(*t)).collect();
+        let found = align::resample(Series { times, rows: y }, &read);
+        let mut known = found.iter().map(Option::is_some);
+        x.retain(|_| known.next() == Some(true));
+        *y = found.into_iter().flatten().collect();
+        warnings.push(align::off_time(&recording.name(), &off, times[0]));
+    }
+    let timeless = recordings.iter().filter(|recording| recording.inputs.times.is_empty());
+    let timeless: Vec<String> = timeless.map(TableRecording::name).collect();
+    if !timeless.is_empty() {
+        warnings.push(format!(
+            "{}: no time column (t_s or t_us), so that it was not checked whether the reference is of the same moments \
+             as the inputs",
+            timeless.join(", ")
+        ));
+    }
+    warnings
 }
 
 fn said(law: &Law, x: &[f64]) -> Vec<f64> {
@@ -351,9 +375,9 @@ fn listed(columns: &[usize], names: &[String]) -> String {
     columns.iter().map(|i| names[*i].as_str()).collect::<Vec<_>>().join(", ")
 }
 
-/// RMS error of each target on the recordings themselves.
-fn residual(model: &TableModel, recordings: &[TableRecording]) -> Vec<f32> {
-    let errors = errors(model, recordings).into_iter();
+/// RMS error of each target on the rows that it was fitted to.
+fn residual(model: &TableModel, rows: &[Recorded]) -> Vec<f32> {
+    let errors = errors(model, rows.iter().flat_map(|(x, y)| x.iter().zip(y))).into_iter();
     errors.map(|errors| errors.into_metrics("").figures.map_or(0.0, |f| f.rmse as f32)).collect()
 }
 
@@ -413,7 +437,7 @@ pub fn evaluate(
         });
     }
     let beyond = |row: &&Vec<f64>| !model.within_range(&to_f32(row));
-    let targets = errors(model, std::slice::from_ref(recording));
+    let targets = errors(model, recording.inputs.rows.iter().zip(&recording.targets.rows));
     Ok(TableEvaluation {
         targets: targets
             .into_iter()
@@ -428,15 +452,14 @@ fn to_f32(row: &[f64]) -> Vec<f32> {
     row.iter().map(|value| *value as f32).collect()
 }
 
-fn errors(model: &TableModel, recordings: &[TableRecording]) -> Vec<Errors> {
+fn errors<'r>(
+    model: &TableModel,
+    rows: impl Iterator<Item = (&'r Vec<f64>, &'r Vec<f64>)>,
+) -> Vec<Errors> {
     let mut errors = vec![Errors::default(); model.targets.len()];
-    for recording in recordings {
-        for (x, y) in recording.inputs.rows.iter().zip(&recording.targets.rows) {
-            for ((errors, found), wanted) in
-                errors.iter_mut().zip(model.estimate(&to_f32(x))).zip(y)
-            {
-                errors.add(f64::from(found) - wanted);
-            }
+    for (x, y) in rows {
+        for ((errors, found), wanted) in errors.iter_mut().zip(model.estimate(&to_f32(x))).zip(y) {
+            errors.add(f64::from(found) - wanted);
         }
     }
     errors

@@ -156,22 +156,38 @@ fn five_percent_of_outliers_change_nothing_and_are_counted() {
 fn a_reference_that_is_turned_round_in_one_recording_is_refused_by_name() {
     let turned = recording("turned.csv", 2000, 40.0, |_, row| row.force = -row.force);
     let other = recording("other.csv", 2000, 80.0, |_, _| {});
-    let error = ridge(&[good("good.csv"), turned, other]).unwrap_err().to_string();
-    assert!(error.starts_with("turned.csv: force_n runs against"), "{error}");
+    let said = |recordings: &[TableRecording]| ridge(recordings).unwrap_err().to_string();
+    let error = said(&[good("good.csv"), turned.clone(), other]);
+    assert!(error.starts_with("turned.csv: force_n runs against what the other"), "{error}");
+    // Of two that disagree the one that pulls is it.
+    for pair in [[good("good.csv"), turned.clone()], [turned.clone(), good("good.csv")]] {
+        let error = said(&pair);
+        assert!(
+            error.starts_with("turned.csv: force_n runs against what good.csv says"),
+            "{error}"
+        );
+    }
+    let alone = ridge(&[turned]).unwrap();
+    assert!(
+        alone.warnings[0].starts_with("turned.csv: force_n: never a force but a negative"),
+        "{:?}",
+        alone.warnings
+    );
 }
 
 #[test]
-fn a_time_base_that_is_off_is_told_and_a_reference_of_its_own_is_aligned() {
+fn a_time_base_that_is_off_is_put_right_and_told_and_a_reference_of_its_own_is_aligned() {
+    let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
     let off = |rate: f64| {
         recording("off.csv", 2000, 0.0, move |_, row| row.force = load(row.t * (1.0 + rate)))
     };
-    let fitted = ridge(&[off(0.03)]).unwrap();
-    assert!(
-        fitted.warnings[0].contains("off.csv: the reference fits far better"),
-        "{:?}",
-        fitted.warnings
-    );
-    assert!(fitted.warnings[0].contains("--reference"), "{:?}", fitted.warnings);
+    for (rate, told) in [(0.03, "-2.91 %"), (-0.03, "+3.09 %")] {
+        let fitted = ridge(&[off(rate)]).unwrap();
+        let said = &fitted.warnings[0];
+        assert!(said.contains("off.csv: the reference fits far better"), "{said}");
+        assert!(said.contains(told) && said.contains("--reference"), "{said}");
+        assert!(error_of(&fitted) < 1.1 * clean, "{rate}: {} {clean}", error_of(&fitted));
+    }
 
     // The same reference with the times that its own clock showed.
     let mut reference = off(0.03).targets;
@@ -184,6 +200,16 @@ fn a_time_base_that_is_off_is_told_and_a_reference_of_its_own_is_aligned() {
     let fitted = ridge(&[aligned]).unwrap();
     assert_eq!(fitted.warnings, Vec::<String>::new());
     assert!(error_of(&fitted) < 0.15);
+}
+
+#[test]
+fn a_table_without_times_is_told_to_be_unchecked() {
+    let mut timeless = good("timeless.csv");
+    timeless.inputs.times.clear();
+    timeless.targets.times.clear();
+    let fitted = ridge(&[good("good.csv"), timeless]).unwrap();
+    let [said] = &fitted.warnings[..] else { panic!("{:?}", fitted.warnings) };
+    assert!(said.starts_with("timeless.csv: no time column (t_s or t_us)"), "{said}");
 }
 
 #[test]

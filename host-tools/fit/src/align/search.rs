@@ -11,7 +11,7 @@ const FARTHEST_RATE: f64 = 0.05;
 /// Most points on which the correlation is searched.
 const MOST_POINTS: usize = 8192;
 /// Most rates that are tried.
-const MOST_RATES: usize = 401;
+pub(super) const MOST_RATES: usize = 401;
 
 /// One number a row: what the columns show most of, about zero.
 pub(super) struct Trace<'s> {
@@ -74,11 +74,9 @@ pub(super) fn search(own: &Trace<'_>, other: &Trace<'_>) -> Coarse {
         spectrum(&|i| own.at(own.times[0] + i as f64 * step).unwrap_or_default());
     // As wide as a press is: beyond it the correlation has fallen to a half.
     let width = correlation_time(&fixed, &*back) as f64 * step;
-    let rates = (2.0 * FARTHEST_RATE * span / width.max(step)).ceil() as usize | 1;
-    let rates = rates.clamp(21, MOST_RATES);
+    let count = (2.0 * FARTHEST_RATE * span / width.max(step)).ceil() as usize | 1;
     let mut best = Coarse { offset: 0.0, rate: 0.0, correlation: -1.0, second: 0.0 };
-    for number in 0..rates {
-        let rate = FARTHEST_RATE * (2.0 * number as f64 / (rates - 1) as f64 - 1.0);
+    for rate in rates(count.clamp(21, MOST_RATES)) {
         // Sample i of the other is what it shows when the sensor's clock has gone on by i steps.
         let sample = |i: usize| {
             other.at(other.times[0] + (1.0 + rate) * i as f64 * step).unwrap_or_default()
@@ -105,6 +103,11 @@ pub(super) fn search(own: &Trace<'_>, other: &Trace<'_>) -> Coarse {
         }
     }
     best
+}
+
+/// So many rates, evenly from the slowest clock to the fastest.
+pub(super) fn rates(count: usize) -> impl Iterator<Item = f64> {
+    (0..count).map(move |i| FARTHEST_RATE * (2.0 * i as f64 / (count - 1) as f64 - 1.0))
 }
 
 /// Lag at which the autocorrelation has fallen to a half.

@@ -11,6 +11,7 @@ use crate::model::Recorded;
 use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::FORCES;
+use crate::sign;
 
 /// Signal to noise of S's weakest direction below which the fit warns: 1/20² is 0.25 % of S.
 const WEAK: f64 = 20.0;
@@ -64,7 +65,7 @@ pub(super) fn fit(
     }
     let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
     let names: Vec<String> = recordings.iter().map(|(r, _)| r.recording.name.clone()).collect();
-    checks::same_sign(&each, &names, &FORCES.map(String::from))?;
+    sign::same_sign(&each, &names, &FORCES.map(String::from))?;
     faulty += drop_outliers(fitted, &name, &mut signals, &mut forces);
     let fit = least_squares::fit(&name, &signals, &forces, f64::from(bias.noise))?;
     if fit.ratio < WEAK {

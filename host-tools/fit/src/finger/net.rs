@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::{Range, TaxelCalibration};
-use taxel::condition::{Bias, Signals};
+use taxel::condition::{Bias, Signals, TaxelBias};
 use taxel::estimate::gate::Gate;
 use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
 use taxel::scan::{COLS, TAXELS};
@@ -12,30 +12,44 @@ use super::{FitOptions, Fitted, Part, known, warn_of_outliers, warn_of_stuck};
 use crate::auto::SkinTeacher;
 use crate::checks::{self, Conditioning};
 use crate::error::FitError;
-use crate::model::{Family, Training};
+use crate::model::{Family, Recorded, Training};
 use crate::network::{Net, Progress};
 use crate::prepared::Prepared;
 use crate::range::trained_range;
+use crate::recording::FORCES;
 use crate::scaling::Inputs;
+use crate::sign;
 use crate::skin::Skin;
 
 /// A shear below this share of the normal force is none: the recordings are of normal presses.
 const NO_SHEAR: f64 = 0.01;
 
-/// Fits the net to the recordings of the finger; the model of the skin, where there is one, may teach it.
-pub(super) fn fit(
+/// What a net is fitted to: the rows of each recording in which the chip would run it.
+pub(super) struct Loads {
+    bias: TaxelBias,
+    outputs: usize,
+    rows: Vec<Recorded>,
+    /// Rows left out because a taxel was saturated or dead.
+    faulty: usize,
+}
+
+/// Name of the part before its shape is known.
+const NAME: &str = "net";
+
+/// Gathers the rows of the recordings of the finger.
+///
+/// # Errors
+/// What the options or the recordings lack, and references that cannot be.
+pub(super) fn loads(
     fitted: &mut Fitted,
     recordings: &[&Prepared<'_>],
-    (options, skin): (&FitOptions, Option<&Skin>),
-    progress: &mut dyn FnMut(Progress),
-    stop: &AtomicBool,
-) -> Result<(), FitError> {
+    options: &FitOptions,
+) -> Result<Loads, FitError> {
     let outputs = match options.outputs {
         None => outputs_of(recordings),
         Some(outputs) => outputs,
     };
-    let usual = if outputs == 1 { 12 } else { 16 };
-    let name = "net".to_owned();
+    let name = NAME.to_owned();
     if !matches!(outputs, 1 | 3) || options.hidden.is_some_and(|hidden| hidden > MAX_HIDDEN) {
         let problem =
             format!("a record holds 1 or 3 outputs and at most {MAX_HIDDEN} hidden units");
@@ -126,21 +140,37 @@ pub(super) fn fit(
             ),
         });
     }
+    let names: Vec<String> = recordings.iter().map(|r| r.recording.name.clone()).collect();
+    let targets: Vec<String> = FORCES[3 - outputs..].iter().map(|f| (*f).to_owned()).collect();
+    sign::same_sign(&rows, &names, &targets)?;
+    Ok(Loads { bias, outputs, rows, faulty })
+}
+
+/// Fits the net; the model of the skin, where there is one, may teach it.
+pub(super) fn fit(
+    fitted: &mut Fitted,
+    Loads { bias, outputs, mut rows, faulty }: Loads,
+    (options, skin): (&FitOptions, Option<&Skin>),
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<(), FitError> {
+    let usual = if outputs == 1 { 12 } else { 16 };
+    let total: usize = rows.iter().map(|(x, _)| x.len()).sum();
     let outliers = checks::remove_outliers(&mut rows);
     if outliers > 0 {
-        warn_of_outliers(fitted, &name, outliers, total);
+        warn_of_outliers(fitted, NAME, outliers, total);
     }
     if let Some(found) = checks::conditioning(&rows).filter(Conditioning::is_collinear) {
         let taxels = found.weakest.iter().map(|k| format!("r{}c{}", k / COLS, k % COLS));
         fitted.warnings.push(format!(
-            "{name}: taxels {} say together what fewer of them would (condition number {:.0e}); look for \
+            "{NAME}: taxels {} say together what fewer of them would (condition number {:.0e}); look for \
              channels that are joined",
             taxels.collect::<Vec<_>>().join(", "),
             found.number
         ));
     }
     let training = Training {
-        part: &name,
+        part: NAME,
         family: options.family,
         recordings: &rows,
         inputs: Inputs::Alike,
@@ -172,7 +202,7 @@ pub(super) fn fit(
     });
     fitted.calibration.force =
         Some(ForceNet::new(&net.layers()).map_err(|list| FitError::Shape {
-            part: "net".into(),
+            part: NAME.into(),
             problem: format!("its {list} is not of a finger's shape"),
         })?);
     Ok(())
