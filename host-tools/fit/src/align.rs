@@ -10,6 +10,7 @@ mod search;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::error::FitError;
+use crate::outliers::median;
 use search::{MOST_RATES, Trace, rates, search};
 
 /// Fewest rows of either.
@@ -147,6 +148,10 @@ pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment>
     {
         return None;
     }
+    // What a loose contact makes of both would be laid onto each other.
+    let (own, theirs) = (steadied(sensor.rows), steadied(targets));
+    let (sensor, reference) =
+        (Series { rows: &own, ..sensor }, Series { rows: &theirs, ..reference });
     let here = || Some(refine_from(sensor, &Trace::new(reference)?, 0.0, 0.0, 0));
     // A load that repeats itself leaves the offset open: both began at one time then.
     let drifted = || {
@@ -160,6 +165,25 @@ pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment>
     let off = [first, last].into_iter().map(|t| (found.time(t) - t).abs()).fold(0.0, f64::max);
     let left = |alignment: &Alignment| 1.0 - alignment.correlation.powi(2);
     (off > 2.0 * row && left(&found) < 0.5 * left(&here)).then_some(found)
+}
+
+/// Each column without spikes: the median of five rows, within half of its usual width about that.
+fn steadied(rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    const BESIDE: usize = 2;
+    let mut steady = rows.to_vec();
+    for k in 0..rows.first().map_or(0, Vec::len) {
+        let mut sorted: Vec<f64> = rows.iter().map(|row| row[k]).collect();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let [low, high] =
+            [0.05, 0.95].map(|share| sorted[(share * (rows.len() - 1) as f64) as usize]);
+        let beyond = if high > low { 0.5 * (high - low) } else { f64::MAX };
+        for (at, row) in steady.iter_mut().enumerate() {
+            let near = at.saturating_sub(BESIDE)..(at + BESIDE + 1).min(rows.len());
+            let middle = median(rows[near].iter().map(|row| row[k]).collect());
+            row[k] = middle.clamp(low - beyond, high + beyond);
+        }
+    }
+    steady
 }
 
 /// The best alignment of clocks that began together.

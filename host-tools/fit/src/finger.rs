@@ -8,6 +8,7 @@
 mod bench;
 mod net;
 
+use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
@@ -181,7 +182,7 @@ pub fn fit(
         let skin = if options.net_only && options.family != Family::Auto {
             None
         } else {
-            model_of_the_skin(&fingers, progress, stop)?
+            model_of_the_skin(&fingers, &loads.wrong, progress, stop)?
         };
         net::fit(&mut fitted, loads, (options, skin.as_ref()), progress, stop)?;
         if let Some(skin) = skin.filter(|_| !options.net_only) {
@@ -196,13 +197,6 @@ pub fn fit(
     }
     fitted.calibration.validate().map_err(FitError::Record)?;
     Ok(fitted)
-}
-
-fn warn_of_outliers(fitted: &mut Fitted, name: &str, outliers: usize, rows: usize) {
-    fitted.warnings.push(format!(
-        "{name}: {outliers} of {rows} rows stand far out of the rows before and after them and were left out; \
-         look for a loose contact"
-    ));
 }
 
 fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String]) {
@@ -227,13 +221,14 @@ fn known(force: [Option<f64>; 3]) -> Option<[f64; 3]> {
 /// The model of the skin, where the recordings tell contact points.
 fn model_of_the_skin(
     recordings: &[&Prepared<'_>],
+    wrong: &[HashSet<usize>],
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Option<Skin>, FitError> {
     let Some(bias) = recordings.first().and_then(|first| first.bias.taxels) else {
         return Ok(None);
     };
-    match skin::fit(recordings, bias.noise, progress, stop) {
+    match skin::fit(recordings, (wrong, bias.noise), progress, stop) {
         // Fewer rows than a model needs, or no time for one, leave the net.
         Err(FitError::TooFewRows { .. } | FitError::Stopped) => Ok(None),
         skin => skin,

@@ -29,6 +29,7 @@ pub mod metrics;
 mod mlp;
 pub mod model;
 pub mod network;
+mod outliers;
 mod prepared;
 mod quantise;
 pub mod range;

@@ -8,8 +8,8 @@ use taxel_formats::table::Table;
 use taxel_formats::trace::{Sample, Truth};
 
 use crate::align::{self, Alignment, Series};
-use crate::checks::median;
 use crate::error::FitError;
+use crate::outliers::median;
 
 /// Names of the finger's forces.
 pub(crate) const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];

@@ -1,6 +1,7 @@
 //! The model of a finger's skin out of recordings that tell where it is touched, and whether it is worth
 //! having: what it is compared with is the net.
 
+use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
 use taxel::condition::Signals;
@@ -27,17 +28,19 @@ pub(crate) struct Skin {
     pub residual: [f64; 3],
 }
 
-/// Fits the model to the recordings that tell force and contact point; `None` where none does.
+/// Fits the model to the recordings that tell force and contact point, but for the rows of each that are wrong; `None`
+/// where none does.
 ///
 /// # Errors
 /// Too few rows, or stopped.
 pub(crate) fn fit(
     recordings: &[&Prepared<'_>],
-    noise: f32,
+    (wrong, noise): (&[HashSet<usize>], f32),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Option<Skin>, FitError> {
-    let runs: Vec<Vec<Option<Row>>> = recordings.iter().map(|r| rows(r)).collect();
+    let runs: Vec<Vec<Option<Row>>> =
+        recordings.iter().zip(wrong).map(|(r, wrong)| rows(r, wrong)).collect();
     let loaded: Vec<Row> = runs.iter().flatten().flatten().cloned().collect();
     if loaded.is_empty() {
         return Ok(None);
@@ -59,16 +62,18 @@ pub(crate) fn friction(rows: &[Row]) -> f64 {
 }
 
 /// The moments of a recording that are touched, sound and fully known.
-fn rows(prepared: &Prepared<'_>) -> Vec<Option<Row>> {
+fn rows(prepared: &Prepared<'_>, wrong: &HashSet<usize>) -> Vec<Option<Row>> {
     let gate = Gate::default();
     let samples = prepared.recording.samples.iter().zip(&prepared.signals);
     samples
-        .map(|(sample, signals)| {
+        .enumerate()
+        .map(|(at, (sample, signals))| {
             let ([fx, fy, fz], [x, y]) = (sample.truth.force, sample.truth.point);
             let c = signals.taxels?;
             let alone = Signals { taxels: Some(c), ..Signals::default() };
             let touched = prepared.bias.activity(&alone) > gate.off * gate.off;
-            let sound = signals.health.dead == 0 && signals.health.saturated == 0;
+            let sound =
+                signals.health.dead == 0 && signals.health.saturated == 0 && !wrong.contains(&at);
             let row = Row { signals: c.map(f64::from), force: [fx?, fy?, fz?], point: [x?, y?] };
             (touched && sound && row.force[2] > 0.0).then_some(row)
         })

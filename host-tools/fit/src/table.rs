@@ -18,6 +18,7 @@ use crate::laws::{self, Law};
 use crate::metrics::{Errors, TargetMetrics};
 use crate::model::{Family, Recorded, Training};
 use crate::network::{NetOptions, Progress};
+use crate::outliers::Outliers;
 use crate::range::{extremes, trained_range};
 use crate::scaling::Inputs;
 use crate::sign;
@@ -303,25 +304,25 @@ fn check(
             ));
         }
     }
-    let total: usize = rows.iter().map(|(x, _)| x.len()).sum();
-    let outliers = match laws::fit(family, rows) {
+    let law = match laws::fit(family, rows) {
         Some(Ok(bent)) => {
             // The outliers bent it; what it leaves gives the law that they are judged by.
             let mut kept = rows.to_vec();
-            checks::remove_outliers_of(&mut kept, |x| said(&bent, x));
-            let law = laws::fit(family, &kept).and_then(Result::ok).unwrap_or(bent);
-            checks::remove_outliers_of(rows, |x| said(&law, x))
+            if let Ok(found) = Outliers::find(rows, &names, Some(&|x| said(&bent, x))) {
+                found.remove_from(&mut kept);
+            }
+            laws::fit(family, &kept).and_then(Result::ok).or(Some(bent))
         }
         // What cannot be fitted is refused later.
-        Some(Err(_)) => 0,
-        None => checks::remove_outliers(rows),
+        Some(Err(_)) => return Ok(warnings),
+        None => None,
     };
-    if outliers > 0 {
-        warnings.push(format!(
-            "{outliers} of {total} rows stand far out of the rows before and after them and were left out; \
-             look for a loose contact"
-        ));
-    }
+    let outliers = match &law {
+        Some(law) => Outliers::find(rows, &names, Some(&|x| said(law, x)))?,
+        None => Outliers::find(rows, &names, None)?,
+    };
+    outliers.remove_from(rows);
+    warnings.extend(outliers.told);
     Ok(warnings)
 }
 

@@ -145,7 +145,7 @@ fn five_percent_of_outliers_change_nothing_and_are_counted() {
     });
     let fitted = ridge(&[loose]).unwrap();
     assert!(
-        fitted.warnings[0].starts_with("100 of 2000 rows stand far out"),
+        fitted.warnings[0].starts_with("loose.csv: 100 of 2000 rows (5 %) stand far out"),
         "{:?}",
         fitted.warnings
     );
@@ -251,7 +251,11 @@ fn a_laws_own_jumps_are_no_outliers_and_rows_off_the_law_are() {
         }
     });
     let fitted = fit_to(&[loose], Family::Feeler).unwrap();
-    assert!(fitted.warnings[0].starts_with("20 of 900 rows stand far"), "{:?}", fitted.warnings);
+    assert!(
+        fitted.warnings[0].starts_with("feeler.csv: 20 of 900 rows (2 %) stand far"),
+        "{:?}",
+        fitted.warnings
+    );
     let unseen = evaluate(&fitted.model, &feeler(|_, _| {})).unwrap();
     let off = unseen.targets[0].figures.unwrap().rmse;
     assert!(off < 0.01, "{off}");

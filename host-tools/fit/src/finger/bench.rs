@@ -3,11 +3,11 @@
 use taxel::calibration::SensorCalibration;
 use taxel::estimate::sensitivity::Sensitivity;
 
-use super::{Fitted, Part, known, warn_of_outliers, warn_of_stuck};
-use crate::checks;
+use super::{Fitted, Part, known, warn_of_stuck};
 use crate::error::FitError;
 use crate::least_squares;
 use crate::model::Recorded;
+use crate::outliers::Outliers;
 use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::FORCES;
@@ -66,7 +66,13 @@ pub(super) fn fit(
     let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
     let names: Vec<String> = recordings.iter().map(|(r, _)| r.recording.name.clone()).collect();
     sign::same_sign(&each, &names, &FORCES.map(String::from))?;
-    faulty += drop_outliers(fitted, &name, &mut signals, &mut forces);
+    let outliers = Outliers::find(&each, &names, None)?;
+    faulty += outliers.wrong.iter().flatten().filter(|wrong| **wrong).count();
+    let mut wrong = outliers.wrong.iter().flatten();
+    signals.retain(|_| wrong.next() == Some(&false));
+    let mut wrong = outliers.wrong.iter().flatten();
+    forces.retain(|_| wrong.next() == Some(&false));
+    fitted.warnings.extend(outliers.told);
     let fit = least_squares::fit(&name, &signals, &forces, f64::from(bias.noise))?;
     if fit.ratio < WEAK {
         fitted.warnings.push(format!(
@@ -112,22 +118,4 @@ pub(super) fn fit(
 fn recorded(signals: &[[f64; 3]], forces: &[[f64; 3]]) -> Recorded {
     let lists = |rows: &[[f64; 3]]| rows.iter().map(|row| row.to_vec()).collect();
     (lists(signals), lists(forces))
-}
-
-/// Takes out rows of a sensor that stand alone; how many.
-fn drop_outliers(
-    fitted: &mut Fitted,
-    name: &str,
-    signals: &mut Vec<[f64; 3]>,
-    forces: &mut Vec<[f64; 3]>,
-) -> usize {
-    let mut recorded = [recorded(signals, forces)];
-    let outliers = checks::remove_outliers(&mut recorded);
-    if outliers > 0 {
-        warn_of_outliers(fitted, name, outliers, signals.len());
-        let arrays = |rows: &[Vec<f64>]| rows.iter().map(|r| [r[0], r[1], r[2]]).collect();
-        let [(x, y)] = &recorded;
-        (*signals, *forces) = (arrays(x), arrays(y));
-    }
-    outliers
 }

@@ -1,5 +1,6 @@
 //! The net from the optical matrix to the force (002).
 
+use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::{Range, TaxelCalibration};
@@ -8,12 +9,13 @@ use taxel::estimate::gate::Gate;
 use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
 use taxel::scan::{COLS, TAXELS};
 
-use super::{FitOptions, Fitted, Part, known, warn_of_outliers, warn_of_stuck};
+use super::{FitOptions, Fitted, Part, known, warn_of_stuck};
 use crate::auto::SkinTeacher;
 use crate::checks::{self, Conditioning};
 use crate::error::FitError;
 use crate::model::{Family, Recorded, Training};
 use crate::network::{Net, Progress};
+use crate::outliers::Outliers;
 use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::FORCES;
@@ -31,6 +33,8 @@ pub(super) struct Loads {
     rows: Vec<Recorded>,
     /// Rows left out because a taxel was saturated or dead.
     faulty: usize,
+    /// Of each recording the samples that are wrong.
+    pub wrong: Vec<HashSet<usize>>,
 }
 
 /// Name of the part before its shape is known.
@@ -67,7 +71,7 @@ pub(super) fn loads(
         );
         return Err(FitError::Shape { part: name, problem });
     }
-    let (mut rows, mut faulty) = (Vec::new(), 0);
+    let (mut rows, mut places, mut faulty) = (Vec::new(), Vec::new(), 0);
     let mut first_bias = None;
     for recording in recordings {
         let missing = |missing: &str, mend: &str| FitError::Missing {
@@ -80,10 +84,11 @@ pub(super) fn loads(
         })?;
         first_bias.get_or_insert(bias);
         warn_of_stuck(fitted, recording, &recording.stuck_taxels());
-        let (mut x, mut y, before) = (Vec::new(), Vec::new(), faulty);
+        let (mut x, mut y, mut at, before) = (Vec::new(), Vec::new(), Vec::new(), faulty);
         let own = Bias { taxels: Some(bias), ..Bias::default() };
         let gate = Gate::default();
-        for (sample, signals) in recording.recording.samples.iter().zip(&recording.signals) {
+        let samples = recording.recording.samples.iter().zip(&recording.signals);
+        for (row, (sample, signals)) in samples.enumerate() {
             let [fx, fy, fz] = sample.truth.force;
             let target = if outputs == 1 {
                 fz.map(|z| vec![z])
@@ -98,6 +103,7 @@ pub(super) fn loads(
             } else if own.activity(&alone) > gate.off * gate.off {
                 x.push(c.map(f64::from).to_vec());
                 y.push(target);
+                at.push(row);
             }
         }
         if x.is_empty() && faulty == before {
@@ -120,6 +126,7 @@ pub(super) fn loads(
             });
         }
         rows.push((x, y));
+        places.push(at);
     }
     let Some(bias) = first_bias else { return Err(FitError::NoRecording) };
     for (recording, (_, y)) in recordings.iter().zip(&rows) {
@@ -143,23 +150,25 @@ pub(super) fn loads(
     let names: Vec<String> = recordings.iter().map(|r| r.recording.name.clone()).collect();
     let targets: Vec<String> = FORCES[3 - outputs..].iter().map(|f| (*f).to_owned()).collect();
     sign::same_sign(&rows, &names, &targets)?;
-    Ok(Loads { bias, outputs, rows, faulty })
+    let outliers = Outliers::find(&rows, &names, None)?;
+    outliers.remove_from(&mut rows);
+    let wrong = places.iter().zip(&outliers.wrong).map(|(at, wrong)| {
+        at.iter().zip(wrong).filter(|(_, wrong)| **wrong).map(|(row, _)| *row).collect()
+    });
+    let wrong = wrong.collect();
+    fitted.warnings.extend(outliers.told);
+    Ok(Loads { bias, outputs, rows, faulty, wrong })
 }
 
 /// Fits the net; the model of the skin, where there is one, may teach it.
 pub(super) fn fit(
     fitted: &mut Fitted,
-    Loads { bias, outputs, mut rows, faulty }: Loads,
+    Loads { bias, outputs, rows, faulty, .. }: Loads,
     (options, skin): (&FitOptions, Option<&Skin>),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<(), FitError> {
     let usual = if outputs == 1 { 12 } else { 16 };
-    let total: usize = rows.iter().map(|(x, _)| x.len()).sum();
-    let outliers = checks::remove_outliers(&mut rows);
-    if outliers > 0 {
-        warn_of_outliers(fitted, NAME, outliers, total);
-    }
     if let Some(found) = checks::conditioning(&rows).filter(Conditioning::is_collinear) {
         let taxels = found.weakest.iter().map(|k| format!("r{}c{}", k / COLS, k % COLS));
         fitted.warnings.push(format!(

@@ -1,0 +1,166 @@
+//! Rows that are wrong: a loose contact, a reference that hangs.
+//!
+//! A row that stands alone is found by the rows before and after it (Hampel's identifier). A run of wrong rows, or one
+//! at the end of a recording, has nothing right beside it: it is found by the rows of other moments that are most like
+//! it. What the law of all rows leaves of its targets, or one of its inputs, lies farther off theirs than
+//!
+//! - they lie apart, by far, and the more so the farther from them it is: where a law is bad or no press like it was
+//!   recorded, sound rows lie off just so;
+//! - the law leaves of most rows: a target that it does not explain tells nothing.
+//!
+//! And it begins or ends with a jump, for a press that is unlike all others grows out of the rows about it. Each
+//! recording is judged by itself: another day's may well say something else.
+
+mod alike;
+
+use nalgebra::DMatrix;
+
+use crate::checks::scaled;
+use crate::error::FitError;
+use crate::line;
+use crate::model::Recorded;
+
+/// Decay of the line below, rows being scaled to about one.
+const DECAY: f64 = 1e-3;
+/// A row is wrong if it stands out of its neighbours by so many of their own deviations …
+const OUTLIER: f64 = 8.0;
+/// … and by this share of the target's spread.
+const GROSS: f64 = 0.05;
+/// Neighbours on either side that it is compared with (Hampel's identifier).
+const NEIGHBOURS: usize = 3;
+/// If more rows than this stand alone, that is what the recordings are.
+const ALONE: f64 = 0.15;
+/// A recording with more wrong rows than this is none to fit to.
+const MOST: f64 = 0.2;
+/// Where so many rows stand alone, others that only the rows like them tell do so as well.
+const LOOSE: f64 = 0.01;
+
+/// The wrong rows of some recordings.
+pub(crate) struct Outliers {
+    /// Of each recording, row for row.
+    pub wrong: Vec<Vec<bool>>,
+    /// What is to be said of them.
+    pub told: Vec<String>,
+}
+
+impl Outliers {
+    /// Finds them; `law` is what the rows obey, if that is known: a line would take a law's own jumps for outliers.
+    ///
+    /// # Errors
+    /// A recording of which too many rows are wrong.
+    pub fn find(
+        recordings: &[Recorded],
+        names: &[String],
+        law: Option<&dyn Fn(&[f64]) -> Vec<f64>>,
+    ) -> Result<Self, FitError> {
+        let wrong = wrong(recordings, law);
+        let told =
+            wrong.iter().zip(names).filter_map(|(wrong, name)| told(wrong, name).transpose());
+        let told = told.collect::<Result<_, _>>()?;
+        Ok(Self { wrong, told })
+    }
+
+    /// The recordings without them.
+    pub fn remove_from(&self, recordings: &mut [Recorded]) {
+        for (wrong, (x, y)) in self.wrong.iter().zip(recordings) {
+            let (mut of_x, mut of_y) = (wrong.iter(), wrong.iter());
+            x.retain(|_| of_x.next() == Some(&false));
+            y.retain(|_| of_y.next() == Some(&false));
+        }
+    }
+}
+
+/// What is to be said of a recording with wrong rows.
+fn told(wrong: &[bool], name: &str) -> Result<Option<String>, FitError> {
+    let (count, rows) = (wrong.iter().filter(|wrong| **wrong).count(), wrong.len());
+    if count == 0 {
+        return Ok(None);
+    }
+    let share = count as f64 / rows as f64;
+    let found = format!(
+        "{count} of {rows} rows ({:.0} %) stand far out of the rows before and after them or of those like them",
+        1e2 * share
+    );
+    if share > MOST {
+        return Err(FitError::Mismatch {
+            recording: name.to_owned(),
+            problem: format!("{found}, which is more than can be left out"),
+            mend: "look for a loose contact and record anew".into(),
+        });
+    }
+    Ok(Some(format!("{name}: {found}, and were left out; look for a loose contact")))
+}
+
+/// Which rows of each recording are wrong.
+fn wrong(recordings: &[Recorded], law: Option<&dyn Fn(&[f64]) -> Vec<f64>>) -> Vec<Vec<bool>> {
+    let (scaling, rows) = scaled(recordings);
+    let residual = match law {
+        Some(law) => {
+            let said: Vec<Vec<f64>> =
+                recordings.iter().flat_map(|(x, _)| x).map(|x| law(x)).collect();
+            Some(scaling.targets(&said) - rows.y)
+        }
+        None => line::residual(&rows, DECAY),
+    };
+    let Some(residual) = residual else {
+        return recordings.iter().map(|(x, _)| vec![false; x.len()]).collect();
+    };
+    let alone = alone(recordings, &residual);
+    let count = |wrong: &[bool]| wrong.iter().filter(|wrong| **wrong).count();
+    let all: usize = alone.iter().map(Vec::len).sum();
+    let usual = alone.iter().map(|a| count(a)).sum::<usize>() as f64 > ALONE * all as f64;
+    let judged = recordings.iter().zip(alone).map(|(recorded, alone)| {
+        let loose = count(&alone) as f64 > LOOSE * alone.len() as f64;
+        let known = if usual { vec![false; alone.len()] } else { alone };
+        alike::wrong(recorded, known, loose)
+    });
+    judged.collect()
+}
+
+/// The rows whose error is far off that of the rows before and after. What bends, drifts or lags does so over many
+/// rows and stays.
+fn alone(recordings: &[Recorded], residual: &DMatrix<f64>) -> Vec<Vec<bool>> {
+    let mut first = 0;
+    let each = recordings.iter().map(|(x, _)| {
+        let mut wrong = vec![false; x.len()];
+        for error in residual.rows(first, x.len()).column_iter() {
+            let error: Vec<f64> = error.iter().copied().collect();
+            let near: Vec<Option<[f64; 3]>> = (0..error.len()).map(|i| around(&error, i)).collect();
+            let off = error.iter().zip(&near).filter_map(|(e, near)| Some((e - (*near)?[1]).abs()));
+            let limit = (OUTLIER * 1.4826 * median(off.collect())).max(GROSS);
+            for (wrong, (e, near)) in wrong.iter_mut().zip(error.iter().zip(near)) {
+                *wrong |= near.is_some_and(|[low, _, high]| *e < low - limit || *e > high + limit);
+            }
+        }
+        first += x.len();
+        wrong
+    });
+    each.collect()
+}
+
+/// Of the errors about a row, itself left out: the second lowest, the median and the second highest, so
+/// that another outlier among them does no harm. `None` for the ends, which have no row on one side.
+fn around(error: &[f64], row: usize) -> Option<[f64; 3]> {
+    let before = error.get(row.checked_sub(NEIGHBOURS)?..row)?;
+    let after = error.get(row + 1..row + 1 + NEIGHBOURS)?;
+    let mut near = [before, after].concat();
+    near.sort_by(f64::total_cmp);
+    Some([near[1], median(near.clone()), near[near.len() - 2]])
+}
+
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return 0.0;
+    }
+    let even = values.len() % 2 == 0;
+    let (below, high, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+    let high = *high;
+    match below.iter().copied().max_by(f64::total_cmp) {
+        Some(low) if even => 0.5 * (low + high),
+        _ => high,
+    }
+}
+
+#[cfg(test)]
+mod tests;
