@@ -73,21 +73,8 @@ fn table(rows: usize) -> Recorded {
 
 #[test]
 fn sound_recordings_lose_no_row_but_what_stands_alone() {
-    let scenes = ["presses", "shear", "tap", "edge", "tour", "roll", "stick-slip"];
-    let mut each: Vec<(String, Recorded)> =
-        scenes.iter().map(|scene| ((*scene).to_owned(), finger(scene))).collect();
-    let both = |k: fn(&Recorded) -> &Vec<Vec<f64>>| {
-        [k(&each[0].1).clone(), k(&each[1].1).clone()].concat()
-    };
-    // As the charts' methods are fitted.
-    let both = (both(|r| &r.0), both(|r| &r.1));
-    let every = both.0.len().div_ceil(4096);
-    let charted = thinned(&both, every);
-    let normal = (charted.0.clone(), charted.1.iter().map(|y| vec![y[2]]).collect());
-    each.push(("charted".into(), charted));
-    each.push(("charted, f_z alone".into(), normal));
-    each.push(("a table".into(), table(2000)));
-    each.push(("a bench".into(), bench()));
+    let scenes = ["presses", "shear", "tap", "edge"];
+    let each = scenes.map(|scene| (scene, finger(scene)));
     for (name, recorded) in each {
         for every in [1, 3, 8] {
             let thin = thinned(&recorded, every);
