@@ -153,6 +153,39 @@ fn five_percent_of_outliers_change_nothing_and_are_counted() {
 }
 
 #[test]
+fn runs_of_wrong_rows_and_wrong_ends_change_nothing_and_are_told_with_their_share() {
+    let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
+    let hangs = |i: usize| (600..640).contains(&i) || !(20..1980).contains(&i);
+    let loose = recording("loose.csv", 2000, 0.0, |i, row| match i {
+        i if hangs(i) => row.force = 40.0,
+        1300..1330 => row.channels[1] = -900.0,
+        _ => {}
+    });
+    let fitted = ridge(&[good("good.csv"), loose]).unwrap();
+    let said = &fitted.warnings[0];
+    assert!(said.starts_with("loose.csv: 110 of 2000 rows (6 %) stand far out"), "{said}");
+    assert!(error_of(&fitted) < 1.1 * clean, "{} {clean}", error_of(&fitted));
+    assert!(f64::from(fitted.model.residual[0]) < 1.1 * clean, "{:?}", fitted.model.residual);
+}
+
+#[test]
+fn fifteen_percent_of_outliers_are_told_and_more_than_twenty_are_refused() {
+    let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
+    let loose = |every: usize, of: usize| {
+        recording("loose.csv", 2000, 0.0, move |i, row| {
+            if (7 * i) % every < of {
+                row.force = 40.0;
+            }
+        })
+    };
+    let fitted = ridge(&[loose(20, 3)]).unwrap();
+    assert!(fitted.warnings[0].contains("(15 %) stand far out"), "{:?}", fitted.warnings);
+    assert!(error_of(&fitted) < 1.1 * clean, "{} {clean}", error_of(&fitted));
+    let error = ridge(&[good("good.csv"), loose(4, 1)]).unwrap_err().to_string();
+    assert!(error.starts_with("loose.csv: ") && error.contains("more than can be left"), "{error}");
+}
+
+#[test]
 fn a_reference_that_is_turned_round_in_one_recording_is_refused_by_name() {
     let turned = recording("turned.csv", 2000, 40.0, |_, row| row.force = -row.force);
     let other = recording("other.csv", 2000, 80.0, |_, _| {});

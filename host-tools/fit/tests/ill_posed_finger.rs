@@ -88,3 +88,29 @@ fn a_time_base_that_is_off_is_put_right_and_told() {
     let [clean, put_right] = [clean, put_right].map(|fitted| error_of(&fitted));
     assert!(put_right < 1.3 * clean, "{put_right} N, {clean} N without");
 }
+
+#[test]
+fn runs_of_wrong_rows_and_wrong_ends_are_told_with_their_share_and_too_many_are_refused() {
+    let good = recording("good.csv", 1, 55);
+    let rows = good.samples.len();
+    let loose = |wrong: &dyn Fn(usize) -> bool| {
+        let mut loose = Recording { name: "loose.csv".into(), ..good.clone() };
+        for (i, sample) in loose.samples.iter_mut().enumerate().filter(|(i, _)| wrong(*i)) {
+            let taxels = sample.scan.codes.taxels.as_mut().unwrap();
+            if i % 500 < 250 {
+                sample.truth.force[2] = Some(9.0);
+            } else {
+                taxels.lit[1][1].0 = 60_000;
+            }
+        }
+        loose
+    };
+    let told = fitted(&[loose(&|i| i % 500 > 480 || i > rows - 40 || i % 500 == 77)], 4).unwrap();
+    let said = &told.warnings[0];
+    assert!(said.starts_with("loose.csv: ") && said.contains("stand far out"), "{said}");
+    let [clean, told] = [fitted(&[good.clone()], 4).unwrap(), told].map(|fitted| error_of(&fitted));
+    assert!(told < 1.3 * clean, "{told} N, {clean} N without");
+
+    let error = fitted(&[loose(&|i| i % 4 == 1)], 4).unwrap_err().to_string();
+    assert!(error.starts_with("loose.csv: ") && error.contains("more than can be left"), "{error}");
+}
