@@ -270,9 +270,9 @@ impl Finger {
             }
         };
         let fused = Fused::of(&seen, &felt, &mut status);
-        let (torsion, used) = (felt.torsion, seen.used);
+        let (torsion, ring) = (felt.torsion, seen.ring);
         let heard = raw.as_ref().unwrap_or(signals);
-        let grip = Grip { time: scan.time, signals: heard, fused: &fused, torsion, used, contact };
+        let grip = Grip { time: scan.time, signals: heard, fused: &fused, torsion, ring, contact };
         let slip = grip.judge(record, &mut state.grip, &mut status);
         let Fused { force, point, .. } = fused;
         let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));

@@ -29,6 +29,8 @@ const FARTHEST: f32 = 7.0;
 const MOST_FRICTION: f32 = 2.0;
 /// Before it is seen, the share of friction in use is taken as even between none and all: ½ ± 0.4.
 const USED: [f32; 2] = [0.5, 0.4];
+/// No frame tells it better than to a thousandth, squared.
+const LEAST_VARIANCE: f32 = 1e-6;
 
 /// From signals to displacements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -84,6 +86,15 @@ pub struct InverseState {
     old: bool,
 }
 
+/// The shear as other sensors feel it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pull {
+    /// f_x and f_y over f_z.
+    pub ratio: [f32; 2],
+    /// Standard deviation of either.
+    pub sigma: f32,
+}
+
 /// A touch as found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
@@ -91,8 +102,31 @@ pub struct Touch {
     pub load: Load,
     /// Standard deviations of f_x, f_y, f_z (N), x, y (mm) and of the share of friction in use.
     pub sigma: [f32; 6],
+    /// What is seen of the share of friction in use.
+    pub ring: Ring,
     /// Root mean square of what is left of the displacements, over what calibration left at this force.
     pub misfit: f32,
+}
+
+/// The share of friction in use as a frame shows it, without what was taken for likely before: frames may
+/// be added up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Ring {
+    /// One over its variance; 0 where nothing is seen.
+    pub weight: f32,
+    /// The share, times its weight.
+    pub moment: f32,
+}
+
+impl Ring {
+    /// Out of the share as found together with what was likely before, [`USED`].
+    fn of(found: f32, variance: f32) -> Self {
+        let [usual, spread] = USED;
+        let (before, after) = (1.0 / (spread * spread), 1.0 / variance.max(LEAST_VARIANCE));
+        let seen = after > before;
+        let known = Self { weight: after - before, moment: found * after - usual * before };
+        if seen { known } else { Self::default() }
+    }
 }
 
 impl Touch {
@@ -130,16 +164,23 @@ impl Inverse {
         self.find(state, u, |inverse, load, u| inverse.pressed_step(load, u))
     }
 
-    /// One frame of displacements, with shear and the share of friction that it uses.
+    /// One frame of displacements, with shear and the share of friction that it uses. Force and place are
+    /// those of the displacements alone; the share of friction, which displacements tell from a weaker shear
+    /// only just, leans on what else feels the shear.
     ///
     /// # Errors
     /// [`NoValue::NotEstimated`] for a calibration that held no shear, [`NoValue::IllConditioned`] where
     /// the displacements do not determine a contact.
-    pub fn sheared(&self, state: &mut InverseState, u: &[f32; TAXELS]) -> Measured<Touch> {
+    pub fn sheared(
+        &self,
+        state: &mut InverseState,
+        u: &[f32; TAXELS],
+        felt: Option<Pull>,
+    ) -> Measured<Touch> {
         if !self.shear {
             return Err(NoValue::NotEstimated);
         }
-        self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u))
+        self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u, felt))
     }
 
     fn find(
@@ -212,12 +253,19 @@ impl Inverse {
         load.shear = [0.0; 2];
         load.used = USED[0];
         load.advance(ds, [dx, dy]);
-        let [s, x, y] = [vs, vx, vy].map(|variance| error * sqrt(variance));
+        let misfit = misfit(left, error);
+        let wide = error * misfit.max(1.0);
+        let [s, x, y] = [vs, vx, vy].map(|variance| wide * sqrt(variance));
         let sigma = [0.0, 0.0, 3.0 * load.size * load.size * s, x, y, USED[1]];
-        Some(Touch { load: *load, sigma, misfit: misfit(left, error) })
+        Some(Touch { load: *load, sigma, ring: Ring::default(), misfit })
     }
 
-    fn sheared_step(&self, load: &mut Load, u: &[f32; TAXELS]) -> Option<Touch> {
+    fn sheared_step(
+        &self,
+        load: &mut Load,
+        u: &[f32; TAXELS],
+        felt: Option<Pull>,
+    ) -> Option<Touch> {
         let error = self.expected(load.normal());
         let mut normal = Normal::<6>::EMPTY;
         let mut squares = 0.0;
@@ -241,8 +289,11 @@ impl Inverse {
         ]);
         let unseen = normal.right;
         normal.right[5] += prior * (usual - load.used);
-        let (step, variances) = normal.solve()?;
+        let (mut step, mut variances) = normal.solve()?;
         let left = unseen.iter().zip(&step).fold(squares, |left, (g, d)| left - g * d);
+        if let Some(pull) = felt {
+            ([.., step[5]], [.., variances[5]]) = normal.leaning(load, &pull, error).solve()?;
+        }
         let [dfx, dfy, ds, dx, dy, db] = step;
         load.advance(ds, [dx, dy]);
         load.used = (load.used + db).clamp(-0.5, 1.5);
@@ -250,9 +301,25 @@ impl Inverse {
         let (shear, most) = (sqrt(fx * fx + fy * fy), MOST_FRICTION * load.normal());
         let share = if shear > most { most / shear } else { 1.0 };
         load.shear = [fx * share, fy * share];
-        let mut sigma = variances.map(|variance| error * sqrt(variance));
+        let misfit = misfit(left, error);
+        let wide = error * misfit.max(1.0);
+        let mut sigma = variances.map(|variance| wide * sqrt(variance));
         sigma[2] *= 3.0 * load.size * load.size;
-        Some(Touch { load: *load, sigma, misfit: misfit(left, error) })
+        let ring = Ring::of(load.used, sigma[5] * sigma[5]);
+        Some(Touch { load: *load, sigma, ring, misfit })
+    }
+}
+
+impl Normal<6> {
+    /// With the ratios of shear to normal force seen by others, where what is left of displacements is `error`.
+    fn leaning(mut self, load: &Load, pull: &Pull, error: f32) -> Self {
+        let normal = load.normal();
+        let weight = error / (pull.sigma * normal);
+        let slope = -3.0 * load.size * load.size * weight;
+        let ([rx, ry], [fx, fy]) = (pull.ratio, load.shear);
+        self.add(&[weight, 0.0, rx * slope, 0.0, 0.0, 0.0], weight * (rx * normal - fx));
+        self.add(&[0.0, weight, ry * slope, 0.0, 0.0, 0.0], weight * (ry * normal - fy));
+        self
     }
 }
 
@@ -304,7 +371,7 @@ pub(super) mod tests {
 
     fn settled(u: &[f32; TAXELS]) -> Touch {
         let (finger, mut state) = (finger(), InverseState::default());
-        (0..6).map(|_| finger.sheared(&mut state, u)).last().unwrap().unwrap()
+        (0..6).map(|_| finger.sheared(&mut state, u, None)).last().unwrap().unwrap()
     }
 
     proptest! {
@@ -332,7 +399,9 @@ pub(super) mod tests {
             u in proptest::array::uniform16(prop_oneof![-1e9..1e9f32, -1.0..1.0f32, Just(0.0f32)]),
             scale in prop_oneof![-1e3..1e3f32, -1.0..1.0f32, Just(0.0f32)],
             floor in prop_oneof![1e-9..1.0f32, Just(1e-9f32)],
+            ratio in proptest::array::uniform2(-2.0..2.0f32), sigma in 1e-6..1.0f32, pulls in any::<bool>(),
         ) {
+            let pull = pulls.then_some(Pull { ratio, sigma });
             let mut finger = finger();
             finger.error = [floor, 0.0];
             for radial in [&mut finger.field.normal, &mut finger.field.shear] {
@@ -341,11 +410,12 @@ pub(super) mod tests {
             }
             let mut state = InverseState::default();
             for _ in 0..4 {
-                for touch in [finger.pressed(&mut state, &u), finger.sheared(&mut state, &u)]
+                for touch in [finger.pressed(&mut state, &u), finger.sheared(&mut state, &u, pull)]
                     .into_iter().flatten()
                 {
                     let numbers = touch.force().into_iter().chain(touch.load.point)
-                        .chain(touch.sigma).chain([touch.misfit, touch.load.used]);
+                        .chain(touch.sigma).chain([touch.misfit, touch.load.used])
+                        .chain([touch.ring.weight, touch.ring.moment]);
                     for number in numbers {
                         prop_assert!(number.is_finite(), "{touch:?}");
                     }
@@ -361,6 +431,20 @@ pub(super) mod tests {
             let touch = settled(&displaced(&load));
             assert!((touch.load.used - used).abs() < 0.05, "{used}: {touch:?}");
         }
+    }
+
+    #[test]
+    fn a_shear_that_others_feel_makes_the_share_of_friction_in_use_surer_and_no_force_other() {
+        let load = Load { shear: [0.3, 0.0], size: 1.0, point: [0.3, -0.2], used: 0.7 };
+        let found = |felt| {
+            let (finger, mut state) = (finger(), InverseState::default());
+            let u = displaced(&load);
+            (0..6).map(|_| finger.sheared(&mut state, &u, felt)).last().unwrap().unwrap()
+        };
+        let (alone, felt) = (found(None), found(Some(Pull { ratio: [0.3, 0.0], sigma: 0.003 })));
+        assert!(felt.ring.weight > 1.3 * alone.ring.weight, "{felt:?} {alone:?}");
+        assert!((felt.ring.moment / felt.ring.weight - 0.7).abs() < 0.05, "{felt:?}");
+        assert!((felt.load.shear[0] - alone.load.shear[0]).abs() < 0.01, "{felt:?} {alone:?}");
     }
 
     #[test]
@@ -384,7 +468,7 @@ pub(super) mod tests {
                 used: 0.5,
                 shear: [0.1 * t, 0.0],
             };
-            let touch = finger.sheared(&mut state, &displaced(&load)).unwrap();
+            let touch = finger.sheared(&mut state, &displaced(&load), None).unwrap();
             if i > 3 {
                 assert!((touch.load.point[0] - load.point[0]).abs() < 0.01, "{i}: {touch:?}");
             }
@@ -395,7 +479,7 @@ pub(super) mod tests {
     fn a_calibration_without_shear_does_not_guess_it() {
         let finger = Inverse { shear: false, ..finger() };
         let mut state = InverseState::default();
-        assert_eq!(finger.sheared(&mut state, &[0.1; TAXELS]), Err(NoValue::NotEstimated));
+        assert_eq!(finger.sheared(&mut state, &[0.1; TAXELS], None), Err(NoValue::NotEstimated));
     }
 
     #[test]

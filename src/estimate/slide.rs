@@ -12,10 +12,10 @@ use crate::units::Micros;
 const WAY: f32 = 0.4;
 /// … and within this time; a slide is over when it has not gone as far again in as much.
 const WITHIN_US: u64 = 300_000;
-/// Sliding, the shear stays within this share of itself, and these newtons, of the same share of the normal
-/// force.
+/// Sliding, the shear stays within this share of itself, and so many standard deviations, of the same share of
+/// the normal force.
 const STEADY: f32 = 0.05;
-const STEADY_N: f32 = 0.005;
+const NOISE: f32 = 4.0;
 /// The way points along the shear: cosine of the angle between them.
 const ALONG: f32 = 0.97;
 /// Less shear than this share of the normal force is not friction.
@@ -42,18 +42,21 @@ pub struct SlideState {
 impl SlideState {
     /// One frame: `place` of the contact in mm and what it pulls with. True while it slides.
     pub fn update(&mut self, time: Micros, place: [f32; 2], traction: &Traction) -> bool {
-        let Traction { shear: [fx, fy], normal, .. } = *traction;
+        let Traction { shear: [fx, fy], normal, doubt, .. } = *traction;
         let shear = sqrt(fx * fx + fy * fy);
         let known = normal > LEAST_NORMAL && shear > LEAST_SHEAR;
         let ratio = if known { shear / normal } else { 0.0 };
         let since = |then: Micros| time.0.saturating_sub(then.0);
         let steady = |anchor: &Anchor| {
             let apart = (ratio - anchor.ratio).abs() * normal;
-            apart < STEADY * shear + STEADY_N && since(anchor.time) < WITHIN_US
+            apart < STEADY * shear + NOISE * doubt[0] && since(anchor.time) < WITHIN_US
         };
         let now = Anchor { time, place, ratio };
         match self.anchor.filter(steady).filter(|_| ratio > LEAST_RATIO) {
-            None => self.anchor = (ratio > LEAST_RATIO).then_some(now),
+            None => {
+                self.anchor = (ratio > LEAST_RATIO).then_some(now);
+                self.slid = None;
+            }
             Some(anchor) => {
                 let [dx, dy] = [place[0] - anchor.place[0], place[1] - anchor.place[1]];
                 let way = sqrt(dx * dx + dy * dy);
@@ -94,6 +97,18 @@ mod tests {
     fn a_contact_dragged_along_under_steady_shear_slides() {
         let frames = slid([0.002, 0.0], |_| 0.5);
         assert!((795..805).contains(&frames), "{frames}");
+    }
+
+    #[test]
+    fn a_shear_that_is_noisy_and_known_to_be_slides_all_the_same() {
+        let mut state = SlideState::default();
+        let frames = (0..1000).filter(|i| {
+            let noisy = 0.2 + if i % 3 == 0 { 0.02 } else { -0.01 };
+            let traction = Traction { doubt: [0.015, 0.0], ..pulled(noisy) };
+            state.update(Micros(1000 * i), [0.002 * *i as f32, 0.0], &traction)
+        });
+        let frames = frames.count();
+        assert!((790..805).contains(&frames), "{frames}");
     }
 
     #[test]

@@ -3,12 +3,13 @@
 //!
 //! A sheared contact slips from its rim inwards long before it slides. The optical matrix sees that ring
 //! in the shape of its signals (the share of friction in use, [`super::inverse`]), whatever the friction
-//! coefficient is; so a contact that is sheared tells its friction, μ = F_t/(b·F_n), before it slips. What
-//! was told is kept, for contacts and sensors that cannot see the ring, and put right whenever the contact
+//! coefficient is; so a contact that is sheared tells its friction, μ = F_t/(b·F_n), before it slips: frame by
+//! frame next to nothing, all frames of a shear together enough. What was told is kept, for contacts and sensors that cannot see the ring, and put right whenever the contact
 //! holds more than was thought, or slides.
 
 use serde::{Deserialize, Serialize};
 
+use super::inverse::Ring;
 use super::limit_surface::LimitSurface;
 use crate::measured::{Measured, NoValue};
 use crate::roots::sqrt;
@@ -48,8 +49,8 @@ pub struct Traction {
     pub torsion: f32,
     /// So much of shear and torsion may be noise: a light touch is not about to slip because of it.
     pub doubt: [f32; 2],
-    /// Share of friction in use as the ring shows it, and its standard deviation, where it is seen.
-    pub used: Option<[f32; 2]>,
+    /// Share of friction in use as the ring shows it, where it is seen.
+    pub ring: Option<Ring>,
     /// It slides, as its vibration tells: a knock may sound alike, and teaches nothing.
     pub rubs: bool,
     /// It slides, as its way tells.
@@ -61,6 +62,8 @@ pub struct Traction {
 pub struct SlipState {
     /// 1/μ and its variance.
     known: Option<[f32; 2]>,
+    /// How far towards the limit the contact is loaded, smoothed.
+    load: f32,
 }
 
 /// The verdict on one contact.
@@ -77,27 +80,28 @@ pub struct Verdict {
 
 /// Least normal force for which friction is estimated, in newtons.
 const LEAST_NORMAL: f32 = 0.05;
-/// The ring is no truer than this share of friction, however sure the fit is: what the field's form
-/// leaves out is the same from frame to frame.
+/// The ring is no truer than this share of friction, however many frames agree: what the field's form leaves
+/// out is the same in all of them.
 const RING_ERROR: f32 = 0.1;
-/// … so a frame counts as one over the square of this of a new observation.
-const RING_FRAMES: f32 = 7.0;
+/// … and what they say of it is half new from frame to frame.
+const NEW: f32 = 0.5;
 /// A slide uses all of its friction, to this share; a frame counts as half a new observation.
 const SLIDE_ERROR: f32 = 0.07;
-/// A share of friction that is known no better than this is not seen.
-const RING_SEEN: f32 = 0.25;
-/// A ring that says less than this much of its friction is in use says nothing of μ.
-const LEAST_USED: f32 = 0.35;
+/// Shear below so many standard deviations is no shear: nothing is learned from it.
+const NOISE: f32 = 3.0;
+/// Shear grows by about this share of the normal force a frame where it matters: what is noisier is smoothed.
+const QUICK: f32 = 0.005;
 /// How the variance of 1/μ grows from frame to frame: things touched change.
 const WANDER: f32 = 1e-6;
 /// … and from contact to contact.
-const NEXT_THING: f32 = 0.04;
+const NEXT_THING: f32 = 0.01;
 /// μ lies between these; rubber on most things does.
 const FRICTION: [f32; 2] = [0.05, 2.0];
 
 impl SlipState {
     /// The contact ended: friction stays known, less surely, because the next thing may be another.
     pub fn release(&mut self) {
+        self.load = 0.0;
         if let Some([_, variance]) = &mut self.known {
             *variance += NEXT_THING;
         }
@@ -116,66 +120,59 @@ impl Slip {
     /// # Errors
     /// [`NoValue::IllConditioned`] for a touch too light to have a ratio of shear to normal force.
     pub fn judge(&self, state: &mut SlipState, traction: &Traction) -> Measured<Verdict> {
-        let Traction { shear: [fx, fy], normal, torsion, doubt, used, rubs, slides } = *traction;
-        if normal.is_nan() || normal < LEAST_NORMAL {
+        let Traction { shear: [fx, fy], normal, torsion, doubt, ring, rubs, slides } = *traction;
+        if !(LEAST_NORMAL..f32::MAX).contains(&normal) {
             return Err(NoValue::IllConditioned);
         }
         let shear = sqrt(fx * fx + fy * fy);
         let ratio = (shear / normal).min(FRICTION[1]);
-        let [inverse, variance] = self.learn(state, ratio, used, slides);
+        let surely = shear - NOISE * doubt[0];
+        let ring = ring.filter(|_| surely > 0.0).unwrap_or_default();
+        let inverse = self.learn(state, [ratio, surely / normal], ring, slides);
         let friction = 1.0 / inverse;
         let sure = [(shear - doubt[0]).max(0.0), (torsion.abs() - doubt[1]).max(0.0)];
-        let held = self.surface.load([sure[0], 0.0], sure[1], normal, friction);
-        let load = match used {
-            // Torsion adds to what the ring of shear shows as the surface has it.
-            Some([b, sigma]) => {
-                let (ring, known) = (sigma + RING_ERROR, ratio * sqrt(variance) + 0.02);
-                let (wr, wk) = (1.0 / (ring * ring), 1.0 / (known * known));
-                (b.clamp(0.0, 1.0) * wr + held.min(1.0) * wk) / (wr + wk)
-            }
-            None => held,
-        };
-        let load = if slides || rubs { 1.0 } else { load.clamp(0.0, 1.0) };
+        let load = self.surface.load([sure[0], 0.0], sure[1], normal, friction).min(1.0);
+        let quick = QUICK * normal;
+        state.load += (load - state.load) * (quick / (quick + doubt[0].max(0.0)));
+        let load = if slides || rubs { 1.0 } else { state.load.clamp(0.0, 1.0) };
         let grip = Newtons((self.safety * load * normal).clamp(0.0, 1e3));
         Ok(Verdict { margin: 1.0 - load, friction, grip })
     }
 
-    /// What is known of 1/μ after a frame with this ratio of shear to normal force, and its variance.
+    /// 1/μ as it is known after a frame with this ratio of shear to normal force, and what of it is surely held.
     fn learn(
         &self,
         state: &mut SlipState,
-        ratio: f32,
-        used: Option<[f32; 2]>,
+        [ratio, held]: [f32; 2],
+        ring: Ring,
         slides: bool,
-    ) -> [f32; 2] {
+    ) -> f32 {
         let [usual, spread] = self.usual;
         let start = [1.0 / usual.clamp(FRICTION[0], FRICTION[1]), spread * spread];
         let [mut inverse, variance] = state.known.unwrap_or(start);
-        let mut variance = (variance + WANDER).min(spread * spread);
+        let variance = (variance + WANDER).min(spread * spread);
+        // What calibration leaves of the ring is the same from frame to frame: it cannot better what is known
+        // more surely than that.
         let unsure = ratio * ratio * variance > RING_ERROR * RING_ERROR;
-        let mut observe = |used: f32, noise: f32| {
-            // b = F_t/F_n · 1/μ is linear in 1/μ: one step of Kalman's filter.
-            let gain = variance * ratio / (ratio * ratio * variance + noise * noise);
-            inverse += gain * (used - ratio * inverse);
-            variance -= gain * ratio * variance;
+        let seen = if slides && ratio > FRICTION[0] {
+            let weight = 1.0 / (SLIDE_ERROR * SLIDE_ERROR);
+            Ring { weight, moment: weight }
+        } else if unsure && !slides {
+            Ring { weight: NEW * ring.weight, moment: NEW * ring.moment }
+        } else {
+            Ring::default()
         };
-        match used {
-            _ if slides && ratio > FRICTION[0] => observe(1.0, SLIDE_ERROR),
-            // A ring that is not seen is the model's guess; one that is seen is off by the same from frame to
-            // frame, so that it cannot better what is known more surely than that.
-            Some([b, sigma]) if b > LEAST_USED && sigma < RING_SEEN && unsure => {
-                observe(b.min(1.0), RING_FRAMES * (sigma + RING_ERROR));
-            }
-            _ => {}
-        }
+        // b = F_t/F_n · 1/μ is linear in 1/μ: one step of Kalman's filter.
+        let variance = variance / (1.0 + ratio * ratio * variance * seen.weight);
+        inverse += variance * ratio * (seen.moment - seen.weight * ratio * inverse);
         // What holds is held: μ is at least the ratio seen.
-        let most = 1.0 / ratio.max(FRICTION[0]);
+        let most = 1.0 / held.max(FRICTION[0]);
         if !slides && inverse > most {
             inverse = most;
         }
         inverse = inverse.clamp(1.0 / FRICTION[1], 1.0 / FRICTION[0]);
         state.known = Some([inverse, variance]);
-        [inverse, variance]
+        inverse
     }
 }
 
@@ -197,7 +194,7 @@ mod tests {
                 let traction = Traction {
                     shear: [b * mu * 1.2, 0.0],
                     normal: 1.2,
-                    used: seen.then_some([b, 0.05]),
+                    ring: seen.then_some(Ring { weight: 400.0, moment: 400.0 * b }),
                     ..Traction::default()
                 };
                 slip().judge(state, &traction).unwrap()
@@ -227,6 +224,38 @@ mod tests {
         let verdicts = dragged(&mut state, 0.3, false);
         let first = verdicts.iter().position(|v| slip().warns(v)).unwrap();
         assert!((100..190).contains(&first), "{first}");
+    }
+
+    #[test]
+    fn a_ring_that_is_hardly_seen_in_one_frame_is_seen_in_a_hundred() {
+        let mut state = SlipState::default();
+        // Its standard deviation is 0.7, half of what it may be at all.
+        for i in 0..200 {
+            let (b, noise) = (0.004 * i as f32, if i % 2 == 0 { 0.7 } else { -0.7 });
+            let ring = Some(Ring { weight: 2.0, moment: 2.0 * (b + noise) });
+            let shear = [0.3 * b, 0.0];
+            slip()
+                .judge(&mut state, &Traction { shear, normal: 1.0, ring, ..Traction::default() })
+                .unwrap();
+        }
+        let [inverse, _] = state.known.unwrap();
+        assert!((0.3 * inverse - 1.0).abs() < 0.3, "friction {}", 1.0 / inverse);
+    }
+
+    #[test]
+    fn a_light_touch_does_not_warn_for_its_noise_but_for_its_shear() {
+        let warned = |shear: f32| {
+            let mut state = SlipState::default();
+            let frames = (0..500).filter(|i| {
+                let shear = [shear + if i % 2 == 0 { 0.03 } else { -0.03 }, 0.0];
+                let doubt = [0.02, 0.0];
+                let traction = Traction { shear, normal: 0.2, doubt, ..Traction::default() };
+                slip().warns(&slip().judge(&mut state, &traction).unwrap())
+            });
+            frames.count()
+        };
+        assert_eq!(warned(0.08), 0);
+        assert!(warned(0.15) > 400, "{}", warned(0.15));
     }
 
     #[test]
@@ -261,17 +290,18 @@ mod tests {
         #[test]
         fn no_traction_gives_nan_or_infinity_or_a_margin_outside_zero_to_one(
             tractions in proptest::collection::vec(
-                (any::<[f32; 2]>(), any::<f32>(), any::<f32>(), proptest::option::of((-1.0..2.0f32, 0.0..9.0f32)), any::<bool>()),
+                (any::<[f32; 2]>(), any::<f32>(), any::<f32>(), proptest::option::of((-1.0..2.0f32, 0.0..1e30f32)), any::<bool>()),
                 1..20,
             ),
             mu in any::<f32>(),
         ) {
             let slip = Slip::usual(mu);
             let mut state = SlipState::default();
-            for (shear, normal, torsion, used, slides) in tractions {
-                let used = used.map(|(b, sigma)| [b, sigma]);
+            for (shear, normal, torsion, ring, slides) in tractions {
+                let ring = ring.map(|(b, weight)| Ring { weight, moment: weight * b });
                 let doubt = [torsion, normal];
-            let traction = Traction { shear, normal, torsion, doubt, used, rubs: !slides, slides };
+                let rubs = !slides;
+                let traction = Traction { shear, normal, torsion, doubt, ring, rubs, slides };
                 let Ok(verdict) = slip.judge(&mut state, &traction) else { continue };
                 prop_assert!((0.0..=1.0).contains(&verdict.margin), "{verdict:?}");
                 prop_assert!(verdict.friction.is_finite() && verdict.grip.0.is_finite(), "{verdict:?}");

@@ -162,7 +162,7 @@ mod tests {
 
     fn single(u: &[f32; TAXELS]) -> Touch {
         let (finger, mut state) = (finger(), InverseState::default());
-        (0..6).map(|_| finger.sheared(&mut state, u)).last().unwrap().unwrap()
+        (0..6).map(|_| finger.sheared(&mut state, u, None)).last().unwrap().unwrap()
     }
 
     fn pair(u: &[f32; TAXELS]) -> Option<Pair> {

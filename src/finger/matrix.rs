@@ -12,7 +12,7 @@ use crate::condition::{Bias, Health};
 use crate::estimate::contact_point::{PointMethod, arg_min, centroid};
 use crate::estimate::fusion::Uncertain;
 use crate::estimate::gate::{Gate, GateState};
-use crate::estimate::inverse::{Inverse, InverseState, Touch};
+use crate::estimate::inverse::{Inverse, InverseState, Pull, Ring, Touch};
 use crate::estimate::quantised::Net;
 use crate::estimate::two_contacts::{Pair, PairState};
 use crate::estimate::{ContactPoint, NormalContact};
@@ -29,7 +29,7 @@ const CENTROID_ERROR: f32 = 0.8;
 /// gives way first.
 const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 1, end_frames: 20 };
 /// A single contact is doubted where it misfits by this many times what calibration leaves.
-const SEVERAL: Gate = Gate { on: 3.0, off: 1.5, begin_frames: 4, end_frames: 20 };
+const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20 };
 /// A rubber's stiffness is known to this share, however well the model met its calibration: it grows by a
 /// third of a per cent with each kelvin, and the first loading meets a stiffer skin (002 fig. 3).
 pub const SKIN_ERROR: f32 = 0.05;
@@ -38,6 +38,9 @@ pub const SKIN_ERROR: f32 = 0.05;
 const PLACE_ERROR: f32 = 0.05;
 /// Shear below this, in newtons and as a share of the normal force, is taken for none.
 const UNSEEN_SHEAR: [f32; 2] = [0.005, 0.01];
+
+/// Least normal force in newtons of which the force sensors know the shear's share.
+const LEAST_FELT: f32 = 0.02;
 
 /// What the matrix remembers of a touch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -60,14 +63,14 @@ impl MatrixState {
 pub(super) struct Seen {
     pub force: [Measured<Uncertain>; 3],
     pub point: Measured<[Uncertain; 2]>,
-    /// Share of friction in use and its standard deviation.
-    pub used: Option<[f32; 2]>,
+    /// What is seen of the share of friction in use.
+    pub ring: Option<Ring>,
     pub contacts: Measured<[NormalContact; 2]>,
 }
 
 impl Seen {
     pub(super) const fn nothing(reason: NoValue) -> Self {
-        Self { force: [Err(reason); 3], point: Err(reason), used: None, contacts: Err(reason) }
+        Self { force: [Err(reason); 3], point: Err(reason), ring: None, contacts: Err(reason) }
     }
 
     /// Nothing touches it: no force, of as many components as the record knows.
@@ -201,7 +204,7 @@ impl Look<'_> {
         let sheared = model.shear && present;
         let touch = if sheared {
             status.set(Status::RAN_SHEAR);
-            model.sheared(&mut state.model, &u)
+            model.sheared(&mut state.model, &u, pull(&felt))
         } else {
             model.pressed(&mut state.model, &u)
         };
@@ -222,6 +225,14 @@ impl Look<'_> {
     }
 }
 
+/// The shear over the normal force, both as the force sensors feel them, where there is any.
+fn pull(felt: &[Measured<Uncertain>; 3]) -> Option<Pull> {
+    let [Ok(x), Ok(y), Ok(z)] = felt else { return None };
+    let [rx, ry] = [x, y].map(|f| f.value / z.value);
+    let sigma = (x.sigma.max(y.sigma) + rx.abs().max(ry.abs()) * z.sigma) / z.value;
+    (z.value > LEAST_FELT).then_some(Pull { ratio: [rx, ry], sigma })
+}
+
 fn unseen_shear(normal: f32) -> f32 {
     let [floor, share] = UNSEEN_SHEAR;
     floor + share * normal.max(0.0)
@@ -229,7 +240,7 @@ fn unseen_shear(normal: f32) -> f32 {
 
 fn one(touch: &Touch, sheared: bool, shear: bool) -> Seen {
     let [fx, fy, fz] = touch.force();
-    let [sx, sy, sz, px, py, used] = touch.sigma;
+    let [sx, sy, sz, px, py, _] = touch.sigma;
     let of = |value: f32, sigma: f32| Uncertain { value, sigma };
     let unseen = unseen_shear(fz);
     let [x, y] = match (shear, sheared) {
@@ -241,7 +252,7 @@ fn one(touch: &Touch, sheared: bool, shear: bool) -> Seen {
     Seen {
         force: [x, y, Ok(of(fz, sz + SKIN_ERROR * fz))],
         point: Ok([of(at_x, px + PLACE_ERROR), of(at_y, py + PLACE_ERROR)]),
-        used: sheared.then_some([touch.load.used, used]),
+        ring: sheared.then_some(touch.ring),
         contacts: Err(NoValue::NotEstimated),
     }
 }
@@ -259,7 +270,7 @@ fn two(pair: &Pair, share: f32) -> Seen {
     Seen {
         force: [unknown, unknown, Ok(normal)],
         point: Ok([middle(|[x, _]| x), middle(|[_, y]| y)]),
-        used: None,
+        ring: None,
         contacts: Ok([a, b].map(NormalContact::new)),
     }
 }

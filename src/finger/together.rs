@@ -5,6 +5,7 @@ use crate::calibration::Calibration;
 use crate::condition::Signals;
 use crate::estimate::array::Array;
 use crate::estimate::fusion::{Uncertain, fuse};
+use crate::estimate::inverse::Ring;
 use crate::estimate::slide::SlideState;
 use crate::estimate::slip::{SlipState, Traction, Verdict};
 use crate::estimate::vibration::Listener;
@@ -171,7 +172,7 @@ pub(super) struct Grip<'s> {
     pub signals: &'s Signals,
     pub fused: &'s Fused,
     pub torsion: Measured<NewtonMillimetres>,
-    pub used: Option<[f32; 2]>,
+    pub ring: Option<Ring>,
     pub contact: bool,
 }
 
@@ -203,7 +204,7 @@ impl Grip<'_> {
             normal: fz,
             torsion,
             doubt: [shear_sigma, TORSION_DOUBT * moment_sigma],
-            used: self.used,
+            ring: self.ring,
             rubs: vibrates,
             slides: false,
         };

@@ -67,7 +67,8 @@ fn main() {
             });
         }
         let (device, record) = &records[0];
-        let warnings = [0.2, 0.6, 1.2].map(|mu| false_warnings(*device, record, (with, mu), 10.0));
+        let warnings =
+            [0.2, 0.6, 1.2].map(|mu| false_warnings(*device, record, (with, mu, true), 10.0));
         println!(
             "| {with:?} | {} | {} | {} | {} | {warnings:?} |",
             first[0], first[1], later[0], later[1]

@@ -290,17 +290,18 @@ impl<'r> Problem<'r> {
     fn error(&self, curves: &Curves, u: &[[f64; TAXELS]]) -> [f32; 2] {
         let slope = curves.gap.iter().map(|gap| f64::from(gap[0]).powi(2)).sum::<f64>();
         let floor = self.noise * (slope / TAXELS as f64).sqrt();
-        let mut shares = 0.0;
-        let mut count = 0.0;
-        for (row, u) in self.rows.iter().zip(u).filter(|(row, _)| row.force[2] > 0.0) {
+        // Rows weigh as their force: under a light touch there is little but noise, many times its share.
+        let (mut excess, mut loads) = (0.0, 0.0);
+        for (row, u) in self.rows.iter().zip(u) {
             let found = curves.displacements(&row.signals.map(|c| c as f32));
             let squares: f64 =
                 found.iter().zip(u).map(|(found, u)| (f64::from(*found) - u).powi(2)).sum();
-            let excess = (squares / TAXELS as f64 - floor * floor).max(0.0);
-            shares += excess / row.force[2].powi(2);
-            count += 1.0;
+            let force2 = row.force[2].powi(2);
+            excess += force2 * (squares / TAXELS as f64 - floor * floor);
+            loads += force2 * force2;
         }
-        [(floor.max(1e-7)) as f32, (shares / f64::max(count, 1.0)).sqrt() as f32]
+        let share = (excess.max(0.0) / loads.max(f64::MIN_POSITIVE)).sqrt();
+        [(floor.max(1e-7)) as f32, share as f32]
     }
 }
 

@@ -93,7 +93,7 @@ fn residual(model: &Inverse, runs: &[Vec<Option<Row>>]) -> [f64; 3] {
             let c: [f32; TAXELS] = row.signals.map(|c| c as f32);
             let u = model.curves.displacements(&c);
             let touch = if model.shear {
-                model.sheared(&mut state, &u)
+                model.sheared(&mut state, &u, None)
             } else {
                 model.pressed(&mut state, &u)
             };

@@ -49,7 +49,7 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
         c,
         &mut nowhere.clone(),
         |(model, state), c, out| {
-            *out = model.sheared(state, &model.curves.displacements(c)).map(told);
+            *out = model.sheared(state, &model.curves.displacements(c), None).map(told);
         },
     );
 }

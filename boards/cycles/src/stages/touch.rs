@@ -7,7 +7,7 @@ use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Load, Radial};
 use taxel::estimate::fusion::{Uncertain, fuse};
 use taxel::estimate::intrinsic::Surface;
-use taxel::estimate::inverse::{Curves, Inverse};
+use taxel::estimate::inverse::{Curves, Inverse, Ring};
 use taxel::estimate::limit_surface::{LimitSurface, Sweep};
 use taxel::estimate::slide::SlideState;
 use taxel::estimate::slip::{Slip, SlipState, Traction};
@@ -156,7 +156,7 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
         normal: 1.0,
         torsion: 0.02 * f32::from(i),
         doubt: [0.005, 0.01],
-        used: Some([0.5, 0.2]),
+        ring: Some(Ring { weight: 19.0, moment: 9.5 }),
         ..Traction::default()
     });
     let mut finger = (Slip::usual(0.5), SlipState::default());

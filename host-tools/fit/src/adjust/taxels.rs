@@ -198,7 +198,7 @@ fn follow(
 ) -> Option<([f32; TAXELS], Touch)> {
     let u = model.curves.displacements(c);
     let mut frame =
-        || if model.shear { model.sheared(state, &u) } else { model.pressed(state, &u) };
+        || if model.shear { model.sheared(state, &u, None) } else { model.pressed(state, &u) };
     let touch = (0..frames).map(|_| frame()).last()?.ok()?;
     Some((u, touch))
 }

@@ -290,12 +290,12 @@ pub fn onsets(device: u32, record: &Calibration, with: With) -> Onsets {
     outcome
 }
 
-/// Warnings, counted when they begin, in `minutes` of a grasp with up to half of its friction in use, after
-/// one slide that told what that is.
+/// Warnings, counted when they begin, in `minutes` of a grasp with up to half of its friction in use; `known`:
+/// after one slide that told what that is.
 pub fn false_warnings(
     device: u32,
     record: &Calibration,
-    (with, mu): (With, f64),
+    (with, mu, known): (With, f64, bool),
     minutes: f64,
 ) -> usize {
     let slide = "[[slide]]\nat_s = 1\nfrom_mm = [-1.5, 0]\nto_mm = [1.5, 0]\nfz_n = 1\nrise_s = 0.2\n\
@@ -305,7 +305,8 @@ pub fn false_warnings(
         "[[random]]\nat_s = 3.5\npresses = {count}\neach_s = 0.4\nx_mm = [-3, 3]\ny_mm = [-3, 3]\n\
          fz_n = [0.2, 2]\nshear_of_limit = [0, 0.5]\n"
     );
-    let samples = run(device, 9, 500, 4.5 + 60.0 * minutes, mu, &format!("{slide}{grasp}"));
+    let acts = if known { format!("{slide}{grasp}") } else { grasp };
+    let samples = run(device, 9, 500, 4.5 + 60.0 * minutes, mu, &acts);
     let estimates = replay(record, &samples, with);
     let after = estimates.iter().skip_while(|e| e.time.0 < 3_200_000);
     let warned: Vec<bool> = after.map(|e| e.status.contains(Status::SLIP_WARNING)).collect();
