@@ -14,13 +14,15 @@ pub(crate) struct Bar {
     pub long: Option<f64>,
     /// What stands beside it.
     pub told: String,
+    /// It is ours, beside others.
+    pub own: bool,
 }
 
 const WIDTH: u32 = 900;
 /// A bar and its gap, in pixels.
 const ROW: i32 = 52;
 
-/// The first of them in another colour.
+/// Ours in another colour.
 pub(crate) fn draw(title: &str, bars: &[Bar]) -> anyhow::Result<String> {
     let height = u32::try_from(ROW)? * u32::try_from(bars.len())? + 44;
     svg((WIDTH, height), |area| drawn(area, title, bars))
@@ -37,7 +39,7 @@ fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, title: &str, bars: &[Bar]) -
         let mut from = 16;
         if let Some(long) = bar.long {
             let long = (500.0 * long / most) as i32;
-            let colour = if i == 0 { COLOURS[0] } else { COLOURS[4] };
+            let colour = if bar.own { COLOURS[0] } else { COLOURS[4] };
             area.draw(&Rectangle::new([(16, y + 18), (16 + long, y + 38)], colour.filled()))?;
             from = 24 + long;
         }

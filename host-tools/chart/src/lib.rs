@@ -16,6 +16,7 @@ pub mod device;
 pub mod estimators;
 pub mod failures;
 mod ladder;
+pub mod limit_surface;
 mod map;
 mod mapped;
 mod methods;

@@ -118,7 +118,14 @@ pub(crate) fn around(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
         let above = steps.iter().find(|step| **step >= value * (1.0 - 1e-9));
         if up { above } else { below }.copied().unwrap_or(value)
     };
-    [rounded(low * 0.85, false), rounded(high * 1.15, true)]
+    let [from, to] = [rounded(low * 0.85, false), rounded(high * 1.15, true)];
+    // Only powers of ten have a number on them: two are in sight.
+    let within = to.log10().floor() - from.log10().ceil() >= 1.0 - 1e-9;
+    if within {
+        [from, to]
+    } else {
+        [from.log10().floor(), to.log10().ceil()].map(|n| 10f64.powf(n))
+    }
 }
 
 fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Done {
@@ -155,22 +162,25 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
         let (x, y) = place(row);
         (x - base_x, y - base_y)
     };
-    // A box a mark, so that no label covers one; then a box a label.
-    let mut taken: Vec<[i32; 4]> = Vec::new();
+    // Boxes along the front and one a mark, so that no label covers them; then a box a label.
+    let corners: Vec<(i32, i32)> = front.iter().map(|row| place(row)).collect();
+    let mut taken: Vec<[i32; 4]> = corners.windows(2).flat_map(|ends| along(ends)).collect();
     for row in rows {
         let (x, y) = place(row);
         mark(area, (x, y), row.group)?;
         taken.push([x - 6, y - 6, x + 6, y + 6]);
     }
     let (width, height) = area.dim_in_pixel();
-    let inside = [68, 28, i32::try_from(width)? - 4, i32::try_from(height)? - 52];
+    let inside = [76, 28, i32::try_from(width)? - 4, i32::try_from(height)? - 52];
     let important =
         |row: &&&Row| front.contains(*row) || !matches!(row.group, Group::Net | Group::Quantised);
     for row in rows.iter().filter(important) {
         let name = label(row);
         let wide = i32::try_from(name.chars().count())? * LETTERS / 2 + 2;
         let (x, y) = place(row);
-        let around = [9, 20, 34, 48].into_iter().flat_map(|away| {
+        // What is on the front has its label even if far, with a line to it; any other only beside it.
+        let places: &[i32] = if front.contains(row) { &[9, 20, 34, 48, 62] } else { &[9, 20] };
+        let around = places.iter().flat_map(|away| {
             [
                 [x + away, y - 8],
                 [x - away - wide, y - 8],
@@ -188,16 +198,22 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
         else {
             continue;
         };
+        let [left, above, right, below] = free;
+        let end = (x.clamp(left, right), y.clamp(above, below));
+        if (end.0 - x).abs().max((end.1 - y).abs()) > 16 {
+            area.draw(&PathElement::new([(x, y), end], GREY.stroke_width(1)))?;
+        }
         taken.push(free);
-        let [x, y, ..] = free;
-        let style = (FONT, LETTERS).into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Top));
-        area.draw(&Text::new(name, (x, y), style))?;
+        // How wide letters are is an estimate: what it is too much does not lie between mark and label.
+        let (at, side) = if right <= x { (right, HPos::Right) } else { (left, HPos::Left) };
+        let style = (FONT, LETTERS).into_font().color(&BLACK).pos(Pos::new(side, VPos::Top));
+        area.draw(&Text::new(name, (at, above), style))?;
     }
     Ok(())
 }
 
 /// A number of cycles in few letters.
-fn thousands(cycles: f64) -> String {
+pub(crate) fn thousands(cycles: f64) -> String {
     if cycles >= 1e3 { format!("{}k", cycles / 1e3) } else { format!("{cycles}") }
 }
 
@@ -208,6 +224,14 @@ fn label(row: &Row) -> String {
         (Group::Skip | Group::Net | Group::Quantised, Some(width)) => width.to_owned(),
         _ => row.name.trim_start_matches("net ").to_owned(),
     }
+}
+
+/// Small boxes along a line from one place to another.
+fn along(ends: &[(i32, i32)]) -> Vec<[i32; 4]> {
+    let &[(ax, ay), (bx, by)] = ends else { return Vec::new() };
+    let steps = ((bx - ax).abs().max((by - ay).abs()) / 4).max(1);
+    let at = |i| (ax + (bx - ax) * i / steps, ay + (by - ay) * i / steps);
+    (0..=steps).map(at).map(|(x, y)| [x - 2, y - 2, x + 2, y + 2]).collect()
 }
 
 fn within([a, b, c, d]: &[i32; 4], [l, t, r, m]: &[i32; 4]) -> bool {
@@ -225,14 +249,22 @@ mod tests {
     #[test]
     fn axes_go_from_one_round_number_to_another_around_all_values() {
         assert_eq!(around([26.0, 90.0, 800.0].into_iter()), [20.0, 1000.0]);
+        // Two powers of ten at least.
         let [low, high] = around([0.0034, 0.004].into_iter());
-        assert!((low - 0.002).abs() < 1e-12 && (high - 0.005).abs() < 1e-12);
+        assert!((low - 0.001).abs() < 1e-12 && (high - 0.01).abs() < 1e-12);
         assert_eq!(around(std::iter::empty()), [0.1, 1.0]);
     }
 
     #[test]
     fn cycles_on_an_axis_are_short() {
         assert_eq!([200.0, 1e3, 1e5].map(thousands), ["200", "1k", "100k"]);
+    }
+
+    #[test]
+    fn a_label_across_the_front_meets_it() {
+        let boxes = along(&[(0, 0), (100, 50)]);
+        assert!(boxes.iter().any(|line| meet(&[40, 18, 70, 32], line)));
+        assert!(!boxes.iter().any(|line| meet(&[40, 60, 70, 74], line)));
     }
 
     #[test]

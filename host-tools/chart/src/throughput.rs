@@ -170,7 +170,8 @@ pub fn write(stages: &[Stage], folder: &Path) -> anyhow::Result<()> {
         .map(|Stage { name, us_per_frame }| Bar {
             name: (*name).to_owned(),
             long: Some(*us_per_frame),
-            told: format!("{us_per_frame:.2} µs, {:.0} frames a second", 1e6 / us_per_frame),
+            told: format!("{us_per_frame:.1} µs, {:.0} thousand a second", 1e3 / us_per_frame),
+            own: false,
         })
         .collect();
     let title = "What a host does with a frame, µs on one core of the machine that drew this";

@@ -68,8 +68,16 @@ fn the_table_of_methods_has_the_figures_of_estimators_csv() {
 
 #[test]
 fn the_table_of_silent_failures_has_the_figures_of_boundaries_csv() {
-    let alone = ["model's force / N", "model's point / mm", "net's force / N", "centroid / mm"];
-    let alone = [&alone[..], &["q15 net's force / N", "arg-min / mm"]].concat();
+    let alone = [
+        "model's force / N",
+        "model's point / mm",
+        "model's slip margin / 1",
+        "model's slip warning / 1",
+        "net's force / N",
+        "centroid / mm",
+        "q15 net's force / N",
+        "arg-min / mm",
+    ];
     let table = rows(BOUNDARIES);
     let line = |label: &str, of: &dyn Fn(&str) -> bool| {
         let sum = |column| -> f64 {

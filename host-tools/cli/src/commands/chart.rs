@@ -6,7 +6,9 @@ use anyhow::Context;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use taxel_chart::failures::Of;
-use taxel_chart::{Effort, Waiting, estimators, failures, peers, simulator, throughput};
+use taxel_chart::{
+    Effort, Waiting, estimators, failures, limit_surface, peers, simulator, throughput,
+};
 
 use crate::interrupt::Interrupt;
 use crate::output;
@@ -41,6 +43,8 @@ enum Chart {
     Estimators,
     /// Where each method fails, and whether it says so.
     Failures,
+    /// The limit surface's forms, their error and cost.
+    LimitSurface,
     /// The core's net beside other people's.
     Peers,
     /// Time and error of the simulator's rungs.
@@ -80,6 +84,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                 100.0 * totals.false_flags
             ))?;
         }
+    }
+    if wanted(Chart::LimitSurface) {
+        limit_surface::write(&args.out)?;
+        said(&args.out, "limit-surface")?;
     }
     if wanted(Chart::Peers) {
         peers::write(&args.out)?;

@@ -1,0 +1,112 @@
+//! The limit surface's forms, error over cost: `limit-surface.csv`, as the fit's tests and `cargo xtask cycles` hold it.
+
+use std::path::Path;
+
+use anyhow::Context;
+use plotly::common::{Marker, Mode};
+use plotly::{Plot, Scatter};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use taxel_formats::save;
+
+use crate::page::{hex, layout, page};
+use crate::scatter::thousands;
+use crate::style::{COLOURS, Done, FAINT, FONT, svg};
+
+const COMMITTED: &str = include_str!("../../fit/data/limit-surface.csv");
+const TITLE: &str = "What a contact bears before it slides: worst error over cost";
+const CYCLES: &str = "modelled Cortex-M4F cycles a call";
+const ERROR: &str = "worst error / %";
+const SIZE: (u32, u32) = (560, 320);
+/// Cycles and per cent, with room for the names.
+const AXES: [[f64; 2]; 2] = [[100.0, 1e5], [0.1, 100.0]];
+
+/// One form.
+struct Form {
+    name: String,
+    error_percent: f64,
+    cycles: f64,
+}
+
+/// Writes table, picture and page into `folder`.
+///
+/// # Errors
+/// One of them cannot be written, or the committed table is none.
+pub fn write(folder: &Path) -> anyhow::Result<()> {
+    let forms = parse(COMMITTED).context("host-tools/fit/data/limit-surface.csv")?;
+    save(folder.join("limit-surface.csv"), COMMITTED)?;
+    save(folder.join("limit-surface.svg"), svg(SIZE, |area| drawn(area, &forms))?)?;
+    save(folder.join("limit-surface.html"), html(&forms))?;
+    Ok(())
+}
+
+fn parse(table: &str) -> anyhow::Result<Vec<Form>> {
+    let mut reader = csv::Reader::from_reader(table.as_bytes());
+    let rows = reader.deserialize().map(|row| {
+        let (name, error_percent, cycles) = row?;
+        Ok(Form { name, error_percent, cycles })
+    });
+    rows.collect()
+}
+
+fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, forms: &[Form]) -> Done {
+    let [x, y] = AXES.map(|[from, to]| (from..to).log_scale());
+    let mut chart = ChartBuilder::on(area)
+        .caption(TITLE, (FONT, 16))
+        .margin(8)
+        .margin_right(18)
+        .x_label_area_size(40)
+        .y_label_area_size(58)
+        .build_cartesian_2d(x, y)?;
+    chart
+        .configure_mesh()
+        .light_line_style(WHITE)
+        .bold_line_style(FAINT)
+        .x_label_formatter(&|cycles| thousands(*cycles))
+        .y_label_formatter(&|error| format!("{error}"))
+        .label_style((FONT, 13))
+        .x_desc(CYCLES)
+        .y_desc(ERROR)
+        .axis_desc_style((FONT, 14))
+        .draw()?;
+    let style = (FONT, 14).into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Bottom));
+    for Form { name, error_percent, cycles } in forms {
+        let place = (*cycles, *error_percent);
+        chart.draw_series([Circle::new(place, 5, COLOURS[0].filled())])?;
+        let beside = (cycles * 1.1, error_percent * 1.15);
+        chart.draw_series([Text::new(name.clone(), beside, style.clone())])?;
+    }
+    Ok(())
+}
+
+fn html(forms: &[Form]) -> String {
+    let mut plot = Plot::new();
+    let trace = Scatter::new(
+        forms.iter().map(|form| form.cycles).collect(),
+        forms.iter().map(|form| form.error_percent).collect(),
+    );
+    let names: Vec<String> = forms.iter().map(|form| form.name.clone()).collect();
+    let marker = Marker::new().size(10).color(hex(COLOURS[0]));
+    plot.add_trace(trace.mode(Mode::Markers).marker(marker).text_array(names));
+    plot.set_layout(layout(TITLE, CYCLES, ERROR));
+    let lead = "The ellipse, the table that the firmware has, and the sweep over the centre of rotation (003), each \
+                against the integral over a pressure by a power law.";
+    page("The limit surface", lead, std::iter::once(plot))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_form_of_the_committed_table_has_its_place_in_the_picture() {
+        let forms = parse(COMMITTED).unwrap();
+        assert_eq!(forms.len(), 3);
+        let [cycles, errors] = AXES;
+        for form in forms {
+            assert!((cycles[0]..cycles[1]).contains(&form.cycles), "{}", form.name);
+            assert!((errors[0]..errors[1]).contains(&form.error_percent), "{}", form.name);
+        }
+    }
+}
