@@ -4,8 +4,8 @@
 //! A sheared contact slips from its rim inwards long before it slides. The optical matrix sees that ring
 //! in the shape of its signals (the share of friction in use, [`super::inverse`]), whatever the friction
 //! coefficient is; so a contact that is sheared tells its friction, μ = F_t/(b·F_n), before it slips: frame by
-//! frame next to nothing, all frames of a shear together enough. What was told is kept, for contacts and sensors that cannot see the ring, and put right whenever the contact
-//! holds more than was thought, or slides.
+//! frame next to nothing, all frames of a shear together enough. What was told is kept, for contacts and sensors
+//! that cannot see the ring, and put right whenever the contact holds more than was thought, or slides.
 
 use serde::{Deserialize, Serialize};
 

@@ -164,7 +164,7 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
     };
     // Boxes along the front and one a mark, so that no label covers them; then a box a label.
     let corners: Vec<(i32, i32)> = front.iter().map(|row| place(row)).collect();
-    let mut taken: Vec<[i32; 4]> = corners.windows(2).flat_map(|ends| along(ends)).collect();
+    let mut taken: Vec<[i32; 4]> = corners.windows(2).flat_map(along).collect();
     for row in rows {
         let (x, y) = place(row);
         mark(area, (x, y), row.group)?;

@@ -35,6 +35,9 @@ const MOST: f64 = 0.2;
 /// Where so many rows stand alone, others that only the rows like them tell do so as well.
 const LOOSE: f64 = 0.01;
 
+/// What the targets should be, of the inputs.
+type Law<'l> = &'l dyn Fn(&[f64]) -> Vec<f64>;
+
 /// The wrong rows of some recordings.
 pub(crate) struct Outliers {
     /// Of each recording, row for row.
@@ -51,7 +54,7 @@ impl Outliers {
     pub fn find(
         recordings: &[Recorded],
         names: &[String],
-        law: Option<&dyn Fn(&[f64]) -> Vec<f64>>,
+        law: Option<Law<'_>>,
     ) -> Result<Self, FitError> {
         let wrong = wrong(recordings, law);
         let told =
@@ -92,7 +95,7 @@ fn told(wrong: &[bool], name: &str) -> Result<Option<String>, FitError> {
 }
 
 /// Which rows of each recording are wrong.
-fn wrong(recordings: &[Recorded], law: Option<&dyn Fn(&[f64]) -> Vec<f64>>) -> Vec<Vec<bool>> {
+fn wrong(recordings: &[Recorded], law: Option<Law<'_>>) -> Vec<Vec<bool>> {
     let (scaling, rows) = scaled(recordings);
     let residual = match law {
         Some(law) => {
@@ -153,7 +156,7 @@ pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {
         return 0.0;
     }
-    let even = values.len() % 2 == 0;
+    let even = values.len().is_multiple_of(2);
     let (below, high, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
     let high = *high;
     match below.iter().copied().max_by(f64::total_cmp) {

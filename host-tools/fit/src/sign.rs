@@ -30,6 +30,8 @@ const MOVES: f64 = 0.2;
 /// A target whose mean is this share of its mean size goes one way: it presses or pulls.
 const ONE_WAY: f64 = 0.5;
 
+/// Inputs and targets of some rows of a recording.
+type Thinned<'r> = (Vec<&'r [f64]>, Vec<&'r [f64]>);
 /// What is not foretold of a recording by each law, as a form of the signs.
 type Forms = Vec<DMatrix<f64>>;
 
@@ -40,8 +42,7 @@ pub(crate) fn same_sign(
     names: &[String],
     targets: &[String],
 ) -> Result<(), FitError> {
-    let thin: Vec<(Vec<&[f64]>, Vec<&[f64]>)> =
-        recordings.iter().map(|(x, y)| (slices(x), slices(y))).collect();
+    let thin: Vec<Thinned<'_>> = recordings.iter().map(|(x, y)| (slices(x), slices(y))).collect();
     if thin.iter().filter(|(x, _)| !x.is_empty()).count() < 2 {
         return Ok(());
     }
@@ -80,7 +81,7 @@ fn slices(rows: &[Vec<f64>]) -> Vec<&[f64]> {
 }
 
 /// The inputs of each recording for each law: a line, and a line in products as well where they are few.
-fn laws(recordings: &[(Vec<&[f64]>, Vec<&[f64]>)]) -> Vec<Vec<DMatrix<f64>>> {
+fn laws(recordings: &[Thinned<'_>]) -> Vec<Vec<DMatrix<f64>>> {
     let (x, y): (Vec<_>, Vec<_>) = recordings.iter().cloned().unzip();
     let scaling = Scaling::of(&x.concat(), &y.concat(), Inputs::Unlike);
     let width = scaling.inputs.len();
