@@ -108,7 +108,8 @@ fn runs_of_wrong_rows_and_wrong_ends_are_told_with_their_share_and_too_many_are_
     let told = fitted(&[loose(&|i| i % 500 > 480 || i > rows - 40 || i % 500 == 77)], 4).unwrap();
     let said = &told.warnings[0];
     assert!(said.starts_with("loose.csv: ") && said.contains("stand far out"), "{said}");
-    let [clean, told] = [fitted(&[good.clone()], 4).unwrap(), told].map(|fitted| error_of(&fitted));
+    let [clean, told] =
+        [fitted(std::slice::from_ref(&good), 4).unwrap(), told].map(|fitted| error_of(&fitted));
     assert!(told < 1.3 * clean, "{told} N, {clean} N without");
 
     let error = fitted(&[loose(&|i| i % 4 == 1)], 4).unwrap_err().to_string();
