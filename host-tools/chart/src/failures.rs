@@ -31,7 +31,7 @@ pub(crate) const TRUSTED: f64 = 0.01;
 pub(crate) struct Count {
     pub frames: usize,
     pub flagged: usize,
-    /// Beyond [`FAILS`] times the stated accuracy, or without a value.
+    /// Beyond [`FAILS`] times the stated accuracy, flagged or not. What is withheld misleads nobody.
     pub failed: usize,
     pub silent: usize,
     squares: f64,
@@ -42,7 +42,7 @@ pub(crate) struct Count {
 impl Count {
     pub(crate) fn add(&mut self, error: Option<f64>, stated: f64, warned: bool) {
         let flagged = warned || error.is_none();
-        let fails = error.is_none_or(|error| error > FAILS * stated);
+        let fails = error.is_some_and(|error| error > FAILS * stated);
         self.frames += 1;
         self.flagged += usize::from(flagged);
         self.failed += usize::from(fails);

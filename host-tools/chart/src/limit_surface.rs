@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
-use plotly::common::{Marker, Mode};
+use plotly::common::{Marker, Mode, Position};
 use plotly::{Plot, Scatter};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -88,7 +88,8 @@ fn html(forms: &[Form]) -> String {
     );
     let names: Vec<String> = forms.iter().map(|form| form.name.clone()).collect();
     let marker = Marker::new().size(10).color(hex(COLOURS[0]));
-    plot.add_trace(trace.mode(Mode::Markers).marker(marker).text_array(names));
+    let trace = trace.mode(Mode::MarkersText).text_position(Position::TopCenter);
+    plot.add_trace(trace.marker(marker).text_array(names));
     plot.set_layout(layout(TITLE, CYCLES, ERROR));
     let lead = "The ellipse, the table that the firmware has, and the sweep over the centre of rotation (003), each \
                 against the integral over a pressure by a power law.";

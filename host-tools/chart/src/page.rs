@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use plotly::common::{Line, Marker, MarkerSymbol, Mode};
+use plotly::common::{DashType, Line, Marker, MarkerSymbol, Mode};
 use plotly::layout::{Axis, AxisType};
 use plotly::{Layout, Plot, Scatter};
 use plotters::style::RGBColor;
@@ -18,6 +18,8 @@ use crate::style::{COLOURS, GREY};
 
 const WIDTH: usize = 860;
 const HEIGHT: usize = 460;
+/// With room for the names of all methods.
+const HIGH: usize = 620;
 
 /// A page of plots, one below the other.
 pub(crate) fn page(title: &str, lead: &str, plots: impl Iterator<Item = Plot>) -> String {
@@ -99,7 +101,10 @@ pub(crate) fn failures(maps: &[Map]) -> String {
     let plots = sweeps.into_iter().map(|sweep| {
         let mut plot = Plot::new();
         let of = maps.iter().filter(|map| map.sweep == sweep);
-        for (map, colour) in of.zip(COLOURS.into_iter().cycle()) {
+        // Methods are more than colours: the second round is dashed, the third dotted.
+        let looks = [DashType::Solid, DashType::Dash, DashType::Dot];
+        let looks = looks.iter().flat_map(|dash| COLOURS.map(|colour| (dash.clone(), colour)));
+        for (map, (dash, colour)) in of.zip(looks) {
             let mut points: Vec<&Point> = map.points.iter().collect();
             points.sort_by(|a, b| a.value.total_cmp(&b.value));
             let trace = |points: &[&Point]| {
@@ -115,7 +120,8 @@ pub(crate) fn failures(maps: &[Map]) -> String {
                 .legend_group(map.method)
                 .text_array(points.iter().map(|point| figures(point)).collect::<Vec<String>>())
             };
-            plot.add_trace(trace(&points).mode(Mode::Lines).line(Line::new().color(hex(colour))));
+            let line = Line::new().color(hex(colour)).dash(dash);
+            plot.add_trace(trace(&points).mode(Mode::Lines).line(line));
             let marks: [Marked; 3] = [
                 (MarkerSymbol::X, Point::silent),
                 (MarkerSymbol::Circle, |point| !point.silent() && point.flagged()),
@@ -136,7 +142,7 @@ pub(crate) fn failures(maps: &[Map]) -> String {
             Layout::new()
                 .title(format!("Over {sweep}"))
                 .width(WIDTH)
-                .height(HEIGHT)
+                .height(HIGH)
                 .x_axis(x)
                 .y_axis(y),
         );
@@ -167,17 +173,25 @@ fn figures(point: &Point) -> String {
 
 /// A plot of bars.
 pub(crate) fn bars(title: &str, lead: &str, bars: &[Bar]) -> String {
-    let shown = || bars.iter().filter(|bar| bar.long.is_some());
-    let long = shown().filter_map(|bar| bar.long).collect::<Vec<f64>>();
-    let told = shown().map(|bar| bar.told.clone()).collect::<Vec<String>>();
     let mut plot = Plot::new();
-    let names = shown().map(|bar| bar.name.clone()).collect::<Vec<String>>();
-    let colour = Marker::new().color(hex(COLOURS[0]));
-    plot.add_trace(plotly::Bar::new(names, long).text_array(told).marker(colour));
+    for (own, colour) in [(true, COLOURS[0]), (false, COLOURS[4])] {
+        let shown: Vec<&Bar> =
+            bars.iter().filter(|bar| bar.long.is_some() && bar.own == own).collect();
+        let long = shown.iter().filter_map(|bar| bar.long).collect::<Vec<f64>>();
+        // What stands behind a comma has no room below a bar.
+        let name = |bar: &&Bar| bar.name.split(", ").next().unwrap_or_default().to_owned();
+        let told = shown.iter().map(|bar| format!("{}: {}", bar.name, bar.told)).collect();
+        plot.add_trace(
+            plotly::Bar::new(shown.iter().map(name).collect(), long)
+                .hover_text_array(told)
+                .marker(Marker::new().color(hex(colour)))
+                .show_legend(false),
+        );
+    }
     plot.set_layout(Layout::new().title(title.to_owned()).width(WIDTH).height(HEIGHT));
-    let rest = bars.iter().filter(|bar| bar.long.is_none());
-    let rest: String = rest.map(|bar| format!("<br>{}", bar.name)).collect();
-    page(title, &format!("{lead}{rest}"), std::iter::once(plot))
+    let told: String =
+        bars.iter().map(|bar| format!("<li>{}: {}</li>", bar.name, bar.told)).collect();
+    page(title, &format!("{lead}<ul>{told}</ul>"), std::iter::once(plot))
 }
 
 /// Error over time of a frame, a plot a scene.

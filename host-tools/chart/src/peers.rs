@@ -60,7 +60,7 @@ fn bars(peers: &[Peer]) -> Vec<Bar> {
         name: peer.name.clone(),
         long: peer.cycles,
         told: told((i, peer)),
-        own: i == 0,
+        own: peer.name.starts_with("taxel"),
     };
     peers.iter().enumerate().map(bar).collect()
 }

@@ -86,7 +86,7 @@ fn the_table_of_silent_failures_has_the_figures_of_boundaries_csv() {
         };
         let share = |part, whole| {
             let whole = sum(whole);
-            format!("{:.3} %", 100.0 * sum(part) / if whole > 0.0 { whole } else { 1.0 })
+            if whole > 0.0 { format!("{:.3} %", 100.0 * sum(part) / whole) } else { "–".into() }
         };
         format!(
             "| {label} | {} | {} | {} | {:.1} million |",
