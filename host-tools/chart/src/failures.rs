@@ -73,6 +73,11 @@ impl Count {
         self.stated / self.frames.max(1) as f64
     }
 
+    /// The error in units of what is stated.
+    pub(crate) fn over_stated(&self) -> Option<f64> {
+        self.error().map(|error| error / self.stated().max(f64::MIN_POSITIVE))
+    }
+
     pub(crate) fn share(&self, of: usize) -> f64 {
         of as f64 / self.frames.max(1) as f64
     }
@@ -135,6 +140,11 @@ struct Stated {
     seed: u64,
     fingers: Fingers,
     stated: Vec<Accuracy>,
+}
+
+/// The methods that are mapped of the finger, or of its matrix alone, by their names in the tables.
+pub fn methods(of: Of) -> impl Iterator<Item = &'static str> {
+    Fingers::methods().filter(move |(whose, _)| *whose == of).map(|(_, name)| name)
 }
 
 /// Maps every method over every sweep, over the devices, on all cores.

@@ -19,22 +19,12 @@ const RATIOS: [f64; 2] = [0.05, 200.0];
 /// the one below.
 const LANE: f64 = 1.4;
 
-/// The methods, by colour, in the order of the maps.
-fn methods(maps: &[&Map]) -> Vec<&'static str> {
-    let mut names: Vec<&str> = Vec::new();
-    for map in maps {
-        if !names.contains(&map.method) {
-            names.push(map.method);
-        }
-    }
-    names
-}
-
-fn sweeps(maps: &[&Map]) -> Vec<&'static str> {
-    let mut names: Vec<&str> = Vec::new();
-    for map in maps {
-        if !names.contains(&map.sweep) {
-            names.push(map.sweep);
+/// Each of some names once, in the order in which they come first.
+pub(crate) fn once(all: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
+    let mut names = Vec::new();
+    for name in all {
+        if !names.contains(&name) {
+            names.push(name);
         }
     }
     names
@@ -42,12 +32,12 @@ fn sweeps(maps: &[&Map]) -> Vec<&'static str> {
 
 /// The share of its stated accuracy that a method is off by; at the bottom where it says nothing.
 fn ratio(point: &Point) -> f64 {
-    let stated = point.count.stated().max(f64::MIN_POSITIVE);
-    point.count.error().map_or(RATIOS[0], |error| error / stated).clamp(RATIOS[0], RATIOS[1])
+    point.count.over_stated().unwrap_or(RATIOS[0]).clamp(RATIOS[0], RATIOS[1])
 }
 
 pub(crate) fn draw(maps: &[&Map]) -> anyhow::Result<String> {
-    let (methods, sweeps) = (methods(maps), sweeps(maps));
+    let methods = once(maps.iter().map(|map| map.method));
+    let sweeps = once(maps.iter().map(|map| map.sweep));
     let down = sweeps.len().div_ceil(ACROSS);
     let legend_height = ROW * (methods.len().div_ceil(ACROSS) as u32 + 2);
     let size = (SIZE.0 * ACROSS as u32, SIZE.1 * down as u32 + legend_height);

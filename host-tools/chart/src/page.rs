@@ -12,6 +12,7 @@ use taxel_sim::cost::Cost;
 use crate::bars::Bar;
 use crate::estimators::{Row, front};
 use crate::failures::{FAILS, Map, Point, TRUSTED};
+use crate::map::once;
 use crate::methods::Group;
 use crate::scatter::{GROUPS, Title, colour};
 use crate::style::{COLOURS, GREY};
@@ -92,13 +93,7 @@ pub(crate) fn estimators(rows: &[Row], panels: &[Title<'_>]) -> String {
 
 /// Error over stated accuracy, a plot a sweep and a line a method; the mouse tells the figures of a point.
 pub(crate) fn failures(maps: &[Map]) -> String {
-    let mut sweeps: Vec<&str> = Vec::new();
-    for map in maps {
-        if !sweeps.contains(&map.sweep) {
-            sweeps.push(map.sweep);
-        }
-    }
-    let plots = sweeps.into_iter().map(|sweep| {
+    let plots = once(maps.iter().map(|map| map.sweep)).into_iter().map(|sweep| {
         let mut plot = Plot::new();
         let of = maps.iter().filter(|map| map.sweep == sweep);
         // Methods are more than colours: the second round is dashed, the third dotted.
@@ -108,13 +103,9 @@ pub(crate) fn failures(maps: &[Map]) -> String {
             let mut points: Vec<&Point> = map.points.iter().collect();
             points.sort_by(|a, b| a.value.total_cmp(&b.value));
             let trace = |points: &[&Point]| {
-                let over = |point: &&Point| {
-                    let stated = point.count.stated().max(f64::MIN_POSITIVE);
-                    point.count.error().map(|error| error / stated)
-                };
                 Scatter::new(
                     points.iter().map(|point| point.value.to_string()).collect(),
-                    points.iter().map(over).collect(),
+                    points.iter().map(|point| point.count.over_stated()).collect(),
                 )
                 .name(map.method)
                 .legend_group(map.method)

@@ -66,16 +66,25 @@ impl Outliers {
     /// The recordings without them.
     pub fn remove_from(&self, recordings: &mut [Recorded]) {
         for (wrong, (x, y)) in self.wrong.iter().zip(recordings) {
-            let (mut of_x, mut of_y) = (wrong.iter(), wrong.iter());
-            x.retain(|_| of_x.next() == Some(&false));
-            y.retain(|_| of_y.next() == Some(&false));
+            keep_sound(x, wrong);
+            keep_sound(y, wrong);
         }
     }
 }
 
+/// Of some rows those that are not `wrong`, which is row for row.
+pub(crate) fn keep_sound<'w, R>(rows: &mut Vec<R>, wrong: impl IntoIterator<Item = &'w bool>) {
+    let mut wrong = wrong.into_iter();
+    rows.retain(|_| wrong.next() == Some(&false));
+}
+
+fn count(wrong: &[bool]) -> usize {
+    wrong.iter().filter(|wrong| **wrong).count()
+}
+
 /// What is to be said of a recording with wrong rows.
 fn told(wrong: &[bool], name: &str) -> Result<Option<String>, FitError> {
-    let (count, rows) = (wrong.iter().filter(|wrong| **wrong).count(), wrong.len());
+    let (count, rows) = (count(wrong), wrong.len());
     if count == 0 {
         return Ok(None);
     }
@@ -109,7 +118,6 @@ fn wrong(recordings: &[Recorded], law: Option<Law<'_>>) -> Vec<Vec<bool>> {
         return recordings.iter().map(|(x, _)| vec![false; x.len()]).collect();
     };
     let alone = alone(recordings, &residual);
-    let count = |wrong: &[bool]| wrong.iter().filter(|wrong| **wrong).count();
     let all: usize = alone.iter().map(Vec::len).sum();
     let usual = alone.iter().map(|a| count(a)).sum::<usize>() as f64 > ALONE * all as f64;
     let judged = recordings.iter().zip(alone).map(|(recorded, alone)| {

@@ -20,6 +20,17 @@ pub(crate) struct Scale {
 }
 
 impl Scale {
+    /// Of a column; nothing is spread that is the same throughout.
+    pub(crate) fn of(column: impl Iterator<Item = f64> + Clone) -> Self {
+        let n = column.clone().count().max(1) as f64;
+        let mean = column.clone().sum::<f64>() / n;
+        // A mean is rounded: what never changes must not seem to.
+        let first = column.clone().next();
+        let rests = column.clone().all(|v| Some(v) == first);
+        let square = column.map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+        Self { mean, spread: if rests { 0.0 } else { square.sqrt() } }
+    }
+
     /// About one; zero for a column that never changes.
     pub fn scaled(&self, value: f64) -> f64 {
         if self.spread > 0.0 { (value - self.mean) / self.spread } else { 0.0 }
@@ -67,17 +78,7 @@ fn matrix<R: AsRef<[f64]>>(rows: &[R], scales: &[Scale]) -> DMatrix<f64> {
 
 fn scales<R: AsRef<[f64]>>(rows: &[R]) -> Vec<Scale> {
     let width = rows.first().map_or(0, |row| row.as_ref().len());
-    let n = rows.len().max(1) as f64;
-    (0..width)
-        .map(|i| {
-            let column = || rows.iter().map(|row| row.as_ref()[i]);
-            let mean = column().sum::<f64>() / n;
-            // A mean is rounded: what never changes must not seem to.
-            let rests = column().all(|v| v == rows[0].as_ref()[i]);
-            let square = column().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
-            Scale { mean, spread: if rests { 0.0 } else { square.sqrt() } }
-        })
-        .collect()
+    (0..width).map(|i| Scale::of(rows.iter().map(|row| row.as_ref()[i]))).collect()
 }
 
 /// Every k-th of some rows, so that at most `most` are left: a recording at kilohertz repeats itself from

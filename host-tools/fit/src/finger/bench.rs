@@ -7,7 +7,7 @@ use super::{Fitted, Part, known, warn_of_stuck};
 use crate::error::FitError;
 use crate::least_squares;
 use crate::model::Recorded;
-use crate::outliers::Outliers;
+use crate::outliers::{Outliers, keep_sound};
 use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::FORCES;
@@ -67,11 +67,10 @@ pub(super) fn fit(
     let names: Vec<String> = recordings.iter().map(|(r, _)| r.recording.name.clone()).collect();
     sign::same_sign(&each, &names, &FORCES.map(String::from))?;
     let outliers = Outliers::find(&each, &names, None)?;
-    faulty += outliers.wrong.iter().flatten().filter(|wrong| **wrong).count();
-    let mut wrong = outliers.wrong.iter().flatten();
-    signals.retain(|_| wrong.next() == Some(&false));
-    let mut wrong = outliers.wrong.iter().flatten();
-    forces.retain(|_| wrong.next() == Some(&false));
+    let found = signals.len();
+    keep_sound(&mut signals, outliers.wrong.iter().flatten());
+    keep_sound(&mut forces, outliers.wrong.iter().flatten());
+    faulty += found - signals.len();
     fitted.warnings.extend(outliers.told);
     let fit = least_squares::fit(&name, &signals, &forces, f64::from(bias.noise))?;
     if fit.ratio < WEAK {

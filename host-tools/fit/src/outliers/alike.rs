@@ -5,6 +5,7 @@ use nalgebra::{Cholesky, DMatrix};
 use super::{NEIGHBOURS, median};
 use crate::expansion::Expansion;
 use crate::model::Recorded;
+use crate::scaling::Scale;
 
 /// Rows most like one that it is compared with.
 const LIKE: usize = 24;
@@ -76,7 +77,8 @@ impl<'s> Pass<'s> {
         };
         let scaled = |rows: &[Vec<f64>], alike: bool| {
             let width = rows[sound[0]].len();
-            let spreads: Vec<f64> = (0..width).map(|k| spread(&of(rows, k))).collect();
+            let spread = |k| Scale::of(of(rows, k).iter().copied()).spread;
+            let spreads: Vec<f64> = (0..width).map(spread).collect();
             let common = (spreads.iter().map(|s| s * s).sum::<f64>() / width.max(1) as f64).sqrt();
             let size: Vec<f64> = spreads
                 .iter()
@@ -93,7 +95,7 @@ impl<'s> Pass<'s> {
         let (inputs, targets) = (scaled(x, high <= 100.0 * low), scaled(y, false));
         let usual = (0..inputs[0].len()).map(|k| {
             let column = of(&inputs, k);
-            [median(column.clone()), spread(&column), width(&column)]
+            [median(column.clone()), Scale::of(column.iter().copied()).spread, width(&column)]
         });
         let usual: Vec<[f64; 3]> = usual.collect();
         let left = left(&inputs, &targets, &sought, &usual);
@@ -276,16 +278,6 @@ fn left(
         targets.iter().zip(said).map(|(target, said)| target - said).collect()
     };
     all.iter().zip(targets).map(of).collect()
-}
-
-/// Standard deviation; none where every value is the same.
-fn spread(values: &[f64]) -> f64 {
-    if values.iter().all(|value| *value == values[0]) {
-        return 0.0;
-    }
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
 /// What nine of ten values lie within.
