@@ -6,9 +6,9 @@ mod common;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use common::{In, write_trace};
+use common::{In, json, write_trace};
 use taxel::units::Code;
-use taxel_formats::trace::Sample;
+use taxel_formats::trace::{Sample, Truth};
 use taxel_sim::{Scene, Simulator};
 
 /// What is typed besides the recordings: nothing, and the choice by what is left out.
@@ -161,6 +161,16 @@ fn finger(
     (seed, shear): (u64, f64),
     spoil: impl Fn(usize, &mut Sample),
 ) {
+    let mut samples = pressed(seed, shear);
+    for (row, sample) in samples.iter_mut().enumerate() {
+        sample.truth.sensors = [[None; 3]; 4];
+        spoil(row, sample);
+    }
+    write_trace(folder, name, &samples, true);
+}
+
+/// The same with the force on each sensor.
+fn pressed(seed: u64, shear: f64) -> Vec<Sample> {
     let scene = format!(
         "effects = ['noise', 'ambient', 'gain-spread', 'optical-crosstalk']\n\
                  [scan]\nrate_hz = 200\nduration_s = 9\n[device]\nseed = 3\nbits = 16\n\
@@ -168,15 +178,85 @@ fn finger(
                  [[random]]\nat_s = 1\npresses = 26\neach_s = 0.3\nx_mm = [-2, 2]\ny_mm = [-2, 2]\n\
                  fz_n = [0.4, 2]\nshear_of_limit = [0, {shear}]\n"
     );
-    let mut samples: Vec<Sample> =
-        Simulator::new(&Scene::parse("presses.toml", &scene).unwrap(), seed).collect();
-    for (row, sample) in samples.iter_mut().enumerate() {
-        // No contact points: the net alone is what is wanted here.
-        sample.truth.point = [None; 2];
+    let simulator = Simulator::new(&Scene::parse("presses.toml", &scene).unwrap(), seed);
+    // No contact points: the net alone is what is wanted here.
+    let bare =
+        |sample: Sample| Sample { truth: Truth { point: [None; 2], ..sample.truth }, ..sample };
+    simulator.map(bare).collect()
+}
+
+#[test]
+fn a_sensor_that_is_left_out_an_axis_without_a_load_and_rows_left_out_are_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = In(directory.path());
+    let write = |name: &str, seed: u64, spoil: &dyn Fn(usize, &mut Sample)| {
+        let mut samples = pressed(seed, 0.9);
+        samples.iter_mut().enumerate().for_each(|(row, sample)| spoil(row, sample));
+        write_trace(folder.0, name, &samples, true);
+    };
+    let fit = ["calibrate", "fit", "--out", "cal.toml", "--model", "ridge", "--json", "--data"];
+    let fitted = |more: &[&str]| {
+        let ran = folder.taxel(&[&fit[..], more].concat());
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        (json(&ran.out), ran.err)
+    };
+    let part = |found: &serde_json::Value, name: &str| {
+        let parts = found["parts"].as_array().unwrap().iter();
+        parts.clone().find(|part| part["part"].as_str().unwrap().starts_with(name)).cloned()
+    };
+
+    // One cell of s0 is empty, and of s1 there is no z at all.
+    write("holes.csv", 1, &|row, sample| {
+        sample.truth.sensors[1][2] = None;
+        if row == 700 {
+            sample.truth.sensors[0][1] = None;
+        }
+    });
+    let (found, said) = fitted(&["holes.csv"]);
+    let (s0, s2) = (part(&found, "s0").unwrap(), part(&found, "s2").unwrap());
+    assert_eq!(s0["rows"].as_u64().unwrap() + 1, s2["rows"].as_u64().unwrap());
+    assert!(part(&found, "s1").is_none());
+    let why =
+        "s1: its matrix S was not fitted: holes.csv: no row has all of s1_fx_n, s1_fy_n, s1_fz_n";
+    assert!(said.contains(&format!("taxel: warning: {why}")), "{said}");
+
+    write("loose.csv", 1, &|i, sample| {
         sample.truth.sensors = [[None; 3]; 4];
-        spoil(row, sample);
-    }
-    write_trace(folder, name, &samples, true);
+        if i % 40 == 7 {
+            sample.truth.force[2] = sample.truth.force[2].map(|f| f + 30.0);
+        }
+    });
+    let (found, said) = fitted(&["loose.csv"]);
+    let left_out = part(&found, "linear").unwrap()["left_out"].as_u64().unwrap();
+    assert!(left_out > 5 && said.contains(&format!("loose.csv: {left_out} of ")), "{said}");
+    table(folder.0, "table.csv", 600, 0.0, |i, _, row| {
+        if i % 40 == 7 {
+            row[3] = 60.0;
+        }
+    });
+    let (found, _) = fitted(&["table.csv", "--inputs", "m*", "--targets", "force_n"]);
+    assert_eq!(found["parts"][0]["left_out"], 15);
+
+    write("still.csv", 1, &|_, sample| sample.truth.force[0] = Some(0.0));
+    let refused = folder.fails(1, &[&fit[..], &["still.csv"]].concat());
+    assert!(refused.contains("net: fx_n: the same throughout"), "{refused}");
+    write("one-way.csv", 1, &|_, sample| {
+        sample.truth.force[0] = sample.truth.force[0].map(f64::abs);
+    });
+    let (_, said) = fitted(&["one-way.csv"]);
+    assert!(said.contains("taxel: warning: fx goes one way only (0.00 … "), "{said}");
+
+    // Nothing but the normal force on s0: the net needs no S.
+    let alike = |_: usize, sample: &mut Sample| {
+        let midpoints = sample.scan.codes.bridges[0].as_mut().unwrap();
+        (midpoints.c, midpoints.d) = (midpoints.a, midpoints.b);
+    };
+    write("alike.csv", 1, &alike);
+    let refused = folder.fails(1, &[&fit[..], &["alike.csv"]].concat());
+    assert!(refused.contains("s0: the loads do not determine every axis"), "{refused}");
+    let (found, said) = fitted(&["alike.csv", "--net-only"]);
+    assert!(part(&found, "linear").is_some() && part(&found, "s0").is_none());
+    assert!(said.contains("s0: its matrix S was not fitted: s0: the loads do not"), "{said}");
 }
 
 fn taxel(sample: &mut Sample, row: usize, column: usize) -> &mut Code {

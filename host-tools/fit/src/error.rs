@@ -43,6 +43,28 @@ pub enum FitError {
         /// What was to be fitted.
         part: String,
     },
+    /// A component of the reference that never shows a load.
+    #[error(
+        "{part}: {columns}: the same throughout: what is never loaded cannot be fitted; record loads along it, \
+         both ways, over the range to be measured, or leave the column out"
+    )]
+    AtRest {
+        /// What was to be fitted.
+        part: String,
+        /// The columns of the reference.
+        columns: String,
+    },
+    /// Axes of a force sensor along which there is no load.
+    #[error(
+        "{part}: {columns}: never loaded (less than a hundredth of the largest force), so that S is not determined; \
+         load it in x, y and z independently of each other"
+    )]
+    NeverLoaded {
+        /// What was to be fitted.
+        part: String,
+        /// The columns of the reference.
+        columns: String,
+    },
     /// The loads do not determine all of the unknowns.
     #[error(
         "{part}: the loads do not determine every axis (in one direction the signals stand only \
@@ -110,6 +132,8 @@ impl FitError {
     #[must_use]
     pub(crate) fn of(mut self, recordings: &str) -> Self {
         if let Self::NoLoad { part }
+        | Self::AtRest { part, .. }
+        | Self::NeverLoaded { part, .. }
         | Self::Collinear { part, .. }
         | Self::TooFewRows { part, .. }
         | Self::Shape { part, .. } = &mut self

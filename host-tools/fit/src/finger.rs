@@ -21,9 +21,10 @@ use crate::error::FitError;
 use crate::limit_surface;
 use crate::model::Family;
 use crate::network::{NetOptions, Progress};
-use crate::prepared::Prepared;
+use crate::prepared::{Loads, Prepared};
 use crate::quantise::{self, Form};
 use crate::recording::Recording;
+use crate::shear;
 use crate::skin::{self, Skin};
 use crate::warmth;
 
@@ -85,8 +86,8 @@ pub struct Part {
     pub name: String,
     /// Rows of the recordings it was fitted to, before thinning.
     pub rows: usize,
-    /// Rows left out because a channel was saturated, dead or faulty.
-    pub faulty: usize,
+    /// Rows left out because a channel was saturated, dead or faulty, or because they stood far out of the others.
+    pub left_out: usize,
     /// Condition number of a sensor's signals.
     pub condition: Option<f64>,
     /// How a model was chosen.
@@ -153,19 +154,7 @@ pub fn fit(
         parts: Vec::new(),
     };
     for sensor in 0..SENSORS {
-        let own: Vec<(&Prepared<'_>, bool)> = recordings
-            .iter()
-            .zip(&subjects)
-            .filter_map(|(recording, subject)| {
-                let bench = *subject == Subject::Sensor(sensor);
-                // A bench recording says nothing of the other sensors: nothing presses on them.
-                let all = *subject == Subject::Finger && recording.loads(sensor);
-                (bench || all).then_some((recording, bench))
-            })
-            .collect();
-        if !own.is_empty() {
-            bench::fit(&mut fitted, sensor, &own)?;
-        }
+        fit_sensor(&mut fitted, sensor, (&recordings, &subjects), options)?;
     }
     let fingers: Vec<&Prepared<'_>> = recordings
         .iter()
@@ -195,8 +184,45 @@ pub fn fit(
     if options.form == Form::Q15 {
         quantise::net(&mut fitted, &fingers)?;
     }
+    let read = recordings.iter().map(|prepared| &*prepared.recording);
+    fitted.warnings.extend(shear::of_finger(&fitted.calibration, read));
     fitted.calibration.validate().map_err(FitError::Record)?;
     Ok(fitted)
+}
+
+/// S of a sensor, from the recordings that know the force on it. The net needs none: if it alone is wanted, a sensor
+/// that the recordings of the finger do not determine is left out.
+fn fit_sensor(
+    fitted: &mut Fitted,
+    sensor: usize,
+    (recordings, subjects): (&[Prepared<'_>], &[Subject]),
+    options: &FitOptions,
+) -> Result<(), FitError> {
+    let (mut own, mut unfit) = (Vec::new(), Vec::new());
+    for (recording, subject) in recordings.iter().zip(subjects) {
+        match (*subject, recording.loads(sensor)) {
+            (Subject::Sensor(of), _) if of == sensor => own.push((recording, true)),
+            (Subject::Finger, Loads::Known) => own.push((recording, false)),
+            (Subject::Finger, Loads::Unfit(why)) => unfit.push(why),
+            // A bench recording says nothing of the other sensors: nothing presses on them.
+            _ => {}
+        }
+    }
+    let not_fitted = |why: &str| format!("s{sensor}: its matrix S was not fitted: {why}");
+    if own.is_empty() {
+        if !unfit.is_empty() {
+            fitted.warnings.push(not_fitted(&unfit.join("; ")));
+        }
+        return Ok(());
+    }
+    let bench = own.iter().any(|(_, bench)| *bench);
+    match bench::fit(fitted, sensor, &own) {
+        Err(why) if options.net_only && !bench => {
+            fitted.warnings.push(not_fitted(&why.to_string()));
+            Ok(())
+        }
+        fit => fit,
+    }
 }
 
 fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String]) {
@@ -238,7 +264,7 @@ fn model_of_the_skin(
 /// Keeps the model of the skin in the record where it is better than the net.
 fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let Some(taxels) = &fitted.calibration.taxels else { return };
-    let Skin { model, rows, residual } = skin;
+    let Skin { model, rows, left_out, residual } = skin;
     let of = |errors: &mut dyn Iterator<Item = f64>| errors.map(|e| e * e).sum::<f64>();
     let components = fitted.calibration.force.as_ref().map_or(1, |net| net.output_bias.len());
     let from = 3 - components.min(3);
@@ -255,7 +281,7 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     fitted.parts.push(Part {
         name: "model of the skin".into(),
         rows: rows.len(),
-        faulty: 0,
+        left_out,
         condition: None,
         chosen: None,
         effective: None,
@@ -274,7 +300,7 @@ fn fit_array(fitted: &mut Fitted, recordings: &[Prepared<'_>], subjects: &[Subje
     fitted.parts.push(Part {
         name: "array of sensors".into(),
         rows,
-        faulty: 0,
+        left_out: 0,
         condition: None,
         chosen: None,
         effective: None,

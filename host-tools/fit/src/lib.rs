@@ -35,6 +35,7 @@ mod quantise;
 pub mod range;
 pub mod recording;
 mod scaling;
+pub mod shear;
 mod sign;
 mod skin;
 mod stretches;

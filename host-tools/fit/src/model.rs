@@ -75,6 +75,8 @@ pub(crate) type Recorded = (Vec<Vec<f64>>, Vec<Vec<f64>>);
 /// What to train, and on what.
 pub(crate) struct Training<'a> {
     pub part: &'a str,
+    /// What messages call the targets.
+    pub targets: &'a [String],
     pub family: Family,
     pub recordings: &'a [Recorded],
     pub inputs: Inputs,
@@ -95,6 +97,17 @@ impl Training<'_> {
     /// # Errors
     /// What the recordings lack.
     pub fn run(
+        &self,
+        progress: &mut dyn FnMut(Progress),
+        stop: &AtomicBool,
+    ) -> Result<(Net, Option<Chosen>), FitError> {
+        self.train(progress, stop).map_err(|error| match error {
+            FitError::NoLoad { .. } => self.at_rest().unwrap_or(error),
+            error => error,
+        })
+    }
+
+    fn train(
         &self,
         progress: &mut dyn FnMut(Progress),
         stop: &AtomicBool,
@@ -129,6 +142,17 @@ impl Training<'_> {
                 network::fit(self.part, rows, build, options, progress, stop).map(|net| (net, None))
             }
         }
+    }
+
+    /// A refusal with the names of the targets that never change, if there are such.
+    fn at_rest(&self) -> Option<FitError> {
+        let rows = || self.recordings.iter().flat_map(|(_, y)| y);
+        let first = rows().next()?;
+        let rests = |k: &usize| rows().all(|row| row[*k] == first[*k]);
+        let resting = (0..self.targets.len()).filter(rests).map(|k| self.targets[k].as_str());
+        let resting: Vec<&str> = resting.collect();
+        (!resting.is_empty())
+            .then(|| FitError::AtRest { part: self.part.into(), columns: resting.join(", ") })
     }
 }
 

@@ -9,7 +9,7 @@ use taxel::units::Code;
 use crate::align::{self, Alignment, Series};
 use crate::error::FitError;
 use crate::finger::Subject;
-use crate::recording::Recording;
+use crate::recording::{FORCES, Recording};
 
 /// A sensor answers if its signals reach this many times its noise in one row of a hundred …
 const ANSWERS: f32 = 8.0;
@@ -19,6 +19,16 @@ const ANSWERS_SHARE: f32 = 0.02;
 /// Seconds by which a skin may lag behind the reference: a relaxing one of 003 (fig. 1.23) has time constants
 /// of some 4 ms.
 const LAGS: f64 = 0.02;
+
+/// What a recording's reference of the force on a sensor is worth.
+pub(crate) enum Loads {
+    /// There is none.
+    Unknown,
+    /// The force is known in some rows at least, and there is some.
+    Known,
+    /// S cannot be fitted to it, and why.
+    Unfit(String),
+}
 
 /// A recording with its signals as the chip sees them.
 pub(crate) struct Prepared<'r> {
@@ -129,10 +139,24 @@ impl<'r> Prepared<'r> {
         }
     }
 
-    /// The recording knows the force on this sensor, and there is some.
-    pub fn loads(&self, sensor: usize) -> bool {
+    /// What the reference of the force on this sensor, if there is one, is worth.
+    pub fn loads(&self, sensor: usize) -> Loads {
         let truths = || self.recording.samples.iter().map(|s| s.truth.sensors[sensor]);
-        truths().all(|truth| truth.iter().all(Option::is_some))
-            && truths().flatten().flatten().any(|force| force != 0.0)
+        let known = || truths().filter(|truth| truth.iter().all(Option::is_some));
+        let missing = |problem: String| Loads::Unfit(format!("{}: {problem}", self.recording.name));
+        if !truths().flatten().any(|force| force.is_some()) {
+            return Loads::Unknown;
+        }
+        if known().next().is_none() {
+            let columns = FORCES.map(|force| format!("s{sensor}_{force}")).join(", ");
+            return missing(format!("no row has all of {columns}"));
+        }
+        if !known().flatten().any(|force| force != Some(0.0)) {
+            return missing(format!("s{sensor}_fx_n … s{sensor}_fz_n are zero throughout"));
+        }
+        match self.bias.bridges[sensor] {
+            Some(_) => Loads::Known,
+            None => missing(format!("columns bridge_s{sensor}_a … bridge_s{sensor}_d missing")),
+        }
     }
 }

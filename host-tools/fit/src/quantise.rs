@@ -44,7 +44,7 @@ pub(crate) fn net(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(
     fitted.parts.push(Part {
         name: "the net in 16 bits".into(),
         rows: rows as usize,
-        faulty: 0,
+        left_out: 0,
         condition: None,
         chosen: None,
         effective: None,

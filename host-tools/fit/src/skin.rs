@@ -24,6 +24,8 @@ pub(crate) struct Skin {
     pub model: Inverse,
     /// The rows it was fitted to.
     pub rows: Vec<Row>,
+    /// Rows left out because a taxel was saturated or dead, or because they stood far out of the others.
+    pub left_out: usize,
     /// RMS error over the rows, as the chip follows them: f_x, f_y, f_z in newtons.
     pub residual: [f64; 3],
 }
@@ -39,8 +41,8 @@ pub(crate) fn fit(
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Option<Skin>, FitError> {
-    let runs: Vec<Vec<Option<Row>>> =
-        recordings.iter().zip(wrong).map(|(r, wrong)| rows(r, wrong)).collect();
+    let (runs, left_out): (Vec<Vec<Option<Row>>>, Vec<usize>) =
+        recordings.iter().zip(wrong).map(|(r, wrong)| rows(r, wrong)).unzip();
     let loaded: Vec<Row> = runs.iter().flatten().flatten().cloned().collect();
     if loaded.is_empty() {
         return Ok(None);
@@ -50,7 +52,7 @@ pub(crate) fn fit(
     let known = (friction.max(LEAST_FRICTION), f64::from(noise), shear);
     let model = inverse::fit("model of the skin", &loaded, known, progress, stop)?;
     let residual = residual(&model, &runs);
-    Ok(Some(Skin { model, rows: loaded, residual }))
+    Ok(Some(Skin { model, rows: loaded, left_out: left_out.iter().sum(), residual }))
 }
 
 /// The largest ratio of shear to normal force under a firm load.
@@ -61,11 +63,12 @@ pub(crate) fn friction(rows: &[Row]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// The moments of a recording that are touched, sound and fully known.
-fn rows(prepared: &Prepared<'_>, wrong: &HashSet<usize>) -> Vec<Option<Row>> {
+/// The moments of a recording that are touched, sound and fully known, and how many of them are not sound.
+fn rows(prepared: &Prepared<'_>, wrong: &HashSet<usize>) -> (Vec<Option<Row>>, usize) {
     let gate = Gate::default();
     let samples = prepared.recording.samples.iter().zip(&prepared.signals);
-    samples
+    let mut left_out = 0;
+    let rows = samples
         .enumerate()
         .map(|(at, (sample, signals))| {
             let ([fx, fy, fz], [x, y]) = (sample.truth.force, sample.truth.point);
@@ -75,9 +78,12 @@ fn rows(prepared: &Prepared<'_>, wrong: &HashSet<usize>) -> Vec<Option<Row>> {
             let sound =
                 signals.health.dead == 0 && signals.health.saturated == 0 && !wrong.contains(&at);
             let row = Row { signals: c.map(f64::from), force: [fx?, fy?, fz?], point: [x?, y?] };
-            (touched && sound && row.force[2] > 0.0).then_some(row)
+            let load = touched && row.force[2] > 0.0;
+            left_out += usize::from(load && !sound);
+            (load && sound).then_some(row)
         })
-        .collect()
+        .collect();
+    (rows, left_out)
 }
 
 /// RMS error of the forces that the chip would say, row after row.

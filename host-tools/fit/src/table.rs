@@ -21,6 +21,7 @@ use crate::network::{NetOptions, Progress};
 use crate::outliers::Outliers;
 use crate::range::{extremes, trained_range};
 use crate::scaling::Inputs;
+use crate::shear;
 use crate::sign;
 
 pub use model::TableModel;
@@ -134,6 +135,8 @@ pub struct FittedTable {
     pub warnings: Vec<String>,
     /// Rows of the recordings.
     pub rows: usize,
+    /// Rows left out because they stood far out of the others.
+    pub left_out: usize,
     /// Condition number of its inputs, each scaled by its own spread.
     pub condition: Option<f64>,
     /// How it was chosen.
@@ -185,7 +188,8 @@ fn fit_model(
         }
         rows.push((recording.inputs.rows.clone(), recording.targets.rows.clone()));
     }
-    let mut warnings = check(recordings, &mut rows, options.family)?;
+    let (mut warnings, left_out) = check(recordings, &mut rows, options.family)?;
+    warnings.extend(shear::of_table(&first.targets.names, rows.iter().flat_map(|(_, y)| y)));
     let conditioning = checks::conditioning(&rows);
     if let Some(found) = &conditioning {
         warnings.extend(uneven(found, options.family, &first.inputs.names));
@@ -234,7 +238,15 @@ fn fit_model(
         model.law = Some(law?);
         model.residual = residual(&model, &rows);
         let (rows, effective) = (x.len(), 0.0);
-        return Ok(FittedTable { model, warnings, rows, condition, chosen: None, effective });
+        return Ok(FittedTable {
+            model,
+            warnings,
+            rows,
+            left_out,
+            condition,
+            chosen: None,
+            effective,
+        });
     }
     let (mut centre, mut kind, total) = (Vec::new(), kind, x.len());
     let mut terms = Cow::Borrowed(&rows);
@@ -249,6 +261,7 @@ fn fit_model(
     }
     let training = Training {
         part: &options.family.to_string(),
+        targets: &first.targets.names,
         family: options.family,
         recordings: &terms,
         inputs: kind,
@@ -279,15 +292,15 @@ fn fit_model(
     };
     model.residual = residual(&model, &rows);
     let effective = net.effective;
-    Ok(FittedTable { model, warnings, rows: total, condition, chosen, effective })
+    Ok(FittedTable { model, warnings, rows: total, left_out, condition, chosen, effective })
 }
 
-/// What the recordings cannot bear: refused, mended or warned of.
+/// What the recordings cannot bear: refused, mended or warned of; and how many rows were left out for it.
 fn check(
     recordings: &[TableRecording],
     rows: &mut [Recorded],
     family: Family,
-) -> Result<Vec<String>, FitError> {
+) -> Result<(Vec<String>, usize), FitError> {
     let first = &recordings[0];
     let names: Vec<String> = recordings.iter().map(TableRecording::name).collect();
     let mut warnings = put_on_time(recordings, rows);
@@ -314,7 +327,7 @@ fn check(
             laws::fit(family, &kept).and_then(Result::ok).or(Some(bent))
         }
         // What cannot be fitted is refused later.
-        Some(Err(_)) => return Ok(warnings),
+        Some(Err(_)) => return Ok((warnings, 0)),
         None => None,
     };
     let outliers = match &law {
@@ -322,8 +335,9 @@ fn check(
         None => Outliers::find(rows, &names, None)?,
     };
     outliers.remove_from(rows);
+    let left_out = outliers.wrong.iter().flatten().filter(|wrong| **wrong).count();
     warnings.extend(outliers.told);
-    Ok(warnings)
+    Ok((warnings, left_out))
 }
 
 /// References read at the times at which they fit, and what is to be said of it.

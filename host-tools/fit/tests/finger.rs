@@ -9,6 +9,7 @@ use taxel::units::{Code, FullScale, Micros};
 use taxel_fit::evaluate;
 use taxel_fit::finger::{FitOptions, Fitted, Subject, fit};
 use taxel_fit::metrics::{Figures, TargetMetrics};
+use taxel_fit::model::Family;
 use taxel_fit::network::NetOptions;
 use taxel_fit::recording::Recording;
 use taxel_fit::{FitError, Form};
@@ -242,8 +243,124 @@ fn saturated_rows_are_left_out_and_said() {
         sample.scan.codes.taxels.iter_mut().for_each(|t| t.lit[0][0] = top);
     }
     let fitted = fit_quietly(&[bright], &options()).unwrap();
-    assert_eq!(fitted.parts[0].faulty, 20);
+    assert_eq!(fitted.parts[0].left_out, 20);
     assert!(fitted.warnings[0].contains("saturated"), "{:?}", fitted.warnings);
+}
+
+/// Force on sensor 0 whose reference is that sensor's own, as in a recording of the finger.
+fn own_reference(rows: usize) -> Recording {
+    let mut recording = bench(rows, [1.0; 3]);
+    for sample in &mut recording.samples {
+        sample.scan.codes.taxels = None;
+        let force = std::mem::take(&mut sample.truth.force);
+        sample.truth = Truth::default();
+        sample.truth.sensors[0] = force.map(|f| Some(f.unwrap_or_default()));
+    }
+    recording
+}
+
+#[test]
+fn a_sensor_is_fitted_to_the_rows_whose_force_on_it_is_known() {
+    let finger = FitOptions { subject: Subject::Finger, ..options() };
+    let whole = fit_quietly(&[own_reference(1000)], &finger).unwrap();
+    assert_eq!((whole.parts[0].name.as_str(), whole.parts[0].rows), ("s0", 1100));
+    let mut holes = own_reference(1000);
+    holes.samples[300].truth.sensors[0][1] = None;
+    holes.samples[1060..].iter_mut().for_each(|sample| sample.truth = Truth::default());
+    let holed = fit_quietly(&[holes], &finger).unwrap();
+    assert_eq!((holed.parts[0].name.as_str(), holed.parts[0].rows), ("s0", 1059));
+    let [whole, holed] =
+        [whole, holed].map(|fitted| fitted.calibration.sensors[0].as_ref().unwrap().sensitivity.0);
+    for (whole, holed) in whole.as_flattened().iter().zip(holed.as_flattened()) {
+        assert!((whole - holed).abs() < 0.01 * whole.abs().max(10.0), "{whole} {holed}");
+    }
+}
+
+#[test]
+fn a_sensor_that_is_not_fitted_is_named_with_the_reason() {
+    let warned = |known: fn(f64) -> [Option<f64>; 3], sensor: usize| {
+        let mut presses = presses(30, 0, 0.0);
+        for sample in &mut presses.samples {
+            sample.truth.sensors[sensor] = known(sample.truth.force[2].unwrap_or_default());
+        }
+        let fitted = fit_quietly(&[presses], &options()).unwrap();
+        assert!(fitted.calibration.sensors.iter().all(Option::is_none));
+        fitted.warnings
+    };
+    let begins = "s0: its matrix S was not fitted: made-up.csv: ";
+    for (known, why) in [
+        (
+            (|fz| [None, Some(0.0), Some(fz)]) as fn(f64) -> _,
+            "no row has all of s0_fx_n, s0_fy_n, ",
+        ),
+        (|_| [Some(0.0); 3], "s0_fx_n … s0_fz_n are zero throughout"),
+    ] {
+        let warnings = warned(known, 0);
+        assert!(warnings.iter().any(|w| w.starts_with(&format!("{begins}{why}"))), "{warnings:?}");
+    }
+    let absent = warned(|fz| [Some(0.1 * fz), Some(0.0), Some(fz)], 2);
+    let why =
+        "s2: its matrix S was not fitted: made-up.csv: columns bridge_s2_a … bridge_s2_d missing";
+    assert!(absent.iter().any(|w| w.starts_with(why)), "{absent:?}");
+    assert!(
+        !fit_quietly(&[presses(30, 0, 0.0)], &options())
+            .unwrap()
+            .warnings
+            .iter()
+            .any(|w| w.contains("matrix S"))
+    );
+}
+
+#[test]
+fn the_net_alone_does_without_a_sensor_that_presses_do_not_determine() {
+    let mut presses = presses(30, 0, 0.0);
+    for (row, s) in presses.samples.iter_mut().enumerate() {
+        let fz = 0.25 * s.truth.force[2].unwrap_or_default();
+        s.scan.codes.bridges = sample(row, [0.0; 3], [0.0; 2], [0.0, 0.0, fz]).scan.codes.bridges;
+        s.truth.sensors[0] = [Some(0.0), Some(0.0), Some(fz)];
+    }
+    let finger = FitOptions { subject: Subject::Finger, ..options() };
+    let alone = fit_quietly(std::slice::from_ref(&presses), &finger).unwrap();
+    assert!(alone.calibration.force.is_some() && alone.calibration.sensors[0].is_none());
+    let why = "s0: its matrix S was not fitted: s0: fx_n, fy_n: never loaded";
+    assert!(alone.warnings.iter().any(|w| w.starts_with(why)), "{:?}", alone.warnings);
+    let all = fit_quietly(&[presses], &FitOptions { net_only: false, ..finger }).unwrap_err();
+    assert!(all.to_string().starts_with("s0: fx_n, fy_n: never loaded"), "{all}");
+}
+
+#[test]
+fn an_axis_that_is_never_loaded_is_refused_by_name_and_one_loaded_one_way_is_told() {
+    let sheared = |x: fn(f64) -> f64| {
+        let mut recording = presses(60, 0, 0.4);
+        for sample in &mut recording.samples {
+            sample.truth.force[0] = sample.truth.force[0].map(x);
+        }
+        recording
+    };
+    for family in [Family::Mlp, Family::Auto, Family::LeastSquares] {
+        let options = FitOptions { family, ..options() };
+        let refused = fit_quietly(&[sheared(|_| 0.0)], &options).unwrap_err().to_string();
+        assert!(refused.starts_with("net: fx_n: the same throughout"), "{refused}");
+    }
+    let told = |x| fit_quietly(&[sheared(x)], &options()).unwrap().warnings;
+    let one_way = told(f64::abs);
+    assert!(one_way.iter().any(|w| w.starts_with("fx goes one way only (0.00 … ")), "{one_way:?}");
+    let hardly = told(|fx| 0.01 * fx);
+    assert!(hardly.iter().any(|w| w.starts_with("no shear in x (less than 1 %")), "{hardly:?}");
+    let both = told(|fx| fx);
+    assert!(!both.iter().any(|w| w.contains("one way") || w.contains("no shear")), "{both:?}");
+}
+
+#[test]
+fn rows_that_stand_far_out_are_counted_as_left_out() {
+    let mut loose = presses(60, 0, 0.4);
+    let wrong: Vec<usize> =
+        (120..loose.samples.len() - 20).step_by(40).map(|row| row + 10).collect();
+    for row in &wrong {
+        loose.samples[*row].truth.force[2] = Some(30.0);
+    }
+    let fitted = fit_quietly(&[loose], &options()).unwrap();
+    assert_eq!(fitted.parts[0].left_out, wrong.len(), "{:?}", fitted.warnings);
 }
 
 #[test]
@@ -265,7 +382,9 @@ fn what_recordings_lack_is_named_with_the_mend() {
     assert!(refused(&[few], &options()).contains("usable rows where at least"));
 
     let sensor = |sensor| FitOptions { subject: Subject::Sensor(sensor), ..options() };
-    assert!(refused(&[bench(500, [1.0, 0.0, 0.0])], &sensor(0)).contains("load it in x, y and z"));
+    let along_x = refused(&[bench(500, [1.0, 0.0, 0.0])], &sensor(0));
+    assert!(along_x.starts_with("s0: fy_n, fz_n: never loaded"), "{along_x}");
+    assert!(along_x.contains("load it in x, y and z"), "{along_x}");
     assert!(refused(&[bench(500, [1.0; 3])], &sensor(2)).contains("bridge_s2_a"));
     assert!(refused(&[bench(500, [1.0; 3])], &sensor(7)).contains("s0 … s3"));
 

@@ -5,13 +5,8 @@ use taxel::calibration::Calibration;
 use taxel::condition::{Bias, Levels};
 use taxel::scan::{SENSORS, TAXELS};
 use taxel_fit::recording::Recording;
+use taxel_fit::shear;
 
-use crate::series::extent;
-
-/// A shear below this share of the normal force is none.
-const NO_SHEAR: f64 = 0.01;
-/// A component that goes less than this share of its way to one side goes to the other only.
-const ONE_SIDED: f64 = 0.1;
 /// Two channels that correlate beyond this are one.
 const SAME: f64 = 0.9999;
 /// Fewer recordings than this leave nothing to choose a model by: 003 and every careful judge hold out
@@ -24,7 +19,7 @@ pub(crate) fn doubts(calibration: &Calibration, fitted: &[Recording]) -> Vec<Str
         return unknown();
     }
     let mut doubts = few(fitted.len());
-    doubts.extend(of_load(calibration, fitted));
+    doubts.extend(shear::of_finger(calibration, fitted));
     doubts.extend(of_channels(calibration, fitted));
     doubts
 }
@@ -62,45 +57,6 @@ pub(crate) fn not_held_out(judged: &[Recording], fitted: &[Recording]) -> Vec<St
         })
     };
     judged.iter().filter(known).map(|recording| no_forecast(&recording.name)).collect()
-}
-
-fn of_load(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
-    let extents: [(f64, f64); 3] = std::array::from_fn(|axis| {
-        let rows = fitted.iter().flat_map(|recording| &recording.samples);
-        extent(rows.filter_map(|sample| sample.truth.force[axis]))
-    });
-    let three = calibration.net().is_some_and(|net| net.outputs() == 3)
-        || calibration.sensors.iter().any(Option::is_some);
-    if three { of_shear(extents) } else { Vec::new() }
-}
-
-/// Shear that there was none of, or one way only; `extents` are those of f_x, f_y and f_z, the other way
-/// round where a component has no reference.
-pub(crate) fn of_shear(extents: [(f64, f64); 3]) -> Vec<String> {
-    let largest = |axis: usize| match extents[axis] {
-        (low, high) if low > high => 0.0,
-        (low, high) => low.abs().max(high.abs()),
-    };
-    let mut doubts = Vec::new();
-    for (axis, name) in [(0, "x"), (1, "y")] {
-        let (low, high) = extents[axis];
-        if low > high {
-            continue;
-        }
-        if largest(axis) < NO_SHEAR * largest(2) {
-            doubts.push(format!(
-                "no shear in {name} (less than {:.0} % of the normal force): f{name} is a guess; press and \
-                 pull along {name}, both ways",
-                100.0 * NO_SHEAR
-            ));
-        } else if low.abs().min(high.abs()) < ONE_SIDED * largest(axis) || low * high > 0.0 {
-            doubts.push(format!(
-                "f{name} goes one way only ({low:.2} … {high:.2} N): the other way is a guess; pull along \
-                 {name} both ways"
-            ));
-        }
-    }
-    doubts
 }
 
 fn of_channels(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {

@@ -1,17 +1,16 @@
 //! The report of somebody else's sensor: a table of channels and the model that was fitted to one.
 
 use nalgebra::{DMatrix, SymmetricEigen};
+use taxel_fit::shear;
 use taxel_fit::table::{TableModel, TableRecording};
 
 use crate::coverage;
 use crate::doubts::{self, alike, condition};
 use crate::report::{About, Part, Report, Trial, assemble};
-use crate::series::{Kind, Series, extent, split_unit};
+use crate::series::{Kind, Series, split_unit};
 
 /// Names of the inputs' principal directions, the axes of their map.
 const DIRECTIONS: [&str; 2] = ["inputs, first direction", "inputs, second direction"];
-/// The components of a force, by which shear is known.
-const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
 
 /// Judges `model` on the recordings `judged`; `fitted` are those that it was fitted to, where known. All of
 /// them have the model's columns.
@@ -96,11 +95,8 @@ fn doubts(model: &TableModel, fitted: &[TableRecording]) -> Vec<String> {
         return doubts::unknown();
     }
     let mut doubts = doubts::few(fitted.len());
-    doubts.extend(doubts::of_shear(FORCES.map(|force| {
-        let column = model.targets.iter().position(|target| target == force);
-        let rows = fitted.iter().flat_map(|recording| &recording.targets.rows);
-        extent(rows.filter_map(|row| Some(row[column?])))
-    })));
+    let rows = fitted.iter().flat_map(|recording| &recording.targets.rows);
+    doubts.extend(shear::of_table(&model.targets, rows));
     doubts.extend(alike(&model.inputs, &centred(fitted)));
     doubts
 }

@@ -11,6 +11,7 @@ use crate::outliers::{Outliers, keep_sound};
 use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::FORCES;
+use crate::shear::NO_SHEAR;
 use crate::sign;
 
 /// Signal to noise of S's weakest direction below which the fit warns: 1/20² is 0.25 % of S.
@@ -27,7 +28,7 @@ pub(super) fn fit(
     recordings: &[(&Prepared<'_>, bool)],
 ) -> Result<(), FitError> {
     let name = format!("s{sensor}");
-    let (mut signals, mut forces, mut faulty) = (Vec::new(), Vec::new(), 0);
+    let (mut signals, mut forces, mut left_out) = (Vec::new(), Vec::new(), 0);
     let (mut first_bias, mut each) = (None, Vec::new());
     for (recording, bench) in recordings {
         let missing = |missing: String, mend: &str| FitError::Missing {
@@ -49,14 +50,14 @@ pub(super) fn fit(
                 .or_else(|| bench.then(|| known(sample.truth.force)).flatten());
             let (Some(force), Some(u)) = (truth, signal.bridges[sensor]) else { continue };
             if signal.health.bridge_faults >> sensor & 1 == 1 {
-                faulty += 1;
+                left_out += 1;
                 continue;
             }
             signals.push(u.map(f64::from));
             forces.push(force);
         }
         each.push(recorded(&signals[before..], &forces[before..]));
-        if signals.is_empty() && faulty == 0 {
+        if signals.is_empty() && left_out == 0 {
             return Err(missing(
                 "reference columns fx_n, fy_n, fz_n".into(),
                 "record a three-axis reference along with the sensor, or give one with --reference",
@@ -70,9 +71,10 @@ pub(super) fn fit(
     let found = signals.len();
     keep_sound(&mut signals, outliers.wrong.iter().flatten());
     keep_sound(&mut forces, outliers.wrong.iter().flatten());
-    faulty += found - signals.len();
+    left_out += found - signals.len();
     fitted.warnings.extend(outliers.told);
-    let fit = least_squares::fit(&name, &signals, &forces, f64::from(bias.noise))?;
+    let fit = least_squares::fit(&name, &signals, &forces, f64::from(bias.noise))
+        .map_err(|error| never_loaded(&name, &forces).unwrap_or(error))?;
     if fit.ratio < WEAK {
         fitted.warnings.push(format!(
             "{name}: in one direction the signals stand only {:.0} times out of their noise; load it \
@@ -105,13 +107,23 @@ pub(super) fn fit(
     fitted.parts.push(Part {
         name,
         rows: signals.len(),
-        faulty,
+        left_out,
         condition: Some(fit.condition),
         chosen: None,
         effective: None,
         residual: fit.rms.to_vec(),
     });
     Ok(())
+}
+
+/// The refusal of a fit by the names of the axes that have no load, if that is why; where none has, it is no one's.
+fn never_loaded(part: &str, forces: &[[f64; 3]]) -> Option<FitError> {
+    let largest = |axis: usize| forces.iter().fold(0.0, |most: f64, f| most.max(f[axis].abs()));
+    let largest = [0, 1, 2].map(largest);
+    let least = NO_SHEAR * largest.iter().copied().fold(0.0, f64::max);
+    let resting: Vec<&str> = (0..3).filter(|k| largest[*k] < least).map(|k| FORCES[k]).collect();
+    (!resting.is_empty())
+        .then(|| FitError::NeverLoaded { part: part.into(), columns: resting.join(", ") })
 }
 
 fn recorded(signals: &[[f64; 3]], forces: &[[f64; 3]]) -> Recorded {

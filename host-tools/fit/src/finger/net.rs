@@ -20,16 +20,14 @@ use crate::prepared::Prepared;
 use crate::range::trained_range;
 use crate::recording::FORCES;
 use crate::scaling::Inputs;
+use crate::shear::NO_SHEAR;
 use crate::sign;
 use crate::skin::Skin;
-
-/// A shear below this share of the normal force is none: the recordings are of normal presses.
-const NO_SHEAR: f64 = 0.01;
 
 /// What a net is fitted to: the rows of each recording in which the chip would run it.
 pub(super) struct Loads {
     bias: TaxelBias,
-    outputs: usize,
+    targets: Vec<String>,
     rows: Vec<Recorded>,
     /// Rows left out because a taxel was saturated or dead.
     faulty: usize,
@@ -157,18 +155,18 @@ pub(super) fn loads(
     });
     let wrong = wrong.collect();
     fitted.warnings.extend(outliers.told);
-    Ok(Loads { bias, outputs, rows, faulty, wrong })
+    Ok(Loads { bias, targets, rows, faulty, wrong })
 }
 
 /// Fits the net; the model of the skin, where there is one, may teach it.
 pub(super) fn fit(
     fitted: &mut Fitted,
-    Loads { bias, outputs, rows, faulty, .. }: Loads,
+    Loads { bias, targets, rows, faulty, wrong }: Loads,
     (options, skin): (&FitOptions, Option<&Skin>),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<(), FitError> {
-    let usual = if outputs == 1 { 12 } else { 16 };
+    let usual = if targets.len() == 1 { 12 } else { 16 };
     if let Some(found) = checks::conditioning(&rows).filter(Conditioning::is_collinear) {
         let taxels = found.weakest.iter().map(|k| format!("r{}c{}", k / COLS, k % COLS));
         fitted.warnings.push(format!(
@@ -180,6 +178,7 @@ pub(super) fn fit(
     }
     let training = Training {
         part: NAME,
+        targets: &targets,
         family: options.family,
         recordings: &rows,
         inputs: Inputs::Alike,
@@ -198,7 +197,7 @@ pub(super) fn fit(
     fitted.parts.push(Part {
         name,
         rows: x.len(),
-        faulty,
+        left_out: faulty + wrong.iter().map(HashSet::len).sum::<usize>(),
         condition: None,
         chosen,
         effective: Some(net.effective),
@@ -233,7 +232,7 @@ fn residual(net: &Net, x: &[Vec<f64>], y: &[Vec<f64>]) -> Vec<f64> {
     squares.iter().map(|sum| (sum / x.len().max(1) as f64).sqrt()).collect()
 }
 
-/// Three outputs where any recording holds shear, else one.
+/// Three outputs where any recording holds shear, else one: the recordings are of normal presses.
 fn outputs_of(recordings: &[&Prepared<'_>]) -> usize {
     let peak = |axes: &[usize]| {
         let samples = recordings.iter().flat_map(|r| &r.recording.samples);

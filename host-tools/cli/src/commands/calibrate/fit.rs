@@ -182,7 +182,7 @@ impl Fit {
             part: part.name,
             targets: targets.to_vec(),
             rows: part.rows,
-            left_out: part.faulty,
+            left_out: part.left_out,
             residual: part.residual,
             condition: part.condition,
             chosen: part.chosen.map(Chosen::from),
@@ -271,7 +271,7 @@ fn fit_table(
     let part = Part {
         name: fitted.model.shape(),
         rows: fitted.rows,
-        faulty: 0,
+        left_out: fitted.left_out,
         condition: fitted.condition,
         chosen: fitted.chosen,
         effective: Some(fitted.effective),
