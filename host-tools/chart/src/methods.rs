@@ -257,6 +257,7 @@ pub(crate) fn calibrated(
     let options = FitOptions {
         subject: Subject::Finger,
         family: Family::Skip,
+        hidden: Some(16),
         net: NetOptions { seed: 0, starts: 1, steps: effort.steps },
         ..FitOptions::default()
     };

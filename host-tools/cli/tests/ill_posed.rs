@@ -237,6 +237,30 @@ fn a_sensor_that_is_left_out_an_axis_without_a_load_and_rows_left_out_are_told()
     let (found, _) = fitted(&["table.csv", "--inputs", "m*", "--targets", "force_n"]);
     assert_eq!(found["parts"][0]["left_out"], 15);
 
+    for (name, from) in [("two.csv", 40.0), ("three.csv", 80.0)] {
+        table(folder.0, name, 600, from, |_, _, _| {});
+    }
+    let net = |data: &[&str]| {
+        let fit = ["calibrate", "fit", "--out", "cal.toml", "--json", "--inputs", "m*"];
+        let data = data.iter().flat_map(|file| ["--data", file]);
+        let typed: Vec<&str> =
+            fit.into_iter().chain(["--targets", "force_n"]).chain(data).collect();
+        let ran = folder.taxel(&typed);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        (json(&ran.out)["parts"][0].clone(), ran.err)
+    };
+    let (of_three, said) = net(&["table.csv", "two.csv", "three.csv"]);
+    assert_eq!(of_three["chosen"]["left_out"], "recordings", "{of_three}");
+    let widths = of_three["chosen"]["widths"].as_array().unwrap().iter();
+    assert_eq!(widths.map(|w| w["hidden"].as_u64().unwrap()).collect::<Vec<_>>(), [4, 8, 16]);
+    assert!(!said.contains("hidden units as usual"), "{said}");
+    let (of_two, said) = net(&["two.csv", "three.csv"]);
+    assert!(of_two["chosen"].is_null(), "{of_two}");
+    assert!(
+        said.contains("taxel: warning: mlp: 16 hidden units as usual, not chosen by"),
+        "{said}"
+    );
+
     write("still.csv", 1, &|_, sample| sample.truth.force[0] = Some(0.0));
     let refused = folder.fails(1, &[&fit[..], &["still.csv"]].concat());
     assert!(refused.contains("net: fx_n: the same throughout"), "{refused}");

@@ -14,6 +14,7 @@ use crate::scaling::{Inputs, Scaling};
 use crate::skin::Skin;
 use crate::stretches::{LeftOut, stretches};
 use crate::taught;
+use crate::width::Tried;
 
 /// Widths that are tried, narrowest first, and then the widest that there may be.
 const WIDTHS: [usize; 3] = [4, 8, 16];
@@ -50,7 +51,7 @@ pub(crate) struct SkinTeacher<'a> {
 pub struct Chosen {
     /// What was left out to choose it.
     pub left_out: LeftOut,
-    /// RMS error of a straight line on what was left out, in the targets' units.
+    /// RMS error of a straight line on what was left out, in the targets' units; empty where none was tried.
     pub line: Vec<f64>,
     /// The same of the bent model that the net was taught by.
     pub bent: Vec<f64>,
@@ -62,6 +63,8 @@ pub struct Chosen {
     pub skin: Vec<f64>,
     /// Hidden units.
     pub hidden: usize,
+    /// The widths of a net of one family that were tried; empty for what was not chosen so.
+    pub widths: Vec<Tried>,
 }
 
 /// Chooses and fits. Stopped early, the line is kept.
@@ -91,6 +94,7 @@ pub(crate) fn fit(
         apart: Vec::new(),
         skin: Vec::new(),
         hidden: 0,
+        widths: Vec::new(),
     };
     let straight = Net::linear(&line.slope, line.level.as_slice(), &scaling, all.x.nrows());
     if choice.hidden == Some(0) {

@@ -52,7 +52,8 @@ pub struct FitOptions {
     pub subject: Subject,
     /// The family of the finger's model.
     pub family: Family,
-    /// Hidden units; as 002 by default: 16 with shear, 12 without. `auto` finds its own.
+    /// Hidden units; by default as 002, 16 with shear and 12 without, unless three recordings or more of one kind, left
+    /// out one after the other, say better. `auto` finds its own.
     pub hidden: Option<usize>,
     /// Outputs: 3 with shear, 1 (f_z) without; found in the recordings by default.
     pub outputs: Option<usize>,

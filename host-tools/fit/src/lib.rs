@@ -42,6 +42,7 @@ mod stretches;
 pub mod table;
 mod taught;
 mod warmth;
+mod width;
 
 pub use auto::Chosen;
 pub use error::FitError;
@@ -50,3 +51,4 @@ pub use laws::Law;
 pub use quantise::Form;
 pub use scaling::Inputs;
 pub use stretches::LeftOut;
+pub use width::Tried;

@@ -8,6 +8,8 @@ use crate::auto::{self, Choice, Chosen, SkinTeacher};
 use crate::error::FitError;
 use crate::network::{self, Build, Net, NetOptions, Progress};
 use crate::scaling::Inputs;
+use crate::stretches::LeftOut;
+use crate::width;
 
 /// A family of models.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -136,11 +138,34 @@ impl Training<'_> {
             Family::Mlp | Family::Skip => {
                 let (x, y): (Vec<_>, Vec<_>) = self.recordings.iter().cloned().unzip();
                 let skip = self.family == Family::Skip;
-                let build = Build { hidden: self.hidden.unwrap_or(self.usual), skip };
+                let chosen = match self.hidden {
+                    Some(_) => None,
+                    None => width::choose(self, skip, progress, stop)?,
+                };
+                let found = chosen.as_ref().map_or(self.usual, |chosen| chosen.hidden);
+                let build = Build { hidden: self.hidden.unwrap_or(found), skip };
                 let options = (self.inputs, self.options);
                 let rows = (&*x.concat(), &*y.concat());
-                network::fit(self.part, rows, build, options, progress, stop).map(|net| (net, None))
+                network::fit(self.part, rows, build, options, progress, stop)
+                    .map(|net| (net, chosen))
             }
+        }
+    }
+
+    /// What the user should know of a choice that no whole recording had a say in.
+    pub fn told(&self, chosen: Option<&Chosen>) -> Option<String> {
+        let least = "that takes three recordings or more of one kind, mounted anew each time";
+        match (self.family, chosen) {
+            (Family::Mlp | Family::Skip, None) if self.hidden.is_none() => Some(format!(
+                "{}: {} hidden units as usual, not chosen by recordings left out: {least}; record more, or say --hidden",
+                self.part, self.usual
+            )),
+            (_, Some(chosen)) if chosen.left_out == LeftOut::Stretches => Some(format!(
+                "{}: chosen by stretches of the recordings, not by whole ones left out: {least}; without them \
+                 another mounting may be met less well",
+                self.part
+            )),
+            _ => None,
         }
     }
 

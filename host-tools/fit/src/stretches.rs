@@ -24,7 +24,7 @@ pub(crate) fn stretches(recordings: &[&[Vec<f64>]]) -> (LeftOut, Vec<usize>) {
         .enumerate()
         .flat_map(|(number, rows)| std::iter::repeat_n(number, rows.len()))
         .collect();
-    if recordings.len() > 2 && of_one_kind(recordings) {
+    if whole(recordings) {
         return (LeftOut::Recordings, own);
     }
     let mut stretches = Vec::with_capacity(own.len());
@@ -33,6 +33,11 @@ pub(crate) fn stretches(recordings: &[&[Vec<f64>]]) -> (LeftOut, Vec<usize>) {
         stretches.extend(tenths(rows).into_iter().map(|stretch| first + stretch));
     }
     (LeftOut::Stretches, stretches)
+}
+
+/// Whole recordings can be left out: there are three or more, and of one kind.
+pub(crate) fn whole(recordings: &[&[Vec<f64>]]) -> bool {
+    recordings.len() > 2 && of_one_kind(recordings)
 }
 
 fn of_one_kind(recordings: &[&[Vec<f64>]]) -> bool {

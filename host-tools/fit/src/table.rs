@@ -109,7 +109,8 @@ impl TableRecording {
 pub struct TableOptions {
     /// The family of the model.
     pub family: Family,
-    /// Hidden units; 16 by default, `auto` finds its own.
+    /// Hidden units; by default 16, unless three recordings or more of one kind, left out one after the other, say
+    /// better. `auto` finds its own.
     pub hidden: Option<usize>,
     /// Training of the net.
     pub net: NetOptions,
@@ -281,6 +282,7 @@ fn fit_model(
         },
         (error, _) => error,
     })?;
+    warnings.extend(training.told(chosen.as_ref()));
     model = TableModel {
         centre,
         hidden: net.hidden,
@@ -373,9 +375,17 @@ fn said(law: &Law, x: &[f64]) -> Vec<f64> {
 fn uneven(found: &Conditioning, family: Family, names: &[String]) -> Option<String> {
     let (weakest, number) = (listed(&found.weakest, names), found.number);
     if found.is_collinear() {
+        let so = match family {
+            Family::LeastSquares => {
+                "without a decay their noise decides their weights; leave some of them out, or choose ridge or auto"
+            }
+            Family::Row | Family::Feeler | Family::Column | Family::Gap => {
+                "look for channels that are joined"
+            }
+            _ => "their weights are shared out by the decay",
+        };
         return Some(format!(
-            "{weakest}: together they say nothing that fewer would not (condition number {number:.0e}); their \
-             weights are shared out by the decay"
+            "{weakest}: together they say nothing that fewer would not (condition number {number:.0e}); {so}"
         ));
     }
     (family == Family::LeastSquares && number > EVEN).then(|| {

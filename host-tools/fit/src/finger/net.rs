@@ -189,6 +189,7 @@ pub(super) fn fit(
         skin: skin.map(|skin| SkinTeacher { skin, hidden: usual }),
     };
     let (net, chosen) = training.run(progress, stop)?;
+    fitted.warnings.extend(training.told(chosen.as_ref()));
     let (x, y): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
     let (x, y) = (x.concat(), y.concat());
     let name = net.name(TAXELS);

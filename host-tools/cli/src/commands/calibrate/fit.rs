@@ -51,7 +51,7 @@ pub struct Args {
     /// row (002, the line of four), feeler (000), column (001), gap (signal to displacement).
     #[arg(long, value_name = "NAME", default_value_t = Family::default())]
     model: Family,
-    /// Hidden tanh units [default: 12 for normal force alone, else 16; found by --model auto].
+    /// Hidden tanh units [default: of three recordings or more what does best on those left out; else 12 for normal force alone, 16 with shear; found by --model auto].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
     hidden: Option<u8>,
     /// Keep the net alone, as 002 does: no model of the skin and no array of sensors in the record.
@@ -139,6 +139,8 @@ struct Fit {
 #[derive(Serialize)]
 struct Chosen {
     left_out: &'static str,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    widths: Vec<Width>,
     line: Vec<f64>,
     bent: Vec<f64>,
     apart: Vec<f64>,
@@ -147,19 +149,41 @@ struct Chosen {
     hidden: usize,
 }
 
+/// What a width of the net did on the recordings left out.
+#[derive(Serialize)]
+struct Width {
+    hidden: usize,
+    error: Vec<f64>,
+}
+
+impl From<taxel_fit::Tried> for Width {
+    fn from(taxel_fit::Tried { hidden, error }: taxel_fit::Tried) -> Self {
+        Self { hidden, error }
+    }
+}
+
 impl From<taxel_fit::Chosen> for Chosen {
     fn from(chosen: taxel_fit::Chosen) -> Self {
         let left_out = match chosen.left_out {
             LeftOut::Recordings => "recordings",
             LeftOut::Stretches => "stretches",
         };
-        let taxel_fit::Chosen { line, bent, apart, skin, hidden, .. } = chosen;
-        Self { left_out, line, bent, apart, skin, hidden }
+        let taxel_fit::Chosen { line, bent, apart, skin, hidden, widths, .. } = chosen;
+        let widths = widths.into_iter().map(Width::from).collect();
+        Self { left_out, widths, line, bent, apart, skin, hidden }
     }
 }
 
 impl Chosen {
     fn describe(&self, told: impl Fn(&[f64]) -> String) -> String {
+        if !self.widths.is_empty() {
+            let each = self.widths.iter().map(|w| format!("{} units {}", w.hidden, told(&w.error)));
+            return format!(
+                "  on {} left out: {}",
+                self.left_out,
+                each.collect::<Vec<_>>().join("; ")
+            );
+        }
         let line = told(&self.line);
         let mut text = format!("  on {} left out: straight line {line}", self.left_out);
         if !self.bent.is_empty() {
