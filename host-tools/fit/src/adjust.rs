@@ -15,7 +15,7 @@
 mod taxels;
 
 use nalgebra::{Matrix3, RowVector3};
-use taxel::calibration::Calibration;
+use taxel::calibration::{Calibration, SensorCalibration};
 use taxel::condition::{Bias, Signals};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::wrench::WrenchMatrix;
@@ -196,51 +196,54 @@ fn press(signals: &[Signals], recording: &Recording, rows: std::ops::Range<usize
     known.into_iter().step_by(step).collect()
 }
 
-/// One gain a row of S, each press counting once. It is what S says regressed on the truth that is inverted:
-/// noise is in what S says, and the other way round it would draw the gain towards zero.
+/// One gain a row of S, judged on each press by what all others say of it.
 fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
     let bench = adjusted.calibration.net().is_none()
         && adjusted.calibration.sensors.iter().flatten().count() == 1;
     for i in 0..SENSORS {
         let Some(sensor) = &mut adjusted.calibration.sensors[i] else { continue };
-        let truth = |row: &Row| if bench { row.force } else { row.sensors[i] };
-        if !presses.iter().flatten().any(|row| truth(row).iter().any(Option::is_some)) {
+        let presses: Vec<SensorPress> =
+            presses.iter().map(|press| said(sensor, i, press, bench)).collect();
+        if !presses.iter().flatten().flatten().any(Option::is_some) {
             adjusted.warnings.push(format!(
                 "s{i}: the presses do not know the force on it alone; its bias is new, its gains stay"
             ));
             continue;
         }
-        let mut gains = [1.0; 3];
+        let (mut gains, mut unhelped) = ([1.0; 3], Vec::new());
         for (axis, gain) in gains.iter_mut().enumerate() {
             let sigma = f64::from(sensor.residual[axis]).max(1e-3);
-            let (mut product, mut square) = (COMMON.powi(-2), COMMON.powi(-2));
-            for press in presses {
-                let weight = 1.0 / (press.len() as f64 * sigma.powi(2));
-                for row in press {
-                    let (Some(u), Some(truth)) = (row.u[i], truth(row)[axis]) else { continue };
-                    let found = f64::from(sensor.sensitivity.force(u)[axis]);
-                    product += weight * found * truth;
-                    square += weight * truth * truth;
-                }
-            }
-            let axis = ["x", "y", "z"][axis];
-            if product <= 0.0 {
+            let name = ["x", "y", "z"][axis];
+            let known: Vec<Vec<[f64; 2]>> = presses
+                .iter()
+                .map(|press| press.iter().filter_map(|row| row[axis]).collect::<Vec<_>>())
+                .filter(|press| !press.is_empty())
+                .collect();
+            let Some(found) = gain_of(known.iter(), sigma) else {
                 adjusted.warnings.push(format!(
-                    "s{i}: in {axis} the force goes against what S says: is the reference's sign right? \
+                    "s{i}: in {name} the force goes against what S says: is the reference's sign right? \
                      that gain stays"
                 ));
                 continue;
-            }
-            let found = square / product;
+            };
             if (found - 1.0).abs() > AGED {
                 let percent = 100.0 * (found - 1.0);
                 adjusted.warnings.push(format!(
-                    "s{i}: the gain in {axis} would change by {percent:.0} %, which is more than ageing; it \
+                    "s{i}: the gain in {name} would change by {percent:.0} %, which is more than ageing; it \
                      stays"
                 ));
-                continue;
+            } else if helps(&known, sigma) {
+                *gain = found;
+            } else {
+                unhelped.push(name);
             }
-            *gain = found;
+        }
+        if !unhelped.is_empty() {
+            adjusted.warnings.push(format!(
+                "s{i}: in {} the gains from all but one press do not surely help with that one; they stay, the bias \
+                 is new",
+                unhelped.join(", ")
+            ));
         }
         let old = sensor.sensitivity;
         for (row, gain) in sensor.sensitivity.0.iter_mut().zip(gains) {
@@ -254,6 +257,57 @@ fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
         }
         adjusted.sensors[i] = Some(gains);
     }
+}
+
+/// What a sensor says in each row of a press and what is so, along each axis where that is known.
+type SensorPress = Vec<[Option<[f64; 2]>; 3]>;
+
+fn said(sensor: &SensorCalibration, i: usize, press: &Press, bench: bool) -> SensorPress {
+    let rows = press.iter().filter_map(|row| {
+        let found = sensor.sensitivity.force(row.u[i]?);
+        let truth = if bench { row.force } else { row.sensors[i] };
+        Some(std::array::from_fn(|axis| Some([f64::from(found[axis]), truth[axis]?])))
+    });
+    rows.collect()
+}
+
+/// The gain of a row of S, each press counting once; `None` where the force goes against what S says. It is what S
+/// says regressed on the truth that is inverted: noise is in what S says, and the other way round it would draw the
+/// gain towards zero.
+fn gain_of<'p>(presses: impl Iterator<Item = &'p Vec<[f64; 2]>>, sigma: f64) -> Option<f64> {
+    let (mut product, mut square) = (COMMON.powi(-2), COMMON.powi(-2));
+    for press in presses {
+        let weight = 1.0 / (press.len() as f64 * sigma.powi(2));
+        for [found, truth] in press {
+            product += weight * found * truth;
+            square += weight * truth * truth;
+        }
+    }
+    (product > 0.0).then(|| square / product)
+}
+
+/// The gain from all presses but one surely helps with that one.
+fn helps(presses: &[Vec<[f64; 2]>], sigma: f64) -> bool {
+    let square = |press: &[[f64; 2]], gain: f64| {
+        press.iter().map(|[found, truth]| (gain * found - truth).powi(2)).sum::<f64>()
+            / press.len() as f64
+    };
+    let judged = presses.iter().enumerate().map(|(i, press)| {
+        let others = presses.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, press)| press);
+        let gain = gain_of(others, sigma).unwrap_or(1.0);
+        (square(press, gain), square(press, 1.0))
+    });
+    let (after, before): (Vec<f64>, Vec<f64>) = judged.unzip();
+    presses.len() >= LEAST_PRESSES && better(&after, &before)
+}
+
+/// By more than one standard error of the mean difference: what is less may be chance.
+fn better(squares: &[f64], than: &[f64]) -> bool {
+    let n = squares.len() as f64;
+    let gained: Vec<f64> = than.iter().zip(squares).map(|(than, square)| than - square).collect();
+    let mean = gained.iter().sum::<f64>() / n;
+    let variance = gained.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    mean > (variance / n).sqrt()
 }
 
 /// Of what the sensor says now, the matrix has to see what it said when S was the old one.

@@ -65,21 +65,25 @@ fn fitted() -> Calibration {
 }
 
 /// Weights are put down at nine places; nothing else is known of them.
-fn weights(calibration: &Calibration) -> Recording {
+fn weights(
+    calibration: &Calibration,
+    (seed, weight): (u64, f64),
+    since: fn(Vec<Sample>) -> Vec<Sample>,
+) -> Recording {
     let mut acts = String::new();
     for i in 0..9 {
         let (x, y) = (3.0 * f64::from(i % 3 - 1), 3.0 * f64::from(i / 3 - 1));
         let at = 1.0 + 0.7 * f64::from(i);
         write!(
             acts,
-            "[[press]]\nat_s = {at:.2}\nx_mm = {x}\ny_mm = {y}\nfz_n = {WEIGHT}\nrise_s = 0.05\n\
+            "[[press]]\nat_s = {at:.2}\nx_mm = {x}\ny_mm = {y}\nfz_n = {weight}\nrise_s = 0.05\n\
              hold_s = 0.4\nfall_s = 0.05\n"
         )
         .unwrap();
     }
-    let mut recording = recording(aged(run(DEVICE, 7, 500, 7.5, FRICTION, &acts)));
+    let mut recording = recording(since(run(DEVICE, seed, 500, 7.5, FRICTION, &acts)));
     recording.samples.iter_mut().for_each(|sample| sample.truth = Truth::default());
-    weigh(calibration, &mut recording, WEIGHT).unwrap();
+    weigh(calibration, &mut recording, weight).unwrap();
     recording
 }
 
@@ -90,7 +94,7 @@ fn error(calibration: &Calibration, judged: &Recording) -> f64 {
 }
 
 #[test]
-fn nine_weights_mend_the_net_in_either_form_and_the_model_of_the_skin_alike() {
+fn nine_weights_mend_what_aged_and_leave_what_did_not_whatever_estimates() {
     let all = fitted();
     let act = presses(60, [0.0, 0.8], 1.0);
     let young = recording(run(DEVICE, 2, 500, 13.0, 0.8, &act));
@@ -110,7 +114,7 @@ fn nine_weights_mend_the_net_in_either_form_and_the_model_of_the_skin_alike() {
         ("net in 16 bits", in_16_bits, 1, 0.02),
         ("model of the skin", alone(true), 2, 0.0035),
     ] {
-        let adjusted = adjust(&record, &[weights(&record)], 1).unwrap();
+        let adjusted = adjust(&record, &[weights(&record, (7, WEIGHT), aged)], 1).unwrap();
         assert_eq!((adjusted.presses, adjusted.helped.len()), (9, estimators));
         assert!(adjusted.helped.iter().all(|h| h.after < h.before), "{:?}", adjusted.helped);
         let mended = adjusted.calibration;
@@ -123,5 +127,15 @@ fn nine_weights_mend_the_net_in_either_form_and_the_model_of_the_skin_alike() {
             adjusted.helped, adjusted.warnings
         );
         assert!(after < 0.5 * before && after < most, "{name}: {once} {before} {after}");
+        for (seed, weight) in [(8, 1.0), (9, 0.4905), (10, 1.8)] {
+            let same = weights(&record, (seed, weight), |samples| samples);
+            let adjusted = adjust(&record, &[same], 1).unwrap();
+            let after = error(&adjusted.calibration, &young);
+            println!(
+                "{name}, not aged, {weight} N: {once:.4} N before, {after:.4} after; {:?} {:?}",
+                adjusted.helped, adjusted.warnings
+            );
+            assert!(after < 1.02 * once, "{name}: {once} {after}");
+        }
     }
 }

@@ -13,13 +13,16 @@ use taxel::estimate::net::ForceNet;
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
-use super::{AGED, Adjusted, COMMON, Helped, LEAST_PRESSES, Press, Row};
+use super::{AGED, Adjusted, COMMON, Helped, LEAST_PRESSES, Press, Row, better};
 use crate::error::FitError;
 use crate::inverse::neighbours;
 use crate::quantise;
 
 /// Standard deviation of what the unloaded light does not tell of a taxel's gain.
 const OWN: f64 = 0.05;
+/// A net's own error is much the same in presses of one weight, and gains could take it away there to bring it in
+/// elsewhere: up to so many times the RMS error on its own recordings is a young finger's.
+const YOUNG: f64 = 2.0;
 /// Steps of Gauss–Newton: from a good guess it has converged long before.
 const STEPS: usize = 10;
 /// Frames in which the model of the skin follows a row from nothing: it settles in three. From signals that
@@ -91,7 +94,17 @@ pub(super) fn adjust(
     let unhelped =
         squares.iter().filter(|(_, before, after)| !better(after, before)).map(|(name, ..)| *name);
     let unhelped: Vec<&str> = unhelped.collect();
-    let refused = if unhelped.contains(&best.name()) {
+    let outputs = before.net().map_or(3, |net| net.outputs());
+    let expected = f64::from(old.residual[outputs.min(3) - 1]);
+    let met = adjusted.helped.first().map_or(0.0, |helped| helped.before);
+    let refused = if matches!(best, Estimator::Net(_)) && met <= YOUNG * expected {
+        Some(format!(
+            "the net misses the presses by {:.1} mN, no more than twice the {:.1} mN that it missed its own \
+             recordings by: no ageing is to be seen",
+            1e3 * met,
+            1e3 * expected
+        ))
+    } else if unhelped.contains(&best.name()) {
         Some("gains from all but one press do not surely help with that one".to_owned())
     } else if spread > AGED {
         let percent = 100.0 * spread;
@@ -115,8 +128,6 @@ pub(super) fn adjust(
             fold(&mut adjusted.calibration, &gains)?;
         }
     }
-    let outputs = before.net().map_or(3, |net| net.outputs());
-    let expected = f64::from(old.residual[outputs.min(3) - 1]);
     if let Some(left) = left.filter(|left| *left > 5.0 * expected) {
         adjusted.warnings.push(format!(
             "the {}: {:.1} mN are left on presses not used, where the record's own residual was {:.1} mN; \
@@ -222,15 +233,6 @@ fn square(estimator: Estimator<'_>, gains: &Gains, press: &Press) -> f64 {
     };
     let squares: Vec<f64> = press.iter().filter_map(error).collect();
     squares.iter().sum::<f64>() / squares.len().max(1) as f64
-}
-
-/// By more than one standard error of the mean difference: what is less may be chance.
-fn better(squares: &[f64], than: &[f64]) -> bool {
-    let n = squares.len() as f64;
-    let gained: Vec<f64> = than.iter().zip(squares).map(|(than, square)| than - square).collect();
-    let mean = gained.iter().sum::<f64>() / n;
-    let variance = gained.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    mean > (variance / n).sqrt()
 }
 
 /// A gain of the signals is the inverse of one of what they go through.
