@@ -3,23 +3,16 @@
 mod common;
 
 use common::{LIT, calibration, everything, pressed, unloaded};
-use proptest::prelude::*;
-use taxel::calibration::{Calibration, MAX_BYTES};
-use taxel::condition::{LowPass, Warmth};
-use taxel::estimate::array::WrenchMethod;
+use taxel::calibration::Calibration;
+use taxel::condition::LowPass;
+use taxel::estimate::Force;
 use taxel::estimate::contact_point::PointMethod;
-use taxel::estimate::field::{Field, Radial};
-use taxel::estimate::intrinsic::Surface;
-use taxel::estimate::inverse::Curves;
-use taxel::estimate::net::{ForceNet, Unit};
-use taxel::estimate::quantised::{Group, QuantisedNet, Rows};
-use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
-use taxel::estimate::{ContactPoint, Force};
+use taxel::estimate::quantised::QuantisedNet;
 use taxel::finger::{Estimate, Finger, FingerState};
 use taxel::frame::Status;
 use taxel::measured::NoValue;
-use taxel::scan::{Codes, Midpoints, Scan, TaxelCodes};
-use taxel::units::{Code, FullScale, Micros, Millimetres, Newtons};
+use taxel::scan::Scan;
+use taxel::units::{Code, Newtons};
 
 fn calibrated() -> (Finger, FingerState) {
     Finger::new(Some(calibration()))
@@ -244,107 +237,6 @@ fn a_normal_only_net_says_nothing_about_shear() {
     assert!(estimate.force.z.is_ok());
 }
 
-fn any_codes() -> impl Strategy<Value = Codes> {
-    let midpoints = any::<[u16; 4]>().prop_map(|[a, b, c, d]| Midpoints {
-        a: Code(a),
-        b: Code(b),
-        c: Code(c),
-        d: Code(d),
-    });
-    (
-        1u16..,
-        proptest::option::of(any::<([[u16; 4]; 4], [u16; 4])>()),
-        proptest::array::uniform4(proptest::option::of(midpoints)),
-        any::<(Option<u16>, Option<u16>)>(),
-    )
-        .prop_map(|(top, taxels, bridges, (reference, temperature))| Codes {
-            full_scale: FullScale::new(top).unwrap(),
-            taxels: taxels.map(|(lit, dark)| TaxelCodes {
-                lit: lit.map(|row| row.map(Code)),
-                dark: dark.map(Code),
-            }),
-            bridges,
-            reference: reference.map(Code),
-            temperature: temperature.map(Code),
-        })
-}
-
-fn finite(estimate: &Estimate) -> bool {
-    let forces = estimate.sensors.iter().chain([&estimate.force]);
-    let forces = forces.flat_map(|f| [f.x, f.y, f.z]).flatten().map(|n| n.0);
-    let at = |p: ContactPoint| [p.x.0, p.y.0];
-    let contacts = estimate.contacts.into_iter().flatten();
-    let slip = estimate.slip.into_iter().flat_map(|v| [v.margin, v.friction, v.grip.0]);
-    forces
-        .chain(estimate.point.into_iter().flat_map(at))
-        .chain(contacts.flat_map(|c| [c.point.x.0, c.point.y.0, c.normal.0]))
-        .chain(slip)
-        .chain(estimate.torsion.into_iter().map(|t| t.0))
-        .chain(estimate.signals.taxels.into_iter().flatten())
-        .chain(estimate.signals.bridges.into_iter().flatten().flatten())
-        .all(f32::is_finite)
-}
-
-/// A net in 16 bits that fills its sums as far as it may: a record's other net is not asked beside it.
-fn hostile_in_sixteen_bits(weight: f32) -> QuantisedNet {
-    // Sums of products stay within 32 bits: 1000 · 2¹⁵ · 32 is half of them.
-    let most: [i16; 16] = core::array::from_fn(|k| if k % 2 == 0 { -1000 } else { 1000 });
-    let sign = if weight < 0.0 { most } else { most.map(|w| !w) };
-    let bias = [if weight < 0.0 { 1 } else { -1 }; 4];
-    let group = Group { weights: Rows::new(&[sign; 4]), bias };
-    QuantisedNet {
-        signal: 1.0 + 9e8 * weight.abs().min(1.0),
-        hidden: core::iter::repeat_n(group, 8).collect(),
-        shift: 31,
-        output: core::iter::repeat_n(Rows::new(&[most; 3]), 2).collect(),
-        skip: Some(Rows::new(&[most; 3])),
-        scale: [weight.clamp(-9e19, 9e19), -weight.clamp(-9e19, 9e19)],
-        output_bias: core::iter::repeat_n(weight, 3).collect(),
-    }
-}
-
-/// A record whose every number is hostile but accepted.
-fn hostile(weight: f32, level: f32, sixteen_bits: bool) -> Calibration {
-    let mut record = everything();
-    let taxels = record.taxels.as_mut().unwrap();
-    taxels.bias.level = [level; 16];
-    taxels.bias.noise = 1e-9;
-    taxels.range = [[-9e29, 9e29]; 16];
-    let unit = Unit { weights: [weight; 16], bias: -weight, output: [weight; 3] };
-    record.force = Some(ForceNet {
-        units: core::iter::repeat_n(unit, 32).collect(),
-        skip: Some([[weight; 16]; 3]),
-        output_bias: [weight; 3].into(),
-    });
-    if sixteen_bits {
-        (record.force, record.quantised) = (None, Some(hostile_in_sixteen_bits(weight)));
-    }
-    // Half of the light and of the sensitivity over the farthest that is followed, 60 K of 758 µ each.
-    let share = 10.9 * (level / 2.0);
-    record.warmth = Some(Warmth {
-        reference: level.abs() / 2.0,
-        range: [-9e29, 9e29],
-        light: share,
-        sensitivity: -share,
-        offset: [[weight.clamp(-1e3, 1e3); 3]; 4],
-    });
-    for sensor in record.sensors.iter_mut().flatten() {
-        sensor.range = [[-9e29, 9e29]; 3];
-        sensor.sensitivity.0 = [[weight; 3]; 3];
-    }
-    let model = record.model.as_mut().unwrap();
-    model.curves = Curves { stray: [[level / 2.5; 4]; 16], gap: [[weight; 5]; 16] };
-    let radial = Radial { depth: [level, weight], terms: [[weight, level, -weight]; 4] };
-    model.field = Field { normal: radial, shear: radial, slip: level / 2.0 };
-    let array = record.array.as_mut().unwrap();
-    array.method = match level > 0.0 {
-        true => WrenchMethod::Sum(SensorPlaces([[weight; 3]; 4])),
-        false => WrenchMethod::Matrix(WrenchMatrix([[[weight; 3]; 4]; 6])),
-    };
-    array.surface = Surface::Sphere { radius: Millimetres(1.0 + level.abs()) };
-    record
-}
-
 #[test]
 fn a_touch_runs_what_the_record_holds_and_the_status_says_so() {
     let (finger, mut state) = Finger::new(Some(everything()));
@@ -387,63 +279,4 @@ fn where_a_taxel_is_dead_the_force_sensors_stand_for_both() {
     scan.codes.bridges[2] = None;
     let estimate = settled(&finger, &mut state, &scan);
     assert_eq!(estimate.force.z, Err(NoValue::DeadChannel));
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(512))]
-
-    #[test]
-    fn no_codes_and_no_accepted_calibration_give_nan_or_infinity(
-        scans in proptest::collection::vec(any_codes(), 1..8),
-        weight in prop_oneof![-9e29f32..9e29, -1e-38f32..1e-38, -10.0f32..10.0],
-        level in -2.0f32..2.0,
-        (sixteen_bits, taking) in any::<(bool, bool)>(),
-        method in prop_oneof![
-            Just(PointMethod::Model), Just(PointMethod::Centroid), Just(PointMethod::ArgMin),
-        ],
-        corner in proptest::option::of(1u16..2000),
-    ) {
-        let record = hostile(weight, level, sixteen_bits);
-        prop_assert_eq!(record.validate(), Ok(()));
-        let (mut finger, mut state) = Finger::new(Some(record));
-        finger.point_method = method;
-        finger.filter = corner.map(|corner| LowPass::new(corner, 4000));
-        if taking {
-            state.take_bias(3);
-        }
-        for (t, codes) in scans.into_iter().enumerate() {
-            for _ in 0..6 {
-                let scan = Scan { time: Micros(t as u64), lost: 0, codes };
-                let estimate = finger.estimate(&mut state, &scan);
-                prop_assert!(finite(&estimate), "{estimate:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn no_bytes_make_the_calibration_reader_panic(
-        bytes in proptest::collection::vec(any::<u8>(), 0..300),
-    ) {
-        let _ = Calibration::from_bytes(&bytes);
-    }
-
-    #[test]
-    fn a_record_with_any_field_overwritten_is_refused_or_harmless(
-        at in any::<usize>(), with in any::<[u8; 4]>(), codes in any_codes(),
-    ) {
-        // The CRC is made right again, so that the fields themselves have to hold.
-        let mut buffer = [0; MAX_BYTES];
-        let length = everything().to_bytes(&mut buffer).unwrap().len();
-        let at = 2 + at % (length - 10);
-        buffer[at..at + 4].copy_from_slice(&with);
-        let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&buffer[..length - 4]);
-        buffer[length - 4..length].copy_from_slice(&crc.to_le_bytes());
-        if let Ok(record) = Calibration::from_bytes(&buffer[..length]) {
-            let (finger, mut state) = Finger::new(Some(record));
-            for t in 0..8 {
-                let scan = Scan { time: Micros(1000 * t), lost: 0, codes };
-                prop_assert!(finite(&finger.estimate(&mut state, &scan)));
-            }
-        }
-    }
 }

@@ -55,6 +55,10 @@ pub struct Spot {
     pub centroid: [f32; 2],
 }
 
+/// Less light than this, a fifteenth of a step of 16 bits, is none: grey values below nothing, which noise makes, may
+/// all but cancel the others, and a centroid of what is left lies anywhere.
+const DARK: f32 = 1e-6;
+
 impl Spot {
     /// 000 eqs (3)–(5) over an image given row by row, `width` pixels a row, `pixel` a side.
     #[must_use]
@@ -69,7 +73,7 @@ impl Spot {
             sum += of_row;
             y += of_row * (j as f32 + 0.5);
         }
-        let lit = sum > f32::MIN_POSITIVE;
+        let lit = sum > DARK;
         let centre = |moment: f32| if lit { moment / sum * pixel } else { 0.0 };
         Self { integral: sum * pixel * pixel, centroid: [centre(x), centre(y)] }
     }
@@ -88,6 +92,43 @@ impl BrightSpot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    fn any_shear() -> impl Strategy<Value = Shear> {
+        let any = || prop_oneof![-1e30..1e30f32, -1e-38..1e-38f32, Just(0.0f32), Just(1e30f32)];
+        (any(), any(), any(), any()).prop_map(|(stuck, sheet, friction, adhesion)| Shear {
+            stuck,
+            sheet,
+            friction,
+            adhesion,
+        })
+    }
+
+    proptest! {
+        /// Coefficients as large as any that a record may hold, grey values as signals may be, some below nothing
+        /// by their noise: their sum may all but cancel.
+        #[test]
+        fn no_picture_and_no_coefficients_give_nan_or_infinity(
+            mut grey in proptest::collection::vec(
+                prop_oneof![-2.0..2.0f32, -1e-37..1e-37f32, Just(0.0f32)], 0..10,
+            ),
+            (cancels, left) in (any::<bool>(), -1e-37..1e-37f32),
+            (width, pixel) in (0..6usize, 0.0..1e3f32),
+            normal in prop_oneof![-1e30..1e30f32, Just(1e30f32), Just(0.0f32)],
+            (x, y) in (any_shear(), any_shear()),
+        ) {
+            if cancels {
+                grey.extend(grey.clone().iter().rev().map(|grey| -grey));
+                grey.push(left);
+            }
+            let spot = Spot::measure(&grey, width, pixel);
+            let [ux, uy] = spot.centroid;
+            prop_assert!([spot.integral, ux, uy].into_iter().all(f32::is_finite), "{spot:?}");
+            let sensor = BrightSpot { normal, x, y };
+            let force = sensor.force(spot.integral, spot.centroid);
+            prop_assert!(force.into_iter().all(f32::is_finite), "{force:?} of {spot:?}");
+        }
+    }
 
     const SENSOR: BrightSpot = BrightSpot { normal: 2.0, x: Shear::PAPER, y: Shear::PAPER };
 

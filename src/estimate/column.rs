@@ -99,6 +99,41 @@ pub fn step_height(column: &Column, before: f32, after: f32) -> Measured<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    /// As large as any that a record may hold, or next to nothing.
+    fn coefficient() -> impl Strategy<Value = f32> {
+        prop_oneof![-1e30..1e30f32, -1e-38..1e-38f32, Just(0.0f32), Just(1e30f32), Just(-1e30f32)]
+    }
+
+    fn finite(value: Measured<f32>) -> bool {
+        value.is_ok_and(f32::is_finite) || value.is_err()
+    }
+
+    proptest! {
+        #[test]
+        fn no_areas_and_no_coefficients_give_nan_or_infinity(
+            c in proptest::array::uniform16(prop_oneof![-2.0..2.0f32, Just(2.0f32), Just(-2.0f32)]),
+            coefficients in proptest::array::uniform4(coefficient()),
+            (least, distance, before) in (any::<f32>(), any::<f32>(), coefficient()),
+        ) {
+            let [normal, shear, flattening, sinking] = coefficients;
+            let column = Column { normal, shear, flattening, sinking };
+            let loads = quadrants(&c).map(|areas| column.load(areas));
+            for load in &loads {
+                let numbers = load.force.into_iter().chain([load.sunk]);
+                prop_assert!(numbers.into_iter().all(f32::is_finite), "{load:?}");
+                prop_assert!(finite(friction(load, least)), "{load:?}");
+                let step = step_height(&column, before, load.force[2]);
+                prop_assert!(finite(step), "{step:?}");
+            }
+            let sunk = loads.map(|load| load.sunk);
+            for columns in 0..=sunk.len() {
+                let angle = inclination(&sunk[..columns], distance);
+                prop_assert!(finite(angle), "{angle:?}");
+            }
+        }
+    }
 
     const PAPER: Column = Column::PAPER;
 

@@ -35,6 +35,20 @@ pub fn terms([u1, u2, u3, u4]: [f32; 4]) -> [f32; 8] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Weights as large as any that a record may hold, displacements as large as any difference of levels.
+        #[test]
+        fn no_displacements_and_no_weights_give_nan_or_infinity(
+            point in proptest::array::uniform8(prop_oneof![-1e30..1e30f32, Just(1e30f32)]),
+            angle in proptest::array::uniform8(prop_oneof![-1e30..1e30f32, Just(-1e30f32)]),
+            u in proptest::array::uniform4(prop_oneof![-2.0..2.0f32, Just(-2.0f32), Just(2.0f32)]),
+        ) {
+            let (p, theta) = RowPolynomials { point, angle }.contact(u);
+            prop_assert!(p.is_finite() && theta.is_finite(), "{p} {theta}");
+        }
+    }
 
     #[test]
     fn a_mirrored_touch_is_a_mirrored_answer() {

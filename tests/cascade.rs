@@ -1,0 +1,210 @@
+//! Which estimators the scene makes run: the steps of the cascade on the virtual finger with noise, steady where
+//! the scene stands at a threshold; and what stands for what where a part of the finger is faulty.
+
+use std::path::Path;
+
+use taxel::calibration::Calibration;
+use taxel::estimate::Force;
+use taxel::finger::{Estimate, Finger};
+use taxel::frame::Status;
+use taxel::measured::NoValue;
+use taxel_formats::trace::Sample;
+use taxel_sim::{Scene, Simulator};
+
+const EFFECTS: &str = "effects = ['noise', 'ambient', 'flicker', 'gain-spread', 'optical-crosstalk', \
+                       'bridge-mismatch', 'bridge-crosstalk']\n";
+
+fn record() -> Calibration {
+    let path = "host-tools/cli/assets/virtual-finger.cal.toml";
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
+    taxel_formats::calibration::read(&path).unwrap()
+}
+
+/// Every scan with what the virtual finger says of it by `record`, a scan a millisecond.
+fn estimates_by(record: Calibration, duration: f64, acts: &str) -> Vec<(Sample, Estimate)> {
+    let (finger, mut state) = Finger::new(Some(record));
+    let text = format!(
+        "{EFFECTS}[scan]\nrate_hz = 1000\nduration_s = {duration}\n[device]\nseed = 1\n\
+         [indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n{acts}"
+    );
+    let scene = Scene::parse("cascade.toml", &text).unwrap();
+    let samples = Simulator::new(&scene, 1);
+    samples.map(|sample| (sample, finger.estimate(&mut state, &sample.scan))).collect()
+}
+
+/// … by its own record.
+fn estimates(duration: f64, acts: &str) -> Vec<(Sample, Estimate)> {
+    estimates_by(record(), duration, acts)
+}
+
+fn press(x: f64, y: f64, [fx, fz]: [f64; 2], hold: f64) -> String {
+    format!(
+        "[[press]]\nat_s = 0.3\nx_mm = {x}\ny_mm = {y}\nfz_n = {fz}\nfx_n = {fx}\nrise_s = 0.1\n\
+         hold_s = {hold}\nfall_s = 0.1\n"
+    )
+}
+
+/// Frames of the middle third of a hold of `hold` seconds, where shear is steady.
+fn held(hold: f64, acts: &str) -> Vec<Estimate> {
+    let frames = estimates(hold + 0.6, acts);
+    let [from, until] = [1.0, 2.0].map(|third| (1000.0 * (0.4 + third * hold / 3.0)) as usize);
+    frames[from..until].iter().map(|(_, estimate)| *estimate).collect()
+}
+
+fn all(frames: &[Estimate], ran: &[Status], not: &[Status]) {
+    for frame in frames {
+        assert!(ran.iter().all(|bit| frame.status.contains(*bit)), "{:?}", frame.status);
+        assert!(!not.iter().any(|bit| frame.status.contains(*bit)), "{:?}", frame.status);
+    }
+}
+
+#[test]
+fn each_scene_runs_its_step_of_the_cascade_and_none_beyond() {
+    use Status as S;
+    let beyond_one = [S::RAN_PAIR, S::NOT_SINGLE, S::DISAGREE];
+    let untouched = estimates(0.3, "");
+    let untouched: Vec<Estimate> = untouched[50..].iter().map(|(_, estimate)| *estimate).collect();
+    let ran = [S::RAN_MODEL, S::RAN_SHEAR, S::RAN_ARRAY, S::RAN_SLIP];
+    all(&untouched, &[S::RAN_SENSORS], &[ran.as_slice(), &beyond_one].concat());
+
+    let pressed = held(0.6, &press(0.6, -0.4, [0.0, 1.0], 0.6));
+    let always = [S::RAN_MODEL, S::RAN_ARRAY, S::RAN_SLIP];
+    all(&pressed, &always, &[&[S::RAN_SHEAR][..], &beyond_one].concat());
+
+    let sheared = held(0.6, &press(0.6, -0.4, [0.2, 1.0], 0.6));
+    all(&sheared, &[&[S::RAN_SHEAR][..], &always].concat(), &beyond_one);
+
+    let two = press(-3.0, -0.4, [0.0, 0.6], 0.6) + &press(3.0, 0.3, [0.0, 0.4], 0.6);
+    let two = held(0.6, &two);
+    all(&two, &[&[S::RAN_PAIR, S::NOT_SINGLE][..], &always].concat(), &[S::DISAGREE]);
+    assert!(two.iter().all(|frame| frame.contacts.is_ok()));
+}
+
+/// How often a stage goes on or off a second, at most, in holds of 6 s that come ever nearer to its threshold,
+/// which lies between the two levels.
+fn most_switches(
+    [mut below, mut above]: [f64; 2],
+    scene: impl Fn(f64) -> String,
+    on: impl Fn(&Estimate) -> bool,
+) -> f64 {
+    const HOLD: f64 = 6.0;
+    let counted = |level: f64| {
+        let on: Vec<bool> = held(HOLD, &scene(level)).iter().map(&on).collect();
+        let share = on.iter().filter(|on| **on).count() as f64 / on.len() as f64;
+        (on.windows(2).filter(|pair| pair[0] != pair[1]).count(), share)
+    };
+    assert_eq!((counted(below), counted(above)), ((0, 0.0), (0, 1.0)), "no threshold within");
+    let mut most = 0;
+    for _ in 0..14 {
+        let level = f64::midpoint(below, above);
+        let (switches, share) = counted(level);
+        most = most.max(switches);
+        *(if share < 0.5 { &mut below } else { &mut above }) = level;
+    }
+    println!("threshold at {below:.6} N: {most} switches in {:.0} s", HOLD / 3.0);
+    most as f64 / (HOLD / 3.0)
+}
+
+/// A few times a second: less often than anybody sees it flicker.
+const FEW: f64 = 3.0;
+
+#[test]
+fn a_shear_at_the_threshold_of_its_stage_does_not_make_it_chatter() {
+    let most = most_switches(
+        [0.008, 0.02],
+        |fx| press(0.6, -0.4, [fx, 1.0], 6.0),
+        |e| e.status.contains(Status::RAN_SHEAR),
+    );
+    assert!(most <= FEW, "{most} switches a second");
+}
+
+#[test]
+fn a_second_contact_at_the_threshold_of_its_stage_does_not_make_it_chatter() {
+    let scene = |fz| press(-2.5, -0.4, [0.0, 0.5], 6.0) + &press(2.5, 0.3, [0.0, fz], 6.0);
+    let stage = most_switches([0.2, 0.4], scene, |e| e.status.contains(Status::RAN_PAIR));
+    let told = most_switches([0.2, 0.4], scene, |e| e.contacts.is_ok());
+    assert!(stage <= FEW && told <= FEW, "{stage} and {told} switches a second");
+}
+
+/// A press of 1 N held for a second with `fault` in the middle 600 ms of it.
+fn faulty(fault: &str) -> Vec<(Sample, Estimate)> {
+    let press = press(0.6, -0.4, [0.1, 1.0], 1.0);
+    estimates(1.6, &format!("{press}[[fault]]\nat_s = 0.6\nuntil_s = 1.2\n{fault}\n"))
+}
+
+const BOTH: [Status; 2] = [Status::RAN_MODEL, Status::RAN_ARRAY];
+
+/// Force and place are within 2 % and a quarter of a millimetre of the truth, and only these of matrix and array
+/// ran.
+fn stands_in(frames: &[(Sample, Estimate)], ran: &[Status]) {
+    for (sample, estimate) in frames {
+        for part in BOTH {
+            let status = estimate.status;
+            assert_eq!(status.contains(part), ran.contains(&part), "{status:?}");
+        }
+        assert!(!estimate.status.contains(Status::DISAGREE), "{:?}", estimate.status);
+        let fz = f64::from(estimate.force.z.unwrap().0);
+        assert!((fz / sample.truth.force[2].unwrap() - 1.0).abs() < 0.02, "{fz}");
+        let point = estimate.point.unwrap();
+        let [x, y] = sample.truth.point.map(Option::unwrap);
+        let off = (f64::from(point.x.0) - x).hypot(f64::from(point.y.0) - y);
+        assert!(off < 0.25, "{off} mm");
+    }
+}
+
+#[test]
+fn the_force_sensors_stand_in_for_a_faulty_matrix_and_hand_back() {
+    let frames = faulty("kind = 'dead-led'\nchannel = 'r1c2'");
+    stands_in(&frames[450..600], &BOTH);
+    assert!(frames[610].1.status.contains(Status::DEAD_TAXEL));
+    stands_in(&frames[600..1200], &[Status::RAN_ARRAY]);
+    stands_in(&frames[1210..1300], &BOTH);
+}
+
+#[test]
+fn the_matrix_stands_in_for_a_faulty_force_sensor_and_hands_back() {
+    let frames = faulty("kind = 'broken-arm'\nchannel = 's2_r3'");
+    assert!(frames[610].1.status.contains(Status::BRIDGE_FAULT));
+    stands_in(&frames[600..1200], &[Status::RAN_MODEL]);
+    // Only the force sensors feel a torsion: nothing stands in for them there.
+    assert!(frames[600..1200].iter().all(|(_, e)| e.torsion == Err(NoValue::DeadChannel)));
+    stands_in(&frames[1210..1300], &BOTH);
+}
+
+#[test]
+fn where_both_are_faulty_the_force_is_withheld_and_not_guessed() {
+    let fault = "kind = 'broken-arm'\nchannel = 's2_r3'\n[[fault]]\nat_s = 0.6\nuntil_s = 1.2\n\
+                 kind = 'dead-led'\nchannel = 'r1c2'";
+    for (_, estimate) in &faulty(fault)[600..1200] {
+        assert_eq!(estimate.force, Force::none(NoValue::DeadChannel));
+    }
+}
+
+/// Codes alone do not tell a swapped cable; the touch that it makes of a press does.
+#[test]
+fn swapped_columns_are_no_single_contact_and_the_force_sensors_are_believed() {
+    let frames = faulty("kind = 'swapped-columns'\nchannel = 'c0'\nwith = 'c3'");
+    let doubted = |(_, e): &(Sample, Estimate)| e.status.contains(Status::NOT_SINGLE);
+    assert!(!frames[450..600].iter().any(doubted));
+    assert!(frames[610..1200].iter().all(doubted));
+    stands_in(&frames[610..1200], &BOTH);
+    assert!(!frames[1230..1300].iter().any(doubted));
+}
+
+/// Nor do they tell that the force sensors' part of the record is another finger's; that both halves weigh the same
+/// touch differently does.
+#[test]
+fn matrix_and_force_sensors_that_contradict_each_other_are_told_and_the_surer_one_is_given() {
+    let mut record = record();
+    for sensor in record.sensors.iter_mut().flatten() {
+        sensor.sensitivity.0.iter_mut().flatten().for_each(|s| *s *= 0.4);
+    }
+    let frames = estimates_by(record, 1.1, &press(0.6, -0.4, [0.0, 1.0], 0.5));
+    for (_, estimate) in &frames[420..880] {
+        assert!(estimate.status.contains(Status::DISAGREE), "{:?}", estimate.status);
+        // Force sensors state the smaller error: theirs alone, no mean of the two.
+        let fz = estimate.force.z.unwrap().0;
+        assert!((fz - 0.4).abs() < 0.01, "{fz}");
+    }
+    assert!(!frames[..250].iter().any(|(_, e)| e.status.contains(Status::DISAGREE)));
+}
