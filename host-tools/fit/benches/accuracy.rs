@@ -4,10 +4,9 @@
 #[path = "../tests/judge/mod.rs"]
 mod judge;
 
-use judge::{
-    RINGS, With, calibrated, errors, false_warnings, mean, onsets, pairs, presses, replay,
-    resolution, run, tap_at_200_hz,
-};
+use judge::response::{SWEEP, resolution, response};
+use judge::slip::{false_warnings, grasp, onsets};
+use judge::{RINGS, With, calibrated, errors, mean, pairs, presses, replay, run};
 
 const DEVICES: [u32; 5] = [11, 12, 13, 14, 15];
 
@@ -34,7 +33,7 @@ fn main() {
                 of(&|r| r.direction.value()),
                 of(&|r| r.torsion.value()),
                 rings.iter().map(|r| r[i].missing).sum::<usize>(),
-                rings.iter().map(|r| r[i].point.count()).sum::<usize>(),
+                rings.iter().map(|r| r[i].frames).sum::<usize>(),
             );
         }
     }
@@ -54,39 +53,42 @@ fn main() {
 
     println!("\nslip: friction 0.2 to 1.2, 0.2 to 2 N; warned 20 ms before the slide");
     println!(
-        "| with | first onsets | warned | later onsets | warned | false in 10 min of grasp at 0.2, 0.6, 1.2 |"
+        "| with | first onsets | warned | later onsets | warned | false in 10 min of grasp at 0.2, 0.6, 1.2 | on unknown friction |"
     );
-    println!("|---|---|---|---|---|---|");
-    for with in [With::Matrix, With::Array, With::Both] {
-        let (mut first, mut later) = ([0; 2], [0; 2]);
-        for (device, record) in &records {
-            let onsets = onsets(*device, record, with);
-            (0..2).for_each(|i| {
-                first[i] += onsets.first[i];
-                later[i] += onsets.later[i];
-            });
-        }
-        let (device, record) = &records[0];
-        let warnings =
-            [0.2, 0.6, 1.2].map(|mu| false_warnings(*device, record, (with, mu, true), 10.0));
+    println!("|---|---|---|---|---|---|---|");
+    let withs = [With::Matrix, With::Array, With::Both];
+    let told = records.each_ref().map(|(device, record)| onsets(*device, record, withs));
+    let (device, record) = &records[0];
+    let grasps = [0.2, 0.6, 1.2].map(|mu| grasp(*device, 500, mu, 10.0));
+    for (k, with) in withs.into_iter().enumerate() {
+        let sum = |of: &dyn Fn(&judge::slip::Onsets) -> usize| -> usize {
+            told.iter().map(|told| of(&told[k])).sum()
+        };
+        let [known, unknown] = [true, false]
+            .map(|known| grasps.each_ref().map(|grasp| false_warnings(record, grasp, with, known)));
         println!(
-            "| {with:?} | {} | {} | {} | {} | {warnings:?} |",
-            first[0], first[1], later[0], later[1]
+            "| {with:?} | {} | {} | {} | {} | {known:?} | {unknown:?} |",
+            sum(&|onsets| onsets.first[0]),
+            sum(&|onsets| onsets.first[1]),
+            sum(&|onsets| onsets.later[0]),
+            sum(&|onsets| onsets.later[1])
         );
     }
 
     println!(
-        "\nresolution at 1 N, 1 kHz (standard deviation), and what is left of a tap of 2.5 ms"
+        "\nresolution at 1 N, 1 kHz (standard deviation), and what is left of a sine at {SWEEP:?} Hz"
     );
     println!(
-        "| with | fx mN | fy mN | fz mN | range 2 N over fz | tap |\n|---|---|---|---|---|---|"
+        "| with | fx mN | fy mN | fz mN | range 2 N over fz | left |\n|---|---|---|---|---|---|"
     );
-    for with in [With::Matrix, With::Array, With::Both] {
+    for with in withs {
         let sigma = records.each_ref().map(|(device, record)| resolution(*device, record, with));
         let of = |axis: usize| mean(sigma.iter().map(|s| s[axis]));
-        let tap = mean(records.iter().map(|(device, record)| tap_at_200_hz(*device, record, with)));
+        let left = records.each_ref().map(|(device, record)| response(*device, record, with));
+        let left: [f64; SWEEP.len()] =
+            std::array::from_fn(|i| mean(left.iter().map(|left| left[i])));
         println!(
-            "| {with:?} | {:.2} | {:.2} | {:.2} | {:.0} | {tap:.3} |",
+            "| {with:?} | {:.2} | {:.2} | {:.2} | {:.0} | {left:.3?} |",
             1e3 * of(0),
             1e3 * of(1),
             1e3 * of(2),

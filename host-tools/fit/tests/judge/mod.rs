@@ -2,9 +2,13 @@
 //! own that the fit has never met, noise on.
 #![allow(dead_code, reason = "test and bench use their parts")]
 
+pub mod response;
+pub mod slip;
+
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
+use taxel::estimate::limit_surface::LimitSurface;
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::measured::Measured;
@@ -114,7 +118,8 @@ pub struct Ring {
     /// Angle between force and truth in degrees, at 0.3 N and more.
     pub direction: Rms,
     pub torsion: Rms,
-    /// Frames without a value.
+    /// Frames judged, and those of them without a place or without a component of the force.
+    pub frames: usize,
     pub missing: usize,
 }
 
@@ -138,9 +143,10 @@ pub fn errors(samples: &[Sample], estimates: &[Estimate], least: f64) -> [Ring; 
             if out > limit {
                 continue;
             }
-            match estimate.point {
-                Ok(p) => ring.point.add((f64::from(p.x.0) - x).hypot(f64::from(p.y.0) - y)),
-                Err(_) => ring.missing += 1,
+            ring.frames += 1;
+            ring.missing += usize::from(estimate.point.is_err() || found.contains(&None));
+            if let Ok(p) = estimate.point {
+                ring.point.add((f64::from(p.x.0) - x).hypot(f64::from(p.y.0) - y));
             }
             for ((rms, found), force) in ring.force.iter_mut().zip(found).zip(force) {
                 found.inspect(|found| rms.add(found - force));
@@ -158,7 +164,7 @@ pub fn errors(samples: &[Sample], estimates: &[Estimate], least: f64) -> [Ring; 
     rings
 }
 
-fn newtons(force: Measured<Newtons>) -> Option<f64> {
+pub fn newtons(force: Measured<Newtons>) -> Option<f64> {
     force.ok().map(|force| f64::from(force.0))
 }
 
@@ -242,99 +248,29 @@ pub fn false_pairs(estimates: &[Estimate]) -> (usize, usize) {
     (touched().count(), touched().filter(|e| e.contacts.is_ok()).count())
 }
 
-/// How many slides began, and before how many of them the warning came 20 ms ahead: the first on a thing of
-/// unknown friction, and the later ones.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Onsets {
-    pub first: [usize; 2],
-    pub later: [usize; 2],
-}
-
-/// Friction coefficients and loads of the slides.
-pub const FRICTIONS: [f64; 4] = [0.2, 0.4, 0.8, 1.2];
-pub const LOADS: [f64; 4] = [0.2, 0.5, 1.0, 2.0];
-
-/// Four slides at every friction and load: shear grows for 150 ms until it breaks loose.
-pub fn onsets(device: u32, record: &Calibration, with: With) -> Onsets {
-    let mut outcome = Onsets::default();
-    for (mu, load) in FRICTIONS.into_iter().flat_map(|mu| LOADS.map(|load| (mu, load))) {
-        let mut acts = String::new();
-        for i in 0..4 {
-            let (at, y) = (1.0 + 2.2 * f64::from(i), 1.0 - 0.5 * f64::from(i));
-            acts += &format!(
-                "[[slide]]\nat_s = {at}\nfrom_mm = [-1.5, {}]\nto_mm = [1.5, {y}]\nfz_n = {load}\n\
-                 rise_s = 0.2\ntravel_s = 1.5\nfall_s = 0.2\n",
-                -y
-            );
-        }
-        let samples = run(device, 3, 1000, 10.5, mu, &acts);
-        let estimates = replay(record, &samples, with);
-        let (mut pressed, mut slides) = (0, 0);
-        for i in 1..samples.len() {
-            let truth = |i: usize| &samples[i].truth;
-            // Shear begins where the normal force has come up: a warning before that is a false one.
-            if truth(i).force[0] == Some(0.0) {
-                pressed = i;
-            }
-            if truth(i).slip == Some(true) && truth(i - 1).slip != Some(true) {
-                let warned = |i: usize| estimates[i].status.contains(Status::SLIP_WARNING);
-                let ahead = !warned(pressed) && (pressed..=i - 20).any(warned);
-                let counts = if slides == 0 { &mut outcome.first } else { &mut outcome.later };
-                counts[0] += 1;
-                counts[1] += usize::from(ahead);
-                slides += 1;
-            }
-        }
-        assert_eq!(slides, 4);
+/// Twelve presses of 0.3 to 2 N all over the pad, each with a moment about its normal of two thirds of what friction
+/// of 1.2 holds, now from x to y, now back.
+pub fn twisted(device: u32) -> Vec<Sample> {
+    let mut acts = String::new();
+    for i in 0..12u32 {
+        let [x, y] = spread(i).map(|unit| 7.5 * unit - 3.75);
+        let fz = 0.3 + 1.7 * spread(7 * i + 2)[0];
+        // 003 §2.3 for Hertz's pressure: τ = κ·μ·N·a, κ = 3π/16.
+        let holds = LimitSurface::hertz(6.0, 0.236).most_torsion(fz as f32, FRICTION as f32);
+        let torsion = f64::from(holds) * if i % 2 == 0 { 0.66 } else { -0.66 };
+        acts += &format!(
+            "[[press]]\nat_s = {}\nx_mm = {x}\ny_mm = {y}\nfz_n = {fz}\ntorsion_nmm = {torsion}\n\
+             rise_s = 0.1\nhold_s = 0.3\nfall_s = 0.1\n",
+            1.0 + 0.6 * f64::from(i)
+        );
     }
-    outcome
+    run(device, 8, 1000, 8.5, FRICTION, &acts)
 }
 
-/// Warnings, counted when they begin, in `minutes` of a grasp with up to half of its friction in use; `known`:
-/// after one slide that told what that is.
-pub fn false_warnings(
-    device: u32,
-    record: &Calibration,
-    (with, mu, known): (With, f64, bool),
-    minutes: f64,
-) -> usize {
-    let slide = "[[slide]]\nat_s = 1\nfrom_mm = [-1.5, 0]\nto_mm = [1.5, 0]\nfz_n = 1\nrise_s = 0.2\n\
-                 travel_s = 1.5\nfall_s = 0.2\n";
-    let count = (minutes * 60.0 / 0.4) as u32;
-    let grasp = format!(
-        "[[random]]\nat_s = 3.5\npresses = {count}\neach_s = 0.4\nx_mm = [-3, 3]\ny_mm = [-3, 3]\n\
-         fz_n = [0.2, 2]\nshear_of_limit = [0, 0.5]\n"
-    );
-    let acts = if known { format!("{slide}{grasp}") } else { grasp };
-    let samples = run(device, 9, 500, 4.5 + 60.0 * minutes, mu, &acts);
-    let estimates = replay(record, &samples, with);
-    let after = estimates.iter().skip_while(|e| e.time.0 < 3_200_000);
-    let warned: Vec<bool> = after.map(|e| e.status.contains(Status::SLIP_WARNING)).collect();
-    warned.windows(2).filter(|pair| !pair[0] && pair[1]).count()
-}
-
-/// Standard deviation of f_x, f_y, f_z while a press of 1 N is held, in newtons.
-pub fn resolution(device: u32, record: &Calibration, with: With) -> [f64; 3] {
-    let press = "[[press]]\nat_s = 1\nx_mm = 0.4\ny_mm = -0.3\nfz_n = 1\nrise_s = 0.2\nhold_s = 2\n\
-                 fall_s = 0.2\n";
-    let held = 1700..2700;
-    let estimates = replay(record, &run(device, 6, 1000, 3.5, 0.8, press), with);
-    let forces: Vec<[f64; 3]> = estimates[held]
-        .iter()
-        .map(|e| [e.force.x, e.force.y, e.force.z].map(|f| f64::from(f.unwrap().0)))
-        .collect();
-    std::array::from_fn(|axis| {
-        let middle = mean(forces.iter().map(|f| f[axis]));
-        mean(forces.iter().map(|f| (f[axis] - middle).powi(2))).sqrt()
-    })
-}
-
-/// What is left of the peak of a tap of 2.5 ms, half a period of 200 Hz, at 4000 frames a second.
-pub fn tap_at_200_hz(device: u32, record: &Calibration, with: With) -> f64 {
-    let tap = "[[tap]]\nat_s = 1\nx_mm = 0.4\ny_mm = -0.3\nfz_n = 1\nwidth_s = 0.0025\n";
-    let samples = run(device, 6, 4000, 1.2, 0.8, tap);
-    let peak = |forces: &mut dyn Iterator<Item = f64>| forces.fold(0.0, f64::max);
-    let found = replay(record, &samples, with);
-    peak(&mut found.iter().filter_map(|e| newtons(e.force.z)))
-        / peak(&mut samples.iter().filter_map(|s| s.truth.force[2]))
+/// Root mean square of the true torsion where something touches, in N·mm.
+pub fn true_torsion(samples: &[Sample]) -> f64 {
+    let mut all = Rms::default();
+    let touched = samples.iter().filter(|sample| sample.truth.contact == Some(true));
+    touched.filter_map(|sample| sample.truth.torsion).for_each(|torsion| all.add(torsion));
+    all.value()
 }

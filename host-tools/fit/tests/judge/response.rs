@@ -1,0 +1,78 @@
+//! How finely and how quickly a finger answers.
+
+use taxel::calibration::Calibration;
+use taxel::units::Micros;
+use taxel_formats::trace::Sample;
+
+use super::{With, mean, newtons, replay, run};
+
+/// Standard deviation of f_x, f_y, f_z while a press of 1 N is held, in newtons.
+pub fn resolution(device: u32, record: &Calibration, with: With) -> [f64; 3] {
+    let press = "[[press]]\nat_s = 1\nx_mm = 0.4\ny_mm = -0.3\nfz_n = 1\nrise_s = 0.2\nhold_s = 2\n\
+                 fall_s = 0.2\n";
+    let held = 1700..2700;
+    let estimates = replay(record, &run(device, 6, 1000, 3.5, 0.8, press), with);
+    let forces: Vec<[f64; 3]> = estimates[held]
+        .iter()
+        .map(|e| [e.force.x, e.force.y, e.force.z].map(|f| f64::from(f.unwrap().0)))
+        .collect();
+    std::array::from_fn(|axis| {
+        let middle = mean(forces.iter().map(|f| f[axis]));
+        mean(forces.iter().map(|f| (f[axis] - middle).powi(2))).sqrt()
+    })
+}
+
+/// Scans of a press that rises from 0.5 N to 1.5 N within a second, at [`RATE`]: what a finger reads at any force
+/// between, noise and all.
+struct Ramp(Vec<Sample>);
+
+/// Frames a second of the sweep.
+const RATE: u32 = 4000;
+/// Of the sweep, in hertz; the first tells what a slow force gives.
+pub const SWEEP: [f64; 8] = [10.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1200.0, 1600.0];
+/// The force: its middle and its amplitude in newtons.
+const MIDDLE: f64 = 1.0;
+const SWING: f64 = 0.3;
+
+impl Ramp {
+    fn of(device: u32) -> Self {
+        let press = "[[press]]\nat_s = 0.1\nx_mm = 0.4\ny_mm = -0.3\nfz_n = 1.5\nrise_s = 1\n\
+                     hold_s = 0.01\nfall_s = 0.1\n";
+        let samples = run(device, 6, RATE, 1.3, 0.8, press);
+        let rising = samples.into_iter().filter(|s| s.scan.time.0 <= 1_100_000);
+        Self(rising.filter(|s| s.truth.force[2] > Some(0.5)).collect())
+    }
+
+    /// The scan at the force nearest to this one.
+    fn at(&self, force: f64) -> &Sample {
+        let above = self.0.partition_point(|sample| sample.truth.force[2] < Some(force));
+        &self.0[above.min(self.0.len() - 1)]
+    }
+
+    /// What is left of the swing of a sine of force in the finger's f_z, by least squares over a tenth of a second.
+    fn gain(&self, record: &Calibration, with: With, hz: f64) -> f64 {
+        let phase = |i: usize| std::f64::consts::TAU * hz * i as f64 / f64::from(RATE);
+        let sine = (0..RATE as usize / 2).map(|i| {
+            let mut sample = *self.at(MIDDLE + SWING * phase(i).sin());
+            sample.scan.time = Micros((1e6 * i as f64 / f64::from(RATE)) as u64);
+            sample
+        });
+        let samples: Vec<Sample> = sine.collect();
+        let estimates = replay(record, &samples, with);
+        // Whole periods of every frequency of the sweep, after the touch has settled.
+        let from = estimates.len() - RATE as usize / 10;
+        let found = |i: usize| newtons(estimates[i].force.z).unwrap();
+        let middle = mean((from..estimates.len()).map(found));
+        let swing = |wave: fn(f64) -> f64| {
+            2.0 * mean((from..estimates.len()).map(|i| (found(i) - middle) * wave(phase(i))))
+        };
+        swing(f64::sin).hypot(swing(f64::cos)) / SWING
+    }
+}
+
+/// Of the [`SWEEP`], what is left at each frequency of the swing of a slow force.
+pub fn response(device: u32, record: &Calibration, with: With) -> [f64; SWEEP.len()] {
+    let ramp = Ramp::of(device);
+    let slow = ramp.gain(record, with, SWEEP[0]);
+    SWEEP.map(|hz| ramp.gain(record, with, hz) / slow)
+}
