@@ -164,8 +164,8 @@ fn a_grasp_without_slip_is_left_in_peace() {
     let [matrix, array, both] = all;
     assert_eq!((both[0], array), (0, [0, 0]), "{minutes} min");
     // A contact whose friction was never felt learns it while it is sheared, and is warned of meanwhile: 4 in 10 min.
-    assert!(both[1] <= 12, "unknown friction: {} in {minutes} min", both[1]);
+    assert!(both[1] <= 15, "unknown friction: {} in {minutes} min", both[1]);
     // The matrix alone tells shear to some 15 mN, where a light touch on friction of 0.2 holds no more than 40 mN:
     // 150 in 10 min, 200 on unknown friction, nearly none at 1.2.
-    assert!(matrix[0] <= 410 && matrix[1] <= 540, "matrix alone: {matrix:?} in {minutes} min");
+    assert!(matrix[0] <= 450 && matrix[1] <= 600, "matrix alone: {matrix:?} in {minutes} min");
 }
