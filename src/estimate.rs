@@ -62,6 +62,27 @@ impl NormalContact {
     }
 }
 
+/// How sure the finger is of a contact: standard deviations of what it says, after matrix and force sensors
+/// are weighted by them, and how well one contact accounts for the matrix's signals.
+///
+/// They hold the noise and what calibration left, and what no calibration takes off: skin and place are known
+/// to [`SKIN_ERROR`](crate::finger::SKIN_ERROR) and [`PLACE_ERROR`](crate::finger::PLACE_ERROR), a force
+/// sensor's gain to half a per cent. A finger that has not aged or warmed since its calibration does better: errors over
+/// what is stated have a root mean square of 0.8 for shear, 1.1 for the array's place and 0.4 for its normal force, 0.4 for
+/// the matrix's place and 0.1 for its normal force, 0.9 once the skin has become softer by what is allowed for
+/// (`host-tools/fit/tests/uncertainty.rs`).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Uncertainty {
+    /// Of the finger's force, component by component.
+    pub force: Force,
+    /// Of the contact point, along x and along y.
+    pub point: Measured<ContactPoint>,
+    /// What the model leaves of the displacements, root mean square, over what calibration left at this force:
+    /// about 1 for a contact such as those of its calibration.
+    pub misfit: Measured<f32>,
+}
+
 /// Force on the finger or on one sensor; z is positive into the skin. Each component stands alone,
 /// because a calibration with normal presses only knows z.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -20,13 +20,13 @@ use crate::condition::{
 use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState};
 use crate::estimate::slip::Verdict;
-use crate::estimate::{ContactPoint, Force, NormalContact};
+use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::{Fields, FrameRef, Status};
 use crate::measured::{Measured, NoValue};
 use crate::scan::{Codes, SENSORS, Scan};
 use crate::units::{Micros, NewtonMillimetres};
-pub use matrix::SKIN_ERROR;
 use matrix::{Look, MatrixState, Seen};
+pub use matrix::{PLACE_ERROR, SKIN_ERROR};
 use together::{Felt, Fused, Grip, GripState};
 
 /// The coefficients of one finger. Nothing in here changes from scan to scan.
@@ -77,6 +77,8 @@ pub struct Estimate {
     pub torsion: Measured<NewtonMillimetres>,
     /// Two contacts, the stronger one first.
     pub contacts: Measured<[NormalContact; 2]>,
+    /// How sure all that is; without contact there is nothing to be unsure of.
+    pub uncertainty: Measured<Uncertainty>,
     /// The bias that was asked for is done with this scan: in the state, or refused.
     pub bias: Option<Result<(), BiasRefusal>>,
 }
@@ -93,6 +95,7 @@ impl Estimate {
         slip: Err(NoValue::Absent),
         torsion: Err(NoValue::Absent),
         contacts: Err(NoValue::Absent),
+        uncertainty: Err(NoValue::Absent),
         bias: None,
     };
 
@@ -112,6 +115,7 @@ impl Estimate {
             slip: on(Fields::SLIP).then_some(&self.slip),
             torsion: on(Fields::TORSION).then_some(&self.torsion),
             contacts: on(Fields::CONTACTS).then_some(&self.contacts),
+            uncertainty: on(Fields::UNCERTAINTY).then_some(&self.uncertainty),
         }
     }
 }
@@ -274,17 +278,18 @@ impl Finger {
         let heard = raw.as_ref().unwrap_or(signals);
         let grip = Grip { time: scan.time, signals: heard, fused: &fused, torsion, ring, contact };
         let slip = grip.judge(record, &mut state.grip, &mut status);
-        let Fused { force, point, .. } = fused;
         let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
-        flag(&mut status, Status::UNCALIBRATED, lacks(&force) && sensors.iter().all(lacks));
+        flag(&mut status, Status::UNCALIBRATED, lacks(&fused.force) && sensors.iter().all(lacks));
         estimate.time = scan.time;
         estimate.status = status;
         estimate.sensors = sensors;
-        estimate.force = force;
-        estimate.point = point;
+        estimate.force = fused.force;
+        estimate.point = fused.point;
         estimate.slip = slip;
         estimate.torsion = torsion;
         estimate.contacts = seen.contacts;
+        estimate.uncertainty =
+            if contact { Ok(fused.uncertainty(seen.misfit)) } else { Err(NoValue::NoContact) };
         estimate.bias = bias;
     }
 

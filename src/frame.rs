@@ -1,10 +1,14 @@
 //! What the finger says, once a frame: status, and the fields that the host asked for.
 
-use serde::{Deserialize, Serialize};
+use core::fmt;
+use core::marker::PhantomData;
+
+use serde::de::{Error, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::condition::Signals;
 use crate::estimate::slip::Verdict;
-use crate::estimate::{ContactPoint, Force, NormalContact};
+use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::measured::Measured;
 use crate::scan::{Codes, SENSORS};
 use crate::units::{Micros, NewtonMillimetres};
@@ -153,9 +157,11 @@ impl Fields {
     pub const TORSION: Self = Self(1 << 6);
     /// Bit 7: two contacts, one by one.
     pub const CONTACTS: Self = Self(1 << 7);
+    /// Bit 8: how sure all that is.
+    pub const UNCERTAINTY: Self = Self(1 << 8);
 
     /// Every field there is.
-    pub const ALL: Self = Self(0b1111_1111);
+    pub const ALL: Self = Self(0b1_1111_1111);
     /// What a controller wants: force, contact point, per-sensor forces and slip.
     pub const ESTIMATES: Self =
         Self(Self::SENSORS.0 | Self::FORCE.0 | Self::POINT.0 | Self::SLIP.0);
@@ -193,6 +199,36 @@ pub struct Frame {
     pub torsion: Option<Measured<NewtonMillimetres>>,
     /// Two contacts, the stronger one first, where a single one does not account for the signals.
     pub contacts: Option<Measured<[NormalContact; 2]>>,
+    /// How sure all that is. Newer than the first frames: where it was not asked for, a frame ends before it,
+    /// as those who never heard of it expect.
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "last")]
+    pub uncertainty: Option<Measured<Uncertainty>>,
+}
+
+/// What may stand at a frame's end: nothing, or an option that holds something.
+fn last<'de, D, T>(deserializer: D) -> Result<Option<T>, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    struct Last<T>(PhantomData<T>);
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for Last<T> {
+        type Value = Option<T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("nothing, or 1 and a value")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut bytes: A) -> Result<Self::Value, A::Error> {
+            match bytes.next_element::<u8>() {
+                // The message is over.
+                Err(_) | Ok(None) => Ok(None),
+                Ok(Some(1)) => bytes.next_element(),
+                Ok(Some(_)) => Err(A::Error::custom("no 1")),
+            }
+        }
+    }
+    deserializer.deserialize_tuple(2, Last(PhantomData))
 }
 
 /// A frame whose fields lie where they were made: half a kilobyte that need not be copied to be sent.
@@ -210,6 +246,7 @@ pub struct FrameRef<'f> {
     pub slip: Option<&'f Measured<Verdict>>,
     pub torsion: Option<&'f Measured<NewtonMillimetres>>,
     pub contacts: Option<&'f Measured<[NormalContact; 2]>>,
+    pub uncertainty: Option<&'f Measured<Uncertainty>>,
 }
 
 impl<'f> From<&'f Frame> for FrameRef<'f> {
@@ -227,6 +264,7 @@ impl<'f> From<&'f Frame> for FrameRef<'f> {
             slip: frame.slip.as_ref(),
             torsion: frame.torsion.as_ref(),
             contacts: frame.contacts.as_ref(),
+            uncertainty: frame.uncertainty.as_ref(),
         }
     }
 }
@@ -246,6 +284,7 @@ impl From<FrameRef<'_>> for Frame {
             slip: frame.slip.copied(),
             torsion: frame.torsion.copied(),
             contacts: frame.contacts.copied(),
+            uncertainty: frame.uncertainty.copied(),
         }
     }
 }

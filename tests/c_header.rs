@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 
 use taxel::condition::{Health, Signals};
 use taxel::estimate::slip::Verdict;
-use taxel::estimate::{ContactPoint, Force, NormalContact};
+use taxel::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use taxel::frame::{Frame, Status};
 use taxel::measured::NoValue;
 use taxel::units::{Micros, Millimetres, Newtons};
@@ -63,6 +63,11 @@ fn the_c_header_reads_every_field_that_frames_carry_and_nothing_that_is_none() {
         slip: Some(Ok(Verdict { margin: 0.25, friction: 0.5, grip: Newtons(2.0) })),
         torsion: Some(Err(NoValue::IllConditioned)),
         contacts: Some(Ok([(0.25, [1.25, -2.0]), (0.5, [-0.5, 1.0])].map(NormalContact::new))),
+        uncertainty: Some(Ok(Uncertainty {
+            force: Force { x: Err(NoValue::NotEstimated), ..Force::known(0.0, 0.5, 0.125) },
+            point: Ok(ContactPoint { x: Millimetres(0.25), y: Millimetres(0.75) }),
+            misfit: Ok(1.5),
+        })),
         ..Frame::default()
     };
     let codes = common::unloaded(0).codes;
@@ -74,6 +79,7 @@ fn the_c_header_reads_every_field_that_frames_carry_and_nothing_that_is_none() {
             health: Health { saturated: 0x8001, dead: 2, bridge_faults: 8 },
         }),
         point: Some(Err(NoValue::NoContact)),
+        uncertainty: Some(Err(NoValue::NoContact)),
         ..Frame::default()
     };
     let mut damaged = packet(small);
@@ -96,12 +102,13 @@ fn the_c_header_reads_every_field_that_frames_carry_and_nothing_that_is_none() {
     let expected = [
         "seq=300 time_us=1000000 status=262145".to_owned(),
         "seq=4294967295 time_us=18446744073709551615 status=0 s0x=0.5 s3z=!3 fx=!7 fy=1.00000001e-07 \
-         fz=0.25 x=1.25 y=-2 margin=0.25 grip=2 torsion=!5 contact1y=-2 contact2fz=0.5"
+         fz=0.25 x=1.25 y=-2 margin=0.25 grip=2 torsion=!5 contact1y=-2 contact2fz=0.5 \
+         fx_sigma=!7 fz_sigma=0.125 y_sigma=0.75 misfit=1.5"
             .to_owned(),
         format!(
             "seq=0 time_us=0 status=0 full_scale={} lit0={} lit15={} dark3={} bridge0d={} bridge3a={} \
              reference={} temperature={} c0=-0 c15=-5 u0z=0.300000012 saturated=32769 dead=2 \
-             bridge_faults=8 x=!1 y=!1",
+             bridge_faults=8 x=!1 y=!1 fx_sigma=!1 fz_sigma=!1 y_sigma=!1 misfit=!1",
             codes.full_scale.top().0,
             taxels.lit[0][0].0,
             taxels.lit[3][3].0,

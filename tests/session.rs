@@ -308,7 +308,7 @@ fn values_out_of_range_are_refused_with_the_range() {
         let refused = host.ask(Command::SetFilter { hz: 1001 }).await;
         assert_eq!(refused, Err(Refusal::OutOfRange { low: 0, high: 1000 }));
         let refused = host.ask(Command::SetFields(Fields(0x8000))).await;
-        assert_eq!(refused, Err(Refusal::OutOfRange { low: 0, high: 255 }));
+        assert_eq!(refused, Err(Refusal::OutOfRange { low: 0, high: 511 }));
         assert!(host.ask(Command::TakeBias { scans: 1 }).await.is_err());
     });
 }

@@ -9,7 +9,7 @@ use taxel::condition::{Health, Signals};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::quantised::{Group, QuantisedNet, Rows};
 use taxel::estimate::slip::Verdict;
-use taxel::estimate::{ContactPoint, Force, NormalContact};
+use taxel::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::NoValue;
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
@@ -40,10 +40,11 @@ fn body<M: serde::Serialize>(message: &M) -> String {
     hex(&bytes[..length - 4])
 }
 
-/// The body of a frame, which is packed by reference and as a message alike.
+/// The body of a frame, which is put by hand as postcard would put it.
 fn frame_body(frame: Frame) -> String {
     let (mut by_reference, mut by_value) = ([0; MAX_PACKET], [0; MAX_PACKET]);
     let by_reference = pack_frame(&frame, &mut by_reference).unwrap();
+    assert_eq!(by_reference, pack(&(2u8, frame), &mut by_value).unwrap());
     let message = Message::Frame(frame);
     assert_eq!(by_reference, pack(&message, &mut by_value).unwrap());
     body(&message)
@@ -231,6 +232,7 @@ fn frame() -> Frame {
         slip: None,
         torsion: None,
         contacts: None,
+        uncertainty: None,
     }
 }
 
@@ -251,6 +253,21 @@ fn frames_have_their_bytes() {
         contacts: Some(Ok([(0.25, [1.25, -2.0]), (0.5, [-0.5, 1.0])].map(NormalContact::new))),
         ..frame()
     };
+    let without = "02 ac 02 c0 84 3d 81 80 10 00 00 00 00 00 00 00 00";
+    let sure = Uncertainty {
+        force: Force { x: Err(NoValue::NotEstimated), ..Force::known(0.0, 0.5, 0.25) },
+        point: Ok(ContactPoint { x: Millimetres(0.5), y: Millimetres(0.25) }),
+        misfit: Ok(1.0),
+    };
+    assert_eq!(
+        frame_body(Frame { uncertainty: Some(Ok(sure)), ..frame() }),
+        format!(
+            "{without} 01 00 01 07 00 00 00 00 3f 00 00 00 80 3e \
+             00 00 00 00 3f 00 00 80 3e 00 00 00 80 3f"
+        )
+    );
+    let untouched = Frame { uncertainty: Some(Err(NoValue::NoContact)), ..frame() };
+    assert_eq!(frame_body(untouched), format!("{without} 01 01 01"));
     assert_eq!(
         frame_body(estimates),
         "02 ac 02 c0 84 3d 81 80 10 00 00 \
@@ -284,6 +301,48 @@ fn frames_have_their_bytes() {
     );
 }
 
+/// Bytes as a message.
+struct Bytes<'b>(&'b [u8]);
+
+impl serde::Serialize for Bytes<'_> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        use serde::ser::SerializeTuple;
+        let mut bytes = serializer.serialize_tuple(self.0.len())?;
+        self.0.iter().try_for_each(|byte| bytes.serialize_element(byte))?;
+        bytes.end()
+    }
+}
+
+#[test]
+fn a_frame_ends_with_its_uncertainty_or_before_it_and_nowhere_else() {
+    let read = |bytes: &[u8]| {
+        let mut packet = [0; MAX_PACKET];
+        let length = pack(&Bytes(bytes), &mut packet).unwrap().len();
+        unpack::<Message>(&mut packet[..length - 1])
+    };
+    let sure = Uncertainty {
+        force: Force { y: Err(NoValue::NotEstimated), ..Force::known(0.5, 0.0, 0.25) },
+        point: Err(NoValue::DeadChannel),
+        misfit: Ok(1.0),
+    };
+    let mut before = Vec::new();
+    for uncertainty in [None, Some(Err(NoValue::NoContact)), Some(Ok(sure))] {
+        let message = Message::Frame(Frame { uncertainty, ..frame() });
+        let text = body(&message);
+        let mut bytes: Vec<u8> =
+            text.split(" ").map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
+        for end in before.len() + 1..bytes.len() {
+            assert_eq!(read(&bytes[..end]), Err(WireError::Message), "{uncertainty:?} to {end}");
+        }
+        if before.is_empty() {
+            before.clone_from(&bytes);
+        }
+        assert_eq!(read(&bytes), Ok(message));
+        bytes.push(0);
+        assert_eq!(read(&bytes), Err(WireError::Message), "{uncertainty:?} and a byte more");
+    }
+}
+
 /// A frame of which every choice and every value is one of `words`.
 fn made_of(words: &[u32]) -> Frame {
     let words = std::cell::RefCell::new(words.iter().copied().cycle());
@@ -297,6 +356,11 @@ fn made_of(words: &[u32]) -> Frame {
     let place = || ContactPoint { x: Millimetres(float()), y: Millimetres(float()) };
     let verdict = || Verdict { margin: float(), friction: float(), grip: Newtons(float()) };
     let contact = |_| NormalContact { point: place(), normal: Newtons(float()) };
+    let uncertainty = || Uncertainty {
+        force: force(),
+        point: missing().map_or_else(|| Ok(place()), Err),
+        misfit: missing().map_or_else(|| Ok(float()), Err),
+    };
     let codes = || Codes {
         full_scale: FullScale::new(word() as u16).unwrap_or(FullScale::BITS_12),
         taxels: present().then(|| TaxelCodes {
@@ -329,6 +393,7 @@ fn made_of(words: &[u32]) -> Frame {
         slip: present().then(|| missing().map_or_else(|| Ok(verdict()), Err)),
         torsion: present().then(|| missing().map_or_else(|| Ok(NewtonMillimetres(float())), Err)),
         contacts: present().then(|| missing().map_or_else(|| Ok([(); 2].map(contact)), Err)),
+        uncertainty: present().then(|| missing().map_or_else(|| Ok(uncertainty()), Err)),
     }
 }
 
@@ -353,6 +418,11 @@ fn the_longest_messages_fit_a_packet() {
         slip: Some(Ok(Verdict { margin: 1.0, friction: 1.0, grip: Newtons(1.0) })),
         torsion: Some(Ok(NewtonMillimetres(1.0))),
         contacts: Some(Ok([(1.0, [1.0; 2]); 2].map(NormalContact::new))),
+        uncertainty: Some(Ok(Uncertainty {
+            force: Force::known(1.0, 1.0, 1.0),
+            point: Ok(ContactPoint { x: Millimetres(1.0), y: Millimetres(1.0) }),
+            misfit: Ok(1.0),
+        })),
     };
     let bias = taxel::condition::Bias {
         taxels: common::calibration().taxels.map(|t| t.bias),

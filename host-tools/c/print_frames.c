@@ -46,6 +46,10 @@ int main(void) {
         print("torsion", frame.torsion);
         print("contact1y", frame.contacts[0][1]);
         print("contact2fz", frame.contacts[1][2]);
+        print("fx_sigma", frame.force_sigma[0]);
+        print("fz_sigma", frame.force_sigma[2]);
+        print("y_sigma", frame.point_sigma[1]);
+        print("misfit", frame.misfit);
         putchar('\n');
     }
     return 0;

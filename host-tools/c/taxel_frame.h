@@ -88,6 +88,10 @@ struct taxel_frame {
     struct taxel_value slip[3];                   /* margin, friction, grip in newtons */
     struct taxel_value torsion;                   /* newton millimetres */
     struct taxel_value contacts[2][3];            /* x and y in millimetres, normal force in newtons */
+    /* Standard deviations of force and point; `misfit` is 1 as in calibration. */
+    struct taxel_value force_sigma[3];            /* newtons */
+    struct taxel_value point_sigma[2];            /* millimetres */
+    struct taxel_value misfit;
 };
 
 static inline int taxel_given(struct taxel_value value) { return value.why == TAXEL_GIVEN; }
@@ -173,6 +177,10 @@ static inline void taxel_force(struct taxel_reader *r, struct taxel_value force[
     }
 }
 
+static inline void taxel_withheld(struct taxel_value *values, int count, int8_t why) {
+    for (int i = 0; i < count; i++) values[i].why = why;
+}
+
 /* Values that are given together or withheld together. */
 static inline void taxel_values(struct taxel_reader *r, struct taxel_value *values, int count) {
     int withheld = taxel_choice(r);
@@ -183,8 +191,18 @@ static inline void taxel_values(struct taxel_reader *r, struct taxel_value *valu
     }
 }
 
-static inline void taxel_not_sent(struct taxel_value *values, int count) {
-    for (int i = 0; i < count; i++) values[i].why = TAXEL_NOT_SENT;
+/* Together, or each for itself. */
+static inline void taxel_uncertainty(struct taxel_reader *r, struct taxel_frame *frame) {
+    if (taxel_choice(r)) {
+        int8_t why = (int8_t)(taxel_byte(r) & 0x7f);
+        taxel_withheld(frame->force_sigma, 3, why);
+        taxel_withheld(frame->point_sigma, 2, why);
+        taxel_withheld(&frame->misfit, 1, why);
+        return;
+    }
+    taxel_force(r, frame->force_sigma);
+    taxel_values(r, frame->point_sigma, 2);
+    taxel_values(r, &frame->misfit, 1);
 }
 
 static inline void taxel_decode_codes(struct taxel_reader *r, struct taxel_codes *codes) {
@@ -219,12 +237,15 @@ static inline void taxel_decode_signals(struct taxel_reader *r, struct taxel_sig
 static inline int taxel_frame_decode(const uint8_t *message, size_t length, struct taxel_frame *frame) {
     struct taxel_reader r = {message, message + length, 1};
     memset(frame, 0, sizeof *frame);
-    taxel_not_sent(frame->sensors[0], 3 * TAXEL_SENSORS);
-    taxel_not_sent(frame->force, 3);
-    taxel_not_sent(frame->point, 2);
-    taxel_not_sent(frame->slip, 3);
-    taxel_not_sent(&frame->torsion, 1);
-    taxel_not_sent(frame->contacts[0], 6);
+    taxel_withheld(frame->sensors[0], 3 * TAXEL_SENSORS, TAXEL_NOT_SENT);
+    taxel_withheld(frame->force, 3, TAXEL_NOT_SENT);
+    taxel_withheld(frame->point, 2, TAXEL_NOT_SENT);
+    taxel_withheld(frame->slip, 3, TAXEL_NOT_SENT);
+    taxel_withheld(&frame->torsion, 1, TAXEL_NOT_SENT);
+    taxel_withheld(frame->contacts[0], 6, TAXEL_NOT_SENT);
+    taxel_withheld(frame->force_sigma, 3, TAXEL_NOT_SENT);
+    taxel_withheld(frame->point_sigma, 2, TAXEL_NOT_SENT);
+    taxel_withheld(&frame->misfit, 1, TAXEL_NOT_SENT);
     if (taxel_varint(&r) != 2) return 0; /* another message */
     frame->seq = (uint32_t)taxel_varint(&r);
     frame->time_us = taxel_varint(&r);
@@ -238,6 +259,7 @@ static inline int taxel_frame_decode(const uint8_t *message, size_t length, stru
     if (taxel_field(&r)) taxel_values(&r, frame->slip, 3);
     if (taxel_field(&r)) taxel_values(&r, &frame->torsion, 1);
     if (taxel_field(&r)) taxel_values(&r, frame->contacts[0], 6);
+    if (taxel_field(&r)) taxel_uncertainty(&r, frame);
     return r.ok;
 }
 

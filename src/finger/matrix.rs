@@ -35,7 +35,7 @@ const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20
 pub const SKIN_ERROR: f32 = 0.05;
 /// And a place to this many mm beyond what its covariance says: by so much another indenter's press, or one
 /// that shears, is drawn aside.
-const PLACE_ERROR: f32 = 0.05;
+pub const PLACE_ERROR: f32 = 0.05;
 /// Shear below this, in newtons and as a share of the normal force, is taken for none.
 const UNSEEN_SHEAR: [f32; 2] = [0.005, 0.01];
 
@@ -66,11 +66,19 @@ pub(super) struct Seen {
     /// What is seen of the share of friction in use.
     pub ring: Option<Ring>,
     pub contacts: Measured<[NormalContact; 2]>,
+    /// What the model leaves over what it should; of two contacts where it found two.
+    pub misfit: Measured<f32>,
 }
 
 impl Seen {
     pub(super) const fn nothing(reason: NoValue) -> Self {
-        Self { force: [Err(reason); 3], point: Err(reason), ring: None, contacts: Err(reason) }
+        Self {
+            force: [Err(reason); 3],
+            point: Err(reason),
+            ring: None,
+            contacts: Err(reason),
+            misfit: Err(reason),
+        }
     }
 
     /// Nothing touches it: no force, of as many components as the record knows.
@@ -254,6 +262,7 @@ fn one(touch: &Touch, sheared: bool, shear: bool) -> Seen {
         point: Ok([of(at_x, px + PLACE_ERROR), of(at_y, py + PLACE_ERROR)]),
         ring: sheared.then_some(touch.ring),
         contacts: Err(NoValue::NotEstimated),
+        misfit: Ok(touch.misfit),
     }
 }
 
@@ -272,5 +281,6 @@ fn two(pair: &Pair, share: f32) -> Seen {
         point: Ok([middle(|[x, _]| x), middle(|[_, y]| y)]),
         ring: None,
         contacts: Ok([a, b].map(NormalContact::new)),
+        misfit: Ok(pair.misfit),
     }
 }

@@ -9,7 +9,7 @@ use crate::estimate::inverse::Ring;
 use crate::estimate::slide::SlideState;
 use crate::estimate::slip::{SlipState, Traction, Verdict};
 use crate::estimate::vibration::Listener;
-use crate::estimate::{ContactPoint, Force};
+use crate::estimate::{ContactPoint, Force, Uncertainty};
 use crate::frame::Status;
 use crate::measured::{Measured, NoValue};
 use crate::scan::SENSORS;
@@ -103,26 +103,37 @@ fn newtons(sensors: &[Force; SENSORS]) -> Measured<[[f32; 3]; SENSORS]> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fused {
     pub force: Force,
-    /// Standard deviation of the shear.
-    pub shear_sigma: f32,
     pub point: Measured<ContactPoint>,
+    /// Standard deviations of both.
+    force_sigma: Force,
+    point_sigma: Measured<ContactPoint>,
 }
 
 impl Fused {
     pub(super) fn of(seen: &Seen, felt: &Felt, status: &mut Status) -> Self {
         let mut force = seen.force;
         force.iter_mut().zip(&felt.force).for_each(|(seen, felt)| join(seen, felt, status));
-        let [x, y, z] = force;
-        let shear_sigma = [x, y].into_iter().flatten().fold(0.0f32, |most, f| most.max(f.sigma));
-        let newtons = |force: Measured<Uncertain>| force.map(|force| Newtons(force.value));
         let [mut place, along] = [axes(&seen.point), axes(&felt.point)];
         place.iter_mut().zip(&along).for_each(|(seen, felt)| join(seen, felt, status));
-        let [px, py] = place.map(|along| along.map(|place| Millimetres(place.value)));
+        let value = |of: Uncertain| of.value;
+        let sigma = |of: Uncertain| of.sigma;
         Self {
-            force: Force { x: newtons(x), y: newtons(y), z: newtons(z) },
-            shear_sigma,
-            point: px.and_then(|x| py.map(|y| ContactPoint { x, y })),
+            force: components(&force, value),
+            point: point(&place, value),
+            force_sigma: components(&force, sigma),
+            point_sigma: point(&place, sigma),
         }
+    }
+
+    /// With what the model of the skin leaves, over what it should.
+    pub(super) fn uncertainty(&self, misfit: Measured<f32>) -> Uncertainty {
+        Uncertainty { force: self.force_sigma, point: self.point_sigma, misfit }
+    }
+
+    /// Standard deviation of the less sure of the shear's components.
+    fn shear_sigma(&self) -> f32 {
+        let Force { x, y, .. } = self.force_sigma;
+        [x, y].into_iter().flatten().fold(0.0, |most, sigma| most.max(sigma.0))
     }
 }
 
@@ -148,6 +159,21 @@ fn meet(seen: &mut Measured<Uncertain>, felt: &Measured<Uncertain>, status: &mut
         (Err(_), Ok(_)) | (Err(NoValue::Absent), Err(_)) => *seen = *felt,
         (_, Err(_)) => {}
     }
+}
+
+#[inline(always)]
+fn components(force: &[Measured<Uncertain>; 3], of: impl Fn(Uncertain) -> f32) -> Force {
+    let [x, y, z] = force.map(|force| force.map(|force| Newtons(of(force))));
+    Force { x, y, z }
+}
+
+#[inline(always)]
+fn point(
+    place: &[Measured<Uncertain>; 2],
+    of: impl Fn(Uncertain) -> f32,
+) -> Measured<ContactPoint> {
+    let [x, y] = place.map(|along| along.map(|along| Millimetres(of(along))));
+    x.and_then(|x| y.map(|y| ContactPoint { x, y }))
 }
 
 fn axes(point: &Measured<[Uncertain; 2]>) -> [Measured<Uncertain>; 2] {
@@ -194,7 +220,7 @@ impl Grip<'_> {
             return Err(NoValue::NoContact);
         }
         state.touched = true;
-        let Fused { force, shear_sigma, point } = *self.fused;
+        let Fused { force, point, .. } = *self.fused;
         let (fx, fy, fz) = (force.x?.0, force.y?.0, force.z?.0);
         let torsion = self.torsion.map_or(0.0, |torsion| torsion.0);
         let array = record.and_then(Calibration::array);
@@ -203,7 +229,7 @@ impl Grip<'_> {
             shear: [fx, fy],
             normal: fz,
             torsion,
-            doubt: [shear_sigma, TORSION_DOUBT * moment_sigma],
+            doubt: [self.fused.shear_sigma(), TORSION_DOUBT * moment_sigma],
             ring: self.ring,
             rubs: vibrates,
             slides: false,

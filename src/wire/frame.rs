@@ -4,7 +4,7 @@
 
 use crate::condition::Signals;
 use crate::estimate::slip::Verdict;
-use crate::estimate::{ContactPoint, Force, NormalContact};
+use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::FrameRef;
 use crate::measured::Measured;
 use crate::scan::{Codes, Midpoints, TAXELS, TaxelCodes};
@@ -28,6 +28,10 @@ pub(super) fn put(frame: &FrameRef<'_>, buffer: &mut [u8]) -> Option<usize> {
     let rest = option(rest, frame.slip, |rest, slip| measured(rest, slip, verdict))?;
     let rest = option(rest, frame.torsion, |rest, torsion| measured(rest, torsion, moment))?;
     let rest = option(rest, frame.contacts, |rest, two| measured(rest, two, contacts))?;
+    let rest = match frame.uncertainty {
+        None => rest,
+        uncertainty => option(rest, uncertainty, |rest, sure| measured(rest, sure, uncertain))?,
+    };
     Some(length - rest.len())
 }
 
@@ -176,6 +180,12 @@ fn verdict<'b>(rest: &'b mut [u8], verdict: &Verdict) -> Rest<'b> {
 
 fn moment<'b>(rest: &'b mut [u8], moment: &NewtonMillimetres) -> Rest<'b> {
     floats(rest, &[moment.0])
+}
+
+fn uncertain<'b>(rest: &'b mut [u8], sure: &Uncertainty) -> Rest<'b> {
+    let rest = forces(rest, core::slice::from_ref(&sure.force))?;
+    let rest = measured(rest, &sure.point, place)?;
+    measured(rest, &sure.misfit, |rest, misfit| floats(rest, &[*misfit]))
 }
 
 fn contacts<'b>(mut rest: &'b mut [u8], contacts: &[NormalContact; 2]) -> Rest<'b> {

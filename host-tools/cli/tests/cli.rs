@@ -171,7 +171,7 @@ fn bad_usage_is_one_line_and_exit_code_2() {
         (
             &format!("set {port} --fields force,colour"),
             "invalid value 'force,colour' for '--fields <LIST>': `colour` is no field; choose from codes, \
-             signals, sensors, force, point, slip, torsion, contacts, estimates, all; see --help",
+             signals, sensors, force, point, slip, torsion, contacts, uncertainty, estimates, all; see --help",
         ),
         (
             "demo --duration 0",

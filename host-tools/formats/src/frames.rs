@@ -6,7 +6,7 @@
 
 use std::fmt;
 
-use taxel::estimate::Force;
+use taxel::estimate::{Force, Uncertainty};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::{Measured, NoValue};
 use taxel::scan::{ROWS, SENSORS, TAXELS};
@@ -101,6 +101,10 @@ pub fn columns(fields: Fields) -> Vec<Column> {
             add(Kind::Measured, &names.each_ref().map(String::as_str));
         }
     }
+    if on(Fields::UNCERTAINTY) {
+        add(Kind::Measured, &["fx_sigma_n", "fy_sigma_n", "fz_sigma_n"]);
+        add(Kind::Measured, &["x_sigma_mm", "y_sigma_mm", "misfit"]);
+    }
     let mut add = |kind: Kind, names: Vec<String>| {
         columns.extend(names.into_iter().map(|name| Column { name, kind }));
     };
@@ -149,6 +153,9 @@ pub fn cells(frame: &Frame, fields: Fields, row: &mut Vec<Cell>) {
             row.push(measured(frame.contacts, |contacts| contacts[i].normal.0));
         }
     }
+    if on(Fields::UNCERTAINTY) {
+        push_uncertainty(row, frame.uncertainty);
+    }
     if on(Fields::SENSORS) {
         for i in 0..SENSORS {
             push_force(row, frame.sensors.map(|sensors| sensors[i]));
@@ -175,6 +182,19 @@ fn push_force(row: &mut Vec<Cell>, force: Option<Force>) {
         measured(force.map(axis), |newtons| newtons.0)
     };
     row.extend([axis(|f| f.x), axis(|f| f.y), axis(|f| f.z)]);
+}
+
+fn push_uncertainty(row: &mut Vec<Cell>, uncertainty: Option<Measured<Uncertainty>>) {
+    let (force, rest) = match uncertainty {
+        None => (None, None),
+        Some(Err(reason)) => (Some(Force::none(reason)), Some((Err(reason), Err(reason)))),
+        Some(Ok(known)) => (Some(known.force), Some((known.point, known.misfit))),
+    };
+    push_force(row, force);
+    let (point, misfit) = rest.unzip();
+    row.push(measured(point, |point| point.x.0));
+    row.push(measured(point, |point| point.y.0));
+    row.push(measured(misfit, |misfit| misfit));
 }
 
 fn push_signals(row: &mut Vec<Cell>, frame: &Frame) {

@@ -3,7 +3,7 @@
 use taxel::frame::Fields;
 
 /// Every name and what it stands for.
-pub const NAMES: [(&str, Fields); 10] = [
+pub const NAMES: [(&str, Fields); 11] = [
     ("codes", Fields::CODES),
     ("signals", Fields::SIGNALS),
     ("sensors", Fields::SENSORS),
@@ -12,6 +12,7 @@ pub const NAMES: [(&str, Fields); 10] = [
     ("slip", Fields::SLIP),
     ("torsion", Fields::TORSION),
     ("contacts", Fields::CONTACTS),
+    ("uncertainty", Fields::UNCERTAINTY),
     ("estimates", Fields::ESTIMATES),
     ("all", Fields::ALL),
 ];
@@ -20,7 +21,7 @@ pub const NAMES: [(&str, Fields); 10] = [
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` is no field; choose from codes, signals, sensors, force, point, slip, torsion, contacts, \
-     estimates, all"
+     uncertainty, estimates, all"
 )]
 pub struct UnknownField(String);
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::condition::{Health, Signals};
 use taxel::estimate::slip::Verdict;
-use taxel::estimate::{ContactPoint, Force, NormalContact};
+use taxel::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::{Measured, NoValue};
 use taxel::scan::{SENSORS, TAXELS};
@@ -26,12 +26,13 @@ pub(crate) struct Recorded {
 }
 
 /// Fields, and a column that stands for each.
-const TELLTALES: [(Fields, &str); 7] = [
+const TELLTALES: [(Fields, &str); 8] = [
     (Fields::FORCE, "fz_n"),
     (Fields::POINT, "x_mm"),
     (Fields::TORSION, "torsion_nmm"),
     (Fields::SLIP, "slip_margin"),
     (Fields::CONTACTS, "contact1_x_mm"),
+    (Fields::UNCERTAINTY, "misfit"),
     (Fields::SENSORS, "s0_fz_n"),
     (Fields::SIGNALS, "dead"),
 ];
@@ -78,22 +79,20 @@ impl Recorded {
     fn frame(&self, row: &[Cell]) -> Frame {
         let row = Row { cells: row, places: &self.places };
         let on = |field| self.fields.contains(field);
-        let force = |stem: &str| {
-            let [x, y, z] = ["x", "y", "z"].map(|axis| row.real(&format!("{stem}f{axis}_n")));
-            Force { x: x.map(Newtons), y: y.map(Newtons), z: z.map(Newtons) }
-        };
         Frame {
             seq: row.whole("seq") as u32,
             time: Micros(row.whole("t_us")),
             status: Status(row.whole("status") as u32),
             codes: None,
             signals: on(Fields::SIGNALS).then(|| row.signals()),
-            sensors: on(Fields::SENSORS).then(|| std::array::from_fn(|i| force(&format!("s{i}_")))),
-            force: on(Fields::FORCE).then(|| force("")),
-            point: on(Fields::POINT).then(|| row.point("")),
+            sensors: on(Fields::SENSORS)
+                .then(|| std::array::from_fn(|i| row.force(&format!("s{i}_"), ""))),
+            force: on(Fields::FORCE).then(|| row.force("", "")),
+            point: on(Fields::POINT).then(|| row.point("", "")),
             slip: on(Fields::SLIP).then(|| row.slip()),
             torsion: on(Fields::TORSION).then(|| row.real("torsion_nmm").map(NewtonMillimetres)),
             contacts: on(Fields::CONTACTS).then(|| row.contacts()),
+            uncertainty: on(Fields::UNCERTAINTY).then(|| row.uncertainty()),
         }
     }
 }
@@ -133,8 +132,13 @@ impl Row<'_> {
         }
     }
 
-    fn point(&self, stem: &str) -> Measured<ContactPoint> {
-        let at = |axis| self.real(&format!("{stem}{axis}_mm")).map(Millimetres);
+    fn force(&self, stem: &str, of: &str) -> Force {
+        let [x, y, z] = ["x", "y", "z"].map(|axis| self.real(&format!("{stem}f{axis}{of}_n")));
+        Force { x: x.map(Newtons), y: y.map(Newtons), z: z.map(Newtons) }
+    }
+
+    fn point(&self, stem: &str, of: &str) -> Measured<ContactPoint> {
+        let at = |axis| self.real(&format!("{stem}{axis}{of}_mm")).map(Millimetres);
         Ok(ContactPoint { x: at("x")?, y: at("y")? })
     }
 
@@ -147,9 +151,18 @@ impl Row<'_> {
     fn contacts(&self) -> Measured<[NormalContact; 2]> {
         let contact = |stem: &str| {
             let normal = Newtons(self.real(&format!("{stem}fz_n"))?);
-            Ok(NormalContact { point: self.point(stem)?, normal })
+            Ok(NormalContact { point: self.point(stem, "")?, normal })
         };
         Ok([contact("contact1_")?, contact("contact2_")?])
+    }
+
+    /// Without contact there is none of it, for one reason.
+    fn uncertainty(&self) -> Measured<Uncertainty> {
+        let misfit = self.real("misfit");
+        if misfit == Err(NoValue::NoContact) {
+            return Err(NoValue::NoContact);
+        }
+        Ok(Uncertainty { force: self.force("", "_sigma"), point: self.point("", "_sigma"), misfit })
     }
 
     fn signals(&self) -> Signals {
@@ -203,6 +216,11 @@ mod tests {
                 point: ContactPoint { x: Millimetres(2.0), y: Millimetres(0.0) },
                 normal: Newtons(0.5),
             }; 2])),
+            uncertainty: Some(Ok(Uncertainty {
+                force: Force { x: Err(NoValue::NotEstimated), ..Force::known(0.1, 0.02, 0.3) },
+                point: Ok(ContactPoint { x: Millimetres(0.06), y: Millimetres(0.07) }),
+                misfit: Ok(1.2),
+            })),
         };
         let nothing = Frame {
             signals: Some(Signals::default()),
@@ -210,6 +228,7 @@ mod tests {
             slip: Some(Err(NoValue::NoContact)),
             torsion: Some(Err(NoValue::NotEstimated)),
             contacts: Some(Err(NoValue::IllConditioned)),
+            uncertainty: Some(Err(NoValue::NoContact)),
             ..given(8)
         };
         let frames = [given(7), nothing];

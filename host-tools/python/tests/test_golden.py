@@ -13,6 +13,7 @@ from taxel import (
     PointMethod,
     Slip,
     Status,
+    Uncertainty,
     read_frames,
 )
 from taxel.messages import Bridge, Command, Done, Rate, Refusal, Reply, Version, decode, request
@@ -99,6 +100,14 @@ def test_estimates_are_read_and_what_has_no_value_says_why():
     assert frame.contacts == (Contact(Point(1.25, -2.0), 0.25), Contact(Point(-0.5, 1.0), 0.5))
 
 
+def test_a_frame_may_end_with_how_sure_it_is():
+    sure = "01 00 01 07 00 00 00 00 3f 00 00 00 80 3e 00 00 00 00 3f 00 00 80 3e 00 00 00 80 3f"
+    force = Force(NoValue.NOT_ESTIMATED, 0.5, 0.25)
+    assert decode(message(FRAME + sure)).uncertainty == Uncertainty(force, Point(0.5, 0.25), 1.0)
+    assert decode(message(FRAME + "01 01 01")).uncertainty is NoValue.NO_CONTACT
+    assert decode(message(FRAME)).uncertainty is None
+
+
 def test_codes_and_signals_are_read():
     frame = decode(
         message(
@@ -119,7 +128,7 @@ def test_no_value_is_no_number():
         NoValue.ABSENT + 1
 
 
-@pytest.mark.parametrize("text", ["", "03", "02 ac", FRAME[:-3], FRAME + " 00", "01 07 02", "01 07 01 00 80"])
+@pytest.mark.parametrize("text", ["", "03", "02 ac", FRAME[:-3], FRAME + " 00", FRAME + " 01 00", "01 07 02", "01 07 01 00 80"])
 def test_what_is_no_message_is_refused(text: str):
     with pytest.raises(MalformedError):
         decode(message(text))

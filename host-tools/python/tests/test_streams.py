@@ -12,7 +12,7 @@ import pytest
 from fingers import serve
 
 import taxel
-from taxel import Fields, Frame, NoValue
+from taxel import Fields, Frame, NoValue, Uncertainty
 
 SECONDS = 3
 
@@ -108,4 +108,6 @@ def test_both_read_the_same_reasons(both: tuple[pd.DataFrame, list[Frame]]):
     same(["slip_margin", "friction", "grip_n"], [frame.slip for frame in frames])
     contacts = [f"contact{i}_{name}" for i in (1, 2) for name in ("x_mm", "y_mm", "fz_n")]
     same(contacts, [frame.contacts for frame in frames])
+    sure = [frame.uncertainty for frame in frames]
+    same(["misfit"], [known.misfit if isinstance(known, Uncertainty) else known for known in sure])
     assert "no contact" in seen, seen

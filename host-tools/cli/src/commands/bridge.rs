@@ -71,7 +71,7 @@ pub struct Args {
     #[arg(long, value_name = "HZ")]
     rate: Option<u16>,
     /// Fields to publish, with commas between: signals, sensors, force, point, slip, torsion, contacts,
-    /// estimates, all [default: as the finger is set]. The wrench needs force.
+    /// uncertainty, estimates, all [default: as the finger is set]. The wrench needs force.
     #[arg(long, value_name = "LIST", value_parser = fields::parse)]
     fields: Option<Fields>,
     /// Calibration of a virtual finger [default: a built-in scene's own].

@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
     duration: Option<f64>,
     /// Fields to record, with commas between: codes, signals, sensors, force, point, slip,
-    /// torsion, contacts, estimates, all
+    /// torsion, contacts, uncertainty, estimates, all
     /// [default: as the finger is set].
     #[arg(long, value_name = "LIST", value_parser = fields::parse)]
     fields: Option<Fields>,

@@ -48,7 +48,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = Core::Host)]
     on: Core,
     /// Fields of the frames: codes, signals, sensors, force, point, slip, torsion, contacts,
-    /// estimates, all.
+    /// uncertainty, estimates, all.
     #[arg(long, value_name = "LIST", default_value = "estimates", value_parser = fields::parse)]
     fields: Fields,
 }

@@ -23,7 +23,7 @@ pub struct Args {
     #[arg(long, value_name = "HZ", group = "settings")]
     filter: Option<u16>,
     /// Fields that frames carry, with commas between: codes, signals, sensors, force, point, slip,
-    /// torsion, contacts, estimates, all.
+    /// torsion, contacts, uncertainty, estimates, all.
     #[arg(long, value_name = "LIST", value_parser = fields::parse, group = "settings")]
     fields: Option<Fields>,
     /// How the contact point is found.

@@ -234,6 +234,7 @@ mod tests {
             slip: None,
             torsion: None,
             contacts: None,
+            uncertainty: None,
         };
         packed(&Message::Frame(frame))
     }

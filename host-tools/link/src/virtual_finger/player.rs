@@ -209,6 +209,7 @@ fn masked(frame: Frame, fields: Fields) -> Frame {
         slip: frame.slip.filter(|_| on(Fields::SLIP)),
         torsion: frame.torsion.filter(|_| on(Fields::TORSION)),
         contacts: frame.contacts.filter(|_| on(Fields::CONTACTS)),
+        uncertainty: frame.uncertainty.filter(|_| on(Fields::UNCERTAINTY)),
         ..frame
     }
 }

@@ -21,6 +21,7 @@ from .messages import (
     Signals,
     Slip,
     Status,
+    Uncertainty,
 )
 from .messages import decode as _decode
 from .packets import Deframer as _Deframer
@@ -46,6 +47,7 @@ __all__ = [
     "Signals",
     "Slip",
     "Status",
+    "Uncertainty",
     "TaxelError",
     "columns",
     "data_frame",

@@ -61,8 +61,9 @@ class Fields(IntFlag):
     SLIP = 1 << 5
     TORSION = 1 << 6
     CONTACTS = 1 << 7
+    UNCERTAINTY = 1 << 8
     ESTIMATES = SENSORS | FORCE | POINT | SLIP
-    ALL = CODES | SIGNALS | ESTIMATES | TORSION | CONTACTS
+    ALL = CODES | SIGNALS | ESTIMATES | TORSION | CONTACTS | UNCERTAINTY
 
 
 class NoValue(Enum):
@@ -120,6 +121,15 @@ class Contact(NamedTuple):
     normal_n: float
 
 
+class Uncertainty(NamedTuple):
+    """Standard deviations of force and point, in newtons and millimetres; ``misfit`` is what the model of the
+    skin leaves of the signals, 1 as in calibration."""
+
+    force: Force
+    point: Point | NoValue
+    misfit: float | NoValue
+
+
 class Bridge(NamedTuple):
     """Midpoints of a sensor's four half bridges, as ADC codes."""
 
@@ -165,6 +175,7 @@ class Frame(NamedTuple):
     slip: Slip | NoValue | None
     torsion_nmm: float | NoValue | None
     contacts: tuple[Contact, Contact] | NoValue | None
+    uncertainty: Uncertainty | NoValue | None = None
 
     @property
     def in_contact(self) -> bool:
@@ -335,6 +346,13 @@ def _contacts(data: bytes, at: int) -> tuple[tuple[Contact, Contact], int]:
     return (one, other), at
 
 
+def _uncertainty(data: bytes, at: int) -> tuple[Uncertainty, int]:
+    force, at = _force(data, at)
+    point, at = _measured(_place)(data, at)
+    misfit, at = _newtons(data, at)
+    return Uncertainty(force, point, misfit), at
+
+
 _TAXEL_CODES = read.option(read.array("<20H"))
 _BRIDGE_CODES = read.times(4, read.option(read.array("<4H")))
 _CODE = read.option(read.code)
@@ -372,6 +390,7 @@ _POINT_FIELD = read.option(_measured(_place))
 _SLIP_FIELD = read.option(_measured(_slip))
 _TORSION_FIELD = read.option(_newtons)
 _CONTACTS_FIELD = read.option(_measured(_contacts))
+_UNCERTAINTY = _measured(_uncertainty)
 
 
 def _frame(data: bytes, at: int) -> tuple[Frame, int]:
@@ -386,7 +405,13 @@ def _frame(data: bytes, at: int) -> tuple[Frame, int]:
     slip, at = _SLIP_FIELD(data, at)
     torsion, at = _TORSION_FIELD(data, at)
     contacts, at = _CONTACTS_FIELD(data, at)
-    fields = (codes, signals, sensors, force, point, slip, torsion, contacts)
+    uncertainty = None
+    if at < len(data):
+        # It ends the frame where it was asked for; otherwise the frame ends before it.
+        if data[at] != 1:
+            raise ValueError(f"{data[at]} where the frame ends")
+        uncertainty, at = _UNCERTAINTY(data, at + 1)
+    fields = (codes, signals, sensors, force, point, slip, torsion, contacts, uncertainty)
     return Frame(seq, time, Status(status), *fields), at
 
 

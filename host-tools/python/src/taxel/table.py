@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from .messages import Fields, Force, Frame, Newtons, Point, Slip, Status
+from .messages import Fields, Force, Frame, Newtons, Point, Slip, Status, Uncertainty
 
 if TYPE_CHECKING:
     import pandas
@@ -24,6 +24,7 @@ _SIGNALS = [
     *(f"s{i}_u{axis}" for i in range(4) for axis in _AXES),
 ]
 _CONTACTS = [f"contact{i}_{name}" for i in (1, 2) for name in ("x_mm", "y_mm", "fz_n")]
+_UNCERTAINTY = [*(f"f{axis}_sigma_n" for axis in _AXES), "x_sigma_mm", "y_sigma_mm", "misfit"]
 _HEALTH = ["saturated", "dead", "bridge_faults"]
 _CODES = [
     *(f"lit_r{k // 4}c{k % 4}" for k in range(16)),
@@ -58,6 +59,8 @@ def columns(frames: Iterable[Frame], fields: Fields) -> Columns:
         _add(table, ["slip_margin", "friction", "grip_n"], rows, _slip)
     if Fields.CONTACTS in fields:
         _add(table, _CONTACTS, rows, _contacts)
+    if Fields.UNCERTAINTY in fields:
+        _add(table, _UNCERTAINTY, rows, _uncertainty)
     if Fields.SENSORS in fields:
         _add(table, _SENSORS, rows, _sensors)
     if Fields.SIGNALS in fields:
@@ -101,6 +104,14 @@ def _contacts(frame: Frame) -> list[float]:
     if not isinstance(frame.contacts, tuple):
         return [nan] * len(_CONTACTS)
     return [value for contact in frame.contacts for value in (*contact.point, contact.normal_n)]
+
+
+def _uncertainty(frame: Frame) -> list[float]:
+    sure = frame.uncertainty
+    if not isinstance(sure, Uncertainty):
+        return [nan] * len(_UNCERTAINTY)
+    point = sure.point if isinstance(sure.point, Point) else [nan] * 2
+    return [*_force(sure.force), *point, _value(sure.misfit)]
 
 
 def _sensors(frame: Frame) -> list[float]:

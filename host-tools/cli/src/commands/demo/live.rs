@@ -114,6 +114,7 @@ mod tests {
             slip: None,
             torsion: None,
             contacts: None,
+            uncertainty: None,
         };
         assert_eq!(
             line(&frame, 1000.0, 3),

@@ -93,6 +93,7 @@ mod tests {
             slip: None,
             torsion: None,
             contacts: None,
+            uncertainty: None,
         }
     }
 
