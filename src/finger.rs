@@ -274,9 +274,10 @@ impl Finger {
             }
         };
         let fused = Fused::of(&seen, &felt, &mut status);
-        let (torsion, ring) = (felt.torsion, seen.ring);
+        let torsion = felt.torsion;
         let heard = raw.as_ref().unwrap_or(signals);
-        let grip = Grip { time: scan.time, signals: heard, fused: &fused, torsion, ring, contact };
+        let grip =
+            Grip { time: scan.time, signals: heard, fused: &fused, torsion, seen: &seen, contact };
         let slip = grip.judge(record, &mut state.grip, &mut status);
         let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
         flag(&mut status, Status::UNCALIBRATED, lacks(&fused.force) && sensors.iter().all(lacks));

@@ -50,6 +50,18 @@ impl LimitSurface {
         self.torque * mu * normal * c * power(normal, gamma)
     }
 
+    /// Of a torsion that is held by friction at an `arm` in mm too, as by two contacts apart, the share that the
+    /// contact's own turning holds: both grow with μ·N.
+    #[must_use]
+    pub fn own_share(&self, normal: f32, arm: f32) -> f32 {
+        if !(f32::MIN_POSITIVE..f32::MAX).contains(&arm) {
+            return 1.0;
+        }
+        let own = self.most_torsion(normal, 1.0 / normal.max(f32::MIN_POSITIVE));
+        let share = own / (own + arm);
+        if (0.0..1.0).contains(&share) { share } else { 1.0 }
+    }
+
     /// How far towards the limit a contact is loaded: 0 unloaded, 1 on the limit, more beyond it. The
     /// shear in newtons, the torsion in N·mm. A contact without normal force or friction holds nothing:
     /// any load is 1 for it.

@@ -6,6 +6,10 @@
 //! coefficient is; so a contact that is sheared tells its friction, μ = F_t/(b·F_n), before it slips: frame by
 //! frame next to nothing, all frames of a shear together enough. What was told is kept, for contacts and sensors
 //! that cannot see the ring, and put right whenever the contact holds more than was thought, or slides.
+//!
+//! Two contacts are judged together, by what they bear and hold together: |ΣF_t| against μ·ΣF_n. How they share the
+//! shear is not known: neither a wrench nor sensors under one rigid plate feel the pull of one against the other along
+//! the line between them, so that there is no margin of each.
 
 use serde::{Deserialize, Serialize};
 
@@ -38,7 +42,7 @@ impl Slip {
     }
 }
 
-/// What one contact does.
+/// What a contact does, or two together.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Traction {
     /// Shear in newtons.
@@ -47,6 +51,9 @@ pub struct Traction {
     pub normal: f32,
     /// Torsion in N·mm.
     pub torsion: f32,
+    /// Arm in mm by which two contacts hold torsion beside what each holds of itself: Σ F_n·r/ΣF_n, r from the place
+    /// where one contact would make the same moments. 0 for one contact.
+    pub arm: f32,
     /// So much of shear and torsion may be noise: a light touch is not about to slip because of it.
     pub doubt: [f32; 2],
     /// Share of friction in use as the ring shows it, where it is seen.
@@ -66,7 +73,7 @@ pub struct SlipState {
     load: f32,
 }
 
-/// The verdict on one contact.
+/// The verdict on what touches the finger.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Verdict {
@@ -120,7 +127,8 @@ impl Slip {
     /// # Errors
     /// [`NoValue::IllConditioned`] for a touch too light to have a ratio of shear to normal force.
     pub fn judge(&self, state: &mut SlipState, traction: &Traction) -> Measured<Verdict> {
-        let Traction { shear: [fx, fy], normal, torsion, doubt, ring, rubs, slides } = *traction;
+        let Traction { shear: [fx, fy], normal, torsion, arm, doubt, ring, rubs, slides } =
+            *traction;
         if !(LEAST_NORMAL..f32::MAX).contains(&normal) {
             return Err(NoValue::IllConditioned);
         }
@@ -130,7 +138,8 @@ impl Slip {
         let ring = ring.filter(|_| surely > 0.0).unwrap_or_default();
         let inverse = self.learn(state, [ratio, surely / normal], ring, slides);
         let friction = 1.0 / inverse;
-        let sure = [(shear - doubt[0]).max(0.0), (torsion.abs() - doubt[1]).max(0.0)];
+        let turning = (torsion.abs() - doubt[1]).max(0.0) * self.surface.own_share(normal, arm);
+        let sure = [(shear - doubt[0]).max(0.0), turning];
         let load = self.surface.load([sure[0], 0.0], sure[1], normal, friction).min(1.0);
         let quick = QUICK * normal;
         state.load += (load - state.load) * (quick / (quick + doubt[0].max(0.0)));
@@ -277,6 +286,23 @@ mod tests {
     }
 
     #[test]
+    fn two_contacts_use_their_shear_over_the_friction_of_both_and_turn_harder_than_one() {
+        let judged = |torsion, arm| {
+            let traction =
+                Traction { shear: [0.3, -0.4], normal: 1.25, torsion, arm, ..Traction::default() };
+            slip().judge(&mut SlipState::default(), &traction).unwrap().margin
+        };
+        // 0.5 N of 0.8 · 1.25 N, wherever they are.
+        for arm in [0.0, 2.5, 4.0] {
+            assert!((judged(0.0, arm) - 0.5).abs() < 1e-3, "{arm}: {}", judged(0.0, arm));
+        }
+        // Two of them, 5 mm apart and pressed alike, hold 2.5 mm · 0.8 · 1.25 N by that alone.
+        assert_eq!(judged(2.0, 0.0), 0.0);
+        let apart = judged(2.0, 2.5);
+        assert!((0.1..0.4).contains(&apart), "{apart}");
+    }
+
+    #[test]
     fn torsion_uses_up_friction_too() {
         let turned = |torsion| {
             let traction =
@@ -290,18 +316,18 @@ mod tests {
         #[test]
         fn no_traction_gives_nan_or_infinity_or_a_margin_outside_zero_to_one(
             tractions in proptest::collection::vec(
-                (any::<[f32; 2]>(), any::<f32>(), any::<f32>(), proptest::option::of((-1.0..2.0f32, 0.0..1e30f32)), any::<bool>()),
+                (any::<[f32; 2]>(), any::<f32>(), any::<[f32; 2]>(), proptest::option::of((-1.0..2.0f32, 0.0..1e30f32)), any::<bool>()),
                 1..20,
             ),
             mu in any::<f32>(),
         ) {
             let slip = Slip::usual(mu);
             let mut state = SlipState::default();
-            for (shear, normal, torsion, ring, slides) in tractions {
+            for (shear, normal, [torsion, arm], ring, slides) in tractions {
                 let ring = ring.map(|(b, weight)| Ring { weight, moment: weight * b });
                 let doubt = [torsion, normal];
                 let rubs = !slides;
-                let traction = Traction { shear, normal, torsion, doubt, ring, rubs, slides };
+                let traction = Traction { shear, normal, torsion, arm, doubt, ring, rubs, slides };
                 let Ok(verdict) = slip.judge(&mut state, &traction) else { continue };
                 prop_assert!((0.0..=1.0).contains(&verdict.margin), "{verdict:?}");
                 prop_assert!(verdict.friction.is_finite() && verdict.grip.0.is_finite(), "{verdict:?}");

@@ -5,13 +5,13 @@ use crate::calibration::Calibration;
 use crate::condition::Signals;
 use crate::estimate::array::Array;
 use crate::estimate::fusion::{Uncertain, fuse};
-use crate::estimate::inverse::Ring;
 use crate::estimate::slide::SlideState;
 use crate::estimate::slip::{SlipState, Traction, Verdict};
 use crate::estimate::vibration::Listener;
-use crate::estimate::{ContactPoint, Force, Uncertainty};
+use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::Status;
 use crate::measured::{Measured, NoValue};
+use crate::roots::sqrt;
 use crate::scan::SENSORS;
 use crate::units::{Micros, Millimetres, NewtonMillimetres, Newtons};
 
@@ -198,7 +198,7 @@ pub(super) struct Grip<'s> {
     pub signals: &'s Signals,
     pub fused: &'s Fused,
     pub torsion: Measured<NewtonMillimetres>,
-    pub ring: Option<Ring>,
+    pub seen: &'s Seen,
     pub contact: bool,
 }
 
@@ -229,13 +229,16 @@ impl Grip<'_> {
             shear: [fx, fy],
             normal: fz,
             torsion,
+            arm: arm(&self.seen.contacts),
             doubt: [self.fused.shear_sigma(), TORSION_DOUBT * moment_sigma],
-            ring: self.ring,
+            ring: self.seen.ring,
             rubs: vibrates,
             slides: false,
         };
-        let place = point.map(|point| [point.x.0, point.y.0]);
-        traction.slides = place.is_ok_and(|place| state.slide.update(self.time, place, &traction));
+        // The middle of two contacts wanders when they share their load otherwise: that is no slide.
+        let place = point.map(|point| [point.x.0, point.y.0]).ok().filter(|_| traction.arm == 0.0);
+        traction.slides =
+            place.is_some_and(|place| state.slide.update(self.time, place, &traction));
         status.set(Status::RAN_SLIP);
         let verdict = slip.judge(&mut state.slip, &traction)?;
         if traction.slides || traction.rubs {
@@ -248,9 +251,26 @@ impl Grip<'_> {
     }
 }
 
+/// By which two contacts hold torsion, in mm; 0 where there are not two.
+fn arm(contacts: &Measured<[NormalContact; 2]>) -> f32 {
+    let Ok([a, b]) = contacts else { return 0.0 };
+    // Each is as far from the middle as the other is heavy.
+    let (x, y) = (a.point.x.0 - b.point.x.0, a.point.y.0 - b.point.y.0);
+    let sum = (a.normal.0 + b.normal.0).max(f32::MIN_POSITIVE);
+    2.0 * (a.normal.0 / sum) * (b.normal.0 / sum) * sqrt(x * x + y * y)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn two_contacts_hold_torsion_by_their_mean_distance_from_their_middle() {
+        // The middle is 1 mm right: 3 mm from the one, 1 mm from the other.
+        let two = [(1.0, [-2.0, 0.5]), (3.0, [2.0, 0.5])].map(NormalContact::new);
+        assert!((arm(&Ok(two)) - (1.0 * 3.0 + 3.0 * 1.0) / 4.0).abs() < 1e-6);
+        assert_eq!(arm(&Err(NoValue::NotEstimated)), 0.0);
+    }
 
     #[test]
     fn where_one_is_missing_the_other_stands_for_both() {
