@@ -1,5 +1,12 @@
 //! Gross slip by its vibration: a sliding contact sticks and slips hundreds of times a second, which the
-//! raw signals show in a band where grasping moves nothing.
+//! signals show in a band where grasping moves nothing.
+//!
+//! It listens to conditioned signals that no low-pass has touched, and not to the codes. A code holds the ambient light
+//! of its scan (100 or 120 Hz flicker of a lamp lies in the very band), which the dark code of the same scan takes off,
+//! and it counts nearer or farther as its board is wired. What conditioning does beyond that changes no verdict: bias is a
+//! constant, which a band-pass does not pass, the scale of full scale and warmth's gain are factors that hardly move in a
+//! second, and energy is held against its own floor. Only the least energy that is ever taken for one is absolute, far
+//! below a converter's step.
 //!
 //! Three sums of the matrix (all of it, left less right, front less back) and the three bridge outputs
 //! summed over the sensors go through a band-pass; the energy of the band is held against its own floor
