@@ -2,7 +2,7 @@
 //! of them in a row say of the surface. The 4×4 matrix read in blocks of 2×2 is four such columns.
 
 use crate::measured::{Measured, NoValue};
-use crate::roots::{atan, sqrt};
+use crate::roots::{atan2, sqrt};
 use crate::scan::{COLS, TAXELS};
 
 /// Coefficients of a column, 001 eq. (18), with areas in mm².
@@ -67,6 +67,16 @@ pub fn friction(load: &ColumnLoad, least: f32) -> Measured<f32> {
     }
 }
 
+/// Distribution of the friction coefficient over what slides on the columns: μ = F_t/F_z where each of them stands
+/// (001, section 5.2 and fig. 13 (c)), with the forces of eq. (18). A step or a slope changes F_z and F_t of a column
+/// and leaves its μ; a smoother place does not.
+pub fn friction_distribution<const N: usize>(
+    loads: &[ColumnLoad; N],
+    least: f32,
+) -> [Measured<f32>; N] {
+    loads.each_ref().map(|load| friction(load, least))
+}
+
 /// Inclination Θ = atan(m/d) in degrees of a flat thing on columns in a line, `distance` mm apart; m is
 /// the mean difference of sinking between neighbours (001, section 6.2).
 ///
@@ -77,9 +87,9 @@ pub fn inclination(sunk: &[f32], distance: f32) -> Measured<f32> {
         return Err(NoValue::IllConditioned);
     };
     // The sum of the differences of neighbours telescopes.
-    let slope = (last - first) / (sunk.len().saturating_sub(1) as f32 * distance);
-    if distance > 0.0 && slope.abs() < f32::MAX {
-        Ok(atan(slope) * (180.0 / core::f32::consts::PI))
+    let (rise, along) = (last - first, sunk.len().saturating_sub(1) as f32 * distance);
+    if along > 0.0 && along < f32::MAX && rise.abs() < f32::MAX {
+        Ok(atan2(rise, along) * (180.0 / core::f32::consts::PI))
     } else {
         Err(NoValue::IllConditioned)
     }
@@ -189,5 +199,22 @@ mod tests {
         let load = ColumnLoad { force: [0.3, 0.4, 1.0], sunk: 0.0 };
         assert!((friction(&load, 0.05).unwrap() - 0.5).abs() < 1e-6);
         assert_eq!(friction(&ColumnLoad::default(), 0.05), Err(NoValue::IllConditioned));
+    }
+
+    #[test]
+    fn a_smooth_place_shows_in_the_distribution_of_friction_and_a_step_does_not() {
+        let rubbed = |normal: f32, mu: f32| {
+            // The areas that eqs (1)–(3) and (18) make these forces of, with all of the shear along x.
+            let z = normal / PAPER.normal;
+            let x = mu * normal / (PAPER.shear - PAPER.flattening * z);
+            PAPER.load([z + x, z - x, z - x, z + x].map(|sum| sum / 4.0))
+        };
+        // The second column stands on a step, the third on a smooth place, the fourth does not touch.
+        let loads = [rubbed(0.2, 0.3), rubbed(0.3, 0.3), rubbed(0.2, 0.1), rubbed(0.0, 0.0)];
+        let [even, step, smooth, free] = friction_distribution(&loads, 0.05);
+        for (found, mu) in [(even, 0.3), (step, 0.3), (smooth, 0.1)] {
+            assert!((found.unwrap() - mu).abs() < 1e-5, "{found:?} {mu}");
+        }
+        assert_eq!(free, Err(NoValue::IllConditioned));
     }
 }

@@ -14,7 +14,7 @@ use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::gate::{Gate, GateState};
 use taxel::estimate::tanh::tanh;
 use taxel::measured::NoValue;
-use taxel::roots::{atan, cube_root, inverse_sqrt, power, sqrt};
+use taxel::roots::{atan2, cube_root, inverse_sqrt, power, sqrt};
 use taxel::scan::{COLS, PITCH};
 
 use crate::Meter;
@@ -152,5 +152,5 @@ fn arithmetic(meter: &mut impl Meter) {
     meter.stage("sqrt", &mut (), arguments(), &mut 0.0, |(), x, out| *out = sqrt(*x));
     meter.stage("cube root", &mut (), arguments(), &mut 0.0, |(), x, out| *out = cube_root(*x));
     meter.stage("power", &mut (), arguments(), &mut 0.0, |(), x, out| *out = power(*x, 0.3));
-    meter.stage("atan", &mut (), arguments(), &mut 0.0, |(), x, out| *out = atan(*x));
+    meter.stage("atan2", &mut (), arguments(), &mut 0.0, |(), x, out| *out = atan2(*x, 1.0 - *x));
 }

@@ -1,7 +1,7 @@
 //! What the papers' other sensors ask for: the line of four of 002, the feeler of 000, the columns of 001.
 
 use taxel::estimate::bright_spot::{BrightSpot, Shear, Spot};
-use taxel::estimate::column::{Column, inclination, quadrants};
+use taxel::estimate::column::{Column, friction_distribution, inclination, quadrants};
 use taxel::estimate::row::RowPolynomials;
 use taxel::measured::NoValue;
 use taxel::scan::TAXELS;
@@ -30,11 +30,20 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
     meter.stage(
         "001: four columns",
         &mut Column::PAPER.clone(),
-        c,
+        c.clone(),
         &mut nothing.clone(),
         |column, c, out| {
             let sunk = quadrants(c).map(|areas| column.load(areas).sunk);
             *out = inclination(&sunk, 5.0);
+        },
+    );
+    meter.stage(
+        "001: distribution of friction",
+        &mut Column::PAPER.clone(),
+        c,
+        &mut [nothing; 4],
+        |column, c, out| {
+            *out = friction_distribution(&quadrants(c).map(|areas| column.load(areas)), 0.02);
         },
     );
 }

@@ -1,6 +1,8 @@
 //! OHKA-COLUMN (001): its calibration tests A and B, steps, inclinations and friction, out of codes.
 
-use taxel::estimate::column::{Column, ColumnLoad, friction, inclination, quadrants, step_height};
+use taxel::estimate::column::{
+    Column, ColumnLoad, friction_distribution, inclination, quadrants, step_height,
+};
 use taxel_formats::trace::Sample;
 use taxel_sim::systems::column::{CENTRES, COLUMNS, LIGHT_PER_MM2, PITCH_MM};
 
@@ -209,9 +211,8 @@ fn rubbed_columns_tell_their_friction_on_both_sides_of_a_step() {
     let rows = areas(&samples);
     for plate in contacts(&rows, touched) {
         for (from, to) in [(0.27, 0.3), (0.7, 0.73)] {
-            for load in loads(&sensor, plate, from, to) {
-                let mu = friction(&load, 0.02).unwrap();
-                assert!((mu - 0.3).abs() < 0.03, "{mu}");
+            for mu in friction_distribution(&loads(&sensor, plate, from, to), 0.02) {
+                assert!((mu.unwrap() - 0.3).abs() < 0.03, "{mu:?}");
             }
         }
     }
