@@ -46,10 +46,6 @@ pub struct BrightSpot {
     pub y: Shear,
 }
 
-/// Grey values that sum up to no more than this are of a dark window. Noise below nothing may all but cancel the rest:
-/// over less, the quotient may overflow.
-const DARK: f32 = 1e-20;
-
 /// What a window of the image around a feeler says: the integral G and the centroid of its grey values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
