@@ -323,6 +323,29 @@ fn fold(matrix: &mut WrenchMatrix, sensor: usize, [old, new]: [Matrix3<f64>; 2])
 mod tests {
     use super::*;
 
+    /// Nine presses of ten rows on a sensor whose S says `share` of what is so, with a millinewton of noise, in a row and
+    /// from press to press.
+    fn presses(share: f64) -> Vec<Vec<[f64; 2]>> {
+        let noise = |i: usize| 1e-3 * (12.9898 * (i * i) as f64).sin();
+        let press = |p: usize| {
+            let truth = 0.3 + 0.1 * p as f64;
+            (0..10)
+                .map(|row| [share * truth + noise(p) + noise(100 + 10 * p + row), truth])
+                .collect()
+        };
+        (0..9).map(press).collect()
+    }
+
+    #[test]
+    fn an_aged_sensors_gain_helps_on_presses_left_out_and_one_that_did_not_age_keeps_its_own() {
+        let aged = presses(0.9);
+        let gain = gain_of(aged.iter(), 1e-3).unwrap();
+        assert!((gain * 0.9 - 1.0).abs() < 2e-3 && helps(&aged, 1e-3), "{gain}");
+        let young = presses(1.0);
+        assert!(!helps(&young, 1e-3), "{:?}", gain_of(young.iter(), 1e-3));
+        assert!(!helps(&aged[..2], 1e-3));
+    }
+
     #[test]
     fn the_matrix_of_the_array_says_of_aged_signals_what_it_said_of_young_ones() {
         let old = Matrix3::new(9.0, 0.3, -0.4, 0.2, 11.0, 0.1, -0.3, 0.5, 7.0);
