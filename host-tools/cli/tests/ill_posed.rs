@@ -125,6 +125,17 @@ fn a_table_that_is_wrong_is_told_of_or_refused() {
     write("quarter.csv", 600, 0.0, &|i, _, row| hangs(i, 4, row));
     write("turned.csv", 600, 40.0, &|_, _, row| row[3] = -row[3]);
     write("off.csv", 600, 0.0, &|_, t, row| row[3] = load(1.03 * t));
+    let restamped = |name: &str, from: &str, stamp: &dyn Fn(f64) -> f64| {
+        let text = std::fs::read_to_string(folder.0.join(from)).unwrap();
+        let lines = text.lines().map(|line| match line.split_once(',') {
+            Some((t, rest)) if t != "t_s" => format!("{},{rest}\n", stamp(t.parse().unwrap())),
+            _ => format!("{line}\n"),
+        });
+        std::fs::write(folder.0.join(name), lines.collect::<String>()).unwrap();
+    };
+    restamped("rounded.csv", "off.csv", &|t| (10.0 * t + 1e-6).floor() / 10.0);
+    restamped("hangs.csv", "good.csv", &|t| t.min(6.0));
+    restamped("back.csv", "good.csv", &|t| if t > 6.0 { t - 6.0 } else { t });
     let good = std::fs::read_to_string(folder.0.join("good.csv")).unwrap();
     let timeless: String =
         good.lines().map(|line| format!("{}\n", line.split_once(',').unwrap().1)).collect();
@@ -151,6 +162,10 @@ fn a_table_that_is_wrong_is_told_of_or_refused() {
     fits(&["turned.csv"], turned, End::Warned(negative, 0.3));
     fits(&["off.csv"], judged, End::Warned("off.csv: the reference fits far better", 0.2));
     fits(&["timeless.csv"], judged, End::Warned("timeless.csv: no time column", 0.2));
+    fits(&["rounded.csv"], judged, End::Warned("rounded.csv: the reference fits far better", 0.2));
+    let hangs = "hangs.csv: 300 rows have one time, 6 s, so that it was not checked";
+    fits(&["hangs.csv"], judged, End::Warned(hangs, 0.2));
+    fits(&["back.csv"], judged, End::Refused("back.csv:303: `t_s`: after 6 s comes 0.0"));
 }
 
 /// A finger pressed for eight seconds at 200 Hz, with up to `shear` of what friction holds; every row goes through

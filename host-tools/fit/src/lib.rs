@@ -31,6 +31,7 @@ pub mod model;
 pub mod network;
 mod outliers;
 mod prepared;
+mod quantile;
 mod quantise;
 pub mod range;
 pub mod recording;

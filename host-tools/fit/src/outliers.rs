@@ -19,6 +19,7 @@ use crate::checks::scaled;
 use crate::error::FitError;
 use crate::line;
 use crate::model::Recorded;
+use crate::quantile::median;
 
 /// Decay of the line below, rows being scaled to about one.
 const DECAY: f64 = 1e-3;
@@ -157,20 +158,6 @@ fn around(error: &[f64], row: usize) -> Option<[f64; 3]> {
     let mut near = [before, after].concat();
     near.sort_by(f64::total_cmp);
     Some([near[1], median(near.clone()), near[near.len() - 2]])
-}
-
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return 0.0;
-    }
-    let even = values.len().is_multiple_of(2);
-    let (below, high, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    let high = *high;
-    match below.iter().copied().max_by(f64::total_cmp) {
-        Some(low) if even => 0.5 * (low + high),
-        _ => high,
-    }
 }
 
 #[cfg(test)]

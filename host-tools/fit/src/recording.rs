@@ -1,6 +1,7 @@
 //! A trace in memory, and the stretch of it in which nothing touches the finger.
 
 use std::array;
+use std::borrow::Cow;
 use std::ops::Range;
 
 use taxel::condition::{Bias, BiasTaker, Levels, Signals, Thermometer, Warmth};
@@ -9,7 +10,7 @@ use taxel_formats::trace::{Sample, Truth};
 
 use crate::align::{self, Alignment, Series};
 use crate::error::FitError;
-use crate::outliers::median;
+use crate::quantile::median;
 
 /// Names of the finger's forces.
 pub(crate) const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
@@ -54,14 +55,16 @@ impl Recording {
         let axes: Vec<usize> = axes.collect::<Result<_, _>>()?;
         let times: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
         let levels: Vec<Vec<f64>> = self.samples.iter().map(channels).collect();
-        let other = Series { times: &reference.times, rows: &reference.rows };
+        // Stamps that cannot be told apart are refused below.
+        let clock = align::told_apart(&reference.times).unwrap_or(Cow::Borrowed(&reference.times));
+        let other = Series { times: &clock, rows: &reference.rows };
         let name = reference.path.display().to_string();
         let sensor = Series { times: &times, rows: &levels };
         let alignment = align::align([&self.name, &name], sensor, other)?;
         let times: Vec<f64> = times.iter().map(|t| alignment.time(*t)).collect();
         let forces = align::resample(other, &times);
         if forces.iter().all(Option::is_none) {
-            return Err(align::apart(&name, &times, &reference.times));
+            return Err(align::apart(&name, &times, &clock));
         }
         for (sample, forces) in self.samples.iter_mut().zip(forces) {
             for (at, axis) in axes.iter().enumerate() {

@@ -265,6 +265,30 @@ fn a_table_without_times_is_told_to_be_unchecked() {
 }
 
 #[test]
+fn times_that_were_rounded_are_checked_all_the_same_and_times_that_hang_are_told() {
+    let rounded = |rate: f64| {
+        recording("rounded.csv", 2000, 0.0, move |_, row| {
+            row.force = load(row.t * (1.0 + rate));
+            row.t = (10.0 * row.t).floor() / 10.0;
+        })
+    };
+    let clean = ridge(&[rounded(0.0)]).unwrap();
+    assert_eq!(told(&clean), Vec::<&str>::new());
+    let fitted = ridge(&[rounded(0.03)]).unwrap();
+    let said = &fitted.warnings[0];
+    assert!(said.contains("rounded.csv: the reference fits far better"), "{said}");
+    assert!(error_of(&fitted) < 1.2 * error_of(&clean), "{}", error_of(&fitted));
+
+    let hangs = recording("hangs.csv", 2000, 0.0, |_, row| row.t = row.t.min(20.0));
+    let fitted = ridge(&[hangs]).unwrap();
+    let [said] = told(&fitted)[..] else { panic!("{:?}", fitted.warnings) };
+    assert!(
+        said.starts_with("hangs.csv: 1000 rows have one time, 20 s, so that it was not"),
+        "{said}"
+    );
+}
+
+#[test]
 fn a_number_that_f32_cannot_reckon_with_is_refused_by_its_place() {
     let text = "t_s,m0,force_n\n0,1,2\n1,1e300,2\n";
     let error = read_from(text.as_bytes(), &"huge.csv".parse().unwrap(), &["m*"]).unwrap_err();

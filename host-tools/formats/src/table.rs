@@ -39,8 +39,8 @@ impl Table {
 /// column `t_s` or `t_us`; a file without one can only be read whole.
 ///
 /// # Errors
-/// The file cannot be read, a pattern matches nothing, a cell is no number that something measured, or the stretch
-/// has no rows.
+/// The file cannot be read, a pattern matches nothing, a cell is no number that something measured, time runs
+/// backwards, or the stretch has no rows.
 pub fn read(stretch: &Stretch, patterns: &[&str]) -> Result<Table, FileError> {
     let path = &stretch.path;
     let file = std::fs::File::open(path).map_err(|error| FileError::io(path, &error))?;
@@ -90,6 +90,16 @@ pub fn read_from(
         };
         if let Some((at, scale)) = time {
             let seconds = number(at, number::finite)? * scale;
+            if let Some((_, last)) = all.filter(|(_, last)| seconds < *last) {
+                // No clock here tells less than a microsecond.
+                let [last, now] = [last, seconds].map(|t| (1e6 * t).round() / 1e6);
+                return Err(FileError::new(path, format!("after {last} s comes {now} s"))
+                    .line(line)
+                    .column(&names[at])
+                    .mend(
+                        "sort the rows by their time, or cut the file where its clock began anew",
+                    ));
+            }
             all = Some((all.map_or(seconds, |(first, _)| first), seconds));
             if !stretch.contains(seconds) {
                 continue;
@@ -223,6 +233,16 @@ mod tests {
         for (text, message) in cases {
             assert_eq!(read_text(text, "a.csv", &["m*"]).unwrap_err(), message);
         }
+    }
+
+    #[test]
+    fn time_that_runs_backwards_is_refused_by_its_line_and_rows_of_one_time_are_read() {
+        let error = read_text("t_us,m0\n10,1\n30,1\n20,1\n", "a.csv", &["m0"]).unwrap_err();
+        let said = "a.csv:4: `t_us`: after 0.00003 s comes 0.00002 s; sort the rows by their time, or cut the file \
+                    where its clock began anew";
+        assert_eq!(error, said);
+        let table = read_text("t_s,m0\n1,1\n1,2\n2,3\n", "a.csv", &["m0"]).unwrap();
+        assert_eq!(table.times, [1.0, 1.0, 2.0]);
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use nalgebra::{Cholesky, DMatrix};
 
-use super::{NEIGHBOURS, median};
+use super::NEIGHBOURS;
 use crate::expansion::Expansion;
 use crate::model::Recorded;
+use crate::quantile::{median, quantile};
 use crate::scaling::Scale;
 
 /// Rows most like one that it is compared with.
@@ -283,9 +284,4 @@ fn left(
 /// What nine of ten values lie within.
 fn width(values: &[f64]) -> f64 {
     quantile(values.to_vec(), 0.95) - quantile(values.to_vec(), 0.05)
-}
-
-fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
-    let at = (share * (values.len() - 1) as f64).round() as usize;
-    *values.select_nth_unstable_by(at, f64::total_cmp).1
 }

@@ -1,0 +1,131 @@
+//! A load cell on its own clock, brought onto a sensor's.
+
+use super::*;
+
+/// Presses of uneven length at uneven intervals, seen at a time of the true clock.
+fn force(t: f64) -> f64 {
+    let press = |at: f64, length: f64, peak: f64| {
+        let share = (t - at) / length;
+        if (0.0..1.0).contains(&share) { peak * (std::f64::consts::PI * share).sin() } else { 0.0 }
+    };
+    (0..24)
+        .map(f64::from)
+        .map(|i| {
+            press(
+                2.0 + 2.3 * i + 0.6 * (5.0 * i * i).sin(),
+                1.0 + 0.4 * (3.0 * i).cos(),
+                1.0 + 0.5 * (7.0 * i).sin(),
+            )
+        })
+        .sum()
+}
+
+fn noise(i: usize) -> f64 {
+    (12.9898 * (i * i) as f64).sin()
+}
+
+/// A sensor of three channels at 200 Hz for a minute.
+fn sensor() -> (Vec<f64>, Vec<Vec<f64>>) {
+    let times: Vec<f64> = (0..12_000).map(|i| i as f64 * 0.005).collect();
+    let rows = times.iter().enumerate().map(|(i, t)| {
+        let f = force(*t);
+        vec![
+            5.0 - 2.0 * f + 0.02 * noise(i),
+            0.4 * f + 0.1 * f * f + 0.02 * noise(i + 7),
+            0.02 * noise(i + 3),
+        ]
+    });
+    (times.clone(), rows.collect())
+}
+
+/// A load cell at 80 Hz whose clock shows `offset` + (1 + `rate`)·t.
+fn load_cell(offset: f64, rate: f64, load: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<Vec<f64>>) {
+    let times: Vec<f64> = (0..4700).map(|i| offset + 0.4 + i as f64 * 0.0125).collect();
+    let rows = times
+        .iter()
+        .enumerate()
+        .map(|(i, t)| vec![load((t - offset) / (1.0 + rate)) + 0.005 * noise(i)]);
+    (times.clone(), rows.collect())
+}
+
+fn aligned(offset: f64, rate: f64) -> Result<Alignment, FitError> {
+    let (st, sx) = sensor();
+    let (rt, ry) = load_cell(offset, rate, force);
+    align(
+        ["skin.csv", "cell.csv"],
+        Series { times: &st, rows: &sx },
+        Series { times: &rt, rows: &ry },
+    )
+}
+
+#[test]
+fn offset_and_rate_are_found_to_a_millisecond() {
+    for (offset, rate) in [(0.0, 0.0), (3.7, 0.0), (-1234.5, 0.03), (8.0, -0.03)] {
+        let found = aligned(offset, rate).unwrap();
+        for t in [2.0, 30.0, 55.0] {
+            let off = found.time(t) - (offset + (1.0 + rate) * t);
+            assert!(off.abs() < 1e-3, "{offset} {rate}: {off} s at {t}: {found:?}");
+        }
+        assert!(found.residual < 2e-3 && found.correlation > 0.99, "{found:?}");
+    }
+}
+
+#[test]
+fn a_load_that_repeats_itself_and_one_that_is_not_there_are_refused() {
+    let (st, _) = sensor();
+    let wave = |t: f64| (2.0 * std::f64::consts::PI * t).sin();
+    let sx: Vec<Vec<f64>> = st.iter().map(|t| vec![wave(*t)]).collect();
+    let (rt, ry) = load_cell(0.0, 0.0, wave);
+    let of = |sx: &[Vec<f64>], ry: &[Vec<f64>]| {
+        align(
+            ["skin.csv", "cell.csv"],
+            Series { times: &st, rows: sx },
+            Series { times: &rt, rows: ry },
+        )
+        .unwrap_err()
+        .to_string()
+    };
+    assert!(of(&sx, &ry).contains("cell.csv: the load repeats itself"), "{}", of(&sx, &ry));
+    let hiss: Vec<Vec<f64>> = (0..ry.len()).map(|i| vec![noise(i)]).collect();
+    assert!(of(&sensor().1, &hiss).contains("correlate by"), "{}", of(&sensor().1, &hiss));
+    let still = vec![vec![2.5]; ry.len()];
+    assert!(of(&sensor().1, &still).contains("never changes"));
+}
+
+#[test]
+fn rows_are_read_between_neighbours_and_gaps_are_not_bridged() {
+    let times = [0.0, 1.0, 2.0, 3.0, 20.0, 21.0];
+    let rows: Vec<Vec<f64>> = times.iter().map(|t| vec![10.0 * t]).collect();
+    let found =
+        resample(Series { times: &times, rows: &rows }, &[-0.1, 0.0, 1.25, 9.0, 21.0, 21.1]);
+    let expected = [None, Some(vec![0.0]), Some(vec![12.5]), None, Some(vec![210.0]), None];
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn a_reference_on_the_right_times_is_left_and_one_off_by_three_percent_is_told() {
+    let (times, rows) = sensor();
+    let series = Series { times: &times, rows: &rows };
+    let at = |rate: f64| -> Vec<Vec<f64>> {
+        times.iter().map(|t| vec![force(t * (1.0 + rate))]).collect()
+    };
+    assert_eq!(misaligned(series, &at(0.0)), None);
+    let found = misaligned(series, &at(0.03)).unwrap();
+    assert!((found.time(50.0) - 50.0 / 1.03).abs() < 2e-3, "{found:?}");
+}
+
+#[test]
+fn of_a_load_that_repeats_itself_the_rate_is_found_from_a_common_beginning() {
+    let wave = |t: f64| (2.0 * std::f64::consts::PI * t).sin();
+    let (times, _) = sensor();
+    let rows: Vec<Vec<f64>> = times.iter().map(|t| vec![wave(*t)]).collect();
+    let series = Series { times: &times, rows: &rows };
+    let at = |rate: f64| -> Vec<Vec<f64>> {
+        times.iter().map(|t| vec![wave(t * (1.0 + rate))]).collect()
+    };
+    assert_eq!(misaligned(series, &at(0.0)), None);
+    for rate in [0.03, -0.03] {
+        let found = misaligned(series, &at(rate)).unwrap();
+        assert!((found.time(50.0) - 50.0 / (1.0 + rate)).abs() < 2e-3, "{found:?}");
+    }
+}
