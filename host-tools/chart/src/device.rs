@@ -13,12 +13,12 @@ pub const CALIBRATION: [&str; 2] = ["presses", "shear"];
 /// The scene that tells what warmth does to it.
 const WARM_UP: &str = "warm-up";
 /// Seed of those runs; others are judged on.
-const FITTED: u64 = 1;
-const JUDGED: u64 = 2;
+pub(crate) const FITTED: u64 = 1;
+pub(crate) const JUDGED: u64 = 2;
 
 /// One finger of many: gains, gaps, offsets and mismatches of its own.
 pub struct Device {
-    seed: u64,
+    pub(crate) seed: u64,
     /// What it is calibrated on.
     pub recordings: Vec<Recording>,
     /// And at rest, while it warms.
@@ -70,8 +70,18 @@ impl Device {
 }
 
 fn recorded(device: u64, name: &str) -> anyhow::Result<Recording> {
-    let mut scene = Scene::load(name)?.with_effect(Effect::Temperature);
-    scene.device.seed = device;
-    let samples = Simulator::new(&scene, FITTED).collect();
+    let samples = run(device, name, &[Effect::Temperature], FITTED)?;
     Ok(Recording { name: name.to_owned(), samples })
+}
+
+/// A run of a built-in scene on the device with this seed.
+pub(crate) fn run(
+    device: u64,
+    scene: &str,
+    effects: &[Effect],
+    seed: u64,
+) -> anyhow::Result<Vec<Sample>> {
+    let mut scene = effects.iter().fold(Scene::load(scene)?, |scene, e| scene.with_effect(*e));
+    scene.device.seed = device;
+    Ok(Simulator::new(&scene, seed).collect())
 }

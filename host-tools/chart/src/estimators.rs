@@ -8,7 +8,8 @@ use taxel_formats::save;
 
 use crate::costs::{Cost, Costs};
 use crate::device::{Device, Moment};
-use crate::methods::{self, Group, Said};
+use crate::methods::{self, Group, Method, Said};
+use crate::papers::{self, Paper};
 use crate::scatter::{self, Title};
 use crate::{Effort, Waiting, page};
 
@@ -21,6 +22,10 @@ pub enum Quantity {
     Shear,
     /// Distance of the contact point.
     Point,
+    /// Of the contact along a line.
+    Place,
+    /// Of the force to the skin.
+    Angle,
     /// About the normal.
     Torsion,
     /// What is left of the friction, a share.
@@ -36,7 +41,8 @@ impl Quantity {
         match self {
             Self::Normal => "normal force",
             Self::Shear => "shear force",
-            Self::Point => "contact point",
+            Self::Point | Self::Place => "contact point",
+            Self::Angle => "angle",
             Self::Torsion => "torsion",
             Self::Margin => "slip margin",
             Self::Slide => "slide",
@@ -48,7 +54,8 @@ impl Quantity {
     pub fn unit(self) -> &'static str {
         match self {
             Self::Normal | Self::Shear => "N",
-            Self::Point => "mm",
+            Self::Point | Self::Place => "mm",
+            Self::Angle => "°",
             Self::Torsion => "N·mm",
             Self::Margin | Self::Slide => "1",
         }
@@ -58,7 +65,8 @@ impl Quantity {
     pub(crate) fn shown(self) -> (&'static str, f64) {
         match self {
             Self::Normal | Self::Shear => ("mN", 1e3),
-            Self::Point => ("µm", 1e3),
+            Self::Point | Self::Place => ("µm", 1e3),
+            Self::Angle => ("°", 1.0),
             Self::Torsion => ("N·µm", 1e3),
             Self::Margin | Self::Slide => ("%", 1e2),
         }
@@ -74,6 +82,11 @@ impl Quantity {
             Self::Point => {
                 let ([x, y], [tx, ty]) = (said.point?, truth.point);
                 Some((x - tx?).powi(2) + (y - ty?).powi(2))
+            }
+            Self::Place => Some((said.point?[0] - truth.point[0]?).powi(2)),
+            Self::Angle => {
+                let asked = truth.force[2]?.atan2(truth.force[0]?).to_degrees();
+                Some((said.angle? - asked).powi(2))
             }
             Self::Torsion => Some((said.torsion? - truth.torsion?).powi(2)),
             Self::Margin => Some((said.margin? - moment.beyond.margin?).powi(2)),
@@ -92,7 +105,7 @@ pub const SCENES: [(&str, &[Quantity]); 8] = [
     ("edge", &[Normal, Point]),
     ("tap", &[Normal, Point]),
     ("tour", &[Normal, Shear, Point, Margin, Slide]),
-    ("torsion", &[Torsion, Margin]),
+    ("torsion", &[Point, Torsion, Margin]),
     ("stick-slip", &[Margin, Slide]),
 ];
 
@@ -125,7 +138,7 @@ pub fn measure(effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Vec<Row>
     let done = AtomicUsize::new(0);
     let next = AtomicUsize::new(0);
     // Three methods of the papers and the sensors need no long fit.
-    let of = effort.devices.len() * (5 + 2 * effort.widths.len());
+    let of = effort.devices.len() * (5 + 2 * effort.widths.len() + papers::all().len());
     let work = || {
         let mut judged = Vec::new();
         while let Some(seed) = effort.devices.get(next.fetch_add(1, Ordering::Relaxed)) {
@@ -177,31 +190,46 @@ fn judge(
     for (scene, quantities) in SCENES {
         let moments = device.unseen(scene)?;
         for method in &mut methods {
-            let mut errors = vec![(0.0, 0usize); quantities.len()];
-            for moment in &moments {
-                let said = (method.says)(moment);
-                let touched = moment.sample.truth.contact == Some(true)
-                    && moment.sample.truth.force[2].is_some_and(|fz| fz >= LEAST_N);
-                for ((sum, count), quantity) in errors.iter_mut().zip(quantities) {
-                    if let (true, Some(squared)) = (touched, quantity.squared(&said, moment)) {
-                        *sum += squared;
-                        *count += 1;
-                    }
-                }
-            }
-            for ((sum, count), quantity) in errors.into_iter().zip(quantities) {
-                judged.push(Judged {
-                    name: method.name.clone(),
-                    group: method.group,
-                    stages: method.stages.clone(),
-                    scene,
-                    quantity: *quantity,
-                    rmse: (count > 0).then(|| (sum / count as f64).sqrt()),
-                });
+            judged.extend(method_on(method, &moments, scene, quantities, |[_, _, z]| z >= LEAST_N));
+        }
+    }
+    for paper in papers::all() {
+        let (mut method, moments) = paper.on(device.seed)?;
+        step(paper.name);
+        let Paper { judged: scene, quantities, holds, .. } = paper;
+        judged.extend(method_on(&mut method, &moments, scene, quantities, holds));
+    }
+    Ok(judged)
+}
+
+/// A method on the moments of a scene under loads that it is judged under, a row a quantity.
+fn method_on(
+    method: &mut Method,
+    moments: &[Moment],
+    scene: &'static str,
+    quantities: &[Quantity],
+    holds: fn([f64; 3]) -> bool,
+) -> Vec<Judged> {
+    let mut errors = vec![(0.0, 0usize); quantities.len()];
+    for moment in moments {
+        let said = (method.says)(moment);
+        let touched = papers::loaded(&moment.sample, holds).is_some();
+        for ((sum, count), quantity) in errors.iter_mut().zip(quantities) {
+            if let (true, Some(squared)) = (touched, quantity.squared(&said, moment)) {
+                *sum += squared;
+                *count += 1;
             }
         }
     }
-    Ok(judged)
+    let row = |((sum, count), quantity): ((f64, usize), &Quantity)| Judged {
+        name: method.name.clone(),
+        group: method.group,
+        stages: method.stages.clone(),
+        scene,
+        quantity: *quantity,
+        rmse: (count > 0).then(|| (sum / count as f64).sqrt()),
+    };
+    errors.into_iter().zip(quantities).map(row).collect()
 }
 
 /// The mean over devices, of what all of them can say.
@@ -235,7 +263,7 @@ pub fn csv(rows: &[Row]) -> String {
         // Writing into a string cannot fail.
         let _ = writeln!(
             table,
-            "{name},{scene},{quantity},{unit},{rmse:.5},{cycles_low},{cycles_high},{instructions}"
+            "{name},{scene},{quantity},{unit},{rmse:.7},{cycles_low},{cycles_high},{instructions}"
         );
     }
     table
@@ -259,19 +287,21 @@ pub fn write(rows: &[Row], folder: &Path) -> anyhow::Result<()> {
     save(folder.join("estimators.svg"), scatter::draw(rows, &PANELS)?)?;
     save(folder.join("estimators-more.svg"), scatter::draw(rows, &MORE)?)?;
     save(folder.join("estimators-slip.svg"), scatter::draw(rows, &SLIP)?)?;
+    let own = papers::all().into_iter().map(|paper| (paper.judged, paper.quantities));
     let all: Vec<Title<'_>> = SCENES
-        .iter()
-        .flat_map(|(scene, quantities)| quantities.iter().map(move |q| (*scene, *q)))
+        .into_iter()
+        .chain(own)
+        .flat_map(|(scene, quantities)| quantities.iter().map(move |q| (scene, *q)))
         .collect();
     save(folder.join("estimators.html"), page::estimators(rows, &all))?;
     Ok(())
 }
 
-/// Of the rows of one panel those that no other beats in both cost and error, the cheapest first. The force
-/// sensors are other hardware and stand apart: no choice of method puts them into a finger.
+/// Of the rows of one panel those that no other beats in both cost and error, the cheapest first. What needs the
+/// force sensors is other hardware and stands apart: no choice of method puts them into a finger.
 #[must_use]
 pub fn front<'r>(rows: &[&'r Row]) -> Vec<&'r Row> {
-    let of_matrix = |row: &&&Row| row.group != Group::Sensors;
+    let of_matrix = |row: &&&Row| !matches!(row.group, Group::Sensors | Group::Finger);
     let mut sorted: Vec<&Row> = rows.iter().filter(of_matrix).copied().collect();
     sorted.sort_by(|a, b| {
         a.cost.cycles().total_cmp(&b.cost.cycles()).then(a.rmse.total_cmp(&b.rmse))

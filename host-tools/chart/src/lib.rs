@@ -21,6 +21,7 @@ mod map;
 mod mapped;
 mod methods;
 mod page;
+mod papers;
 pub mod peers;
 mod runs;
 mod scatter;

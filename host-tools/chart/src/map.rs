@@ -30,9 +30,9 @@ pub(crate) fn once(all: impl Iterator<Item = &'static str>) -> Vec<&'static str>
     names
 }
 
-/// The share of its stated accuracy that a method is off by; at the bottom where it says nothing.
-fn ratio(point: &Point) -> f64 {
-    point.count.over_stated().unwrap_or(RATIOS[0]).clamp(RATIOS[0], RATIOS[1])
+/// The share of its stated accuracy that a method is off by, where it says anything.
+fn ratio(point: &Point) -> Option<f64> {
+    point.count.over_stated().map(|ratio| ratio.clamp(RATIOS[0], RATIOS[1]))
 }
 
 pub(crate) fn draw(maps: &[&Map]) -> anyhow::Result<String> {
@@ -67,11 +67,18 @@ fn legend(area: &Area<'_>, methods: &[&str]) -> Done {
         dot(area, (x + 8, y), BLACK, flagged)?;
         write(note.into(), x + 20)?;
     }
-    area.draw(&silent((360, y), BLACK))?;
-    write(format!("silent failures above {} %, a lane a method", 100.0 * TRUSTED), 372)?;
-    area.draw(&Rectangle::new([(690, y - 6), (710, y + 6)], FAINT.filled()))?;
-    write("working range".into(), 716)?;
+    area.draw(&withheld((360, y), BLACK))?;
+    write("all withheld".into(), 372)?;
+    area.draw(&silent((474, y), BLACK))?;
+    write(format!("silent failures above {} %, a lane a method", 100.0 * TRUSTED), 486)?;
+    area.draw(&Rectangle::new([(784, y - 6), (804, y + 6)], FAINT.filled()))?;
+    write("working range".into(), 810)?;
     Ok(())
+}
+
+/// The mark on the axis where every value is withheld.
+fn withheld<C>(at: C, colour: RGBColor) -> TriangleMarker<C, i32> {
+    TriangleMarker::new(at, 5, colour.filled())
 }
 
 /// The mark where more than [`TRUSTED`] of the values fail and nothing says so.
@@ -88,7 +95,7 @@ fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, flagged: bool) -> Done
 
 fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done {
     let Some(first) = maps.first() else { return Ok(()) };
-    // In the order of their size, at even distances: some sweeps span decades, some go both ways.
+    // In the order of their size, at even distances: some sweeps span decades.
     let mut values: Vec<f64> = first.points.iter().map(|point| point.value).collect();
     values.sort_by(f64::total_cmp);
     let at = |value: f64| values.iter().position(|v| *v == value).unwrap_or_default() as f64;
@@ -135,13 +142,24 @@ fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done 
         let colour = COLOURS.get(number).copied().unwrap_or(BLACK);
         let mut points: Vec<&Point> = map.points.iter().collect();
         points.sort_by(|a, b| a.value.total_cmp(&b.value));
-        let places = points.iter().map(|point| (at(point.value), ratio(point)));
-        chart.draw_series(LineSeries::new(places, colour.stroke_width(2)))?;
+        // A line ends where nothing is said, and begins anew where something is.
+        for said in points.chunk_by(|a, b| ratio(a).is_some() == ratio(b).is_some()) {
+            let places = said.iter().filter_map(|point| Some((at(point.value), ratio(point)?)));
+            chart.draw_series(LineSeries::new(places, colour.stroke_width(2)))?;
+        }
         for point in points {
-            let place = (at(point.value), ratio(point));
-            chart.draw_series([Circle::new(place, 4, WHITE.filled())])?;
-            let style = if point.flagged() { colour.filled() } else { colour.stroke_width(2) };
-            chart.draw_series([Circle::new(place, 4, style)])?;
+            match ratio(point) {
+                Some(ratio) => {
+                    let place = (at(point.value), ratio);
+                    chart.draw_series([Circle::new(place, 4, WHITE.filled())])?;
+                    let style =
+                        if point.flagged() { colour.filled() } else { colour.stroke_width(2) };
+                    chart.draw_series([Circle::new(place, 4, style)])?;
+                }
+                None => {
+                    chart.draw_series([withheld((at(point.value), RATIOS[0]), colour)])?;
+                }
+            }
             if point.silent() {
                 chart.draw_series([silent((at(point.value), lane(number)), colour)])?;
             }

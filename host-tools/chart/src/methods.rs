@@ -1,22 +1,19 @@
 //! Every method that is charted, fitted to one device. **To add one**: a line in [`all`].
 
+mod firmware;
+
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::Context;
-use taxel::calibration::Calibration;
 use taxel::condition::Signals;
 use taxel::estimate::ContactPoint;
 use taxel::estimate::bright_spot::Spot;
 use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::quantised::QuantisedNet;
-use taxel::estimate::vibration::Listener;
-use taxel::finger::Finger;
-use taxel::frame::Status;
 use taxel::measured::Measured;
 use taxel::scan::{COLS, PITCH, TAXELS};
-use taxel_fit::finger::{FitOptions, Subject};
+use taxel_fit::Expansion;
 use taxel_fit::model::Family;
 use taxel_fit::network::NetOptions;
 use taxel_fit::range::largest;
@@ -26,6 +23,8 @@ use taxel_formats::table::Table;
 use crate::Effort;
 use crate::device::{Device, Moment};
 use crate::truth::Beyond;
+
+pub(crate) use firmware::calibrated;
 
 /// Rows that a model is fitted to; a net would take no more.
 const ROWS: usize = 4096;
@@ -41,6 +40,8 @@ pub struct Said {
     pub point: Option<[f64; 2]>,
     /// About the normal, in N·mm.
     pub torsion: Option<f64>,
+    /// Of the force to the skin in its x–z plane, in degrees.
+    pub angle: Option<f64>,
     /// What is left of the friction.
     pub margin: Option<f64>,
     /// It slides.
@@ -58,11 +59,15 @@ pub enum Group {
     Net,
     /// The same with a linear skip path.
     Skip,
-    /// Either of them in 16 bits.
+    /// A net in 16 bits.
     Quantised,
+    /// The same with a linear skip path, or that path alone.
+    QuantisedSkip,
     /// The force sensors.
     Sensors,
-    /// What the firmware runs.
+    /// What the firmware makes of the matrix.
+    Model,
+    /// What the firmware makes of all that a finger has.
     Finger,
 }
 
@@ -79,7 +84,7 @@ pub struct Method {
 }
 
 impl Method {
-    fn new(
+    pub(crate) fn new(
         name: &str,
         group: Group,
         stages: &[&str],
@@ -139,10 +144,7 @@ pub fn all(
     }
     let calibration = calibrated(device, effort, stop)?;
     step("model of the skin");
-    methods.push(matrix(&calibration));
-    methods.push(torsion(&calibration));
-    methods.extend(slips(&calibration));
-    methods.push(sensors(calibration));
+    methods.extend(firmware::all(device, &calibration)?);
     Ok(methods)
 }
 
@@ -220,15 +222,16 @@ fn integral(rows: &Rows) -> Method {
     })
 }
 
-/// The net of `model` in 16 bits, where it is one.
+/// `model` in 16 bits, where it is a net or a line.
 fn quantised(model: &TableModel) -> Option<Method> {
-    if model.hidden_bias.is_empty() {
+    if model.expansion != Expansion::None {
         return None;
     }
+    let group = if model.skip.is_empty() { Group::Quantised } else { Group::QuantisedSkip };
     let net = ForceNet::new(&model.layers()).ok()?;
     let net = QuantisedNet::new(&net, largest(&model.range))?;
     let name = format!("q15 {}", model.shape());
-    Some(Method::new(&name, Group::Quantised, &[&name], move |moment| {
+    Some(Method::new(&name, group, &[&name], move |moment| {
         let force = moment.signals.taxels.map(|c| net.forces(&c));
         Said { force: force.map_or([None; 3], |force| components(&force)), ..Said::default() }
     }))
@@ -246,102 +249,4 @@ fn components(outputs: &[f32]) -> [Option<f64>; 3] {
         [x, y, z] => [x, y, z].map(|f| Some(f64::from(f))),
         _ => [None; 3],
     }
-}
-
-/// The record of the device, as the tools make it.
-pub(crate) fn calibrated(
-    device: &Device,
-    effort: &Effort,
-    stop: &AtomicBool,
-) -> anyhow::Result<Calibration> {
-    let options = FitOptions {
-        subject: Subject::Finger,
-        family: Family::Skip,
-        hidden: Some(16),
-        net: NetOptions { seed: 0, starts: 1, steps: effort.steps },
-        ..FitOptions::default()
-    };
-    let recordings = [&device.recordings[..], std::slice::from_ref(&device.warm_up)].concat();
-    let fitted = taxel_fit::finger::fit(&recordings, &options, &mut |_| {}, stop)
-        .context("the finger's own calibration")?;
-    Ok(fitted.calibration)
-}
-
-/// What the firmware makes of the optical matrix alone: the model of the skin, with shear looked for in every
-/// frame because no force sensor says that there is none.
-fn matrix(calibration: &Calibration) -> Method {
-    let alone = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
-    let (finger, mut state) = Finger::new(Some(alone));
-    Method::new("model", Group::Finger, &["model, with shear"], move |moment| {
-        let mut scan = moment.sample.scan;
-        scan.codes.bridges = Default::default();
-        let estimate = finger.estimate(&mut state, &scan);
-        let force = [estimate.force.x, estimate.force.y, estimate.force.z];
-        let point = estimate.point.ok().map(|point| [point.x.0, point.y.0].map(f64::from));
-        let force = force.map(|f| f.ok().map(|f| f64::from(f.0)));
-        Said { force, point, ..Said::default() }
-    })
-}
-
-/// Slip as the firmware tells it: out of the matrix alone, of the force sensors alone, of both, and by ear alone.
-fn slips(calibration: &Calibration) -> [Method; 4] {
-    let (model, ear) = ("model, with shear", "slip: by its vibration");
-    let array = ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
-    let judged = ["slip: verdict", "slip: by its way", ear];
-    let matrix = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
-    let sensors = Calibration { taxels: None, force: None, model: None, ..calibration.clone() };
-    let of = |name, group, stages: &[&str], record: Calibration| {
-        let blind = [record.taxels.is_none(), record.array.is_none()];
-        let (finger, mut state) = Finger::new(Some(record));
-        Method::new(name, group, &[stages, &judged].concat(), move |moment| {
-            let mut scan = moment.sample.scan;
-            let [no_matrix, no_sensors] = blind;
-            if no_matrix {
-                scan.codes.taxels = None;
-            }
-            if no_sensors {
-                scan.codes.bridges = Default::default();
-            }
-            let estimate = finger.estimate(&mut state, &scan);
-            let margin = estimate.slip.ok().map(|verdict| f64::from(verdict.margin));
-            let slides = Some(estimate.status.contains(Status::SLIDES));
-            Said { margin, slides, ..Said::default() }
-        })
-    };
-    let mut listener = Listener::default();
-    [
-        of("slip: matrix", Group::Finger, &[model], matrix),
-        of("slip: force sensors", Group::Sensors, &array, sensors),
-        of("slip: both", Group::Finger, &[&[model], &array[..]].concat(), calibration.clone()),
-        Method::new("slip: vibration", Group::Finger, &[ear], move |moment| {
-            let slides = Some(listener.hear(moment.sample.scan.time, &moment.signals));
-            Said { slides, ..Said::default() }
-        }),
-    ]
-}
-
-/// The torsion of the force sensors as one.
-fn torsion(calibration: &Calibration) -> Method {
-    let (finger, mut state) = Finger::new(Some(calibration.clone()));
-    let stages = ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
-    Method::new("four sensors' torsion", Group::Sensors, &stages, move |moment| {
-        let estimate = finger.estimate(&mut state, &moment.sample.scan);
-        let torsion = estimate.torsion.ok().map(|torsion| f64::from(torsion.0));
-        Said { torsion, ..Said::default() }
-    })
-}
-
-/// The sum of f = S(u − b) over the force sensors (003).
-fn sensors(calibration: Calibration) -> Method {
-    let (finger, mut state) = Finger::new(Some(calibration));
-    Method::new("four sensors", Group::Sensors, &["sum of four sensors"], move |moment| {
-        let sensors = finger.estimate(&mut state, &moment.sample.scan).sensors;
-        let mut force = [Some(0.0); 3];
-        for sensor in &sensors {
-            for (sum, component) in force.iter_mut().zip([sensor.x, sensor.y, sensor.z]) {
-                *sum = sum.zip(component.ok()).map(|(sum, f)| sum + f64::from(f.0));
-            }
-        }
-        Said { force, ..Said::default() }
-    })
 }

@@ -230,12 +230,14 @@ fn told(row: &Row) -> String {
 
 fn symbol(group: Group) -> MarkerSymbol {
     match group {
-        Group::Finger => MarkerSymbol::Diamond,
+        Group::Model => MarkerSymbol::Diamond,
+        Group::Finger => MarkerSymbol::DiamondOpen,
         Group::Paper => MarkerSymbol::TriangleUp,
         Group::Polynomial => MarkerSymbol::Square,
         Group::Net => MarkerSymbol::CircleOpen,
         Group::Skip => MarkerSymbol::Circle,
         Group::Quantised => MarkerSymbol::SquareOpen,
+        Group::QuantisedSkip => MarkerSymbol::Square,
         Group::Sensors => MarkerSymbol::X,
     }
 }

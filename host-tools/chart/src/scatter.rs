@@ -15,29 +15,31 @@ type Chart<'p> = ChartContext<'p, SVGBackend<'p>, Cartesian2d<LogCoord<f64>, Log
 /// Of one panel in pixels.
 const SIZE: (u32, u32) = (450, 340);
 /// Height of the lines that say what the marks are.
-const LEGEND: u32 = 54;
+const LEGEND: u32 = 76;
 /// Letters of a label in pixels.
 const LETTERS: i32 = 13;
 
 /// Every group with what the legend calls it.
-pub(crate) const GROUPS: [(Group, &str); 7] = [
-    (Group::Finger, "the firmware's"),
+pub(crate) const GROUPS: [(Group, &str); 9] = [
+    (Group::Model, "the firmware's, of the matrix"),
     (Group::Paper, "of the papers"),
     (Group::Polynomial, "polynomial"),
     (Group::Net, "tanh net"),
+    (Group::Quantised, "the same in 16 bits"),
     (Group::Skip, "with a linear path"),
-    (Group::Quantised, "in 16 bits"),
+    (Group::QuantisedSkip, "the same in 16 bits"),
     (Group::Sensors, "force sensors"),
+    (Group::Finger, "matrix and sensors"),
 ];
 
 /// The colour of a group.
 pub(crate) fn colour(group: Group) -> RGBColor {
     match group {
-        Group::Finger => COLOURS[5],
+        Group::Model | Group::Finger => COLOURS[5],
         Group::Paper => COLOURS[1],
         Group::Polynomial => COLOURS[2],
-        Group::Net => COLOURS[4],
-        Group::Skip | Group::Quantised => COLOURS[0],
+        Group::Net | Group::Quantised => COLOURS[4],
+        Group::Skip | Group::QuantisedSkip => COLOURS[0],
         Group::Sensors => COLOURS[3],
     }
 }
@@ -64,16 +66,21 @@ fn drawn(area: &Panel<'_>, rows: &[Row], panels: &[Title<'_>], down: usize) -> D
 }
 
 fn legend(area: &Panel<'_>) -> Done {
-    let mut x = 24;
+    let (mut x, mut y) = (24, 18);
     for (group, name) in GROUPS {
-        mark(area, (x, 18), group)?;
-        area.draw(&Text::new(name, (x + 12, 11), (FONT, 14).into_font()))?;
-        x += 34 + i32::try_from(name.chars().count())? * 7;
+        let wide = 34 + i32::try_from(name.chars().count())? * 7;
+        if x + wide > i32::try_from(2 * SIZE.0)? {
+            (x, y) = (24, y + 22);
+        }
+        mark(area, (x, y), group)?;
+        area.draw(&Text::new(name, (x + 12, y - 7), (FONT, 14).into_font()))?;
+        x += wide;
     }
-    area.draw(&PathElement::new([(18, 40), (38, 40)], GREY.stroke_width(2)))?;
-    area.draw(&Text::new("Pareto front", (44, 33), (FONT, 14).into_font()))?;
+    let y = y + 22;
+    area.draw(&PathElement::new([(18, y), (38, y)], GREY.stroke_width(2)))?;
+    area.draw(&Text::new("Pareto front", (44, y - 7), (FONT, 14).into_font()))?;
     let note = "that of the optical matrix; the force sensors are other hardware. Numbers at nets: hidden units.";
-    area.draw(&Text::new(note, (134, 33), (FONT, 13).into_font().color(&GREY)))?;
+    area.draw(&Text::new(note, (134, y - 7), (FONT, 13).into_font().color(&GREY)))?;
     Ok(())
 }
 
@@ -81,10 +88,16 @@ fn legend(area: &Panel<'_>) -> Done {
 fn mark(area: &Panel<'_>, at: (i32, i32), group: Group) -> Done {
     let style = colour(group).filled();
     match group {
-        Group::Finger => {
+        Group::Model | Group::Finger => {
             let (x, y) = at;
-            let star = [(x, y - 8), (x + 8, y), (x, y + 8), (x - 8, y)];
-            area.draw(&Polygon::new(star, style))?;
+            let diamond = [(x, y - 8), (x + 8, y), (x, y + 8), (x - 8, y)];
+            if group == Group::Model {
+                area.draw(&Polygon::new(diamond, style))?;
+            } else {
+                let round = diamond.into_iter().chain([(x, y - 8)]);
+                let outline = colour(group).stroke_width(2);
+                area.draw(&PathElement::new(round.collect::<Vec<_>>(), outline))?;
+            }
         }
         Group::Paper => area.draw(&TriangleMarker::new(at, 7, style))?,
         Group::Polynomial => {
@@ -93,11 +106,11 @@ fn mark(area: &Panel<'_>, at: (i32, i32), group: Group) -> Done {
         }
         Group::Net => area.draw(&Circle::new(at, 5, colour(group).stroke_width(2)))?,
         Group::Skip => area.draw(&Circle::new(at, 5, style))?,
-        Group::Quantised => {
+        Group::Quantised | Group::QuantisedSkip => {
             let (x, y) = at;
-            let square =
-                Rectangle::new([(x - 4, y - 4), (x + 4, y + 4)], colour(group).stroke_width(1));
-            area.draw(&square)?;
+            let style =
+                if group == Group::QuantisedSkip { style } else { colour(group).stroke_width(2) };
+            area.draw(&Rectangle::new([(x - 4, y - 4), (x + 4, y + 4)], style))?;
         }
         Group::Sensors => area.draw(&Cross::new(at, 5, colour(group).stroke_width(3)))?,
     }
@@ -172,8 +185,7 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
     }
     let (width, height) = area.dim_in_pixel();
     let inside = [76, 28, i32::try_from(width)? - 4, i32::try_from(height)? - 52];
-    let important =
-        |row: &&&Row| front.contains(*row) || !matches!(row.group, Group::Net | Group::Quantised);
+    let important = |row: &&&Row| front.contains(*row) || !numbered(row.group);
     for row in rows.iter().filter(important) {
         let name = label(row);
         let wide = i32::try_from(name.chars().count())? * LETTERS / 2 + 2;
@@ -217,11 +229,18 @@ pub(crate) fn thousands(cycles: f64) -> String {
     if cycles >= 1e3 { format!("{}k", cycles / 1e3) } else { format!("{cycles}") }
 }
 
+/// Many and alike: at the mark stands a width, and off the front nothing.
+fn numbered(group: Group) -> bool {
+    matches!(group, Group::Net | Group::Quantised | Group::QuantisedSkip)
+}
+
 /// What stands at a mark: of a net its width.
 fn label(row: &Row) -> String {
-    let middle = row.name.split('-').nth(1);
-    match (row.group, middle) {
-        (Group::Skip | Group::Net | Group::Quantised, Some(width)) => width.to_owned(),
+    let mut parts = row.name.split('-');
+    match (parts.nth(1), parts.next()) {
+        (Some(width), Some(_)) if numbered(row.group) || row.group == Group::Skip => {
+            width.to_owned()
+        }
         _ => row.name.trim_start_matches("net ").to_owned(),
     }
 }

@@ -13,7 +13,15 @@ use crate::runs::{
 /// Standard deviation of a reading of the built-in fingers, in 16-bit codes.
 const NOISE_CODES: f64 = 4.0;
 
-/// One parameter.
+/// The temperature of calibration.
+const USUAL_C: f64 = 25.0;
+/// Kelvins from the temperature of calibration, in a run and in the course of one.
+const WARMTH: [f64; 6] = [0.0, 2.0, 5.0, 10.0, 20.0, 30.0];
+const WARMING: [f64; 5] = [0.0, 1.0, 2.0, 5.0, 10.0];
+/// By how many per cent each taxel reads another light than in calibration.
+const GAINS: [f64; 8] = [0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0];
+
+/// One parameter. What can go both ways is two of them, each with a boundary of its own.
 pub struct Sweep {
     /// What it is called in the table, with its unit.
     pub name: &'static str,
@@ -49,7 +57,12 @@ pub fn all() -> Vec<Sweep> {
             |_, v| v <= 4.2,
             |device, v| run(device, &Run { acts: &placed(v), ..Run::default() }),
         ),
-        sweep("radius of a sphere / mm", &[6.0, 5.0, 4.0, 3.0, 2.0, 1.0], |_, v| v >= 5.0, sphere),
+        sweep(
+            "radius of a sphere / mm",
+            &[6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.5],
+            |_, v| v >= 5.0,
+            sphere,
+        ),
         sweep(
             "radius of a sphere, flatter / mm",
             &[6.0, 8.0, 12.0, 20.0, 50.0, 100.0, 200.0],
@@ -97,14 +110,8 @@ pub fn all() -> Vec<Sweep> {
             |of, v| v <= if of == Of::Matrix { 0.0 } else { 1.0 },
             |device, v| run(device, &Run { acts: &twisted(v), ..Run::default() }),
         ),
-        sweep(
-            "friction coefficient / 1",
-            &[0.8, 0.6, 0.4, 0.2, 0.1, 1.0, 1.2, 1.5],
-            |_, v| (0.4..=0.8).contains(&v),
-            |device, v| {
-                run(device, &Run { mu: v, acts: &presses([0.2, 2.0], 0.9), ..Run::default() })
-            },
-        ),
+        sweep("friction coefficient / 1", &[0.8, 0.6, 0.4, 0.2, 0.1], |_, v| v >= 0.4, rubbed),
+        sweep("friction coefficient, higher / 1", &[0.8, 1.0, 1.2, 1.5], |_, v| v <= 0.8, rubbed),
         sweep(
             "noise / times",
             &[1.0, 1.2, 1.5, 2.0, 4.0, 8.0, 16.0, 32.0, 100.0],
@@ -141,16 +148,8 @@ pub fn all() -> Vec<Sweep> {
                 run(device, &Run { tables: &tables, ..Run::default() })
             },
         ),
-        sweep(
-            "temperature / K",
-            &[0.0, 2.0, 5.0, 10.0, 20.0, 30.0, -2.0, -5.0, -10.0, -20.0, -30.0],
-            |_, v| v.abs() <= 2.0,
-            |device, v| {
-                let celsius = 25.0 + v;
-                let tables = format!("[temperature]\nstart_c = {celsius}\nend_c = {celsius}\n");
-                run(device, &Run { effects: ", 'temperature'", tables: &tables, ..Run::default() })
-            },
-        ),
+        sweep("warmer / K", &WARMTH, |_, v| v <= 2.0, warm),
+        sweep("colder / K", &WARMTH, |_, v| v <= 2.0, |device, v| warm(device, -v)),
         sweep(
             "bias drift / 16-bit codes",
             &[0.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0],
@@ -172,27 +171,10 @@ pub fn all() -> Vec<Sweep> {
                 Ok(run)
             },
         ),
-        sweep(
-            "warming in a run / K",
-            &[0.0, 1.0, 2.0, 5.0, 10.0, -1.0, -2.0, -5.0, -10.0],
-            |_, v| v.abs() <= 2.0,
-            |device, v| {
-                let end = 25.0 + v;
-                let tables =
-                    format!("[temperature]\nstart_c = 25\nend_c = {end}\nfrom_s = 1\nramp_s = 4\n");
-                run(device, &Run { effects: ", 'temperature'", tables: &tables, ..Run::default() })
-            },
-        ),
-        sweep(
-            "gain drift / %",
-            &[0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, -0.1, -0.5, -1.0, -2.0, -5.0, -10.0, -20.0],
-            |_, v| v.abs() <= 0.1,
-            |device, v| {
-                let mut run = usual(device)?;
-                lit(&mut run.samples, |_, level, _| level * (1.0 + v / 100.0));
-                Ok(run)
-            },
-        ),
+        sweep("warming in a run / K", &WARMING, |_, v| v <= 2.0, warming),
+        sweep("cooling in a run / K", &WARMING, |_, v| v <= 2.0, |device, v| warming(device, -v)),
+        sweep("gain drift up / %", &GAINS, |_, v| v <= 0.1, brighter),
+        sweep("gain drift down / %", &GAINS, |_, v| v <= 0.1, |device, v| brighter(device, -v)),
         sweep(
             "dead taxels / 1",
             &[0.0, 1.0, 2.0, 3.0, 4.0],
@@ -300,4 +282,31 @@ pub fn all() -> Vec<Sweep> {
             },
         ),
     ]
+}
+
+/// A thing with another friction than the usual.
+fn rubbed(device: u64, mu: f64) -> anyhow::Result<Recorded> {
+    run(device, &Run { mu, ..Run::default() })
+}
+
+/// So many kelvins warmer than in calibration.
+fn warm(device: u64, kelvins: f64) -> anyhow::Result<Recorded> {
+    let celsius = USUAL_C + kelvins;
+    let tables = format!("[temperature]\nstart_c = {celsius}\nend_c = {celsius}\n");
+    run(device, &Run { effects: ", 'temperature'", tables: &tables, ..Run::default() })
+}
+
+/// So many kelvins warmer in the course of the run.
+fn warming(device: u64, kelvins: f64) -> anyhow::Result<Recorded> {
+    let end = USUAL_C + kelvins;
+    let tables =
+        format!("[temperature]\nstart_c = {USUAL_C}\nend_c = {end}\nfrom_s = 1\nramp_s = 4\n");
+    run(device, &Run { effects: ", 'temperature'", tables: &tables, ..Run::default() })
+}
+
+/// Every taxel reads so many per cent more light.
+fn brighter(device: u64, percent: f64) -> anyhow::Result<Recorded> {
+    let mut run = usual(device)?;
+    lit(&mut run.samples, |_, level, _| level * (1.0 + percent / 100.0));
+    Ok(run)
 }

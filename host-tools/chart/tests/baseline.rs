@@ -43,11 +43,14 @@ fn worse(
     let before: HashMap<_, _> = rows(baseline, keys).into_iter().collect();
     let now = rows(now, keys);
     assert!(!now.is_empty());
+    let gone = before.keys().filter(|key| !now.iter().any(|(now, _)| now == *key));
+    let gone = gone.map(|key| format!("{}: gone, it was in the baseline", key.join(", ")));
     now.iter()
         .filter_map(|(key, now)| match before.get(key) {
             None => Some(format!("{}: not in the baseline", key.join(", "))),
             Some(before) => judge(before, now).map(|what| format!("{}: {what}", key.join(", "))),
         })
+        .chain(gone)
         .collect()
 }
 

@@ -1,13 +1,15 @@
 //! The force sensors as one: their places, or the full 6×3n matrix of 003 where that serves better.
 
 use nalgebra::{DMatrix, SVD};
-use taxel::calibration::SensorCalibration;
+use taxel::calibration::{Calibration, SensorCalibration};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::wrench::{SensorPlaces, Wrench, WrenchMatrix};
 use taxel::scan::SENSORS;
 
+use crate::error::FitError;
 use crate::prepared::Prepared;
+use crate::recording::Recording;
 
 /// Fewest loaded rows that tell what the array leaves.
 const LEAST_ROWS: usize = 100;
@@ -39,7 +41,7 @@ pub(crate) fn fit(
     }
     let sum = WrenchMethod::Sum(SensorPlaces::default());
     let mut best = (sum, residual(&sum, &rows));
-    if let Some(matrix) = matrix(&rows).map(WrenchMethod::Matrix) {
+    if let Some(matrix) = least_squares(&rows).map(WrenchMethod::Matrix) {
         let left = residual(&matrix, &rows);
         let total = |left: &[f64; 6]| left.iter().map(|r| r * r).sum::<f64>().sqrt();
         if total(&left) < BETTER * total(&best.1) {
@@ -103,8 +105,25 @@ fn residual(method: &WrenchMethod, rows: &[Row]) -> [f64; 6] {
     squares.map(|sum| (sum / rows.len() as f64).sqrt())
 }
 
+/// The full 6×3n matrix of a finger whose sensors `calibration` knows, whether or not it serves better than the
+/// sum over them; `None` where the recordings do not tell force and contact point.
+///
+/// # Errors
+/// A recording has no unloaded stretch.
+pub fn matrix(
+    recordings: &[Recording],
+    calibration: &Calibration,
+) -> Result<Option<WrenchMatrix>, FitError> {
+    let mut known = Vec::new();
+    for recording in recordings {
+        let (prepared, _) = Prepared::new(recording, calibration.warmth.as_ref())?;
+        known.extend(rows(&prepared, &calibration.sensors));
+    }
+    Ok(if known.len() < LEAST_ROWS { None } else { least_squares(&known) })
+}
+
 /// Least squares, shortest where the signals leave a choice.
-fn matrix(rows: &[Row]) -> Option<WrenchMatrix> {
+fn least_squares(rows: &[Row]) -> Option<WrenchMatrix> {
     let columns = 3 * SENSORS;
     let signal = |row: &Row, j: usize| f64::from(row.signals[j / 3][j % 3]);
     let mut inner = DMatrix::<f64>::zeros(columns, columns);

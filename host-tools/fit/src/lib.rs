@@ -9,7 +9,7 @@
 
 pub mod adjust;
 pub mod align;
-mod array;
+pub mod array;
 mod auto;
 mod checks;
 mod correlation;

@@ -1,0 +1,142 @@
+//! What the firmware makes of a scan, by the record that the tools make: the matrix, the force sensors, both.
+
+use std::sync::atomic::AtomicBool;
+
+use anyhow::Context;
+use taxel::calibration::Calibration;
+use taxel::estimate::array::{Array, WrenchMethod};
+use taxel::estimate::vibration::Listener;
+use taxel::finger::{Estimate, Finger};
+use taxel::frame::Status;
+use taxel_fit::array;
+use taxel_fit::finger::{FitOptions, Subject};
+use taxel_fit::model::Family;
+use taxel_fit::network::NetOptions;
+
+use super::{Group, Method, Said};
+use crate::Effort;
+use crate::device::{Device, Moment};
+
+/// The model of the skin; with shear looked for in every frame where no force sensor says that there is none.
+const MODEL: &str = "model, with shear";
+/// Matrix and sensors give three components of the force and two of the place.
+const FUSED: [&str; 5] = ["fusion of one component"; 5];
+/// The sensors' array as a sum.
+const SUM: [&str; 3] =
+    ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
+/// By its full matrix, which needs no sensor's own force.
+const FULL: [&str; 2] = ["array: wrench by 6x12", "array: contact on a plane"];
+/// What hears a slide.
+const EAR: &str = "slip: by its vibration";
+
+/// All of them under the record of `device`.
+///
+/// # Errors
+/// The full matrix of its sensors cannot be fitted.
+pub(super) fn all(device: &Device, calibration: &Calibration) -> anyhow::Result<Vec<Method>> {
+    let matrix = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
+    let sensors = Calibration { taxels: None, force: None, model: None, ..calibration.clone() };
+    let full = array::matrix(&device.recordings, calibration)?
+        .context("the recordings do not tell the array's full matrix")?;
+    let full = Array { method: WrenchMethod::Matrix(full), ..sensors.array.unwrap_or_default() };
+    let full = Calibration { array: Some(full), ..sensors.clone() };
+    let both = [&[MODEL], &SUM[..], &FUSED].concat();
+    let mut methods = vec![
+        whole("model", Group::Model, &[MODEL], matrix.clone()),
+        whole("four sensors' wrench", Group::Sensors, &SUM, sensors.clone()),
+        whole("four sensors' wrench by 6x12", Group::Sensors, &FULL, full),
+        whole("finger", Group::Finger, &both, calibration.clone()),
+        slip("slip: matrix", Group::Model, &[MODEL], matrix),
+        slip("slip: force sensors", Group::Sensors, &SUM, sensors),
+        slip("slip: both", Group::Finger, &both, calibration.clone()),
+        slides(),
+    ];
+    methods.push(forces(calibration.clone()));
+    Ok(methods)
+}
+
+/// The record of the device, as the tools make it.
+pub(crate) fn calibrated(
+    device: &Device,
+    effort: &Effort,
+    stop: &AtomicBool,
+) -> anyhow::Result<Calibration> {
+    let options = FitOptions {
+        subject: Subject::Finger,
+        family: Family::Skip,
+        hidden: Some(16),
+        net: NetOptions { seed: 0, starts: 1, steps: effort.steps },
+        ..FitOptions::default()
+    };
+    let recordings = [&device.recordings[..], std::slice::from_ref(&device.warm_up)].concat();
+    let fitted = taxel_fit::finger::fit(&recordings, &options, &mut |_| {}, stop)
+        .context("the finger's own calibration")?;
+    Ok(fitted.calibration)
+}
+
+/// A finger that has of matrix and sensors what its record knows, scan by scan.
+fn finger(record: Calibration) -> impl FnMut(&Moment) -> Estimate {
+    let [blind, numb] = [record.taxels.is_none(), record.array.is_none()];
+    let (finger, mut state) = Finger::new(Some(record));
+    move |moment| {
+        let mut scan = moment.sample.scan;
+        if blind {
+            scan.codes.taxels = None;
+        }
+        if numb {
+            scan.codes.bridges = Default::default();
+        }
+        finger.estimate(&mut state, &scan)
+    }
+}
+
+/// Force, contact point and torsion.
+fn whole(name: &str, group: Group, stages: &[&str], record: Calibration) -> Method {
+    let mut finger = finger(record);
+    Method::new(name, group, stages, move |moment| {
+        let estimate = finger(moment);
+        let force = [estimate.force.x, estimate.force.y, estimate.force.z];
+        let point = estimate.point.ok().map(|point| [point.x.0, point.y.0].map(f64::from));
+        Said {
+            force: force.map(|f| f.ok().map(|f| f64::from(f.0))),
+            point,
+            torsion: estimate.torsion.ok().map(|torsion| f64::from(torsion.0)),
+            ..Said::default()
+        }
+    })
+}
+
+/// Slip, out of force and place that cost `stages`.
+fn slip(name: &str, group: Group, stages: &[&str], record: Calibration) -> Method {
+    let stages = [stages, &["slip: verdict", "slip: by its way", EAR]].concat();
+    let mut finger = finger(record);
+    Method::new(name, group, &stages, move |moment| {
+        let estimate = finger(moment);
+        let margin = estimate.slip.ok().map(|verdict| f64::from(verdict.margin));
+        let slides = Some(estimate.status.contains(Status::SLIDES));
+        Said { margin, slides, ..Said::default() }
+    })
+}
+
+/// A slide by ear alone.
+fn slides() -> Method {
+    let mut listener = Listener::default();
+    Method::new("slip: vibration", Group::Model, &[EAR], move |moment| {
+        let slides = Some(listener.hear(moment.sample.scan.time, &moment.signals));
+        Said { slides, ..Said::default() }
+    })
+}
+
+/// The sum of f = S(u − b) over the force sensors (003).
+fn forces(record: Calibration) -> Method {
+    let mut finger = finger(record);
+    Method::new("four sensors", Group::Sensors, &["sum of four sensors"], move |moment| {
+        let mut force = [Some(0.0); 3];
+        for sensor in &finger(moment).sensors {
+            for (sum, component) in force.iter_mut().zip([sensor.x, sensor.y, sensor.z]) {
+                *sum = sum.zip(component.ok()).map(|(sum, f)| sum + f64::from(f.0));
+            }
+        }
+        Said { force, ..Said::default() }
+    })
+}

@@ -1,0 +1,313 @@
+//! The papers' other sensors, each calibrated and judged on scenes of its own by the law of its paper: 002's
+//! line of four, 000's feeler, 001's columns, a sensor of 003 and four of them under a plane and an ellipsoid.
+//! **To add one**: a line in [`all`].
+
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context, ensure};
+use taxel::condition::Signals;
+use taxel::estimate::bright_spot::Spot;
+use taxel::estimate::column::quadrants;
+use taxel::estimate::intrinsic::Surface;
+use taxel::estimate::wrench::SensorPlaces;
+use taxel::scan::COLS;
+use taxel::units::Millimetres;
+use taxel_fit::finger::FitOptions;
+use taxel_fit::model::Family;
+use taxel_fit::recording::Recording;
+use taxel_fit::table::{self, TableModel, TableOptions, TableRecording};
+use taxel_formats::table::Table;
+use taxel_formats::trace::Sample;
+use taxel_sim::systems::column::{CENTRES, LIGHT_PER_MM2};
+
+use crate::device::{FITTED, JUDGED, Moment, run};
+use crate::estimators::LEAST_N;
+use crate::estimators::Quantity::{self, Angle, Normal, Place, Point, Shear, Torsion};
+use crate::methods::{Group, Method, Said};
+use crate::truth::Beyond;
+
+/// What the feeler's matrix sees, µm a phototransistor.
+const PIXEL_UM: f32 = 160.0;
+/// Shear below this many newtons leaves the feeler's centroid where it is.
+const UNSHEARED_N: f64 = 2e-5;
+/// The size of every force of the line's scenes, in newtons.
+const LINE_N: f64 = 0.2;
+/// 002 places forces of one size.
+const OF_ONE_SIZE: Holds = |[x, _, z]| x.hypot(z) > 0.999 * LINE_N;
+const PRESSED: Holds = |[_, _, z]| z >= LEAST_N;
+/// The feeler's own range begins at two millinewtons.
+const FEELS: Holds = |[_, _, z]| z >= 0.002;
+/// Standard deviation of the moment of four bare sensors, N·mm.
+const MOMENT: f32 = 0.2;
+const PLANE: Surface = Surface::Plane;
+/// Of the scene `array-ellipsoid`.
+const ELLIPSOID: Surface =
+    Surface::Ellipsoid { half_axes: [Millimetres(14.0), Millimetres(10.0), Millimetres(8.0)] };
+
+/// Presses of one sensor on a scene: what it is fitted to, or judged on.
+type Run = Vec<Moment>;
+
+/// A sensor, its law and its scenes.
+pub(crate) struct Paper {
+    pub name: &'static str,
+    pub group: Group,
+    pub stages: &'static [&'static str],
+    fitted: &'static [&'static str],
+    pub judged: &'static str,
+    pub quantities: &'static [Quantity],
+    /// The loads that it is fitted to and judged under, in newtons.
+    pub holds: Holds,
+    fit: fn(&[Run]) -> anyhow::Result<Says>,
+}
+
+type Holds = fn([f64; 3]) -> bool;
+type Says = Box<dyn FnMut(&Moment) -> Said>;
+
+/// All of them.
+pub(crate) fn all() -> Vec<Paper> {
+    vec![
+        Paper {
+            name: "002: line of four",
+            group: Group::Paper,
+            stages: &["002: line of four"],
+            fitted: &["line-fit"],
+            judged: "line-trial",
+            quantities: &[Place, Angle],
+            holds: OF_ONE_SIZE,
+            fit: line_of_four,
+        },
+        Paper {
+            name: "000: feeler",
+            group: Group::Paper,
+            stages: &["000: feeler, 16 pixels"],
+            fitted: &["micro-shear"],
+            judged: "micro-shear",
+            quantities: &[Normal, Shear],
+            holds: FEELS,
+            fit: feeler,
+        },
+        Paper {
+            name: "001: four columns",
+            group: Group::Paper,
+            stages: &["001: four columns"],
+            fitted: &["column-press", "column-shear"],
+            judged: "column-shear",
+            quantities: &[Normal, Shear],
+            holds: PRESSED,
+            fit: columns,
+        },
+        Paper {
+            name: "003: one sensor",
+            group: Group::Sensors,
+            stages: &["f = S(u - b), one sensor"],
+            fitted: &["mems-bare"],
+            judged: "mems-bare",
+            quantities: &[Normal, Shear],
+            holds: PRESSED,
+            fit: one_sensor,
+        },
+        Paper {
+            name: "003: four under a plane",
+            group: Group::Sensors,
+            stages: &["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"],
+            fitted: &["array-plane"],
+            judged: "array-plane",
+            quantities: &[Normal, Shear, Point, Torsion],
+            holds: |[_, _, z]| z >= 0.2,
+            fit: |runs| four_sensors(runs, PLANE),
+        },
+        Paper {
+            name: "003: four under an ellipsoid",
+            group: Group::Sensors,
+            stages: &[
+                "sum of four sensors",
+                "array: wrench as a sum",
+                "array: contact on an ellipsoid",
+            ],
+            fitted: &["array-ellipsoid"],
+            judged: "array-ellipsoid",
+            quantities: &[Normal, Shear, Point, Torsion],
+            holds: |[_, _, z]| z >= 0.2,
+            fit: |runs| four_sensors(runs, ELLIPSOID),
+        },
+    ]
+}
+
+impl Paper {
+    /// The sensor with this seed, calibrated; and a run that its fit has not seen.
+    ///
+    /// # Errors
+    /// A built-in scene cannot be run, or the fit failed.
+    pub(crate) fn on(&self, device: u64) -> anyhow::Result<(Method, Run)> {
+        let fitted = self.fitted.iter().map(|scene| moments(device, scene, FITTED));
+        let fitted = fitted.collect::<anyhow::Result<Vec<Run>>>()?;
+        let says = (self.fit)(&fitted).with_context(|| self.name)?;
+        let method = Method::new(self.name, self.group, self.stages, says);
+        Ok((method, moments(device, self.judged, JUDGED)?))
+    }
+}
+
+/// A run with the signals over its own unloaded beginning.
+fn moments(device: u64, scene: &str, seed: u64) -> anyhow::Result<Run> {
+    let samples = run(device, scene, &[], seed)?;
+    let recording = Recording { name: scene.to_owned(), samples };
+    let signals = recording.signals(&recording.bias(None)?, None);
+    let moment = |(sample, signals)| Moment { sample, signals, beyond: Beyond::default() };
+    Ok(recording.samples.into_iter().zip(signals).map(moment).collect())
+}
+
+/// Rows of inputs and targets out of the moments that have both.
+fn rows<const N: usize, const M: usize>(
+    runs: &[Run],
+    row: impl Fn(&Moment) -> Option<([f64; N], [f64; M])>,
+) -> TableRecording {
+    let (mut inputs, mut targets, mut times, mut begin) = (vec![], vec![], vec![], 0.0);
+    for run in runs {
+        for moment in run {
+            let Some((x, y)) = row(moment) else { continue };
+            inputs.push(x.to_vec());
+            targets.push(y.to_vec());
+            times.push(begin + moment.sample.scan.time.0 as f64 * 1e-6);
+        }
+        begin = times.last().copied().unwrap_or_default() + 1.0;
+    }
+    let table = |letter: char, rows: Vec<Vec<f64>>, count: usize| Table {
+        path: PathBuf::from("calibration"),
+        names: (0..count).map(|k| format!("{letter}{k}")).collect(),
+        rows,
+        times: times.clone(),
+    };
+    TableRecording { inputs: table('x', inputs, N), targets: table('y', targets, M) }
+}
+
+/// Fits the law of `family`.
+fn law(family: Family, rows: TableRecording) -> anyhow::Result<TableModel> {
+    let options = TableOptions { family, ..TableOptions::default() };
+    Ok(table::fit(&[rows], &options, &mut |_| {}, &AtomicBool::new(false))?.model)
+}
+
+fn force(sample: &Sample) -> Option<[f64; 3]> {
+    let [x, y, z] = sample.truth.force;
+    Some([x?, y?, z?])
+}
+
+/// The force, where something touches and it is such a one.
+pub(crate) fn loaded(sample: &Sample, holds: Holds) -> Option<[f64; 3]> {
+    force(sample).filter(|force| sample.truth.contact == Some(true) && holds(*force))
+}
+
+/// 002 eqs (3)–(6), of the four signals.
+fn line_of_four(runs: &[Run]) -> anyhow::Result<Says> {
+    let lights =
+        |signals: &Signals| signals.taxels.map(|[a, b, c, d, ..]| [a, b, c, d].map(|c| -c));
+    let model = law(
+        Family::Row,
+        rows(runs, |moment| {
+            let [x, _, z] = loaded(&moment.sample, OF_ONE_SIZE)?;
+            let angle = z.atan2(x).to_degrees();
+            let u = lights(&moment.signals)?.map(f64::from);
+            Some((u, [moment.sample.truth.point[0]?, angle]))
+        }),
+    )?;
+    Ok(Box::new(move |moment| {
+        let Some(u) = lights(&moment.signals) else { return Said::default() };
+        let [place, angle] = first(&model.estimate(&u));
+        Said { point: Some([place, 0.0]), angle: Some(angle), ..Said::default() }
+    }))
+}
+
+/// 000 eqs (3), (10)–(12). The scene shears along x alone: both axes are given its rows.
+fn feeler(runs: &[Run]) -> anyhow::Result<Says> {
+    let spot =
+        |signals: &Signals| signals.taxels.map(|c| Spot::measure(&c.map(|c| -c), COLS, PIXEL_UM));
+    let mut unsheared = (0.0, 0usize);
+    for moment in runs.iter().flatten() {
+        let at_rest = loaded(&moment.sample, FEELS).is_some_and(|[x, ..]| x.abs() < UNSHEARED_N);
+        if let (true, Some(spot)) = (at_rest, spot(&moment.signals)) {
+            unsheared = (unsheared.0 + f64::from(spot.centroid[0]), unsheared.1 + 1);
+        }
+    }
+    ensure!(unsheared.1 > 0, "no frame without shear");
+    let unsheared = (unsheared.0 / unsheared.1 as f64) as f32;
+    let model = law(
+        Family::Feeler,
+        rows(runs, |moment| {
+            let [x, _, z] = loaded(&moment.sample, FEELS)?.map(|newtons| 1e3 * newtons);
+            let spot = spot(&moment.signals)?;
+            let shift = f64::from(spot.centroid[0] - unsheared);
+            Some(([spot.integral.into(), shift, shift], [x, x, z]))
+        }),
+    )?;
+    Ok(Box::new(move |moment| {
+        let Some(spot) = spot(&moment.signals) else { return Said::default() };
+        let [x, _, z] = first(&model.estimate(&[spot.integral, spot.centroid[0] - unsheared, 0.0]));
+        Said { force: [Some(1e-3 * x), Some(0.0), Some(1e-3 * z)], ..Said::default() }
+    }))
+}
+
+/// 001 eq. (18), of the column that is loaded.
+fn columns(runs: &[Run]) -> anyhow::Result<Says> {
+    let areas = |moment: &Moment| {
+        let point = moment.sample.truth.point;
+        let column = CENTRES.iter().position(|centre| centre.map(Some) == point)?;
+        let lights = *quadrants(&moment.signals.taxels?).get(column)?;
+        Some(lights.map(|light| light / LIGHT_PER_MM2 as f32))
+    };
+    let row =
+        |moment: &Moment| Some((areas(moment)?.map(f64::from), loaded(&moment.sample, PRESSED)?));
+    let model = law(Family::Column, rows(runs, row))?;
+    Ok(Box::new(move |moment| {
+        let Some(areas) = areas(moment) else { return Said::default() };
+        Said { force: first(&model.estimate(&areas)).map(Some), ..Said::default() }
+    }))
+}
+
+/// f = S(u − b).
+fn one_sensor(runs: &[Run]) -> anyhow::Result<Says> {
+    let calibration = fitted(runs)?;
+    let sensitivity = calibration.sensors[0].clone().context("s0 is not fitted")?.sensitivity;
+    Ok(Box::new(move |moment| {
+        let force = moment.signals.bridges[0].map(|u| sensitivity.force(u));
+        let force = force.map_or([None; 3], |force| force.map(|f| Some(f64::from(f))));
+        Said { force, ..Said::default() }
+    }))
+}
+
+/// F = Σ f_i, M = Σ r_i × f_i, and the contact that makes them.
+fn four_sensors(runs: &[Run], surface: Surface) -> anyhow::Result<Says> {
+    let sensors = fitted(runs)?.sensors;
+    ensure!(sensors.iter().all(Option::is_some), "a sensor is not fitted");
+    Ok(Box::new(move |moment| {
+        let forces = std::array::from_fn(|i| match (&sensors[i], moment.signals.bridges[i]) {
+            (Some(sensor), Some(u)) => sensor.sensitivity.force(u),
+            _ => [0.0; 3],
+        });
+        let wrench = SensorPlaces::default().wrench(&forces);
+        let contact = surface.contact(&wrench, MOMENT).ok();
+        Said {
+            force: wrench.force.map(|f| Some(f64::from(f))),
+            point: contact.map(|contact| [contact.place[0], contact.place[1]].map(f64::from)),
+            torsion: contact.map(|contact| f64::from(contact.torsion.0)),
+            ..Said::default()
+        }
+    }))
+}
+
+fn fitted(runs: &[Run]) -> anyhow::Result<taxel::calibration::Calibration> {
+    let recordings: Vec<Recording> = runs
+        .iter()
+        .map(|run| Recording {
+            name: "calibration".into(),
+            samples: run.iter().map(|moment| moment.sample).collect(),
+        })
+        .collect();
+    let stop = AtomicBool::new(false);
+    let options = FitOptions::default();
+    Ok(taxel_fit::finger::fit(&recordings, &options, &mut |_| {}, &stop)?.calibration)
+}
+
+/// The first N outputs of a law.
+fn first<const N: usize>(outputs: &[f32]) -> [f64; N] {
+    std::array::from_fn(|i| outputs.get(i).copied().map_or(0.0, f64::from))
+}
