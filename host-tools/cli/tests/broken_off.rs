@@ -80,7 +80,16 @@ fn ctrl_c_in_a_fit_keeps_the_best_so_far() {
         let ran =
             interrupted_after(Duration::from_secs(3), folder.command(&typed).spawn().unwrap());
         assert_eq!(ran.code, Some(0), "{model}: {}", ran.err);
-        assert_eq!(ran.err, "taxel: stopped early: the best net so far was kept\n", "{model}");
+        // One recording: beside it stands only that the model was not chosen by whole ones.
+        let (warnings, end) =
+            ran.err.trim_end().rsplit_once('\n').unwrap_or(("", ran.err.as_str()));
+        assert_eq!(end.trim_end(), "taxel: stopped early: the best net so far was kept", "{model}");
+        assert!(
+            warnings.is_empty()
+                || warnings.contains("three recordings") && !warnings.contains('\n'),
+            "{model}: {}",
+            ran.err
+        );
         let told = json(&ran.out);
         assert_eq!((&told["interrupted"], &told["calibration"]), (&true.into(), &out.into()));
         // What it says of itself is what the record in the file is worth on the same rows.
