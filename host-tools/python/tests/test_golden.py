@@ -128,7 +128,9 @@ def test_no_value_is_no_number():
         NoValue.ABSENT + 1
 
 
-@pytest.mark.parametrize("text", ["", "03", "02 ac", FRAME[:-3], FRAME + " 00", FRAME + " 01 00", "01 07 02", "01 07 01 00 80"])
+@pytest.mark.parametrize(
+    "text", ["", "03", "02 ac", FRAME[:-3], FRAME + " 00", FRAME + " 01 00", "01 07 02", "01 07 01 00 80"]
+)
 def test_what_is_no_message_is_refused(text: str):
     with pytest.raises(MalformedError):
         decode(message(text))
