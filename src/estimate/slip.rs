@@ -27,7 +27,7 @@ pub struct Slip {
     pub usual: [f32; 2],
     /// What the contact holds.
     pub surface: LimitSurface,
-    /// A warning is due below this margin.
+    /// A warning begins below this margin; it ends 0.05 above, so that it does not chatter.
     pub warn: f32,
     /// The grip that is recommended leaves the load at one over this.
     pub safety: f32,
@@ -71,6 +71,8 @@ pub struct SlipState {
     known: Option<[f32; 2]>,
     /// How far towards the limit the contact is loaded, smoothed.
     load: f32,
+    /// A warning is out.
+    warned: bool,
 }
 
 /// The verdict on what touches the finger.
@@ -102,13 +104,15 @@ const QUICK: f32 = 0.005;
 const WANDER: f32 = 1e-6;
 /// … and from contact to contact.
 const NEXT_THING: f32 = 0.01;
+/// A warning ends so much above the margin that it began below.
+const EASE: f32 = 0.05;
 /// μ lies between these; rubber on most things does.
 const FRICTION: [f32; 2] = [0.05, 2.0];
 
 impl SlipState {
     /// The contact ended: friction stays known, less surely, because the next thing may be another.
     pub fn release(&mut self) {
-        self.load = 0.0;
+        (self.load, self.warned) = (0.0, false);
         if let Some([_, variance]) = &mut self.known {
             *variance += NEXT_THING;
         }
@@ -116,10 +120,10 @@ impl SlipState {
 }
 
 impl Slip {
-    /// A warning is due.
-    #[must_use]
-    pub fn warns(&self, verdict: &Verdict) -> bool {
-        verdict.margin < self.warn
+    /// Whether a warning is due with this frame's verdict.
+    pub fn warns(&self, state: &mut SlipState, verdict: &Verdict) -> bool {
+        state.warned = verdict.margin < self.warn + if state.warned { EASE } else { 0.0 };
+        state.warned
     }
 
     /// One frame of a contact.
@@ -211,11 +215,34 @@ mod tests {
             .collect()
     }
 
+    /// The first of `verdicts` that warns.
+    fn warned(verdicts: &[Verdict]) -> usize {
+        let mut state = SlipState::default();
+        verdicts.iter().position(|verdict| slip().warns(&mut state, verdict)).unwrap()
+    }
+
+    #[test]
+    fn a_warning_does_not_chatter_about_its_threshold_and_ends_with_the_contact() {
+        let mut state = SlipState::default();
+        let mut warns = |margin| {
+            slip().warns(&mut state, &Verdict { margin, friction: 0.8, grip: Newtons(1.0) })
+        };
+        assert_eq!(
+            [0.36, 0.34, 0.37, 0.34, 0.39, 0.41, 0.36].map(&mut warns),
+            [false, true, true, true, true, false, false]
+        );
+        assert!(warns(0.3));
+        state.release();
+        assert!(
+            !slip().warns(&mut state, &Verdict { margin: 0.38, friction: 0.8, grip: Newtons(1.0) })
+        );
+    }
+
     #[test]
     fn where_the_ring_is_seen_the_warning_comes_before_the_slip_whatever_the_friction() {
         for mu in [0.2, 0.5, 0.8, 1.2] {
             let verdicts = dragged(&mut SlipState::default(), mu, true);
-            let first = verdicts.iter().position(|v| slip().warns(v)).unwrap();
+            let first = warned(&verdicts);
             assert!((80..190).contains(&first), "{mu}: {first}");
             let friction = verdicts[200].friction;
             assert!((friction / mu - 1.0).abs() < 0.3, "{mu}: {friction}");
@@ -231,7 +258,7 @@ mod tests {
             assert_eq!(slip().judge(&mut state, &sliding).unwrap().margin, 0.0);
         }
         let verdicts = dragged(&mut state, 0.3, false);
-        let first = verdicts.iter().position(|v| slip().warns(v)).unwrap();
+        let first = warned(&verdicts);
         assert!((100..190).contains(&first), "{first}");
     }
 
@@ -259,7 +286,8 @@ mod tests {
                 let shear = [shear + if i % 2 == 0 { 0.03 } else { -0.03 }, 0.0];
                 let doubt = [0.02, 0.0];
                 let traction = Traction { shear, normal: 0.2, doubt, ..Traction::default() };
-                slip().warns(&slip().judge(&mut state, &traction).unwrap())
+                let verdict = slip().judge(&mut state, &traction).unwrap();
+                slip().warns(&mut state, &verdict)
             });
             frames.count()
         };

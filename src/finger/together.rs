@@ -244,7 +244,7 @@ impl Grip<'_> {
         if traction.slides || traction.rubs {
             status.set(Status::SLIDES);
         }
-        if slip.warns(&verdict) {
+        if slip.warns(&mut state.slip, &verdict) {
             status.set(Status::SLIP_WARNING);
         }
         Ok(verdict)

@@ -4,7 +4,7 @@
 mod judge;
 
 use judge::response::{SWEEP, resolution, response};
-use judge::slip::{false_warnings, grasp, onsets};
+use judge::slip::{false_warnings, first_touches, grasp, onsets, warnings};
 use judge::{
     RINGS, Ring, With, calibrated, errors, false_pairs, mean, pairs, presses, replay, run,
     true_torsion, twisted,
@@ -142,16 +142,41 @@ fn slip_is_told_20_ms_ahead_in_95_of_100_onsets_known_friction_or_not() {
 }
 
 #[test]
+fn what_was_never_felt_before_is_seldom_warned_of_at_its_first_touch() {
+    let [mut touches, mut warned] = [0; 2];
+    for (device, rate) in [(17, 1000), (18, 1000), (19, 500)] {
+        let record = calibrated(device);
+        for mu in [0.2, 0.6, 1.2] {
+            let counts: Vec<_> = (20..32)
+                .map(|seed| {
+                    let touched = first_touches(device, seed, rate, mu);
+                    warnings(&replay(&record, &touched, With::Both)).len()
+                })
+                .collect();
+            println!("{device}, {rate} Hz, friction {mu}: {counts:?} warnings");
+            touches += counts.len();
+            warned += counts.iter().sum::<usize>();
+        }
+    }
+    println!("{warned} warnings in the first 4 s of {touches} grasps");
+    assert!(touches == 108 && warned <= 4, "{warned} of {touches}");
+}
+
+#[test]
 fn a_grasp_without_slip_is_left_in_peace() {
-    let (mut minutes, mut all) = (0.0, [[0; 2]; 3]);
+    let (mut minutes, mut all, mut late) = (0.0, [[0; 2]; 3], 0);
     for (device, rate) in [(17, 1000), (18, 1000), (19, 500)] {
         let record = calibrated(device);
         for mu in [0.2, 0.6, 1.2] {
             let grasp = grasp(device, rate, mu, 3.0);
             minutes += 3.0;
             for (with, all) in WITHS.into_iter().zip(&mut all) {
-                let warned =
+                let frames =
                     [true, false].map(|known| false_warnings(&record, &grasp, with, known));
+                if with == With::Both {
+                    late += frames[1].iter().filter(|i| **i > rate as usize).count();
+                }
+                let warned = frames.map(|frames| frames.len());
                 println!(
                     "{device}, {rate} Hz, friction {mu}, {with:?}: {warned:?} warnings in 3 min"
                 );
@@ -160,12 +185,14 @@ fn a_grasp_without_slip_is_left_in_peace() {
         }
     }
     println!("[known, unknown] friction: {all:?} in {minutes} min");
-    // Asked is one in 10 min at most, 2 in these 27.
+    // Asked is one in 10 min at most.
     let [matrix, array, both] = all;
     assert_eq!((both[0], array), (0, [0, 0]), "{minutes} min");
-    // A contact whose friction was never felt learns it while it is sheared, and is warned of meanwhile: 4 in 10 min.
-    assert!(both[1] <= 15, "unknown friction: {} in {minutes} min", both[1]);
+    // A contact whose friction was never felt may be warned of while it is sheared first, once. These nine grasps begin
+    // with the same light touch, which most of them are warned of; of others see the test above.
+    assert!(both[1] <= 9, "unknown friction: {} in {minutes} min", both[1]);
+    assert_eq!(late, 0, "after the first second");
     // The matrix alone tells shear to some 15 mN, where a light touch on friction of 0.2 holds no more than 40 mN:
-    // 150 in 10 min, 200 on unknown friction, nearly none at 1.2.
-    assert!(matrix[0] <= 450 && matrix[1] <= 600, "matrix alone: {matrix:?} in {minutes} min");
+    // 65 in 10 min, 80 on unknown friction, nearly none at 1.2.
+    assert!(matrix[0] <= 200 && matrix[1] <= 240, "matrix alone: {matrix:?} in {minutes} min");
 }

@@ -74,22 +74,36 @@ impl Onsets {
 pub fn grasp(device: u32, rate: u32, mu: f64, minutes: f64) -> Vec<Sample> {
     let slide = "[[slide]]\nat_s = 1\nfrom_mm = [-1.5, 0]\nto_mm = [1.5, 0]\nfz_n = 1\nrise_s = 0.2\n\
                  travel_s = 1.5\nfall_s = 0.2\n";
-    let count = (minutes * 60.0 / 0.4) as u32;
-    let grasp = format!(
-        "[[random]]\nat_s = 3.5\npresses = {count}\neach_s = 0.4\nx_mm = [-3, 3]\ny_mm = [-3, 3]\n\
-         fz_n = [0.2, 2]\nshear_of_limit = [0, 0.5]\n"
-    );
-    run(device, 9, rate, 4.5 + 60.0 * minutes, mu, &format!("{slide}{grasp}"))
+    let held = held(3.5, (minutes * 60.0 / 0.4) as u32);
+    run(device, 9, rate, 4.5 + 60.0 * minutes, mu, &format!("{slide}{held}"))
 }
 
-/// Warnings of the grasp, counted when they begin; `known`: to a finger that has felt the slide before it.
-pub fn false_warnings(record: &Calibration, grasp: &[Sample], with: With, known: bool) -> usize {
+/// The first four seconds with a thing of unknown friction; which ones is `seed`'s choice.
+pub fn first_touches(device: u32, seed: u64, rate: u32, mu: f64) -> Vec<Sample> {
+    run(device, seed, rate, 5.0, mu, &held(1.0, 10))
+}
+
+fn held(at: f64, presses: u32) -> String {
+    format!(
+        "[[random]]\nat_s = {at}\npresses = {presses}\neach_s = 0.4\nx_mm = [-3, 3]\ny_mm = [-3, 3]\n\
+         fz_n = [0.2, 2]\nshear_of_limit = [0, 0.5]\n"
+    )
+}
+
+/// The frames of a grasp in which a warning begins; `known`: to a finger that has felt the slide before it.
+pub fn false_warnings(
+    record: &Calibration,
+    grasp: &[Sample],
+    with: With,
+    known: bool,
+) -> Vec<usize> {
     let after = grasp.partition_point(|sample| sample.scan.time.0 < 3_200_000);
     let from = if known { 0 } else { after };
-    let estimates = replay(record, &grasp[from..], with);
-    let warned: Vec<bool> = estimates[after - from..]
-        .iter()
-        .map(|estimate| estimate.status.contains(Status::SLIP_WARNING))
-        .collect();
-    warned.windows(2).filter(|pair| !pair[0] && pair[1]).count()
+    warnings(&replay(record, &grasp[from..], with)[after - from..])
+}
+
+/// The frames in which a warning begins.
+pub fn warnings(estimates: &[Estimate]) -> Vec<usize> {
+    let warned = |i: usize| estimates[i].status.contains(Status::SLIP_WARNING);
+    (1..estimates.len()).filter(|i| warned(*i) && !warned(i - 1)).collect()
 }
