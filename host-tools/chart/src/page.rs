@@ -62,7 +62,7 @@ pub(crate) fn estimators(rows: &[Row], panels: &[Title<'_>]) -> String {
         let [x, y] = axes(&front);
         plot.add_trace(
             Scatter::new(x, y)
-                .name("Pareto front")
+                .name("Pareto front of the matrix")
                 .mode(Mode::Lines)
                 .line(Line::new().color(hex(GREY))),
         );
@@ -86,7 +86,8 @@ pub(crate) fn estimators(rows: &[Row], panels: &[Title<'_>]) -> String {
     page(
         "Error over cost",
         "Root mean square error on runs that the fits have not seen, the mean over the devices, over the \
-         modelled cycles of one estimate from conditioned signals.",
+         modelled cycles of one estimate from conditioned signals. The front is that of what one can have out of the \
+         optical matrix; crosses and open diamonds need the force sensors as well.",
         plots,
     )
 }
@@ -105,9 +106,10 @@ pub(crate) fn failures(maps: &[Map]) -> String {
             let trace = |points: &[&Point]| {
                 Scatter::new(
                     points.iter().map(|point| point.value.to_string()).collect(),
-                    points.iter().map(|point| point.count.over_stated()).collect(),
+                    // No error at all has no place on this axis.
+                    points.iter().map(|p| p.count.over_stated().filter(|of| *of > 0.0)).collect(),
                 )
-                .name(map.method)
+                .name(map.method.trim_end_matches(" / 1"))
                 .legend_group(map.method)
                 .text_array(points.iter().map(|point| figures(point)).collect::<Vec<String>>())
             };
@@ -142,7 +144,7 @@ pub(crate) fn failures(maps: &[Map]) -> String {
     let lead = format!(
         "RMS error of the values that were given over the accuracy that the finger states for them. Filled: most \
          values are flagged or withheld. A cross: more than {} % of the values are off by more than {FAILS} \
-         times what is stated, and nothing says so.",
+         times what is stated, and nothing says so. Where a method made no error at all it has no mark.",
         100.0 * TRUSTED
     );
     page("Where each method fails", &lead, plots)
