@@ -24,6 +24,7 @@ use taxel::frame::Status;
 use taxel::scan::{SENSORS, TAXELS};
 
 use crate::error::FitError;
+use crate::metrics::surely_less;
 use crate::recording::Recording;
 
 /// Standard deviation of the gain that all taxels, or a row of S, have in common.
@@ -298,16 +299,7 @@ fn helps(presses: &[Vec<[f64; 2]>], sigma: f64) -> bool {
         (square(press, gain), square(press, 1.0))
     });
     let (after, before): (Vec<f64>, Vec<f64>) = judged.unzip();
-    presses.len() >= LEAST_PRESSES && better(&after, &before)
-}
-
-/// By more than one standard error of the mean difference: what is less may be chance.
-fn better(squares: &[f64], than: &[f64]) -> bool {
-    let n = squares.len() as f64;
-    let gained: Vec<f64> = than.iter().zip(squares).map(|(than, square)| than - square).collect();
-    let mean = gained.iter().sum::<f64>() / n;
-    let variance = gained.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    mean > (variance / n).sqrt()
+    presses.len() >= LEAST_PRESSES && surely_less(&after, &before)
 }
 
 /// Of what the sensor says now, the matrix has to see what it said when S was the old one.

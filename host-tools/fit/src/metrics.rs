@@ -77,6 +77,16 @@ pub fn figures(errors: &[f64]) -> Option<Figures> {
     })
 }
 
+/// Whether some errors are less than others on the same recordings or presses by more than one standard error of the
+/// mean difference: what is less by not so much may be chance. Of a single one nothing is sure.
+pub(crate) fn surely_less(errors: &[f64], than: &[f64]) -> bool {
+    let n = errors.len() as f64;
+    let gained: Vec<f64> = than.iter().zip(errors).map(|(than, error)| than - error).collect();
+    let mean = gained.iter().sum::<f64>() / n;
+    let variance = gained.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    mean > (variance / n).sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,6 +108,14 @@ mod tests {
         let metrics = errors.into_metrics("fz_n");
         assert_eq!(metrics.figures, None);
         assert_eq!(metrics.withheld["saturated"], 2);
+    }
+
+    #[test]
+    fn errors_are_surely_less_only_by_more_than_the_standard_error_of_the_difference() {
+        let than = [0.1, 0.2, 0.3];
+        assert!(surely_less(&[0.08, 0.17, 0.26], &than));
+        assert!(!surely_less(&[0.01, 0.25, 0.31], &than));
+        assert!(!surely_less(&than, &than) && !surely_less(&[0.0], &[1.0]));
     }
 
     proptest! {

@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::auto::Chosen;
 use crate::error::FitError;
+use crate::metrics::surely_less;
 use crate::model::{Recorded, Training};
 use crate::network::{self, Build, Net, NetOptions, Progress};
 use crate::scaling::{Inputs, Scaling, thinned};
@@ -63,8 +64,9 @@ pub(crate) fn choose(
     let mean = |judged: &&Judged| judged.squares.iter().sum::<f64>();
     let best = judged.iter().min_by(|a, b| mean(a).total_cmp(&mean(b)));
     let usual = judged.iter().find(|judged| judged.tried.hidden == training.usual);
-    let Some(best) =
-        usual.filter(|usual| !best.is_some_and(|best| surely_better(best, usual))).or(best)
+    let Some(best) = usual
+        .filter(|usual| !best.is_some_and(|best| surely_less(&best.squares, &usual.squares)))
+        .or(best)
     else {
         return Ok(None);
     };
@@ -77,15 +79,6 @@ pub(crate) fn choose(
         hidden: best.tried.hidden,
         widths: judged.iter().map(|judged| judged.tried.clone()).collect(),
     }))
-}
-
-/// By more than one standard error of the mean difference over the recordings.
-fn surely_better(one: &Judged, than: &Judged) -> bool {
-    let n = one.squares.len() as f64;
-    let gained: Vec<f64> = than.squares.iter().zip(&one.squares).map(|(a, b)| a - b).collect();
-    let mean = gained.iter().sum::<f64>() / n;
-    let variance = gained.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    mean > (variance / n).sqrt()
 }
 
 fn judge(
@@ -177,17 +170,6 @@ mod tests {
         assert!(chosen.widths.iter().all(|tried| tried.error[0] < 0.5), "{chosen:?}");
         assert_eq!(net.hidden_bias.len(), chosen.hidden);
         assert!(chosen.hidden < 16 && told.is_none(), "{told:?}");
-    }
-
-    #[test]
-    fn the_usual_width_stays_unless_another_is_surely_better_on_recordings_left_out() {
-        let judged = |hidden: usize, squares: &[f64]| Judged {
-            tried: Tried { hidden, error: Vec::new() },
-            squares: squares.to_vec(),
-        };
-        let usual = judged(16, &[0.1, 0.2, 0.3]);
-        assert!(surely_better(&judged(4, &[0.08, 0.17, 0.26]), &usual));
-        assert!(!surely_better(&judged(4, &[0.01, 0.25, 0.31]), &usual));
     }
 
     #[test]

@@ -13,9 +13,10 @@ use taxel::estimate::net::ForceNet;
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
-use super::{AGED, Adjusted, COMMON, Helped, LEAST_PRESSES, Press, Row, better};
+use super::{AGED, Adjusted, COMMON, Helped, LEAST_PRESSES, Press, Row};
 use crate::error::FitError;
 use crate::inverse::neighbours;
+use crate::metrics::surely_less;
 use crate::quantise;
 
 /// Standard deviation of what the unloaded light does not tell of a taxel's gain.
@@ -91,8 +92,10 @@ pub(super) fn adjust(
         squares.push((estimator, before, after));
     }
     let spread = gains.iter().fold(0.0, |most: f64, gain| most.max((gain - 1.0).abs()));
-    let unhelped =
-        squares.iter().filter(|(_, before, after)| !better(after, before)).map(|(name, ..)| *name);
+    let unhelped = squares
+        .iter()
+        .filter(|(_, before, after)| !surely_less(after, before))
+        .map(|(name, ..)| *name);
     let unhelped: Vec<&str> = unhelped.collect();
     let outputs = before.net().map_or(3, |net| net.outputs());
     let expected = f64::from(old.residual[outputs.min(3) - 1]);
