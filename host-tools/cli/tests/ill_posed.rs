@@ -125,6 +125,17 @@ fn a_table_that_is_wrong_is_told_of_or_refused() {
     write("quarter.csv", 600, 0.0, &|i, _, row| hangs(i, 4, row));
     write("turned.csv", 600, 40.0, &|_, _, row| row[3] = -row[3]);
     write("off.csv", 600, 0.0, &|_, t, row| row[3] = load(1.03 * t));
+    // The load cell comes off between two presses, and is plugged in between two others.
+    write("dead.csv", 600, 0.0, &|i, _, row| {
+        if (125..250).contains(&i) {
+            row[3] = 0.0;
+        }
+    });
+    write("short.csv", 150, 0.0, &|i, _, row| {
+        if (70..80).contains(&i) {
+            row[3] = 40.0;
+        }
+    });
     let restamped = |name: &str, from: &str, stamp: &dyn Fn(f64) -> f64| {
         let text = std::fs::read_to_string(folder.0.join(from)).unwrap();
         let lines = text.lines().map(|line| match line.split_once(',') {
@@ -161,6 +172,10 @@ fn a_table_that_is_wrong_is_told_of_or_refused() {
     let negative = "turned.csv: force_n: never a force but a negative one";
     fits(&["turned.csv"], turned, End::Warned(negative, 0.3));
     fits(&["off.csv"], judged, End::Warned("off.csv: the reference fits far better", 0.2));
+    let dead = "dead.csv: in … of 600 rows … the reference stays at zero while the inputs say";
+    fits(&["dead.csv"], judged, End::Warned(dead, 0.2));
+    let short = "short.csv: 10 of 150 rows (7 %) stand far out";
+    fits(&["short.csv"], judged, End::Warned(short, 0.5));
     fits(&["timeless.csv"], judged, End::Warned("timeless.csv: no time column", 0.2));
     fits(&["rounded.csv"], judged, End::Warned("rounded.csv: the reference fits far better", 0.2));
     let hangs = "hangs.csv: 300 rows have one time, 6 s, so that it was not checked";

@@ -10,8 +10,11 @@
 //!
 //! And it begins or ends with a jump, for a press that is unlike all others grows out of the rows about it. Each
 //! recording is judged by itself: another day's may well say something else.
+//!
+//! A reference that stays at zero over whole presses never jumps: it is told by standing still (`still`).
 
 mod alike;
+mod still;
 
 use nalgebra::DMatrix;
 
@@ -57,11 +60,13 @@ impl Outliers {
         names: &[String],
         law: Option<Law<'_>>,
     ) -> Result<Self, FitError> {
-        let wrong = wrong(recordings, law);
-        let told =
-            wrong.iter().zip(names).filter_map(|(wrong, name)| told(wrong, name).transpose());
-        let told = told.collect::<Result<_, _>>()?;
-        Ok(Self { wrong, told })
+        let still: Vec<Vec<bool>> = recordings.iter().map(still::wrong).collect();
+        let wrong = wrong(recordings, law, &still);
+        let mut said = Vec::new();
+        for ((wrong, still), name) in wrong.iter().zip(&still).zip(names) {
+            said.extend(told(wrong, still, name)?);
+        }
+        Ok(Self { wrong, told: said })
     }
 
     /// The recordings without them.
@@ -83,29 +88,46 @@ fn count(wrong: &[bool]) -> usize {
     wrong.iter().filter(|wrong| **wrong).count()
 }
 
-/// What is to be said of a recording with wrong rows.
-fn told(wrong: &[bool], name: &str) -> Result<Option<String>, FitError> {
-    let (count, rows) = (count(wrong), wrong.len());
-    if count == 0 {
-        return Ok(None);
+/// What is to be said of a recording with `wrong` rows, in some of which the reference stands `still`.
+fn told(wrong: &[bool], still: &[bool], name: &str) -> Result<Vec<String>, FitError> {
+    let rows = wrong.len();
+    let percent = |count: usize| 1e2 * count as f64 / rows as f64;
+    let still = count(still);
+    let others = count(wrong) - still;
+    let mut found = Vec::new();
+    if still > 0 {
+        found.push((
+            format!(
+                "in {still} of {rows} rows ({:.0} %) the reference stays at zero while the inputs say that something presses",
+                percent(still)
+            ),
+            "look for a load cell that came off",
+        ));
     }
-    let share = count as f64 / rows as f64;
-    let found = format!(
-        "{count} of {rows} rows ({:.0} %) stand far out of the rows before and after them or of those like them",
-        1e2 * share
-    );
-    if share > MOST {
+    if others > 0 {
+        found.push((
+            format!(
+                "{others} of {rows} rows ({:.0} %) stand far out of the rows before and after them or of those like them",
+                percent(others)
+            ),
+            "look for a loose contact",
+        ));
+    }
+    if percent(still + others) > 1e2 * MOST {
+        let problems: Vec<String> = found.iter().map(|(found, _)| found.clone()).collect();
+        let mends: Vec<&str> = found.iter().map(|(_, mend)| *mend).collect();
         return Err(FitError::Mismatch {
             recording: name.to_owned(),
-            problem: format!("{found}, which is more than can be left out"),
-            mend: "look for a loose contact and record anew".into(),
+            problem: format!("{}, which is more than can be left out", problems.join(", and ")),
+            mend: format!("{} and record anew", mends.join(" and ")),
         });
     }
-    Ok(Some(format!("{name}: {found}, and were left out; look for a loose contact")))
+    let told = |(found, mend)| format!("{name}: {found}, and were left out; {mend}");
+    Ok(found.into_iter().map(told).collect())
 }
 
 /// Which rows of each recording are wrong.
-fn wrong(recordings: &[Recorded], law: Option<Law<'_>>) -> Vec<Vec<bool>> {
+fn wrong(recordings: &[Recorded], law: Option<Law<'_>>, still: &[Vec<bool>]) -> Vec<Vec<bool>> {
     let (scaling, rows) = scaled(recordings);
     let residual = match law {
         Some(law) => {
@@ -116,14 +138,15 @@ fn wrong(recordings: &[Recorded], law: Option<Law<'_>>) -> Vec<Vec<bool>> {
         None => line::residual(&rows, DECAY),
     };
     let Some(residual) = residual else {
-        return recordings.iter().map(|(x, _)| vec![false; x.len()]).collect();
+        return still.to_vec();
     };
     let alone = alone(recordings, &residual);
     let all: usize = alone.iter().map(Vec::len).sum();
     let usual = alone.iter().map(|a| count(a)).sum::<usize>() as f64 > ALONE * all as f64;
-    let judged = recordings.iter().zip(alone).map(|(recorded, alone)| {
+    let judged = recordings.iter().zip(alone).zip(still).map(|((recorded, alone), still)| {
         let loose = count(&alone) as f64 > LOOSE * alone.len() as f64;
-        let known = if usual { vec![false; alone.len()] } else { alone };
+        let known = alone.into_iter().zip(still).map(|(alone, still)| alone && !usual || *still);
+        let known = known.collect();
         alike::wrong(recorded, known, loose)
     });
     judged.collect()

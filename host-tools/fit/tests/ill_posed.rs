@@ -172,6 +172,24 @@ fn five_percent_of_outliers_change_nothing_and_are_counted() {
 }
 
 #[test]
+fn a_run_of_wrong_rows_in_a_short_recording_is_told_and_left_out() {
+    for rows in [100, 150] {
+        let clean = error_of(&ridge(&[recording("short.csv", rows, 0.0, |_, _| {})]).unwrap());
+        let hangs = recording("short.csv", rows, 0.0, |i, row| {
+            if (70..80).contains(&i) {
+                row.force = 40.0;
+            }
+        });
+        let fitted = ridge(&[hangs]).unwrap();
+        let said =
+            format!("short.csv: 10 of {rows} rows ({:.0} %) stand far out", 1e3 / rows as f64);
+        let told = fitted.warnings.iter().any(|w| w.starts_with(&said));
+        assert!(told && fitted.left_out == 10, "{said}: {:?}", fitted.warnings);
+        assert!(error_of(&fitted) < 1.5 * clean, "{rows}: {} {clean}", error_of(&fitted));
+    }
+}
+
+#[test]
 fn runs_of_wrong_rows_and_wrong_ends_change_nothing_and_are_told_with_their_share() {
     let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
     let hangs = |i: usize| (600..640).contains(&i) || !(20..1980).contains(&i);
@@ -202,6 +220,31 @@ fn fifteen_percent_of_outliers_are_told_and_more_than_twenty_are_refused() {
     assert!(error_of(&fitted) < 1.1 * clean, "{} {clean}", error_of(&fitted));
     let error = ridge(&[good("good.csv"), loose(4, 1)]).unwrap_err().to_string();
     assert!(error.starts_with("loose.csv: ") && error.contains("more than can be left"), "{error}");
+}
+
+#[test]
+fn a_reference_that_came_off_over_whole_presses_is_left_out_and_told_and_much_of_it_is_refused() {
+    let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
+    // It falls to zero between two presses and comes back between two others: nowhere a jump.
+    let dead = |rows: std::ops::Range<usize>| {
+        recording("dead.csv", 2000, 0.0, move |i, row| {
+            if rows.contains(&i) {
+                row.force = 0.0;
+            }
+        })
+    };
+    let fitted = ridge(&[dead(500..875)]).unwrap();
+    let said = &fitted.warnings[0];
+    // Of the three presses all but what is next to no load.
+    let pressed = (500..875).filter(|i| load(0.02 * f64::from(*i)) > 0.1).count();
+    let found = format!("dead.csv: in {pressed} of 2000 rows (7 %) the reference stays at zero");
+    assert!(said.starts_with(&found), "{said}, {found}");
+    assert!(error_of(&fitted) < 1.1 * clean, "{} {clean}", error_of(&fitted));
+    let error = ridge(&[good("good.csv"), dead(500..1500)]).unwrap_err().to_string();
+    assert!(
+        error.starts_with("dead.csv: in ") && error.contains("more than can be left"),
+        "{error}"
+    );
 }
 
 #[test]

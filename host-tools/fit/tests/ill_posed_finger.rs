@@ -115,3 +115,27 @@ fn runs_of_wrong_rows_and_wrong_ends_are_told_with_their_share_and_too_many_are_
     let error = fitted(&[loose(&|i| i % 4 == 1)], 4).unwrap_err().to_string();
     assert!(error.starts_with("loose.csv: ") && error.contains("more than can be left"), "{error}");
 }
+
+#[test]
+fn a_load_cell_that_came_off_over_whole_presses_is_told_and_its_rows_are_left_out() {
+    let good = recording("good.csv", 1, 55);
+    // Five presses a second, from 1 s on: the cell is gone from one rest to another.
+    let dead = |share: f64| {
+        let mut dead = Recording { name: "dead.csv".into(), ..good.clone() };
+        let from = 1000;
+        let until = from + 50 * (share * 55.0) as usize;
+        dead.samples[from..until].iter_mut().for_each(|s| s.truth.force = [Some(0.0); 3]);
+        dead
+    };
+    let told = fitted(&[dead(0.15)], 4).unwrap();
+    let said = &told.warnings[0];
+    assert!(said.starts_with("dead.csv: in ") && said.contains("stays at zero while"), "{said}");
+    let [clean, told] =
+        [fitted(std::slice::from_ref(&good), 4).unwrap(), told].map(|fitted| error_of(&fitted));
+    assert!(told < 1.3 * clean, "{told} N, {clean} N without");
+    let error = fitted(&[dead(0.4)], 4).unwrap_err().to_string();
+    assert!(
+        error.starts_with("dead.csv: in ") && error.contains("more than can be left"),
+        "{error}"
+    );
+}

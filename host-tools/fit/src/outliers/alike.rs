@@ -8,8 +8,12 @@ use crate::model::Recorded;
 use crate::quantile::{median, quantile};
 use crate::scaling::Scale;
 
-/// Rows most like one that it is compared with.
+/// Rows most like one that it is compared with, of every so many that there are; and fewest that tell anything.
 const LIKE: usize = 24;
+const ROWS_A_LIKE: usize = 8;
+const LEAST_LIKE: usize = 8;
+/// Of fewer rows than this none are told by those like them.
+const LEAST_ROWS: usize = ROWS_A_LIKE * LEAST_LIKE;
 /// Rows that they are sought among.
 const SOUGHT: usize = 3000;
 /// Rows before and after that are not: a share of the recording, for a run must not bear itself out.
@@ -41,7 +45,7 @@ pub(super) fn wrong((x, y): &Recorded, known: Vec<bool>, loose: bool) -> Vec<boo
     let mut wrong = known;
     for _ in 0..PASSES {
         let sound: Vec<usize> = (0..x.len()).filter(|row| !wrong[*row]).collect();
-        if sound.len() < LIKE * 8 {
+        if sound.len() < LEAST_ROWS {
             break;
         }
         let found = Pass::new(x, y, &sound).found(loose);
@@ -54,15 +58,21 @@ pub(super) fn wrong((x, y): &Recorded, known: Vec<bool>, loose: bool) -> Vec<boo
 }
 
 /// The rows of a recording, scaled by those that are still taken for sound.
-struct Pass<'s> {
+pub(super) struct Pass<'s> {
     sound: &'s [usize],
+    /// How many rows like it one is compared with.
+    like: usize,
     /// Of the sound rows those that others are compared with.
     sought: Vec<usize>,
     /// Inputs and targets of each row.
     inputs: Vec<Vec<f64>>,
-    targets: Vec<Vec<f64>>,
+    pub targets: Vec<Vec<f64>>,
+    /// Spread of the targets, in their own units.
+    pub spread: Vec<f64>,
     /// What the law leaves of the targets.
-    left: Vec<Vec<f64>>,
+    pub left: Vec<Vec<f64>>,
+    /// How far most rows lie off the law.
+    pub misfit: Vec<f64>,
     /// A target stands out by this at least.
     least: Vec<f64>,
     /// Median, spread and usual width of each input.
@@ -70,7 +80,7 @@ struct Pass<'s> {
 }
 
 impl<'s> Pass<'s> {
-    fn new(x: &[Vec<f64>], y: &[Vec<f64>], sound: &'s [usize]) -> Self {
+    pub fn new(x: &[Vec<f64>], y: &[Vec<f64>], sound: &'s [usize]) -> Self {
         let step = sound.len().div_ceil(SOUGHT);
         let sought: Vec<usize> = sound.iter().copied().step_by(step).collect();
         let of = |rows: &[Vec<f64>], k: usize| -> Vec<f64> {
@@ -100,14 +110,20 @@ impl<'s> Pass<'s> {
         });
         let usual: Vec<[f64; 3]> = usual.collect();
         let left = left(&inputs, &targets, &sought, &usual);
-        let least = (0..targets[0].len()).map(|k| {
+        let misfit = (0..targets[0].len()).map(|k| {
             let sizes: Vec<f64> = sought.iter().map(|row| left[*row][k].abs()).collect();
             // Of a normal variable 60 % lie within 0.84 of its deviations; the wrong rows are no part of these.
-            let misfit = quantile(sizes, 0.6) / 0.84;
-            if misfit > UNEXPLAINED { f64::INFINITY } else { GROSS.max(MISFIT * misfit) }
+            quantile(sizes, 0.6) / 0.84
+        });
+        let misfit: Vec<f64> = misfit.collect();
+        let least = misfit.iter().map(|misfit| {
+            if *misfit > UNEXPLAINED { f64::INFINITY } else { GROSS.max(MISFIT * misfit) }
         });
         let least = least.collect();
-        Self { sound, sought, inputs, targets, left, least, usual }
+        let spread =
+            (0..targets[0].len()).map(|k| Scale::of(of(y, k).iter().copied()).spread).collect();
+        let like = (sound.len() / ROWS_A_LIKE).min(LIKE);
+        Self { sound, like, sought, inputs, targets, spread, left, misfit, least, usual }
     }
 
     fn found(&self, loose: bool) -> Vec<usize> {
@@ -160,11 +176,11 @@ impl<'s> Pass<'s> {
         let others = self.sought.iter().copied().filter(|other| other.abs_diff(row) > apart);
         let mut others: Vec<(f64, usize)> =
             others.map(|other| (distance(row, other), other)).collect();
-        if others.len() <= LIKE {
+        if others.len() <= self.like {
             return false;
         }
-        others.select_nth_unstable_by(LIKE, |a, b| a.0.total_cmp(&b.0));
-        others.truncate(LIKE);
+        others.select_nth_unstable_by(self.like, |a, b| a.0.total_cmp(&b.0));
+        others.truncate(self.like);
         // How far it is from them, and they from their middle.
         let from_it = median(others.iter().map(|(square, _)| square.sqrt()).collect());
         let like: Vec<Vec<f64>> = others.iter().map(|(_, other)| place(*other).collect()).collect();
