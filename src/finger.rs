@@ -11,6 +11,7 @@
 
 mod matrix;
 mod together;
+mod untouched;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
@@ -19,7 +20,7 @@ use crate::condition::{
 };
 use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState};
-use crate::estimate::slip::Verdict;
+use crate::estimate::slip::{Slip, Verdict};
 use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::{Fields, FrameRef, Status};
 use crate::measured::{Measured, NoValue};
@@ -28,6 +29,7 @@ use crate::units::{Micros, NewtonMillimetres};
 use matrix::{Look, MatrixState, Seen};
 pub use matrix::{PLACE_ERROR, SKIN_ERROR};
 use together::{Felt, Fused, Grip, GripState};
+use untouched::Untouched;
 
 /// The coefficients of one finger. Nothing in here changes from scan to scan.
 #[derive(Clone, Debug, Default)]
@@ -263,61 +265,102 @@ impl Finger {
             filter.smooth(&mut state.smooth, signals);
         }
         let record = self.calibration.as_ref();
-        let sensors = self.sensor_forces(&scan.codes, signals, &mut status);
-        let felt = Felt::of(record, signals, &sensors, (contact, &mut status));
-        let seen = match &signals.taxels {
-            None => Seen::nothing(missing(scan.codes.taxels.is_some())),
-            Some(c) => {
-                let (health, bias, method) = (&signals.health, &state.bias, self.point_method);
-                let look = Look { record, method, c, health, bias, contact, felt: &felt };
-                look.see(&mut state.matrix, &mut status)
-            }
-        };
-        let fused = Fused::of(&seen, &felt, &mut status);
-        let torsion = felt.torsion;
-        let heard = raw.as_ref().unwrap_or(signals);
-        let grip =
-            Grip { time: scan.time, signals: heard, fused: &fused, torsion, seen: &seen, contact };
-        let slip = grip.judge(record, &mut state.grip, &mut status);
-        let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
-        flag(&mut status, Status::UNCALIBRATED, lacks(&fused.force) && sensors.iter().all(lacks));
+        let sensors = &mut estimate.sensors;
+        self.sensor_forces(&scan.codes, signals, sensors, &mut status);
         estimate.time = scan.time;
         estimate.status = status;
-        estimate.sensors = sensors;
+        estimate.bias = bias;
+        let heard = raw.as_ref().unwrap_or(&estimate.signals);
+        let slip = state.grip.listen(record, scan.time, heard);
+        if contact {
+            self.touched(estimate, state, &scan.codes, slip);
+        } else {
+            self.untouched(estimate, state, &scan.codes, slip.err());
+        }
+        let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
+        let uncalibrated = lacks(&estimate.force) && estimate.sensors.iter().all(lacks);
+        flag(&mut estimate.status, Status::UNCALIBRATED, uncalibrated);
+    }
+
+    /// What no estimator has to run for.
+    fn untouched(
+        &self,
+        estimate: &mut Estimate,
+        state: &mut FingerState,
+        codes: &Codes,
+        no_slip: Option<NoValue>,
+    ) {
+        let Estimate { signals, sensors, .. } = &*estimate;
+        let Untouched { force, point, contacts, torsion } =
+            Untouched::of(self.calibration.as_ref(), signals, codes, sensors);
+        state.matrix = MatrixState::default();
+        state.grip.release();
+        estimate.force = force;
+        estimate.point = Err(point);
+        estimate.slip = Err(no_slip.unwrap_or(NoValue::NoContact));
+        estimate.torsion = Err(torsion);
+        estimate.contacts = Err(contacts);
+        estimate.uncertainty = Err(NoValue::NoContact);
+    }
+
+    #[inline(never)]
+    fn touched(
+        &self,
+        estimate: &mut Estimate,
+        state: &mut FingerState,
+        codes: &Codes,
+        slip: Measured<(&Slip, bool)>,
+    ) {
+        let Estimate { time, signals, sensors, status, .. } = &mut *estimate;
+        let record = self.calibration.as_ref();
+        let felt = Felt::of(record, signals, sensors, status);
+        let seen = match &signals.taxels {
+            None => Seen::nothing(missing(codes.taxels.is_some())),
+            Some(c) => {
+                let (health, bias, method) = (&signals.health, &state.bias, self.point_method);
+                let look = Look { record, method, c, health, bias, felt: &felt };
+                look.see(&mut state.matrix, status)
+            }
+        };
+        let fused = Fused::of(&seen, &felt, status);
+        let torsion = felt.torsion;
+        estimate.slip = slip.and_then(|(slip, rubs)| {
+            let grip = Grip { time: *time, fused: &fused, torsion, seen: &seen, rubs };
+            grip.judge(record, slip, &mut state.grip, status)
+        });
         estimate.force = fused.force;
         estimate.point = fused.point;
-        estimate.slip = slip;
         estimate.torsion = torsion;
         estimate.contacts = seen.contacts;
-        estimate.uncertainty =
-            if contact { Ok(fused.uncertainty(seen.misfit)) } else { Err(NoValue::NoContact) };
-        estimate.bias = bias;
+        estimate.uncertainty = Ok(fused.uncertainty(seen.misfit));
     }
 
     fn sensor_forces(
         &self,
         codes: &Codes,
         signals: &Signals,
+        forces: &mut [Force; SENSORS],
         status: &mut Status,
-    ) -> [Force; SENSORS] {
-        core::array::from_fn(|i| {
-            let scanned = codes.bridges.get(i).is_some_and(Option::is_some);
-            let signal = signals.bridges.get(i).copied().flatten();
+    ) {
+        let channels = signals.bridges.iter().zip(&codes.bridges);
+        for (i, (force, (signal, scanned))) in forces.iter_mut().zip(channels).enumerate() {
             let calibration = self.calibration.as_ref().and_then(|c| c.sensors.get(i)?.as_ref());
-            let (Some(signal), Some(calibration)) = (signal, calibration) else {
-                return Force::none(missing(scanned));
+            *force = match (signal, calibration) {
+                (Some(signal), Some(calibration)) => {
+                    if signals.health.bridge_faults >> i & 1 == 1 {
+                        Force::none(NoValue::DeadChannel)
+                    } else if within(&calibration.range, signal) {
+                        status.set(Status::RAN_SENSORS);
+                        let [x, y, z] = calibration.sensitivity.force(*signal);
+                        Force::known(x, y, z)
+                    } else {
+                        status.set(Status::OUT_OF_RANGE);
+                        Force::none(NoValue::OutOfTrainedRange)
+                    }
+                }
+                _ => Force::none(missing(scanned.is_some())),
             };
-            if signals.health.bridge_faults >> i & 1 == 1 {
-                return Force::none(NoValue::DeadChannel);
-            }
-            if !within(&calibration.range, &signal) {
-                status.set(Status::OUT_OF_RANGE);
-                return Force::none(NoValue::OutOfTrainedRange);
-            }
-            status.set(Status::RAN_SENSORS);
-            let [x, y, z] = calibration.sensitivity.force(signal);
-            Force::known(x, y, z)
-        })
+        }
     }
 }
 

@@ -71,41 +71,64 @@ impl Bias {
     /// noise over the matrix and the sensors. Faulty channels do not count.
     #[must_use]
     pub fn activity(&self, signals: &Signals) -> f32 {
-        let mut most = 0.0f32;
+        let mut most = Activity::NONE;
         if let (Some(c), Some(bias)) = (&signals.taxels, &self.taxels) {
-            most = activity(c, signals.health.dead, bias.noise);
+            most = Activity::of(c, signals.health.dead, bias.noise);
         }
         for (i, (signal, bias)) in signals.bridges.iter().zip(&self.bridges).enumerate() {
             if let (Some(signal), Some(bias)) = (signal, bias)
                 && signals.health.bridge_faults >> i & 1 == 0
             {
-                let activity = activity(signal, 0, bias.noise);
-                // Not `max`, which is a call where the processor has no instruction for it.
-                if activity > most {
+                let activity = Activity::of(signal, 0, bias.noise);
+                if activity.exceeds(&most) {
                     most = activity;
                 }
             }
         }
-        most
+        most.ratio()
     }
 }
 
-/// Mean square of some signals in units of their noise, over the channels whose bit in `skip` is clear.
-fn activity(signals: &[f32], skip: u16, noise: f32) -> f32 {
-    let mut sum = 0.0;
-    let mut count = signals.len() as f32;
-    if skip == 0 {
-        sum = signals.iter().fold(sum, |sum, signal| sum + signal * signal);
-    } else {
-        count = 0.0;
-        for (k, signal) in signals.iter().enumerate() {
-            if skip >> k & 1 == 0 {
-                sum += signal * signal;
-                count += 1.0;
+/// A sum of squared signals and what noise alone would make of it. Which of several is the greatest is
+/// found without dividing each.
+#[derive(Clone, Copy)]
+struct Activity {
+    squares: f32,
+    noise: f32,
+}
+
+impl Activity {
+    /// Of no channel.
+    const NONE: Self = Self { squares: 0.0, noise: 1.0 };
+
+    /// Of some signals, over the channels whose bit in `skip` is clear.
+    #[inline(always)]
+    fn of(signals: &[f32], skip: u16, noise: f32) -> Self {
+        let mut squares = 0.0;
+        let mut count = signals.len() as f32;
+        if skip == 0 {
+            squares = signals.iter().fold(squares, |sum, signal| sum + signal * signal);
+        } else {
+            count = 0.0;
+            for (k, signal) in signals.iter().enumerate() {
+                if skip >> k & 1 == 0 {
+                    squares += signal * signal;
+                    count += 1.0;
+                }
             }
         }
+        let noise = count * noise * noise;
+        if noise > 0.0 { Self { squares, noise } } else { Self::NONE }
     }
-    if count > 0.0 && noise > 0.0 { sum / (count * noise * noise) } else { 0.0 }
+
+    fn exceeds(&self, other: &Self) -> bool {
+        self.squares * other.noise > other.squares * self.noise
+    }
+
+    /// Mean square in units of the noise.
+    fn ratio(&self) -> f32 {
+        self.squares / self.noise
+    }
 }
 
 /// Averages frames into a [`Bias`], watching that they hold still.
@@ -311,9 +334,10 @@ mod tests {
 
     #[test]
     fn faulty_channels_do_not_look_like_contact() {
-        assert_eq!(activity(&[1.0, 0.0, 0.0], 0b001, 0.1), 0.0);
-        assert_eq!(activity(&[1.0], 0b001, 0.1), 0.0);
-        assert!((activity(&[1.0, 0.2, -0.2], 0b001, 0.1) - 4.0).abs() < 1e-5);
+        let activity = |signals: &[f32]| Activity::of(signals, 0b001, 0.1).ratio();
+        assert_eq!(activity(&[1.0, 0.0, 0.0]), 0.0);
+        assert_eq!(activity(&[1.0]), 0.0);
+        assert!((activity(&[1.0, 0.2, -0.2]) - 4.0).abs() < 1e-5);
     }
 
     #[test]

@@ -11,6 +11,8 @@ use crate::units::{Code, FullScale};
 /// Four channels that are compared in the same scan: a row of taxels, or a sensor.
 type Group = [Code; COLS];
 const GROUPS: usize = ROWS + SENSORS;
+/// A bit for each of its channels.
+const ALL: u32 = (1 << COLS) - 1;
 /// Scans in which every group comes round 32 times.
 const WINDOW: u16 = 32 * GROUPS as u16;
 
@@ -48,16 +50,9 @@ impl StuckWatch {
             return Stuck::default();
         }
         let group = usize::from(self.seen) % GROUPS;
-        if let (Some(now), Some(first)) = (read(codes, group), self.first.get_mut(group)) {
-            let first = *first.get_or_insert(now);
-            for (i, (now, first)) in now.into_iter().zip(first).enumerate() {
-                let bit = 1 << (COLS * group + i);
-                self.present |= bit;
-                // A code at a rail may rest there; other flags tell of it.
-                if now != first || now.0 == 0 || codes.full_scale.clips(now) {
-                    self.moved |= bit;
-                }
-            }
+        // Of a group that has moved as a whole, which a sound one does at once, nothing is left to be learnt.
+        if self.moved >> (COLS * group) & ALL != ALL {
+            self.compare(codes, group);
         }
         self.seen += 1;
         if self.seen >= WINDOW {
@@ -74,6 +69,21 @@ impl StuckWatch {
             bridges |= u8::from(midpoints != 0) << i;
         }
         Stuck { taxels: u16::from_le_bytes([low, high]), bridges }
+    }
+
+    fn compare(&mut self, codes: &Codes, group: usize) {
+        let (Some(now), Some(first)) = (read(codes, group), self.first.get_mut(group)) else {
+            return;
+        };
+        let first = *first.get_or_insert(now);
+        for (i, (now, first)) in now.into_iter().zip(first).enumerate() {
+            let bit = 1 << (COLS * group + i);
+            self.present |= bit;
+            // A code at a rail may rest there; other flags tell of it.
+            if now != first || now.0 == 0 || codes.full_scale.clips(now) {
+                self.moved |= bit;
+            }
+        }
     }
 
     /// Of the channels in `kind`. Where fewer than three quarters moved, only those that did are known

@@ -17,6 +17,7 @@ use crate::estimate::quantised::Net;
 use crate::estimate::two_contacts::{Pair, PairState};
 use crate::estimate::{ContactPoint, NormalContact};
 use crate::finger::together::Felt;
+use crate::finger::untouched::faulty;
 use crate::finger::within;
 use crate::frame::Status;
 use crate::measured::{Measured, NoValue};
@@ -80,23 +81,6 @@ impl Seen {
             misfit: Err(reason),
         }
     }
-
-    /// Nothing touches it: no force, of as many components as the record knows.
-    fn untouched(record: Option<&Calibration>) -> Self {
-        let none = Ok(Uncertain { value: 0.0, sigma: 0.0 });
-        let net = record.and_then(Calibration::net).map(|net| net.outputs() == 3);
-        let sheared = record.and_then(Calibration::model).map(|model| model.shear);
-        let shear = match (net, sheared) {
-            (None, None) => return Self::nothing(NoValue::Uncalibrated).untouched_point(),
-            (net, sheared) if net == Some(true) || sheared == Some(true) => none,
-            _ => Err(NoValue::NotEstimated),
-        };
-        Self { force: [shear, shear, none], ..Self::nothing(NoValue::NoContact) }
-    }
-
-    const fn untouched_point(self) -> Self {
-        Self { point: Err(NoValue::NoContact), contacts: Err(NoValue::NoContact), ..self }
-    }
 }
 
 /// One scan of the matrix.
@@ -106,22 +90,12 @@ pub(super) struct Look<'s> {
     pub c: &'s [f32; TAXELS],
     pub health: &'s Health,
     pub bias: &'s Bias,
-    pub contact: bool,
     /// What the force sensors feel.
     pub felt: &'s Felt,
 }
 
 impl Look<'_> {
     pub(super) fn see(&self, state: &mut MatrixState, status: &mut Status) -> Seen {
-        if !self.contact {
-            *state = MatrixState::default();
-            let seen = Seen::untouched(self.record);
-            return match self.faulty() {
-                // What cannot be measured is not zero either.
-                Some(reason) if seen.force[2].is_ok() => Seen { force: [Err(reason); 3], ..seen },
-                _ => seen,
-            };
-        }
         let taxels = self.record.and_then(|record| record.taxels.as_ref());
         let net = self.record.and_then(Calibration::net);
         let model = self.record.and_then(Calibration::model);
@@ -167,17 +141,9 @@ impl Look<'_> {
         seen
     }
 
-    fn faulty(&self) -> Option<NoValue> {
-        if self.health.dead != 0 {
-            Some(NoValue::DeadChannel)
-        } else {
-            (self.health.saturated != 0).then_some(NoValue::Saturated)
-        }
-    }
-
     /// The signals are such as the record knows.
     fn usable(&self, taxels: &TaxelCalibration, status: &mut Status) -> Measured<()> {
-        if let Some(reason) = self.faulty() {
+        if let Some(reason) = faulty(self.health) {
             return Err(reason);
         }
         if !within(&taxels.range, self.c) {

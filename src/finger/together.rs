@@ -6,7 +6,7 @@ use crate::condition::Signals;
 use crate::estimate::array::Array;
 use crate::estimate::fusion::{Uncertain, fuse};
 use crate::estimate::slide::SlideState;
-use crate::estimate::slip::{SlipState, Traction, Verdict};
+use crate::estimate::slip::{Slip, SlipState, Traction, Verdict};
 use crate::estimate::vibration::Listener;
 use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::Status;
@@ -39,19 +39,13 @@ impl Felt {
         record: Option<&Calibration>,
         signals: &Signals,
         sensors: &[Force; SENSORS],
-        (contact, status): (bool, &mut Status),
+        status: &mut Status,
     ) -> Self {
         let Some(array) = record.and_then(Calibration::array) else {
-            let absent = signals.bridges.iter().all(Option::is_none);
-            let reason = if absent { NoValue::Absent } else { without(cfg!(feature = "array")) };
-            return Self::nothing(reason);
+            return Self::nothing(unfelt(signals));
         };
         match newtons(sensors) {
             Err(reason) => Self::nothing(reason),
-            Ok(_) if !contact => {
-                let none = Ok(Uncertain { value: 0.0, sigma: 0.0 });
-                Self { force: [none; 3], ..Self::nothing(NoValue::NoContact) }
-            }
             Ok(forces) => {
                 status.set(Status::RAN_ARRAY);
                 Self::under(array, signals, &forces)
@@ -83,6 +77,12 @@ impl Felt {
             torsion: contact.map(|(contact, _)| contact.torsion),
         }
     }
+}
+
+/// Why nothing is felt where the record has no array.
+pub(super) fn unfelt(signals: &Signals) -> NoValue {
+    let absent = signals.bridges.iter().all(Option::is_none);
+    if absent { NoValue::Absent } else { without(cfg!(feature = "array")) }
 }
 
 /// Why there is nothing from an estimator for which the record holds nothing.
@@ -195,30 +195,43 @@ pub(super) struct GripState {
 /// What slip is judged by.
 pub(super) struct Grip<'s> {
     pub time: Micros,
-    pub signals: &'s Signals,
     pub fused: &'s Fused,
     pub torsion: Measured<NewtonMillimetres>,
     pub seen: &'s Seen,
-    pub contact: bool,
+    /// It can be heard that it rubs.
+    pub rubs: bool,
+}
+
+impl GripState {
+    /// One scan of the ear; by what slip is judged, if it is.
+    pub(super) fn listen<'r>(
+        &mut self,
+        record: Option<&'r Calibration>,
+        time: Micros,
+        signals: &Signals,
+    ) -> Measured<(&'r Slip, bool)> {
+        let slip = record.and_then(Calibration::slip).ok_or(without(cfg!(feature = "slip")))?;
+        Ok((slip, self.ear.hear(time, signals)))
+    }
+
+    /// Nothing touches the finger.
+    pub(super) fn release(&mut self) {
+        if self.touched {
+            self.slip.release();
+            self.slide = SlideState::default();
+        }
+        self.touched = false;
+    }
 }
 
 impl Grip<'_> {
     pub(super) fn judge(
         &self,
         record: Option<&Calibration>,
+        slip: &Slip,
         state: &mut GripState,
         status: &mut Status,
     ) -> Measured<Verdict> {
-        let slip = record.and_then(Calibration::slip).ok_or(without(cfg!(feature = "slip")))?;
-        let vibrates = state.ear.hear(self.time, self.signals);
-        if !self.contact {
-            if state.touched {
-                state.slip.release();
-                state.slide = SlideState::default();
-            }
-            state.touched = false;
-            return Err(NoValue::NoContact);
-        }
         state.touched = true;
         let Fused { force, point, .. } = *self.fused;
         let (fx, fy, fz) = (force.x?.0, force.y?.0, force.z?.0);
@@ -232,7 +245,7 @@ impl Grip<'_> {
             arm: arm(&self.seen.contacts),
             doubt: [self.fused.shear_sigma(), TORSION_DOUBT * moment_sigma],
             ring: self.seen.ring,
-            rubs: vibrates,
+            rubs: self.rubs,
             slides: false,
         };
         // The middle of two contacts wanders when they share their load otherwise: that is no slide.

@@ -1,0 +1,104 @@
+//! What a finger says that nothing touches, which most scans do: zeros where it would know a force, and reasons.
+//! No estimator runs, and none of their results are built up to be dropped.
+
+use super::missing;
+use super::together::unfelt;
+use crate::calibration::Calibration;
+use crate::condition::{Health, Signals};
+use crate::estimate::Force;
+use crate::measured::{Measured, NoValue};
+use crate::scan::{Codes, SENSORS};
+use crate::units::Newtons;
+
+/// Of the matrix, or of the force sensors together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Part {
+    /// Both components of the shear, and the normal force: whether it would know them.
+    shear: Measured<()>,
+    normal: Measured<()>,
+    /// Why it has no place.
+    place: NoValue,
+}
+
+impl Part {
+    const fn nothing(reason: NoValue) -> Self {
+        Self { shear: Err(reason), normal: Err(reason), place: reason }
+    }
+
+    fn seen(record: Option<&Calibration>, signals: &Signals, codes: &Codes) -> Self {
+        if signals.taxels.is_none() {
+            return Self::nothing(missing(codes.taxels.is_some()));
+        }
+        let net = record.and_then(Calibration::net).map(|net| net.outputs() == 3);
+        let sheared = record.and_then(Calibration::model).map(|model| model.shear);
+        if net.is_none() && sheared.is_none() {
+            return Self { place: NoValue::NoContact, ..Self::nothing(NoValue::Uncalibrated) };
+        }
+        // What cannot be measured is not zero either.
+        if let Some(reason) = faulty(&signals.health) {
+            return Self { place: NoValue::NoContact, ..Self::nothing(reason) };
+        }
+        let shear = net == Some(true) || sheared == Some(true);
+        let shear = if shear { Ok(()) } else { Err(NoValue::NotEstimated) };
+        Self { shear, normal: Ok(()), place: NoValue::NoContact }
+    }
+
+    fn felt(record: Option<&Calibration>, signals: &Signals, sensors: &[Force; SENSORS]) -> Self {
+        if record.and_then(Calibration::array).is_none() {
+            return Self::nothing(unfelt(signals));
+        }
+        let missing = |force: &Force| [force.x, force.y, force.z].into_iter().find_map(Result::err);
+        match sensors.iter().find_map(missing) {
+            Some(reason) => Self::nothing(reason),
+            None => Self { shear: Ok(()), normal: Ok(()), place: NoValue::NoContact },
+        }
+    }
+}
+
+/// Why the matrix gives no force, where a taxel of it is at fault.
+pub(super) fn faulty(health: &Health) -> Option<NoValue> {
+    if health.dead != 0 {
+        Some(NoValue::DeadChannel)
+    } else if health.saturated != 0 {
+        Some(NoValue::Saturated)
+    } else {
+        None
+    }
+}
+
+/// What finger and parts say.
+pub(super) struct Untouched {
+    pub force: Force,
+    /// Why there is no contact point, there are no two contacts, and no torsion.
+    pub point: NoValue,
+    pub contacts: NoValue,
+    pub torsion: NoValue,
+}
+
+impl Untouched {
+    #[inline(never)]
+    pub(super) fn of(
+        record: Option<&Calibration>,
+        signals: &Signals,
+        codes: &Codes,
+        sensors: &[Force; SENSORS],
+    ) -> Self {
+        let seen = Part::seen(record, signals, codes);
+        let felt = Part::felt(record, signals, sensors);
+        let shear = none(seen.shear, felt.shear);
+        Self {
+            force: Force { x: shear, y: shear, z: none(seen.normal, felt.normal) },
+            point: if seen.place == NoValue::Absent { felt.place } else { seen.place },
+            contacts: seen.place,
+            torsion: felt.place,
+        }
+    }
+}
+
+/// Zero where one of the parts would know better. Of two reasons, that of the part which this finger has.
+fn none(seen: Measured<()>, felt: Measured<()>) -> Measured<Newtons> {
+    match (seen, felt) {
+        (Ok(()), _) | (_, Ok(())) => Ok(Newtons(0.0)),
+        (Err(NoValue::Absent), Err(reason)) | (Err(reason), Err(_)) => Err(reason),
+    }
+}
