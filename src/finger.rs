@@ -15,11 +15,11 @@ mod untouched;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
-    Bias, BiasRefusal, BiasTaker, Levels, LowPass, LowPassState, NoiseWatch, Signals, Stuck,
-    StuckWatch, Thermometer, Warm,
+    Bias, BiasRefusal, BiasTaker, Health, Levels, LowPass, LowPassState, NoiseWatch, Signals,
+    Stuck, StuckWatch, Thermometer, Warm,
 };
 use crate::estimate::contact_point::PointMethod;
-use crate::estimate::gate::{Gate, GateState};
+use crate::estimate::gate::{Gate, GateState, unmistakable};
 use crate::estimate::slip::{Slip, Verdict};
 use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::{Fields, FrameRef, Status};
@@ -254,7 +254,13 @@ impl Finger {
         flag(&mut status, Status::DEAD_TAXEL, signals.health.dead != 0);
         flag(&mut status, Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
 
-        let contact = self.gate.update(&mut state.gate, state.bias.activity(signals));
+        let activity = state.bias.activity(signals);
+        let contact = self.gate.update_at_once(&mut state.gate, activity, || {
+            // A channel at fault may say anything.
+            let sound = signals.health == Health::default();
+            let matrix = signals.taxels.as_ref().zip(state.bias.taxels.as_ref()).filter(|_| sound);
+            matrix.map_or(0.0, |(c, bias)| unmistakable(c, bias.noise))
+        });
         flag(&mut status, Status::CONTACT, contact);
 
         // The gate answers at once, and what slips is heard above any filter's corner: both have the

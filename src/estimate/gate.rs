@@ -1,6 +1,14 @@
 //! Contact gate with hysteresis: the cheap question that decides whether anything dearer runs.
+//!
+//! A single frame is not believed, because one bad code or a flash of light makes one. What neither of them can
+//! make is believed at once ([`unmistakable`]): a tap has gone to a third of a newton by its second frame.
 
 use serde::{Deserialize, Serialize};
+
+use crate::scan::{COLS, TAXELS};
+
+/// What is [`unmistakable`] stands out of its noise by this many times what begins a contact.
+const AT_ONCE: f32 = 2.0;
 
 /// Thresholds on the signals' root mean square, in units of their noise.
 ///
@@ -54,11 +62,103 @@ impl Gate {
         }
         state.contact
     }
+
+    /// One frame, of which `unmistakable` says how much of its activity can be nothing but a touch. It is asked
+    /// only where a contact may begin.
+    pub fn update_at_once(
+        &self,
+        state: &mut GateState,
+        activity: f32,
+        unmistakable: impl FnOnce() -> f32,
+    ) -> bool {
+        let on = AT_ONCE * self.on;
+        if !self.update(state, activity) && state.streak > 0 && unmistakable() > on * on {
+            *state = GateState { contact: true, streak: 0 };
+        }
+        state.contact
+    }
+}
+
+/// Mean square of what a touch alone makes of the matrix' signals, over the squared noise.
+///
+/// A bad code spoils a taxel, or as the dark code of a column all of that column: the column that says most is left
+/// out. Light from outside that changes within a scan shifts whole rows, because a row is read at once: what the
+/// others of a row have in common is taken off. A touch is neither.
+#[must_use]
+#[cold]
+#[inline(never)]
+pub fn unmistakable(signals: &[f32; TAXELS], noise: f32) -> f32 {
+    const FREEDOM: f32 = (TAXELS / COLS * (COLS - 2)) as f32;
+    const OTHERS: f32 = (COLS - 1) as f32;
+    // Without each of the columns.
+    let mut spread = [0.0; COLS];
+    for row in signals.as_chunks::<COLS>().0 {
+        let (sum, squares) =
+            row.iter().fold((0.0, 0.0), |(sum, squares), c| (sum + c, squares + c * c));
+        for (spread, c) in spread.iter_mut().zip(row) {
+            let others = sum - c;
+            *spread += squares - c * c - others * others * (1.0 / OTHERS);
+        }
+    }
+    let least = spread.into_iter().fold(f32::MAX, |least, of| if of < least { of } else { least });
+    let noise = FREEDOM * noise * noise;
+    if noise > 0.0 { least / noise } else { 0.0 }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const NOISE: f32 = 1e-4;
+
+    /// Whether the gate opens with the first frame of these signals.
+    fn at_once(signals: [f32; TAXELS]) -> bool {
+        let square = signals.iter().map(|c| c * c).sum::<f32>() / (16.0 * NOISE * NOISE);
+        let gate = Gate::default();
+        assert!(square > gate.on * gate.on, "not enough for any frame");
+        gate.update_at_once(&mut GateState::default(), square, || unmistakable(&signals, NOISE))
+    }
+
+    /// A dent about a place in pitches.
+    fn dent(depth: f32, x: f32, y: f32) -> [f32; TAXELS] {
+        core::array::from_fn(|k| {
+            let (dx, dy) = ((k % COLS) as f32 - x, (k / COLS) as f32 - y);
+            -depth / (1.0 + dx * dx + dy * dy)
+        })
+    }
+
+    #[test]
+    fn a_dent_is_believed_at_once_wherever_it_is() {
+        for (x, y) in [(1.5, 1.5), (0.0, 0.0), (3.0, 1.0), (1.0, 2.5)] {
+            assert!(at_once(dent(0.02, x, y)), "{x} {y}");
+        }
+    }
+
+    #[test]
+    fn a_slight_touch_has_to_last() {
+        assert!(!at_once(dent(2.5e-3, 1.5, 1.5)));
+    }
+
+    #[test]
+    fn one_bad_code_has_to_last_whatever_it_says() {
+        for k in 0..TAXELS {
+            let mut lit = [0.0; TAXELS];
+            lit[k] = -1.0;
+            assert!(!at_once(lit), "taxel {k}");
+        }
+        for column in 0..COLS {
+            let dark = core::array::from_fn(|k| if k % COLS == column { 1.0 } else { 0.0 });
+            assert!(!at_once(dark), "column {column}");
+        }
+    }
+
+    #[test]
+    fn light_that_comes_or_goes_within_a_scan_has_to_last() {
+        for rows in 1..=TAXELS / COLS {
+            let flash = core::array::from_fn(|k| if k / COLS >= rows - 1 { -0.3 } else { 0.0 });
+            assert!(!at_once(flash), "{rows}");
+        }
+    }
 
     #[test]
     fn one_noisy_frame_is_no_contact() {
