@@ -41,7 +41,12 @@ fn rms(errors: &[f64]) -> f64 {
 
 /// What the unloaded beginning of a trace reads.
 fn bias(samples: &[Sample]) -> Bias {
-    let mut taker = BiasTaker::new(UNLOADED);
+    bias_over(UNLOADED, samples)
+}
+
+/// The same of so many frames.
+fn bias_over(frames: u16, samples: &[Sample]) -> Bias {
+    let mut taker = BiasTaker::new(frames);
     let levels = samples.iter().map(|sample| Levels::read(&sample.scan.codes));
     let mut outcomes = levels.filter_map(|levels| taker.add(&levels, &Bias::default()));
     outcomes.next().unwrap().unwrap().bias
