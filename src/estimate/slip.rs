@@ -27,7 +27,7 @@ pub struct Slip {
     pub usual: [f32; 2],
     /// What the contact holds.
     pub surface: LimitSurface,
-    /// A warning begins below this margin; it ends 0.05 above, so that it does not chatter.
+    /// A warning begins below this margin; it ends 0.02 above, so that it does not chatter.
     pub warn: f32,
     /// The grip that is recommended leaves the load at one over this.
     pub safety: f32,
@@ -105,7 +105,7 @@ const WANDER: f32 = 1e-6;
 /// … and from contact to contact.
 const NEXT_THING: f32 = 0.01;
 /// A warning ends so much above the margin that it began below.
-const EASE: f32 = 0.05;
+const EASE: f32 = 0.02;
 /// μ lies between these; rubber on most things does.
 const FRICTION: [f32; 2] = [0.05, 2.0];
 
@@ -228,13 +228,13 @@ mod tests {
             slip().warns(&mut state, &Verdict { margin, friction: 0.8, grip: Newtons(1.0) })
         };
         assert_eq!(
-            [0.36, 0.34, 0.37, 0.34, 0.39, 0.41, 0.36].map(&mut warns),
+            [0.36, 0.345, 0.355, 0.345, 0.365, 0.375, 0.36].map(&mut warns),
             [false, true, true, true, true, false, false]
         );
         assert!(warns(0.3));
         state.release();
         assert!(
-            !slip().warns(&mut state, &Verdict { margin: 0.38, friction: 0.8, grip: Newtons(1.0) })
+            !slip().warns(&mut state, &Verdict { margin: 0.36, friction: 0.8, grip: Newtons(1.0) })
         );
     }
 

@@ -188,11 +188,11 @@ fn a_grasp_without_slip_is_left_in_peace() {
     // Asked is one in 10 min at most.
     let [matrix, array, both] = all;
     assert_eq!((both[0], array), (0, [0, 0]), "{minutes} min");
-    // A contact whose friction was never felt may be warned of while it is sheared first, once. These nine grasps begin
+    // A contact whose friction was never felt may be warned of while it is sheared first. These nine grasps begin
     // with the same light touch, which most of them are warned of; of others see the test above.
     assert!(both[1] <= 9, "unknown friction: {} in {minutes} min", both[1]);
     assert_eq!(late, 0, "after the first second");
     // The matrix alone tells shear to some 15 mN, where a light touch on friction of 0.2 holds no more than 40 mN:
-    // 65 in 10 min, 80 on unknown friction, nearly none at 1.2.
-    assert!(matrix[0] <= 200 && matrix[1] <= 240, "matrix alone: {matrix:?} in {minutes} min");
+    // 90 in 10 min, 120 on unknown friction, nearly none at 1.2.
+    assert!(matrix[0] <= 270 && matrix[1] <= 350, "matrix alone: {matrix:?} in {minutes} min");
 }
