@@ -1,7 +1,7 @@
 //! The whole way of one scan: codes → signals → gate → only the estimators that the scene needs.
 //!
 //! ```text
-//! no contact        nothing but the sensors' own forces
+//! no contact        nothing but the sensors' own forces, and the ear for slip, which has to know the quiet
 //! normal contact    matrix: model of a normal contact     array: wrench, contact
 //! shear             matrix: model with shear              … and slip
 //! misfit            matrix: two contacts

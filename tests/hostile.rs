@@ -74,7 +74,13 @@ fn finite(estimate: &Estimate) -> bool {
     let at = |p: ContactPoint| [p.x.0, p.y.0];
     let contacts = estimate.contacts.into_iter().flatten();
     let slip = estimate.slip.into_iter().flat_map(|v| [v.margin, v.friction, v.grip.0]);
+    let unsure = estimate.uncertainty.into_iter().flat_map(|sure| {
+        let force = [sure.force.x, sure.force.y, sure.force.z];
+        let force = force.into_iter().flatten().map(|n| n.0);
+        force.chain(sure.point.into_iter().flat_map(at)).chain(sure.misfit)
+    });
     forces
+        .chain(unsure)
         .chain(estimate.point.into_iter().flat_map(at))
         .chain(contacts.flat_map(|c| [c.point.x.0, c.point.y.0, c.normal.0]))
         .chain(slip)
@@ -110,6 +116,7 @@ struct Ends {
     shear: bool,
     /// Of taxels and sensors, and of the array's forces and moments.
     residual: [f32; 2],
+    surface: Surface,
     slip: Slip,
 }
 
@@ -143,15 +150,37 @@ fn any_slip() -> impl Strategy<Value = Slip> {
     })
 }
 
+fn any_surface() -> impl Strategy<Value = Surface> {
+    let axis = || closed(1e-3, 1e3).prop_map(Millimetres);
+    prop_oneof![
+        Just(Surface::Plane),
+        axis().prop_map(|radius| Surface::Sphere { radius }),
+        // About a fingertip's.
+        (4.0..20.0f32).prop_map(|radius| Surface::Sphere { radius: Millimetres(radius) }),
+        [(); 3].map(|()| axis()).prop_map(|half_axes| Surface::Ellipsoid { half_axes }),
+    ]
+}
+
+/// Microseconds between scans, and how many were lost before every other of them.
+fn any_pace() -> impl Strategy<Value = (u64, u32)> {
+    (prop_oneof![Just(1), Just(250), Just(1000), any::<u32>().prop_map(u64::from)], 0..3u32)
+}
+
+/// Scan `i` at that pace.
+fn paced(i: u64, (apart, lost): (u64, u32), codes: Codes) -> Scan {
+    Scan { time: Micros(i.wrapping_mul(apart)), lost: if i % 2 == 0 { lost } else { 0 }, codes }
+}
+
 fn any_ends() -> impl Strategy<Value = Ends> {
     let error = (ends(1e-9, 1.0), ends(0.0, 1.0));
     let residual = (ends(0.0, 1e30), ends(1e-9, 1e3));
-    (error, ends(0.01, 10.0), any::<bool>(), residual, any_slip()).prop_map(
-        |(error, friction, shear, residual, slip)| Ends {
+    (error, ends(0.01, 10.0), any::<bool>(), residual, any_surface(), any_slip()).prop_map(
+        |(error, friction, shear, residual, surface, slip)| Ends {
             error: error.into(),
             friction,
             shear,
             residual: residual.into(),
+            surface,
             slip,
         },
     )
@@ -200,7 +229,7 @@ fn hostile(weight: f32, level: f32, sixteen_bits: bool, ends: &Ends) -> Calibrat
         true => WrenchMethod::Sum(SensorPlaces([[weight; 3]; 4])),
         false => WrenchMethod::Matrix(WrenchMatrix([[[weight; 3]; 4]; 6])),
     };
-    array.surface = Surface::Sphere { radius: Millimetres(1.0 + level.abs()) };
+    array.surface = ends.surface;
     record
 }
 
@@ -218,6 +247,7 @@ fn working(ends: &Ends, sensitivity: f32) -> Calibration {
     }
     let array = record.array.as_mut().unwrap();
     (array.residual, array.moment_residual) = ([ends.residual[1]; 3], ends.residual[1]);
+    array.surface = ends.surface;
     record
 }
 
@@ -259,7 +289,7 @@ proptest! {
             Just(PointMethod::Model), Just(PointMethod::Centroid), Just(PointMethod::ArgMin),
         ],
         corner in proptest::option::of(1u16..2000),
-        ends in any_ends(),
+        (ends, pace) in (any_ends(), any_pace()),
     ) {
         let record = hostile(weight, level, sixteen_bits, &ends);
         prop_assert_eq!(record.validate(), Ok(()));
@@ -270,8 +300,8 @@ proptest! {
             state.take_bias(3);
         }
         for (t, codes) in scans.into_iter().enumerate() {
-            for _ in 0..6 {
-                let scan = Scan { time: Micros(t as u64), lost: 0, codes };
+            for i in 0..6 {
+                let scan = paced(6 * t as u64 + i, pace, codes);
                 let estimate = finger.estimate(&mut state, &scan);
                 prop_assert!(finite(&estimate), "{estimate:?}");
             }
@@ -285,13 +315,14 @@ proptest! {
         ends in any_ends(),
         sensitivity in prop_oneof![ends(-9e29, 9e29), -10.0f32..10.0],
         method in prop_oneof![Just(PointMethod::Model), Just(PointMethod::Centroid)],
+        pace in any_pace(),
     ) {
         let (mut finger, mut state) = Finger::new(Some(working(&ends, sensitivity)));
         prop_assert_eq!(finger.calibration().unwrap().validate(), Ok(()));
         finger.point_method = method;
         for (t, codes) in scans.into_iter().enumerate() {
             for i in 0..6 {
-                let scan = Scan { time: Micros(6000 * t as u64 + 1000 * i), lost: 0, codes };
+                let scan = paced(6 * t as u64 + i, pace, codes);
                 let estimate = finger.estimate(&mut state, &scan);
                 prop_assert!(finite(&estimate), "{estimate:?}");
             }

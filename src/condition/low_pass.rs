@@ -7,6 +7,7 @@
 use core::f32::consts::{PI, SQRT_2};
 
 use super::Signals;
+use crate::roots::tan;
 use crate::scan::{SENSORS, TAXELS};
 
 /// Coefficients of one corner frequency.
@@ -30,10 +31,7 @@ impl LowPass {
     #[must_use]
     pub fn new(hz: u16, scan_hz: u16) -> Self {
         let corner = (f32::from(hz) / f32::from(scan_hz.max(1))).clamp(1e-5, 0.25);
-        // tan(π·corner) by its continued fraction: the angle is ¼π at most, where it is 6e-5 off.
-        let x = PI * corner;
-        let x2 = x * x;
-        let g = x / (1.0 - x2 / (3.0 - x2 / (5.0 - x2 / 7.0)));
+        let g = tan(PI * corner);
         let a1 = 1.0 / (1.0 + g * (g + SQRT_2));
         Self { a: [a1, g * a1, g * g * a1] }
     }

@@ -56,8 +56,8 @@ impl Array {
     /// # Errors
     /// As [`Surface::contact`]; a contact whose place is not known to a millimetre is none.
     pub fn contact(&self, wrench: &Wrench) -> Measured<(Contact, f32)> {
-        // M = r × F: a place is a moment over the normal force.
+        // M = r × F: along the surface a place is a moment over the normal force.
         let contact = self.surface.contact(wrench, self.moment_residual)?;
-        Ok((contact, self.moment_residual / wrench.force[2].max(f32::MIN_POSITIVE)))
+        Ok((contact, self.moment_residual / contact.normal))
     }
 }

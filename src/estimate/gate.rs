@@ -13,7 +13,7 @@ const AT_ONCE: f32 = 2.0;
 /// Thresholds on the signals' root mean square, in units of their noise.
 ///
 /// Of 16 noisy taxels the root mean square is 1 ± 0.18, so that 8 is no noise at all; what the margin
-/// pays for is slow drift. On the reference fingertip 8 corresponds to about 6 mN.
+/// pays for is slow drift. On the reference fingertip 8 corresponds to 10 to 15 mN in the middle of the pad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gate {
     /// Contact begins above this.

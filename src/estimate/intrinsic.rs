@@ -46,6 +46,8 @@ pub struct Contact {
     pub place: [f32; 3],
     /// Moment about the surface's normal that points into the finger.
     pub torsion: NewtonMillimetres,
+    /// Force along it in newtons.
+    pub normal: f32,
 }
 
 impl Contact {
@@ -72,20 +74,21 @@ impl Surface {
         }
     }
 
-    /// The contact that makes `wrench`, whose normal force must be at least `least` newtons.
+    /// The contact that makes `wrench`, whose force along the surface's normal must be at least `least` newtons.
     ///
     /// # Errors
-    /// [`NoValue::IllConditioned`] where the force is too small or points out of the finger, or its line
+    /// [`NoValue::IllConditioned`] where that force is too small or points out of the finger, or its line
     /// misses the surface.
     pub fn contact(&self, wrench: &Wrench, least: f32) -> Measured<Contact> {
         let contact = match *self {
-            Self::Plane => plane(wrench, least),
-            Self::Sphere { radius } => ellipsoid(wrench, least, [radius.0; 3]),
-            Self::Ellipsoid { half_axes } => ellipsoid(wrench, least, half_axes.map(|axis| axis.0)),
+            Self::Plane => plane(wrench),
+            Self::Sphere { radius } => ellipsoid(wrench, [radius.0; 3]),
+            Self::Ellipsoid { half_axes } => ellipsoid(wrench, half_axes.map(|axis| axis.0)),
         }?;
         // Comparisons with NaN are false: what overflowed is refused with what is too far.
         let near = contact.place.iter().all(|c| c.abs() < FARTHEST);
-        if near && contact.torsion.0.abs() < f32::MAX {
+        let pressed = (least.max(f32::MIN_POSITIVE)..f32::MAX).contains(&contact.normal);
+        if near && pressed && contact.torsion.0.abs() < f32::MAX {
             Ok(contact)
         } else {
             Err(NoValue::IllConditioned)
@@ -93,20 +96,20 @@ impl Surface {
     }
 }
 
-fn plane(wrench: &Wrench, least: f32) -> Measured<Contact> {
+fn plane(wrench: &Wrench) -> Measured<Contact> {
     let ([fx, fy, fz], [mx, my, mz]) = (wrench.force, wrench.moment);
-    if !(fz > least.max(f32::MIN_POSITIVE)) {
+    if !(fz > 0.0) {
         return Err(NoValue::IllConditioned);
     }
     let (x, y) = (-my / fz, mx / fz);
     let torsion = NewtonMillimetres(mz - (x * fy - y * fx));
-    Ok(Contact { place: [x, y, 0.0], torsion })
+    Ok(Contact { place: [x, y, 0.0], torsion, normal: fz })
 }
 
-fn ellipsoid(wrench: &Wrench, least: f32, half_axes: [f32; 3]) -> Measured<Contact> {
+fn ellipsoid(wrench: &Wrench, half_axes: [f32; 3]) -> Measured<Contact> {
     let force = wrench.force;
     let valid = half_axes.iter().all(|axis| (1e-3..=FARTHEST).contains(axis));
-    if !valid || !(dot(force, force) > least * least) || !(force[2] > 0.0) {
+    if !valid || !(force[2] > 0.0) {
         return Err(NoValue::IllConditioned);
     }
     // About the ellipsoid's centre, one half axis below its top.
@@ -141,10 +144,11 @@ fn ellipsoid(wrench: &Wrench, least: f32, half_axes: [f32; 3]) -> Measured<Conta
         let term = |v: &[f32; 3]| v.get(i).copied().unwrap_or_default();
         *place = (k * d * term(&along) + term(&across) + h * term(&force)) / below;
     }
-    let normal = a2(place);
-    let torsion = NewtonMillimetres(-k * sqrt(dot(normal, normal)));
+    // A²r points out of the finger, and h = F·A²r is negative.
+    let outwards = a2(place);
+    let size = sqrt(dot(outwards, outwards));
     place[2] += half_axes[2];
-    Ok(Contact { place, torsion })
+    Ok(Contact { place, torsion: NewtonMillimetres(-k * size), normal: -h / size })
 }
 
 #[cfg(test)]
@@ -186,11 +190,13 @@ mod tests {
                 }
                 let mut moment = cross(place, force);
                 moment.iter_mut().zip(normal).for_each(|(m, n)| *m += torsion * n);
-                let contact = surface.contact(&Wrench { force, moment }, 0.05).unwrap();
+                let contact = surface.contact(&Wrench { force, moment }, 0.03).unwrap();
                 for (found, expected) in contact.place.iter().zip(place) {
                     prop_assert!((found - expected).abs() < 0.02, "{surface:?} {contact:?} {place:?}");
                 }
                 prop_assert!((contact.torsion.0 - torsion).abs() < 0.02, "{surface:?} {contact:?}");
+                let pressed = dot(force, normal);
+                prop_assert!((contact.normal - pressed).abs() < 0.005, "{contact:?} {pressed}");
             }
         }
 
@@ -206,10 +212,24 @@ mod tests {
             {
                 if let Ok(contact) = surface.contact(&wrench, least) {
                     prop_assert!(contact.torsion.0.is_finite());
+                    prop_assert!(contact.normal > 0.0 && contact.normal.is_finite());
+                    prop_assert!(!(contact.normal < least));
                     prop_assert!(contact.place.iter().all(|c| c.is_finite()));
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_force_that_hardly_presses_on_the_surface_has_no_contact_however_strong_it_is() {
+        // At the sphere's side, where the normal is level: all but 0.02 N of 1 N pull along the surface.
+        let (place, normal) = on(ROUND, 11.9, 0.0);
+        let along = [normal[2], 0.0, -normal[0]];
+        let force = [0, 1, 2].map(|i| 0.02 * normal[i] + along[i]);
+        let wrench = Wrench { force, moment: cross(place, force) };
+        assert!(force[2] > 0.9, "{force:?}");
+        assert!(ROUND.contact(&wrench, 0.01).is_ok());
+        assert_eq!(ROUND.contact(&wrench, 0.05), Err(NoValue::IllConditioned));
     }
 
     #[test]

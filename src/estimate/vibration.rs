@@ -14,6 +14,7 @@
 
 use super::contact_point::halves;
 use crate::condition::Signals;
+use crate::roots::tan;
 use crate::units::Micros;
 
 /// Second-order section, direct form II transposed.
@@ -34,10 +35,7 @@ impl Biquad {
     /// between 0.001 and 0.24 (bilinear transform of s/q/(s² + s/q + 1)).
     #[must_use]
     pub fn band_pass(centre: f32, q: f32) -> Self {
-        // tan(π·centre) by its continued fraction: the angle is below ¼π.
-        let x = core::f32::consts::PI * centre.clamp(0.001, 0.24);
-        let x2 = x * x;
-        let k = x / (1.0 - x2 / (3.0 - x2 / (5.0 - x2 / 7.0)));
+        let k = tan(core::f32::consts::PI * centre.clamp(0.001, 0.24));
         let q = q.clamp(0.1, 20.0);
         let norm = 1.0 / (1.0 + k / q + k * k);
         Self {

@@ -3,7 +3,8 @@
 
 mod judge;
 
-use judge::response::{SWEEP, resolution, response};
+use judge::page::{NONE, tells};
+use judge::response::{SWEEP, least_felt, resolution, response};
 use judge::slip::{false_warnings, first_touches, grasp, onsets, warnings};
 use judge::{
     RINGS, Ring, With, calibrated, errors, false_pairs, mean, pairs, presses, replay, run,
@@ -60,6 +61,29 @@ fn a_single_contact_is_placed_and_weighed_on_five_devices() {
     }
     println!("array: {:.3} mm", array(1, point));
     assert!(array(1, point) < 0.2, "{} mm", array(1, point));
+
+    let each = |figure: &dyn Fn(&dyn Fn(usize, fn(&Ring) -> f64) -> f64) -> String| {
+        [figure(&matrix), figure(&array), figure(&both)]
+    };
+    let millinewtons = |newtons: f64| format!("{:.1} mN", 1e3 * newtons);
+    let shear = |of: &dyn Fn(usize, fn(&Ring) -> f64) -> f64| of(0, force[0]).max(of(0, force[1]));
+    let taken = doubled.map(|[touched, two]| format!("{:.2} %", 1e2 * two as f64 / touched as f64));
+    tells(&[
+        ("contact point, in the middle", "0.1 mm", each(&|of| format!("{:.2} mm", of(0, point)))),
+        (
+            "contact point, out to the outer taxels",
+            "0.2 mm",
+            each(&|of| format!("{:.2} mm", of(1, point))),
+        ),
+        (
+            "direction of the force, in the middle",
+            "3°",
+            each(&|of| format!("{:.1}°", of(0, direction))),
+        ),
+        ("F_x, F_y of up to 2 N, in the middle", "30 mN", each(&|of| millinewtons(shear(of)))),
+        ("F_z of up to 2 N, everywhere", "20 mN", each(&|of| millinewtons(of(2, force[2])))),
+        ("single contacts taken for two", "1 %", taken),
+    ]);
 }
 
 #[test]
@@ -74,21 +98,24 @@ fn a_twist_is_told_and_moves_no_contact_point() {
     }
     let truth = mean(truth);
     assert!(truth > 0.5, "{truth} N mm is hardly a twist");
-    for with in [With::Array, With::Both] {
+    let [array, both] = [With::Array, With::Both].map(|with| {
         let of = |value: fn(&Ring) -> f64| {
             mean(rings.iter().filter(|(judged, _)| *judged == with).map(|(_, ring)| value(ring)))
         };
         let (torsion, point) = (of(|ring| ring.torsion.value()), of(|ring| ring.point.value()));
         println!("{with:?}: {torsion:.3} N mm of {truth:.2}, {point:.3} mm");
         assert!(torsion < 0.3 && point < 0.2, "{with:?}: {torsion} N mm, {point} mm");
-    }
+        format!("{torsion:.2} N·mm")
+    });
+    tells(&[("torsion", "0.3 N·mm", [NONE.into(), array, both])]);
 }
 
 #[test]
 fn a_newton_is_resolved_to_two_thousandths_and_followed_beyond_200_hz() {
+    let (mut sigmas, mut left, mut least) = <([[f64; 3]; 3], [f64; 3], [f64; 3])>::default();
     for device in DEVICES {
         let record = calibrated(device);
-        for with in WITHS {
+        for (i, with) in WITHS.into_iter().enumerate() {
             let sigma = resolution(device, &record, with);
             println!("{device} {with:?}: resolution {sigma:.5?} N");
             assert!(sigma[2] < 0.002, "{with:?}: {sigma:?}");
@@ -101,19 +128,49 @@ fn a_newton_is_resolved_to_two_thousandths_and_followed_beyond_200_hz() {
             for (gain, hz) in gains.into_iter().zip(SWEEP).filter(|(_, hz)| *hz <= 200.0) {
                 assert!((0.707..1.1).contains(&gain), "{with:?}: {gain} at {hz} Hz");
             }
+            let felt = least_felt(device, &record, with).unwrap();
+            println!("{device} {with:?}: a touch is felt from {felt} N on");
+            least[i] = felt.max(least[i]);
+            left[i] += gains[3] / DEVICES.len() as f64;
+            (0..3).for_each(|axis| sigmas[i][axis] += sigma[axis] / DEVICES.len() as f64);
         }
     }
+    assert_eq!(SWEEP[3], 200.0);
+    // Harmon's 1000 : 1, of the greatest force that is asked for.
+    let range = sigmas.map(|[_, _, z]| 2.0 / z);
+    assert!(range.iter().all(|range| *range >= 1000.0), "{range:?}");
+    let millinewtons = |newtons: f64| format!("{:.1} mN", 1e3 * newtons);
+    let least = least.map(|felt| format!("{:.0} mN", 1e3 * felt));
+    tells(&[
+        ("resolution of F_x, F_y at 1 kHz", "2 mN", sigmas.map(|[x, y, _]| millinewtons(x.max(y)))),
+        ("resolution of F_z at 1 kHz", "2 mN", sigmas.map(|[_, _, z]| millinewtons(z))),
+        ("2 N over that", "1000 : 1", range.map(|range| format!("{range:.0} : 1"))),
+        ("least touch that is felt", NONE, least),
+        (
+            "left of a swing of F_z at 200 Hz",
+            "71 %",
+            left.map(|left| format!("{:.0} %", 1e2 * left)),
+        ),
+    ]);
 }
 
 #[test]
 fn two_contacts_two_pitches_apart_are_found_on_five_devices() {
+    let [mut shown, mut found] = [[0; 2]; 2];
     for device in DEVICES {
         let record = calibrated(device);
-        let pairs = pairs(device, &record, 100, With::Matrix);
-        println!("{device}: {pairs:?}");
-        assert!(pairs.found * 100 >= pairs.shown * 95, "{pairs:?}");
-        assert!(pairs.point.value() < 0.1 && pairs.normal.value() < 0.02, "{pairs:?}");
+        for (i, with) in [With::Matrix, With::Both].into_iter().enumerate() {
+            let pairs = pairs(device, &record, 100, with);
+            println!("{device} {with:?}: {pairs:?}");
+            assert!(pairs.found * 100 >= pairs.shown * 95, "{with:?}: {pairs:?}");
+            let errors = [pairs.point.value(), pairs.normal.value()];
+            assert!(errors[0] < 0.1 && errors[1] < 0.02, "{with:?}: {pairs:?}");
+            (shown[i], found[i]) = (shown[i] + pairs.shown, found[i] + pairs.found);
+        }
     }
+    let [matrix, both] =
+        [0, 1].map(|i| format!("{:.1} %", 1e2 * found[i] as f64 / shown[i] as f64));
+    tells(&[("two contacts two pitches apart, found", "95 %", [matrix, NONE.into(), both])]);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! own that the fit has never met, noise on.
 #![allow(dead_code, reason = "test and bench use their parts")]
 
+pub mod page;
 pub mod response;
 pub mod slip;
 

@@ -1,6 +1,7 @@
 //! How finely and how quickly a finger answers.
 
 use taxel::calibration::Calibration;
+use taxel::frame::Status;
 use taxel::units::Micros;
 use taxel_formats::trace::Sample;
 
@@ -20,6 +21,23 @@ pub fn resolution(device: u32, record: &Calibration, with: With) -> [f64; 3] {
         let middle = mean(forces.iter().map(|f| f[axis]));
         mean(forces.iter().map(|f| (f[axis] - middle).powi(2))).sqrt()
     })
+}
+
+/// Loads in newtons of which the least that is felt is looked for.
+const LIGHT: [f64; 8] = [0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03];
+
+/// The least of the [`LIGHT`] loads that is felt, as heavier ones are too, in every scan of half a second in which it
+/// is held.
+pub fn least_felt(device: u32, record: &Calibration, with: With) -> Option<f64> {
+    let felt = |load: &&f64| {
+        let press = format!(
+            "[[press]]\nat_s = 1\nx_mm = 0.4\ny_mm = -0.3\nfz_n = {load}\nrise_s = 0.2\nhold_s = 0.8\n\
+             fall_s = 0.2\n"
+        );
+        let estimates = replay(record, &run(device, 6, 1000, 2.3, 0.8, &press), with);
+        estimates[1400..1900].iter().all(|e| e.status.contains(Status::CONTACT))
+    };
+    LIGHT.iter().rev().take_while(felt).last().copied()
 }
 
 /// Scans of a press that rises from 0.5 N to 1.5 N within a second, at [`RATE`]: what a finger reads at any force
