@@ -4,8 +4,10 @@
 #[path = "../tests/judge/mod.rs"]
 mod judge;
 
+use taxel::frame::Status;
+
 use judge::response::{SWEEP, resolution, response};
-use judge::slip::{false_warnings, grasp, onsets};
+use judge::slip::{Onsets, after_slide, begins, grasp, onsets};
 use judge::{RINGS, With, calibrated, errors, mean, pairs, presses, replay, run};
 
 const DEVICES: [u32; 5] = [11, 12, 13, 14, 15];
@@ -57,21 +59,30 @@ fn main() {
     );
     println!("|---|---|---|---|---|---|---|");
     let withs = [With::Matrix, With::Array, With::Both];
-    let told = records.each_ref().map(|(device, record)| onsets(*device, record, withs));
+    let mut told: [Onsets; 3] = Default::default();
+    records.iter().for_each(|(device, record)| onsets(&mut told, *device, record, withs));
     let (device, record) = &records[0];
     let grasps = [0.2, 0.6, 1.2].map(|mu| grasp(*device, 500, mu, 10.0));
-    for (k, with) in withs.into_iter().enumerate() {
-        let sum = |of: &dyn Fn(&judge::slip::Onsets) -> usize| -> usize {
-            told.iter().map(|told| of(&told[k])).sum()
-        };
-        let [known, unknown] = [true, false]
-            .map(|known| grasps.each_ref().map(|grasp| false_warnings(record, grasp, with, known)));
+    for (with, Onsets { first, later, .. }) in withs.into_iter().zip(&told) {
+        let [known, unknown] = [true, false].map(|known| {
+            grasps.each_ref().map(|grasp| {
+                begins(&after_slide(record, grasp, with, known), Status::SLIP_WARNING).len()
+            })
+        });
         println!(
             "| {with:?} | {} | {} | {} | {} | {known:?} | {unknown:?} |",
-            sum(&|onsets| onsets.first[0]),
-            sum(&|onsets| onsets.first[1]),
-            sum(&|onsets| onsets.later[0]),
-            sum(&|onsets| onsets.later[1])
+            first[0], first[1], later[0], later[1]
+        );
+    }
+    println!("\ngross slip told; ms after it began in 50, 95 and 100 of 100; told before it began");
+    println!("| with | slides | told | ms | early |\n|---|---|---|---|---|");
+    for (with, told) in withs.into_iter().zip(&told) {
+        let [shown, _] = told.all();
+        println!(
+            "| {with:?} | {shown} | {} | {:?} | {} |",
+            told.told.len(),
+            told.delays(),
+            told.early
         );
     }
 

@@ -5,13 +5,18 @@ mod judge;
 
 use judge::page::{NONE, tells};
 use judge::response::{SWEEP, least_felt, resolution, response};
-use judge::slip::{false_warnings, first_touches, grasp, onsets, warnings};
+use judge::slip::{
+    Jerks, Onsets, after_slide, begins, first_touches, grasp, jerks, onsets, shaken, twists,
+};
 use judge::{
     RINGS, Ring, With, calibrated, errors, false_pairs, mean, pairs, presses, replay, run,
     true_torsion, twisted,
 };
+use taxel::frame::Status;
 
 const DEVICES: [u32; 5] = [11, 12, 13, 14, 15];
+/// … of slip.
+const SLIP_DEVICES: [u32; 5] = [17, 18, 19, 20, 21];
 const WITHS: [With; 3] = [With::Matrix, With::Array, With::Both];
 
 #[test]
@@ -175,27 +180,86 @@ fn two_contacts_two_pitches_apart_are_found_on_five_devices() {
 
 #[test]
 fn slip_is_told_20_ms_ahead_in_95_of_100_onsets_known_friction_or_not() {
-    let mut all = [[[0; 2]; 2]; 3];
-    for device in [17, 18, 19, 20, 21] {
-        let told = onsets(device, &calibrated(device), WITHS);
-        for ((with, onsets), all) in WITHS.into_iter().zip(told).zip(&mut all) {
-            println!("{device} {with:?}: {onsets:?}");
-            for (all, one) in all.iter_mut().zip([onsets.first, onsets.later]) {
-                (0..2).for_each(|i| all[i] += one[i]);
-            }
-        }
+    let mut all: [Onsets; 3] = Default::default();
+    let mut sprung: [Jerks; 3] = Default::default();
+    for device in SLIP_DEVICES {
+        let record = calibrated(device);
+        onsets(&mut all, device, &record, WITHS);
+        jerks(&mut sprung, device, &record, WITHS);
     }
-    let enough = |[shown, ahead]: [usize; 2]| ahead * 100 >= shown * 95;
-    let [matrix, array, both] = all;
-    println!("[first, later], [shown, ahead]: {matrix:?} {array:?} {both:?}");
-    let together = |[first, later]: [[usize; 2]; 2]| [first[0] + later[0], first[1] + later[1]];
-    assert!(enough(together(both)), "{both:?}");
-    assert_eq!(both[1][0], both[1][1], "once friction has been felt: {both:?}");
-    assert!(enough(array[1]), "once friction has been felt: {array:?}");
+    for ((with, onsets), jerks) in WITHS.into_iter().zip(&all).zip(&sprung) {
+        let Onsets { first, later, told, early, sliding } = onsets;
+        println!("{with:?}: [shown, warned 20 ms ahead] first {first:?}, later {later:?}");
+        println!("  {} slides told after {:?} ms, {early} early", told.len(), onsets.delays());
+        println!("  [slid, told] {sliding:?} frames; on a spring {jerks:?}");
+    }
+    let [matrix, array, both] = &all;
+    let ahead = |[shown, ahead]: [usize; 2]| ahead as f64 / shown as f64;
+    assert!(ahead(both.all()) > 0.965, "{:?}", both.all());
+    for known in [both.later, array.later] {
+        assert_eq!(known[0], known[1], "once friction has been felt");
+    }
+    // Force sensors see no ring: a new thing they take for one of the usual friction, 1.2 here.
+    assert_eq!(array.first, [80, 20], "new to the force sensors");
     // Asked are 95 of the matrix alone, too: it tells two of three. Where friction is 0.2 or the touch light, what a
     // contact holds is little more than what the matrix tells of shear.
-    let [shown, ahead] = together(matrix);
-    assert!(ahead * 100 >= shown * 60, "matrix alone: {matrix:?}");
+    assert!(ahead(matrix.all()) > 0.63, "matrix alone: {:?}", matrix.all());
+    slides_are_told(&all, &sprung);
+}
+
+/// Gross slip is told by its way, 0.4 mm at 2.5 to 3 mm/s here; what sticks and slips by its sound.
+fn slides_are_told(all: &[Onsets; 3], sprung: &[Jerks; 3]) {
+    // Told of 320 slides; ms within which half, 95 of 100 and all of these were; of 100 frames of slip from there on.
+    // The late ones are the light ones, whose place scatters: the matrix alone hardly tells 0.2 N on friction of 0.2.
+    let bounds =
+        [(304, [160, 600, 1220], 96), (320, [165, 275, 740], 98), (320, [167, 265, 880], 99)];
+    for (onsets, (told, within, share)) in all.iter().zip(bounds) {
+        let Onsets { early, sliding: [slid, said], .. } = *onsets;
+        let (count, delays) = (onsets.told.len(), onsets.delays());
+        assert!(onsets.all()[0] == 320 && count >= told && early == 0, "{count} told, {early}");
+        assert!(delays.iter().zip(within).all(|(ms, most)| *ms <= most), "{delays:?} ms");
+        assert!(said * 100 >= slid * share, "{said} of {slid} frames");
+    }
+    for (jerks, share) in sprung.iter().zip([89, 100, 100]) {
+        let Jerks { told: [shown, told], lingered } = *jerks;
+        assert!(told * 100 >= shown * share && lingered <= 65, "{jerks:?}");
+    }
+}
+
+#[test]
+fn a_twist_of_a_tenth_of_a_newton_millimetre_is_warned_of_where_friction_was_felt() {
+    let [mut all, mut felt, mut new] = [[0; 2]; 3];
+    let add = |sum: &mut [usize; 2], one: [usize; 2]| (0..2).for_each(|i| sum[i] += one[i]);
+    for device in SLIP_DEVICES {
+        for twists in twists(device, &calibrated(device)) {
+            println!("{device} {twists:?}");
+            add(&mut all, twists.known);
+            if twists.holds > 0.1 {
+                add(&mut felt, twists.known);
+            }
+            add(&mut new, twists.unknown);
+        }
+    }
+    println!("[shown, warned 20 ms ahead]: {all:?}, over 0.1 N mm {felt:?}, new {new:?}");
+    // Below, three standard deviations of a moment are too much of what the contact holds.
+    assert_eq!((felt[0], felt[1]), (140, 140));
+    assert_eq!(all[0], 160);
+    // Torsion shows no ring in the matrix: a new thing is taken for one of the usual friction, 1.2 here.
+    assert_eq!(new, [160, 40]);
+}
+
+#[test]
+fn what_shakes_is_not_said_to_slide() {
+    for (device, rate) in [(17, 1000), (19, 500)] {
+        let record = calibrated(device);
+        for (what, acts, most) in shaken() {
+            let samples = run(device, 5, rate, 62.0, 0.6, &acts);
+            let said = WITHS.map(|with| begins(&replay(&record, &samples, with), Status::SLIDES));
+            let said = said.map(|begins| begins.len());
+            println!("{device}, {rate} Hz, {what}: {said:?} slides in a minute");
+            assert!(said.iter().zip(most).all(|(said, most)| *said <= most), "{what}: {said:?}");
+        }
+    }
 }
 
 #[test]
@@ -207,7 +271,7 @@ fn what_was_never_felt_before_is_seldom_warned_of_at_its_first_touch() {
             let counts: Vec<_> = (20..32)
                 .map(|seed| {
                     let touched = first_touches(device, seed, rate, mu);
-                    warnings(&replay(&record, &touched, With::Both)).len()
+                    begins(&replay(&record, &touched, With::Both), Status::SLIP_WARNING).len()
                 })
                 .collect();
             println!("{device}, {rate} Hz, friction {mu}: {counts:?} warnings");
@@ -216,26 +280,27 @@ fn what_was_never_felt_before_is_seldom_warned_of_at_its_first_touch() {
         }
     }
     println!("{warned} warnings in the first 4 s of {touches} grasps");
-    assert!(touches == 108 && warned <= 4, "{warned} of {touches}");
+    assert!(touches == 108 && warned <= 2, "{warned} of {touches}");
 }
 
 #[test]
 fn a_grasp_without_slip_is_left_in_peace() {
-    let (mut minutes, mut all, mut late) = (0.0, [[0; 2]; 3], 0);
-    for (device, rate) in [(17, 1000), (18, 1000), (19, 500)] {
+    let (mut minutes, mut all, mut late, mut slid) = (0.0, [[0; 2]; 3], 0, 0);
+    for (device, rate) in SLIP_DEVICES.into_iter().zip([1000, 1000, 500, 1000, 500]) {
         let record = calibrated(device);
         for mu in [0.2, 0.6, 1.2] {
-            let grasp = grasp(device, rate, mu, 3.0);
-            minutes += 3.0;
+            let grasp = grasp(device, rate, mu, 2.0);
+            minutes += 2.0;
             for (with, all) in WITHS.into_iter().zip(&mut all) {
-                let frames =
-                    [true, false].map(|known| false_warnings(&record, &grasp, with, known));
+                let said = [true, false].map(|known| after_slide(&record, &grasp, with, known));
+                slid += said.iter().map(|said| begins(said, Status::SLIDES).len()).sum::<usize>();
+                let frames = said.map(|said| begins(&said, Status::SLIP_WARNING));
                 if with == With::Both {
                     late += frames[1].iter().filter(|i| **i > rate as usize).count();
                 }
                 let warned = frames.map(|frames| frames.len());
                 println!(
-                    "{device}, {rate} Hz, friction {mu}, {with:?}: {warned:?} warnings in 3 min"
+                    "{device}, {rate} Hz, friction {mu}, {with:?}: {warned:?} warnings in 2 min"
                 );
                 (0..2).for_each(|i| all[i] += warned[i]);
             }
@@ -245,11 +310,12 @@ fn a_grasp_without_slip_is_left_in_peace() {
     // Asked is one in 10 min at most.
     let [matrix, array, both] = all;
     assert_eq!((both[0], array), (0, [0, 0]), "{minutes} min");
-    // A contact whose friction was never felt may be warned of while it is sheared first. These nine grasps begin
+    // A contact whose friction was never felt may be warned of while it is sheared first. These fifteen grasps begin
     // with the same light touch, which most of them are warned of; of others see the test above.
-    assert!(both[1] <= 9, "unknown friction: {} in {minutes} min", both[1]);
+    assert!(both[1] <= 10, "unknown friction: {} in {minutes} min", both[1]);
     assert_eq!(late, 0, "after the first second");
     // The matrix alone tells shear to some 15 mN, where a light touch on friction of 0.2 holds no more than 40 mN:
-    // 90 in 10 min, 120 on unknown friction, nearly none at 1.2.
-    assert!(matrix[0] <= 270 && matrix[1] <= 350, "matrix alone: {matrix:?} in {minutes} min");
+    // 81 in 10 min, 118 on unknown friction, nearly none at 1.2.
+    assert!(matrix[0] <= 243 && matrix[1] <= 356, "matrix alone: {matrix:?} in {minutes} min");
+    assert_eq!(slid, 0, "said to slide, by any of them");
 }

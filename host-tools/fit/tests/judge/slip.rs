@@ -1,66 +1,182 @@
 //! Slip: is it told in time, and is it told where there is none.
 
 use taxel::calibration::Calibration;
+use taxel::estimate::limit_surface::LimitSurface;
 use taxel::finger::Estimate;
 use taxel::frame::Status;
 use taxel_formats::trace::Sample;
 
 use super::{With, replay, run};
 
-/// How many slides began, and before how many of them the warning came 20 ms ahead: the first on a thing of
-/// unknown friction, and the later ones.
-#[derive(Clone, Copy, Debug, Default)]
+/// How slips began, and how they were told.
+#[derive(Clone, Debug, Default)]
 pub struct Onsets {
+    /// Shown, and of them warned of 20 ms ahead: the first on a thing of unknown friction, and the later ones.
     pub first: [usize; 2],
     pub later: [usize; 2],
+    /// Milliseconds from the beginning of gross slip until it was told, of those that were told while they slipped.
+    pub told: Vec<usize>,
+    /// Told before they slipped.
+    pub early: usize,
+    /// Frames of gross slip from the first that told it on, and of these those that told it.
+    pub sliding: [usize; 2],
 }
 
-/// Friction coefficients and loads of the slides.
+/// By then a slide that begins after a second is over.
+const SLID_US: u64 = 3_200_000;
+
+/// Friction coefficients and loads of slides and twists.
 pub const FRICTIONS: [f64; 4] = [0.2, 0.4, 0.8, 1.2];
 pub const LOADS: [f64; 4] = [0.2, 0.5, 1.0, 2.0];
 
-/// Four slides at every friction and load: shear grows for 150 ms until it breaks loose. As each of `with` tells
+/// Adds four slides at every friction and load: shear grows for 150 ms until it breaks loose. As each of `with` tells
 /// the same slides.
-pub fn onsets<const N: usize>(device: u32, record: &Calibration, with: [With; N]) -> [Onsets; N] {
-    let mut outcomes = [Onsets::default(); N];
-    for (mu, load) in FRICTIONS.into_iter().flat_map(|mu| LOADS.map(|load| (mu, load))) {
-        let mut acts = String::new();
-        for i in 0..4 {
-            let (at, y) = (1.0 + 2.2 * f64::from(i), 1.0 - 0.5 * f64::from(i));
-            acts += &format!(
-                "[[slide]]\nat_s = {at}\nfrom_mm = [-1.5, {}]\nto_mm = [1.5, {y}]\nfz_n = {load}\n\
-                 rise_s = 0.2\ntravel_s = 1.5\nfall_s = 0.2\n",
-                -y
-            );
-        }
+pub fn onsets<const N: usize>(
+    all: &mut [Onsets; N],
+    device: u32,
+    record: &Calibration,
+    with: [With; N],
+) {
+    for (mu, load) in scenes() {
+        let acts: String = (0..4).map(|i| slide(1.0 + 2.2 * f64::from(i), i, load)).collect();
         let samples = run(device, 3, 1000, 10.5, mu, &acts);
-        for (outcome, with) in outcomes.iter_mut().zip(with) {
-            outcome.count(&samples, &replay(record, &samples, with));
+        for (all, with) in all.iter_mut().zip(with) {
+            all.count(&samples, &replay(record, &samples, with), 4);
         }
     }
-    outcomes
+}
+
+/// Two twists under one friction and one load, this way and that.
+#[derive(Clone, Debug)]
+pub struct Twists {
+    pub friction: f64,
+    pub load: f64,
+    /// What friction holds, in N·mm.
+    pub holds: f64,
+    /// Shown, and of them warned of 20 ms ahead: where a slide has told the friction before, and where nothing has.
+    pub known: [usize; 2],
+    pub unknown: [usize; 2],
+}
+
+/// Torsion that grows for 150 ms to 1.05 of what friction holds, at every friction and load; matrix and sensors.
+pub fn twists(device: u32, record: &Calibration) -> Vec<Twists> {
+    let both = |(friction, load)| {
+        let holds = LimitSurface::hertz(6.0, 0.236).most_torsion(load as f32, friction as f32);
+        let holds = f64::from(holds);
+        let twist = |at: f64, x: f64, torsion: f64| {
+            format!(
+                "[[press]]\nat_s = {at}\nx_mm = {x}\ny_mm = {}\nfz_n = {load}\ntorsion_nmm = {torsion}\n\
+                 rise_s = 0.2\nhold_s = 0.45\nfall_s = 0.2\n",
+                -x
+            )
+        };
+        let [there, back] = [twist(3.3, -1.5, 1.05 * holds), twist(4.3, 1.5, -1.05 * holds)];
+        let acts = format!("{}{there}{back}", slide(1.0, 0, load));
+        let samples = run(device, 3, 1000, 5.3, friction, &acts);
+        let after = samples.partition_point(|sample| sample.scan.time.0 < SLID_US);
+        let [known, unknown] = [true, false].map(|known| {
+            let mut onsets = Onsets::default();
+            let said = after_slide(record, &samples, With::Both, known);
+            onsets.count(&samples[after..], &said, 2);
+            onsets.all()
+        });
+        Twists { friction, load, holds, known, unknown }
+    };
+    scenes().map(both).collect()
+}
+
+/// How the slips of what sticks and slips were told.
+#[derive(Clone, Debug, Default)]
+pub struct Jerks {
+    /// Shown, and of them told within 30 ms.
+    pub told: [usize; 2],
+    /// The most milliseconds for which one was told after it had ended, until the next.
+    pub lingered: usize,
+}
+
+/// Adds a drag at 3 mm/s under 1 N through a spring at every friction: it sticks for tenths of a second and slips for
+/// hundredths.
+pub fn jerks<const N: usize>(
+    all: &mut [Jerks; N],
+    device: u32,
+    record: &Calibration,
+    with: [With; N],
+) {
+    for mu in FRICTIONS {
+        let acts = format!(
+            "mu_kinetic = {}\n[[slide]]\nat_s = 1\nfrom_mm = [-3, 0.5]\nto_mm = [3, -0.5]\nfz_n = 1\n\
+             rise_s = 0.3\ntravel_s = 2\nfall_s = 0.3\nspring = {{ stiffness_n_mm = 1, mass_g = 20 }}\n",
+            0.6 * mu
+        );
+        let mut samples = run(device, 3, 1000, 4.0, mu, &acts);
+        // Where it is let go it slips too.
+        samples.truncate(3300);
+        let (slips, end) = (|i: usize| samples[i].truth.slip == Some(true), samples.len() - 30);
+        for (all, with) in all.iter_mut().zip(with) {
+            let estimates = replay(record, &samples, with);
+            let slides = |i: &usize| estimates[*i].status.contains(Status::SLIDES);
+            for begun in (1..end).filter(|i| slips(*i) && !slips(i - 1)) {
+                all.told[0] += 1;
+                all.told[1] += usize::from((begun..begun + 30).any(|i| slides(&i)));
+                let over = (begun..end).find(|i| !slips(*i)).unwrap_or(end);
+                let next = (over..end).find(|i| slips(*i)).unwrap_or(end);
+                all.lingered = all.lingered.max((over..next).filter(slides).count());
+            }
+        }
+    }
+}
+
+fn scenes() -> impl Iterator<Item = (f64, f64)> {
+    FRICTIONS.into_iter().flat_map(|mu| LOADS.map(|load| (mu, load)))
+}
+
+/// The `i`th of four ways over the pad.
+fn slide(at: f64, i: i32, load: f64) -> String {
+    let y = 1.0 - 0.5 * f64::from(i);
+    format!(
+        "[[slide]]\nat_s = {at}\nfrom_mm = [-1.5, {}]\nto_mm = [1.5, {y}]\nfz_n = {load}\nrise_s = 0.2\n\
+         travel_s = 1.5\nfall_s = 0.2\n",
+        -y
+    )
 }
 
 impl Onsets {
-    /// Adds the four slides of one scene.
-    fn count(&mut self, samples: &[Sample], estimates: &[Estimate]) {
-        let (mut pressed, mut slides) = (0, 0);
+    /// Adds those of one scene.
+    fn count(&mut self, samples: &[Sample], estimates: &[Estimate], shown: usize) {
+        let said = |i: usize, what| estimates[i].status.contains(what);
+        let slips = |i: usize| samples[i].truth.slip == Some(true);
+        let (mut pressed, mut begun) = (0, 0);
         for i in 1..samples.len() {
-            let truth = |i: usize| &samples[i].truth;
+            let truth = &samples[i].truth;
             // Shear begins where the normal force has come up: a warning before that is a false one.
-            if truth(i).force[0] == Some(0.0) {
+            if (truth.force[0], truth.torsion) == (Some(0.0), Some(0.0)) {
                 pressed = i;
             }
-            if truth(i).slip == Some(true) && truth(i - 1).slip != Some(true) {
-                let warned = |i: usize| estimates[i].status.contains(Status::SLIP_WARNING);
+            if slips(i) && !slips(i - 1) {
+                let warned = |i: usize| said(i, Status::SLIP_WARNING);
                 let ahead = !warned(pressed) && (pressed..=i - 20).any(warned);
-                let counts = if slides == 0 { &mut self.first } else { &mut self.later };
+                let counts = if begun == 0 { &mut self.first } else { &mut self.later };
                 counts[0] += 1;
                 counts[1] += usize::from(ahead);
-                slides += 1;
+                begun += 1;
+                let slid = |i: &usize| said(*i, Status::SLIDES);
+                let end = (i..samples.len()).find(|i| !slips(*i)).unwrap_or(samples.len());
+                self.early += usize::from((pressed..i).any(|i| slid(&i)));
+                if let Some(told) = (i..end).find(slid) {
+                    self.told.push(told - i);
+                    self.sliding[0] += end - told;
+                    self.sliding[1] += (told..end).filter(slid).count();
+                }
             }
         }
-        assert_eq!(slides, 4);
+        assert_eq!(begun, shown);
+    }
+
+    /// Milliseconds within which a share of 50, 95 and 100 in 100 was told, of those that were.
+    pub fn delays(&self) -> [usize; 3] {
+        let mut told = self.told.clone();
+        told.sort_unstable();
+        [50, 95, 100].map(|share| told[(told.len() * share).div_ceil(100) - 1])
     }
 
     /// First and later ones together.
@@ -72,10 +188,8 @@ impl Onsets {
 /// A grasp with up to half of its friction in use, at `rate` frames a second for `minutes`, after one slide that tells
 /// what that friction is.
 pub fn grasp(device: u32, rate: u32, mu: f64, minutes: f64) -> Vec<Sample> {
-    let slide = "[[slide]]\nat_s = 1\nfrom_mm = [-1.5, 0]\nto_mm = [1.5, 0]\nfz_n = 1\nrise_s = 0.2\n\
-                 travel_s = 1.5\nfall_s = 0.2\n";
-    let held = held(3.5, (minutes * 60.0 / 0.4) as u32);
-    run(device, 9, rate, 4.5 + 60.0 * minutes, mu, &format!("{slide}{held}"))
+    let acts = slide(1.0, 2, 1.0) + &held(3.5, (minutes * 60.0 / 0.4) as u32);
+    run(device, 9, rate, 4.5 + 60.0 * minutes, mu, &acts)
 }
 
 /// The first four seconds with a thing of unknown friction; which ones is `seed`'s choice.
@@ -90,20 +204,46 @@ fn held(at: f64, presses: u32) -> String {
     )
 }
 
-/// The frames of a grasp in which a warning begins; `known`: to a finger that has felt the slide before it.
-pub fn false_warnings(
+/// What is said of a grasp after its slide; `known`: by a finger that has felt that.
+pub fn after_slide(
     record: &Calibration,
     grasp: &[Sample],
     with: With,
     known: bool,
-) -> Vec<usize> {
-    let after = grasp.partition_point(|sample| sample.scan.time.0 < 3_200_000);
+) -> Vec<Estimate> {
+    let after = grasp.partition_point(|sample| sample.scan.time.0 < SLID_US);
     let from = if known { 0 } else { after };
-    warnings(&replay(record, &grasp[from..], with)[after - from..])
+    replay(record, &grasp[from..], with).split_off(after - from)
 }
 
-/// The frames in which a warning begins.
-pub fn warnings(estimates: &[Estimate]) -> Vec<usize> {
-    let warned = |i: usize| estimates[i].status.contains(Status::SLIP_WARNING);
-    (1..estimates.len()).filter(|i| warned(*i) && !warned(i - 1)).collect()
+/// The frames in which `what` begins to be said.
+pub fn begins(estimates: &[Estimate], what: Status) -> Vec<usize> {
+    let said = |i: usize| estimates[i].status.contains(what);
+    (1..estimates.len()).filter(|i| said(*i) && !said(i - 1)).collect()
+}
+
+/// A minute each of what shakes and is no slide: in words, as acts, and how many slides matrix, sensors and both may
+/// say it is.
+pub fn shaken() -> [(&'static str, String, [usize; 3]); 4] {
+    let random = |each: f64, roll: f64| {
+        format!(
+            "[[random]]\nat_s = 1\npresses = {}\neach_s = {each}\nx_mm = [-3, 3]\ny_mm = [-3, 3]\n\
+             fz_n = [0.2, 2]\nshear_of_limit = [0, 0.5]\nroll_mm = {roll}\n",
+            (60.0 / each) as u32
+        )
+    };
+    let tap = |i: u32| {
+        let [at, x, y] = [1.0 + 0.3 * f64::from(i), f64::from(i % 7) - 3.0, f64::from(i % 5) - 2.0];
+        let fz = 0.2 + 0.3 * f64::from(i % 6);
+        format!("[[tap]]\nat_s = {at}\nx_mm = {x}\ny_mm = {y}\nfz_n = {fz}\nwidth_s = 0.006\n")
+    };
+    let lamps = format!("[light]\nflicker_ratio = 0.01\n{}", random(0.4, 0.0));
+    [
+        // The matrix at 500 frames a second has 32 of such a press.
+        ("presses of 64 ms", random(0.08, 0.0), [3, 0, 0]),
+        ("taps of 6 ms", (0..200).map(tap).collect(), [0; 3]),
+        ("lamps that flicker by 1 %", lamps, [0; 3]),
+        // A steady shear along the way of a roll is taken for a slide's.
+        ("rolled by up to 2 mm in 0.3 s", random(0.4, 2.0), [3, 2, 2]),
+    ]
 }
