@@ -4,6 +4,8 @@
 use serde::{Deserialize, Serialize};
 use taxel::scan::Scan;
 
+use crate::kinds::KINDS;
+
 /// The next call of a function is measured, from its first instruction to its return. Nothing is added to
 /// what is measured. The parameter points at a [`Call`].
 pub const MEASURE: usize = 0x100;
@@ -60,6 +62,19 @@ pub struct Inputs<'a> {
     pub free: &'a [u8],
     /// Scans of it in contact.
     pub touched: &'a [u8],
+    /// And as it is shipped.
+    pub whole: Whole<'a>,
+}
+
+/// A finger with every section that a default fit writes.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Whole<'a> {
+    /// Its calibration record.
+    #[serde(borrow)]
+    pub record: &'a [u8],
+    /// A run of scans for each of the [`KINDS`], the first of which sees nothing.
+    #[serde(borrow)]
+    pub runs: [&'a [u8]; KINDS.len()],
 }
 
 impl<'a> Inputs<'a> {
@@ -74,7 +89,8 @@ impl<'a> Inputs<'a> {
     }
 }
 
-fn scans(mut bytes: &[u8]) -> impl Iterator<Item = Scan> + Clone {
+/// Those in `bytes`, in postcard one after the other.
+pub fn scans(mut bytes: &[u8]) -> impl Iterator<Item = Scan> + Clone {
     core::iter::from_fn(move || {
         let (scan, rest) = postcard::take_from_bytes(bytes).ok()?;
         bytes = rest;

@@ -3,6 +3,7 @@
 #![no_std]
 
 pub mod host;
+pub mod kinds;
 mod stages;
 
 use serde::Serialize;

@@ -6,6 +6,7 @@ mod nets;
 mod papers;
 mod product;
 mod touch;
+mod whole;
 
 use taxel::calibration::Calibration;
 use taxel::condition::{Bias, Levels, NoiseWatch, Signals, Warmth};
@@ -29,6 +30,7 @@ pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {
     let Ok(calibration) = Calibration::from_bytes(inputs.record) else { return };
     frame::stages(inputs, &calibration, meter);
     product::stages(inputs, &calibration, meter);
+    whole::stages(&inputs.whole, meter);
     conditioning(inputs, &calibration, meter);
     estimators(inputs, &calibration, meter);
     nets::stages(signals(inputs, &calibration.bias()).filter_map(|s| s.taxels), meter);

@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
-use cycles::host::Inputs;
+use cycles::host::{Inputs, Whole};
+use cycles::kinds::KINDS;
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::condition::Levels;
 use taxel::wire::message::Command;
@@ -52,6 +53,9 @@ struct Seen {
     /// Trace CSV with a `contact` column
     #[arg(long)]
     scans: PathBuf,
+    /// Folder of a finger as it is shipped: its calibration, and a trace for each kind of scene
+    #[arg(long)]
+    whole: PathBuf,
 }
 
 #[derive(Args)]
@@ -160,7 +164,7 @@ fn serve(arguments: &Serve) -> Result<()> {
     };
     let scene = samples.iter().map(|sample| in_12_bits(sample.scan.codes)).collect();
     let finger = Finger::new(scene, pace);
-    let board = Board::new(arguments.board, &read(&arguments.image)?, finger, Host::new(false))?;
+    let board = Board::new(arguments.board, &bytes(&arguments.image)?, finger, Host::new(false))?;
     let mut server = Server::new(board, &arguments.listen, arguments.replay)?;
     println!("{}", server.greeting()?);
     server.serve()
@@ -168,7 +172,7 @@ fn serve(arguments: &Serve) -> Result<()> {
 
 /// Lets the board run with nobody at its port; says how fast that was.
 fn run_board(arguments: &RunBoard) -> Result<()> {
-    let elf = read(&arguments.image)?;
+    let elf = bytes(&arguments.image)?;
     let host = Host::new(arguments.pcap.is_some());
     let mut board = Board::new(arguments.board, &elf, Finger::new(Vec::new(), Pace::Scans), host)?;
     let timed = [&arguments.timing, &arguments.vcd, &arguments.diagram];
@@ -213,11 +217,11 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
 
 /// Calibrated, with every scan of the trace in turn, an ordinary client at the port.
 fn profile_board(arguments: &Profile) -> Result<()> {
-    let (_, record, _) = arguments.seen.read()?;
+    let (_, record) = recorded(&arguments.seen.calibration)?;
     let scans = TraceReader::open(&arguments.seen.scans)?;
     let scans = scans.map(|sample| Ok(in_12_bits(sample?.scan.codes)));
     let finger = Finger::new(scans.collect::<Result<_>>()?, Pace::Scans);
-    let board = Board::new(Model::G431, &read(&arguments.image)?, finger, Host::new(false))?;
+    let board = Board::new(Model::G431, &bytes(&arguments.image)?, finger, Host::new(false))?;
     let profiler = Profiler::new(&arguments.image)?;
     let mut session = Session::open(board)?;
     session.upload(&record)?;
@@ -248,28 +252,59 @@ fn main() -> ExitCode {
     }
 }
 
+/// What the stages' inputs are read into.
+struct Read {
+    calibration: Calibration,
+    record: Vec<u8>,
+    free: Vec<u8>,
+    touched: Vec<u8>,
+    whole: Vec<u8>,
+    runs: [Vec<u8>; KINDS.len()],
+}
+
 impl Seen {
-    /// The calibration, its record, and the scans in postcard: without contact, and in contact.
-    fn read(&self) -> Result<(Calibration, Vec<u8>, [Vec<u8>; 2])> {
-        let calibration = taxel_formats::calibration::read(&self.calibration)?;
-        let mut record = [0; MAX_BYTES];
-        let record = match calibration.to_bytes(&mut record) {
-            Ok(record) => record.to_vec(),
-            Err(error) => bail!("{}: {error:?}", self.calibration.display()),
-        };
-        Ok((calibration, record, scans(&self.scans)?))
+    fn read(&self) -> Result<Read> {
+        let (calibration, record) = recorded(&self.calibration)?;
+        let [free, touched] = scans(&self.scans)?;
+        let (_, whole) = recorded(&self.whole.join("finger.cal.toml"))?;
+        let mut runs = KINDS.map(|_| Vec::new());
+        for (run, kind) in runs.iter_mut().zip(KINDS) {
+            let path = self.whole.join(kind.name.replace(' ', "-")).with_extension("csv");
+            for sample in TraceReader::open(&path)? {
+                run.extend(postcard::to_stdvec(&sample?.scan)?);
+            }
+        }
+        Ok(Read { calibration, record, free, touched, whole, runs })
+    }
+}
+
+impl Read {
+    fn inputs(&self) -> Inputs<'_> {
+        let Self { record, free, touched, whole, runs, .. } = self;
+        let runs = runs.each_ref().map(Vec::as_slice);
+        Inputs { record, free, touched, whole: Whole { record: whole, runs } }
+    }
+}
+
+/// A calibration and its record.
+fn recorded(path: &Path) -> Result<(Calibration, Vec<u8>)> {
+    let calibration = taxel_formats::calibration::read(path)?;
+    let mut record = [0; MAX_BYTES];
+    match calibration.to_bytes(&mut record) {
+        Ok(record) => Ok((calibration, record.to_vec())),
+        Err(error) => bail!("{}: {error:?}", path.display()),
     }
 }
 
 fn compare_with(arguments: &Peers) -> Result<()> {
-    let (calibration, record, [free, touched]) = arguments.seen.read()?;
-    let inputs = Inputs { record: &record, free: &free, touched: &touched };
-    let (net, bias) = (cycles::papers_net(), calibration.bias());
+    let read = arguments.seen.read()?;
+    let inputs = read.inputs();
+    let (net, bias) = (cycles::papers_net(), read.calibration.bias());
     let signals: Vec<_> = inputs
         .touched()
         .filter_map(|scan| bias.apply(&Levels::read(&scan.codes), None).taxels)
         .collect();
-    let stages = bench::run(&read(&arguments.image)?, &inputs, |_, _| {})?;
+    let stages = bench::run(&bytes(&arguments.image)?, &inputs, |_, _| {})?;
     let own = |name: &str| {
         let stage = stages.iter().find(|stage| stage.name == name);
         stage.with_context(|| format!("the image has no {name}"))
@@ -281,7 +316,7 @@ fn compare_with(arguments: &Peers) -> Result<()> {
     ];
     for peer in &arguments.peers {
         let (with, elf) = peer.rsplit_once('=').context("--peer: expected WITH=ELF")?;
-        all.extend(peers::run(&read(Path::new(elf))?, with, &net, &signals)?);
+        all.extend(peers::run(&bytes(Path::new(elf))?, with, &net, &signals)?);
     }
     for peer in &all {
         let (cycles, instructions) = (peer.worst.cycles, peer.worst.instructions);
@@ -296,9 +331,9 @@ fn compare_with(arguments: &Peers) -> Result<()> {
 }
 
 fn count(arguments: &Cycles) -> Result<()> {
-    let elf = read(&arguments.image)?;
-    let (_, record, [free, touched]) = arguments.seen.read()?;
-    let inputs = Inputs { record: &record, free: &free, touched: &touched };
+    let elf = bytes(&arguments.image)?;
+    let read = arguments.seen.read()?;
+    let inputs = read.inputs();
     let profiler = arguments.profile.then(|| Profiler::new(&arguments.image)).transpose()?;
     let wanted = |name: &str| name.contains(&arguments.filter);
     let stages = bench::run(&elf, &inputs, |stage, clock| {
@@ -325,7 +360,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     std::fs::write(path, bytes).with_context(|| format!("{}: not written", path.display()))
 }
 
-fn read(path: &Path) -> Result<Vec<u8>> {
+fn bytes(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).with_context(|| path.display().to_string())
 }
 

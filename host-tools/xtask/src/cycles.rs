@@ -156,6 +156,7 @@ pub fn emulator(task: &str, image: &Path) -> Command {
     command.args(["--", task]).arg(image);
     command.arg("--calibration").arg(directory().join("data/finger.cal.toml"));
     command.arg("--scans").arg(directory().join("data/scans.csv"));
+    command.arg("--whole").arg(directory().join("data/whole"));
     command
 }
 

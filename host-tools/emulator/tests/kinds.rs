@@ -1,0 +1,43 @@
+//! The runs that tell what each kind of scene costs are of their kinds, from the first scan that is to the last.
+
+use std::path::{Path, PathBuf};
+
+use cycles::kinds::KINDS;
+use taxel::finger::Finger;
+use taxel::frame::Status;
+use taxel_formats::trace::TraceReader;
+
+fn whole() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/whole")
+}
+
+#[test]
+fn a_run_is_of_its_kind_once_it_has_begun() {
+    let record = taxel_formats::calibration::read(whole().join("finger.cal.toml")).unwrap();
+    let sections = [
+        record.taxels.is_some(),
+        record.force.is_some(),
+        record.model.is_some(),
+        record.array.is_some(),
+        record.slip.is_some(),
+        record.warmth.is_some(),
+        record.sensors.iter().all(Option::is_some),
+    ];
+    assert_eq!(sections, [true; 7]);
+    let finger = Finger::new(Some(record)).0;
+    for kind in KINDS {
+        let path = whole().join(kind.name.replace(' ', "-")).with_extension("csv");
+        let mut state = finger.restarted();
+        let statuses: Vec<Status> = TraceReader::open(&path)
+            .unwrap()
+            .map(|sample| finger.estimate(&mut state, &sample.unwrap().scan).status)
+            .collect();
+        let of_kind: Vec<_> = statuses.iter().skip_while(|status| !kind.holds(**status)).collect();
+        assert!(of_kind.len() >= 32, "{}: {} scans", kind.name, of_kind.len());
+        assert!(of_kind.iter().all(|status| kind.holds(**status)), "{}: {statuses:?}", kind.name);
+        // Warmth is taken off in all of them, and whoever touches is judged for slip.
+        let all = if kind.name == "no contact" { Status(0) } else { Status::RAN_SLIP };
+        let all = Status(all.0 | Status::RAN_WARMTH.0 | Status::RAN_SENSORS.0);
+        assert!(of_kind.iter().all(|status| status.contains(all)), "{}: {statuses:?}", kind.name);
+    }
+}
