@@ -29,7 +29,7 @@ use crate::units::{Micros, NewtonMillimetres};
 use matrix::{Look, MatrixState, Seen};
 pub use matrix::{PLACE_ERROR, SKIN_ERROR};
 use together::{Felt, Fused, Grip, GripState};
-use untouched::Untouched;
+use untouched::untouched;
 
 /// The coefficients of one finger. Nothing in here changes from scan to scan.
 #[derive(Clone, Debug, Default)]
@@ -281,32 +281,14 @@ impl Finger {
         if contact {
             self.touched(estimate, state, &scan.codes, slip);
         } else {
-            self.untouched(estimate, state, &scan.codes, slip.err());
+            state.matrix = MatrixState::default();
+            let no_slip = slip.err();
+            state.grip.release();
+            untouched(record, &scan.codes, no_slip, estimate);
         }
         let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
         let uncalibrated = lacks(&estimate.force) && estimate.sensors.iter().all(lacks);
         flag(&mut estimate.status, Status::UNCALIBRATED, uncalibrated);
-    }
-
-    /// What no estimator has to run for.
-    fn untouched(
-        &self,
-        estimate: &mut Estimate,
-        state: &mut FingerState,
-        codes: &Codes,
-        no_slip: Option<NoValue>,
-    ) {
-        let Estimate { signals, sensors, .. } = &*estimate;
-        let Untouched { force, point, contacts, torsion } =
-            Untouched::of(self.calibration.as_ref(), signals, codes, sensors);
-        state.matrix = MatrixState::default();
-        state.grip.release();
-        estimate.force = force;
-        estimate.point = Err(point);
-        estimate.slip = Err(no_slip.unwrap_or(NoValue::NoContact));
-        estimate.torsion = Err(torsion);
-        estimate.contacts = Err(contacts);
-        estimate.uncertainty = Err(NoValue::NoContact);
     }
 
     #[inline(never)]
@@ -348,26 +330,47 @@ impl Finger {
         forces: &mut [Force; SENSORS],
         status: &mut Status,
     ) {
-        let channels = signals.bridges.iter().zip(&codes.bridges);
-        for (i, (force, (signal, scanned))) in forces.iter_mut().zip(channels).enumerate() {
-            let calibration = self.calibration.as_ref().and_then(|c| c.sensors.get(i)?.as_ref());
-            *force = match (signal, calibration) {
-                (Some(signal), Some(calibration)) => {
-                    if signals.health.bridge_faults >> i & 1 == 1 {
-                        Force::none(NoValue::DeadChannel)
-                    } else if within(&calibration.range, signal) {
-                        status.set(Status::RAN_SENSORS);
-                        let [x, y, z] = calibration.sensitivity.force(*signal);
-                        Force::known(x, y, z)
-                    } else {
-                        status.set(Status::OUT_OF_RANGE);
-                        Force::none(NoValue::OutOfTrainedRange)
-                    }
-                }
-                _ => Force::none(missing(scanned.is_some())),
-            };
+        // No loop, which would stay one.
+        let [first, second, third, fourth] = forces;
+        self.sensor_force(0, codes, signals, first, status);
+        self.sensor_force(1, codes, signals, second, status);
+        self.sensor_force(2, codes, signals, third, status);
+        self.sensor_force(3, codes, signals, fourth, status);
+    }
+
+    #[inline(always)]
+    fn sensor_force(
+        &self,
+        i: usize,
+        codes: &Codes,
+        signals: &Signals,
+        force: &mut Force,
+        status: &mut Status,
+    ) {
+        let calibration = self.calibration.as_ref().and_then(|c| c.sensors.get(i)?.as_ref());
+        let signal = signals.bridges.get(i).and_then(Option::as_ref);
+        let (Some(signal), Some(calibration)) = (signal, calibration) else {
+            let scanned = codes.bridges.get(i).is_some_and(Option::is_some);
+            return withhold(force, missing(scanned));
+        };
+        if signals.health.bridge_faults >> i & 1 == 1 {
+            withhold(force, NoValue::DeadChannel);
+        } else if within(&calibration.range, signal) {
+            status.set(Status::RAN_SENSORS);
+            let [x, y, z] = calibration.sensitivity.force(*signal);
+            *force = Force::known(x, y, z);
+        } else {
+            status.set(Status::OUT_OF_RANGE);
+            withhold(force, NoValue::OutOfTrainedRange);
         }
     }
+}
+
+/// Apart, so that a force that is known is written without a word of what it would lack.
+#[cold]
+#[inline(never)]
+fn withhold(force: &mut Force, reason: NoValue) {
+    *force = Force::none(reason);
 }
 
 /// Apart, because what it may hand back is large, rare, and would be copied with every scan.

@@ -140,6 +140,7 @@ impl Instrument {
 
     /// The frame that is due of `scan`, the last one.
     #[must_use]
+    #[inline(always)]
     pub fn frame<'s>(&'s self, scan: &'s Scan) -> FrameRef<'s> {
         self.estimate.frame(&scan.codes, self.seq.wrapping_sub(1), self.fields)
     }

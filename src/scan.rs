@@ -19,6 +19,13 @@ pub const SENSORS: usize = 4;
 /// Taxel spacing of the 4×4 finger.
 pub const PITCH: Millimetres = Millimetres(2.5);
 
+/// Centres of the columns along x, and of the rows along y: the matrix is square, and centred.
+pub const CENTRES: [Millimetres; COLS] = [centre(0), centre(1), centre(2), centre(3)];
+
+const fn centre(i: usize) -> Millimetres {
+    Millimetres((i as f32 - 1.5) * PITCH.0)
+}
+
 /// Centre of each taxel in the finger's frame: x to the right along a row, y along the columns, the
 /// origin in the middle of the matrix.
 #[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
@@ -26,10 +33,7 @@ pub const TAXEL_CENTRES: [[Millimetres; 2]; TAXELS] = {
     let mut centres = [[Millimetres(0.0); 2]; TAXELS];
     let mut k = 0;
     while k < TAXELS {
-        centres[k] = [
-            Millimetres(((k % COLS) as f32 - 1.5) * PITCH.0),
-            Millimetres(((k / COLS) as f32 - 1.5) * PITCH.0),
-        ];
+        centres[k] = [centre(k % COLS), centre(k / COLS)];
         k += 1;
     }
     centres

@@ -1,9 +1,9 @@
 //! Codes become signals in one pass, without levels in between: to the bit what the steps say one after the
 //! other, in half of their cycles.
 
-use super::levels::{BridgeLimits, any_sign, clipped, light, lost, reaches, read_bridge};
-use super::{Bias, Health, Levels, Signals, TaxelLevels, Warm};
-use crate::scan::{COLS, Codes, TAXELS, TaxelCodes};
+use super::levels::{BridgeLevels, BridgeLimits, any_sign, lost, outputs};
+use super::{Bias, Health, Levels, Signals, TaxelLevels, Warm, Warmth};
+use crate::scan::{COLS, Codes, SENSORS, TAXELS, TaxelCodes};
 use crate::units::Code;
 
 impl Bias {
@@ -19,44 +19,50 @@ impl Bias {
         let (Some(taxels), Some(bias)) = (&codes.taxels, &self.taxels) else {
             return self.by_levels(codes, healthy, warm, signals);
         };
-        signals.health = Health::default();
         let step = codes.full_scale.step().0;
         let change = warm.map(|(warmth, level)| (warmth, warmth.change(level)));
         let brighter = change.map_or(1.0, |(warmth, change)| warmth.brighter(change));
-        let unloaded = healthy.unwrap_or(&bias.level);
+        let levels = [&bias.level, healthy.unwrap_or(&bias.level)];
         let c = signals.taxels.get_or_insert([0.0; TAXELS]);
-        let limit = codes.full_scale.clipped();
-        let levels = [&bias.level, unloaded];
-        let [high, dark] = matrix(taxels, levels, [step, brighter], limit, c);
-        if any_sign(high) {
-            signals.health.saturated = clipped(taxels, codes.full_scale);
+        if !matrix(taxels, levels, c, [step, brighter], codes.full_scale.clipped()) {
+            return self.by_levels(codes, healthy, warm, signals);
         }
-        if any_sign(dark) {
-            signals.health.dead = dead(codes, unloaded, warm);
-        }
-        let limits = BridgeLimits::new(codes.full_scale);
-        for (i, ((signal, midpoints), bias)) in
-            signals.bridges.iter_mut().zip(&codes.bridges).zip(&self.bridges).enumerate()
-        {
-            let Some(midpoints) = midpoints else {
-                *signal = None;
-                continue;
-            };
-            let (mut u, intact) = read_bridge(midpoints, &limits, step);
-            signals.health.bridge_faults |= u8::from(!intact) << i;
-            if let Some((offset, change)) =
-                change.and_then(|(warmth, change)| Some((warmth.offset.get(i)?, change)))
-            {
-                u.iter_mut().zip(offset).for_each(|(u, offset)| *u -= offset * change);
-            }
-            *signal = bias.as_ref().map(|bias| {
-                u.iter_mut().zip(bias.level).for_each(|(u, b)| *u -= b);
-                u
-            });
-        }
+        let bridge_faults = self.bridges(codes, step, change, &mut signals.bridges);
+        signals.health = Health { bridge_faults, ..Health::default() };
     }
 
-    /// The long way, for a finger without a matrix or without a bias of it.
+    /// Puts the signals of the bridges; a bit for each that is at fault.
+    #[inline(never)]
+    fn bridges(
+        &self,
+        codes: &Codes,
+        step: f32,
+        change: Option<(&Warmth, f32)>,
+        signals: &mut [Option<BridgeLevels>; SENSORS],
+    ) -> u8 {
+        let mut faults = 0;
+        let limits = BridgeLimits::new(codes.full_scale);
+        let channels = codes.bridges.iter().zip(&self.bridges);
+        for (i, (signal, (midpoints, bias))) in signals.iter_mut().zip(channels).enumerate() {
+            *signal = midpoints.as_ref().and_then(|midpoints| {
+                if !limits.hold(midpoints) {
+                    faults |= 1 << i;
+                }
+                let mut u = outputs(midpoints, step);
+                if let Some((warmth, change)) = change
+                    && let Some(offset) = warmth.offset.get(i)
+                {
+                    u.iter_mut().zip(offset).for_each(|(u, offset)| *u -= offset * change);
+                }
+                let bias = bias.as_ref()?;
+                u.iter_mut().zip(bias.level).for_each(|(u, b)| *u -= b);
+                Some(u)
+            });
+        }
+        faults
+    }
+
+    /// The long way, for a finger without a matrix or without a bias of it, and for a matrix with a fault.
     #[cold]
     #[inline(never)]
     fn by_levels(
@@ -70,45 +76,46 @@ impl Bias {
     }
 }
 
-/// Puts the signals of the matrix; signs where a code may be clipped, and where a taxel has lost its light.
-/// Apart, so that what a taxel needs stays in registers.
+/// Puts the signals of the matrix. `false` where a code may be clipped or a taxel has lost its light, with which it
+/// goes no further. Apart, so that what a taxel needs stays in registers.
 #[inline(never)]
 fn matrix(
     codes: &TaxelCodes,
     [bias, unloaded]: [&TaxelLevels; 2],
+    signals: &mut TaxelLevels,
     [step, brighter]: [f32; 2],
     limit: Code,
-    signals: &mut TaxelLevels,
-) -> [u32; 2] {
-    // Two passes, each of which needs few registers.
-    let mut high = codes.dark.iter().fold(0, |signs, dark| signs | reaches(limit, *dark));
-    let rows = signals.as_chunks_mut::<COLS>().0.iter_mut().zip(&codes.lit);
-    for (levels, lit) in rows {
-        for (level, (lit, dark)) in levels.iter_mut().zip(lit.iter().zip(&codes.dark)) {
-            high |= reaches(limit, *lit);
-            *level = light(*lit, *dark, step) * brighter;
+) -> bool {
+    if codes.dark.iter().any(|dark| *dark >= limit) {
+        return false;
+    }
+    let dark = codes.dark.map(|code| f32::from(code.0));
+    let levels = bias.as_chunks::<COLS>().0.iter().zip(unloaded.as_chunks::<COLS>().0);
+    let rows = signals.as_chunks_mut::<COLS>().0.iter_mut().zip(&codes.lit).zip(levels);
+    for ((signals, lit), (bias, unloaded)) in rows {
+        if lit.iter().any(|lit| *lit >= limit) {
+            return false;
+        }
+        let mut signs = 0;
+        let levels = bias.iter().zip(unloaded);
+        let taxels = signals.iter_mut().zip(lit.iter().zip(dark)).zip(levels);
+        for ((signal, (lit, dark)), (bias, unloaded)) in taxels {
+            let level = (f32::from(lit.0) - dark) * step * brighter;
+            signs |= lost(level, *unloaded);
+            *signal = bias - level;
+        }
+        if any_sign(signs) {
+            return false;
         }
     }
-    let mut dark = 0;
-    for (level, (bias, unloaded)) in signals.iter_mut().zip(bias.iter().zip(unloaded)) {
-        dark |= lost(*level, *unloaded);
-        *level = bias - *level;
-    }
-    [high, dark]
-}
-
-/// Which they are.
-#[cold]
-#[inline(never)]
-fn dead(codes: &Codes, unloaded: &TaxelLevels, warm: Option<Warm<'_>>) -> u16 {
-    Levels::at_reference(codes, warm).dead(Some(unloaded))
+    true
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::condition::{BridgeBias, PER_KELVIN, TaxelBias, Warmth};
-    use crate::scan::{Midpoints, SENSORS};
+    use crate::condition::{BridgeBias, PER_KELVIN, TaxelBias};
+    use crate::scan::Midpoints;
     use crate::units::FullScale;
     use proptest::prelude::*;
 

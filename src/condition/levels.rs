@@ -54,9 +54,8 @@ impl Levels {
         let limits = BridgeLimits::new(codes.full_scale);
         for (i, (level, midpoints)) in levels.bridges.iter_mut().zip(&codes.bridges).enumerate() {
             if let Some(midpoints) = midpoints {
-                let (outputs, intact) = read_bridge(midpoints, &limits, step);
-                levels.health.bridge_faults |= u8::from(!intact) << i;
-                *level = Some(outputs);
+                levels.health.bridge_faults |= u8::from(!limits.hold(midpoints)) << i;
+                *level = Some(outputs(midpoints, step));
             }
         }
         levels
@@ -124,17 +123,22 @@ fn read_taxels(codes: &TaxelCodes, step: f32) -> TaxelLevels {
     levels
 }
 
-/// A sign where a code is one that may have been clipped.
+/// The highest code that was not clipped.
+pub(super) fn highest_sound(full_scale: FullScale) -> u32 {
+    u32::from(full_scale.clipped().0).saturating_sub(1)
+}
+
+/// A sign where a code is higher.
 #[inline(always)]
-pub(super) fn reaches(limit: Code, code: Code) -> u32 {
-    u32::from(limit.0).wrapping_sub(u32::from(code.0) + 1)
+pub(super) fn beyond(highest: u32, code: Code) -> u32 {
+    highest.wrapping_sub(u32::from(code.0))
 }
 
 /// Taxels whose lit or dark code may have been clipped.
-pub(super) fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
+fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
     let all = codes.lit.as_flattened().iter().chain(&codes.dark);
-    let limit = full_scale.clipped();
-    if !any_sign(all.fold(0, |signs, code| signs | reaches(limit, *code))) {
+    let highest = highest_sound(full_scale);
+    if !any_sign(all.fold(0, |signs, code| signs | beyond(highest, *code))) {
         return 0;
     }
     let pairs = codes.lit.iter().flat_map(|row| row.iter().zip(&codes.dark));
@@ -156,26 +160,26 @@ impl BridgeLimits {
         let (rail, common) = (top.div_ceil(MIDPOINT_MARGIN), 4 * top / COMMON_MARGIN);
         Self { lowest: rail, highest: top - rail, least: 2 * top - common, most: 2 * top + common }
     }
+
+    /// The bridge is intact.
+    #[inline(always)]
+    pub fn hold(&self, midpoints: &Midpoints) -> bool {
+        let codes = [midpoints.a, midpoints.b, midpoints.c, midpoints.d];
+        let [a, b, c, d] = codes.map(|code| u32::from(code.0));
+        // One comparison each: what is below wraps.
+        let within = |v: u32, low: u32, high: u32| v.wrapping_sub(low) <= high.wrapping_sub(low);
+        [a, b, c, d].into_iter().all(|v| within(v, self.lowest, self.highest))
+            && within(a + b + c + d, self.least, self.most)
+    }
 }
 
 /// 003 eqs (1.10)–(1.12) before the amplifiers: u_x = V_B − V_A, u_y = V_C − V_D,
 /// u_z = (V_A + V_B) − (V_C + V_D). The amplifiers' gains are in S.
 #[inline(always)]
-pub(super) fn read_bridge(
-    midpoints: &Midpoints,
-    limits: &BridgeLimits,
-    step: f32,
-) -> (BridgeLevels, bool) {
-    let [a, b, c, d] =
-        [midpoints.a, midpoints.b, midpoints.c, midpoints.d].map(|code| u32::from(code.0));
-    // Signs again: eighteen bits are compared in 32.
-    let outside = |v: u32, low: u32, high: u32| v.wrapping_sub(low) | high.wrapping_sub(v);
-    let rails = [a, b, c, d].into_iter();
-    let rails = rails.fold(0, |signs, v| signs | outside(v, limits.lowest, limits.highest));
-    let faulty = any_sign(rails | outside(a + b + c + d, limits.least, limits.most));
-    let [a, b, c, d] = [a, b, c, d].map(|code| code as i32);
-    let outputs = [b - a, c - d, (a + b) - (c + d)].map(|codes| codes as f32 * step);
-    (outputs, !faulty)
+pub(super) fn outputs(midpoints: &Midpoints, step: f32) -> BridgeLevels {
+    let codes = [midpoints.a, midpoints.b, midpoints.c, midpoints.d];
+    let [a, b, c, d] = codes.map(|code| i32::from(code.0));
+    [b - a, c - d, (a + b) - (c + d)].map(|codes| codes as f32 * step)
 }
 
 #[cfg(test)]
@@ -230,17 +234,15 @@ mod tests {
     fn bridge_outputs_follow_the_thesis_and_an_open_arm_is_a_fault() {
         let midpoints = Midpoints { a: Code(1000), b: Code(1100), c: Code(1300), d: Code(1250) };
         let full_scale = FullScale::new(2000).unwrap();
-        let read = |midpoints: &Midpoints| {
-            read_bridge(midpoints, &BridgeLimits::new(full_scale), full_scale.step().0)
-        };
-        let ([x, y, z], intact) = read(&midpoints);
-        assert!(intact);
+        let limits = BridgeLimits::new(full_scale);
+        let [x, y, z] = outputs(&midpoints, full_scale.step().0);
+        assert!(limits.hold(&midpoints));
         assert!((x - 100.0 / 2000.0).abs() < 1e-6);
         assert!((y - 50.0 / 2000.0).abs() < 1e-6);
         assert!((z - (2100.0 - 2550.0) / 2000.0).abs() < 1e-6);
         let open = Midpoints { c: Code(1990), ..midpoints };
-        assert!(!read(&open).1);
+        assert!(!limits.hold(&open));
         let starved = Midpoints { a: Code(780), b: Code(780), c: Code(790), d: Code(790) };
-        assert!(!read(&starved).1);
+        assert!(!limits.hold(&starved));
     }
 }

@@ -76,14 +76,15 @@ impl StuckWatch {
             return;
         };
         let first = *first.get_or_insert(now);
+        let mut moved = 0;
         for (i, (now, first)) in now.into_iter().zip(first).enumerate() {
-            let bit = 1 << (COLS * group + i);
-            self.present |= bit;
             // A code at a rail may rest there; other flags tell of it.
             if now != first || now.0 == 0 || codes.full_scale.clips(now) {
-                self.moved |= bit;
+                moved |= 1 << i;
             }
         }
+        self.present |= ALL << (COLS * group);
+        self.moved |= moved << (COLS * group);
     }
 
     /// Of the channels in `kind`. Where fewer than three quarters moved, only those that did are known

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ContactPoint;
 use crate::measured::{Measured, NoValue};
-use crate::scan::{TAXEL_CENTRES, TAXELS};
+use crate::scan::{CENTRES, COLS, TAXEL_CENTRES, TAXELS};
 use crate::units::Millimetres;
 
 /// How the contact point is found.
@@ -56,6 +56,7 @@ pub fn arg_min(c: &[f32; TAXELS], skip: u16) -> Measured<ContactPoint> {
 /// # Errors
 /// [`NoValue::IllConditioned`] when the weights sum to less than `least`, so that the quotient would be
 /// noise.
+#[inline(always)]
 pub fn centroid(c: &[f32; TAXELS], skip: u16, least: f32) -> Measured<ContactPoint> {
     let sound;
     let c = if skip == 0 {
@@ -65,14 +66,16 @@ pub fn centroid(c: &[f32; TAXELS], skip: u16, least: f32) -> Measured<ContactPoi
         &sound
     };
     let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
-    for (c, centre) in c.iter().zip(&TAXEL_CENTRES) {
-        // The sign is a bit: what is not nearer counts as zero, for less than asking costs.
-        let nearer = f32::from_bits(c.to_bits() & (c.to_bits() as i32 >> 31) as u32);
-        sum -= nearer;
-        x -= nearer * centre[0].0;
-        y -= nearer * centre[1].0;
+    for (row, row_y) in c.as_chunks::<COLS>().0.iter().zip(&CENTRES) {
+        for (c, column_x) in row.iter().zip(&CENTRES) {
+            // The sign is a bit: what is not nearer counts as zero, for less than asking costs.
+            let nearer = f32::from_bits(c.to_bits() & (c.to_bits() as i32 >> 31) as u32);
+            sum -= nearer;
+            x -= nearer * column_x.0;
+            y -= nearer * row_y.0;
+        }
     }
-    if sum > least.max(f32::MIN_POSITIVE) {
+    if sum > least && sum > f32::MIN_POSITIVE {
         Ok(ContactPoint { x: Millimetres(x / sum), y: Millimetres(y / sum) })
     } else {
         Err(NoValue::IllConditioned)

@@ -111,10 +111,11 @@ pub(super) struct Fused {
 
 impl Fused {
     pub(super) fn of(seen: &Seen, felt: &Felt, status: &mut Status) -> Self {
+        let mut join = |seen: &mut _, felt: &_| *seen = join(*seen, *felt, status);
         let mut force = seen.force;
-        force.iter_mut().zip(&felt.force).for_each(|(seen, felt)| join(seen, felt, status));
+        force.iter_mut().zip(&felt.force).for_each(|(seen, felt)| join(seen, felt));
         let [mut place, along] = [axes(&seen.point), axes(&felt.point)];
-        place.iter_mut().zip(&along).for_each(|(seen, felt)| join(seen, felt, status));
+        place.iter_mut().zip(&along).for_each(|(seen, felt)| join(seen, felt));
         let value = |of: Uncertain| of.value;
         let sigma = |of: Uncertain| of.sigma;
         Self {
@@ -137,27 +138,33 @@ impl Fused {
     }
 }
 
-/// Leaves in `seen` what matrix and array say together: where the array says nothing, no more than it did.
+/// What matrix and array say together: where the array says nothing, what the matrix does.
 #[inline(always)]
-fn join(seen: &mut Measured<Uncertain>, felt: &Measured<Uncertain>, status: &mut Status) {
-    if felt.is_ok() || *seen == Err(NoValue::Absent) {
-        meet(seen, felt, status);
-    }
+fn join(
+    seen: Measured<Uncertain>,
+    felt: Measured<Uncertain>,
+    status: &mut Status,
+) -> Measured<Uncertain> {
+    if felt.is_ok() || seen == Err(NoValue::Absent) { meet(seen, felt, status) } else { seen }
 }
 
 #[inline(never)]
-fn meet(seen: &mut Measured<Uncertain>, felt: &Measured<Uncertain>, status: &mut Status) {
-    match (&*seen, felt) {
+fn meet(
+    seen: Measured<Uncertain>,
+    felt: Measured<Uncertain>,
+    status: &mut Status,
+) -> Measured<Uncertain> {
+    match (seen, felt) {
         (Ok(one), Ok(other)) => {
-            let (one, agree) = fuse(*one, *other);
+            let (one, agree) = fuse(one, other);
             if !agree {
                 status.set(Status::DISAGREE);
             }
-            *seen = Ok(one);
+            Ok(one)
         }
         // Of two reasons, that of the part which this finger has.
-        (Err(_), Ok(_)) | (Err(NoValue::Absent), Err(_)) => *seen = *felt,
-        (_, Err(_)) => {}
+        (Err(_), Ok(_)) | (Err(NoValue::Absent), Err(_)) => felt,
+        (_, Err(_)) => seen,
     }
 }
 
@@ -288,10 +295,7 @@ mod tests {
     #[test]
     fn where_one_is_missing_the_other_stands_for_both() {
         let one = Ok(Uncertain { value: 1.0, sigma: 0.01 });
-        let joined = |mut seen, felt| {
-            join(&mut seen, &felt, &mut Status::default());
-            seen
-        };
+        let joined = |seen, felt| join(seen, felt, &mut Status::default());
         assert_eq!(joined(one, Err(NoValue::DeadChannel)), one);
         assert_eq!(joined(Err(NoValue::Saturated), one), one);
         let neither = |seen, felt| joined(Err(seen), Err(felt));

@@ -1,8 +1,8 @@
 //! What a finger says that nothing touches, which most scans do: zeros where it would know a force, and reasons.
 //! No estimator runs, and none of their results are built up to be dropped.
 
-use super::missing;
 use super::together::unfelt;
+use super::{Estimate, missing};
 use crate::calibration::Calibration;
 use crate::condition::{Health, Signals};
 use crate::estimate::Force;
@@ -66,33 +66,23 @@ pub(super) fn faulty(health: &Health) -> Option<NoValue> {
     }
 }
 
-/// What finger and parts say.
-pub(super) struct Untouched {
-    pub force: Force,
-    /// Why there is no contact point, there are no two contacts, and no torsion.
-    pub point: NoValue,
-    pub contacts: NoValue,
-    pub torsion: NoValue,
-}
-
-impl Untouched {
-    #[inline(never)]
-    pub(super) fn of(
-        record: Option<&Calibration>,
-        signals: &Signals,
-        codes: &Codes,
-        sensors: &[Force; SENSORS],
-    ) -> Self {
-        let seen = Part::seen(record, signals, codes);
-        let felt = Part::felt(record, signals, sensors);
-        let shear = none(seen.shear, felt.shear);
-        Self {
-            force: Force { x: shear, y: shear, z: none(seen.normal, felt.normal) },
-            point: if seen.place == NoValue::Absent { felt.place } else { seen.place },
-            contacts: seen.place,
-            torsion: felt.place,
-        }
-    }
+/// Leaves in `estimate` what finger and parts say; its signals and its sensors are those of this scan already.
+#[inline(never)]
+pub(super) fn untouched(
+    record: Option<&Calibration>,
+    codes: &Codes,
+    no_slip: Option<NoValue>,
+    estimate: &mut Estimate,
+) {
+    let seen = Part::seen(record, &estimate.signals, codes);
+    let felt = Part::felt(record, &estimate.signals, &estimate.sensors);
+    let shear = none(seen.shear, felt.shear);
+    estimate.force = Force { x: shear, y: shear, z: none(seen.normal, felt.normal) };
+    estimate.point = Err(if seen.place == NoValue::Absent { felt.place } else { seen.place });
+    estimate.slip = Err(no_slip.unwrap_or(NoValue::NoContact));
+    estimate.torsion = Err(felt.place);
+    estimate.contacts = Err(seen.place);
+    estimate.uncertainty = Err(NoValue::NoContact);
 }
 
 /// Zero where one of the parts would know better. Of two reasons, that of the part which this finger has.
