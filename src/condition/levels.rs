@@ -121,7 +121,8 @@ fn read_taxels(codes: &TaxelCodes, step: f32) -> TaxelLevels {
 fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
     const COLUMN: u16 = 0x1111;
     let limit = full_scale.clipped();
-    high(&codes.lit, limit) | high(slice::from_ref(&codes.dark), limit) * COLUMN
+    let columns = high(slice::from_ref(&codes.dark), limit);
+    high(&codes.lit, limit) | (columns * COLUMN)
 }
 
 /// A bit for each code from `limit` on.
