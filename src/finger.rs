@@ -330,7 +330,7 @@ impl Finger {
         forces: &mut [Force; SENSORS],
         status: &mut Status,
     ) {
-        // No loop, which would stay one.
+        // Written out: a loop stays one where there is a call in it, and takes half as long again.
         let [first, second, third, fourth] = forces;
         self.sensor_force(0, codes, signals, first, status);
         self.sensor_force(1, codes, signals, second, status);

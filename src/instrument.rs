@@ -1,6 +1,8 @@
 //! The finger as an instrument: settings, counters, commands. It owns everything that survives a
 //! reconnect, and keeps in a [`Store`] what survives power-off; [`crate::session`] carries its words.
 
+use core::num::{NonZeroU16, NonZeroU32};
+
 use crate::calibration::{self, bias_fits};
 use crate::condition::{BiasRefusal, LowPass};
 use crate::finger::{Estimate, Finger, FingerState};
@@ -29,6 +31,8 @@ pub struct Instrument {
     /// Corner of the low-pass; 0 for none.
     filter_hz: u16,
     fields: Fields,
+    /// Every how many scans a frame is due, and in how many the next one is.
+    every: NonZeroU16,
     until_due: u16,
     seq: u32,
     /// Of the last scan.
@@ -66,6 +70,7 @@ impl Instrument {
     pub fn new(identity: Identity) -> Self {
         let hz = Self::DEFAULT_RATE_HZ.min(identity.scan_hz);
         Self {
+            every: divider(identity.scan_hz, hz),
             identity,
             // In place: a finger that is handed about crosses the stack.
             finger: Finger::default(),
@@ -107,7 +112,8 @@ impl Instrument {
                 self.rescanned(&scan, full_scale);
             }
             if (1..=self.identity.scan_hz).contains(&hz) && fields.0 <= Fields::ALL.0 {
-                (self.hz, self.fields) = (hz, fields);
+                self.set_rate(hz);
+                self.fields = fields;
             }
             if point_method.is_built() {
                 self.finger.point_method = point_method;
@@ -168,7 +174,7 @@ impl Instrument {
         }
         if self.streaming {
             if self.until_due == 0 {
-                self.until_due = self.divider();
+                self.until_due = self.every.get();
                 outcome.frame = true;
                 self.seq = self.seq.wrapping_add(1);
                 self.counters.frames = self.counters.frames.wrapping_add(1);
@@ -242,8 +248,7 @@ impl Instrument {
             }
             Command::SetRate { hz } => {
                 in_range(u32::from(*hz), 1, u32::from(self.identity.scan_hz))?;
-                self.hz = *hz;
-                self.until_due = 0;
+                self.set_rate(*hz);
                 return Ok(Some(Response::Rate { millihertz: self.rate_millihertz() }));
             }
             Command::SetFields(fields) => {
@@ -337,8 +342,7 @@ impl Instrument {
         self.scan = Some(*scan);
         self.identity.scan_hz = scan.scan_hz;
         self.identity.full_scale = full_scale;
-        self.hz = self.hz.min(scan.scan_hz);
-        self.until_due = 0;
+        self.set_rate(self.hz.min(scan.scan_hz));
         self.set_filter(self.filter_hz);
         self.forget();
     }
@@ -388,15 +392,15 @@ impl Instrument {
         }
     }
 
-    /// Every how many scans a frame is due: the nearest whole number.
-    fn divider(&self) -> u16 {
-        let (scan_hz, hz) = (u32::from(self.identity.scan_hz), u32::from(self.hz.max(1)));
-        // 64-bit not needed: the sum stays below 2^17.
-        ((scan_hz + hz / 2) / hz).clamp(1, u32::from(u16::MAX)) as u16
+    #[inline(never)]
+    fn set_rate(&mut self, hz: u16) {
+        self.hz = hz;
+        self.every = divider(self.identity.scan_hz, hz);
+        self.until_due = 0;
     }
 
     fn rate_millihertz(&self) -> u32 {
-        u32::from(self.identity.scan_hz) * 1000 / u32::from(self.divider())
+        u32::from(self.identity.scan_hz) * 1000 / NonZeroU32::from(self.every)
     }
 
     fn info(&self) -> Info {
@@ -418,6 +422,15 @@ impl Instrument {
             filter_hz: self.filter_hz,
         }
     }
+}
+
+/// How many scans go to a frame: the nearest whole number.
+#[inline(never)]
+fn divider(scan_hz: u16, hz: u16) -> NonZeroU16 {
+    let (scan_hz, hz) = (u32::from(scan_hz), u32::from(hz.max(1)));
+    // 64-bit not needed: the sum stays below 2^17.
+    let scans = ((scan_hz + hz / 2) / hz).min(u32::from(u16::MAX)) as u16;
+    NonZeroU16::new(scans).unwrap_or(NonZeroU16::MIN)
 }
 
 /// The record's own CRC is that of the bytes before it.

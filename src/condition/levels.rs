@@ -1,5 +1,7 @@
 //! Absolute levels of one frame, before any bias.
 
+use core::slice;
+
 use super::Health;
 use super::warmth::Warm;
 use crate::scan::{COLS, Codes, Midpoints, SENSORS, TAXELS, TaxelCodes};
@@ -75,9 +77,7 @@ impl Levels {
     /// Taxels that have lost most of the light they have unloaded.
     pub(super) fn dead(&self, unloaded: Option<&TaxelLevels>) -> u16 {
         let Some(levels) = &self.taxels else { return 0 };
-        let Some(unloaded) = unloaded else {
-            return marked(levels.iter().map(|level| *level < DEAD_LEVEL));
-        };
+        let unloaded = unloaded.unwrap_or(&[0.0; TAXELS]);
         let pairs = levels.iter().zip(unloaded);
         if !any_sign(pairs.fold(0, |signs, (level, unloaded)| signs | lost(*level, *unloaded))) {
             return 0;
@@ -99,12 +99,6 @@ pub(super) fn lost(level: f32, unloaded: f32) -> u32 {
     (level - unloaded * DEAD_SHARE).to_bits() | (level - DEAD_LEVEL).to_bits()
 }
 
-/// Lit less dark.
-#[inline(always)]
-pub(super) fn light(lit: Code, dark: Code, step: f32) -> f32 {
-    (i32::from(lit.0) - i32::from(dark.0)) as f32 * step
-}
-
 /// A bit for each taxel of which it holds. What asks has seen that there is one.
 #[cold]
 #[inline(never)]
@@ -117,32 +111,29 @@ fn read_taxels(codes: &TaxelCodes, step: f32) -> TaxelLevels {
     let rows = levels.as_chunks_mut::<COLS>().0;
     for (levels, lit) in rows.iter_mut().zip(&codes.lit) {
         for (level, (lit, dark)) in levels.iter_mut().zip(lit.iter().zip(&codes.dark)) {
-            *level = light(*lit, *dark, step);
+            *level = (f32::from(lit.0) - f32::from(dark.0)) * step;
         }
     }
     levels
 }
 
-/// The highest code that was not clipped.
-pub(super) fn highest_sound(full_scale: FullScale) -> u32 {
-    u32::from(full_scale.clipped().0).saturating_sub(1)
-}
-
-/// A sign where a code is higher.
-#[inline(always)]
-pub(super) fn beyond(highest: u32, code: Code) -> u32 {
-    highest.wrapping_sub(u32::from(code.0))
-}
-
-/// Taxels whose lit or dark code may have been clipped.
+/// Taxels whose lit or dark code may have been clipped: a dark code spoils all of its column.
 fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
-    let all = codes.lit.as_flattened().iter().chain(&codes.dark);
-    let highest = highest_sound(full_scale);
-    if !any_sign(all.fold(0, |signs, code| signs | beyond(highest, *code))) {
-        return 0;
+    const COLUMN: u16 = 0x1111;
+    let limit = full_scale.clipped();
+    let columns = high(slice::from_ref(&codes.dark), limit);
+    high(&codes.lit, limit) | (columns * COLUMN)
+}
+
+/// A bit for each code from `limit` on.
+#[inline(never)]
+fn high(rows: &[[Code; COLS]], limit: Code) -> u16 {
+    let high = |code: &Code| *code >= limit;
+    if rows.iter().any(|row| row.iter().any(high)) {
+        marked(rows.as_flattened().iter().map(high))
+    } else {
+        0
     }
-    let pairs = codes.lit.iter().flat_map(|row| row.iter().zip(&codes.dark));
-    marked(pairs.map(|(lit, dark)| full_scale.clips(*lit) || full_scale.clips(*dark)))
 }
 
 /// What an intact bridge keeps to.

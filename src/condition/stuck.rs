@@ -76,12 +76,14 @@ impl StuckWatch {
             return;
         };
         let first = *first.get_or_insert(now);
+        let highest = u32::from(codes.full_scale.clipped().0) - 1;
         let mut moved = 0;
         for (i, (now, first)) in now.into_iter().zip(first).enumerate() {
-            // A code at a rail may rest there; other flags tell of it.
-            if now != first || now.0 == 0 || codes.full_scale.clips(now) {
-                moved |= 1 << i;
-            }
+            let [now, first] = [now, first].map(|code| u32::from(code.0));
+            // A code at a rail may rest there; other flags tell of it. Each answer is a sign.
+            let signs =
+                (now ^ first).wrapping_neg() | now.wrapping_sub(1) | highest.wrapping_sub(now);
+            moved |= signs >> 31 << i;
         }
         self.present |= ALL << (COLS * group);
         self.moved |= moved << (COLS * group);
