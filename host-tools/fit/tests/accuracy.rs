@@ -199,7 +199,7 @@ fn slip_is_told_20_ms_ahead_in_95_of_100_onsets_known_friction_or_not() {
     for known in [both.later, array.later] {
         assert_eq!(known[0], known[1], "once friction has been felt");
     }
-    // Force sensors see no ring: a new thing they take for one of the usual friction, 1.2 here.
+    // Force sensors see no ring: a new thing is as rough to them as what touched in calibration, 1.2.
     assert_eq!(array.first, [80, 20], "new to the force sensors");
     // Asked are 95 of the matrix alone, too: it tells two of three. Where friction is 0.2 or the touch light, what a
     // contact holds is little more than what the matrix tells of shear.
@@ -244,7 +244,7 @@ fn a_twist_of_a_tenth_of_a_newton_millimetre_is_warned_of_where_friction_was_fel
     // Below, three standard deviations of a moment are too much of what the contact holds.
     assert_eq!((felt[0], felt[1]), (140, 140));
     assert_eq!(all[0], 160);
-    // Torsion shows no ring in the matrix: a new thing is taken for one of the usual friction, 1.2 here.
+    // Torsion shows no ring in the matrix either.
     assert_eq!(new, [160, 40]);
 }
 
