@@ -8,7 +8,7 @@ use taxel_formats::save;
 
 use crate::costs::{Cost, Costs};
 use crate::device::{Device, Moment};
-use crate::methods::{self, Group, Method, Said};
+use crate::methods::{self, Group, Method, Said, Stages};
 use crate::papers::{self, Paper};
 use crate::scatter::{self, Title};
 use crate::{Effort, Waiting, page};
@@ -111,6 +111,9 @@ pub const SCENES: [(&str, &[Quantity]); 8] = [
 
 /// Loads below this many newtons are not judged: there is nothing to know of them yet.
 pub(crate) const LEAST_N: f64 = 0.05;
+
+/// The most shear in newtons that a finger takes for none: 5 mN and a hundredth of 2 N.
+const SHEARED_N: f64 = 0.025;
 
 /// A method on a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -224,12 +227,28 @@ fn method_on(
     let row = |((sum, count), quantity): ((f64, usize), &Quantity)| Judged {
         name: method.name.clone(),
         group: method.group,
-        stages: method.stages.clone(),
+        stages: match &method.stages {
+            Stages::Together(stages) => stages.clone(),
+            Stages::Whole => vec![dearest(moments).to_owned()],
+        },
         scene,
         quantity: *quantity,
         rmse: (count > 0).then(|| (sum / count as f64).sqrt()),
     };
     errors.into_iter().zip(quantities).map(row).collect()
+}
+
+/// The stage of the dearest kind of scene that is in a run.
+fn dearest(moments: &[Moment]) -> &'static str {
+    let sheared = |moment: &Moment| match moment.sample.truth.force {
+        [Some(x), Some(y), _] => x.hypot(y) > SHEARED_N,
+        _ => false,
+    };
+    if moments.iter().any(sheared) {
+        "finger: shear, estimates"
+    } else {
+        "finger: normal contact, estimates"
+    }
 }
 
 /// The mean over devices, of what all of them can say.

@@ -13,6 +13,7 @@ mod collinear;
 mod convergence;
 pub mod costs;
 pub mod device;
+pub mod edge;
 pub mod estimators;
 pub mod failures;
 mod ladder;

@@ -24,7 +24,7 @@ use crate::Effort;
 use crate::device::{Device, Moment};
 use crate::truth::Beyond;
 
-pub(crate) use firmware::calibrated;
+pub(crate) use firmware::{calibrated, firmwares};
 
 /// Rows that a model is fitted to; a net would take no more.
 const ROWS: usize = 4096;
@@ -71,14 +71,23 @@ pub enum Group {
     Finger,
 }
 
+/// What of the table of costs a method is made of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Stages {
+    /// These, one after the other.
+    Together(Vec<String>),
+    /// All that the finger does with a scan, from codes to wire bytes: another stage for each kind of scene.
+    Whole,
+}
+
 /// One method, fitted.
 pub struct Method {
     /// Its name in the tables.
     pub name: String,
     /// Its kind.
     pub group: Group,
-    /// The stages of the table of costs that it is made of.
-    pub stages: Vec<String>,
+    /// What it costs.
+    pub stages: Stages,
     /// The method itself.
     pub says: Box<dyn FnMut(&Moment) -> Said>,
 }
@@ -90,8 +99,13 @@ impl Method {
         stages: &[&str],
         says: impl FnMut(&Moment) -> Said + 'static,
     ) -> Self {
-        let stages = stages.iter().map(|stage| (*stage).to_owned()).collect();
+        let stages = Stages::Together(stages.iter().map(|stage| (*stage).to_owned()).collect());
         Self { name: name.to_owned(), group, stages, says: Box::new(says) }
+    }
+
+    /// It is not a part of what the finger does, but all of it.
+    pub(crate) fn at_the_cost_of_all(self) -> Self {
+        Self { stages: Stages::Whole, ..self }
     }
 }
 

@@ -99,6 +99,18 @@ pub(crate) fn placed(distance: f64) -> String {
     )
 }
 
+/// Forty-eight presses at a distance from the middle, right of it and left, with `shear` of what friction holds in all
+/// directions.
+pub(crate) fn off_middle(distance: f64, shear: f64) -> String {
+    let presses = |at: f64, x: f64| {
+        format!(
+            "[[random]]\nat_s = {at}\npresses = 24\neach_s = 0.2\nx_mm = [{x}, {x}]\ny_mm = [-1, 1]\n\
+             fz_n = [0.2, 1.5]\nshear_of_limit = [{shear}, {shear}]\n"
+        )
+    };
+    presses(1.0, distance) + &presses(6.0, -distance)
+}
+
 /// Two presses at once, so far apart on a diagonal of the pad.
 pub(crate) fn two(distance: f64) -> String {
     let half = distance / 8f64.sqrt();

@@ -7,6 +7,8 @@ use taxel_chart::failures::{self, Of};
 const PAGE: &str = include_str!("../../../docs/accuracy.md");
 const ESTIMATORS: &str = include_str!("../../../docs/images/estimators.csv");
 const BOUNDARIES: &str = include_str!("../../../docs/images/boundaries.csv");
+const COSTS: &str = include_str!("../../emulator/data/cycles.csv");
+const EDGE: &str = include_str!("../../../docs/images/edge.csv");
 const PEERS: &str = include_str!("../../../docs/images/peers.csv");
 const THROUGHPUT: &str = include_str!("../../../docs/images/throughput.csv");
 
@@ -57,15 +59,57 @@ fn the_table_of_methods_has_the_figures_of_estimators_csv() {
                 Some(row) => format!("{:.2} {unit}", times * number(row, "rmse")),
                 None => "–".into(),
             };
-            let any = table.iter().find(|row| row["name"] == name).unwrap();
+            let mut costs: Vec<String> = table
+                .iter()
+                .filter(|row| row["name"] == name)
+                .map(|row| format!("{:.1}k", cycles(row) / 1e3))
+                .collect();
+            // The finger's depends on the kind of scene.
+            costs.sort_unstable();
+            costs.dedup();
             format!(
-                "| {name} | {} | {} | {} | {} | {:.1}k |",
+                "| {name} | {} | {} | {} | {} | {} |",
                 told("presses", "normal force", 1e3, "mN"),
                 told("shear", "shear force", 1e3, "mN"),
                 told("presses", "contact point", 1.0, "mm"),
                 told("shear", "contact point", 1.0, "mm"),
-                cycles(any) / 1e3
+                costs.join(" to ")
             )
+        })
+        .collect();
+    stand(&lines);
+}
+
+#[test]
+fn what_a_scene_costs_is_what_the_finger_took_on_the_emulated_core() {
+    let table = rows(COSTS);
+    for kind in ["no contact", "normal contact", "shear", "two contacts"] {
+        let stage = format!("finger: {kind}, estimates");
+        let row = table.iter().find(|row| row["name"] == stage).unwrap();
+        let mean = (number(row, "mean_cycles_low") + number(row, "mean_cycles_high")) / 2.0;
+        let figures = format!("| {:.1}k | {:.1}k |", mean / 1e3, cycles(row) / 1e3);
+        let line = PAGE.lines().find(|line| line.starts_with(&format!("| {kind} | ")));
+        let line = line.unwrap_or_else(|| panic!("docs/accuracy.md has no row `{kind}`"));
+        assert!(line.ends_with(&figures), "docs/accuracy.md: {line}\nshould end: {figures}");
+    }
+}
+
+#[test]
+fn the_growth_of_shears_errors_towards_the_edge_is_that_of_edge_csv() {
+    let table = rows(EDGE);
+    let lines: Vec<String> = ["net", "model", "finger"]
+        .into_iter()
+        .map(|method| {
+            let at = |distance: f64| {
+                let mut own = table.iter().filter(|row| row["method"] == method);
+                let row = own.find(|row| number(row, "distance_mm") == distance).unwrap();
+                let told = |column| match row[column].parse::<f64>() {
+                    Ok(rmse) => format!("{:.1}", 1e3 * rmse),
+                    Err(_) => "–".into(),
+                };
+                format!("{} / {}", told("fx_rmse_n"), told("fy_rmse_n"))
+            };
+            format!("| {method} | {} | {} | {} | {} |", at(0.0), at(2.0), at(3.75), at(5.0))
         })
         .collect();
     stand(&lines);

@@ -19,8 +19,6 @@ use crate::device::{Device, Moment};
 
 /// The model of the skin; with shear looked for in every frame where no force sensor says that there is none.
 const MODEL: &str = "model, with shear";
-/// Matrix and sensors give three components of the force and two of the place.
-const FUSED: [&str; 5] = ["fusion of one component"; 5];
 /// The sensors' array as a sum.
 const SUM: [&str; 3] =
     ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
@@ -40,19 +38,29 @@ pub(super) fn all(device: &Device, calibration: &Calibration) -> anyhow::Result<
         .context("the recordings do not tell the array's full matrix")?;
     let full = Array { method: WrenchMethod::Matrix(full), ..sensors.array.unwrap_or_default() };
     let full = Calibration { array: Some(full), ..sensors.clone() };
-    let both = [&[MODEL], &SUM[..], &FUSED].concat();
     let mut methods = vec![
         whole("model", Group::Model, &[MODEL], matrix.clone()),
         whole("four sensors' wrench", Group::Sensors, &SUM, sensors.clone()),
         whole("four sensors' wrench by 6x12", Group::Sensors, &FULL, full),
-        whole("finger", Group::Finger, &both, calibration.clone()),
+        whole("finger", Group::Finger, &[], calibration.clone()).at_the_cost_of_all(),
         slip("slip: matrix", Group::Model, &[MODEL], matrix),
         slip("slip: force sensors", Group::Sensors, &SUM, sensors),
-        slip("slip: both", Group::Finger, &both, calibration.clone()),
+        slip("slip: both", Group::Finger, &[], calibration.clone()).at_the_cost_of_all(),
         slides(),
     ];
     methods.push(forces(calibration.clone()));
     Ok(methods)
+}
+
+/// The forces that the firmware can be set to say: by the net, by the model, by all that the finger has.
+pub(crate) fn firmwares(calibration: &Calibration) -> [Method; 3] {
+    let matrix = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
+    let net = Calibration { model: None, ..matrix.clone() };
+    [
+        whole("net", Group::Net, &[], net),
+        whole("model", Group::Model, &[], matrix),
+        whole("finger", Group::Finger, &[], calibration.clone()),
+    ]
 }
 
 /// The record of the device, as the tools make it.

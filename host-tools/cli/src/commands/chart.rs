@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use taxel_chart::failures::Of;
 use taxel_chart::{
-    Effort, Waiting, estimators, failures, limit_surface, peers, simulator, throughput,
+    Effort, Waiting, edge, estimators, failures, limit_surface, peers, simulator, throughput,
 };
 
 use crate::interrupt::Interrupt;
@@ -43,6 +43,8 @@ enum Chart {
     Estimators,
     /// Where each method fails, and whether it says so.
     Failures,
+    /// How the error of a shear grows towards the edge.
+    Edge,
     /// The limit surface's forms, their error and cost.
     LimitSurface,
     /// The core's net beside other people's.
@@ -84,6 +86,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                 100.0 * totals.false_flags
             ))?;
         }
+    }
+    if wanted(Chart::Edge) {
+        let rows = waited_for(&interrupt, |waiting| edge::measure(&effort, waiting))?;
+        edge::write(&rows, &args.out)?;
+        said(&args.out, "edge")?;
     }
     if wanted(Chart::LimitSurface) {
         limit_surface::write(&args.out)?;

@@ -1,0 +1,270 @@
+//! How the error of a shear grows with the distance from the middle, each component by itself: `edge.csv`.
+//!
+//! The failure maps press straight down there, and judge a force as one. Here every press is sheared, by the same
+//! share of its friction and in all directions, at places along the x axis: x is towards the edge, y along it.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use plotly::common::{Line, Mode};
+use plotly::layout::{Axis, AxisType};
+use plotly::{Layout, Plot, Scatter};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use rayon::prelude::*;
+use taxel_formats::save;
+
+use crate::device::Device;
+use crate::estimators::LEAST_N;
+use crate::methods::{calibrated, firmwares};
+use crate::page::{hex, page};
+use crate::runs::{Recorded, Run, off_middle, run};
+use crate::style::{COLOURS, Done, FAINT, FONT, GREY, svg};
+use crate::{Effort, Waiting};
+
+/// Millimetres from the middle: out to where a finger is calibrated with shear, over the outer taxels' centres,
+/// to the pad's edge.
+const DISTANCES: [f64; 11] = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.75, 4.2, 4.6, 5.0];
+/// Up to here the calibration recordings have shear.
+const CALIBRATED: f64 = 2.0;
+/// The centres of the outer taxels.
+const OUTER: f64 = 3.75;
+/// What is asked of the middle in newtons: 1.5 % of 2 N.
+const ASKED: f64 = 0.03;
+/// Of friction, in every press.
+const SHEAR: f64 = 0.5;
+/// In millinewtons.
+const ERRORS: [f64; 2] = [0.5, 500.0];
+const SIZE: (u32, u32) = (900, 380);
+const AXES: [&str; 2] = ["F_x, towards the edge", "F_y, along the edge"];
+
+/// A method at a distance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    method: String,
+    distance: f64,
+    /// Root mean square error of F_x and F_y in newtons; none where nothing is said.
+    rmse: [Option<f64>; 2],
+    /// The share of frames in which there is a value.
+    given: f64,
+}
+
+/// Squares of both components, how many, and of how many frames.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    squares: [f64; 2],
+    valued: usize,
+    frames: usize,
+}
+
+/// Judges the net, the model and the whole finger at every distance, a device a thread.
+///
+/// # Errors
+/// A fit failed, or it was stopped.
+pub fn measure(effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Vec<Row>> {
+    let done = AtomicUsize::new(0);
+    let of = effort.devices.len() * DISTANCES.len();
+    let step = || {
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        (waiting.progress)(done as f64 / of as f64, "towards the edge");
+    };
+    let devices: Vec<Vec<Row>> = effort
+        .devices
+        .par_iter()
+        .map(|seed| judged(*seed, effort, waiting.stop, &step))
+        .collect::<Result<_, _>>()?;
+    let count = devices.len() as f64;
+    let mut devices = devices.into_iter();
+    let Some(mut rows) = devices.next() else { return Ok(Vec::new()) };
+    for device in devices {
+        for (row, own) in rows.iter_mut().zip(device) {
+            row.given += own.given;
+            for (sum, own) in row.rmse.iter_mut().zip(own.rmse) {
+                *sum = sum.zip(own).map(|(sum, own)| sum + own);
+            }
+        }
+    }
+    for row in &mut rows {
+        row.given /= count;
+        row.rmse.iter_mut().flatten().for_each(|sum| *sum /= count);
+    }
+    Ok(rows)
+}
+
+fn judged(
+    seed: u64,
+    effort: &Effort,
+    stop: &AtomicBool,
+    step: &impl Fn(),
+) -> anyhow::Result<Vec<Row>> {
+    let device = Device::new(seed)?;
+    let calibration = calibrated(&device, effort, stop)?;
+    let mut rows = Vec::new();
+    for distance in DISTANCES {
+        anyhow::ensure!(!stop.load(Ordering::Relaxed), "stopped");
+        let acts = off_middle(distance, SHEAR);
+        let Recorded { samples, .. } =
+            run(seed, &Run { acts: &acts, seconds: 11.0, ..Run::default() })?;
+        // New for every run: a finger remembers.
+        for mut method in firmwares(&calibration) {
+            let mut sum = Sum::default();
+            for sample in &samples {
+                let moment = device.moment(*sample, Default::default());
+                let ([x, y, _], truth) = ((method.says)(&moment).force, sample.truth.force);
+                let [Some(tx), Some(ty), Some(tz)] = truth else { continue };
+                if tz < LEAST_N {
+                    continue;
+                }
+                sum.frames += 1;
+                if let Some((x, y)) = x.zip(y) {
+                    sum.valued += 1;
+                    let errors = [x - tx, y - ty];
+                    sum.squares
+                        .iter_mut()
+                        .zip(errors)
+                        .for_each(|(sum, error)| *sum += error * error);
+                }
+            }
+            let of = |squares: f64| (sum.valued > 0).then(|| (squares / sum.valued as f64).sqrt());
+            rows.push(Row {
+                method: method.name,
+                distance,
+                rmse: sum.squares.map(of),
+                given: sum.valued as f64 / sum.frames.max(1) as f64,
+            });
+        }
+        step();
+    }
+    Ok(rows)
+}
+
+/// The table `edge.csv`.
+#[must_use]
+pub fn csv(rows: &[Row]) -> String {
+    let mut table = String::from("method,distance_mm,fx_rmse_n,fy_rmse_n,given\n");
+    for Row { method, distance, rmse, given } in rows {
+        let [x, y] = rmse.map(|rmse| rmse.map(|rmse| format!("{rmse:.5}")).unwrap_or_default());
+        // Writing into a string cannot fail.
+        let _ = writeln!(table, "{method},{distance},{x},{y},{given:.4}");
+    }
+    table
+}
+
+/// Writes table, picture and page into `folder`.
+///
+/// # Errors
+/// One of them cannot be written.
+pub fn write(rows: &[Row], folder: &Path) -> anyhow::Result<()> {
+    save(folder.join("edge.csv"), csv(rows))?;
+    save(folder.join("edge.svg"), svg(SIZE, |area| drawn(area, rows))?)?;
+    save(folder.join("edge.html"), html(rows))?;
+    Ok(())
+}
+
+/// Each method once, and what it is off by in millinewtons over the distance.
+fn lines(rows: &[Row], axis: usize) -> Vec<(&str, Vec<(f64, f64)>)> {
+    let mut lines: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
+    for row in rows {
+        if !lines.iter().any(|(method, _)| *method == row.method) {
+            lines.push((&row.method, Vec::new()));
+        }
+        let line = lines.iter_mut().find(|(method, _)| *method == row.method);
+        if let (Some((_, line)), Some(Some(rmse))) = (line, row.rmse.get(axis)) {
+            line.push((row.distance, 1e3 * rmse));
+        }
+    }
+    lines
+}
+
+fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, rows: &[Row]) -> Done {
+    for (axis, (panel, title)) in area.split_evenly((1, 2)).iter().zip(AXES).enumerate() {
+        let mut chart = ChartBuilder::on(panel)
+            .caption(title, (FONT, 17))
+            .margin(10)
+            .margin_right(16)
+            .x_label_area_size(42)
+            .y_label_area_size(58)
+            .build_cartesian_2d(-0.1..5.1f64, (ERRORS[0]..ERRORS[1]).log_scale())?;
+        chart.draw_series([Rectangle::new(
+            [(-0.1, ERRORS[0]), (CALIBRATED, ERRORS[1])],
+            FAINT.mix(0.6).filled(),
+        )])?;
+        chart
+            .configure_mesh()
+            .disable_x_mesh()
+            .light_line_style(WHITE.mix(0.0))
+            .bold_line_style(FAINT)
+            .x_labels(6)
+            .x_label_formatter(&|mm| format!("{mm:.0}"))
+            .y_label_formatter(&|error| format!("{error}"))
+            .label_style((FONT, 13))
+            .x_desc("distance from the middle / mm")
+            .y_desc("RMSE / mN")
+            .axis_desc_style((FONT, 14))
+            .draw()?;
+        let grey = (FONT, 12).into_font().color(&GREY);
+        let least = ERRORS[0];
+        for (line, label, at) in [
+            ([(-0.1, 1e3 * ASKED), (CALIBRATED, 1e3 * ASKED)], "asked: 1.5 % of 2 N", (0.0, 28.0)),
+            ([(OUTER, least), (OUTER, ERRORS[1])], "outer taxels", (OUTER + 0.05, 0.75)),
+        ] {
+            chart.draw_series(DashedLineSeries::new(line, 6, 4, GREY.stroke_width(1)))?;
+            chart.draw_series([Text::new(label, at, grey.clone())])?;
+        }
+        chart.draw_series([Text::new("calibrated with shear", (0.0, 0.75), grey.clone())])?;
+        for ((method, line), colour) in lines(rows, axis).into_iter().zip(COLOURS) {
+            chart
+                .draw_series(LineSeries::new(line.clone(), colour.stroke_width(2)))?
+                .label(method)
+                .legend(move |(x, y)| {
+                    PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2))
+                });
+            chart.draw_series(line.into_iter().map(|at| Circle::new(at, 3, colour.filled())))?;
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperLeft)
+            .background_style(WHITE)
+            .border_style(FAINT)
+            .label_font((FONT, 14))
+            .draw()?;
+    }
+    Ok(())
+}
+
+fn html(rows: &[Row]) -> String {
+    let plots = AXES.into_iter().enumerate().map(|(axis, title)| {
+        let mut plot = Plot::new();
+        for ((method, line), colour) in lines(rows, axis).into_iter().zip(COLOURS) {
+            let (x, y) = line.into_iter().unzip();
+            let line = Line::new().color(hex(colour));
+            plot.add_trace(Scatter::new(x, y).name(method).mode(Mode::LinesMarkers).line(line));
+        }
+        let y = Axis::new().title("RMSE / mN").type_(AxisType::Log);
+        let x = Axis::new().title("distance from the middle / mm");
+        plot.set_layout(Layout::new().title(title).width(860).height(460).x_axis(x).y_axis(y));
+        plot
+    });
+    let lead = "Root mean square error of each component of a shear of half of what friction holds, over the distance \
+                of the contact from the middle of the pad along x.";
+    page("Shear towards the edge", lead, plots)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_has_a_point_wherever_something_is_said() {
+        let row = |method: &str, distance, x| Row {
+            method: method.into(),
+            distance,
+            rmse: [x, Some(0.002)],
+            given: 1.0,
+        };
+        let rows = [row("a", 0.0, Some(0.001)), row("b", 0.0, None), row("a", 1.0, Some(0.003))];
+        assert_eq!(lines(&rows, 0), [("a", vec![(0.0, 1.0), (1.0, 3.0)]), ("b", vec![])]);
+        assert_eq!(csv(&rows[1..2]).lines().last(), Some("b,0,,0.00200,1.0000"));
+    }
+}
