@@ -168,7 +168,11 @@ fn any_pace() -> impl Strategy<Value = (u64, u32)> {
 
 /// Scan `i` at that pace.
 fn paced(i: u64, (apart, lost): (u64, u32), codes: Codes) -> Scan {
-    Scan { time: Micros(i.wrapping_mul(apart)), lost: if i % 2 == 0 { lost } else { 0 }, codes }
+    Scan {
+        time: Micros(i.wrapping_mul(apart)),
+        lost: if i.is_multiple_of(2) { lost } else { 0 },
+        codes,
+    }
 }
 
 fn any_ends() -> impl Strategy<Value = Ends> {
