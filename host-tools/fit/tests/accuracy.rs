@@ -19,6 +19,9 @@ const DEVICES: [u32; 5] = [11, 12, 13, 14, 15];
 const SLIP_DEVICES: [u32; 5] = [17, 18, 19, 20, 21];
 const WITHS: [With; 3] = [With::Matrix, With::Array, With::Both];
 
+/// A mean over the devices, of a figure of a ring.
+type Rings<'r> = &'r dyn Fn(usize, fn(&Ring) -> f64) -> f64;
+
 #[test]
 fn a_single_contact_is_placed_and_weighed_on_five_devices() {
     let mut rings: [Vec<[Ring; 3]>; 3] = Default::default();
@@ -52,7 +55,7 @@ fn a_single_contact_is_placed_and_weighed_on_five_devices() {
     let direction: fn(&Ring) -> f64 = |ring| ring.direction.value();
     let force: [fn(&Ring) -> f64; 3] =
         [|ring| ring.force[0].value(), |ring| ring.force[1].value(), |ring| ring.force[2].value()];
-    for (name, of) in [("matrix", &matrix as &dyn Fn(usize, _) -> f64), ("both", &both)] {
+    for (name, of) in [("matrix", &matrix as Rings<'_>), ("both", &both)] {
         let places = [of(0, point), of(1, point)];
         let central = force.map(|axis| of(0, axis));
         let (everywhere, degrees) = (of(2, force[2]), of(0, direction));
@@ -67,11 +70,10 @@ fn a_single_contact_is_placed_and_weighed_on_five_devices() {
     println!("array: {:.3} mm", array(1, point));
     assert!(array(1, point) < 0.2, "{} mm", array(1, point));
 
-    let each = |figure: &dyn Fn(&dyn Fn(usize, fn(&Ring) -> f64) -> f64) -> String| {
-        [figure(&matrix), figure(&array), figure(&both)]
-    };
+    let each =
+        |figure: &dyn Fn(Rings<'_>) -> String| [figure(&matrix), figure(&array), figure(&both)];
     let millinewtons = |newtons: f64| format!("{:.1} mN", 1e3 * newtons);
-    let shear = |of: &dyn Fn(usize, fn(&Ring) -> f64) -> f64| of(0, force[0]).max(of(0, force[1]));
+    let shear = |of: Rings<'_>| of(0, force[0]).max(of(0, force[1]));
     let taken = doubled.map(|[touched, two]| format!("{:.2} %", 1e2 * two as f64 / touched as f64));
     tells(&[
         ("contact point, in the middle", "0.1 mm", each(&|of| format!("{:.2} mm", of(0, point)))),
