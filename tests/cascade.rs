@@ -8,7 +8,7 @@ use taxel::estimate::Force;
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::measured::NoValue;
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
 const EFFECTS: &str = "effects = ['noise', 'ambient', 'flicker', 'gain-spread', 'optical-crosstalk', \
@@ -17,7 +17,7 @@ const EFFECTS: &str = "effects = ['noise', 'ambient', 'flicker', 'gain-spread', 
 fn record() -> Calibration {
     let path = "host-tools/cli/assets/virtual-finger.cal.toml";
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
-    taxel_formats::calibration::read(&path).unwrap()
+    taxel_files::calibration::read(&path).unwrap()
 }
 
 /// Every scan with what the virtual finger says of it by `record`, a scan a millisecond.

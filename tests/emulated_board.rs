@@ -52,7 +52,7 @@ fn tour() -> Vec<Scan> {
 fn virtual_finger() -> Calibration {
     let path =
         concat!(env!("CARGO_MANIFEST_DIR"), "/host-tools/cli/assets/virtual-finger.cal.toml");
-    taxel_formats::calibration::read(path).unwrap()
+    taxel_files::calibration::read(path).unwrap()
 }
 
 #[test]

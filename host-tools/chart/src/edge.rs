@@ -13,7 +13,7 @@ use plotly::{Layout, Plot, Scatter};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use rayon::prelude::*;
-use taxel_formats::save;
+use taxel_files::save;
 
 use crate::device::Device;
 use crate::estimators::LEAST_N;

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use taxel_formats::save;
+use taxel_files::save;
 
 use crate::costs::{Cost, Costs};
 use crate::device::{Device, Moment};

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use taxel_formats::save;
+use taxel_files::save;
 
 use crate::accuracy::Accuracy;
 use crate::device::Device;

@@ -8,7 +8,7 @@ use plotly::{Plot, Scatter};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use taxel_formats::save;
+use taxel_files::save;
 
 use crate::page::{hex, layout, page};
 use crate::scatter::thousands;

@@ -13,8 +13,8 @@ use taxel::finger::{Estimate, Finger, FingerState, SKIN_ERROR};
 use taxel::frame::Status;
 use taxel::measured::Measured;
 use taxel::units::Newtons;
+use taxel_files::trace::{Sample, Truth};
 use taxel_fit::range::largest;
-use taxel_formats::trace::{Sample, Truth};
 
 use crate::accuracy::{Accuracy, Unseen};
 use crate::device::{CALIBRATION, Device};

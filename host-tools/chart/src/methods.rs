@@ -13,12 +13,12 @@ use taxel::estimate::net::ForceNet;
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::measured::Measured;
 use taxel::scan::{COLS, PITCH, TAXELS};
+use taxel_files::table::Table;
 use taxel_fit::Expansion;
 use taxel_fit::model::Family;
 use taxel_fit::network::NetOptions;
 use taxel_fit::range::largest;
 use taxel_fit::table::{self, TableModel, TableOptions, TableRecording};
-use taxel_formats::table::Table;
 
 use crate::Effort;
 use crate::device::{Device, Moment};

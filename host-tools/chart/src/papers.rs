@@ -13,12 +13,12 @@ use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::wrench::SensorPlaces;
 use taxel::scan::COLS;
 use taxel::units::Millimetres;
+use taxel_files::table::Table;
+use taxel_files::trace::Sample;
 use taxel_fit::finger::FitOptions;
 use taxel_fit::model::Family;
 use taxel_fit::recording::Recording;
 use taxel_fit::table::{self, TableModel, TableOptions, TableRecording};
-use taxel_formats::table::Table;
-use taxel_formats::trace::Sample;
 use taxel_sim::systems::column::{CENTRES, LIGHT_PER_MM2};
 
 use crate::device::{FITTED, JUDGED, Moment, run};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use taxel_formats::save;
+use taxel_files::save;
 
 use crate::bars::{self, Bar};
 use crate::page;

@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use taxel::scan::TAXELS;
 use taxel::units::Code;
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::contact::{HalfSpace, SILICONE_YOUNG_MPA};
 use taxel_sim::{Scene, Simulator};
 

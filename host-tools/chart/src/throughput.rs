@@ -14,8 +14,8 @@ use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{Command, Identity, Message, Request};
 use taxel::wire::{MAX_PACKET, pack_frame};
-use taxel_formats::save;
-use taxel_formats::trace::{Sample, TraceHeader, TraceReader, TraceWriter};
+use taxel_files::save;
+use taxel_files::trace::{Sample, TraceHeader, TraceReader, TraceWriter};
 use taxel_sim::{Scene, Simulator};
 
 use crate::bars::{self, Bar};

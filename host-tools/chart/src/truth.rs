@@ -1,6 +1,6 @@
 //! What of a scene's truth no trace holds: what is left of the friction, and where each of two contacts is.
 
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::Scene;
 use taxel_sim::contact::{HalfSpace, Indenter};
 use taxel_sim::path::{Load, Path};

@@ -4,9 +4,9 @@ use std::net::ToSocketAddrs;
 use std::path::Path;
 
 use taxel::calibration::{Calibration, MAX_BYTES};
-use taxel_formats::{FileError, calibration};
+use taxel_files::recording::Recording;
+use taxel_files::{FileError, calibration};
 use taxel_link::{Client, LinkError, Port};
-use taxel_recording::Recording;
 use taxel_sim::Scene;
 use taxel_sim::scene::{BUILT_IN, Kind};
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use indicatif::ProgressBar;
-use taxel_recording::Existing;
+use taxel_files::recording::Existing;
 
 /// Nobody reads standard output any more.
 #[derive(Debug)]

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use common::{In, Ran, json};
 use taxel::calibration::Calibration;
-use taxel_formats::calibration;
+use taxel_files::calibration;
 use taxel_link::{Source, VirtualFinger};
 
 /// The virtual finger with the net and the sensors alone.

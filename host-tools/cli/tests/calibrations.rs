@@ -11,8 +11,8 @@ use taxel::estimate::quantised::QuantisedNet;
 use taxel::estimate::slip::Slip;
 use taxel::scan::TaxelCodes;
 use taxel::units::Code;
-use taxel_formats::calibration;
-use taxel_formats::trace::Sample;
+use taxel_files::calibration;
+use taxel_files::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
 /// The virtual finger with the net and the sensors alone, as `calibrate fit --net-only` makes it.

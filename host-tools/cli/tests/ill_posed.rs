@@ -8,7 +8,7 @@ use std::path::Path;
 
 use common::{In, json, write_trace};
 use taxel::units::Code;
-use taxel_formats::trace::{Sample, Truth};
+use taxel_files::trace::{Sample, Truth};
 use taxel_sim::{Scene, Simulator};
 
 /// What is typed besides the recordings: nothing, and the choice by what is left out.
@@ -365,7 +365,7 @@ fn a_fingers_recording_that_is_wrong_is_told_of_or_refused() {
         let [x, y, z] = sample.truth.force;
         sample.truth.force = [x.map(|x| -x), y.map(|y| -y), z];
     });
-    let good: Vec<Sample> = taxel_formats::trace::TraceReader::open(folder.0.join("good.csv"))
+    let good: Vec<Sample> = taxel_files::trace::TraceReader::open(folder.0.join("good.csv"))
         .unwrap()
         .collect::<Result<_, _>>()
         .unwrap();
@@ -440,7 +440,7 @@ fn a_force_sensors_recording_that_is_wrong_is_told_of_or_refused() {
     write("turned.csv", 1, &turn);
     write("turned-unseen.csv", 2, &turn);
     write("good.csv", 3, &|_, _| {});
-    let good: Vec<Sample> = taxel_formats::trace::TraceReader::open(folder.0.join("good.csv"))
+    let good: Vec<Sample> = taxel_files::trace::TraceReader::open(folder.0.join("good.csv"))
         .unwrap()
         .collect::<Result<_, _>>()
         .unwrap();

@@ -211,7 +211,7 @@ fn every_flag_and_every_reason_is_explained() {
         }
     }
     for reason in NoValue::ALL {
-        let words = taxel_formats::frames::reason(reason);
+        let words = taxel_files::frames::reason(reason);
         assert!(manual.contains(&format!("| {words} |")), "{words}");
     }
 }

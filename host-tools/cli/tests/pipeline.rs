@@ -5,7 +5,7 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use common::In;
-use taxel_formats::trace::{Sample, TraceReader};
+use taxel_files::trace::{Sample, TraceReader};
 
 fn figures(json: &str, target: &str) -> (f64, u64) {
     let json: serde_json::Value = serde_json::from_str(json).unwrap();

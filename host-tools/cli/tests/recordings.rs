@@ -8,8 +8,8 @@ use std::process::Child;
 use std::time::{Duration, Instant};
 
 use common::In;
-use taxel_formats::frames::Cell;
-use taxel_recording::Recording;
+use taxel_files::frames::Cell;
+use taxel_files::recording::Recording;
 
 fn rows(path: &Path) -> Vec<Vec<Cell>> {
     Recording::open(path).unwrap().map(Result::unwrap).collect()

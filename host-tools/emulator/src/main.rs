@@ -11,7 +11,7 @@ use cycles::kinds::KINDS;
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::condition::Levels;
 use taxel::wire::message::Command;
-use taxel_formats::trace::TraceReader;
+use taxel_files::trace::TraceReader;
 
 use taxel_emulator::board::cpu::{Board, End};
 use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
@@ -288,7 +288,7 @@ impl Read {
 
 /// A calibration and its record.
 fn recorded(path: &Path) -> Result<(Calibration, Vec<u8>)> {
-    let calibration = taxel_formats::calibration::read(path)?;
+    let calibration = taxel_files::calibration::read(path)?;
     let mut record = [0; MAX_BYTES];
     match calibration.to_bytes(&mut record) {
         Ok(record) => Ok((calibration, record.to_vec())),

@@ -9,7 +9,7 @@ use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
 use taxel::wire::message::{Command, Request, Response};
 use taxel::wire::{MAX_PACKET, pack};
-use taxel_formats::trace::TraceReader;
+use taxel_files::trace::TraceReader;
 
 use taxel_emulator::board::cpu::Board;
 use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
@@ -38,7 +38,7 @@ fn session(fields: Fields) -> Session {
         Session::open(Board::new(Model::G431, &image, finger, Host::new(false)).unwrap()).unwrap();
 
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
-    let calibration = cycles::dearest(&taxel_formats::calibration::read(&path).unwrap());
+    let calibration = cycles::dearest(&taxel_files::calibration::read(&path).unwrap());
     let mut record = [0; MAX_BYTES];
     session.upload(calibration.to_bytes(&mut record).unwrap()).unwrap();
     for command in [

@@ -6,7 +6,7 @@ use taxel::calibration::MAX_BYTES;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
 use taxel::wire::message::{Command, Counters, Reset, Response};
-use taxel_formats::trace::TraceReader;
+use taxel_files::trace::TraceReader;
 
 use taxel_emulator::board::chip::Cause;
 use taxel_emulator::board::cpu::{Board, End};
@@ -159,7 +159,7 @@ fn stated(row: &str) -> u32 {
 #[test]
 fn an_upload_during_the_stream_costs_the_scans_that_the_page_states_and_no_more() {
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
-    let calibration = cycles::dearest(&taxel_formats::calibration::read(&path).unwrap());
+    let calibration = cycles::dearest(&taxel_files::calibration::read(&path).unwrap());
     let mut record = [0; MAX_BYTES];
     let record = calibration.to_bytes(&mut record).unwrap();
     let mut session = session();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use cycles::kinds::KINDS;
 use taxel::finger::Finger;
 use taxel::frame::Status;
-use taxel_formats::trace::TraceReader;
+use taxel_files::trace::TraceReader;
 
 fn whole() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("data/whole")
@@ -13,7 +13,7 @@ fn whole() -> PathBuf {
 
 #[test]
 fn a_run_is_of_its_kind_once_it_has_begun() {
-    let record = taxel_formats::calibration::read(whole().join("finger.cal.toml")).unwrap();
+    let record = taxel_files::calibration::read(whole().join("finger.cal.toml")).unwrap();
     let sections = [
         record.taxels.is_some(),
         record.force.is_some(),

@@ -6,8 +6,8 @@ use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::measured::NoValue;
 use taxel::scan::SENSORS;
-use taxel_formats::frames;
-use taxel_formats::trace::{Truth, sensor_truth_names};
+use taxel_files::frames;
+use taxel_files::trace::{Truth, sensor_truth_names};
 
 use crate::metrics::{Errors, TargetMetrics};
 use crate::recording::{FORCES, Recording};

@@ -5,8 +5,8 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use taxel::condition::{Bias, BiasTaker, Levels, Signals, Thermometer, Warmth};
-use taxel_formats::table::Table;
-use taxel_formats::trace::{Sample, Truth};
+use taxel_files::table::Table;
+use taxel_files::trace::{Sample, Truth};
 
 use crate::align::{self, Alignment, Series};
 use crate::error::FitError;

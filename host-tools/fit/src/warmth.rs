@@ -6,7 +6,7 @@
 use taxel::condition::{Levels, PER_KELVIN, Warmth};
 use taxel::scan::{SENSORS, TAXELS};
 
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 
 use crate::recording::Recording;
 

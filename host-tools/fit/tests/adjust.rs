@@ -11,12 +11,12 @@ use taxel::calibration::Calibration;
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::scan::TaxelCodes;
 use taxel::units::Code;
+use taxel_files::trace::{Sample, Truth};
 use taxel_fit::adjust::{adjust, weigh};
 use taxel_fit::evaluate;
 use taxel_fit::finger::{FitOptions, Subject, fit};
 use taxel_fit::network::NetOptions;
 use taxel_fit::recording::Recording;
-use taxel_formats::trace::{Sample, Truth};
 
 const DEVICE: u32 = 23;
 /// Rows before anything touches the finger.

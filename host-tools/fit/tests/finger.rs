@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use taxel::calibration::Calibration;
 use taxel::scan::{Codes, Midpoints, SENSORS, Scan, TAXEL_CENTRES, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
+use taxel_files::trace::{Sample, Truth};
 use taxel_fit::evaluate;
 use taxel_fit::finger::{FitOptions, Fitted, Subject, fit};
 use taxel_fit::metrics::{Figures, TargetMetrics};
@@ -13,7 +14,6 @@ use taxel_fit::model::Family;
 use taxel_fit::network::NetOptions;
 use taxel_fit::recording::Recording;
 use taxel_fit::{FitError, Form};
-use taxel_formats::trace::{Sample, Truth};
 
 /// Outputs of a bridge per newton, as fractions of full scale: u = G·f.
 const G: [[f64; 3]; 3] = [[0.008, 0.0004, 0.0], [-0.0003, 0.009, 0.0002], [0.0005, 0.0, 0.012]];

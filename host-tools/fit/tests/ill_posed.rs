@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
 
 use taxel::estimate::bright_spot::{BrightSpot, Shear};
+use taxel_files::table::read_from;
 use taxel_fit::FitError;
 use taxel_fit::align::Alignment;
 use taxel_fit::model::Family;
 use taxel_fit::table::{FittedTable, TableOptions, TableRecording, evaluate, fit};
-use taxel_formats::table::read_from;
 
 /// Presses of uneven length and height, one after the other.
 fn load(t: f64) -> f64 {

@@ -5,12 +5,12 @@ mod judge;
 use std::sync::atomic::AtomicBool;
 
 use judge::{FRICTION, presses, run};
+use taxel_files::trace::{Sample, Truth};
 use taxel_fit::FitError;
 use taxel_fit::evaluate;
 use taxel_fit::finger::{FitOptions, Fitted, Subject, fit};
 use taxel_fit::network::NetOptions;
 use taxel_fit::recording::Recording;
-use taxel_formats::trace::{Sample, Truth};
 use taxel_sim::{Scene, Simulator};
 
 /// So many presses all over the pad, five a second.

@@ -3,10 +3,10 @@
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
 
+use taxel_files::table::read_from;
+use taxel_files::trace::Sample;
 use taxel_fit::model::Family;
 use taxel_fit::table::{TableOptions, TableRecording, evaluate, fit};
-use taxel_formats::table::read_from;
-use taxel_formats::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
 /// Light that the four taxels gained, less the dark, as a share of full scale.

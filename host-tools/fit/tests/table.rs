@@ -3,11 +3,11 @@
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
 
+use taxel_files::table::read_from;
 use taxel_fit::FitError;
 use taxel_fit::model::Family;
 use taxel_fit::network::NetOptions;
 use taxel_fit::table::{TableOptions, TableRecording, evaluate, fit};
-use taxel_formats::table::read_from;
 
 fn recording(rows: usize, from: usize, inputs: &[&str], targets: &[&str]) -> TableRecording {
     let mut text = String::from("t_s,m0,m1,m2,force_n\n");

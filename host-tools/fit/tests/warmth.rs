@@ -5,10 +5,10 @@ use std::sync::atomic::AtomicBool;
 use taxel::calibration::Calibration;
 use taxel::finger::Finger;
 use taxel::frame::Status;
+use taxel_files::trace::Sample;
 use taxel_fit::finger::{FitOptions, Subject, fit};
 use taxel_fit::network::NetOptions;
 use taxel_fit::recording::Recording;
-use taxel_formats::trace::Sample;
 use taxel_sim::{Effect, Scene, Simulator};
 
 const DEVICE: u64 = 31;

@@ -3,7 +3,7 @@
 use std::io;
 
 use taxel::wire::message::{PROTOCOL, Refusal, ScanSetting};
-use taxel_formats::FileError;
+use taxel_files::FileError;
 
 use crate::port::Port;
 
@@ -158,7 +158,7 @@ impl Problem {
 
 /// The text of an error on one line.
 pub(crate) fn one_line(error: &dyn std::error::Error) -> String {
-    taxel_formats::error::one_line(&error.to_string())
+    taxel_files::error::one_line(&error.to_string())
 }
 
 fn refused(refusal: &Refusal) -> String {

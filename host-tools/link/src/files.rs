@@ -6,9 +6,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use taxel::calibration::Calibration;
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
-use taxel_formats::frames::{Cell, Column, cells, columns};
-use taxel_formats::{FileError, calibration};
-use taxel_recording::{Existing, Header, Recorder, host_columns};
+use taxel_files::frames::{Cell, Column, cells, columns};
+use taxel_files::recording::{Existing, Header, Recorder, host_columns};
+use taxel_files::{FileError, calibration};
 
 use crate::client::{Client, Received};
 use crate::error::{LinkError, Problem};

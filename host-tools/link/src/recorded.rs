@@ -11,10 +11,10 @@ use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::{Measured, NoValue};
 use taxel::scan::{SENSORS, TAXELS};
 use taxel::units::{Micros, Millimetres, NewtonMillimetres, Newtons};
-use taxel_formats::frames::{Cell, columns};
-use taxel_formats::trace::is_code;
-use taxel_formats::{FileError, calibration};
-use taxel_recording::{Header, Recording};
+use taxel_files::frames::{Cell, columns};
+use taxel_files::recording::{Header, Recording};
+use taxel_files::trace::is_code;
+use taxel_files::{FileError, calibration};
 
 /// A recording, frame by frame. Its codes are left out: a recording that has them can be computed again.
 pub(crate) struct Recorded {
@@ -186,8 +186,8 @@ impl Row<'_> {
 
 #[cfg(test)]
 mod tests {
-    use taxel_formats::frames::cells;
-    use taxel_recording::{Existing, Recorder};
+    use taxel_files::frames::cells;
+    use taxel_files::recording::{Existing, Recorder};
 
     use super::*;
 

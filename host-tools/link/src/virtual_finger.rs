@@ -26,7 +26,7 @@ use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::instrument::Instrument;
 use taxel::session::Board;
 use taxel::wire::message::Refusal;
-use taxel_formats::FileError;
+use taxel_files::FileError;
 use tokio::sync::oneshot;
 use tokio::task::{LocalSet, spawn_local};
 

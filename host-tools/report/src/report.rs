@@ -215,7 +215,7 @@ fn net_model(net: Net<'_>) -> String {
 
 fn trial(calibration: &Calibration, recording: &Recording) -> Trial {
     let series = series::run(calibration, recording);
-    let time = |sample: Option<&taxel_formats::trace::Sample>| sample.map_or(0, |s| s.scan.time.0);
+    let time = |sample: Option<&taxel_files::trace::Sample>| sample.map_or(0, |s| s.scan.time.0);
     let begin = time(recording.samples.first());
     let seconds = time(recording.samples.last()).saturating_sub(begin) as f64 * 1e-6;
     Trial::new(recording.name.clone(), seconds, recording.samples.len(), series)

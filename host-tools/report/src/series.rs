@@ -5,8 +5,8 @@ use taxel::estimate::Force;
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::scan::SENSORS;
+use taxel_files::trace::{Sample, sensor_truth_names};
 use taxel_fit::recording::Recording;
-use taxel_formats::trace::{Sample, sensor_truth_names};
 
 /// What a series is of.
 #[derive(Clone, Debug, PartialEq, Eq)]

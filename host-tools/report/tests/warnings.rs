@@ -4,12 +4,12 @@
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
+use taxel_files::table::Table;
+use taxel_files::trace::Sample;
 use taxel_fit::model::Family;
 use taxel_fit::network::NetOptions;
 use taxel_fit::recording::Recording;
 use taxel_fit::table::{self, TableModel, TableOptions, TableRecording};
-use taxel_formats::table::Table;
-use taxel_formats::trace::Sample;
 use taxel_report::{Report, html};
 use taxel_sim::{Scene, Simulator};
 
@@ -42,7 +42,7 @@ fn finger(seed: u64) -> Recording {
 /// The virtual finger's net and sensors.
 fn calibration() -> Calibration {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
-    taxel_formats::calibration::read(path).unwrap()
+    taxel_files::calibration::read(path).unwrap()
 }
 
 /// Three recordings that were fitted to and one that was not, every row spoiled.

@@ -6,7 +6,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use taxel_formats::FileError;
+use taxel_files::FileError;
 use taxel_sim::cost::{self, Cost};
 use taxel_sim::scene::BUILT_IN;
 use taxel_sim::{Scene, Simulator};

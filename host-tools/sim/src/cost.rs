@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-use taxel_formats::FileError;
+use taxel_files::FileError;
 
 use crate::fidelity::{Fidelity, Ladder, Rung, error};
 use crate::path::{Contacts, Path};

@@ -4,7 +4,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
 use taxel::scan::{COLS, Codes, Midpoints, SENSORS, Scan, TAXELS, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
-use taxel_formats::trace::{Sample, TraceHeader, Truth};
+use taxel_files::trace::{Sample, TraceHeader, Truth};
 
 use crate::adc::Adc;
 use crate::bridge::{Bridge, Surroundings};

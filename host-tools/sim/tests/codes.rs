@@ -2,7 +2,7 @@
 
 use taxel::scan::{Codes, Midpoints, TAXELS};
 use taxel::units::Code;
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
 const SCAN: &str = "[scan]\nrate_hz = 1000\nduration_s = 1\n";

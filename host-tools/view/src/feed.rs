@@ -14,7 +14,7 @@ use taxel::calibration::Calibration;
 use taxel::frame::Status;
 use taxel::scan::TAXEL_CENTRES;
 use taxel::wire::message::Info;
-use taxel_formats::{FileError, point_method};
+use taxel_files::{FileError, point_method};
 use taxel_link::{Client, LinkError, Steady, fields};
 
 use crate::orders::Envelope;

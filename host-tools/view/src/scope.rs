@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use taxel_formats::frames::{Cell, Column, Kind, reason};
+use taxel_files::frames::{Cell, Column, Kind, reason};
 
 use crate::spectrum::Spectrum;
 

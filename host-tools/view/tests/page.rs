@@ -14,9 +14,9 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use support::Browser;
 use taxel::frame::{Fields, Frame};
-use taxel_formats::calibration;
+use taxel_files::calibration;
+use taxel_files::recording::Recording;
 use taxel_link::{Client, Port, Steady, VirtualFinger};
-use taxel_recording::Recording;
 use taxel_view::{Feed, Server, Source};
 
 /// A built-in scene, or one of these tests.
@@ -112,7 +112,7 @@ fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
                     assert_eq!(text.parse::<f64>().unwrap(), f64::from(newtons.0), "{name}");
                     forces += 1;
                 }
-                Err(why) => assert_eq!(text, taxel_formats::frames::reason(why), "{name}"),
+                Err(why) => assert_eq!(text, taxel_files::frames::reason(why), "{name}"),
             }
         }
     }
@@ -466,7 +466,7 @@ fn a_recording_plays_stops_and_is_sought_by_its_scrubber() {
     let mut files = taxel_link::Files::create(
         &client,
         std::slice::from_ref(&path),
-        taxel_recording::Existing::Keep,
+        taxel_files::recording::Existing::Keep,
     )
     .unwrap();
     client.stream(true).unwrap();
@@ -500,11 +500,11 @@ fn a_recording_plays_stops_and_is_sought_by_its_scrubber() {
         let at = (whole(&row[time]) - whole(&rows[0][time])) as f64 * 1e-6;
         assert!((at - to).abs() < 0.01, "{at} where {to} was sought");
         match row[force] {
-            taxel_formats::frames::Cell::Real(value) => {
+            taxel_files::frames::Cell::Real(value) => {
                 assert_eq!(latest[force].as_f64().map(|v| v as f32), Some(value))
             }
-            taxel_formats::frames::Cell::Withheld(why) => {
-                assert_eq!(latest[force], taxel_formats::frames::reason(why));
+            taxel_files::frames::Cell::Withheld(why) => {
+                assert_eq!(latest[force], taxel_files::frames::reason(why));
             }
             other => panic!("{other:?}"),
         }
@@ -513,9 +513,9 @@ fn a_recording_plays_stops_and_is_sought_by_its_scrubber() {
     assert_eq!(browser.text("said"), "", "a recording has no bias to take");
 }
 
-fn whole(cell: &taxel_formats::frames::Cell) -> u64 {
+fn whole(cell: &taxel_files::frames::Cell) -> u64 {
     match cell {
-        taxel_formats::frames::Cell::Whole(value) => *value,
+        taxel_files::frames::Cell::Whole(value) => *value,
         other => panic!("{other:?}"),
     }
 }

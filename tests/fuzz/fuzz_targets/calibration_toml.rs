@@ -6,7 +6,7 @@ use std::path::Path;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {
-    if let Err(error) = taxel_formats::calibration::parse(Path::new("x"), text) {
+    if let Err(error) = taxel_files::calibration::parse(Path::new("x"), text) {
         assert!(!error.to_string().contains('\n'), "an error is one line");
     }
 });

@@ -2,8 +2,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use taxel_formats::stretch::Stretch;
-use taxel_formats::table::read_from;
+use taxel_files::stretch::Stretch;
+use taxel_files::table::read_from;
 
 fuzz_target!(|bytes: &[u8]| {
     if let Err(error) = read_from(bytes, &Stretch::whole("x"), &["m*", "force_n"]) {

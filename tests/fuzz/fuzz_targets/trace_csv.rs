@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use taxel_formats::trace::TraceReader;
+use taxel_files::trace::TraceReader;
 
 fuzz_target!(|bytes: &[u8]| {
     let read = TraceReader::new(bytes, "x").and_then(|samples| {

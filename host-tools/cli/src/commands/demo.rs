@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 use taxel::frame::Frame;
-use taxel_formats::trace::Truth;
+use taxel_files::trace::Truth;
 use taxel_link::emulated::Hardware;
 use taxel_link::{Client, Source, Steady, VirtualFinger};
 

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use indicatif::ProgressBar;
-use taxel_formats::FileError;
-use taxel_formats::frames::Cell;
-use taxel_formats::stretch::Stretch;
-use taxel_recording::{Recorder, Recording};
+use taxel_files::FileError;
+use taxel_files::frames::Cell;
+use taxel_files::recording::{Recorder, Recording};
+use taxel_files::stretch::Stretch;
 
 use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite, waiting};

@@ -5,7 +5,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use serde_json::json;
 use taxel::frame::Status;
 use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Info, Reset, ScanSettings};
-use taxel_formats::point_method;
+use taxel_files::point_method;
 use taxel_link::client::Version;
 use taxel_link::{Port, fields};
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
 use taxel::scan::{COLS, TAXELS};
-use taxel_formats::trace::TraceWriter;
+use taxel_files::trace::TraceWriter;
 use taxel_sim::scene::BUILT_IN;
 use taxel_sim::{Scene, Simulator};
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use taxel_formats::calibration;
+use taxel_files::calibration;
 use taxel_link::{Port, Steady};
 use taxel_view::{Feed, Server, Source, Tap};
 

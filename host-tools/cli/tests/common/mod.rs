@@ -7,7 +7,7 @@ use std::process::{Command, Output, Stdio};
 
 use taxel::scan::{ROWS, SENSORS};
 use taxel::units::FullScale;
-use taxel_formats::trace::{Sample, TraceHeader, TraceWriter};
+use taxel_files::trace::{Sample, TraceHeader, TraceWriter};
 
 /// Exit code, standard output, standard error.
 pub struct Ran {

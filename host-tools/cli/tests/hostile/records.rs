@@ -120,5 +120,5 @@ fn a_record_that_is_damaged_edited_or_newer_is_refused_by_its_line_and_key() {
 }
 
 fn folder_error(text: &str) -> String {
-    taxel_formats::calibration::parse(Path::new("x"), text).unwrap_err().to_string()
+    taxel_files::calibration::parse(Path::new("x"), text).unwrap_err().to_string()
 }

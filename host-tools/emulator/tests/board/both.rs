@@ -56,7 +56,7 @@ fn what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows(model: M
 
 fn frames_are_the_hosts_own_byte_for_byte(model: Model) {
     let path = repository().join("host-tools/emulator/data/finger.cal.toml");
-    let mut calibration = taxel_formats::calibration::read(&path).unwrap();
+    let mut calibration = taxel_files::calibration::read(&path).unwrap();
     // The image leaves the model of the skin out, and passes over its section.
     calibration.model = None;
     let mut record = [0; MAX_BYTES];
@@ -250,7 +250,7 @@ fn settings_outlast_the_cable_and_saved_ones_the_power(model: Model) {
 /// the first, the last and some between them.
 fn a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other(model: Model) {
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
-    let mut calibration = taxel_formats::calibration::read(&path).unwrap();
+    let mut calibration = taxel_files::calibration::read(&path).unwrap();
     let mut session = session(model, false);
     session.board.host().hurries = true;
     let mut buffer = [0; MAX_BYTES];

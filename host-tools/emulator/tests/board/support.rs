@@ -7,7 +7,7 @@ use taxel::scan::Codes;
 use taxel::units::Code;
 use taxel::wire::message::{Command, Info, Response};
 use taxel::wire::{MAX_PACKET, pack_frame};
-use taxel_formats::trace::TraceReader;
+use taxel_files::trace::TraceReader;
 
 use taxel_emulator::board::cpu::Board;
 use taxel_emulator::board::finger::{Finger, Moment, Pace, Seen, in_12_bits};

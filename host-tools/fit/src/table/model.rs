@@ -16,7 +16,7 @@ pub struct TableModel {
     #[serde(default)]
     pub serial: String,
     /// When it was fitted, seconds since 1970-01-01 UTC.
-    #[serde(default, with = "taxel_formats::calibration::date")]
+    #[serde(default, with = "taxel_files::calibration::date")]
     pub date: u64,
     /// Names of the input columns, in the order of the weights.
     pub inputs: Vec<String>,

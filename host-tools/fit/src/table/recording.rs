@@ -2,9 +2,9 @@
 
 use std::borrow::Cow;
 
-use taxel_formats::FileError;
-use taxel_formats::stretch::Stretch;
-use taxel_formats::table::{self, Table};
+use taxel_files::FileError;
+use taxel_files::stretch::Stretch;
+use taxel_files::table::{self, Table};
 
 use crate::align::{self, Alignment, Series};
 use crate::error::FitError;

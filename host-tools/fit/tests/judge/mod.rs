@@ -14,10 +14,10 @@ use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::measured::Measured;
 use taxel::units::Newtons;
+use taxel_files::trace::Sample;
 use taxel_fit::finger::{FitOptions, Subject, fit};
 use taxel_fit::network::NetOptions;
 use taxel_fit::recording::Recording;
-use taxel_formats::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
 /// Effects of every scene here.

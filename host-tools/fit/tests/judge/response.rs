@@ -3,7 +3,7 @@
 use taxel::calibration::Calibration;
 use taxel::frame::Status;
 use taxel::units::Micros;
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 
 use super::{With, mean, newtons, replay, run};
 

@@ -4,7 +4,7 @@ use taxel::calibration::Calibration;
 use taxel::estimate::limit_surface::LimitSurface;
 use taxel::finger::Estimate;
 use taxel::frame::Status;
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 
 use super::{With, replay, run};
 

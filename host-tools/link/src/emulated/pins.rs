@@ -12,7 +12,7 @@ use taxel::frame::{Frame, Status};
 use taxel::scan::Scan;
 use taxel::units::{FullScale, Micros};
 use taxel::wire::message::{Refusal, ScanSettings};
-use taxel_formats::trace::{Sample, TraceHeader, TraceWriter, Truth};
+use taxel_files::trace::{Sample, TraceHeader, TraceWriter, Truth};
 use tempfile::NamedTempFile;
 
 use super::{EmulatedError, Hardware, ServedBoard, Settings, rate_hz};

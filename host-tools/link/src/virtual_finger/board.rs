@@ -12,7 +12,7 @@ use taxel::scan::Scan;
 use taxel::session::Board;
 use taxel::store::{RamFlash, Store, StoredBias};
 use taxel::wire::message::Identity;
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use tokio::time::{Instant, sleep, sleep_until};
 
 use super::source::Source;

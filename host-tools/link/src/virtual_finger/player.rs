@@ -17,7 +17,7 @@ use taxel::wire::message::{
     Refusal, Request, Response,
 };
 use taxel::wire::{MAX_PACKET, pack};
-use taxel_formats::FileError;
+use taxel_files::FileError;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::{Instant, sleep_until};
 

@@ -8,9 +8,9 @@ use taxel::condition::Bias;
 use taxel::frame::Fields;
 use taxel::store::Settings;
 use taxel::units::FullScale;
-use taxel_formats::FileError;
-use taxel_formats::trace::Sample;
-use taxel_recording::{Header, Scans};
+use taxel_files::FileError;
+use taxel_files::recording::{Header, Scans};
+use taxel_files::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
 use crate::error::LinkError;
@@ -157,7 +157,7 @@ impl Iterator for Source {
 pub(super) mod tests {
     use taxel::scan::{Codes, Scan, TaxelCodes};
     use taxel::units::{Code, Micros};
-    use taxel_formats::trace::Truth;
+    use taxel_files::trace::Truth;
 
     use super::*;
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use taxel::units::Micros;
-use taxel_formats::trace::Truth;
+use taxel_files::trace::Truth;
 
 /// Scans remembered: some seconds. Nobody needs to read it; the oldest are forgotten.
 const MOST: usize = 1 << 14;

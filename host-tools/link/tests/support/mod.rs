@@ -8,7 +8,7 @@ use taxel::calibration::{Calibration, MAX_BYTES, TaxelCalibration};
 use taxel::condition::TaxelBias;
 use taxel::scan::{Codes, Scan, TAXELS, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
-use taxel_formats::trace::{Sample, Truth};
+use taxel_files::trace::{Sample, Truth};
 use taxel_link::{Client, Port, Received, Source, VirtualFinger};
 
 /// Scans a second of every test finger.

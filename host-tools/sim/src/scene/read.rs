@@ -4,7 +4,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use taxel_formats::FileError;
+use taxel_files::FileError;
 use toml::de::{DeTable, DeValue};
 
 use super::{BUILT_IN, Scene};

@@ -2,7 +2,7 @@
 
 use taxel::condition::Levels;
 use taxel::units::Code;
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::scene::{BUILT_IN, Kind};
 use taxel_sim::{Scene, Simulator};
 

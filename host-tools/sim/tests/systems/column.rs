@@ -3,7 +3,7 @@
 use taxel::estimate::column::{
     Column, ColumnLoad, friction_distribution, inclination, quadrants, step_height,
 };
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::systems::column::{CENTRES, COLUMNS, LIGHT_PER_MM2, PITCH_MM};
 
 use crate::{HELD_OUT, contacts, force, line, meets, rms, run, run_on, signals};

@@ -2,7 +2,7 @@
 //! scene without it.
 
 use taxel::scan::{Codes, TAXELS};
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::scene::BUILT_IN;
 use taxel_sim::{Scene, Simulator};
 

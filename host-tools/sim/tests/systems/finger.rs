@@ -2,7 +2,7 @@
 
 use taxel::finger::{Finger, FingerState};
 use taxel::frame::Status;
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 
 use crate::{force, run};
 

@@ -1,7 +1,7 @@
 //! TAXEL-4x1 (002): place and angle of a 0.2 N force by its odd polynomials, out of codes.
 
 use taxel::estimate::row::{RowPolynomials, terms};
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
 use crate::{contacts, fit, force, signals};

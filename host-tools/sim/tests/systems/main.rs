@@ -13,7 +13,7 @@ mod physics;
 
 use nalgebra::{DMatrix, DVector};
 use taxel::condition::{Bias, BiasTaker, Levels, Signals};
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
 /// Frames of the unloaded beginning of every scene that a bias is taken from.

@@ -2,7 +2,7 @@
 
 use taxel::condition::Bias;
 use taxel::estimate::bright_spot::{BrightSpot, Shear, Spot};
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::systems::feeler::LINEAR_N;
 use taxel_sim::systems::sheet::{FEELERS, SIZE};
 

@@ -3,7 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
-use taxel_formats::trace::Sample;
+use taxel_files::trace::Sample;
 use taxel_sim::contact::SILICONE_YOUNG_MPA;
 use taxel_sim::scene::{BUILT_IN, Effect};
 use taxel_sim::systems::plate::PLACES;

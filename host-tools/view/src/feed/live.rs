@@ -7,13 +7,13 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
-use taxel_formats::frames::{Cell, cells, columns};
-use taxel_formats::point_method;
+use taxel_files::frames::{Cell, cells, columns};
+use taxel_files::point_method;
 use taxel_link::{
     Client, DeviceClock, Event, Files, LinkError, Received, Steady, fields, self_test,
 };
 
-use taxel_recording::Existing;
+use taxel_files::recording::Existing;
 
 use super::{Context, Feed, facts};
 use crate::orders::{Envelope, Order, Outcome};

@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 use taxel::calibration::Calibration;
 use taxel::frame::Fields;
-use taxel_formats::FileError;
-use taxel_formats::frames::{Cell, Column, cells, columns};
-use taxel_recording::{Recording, Scans};
+use taxel_files::FileError;
+use taxel_files::frames::{Cell, Column, cells, columns};
+use taxel_files::recording::{Recording, Scans};
 
 use super::{Context, Feed, page_facts};
 use crate::orders::{Envelope, Order};

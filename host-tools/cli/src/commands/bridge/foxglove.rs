@@ -5,9 +5,9 @@ use std::sync::{Arc, Mutex};
 
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
-use taxel_formats::frames::Cell;
+use taxel_files::frames::Cell;
+use taxel_files::recording::schema;
 use taxel_link::{Port, Received, Stamps, row, row_columns};
-use taxel_recording::schema;
 
 use super::finger::{Outlet, lock};
 use super::pipe::{Order, Pipe};

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
+use taxel_files::calibration;
+use taxel_files::stretch::Stretch;
 use taxel_fit::adjust;
-use taxel_formats::calibration;
-use taxel_formats::stretch::Stretch;
 
 use super::data::{self, Aligned};
 use super::now;

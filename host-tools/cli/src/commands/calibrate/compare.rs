@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use taxel_files::calibration::{self, Kind};
+use taxel_files::stretch::Stretch;
 use taxel_fit::table::TableModel;
-use taxel_formats::calibration::{self, Kind};
-use taxel_formats::stretch::Stretch;
 use taxel_report::drift;
 
 use super::data;

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use taxel_files::calibration;
+use taxel_files::stretch::Stretch;
 use taxel_fit::finger::{self, FitOptions, Part, Subject};
 use taxel_fit::model::Family;
 use taxel_fit::network::{NetOptions, Progress};
 use taxel_fit::table::{self, TableOptions};
 use taxel_fit::{Form, LeftOut};
-use taxel_formats::calibration;
-use taxel_formats::stretch::Stretch;
 
 use super::data::{self, Aligned};
 use crate::interrupt::Interrupt;

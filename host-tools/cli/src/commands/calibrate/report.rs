@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::time::{Duration, UNIX_EPOCH};
 
 use humantime::format_rfc3339_seconds;
+use taxel_files::calibration::{self, Kind};
+use taxel_files::stretch::Stretch;
 use taxel_fit::table::TableModel;
-use taxel_formats::calibration::{self, Kind};
-use taxel_formats::stretch::Stretch;
 use taxel_report::{html, judge, table};
 
 use super::{data, now};
@@ -85,7 +85,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let date =
         |seconds| format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string();
     let page = html::page(&report, &date(now()), &date(report.about.date));
-    taxel_formats::save(&args.out, page)?;
+    taxel_files::save(&args.out, page)?;
     for warning in &report.warnings {
         output::note(format_args!("taxel: warning: {warning}"));
     }

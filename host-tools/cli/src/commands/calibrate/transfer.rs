@@ -7,7 +7,7 @@ use anyhow::Context;
 use indicatif::ProgressBar;
 use taxel::calibration::Calibration;
 use taxel::frame::Status;
-use taxel_formats::calibration;
+use taxel_files::calibration;
 use taxel_link::Port;
 
 use crate::finger::{PortArg, record};

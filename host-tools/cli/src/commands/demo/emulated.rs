@@ -8,7 +8,7 @@ use taxel::calibration::Calibration;
 use taxel::frame::Frame;
 use taxel::session::Pace;
 use taxel::units::Micros;
-use taxel_formats::trace::{Sample, Truth};
+use taxel_files::trace::{Sample, Truth};
 use taxel_link::Client;
 use taxel_link::emulated::{BOARD, Emulated, Image};
 use taxel_sim::{Scene, Simulator};

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use taxel::calibration::Calibration;
 use taxel::frame::Frame;
-use taxel_formats::trace::{Sample, TraceWriter, Truth};
+use taxel_files::trace::{Sample, TraceWriter, Truth};
 use taxel_link::Client;
 use taxel_link::emulated::{Hardware, ServedBoard};
 use taxel_sim::{Scene, Simulator};

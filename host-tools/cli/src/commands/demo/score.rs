@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use taxel::frame::Frame;
-use taxel_formats::trace::Truth;
+use taxel_files::trace::Truth;
 
 /// What is compared, by the names that files use.
 const TARGETS: [&str; 5] = ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm"];

@@ -10,6 +10,7 @@
 //! Every column is a `oneof`, so that a reader tells an absent value from zero: a measured one is either
 //! its value or the reason why there is none.
 
+use crate::frames::{Cell, Column, Kind, reason};
 use prost::Message;
 use prost::encoding::{decode_key, float, int32, skip_field, uint64};
 use prost_types::field_descriptor_proto::{Label, Type};
@@ -18,7 +19,6 @@ use prost_types::{
     FileDescriptorProto, FileDescriptorSet, OneofDescriptorProto,
 };
 use taxel::measured::NoValue;
-use taxel_formats::frames::{Cell, Column, Kind, reason};
 
 /// The message's full name.
 pub const NAME: &str = "taxel.Frame";

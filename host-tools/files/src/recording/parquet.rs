@@ -11,6 +11,8 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::FileError;
+use crate::frames::{Cell, Column, Kind, reason};
 use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, FloatType, Int64Type};
 use parquet::errors::ParquetError;
@@ -21,11 +23,9 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::record::{Field, Row};
 use parquet::schema::types::{Type, TypePtr};
 use taxel::measured::NoValue;
-use taxel_formats::FileError;
-use taxel_formats::frames::{Cell, Column, Kind, reason};
 
-use crate::header::Header;
-use crate::{Existing, Recording, Sink, begin, mcap};
+use crate::recording::header::Header;
+use crate::recording::{Existing, Recording, Sink, begin, mcap};
 
 const WITHHELD: &str = "_withheld";
 const CALIBRATION: &str = "calibration";

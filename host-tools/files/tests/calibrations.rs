@@ -15,7 +15,7 @@ use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::SensorPlaces;
 use taxel::units::Millimetres;
-use taxel_formats::calibration::{self, Kind};
+use taxel_files::calibration::{self, Kind};
 
 fn record(weights: &[f32]) -> Calibration {
     let weight = |i: usize| weights[i % weights.len()];

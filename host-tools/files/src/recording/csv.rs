@@ -5,13 +5,13 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use crate::FileError;
+use crate::frames::{Cell, Column, Kind, columns};
+use crate::lines::Lines;
 use taxel::frame::Fields;
-use taxel_formats::FileError;
-use taxel_formats::frames::{Cell, Column, Kind, columns};
-use taxel_formats::lines::Lines;
 
-use crate::header::Header;
-use crate::{Existing, Recording, Sink, begin, host_columns};
+use crate::recording::header::Header;
+use crate::recording::{Existing, Recording, Sink, begin, host_columns};
 
 pub(crate) struct Writer {
     path: PathBuf,

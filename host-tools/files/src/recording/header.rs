@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use crate::point_method;
 use taxel::calibration::Calibration;
 use taxel::condition::{Bias, BridgeBias, LowPass, TaxelBias};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::finger::{Finger, FingerState};
 use taxel::scan::{SENSORS, TAXELS};
-use taxel_formats::point_method;
 
 /// The facts that the core is set from when a recording is computed again.
 const POINT: &str = "point";

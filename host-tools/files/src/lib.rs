@@ -7,6 +7,8 @@ pub mod frames;
 pub mod lines;
 mod number;
 pub mod point_method;
+#[cfg(feature = "recording")]
+pub mod recording;
 mod save;
 pub mod stretch;
 pub mod table;

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use taxel::scan::{Codes, Midpoints, Scan, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
-use taxel_formats::trace::{Sample, TraceHeader, TraceReader, TraceWriter, Truth, is_trace};
+use taxel_files::trace::{Sample, TraceHeader, TraceReader, TraceWriter, Truth, is_trace};
 
 fn read(text: &str) -> Result<Vec<Sample>, String> {
     TraceReader::new(text.as_bytes(), "trace.csv")

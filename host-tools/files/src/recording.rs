@@ -1,7 +1,7 @@
 //! Recordings: what a finger said, row by row, in the kind of file that the name asks for.
 //!
 //! ```text
-//! Frame ──taxel_formats::frames::cells──▶ row ──Recorder──▶ .mcap · .parquet · .csv ──Recording──▶ row
+//! Frame ──crate::frames::cells──▶ row ──Recorder──▶ .mcap · .parquet · .csv ──Recording──▶ row
 //! ```
 //! A recording is a [`Header`] (which finger, which calibration), named columns, and rows. Nothing in
 //! here knows what a column means, so that a field which frames gain is recorded without a change.
@@ -17,9 +17,9 @@ use std::fs::File;
 use std::io::ErrorKind;
 use std::path::Path;
 
-use taxel_formats::FileError;
-use taxel_formats::frames::{Cell, Column, Kind};
-use taxel_formats::trace::is_code;
+use crate::FileError;
+use crate::frames::{Cell, Column, Kind};
+use crate::trace::is_code;
 
 pub use header::Header;
 pub use scans::Scans;

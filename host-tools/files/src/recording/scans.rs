@@ -3,13 +3,13 @@
 use std::io::{self, BufReader, Cursor, Read};
 use std::path::Path;
 
+use crate::FileError;
+use crate::calibration;
+use crate::frames::Cell;
+use crate::trace::{Sample, TraceReader, is_code};
 use taxel::calibration::Calibration;
-use taxel_formats::FileError;
-use taxel_formats::calibration;
-use taxel_formats::frames::Cell;
-use taxel_formats::trace::{Sample, TraceReader, is_code};
 
-use crate::{Format, Header, Recording};
+use crate::recording::{Format, Header, Recording};
 
 type Samples = Box<dyn Iterator<Item = Result<Sample, FileError>> + Send>;
 
@@ -52,7 +52,8 @@ fn is_recording(path: &Path) -> bool {
     match Format::of(path) {
         Ok(Format::Mcap | Format::Parquet) => true,
         // Whatever else it is called, the reader of traces says what is wrong with it.
-        _ => crate::csv::open(path).is_ok_and(|recording| recording.position("seq").is_some()),
+        _ => crate::recording::csv::open(path)
+            .is_ok_and(|recording| recording.position("seq").is_some()),
     }
 }
 

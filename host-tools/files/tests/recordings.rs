@@ -8,8 +8,8 @@ use taxel::estimate::{ContactPoint, Force};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::NoValue;
 use taxel::units::{Micros, Millimetres, Newtons};
-use taxel_formats::frames::{Cell, Column, cells, columns};
-use taxel_recording::{Existing, Header, Recorder, Recording, host_columns};
+use taxel_files::frames::{Cell, Column, cells, columns};
+use taxel_files::recording::{Existing, Header, Recorder, Recording, host_columns};
 
 fn header() -> Header {
     let header = Header::default().with("serial", "F-0042").with("full_scale", 65535);

@@ -1,4 +1,4 @@
-//! MCAP: one channel of protobuf messages ([`crate::schema`]), the facts as metadata, the calibration as an
+//! MCAP: one channel of protobuf messages ([`crate::recording::schema`]), the facts as metadata, the calibration as an
 //! attachment. Foxglove opens it.
 //!
 //! Messages come in compressed chunks, each with its CRC. A flush ends the chunk, so that a file whose
@@ -10,14 +10,14 @@ use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Cursor, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use crate::FileError;
+use crate::frames::{Cell, Column};
 use mcap::records::{self, MessageHeader, Record};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{Attachment, Compression, McapError, WriteOptions};
-use taxel_formats::FileError;
-use taxel_formats::frames::{Cell, Column};
 
-use crate::header::Header;
-use crate::{Existing, HOST_TIME, Recording, Sink, begin, schema};
+use crate::recording::header::Header;
+use crate::recording::{Existing, HOST_TIME, Recording, Sink, begin, schema};
 
 /// The name of the metadata and of the calibration among the attachments.
 const METADATA: &str = "taxel";
