@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use taxel_chart::failures::Of;
-use taxel_chart::{
+use taxel_research::failures::Of;
+use taxel_research::{
     Effort, Waiting, edge, estimators, failures, limit_surface, peers, simulator, throughput,
 };
 

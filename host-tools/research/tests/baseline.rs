@@ -4,8 +4,8 @@
 use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
 
-use taxel_chart::failures::Of;
-use taxel_chart::{Effort, Waiting, estimators, failures};
+use taxel_research::failures::Of;
+use taxel_research::{Effort, Waiting, estimators, failures};
 
 /// Another machine's arithmetic takes the training of a net another way; a change that costs more than this
 /// is a change.
@@ -16,7 +16,7 @@ const ERROR: f64 = 5e-4;
 const SHARE: f64 = 0.01;
 
 const ANEW: &str = "if that is wanted, write the baseline anew: \
-                    `taxel chart --quick --only estimators --only failures --out host-tools/chart/data`, and keep its three CSV";
+                    `taxel chart --quick --only estimators --only failures --out host-tools/research/data`, and keep its three CSV";
 
 /// Rows by their first `keys` cells, and the cells after them.
 fn rows(table: &str, keys: usize) -> Vec<(Vec<String>, Vec<String>)> {

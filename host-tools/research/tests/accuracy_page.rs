@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use taxel_chart::failures::{self, Of};
+use taxel_research::failures::{self, Of};
 
 const PAGE: &str = include_str!("../../../docs/accuracy.md");
 const ESTIMATORS: &str = include_str!("../../../docs/images/estimators.csv");
