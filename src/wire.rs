@@ -1,7 +1,7 @@
 //! The link's bytes: `COBS(postcard(message) ‖ CRC-32 LE) ‖ 0x00` in both directions.
 //!
 //! [`message`] says what may be said, this module how it is packed, [`deframer`] how it is found in a
-//! stream of bytes. `docs/protocol.md` is the specification for other languages, `tests/wire_golden.rs`
+//! stream of bytes. `docs/protocol.md` is the specification for other languages, `tests/core/wire_golden.rs`
 //! pins it byte by byte.
 
 mod crc32;

@@ -1,5 +1,5 @@
 //! A frame's bytes, field by field: to the byte what postcard makes of `Message::Frame`
-//! (`tests/wire_golden.rs`), in a third of its modelled cycles. What is not used yet of the buffer goes by
+//! (`tests/core/wire_golden.rs`), in a third of its modelled cycles. What is not used yet of the buffer goes by
 //! value from one field to the next, so that it stays in two registers.
 
 use crate::condition::Signals;

@@ -1,4 +1,4 @@
-"""The bytes that docs/protocol.md shows and tests/wire_golden.rs pins."""
+"""The bytes that docs/protocol.md shows and tests/core/wire_golden.rs pins."""
 
 import pytest
 

@@ -24,8 +24,7 @@ pub enum Part {
 /// What `boards/*/Cargo.toml` choose of the core's features, and none of them.
 const CORE_FEATURES: [&str; 2] = ["", "array,slip"];
 
-/// The file of tests that needs the emulated boards, and what the names of those tests begin with.
-const EMULATED: &str = "emulated_board";
+/// What the names of tests begin with that need the emulated boards.
 const EMULATED_PREFIX: &str = "emulated_";
 
 /// Which tests of the host's workspace.
@@ -128,8 +127,9 @@ fn tests(which: Tests) -> Command {
     }
     command.args(["--workspace", "--no-fail-fast"]).args(locked());
     match (which, nextest) {
-        (Tests::Emulated, _) => command.args(["--test", EMULATED]),
-        (Tests::Host, true) => command.args(["-E", &format!("not binary({EMULATED})")]),
+        (Tests::Emulated, true) => command.args(["-E", &format!("test({EMULATED_PREFIX})")]),
+        (Tests::Emulated, false) => command.args(["--test", "*", "--", EMULATED_PREFIX]),
+        (Tests::Host, true) => command.args(["-E", &format!("not test({EMULATED_PREFIX})")]),
         // Without a selection cargo would run the documentation's too.
         (Tests::Host, false) => command.args(["--all-targets", "--", "--skip", EMULATED_PREFIX]),
     };

@@ -1,8 +1,6 @@
 //! No output is ever NaN or infinite: for any codes, and any calibration that is accepted.
 
-mod common;
-
-use common::{LIT, MIDPOINT, everything, unloaded};
+use crate::common::{LIT, MIDPOINT, everything, unloaded};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;

@@ -1,7 +1,5 @@
 //! The session over in-memory links: what a host sees of a finger, whoever carries the bytes.
 
-mod common;
-
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -9,7 +7,8 @@ use std::future::poll_fn;
 use std::rc::Rc;
 use std::task::{Poll, Waker};
 
-use common::{calibration, identity, store, unloaded};
+use crate::common;
+use crate::common::{calibration, identity, store, unloaded};
 use embassy_futures::block_on;
 use embassy_futures::select::{Either, select};
 use taxel::calibration::{CalibrationError, MAX_BYTES};

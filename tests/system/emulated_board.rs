@@ -3,11 +3,10 @@
 //! `qemu-system-arm`, a Cortex-M compiler and what `host-tools/emulator` builds with: `cargo xtask test`
 //! sees to all.
 
-mod common;
-
 use std::ops::ControlFlow;
 
-use common::{calibration, pressed, unloaded};
+use crate::common;
+use crate::common::{calibration, pressed, unloaded};
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::finger::Finger;
@@ -51,7 +50,7 @@ fn tour() -> Vec<Scan> {
 
 fn virtual_finger() -> Calibration {
     let path =
-        concat!(env!("CARGO_MANIFEST_DIR"), "/host-tools/cli/assets/virtual-finger.cal.toml");
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../host-tools/cli/assets/virtual-finger.cal.toml");
     taxel_files::calibration::read(path).unwrap()
 }
 

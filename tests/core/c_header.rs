@@ -1,11 +1,10 @@
 //! The C header reads what this core sends: compiled by the system's C compiler, without a warning.
 
-mod common;
-
 use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use crate::common;
 use taxel::condition::{Health, Signals};
 use taxel::estimate::slip::Verdict;
 use taxel::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
@@ -17,8 +16,7 @@ use taxel::wire::{MAX_PACKET, pack};
 
 /// What the C program prints for a stream.
 fn printed(stream: &[u8]) -> String {
-    let folder = tempfile::tempdir().unwrap();
-    let program = folder.path().join("print_frames");
+    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join("print_frames");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("host-tools/c/print_frames.c");
     let compiled = Command::new("cc")
         .args(["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O1"])

@@ -1,9 +1,8 @@
 //! What survives power-off, whenever the power goes: at every operation of the flash, and in the middle of
 //! it.
 
-mod common;
-
-use common::{calibration, identity};
+use crate::common;
+use crate::common::{calibration, identity};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,8 +1,7 @@
 //! What the finger says of a scene, and what it says when it cannot know.
 
-mod common;
-
-use common::{LIT, calibration, everything, pressed, unloaded};
+use crate::common;
+use crate::common::{LIT, calibration, everything, pressed, unloaded};
 use taxel::calibration::Calibration;
 use taxel::condition::LowPass;
 use taxel::estimate::Force;

@@ -1,8 +1,7 @@
 //! The wire, byte by byte. A change of any of these is a change of the protocol: clients in other
 //! languages were written from `docs/protocol.md`, which shows the same bytes.
 
-mod common;
-
+use crate::common;
 use proptest::prelude::*;
 use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES};
 use taxel::condition::{Health, Signals};
