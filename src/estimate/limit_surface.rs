@@ -4,9 +4,9 @@
 //! The contact is a disc of radius a = c·N^γ with the power-law pressure p(r) ∝ (1 − (r/a)^k)^(1/k) and
 //! Coulomb friction. Turning about a centre anywhere on its plane gives a force and a torsion; swept over
 //! the centres they draw a curve, from (μN, 0) to (0, τ_max) with τ_max = κ·μ·N·a. The ellipse through the
-//! same ends is its cheap form. The curve is found on the host (`taxel_fit::limit_surface`); its radius
+//! same ends is its cheap form. The curve is found on the host (`taxel_calibrate::limit_surface`); its radius
 //! over the ellipse's is kept at a few angles. [`Sweep`] is the curve itself, a dozen times dearer: which of the
-//! three is worth what is in `host-tools/fit/data/limit-surface.csv`.
+//! three is worth what is in `host-tools/calibrate/data/limit-surface.csv`.
 
 mod sweep;
 

@@ -8,8 +8,8 @@ use std::path::Path;
 use common::{In, json};
 use taxel::estimate::bright_spot::Spot;
 use taxel::estimate::column::quadrants;
+use taxel_calibrate::recording::Recording;
 use taxel_files::trace::Sample;
-use taxel_fit::recording::Recording;
 use taxel_sim::systems::column::{CENTRES, LIGHT_PER_MM2};
 use taxel_sim::{Scene, Simulator};
 

@@ -3,7 +3,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use taxel_fit::least_squares;
+use taxel_regress::least_squares;
 
 use crate::failures::{Count, Map, Of, Point};
 

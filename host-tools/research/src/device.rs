@@ -2,8 +2,8 @@
 
 use anyhow::Context;
 use taxel::condition::{Bias, Levels, Signals};
+use taxel_calibrate::recording::Recording;
 use taxel_files::trace::Sample;
-use taxel_fit::recording::Recording;
 use taxel_sim::{Effect, Scene, Simulator};
 
 use crate::truth::{Beyond, Touches};

@@ -14,7 +14,7 @@ use crate::page::{hex, layout, page};
 use crate::scatter::thousands;
 use crate::style::{COLOURS, Done, FAINT, FONT, svg};
 
-const COMMITTED: &str = include_str!("../../fit/data/limit-surface.csv");
+const COMMITTED: &str = include_str!("../../calibrate/data/limit-surface.csv");
 const TITLE: &str = "What a contact bears before it slides: worst error over cost";
 const CYCLES: &str = "modelled Cortex-M4F cycles a call";
 const ERROR: &str = "worst error / %";
@@ -34,7 +34,7 @@ struct Form {
 /// # Errors
 /// One of them cannot be written, or the committed table is none.
 pub fn write(folder: &Path) -> anyhow::Result<()> {
-    let forms = parse(COMMITTED).context("host-tools/fit/data/limit-surface.csv")?;
+    let forms = parse(COMMITTED).context("host-tools/calibrate/data/limit-surface.csv")?;
     save(folder.join("limit-surface.csv"), COMMITTED)?;
     save(folder.join("limit-surface.svg"), svg(SIZE, |area| drawn(area, &forms))?)?;
     save(folder.join("limit-surface.html"), html(&forms))?;

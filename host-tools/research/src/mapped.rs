@@ -14,7 +14,7 @@ use taxel::frame::Status;
 use taxel::measured::Measured;
 use taxel::units::Newtons;
 use taxel_files::trace::{Sample, Truth};
-use taxel_fit::range::largest;
+use taxel_regress::range::largest;
 
 use crate::accuracy::{Accuracy, Unseen};
 use crate::device::{CALIBRATION, Device};

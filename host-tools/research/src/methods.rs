@@ -14,11 +14,11 @@ use taxel::estimate::quantised::QuantisedNet;
 use taxel::measured::Measured;
 use taxel::scan::{COLS, PITCH, TAXELS};
 use taxel_files::table::Table;
-use taxel_fit::Expansion;
-use taxel_fit::model::Family;
-use taxel_fit::network::NetOptions;
-use taxel_fit::range::largest;
-use taxel_fit::table::{self, TableModel, TableOptions, TableRecording};
+use taxel_regress::Expansion;
+use taxel_regress::model::Family;
+use taxel_regress::network::NetOptions;
+use taxel_regress::range::largest;
+use taxel_regress::table::{self, TableModel, TableOptions, TableRecording};
 
 use crate::Effort;
 use crate::device::{Device, Moment};

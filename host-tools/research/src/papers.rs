@@ -13,12 +13,12 @@ use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::wrench::SensorPlaces;
 use taxel::scan::COLS;
 use taxel::units::Millimetres;
+use taxel_calibrate::finger::FitOptions;
+use taxel_calibrate::recording::Recording;
 use taxel_files::table::Table;
 use taxel_files::trace::Sample;
-use taxel_fit::finger::FitOptions;
-use taxel_fit::model::Family;
-use taxel_fit::recording::Recording;
-use taxel_fit::table::{self, TableModel, TableOptions, TableRecording};
+use taxel_regress::model::Family;
+use taxel_regress::table::{self, TableModel, TableOptions, TableRecording};
 use taxel_sim::systems::column::{CENTRES, LIGHT_PER_MM2};
 
 use crate::device::{FITTED, JUDGED, Moment, run};
@@ -304,7 +304,7 @@ fn fitted(runs: &[Run]) -> anyhow::Result<taxel::calibration::Calibration> {
         .collect();
     let stop = AtomicBool::new(false);
     let options = FitOptions::default();
-    Ok(taxel_fit::finger::fit(&recordings, &options, &mut |_| {}, &stop)?.calibration)
+    Ok(taxel_calibrate::finger::fit(&recordings, &options, &mut |_| {}, &stop)?.calibration)
 }
 
 /// The first N outputs of a law.

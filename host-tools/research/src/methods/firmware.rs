@@ -8,10 +8,10 @@ use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::vibration::Listener;
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
-use taxel_fit::array;
-use taxel_fit::finger::{FitOptions, Subject};
-use taxel_fit::model::Family;
-use taxel_fit::network::NetOptions;
+use taxel_calibrate::array;
+use taxel_calibrate::finger::{FitOptions, Subject};
+use taxel_regress::model::Family;
+use taxel_regress::network::NetOptions;
 
 use super::{Group, Method, Said};
 use crate::Effort;
@@ -77,7 +77,7 @@ pub(crate) fn calibrated(
         ..FitOptions::default()
     };
     let recordings = [&device.recordings[..], std::slice::from_ref(&device.warm_up)].concat();
-    let fitted = taxel_fit::finger::fit(&recordings, &options, &mut |_| {}, stop)
+    let fitted = taxel_calibrate::finger::fit(&recordings, &options, &mut |_| {}, stop)
         .context("the finger's own calibration")?;
     Ok(fitted.calibration)
 }

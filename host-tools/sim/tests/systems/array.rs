@@ -6,8 +6,8 @@ use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::wrench::SensorPlaces;
 use taxel::scan::SENSORS;
 use taxel::units::Millimetres;
-use taxel_fit::finger::{FitOptions, fit};
-use taxel_fit::recording::Recording;
+use taxel_calibrate::finger::{FitOptions, fit};
+use taxel_calibrate::recording::Recording;
 
 use crate::{force, run, signals};
 

@@ -4,10 +4,10 @@ use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
 use taxel::finger::Finger;
-use taxel_fit::evaluate;
-use taxel_fit::finger::{FitOptions, Subject, fit};
-use taxel_fit::metrics::Figures;
-use taxel_fit::recording::Recording;
+use taxel_calibrate::evaluate;
+use taxel_calibrate::finger::{FitOptions, Subject, fit};
+use taxel_calibrate::recording::Recording;
+use taxel_regress::metrics::Figures;
 
 use crate::{force, run};
 

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
+use taxel_calibrate::adjust;
 use taxel_files::calibration;
 use taxel_files::stretch::Stretch;
-use taxel_fit::adjust;
 
 use super::data::{self, Aligned};
 use super::now;

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use taxel_calibrate::report::drift;
 use taxel_files::calibration::{self, Kind};
 use taxel_files::stretch::Stretch;
-use taxel_fit::table::TableModel;
-use taxel_report::drift;
+use taxel_regress::table::TableModel;
 
 use super::data;
 use crate::output;

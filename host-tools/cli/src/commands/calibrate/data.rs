@@ -4,12 +4,12 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use taxel_calibrate::recording::Recording;
 use taxel_files::recording::Scans;
 use taxel_files::stretch::Stretch;
 use taxel_files::{table, trace};
-use taxel_fit::align::Alignment;
-use taxel_fit::recording::Recording;
-use taxel_fit::table::TableRecording;
+use taxel_regress::align::Alignment;
+use taxel_regress::table::TableRecording;
 
 use crate::output;
 

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::Serialize;
+use taxel_calibrate::evaluate;
 use taxel_files::calibration::{self, Kind};
 use taxel_files::stretch::Stretch;
-use taxel_fit::evaluate;
-use taxel_fit::metrics::TargetMetrics;
-use taxel_fit::table::{self, TableModel};
+use taxel_regress::metrics::TargetMetrics;
+use taxel_regress::table::{self, TableModel};
 
 use super::data;
 use crate::output;

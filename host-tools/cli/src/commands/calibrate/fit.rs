@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use taxel_calibrate::Form;
+use taxel_calibrate::finger::{self, FitOptions, Part, Subject};
 use taxel_files::calibration;
 use taxel_files::stretch::Stretch;
-use taxel_fit::finger::{self, FitOptions, Part, Subject};
-use taxel_fit::model::Family;
-use taxel_fit::network::{NetOptions, Progress};
-use taxel_fit::table::{self, TableOptions};
-use taxel_fit::{Form, LeftOut};
+use taxel_regress::LeftOut;
+use taxel_regress::model::Family;
+use taxel_regress::network::{NetOptions, Progress};
+use taxel_regress::table::{self, TableOptions};
 
 use super::data::{self, Aligned};
 use crate::interrupt::Interrupt;
@@ -156,19 +157,19 @@ struct Width {
     error: Vec<f64>,
 }
 
-impl From<taxel_fit::Tried> for Width {
-    fn from(taxel_fit::Tried { hidden, error }: taxel_fit::Tried) -> Self {
+impl From<taxel_regress::Tried> for Width {
+    fn from(taxel_regress::Tried { hidden, error }: taxel_regress::Tried) -> Self {
         Self { hidden, error }
     }
 }
 
-impl From<taxel_fit::Chosen> for Chosen {
-    fn from(chosen: taxel_fit::Chosen) -> Self {
+impl From<taxel_regress::Chosen> for Chosen {
+    fn from(chosen: taxel_regress::Chosen) -> Self {
         let left_out = match chosen.left_out {
             LeftOut::Recordings => "recordings",
             LeftOut::Stretches => "stretches",
         };
-        let taxel_fit::Chosen { line, bent, apart, skin, hidden, widths, .. } = chosen;
+        let taxel_regress::Chosen { line, bent, apart, skin, hidden, widths, .. } = chosen;
         let widths = widths.into_iter().map(Width::from).collect();
         Self { left_out, widths, line, bent, apart, skin, hidden }
     }

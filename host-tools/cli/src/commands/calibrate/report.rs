@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::time::{Duration, UNIX_EPOCH};
 
 use humantime::format_rfc3339_seconds;
+use taxel_calibrate::report::{html, judge, table};
 use taxel_files::calibration::{self, Kind};
 use taxel_files::stretch::Stretch;
-use taxel_fit::table::TableModel;
-use taxel_report::{html, judge, table};
+use taxel_regress::table::TableModel;
 
 use super::{data, now};
 use crate::output;

@@ -1,0 +1,377 @@
+//! One gain a taxel, found through the model of the skin, else through the net, and folded into all that works
+//! on the taxels' signals.
+//!
+//! The model says more of a press than its force: with the right gains all sixteen displacements are those of
+//! one contact.
+
+use std::borrow::Cow;
+
+use nalgebra::{Const, DVector, Dyn, OMatrix, SMatrix, SVector};
+use taxel::calibration::{Calibration, TaxelCalibration};
+use taxel::estimate::inverse::{Inverse, InverseState, Touch};
+use taxel::estimate::net::ForceNet;
+use taxel::estimate::quantised::QuantisedNet;
+use taxel::scan::{TAXEL_CENTRES, TAXELS};
+
+use super::{AGED, Adjusted, COMMON, Helped, LEAST_PRESSES, Press, Row};
+use crate::inverse::neighbours;
+use crate::quantise;
+use taxel_regress::error::FitError;
+use taxel_regress::metrics::surely_less;
+
+/// Standard deviation of what the unloaded light does not tell of a taxel's gain.
+const OWN: f64 = 0.05;
+/// A net's own error is much the same in presses of one weight, and gains could take it away there to bring it in
+/// elsewhere: up to so many times the RMS error on its own recordings is a young finger's.
+const YOUNG: f64 = 2.0;
+/// Steps of Gauss–Newton: from a good guess it has converged long before.
+const STEPS: usize = 10;
+/// Frames in which the model of the skin follows a row from nothing: it settles in three. From signals that
+/// were nearly the same it takes two.
+const FRAMES: usize = 6;
+const FEW_FRAMES: usize = 2;
+/// No force is trusted to less, newtons.
+const LEAST_SIGMA: f64 = 1e-3;
+
+type Gains = SVector<f64, TAXELS>;
+type Jacobian = OMatrix<f64, Dyn, Const<TAXELS>>;
+
+/// Finds the gains and, where they surely help, folds them in.
+///
+/// # Errors
+/// The net in 16 bits cannot hold them.
+pub(super) fn adjust(
+    adjusted: &mut Adjusted,
+    before: &Calibration,
+    presses: &[Press],
+) -> Result<(), FitError> {
+    let Some(old) = before.taxels.as_ref() else { return Ok(()) };
+    let Some(new) = adjusted.calibration.taxels.as_ref().map(|taxels| taxels.bias) else {
+        return Ok(());
+    };
+    let skin = before.model.as_ref().map(Estimator::Skin);
+    let net = net_of(before);
+    let net = net.as_deref().map(Estimator::Net);
+    let estimators: Vec<Estimator> = skin.into_iter().chain(net).collect();
+    let Some(best) = estimators.first().copied() else { return Ok(()) };
+    let known = |press: &&Press| press.iter().any(|row| row.c.is_some() && row.force[2].is_some());
+    let presses: Vec<&Press> = presses.iter().filter(known).collect();
+    if presses.len() < LEAST_PRESSES {
+        adjusted.warnings.push(format!(
+            "the taxels: {} presses with a known force on the finger where {LEAST_PRESSES} are needed; their \
+             gains stay",
+            presses.len()
+        ));
+        return Ok(());
+    }
+    let light = Gains::from_fn(|k, _| {
+        let ratio = f64::from(new.level[k]) / f64::from(old.bias.level[k]);
+        if ratio > 0.0 { ratio.ln() } else { 0.0 }
+    });
+    let sigma = old.residual.map(|r| f64::from(r).max(LEAST_SIGMA));
+    let problem = Problem { estimator: best, light, sigma };
+    let left_out: Vec<Gains> = (0..presses.len())
+        .map(|i| {
+            let others: Vec<&Press> =
+                presses.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, p)| *p).collect();
+            problem.solve(&others)
+        })
+        .collect();
+    let gains = problem.solve(&presses).map(f64::exp);
+    let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / presses.len() as f64).sqrt();
+    let mut squares = Vec::new();
+    for estimator in &estimators {
+        let each = presses.iter().zip(&left_out);
+        let [before, after]: [Vec<f64>; 2] = [
+            each.clone().map(|(press, _)| square(*estimator, &Gains::zeros(), press)).collect(),
+            each.map(|(press, gains)| square(*estimator, gains, press)).collect(),
+        ];
+        let estimator = estimator.name();
+        let (was, is) = (rms(&before), rms(&after));
+        adjusted.helped.push(Helped { estimator, before: was, after: is });
+        squares.push((estimator, before, after));
+    }
+    let spread = gains.iter().fold(0.0, |most: f64, gain| most.max((gain - 1.0).abs()));
+    let unhelped = squares
+        .iter()
+        .filter(|(_, before, after)| !surely_less(after, before))
+        .map(|(name, ..)| *name);
+    let unhelped: Vec<&str> = unhelped.collect();
+    let outputs = before.net().map_or(3, |net| net.outputs());
+    let expected = f64::from(old.residual[outputs.min(3) - 1]);
+    let met = adjusted.helped.first().map_or(0.0, |helped| helped.before);
+    let refused = if matches!(best, Estimator::Net(_)) && met <= YOUNG * expected {
+        Some(format!(
+            "the net misses the presses by {:.1} mN, no more than twice the {:.1} mN that it missed its own \
+             recordings by: no ageing is to be seen",
+            1e3 * met,
+            1e3 * expected
+        ))
+    } else if unhelped.contains(&best.name()) {
+        Some("gains from all but one press do not surely help with that one".to_owned())
+    } else if spread > AGED {
+        let percent = 100.0 * spread;
+        Some(format!("a taxel's gain would change by {percent:.0} %, which is more than ageing"))
+    } else {
+        for name in unhelped {
+            adjusted
+                .warnings
+                .push(format!("the gains do not surely help the {name}; fit it anew for more"));
+        }
+        None
+    };
+    adjusted.taxels = vec![1.0; TAXELS];
+    let left = adjusted.helped.first().map(|h| if refused.is_none() { h.after } else { h.before });
+    match refused {
+        Some(why) => {
+            adjusted.warnings.push(format!("the taxels: {why}; they stay, the bias is new"));
+        }
+        None => {
+            adjusted.taxels = gains.iter().copied().collect();
+            fold(&mut adjusted.calibration, &gains)?;
+        }
+    }
+    if let Some(left) = left.filter(|left| *left > 5.0 * expected) {
+        adjusted.warnings.push(format!(
+            "the {}: {:.1} mN are left on presses not used, where the record's own residual was {:.1} mN; \
+             fit anew for more",
+            best.name(),
+            1e3 * left,
+            1e3 * expected
+        ));
+    }
+    Ok(())
+}
+
+/// What the taxels' signals go through.
+#[derive(Clone, Copy)]
+enum Estimator<'r> {
+    Net(&'r ForceNet),
+    Skin(&'r Inverse),
+}
+
+impl Estimator<'_> {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Net(_) => "net",
+            Self::Skin(_) => "model of the skin",
+        }
+    }
+
+    fn normal(self, c: &[f32; TAXELS]) -> Option<f32> {
+        match self {
+            Self::Net(net) => net.forces(c).last().copied(),
+            Self::Skin(model) => {
+                let (_, touch) = follow(model, c, &mut InverseState::default(), FRAMES)?;
+                Some(touch.load.normal())
+            }
+        }
+    }
+
+    /// What it misses of a row, over what it is trusted to: components of the force that are known and, by the
+    /// model, displacements. `state` is what the model remembers from `frames` before.
+    fn errors(
+        self,
+        c: &[f32; TAXELS],
+        (row, sigma): (&Row, &[f64; 3]),
+        state: &mut InverseState,
+        frames: usize,
+    ) -> Vec<f64> {
+        match self {
+            Self::Net(net) => {
+                let found = net.forces(c);
+                let truth = if found.len() == 1 { &row.force[2..] } else { &row.force[..] };
+                let known = found.iter().zip(truth).zip(sigma);
+                known.filter_map(|((f, t), s)| Some((f64::from(*f) - (*t)?) / s)).collect()
+            }
+            Self::Skin(model) => {
+                let found = row.force[2].zip(follow(model, c, state, frames));
+                let Some((normal, (u, touch))) = found else { return Vec::new() };
+                let around = model.field.around(&touch.load);
+                let trusted = f64::from(model.error[0] + model.error[1] * touch.load.normal());
+                let missed = u.iter().zip(&TAXEL_CENTRES).map(|(u, [x, y])| {
+                    let facet = [x.0, y.0];
+                    let sinks =
+                        if model.shear { around.sheared(facet).0 } else { around.pressed(facet).0 };
+                    f64::from(u - sinks) / trusted
+                });
+                let sigma = f64::from(touch.sigma[2]).max(LEAST_SIGMA);
+                let force = (f64::from(touch.load.normal()) - normal) / sigma;
+                missed.chain([force]).collect()
+            }
+        }
+    }
+}
+
+/// Displacements and touch after so many frames of the same signals.
+fn follow(
+    model: &Inverse,
+    c: &[f32; TAXELS],
+    state: &mut InverseState,
+    frames: usize,
+) -> Option<([f32; TAXELS], Touch)> {
+    let u = model.curves.displacements(c);
+    let mut frame =
+        || if model.shear { model.sheared(state, &u, None) } else { model.pressed(state, &u) };
+    let touch = (0..frames).map(|_| frame()).last()?.ok()?;
+    Some((u, touch))
+}
+
+/// The net in f32, whatever the record holds it in.
+fn net_of(calibration: &Calibration) -> Option<Cow<'_, ForceNet>> {
+    let whole = || calibration.quantised.as_ref().map(|net| Cow::Owned(quantise::float(net)));
+    calibration.force.as_ref().map(Cow::Borrowed).or_else(whole)
+}
+
+/// Signals divided by their gains.
+fn younger(gains: &Gains, c: &[f32; TAXELS]) -> [f32; TAXELS] {
+    std::array::from_fn(|k| (f64::from(c[k]) * (-gains[k]).exp()) as f32)
+}
+
+/// Mean square error of f_z over a press, newtons². What is not found is an error as large as the force.
+fn square(estimator: Estimator<'_>, gains: &Gains, press: &Press) -> f64 {
+    let error = |row: &Row| {
+        let found = estimator.normal(&younger(gains, row.c.as_ref()?)).unwrap_or_default();
+        Some((f64::from(found) - row.force[2]?).powi(2))
+    };
+    let squares: Vec<f64> = press.iter().filter_map(error).collect();
+    squares.iter().sum::<f64>() / squares.len().max(1) as f64
+}
+
+/// A gain of the signals is the inverse of one of what they go through.
+fn fold(calibration: &mut Calibration, gains: &Gains) -> Result<(), FitError> {
+    if let Some(net) = &mut calibration.force {
+        fold_net(net, gains);
+    }
+    if let Some(model) = &mut calibration.model {
+        fold_model(model, gains);
+    }
+    let Some(taxels) = &mut calibration.taxels else { return Ok(()) };
+    for (range, gain) in taxels.range.iter_mut().zip(gains) {
+        *range = range.map(|end| (f64::from(end) * gain) as f32);
+    }
+    if let Some(net) = &mut calibration.quantised {
+        *net = requantised(net, taxels, gains)?;
+    }
+    Ok(())
+}
+
+fn fold_net(net: &mut ForceNet, gains: &Gains) {
+    for row in
+        net.units.iter_mut().map(|unit| &mut unit.weights).chain(net.skip.iter_mut().flatten())
+    {
+        row.iter_mut().zip(gains).for_each(|(w, gain)| *w = (f64::from(*w) / gain) as f32);
+    }
+}
+
+fn requantised(
+    net: &QuantisedNet,
+    taxels: &TaxelCalibration,
+    gains: &Gains,
+) -> Result<QuantisedNet, FitError> {
+    let mut float = quantise::float(net);
+    fold_net(&mut float, gains);
+    quantise::whole(&float, taxels)
+}
+
+/// A curve's n-th coefficient goes with the n-th power of the signal; of stray light both the taxel that picks
+/// it up and the one that it comes from have gains.
+fn fold_model(model: &mut Inverse, gains: &Gains) {
+    let steepness = |model: &Inverse| -> f64 {
+        model.curves.gap.iter().map(|gap| f64::from(gap[0]).powi(2)).sum()
+    };
+    let before = steepness(model);
+    for (k, (gap, stray)) in model.curves.gap.iter_mut().zip(&mut model.curves.stray).enumerate() {
+        for (power, coefficient) in (1..).zip(gap) {
+            *coefficient = (f64::from(*coefficient) / gains[k].powi(power)) as f32;
+        }
+        for (share, neighbour) in stray.iter_mut().zip(neighbours(k)) {
+            let other = neighbour.map_or(gains[k], |neighbour| gains[neighbour]);
+            *share = (f64::from(*share) * gains[k] / other) as f32;
+        }
+    }
+    // The floor is what the noise of a signal, which stays, makes of displacements.
+    let floor = (steepness(model) / before.max(f64::MIN_POSITIVE)).sqrt();
+    model.error[0] = (f64::from(model.error[0]) * floor) as f32;
+}
+
+/// The most probable logarithms of the gains.
+struct Problem<'e> {
+    estimator: Estimator<'e>,
+    /// What the unloaded light says of them.
+    light: Gains,
+    /// How well the net fitted when it was made, newtons an output.
+    sigma: [f64; 3],
+}
+
+impl Problem<'_> {
+    fn solve(&self, presses: &[&Press]) -> Gains {
+        // Covariance COMMON²·11ᵀ + OWN²·1, inverted by Sherman and Morrison.
+        let share = COMMON.powi(2) / (OWN.powi(2) + TAXELS as f64 * COMMON.powi(2));
+        let prior =
+            (SMatrix::<f64, TAXELS, TAXELS>::identity() - SMatrix::repeat(share)) / OWN.powi(2);
+        let mut gains = self.light;
+        for _ in 0..STEPS {
+            let mut curvature = prior;
+            let mut slope = prior * (self.light - gains);
+            for press in presses {
+                let weight = 1.0 / press.len() as f64;
+                for row in *press {
+                    let (errors, jacobian) = self.linear(&gains, row);
+                    curvature += jacobian.tr_mul(&jacobian) * weight;
+                    slope -= jacobian.tr_mul(&errors) * weight;
+                }
+            }
+            let Some(step) = curvature.cholesky().map(|c| c.solve(&slope)) else { break };
+            gains += step;
+            if step.amax() < 1e-6 {
+                break;
+            }
+        }
+        gains
+    }
+
+    /// Errors of a row and how they change with the gains.
+    fn linear(&self, gains: &Gains, row: &Row) -> (DVector<f64>, Jacobian) {
+        const STEP: f64 = 1e-3;
+        let Some(c) = &row.c else { return (DVector::zeros(0), Jacobian::zeros(0)) };
+        let known = (row, &self.sigma);
+        let mut settled = InverseState::default();
+        let errors = self.estimator.errors(&younger(gains, c), known, &mut settled, FRAMES);
+        let errors = DVector::from_vec(errors);
+        let mut jacobian = Jacobian::zeros(errors.len());
+        for k in 0..TAXELS {
+            let mut moved = *gains;
+            moved[k] += STEP;
+            let mut state = settled;
+            let moved = self.estimator.errors(&younger(&moved, c), known, &mut state, FEW_FRAMES);
+            if moved.len() == errors.len() {
+                jacobian.set_column(k, &((DVector::from_vec(moved) - &errors) / STEP));
+            }
+        }
+        (errors, jacobian)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folded_gains_undo_what_they_did_to_the_signals_stray_light_included() {
+        let wave = |k: usize, by: f32| by * (1.7 * k as f32).sin();
+        let mut model = Inverse::default();
+        for k in 0..TAXELS {
+            model.curves.gap[k] = [-3.0 + wave(k, 0.5), -4.0, wave(k, 8.0), 2.0, wave(k, 5.0)];
+            model.curves.stray[k] = [0.02, 0.01, 0.015 + wave(k, 0.01), 0.005];
+        }
+        let gains = Gains::from_fn(|k, _| 1.0 + 0.3 * (2.3 * k as f64).sin());
+        let young: [f32; TAXELS] = std::array::from_fn(|k| wave(3 * k, 0.2));
+        let old = std::array::from_fn(|k| (f64::from(young[k]) * gains[k]) as f32);
+        let wanted = model.curves.displacements(&young);
+        fold_model(&mut model, &gains);
+        for (found, wanted) in model.curves.displacements(&old).iter().zip(wanted) {
+            assert!((found - wanted).abs() < 1e-5, "{found} {wanted}");
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! A net that is taught by the model of the skin: touches that were never recorded.
+//!
+//! A few presses leave a net to guess between them. The model of the skin, fitted to the same presses, has a
+//! finger's few degrees of freedom and says what the taxels would see of any other touch; the net learns its
+//! inverse from these beside the recorded rows.
+
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{DVector, SMatrix, SVector};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use taxel::estimate::field::Load;
+use taxel::estimate::inverse::Inverse;
+use taxel::scan::{TAXEL_CENTRES, TAXELS};
+
+use crate::inverse::{Row, neighbours};
+use crate::skin::Skin;
+use taxel_regress::error::FitError;
+use taxel_regress::network::{self, Build, Net, NetOptions, Progress};
+use taxel_regress::scaling::{Inputs, thinned};
+
+/// Rows that the net is taught: touches of the model, and recorded ones.
+const TOUCHES: usize = 4000;
+const RECORDED: usize = 1000;
+/// A touch lies about so far from a recorded one, in mm; presses are rarely set closer.
+const AWAY: f64 = 0.3;
+/// Its normal force is this share of the recorded one's.
+const HARDER: std::ops::Range<f64> = 0.8..1.2;
+/// Decay of the net's weights: as little as keeps units from growing until they all but cancel each other, for in
+/// 16 bits their difference is lost then.
+const DECAY: f64 = 1e-3;
+/// Newton steps from a displacement to the signal that its curve makes of it, and what is left at the end,
+/// in units of the displacement.
+const STEPS: usize = 40;
+const LITTLE: f64 = 1e-5;
+/// A step goes no farther than this share of full scale: curves turn back beyond the recorded signals.
+const FARTHEST: f64 = 0.05;
+
+/// Teaches a net of one or three outputs.
+///
+/// # Errors
+/// Stopped before the first step.
+pub(crate) fn fit(
+    part: &str,
+    skin: &Skin,
+    (outputs, build, options): (usize, Build, NetOptions),
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Net, FitError> {
+    let Skin { model, rows, .. } = skin;
+    let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
+    let recorded: Vec<&Row> = thinned(rows, RECORDED).collect();
+    let mut taught: Vec<Row> = recorded.into_iter().cloned().collect();
+    let touches = (0..TOUCHES).map(|_| touch(rows, model, &mut rng));
+    taught.extend(touches.filter_map(|(force, point)| {
+        Some(Row { signals: signals(model, force, point)?, force, point })
+    }));
+    let x: Vec<Vec<f64>> = taught.iter().map(|row| row.signals.to_vec()).collect();
+    let y: Vec<Vec<f64>> = taught.iter().map(|row| row.force[3 - outputs..].to_vec()).collect();
+    network::imitate(part, (&x, &y), (build, DECAY), (Inputs::Alike, options), progress, stop)
+}
+
+/// Force and place of a touch like the recorded ones, sheared as much as the one nearby and in any direction.
+///
+/// Were a quarter of the touches sheared as any other row instead, the net's shear would be off by up to twice
+/// as much on recordings of simulated devices that it has not seen, presses and shear alike.
+fn touch(rows: &[Row], model: &Inverse, rng: &mut ChaCha8Rng) -> ([f64; 3], [f64; 2]) {
+    let own = &rows[rng.random_range(0..rows.len())];
+    let normal = own.force[2] * rng.random_range(HARDER);
+    let used = own.force[0].hypot(own.force[1]) / own.force[2];
+    let shear = normal * used.min(f64::from(model.friction));
+    let (sin, cos) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();
+    let mut about = |at: f64| at + 3f64.sqrt() * AWAY * rng.random_range(-1.0..1.0);
+    let point = own.point.map(&mut about);
+    ([shear * cos, shear * sin, normal], point)
+}
+
+/// What the taxels see of a touch; `None` where a curve was never recorded as far.
+fn signals(model: &Inverse, force: [f64; 3], point: [f64; 2]) -> Option<[f64; TAXELS]> {
+    let [fx, fy, fz] = force;
+    let used = fx.hypot(fy) / (fz * f64::from(model.friction)).max(f64::MIN_POSITIVE);
+    let load = Load {
+        shear: [fx as f32, fy as f32],
+        size: fz.cbrt() as f32,
+        point: point.map(|at| at as f32),
+        used: used as f32,
+    };
+    let around = model.field.around(&load);
+    let mut own = SVector::<f64, TAXELS>::zeros();
+    let mut stray = SMatrix::<f64, TAXELS, TAXELS>::identity();
+    for (k, centre) in TAXEL_CENTRES.iter().enumerate() {
+        let facet = [centre[0].0, centre[1].0];
+        let sinks = if model.shear { around.sheared(facet).0 } else { around.pressed(facet).0 };
+        own[k] = signal_of(f64::from(sinks), model.curves.gap.get(k)?)?;
+        for (neighbour, share) in neighbours(k).into_iter().zip(model.curves.stray.get(k)?) {
+            if let Some(neighbour) = neighbour {
+                stray[(k, neighbour)] -= f64::from(*share);
+            }
+        }
+    }
+    Some(stray.lu().solve(&own)?.into())
+}
+
+/// The signal whose curve makes this displacement.
+fn signal_of(displacement: f64, curve: &[f32; 5]) -> Option<f64> {
+    let a = curve.map(f64::from);
+    let mut x = 0.0;
+    for _ in 0..STEPS {
+        let powers = DVector::from_fn(5, |n, _| f64::powi(x, n as i32));
+        let left: f64 = displacement - x * a.iter().zip(&powers).map(|(a, p)| a * p).sum::<f64>();
+        if left.abs() < LITTLE {
+            return Some(x);
+        }
+        let slope: f64 =
+            a.iter().zip(&powers).zip(1..).map(|((a, p), n)| f64::from(n) * a * p).sum();
+        x += (left / slope).clamp(-FARTHEST, FARTHEST);
+        if !x.is_finite() {
+            return None;
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taxel::estimate::field::{Field, Radial};
+    use taxel::estimate::inverse::Curves;
+    use taxel::estimate::net::ForceNet;
+
+    /// A half-space under curves that flatten, with stray light.
+    fn model() -> Inverse {
+        let normal = Radial {
+            depth: [6.25, 2.0],
+            terms: [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]],
+        };
+        let shear =
+            Radial { depth: [6.25, 2.0], terms: [[2.5, 0.0, 0.0], [0.0; 3], [0.0; 3], [0.0; 3]] };
+        Inverse {
+            curves: Curves {
+                stray: [[0.01, 0.02, 0.015, 0.005]; TAXELS],
+                gap: [[-3.0, -4.0, -8.0, 0.0, 0.0]; TAXELS],
+            },
+            field: Field { normal, shear, slip: 0.0 },
+            error: [1e-4, 1e-3],
+            shear: true,
+            friction: 0.6,
+        }
+    }
+
+    #[test]
+    fn what_the_taxels_would_see_gives_the_displacements_back() {
+        let model = model();
+        let (force, point) = ([0.2, -0.1, 0.9], [0.7, -1.1]);
+        let seen = signals(&model, force, point).unwrap();
+        assert!(seen.iter().all(|c| *c < 0.0), "nearer facets see more light: {seen:?}");
+        let u = model.curves.displacements(&seen.map(|c| c as f32));
+        let load = Load {
+            shear: [0.2, -0.1],
+            size: 0.9f32.cbrt(),
+            point: [0.7, -1.1],
+            used: 0.05f32.sqrt() / 0.54,
+        };
+        let around = model.field.around(&load);
+        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
+            let (wanted, _) = around.sheared([centre[0].0, centre[1].0]);
+            assert!((u - wanted).abs() < 1e-4, "{u} {wanted}");
+        }
+    }
+
+    #[test]
+    fn a_displacement_that_no_signal_makes_is_left_out() {
+        // This curve turns back at x = −0.5, where it reaches 0.5.
+        let curve = [-2.0, -2.0, 0.0, 0.0, 0.0];
+        let x = signal_of(0.4, &curve).unwrap();
+        assert!((-2.0 * x - 2.0 * x * x - 0.4).abs() < 1e-4 && x > -0.5, "{x}");
+        assert_eq!(signal_of(0.6, &curve), None);
+    }
+
+    #[test]
+    fn a_net_that_saw_three_presses_knows_the_touches_between_them() {
+        let model = model();
+        let mut rows = Vec::new();
+        for i in 0..600 {
+            let (place, share) = (i % 3, f64::from(i) / 600.0);
+            let fz = 0.2 + share;
+            let force = [0.3 * fz * (7.0 * share).sin(), 0.3 * fz * (5.0 * share).cos(), fz];
+            let point = [[-1.0, -1.0], [1.0, 0.0], [-0.5, 1.0]][place as usize];
+            rows.push(Row { signals: signals(&model, force, point).unwrap(), force, point });
+        }
+        let skin = Skin { model, rows, left_out: 0, residual: [0.0; 3] };
+        let options = NetOptions { seed: 0, starts: 1, steps: 60 };
+        let stop = AtomicBool::new(false);
+        let build = Build { hidden: 12, skip: false };
+        let taught = fit("net", &skin, (3, build, options), &mut |_| {}, &stop).unwrap();
+        let (x, y): (Vec<Vec<f64>>, Vec<Vec<f64>>) =
+            skin.rows.iter().map(|row| (row.signals.to_vec(), row.force.to_vec())).unzip();
+        let alone =
+            network::fit("net", (&x, &y), build, (Inputs::Alike, options), &mut |_| {}, &stop)
+                .unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(9);
+        let touches: Vec<_> = (0..200).map(|_| touch(&skin.rows, &skin.model, &mut rng)).collect();
+        let off = |forces: &dyn Fn(&[f32; TAXELS]) -> Vec<f32>| -> f64 {
+            let squares = touches.iter().map(|(force, point)| {
+                let seen = signals(&skin.model, *force, *point).unwrap().map(|c| c as f32);
+                let found = forces(&seen).into_iter().zip(force);
+                found.map(|(found, force)| (f64::from(found) - force).powi(2)).sum::<f64>()
+            });
+            (squares.sum::<f64>() / touches.len() as f64).sqrt()
+        };
+        let [of_taught, of_alone] = [&taught, &alone].map(|net| off(&|c| net.outputs(c)));
+        assert!(of_taught < of_alone, "{of_taught} {of_alone}");
+
+        // In 16 bits it is hardly worse.
+        let range = [[-0.5, 0.5]; TAXELS];
+        let held = taxel::calibration::TaxelCalibration { range, ..Default::default() };
+        let float = ForceNet::new(&taught.layers()).unwrap();
+        let whole = crate::quantise::whole(&float, &held).unwrap();
+        let of_whole = off(&|c| whole.forces(c).to_vec());
+        assert!(of_whole < 1.1 * of_taught, "{of_whole} {of_taught}");
+    }
+}

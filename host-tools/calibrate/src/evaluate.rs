@@ -1,0 +1,109 @@
+//! How well a calibrated finger meets the reference columns of a recording it has not seen.
+
+use taxel::calibration::Calibration;
+use taxel::estimate::Force;
+use taxel::finger::{Estimate, Finger};
+use taxel::frame::Status;
+use taxel::measured::NoValue;
+use taxel::scan::SENSORS;
+use taxel_files::frames;
+use taxel_files::trace::{Truth, sensor_truth_names};
+
+use crate::recording::Recording;
+use taxel_regress::metrics::{Errors, TargetMetrics};
+use taxel_regress::shear::FORCES;
+
+const POINT: [&str; 2] = ["x_mm", "y_mm"];
+
+/// Runs the recording through the core's finger and compares every row with its reference.
+///
+/// `fx_n`, `fy_n`, `fz_n` are compared with the finger's force if the calibration has one, otherwise
+/// with the only calibrated sensor's; `x_mm`, `y_mm` with the contact point while something touches
+/// the finger; `s0_fx_n` … with their sensor. Columns that the recording lacks, and quantities that the
+/// calibration cannot estimate at all, are left out.
+#[must_use]
+pub fn finger(calibration: &Calibration, recording: &Recording) -> Vec<TargetMetrics> {
+    let (finger, mut state) = Finger::new(Some(calibration.clone()));
+    let against = against(calibration);
+    let mut forces: [Errors; 3] = Default::default();
+    let mut point: [Errors; 2] = Default::default();
+    let mut sensors: [[Errors; 3]; SENSORS] = Default::default();
+    for sample in &recording.samples {
+        let estimate = finger.estimate(&mut state, &sample.scan);
+        let truth = &sample.truth;
+        if let Some(force) = against.and_then(|against| against.force(&estimate)) {
+            compare(&mut forces, truth.force, components(force));
+        }
+        if calibration.taxels.is_some() && touched(truth, &estimate) {
+            let found = match estimate.point {
+                Ok(point) => [Ok(point.x.0), Ok(point.y.0)],
+                Err(reason) => [Err(reason); 2],
+            };
+            compare(&mut point, truth.point, found);
+        }
+        for i in (0..SENSORS).filter(|i| calibration.sensors[*i].is_some()) {
+            compare(&mut sensors[i], truth.sensors[i], components(&estimate.sensors[i]));
+        }
+    }
+    let forces = forces.into_iter().zip(FORCES.map(str::to_owned));
+    let point = point.into_iter().zip(POINT.map(str::to_owned));
+    let sensors = sensors
+        .into_iter()
+        .enumerate()
+        .flat_map(|(i, errors)| errors.into_iter().zip(sensor_truth_names(i)));
+    forces
+        .chain(point)
+        .chain(sensors)
+        .filter(|(errors, _)| errors.rows() > 0)
+        .map(|(errors, name)| errors.into_metrics(name))
+        .collect()
+}
+
+/// What the columns `fx_n` … are compared with.
+#[derive(Clone, Copy)]
+enum Against {
+    Finger,
+    Sensor(usize),
+}
+
+impl Against {
+    fn force(self, estimate: &Estimate) -> Option<&Force> {
+        match self {
+            Self::Finger => Some(&estimate.force),
+            Self::Sensor(i) => estimate.sensors.get(i),
+        }
+    }
+}
+
+fn against(calibration: &Calibration) -> Option<Against> {
+    if calibration.net().is_some() || calibration.model.is_some() || calibration.array.is_some() {
+        return Some(Against::Finger);
+    }
+    let mut calibrated = (0..SENSORS).filter(|i| calibration.sensors[*i].is_some());
+    match (calibrated.next(), calibrated.next()) {
+        (Some(sensor), None) => Some(Against::Sensor(sensor)),
+        _ => None,
+    }
+}
+
+fn touched(truth: &Truth, estimate: &Estimate) -> bool {
+    truth.contact.unwrap_or_else(|| estimate.status.contains(Status::CONTACT))
+}
+
+fn components(force: &Force) -> [Result<f32, NoValue>; 3] {
+    [force.x, force.y, force.z].map(|component| component.map(|newtons| newtons.0))
+}
+
+fn compare<const N: usize>(
+    errors: &mut [Errors; N],
+    truth: [Option<f64>; N],
+    found: [Result<f32, NoValue>; N],
+) {
+    for ((errors, truth), found) in errors.iter_mut().zip(truth).zip(found) {
+        match (truth, found) {
+            (None, _) | (_, Err(NoValue::NotEstimated)) => {}
+            (Some(truth), Ok(found)) => errors.add(f64::from(found) - truth),
+            (Some(_), Err(reason)) => errors.withhold(frames::reason(reason)),
+        }
+    }
+}

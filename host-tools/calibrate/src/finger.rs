@@ -1,0 +1,327 @@
+//! From a finger's recordings to its calibration record.
+//!
+//! What a recording is for is found in it: where exactly one MEMS sensor answers to the load while the
+//! others stay within their noise, the reference force is the force on that sensor (a bench recording:
+//! S and b are fitted). Where none or several answer, it is the force on the finger (the net is
+//! fitted). Reference columns `s0_fx_n` … fit their sensor wherever they are.
+
+mod bench;
+mod net;
+
+use std::collections::HashSet;
+use std::sync::atomic::AtomicBool;
+
+use taxel::calibration::Calibration;
+use taxel::estimate::slip::Slip;
+use taxel::scan::SENSORS;
+
+use crate::array;
+use crate::limit_surface;
+pub use crate::prepared::Subject;
+use crate::prepared::{Loads, Prepared};
+use crate::quantise::{self, Form};
+use crate::recording::Recording;
+use crate::shear;
+use crate::skin::{self, Skin};
+use crate::warmth;
+use taxel_regress::error::FitError;
+use taxel_regress::model::Family;
+use taxel_regress::network::{NetOptions, Progress};
+use taxel_regress::training::Chosen;
+
+/// Friction of rubber before any is known.
+const USUAL_FRICTION: f32 = 0.6;
+/// Exponent of Hertz's pressure in 003's power law.
+const HERTZ: f64 = 2.0;
+
+/// How to fit a finger.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FitOptions {
+    /// What the recordings are for.
+    pub subject: Subject,
+    /// The family of the finger's model.
+    pub family: Family,
+    /// Hidden units; by default as 002, 16 with shear and 12 without, unless three recordings or more of one kind, left
+    /// out one after the other, say better. `auto` finds its own.
+    pub hidden: Option<usize>,
+    /// Outputs: 3 with shear, 1 (f_z) without; found in the recordings by default.
+    pub outputs: Option<usize>,
+    /// Training of the net.
+    pub net: NetOptions,
+    /// Leave the model of the skin and the sensors' array out of the record: the net alone, as in 002.
+    pub net_only: bool,
+    /// The numbers that the record holds the net in.
+    pub form: Form,
+    /// Serial number for the record.
+    pub serial: heapless::String<32>,
+    /// Date for the record, seconds since 1970-01-01 UTC.
+    pub date: u64,
+}
+
+/// A finger's calibration and how it came about.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fitted {
+    /// The record.
+    pub calibration: Calibration,
+    /// What the user should look at, in full sentences.
+    pub warnings: Vec<String>,
+    /// What was fitted.
+    pub parts: Vec<Part>,
+}
+
+/// One fitted part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// `s0`, or `net 16-16-3`.
+    pub name: String,
+    /// Rows of the recordings it was fitted to, before thinning.
+    pub rows: usize,
+    /// Rows left out because a channel was saturated, dead or faulty, or because they stood far out of the others.
+    pub left_out: usize,
+    /// Condition number of a sensor's signals.
+    pub condition: Option<f64>,
+    /// How a model was chosen.
+    pub chosen: Option<Chosen>,
+    /// Of a net's parameters, how many the data determine.
+    pub effective: Option<f64>,
+    /// RMS error of the fit per reference component, newtons.
+    pub residual: Vec<f64>,
+}
+
+/// Fits all that the recordings hold. When `stop` becomes true the best so far is returned.
+///
+/// # Errors
+/// What the recordings lack, and how to mend it.
+pub fn fit(
+    recordings: &[Recording],
+    options: &FitOptions,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Fitted, FitError> {
+    if recordings.is_empty() {
+        return Err(FitError::NoRecording);
+    }
+    if let Subject::Sensor(sensor) = options.subject
+        && sensor >= SENSORS
+    {
+        let problem = format!("a finger has sensors s0 … s{}", SENSORS - 1);
+        return Err(FitError::Shape { part: format!("s{sensor}"), problem });
+    }
+    let warmth = warmth::fit(recordings);
+    let warnings = recordings.iter().filter(|r| warmth.is_none() && warmth::is_warm_up(r)).map(|r| {
+        format!(
+            "{}: left out, as the recordings with loads lack the thermometer (aux_temp) that would say how warm \
+             the finger was",
+            r.name
+        )
+    });
+    let mut warnings: Vec<String> = warnings.collect();
+    let prepared = recordings
+        .iter()
+        .filter(|recording| !warmth::is_warm_up(recording))
+        .map(|recording| Prepared::new(recording, warmth.as_ref()));
+    let (recordings, off): (Vec<Prepared<'_>>, Vec<Option<String>>) =
+        prepared.collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
+    warnings.extend(off.into_iter().flatten());
+    if recordings.is_empty() {
+        return Err(FitError::NoLoad { part: "finger".into() });
+    }
+    let subjects: Vec<Subject> = recordings
+        .iter()
+        .map(|recording| match options.subject {
+            Subject::Found => recording.subject(),
+            subject => subject,
+        })
+        .collect();
+    let mut fitted = Fitted {
+        calibration: Calibration {
+            serial: options.serial.clone(),
+            date: options.date,
+            warmth,
+            ..Calibration::default()
+        },
+        warnings,
+        parts: Vec::new(),
+    };
+    for sensor in 0..SENSORS {
+        fit_sensor(&mut fitted, sensor, (&recordings, &subjects), options)?;
+    }
+    let fingers: Vec<&Prepared<'_>> = recordings
+        .iter()
+        .zip(&subjects)
+        .filter(|(recording, subject)| {
+            // With references of single sensors and no optical matrix there is nothing left to fit.
+            **subject == Subject::Finger
+                && (recording.bias.taxels.is_some() || fitted.parts.is_empty())
+        })
+        .map(|(recording, _)| recording)
+        .collect();
+    if !fingers.is_empty() {
+        let loads = net::loads(&mut fitted, &fingers, options)?;
+        let skin = if options.net_only && options.family != Family::Auto {
+            None
+        } else {
+            model_of_the_skin(&fingers, &loads.wrong, progress, stop)?
+        };
+        net::fit(&mut fitted, loads, (options, skin.as_ref()), progress, stop)?;
+        if let Some(skin) = skin.filter(|_| !options.net_only) {
+            keep_skin(&mut fitted, skin);
+        }
+    }
+    if !options.net_only {
+        fit_array(&mut fitted, &recordings, &subjects);
+    }
+    if options.form == Form::Q15 {
+        quantised(&mut fitted, &fingers)?;
+    }
+    let read = recordings.iter().map(|prepared| &*prepared.recording);
+    fitted.warnings.extend(shear::of_finger(&fitted.calibration, read));
+    fitted.calibration.validate().map_err(FitError::Record)?;
+    Ok(fitted)
+}
+
+/// S of a sensor, from the recordings that know the force on it. The net needs none: if it alone is wanted, a sensor
+/// that the recordings of the finger do not determine is left out.
+fn fit_sensor(
+    fitted: &mut Fitted,
+    sensor: usize,
+    (recordings, subjects): (&[Prepared<'_>], &[Subject]),
+    options: &FitOptions,
+) -> Result<(), FitError> {
+    let (mut own, mut unfit) = (Vec::new(), Vec::new());
+    for (recording, subject) in recordings.iter().zip(subjects) {
+        match (*subject, recording.loads(sensor)) {
+            (Subject::Sensor(of), _) if of == sensor => own.push((recording, true)),
+            (Subject::Finger, Loads::Known) => own.push((recording, false)),
+            (Subject::Finger, Loads::Unfit(why)) => unfit.push(why),
+            // A bench recording says nothing of the other sensors: nothing presses on them.
+            _ => {}
+        }
+    }
+    let not_fitted = |why: &str| format!("s{sensor}: its matrix S was not fitted: {why}");
+    if own.is_empty() {
+        if !unfit.is_empty() {
+            fitted.warnings.push(not_fitted(&unfit.join("; ")));
+        }
+        return Ok(());
+    }
+    let bench = own.iter().any(|(_, bench)| *bench);
+    match bench::fit(fitted, sensor, &own) {
+        Err(why) if options.net_only && !bench => {
+            fitted.warnings.push(not_fitted(&why.to_string()));
+            Ok(())
+        }
+        fit => fit,
+    }
+}
+
+fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String]) {
+    if !columns.is_empty() {
+        fitted.warnings.push(format!(
+            "{}: {} the same in every row; look for a channel that is not connected",
+            prepared.recording.name,
+            match columns {
+                [only] => format!("{only} reads"),
+                _ => format!("{} read", columns.join(", ")),
+            }
+        ));
+    }
+}
+
+/// All three components, if all are known.
+fn known(force: [Option<f64>; 3]) -> Option<[f64; 3]> {
+    let [x, y, z] = force;
+    Some([x?, y?, z?])
+}
+
+/// The model of the skin, where the recordings tell contact points.
+fn model_of_the_skin(
+    recordings: &[&Prepared<'_>],
+    wrong: &[HashSet<usize>],
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Option<Skin>, FitError> {
+    let Some(bias) = recordings.first().and_then(|first| first.bias.taxels) else {
+        return Ok(None);
+    };
+    match skin::fit(recordings, (wrong, bias.noise), progress, stop) {
+        // Fewer rows than a model needs, or no time for one, leave the net.
+        Err(FitError::TooFewRows { .. } | FitError::Stopped) => Ok(None),
+        skin => skin,
+    }
+}
+
+/// Keeps the model of the skin in the record where it is better than the net.
+fn keep_skin(fitted: &mut Fitted, skin: Skin) {
+    let Some(taxels) = &fitted.calibration.taxels else { return };
+    let Skin { model, rows, left_out, residual } = skin;
+    let of = |errors: &mut dyn Iterator<Item = f64>| errors.map(|e| e * e).sum::<f64>();
+    let components = fitted.calibration.force.as_ref().map_or(1, |net| net.output_bias.len());
+    let from = 3 - components.min(3);
+    let nets = of(&mut taxels.residual.iter().take(components).map(|e| f64::from(*e)));
+    if of(&mut residual.iter().skip(from).copied()) >= nets {
+        fitted.warnings.push(
+            "the model of the skin meets the recordings less well than the net and is left out"
+                .into(),
+        );
+        return;
+    }
+    fitted.calibration.slip = Some(slip(model.shear.then_some(model.friction)));
+    fitted.calibration.model = Some(model);
+    fitted.parts.push(Part {
+        name: "model of the skin".into(),
+        rows: rows.len(),
+        left_out,
+        condition: None,
+        chosen: None,
+        effective: None,
+        residual: residual[from..].to_vec(),
+    });
+}
+
+/// The sensors' array, where all of them are calibrated and a recording tells contact points.
+fn fit_array(fitted: &mut Fitted, recordings: &[Prepared<'_>], subjects: &[Subject]) {
+    let fingers: Vec<&Prepared<'_>> = recordings
+        .iter()
+        .zip(subjects)
+        .filter_map(|(recording, subject)| (*subject == Subject::Finger).then_some(recording))
+        .collect();
+    let Some((array, rows)) = array::fit(&fingers, &fitted.calibration.sensors) else { return };
+    fitted.parts.push(Part {
+        name: "array of sensors".into(),
+        rows,
+        left_out: 0,
+        condition: None,
+        chosen: None,
+        effective: None,
+        residual: array.residual.iter().map(|r| f64::from(*r)).collect(),
+    });
+    fitted.calibration.array = Some(array);
+    fitted.calibration.slip.get_or_insert_with(|| slip(None));
+}
+
+/// Replaces the net by its 16-bit form, and its error by that of the 16-bit form on the recordings.
+fn quantised(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(), FitError> {
+    let Some(taxels) = &mut fitted.calibration.taxels else { return Ok(()) };
+    let Some(float) = fitted.calibration.force.take() else { return Ok(()) };
+    let (net, rows) = quantise::net(&float, taxels, recordings)?;
+    let outputs = float.output_bias.len();
+    fitted.parts.push(Part {
+        name: "the net in 16 bits".into(),
+        rows,
+        left_out: 0,
+        condition: None,
+        chosen: None,
+        effective: None,
+        residual: taxels.residual.iter().take(outputs).map(|r| f64::from(*r)).collect(),
+    });
+    fitted.calibration.quantised = Some(net);
+    Ok(())
+}
+
+/// What a contact holds: Hertz's pressure swept over the centres of rotation.
+fn slip(friction: Option<f32>) -> Slip {
+    let usual = Slip::usual(friction.unwrap_or(USUAL_FRICTION));
+    let [c, gamma] = usual.surface.radius.map(f64::from);
+    Slip { surface: limit_surface::power_law(HERTZ, c, gamma), ..usual }
+}

@@ -1,0 +1,174 @@
+//! A finger's recording as the chip sees it, and what it is for.
+
+use std::borrow::Cow;
+
+use taxel::condition::{Bias, Signals, Warmth};
+use taxel::scan::{COLS, Codes, Midpoints, SENSORS, TAXELS};
+use taxel::units::Code;
+
+use crate::recording::Recording;
+use taxel_regress::align::{self, Alignment, Series};
+use taxel_regress::error::FitError;
+use taxel_regress::shear::FORCES;
+
+/// A sensor answers if its signals reach this many times its noise in one row of a hundred …
+const ANSWERS: f32 = 8.0;
+/// … and this share of the signals of the sensor that answers most.
+const ANSWERS_SHARE: f32 = 0.02;
+
+/// Seconds by which a skin may lag behind the reference: a relaxing one of 003 (fig. 1.23) has time constants
+/// of some 4 ms.
+const LAGS: f64 = 0.02;
+
+/// The body that the reference force of the recordings acts on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Subject {
+    /// Find out from each recording.
+    #[default]
+    Found,
+    /// The reference is the force on this sensor.
+    Sensor(usize),
+    /// The reference is the force on the finger.
+    Finger,
+}
+
+/// What a recording's reference of the force on a sensor is worth.
+pub(crate) enum Loads {
+    /// There is none.
+    Unknown,
+    /// The force is known in some rows at least, and there is some.
+    Known,
+    /// S cannot be fitted to it, and why.
+    Unfit(String),
+}
+
+/// A recording with its signals as the chip sees them.
+pub(crate) struct Prepared<'r> {
+    pub recording: Cow<'r, Recording>,
+    pub bias: Bias,
+    pub signals: Vec<Signals>,
+}
+
+impl<'r> Prepared<'r> {
+    /// The recording, its reference read where it fits; and what is to be said of it.
+    ///
+    /// # Errors
+    /// There is no unloaded stretch.
+    pub fn new(
+        recording: &'r Recording,
+        warmth: Option<&Warmth>,
+    ) -> Result<(Self, Option<String>), FitError> {
+        let prepared = Self::of(Cow::Borrowed(recording), warmth)?;
+        let Some(found) = prepared.misaligned() else { return Ok((prepared, None)) };
+        let first = recording.samples.first().map_or(0.0, |s| s.scan.time.0 as f64 * 1e-6);
+        let told = align::off_time(&recording.name, &found, first);
+        let read = Cow::Owned(recording.with_truth_at(&found));
+        Ok((Self::of(read, warmth)?, Some(told)))
+    }
+
+    fn of(recording: Cow<'r, Recording>, warmth: Option<&Warmth>) -> Result<Self, FitError> {
+        let bias = recording.bias(warmth)?;
+        let signals = recording.signals(&bias, warmth);
+        Ok(Self { recording, bias, signals })
+    }
+
+    /// How far a sensor's signals stand out of its noise: the 99th percentile over the recording.
+    fn answer(&self, sensor: usize) -> f32 {
+        let Some(bias) = self.bias.bridges[sensor] else { return 0.0 };
+        let mut ratios: Vec<f32> = self
+            .signals
+            .iter()
+            .filter_map(|s| s.bridges[sensor])
+            .map(|u| (u.iter().map(|u| u * u).sum::<f32>() / 3.0).sqrt() / bias.noise)
+            .collect();
+        ratios.sort_by(f32::total_cmp);
+        ratios.get(ratios.len() * 99 / 100).copied().unwrap_or_default()
+    }
+
+    /// Columns of the matrix that read the same in every row.
+    pub fn stuck_taxels(&self) -> Vec<String> {
+        let lit = |k: usize| {
+            let (row, column) = (k / COLS, k % COLS);
+            let code = move |c: &Codes| Some(*c.taxels.as_ref()?.lit.get(row)?.get(column)?);
+            self.stuck(code).then(|| format!("lit_r{row}c{column}"))
+        };
+        (0..TAXELS).filter_map(lit).collect()
+    }
+
+    /// The same of a sensor's midpoints.
+    pub fn stuck_midpoints(&self, sensor: usize) -> Vec<String> {
+        let of = |m: Midpoints| [m.a, m.b, m.c, m.d];
+        let stuck = ["a", "b", "c", "d"].into_iter().enumerate().filter_map(|(i, name)| {
+            let code = |c: &Codes| Some(of(c.bridges.get(sensor).copied().flatten()?)[i]);
+            self.stuck(code).then(|| format!("bridge_s{sensor}_{name}"))
+        });
+        stuck.collect()
+    }
+
+    fn stuck(&self, code: impl Fn(&Codes) -> Option<Code>) -> bool {
+        let codes = || self.recording.samples.iter().map(|sample| code(&sample.scan.codes));
+        let first = codes().next().flatten();
+        first.is_some() && codes().all(|code| code == first)
+    }
+
+    /// Where the reference would lie if it had been logged by another clock, for all that the signals say.
+    fn misaligned(&self) -> Option<Alignment> {
+        let rows = self.recording.samples.iter().zip(&self.signals);
+        let known = rows.filter_map(|(sample, signals)| {
+            let force: Vec<f64> = sample.truth.force.iter().flatten().copied().collect();
+            let channels = signals.taxels.iter().flatten();
+            let channels = channels.chain(signals.bridges.iter().flatten().flatten());
+            let channels: Vec<f64> = channels.map(|c| f64::from(*c)).collect();
+            let time = sample.scan.time.0 as f64 * 1e-6;
+            (!force.is_empty()).then_some((time, channels, force))
+        });
+        let (mut times, mut channels, mut forces) = (Vec::new(), Vec::new(), Vec::new());
+        for (time, own, force) in known {
+            times.push(time);
+            channels.push(own);
+            forces.push(force);
+        }
+        let alike = |rows: &[Vec<f64>]| rows.windows(2).all(|pair| pair[0].len() == pair[1].len());
+        if times.is_empty() || !alike(&channels) || !alike(&forces) {
+            return None;
+        }
+        let found = align::misaligned(Series { times: &times, rows: &channels }, &forces)?;
+        let ends = [times.first(), times.last()].into_iter().flatten();
+        ends.map(|t| (found.time(*t) - t).abs()).any(|off| off > LAGS).then_some(found)
+    }
+
+    /// A bench recording if exactly one sensor answers, else the finger's.
+    pub fn subject(&self) -> Subject {
+        let answers: [f32; SENSORS] = std::array::from_fn(|sensor| self.answer(sensor));
+        let most = answers.iter().copied().fold(0.0, f32::max);
+        let mut responding = answers
+            .iter()
+            .enumerate()
+            .filter(|(_, answer)| **answer > ANSWERS.max(ANSWERS_SHARE * most));
+        match (responding.next(), responding.next()) {
+            (Some((sensor, _)), None) => Subject::Sensor(sensor),
+            _ => Subject::Finger,
+        }
+    }
+
+    /// What the reference of the force on this sensor, if there is one, is worth.
+    pub fn loads(&self, sensor: usize) -> Loads {
+        let truths = || self.recording.samples.iter().map(|s| s.truth.sensors[sensor]);
+        let known = || truths().filter(|truth| truth.iter().all(Option::is_some));
+        let missing = |problem: String| Loads::Unfit(format!("{}: {problem}", self.recording.name));
+        if !truths().flatten().any(|force| force.is_some()) {
+            return Loads::Unknown;
+        }
+        if known().next().is_none() {
+            let columns = FORCES.map(|force| format!("s{sensor}_{force}")).join(", ");
+            return missing(format!("no row has all of {columns}"));
+        }
+        if !known().flatten().any(|force| force != Some(0.0)) {
+            return missing(format!("s{sensor}_fx_n … s{sensor}_fz_n are zero throughout"));
+        }
+        match self.bias.bridges[sensor] {
+            Some(_) => Loads::Known,
+            None => missing(format!("columns bridge_s{sensor}_a … bridge_s{sensor}_d missing")),
+        }
+    }
+}

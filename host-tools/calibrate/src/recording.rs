@@ -1,0 +1,266 @@
+//! A trace in memory, and the stretch of it in which nothing touches the finger.
+
+use std::array;
+use std::borrow::Cow;
+use std::ops::Range;
+
+use taxel::condition::{Bias, BiasTaker, Levels, Signals, Thermometer, Warmth};
+use taxel_files::table::Table;
+use taxel_files::trace::{Sample, Truth};
+
+use taxel_regress::align::{self, Alignment, Series};
+use taxel_regress::error::FitError;
+use taxel_regress::quantile::median;
+use taxel_regress::shear::FORCES;
+
+/// Fewest rows that make an unloaded stretch.
+const LEAST_ROWS: usize = 20;
+/// More rows than this do not make a bias any better.
+const MOST_ROWS: usize = 4096;
+/// The skin of 003 needs 10 ms to settle; twice that is left out after a contact.
+const SETTLE_US: u64 = 20_000;
+/// A force below this share of the recording's peak is none.
+const SMALL_FORCE: f64 = 0.005;
+/// Nor is one below so many standard deviations of the reference.
+const CLEAR_OF_NOISE: f64 = 5.0;
+/// A row of the unloaded stretch is wrong if a channel lies off its median by so many of its deviations and
+/// by more than a step or two of a 12-bit converter.
+const SPIKE: f64 = 8.0;
+const SMALL_SPIKE: f64 = 2.0 / 4096.0;
+
+/// A trace in memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// What messages call it.
+    pub name: String,
+    /// Its rows.
+    pub samples: Vec<Sample>,
+}
+
+impl Recording {
+    /// Takes the forces from a reference that another clock logged; rows beyond it get none.
+    ///
+    /// # Errors
+    /// A column that is no force of the finger, or the two cannot be brought onto one time.
+    pub fn align(&mut self, reference: &Table) -> Result<Alignment, FitError> {
+        let axes = reference.names.iter().map(|name| {
+            let axis = FORCES.iter().position(|force| force == name);
+            axis.ok_or_else(|| FitError::Unaligned {
+                recording: reference.path.display().to_string(),
+                problem: format!("`{name}` is no force of the finger"),
+                mend: format!("its columns are {}", FORCES.join(", ")),
+            })
+        });
+        let axes: Vec<usize> = axes.collect::<Result<_, _>>()?;
+        let times: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
+        let levels: Vec<Vec<f64>> = self.samples.iter().map(channels).collect();
+        // Stamps that cannot be told apart are refused below.
+        let clock = align::told_apart(&reference.times).unwrap_or(Cow::Borrowed(&reference.times));
+        let other = Series { times: &clock, rows: &reference.rows };
+        let name = reference.path.display().to_string();
+        let sensor = Series { times: &times, rows: &levels };
+        let alignment = align::align([&self.name, &name], sensor, other)?;
+        let times: Vec<f64> = times.iter().map(|t| alignment.time(*t)).collect();
+        let forces = align::resample(other, &times);
+        if forces.iter().all(Option::is_none) {
+            return Err(align::apart(&name, &times, &clock));
+        }
+        for (sample, forces) in self.samples.iter_mut().zip(forces) {
+            for (at, axis) in axes.iter().enumerate() {
+                sample.truth.force[*axis] = forces.as_ref().map(|forces| forces[at]);
+            }
+        }
+        Ok(alignment)
+    }
+
+    /// The same with its truth read at the times that `alignment` says; rows beyond it get none.
+    pub(crate) fn with_truth_at(&self, alignment: &Alignment) -> Self {
+        let own: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
+        let times: Vec<f64> = own.iter().map(|t| alignment.time(*t)).collect();
+        let mut read = self.clone();
+        for (sample, place) in read.samples.iter_mut().zip(align::places(&own, &times)) {
+            sample.truth = place.map_or_else(Truth::default, |(before, share)| {
+                let after = self.samples.get(before + 1).unwrap_or(&self.samples[before]);
+                between(&self.samples[before].truth, &after.truth, share)
+            });
+        }
+        read
+    }
+
+    /// What the unloaded finger reads, averaged as the chip would do it, at the temperature of `warmth`.
+    ///
+    /// # Errors
+    /// There is no stretch in which nothing touches the finger and its signals are still.
+    pub fn bias(&self, warmth: Option<&Warmth>) -> Result<Bias, FitError> {
+        if self.samples.is_empty() {
+            return Err(FitError::Empty { recording: self.name.clone() });
+        }
+        self.unloaded().and_then(|rows| self.bias_of(rows, warmth)).ok_or_else(|| {
+            FitError::NoUnloadedStretch { recording: self.name.clone(), rows: LEAST_ROWS }
+        })
+    }
+
+    /// Every row's signals as the chip sees them: changes from `bias` at the temperature of `warmth`.
+    #[must_use]
+    pub fn signals(&self, bias: &Bias, warmth: Option<&Warmth>) -> Vec<Signals> {
+        let rows = self.warm_levels(warmth).into_iter();
+        rows.map(|(levels, gain)| {
+            let mut signals = bias.apply(&levels, None);
+            signals.bridges.iter_mut().flatten().flatten().for_each(|u| *u *= gain);
+            signals
+        })
+        .collect()
+    }
+
+    /// Levels at the temperature of `warmth`, and what a force sensor's signals are to be multiplied by there.
+    fn warm_levels(&self, warmth: Option<&Warmth>) -> Vec<(Levels, f32)> {
+        let mut thermometer = Thermometer::default();
+        let rows = self.samples.iter().map(|sample| {
+            let mut levels = Levels::read(&sample.scan.codes);
+            let warm = warmth.zip(thermometer.read(&sample.scan.codes));
+            let gain = warm.map_or(1.0, |(warmth, level)| {
+                warmth.correct(&mut levels, level);
+                warmth.gain(level)
+            });
+            (levels, gain)
+        });
+        rows.collect()
+    }
+
+    /// The reference says that nothing ever touches the finger: a recording of its warmth alone.
+    pub(crate) fn is_unloaded(&self) -> bool {
+        self.touched().is_some_and(|touched| !touched.contains(&true))
+    }
+
+    /// The first stretch in which nothing touches the finger: by the reference's word if it has one,
+    /// else as long a beginning as holds still.
+    fn unloaded(&self) -> Option<Range<usize>> {
+        match self.touched() {
+            Some(touched) => self.first_untouched(&touched),
+            None => [4096, 2048, 1024, 512, 256, 128, 64, 32]
+                .into_iter()
+                .map(|rows| 0..rows)
+                .find(|rows| rows.end <= self.samples.len() && self.is_still(rows.clone())),
+        }
+    }
+
+    /// Whether each row is touched, if the recording says: by its contact column or by a force. (On
+    /// the bench a sensor may be sheared without a normal force, which is no contact but a load.)
+    pub(crate) fn touched(&self) -> Option<Vec<bool>> {
+        let forces: Vec<Option<f64>> = self.samples.iter().map(largest_force).collect();
+        let peak = forces.iter().flatten().copied().fold(0.0, f64::max);
+        let least = (SMALL_FORCE * peak).max(CLEAR_OF_NOISE * jitter(&forces));
+        let rows = self.samples.iter().zip(&forces);
+        let touched: Option<Vec<bool>> = rows
+            .map(|(sample, force)| match (sample.truth.contact, force) {
+                (None, None) => None,
+                (contact, force) => Some(contact == Some(true) || force.is_some_and(|f| f > least)),
+            })
+            .collect();
+        // One row alone is no touch: the reference was wrong there.
+        let alone = |rows: &[bool], i: usize| {
+            let beside = [i.checked_sub(1), Some(i + 1)];
+            !beside.into_iter().flatten().any(|at| rows.get(at) == Some(&true))
+        };
+        touched.map(|rows| (0..rows.len()).map(|i| rows[i] && !alone(&rows, i)).collect())
+    }
+
+    fn first_untouched(&self, touched: &[bool]) -> Option<Range<usize>> {
+        let mut begin = 0;
+        for run in touched.chunk_by(|a, b| a == b) {
+            let end = begin + run.len();
+            let mut rows = begin..end.min(begin + MOST_ROWS);
+            if begin > 0 {
+                let settled = self.samples[begin].scan.time.0 + SETTLE_US;
+                rows.start +=
+                    self.samples[rows.clone()].partition_point(|s| s.scan.time.0 < settled);
+            }
+            if !run[0] && rows.len() >= LEAST_ROWS {
+                return Some(rows);
+            }
+            begin = end;
+        }
+        None
+    }
+
+    /// No channel wanders by more than its own jitter: the variance is no larger than what the
+    /// differences of successive rows, half of it each, make of white noise.
+    fn is_still(&self, rows: Range<usize>) -> bool {
+        let levels: Vec<Vec<f64>> = self.samples[rows].iter().map(channels).collect();
+        let n = levels.len() as f64;
+        (0..levels[0].len()).all(|k| {
+            let value = |row: &Vec<f64>| row.get(k).copied().unwrap_or_default();
+            let mean = levels.iter().map(value).sum::<f64>() / n;
+            let variance = levels.iter().map(|row| (value(row) - mean).powi(2)).sum::<f64>() / n;
+            let jumps = levels.windows(2).map(|pair| (value(&pair[1]) - value(&pair[0])).powi(2));
+            let jitter = jumps.sum::<f64>() / (2.0 * n);
+            let step = 1.0 / 4096.0;
+            variance <= 2.0 * jitter + 0.25 * step * step
+        })
+    }
+
+    fn bias_of(&self, rows: Range<usize>, warmth: Option<&Warmth>) -> Option<Bias> {
+        let levels = self.warm_levels(warmth);
+        let sound = sound(&self.samples[rows.clone()]);
+        let sound: Vec<&Levels> = levels[rows]
+            .iter()
+            .zip(sound)
+            .filter_map(|((l, _), sound)| sound.then_some(l))
+            .collect();
+        let mut taker = BiasTaker::new(u16::try_from(sound.len()).ok()?);
+        let outcomes = sound.into_iter().filter_map(|levels| taker.add(levels, &Bias::default()));
+        outcomes.last()?.ok().map(|taken| taken.bias)
+    }
+}
+
+/// What is so a share of the way from one row to the next.
+fn between(a: &Truth, b: &Truth, share: f64) -> Truth {
+    let value = |a: Option<f64>, b: Option<f64>| Some(a? + share * (b? - a?));
+    let triple = |a: [Option<f64>; 3], b: [Option<f64>; 3]| array::from_fn(|k| value(a[k], b[k]));
+    let nearer = if share < 0.5 { a } else { b };
+    Truth {
+        force: triple(a.force, b.force),
+        point: array::from_fn(|k| value(a.point[k], b.point[k])),
+        torsion: value(a.torsion, b.torsion),
+        contact: nearer.contact,
+        slip: nearer.slip,
+        sensors: array::from_fn(|k| triple(a.sensors[k], b.sensors[k])),
+    }
+}
+
+/// Which of some unloaded rows are free of spikes: every channel is near its median.
+fn sound(samples: &[Sample]) -> Vec<bool> {
+    let levels: Vec<Vec<f64>> = samples.iter().map(channels).collect();
+    let mut sound = vec![true; samples.len()];
+    for k in 0..levels.first().map_or(0, Vec::len) {
+        let values = || levels.iter().map(move |row| row.get(k).copied().unwrap_or_default());
+        let middle = median(values().collect());
+        let deviation = 1.4826 * median(values().map(|v| (v - middle).abs()).collect());
+        let limit = (SPIKE * deviation).max(SMALL_SPIKE);
+        sound.iter_mut().zip(values()).for_each(|(sound, v)| *sound &= (v - middle).abs() <= limit);
+    }
+    sound
+}
+
+/// The largest force component that the reference names.
+fn largest_force(sample: &Sample) -> Option<f64> {
+    let components = sample.truth.force.iter().chain(sample.truth.sensors.iter().flatten());
+    components.flatten().map(|force| force.abs()).reduce(f64::max)
+}
+
+/// Standard deviation of the reference: the median step from row to row is 0.954 of it, and more than half
+/// the rows change by less than that for any other reason.
+fn jitter(forces: &[Option<f64>]) -> f64 {
+    let steps = forces.windows(2).filter_map(|pair| Some((pair[1]? - pair[0]?).abs()));
+    let mut steps: Vec<f64> = steps.collect();
+    steps.sort_unstable_by(f64::total_cmp);
+    steps.get(steps.len() / 2).map_or(0.0, |median| median / 0.954)
+}
+
+/// Every level of a row, in a fixed order.
+fn channels(sample: &Sample) -> Vec<f64> {
+    let levels = Levels::read(&sample.scan.codes);
+    let taxels = levels.taxels.iter().flatten();
+    let bridges = levels.bridges.iter().flatten().flatten();
+    taxels.chain(bridges).map(|level| f64::from(*level)).collect()
+}

@@ -1,0 +1,160 @@
+//! Where the recordings cannot support the calibration.
+
+use crate::recording::Recording;
+use crate::shear;
+use nalgebra::DMatrix;
+use taxel::calibration::Calibration;
+use taxel::condition::{Bias, Levels};
+use taxel::scan::{SENSORS, TAXELS};
+
+/// Two channels that correlate beyond this are one.
+const SAME: f64 = 0.9999;
+/// Fewer recordings than this leave nothing to choose a model by: 003 and every careful judge hold out
+/// whole recordings.
+const FEW: usize = 3;
+
+/// What the user should know of the recordings that the calibration was fitted to, in full sentences.
+pub(crate) fn doubts(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
+    if fitted.is_empty() {
+        return unknown();
+    }
+    let mut doubts = few(fitted.len());
+    doubts.extend(shear::of_finger(calibration, fitted));
+    doubts.extend(of_channels(calibration, fitted));
+    doubts
+}
+
+/// Nobody said what the calibration was fitted to.
+pub(crate) fn unknown() -> Vec<String> {
+    vec![
+        "the recordings that the calibration was fitted to were not given (--fitted-to): whether they \
+         support it is not judged"
+            .into(),
+    ]
+}
+
+/// Too few recordings.
+pub(crate) fn few(recordings: usize) -> Vec<String> {
+    let s = if recordings == 1 { "" } else { "s" };
+    let doubt = format!(
+        "fitted to {recordings} recording{s}: with {FEW} or more, mounted anew each time, one can be left \
+         out to see what a new mounting does"
+    );
+    if recordings < FEW { vec![doubt] } else { Vec::new() }
+}
+
+/// Judged on what it was fitted to.
+pub(crate) fn no_forecast(recording: &str) -> String {
+    format!("{recording}: it was fitted to these very rows: what is said of it is no forecast")
+}
+
+/// The recordings among `judged` that the calibration was fitted to.
+pub(crate) fn not_held_out(judged: &[Recording], fitted: &[Recording]) -> Vec<String> {
+    let known = |recording: &&Recording| {
+        let first = recording.samples.first();
+        fitted.iter().any(|fitted| {
+            fitted.name == recording.name && first.is_some_and(|row| fitted.samples.contains(row))
+        })
+    };
+    judged.iter().filter(known).map(|recording| no_forecast(&recording.name)).collect()
+}
+
+fn of_channels(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
+    let bias = calibration.bias();
+    let mut doubts = Vec::new();
+    if calibration.net().is_some() {
+        let names: Vec<String> = (0..TAXELS).map(|k| format!("r{}c{}", k / 4, k % 4)).collect();
+        doubts.extend(alike(&names, &taxels(&bias, fitted)));
+    }
+    for sensor in (0..SENSORS).filter(|i| calibration.sensors[*i].is_some()) {
+        let names = ["x", "y", "z"].map(|axis| format!("u_{axis} of s{sensor}"));
+        doubts.extend(alike(&names, &bridges(&bias, sensor, fitted)));
+    }
+    doubts
+}
+
+/// Channels that say the same as another one, or nothing.
+pub(crate) fn alike(names: &[String], rows: &[Vec<f64>]) -> Vec<String> {
+    let n = rows.len() as f64;
+    let channels: Vec<Vec<f64>> = (0..names.len())
+        .map(|k| {
+            let mean = rows.iter().map(|row| row[k]).sum::<f64>() / n;
+            rows.iter().map(|row| row[k] - mean).collect()
+        })
+        .collect();
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let power: Vec<f64> = channels.iter().map(|c| product(c, c)).collect();
+    let mut doubts = Vec::new();
+    for (k, name) in names.iter().enumerate() {
+        if rows.is_empty() {
+            break;
+        }
+        // Not its power: the mean of what never changes is rounded.
+        if rows.iter().all(|row| row[k] == rows[0][k]) {
+            doubts.push(format!("{name} never changes: is it connected?"));
+            continue;
+        }
+        for j in 0..k {
+            let r = product(&channels[k], &channels[j]) / (power[k] * power[j]).sqrt();
+            if r.abs() > SAME {
+                doubts.push(format!(
+                    "{name} says the same as {} (correlation {r:.5}): are two wires touching?",
+                    names[j]
+                ));
+            }
+        }
+    }
+    doubts
+}
+
+/// What the taxels say in contact, in the calibration's own bias.
+pub(crate) fn taxels(bias: &Bias, recordings: &[Recording]) -> Vec<Vec<f64>> {
+    signals(bias, recordings, |bias, levels| {
+        let noise = f64::from(bias.taxels?.noise);
+        let c = bias.apply(&levels, None).taxels?.map(f64::from).to_vec();
+        Some((c, noise))
+    })
+}
+
+/// What a sensor says under load.
+pub(crate) fn bridges(bias: &Bias, sensor: usize, recordings: &[Recording]) -> Vec<Vec<f64>> {
+    signals(bias, recordings, |bias, levels| {
+        let noise = f64::from(bias.bridges[sensor]?.noise);
+        let u = bias.apply(&levels, None).bridges[sensor]?.map(f64::from).to_vec();
+        Some((u, noise))
+    })
+}
+
+/// A row counts where its signals stand ten times out of their noise.
+fn signals(
+    bias: &Bias,
+    recordings: &[Recording],
+    read: impl Fn(&Bias, Levels) -> Option<(Vec<f64>, f64)>,
+) -> Vec<Vec<f64>> {
+    recordings
+        .iter()
+        .flat_map(|recording| &recording.samples)
+        .filter_map(|sample| read(bias, Levels::read(&sample.scan.codes)))
+        .filter(|(row, noise)| {
+            let square = row.iter().map(|x| x * x).sum::<f64>() / row.len() as f64;
+            square.sqrt() > 10.0 * noise
+        })
+        .map(|(row, _)| row)
+        .collect()
+}
+
+/// Largest over smallest singular value: how unevenly the rows determine the directions.
+pub(crate) fn condition(rows: &[Vec<f64>]) -> Option<f64> {
+    let columns = rows.first()?.len();
+    let mut square = DMatrix::<f64>::zeros(columns, columns);
+    for row in rows {
+        for (i, a) in row.iter().enumerate() {
+            for (j, b) in row.iter().enumerate() {
+                square[(i, j)] += a * b;
+            }
+        }
+    }
+    let values = square.symmetric_eigenvalues();
+    let (most, least) = (values.max(), values.min());
+    (least > 0.0).then(|| (most / least).sqrt())
+}

@@ -1,0 +1,278 @@
+//! How far two calibrations of one finger lie apart.
+
+use crate::recording::Recording;
+use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
+use taxel::calibration::{Calibration, SensorCalibration};
+use taxel::estimate::quantised::Net;
+use taxel::scan::{SENSORS, TAXELS};
+use taxel_regress::table::{TableModel, TableRecording};
+
+use super::figures::figures;
+use super::series::{self, Series, fine, split_unit};
+use super::table;
+
+/// What became of a finger between two calibrations.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Drift {
+    /// Seconds from the first to the second; negative where they were given the other way round.
+    pub seconds: i64,
+    /// What to look at first, in full sentences.
+    pub warnings: Vec<String>,
+    /// Everything that can have changed.
+    pub changes: Vec<Change>,
+    /// Of recordings with references, how well each calibration meets them.
+    pub met: Vec<Met>,
+}
+
+/// One quantity before and after.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Change {
+    /// Which part of the record.
+    pub part: String,
+    /// Which quantity.
+    pub what: String,
+    /// By how much it changed.
+    pub by: f64,
+    /// Unit of that.
+    pub unit: &'static str,
+}
+
+/// RMSE of one reference column with either calibration.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Met {
+    /// Which recording.
+    pub recording: String,
+    /// Which column.
+    pub target: String,
+    /// Its unit.
+    pub unit: &'static str,
+    /// With the first.
+    pub before: f64,
+    /// With the second.
+    pub after: f64,
+}
+
+/// Compares two calibrations, on `recordings` with references where there are any.
+#[must_use]
+pub fn compare(first: &Calibration, second: &Calibration, recordings: &[Recording]) -> Drift {
+    let mut drift = Drift {
+        seconds: second.date.cast_signed() - first.date.cast_signed(),
+        warnings: Vec::new(),
+        changes: Vec::new(),
+        met: recordings
+            .iter()
+            .flat_map(|r| met(&r.name, &series::run(first, r), &series::run(second, r)))
+            .collect(),
+    };
+    drift.warnings.extend(strangers("fingers", &first.serial, &second.serial));
+    taxels(&mut drift, first, second);
+    for i in 0..SENSORS {
+        let name = format!("s{i}");
+        match (&first.sensors[i], &second.sensors[i]) {
+            (Some(a), Some(b)) => sensor(&mut drift, &name, a, b),
+            (a, b) => only_one(&mut drift, &name, a.is_some(), b.is_some()),
+        }
+    }
+    let parts = |of: &Calibration| {
+        [of.model.is_some(), of.slip.is_some(), of.warmth.is_some(), of.array.is_some()]
+    };
+    let names = ["the model of the skin", "slip", "warmth", "the array of sensors"];
+    for (part, (a, b)) in names.into_iter().zip(parts(first).into_iter().zip(parts(second))) {
+        only_one(&mut drift, part, a, b);
+    }
+    drift
+}
+
+/// Compares two models of one table: what they say in the middle of the first one's range, how that changes
+/// from end to end of each input's, and how well they meet `recordings`.
+#[must_use]
+pub fn compare_tables(
+    first: &TableModel,
+    second: &TableModel,
+    recordings: &[TableRecording],
+) -> Drift {
+    let mut drift = Drift {
+        seconds: second.date.cast_signed() - first.date.cast_signed(),
+        warnings: strangers("sensors", &first.serial, &second.serial).into_iter().collect(),
+        changes: Vec::new(),
+        met: recordings
+            .iter()
+            .flat_map(|r| met(&r.name(), &table::series(first, r), &table::series(second, r)))
+            .collect(),
+    };
+    let middle: Vec<f32> = first.range.iter().map(|[low, high]| 0.5 * (low + high)).collect();
+    for (k, target) in first.targets.iter().enumerate() {
+        let (times, unit) = fine(split_unit(target).1);
+        let by = |x: &[f32]| {
+            let said =
+                |model: &TableModel| model.estimate(x).get(k).copied().map_or(0.0, f64::from);
+            times * (said(second) - said(first))
+        };
+        drift.push(target, "in the middle of the range".into(), by(&middle), unit);
+        for ((i, input), [low, high]) in first.inputs.iter().enumerate().zip(&first.range) {
+            let at = |end: f32| {
+                let mut x = middle.clone();
+                x[i] = end;
+                by(&x)
+            };
+            drift.push(target, format!("{input} from end to end"), at(*high) - at(*low), unit);
+        }
+    }
+    drift
+}
+
+fn strangers(of: &str, first: &str, second: &str) -> Option<String> {
+    (first != second).then(|| {
+        format!("they are of different {of} (`{first}` and `{second}`): what follows is no drift")
+    })
+}
+
+fn only_one(drift: &mut Drift, part: &str, first: bool, second: bool) {
+    match (first, second) {
+        (true, false) => drift.warnings.push(format!("{part} is only in the first")),
+        (false, true) => drift.warnings.push(format!("{part} is only in the second")),
+        _ => {}
+    }
+}
+
+fn taxels(drift: &mut Drift, first: &Calibration, second: &Calibration) {
+    let (Some(a), Some(b)) = (&first.taxels, &second.taxels) else {
+        only_one(drift, "the optical matrix", first.taxels.is_some(), second.taxels.is_some());
+        return;
+    };
+    let changes: [f64; TAXELS] = std::array::from_fn(|k| {
+        let (before, after) = (f64::from(a.bias.level[k]), f64::from(b.bias.level[k]));
+        100.0 * (after - before) / before.abs().max(f64::MIN_POSITIVE)
+    });
+    let rms = (changes.iter().map(|c| c * c).sum::<f64>() / TAXELS as f64).sqrt();
+    let worst = (0..TAXELS).max_by(|i, j| changes[*i].abs().total_cmp(&changes[*j].abs()));
+    drift.push("taxels", "unloaded light, RMS".into(), rms, "%");
+    if let Some(k) = worst {
+        drift.push("taxels", format!("unloaded light, r{}c{}", k / 4, k % 4), changes[k], "%");
+    }
+    drift.push("taxels", "noise".into(), ratio(a.bias.noise, b.bias.noise), "%");
+    let told = !drift.met.is_empty();
+    match [first, second].map(Calibration::net) {
+        [Some(a), Some(b)] => {
+            let form = |net: Net| if matches!(net, Net::Float(_)) { "f32" } else { "16 bits" };
+            if form(a) != form(b) {
+                let (a, b) = (form(a), form(b));
+                drift
+                    .warnings
+                    .push(format!("the net is in {a} in the first, in {b} in the second"));
+            }
+            if a != b && !told {
+                drift.warnings.push(
+                    "the nets differ; what that means in newtons shows on a recording with references (--data)"
+                        .into(),
+                );
+            }
+        }
+        [a, b] => only_one(drift, "the net", a.is_some(), b.is_some()),
+    }
+}
+
+/// What the second says where the first says f is G·f + offset, with G = S₂S₁⁻¹.
+fn sensor(drift: &mut Drift, name: &str, a: &SensorCalibration, b: &SensorCalibration) {
+    let s = |of: &SensorCalibration| {
+        Matrix3::from_fn(|row, column| f64::from(of.sensitivity.0[row][column]))
+    };
+    let level = |of: &SensorCalibration| Vector3::from(of.bias.level.map(f64::from));
+    let offset = s(a) * (level(b) - level(a));
+    for (axis, offset) in ["x", "y", "z"].iter().zip(&offset) {
+        drift.push(name, format!("offset {axis}"), 1e3 * offset, "mN");
+    }
+    let Some(inverse) = s(a).try_inverse() else {
+        drift.warnings.push(format!("{name}: the first S cannot be inverted; gains not compared"));
+        return;
+    };
+    let gain = s(b) * inverse;
+    for (i, axis) in ["x", "y", "z"].iter().enumerate() {
+        drift.push(name, format!("gain {axis}"), 100.0 * (gain[(i, i)] - 1.0), "%");
+    }
+    let largest = (0..3)
+        .flat_map(|i| (0..3).map(move |j| (i, j)))
+        .filter(|(i, j)| i != j)
+        .map(|at| gain[at])
+        .fold(0.0, |most: f64, g| if g.abs() > most.abs() { g } else { most });
+    drift.push(name, "largest cross-talk".into(), 100.0 * largest, "%");
+    drift.push(name, "noise".into(), ratio(a.bias.noise, b.bias.noise), "%");
+}
+
+/// By how many percent it grew.
+fn ratio(before: f32, after: f32) -> f64 {
+    100.0 * (f64::from(after) / f64::from(before).max(f64::MIN_POSITIVE) - 1.0)
+}
+
+impl Drift {
+    fn push(&mut self, part: &str, what: String, by: f64, unit: &'static str) {
+        self.changes.push(Change { part: part.into(), what, by, unit });
+    }
+}
+
+fn met(recording: &str, before: &[Series], after: &[Series]) -> Vec<Met> {
+    before
+        .iter()
+        .filter_map(|before| {
+            let after = after.iter().find(|after| after.kind == before.kind)?;
+            let (a, b) = (figures(before, &[])?, figures(after, &[])?);
+            Some(Met {
+                recording: recording.into(),
+                target: a.target,
+                unit: a.unit,
+                before: a.rmse,
+                after: b.rmse,
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taxel::condition::BridgeBias;
+    use taxel::estimate::sensitivity::Sensitivity;
+
+    fn calibration(s: [[f32; 3]; 3], level: [f32; 3]) -> Calibration {
+        let mut calibration = Calibration::default();
+        calibration.sensors[0] = Some(SensorCalibration {
+            bias: BridgeBias { level, noise: 1e-4 },
+            sensitivity: Sensitivity(s),
+            range: [[-1.0, 1.0]; 3],
+            residual: [1e-3; 3],
+        });
+        calibration
+    }
+
+    fn by(drift: &Drift, what: &str) -> f64 {
+        drift.changes.iter().find(|change| change.what == what).unwrap().by
+    }
+
+    #[test]
+    fn an_offset_is_told_in_newtons_and_a_gain_in_percent() {
+        let first = calibration([[7.0, 0.0, 0.0], [0.0, 7.0, 0.0], [0.0, 0.0, 5.0]], [0.0; 3]);
+        let second =
+            calibration([[7.7, 0.0, 0.0], [0.0, 7.0, 0.0], [0.0, 0.35, 5.0]], [0.0, 0.0, 0.002]);
+        let drift = compare(&first, &second, &[]);
+        assert!((by(&drift, "offset z") - 10.0).abs() < 1e-3, "{drift:?}");
+        assert!((by(&drift, "gain x") - 10.0).abs() < 1e-3);
+        assert!(by(&drift, "gain y").abs() < 1e-3);
+        // A force of 1 N in y now shows 0.05 N in z.
+        assert!((by(&drift, "largest cross-talk") - 5.0).abs() < 1e-3);
+        assert_eq!(
+            compare(&first, &first, &[]).changes.iter().map(|c| c.by).fold(0.0, f64::max),
+            0.0
+        );
+    }
+
+    #[test]
+    fn different_fingers_and_missing_parts_are_told() {
+        let first = calibration([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3]);
+        let second = Calibration { serial: "other".try_into().unwrap(), ..Calibration::default() };
+        let warnings = compare(&first, &second, &[]).warnings.join("\n");
+        assert!(
+            warnings.contains("different fingers") && warnings.contains("s0 is only in the first")
+        );
+    }
+}

@@ -1,0 +1,246 @@
+//! The figures of one quantity over one recording.
+
+use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
+use taxel_regress::metrics;
+
+use super::series::Series;
+
+/// Classes of the reference within which loading and unloading are compared.
+const CLASSES: usize = 20;
+/// Fewest rows of each direction that make a class.
+const LEAST_ROWS: usize = 5;
+/// A change that is told from noise in 99.7 % of rows.
+const TOLD_APART: f64 = 3.0;
+
+/// The figures of one quantity, in its own unit. Error is estimate − reference.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figures {
+    /// Name of the reference column.
+    pub target: String,
+    /// Unit of all that follows, where nothing else is said.
+    pub unit: &'static str,
+    /// Rows that were judged.
+    pub rows: usize,
+    /// Rows for which the finger withheld its estimate.
+    pub withheld: usize,
+    /// Mean error.
+    pub bias: f64,
+    /// Standard deviation of the error.
+    pub sigma: f64,
+    /// Root mean square error.
+    pub rmse: f64,
+    /// Largest absolute error.
+    pub max: f64,
+    /// Largest reference less the smallest.
+    pub span: f64,
+    /// Root mean square error in percent of the span.
+    pub percent: Option<f64>,
+    /// Largest difference of the mean estimate between rising and falling reference, in percent of the span.
+    pub hysteresis_percent: Option<f64>,
+    /// How much of each other component of the same force shows up here, in percent.
+    pub crosstalk_percent: Vec<(String, f64)>,
+    /// Standard deviation from row to row, without what moves slowly.
+    pub noise: Option<f64>,
+    /// Three times that: the change that is told from noise.
+    pub resolution: Option<f64>,
+    /// Span over resolution.
+    pub dynamic_range: Option<f64>,
+}
+
+/// The figures of `series`; `others` are the components that are measured along with it.
+pub(crate) fn figures(series: &Series, others: &[&Series]) -> Option<Figures> {
+    let errors: Vec<f64> = series.errors().map(|(_, error)| error).collect();
+    let found = metrics::figures(&errors)?;
+    let span = series.span();
+    let percent = |value: f64| (span > 0.0).then(|| 100.0 * value / span);
+    let noise = noise(series);
+    let resolution = noise.map(|noise| TOLD_APART * noise);
+    Some(Figures {
+        target: series.kind.name(),
+        unit: series.kind.unit(),
+        rows: found.n,
+        withheld: series.estimate.len() - found.n,
+        bias: found.bias,
+        sigma: found.sigma,
+        rmse: found.rmse,
+        max: found.max,
+        span,
+        percent: percent(found.rmse),
+        hysteresis_percent: hysteresis(series).and_then(percent),
+        crosstalk_percent: crosstalk(series, others),
+        noise,
+        resolution,
+        dynamic_range: resolution.filter(|r| *r > 0.0).map(|r| span / r),
+    })
+}
+
+/// From second differences, which no slow motion survives: their variance is six times that of white noise.
+/// Rows in which the estimate stands still (no contact: zero by definition) say nothing.
+fn noise(series: &Series) -> Option<f64> {
+    let errors: Vec<Option<f64>> =
+        series.reference.iter().zip(&series.estimate).map(|(r, e)| e.map(|e| e - r)).collect();
+    let moves = |i: usize| series.estimate[i] != series.estimate[i + 1];
+    let squares: Vec<f64> = (0..errors.len().saturating_sub(2))
+        .filter(|i| moves(*i) && moves(i + 1))
+        .filter_map(|i| Some((errors[i]? - 2.0 * errors[i + 1]? + errors[i + 2]?).powi(2) / 6.0))
+        .collect();
+    // A jump (an edge of contact) is no noise: the median is not moved by a few. Of a squared normal
+    // variable it is 0.4549 of the mean.
+    median(squares).map(|median| (median / 0.4549).sqrt())
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+/// Largest difference of the mean estimates at the same reference, going up and going down.
+fn hysteresis(series: &Series) -> Option<f64> {
+    let (low, _) = super::series::extent(series.reference.iter().copied());
+    let width = series.span() / CLASSES as f64;
+    if width <= 0.0 {
+        return None;
+    }
+    let mut sums = [[(0usize, 0.0); 2]; CLASSES];
+    // The direction between the rows a class apart in time would be one of noise: it is looked for over
+    // as many rows as the reference takes to move by a tenth of a class, at most a hundred.
+    for (row, (reference, estimate)) in series.reference.iter().zip(&series.estimate).enumerate() {
+        let Some(estimate) = estimate else { continue };
+        let moved = (1..100).find_map(|step| {
+            let before = series.reference[row.saturating_sub(step)];
+            let after = series.reference[(row + step).min(series.reference.len() - 1)];
+            let moved = after - before;
+            (moved.abs() > 0.1 * width).then_some(moved)
+        });
+        let Some(moved) = moved else { continue };
+        let class = (((reference - low) / width) as usize).min(CLASSES - 1);
+        let sum = &mut sums[class][usize::from(moved > 0.0)];
+        // The error, not the estimate: rows need not lie evenly within their class.
+        *sum = (sum.0 + 1, sum.1 + estimate - reference);
+    }
+    let differences = sums.iter().filter_map(|[(m, down), (n, up)]| {
+        let enough = *m >= LEAST_ROWS && *n >= LEAST_ROWS;
+        enough.then(|| (up / *n as f64 - down / *m as f64).abs())
+    });
+    differences.reduce(f64::max)
+}
+
+/// Slope of the error over each other component, all fitted at once together with the component itself.
+fn crosstalk(series: &Series, others: &[&Series]) -> Vec<(String, f64)> {
+    let aligned = |other: &&&Series| other.reference.len() == series.reference.len();
+    let others: Vec<&&Series> = others.iter().filter(aligned).collect();
+    let rows: Vec<usize> =
+        (0..series.estimate.len()).filter(|row| series.estimate[*row].is_some()).collect();
+    if others.is_empty() || rows.is_empty() {
+        return Vec::new();
+    }
+    let columns = others.len() + 2;
+    let mut x = DMatrix::from_fn(rows.len(), columns, |i, j| match j {
+        0 => 1.0,
+        1 => series.reference[rows[i]],
+        j => others[j - 2].reference[rows[i]],
+    });
+    let sizes: Vec<f64> = x.column_iter_mut().map(|mut column| column.normalize_mut()).collect();
+    let y = DVector::from_iterator(
+        rows.len(),
+        rows.iter().map(|row| series.estimate[*row].unwrap_or_default() - series.reference[*row]),
+    );
+    // A component that is zero throughout has no direction; no singular values would ever be found.
+    if sizes.contains(&0.0) {
+        return Vec::new();
+    }
+    // Where the components rise and fall together none of them can be told to be the cause.
+    let svd = (x.transpose() * &x).svd(true, true);
+    let (most, least) = (svd.singular_values.max(), svd.singular_values.min());
+    if least.is_nan() || least <= 1e-6 * most {
+        return Vec::new();
+    }
+    let Ok(slopes) = svd.solve(&(x.transpose() * y), 0.0) else { return Vec::new() };
+    let slopes = slopes.iter().zip(sizes).skip(2).map(|(slope, size)| slope / size);
+    others.iter().zip(slopes).map(|(other, s)| (other.kind.name(), 100.0 * s)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::series::Kind;
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn series(axis: usize, reference: Vec<f64>, estimate: Vec<f64>) -> Series {
+        let time = (0..reference.len()).map(|i| i as f64 * 1e-3).collect();
+        let estimate = estimate.into_iter().map(Some).collect();
+        Series { kind: Kind::Force(axis), time, reference, estimate, timed: true }
+    }
+
+    /// Up and down ten times between 0 and 1.
+    fn triangle() -> Vec<f64> {
+        (0..4000).map(|i| (f64::from(i % 400) / 200.0 - 1.0).abs()).collect()
+    }
+
+    #[test]
+    fn a_backlash_is_the_hysteresis_and_an_offset_is_none() {
+        let up = triangle();
+        let late: Vec<f64> = (0..up.len())
+            .map(|i| up[i] + if up[(i + 1) % up.len()] > up[i] { -0.02 } else { 0.02 })
+            .collect();
+        let found = figures(&series(2, up.clone(), late), &[]).unwrap();
+        assert!((found.hysteresis_percent.unwrap() - 4.0).abs() < 0.2, "{found:?}");
+        let shifted = up.iter().map(|f| f + 0.3).collect();
+        let found = figures(&series(2, up, shifted), &[]).unwrap();
+        assert!(found.hysteresis_percent.unwrap() < 1e-9, "{found:?}");
+        assert!((found.bias - 0.3).abs() < 1e-12 && found.sigma < 1e-9);
+    }
+
+    #[test]
+    fn crosstalk_is_the_share_of_the_other_component_and_not_of_ones_own() {
+        let z = triangle();
+        let x: Vec<f64> = (0..z.len()).map(|i| (i as f64 * 0.05).sin()).collect();
+        let said = x.iter().zip(&z).map(|(x, z)| 1.1 * x - 0.07 * z).collect();
+        let other = series(2, z.clone(), z.clone());
+        let found = figures(&series(0, x.clone(), said), &[&other]).unwrap();
+        assert_eq!(found.crosstalk_percent.len(), 1);
+        let (name, percent) = &found.crosstalk_percent[0];
+        assert_eq!(name, "fz_n");
+        assert!((percent + 7.0).abs() < 0.01, "{percent}");
+        // Components that go together cannot be told apart, and nothing is said of them.
+        let twin = series(2, x.clone(), x.clone());
+        let found = figures(&series(0, x.clone(), x.clone()), &[&twin]).unwrap();
+        assert!(found.crosstalk_percent.is_empty(), "{found:?}");
+        // Nor of one that is zero throughout.
+        let (rests, said) = (vec![0.0; x.len()], x.clone());
+        let still = series(2, rests.clone(), rests.clone());
+        for (reference, other) in [(x.clone(), still), (rests, series(2, x.clone(), x))] {
+            let found = figures(&series(0, reference, said.clone()), &[&other]).unwrap();
+            assert!(found.crosstalk_percent.is_empty(), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn noise_is_what_jitters_and_not_what_drifts_or_jumps() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let truth = triangle();
+        let sigma = 2e-3;
+        // A sum of twelve uniform numbers is normal enough.
+        let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+        let said: Vec<f64> = truth
+            .iter()
+            .enumerate()
+            .map(|(i, f)| 0.9 * f + 1e-4 * i as f64 + sigma * normal() + f64::from(i > 2000))
+            .collect();
+        let found = figures(&series(2, truth, said), &[]).unwrap();
+        let noise = found.noise.unwrap();
+        assert!((noise - sigma).abs() < 0.05 * sigma, "{noise}");
+        assert!((found.dynamic_range.unwrap() - 1.0 / (3.0 * noise)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn nothing_estimated_has_no_figures() {
+        let mut none = series(2, vec![1.0, 2.0], vec![0.0, 0.0]);
+        none.estimate = vec![None, None];
+        assert_eq!(figures(&none, &[]), None);
+        let constant = figures(&series(2, vec![1.0; 9], vec![1.0; 9]), &[]).unwrap();
+        assert_eq!((constant.percent, constant.hysteresis_percent), (None, None));
+    }
+}

@@ -1,0 +1,321 @@
+//! The report as a page that needs nothing but itself.
+
+use std::fmt::Write as _;
+
+use super::figures::Figures;
+use super::judge::{Report, Trial};
+use super::papers::{ANGLE_DEG, Printed, Requirement};
+use super::plots;
+use super::series::{fine, split_unit};
+
+const STYLE: &str = include_str!("report.css");
+
+/// The page. `made` is when, as a person writes it; `of` is the calibration's date likewise.
+#[must_use]
+pub fn page(report: &Report, made: &str, of: &str) -> String {
+    let mut page = String::new();
+    let about = &report.about;
+    let of_whom = match about.serial.as_str() {
+        "" => "Calibration without a serial number".to_owned(),
+        serial => format!("Calibration of {}", escaped(serial)),
+    };
+    let _ = write!(
+        page,
+        "<!doctype html><html lang=en><meta charset=utf-8>\
+         <meta name=viewport content=\"width=device-width\">\
+         <title>{of_whom}</title><style>{STYLE}</style>\
+         <h1>{of_whom}</h1>\
+         <p class=lead>Calibrated {of}, judged {made}. Error is estimate − reference; the estimates are \
+         those of the code that runs on the finger.</p>",
+        of = escaped(of),
+        made = escaped(made),
+    );
+    warnings(&mut page, &report.warnings);
+    overview(&mut page, &report.trials);
+    parts(&mut page, report);
+    for trial in &report.trials {
+        section(&mut page, trial);
+    }
+    if !report.coverage.is_empty() {
+        page += "<h2>Where the recordings are</h2><p>Rows a cell, darker for more; white is where there \
+                 are none, and where the calibration only guesses.</p><div class=plots>";
+        for map in &report.coverage {
+            let _ = write!(page, "<figure>{}", plots::map(map));
+            if let Some(percent) = map.beyond_percent {
+                let _ = write!(
+                    page,
+                    "<figcaption>{percent:.1} % of the judged rows lie more than two \
+                     cells from any of these</figcaption>"
+                );
+            }
+            page += "</figure>";
+        }
+        page += "</div>";
+    }
+    papers(&mut page, &report.papers, &report.trials);
+    requirements(&mut page, &report.requirements);
+    page += NOTES;
+    page += "</html>\n";
+    page
+}
+
+fn warnings(page: &mut String, warnings: &[String]) {
+    if warnings.is_empty() {
+        *page += "<p class=good>Nothing in the recordings speaks against this calibration.</p>";
+        return;
+    }
+    *page += "<ul class=warnings>";
+    for warning in warnings {
+        let _ = write!(page, "<li>{}</li>", escaped(warning));
+    }
+    *page += "</ul>";
+}
+
+/// One line for each quantity over all recordings: the worst.
+fn overview(page: &mut String, trials: &[Trial]) {
+    let rows: Vec<(&Trial, &Figures)> =
+        trials.iter().flat_map(|t| t.figures.iter().map(move |f| (t, f))).collect();
+    if trials.len() < 2 {
+        return;
+    }
+    *page += "<h2>At a glance</h2><table><tr><th>quantity<th>best RMSE<th>worst RMSE\
+              <th class=text>worst in</tr>";
+    let mut seen: Vec<&str> = Vec::new();
+    for (_, figures) in &rows {
+        if seen.contains(&figures.target.as_str()) {
+            continue;
+        }
+        seen.push(&figures.target);
+        let same = || rows.iter().filter(|(_, other)| other.target == figures.target);
+        let best = same().map(|(_, f)| f.rmse).fold(f64::INFINITY, f64::min);
+        let worst = same().max_by(|a, b| a.1.rmse.total_cmp(&b.1.rmse));
+        let Some((trial, worst)) = worst else { continue };
+        let _ = write!(
+            page,
+            "<tr><th>{}<td>{}<td>{}<td class=text>{}</tr>",
+            escaped(&figures.target),
+            quantity(best, worst.unit),
+            quantity(worst.rmse, worst.unit),
+            escaped(&trial.recording)
+        );
+    }
+    *page += "</table>";
+}
+
+fn parts(page: &mut String, report: &Report) {
+    *page += "<h2>The record</h2><table><tr><th>part<th class=text>model<th>RMS error of the fit\
+              <th>noise of a channel / ppm<th>condition of S<th>condition of the data</tr>";
+    for part in &report.about.parts {
+        let residual: Vec<String> =
+            part.residual.iter().zip(&part.units).map(|(r, unit)| quantity(*r, unit)).collect();
+        let _ = write!(
+            page,
+            "<tr><th>{}<td class=text>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+            escaped(&part.name),
+            escaped(&part.model),
+            if residual.is_empty() { "–".into() } else { residual.join(", ") },
+            optional(part.noise.map(|noise| 1e6 * noise), 0),
+            optional(part.condition, 2),
+            optional(part.condition_of_data, 0)
+        );
+    }
+    *page += "</table>";
+}
+
+fn section(page: &mut String, trial: &Trial) {
+    let _ = write!(
+        page,
+        "<h2>{}</h2><p>{}</p><table><tr><th>quantity<th>bias<th>σ<th>RMSE<th>max\
+         <th>% of span<th>span<th>hysteresis / %<th class=text>cross-talk / %<th>noise<th>resolution\
+         <th>dynamic range<th>rows<th>withheld</tr>",
+        escaped(&trial.recording),
+        match trial.rate_hz {
+            rate if rate > 0.0 => format!("{:.1} s at {rate:.0} Hz.", trial.seconds),
+            _ => "It tells no time (no column t_s or t_us).".into(),
+        }
+    );
+    for found in &trial.figures {
+        let crosstalk: Vec<String> = found
+            .crosstalk_percent
+            .iter()
+            // `+0.0`, never `-0.0`.
+            .map(|(of, percent)| (short(of), (10.0 * percent).round() / 10.0 + 0.0))
+            .map(|(of, percent)| format!("{of} {percent:+.1}"))
+            .collect();
+        let _ = write!(
+            page,
+            "<tr><th>{}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{:.2} {}<td>{}<td class=text>{}<td>{}<td>{}\
+             <td>{}<td>{}<td>{}</tr>",
+            in_unit(&found.target, found.unit),
+            fixed(found.bias, found.unit),
+            fixed(found.sigma, found.unit),
+            fixed(found.rmse, found.unit),
+            fixed(found.max, found.unit),
+            optional(found.percent, 2),
+            found.span,
+            found.unit,
+            optional(found.hysteresis_percent, 2),
+            if crosstalk.is_empty() { "–".into() } else { crosstalk.join(", ") },
+            found.noise.map_or("–".into(), |noise| fixed(noise, found.unit)),
+            found.resolution.map_or("–".into(), |r| fixed(r, found.unit)),
+            found.dynamic_range.map_or("–".into(), |range| format!("{range:.0} : 1")),
+            found.rows,
+            found.withheld
+        );
+    }
+    *page += "</table>";
+    if let Some(angle) = &trial.angle {
+        let _ = write!(
+            page,
+            "<p>Direction of the force, where it is 0.3 N or more ({} rows): RMS {:.2}°, max {:.2}° \
+             (002, 4×1 trial set: max {ANGLE_DEG:.0}°).</p>",
+            angle.rows, angle.rms_deg, angle.max_deg
+        );
+    }
+    *page += "<p class=key><span class=reference>reference</span> <span class=estimate>estimate</span> \
+              over time; error while the reference <span class=rising>rises</span> and \
+              <span class=falling>falls</span> or \
+              <span class=reference>stands still</span></p>";
+    for series in &trial.series {
+        let _ = write!(
+            page,
+            "<div class=plots><figure>{}</figure><figure>{}</figure></div>",
+            plots::over_time(series),
+            plots::over_reference(series)
+        );
+    }
+}
+
+/// The papers' tables, and beside each line the worst that was found here of the same quantity.
+fn papers(page: &mut String, papers: &[Printed], trials: &[Trial]) {
+    *page += "<h2>Beside what the papers print</h2><table><tr><th>quantity<th class=text>where<th>bias\
+              <th>σ<th>max<th>here: bias<th>σ<th>max</tr>";
+    for paper in papers {
+        let cell = |value: Option<f64>| value.map_or("–".into(), |v| quantity(v, paper.unit));
+        let here = ours(paper, trials);
+        let _ = write!(
+            page,
+            "<tr><th>{}<td class=text>{}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+            paper.quantity,
+            escaped(paper.source),
+            cell(paper.bias),
+            cell(paper.sigma),
+            cell(paper.max),
+            cell(here.map(|found| found.bias)),
+            cell(here.map(|found| found.sigma)),
+            cell(here.map(|found| found.max)),
+        );
+    }
+    *page += "</table>";
+}
+
+/// Of the finger's figures of a paper's quantity, or any of its sensors', those with the largest σ.
+fn ours<'t>(paper: &Printed, trials: &'t [Trial]) -> Option<&'t Figures> {
+    let same = |found: &&Figures| {
+        let name = split_unit(&found.target).0;
+        let name = name.rsplit_once('_').map_or(name, |(_, component)| component);
+        found.unit == paper.unit && paper.quantity.split(", ").any(|quantity| quantity == name)
+    };
+    let all = trials.iter().flat_map(|trial| &trial.figures);
+    all.filter(same).max_by(|a, b| a.sigma.total_cmp(&b.sigma))
+}
+
+fn requirements(page: &mut String, requirements: &[Requirement]) {
+    *page += "<h2>Harmon's requirements (004)</h2><table><tr><th>asked for<th class=text>found, the worst\
+              <th></tr>";
+    for requirement in requirements {
+        let verdict = match requirement.met {
+            Some(true) => "met",
+            Some(false) => "not met",
+            None => "not judged",
+        };
+        let _ = write!(
+            page,
+            "<tr><td class=text>{}<td class=text>{}<td class=text>{verdict}</tr>",
+            requirement.asked,
+            escaped(requirement.found.as_deref().unwrap_or("–"))
+        );
+    }
+    *page += "</table>";
+}
+
+const NOTES: &str = "<h2>What the figures mean</h2><dl>\
+<dt>% of span<dd>RMSE over the largest reference less the smallest of this recording.\
+<dt>hysteresis<dd>largest difference of the mean error between rising and falling reference within a \
+twentieth of the span, in percent of the span. A lag in time counts as one.\
+<dt>cross-talk<dd>how much of the other components of the same force shows up in this one, fitted to the \
+error with the component itself.\
+<dt>noise<dd>standard deviation from row to row, from second differences: what moves slowly is left out.\
+<dt>resolution<dd>three times the noise, at the rate of the recording.\
+<dt>dynamic range<dd>span over resolution: no more than the recording shows.\
+<dt>condition<dd>largest over smallest singular value: of S, and of the signals under load. A large one \
+says that some direction was hardly loaded or hardly seen.\
+<dt>withheld<dd>rows for which the finger says why it has no value instead of giving one.</dl>";
+
+/// A number with the unit that errors are told in.
+fn quantity(value: f64, unit: &'static str) -> String {
+    format!("{} {}", fixed(value, unit), fine(unit).1).trim_end().to_owned()
+}
+
+/// Two digits of a thousandth; four that count of what has no thousandths here.
+fn fixed(value: f64, unit: &'static str) -> String {
+    let (times, told) = fine(unit);
+    if told != unit {
+        return rounded(times * value, 2);
+    }
+    let digits = 3 - value.abs().max(1e-6).log10().floor() as i32;
+    rounded(value, usize::try_from(digits).unwrap_or(0))
+}
+
+/// A zero has no sign, a rounded one neither.
+fn rounded(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|b| matches!(b, b'0' | b'.')) => zero.to_owned(),
+        _ => text,
+    }
+}
+
+fn optional(value: Option<f64>, digits: usize) -> String {
+    value.map_or("–".into(), |value| rounded(value, digits))
+}
+
+/// A quantity and the unit that its errors are told in: `fx / mN`.
+fn in_unit(name: &str, unit: &'static str) -> String {
+    match fine(unit).1 {
+        "" => short(name),
+        unit => format!("{} / {unit}", short(name)),
+    }
+}
+
+/// A column's name without its unit.
+fn short(name: &str) -> String {
+    escaped(split_unit(name).0)
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_comes_from_a_file_is_text_and_never_markup() {
+        assert_eq!(escaped("<b> & \"c\""), "&lt;b&gt; &amp; &quot;c&quot;");
+        assert_eq!(short("s0_fx_n"), "s0_fx");
+        assert_eq!(short("mass_total"), "mass_total");
+    }
+
+    #[test]
+    fn newtons_are_told_in_thousandths_and_other_units_by_the_digits_that_count() {
+        assert_eq!(quantity(0.012_345, "N"), "12.35 mN");
+        assert_eq!(quantity(0.5, "mm"), "500.00 µm");
+        assert_eq!(quantity(-6.781_23, "°"), "-6.781 °");
+        assert_eq!(quantity(0.001_234_5, ""), "0.001234");
+        assert_eq!(quantity(0.0, ""), "0.000000000");
+        assert_eq!(quantity(-0.000_004, "N"), "0.00 mN");
+        assert_eq!(quantity(-0.000_006, "N"), "-0.01 mN");
+    }
+}

@@ -1,0 +1,183 @@
+//! References and what the finger says to them, row by row, through the arithmetic of the chip.
+
+use crate::recording::Recording;
+use taxel::calibration::Calibration;
+use taxel::estimate::Force;
+use taxel::finger::{Estimate, Finger};
+use taxel::frame::Status;
+use taxel::scan::SENSORS;
+use taxel_files::trace::{Sample, sensor_truth_names};
+
+/// What a series is of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Component of the finger's force, newtons.
+    Force(usize),
+    /// Component of the contact point, millimetres.
+    Point(usize),
+    /// Component of a sensor's force, newtons.
+    Sensor(usize, usize),
+    /// A reference column of somebody else's sensor.
+    Column(String),
+}
+
+/// Units that the end of a column's name tells.
+const UNITS: [(&str, &str); 8] = [
+    ("n", "N"),
+    ("mm", "mm"),
+    ("nmm", "N·mm"),
+    ("deg", "°"),
+    ("pa", "Pa"),
+    ("kpa", "kPa"),
+    ("g", "g"),
+    ("s", "s"),
+];
+
+/// A column's name without its unit, and the unit; empty where the name tells none.
+pub(crate) fn split_unit(name: &str) -> (&str, &'static str) {
+    let known = name.rsplit_once('_').and_then(|(quantity, end)| {
+        let (_, unit) = UNITS.iter().find(|(short, _)| *short == end)?;
+        Some((quantity, *unit))
+    });
+    known.unwrap_or((name, ""))
+}
+
+/// The unit in which an error is told, and how many of it make one of `unit`.
+pub(crate) fn fine(unit: &'static str) -> (f64, &'static str) {
+    match unit {
+        "N" => (1e3, "mN"),
+        "mm" => (1e3, "µm"),
+        unit => (1.0, unit),
+    }
+}
+
+impl Kind {
+    /// All there are, in the order of the report.
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        let sensors = (0..SENSORS).flat_map(|i| (0..3).map(move |axis| Self::Sensor(i, axis)));
+        (0..3).map(Self::Force).chain((0..2).map(Self::Point)).chain(sensors)
+    }
+
+    /// Its reference column.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self {
+            Self::Force(axis) => ["fx_n", "fy_n", "fz_n"][*axis].into(),
+            Self::Point(axis) => ["x_mm", "y_mm"][*axis].into(),
+            Self::Sensor(sensor, axis) => sensor_truth_names(*sensor)[*axis].clone(),
+            Self::Column(name) => name.clone(),
+        }
+    }
+
+    /// Its unit.
+    #[must_use]
+    pub fn unit(&self) -> &'static str {
+        split_unit(&self.name()).1
+    }
+
+    /// Which of those that are measured together: the finger's force, the point, a sensor's force, the
+    /// columns of a table that have one unit.
+    pub(crate) fn group(&self) -> (usize, &'static str) {
+        let number = match self {
+            Self::Force(_) => 0,
+            Self::Point(_) => 1,
+            Self::Sensor(sensor, _) => 2 + sensor,
+            Self::Column(_) => 2 + SENSORS,
+        };
+        (number, self.unit())
+    }
+}
+
+/// One reference column and its estimates, row by row.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// What of.
+    pub kind: Kind,
+    /// Seconds since the first row; the rows' numbers where the recording tells no time.
+    pub time: Vec<f64>,
+    /// The reference.
+    pub reference: Vec<f64>,
+    /// What the finger said; `None` where it withheld it.
+    pub estimate: Vec<Option<f64>>,
+    /// The recording tells time.
+    pub timed: bool,
+}
+
+impl Series {
+    /// Reference and error of every row that has an estimate.
+    pub(crate) fn errors(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        self.reference.iter().zip(&self.estimate).filter_map(|(r, e)| Some((*r, (*e)? - r)))
+    }
+
+    /// Largest reference less the smallest.
+    pub(crate) fn span(&self) -> f64 {
+        let (low, high) = extent(self.reference.iter().copied());
+        (high - low).max(0.0)
+    }
+}
+
+/// Smallest and largest; the other way round where there is none.
+pub(crate) fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+}
+
+/// Every reference column of the recording that the calibration estimates. On the bench, where nothing but
+/// one sensor is calibrated, `fx_n` … are the force on that sensor.
+pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Series> {
+    let mut all: Vec<Series> = Kind::all()
+        .map(|kind| Series { kind, time: vec![], reference: vec![], estimate: vec![], timed: true })
+        .collect();
+    let (finger, mut state) = Finger::new(Some(calibration.clone()));
+    let bench = bench_sensor(calibration);
+    let begin = recording.samples.first().map_or(0, |sample| sample.scan.time.0);
+    for sample in &recording.samples {
+        let estimate = finger.estimate(&mut state, &sample.scan);
+        let time = sample.scan.time.0.saturating_sub(begin) as f64 * 1e-6;
+        for series in &mut all {
+            if let Some(reference) = reference(&series.kind, sample, &estimate) {
+                series.time.push(time);
+                series.reference.push(reference);
+                series.estimate.push(said(&series.kind, &estimate, bench).map(f64::from));
+            }
+        }
+    }
+    all.retain(|series| series.estimate.iter().any(Option::is_some));
+    all
+}
+
+fn bench_sensor(calibration: &Calibration) -> Option<usize> {
+    let mut calibrated = (0..SENSORS).filter(|i| calibration.sensors[*i].is_some());
+    match (calibration.force.is_none(), calibrated.next(), calibrated.next()) {
+        (true, Some(sensor), None) => Some(sensor),
+        _ => None,
+    }
+}
+
+fn reference(kind: &Kind, sample: &Sample, estimate: &Estimate) -> Option<f64> {
+    let truth = &sample.truth;
+    match kind {
+        Kind::Force(axis) => truth.force[*axis],
+        // A point is judged only while there is one.
+        Kind::Point(axis) => truth
+            .contact
+            .unwrap_or_else(|| estimate.status.contains(Status::CONTACT))
+            .then_some(truth.point[*axis])
+            .flatten(),
+        Kind::Sensor(sensor, axis) => truth.sensors[*sensor][*axis],
+        Kind::Column(_) => None,
+    }
+}
+
+fn said(kind: &Kind, estimate: &Estimate, bench: Option<usize>) -> Option<f32> {
+    let component = |force: &Force, axis: usize| {
+        [force.x, force.y, force.z][axis].ok().map(|newtons| newtons.0)
+    };
+    match kind {
+        Kind::Force(axis) => {
+            component(bench.map_or(&estimate.force, |i| &estimate.sensors[i]), *axis)
+        }
+        Kind::Point(axis) => estimate.point.ok().map(|point| [point.x, point.y][*axis].0),
+        Kind::Sensor(sensor, axis) => component(&estimate.sensors[*sensor], *axis),
+        Kind::Column(_) => None,
+    }
+}

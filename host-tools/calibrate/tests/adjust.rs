@@ -1,0 +1,141 @@
+//! In-place recalibration of a device that aged, by nine presses with one known weight, judged on presses of
+//! its own that neither the fit nor the adjustment has seen, noise on.
+
+mod judge;
+
+use std::fmt::Write as _;
+use std::sync::atomic::AtomicBool;
+
+use judge::{FRICTION, presses, run};
+use taxel::calibration::Calibration;
+use taxel::estimate::quantised::QuantisedNet;
+use taxel::scan::TaxelCodes;
+use taxel::units::Code;
+use taxel_calibrate::adjust::{adjust, weigh};
+use taxel_calibrate::evaluate;
+use taxel_calibrate::finger::{FitOptions, Subject, fit};
+use taxel_calibrate::recording::Recording;
+use taxel_files::trace::{Sample, Truth};
+use taxel_regress::network::NetOptions;
+
+const DEVICE: u32 = 23;
+/// Rows before anything touches the finger.
+const UNLOADED: usize = 400;
+/// Newtons.
+const WEIGHT: f64 = 1.0;
+
+fn recording(samples: Vec<Sample>) -> Recording {
+    Recording { name: format!("device {DEVICE}"), samples }
+}
+
+/// Each LED gives up to 15 % more or less light, and a softer skin makes every signal a tenth larger.
+fn aged(mut samples: Vec<Sample>) -> Vec<Sample> {
+    const SKIN: f64 = 1.1;
+    let gain = |k: usize| 1.0 + 0.15 * (7.3 * k as f64).sin();
+    let light = |codes: &TaxelCodes, k: usize| {
+        f64::from(codes.lit[k / 4][k % 4].0) - f64::from(codes.dark[k % 4].0)
+    };
+    let unloaded: Vec<f64> = (0..16)
+        .map(|k| {
+            let rows = samples[..UNLOADED].iter();
+            rows.map(|s| light(&s.scan.codes.taxels.unwrap(), k)).sum::<f64>() / UNLOADED as f64
+        })
+        .collect();
+    for sample in &mut samples {
+        let codes = sample.scan.codes.taxels.as_mut().unwrap();
+        let before = *codes;
+        for (k, unloaded) in unloaded.iter().enumerate() {
+            let light = unloaded + SKIN * (light(&before, k) - unloaded);
+            let code = gain(k) * light + f64::from(before.dark[k % 4].0);
+            codes.lit[k / 4][k % 4] = Code(code.round() as u16);
+        }
+    }
+    samples
+}
+
+fn fitted() -> Calibration {
+    let act = presses(245, [0.0, 0.99], 2.0);
+    let net = NetOptions { seed: 0, starts: 1, steps: 80 };
+    let options = FitOptions { subject: Subject::Finger, net, ..FitOptions::default() };
+    let recordings = [recording(run(DEVICE, 1, 500, 50.0, FRICTION, &act))];
+    let fitted = fit(&recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap();
+    assert!(fitted.calibration.model.is_some(), "{:?}", fitted.warnings);
+    // The sensors would help: it is the taxels that age here.
+    Calibration { sensors: Default::default(), array: None, ..fitted.calibration }
+}
+
+/// Weights are put down at nine places; nothing else is known of them.
+fn weights(
+    calibration: &Calibration,
+    (seed, weight): (u64, f64),
+    since: fn(Vec<Sample>) -> Vec<Sample>,
+) -> Recording {
+    let mut acts = String::new();
+    for i in 0..9 {
+        let (x, y) = (3.0 * f64::from(i % 3 - 1), 3.0 * f64::from(i / 3 - 1));
+        let at = 1.0 + 0.7 * f64::from(i);
+        write!(
+            acts,
+            "[[press]]\nat_s = {at:.2}\nx_mm = {x}\ny_mm = {y}\nfz_n = {weight}\nrise_s = 0.05\n\
+             hold_s = 0.4\nfall_s = 0.05\n"
+        )
+        .unwrap();
+    }
+    let mut recording = recording(since(run(DEVICE, seed, 500, 7.5, FRICTION, &acts)));
+    recording.samples.iter_mut().for_each(|sample| sample.truth = Truth::default());
+    weigh(calibration, &mut recording, weight).unwrap();
+    recording
+}
+
+/// RMS error of f_z in newtons.
+fn error(calibration: &Calibration, judged: &Recording) -> f64 {
+    let found = evaluate::finger(calibration, judged);
+    found.iter().find(|m| m.target == "fz_n").and_then(|m| m.figures).unwrap().rmse
+}
+
+#[test]
+fn nine_weights_mend_what_aged_and_leave_what_did_not_whatever_estimates() {
+    let all = fitted();
+    let act = presses(60, [0.0, 0.8], 1.0);
+    let young = recording(run(DEVICE, 2, 500, 13.0, 0.8, &act));
+    let old = recording(aged(young.samples.clone()));
+    let largest = all.taxels.as_ref().unwrap().range.as_flattened().iter();
+    let largest = largest.fold(0.0f32, |most, end| most.max(end.abs()));
+    let quantised = QuantisedNet::new(all.force.as_ref().unwrap(), largest);
+    assert!(quantised.is_some());
+    let alone = |model: bool| Calibration {
+        model: all.model.clone().filter(|_| model),
+        slip: all.slip.filter(|_| model),
+        ..all.clone()
+    };
+    let in_16_bits = Calibration { force: None, quantised, ..alone(false) };
+    for (name, record, estimators, most) in [
+        ("net", alone(false), 1, 0.02),
+        ("net in 16 bits", in_16_bits, 1, 0.02),
+        ("model of the skin", alone(true), 2, 0.0035),
+    ] {
+        let adjusted = adjust(&record, &[weights(&record, (7, WEIGHT), aged)], 1).unwrap();
+        assert_eq!((adjusted.presses, adjusted.helped.len()), (9, estimators));
+        assert!(adjusted.helped.iter().all(|h| h.after < h.before), "{:?}", adjusted.helped);
+        let mended = adjusted.calibration;
+        let mut bias_only = record.clone();
+        bias_only.taxels.as_mut().unwrap().bias = mended.taxels.as_ref().unwrap().bias;
+        let [once, before, after] =
+            [(&record, &young), (&bias_only, &old), (&mended, &old)].map(|(c, r)| error(c, r));
+        println!(
+            "{name}: {once:.4} N young, {before:.4} aged, {after:.4} mended; {:?} {:?}",
+            adjusted.helped, adjusted.warnings
+        );
+        assert!(after < 0.5 * before && after < most, "{name}: {once} {before} {after}");
+        for (seed, weight) in [(8, 1.0), (9, 0.4905), (10, 1.8)] {
+            let same = weights(&record, (seed, weight), |samples| samples);
+            let adjusted = adjust(&record, &[same], 1).unwrap();
+            let after = error(&adjusted.calibration, &young);
+            println!(
+                "{name}, not aged, {weight} N: {once:.4} N before, {after:.4} after; {:?} {:?}",
+                adjusted.helped, adjusted.warnings
+            );
+            assert!(after < 1.02 * once, "{name}: {once} {after}");
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! A finger's recordings that are wrong on purpose: each is fitted sanely with a word about it, or refused with why.
+
+mod judge;
+
+use std::sync::atomic::AtomicBool;
+
+use judge::{FRICTION, presses, run};
+use taxel_calibrate::evaluate;
+use taxel_calibrate::finger::{FitOptions, Fitted, Subject, fit};
+use taxel_calibrate::recording::Recording;
+use taxel_files::trace::{Sample, Truth};
+use taxel_regress::FitError;
+use taxel_regress::network::NetOptions;
+use taxel_sim::{Scene, Simulator};
+
+/// So many presses all over the pad, five a second.
+fn recording(name: &str, seed: u64, count: u32) -> Recording {
+    let seconds = 1.2 + 0.2 * f64::from(count);
+    let samples = run(5, seed, 250, seconds, FRICTION, &presses(count, [0.0, 0.0], 0.0));
+    // No contact points: the net alone is what is wanted here.
+    let samples = samples.into_iter().map(|sample| {
+        let truth = Truth { point: [None; 2], sensors: [[None; 3]; 4], ..sample.truth };
+        Sample { truth, ..sample }
+    });
+    Recording { name: name.into(), samples: samples.collect() }
+}
+
+fn fitted(recordings: &[Recording], hidden: usize) -> Result<Fitted, FitError> {
+    let net = NetOptions { seed: 0, starts: 1, steps: 60 };
+    let options =
+        FitOptions { subject: Subject::Finger, net, hidden: Some(hidden), ..FitOptions::default() };
+    fit(recordings, &options, &mut |_| {}, &AtomicBool::new(false))
+}
+
+/// RMS error of f_z in newtons on a recording that has nothing wrong with it.
+fn error_of(fitted: &Fitted) -> f64 {
+    let found = evaluate::finger(&fitted.calibration, &recording("unseen", 9, 55));
+    found.iter().find(|m| m.target == "fz_n").and_then(|m| m.figures).unwrap().rmse
+}
+
+#[test]
+fn a_force_that_is_turned_round_in_one_recording_is_refused_by_name_and_column() {
+    let sheared = |name: &str, seed: u64| {
+        let samples = Simulator::new(&Scene::load("shear").unwrap(), seed).take(20_000).step_by(2);
+        Recording { name: name.into(), samples: samples.collect() }
+    };
+    let turned = |axes: &[usize]| {
+        let mut recording = sheared("turned.csv", 2);
+        for sample in &mut recording.samples {
+            axes.iter().for_each(|k| sample.truth.force[*k] = sample.truth.force[*k].map(|f| -f));
+        }
+        recording
+    };
+    let others = || [sheared("one.csv", 1), sheared("two.csv", 3)];
+    for (axes, said) in [
+        (&[0, 1][..], "turned.csv: fx_n, fy_n run against what the other recordings say"),
+        (&[1], "turned.csv: fy_n runs against what the other recordings say"),
+        (&[2], "turned.csv: fz_n is negative where something presses"),
+    ] {
+        let [one, two] = others();
+        let error = fitted(&[one, turned(axes), two], 4).unwrap_err().to_string();
+        assert!(error.starts_with(said), "{axes:?}: {error}");
+    }
+    let [one, _] = others();
+    let error = fitted(&[one, turned(&[0])], 4).unwrap_err().to_string();
+    assert!(error.starts_with("turned.csv: fx_n runs against what one.csv says"), "{error}");
+}
+
+#[test]
+fn a_time_base_that_is_off_is_put_right_and_told() {
+    let good = recording("good.csv", 1, 55);
+    let clean = fitted(std::slice::from_ref(&good), 4).unwrap();
+    assert_eq!(clean.warnings, Vec::<String>::new());
+    let force = |at: f64| -> Option<[Option<f64>; 3]> {
+        let [a, b] = [0, 1].map(|next| good.samples.get(at as usize + next).map(|s| s.truth.force));
+        let (a, b) = (a?, b?);
+        Some([0, 1, 2].map(|k| Some(a[k]? + at.fract() * (b[k]? - a[k]?))))
+    };
+    let off = good.samples.iter().enumerate().map_while(|(i, sample)| {
+        let truth = Truth { force: force(1.03 * i as f64)?, contact: None, ..sample.truth };
+        Some(Sample { truth, ..*sample })
+    });
+    let off = Recording { name: "off.csv".into(), samples: off.collect() };
+    let put_right = fitted(&[off], 4).unwrap();
+    let said = &put_right.warnings[0];
+    assert!(said.starts_with("off.csv: the reference fits far better"), "{said}");
+    assert!(said.contains("at a rate -2.9"), "{said}");
+    let [clean, put_right] = [clean, put_right].map(|fitted| error_of(&fitted));
+    assert!(put_right < 1.3 * clean, "{put_right} N, {clean} N without");
+}
+
+#[test]
+fn runs_of_wrong_rows_and_wrong_ends_are_told_with_their_share_and_too_many_are_refused() {
+    let good = recording("good.csv", 1, 55);
+    let rows = good.samples.len();
+    let loose = |wrong: &dyn Fn(usize) -> bool| {
+        let mut loose = Recording { name: "loose.csv".into(), ..good.clone() };
+        for (i, sample) in loose.samples.iter_mut().enumerate().filter(|(i, _)| wrong(*i)) {
+            let taxels = sample.scan.codes.taxels.as_mut().unwrap();
+            if i % 500 < 250 {
+                sample.truth.force[2] = Some(9.0);
+            } else {
+                taxels.lit[1][1].0 = 60_000;
+            }
+        }
+        loose
+    };
+    let told = fitted(&[loose(&|i| i % 500 > 480 || i > rows - 40 || i % 500 == 77)], 4).unwrap();
+    let said = &told.warnings[0];
+    assert!(said.starts_with("loose.csv: ") && said.contains("stand far out"), "{said}");
+    let [clean, told] =
+        [fitted(std::slice::from_ref(&good), 4).unwrap(), told].map(|fitted| error_of(&fitted));
+    assert!(told < 1.3 * clean, "{told} N, {clean} N without");
+
+    let error = fitted(&[loose(&|i| i % 4 == 1)], 4).unwrap_err().to_string();
+    assert!(error.starts_with("loose.csv: ") && error.contains("more than can be left"), "{error}");
+}
+
+#[test]
+fn a_load_cell_that_came_off_over_whole_presses_is_told_and_its_rows_are_left_out() {
+    let good = recording("good.csv", 1, 55);
+    // Five presses a second, from 1 s on: the cell is gone from one rest to another.
+    let dead = |share: f64| {
+        let mut dead = Recording { name: "dead.csv".into(), ..good.clone() };
+        let from = 1000;
+        let until = from + 50 * (share * 55.0) as usize;
+        dead.samples[from..until].iter_mut().for_each(|s| s.truth.force = [Some(0.0); 3]);
+        dead
+    };
+    let told = fitted(&[dead(0.15)], 4).unwrap();
+    let said = &told.warnings[0];
+    assert!(said.starts_with("dead.csv: in ") && said.contains("stays at zero while"), "{said}");
+    let [clean, told] =
+        [fitted(std::slice::from_ref(&good), 4).unwrap(), told].map(|fitted| error_of(&fitted));
+    assert!(told < 1.3 * clean, "{told} N, {clean} N without");
+    let error = fitted(&[dead(0.4)], 4).unwrap_err().to_string();
+    assert!(
+        error.starts_with("dead.csv: in ") && error.contains("more than can be left"),
+        "{error}"
+    );
+}

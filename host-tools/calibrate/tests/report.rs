@@ -1,0 +1,195 @@
+//! What a report warns of: each warning is provoked by spoiling sound recordings in one way, and sound ones give none.
+//! It stands on the page and in the JSON alike.
+
+use std::sync::atomic::AtomicBool;
+
+use taxel::calibration::Calibration;
+use taxel_calibrate::recording::Recording;
+use taxel_calibrate::report::{Report, html};
+use taxel_files::table::Table;
+use taxel_files::trace::Sample;
+use taxel_regress::model::Family;
+use taxel_regress::network::NetOptions;
+use taxel_regress::table::{self, TableModel, TableOptions, TableRecording};
+use taxel_sim::{Scene, Simulator};
+
+/// What stands on top of the page and in the JSON.
+fn warnings(report: &Report) -> Vec<String> {
+    let page = html::page(report, "today", "yesterday");
+    let json = serde_json::to_value(report).unwrap();
+    assert_eq!(json["warnings"], serde_json::json!(report.warnings));
+    for warning in &report.warnings {
+        assert!(page.contains(&format!("<li>{warning}</li>")), "{warning}");
+    }
+    report.warnings.clone()
+}
+
+fn assert_begin(found: &[String], wanted: &[&str]) {
+    let same = found.len() == wanted.len()
+        && found.iter().zip(wanted).all(|(found, wanted)| found.starts_with(wanted));
+    assert!(same, "{found:#?}\nwhere these are wanted: {wanted:#?}");
+}
+
+/// Presses all over the pad, pulled in every direction.
+fn finger(seed: u64) -> Recording {
+    let text = "effects = ['noise']\n[scan]\nrate_hz = 200\nduration_s = 40\n[indenter]\nradius_mm = 6\n\
+                [friction]\nmu = 1\n[[random]]\nat_s = 1\npresses = 190\neach_s = 0.2\nx_mm = [-4, 4]\n\
+                y_mm = [-4, 4]\nfz_n = [0.2, 2]\nshear_of_limit = [0.2, 0.9]\n";
+    let scene = Scene::parse("warnings.toml", text).unwrap();
+    Recording { name: format!("{seed}.csv"), samples: Simulator::new(&scene, seed).collect() }
+}
+
+/// The virtual finger's net and sensors.
+fn calibration() -> Calibration {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
+    taxel_files::calibration::read(path).unwrap()
+}
+
+/// Three recordings that were fitted to and one that was not, every row spoiled.
+fn of_finger(spoil: fn(&mut Sample)) -> Vec<String> {
+    let spoiled = |seed| {
+        let mut recording = finger(seed);
+        recording.samples.iter_mut().for_each(spoil);
+        recording
+    };
+    let fitted = [1, 2, 3].map(spoiled);
+    warnings(&taxel_calibrate::report::judge(&calibration(), &[spoiled(4)], &fitted))
+}
+
+#[test]
+fn a_finger_that_was_pressed_and_pulled_everywhere_is_not_warned_of() {
+    assert_begin(&of_finger(|_| {}), &[]);
+}
+
+#[test]
+fn a_finger_that_was_not_pulled_or_only_one_way_is_told_by_component() {
+    let found = of_finger(|sample| sample.truth.force[0] = Some(0.0));
+    assert_begin(&found, &["no shear in x (less than 1 % of the normal force): fx is a guess"]);
+    let found = of_finger(|sample| {
+        sample.truth.force[1] = sample.truth.force[1].map(f64::abs);
+    });
+    assert_begin(&found, &["fy goes one way only (0.00 … "]);
+}
+
+#[test]
+fn taxels_that_are_joined_are_told_by_name_and_so_is_a_sensor_that_stands_still() {
+    let found = of_finger(|sample| {
+        let taxels = sample.scan.codes.taxels.as_mut().unwrap();
+        taxels.lit[2][1] = taxels.lit[1][1];
+    });
+    assert_begin(&found, &["r2c1 says the same as r1c1 (correlation 1.0000"]);
+    let found = of_finger(|sample| {
+        let still = sample.scan.codes.bridges[1].as_mut().unwrap();
+        (still.a.0, still.b.0, still.c.0, still.d.0) = (40_000, 30_000, 35_000, 31_000);
+    });
+    let still =
+        ["u_x of s1", "u_y of s1", "u_z of s1"].map(|u| format!("{u} never changes: is it"));
+    assert_begin(&found, &still.each_ref().map(String::as_str));
+}
+
+#[test]
+fn recordings_that_are_few_unknown_or_judged_themselves_are_told() {
+    let all = [1, 2, 3, 4].map(finger);
+    let judge = |judged: usize, fitted: &[Recording]| {
+        warnings(&taxel_calibrate::report::judge(&calibration(), &all[judged..=judged], fitted))
+    };
+    assert_begin(&judge(3, &all[..2]), &["fitted to 2 recordings: with 3 or more"]);
+    assert_begin(&judge(3, &[]), &["the recordings that the calibration was fitted to were not"]);
+    assert_begin(&judge(1, &all[..3]), &["2.csv: it was fitted to these very rows"]);
+}
+
+#[test]
+fn loads_beyond_all_that_were_fitted_to_are_told_with_their_share() {
+    let mut beyond = finger(4);
+    for sample in &mut beyond.samples {
+        sample.truth.force = sample.truth.force.map(|force| Some(3.0 * force?));
+    }
+    let fitted = [1, 2, 3].map(finger);
+    let found = warnings(&taxel_calibrate::report::judge(&calibration(), &[beyond], &fitted));
+    let told = |y: &str| {
+        let end = format!("% of the judged rows lie where nothing was fitted to ({y} over fx_n):");
+        found.iter().any(|warning| warning.contains(&end))
+    };
+    assert!(told("fy_n") && told("fz_n") && found.len() == 2, "{found:#?}");
+}
+
+/// Somebody else's sensor: three channels, two forces that go both ways and one that presses.
+fn table(phase: f64, spoil: fn(&mut [f64], &mut [f64])) -> TableRecording {
+    let (mut inputs, mut targets) = (Vec::new(), Vec::new());
+    for i in 0..1500 {
+        let t = 0.1 * f64::from(i) + phase;
+        let (fx, fy, fz) = ((0.9 * t).sin(), (1.3 * t).cos(), 2.0 + (0.31 * t).sin());
+        let mut m = [3.0 * fx + 0.2 * fz, 2.0 * fy - 0.1 * fx, fz + 0.3 * fy];
+        let mut y = [fx, fy, fz];
+        spoil(&mut m, &mut y);
+        inputs.push(m.to_vec());
+        targets.push(y.to_vec());
+    }
+    let part = |names: [&str; 3], rows| Table {
+        path: format!("{phase}.csv").into(),
+        names: names.map(str::to_owned).to_vec(),
+        rows,
+        times: (0..1500).map(|i| 0.1 * f64::from(i)).collect(),
+    };
+    TableRecording {
+        inputs: part(["m0", "m1", "m2"], inputs),
+        targets: part(["fx_n", "fy_n", "fz_n"], targets),
+    }
+}
+
+fn model() -> TableModel {
+    let options = TableOptions { family: Family::Ridge, hidden: None, net: NetOptions::default() };
+    let recordings = [0.0, 40.0, 80.0].map(|phase| table(phase, |_, _| {}));
+    table::fit(&recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap().model
+}
+
+fn of_table(spoil: fn(&mut [f64], &mut [f64])) -> Vec<String> {
+    let fitted = [0.0, 40.0, 80.0].map(|phase| table(phase, spoil));
+    warnings(&taxel_calibrate::report::table::judge(&model(), &[table(120.0, spoil)], &fitted))
+}
+
+#[test]
+fn a_table_that_covers_what_is_judged_is_not_warned_of() {
+    assert_begin(&of_table(|_, _| {}), &[]);
+}
+
+#[test]
+fn a_tables_missing_shear_and_its_joined_and_silent_columns_are_told() {
+    let found = of_table(|_, y| y[1] = 0.0);
+    assert_begin(&found, &["no shear in y"]);
+    let found = of_table(|_, y| y[0] = -y[0].abs());
+    assert_begin(&found, &["fx goes one way only (-1.00 … "]);
+    let found = of_table(|m, _| m[1] = m[0] / 2.0);
+    assert_begin(&found, &["m1 says the same as m0 (correlation 1.00000)"]);
+    // A number whose mean over the rows is rounded.
+    let found = of_table(|m, _| m[2] = 2.1);
+    assert_begin(&found, &["m2 never changes: is it connected?"]);
+}
+
+#[test]
+fn a_tables_recordings_that_are_few_unknown_or_judged_themselves_are_told() {
+    let all = [0.0, 40.0, 80.0, 120.0].map(|phase| table(phase, |_, _| {}));
+    let judge = |judged: usize, fitted: &[TableRecording]| {
+        warnings(&taxel_calibrate::report::table::judge(&model(), &all[judged..=judged], fitted))
+    };
+    assert_begin(&judge(3, &all[..1]), &["fitted to 1 recording: with 3 or more"]);
+    assert_begin(&judge(3, &[]), &["the recordings that the calibration was fitted to were not"]);
+    assert_begin(&judge(0, &all[..3]), &["0.csv: it was fitted to these very rows"]);
+}
+
+#[test]
+fn a_tables_rows_beyond_what_training_saw_are_counted() {
+    let fitted = [0.0, 40.0, 80.0].map(|phase| table(phase, |_, _| {}));
+    let judged = table(120.0, |m, y| {
+        m.iter_mut().for_each(|m| *m *= 3.0);
+        y.iter_mut().for_each(|y| *y *= 3.0);
+    });
+    let found = warnings(&taxel_calibrate::report::table::judge(&model(), &[judged], &fitted));
+    let inputs = |warning: &String| {
+        warning.starts_with("120.csv: ")
+            && warning.ends_with(" of 1500 rows have inputs beyond what training saw")
+    };
+    assert!(inputs(&found[0]), "{found:#?}");
+    assert!(found[1..].iter().all(|w| w.contains("nothing was fitted to")), "{found:#?}");
+    assert!(found.iter().any(|w| w.contains("(inputs, second direction over")), "{found:#?}");
+}

@@ -1,0 +1,102 @@
+//! A finger that was calibrated in a room, at other temperatures: with a recording of its warming and without.
+
+use std::sync::atomic::AtomicBool;
+
+use taxel::calibration::Calibration;
+use taxel::finger::Finger;
+use taxel::frame::Status;
+use taxel_calibrate::finger::{FitOptions, Subject, fit};
+use taxel_calibrate::recording::Recording;
+use taxel_files::trace::Sample;
+use taxel_regress::network::NetOptions;
+use taxel_sim::{Effect, Scene, Simulator};
+
+const DEVICE: u64 = 31;
+
+fn samples(scene: Scene, seed: u64) -> Vec<Sample> {
+    let mut scene = scene.with_effect(Effect::Temperature);
+    scene.device.seed = DEVICE;
+    Simulator::new(&scene, seed).collect()
+}
+
+/// The first ten seconds of a built-in scene.
+fn recorded(name: &str, seconds: u64) -> Recording {
+    let mut samples = samples(Scene::load(name).unwrap(), 1);
+    samples.retain(|sample| sample.scan.time.0 < seconds * 1_000_000);
+    Recording { name: name.into(), samples }
+}
+
+fn calibrated(recordings: &[Recording]) -> Calibration {
+    let net = NetOptions { seed: 0, starts: 1, steps: 20 };
+    let options =
+        FitOptions { subject: Subject::Finger, net, net_only: true, ..FitOptions::default() };
+    fit(recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap().calibration
+}
+
+/// Presses with another seed in a room of so many degrees.
+fn presses(celsius: f64) -> Vec<Sample> {
+    let text = format!(
+        "effects = ['noise', 'gain-spread', 'bridge-mismatch', 'bridge-crosstalk', 'temperature']\n\
+         [scan]\nrate_hz = 500\nduration_s = 6\n[device]\nseed = {DEVICE}\nbits = 16\n\
+         [temperature]\nstart_c = {celsius}\nend_c = {celsius}\n[indenter]\nradius_mm = 6\n\
+         [[random]]\nat_s = 1\npresses = 24\neach_s = 0.2\nx_mm = [-2, 2]\ny_mm = [-2, 2]\n\
+         fz_n = [0.2, 2]\nshear_of_limit = [0, 0.9]\n"
+    );
+    samples(Scene::parse("presses.toml", &text).unwrap(), 9)
+}
+
+/// RMS error of the force sensors in newtons, and the share of frames that say it is too warm or too cold.
+fn judged(record: &Calibration, samples: &[Sample]) -> (f64, f64) {
+    let (finger, mut state) = Finger::new(Some(record.clone()));
+    let (mut squares, mut n, mut flagged) = (0.0, 0.0, 0);
+    for sample in samples {
+        let estimate = finger.estimate(&mut state, &sample.scan);
+        flagged += usize::from(estimate.status.contains(Status::TEMPERATURE));
+        for (force, truth) in estimate.sensors.iter().zip(&sample.truth.sensors) {
+            for (found, truth) in [force.x, force.y, force.z].iter().zip(truth) {
+                let (Ok(found), Some(truth)) = (found, truth) else { continue };
+                squares += (f64::from(found.0) - truth).powi(2);
+                n += 1.0;
+            }
+        }
+    }
+    assert!(n > 10_000.0, "{n} values");
+    ((squares / n).sqrt(), flagged as f64 / samples.len() as f64)
+}
+
+#[test]
+fn a_finger_that_was_recorded_warming_measures_warm_and_cold_as_in_its_room() {
+    let loads = [recorded("presses", 15), recorded("shear", 15)];
+    let with = calibrated(&[&loads[..], &[recorded("warm-up", 60)]].concat());
+    let without = calibrated(&loads);
+    let (room, flagged) = judged(&with, &presses(25.0));
+    println!("25 °C: {room:.5} N");
+    assert_eq!(flagged, 0.0);
+    for celsius in [12.0, 23.0, 27.0, 38.0] {
+        let samples = presses(celsius);
+        let ((left, flagged), (before, told)) =
+            (judged(&with, &samples), judged(&without, &samples));
+        println!("{celsius} °C: {left:.5} N, {before:.5} N without a recording of it");
+        assert!(left < 1.5 * room, "{celsius} °C: {left} N, {room} N in its room");
+        assert_eq!(flagged, 0.0, "{celsius} °C");
+        assert!(before > 2.0 * left && told > 0.99, "{celsius} °C: {before} N, {told} flagged");
+    }
+    for celsius in [-10.0, 60.0] {
+        assert!(judged(&with, &presses(celsius)).1 > 0.99, "{celsius} °C");
+    }
+}
+
+#[test]
+fn a_recording_of_warming_is_left_out_with_a_word_where_the_others_have_no_thermometer() {
+    let mut loads = recorded("shear", 15);
+    loads.samples.iter_mut().for_each(|sample| sample.scan.codes.temperature = None);
+    let net = NetOptions { seed: 0, starts: 1, steps: 5 };
+    let options =
+        FitOptions { subject: Subject::Finger, net, net_only: true, ..FitOptions::default() };
+    let recordings = [loads, recorded("warm-up", 60)];
+    let fitted = fit(&recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap();
+    assert_eq!(fitted.calibration.warmth, None);
+    assert!(fitted.warnings.iter().any(|w| w.contains("aux_temp")), "{:?}", fitted.warnings);
+    let alone = fit(&recordings[1..], &options, &mut |_| {}, &AtomicBool::new(false)).unwrap_err();
+    assert!(alone.to_string().contains("no load"), "{alone}");
+}

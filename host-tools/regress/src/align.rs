@@ -1,0 +1,271 @@
+//! A reference that was logged by another clock, brought onto the sensor's time.
+//!
+//! Sensor and reference answer to the same load. What each of them shows most of (the first principal
+//! component of its columns) is cross-correlated at every offset and at rates up to ± 5 % apart. From the
+//! best of these Gauss–Newton goes on: the reference read at t′ = offset + rate·t shall be linear in the
+//! sensor's channels, so that slopes, offset and rate are one least-squares problem a step.
+
+mod own_time;
+mod search;
+mod stamps;
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use crate::error::FitError;
+use search::{Trace, search};
+
+pub use own_time::misaligned;
+pub use own_time::off_time;
+pub use stamps::told_apart;
+
+/// Fewest rows of either.
+const LEAST_ROWS: usize = 32;
+/// A correlation below this is no common load.
+const LEAST_CORRELATION: f64 = 0.5;
+/// A second offset that does nearly as well as the best: a load that repeats itself.
+const AMBIGUOUS: f64 = 0.97;
+/// Gauss–Newton steps, and rows that they look at.
+const STEPS: usize = 20;
+const MOST_ROWS: usize = 6000;
+/// Segments in which what is left of the misalignment is measured.
+const SEGMENTS: usize = 8;
+/// A gap of more than so many rows in the reference is not bridged.
+const GAP: f64 = 5.0;
+
+/// Rows with their times in seconds.
+#[derive(Clone, Copy, Debug)]
+pub struct Series<'s> {
+    /// Times, rising.
+    pub times: &'s [f64],
+    /// Columns of each row.
+    pub rows: &'s [Vec<f64>],
+}
+
+/// Where the reference's time lies: t′ = `offset` + (1 + `rate`)·t for the sensor's time t.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Alignment {
+    /// Seconds.
+    pub offset: f64,
+    /// How much faster the reference's clock runs, as a share.
+    pub rate: f64,
+    /// What is left in stretches of the recording, root mean square, in seconds.
+    pub residual: f64,
+    /// Correlation of the reference with what a line through the sensor's channels says of it.
+    pub correlation: f64,
+}
+
+impl Alignment {
+    /// The reference's time at a time of the sensor.
+    #[must_use]
+    pub fn time(&self, t: f64) -> f64 {
+        self.offset + (1.0 + self.rate) * t
+    }
+}
+
+/// Finds offset and rate; the names are for messages.
+///
+/// # Errors
+/// Too little in common, or a load that repeats itself so that several offsets do.
+pub fn align(
+    [sensor_name, reference_name]: [&str; 2],
+    sensor: Series<'_>,
+    reference: Series<'_>,
+) -> Result<Alignment, FitError> {
+    let refused = |name: &str, problem: String, mend: &str| FitError::Unaligned {
+        recording: name.to_owned(),
+        problem,
+        mend: mend.to_owned(),
+    };
+    for (name, series) in [(sensor_name, sensor), (reference_name, reference)] {
+        if series.times.len() < LEAST_ROWS || series.times.len() != series.rows.len() {
+            let rows = series.times.len();
+            let problem = format!("{rows} rows with a time where {LEAST_ROWS} are needed");
+            return Err(refused(
+                name,
+                problem,
+                "name the time column t_s or t_us, and record for longer",
+            ));
+        }
+        if let Some(pair) = series.times.windows(2).find(|pair| pair[1] <= pair[0]) {
+            let problem = format!("after {} s comes {} s", pair[0], pair[1]);
+            return Err(refused(name, problem, "log the time of each row, rising"));
+        }
+    }
+    let changing = |name, series| {
+        let never = || refused(name, "it never changes".into(), "record presses with both");
+        Trace::new(series).ok_or_else(never)
+    };
+    let own = changing(sensor_name, sensor)?;
+    let other = changing(reference_name, reference)?;
+    let coarse = search(&own, &other);
+    if coarse.correlation < LEAST_CORRELATION {
+        return Err(refused(
+            reference_name,
+            format!(
+                "sensor and reference correlate by {:.2} at best (the sensor's times run {}, the reference's {})",
+                coarse.correlation,
+                span(sensor.times),
+                span(reference.times)
+            ),
+            "check that both saw the same presses",
+        ));
+    }
+    if coarse.second > AMBIGUOUS * coarse.correlation {
+        return Err(refused(
+            reference_name,
+            "the load repeats itself, so that several offsets would do".into(),
+            "tap the sensor a few times at uneven intervals before and after",
+        ));
+    }
+    Ok(refine(sensor, &other, coarse.offset, coarse.rate))
+}
+
+/// Of a reference that has no row near any of the sensor's `times`, which are the reference's own.
+pub fn apart(name: &str, times: &[f64], reference: &[f64]) -> FitError {
+    FitError::Unaligned {
+        recording: name.to_owned(),
+        problem: format!(
+            "no row of it belongs to the sensor's: by its clock those run {}, and its own {}",
+            span(times),
+            span(reference)
+        ),
+        mend: "give the log of the same presses, without gaps".to_owned(),
+    }
+}
+
+fn span(times: &[f64]) -> String {
+    match times {
+        [first, .., last] => format!("from {first:.1} to {last:.1} s"),
+        _ => "nowhere".to_owned(),
+    }
+}
+
+/// The rows of a reference at some times of its own clock; `None` where it has none nearby.
+#[must_use]
+pub fn resample(reference: Series<'_>, times: &[f64]) -> Vec<Option<Vec<f64>>> {
+    let found = places(reference.times, times).into_iter().map(|place| {
+        let (before, share) = place?;
+        let between = |(a, b): (&f64, &f64)| if share == 0.0 { *a } else { a + share * (b - a) };
+        let after = &reference.rows[(before + 1).min(reference.rows.len() - 1)];
+        Some(reference.rows[before].iter().zip(after).map(between).collect())
+    });
+    found.collect()
+}
+
+/// Where some times lie among `known` ones: behind which, and by what share of the way to the next. `None` beyond the
+/// ends and in gaps.
+pub fn places(known: &[f64], times: &[f64]) -> Vec<Option<(usize, f64)>> {
+    let longest = GAP * median_step(known);
+    let place = |t: f64| {
+        let next = known.partition_point(|known| *known < t);
+        if known.get(next) == Some(&t) {
+            return Some((next, 0.0));
+        }
+        let before = next.checked_sub(1)?;
+        let (a, b) = (known[before], *known.get(next)?);
+        (b - a <= longest).then(|| (before, (t - a) / (b - a)))
+    };
+    times.iter().map(|t| place(*t)).collect()
+}
+
+fn median_step(times: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied().unwrap_or_default()
+}
+
+fn refine(sensor: Series<'_>, other: &Trace<'_>, offset: f64, rate: f64) -> Alignment {
+    refine_from(sensor, other, offset, rate, STEPS)
+}
+
+/// Gauss–Newton from a start; with no steps, what the start is worth.
+fn refine_from(
+    sensor: Series<'_>,
+    other: &Trace<'_>,
+    offset: f64,
+    rate: f64,
+    steps: usize,
+) -> Alignment {
+    let every = sensor.times.len().div_ceil(MOST_ROWS);
+    let picked: Vec<usize> = (0..sensor.times.len()).step_by(every).collect();
+    let half = 0.5 * median_step(other.times);
+    let middle = 0.5 * (sensor.times[0] + sensor.times[sensor.times.len() - 1]);
+    let mut found = Alignment { offset, rate, residual: 0.0, correlation: 0.0 };
+    let mut width = sensor.rows[0].len();
+    for step in 0..=steps {
+        // Rows (x, 1, y′, y′·(t − middle)) → y.
+        let rows: Vec<(f64, DVector<f64>, f64, f64)> = picked
+            .iter()
+            .filter_map(|row| {
+                let t = sensor.times[*row];
+                let at = found.time(t);
+                let (y, low, high) = (other.at(at)?, other.at(at - half)?, other.at(at + half)?);
+                let x = DVector::from_column_slice(&sensor.rows[*row]);
+                Some((t - middle, x, y, (high - low) / (2.0 * half)))
+            })
+            .collect();
+        let Some(first) = rows.first() else { return found };
+        width = first.1.len();
+        let solved = solve(&rows, width, step < steps);
+        let Some((solution, error)) = solved else { return found };
+        let y: DVector<f64> = DVector::from_iterator(rows.len(), rows.iter().map(|r| r.2));
+        let about = y.add_scalar(-y.mean()).norm_squared();
+        found.correlation =
+            (1.0 - error.norm_squared() / about.max(f64::MIN_POSITIVE)).max(0.0).sqrt();
+        if step == steps {
+            found.residual = local(&rows, &error);
+            break;
+        }
+        // y(t′ + δ) = y + y′·δ is to be w·x + b; δ = d₀ + d₁·(t − middle).
+        let (d0, d1) = (-solution[width + 1], -solution[width + 2]);
+        found.rate += d1;
+        found.offset += d0 - d1 * middle;
+    }
+    debug_assert!(width > 0);
+    found
+}
+
+type AlignedRow = (f64, DVector<f64>, f64, f64);
+
+/// Least squares of y by (x, 1) and, if `moving`, by y′ and y′·t; the solution and the errors.
+fn solve(rows: &[AlignedRow], width: usize, moving: bool) -> Option<(DVector<f64>, DVector<f64>)> {
+    let columns = width + 1 + if moving { 2 } else { 0 };
+    let matrix = DMatrix::from_fn(rows.len(), columns, |row, column| {
+        let (t, x, _, slope) = &rows[row];
+        match column {
+            i if i < width => x[i],
+            i if i == width => 1.0,
+            i if i == width + 1 => *slope,
+            _ => slope * t,
+        }
+    });
+    let y = DVector::from_iterator(rows.len(), rows.iter().map(|row| row.2));
+    // Columns of about one size, and a decay of a millionth for channels that say the same.
+    let sizes: Vec<f64> = matrix.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
+    let mut scaled = matrix;
+    scaled.column_iter_mut().zip(&sizes).for_each(|(mut c, size)| c /= *size);
+    let mut gram = scaled.tr_mul(&scaled);
+    (0..columns).for_each(|i| gram[(i, i)] += 1e-6);
+    let mut solution = Cholesky::new(gram)?.solve(&scaled.tr_mul(&y));
+    let error = &scaled * &solution - y;
+    solution.iter_mut().zip(&sizes).for_each(|(s, size)| *s /= size);
+    Some((solution, error))
+}
+
+/// Root mean square over segments of the shift that each would still like.
+fn local(rows: &[AlignedRow], error: &DVector<f64>) -> f64 {
+    let length = rows.len().div_ceil(SEGMENTS).max(1);
+    let shifts: Vec<f64> = rows
+        .chunks(length)
+        .zip(error.as_slice().chunks(length))
+        .map(|(rows, error)| {
+            let slopes: f64 = rows.iter().map(|row| row.3 * row.3).sum();
+            let product: f64 = rows.iter().zip(error).map(|(row, e)| row.3 * e).sum();
+            if slopes > 0.0 { product / slopes } else { 0.0 }
+        })
+        .collect();
+    (shifts.iter().map(|s| s * s).sum::<f64>() / shifts.len().max(1) as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,340 @@
+//! From rows in their own units to f32 weights.
+
+mod trainer;
+
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::DMatrix;
+use taxel::estimate::net::Layers;
+
+use crate::correlation::independent_share;
+use crate::error::FitError;
+use crate::levenberg::Decay;
+use crate::mlp::{self, Shape};
+use crate::scaling::{Inputs, Scaling, thinned};
+use trainer::Trainer;
+
+/// Most rows that a net is trained on.
+pub const MOST_ROWS: usize = 4096;
+/// While the net takes shape every row counts.
+const EXPLORE: Decay = Decay::Evidence { per_row: 1.0 };
+
+/// How a net is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NetOptions {
+    /// Seed of the starting weights: the same seed and recordings give the same net.
+    pub seed: u64,
+    /// Starts, of which the best goes on.
+    pub starts: usize,
+    /// Most steps in all.
+    pub steps: usize,
+}
+
+impl Default for NetOptions {
+    fn default() -> Self {
+        Self { seed: 0, starts: 3, steps: 300 }
+    }
+}
+
+/// What a net is made of besides its inputs and outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Build {
+    /// Hidden tanh units; none make it linear.
+    pub hidden: usize,
+    /// A linear path past them.
+    pub skip: bool,
+}
+
+/// How far a fit has come.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Progress {
+    /// What is being fitted.
+    pub part: String,
+    /// Steps done.
+    pub step: usize,
+    /// Most steps there will be.
+    pub of: usize,
+    /// RMS error of the outputs so far, as a share of the targets' spread.
+    pub error: f64,
+}
+
+/// A trained net y = V·tanh(W·x + a) + L·x + b in f32, scaling folded in, laid out as [`Layers`] take it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Net {
+    /// W, a row a unit.
+    pub hidden: Vec<f32>,
+    /// a.
+    pub hidden_bias: Vec<f32>,
+    /// V, a row an output.
+    pub output: Vec<f32>,
+    /// L, a row an output, if there is a skip path.
+    pub skip: Vec<f32>,
+    /// b.
+    pub output_bias: Vec<f32>,
+    /// Accepted steps of the start that was kept.
+    pub steps: usize,
+    /// How many of its parameters the data determine.
+    pub effective: f64,
+    /// Rows it was trained on after thinning.
+    pub rows: usize,
+}
+
+impl Net {
+    /// Its shape: `net 16-16-3`, `skip 16-6-3`, `linear 16-3`.
+    #[must_use]
+    pub fn name(&self, inputs: usize) -> String {
+        let (hidden, outputs) = (self.hidden_bias.len(), self.output_bias.len());
+        shape_name(inputs, hidden, outputs, !self.skip.is_empty())
+    }
+
+    /// A linear net: slopes of scaled targets by scaled inputs, inputs × outputs, and levels.
+    pub(crate) fn linear(
+        slope: &DMatrix<f64>,
+        level: &[f64],
+        scaling: &Scaling,
+        rows: usize,
+    ) -> Self {
+        let mut net = Self {
+            hidden: Vec::new(),
+            hidden_bias: Vec::new(),
+            output: Vec::new(),
+            skip: Vec::new(),
+            output_bias: Vec::new(),
+            steps: 0,
+            effective: slope.len() as f64,
+            rows,
+        };
+        for ((slope, level), scale) in slope.column_iter().zip(level).zip(&scaling.targets) {
+            let weights: Vec<f64> = slope.iter().map(|w| w * scale.spread).collect();
+            let bias = level * scale.spread + scale.mean;
+            net.output_bias.push(unscaled(&weights, bias, scaling, &mut net.skip));
+        }
+        net
+    }
+
+    /// The outputs for one row, by the arithmetic of the chip.
+    #[must_use]
+    pub fn outputs(&self, x: &[f32]) -> Vec<f32> {
+        outputs(self.layers(), x)
+    }
+
+    /// As the core takes it.
+    #[must_use]
+    pub fn layers(&self) -> Layers<'_> {
+        Layers {
+            hidden: &self.hidden,
+            hidden_bias: &self.hidden_bias,
+            output: &self.output,
+            skip: &self.skip,
+            output_bias: &self.output_bias,
+        }
+    }
+}
+
+/// The outputs of a net for one row of inputs, by the arithmetic of the chip.
+pub fn outputs(layers: Layers<'_>, x: &[f32]) -> Vec<f32> {
+    let mut y = layers.output_bias.to_vec();
+    layers.outputs(x, &mut y);
+    y
+}
+
+/// Trains a net from the rows `x` to the rows `y`, decay by the evidence of its independent rows.
+///
+/// An input that never changes gets no weight. When `stop` becomes true, the best net so far is
+/// returned.
+///
+/// # Errors
+/// Fewer rows than would determine it, a target that never changes, or stopped before the first step.
+pub fn fit(
+    part: &str,
+    (x, y): (&[Vec<f64>], &[Vec<f64>]),
+    build: Build,
+    (inputs, options): (Inputs, NetOptions),
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Net, FitError> {
+    let shape = shape(part, x, y, build)?;
+    // A row gives `outputs` equations; with fewer than two an unknown the fit means nothing.
+    let least = (2 * shape.parameters()).div_ceil(shape.outputs);
+    if x.len() < least {
+        return Err(FitError::TooFewRows { part: part.into(), rows: x.len(), least });
+    }
+    let x: Vec<&[f64]> = thinned(x, MOST_ROWS).map(Vec::as_slice).collect();
+    let y: Vec<&[f64]> = thinned(y, MOST_ROWS).map(Vec::as_slice).collect();
+    let mut trainer = Trainer::new(part, shape, Scaling::of(&x, &y, inputs), (&x, &y), options)?;
+    let state = trainer.explore(EXPLORE, progress, stop)?;
+    // Then the decay is set by the rows that say something new. Counting every row first lets the net
+    // leave the plateau on which it is a linear map; this decay would hold it there.
+    let rows = &trainer.rows;
+    let errors = mlp::outputs(shape, state.parameters.as_slice(), rows.x.as_view()) - &rows.y;
+    let settle = Decay::Evidence { per_row: independent_share(&errors) };
+    let state = trainer.settle(state, settle, progress, stop);
+    Ok(trainer.fold(&state))
+}
+
+/// Trains a net to say what `y` says of `x`, where `y` is no measurement but another model's word: there is
+/// no noise to guard against, and the decay, against a noise of one (targets have the spread one), only keeps
+/// the weights small where they do not matter.
+///
+/// # Errors
+/// As [`fit`].
+pub fn imitate(
+    part: &str,
+    (x, y): (&[Vec<f64>], &[Vec<f64>]),
+    (build, decay): (Build, f64),
+    (inputs, options): (Inputs, NetOptions),
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Net, FitError> {
+    let shape = shape(part, x, y, build)?;
+    let x: Vec<&[f64]> = x.iter().map(Vec::as_slice).collect();
+    let y: Vec<&[f64]> = y.iter().map(Vec::as_slice).collect();
+    let mut trainer = Trainer::new(part, shape, Scaling::of(&x, &y, inputs), (&x, &y), options)?;
+    let state = trainer.explore(Decay::Fixed(decay), progress, stop)?;
+    let state = trainer.settle(state, Decay::Fixed(decay), progress, stop);
+    Ok(trainer.fold(&state))
+}
+
+/// `net 16-16-3`, `skip 16-6-3`, `linear 16-3`.
+pub fn shape_name(inputs: usize, hidden: usize, outputs: usize, skip: bool) -> String {
+    match (hidden, skip) {
+        (0, _) => format!("linear {inputs}-{outputs}"),
+        (hidden, false) => format!("net {inputs}-{hidden}-{outputs}"),
+        (hidden, true) => format!("skip {inputs}-{hidden}-{outputs}"),
+    }
+}
+
+fn shape(part: &str, x: &[Vec<f64>], y: &[Vec<f64>], build: Build) -> Result<Shape, FitError> {
+    let inputs = x.first().map_or(0, Vec::len);
+    let outputs = y.first().map_or(0, Vec::len);
+    if inputs == 0 || outputs == 0 || (build.hidden == 0 && !build.skip) {
+        let problem = "a net needs inputs, outputs, and hidden units or a skip path".into();
+        return Err(FitError::Shape { part: part.into(), problem });
+    }
+    Ok(Shape { inputs, hidden: build.hidden, outputs, skip: build.skip })
+}
+
+/// Weights of scaled inputs as weights of the inputs themselves, appended to `into`; the bias that goes
+/// with them.
+fn unscaled(weights: &[f64], mut bias: f64, scaling: &Scaling, into: &mut Vec<f32>) -> f32 {
+    for (weight, scale) in weights.iter().zip(&scaling.inputs) {
+        let weight = if scale.spread > 0.0 { weight / scale.spread } else { 0.0 };
+        bias -= weight * scale.mean;
+        into.push(weight as f32);
+    }
+    bias as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::Ordering;
+
+    const SIX: Build = Build { hidden: 6, skip: false };
+    const UNLIKE: (Inputs, NetOptions) =
+        (Inputs::Unlike, NetOptions { seed: 0, starts: 3, steps: 300 });
+
+    /// A smooth function of three inputs of very different size, in two outputs.
+    fn rows(count: usize) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+        let x: Vec<Vec<f64>> = (0..count)
+            .map(|i| i as f64)
+            .map(|i| {
+                vec![100.0 + 20.0 * (0.11 * i).sin(), 1e-3 * (0.37 * i).cos(), (0.23 * i).sin()]
+            })
+            .collect();
+        let y = x
+            .iter()
+            .map(|x| {
+                vec![5.0 + (x[0] / 20.0).sin() + 500.0 * x[1], 2.0 * (x[2] - 800.0 * x[1]).tanh()]
+            })
+            .collect();
+        (x, y)
+    }
+
+    fn fit_quietly(x: &[Vec<f64>], y: &[Vec<f64>], options: NetOptions) -> Result<Net, FitError> {
+        fit("net", (x, y), SIX, (Inputs::Unlike, options), &mut |_| {}, &AtomicBool::new(false))
+    }
+
+    #[test]
+    fn folded_f32_weights_follow_the_function_in_its_own_units() {
+        let (x, y) = rows(600);
+        let net = fit_quietly(&x, &y, NetOptions::default()).unwrap();
+        for (x, y) in x.iter().zip(&y) {
+            let x: Vec<f32> = x.iter().map(|x| *x as f32).collect();
+            for (found, wanted) in net.outputs(&x).iter().zip(y) {
+                assert!((f64::from(*found) - wanted).abs() < 0.05, "{found} {wanted}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_skip_path_takes_what_is_linear_and_alone_it_is_all_there_is() {
+        let (x, _) = rows(600);
+        let y: Vec<Vec<f64>> =
+            x.iter().map(|x| vec![3.0 + 0.5 * x[0] - 2000.0 * x[1] + x[2]]).collect();
+        let data = (x.as_slice(), y.as_slice());
+        let options = (Inputs::Unlike, NetOptions::default());
+        for hidden in [0, 4] {
+            let build = Build { hidden, skip: true };
+            let stop = AtomicBool::new(false);
+            let net = fit("net", data, build, options, &mut |_| {}, &stop).unwrap();
+            assert_eq!((net.skip.len(), net.hidden_bias.len()), (3, hidden));
+            for (x, y) in x.iter().zip(&y) {
+                let x: Vec<f32> = x.iter().map(|x| *x as f32).collect();
+                assert!((f64::from(net.outputs(&x)[0]) - y[0]).abs() < 0.01, "{hidden}");
+            }
+        }
+        let neither = Build { hidden: 0, skip: false };
+        let refused = fit("net", data, neither, options, &mut |_| {}, &AtomicBool::new(false));
+        assert!(matches!(refused, Err(FitError::Shape { .. })));
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_bits_and_another_seed_another_net() {
+        let (x, y) = rows(200);
+        let net = |seed| fit_quietly(&x, &y, NetOptions { seed, starts: 2, steps: 30 }).unwrap();
+        assert_eq!(net(1), net(1));
+        assert_ne!(net(1).hidden, net(2).hidden);
+    }
+
+    #[test]
+    fn stopping_returns_the_best_so_far() {
+        let (x, y) = rows(200);
+        let stop = AtomicBool::new(false);
+        let mut last = 0;
+        let mut progress = |p: Progress| {
+            last = p.step;
+            stop.store(p.step >= 5, Ordering::Relaxed);
+        };
+        let net = fit("net", (&x, &y), SIX, UNLIKE, &mut progress, &stop).unwrap();
+        assert_eq!((net.steps, last), (5, 5));
+    }
+
+    #[test]
+    fn stopped_before_the_first_step_there_is_nothing_to_keep() {
+        let (x, y) = rows(200);
+        let stop = AtomicBool::new(true);
+        let error = fit("net", (&x, &y), SIX, UNLIKE, &mut |_| {}, &stop).unwrap_err();
+        assert_eq!(error, FitError::Stopped);
+    }
+
+    #[test]
+    fn an_input_that_never_changes_gets_no_weight() {
+        let (mut x, y) = rows(200);
+        x.iter_mut().for_each(|row| row[2] = 7.0);
+        let net = fit_quietly(&x, &y, NetOptions { steps: 20, ..NetOptions::default() }).unwrap();
+        assert!(net.hidden.chunks_exact(3).all(|unit| unit[2] == 0.0));
+    }
+
+    #[test]
+    fn a_dozen_rows_and_a_constant_target_are_refused() {
+        let (x, y) = rows(12);
+        assert!(matches!(
+            fit_quietly(&x, &y, NetOptions::default()),
+            Err(FitError::TooFewRows { rows: 12, .. })
+        ));
+        let (x, mut y) = rows(200);
+        y.iter_mut().for_each(|row| row[1] = 0.0);
+        assert!(matches!(fit_quietly(&x, &y, NetOptions::default()), Err(FitError::NoLoad { .. })));
+    }
+}

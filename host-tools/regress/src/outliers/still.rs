@@ -1,0 +1,93 @@
+//! Rows in which the reference stays at zero while something presses: a load cell that came off.
+//!
+//! Such a stretch begins and ends unloaded, without a jump, and may be a good part of a recording. But its targets are
+//! the same to the last digit in row after row, at zero, while the inputs go from where a law of the other rows says
+//! zero to where it says a load, and back. A held slide stands still as well, but under a load; and the inputs of a
+//! skin that creeps back after a press begin far from zero.
+
+use std::ops::Range;
+
+use super::alike::Pass;
+use crate::quantile::{median, quantile};
+use crate::training::Recorded;
+
+/// Fewest rows in a stretch.
+const LEAST: usize = 8;
+/// The law is fitted to so many rows at least, and to this share of the recording: where the reference goes in steps
+/// it stands still by nature.
+const LEAST_MOVING: usize = 64;
+const MOVING: f64 = 0.1;
+/// Zero is this share of what a target moves by elsewhere.
+const ZERO: f64 = 0.02;
+/// A target of which the law leaves more than this share of the spread tells nothing.
+const UNEXPLAINED: f64 = 0.3;
+/// The law says a load if it is so many times what it leaves of most rows off zero, …
+const MISFIT: f64 = 6.0;
+/// … and this share of what the target moves by elsewhere. At the ends of a stretch it says half as much at most.
+const MOVED: f64 = 0.3;
+/// Of such a stretch the rows are wrong that lie off the law by so many times what it leaves of most rows.
+const OFF: f64 = 3.0;
+/// Rows on either side that a spike is told by.
+const BESIDE: usize = 2;
+
+/// Which rows of a recording these are.
+pub(super) fn wrong((x, y): &Recorded) -> Vec<bool> {
+    let mut wrong = vec![false; x.len()];
+    let zero: Vec<f64> = (0..y.first().map_or(0, Vec::len))
+        .map(|k| ZERO * quantile(y.iter().map(|y| y[k].abs()).collect(), 0.95))
+        .collect();
+    let mut stretches = Vec::new();
+    let mut first = 0;
+    for same in y.chunk_by(|a, b| a == b) {
+        let rests = same[0].iter().zip(&zero).all(|(y, zero)| y.abs() <= *zero);
+        if same.len() >= LEAST && rests {
+            stretches.push(first..first + same.len());
+        }
+        first += same.len();
+    }
+    let outside = |stretches: &[Range<usize>]| -> Vec<usize> {
+        let mut stands = vec![false; x.len()];
+        stretches.iter().cloned().for_each(|rows| stands[rows].fill(true));
+        (0..x.len()).filter(|row| !stands[*row]).collect()
+    };
+    let moving = outside(&stretches);
+    if stretches.is_empty()
+        || moving.len() < LEAST_MOVING
+        || (moving.len() as f64) < MOVING * x.len() as f64
+    {
+        return wrong;
+    }
+    let pass = Pass::new(x, y, &moving);
+    let told: Vec<usize> =
+        (0..pass.misfit.len()).filter(|k| pass.misfit[*k] < UNEXPLAINED).collect();
+    let pressed = |rows: &Range<usize>, k: usize| {
+        // How far off the reference the law says the load is, spikes smoothed away.
+        let off: Vec<f64> = rows
+            .clone()
+            .map(|row| {
+                let near =
+                    row.saturating_sub(BESIDE).max(rows.start)..(row + BESIDE + 1).min(rows.end);
+                median(near.map(|row| pass.left[row][k].abs()).collect())
+            })
+            .collect();
+        let elsewhere = || moving.iter().map(|row| pass.targets[*row][k]).collect();
+        let [least, most] = [0.05, 0.95].map(|share| quantile(elsewhere(), share));
+        let far = (MOVED * (most - least)).max(MISFIT * pass.misfit[k]);
+        let ends = off[0].max(off[off.len() - 1]);
+        off.iter().copied().fold(0.0, f64::max) > far && ends < 0.5 * far
+    };
+    stretches.retain(|rows| told.iter().any(|k| pressed(rows, *k)));
+    if stretches.is_empty() {
+        return wrong;
+    }
+    // What is said of a rest is surer with the sound rests.
+    let sound = outside(&stretches);
+    let surer = Pass::new(x, y, &sound);
+    for row in stretches.into_iter().flatten() {
+        let off = |k: &usize| {
+            surer.left[row][*k].abs() * surer.spread[*k] > OFF * pass.misfit[*k] * pass.spread[*k]
+        };
+        wrong[row] = told.iter().any(off);
+    }
+    wrong
+}

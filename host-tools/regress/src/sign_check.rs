@@ -1,0 +1,238 @@
+//! References that are turned round in some of several recordings.
+//!
+//! A law fitted to all recordings but one foretells that one. It is linear in the others' references, so that what
+//! it would say with any of them turned follows without another fit: with the signs s of the recordings the share
+//! of recording r that is not foretold is sᵀG_r·s. The signs that make the recordings foretell each other best tell
+//! which are turned.
+
+use std::cmp::Ordering;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::error::FitError;
+use crate::polynomial::Expansion;
+use crate::ridge::{Sums, outputs};
+use crate::scaling::{Inputs, Scaling, thinned};
+use crate::training::Recorded;
+
+/// Decays of the laws, against a noise of one: rows are scaled to about one. What shear there is in a product of
+/// signals takes a weak one, a few presses a strong one.
+const DECAYS: [f64; 2] = [1e-2, 1.0];
+/// Rows of a recording that are looked at.
+const ROWS: usize = 2000;
+/// A law of products has no more terms than this; shear of a matrix of taxels is in the products alone.
+const MOST_TERMS: usize = 200;
+/// A recording is turned if the others foretell this share of it at least with its sign turned …
+const FORETOLD: f64 = 0.3;
+/// … and it has this share of the largest spread of the target: what hardly moves is not foretold but by chance.
+const MOVES: f64 = 0.2;
+
+/// A target whose mean is this share of its mean size goes one way: it presses or pulls.
+const ONE_WAY: f64 = 0.5;
+
+/// Inputs and targets of some rows of a recording.
+type Thinned<'r> = (Vec<&'r [f64]>, Vec<&'r [f64]>);
+/// What is not foretold of a recording by each law, as a form of the signs.
+type Forms = Vec<DMatrix<f64>>;
+
+/// # Errors
+/// The recordings that are turned round, and in what.
+pub fn same_sign(
+    recordings: &[Recorded],
+    names: &[String],
+    targets: &[String],
+) -> Result<(), FitError> {
+    let thin: Vec<Thinned<'_>> = recordings.iter().map(|(x, y)| (slices(x), slices(y))).collect();
+    if thin.iter().filter(|(x, _)| !x.is_empty()).count() < 2 {
+        return Ok(());
+    }
+    let laws = laws(&thin);
+    let turned: Vec<Vec<usize>> = (0..targets.len())
+        .map(|k| {
+            let y: Vec<DVector<f64>> = thin
+                .iter()
+                .map(|(_, y)| DVector::from_iterator(y.len(), y.iter().map(|y| y[k])))
+                .collect();
+            turned(&forms(&laws, &y), &y)
+        })
+        .collect();
+    let Some(which) = turned.iter().find(|which| !which.is_empty()) else { return Ok(()) };
+    let columns = targets.iter().zip(&turned).filter(|(_, turned)| *turned == which);
+    let columns: Vec<&str> = columns.map(|(target, _)| target.as_str()).collect();
+    let of = |which: &mut dyn Iterator<Item = usize>| {
+        which.map(|r| names[r].as_str()).collect::<Vec<_>>().join(", ")
+    };
+    let others = of(&mut (0..names.len()).filter(|r| !which.contains(r)));
+    Err(FitError::Mismatch {
+        recording: of(&mut which.iter().copied()),
+        problem: format!(
+            "{} {} against what {} {}",
+            columns.join(", "),
+            if columns.len() == 1 { "runs" } else { "run" },
+            if names.len() == 2 { &others } else { "the other recordings" },
+            if names.len() == 2 { "says" } else { "say" }
+        ),
+        mend: "turn the sign in the recordings where it is wrong".into(),
+    })
+}
+
+fn slices(rows: &[Vec<f64>]) -> Vec<&[f64]> {
+    thinned(rows, ROWS).map(Vec::as_slice).collect()
+}
+
+/// The inputs of each recording for each law: a line, and a line in products as well where they are few.
+fn laws(recordings: &[Thinned<'_>]) -> Vec<Vec<DMatrix<f64>>> {
+    let (x, y): (Vec<_>, Vec<_>) = recordings.iter().cloned().unzip();
+    let scaling = Scaling::of(&x.concat(), &y.concat(), Inputs::Unlike);
+    let width = scaling.inputs.len();
+    let few = width * (width + 3) / 2 <= MOST_TERMS;
+    let expansions = [Some(Expansion::None), few.then_some(Expansion::Quadratic)];
+    let law = |expansion: Expansion| {
+        let scaled = x.iter().map(|x| scaling.inputs(x));
+        let expanded = scaled.map(|x| {
+            let rows =
+                x.row_iter().map(|row| expansion.terms(&row.iter().copied().collect::<Vec<_>>()));
+            let rows: Vec<Vec<f64>> = rows.collect();
+            DMatrix::from_fn(rows.len(), expansion.terms(&vec![0.0; width]).len(), |i, j| {
+                rows[i][j]
+            })
+        });
+        expanded.collect()
+    };
+    expansions.into_iter().flatten().map(law).collect()
+}
+
+/// Of each recording the [`Forms`] for a target; none where it hardly moves.
+fn forms(laws: &[Vec<DMatrix<f64>>], y: &[DVector<f64>]) -> Vec<Forms> {
+    let centred: Vec<DVector<f64>> = y.iter().map(centred).collect();
+    let spread = |y: &DVector<f64>| y.norm() / (y.len().max(1) as f64).sqrt();
+    let most = centred.iter().map(spread).fold(0.0, f64::max);
+    let moves = |r: usize| most > 0.0 && spread(&centred[r]) >= MOVES * most;
+    let mut forms = vec![Forms::new(); y.len()];
+    for x in laws {
+        let target = |r: usize| DMatrix::from_column_slice(y[r].len(), 1, y[r].as_slice());
+        let own: Vec<Sums> = (0..y.len()).map(|r| Sums::of(&x[r], &target(r))).collect();
+        let Some(all) = own.iter().cloned().reduce(|a, b| a.with(&b)) else { continue };
+        for r in (0..y.len()).filter(|r| moves(*r)) {
+            // Each recording's part in what is said of r, a column; r's own is what is so.
+            let mut parts = all.without(&own[r]);
+            parts.cross =
+                DMatrix::from_fn(parts.gram.nrows(), y.len(), |i, j| own[j].cross[(i, 0)]);
+            for line in DECAYS.iter().filter_map(|decay| parts.solve(*decay)) {
+                let mut said = outputs(&line, &x[r]);
+                for (j, mut column) in said.column_iter_mut().enumerate() {
+                    let said = self::centred(&column.clone_owned());
+                    column.copy_from(&if j == r { -&centred[r] } else { said });
+                }
+                forms[r].push(said.tr_mul(&said) / centred[r].norm_squared());
+            }
+        }
+    }
+    forms
+}
+
+fn centred(y: &DVector<f64>) -> DVector<f64> {
+    if y.is_empty() { y.clone() } else { y.add_scalar(-y.mean()) }
+}
+
+/// Share of a recording that no law foretells; one at most.
+fn missed(forms: &Forms, signs: &DVector<f64>) -> f64 {
+    forms.iter().map(|form| signs.dot(&(form * signs))).fold(1.0, f64::min)
+}
+
+/// The recordings that are turned: turning one after the other as long as that helps all and itself surely.
+fn turned(forms: &[Forms], y: &[DVector<f64>]) -> Vec<usize> {
+    let mut signs = DVector::from_element(y.len(), 1.0);
+    let total = |signs: &DVector<f64>| forms.iter().map(|forms| missed(forms, signs)).sum::<f64>();
+    let mut least = total(&signs);
+    loop {
+        let tried = (0..y.len()).map(|r| {
+            let mut tried = signs.clone();
+            tried[r] = -tried[r];
+            let surely = missed(&forms[r], &tried) <= 1.0 - FORETOLD;
+            (if surely { total(&tried) } else { f64::INFINITY }, tried)
+        });
+        match tried.min_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((now, tried)) if now < least => (least, signs) = (now, tried),
+            _ => break,
+        }
+    }
+    let with = |sign: f64| (0..y.len()).filter(|r| signs[*r] == sign).collect::<Vec<_>>();
+    let (kept, turned) = (with(1.0), with(-1.0));
+    // Which way is right nobody knows: most are. Where it is half, those that press rather than pull, and the first.
+    let mean = |which: &[usize], of: fn(f64) -> f64| {
+        which.iter().map(|r| y[*r].map(of).sum() / y[*r].len().max(1) as f64).sum::<f64>()
+    };
+    let pulls = |which: &[usize], other: &[usize]| {
+        let share = |which| mean(which, |y| y) / mean(which, f64::abs);
+        share(which) < -ONE_WAY && share(other) > ONE_WAY
+    };
+    let other = match turned.len().cmp(&kept.len()) {
+        Ordering::Less => false,
+        Ordering::Greater => true,
+        Ordering::Equal if pulls(&turned, &kept) => false,
+        Ordering::Equal => pulls(&kept, &turned) || turned.contains(&0),
+    };
+    if other { kept } else { turned }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three channels: a load, where it presses, and both together; and a force along with shear that only their
+    /// product tells.
+    fn recording(rows: usize, from: f64) -> Recorded {
+        let x: Vec<Vec<f64>> = (0..rows)
+            .map(|row| from + row as f64 * 0.05)
+            .map(|t| vec![30.0 + 30.0 * t.sin(), 20.0 * (1.7 * t).cos(), 4.0 * (0.6 * t).sin()])
+            .collect();
+        let y = x.iter().map(|x| vec![0.1 * x[0], (x[0] - 30.0) * x[1] / 300.0]).collect();
+        (x, y)
+    }
+
+    fn judged(turned: &[(usize, usize)], rows: &[usize]) -> Result<(), String> {
+        let mut all: Vec<Recorded> =
+            rows.iter().enumerate().map(|(r, rows)| recording(*rows, 40.0 * r as f64)).collect();
+        for (r, k) in turned {
+            all[*r].1.iter_mut().for_each(|y| y[*k] = -y[*k]);
+        }
+        let names: Vec<String> = ["a", "b", "c", "d", "e"].map(|n| format!("{n}.csv")).into();
+        let targets = ["fz_n", "fx_n"].map(String::from);
+        same_sign(&all, &names[..rows.len()], &targets).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn recordings_that_agree_are_let_through() {
+        for rows in [&[600][..], &[600, 60], &[300, 400, 500], &[200, 0, 900, 30]] {
+            assert_eq!(judged(&[], rows), Ok(()));
+        }
+    }
+
+    #[test]
+    fn the_recordings_that_are_turned_are_named_with_what_is_turned_in_them() {
+        for (turned, rows, said) in [
+            (
+                &[(1, 0)][..],
+                &[300, 400, 500][..],
+                "b.csv: fz_n runs against what the other recordings say",
+            ),
+            // The one that pulls, though it is the first.
+            (&[(0, 0)], &[300, 400], "a.csv: fz_n runs against what b.csv says"),
+            (&[(1, 1)], &[300, 400], "b.csv: fx_n runs against what a.csv says"),
+            (&[(2, 0), (2, 1)], &[300, 400, 2000], "c.csv: fz_n, fx_n run against"),
+            (&[(1, 1), (3, 1)], &[300, 900, 400, 500, 300], "b.csv, d.csv: fx_n runs against"),
+        ] {
+            let error = judged(turned, rows).unwrap_err();
+            assert!(error.starts_with(said), "{turned:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_recording_without_shear_is_not_judged_by_the_noise_of_it() {
+        let mut all = [recording(400, 0.0), recording(400, 40.0)];
+        all[1].1.iter_mut().for_each(|y| y[1] *= -0.05);
+        let (names, targets) = (["a".into(), "b".into()], ["fz_n".into(), "fx_n".into()]);
+        assert_eq!(same_sign(&all, &names, &targets), Ok(()));
+    }
+}

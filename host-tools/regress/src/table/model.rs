@@ -1,0 +1,98 @@
+//! What a fit of a table leaves: a model of somebody else's sensor, as its file holds it.
+
+use serde::{Deserialize, Serialize};
+use taxel::calibration::Range;
+use taxel::estimate::net::Layers;
+
+use crate::model::Family;
+use crate::network;
+use crate::paper_models::Law;
+use crate::polynomial::Expansion;
+
+/// A net from N named inputs to some named targets, for [`taxel::estimate::net::Layers`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TableModel {
+    /// Serial number of the sensor.
+    #[serde(default)]
+    pub serial: String,
+    /// When it was fitted, seconds since 1970-01-01 UTC.
+    #[serde(default, with = "taxel_files::calibration::date")]
+    pub date: u64,
+    /// Names of the input columns, in the order of the weights.
+    pub inputs: Vec<String>,
+    /// Names of the targets.
+    pub targets: Vec<String>,
+    /// Range of each input in training, margin included.
+    pub range: Vec<Range>,
+    /// What becomes of the inputs, less `centre`, before the weights below see them.
+    #[serde(default)]
+    pub expansion: Expansion,
+    /// Taken from the inputs of an expansion first; else empty.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub centre: Vec<f32>,
+    /// W, a row a unit.
+    pub hidden: Vec<f32>,
+    /// a.
+    pub hidden_bias: Vec<f32>,
+    /// V, a row a target.
+    pub output: Vec<f32>,
+    /// L, a row a target, if there is a skip path.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub skip: Vec<f32>,
+    /// b.
+    pub output_bias: Vec<f32>,
+    /// RMS error of the fit, in the targets' units.
+    pub residual: Vec<f32>,
+    /// The law of a paper, instead of the weights above.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<Law>,
+}
+
+impl TableModel {
+    /// As the core takes it.
+    #[must_use]
+    pub fn layers(&self) -> Layers<'_> {
+        Layers {
+            hidden: &self.hidden,
+            hidden_bias: &self.hidden_bias,
+            output: &self.output,
+            skip: &self.skip,
+            output_bias: &self.output_bias,
+        }
+    }
+
+    /// The targets for one row of inputs.
+    #[must_use]
+    pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
+        if let Some(law) = &self.law {
+            return law.estimate(inputs);
+        }
+        let layers = self.layers();
+        if self.expansion == Expansion::None {
+            return network::outputs(layers, inputs);
+        }
+        let from_centre: Vec<f64> =
+            inputs.iter().zip(&self.centre).map(|(x, c)| f64::from(x - c)).collect();
+        network::outputs(layers, &super::to_f32(&self.expansion.terms(&from_centre)))
+    }
+
+    /// Its shape: `skip 15-16-1`, `cubic 15-1`, `row`.
+    #[must_use]
+    pub fn shape(&self) -> String {
+        let (inputs, outputs) = (self.inputs.len(), self.targets.len());
+        match (&self.law, self.expansion) {
+            (Some(law), _) => law.family().to_string(),
+            (None, Expansion::Cubic) => format!("{} {inputs}-{outputs}", Family::Cubic),
+            (None, Expansion::Quadratic) => format!("{} {inputs}-{outputs}", Family::Quadratic),
+            (None, Expansion::None) => {
+                network::shape_name(inputs, self.hidden_bias.len(), outputs, !self.skip.is_empty())
+            }
+        }
+    }
+
+    /// Every input lies within what training saw.
+    #[must_use]
+    pub fn within_range(&self, inputs: &[f32]) -> bool {
+        self.range.iter().zip(inputs).all(|([low, high], x)| (low..=high).contains(&x))
+    }
+}
