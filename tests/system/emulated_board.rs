@@ -12,7 +12,7 @@ use taxel::estimate::contact_point::PointMethod;
 use taxel::finger::Finger;
 use taxel::frame::{Fields, Frame, Status};
 use taxel::scan::{Codes, Scan};
-use taxel_link::emulated::{Hardware, OnPins, Replay, Settings, replay};
+use taxel_cli::emulated::{Hardware, OnPins, Replay, Settings, replay};
 use taxel_sim::{Scene, Simulator};
 
 fn on_host(scans: &[Scan], calibration: Option<Calibration>) -> Vec<Frame> {

@@ -4,13 +4,14 @@ use std::net::ToSocketAddrs;
 use std::path::Path;
 
 use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel_client::{Client, Link, LinkError, Port, Steady};
 use taxel_files::recording::Recording;
 use taxel_files::{FileError, calibration};
-use taxel_link::{Client, LinkError, Port};
 use taxel_sim::Scene;
 use taxel_sim::scene::{BUILT_IN, Kind};
 
 use crate::output;
+use crate::virtual_finger::{Source, VirtualFinger};
 
 /// The calibration of the finger in the built-in scenes, made from recordings of it as the file's folder
 /// says.
@@ -31,7 +32,7 @@ impl PortArg {
     /// What the port said.
     pub fn connect(&self) -> Result<Client, LinkError> {
         let calibration = match &self.port {
-            Port::Sim(scene) => scene_calibration(None, scene)?,
+            Port::Sim(scene) => scene_calibration(None, scene).map_err(LinkError::device)?,
             Port::File(path) => {
                 // What is no recording is the client's to say.
                 let remarks = Recording::open(path).map(|recording| recording.remarks(path));
@@ -40,8 +41,37 @@ impl PortArg {
             }
             _ => None,
         };
-        Client::open(&self.port, calibration.as_ref())
+        connect(&self.port, calibration.as_ref())
     }
+}
+
+/// Opens any port. A virtual finger starts with `calibration`; hardware keeps its own.
+///
+/// # Errors
+/// The port cannot be opened, or the recording or scene behind it is damaged.
+pub fn open(port: &Port, calibration: Option<&Calibration>) -> Result<Link, LinkError> {
+    let finger = match port {
+        Port::File(path) => VirtualFinger::of_file(path, calibration)?,
+        Port::Sim(scene) => {
+            VirtualFinger::on_tcp("127.0.0.1:0", Source::scene(scene)?, calibration)?
+        }
+        device => return Link::open(device),
+    };
+    Ok(Link::open(finger.port())?.with_device(finger))
+}
+
+/// Connects to any port, as [`open`] opens it.
+///
+/// # Errors
+/// As [`open`], and [`Client::open`].
+pub fn connect(port: &Port, calibration: Option<&Calibration>) -> Result<Client, LinkError> {
+    Client::over(port, open(port, calibration)?)
+}
+
+/// A finger at any port that is opened again after it was unplugged.
+#[must_use]
+pub fn steady(port: Port, calibration: Option<Calibration>) -> Steady {
+    Steady::opened_by(port, move |port| open(port, calibration.as_ref()))
 }
 
 /// What the finger in a scene starts with: the file that the user named, else its own calibration where

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use indicatif::{ProgressBar, ProgressStyle};
-use taxel_link::{Client, Event, LinkError, Received, Steady};
+use taxel_client::{Client, Event, LinkError, Received, Steady};
 
 use crate::interrupt::Interrupt;
 use crate::output;

@@ -1,6 +1,8 @@
 //! `taxel replay --on` the boards with hardware, as a user would run it. Needs what `host-tools/emulator` builds with
 //! and the boards' firmware: `cargo xtask test` sees to both.
 
+#[path = "it/common.rs"]
+#[allow(dead_code, reason = "the other tests use the rest")]
 mod common;
 
 use std::path::Path;

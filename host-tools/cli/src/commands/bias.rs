@@ -3,7 +3,7 @@
 use serde::Serialize;
 use taxel::condition::Bias;
 use taxel::scan::COLS;
-use taxel_link::client::BiasInForce;
+use taxel_client::client::BiasInForce;
 
 use crate::finger::PortArg;
 use crate::output;

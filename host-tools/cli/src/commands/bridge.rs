@@ -20,9 +20,9 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use clap::ArgGroup;
 use taxel::frame::Fields;
-use taxel_link::{Port, Steady, fields};
+use taxel_client::{Port, Steady, fields};
 
-use crate::finger::{address, scene_calibration};
+use crate::finger::{address, scene_calibration, steady};
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
 use finger::{Finger, Outlet, Report};
@@ -112,7 +112,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let steadies = args.port.into_iter().map(|port| {
         let scene = if let Port::Sim(scene) = &port { scene.as_str() } else { "" };
         let calibration = scene_calibration(args.calibration.as_deref(), scene)?;
-        Ok(Arc::new(Steady::new(port, calibration)))
+        Ok(Arc::new(steady(port, calibration)))
     });
     let steadies = steadies.collect::<anyhow::Result<Vec<_>>>()?;
     let zenoh = args

@@ -11,17 +11,18 @@ mod score;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::emulated::Hardware;
 use serde::Serialize;
 use taxel::frame::Frame;
+use taxel_client::{Client, Steady};
 use taxel_files::trace::Truth;
-use taxel_link::emulated::Hardware;
-use taxel_link::{Client, Source, Steady, VirtualFinger};
 
 use crate::browser;
 use crate::commands::view::page;
 use crate::finger::{address, scene_calibration};
 use crate::interrupt::Interrupt;
 use crate::stream::Next;
+use crate::virtual_finger::{Source, VirtualFinger};
 use crate::{output, stream};
 use live::Live;
 use score::{Accuracy, Score};
@@ -104,7 +105,7 @@ impl Performer for VirtualFinger {
     }
 
     fn connect(&mut self) -> anyhow::Result<Client> {
-        Ok(Client::open(self.port(), None)?)
+        Ok(Client::open(self.port())?)
     }
 
     fn truth(&self, frame: &Frame) -> Option<Truth> {

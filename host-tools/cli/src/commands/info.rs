@@ -5,9 +5,9 @@ use std::time::{Duration, UNIX_EPOCH};
 use serde_json::json;
 use taxel::frame::Status;
 use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Info, Reset, ScanSettings};
+use taxel_client::client::Version;
+use taxel_client::{Port, fields};
 use taxel_files::point_method;
-use taxel_link::client::Version;
-use taxel_link::{Port, fields};
 
 use crate::finger::PortArg;
 use crate::output;

@@ -1,7 +1,7 @@
 //! `taxel ports`: what is plugged in.
 
 use serde_json::json;
-use taxel_link::usb;
+use taxel_client::usb;
 
 use crate::output;
 

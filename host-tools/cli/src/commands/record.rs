@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use anyhow::bail;
 use taxel::frame::Fields;
-use taxel_link::{Echoes, Files, Port, Steady, fields};
+use taxel_client::{Echoes, Port, Steady, fields};
 
+use crate::Files;
 use crate::commands::view::page;
 use crate::finger::{PortArg, address};
 use crate::interrupt::Interrupt;

@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
+use crate::emulated::{self, Hardware, OnPins, Settings};
 use anyhow::{anyhow, bail};
 use clap::ValueEnum;
 use indicatif::ProgressBar;
@@ -11,14 +12,13 @@ use taxel::finger::{Finger, FingerState};
 use taxel::frame::{Fields, Frame};
 use taxel::measured::{Measured, NoValue};
 use taxel::units::{FullScale, Newtons};
+use taxel_client::fields;
 use taxel_files::FileError;
 use taxel_files::calibration::{self, date, record_crc};
 use taxel_files::frames::{Cell, cells, columns};
 use taxel_files::recording::{Header, Recorder, Scans};
 use taxel_files::stretch::Stretch;
 use taxel_files::trace::{Sample, cut};
-use taxel_link::emulated::{self, Hardware, OnPins, Settings};
-use taxel_link::fields;
 
 use crate::finger::record;
 use crate::interrupt::Interrupt;

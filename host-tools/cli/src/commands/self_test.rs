@@ -3,7 +3,7 @@
 use serde_json::json;
 use taxel::self_test::{Channel, SelfTest};
 use taxel::wire::message::{BoardHealth, Info};
-use taxel_link::self_test::{findings, named, on_off};
+use taxel_client::self_test::{findings, named, on_off};
 
 use crate::finger::PortArg;
 use crate::output;

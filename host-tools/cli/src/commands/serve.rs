@@ -4,12 +4,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::bail;
-use taxel_link::virtual_finger::Outcome;
-use taxel_link::{Port, Source, VirtualFinger};
+use taxel_client::Port;
 
 use crate::finger::{address, scene_calibration};
 use crate::interrupt::Interrupt;
 use crate::output;
+use crate::virtual_finger::{Outcome, Source, VirtualFinger};
 
 /// How often the loop looks whether it should end.
 const LOOK: Duration = Duration::from_millis(100);

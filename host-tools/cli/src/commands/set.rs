@@ -4,7 +4,7 @@ use anyhow::Context;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
 use taxel::wire::message::ScanSettings;
-use taxel_link::fields;
+use taxel_client::fields;
 
 use crate::finger::PortArg;
 use crate::output;

@@ -21,7 +21,7 @@ pub fn run(_: Args) -> anyhow::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use taxel_link::usb::{MANUFACTURER, PRODUCT, VENDOR};
+    use taxel_client::usb::{MANUFACTURER, PRODUCT, VENDOR};
 
     #[test]
     fn the_rule_is_for_the_fingers_that_the_program_finds() {

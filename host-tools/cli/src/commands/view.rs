@@ -4,14 +4,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use taxel_client::{Port, Steady};
 use taxel_files::calibration;
-use taxel_link::{Port, Steady};
-use taxel_view::{Feed, Server, Source, Tap};
 
 use crate::browser;
-use crate::finger::{address, scene_calibration};
+use crate::finger::{address, scene_calibration, steady};
 use crate::interrupt::Interrupt;
 use crate::output;
+use crate::view::{Feed, Server, Source, Tap};
 
 /// How often the loop looks whether it should end.
 const LOOK: Duration = Duration::from_millis(100);
@@ -67,7 +67,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             port => {
                 let scene = if let Port::Sim(scene) = &port { scene.as_str() } else { "" };
                 let calibration = scene_calibration(args.calibration.as_deref(), scene)?;
-                Source::Finger(Box::new(Steady::new(port, calibration)), args.folder.clone())
+                Source::Finger(Box::new(steady(port, calibration)), args.folder.clone())
             }
         };
         feeds.push(Feed::start(source)?);

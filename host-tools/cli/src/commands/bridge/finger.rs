@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 use taxel::wire::message::Info;
-use taxel_link::{Client, Echoes, Event, LinkError, Port, Problem, Received, Stamps, Steady};
+use taxel_client::{Client, Echoes, Event, LinkError, Port, Problem, Received, Stamps, Steady};
 
 use super::{LOOK, Shared, ros};
 use crate::output;

@@ -5,12 +5,13 @@ use std::sync::{Arc, Mutex};
 
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
+use taxel_client::{Port, Received, Stamps};
 use taxel_files::frames::Cell;
 use taxel_files::recording::schema;
-use taxel_link::{Port, Received, Stamps, row, row_columns};
 
 use super::finger::{Outlet, lock};
 use super::pipe::{Order, Pipe};
+use crate::files::{row, row_columns};
 use crate::output;
 
 /// The server that all fingers of a bridge share.

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::Mutex;
 
+use crate::emulated::checkout;
 use anyhow::{Context, bail};
-use taxel_link::emulated::checkout;
 
 use super::finger::lock;
 use crate::output;

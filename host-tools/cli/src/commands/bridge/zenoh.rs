@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use serde_json::json;
 use taxel::wire::message::Info;
-use taxel_link::{Port, Received, Stamps};
+use taxel_client::{Port, Received, Stamps};
 
 use super::finger::{Outlet, lock};
 use super::graph::{Context, Namespace, Publisher, name};

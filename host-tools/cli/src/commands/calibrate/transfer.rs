@@ -7,8 +7,8 @@ use anyhow::Context;
 use indicatif::ProgressBar;
 use taxel::calibration::Calibration;
 use taxel::frame::Status;
+use taxel_client::Port;
 use taxel_files::calibration;
-use taxel_link::Port;
 
 use crate::finger::{PortArg, record};
 use crate::interrupt::Interrupt;

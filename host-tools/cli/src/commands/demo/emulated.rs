@@ -3,14 +3,14 @@
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 
+use crate::emulated::{BOARD, Emulated, Image};
 use anyhow::Context;
 use taxel::calibration::Calibration;
 use taxel::frame::Frame;
 use taxel::session::Pace;
 use taxel::units::Micros;
+use taxel_client::{Client, Link, Port};
 use taxel_files::trace::{Sample, Truth};
-use taxel_link::Client;
-use taxel_link::emulated::{BOARD, Emulated, Image};
 use taxel_sim::{Scene, Simulator};
 
 use super::Performer;
@@ -63,7 +63,7 @@ impl Performer for Board {
 
     fn connect(&mut self) -> anyhow::Result<Client> {
         let (reader, writer) = self.board.take_link().context("the board has no link left")?;
-        let client = Client::over(BOARD, reader, writer)?;
+        let client = Client::over(&Port::Serial(BOARD.to_owned()), Link::over(reader, writer))?;
         if let Some(calibration) = &self.calibration {
             client.upload_calibration(&record(calibration)?, |_| ControlFlow::Continue(()))?;
         }

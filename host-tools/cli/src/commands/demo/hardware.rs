@@ -2,11 +2,11 @@
 
 use std::ops::ControlFlow;
 
+use crate::emulated::{Hardware, ServedBoard};
 use taxel::calibration::Calibration;
 use taxel::frame::Frame;
+use taxel_client::Client;
 use taxel_files::trace::{Sample, TraceWriter, Truth};
-use taxel_link::Client;
-use taxel_link::emulated::{Hardware, ServedBoard};
 use taxel_sim::{Scene, Simulator};
 use tempfile::NamedTempFile;
 
@@ -59,7 +59,7 @@ impl Performer for Board {
     }
 
     fn connect(&mut self) -> anyhow::Result<Client> {
-        let client = Client::open(self.board.port(), None)?;
+        let client = Client::open(self.board.port())?;
         if let Some(calibration) = &self.calibration {
             client.upload_calibration(&record(calibration)?, |_| ControlFlow::Continue(()))?;
         }

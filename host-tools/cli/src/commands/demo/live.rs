@@ -6,7 +6,7 @@ use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use taxel::frame::{Frame, Status};
-use taxel_link::{Counts, Received};
+use taxel_client::{Counts, Received};
 
 /// How often the line changes: as fast as one can read.
 const PERIOD: Duration = Duration::from_millis(100);

@@ -1,0 +1,164 @@
+//! The files that a stream is recorded into, and what is said about the finger in them.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use taxel::calibration::Calibration;
+use taxel::frame::Fields;
+use taxel::wire::message::Info;
+use taxel_files::frames::{Cell, Column, cells, columns};
+use taxel_files::recording::{Existing, Header, Recorder, host_columns};
+use taxel_files::{FileError, calibration};
+
+use taxel_client::{Client, LinkError, Problem, Received, Stamps, fields};
+
+/// How often the files are brought up to date: what a killed program loses at most, and some slack.
+const FLUSH: Duration = Duration::from_millis(500);
+
+/// One stream into some files at once.
+pub struct Files {
+    recorders: Vec<Recorder>,
+    fields: Fields,
+    row: Vec<Cell>,
+    stamps: Stamps,
+    /// Which of the connections, from 1.
+    connection: u64,
+    flushed: Instant,
+}
+
+impl Files {
+    /// Begins a recording of what `client` streams with its present settings.
+    ///
+    /// # Errors
+    /// A file cannot be written, or the finger does not say who it is.
+    pub fn create(
+        client: &Client,
+        paths: &[PathBuf],
+        existing: Existing,
+    ) -> Result<Self, LinkError> {
+        // Before the first is begun: one that cannot be must not leave the others behind.
+        paths
+            .iter()
+            .try_for_each(|path| Recorder::check(path, existing))
+            .map_err(LinkError::device)?;
+        let info = client.info()?;
+        let header = header(client, &info)?;
+        let columns = row_columns(info.fields);
+        let create = |path: &PathBuf| Recorder::create(path, &header, &columns, existing);
+        let recorders = paths.iter().map(create).collect::<Result<_, FileError>>();
+        let recorders = recorders.map_err(LinkError::device)?;
+        Ok(Self {
+            recorders,
+            fields: info.fields,
+            row: Vec::new(),
+            stamps: Stamps::default(),
+            connection: 1,
+            flushed: Instant::now(),
+        })
+    }
+
+    /// The finger had gone and is there again: what comes now follows a gap.
+    pub fn reconnected(&mut self) {
+        self.connection += 1;
+        self.stamps.reconnected();
+    }
+
+    /// A question to the finger and its answer took so long: see [`Stamps::echo`].
+    pub fn echo(&mut self, echo: Duration) {
+        self.stamps.echo(echo);
+    }
+
+    /// One frame more.
+    ///
+    /// # Errors
+    /// A file cannot be written. The others have the frame all the same.
+    pub fn write(&mut self, received: &Received) -> Result<(), FileError> {
+        self.stamps.frame(received);
+        row(received, self.fields, &self.stamps, self.connection, &mut self.row);
+        let flush = received.at.saturating_duration_since(self.flushed) >= FLUSH;
+        if flush {
+            self.flushed = received.at;
+        }
+        let mut written = Ok(());
+        for recorder in &mut self.recorders {
+            let done = recorder.write(&self.row);
+            written = written.and(if flush { done.and_then(|()| recorder.flush()) } else { done });
+        }
+        written
+    }
+
+    /// Ends every file, whatever becomes of the others.
+    ///
+    /// # Errors
+    /// The first that could not be ended.
+    pub fn finish(self) -> Result<(), FileError> {
+        let ends = self.recorders.into_iter().map(Recorder::finish);
+        ends.fold(Ok(()), Result::and)
+    }
+}
+
+/// The columns of a recording of these fields: the frame's own, and what the host knows of it.
+#[must_use]
+pub fn row_columns(fields: Fields) -> Vec<Column> {
+    columns(fields).into_iter().chain(host_columns()).collect()
+}
+
+/// The row of a frame, a cell for each of [`row_columns`].
+pub fn row(
+    received: &Received,
+    fields: Fields,
+    stamps: &Stamps,
+    connection: u64,
+    row: &mut Vec<Cell>,
+) {
+    row.clear();
+    cells(&received.frame, fields, row);
+    let micros = |unix: Duration| Cell::Whole(unix.as_micros() as u64);
+    let scanned = stamps.scanned(received.frame.time);
+    row.extend([
+        micros(stamps.unix(received.at)),
+        scanned.map_or(Cell::Empty, |(unix, _)| micros(unix)),
+        scanned.map_or(Cell::Empty, |(_, error)| micros(error)),
+        Cell::Whole(connection),
+    ]);
+}
+
+/// Which finger, how it was set, and what it was calibrated with.
+fn header(client: &Client, info: &Info) -> Result<Header, LinkError> {
+    let identity = &info.identity;
+    let bias = match info.biased.then(|| client.read_bias()).transpose() {
+        Ok(bias) => bias,
+        // It plays a recording, and that does not have it.
+        Err(error) if matches!(error.problem(), Some(Problem::Refusal { .. })) => None,
+        Err(error) => return Err(error),
+    };
+    let rate_hz = f64::from(info.rate_millihertz) / 1000.0;
+    let [major, minor, patch] = client.version().firmware;
+    let mut header = Header::default()
+        .with("board", &identity.board)
+        .with("serial", &identity.serial)
+        .with("build", &identity.build)
+        .with("firmware", format!("{major}.{minor}.{patch}"))
+        .with("scan_hz", identity.scan_hz)
+        .with("full_scale", identity.full_scale.top().0)
+        .with("fields", fields::list(info.fields))
+        .with("biased", info.biased)
+        .with("port", client.port())
+        .with("started", humantime::format_rfc3339_millis(SystemTime::now()))
+        .with_settings(rate_hz, info.filter_hz, info.point_method, bias.as_ref().map(|b| &b.bias));
+    if let Some(id) = &info.calibration {
+        let date = UNIX_EPOCH + Duration::from_secs(id.date);
+        header = header
+            .with("calibration_serial", &id.serial)
+            .with("calibration_date", humantime::format_rfc3339_seconds(date))
+            .with("calibration_crc", format!("{:08x}", id.crc));
+        let record = client.download_calibration()?;
+        let place = Path::new("the finger's calibration");
+        header.calibration = Calibration::from_bytes(&record)
+            .ok()
+            .map(|calibration| calibration::to_text(place, &calibration))
+            .transpose()
+            .map_err(LinkError::device)?;
+    }
+    Ok(header)
+}

@@ -1,0 +1,187 @@
+//! The `taxel` command, and what its tests share with it: the virtual finger, the page, recordings.
+//!
+//! Each command is a file in `commands` with its `Args` and its `run`. Results go to standard output,
+//! everything else to standard error; an error is one line there. Exit codes: 0 done, 1 the thing
+//! failed, 2 bad usage.
+
+mod browser;
+mod commands;
+pub mod emulated;
+mod failure;
+mod files;
+pub mod finger;
+mod interrupt;
+mod output;
+mod stream;
+pub mod view;
+pub mod virtual_finger;
+
+pub use files::Files;
+pub use virtual_finger::VirtualFinger;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Newtons and millimetres from an optical tactile fingertip.
+#[derive(Parser)]
+#[command(name = "taxel", version, after_help = AFTER_HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const AFTER_HELP: &str = "\
+PORT is usb (the finger that is plugged in), usb:SERIAL, a serial device (/dev/ttyACM0, COM3),
+tcp:HOST:PORT, file:PATH, a trace or recording
+played back in real time, or sim:SCENE, a virtual finger. Without hardware, start with `taxel demo`.";
+
+#[derive(Subcommand)]
+enum Command {
+    Demo(commands::demo::Args),
+    Simulate(commands::simulate::Args),
+    Replay(commands::replay::Args),
+    Calibrate(commands::calibrate::Args),
+    Chart(commands::chart::Args),
+    View(commands::view::Args),
+    Record(commands::record::Args),
+    Export(commands::export::Args),
+    Bridge(commands::bridge::Args),
+    Serve(commands::serve::Args),
+    Info(commands::info::Args),
+    Bias(commands::bias::Args),
+    Set(commands::set::Args),
+    SelfTest(commands::self_test::Args),
+    Dfu(commands::dfu::Args),
+    Ports(commands::ports::Args),
+    Udev(commands::udev::Args),
+    Completions(commands::completions::Args),
+    Man(commands::man::Args),
+}
+
+/// Runs the command line of this process.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return failure::usage(&error),
+    };
+    let done = match cli.command {
+        Command::Demo(args) => commands::demo::run(args),
+        Command::Simulate(args) => commands::simulate::run(args),
+        Command::Replay(args) => commands::replay::run(args),
+        Command::Calibrate(args) => commands::calibrate::run(args),
+        Command::Chart(args) => commands::chart::run(args),
+        Command::View(args) => commands::view::run(args),
+        Command::Record(args) => commands::record::run(args),
+        Command::Export(args) => commands::export::run(args),
+        Command::Bridge(args) => commands::bridge::run(args),
+        Command::Serve(args) => commands::serve::run(args),
+        Command::Info(args) => commands::info::run(args),
+        Command::Bias(args) => commands::bias::run(args),
+        Command::Set(args) => commands::set::run(args),
+        Command::SelfTest(args) => commands::self_test::run(args),
+        Command::Dfu(args) => commands::dfu::run(args),
+        Command::Ports(args) => commands::ports::run(args),
+        Command::Udev(args) => commands::udev::run(args),
+        Command::Completions(args) => commands::completions::run(args),
+        Command::Man(args) => commands::man::run(args),
+    };
+    failure::exit_code(done)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+    use taxel_sim::scene::BUILT_IN;
+
+    use super::*;
+
+    /// Every command, and its examples.
+    fn examples(command: &clap::Command, found: &mut Vec<(String, Vec<String>)>) {
+        command.get_subcommands().for_each(|command| examples(command, found));
+        let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+        let lines = help.lines().filter_map(|line| line.find("taxel ").map(|at| &line[at..]));
+        found.push((command.get_name().to_owned(), lines.map(str::to_owned).collect()));
+    }
+
+    /// What a page gives as a command: whole lines of its blocks, and code within a sentence.
+    fn commands(page: &str) -> Vec<String> {
+        let mut found = Vec::new();
+        let mut prose = String::new();
+        let mut inside = false;
+        for line in page.lines() {
+            match line.trim().starts_with("```") {
+                true => inside = !inside,
+                false if inside => found.push(line.to_owned()),
+                false => prose += &format!("{line}\n"),
+            }
+        }
+        found.extend(prose.split('`').skip(1).step_by(2).map(str::to_owned));
+        found.retain(|command| command.starts_with("taxel ") && !command.ends_with('…'));
+        found
+    }
+
+    /// Named in a sentence as what they do. To be run they want the name of a file as well, or which fingers.
+    const NAMED: [&str; 7] = [
+        "taxel calibrate upload",
+        "taxel simulate",
+        "taxel record",
+        "taxel replay",
+        "taxel export",
+        "taxel bridge",
+        "taxel bridge --zenoh",
+    ];
+
+    #[test]
+    fn every_command_that_a_manual_gives_is_understood_as_it_is_written() {
+        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let text = |name: &str| std::fs::read_to_string(root.join(name)).unwrap();
+        let mut pages = ["README.md", "host-tools/python/README.md"].map(text).to_vec();
+        for folder in ["docs", "docs/boards"] {
+            let files =
+                std::fs::read_dir(root.join(folder)).unwrap().map(|file| file.unwrap().path());
+            let manuals = files.filter(|file| file.extension().is_some_and(|kind| kind == "md"));
+            pages.extend(manuals.map(|file| std::fs::read_to_string(file).unwrap()));
+        }
+        // The page's own advice has no marks around it.
+        let advice = include_str!("../assets/page/flags.js");
+        let advice =
+            advice.match_indices(": taxel ").map(|(at, _)| advice[at + 2..].split(". ").next());
+        let advice = advice.map(|words| words.unwrap().split(".\"").next().unwrap().to_owned());
+        let mut given: Vec<_> =
+            advice.chain(pages.iter().flat_map(|page| commands(page))).collect();
+        given.retain(|command| !NAMED.contains(&command.as_str()));
+        assert!(given.len() > 80, "{}", given.len());
+        for command in given {
+            // Up to where the shell has its say, or a second column what it does.
+            let words = command.split(['\\', ';', '|', '>', '&', '#']).next().unwrap();
+            let words = words.split("   ").next().unwrap();
+            let parsed = Cli::try_parse_from(words.split_whitespace());
+            let understood = parsed.err().is_none_or(|error| !error.use_stderr());
+            assert!(understood, "`{command}`");
+        }
+    }
+
+    #[test]
+    fn every_command_has_examples_that_it_understands() {
+        let mut found = Vec::new();
+        Cli::command().get_subcommands().for_each(|command| examples(command, &mut found));
+        assert!(found.len() > 20);
+        for (name, lines) in found {
+            assert!(!lines.is_empty(), "{name} has no example");
+            for line in lines {
+                // Up to where the shell has its say.
+                let words =
+                    line.split([';', '|', '>', '&', '#']).next().unwrap().split_whitespace();
+                let words: Vec<_> = words.collect();
+                assert!(Cli::try_parse_from(&words).is_ok(), "{line}");
+                let scenes =
+                    words.windows(2).filter(|pair| pair[0] == "--scene").map(|pair| pair[1]);
+                let ports = words.iter().filter_map(|word| word.strip_prefix("sim:"));
+                for scene in scenes.chain(ports) {
+                    assert!(BUILT_IN.iter().any(|(name, _)| *name == scene), "{line}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Where rows come from: a finger that is there, or a recording of one.
+
+mod live;
+mod playback;
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+use serde_json::{Value, json};
+use taxel::calibration::Calibration;
+use taxel::frame::Status;
+use taxel::scan::TAXEL_CENTRES;
+use taxel::wire::message::Info;
+use taxel_client::{Client, LinkError, Steady, fields};
+use taxel_files::{FileError, point_method};
+
+use crate::view::orders::Envelope;
+use crate::view::scope::Scope;
+pub use live::Tap;
+
+/// What the page can look at.
+pub enum Source {
+    /// A finger; recordings that the page asks for go to this folder.
+    Finger(Box<Steady>, PathBuf),
+    /// A recording or a trace, and what it shall be computed with instead of its own calibration.
+    File(PathBuf, Option<Box<Calibration>>),
+}
+
+/// A source at work.
+pub struct Feed {
+    pub(crate) name: String,
+    pub(crate) scope: Shared,
+    pub(crate) orders: Sender<Envelope>,
+    stop: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+/// A scope that threads share.
+#[derive(Clone)]
+pub(crate) struct Shared(Arc<Mutex<Scope>>);
+
+impl Shared {
+    fn new() -> Self {
+        Self(Arc::new(Mutex::new(Scope::new())))
+    }
+
+    pub(crate) fn lock(&self) -> MutexGuard<'_, Scope> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What the threads of a feed have.
+#[derive(Clone)]
+struct Context {
+    scope: Shared,
+    stop: Arc<AtomicBool>,
+}
+
+impl Context {
+    fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+impl Feed {
+    /// Sets a source going.
+    ///
+    /// # Errors
+    /// A file cannot be read. A finger that is not there is no error: it is waited for.
+    pub fn start(source: Source) -> Result<Self, FileError> {
+        match source {
+            Source::Finger(steady, folder) => Ok(live::start(Arc::new(*steady), folder)),
+            Source::File(path, calibration) => {
+                playback::start(path, calibration.map(|calibration| *calibration))
+            }
+        }
+    }
+
+    /// A finger that another part of this program streams from: what that hands to the [`Tap`] is shown.
+    ///
+    /// # Errors
+    /// The finger does not say who it is.
+    pub fn tapped(finger: &Arc<Steady>, folder: PathBuf) -> Result<(Self, Tap), LinkError> {
+        live::tapped(finger, folder)
+    }
+
+    fn new(name: String) -> (Self, Context, Receiver<Envelope>) {
+        let scope = Shared::new();
+        // Until the finger says more, the page draws one that says nothing.
+        scope.lock().facts = page_facts(json!({}));
+        let stop = Arc::new(AtomicBool::new(false));
+        let (orders, received) = channel();
+        let context = Context { scope: scope.clone(), stop: Arc::clone(&stop) };
+        (Self { name, scope, orders, stop, threads: Vec::new() }, context, received)
+    }
+
+    fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) {
+        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(work);
+        // A system that has no thread left will say so elsewhere.
+        self.threads.extend(thread);
+    }
+}
+
+impl Drop for Feed {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        for thread in self.threads.drain(..) {
+            // A thread that panicked has nothing more to say.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// What the page is told about a finger.
+fn facts(client: &Client, info: &Info) -> Value {
+    let identity = &info.identity;
+    let [major, minor, patch] = client.version().firmware;
+    page_facts(json!({
+        "live": true,
+        "board": identity.board,
+        "serial": identity.serial,
+        "firmware": format!("{major}.{minor}.{patch}"),
+        "scan_hz": identity.scan_hz,
+        "rate_hz": f64::from(info.rate_millihertz) / 1000.0,
+        "filter_hz": info.filter_hz,
+        "fields": fields::list(info.fields),
+        "method": point_method::name(info.point_method),
+        "biased": info.biased,
+        "calibration": info.calibration.as_ref().map(|id| &id.serial),
+    }))
+}
+
+/// The same, and what holds for every finger: names of fields and flags, and where the taxels are.
+fn page_facts(mut facts: Value) -> Value {
+    let single = fields::NAMES.iter().filter(|(_, field)| field.0.is_power_of_two());
+    facts["field_names"] = single.map(|(name, _)| *name).collect();
+    facts["flags"] = Status::NAMES.iter().map(|(bit, name)| json!([bit.0, name])).collect();
+    facts["taxels"] = TAXEL_CENTRES.iter().map(|centre| json!(centre.map(|mm| mm.0))).collect();
+    facts
+}

@@ -1,0 +1,204 @@
+//! A recording, played back in its own time. A trace is computed by the core on the way.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+use taxel::calibration::Calibration;
+use taxel::frame::Fields;
+use taxel_files::FileError;
+use taxel_files::frames::{Cell, Column, cells, columns};
+use taxel_files::recording::{Recording, Scans};
+
+use super::{Context, Feed, page_facts};
+use crate::view::orders::{Envelope, Order};
+
+/// How long the thread sleeps where nothing is due.
+const LOOK: Duration = Duration::from_millis(8);
+/// What is shown of the time before the place that was sought, in seconds.
+const BEFORE: f64 = 20.0;
+
+type Rows = Box<dyn Iterator<Item = Result<Vec<Cell>, FileError>> + Send>;
+
+/// Opens the file at its beginning. A recording is shown as it was recorded, unless another `calibration` is
+/// given: then it is computed again, as a trace is.
+fn open(
+    path: &Path,
+    calibration: Option<&Calibration>,
+) -> Result<(Vec<Column>, Rows, serde_json::Value), FileError> {
+    let recording = Recording::open(path);
+    if let Ok(recording) = recording
+        && recording.position("seq").is_some()
+        && calibration.is_none()
+    {
+        let facts = json!(recording.header.facts);
+        return Ok((recording.columns.clone(), Box::new(recording), facts));
+    }
+    let scans = Scans::open(path)?;
+    let serial = match scans.header.fact("serial") {
+        "" => "a trace, computed now".to_owned(),
+        recorded => format!("{recorded}, computed now"),
+    };
+    let (finger, mut state) = scans.header.finger(calibration.cloned().or(scans.calibration));
+    let rows = (0u32..).zip(scans.samples).map(move |(seq, sample)| {
+        let scan = sample?.scan;
+        let estimate = finger.estimate(&mut state, &scan);
+        let mut row = Vec::new();
+        cells(&estimate.frame(&scan.codes, seq, Fields::ALL).into(), Fields::ALL, &mut row);
+        Ok(row)
+    });
+    Ok((columns(Fields::ALL), Box::new(rows), json!({ "serial": serial })))
+}
+
+/// Sets a file going.
+pub(super) fn start(path: PathBuf, calibration: Option<Calibration>) -> Result<Feed, FileError> {
+    let (mut feed, context, orders) = Feed::new(format!("file:{}", path.display()));
+    let (columns, rows, facts) = open(&path, calibration.as_ref())?;
+    let time_at = columns.iter().position(|column| column.name == "t_us").unwrap_or_default();
+    {
+        let mut scope = context.scope.lock();
+        scope.set_columns(columns);
+        scope.facts = page_facts(facts);
+        scope.playback = Some((0.0, None, true));
+        let cut_short = Recording::open(&path).ok().filter(|recording| !recording.whole);
+        scope.mishap = cut_short.map(|recording| recording.cut_short(&path));
+    }
+    let length = Arc::new(Mutex::new(None));
+    let found = Arc::clone(&length);
+    let (whole, with, stop) = (path.clone(), calibration.clone(), context.clone());
+    feed.spawn("view-length", move || {
+        let length = length_of(&whole, with.as_ref(), time_at, &stop);
+        if let Ok(mut found) = found.lock() {
+            *found = length;
+        }
+    });
+    let mut player =
+        Player { path, calibration, context, rows, time_at, length, start: None, next: None };
+    feed.spawn("view-playback", move || player.run(&orders));
+    Ok(feed)
+}
+
+/// Seconds from the first row to the last.
+fn length_of(
+    path: &Path,
+    calibration: Option<&Calibration>,
+    time_at: usize,
+    context: &Context,
+) -> Option<f64> {
+    let (_, rows, _) = open(path, calibration).ok()?;
+    let mut times = rows.take_while(|_| !context.stopped()).flatten();
+    let first = seconds(&times.next()?, time_at);
+    Some(times.last().map_or(0.0, |last| seconds(&last, time_at) - first))
+}
+
+fn seconds(row: &[Cell], time_at: usize) -> f64 {
+    match row.get(time_at) {
+        Some(Cell::Whole(micros)) => *micros as f64 * 1e-6,
+        _ => 0.0,
+    }
+}
+
+struct Player {
+    path: PathBuf,
+    calibration: Option<Calibration>,
+    context: Context,
+    rows: Rows,
+    time_at: usize,
+    length: Arc<Mutex<Option<f64>>>,
+    /// The first row's time.
+    start: Option<f64>,
+    next: Option<Vec<Cell>>,
+}
+
+impl Player {
+    fn run(&mut self, orders: &Receiver<Envelope>) {
+        let (mut runs, mut over, mut place) = (true, false, 0.0);
+        // A moment, and the place of the recording that belongs to it.
+        let mut origin = (Instant::now(), 0.0);
+        while !self.context.stopped() {
+            match orders.recv_timeout(LOOK) {
+                Ok(envelope) => envelope.answer(|order| {
+                    let to = match order {
+                        Order::Channel { name } => {
+                            self.context.scope.lock().set_channel(&name);
+                            return Ok(String::new());
+                        }
+                        Order::Play { on } => {
+                            runs = on;
+                            (on && over).then_some(0.0)
+                        }
+                        Order::Seek { to } => Some(to),
+                        _ => return Err("this is a recording, not a finger".to_owned()),
+                    };
+                    if let Some(to) = to {
+                        (over, place) = (false, self.seek(to).map_err(|error| error.to_string())?);
+                    }
+                    origin = (Instant::now(), place);
+                    Ok(String::new())
+                }),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            if runs {
+                let due = origin.1 + origin.0.elapsed().as_secs_f64();
+                over = self.play(due, origin);
+                (runs, place) = (!over, if over { place } else { due });
+            }
+            let length = self.length.lock().ok().and_then(|length| *length);
+            let shown = length.filter(|_| over).unwrap_or(place);
+            self.context.scope.lock().playback = Some((shown, length, runs));
+        }
+    }
+
+    /// Hands on the rows up to `due`; true where that was the last.
+    fn play(&mut self, due: f64, (moment, place): (Instant, f64)) -> bool {
+        while let Some(at) = self.peek() {
+            if at > due {
+                return false;
+            }
+            if let Some(row) = self.next.take() {
+                let later = Duration::from_secs_f64((at - place).max(0.0));
+                self.context.scope.lock().push(&row, moment + later);
+            }
+        }
+        true
+    }
+
+    /// The place of the next row that can be read.
+    fn peek(&mut self) -> Option<f64> {
+        while self.next.is_none() {
+            match self.rows.next()? {
+                Ok(row) => self.next = Some(row),
+                Err(error) => self.context.scope.lock().trouble = Some(error.to_string()),
+            }
+        }
+        let time = seconds(self.next.as_deref().unwrap_or_default(), self.time_at);
+        Some(time - *self.start.get_or_insert(time))
+    }
+
+    /// Goes to a place, and shows what came just before it.
+    fn seek(&mut self, to: f64) -> Result<f64, FileError> {
+        let to = if to.is_finite() { to.max(0.0) } else { 0.0 };
+        (_, self.rows, _) = open(&self.path, self.calibration.as_ref())?;
+        self.next = None;
+        self.context.scope.lock().restart();
+        let from = to - BEFORE;
+        // Time runs from some moment on; only its steps matter here.
+        let base = Instant::now();
+        while let Some(at) = self.peek() {
+            if at > to || self.context.stopped() {
+                break;
+            }
+            if let Some(row) = self.next.take()
+                && at >= from
+            {
+                let moment = base + Duration::from_secs_f64((at - from).max(0.0));
+                self.context.scope.lock().push(&row, moment);
+            }
+        }
+        self.context.scope.lock().settle();
+        Ok(to)
+    }
+}

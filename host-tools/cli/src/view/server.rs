@@ -1,0 +1,238 @@
+//! Serves the page, and one WebSocket for each page that is open.
+
+use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use serde_json::{Value, json};
+use tokio::sync::{mpsc, oneshot};
+use tokio::time::{MissedTickBehavior, interval};
+
+use crate::view::feed::Feed;
+use crate::view::orders::{Envelope, Order, Outcome};
+use crate::view::scope::Seen;
+
+/// From one message to the next: a frame of a 60 Hz screen.
+const FRAME: Duration = Duration::from_micros(16_667);
+/// From one spectrum to the next.
+const SPECTRUM: Duration = Duration::from_millis(200);
+
+const HTML: &str = "text/html; charset=utf-8";
+const JS: &str = "text/javascript; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+
+/// Everything that the page is made of.
+const ASSETS: [(&str, &str, &str); 8] = [
+    ("/", HTML, include_str!("../../assets/page/index.html")),
+    ("/style.css", CSS, include_str!("../../assets/page/style.css")),
+    ("/page.js", JS, include_str!("../../assets/page/page.js")),
+    ("/finger.js", JS, include_str!("../../assets/page/finger.js")),
+    ("/charts.js", JS, include_str!("../../assets/page/charts.js")),
+    ("/flags.js", JS, include_str!("../../assets/page/flags.js")),
+    ("/uplot.js", JS, include_str!("../../assets/page/uplot/uPlot.iife.min.js")),
+    ("/uplot.css", CSS, include_str!("../../assets/page/uplot/uPlot.min.css")),
+];
+
+/// The page cannot be served.
+#[derive(Debug, thiserror::Error)]
+#[error("{address}: {error}; choose another address with --listen")]
+pub struct ServerError {
+    address: String,
+    error: std::io::Error,
+}
+
+/// A page being served. Dropping it closes every page.
+pub struct Server {
+    address: SocketAddr,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    /// Serves `feeds` at `address`, `HOST:PORT`; port 0 takes any that is free.
+    ///
+    /// # Errors
+    /// The address is taken, or is none of this machine.
+    pub fn start(address: &str, feeds: Vec<Feed>) -> Result<Self, ServerError> {
+        let failed = |error| ServerError { address: address.to_owned(), error };
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        listener.set_nonblocking(true).map_err(failed)?;
+        let local = listener.local_addr().map_err(failed)?;
+        let name = host(address).to_owned();
+        let (stop, stopped) = oneshot::channel::<()>();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let runtime = runtime.map_err(failed)?;
+        let serve = move || {
+            runtime.block_on(async {
+                let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
+                tokio::select! {
+                    // An accept that fails is tried again by the library.
+                    _ = axum::serve(listener, routes(feeds, name)) => {}
+                    _ = stopped => {}
+                }
+            });
+        };
+        let thread = std::thread::Builder::new().name("view-server".to_owned()).spawn(serve);
+        let thread = Some(thread.map_err(failed)?);
+        Ok(Self { address: local, stop: Some(stop), thread })
+    }
+
+    /// Where a browser finds the page.
+    #[must_use]
+    pub fn url(&self) -> String {
+        format!("http://{}/", self.address)
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            // A server that panicked has nothing more to say.
+            let _ = thread.join();
+        }
+    }
+}
+
+type Feeds = Arc<Vec<Feed>>;
+
+/// What is served to whoever calls this machine by its address, `localhost` or `name`.
+fn routes(feeds: Vec<Feed>, name: String) -> Router {
+    let pages = ASSETS.into_iter().fold(Router::new(), |router, (path, kind, text)| {
+        let headers = [(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "no-cache")];
+        router.route(path, get(move || async move { (headers, text) }))
+    });
+    pages
+        .route("/fingers", get(fingers))
+        .route("/finger/{number}", get(finger))
+        .with_state(Arc::new(feeds))
+        .layer(from_fn_with_state(Arc::<str>::from(name), only_by_own_name))
+}
+
+/// Whoever owns a name may let it lead to this machine (DNS rebinding): to the browser, what is served here
+/// would then be that page's own, and the finger its to command.
+async fn only_by_own_name(State(name): State<Arc<str>>, request: Request, next: Next) -> Response {
+    let called = request.headers().get(header::HOST).and_then(|value| value.to_str().ok());
+    if is_own(called.unwrap_or_default(), &name) {
+        return next.run(request).await;
+    }
+    let mend = "this page is served by its IP address and as localhost; for another name, give it to --listen";
+    (StatusCode::FORBIDDEN, mend).into_response()
+}
+
+/// An address is nobody's name to give away.
+fn is_own(called: &str, name: &str) -> bool {
+    let called = host(called);
+    called.parse::<IpAddr>().is_ok()
+        || ["localhost", name].iter().any(|own| called.eq_ignore_ascii_case(own))
+}
+
+/// The host of `HOST:PORT`, `[HOST]:PORT` or `HOST`.
+fn host(address: &str) -> &str {
+    let end = address.rfind(':').filter(|colon| !address.ends_with(']') && *colon > 0);
+    address[..end.unwrap_or(address.len())].trim_matches(['[', ']'])
+}
+
+async fn fingers(State(feeds): State<Feeds>) -> impl IntoResponse {
+    let names: Vec<_> = feeds.iter().map(|feed| feed.name.as_str()).collect();
+    ([(header::CONTENT_TYPE, "application/json")], json!(names).to_string())
+}
+
+async fn finger(
+    State(feeds): State<Feeds>,
+    Path(number): Path<usize>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    if !same_origin(&headers) {
+        // Any page on the web may open a WebSocket to this machine: only ours commands the finger.
+        return (StatusCode::FORBIDDEN, "only the page served here may connect").into_response();
+    }
+    if feeds.get(number).is_none() {
+        return (StatusCode::NOT_FOUND, "no such finger").into_response();
+    }
+    upgrade.on_upgrade(move |socket| async move {
+        if let Some(feed) = feeds.get(number) {
+            // A page that goes away is no failure.
+            let _ = converse(socket, feed).await;
+        }
+    })
+}
+
+fn same_origin(headers: &HeaderMap) -> bool {
+    let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
+    match text(header::ORIGIN) {
+        // No browser.
+        None => true,
+        Some(origin) => {
+            let host = origin.split_once("://").map(|(_, host)| host);
+            host.is_some() && host == text(header::HOST)
+        }
+    }
+}
+
+async fn converse(mut socket: WebSocket, feed: &Feed) -> Result<(), axum::Error> {
+    let (reply, mut replies) = mpsc::unbounded_channel::<Outcome>();
+    let mut frames = interval(FRAME);
+    let mut spectra = interval(SPECTRUM);
+    // A page that is slow to read is told everything later, not twice as often.
+    frames.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    spectra.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    let mut seen = Seen::default();
+    loop {
+        let message = tokio::select! {
+            _ = frames.tick() => feed.scope.lock().news(&mut seen),
+            _ = spectra.tick() => json!({ "spectrum": feed.scope.lock().spectrum() }),
+            Some(outcome) = replies.recv() => match outcome {
+                Ok(text) => json!({ "done": text }),
+                Err(text) => json!({ "failed": text }),
+            },
+            received = socket.recv() => match received {
+                None => return Ok(()),
+                Some(message) => match order(&message?, feed, &reply) {
+                    Some(message) => message,
+                    None => continue,
+                },
+            },
+        };
+        socket.send(Message::text(message.to_string())).await?;
+    }
+}
+
+/// Passes an order on; what is none is answered at once.
+fn order(message: &Message, feed: &Feed, reply: &mpsc::UnboundedSender<Outcome>) -> Option<Value> {
+    let Message::Text(text) = message else { return None };
+    match serde_json::from_str::<Order>(text.as_str()) {
+        Err(error) => Some(json!({ "failed": error.to_string() })),
+        Ok(order) => {
+            let sent = feed.orders.send(Envelope { order, reply: reply.clone() });
+            sent.is_err().then(|| json!({ "failed": "the finger is not there" }))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn this_machine_goes_by_addresses_localhost_and_the_name_that_it_listens_by() {
+        let name = host("robot.local:8173");
+        for own in ["127.0.0.1:8173", "192.168.1.20", "[::1]:8173", "[fe80::1]", "localhost:8173"] {
+            assert!(is_own(own, name), "{own}");
+        }
+        assert!(is_own("Robot.Local:8173", name));
+        for other in ["", ":8173", "evil.example:8173", "127.0.0.1.evil.example", "localhost.evil"]
+        {
+            assert!(!is_own(other, name), "{other}");
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! A finger that says what another one said: the frames of a recording, each at its own time.
+//!
+//! Nothing is computed, so that nothing can be set but which of the fields come. A recording with the codes is a
+//! finger in every other respect too, and takes another way: [`super::Source::trace`].
+
+use std::io;
+use std::net::TcpListener;
+use std::path::Path;
+use std::sync::PoisonError;
+use std::time::Duration;
+
+use taxel::frame::{Fields, Frame, Status};
+use taxel::units::FullScale;
+use taxel::wire::deframer::Deframer;
+use taxel::wire::message::{
+    BoardHealth, CHUNK, CalibrationId, Command, Cost, Counters, Identity, Info, Message, PROTOCOL,
+    Refusal, Request, Response,
+};
+use taxel::wire::{MAX_PACKET, pack};
+use taxel_files::FileError;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::time::{Instant, sleep_until};
+
+use super::recorded::Recorded;
+use super::{Ending, Outcome};
+use taxel_client::LinkError;
+
+/// A recording, and how far it has been played.
+pub(super) struct Player {
+    frames: Recorded,
+    next: Option<Frame>,
+    /// A moment of this machine's time and the device time that belongs to it, while it plays.
+    origin: Option<(Instant, u64)>,
+    info: Info,
+}
+
+impl Player {
+    /// Ready to play; `None` where the recording has codes, or is a trace.
+    pub(super) fn open(path: &Path) -> Result<Option<Self>, LinkError> {
+        let Some(mut frames) = Recorded::without_codes(path).map_err(LinkError::device)? else {
+            return Ok(None);
+        };
+        let info = info(path, &frames);
+        let Some(first) = frames.next().transpose().map_err(LinkError::device)? else {
+            let error = FileError::new(path, "no frames").mend("record for longer");
+            return Err(LinkError::device(error));
+        };
+        Ok(Some(Self { frames, next: Some(first), origin: None, info }))
+    }
+
+    /// One host after the other, until the frames are over, which `ending` says before the link closes.
+    pub(super) async fn serve(mut self, listener: TcpListener, ending: &Ending) -> io::Result<()> {
+        let listener = tokio::net::TcpListener::from_std(listener)?;
+        loop {
+            let mut stream = listener.accept().await?.0;
+            stream.set_nodelay(true)?;
+            // However a host leaves, the next one is welcome.
+            if let Ok(Some(outcome)) = self.converse(&mut stream).await {
+                *ending.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
+                return Ok(());
+            }
+            self.play(false);
+        }
+    }
+
+    async fn converse(
+        &mut self,
+        stream: &mut tokio::net::TcpStream,
+    ) -> io::Result<Option<Outcome>> {
+        let (mut rx, mut tx) = stream.split();
+        let mut deframer = Deframer::<MAX_PACKET>::default();
+        let mut bytes = [0; 256];
+        loop {
+            let playing = self.origin.is_some();
+            let message = tokio::select! {
+                length = rx.read(&mut bytes) => {
+                    let length = length?;
+                    if length == 0 {
+                        return Ok(None);
+                    }
+                    for byte in bytes.get(..length).unwrap_or_default() {
+                        if let Some(Ok(request)) = deframer.push::<Request>(*byte) {
+                            tx.write_all(&packed(&self.answer(&request))?).await?;
+                        }
+                    }
+                    continue;
+                }
+                frame = self.due(), if playing => match frame {
+                    None => return Ok(Some(Outcome::Finished)),
+                    Some(Err(error)) => return Ok(Some(Outcome::Failed(error))),
+                    Some(Ok(frame)) => Message::Frame(masked(frame, self.info.fields)),
+                },
+            };
+            tx.write_all(&packed(&message)?).await?;
+        }
+    }
+
+    /// The next frame, when its time has come. Dropped while it waits, it loses nothing.
+    async fn due(&mut self) -> Option<Result<Frame, FileError>> {
+        let frame = match self.next {
+            Some(frame) => frame,
+            None => match self.frames.next()? {
+                Ok(frame) => *self.next.insert(frame),
+                Err(error) => return Some(Err(error)),
+            },
+        };
+        let (began, time) = *self.origin.get_or_insert((Instant::now(), frame.time.0));
+        match frame.time.0.checked_sub(time) {
+            Some(since) => sleep_until(began + Duration::from_micros(since)).await,
+            // The finger had been started anew.
+            None => self.origin = Some((Instant::now(), frame.time.0)),
+        }
+        self.next.take().map(Ok)
+    }
+
+    fn play(&mut self, on: bool) {
+        self.info.streaming = on;
+        let time = self.next.map_or(0, |frame| frame.time.0);
+        self.origin = on.then(|| (Instant::now(), time));
+    }
+
+    fn answer(&mut self, request: &Request) -> Message {
+        let tag = request.tag;
+        let result = match &request.command {
+            Command::Version => {
+                return Message::Version { tag, protocol: PROTOCOL, firmware: [0; 3] };
+            }
+            Command::Info => Ok(Response::Info(self.info.clone())),
+            Command::Health => Ok(Response::Health(BoardHealth::default())),
+            Command::Stream(on) => {
+                self.play(*on);
+                Ok(Response::Done)
+            }
+            // The finger takes the nearest it can.
+            Command::SetRate { .. } => Ok(Response::Rate { millihertz: self.info.rate_millihertz }),
+            Command::SetFields(fields) if self.frames.fields().contains(*fields) => {
+                self.info.fields = *fields;
+                Ok(Response::Done)
+            }
+            // What a finger is set to again when it comes back.
+            Command::SetFilter { hz } if *hz == self.info.filter_hz => Ok(Response::Done),
+            Command::SetPointMethod(method) if *method == self.info.point_method => {
+                Ok(Response::Done)
+            }
+            Command::ReadBias => match self.frames.header().bias() {
+                Some(bias) => Ok(Response::Bias { bias, on_command: true, in_contact: false }),
+                None => Err(Refusal::Unsupported),
+            },
+            Command::CalibrationRead { offset } => self.calibration(*offset),
+            _ => Err(Refusal::Unsupported),
+        };
+        Message::Reply { tag, result }
+    }
+
+    fn calibration(&self, offset: u16) -> Result<Response, Refusal> {
+        let record = self.frames.calibration.as_deref().ok_or(Refusal::Uncalibrated)?;
+        let rest = record.get(usize::from(offset)..).unwrap_or_default();
+        let data = rest.iter().copied().take(CHUNK).collect();
+        Ok(Response::Calibration { offset, data })
+    }
+}
+
+/// What the recording knows of its finger.
+fn info(path: &Path, frames: &Recorded) -> Info {
+    let facts = &frames.header().facts;
+    let fact = |name: &str| facts.get(name).map_or("", String::as_str);
+    let rate: f64 = fact("rate_hz").parse().unwrap_or_default();
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let serial = if fact("serial").is_empty() { &*stem } else { fact("serial") };
+    let date = humantime::parse_rfc3339(fact("calibration_date")).ok();
+    let date = date.and_then(|date| date.duration_since(std::time::UNIX_EPOCH).ok());
+    let crc = u32::from_str_radix(fact("calibration_crc"), 16).ok();
+    let calibration = frames.calibration.as_ref().and(crc).zip(date).map(|(crc, date)| {
+        CalibrationId { serial: short(fact("calibration_serial")), date: date.as_secs(), crc }
+    });
+    Info {
+        identity: Identity {
+            board: short(fact("board")),
+            serial: short(serial),
+            build: short(fact("build")),
+            scan_hz: fact("scan_hz").parse().unwrap_or_default(),
+            full_scale: FullScale::BITS_12,
+            tick_hz: 1,
+        },
+        rate_millihertz: (rate * 1000.0) as u32,
+        filter_hz: fact("filter_hz").parse().unwrap_or_default(),
+        fields: frames.fields(),
+        streaming: false,
+        point_method: frames.header().point_method(),
+        biased: fact("biased") == "true",
+        calibration,
+        counters: Counters::default(),
+        cost: Cost::default(),
+        estimators: Status::default(),
+    }
+}
+
+/// As much of a text as fits.
+fn short<const N: usize>(text: &str) -> heapless::String<N> {
+    let mut short = heapless::String::new();
+    let _ = text.chars().try_for_each(|c| short.push(c));
+    short
+}
+
+fn masked(frame: Frame, fields: Fields) -> Frame {
+    let on = |field| fields.contains(field);
+    Frame {
+        signals: frame.signals.filter(|_| on(Fields::SIGNALS)),
+        sensors: frame.sensors.filter(|_| on(Fields::SENSORS)),
+        force: frame.force.filter(|_| on(Fields::FORCE)),
+        point: frame.point.filter(|_| on(Fields::POINT)),
+        slip: frame.slip.filter(|_| on(Fields::SLIP)),
+        torsion: frame.torsion.filter(|_| on(Fields::TORSION)),
+        contacts: frame.contacts.filter(|_| on(Fields::CONTACTS)),
+        uncertainty: frame.uncertainty.filter(|_| on(Fields::UNCERTAINTY)),
+        ..frame
+    }
+}
+
+fn packed(message: &Message) -> io::Result<Vec<u8>> {
+    let mut buffer = [0; MAX_PACKET];
+    let packed = pack(message, &mut buffer).map(<[u8]>::to_vec);
+    packed.map_err(|_| io::Error::other("a frame longer than any can be"))
+}

@@ -1,0 +1,91 @@
+//! Running the command from a folder.
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use taxel::scan::{ROWS, SENSORS};
+use taxel::units::FullScale;
+use taxel_files::trace::{Sample, TraceHeader, TraceWriter};
+
+/// Exit code, standard output, standard error.
+pub struct Ran {
+    pub code: Option<i32>,
+    pub out: String,
+    pub err: String,
+}
+
+impl Ran {
+    pub fn of(output: Output) -> Self {
+        Self {
+            code: output.status.code(),
+            out: String::from_utf8(output.stdout).unwrap(),
+            err: String::from_utf8(output.stderr).unwrap(),
+        }
+    }
+}
+
+pub fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap()
+}
+
+/// The folder that the command is run in.
+pub struct In<'f>(pub &'f Path);
+
+impl In<'_> {
+    pub fn command(&self, args: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_taxel"));
+        command.current_dir(self.0).args(args);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    pub fn taxel(&self, args: &[&str]) -> Ran {
+        Ran::of(self.command(args).output().unwrap())
+    }
+
+    /// What is in the folder: names of all, and texts of the files.
+    pub fn files(&self) -> BTreeMap<String, Option<String>> {
+        let entries = std::fs::read_dir(self.0).unwrap().map(|entry| entry.unwrap());
+        let text = |path: PathBuf| {
+            path.metadata()
+                .is_ok_and(|file| file.is_file())
+                .then(|| String::from_utf8_lossy(&std::fs::read(path).unwrap()).into_owned())
+        };
+        entries
+            .map(|entry| (entry.file_name().into_string().unwrap(), text(entry.path())))
+            .collect()
+    }
+
+    /// One line on standard error, nothing on standard output.
+    pub fn fails(&self, code: i32, args: &[&str]) -> String {
+        let ran = self.taxel(args);
+        assert_eq!(ran.code, Some(code), "{}{}", ran.out, ran.err);
+        assert_eq!(ran.out, "");
+        assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
+        assert!(ran.err.ends_with('\n'));
+        ran.err
+    }
+
+    pub fn succeeds(&self, args: &[&str]) -> String {
+        let ran = self.taxel(args);
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        ran.out
+    }
+}
+
+/// Writes a trace of a finger with all its channels; its name.
+pub fn write_trace(directory: &Path, name: &str, samples: &[Sample], truth: bool) -> String {
+    let header = TraceHeader {
+        full_scale: FullScale::BITS_16,
+        rows: ROWS,
+        bridges: [true; SENSORS],
+        reference: true,
+        temperature: false,
+        truth,
+        sensor_truth: truth,
+    };
+    let mut writer = TraceWriter::create(directory.join(name), header).unwrap();
+    samples.iter().for_each(|sample| writer.write(sample).unwrap());
+    writer.finish().unwrap();
+    name.to_owned()
+}

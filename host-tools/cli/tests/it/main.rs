@@ -1,0 +1,22 @@
+//! Tests of the `taxel` command and of what its library shares: one program, linked once.
+
+mod broken_links;
+#[cfg(target_os = "linux")]
+mod broken_off;
+mod broken_uploads;
+mod browser;
+mod calibrations;
+mod cli;
+mod common;
+mod fingers;
+mod hostile;
+mod ill_posed;
+mod manuals;
+mod models;
+#[cfg(target_os = "linux")]
+mod open_page;
+mod page_server;
+mod pipeline;
+mod recordings;
+mod steady;
+mod virtual_finger;

@@ -1,0 +1,245 @@
+//! The manuals' shell blocks, run as they are written.
+
+use std::path::{Path, PathBuf};
+
+use crate::common::In;
+use taxel::measured::NoValue;
+
+/// Everything that has a shell block, and some that may get one.
+const MANUALS: [&str; 14] = [
+    "README.md",
+    "docs/accuracy.md",
+    "docs/boards/stm32f411.md",
+    "docs/boards/stm32g431.md",
+    "docs/build-a-finger.md",
+    "docs/calibrate.md",
+    "docs/getting-started.md",
+    "docs/protocol.md",
+    "docs/read-the-numbers.md",
+    "docs/ros2.md",
+    "docs/scenes.md",
+    "docs/troubleshooting.md",
+    "host-tools/cli/assets/README.md",
+    "host-tools/python/README.md",
+];
+
+/// What a manual's blocks begin with: for what a test cannot have, something that stands in for it.
+#[cfg(unix)]
+const PRELUDE: &str = r#"
+set -euo pipefail
+taxel() {
+    local all=" $* "
+    case "$all" in
+        # Zenoh takes minutes to build; the Python tests run it, and what docs/ros2.md says of it.
+        " bridge "*) set -- help bridge ;;
+        *" --duration "* | *" --help "*) ;;
+        # What runs until Ctrl-C gets it after four seconds, once, and must end well. Another page may be served.
+        " view "* | " serve "* | " demo "*)
+            [[ "$all" != " view "* ]] || set -- "$@" --listen 127.0.0.1:0
+            timeout --foreground --preserve-status --signal=INT 4 "$TAXEL" "$@"
+            return ;;
+        # Minutes. What it draws is measured by the tests of the crate `chart`.
+        " chart "*) set -- chart --help ;;
+        *" --inputs "* | *" --sensor "*) ;;
+        # A net of four units is fitted in seconds; how good nets are is no matter of the manuals.
+        " calibrate fit "*) set -- "$@" --hidden 4 ;;
+    esac
+    "$TAXEL" "$@"
+}
+cargo() {
+    case "$1 ${2-}" in
+        "install --path") test -f "$ROOT/$3/Cargo.toml" ;;
+        # These tests are part of the first, and so are the others: they would wait for its lock.
+        "xtask test" | "xtask cycles" | "xtask firmware") ;;
+        "run "*) return 1 ;;
+        *) [[ $1 == demo ]] && grep -q '^demo = "run .*taxel -- demo"' "$ROOT/.cargo/config.toml" && taxel demo ;;
+    esac
+}
+sudo() {
+    case "$1" in
+        tee) cat > "$(basename "$2")" ;;
+        udevadm) ;;
+        *) return 1 ;;
+    esac
+}
+# `cargo xtask test` installs it and runs its tests.
+pip() { test -f "$ROOT/$2/pyproject.toml"; }
+# They need a chip in its bootloader.
+rust-objcopy() { [[ " $* " == *".elf "*".bin "* ]]; }
+dfu-util() { [[ " $* " == *" --download "*".bin "* ]]; }
+"#;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn text(manual: &str) -> String {
+    std::fs::read_to_string(root().join(manual)).unwrap()
+}
+
+/// The blocks of a kind.
+fn blocks(manual: &str, kind: &str) -> Vec<String> {
+    let mut found: Vec<String> = Vec::new();
+    let mut inside = false;
+    for line in text(manual).lines() {
+        match line.trim().strip_prefix("```") {
+            Some(named) => {
+                inside = !inside && named == kind;
+                if inside {
+                    found.push(String::new());
+                }
+            }
+            None if inside => *found.last_mut().unwrap() += &format!("{line}\n"),
+            None => {}
+        }
+    }
+    found
+}
+
+/// Runs a manual from top to bottom in one folder. Where it names a board's port, a virtual finger that nothing
+/// touches is at the end of a pseudo-terminal.
+#[cfg(unix)]
+fn run(manual: &str) -> tempfile::TempDir {
+    use taxel_cli::VirtualFinger;
+    use taxel_cli::virtual_finger::Source;
+    let folder = tempfile::tempdir().unwrap();
+    let idle = root().join("host-tools/cli/tests/scenes/idle.toml");
+    let source = Source::scene(idle.to_str().unwrap()).unwrap();
+    let finger = VirtualFinger::on_pty(source, None).unwrap();
+    for block in blocks(manual, "toml") {
+        // The scene that a page shows is the one that its commands run.
+        std::fs::write(folder.path().join("my.toml"), block).unwrap();
+    }
+    for block in blocks(manual, "sh") {
+        let script = block.replace("/dev/ttyACM0", &finger.port().to_string());
+        let output = std::process::Command::new("bash")
+            .args(["-c", &format!("{PRELUDE}{script}")])
+            .env("TAXEL", env!("CARGO_BIN_EXE_taxel"))
+            .env("ROOT", root())
+            // Nobody wants a browser from a test.
+            .env_remove("DISPLAY")
+            .env_remove("WAYLAND_DISPLAY")
+            .current_dir(folder.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{manual}:\n{block}{said}");
+    }
+    folder
+}
+
+#[test]
+fn no_manual_with_a_shell_block_is_left_out() {
+    let mut open = vec![root()];
+    let mut found = Vec::new();
+    while let Some(folder) = open.pop() {
+        for entry in std::fs::read_dir(folder).unwrap().flatten() {
+            let (path, name) = (entry.path(), entry.file_name().into_string().unwrap());
+            if path.is_dir() && !name.starts_with('.') && name != "target" {
+                open.push(path);
+            } else if name.ends_with(".md") && name != "CHANGELOG.md" {
+                found.push(path.strip_prefix(root()).unwrap().to_str().unwrap().to_owned());
+            }
+        }
+    }
+    assert!(found.len() >= MANUALS.len(), "{found:?}");
+    for manual in found {
+        let listed = MANUALS.contains(&manual.as_str());
+        assert!(listed || blocks(&manual, "sh").is_empty(), "{manual} is not among the manuals");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn the_readme_does_what_it_says() {
+    let folder = run("README.md");
+    for name in ["finger.html", "today.toml", "frames.csv", "tour.mcap", "tour.parquet"] {
+        assert!(folder.path().join(name).metadata().unwrap().len() > 1000, "{name}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn getting_started_does_what_it_says() {
+    let folder = run("docs/getting-started.md");
+    for name in [
+        "taxel.bash",
+        "man1/taxel.1",
+        "tour.mcap",
+        "tour.csv",
+        "tour.parquet",
+        "second.csv",
+        "again.csv",
+    ] {
+        let size = std::fs::metadata(folder.path().join(name)).unwrap().len();
+        assert!(size > 1000, "{name}: {size} bytes");
+    }
+    let rule = std::fs::read_to_string(folder.path().join("70-taxel.rules")).unwrap();
+    assert!(rule.contains("1209"), "{rule}");
+}
+
+#[cfg(unix)]
+#[test]
+fn the_calibration_manual_does_what_it_says() {
+    let folder = run("docs/calibrate.md");
+    let read = |name| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    assert!(read("finger.toml").contains("F-0042"));
+    let weights = |text: &str| text.lines().filter(|line| line.contains("= [")).count();
+    assert_eq!(weights(&read("read-back.toml")), weights(&read("finger.toml")));
+}
+
+#[cfg(unix)]
+#[test]
+fn every_other_manual_does_what_it_says() {
+    let apart = ["README.md", "docs/getting-started.md", "docs/calibrate.md"];
+    // The virtual finger's calibration is fitted anew by hand, as it says there, and judged by `pipeline.rs`.
+    let by_hand = "host-tools/cli/assets/README.md";
+    for manual in MANUALS.iter().filter(|manual| !apart.contains(manual) && **manual != by_hand) {
+        run(manual);
+    }
+}
+
+#[test]
+fn every_flag_and_every_reason_is_explained() {
+    let manual = include_str!("../../../../docs/read-the-numbers.md");
+    let page = include_str!("../../assets/page/flags.js");
+    for (_, name) in taxel::frame::Status::NAMES {
+        if !name.starts_with("ran-") {
+            assert!(manual.contains(&format!("| `{name}` |")), "{name}");
+            assert!(page.contains(&format!("\"{name}\":")), "{name}");
+        }
+    }
+    for reason in NoValue::ALL {
+        let words = taxel_files::frames::reason(reason);
+        assert!(manual.contains(&format!("| {words} |")), "{words}");
+    }
+}
+
+#[test]
+fn every_command_that_the_manuals_name_is_there() {
+    let help = In(std::path::Path::new(".")).succeeds(&["--help"]);
+    for manual in [
+        "docs/build-a-finger.md",
+        "docs/calibrate.md",
+        "docs/getting-started.md",
+        "docs/read-the-numbers.md",
+        "docs/ros2.md",
+        "docs/troubleshooting.md",
+        "README.md",
+    ]
+    .map(text)
+    {
+        let named = manual.split("taxel ").skip(1).filter_map(|rest| {
+            let before = rest.split(|c: char| !c.is_ascii_lowercase() && c != '-').next();
+            before
+                .filter(|word| word.starts_with(|c: char| c.is_ascii_lowercase()) && word.len() > 2)
+        });
+        let in_code = named.filter(|word| {
+            manual.contains(&format!("`taxel {word}"))
+                || manual.contains(&format!("\ntaxel {word}"))
+        });
+        for word in in_code {
+            assert!(help.contains(&format!("\n  {word} ")), "{word}");
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! Who is served: a browser has pages from everywhere, and only ours commands the finger.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+
+use taxel_cli::view::Server;
+
+/// The answer to a request with these headers: its status, and the rest.
+fn get(address: &str, path: &str, headers: &str) -> (u16, String) {
+    let mut stream = TcpStream::connect(address).unwrap();
+    let request = format!("GET {path} HTTP/1.1\r\nConnection: close\r\n{headers}\r\n");
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    (answer[9..12].parse().unwrap(), answer)
+}
+
+#[test]
+fn a_page_under_another_name_gets_nothing_even_where_its_name_leads_here() {
+    let server = Server::start("127.0.0.1:0", Vec::new()).unwrap();
+    let url = server.url();
+    let address = url.trim_start_matches("http://").trim_end_matches('/');
+    let port = address.rsplit(':').next().unwrap();
+    for path in ["/", "/page.js", "/fingers"] {
+        for own in [address, &format!("localhost:{port}"), &format!("[::1]:{port}")] {
+            assert_eq!(get(address, path, &format!("Host: {own}\r\n")).0, 200, "{path} of {own}");
+        }
+        let (status, said) = get(address, path, &format!("Host: evil.example:{port}\r\n"));
+        assert_eq!(status, 403, "{path}");
+        assert!(said.contains("give it to --listen"), "{said}");
+    }
+}
+
+#[test]
+fn the_stream_is_for_the_page_that_is_served_here_alone() {
+    let server = Server::start("127.0.0.1:0", Vec::new()).unwrap();
+    let url = server.url();
+    let address = url.trim_start_matches("http://").trim_end_matches('/');
+    let upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n\
+                   Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+    let open = |host: &str, origin: &str| {
+        let headers = format!("Host: {host}\r\nOrigin: http://{origin}\r\n{upgrade}");
+        // Without `Connection: close`: who refuses ends it, and who would not has no such finger.
+        let mut stream = TcpStream::connect(address).unwrap();
+        let request = format!("GET /finger/0 HTTP/1.1\r\n{headers}\r\n");
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut status = [0; 12];
+        stream.read_exact(&mut status).unwrap();
+        String::from_utf8(status[9..].to_vec()).unwrap()
+    };
+    assert_eq!(open(address, address), "404");
+    assert_eq!(open(address, "evil.example"), "403");
+    // The name of somebody else's page, which it has let lead to this machine.
+    assert_eq!(open("evil.example:8173", "evil.example:8173"), "403");
+}

@@ -1,0 +1,466 @@
+//! Recording as a user meets it: three kinds of file at once, the same numbers in each, and bad days.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::Child;
+use std::time::{Duration, Instant};
+
+use crate::common::In;
+use taxel_files::frames::Cell;
+use taxel_files::recording::Recording;
+
+fn rows(path: &Path) -> Vec<Vec<Cell>> {
+    Recording::open(path).unwrap().map(Result::unwrap).collect()
+}
+
+fn whole(recording: &Recording, row: &[Cell], name: &str) -> u64 {
+    match row[recording.position(name).unwrap()] {
+        Cell::Whole(value) => value,
+        other => panic!("{name}: {other:?}"),
+    }
+}
+
+#[test]
+fn three_files_of_one_stream_have_the_same_rows_and_name_the_finger() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let out = ["a.mcap", "a.parquet", "a.csv"];
+    let files = out.iter().flat_map(|name| ["--out", name]);
+    let args = ["record", "--port", "sim:press", "--duration", "1", "--fields", "all"];
+    let said = taxel.succeeds(&args.into_iter().chain(files).collect::<Vec<_>>());
+    assert!(said.starts_with("a.mcap, a.parquet, a.csv: 1000 frames, 0 lost"), "{said}");
+
+    let [mcap, parquet, csv] = out.map(|name| folder.path().join(name));
+    let first = rows(&mcap);
+    assert_eq!(first.len(), 1000);
+    assert_eq!(rows(&parquet), first);
+    assert_eq!(rows(&csv).len(), 1000);
+    let recording = Recording::open(&mcap).unwrap();
+    let facts = &recording.header.facts;
+    for (name, value) in [("board", "virtual"), ("serial", "press"), ("full_scale", "65535")] {
+        assert_eq!(facts[name], value);
+        assert_eq!(Recording::open(&csv).unwrap().header.facts[name], value);
+    }
+    assert_eq!(facts["calibration_crc"].len(), 8);
+    assert!(recording.header.calibration.as_ref().unwrap().contains(&facts["calibration_crc"]));
+    // Host and device time run alike, whatever lies between them.
+    let span = |name| {
+        let at = |row: &Vec<Cell>| whole(&recording, row, name);
+        (at(&first[999]) - at(&first[0])) as f64 * 1e-6
+    };
+    assert!((span("t_us") - 0.999).abs() < 0.002, "{}", span("t_us"));
+    assert!((span("host_us") - span("t_us")).abs() < 0.5, "{}", span("host_us"));
+}
+
+#[test]
+fn a_recording_is_a_port_and_is_computed_again_to_the_same_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let record = |port: &str, out: &str| {
+        taxel.succeeds(&[
+            "record",
+            "--port",
+            port,
+            "--duration",
+            "1",
+            "--fields",
+            "all",
+            "--out",
+            out,
+        ])
+    };
+    record("sim:press", "a.mcap");
+    taxel.succeeds(&["replay", "a.mcap", "--fields", "all", "--out", "again.mcap"]);
+    let (recorded, again) = (folder.path().join("a.mcap"), folder.path().join("again.mcap"));
+    let recording = Recording::open(&recorded).unwrap();
+    let force = recording.position("fz_n").unwrap();
+    let same =
+        rows(&recorded).iter().zip(rows(&again)).filter(|(a, b)| a[force] == b[force]).count();
+    // The gate of the finger knew what came before the recording; the replay begins without.
+    assert!(same > 900, "{same}");
+    // The calibration came along.
+    let info = taxel.succeeds(&["info", "--port", "file:a.mcap", "--json"]);
+    let info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    assert_eq!(info["calibration"]["crc"], recording.header.facts["calibration_crc"].as_str());
+    for (fact, value) in [("serial", "press"), ("board", "virtual")] {
+        assert_eq!(info[fact], value);
+    }
+    // What its playback has counted is none of the finger's.
+    assert!(info["counters"].is_null() && info["started_after"].is_null(), "{info}");
+    let text = taxel.succeeds(&["info", "--port", "file:a.mcap"]);
+    assert!(!text.contains("counted") && !text.contains("started"), "{text}");
+    taxel.succeeds(&["export", "a.mcap", "--out", "a.csv"]);
+    record("file:a.csv", "b.csv");
+    assert!(rows(&folder.path().join("b.csv")).len() > 500);
+}
+
+/// A finger that was set in every way, from whose codes every number comes out again. To the bit, but for what
+/// came before the first of them: what its filter began with fades in f32 to a rounding, and a rounding may stay
+/// as long as a finger rests; the friction that it had felt does not fade, so what rests on it is left out here.
+#[test]
+fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_finger() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let (mut finger, port) = served(&taxel, &["--port", "sim:press", "--tcp", "127.0.0.1:0"]);
+    taxel.succeeds(&["set", "--port", &port, "--filter", "20", "--point", "argmin"]);
+    let bias = ["bias", "--port", &port, "take", "--scans", "50", "--json"];
+    // While nothing touches it, which is so in nearly half of its two seconds.
+    let untouched =
+        |ran: crate::common::Ran| ran.code == Some(0) && ran.out.contains("\"in_contact\":false");
+    assert!((0..200).any(|_| untouched(taxel.taxel(&bias))));
+    let record = ["record", "--port", &port, "--duration", "4", "--fields", "all"];
+    taxel.succeeds(&[record.as_slice(), &["--out", "a.mcap", "--out", "a.csv"]].concat());
+    finger.kill().unwrap();
+    finger.wait().unwrap();
+
+    let recording = Recording::open(&folder.path().join("a.mcap")).unwrap();
+    let facts = &recording.header.facts;
+    assert_eq!((&*facts["filter_hz"], &*facts["point"]), ("20", "argmin"));
+    assert_eq!(facts["bias_matrix"].split(' ').count(), 17);
+    let (time, host) =
+        (recording.position("t_us").unwrap(), recording.position("host_us").unwrap());
+    // By device time, without the sequence number and without what the host knows.
+    let remembered =
+        ["slip_margin", "friction", "grip_n"].map(|name| recording.position(name).unwrap());
+    let misfit = recording.position("misfit").unwrap();
+    let of = |name: &str, from: u64| {
+        let rows = rows(&folder.path().join(name)).into_iter();
+        let kept = |row: &Vec<Cell>| {
+            let kept = (2..host).filter(|i| !remembered.contains(i));
+            kept.map(|i| (if i == misfit { SMALL_OF_LARGE } else { ROUNDINGS }, row[i])).collect()
+        };
+        let rows = rows.map(|row| (row[time], kept(&row)));
+        rows.filter(|(time, _)| matches!(time, Cell::Whole(t) if *t >= from)).collect::<Vec<_>>()
+    };
+    let said = of("a.mcap", 0);
+    let Cell::Whole(first) = said[0].0 else { panic!("{:?}", said[0].0) };
+    let settled = of("a.mcap", first + 1_000_000);
+    assert!(settled.len() > 2900, "{}", settled.len());
+
+    taxel.succeeds(&["replay", "a.mcap", "--fields", "all", "--out", "again.mcap"]);
+    assert_alike(&of("again.mcap", first + 1_000_000), &settled);
+    taxel.succeeds(&["record", "--port", "file:a.mcap", "--out", "played.mcap"]);
+    let played = of("played.mcap", first + 1_000_000);
+    // The first scans pass while the client is still saying hello.
+    let missed = settled.len() - played.len();
+    assert!(missed < 2000, "{missed}");
+    assert_alike(&played, &settled[missed..]);
+    // What was said of the finger is said again, by either.
+    for name in ["again.mcap", "played.mcap"] {
+        let again = Recording::open(&folder.path().join(name)).unwrap();
+        for fact in facts.keys().filter(|fact| !["port", "started"].contains(&fact.as_str())) {
+            assert_eq!(again.header.facts[fact], facts[fact], "{name}: {fact}");
+        }
+        assert_eq!(again.header.calibration, recording.header.calibration);
+    }
+    let header = Recording::open(&folder.path().join("again.mcap")).unwrap().header;
+    assert_eq!(header.facts["replayed"], "a.mcap");
+    // CSV has it too, though not the calibration.
+    assert_eq!(Recording::open(&folder.path().join("a.csv")).unwrap().header.bias(), header.bias());
+    let error = taxel.fails(1, &["replay", "a.mcap", "--on", "mps2-an386", "--out", "b.csv"]);
+    assert!(error.contains("which a board cannot be given"), "{error}");
+
+    // A recording of before, which said only that there was a bias.
+    let text = std::fs::read_to_string(folder.path().join("a.csv")).unwrap();
+    let old: Vec<_> = text.lines().filter(|line| !line.starts_with("# bias_")).collect();
+    std::fs::write(folder.path().join("old.csv"), old.join("\n") + "\n").unwrap();
+    let ran = taxel.taxel(&["info", "--port", "file:old.csv"]);
+    assert!(ran.err.starts_with("old.csv: the finger had a bias taken on command"), "{}", ran.err);
+}
+
+/// A row: its time, and each cell with how far it may be from another's.
+type Timed = (Cell, Vec<(f32, Cell)>);
+
+/// The same times, flags and reasons, and numbers that differ by a few roundings of f32 at most.
+fn assert_alike(found: &[Timed], expected: &[Timed]) {
+    assert_eq!(found.len(), expected.len());
+    for ((time, found), (expected_time, expected)) in found.iter().zip(expected) {
+        assert_eq!((time, found.len()), (expected_time, expected.len()));
+        for (i, ((_, found), (bound, expected))) in found.iter().zip(expected).enumerate() {
+            match (found, expected) {
+                (Cell::Real(a), Cell::Real(b)) => {
+                    assert!((a - b).abs() <= bound * b.abs().max(1.0), "{time:?}, {i}: {a} {b}");
+                }
+                (a, b) => assert_eq!(a, b, "{time:?}, {i}"),
+            }
+        }
+    }
+}
+/// Those of a filter, as far as they come by way of the estimators.
+const ROUNDINGS: f32 = 1e-6;
+/// And those of what a model leaves of the signals: a small difference of large numbers.
+const SMALL_OF_LARGE: f32 = 1e-4;
+
+/// A virtual finger in a process of its own, and where it is.
+fn served(taxel: &In, args: &[&str]) -> (Child, String) {
+    let mut finger = taxel.command(&[&["serve"], args].concat()).spawn().unwrap();
+    let mut said = String::new();
+    BufReader::new(finger.stdout.take().unwrap()).read_line(&mut said).unwrap();
+    assert!(said.starts_with("tcp:"), "{said}");
+    (finger, said.trim().to_owned())
+}
+
+#[test]
+fn a_recording_without_codes_is_a_port_too_and_says_again_what_the_finger_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let record = |port: &str, more: &[&str], out: &str| {
+        let args = ["record", "--port", port, "--out", out];
+        taxel.succeeds(&[args.as_slice(), more].concat())
+    };
+    record("sim:press", &["--duration", "1", "--fields", "force,point,slip"], "a.mcap");
+    let said = record("file:a.mcap", &[], "again.mcap");
+    assert!(said.starts_with("again.mcap: 1000 frames, 0 lost"), "{said}");
+    let (a, again) = (folder.path().join("a.mcap"), folder.path().join("again.mcap"));
+    let (recording, played) = (Recording::open(&a).unwrap(), Recording::open(&again).unwrap());
+    let finger = recording.position("host_us").unwrap();
+    let said =
+        |path: &Path| rows(path).iter().map(|row| row[..finger].to_vec()).collect::<Vec<_>>();
+    assert_eq!(said(&a), said(&again));
+    for fact in ["serial", "rate_hz", "fields", "calibration_crc"] {
+        assert_eq!(recording.header.facts[fact], played.header.facts[fact], "{fact}");
+    }
+    assert_eq!(recording.header.calibration, played.header.calibration);
+    let error = taxel.fails(1, &["bias", "--port", "file:a.mcap", "take"]);
+    assert!(error.contains("this board cannot do that"), "{error}");
+}
+
+#[test]
+fn what_has_no_codes_cannot_be_computed_again_and_says_what_to_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let args = ["record", "--port", "sim:press", "--duration", "0.2", "--fields", "force"];
+    taxel.succeeds(&[args.as_slice(), &["--out", "a.mcap"]].concat());
+    let error = taxel.fails(1, &["replay", "a.mcap", "--out", "b.csv"]);
+    assert!(error.contains("a.mcap: no ADC codes in it"), "{error}");
+    assert!(error.contains("record with the field `codes`"), "{error}");
+}
+
+#[test]
+fn export_cuts_a_stretch_and_saves_what_a_damaged_file_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["record", "--port", "sim:press", "--duration", "3", "--out", "a.mcap"]);
+    let all = rows(&folder.path().join("a.mcap"));
+    let start = whole(&Recording::open(&folder.path().join("a.mcap")).unwrap(), &all[0], "t_us");
+    let from = start as f64 * 1e-6 + 1.0;
+    let stretch = format!("a.mcap@{from}..{}", from + 0.5);
+    let said = taxel.succeeds(&["export", &stretch, "--out", "cut.parquet"]);
+    assert!(said.starts_with("cut.parquet: 500 frames"), "{said}");
+
+    let mut bytes = std::fs::read(folder.path().join("a.mcap")).unwrap();
+    // Wider than the index of messages that follows each chunk.
+    let middle = bytes.len() / 2;
+    (middle..middle + 10_000).step_by(1000).for_each(|at| bytes[at] ^= 0xff);
+    std::fs::write(folder.path().join("bad.mcap"), bytes).unwrap();
+    let error = taxel.fails(1, &["export", "bad.mcap", "--out", "saved.mcap"]);
+    assert!(error.contains("bad.mcap: damaged after row "), "{error}");
+    let saved = rows(&folder.path().join("saved.mcap"));
+    assert!(error.contains(&format!("saved.mcap has the {} frames", saved.len())), "{error}");
+    assert!(saved.len() > 500 && saved.len() < 3000, "{}", saved.len());
+}
+
+/// A writer that is killed leaves all but the last second, in every kind of file.
+#[cfg(unix)]
+#[test]
+fn kill_9_loses_at_most_the_last_second() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let files = ["--out", "a.mcap", "--out", "a.csv", "--out", "a.parquet"];
+    let record = [["record", "--port", "sim:press"].as_slice(), &files].concat();
+    let mut child = taxel.command(&record).spawn().unwrap();
+    let mcap = folder.path().join("a.mcap");
+    let begun = Instant::now();
+    while Recording::open(&mcap).is_err() {
+        assert!(begun.elapsed() < Duration::from_secs(20), "no recording");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(2300));
+    // What the virtual finger has streamed by now is some time after the first row of the file.
+    let killed = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    for name in ["a.mcap", "a.parquet.part.mcap", "a.csv"] {
+        let path = folder.path().join(name);
+        let recording = Recording::open(&path).unwrap();
+        let at = recording.position("host_us").unwrap();
+        // The last line of a CSV may be torn.
+        let times = recording.map_while(Result::ok).map(|row| match row[at] {
+            Cell::Whole(micros) => micros,
+            other => panic!("{other:?}"),
+        });
+        let times: Vec<u64> = times.collect();
+        let lost = killed.as_micros() as u64 - times.last().unwrap();
+        assert!(lost < 1_000_000, "{name}: {lost} µs");
+        assert!(times.len() > 1300, "{name}: {}", times.len());
+    }
+    // The same again does not touch what is left of it.
+    let saved = rows(&folder.path().join("a.parquet.part.mcap"));
+    let error = taxel.fails(1, &["record", "--port", "sim:press", "--out", "a.parquet"]);
+    let mend = ["export", "a.parquet.part.mcap", "--out", "a.parquet"];
+    assert!(error.contains(&format!("`taxel {}`", mend.join(" "))), "{error}");
+    let said = taxel.succeeds(&mend);
+    assert!(said.starts_with(&format!("a.parquet: {} frames", saved.len())), "{said}");
+    assert!(rows(&folder.path().join("a.parquet")) == saved);
+}
+
+/// A finger that is pulled out and plugged in again, maybe another one in its place.
+#[test]
+fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let address = {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        listener.local_addr().unwrap().to_string()
+    };
+    let serve = |scene: &str| {
+        let port = format!("sim:{scene}");
+        served(&taxel, &["--port", &port, "--tcp", &address]).0
+    };
+    let pull = |mut finger: Child| {
+        finger.kill().unwrap();
+        finger.wait().unwrap();
+    };
+    let record = |out: &str, duration: &str, scenes: [&str; 2]| {
+        let port = format!("tcp:{address}");
+        let args =
+            ["record", "--port", &port, "--rate", "500", "--duration", duration, "--out", out];
+        let finger = serve(scenes[0]);
+        let recording = taxel.command(&args).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(1500));
+        pull(finger);
+        std::thread::sleep(Duration::from_millis(700));
+        let finger = serve(scenes[1]);
+        let output = recording.wait_with_output().unwrap();
+        pull(finger);
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        (output.status.code(), text(output.stdout), text(output.stderr))
+    };
+
+    let (code, out, err) = record("a.mcap", "4", ["press", "press"]);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.contains("the finger was gone 1×, "), "{out}");
+    assert!(err.contains("waiting for it") && err.contains("there again"), "{err}");
+    let path = folder.path().join("a.mcap");
+    let recording = Recording::open(&path).unwrap();
+    let rows = rows(&path);
+    let column = |name| rows.iter().map(|row| whole(&recording, row, name)).collect::<Vec<_>>();
+    let (connection, host) = (column("connection"), column("host_us"));
+    let again = connection.iter().position(|count| *count == 2).unwrap();
+    assert!(again > 100 && rows.len() - again > 100, "{again} of {}", rows.len());
+    assert!(connection.is_sorted() && connection.last() == Some(&2));
+    // Longer than it was away, and not by more than a second.
+    let gap = host[again] - host[again - 1];
+    assert!((700_000..1_700_000 + 1_000_000).contains(&gap), "{gap} µs");
+    // The rate is set again: a finger starts with twice as many frames.
+    let steps = host.last().unwrap() - host[again];
+    let rate = (rows.len() - 1 - again) as f64 / steps as f64 * 1e6;
+    assert!((rate - 500.0).abs() < 50.0, "{rate}");
+
+    let (code, _, err) = record("b.mcap", "10", ["press", "shear"]);
+    assert_eq!(code, Some(1));
+    assert!(err.contains("another finger, shear, instead of press"), "{err}");
+}
+
+/// A disk that is full: here a limit on the size of files, which any user may set.
+#[cfg(unix)]
+#[test]
+fn a_full_disk_ends_the_recording_in_one_line_and_keeps_what_was_written() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, kept) in
+        [("a.mcap", "a.mcap"), ("a.csv", "a.csv"), ("a.parquet", "a.parquet.part.mcap")]
+    {
+        let script = "trap '' XFSZ; ulimit -f 2000; exec \"$0\" \"$@\"";
+        let output = std::process::Command::new("bash")
+            .args(["-c", script, env!("CARGO_BIN_EXE_taxel")])
+            .args(["record", "--port", "sim:press-4khz", "--rate", "4000", "--fields", "all"])
+            .args(["--out", name])
+            .current_dir(folder.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert!(said.starts_with(&format!("taxel: {name}")), "{said}");
+        assert!(said.contains("too large") || said.contains("No space"), "{said}");
+        let recording = Recording::open(&folder.path().join(kept)).unwrap();
+        let rows = recording.map_while(Result::ok).count();
+        assert!(rows > 100, "{name}: {rows}");
+    }
+}
+
+/// What a command says on a terminal.
+#[cfg(unix)]
+fn on_a_terminal(mut command: std::process::Command) -> String {
+    let terminal = nix::pty::openpty(None, None).unwrap();
+    let child = command.stderr(terminal.slave).spawn();
+    // The command's own copy of the slave's end has to go for the master to come to an end.
+    drop(command);
+    let (mut said, mut bytes) = (Vec::new(), [0; 4096]);
+    let mut master = std::fs::File::from(terminal.master);
+    // Once nobody holds the other end Linux calls that an error.
+    while let Ok(read @ 1..) = std::io::Read::read(&mut master, &mut bytes) {
+        said.extend_from_slice(&bytes[..read]);
+    }
+    assert!(child.unwrap().wait().unwrap().success());
+    String::from_utf8(said).unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn on_a_terminal_it_can_be_seen_how_far_a_recording_is_and_elsewhere_nothing_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let record = ["record", "--port", "sim:press", "--duration", "2", "--out", "a.parquet"];
+    let said = on_a_terminal(taxel.command(&record));
+    let shares = said.split(" %").filter_map(|before| before.rsplit(' ').next()?.parse().ok());
+    let shares: Vec<u32> = shares.collect();
+    assert!(shares.is_sorted() && shares.iter().any(|share| (20..100).contains(share)), "{said}");
+    assert!(said.contains("writing a.parquet"), "{said}");
+    let again = [record.as_slice(), &["--force"]].concat();
+    assert_eq!(taxel.taxel(&again).err, "");
+
+    let said = on_a_terminal(taxel.command(&["export", "a.parquet", "--out", "b.parquet"]));
+    assert!(said.contains("writing b.parquet"), "{said}");
+}
+
+#[test]
+fn a_stretch_without_a_frame_is_told_and_overwrites_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["record", "--port", "sim:press", "--duration", "0.2", "--out", "a.mcap"]);
+    std::fs::write(folder.path().join("b.csv"), "here before").unwrap();
+    let error = taxel.fails(1, &["export", "a.mcap@1000..2000", "--out", "b.csv"]);
+    assert!(error.starts_with("taxel: a.mcap: no frame within this stretch; "), "{error}");
+    assert_eq!(std::fs::read_to_string(folder.path().join("b.csv")).unwrap(), "here before");
+}
+
+#[test]
+fn a_recording_keeps_its_meaning_through_every_kind_of_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let record = ["record", "--port", "sim:press", "--duration", "0.5", "--fields", "all"];
+    taxel.succeeds(&[record.as_slice(), &["--out", "a.mcap"]].concat());
+    taxel.succeeds(&["export", "a.mcap", "--out", "b.parquet"]);
+    taxel.succeeds(&["export", "b.parquet", "--out", "c.mcap"]);
+    let (a, c) = (folder.path().join("a.mcap"), folder.path().join("c.mcap"));
+    assert_eq!(rows(&a), rows(&c));
+    assert_eq!(Recording::open(&a).unwrap().header, Recording::open(&c).unwrap().header);
+    let error = taxel.fails(1, &["export", "a.mcap", "--out", "a.xlsx"]);
+    assert!(error.contains("let it end in .mcap, .parquet or .csv"), "{error}");
+    for again in [
+        ["record", "--port", "sim:press", "--duration", "1", "--out", "a.mcap"].as_slice(),
+        &["export", "a.mcap", "--out", "c.mcap"],
+        &["replay", "a.mcap", "--out", "b.parquet"],
+    ] {
+        let error = taxel.fails(1, again);
+        assert!(error.contains("there is such a file already; "), "{error}");
+    }
+    taxel.succeeds(&["export", "a.mcap", "--out", "c.mcap", "--force"]);
+    let twice = ["record", "--port", "sim:press", "--out", "d.mcap", "--out", "./d.mcap"];
+    let error = taxel.fails(1, &twice);
+    assert!(error.contains("./d.mcap: --out names it twice"), "{error}");
+    assert!(!folder.path().join("d.mcap").exists());
+    let error = taxel.fails(1, &["export", "a.mcap", "--out", "./a.mcap"]);
+    assert!(error.contains("would overwrite"), "{error}");
+}

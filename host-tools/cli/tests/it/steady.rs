@@ -1,0 +1,107 @@
+//! A finger that goes and comes back, in the eyes of whoever waits for it.
+
+use std::io::Read;
+use std::net::{TcpListener, TcpStream};
+use std::sync::mpsc::channel;
+use std::time::{Duration, Instant};
+
+use taxel_cli::VirtualFinger;
+use taxel_client::{Event, Port, Steady};
+
+use crate::fingers::*;
+
+/// How long a finger that is there again may take to its first frame.
+const RECONNECT: Duration = Duration::from_secs(1);
+
+/// Until there is a frame.
+fn streams(steady: &Steady) {
+    let deadline = Instant::now() + PATIENCE;
+    while !matches!(steady.next(Duration::from_millis(50)), Event::Frame(_)) {
+        assert!(Instant::now() < deadline, "no frame");
+    }
+}
+
+/// Until it is noticed that there will be none.
+fn gone(steady: &Steady) {
+    let deadline = Instant::now() + PATIENCE;
+    while !matches!(steady.next(Duration::from_millis(50)), Event::Gone(_)) {
+        assert!(Instant::now() < deadline, "still there");
+    }
+}
+
+#[test]
+fn a_finger_that_lost_its_power_streams_again_within_a_second_as_it_was_set_but_for_its_bias() {
+    let mut finger = on_tcp(still());
+    let (host, number) = address(finger.port());
+    let address = (host.to_owned(), number);
+    let steady = Steady::new(finger.port().clone());
+    streams(&steady);
+    let client = steady.client().unwrap();
+    client.take_bias(50).unwrap();
+    client.set_rate(500).unwrap();
+    client.set_filter(20).unwrap();
+    assert!(steady.remember(&client).unwrap().biased && !steady.bias_lost());
+    drop(client);
+    // A machine that was busy with something else is busy once, not every time.
+    let took = (0..3).map(|_| {
+        drop(std::mem::replace(&mut finger, on_tcp(still())));
+        gone(&steady);
+        finger = VirtualFinger::on_tcp((address.0.as_str(), address.1), still(), None).unwrap();
+        let ready = Instant::now();
+        streams(&steady);
+        ready.elapsed()
+    });
+    let quickest = took.min().unwrap();
+    assert!(quickest < RECONNECT, "{quickest:?}");
+    let info = steady.client().unwrap().info().unwrap();
+    assert_eq!((info.rate_millihertz, info.filter_hz, info.biased), (500_000, 20, false));
+    assert!(steady.bias_lost());
+}
+
+#[test]
+fn a_finger_that_kept_its_power_kept_its_bias() {
+    let finger = on_tcp(still());
+    let client = connect(&finger);
+    client.take_bias(50).unwrap();
+    drop(client);
+    let steady = Steady::new(finger.port().clone());
+    streams(&steady);
+    assert!(steady.client().unwrap().info().unwrap().biased && !steady.bias_lost());
+}
+
+/// A board that is there already, and hears nothing while it starts.
+#[test]
+fn a_port_that_opens_and_says_nothing_is_tried_again_within_a_second() {
+    let finger = on_tcp(still());
+    let (host, number) = address(finger.port());
+    let upstream = (host.to_owned(), number);
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port =
+        Port::Tcp { host: "127.0.0.1".to_owned(), port: listener.local_addr().unwrap().port() };
+    let (accepted, connections) = channel();
+    std::thread::spawn(move || {
+        for (number, host) in listener.incoming().map(Result::unwrap).enumerate() {
+            accepted.send((Instant::now(), host.try_clone().unwrap())).unwrap();
+            if (1..4).contains(&number) {
+                // Deaf until the host has given up.
+                let _ = (&host).read_to_end(&mut Vec::new());
+                continue;
+            }
+            let finger = TcpStream::connect((upstream.0.as_str(), upstream.1)).unwrap();
+            let (mut from_host, mut to_finger) =
+                (host.try_clone().unwrap(), finger.try_clone().unwrap());
+            std::thread::spawn(move || std::io::copy(&mut from_host, &mut to_finger));
+            std::thread::spawn(move || std::io::copy(&mut &finger, &mut &host));
+        }
+    });
+    let steady = Steady::new(port);
+    streams(&steady);
+    let (_, first) = connections.recv().unwrap();
+    first.shutdown(std::net::Shutdown::Both).unwrap();
+    gone(&steady);
+    streams(&steady);
+    let tried: Vec<_> = connections.try_iter().map(|(at, _)| at).collect();
+    assert!(tried.len() >= 4, "three deaf, and one that answers: {}", tried.len());
+    let quickest = tried.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap();
+    assert!(quickest < RECONNECT, "{quickest:?}");
+}

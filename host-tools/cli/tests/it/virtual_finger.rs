@@ -1,0 +1,294 @@
+//! The real client with the real session, over TCP and over a pseudo-terminal.
+
+use std::ops::ControlFlow;
+use std::time::Duration;
+
+use crate::fingers::*;
+use taxel::calibration::CalibrationError;
+use taxel::estimate::contact_point::PointMethod;
+use taxel::frame::Fields;
+use taxel::wire::message::{PROTOCOL, Refusal};
+use taxel_cli::VirtualFinger;
+use taxel_cli::finger::connect as connect_port;
+use taxel_cli::virtual_finger::Source;
+use taxel_client::{InForce, LinkError, Port, Problem};
+
+fn refusal(result: Result<impl std::fmt::Debug, LinkError>) -> Refusal {
+    match result.unwrap_err().problem() {
+        Some(Problem::Refusal { refusal, .. }) => *refusal,
+        other => panic!("not a refusal: {other:?}"),
+    }
+}
+
+#[test]
+fn a_finger_says_who_it_is() {
+    for finger in on_every_link() {
+        let client = connect(&finger);
+        assert_eq!(client.version().protocol, PROTOCOL);
+        let info = client.info().unwrap();
+        assert_eq!(info.identity.board, "virtual");
+        assert_eq!(info.identity.serial, "still");
+        assert_eq!(u64::from(info.identity.scan_hz), SCAN_HZ);
+        assert_eq!(info.calibration, None);
+        assert!(!info.streaming);
+        assert_eq!(info.counters.bad_packets, 0);
+    }
+}
+
+#[test]
+fn two_seconds_of_stream_come_without_a_loss_and_at_the_stated_rate() {
+    for finger in on_every_link() {
+        let client = connect(&finger);
+        client.stream(true).unwrap();
+        let frames = frames(&client, 2000);
+        for pair in frames.windows(2) {
+            assert_eq!(pair[1].frame.seq, pair[0].frame.seq + 1);
+            assert_eq!(pair[1].frame.time.0, pair[0].frame.time.0 + 1000);
+        }
+        let counts = client.counts();
+        assert!(counts.frames >= 2000);
+        assert_eq!((counts.lost, counts.bad_packets, counts.overflow), (0, 0, 0));
+    }
+}
+
+#[test]
+fn frames_carry_the_fields_that_were_asked_for() {
+    for finger in on_every_link() {
+        let client = connect(&finger);
+        client.set_fields(Fields::CODES).unwrap();
+        client.stream(true).unwrap();
+        let frame = frames(&client, 1)[0].frame;
+        assert!(frame.codes.is_some());
+        assert!(frame.force.is_none() && frame.point.is_none() && frame.sensors.is_none());
+
+        client.set_fields(Fields(Fields::FORCE.0 | Fields::POINT.0)).unwrap();
+        assert_eq!(client.info().unwrap().fields.0, Fields::FORCE.0 | Fields::POINT.0);
+        client.stream(true).unwrap();
+        let last = frames(&client, 1000).pop().unwrap().frame;
+        assert!(last.codes.is_none() && last.force.is_some() && last.point.is_some());
+    }
+}
+
+#[test]
+fn a_rate_is_the_nearest_the_scan_can_give_and_nonsense_is_refused() {
+    let finger = on_tcp(still());
+    let client = connect(&finger);
+    assert_eq!(client.set_rate(500).unwrap(), 500.0);
+    assert_eq!(client.set_rate(1500).unwrap(), 1333.333);
+    assert_eq!(refusal(client.set_rate(0)), Refusal::OutOfRange { low: 1, high: 4000 });
+    client.set_rate(200).unwrap();
+    client.set_point_method(PointMethod::ArgMin).unwrap();
+    client.stream(true).unwrap();
+    let frames = frames(&client, 3);
+    assert_eq!(frames[2].frame.time.0 - frames[1].frame.time.0, 5000);
+    assert_eq!(client.info().unwrap().point_method, PointMethod::ArgMin);
+}
+
+#[test]
+fn settings_survive_a_reconnect() {
+    for finger in on_every_link() {
+        let first = connect(&finger);
+        first.set_rate(250).unwrap();
+        first.stream(true).unwrap();
+        frames(&first, 10);
+        drop(first);
+
+        let second = connect(&finger);
+        let info = second.info().unwrap();
+        assert_eq!(info.rate_millihertz, 250_000);
+        assert!(info.streaming);
+        // Frames from before, or half a frame, are no concern of the one who connects.
+        second.stream(true).unwrap();
+        frames(&second, 10);
+        let counts = second.counts();
+        assert_eq!((counts.lost, counts.bad_packets), (0, 0));
+    }
+}
+
+#[test]
+fn a_bias_is_taken_from_a_still_finger_read_back_and_cleared() {
+    for finger in on_every_link() {
+        let client = connect(&finger);
+        assert!(!client.read_bias().unwrap().on_command);
+        let taken = client.take_bias(400).unwrap();
+        assert!(taken.on_command && !taken.in_contact);
+        assert!(taken.bias.taxels.is_some());
+        assert_eq!(client.read_bias().unwrap(), taken);
+        assert!(client.info().unwrap().biased);
+        client.clear_bias().unwrap();
+        assert!(!client.read_bias().unwrap().on_command);
+    }
+}
+
+#[test]
+fn a_bias_is_refused_while_the_finger_moves_and_the_old_one_stays() {
+    let finger = on_tcp(moving());
+    let client = connect(&finger);
+    let before = client.read_bias().unwrap();
+    assert_eq!(refusal(client.take_bias(800)), Refusal::NotStill);
+    assert_eq!(client.read_bias().unwrap(), before);
+}
+
+#[test]
+fn a_calibration_goes_up_and_comes_back_byte_by_byte() {
+    for finger in on_every_link() {
+        let client = connect(&finger);
+        assert_eq!(refusal(client.download_calibration()), Refusal::Uncalibrated);
+        let mut seen = Vec::new();
+        let told = |bytes| {
+            seen.push(bytes);
+            ControlFlow::Continue(())
+        };
+        client.upload_calibration(&record(), told).unwrap();
+        assert_eq!(seen.last(), Some(&record().len()));
+        assert_eq!(client.download_calibration().unwrap(), record());
+        let id = client.info().unwrap().calibration.unwrap();
+        assert_eq!(id.serial, "F-0042");
+    }
+}
+
+#[test]
+fn a_calibration_with_a_flipped_bit_is_refused_and_the_old_one_stays() {
+    let finger = on_tcp(still());
+    let client = connect(&finger);
+    client.upload_calibration(&record(), |_| ControlFlow::Continue(())).unwrap();
+    let mut damaged = record();
+    damaged[100] ^= 1 << 4;
+    let refused = refusal(client.upload_calibration(&damaged, |_| ControlFlow::Continue(())));
+    assert_eq!(refused, Refusal::Calibration(CalibrationError::Crc));
+    assert_eq!(client.download_calibration().unwrap(), record());
+}
+
+#[test]
+fn a_calibration_can_go_up_while_the_stream_is_on() {
+    for finger in on_every_link() {
+        let client = connect(&finger);
+        client.stream(true).unwrap();
+        client.upload_calibration(&record(), |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!(client.counts().lost, 0);
+    }
+}
+
+#[test]
+fn an_upload_that_is_broken_off_leaves_the_old_calibration_and_the_next_one_goes_up() {
+    let finger = on_tcp(still());
+    connect(&finger).upload_calibration(&record(), |_| ControlFlow::Continue(())).unwrap();
+    let mut other = calibration();
+    other.date += 1;
+    let other = bytes(&other);
+    let stop_at = |most: usize| {
+        let halt =
+            |sent| if sent < most { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let stopped = connect(&finger).upload_calibration(&other, halt).unwrap_err();
+        let why = Box::new(Problem::Stopped);
+        let in_force = InForce::Before;
+        assert_eq!(stopped.problem(), Some(&Problem::Upload { why, in_force }));
+        assert_eq!(connect(&finger).download_calibration().unwrap(), record());
+    };
+    // Before the first byte, with half of it there, and with all of it.
+    [0, other.len() / 2, other.len()].into_iter().for_each(stop_at);
+    let client = connect(&finger);
+    assert_eq!(client.download_calibration().unwrap(), record());
+    client.upload_calibration(&other, |_| ControlFlow::Continue(())).unwrap();
+    assert_eq!(client.download_calibration().unwrap(), other);
+}
+
+#[test]
+fn settings_and_bias_are_saved_on_command() {
+    let finger = on_tcp(still());
+    let client = connect(&finger);
+    client.set_rate(250).unwrap();
+    client.save_settings().unwrap();
+    client.take_bias(100).unwrap();
+    client.save_bias().unwrap();
+    assert!(client.info().unwrap().biased);
+}
+
+#[test]
+fn a_virtual_finger_starts_with_the_calibration_it_is_given() {
+    let finger = VirtualFinger::on_tcp("127.0.0.1:0", still(), Some(&calibration())).unwrap();
+    assert_eq!(connect(&finger).download_calibration().unwrap(), record());
+}
+
+#[test]
+fn the_truth_of_every_frame_is_known() {
+    let finger = on_tcp(still());
+    let client = connect(&finger);
+    client.stream(true).unwrap();
+    for received in frames(&client, 500) {
+        let truth = finger.truth().take(received.frame.time).unwrap();
+        assert_eq!(truth.force[2], Some((received.frame.time.0 * SCAN_HZ / 1_000_000) as f64));
+    }
+}
+
+#[test]
+fn a_playback_hands_out_every_frame_and_then_says_that_it_is_over() {
+    let finger = on_tcp(short(2000));
+    let client = connect(&finger);
+    client.stream(true).unwrap();
+    let mut last = None;
+    let end = loop {
+        match client.next(PATIENCE) {
+            Ok(Some(received)) => last = Some(received.frame.time.0),
+            Ok(None) => panic!("neither frame nor end"),
+            Err(error) => break error,
+        }
+    };
+    // Whose finger it is makes no difference to the frames, only to what the end is called.
+    assert!(matches!(end.problem(), Some(Problem::Unplugged(_))), "{end}");
+    assert!(last.unwrap() >= 2000 * 250 - 1000);
+    assert_eq!(client.counts().lost, 0);
+}
+
+#[test]
+fn a_trace_file_is_a_finger_until_it_ends() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("short.csv");
+    let mut trace = String::from("t_us,bridge_s0_a,bridge_s0_b,bridge_s0_c,bridge_s0_d\n");
+    for i in 0..1000 {
+        trace += &format!("{},2000,2001,2002,2003\n", i * 1000);
+    }
+    std::fs::write(&path, &trace).unwrap();
+    let client = connect_port(&Port::File(path.clone()), None).unwrap();
+    assert_eq!(client.info().unwrap().identity.serial, "short");
+    assert_eq!(client.info().unwrap().identity.scan_hz, 1000);
+    client.set_fields(Fields::CODES).unwrap();
+    client.stream(true).unwrap();
+    assert_eq!(frames(&client, 1)[0].frame.codes.unwrap().bridges[0].unwrap().d.0, 2003);
+    let end = std::iter::repeat_with(|| client.next(PATIENCE)).find_map(Result::err).unwrap();
+    assert_eq!(end.problem(), Some(&Problem::Ended));
+
+    trace += "oops\n";
+    std::fs::write(&path, &trace).unwrap();
+    let client = connect_port(&Port::File(path), None).unwrap();
+    client.stream(true).unwrap();
+    let end = std::iter::repeat_with(|| client.next(PATIENCE)).find_map(Result::err).unwrap();
+    assert!(end.to_string().contains("short.csv:1002"), "{end}");
+}
+
+#[test]
+fn a_scene_is_a_finger() {
+    let client = connect_port(&"sim:press".parse().unwrap(), None).unwrap();
+    client.stream(true).unwrap();
+    assert_eq!(frames(&client, 100).len(), 100);
+    assert!(connect_port(&"sim:no-such-scene".parse().unwrap(), None).is_err());
+}
+
+#[test]
+fn a_source_without_scans_is_refused_at_once() {
+    let empty = Source::samples("nothing", std::iter::empty());
+    assert!(VirtualFinger::on_tcp("127.0.0.1:0", empty, None).is_err());
+}
+
+#[test]
+fn requests_and_frames_do_not_wait_for_each_other() {
+    let finger = on_tcp(still());
+    let client = connect(&finger);
+    client.stream(true).unwrap();
+    std::thread::scope(|scope| {
+        let infos = scope.spawn(|| (0..50).map(|_| client.info().unwrap().counters.scans).max());
+        frames(&client, 500);
+        assert!(infos.join().unwrap().unwrap() > 0);
+    });
+    assert!(client.next(Duration::from_secs(5)).unwrap().is_some());
+}

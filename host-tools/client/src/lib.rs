@@ -1,0 +1,28 @@
+#![doc = include_str!("../README.md")]
+//!
+//! ```text
+//! Port ──open──▶ Link ──▶ Client ──requests──▶ writer
+//!                            ◀──replies─── reader thread ──frames──▶ queue
+//! ```
+//! Every error is one line that names the port, what happened, and the fix.
+
+pub mod client;
+mod clock;
+mod echoes;
+pub mod error;
+pub mod fields;
+mod link;
+pub mod port;
+pub mod self_test;
+mod stamps;
+mod steady;
+pub mod usb;
+
+pub use client::{Client, Counts, Received};
+pub use clock::{DeviceClock, HostTime};
+pub use echoes::Echoes;
+pub use error::{InForce, LinkError, Problem};
+pub use link::{Device, Link};
+pub use port::Port;
+pub use stamps::Stamps;
+pub use steady::{Event, Steady};

@@ -1,0 +1,142 @@
+//! Opens a port as a pair of byte streams.
+
+use std::error::Error;
+use std::io::{self, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::path::Path;
+use std::time::Duration;
+
+use crate::error::{LinkError, Problem, one_line};
+use crate::port::Port;
+use crate::usb;
+
+/// What a UART bridge is set to; USB and pseudo-terminals do not care.
+const BAUD: u32 = 1_000_000;
+/// How long a read waits before the reader looks whether it should stop.
+const POLL: Duration = Duration::from_millis(50);
+/// A link that takes no bytes for so long is gone.
+const WRITE_PATIENCE: Duration = Duration::from_secs(1);
+/// How long a network may take to connect.
+const CONNECT_PATIENCE: Duration = Duration::from_secs(2);
+
+/// An open port: bytes in both directions.
+pub struct Link {
+    pub(crate) reader: Box<dyn Read + Send>,
+    pub(crate) writer: Box<dyn Write + Send>,
+    pub(crate) device: Option<Box<dyn Device>>,
+}
+
+/// A device that runs in this process, behind its own [`Link`]. Dropping it ends it.
+pub trait Device: Send + Sync {
+    /// How the device ended by itself: `Ok` when its data was over. `None` while it runs, or if the link broke.
+    fn outcome(&self) -> Option<Result<(), Box<dyn Error + Send + Sync>>>;
+}
+
+impl Link {
+    /// Opens a finger's USB, serial or TCP port.
+    ///
+    /// # Errors
+    /// The port cannot be opened. `file:` and `sim:` never can: the `taxel` command plays those.
+    pub fn open(port: &Port) -> Result<Self, LinkError> {
+        let opened = match port {
+            Port::Usb(number) => {
+                usb::find(&usb::devices(), number.as_deref()).and_then(|name| serial(&name))
+            }
+            Port::Serial(name) => serial(name),
+            Port::Tcp { host, port: number } => tcp((host.as_str(), *number)),
+            Port::File(_) | Port::Sim(_) => Err(Problem::NoDevice),
+        };
+        opened.map_err(|problem| problem.at(port))
+    }
+
+    /// Combines any two byte streams. Reads must return [`TimedOut`](io::ErrorKind::TimedOut) or
+    /// [`WouldBlock`](io::ErrorKind::WouldBlock) at least every 100 ms.
+    #[must_use]
+    pub fn over(reader: Box<dyn Read + Send>, writer: Box<dyn Write + Send>) -> Self {
+        Self { reader, writer, device: None }
+    }
+
+    /// Ties the device at the other end to this link.
+    #[must_use]
+    pub fn with_device(self, device: impl Device + 'static) -> Self {
+        Self { device: Some(Box::new(device)), ..self }
+    }
+}
+
+fn serial(name: &str) -> Result<Link, Problem> {
+    let mut builder = serialport::new(name, BAUD).timeout(POLL);
+    if cfg!(windows) {
+        // Elsewhere opening does it; the firmware streams only to a port that somebody has open.
+        builder = builder.dtr_on_open(true);
+    }
+    let reader = builder.open().map_err(|error| no_serial(name, &error))?;
+    // What an earlier program left unread; a driver that cannot forget it does no harm.
+    let _ = reader.clear(serialport::ClearBuffer::Input);
+    let mut writer = reader.try_clone().map_err(|error| no_serial(name, &error))?;
+    writer.set_timeout(WRITE_PATIENCE).map_err(|error| no_serial(name, &error))?;
+    Ok(Link::over(Box::new(reader), Box::new(writer)))
+}
+
+fn no_serial(name: &str, error: &serialport::Error) -> Problem {
+    use serialport::ErrorKind as Kind;
+    let path = Path::new(name);
+    if path.is_file() {
+        return Problem::NotADevice;
+    }
+    match error.kind() {
+        Kind::Io(io::ErrorKind::PermissionDenied) => Problem::Permission,
+        // The library calls a device that another program holds "no device" too.
+        Kind::NoDevice if path.exists() => Problem::Busy,
+        Kind::NoDevice | Kind::Io(io::ErrorKind::NotFound) => Problem::Missing(what_is_there()),
+        _ => Problem::Open(one_line(error)),
+    }
+}
+
+fn what_is_there() -> String {
+    let ports = serialport::available_ports().unwrap_or_default();
+    let names: Vec<_> = ports.into_iter().map(|port| port.port_name).collect();
+    match names.as_slice() {
+        [] => "there is no serial device at all: is the finger plugged in?".to_owned(),
+        names => format!("there are {}", names.join(", ")),
+    }
+}
+
+fn tcp(address: (&str, u16)) -> Result<Link, Problem> {
+    let unreachable = |error: io::Error| match error.kind() {
+        io::ErrorKind::ConnectionRefused => Problem::Refused,
+        _ => Problem::Unreachable(one_line(&error)),
+    };
+    let mut problem = Problem::Unreachable("the name has no address".to_owned());
+    for address in address.to_socket_addrs().map_err(unreachable)? {
+        match TcpStream::connect_timeout(&address, CONNECT_PATIENCE) {
+            Ok(stream) => return split(stream).map_err(|error| Problem::Open(one_line(&error))),
+            Err(error) => problem = unreachable(error),
+        }
+    }
+    Err(problem)
+}
+
+fn split(stream: TcpStream) -> io::Result<Link> {
+    stream.set_nodelay(true)?;
+    stream.set_read_timeout(Some(POLL))?;
+    stream.set_write_timeout(Some(WRITE_PATIENCE))?;
+    let writer = stream.try_clone()?;
+    Ok(Link::over(Box::new(stream), Box::new(writer)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whoever runs the tests may be let at every device, so that only the system's answer is real here.
+    #[test]
+    fn a_device_that_its_user_may_not_open_is_told_with_the_udev_rule() {
+        let denied = serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied);
+        let denied = serialport::Error::new(denied, "Permission denied");
+        let problem = no_serial("/dev/ttyACM0", &denied);
+        assert_eq!(problem, Problem::Permission);
+        let line = problem.at(&Port::Serial("/dev/ttyACM0".to_owned())).to_string();
+        assert!(line.starts_with("/dev/ttyACM0: permission denied; "), "{line}");
+        assert!(line.contains("taxel udev") && !line.contains('\n'), "{line}");
+    }
+}

@@ -1,0 +1,97 @@
+//! What a client makes of links that are not as they should be.
+
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+
+use taxel::wire::deframer::Deframer;
+use taxel::wire::message::{Message, PROTOCOL, Request};
+use taxel::wire::{MAX_PACKET, pack};
+use taxel_client::{Client, LinkError, Port, Problem};
+
+/// A server that does as `behave` says with its first connection.
+fn server(behave: impl FnOnce(TcpStream) + Send + 'static) -> Port {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    std::thread::spawn(move || behave(listener.accept().unwrap().0));
+    Port::Tcp { host: "127.0.0.1".to_owned(), port }
+}
+
+/// The tag of the next request.
+fn tag(host: &mut TcpStream) -> u8 {
+    let mut deframer = Deframer::<MAX_PACKET>::default();
+    let mut byte = [0];
+    loop {
+        host.read_exact(&mut byte).unwrap();
+        if let Some(Ok(request)) = deframer.push::<Request>(byte[0]) {
+            return request.tag;
+        }
+    }
+}
+
+fn open_error(port: &Port) -> LinkError {
+    let error = Client::open(port).err().unwrap();
+    assert!(!error.to_string().contains('\n'), "{error}");
+    error
+}
+
+fn packed(message: &impl serde::Serialize) -> Vec<u8> {
+    pack(message, &mut [0; MAX_PACKET]).unwrap().to_vec()
+}
+
+#[test]
+fn whoever_does_not_answer_is_no_finger() {
+    let port = server(|mut host| {
+        let _ = host.read_to_end(&mut Vec::new());
+    });
+    let error = open_error(&port);
+    assert_eq!(error.problem(), Some(&Problem::Silent));
+    assert!(error.to_string().contains("is it a taxel finger"), "{error}");
+}
+
+#[test]
+fn another_protocol_is_named_and_not_guessed_at() {
+    let port = server(|mut host| {
+        let tag = tag(&mut host);
+        let answer = Message::Version { tag, protocol: 7, firmware: [3, 2, 1] };
+        let _ = host.write_all(&packed(&answer));
+        let _ = host.read_to_end(&mut Vec::new());
+    });
+    let error = open_error(&port);
+    assert_eq!(error.problem(), Some(&Problem::Protocol { theirs: 7, firmware: [3, 2, 1] }));
+    assert!(error.to_string().contains("firmware 3.2.1"), "{error}");
+    assert!(error.to_string().contains("update this program"), "{error}");
+}
+
+#[test]
+fn an_answer_lost_on_the_way_is_asked_for_again() {
+    let port = server(|mut host| {
+        let lost = tag(&mut host);
+        let tag = tag(&mut host);
+        assert_eq!(tag, lost);
+        let answer = Message::Version { tag, protocol: PROTOCOL, firmware: [0, 1, 0] };
+        let _ = host.write_all(&packed(&answer));
+        let _ = host.read_to_end(&mut Vec::new());
+    });
+    assert_eq!(Client::open(&port).unwrap().version().firmware, [0, 1, 0]);
+}
+
+#[test]
+fn nobody_at_the_address_no_such_device_and_a_file_are_told_apart() {
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let nobody = Port::Tcp { host: "127.0.0.1".to_owned(), port };
+    assert_eq!(open_error(&nobody).problem(), Some(&Problem::Refused));
+
+    let missing = open_error(&"/dev/no-such-finger".parse().unwrap());
+    assert!(matches!(missing.problem(), Some(Problem::Missing(_))), "{missing}");
+    assert!(missing.to_string().starts_with("/dev/no-such-finger: no such device; there "));
+
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let error = open_error(&Port::Serial(file.path().display().to_string()));
+    assert_eq!(error.problem(), Some(&Problem::NotADevice));
+
+    let error = open_error(&Port::File("press.csv".into()));
+    assert!(
+        error.to_string().starts_with("file:press.csv: played by the `taxel` command"),
+        "{error}"
+    );
+}
