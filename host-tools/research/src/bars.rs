@@ -4,7 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use crate::style::{COLOURS, Done, FONT, GREY, svg};
+use crate::picture::{COLOURS, Done, FONT, GREY, Picture};
 
 /// One row.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,9 +23,9 @@ const WIDTH: u32 = 900;
 const ROW: i32 = 52;
 
 /// Ours in another colour.
-pub(crate) fn draw(title: &str, bars: &[Bar]) -> anyhow::Result<String> {
+pub(crate) fn draw(title: &str, bars: &[Bar]) -> anyhow::Result<Picture> {
     let height = u32::try_from(ROW)? * u32::try_from(bars.len())? + 44;
-    svg((WIDTH, height), |area| drawn(area, title, bars))
+    Picture::draw((WIDTH, height), |area, _| drawn(area, title, bars))
 }
 
 fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, title: &str, bars: &[Bar]) -> Done {

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use taxel_regress::least_squares;
 
-use crate::failures::{Count, Map, Of, Point};
+use crate::counts::{Count, Map, Of, Point};
 
 /// Outputs of a bridge per newton as shares of full scale, about those of 003's sensor.
 const GAIN: f64 = 0.05;

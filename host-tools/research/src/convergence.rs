@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use taxel_sim::contact::convergence::{Case, OFF_AXIS, ON_AXIS};
 use taxel_sim::contact::{HalfSpace, SILICONE_YOUNG_MPA};
 
-use crate::style::{COLOURS, Done, FAINT, FONT, GREY, power_of_ten, svg};
+use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Picture, power_of_ten};
 
 const POINTS: [usize; 12] = [2, 3, 4, 6, 8, 12, 16, 20, 24, 32, 48, 64];
 /// Below, round-off is all there is.
@@ -14,8 +14,8 @@ const MOST: f64 = 10.0;
 /// The most that a closed form may be off.
 const REQUIRED: f64 = 1e-3;
 
-pub(crate) fn draw() -> anyhow::Result<String> {
-    svg((900, 430), drawn)
+pub(crate) fn draw() -> anyhow::Result<Picture> {
+    Picture::draw((900, 430), |area, _| drawn(area))
 }
 
 fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>) -> Done {

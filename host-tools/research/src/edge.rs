@@ -7,21 +7,17 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use plotly::common::{Line, Mode};
-use plotly::layout::{Axis, AxisType};
-use plotly::{Layout, Plot, Scatter};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use rayon::prelude::*;
 use taxel_files::save;
 
 use crate::device::Device;
-use crate::estimators::LEAST_N;
+use crate::effort::{Effort, Waiting};
 use crate::methods::{calibrated, firmwares};
-use crate::page::{hex, page};
+use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture, save_page};
 use crate::runs::{Recorded, Run, off_middle, run};
-use crate::style::{COLOURS, Done, FAINT, FONT, GREY, svg};
-use crate::{Effort, Waiting};
+use crate::truth::LEAST_N;
 
 /// Millimetres from the middle: out to where a finger is calibrated with shear, over the outer taxels' centres,
 /// to the pad's edge.
@@ -157,9 +153,11 @@ pub fn csv(rows: &[Row]) -> String {
 /// One of them cannot be written.
 pub fn write(rows: &[Row], folder: &Path) -> anyhow::Result<()> {
     save(folder.join("edge.csv"), csv(rows))?;
-    save(folder.join("edge.svg"), svg(SIZE, |area| drawn(area, rows))?)?;
-    save(folder.join("edge.html"), html(rows))?;
-    Ok(())
+    let picture = Picture::draw(SIZE, |area, notes| drawn(area, rows, notes))?;
+    picture.save(folder.join("edge.svg"))?;
+    let lead = "Root mean square error of each component of a shear of half of what friction holds, over the distance \
+                of the contact from the middle of the pad along x.";
+    save_page(folder.join("edge.html"), "Shear towards the edge", lead, &[&picture])
 }
 
 /// Each method once, and what it is off by in millinewtons over the distance.
@@ -177,7 +175,7 @@ fn lines(rows: &[Row], axis: usize) -> Vec<(&str, Vec<(f64, f64)>)> {
     lines
 }
 
-fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, rows: &[Row]) -> Done {
+fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, rows: &[Row], notes: &mut Vec<Note>) -> Done {
     for (axis, (panel, title)) in area.split_evenly((1, 2)).iter().zip(AXES).enumerate() {
         let mut chart = ChartBuilder::on(panel)
             .caption(title, (FONT, 17))
@@ -220,7 +218,11 @@ fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, rows: &[Row]) -> Done {
                 .legend(move |(x, y)| {
                     PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2))
                 });
-            chart.draw_series(line.into_iter().map(|at| Circle::new(at, 3, colour.filled())))?;
+            for (mm, error) in line {
+                chart.draw_series([Circle::new((mm, error), 3, colour.filled())])?;
+                let text = format!("{method} at {mm} mm: {error:.2} mN");
+                notes.push(Note { at: chart.backend_coord(&(mm, error)), text });
+            }
         }
         chart
             .configure_series_labels()
@@ -231,24 +233,6 @@ fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, rows: &[Row]) -> Done {
             .draw()?;
     }
     Ok(())
-}
-
-fn html(rows: &[Row]) -> String {
-    let plots = AXES.into_iter().enumerate().map(|(axis, title)| {
-        let mut plot = Plot::new();
-        for ((method, line), colour) in lines(rows, axis).into_iter().zip(COLOURS) {
-            let (x, y) = line.into_iter().unzip();
-            let line = Line::new().color(hex(colour));
-            plot.add_trace(Scatter::new(x, y).name(method).mode(Mode::LinesMarkers).line(line));
-        }
-        let y = Axis::new().title("RMSE / mN").type_(AxisType::Log);
-        let x = Axis::new().title("distance from the middle / mm");
-        plot.set_layout(Layout::new().title(title).width(860).height(460).x_axis(x).y_axis(y));
-        plot
-    });
-    let lead = "Root mean square error of each component of a shear of half of what friction holds, over the distance \
-                of the contact from the middle of the pad along x.";
-    page("Shear towards the edge", lead, plots)
 }
 
 #[cfg(test)]

@@ -8,92 +8,13 @@ use taxel_files::save;
 
 use crate::costs::{Cost, Costs};
 use crate::device::{Device, Moment};
-use crate::methods::{self, Group, Method, Said, Stages};
+use crate::effort::{Effort, Waiting};
+use crate::methods::{self, Group, Method, Stages};
 use crate::papers::{self, Paper};
-use crate::scatter::{self, Title};
-use crate::{Effort, Waiting, page};
-
-/// What is judged.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Quantity {
-    /// f_z.
-    Normal,
-    /// f_x and f_y, a component.
-    Shear,
-    /// Distance of the contact point.
-    Point,
-    /// Of the contact along a line.
-    Place,
-    /// Of the force to the skin.
-    Angle,
-    /// About the normal.
-    Torsion,
-    /// What is left of the friction, a share.
-    Margin,
-    /// Whether it slides: the square of the error is the share of frames that are wrong.
-    Slide,
-}
-
-impl Quantity {
-    /// Its name in the tables.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Normal => "normal force",
-            Self::Shear => "shear force",
-            Self::Point | Self::Place => "contact point",
-            Self::Angle => "angle",
-            Self::Torsion => "torsion",
-            Self::Margin => "slip margin",
-            Self::Slide => "slide",
-        }
-    }
-
-    /// The unit of its error.
-    #[must_use]
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Normal | Self::Shear => "N",
-            Self::Point | Self::Place => "mm",
-            Self::Angle => "°",
-            Self::Torsion => "N·mm",
-            Self::Margin | Self::Slide => "1",
-        }
-    }
-
-    /// The unit of its error in the pictures, and how many of them are one of [`Self::unit`].
-    pub(crate) fn shown(self) -> (&'static str, f64) {
-        match self {
-            Self::Normal | Self::Shear => ("mN", 1e3),
-            Self::Point | Self::Place => ("µm", 1e3),
-            Self::Angle => ("°", 1.0),
-            Self::Torsion => ("N·µm", 1e3),
-            Self::Margin | Self::Slide => ("%", 1e2),
-        }
-    }
-
-    /// Squared error of what was said, if it was said and is known.
-    fn squared(self, said: &Said, moment: &Moment) -> Option<f64> {
-        let truth = &moment.sample.truth;
-        let off = |axis: usize| Some((said.force[axis]? - truth.force[axis]?).powi(2));
-        match self {
-            Self::Normal => off(2),
-            Self::Shear => Some(0.5 * (off(0)? + off(1)?)),
-            Self::Point => {
-                let ([x, y], [tx, ty]) = (said.point?, truth.point);
-                Some((x - tx?).powi(2) + (y - ty?).powi(2))
-            }
-            Self::Place => Some((said.point?[0] - truth.point[0]?).powi(2)),
-            Self::Angle => {
-                let asked = truth.force[2]?.atan2(truth.force[0]?).to_degrees();
-                Some((said.angle? - asked).powi(2))
-            }
-            Self::Torsion => Some((said.torsion? - truth.torsion?).powi(2)),
-            Self::Margin => Some((said.margin? - moment.beyond.margin?).powi(2)),
-            Self::Slide => Some(f64::from(u8::from(said.slides? != truth.slip?))),
-        }
-    }
-}
+use crate::picture::save_page;
+use crate::results::{Quantity, Row, Title};
+use crate::scatter;
+use crate::truth::LEAST_N;
 
 use Quantity::{Margin, Normal, Point, Shear, Slide, Torsion};
 
@@ -109,28 +30,8 @@ pub const SCENES: [(&str, &[Quantity]); 8] = [
     ("stick-slip", &[Margin, Slide]),
 ];
 
-/// Loads below this many newtons are not judged: there is nothing to know of them yet.
-pub(crate) const LEAST_N: f64 = 0.05;
-
 /// The most shear in newtons that a finger takes for none: 5 mN and a hundredth of 2 N.
 const SHEARED_N: f64 = 0.025;
-
-/// A method on a scene.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Row {
-    /// Name of the method.
-    pub name: String,
-    /// Its kind.
-    pub group: Group,
-    /// Name of the scene.
-    pub scene: &'static str,
-    /// What was judged.
-    pub quantity: Quantity,
-    /// Root mean square error, the mean over the devices.
-    pub rmse: f64,
-    /// What an estimate costs.
-    pub cost: Cost,
-}
 
 /// Judges every method; a device a thread.
 ///
@@ -303,58 +204,21 @@ const SLIP: [Title<'_>; 4] =
 /// One of them cannot be written.
 pub fn write(rows: &[Row], folder: &Path) -> anyhow::Result<()> {
     save(folder.join("estimators.csv"), csv(rows))?;
-    save(folder.join("estimators.svg"), scatter::draw(rows, &PANELS)?)?;
-    save(folder.join("estimators-more.svg"), scatter::draw(rows, &MORE)?)?;
-    save(folder.join("estimators-slip.svg"), scatter::draw(rows, &SLIP)?)?;
+    for (name, panels) in [("", &PANELS), ("-more", &MORE), ("-slip", &SLIP)] {
+        scatter::draw(rows, panels)?.save(folder.join(format!("estimators{name}.svg")))?;
+    }
     let own = papers::all().into_iter().map(|paper| (paper.judged, paper.quantities));
     let all: Vec<Title<'_>> = SCENES
         .into_iter()
         .chain(own)
         .flat_map(|(scene, quantities)| quantities.iter().map(move |q| (scene, *q)))
         .collect();
-    save(folder.join("estimators.html"), page::estimators(rows, &all))?;
-    Ok(())
-}
-
-/// Of the rows of one panel those that no other beats in both cost and error, the cheapest first. What needs the
-/// force sensors is other hardware and stands apart: no choice of method puts them into a finger.
-#[must_use]
-pub fn front<'r>(rows: &[&'r Row]) -> Vec<&'r Row> {
-    let of_matrix = |row: &&&Row| !matches!(row.group, Group::Sensors | Group::Finger);
-    let mut sorted: Vec<&Row> = rows.iter().filter(of_matrix).copied().collect();
-    sorted.sort_by(|a, b| {
-        a.cost.cycles().total_cmp(&b.cost.cycles()).then(a.rmse.total_cmp(&b.rmse))
-    });
-    let mut front: Vec<&Row> = Vec::new();
-    for row in sorted {
-        if front.last().is_none_or(|best| row.rmse < best.rmse) {
-            front.push(row);
-        }
-    }
-    front
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn row(cycles: u64, rmse: f64) -> Row {
-        Row {
-            name: String::new(),
-            group: Group::Net,
-            scene: "press",
-            quantity: Normal,
-            rmse,
-            cost: Cost { instructions: 0, cycles_low: cycles, cycles_high: cycles },
-        }
-    }
-
-    #[test]
-    fn the_front_holds_what_nothing_beats_in_both_cost_and_error() {
-        let sensors = Row { group: Group::Sensors, ..row(10, 0.1) };
-        let rows =
-            [row(100, 3.0), row(200, 1.0), row(150, 4.0), row(100, 2.0), row(300, 1.0), sensors];
-        let front = front(&rows.each_ref());
-        assert_eq!(front, [&rows[3], &rows[1]]);
-    }
+    let lead = "Root mean square error on runs that the fits have not seen, the mean over the devices, over the \
+                modelled cycles of one estimate from conditioned signals.";
+    save_page(
+        folder.join("estimators.html"),
+        "Error over cost",
+        lead,
+        &[&scatter::draw(rows, &all)?],
+    )
 }

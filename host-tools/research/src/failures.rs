@@ -13,116 +13,17 @@ use rayon::prelude::*;
 use taxel_files::save;
 
 use crate::accuracy::Accuracy;
+use crate::counts::{Count, Point, sums};
+pub use crate::counts::{Map, Of};
 use crate::device::Device;
-use crate::estimators::LEAST_N;
+use crate::effort::{Effort, Waiting};
 use crate::mapped::{Fingers, Said};
 use crate::methods::calibrated;
+use crate::picture::{Picture, save_page};
 use crate::runs::Recorded;
 use crate::sweeps::{self, Sweep};
-use crate::{Effort, Waiting, collinear, map, page};
-
-/// An error beyond so many times the stated accuracy is a failure.
-pub(crate) const FAILS: f64 = 3.0;
-/// A method is trusted up to where a larger share of frames fails, flagged or not.
-pub(crate) const TRUSTED: f64 = 0.01;
-
-/// Counts of one method at one value of a sweep.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Count {
-    pub frames: usize,
-    pub flagged: usize,
-    /// Beyond [`FAILS`] times the stated accuracy, flagged or not. What is withheld misleads nobody.
-    pub failed: usize,
-    pub silent: usize,
-    squares: f64,
-    valued: usize,
-    stated: f64,
-}
-
-impl Count {
-    pub(crate) fn add(&mut self, error: Option<f64>, stated: f64, warned: bool) {
-        let flagged = warned || error.is_none();
-        let fails = error.is_some_and(|error| error > FAILS * stated);
-        self.frames += 1;
-        self.flagged += usize::from(flagged);
-        self.failed += usize::from(fails);
-        self.silent += usize::from(fails && !flagged);
-        self.stated += stated;
-        if let Some(error) = error {
-            self.squares += error * error;
-            self.valued += 1;
-        }
-    }
-
-    fn merge(&mut self, other: &Self) {
-        self.frames += other.frames;
-        self.flagged += other.flagged;
-        self.failed += other.failed;
-        self.silent += other.silent;
-        self.squares += other.squares;
-        self.valued += other.valued;
-        self.stated += other.stated;
-    }
-
-    /// RMS of the values that were given.
-    pub(crate) fn error(&self) -> Option<f64> {
-        (self.valued > 0).then(|| (self.squares / self.valued as f64).sqrt())
-    }
-
-    pub(crate) fn stated(&self) -> f64 {
-        self.stated / self.frames.max(1) as f64
-    }
-
-    /// The error in units of what is stated.
-    pub(crate) fn over_stated(&self) -> Option<f64> {
-        self.error().map(|error| error / self.stated().max(f64::MIN_POSITIVE))
-    }
-
-    pub(crate) fn share(&self, of: usize) -> f64 {
-        of as f64 / self.frames.max(1) as f64
-    }
-}
-
-/// Whose a method is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Of {
-    /// The finger as it is shipped, matrix and force sensors together.
-    Finger,
-    /// Its matrix alone.
-    Matrix,
-}
-
-/// A method over a sweep.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Map {
-    pub(crate) of: Of,
-    pub(crate) method: &'static str,
-    pub(crate) sweep: &'static str,
-    pub(crate) points: Vec<Point>,
-}
-
-/// At one value.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Point {
-    pub value: f64,
-    /// The value is in the working range.
-    pub within: bool,
-    pub count: Count,
-    /// Of them the frames in the working range: none where the value is not.
-    pub working: Count,
-}
-
-impl Point {
-    /// Most of the values are flagged or withheld.
-    pub(crate) fn flagged(&self) -> bool {
-        self.count.share(self.count.flagged) > 0.5
-    }
-
-    /// More than [`TRUSTED`] of the values fail and nothing says so.
-    pub(crate) fn silent(&self) -> bool {
-        self.count.share(self.count.silent) > TRUSTED
-    }
-}
+use crate::truth::LEAST_N;
+use crate::{collinear, map};
 
 /// What maps come to: shares of frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -227,21 +128,12 @@ fn over(sweep: &Sweep, device: &Stated) -> anyhow::Result<Vec<Map>> {
     Ok(maps)
 }
 
-impl Map {
-    /// The picture that it is drawn in: slip has its own.
-    fn picture(&self) -> &'static str {
-        match self.of {
-            _ if self.method.contains("slip") => "failures-slip",
-            Of::Finger => "failures",
-            Of::Matrix => "failures-matrix",
-        }
-    }
-
-    /// The last value, coming from the harmless ones, up to which the method can be trusted.
-    #[must_use]
-    pub fn boundary(&self) -> Option<f64> {
-        let trusted = |point: &&Point| point.count.share(point.count.failed) <= TRUSTED;
-        self.points.iter().take_while(trusted).last().map(|point| point.value)
+/// Name of the picture that shows a map: slip has its own.
+fn picture(map: &Map) -> &'static str {
+    match map.of {
+        _ if map.method.contains("slip") => "failures-slip",
+        Of::Finger => "failures",
+        Of::Matrix => "failures-matrix",
     }
 }
 
@@ -250,22 +142,12 @@ impl Map {
 #[must_use]
 pub fn totals(maps: &[Map], of: Of) -> Totals {
     let points = maps.iter().filter(|map| map.of == of).flat_map(|map| &map.points);
-    let [all, within] = together(points);
+    let [all, within] = sums(points);
     Totals {
         frames: [all.frames, within.frames],
         silent: [all.share(all.silent), within.share(within.silent)],
         false_flags: within.share(within.flagged),
     }
-}
-
-/// Counts over some points: of all frames, and of those in the working range.
-fn together<'m>(points: impl IntoIterator<Item = &'m Point>) -> [Count; 2] {
-    let [mut all, mut within] = [Count::default(); 2];
-    for point in points {
-        all.merge(&point.count);
-        within.merge(&point.working);
-    }
-    [all, within]
 }
 
 /// The table `failures.csv`.
@@ -294,7 +176,7 @@ pub fn boundaries(maps: &[Map]) -> String {
         "method,sweep,trusted_up_to,frames,silent,within_range,silent_within_range,flagged_within_range\n",
     );
     for map in maps {
-        let [all, within] = together(&map.points);
+        let [all, within] = sums(&map.points);
         let boundary = map.boundary().map(|value| value.to_string()).unwrap_or_default();
         let _ = writeln!(
             table,
@@ -318,12 +200,17 @@ pub fn boundaries(maps: &[Map]) -> String {
 pub fn write(maps: &[Map], folder: &Path) -> anyhow::Result<()> {
     save(folder.join("failures.csv"), csv(maps))?;
     save(folder.join("boundaries.csv"), boundaries(maps))?;
+    let mut pictures: Vec<Picture> = Vec::new();
     for name in ["failures", "failures-matrix", "failures-slip"] {
-        let shown: Vec<&Map> = maps.iter().filter(|map| map.picture() == name).collect();
-        save(folder.join(format!("{name}.svg")), map::draw(&shown)?)?;
+        let shown: Vec<&Map> = maps.iter().filter(|map| picture(map) == name).collect();
+        let picture = map::draw(&shown)?;
+        picture.save(folder.join(format!("{name}.svg")))?;
+        pictures.push(picture);
     }
-    save(folder.join("failures.html"), page::failures(maps))?;
-    Ok(())
+    let lead =
+        "RMS error over the stated accuracy: of the whole finger, of its matrix alone, of slip.";
+    let pictures: Vec<&Picture> = pictures.iter().collect();
+    save_page(folder.join("failures.html"), "Where each method fails", lead, &pictures)
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use taxel_sim::cost::Cost;
 
-use crate::style::{COLOURS, Done, FAINT, FONT, GREY, svg};
+use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture};
 
 /// In µs.
 const TIMES: [f64; 2] = [0.5, 50_000.0];
@@ -16,11 +16,11 @@ const REFERENCE: f64 = 1e-4;
 /// What a scene allows unless it says otherwise, in per cent.
 const TOLERANCE: f64 = 1.0;
 
-pub(crate) fn draw(costs: &[Cost]) -> anyhow::Result<String> {
-    svg((900, 380), |area| drawn(area, costs))
+pub(crate) fn draw(costs: &[Cost]) -> anyhow::Result<Picture> {
+    Picture::draw((900, 380), |area, notes| drawn(area, costs, notes))
 }
 
-fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, costs: &[Cost]) -> Done {
+fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, costs: &[Cost], notes: &mut Vec<Note>) -> Done {
     let mut scenes: Vec<&str> = costs.iter().map(|cost| cost.scene).collect();
     scenes.dedup();
     let panels = area.split_evenly((1, scenes.len()));
@@ -78,6 +78,8 @@ fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, costs: &[Cost]) -> Done {
             let text = (FONT, 14).into_font().color(&BLACK).pos(Pos::new(side, VPos::Bottom));
             let label = format!("{}{auto}", cost.rung);
             chart.draw_series([Text::new(label, (us * away, error * above), text)])?;
+            let text = format!("{}: {us:.1} µs, {:.4} %", cost.rung, 100.0 * cost.error);
+            notes.push(Note { at: chart.backend_coord(&(us, error)), text });
         }
     }
     Ok(())

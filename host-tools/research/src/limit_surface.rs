@@ -3,16 +3,12 @@
 use std::path::Path;
 
 use anyhow::Context;
-use plotly::common::{Marker, Mode, Position};
-use plotly::{Plot, Scatter};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use taxel_files::save;
 
-use crate::page::{hex, layout, page};
-use crate::scatter::thousands;
-use crate::style::{COLOURS, Done, FAINT, FONT, svg};
+use crate::picture::{COLOURS, Done, FAINT, FONT, Note, Picture, save_page, thousands};
 
 const COMMITTED: &str = include_str!("../../calibrate/data/limit-surface.csv");
 const TITLE: &str = "What a contact bears before it slides: worst error over cost";
@@ -36,9 +32,11 @@ struct Form {
 pub fn write(folder: &Path) -> anyhow::Result<()> {
     let forms = parse(COMMITTED).context("host-tools/calibrate/data/limit-surface.csv")?;
     save(folder.join("limit-surface.csv"), COMMITTED)?;
-    save(folder.join("limit-surface.svg"), svg(SIZE, |area| drawn(area, &forms))?)?;
-    save(folder.join("limit-surface.html"), html(&forms))?;
-    Ok(())
+    let picture = Picture::draw(SIZE, |area, notes| drawn(area, &forms, notes))?;
+    picture.save(folder.join("limit-surface.svg"))?;
+    let lead = "The ellipse, the table that the firmware has, and the sweep over the centre of rotation (003), each \
+                against the integral over a pressure by a power law.";
+    save_page(folder.join("limit-surface.html"), "The limit surface", lead, &[&picture])
 }
 
 fn parse(table: &str) -> anyhow::Result<Vec<Form>> {
@@ -50,7 +48,7 @@ fn parse(table: &str) -> anyhow::Result<Vec<Form>> {
     rows.collect()
 }
 
-fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, forms: &[Form]) -> Done {
+fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, forms: &[Form], notes: &mut Vec<Note>) -> Done {
     let [x, y] = AXES.map(|[from, to]| (from..to).log_scale());
     let mut chart = ChartBuilder::on(area)
         .caption(TITLE, (FONT, 16))
@@ -74,26 +72,12 @@ fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, forms: &[Form]) -> Done {
     for Form { name, error_percent, cycles } in forms {
         let place = (*cycles, *error_percent);
         chart.draw_series([Circle::new(place, 5, COLOURS[0].filled())])?;
+        let text = format!("{name}: {cycles:.0} cycles, {error_percent} %");
+        notes.push(Note { at: chart.backend_coord(&place), text });
         let beside = (cycles * 1.1, error_percent * 1.15);
         chart.draw_series([Text::new(name.clone(), beside, style.clone())])?;
     }
     Ok(())
-}
-
-fn html(forms: &[Form]) -> String {
-    let mut plot = Plot::new();
-    let trace = Scatter::new(
-        forms.iter().map(|form| form.cycles).collect(),
-        forms.iter().map(|form| form.error_percent).collect(),
-    );
-    let names: Vec<String> = forms.iter().map(|form| form.name.clone()).collect();
-    let marker = Marker::new().size(10).color(hex(COLOURS[0]));
-    let trace = trace.mode(Mode::MarkersText).text_position(Position::TopCenter);
-    plot.add_trace(trace.marker(marker).text_array(names));
-    plot.set_layout(layout(TITLE, CYCLES, ERROR));
-    let lead = "The ellipse, the table that the firmware has, and the sweep over the centre of rotation (003), each \
-                against the integral over a pressure by a power law.";
-    page("The limit surface", lead, std::iter::once(plot))
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use crate::failures::{FAILS, Map, Point, TRUSTED};
-use crate::style::{COLOURS, Done, FAINT, FONT, GREY, svg};
+use crate::counts::{FAILS, Map, Point, TRUSTED};
+use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture};
 
 type Area<'p> = DrawingArea<SVGBackend<'p>, Shift>;
 
@@ -20,7 +20,7 @@ const RATIOS: [f64; 2] = [0.05, 200.0];
 const LANE: f64 = 1.4;
 
 /// Each of some names once, in the order in which they come first.
-pub(crate) fn once(all: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
+fn once(all: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
     let mut names = Vec::new();
     for name in all {
         if !names.contains(&name) {
@@ -35,18 +35,18 @@ fn ratio(point: &Point) -> Option<f64> {
     point.count.over_stated().map(|ratio| ratio.clamp(RATIOS[0], RATIOS[1]))
 }
 
-pub(crate) fn draw(maps: &[&Map]) -> anyhow::Result<String> {
+pub(crate) fn draw(maps: &[&Map]) -> anyhow::Result<Picture> {
     let methods = once(maps.iter().map(|map| map.method));
     let sweeps = once(maps.iter().map(|map| map.sweep));
     let down = sweeps.len().div_ceil(ACROSS);
     let legend_height = ROW * (methods.len().div_ceil(ACROSS) as u32 + 2);
     let size = (SIZE.0 * ACROSS as u32, SIZE.1 * down as u32 + legend_height);
-    svg(size, |area| {
+    Picture::draw(size, |area, notes| {
         let (top, rest) = area.split_vertically(legend_height);
         legend(&top, &methods)?;
         for (area, sweep) in rest.split_evenly((down, ACROSS)).iter().zip(&sweeps) {
             let of: Vec<&Map> = maps.iter().copied().filter(|map| map.sweep == *sweep).collect();
-            panel(area, sweep, &of, &methods)?;
+            panel(area, sweep, &of, &methods, notes)?;
         }
         Ok(())
     })
@@ -93,7 +93,13 @@ fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, flagged: bool) -> Done
     Ok(())
 }
 
-fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done {
+fn panel(
+    area: &Area<'_>,
+    sweep: &str,
+    maps: &[&Map],
+    methods: &[&str],
+    notes: &mut Vec<Note>,
+) -> Done {
     let Some(first) = maps.first() else { return Ok(()) };
     // In the order of their size, at even distances: some sweeps span decades.
     let mut values: Vec<f64> = first.points.iter().map(|point| point.value).collect();
@@ -148,6 +154,10 @@ fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done 
             chart.draw_series(LineSeries::new(places, colour.stroke_width(2)))?;
         }
         for point in points {
+            let height = ratio(point).unwrap_or(RATIOS[0]);
+            let at_mark = chart.backend_coord(&(at(point.value), height));
+            let text = format!("{}, {sweep} {}: {}", map.method, point.value, figures(point));
+            notes.push(Note { at: at_mark, text });
             match ratio(point) {
                 Some(ratio) => {
                     let place = (at(point.value), ratio);
@@ -166,6 +176,17 @@ fn panel(area: &Area<'_>, sweep: &str, maps: &[&Map], methods: &[&str]) -> Done 
         }
     }
     Ok(())
+}
+
+/// Figures of a point, for its note.
+fn figures(point: &Point) -> String {
+    let count = &point.count;
+    let error =
+        count.error().map_or_else(|| "no value".into(), |error| format!("error {error:.4}"));
+    let [flagged, silent] =
+        [count.flagged, count.silent].map(|frames| format!("{:.2} %", 100.0 * count.share(frames)));
+    let within = if point.within { "; in the working range" } else { "" };
+    format!("{error}, stated {:.4}; flagged {flagged}, silent {silent}{within}", count.stated())
 }
 
 /// A number in few letters.

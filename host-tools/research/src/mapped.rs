@@ -17,8 +17,8 @@ use taxel_files::trace::{Sample, Truth};
 use taxel_regress::range::largest;
 
 use crate::accuracy::{Accuracy, Unseen};
+use crate::counts::Of;
 use crate::device::{CALIBRATION, Device};
-use crate::failures::Of;
 use crate::truth::Beyond;
 
 /// Status bits that tell that something is wrong.

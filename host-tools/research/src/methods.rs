@@ -20,8 +20,8 @@ use taxel_regress::network::NetOptions;
 use taxel_regress::range::largest;
 use taxel_regress::table::{self, TableModel, TableOptions, TableRecording};
 
-use crate::Effort;
 use crate::device::{Device, Moment};
+use crate::effort::Effort;
 use crate::truth::Beyond;
 
 pub(crate) use firmware::{calibrated, firmwares};

@@ -22,10 +22,9 @@ use taxel_regress::table::{self, TableModel, TableOptions, TableRecording};
 use taxel_sim::systems::column::{CENTRES, LIGHT_PER_MM2};
 
 use crate::device::{FITTED, JUDGED, Moment, run};
-use crate::estimators::LEAST_N;
-use crate::estimators::Quantity::{self, Angle, Normal, Place, Point, Shear, Torsion};
 use crate::methods::{Group, Method, Said};
-use crate::truth::Beyond;
+use crate::results::Quantity::{self, Angle, Normal, Place, Point, Shear, Torsion};
+use crate::truth::{Beyond, LEAST_N};
 
 /// What the feeler's matrix sees, µm a phototransistor.
 const PIXEL_UM: f32 = 160.0;

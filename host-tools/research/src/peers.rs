@@ -5,7 +5,7 @@ use std::path::Path;
 use taxel_files::save;
 
 use crate::bars::{self, Bar};
-use crate::page;
+use crate::picture::save_page;
 use anyhow::Context;
 
 const COMMITTED: &str = include_str!("../../emulator/data/peers.csv");
@@ -25,9 +25,9 @@ pub fn write(folder: &Path) -> anyhow::Result<()> {
     let bars = bars(&parse(COMMITTED).context("host-tools/emulator/data/peers.csv")?);
     let title = "The 16-16-3 net with tanh units, modelled Cortex-M4F cycles a call";
     save(folder.join("peers.csv"), COMMITTED)?;
-    save(folder.join("peers.svg"), bars::draw(title, &bars)?)?;
-    save(folder.join("peers.html"), page::bars("Beside other people's nets", title, &bars))?;
-    Ok(())
+    let picture = bars::draw(title, &bars)?;
+    picture.save(folder.join("peers.svg"))?;
+    save_page(folder.join("peers.html"), "Beside other people's nets", title, &[&picture])
 }
 
 fn parse(table: &str) -> anyhow::Result<Vec<Peer>> {

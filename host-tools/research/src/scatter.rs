@@ -5,9 +5,10 @@ use plotters::coord::combinators::LogCoord;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use crate::estimators::{Quantity, Row, front};
+use crate::costs::Cost;
 use crate::methods::Group;
-use crate::style::{COLOURS, Done, FAINT, FONT, GREY, svg};
+use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture, thousands};
+use crate::results::{Quantity, Row, Title, front};
 
 type Panel<'p> = DrawingArea<SVGBackend<'p>, Shift>;
 type Chart<'p> = ChartContext<'p, SVGBackend<'p>, Cartesian2d<LogCoord<f64>, LogCoord<f64>>>;
@@ -20,7 +21,7 @@ const LEGEND: u32 = 76;
 const LETTERS: i32 = 13;
 
 /// Every group with what the legend calls it.
-pub(crate) const GROUPS: [(Group, &str); 9] = [
+const GROUPS: [(Group, &str); 9] = [
     (Group::Model, "the firmware's, of the matrix"),
     (Group::Paper, "of the papers"),
     (Group::Polynomial, "polynomial"),
@@ -33,7 +34,7 @@ pub(crate) const GROUPS: [(Group, &str); 9] = [
 ];
 
 /// The colour of a group.
-pub(crate) fn colour(group: Group) -> RGBColor {
+fn colour(group: Group) -> RGBColor {
     match group {
         Group::Model | Group::Finger => COLOURS[5],
         Group::Paper => COLOURS[1],
@@ -44,23 +45,27 @@ pub(crate) fn colour(group: Group) -> RGBColor {
     }
 }
 
-/// One panel: a quantity on a scene.
-pub(crate) type Title<'t> = (&'t str, Quantity);
-
 /// Draws two panels a row.
-pub(crate) fn draw(rows: &[Row], panels: &[Title<'_>]) -> anyhow::Result<String> {
+pub(crate) fn draw(rows: &[Row], panels: &[Title<'_>]) -> anyhow::Result<Picture> {
     let down = panels.len().div_ceil(2);
     let size = (2 * SIZE.0, u32::try_from(down)? * SIZE.1 + LEGEND);
-    svg(size, |area| drawn(area, rows, panels, down))
+    Picture::draw(size, |area, notes| drawn(area, rows, panels, down, notes))
 }
 
-fn drawn(area: &Panel<'_>, rows: &[Row], panels: &[Title<'_>], down: usize) -> Done {
+fn drawn(
+    area: &Panel<'_>,
+    rows: &[Row],
+    panels: &[Title<'_>],
+    down: usize,
+    notes: &mut Vec<Note>,
+) -> Done {
     let (legend, charts) = area.split_vertically(LEGEND);
     self::legend(&legend)?;
     for (panel, (scene, quantity)) in charts.split_evenly((down, 2)).iter().zip(panels) {
         let of = |row: &&Row| row.scene == *scene && row.quantity == *quantity;
         let shown: Vec<&Row> = rows.iter().filter(of).collect();
-        self::panel(panel, &format!("{}, scene “{scene}”", quantity.name()), *quantity, &shown)?;
+        let title = format!("{}, scene “{scene}”", quantity.name());
+        self::panel(panel, &title, *quantity, &shown, notes)?;
     }
     Ok(())
 }
@@ -118,7 +123,7 @@ fn mark(area: &Panel<'_>, at: (i32, i32), group: Group) -> Done {
 }
 
 /// From a round number below to a round number above, on a scale of one, two, five.
-pub(crate) fn around(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
+fn around(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
     let low = values.clone().fold(f64::INFINITY, f64::min);
     let high = values.fold(0.0, f64::max);
     if !(low > 0.0 && low <= high) {
@@ -141,7 +146,13 @@ pub(crate) fn around(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
     }
 }
 
-fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Done {
+fn panel(
+    area: &Panel<'_>,
+    title: &str,
+    quantity: Quantity,
+    rows: &[&Row],
+    notes: &mut Vec<Note>,
+) -> Done {
     let [left, right] = around(rows.iter().map(|row| row.cost.cycles()));
     let (unit, scale) = quantity.shown();
     let error = |row: &Row| row.rmse * scale;
@@ -181,6 +192,7 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
     for row in rows {
         let (x, y) = place(row);
         mark(area, (x, y), row.group)?;
+        notes.push(Note { at: (x + base_x, y + base_y), text: figures(row, quantity) });
         taken.push([x - 6, y - 6, x + 6, y + 6]);
     }
     let (width, height) = area.dim_in_pixel();
@@ -224,9 +236,15 @@ fn panel(area: &Panel<'_>, title: &str, quantity: Quantity, rows: &[&Row]) -> Do
     Ok(())
 }
 
-/// A number of cycles in few letters.
-pub(crate) fn thousands(cycles: f64) -> String {
-    if cycles >= 1e3 { format!("{}k", cycles / 1e3) } else { format!("{cycles}") }
+/// Figures of a row, for its note.
+fn figures(row: &Row, quantity: Quantity) -> String {
+    let (Cost { instructions, cycles_low, cycles_high }, (unit, scale)) =
+        (row.cost, quantity.shown());
+    let error = row.rmse * scale;
+    format!(
+        "{}: {error:.3} {unit}; {cycles_low} to {cycles_high} cycles, {instructions} instructions",
+        row.name
+    )
 }
 
 /// Many and alike: at the mark stands a width, and off the front nothing.
@@ -272,11 +290,6 @@ mod tests {
         let [low, high] = around([0.0034, 0.004].into_iter());
         assert!((low - 0.001).abs() < 1e-12 && (high - 0.01).abs() < 1e-12);
         assert_eq!(around(std::iter::empty()), [0.1, 1.0]);
-    }
-
-    #[test]
-    fn cycles_on_an_axis_are_short() {
-        assert_eq!([200.0, 1e3, 1e5].map(thousands), ["200", "1k", "100k"]);
     }
 
     #[test]

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use taxel_files::save;
 
-use crate::{convergence, ladder, page};
+use crate::picture::save_page;
+use crate::{convergence, ladder};
 
 /// Times every rung of the ladder of fidelity and writes `simulator.csv`, its picture and page, and
 /// `convergence.svg`; it takes half a minute.
@@ -14,8 +15,9 @@ use crate::{convergence, ladder, page};
 pub fn write(folder: &Path) -> anyhow::Result<()> {
     let costs = taxel_sim::cost::measure()?;
     save(folder.join("simulator.csv"), taxel_sim::cost::csv(&costs))?;
-    save(folder.join("simulator.svg"), ladder::draw(&costs)?)?;
-    save(folder.join("simulator.html"), page::simulator(&costs))?;
-    save(folder.join("convergence.svg"), convergence::draw()?)?;
-    Ok(())
+    let picture = ladder::draw(&costs)?;
+    picture.save(folder.join("simulator.svg"))?;
+    let lead = "Worst error of a facet, a share of the largest displacement, over the time of a frame in contact.";
+    save_page(folder.join("simulator.html"), "What the simulator's rungs cost", lead, &[&picture])?;
+    convergence::draw()?.save(folder.join("convergence.svg"))
 }

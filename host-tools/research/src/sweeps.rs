@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::failures::Of;
+use crate::counts::Of;
 use crate::runs::{
     Recorded, Run, SEED, each_code, jittered, lit, outer, placed, presses, run, sheared, sphere,
     twisted, two, unloaded, usual,

@@ -20,8 +20,9 @@ use taxel_sim::{Scene, Simulator};
 
 use crate::bars::{self, Bar};
 use crate::device::Device;
+use crate::effort::{Effort, Waiting};
 use crate::methods::calibrated;
-use crate::{Effort, Waiting, page};
+use crate::picture::save_page;
 
 /// What everything works on: presses, shear and slides at 1 kHz.
 const SCENE: &str = "tour";
@@ -176,7 +177,7 @@ pub fn write(stages: &[Stage], folder: &Path) -> anyhow::Result<()> {
         .collect();
     let title = "What a host does with a frame, µs on one core of the machine that drew this";
     save(folder.join("throughput.csv"), csv(stages))?;
-    save(folder.join("throughput.svg"), bars::draw(title, &bars)?)?;
-    save(folder.join("throughput.html"), page::bars("What a host can take", title, &bars))?;
-    Ok(())
+    let picture = bars::draw(title, &bars)?;
+    picture.save(folder.join("throughput.svg"))?;
+    save_page(folder.join("throughput.html"), "What a host can take", title, &[&picture])
 }

@@ -5,7 +5,8 @@ use taxel_sim::Scene;
 use taxel_sim::contact::{HalfSpace, Indenter};
 use taxel_sim::path::{Load, Path};
 
-use crate::estimators::LEAST_N;
+/// Smallest load in newtons that is judged.
+pub(crate) const LEAST_N: f64 = 0.05;
 
 /// The touches of a scene.
 pub(crate) struct Touches {

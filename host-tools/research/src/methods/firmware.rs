@@ -14,8 +14,8 @@ use taxel_regress::model::Family;
 use taxel_regress::network::NetOptions;
 
 use super::{Group, Method, Said};
-use crate::Effort;
 use crate::device::{Device, Moment};
+use crate::effort::Effort;
 
 /// The model of the skin; with shear looked for in every frame where no force sensor says that there is none.
 const MODEL: &str = "model, with shear";

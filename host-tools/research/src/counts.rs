@@ -1,0 +1,124 @@
+//! Tallies of a failure map: values judged, flagged and failed at each value of a sweep.
+
+/// An error beyond so many times the stated accuracy is a failure.
+pub(crate) const FAILS: f64 = 3.0;
+/// Largest share of failing frames, flagged or not, up to which a method is trusted.
+pub(crate) const TRUSTED: f64 = 0.01;
+
+/// Tally of one method at one value of a sweep.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Count {
+    pub frames: usize,
+    pub flagged: usize,
+    /// Beyond [`FAILS`] times the stated accuracy, flagged or not. A withheld value misleads nobody.
+    pub failed: usize,
+    /// Failed and not flagged: an undetected error.
+    pub silent: usize,
+    squares: f64,
+    valued: usize,
+    stated: f64,
+}
+
+impl Count {
+    pub(crate) fn add(&mut self, error: Option<f64>, stated: f64, warned: bool) {
+        let flagged = warned || error.is_none();
+        let fails = error.is_some_and(|error| error > FAILS * stated);
+        self.frames += 1;
+        self.flagged += usize::from(flagged);
+        self.failed += usize::from(fails);
+        self.silent += usize::from(fails && !flagged);
+        self.stated += stated;
+        if let Some(error) = error {
+            self.squares += error * error;
+            self.valued += 1;
+        }
+    }
+
+    pub(crate) fn merge(&mut self, other: &Self) {
+        self.frames += other.frames;
+        self.flagged += other.flagged;
+        self.failed += other.failed;
+        self.silent += other.silent;
+        self.squares += other.squares;
+        self.valued += other.valued;
+        self.stated += other.stated;
+    }
+
+    /// RMS error of the values that were given.
+    pub(crate) fn error(&self) -> Option<f64> {
+        (self.valued > 0).then(|| (self.squares / self.valued as f64).sqrt())
+    }
+
+    pub(crate) fn stated(&self) -> f64 {
+        self.stated / self.frames.max(1) as f64
+    }
+
+    /// The error in units of the stated accuracy.
+    pub(crate) fn over_stated(&self) -> Option<f64> {
+        self.error().map(|error| error / self.stated().max(f64::MIN_POSITIVE))
+    }
+
+    pub(crate) fn share(&self, of: usize) -> f64 {
+        of as f64 / self.frames.max(1) as f64
+    }
+}
+
+/// Subject of a method: the whole finger or its matrix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Of {
+    /// Matrix and force sensors together.
+    Finger,
+    /// The optical matrix alone.
+    Matrix,
+}
+
+/// A method over a sweep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Map {
+    pub(crate) of: Of,
+    pub(crate) method: &'static str,
+    pub(crate) sweep: &'static str,
+    pub(crate) points: Vec<Point>,
+}
+
+impl Map {
+    /// Last trusted value, coming from the harmless end of the sweep.
+    #[must_use]
+    pub fn boundary(&self) -> Option<f64> {
+        let trusted = |point: &&Point| point.count.share(point.count.failed) <= TRUSTED;
+        self.points.iter().take_while(trusted).last().map(|point| point.value)
+    }
+}
+
+/// Tallies at one value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Point {
+    pub value: f64,
+    /// The value is in the working range.
+    pub within: bool,
+    pub count: Count,
+    /// Frames in the working range: none where the value is outside it.
+    pub working: Count,
+}
+
+impl Point {
+    /// Most of the values are flagged or withheld.
+    pub(crate) fn flagged(&self) -> bool {
+        self.count.share(self.count.flagged) > 0.5
+    }
+
+    /// More than [`TRUSTED`] of the values are undetected errors.
+    pub(crate) fn silent(&self) -> bool {
+        self.count.share(self.count.silent) > TRUSTED
+    }
+}
+
+/// Sums over some points: of all frames, and of those in the working range.
+pub(crate) fn sums<'m>(points: impl IntoIterator<Item = &'m Point>) -> [Count; 2] {
+    let [mut all, mut within] = [Count::default(); 2];
+    for point in points {
+        all.merge(&point.count);
+        within.merge(&point.working);
+    }
+    [all, within]
+}
