@@ -22,6 +22,7 @@ use heapless::String;
 use serde::{Deserialize, Serialize};
 
 use crate::condition::{Bias, BridgeBias, TaxelBias, Warmth};
+use crate::crc32::crc32;
 use crate::estimate::array::Array;
 use crate::estimate::inverse::Inverse;
 use crate::estimate::net::ForceNet;
@@ -29,8 +30,6 @@ use crate::estimate::quantised::{Net, QuantisedNet};
 use crate::estimate::sensitivity::Sensitivity;
 use crate::estimate::slip::Slip;
 use crate::scan::{SENSORS, TAXELS};
-use crate::store;
-use crate::wire::crc32;
 
 use section::{Entry, entry};
 pub(crate) use sections::bias_fits;
@@ -39,9 +38,9 @@ pub(crate) use sections::bias_fits;
 pub const VERSION: u16 = 2;
 /// The first version that had sections. Nothing was released before it.
 const OLDEST: u16 = 2;
-/// No record in bytes is longer than what a slot of the flash holds: a net of 24 units beside everything
-/// else, of 32 without a model of the skin.
-pub const MAX_BYTES: usize = store::RECORD;
+/// Longest record in bytes: a net of 24 units next to everything else, of 32 without a model of the skin.
+/// A slot of the store holds it.
+pub const MAX_BYTES: usize = 4080;
 
 /// Lowest and highest signal seen in training, margin included.
 pub type Range = [f32; 2];

@@ -5,16 +5,16 @@ use core::num::{NonZeroU16, NonZeroU32};
 
 use crate::calibration::{self, bias_fits};
 use crate::condition::{BiasRefusal, LowPass};
+use crate::crc32::crc32;
 use crate::finger::{Estimate, Finger, FingerState};
 use crate::frame::{Fields, FrameRef, Status};
-use crate::scan::{Codes, Scan};
+use crate::scan::{Codes, Scan, ScanSettings};
 use crate::self_test::{MOST_SCANS, Running};
 use crate::store::{Flash, Settings, Store, StoreError, StoredBias};
 use crate::units::FullScale;
-use crate::wire::crc32;
 use crate::wire::message::{
     CHUNK, CalibrationId, Command, Cost, Counters, Identity, Info, Message, PROTOCOL, Refusal,
-    Request, Response, ScanSettings,
+    Request, Response,
 };
 
 /// A finger with its settings.

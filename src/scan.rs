@@ -39,6 +39,30 @@ pub const TAXEL_CENTRES: [[Millimetres; 2]; TAXELS] = {
     centres
 };
 
+/// How a board scans.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ScanSettings {
+    /// Scans a second.
+    pub scan_hz: u16,
+    /// Samples added up for one reading; a power of two.
+    pub oversampling: u16,
+    /// From the change of row to the first sample of a column, in nanoseconds.
+    pub settle_ns: u32,
+}
+
+/// One of [`ScanSettings`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ScanSetting {
+    /// 0: `scan_hz`.
+    ScanHz,
+    /// 1: `oversampling`.
+    Oversampling,
+    /// 2: `settle_ns`.
+    SettleNs,
+}
+
 /// Phototransistor codes of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

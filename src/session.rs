@@ -19,13 +19,11 @@ use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
 
 use crate::instrument::Instrument;
-use crate::scan::Scan;
+use crate::scan::{Scan, ScanSettings};
 use crate::store::{Flash, Store};
 use crate::units::FullScale;
 use crate::wire::deframer::Deframer;
-use crate::wire::message::{
-    BoardHealth, Command, Cost, Message, Refusal, Request, Response, ScanSettings,
-};
+use crate::wire::message::{BoardHealth, Command, Cost, Message, Refusal, Request, Response};
 use crate::wire::{MAX_PACKET, WireError, pack, pack_frame};
 
 /// Bytes between instrument and link: some four frames with every field, or twenty with the estimates.

@@ -10,6 +10,7 @@ mod slots;
 pub use ram::RamFlash;
 pub use settings::{Settings, StoredBias};
 
+use crate::calibration;
 use settings::Kept;
 use slots::{HEADER, Slots};
 
@@ -22,8 +23,8 @@ const WORD: usize = size_of::<Word>();
 pub const SLOT: usize = 4096;
 /// Bytes of a page of the settings that are used.
 pub const PAGE: usize = 2048;
-/// The longest record.
-pub const RECORD: usize = SLOT - HEADER;
+
+const _: () = assert!(calibration::MAX_BYTES == SLOT - HEADER, "a record fills a slot");
 
 /// The parts of the flash that belong to the store. Each is erased as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

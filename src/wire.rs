@@ -4,7 +4,6 @@
 //! stream of bytes. `docs/protocol.md` is the specification for other languages, `tests/core/wire_golden.rs`
 //! pins it byte by byte.
 
-mod crc32;
 pub mod deframer;
 mod frame;
 pub mod message;
@@ -13,8 +12,7 @@ mod stuffing;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-pub(crate) use crc32::crc32;
-
+use crate::crc32::crc32;
 use crate::frame::FrameRef;
 
 /// Longest packet with its COBS overhead and final zero. The longest message is a frame with every

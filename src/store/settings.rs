@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{Flash, Store, StoreError};
 use crate::condition::Bias;
+use crate::crc32::crc32;
 use crate::estimate::contact_point::PointMethod;
 use crate::frame::Fields;
-use crate::wire::crc32;
-use crate::wire::message::ScanSettings;
+use crate::scan::ScanSettings;
 
 /// Longest content: a bias of everything takes 170 bytes with all the rest (asserted below).
 const LONGEST: usize = 170;

@@ -8,7 +8,7 @@
 //! before: wherever the power is cut, one whole content is left.
 
 use super::{Area, Flash, StoreError, WORD, Word};
-use crate::wire::crc32;
+use crate::crc32::crc32;
 
 pub(super) const HEADER: usize = 2 * WORD;
 const MAGIC: [u8; 4] = *b"TXCL";

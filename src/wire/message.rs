@@ -12,6 +12,7 @@ use crate::calibration::CalibrationError;
 use crate::condition::Bias;
 use crate::estimate::contact_point::PointMethod;
 use crate::frame::{Fields, Frame, Status};
+use crate::scan::{ScanSetting, ScanSettings};
 use crate::self_test::SelfTest;
 use crate::units::FullScale;
 
@@ -287,30 +288,6 @@ pub enum Reset {
     Watchdog,
     /// 5: option bytes or a low-power mode.
     Other,
-}
-
-/// How a board scans.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ScanSettings {
-    /// Scans a second.
-    pub scan_hz: u16,
-    /// Samples added up for one reading; a power of two.
-    pub oversampling: u16,
-    /// From the change of row to the first sample of a column, in nanoseconds.
-    pub settle_ns: u32,
-}
-
-/// One of [`ScanSettings`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum ScanSetting {
-    /// 0: `scan_hz`.
-    ScanHz,
-    /// 1: `oversampling`.
-    Oversampling,
-    /// 2: `settle_ns`.
-    SettleNs,
 }
 
 /// Which calibration is in force.

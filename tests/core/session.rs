@@ -14,7 +14,7 @@ use embassy_futures::select::{Either, select};
 use taxel::calibration::{CalibrationError, MAX_BYTES};
 use taxel::frame::{Fields, Frame};
 use taxel::instrument::Instrument;
-use taxel::scan::Scan;
+use taxel::scan::{Scan, ScanSetting, ScanSettings};
 use taxel::self_test::Channel;
 use taxel::session::{Board, End, Pace, run_session};
 use taxel::store::{RamFlash, Store};
@@ -22,7 +22,6 @@ use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{
     BoardHealth, CHUNK, Command, Info, Message, PROTOCOL, Refusal, Request, Reset, Response,
-    ScanSetting, ScanSettings,
 };
 use taxel::wire::{MAX_PACKET, pack};
 

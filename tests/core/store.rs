@@ -11,13 +11,12 @@ use taxel::condition::{Bias, TaxelBias};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
 use taxel::instrument::Instrument;
+use taxel::scan::{ScanSetting, ScanSettings};
 use taxel::store::{
     Area, Flash, FlashError, RamFlash, Settings, Store, StoreError, StoredBias, Word,
 };
 use taxel::units::FullScale;
-use taxel::wire::message::{
-    Command, Info, Message, Refusal, Request, Response, ScanSetting, ScanSettings,
-};
+use taxel::wire::message::{Command, Info, Message, Refusal, Request, Response};
 
 /// Flash whose power goes in the middle of an operation.
 struct Mortal {

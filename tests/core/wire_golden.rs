@@ -11,13 +11,12 @@ use taxel::estimate::slip::Verdict;
 use taxel::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::NoValue;
-use taxel::scan::{Codes, Midpoints, TaxelCodes};
+use taxel::scan::{Codes, Midpoints, ScanSetting, ScanSettings, TaxelCodes};
 use taxel::self_test::{Channel, Channels, SelfTest};
 use taxel::units::{Code, FullScale, Micros, Millimetres, NewtonMillimetres, Newtons};
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{
-    BoardHealth, CHUNK, Command, Cost, Message, Refusal, Request, Reset, Response, ScanSetting,
-    ScanSettings,
+    BoardHealth, CHUNK, Command, Cost, Message, Refusal, Request, Reset, Response,
 };
 use taxel::wire::{MAX_PACKET, WireError, pack, pack_frame, unpack};
 

@@ -11,7 +11,6 @@ pub mod flash;
 pub mod identity;
 pub mod link;
 pub mod scanner;
-pub mod settings;
 pub mod stack;
 pub mod status;
 pub mod time;

@@ -14,11 +14,11 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::{Duration, Instant, Timer};
 use heapless::String;
-use taxel::scan::{Codes, Scan};
+use taxel::scan::{Codes, Scan, ScanSettings};
 use taxel::session::Board;
 use taxel::store::{Flash, Store};
 use taxel::units::{FullScale, Micros};
-use taxel::wire::message::{BoardHealth, Cost, Refusal, Reset, ScanSettings};
+use taxel::wire::message::{BoardHealth, Cost, Refusal, Reset};
 
 use crate::boot::{self, MESSAGE};
 use crate::stack;

@@ -7,7 +7,10 @@
 //! Temperature and reference need 10 µs each, more than the settle time has room for together: they are
 //! an injected group that takes one of them a step, in turn (JDISCEN).
 
-use crate::{Refusal, STEPS, Settings, Step, fit, settle_refusal, ticks};
+use taxel::scan::{ScanSetting, ScanSettings};
+use taxel::wire::message::Refusal;
+
+use crate::{STEPS, Step, fit, refusal, settle_refusal, ticks};
 
 /// HCLK, APB2 and the timer's clock: the highest that also gives 48 MHz to the USB.
 pub const CLOCK_HZ: u32 = 96_000_000;
@@ -106,9 +109,9 @@ pub struct Plan {
 ///
 /// # Errors
 /// The first setting that cannot be had with the others, in the order oversampling, settle time, rate.
-pub const fn plan(settings: Settings) -> Result<Plan, Refusal> {
+pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     if settings.oversampling != 1 {
-        return Err(Refusal::Oversampling { low: 1, high: 1 });
+        return Err(refusal(ScanSetting::Oversampling, 1, 1));
     }
     let latency = LATENCY_CYCLES * TICKS_PER_CYCLE;
     let slow = LIGHT + ticks(MULTIPLEXER_NS, CLOCK_HZ);

@@ -14,7 +14,10 @@
 //! Both ADCs run on HCLK/4, in step with the timer: a trigger is taken after the same number of cycles
 //! every time, so that the jitter of a sample is the jitter of the crystal-less clock and nothing else.
 
-use crate::{COLUMNS, Refusal, STEPS, Settings, Step, fit, settle_refusal, ticks};
+use taxel::scan::{ScanSetting, ScanSettings};
+use taxel::wire::message::Refusal;
+
+use crate::{COLUMNS, STEPS, Step, fit, refusal, settle_refusal, ticks};
 
 /// HCLK, APB2 and the timer's clock.
 pub const CLOCK_HZ: u32 = 170_000_000;
@@ -156,10 +159,10 @@ pub struct Plan {
 ///
 /// # Errors
 /// The first setting that cannot be had with the others, in the order oversampling, settle time, rate.
-pub const fn plan(settings: Settings) -> Result<Plan, Refusal> {
+pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     let samples = settings.oversampling;
     if !samples.is_power_of_two() || samples > MOST_SAMPLES {
-        return Err(Refusal::Oversampling { low: 1, high: MOST_SAMPLES as u32 });
+        return Err(refusal(ScanSetting::Oversampling, 1, MOST_SAMPLES as u32));
     }
     let latency = LATENCY_CYCLES * TICKS_PER_CYCLE;
     let slow = LIGHT + ticks(AMPLIFIER_NS, CLOCK_HZ);

@@ -10,8 +10,8 @@
 //!        │                └ bridges, reference, temperature: they do not wait for light
 //!        │                                           └ settled: the columns are sampled
 //! ```
-//! [`Settings`] are what a user may change; [`g431::plan`] and [`f411::plan`] turn them into a plan or
-//! refuse them with the range that would do. Both are `const`, so that a board's default is checked
+//! [`g431::plan`] and [`f411::plan`] turn [`taxel::scan::ScanSettings`] into a plan or refuse them with
+//! the range that would do. Both are `const`, so that a board's default is checked
 //! when it is compiled, and the same code refuses a senseless wish at run time.
 #![no_std]
 #![forbid(unsafe_code)]
@@ -22,48 +22,13 @@ pub mod pattern;
 pub mod pins;
 pub mod settle;
 
+use taxel::scan::ScanSetting;
+use taxel::wire::message::Refusal;
+
 /// Steps of a frame: dark, then the four rows.
 pub const STEPS: u32 = 5;
 /// Columns read in every step.
 pub const COLUMNS: u32 = 4;
-
-/// What a user may change.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
-    /// Frames a second.
-    pub scan_hz: u16,
-    /// Samples added up for one reading; a power of two.
-    pub oversampling: u16,
-    /// From the change of row to the first sample of a column, in nanoseconds.
-    pub settle_ns: u32,
-}
-
-/// Why settings cannot be had, with the range that can while the other two stay.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
-    /// The rate: the steps would be too short for what is in them, or too long for the timer.
-    ScanHz {
-        /// Least, in hertz.
-        low: u32,
-        /// Most, in hertz.
-        high: u32,
-    },
-    /// The oversampling: a power of two in this range.
-    Oversampling {
-        /// Least.
-        low: u32,
-        /// Most.
-        high: u32,
-    },
-    /// The settle time: what is read meanwhile would not fit, or it is longer than a step. Where the rate
-    /// leaves room for none at all, the range is that of the slowest.
-    SettleNs {
-        /// Least, in nanoseconds.
-        low: u32,
-        /// Most, in nanoseconds.
-        high: u32,
-    },
-}
 
 /// One period of the timer, in its ticks. `light` < `slow` < `columns` ≤ `done` ≤ `top`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -120,15 +85,22 @@ const fn step_ticks(hz: u32, tick_hz: u32) -> u32 {
     (tick_hz + steps_hz / 2) / steps_hz
 }
 
-/// Refuses a settle time: a step needs at least `least` ticks of it, and `rest` ticks beside it.
+/// Refuses a setting; `low` and `high` are the range that would do while the other two stay.
+const fn refusal(setting: ScanSetting, low: u32, high: u32) -> Refusal {
+    Refusal::Scan { setting, low, high }
+}
+
+/// Refuses a settle time: a step needs at least `least` ticks of it, and `rest` ticks beside it. Where
+/// the rate leaves room for none at all, the range is that of the slowest.
 const fn settle_refusal(least: u32, rest: u32, scan_hz: u16, tick_hz: u32) -> Refusal {
     let step = step_ticks(scan_hz as u32, tick_hz);
     let fits = scan_hz > 0 && step <= LONGEST_STEP && step >= least + rest;
     let most = if fits { step } else { LONGEST_STEP } - rest;
-    Refusal::SettleNs {
-        low: (least as u64 * 1_000_000_000).div_ceil(tick_hz as u64) as u32,
-        high: (most as u64 * 1_000_000_000 / tick_hz as u64) as u32,
-    }
+    refusal(
+        ScanSetting::SettleNs,
+        (least as u64 * 1_000_000_000).div_ceil(tick_hz as u64) as u32,
+        (most as u64 * 1_000_000_000 / tick_hz as u64) as u32,
+    )
 }
 
 /// The timer counts to 65535 at most.
@@ -139,10 +111,8 @@ const LONGEST_STEP: u32 = 1 << 16;
 const fn fit(scan_hz: u16, shortest: u32, tick_hz: u32) -> Result<u32, Refusal> {
     let step = step_ticks(scan_hz as u32, tick_hz);
     if step < shortest || step > LONGEST_STEP || scan_hz == 0 {
-        return Err(Refusal::ScanHz {
-            low: (2 * tick_hz).div_ceil(STEPS * (2 * LONGEST_STEP + 1)),
-            high: fastest(shortest, tick_hz),
-        });
+        let lowest = (2 * tick_hz).div_ceil(STEPS * (2 * LONGEST_STEP + 1));
+        return Err(refusal(ScanSetting::ScanHz, lowest, fastest(shortest, tick_hz)));
     }
     Ok(step - 1)
 }

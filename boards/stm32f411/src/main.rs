@@ -24,14 +24,15 @@ use embassy_stm32::{bind_interrupts, pac, uid};
 use embassy_usb::UsbDevice;
 use static_cell::StaticCell;
 use taxel::instrument::Instrument;
+use taxel::scan::ScanSettings;
 use taxel::session::Board;
 use taxel::store::Store;
 use taxel::units::FullScale;
-use taxel::wire::message::{Refusal, ScanSettings};
+use taxel::wire::message::Refusal;
+use taxel_board::boot;
 use taxel_board::identity::{BUILD, identity};
 use taxel_board::link::{self, Link};
 use taxel_board::scanner::{Chip, Scanner, Started};
-use taxel_board::{boot, settings};
 
 use crate::flash::Sectors;
 use crate::usb::Driver;
@@ -105,11 +106,11 @@ impl Chip for Registers {
     }
 
     fn scan_settings(&self) -> ScanSettings {
-        settings::told(&scan::settings())
+        scan::settings()
     }
 
     fn set_scan(&self, wish: &ScanSettings) -> Result<FullScale, Refusal> {
-        scan::set(settings::wish(wish)).map_err(settings::refused)
+        scan::set(*wish)
     }
 }
 

@@ -21,14 +21,15 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use scan_plan::f411::{INPUTS, Plan, READINGS, Stream, Timer, plan};
 use scan_plan::pins::{self, F411_ROWS, F411_SELECT};
-use scan_plan::{Refusal, STEPS, Settings, pattern, settle};
-use taxel::scan::{Codes, Midpoints, TaxelCodes};
+use scan_plan::{STEPS, pattern, settle};
+use taxel::scan::{Codes, Midpoints, ScanSettings, TaxelCodes};
 use taxel::units::{Code, FullScale};
+use taxel::wire::message::Refusal;
 use taxel_board::scanner::Frames;
 
 /// What the finger starts with.
-pub const DEFAULT: Settings =
-    Settings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS };
+pub const DEFAULT: ScanSettings =
+    ScanSettings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS };
 
 /// Checked when this is compiled.
 const PLAN: Plan = match plan(DEFAULT) {
@@ -49,10 +50,11 @@ const fn mode(port: u8, before: u32) -> u32 {
 }
 
 /// What is in force. Written while the scan stands still.
-static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<Settings>> = Mutex::new(Cell::new(DEFAULT));
+static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<ScanSettings>> =
+    Mutex::new(Cell::new(DEFAULT));
 
 /// How it scans.
-pub fn settings() -> Settings {
+pub fn settings() -> ScanSettings {
     SETTINGS.lock(Cell::get)
 }
 
@@ -60,7 +62,7 @@ pub fn settings() -> Settings {
 ///
 /// # Errors
 /// The setting that is in the way; the scan goes on as it was.
-pub fn set(wish: Settings) -> Result<FullScale, Refusal> {
+pub fn set(wish: ScanSettings) -> Result<FullScale, Refusal> {
     let plan = plan(wish)?;
     cortex_m::interrupt::free(|_| {
         let running = TIM1.cr1().read().cen();

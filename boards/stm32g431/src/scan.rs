@@ -23,14 +23,15 @@ use scan_plan::g431::{
     BRIDGE_INPUTS, BRIDGE_READINGS, COLUMN_READINGS, Channel, Last, Plan, Timer, plan,
 };
 use scan_plan::pins::{self, G431_ROWS, G431_SELECT};
-use scan_plan::{Refusal, STEPS, Settings, pattern, settle};
-use taxel::scan::{Codes, Midpoints, TaxelCodes};
+use scan_plan::{STEPS, pattern, settle};
+use taxel::scan::{Codes, Midpoints, ScanSettings, TaxelCodes};
 use taxel::units::{Code, FullScale};
+use taxel::wire::message::Refusal;
 use taxel_board::scanner::Frames;
 
 /// What the finger starts with.
-pub const DEFAULT: Settings =
-    Settings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS };
+pub const DEFAULT: ScanSettings =
+    ScanSettings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS };
 
 /// Checked when this is compiled.
 const PLAN: Plan = match plan(DEFAULT) {
@@ -48,12 +49,13 @@ const fn mode(port: u8, before: u32) -> u32 {
 }
 
 /// What is in force, and what the interrupt needs of it. Written while the scan stands still.
-static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<Settings>> = Mutex::new(Cell::new(DEFAULT));
+static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<ScanSettings>> =
+    Mutex::new(Cell::new(DEFAULT));
 static OVERSAMPLING: AtomicU16 = AtomicU16::new(DEFAULT.oversampling);
 static FULL_SCALE: AtomicU16 = AtomicU16::new(PLAN.full_scale);
 
 /// How it scans.
-pub fn settings() -> Settings {
+pub fn settings() -> ScanSettings {
     SETTINGS.lock(Cell::get)
 }
 
@@ -61,7 +63,7 @@ pub fn settings() -> Settings {
 ///
 /// # Errors
 /// The setting that is in the way; the scan goes on as it was.
-pub fn set(wish: Settings) -> Result<FullScale, Refusal> {
+pub fn set(wish: ScanSettings) -> Result<FullScale, Refusal> {
     let plan = plan(wish)?;
     // Some 20 µs: the longest conversion has to end.
     cortex_m::interrupt::free(|_| {

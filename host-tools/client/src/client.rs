@@ -14,10 +14,9 @@ use std::time::{Duration, Instant};
 use taxel::condition::Bias;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Frame};
+use taxel::scan::ScanSettings;
 use taxel::self_test::SelfTest;
-use taxel::wire::message::{
-    BoardHealth, Command, Info, Message, PROTOCOL, Request, Response, ScanSettings,
-};
+use taxel::wire::message::{BoardHealth, Command, Info, Message, PROTOCOL, Request, Response};
 use taxel::wire::{MAX_PACKET, pack};
 
 pub use reader::Counts;

@@ -2,7 +2,8 @@
 
 use std::io;
 
-use taxel::wire::message::{PROTOCOL, Refusal, ScanSetting};
+use taxel::scan::ScanSetting;
+use taxel::wire::message::{PROTOCOL, Refusal};
 
 use crate::port::Port;
 

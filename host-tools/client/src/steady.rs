@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
-use taxel::wire::message::{Info, ScanSettings};
+use taxel::scan::ScanSettings;
+use taxel::wire::message::Info;
 
 use crate::client::{Client, Received};
 use crate::error::{LinkError, Problem};

@@ -2,17 +2,17 @@
 
 use std::ops::Range;
 
-use scan_plan::Settings;
+use taxel::scan::ScanSettings;
 
 /// From when to when.
 pub type Span = Range<u64>;
 
 /// Settings all over what a user may ask for; many of them are refused.
-pub fn grid(oversamplings: &'static [u16]) -> impl Iterator<Item = Settings> {
+pub fn grid(oversamplings: &'static [u16]) -> impl Iterator<Item = ScanSettings> {
     let rates = (519..=8000).step_by(97).chain([1000, 2000, 4000, 5000]);
     rates.flat_map(move |scan_hz| {
         oversamplings.iter().flat_map(move |oversampling| {
-            (17_400..60_000).step_by(1300).map(move |settle_ns| Settings {
+            (17_400..60_000).step_by(1300).map(move |settle_ns| ScanSettings {
                 scan_hz,
                 oversampling: *oversampling,
                 settle_ns,

@@ -3,12 +3,15 @@
 
 use crate::common::{Span, grid, overlaps};
 use scan_plan::f411::{ADC_HZ, INTERNAL_NS, Plan, READINGS, plan};
-use scan_plan::{Refusal, STEPS, Settings, settle};
+use scan_plan::{STEPS, settle};
+use taxel::scan::ScanSetting::{Oversampling, ScanHz, SettleNs};
+use taxel::scan::ScanSettings;
+use taxel::wire::message::Refusal;
 
-pub const DEFAULT: Settings =
-    Settings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS };
+pub const DEFAULT: ScanSettings =
+    ScanSettings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS };
 
-fn plans() -> impl Iterator<Item = (Settings, Plan)> {
+fn plans() -> impl Iterator<Item = (ScanSettings, Plan)> {
     grid(&[1]).filter_map(|settings| Some((settings, plan(settings).ok()?)))
 }
 
@@ -53,7 +56,9 @@ pub fn injected(plan: &Plan) -> [u32; 2] {
 #[test]
 fn the_black_pill_reaches_five_and_a_half_kilohertz_and_runs_at_four() {
     assert_eq!(plan(DEFAULT).unwrap().step.scan_millihertz(), 4_000_000);
-    let Err(Refusal::ScanHz { low, high }) = plan(Settings { scan_hz: u16::MAX, ..DEFAULT }) else {
+    let Err(Refusal::Scan { setting: ScanHz, low, high }) =
+        plan(ScanSettings { scan_hz: u16::MAX, ..DEFAULT })
+    else {
         panic!("65 kHz are too fast")
     };
     assert_eq!((low, high), (293, 5674));
@@ -121,16 +126,19 @@ fn triggers_clocks_and_dma_follow_the_reference_manual() {
 #[test]
 fn oversampling_and_short_settle_times_are_refused() {
     assert_eq!(
-        plan(Settings { oversampling: 2, ..DEFAULT }),
-        Err(Refusal::Oversampling { low: 1, high: 1 })
+        plan(ScanSettings { oversampling: 2, ..DEFAULT }),
+        Err(Refusal::Scan { setting: Oversampling, low: 1, high: 1 })
     );
     for scan_hz in [600, 1000, 3333, 4000] {
-        let with = |settle_ns| plan(Settings { settle_ns, scan_hz, ..DEFAULT });
-        let Err(Refusal::SettleNs { low, high }) = with(9000) else {
+        let with = |settle_ns| plan(ScanSettings { settle_ns, scan_hz, ..DEFAULT });
+        let Err(Refusal::Scan { setting: SettleNs, low, high }) = with(9000) else {
             panic!("9 µs leave no time for the temperature")
         };
         // A tick is 10.4 ns.
-        assert!(with(low).is_ok() && matches!(with(low - 12), Err(Refusal::SettleNs { .. })));
+        assert!(
+            with(low).is_ok()
+                && matches!(with(low - 12), Err(Refusal::Scan { setting: SettleNs, .. }))
+        );
         assert!(with(high).is_ok() && with(high + 11).is_err(), "{low}..={high} at {scan_hz} Hz");
     }
 }

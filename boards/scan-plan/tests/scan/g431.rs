@@ -8,20 +8,23 @@ use scan_plan::g431::{
     ADC_HZ, AMPLIFIER_NS, BRIDGE_READINGS, CLOCK_HZ, COLUMN_READINGS, Channel, INTERNAL_NS, Last,
     Plan, plan,
 };
-use scan_plan::{COLUMNS, Refusal, STEPS, Settings, settle};
+use scan_plan::{COLUMNS, STEPS, settle};
 use stm32_metapac as pac;
 use stm32_metapac::adc::regs::{Cfgr, Cfgr2, Jsqr, Smpr, Smpr2, Sqr1, Sqr2};
 use stm32_metapac::bdma::regs::Cr;
 use stm32_metapac::timer::regs::{BdtrAdv, Ccmr3Adv, CcmrOutputGp16, Cr1Core, Cr2Adv, DierAdv};
+use taxel::scan::ScanSetting::{Oversampling, ScanHz, SettleNs};
+use taxel::scan::ScanSettings;
+use taxel::wire::message::Refusal;
 
-pub const DEFAULT: Settings =
-    Settings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS };
+pub const DEFAULT: ScanSettings =
+    ScanSettings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS };
 
 /// Sampling times of `SMPR`, in half cycles (RM0440 §21.7.6).
 const HALVES: [u64; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
 
 /// Every plan of a grid of settings.
-fn plans() -> impl Iterator<Item = (Settings, Plan)> {
+fn plans() -> impl Iterator<Item = (ScanSettings, Plan)> {
     grid(&[1, 2, 4, 8, 16]).filter_map(|settings| Some((settings, plan(settings).ok()?)))
 }
 
@@ -121,9 +124,11 @@ fn the_default_scans_at_four_kilohertz_with_eight_samples_a_reading() {
 
 #[test]
 fn the_fastest_scan_is_over_nine_tenths_of_the_ceiling_of_its_settle_time() {
-    let wish = Settings { scan_hz: u16::MAX, oversampling: 1, ..DEFAULT };
-    let Err(Refusal::ScanHz { high, .. }) = plan(wish) else { panic!("65 kHz are too fast") };
-    let fastest = plan(Settings { scan_hz: high as u16, ..wish }).unwrap();
+    let wish = ScanSettings { scan_hz: u16::MAX, oversampling: 1, ..DEFAULT };
+    let Err(Refusal::Scan { setting: ScanHz, high, .. }) = plan(wish) else {
+        panic!("65 kHz are too fast")
+    };
+    let fastest = plan(ScanSettings { scan_hz: high as u16, ..wish }).unwrap();
     // Five settle times and nothing else: 7.5 kHz.
     let ceiling = 1e9 / (5.0 * f64::from(DEFAULT.settle_ns));
     let share = f64::from(fastest.step.scan_millihertz()) / 1000.0 / ceiling;
@@ -325,21 +330,33 @@ fn the_amplifiers_have_gain_sixteen_around_the_bias_and_two_inputs() {
 
 #[test]
 fn what_cannot_be_had_is_refused_with_the_range_that_can() {
-    let refused = |change: fn(&mut Settings)| {
+    let refused = |change: fn(&mut ScanSettings)| {
         let mut settings = DEFAULT;
         change(&mut settings);
         plan(settings).unwrap_err()
     };
-    assert_eq!(refused(|s| s.oversampling = 3), Refusal::Oversampling { low: 1, high: 16 });
-    assert_eq!(refused(|s| s.oversampling = 32), Refusal::Oversampling { low: 1, high: 16 });
+    assert_eq!(
+        refused(|s| s.oversampling = 3),
+        Refusal::Scan { setting: Oversampling, low: 1, high: 16 }
+    );
+    assert_eq!(
+        refused(|s| s.oversampling = 32),
+        Refusal::Scan { setting: Oversampling, low: 1, high: 16 }
+    );
     assert!(matches!(
         refused(|s| s.settle_ns = 1000),
-        Refusal::SettleNs { low: 17_000..18_000, .. }
+        Refusal::Scan { setting: SettleNs, low: 17_000..18_000, .. }
     ));
-    assert!(matches!(refused(|s| s.settle_ns = 10_000_000), Refusal::SettleNs { .. }));
-    assert!(matches!(refused(|s| s.settle_ns = u32::MAX), Refusal::SettleNs { .. }));
-    assert!(matches!(refused(|s| s.scan_hz = 0), Refusal::ScanHz { low: 519, .. }));
-    assert!(matches!(refused(|s| s.scan_hz = 500), Refusal::ScanHz { low: 519, .. }));
+    assert!(matches!(
+        refused(|s| s.settle_ns = 10_000_000),
+        Refusal::Scan { setting: SettleNs, .. }
+    ));
+    assert!(matches!(refused(|s| s.settle_ns = u32::MAX), Refusal::Scan { setting: SettleNs, .. }));
+    assert!(matches!(refused(|s| s.scan_hz = 0), Refusal::Scan { setting: ScanHz, low: 519, .. }));
+    assert!(matches!(
+        refused(|s| s.scan_hz = 500),
+        Refusal::Scan { setting: ScanHz, low: 519, .. }
+    ));
 }
 
 #[test]
@@ -348,33 +365,37 @@ fn the_ranges_of_a_refusal_are_exact() {
         for settle_us in [18, 20, 27, 50, 100] {
             let with = |scan_hz: u32| {
                 let settle_ns = settle_us * 1000;
-                plan(Settings { scan_hz: scan_hz as u16, oversampling, settle_ns })
+                plan(ScanSettings { scan_hz: scan_hz as u16, oversampling, settle_ns })
             };
-            let Err(Refusal::ScanHz { low, high }) = with(0) else { panic!("0 Hz is no rate") };
+            let Err(Refusal::Scan { setting: ScanHz, low, high }) = with(0) else {
+                panic!("0 Hz is no rate")
+            };
             assert!(with(low).is_ok() && with(high).is_ok(), "{low}..={high}");
             assert!(with(low - 1).is_err() && with(high + 1).is_err(), "{low}..={high}");
         }
     }
     for oversampling in [1, 2, 4, 8, 16] {
         for scan_hz in [600, 1000, 3333, 4000, 5000] {
-            let with = |settle_ns| plan(Settings { settle_ns, oversampling, scan_hz });
+            let with = |settle_ns| plan(ScanSettings { settle_ns, oversampling, scan_hz });
             for wrong in [0, 1_000_000_000] {
-                let Err(Refusal::SettleNs { low, high }) = with(wrong) else {
+                let Err(Refusal::Scan { setting: SettleNs, low, high }) = with(wrong) else {
                     panic!("{wrong} ns is no settle time")
                 };
                 if with(low).is_err() {
                     // No settle time is short enough for this rate; the slowest has room for these.
-                    assert!(matches!(with(low), Err(Refusal::ScanHz { .. })));
+                    assert!(matches!(with(low), Err(Refusal::Scan { setting: ScanHz, .. })));
                     continue;
                 }
                 assert!(with(high).is_ok(), "{low}..={high} at {scan_hz} Hz");
                 // A tick is 5.9 ns.
-                assert!(matches!(with(low - 7), Err(Refusal::SettleNs { .. })));
+                assert!(matches!(with(low - 7), Err(Refusal::Scan { setting: SettleNs, .. })));
                 assert!(with(high + 6).is_err(), "{low}..={high} at {scan_hz} Hz");
             }
         }
     }
-    let Err(Refusal::SettleNs { high, .. }) = plan(Settings { settle_ns: 0, ..DEFAULT }) else {
+    let Err(Refusal::Scan { setting: SettleNs, high, .. }) =
+        plan(ScanSettings { settle_ns: 0, ..DEFAULT })
+    else {
         panic!("no settling is refused")
     };
     // Of a step of 50 µs the columns take 18.68 µs, from their trigger to their last sample.
@@ -386,7 +407,7 @@ fn no_settings_at_all_overflow() {
     for scan_hz in [0, 1, 519, 4000, u16::MAX] {
         for oversampling in [0, 1, 2, 16, 17, u16::MAX] {
             for settle_ns in [0, 1, 26_500, u32::MAX / 2, u32::MAX] {
-                let _ = plan(Settings { scan_hz, oversampling, settle_ns });
+                let _ = plan(ScanSettings { scan_hz, oversampling, settle_ns });
             }
         }
     }

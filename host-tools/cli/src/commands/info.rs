@@ -4,7 +4,8 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use serde_json::json;
 use taxel::frame::Status;
-use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Info, Reset, ScanSettings};
+use taxel::scan::ScanSettings;
+use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Info, Reset};
 use taxel_client::client::Version;
 use taxel_client::{Port, fields};
 use taxel_files::point_method;

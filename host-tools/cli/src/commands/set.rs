@@ -3,7 +3,7 @@
 use anyhow::Context;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
-use taxel::wire::message::ScanSettings;
+use taxel::scan::ScanSettings;
 use taxel_client::fields;
 
 use crate::finger::PortArg;

@@ -9,9 +9,9 @@ use std::time::Duration;
 
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Frame, Status};
-use taxel::scan::Scan;
+use taxel::scan::{Scan, ScanSettings};
 use taxel::units::{FullScale, Micros};
-use taxel::wire::message::{Refusal, ScanSettings};
+use taxel::wire::message::Refusal;
 use taxel_files::trace::{Sample, TraceHeader, TraceWriter, Truth};
 use tempfile::NamedTempFile;
 

@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
+use taxel::scan::ScanSettings;
 use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{
     BoardHealth, Command, Cost, Counters, Identity, Info, Message, PROTOCOL, Request, Response,
-    ScanSettings,
 };
 use taxel::wire::{MAX_PACKET, pack};
 use taxel_client::{Event, Port, Steady};

@@ -1,9 +1,10 @@
 //! The Black Pill's scan, read off the pins, and what is its own.
 
 use scan_plan::f411::{CLOCK_HZ, INPUTS, TICKS_PER_CYCLE, plan};
-use scan_plan::{Settings, settle};
+use scan_plan::settle;
 use taxel::frame::{Fields, Status};
-use taxel::wire::message::{Command, Response, ScanSettings};
+use taxel::scan::ScanSettings;
+use taxel::wire::message::{Command, Response};
 
 use taxel_emulator::board::f411::registers::base;
 use taxel_emulator::board::finger::{Moment, Source};
@@ -24,8 +25,8 @@ fn rows_follow_one_another_and_every_step_is_the_same_to_the_tick() {
     session.board.finger().timing = Some(Vec::new());
     session.run(micros(20_000)).unwrap();
     let timing = session.board.finger().timing.take().unwrap();
-    let plan =
-        plan(Settings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS }).unwrap();
+    let plan = plan(ScanSettings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS })
+        .unwrap();
 
     let first = timing.iter().position(|(_, m)| *m == Moment::Pattern(0, 0)).unwrap();
     let patterns: Vec<_> = timing[first..].iter().filter(|(_, m)| is_pattern(m)).collect();

@@ -1,8 +1,9 @@
 //! The product's scan, read off the pins.
 
 use scan_plan::g431::{CLOCK_HZ, TICKS_PER_CYCLE, plan};
-use scan_plan::{Settings, settle};
-use taxel::wire::message::{Command, Response, ScanSettings};
+use scan_plan::settle;
+use taxel::scan::ScanSettings;
+use taxel::wire::message::{Command, Response};
 
 use taxel_emulator::board::cpu::End;
 use taxel_emulator::board::diagram;
@@ -20,8 +21,8 @@ fn the_scan_keeps_time_to_the_tick_of_its_timer() {
     session.board.finger().timing = Some(Vec::new());
     session.run(micros(20_000)).unwrap();
     let timing = session.board.finger().timing.take().unwrap();
-    let plan =
-        plan(Settings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS }).unwrap();
+    let plan = plan(ScanSettings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS })
+        .unwrap();
     let tick = HZ / u64::from(CLOCK_HZ);
 
     let patterns: Vec<_> = timing
@@ -78,8 +79,8 @@ fn every_step_is_the_same_to_the_tick_and_both_converters_start_together() {
     session.board.finger().timing = Some(Vec::new());
     session.run(micros(10_000)).unwrap();
     let timing = session.board.finger().timing.take().unwrap();
-    let plan =
-        plan(Settings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS }).unwrap();
+    let plan = plan(ScanSettings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS })
+        .unwrap();
     let tick = HZ / u64::from(CLOCK_HZ);
     let steps: Vec<Tick> = moments(&timing, |m| matches!(m, Moment::Pattern(..)));
     let after =
