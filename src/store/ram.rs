@@ -1,4 +1,4 @@
-//! Memory that behaves like flash, for fingers without any: the virtual one and the emulated board.
+//! Memory that behaves like flash, for fingers without any, such as the virtual one.
 
 use super::{Area, Flash, FlashError, Word};
 

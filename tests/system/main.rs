@@ -1,7 +1,6 @@
-//! The core among its tools: on the simulator's scenes, from files, and on the emulated board.
+//! The core among its tools: on the simulator's scenes, from files.
 
 mod cascade;
 #[path = "../core/common/mod.rs"]
 mod common;
-mod emulated_board;
 mod faults;

@@ -6,7 +6,7 @@
 
 mod browser;
 mod commands;
-pub mod emulated;
+mod emulated;
 mod failure;
 mod files;
 pub mod finger;

@@ -7,9 +7,10 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use crate::costs::{self, Stage};
-use crate::run::{exists, locked, program, root, run, target};
+use crate::emulator::{cargo, directory, prepare};
+use crate::run::{root, run, target};
 use crate::toolchain::{Choice, Toolchain};
-use crate::{firmware, packages, peers};
+use crate::{firmware, peers};
 
 /// The crate of `boards/` that calls the stages.
 const IMAGE: &str = "cycles";
@@ -124,25 +125,8 @@ fn within_half_a_frame(table: &[Stage], page: &str) -> Result<()> {
     Ok(())
 }
 
-/// The emulator's own format, lints and tests. Those of the whole board run the image of `stm32g431`, and
-/// have its USB traffic judged by tshark.
-pub fn tests() -> Result<()> {
-    prepare()?;
-    if !exists("tshark") {
-        packages::install(&["tshark"], "what judges the board's USB traffic")?;
-    }
-    run(program("cargo", &directory()).args(["fmt", "--check"]))?;
-    run(cargo("clippy").args(["--all-targets", "--", "-D", "warnings"]))?;
-    run(&mut cargo("test"))
-}
-
 fn image(toolchain: &Toolchain) -> Result<PathBuf> {
     firmware::build(IMAGE, toolchain).map(|(path, _)| path)
-}
-
-/// Where the emulator lies.
-pub fn directory() -> PathBuf {
-    root().join("host-tools/emulator")
 }
 
 /// What every stage costs, as committed.
@@ -158,36 +142,6 @@ pub fn emulator(task: &str, image: &Path) -> Command {
     command.arg("--scans").arg(directory().join("data/scans.csv"));
     command.arg("--whole").arg(directory().join("data/whole"));
     command
-}
-
-/// A cargo for the emulator's workspace. It builds beside the host's, with which it shares most crates.
-fn cargo(subcommand: &str) -> Command {
-    let name = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = program(name, &directory());
-    command.args([subcommand, "--quiet"]).args(locked()).arg("--target-dir").arg(target());
-    command
-}
-
-/// What unicorn builds with.
-fn prepare() -> Result<()> {
-    if exists("cmake") && libclang() {
-        return Ok(());
-    }
-    packages::install(&["cmake", "libclang-dev"], "what the emulator builds with")
-}
-
-/// Where Debian and its kin, Fedora's and a hint to the user's own put it.
-fn libclang() -> bool {
-    let own = std::env::var_os("LIBCLANG_PATH").map(PathBuf::from);
-    let llvm = std::fs::read_dir("/usr/lib").into_iter().flatten().flatten();
-    let llvm = llvm.map(|entry| entry.path()).flat_map(|path| [path.join("lib"), path]);
-    own.into_iter().chain(llvm).chain(["/usr/lib64".into(), "/usr/lib".into()]).any(|directory| {
-        let mut files = std::fs::read_dir(directory).into_iter().flatten().flatten();
-        files.any(|file| {
-            let name = file.file_name().to_string_lossy().into_owned();
-            name.starts_with("libclang.so") || name.starts_with("libclang-") && name.contains(".so")
-        })
-    })
 }
 
 #[cfg(test)]

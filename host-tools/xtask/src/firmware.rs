@@ -15,7 +15,7 @@ use crate::{panics, stack};
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Board {
-    /// It runs on a desk and not in an emulator: it has a page, and a stack that can run out.
+    /// It is firmware of a finger: it has a page, and a stack that can run out.
     #[serde(default)]
     hardware: bool,
     /// What it may take at most, in bytes.
@@ -69,6 +69,11 @@ pub fn boards() -> Result<Vec<String>> {
         .collect();
     boards.sort();
     Ok(boards)
+}
+
+/// Whether a board is one that a finger runs on.
+pub fn is_hardware(board: &str) -> Result<bool> {
+    Ok(Board::read(board)?.hardware)
 }
 
 /// `cargo xtask firmware BOARD`.
@@ -157,7 +162,7 @@ fn stack_fits(board: &str, built: &Path, footprint: &Footprint) -> Result<u32> {
     Ok(stack.bytes)
 }
 
-/// Where the machine code could panic. Of the emulated board too: it alone holds every estimator.
+/// Where the machine code could panic.
 fn panics_are_known(board: &str, built: &Path, toolchain: &Toolchain) -> Result<()> {
     let sites = panics::remaining(built, &Image::read(built)?)?;
     eprintln!("{board}: no panic in the core; lines that may elsewhere, and why they do not:");

@@ -6,6 +6,7 @@
 
 mod costs;
 mod cycles;
+mod emulator;
 mod firmware;
 mod image;
 mod judge;
@@ -53,6 +54,8 @@ enum Task {
         /// A folder of `boards/`
         board: String,
     },
+    /// Builds the emulator and the boards' images for `taxel demo --emulated` and `taxel replay --on`
+    Emulator,
     /// What every stage of the core costs on a Cortex-M4F: exact instructions, modelled cycles
     Cycles(Cycles),
     /// Whether calibration reaches what is asked of it on recordings that are not in the repository
@@ -65,6 +68,7 @@ fn main() -> ExitCode {
     let done = match arguments.task {
         Task::Test { part } => test::all(part, arguments.toolchain, &mut steps),
         Task::Firmware { board } => firmware::task(&board, arguments.toolchain),
+        Task::Emulator => emulator::task(arguments.toolchain),
         Task::Cycles(cycles) => cycles::task(&cycles, arguments.toolchain),
         Task::Judge(judge) => judge::task(&judge),
     };

@@ -35,7 +35,7 @@ const CORE: &str = "taxel";
 const BOARDS: &str = "boards";
 
 /// Crates whose panics are known, and why they are not met.
-const KNOWN: [(&str, &str); 18] = [
+const KNOWN: [(&str, &str); 17] = [
     (BOARDS, "at start-up, and in the handlers of faults"),
     (
         "cobs",
@@ -44,10 +44,6 @@ const KNOWN: [(&str, &str); 18] = [
     (
         "embassy-sync",
         "on the core's path: its pipe is borrowed by one task, and indexed by remainders",
-    ),
-    (
-        "critical-section",
-        "on the emulated board: a cell within its own lock, which no handler takes twice",
     ),
     ("embedded-io-async", "on the core's path: a link that takes nothing, which no board's does"),
     ("defmt", "as its macros have it: at start-up"),

@@ -8,9 +8,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use crate::cycles;
-use crate::packages;
 use crate::run::{answer, exists, program, root, run};
+use crate::{cycles, emulator, packages};
 
 const COMPILER: &str = "arm-none-eabi-gcc";
 const EMLEARN: &str = "emlearn==0.23.2";
@@ -64,7 +63,7 @@ pub fn task(image: &Path, csv: &Path) -> Result<()> {
 }
 
 fn compile(flags: &str, emlearn: &Path, dsp: &Path, elf: &Path) -> Result<()> {
-    let own = cycles::directory().join("peers");
+    let own = emulator::directory().join("peers");
     let include = |path: PathBuf| format!("-I{}", path.display());
     run(program(COMPILER, &own)
         .args(CORE)

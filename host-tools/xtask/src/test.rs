@@ -8,7 +8,7 @@ use clap::ValueEnum;
 use crate::run::{answer, cargo, clean_cargo, exists, locked, root, run};
 use crate::steps::Steps;
 use crate::toolchain::{Choice, Toolchain};
-use crate::{cycles, firmware, packages, python};
+use crate::{cycles, emulator, firmware, packages, python};
 
 /// Which tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -105,12 +105,10 @@ fn target(choice: Choice, steps: &mut Steps) -> Result<()> {
     for board in firmware::boards()? {
         steps.take(&format!("firmware of {board}"), || firmware::build(&board, &toolchain))?;
     }
-    steps.take("tests of the emulator", cycles::tests)?;
+    steps.take("tests of the emulator", emulator::tests)?;
     steps.take("tests on the emulated boards", || {
-        if !exists("qemu-system-arm") {
-            packages::install(&["qemu-system-arm"], "the emulator")?;
-        }
-        run(tests(Tests::Emulated).env("TAXEL_FIRMWARE_DIR", firmware::directory()))
+        emulator::fill()?;
+        run(&mut tests(Tests::Emulated))
     })?;
     steps.take("instructions and cycles of every stage", || cycles::guard(&toolchain))
 }

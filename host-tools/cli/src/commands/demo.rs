@@ -4,14 +4,12 @@
 //! the demo knows more is the truth.
 
 mod emulated;
-mod hardware;
 mod live;
 mod score;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::emulated::Hardware;
 use serde::Serialize;
 use taxel::frame::Frame;
 use taxel_client::{Client, Steady};
@@ -19,6 +17,7 @@ use taxel_files::trace::Truth;
 
 use crate::browser;
 use crate::commands::view::page;
+use crate::emulated::Board;
 use crate::finger::{address, scene_calibration};
 use crate::interrupt::Interrupt;
 use crate::stream::Next;
@@ -51,11 +50,11 @@ pub struct Args {
     /// Put the finger behind this TCP address instead of a pseudo-terminal.
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     tcp: Option<String>,
-    /// Run the firmware on an emulated Cortex-M4F instead.
+    /// Run a board's own firmware on the emulator instead; `cargo xtask emulator` builds both.
     #[arg(long, conflicts_with = "tcp")]
     emulated: bool,
-    /// Which board's firmware.
-    #[arg(long, requires = "emulated", value_enum, default_value_t = Board::Mps2An386)]
+    /// The board whose firmware runs.
+    #[arg(long, requires = "emulated", value_enum, default_value_t = Board::Stm32G431)]
     board: Board,
 }
 
@@ -63,31 +62,7 @@ const EXAMPLES: &str = "\
 Examples:
   taxel demo
   taxel demo --scene stick-slip --duration 5 --headless --json
-  taxel demo --emulated --board stm32g431";
-
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum Board {
-    /// Under QEMU, with the scans in its memory.
-    #[value(name = "mps2-an386")]
-    Mps2An386,
-    /// The product's own image, converters and USB and all, on the repository's emulator.
-    #[value(name = "stm32g431")]
-    Stm32G431,
-    /// The same of the board on a Black Pill.
-    #[value(name = "stm32f411")]
-    Stm32F411,
-}
-
-impl Board {
-    /// What it is where it has hardware, which the repository's emulator runs.
-    fn hardware(self) -> Option<Hardware> {
-        match self {
-            Self::Mps2An386 => None,
-            Self::Stm32G431 => Some(Hardware::Stm32G431),
-            Self::Stm32F411 => Some(Hardware::Stm32F411),
-        }
-    }
-}
+  taxel demo --emulated";
 
 /// A finger whose truth is known.
 trait Performer {
@@ -133,12 +108,8 @@ struct Report {
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
     let calibration = scene_calibration(args.calibration.as_deref(), &args.scene)?;
-    if let Some(board) = args.board.hardware().filter(|_| args.emulated) {
-        let board = hardware::Board::start(board, &args.scene, calibration)?;
-        return perform(board, &args, &interrupt);
-    }
     if args.emulated {
-        let board = emulated::Board::start(&args.scene, args.duration, calibration)?;
+        let board = emulated::OnBoard::start(args.board, &args.scene, calibration)?;
         return perform(board, &args, &interrupt);
     }
     let source = Source::scene(&args.scene)?;

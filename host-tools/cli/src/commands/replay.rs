@@ -1,9 +1,8 @@
-//! `taxel replay`: a trace through the core, on this machine or on the emulated microcontroller.
+//! `taxel replay`: a trace through the core, on this machine or on an emulated board.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use crate::emulated::{self, Hardware, OnPins, Settings};
 use anyhow::{anyhow, bail};
 use clap::ValueEnum;
 use indicatif::ProgressBar;
@@ -20,6 +19,7 @@ use taxel_files::recording::{Header, Recorder, Scans};
 use taxel_files::stretch::Stretch;
 use taxel_files::trace::{Sample, cut};
 
+use crate::emulated::{Board, Replay, Settings};
 use crate::finger::record;
 use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite};
@@ -27,8 +27,8 @@ use crate::output::{self, Overwrite};
 /// Plays a trace through the core and writes what the finger says of it.
 ///
 /// From the same codes the frames are the same byte for byte wherever they are computed. A recording is computed
-/// as its finger was set: filter, way to the contact point, bias. On the pins of a board the trace is light and
-/// voltages: its converters make their own codes of them, and times are the
+/// as its finger was set: filter, way to the contact point, bias. On a board its own firmware runs on the emulator
+/// (`cargo xtask emulator`) with the trace on its pins: its converters make their own codes, and times are the
 /// board's.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -56,7 +56,6 @@ pub struct Args {
 const EXAMPLES: &str = "\
 Examples:
   taxel replay shear.csv@30.. --calibration finger.toml --out frames.csv
-  taxel replay shear.csv --calibration finger.toml --out frames.csv --on mps2-an386
   taxel replay shear.csv --calibration finger.toml --out frames.csv --on stm32g431 --fields all";
 
 /// The fact of what codes are fractions of.
@@ -66,13 +65,10 @@ const FULL_SCALE: &str = "full_scale";
 enum Core {
     /// This machine.
     Host,
-    /// The firmware on a Cortex-M4F under QEMU.
-    #[value(name = "mps2-an386")]
-    Mps2An386,
-    /// The product's own image on the repository's emulator, with the trace on its pins.
+    /// The product's own image on the emulator.
     #[value(name = "stm32g431")]
     Stm32G431,
-    /// The same of the board on a Black Pill.
+    /// The Black Pill's own image on the emulator.
     #[value(name = "stm32f411")]
     Stm32F411,
 }
@@ -102,12 +98,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             let finger = header.finger(calibration);
             on_host(samples, finger, Sink::create(&args, header, full_scale)?, &interrupt)?
         }
-        Core::Mps2An386 => on_board(samples, calibration, &args, header, &interrupt)?,
         Core::Stm32G431 => {
-            on_pins(Hardware::Stm32G431, samples, calibration, &args, header, &interrupt)?
+            on_board(Board::Stm32G431, samples, calibration, &args, header, &interrupt)?
         }
         Core::Stm32F411 => {
-            on_pins(Hardware::Stm32F411, samples, calibration, &args, header, &interrupt)?
+            on_board(Board::Stm32F411, samples, calibration, &args, header, &interrupt)?
         }
     };
     sink.frames.finish()?;
@@ -213,7 +208,9 @@ fn on_host(
     Ok(sink)
 }
 
+/// The full scale of the codes is known only once the board runs.
 fn on_board(
+    board: Board,
     samples: impl Iterator<Item = Result<Sample, FileError>>,
     calibration: Option<Calibration>,
     args: &Args,
@@ -224,40 +221,7 @@ fn on_board(
     let scans = samples.map(|s| s.map(|s| s.scan)).collect::<Result<Vec<_>, _>>()?;
     let record = calibration.as_ref().map(record).transpose()?;
     let bar = ProgressBar::new(scans.len() as u64);
-    let full_scale = scans.first().map_or(FullScale::BITS_12, |scan| scan.codes.full_scale);
-    let mut sink = Sink::create(args, header, full_scale)?;
-    let mut written = Ok(());
-    let replay = emulated::replay(&scans, record.as_deref(), &settings, |frame| {
-        bar.inc(1);
-        taken(sink.take(frame), &mut written, interrupt)
-    })?;
-    bar.finish_and_clear();
-    written?;
-    if let Some(replay) = replay {
-        output::note(format_args!(
-            "{}: at most {} instructions a scan, {} bytes of stack",
-            replay.info.identity.board,
-            replay.worst_instructions(),
-            replay.stack.map_or("unknown".to_owned(), |stack| stack.to_string())
-        ));
-    }
-    Ok(sink)
-}
-
-/// As [`on_board`], of a board with hardware. What its codes are fractions of is known when it runs.
-fn on_pins(
-    board: Hardware,
-    samples: impl Iterator<Item = Result<Sample, FileError>>,
-    calibration: Option<Calibration>,
-    args: &Args,
-    header: Header,
-    interrupt: &Interrupt,
-) -> anyhow::Result<Sink> {
-    let settings = settings(&header, args)?;
-    let scans = samples.map(|s| s.map(|s| s.scan)).collect::<Result<Vec<_>, _>>()?;
-    let record = calibration.as_ref().map(record).transpose()?;
-    let bar = ProgressBar::new(scans.len() as u64);
-    let replay = OnPins::prepare(board, &scans, record.as_deref(), &settings)?;
+    let replay = Replay::prepare(board, &scans, record.as_deref(), &settings)?;
     let mut sink = Sink::create(args, header, replay.full_scale())?;
     let mut written = Ok(());
     replay.run(|frame| {

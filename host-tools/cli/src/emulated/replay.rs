@@ -1,187 +1,220 @@
-//! A whole trace through the emulated board, nothing lost.
+//! A trace on the pins of an emulated board, heard by the ordinary client: converters, scan, USB and all.
+//!
+//! The board scans as often as the trace has scans, and sees one of them in each; of a trace slower than its
+//! slowest scan, each several times. Time waits for the client, so that nothing is lost on this side; what
+//! the board's own link cannot carry is lost there, and is an error.
 
-use std::io::{ErrorKind, Read, Write};
 use std::ops::ControlFlow;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use taxel::frame::Frame;
-use taxel::scan::Scan;
-use taxel::session::Pace;
-use taxel::wire::deframer::Deframer;
-use taxel::wire::message::{CHUNK, Command, Info, Message, PROTOCOL, Request, Response};
-use taxel::wire::{MAX_PACKET, pack};
+use anyhow::{Context, anyhow, bail};
+use taxel::estimate::contact_point::PointMethod;
+use taxel::frame::{Fields, Frame, Status};
+use taxel::scan::{Scan, ScanSettings};
+use taxel::units::{FullScale, Micros};
+use taxel::wire::message::Refusal;
+use taxel_client::{Client, Problem};
+use taxel_files::trace::{Sample, TraceHeader, TraceWriter, Truth};
+use tempfile::NamedTempFile;
 
-use super::{Emulated, EmulatedError, ICOUNT_SHIFT, Image, Settings};
-use taxel_client::Problem;
+use super::{Board, Emulated};
 
-/// The tag of the last [`Info`], which comes unasked.
-const FAREWELL: u8 = 0;
-/// A board that says nothing for so long hangs.
-const PATIENCE: Duration = Duration::from_secs(30);
+/// Samples added up for a reading: as many as the rate leaves time for.
+const OVERSAMPLING: [u16; 4] = [8, 4, 2, 1];
+/// A board that says nothing for so long has nothing more to say.
+const PATIENCE: Duration = Duration::from_secs(10);
 
-/// What a replay brought, besides its frames.
-#[derive(Clone, Debug, PartialEq)]
+/// How a board that replays is set; its rate is the trace's.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Fields of its frames.
+    pub fields: Fields,
+    /// Corner of the low-pass in hertz; 0 for none.
+    pub filter_hz: u16,
+    /// How the contact point is found.
+    pub point_method: PointMethod,
+}
+
+/// A replay that is about to begin.
 pub struct Replay {
-    /// What the firmware said of itself after the last scan.
-    pub info: Info,
-    /// The most bytes of stack that it used.
-    pub stack: Option<u32>,
+    client: Client,
+    settings: ScanSettings,
+    full_scale: FullScale,
+    /// Number of scans in the trace.
+    scans: usize,
+    begin: Micros,
+    // The emulator has read the trace, and ends with this.
+    _board: Emulated,
 }
 
 impl Replay {
-    /// Instructions that the dearest scan took, from its codes to its frame.
-    #[must_use]
-    pub fn worst_instructions(&self) -> u64 {
-        let nanoseconds_a_tick = 1_000_000_000 / u64::from(self.info.identity.tick_hz.max(1));
-        (u64::from(self.info.cost.worst) * nanoseconds_a_tick) >> ICOUNT_SHIFT
+    /// Starts the board, with a calibration record if there is one, and sets it to scan as the trace does.
+    ///
+    /// # Errors
+    /// The board does not start, does not scan that fast, or refuses the calibration.
+    pub fn prepare(
+        board: Board,
+        scans: &[Scan],
+        record: Option<&[u8]>,
+        wanted: &Settings,
+    ) -> anyhow::Result<Self> {
+        let hz = rate_hz(scans)?;
+        let each = board.slowest_hz().div_ceil(hz);
+        let trace = written(scans, each)?;
+        let board = Emulated::replaying(board, trace.path())?;
+        let client = Client::open(board.port())?;
+        if let Some(record) = record {
+            client.upload_calibration(record, |_| ControlFlow::Continue(()))?;
+        }
+        let settings = scanning(&client, hz.saturating_mul(each))?;
+        client.set_fields(wanted.fields)?;
+        client.set_rate(hz)?;
+        client.set_filter(wanted.filter_hz)?;
+        // It begins with the default, for which an image without the model takes the next best; to ask for the
+        // model by name it would refuse.
+        if wanted.point_method != PointMethod::default() {
+            client.set_point_method(wanted.point_method)?;
+        }
+        let full_scale = client.info()?.identity.full_scale;
+        let begin = scans.first().map_or(Micros(0), |scan| scan.time);
+        let scans = scans.len();
+        Ok(Self { client, settings, full_scale, scans, begin, _board: board })
     }
-}
 
-/// Plays `scans` back through the firmware, with a calibration record if there is one. `frame` is given
-/// one frame a scan, in order, and may end the replay: then there is no [`Replay`].
-///
-/// # Errors
-/// The board does not start, refuses the calibration, or does not send every frame.
-pub fn replay(
-    scans: &[Scan],
-    calibration: Option<&[u8]>,
-    settings: &Settings,
-    mut frame: impl FnMut(&Frame) -> ControlFlow<()>,
-) -> Result<Option<Replay>, EmulatedError> {
-    let image = Image::new(scans, Pace::Lossless)?;
-    let mut board = Emulated::start(&image)?;
-    let (reader, writer) =
-        board.take_link().ok_or_else(|| EmulatedError::Stopped("it has no link".to_owned()))?;
-    let mut link = Link { reader, writer, deframer: Deframer::default(), tag: FAREWELL };
-    let mut received = 0;
-    let talk = prepare(&mut link, &image, calibration, settings).and_then(|()| {
-        let mut heard = Heard::Nothing;
-        while let Some(message) = link.next()? {
-            match message {
-                Message::Frame(sent) if sent.seq as usize == received => {
-                    received += 1;
-                    if frame(&sent).is_break() {
-                        return Ok(Heard::Enough);
-                    }
-                }
-                Message::Reply { tag: FAREWELL, result: Ok(Response::Info(last)) } => {
-                    heard = Heard::Farewell(Box::new(last));
-                }
-                _ => return Err(EmulatedError::Lost { received, expected: scans.len() }),
+    /// Full scale of the codes in its frames.
+    pub fn full_scale(&self) -> FullScale {
+        self.full_scale
+    }
+
+    /// Plays the trace: calls `frame` with a frame for each scan, in order, until it breaks.
+    ///
+    /// Times are the board's own, counted from the trace's first.
+    ///
+    /// # Errors
+    /// The board's link could not carry all frames, or broke.
+    pub fn run(self, mut frame: impl FnMut(&Frame) -> ControlFlow<()>) -> anyhow::Result<()> {
+        self.client.stream(true)?;
+        // The scan that follows a standstill says so; those before it may not.
+        self.skip_to(|status| !status.contains(Status::OVERRUN))?;
+        self.client.set_scan(self.settings)?;
+        let mut next = self.skip_to(|status| status.contains(Status::OVERRUN))?;
+        let first = next;
+        for received in 0..self.scans {
+            if next.seq.wrapping_sub(first.seq) as usize != received {
+                return Err(self.lost(received));
+            }
+            let since = next.time.0.saturating_sub(first.time.0);
+            let time = Micros(self.begin.0 + since);
+            if frame(&Frame { seq: received as u32, time, ..next }).is_break() {
+                break;
+            }
+            if received + 1 < self.scans {
+                next = self.next(received + 1)?;
             }
         }
-        Ok(heard)
-    });
-    let heard = match talk {
-        // Dropping the board ends it.
-        Ok(Heard::Enough) => return Ok(None),
-        // A board that stopped can say why.
-        Err(EmulatedError::Stopped(_)) => Heard::Nothing,
-        Ok(heard) => heard,
-        Err(error) => return Err(error),
-    };
-    let stack = board.wait()?;
-    match heard {
-        Heard::Farewell(info) if received == scans.len() => Ok(Some(Replay { info: *info, stack })),
-        _ => Err(EmulatedError::Lost { received, expected: scans.len() }),
+        Ok(())
     }
-}
 
-/// What the board's stream came to.
-enum Heard {
-    /// It ended without a farewell.
-    Nothing,
-    /// Whoever takes the frames has enough of them.
-    Enough,
-    /// Its last word.
-    Farewell(Box<Info>),
-}
-
-fn prepare(
-    link: &mut Link,
-    image: &Image,
-    calibration: Option<&[u8]>,
-    settings: &Settings,
-) -> Result<(), EmulatedError> {
-    match link.ask(Command::Version)? {
-        Message::Version { protocol: PROTOCOL, .. } => {}
-        Message::Version { protocol: theirs, firmware, .. } => {
-            return Err(EmulatedError::Finger(Problem::Protocol { theirs, firmware }));
-        }
-        _ => return Err(EmulatedError::Finger(Problem::Confused("version"))),
-    }
-    if let Some(record) = calibration {
-        let length = u16::try_from(record.len()).unwrap_or(u16::MAX);
-        link.set("calibration", Command::CalibrationBegin { length })?;
-        for (offset, chunk) in (0..).step_by(CHUNK).zip(record.chunks(CHUNK)) {
-            let data = chunk.iter().copied().collect();
-            link.set("calibration", Command::CalibrationChunk { offset, data })?;
-        }
-        link.set("calibration", Command::CalibrationCommit)?;
-    }
-    link.set("rate", Command::SetRate { hz: image.scan_hz() })?;
-    if settings.filter_hz > 0 {
-        link.set("filter", Command::SetFilter { hz: settings.filter_hz })?;
-    }
-    link.set("point", Command::SetPointMethod(settings.point_method))?;
-    link.set("fields", Command::SetFields(settings.fields))?;
-    link.set("stream", Command::Stream(true))
-}
-
-/// A conversation in which nothing may be lost: every question has its answer, or it is an error.
-/// ([`crate::Client`] is made for links that lose things, and for programs that read too slowly.)
-struct Link {
-    reader: Box<dyn Read + Send>,
-    writer: Box<dyn Write + Send>,
-    deframer: Deframer,
-    tag: u8,
-}
-
-impl Link {
-    /// The next message; `None` when there will be none.
-    fn next(&mut self) -> Result<Option<Message>, EmulatedError> {
-        let deadline = Instant::now() + PATIENCE;
-        let mut byte = [0];
+    fn skip_to(&self, wanted: impl Fn(Status) -> bool) -> anyhow::Result<Frame> {
         loop {
-            match self.reader.read(&mut byte) {
-                Ok(0) => return Ok(None),
-                Ok(_) => match self.deframer.push(byte[0]) {
-                    None => {}
-                    Some(Ok(message)) => return Ok(Some(message)),
-                    Some(Err(error)) => return Err(EmulatedError::Garbled(error)),
-                },
-                Err(error) if error.kind() != ErrorKind::TimedOut => {
-                    return Err(EmulatedError::System { what: "reading from the board", error });
-                }
-                Err(_) if Instant::now() > deadline => return Err(EmulatedError::Hangs),
-                Err(_) => {}
+            let frame = self.next(0)?;
+            if wanted(frame.status) {
+                return Ok(frame);
             }
         }
     }
 
-    /// Sends a request and waits for its answer.
-    fn ask(&mut self, command: Command) -> Result<Message, EmulatedError> {
-        self.tag = self.tag.wrapping_add(1).max(FAREWELL + 1);
-        let mut buffer = [0; MAX_PACKET];
-        let request = Request { tag: self.tag, command };
-        let packet = pack(&request, &mut buffer).map_err(EmulatedError::Garbled)?;
-        // A board that no longer reads has stopped, and its output ends too.
-        let _ = self.writer.write_all(packet).and_then(|()| self.writer.flush());
-        self.next()?.ok_or_else(|| EmulatedError::Stopped("it closed the link".to_owned()))
+    fn next(&self, received: usize) -> anyhow::Result<Frame> {
+        let next = self.client.next(PATIENCE)?;
+        next.map(|next| next.frame).ok_or_else(|| self.lost(received))
     }
 
-    /// As [`Self::ask`], for what is either done or refused.
-    fn set(&mut self, name: &'static str, command: Command) -> Result<(), EmulatedError> {
-        match self.ask(command)? {
-            Message::Reply { tag, result: Ok(Response::Done | Response::Rate { .. }) }
-                if tag == self.tag =>
-            {
-                Ok(())
-            }
-            Message::Reply { result: Err(refusal), .. } => {
-                Err(EmulatedError::Finger(Problem::Refusal { command: name, refusal }))
-            }
-            _ => Err(EmulatedError::Finger(Problem::Confused(name))),
+    fn lost(&self, received: usize) -> anyhow::Error {
+        anyhow!(
+            "the board's link carried {received} of {} frames before one was lost; ask for fewer --fields",
+            self.scans
+        )
+    }
+}
+
+/// Scans a second, by their times; one where there is only one scan.
+fn rate_hz(scans: &[Scan]) -> anyhow::Result<u16> {
+    let (Some(first), Some(last)) = (scans.first(), scans.last()) else {
+        bail!("the trace has no scans; give one that has")
+    };
+    let duration = last.time.0.saturating_sub(first.time.0).max(1);
+    let hz = ((scans.len() as u64 - 1) * 1_000_000 + duration / 2) / duration;
+    Ok(u16::try_from(hz).unwrap_or(u16::MAX).max(1))
+}
+
+/// Writes a trace of these scans, each so often.
+fn written(scans: &[Scan], each: u16) -> anyhow::Result<NamedTempFile> {
+    let file = NamedTempFile::with_suffix(".csv").context("making a temporary file")?;
+    let first = scans.first().context("the trace has no scans")?.codes;
+    let header = TraceHeader {
+        full_scale: first.full_scale,
+        rows: if first.taxels.is_some() { taxel::scan::ROWS } else { 0 },
+        bridges: first.bridges.map(|bridge| bridge.is_some()),
+        reference: first.reference.is_some(),
+        temperature: first.temperature.is_some(),
+        truth: false,
+        sensor_truth: false,
+    };
+    let mut writer = TraceWriter::create(file.path(), header)?;
+    for (i, scan) in (0..).zip(scans.iter().flat_map(|scan| (0..each).map(move |_| scan))) {
+        let scan = Scan { time: Micros(i), ..*scan };
+        writer.write(&Sample { scan, truth: Truth::default() })?;
+    }
+    writer.finish()?;
+    Ok(file)
+}
+
+/// Has the board scan `hz` times a second, as it otherwise does.
+fn scanning(client: &Client, scan_hz: u16) -> anyhow::Result<ScanSettings> {
+    let now = client.health()?.scan.context("the board does not say how it scans")?;
+    let mut most = 0;
+    for oversampling in OVERSAMPLING {
+        let settings = ScanSettings { scan_hz, oversampling, ..now };
+        match client.set_scan(settings) {
+            Ok(()) => return Ok(settings),
+            Err(error) => match error.problem() {
+                Some(Problem::Refusal { refusal: Refusal::Scan { high, .. }, .. }) => most = *high,
+                _ => return Err(error.into()),
+            },
         }
+    }
+    bail!(
+        "the trace has {scan_hz} scans a second, and the board scans {most} times at most; replay it on the host"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use taxel::scan::Codes;
+
+    use super::*;
+
+    fn scans(count: u64, period: u64) -> Vec<Scan> {
+        let codes = Codes {
+            full_scale: FullScale::BITS_12,
+            taxels: None,
+            bridges: [None; 4],
+            reference: None,
+            temperature: None,
+        };
+        let scan = |i| Scan { time: Micros(1_000 + i * period), lost: 0, codes };
+        (0..count).map(scan).collect()
+    }
+
+    #[test]
+    fn rate_is_that_of_the_times() {
+        for (period, hz) in [(2_000, 500), (250, 4_000), (2_999, 333)] {
+            assert_eq!(rate_hz(&scans(1_000, period)).unwrap(), hz);
+        }
+        // One scan, and scans that all carry the same time, have no rate to state; it must not be zero.
+        assert_eq!(rate_hz(&scans(1, 0)).unwrap(), 1);
+        assert_eq!(rate_hz(&scans(9, 0)).unwrap(), u16::MAX);
+        let error = rate_hz(&[]).unwrap_err().to_string();
+        assert_eq!(error, "the trace has no scans; give one that has");
     }
 }

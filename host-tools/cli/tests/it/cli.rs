@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::In;
+use crate::common::{In, Ran};
 use taxel_cli::VirtualFinger;
 use taxel_cli::virtual_finger::Source;
 
@@ -391,4 +391,20 @@ fn what_is_already_a_port_is_not_served_again() {
         error,
         "taxel: tcp:127.0.0.1:5000: already a port of its own; serve takes sim:SCENE or file:TRACE.csv\n"
     );
+}
+
+#[test]
+fn missing_emulator_names_the_command_that_builds_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["simulate", "--scene", "press", "--out", "press.csv"]);
+    let replay = ["replay", "press.csv", "--out", "frames.csv", "--on", "stm32f411"];
+    for args in [&replay[..], &["demo", "--emulated", "--headless"]] {
+        let ran = taxel.command(args).env("TAXEL_EMULATOR", "nowhere").output().unwrap();
+        let ran = Ran::of(ran);
+        assert_eq!((ran.code, ran.err.lines().count()), (Some(1), 1), "{}", ran.err);
+        let named =
+            ran.err.starts_with("taxel: nowhere") && ran.err.contains("`cargo xtask emulator`");
+        assert!(named, "{}", ran.err);
+    }
 }

@@ -8,6 +8,7 @@ mod browser;
 mod calibrations;
 mod cli;
 mod common;
+mod emulated_board;
 mod fingers;
 mod hostile;
 mod ill_posed;

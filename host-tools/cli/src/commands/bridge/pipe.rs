@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::Mutex;
 
-use crate::emulated::checkout;
 use anyhow::{Context, bail};
 
 use super::finger::lock;
@@ -104,6 +103,15 @@ fn program() -> anyhow::Result<Command> {
         )
     };
     build(&root).map(Command::new)
+}
+
+/// The checkout of the repository around the current directory or this program.
+fn checkout() -> Option<PathBuf> {
+    let starts = [std::env::current_dir().ok(), std::env::current_exe().ok()];
+    starts.into_iter().flatten().find_map(|start| {
+        let holds = |path: &&Path| path.join("host-tools/bridge/Cargo.toml").is_file();
+        start.ancestors().find(holds).map(Path::to_owned)
+    })
 }
 
 fn build(root: &Path) -> anyhow::Result<PathBuf> {

@@ -1,76 +1,75 @@
-//! The demo's finger on the emulated board: the firmware itself, in real time.
+//! The demo's finger on an emulated board: the image that is flashed, with its converters and its USB.
 
-use std::collections::HashMap;
 use std::ops::ControlFlow;
 
-use crate::emulated::{BOARD, Emulated, Image};
-use anyhow::Context;
 use taxel::calibration::Calibration;
 use taxel::frame::Frame;
-use taxel::session::Pace;
-use taxel::units::Micros;
-use taxel_client::{Client, Link, Port};
-use taxel_files::trace::{Sample, Truth};
+use taxel_client::Client;
+use taxel_files::trace::{Sample, TraceWriter, Truth};
 use taxel_sim::{Scene, Simulator};
+use tempfile::NamedTempFile;
 
 use super::Performer;
+use crate::emulated::{Board, Emulated};
 use crate::finger::record;
 
-/// The board's memory holds the scans of some three minutes at 1 kHz; without a duration the demo takes
-/// two.
-const LONG: f64 = 120.0;
-/// The board scans from the moment it starts: this long, besides the duration, for connecting and for the
-/// calibration on its way.
-const LEAD: f64 = 4.0;
 /// Seed of the scene's noise.
 const SEED: u64 = 1;
 
-/// A running board, and what really happens to its finger.
-pub struct Board {
-    board: Emulated,
+/// A running board and the truth about its finger.
+pub struct OnBoard {
+    board: Board,
+    emulated: Emulated,
     calibration: Option<Calibration>,
-    truth: HashMap<Micros, Truth>,
+    samples: Vec<Sample>,
+    period_us: u64,
+    // The emulator has read it; it goes with this.
+    _trace: NamedTempFile,
 }
 
-impl Board {
-    /// Starts the firmware on a scene, repeated for `duration` seconds.
+impl OnBoard {
+    /// Starts the firmware on a scene.
     ///
     /// # Errors
-    /// The scene is wrong or too long, or QEMU or the firmware is missing.
+    /// The scene is wrong, or the emulator or the image is missing.
     pub fn start(
+        board: Board,
         scene: &str,
-        duration: Option<f64>,
         calibration: Option<Calibration>,
     ) -> anyhow::Result<Self> {
         let scene = Scene::load(scene)?;
-        let seconds = duration.unwrap_or(LONG) + LEAD;
-        let count = (seconds * f64::from(scene.rate_hz())).ceil() as usize;
-        let samples: Vec<Sample> = Simulator::new(&scene, SEED).endless().take(count).collect();
-        let scans: Vec<_> = samples.iter().map(|sample| sample.scan).collect();
-        let image = Image::new(&scans, Pace::Live)?;
-        Ok(Self {
-            board: Emulated::start(&image)?,
-            calibration,
-            truth: samples.iter().map(|sample| (sample.scan.time, sample.truth)).collect(),
-        })
+        let simulator = Simulator::new(&scene, SEED);
+        let header = simulator.trace_header(false);
+        let samples: Vec<Sample> = simulator.collect();
+        let trace = NamedTempFile::with_suffix(".csv")?;
+        let mut writer = TraceWriter::create(trace.path(), header)?;
+        for sample in &samples {
+            writer.write(sample)?;
+        }
+        writer.finish()?;
+        let emulated = Emulated::start(board, trace.path())?;
+        let period_us = 1_000_000 / u64::from(scene.rate_hz()).max(1);
+        Ok(Self { board, emulated, calibration, samples, period_us, _trace: trace })
     }
 }
 
-impl Performer for Board {
+impl Performer for OnBoard {
     fn name(&self) -> String {
-        format!("{BOARD} under QEMU")
+        format!("{} on the emulator, at {}", self.board.name(), self.emulated.port())
     }
 
     fn connect(&mut self) -> anyhow::Result<Client> {
-        let (reader, writer) = self.board.take_link().context("the board has no link left")?;
-        let client = Client::over(&Port::Serial(BOARD.to_owned()), Link::over(reader, writer))?;
+        let client = Client::open(self.emulated.port())?;
         if let Some(calibration) = &self.calibration {
             client.upload_calibration(&record(calibration)?, |_| ControlFlow::Continue(()))?;
         }
         Ok(client)
     }
 
+    /// Truth of the sample that the finger saw when the frame's dark step began.
     fn truth(&self, frame: &Frame) -> Option<Truth> {
-        self.truth.get(&frame.time).copied()
+        let since = frame.time.0.checked_sub(self.emulated.scene_us())?;
+        let place = (since / self.period_us) as usize % self.samples.len().max(1);
+        self.samples.get(place).map(|sample| sample.truth)
     }
 }

@@ -1,0 +1,190 @@
+//! The boards' own firmware under `taxel replay --on` and `taxel demo --emulated`, as a user would run it. Needs
+//! what `cargo xtask emulator` builds.
+
+use std::path::Path;
+
+use taxel::calibration::Calibration;
+use taxel::frame::Status;
+use taxel::scan::{Codes, Scan};
+use taxel_files::frames::Cell;
+use taxel_files::recording::{Recording, Scans};
+
+use crate::common::{self, In, json};
+
+/// Half a step of the trace's own rounding, and one for what has not quite settled.
+const OFF_STEPS: f32 = 1.5;
+
+/// Writes the virtual finger's calibration as it is shipped, and as an image without the model of the skin reads
+/// it: its name for the board and its name for the host.
+fn calibrations(folder: &Path) -> [&'static str; 2] {
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/virtual-finger.cal.toml");
+    let calibration = taxel_files::calibration::read(shipped).unwrap();
+    let read = Calibration { model: None, ..calibration };
+    let path = folder.join("read.toml");
+    std::fs::write(&path, taxel_files::calibration::to_text(&path, &read).unwrap()).unwrap();
+    [shipped, "read.toml"]
+}
+
+/// Rows of a recording without the first, whose frame says that the board has just begun, and the place of its
+/// status.
+fn rows(path: &Path) -> (Vec<Vec<Cell>>, usize) {
+    let recording = Recording::open(path).unwrap();
+    let status = recording.position("status").unwrap();
+    (recording.skip(1).map(Result::unwrap).collect(), status)
+}
+
+fn scans(path: &Path) -> Vec<Scan> {
+    Scans::open(path).unwrap().samples.map(|sample| sample.unwrap().scan).collect()
+}
+
+/// Greatest distance of the codes that a board read from those of the trace, in steps of 12 bits.
+fn off(read: &Scan, shown: &Scan) -> f32 {
+    let steps = |codes: &Codes| {
+        let step = f32::from(codes.full_scale.top().0) / 4095.0;
+        let taxels = codes.taxels.unwrap();
+        let bridges = codes.bridges.into_iter().flatten().flat_map(|m| [m.a, m.b, m.c, m.d]);
+        let codes = taxels.lit.into_iter().flatten().chain(taxels.dark).chain(bridges);
+        codes.map(move |code| f32::from(code.0) / step).collect::<Vec<_>>()
+    };
+    let (read, shown) = (steps(&read.codes), steps(&shown.codes));
+    read.iter().zip(&shown).map(|(read, shown)| (read - shown).abs()).fold(0.0, f32::max)
+}
+
+/// Replays a stretch of `trace` on a board's pins. The codes are the trace's, and the frames are to the bit those
+/// of this machine from the same codes. Returns the status of each.
+fn replayed(folder: &Path, board: &str, trace: &str, stretch: &str) -> Vec<Status> {
+    let taxel = In(folder);
+    let [shipped, read] = calibrations(folder);
+    let replay = |trace: &str, calibration: &str, on: &str, out: &str| {
+        let args = ["replay", trace, "--calibration", calibration, "--fields", "all"];
+        taxel.succeeds(&[args.as_slice(), &["--on", on, "--out", out]].concat())
+    };
+    let stretch = format!("{trace}@{stretch}");
+    let said = replay(&stretch, shipped, board, "board.mcap");
+    replay("board.mcap", read, "host", "host.mcap");
+
+    let heard = scans(&folder.join("board.mcap"));
+    let all = scans(&folder.join(trace));
+    let from = all.iter().position(|scan| scan.time >= heard[0].time).unwrap();
+    let shown = &all[from..from + heard.len()];
+    // A stretch has both its ends.
+    assert!(said.starts_with(&format!("board.mcap: {} frames, ", heard.len())), "{said}");
+    for (heard, shown) in heard.iter().zip(shown) {
+        assert!(off(heard, shown) <= OFF_STEPS, "{:?}: {}", shown.time, off(heard, shown));
+        let late = heard.time.0.abs_diff(shown.time.0);
+        assert!(late <= 5, "{:?} for {:?}", heard.time, shown.time);
+    }
+    let ((board, status), (host, _)) =
+        (rows(&folder.join("board.mcap")), rows(&folder.join("host.mcap")));
+    assert_eq!(board.len() + 1, heard.len());
+    for (board, host) in board.iter().zip(&host) {
+        assert_eq!(board, host);
+    }
+    let status = |row: &Vec<Cell>| match row[status] {
+        Cell::Whole(bits) => Status(bits as u32),
+        other => panic!("{other:?}"),
+    };
+    board.iter().map(status).collect()
+}
+
+fn seen(statuses: &[Status], wanted: Status) -> bool {
+    statuses.iter().any(|status| status.contains(wanted))
+}
+
+fn replay_equals_this_machine(board: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["simulate", "--scene", "press", "--seed", "3", "--out", "press.csv"]);
+    let statuses = replayed(folder.path(), board, "press.csv", "0.5..0.9");
+    assert_eq!(statuses.len(), 400);
+    assert!(seen(&statuses, Status::CONTACT) && !seen(&statuses, Status::OVERRUN));
+}
+
+#[test]
+fn emulated_g431_replay_equals_this_machine() {
+    replay_equals_this_machine("stm32g431");
+}
+
+#[test]
+fn emulated_f411_replay_equals_this_machine() {
+    replay_equals_this_machine("stm32f411");
+}
+
+#[test]
+fn emulated_faults_are_flagged_as_on_this_machine() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = "effects = ['noise', 'gain-spread', 'bridge-mismatch']\n\
+                 [scan]\nrate_hz = 1000\nduration_s = 0.5\n[device]\nseed = 1\nbits = 12\n\
+                 [indenter]\nradius_mm = 6\n\
+                 [[press]]\nat_s = 0.05\nx_mm = 0.6\ny_mm = -0.4\nfz_n = 1.2\n\
+                 rise_s = 0.05\nhold_s = 0.35\nfall_s = 0.05\n\
+                 [[fault]]\nat_s = 0.15\nuntil_s = 0.25\nkind = 'saturated-adc'\nchannel = 'c2'\n\
+                 [[fault]]\nat_s = 0.3\nkind = 'broken-arm'\nchannel = 's0_r3'\n\
+                 [[fault]]\nat_s = 0.35\nkind = 'dead-led'\nchannel = 'r1c2'\n";
+    std::fs::write(folder.path().join("faults.toml"), scene).unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["simulate", "--scene", "faults.toml", "--seed", "1", "--out", "faults.csv"]);
+    let statuses = replayed(folder.path(), "stm32g431", "faults.csv", "0..");
+    for wanted in [Status::SATURATED, Status::BRIDGE_FAULT, Status::DEAD_TAXEL] {
+        assert!(seen(&statuses, wanted), "{wanted:?}");
+    }
+}
+
+/// A board scans no slower than 519 times a second: it sees each scan of a slower trace several times.
+#[test]
+fn emulated_slow_trace_takes_as_long_as_it_lasts() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene =
+        "effects = ['noise']\n[scan]\nrate_hz = 250\nduration_s = 0.4\n[device]\nbits = 12\n";
+    std::fs::write(folder.path().join("slow.toml"), scene).unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["simulate", "--scene", "slow.toml", "--out", "slow.csv"]);
+    let replay = ["replay", "slow.csv", "--on", "stm32g431", "--fields", "codes"];
+    taxel.succeeds(&[replay.as_slice(), &["--out", "slow.mcap"]].concat());
+    let (heard, shown) =
+        (scans(&folder.path().join("slow.mcap")), scans(&folder.path().join("slow.csv")));
+    assert_eq!((heard.len(), shown.len()), (100, 100));
+    for (heard, shown) in heard.iter().zip(&shown) {
+        assert!(off(heard, shown) <= OFF_STEPS, "{:?}: {}", shown.time, off(heard, shown));
+        let late = heard.time.0.abs_diff(shown.time.0);
+        assert!(late < 500, "{:?} for {:?}", heard.time, shown.time);
+    }
+}
+
+#[test]
+fn emulated_demo_sums_up_what_the_board_streamed() {
+    let folder = tempfile::tempdir().unwrap();
+    let demo = ["demo", "--emulated", "--scene", "press", "--duration", "1.5"];
+    let said = In(folder.path()).succeeds(&[demo.as_slice(), &["--headless", "--json"]].concat());
+    let said = json(&said);
+    // On a busy machine the board is slower than the clock.
+    assert!(said["frames"].as_u64().unwrap() > 100, "{said}");
+    assert_eq!(said["lost"], 0);
+    assert!(said["rate_hz"].as_f64().unwrap() > 50.0, "{said}");
+    assert!(said["rmse"].as_object().unwrap().contains_key("fz_n"), "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn emulated_replay_keeps_its_frames_when_interrupted() {
+    use nix::sys::signal::{Signal, kill};
+
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    taxel.succeeds(&["simulate", "--scene", "tour", "--out", "tour.csv"]);
+    let replay = ["replay", "tour.csv", "--on", "stm32g431", "--out", "out.csv"];
+    let mut child = taxel.command(&replay).spawn().unwrap();
+    let out = folder.path().join("out.csv");
+    while out.metadata().map_or(0, |file| file.len()) < 10_000 {
+        assert_eq!(child.try_wait().unwrap(), None, "it ended before Ctrl-C");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    kill(nix::unistd::Pid::from_raw(child.id().try_into().unwrap()), Signal::SIGINT).unwrap();
+    let ran = common::Ran::of(child.wait_with_output().unwrap());
+    assert_eq!(ran.code, Some(0), "{}", ran.err);
+    assert!(ran.out.ends_with("; stopped early\n"), "{}", ran.out);
+    let frames = ran.out.split(' ').nth(1).unwrap().parse::<usize>().unwrap();
+    let rows = std::fs::read_to_string(&out).unwrap();
+    let rows = rows.lines().filter(|line| !line.starts_with('#')).count();
+    assert_eq!(rows, frames + 1);
+}
