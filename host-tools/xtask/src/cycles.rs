@@ -7,9 +7,8 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use crate::costs::{self, Stage};
-use crate::emulator::{cargo, directory, prepare};
-use crate::run::{root, run, target};
-use crate::toolchain::{Choice, Toolchain};
+use crate::emulator::{cargo, directory};
+use crate::run::{root, run, setup, target};
 use crate::{firmware, peers};
 
 /// The crate of `boards/` that calls the stages.
@@ -39,13 +38,13 @@ pub struct Cycles {
 }
 
 /// `cargo xtask cycles`.
-pub fn task(arguments: &Cycles, choice: Choice) -> Result<()> {
-    prepare()?;
+pub fn task(arguments: &Cycles) -> Result<()> {
+    setup(&["boards", "emulator"])?;
     if arguments.board {
-        let (image, _) = firmware::build(PRODUCT, &Toolchain::find(choice)?)?;
+        let (image, _) = firmware::build(PRODUCT)?;
         return run(&mut emulator("profile", &image));
     }
-    let image = image(&Toolchain::find(choice)?)?;
+    let image = image()?;
     if arguments.peers {
         return peers::task(&image, &directory().join("data/peers.csv"));
     }
@@ -62,9 +61,9 @@ pub fn task(arguments: &Cycles, choice: Choice) -> Result<()> {
 
 /// Fails where a stage has become dearer than the committed table says, or a net or a frame of the product than
 /// it may be.
-pub fn guard(toolchain: &Toolchain) -> Result<()> {
+pub fn guard() -> Result<()> {
     let counted = target().join("cycles.csv");
-    let mut emulator = emulator("cycles", &image(toolchain)?);
+    let mut emulator = emulator("cycles", &image()?);
     emulator.arg("--csv").arg(&counted);
     run(emulator.arg("--against").arg(table()))?;
     let counted = costs::read(&counted)?;
@@ -125,8 +124,8 @@ fn within_half_a_frame(table: &[Stage], page: &str) -> Result<()> {
     Ok(())
 }
 
-fn image(toolchain: &Toolchain) -> Result<PathBuf> {
-    firmware::build(IMAGE, toolchain).map(|(path, _)| path)
+fn image() -> Result<PathBuf> {
+    firmware::build(IMAGE).map(|(path, _)| path)
 }
 
 /// What every stage costs, as committed.

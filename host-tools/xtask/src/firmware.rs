@@ -7,9 +7,8 @@ use serde::Deserialize;
 
 use crate::image::Image;
 use crate::memory::{Footprint, Use, footprint};
-use crate::run::{answer, locked, program, root, run};
-use crate::toolchain::{Choice, Toolchain};
-use crate::{panics, stack};
+use crate::run::{answer, locked, program, root, run, setup};
+use crate::{panics, stack, toolchain};
 
 /// What a board's manifest says of it, in `[package.metadata.board]`.
 #[derive(Default, Deserialize)]
@@ -77,37 +76,33 @@ pub fn is_hardware(board: &str) -> Result<bool> {
 }
 
 /// `cargo xtask firmware BOARD`.
-pub fn task(board: &str, choice: Choice) -> Result<()> {
+pub fn task(board: &str) -> Result<()> {
     let boards = boards()?;
     if !boards.iter().any(|known| known == board) {
         bail!("no board `{board}`; there are: {}", boards.join(", "));
     }
-    let (path, _) = build(board, &Toolchain::find(choice)?)?;
+    setup(&["boards"])?;
+    let (path, _) = build(board)?;
     println!("{}", path.display());
     Ok(())
 }
 
-/// Where finished firmware lies, whatever built it.
+/// Folder of finished firmware.
 pub fn directory() -> PathBuf {
     root().join("boards/target/firmware")
 }
 
 /// Builds one board and puts the file into [`directory`].
-pub fn build(board: &str, toolchain: &Toolchain) -> Result<(PathBuf, Footprint)> {
-    let mut cargo = toolchain.cargo("build");
-    cargo.args(["--quiet", "--package", board]).args(locked()).env("TAXEL_BUILD", revision());
+pub fn build(board: &str) -> Result<(PathBuf, Footprint)> {
+    let mut cargo = toolchain::cargo("build");
+    cargo.args(["--package", board]).args(locked()).env("TAXEL_BUILD", revision());
     run(&mut cargo)?;
-    let built = toolchain.output(board);
+    let built = toolchain::output(board);
     let footprint = footprint(&built, &memory_x(board))?;
     let path = publish(&built, &directory().join(format!("{board}.elf")))?;
     let Footprint { flash, ram, ccm } = footprint;
     let ccm = ccm.map(|ccm| format!(", CCM {}", size(ccm))).unwrap_or_default();
-    eprintln!(
-        "{board} (by {}): flash {}, RAM {} + stack{ccm}",
-        toolchain.name(),
-        size(flash),
-        size(ram)
-    );
+    eprintln!("{board}: flash {}, RAM {} + stack{ccm}", size(flash), size(ram));
     let Board { hardware, flash_budget, ram_budget } = Board::read(board)?;
     for (used, most, what) in
         [(footprint.flash.used, flash_budget, "flash"), (footprint.ram.used, ram_budget, "RAM")]
@@ -119,7 +114,7 @@ pub fn build(board: &str, toolchain: &Toolchain) -> Result<(PathBuf, Footprint)>
         page_agrees(board, &footprint, stack)?;
     }
     if board != BENCH {
-        panics_are_known(board, &built, toolchain)?;
+        panics_are_known(board, &built)?;
     }
     Ok((path, footprint))
 }
@@ -163,17 +158,13 @@ fn stack_fits(board: &str, built: &Path, footprint: &Footprint) -> Result<u32> {
 }
 
 /// Where the machine code could panic.
-fn panics_are_known(board: &str, built: &Path, toolchain: &Toolchain) -> Result<()> {
+fn panics_are_known(board: &str, built: &Path) -> Result<()> {
     let sites = panics::remaining(built, &Image::read(built)?)?;
     eprintln!("{board}: no panic in the core; lines that may elsewhere, and why they do not:");
     for (owner, lines) in &sites {
         eprintln!("  {:3} {owner}: {}", lines.len(), panics::why(owner).unwrap_or_default());
     }
-    match toolchain {
-        Toolchain::Installed => panics::none_is_new(board, &sites, &panics::list()?),
-        // Another compiler sees other lines to be out of reach.
-        Toolchain::Debian { .. } => Ok(()),
-    }
+    panics::none_is_new(board, &sites, &panics::list()?)
 }
 
 /// The board's own map, else the product's in the root.

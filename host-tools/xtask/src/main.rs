@@ -1,17 +1,17 @@
 //! Build and test tasks of this repository: `cargo xtask test`, `cargo xtask firmware BOARD`,
 //! `cargo xtask cycles`.
 //!
-//! The boards build with whatever can build for a Cortex-M here ([`toolchain`]), so that the committed
-//! cargo configuration names none of it and a clean clone needs one command.
+//! What they need and a machine lacks, `.ci/setup` installs.
 
+mod changes;
 mod costs;
 mod cycles;
 mod emulator;
 mod firmware;
+mod fuzz;
 mod image;
 mod judge;
 mod memory;
-mod packages;
 mod panics;
 mod peers;
 mod python;
@@ -28,7 +28,7 @@ use clap::{Parser, Subcommand};
 use crate::cycles::Cycles;
 use crate::judge::Judge;
 use crate::steps::Steps;
-use crate::toolchain::Choice;
+use crate::test::Test;
 
 /// Build and test tasks of this repository
 #[derive(Parser)]
@@ -36,19 +36,12 @@ use crate::toolchain::Choice;
 struct Arguments {
     #[command(subcommand)]
     task: Task,
-    /// What builds for the boards: the first that works, rustup's target, or Debian's rustc-web
-    #[arg(long, value_enum, default_value_t = Choice::Auto, global = true)]
-    toolchain: Choice,
 }
 
 #[derive(Subcommand)]
 enum Task {
-    /// Everything that must hold before a change goes in
-    Test {
-        /// Where
-        #[arg(value_enum, default_value_t = test::Part::All)]
-        part: test::Part,
-    },
+    /// Tests what changed since `main`, or with `--profile ci` everything that must hold
+    Test(Test),
     /// Builds the firmware of a board; prints the file on stdout, its sizes on stderr
     Firmware {
         /// A folder of `boards/`
@@ -66,10 +59,10 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let mut steps = Steps::default();
     let done = match arguments.task {
-        Task::Test { part } => test::all(part, arguments.toolchain, &mut steps),
-        Task::Firmware { board } => firmware::task(&board, arguments.toolchain),
-        Task::Emulator => emulator::task(arguments.toolchain),
-        Task::Cycles(cycles) => cycles::task(&cycles, arguments.toolchain),
+        Task::Test(test) => test::task(&test, &mut steps),
+        Task::Firmware { board } => firmware::task(&board),
+        Task::Emulator => emulator::task(),
+        Task::Cycles(cycles) => cycles::task(&cycles),
         Task::Judge(judge) => judge::task(&judge),
     };
     match done {

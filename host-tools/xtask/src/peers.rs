@@ -8,8 +8,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use crate::run::{answer, exists, program, root, run};
-use crate::{cycles, emulator, packages};
+use crate::run::{answer, program, root, run, setup};
+use crate::{cycles, emulator};
 
 const COMPILER: &str = "arm-none-eabi-gcc";
 const EMLEARN: &str = "emlearn==0.23.2";
@@ -40,12 +40,7 @@ const MISSING: &str = "CMSIS-NN s16: not built, no package with its C sources wa
 
 /// Builds them, runs them and writes the table to `csv`.
 pub fn task(image: &Path, csv: &Path) -> Result<()> {
-    if !exists(COMPILER) {
-        packages::install(
-            &["gcc-arm-none-eabi", "libnewlib-arm-none-eabi"],
-            "the peers' compiler",
-        )?;
-    }
+    setup(&["peers"])?;
     let version = answer(Command::new(COMPILER).arg("-dumpfullversion"));
     let version = version.context("arm-none-eabi-gcc does not say its version")?;
     let folder = root().join("target/peers");

@@ -6,11 +6,10 @@ use std::process::Command;
 
 use anyhow::Result;
 
-use crate::packages;
-use crate::run::{answer, cargo, clean_cargo, locked, program, root, run, target};
+use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target};
 
-/// Runs them in an environment of their own under `target/`.
-pub fn tests() -> Result<()> {
+/// Runs them in an environment of their own under `target/`; `long`, streams take ten minutes and not seconds.
+pub fn tests(long: bool) -> Result<()> {
     let client = root().join("host-tools/python");
     let python = environment(&client)?;
     let check = |module: &[&str]| run(program(&python, &client).arg("-m").args(module));
@@ -21,19 +20,21 @@ pub fn tests() -> Result<()> {
     run(cargo().args(["build", "--quiet", "--bin", "taxel"]).args(locked()))?;
     // A workspace of its own; `taxel` looks for it beside itself.
     let bridge = root().join("host-tools/bridge");
-    run(clean_cargo("cargo", &bridge).args(["fmt", "--check"]))?;
-    run(clean_cargo("cargo", &bridge)
+    run(clean("cargo", &bridge).args(["fmt", "--check"]))?;
+    run(clean("cargo", &bridge)
         .args(["clippy", "--quiet", "--all-targets", "--target-dir"])
         .arg(target())
         .args(locked())
         .args(["--", "-D", "warnings"]))?;
-    run(clean_cargo("cargo", &bridge)
+    run(clean("cargo", &bridge)
         .args(["build", "--quiet", "--target-dir"])
         .arg(target())
         .args(locked()))?;
-    run(program(&python, &client)
-        .env("TAXEL", target().join("debug/taxel"))
-        .args(["-m", "pytest", "--quiet"]))
+    let mut pytest = program(&python, &client);
+    if long {
+        pytest.env("TAXEL_ENDURE_S", "600");
+    }
+    run(pytest.env("TAXEL", target().join("debug/taxel")).args(["-m", "pytest", "--quiet"]))
 }
 
 /// A program of somebody who has installed the client: types and all.
@@ -77,10 +78,7 @@ fn environment(client: &Path) -> Result<PathBuf> {
     if answer(Command::new(&python).args(["-c", &check])).is_some() {
         return Ok(python);
     }
-    // Debian's python3 makes no environments without this package.
-    if answer(Command::new("python3").args(["-c", "import ensurepip; print(1)"])).is_none() {
-        packages::install(&["python3", "python3-venv"], "Python with venv")?;
-    }
+    setup(&["python"])?;
     run(program("python3", client).args(["-m", "venv"]).arg(&directory))?;
     run(program(&python, client).args([
         "-m",

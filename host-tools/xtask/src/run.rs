@@ -1,10 +1,8 @@
 //! Other programs, and the environment they are started with.
 
 use std::ffi::OsStr;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
@@ -45,8 +43,8 @@ pub fn cargo() -> Command {
     program(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &root())
 }
 
-/// A cargo in `directory` that nothing but its arguments steers.
-pub fn clean_cargo(name: impl AsRef<OsStr>, directory: &Path) -> Command {
+/// A program in `directory`, cargo for one, that nothing but its arguments steers.
+pub fn clean(name: impl AsRef<OsStr>, directory: &Path) -> Command {
     let mut command = program(name, directory);
     for variable in INHERITED {
         command.env_remove(variable);
@@ -68,37 +66,21 @@ pub fn run(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// The first line of what it prints, if it works.
-pub fn answer(command: &mut Command) -> Option<String> {
+/// Installs what the named parts of `.ci/setup` need and this machine lacks.
+pub fn setup(parts: &[&str]) -> Result<()> {
+    run(clean("sh", &root()).arg(".ci/setup").args(parts).stdout(std::io::stderr()))
+}
+
+/// The lines that it prints, if it works.
+pub fn lines(command: &mut Command) -> Option<Vec<String>> {
     let output = command.stderr(Stdio::null()).output().ok().filter(|out| out.status.success())?;
     let text = String::from_utf8(output.stdout).ok()?;
-    text.lines().next().map(|line| line.trim().to_owned())
+    Some(text.lines().map(|line| line.trim().to_owned()).collect())
 }
 
-/// Runs for at most `patience`. `false` where it fails, takes longer, or is not there.
-pub fn succeeds_within(command: &mut Command, patience: Duration) -> Result<bool> {
-    let mut child = match command.spawn() {
-        Ok(child) => child,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(false),
-        Err(error) => return Err(error).context(format!("`{}` does not start", line(command))),
-    };
-    let start = Instant::now();
-    loop {
-        if let Some(status) = child.try_wait()? {
-            return Ok(status.success());
-        }
-        if start.elapsed() > patience {
-            child.kill()?;
-            child.wait()?;
-            return Ok(false);
-        }
-        std::thread::sleep(Duration::from_millis(100));
-    }
-}
-
-/// Whether a program is there at all.
-pub fn exists(name: &str) -> bool {
-    answer(Command::new(name).arg("--version")).is_some()
+/// The first line of what it prints, if it works.
+pub fn answer(command: &mut Command) -> Option<String> {
+    lines(command)?.into_iter().next()
 }
 
 fn line(command: &Command) -> String {

@@ -1,52 +1,125 @@
-//! `cargo xtask test`: everything that must hold before a change goes in.
+//! `cargo xtask test`: the tests of a change, of a merge and of a night.
 
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::Result;
-use clap::ValueEnum;
+use anyhow::{Context, Result};
+use clap::{Args, ValueEnum};
 
-use crate::run::{answer, cargo, clean_cargo, exists, locked, root, run};
+use crate::changes::Changes;
+use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::toolchain::{Choice, Toolchain};
-use crate::{cycles, emulator, firmware, packages, python};
+use crate::{cycles, emulator, firmware, fuzz, python, toolchain};
 
-/// Which tests.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Part {
-    /// Format, lints and tests of what runs on a host
+/// What is to be tested.
+#[derive(Args)]
+pub struct Test {
+    /// One part of the tests
+    #[arg(value_enum, default_value_t = Part::All)]
+    part: Part,
+    /// How much of it
+    #[arg(long, value_enum, default_value_t = Profile::Quick)]
+    profile: Profile,
+    /// Every package, not only what changed since `main` and what depends on it (quick)
+    #[arg(long)]
+    all: bool,
+}
+
+/// Parts that machines can test side by side.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Part {
+    /// Format and lints
+    Lint,
+    /// Tests of what runs on a host
     Host,
-    /// Every board's firmware, and the tests on the emulated one
+    /// Every board's firmware, the emulator, and the tests on emulated boards
     Target,
-    /// Both
+    /// The Python client, against the `taxel` command
+    Python,
+    /// All of them
     All,
 }
 
-/// What `boards/*/Cargo.toml` choose of the core's features, and none of them.
-const CORE_FEATURES: [&str; 2] = ["", "array,slip"];
-
-/// What the names of tests begin with that need the emulated boards.
-const EMULATED_PREFIX: &str = "emulated_";
-
-/// Which tests of the host's workspace.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Tests {
-    Host,
-    Emulated,
+/// How much is tested; the profiles of `.config/nextest.toml`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Profile {
+    /// What fails within two minutes: tests on this machine, without browser, emulator and baselines
+    Quick,
+    /// Everything that must hold before a change goes in
+    Ci,
+    /// And what takes an hour: fuzzing, charts of five devices, every power cut, ten-minute streams
+    Nightly,
 }
 
-/// Runs them; the first that fails ends it.
-pub fn all(part: Part, choice: Choice, steps: &mut Steps) -> Result<()> {
-    if part != Part::Target {
-        host(steps)?;
+impl Profile {
+    /// Its name for nextest.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Quick => "default",
+            Self::Ci => "ci",
+            Self::Nightly => "nightly",
+        }
     }
-    if part != Part::Host {
-        target(choice, steps)?;
+
+    /// The quick profile has no tests on emulated boards: who asks for that part gets those of CI.
+    fn at_least_ci(self) -> Self {
+        if self == Self::Quick { Self::Ci } else { self }
+    }
+}
+
+/// Feature sets that `boards/*/Cargo.toml` choose of the core.
+const CORE_FEATURES: [&str; 2] = ["", "array,slip"];
+
+/// Modules of tests that need the emulator and the boards' images.
+const EMULATED: &str = "emulated_board";
+
+/// Cases of a night for each property that does not say how many it takes.
+const NIGHTLY_CASES: &str = "4096";
+
+/// Seconds that a night spends on each fuzz target.
+const FUZZ_SECONDS: u32 = 600;
+
+/// Runs the tests; the first step that fails ends it.
+pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
+    let &Test { part, profile, all } = test;
+    if profile == Profile::Quick && part == Part::All {
+        return quick(all, steps);
+    }
+    let takes = |one| part == one || part == Part::All;
+    if takes(Part::Lint) {
+        lint(steps)?;
+    }
+    if takes(Part::Host) {
+        host(profile, steps)?;
+    }
+    if takes(Part::Target) {
+        boards(profile, steps)?;
+    }
+    if takes(Part::Python) {
+        steps.take("Python client", || python::tests(profile == Profile::Nightly))?;
+    }
+    if profile == Profile::Nightly && part == Part::All {
+        steps.take("fuzzing", || fuzz::all(FUZZ_SECONDS))?;
     }
     Ok(())
 }
 
-fn host(steps: &mut Steps) -> Result<()> {
+/// Format, and the quick tests of what changed.
+fn quick(all: bool, steps: &mut Steps) -> Result<()> {
     steps.take("format", || run(cargo().args(["fmt", "--all", "--check"])))?;
+    let changes = if all { Changes::Everything } else { Changes::since_main()? };
+    steps.take(&format!("quick tests of {changes}"), || {
+        run(&mut tests(Profile::Quick, &root(), Selection::Filter(&changes.filter()))?)
+    })?;
+    steps.leave_out("lints, boards, browser, Python", "`cargo xtask test --profile ci` takes all");
+    Ok(())
+}
+
+fn lint(steps: &mut Steps) -> Result<()> {
+    steps.take("format", || {
+        run(cargo().args(["fmt", "--all", "--check"]))?;
+        run(clean("cargo", &root().join("boards")).args(["fmt", "--check"]))
+    })?;
     steps.take("lints", || {
         run(cargo()
             .args(["clippy", "--workspace", "--all-targets"])
@@ -63,73 +136,121 @@ fn host(steps: &mut Steps) -> Result<()> {
         }
         Ok(())
     })?;
+    steps.take("fuzz targets compile", || run(fuzz::cargo("check").arg("--quiet")))
+}
+
+fn host(profile: Profile, steps: &mut Steps) -> Result<()> {
     steps.take("host tests", || {
-        if !exists("chromium") {
-            packages::install(&["chromium"], "the browser that the page is tried in")?;
+        if profile != Profile::Quick {
+            setup(&["page"])?;
         }
-        run(&mut tests(Tests::Host))
-    })?;
-    steps.take("fuzz targets compile", || {
-        run(clean_cargo("cargo", &root().join("tests/fuzz"))
-            .args(["check", "--quiet"])
-            .args(locked()))
+        run(&mut tests(profile, &root(), Selection::OnHost)?)
     })?;
     steps.take("examples in the documentation", || {
         run(cargo().args(["test", "--quiet", "--workspace", "--doc"]).args(locked()))
-    })?;
-    steps.take("Python client", python::tests)
+    })
 }
 
-fn target(choice: Choice, steps: &mut Steps) -> Result<()> {
-    let boards = root().join("boards");
-    steps.take("format of the boards", || {
-        run(clean_cargo("cargo", &boards).args(["fmt", "--check"]))
-    })?;
-    let toolchain = steps.take("compiler for the boards", || Toolchain::find(choice))?;
-    match &toolchain {
-        Toolchain::Installed => steps.take("lints of the boards", || {
-            // One by one: no two chips' features may meet in one build of their HAL.
-            for board in firmware::boards()? {
-                run(toolchain
-                    .cargo("clippy")
-                    .args(["--quiet", "--package", &board])
-                    .args(locked())
-                    .args(["--", "-D", "warnings"]))?;
-            }
-            Ok(())
-        })?,
-        Toolchain::Debian { .. } => {
-            steps.leave_out("lints of the boards", "Debian's rustc-web has no clippy");
+fn boards(profile: Profile, steps: &mut Steps) -> Result<()> {
+    steps.take("tools for the boards", || setup(&["boards", "emulator"]))?;
+    steps.take("lints of the boards", || {
+        // One by one: no two chips' features may meet in one build of their HAL.
+        for board in firmware::boards()? {
+            run(toolchain::cargo("clippy")
+                .args(["--package", &board])
+                .args(locked())
+                .args(["--", "-D", "warnings"]))?;
         }
-    }
+        Ok(())
+    })?;
     for board in firmware::boards()? {
-        steps.take(&format!("firmware of {board}"), || firmware::build(&board, &toolchain))?;
+        steps.take(&format!("firmware of {board}"), || firmware::build(&board))?;
     }
-    steps.take("tests of the emulator", emulator::tests)?;
+    steps.take("tests of the emulator", || emulator::tests(profile.at_least_ci()))?;
     steps.take("tests on the emulated boards", || {
         emulator::fill()?;
-        run(&mut tests(Tests::Emulated))
+        run(&mut tests(profile.at_least_ci(), &root(), Selection::OnBoards)?)
     })?;
-    steps.take("instructions and cycles of every stage", || cycles::guard(&toolchain))
+    steps.take("instructions and cycles of every stage", cycles::guard)
 }
 
-/// By nextest where it is there. Always of the whole workspace: a part of it would have its dependencies
-/// built anew, with other features.
-fn tests(which: Tests) -> Command {
+/// Tests of a workspace that a profile takes.
+#[derive(Clone, Copy)]
+pub enum Selection<'a> {
+    /// All of them.
+    All,
+    /// Those that a filter of nextest takes; where nextest is not installed, all.
+    Filter(&'a str),
+    /// Those that need no emulated board.
+    OnHost,
+    /// Those on emulated boards.
+    OnBoards,
+}
+
+/// A command that tests the workspace in `directory`, by nextest where it is installed. It builds all of the
+/// workspace: a part would compile its dependencies again, with fewer features.
+pub fn tests(profile: Profile, directory: &Path, selection: Selection) -> Result<Command> {
+    let cargo = || program(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), directory);
     let mut command = cargo();
     let nextest = answer(cargo().args(["nextest", "--version"])).is_some();
     if nextest {
-        command.args(["nextest", "run", "--config-file"]).arg(root().join(".ci/nextest.toml"));
+        command.args(["nextest", "run", "--config-file"]).arg(config());
+        command.args(["--profile", profile.name(), "--no-tests", "pass"]);
     } else {
-        command.args(["test", "--quiet"]);
+        command.args(["test", "--quiet", "--no-fail-fast", "--lib", "--bins", "--tests"]);
     }
-    command.args(["--workspace", "--no-fail-fast"]).args(locked());
-    match (which, nextest) {
-        (Tests::Emulated, true) => command.args(["-E", &format!("test({EMULATED_PREFIX})")]),
-        (Tests::Emulated, false) => command.args(["--test", "*", "--", EMULATED_PREFIX]),
-        (Tests::Host, true) => command.args(["-E", &format!("not test({EMULATED_PREFIX})")]),
-        // Without a selection cargo would run the documentation's too.
-        (Tests::Host, false) => command.args(["--all-targets", "--", "--skip", EMULATED_PREFIX]),
+    command.args(["--workspace", "--target-dir"]).arg(target()).args(locked());
+    if profile == Profile::Nightly {
+        command.env("PROPTEST_CASES", NIGHTLY_CASES);
+    }
+    if nextest {
+        let filter = match selection {
+            Selection::All => "all()",
+            Selection::Filter(filter) => filter,
+            Selection::OnHost => &format!("not test(/(^|::){EMULATED}::/)"),
+            Selection::OnBoards => &format!("test(/(^|::){EMULATED}::/)"),
+        };
+        command.args(["--filterset", filter]);
+        return Ok(command);
+    }
+    let (only, not) = match selection {
+        Selection::OnBoards => (Some(EMULATED), None),
+        Selection::OnHost => (None, Some(EMULATED)),
+        Selection::All | Selection::Filter(_) => (None, None),
     };
-    command
+    command.arg("--").args(only.map(|module| format!("{module}::")));
+    let left_out = left_out(profile, &std::fs::read_to_string(config())?)?;
+    for module in left_out.iter().map(String::as_str).chain(not) {
+        command.args(["--skip", &format!("{module}::")]);
+    }
+    Ok(command)
+}
+
+/// The profiles, for every workspace.
+fn config() -> PathBuf {
+    root().join(".config/nextest.toml")
+}
+
+/// Modules that a profile leaves out, read from its `default-filter`.
+fn left_out(profile: Profile, config: &str) -> Result<Vec<String>> {
+    let config: toml::Value = toml::from_str(config).context(".config/nextest.toml")?;
+    let filter = config["profile"][profile.name()]["default-filter"].as_str();
+    let names = filter.context(".config/nextest.toml: a default-filter is a string")?;
+    let Some((_, names)) = names.split_once("not test(/(^|::)") else { return Ok(Vec::new()) };
+    let names = names.trim_end_matches(")").trim_end_matches("::/").trim_matches(['(', ')']);
+    Ok(names.split('|').map(str::to_owned).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn profiles_leave_out_the_modules_that_their_filters_name() {
+        let config = std::fs::read_to_string(config()).unwrap();
+        let slow = ["baseline", "browser", "emulated_board", "endurance", "nightly"];
+        assert_eq!(left_out(Profile::Quick, &config).unwrap(), slow);
+        assert_eq!(left_out(Profile::Ci, &config).unwrap(), ["nightly"]);
+        assert!(left_out(Profile::Nightly, &config).unwrap().is_empty());
+    }
 }

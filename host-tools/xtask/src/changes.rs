@@ -1,0 +1,124 @@
+//! Packages of the host's workspace that changed since `main`.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use serde::Deserialize;
+
+use crate::run::{cargo, lines, program, root};
+
+/// What of the workspace changed.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Changes {
+    /// Nothing, which calls for every test, or something that no package owns.
+    Everything,
+    /// Names of packages.
+    Packages(BTreeSet<String>),
+}
+
+impl Changes {
+    /// Compares the working tree with the commit where the branch left `main`.
+    pub fn since_main() -> Result<Self> {
+        let git = |arguments: &[&str]| lines(program("git", &root()).args(arguments));
+        let base =
+            ["main", "origin/main"].iter().find_map(|main| git(&["merge-base", "HEAD", main]));
+        let Some([base]) = base.as_deref() else { return Ok(Self::Everything) };
+        let changed = git(&["diff", "--name-only", "--no-renames", base]);
+        let new = git(&["ls-files", "--others", "--exclude-standard"]);
+        let (Some(changed), Some(new)) = (changed, new) else { return Ok(Self::Everything) };
+        Ok(Self::of(&[changed, new].concat(), &packages()?))
+    }
+
+    fn of(files: &[String], packages: &[(String, PathBuf)]) -> Self {
+        let owners: Option<BTreeSet<String>> =
+            files.iter().map(|file| owner(Path::new(file), packages)).collect();
+        match owners {
+            Some(owners) if !owners.is_empty() => Self::Packages(owners),
+            _ => Self::Everything,
+        }
+    }
+
+    /// Their tests and those of what depends on them, as a filter of nextest.
+    pub fn filter(&self) -> String {
+        match self {
+            Self::Everything => "all()".to_owned(),
+            Self::Packages(names) => {
+                names.iter().map(|name| format!("rdeps(={name})")).collect::<Vec<_>>().join(" + ")
+            }
+        }
+    }
+}
+
+impl fmt::Display for Changes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Everything => write!(f, "every package"),
+            Self::Packages(names) => {
+                let names = names.iter().map(String::as_str).collect::<Vec<_>>().join(", ");
+                write!(f, "{names} and what depends on it")
+            }
+        }
+    }
+}
+
+/// The package whose folder a file lies in. Of the root folder only the core's own sources and tests are a
+/// package's: a manual, a lock file or a table may matter to any.
+fn owner(file: &Path, packages: &[(String, PathBuf)]) -> Option<String> {
+    let core = file.starts_with("src") || file.starts_with("tests/core");
+    let holds = |folder: &Path| {
+        let root = folder == Path::new("");
+        if core { root } else { !root && file.starts_with(folder) }
+    };
+    let mut owners: Vec<_> = packages.iter().filter(|(_, folder)| holds(folder)).collect();
+    owners.sort_by_key(|(_, folder)| folder.components().count());
+    owners.pop().map(|(name, _)| name.clone())
+}
+
+/// Names of the workspace's packages and their folders, from the root on.
+fn packages() -> Result<Vec<(String, PathBuf)>> {
+    #[derive(Deserialize)]
+    struct Metadata {
+        packages: Vec<Package>,
+    }
+    #[derive(Deserialize)]
+    struct Package {
+        name: String,
+        manifest_path: PathBuf,
+    }
+    let output = cargo().args(["metadata", "--no-deps", "--format-version", "1"]).output()?;
+    let metadata: Metadata =
+        serde_json::from_slice(&output.stdout).context("`cargo metadata` lists no packages")?;
+    let root = root();
+    let folder = |manifest: &Path| Some(manifest.parent()?.strip_prefix(&root).ok()?.to_owned());
+    let packages = metadata.packages.into_iter();
+    Ok(packages
+        .filter_map(|Package { name, manifest_path }| Some((name, folder(&manifest_path)?)))
+        .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(files: &[&str]) -> Changes {
+        let packages = [("taxel", ""), ("taxel-tests", "tests"), ("taxel-sim", "host-tools/sim")];
+        let packages = packages.map(|(name, folder)| (name.to_owned(), folder.into()));
+        Changes::of(&files.iter().map(|file| (*file).to_owned()).collect::<Vec<_>>(), &packages)
+    }
+
+    #[test]
+    fn a_file_belongs_to_the_innermost_package() {
+        let changes = of(&["src/lib.rs", "host-tools/sim/src/scene.rs", "tests/system/faults.rs"]);
+        assert_eq!(changes.filter(), "rdeps(=taxel) + rdeps(=taxel-sim) + rdeps(=taxel-tests)");
+        assert_eq!(of(&["tests/core/store.rs"]).filter(), "rdeps(=taxel)");
+    }
+
+    #[test]
+    fn files_of_no_package_and_no_files_call_for_every_test() {
+        for files in [&["src/lib.rs", "docs/accuracy.md"][..], &["Cargo.lock"], &[]] {
+            assert_eq!(of(files), Changes::Everything, "{files:?}");
+        }
+    }
+}
