@@ -1,8 +1,6 @@
 //! Signals become contact, position and force. One file an estimator, each with its source.
 
 pub mod array;
-pub mod bright_spot;
-pub mod column;
 pub mod contact_point;
 pub mod field;
 pub mod fusion;
@@ -16,7 +14,6 @@ pub mod net;
     expect(dead_code, reason = "the checks of its section are left out with the section")
 )]
 pub mod quantised;
-pub mod row;
 pub mod sensitivity;
 pub mod slide;
 pub mod slip;

@@ -10,7 +10,7 @@ mod whole;
 
 use taxel::calibration::Calibration;
 use taxel::condition::{Bias, Levels, NoiseWatch, Signals, Warmth};
-use taxel::estimate::bright_spot::Spot;
+use taxel_papers::feeler::Spot;
 use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::gate::{Gate, GateState};
 use taxel::estimate::tanh::tanh;

@@ -8,7 +8,7 @@ use taxel_client::{Client, Link, LinkError, Port, Steady};
 use taxel_files::recording::Recording;
 use taxel_files::{FileError, calibration};
 use taxel_sim::Scene;
-use taxel_sim::scene::{BUILT_IN, Kind};
+use taxel_sim::scene::{Kind, built_in};
 
 use crate::output;
 use crate::virtual_finger::{Source, VirtualFinger};
@@ -94,7 +94,7 @@ pub fn scene_calibration(
 
 /// Built in, and of the kind that the calibration was made on, whose skin is no layer on a frame.
 fn is_virtual_finger(scene: &str) -> bool {
-    BUILT_IN.iter().any(|(name, _)| *name == scene)
+    built_in().any(|(name, _)| name == scene)
         && Scene::load(scene)
             .is_ok_and(|scene| scene.device.kind == Kind::Taxel4x4 && !scene.has_walls())
 }

@@ -92,7 +92,7 @@ pub fn main() -> ExitCode {
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
-    use taxel_sim::scene::BUILT_IN;
+    use taxel_sim::scene::built_in;
 
     use super::*;
 
@@ -179,7 +179,7 @@ mod tests {
                     words.windows(2).filter(|pair| pair[0] == "--scene").map(|pair| pair[1]);
                 let ports = words.iter().filter_map(|word| word.strip_prefix("sim:"));
                 for scene in scenes.chain(ports) {
-                    assert!(BUILT_IN.iter().any(|(name, _)| *name == scene), "{line}");
+                    assert!(built_in().any(|(name, _)| name == scene), "{line}");
                 }
             }
         }

@@ -3,9 +3,9 @@
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
-use taxel::estimate::bright_spot::{BrightSpot, Shear};
-use taxel::estimate::column::Column;
-use taxel::estimate::row::{RowPolynomials, terms};
+use taxel_papers::column::Column;
+use taxel_papers::feeler::{BrightSpot, Shear};
+use taxel_papers::line_of_four::{LinePolynomials, terms};
 
 use crate::error::FitError;
 use crate::model::Family;
@@ -73,7 +73,7 @@ impl Law {
     pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
         match self {
             Self::Row { point, angle } => {
-                let row = RowPolynomials { point: *point, angle: *angle };
+                let row = LinePolynomials { point: *point, angle: *angle };
                 let (p, theta) = row.contact(first(inputs));
                 vec![p, theta]
             }

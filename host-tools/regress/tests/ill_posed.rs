@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
 
-use taxel::estimate::bright_spot::{BrightSpot, Shear};
 use taxel_files::table::read_from;
+use taxel_papers::feeler::{BrightSpot, Shear};
 use taxel_regress::FitError;
 use taxel_regress::align::Alignment;
 use taxel_regress::model::Family;

@@ -7,13 +7,13 @@ use std::sync::atomic::AtomicBool;
 
 use taxel::condition::Signals;
 use taxel::estimate::ContactPoint;
-use taxel::estimate::bright_spot::Spot;
 use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::measured::Measured;
 use taxel::scan::{COLS, PITCH, TAXELS};
 use taxel_files::table::Table;
+use taxel_papers::feeler::Spot;
 use taxel_regress::Expansion;
 use taxel_regress::model::Family;
 use taxel_regress::network::NetOptions;

@@ -7,8 +7,6 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, ensure};
 use taxel::condition::Signals;
-use taxel::estimate::bright_spot::Spot;
-use taxel::estimate::column::quadrants;
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::wrench::SensorPlaces;
 use taxel::scan::COLS;
@@ -17,9 +15,11 @@ use taxel_calibrate::finger::FitOptions;
 use taxel_calibrate::recording::Recording;
 use taxel_files::table::Table;
 use taxel_files::trace::Sample;
+use taxel_papers::column::{CENTRES, quadrants};
+use taxel_papers::feeler::Spot;
 use taxel_regress::model::Family;
 use taxel_regress::table::{self, TableModel, TableOptions, TableRecording};
-use taxel_sim::systems::column::{CENTRES, LIGHT_PER_MM2};
+use taxel_sim::systems::column::LIGHT_PER_MM2;
 
 use crate::device::{FITTED, JUDGED, Moment, run};
 use crate::methods::{Group, Method, Said};
@@ -67,9 +67,9 @@ type Says = Box<dyn FnMut(&Moment) -> Said>;
 pub(crate) fn all() -> Vec<Paper> {
     vec![
         Paper {
-            name: "002: line of four",
+            name: "DeMaria2011: line of four",
             group: Group::Paper,
-            stages: &["002: line of four"],
+            stages: &["DeMaria2011: line of four"],
             fitted: &["line-fit"],
             judged: "line-trial",
             quantities: &[Place, Angle],
@@ -77,9 +77,9 @@ pub(crate) fn all() -> Vec<Paper> {
             fit: line_of_four,
         },
         Paper {
-            name: "000: feeler",
+            name: "Ohka2005: feeler",
             group: Group::Paper,
-            stages: &["000: feeler, 16 pixels"],
+            stages: &["Ohka2005: feeler, 16 pixels"],
             fitted: &["micro-shear"],
             judged: "micro-shear",
             quantities: &[Normal, Shear],
@@ -87,9 +87,9 @@ pub(crate) fn all() -> Vec<Paper> {
             fit: feeler,
         },
         Paper {
-            name: "001: four columns",
+            name: "Ohka2004: four columns",
             group: Group::Paper,
-            stages: &["001: four columns"],
+            stages: &["Ohka2004: four columns"],
             fitted: &["column-press", "column-shear"],
             judged: "column-shear",
             quantities: &[Normal, Shear],
@@ -97,7 +97,7 @@ pub(crate) fn all() -> Vec<Paper> {
             fit: columns,
         },
         Paper {
-            name: "003: one sensor",
+            name: "Ospina2017: one sensor",
             group: Group::Sensors,
             stages: &["f = S(u - b), one sensor"],
             fitted: &["mems-bare"],
@@ -107,7 +107,7 @@ pub(crate) fn all() -> Vec<Paper> {
             fit: one_sensor,
         },
         Paper {
-            name: "003: four under a plane",
+            name: "Ospina2017: four under a plane",
             group: Group::Sensors,
             stages: &["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"],
             fitted: &["array-plane"],
@@ -117,7 +117,7 @@ pub(crate) fn all() -> Vec<Paper> {
             fit: |runs| four_sensors(runs, PLANE),
         },
         Paper {
-            name: "003: four under an ellipsoid",
+            name: "Ospina2017: four under an ellipsoid",
             group: Group::Sensors,
             stages: &[
                 "sum of four sensors",

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use taxel_files::FileError;
 use taxel_sim::cost::{self, Cost};
-use taxel_sim::scene::BUILT_IN;
+use taxel_sim::scene::built_in;
 use taxel_sim::{Scene, Simulator};
 
 /// The fastest of so many runs counts; the others were disturbed. Short ones fit between disturbances.
@@ -23,7 +23,7 @@ fn main() {
 
 fn frames() -> Result<(), FileError> {
     println!("{:<16} {:>12} {:>10}", "scene", "frames/s", "µs/frame");
-    for (name, text) in BUILT_IN.iter().copied() {
+    for (name, text) in built_in() {
         let scene = Scene::parse(name, text)?;
         let mut fastest = f64::INFINITY;
         for _ in 0..RUNS {

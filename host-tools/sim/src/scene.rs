@@ -26,7 +26,7 @@ mod temperature;
 mod trials;
 
 pub use acts::{Act, MOST_CONTACTS, Press, Random, Roll, Slide, Spring, Tap};
-pub use catalogue::BUILT_IN;
+pub use catalogue::built_in;
 pub use device::{Bits, Device, Kind, Taxel};
 pub use electronics::Electronics;
 pub use fault::{Broken, Fault, Place};

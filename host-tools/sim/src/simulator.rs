@@ -5,6 +5,7 @@ use rand_distr::{Distribution as _, StandardNormal};
 use taxel::scan::{COLS, Codes, Midpoints, SENSORS, Scan, TAXELS, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
 use taxel_files::trace::{Sample, TraceHeader, Truth};
+use taxel_papers::sheet::FEELERS;
 
 use crate::adc::Adc;
 use crate::bridge::{Bridge, Surroundings};
@@ -20,7 +21,7 @@ use crate::seeds::{Purpose, stream};
 use crate::supply::Supply;
 use crate::systems;
 use crate::systems::matrix::Matrix;
-use crate::systems::sheet::{FEELERS, Sheet};
+use crate::systems::sheet::Sheet;
 
 /// The reference channel reads a voltage of its own, half of the converter's range at a nominal supply.
 const REFERENCE: f64 = 0.5;

@@ -3,7 +3,7 @@
 //! | `kind` of `[device]` | paper | the contact becomes |
 //! |---|---|---|
 //! | `taxel-4x4` | 002, 003 | displaced facets ([`crate::fidelity`]) and, through [`plate`], four force sensors |
-//! | `taxel-4x1` | 002 | displaced facets of the [`line`](line_of_four) |
+//! | `taxel-4x1` | 002 | displaced facets of the [`line`](taxel_papers::line_of_four) |
 //! | `mems-3axis` | 003 ch. 1 | the force on one sensor, under its [`coating`](crate::response::Coating) |
 //! | `mems-array` | 003 ch. 2 | four sensors under a [`plate`] that carries a curved [`surface`] |
 //! | `ohka-micro` | 000 | a bright spot under a conical feeler: [`feeler`] |
@@ -16,13 +16,13 @@
 
 pub mod column;
 pub mod feeler;
-pub mod line_of_four;
 pub mod matrix;
 pub mod plate;
 pub mod sheet;
 pub mod surface;
 
 use taxel::scan::SENSORS;
+use taxel_papers::column as columns;
 
 use crate::path::{Contacts, Load};
 use crate::scene::{Device, Kind};
@@ -39,7 +39,8 @@ pub fn taken(device: &Device, contacts: Contacts) -> Contacts {
         },
         Kind::OhkaMicro => |_, load| Load { slip: feeler::Spot::under(load.force).slip, ..load },
         Kind::OhkaColumn => |_, load| {
-            let column = column::below(load.point).and_then(|at| column::CENTRES.get(at).copied());
+            let column =
+                columns::below(load.point).and_then(|at| columns::CENTRES.get(at).copied());
             Load { point: column.unwrap_or(load.point), ..load }
         },
         Kind::Taxel4x4 | Kind::Taxel4x1 | Kind::Mems3Axis | Kind::OhkaSheet => return contacts,

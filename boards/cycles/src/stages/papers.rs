@@ -1,8 +1,8 @@
-//! What the papers' other sensors ask for: the line of four of 002, the feeler of 000, the columns of 001.
+//! Stages of the sensors of other papers: line of four, feeler, columns.
 
-use taxel::estimate::bright_spot::{BrightSpot, Shear, Spot};
-use taxel::estimate::column::{Column, friction_distribution, inclination, quadrants};
-use taxel::estimate::row::RowPolynomials;
+use taxel_papers::feeler::{BrightSpot, Shear, Spot};
+use taxel_papers::column::{Column, friction_distribution, inclination, quadrants};
+use taxel_papers::line_of_four::LinePolynomials;
 use taxel::measured::NoValue;
 use taxel::scan::TAXELS;
 
@@ -10,14 +10,14 @@ use crate::Meter;
 
 pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl Meter) {
     let line = c.clone().map(|c| [c[0], c[1], c[2], c[3]]);
-    let mut row = RowPolynomials { point: [0.3; 8], angle: [0.2; 8] };
-    meter.stage("002: line of four", &mut row, line, &mut (0.0, 0.0), |row, u, out| {
+    let mut row = LinePolynomials { point: [0.3; 8], angle: [0.2; 8] };
+    meter.stage("DeMaria2011: line of four", &mut row, line, &mut (0.0, 0.0), |row, u, out| {
         *out = row.contact(*u);
     });
     let mut feeler = BrightSpot { normal: 0.01, x: Shear::PAPER, y: Shear::PAPER };
     let images = c.clone().map(|c| c.map(|c| 1.0 - c));
     meter.stage(
-        "000: feeler, 16 pixels",
+        "Ohka2005: feeler, 16 pixels",
         &mut feeler,
         images,
         &mut [0.0; 3],
@@ -28,7 +28,7 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
     );
     let nothing = Err(NoValue::IllConditioned);
     meter.stage(
-        "001: four columns",
+        "Ohka2004: four columns",
         &mut Column::PAPER.clone(),
         c.clone(),
         &mut nothing.clone(),
@@ -38,7 +38,7 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
         },
     );
     meter.stage(
-        "001: distribution of friction",
+        "Ohka2004: distribution of friction",
         &mut Column::PAPER.clone(),
         c,
         &mut [nothing; 4],

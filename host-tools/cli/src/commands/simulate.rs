@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use indicatif::ProgressBar;
 use taxel::scan::{COLS, TAXELS};
 use taxel_files::trace::TraceWriter;
-use taxel_sim::scene::BUILT_IN;
+use taxel_sim::scene::built_in;
 use taxel_sim::{Scene, Simulator};
 
 use crate::interrupt::Interrupt;
@@ -81,7 +81,7 @@ fn past_the_peak(wrong_side: &[bool; TAXELS]) -> String {
 
 /// Name and description of each built-in scene.
 fn list() -> anyhow::Result<()> {
-    for (name, _) in BUILT_IN {
+    for (name, _) in built_in() {
         output::line(format!("{name:<22} {}", Scene::load(name)?.description))?;
     }
     Ok(())

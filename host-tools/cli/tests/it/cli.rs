@@ -33,11 +33,11 @@ fn json(text: &str) -> serde_json::Value {
 #[test]
 fn the_built_in_scenes_are_listed_a_line_each_with_what_they_do() {
     let list = succeeds(&["simulate", "--list"]);
-    for (name, _) in taxel_sim::scene::BUILT_IN {
+    for (name, _) in taxel_sim::scene::built_in() {
         let line = list.lines().find(|line| line.split_whitespace().next() == Some(name)).unwrap();
         assert!(line.len() > name.len() + 10, "{line}");
     }
-    assert_eq!(list.lines().count(), taxel_sim::scene::BUILT_IN.len());
+    assert_eq!(list.lines().count(), taxel_sim::scene::built_in().count());
 }
 
 #[test]

@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use crate::common::{In, json};
-use taxel::estimate::bright_spot::Spot;
-use taxel::estimate::column::quadrants;
 use taxel_calibrate::recording::Recording;
 use taxel_files::trace::Sample;
-use taxel_sim::systems::column::{CENTRES, LIGHT_PER_MM2};
+use taxel_papers::column::{CENTRES, quadrants};
+use taxel_papers::feeler::Spot;
+use taxel_sim::systems::column::LIGHT_PER_MM2;
 use taxel_sim::{Scene, Simulator};
 
 /// Fits `fit.csv` with what is typed, and judges on `unseen.csv`: RMS errors of the targets, all of which the

@@ -1,9 +1,10 @@
 //! How the papers' experiments push.
 
+use taxel_papers::column::{CENTRES, COLUMNS, SPRING, TIP_MM};
+
 use super::motion::pulse;
 use super::{Contacts, Grip, Load};
 use crate::scene::{Grid, Plate};
-use crate::systems::column::{CENTRES, COLUMNS, SPRING, TIP_MM};
 
 impl Grid {
     /// Angles change fastest, then x.

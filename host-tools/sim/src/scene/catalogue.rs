@@ -1,14 +1,14 @@
-//! The scenes that come with the simulator.
+//! Scenes that come with the simulator.
 
-/// A scene by its file in `scenes/`, whose name it has.
+/// Pairs each file of `scenes/` with its name.
 macro_rules! scenes {
     ($($name:literal)*) => {
         &[$(($name, include_str!(concat!("../../scenes/", $name, ".toml")))),*]
     };
 }
 
-/// Scenes that come with the simulator, by name.
-pub const BUILT_IN: &[(&str, &str)] = scenes! {
+/// Scenes of the finger and of its force sensors, by name.
+const OWN: &[(&str, &str)] = scenes! {
     "press"
     "press-4khz"
     "presses"
@@ -40,9 +40,6 @@ pub const BUILT_IN: &[(&str, &str)] = scenes! {
     "fault-at-rest"
     "tour"
     "bench-s0"
-    "line-fit"
-    "line-trial"
-    "line-slide"
     "mems-bare"
     "mems-ra"
     "mems-rb"
@@ -57,12 +54,9 @@ pub const BUILT_IN: &[(&str, &str)] = scenes! {
     "array-ellipsoid"
     "array-slide"
     "array-roll"
-    "micro-press"
-    "micro-shear"
-    "sheet-press"
-    "sheet-shear"
-    "column-press"
-    "column-shear"
-    "column-incline"
-    "column-step"
 };
+
+/// Returns the scenes that come with the simulator, by name: the finger's and those of other papers' sensors.
+pub fn built_in() -> impl Iterator<Item = (&'static str, &'static str)> {
+    OWN.iter().copied().chain(taxel_papers::SCENES)
+}

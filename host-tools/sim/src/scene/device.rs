@@ -2,13 +2,13 @@
 
 use serde::{Deserialize, Deserializer};
 use taxel::scan::{COLS, ROWS, SENSORS, TAXEL_CENTRES, TAXELS};
+use taxel_papers::{column, feeler, line_of_four};
 
 use super::read::Problem;
 use super::{Effect, Scene};
 use crate::ranges;
 use crate::response::Coating;
 use crate::systems::surface::Surface;
-use crate::systems::{column, feeler, line_of_four};
 
 /// `[device]`
 #[derive(Clone, Debug, Deserialize)]

@@ -7,7 +7,7 @@ use std::path::Path;
 use taxel_files::FileError;
 use toml::de::{DeTable, DeValue};
 
-use super::{BUILT_IN, Scene};
+use super::{Scene, built_in};
 
 /// Where in the text, and what is wrong there.
 pub(super) type Problem = (Range<usize>, String);
@@ -34,7 +34,7 @@ impl Scene {
     /// # Errors
     /// What is wrong with it, in one line.
     pub fn load(name_or_path: &str) -> Result<Self, FileError> {
-        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == name_or_path) {
+        if let Some((name, text)) = built_in().find(|(name, _)| *name == name_or_path) {
             return Self::parse(format!("{name}.toml"), text);
         }
         let text = std::fs::read_to_string(name_or_path).map_err(|error| {

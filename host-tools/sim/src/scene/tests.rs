@@ -22,7 +22,7 @@ fn refuses(text: &str, line: u32, words: &[&str]) {
 #[test]
 fn built_in_scenes_are_described_and_the_fingers_are_of_one_device() {
     let first = Scene::load("press").unwrap();
-    for (name, _) in BUILT_IN {
+    for (name, _) in built_in() {
         let scene = Scene::load(name).unwrap();
         assert!(!scene.description.is_empty(), "{name}");
         if scene.device.kind != Kind::Taxel4x4 {

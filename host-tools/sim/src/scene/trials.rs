@@ -1,14 +1,15 @@
 //! Tables of a scene that repeat an experiment of the papers.
 
 use serde::Deserialize;
+use taxel_papers::column::{self, CENTRES, COLUMNS, MOST_N, PITCH_MM, SPRING, TIP_MM};
+use taxel_papers::feeler::LINEAR_N;
+use taxel_papers::sheet::{FEELERS, centre};
 
 use super::read::Problem;
 use super::{Act, Kind, Scene};
 use crate::path::Load;
 use crate::ranges::{self, Whole};
-use crate::systems::column::{self, CENTRES, COLUMNS, MOST_N, PITCH_MM, SPRING, TIP_MM};
-use crate::systems::feeler::LINEAR_N;
-use crate::systems::sheet::{FEELERS, Sheet, centre};
+use crate::systems::sheet::Sheet;
 
 /// `[[grid]]`: presses at the crossings of a grid, at each with a row of angles; 002's trials.
 #[derive(Clone, Copy, Debug, Deserialize)]

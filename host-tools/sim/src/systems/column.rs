@@ -1,10 +1,4 @@
-//! OHKA-COLUMN (001): columns of silicone that each stand on 2×2 cones against a lit acrylic board.
-//!
-//! A cone shines over the area S_i on which it touches the board. The areas under a column follow its
-//! force: A_z = S1 + S2 + S3 + S4 = F_z/α_v and A_x = S1 − S2 − S3 + S4 = F_x/(α_h0 − α_h A_z), the same
-//! for A_y = S1 + S2 − S3 − S4 (eqs (1) to (3) and (18), turned round; eq. (11) sums other cones). The
-//! fourth combination, S1 − S2 + S3 − S4, is that of a torsion, which the paper does not know: zero. A
-//! cone that is levered off its board shines no more, and there the law of the paper ends.
+//! Matrix of OHKA-COLUMN, which looks at four [columns](taxel_papers::column) ([Ohka2004]).
 //!
 //! The 4×4 matrix reads four columns: phototransistors 2i, 2i+1 of rows 2j, 2j+1 look at the cones of
 //! column (i, j), each at one, and gather its light. S1 is at (+x, +y) of its column, S2 at (−x, +y), S3 at
@@ -12,61 +6,18 @@
 
 use rand_distr::{Distribution as _, StandardNormal};
 use taxel::scan::{COLS, TAXELS};
+use taxel_papers::column::{COLUMNS, areas, below};
 
 use super::feeler::BACKGROUND;
 use crate::path::Load;
 use crate::scene::{Effect, Scene};
 use crate::seeds::{Purpose, stream};
 
-/// α_v in N/mm².
-pub const VERTICAL: f64 = 0.25;
-/// α_h0 in N/mm².
-pub const HORIZONTAL: f64 = 0.20;
-/// α_h in N/mm⁴.
-pub const SHRINKAGE: f64 = 0.081;
-/// k_v in N/mm: the spring of a column.
-pub const SPRING: f64 = 0.96;
-/// Normal force on a column in newtons up to which the laws are used: its 0.5 mm cones are then 0.3 mm
-/// shorter. (20 % are 0.1 mm, says the paper, and its steps are up to 0.2 mm.)
-pub const MOST_N: f64 = 0.3;
-
-/// Columns of the matrix.
-pub const COLUMNS: usize = 4;
-/// Distance of neighbouring columns in mm: two pitches of the matrix.
-pub const PITCH_MM: f64 = 5.0;
-/// Where the columns stand, in mm: column (i, j) is the (2j + i)-th.
-pub const CENTRES: [[f64; 2]; COLUMNS] = [
-    [-0.5 * PITCH_MM, -0.5 * PITCH_MM],
-    [0.5 * PITCH_MM, -0.5 * PITCH_MM],
-    [-0.5 * PITCH_MM, 0.5 * PITCH_MM],
-    [0.5 * PITCH_MM, 0.5 * PITCH_MM],
-];
-/// Radius of a column's tip in mm.
-pub const TIP_MM: f64 = 1.0;
-
 /// Light of a cone, in full scales per mm² of contact: the largest area in range, half of A_z at 0.3 N,
 /// gives three quarters.
 pub const LIGHT_PER_MM2: f64 = 1.25;
 /// Of phototransistors of one die, one standard deviation.
 const GAIN_SPREAD: f64 = 0.01;
-
-/// S1 … S4 in mm² under a column that carries `force` in newtons, z towards the board.
-#[must_use]
-pub fn areas([fx, fy, fz]: [f64; 3]) -> [f64; 4] {
-    let sum = fz.max(0.0) / VERTICAL;
-    // Positive as far as the columns are loaded (MOST_N).
-    let sensitivity = HORIZONTAL - SHRINKAGE * sum;
-    let (x, y) = (fx / sensitivity, fy / sensitivity);
-    [sum + x + y, sum - x + y, sum - x - y, sum + x - y].map(|s| (0.25 * s).max(0.0))
-}
-
-/// The column on whose tip `point` lies; `None` between them. Where on its tip it lies makes no difference: the
-/// paper's laws know no moment.
-#[must_use]
-pub fn below(point: [f64; 2]) -> Option<usize> {
-    let away = |centre: [f64; 2]| (point[0] - centre[0]).hypot(point[1] - centre[1]);
-    CENTRES.into_iter().position(|centre| away(centre) <= TIP_MM)
-}
 
 /// The four columns of a device.
 #[derive(Clone, Debug)]
@@ -115,6 +66,7 @@ impl Columns {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use taxel_papers::column::{CENTRES, HORIZONTAL, MOST_N, SHRINKAGE, VERTICAL};
 
     /// Eqs (1) to (3) and (18).
     fn force([s1, s2, s3, s4]: [f64; 4]) -> [f64; 3] {

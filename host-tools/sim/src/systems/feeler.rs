@@ -1,11 +1,6 @@
-//! OHKA-MICRO (000): conical feelers of silicone against an acrylic board that is lit from its edge.
+//! Matrix of OHKA-MICRO, which looks at one [feeler](taxel_papers::feeler) ([Ohka2005]).
 //!
-//! Where a feeler touches the board it shines as brightly as it is pressed, F_z = C·G (eq. (3)), and the
-//! bright spot moves with the shear, F_x = βu until the feeler slips on the board at αF_z + γ and
-//! F_x = Ku + (1 − K/β)(αF_z + γ) from there (eqs (10) to (12); (13) and (14) print αF_x + γ). Here the
-//! laws are turned round.
-//!
-//! What the 4×4 matrix has to do with it: it takes the place of the camera and looks at one feeler, through
+//! The 4×4 matrix takes the place of the camera: it looks through
 //! the paper's window of 460 µm and out of focus, so that each phototransistor weighs light by a hat
 //! function two pitches wide. Hats add up to one everywhere between the outer centres and their centroid
 //! is that of the light, so that the sum over the matrix is G and the centroid is u times
@@ -14,22 +9,12 @@
 
 use rand_distr::{Distribution as _, StandardNormal};
 use taxel::scan::{COLS, ROWS, TAXELS};
+use taxel_papers::feeler::{shift, threshold};
 
 use crate::contact::Rule;
 use crate::contact::traction::Round;
 use crate::scene::{Effect, Scene};
 use crate::seeds::{Purpose, stream};
-
-/// K in N/mm, the spring of the rubber sheet once the feeler slips.
-pub const SLIDING: f64 = 0.067;
-/// β in N/mm, the spring of a feeler that sticks.
-pub const STICKING: f64 = 1.7;
-/// α: shear at which a feeler slips, per normal force.
-pub const ALPHA: f64 = 0.25;
-/// γ in newtons: shear at which an unloaded feeler slips.
-pub const GAMMA_N: f64 = 0.56e-3;
-/// Normal force on a feeler in newtons up to which brightness is proportional to it (fig. 8).
-pub const LINEAR_N: f64 = 0.012;
 
 /// Young's modulus of the sheet in MPa.
 const YOUNG_MPA: f64 = 0.476;
@@ -72,7 +57,7 @@ impl Spot {
         if fz <= 0.0 {
             return Self::default();
         }
-        let holds = ALPHA * fz + GAMMA_N;
+        let holds = threshold(fz);
         Self {
             light: LIGHT_PER_NEWTON * fz,
             shift: [shift(fx, holds), shift(fy, holds)],
@@ -80,12 +65,6 @@ impl Spot {
             slip: fx.abs() > holds || fy.abs() > holds,
         }
     }
-}
-
-/// Eqs (10) and (11) for u; the feeler slips beyond `holds`.
-fn shift(shear: f64, holds: f64) -> f64 {
-    let stuck = shear.clamp(-holds, holds);
-    stuck / STICKING + (shear - stuck) / SLIDING
 }
 
 /// Of a cone pressed on a plane (Sneddon 1965): P = (π/2)·E*·a²·slope.
@@ -152,6 +131,7 @@ fn hats(x: f64) -> [f64; COLS] {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use taxel_papers::feeler::{ALPHA, GAMMA_N, LINEAR_N, SLIDING, STICKING};
 
     fn feeler() -> Feeler {
         let text = "[scan]\nrate_hz = 1000\nduration_s = 1\n";

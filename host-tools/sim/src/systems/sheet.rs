@@ -1,4 +1,4 @@
-//! OHKA-MICRO's whole sheet (000 §4): 10×12 conical feelers, one after the other.
+//! Scan of OHKA-MICRO's whole [sheet](taxel_papers::sheet): one feeler after the other.
 //!
 //! The paper reads each feeler in a window of its own, cut out of the camera's picture. A scan has sixteen
 //! channels and a sheet 120 windows, so that a scan is the window of one [`feeler`](super::feeler): scan k
@@ -9,24 +9,12 @@
 //! feelers the sheet hands a load to the four around it by the lever rule, which keeps every force and
 //! the moments of the normal ones. (The paper divides the force of its flat probe by the nine feelers below it.)
 
+use taxel_papers::sheet::{PITCH_MM, centre};
+
 use super::feeler::Spot;
 use crate::contact::{HalfSpace, Indenter, Rule};
 use crate::path::{Contacts, Load};
 use crate::scene::Scene;
-
-/// Feelers along x and along y.
-pub const SIZE: [usize; 2] = [10, 12];
-/// All of them.
-pub const FEELERS: usize = SIZE[0] * SIZE[1];
-/// Distance of the feelers in mm.
-pub const PITCH_MM: f64 = 0.6;
-
-/// Place of a feeler's tip in mm.
-#[must_use]
-pub fn centre(feeler: usize) -> [f64; 2] {
-    let along = |i: usize, n: usize| (i as f64 - (n as f64 - 1.0) / 2.0) * PITCH_MM;
-    [along(feeler % SIZE[0], SIZE[0]), along(feeler / SIZE[0] % SIZE[1], SIZE[1])]
-}
 
 /// The sheet of a run.
 #[derive(Clone, Debug)]
@@ -93,6 +81,7 @@ impl Sheet {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use taxel_papers::sheet::FEELERS;
 
     fn sheet(indenter: &str) -> Sheet {
         let text = format!(

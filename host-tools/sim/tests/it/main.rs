@@ -3,13 +3,16 @@
 
 mod array;
 mod catalogue;
+mod codes;
 mod column;
 mod effects;
 mod finger;
 mod line;
 mod mems;
+mod messages;
 mod micro;
 mod physics;
+mod reference;
 
 use nalgebra::{DMatrix, DVector};
 use taxel::condition::{Bias, BiasTaker, Levels, Signals};

@@ -1,18 +1,37 @@
-//! The 4×1 prototype of 002: contact point along the row and angle of the force out of four displacements,
-//! by odd polynomials.
+//! Four taxels in one row, without force sensors ([DeMaria2011], figs 5 and 8).
+//!
+//! Odd polynomials of four displacements give the contact position along the row and the angle of the force.
+//!
+//! The paper prints no dimensions. It says how the contact was varied (0.2 N, p from −3 to 3 mm, angles
+//! from 30° to 150°) and that s and t, eqs (3) and (4), of the displacements then correlate with −0.68. A
+//! pitch of 7.5 mm, which leaves walls between LEDs in cans of 5.5 mm, under 4 mm of silicone with facets of
+//! 4 mm gives −0.69. The finger's own pitch of 2.5 mm gives +0.95, and s and t then hardly tell p from the
+//! angle.
 
-/// a_1 … a_8 and b_1 … b_8 of 002 eqs (5), (6): coefficients of s, t, st², s²t, s³, t³, s⁵, t⁵.
+use taxel::scan::COLS;
+
+/// Distance of the taxels in mm.
+pub const PITCH_MM: f64 = 7.5;
+
+/// Centres of the facets in mm, from left to right.
+pub const CENTRES: [[f64; 2]; COLS] =
+    [[-1.5 * PITCH_MM, 0.0], [-0.5 * PITCH_MM, 0.0], [0.5 * PITCH_MM, 0.0], [1.5 * PITCH_MM, 0.0]];
+
+/// Coefficients a_1 … a_8 and b_1 … b_8 of [DeMaria2011] eqs (5), (6).
+///
+/// They belong to s, t, st², s²t, s³, t³, s⁵, t⁵.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RowPolynomials {
+pub struct LinePolynomials {
     /// a: the contact point p in mm.
     pub point: [f32; 8],
     /// b: the angle θ − 90° in degrees.
     pub angle: [f32; 8],
 }
 
-impl RowPolynomials {
-    /// p in mm from the middle of the row and θ in degrees from the skin, 90 for a normal force, for the
-    /// four displacements of the facets.
+impl LinePolynomials {
+    /// Computes p in mm from the middle of the row and θ in degrees from the skin.
+    ///
+    /// θ is 90 for a normal force. `u` are the displacements of the four facets.
     #[must_use]
     pub fn contact(&self, u: [f32; 4]) -> (f32, f32) {
         let terms = terms(u);
@@ -22,8 +41,9 @@ impl RowPolynomials {
     }
 }
 
-/// s = −1.5u_1 − 0.5u_2 + 0.5u_3 + 1.5u_4 (3), t = u_1u_3 − u_2u_4 (4) and their odd products, in the order
-/// of (5), (6).
+/// Computes s (3), t (4) and their odd products, in the order of eqs (5), (6).
+///
+/// s = −1.5u_1 − 0.5u_2 + 0.5u_3 + 1.5u_4 and t = u_1u_3 − u_2u_4.
 #[must_use]
 pub fn terms([u1, u2, u3, u4]: [f32; 4]) -> [f32; 8] {
     let s = -1.5 * u1 - 0.5 * u2 + 0.5 * u3 + 1.5 * u4;
@@ -40,19 +60,19 @@ mod tests {
     proptest! {
         /// Weights as large as any that a record may hold, displacements as large as any difference of levels.
         #[test]
-        fn no_displacements_and_no_weights_give_nan_or_infinity(
+        fn contact_is_finite_for_any_input(
             point in proptest::array::uniform8(prop_oneof![-1e30..1e30f32, Just(1e30f32)]),
             angle in proptest::array::uniform8(prop_oneof![-1e30..1e30f32, Just(-1e30f32)]),
             u in proptest::array::uniform4(prop_oneof![-2.0..2.0f32, Just(-2.0f32), Just(2.0f32)]),
         ) {
-            let (p, theta) = RowPolynomials { point, angle }.contact(u);
+            let (p, theta) = LinePolynomials { point, angle }.contact(u);
             prop_assert!(p.is_finite() && theta.is_finite(), "{p} {theta}");
         }
     }
 
     #[test]
-    fn a_mirrored_touch_is_a_mirrored_answer() {
-        let row = RowPolynomials {
+    fn mirrored_contact_mirrors_the_result() {
+        let row = LinePolynomials {
             point: [2.0, -30.0, 500.0, 70.0, -8.0, 900.0, 11.0, -5e4],
             angle: [50.0, 400.0, -900.0, 30.0, -90.0, 7.0, 40.0, 1e4],
         };
@@ -65,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn terms_are_the_papers() {
+    fn terms_are_those_of_the_paper() {
         let [s, t, st2, s2t, s3, t3, s5, t5] = terms([1.0, 0.5, 0.25, 2.0]);
         assert_eq!((s, t), (-1.5 - 0.25 + 0.125 + 3.0, 0.25 - 1.0));
         assert_eq!((st2, s2t, s3, t3), (s * t * t, s * s * t, s * s * s, t * t * t));

@@ -3,13 +3,13 @@
 
 use taxel::scan::{Codes, TAXELS};
 use taxel_files::trace::Sample;
-use taxel_sim::scene::BUILT_IN;
+use taxel_sim::scene::built_in;
 use taxel_sim::{Scene, Simulator};
 
 use crate::run;
 
 fn text(name: &str) -> &'static str {
-    BUILT_IN.iter().find(|(built_in, _)| *built_in == name).unwrap().1
+    built_in().find(|(built_in, _)| *built_in == name).unwrap().1
 }
 
 /// The scene with one thing in its text replaced, the seed being the same.

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use taxel_sim::{Scene, Simulator};
 
-const PAGE: &str = include_str!("../../../docs/scenes.md");
+const PAGE: &str = include_str!("../../../../docs/scenes.md");
 
 /// A row of a table.
 #[derive(Debug)]

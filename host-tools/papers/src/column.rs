@@ -1,11 +1,65 @@
-//! Columns that each stand on 2×2 contact areas (001, the sensor for combined loading), and what several
-//! of them in a row say of the surface. The 4×4 matrix read in blocks of 2×2 is four such columns.
+//! Columns of silicone on 2×2 cones against a lit acrylic board, for combined loads ([Ohka2004]).
+//!
+//! A cone shines over the area S_i on which it touches the board. The areas under a column follow its
+//! force: A_z = S1 + S2 + S3 + S4 = F_z/α_v and A_x = S1 − S2 − S3 + S4 = F_x/(α_h0 − α_h A_z), the same
+//! for A_y = S1 + S2 − S3 − S4 (eqs (1) to (3) and (18); eq. (11) sums other cones). The fourth combination,
+//! S1 − S2 + S3 − S4, is that of a torsion, which the paper does not know: zero. A cone that is levered off
+//! its board shines no more, and there the law of the paper ends.
+//!
+//! The 4×4 matrix read in blocks of 2×2 is four such columns. S1 is at (+x, +y) of its column, S2 at
+//! (−x, +y), S3 at (−x, −y), S4 at (+x, −y). Several columns in a row tell of the surface that they touch.
 
-use crate::measured::{Measured, NoValue};
-use crate::roots::{atan2, sqrt};
-use crate::scan::{COLS, TAXELS};
+use taxel::measured::{Measured, NoValue};
+use taxel::roots::{atan2, sqrt};
+use taxel::scan::{COLS, TAXELS};
 
-/// Coefficients of a column, 001 eq. (18), with areas in mm².
+/// Normal stiffness α_v in N/mm².
+pub const VERTICAL: f64 = 0.25;
+/// Shear stiffness α_h0 of an unloaded column in N/mm².
+pub const HORIZONTAL: f64 = 0.20;
+/// Loss of shear stiffness α_h with the contact area, in N/mm⁴.
+pub const SHRINKAGE: f64 = 0.081;
+/// Spring k_v of a column in N/mm.
+pub const SPRING: f64 = 0.96;
+/// Largest normal force on a column in newtons for which the laws are used.
+///
+/// Its 0.5 mm cones are then 0.3 mm shorter. (The paper gives 20 % as 0.1 mm; its steps are up to 0.2 mm.)
+pub const MOST_N: f64 = 0.3;
+
+/// Columns of the matrix.
+pub const COLUMNS: usize = 4;
+/// Distance of neighbouring columns in mm: two pitches of the matrix.
+pub const PITCH_MM: f64 = 5.0;
+/// Centres of the columns in mm: column (i, j) is the (2j + i)-th.
+pub const CENTRES: [[f64; 2]; COLUMNS] = [
+    [-0.5 * PITCH_MM, -0.5 * PITCH_MM],
+    [0.5 * PITCH_MM, -0.5 * PITCH_MM],
+    [-0.5 * PITCH_MM, 0.5 * PITCH_MM],
+    [0.5 * PITCH_MM, 0.5 * PITCH_MM],
+];
+/// Radius of a column's tip in mm.
+pub const TIP_MM: f64 = 1.0;
+
+/// Computes S1 … S4 in mm² under a column that carries `force` in newtons, z towards the board.
+#[must_use]
+pub fn areas([fx, fy, fz]: [f64; 3]) -> [f64; 4] {
+    let sum = fz.max(0.0) / VERTICAL;
+    // Positive as far as the columns are loaded (MOST_N).
+    let sensitivity = HORIZONTAL - SHRINKAGE * sum;
+    let (x, y) = (fx / sensitivity, fy / sensitivity);
+    [sum + x + y, sum - x + y, sum - x - y, sum + x - y].map(|s| (0.25 * s).max(0.0))
+}
+
+/// Finds the column on whose tip `point` lies; `None` between them.
+///
+/// The place on the tip makes no difference, because the laws of the paper know no moment.
+#[must_use]
+pub fn below([x, y]: [f64; 2]) -> Option<usize> {
+    let squared = |[cx, cy]: [f64; 2]| (x - cx) * (x - cx) + (y - cy) * (y - cy);
+    CENTRES.into_iter().position(|centre| squared(centre) <= TIP_MM * TIP_MM)
+}
+
+/// Coefficients of a column, [Ohka2004] eq. (18), with areas in mm².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Column {
     /// α_v, N/mm².
@@ -28,11 +82,18 @@ pub struct ColumnLoad {
 }
 
 impl Column {
-    /// As measured in 001, sections 4.2 and 6.2.
-    pub const PAPER: Self = Self { normal: 0.25, shear: 0.20, flattening: 0.081, sinking: 0.26 };
+    /// Values of sections 4.2 and 6.2.
+    pub const PAPER: Self = Self {
+        normal: VERTICAL as f32,
+        shear: HORIZONTAL as f32,
+        flattening: SHRINKAGE as f32,
+        sinking: 0.26,
+    };
 
-    /// Eqs (1)–(3), (18), (22) for the areas S_1 … S_4. A_x is S_1 − S_2 − S_3 + S_4 as eq. (1) defines
-    /// it; eq. (11) sums (S_1 + S_3) and (S_2 + S_4) instead, which contradicts it.
+    /// Computes force and sinking from the areas S_1 … S_4, eqs (1)–(3), (18), (22).
+    ///
+    /// A_x is S_1 − S_2 − S_3 + S_4 as eq. (1) defines it; eq. (11) sums (S_1 + S_3) and (S_2 + S_4) instead,
+    /// which contradicts it.
     #[must_use]
     pub fn load(&self, [s1, s2, s3, s4]: [f32; 4]) -> ColumnLoad {
         let (x, y, z) = (s1 - s2 - s3 + s4, s1 + s2 - s3 - s4, s1 + s2 + s3 + s4);
@@ -53,7 +114,7 @@ pub fn quadrants(c: &[f32; TAXELS]) -> [[f32; 4]; 4] {
     })
 }
 
-/// Friction coefficient μ = F_t/F_z of a column that slides (001, section 5.2).
+/// Friction coefficient μ = F_t/F_z of a column that slides (section 5.2).
 ///
 /// # Errors
 /// [`NoValue::IllConditioned`] where the normal force is below `least` newtons.
@@ -68,7 +129,7 @@ pub fn friction(load: &ColumnLoad, least: f32) -> Measured<f32> {
 }
 
 /// Distribution of the friction coefficient over what slides on the columns: μ = F_t/F_z where each of them stands
-/// (001, section 5.2 and fig. 13 (c)), with the forces of eq. (18). A step or a slope changes F_z and F_t of a column
+/// (section 5.2 and fig. 13 (c)), with the forces of eq. (18). A step or a slope changes F_z and F_t of a column
 /// and leaves its μ; a smoother place does not.
 pub fn friction_distribution<const N: usize>(
     loads: &[ColumnLoad; N],
@@ -78,7 +139,7 @@ pub fn friction_distribution<const N: usize>(
 }
 
 /// Inclination Θ = atan(m/d) in degrees of a flat thing on columns in a line, `distance` mm apart; m is
-/// the mean difference of sinking between neighbours (001, section 6.2).
+/// the mean difference of sinking between neighbours (section 6.2).
 ///
 /// # Errors
 /// [`NoValue::IllConditioned`] for fewer than two columns or no distance.
@@ -96,7 +157,7 @@ pub fn inclination(sunk: &[f32], distance: f32) -> Measured<f32> {
 }
 
 /// Height in mm of a step that changed the normal force of a column from `before` to `after` newtons: a
-/// higher ground presses the column in by ∆F_z/k_v, with k_v = α_v/(α_v/k_v) (001, section 5.2 and
+/// higher ground presses the column in by ∆F_z/k_v, with k_v = α_v/(α_v/k_v) (section 5.2 and
 /// eq. (22)).
 ///
 /// # Errors

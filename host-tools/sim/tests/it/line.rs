@@ -1,7 +1,7 @@
 //! TAXEL-4x1 (002): place and angle of a 0.2 N force by its odd polynomials, out of codes.
 
-use taxel::estimate::row::{RowPolynomials, terms};
 use taxel_files::trace::Sample;
+use taxel_papers::line_of_four::{LinePolynomials, terms};
 use taxel_sim::{Scene, Simulator};
 
 use crate::{contacts, fit, force, signals};
@@ -54,8 +54,10 @@ fn worst(data: &[Press], trials: &[Press], u: &dyn Fn(&Press) -> [f32; 4]) -> [f
     let weights = |value: &dyn Fn(&Press) -> f64| {
         fit(data.iter().map(|p| (terms(u(p)).map(f64::from), value(p)))).map(|w| w as f32)
     };
-    let row =
-        RowPolynomials { point: weights(&|p| p.place_mm), angle: weights(&|p| p.angle_deg - 90.0) };
+    let row = LinePolynomials {
+        point: weights(&|p| p.place_mm),
+        angle: weights(&|p| p.angle_deg - 90.0),
+    };
     trials.iter().fold([0.0f64; 2], |[place, angle], p| {
         let (x, theta) = row.contact(u(p));
         [

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 use taxel_files::trace::Sample;
 use taxel_sim::contact::SILICONE_YOUNG_MPA;
-use taxel_sim::scene::{BUILT_IN, Effect};
+use taxel_sim::scene::{self, Effect};
 use taxel_sim::systems::plate::PLACES;
 use taxel_sim::{Scene, Simulator};
 
@@ -223,7 +223,7 @@ fn amplitude(values: &[f64], rate: f64, hertz: f64) -> f64 {
 
 #[test]
 fn lamps_are_a_line_in_the_spectrum_that_the_dark_step_takes_away_but_for_its_delay() {
-    let (_, text) = BUILT_IN.iter().find(|(name, _)| *name == "flicker").unwrap();
+    let (_, text) = scene::built_in().find(|(name, _)| *name == "flicker").unwrap();
     for hertz in [100.0, 120.0] {
         let keyed = text.replace("[light]\n", &format!("[light]\nflicker_hz = {hertz}\n"));
         let scene = Scene::parse("flicker.toml", &keyed).unwrap();

@@ -1,10 +1,10 @@
 //! OHKA-MICRO (000): the feeler's bi-linear curve out of its own trace, and force out of codes.
 
 use taxel::condition::Bias;
-use taxel::estimate::bright_spot::{BrightSpot, Shear, Spot};
 use taxel_files::trace::Sample;
-use taxel_sim::systems::feeler::LINEAR_N;
-use taxel_sim::systems::sheet::{FEELERS, SIZE};
+use taxel_papers::feeler::LINEAR_N;
+use taxel_papers::feeler::{BrightSpot, Shear, Spot};
+use taxel_papers::sheet::{FEELERS, SIZE};
 
 use crate::{
     HELD_OUT, bias, bias_over, contacts, fit, force, line, meets, rms, run, run_on, signals_with,

@@ -1,10 +1,11 @@
 //! OHKA-COLUMN (001): its calibration tests A and B, steps, inclinations and friction, out of codes.
 
-use taxel::estimate::column::{
-    Column, ColumnLoad, friction_distribution, inclination, quadrants, step_height,
-};
 use taxel_files::trace::Sample;
-use taxel_sim::systems::column::{CENTRES, COLUMNS, LIGHT_PER_MM2, PITCH_MM};
+use taxel_papers::column::{
+    CENTRES, COLUMNS, Column, ColumnLoad, PITCH_MM, friction_distribution, inclination, quadrants,
+    step_height,
+};
+use taxel_sim::systems::column::LIGHT_PER_MM2;
 
 use crate::{HELD_OUT, contacts, force, line, meets, rms, run, run_on, signals};
 

@@ -1,8 +1,36 @@
-//! One conical feeler on a light guide (000, the micro-robot sensor): its bright spot's integral gives the
-//! normal force, the shift of its centroid the shear.
+//! One conical feeler of silicone against an acrylic board that is lit from its edge ([Ohka2005]).
+//!
+//! Where the feeler touches the board it shines as brightly as it is pressed, F_z = C·G (eq. (3)). The bright
+//! spot moves with the shear: F_x = βu until the feeler slips on the board at αF_z + γ, and
+//! F_x = Ku + (1 − K/β)(αF_z + γ) from there (eqs (10) to (12); (13) and (14) print αF_x + γ).
 
-/// Coefficients of one axis of shear, 000 eqs (10)–(12). The feeler sticks until the shear reaches
-/// αF_z + γ and then moves much farther a newton.
+/// Spring K of the rubber sheet once the feeler slips, in N/mm.
+pub const SLIDING: f64 = 0.067;
+/// Spring β of a feeler that sticks, in N/mm.
+pub const STICKING: f64 = 1.7;
+/// Growth α of the shear at which a feeler slips, per normal force.
+pub const ALPHA: f64 = 0.25;
+/// Shear γ at which an unloaded feeler slips, in newtons.
+pub const GAMMA_N: f64 = 0.56e-3;
+/// Largest normal force in newtons to which the brightness is proportional (fig. 8).
+pub const LINEAR_N: f64 = 0.012;
+
+/// Shear in newtons at which a feeler slips that is pressed by `normal` newtons.
+#[must_use]
+pub fn threshold(normal: f64) -> f64 {
+    ALPHA * normal + GAMMA_N
+}
+
+/// Computes the shift u of the bright spot in mm, eqs (10) and (11); the feeler slips beyond `threshold`.
+#[must_use]
+pub fn shift(shear: f64, threshold: f64) -> f64 {
+    let stuck = shear.clamp(-threshold, threshold);
+    stuck / STICKING + (shear - stuck) / SLIDING
+}
+
+/// Coefficients of one axis of shear, [Ohka2005] eqs (10)–(12).
+///
+/// The feeler sticks until the shear reaches αF_z + γ and then moves much farther a newton.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shear {
     /// β, stiffness while it sticks, mN/µm.
@@ -16,10 +44,10 @@ pub struct Shear {
 }
 
 impl Shear {
-    /// As measured in 000, section V.3: β = 1.7 mN/µm, K = 0.067 mN/µm, α = 0.25, γ = 0.56 mN.
+    /// Values of section V.3: β = 1.7 mN/µm, K = 0.067 mN/µm, α = 0.25, γ = 0.56 mN.
     pub const PAPER: Self = Self { stuck: 1.7, sheet: 0.067, friction: 0.25, adhesion: 0.56 };
 
-    /// 000 eqs (10), (11) with (12) put in: force in mN for a shift in µm under `normal` mN.
+    /// Computes the force in mN for a shift in µm under `normal` mN, eqs (10), (11) with (12) put in.
     ///
     /// Eqs (13), (14) print αF_x + γ in the bracket; (12) put into (11) gives αF_z + γ, which is what
     /// stands here. Odd in the shift, continuous at the threshold.
@@ -35,7 +63,7 @@ impl Shear {
     }
 }
 
-/// The sensor: what an integral of grey values is worth, and its two axes of shear.
+/// Sensor: force per integral of grey values, and two axes of shear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BrightSpot {
     /// C of eq. (3): millinewtons a unit of the integral.
@@ -46,7 +74,7 @@ pub struct BrightSpot {
     pub y: Shear,
 }
 
-/// What a window of the image around a feeler says: the integral G and the centroid of its grey values.
+/// Integral G and centroid of the grey values in a window around a feeler.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
     /// G.
@@ -55,12 +83,13 @@ pub struct Spot {
     pub centroid: [f32; 2],
 }
 
-/// Less light than this, a fifteenth of a step of 16 bits, is none: grey values below nothing, which noise makes, may
-/// all but cancel the others, and a centroid of what is left lies anywhere.
+/// Least light with a centroid, a fifteenth of a step of 16 bits.
+///
+/// Noise makes negative grey values, which may all but cancel the others; the centroid of the rest lies anywhere.
 const DARK: f32 = 1e-6;
 
 impl Spot {
-    /// 000 eqs (3)–(5) over an image given row by row, `width` pixels a row, `pixel` a side.
+    /// Measures an image given row by row, `width` pixels a row, `pixel` a side; eqs (3)–(5).
     #[must_use]
     pub fn measure(grey: &[f32], width: usize, pixel: f32) -> Self {
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
