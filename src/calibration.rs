@@ -10,8 +10,8 @@
 //! that no accepted record can make an estimator divide by zero, overflow or index past its weights; and
 //! it reads in place, because a calibration that is moved crosses a small stack several times.
 //!
-//! **To add a section**: the struct with its estimator in [`crate::estimate`], its checks in
-//! [`sections`], a field here, and one line in [`SECTIONS`].
+//! **To add a section**: the struct with its estimator in [`crate::estimate`], its fields in
+//! [`sections`], and one line in the list of `sections!` here.
 
 mod section;
 mod sections;
@@ -45,66 +45,96 @@ pub const MAX_BYTES: usize = 4080;
 /// Lowest and highest signal seen in training, margin included.
 pub type Range = [f32; 2];
 
-/// One finger's calibration.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Calibration {
-    /// Serial number of the finger this belongs to; empty if unknown.
-    pub serial: String<32>,
-    /// When it was made, seconds since 1970-01-01 UTC.
-    pub date: u64,
-    /// The optical matrix.
-    pub taxels: Option<TaxelCalibration>,
-    /// Taxel signals to forces.
-    pub force: Option<ForceNet>,
-    /// The same in 16 bits. Where both are there, the other one is used.
-    #[cfg(feature = "quantised")]
-    pub quantised: Option<QuantisedNet>,
-    /// The skin: displacements of a touch, and signals to displacements.
-    pub model: Option<Inverse>,
-    /// What a contact holds before it slips.
-    pub slip: Option<Slip>,
-    /// What warmth does to it.
-    pub warmth: Option<Warmth>,
-    /// The force sensors.
-    pub sensors: [Option<SensorCalibration>; SENSORS],
-    /// The force sensors as one.
-    pub array: Option<Array>,
+/// Makes [`Calibration`] and all that depends on its sections from one list: the number of each in a
+/// record, the version of the record that brought it, its name, its coefficients.
+///
+/// A `cfg` takes a section out of builds without its estimator: they pass over it where a record has it.
+macro_rules! sections {
+    ($(
+        $(#[doc = $doc:literal])+
+        $(#[cfg($built:meta)])?
+        $number:literal since $since:literal: $name:ident: $coefficients:ty;
+    )+) => {
+        /// One finger's calibration.
+        #[derive(Clone, Debug, Default, PartialEq)]
+        pub struct Calibration {
+            /// Serial number of the finger this belongs to; empty if unknown.
+            pub serial: String<32>,
+            /// When it was made, seconds since 1970-01-01 UTC.
+            pub date: u64,
+            $($(#[doc = $doc])+ $(#[cfg($built)])? pub $name: Option<$coefficients>,)+
+            /// The force sensors: sections 16 to 19.
+            pub sensors: [Option<SensorCalibration>; SENSORS],
+        }
+
+        /// Every section that this build reads.
+        const SECTIONS: &[Entry] = &[
+            $(
+                $(#[cfg($built)])?
+                entry($number, $since, stringify!($name), |c| &c.$name, |c| &mut c.$name),
+            )+
+            entry(16, 2, "s0", |c| &c.sensors[0], |c| &mut c.sensors[0]),
+            entry(17, 2, "s1", |c| &c.sensors[1], |c| &mut c.sensors[1]),
+            entry(18, 2, "s2", |c| &c.sensors[2], |c| &mut c.sensors[2]),
+            entry(19, 2, "s3", |c| &c.sensors[3], |c| &mut c.sensors[3]),
+        ];
+
+        /// Sections that this build passes over.
+        const NOT_BUILT: &[u8] = &[$(#[cfg(not(all($($built)?)))] $number,)+];
+
+        impl Calibration {
+            /// Nothing is calibrated.
+            pub const EMPTY: Self = Self {
+                serial: String::new(),
+                date: 0,
+                $($(#[cfg($built)])? $name: None,)+
+                sensors: [const { None }; SENSORS],
+            };
+
+            $(
+                /// The section, where this build has its estimator.
+                pub(crate) fn $name(&self) -> Option<&$coefficients> {
+                    #[cfg(all($($built)?))]
+                    return self.$name.as_ref();
+                    #[cfg(not(all($($built)?)))]
+                    return None;
+                }
+            )+
+
+            /// Writes a section that is present; how long it has become, or `None` for too long.
+            /// Apart from [`SECTIONS`], so that firmware, which only reads records, does not hold it.
+            fn write_section(&self, number: u8, buffer: &mut [u8]) -> Option<usize> {
+                match number {
+                    $($(#[cfg($built)])? $number => section::write(&self.$name, buffer),)+
+                    16.. => section::write(self.sensors.get(usize::from(number - 16))?, buffer),
+                    _ => None,
+                }
+            }
+        }
+    };
 }
 
-/// Every section there is, in the order in which they stand in a record: its number, the version of the
-/// record that brought it, its name in files and messages, and where it is kept.
-const SECTIONS: &[Entry] = &[
-    entry(1, 2, "taxels", |c| &c.taxels, |c| &mut c.taxels),
-    entry(2, 2, "force", |c| &c.force, |c| &mut c.force),
+sections! {
+    /// The optical matrix.
+    1 since 2: taxels: TaxelCalibration;
+    /// Taxel signals to forces.
+    2 since 2: force: ForceNet;
+    /// The skin: displacements of a touch, and signals to displacements.
     #[cfg(feature = "model")]
-    entry(3, 2, "model", |c| &c.model, |c| &mut c.model),
+    3 since 2: model: Inverse;
+    /// Friction and the limit surface of a contact.
     #[cfg(feature = "slip")]
-    entry(4, 2, "slip", |c| &c.slip, |c| &mut c.slip),
+    4 since 2: slip: Slip;
+    /// Taxel signals to forces in 16 bits. Where `force` is there too, that one is used.
     #[cfg(feature = "quantised")]
-    entry(5, 2, "quantised", |c| &c.quantised, |c| &mut c.quantised),
+    5 since 2: quantised: QuantisedNet;
+    /// Effect of temperature on the channels.
     #[cfg(feature = "warmth")]
-    entry(6, 2, "warmth", |c| &c.warmth, |c| &mut c.warmth),
-    entry(16, 2, "s0", |c| &c.sensors[0], |c| &mut c.sensors[0]),
-    entry(17, 2, "s1", |c| &c.sensors[1], |c| &mut c.sensors[1]),
-    entry(18, 2, "s2", |c| &c.sensors[2], |c| &mut c.sensors[2]),
-    entry(19, 2, "s3", |c| &c.sensors[3], |c| &mut c.sensors[3]),
+    6 since 2: warmth: Warmth;
+    /// The force sensors as one.
     #[cfg(feature = "array")]
-    entry(20, 2, "array", |c| &c.array, |c| &mut c.array),
-];
-
-/// Sections whose estimator this build goes without: they are passed over.
-const NOT_BUILT: &[u8] = &[
-    #[cfg(not(feature = "model"))]
-    3,
-    #[cfg(not(feature = "slip"))]
-    4,
-    #[cfg(not(feature = "quantised"))]
-    5,
-    #[cfg(not(feature = "warmth"))]
-    6,
-    #[cfg(not(feature = "array"))]
-    20,
-];
+    20 since 2: array: Array;
+}
 
 /// Calibration of the 4×4 optical matrix.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -192,62 +222,17 @@ pub fn names(section: u8, field: u8) -> Option<(&'static str, &'static str)> {
 }
 
 impl Calibration {
-    /// Nothing is calibrated.
-    pub const EMPTY: Self = Self {
-        serial: String::new(),
-        date: 0,
-        taxels: None,
-        force: None,
-        #[cfg(feature = "quantised")]
-        quantised: None,
-        model: None,
-        slip: None,
-        warmth: None,
-        sensors: [const { None }; SENSORS],
-        array: None,
-    };
-
     /// The net, in f32 where the record has it so.
     #[must_use]
     pub fn net(&self) -> Option<Net<'_>> {
-        self.force.as_ref().map(Net::Float).or(self.quantised().map(Net::Quantised))
-    }
-
-    #[cfg(feature = "quantised")]
-    fn quantised(&self) -> Option<&QuantisedNet> {
-        self.quantised.as_ref()
-    }
-
-    #[cfg(not(feature = "quantised"))]
-    fn quantised(&self) -> Option<&QuantisedNet> {
-        None
-    }
-
-    /// The model of the skin, where this build can use it.
-    pub(crate) fn model(&self) -> Option<&Inverse> {
-        self.model.as_ref().filter(|_| cfg!(feature = "model"))
-    }
-
-    /// What slip is judged by, where this build can.
-    pub(crate) fn slip(&self) -> Option<&Slip> {
-        self.slip.as_ref().filter(|_| cfg!(feature = "slip"))
-    }
-
-    /// What warmth does, where this build takes it off.
-    pub(crate) fn warmth(&self) -> Option<&Warmth> {
-        self.warmth.as_ref().filter(|_| cfg!(feature = "warmth"))
-    }
-
-    /// The force sensors as one, where this build can.
-    pub(crate) fn array(&self) -> Option<&Array> {
-        self.array.as_ref().filter(|_| cfg!(feature = "array"))
+        self.force().map(Net::Float).or(self.quantised().map(Net::Quantised))
     }
 
     /// The bias that the finger starts with.
     #[must_use]
     pub fn bias(&self) -> Bias {
         Bias {
-            taxels: self.taxels.as_ref().map(|taxels| taxels.bias),
+            taxels: self.taxels().map(|taxels| taxels.bias),
             bridges: self.sensors.each_ref().map(|s| s.as_ref().map(|sensor| sensor.bias)),
         }
     }
@@ -280,33 +265,17 @@ impl Calibration {
     }
 
     /// How many bytes it took, or `None` for too many.
-    /// Apart from [`SECTIONS`], so that firmware, which only reads records, does not hold it.
-    fn write_section(&self, number: u8, buffer: &mut [u8]) -> Option<usize> {
-        let [s0, s1, s2, s3] = &self.sensors;
-        match number {
-            1 => section::write(&self.taxels, buffer),
-            2 => section::write(&self.force, buffer),
-            3 => section::write(&self.model, buffer),
-            4 => section::write(&self.slip, buffer),
-            #[cfg(feature = "quantised")]
-            5 => section::write(&self.quantised, buffer),
-            6 => section::write(&self.warmth, buffer),
-            16 => section::write(s0, buffer),
-            17 => section::write(s1, buffer),
-            18 => section::write(s2, buffer),
-            19 => section::write(s3, buffer),
-            20 => section::write(&self.array, buffer),
-            _ => None,
-        }
-    }
-
     fn write(&self, buffer: &mut [u8]) -> Option<usize> {
         let present = || SECTIONS.iter().filter(|entry| (entry.get)(self).present());
         let version = present().map(|entry| entry.since).max().unwrap_or(OLDEST);
         let (head, rest) = buffer.split_first_chunk_mut::<2>()?;
         *head = version.to_le_bytes();
         let mut end = 2 + postcard::to_slice(&(&self.serial, self.date), rest).ok()?.len();
-        for entry in present() {
+        let mut last = 0;
+        while let Some(entry) =
+            present().filter(|entry| entry.number > last).min_by_key(|entry| entry.number)
+        {
+            last = entry.number;
             let (head, rest) = buffer.get_mut(end..)?.split_first_chunk_mut::<3>()?;
             let length = self.write_section(entry.number, rest)?;
             let [low, high] = u16::try_from(length).ok()?.to_le_bytes();
@@ -343,13 +312,18 @@ impl Calibration {
         SECTIONS.iter().for_each(|entry| (entry.get_mut)(self).clear());
         let ((serial, date), mut rest) = postcard::take_from_bytes(body).ok()?;
         (self.serial, self.date) = (serial, date);
-        let mut entries = SECTIONS.iter().filter(|entry| entry.since <= version);
+        let mut last = 0;
         while let Some(([number, low, high], tail)) = rest.split_first_chunk::<3>() {
-            // In their order: none twice, and one way to write a record.
             let length = usize::from(u16::from_le_bytes([*low, *high]));
             let (section, tail) = tail.split_at_checked(length)?;
+            // In the order of their numbers: none twice, and one way to write a record.
+            if *number <= last {
+                return None;
+            }
+            last = *number;
             if !NOT_BUILT.contains(number) {
-                let entry = entries.find(|entry| entry.number == *number)?;
+                let known = |entry: &&Entry| entry.number == *number && entry.since <= version;
+                let entry = SECTIONS.iter().find(known)?;
                 (entry.get_mut)(self).read(section)?;
             }
             rest = tail;

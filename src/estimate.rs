@@ -9,10 +9,6 @@ pub mod intrinsic;
 pub mod inverse;
 pub mod limit_surface;
 pub mod net;
-#[cfg_attr(
-    not(feature = "quantised"),
-    expect(dead_code, reason = "the checks of its section are left out with the section")
-)]
 pub mod quantised;
 pub mod sensitivity;
 pub mod slide;

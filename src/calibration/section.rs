@@ -22,6 +22,12 @@ pub(super) trait Coefficients: Default + Serialize + 'static {
     fn read(&mut self, bytes: &[u8]) -> Option<()>;
 }
 
+/// A place in a section, read where it is.
+pub(super) trait Part {
+    /// Takes it from the front of `bytes`. Returns what follows it; `None` where that is something else.
+    fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]>;
+}
+
 /// An optional section of a calibration.
 pub(super) trait Section {
     fn present(&self) -> bool;
@@ -67,9 +73,13 @@ pub(super) fn write<T: Coefficients>(section: &Option<T>, buffer: &mut [u8]) -> 
 
 /// A line of the list of sections.
 pub(super) struct Entry {
+    /// Number in a record.
     pub number: u8,
+    /// Version of the record that brought it.
     pub since: u16,
+    /// Name in files and messages.
     pub name: &'static str,
+    /// Where a calibration keeps it.
     pub get: fn(&Calibration) -> &dyn Section,
     pub get_mut: fn(&mut Calibration) -> &mut dyn Section,
 }

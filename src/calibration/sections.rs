@@ -1,42 +1,99 @@
-//! What must hold for the fields of each section.
+//! The fields of each section: their places, in the order of a record, and what must hold for them.
 //!
 //! Comparisons with a NaN are false, so each of these refuses NaN without naming it.
 
 use core::slice::from_mut;
 
-#[cfg(feature = "quantised")]
 use heapless::VecView;
+use serde::Deserialize;
 
-use super::section::{Checks, Coefficients, HUGE, finite};
+use super::section::{Checks, Coefficients, HUGE, Part, finite};
 use super::{Range, SensorCalibration, TaxelCalibration};
 use crate::condition::{Bias, Warmth};
 use crate::estimate::array::{Array, WrenchMethod};
-use crate::estimate::field::{Field, Radial};
-use crate::estimate::inverse::{Curves, Inverse};
-use crate::estimate::limit_surface::LimitSurface;
+use crate::estimate::field::TERMS;
+use crate::estimate::intrinsic::Surface;
+use crate::estimate::inverse::Inverse;
 use crate::estimate::net::ForceNet;
-#[cfg(feature = "quantised")]
 use crate::estimate::quantised::{Group, QuantisedNet, Rows};
 use crate::estimate::slip::Slip;
 use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
-#[cfg(feature = "quantised")]
 use crate::scan::TAXELS;
 
-impl Coefficients for TaxelCalibration {
-    const CHECKS: Checks<Self> = &[
-        ("bias", |t| levels_fit(&t.bias.level)),
-        ("noise", |t| noise_fits(t.bias.noise)),
-        ("range", |t| ranges_fit(&t.range)),
-        ("residual_n", |t| residuals_fit(&t.residual)),
-    ];
+/// A section whose fields have fixed places.
+///
+/// Each line is a field: its name in files and messages, its places in the struct, and the check of what
+/// is there. Places are read one after the other, as postcard writes the struct; names are numbered from
+/// 0 on the wire: append.
+macro_rules! section {
+    ($type:ty $(, needs_taxels: $needs:literal)? {
+        $($name:literal: $($($place:tt).+),+ => |$($value:ident),+| $check:expr;)+
+    }) => {
+        impl Coefficients for $type {
+            const CHECKS: Checks<Self> = &[$(($name, |section| {
+                let ($($value,)+) = ($(&section.$($place).+,)+);
+                $check
+            })),+];
+            $(const NEEDS_TAXELS: bool = $needs;)?
 
-    fn read(&mut self, bytes: &[u8]) -> Option<()> {
-        let Self { bias, range, residual } = self;
-        let lists: &mut [&mut [f32]] =
-            &mut [&mut bias.level, from_mut(&mut bias.noise), range.as_flattened_mut(), residual];
-        read_numbers(lists, bytes)?.is_empty().then_some(())
-    }
+            fn read(&mut self, bytes: &[u8]) -> Option<()> {
+                $($(let bytes = self.$($place).+.read(bytes)?;)+)+
+                bytes.is_empty().then_some(())
+            }
+        }
+    };
 }
+
+section! { TaxelCalibration {
+    "bias": bias.level => |level| levels_fit(level);
+    "noise": bias.noise => |noise| noise_fits(noise);
+    "range": range => |range| ranges_fit(range);
+    "residual_n": residual => |residual| residuals_fit(residual);
+}}
+
+section! { SensorCalibration {
+    "bias": bias.level => |level| levels_fit(level);
+    "noise": bias.noise => |noise| noise_fits(noise);
+    "sensitivity": sensitivity.0 => |rows| finite(rows.as_flattened());
+    "range": range => |range| ranges_fit(range);
+    "residual_n": residual => |residual| residuals_fit(residual);
+}}
+
+section! { Inverse, needs_taxels: true {
+    "stray": curves.stray => |stray| stray.as_flattened().iter().all(|share| share.abs() < 1.0);
+    "gap": curves.gap => |gap| finite(gap.as_flattened());
+    "normal": field.normal.depth, field.normal.terms => |depth, terms| radial_fits(depth, terms);
+    "shear": field.shear.depth, field.shear.terms => |depth, terms| radial_fits(depth, terms);
+    "slip": field.slip => |slip| slip.abs() <= 1.0;
+    "error": error => |error| (1e-9..1.0).contains(&error[0]) && (0.0..1.0).contains(&error[1]);
+    "friction": shear, friction => |_shear, friction| (0.01..10.0).contains(friction);
+}}
+
+section! { Slip {
+    "usual": usual => |usual| (0.05..=2.0).contains(&usual[0]) && (0.0..=20.0).contains(&usual[1]);
+    "radius": surface.radius => |a| (1e-3..1e3).contains(&a[0]) && (0.0..=1.0).contains(&a[1]);
+    "torque": surface.torque => |torque| (1e-3..=1.0).contains(torque);
+    "curve": surface.curve => |curve| curve.iter().all(|bulge| (0.5..=1.5).contains(bulge));
+    "warn": warn => |warn| (0.0..=1.0).contains(warn);
+    "safety": safety => |safety| (1.0..=100.0).contains(safety);
+}}
+
+section! { Warmth {
+    "reference": reference => |level| (0.0..=1.0).contains(level);
+    "range": range => |range| ranges_fit(&[*range]);
+    "light, sensitivity": light, sensitivity => |light, bridges| Warmth::shares_fit(&[*light, *bridges]);
+    "offset": offset => |offset| offset.as_flattened().iter().all(|offset| offset.abs() <= 1e3);
+}}
+
+section! { Array {
+    "method": method => |method| match method {
+        WrenchMethod::Sum(places) => finite(places.0.as_flattened()),
+        WrenchMethod::Matrix(matrix) => finite(matrix.0.as_flattened().as_flattened()),
+    };
+    "residual": residual => |residual| residual.iter().all(|sigma| (1e-9..1e3).contains(sigma));
+    "moment_residual": moment_residual => |sigma| (1e-9..1e3).contains(sigma);
+    "surface": surface => |surface| surface.fits();
+}}
 
 impl Coefficients for ForceNet {
     const CHECKS: Checks<Self> =
@@ -53,7 +110,6 @@ impl Coefficients for ForceNet {
     }
 }
 
-#[cfg(feature = "quantised")]
 impl Coefficients for QuantisedNet {
     const CHECKS: Checks<Self> = &[
         ("signal", Self::signal_fits),
@@ -93,154 +149,12 @@ impl Coefficients for QuantisedNet {
             (rows, rest) = read_rows(rest)?;
             self.skip = Some(rows);
         }
-        let rest = read_numbers(&mut [&mut self.scale], rest)?;
+        let rest = self.scale.read(rest)?;
         read_list(&mut self.output_bias, rest)?.is_empty().then_some(())
     }
 }
 
-impl Coefficients for Inverse {
-    const CHECKS: Checks<Self> = &[
-        ("stray", |m| m.curves.stray.as_flattened().iter().all(|share| share.abs() < 1.0)),
-        ("gap", |m| finite(m.curves.gap.as_flattened())),
-        ("normal", |m| radial_fits(&m.field.normal)),
-        ("shear", |m| radial_fits(&m.field.shear)),
-        ("slip", |m| m.field.slip.abs() <= 1.0),
-        ("error", |m| {
-            let [floor, share] = m.error;
-            (1e-9..1.0).contains(&floor) && (0.0..1.0).contains(&share)
-        }),
-        ("friction", |m| (0.01..10.0).contains(&m.friction)),
-    ];
-    const NEEDS_TAXELS: bool = true;
-
-    fn read(&mut self, bytes: &[u8]) -> Option<()> {
-        let Curves { stray, gap } = &mut self.curves;
-        let Field { normal, shear, slip } = &mut self.field;
-        let rest = read_numbers(
-            &mut [
-                stray.as_flattened_mut(),
-                gap.as_flattened_mut(),
-                &mut normal.depth,
-                normal.terms.as_flattened_mut(),
-                &mut shear.depth,
-                shear.terms.as_flattened_mut(),
-                from_mut(slip),
-                &mut self.error,
-            ],
-            bytes,
-        )?;
-        let (last, rest) = postcard::take_from_bytes(rest).ok()?;
-        (self.shear, self.friction) = last;
-        rest.is_empty().then_some(())
-    }
-}
-
-impl Coefficients for Slip {
-    const CHECKS: Checks<Self> = &[
-        ("usual", |s| {
-            let [friction, spread] = s.usual;
-            (0.05..=2.0).contains(&friction) && (0.0..=20.0).contains(&spread)
-        }),
-        ("radius", |s| {
-            let [c, gamma] = s.surface.radius;
-            (1e-3..1e3).contains(&c) && (0.0..=1.0).contains(&gamma)
-        }),
-        ("torque", |s| (1e-3..=1.0).contains(&s.surface.torque)),
-        ("curve", |s| s.surface.curve.iter().all(|bulge| (0.5..=1.5).contains(bulge))),
-        ("warn", |s| (0.0..=1.0).contains(&s.warn)),
-        ("safety", |s| (1.0..=100.0).contains(&s.safety)),
-    ];
-
-    fn read(&mut self, bytes: &[u8]) -> Option<()> {
-        let Self { usual, surface, warn, safety } = self;
-        let LimitSurface { radius, torque, curve } = surface;
-        let lists: &mut [&mut [f32]] =
-            &mut [usual, radius, from_mut(torque), curve, from_mut(warn), from_mut(safety)];
-        read_numbers(lists, bytes)?.is_empty().then_some(())
-    }
-}
-
-impl Coefficients for Warmth {
-    const CHECKS: Checks<Self> = &[
-        ("reference", |w| (0.0..=1.0).contains(&w.reference)),
-        ("range", |w| ranges_fit(&[w.range])),
-        ("light, sensitivity", Self::shares_fit),
-        ("offset", |w| w.offset.as_flattened().iter().all(|offset| offset.abs() <= 1e3)),
-    ];
-
-    fn read(&mut self, bytes: &[u8]) -> Option<()> {
-        let Self { reference, range, light, sensitivity, offset } = self;
-        let lists: &mut [&mut [f32]] = &mut [
-            from_mut(reference),
-            range,
-            from_mut(light),
-            from_mut(sensitivity),
-            offset.as_flattened_mut(),
-        ];
-        read_numbers(lists, bytes)?.is_empty().then_some(())
-    }
-}
-
-impl Coefficients for Array {
-    const CHECKS: Checks<Self> = &[
-        ("method", |a| match &a.method {
-            WrenchMethod::Sum(places) => finite(places.0.as_flattened()),
-            WrenchMethod::Matrix(matrix) => finite(matrix.0.as_flattened().as_flattened()),
-        }),
-        ("residual", |a| a.residual.iter().all(|sigma| (1e-9..1e3).contains(sigma))),
-        ("moment_residual", |a| (1e-9..1e3).contains(&a.moment_residual)),
-        ("surface", |a| a.surface.fits()),
-    ];
-
-    fn read(&mut self, bytes: &[u8]) -> Option<()> {
-        let (method, rest) = bytes.split_first()?;
-        let rest = match method {
-            0 => {
-                let mut places = SensorPlaces::default();
-                let rest = read_numbers(&mut [places.0.as_flattened_mut()], rest)?;
-                self.method = WrenchMethod::Sum(places);
-                rest
-            }
-            1 => {
-                let mut matrix = WrenchMatrix::default();
-                let numbers = matrix.0.as_flattened_mut().as_flattened_mut();
-                let rest = read_numbers(&mut [numbers], rest)?;
-                self.method = WrenchMethod::Matrix(matrix);
-                rest
-            }
-            _ => return None,
-        };
-        let lists = &mut [&mut self.residual[..], from_mut(&mut self.moment_residual)];
-        let (surface, rest) = postcard::take_from_bytes(read_numbers(lists, rest)?).ok()?;
-        self.surface = surface;
-        rest.is_empty().then_some(())
-    }
-}
-
-impl Coefficients for SensorCalibration {
-    const CHECKS: Checks<Self> = &[
-        ("bias", |s| levels_fit(&s.bias.level)),
-        ("noise", |s| noise_fits(s.bias.noise)),
-        ("sensitivity", |s| finite(s.sensitivity.0.as_flattened())),
-        ("range", |s| ranges_fit(&s.range)),
-        ("residual_n", |s| residuals_fit(&s.residual)),
-    ];
-
-    fn read(&mut self, bytes: &[u8]) -> Option<()> {
-        let Self { bias, sensitivity, range, residual } = self;
-        let lists: &mut [&mut [f32]] = &mut [
-            &mut bias.level,
-            from_mut(&mut bias.noise),
-            sensitivity.0.as_flattened_mut(),
-            range.as_flattened_mut(),
-            residual,
-        ];
-        read_numbers(lists, bytes)?.is_empty().then_some(())
-    }
-}
-
 /// Reads one of postcard's lists in place. Returns what follows it.
-#[cfg(feature = "quantised")]
 #[inline(never)]
 fn read_list<'b>(list: &mut VecView<f32>, bytes: &'b [u8]) -> Option<&'b [u8]> {
     let (weights, rest) = split_list(bytes)?;
@@ -260,7 +174,6 @@ fn split_list(bytes: &[u8]) -> Option<(&[[u8; 4]], &[u8])> {
 }
 
 /// The rows of weights at the front of `bytes`, and what follows them.
-#[cfg(feature = "quantised")]
 fn read_rows<const N: usize>(bytes: &[u8]) -> Option<(Rows<N>, &[u8])> {
     let mut rows = [[0; TAXELS]; N];
     let weights = rows.as_flattened_mut();
@@ -273,25 +186,80 @@ fn read_rows<const N: usize>(bytes: &[u8]) -> Option<(Rows<N>, &[u8])> {
 
 /// Fills `numbers` from the front of `bytes`. Returns what follows them.
 #[inline(never)]
-fn read_numbers<'b>(lists: &mut [&mut [f32]], mut bytes: &'b [u8]) -> Option<&'b [u8]> {
-    for numbers in lists {
-        let (own, rest) = bytes.split_at_checked(4 * numbers.len())?;
-        for (number, bytes) in numbers.iter_mut().zip(own.as_chunks::<4>().0) {
-            *number = f32::from_le_bytes(*bytes);
-        }
-        bytes = rest;
+fn read_numbers<'b>(numbers: &mut [f32], bytes: &'b [u8]) -> Option<&'b [u8]> {
+    let (own, rest) = bytes.split_at_checked(4 * numbers.len())?;
+    for (number, bytes) in numbers.iter_mut().zip(own.as_chunks::<4>().0) {
+        *number = f32::from_le_bytes(*bytes);
     }
-    Some(bytes)
+    Some(rest)
 }
 
-fn radial_fits(radial: &Radial) -> bool {
-    finite(&radial.depth) && finite(radial.terms.as_flattened())
+impl Part for f32 {
+    fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]> {
+        read_numbers(from_mut(self), bytes)
+    }
+}
+
+impl<const N: usize> Part for [f32; N] {
+    fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]> {
+        read_numbers(self, bytes)
+    }
+}
+
+impl<const N: usize, const M: usize> Part for [[f32; N]; M] {
+    fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]> {
+        read_numbers(self.as_flattened_mut(), bytes)
+    }
+}
+
+impl Part for bool {
+    fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]> {
+        read_value(self, bytes)
+    }
+}
+
+impl Part for Surface {
+    fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]> {
+        read_value(self, bytes)
+    }
+}
+
+impl Part for WrenchMethod {
+    fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]> {
+        let (method, bytes) = bytes.split_first()?;
+        match method {
+            0 => {
+                let mut places = SensorPlaces::default();
+                let rest = places.0.read(bytes)?;
+                *self = Self::Sum(places);
+                Some(rest)
+            }
+            1 => {
+                let mut matrix = WrenchMatrix::default();
+                let rest = read_numbers(matrix.0.as_flattened_mut().as_flattened_mut(), bytes)?;
+                *self = Self::Matrix(matrix);
+                Some(rest)
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Takes one small value from the front of `bytes`. Returns what follows it.
+fn read_value<'b, T: Deserialize<'b>>(value: &mut T, bytes: &'b [u8]) -> Option<&'b [u8]> {
+    let rest;
+    (*value, rest) = postcard::take_from_bytes(bytes).ok()?;
+    Some(rest)
+}
+
+fn radial_fits(depth: &[f32; 2], terms: &[[f32; 3]; TERMS]) -> bool {
+    finite(depth) && finite(terms.as_flattened())
 }
 
 /// A bias that does not come from a record.
 pub(crate) fn bias_fits(bias: &Bias) -> bool {
-    bias.taxels.is_none_or(|taxels| levels_fit(&taxels.level) && noise_fits(taxels.noise))
-        && bias.bridges.iter().flatten().all(|b| levels_fit(&b.level) && noise_fits(b.noise))
+    bias.taxels.is_none_or(|taxels| levels_fit(&taxels.level) && noise_fits(&taxels.noise))
+        && bias.bridges.iter().flatten().all(|b| levels_fit(&b.level) && noise_fits(&b.noise))
 }
 
 /// A level is a fraction of full scale; a difference of two may reach 2.
@@ -300,8 +268,8 @@ fn levels_fit(levels: &[f32]) -> bool {
     levels.iter().all(|level| level.abs() <= 2.0)
 }
 
-fn noise_fits(noise: f32) -> bool {
-    (1e-9..1.0).contains(&noise)
+fn noise_fits(noise: &f32) -> bool {
+    (1e-9..1.0).contains(noise)
 }
 
 #[inline(never)]

@@ -42,8 +42,8 @@ pub type Warm<'c> = (&'c Warmth, f32);
 
 impl Warmth {
     /// Over [`FARTHEST`] light and sensitivity change by less than half.
-    pub(crate) fn shares_fit(&self) -> bool {
-        [self.light, self.sensitivity].iter().all(|share| (share * FARTHEST).abs() < 0.5)
+    pub(crate) fn shares_fit(shares: &[f32; 2]) -> bool {
+        shares.iter().all(|share| (share * FARTHEST).abs() < 0.5)
     }
 
     /// Signals that are not trusted at this level of the thermometer.
@@ -176,7 +176,7 @@ mod tests {
             level in -1.0f32..2.0, light in -6.0f32..6.0, offset in -1e3f32..1e3,
         ) {
             let warmth = Warmth { light, offset: [[offset; 3]; SENSORS], ..WARMTH };
-            prop_assume!(warmth.shares_fit());
+            prop_assume!(Warmth::shares_fit(&[warmth.light, warmth.sensitivity]));
             let mut levels = Levels { taxels: Some([1.0; 16]), ..Levels::default() };
             levels.bridges = [Some([1.0; 3]); SENSORS];
             warmth.correct(&mut levels, level);

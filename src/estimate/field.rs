@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::roots::inverse_sqrt;
 
 /// Powers of w.
-const TERMS: usize = 4;
+pub(crate) const TERMS: usize = 4;
 /// D is never below this, in mm²: a contact does not come nearer to a facet than half a millimetre.
 const LEAST_DEPTH: f32 = 0.3;
 
