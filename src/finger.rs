@@ -104,21 +104,25 @@ impl Estimate {
     /// The frame of this estimate of `codes`, with the fields that were asked for.
     #[must_use]
     pub fn frame<'e>(&'e self, codes: &'e Codes, seq: u32, fields: Fields) -> FrameRef<'e> {
-        let on = |field| fields.contains(field);
-        FrameRef {
-            seq,
-            time: self.time,
-            status: self.status,
-            codes: on(Fields::CODES).then_some(codes),
-            signals: on(Fields::SIGNALS).then_some(&self.signals),
-            sensors: on(Fields::SENSORS).then_some(&self.sensors),
-            force: on(Fields::FORCE).then_some(&self.force),
-            point: on(Fields::POINT).then_some(&self.point),
-            slip: on(Fields::SLIP).then_some(&self.slip),
-            torsion: on(Fields::TORSION).then_some(&self.torsion),
-            contacts: on(Fields::CONTACTS).then_some(&self.contacts),
-            uncertainty: on(Fields::UNCERTAINTY).then_some(&self.uncertainty),
+        macro_rules! frame {
+            (
+                head {
+                    codes: $codes:ty = CODES $bit:tt $about:literal $more:tt
+                    $($head:ident: $type:ty = $HEAD:ident $head_bit:tt $meaning:literal $head_about:tt)*
+                }
+                tail { $($tail:ident: $last:ty = $TAIL:ident $at:tt $last_meaning:literal $last_about:tt)* }
+            ) => {
+                FrameRef {
+                    seq,
+                    time: self.time,
+                    status: self.status,
+                    codes: fields.contains(Fields::CODES).then_some(codes),
+                    $($head: fields.contains(Fields::$HEAD).then_some(&self.$head),)*
+                    $($tail: fields.contains(Fields::$TAIL).then_some(&self.$tail),)*
+                }
+            };
         }
+        crate::frame_fields!(frame)
     }
 }
 
@@ -244,15 +248,15 @@ impl Finger {
         }
         let mut status = Status::default();
         let unknown = |(warmth, level): Warm<'_>| warmth.unknown(level);
-        flag(&mut status, Status::TEMPERATURE, warm.is_some_and(unknown));
-        flag(&mut status, Status::RAN_WARMTH, warm.is_some());
-        flag(&mut status, Status::NOISY, noisy != 0);
-        flag(&mut status, Status::STUCK_CHANNEL, stuck != Stuck::default());
-        flag(&mut status, Status::OVERRUN, scan.lost > 0);
-        flag(&mut status, Status::BIASED, state.biased);
-        flag(&mut status, Status::SATURATED, signals.health.saturated != 0);
-        flag(&mut status, Status::DEAD_TAXEL, signals.health.dead != 0);
-        flag(&mut status, Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
+        status.set(Status::TEMPERATURE, warm.is_some_and(unknown));
+        status.set(Status::RAN_WARMTH, warm.is_some());
+        status.set(Status::NOISY, noisy != 0);
+        status.set(Status::STUCK_CHANNEL, stuck != Stuck::default());
+        status.set(Status::OVERRUN, scan.lost > 0);
+        status.set(Status::BIASED, state.biased);
+        status.set(Status::SATURATED, signals.health.saturated != 0);
+        status.set(Status::DEAD_TAXEL, signals.health.dead != 0);
+        status.set(Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
 
         let activity = state.bias.activity(signals);
         let contact = self.gate.update_at_once(&mut state.gate, activity, || {
@@ -261,7 +265,7 @@ impl Finger {
             let matrix = signals.taxels.as_ref().zip(state.bias.taxels.as_ref()).filter(|_| sound);
             matrix.map_or(0.0, |(c, bias)| unmistakable(c, bias.noise))
         });
-        flag(&mut status, Status::CONTACT, contact);
+        status.set(Status::CONTACT, contact);
 
         // The gate answers at once, and what slips is heard above any filter's corner: both have the
         // signals as they came.
@@ -288,7 +292,7 @@ impl Finger {
         }
         let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
         let uncalibrated = lacks(&estimate.force) && estimate.sensors.iter().all(lacks);
-        flag(&mut estimate.status, Status::UNCALIBRATED, uncalibrated);
+        estimate.status.set(Status::UNCALIBRATED, uncalibrated);
     }
 
     #[inline(never)]
@@ -356,11 +360,11 @@ impl Finger {
         if signals.health.bridge_faults >> i & 1 == 1 {
             withhold(force, NoValue::DeadChannel);
         } else if within(&calibration.range, signal) {
-            status.set(Status::RAN_SENSORS);
+            status.insert(Status::RAN_SENSORS);
             let [x, y, z] = calibration.sensitivity.force(*signal);
             *force = Force::known(x, y, z);
         } else {
-            status.set(Status::OUT_OF_RANGE);
+            status.insert(Status::OUT_OF_RANGE);
             withhold(force, NoValue::OutOfTrainedRange);
         }
     }
@@ -384,12 +388,6 @@ fn advance_bias(state: &mut FingerState, levels: &Levels) -> Option<Result<(), B
         state.biased = true;
         state.smooth = LowPassState::default();
     }))
-}
-
-fn flag(status: &mut Status, bit: Status, holds: bool) {
-    if holds {
-        status.set(bit);
-    }
 }
 
 fn missing(scanned: bool) -> NoValue {

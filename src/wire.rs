@@ -50,7 +50,7 @@ pub fn pack_frame<'b, 'f>(
     buffer: &'b mut [u8],
 ) -> Result<&'b [u8], WireError> {
     let frame = frame.into();
-    close(buffer, |body| frame::put(&frame, body))
+    close(buffer, |body| frame::serialize(&frame, body))
 }
 
 /// The packet of the message that `put` puts into a buffer, of which it says how long it is.

@@ -115,7 +115,7 @@ impl Look<'_> {
                 match net.zip(taxels) {
                     None => known,
                     Some((net, taxels)) => {
-                        status.set(match net {
+                        status.insert(match net {
                             Net::Float(_) => Status::RAN_NET,
                             Net::Quantised(_) => Status::RAN_QUANTISED,
                         });
@@ -147,7 +147,7 @@ impl Look<'_> {
             return Err(reason);
         }
         if !within(&taxels.range, self.c) {
-            status.set(Status::OUT_OF_RANGE);
+            status.insert(Status::OUT_OF_RANGE);
             return Err(NoValue::OutOfTrainedRange);
         }
         Ok(())
@@ -155,17 +155,17 @@ impl Look<'_> {
 
     fn paper_point(&self, status: &mut Status) -> Measured<ContactPoint> {
         if self.method == PointMethod::ArgMin {
-            status.set(Status::RAN_ARG_MIN);
+            status.insert(Status::RAN_ARG_MIN);
             return arg_min(self.c, self.health.dead);
         }
-        status.set(Status::RAN_CENTROID);
+        status.insert(Status::RAN_CENTROID);
         // Sixteen taxels of pure noise sum to some 6 sigma; below twice that it is noise.
         let noise = self.bias.taxels.map_or(0.0, |bias| bias.noise);
         centroid(self.c, self.health.dead, 12.0 * noise)
     }
 
     fn model(&self, model: &Inverse, state: &mut MatrixState, status: &mut Status) -> Seen {
-        status.set(Status::RAN_MODEL);
+        status.insert(Status::RAN_MODEL);
         let u = model.curves.displacements(self.c);
         let felt = self.felt.force;
         let present = match felt {
@@ -177,7 +177,7 @@ impl Look<'_> {
         };
         let sheared = model.shear && present;
         let touch = if sheared {
-            status.set(Status::RAN_SHEAR);
+            status.insert(Status::RAN_SHEAR);
             model.sheared(&mut state.model, &u, pull(&felt))
         } else {
             model.pressed(&mut state.model, &u)
@@ -187,8 +187,8 @@ impl Look<'_> {
             Err(reason) => return Seen::nothing(reason),
         };
         if SEVERAL.update(&mut state.several, touch.misfit * touch.misfit) {
-            status.set(Status::NOT_SINGLE);
-            status.set(Status::RAN_PAIR);
+            status.insert(Status::NOT_SINGLE);
+            status.insert(Status::RAN_PAIR);
             if let Some(pair) = model.pair(&mut state.pair, &u, touch.misfit) {
                 return two(&pair, model.expected_share());
             }

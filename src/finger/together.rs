@@ -47,7 +47,7 @@ impl Felt {
         match newtons(sensors) {
             Err(reason) => Self::nothing(reason),
             Ok(forces) => {
-                status.set(Status::RAN_ARRAY);
+                status.insert(Status::RAN_ARRAY);
                 Self::under(array, signals, &forces)
             }
         }
@@ -158,7 +158,7 @@ fn meet(
         (Ok(one), Ok(other)) => {
             let (one, agree) = fuse(one, other);
             if !agree {
-                status.set(Status::DISAGREE);
+                status.insert(Status::DISAGREE);
             }
             Ok(one)
         }
@@ -259,13 +259,13 @@ impl Grip<'_> {
         let place = point.map(|point| [point.x.0, point.y.0]).ok().filter(|_| traction.arm == 0.0);
         traction.slides =
             place.is_some_and(|place| state.slide.update(self.time, place, &traction));
-        status.set(Status::RAN_SLIP);
+        status.insert(Status::RAN_SLIP);
         let verdict = slip.judge(&mut state.slip, &traction)?;
         if traction.slides || traction.rubs {
-            status.set(Status::SLIDES);
+            status.insert(Status::SLIDES);
         }
         if slip.warns(&mut state.slip, &verdict) {
-            status.set(Status::SLIP_WARNING);
+            status.insert(Status::SLIP_WARNING);
         }
         Ok(verdict)
     }

@@ -1,42 +1,83 @@
-//! A frame's bytes, field by field: to the byte what postcard makes of `Message::Frame`
-//! (`tests/core/wire_golden.rs`), in a third of its modelled cycles. What is not used yet of the buffer goes by
-//! value from one field to the next, so that it stays in two registers.
+//! Serializer of frames: the bytes that postcard makes of `Message::Frame` (`tests/core/wire_golden.rs`), in a third of its
+//! modelled cycles. The rest of the buffer passes by value from one field to the next, so that it stays in two registers.
 
 use crate::condition::Signals;
 use crate::estimate::slip::Verdict;
 use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::FrameRef;
 use crate::measured::Measured;
-use crate::scan::{Codes, Midpoints, TAXELS, TaxelCodes};
+use crate::scan::{Codes, Midpoints, SENSORS, TAXELS, TaxelCodes};
 use crate::units::{Code, Micros, NewtonMillimetres, Newtons};
 
-/// Which message it is.
+/// Number of the message.
 const FRAME: u8 = 2;
 
-/// Puts the frame into `buffer`; how long it is. Nothing where it does not fit.
-pub(super) fn put(frame: &FrameRef<'_>, buffer: &mut [u8]) -> Option<usize> {
+/// Serializes the frame into `buffer` and returns its length; `None` if it does not fit.
+pub(super) fn serialize(frame: &FrameRef<'_>, buffer: &mut [u8]) -> Option<usize> {
     let length = buffer.len();
     let rest = byte(buffer, FRAME)?;
     let rest = varint(rest, frame.seq)?;
     let rest = time(rest, frame.time)?;
-    let rest = varint(rest, frame.status.0)?;
-    let rest = option(rest, frame.codes, codes)?;
-    let rest = option(rest, frame.signals, signals)?;
-    let rest = option(rest, frame.sensors, |rest, sensors| forces(rest, sensors))?;
-    let rest = option(rest, frame.force, |rest, force| forces(rest, core::slice::from_ref(force)))?;
-    let rest = option(rest, frame.point, |rest, point| measured(rest, point, place))?;
-    let rest = option(rest, frame.slip, |rest, slip| measured(rest, slip, verdict))?;
-    let rest = option(rest, frame.torsion, |rest, torsion| measured(rest, torsion, moment))?;
-    let rest = option(rest, frame.contacts, |rest, two| measured(rest, two, contacts))?;
-    let rest = match frame.uncertainty {
-        None => rest,
-        uncertainty => option(rest, uncertainty, |rest, sure| measured(rest, sure, uncertain))?,
-    };
+    let mut rest = varint(rest, frame.status.0)?;
+    macro_rules! fields {
+        (
+            head { $($head:ident: $type:ty = $HEAD:ident $bit:tt $meaning:literal $about:tt)* }
+            tail { $($tail:ident: $last:ty = $TAIL:ident($at:literal) $last_meaning:literal $last_about:tt)* }
+        ) => {
+            $(rest = option(rest, frame.$head, Encode::encode)?;)*
+            let tail = frame.tail();
+            $(
+                // Before a later field, one that is missing says so.
+                if tail.0 >> $at != 0 {
+                    rest = option(rest, frame.$tail, Encode::encode)?;
+                }
+            )*
+        };
+    }
+    crate::frame_fields!(fields);
     Some(length - rest.len())
 }
 
-/// What is left of a buffer, where there was room.
+/// Rest of a buffer; `None` if there was not enough room.
 type Rest<'b> = Option<&'b mut [u8]>;
+
+/// Writes its bytes, as postcard does, and returns the rest of the buffer.
+trait Encode: Sized {
+    fn encode<'b>(rest: &'b mut [u8], value: &Self) -> Rest<'b>;
+}
+
+/// Implements [`Encode`] by functions.
+macro_rules! encode {
+    ($($type:ty: $encode:expr;)*) => {
+        $(
+            impl Encode for $type {
+                #[inline(always)]
+                fn encode<'b>(rest: &'b mut [u8], value: &Self) -> Rest<'b> {
+                    $encode(rest, value)
+                }
+            }
+        )*
+    };
+}
+
+encode! {
+    Codes: codes;
+    Signals: signals;
+    [Force; SENSORS]: |rest, sensors: &'_ Self| forces(rest, sensors);
+    Force: |rest, force| forces(rest, core::slice::from_ref(force));
+    ContactPoint: place;
+    Verdict: verdict;
+    NewtonMillimetres: moment;
+    [NormalContact; 2]: contacts;
+    Uncertainty: uncertain;
+}
+
+impl<T: Encode> Encode for Measured<T> {
+    #[inline(always)]
+    fn encode<'b>(rest: &'b mut [u8], value: &Self) -> Rest<'b> {
+        measured(rest, value, T::encode)
+    }
+}
 
 #[inline(always)]
 fn bytes<'b, const N: usize>(rest: &'b mut [u8], bytes: [u8; N]) -> Rest<'b> {
@@ -60,7 +101,7 @@ fn varint(mut rest: &mut [u8], mut value: u32) -> Rest<'_> {
 }
 
 fn time(mut rest: &mut [u8], Micros(mut time): Micros) -> Rest<'_> {
-    // What does not fit a word lasts longer than 71 minutes.
+    // A word holds 71 minutes.
     while time > u64::from(u32::MAX) {
         rest = byte(rest, time as u8 | 0x80)?;
         time >>= 7;
@@ -92,7 +133,7 @@ fn measured<'b, T>(
     }
 }
 
-/// A few at a time, which have room or have not together.
+/// Writes all of `values`, or none if there is not enough room.
 #[inline(always)]
 fn floats<'b, const N: usize>(rest: &'b mut [u8], values: &[f32; N]) -> Rest<'b> {
     let (place, rest) = rest.split_at_mut_checked(4 * N)?;
@@ -108,7 +149,7 @@ fn matrix<'b>(mut rest: &'b mut [u8], taxels: &[f32; TAXELS]) -> Rest<'b> {
     Some(rest)
 }
 
-/// A row of codes, or those of a sensor.
+/// Writes a row of codes, or those of a sensor.
 #[inline(always)]
 fn four<'b>(rest: &'b mut [u8], &[a, b, c, d]: &[Code; 4]) -> Rest<'b> {
     let words = [[a, b], [c, d]].map(|[low, high]| u32::from(low.0) | u32::from(high.0) << 16);

@@ -128,7 +128,7 @@ pub enum Message {
 #[inline(never)]
 pub(super) fn frame<S: Serializer>(frame: &Frame, serializer: S) -> Result<S::Ok, S::Error> {
     let mut bytes = [0; MAX_PACKET];
-    let length = super::frame::put(&frame.into(), &mut bytes);
+    let length = super::frame::serialize(&frame.into(), &mut bytes);
     // The serializer has said which message it is.
     let frame = length.and_then(|length| bytes.get(1..length));
     let frame = frame.ok_or_else(|| S::Error::custom("longer than any packet"))?;

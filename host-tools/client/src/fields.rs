@@ -1,28 +1,11 @@
 //! Names of the stream's fields, as the command line and the files use them.
 
 use taxel::frame::Fields;
+use taxel::frame::schema::{FIELD_NAMES, FIELDS};
 
-/// Every name and what it stands for.
-pub const NAMES: [(&str, Fields); 11] = [
-    ("codes", Fields::CODES),
-    ("signals", Fields::SIGNALS),
-    ("sensors", Fields::SENSORS),
-    ("force", Fields::FORCE),
-    ("point", Fields::POINT),
-    ("slip", Fields::SLIP),
-    ("torsion", Fields::TORSION),
-    ("contacts", Fields::CONTACTS),
-    ("uncertainty", Fields::UNCERTAINTY),
-    ("estimates", Fields::ESTIMATES),
-    ("all", Fields::ALL),
-];
-
-/// A word in a list of fields that is none.
+/// Word in a list of fields that names none.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "`{0}` is no field; choose from codes, signals, sensors, force, point, slip, torsion, contacts, \
-     uncertainty, estimates, all"
-)]
+#[error("`{0}` is no field; choose from {FIELD_NAMES}")]
 pub struct UnknownField(String);
 
 /// Reads a list such as `force,point`.
@@ -30,22 +13,21 @@ pub struct UnknownField(String);
 /// # Errors
 /// The first word that is no field.
 pub fn parse(list: &str) -> Result<Fields, UnknownField> {
-    list.split(',').map(str::trim).try_fold(Fields(0), |chosen, word| {
-        let (_, field) = NAMES
-            .iter()
-            .find(|(name, _)| *name == word)
-            .ok_or_else(|| UnknownField(word.to_owned()))?;
-        Ok(Fields(chosen.0 | field.0))
+    list.split(',').map(str::trim).try_fold(Fields::empty(), |chosen, word| {
+        let field = match word {
+            "estimates" => Some(Fields::ESTIMATES),
+            "all" => Some(Fields::ALL),
+            _ => FIELDS.iter().find(|field| field.name == word).map(|field| field.mask),
+        };
+        Ok(chosen | field.ok_or_else(|| UnknownField(word.to_owned()))?)
     })
 }
 
 /// The list that [`parse`] reads back.
 #[must_use]
 pub fn list(fields: Fields) -> String {
-    let single = NAMES.iter().filter(|(_, field)| field.0.is_power_of_two());
-    let names: Vec<_> =
-        single.filter(|(_, field)| fields.contains(*field)).map(|(name, _)| *name).collect();
-    names.join(",")
+    let chosen = FIELDS.iter().filter(|field| fields.contains(field.mask));
+    chosen.map(|field| field.name).collect::<Vec<_>>().join(",")
 }
 
 #[cfg(test)]
@@ -58,7 +40,7 @@ mod tests {
             assert_eq!(parse(&list(fields)), Ok(fields));
         }
         assert_eq!(parse("estimates"), Ok(Fields::ESTIMATES));
-        assert_eq!(parse("force, point").unwrap().0, Fields::FORCE.0 | Fields::POINT.0);
+        assert_eq!(parse("force, point"), Ok(Fields::FORCE | Fields::POINT));
     }
 
     #[test]

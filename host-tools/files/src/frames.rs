@@ -1,28 +1,30 @@
-//! What the finger said as a row of named columns: the same in every kind of recording.
+//! Frames as rows of named columns, the same in every kind of recording.
 //!
 //! `t_us seq status`, then a column for every value of the chosen fields, unit in the name. A cell is
-//! empty where the frame does not carry its field or the finger has no such channel, and holds the reason
-//! where the finger withheld the value.
+//! empty if the frame does not carry its field or the finger has no such channel, and holds the reason
+//! if the finger withheld the value. Columns and their order come from [`taxel::frame::schema`].
 
 use std::fmt;
 
-use taxel::estimate::{Force, Uncertainty};
+use taxel::condition::{Health, Signals};
+use taxel::estimate::slip::Verdict;
+use taxel::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
+use taxel::frame::schema::{CSV, Columns, FIELDS, Group, HEAD, Row};
 use taxel::frame::{Fields, Frame, Status};
 use taxel::measured::{Measured, NoValue};
-use taxel::scan::{ROWS, SENSORS, TAXELS};
-
-use crate::trace::{bridge_names, sensor_truth_names, taxel_names};
+use taxel::scan::{Codes, Midpoints, SENSORS, TAXELS};
+use taxel::units::{Code, Micros, Millimetres, NewtonMillimetres, Newtons};
 
 /// A column.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
-    /// Its name, unit included.
+    /// Name, unit included.
     pub name: String,
-    /// What its cells hold.
+    /// Content of its cells.
     pub kind: Kind,
 }
 
-/// What the cells of a column hold.
+/// Content of the cells of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Whole numbers.
@@ -38,15 +40,15 @@ pub enum Kind {
 pub enum Cell {
     /// Not asked for, or no such channel.
     Empty,
-    /// Of a [`Kind::Whole`] column.
+    /// Value in a [`Kind::Whole`] column.
     Whole(u64),
-    /// Of the other two.
+    /// Value in one of the other two.
     Real(f32),
-    /// Of a [`Kind::Measured`] column: withheld, and why.
+    /// Reason in a [`Kind::Measured`] column.
     Withheld(NoValue),
 }
 
-/// As it stands in a CSV file: nothing where there is no value.
+/// Writes the cell as in a CSV file: nothing if there is no value.
 impl fmt::Display for Cell {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -57,7 +59,7 @@ impl fmt::Display for Cell {
     }
 }
 
-/// The words for the reasons, as files and pages use them.
+/// Words for a reason, as files and pages use them.
 #[must_use]
 pub const fn reason(reason: NoValue) -> &'static str {
     match reason {
@@ -75,161 +77,295 @@ pub const fn reason(reason: NoValue) -> &'static str {
 /// The columns of frames with these fields.
 #[must_use]
 pub fn columns(fields: Fields) -> Vec<Column> {
-    let on = |field| fields.contains(field);
-    let mut columns = Vec::new();
-    let mut add = |kind: Kind, names: &[&str]| {
-        columns.extend(names.iter().map(|name| Column { name: (*name).to_owned(), kind }));
-    };
-    add(Kind::Whole, &["t_us", "seq", "status"]);
-    if on(Fields::FORCE) {
-        add(Kind::Measured, &["fx_n", "fy_n", "fz_n"]);
-    }
-    if on(Fields::POINT) {
-        add(Kind::Measured, &["x_mm", "y_mm"]);
-    }
-    if on(Fields::TORSION) {
-        add(Kind::Measured, &["torsion_nmm"]);
-    }
-    add(Kind::Whole, &["contact"]);
-    if on(Fields::SLIP) {
-        add(Kind::Whole, &["slip"]);
-        add(Kind::Measured, &["slip_margin", "friction", "grip_n"]);
-    }
-    if on(Fields::CONTACTS) {
-        for i in ["1", "2"] {
-            let names = ["x_mm", "y_mm", "fz_n"].map(|value| format!("contact{i}_{value}"));
-            add(Kind::Measured, &names.each_ref().map(String::as_str));
+    let whole = |name: &str| Column { name: name.to_owned(), kind: Kind::Whole };
+    let mut columns: Vec<_> = HEAD.map(|Row(name, ..)| whole(name)).into();
+    for group in CSV {
+        match group {
+            Group::Flag { column, with, .. } if fields.contains(with) => {
+                columns.push(whole(column))
+            }
+            Group::Field(field) if fields.contains(field) => columns.extend(columns_of(field)),
+            Group::Flag { .. } | Group::Field(_) => {}
         }
     }
-    if on(Fields::UNCERTAINTY) {
-        add(Kind::Measured, &["fx_sigma_n", "fy_sigma_n", "fz_sigma_n"]);
-        add(Kind::Measured, &["x_sigma_mm", "y_sigma_mm", "misfit"]);
-    }
-    let mut add = |kind: Kind, names: Vec<String>| {
-        columns.extend(names.into_iter().map(|name| Column { name, kind }));
-    };
-    if on(Fields::SENSORS) {
-        add(Kind::Measured, (0..SENSORS).flat_map(sensor_truth_names).collect());
-    }
-    if on(Fields::SIGNALS) {
-        add(Kind::Real, (0..TAXELS).map(|k| format!("c_r{}c{}", k / 4, k % 4)).collect());
-        let bridge = |i| ["x", "y", "z"].map(|u| format!("s{i}_u{u}"));
-        add(Kind::Real, (0..SENSORS).flat_map(bridge).collect());
-        add(Kind::Whole, ["saturated", "dead", "bridge_faults"].map(str::to_owned).into());
-    }
-    if on(Fields::CODES) {
-        add(Kind::Whole, taxel_names(ROWS));
-        add(Kind::Whole, (0..SENSORS).flat_map(bridge_names).collect());
-        add(Kind::Whole, ["aux_vref", "aux_temp"].map(str::to_owned).into());
-    }
     columns
+}
+
+fn columns_of(field: Fields) -> impl Iterator<Item = Column> {
+    let parts = FIELDS.iter().filter(move |known| known.mask == field).flat_map(|f| f.columns);
+    parts.flat_map(|part| {
+        let (kind, names) = match part {
+            Columns::Whole(names) => (Kind::Whole, names),
+            Columns::Real(names) => (Kind::Real, names),
+            Columns::Measured(names) => (Kind::Measured, names),
+        };
+        names.split_whitespace().map(move |name| Column { name: name.to_owned(), kind })
+    })
 }
 
 /// Appends the cells of a frame, one for each of [`columns`].
 pub fn cells(frame: &Frame, fields: Fields, row: &mut Vec<Cell>) {
     row.extend([frame.time.0, frame.seq.into(), frame.status.0.into()].map(Cell::Whole));
-    let on = |field| fields.contains(field);
-    if on(Fields::FORCE) {
-        push_force(row, frame.force);
-    }
-    if on(Fields::POINT) {
-        row.push(measured(frame.point, |point| point.x.0));
-        row.push(measured(frame.point, |point| point.y.0));
-    }
-    if on(Fields::TORSION) {
-        row.push(measured(frame.torsion, |torsion| torsion.0));
-    }
-    row.push(Cell::Whole(frame.status.contains(Status::CONTACT).into()));
-    if on(Fields::SLIP) {
-        row.push(Cell::Whole(frame.status.contains(Status::SLIDES).into()));
-        row.push(measured(frame.slip, |verdict| verdict.margin));
-        row.push(measured(frame.slip, |verdict| verdict.friction));
-        row.push(measured(frame.slip, |verdict| verdict.grip.0));
-    }
-    if on(Fields::CONTACTS) {
-        for i in 0..2 {
-            row.push(measured(frame.contacts, |contacts| contacts[i].point.x.0));
-            row.push(measured(frame.contacts, |contacts| contacts[i].point.y.0));
-            row.push(measured(frame.contacts, |contacts| contacts[i].normal.0));
+    for group in CSV {
+        match group {
+            Group::Flag { bit, with, .. } if fields.contains(with) => {
+                row.push(Cell::Whole(frame.status.contains(bit).into()));
+            }
+            Group::Field(field) if fields.contains(field) => push_field(frame, field, row),
+            Group::Flag { .. } | Group::Field(_) => {}
         }
-    }
-    if on(Fields::UNCERTAINTY) {
-        push_uncertainty(row, frame.uncertainty);
-    }
-    if on(Fields::SENSORS) {
-        for i in 0..SENSORS {
-            push_force(row, frame.sensors.map(|sensors| sensors[i]));
-        }
-    }
-    if on(Fields::SIGNALS) {
-        push_signals(row, frame);
-    }
-    if on(Fields::CODES) {
-        push_codes(row, frame);
     }
 }
 
-fn measured<T>(value: Option<Measured<T>>, part: impl Fn(T) -> f32) -> Cell {
+macro_rules! fields {
+    (
+        head {
+            codes: $codes:ty = CODES $codes_bit:tt $about:literal $more:tt
+            $($head:ident: $type:ty = $HEAD:ident $bit:tt $meaning:literal $head_about:tt)*
+        }
+        tail { $($tail:ident: $last:ty = $TAIL:ident $at:tt $last_meaning:literal $last_about:tt)* }
+    ) => {
+        fn push_field(frame: &Frame, field: Fields, row: &mut Vec<Cell>) {
+            let sent = match field {
+                Fields::CODES => frame.codes.map(|codes| push_codes(&codes, row)),
+                $(Fields::$HEAD => frame.$head.map(|value| value.push(row)),)*
+                $(Fields::$TAIL => frame.$tail.map(|value| value.push(row)),)*
+                _ => Some(()),
+            };
+            if sent.is_none() {
+                row.extend(columns_of(field).map(|_| Cell::Empty));
+            }
+        }
+
+        fn read_field(frame: &mut Frame, field: Fields, row: &mut Cells) {
+            match field {
+                $(Fields::$HEAD => frame.$head = Some(Value::read(row)),)*
+                $(Fields::$TAIL => frame.$tail = Some(Value::read(row)),)*
+                _ => {}
+            }
+        }
+    };
+}
+taxel::frame_fields!(fields);
+
+/// Reader of frames from rows; the codes are left out, because a recording that has them can be computed again.
+#[derive(Clone, Debug)]
+pub struct FrameReader {
+    fields: Fields,
+    head: [Option<usize>; 3],
+    /// For each field the places of its columns.
+    places: Vec<(Fields, Vec<usize>)>,
+}
+
+impl FrameReader {
+    /// A reader of rows with these columns: of each field whose first column is there.
+    ///
+    /// # Errors
+    /// The name of the column that is missing.
+    pub fn new(columns: &[Column]) -> Result<Self, String> {
+        let place = |name: &str| columns.iter().position(|column| column.name == name);
+        let mut places = Vec::new();
+        for field in FIELDS.iter().filter(|field| field.mask != Fields::CODES) {
+            let mut names = columns_of(field.mask).map(|column| column.name).peekable();
+            if names.peek().is_some_and(|first| place(first).is_some()) {
+                let of = names.map(|name| place(&name).ok_or(name)).collect::<Result<_, _>>()?;
+                places.push((field.mask, of));
+            }
+        }
+        let fields = places.iter().fold(Fields::empty(), |all, (field, _)| all | *field);
+        for Column { name, .. } in self::columns(fields) {
+            place(&name).ok_or(name)?;
+        }
+        Ok(Self { fields, head: HEAD.map(|Row(name, ..)| place(name)), places })
+    }
+
+    /// The fields that the rows have.
+    #[must_use]
+    pub fn fields(&self) -> Fields {
+        self.fields
+    }
+
+    /// The frame of a row.
+    #[must_use]
+    pub fn frame(&self, row: &[Cell]) -> Frame {
+        let cell = |at: usize| row.get(at).copied().unwrap_or(Cell::Empty);
+        let [time, seq, status] = self.head.map(|at| at.map_or(Cell::Empty, cell).whole());
+        let mut frame = Frame {
+            seq: seq as u32,
+            time: Micros(time),
+            status: Status(status as u32),
+            ..Frame::default()
+        };
+        for (field, places) in &self.places {
+            read_field(&mut frame, *field, &mut places.iter().map(|at| cell(*at)));
+        }
+        frame
+    }
+}
+
+type Cells<'c> = dyn Iterator<Item = Cell> + 'c;
+
+/// Value of a field as cells, one for each of its columns.
+trait Value: Sized {
+    /// Appends the cells.
+    fn push(&self, row: &mut Vec<Cell>);
+    /// Reads them back.
+    fn read(row: &mut Cells) -> Self;
+}
+
+impl Cell {
+    fn measured(value: Measured<f32>) -> Self {
+        value.map_or_else(Self::Withheld, Self::Real)
+    }
+
+    /// Number in a [`Kind::Measured`] column. CSV has no reasons: a value that is missing was not estimated.
+    fn value(self) -> Measured<f32> {
+        match self {
+            Self::Real(value) => Ok(value),
+            Self::Withheld(why) => Err(why),
+            Self::Whole(_) | Self::Empty => Err(NoValue::NotEstimated),
+        }
+    }
+
+    fn whole(self) -> u64 {
+        match self {
+            Self::Whole(value) => value,
+            Self::Empty | Self::Real(_) | Self::Withheld(_) => 0,
+        }
+    }
+}
+
+fn next(row: &mut Cells) -> Cell {
+    row.next().unwrap_or(Cell::Empty)
+}
+
+impl Value for Force {
+    fn push(&self, row: &mut Vec<Cell>) {
+        row.extend([self.x, self.y, self.z].map(|axis| Cell::measured(axis.map(|n| n.0))));
+    }
+
+    fn read(row: &mut Cells) -> Self {
+        let [x, y, z] = [(); 3].map(|()| next(row).value().map(Newtons));
+        Self { x, y, z }
+    }
+}
+
+impl Value for [Force; SENSORS] {
+    fn push(&self, row: &mut Vec<Cell>) {
+        self.iter().for_each(|force| force.push(row));
+    }
+
+    fn read(row: &mut Cells) -> Self {
+        [(); SENSORS].map(|()| Force::read(row))
+    }
+}
+
+/// Implements [`Value`] for numbers that are given or withheld together.
+macro_rules! together {
+    ($($type:ty: $numbers:expr, $of:expr;)*) => {
+        $(
+            impl Value for Measured<$type> {
+                fn push(&self, row: &mut Vec<Cell>) {
+                    push_together(self, $numbers, row);
+                }
+
+                fn read(row: &mut Cells) -> Self {
+                    read_together(row, $of)
+                }
+            }
+        )*
+    };
+}
+
+together! {
+    f32: |number| [*number], |[number]| number;
+    ContactPoint: |p| [p.x.0, p.y.0], |[x, y]| ContactPoint { x: Millimetres(x), y: Millimetres(y) };
+    Verdict: |v| [v.margin, v.friction, v.grip.0],
+        |[margin, friction, grip]| Verdict { margin, friction, grip: Newtons(grip) };
+    NewtonMillimetres: |moment| [moment.0], |[moment]| NewtonMillimetres(moment);
+    [NormalContact; 2]: |[a, b]| {
+        [a.point.x.0, a.point.y.0, a.normal.0, b.point.x.0, b.point.y.0, b.normal.0]
+    }, |[ax, ay, a, bx, by, b]| [(a, [ax, ay]), (b, [bx, by])].map(NormalContact::new);
+}
+
+fn push_together<T, const N: usize>(
+    value: &Measured<T>,
+    numbers: impl Fn(&T) -> [f32; N],
+    row: &mut Vec<Cell>,
+) {
     match value {
-        None => Cell::Empty,
-        Some(Ok(value)) => Cell::Real(part(value)),
-        Some(Err(reason)) => Cell::Withheld(reason),
+        Ok(value) => row.extend(numbers(value).map(Cell::Real)),
+        Err(reason) => row.extend([Cell::Withheld(*reason); N]),
     }
 }
 
-fn push_force(row: &mut Vec<Cell>, force: Option<Force>) {
-    let axis = |axis: fn(Force) -> Measured<taxel::units::Newtons>| {
-        measured(force.map(axis), |newtons| newtons.0)
-    };
-    row.extend([axis(|f| f.x), axis(|f| f.y), axis(|f| f.z)]);
-}
-
-fn push_uncertainty(row: &mut Vec<Cell>, uncertainty: Option<Measured<Uncertainty>>) {
-    let (force, rest) = match uncertainty {
-        None => (None, None),
-        Some(Err(reason)) => (Some(Force::none(reason)), Some((Err(reason), Err(reason)))),
-        Some(Ok(known)) => (Some(known.force), Some((known.point, known.misfit))),
-    };
-    push_force(row, force);
-    let (point, misfit) = rest.unzip();
-    row.push(measured(point, |point| point.x.0));
-    row.push(measured(point, |point| point.y.0));
-    row.push(measured(misfit, |misfit| misfit));
-}
-
-fn push_signals(row: &mut Vec<Cell>, frame: &Frame) {
-    let real = |value: Option<f32>| value.map_or(Cell::Empty, Cell::Real);
-    let taxels = frame.signals.and_then(|signals| signals.taxels);
-    row.extend((0..TAXELS).map(|k| real(taxels.map(|c| c[k]))));
-    for i in 0..SENSORS {
-        let bridge = frame.signals.and_then(|signals| signals.bridges[i]);
-        row.extend((0..3).map(|axis| real(bridge.map(|u| u[axis]))));
+fn read_together<T, const N: usize>(row: &mut Cells, of: impl Fn([f32; N]) -> T) -> Measured<T> {
+    let values = [(); N].map(|()| next(row).value());
+    let mut numbers = [0.0; N];
+    for (number, value) in numbers.iter_mut().zip(values) {
+        *number = value?;
     }
-    let health = frame.signals.map(|signals| signals.health);
-    let bits = |bits: Option<u16>| bits.map_or(Cell::Empty, |bits| Cell::Whole(bits.into()));
-    row.push(bits(health.map(|health| health.saturated)));
-    row.push(bits(health.map(|health| health.dead)));
-    row.push(bits(health.map(|health| health.bridge_faults.into())));
+    Ok(of(numbers))
 }
 
-fn push_codes(row: &mut Vec<Cell>, frame: &Frame) {
-    let code = |code: Option<taxel::units::Code>| {
-        code.map_or(Cell::Empty, |code| Cell::Whole(code.0.into()))
-    };
-    let taxels = frame.codes.and_then(|codes| codes.taxels);
+impl Value for Measured<Uncertainty> {
+    fn push(&self, row: &mut Vec<Cell>) {
+        let none = |why| Uncertainty { force: Force::none(why), point: Err(why), misfit: Err(why) };
+        let Uncertainty { force, point, misfit } = self.unwrap_or_else(none);
+        force.push(row);
+        point.push(row);
+        misfit.push(row);
+    }
+
+    /// Without contact there is none of it, for one reason.
+    fn read(row: &mut Cells) -> Self {
+        let known = Uncertainty {
+            force: Force::read(row),
+            point: Measured::read(row),
+            misfit: Measured::read(row),
+        };
+        if known.misfit == Err(NoValue::NoContact) { Err(NoValue::NoContact) } else { Ok(known) }
+    }
+}
+
+impl Value for Signals {
+    fn push(&self, row: &mut Vec<Cell>) {
+        let real = |value: Option<f32>| value.map_or(Cell::Empty, Cell::Real);
+        row.extend((0..TAXELS).map(|k| real(self.taxels.map(|c| c[k]))));
+        for bridge in self.bridges {
+            row.extend((0..3).map(|axis| real(bridge.map(|u| u[axis]))));
+        }
+        let Health { saturated, dead, bridge_faults } = self.health;
+        row.extend([saturated, dead, bridge_faults.into()].map(|bits| Cell::Whole(bits.into())));
+    }
+
+    /// A matrix or a sensor that the finger does not have has empty cells, all of them.
+    fn read(row: &mut Cells) -> Self {
+        fn all<const N: usize>(row: &mut Cells) -> Option<[f32; N]> {
+            read_together(row, |numbers| numbers).ok()
+        }
+        Self {
+            taxels: all(row),
+            bridges: [(); SENSORS].map(|()| all(row)),
+            health: Health {
+                saturated: next(row).whole() as u16,
+                dead: next(row).whole() as u16,
+                bridge_faults: next(row).whole() as u8,
+            },
+        }
+    }
+}
+
+fn push_codes(codes: &Codes, row: &mut Vec<Cell>) {
+    let code = |code: Option<Code>| code.map_or(Cell::Empty, |code| Cell::Whole(code.0.into()));
+    let taxels = codes.taxels;
     row.extend((0..TAXELS).map(|k| code(taxels.map(|t| t.lit[k / 4][k % 4]))));
     row.extend((0..4).map(|c| code(taxels.map(|t| t.dark[c]))));
-    for i in 0..SENSORS {
-        let bridge = frame.codes.and_then(|codes| codes.bridges[i]);
-        row.extend([
-            code(bridge.map(|m| m.a)),
-            code(bridge.map(|m| m.b)),
-            code(bridge.map(|m| m.c)),
-            code(bridge.map(|m| m.d)),
-        ]);
+    for bridge in codes.bridges {
+        let arms = bridge.map_or([None; 4], |Midpoints { a, b, c, d }| [a, b, c, d].map(Some));
+        row.extend(arms.map(code));
     }
-    row.push(code(frame.codes.and_then(|codes| codes.reference)));
-    row.push(code(frame.codes.and_then(|codes| codes.temperature)));
+    row.extend([codes.reference, codes.temperature].map(code));
 }
 
 #[cfg(test)]

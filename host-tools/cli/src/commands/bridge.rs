@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use clap::ArgGroup;
 use taxel::frame::Fields;
+use taxel::frame::schema::FIELD_NAMES;
 use taxel_client::{Port, Steady, fields};
 
 use crate::finger::{address, scene_calibration, steady};
@@ -70,9 +71,10 @@ pub struct Args {
     /// Frames a second [default: as the finger is set].
     #[arg(long, value_name = "HZ")]
     rate: Option<u16>,
-    /// Fields to publish, with commas between: signals, sensors, force, point, slip, torsion, contacts,
-    /// uncertainty, estimates, all [default: as the finger is set]. The wrench needs force.
-    #[arg(long, value_name = "LIST", value_parser = fields::parse)]
+    #[arg(long, value_name = "LIST", value_parser = fields::parse, help = format!(
+        "Fields to publish, with commas between (codes are not published): {FIELD_NAMES} \
+         [default: as the finger is set]. The wrench needs force"
+    ))]
     fields: Option<Fields>,
     /// Calibration of a virtual finger [default: a built-in scene's own].
     #[arg(long, value_name = "CAL")]

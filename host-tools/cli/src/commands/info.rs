@@ -3,7 +3,7 @@
 use std::time::{Duration, UNIX_EPOCH};
 
 use serde_json::json;
-use taxel::frame::Status;
+use taxel::frame::schema;
 use taxel::scan::ScanSettings;
 use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Info, Reset};
 use taxel_client::client::Version;
@@ -195,6 +195,5 @@ fn date(id: &CalibrationId) -> String {
 
 /// The estimators that the finger's firmware holds, as a frame's status calls them when they run.
 fn estimators(info: &Info) -> Vec<&'static str> {
-    let named = Status::NAMES.iter().filter(|(bit, _)| info.estimators.contains(*bit));
-    named.map(|(_, name)| name.trim_start_matches("ran-")).collect()
+    schema::named(info.estimators).map(|bit| bit.name.trim_start_matches("ran-")).collect()
 }

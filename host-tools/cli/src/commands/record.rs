@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use anyhow::bail;
 use taxel::frame::Fields;
+use taxel::frame::schema::FIELD_NAMES;
 use taxel_client::{Echoes, Port, Steady, fields};
 
 use crate::Files;
@@ -36,10 +37,9 @@ pub struct Args {
     /// Seconds of device time to record.
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
     duration: Option<f64>,
-    /// Fields to record, with commas between: codes, signals, sensors, force, point, slip,
-    /// torsion, contacts, uncertainty, estimates, all
-    /// [default: as the finger is set].
-    #[arg(long, value_name = "LIST", value_parser = fields::parse)]
+    #[arg(long, value_name = "LIST", value_parser = fields::parse, help = format!(
+        "Fields to record, with commas between: {FIELD_NAMES} [default: as the finger is set]"
+    ))]
     fields: Option<Fields>,
     /// Frames a second [default: as the finger is set].
     #[arg(long, value_name = "HZ")]

@@ -8,6 +8,7 @@ use clap::ValueEnum;
 use indicatif::ProgressBar;
 use taxel::calibration::Calibration;
 use taxel::finger::{Finger, FingerState};
+use taxel::frame::schema::FIELD_NAMES;
 use taxel::frame::{Fields, Frame};
 use taxel::measured::{Measured, NoValue};
 use taxel::units::{FullScale, Newtons};
@@ -47,9 +48,8 @@ pub struct Args {
     /// Where the core runs.
     #[arg(long, value_enum, default_value_t = Core::Host)]
     on: Core,
-    /// Fields of the frames: codes, signals, sensors, force, point, slip, torsion, contacts,
-    /// uncertainty, estimates, all.
-    #[arg(long, value_name = "LIST", default_value = "estimates", value_parser = fields::parse)]
+    #[arg(long, value_name = "LIST", default_value = "estimates", value_parser = fields::parse,
+          help = format!("Fields of the frames: {FIELD_NAMES}"))]
     fields: Fields,
 }
 

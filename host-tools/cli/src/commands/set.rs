@@ -3,6 +3,7 @@
 use anyhow::Context;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
+use taxel::frame::schema::FIELD_NAMES;
 use taxel::scan::ScanSettings;
 use taxel_client::fields;
 
@@ -22,9 +23,8 @@ pub struct Args {
     /// Smooths forces and places: −3 dB of a second-order low-pass at so many hertz, 0 for none.
     #[arg(long, value_name = "HZ", group = "settings")]
     filter: Option<u16>,
-    /// Fields that frames carry, with commas between: codes, signals, sensors, force, point, slip,
-    /// torsion, contacts, uncertainty, estimates, all.
-    #[arg(long, value_name = "LIST", value_parser = fields::parse, group = "settings")]
+    #[arg(long, value_name = "LIST", value_parser = fields::parse, group = "settings",
+          help = format!("Fields that frames carry, with commas between: {FIELD_NAMES}"))]
     fields: Option<Fields>,
     /// How the contact point is found.
     #[arg(long, value_name = "METHOD", group = "settings")]

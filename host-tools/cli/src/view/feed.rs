@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 
 use serde_json::{Value, json};
 use taxel::calibration::Calibration;
-use taxel::frame::Status;
+use taxel::frame::schema::{BITS, FIELDS};
 use taxel::scan::TAXEL_CENTRES;
 use taxel::wire::message::Info;
 use taxel_client::{Client, LinkError, Steady, fields};
@@ -135,9 +135,8 @@ fn facts(client: &Client, info: &Info) -> Value {
 
 /// The same, and what holds for every finger: names of fields and flags, and where the taxels are.
 fn page_facts(mut facts: Value) -> Value {
-    let single = fields::NAMES.iter().filter(|(_, field)| field.0.is_power_of_two());
-    facts["field_names"] = single.map(|(name, _)| *name).collect();
-    facts["flags"] = Status::NAMES.iter().map(|(bit, name)| json!([bit.0, name])).collect();
+    facts["field_names"] = FIELDS.iter().map(|field| field.name).collect();
+    facts["flags"] = BITS.iter().map(|bit| json!([bit.status.0, bit.name])).collect();
     facts["taxels"] = TAXEL_CENTRES.iter().map(|centre| json!(centre.map(|mm| mm.0))).collect();
     facts
 }

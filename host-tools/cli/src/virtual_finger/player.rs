@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::PoisonError;
 use std::time::Duration;
 
-use taxel::frame::{Fields, Frame, Status};
+use taxel::frame::{Frame, Status};
 use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{
@@ -88,7 +88,7 @@ impl Player {
                 frame = self.due(), if playing => match frame {
                     None => return Ok(Some(Outcome::Finished)),
                     Some(Err(error)) => return Ok(Some(Outcome::Failed(error))),
-                    Some(Ok(frame)) => Message::Frame(masked(frame, self.info.fields)),
+                    Some(Ok(frame)) => Message::Frame(frame.masked(self.info.fields)),
                 },
             };
             tx.write_all(&packed(&message)?).await?;
@@ -200,21 +200,6 @@ fn short<const N: usize>(text: &str) -> heapless::String<N> {
     let mut short = heapless::String::new();
     let _ = text.chars().try_for_each(|c| short.push(c));
     short
-}
-
-fn masked(frame: Frame, fields: Fields) -> Frame {
-    let on = |field| fields.contains(field);
-    Frame {
-        signals: frame.signals.filter(|_| on(Fields::SIGNALS)),
-        sensors: frame.sensors.filter(|_| on(Fields::SENSORS)),
-        force: frame.force.filter(|_| on(Fields::FORCE)),
-        point: frame.point.filter(|_| on(Fields::POINT)),
-        slip: frame.slip.filter(|_| on(Fields::SLIP)),
-        torsion: frame.torsion.filter(|_| on(Fields::TORSION)),
-        contacts: frame.contacts.filter(|_| on(Fields::CONTACTS)),
-        uncertainty: frame.uncertainty.filter(|_| on(Fields::UNCERTAINTY)),
-        ..frame
-    }
 }
 
 fn packed(message: &Message) -> io::Result<Vec<u8>> {

@@ -169,8 +169,11 @@ fn bad_usage_is_one_line_and_exit_code_2() {
         ),
         (
             &format!("set {port} --fields force,colour"),
-            "invalid value 'force,colour' for '--fields <LIST>': `colour` is no field; choose from codes, \
-             signals, sensors, force, point, slip, torsion, contacts, uncertainty, estimates, all; see --help",
+            &format!(
+                "invalid value 'force,colour' for '--fields <LIST>': `colour` is no field; choose from \
+                 {}; see --help",
+                taxel::frame::schema::FIELD_NAMES
+            ),
         ),
         (
             "demo --duration 0",

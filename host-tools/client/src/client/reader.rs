@@ -222,20 +222,7 @@ mod tests {
     }
 
     fn frame(seq: u32) -> Vec<u8> {
-        let frame = Frame {
-            seq,
-            time: taxel::units::Micros(0),
-            status: taxel::frame::Status::default(),
-            codes: None,
-            signals: None,
-            sensors: None,
-            force: None,
-            point: None,
-            slip: None,
-            torsion: None,
-            contacts: None,
-            uncertainty: None,
-        };
+        let frame = Frame { seq, ..Frame::default() };
         packed(&Message::Frame(frame))
     }
 

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
+use taxel::frame::schema::{self, Kind};
 use taxel::frame::{Frame, Status};
 use taxel_client::{Counts, Received};
 
@@ -84,37 +85,24 @@ fn line(frame: &Frame, rate: f64, lost: u64) -> String {
 
 /// What holds, in words. Which estimators ran is of no interest here.
 fn flags(status: Status) -> String {
-    let held = Status::NAMES
-        .iter()
-        .filter(|(bit, name)| status.contains(*bit) && !name.starts_with("ran-"));
-    held.map(|(_, name)| *name).collect::<Vec<_>>().join(" ")
+    let held = schema::named(status).filter(|bit| bit.kind != Kind::Estimator);
+    held.map(|bit| bit.name).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]
 mod tests {
     use taxel::estimate::{ContactPoint, Force};
-    use taxel::units::{Micros, Millimetres};
+    use taxel::units::Millimetres;
 
     use super::*;
 
     #[test]
     fn the_line_says_in_words_what_holds() {
-        let mut status = Status::CONTACT;
-        status.set(Status::RAN_NET);
-        status.set(Status::OUT_OF_RANGE);
         let frame = Frame {
-            seq: 0,
-            time: Micros(0),
-            status,
-            codes: None,
-            signals: None,
-            sensors: None,
+            status: Status::CONTACT | Status::RAN_NET | Status::OUT_OF_RANGE,
             force: Some(Force::known(0.5, -0.25, 2.0)),
             point: Some(Ok(ContactPoint { x: Millimetres(1.0), y: Millimetres(-2.0) })),
-            slip: None,
-            torsion: None,
-            contacts: None,
-            uncertainty: None,
+            ..Frame::default()
         };
         assert_eq!(
             line(&frame, 1000.0, 3),

@@ -74,26 +74,16 @@ impl Accuracy {
 #[cfg(test)]
 mod tests {
     use taxel::estimate::{ContactPoint, Force};
-    use taxel::frame::Status;
     use taxel::measured::NoValue;
-    use taxel::units::{Micros, Millimetres, Newtons};
+    use taxel::units::{Millimetres, Newtons};
 
     use super::*;
 
     fn frame(z: f32) -> Frame {
         Frame {
-            seq: 0,
-            time: Micros(0),
-            status: Status::default(),
-            codes: None,
-            signals: None,
-            sensors: None,
             force: Some(Force { z: Ok(Newtons(z)), ..Force::none(NoValue::NotEstimated) }),
             point: Some(Ok(ContactPoint { x: Millimetres(1.0), y: Millimetres(2.0) })),
-            slip: None,
-            torsion: None,
-            contacts: None,
-            uncertainty: None,
+            ..Frame::default()
         }
     }
 

@@ -1,0 +1,445 @@
+//! Fields of a frame and bits of its status: the one list that everything else is made from.
+//!
+//! [`Frame`](super::Frame), its encoder and reader, [`Fields`] and [`Status`] are made by macros; the columns of
+//! recordings, `docs/protocol.md`, `docs/read-the-numbers.md`, the Python package, the C header and the page from
+//! [`FIELDS`], [`CSV`] and [`BITS`], by `cargo xtask protocol`.
+//!
+//! To add a field, append it to `tail` and to [`CSV`]; to add a bit, append it. Never renumber.
+
+use serde::{Deserialize, Serialize};
+
+use crate::scan::SENSORS;
+
+/// Hands every field to the macro `$with`, in the wire's order.
+///
+/// A frame always says whether it has a field of `head`. It ends after the last field of `tail` that it has, so that
+/// a host that does not know that field reads the frame if it did not ask for it.
+#[macro_export]
+macro_rules! frame_fields {
+    ($with:ident) => {
+        $with! {
+            head {
+                codes: Codes = CODES(0) "ADC codes" {
+                    layout: Type::Named("Codes"),
+                    columns: &[Columns::Whole("lit_r0c0 lit_r0c1 lit_r0c2 lit_r0c3 lit_r1c0 lit_r1c1 lit_r1c2 lit_r1c3 \
+                              lit_r2c0 lit_r2c1 lit_r2c2 lit_r2c3 lit_r3c0 lit_r3c1 lit_r3c2 lit_r3c3 \
+                              dark_c0 dark_c1 dark_c2 dark_c3 \
+                              bridge_s0_a bridge_s0_b bridge_s0_c bridge_s0_d \
+                              bridge_s1_a bridge_s1_b bridge_s1_c bridge_s1_d \
+                              bridge_s2_a bridge_s2_b bridge_s2_c bridge_s2_d \
+                              bridge_s3_a bridge_s3_b bridge_s3_c bridge_s3_d \
+                              aux_vref aux_temp")],
+                    rows: &[Row("`lit_r0c0` … `bridge_s3_d`, `aux_…`", "codes", "ADC readings")],
+                }
+                signals: Signals = SIGNALS(1) "Conditioned signals and channel health" {
+                    layout: Type::Named("Signals"),
+                    columns: &[Columns::Real("c_r0c0 c_r0c1 c_r0c2 c_r0c3 c_r1c0 c_r1c1 c_r1c2 c_r1c3 \
+                              c_r2c0 c_r2c1 c_r2c2 c_r2c3 c_r3c0 c_r3c1 c_r3c2 c_r3c3 \
+                              s0_ux s0_uy s0_uz s1_ux s1_uy s1_uz s2_ux s2_uy s2_uz s3_ux s3_uy s3_uz"),
+                              Columns::Whole("saturated dead bridge_faults")],
+                    rows: &[
+                        Row("`c_r0c0` … `c_r3c3`", "of full scale",
+                            "a taxel's change against the unloaded finger: **negative where the facet came nearer**"),
+                        Row("`s0_ux` … `s3_uz`", "of full scale", "a bridge's outputs less their bias"),
+                        Row("`saturated` `dead` `bridge_faults`", "bits",
+                            "which taxels are clipped or dead, which bridges broken"),
+                    ],
+                }
+                sensors: [Force; SENSORS] = SENSORS(2) "Force on each MEMS sensor" {
+                    layout: Type::Array(&FORCE, SENSORS),
+                    columns: &[Columns::Measured("s0_fx_n s0_fy_n s0_fz_n s1_fx_n s1_fy_n s1_fz_n \
+                              s2_fx_n s2_fy_n s2_fz_n s3_fx_n s3_fy_n s3_fz_n")],
+                    rows: &[Row("`s0_fx_n` … `s3_fz_n`", "N", "force on each MEMS sensor")],
+                }
+                force: Force = FORCE(3) "Force on the finger: zero, not missing, without contact" {
+                    layout: FORCE,
+                    columns: &[Columns::Measured("fx_n fy_n fz_n")],
+                    rows: &[Row("`fx_n` `fy_n` `fz_n`", "N",
+                        "force on the finger; x along a row, y along the columns, **z positive into the skin**. Zero, not \
+                         missing, while nothing touches it")],
+                }
+                point: Measured<ContactPoint> = POINT(4) "Contact position" {
+                    layout: Type::Result(&POINT),
+                    columns: &[Columns::Measured("x_mm y_mm")],
+                    rows: &[Row("`x_mm` `y_mm`", "mm", "contact position, from the middle of the matrix")],
+                }
+                slip: Measured<Verdict> = SLIP(5) "Slip margin, friction, and the grip that it takes" {
+                    layout: Type::Result(&Type::Struct(
+                        "Slip",
+                        "``margin`` is what is left of the friction, 1 unloaded and 0 at the limit; ``grip_n`` the normal \
+                         force that would leave a third of it.",
+                        &[
+                            Member("margin", "margin", Type::F32),
+                            Member("friction", "friction", Type::F32),
+                            Member("grip_n", "grip_n", Type::F32),
+                        ],
+                    )),
+                    columns: &[Columns::Measured("slip_margin friction grip_n")],
+                    rows: &[
+                        Row("`slip` `slip_margin`", "0, 1; –",
+                            "it slides; what is left of the friction: 1 unloaded, 0 at the limit"),
+                        Row("`friction` `grip_n`", "–; N",
+                            "coefficient of friction as last seen; the normal force that would leave a third of it. Two \
+                             contacts are judged together, with the force of both: force sensors under one plate cannot tell \
+                             how they share the shear"),
+                    ],
+                }
+                torsion: Measured<NewtonMillimetres> = TORSION(6) "Moment about the contact's normal" {
+                    layout: Type::Result(&Type::F32),
+                    columns: &[Columns::Measured("torsion_nmm")],
+                    rows: &[Row("`torsion_nmm`", "N·mm", "moment about the normal of the contact")],
+                }
+                contacts: Measured<[NormalContact; 2]> = CONTACTS(7)
+                    "Two contacts, the stronger first, where one does not account for the signals"
+                {
+                    layout: Type::Result(&Type::Array(&CONTACT, 2)),
+                    columns: &[Columns::Measured("contact1_x_mm contact1_y_mm contact1_fz_n contact2_x_mm contact2_y_mm contact2_fz_n")],
+                    rows: &[Row("`contact1_x_mm` … `contact2_fz_n`", "mm, N",
+                        "two contacts, the stronger first, where one does not account for the signals")],
+                }
+            }
+            tail {
+                uncertainty: Measured<Uncertainty> = UNCERTAINTY(8)
+                    "Standard deviations of force and contact position, and the model's residual"
+                {
+                    layout: Type::Result(&Type::Struct(
+                        "Uncertainty",
+                        "Standard deviations of force and point, in newtons and millimetres; ``misfit`` is the residual of \
+                         the skin model, 1 as in calibration.",
+                        &[
+                            Member("force", "force_sigma", FORCE),
+                            Member("point", "point_sigma", Type::Result(&POINT)),
+                            Member("misfit", "misfit", Type::Result(&Type::F32)),
+                        ],
+                    )),
+                    columns: &[Columns::Measured("fx_sigma_n fy_sigma_n fz_sigma_n x_sigma_mm y_sigma_mm misfit")],
+                    rows: &[
+                        Row("`fx_sigma_n` … `fz_sigma_n` `x_sigma_mm` `y_sigma_mm`", "N, mm",
+                            "standard deviations of force and position (field `uncertainty`, where it is asked for)"),
+                        Row("`misfit`", "–",
+                            "residual of the skin model, over what calibration left: about 1 for a contact like those of \
+                             the calibration, above 10 it is not a single one"),
+                    ],
+                }
+            }
+        }
+    };
+}
+
+/// Hands every bit of the status to the macro `$with`.
+///
+/// A bit of `flags` has its number, name, kind, the page's title, its meaning and its remedy; one of `estimators` its
+/// number, name, whether this build has the estimator, and its meaning.
+macro_rules! status_bits {
+    ($with:ident) => {
+        $with! {
+            flags {
+                CONTACT 0 "contact" Good "Something touches the finger"
+                    "the contact gate is open" ""
+                UNCALIBRATED 1 "uncalibrated" Warning "Uncalibrated"
+                    "no force of this finger is calibrated"
+                    "upload a calibration: `taxel calibrate upload --calibration finger.toml`"
+                SATURATED 2 "saturated" Fault "A taxel is clipped: the force is withheld"
+                    "a taxel is clipped: the finger's force is withheld"
+                    "sun or a lamp on the skin, or too much pressure: shade it, or press less"
+                DEAD_TAXEL 3 "dead-taxel" Fault "A taxel sees no light: the force is withheld"
+                    "a taxel sees no light of its LED: the force is withheld, the contact point leaves it out"
+                    "`taxel self-test` names it; look at its LED, its phototransistor, its row driver"
+                BRIDGE_FAULT 4 "bridge-fault" Fault "A force sensor's bridge is broken: its force is withheld"
+                    "a bridge midpoint is near a rail, or the four are not about half the supply: that sensor's force is withheld"
+                    "an open or shorted arm: look at that sensor's wires"
+                OUT_OF_RANGE 5 "out-of-range" Warning "Outside what was calibrated: the force is withheld"
+                    "a signal lies outside the calibration's range: the forces that need it are withheld"
+                    "press less, or calibrate further out"
+                OVERRUN 6 "overrun" Warning "Scans were lost"
+                    "scans were lost just before this one"
+                    "expected while the flash is written (an upload); else set a lower rate"
+                BIASED 7 "biased" Good "A bias taken on command is used"
+                    "a bias taken on command replaces the calibration's"
+                    "`taxel bias clear` goes back to the calibration's"
+                STUCK_CHANNEL 8 "stuck-channel" Fault "A channel does not change any more: it is left out"
+                    "a code does not change any more while the others do; `dead` or `bridge_faults` says whose"
+                    "look at its wiring, as for a dead taxel or bridge"
+                NOT_SINGLE 9 "not-single" Warning "Not a single contact"
+                    "no single contact accounts for the signals; `contacts` may say more"
+                    "an edge, or two objects: trust the normal force, not the one point"
+                DISAGREE 10 "disagree" Warning "Matrix and force sensors disagree: the surer one is given"
+                    "matrix and force sensors contradict each other: the surer one is given alone"
+                    "`taxel bias take`; if it stays, calibrate again"
+                SLIP_WARNING 11 "slip-warning" Warning "About to slip"
+                    "the contact is about to slip; ends at a margin 0.02 above the one that it begins below"
+                    "grip harder, with at least `grip_n`"
+                SLIDES 12 "slides" Fault "It slides"
+                    "the contact slides" "grip harder, or let go"
+                TEMPERATURE 13 "temperature" Warning "Warmer or colder than was calibrated"
+                    "it is warmer or colder than the calibration covers, by the chip's thermometer"
+                    "record the finger at rest while it warms (scene `warm-up`) and give that to `calibrate fit` too"
+                NOISY 14 "noisy" Warning "A force sensor is noisy"
+                    "a force sensor is over some 1.5 times as noisy as when its bias was taken"
+                    "look at its supply and its wires; a motor nearby"
+            }
+            estimators {
+                RAN_ARG_MIN 16 "ran-arg-min" true, "the arg-min contact point ran"
+                RAN_CENTROID 17 "ran-centroid" true, "the centroid contact point ran"
+                RAN_NET 18 "ran-net" true, "the force net ran"
+                RAN_SENSORS 19 "ran-sensors" true, "the force of at least one sensor was computed"
+                RAN_MODEL 20 "ran-model" cfg!(feature = "model"), "the skin model ran, at least for the normal force"
+                RAN_SHEAR 21 "ran-shear" cfg!(feature = "model"), "the skin model ran with shear"
+                RAN_PAIR 22 "ran-pair" cfg!(feature = "model"), "two contacts were looked for"
+                RAN_ARRAY 23 "ran-array" cfg!(feature = "array"), "the force sensors' common wrench and contact ran"
+                RAN_SLIP 24 "ran-slip" cfg!(feature = "slip"), "slip was judged"
+                RAN_QUANTISED 25 "ran-quantised-net" cfg!(feature = "quantised"), "the force net in 16 bits ran"
+                RAN_WARMTH 26 "ran-warmth" cfg!(feature = "warmth"), "the effect of temperature was taken off"
+            }
+        }
+    };
+}
+
+/// Columns that every row of frames CSV begins with.
+pub const HEAD: [Row; 3] = [
+    Row("t_us", "µs", "device time of the scan; 64 bits, from power-up"),
+    Row("seq", "", "counts frames due: a gap is a loss"),
+    Row("status", "bits", "the flags below"),
+];
+
+/// Groups of columns of frames CSV, in their order; those of [`HEAD`] come first.
+pub const CSV: [Group; 11] = [
+    Group::Field(Fields::FORCE),
+    Group::Field(Fields::POINT),
+    Group::Field(Fields::TORSION),
+    Group::Flag { column: "contact", bit: Status::CONTACT, with: Fields::empty() },
+    Group::Flag { column: "slip", bit: Status::SLIDES, with: Fields::SLIP },
+    Group::Field(Fields::SLIP),
+    Group::Field(Fields::CONTACTS),
+    Group::Field(Fields::UNCERTAINTY),
+    Group::Field(Fields::SENSORS),
+    Group::Field(Fields::SIGNALS),
+    Group::Field(Fields::CODES),
+];
+
+/// Force on the finger or on one sensor.
+const FORCE: Type = Type::Struct(
+    "Force",
+    "In newtons; z is the normal force.",
+    &[
+        Member("x", "x", Type::Result(&Type::F32)),
+        Member("y", "y", Type::Result(&Type::F32)),
+        Member("z", "z", Type::Result(&Type::F32)),
+    ],
+);
+
+/// Contact position.
+const POINT: Type = Type::Struct(
+    "Point",
+    "Contact position, in millimetres from the middle of the pad.",
+    &[Member("x_mm", "x_mm", Type::F32), Member("y_mm", "y_mm", Type::F32)],
+);
+
+/// One of two contacts.
+const CONTACT: Type = Type::Struct(
+    "Contact",
+    "One of two contacts.",
+    &[Member("point", "point", POINT), Member("normal_n", "normal_n", Type::F32)],
+);
+
+/// Description of a field.
+#[derive(Clone, Copy, Debug)]
+pub struct Field {
+    /// Name on the command line and in the clients.
+    pub name: &'static str,
+    /// Bit of the mask.
+    pub mask: Fields,
+    /// A frame may end before it.
+    pub tail: bool,
+    /// One line.
+    pub meaning: &'static str,
+    /// Layout on the wire.
+    pub layout: Type,
+    /// Its columns.
+    pub columns: &'static [Columns],
+    /// Rows of the manual's table.
+    pub rows: &'static [Row],
+}
+
+/// Columns of frames CSV with the same kind of cells; names are separated by spaces.
+#[derive(Clone, Copy, Debug)]
+pub enum Columns {
+    /// Whole numbers.
+    Whole(&'static str),
+    /// Real numbers.
+    Real(&'static str),
+    /// Real numbers, or the reason why there is none.
+    Measured(&'static str),
+}
+
+/// Layout of a value on the wire.
+#[derive(Clone, Copy, Debug)]
+pub enum Type {
+    /// A structure of optional channels, which every client reads with code of its own.
+    Named(&'static str),
+    /// A number.
+    F32,
+    /// A value or the reason why there is none.
+    Result(&'static Self),
+    /// Several of a kind.
+    Array(&'static Self, usize),
+    /// Name, meaning and members.
+    Struct(&'static str, &'static str, &'static [Member]),
+}
+
+/// Member of a structure: its name, its name in C, and its type.
+#[derive(Clone, Copy, Debug)]
+pub struct Member(pub &'static str, pub &'static str, pub Type);
+
+/// Row of the manual's table of columns: the columns, their unit and their meaning.
+#[derive(Clone, Copy, Debug)]
+pub struct Row(pub &'static str, pub &'static str, pub &'static str);
+
+/// Group of columns of frames CSV.
+#[derive(Clone, Copy, Debug)]
+pub enum Group {
+    /// The columns of a field.
+    Field(Fields),
+    /// A bit of the status, where the fields `with` are asked for.
+    Flag {
+        /// Name of the column.
+        column: &'static str,
+        /// The bit.
+        bit: Status,
+        /// Fields that it comes with.
+        with: Fields,
+    },
+}
+
+/// Description of a bit of the status.
+#[derive(Clone, Copy, Debug)]
+pub struct Bit {
+    /// The bit.
+    pub status: Status,
+    /// Name, as the tools print it.
+    pub name: &'static str,
+    /// Name of the constant.
+    pub constant: &'static str,
+    /// How bad it is.
+    pub kind: Kind,
+    /// Title on the page; empty for an estimator.
+    pub title: &'static str,
+    /// One line.
+    pub meaning: &'static str,
+    /// What to do about it; empty where there is nothing to do.
+    pub remedy: &'static str,
+}
+
+/// How bad a bit of the status is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// As it should be.
+    Good,
+    /// Values are withheld or less certain.
+    Warning,
+    /// Something is broken or slides.
+    Fault,
+    /// An estimator ran.
+    Estimator,
+}
+
+macro_rules! fields {
+    ($($place:ident {
+        $($name:ident: $type:ty = $NAME:ident($bit:literal) $meaning:literal { $($about:tt)* })*
+    })*) => {
+        /// Selection of fields, a bit each: the fields that a frame carries.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        #[serde(transparent)]
+        pub struct Fields(pub u16);
+
+        bitflags::bitflags! {
+            impl Fields: u16 {
+                $($(
+                    #[doc = concat!("Bit ", $bit, ": ", $meaning, ".")]
+                    const $NAME = 1 << $bit;
+                )*)*
+            }
+        }
+
+        /// Every field, in the wire's order.
+        pub const FIELDS: &[Field] = &[$($(Field {
+            name: stringify!($name),
+            mask: Fields::$NAME,
+            tail: matches!(stringify!($place).as_bytes(), b"tail"),
+            meaning: $meaning,
+            $($about)*
+        }),*),*];
+
+        /// Names of the fields and of [`Fields::ESTIMATES`] and [`Fields::ALL`], as the command line lists them.
+        pub const FIELD_NAMES: &str = concat!($($(stringify!($name), ", "),*),*, "estimates, all");
+    };
+}
+frame_fields!(fields);
+
+impl Fields {
+    /// Every field.
+    pub const ALL: Self = Self::all();
+    /// A controller's choice: force, contact position, per-sensor forces and slip.
+    pub const ESTIMATES: Self =
+        Self::SENSORS.union(Self::FORCE).union(Self::POINT).union(Self::SLIP);
+}
+
+macro_rules! bits {
+    (
+        flags { $($FLAG:ident $flag:literal $name:literal $kind:ident $title:literal $meaning:literal $remedy:literal)* }
+        estimators { $($RAN:ident $ran:literal $ran_name:literal $built:expr, $ran_meaning:literal)* }
+    ) => {
+        /// State of a frame and the estimators that ran for it, a bit each. Append bits, never renumber.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        #[serde(transparent)]
+        pub struct Status(pub u32);
+
+        bitflags::bitflags! {
+            impl Status: u32 {
+                $(
+                    #[doc = concat!("Bit ", $flag, ": ", $meaning, ".")]
+                    const $FLAG = 1 << $flag;
+                )*
+                $(
+                    #[doc = concat!("Bit ", $ran, ": ", $ran_meaning, ".")]
+                    const $RAN = 1 << $ran;
+                )*
+            }
+        }
+
+        /// Every bit.
+        pub const BITS: &[Bit] = &[
+            $(Bit {
+                status: Status::$FLAG,
+                name: $name,
+                constant: stringify!($FLAG),
+                kind: Kind::$kind,
+                title: $title,
+                meaning: $meaning,
+                remedy: $remedy,
+            },)*
+            $(Bit {
+                status: Status::$RAN,
+                name: $ran_name,
+                constant: stringify!($RAN),
+                kind: Kind::Estimator,
+                title: "",
+                meaning: $ran_meaning,
+                remedy: "",
+            },)*
+        ];
+
+        impl Status {
+            /// Estimators of this build.
+            pub const BUILT: Self = Self(0 $(| if $built { 1 << $ran } else { 0 })*);
+        }
+    };
+}
+status_bits!(bits);
+
+/// Bits of the status and their names, as the tools print them.
+pub fn named(status: Status) -> impl Iterator<Item = &'static Bit> {
+    BITS.iter().filter(move |bit| status.contains(bit.status))
+}
