@@ -34,22 +34,41 @@ int main(void) {
             if (s->has_bridge[0]) printf(" u0z=%.9g", (double)s->bridges[0][2]);
             printf(" saturated=%u dead=%u bridge_faults=%u", s->saturated, s->dead, s->bridge_faults);
         }
-        print("s0x", frame.sensors[0][0]);
-        print("s3z", frame.sensors[3][2]);
-        print("fx", frame.force[0]);
-        print("fy", frame.force[1]);
-        print("fz", frame.force[2]);
-        print("x", frame.point[0]);
-        print("y", frame.point[1]);
-        print("margin", frame.slip[0]);
-        print("grip", frame.slip[2]);
-        print("torsion", frame.torsion);
-        print("contact1y", frame.contacts[0][1]);
-        print("contact2fz", frame.contacts[1][2]);
-        print("fx_sigma", frame.force_sigma[0]);
-        print("fz_sigma", frame.force_sigma[2]);
-        print("y_sigma", frame.point_sigma[1]);
+        /* schema: values (from src/frame/schema.rs by `cargo xtask protocol`) */
+        print("s0_fx_n", frame.sensors[0][0]);
+        print("s0_fy_n", frame.sensors[0][1]);
+        print("s0_fz_n", frame.sensors[0][2]);
+        print("s1_fx_n", frame.sensors[1][0]);
+        print("s1_fy_n", frame.sensors[1][1]);
+        print("s1_fz_n", frame.sensors[1][2]);
+        print("s2_fx_n", frame.sensors[2][0]);
+        print("s2_fy_n", frame.sensors[2][1]);
+        print("s2_fz_n", frame.sensors[2][2]);
+        print("s3_fx_n", frame.sensors[3][0]);
+        print("s3_fy_n", frame.sensors[3][1]);
+        print("s3_fz_n", frame.sensors[3][2]);
+        print("fx_n", frame.force[0]);
+        print("fy_n", frame.force[1]);
+        print("fz_n", frame.force[2]);
+        print("x_mm", frame.point[0]);
+        print("y_mm", frame.point[1]);
+        print("slip_margin", frame.slip[0]);
+        print("friction", frame.slip[1]);
+        print("grip_n", frame.slip[2]);
+        print("torsion_nmm", frame.torsion);
+        print("contact1_x_mm", frame.contacts[0][0]);
+        print("contact1_y_mm", frame.contacts[0][1]);
+        print("contact1_fz_n", frame.contacts[0][2]);
+        print("contact2_x_mm", frame.contacts[1][0]);
+        print("contact2_y_mm", frame.contacts[1][1]);
+        print("contact2_fz_n", frame.contacts[1][2]);
+        print("fx_sigma_n", frame.force_sigma[0]);
+        print("fy_sigma_n", frame.force_sigma[1]);
+        print("fz_sigma_n", frame.force_sigma[2]);
+        print("x_sigma_mm", frame.point_sigma[0]);
+        print("y_sigma_mm", frame.point_sigma[1]);
         print("misfit", frame.misfit);
+        /* schema: end */
         putchar('\n');
     }
     return 0;

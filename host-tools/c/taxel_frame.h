@@ -37,6 +37,7 @@ enum taxel_why {
 };
 
 /* Bits of `status`. */
+/* schema: status (from src/frame/schema.rs by `cargo xtask protocol`) */
 #define TAXEL_STATUS_CONTACT (UINT32_C(1) << 0)
 #define TAXEL_STATUS_UNCALIBRATED (UINT32_C(1) << 1)
 #define TAXEL_STATUS_SATURATED (UINT32_C(1) << 2)
@@ -52,6 +53,18 @@ enum taxel_why {
 #define TAXEL_STATUS_SLIDES (UINT32_C(1) << 12)
 #define TAXEL_STATUS_TEMPERATURE (UINT32_C(1) << 13)
 #define TAXEL_STATUS_NOISY (UINT32_C(1) << 14)
+#define TAXEL_STATUS_RAN_ARG_MIN (UINT32_C(1) << 16)
+#define TAXEL_STATUS_RAN_CENTROID (UINT32_C(1) << 17)
+#define TAXEL_STATUS_RAN_NET (UINT32_C(1) << 18)
+#define TAXEL_STATUS_RAN_SENSORS (UINT32_C(1) << 19)
+#define TAXEL_STATUS_RAN_MODEL (UINT32_C(1) << 20)
+#define TAXEL_STATUS_RAN_SHEAR (UINT32_C(1) << 21)
+#define TAXEL_STATUS_RAN_PAIR (UINT32_C(1) << 22)
+#define TAXEL_STATUS_RAN_ARRAY (UINT32_C(1) << 23)
+#define TAXEL_STATUS_RAN_SLIP (UINT32_C(1) << 24)
+#define TAXEL_STATUS_RAN_QUANTISED (UINT32_C(1) << 25)
+#define TAXEL_STATUS_RAN_WARMTH (UINT32_C(1) << 26)
+/* schema: end */
 
 /* A measured value; `value` is 0 where it is not given. */
 struct taxel_value {
@@ -79,19 +92,21 @@ struct taxel_frame {
     uint32_t seq;
     uint64_t time_us;
     uint32_t status;
-    uint8_t has_codes, has_signals;
+    /* schema: members (a value for each column, unit in its name) */
+    uint8_t has_codes;
     struct taxel_codes codes;
+    uint8_t has_signals;
     struct taxel_signals signals;
-    struct taxel_value sensors[TAXEL_SENSORS][3]; /* newtons */
-    struct taxel_value force[3];                  /* newtons, z into the skin */
-    struct taxel_value point[2];                  /* millimetres */
-    struct taxel_value slip[3];                   /* margin, friction, grip in newtons */
-    struct taxel_value torsion;                   /* newton millimetres */
-    struct taxel_value contacts[2][3];            /* x and y in millimetres, normal force in newtons */
-    /* Standard deviations of force and point; `misfit` is 1 as in calibration. */
-    struct taxel_value force_sigma[3];            /* newtons */
-    struct taxel_value point_sigma[2];            /* millimetres */
-    struct taxel_value misfit;
+    struct taxel_value sensors[4][3]; /* s0_fx_n ... s3_fz_n */
+    struct taxel_value force[3]; /* fx_n fy_n fz_n */
+    struct taxel_value point[2]; /* x_mm y_mm */
+    struct taxel_value slip[3]; /* slip_margin friction grip_n */
+    struct taxel_value torsion; /* torsion_nmm */
+    struct taxel_value contacts[2][3]; /* contact1_x_mm ... contact2_fz_n */
+    struct taxel_value force_sigma[3]; /* fx_sigma_n fy_sigma_n fz_sigma_n */
+    struct taxel_value point_sigma[2]; /* x_sigma_mm y_sigma_mm */
+    struct taxel_value misfit; /* misfit */
+    /* schema: end */
 };
 
 static inline int taxel_given(struct taxel_value value) { return value.why == TAXEL_GIVEN; }
@@ -169,11 +184,12 @@ static inline int taxel_choice(struct taxel_reader *r) {
 /* A field is there; a message that is over has none any more. */
 static inline int taxel_field(struct taxel_reader *r) { return r->at != r->end && taxel_choice(r); }
 
-static inline void taxel_force(struct taxel_reader *r, struct taxel_value force[3]) {
-    for (int axis = 0; axis < 3; axis++) {
-        force[axis].why = TAXEL_GIVEN;
-        if (taxel_choice(r)) force[axis].why = (int8_t)(taxel_byte(r) & 0x7f);
-        else force[axis].value = taxel_float(r);
+/* Values that are given or withheld each for itself. */
+static inline void taxel_each(struct taxel_reader *r, struct taxel_value *values, int count) {
+    for (int i = 0; i < count; i++) {
+        values[i].why = TAXEL_GIVEN;
+        if (taxel_choice(r)) values[i].why = (int8_t)(taxel_byte(r) & 0x7f);
+        else values[i].value = taxel_float(r);
     }
 }
 
@@ -191,8 +207,8 @@ static inline void taxel_values(struct taxel_reader *r, struct taxel_value *valu
     }
 }
 
-/* Together, or each for itself. */
-static inline void taxel_uncertainty(struct taxel_reader *r, struct taxel_frame *frame) {
+/* schema: parts */
+static inline void taxel_decode_uncertainty(struct taxel_reader *r, struct taxel_frame *frame) {
     if (taxel_choice(r)) {
         int8_t why = (int8_t)(taxel_byte(r) & 0x7f);
         taxel_withheld(frame->force_sigma, 3, why);
@@ -200,10 +216,11 @@ static inline void taxel_uncertainty(struct taxel_reader *r, struct taxel_frame 
         taxel_withheld(&frame->misfit, 1, why);
         return;
     }
-    taxel_force(r, frame->force_sigma);
+    taxel_each(r, frame->force_sigma, 3);
     taxel_values(r, frame->point_sigma, 2);
     taxel_values(r, &frame->misfit, 1);
 }
+/* schema: end */
 
 static inline void taxel_decode_codes(struct taxel_reader *r, struct taxel_codes *codes) {
     memset(codes, 0xff, sizeof *codes); /* every code is -1 */
@@ -237,7 +254,8 @@ static inline void taxel_decode_signals(struct taxel_reader *r, struct taxel_sig
 static inline int taxel_frame_decode(const uint8_t *message, size_t length, struct taxel_frame *frame) {
     struct taxel_reader r = {message, message + length, 1};
     memset(frame, 0, sizeof *frame);
-    taxel_withheld(frame->sensors[0], 3 * TAXEL_SENSORS, TAXEL_NOT_SENT);
+    /* schema: absent */
+    taxel_withheld(frame->sensors[0], 12, TAXEL_NOT_SENT);
     taxel_withheld(frame->force, 3, TAXEL_NOT_SENT);
     taxel_withheld(frame->point, 2, TAXEL_NOT_SENT);
     taxel_withheld(frame->slip, 3, TAXEL_NOT_SENT);
@@ -246,20 +264,22 @@ static inline int taxel_frame_decode(const uint8_t *message, size_t length, stru
     taxel_withheld(frame->force_sigma, 3, TAXEL_NOT_SENT);
     taxel_withheld(frame->point_sigma, 2, TAXEL_NOT_SENT);
     taxel_withheld(&frame->misfit, 1, TAXEL_NOT_SENT);
+    /* schema: end */
     if (taxel_varint(&r) != 2) return 0; /* another message */
     frame->seq = (uint32_t)taxel_varint(&r);
     frame->time_us = taxel_varint(&r);
     frame->status = (uint32_t)taxel_varint(&r);
+    /* schema: fields */
     if ((frame->has_codes = (uint8_t)taxel_field(&r))) taxel_decode_codes(&r, &frame->codes);
     if ((frame->has_signals = (uint8_t)taxel_field(&r))) taxel_decode_signals(&r, &frame->signals);
-    if (taxel_field(&r))
-        for (int s = 0; s < TAXEL_SENSORS; s++) taxel_force(&r, frame->sensors[s]);
-    if (taxel_field(&r)) taxel_force(&r, frame->force);
+    if (taxel_field(&r)) taxel_each(&r, frame->sensors[0], 12);
+    if (taxel_field(&r)) taxel_each(&r, frame->force, 3);
     if (taxel_field(&r)) taxel_values(&r, frame->point, 2);
     if (taxel_field(&r)) taxel_values(&r, frame->slip, 3);
     if (taxel_field(&r)) taxel_values(&r, &frame->torsion, 1);
     if (taxel_field(&r)) taxel_values(&r, frame->contacts[0], 6);
-    if (taxel_field(&r)) taxel_uncertainty(&r, frame);
+    if (taxel_field(&r)) taxel_decode_uncertainty(&r, frame);
+    /* schema: end */
     return r.ok;
 }
 

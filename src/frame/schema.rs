@@ -29,7 +29,7 @@ macro_rules! frame_fields {
                               bridge_s2_a bridge_s2_b bridge_s2_c bridge_s2_d \
                               bridge_s3_a bridge_s3_b bridge_s3_c bridge_s3_d \
                               aux_vref aux_temp")],
-                    rows: &[Row("`lit_r0c0` … `bridge_s3_d`, `aux_…`", "codes", "ADC readings")],
+                    rows: &[Row("`lit_r0c0` … `bridge_s3_d`, `aux_…`", "codes", "readings of the converter")],
                 }
                 signals: Signals = SIGNALS(1) "Conditioned signals and channel health" {
                     layout: Type::Named("Signals"),
@@ -42,7 +42,7 @@ macro_rules! frame_fields {
                             "a taxel's change against the unloaded finger: **negative where the facet came nearer**"),
                         Row("`s0_ux` … `s3_uz`", "of full scale", "a bridge's outputs less their bias"),
                         Row("`saturated` `dead` `bridge_faults`", "bits",
-                            "which taxels are clipped or dead, which bridges broken"),
+                            "clipped taxels, dead taxels, faulty bridges"),
                     ],
                 }
                 sensors: [Force; SENSORS] = SENSORS(2) "Force on each MEMS sensor" {
@@ -56,12 +56,12 @@ macro_rules! frame_fields {
                     columns: &[Columns::Measured("fx_n fy_n fz_n")],
                     rows: &[Row("`fx_n` `fy_n` `fz_n`", "N",
                         "force on the finger; x along a row, y along the columns, **z positive into the skin**. Zero, not \
-                         missing, while nothing touches it")],
+                         missing, without contact")],
                 }
-                point: Measured<ContactPoint> = POINT(4) "Contact position" {
+                point: Measured<ContactPoint> = POINT(4) "Contact point" {
                     layout: Type::Result(&POINT),
                     columns: &[Columns::Measured("x_mm y_mm")],
-                    rows: &[Row("`x_mm` `y_mm`", "mm", "contact position, from the middle of the matrix")],
+                    rows: &[Row("`x_mm` `y_mm`", "mm", "contact point, from the middle of the matrix")],
                 }
                 slip: Measured<Verdict> = SLIP(5) "Slip margin, friction, and the grip that it takes" {
                     layout: Type::Result(&Type::Struct(
@@ -77,11 +77,11 @@ macro_rules! frame_fields {
                     columns: &[Columns::Measured("slip_margin friction grip_n")],
                     rows: &[
                         Row("`slip` `slip_margin`", "0, 1; –",
-                            "it slides; what is left of the friction: 1 unloaded, 0 at the limit"),
+                            "gross slip; share of the friction limit that is left: 1 unloaded, 0 at the limit"),
                         Row("`friction` `grip_n`", "–; N",
-                            "coefficient of friction as last seen; the normal force that would leave a third of it. Two \
-                             contacts are judged together, with the force of both: force sensors under one plate cannot tell \
-                             how they share the shear"),
+                            "friction coefficient as last estimated; normal force that would leave a third of the limit. Two \
+                             contacts are judged together, because force sensors under one plate cannot tell how they share \
+                             the shear"),
                     ],
                 }
                 torsion: Measured<NewtonMillimetres> = TORSION(6) "Moment about the contact's normal" {
@@ -90,12 +90,12 @@ macro_rules! frame_fields {
                     rows: &[Row("`torsion_nmm`", "N·mm", "moment about the normal of the contact")],
                 }
                 contacts: Measured<[NormalContact; 2]> = CONTACTS(7)
-                    "Two contacts, the stronger first, where one does not account for the signals"
+                    "Two contacts, the stronger first, if a single one does not explain the signals"
                 {
                     layout: Type::Result(&Type::Array(&CONTACT, 2)),
                     columns: &[Columns::Measured("contact1_x_mm contact1_y_mm contact1_fz_n contact2_x_mm contact2_y_mm contact2_fz_n")],
                     rows: &[Row("`contact1_x_mm` … `contact2_fz_n`", "mm, N",
-                        "two contacts, the stronger first, where one does not account for the signals")],
+                        "two contacts, the stronger first, if a single one does not explain the signals")],
                 }
             }
             tail {
@@ -115,10 +115,10 @@ macro_rules! frame_fields {
                     columns: &[Columns::Measured("fx_sigma_n fy_sigma_n fz_sigma_n x_sigma_mm y_sigma_mm misfit")],
                     rows: &[
                         Row("`fx_sigma_n` … `fz_sigma_n` `x_sigma_mm` `y_sigma_mm`", "N, mm",
-                            "standard deviations of force and position (field `uncertainty`, where it is asked for)"),
+                            "standard deviations of force and contact point (field `uncertainty`, on request)"),
                         Row("`misfit`", "–",
-                            "residual of the skin model, over what calibration left: about 1 for a contact like those of \
-                             the calibration, above 10 it is not a single one"),
+                            "residual of the model of the skin over its residual in calibration: about 1 for a contact like \
+                             those of the calibration, above 10 it is not a single contact"),
                     ],
                 }
             }
@@ -137,46 +137,47 @@ macro_rules! status_bits {
                 CONTACT 0 "contact" Good "Something touches the finger"
                     "the contact gate is open" ""
                 UNCALIBRATED 1 "uncalibrated" Warning "Uncalibrated"
-                    "no force of this finger is calibrated"
+                    "this finger has no calibration of a force"
                     "upload a calibration: `taxel calibrate upload --calibration finger.toml`"
-                SATURATED 2 "saturated" Fault "A taxel is clipped: the force is withheld"
-                    "a taxel is clipped: the finger's force is withheld"
-                    "sun or a lamp on the skin, or too much pressure: shade it, or press less"
-                DEAD_TAXEL 3 "dead-taxel" Fault "A taxel sees no light: the force is withheld"
-                    "a taxel sees no light of its LED: the force is withheld, the contact point leaves it out"
-                    "`taxel self-test` names it; look at its LED, its phototransistor, its row driver"
-                BRIDGE_FAULT 4 "bridge-fault" Fault "A force sensor's bridge is broken: its force is withheld"
-                    "a bridge midpoint is near a rail, or the four are not about half the supply: that sensor's force is withheld"
-                    "an open or shorted arm: look at that sensor's wires"
-                OUT_OF_RANGE 5 "out-of-range" Warning "Outside what was calibrated: the force is withheld"
-                    "a signal lies outside the calibration's range: the forces that need it are withheld"
-                    "press less, or calibrate further out"
+                SATURATED 2 "saturated" Fault "A taxel is clipped: the matrix gives no force"
+                    "a taxel is clipped: the matrix gives no force, only the force sensors do"
+                    "sun or a lamp on the skin, or too much pressure: shade it, press less"
+                DEAD_TAXEL 3 "dead-taxel" Fault "A taxel sees no light: the matrix gives no force"
+                    "a taxel sees no light from its LED: the matrix gives no force, only the force sensors do; the contact point leaves the taxel out"
+                    "`taxel self-test`; check its LED, phototransistor and row driver"
+                BRIDGE_FAULT 4 "bridge-fault" Fault "A force sensor's bridge is broken: it gives no force"
+                    "a bridge midpoint is near a rail, or the mean of the four is not half the supply: that sensor gives no force"
+                    "an open or shorted arm: check that sensor's wires"
+                OUT_OF_RANGE 5 "out-of-range" Warning "Outside the calibrated range"
+                    "a signal lies outside the calibrated range: values that need it are missing"
+                    "press less, or calibrate with larger forces"
                 OVERRUN 6 "overrun" Warning "Scans were lost"
                     "scans were lost just before this one"
                     "expected while the flash is written (an upload); else set a lower rate"
-                BIASED 7 "biased" Good "A bias taken on command is used"
-                    "a bias taken on command replaces the calibration's"
-                    "`taxel bias clear` goes back to the calibration's"
-                STUCK_CHANNEL 8 "stuck-channel" Fault "A channel does not change any more: it is left out"
-                    "a code does not change any more while the others do; `dead` or `bridge_faults` says whose"
-                    "look at its wiring, as for a dead taxel or bridge"
+                BIASED 7 "biased" Good "A bias taken on command is active"
+                    "a bias taken on command is active"
+                    "`taxel bias clear` returns to the calibration's"
+                STUCK_CHANNEL 8 "stuck-channel" Fault "A channel no longer changes: it is left out"
+                    "a code no longer changes while the others do; `dead` or `bridge_faults` names it"
+                    "check its wiring, as for a dead taxel or bridge"
                 NOT_SINGLE 9 "not-single" Warning "Not a single contact"
-                    "no single contact accounts for the signals; `contacts` may say more"
-                    "an edge, or two objects: trust the normal force, not the one point"
-                DISAGREE 10 "disagree" Warning "Matrix and force sensors disagree: the surer one is given"
-                    "matrix and force sensors contradict each other: the surer one is given alone"
+                    "no single contact explains the signals; `contacts` may have two"
+                    "an edge or two objects: trust the normal force, not the one point"
+                DISAGREE 10 "disagree" Warning "Matrix and force sensors disagree"
+                    "matrix and force sensors contradict each other; only the more certain one is given"
                     "`taxel bias take`; if it stays, calibrate again"
                 SLIP_WARNING 11 "slip-warning" Warning "About to slip"
                     "the contact is about to slip; ends at a margin 0.02 above the one that it begins below"
                     "grip harder, with at least `grip_n`"
                 SLIDES 12 "slides" Fault "It slides"
-                    "the contact slides" "grip harder, or let go"
+                    "gross slip: the whole contact moves"
+                    "grip harder, or let go"
                 TEMPERATURE 13 "temperature" Warning "Warmer or colder than was calibrated"
-                    "it is warmer or colder than the calibration covers, by the chip's thermometer"
-                    "record the finger at rest while it warms (scene `warm-up`) and give that to `calibrate fit` too"
+                    "the chip's thermometer is outside the calibrated temperatures"
+                    "record the finger at rest while it warms (scene `warm-up`) and add that to `calibrate fit`"
                 NOISY 14 "noisy" Warning "A force sensor is noisy"
-                    "a force sensor is over some 1.5 times as noisy as when its bias was taken"
-                    "look at its supply and its wires; a motor nearby"
+                    "a force sensor is about 1.5 times or more as noisy as when its bias was taken"
+                    "check supply and wires; a motor nearby"
             }
             estimators {
                 RAN_ARG_MIN 16 "ran-arg-min" true, "the arg-min contact point ran"

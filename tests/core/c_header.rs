@@ -99,14 +99,18 @@ fn the_c_header_reads_every_field_that_frames_carry_and_nothing_that_is_none() {
     let bridge = |s: usize| codes.bridges[s];
     let expected = [
         "seq=300 time_us=1000000 status=262145".to_owned(),
-        "seq=4294967295 time_us=18446744073709551615 status=0 s0x=0.5 s3z=!3 fx=!7 fy=1.00000001e-07 \
-         fz=0.25 x=1.25 y=-2 margin=0.25 grip=2 torsion=!5 contact1y=-2 contact2fz=0.5 \
-         fx_sigma=!7 fz_sigma=0.125 y_sigma=0.75 misfit=1.5"
+        "seq=4294967295 time_us=18446744073709551615 status=0 s0_fx_n=0.5 s0_fy_n=-0.5 s0_fz_n=1 \
+         s1_fx_n=0.100000001 s1_fy_n=0.200000003 s1_fz_n=0.300000012 s2_fx_n=0 s2_fy_n=0 s2_fz_n=0 \
+         s3_fx_n=1 s3_fy_n=2 s3_fz_n=!3 fx_n=!7 fy_n=1.00000001e-07 fz_n=0.25 x_mm=1.25 y_mm=-2 \
+         slip_margin=0.25 friction=0.5 grip_n=2 torsion_nmm=!5 contact1_x_mm=1.25 contact1_y_mm=-2 \
+         contact1_fz_n=0.25 contact2_x_mm=-0.5 contact2_y_mm=1 contact2_fz_n=0.5 fx_sigma_n=!7 \
+         fy_sigma_n=0.5 fz_sigma_n=0.125 x_sigma_mm=0.25 y_sigma_mm=0.75 misfit=1.5"
             .to_owned(),
         format!(
             "seq=0 time_us=0 status=0 full_scale={} lit0={} lit15={} dark3={} bridge0d={} bridge3a={} \
              reference={} temperature={} c0=-0 c15=-5 u0z=0.300000012 saturated=32769 dead=2 \
-             bridge_faults=8 x=!1 y=!1 fx_sigma=!1 fz_sigma=!1 y_sigma=!1 misfit=!1",
+             bridge_faults=8 x_mm=!1 y_mm=!1 fx_sigma_n=!1 fy_sigma_n=!1 fz_sigma_n=!1 x_sigma_mm=!1 \
+             y_sigma_mm=!1 misfit=!1",
             codes.full_scale.top().0,
             taxels.lit[0][0].0,
             taxels.lit[3][3].0,

@@ -14,6 +14,7 @@ mod judge;
 mod memory;
 mod panics;
 mod peers;
+mod protocol;
 mod python;
 mod run;
 mod stack;
@@ -53,6 +54,12 @@ enum Task {
     Cycles(Cycles),
     /// Whether calibration reaches what is asked of it on recordings that are not in the repository
     Judge(Judge),
+    /// Writes the parts of documents and clients that are made from src/frame/schema.rs
+    Protocol {
+        /// Fails where a part differs, and writes nothing
+        #[arg(long)]
+        check: bool,
+    },
 }
 
 fn main() -> ExitCode {
@@ -64,6 +71,7 @@ fn main() -> ExitCode {
         Task::Emulator => emulator::task(),
         Task::Cycles(cycles) => cycles::task(&cycles),
         Task::Judge(judge) => judge::task(&judge),
+        Task::Protocol { check } => protocol::task(check),
     };
     match done {
         Ok(()) => {

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use crate::changes::Changes;
 use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::{cycles, emulator, firmware, fuzz, python, toolchain};
+use crate::{cycles, emulator, firmware, fuzz, protocol, python, toolchain};
 
 /// What is to be tested.
 #[derive(Args)]
@@ -136,6 +136,7 @@ fn lint(steps: &mut Steps) -> Result<()> {
         }
         Ok(())
     })?;
+    steps.take("parts made from the frame schema", || protocol::task(true))?;
     steps.take("fuzz targets compile", || run(fuzz::cargo("check").arg("--quiet")))
 }
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from enum import Enum, IntFlag
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from . import _postcard as read
 from ._postcard import write_varint
 from .errors import MalformedError
+
+T = TypeVar("T")
 
 PROTOCOL = 2
 """The version this package was written for."""
@@ -18,8 +20,9 @@ CHUNK = 128
 """Most bytes of a calibration record in one message."""
 
 
+# schema: masks (from src/frame/schema.rs by `cargo xtask protocol`)
 class Status(IntFlag):
-    """What holds for a frame, and which estimators ran for it. Bits that this package does not know are
+    """State of a frame and the estimators that ran for it. Bits that this package does not know are
     kept."""
 
     CONTACT = 1 << 0
@@ -51,7 +54,7 @@ class Status(IntFlag):
 
 
 class Fields(IntFlag):
-    """Which fields a frame carries."""
+    """Selection of fields: those that a frame carries."""
 
     CODES = 1 << 0
     SIGNALS = 1 << 1
@@ -63,7 +66,10 @@ class Fields(IntFlag):
     CONTACTS = 1 << 7
     UNCERTAINTY = 1 << 8
     ESTIMATES = SENSORS | FORCE | POINT | SLIP
-    ALL = CODES | SIGNALS | ESTIMATES | TORSION | CONTACTS | UNCERTAINTY
+    ALL = (1 << 9) - 1
+
+
+# schema: end
 
 
 class NoValue(Enum):
@@ -85,49 +91,6 @@ class PointMethod(Enum):
     CENTROID = 0
     ARG_MIN = 1
     MODEL = 2
-
-
-Newtons: TypeAlias = "float | NoValue"
-
-
-class Force(NamedTuple):
-    """In newtons; z is the normal force."""
-
-    x: Newtons
-    y: Newtons
-    z: Newtons
-
-
-class Point(NamedTuple):
-    """Of contact, in millimetres from the middle of the pad."""
-
-    x_mm: float
-    y_mm: float
-
-
-class Slip(NamedTuple):
-    """``margin`` is what is left of the friction, 1 unloaded and 0 at the limit; ``grip_n`` the normal force
-    that would leave a third of it."""
-
-    margin: float
-    friction: float
-    grip_n: float
-
-
-class Contact(NamedTuple):
-    """One of two contacts."""
-
-    point: Point
-    normal_n: float
-
-
-class Uncertainty(NamedTuple):
-    """Standard deviations of force and point, in newtons and millimetres; ``misfit`` is what the model of the
-    skin leaves of the signals, 1 as in calibration."""
-
-    force: Force
-    point: Point | NoValue
-    misfit: float | NoValue
 
 
 class Bridge(NamedTuple):
@@ -161,12 +124,57 @@ class Signals(NamedTuple):
     bridge_faults: int
 
 
+# schema: values
+class Force(NamedTuple):
+    """In newtons; z is the normal force."""
+
+    x: float | NoValue
+    y: float | NoValue
+    z: float | NoValue
+
+
+class Point(NamedTuple):
+    """Contact position, in millimetres from the middle of the pad."""
+
+    x_mm: float
+    y_mm: float
+
+
+class Slip(NamedTuple):
+    """``margin`` is what is left of the friction, 1 unloaded and 0 at the limit; ``grip_n`` the normal
+    force that would leave a third of it."""
+
+    margin: float
+    friction: float
+    grip_n: float
+
+
+class Contact(NamedTuple):
+    """One of two contacts."""
+
+    point: Point
+    normal_n: float
+
+
+class Uncertainty(NamedTuple):
+    """Standard deviations of force and point, in newtons and millimetres; ``misfit`` is the residual of
+    the skin model, 1 as in calibration."""
+
+    force: Force
+    point: Point | NoValue
+    misfit: float | NoValue
+
+
+# schema: end
+
+
 class Frame(NamedTuple):
     """One frame of the stream. A field that was not asked for is ``None``."""
 
     seq: int
     time_us: int
     status: Status
+    # schema: frame
     codes: Codes | None
     signals: Signals | None
     sensors: tuple[Force, ...] | None
@@ -176,6 +184,7 @@ class Frame(NamedTuple):
     torsion_nmm: float | NoValue | None
     contacts: tuple[Contact, Contact] | NoValue | None
     uncertainty: Uncertainty | NoValue | None = None
+    # schema: end
 
     @property
     def in_contact(self) -> bool:
@@ -303,16 +312,9 @@ def _variant(names: tuple[Any, ...], data: bytes, at: int) -> tuple[Any, int]:
     return names[number], at
 
 
-def _newtons(data: bytes, at: int) -> tuple[Newtons, int]:
+def _number(data: bytes, at: int) -> tuple[float | NoValue, int]:
     failed, at = read.boolean(data, at)
     return _variant(_NO_VALUES, data, at) if failed else read.f32(data, at)
-
-
-def _force(data: bytes, at: int) -> tuple[Force, int]:
-    x, at = _newtons(data, at)
-    y, at = _newtons(data, at)
-    z, at = _newtons(data, at)
-    return Force(x, y, z), at
 
 
 def _measured(reader: Callable[[bytes, int], tuple[Any, int]]) -> Callable[[bytes, int], tuple[Any, int]]:
@@ -323,34 +325,13 @@ def _measured(reader: Callable[[bytes, int], tuple[Any, int]]) -> Callable[[byte
     return value
 
 
-def _place(data: bytes, at: int) -> tuple[Point, int]:
-    x, at = read.f32(data, at)
-    y, at = read.f32(data, at)
-    return Point(x, y), at
+def _pair(reader: Callable[[bytes, int], tuple[T, int]]) -> Callable[[bytes, int], tuple[tuple[T, T], int]]:
+    def pair(data: bytes, at: int) -> tuple[tuple[T, T], int]:
+        one, at = reader(data, at)
+        other, at = reader(data, at)
+        return (one, other), at
 
-
-def _slip(data: bytes, at: int) -> tuple[Slip, int]:
-    (margin, friction, grip), at = _THREE_F32(data, at)
-    return Slip(margin, friction, grip), at
-
-
-def _contact(data: bytes, at: int) -> tuple[Contact, int]:
-    point, at = _place(data, at)
-    normal, at = read.f32(data, at)
-    return Contact(point, normal), at
-
-
-def _contacts(data: bytes, at: int) -> tuple[tuple[Contact, Contact], int]:
-    one, at = _contact(data, at)
-    other, at = _contact(data, at)
-    return (one, other), at
-
-
-def _uncertainty(data: bytes, at: int) -> tuple[Uncertainty, int]:
-    force, at = _force(data, at)
-    point, at = _measured(_place)(data, at)
-    misfit, at = _newtons(data, at)
-    return Uncertainty(force, point, misfit), at
+    return pair
 
 
 _TAXEL_CODES = read.option(read.array("<20H"))
@@ -382,15 +363,64 @@ def _signals(data: bytes, at: int) -> tuple[Signals, int]:
     return Signals(taxels, bridges, saturated, dead, faults), at
 
 
+def _tail(reader: Callable[[bytes, int], tuple[T, int]], data: bytes, at: int) -> tuple[T | None, int]:
+    """A field that a frame may end before; before a later one, a field that is missing says so."""
+    if at == len(data):
+        return None, at
+    present, at = read.boolean(data, at)
+    if present:
+        return reader(data, at)
+    if at == len(data):
+        raise ValueError("a frame that ends with a field that it does not have")
+    return None, at
+
+
+# schema: readers
+def _force(data: bytes, at: int) -> tuple[Force, int]:
+    x, at = _number(data, at)
+    y, at = _number(data, at)
+    z, at = _number(data, at)
+    return Force(x, y, z), at
+
+
+_POINT_F32 = read.array("<2f")
+
+
+def _point(data: bytes, at: int) -> tuple[Point, int]:
+    values, at = _POINT_F32(data, at)
+    return Point(*values), at
+
+
+_SLIP_F32 = read.array("<3f")
+
+
+def _slip(data: bytes, at: int) -> tuple[Slip, int]:
+    values, at = _SLIP_F32(data, at)
+    return Slip(*values), at
+
+
+def _contact(data: bytes, at: int) -> tuple[Contact, int]:
+    point, at = _point(data, at)
+    normal_n, at = read.f32(data, at)
+    return Contact(point, normal_n), at
+
+
+def _uncertainty(data: bytes, at: int) -> tuple[Uncertainty, int]:
+    force, at = _force(data, at)
+    point, at = _measured(_point)(data, at)
+    misfit, at = _number(data, at)
+    return Uncertainty(force, point, misfit), at
+
+
 _CODES_FIELD = read.option(_codes)
 _SIGNALS_FIELD = read.option(_signals)
 _SENSORS_FIELD = read.option(read.times(4, _force))
 _FORCE_FIELD = read.option(_force)
-_POINT_FIELD = read.option(_measured(_place))
+_POINT_FIELD = read.option(_measured(_point))
 _SLIP_FIELD = read.option(_measured(_slip))
-_TORSION_FIELD = read.option(_newtons)
-_CONTACTS_FIELD = read.option(_measured(_contacts))
-_UNCERTAINTY = _measured(_uncertainty)
+_TORSION_FIELD = read.option(_number)
+_CONTACTS_FIELD = read.option(_measured(_pair(_contact)))
+_UNCERTAINTY_FIELD = _measured(_uncertainty)
 
 
 def _frame(data: bytes, at: int) -> tuple[Frame, int]:
@@ -405,14 +435,27 @@ def _frame(data: bytes, at: int) -> tuple[Frame, int]:
     slip, at = _SLIP_FIELD(data, at)
     torsion, at = _TORSION_FIELD(data, at)
     contacts, at = _CONTACTS_FIELD(data, at)
-    uncertainty = None
-    if at < len(data):
-        # It ends the frame where it was asked for; otherwise the frame ends before it.
-        if data[at] != 1:
-            raise ValueError(f"{data[at]} where the frame ends")
-        uncertainty, at = _UNCERTAINTY(data, at + 1)
-    fields = (codes, signals, sensors, force, point, slip, torsion, contacts, uncertainty)
-    return Frame(seq, time, Status(status), *fields), at
+    uncertainty, at = _tail(_UNCERTAINTY_FIELD, data, at)
+    return (
+        Frame(
+            seq,
+            time,
+            Status(status),
+            codes,
+            signals,
+            sensors,
+            force,
+            point,
+            slip,
+            torsion,
+            contacts,
+            uncertainty,
+        ),
+        at,
+    )
+
+
+# schema: end
 
 
 def _version(data: bytes, at: int) -> tuple[Version, int]:

@@ -4,35 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from math import nan
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from .messages import Fields, Force, Frame, Newtons, Point, Slip, Status, Uncertainty
+from .messages import Fields, Frame, Status
 
 if TYPE_CHECKING:
     import pandas
 
 Columns = dict[str, npt.NDArray[Any]]
-
-_AXES = "xyz"
-_FORCE = [f"f{axis}_n" for axis in _AXES]
-_SENSORS = [f"s{i}_f{axis}_n" for i in range(4) for axis in _AXES]
-_SIGNALS = [
-    *(f"c_r{k // 4}c{k % 4}" for k in range(16)),
-    *(f"s{i}_u{axis}" for i in range(4) for axis in _AXES),
-]
-_CONTACTS = [f"contact{i}_{name}" for i in (1, 2) for name in ("x_mm", "y_mm", "fz_n")]
-_UNCERTAINTY = [*(f"f{axis}_sigma_n" for axis in _AXES), "x_sigma_mm", "y_sigma_mm", "misfit"]
-_HEALTH = ["saturated", "dead", "bridge_faults"]
-_CODES = [
-    *(f"lit_r{k // 4}c{k % 4}" for k in range(16)),
-    *(f"dark_c{c}" for c in range(4)),
-    *(f"bridge_s{i}_{midpoint}" for i in range(4) for midpoint in "abcd"),
-    "aux_vref",
-    "aux_temp",
-]
 
 
 def columns(frames: Iterable[Frame], fields: Fields) -> Columns:
@@ -47,26 +29,14 @@ def columns(frames: Iterable[Frame], fields: Fields) -> Columns:
         "seq": np.array([frame.seq for frame in rows], dtype=np.uint32),
         "status": np.array([int(frame.status) for frame in rows], dtype=np.uint32),
     }
-    if Fields.FORCE in fields:
-        _add(table, _FORCE, rows, lambda frame: _force(frame.force))
-    if Fields.POINT in fields:
-        _add(table, ["x_mm", "y_mm"], rows, _point)
-    if Fields.TORSION in fields:
-        _add(table, ["torsion_nmm"], rows, lambda frame: [_value(frame.torsion_nmm)])
-    table["contact"] = np.array([frame.in_contact for frame in rows], dtype=np.uint8)
-    if Fields.SLIP in fields:
-        table["slip"] = np.array([bool(frame.status & Status.SLIDES) for frame in rows], dtype=np.uint8)
-        _add(table, ["slip_margin", "friction", "grip_n"], rows, _slip)
-    if Fields.CONTACTS in fields:
-        _add(table, _CONTACTS, rows, _contacts)
-    if Fields.UNCERTAINTY in fields:
-        _add(table, _UNCERTAINTY, rows, _uncertainty)
-    if Fields.SENSORS in fields:
-        _add(table, _SENSORS, rows, _sensors)
-    if Fields.SIGNALS in fields:
-        _add(table, _SIGNALS + _HEALTH, rows, _signals)
-    if Fields.CODES in fields:
-        _add(table, _CODES, rows, _codes)
+    for group in _GROUPS:
+        if group.fields not in fields:
+            continue
+        if isinstance(group, _Flag):
+            held = [bool(frame.status & group.bit) for frame in rows]
+            table[group.column] = np.array(held, dtype=np.uint8)
+        else:
+            _add(table, group.columns.split(), rows, group.row)
     return table
 
 
@@ -84,44 +54,18 @@ def _add(table: Columns, names: list[str], rows: list[Frame], row: Callable[[Fra
         table[name] = values[:, i]
 
 
-def _value(value: Newtons | None) -> float:
-    return value if isinstance(value, float) else nan
-
-
-def _force(force: Force | None) -> list[float]:
-    return [nan] * 3 if force is None else [_value(value) for value in force]
-
-
-def _point(frame: Frame) -> list[float]:
-    return list(frame.point) if isinstance(frame.point, Point) else [nan] * 2
-
-
-def _slip(frame: Frame) -> list[float]:
-    return list(frame.slip) if isinstance(frame.slip, Slip) else [nan] * 3
-
-
-def _contacts(frame: Frame) -> list[float]:
-    if not isinstance(frame.contacts, tuple):
-        return [nan] * len(_CONTACTS)
-    return [value for contact in frame.contacts for value in (*contact.point, contact.normal_n)]
-
-
-def _uncertainty(frame: Frame) -> list[float]:
-    sure = frame.uncertainty
-    if not isinstance(sure, Uncertainty):
-        return [nan] * len(_UNCERTAINTY)
-    point = sure.point if isinstance(sure.point, Point) else [nan] * 2
-    return [*_force(sure.force), *point, _value(sure.misfit)]
-
-
-def _sensors(frame: Frame) -> list[float]:
-    return [value for force in frame.sensors or [None] * 4 for value in _force(force)]
+def _flat(value: Any, shape: Any) -> list[float]:
+    """The numbers of ``value``: NaN for each that is not given. A shape is 1, or a tuple of shapes."""
+    if shape == 1:
+        return [value if isinstance(value, float) else nan]
+    parts = value if isinstance(value, tuple) else [None] * len(shape)
+    return [number for part, inner in zip(parts, shape, strict=True) for number in _flat(part, inner)]
 
 
 def _signals(frame: Frame) -> list[float]:
     signals = frame.signals
     if signals is None:
-        return [nan] * len(_SIGNALS + _HEALTH)
+        return [nan] * 31
     bridges = [value for bridge in signals.bridges for value in bridge or [nan] * 3]
     return [*(signals.taxels or [nan] * 16), *bridges, signals.saturated, signals.dead, signals.bridge_faults]
 
@@ -129,7 +73,78 @@ def _signals(frame: Frame) -> list[float]:
 def _codes(frame: Frame) -> list[float]:
     codes = frame.codes
     if codes is None:
-        return [nan] * len(_CODES)
+        return [nan] * 38
     bridges = [value for bridge in codes.bridges for value in bridge or [nan] * 4]
     aux = [nan if code is None else code for code in (codes.reference, codes.temperature)]
     return [*(codes.lit or [nan] * 16), *(codes.dark or [nan] * 4), *bridges, *aux]
+
+
+class _Field(NamedTuple):
+    fields: Fields
+    row: Callable[[Frame], list[float]]
+    columns: str
+
+
+class _Flag(NamedTuple):
+    column: str
+    bit: Status
+    fields: Fields
+
+
+_GROUPS: tuple[_Field | _Flag, ...] = (
+    # schema: columns (from src/frame/schema.rs by `cargo xtask protocol`)
+    _Field(
+        Fields.FORCE,
+        lambda frame: _flat(frame.force, (1, 1, 1)),
+        "fx_n fy_n fz_n",
+    ),
+    _Field(
+        Fields.POINT,
+        lambda frame: _flat(frame.point, (1, 1)),
+        "x_mm y_mm",
+    ),
+    _Field(
+        Fields.TORSION,
+        lambda frame: _flat(frame.torsion_nmm, 1),
+        "torsion_nmm",
+    ),
+    _Flag("contact", Status.CONTACT, Fields(0)),
+    _Flag("slip", Status.SLIDES, Fields.SLIP),
+    _Field(
+        Fields.SLIP,
+        lambda frame: _flat(frame.slip, (1, 1, 1)),
+        "slip_margin friction grip_n",
+    ),
+    _Field(
+        Fields.CONTACTS,
+        lambda frame: _flat(frame.contacts, (((1, 1), 1), ((1, 1), 1))),
+        "contact1_x_mm contact1_y_mm contact1_fz_n contact2_x_mm contact2_y_mm contact2_fz_n",
+    ),
+    _Field(
+        Fields.UNCERTAINTY,
+        lambda frame: _flat(frame.uncertainty, ((1, 1, 1), (1, 1), 1)),
+        "fx_sigma_n fy_sigma_n fz_sigma_n x_sigma_mm y_sigma_mm misfit",
+    ),
+    _Field(
+        Fields.SENSORS,
+        lambda frame: _flat(frame.sensors, ((1, 1, 1), (1, 1, 1), (1, 1, 1), (1, 1, 1))),
+        "s0_fx_n s0_fy_n s0_fz_n s1_fx_n s1_fy_n s1_fz_n s2_fx_n s2_fy_n s2_fz_n s3_fx_n s3_fy_n s3_fz_n",
+    ),
+    _Field(
+        Fields.SIGNALS,
+        _signals,
+        "c_r0c0 c_r0c1 c_r0c2 c_r0c3 c_r1c0 c_r1c1 c_r1c2 c_r1c3 c_r2c0 c_r2c1 c_r2c2 c_r2c3 c_r3c0 c_r3c1 "
+        "c_r3c2 c_r3c3 s0_ux s0_uy s0_uz s1_ux s1_uy s1_uz s2_ux s2_uy s2_uz s3_ux s3_uy s3_uz saturated "
+        "dead bridge_faults",
+    ),
+    _Field(
+        Fields.CODES,
+        _codes,
+        "lit_r0c0 lit_r0c1 lit_r0c2 lit_r0c3 lit_r1c0 lit_r1c1 lit_r1c2 lit_r1c3 lit_r2c0 lit_r2c1 "
+        "lit_r2c2 lit_r2c3 lit_r3c0 lit_r3c1 lit_r3c2 lit_r3c3 dark_c0 dark_c1 dark_c2 dark_c3 bridge_s0_a "
+        "bridge_s0_b bridge_s0_c bridge_s0_d bridge_s1_a bridge_s1_b bridge_s1_c bridge_s1_d bridge_s2_a "
+        "bridge_s2_b bridge_s2_c bridge_s2_d bridge_s3_a bridge_s3_b bridge_s3_c bridge_s3_d aux_vref "
+        "aux_temp",
+    ),
+    # schema: end
+)

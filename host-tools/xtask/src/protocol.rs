@@ -1,0 +1,157 @@
+//! `cargo xtask protocol`: the parts of documents and clients that are made from the core's schema of frames
+//! (`src/frame/schema.rs`).
+//!
+//! A part stands between a line with `schema: NAME` and the next line with `schema: end`.
+
+mod c;
+mod docs;
+mod page;
+mod python;
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use taxel::frame::schema::{Columns, FIELDS, Field, Type};
+
+use crate::run::root;
+
+/// Part of a file: its name, and its lines.
+type Part = (&'static str, String);
+
+/// Writes the parts, or with `check` fails if one differs.
+pub fn task(check: bool) -> Result<()> {
+    let files = [
+        ("docs/protocol.md", docs::protocol()),
+        ("docs/read-the-numbers.md", docs::manual()),
+        ("host-tools/python/src/taxel/messages.py", python::messages()),
+        ("host-tools/python/src/taxel/table.py", python::table()),
+        ("host-tools/c/taxel_frame.h", c::header()),
+        ("host-tools/c/print_frames.c", c::example()),
+        ("host-tools/cli/assets/page/flags.js", page::flags()),
+    ];
+    let mut different = Vec::new();
+    for (file, parts) in files {
+        if update(&root().join(file), &parts, check).with_context(|| file.to_owned())? {
+            different.push(file);
+        }
+    }
+    if check && !different.is_empty() {
+        bail!(
+            "{} differ from src/frame/schema.rs; run `cargo xtask protocol`",
+            different.join(", ")
+        );
+    }
+    Ok(())
+}
+
+/// Returns whether the file differs from its parts; writes them unless it is only to be checked.
+fn update(path: &Path, parts: &[Part], check: bool) -> Result<bool> {
+    let text = std::fs::read_to_string(path)?;
+    let filled = parts.iter().try_fold(text.clone(), |text, part| fill(&text, part))?;
+    let different = filled != text;
+    if different && !check {
+        std::fs::write(path, filled)?;
+    }
+    Ok(different)
+}
+
+/// The text with the lines of a part replaced.
+fn fill(text: &str, (name, lines): &Part) -> Result<String> {
+    let (begin, end) = (format!("schema: {name}"), "schema: end");
+    let start = text
+        .lines()
+        .position(|line| line.split(' ').collect::<Vec<_>>().join(" ").contains(&begin));
+    let start = start.with_context(|| format!("no line with `{begin}`"))?;
+    let rest = text.lines().skip(start + 1).position(|line| line.contains(end));
+    let stop = start + 1 + rest.with_context(|| format!("no `{end}` after `{begin}`"))?;
+    let all: Vec<&str> = text.lines().collect();
+    let mut filled = all[..=start].join("\n") + "\n" + lines;
+    for line in &all[stop..] {
+        filled += line;
+        filled += "\n";
+    }
+    Ok(filled)
+}
+
+/// A line each.
+fn lines(lines: impl IntoIterator<Item = String>) -> String {
+    lines.into_iter().map(|line| line + "\n").collect()
+}
+
+/// Names of a field's columns.
+fn columns(field: &Field) -> Vec<&'static str> {
+    let names = field.columns.iter().flat_map(|columns| match columns {
+        Columns::Whole(names) | Columns::Real(names) | Columns::Measured(names) => {
+            names.split_whitespace()
+        }
+    });
+    names.collect()
+}
+
+/// Every structure that the fields are made of, members before what they are members of.
+fn structures() -> Vec<(&'static str, Type)> {
+    fn add(layout: &Type, known: &mut Vec<(&'static str, Type)>) {
+        match layout {
+            Type::Named(_) | Type::F32 => {}
+            Type::Result(inner) | Type::Array(inner, _) => add(inner, known),
+            Type::Struct(name, _, members) => {
+                members.iter().for_each(|member| add(&member.2, known));
+                if known.iter().all(|(other, _)| other != name) {
+                    known.push((name, *layout));
+                }
+            }
+        }
+    }
+    let mut known = Vec::new();
+    FIELDS.iter().for_each(|field| add(&field.layout, &mut known));
+    known
+}
+
+/// Numbers in a value; none if a client reads it with code of its own.
+fn numbers(layout: &Type) -> Option<usize> {
+    match layout {
+        Type::Named(_) => None,
+        Type::F32 => Some(1),
+        Type::Result(inner) => numbers(inner),
+        Type::Array(inner, length) => Some(numbers(inner)? * length),
+        Type::Struct(_, _, members) => members.iter().map(|member| numbers(&member.2)).sum(),
+    }
+}
+
+/// A value that has no reasons within: its numbers are given together.
+fn is_plain(layout: &Type) -> bool {
+    match layout {
+        Type::Named(_) | Type::Result(_) => false,
+        Type::F32 => true,
+        Type::Array(inner, _) => is_plain(inner),
+        Type::Struct(_, _, members) => members.iter().all(|member| is_plain(&member.2)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn generated_parts_are_up_to_date() {
+        task(true).unwrap();
+    }
+
+    #[test]
+    fn every_number_has_a_column() {
+        for field in FIELDS {
+            if let Some(numbers) = numbers(&field.layout) {
+                assert_eq!(columns(field).len(), numbers, "{}", field.name);
+            }
+        }
+    }
+
+    #[test]
+    fn part_without_a_place_is_an_error() {
+        let part = ("names", "new\n".to_owned());
+        let filled = fill("a\n# schema: names\nold\n# schema: end\nb\n", &part).unwrap();
+        assert_eq!(filled, "a\n# schema: names\nnew\n# schema: end\nb\n");
+        assert!(fill("# schema: name\n# schema: end\n", &part).is_err());
+        assert!(fill("# schema: names\n", &part).is_err());
+    }
+}
