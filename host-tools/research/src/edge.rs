@@ -9,11 +9,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
-use rayon::prelude::*;
 use taxel_files::save;
 
 use crate::device::Device;
-use crate::effort::{Effort, Waiting};
+use crate::effort::{Effort, Waiting, on_all_cores};
 use crate::methods::{calibrated, firmwares};
 use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture, save_page};
 use crate::runs::{Recorded, Run, off_middle, run};
@@ -65,11 +64,7 @@ pub fn measure(effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Vec<Row>
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         (waiting.progress)(done as f64 / of as f64, "towards the edge");
     };
-    let devices: Vec<Vec<Row>> = effort
-        .devices
-        .par_iter()
-        .map(|seed| judged(*seed, effort, waiting.stop, &step))
-        .collect::<Result<_, _>>()?;
+    let devices = on_all_cores(&effort.devices, |seed| judged(*seed, effort, waiting.stop, &step))?;
     let count = devices.len() as f64;
     let mut devices = devices.into_iter();
     let Some(mut rows) = devices.next() else { return Ok(Vec::new()) };

@@ -8,7 +8,7 @@ use taxel_files::save;
 
 use crate::costs::{Cost, Costs};
 use crate::device::{Device, Moment};
-use crate::effort::{Effort, Waiting};
+use crate::effort::{Effort, Waiting, on_all_cores};
 use crate::methods::{self, Group, Method, Stages};
 use crate::papers::{self, Paper};
 use crate::picture::save_page;
@@ -40,36 +40,15 @@ const SHEARED_N: f64 = 0.025;
 pub fn measure(effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Vec<Row>> {
     let costs = Costs::committed()?;
     let done = AtomicUsize::new(0);
-    let next = AtomicUsize::new(0);
     // Three methods of the papers and the sensors need no long fit.
     let of = effort.devices.len() * (5 + 2 * effort.widths.len() + papers::all().len());
-    let work = || {
-        let mut judged = Vec::new();
-        while let Some(seed) = effort.devices.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let mut step = |what: &str| {
-                let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-                (waiting.progress)(done as f64 / of as f64, what);
-            };
-            let device = Device::new(*seed)?;
-            judged.push((*seed, judge(&device, effort, &mut step, waiting)?));
-        }
-        anyhow::Ok(judged)
-    };
-    let workers = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut devices = std::thread::scope(|scope| {
-        let workers: Vec<_> =
-            (0..workers.min(effort.devices.len())).map(|_| scope.spawn(work)).collect();
-        let mut devices = Vec::new();
-        for worker in workers {
-            match worker.join() {
-                Ok(judged) => devices.extend(judged?),
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
-        }
-        anyhow::Ok(devices)
+    let devices = on_all_cores(&effort.devices, |seed| {
+        let mut step = |what: &str| {
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            (waiting.progress)(done as f64 / of as f64, what);
+        };
+        judge(&Device::new(*seed)?, effort, &mut step, waiting)
     })?;
-    devices.sort_by_key(|(seed, _)| *seed);
-    let devices: Vec<_> = devices.into_iter().map(|(_, judged)| judged).collect();
     mean(&devices, &costs)
 }
 

@@ -8,15 +8,13 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use rayon::prelude::*;
-
 use taxel_files::save;
 
 use crate::accuracy::Accuracy;
 use crate::counts::{Count, Point, sums};
 pub use crate::counts::{Map, Of};
 use crate::device::Device;
-use crate::effort::{Effort, Waiting};
+use crate::effort::{Effort, Waiting, on_all_cores};
 use crate::mapped::{Fingers, Said};
 use crate::methods::calibrated;
 use crate::picture::{Picture, save_page};
@@ -54,24 +52,17 @@ pub fn methods(of: Of) -> impl Iterator<Item = &'static str> {
 /// A fit failed, or it was stopped.
 pub fn measure(effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Vec<Map>> {
     let sweeps = sweeps::all();
-    let devices: Vec<Stated> = effort
-        .devices
-        .par_iter()
-        .map(|seed| stated(*seed, effort, waiting))
-        .collect::<Result<_, _>>()?;
+    let devices = on_all_cores(&effort.devices, |seed| stated(*seed, effort, waiting))?;
     let jobs: Vec<(&Stated, &Sweep)> =
         devices.iter().flat_map(|device| sweeps.iter().map(move |sweep| (device, sweep))).collect();
     let done = AtomicUsize::new(0);
-    let judged: Vec<Vec<Map>> = jobs
-        .par_iter()
-        .map(|(device, sweep)| {
-            anyhow::ensure!(!waiting.stop.load(Ordering::Relaxed), "stopped");
-            let maps = over(sweep, device)?;
-            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-            (waiting.progress)(done as f64 / jobs.len() as f64, sweep.name);
-            anyhow::Ok(maps)
-        })
-        .collect::<Result<_, _>>()?;
+    let judged: Vec<Vec<Map>> = on_all_cores(&jobs, |(device, sweep)| {
+        anyhow::ensure!(!waiting.stop.load(Ordering::Relaxed), "stopped");
+        let maps = over(sweep, device)?;
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        (waiting.progress)(done as f64 / jobs.len() as f64, sweep.name);
+        Ok(maps)
+    })?;
     let mut maps: Vec<Map> = Vec::new();
     for (device, own) in devices.iter().zip(judged.chunks(sweeps.len())) {
         let own = own.iter().flatten().cloned().chain([collinear::map(device.seed)]);

@@ -8,8 +8,8 @@ use clap::Args;
 
 use crate::costs::{self, Stage};
 use crate::emulator::{cargo, directory};
+use crate::firmware;
 use crate::run::{root, run, setup, target};
-use crate::{firmware, peers};
 
 /// The crate of `boards/` that calls the stages.
 const IMAGE: &str = "cycles";
@@ -30,11 +30,8 @@ pub struct Cycles {
     #[arg(long)]
     profile: bool,
     /// Which functions of the product's own image the cycles go to while it streams
-    #[arg(long, conflicts_with_all = ["filter", "csv", "profile", "peers"])]
-    board: bool,
-    /// The 16-16-3 net in other people's libraries instead, from PyPI; writes host-tools/emulator/data/peers.csv
     #[arg(long, conflicts_with_all = ["filter", "csv", "profile"])]
-    peers: bool,
+    board: bool,
 }
 
 /// `cargo xtask cycles`.
@@ -45,9 +42,6 @@ pub fn task(arguments: &Cycles) -> Result<()> {
         return run(&mut emulator("profile", &image));
     }
     let image = image()?;
-    if arguments.peers {
-        return peers::task(&image, &directory().join("data/peers.csv"));
-    }
     let mut emulator = emulator("cycles", &image);
     emulator.args(["--filter", &arguments.filter]);
     if let Some(path) = &arguments.csv {
@@ -129,12 +123,12 @@ fn image() -> Result<PathBuf> {
 }
 
 /// What every stage costs, as committed.
-pub fn table() -> PathBuf {
+fn table() -> PathBuf {
     directory().join("data/cycles.csv")
 }
 
 /// The emulator on the bench image and the finger that its stages work on.
-pub fn emulator(task: &str, image: &Path) -> Command {
+fn emulator(task: &str, image: &Path) -> Command {
     let mut command = cargo("run");
     command.args(["--", task]).arg(image);
     command.arg("--calibration").arg(directory().join("data/finger.cal.toml"));

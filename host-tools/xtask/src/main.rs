@@ -10,10 +10,8 @@ mod emulator;
 mod firmware;
 mod fuzz;
 mod image;
-mod judge;
 mod memory;
 mod panics;
-mod peers;
 mod protocol;
 mod python;
 mod run;
@@ -27,7 +25,6 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::cycles::Cycles;
-use crate::judge::Judge;
 use crate::steps::Steps;
 use crate::test::Test;
 
@@ -52,8 +49,6 @@ enum Task {
     Emulator,
     /// What every stage of the core costs on a Cortex-M4F: exact instructions, modelled cycles
     Cycles(Cycles),
-    /// Whether calibration reaches what is asked of it on recordings that are not in the repository
-    Judge(Judge),
     /// Writes the parts of documents and clients that are made from src/frame/schema.rs
     Protocol {
         /// Fails where a part differs, and writes nothing
@@ -70,7 +65,6 @@ fn main() -> ExitCode {
         Task::Firmware { board } => firmware::task(&board),
         Task::Emulator => emulator::task(),
         Task::Cycles(cycles) => cycles::task(&cycles),
-        Task::Judge(judge) => judge::task(&judge),
         Task::Protocol { check } => protocol::task(check),
     };
     match done {

@@ -1,6 +1,8 @@
 //! What the firmware makes of a scan, by the record that the tools make: the matrix, the force sensors, both.
 
-use std::sync::atomic::AtomicBool;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::Context;
 use taxel::calibration::Calibration;
@@ -63,12 +65,20 @@ pub(crate) fn firmwares(calibration: &Calibration) -> [Method; 3] {
     ]
 }
 
-/// The record of the device, as the tools make it.
+/// Calibration records by device and training steps, because every chart needs those of the same devices.
+static RECORDS: Mutex<BTreeMap<(u64, usize), Calibration>> = Mutex::new(BTreeMap::new());
+
+/// Fits the calibration record of the device as the tools do, once a program.
 pub(crate) fn calibrated(
     device: &Device,
     effort: &Effort,
     stop: &AtomicBool,
 ) -> anyhow::Result<Calibration> {
+    let key = (device.seed, effort.steps);
+    let records = || RECORDS.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(record) = records().get(&key) {
+        return Ok(record.clone());
+    }
     let options = FitOptions {
         subject: Subject::Finger,
         family: Family::Skip,
@@ -79,6 +89,8 @@ pub(crate) fn calibrated(
     let recordings = [&device.recordings[..], std::slice::from_ref(&device.warm_up)].concat();
     let fitted = taxel_calibrate::finger::fit(&recordings, &options, &mut |_| {}, stop)
         .context("the finger's own calibration")?;
+    anyhow::ensure!(!stop.load(Ordering::Relaxed), "stopped");
+    records().insert(key, fitted.calibration.clone());
     Ok(fitted.calibration)
 }
 

@@ -1,29 +1,27 @@
-//! `cargo xtask cycles --peers`: the same net in other people's libraries, on the same machine.
+//! Cycles of the same net in other libraries, on the same emulated core.
 //!
-//! Their sources come from PyPI, their compiler from Debian; neither is needed for anything else, so that
-//! no other task fetches them.
+//! Their sources come from PyPI, their compiler from Debian; nothing else needs either.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use crate::run::{answer, program, root, run, setup};
-use crate::{cycles, emulator};
+use crate::{answer, command, root, run};
 
 const COMPILER: &str = "arm-none-eabi-gcc";
 const EMLEARN: &str = "emlearn==0.23.2";
 const CMSIS_DSP: &str = "cmsisdsp==1.10.3";
-/// What of CMSIS-DSP the net needs.
+/// Sources of CMSIS-DSP that the net needs.
 const DSP_SOURCES: [&str; 3] = [
     "MatrixFunctions/arm_mat_vec_mult_f32.c",
     "MatrixFunctions/arm_mat_init_f32.c",
     "BasicMathFunctions/arm_add_f32.c",
 ];
-/// A Cortex-M4F as the core's own image is built for.
+/// Flags for the Cortex-M4F of the core's own image.
 const CORE: [&str; 4] = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"];
-/// Of these each library's fastest counts. A fused multiply-add is three cycles, one apart from the other
-/// two: that is what the contraction is switched off for.
+/// Optimisation flags, of which each library's fastest counts.
+///
+/// Contraction is off in some because a fused multiply-add takes three cycles, a multiplication and an addition two.
 const FLAGS: [&str; 6] = [
     "-O2",
     "-O3",
@@ -32,38 +30,47 @@ const FLAGS: [&str; 6] = [
     "-O3 -funroll-loops -ffp-contract=off",
     "-Ofast -funroll-loops -ffp-contract=off",
 ];
-/// What was looked for and not found. Of the packages that name it, `cmsis-nn-rs` (crates.io) and
+/// Library that no package provides as source, for the table.
+///
+/// Of the packages that name it, `cmsis-nn-rs` (crates.io) and
 /// `tflite-micro` (PyPI) come without its C sources, `tfmicro` (crates.io) with their callers alone,
 /// `torch2cmsis` (PyPI) with a converter, `utensor-cgen` (PyPI) with a caller's template, `mlonmcu` (PyPI) with a
 /// script that fetches it from elsewhere, and `executorch` (PyPI) with the library as built for a PC.
 const MISSING: &str = "CMSIS-NN s16: not built, no package with its C sources was found on PyPI, npm, crates.io or Debian";
 
-/// Builds them, runs them and writes the table to `csv`.
-pub fn task(image: &Path, csv: &Path) -> Result<()> {
-    setup(&["peers"])?;
-    let version = answer(Command::new(COMPILER).arg("-dumpfullversion"));
-    let version = version.context("arm-none-eabi-gcc does not say its version")?;
-    let folder = root().join("target/peers");
+/// Builds the libraries, runs them on the emulator and writes the table.
+pub fn count() -> Result<()> {
+    let (root, emulator) = (root(), root().join("host-tools/emulator"));
+    run(command("sh", &root).args([".ci/setup", "boards", "emulator", "peers"]))?;
+    let version = answer(command(COMPILER, &root).arg("-dumpfullversion"))?;
+    let folder = root.join("target/peers");
     std::fs::create_dir_all(&folder)?;
     let (emlearn, dsp) = (fetch(EMLEARN, &folder)?, fetch(CMSIS_DSP, &folder)?);
-    let mut emulator = cycles::emulator("peers", image);
+    let image = answer(command("cargo", &root).args(["xtask", "firmware", "cycles"]))?;
+    let data = emulator.join("data");
+    let mut peers = command("cargo", &emulator);
+    peers.args(["run", "--quiet", "--target-dir"]).arg(root.join("target"));
+    peers.args(["--", "peers"]).arg(image).arg("--csv").arg(data.join("peers.csv"));
+    for (name, file) in
+        [("--calibration", "finger.cal.toml"), ("--scans", "scans.csv"), ("--whole", "whole")]
+    {
+        peers.arg(name).arg(data.join(file));
+    }
     for (i, flags) in FLAGS.into_iter().enumerate() {
         let elf = folder.join(format!("peers{i}.elf"));
         compile(flags, &emlearn, &dsp, &elf)?;
-        emulator
-            .arg("--peer")
-            .arg(format!("arm-none-eabi-gcc {version} {flags}={}", elf.display()));
+        peers.arg("--peer").arg(format!("arm-none-eabi-gcc {version} {flags}={}", elf.display()));
     }
-    run(emulator.args(["--missing", MISSING]).arg("--csv").arg(csv))
+    run(peers.args(["--missing", MISSING]))
 }
 
 fn compile(flags: &str, emlearn: &Path, dsp: &Path, elf: &Path) -> Result<()> {
-    let own = emulator::directory().join("peers");
+    let own = root().join("host-tools/emulator/peers");
     let include = |path: PathBuf| format!("-I{}", path.display());
-    run(program(COMPILER, &own)
+    run(command(COMPILER, &own)
         .args(CORE)
         .args(flags.split(' '))
-        // Theirs is theirs: its warnings are not for us. The macro spares CMSIS-DSP the CMSIS core.
+        // Warnings of foreign code are off. The macro spares CMSIS-DSP the CMSIS core.
         .args(["-w", "-ffunction-sections", "-fdata-sections", "-D__GNUC_PYTHON__"])
         .arg(include(emlearn.join("emlearn")))
         .args([include(dsp.join("Include")), include(dsp.join("PrivateInclude"))])
@@ -73,7 +80,7 @@ fn compile(flags: &str, emlearn: &Path, dsp: &Path, elf: &Path) -> Result<()> {
         .arg(elf))
 }
 
-/// The unpacked files of a package of PyPI.
+/// Downloads and unpacks a package of PyPI; returns its folder.
 fn fetch(package: &str, folder: &Path) -> Result<PathBuf> {
     let (name, version) = package.split_once("==").context("a package has a version")?;
     let unpacked = folder.join(name);
@@ -83,18 +90,18 @@ fn fetch(package: &str, folder: &Path) -> Result<PathBuf> {
     let archives = folder.join(format!("{name}-archive"));
     // A wheel where there is one that suits every machine; sources else.
     let kind = if name == "cmsisdsp" { "--no-binary" } else { "--only-binary" };
-    run(program("python3", folder)
+    run(command("python3", folder)
         .args(["-m", "pip", "download", "--quiet", "--no-deps", kind, name, package, "--dest"])
         .arg(&archives))?;
     let archive = std::fs::read_dir(&archives)?.flatten().next();
     let archive = archive.with_context(|| format!("pip brought no {package}"))?.path();
     let unpack = "import shutil, sys; a, to = sys.argv[1:]; \
                   shutil.unpack_archive(a, to, 'zip' if a.endswith('.whl') else None)";
-    run(program("python3", folder).args(["-c", unpack]).arg(archive).arg(&unpacked))?;
+    run(command("python3", folder).args(["-c", unpack]).arg(archive).arg(&unpacked))?;
     inner(&unpacked, name, version)
 }
 
-/// Sources lie in a folder of their name and version, wheels do not.
+/// Folder of the files: sources lie in one of their name and version, wheels do not.
 fn inner(unpacked: &Path, name: &str, version: &str) -> Result<PathBuf> {
     let inner = unpacked.join(format!("{name}-{version}"));
     Ok(if inner.exists() { inner } else { unpacked.to_owned() })

@@ -4,13 +4,13 @@ use std::collections::HashMap;
 
 use taxel_research::failures::{self, Of};
 
-const PAGE: &str = include_str!("../../../docs/accuracy.md");
-const ESTIMATORS: &str = include_str!("../../../docs/images/estimators.csv");
-const BOUNDARIES: &str = include_str!("../../../docs/images/boundaries.csv");
-const COSTS: &str = include_str!("../../emulator/data/cycles.csv");
-const EDGE: &str = include_str!("../../../docs/images/edge.csv");
-const PEERS: &str = include_str!("../../../docs/images/peers.csv");
-const THROUGHPUT: &str = include_str!("../../../docs/images/throughput.csv");
+const PAGE: &str = include_str!("../../../../docs/accuracy.md");
+const ESTIMATORS: &str = include_str!("../../../../docs/images/estimators.csv");
+const BOUNDARIES: &str = include_str!("../../../../docs/images/boundaries.csv");
+const COSTS: &str = include_str!("../../../emulator/data/cycles.csv");
+const EDGE: &str = include_str!("../../../../docs/images/edge.csv");
+const PEERS: &str = include_str!("../../../../docs/images/peers.csv");
+const THROUGHPUT: &str = include_str!("../../../../docs/images/throughput.csv");
 
 fn rows(table: &str) -> Vec<HashMap<String, String>> {
     csv::Reader::from_reader(table.as_bytes()).deserialize().map(Result::unwrap).collect()

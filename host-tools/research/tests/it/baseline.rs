@@ -1,5 +1,4 @@
-//! Errors are held to a committed baseline, as costs are (`cargo xtask cycles`): the tables that
-//! `taxel chart --quick` writes, under `data/`.
+//! Errors against a committed baseline: the tables of `taxel chart --quick` under `data/`.
 
 use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
@@ -7,15 +6,14 @@ use std::sync::atomic::AtomicBool;
 use taxel_research::failures::Of;
 use taxel_research::{Effort, Waiting, estimators, failures};
 
-/// Another machine's arithmetic takes the training of a net another way; a change that costs more than this
-/// is a change.
+/// Largest growth of an error: on another machine the training of a net takes another way.
 const MARGIN: f64 = 1.1;
-/// Of an error or a share next to nothing a tenth is nothing: half a millinewton or micrometre …
+/// Growth of an error that is always allowed: half a millinewton or micrometre.
 const ERROR: f64 = 5e-4;
-/// … and one frame of a hundred.
+/// Growth of a share that is always allowed: one frame of a hundred.
 const SHARE: f64 = 0.01;
 
-const ANEW: &str = "if that is wanted, write the baseline anew: \
+const ANEW: &str = "if that is intended, write the baseline again: \
                     `taxel chart --quick --only estimators --only failures --out host-tools/research/data`, and keep its three CSV";
 
 /// Rows by their first `keys` cells, and the cells after them.
@@ -33,7 +31,7 @@ fn number(cell: &str) -> Option<f64> {
     cell.parse().ok()
 }
 
-/// What is worse than in the baseline, in sentences.
+/// Lists the rows that are worse than in the baseline, in sentences.
 fn worse(
     baseline: &str,
     now: &str,
@@ -54,51 +52,57 @@ fn worse(
         .collect()
 }
 
+/// Judges a row of `estimators.csv`.
+fn larger_error(before: &[String], now: &[String]) -> Option<String> {
+    let [before, now] = [before, now].map(|cells| number(&cells[1]).unwrap());
+    (now > MARGIN * before + ERROR).then(|| format!("{now}, was {before}"))
+}
+
+/// Judges a row of `boundaries.csv`.
+fn more_silent(before: &[String], now: &[String]) -> Option<String> {
+    let share = |cells: &[String]| {
+        let [frames, silent] = [1, 2].map(|i| number(&cells[i]).unwrap());
+        silent / frames
+    };
+    let [before, now] = [before, now].map(share);
+    (now > MARGIN * before + SHARE)
+        .then(|| format!("{now} of the values undetected errors, was {before}"))
+}
+
 fn waiting(stop: &AtomicBool) -> Waiting<'_> {
     Waiting { progress: &|_, _| {}, stop }
 }
 
+/// Both tables in one test: the second measurement takes the calibrations of the first.
 #[test]
-fn no_estimator_errs_more_than_the_baseline_says() {
+fn estimators_and_failure_maps_match_the_baseline() {
     let stop = AtomicBool::new(false);
-    let found = estimators::measure(&Effort::quick(), waiting(&stop)).unwrap();
-    let worse = worse(
-        include_str!("../data/estimators.csv"),
-        &estimators::csv(&found),
-        3,
-        |before, now| {
-            let [before, now] = [before, now].map(|cells| number(&cells[1]).unwrap());
-            (now > MARGIN * before + ERROR).then(|| format!("{now}, was {before}"))
-        },
-    );
+    estimators_match_the_baseline(&stop);
+    failure_maps_match_the_baseline(&stop);
+}
+
+fn estimators_match_the_baseline(stop: &AtomicBool) {
+    let found = estimators::measure(&Effort::quick(), waiting(stop)).unwrap();
+    let worse =
+        worse(include_str!("../../data/estimators.csv"), &estimators::csv(&found), 3, larger_error);
     assert!(worse.is_empty(), "{worse:#?}; {ANEW}");
 }
 
-#[test]
-fn nothing_fails_farther_or_is_flagged_less_than_the_baseline_says() {
-    let stop = AtomicBool::new(false);
-    let maps = failures::measure(&Effort::quick(), waiting(&stop)).unwrap();
+fn failure_maps_match_the_baseline(stop: &AtomicBool) {
+    let maps = failures::measure(&Effort::quick(), waiting(stop)).unwrap();
     // Of all values, of those in the working range, and flagged there.
     let totals = failures::totals(&maps, Of::Finger);
     assert!(totals.silent[0] < 0.005 && totals.silent[1] < 0.0005, "{totals:?}");
     assert!(totals.false_flags < 0.001, "{totals:?}");
     let silent = worse(
-        include_str!("../data/boundaries.csv"),
+        include_str!("../../data/boundaries.csv"),
         &failures::boundaries(&maps),
         2,
-        |before, now| {
-            let share = |cells: &[String]| {
-                let [frames, silent] = [1, 2].map(|i| number(&cells[i]).unwrap());
-                silent / frames
-            };
-            let [before, now] = [before, now].map(share);
-            (now > MARGIN * before + SHARE)
-                .then(|| format!("{now} of the values silent failures, was {before}"))
-        },
+        more_silent,
     );
     assert!(silent.is_empty(), "{silent:#?}; {ANEW}");
     let worse =
-        worse(include_str!("../data/failures.csv"), &failures::csv(&maps), 3, |before, now| {
+        worse(include_str!("../../data/failures.csv"), &failures::csv(&maps), 3, |before, now| {
             let within = now[0] == "true";
             let [flags_before, flags] = [before, now].map(|cells| number(&cells[3]).unwrap());
             if flags < flags_before - SHARE && !within || flags > flags_before + SHARE && within {
@@ -112,4 +116,23 @@ fn nothing_fails_farther_or_is_flagged_less_than_the_baseline_says() {
                 .then(|| format!("off by {now}, was {before}"))
         });
     assert!(worse.is_empty(), "{worse:#?}; {ANEW}");
+}
+
+/// Five devices against the tables of `docs/accuracy.md`.
+mod nightly {
+    use super::*;
+
+    #[test]
+    fn five_devices_match_the_tables_of_the_page() {
+        let stop = AtomicBool::new(false);
+        let effort = Effort::full();
+        let found = estimators::measure(&effort, waiting(&stop)).unwrap();
+        let page = include_str!("../../../../docs/images/estimators.csv");
+        let worse = worse(page, &estimators::csv(&found), 3, larger_error);
+        assert!(worse.is_empty(), "{worse:#?}; draw the charts of docs/images again");
+        let maps = failures::measure(&effort, waiting(&stop)).unwrap();
+        let page = include_str!("../../../../docs/images/boundaries.csv");
+        let worse = super::worse(page, &failures::boundaries(&maps), 2, more_silent);
+        assert!(worse.is_empty(), "{worse:#?}; draw the charts of docs/images again");
+    }
 }

@@ -1,17 +1,17 @@
-//! `cargo xtask judge`: what is asked of calibration on recordings that are not in the repository, fitted and
-//! judged by the commands that a user types.
+//! Specification of the calibration on recordings that are not in the repository.
+//!
+//! Every case is fitted and judged by the commands that a user types.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use serde_json::Value;
+use taxel_research::costs::Costs;
 
-use crate::costs::{self, Stage};
-use crate::cycles;
-use crate::run::{cargo, locked, program, root, run, target};
+use crate::command;
 
-/// Where the recordings are.
+/// Recordings and selection of cases.
 #[derive(Args)]
 pub struct Judge {
     /// The folder that holds `eflesh/` (a magnetic skin against a load cell) and `traces/` (a fingertip of
@@ -23,52 +23,54 @@ pub struct Judge {
     filter: String,
 }
 
-/// One fit, and what is asked of it on a recording that it has not seen.
+/// One fit, and its limits on a recording that it has not seen.
 struct Case {
     name: &'static str,
-    /// Files and stretches beneath the folder.
+    /// Files and stretches in the folder.
     fitted: Vec<String>,
     unseen: String,
-    /// What is typed besides the recordings.
-    typed: &'static [&'static str],
+    /// Options of the fit.
+    options: &'static [&'static str],
     /// RMS error in newtons of a target, at most.
     errors: &'static [(&'static str, f64)],
     cost: Cost,
 }
 
-/// What one estimate may cost at most.
+/// Largest cost of one estimate.
 #[derive(Clone, Copy)]
 enum Cost {
     MultiplyAdds(u64),
-    /// Modelled, the dearer end of the band.
+    /// Modelled cycles, the upper end of the band.
     Cycles(u64),
 }
 
 const TABLE: &[&str] = &["--inputs", "m*", "--targets", "force_n", "--model", "auto"];
 
-/// Of its time, from the first row, what the shear recording is fitted to; the rest judges.
+/// Share of the shear recording, from its first row, that the fit may see.
 const SHARE: f64 = 0.8;
 
-/// What a small net may take of a Cortex-M4F.
+/// Largest number of Cortex-M4F cycles of a small net.
 const SMALL_CYCLES: u64 = 900;
 
-/// The skin's limits are what scikit-learn's best of three seeds leaves (linear skip path and 16 tanh units by L-BFGS:
-/// 0.46, 0.78 and 0.28 N).
+/// Lists the cases.
+///
+/// The limits of the magnetic skin are the errors of scikit-learn's best of three seeds (linear skip path and 16 tanh
+/// units by L-BFGS: 0.46, 0.78 and 0.28 N).
 fn cases(data: &Path) -> Result<Vec<Case>> {
     let split = at_share(&data.join("eflesh/shear_1.csv"))?;
     let table = |name, fitted: &str, unseen: &str, errors| Case {
         name,
         fitted: vec![fitted.into()],
         unseen: unseen.into(),
-        typed: TABLE,
+        options: TABLE,
         errors,
         cost: Cost::MultiplyAdds(600),
     };
-    let finger = |name, typed, errors, cost| Case {
+    let finger = |name, options, errors, cost| Case {
         name,
         fitted: vec!["traces/device3_presses.csv".into(), "traces/device3_shear.csv@0..30".into()],
         unseen: "traces/device3_shear.csv@30..40".into(),
-        typed,
+        options,
         errors,
         cost,
     };
@@ -95,14 +97,13 @@ fn cases(data: &Path) -> Result<Vec<Case>> {
     ])
 }
 
-/// Fits and judges every case; fails where a limit is missed, after all have been judged.
-pub fn task(arguments: &Judge) -> Result<()> {
+/// Fits and judges every case; fails after all of them where a limit is missed.
+pub fn judge(arguments: &Judge) -> Result<()> {
     let data = std::path::absolute(&arguments.data)?;
     let cases = cases(&data)?;
     let cases: Vec<&Case> = cases.iter().filter(|c| c.name.contains(&arguments.filter)).collect();
     ensure!(!cases.is_empty(), "--filter {}: no case has this in its name", arguments.filter);
-    let costs = costs::read(&cycles::table())?;
-    run(cargo().args(["build", "--quiet", "--bin", "taxel"]).args(locked()))?;
+    let costs = Costs::committed()?;
     let mut missed = 0;
     for case in &cases {
         println!("{}", case.name);
@@ -113,29 +114,36 @@ pub fn task(arguments: &Judge) -> Result<()> {
     }
     match missed {
         0 => Ok(()),
-        _ => bail!("{missed} missed of what is asked; they are told above"),
+        _ => bail!("{missed} limits missed; they are listed above"),
     }
 }
 
-fn judged(case: &Case, data: &Path, costs: &[Stage]) -> Result<Vec<Verdict>> {
-    let record = target().join("judged.toml");
-    let taxel = |words: &[&str]| -> Result<Value> {
-        let mut command = program(target().join("debug/taxel"), &root());
-        command.arg("calibrate").args(words).arg("--json");
-        let output = command.output().context("`taxel` does not start")?;
-        let said = String::from_utf8_lossy(&output.stderr);
-        ensure!(output.status.success(), "{}: `taxel {}`: {said}", case.name, words.join(" "));
-        eprint!("{said}");
-        Ok(serde_json::from_slice(&output.stdout)?)
-    };
+/// Runs `taxel calibrate` and returns its JSON.
+fn calibrate(case: &Case, words: &[&str]) -> Result<Value> {
+    let name = format!("taxel{}", std::env::consts::EXE_SUFFIX);
+    let taxel = std::env::current_exe()?.with_file_name(name);
+    let mut command = command(&taxel, Path::new("."));
+    command.arg("calibrate").args(words).arg("--json");
+    let output = command.output().with_context(|| {
+        format!("{}: does not start; build it as this program was built", taxel.display())
+    })?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "{}: `taxel {}`: {said}", case.name, words.join(" "));
+    eprint!("{said}");
+    Ok(serde_json::from_slice(&output.stdout)?)
+}
+
+fn judged(case: &Case, data: &Path, costs: &Costs) -> Result<Vec<Verdict>> {
+    let folder = tempfile::tempdir()?;
     let path = |file: &String| data.join(file).display().to_string();
-    let (out, unseen) = (record.display().to_string(), path(&case.unseen));
+    let out = folder.path().join("judged.toml").display().to_string();
+    let unseen = path(&case.unseen);
     let fitted: Vec<String> = case.fitted.iter().map(path).collect();
     let mut fit = vec!["fit", "--out", &out];
-    fit.extend(case.typed);
+    fit.extend(case.options);
     fit.extend(fitted.iter().flat_map(|file| ["--data", file]));
-    let fit = taxel(&fit)?;
-    let figures = taxel(&["evaluate", "--data", &unseen, "--calibration", &out])?;
+    let fit = calibrate(case, &fit)?;
+    let figures = calibrate(case, &["evaluate", "--data", &unseen, "--calibration", &out])?;
     let mut verdicts = Vec::new();
     for (target, limit) in case.errors {
         let figure = |name: &str| figures[target][name].clone();
@@ -146,13 +154,13 @@ fn judged(case: &Case, data: &Path, costs: &[Stage]) -> Result<Vec<Verdict>> {
         let rows = figure("n").as_u64().unwrap_or_default();
         verdicts.push(Verdict {
             what: format!("{target}, of {} rows", rows + withheld),
-            asked: *limit,
+            limit: *limit,
             reached: reached.with_context(|| format!("{}: no {target} was judged", case.name))?,
             digits: 4,
         });
         verdicts.push(Verdict {
             what: format!("{target}, share of rows withheld"),
-            asked: WITHHELD,
+            limit: WITHHELD,
             reached: withheld as f64 / (rows + withheld) as f64,
             digits: 4,
         });
@@ -161,15 +169,15 @@ fn judged(case: &Case, data: &Path, costs: &[Stage]) -> Result<Vec<Verdict>> {
     Ok(verdicts)
 }
 
-/// Rows without a value are no good ones: no more than this share.
+/// Largest share of rows without a value.
 const WITHHELD: f64 = 0.01;
 
-fn cost(case: &Case, fit: &Value, costs: &[Stage]) -> Result<Verdict> {
+fn cost(case: &Case, fit: &Value, costs: &Costs) -> Result<Verdict> {
     let parts = fit["parts"].as_array().map_or(&[][..], Vec::as_slice);
     let names = || parts.iter().filter_map(|part| part["part"].as_str());
     let shape = names().find(|name| dimensions(name).is_some());
     let shape = shape.with_context(|| format!("{}: the fit names no net", case.name))?;
-    let (what, asked, reached) = match case.cost {
+    let (what, limit, reached) = match case.cost {
         Cost::MultiplyAdds(most) => {
             (format!("multiply-adds of {shape}"), most, multiply_adds(shape).unwrap_or_default())
         }
@@ -179,15 +187,14 @@ fn cost(case: &Case, fit: &Value, costs: &[Stage]) -> Result<Verdict> {
             } else {
                 shape.to_owned()
             };
-            let dearest = modelled(costs, &stage)
-                .with_context(|| format!("{stage}: no row of {}", cycles::table().display()))?;
-            (format!("modelled cycles of {stage}"), most, dearest)
+            let cycles = costs.of(&[&stage])?.cycles_high;
+            (format!("modelled cycles of {stage}"), most, cycles)
         }
     };
-    Ok(Verdict { what, asked: asked as f64, reached: reached as f64, digits: 0 })
+    Ok(Verdict { what, limit: limit as f64, reached: reached as f64, digits: 0 })
 }
 
-/// Kind, inputs, hidden units and outputs of `skip 15-16-1`, `net 16-6-3`, `linear 15-1`.
+/// Splits kind, inputs, hidden units and outputs of `skip 15-16-1`, `net 16-6-3`, `linear 15-1`.
 fn dimensions(shape: &str) -> Option<(&str, Vec<u64>)> {
     let (kind, numbers) = shape.split_once(' ')?;
     let numbers: Vec<u64> = numbers.split('-').map(|n| n.parse().ok()).collect::<Option<_>>()?;
@@ -209,11 +216,7 @@ fn multiply_adds(shape: &str) -> Option<u64> {
     }
 }
 
-fn modelled(costs: &[Stage], stage: &str) -> Option<u64> {
-    costs.iter().find(|row| row.name == stage).map(|row| row.cycles)
-}
-
-/// The second where [`SHARE`] of a table's time is over.
+/// Computes the second at which [`SHARE`] of a table's time is over.
 fn at_share(path: &Path) -> Result<f64> {
     let text = std::fs::read_to_string(path).with_context(|| {
         format!("{}: --data names the folder that holds eflesh/ and traces/", path.display())
@@ -224,25 +227,25 @@ fn at_share(path: &Path) -> Result<f64> {
     Ok(first + SHARE * (last - first))
 }
 
-/// What was asked and what was reached.
+/// A limit and the value reached.
 struct Verdict {
     what: String,
-    asked: f64,
+    limit: f64,
     reached: f64,
     digits: usize,
 }
 
 impl Verdict {
     fn met(&self) -> bool {
-        self.reached <= self.asked
+        self.reached <= self.limit
     }
 }
 
 impl std::fmt::Display for Verdict {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { what, asked, reached, digits } = self;
+        let Self { what, limit, reached, digits } = self;
         let verdict = if self.met() { "met" } else { "MISSED" };
-        write!(f, "  {what:<40} asked {asked:>9.digits$}  reached {reached:>9.digits$}  {verdict}")
+        write!(f, "  {what:<40} limit {limit:>9.digits$}  reached {reached:>9.digits$}  {verdict}")
     }
 }
 
@@ -251,23 +254,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_over_its_limit_is_missed_and_what_is_no_number_too() {
-        let verdict = |reached| Verdict { what: "fy_n".into(), asked: 0.03, reached, digits: 4 };
+    fn value_over_its_limit_or_nan_is_missed() {
+        let verdict = |reached| Verdict { what: "fy_n".into(), limit: 0.03, reached, digits: 4 };
         assert!(verdict(0.03).met() && verdict(0.0299).met());
         assert!(!verdict(0.0301).met() && !verdict(f64::NAN).met());
         assert!(verdict(0.0427).to_string().ends_with("reached    0.0427  MISSED"));
     }
 
     #[test]
-    fn a_net_costs_what_its_shape_says() {
+    fn cost_of_a_net_follows_from_its_shape() {
         assert_eq!(multiply_adds("skip 15-16-1"), Some(15 * 16 + 16 + 15));
         assert_eq!(multiply_adds("net 16-6-3"), Some(114));
         assert_eq!(multiply_adds("linear 15-1"), Some(15));
         assert_eq!(multiply_adds("array of sensors"), None);
-        let costs = costs::read(&cycles::table()).unwrap();
+        let costs = Costs::committed().unwrap();
         let shapes = ["q15 skip 16-12-3", "q15 skip 16-16-3", "skip 16-12-3"];
-        let [small, wide, float] = shapes.map(|stage| modelled(&costs, stage).unwrap());
+        let [small, wide, float] = shapes.map(|stage| costs.of(&[stage]).unwrap().cycles_high);
         assert!(small <= SMALL_CYCLES && SMALL_CYCLES < wide.min(float), "{small} {wide} {float}");
-        assert_eq!(modelled(&costs, "net 16-7-3"), None);
+        assert!(costs.of(&["net 16-7-3"]).is_err());
     }
 }
