@@ -11,11 +11,10 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(scope="session")
 def command() -> str:
-    """The `taxel` command: `TAXEL=path/to/taxel`, else cargo builds it, and the bridge beside it."""
+    """The `taxel` command with its bridges: `TAXEL=path/to/taxel`, else cargo builds it."""
     if "TAXEL" in os.environ:
         return os.environ["TAXEL"]
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    build = ["cargo", "build", "--quiet", "--target-dir", str(target)]
-    subprocess.run([*build, "--bin", "taxel"], cwd=ROOT, check=True)
-    subprocess.run(build, cwd=ROOT / "host-tools/bridge", check=True)
+    build = ["cargo", "build", "--quiet", "--target-dir", str(target), "--bin", "taxel"]
+    subprocess.run([*build, "--features", "zenoh,foxglove"], cwd=ROOT, check=True)
     return str(target / "debug" / "taxel")

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use anyhow::Result;
 
-use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target};
+use crate::run::{answer, cargo, locked, program, root, run, setup, target};
 
 /// Runs them in an environment of their own under `target/`; `long`, streams take ten minutes and not seconds.
 pub fn tests(long: bool) -> Result<()> {
@@ -17,19 +17,10 @@ pub fn tests(long: bool) -> Result<()> {
     check(&["ruff", "format", "--check", "src", "tests"])?;
     check(&["mypy"])?;
     as_users_install_it(&python, &client)?;
-    run(cargo().args(["build", "--quiet", "--bin", "taxel"]).args(locked()))?;
-    // A workspace of its own; `taxel` looks for it beside itself.
-    let bridge = root().join("host-tools/bridge");
-    run(clean("cargo", &bridge).args(["fmt", "--check"]))?;
-    run(clean("cargo", &bridge)
-        .args(["clippy", "--quiet", "--all-targets", "--target-dir"])
-        .arg(target())
-        .args(locked())
-        .args(["--", "-D", "warnings"]))?;
-    run(clean("cargo", &bridge)
-        .args(["build", "--quiet", "--target-dir"])
-        .arg(target())
-        .args(locked()))?;
+    // Only here: the bridges double the crates to build.
+    let bridges = ["--quiet", "--package", "taxel-cli", "--features", "zenoh,foxglove"];
+    run(cargo().arg("clippy").args(bridges).args(locked()).args(["--", "-D", "warnings"]))?;
+    run(cargo().args(["build", "--bin", "taxel"]).args(bridges).args(locked()))?;
     let mut pytest = program(&python, &client);
     if long {
         pytest.env("TAXEL_ENDURE_S", "600");

@@ -1,15 +1,18 @@
 //! `taxel bridge`: fingers as a part of a ROS 2 system, without ROS, and live in Foxglove.
 //!
 //! ```text
-//! finger ──Steady──▶ finger ──┬─CDR──────▶ pipe ──▶ taxel-bridge ──Zenoh──────▶ rmw_zenoh, any Zenoh program
-//! finger ──Steady──▶ finger ──┴─protobuf─▶ pipe ──▶ taxel-bridge ──WebSocket──▶ Foxglove
+//! finger ──Steady──▶ Finger ──┬─CDR──────▶ Nodes ───Zenoh──────▶ rmw_zenoh, any Zenoh program
+//!                             └─protobuf─▶ Topics ──WebSocket──▶ Foxglove
 //! ```
+//! Both outlets always compile. What they publish through, [`peer`] and [`websocket`], is real only with the
+//! features `zenoh` and `foxglove`, because those double the crates to build.
 
 mod finger;
 mod foxglove;
 mod graph;
-mod pipe;
+mod peer;
 mod ros;
+mod websocket;
 mod zenoh;
 
 use std::path::PathBuf;
@@ -104,7 +107,7 @@ struct Shared {
 /// Runs the command.
 ///
 /// # Errors
-/// `taxel-bridge` cannot be had, two fingers have one name, or the other side of a pipe goes.
+/// The feature is not built in, two fingers have one name, or the network fails.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
     let domain = match args.domain {
@@ -121,7 +124,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         .zenoh
         .then(|| zenoh::Session::open(domain, args.namespace, &args.connect, &args.listen));
     let zenoh = zenoh.transpose()?;
-    let foxglove = args.foxglove.as_deref().map(foxglove::Server::start).transpose()?;
+    let foxglove = args.foxglove.as_deref().map(foxglove::start).transpose()?;
     let outlets = || -> Vec<Box<dyn Outlet>> {
         let nodes = zenoh.clone().map(|session| Box::new(zenoh::Nodes::new(session)) as _);
         let topics = foxglove.clone().map(|server| Box::new(foxglove::Topics::new(server)) as _);
@@ -153,6 +156,14 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         return output::json(&reports);
     }
     reports.iter().try_for_each(|report| output::line(as_text(report)))
+}
+
+#[cfg(not(all(feature = "zenoh", feature = "foxglove")))]
+fn not_built_in(feature: &str) -> anyhow::Error {
+    anyhow!(
+        "bridge --{feature}: not built in; in a checkout of the repository run `cargo install --path \
+         host-tools/cli --features {feature}`"
+    )
 }
 
 fn as_text(report: &Report) -> String {

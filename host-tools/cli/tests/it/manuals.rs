@@ -30,7 +30,7 @@ set -euo pipefail
 taxel() {
     local all=" $* "
     case "$all" in
-        # Zenoh takes minutes to build; the Python tests run it, and what docs/ros2.md says of it.
+        # A feature that this build may lack; the Python tests run it, and the commands of docs/ros2.md.
         " bridge "*) set -- help bridge ;;
         *" --duration "* | *" --help "*) ;;
         # What runs until Ctrl-C gets it after four seconds, once, and must end well. Another page may be served.

@@ -1,56 +1,48 @@
 //! Fingers live in Foxglove: a topic each, of the messages that a recording in MCAP has, so that one layout
 //! serves both.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
+use anyhow::Context;
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
 use taxel_client::{Port, Received, Stamps};
 use taxel_files::frames::Cell;
 use taxel_files::recording::schema;
 
-use super::finger::{Outlet, lock};
-use super::pipe::{Order, Pipe};
+use super::finger::Outlet;
+use super::websocket::{self, Live};
 use crate::files::{row, row_columns};
 use crate::output;
 
-/// The server that all fingers of a bridge share.
-pub struct Server {
-    pipe: Pipe,
-    channels: Mutex<u32>,
-}
-
-impl Server {
-    /// Starts it.
-    ///
-    /// # Errors
-    /// It cannot be had, or the address is another program's.
-    pub fn start(address: &str) -> anyhow::Result<Arc<Self>> {
-        let hint = "is another program there? --foxglove HOST:PORT names another address";
-        let (pipe, address) = Pipe::open(["foxglove", address], hint)?;
-        output::note(format_args!("Foxglove: open connection, ws://{address}"));
-        Ok(Arc::new(Self { pipe, channels: Mutex::default() }))
-    }
+/// Starts the server that all fingers of a bridge share.
+///
+/// # Errors
+/// It is not built in, or the address is another program's.
+pub fn start(address: &str) -> anyhow::Result<Arc<Live>> {
+    let (server, address) = Live::start(address)?;
+    output::note(format_args!("Foxglove: open connection, ws://{address}"));
+    Ok(Arc::new(server))
 }
 
 /// One finger on it.
 pub struct Topics {
-    server: Arc<Server>,
+    server: Arc<Live>,
     channel: Option<Channel>,
     connection: u64,
     row: Vec<Cell>,
     message: Vec<u8>,
 }
 
-/// What the finger that is there streams into.
+/// Topic of the finger that is connected.
 struct Channel {
-    number: u32,
+    topic: websocket::Channel,
     serial: String,
     fields: Fields,
 }
 
 impl Topics {
-    pub fn new(server: Arc<Server>) -> Self {
+    pub fn new(server: Arc<Live>) -> Self {
         Self { server, channel: None, connection: 0, row: Vec::new(), message: Vec::new() }
     }
 }
@@ -65,17 +57,14 @@ impl Outlet for Topics {
         }
         let topic = schema::topic(serial);
         let descriptor = schema::descriptor(&row_columns(info.fields));
-        let mut channels = lock(&self.server.channels);
-        self.server.pipe.send(&[Order::Channel {
-            topic: &topic,
-            schema: schema::NAME,
-            descriptor: &descriptor,
-        }])?;
-        let (number, fields) = (*channels, info.fields);
-        *channels += 1;
+        // The topic is withdrawn before one of the same name is offered.
+        drop(self.channel.take());
+        let channel = self.server.channel(&topic, schema::NAME, descriptor).context("foxglove")?;
         output::note(format_args!("{port}: topic {topic}"));
-        self.channel = Some(Channel { number, serial: serial.to_owned(), fields });
-        Ok(serial.to_owned())
+        let serial = serial.to_owned();
+        self.channel =
+            Some(Channel { topic: channel, serial: serial.clone(), fields: info.fields });
+        Ok(serial)
     }
 
     fn frame(&mut self, received: &Received, stamps: &Stamps) -> anyhow::Result<()> {
@@ -84,11 +73,7 @@ impl Outlet for Topics {
         schema::encode(&self.row, &mut self.message);
         // As in the recording: when it came.
         let micros = stamps.unix(received.at).as_micros() as u64;
-        let message = Order::Message {
-            channel: channel.number,
-            nanos: micros * 1000,
-            payload: &self.message,
-        };
-        self.server.pipe.send(&[message])
+        channel.topic.log(&self.message, micros * 1000);
+        Ok(())
     }
 }

@@ -27,7 +27,7 @@ pub const WRENCH: Type = Type {
     hash: "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77",
 };
 
-/// `taxel_msgs/msg/Frame`, of `host-tools/bridge/taxel_msgs`.
+/// `taxel_msgs/msg/Frame`, of `host-tools/ros2/taxel_msgs`.
 pub const FRAME: Type = Type {
     name: "taxel_msgs::msg::dds_::Frame_",
     hash: "RIHS01_1558c72b9c38b8aa5b1f8bedea5a03aa7bf4c88f9d31b83c6fb4ae51afbdd65a",

@@ -11,24 +11,23 @@ use taxel_client::{Port, Received, Stamps};
 
 use super::finger::{Outlet, lock};
 use super::graph::{Context, Namespace, Publisher, name};
-use super::pipe::{Order, Pipe};
+use super::peer::{Peer, Token, Writer};
 use super::ros;
 use crate::output;
 
 /// The session that all fingers of a bridge share.
 pub struct Session {
     context: Context,
-    pipe: Pipe,
-    /// So that no two fingers have one name.
+    peer: Peer,
+    /// Names of all fingers so far: no two may share one.
     names: Mutex<Vec<String>>,
-    publishers: Mutex<u32>,
 }
 
 impl Session {
     /// Opens it.
     ///
     /// # Errors
-    /// Zenoh cannot be had, or takes no such endpoints.
+    /// Zenoh is not built in, or takes no such endpoints.
     pub fn open(
         domain: u32,
         namespace: Namespace,
@@ -37,9 +36,9 @@ impl Session {
     ) -> anyhow::Result<Arc<Self>> {
         let session = identity();
         let config = config(&session, connect, listen);
-        let (pipe, _) = Pipe::open(["zenoh", &config], "check --connect and --listen")?;
+        let peer = Peer::open(&config)?;
         let context = Context { domain, session, namespace };
-        Ok(Arc::new(Self { context, pipe, names: Mutex::default(), publishers: Mutex::default() }))
+        Ok(Arc::new(Self { context, peer, names: Mutex::default() }))
     }
 }
 
@@ -55,14 +54,15 @@ struct Node {
     name: String,
     wrench: Topic,
     frames: Topic,
+    _token: Token,
 }
 
 /// A publisher and how often it has published.
 struct Topic {
-    /// Its number on the other side of the pipe.
-    number: u32,
     publisher: Publisher,
+    writer: Writer,
     samples: u64,
+    _token: Token,
 }
 
 impl Nodes {
@@ -76,48 +76,36 @@ impl Outlet for Nodes {
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String> {
         let name = name(&info.identity.serial);
         if let Some(known) = self.nodes.iter().position(|node| node.name == name) {
-            let node = self.nodes.remove(known);
-            self.nodes.push(node);
+            self.nodes[known..].rotate_left(1);
             return Ok(name);
         }
-        let Session { context, pipe, names, publishers } = &*self.session;
+        let Session { context, peer, names } = &*self.session;
         let mut names = lock(names);
         if names.contains(&name) {
             bail!(
                 "{port}: another finger is called {name} already; give each its own serial number"
             );
         }
-        names.push(name.clone());
-        let mut numbers = lock(publishers);
         // Three entities a finger, numbered over the whole session.
-        let node = *numbers / 2 * 3;
-        let topic = |i: u32, topic: &str, kind| Topic {
-            number: *numbers + i,
-            publisher: context.publisher(
-                (node, &name),
-                node + 1 + i,
-                &context.namespace.topic(topic),
-                kind,
-            ),
-            samples: 0,
+        let node = names.len() as u32 * 3;
+        names.push(name.clone());
+        let token = peer.token(&context.node(node, &name))?;
+        let topic = |i: u32, topic: &str, kind| {
+            let topic = context.namespace.topic(topic);
+            let publisher = context.publisher((node, &name), node + 1 + i, &topic, kind);
+            let writer = peer.writer(&publisher.key)?;
+            let token = peer.token(&publisher.token)?;
+            anyhow::Ok(Topic { publisher, writer, samples: 0, _token: token })
         };
-        let wrench = topic(0, &format!("{name}/wrench"), &ros::WRENCH);
-        let frames = topic(1, "frames", &ros::FRAME);
-        pipe.send(&[
-            Order::Token(&context.node(node, &name)),
-            Order::Publisher(&wrench.publisher.key),
-            Order::Token(&wrench.publisher.token),
-            Order::Publisher(&frames.publisher.key),
-            Order::Token(&frames.publisher.token),
-        ])?;
-        *numbers += 2;
+        let wrench = topic(0, &format!("{name}/wrench"), &ros::WRENCH)?;
+        let frames = topic(1, "frames", &ros::FRAME)?;
         output::note(format_args!(
             "{port}: node {}, topics {} and {}",
             context.namespace.topic(&name),
             context.namespace.topic(&format!("{name}/wrench")),
             context.namespace.topic("frames")
         ));
-        self.nodes.push(Node { name: name.clone(), wrench, frames });
+        self.nodes.push(Node { name: name.clone(), wrench, frames, _token: token });
         Ok(name)
     }
 
@@ -129,23 +117,17 @@ impl Outlet for Nodes {
         let now = stamps.unix(Instant::now());
         let wrench = ros::wrench(&received.frame, at, &node.name);
         let frame = ros::frame(&received.frame, at, &node.name);
-        let wrench = wrench.map(|payload| (node.wrench.next(now), payload));
-        let attachment = node.frames.next(now);
-        let mut orders = vec![node.frames.put(&attachment, &frame)];
-        orders.extend(wrench.iter().map(|(a, payload)| node.wrench.put(a, payload)));
-        self.session.pipe.send(&orders)
+        node.frames.put(&frame, now)?;
+        wrench.map_or(Ok(()), |wrench| node.wrench.put(&wrench, now))
     }
 }
 
 impl Topic {
-    /// What goes with the next sample. They count from 1.
-    fn next(&mut self, now: Duration) -> [u8; 33] {
+    /// Publishes the next sample. Samples are numbered from 1.
+    fn put(&mut self, payload: &[u8], now: Duration) -> anyhow::Result<()> {
         self.samples += 1;
-        self.publisher.attachment(self.samples, now)
-    }
-
-    fn put<'o>(&self, attachment: &'o [u8], payload: &'o [u8]) -> Order<'o> {
-        Order::Put { publisher: self.number, attachment, payload }
+        let attachment = self.publisher.attachment(self.samples, now);
+        self.writer.put(payload, &attachment)
     }
 }
 
