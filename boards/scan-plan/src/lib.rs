@@ -16,6 +16,11 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "drawing")]
+extern crate std;
+
+#[cfg(feature = "drawing")]
+pub mod drawing;
 pub mod f411;
 pub mod g431;
 pub mod pattern;

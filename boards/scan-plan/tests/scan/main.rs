@@ -1,7 +1,6 @@
 //! The plans against the chips' reference manuals, and the boards' pages against the plans.
 
 mod common;
-mod drawing;
 mod f411;
 mod g431;
 mod pages;

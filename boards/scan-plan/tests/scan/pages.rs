@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use scan_plan::pins::{F411, G431, Pin};
 use scan_plan::{STEPS, Step};
 
-use crate::drawing::{Bar, Kind, Lane, Panel, svg};
 use crate::{f411, g431};
+use scan_plan::drawing::{Bar, Kind, Lane, Panel, svg};
 
 /// What USB full speed takes to fetch a frame, at worst.
 const USB_NS: u64 = 150_000;

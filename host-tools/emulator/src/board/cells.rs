@@ -1,5 +1,4 @@
-//! What a flash holds, whatever controls it: operations on it one after the other, in any of which the power may
-//! fail.
+//! Contents of a flash, whatever controls it: operations one after the other, in any of which the power may fail.
 
 use std::collections::BTreeSet;
 
@@ -8,8 +7,8 @@ use super::time::Tick;
 
 /// The part of a flash that the program changes, with its controller.
 pub trait Flash {
-    /// What it holds.
-    fn held(&mut self) -> &mut Held;
+    /// Its contents.
+    fn contents(&mut self) -> &mut FlashContents;
     /// Reads `size` bytes of it. True where that raises the NMI.
     fn fetch(&mut self, address: u32, size: u32) -> (u32, bool);
     /// Programs a word. How long the core stands still.
@@ -62,11 +61,11 @@ pub struct Cells {
     pub torn: BTreeSet<u32>,
 }
 
-/// What a flash holds, and what is done to it.
-pub struct Held {
+/// Contents of a flash, with the operations on them.
+pub struct FlashContents {
     /// Where it begins.
     pub start: u32,
-    /// What is there.
+    /// Bytes as they are now.
     pub cells: Cells,
     /// Erasures and programmed words so far.
     operations: u64,
@@ -76,7 +75,7 @@ pub struct Held {
     cuts: Option<Vec<Cells>>,
 }
 
-impl Held {
+impl FlashContents {
     /// Erased: `bytes` from `start` on.
     pub fn erased((start, bytes): (u32, u32)) -> Self {
         let cells = Cells { data: vec![0xff; bytes as usize], torn: BTreeSet::new() };

@@ -50,9 +50,9 @@ pub enum Cause {
     Watchdog,
 }
 
-/// Something that has a next moment.
+/// Origin of the events that the machine waits for.
 #[derive(Clone, Copy, Debug)]
-pub enum Part {
+pub enum EventSource {
     /// SysTick.
     System,
     /// The scan's timer.
@@ -110,7 +110,7 @@ pub struct Common {
     plants: Vec<Plant>,
     /// Readings of these converters that the DMA is still to miss.
     withheld: [u32; 2],
-    pub(super) next: Option<(Tick, Part)>,
+    pub(super) next: Option<(Tick, EventSource)>,
     /// All before this has happened.
     pub(super) now: Tick,
 }
@@ -159,14 +159,14 @@ impl Common {
     }
 
     /// When the parts do something next, these and the chip's own.
-    pub(super) fn schedule(&mut self, own: &[(Option<Tick>, Part)]) {
-        let parts = [
-            (self.system.next(), Part::System),
-            (self.tim1.next(), Part::Tim1),
-            (self.tim2.next(), Part::Tim2),
-            (self.iwdg.next(), Part::Iwdg),
+    pub(super) fn schedule(&mut self, own: &[(Option<Tick>, EventSource)]) {
+        let sources = [
+            (self.system.next(), EventSource::System),
+            (self.tim1.next(), EventSource::Tim1),
+            (self.tim2.next(), EventSource::Tim2),
+            (self.iwdg.next(), EventSource::Iwdg),
         ];
-        let known = parts.iter().chain(own).filter_map(|(at, part)| Some(((*at)?, *part)));
+        let known = sources.iter().chain(own).filter_map(|(at, source)| Some(((*at)?, *source)));
         self.next = known.min_by_key(|(at, _)| *at);
     }
 
@@ -247,8 +247,8 @@ pub trait Chip {
     fn schedule(&mut self);
     /// Lets interrupts' lines follow what asks for them.
     fn raise(&mut self);
-    /// What a part does at its moment. True where it may ask for an interrupt.
-    fn happen(&mut self, part: Part, now: Tick, memory: &mut dyn Memory) -> Outcome<bool>;
+    /// Does what a source does at its moment; true where it may ask for an interrupt.
+    fn happen(&mut self, source: EventSource, now: Tick, memory: &mut dyn Memory) -> Outcome<bool>;
     /// Reads a register; `now` is the time and the core's cycles.
     fn read_register(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32>;
     /// Writes it.
@@ -279,11 +279,11 @@ pub trait Chip {
     /// # Errors
     /// What the chip does not have, or must not be asked.
     fn advance(&mut self, now: Tick, memory: &mut dyn Memory) -> Outcome {
-        while let Some((at, part)) = self.common().next.filter(|(at, _)| *at <= now) {
+        while let Some((at, source)) = self.common().next.filter(|(at, _)| *at <= now) {
             // What was waiting for something that has just come is not done in the past.
             let at = at.max(self.common().now);
             self.common_mut().now = at;
-            if self.happen(part, at, memory)? {
+            if self.happen(source, at, memory)? {
                 self.raise();
             }
             self.schedule();

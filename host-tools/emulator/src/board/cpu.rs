@@ -10,7 +10,7 @@ use anyhow::{Result, anyhow};
 use unicorn_engine::{Arch, ArmCpuModel, Mode, RegisterARM, Unicorn, uc_error};
 
 use super::Outcome;
-use super::cells::Held;
+use super::cells::FlashContents;
 use super::chip::{Cause, Chip};
 use super::finger::Finger;
 use super::host::Host;
@@ -133,8 +133,8 @@ impl Board {
     }
 
     /// What the flash holds that the program changes.
-    pub fn flash(&mut self) -> &mut Held {
-        self.chip().flash().held()
+    pub fn flash(&mut self) -> &mut FlashContents {
+        self.chip().flash().contents()
     }
 
     /// The core stands still for so long.
@@ -352,7 +352,7 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
     pay(inside, start);
     let Some(chip) = inside.chip.as_mut() else { return };
     inside.now = inside.now.max(chip.common().stalled);
-    if chip.flash().held().has_lost_power() {
+    if chip.flash().contents().has_lost_power() {
         return stop(unicorn, Stop::Reset(Cause::Power));
     }
     if let Some(cause) = chip.common_mut().take_reset() {

@@ -2,12 +2,7 @@
 
 use super::finger::Moment;
 use super::time::{HZ, Tick};
-use drawing::{Bar, Kind, Lane, Panel};
-
-// The pages' own file, so that both boards' diagrams look alike.
-#[path = "../../../../boards/scan-plan/tests/scan/drawing.rs"]
-#[expect(dead_code, reason = "what becomes of a frame is not on the pins")]
-mod drawing;
+use scan_plan::drawing::{self, Bar, Kind, Lane, Panel};
 
 /// Steps of a frame.
 const STEPS: usize = 5;

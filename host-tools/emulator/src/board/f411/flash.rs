@@ -4,7 +4,7 @@
 //! own code is not modelled. While the flash is busy the core stands still, since it fetches from there. There is no
 //! error correction: what a cut leaves reads as it is, half of it done.
 
-use crate::board::cells::{Cells, Flash as Changed, Held, LOCK, Lock};
+use crate::board::cells::{Cells, Flash as Changed, FlashContents, LOCK, Lock};
 use crate::board::time::{Tick, micros};
 use crate::board::{Outcome, UNMODELLED};
 
@@ -40,7 +40,7 @@ const HALF_DONE: u8 = 0b0101_0110;
 
 /// The flash's controller, and what it controls.
 pub struct Flash {
-    held: Held,
+    contents: FlashContents,
     acr: u32,
     cr: u32,
     sr: u32,
@@ -50,15 +50,21 @@ pub struct Flash {
 impl Default for Flash {
     /// Erased.
     fn default() -> Self {
-        Self { held: Held::erased(DATA), acr: 0, cr: LOCK, sr: 0, lock: Lock::default() }
+        Self {
+            contents: FlashContents::erased(DATA),
+            acr: 0,
+            cr: LOCK,
+            sr: 0,
+            lock: Lock::default(),
+        }
     }
 }
 
 impl Flash {
     /// The controller is reset; what was programmed stays.
     pub fn reset(&mut self) {
-        let held = std::mem::replace(&mut self.held, Held::erased((0, 0)));
-        *self = Self { held, ..Self::default() };
+        let contents = std::mem::replace(&mut self.contents, FlashContents::erased((0, 0)));
+        *self = Self { contents, ..Self::default() };
     }
 
     /// Wait states.
@@ -122,11 +128,11 @@ impl Flash {
         let (address, bytes, times) = sector?;
         // By 64 bits it takes a second voltage.
         let time = times.get(self.parallelism()).ok_or("PSIZE = x64")?;
-        let cells = self.held.bytes(address, bytes)?;
+        let cells = self.contents.bytes(address, bytes)?;
         let before = cells.to_vec();
         cells.fill(0xff);
         // Cut short, some of its bits are erased and some not.
-        self.held.finish(|cells| half_done(cells, address, &before));
+        self.contents.finish(|cells| half_done(cells, address, &before));
         Ok(*time)
     }
 }
@@ -140,12 +146,12 @@ fn half_done(cells: &mut Cells, address: u32, before: &[u8]) {
 }
 
 impl Changed for Flash {
-    fn held(&mut self) -> &mut Held {
-        &mut self.held
+    fn contents(&mut self) -> &mut FlashContents {
+        &mut self.contents
     }
 
     fn fetch(&mut self, address: u32, size: u32) -> (u32, bool) {
-        (self.held.fetch(address, size), false)
+        (self.contents.fetch(address, size), false)
     }
 
     fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick> {
@@ -155,11 +161,11 @@ impl Changed for Flash {
         if size != 4 || address & 3 != 0 || self.parallelism() != WORDS {
             return Err("a write to the flash that is not a word by PSIZE = x32".into());
         }
-        let cells = self.held.bytes(address, 4)?;
+        let cells = self.contents.bytes(address, 4)?;
         let before = cells.to_vec();
         // A bit can only be cleared.
         cells.iter_mut().zip(value.to_le_bytes()).for_each(|(cell, byte)| *cell &= byte);
-        self.held.finish(|cells| half_done(cells, address, &before));
+        self.contents.finish(|cells| half_done(cells, address, &before));
         Ok(PROGRAM)
     }
 }

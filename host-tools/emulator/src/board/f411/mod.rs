@@ -10,10 +10,10 @@ pub mod registers;
 
 use super::Outcome;
 use super::cells::Flash as Changed;
-use super::chip::{Cause, Chip, Common, Map, Memory, PRIVATE, Part};
+use super::chip::{Cause, Chip, Common, EventSource, Map, Memory, PRIVATE};
 use super::finger::{Finger, Moment, Source, Wiring};
 use super::host::Host;
-use super::plain::Plain;
+use super::stored::StoredRegisters;
 use super::system;
 use super::time::Tick;
 use adc::Adc;
@@ -83,22 +83,22 @@ const INTERNAL: u32 = 1 << 23;
 /// Registers that keep what is written, and of which nothing else is modelled.
 struct Kept {
     /// CR, CSR: the voltage regulator is ready at once (VOSRDY).
-    pwr: Plain,
-    syscfg: Plain,
-    exti: Plain,
-    dbgmcu: Plain,
+    pwr: StoredRegisters,
+    syscfg: StoredRegisters,
+    exti: StoredRegisters,
+    dbgmcu: StoredRegisters,
     /// CCR.
-    adc_common: Plain,
+    adc_common: StoredRegisters,
 }
 
 impl Default for Kept {
     fn default() -> Self {
         Self {
-            pwr: Plain::new(&[(0x00, 0x8000), (0x04, 0x4000)]),
-            syscfg: Plain::new(&[(0x08, 0), (0x0c, 0), (0x10, 0), (0x14, 0)]),
-            exti: Plain::new(&[(0x00, 0), (0x08, 0), (0x0c, 0)]),
-            dbgmcu: Plain::new(&[(0x00, 0x1000_6431), (0x04, 0)]),
-            adc_common: Plain::new(&[(0x04, 0)]),
+            pwr: StoredRegisters::new(&[(0x00, 0x8000), (0x04, 0x4000)]),
+            syscfg: StoredRegisters::new(&[(0x08, 0), (0x0c, 0), (0x10, 0), (0x14, 0)]),
+            exti: StoredRegisters::new(&[(0x00, 0), (0x08, 0), (0x0c, 0)]),
+            dbgmcu: StoredRegisters::new(&[(0x00, 0x1000_6431), (0x04, 0)]),
+            adc_common: StoredRegisters::new(&[(0x04, 0)]),
         }
     }
 }
@@ -230,8 +230,8 @@ impl Chip for F411 {
 
     fn schedule(&mut self) {
         self.common.schedule(&[
-            (self.adc.next(), Part::Adc(0)),
-            (self.common.host.next(&self.otg), Part::Host),
+            (self.adc.next(), EventSource::Adc(0)),
+            (self.common.host.next(&self.otg), EventSource::Host),
         ]);
     }
 
@@ -245,16 +245,16 @@ impl Chip for F411 {
         }
     }
 
-    fn happen(&mut self, part: Part, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
-        match part {
-            Part::System => self.common.system.advance(now),
-            Part::Tim1 => self.tim1_edge(now, memory)?,
-            Part::Tim2 => _ = self.common.tim2.advance(now),
-            Part::Adc(_) => return self.adc_moment(now, memory),
-            Part::Iwdg => self.common.bite(),
-            Part::Host => self.common.host.advance(now, &mut self.otg)?,
+    fn happen(&mut self, source: EventSource, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
+        match source {
+            EventSource::System => self.common.system.advance(now),
+            EventSource::Tim1 => self.tim1_edge(now, memory)?,
+            EventSource::Tim2 => _ = self.common.tim2.advance(now),
+            EventSource::Adc(_) => return self.adc_moment(now, memory),
+            EventSource::Iwdg => self.common.bite(),
+            EventSource::Host => self.common.host.advance(now, &mut self.otg)?,
             // It is checked where the clock changes.
-            Part::Voltage => {}
+            EventSource::Voltage => {}
         }
         Ok(true)
     }

@@ -2,7 +2,7 @@
 
 use super::{
     ADCS, Adc, Bit, Dma, G431, MODES, PWR_CR5, Place, RESETS, UNBOOSTED, Unit, Usb, adc_common,
-    opamp, plain,
+    opamp, stored_registers,
 };
 use crate::board::chip::PRIVATE;
 use crate::board::gpio::Gpio;
@@ -20,7 +20,7 @@ impl G431 {
     /// The core may be faster than its voltage allows for a moment: embassy-stm32 0.6 cannot switch boost
     /// mode on before it raises the clock.
     fn check_voltage(&mut self, now: Tick) {
-        let pwr = self.plain.iter().find(|(name, _)| *name == "PWR");
+        let pwr = self.stored.iter().find(|(name, _)| *name == "PWR");
         // R1MODE
         let boosted =
             pwr.and_then(|(_, pwr)| pwr.read(PWR_CR5).ok()).is_some_and(|cr5| cr5 >> 8 & 1 == 0);
@@ -43,10 +43,12 @@ impl G431 {
                 Unit::AdcCommon => self.adc_common = adc_common(),
                 Unit::Opamp(i) => self.opamp[i] = opamp(),
                 Unit::Usb => self.usb = Usb::default(),
-                Unit::Plain(i) => {
-                    let name = self.plain[i].0;
-                    if let Some(fresh) = plain().into_iter().find(|(its, _)| *its == name) {
-                        self.plain[i] = fresh;
+                Unit::Stored(i) => {
+                    let name = self.stored[i].0;
+                    if let Some(fresh) =
+                        stored_registers().into_iter().find(|(its, _)| *its == name)
+                    {
+                        self.stored[i] = fresh;
                     }
                 }
                 Unit::Rcc | Unit::Iwdg | Unit::UsbMemory => {}
@@ -87,7 +89,7 @@ impl G431 {
             Unit::Iwdg => self.common.iwdg.read(word),
             Unit::Usb => self.usb.read(word, self.common.host.frame(now.0)),
             Unit::UsbMemory => return self.usb.read_memory(offset, size),
-            Unit::Plain(i) => self.plain[i].1.read(word),
+            Unit::Stored(i) => self.stored[i].1.read(word),
         }?;
         Ok(value >> (8 * (offset & 3)) & u32::MAX >> (32 - 8 * size))
     }
@@ -151,8 +153,8 @@ impl G431 {
             Unit::Iwdg => self.common.iwdg.write(offset, value, now),
             Unit::Usb => self.usb.write(offset, value, self.rcc.usb_clock()),
             Unit::UsbMemory => self.usb.write_memory(offset, size, value),
-            Unit::Plain(i) => {
-                self.plain[i].1.write(offset, value)?;
+            Unit::Stored(i) => {
+                self.stored[i].1.write(offset, value)?;
                 self.check_voltage(now);
                 Ok(())
             }

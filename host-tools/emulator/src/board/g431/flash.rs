@@ -3,7 +3,7 @@
 //! Only the pages that `memory.x` keeps from the program can be erased and programmed: a firmware that changes its own code is
 //! not modelled. While the flash is busy the core stands still, since it fetches from there.
 
-use crate::board::cells::{Cells, Flash as Changed, Held, LOCK, Lock};
+use crate::board::cells::{Cells, Flash as Changed, FlashContents, LOCK, Lock};
 use crate::board::time::{Tick, micros};
 use crate::board::{Outcome, UNMODELLED};
 
@@ -26,7 +26,7 @@ const ERASE: Tick = micros(22_020);
 
 /// The flash's controller, and what it controls.
 pub struct Flash {
-    held: Held,
+    contents: FlashContents,
     acr: u32,
     cr: u32,
     sr: u32,
@@ -40,7 +40,7 @@ impl Default for Flash {
     /// Erased.
     fn default() -> Self {
         Self {
-            held: Held::erased(DATA),
+            contents: FlashContents::erased(DATA),
             acr: 0x600,
             cr: LOCK,
             sr: 0,
@@ -54,8 +54,8 @@ impl Default for Flash {
 impl Flash {
     /// The controller is reset; what was programmed stays.
     pub fn reset(&mut self) {
-        let held = std::mem::replace(&mut self.held, Held::erased((0, 0)));
-        *self = Self { held, ..Self::default() };
+        let contents = std::mem::replace(&mut self.contents, FlashContents::erased((0, 0)));
+        *self = Self { contents, ..Self::default() };
     }
 
     /// Wait states.
@@ -65,10 +65,10 @@ impl Flash {
 
     fn erase(&mut self, page: u32) -> Outcome<Tick> {
         let address = ALL.0 + page * PAGE;
-        self.held.bytes(address, PAGE)?.fill(0xff);
-        self.held.cells.torn.retain(|word| !(address..address + PAGE).contains(word));
+        self.contents.bytes(address, PAGE)?.fill(0xff);
+        self.contents.cells.torn.retain(|word| !(address..address + PAGE).contains(word));
         // Cut short, some cells are erased and some not: no word of it can be trusted.
-        self.held.finish(|cells| tear(cells, address, PAGE));
+        self.contents.finish(|cells| tear(cells, address, PAGE));
         Ok(ERASE)
     }
 
@@ -123,17 +123,17 @@ fn tear(cells: &mut Cells, address: u32, length: u32) {
 }
 
 impl Changed for Flash {
-    fn held(&mut self) -> &mut Held {
-        &mut self.held
+    fn contents(&mut self) -> &mut FlashContents {
+        &mut self.contents
     }
 
     fn fetch(&mut self, address: u32, size: u32) -> (u32, bool) {
-        let torn = self.held.cells.torn.contains(&(address & !7));
+        let torn = self.contents.cells.torn.contains(&(address & !7));
         if torn {
             // ECCD; the place is left out.
             self.eccr |= 1 << 31;
         }
-        (self.held.fetch(address, size), torn)
+        (self.contents.fetch(address, size), torn)
     }
 
     /// A word is half of a double word.
@@ -152,8 +152,8 @@ impl Changed for Flash {
             return Err("the second word does not follow the first".into());
         }
         let word = [low.to_le_bytes(), value.to_le_bytes()].concat();
-        let torn = self.held.cells.torn.contains(&first);
-        let place = self.held.bytes(first, 8)?;
+        let torn = self.contents.cells.torn.contains(&first);
+        let place = self.contents.bytes(first, 8)?;
         let erased = place.iter().all(|byte| *byte == 0xff) && !torn;
         if !erased && word.iter().any(|byte| *byte != 0) {
             // PROGERR: the word is not changed.
@@ -161,8 +161,8 @@ impl Changed for Flash {
             return Ok(0);
         }
         place.copy_from_slice(&word);
-        self.held.cells.torn.remove(&first);
-        self.held.finish(|cells| tear(cells, first, 8));
+        self.contents.cells.torn.remove(&first);
+        self.contents.finish(|cells| tear(cells, first, 8));
         Ok(PROGRAM)
     }
 }

@@ -14,10 +14,10 @@ use stm32_metapac::adccommon::regs::Ccr;
 
 use super::Outcome;
 use super::cells::Flash as Changed;
-use super::chip::{Cause, Chip, Common, Map, Memory, PRIVATE, Part};
+use super::chip::{Cause, Chip, Common, EventSource, Map, Memory, PRIVATE};
 use super::finger::{Finger, Moment, Source, Wiring};
 use super::host::Host;
-use super::plain::Plain;
+use super::stored::StoredRegisters;
 use super::system;
 use super::time::{Tick, micros};
 use adc::Adc;
@@ -81,7 +81,7 @@ enum Unit {
     Iwdg,
     Usb,
     UsbMemory,
-    Plain(usize),
+    Stored(usize),
 }
 
 /// Where a peripheral stands, and which bits switch it on and reset it.
@@ -125,21 +125,21 @@ pub struct G431 {
     flash: Flash,
     dma: Dma,
     adc: [Adc; 2],
-    adc_common: Plain,
-    opamp: [Plain; 2],
+    adc_common: StoredRegisters,
+    opamp: [StoredRegisters; 2],
     usb: Usb,
-    plain: Vec<(&'static str, Plain)>,
+    stored: Vec<(&'static str, StoredRegisters)>,
     /// Until when the core may be this fast at this voltage.
     voltage_limit: Option<Tick>,
 }
 
 /// What is kept as it is written: clock recovery, voltage, wiring of pins to interrupts, debugging.
-fn plain() -> Vec<(&'static str, Plain)> {
+fn stored_registers() -> Vec<(&'static str, StoredRegisters)> {
     vec![
         // CR1 to CR5, SR1, SR2: the voltage regulator is ready at once.
         (
             "PWR",
-            Plain::new(&[
+            StoredRegisters::new(&[
                 (0x00, 0x200),
                 (0x04, 0),
                 (0x08, 0x8000),
@@ -151,7 +151,7 @@ fn plain() -> Vec<(&'static str, Plain)> {
         ),
         (
             "SYSCFG",
-            Plain::new(&[
+            StoredRegisters::new(&[
                 (0x00, 0),
                 (0x04, 0x7c00_0001),
                 (0x08, 0),
@@ -160,18 +160,18 @@ fn plain() -> Vec<(&'static str, Plain)> {
                 (0x14, 0),
             ]),
         ),
-        ("EXTI", Plain::new(&[(0x00, 0xff82_0000), (0x08, 0), (0x0c, 0)])),
-        ("CRS", Plain::new(&[(0x00, 0x4000), (0x04, 0x2022_bb7f), (0x08, 0)])),
-        ("DBGMCU", Plain::new(&[(0x00, 0x2001_6468), (0x04, 0)])),
+        ("EXTI", StoredRegisters::new(&[(0x00, 0xff82_0000), (0x08, 0), (0x0c, 0)])),
+        ("CRS", StoredRegisters::new(&[(0x00, 0x4000), (0x04, 0x2022_bb7f), (0x08, 0)])),
+        ("DBGMCU", StoredRegisters::new(&[(0x00, 0x2001_6468), (0x04, 0)])),
     ]
 }
 
-fn adc_common() -> Plain {
-    Plain::new(&[(0x08, 0)])
+fn adc_common() -> StoredRegisters {
+    StoredRegisters::new(&[(0x08, 0)])
 }
 
-fn opamp() -> Plain {
-    Plain::new(&[(0x00, 0), (0x18, 0)])
+fn opamp() -> StoredRegisters {
+    StoredRegisters::new(&[(0x00, 0), (0x18, 0)])
 }
 
 impl G431 {
@@ -179,7 +179,7 @@ impl G431 {
     pub fn new(mut finger: Finger, host: Host) -> Self {
         finger.wire(WIRING);
         let names = Names::default();
-        let plain = plain();
+        let stored = stored_registers();
         let mut units: Vec<(&str, Unit)> = vec![
             ("RCC", Unit::Rcc),
             ("FLASH", Unit::Flash),
@@ -195,7 +195,7 @@ impl G431 {
         units.extend(PORTS.iter().enumerate().map(|(i, name)| (*name, Unit::Gpio(i))));
         units.extend(ADCS.iter().enumerate().map(|(i, name)| (*name, Unit::Adc(i))));
         units.extend(OPAMPS.iter().enumerate().map(|(i, (name, _))| (*name, Unit::Opamp(i))));
-        units.extend(plain.iter().enumerate().map(|(i, (name, _))| (*name, Unit::Plain(i))));
+        units.extend(stored.iter().enumerate().map(|(i, (name, _))| (*name, Unit::Stored(i))));
         let mut units: Vec<Place> = units.into_iter().map(Place::new).collect();
         units.sort_by_key(|place| place.base);
         Self {
@@ -220,7 +220,7 @@ impl G431 {
             adc_common: adc_common(),
             opamp: OPAMPS.map(|_| opamp()),
             usb: Usb::default(),
-            plain,
+            stored,
             voltage_limit: None,
         }
     }
@@ -346,7 +346,7 @@ impl Chip for G431 {
         self.adc_common = adc_common();
         self.opamp = OPAMPS.map(|_| opamp());
         self.usb = Usb::default();
-        self.plain = plain();
+        self.stored = stored_registers();
         self.voltage_limit = None;
         self.common.reset(now, &MODES);
         self.plan();
@@ -354,10 +354,10 @@ impl Chip for G431 {
 
     fn schedule(&mut self) {
         self.common.schedule(&[
-            (self.adc[0].next(), Part::Adc(0)),
-            (self.adc[1].next(), Part::Adc(1)),
-            (self.common.host.next(&self.usb), Part::Host),
-            (self.voltage_limit, Part::Voltage),
+            (self.adc[0].next(), EventSource::Adc(0)),
+            (self.adc[1].next(), EventSource::Adc(1)),
+            (self.common.host.next(&self.usb), EventSource::Host),
+            (self.voltage_limit, EventSource::Voltage),
         ]);
     }
 
@@ -371,16 +371,16 @@ impl Chip for G431 {
         }
     }
 
-    fn happen(&mut self, part: Part, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
-        match part {
-            Part::System => self.common.system.advance(now),
-            Part::Tim1 => self.tim1_edge(now, memory)?,
-            Part::Tim2 => _ = self.common.tim2.advance(now),
+    fn happen(&mut self, source: EventSource, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
+        match source {
+            EventSource::System => self.common.system.advance(now),
+            EventSource::Tim1 => self.tim1_edge(now, memory)?,
+            EventSource::Tim2 => _ = self.common.tim2.advance(now),
             // A sample alone asks for nothing.
-            Part::Adc(i) => return self.adc_moment(i, now, memory),
-            Part::Iwdg => self.common.bite(),
-            Part::Host => self.common.host.advance(now, &mut self.usb)?,
-            Part::Voltage => {
+            EventSource::Adc(i) => return self.adc_moment(i, now, memory),
+            EventSource::Iwdg => self.common.bite(),
+            EventSource::Host => self.common.host.advance(now, &mut self.usb)?,
+            EventSource::Voltage => {
                 return Err("a core faster than 150 MHz without boost mode (PWR.CR5.R1MODE)".into());
             }
         }

@@ -21,13 +21,13 @@ use crate::support::{
     tim1,
 };
 
-fn the_image_boots_enumerates_and_streams_ten_seconds_without_a_loss(model: Model) {
+fn streams_without_a_loss(model: Model, seconds: u64) {
     let mut session = session(model, false);
     session.ask(Command::SetFields(Fields::ALL)).unwrap();
     let before = info(&mut session);
     assert_eq!((before.identity.board.as_str(), before.identity.scan_hz), (name(model), 4000));
     session.ask(Command::Stream(true)).unwrap();
-    session.run(micros(10_000_000)).unwrap();
+    session.run(micros(1_000_000 * seconds)).unwrap();
     let after = info(&mut session);
 
     let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
@@ -35,13 +35,18 @@ fn the_image_boots_enumerates_and_streams_ten_seconds_without_a_loss(model: Mode
     assert_eq!(after.counters.lost, 0);
     assert_eq!(after.counters.overruns, before.counters.overruns);
     assert_eq!((after.counters.bad_packets, session.bad), (0, 0));
-    assert!((10_000..10_010).contains(&session.frames.len()), "{} frames", session.frames.len());
+    let due = 1000 * seconds as usize;
+    assert!((due..due + 10).contains(&session.frames.len()), "{} frames", session.frames.len());
     for pair in session.frames.windows(2) {
         let [(_, a), (_, b)] = pair else { panic!() };
         assert_eq!(b.seq, a.seq + 1);
         assert!((999..=1001).contains(&(b.time.0 - a.time.0)), "{} to {}", a.time.0, b.time.0);
         assert!(!b.status.contains(Status::OVERRUN));
     }
+}
+
+fn the_image_boots_enumerates_and_streams_two_seconds_without_a_loss(model: Model) {
+    streams_without_a_loss(model, 2);
 }
 
 fn what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows(model: Model) {
@@ -90,20 +95,22 @@ fn frames_are_the_hosts_own_byte_for_byte(model: Model) {
     assert!((first.saturating_sub(40)..=first).any(|begin| equal(&begin)));
 }
 
+/// For longer than either watchdog waits, half a second and three.
 fn a_host_that_stops_reading_costs_frames_that_are_counted_and_nothing_else(model: Model) {
     let mut session = session(model, false);
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(100_000)).unwrap();
     let before = info(&mut session);
     session.board.host().reading = false;
-    session.run(micros(5_000_000)).unwrap();
+    session.run(micros(4_000_000)).unwrap();
     session.board.host().reading = true;
     session.run(micros(100_000)).unwrap();
     let after = info(&mut session);
     assert_eq!((after.counters.bad_packets, session.bad), (0, 0));
-    assert!(after.counters.lost > 4900, "{} frames lost", after.counters.lost);
+    let lost = after.counters.lost;
+    assert!(lost > 3900, "{lost} frames lost");
     let gaps: u32 = session.frames.windows(2).map(|pair| pair[1].1.seq - pair[0].1.seq - 1).sum();
-    assert_eq!(gaps, after.counters.lost);
+    assert_eq!(gaps, lost);
     assert_eq!(after.counters.overruns, before.counters.overruns);
     // The scan went on. A frame's time is when its interrupt came, which waits for what masks it at most.
     for pair in session.frames.windows(2) {
@@ -245,10 +252,11 @@ fn settings_outlast_the_cable_and_saved_ones_the_power(model: Model) {
     assert_eq!(info(&mut session).rate_millihertz, 250_000);
 }
 
-/// After a cut in any operation the flash holds what `Held::keep_cuts` keeps: the program stands still meanwhile,
-/// and nothing else outlasts the power. So one upload shows all cuts, and each is started from; of the Black Pill's
-/// the first, the last and some between them.
-fn a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other(model: Model) {
+/// Checks the start after a power cut in every `each`-th operation of an upload, and in its first and last three.
+///
+/// After a cut in any operation the flash holds what `FlashContents::keep_cuts` keeps: the program stands still
+/// meanwhile, and nothing else outlasts the power. So one upload shows all cuts.
+fn power_cuts(model: Model, each: usize) {
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
     let mut calibration = taxel_files::calibration::read(&path).unwrap();
     let mut session = session(model, false);
@@ -268,7 +276,7 @@ fn a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other
 
     let (mut dates, ends) = (Vec::new(), [0..3, cuts.len() - 3..cuts.len()]);
     for (i, cut) in cuts.iter().enumerate() {
-        if model == Model::F411 && i % 61 > 0 && !ends.iter().any(|end| end.contains(&i)) {
+        if i % each > 0 && !ends.iter().any(|end| end.contains(&i)) {
             continue;
         }
         session.board.flash().cells = cut.clone();
@@ -295,6 +303,10 @@ fn a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other
         session.upload(record).unwrap();
         assert_eq!(info(&mut session).calibration.unwrap().date, calibration.date);
     }
+}
+
+fn a_power_cut_in_an_operation_of_an_upload_leaves_one_calibration_or_the_other(model: Model) {
+    power_cuts(model, 61);
 }
 
 fn the_watchdog_bites_where_no_scan_comes(model: Model) {
@@ -357,7 +369,7 @@ macro_rules! on_both {
 }
 
 on_both! {
-    the_image_boots_enumerates_and_streams_ten_seconds_without_a_loss
+    the_image_boots_enumerates_and_streams_two_seconds_without_a_loss
     what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows
     frames_are_the_hosts_own_byte_for_byte
     a_host_that_stops_reading_costs_frames_that_are_counted_and_nothing_else
@@ -368,7 +380,32 @@ on_both! {
     a_self_test_measures_what_is_on_the_pins
     the_bootloader_is_entered_after_the_answer
     settings_outlast_the_cable_and_saved_ones_the_power
-    a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other
+    a_power_cut_in_an_operation_of_an_upload_leaves_one_calibration_or_the_other
     the_watchdog_bites_where_no_scan_comes
     a_dissector_finds_nothing_malformed_and_a_serial_port
+}
+
+/// As long as it takes.
+mod nightly {
+    use super::{Model, power_cuts, streams_without_a_loss};
+
+    #[test]
+    fn g431_streams_ten_seconds_without_a_loss() {
+        streams_without_a_loss(Model::G431, 10);
+    }
+
+    #[test]
+    fn f411_streams_ten_seconds_without_a_loss() {
+        streams_without_a_loss(Model::F411, 10);
+    }
+
+    #[test]
+    fn g431_keeps_a_calibration_over_every_power_cut() {
+        power_cuts(Model::G431, 1);
+    }
+
+    #[test]
+    fn f411_keeps_a_calibration_over_many_power_cuts() {
+        power_cuts(Model::F411, 13);
+    }
 }

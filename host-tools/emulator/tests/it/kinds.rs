@@ -1,14 +1,16 @@
 //! The runs that tell what each kind of scene costs are of their kinds, from the first scan that is to the last.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use cycles::kinds::KINDS;
 use taxel::finger::Finger;
 use taxel::frame::Status;
 use taxel_files::trace::TraceReader;
 
+use crate::support::repository;
+
 fn whole() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/whole")
+    repository().join("host-tools/emulator/data/whole")
 }
 
 #[test]

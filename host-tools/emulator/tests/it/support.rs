@@ -38,11 +38,9 @@ pub fn tim1(model: Model) -> u32 {
 }
 
 /// The very image that is flashed.
-fn image(model: Model) -> Vec<u8> {
+pub fn image(model: Model) -> Vec<u8> {
     let name = name(model);
-    let directory = std::env::var_os("TAXEL_FIRMWARE_DIR").map(PathBuf::from);
-    let directory = directory.unwrap_or_else(|| repository().join("boards/target/firmware"));
-    let path = directory.join(name).with_extension("elf");
+    let path = repository().join("boards/target/firmware").join(name).with_extension("elf");
     std::fs::read(&path).unwrap_or_else(|error| {
         panic!("{}: {error}; build it with `cargo xtask firmware {name}`", path.display())
     })
@@ -71,6 +69,17 @@ pub fn info(session: &mut Session) -> Info {
         Response::Info(info) => info,
         other => panic!("{other:?}"),
     }
+}
+
+/// Reads the numbers in the row of this name on the product's page: the value and, where there is one, the share
+/// of a frame that it may take at most.
+pub fn stated(row: &str) -> (u32, Option<u32>) {
+    let page = std::fs::read_to_string(repository().join("docs/boards/stm32g431.md")).unwrap();
+    let line = page.lines().find(|line| line.starts_with(&format!("| {row} |")));
+    let cells: Vec<_> =
+        line.unwrap_or_else(|| panic!("no row `{row}`")).split('|').map(str::trim).collect();
+    let digits = |cell: &&str| cell.chars().filter(char::is_ascii_digit).collect::<String>();
+    (digits(&cells[2]).parse().unwrap(), cells.get(4).and_then(|cell| digits(cell).parse().ok()))
 }
 
 /// The greatest distance of a streamed code from what the scene shows, in codes of 12 bits; all channels of

@@ -1,50 +1,31 @@
 //! What the very image that is flashed says when it is disturbed: what is lost, broken, or not there.
 
-use std::path::{Path, PathBuf};
-
 use taxel::calibration::MAX_BYTES;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
 use taxel::wire::message::{Command, Counters, Reset, Response};
-use taxel_files::trace::TraceReader;
 
 use taxel_emulator::board::chip::Cause;
-use taxel_emulator::board::cpu::{Board, End};
-use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
-use taxel_emulator::board::host::Host;
-use taxel_emulator::board::model::Model;
+use taxel_emulator::board::cpu::End;
+use taxel_emulator::board::model::Model::G431;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::system::NMI;
 use taxel_emulator::board::time::{Tick, micros};
 
+use crate::support::{self, info, repository, stated};
+
 /// Between two scans.
 const PERIOD: Tick = micros(250);
 
-fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
 fn session() -> Session {
-    let repository = repository();
-    let directory = std::env::var_os("TAXEL_FIRMWARE_DIR").map(PathBuf::from);
-    let directory = directory.unwrap_or_else(|| repository.join("boards/target/firmware"));
-    let image = std::fs::read(directory.join("stm32g431.elf"))
-        .expect("the firmware: build it with `cargo xtask firmware stm32g431`");
-    let trace = repository.join("host-tools/emulator/data/scans.csv");
-    let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
-    let finger = Finger::new(scans.map(in_12_bits).collect(), Pace::Scans);
-    let mut session =
-        Session::open(Board::new(Model::G431, &image, finger, Host::new(false)).unwrap()).unwrap();
+    let mut session = support::session(G431, false);
     session.ask(Command::SetFields(Fields::ESTIMATES)).unwrap();
     session.ask(Command::SetRate { hz: 4000 }).unwrap();
     session
 }
 
 fn counters(session: &mut Session) -> Counters {
-    match session.ask(Command::Info).unwrap() {
-        Response::Info(info) => info.counters,
-        other => panic!("{other:?}"),
-    }
+    info(session).counters
 }
 
 /// Scans that the board should have taken since `before`, less those that it says it has taken or lost.
@@ -144,16 +125,7 @@ fn the_model_of_the_skin_that_the_image_goes_without_is_refused() {
     let mut session = session();
     let refused = session.ask(Command::SetPointMethod(PointMethod::Model)).unwrap_err();
     assert!(refused.to_string().contains("Unsupported"), "{refused}");
-    let Response::Info(info) = session.ask(Command::Info).unwrap() else { panic!() };
-    assert_eq!(info.point_method, PointMethod::Centroid);
-}
-
-/// The number in the first cell behind this row's name on the board's page.
-fn stated(row: &str) -> u32 {
-    let page = std::fs::read_to_string(repository().join("docs/boards/stm32g431.md")).unwrap();
-    let line = page.lines().find(|line| line.starts_with(&format!("| {row} |")));
-    let cell = line.unwrap_or_else(|| panic!("no row `{row}`")).split('|').nth(2).unwrap();
-    cell.chars().filter(char::is_ascii_digit).collect::<String>().parse().unwrap()
+    assert_eq!(info(&mut session).point_method, PointMethod::Centroid);
 }
 
 #[test]
@@ -192,7 +164,7 @@ fn an_upload_during_the_stream_costs_the_scans_that_the_page_states_and_no_more(
         (uploaded, "scans lost to an upload of the longest record"),
         (saved, "scans lost to saved settings"),
     ] {
-        let stated = stated(row);
+        let (stated, _) = stated(row);
         assert!(
             lost > 0 && lost <= stated && lost + 10 >= stated,
             "{row}: {lost}, the page says {stated}"

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 
 use super::{Outcome, UNMODELLED};
 
-/// Some of a peripheral's registers.
-pub struct Plain {
+/// Registers of a peripheral that have a value and no effect.
+pub struct StoredRegisters {
     /// By offset.
     values: BTreeMap<u32, u32>,
 }
 
-impl Plain {
+impl StoredRegisters {
     /// With these registers and reset values; all others stop the machine.
     pub fn new(registers: &[(u32, u32)]) -> Self {
         Self { values: registers.iter().copied().collect() }

@@ -1,15 +1,24 @@
-//! Draws what happens when, as SVG.
+//! Timing diagrams of the scan as SVG, for the boards' pages: one drawing for the plan and for the emulated pins.
 
 use std::fmt::Write;
+use std::format;
+use std::string::String;
+use std::vec::Vec;
 
-/// What a bar is about; it gives the colour.
-#[derive(Clone, Copy)]
+/// Subject of a bar; it gives the colour.
+#[derive(Clone, Copy, Debug)]
 pub enum Kind {
+    /// A row is lit, and settles.
     Light,
+    /// Nothing happens.
     Wait,
+    /// The columns are converted.
     Columns,
+    /// The bridges are converted.
     Bridges,
+    /// Reference and temperature are converted.
     Internal,
+    /// The core works.
     Compute,
 }
 
@@ -26,27 +35,38 @@ impl Kind {
     }
 }
 
-/// Something that lasts, in nanoseconds.
+/// A stretch of time.
+#[derive(Clone, Debug)]
 pub struct Bar {
+    /// Begin in nanoseconds.
     pub from: u64,
+    /// End in nanoseconds.
     pub to: u64,
+    /// Text within it; may be empty.
     pub label: String,
+    /// What it is about.
     pub kind: Kind,
 }
 
 /// One row of bars.
+#[derive(Clone, Debug)]
 pub struct Lane {
+    /// Text on its left.
     pub name: &'static str,
+    /// Its bars.
     pub bars: Vec<Bar>,
 }
 
 /// Lanes over one axis of time.
+#[derive(Clone, Debug)]
 pub struct Panel {
+    /// Text above it.
     pub title: String,
     /// Nanoseconds from edge to edge.
     pub length: u64,
     /// Nanoseconds from tick to tick.
     pub tick: u64,
+    /// From top to bottom.
     pub lanes: Vec<Lane>,
     /// Instants that go through all lanes, with their names.
     pub marks: Vec<(u64, &'static str)>,
@@ -58,7 +78,8 @@ const LANE: u64 = 34;
 const HEAD: u64 = 58;
 const FOOT: u64 = 44;
 
-/// All panels, one below the other.
+/// Draws all panels, one below the other.
+#[must_use]
 pub fn svg(panels: &[Panel]) -> String {
     let whole: u64 = panels.iter().map(height).sum();
     let width = LEFT + WIDTH + 20;
@@ -69,7 +90,8 @@ pub fn svg(panels: &[Panel]) -> String {
     );
     let mut top = 0;
     for panel in panels {
-        draw(&mut out, panel, top).expect("a string takes everything");
+        // A string takes everything.
+        let _ = draw(&mut out, panel, top);
         top += height(panel);
     }
     out + "</svg>\n"

@@ -1,12 +1,13 @@
 //! What the firmware copies and clears memory by, its own code, does what C says of it: every length, way of
 //! lying and overlap.
 
-use std::path::{Path, PathBuf};
-
 use object::LittleEndian;
 use object::read::elf::ElfFile32;
 use object::{Object, ObjectSegment, ObjectSymbol};
+use taxel_emulator::board::model::Model::G431;
 use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM, Unicorn};
+
+use crate::support::image;
 
 /// Where the code lies, what it works on, and where it comes back to.
 const CCM: u32 = 0x1000_0000;
@@ -25,11 +26,7 @@ struct Image {
 
 impl Image {
     fn open() -> Self {
-        let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let directory = std::env::var_os("TAXEL_FIRMWARE_DIR").map(PathBuf::from);
-        let directory = directory.unwrap_or_else(|| repository.join("boards/target/firmware"));
-        let bytes = std::fs::read(directory.join("stm32g431.elf"))
-            .expect("the firmware: build it with `cargo xtask firmware stm32g431`");
+        let bytes = image(G431);
         let elf = ElfFile32::<LittleEndian>::parse(&*bytes).unwrap();
         let mut unicorn = Unicorn::new(Arch::ARM, Mode::THUMB).unwrap();
         unicorn.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).unwrap();

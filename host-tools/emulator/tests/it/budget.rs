@@ -1,42 +1,25 @@
 //! What the very image that is flashed leaves of a frame when everything in it is at work, and what the
 //! board's page says of it.
 
-use std::path::{Path, PathBuf};
-
 use scan_plan::g431::CLOCK_HZ;
 use taxel::calibration::MAX_BYTES;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
 use taxel::wire::message::{Command, Request, Response};
 use taxel::wire::{MAX_PACKET, pack};
-use taxel_files::trace::TraceReader;
 
-use taxel_emulator::board::cpu::Board;
-use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
-use taxel_emulator::board::host::Host;
-use taxel_emulator::board::model::Model;
+use taxel_emulator::board::model::Model::G431;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::micros;
+
+use crate::support::{self, repository, stated};
 
 /// Cycles of a frame.
 const FRAME: u32 = CLOCK_HZ / 4000;
 
-fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
 /// A finger with every section of a record, each at its dearest, that smooths and streams every scan.
 fn session(fields: Fields) -> Session {
-    let directory = std::env::var_os("TAXEL_FIRMWARE_DIR").map(PathBuf::from);
-    let directory = directory.unwrap_or_else(|| repository().join("boards/target/firmware"));
-    let image = std::fs::read(directory.join("stm32g431.elf"))
-        .expect("the firmware: build it with `cargo xtask firmware stm32g431`");
-    let trace = repository().join("host-tools/emulator/data/scans.csv");
-    let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
-    let finger = Finger::new(scans.map(in_12_bits).collect(), Pace::Scans);
-    let mut session =
-        Session::open(Board::new(Model::G431, &image, finger, Host::new(false)).unwrap()).unwrap();
-
+    let mut session = support::session(G431, false);
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
     let calibration = cycles::dearest(&taxel_files::calibration::read(&path).unwrap());
     let mut record = [0; MAX_BYTES];
@@ -61,17 +44,6 @@ fn worst(session: &mut Session) -> [u32; 3] {
     let Response::Info(info) = session.ask(Command::Info).unwrap() else { panic!() };
     let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
     [health.reading.unwrap(), info.cost, health.sending.unwrap()].map(|cost| cost.worst)
-}
-
-/// The numbers in the page's row of this name: the cycles that it takes and, where there is one, the share of a
-/// frame that it may take at most.
-fn stated(row: &str) -> (u32, Option<u32>) {
-    let page = std::fs::read_to_string(repository().join("docs/boards/stm32g431.md")).unwrap();
-    let line = page.lines().find(|line| line.starts_with(&format!("| {row} |")));
-    let cells: Vec<_> =
-        line.unwrap_or_else(|| panic!("no row `{row}`")).split('|').map(str::trim).collect();
-    let digits = |cell: &&str| cell.chars().filter(char::is_ascii_digit).collect::<String>();
-    (digits(&cells[2]).parse().unwrap(), cells.get(4).and_then(|cell| digits(cell).parse().ok()))
 }
 
 /// It takes what the page says, but for the instructions that another compiler version shuffles, and no more
