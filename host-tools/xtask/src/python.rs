@@ -6,26 +6,31 @@ use std::process::Command;
 
 use anyhow::Result;
 
-use crate::run::{answer, cargo, locked, program, root, run, setup, target};
+use crate::run::{answer, program, root, run, setup, target};
 
-/// Runs them in an environment of their own under `target/`; `long`, streams take ten minutes and not seconds.
-pub fn tests(long: bool) -> Result<()> {
-    let client = root().join("host-tools/python");
+/// Lints and types of the client, and its installation, in environments of their own under `target/`.
+pub fn checks() -> Result<()> {
+    let client = folder();
     let python = environment(&client)?;
     let check = |module: &[&str]| run(program(&python, &client).arg("-m").args(module));
     check(&["ruff", "check", "."])?;
     check(&["ruff", "format", "--check", "src", "tests"])?;
     check(&["mypy"])?;
-    as_users_install_it(&python, &client)?;
-    // Only here: the bridges double the crates to build.
-    let bridges = ["--quiet", "--package", "taxel-cli", "--features", "zenoh,foxglove"];
-    run(cargo().arg("clippy").args(bridges).args(locked()).args(["--", "-D", "warnings"]))?;
-    run(cargo().args(["build", "--bin", "taxel"]).args(bridges).args(locked()))?;
-    let mut pytest = program(&python, &client);
+    as_users_install_it(&python, &client)
+}
+
+/// Tests of the client against the `taxel` command, which is built; `long`, streams take ten minutes and not seconds.
+pub fn tests(long: bool) -> Result<()> {
+    let client = folder();
+    let mut pytest = program(environment(&client)?, &client);
     if long {
         pytest.env("TAXEL_ENDURE_S", "600");
     }
     run(pytest.env("TAXEL", target().join("debug/taxel")).args(["-m", "pytest", "--quiet"]))
+}
+
+fn folder() -> PathBuf {
+    root().join("host-tools/python")
 }
 
 /// A program of somebody who has installed the client: types and all.

@@ -1,28 +1,19 @@
 //! Steps of a long task, with headings and times.
 
-use std::fmt;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 
 /// Steps that were taken, and parts that were left out.
-#[derive(Default)]
 pub struct Steps {
-    done: Vec<(String, Took)>,
+    start: Instant,
+    done: Vec<(String, Duration)>,
     left_out: Vec<String>,
 }
 
-/// Time of a step on the wall, and of its programs on all processors.
-#[derive(Clone, Copy, Default)]
-struct Took {
-    wall: Duration,
-    cpu: Option<Duration>,
-}
-
-impl fmt::Display for Took {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{:.1} s", self.wall.as_secs_f64())?;
-        self.cpu.map_or(Ok(()), |cpu| write!(f, ", CPU {:.1} s", cpu.as_secs_f64()))
+impl Default for Steps {
+    fn default() -> Self {
+        Self { start: Instant::now(), done: Vec::new(), left_out: Vec::new() }
     }
 }
 
@@ -30,13 +21,33 @@ impl Steps {
     /// Takes one step.
     pub fn take<T>(&mut self, name: &str, step: impl FnOnce() -> Result<T>) -> Result<T> {
         eprintln!("\n── {name} ──");
-        let (start, before) = (Instant::now(), children_cpu());
+        let start = Instant::now();
         let outcome = step().with_context(|| format!("{name} failed"))?;
-        let cpu = before.zip(children_cpu()).map(|(before, after)| after - before);
-        let took = Took { wall: start.elapsed(), cpu };
-        eprintln!("── {name}: {took} ──");
+        let took = start.elapsed();
+        eprintln!("── {name}: {:.1} s ──", took.as_secs_f64());
         self.done.push((name.to_owned(), took));
         Ok(outcome)
+    }
+
+    /// Takes two rows of steps side by side; the first error of either is returned when both have ended.
+    pub fn side_by_side(
+        &mut self,
+        one: impl FnOnce(&mut Self) -> Result<()>,
+        other: impl FnOnce(&mut Self) -> Result<()> + Send,
+    ) -> Result<()> {
+        std::thread::scope(|scope| {
+            let other = scope.spawn(|| {
+                let mut steps = Self::default();
+                other(&mut steps).map(|()| steps)
+            });
+            let one = one(self);
+            let other = other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            one?;
+            let Self { done, left_out, .. } = other?;
+            self.done.extend(done);
+            self.left_out.extend(left_out);
+            Ok(())
+        })
     }
 
     /// Notes a part that is not tested, and why.
@@ -52,15 +63,19 @@ impl Steps {
         }
         eprintln!();
         for (name, took) in &self.done {
-            eprintln!("{name}: {took}");
+            eprintln!("{:6.1} s  {name}", took.as_secs_f64());
         }
-        let total = self.done.iter().map(|(_, took)| took.wall).sum::<Duration>();
         let left_out = match self.left_out.as_slice() {
             [] => String::new(),
             list => format!("; left out: {}", list.join(", ")),
         };
-        let count = self.done.len();
-        eprintln!("\nxtask: all {count} steps passed in {:.0} s{left_out}", total.as_secs_f64());
+        let cpu = children_cpu().map(|cpu| format!(", {} s of processors", cpu.as_secs()));
+        eprintln!(
+            "\nxtask: all {} steps passed in {:.0} s{}{left_out}",
+            self.done.len(),
+            self.start.elapsed().as_secs_f64(),
+            cpu.unwrap_or_default()
+        );
     }
 }
 

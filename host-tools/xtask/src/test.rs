@@ -17,7 +17,7 @@ pub struct Test {
     /// One part of the tests
     #[arg(value_enum, default_value_t = Part::All)]
     part: Part,
-    /// How much of it
+    /// How much of it; a part alone is never quick
     #[arg(long, value_enum, default_value_t = Profile::Quick)]
     profile: Profile,
     /// Every package, not only what changed since `main` and what depends on it (quick)
@@ -41,7 +41,7 @@ enum Part {
 }
 
 /// How much is tested; the profiles of `.config/nextest.toml`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum Profile {
     /// What fails within two minutes: tests on this machine, without browser, emulator and baselines
     Quick,
@@ -60,11 +60,6 @@ impl Profile {
             Self::Nightly => "nightly",
         }
     }
-
-    /// The quick profile has no tests on emulated boards: who asks for that part gets those of CI.
-    fn at_least_ci(self) -> Self {
-        if self == Self::Quick { Self::Ci } else { self }
-    }
 }
 
 /// Feature sets that `boards/*/Cargo.toml` choose of the core.
@@ -79,21 +74,64 @@ const NIGHTLY_CASES: &str = "4096";
 /// Seconds that a night spends on each fuzz target.
 const FUZZ_SECONDS: u32 = 600;
 
+/// Features that only these tests and who asks for them build: each doubles the crates of the command.
+const BRIDGES: [&str; 2] = ["--features", "taxel-cli/foxglove,taxel-cli/zenoh"];
+
 /// Runs the tests; the first step that fails ends it.
 pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     let &Test { part, profile, all } = test;
     if profile == Profile::Quick && part == Part::All {
         return quick(all, steps);
     }
+    let profile = profile.max(Profile::Ci);
     let takes = |one| part == one || part == Part::All;
-    if takes(Part::Lint) {
-        lint(steps)?;
-    }
+    // Compilers and installers share the processors; tests, of which some look at the clock, do not.
+    steps.side_by_side(
+        |steps| {
+            if takes(Part::Lint) {
+                lint(steps)?;
+            }
+            if takes(Part::Host) {
+                steps.take("build of the host tests", || {
+                    run(&mut bridged(&["test", "--no-run", "--workspace", "--tests"]))
+                })
+            } else if takes(Part::Python) {
+                steps.take("build of the command", || {
+                    run(&mut bridged(&["build", "--bin", "taxel"]))
+                })
+            } else {
+                Ok(())
+            }
+        },
+        |steps| {
+            let needs = [
+                (Part::Host, "page"),
+                (Part::Target, "boards"),
+                (Part::Target, "emulator"),
+                (Part::Python, "python"),
+            ];
+            let needs: Vec<_> =
+                needs.iter().filter(|(part, _)| takes(*part)).map(|(_, need)| *need).collect();
+            steps.take("set-up", || setup(&needs))?;
+            if takes(Part::Python) {
+                steps.take("Python client: types, lints, installation", python::checks)?;
+            }
+            if takes(Part::Target) { images(steps) } else { Ok(()) }
+        },
+    )?;
     if takes(Part::Host) {
-        host(profile, steps)?;
+        steps.take("host tests", || run(&mut tests(profile, &root(), Selection::OnHost)?))?;
+        steps.take("examples in the documentation", || {
+            run(&mut bridged(&["test", "--workspace", "--doc"]))
+        })?;
     }
     if takes(Part::Target) {
-        boards(profile, steps)?;
+        steps.take("tests of the emulator", || emulator::tests(profile))?;
+        steps.take("tests on the emulated boards", || {
+            emulator::fill()?;
+            run(&mut tests(profile, &root(), Selection::OnBoards)?)
+        })?;
+        steps.take("instructions and cycles of every stage", cycles::guard)?;
     }
     if takes(Part::Python) {
         steps.take("Python client", || python::tests(profile == Profile::Nightly))?;
@@ -107,6 +145,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
 /// Format, and the quick tests of what changed.
 fn quick(all: bool, steps: &mut Steps) -> Result<()> {
     steps.take("format", || run(cargo().args(["fmt", "--all", "--check"])))?;
+    steps.take("parts made from the frame schema", || protocol::task(true))?;
     let changes = if all { Changes::Everything } else { Changes::since_main()? };
     steps.take(&format!("quick tests of {changes}"), || {
         run(&mut tests(Profile::Quick, &root(), Selection::Filter(&changes.filter()))?)
@@ -121,10 +160,7 @@ fn lint(steps: &mut Steps) -> Result<()> {
         run(clean("cargo", &root().join("boards")).args(["fmt", "--check"]))
     })?;
     steps.take("lints", || {
-        run(cargo()
-            .args(["clippy", "--workspace", "--all-targets"])
-            .args(locked())
-            .args(["--", "-D", "warnings"]))
+        run(bridged(&["clippy", "--workspace", "--all-targets"]).args(["--", "-D", "warnings"]))
     })?;
     steps.take("lints of the core with the estimators of each board", || {
         for features in CORE_FEATURES {
@@ -137,23 +173,18 @@ fn lint(steps: &mut Steps) -> Result<()> {
         Ok(())
     })?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
-    steps.take("fuzz targets compile", || run(fuzz::cargo("check").arg("--quiet")))
+    steps.take("fuzz targets compile", || run(&mut fuzz::cargo("check")))
 }
 
-fn host(profile: Profile, steps: &mut Steps) -> Result<()> {
-    steps.take("host tests", || {
-        if profile != Profile::Quick {
-            setup(&["page"])?;
-        }
-        run(&mut tests(profile, &root(), Selection::OnHost)?)
-    })?;
-    steps.take("examples in the documentation", || {
-        run(cargo().args(["test", "--quiet", "--workspace", "--doc"]).args(locked()))
-    })
+/// A cargo command for the host's workspace with [`BRIDGES`].
+fn bridged(arguments: &[&str]) -> Command {
+    let mut command = cargo();
+    command.args(arguments).arg("--quiet").args(BRIDGES).args(locked());
+    command
 }
 
-fn boards(profile: Profile, steps: &mut Steps) -> Result<()> {
-    steps.take("tools for the boards", || setup(&["boards", "emulator"]))?;
+/// Lints and images of the boards, in a target folder of their own.
+fn images(steps: &mut Steps) -> Result<()> {
     steps.take("lints of the boards", || {
         // One by one: no two chips' features may meet in one build of their HAL.
         for board in firmware::boards()? {
@@ -167,12 +198,7 @@ fn boards(profile: Profile, steps: &mut Steps) -> Result<()> {
     for board in firmware::boards()? {
         steps.take(&format!("firmware of {board}"), || firmware::build(&board))?;
     }
-    steps.take("tests of the emulator", || emulator::tests(profile.at_least_ci()))?;
-    steps.take("tests on the emulated boards", || {
-        emulator::fill()?;
-        run(&mut tests(profile.at_least_ci(), &root(), Selection::OnBoards)?)
-    })?;
-    steps.take("instructions and cycles of every stage", cycles::guard)
+    Ok(())
 }
 
 /// Tests of a workspace that a profile takes.
@@ -195,21 +221,26 @@ pub fn tests(profile: Profile, directory: &Path, selection: Selection) -> Result
     let mut command = cargo();
     let nextest = answer(cargo().args(["nextest", "--version"])).is_some();
     if nextest {
-        command.args(["nextest", "run", "--config-file"]).arg(config());
+        command.args(["nextest", "run", "--cargo-quiet", "--config-file"]).arg(config());
         command.args(["--profile", profile.name(), "--no-tests", "pass"]);
     } else {
-        command.args(["test", "--quiet", "--no-fail-fast", "--lib", "--bins", "--tests"]);
+        command.args(["test", "--quiet", "--no-fail-fast"]);
     }
-    command.args(["--workspace", "--target-dir"]).arg(target()).args(locked());
+    command.args(["--workspace", "--tests", "--target-dir"]).arg(target());
+    command.args(locked());
+    if profile != Profile::Quick && directory == root() {
+        command.args(BRIDGES);
+    }
     if profile == Profile::Nightly {
         command.env("PROPTEST_CASES", NIGHTLY_CASES);
     }
+    let emulated = format!("test(/(^|::){EMULATED}::/)");
     if nextest {
         let filter = match selection {
             Selection::All => "all()",
             Selection::Filter(filter) => filter,
-            Selection::OnHost => &format!("not test(/(^|::){EMULATED}::/)"),
-            Selection::OnBoards => &format!("test(/(^|::){EMULATED}::/)"),
+            Selection::OnHost => &format!("not {emulated}"),
+            Selection::OnBoards => &emulated,
         };
         command.args(["--filterset", filter]);
         return Ok(command);
