@@ -21,6 +21,12 @@ pub fn threshold(normal: f64) -> f64 {
     ALPHA * normal + GAMMA_N
 }
 
+/// Tells whether a feeler that carries `force` in newtons slips on its board.
+#[must_use]
+pub fn slips([fx, fy, fz]: [f64; 3]) -> bool {
+    fz > 0.0 && fx.abs().max(fy.abs()) > threshold(fz)
+}
+
 /// Computes the shift u of the bright spot in mm, eqs (10) and (11); the feeler slips beyond `threshold`.
 #[must_use]
 pub fn shift(shear: f64, threshold: f64) -> f64 {

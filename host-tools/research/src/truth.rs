@@ -3,7 +3,8 @@
 use taxel_files::trace::Sample;
 use taxel_sim::Scene;
 use taxel_sim::contact::{HalfSpace, Indenter};
-use taxel_sim::path::{Load, Path};
+use taxel_sim::load::Load;
+use taxel_sim::path::Path;
 
 /// Smallest load in newtons that is judged.
 pub(crate) const LEAST_N: f64 = 0.05;

@@ -139,7 +139,7 @@ impl Bridge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::systems::plate::Wrench;
+    use crate::plate::Wrench;
 
     const PERFECT: Bridge = Bridge {
         taken: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],

@@ -5,8 +5,10 @@ use std::time::{Duration, Instant};
 
 use taxel_files::FileError;
 
-use crate::fidelity::{Fidelity, Ladder, Rung, error};
-use crate::path::{Contacts, Path};
+use crate::fidelity::{Ladder, Rung, error};
+use crate::load::Contacts;
+use crate::path::Path;
+use crate::scene::Fidelity;
 use crate::{Effect, Scene, Simulator};
 
 /// A rung on a scene.

@@ -14,34 +14,16 @@
 
 use std::sync::Arc;
 
-use serde::Deserialize;
 use taxel::scan::TAXELS;
 
 use crate::contact::layer::Layer;
 use crate::contact::{Facets, HalfSpace, Indenter, Patch, Rule};
-use crate::path::{Contacts, Load};
-use crate::scene::{MOST_CONTACTS, Scene};
+use crate::load::{Contacts, Load, MOST_CONTACTS};
+use crate::scene::{Fidelity, Scene};
 
 mod probes;
 
 use probes::probes;
-
-/// `fidelity` of a scene.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Fidelity {
-    /// The cheapest rung within the tolerance.
-    #[default]
-    Auto,
-    /// [`Rung::Point`].
-    Point,
-    /// [`Rung::Hertz`].
-    Hertz,
-    /// [`Rung::Converged`].
-    Converged,
-    /// [`Rung::Layer`].
-    Layer,
-}
 
 /// A rung of the ladder, the cheapest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

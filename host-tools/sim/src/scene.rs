@@ -8,7 +8,6 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::contact::{Indenter, SILICONE_YOUNG_MPA};
-use crate::fidelity::Fidelity;
 use crate::ranges::{self, Given, Whole};
 use crate::response::Coating;
 
@@ -18,6 +17,7 @@ mod check;
 mod device;
 mod electronics;
 mod fault;
+mod fidelity;
 mod indenter;
 mod light;
 mod limits;
@@ -25,13 +25,14 @@ mod read;
 mod temperature;
 mod trials;
 
-pub use acts::{Act, MOST_CONTACTS, Press, Random, Roll, Slide, Spring, Tap};
+pub use acts::{Act, Press, Random, Roll, Slide, Spring, Tap};
 pub use catalogue::built_in;
 pub use device::{Bits, Device, Kind, Taxel};
 pub use electronics::Electronics;
 pub use fault::{Broken, Fault, Place};
+pub use fidelity::Fidelity;
 pub use light::Light;
-pub use temperature::{REFERENCE_C, Temperature, ZERO_C};
+pub use temperature::{REFERENCE_C, Temperature, ZERO_C, softness};
 pub use trials::{Grid, Plate};
 
 /// What a scene may list under `effects`; the rest is not computed.

@@ -13,15 +13,16 @@ use crate::electronics::Columns;
 use crate::faults::Faults;
 use crate::fidelity::Report;
 use crate::light::Room;
+use crate::load::{Contacts, Load};
 use crate::optics;
-use crate::path::{Contacts, Load, Path};
+use crate::path::Path;
 use crate::response::Response;
 use crate::scene::{Device, Effect, Kind, REFERENCE_C, Scene, Temperature};
 use crate::seeds::{Purpose, stream};
+use crate::sheet::Sheet;
 use crate::supply::Supply;
 use crate::systems;
 use crate::systems::matrix::Matrix;
-use crate::systems::sheet::Sheet;
 
 /// The reference channel reads a voltage of its own, half of the converter's range at a nominal supply.
 const REFERENCE: f64 = 0.5;
@@ -76,7 +77,7 @@ impl Simulator {
             room,
             supply: Supply::new(scene),
             temperature: scene.temperature(),
-            sheet: (scene.device.kind == Kind::OhkaSheet).then(|| Sheet::new(scene)),
+            sheet: (scene.device.kind == Kind::OhkaSheet).then(|| scene.sheet()),
             faults: Faults::of(scene),
             columns: Columns::new(scene, dark),
             bridges,

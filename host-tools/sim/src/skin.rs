@@ -20,12 +20,6 @@ const FLOW: f64 = 15e3;
 /// The gas constant in J/(mol K).
 const GAS: f64 = 8.314;
 
-/// How many times as far the same force displaces a facet at `celsius` as at the reference temperature.
-#[must_use]
-pub fn softness(celsius: f64) -> f64 {
-    (REFERENCE_C + ZERO_C) / (celsius + ZERO_C)
-}
-
 /// How many times as fast the skin flows at `celsius` as at the reference temperature.
 #[must_use]
 pub fn haste(celsius: f64) -> f64 {
@@ -228,6 +222,7 @@ mod tests {
 
     #[test]
     fn warm_rubber_is_stiffer() {
+        use crate::scene::softness;
         assert_eq!(softness(REFERENCE_C), 1.0);
         assert!((softness(55.0) - 298.15 / 328.15).abs() < 1e-12);
     }

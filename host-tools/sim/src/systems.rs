@@ -2,12 +2,12 @@
 //!
 //! | `kind` of `[device]` | paper | the contact becomes |
 //! |---|---|---|
-//! | `taxel-4x4` | 002, 003 | displaced facets ([`crate::fidelity`]) and, through [`plate`], four force sensors |
+//! | `taxel-4x4` | 002, 003 | displaced facets ([`crate::fidelity`]) and, through [`plate`](crate::plate), four force sensors |
 //! | `taxel-4x1` | 002 | displaced facets of the [`line`](taxel_papers::line_of_four) |
 //! | `mems-3axis` | 003 ch. 1 | the force on one sensor, under its [`coating`](crate::response::Coating) |
-//! | `mems-array` | 003 ch. 2 | four sensors under a [`plate`] that carries a curved [`surface`] |
+//! | `mems-array` | 003 ch. 2 | four sensors under a [`plate`](crate::plate) that carries a curved [`surface`](crate::surface) |
 //! | `ohka-micro` | 000 | a bright spot under a conical feeler: [`feeler`] |
-//! | `ohka-sheet` | 000 | such spots under a [`sheet`] of 10×12 feelers, one a scan |
+//! | `ohka-sheet` | 000 | such spots under a [`sheet`](crate::sheet) of 10×12 feelers, one a scan |
 //! | `ohka-column` | 001 | contact areas of the cones under four columns: [`column`] |
 //!
 //! The two optical sensors of Ohka are their papers' own constitutive laws turned round: force in,
@@ -17,16 +17,15 @@
 pub mod column;
 pub mod feeler;
 pub mod matrix;
-pub mod plate;
-pub mod sheet;
-pub mod surface;
 
 use taxel::scan::SENSORS;
 use taxel_papers::column as columns;
+use taxel_papers::feeler::slips;
 
-use crate::path::{Contacts, Load};
+use crate::load::{Contacts, Load};
+use crate::plate::Wrench;
 use crate::scene::{Device, Kind};
-use plate::Wrench;
+use crate::surface::Surface;
 
 /// The contacts as the device takes them: forces in its own frame, at the places it has for them. A feeler
 /// slips when it slides on its board.
@@ -35,9 +34,9 @@ pub fn taken(device: &Device, contacts: Contacts) -> Contacts {
     let place: fn(&Device, Load) -> Load = match device.kind {
         Kind::MemsArray => |device, load| {
             let (_, normal) = device.surface.at(load.point);
-            Load { force: surface::Surface::turned(normal, load.force), ..load }
+            Load { force: Surface::turned(normal, load.force), ..load }
         },
-        Kind::OhkaMicro => |_, load| Load { slip: feeler::Spot::under(load.force).slip, ..load },
+        Kind::OhkaMicro => |_, load| Load { slip: slips(load.force), ..load },
         Kind::OhkaColumn => |_, load| {
             let column =
                 columns::below(load.point).and_then(|at| columns::CENTRES.get(at).copied());
@@ -57,7 +56,7 @@ pub fn shares(device: &Device, contacts: &Contacts) -> [[f64; 3]; SENSORS] {
     for load in contacts.loads() {
         let (place, normal) = match device.kind {
             Kind::MemsArray => device.surface.at(load.point),
-            _ => surface::Surface::Plane.at(load.point),
+            _ => Surface::Plane.at(load.point),
         };
         let carried = Wrench::at(place, load.force, load.torsion, normal).shares();
         let sums = shares.as_flattened_mut().iter_mut();

@@ -1,9 +1,9 @@
 //! The moments of a run at which the rungs are compared: those that every act has, however short it is
 //! and however long the run.
 
-use crate::path::{Contacts, Load, Path};
-use crate::scene::{Act, Scene};
-use crate::skin;
+use crate::load::{Contacts, Load};
+use crate::path::Path;
+use crate::scene::{Act, Scene, softness};
 
 /// Moments of a ramp of force that moves nothing.
 const RAMP: usize = 4;
@@ -26,8 +26,8 @@ pub(super) fn probes(scene: &Scene, seed: u64) -> Vec<Contacts> {
         for since in moments(&act, &mut path) {
             let time = act.at_s() + since;
             // A colder skin is softer, as if the forces were larger.
-            let softness = scene.temperature().map_or(1.0, |t| skin::softness(t.at(time)));
-            let contacts = path.at(time).scaled(softness);
+            let softer = scene.temperature().map_or(1.0, |t| softness(t.at(time)));
+            let contacts = path.at(time).scaled(softer);
             if !contacts.is_empty() && probes.last() != Some(&contacts) {
                 probes.push(contacts);
             }

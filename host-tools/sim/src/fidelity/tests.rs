@@ -4,7 +4,6 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::path::Path;
 use crate::seeds::{Purpose, stream};
-use crate::skin;
 
 mod random;
 
@@ -74,7 +73,7 @@ fn worst(ladder: &Ladder, scene: &Scene, seed: u64, times: impl IntoIterator<Ite
     let mut path = Path::new(scene, seed);
     let mut worst = 0.0f64;
     for time in times {
-        let softness = scene.temperature().map_or(1.0, |t| skin::softness(t.at(time)));
+        let softness = scene.temperature().map_or(1.0, |t| crate::scene::softness(t.at(time)));
         let at = path.at(time).scaled(softness);
         let best = ladder.on_rung(ladder.report().top, &at);
         worst = worst.max(error(&ladder.displacement(&at), &best));

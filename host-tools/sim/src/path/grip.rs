@@ -1,7 +1,7 @@
 //! What friction holds of what is asked for.
 
-use super::Load;
 use crate::contact::{HalfSpace, Indenter};
+use crate::load::Load;
 use crate::scene::Scene;
 
 /// The indenter's grip on the skin.

@@ -2,7 +2,8 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::{Grip, Load};
+use super::Grip;
+use crate::load::Load;
 use crate::scene::{Press, Roll, Slide, Spring, Tap};
 
 impl Press {

@@ -4,8 +4,9 @@ use std::f64::consts::TAU;
 
 use rand_distr::{Distribution as _, Uniform};
 
+use super::Grip;
 use super::motion::{between, pulse};
-use super::{Grip, Load};
+use crate::load::Load;
 use crate::scene::Random;
 use crate::seeds::{Purpose, stream};
 

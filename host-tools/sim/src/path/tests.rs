@@ -1,5 +1,6 @@
 use super::*;
 use crate::contact::{HalfSpace, Indenter};
+use crate::load::Load;
 use proptest::prelude::*;
 use std::f64::consts::PI;
 

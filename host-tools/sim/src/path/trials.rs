@@ -2,8 +2,9 @@
 
 use taxel_papers::column::{CENTRES, COLUMNS, SPRING, TIP_MM};
 
+use super::Grip;
 use super::motion::pulse;
-use super::{Contacts, Grip, Load};
+use crate::load::{Contacts, Load};
 use crate::scene::{Grid, Plate};
 
 impl Grid {

@@ -8,10 +8,8 @@ use toml::Spanned;
 use super::read::Problem;
 use super::{Grid, Plate, Scene};
 use crate::contact::HalfSpace;
+use crate::load::MOST_CONTACTS;
 use crate::ranges::{self, Whole};
-
-/// Contacts that may touch at once.
-pub const MOST_CONTACTS: usize = 4;
 
 /// `[[press]]`: normal force first, shear and torsion while it is held, then release.
 #[derive(Clone, Copy, Debug, Deserialize)]

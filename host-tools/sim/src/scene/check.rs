@@ -3,9 +3,8 @@
 use toml::Spanned;
 
 use super::read::Problem;
-use super::{Effect, Kind, Layer, Scene, acts, device, limits, trials};
+use super::{Effect, Fidelity, Kind, Layer, Scene, acts, device, limits, trials};
 use crate::contact::layer;
-use crate::fidelity::Fidelity;
 
 impl Scene {
     /// Its values go together, and with its device.

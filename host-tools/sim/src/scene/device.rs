@@ -8,7 +8,7 @@ use super::read::Problem;
 use super::{Effect, Scene};
 use crate::ranges;
 use crate::response::Coating;
-use crate::systems::surface::Surface;
+use crate::surface::Surface;
 
 /// `[device]`
 #[derive(Clone, Debug, Deserialize)]

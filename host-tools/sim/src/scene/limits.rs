@@ -1,10 +1,9 @@
 //! How far the laws of contact hold for a scene's skin.
 
 use super::read::Problem;
-use super::{Act, Kind, Scene};
+use super::{Act, Kind, Scene, softness};
 use crate::contact::HalfSpace;
 use crate::ranges::PAD_MM;
-use crate::skin;
 
 /// The widest facet over its depth that the mean over it is still converged for.
 const WIDEST: f64 = 4.0;
@@ -29,7 +28,7 @@ pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     }
     let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
     // A colder skin is softer, as if the forces were larger.
-    let softest = scene.temperature().map_or(1.0, |t| skin::softness(t.start_c.min(t.end_c)));
+    let softest = scene.temperature().map_or(1.0, |t| softness(t.start_c.min(t.end_c)));
     for (span, act) in Act::all(scene) {
         let pressed = Pressed { scene, skin, softest, act };
         let skin = || pressed.narrow().and_then(|()| pressed.deep());

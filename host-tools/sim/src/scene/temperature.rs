@@ -41,3 +41,11 @@ impl Temperature {
         self.start_c + (self.end_c - self.start_c) * done
     }
 }
+
+/// Displacement at `celsius` over that at the reference temperature, under the same force.
+///
+/// The stiffness of a rubber grows with its absolute temperature.
+#[must_use]
+pub fn softness(celsius: f64) -> f64 {
+    (REFERENCE_C + ZERO_C) / (celsius + ZERO_C)
+}

@@ -7,9 +7,10 @@ use taxel_papers::sheet::{FEELERS, centre};
 
 use super::read::Problem;
 use super::{Act, Kind, Scene};
-use crate::path::Load;
+use crate::contact::HalfSpace;
+use crate::load::Load;
 use crate::ranges::{self, Whole};
-use crate::systems::sheet::Sheet;
+use crate::sheet::Sheet;
 
 /// `[[grid]]`: presses at the crossings of a grid, at each with a row of angles; 002's trials.
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -99,6 +100,15 @@ impl Plate {
     }
 }
 
+impl Scene {
+    /// Sheet of feelers of an `ohka-sheet`.
+    #[must_use]
+    pub fn sheet(&self) -> Sheet {
+        let rubber = HalfSpace::new(self.material.young_mpa, self.material.poisson);
+        Sheet::new(self.indenter(), rubber, self.friction.mu)
+    }
+}
+
 /// The acts are such as the device's laws hold for.
 pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     let kind = scene.device.kind;
@@ -177,7 +187,7 @@ fn on_sheet(scene: &Scene, act: &Act) -> Result<(), String> {
     if !matches!(act, Act::Press(_) | Act::Tap(_) | Act::Roll(_) | Act::Slide(_)) {
         return Err("the sheet takes [[press]], [[tap]], [[roll]] and [[slide]]".into());
     }
-    let sheet = Sheet::new(scene);
+    let sheet = scene.sheet();
     let (normal, [from, to]) = act.reach();
     let steps = if from == to { 0 } else { STEPS };
     for step in 0..=steps {

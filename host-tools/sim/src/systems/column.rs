@@ -9,7 +9,7 @@ use taxel::scan::{COLS, TAXELS};
 use taxel_papers::column::{COLUMNS, areas, below};
 
 use super::feeler::BACKGROUND;
-use crate::path::Load;
+use crate::load::Load;
 use crate::scene::{Effect, Scene};
 use crate::seeds::{Purpose, stream};
 

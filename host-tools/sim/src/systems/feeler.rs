@@ -45,8 +45,6 @@ pub struct Spot {
     pub shift: [f64; 2],
     /// Radius of contact in mm.
     pub radius: f64,
-    /// The feeler slips on the board.
-    pub slip: bool,
 }
 
 impl Spot {
@@ -62,7 +60,6 @@ impl Spot {
             light: LIGHT_PER_NEWTON * fz,
             shift: [shift(fx, holds), shift(fy, holds)],
             radius: contact_radius(fz),
-            slip: fx.abs() > holds || fy.abs() > holds,
         }
     }
 }

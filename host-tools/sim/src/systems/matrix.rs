@@ -5,10 +5,10 @@ use taxel::scan::{COLS, TAXELS};
 use super::column::Columns;
 use super::feeler::{Feeler, Spot};
 use crate::fidelity::{Ladder, Report};
+use crate::load::Contacts;
 use crate::optics::{self, Missing, Optics};
-use crate::path::Contacts;
-use crate::scene::{Kind, REFERENCE_C, Scene};
-use crate::skin::{self, Skin};
+use crate::scene::{Kind, REFERENCE_C, Scene, softness};
+use crate::skin::Skin;
 
 /// The matrix of a run.
 #[derive(Clone, Debug)]
@@ -132,7 +132,7 @@ impl Facets {
             if warmer_k == 0.0 {
                 contact.displacement(contacts)
             } else {
-                contact.displacement(&contacts.scaled(skin::softness(celsius)))
+                contact.displacement(&contacts.scaled(softness(celsius)))
             }
         });
         if let Some(skin) = &mut self.skin {

@@ -5,8 +5,8 @@ use std::f64::consts::{PI, TAU};
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 use taxel_files::trace::Sample;
 use taxel_sim::contact::SILICONE_YOUNG_MPA;
+use taxel_sim::plate::PLACES;
 use taxel_sim::scene::{self, Effect};
-use taxel_sim::systems::plate::PLACES;
 use taxel_sim::{Scene, Simulator};
 
 use crate::{contacts, force, line, run};

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::plate::HEIGHT_MM;
+use crate::plate::HEIGHT_MM;
 use crate::ranges;
 
 /// `surface` of `[device]`, for `kind = "mems-array"`. Curved ones have their top in the middle, where the

@@ -1,7 +1,7 @@
 //! Scan of OHKA-MICRO's whole [sheet](taxel_papers::sheet): one feeler after the other.
 //!
 //! The paper reads each feeler in a window of its own, cut out of the camera's picture. A scan has sixteen
-//! channels and a sheet 120 windows, so that a scan is the window of one [`feeler`](super::feeler): scan k
+//! channels and a sheet 120 windows, so that a scan is the window of one [`feeler`](crate::systems::feeler): scan k
 //! looks at feeler k mod 120, row by row from −y, along x in a row. The truth of a scan is that of its
 //! feeler: its place, its force, whether it slips on the board. A hundred and twenty scans are a picture.
 //!
@@ -9,12 +9,11 @@
 //! feelers the sheet hands a load to the four around it by the lever rule, which keeps every force and
 //! the moments of the normal ones. (The paper divides the force of its flat probe by the nine feelers below it.)
 
+use taxel_papers::feeler::slips;
 use taxel_papers::sheet::{PITCH_MM, centre};
 
-use super::feeler::Spot;
 use crate::contact::{HalfSpace, Indenter, Rule};
-use crate::path::{Contacts, Load};
-use crate::scene::Scene;
+use crate::load::{Contacts, Load};
 
 /// The sheet of a run.
 #[derive(Clone, Debug)]
@@ -27,16 +26,10 @@ pub struct Sheet {
 }
 
 impl Sheet {
-    /// Of the scene's device.
+    /// Sheet of `rubber` under an indenter with this coefficient of friction.
     #[must_use]
-    pub fn new(scene: &Scene) -> Self {
-        let indenter = scene.indenter();
-        Self {
-            rule: indenter.rule(12, 32),
-            indenter,
-            rubber: HalfSpace::new(scene.material.young_mpa, scene.material.poisson),
-            mu: scene.friction.mu,
-        }
+    pub fn new(indenter: Indenter, rubber: HalfSpace, mu: f64) -> Self {
+        Self { rule: indenter.rule(12, 32), indenter, rubber, mu }
     }
 
     /// What one feeler carries of what acts on the sheet, in newtons.
@@ -72,7 +65,7 @@ impl Sheet {
         if force[2] <= 0.0 {
             return Contacts::default();
         }
-        let slip = Spot::under(force).slip;
+        let slip = slips(force);
         Load { point: centre(feeler), force, torsion: 0.0, slip }.into()
     }
 }
@@ -80,6 +73,7 @@ impl Sheet {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Scene;
     use proptest::prelude::*;
     use taxel_papers::sheet::FEELERS;
 
@@ -88,7 +82,7 @@ mod tests {
             "[scan]\nrate_hz = 1000\nduration_s = 1\n[device]\nkind = 'ohka-sheet'\n[material]\n\
              young_mpa = 0.476\n[friction]\nmu = 1\n[indenter]\n{indenter}\n"
         );
-        Sheet::new(&Scene::parse("test.toml", &text).unwrap())
+        Scene::parse("test.toml", &text).unwrap().sheet()
     }
 
     fn load(point: [f64; 2], force: [f64; 3]) -> Contacts {

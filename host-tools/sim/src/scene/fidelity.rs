@@ -1,0 +1,20 @@
+//! Key of a scene that says how finely contact is computed.
+
+use serde::Deserialize;
+
+/// `fidelity` of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Fidelity {
+    /// The cheapest rung within the tolerance.
+    #[default]
+    Auto,
+    /// [`Rung::Point`](crate::fidelity::Rung::Point).
+    Point,
+    /// [`Rung::Hertz`](crate::fidelity::Rung::Hertz).
+    Hertz,
+    /// [`Rung::Converged`](crate::fidelity::Rung::Converged).
+    Converged,
+    /// [`Rung::Layer`](crate::fidelity::Rung::Layer).
+    Layer,
+}
