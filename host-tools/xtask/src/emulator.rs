@@ -7,7 +7,6 @@ use anyhow::{Context, Result};
 
 use crate::firmware;
 use crate::run::{locked, program, root, run, setup, target};
-use crate::test::{self, Profile, Selection};
 
 /// Program of the emulator.
 const PROGRAM: &str = if cfg!(windows) { "taxel-emulator.exe" } else { "taxel-emulator" };
@@ -52,14 +51,6 @@ pub fn folder() -> PathBuf {
 /// Folder of the emulator's sources.
 pub fn directory() -> PathBuf {
     root().join("host-tools/emulator")
-}
-
-/// The emulator's own format, lints and tests. Those of the whole boards run their images, and have their USB
-/// traffic judged by tshark.
-pub fn tests(profile: Profile) -> Result<()> {
-    run(program("cargo", &directory()).args(["fmt", "--check"]))?;
-    run(cargo("clippy").args(["--all-targets", "--", "-D", "warnings"]))?;
-    run(&mut test::tests(profile, &directory(), Selection::All)?)
 }
 
 /// A cargo for the emulator's workspace. It builds beside the host's, with which it shares most crates.

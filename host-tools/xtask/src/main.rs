@@ -14,6 +14,8 @@ mod memory;
 mod panics;
 mod protocol;
 mod python;
+#[cfg(test)]
+mod rings;
 mod run;
 mod stack;
 mod steps;

@@ -126,7 +126,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
         })?;
     }
     if takes(Part::Target) {
-        steps.take("tests of the emulator", || emulator::tests(profile))?;
+        steps.take("tests of the emulator", || emulator_tests(profile))?;
         steps.take("tests on the emulated boards", || {
             emulator::fill()?;
             run(&mut tests(profile, &root(), Selection::OnBoards)?)
@@ -174,6 +174,15 @@ fn lint(steps: &mut Steps) -> Result<()> {
     })?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
     steps.take("fuzz targets compile", || run(&mut fuzz::cargo("check")))
+}
+
+/// Runs the emulator's own format check, lints and tests.
+///
+/// The tests of whole boards run their images, and tshark judges their USB traffic.
+fn emulator_tests(profile: Profile) -> Result<()> {
+    run(program("cargo", &emulator::directory()).args(["fmt", "--check"]))?;
+    run(emulator::cargo("clippy").args(["--all-targets", "--", "-D", "warnings"]))?;
+    run(&mut tests(profile, &emulator::directory(), Selection::All)?)
 }
 
 /// A cargo command for the host's workspace with [`BRIDGES`].
