@@ -60,6 +60,13 @@ macro_rules! frames {
         }
 
         impl Frame {
+            /// Fields that the frame has.
+            #[must_use]
+            pub fn fields(&self) -> Fields {
+                let head = 0 $(| u16::from(self.$head.is_some()) << $bit)*;
+                Fields(head) | FrameRef::from(self).tail()
+            }
+
             /// The frame without the fields that are not in `fields`.
             #[must_use]
             pub fn masked(self, fields: Fields) -> Self {
@@ -96,6 +103,7 @@ macro_rules! frames {
                 $(out.serialize_field(stringify!($head), &self.$head)?;)*
                 let tail = FrameRef::from(self).tail();
                 $(
+                    // Before a later field, one that is missing says so.
                     if tail.0 >> $at != 0 {
                         out.serialize_field(stringify!($tail), &self.$tail)?;
                     }

@@ -44,7 +44,7 @@ fn the_c_header_reads_every_field_that_frames_carry_and_nothing_that_is_none() {
     let small = Frame {
         seq: 300,
         time: Micros(1_000_000),
-        status: Status(Status::CONTACT.0 | Status::RAN_NET.0),
+        status: Status::CONTACT | Status::RAN_NET,
         ..Frame::default()
     };
     let estimates = Frame {

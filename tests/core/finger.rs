@@ -241,7 +241,7 @@ fn a_touch_runs_what_the_record_holds_and_the_status_says_so() {
     let (finger, mut state) = Finger::new(Some(everything()));
     let quiet = settled(&finger, &mut state, &unloaded(0));
     assert_eq!(quiet.force, Force::known(0.0, 0.0, 0.0));
-    assert_eq!(quiet.status, Status(Status::RAN_SENSORS.0 | Status::RAN_WARMTH.0));
+    assert_eq!(quiet.status, Status::RAN_SENSORS | Status::RAN_WARMTH);
     assert_eq!(quiet.slip, Err(NoValue::NoContact));
     // The force sensors feel nothing of this press: they contradict the matrix, which is less sure.
     let pressed = settled(&finger, &mut state, &pressed(0, 6, 6_554));

@@ -221,16 +221,8 @@ fn frame() -> Frame {
     Frame {
         seq: 300,
         time: Micros(1_000_000),
-        status: Status(Status::CONTACT.0 | Status::RAN_NET.0),
-        codes: None,
-        signals: None,
-        sensors: None,
-        force: None,
-        point: None,
-        slip: None,
-        torsion: None,
-        contacts: None,
-        uncertainty: None,
+        status: Status::CONTACT | Status::RAN_NET,
+        ..Frame::default()
     }
 }
 

@@ -33,13 +33,11 @@ fn fault(keys: &str) -> Vec<Estimate> {
     estimates(&table(keys))
 }
 
-const FAULTS: Status = Status(
-    Status::SATURATED.0
-        | Status::DEAD_TAXEL.0
-        | Status::BRIDGE_FAULT.0
-        | Status::STUCK_CHANNEL.0
-        | Status::OUT_OF_RANGE.0,
-);
+const FAULTS: Status = Status::SATURATED
+    .union(Status::DEAD_TAXEL)
+    .union(Status::BRIDGE_FAULT)
+    .union(Status::STUCK_CHANNEL)
+    .union(Status::OUT_OF_RANGE);
 
 /// From `from` ms on every frame of the fault says exactly `faults`; before it came and `again` ms after
 /// it went, nothing is wrong. The last estimate of the fault.
@@ -68,7 +66,7 @@ const WATCHED: usize = 2 * 256;
 
 #[test]
 fn a_finger_without_a_fault_reports_none() {
-    assert!(estimates("").iter().all(|estimate| estimate.status.0 & FAULTS.0 == 0));
+    assert!(estimates("").iter().all(|estimate| !estimate.status.intersects(FAULTS)));
 }
 
 #[test]

@@ -46,6 +46,6 @@ impl Kind {
     /// A scan with this status is of the kind.
     #[must_use]
     pub fn holds(&self, status: Status) -> bool {
-        status.contains(self.with) && status.0 & self.without.0 == 0
+        status.contains(self.with) && !status.intersects(self.without)
     }
 }

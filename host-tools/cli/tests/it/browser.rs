@@ -166,7 +166,7 @@ fn a_4_khz_stream_is_drawn_60_times_a_second() {
     let folder = tempfile::tempdir().unwrap();
     let finger = finger("press-4khz");
     // What the page asks a finger for by itself.
-    let fields = Fields(Fields::ESTIMATES.0 | Fields::SIGNALS.0);
+    let fields = Fields::ESTIMATES | Fields::SIGNALS;
     let tapped = tapped(&finger, 4000, fields, folder.path());
     let mut browser = Browser::blank(1280, 900);
     // Calls and drawings a second, over some seconds.
@@ -462,7 +462,7 @@ fn a_recording_plays_stops_and_is_sought_by_its_scrubber() {
     let folder = tempfile::tempdir().unwrap();
     let finger = finger("press");
     let client = Client::open(finger.port()).unwrap();
-    client.set_fields(Fields(Fields::SIGNALS.0 | Fields::ESTIMATES.0)).unwrap();
+    client.set_fields(Fields::SIGNALS | Fields::ESTIMATES).unwrap();
     let path = folder.path().join("press.mcap");
     let mut files =
         Files::create(&client, std::slice::from_ref(&path), taxel_files::recording::Existing::Keep)

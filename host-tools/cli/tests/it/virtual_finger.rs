@@ -61,8 +61,8 @@ fn frames_carry_the_fields_that_were_asked_for() {
         assert!(frame.codes.is_some());
         assert!(frame.force.is_none() && frame.point.is_none() && frame.sensors.is_none());
 
-        client.set_fields(Fields(Fields::FORCE.0 | Fields::POINT.0)).unwrap();
-        assert_eq!(client.info().unwrap().fields.0, Fields::FORCE.0 | Fields::POINT.0);
+        client.set_fields(Fields::FORCE | Fields::POINT).unwrap();
+        assert_eq!(client.info().unwrap().fields, Fields::FORCE | Fields::POINT);
         client.stream(true).unwrap();
         let last = frames(&client, 1000).pop().unwrap().frame;
         assert!(last.codes.is_none() && last.force.is_some() && last.point.is_some());

@@ -34,8 +34,8 @@ fn session(fields: Fields) -> Session {
         session.ask(command).unwrap();
     }
     session.run(micros(300_000)).unwrap();
-    let ran = Status::RAN_NET.0 | Status::RAN_ARRAY.0 | Status::RAN_SLIP.0 | Status::RAN_SENSORS.0;
-    assert!(session.frames.iter().any(|(_, frame)| frame.status.0 & ran == ran));
+    let ran = Status::RAN_NET | Status::RAN_ARRAY | Status::RAN_SLIP | Status::RAN_SENSORS;
+    assert!(session.frames.iter().any(|(_, frame)| frame.status.contains(ran)));
     session
 }
 

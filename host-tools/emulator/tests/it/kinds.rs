@@ -39,7 +39,7 @@ fn a_run_is_of_its_kind_once_it_has_begun() {
         assert!(of_kind.iter().all(|status| kind.holds(**status)), "{}: {statuses:?}", kind.name);
         // Warmth is taken off in all of them, and whoever touches is judged for slip.
         let all = if kind.name == "no contact" { Status(0) } else { Status::RAN_SLIP };
-        let all = Status(all.0 | Status::RAN_WARMTH.0 | Status::RAN_SENSORS.0);
+        let all = all | Status::RAN_WARMTH | Status::RAN_SENSORS;
         assert!(of_kind.iter().all(|status| status.contains(all)), "{}: {statuses:?}", kind.name);
     }
 }

@@ -145,7 +145,7 @@ impl Live {
         }
         let info = client.info()?;
         if !info.fields.contains(Fields::SIGNALS) {
-            client.set_fields(Fields(info.fields.0 | Fields::SIGNALS.0))?;
+            client.set_fields(info.fields | Fields::SIGNALS)?;
         }
         self.refresh(client)
     }
