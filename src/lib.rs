@@ -58,6 +58,7 @@ pub mod measured;
 pub mod roots;
 pub mod scan;
 pub mod self_test;
+#[cfg(feature = "session")]
 pub mod session;
 pub mod store;
 pub mod units;

@@ -106,7 +106,7 @@ impl Emulated {
         Ok(Self { child, port, scene_us })
     }
 
-    /// Where its serial port is.
+    /// Port of the board.
     pub fn port(&self) -> &Port {
         &self.port
     }

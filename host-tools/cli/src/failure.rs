@@ -1,4 +1,4 @@
-//! How the command ends: exit codes, and errors in one line.
+//! Exit codes, and errors in one line.
 
 use std::process::ExitCode;
 
@@ -8,7 +8,7 @@ use crate::output::{self, Closed};
 
 /// The thing failed.
 const FAILED: u8 = 1;
-/// It was asked for in a way that makes no sense.
+/// The command line is not valid.
 const USAGE: u8 = 2;
 
 /// The end of a command that ran.

@@ -10,18 +10,18 @@ use taxel_files::frames::{Cell, Column, cells, columns};
 use taxel_files::recording::{Existing, Header, Recorder, host_columns};
 use taxel_files::{FileError, calibration};
 
-use taxel_client::{Client, LinkError, Problem, Received, Stamps, fields};
+use taxel_client::{Client, LinkError, Problem, Received, Timestamps, fields};
 
-/// How often the files are brought up to date: what a killed program loses at most, and some slack.
+/// Interval between flushes. A killed program loses at most this much.
 const FLUSH: Duration = Duration::from_millis(500);
 
-/// One stream into some files at once.
+/// Recording of one stream into several files.
 pub struct Files {
     recorders: Vec<Recorder>,
     fields: Fields,
     row: Vec<Cell>,
-    stamps: Stamps,
-    /// Which of the connections, from 1.
+    stamps: Timestamps,
+    /// Number of the connection, from 1.
     connection: u64,
     flushed: Instant,
 }
@@ -51,7 +51,7 @@ impl Files {
             recorders,
             fields: info.fields,
             row: Vec::new(),
-            stamps: Stamps::default(),
+            stamps: Timestamps::default(),
             connection: 1,
             flushed: Instant::now(),
         })
@@ -63,12 +63,12 @@ impl Files {
         self.stamps.reconnected();
     }
 
-    /// A question to the finger and its answer took so long: see [`Stamps::echo`].
+    /// A question to the finger and its answer took so long: see [`Timestamps::echo`].
     pub fn echo(&mut self, echo: Duration) {
         self.stamps.echo(echo);
     }
 
-    /// One frame more.
+    /// Writes one frame.
     ///
     /// # Errors
     /// A file cannot be written. The others have the frame all the same.
@@ -107,7 +107,7 @@ pub fn row_columns(fields: Fields) -> Vec<Column> {
 pub fn row(
     received: &Received,
     fields: Fields,
-    stamps: &Stamps,
+    stamps: &Timestamps,
     connection: u64,
     row: &mut Vec<Cell>,
 ) {
@@ -123,7 +123,7 @@ pub fn row(
     ]);
 }
 
-/// Which finger, how it was set, and what it was calibrated with.
+/// Identity, settings and calibration of the finger.
 fn header(client: &Client, info: &Info) -> Result<Header, LinkError> {
     let identity = &info.identity;
     let bias = match info.biased.then(|| client.read_bias()).transpose() {

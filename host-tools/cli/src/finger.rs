@@ -1,10 +1,10 @@
-//! Which finger a command talks to.
+//! Port of a command's finger, opened for hardware, recordings and scenes.
 
 use std::net::ToSocketAddrs;
 use std::path::Path;
 
 use taxel::calibration::{Calibration, MAX_BYTES};
-use taxel_client::{Client, Link, LinkError, Port, Steady};
+use taxel_client::{Client, Link, LinkError, Port, ReconnectingClient};
 use taxel_files::recording::Recording;
 use taxel_files::{FileError, calibration};
 use taxel_sim::Scene;
@@ -29,7 +29,7 @@ impl PortArg {
     /// Connects to it.
     ///
     /// # Errors
-    /// What the port said.
+    /// The port cannot be opened.
     pub fn connect(&self) -> Result<Client, LinkError> {
         let calibration = match &self.port {
             Port::Sim(scene) => scene_calibration(None, scene).map_err(LinkError::device)?,
@@ -70,8 +70,8 @@ pub fn connect(port: &Port, calibration: Option<&Calibration>) -> Result<Client,
 
 /// A finger at any port that is opened again after it was unplugged.
 #[must_use]
-pub fn steady(port: Port, calibration: Option<Calibration>) -> Steady {
-    Steady::opened_by(port, move |port| open(port, calibration.as_ref()))
+pub fn steady(port: Port, calibration: Option<Calibration>) -> ReconnectingClient {
+    ReconnectingClient::opened_by(port, move |port| open(port, calibration.as_ref()))
 }
 
 /// What the finger in a scene starts with: the file that the user named, else its own calibration where
@@ -102,17 +102,17 @@ fn is_virtual_finger(scene: &str) -> bool {
 /// A calibration as the bytes that go to a finger.
 ///
 /// # Errors
-/// It would not be accepted.
+/// The calibration is not valid.
 pub fn record(calibration: &Calibration) -> anyhow::Result<Vec<u8>> {
     let mut buffer = [0; MAX_BYTES];
     let bytes = calibration.to_bytes(&mut buffer);
     bytes.map(<[u8]>::to_vec).map_err(|error| anyhow::anyhow!("{error}"))
 }
 
-/// Where a virtual finger shall listen, as `--tcp` takes it.
+/// Parses the address for `--tcp`.
 ///
 /// # Errors
-/// It is no address.
+/// The text is not an address.
 pub fn address(text: &str) -> Result<String, String> {
     let known = text.to_socket_addrs().is_ok_and(|mut addresses| addresses.next().is_some());
     if known { Ok(text.to_owned()) } else { Err("expected HOST:PORT, as in 127.0.0.1:5000".into()) }

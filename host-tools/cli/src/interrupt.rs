@@ -29,7 +29,7 @@ impl Interrupt {
         &self.0
     }
 
-    /// It has come.
+    /// Whether Ctrl-C was pressed.
     pub fn came(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

@@ -8,7 +8,7 @@ use std::time::Duration;
 use indicatif::ProgressBar;
 use taxel_files::recording::Existing;
 
-/// Nobody reads standard output any more.
+/// Standard output is closed.
 #[derive(Debug)]
 pub struct Closed;
 
@@ -33,7 +33,7 @@ pub fn line(text: impl Display) -> anyhow::Result<()> {
     }
 }
 
-/// Says something on standard error, which may be closed: then nobody wants to know.
+/// Prints a line on standard error, which may be closed.
 pub fn note(text: impl Display) {
     let _ = writeln!(io::stderr(), "{text}");
 }
@@ -115,7 +115,7 @@ pub fn apart(outs: &[PathBuf]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What may become of files that are there already.
+/// Option to overwrite existing files.
 #[derive(Clone, Copy, clap::Args)]
 pub struct Overwrite {
     /// Overwrite files that are there already.

@@ -4,17 +4,17 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use indicatif::{ProgressBar, ProgressStyle};
-use taxel_client::{Client, Event, LinkError, Received, Steady};
+use taxel_client::{Client, Event, LinkError, Received, ReconnectingClient};
 
 use crate::interrupt::Interrupt;
 use crate::output;
 
-/// How often the loop looks whether it should end.
+/// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
 /// A stream that brings nothing for so long is none.
 const DRY: Duration = Duration::from_secs(5);
 
-/// What came.
+/// Numbers of a stream.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct Summary {
     /// Frames received.
@@ -23,9 +23,9 @@ pub struct Summary {
     pub lost: u64,
     /// Packets that could not be read.
     pub bad_packets: u64,
-    /// How often the finger was gone and came again.
+    /// Number of reconnects.
     pub gaps: u64,
-    /// How long it was gone, in seconds.
+    /// Time without a connection, in seconds.
     pub gap_s: f64,
     /// Frames a second by this host's clock, gaps left out; 0 for fewer than two frames.
     pub rate_hz: f64,
@@ -35,13 +35,13 @@ pub struct Summary {
 
 /// A stream that has ended, and why if not as planned.
 pub struct Ended {
-    /// What came until then.
+    /// Numbers until then.
     pub summary: Summary,
     /// The finger went away, or fell silent.
     pub broken: Option<anyhow::Error>,
 }
 
-/// What a stream brings.
+/// Item of a stream.
 pub enum Next<'n> {
     /// A frame.
     Frame(&'n Received),
@@ -55,7 +55,7 @@ pub enum Next<'n> {
 /// # Errors
 /// What `each` said, or the start. A link that breaks later is no error here: see [`Ended`].
 pub fn run(
-    finger: &Steady,
+    finger: &ReconnectingClient,
     awaited: bool,
     duration: Option<f64>,
     interrupt: &Interrupt,
@@ -84,12 +84,12 @@ pub fn run(
                 bar.set_position(millis(tally.duration_s()));
                 each(Next::Frame(&received))?;
             }
-            Event::Quiet if heard.elapsed() < DRY => {}
-            Event::Quiet => {
+            Event::Timeout if heard.elapsed() < DRY => {}
+            Event::Timeout => {
                 let dry = DRY.as_secs();
                 break Some(anyhow!("{}: no frame for {dry} s; plug it in again", finger.port()));
             }
-            Event::There(again) => {
+            Event::Connected(again) => {
                 (gone, heard) = (None, Instant::now());
                 note(format!("{}: there again", finger.port()));
                 if finger.bias_lost() {
@@ -98,7 +98,7 @@ pub fn run(
                 each(Next::Again(&again))?;
                 client = Some(again);
             }
-            Event::Gone(error) if awaited => {
+            Event::Disconnected(error) if awaited => {
                 if let Some(client) = client.take() {
                     tally.end_connection(&client);
                     note(format!("{error}; waiting for it"));
@@ -108,8 +108,8 @@ pub fn run(
                 }
                 gone = Some(error);
             }
-            Event::Gone(error) => break Some(error.into()),
-            Event::Over => break None,
+            Event::Disconnected(error) => break Some(error.into()),
+            Event::Ended => break None,
         }
     };
     bar.finish_and_clear();
@@ -202,7 +202,7 @@ fn seconds_between(earlier: &Received, later: &Received) -> f64 {
 /// A positive number of seconds, as `--duration` takes it.
 ///
 /// # Errors
-/// It is none.
+/// The text is not such a number.
 pub fn seconds(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()

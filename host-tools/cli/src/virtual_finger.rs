@@ -44,7 +44,7 @@ use taxel_files::error::one_line;
 /// what it reads then.
 const BACKLOG: usize = 256 * 1024;
 
-/// How a virtual finger came to its end by itself.
+/// End of a virtual finger that was not stopped.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// Its scans were over.
@@ -115,10 +115,10 @@ impl VirtualFinger {
         })
     }
 
-    /// What a recording has, behind a TCP port: computed from its codes, or else its frames as they are.
+    /// Plays a recording behind a TCP port: computed from its codes, or its frames as recorded.
     ///
     /// # Errors
-    /// It cannot be read, or the calibration is not valid.
+    /// The file cannot be read, or the calibration is not valid.
     pub fn of_file(path: &Path, calibration: Option<&Calibration>) -> Result<Self, LinkError> {
         let Some(player) = Player::open(path)? else {
             return Self::on_tcp("127.0.0.1:0", Source::trace(path)?, calibration);
@@ -182,19 +182,19 @@ impl VirtualFinger {
         Ok(Self { port, truth, outcome, stop: Some(stop), thread: Some(thread) })
     }
 
-    /// Where it can be reached.
+    /// Port that the finger listens on.
     #[must_use]
     pub fn port(&self) -> &Port {
         &self.port
     }
 
-    /// What really happened.
+    /// True values of the scans.
     #[must_use]
     pub fn truth(&self) -> &TruthLog {
         &self.truth
     }
 
-    /// How it ended, if it did by itself.
+    /// End of the finger, if it ended by itself.
     #[must_use]
     pub fn outcome(&self) -> Option<Outcome> {
         self.outcome.lock().unwrap_or_else(PoisonError::into_inner).clone()

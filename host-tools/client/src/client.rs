@@ -1,4 +1,4 @@
-//! The host's side of the conversation: requests and their answers, frames and their losses.
+//! Requests and replies, frames and their losses.
 
 mod reader;
 mod upload;
@@ -26,17 +26,16 @@ use crate::link::{Device, Link};
 use crate::port::Port;
 use reader::{NO_TAG, Reader, Shared};
 
-/// Frames kept for a program that reads them late; those beyond it are dropped and counted.
+/// Frames queued for the program; those beyond are dropped and counted.
 const QUEUE: usize = 8192;
-/// How long a finger may take to answer before it is asked again.
+/// Time a finger has to reply before the request is repeated.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// How often it is asked: with [`PATIENCE`], two seconds in all.
+/// Attempts per request: with [`PATIENCE`], two seconds in all.
 const TRIES: u32 = 4;
-/// A finger that is waited for is asked whether it is there at shorter notice: it has answered before, and
-/// what is said to a board that still starts is lost.
+/// [`PATIENCE`] after a reconnect. It is shorter because a board that still starts loses requests.
 const KNOWN_PATIENCE: Duration = Duration::from_millis(150);
 
-/// A frame, and when this host received it.
+/// Frame with the time this host received it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Received {
     /// The frame.
@@ -45,7 +44,7 @@ pub struct Received {
     pub at: Instant,
 }
 
-/// Who answered the version query.
+/// Reply to the version query.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Version {
     /// Version of the protocol.
@@ -54,18 +53,18 @@ pub struct Version {
     pub firmware: [u8; 3],
 }
 
-/// A bias and the circumstances it was taken in.
+/// Active bias and how it was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BiasInForce {
-    /// What the unloaded finger reads.
+pub struct ActiveBias {
+    /// Signals of the unloaded finger.
     pub bias: Bias,
-    /// Taken on command; else the calibration's own.
+    /// Whether it was taken on command; else it is the calibration's own.
     pub on_command: bool,
-    /// The gate was open meanwhile: the finger may have been under load.
+    /// Whether the contact gate was open: the finger may have been loaded.
     pub in_contact: bool,
 }
 
-/// A conversation with one finger. Requests may come from one thread while another takes the frames.
+/// Connection to one finger. One thread may send requests while another takes frames.
 pub struct Client {
     port: Port,
     version: Version,
@@ -76,11 +75,11 @@ pub struct Client {
     thread: Option<JoinHandle<()>>,
 }
 
-/// The sending side: one request at a time.
+/// Sending side: one request at a time.
 struct Requests {
     writer: Box<dyn Write + Send>,
     replies: Receiver<Message>,
-    /// Of the last request.
+    /// Tag of the last request.
     tag: u8,
 }
 
@@ -128,29 +127,29 @@ impl Client {
         Ok(client)
     }
 
-    /// Where the finger is.
+    /// Port of the finger.
     #[must_use]
     pub fn port(&self) -> &Port {
         &self.port
     }
 
-    /// What the finger said it speaks.
+    /// Protocol and firmware version of the finger.
     #[must_use]
     pub fn version(&self) -> Version {
         self.version
     }
 
-    /// Frames received and lost so far.
+    /// Numbers of frames received and lost so far.
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.shared.counts()
     }
 
-    /// The next frame, or `None` when none comes within `patience`.
+    /// Returns the next frame, or `None` when none comes within `patience`.
     ///
     /// # Errors
-    /// [`Problem::Unplugged`] when the finger has gone, [`Problem::Ended`] when a playback is over: every
-    /// frame that came before has been handed out by then.
+    /// [`Problem::Unplugged`] when the link broke, [`Problem::Ended`] after the last frame of a playback. Every
+    /// earlier frame has been returned by then.
     pub fn next(&self, patience: Duration) -> Result<Option<Received>, LinkError> {
         match lock(&self.frames).recv_timeout(patience) {
             Ok(received) => Ok(Some(received)),
@@ -159,29 +158,28 @@ impl Client {
         }
     }
 
-    /// How long a question and its answer take, there and back.
+    /// Measures the round trip of a request and its reply.
     ///
     /// # Errors
     /// As [`Self::info`].
     pub fn echo(&self) -> Result<Duration, LinkError> {
         let asked = Instant::now();
-        // Asked once: a lost answer is no measure of time.
+        // Sent once: a lost reply measures nothing.
         self.exchange(&Command::Version, PATIENCE, 1).map(|_| asked.elapsed())
     }
 
-    /// Who the finger is and how it is doing.
+    /// Returns identity, settings and counters of the finger.
     ///
     /// # Errors
-    /// As for every request: no answer, another's answer, a refusal, a broken link.
+    /// No reply, an unexpected reply, a refusal, or a broken link, as for every request.
     pub fn info(&self) -> Result<Info, LinkError> {
         match self.request("info", Command::Info)? {
             Response::Info(info) => Ok(info),
-            _ => Err(self.confused("info")),
+            _ => Err(self.unexpected("info")),
         }
     }
 
-    /// Starts or stops the stream. Frames from before the start are not handed out, and the count of
-    /// lost ones starts afresh with it.
+    /// Starts or stops the stream. A start discards earlier frames and restarts the count of lost ones.
     ///
     /// # Errors
     /// As [`Self::info`].
@@ -189,14 +187,14 @@ impl Client {
         self.done("stream", Command::Stream(on))
     }
 
-    /// Sets the frames a second. Returns the rate in force: the scan rate over a whole number.
+    /// Sets the frame rate. Returns the actual rate, which is the scan rate over a whole number.
     ///
     /// # Errors
     /// As [`Self::info`].
     pub fn set_rate(&self, hz: u16) -> Result<f64, LinkError> {
         match self.request("rate", Command::SetRate { hz })? {
             Response::Rate { millihertz } => Ok(f64::from(millihertz) / 1000.0),
-            _ => Err(self.confused("rate")),
+            _ => Err(self.unexpected("rate")),
         }
     }
 
@@ -216,29 +214,29 @@ impl Client {
         self.done("point", Command::SetPointMethod(method))
     }
 
-    /// Averages so many scans into a new bias and waits for it.
+    /// Takes a new bias as the mean of `scans` scans, and waits for it.
     ///
     /// # Errors
     /// As [`Self::info`]; refused when the finger was not still.
-    pub fn take_bias(&self, scans: u16) -> Result<BiasInForce, LinkError> {
+    pub fn take_bias(&self, scans: u16) -> Result<ActiveBias, LinkError> {
         let scan_hz = self.info()?.identity.scan_hz.max(1);
         let averaging = Duration::from_secs_f64(f64::from(scans) / f64::from(scan_hz));
         let command = Command::TakeBias { scans };
-        // Asked once: a second try would be refused as busy.
+        // Sent once: a second attempt would be refused as busy.
         let response = self.ask("bias", command, averaging + 4 * PATIENCE, 1)?;
         self.bias(&response)
     }
 
-    /// The bias in force.
+    /// Returns the active bias.
     ///
     /// # Errors
     /// As [`Self::info`].
-    pub fn read_bias(&self) -> Result<BiasInForce, LinkError> {
+    pub fn read_bias(&self) -> Result<ActiveBias, LinkError> {
         let response = self.request("bias", Command::ReadBias)?;
         self.bias(&response)
     }
 
-    /// Back to the calibration's own bias.
+    /// Returns to the calibration's own bias.
     ///
     /// # Errors
     /// As [`Self::info`].
@@ -246,7 +244,7 @@ impl Client {
         self.done("bias", Command::ClearBias)
     }
 
-    /// Scan, rate, filter, fields and contact point method shall survive power-off.
+    /// Stores scan, rate, filter, fields and contact point method in flash.
     ///
     /// # Errors
     /// As [`Self::info`]; refused when the finger's flash failed.
@@ -254,7 +252,7 @@ impl Client {
         self.done("save", Command::SaveSettings)
     }
 
-    /// The bias in force shall survive power-off.
+    /// Stores the active bias in flash.
     ///
     /// # Errors
     /// As [`Self::save_settings`].
@@ -262,18 +260,18 @@ impl Client {
         self.done("save", Command::SaveBias)
     }
 
-    /// How the board itself is doing.
+    /// Returns the state of the board itself.
     ///
     /// # Errors
     /// As [`Self::info`].
     pub fn health(&self) -> Result<BoardHealth, LinkError> {
         match self.request("health", Command::Health)? {
             Response::Health(health) => Ok(health),
-            _ => Err(self.confused("health")),
+            _ => Err(self.unexpected("health")),
         }
     }
 
-    /// Measures mean and noise of every channel over so many scans, and waits for it.
+    /// Measures mean and noise of every channel over `scans` scans, and waits for it.
     ///
     /// # Errors
     /// As [`Self::info`].
@@ -283,47 +281,47 @@ impl Client {
         let command = Command::SelfTest { scans };
         match self.ask("self-test", command, measuring + 4 * PATIENCE, 1)? {
             Response::SelfTest(test) => Ok(test),
-            _ => Err(self.confused("self-test")),
+            _ => Err(self.unexpected("self-test")),
         }
     }
 
-    /// Sends the board to its chip's own bootloader. The link ends soon after.
+    /// Restarts the board in its bootloader. The link ends soon after.
     ///
     /// # Errors
-    /// As [`Self::info`]; refused where there is none.
+    /// As [`Self::info`]; refused by a board without one.
     pub fn bootloader(&self) -> Result<(), LinkError> {
         match self.ask("dfu", Command::Bootloader, PATIENCE, 1)? {
             Response::Done => Ok(()),
-            _ => Err(self.confused("dfu")),
+            _ => Err(self.unexpected("dfu")),
         }
     }
 
-    /// Smooths the signals that forces and places come from: −3 dB at `hz`, 0 for no filter.
+    /// Sets the low-pass filter of the signals: −3 dB at `hz`, 0 for no filter.
     ///
     /// # Errors
-    /// As [`Self::info`]; refused above a quarter of the scans a second.
+    /// As [`Self::info`]; refused above a quarter of the scan rate.
     pub fn set_filter(&self, hz: u16) -> Result<(), LinkError> {
         self.done("filter", Command::SetFilter { hz })
     }
 
-    /// Scans differently from now on.
+    /// Changes scan rate, oversampling and settling time.
     ///
     /// # Errors
-    /// As [`Self::info`]; refused where the settings cannot be had together.
+    /// As [`Self::info`]; refused where the settings exclude each other.
     pub fn set_scan(&self, settings: ScanSettings) -> Result<(), LinkError> {
-        // Asked once: the scan would begin anew with every try.
+        // Sent once: each attempt would restart the scan.
         match self.ask("scan", Command::SetScan(settings), 4 * PATIENCE, 1)? {
             Response::Done => Ok(()),
-            _ => Err(self.confused("scan")),
+            _ => Err(self.unexpected("scan")),
         }
     }
 
-    fn bias(&self, response: &Response) -> Result<BiasInForce, LinkError> {
+    fn bias(&self, response: &Response) -> Result<ActiveBias, LinkError> {
         match *response {
             Response::Bias { bias, on_command, in_contact } => {
-                Ok(BiasInForce { bias, on_command, in_contact })
+                Ok(ActiveBias { bias, on_command, in_contact })
             }
-            _ => Err(self.confused("bias")),
+            _ => Err(self.unexpected("bias")),
         }
     }
 
@@ -335,18 +333,18 @@ impl Client {
             Message::Version { protocol: theirs, firmware, .. } => {
                 Err(self.error(Problem::Protocol { theirs, firmware }))
             }
-            _ => Err(self.confused("version")),
+            _ => Err(self.unexpected("version")),
         }
     }
 
     fn done(&self, name: &'static str, command: Command) -> Result<(), LinkError> {
         match self.request(name, command)? {
             Response::Done => Ok(()),
-            _ => Err(self.confused(name)),
+            _ => Err(self.unexpected(name)),
         }
     }
 
-    /// A request that may be repeated without harm.
+    /// Sends a request that may be repeated without harm.
     fn request(&self, name: &'static str, command: Command) -> Result<Response, LinkError> {
         self.ask(name, command, PATIENCE, TRIES)
     }
@@ -363,11 +361,11 @@ impl Client {
             Message::Reply { result: Err(refusal), .. } => {
                 Err(self.error(Problem::Refusal { command: name, refusal }))
             }
-            _ => Err(self.confused(name)),
+            _ => Err(self.unexpected(name)),
         }
     }
 
-    /// Sends a command and waits for the message with its tag.
+    /// Sends a command and waits for the reply with its tag.
     fn exchange(
         &self,
         command: &Command,
@@ -381,7 +379,7 @@ impl Client {
             self.shared.start_tag.store(tag.into(), Ordering::Release);
         }
         let mut buffer = [0; MAX_PACKET + 1];
-        // A zero first ends whatever half a packet the finger may still hold.
+        // A leading zero ends half a packet that the finger may still hold.
         let (_, packet) = buffer.split_at_mut(1);
         let length = 1 + pack(&Request { tag, command: command.clone() }, packet)
             .map_err(|_| self.error(Problem::Open("request too long".to_owned())))?
@@ -397,7 +395,7 @@ impl Client {
                 let left = deadline.saturating_duration_since(Instant::now());
                 match requests.replies.recv_timeout(left) {
                     Ok(message) if answers(&message, tag, command) => return Ok(message),
-                    // The late answer to a request that was repeated, or that another host made.
+                    // Late reply to a repeated request, or to another host's.
                     Ok(_) => {}
                     Err(RecvTimeoutError::Timeout) => break,
                     Err(RecvTimeoutError::Disconnected) => return Err(self.gone()),
@@ -405,10 +403,10 @@ impl Client {
             }
         }
         self.shared.start_tag.store(NO_TAG, Ordering::Release);
-        Err(self.error(Problem::Silent))
+        Err(self.error(Problem::NoReply))
     }
 
-    /// Why there is nothing more to come.
+    /// Reason that no more messages come.
     fn gone(&self) -> LinkError {
         match self.device.as_ref().and_then(|device| device.outcome()) {
             Some(Ok(())) => self.error(Problem::Ended),
@@ -420,8 +418,8 @@ impl Client {
         }
     }
 
-    fn confused(&self, name: &'static str) -> LinkError {
-        self.error(Problem::Confused(name))
+    fn unexpected(&self, name: &'static str) -> LinkError {
+        self.error(Problem::UnexpectedReply(name))
     }
 
     fn error(&self, problem: Problem) -> LinkError {
@@ -435,13 +433,13 @@ impl Drop for Client {
         // A device in this process ends the read at once; others end with the next poll.
         drop(self.device.take());
         if let Some(thread) = self.thread.take() {
-            // A reader that panicked has nothing more to say.
+            // A panic of the reader was reported when it happened.
             let _ = thread.join();
         }
     }
 }
 
-/// Serial links keep what nobody has read: answers to the host before us must not look like ours.
+/// First tag, random because a serial link may still hold replies to an earlier program.
 fn first_tag() -> u8 {
     std::hash::RandomState::new().build_hasher().finish() as u8
 }

@@ -1,26 +1,24 @@
-//! The device's clock in the host's time.
+//! Device time in host time.
 //!
-//! A frame is received some time after its scan: at best one way of the link, now and then much more. What
-//! bounds the clock is therefore the earliest frames: the line below all of them, as near as it goes, has the
-//! device's rate for slope (the lower convex hull; Moon, Skelly and Towsley, INFOCOM 1999). It lies one
-//! way of the link too late, which is between nothing and a whole echo, so that half the shortest echo is
-//! taken off and counts as error.
+//! A frame is received at least one link delay after its scan, sometimes much more. The earliest frames bound the
+//! clock: the closest line below all of them has the device's rate as slope (lower convex hull; Moon, Skelly and
+//! Towsley, INFOCOM 1999). The line is one link delay late, between zero and a round trip. Half the shortest
+//! round trip is subtracted and counted as error.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use taxel::units::Micros;
 
-/// The earliest frame of each so many seconds is kept, for so long.
+/// Seconds of which the earliest frame is kept, and how many such intervals.
 const BUCKET: f64 = 1.0;
 const KEPT: usize = 120;
-/// A rate is told only from so many seconds on; before, it is taken as right but for [`UNKNOWN_RATE`].
+/// Seconds before the rate is estimated; until then it counts as right within [`UNKNOWN_RATE`].
 const LEAST_SPAN: f64 = 10.0;
-/// How far the two clocks may run apart before that can be told: two crystals at 100 ppm, twice what either
-/// costs little to buy, over the whole range of temperature.
+/// Largest difference in rate before it is estimated: two crystals at 100 ppm over temperature.
 const UNKNOWN_RATE: f64 = 200e-6;
 
-/// A device's clock, as frames tell it.
+/// Device clock estimated from received frames.
 #[derive(Clone, Debug, Default)]
 pub struct DeviceClock {
     /// The first frame: device seconds, and when it was received.
@@ -43,23 +41,23 @@ struct Line {
     spread: f64,
 }
 
-/// A moment of the device by the host's clock.
+/// Moment of the device in host time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HostTime {
-    /// When it was.
+    /// Host time.
     pub at: Instant,
-    /// It was at most so much earlier or later, as far as the link lets one tell.
+    /// Bound on the error, from the link's delays.
     pub error: Duration,
 }
 
 impl DeviceClock {
-    /// A frame of this device time was received at `at`.
+    /// Adds a frame of this device time, received at `at`.
     pub fn frame(&mut self, device: Micros, at: Instant) {
         let device = device.0 as f64 * 1e-6;
         let (start, received) = *self.origin.get_or_insert((device, at));
         let time = device - start;
         if time < self.last {
-            // It has been restarted.
+            // The device restarted.
             *self = Self { echo: self.echo, ..Self::default() };
             self.origin = Some((device, at));
             self.earliest.push_back((0.0, 0.0));
@@ -85,14 +83,13 @@ impl DeviceClock {
         }
     }
 
-    /// A question to the device and its answer took so long.
+    /// Adds a round-trip time.
     pub fn echo(&mut self, echo: Duration) {
         let echo = echo.as_secs_f64();
         self.echo = Some(self.echo.map_or(echo, |least| least.min(echo)));
     }
 
-    /// When, by the host's clock, it was `device` on the device. `None` before the first echo and the first
-    /// seconds of frames.
+    /// Converts device time to host time. `None` before the first round trip and the first seconds of frames.
     #[must_use]
     pub fn host(&self, device: Micros) -> Option<HostTime> {
         let (start, received) = self.origin?;
@@ -115,7 +112,7 @@ impl DeviceClock {
         Some(HostTime { at, error: Duration::from_secs_f64(echo / 2.0 + line.spread + apart) })
     }
 
-    /// How much faster the device's clock runs than the host's, in parts per million, once that can be told.
+    /// Rate of the device's clock over the host's, in ppm, once it is known.
     #[must_use]
     pub fn drift_ppm(&self) -> Option<f64> {
         self.line.slope.map(|slope| -slope * 1e6)
@@ -126,7 +123,7 @@ impl DeviceClock {
         first.zip(last).map_or(0.0, |(first, last)| last.0 - first.0)
     }
 
-    /// The line below the earliest frames of every bucket that is over.
+    /// Fits the line below the earliest frames of all complete intervals.
     fn fit(&mut self) {
         let least = self.earliest.iter().min_by(|a, b| a.1.total_cmp(&b.1));
         let (touches, offset) = least.copied().unwrap_or_default();
@@ -142,15 +139,14 @@ impl DeviceClock {
             .earliest
             .iter()
             .map(|(t, late)| late - line.offset - line.slope.unwrap_or_default() * t);
-        // A bucket whose every frame was late says nothing about the clock: half of them must not.
+        // The median, because intervals whose every frame was late say nothing about the clock.
         let mut above: Vec<f64> = above.collect();
         above.sort_by(f64::total_cmp);
         line.spread = above.get(above.len() / 2).copied().unwrap_or_default();
         self.line = line;
     }
 
-    /// The edge of the lower convex hull over the middle of the time: of all lines below the points, the one
-    /// along it is the nearest to them.
+    /// Edge of the lower convex hull at the middle of the time: the closest line below all points.
     fn edge(&self) -> Option<((f64, f64), (f64, f64))> {
         let mut hull: Vec<(f64, f64)> = Vec::new();
         for point in &self.earliest {

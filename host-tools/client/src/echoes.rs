@@ -1,27 +1,27 @@
-//! How long a question to a finger and its answer take, asked now and then beside the stream.
+//! Round-trip times of a link, measured during the stream.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryIter, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crate::steady::Steady;
+use crate::steady::ReconnectingClient;
 
-/// From one question to the next.
+/// Interval between measurements.
 const EVERY: Duration = Duration::from_secs(1);
 
-/// Asks a finger once a second, in a thread of its own: whoever takes the frames must not wait for answers.
-/// Dropping it ends it.
-pub struct Echoes {
+/// Measures the round trip once a second, in its own thread because the thread that takes frames must not wait.
+/// Dropping it stops it.
+pub struct RoundTrips {
     echoes: Receiver<Duration>,
     stop: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Echoes {
-    /// Begins.
+impl RoundTrips {
+    /// Starts measuring.
     #[must_use]
-    pub fn of(finger: &Arc<Steady>) -> Self {
+    pub fn of(finger: &Arc<ReconnectingClient>) -> Self {
         let (echo, echoes) = channel();
         let (stop, stopped) = channel::<()>();
         let finger = Arc::clone(finger);
@@ -35,22 +35,22 @@ impl Echoes {
                 }
             }
         };
-        // A system without a thread left goes without: the finger's clock is then not known.
+        // Without a thread the finger's clock stays unknown.
         let thread = std::thread::Builder::new().name("taxel-echoes".to_owned()).spawn(ask).ok();
         Self { echoes, stop: Some(stop), thread }
     }
 
-    /// The answers since the last call.
+    /// Round-trip times since the last call.
     pub fn try_iter(&self) -> TryIter<'_, Duration> {
         self.echoes.try_iter()
     }
 }
 
-impl Drop for Echoes {
+impl Drop for RoundTrips {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // A thread that panicked has nothing more to say.
+            // A panic of the thread was reported when it happened.
             let _ = thread.join();
         }
     }

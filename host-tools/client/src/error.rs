@@ -1,4 +1,4 @@
-//! What can go wrong between a host and a finger, in one line each: the port, what happened, the mend.
+//! Errors of a port and its finger, one line each: the port, what happened, the fix.
 
 use std::io;
 
@@ -7,18 +7,18 @@ use taxel::wire::message::{PROTOCOL, Refusal};
 
 use crate::port::Port;
 
-/// Something went wrong with a finger.
+/// Error of a client.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// Failure of a device in this process, such as a playback whose file is damaged.
     #[error(transparent)]
     Device(#[from] Box<dyn std::error::Error + Send + Sync>),
-    /// With the port itself.
+    /// Failure of the port or of the finger behind it.
     #[error("{port}: {problem}")]
     Port {
-        /// Which port.
+        /// Port as the user wrote it.
         port: Port,
-        /// What is the matter.
+        /// Cause.
         problem: Problem,
     },
 }
@@ -29,7 +29,7 @@ impl LinkError {
         Self::Device(Box::new(error))
     }
 
-    /// What is the matter, where it is the port's matter.
+    /// Cause, where the port or its finger failed.
     #[must_use]
     pub fn problem(&self) -> Option<&Problem> {
         match self {
@@ -39,53 +39,53 @@ impl LinkError {
     }
 }
 
-/// What can be the matter with a port.
+/// Cause of a failure at a port.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Problem {
-    /// The operating system does not let this user at it.
+    /// The operating system denies this user access.
     #[error(
         "permission denied; install the finger's udev rule (`taxel udev | sudo tee \
          /etc/udev/rules.d/70-taxel.rules`, then plug it in again), or join the group that owns the port \
          (`sudo usermod -aG dialout $USER`, then log in again)"
     )]
     Permission,
-    /// Somebody else has it.
+    /// Another program has the port open.
     #[error("busy; close the other program that has it open")]
     Busy,
-    /// There is no such device.
+    /// No such device; the text lists those there are.
     #[error("no such device; {0}")]
-    Missing(String),
-    /// Not one finger on USB, or not this one.
+    NoSuchDevice(String),
+    /// No finger on USB, several, or not the one asked for.
     #[error("{0}")]
     NoFinger(String),
-    /// A file where a device was expected.
-    #[error("a file, not a device; write `file:` before it to play it back")]
+    /// File where a device was expected.
+    #[error("a file, not a device; write `file:` in front of it to play it back")]
     NotADevice,
-    /// A recording or a scene, which is not a device.
+    /// Recording or scene, which has no device.
     #[error(
         "played by the `taxel` command only; run `taxel serve --port PORT --tcp HOST:PORT` with it, then open \
          tcp:HOST:PORT"
     )]
     NoDevice,
-    /// Nobody listens at that address.
+    /// Nothing listens at the address.
     #[error(
         "connection refused; check address and port, and that `taxel serve` or the serial server there is \
          running"
     )]
     Refused,
-    /// The address leads nowhere.
+    /// The address cannot be resolved or reached.
     #[error("cannot be reached: {0}; check the address and the network")]
     Unreachable(String),
-    /// Anything else that opening it brought.
+    /// Any other failure to open the port.
     #[error("cannot be opened: {0}; is it the right port?")]
     Open(String),
-    /// Nobody answers.
+    /// The finger does not answer.
     #[error(
         "no answer within 2 s; is it a taxel finger, powered and running? It may also be in its \
          bootloader, or another program is connected to it"
     )]
-    Silent,
-    /// The other side speaks another protocol.
+    NoReply,
+    /// The finger speaks another version of the protocol.
     #[error(
         "the finger (firmware {}.{}.{}) speaks protocol {theirs}, this program {PROTOCOL}; {}",
         .firmware[0], .firmware[1], .firmware[2],
@@ -97,77 +97,75 @@ pub enum Problem {
         /// The finger's firmware version.
         firmware: [u8; 3],
     },
-    /// The link broke off: the cable was pulled, the finger lost power, or its server went away.
+    /// The link broke: cable pulled, power lost, or server stopped.
     #[error("the finger is gone ({0}); check cable and power, then start again")]
     Unplugged(String),
-    /// The trace or scene behind the port is over. For a playback this is how things end.
+    /// The recording or scene behind the port has ended.
     #[error("the playback is over")]
     Ended,
-    /// The finger did not do what it was asked.
+    /// The finger refused a command.
     #[error("{command}: {}", refused(.refusal))]
     Refusal {
-        /// What was asked.
+        /// Name of the command.
         command: &'static str,
-        /// Its reason.
+        /// Reason the finger gave.
         refusal: Refusal,
     },
-    /// The finger answered something else.
-    #[error(
-        "{0}: the answer belongs to another question; is another program using the same finger?"
-    )]
-    Confused(&'static str),
-    /// An upload did not come to its end.
-    #[error("{why}; {in_force}")]
+    /// The reply belongs to another request.
+    #[error("{0}: the reply belongs to another request; is another program using the same finger?")]
+    UnexpectedReply(&'static str),
+    /// An upload did not complete.
+    #[error("{why}; {active}")]
     Upload {
-        /// What broke it off.
+        /// Cause.
         why: Box<Problem>,
-        /// What that leaves.
-        in_force: InForce,
+        /// Calibration that is active now.
+        active: ActiveCalibration,
     },
-    /// The user has had enough.
+    /// The caller stopped the upload.
     #[error("stopped")]
     Stopped,
-    /// A calibration came back other than it was sent.
-    #[error("the calibration reads back differently from what was sent; upload it again")]
+    /// The calibration that was read back differs from the one sent.
+    #[error("the calibration that was read back differs from the one sent; upload it again")]
     ReadBack,
-    /// This platform lacks it.
+    /// This operating system does not support it.
     #[error("not available on this operating system; use tcp:HOST:PORT")]
     Unsupported,
 }
 
-/// Which calibration is in force on a finger after an upload that was broken off. Whichever it is, it is whole.
+/// Calibration that is active after an interrupted upload. It is complete in every case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum InForce {
-    /// The one before, or none if there was none.
-    #[error("what was in force before stays; upload again")]
-    Before,
-    /// That of before or the new one: it was told to put the new one in force, and nothing came back.
+pub enum ActiveCalibration {
+    /// The previous one, or none if there was none.
+    #[error("the previous calibration stays active; upload again")]
+    Previous,
+    /// The previous or the new one: the commit was sent, and no reply came.
     #[error(
-        "either the calibration of before or the new one is in force, whole; upload again, or see which \
+        "the previous or the new calibration is active, complete in either case; upload again, or see which \
          with `taxel info`"
     )]
     Either,
     /// The new one.
     #[error(
-        "the new calibration is in force, but was not read back; `taxel calibrate download` reads it"
+        "the new calibration is active, but was not read back; `taxel calibrate download` reads it"
     )]
     New,
 }
 
 impl Problem {
-    /// As an error of `port`.
+    /// Returns this cause as an error of `port`.
     #[must_use]
     pub fn at(self, port: &Port) -> LinkError {
         LinkError::Port { port: port.clone(), problem: self }
     }
 
-    /// What the link said when it broke.
+    /// Cause of a link that broke with this error.
     pub(crate) fn broken(error: &io::Error) -> Self {
         Self::Unplugged(one_line(error))
     }
 }
 
-/// The text of an error on one line.
+/// Text of an error on one line.
 pub(crate) fn one_line(error: &dyn std::error::Error) -> String {
     let text = error.to_string();
     // The number that Rust appends to the system's own words helps nobody.
@@ -179,12 +177,12 @@ fn refused(refusal: &Refusal) -> String {
     match refusal {
         Refusal::OutOfRange { low, high } => format!("must lie in {low}…{high}"),
         Refusal::Saturated => {
-            "a taxel is clipped, so that its unloaded level is not known; shade the finger or lower \
-             its light, then try again"
+            "a taxel is clipped, so its unloaded level is unknown; shade the finger or lower its light, \
+             then try again"
                 .to_owned()
         }
         Refusal::NotStill => {
-            "refused, the finger moved meanwhile; the old bias stays, let go and try again".into()
+            "refused, the finger moved; the old bias stays; release the finger and try again".into()
         }
         Refusal::Busy => "refused, a bias is being taken or a self-test runs; wait for it".into(),
         Refusal::OutOfOrder => {
@@ -194,8 +192,8 @@ fn refused(refusal: &Refusal) -> String {
             format!("refused, {error}; the old calibration stays")
         }
         Refusal::Storage => {
-            "the finger's flash failed; what was stored before stays; try again, and replace the board \
-             if it goes on"
+            "the finger's flash failed; what was stored stays; try again, and replace the board if it \
+             fails again"
                 .into()
         }
         Refusal::Unsupported => "this board cannot do that".into(),
@@ -206,7 +204,7 @@ fn refused(refusal: &Refusal) -> String {
                 ScanSetting::SettleNs => "--settle in nanoseconds",
             };
             format!(
-                "{name} must lie in {low}…{high} while the other two stay; the scan goes on as it was"
+                "{name} must lie in {low}…{high} with the other two settings as they are; the scan is unchanged"
             )
         }
         Refusal::Uncalibrated => "the finger has no calibration; upload one".into(),

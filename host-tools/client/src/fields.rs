@@ -5,13 +5,13 @@ use taxel::frame::schema::{FIELD_NAMES, FIELDS};
 
 /// Word in a list of fields that names none.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no field; choose from {FIELD_NAMES}")]
+#[error("unknown field `{0}`; choose from {FIELD_NAMES}")]
 pub struct UnknownField(String);
 
 /// Reads a list such as `force,point`.
 ///
 /// # Errors
-/// The first word that is no field.
+/// The first word is not a field.
 pub fn parse(list: &str) -> Result<Fields, UnknownField> {
     list.split(',').map(str::trim).try_fold(Fields::empty(), |chosen, word| {
         let field = match word {
@@ -45,7 +45,9 @@ mod tests {
 
     #[test]
     fn an_unknown_field_is_named() {
-        assert!(parse("force,torque").unwrap_err().to_string().starts_with("`torque` is no field"));
+        assert!(
+            parse("force,torque").unwrap_err().to_string().starts_with("unknown field `torque`")
+        );
         assert!(parse("").is_err());
     }
 }

@@ -20,9 +20,9 @@ pub mod usb;
 
 pub use client::{Client, Counts, Received};
 pub use clock::{DeviceClock, HostTime};
-pub use echoes::Echoes;
-pub use error::{InForce, LinkError, Problem};
+pub use echoes::RoundTrips;
+pub use error::{ActiveCalibration, LinkError, Problem};
 pub use link::{Device, Link};
 pub use port::Port;
-pub use stamps::Stamps;
-pub use steady::{Event, Steady};
+pub use stamps::Timestamps;
+pub use steady::{Event, ReconnectingClient};

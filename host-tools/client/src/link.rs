@@ -10,13 +10,13 @@ use crate::error::{LinkError, Problem, one_line};
 use crate::port::Port;
 use crate::usb;
 
-/// What a UART bridge is set to; USB and pseudo-terminals do not care.
+/// Baud rate of a UART bridge; USB and pseudo-terminals ignore it.
 const BAUD: u32 = 1_000_000;
-/// How long a read waits before the reader looks whether it should stop.
+/// Time limit of a read, after which the reader checks whether to stop.
 const POLL: Duration = Duration::from_millis(50);
-/// A link that takes no bytes for so long is gone.
+/// Time limit of a write, after which the link counts as broken.
 const WRITE_PATIENCE: Duration = Duration::from_secs(1);
-/// How long a network may take to connect.
+/// Time limit of a TCP connection.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(2);
 
 /// An open port: bytes in both directions.
@@ -66,11 +66,11 @@ impl Link {
 fn serial(name: &str) -> Result<Link, Problem> {
     let mut builder = serialport::new(name, BAUD).timeout(POLL);
     if cfg!(windows) {
-        // Elsewhere opening does it; the firmware streams only to a port that somebody has open.
+        // Elsewhere opening sets DTR; the firmware streams only to an open port.
         builder = builder.dtr_on_open(true);
     }
     let reader = builder.open().map_err(|error| no_serial(name, &error))?;
-    // What an earlier program left unread; a driver that cannot forget it does no harm.
+    // Bytes that an earlier program left unread; a driver that cannot drop them does no harm.
     let _ = reader.clear(serialport::ClearBuffer::Input);
     let mut writer = reader.try_clone().map_err(|error| no_serial(name, &error))?;
     writer.set_timeout(WRITE_PATIENCE).map_err(|error| no_serial(name, &error))?;
@@ -85,18 +85,18 @@ fn no_serial(name: &str, error: &serialport::Error) -> Problem {
     }
     match error.kind() {
         Kind::Io(io::ErrorKind::PermissionDenied) => Problem::Permission,
-        // The library calls a device that another program holds "no device" too.
+        // The library reports a device that another program holds as "no device" too.
         Kind::NoDevice if path.exists() => Problem::Busy,
-        Kind::NoDevice | Kind::Io(io::ErrorKind::NotFound) => Problem::Missing(what_is_there()),
+        Kind::NoDevice | Kind::Io(io::ErrorKind::NotFound) => Problem::NoSuchDevice(devices()),
         _ => Problem::Open(one_line(error)),
     }
 }
 
-fn what_is_there() -> String {
+fn devices() -> String {
     let ports = serialport::available_ports().unwrap_or_default();
     let names: Vec<_> = ports.into_iter().map(|port| port.port_name).collect();
     match names.as_slice() {
-        [] => "there is no serial device at all: is the finger plugged in?".to_owned(),
+        [] => "there is no serial device; is the finger plugged in?".to_owned(),
         names => format!("there are {}", names.join(", ")),
     }
 }

@@ -1,40 +1,38 @@
-//! Where a finger is.
+//! Names of ports.
 
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Where a finger is: the same words in every command.
+/// Port of a finger, in the same words in every command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Port {
     /// `usb:SERIAL`, the finger of that serial number on USB, or `usb`, the only one.
     Usb(Option<String>),
-    /// A serial device, as the operating system calls it.
+    /// Serial device by its name in the operating system.
     Serial(String),
-    /// `tcp:HOST:PORT`: a finger behind a network.
+    /// `tcp:HOST:PORT`: finger on a network.
     Tcp {
         /// Name or address; IPv6 without brackets.
         host: String,
         /// TCP port.
         port: u16,
     },
-    /// `file:PATH`: a trace or a recording, played back in real time by a virtual finger.
+    /// `file:PATH`: trace or recording, played back in real time by the `taxel` command.
     File(PathBuf),
-    /// `sim:SCENE`: a virtual finger in a scene, by name or path.
+    /// `sim:SCENE`: simulated finger in a scene, by name or path, run by the `taxel` command.
     Sim(String),
 }
 
-/// Why a word is no port.
+/// Reason that a word is not a port.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PortError {
-    /// There is nothing where a name belongs.
-    #[error(
-        "`{0}` names nothing; write usb, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE"
-    )]
+    /// The name is empty.
+    #[error("`{0}` has no name; write usb, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE")]
     Empty(String),
-    /// Not one of the kinds there are.
+    /// Unknown kind of port.
     #[error(
-        "`{0}:` is no kind of port; write usb, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE"
+        "unknown kind of port `{0}:`; write usb, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE"
     )]
     Kind(String),
     /// `tcp:` without host and port.
@@ -47,7 +45,7 @@ impl FromStr for Port {
 
     fn from_str(word: &str) -> Result<Self, PortError> {
         let (kind, name) = match word.split_once(':') {
-            // A path may well have a colon in it: /dev/serial/by-path/pci-0000:00:14.0-usb…
+            // A path may contain a colon: /dev/serial/by-path/pci-0000:00:14.0-usb…
             Some((kind, name)) if !kind.contains(['/', '\\', '.']) => (kind, name),
             _ => ("", word),
         };
@@ -120,9 +118,9 @@ mod tests {
     #[test]
     fn what_is_no_port_is_refused_with_what_would_be() {
         for (word, part) in [
-            ("", "names nothing"),
-            ("sim:", "names nothing"),
-            ("udp:1.2.3.4:5", "`udp:` is no kind"),
+            ("", "has no name"),
+            ("sim:", "has no name"),
+            ("udp:1.2.3.4:5", "unknown kind of port `udp:`"),
             ("tcp:localhost", "not HOST:PORT"),
             ("tcp::5000", "not HOST:PORT"),
             ("tcp:localhost:0", "not HOST:PORT"),

@@ -1,12 +1,12 @@
-//! What a finger's test of itself says about it.
+//! Faults found by a finger's self-test.
 
 use taxel::condition::{DEAD_LEVEL, MIDPOINT_MARGIN};
 use taxel::self_test::{Channel, SelfTest};
 
-/// A channel noisier than this share of full scale resolves less than eight bits.
+/// Largest noise as a share of full scale: above it a channel resolves less than eight bits.
 const NOISE: f32 = 1.0 / 256.0;
 
-/// What is not as it should be.
+/// Lists the faults, each with its fix.
 #[must_use]
 pub fn findings(test: &SelfTest) -> Vec<String> {
     let full_scale = f32::from(test.full_scale.top().0);
@@ -53,8 +53,7 @@ pub fn findings(test: &SelfTest) -> Vec<String> {
     wrong
 }
 
-/// How many times as bright as its column in the dark each taxel is when lit, by row; `None` where either is not
-/// there. Below one code there is no darker.
+/// Ratio of each lit taxel to its dark column, by row; `None` where either is absent. Dark counts as at least 1 code.
 #[must_use]
 pub fn on_off(test: &SelfTest) -> [[Option<f32>; 4]; 4] {
     let dark = test.channels.dark;
@@ -66,7 +65,7 @@ pub fn on_off(test: &SelfTest) -> [[Option<f32>; 4]; 4] {
     })
 }
 
-/// The channels that are there, by their names in a trace.
+/// Lists the channels present by their names in a trace.
 #[must_use]
 pub fn named(test: &SelfTest) -> Vec<(String, Channel)> {
     let channels = &test.channels;

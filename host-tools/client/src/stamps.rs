@@ -1,4 +1,4 @@
-//! When a frame was received and when it was scanned, in microseconds since 1970.
+//! Times of frames in host time, as durations since 1970.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -7,38 +7,37 @@ use taxel::units::Micros;
 use crate::client::Received;
 use crate::clock::DeviceClock;
 
-/// The frames of one finger in this host's time. What the wall clock said when it began holds: a clock that is
-/// set meanwhile tears no recording apart.
+/// Host times of one finger's frames. The wall clock is read once, so that setting it does not break a recording.
 #[derive(Debug)]
-pub struct Stamps {
+pub struct Timestamps {
     epoch: (Instant, Duration),
     clock: DeviceClock,
 }
 
-impl Default for Stamps {
+impl Default for Timestamps {
     fn default() -> Self {
         let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self { epoch: (Instant::now(), unix), clock: DeviceClock::default() }
     }
 }
 
-impl Stamps {
-    /// The finger had gone and is there again, maybe with another clock and by another way.
+impl Timestamps {
+    /// Forgets the device's clock, after a reconnect.
     pub fn reconnected(&mut self) {
         self.clock = DeviceClock::default();
     }
 
-    /// Learns from a frame.
+    /// Adds a frame.
     pub fn frame(&mut self, received: &Received) {
         self.clock.frame(received.frame.time, received.at);
     }
 
-    /// Learns from a question and its answer.
+    /// Adds a round-trip time.
     pub fn echo(&mut self, echo: Duration) {
         self.clock.echo(echo);
     }
 
-    /// A moment of this host.
+    /// Converts a moment of this host.
     #[must_use]
     pub fn unix(&self, at: Instant) -> Duration {
         let (began, unix) = self.epoch;
@@ -48,7 +47,7 @@ impl Stamps {
         }
     }
 
-    /// A moment of the finger, and how far off that may be; `None` before its clock is known.
+    /// Converts a moment of the device, with its error bound; `None` before the clock is known.
     #[must_use]
     pub fn scanned(&self, device: Micros) -> Option<(Duration, Duration)> {
         let host = self.clock.host(device)?;
@@ -64,10 +63,10 @@ mod tests {
 
     #[test]
     fn a_clock_that_jumped_ahead_while_the_finger_was_gone_is_learnt_anew() {
-        let mut stamps = Stamps::default();
+        let mut stamps = Timestamps::default();
         let begin = Instant::now();
         // A millisecond of device time each, from `device` seconds on, `after` seconds after the beginning.
-        let stream = |stamps: &mut Stamps, device: u64, after: u64, frames: u64| {
+        let stream = |stamps: &mut Timestamps, device: u64, after: u64, frames: u64| {
             for i in 0..frames {
                 let time = Micros(device * 1_000_000 + i * 1000);
                 let at = begin + Duration::from_micros(after * 1_000_000 + i * 1000 + 200);

@@ -1,5 +1,4 @@
-//! A finger that stays connected: when the link breaks it is opened again, and what the finger had been set
-//! to is set again.
+//! Client that opens a broken link again and restores the finger's settings.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -14,11 +13,11 @@ use crate::error::{LinkError, Problem};
 use crate::link::Link;
 use crate::port::Port;
 
-/// How often a port that has gone is tried.
+/// Interval between attempts to open a port.
 const RETRY: Duration = Duration::from_millis(100);
 
-/// One finger, through however many connections.
-pub struct Steady {
+/// Client of one finger over any number of connections.
+pub struct ReconnectingClient {
     port: Port,
     open: Open,
     state: Mutex<State>,
@@ -33,42 +32,42 @@ struct State {
     bias_lost: bool,
 }
 
-/// What a finger forgets when it loses power.
+/// Settings that a finger loses with its power.
 #[derive(Clone, Copy)]
 struct Settings {
     millihertz: u32,
     filter_hz: u16,
     fields: Fields,
     method: PointMethod,
-    /// How it scans, where the board can tell.
+    /// Scan settings, where the board reports them.
     scan: Option<ScanSettings>,
-    /// A bias taken on command was in force.
+    /// Whether a bias taken on command was active.
     biased: bool,
 }
 
-/// What came next.
+/// Result of waiting for a finger.
 #[expect(clippy::large_enum_variant, reason = "a frame is handed on at once, thousands a second")]
 pub enum Event {
-    /// A frame.
+    /// Frame received.
     Frame(Received),
-    /// Nothing, for as long as the caller was patient.
-    Quiet,
-    /// The finger is there, for the first time or again, and streams.
-    There(Arc<Client>),
-    /// It is not there, and why. It is being looked for.
-    Gone(LinkError),
-    /// A playback is over: nothing more will come.
-    Over,
+    /// No frame within the time given.
+    Timeout,
+    /// The finger was connected, for the first time or again, and streams.
+    Connected(Arc<Client>),
+    /// The finger is not connected, with the reason. The next call tries again.
+    Disconnected(LinkError),
+    /// A playback has ended; no more frames come.
+    Ended,
 }
 
-impl Steady {
-    /// A finger at `port`, which need not be there yet.
+impl ReconnectingClient {
+    /// Creates a client for `port`, which need not be connected yet.
     #[must_use]
     pub fn new(port: Port) -> Self {
         Self::opened_by(port, Link::open)
     }
 
-    /// A finger at `port`, which `open` opens each time.
+    /// Creates a client whose port is opened by `open` each time.
     #[must_use]
     pub fn opened_by(
         port: Port,
@@ -77,7 +76,7 @@ impl Steady {
         Self { port, open: Box::new(open), state: Mutex::default() }
     }
 
-    /// A finger that is connected already, and streams.
+    /// Wraps a client that is connected and streams.
     #[must_use]
     pub fn of(client: Arc<Client>) -> Self {
         let steady = Self::new(client.port().clone());
@@ -85,44 +84,44 @@ impl Steady {
         steady
     }
 
-    /// Where it is.
+    /// Port of the finger.
     #[must_use]
     pub fn port(&self) -> &Port {
         &self.port
     }
 
-    /// The connection, while there is one.
+    /// Current connection, if there is one.
     #[must_use]
     pub fn client(&self) -> Option<Arc<Client>> {
         self.state().client.clone()
     }
 
-    /// The next thing that happens; streams from the first call on.
+    /// Waits for the next event. The finger streams from the first call on.
     pub fn next(&self, patience: Duration) -> Event {
         let Some(client) = self.client() else {
             return match self.connect() {
-                Ok(client) => Event::There(client),
+                Ok(client) => Event::Connected(client),
                 Err(error) => {
                     std::thread::sleep(RETRY);
-                    Event::Gone(error)
+                    Event::Disconnected(error)
                 }
             };
         };
         match client.next(patience) {
             Ok(Some(received)) => Event::Frame(received),
-            Ok(None) => Event::Quiet,
-            Err(error) if error.problem() == Some(&Problem::Ended) => Event::Over,
+            Ok(None) => Event::Timeout,
+            Err(error) if error.problem() == Some(&Problem::Ended) => Event::Ended,
             Err(error) => {
                 self.state().client = None;
-                Event::Gone(error)
+                Event::Disconnected(error)
             }
         }
     }
 
-    /// What the finger is set to now is what it shall be set to after a reconnect.
+    /// Remembers the present settings of the finger, to restore them after a reconnect.
     ///
     /// # Errors
-    /// It does not say.
+    /// The finger does not reply.
     pub fn remember(&self, client: &Client) -> Result<Info, LinkError> {
         let info = client.info()?;
         self.state().settings = Some(Settings {
@@ -136,8 +135,7 @@ impl Steady {
         Ok(info)
     }
 
-    /// The finger had a bias taken on command, and came back without: a board without power forgets it, and
-    /// nobody but the finger itself can take it again.
+    /// Whether the finger lost a bias that was taken on command. Only the unloaded finger can take it again.
     #[must_use]
     pub fn bias_lost(&self) -> bool {
         self.state().bias_lost
@@ -153,7 +151,7 @@ impl Steady {
         match settings {
             None => drop(self.remember(&client)?),
             Some(Settings { millihertz, filter_hz, fields, method, scan, biased }) => {
-                // First, because the others depend on it. Not in vain, because the finger forgets its bias with it.
+                // First, because the others depend on it. Only if it differs, because it clears the bias.
                 if let Some(scan) = scan
                     && client.health()?.scan != Some(scan)
                 {

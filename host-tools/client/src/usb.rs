@@ -1,29 +1,28 @@
-//! Fingers on USB, found by what they say they are.
+//! Fingers on USB, found by their descriptors.
 
 use serialport::{SerialPortType, UsbPortInfo};
 
 use crate::error::Problem;
 
-/// As `boards/common` has them: pid.codes' identifiers for testing, which others use too, so that the
-/// manufacturer counts as well.
+/// USB vendor id, as in `boards/common`. It is for testing and shared, so the manufacturer is checked too.
 pub const VENDOR: u16 = 0x1209;
-/// See [`VENDOR`].
+/// USB product id.
 pub const PRODUCT: u16 = 0x0001;
-/// See [`VENDOR`].
+/// USB manufacturer.
 pub const MANUFACTURER: &str = "taxel";
 
-/// A serial device of this machine.
+/// Serial device of this machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Device {
-    /// As the operating system calls it now.
+    /// Name in the operating system.
     pub name: String,
-    /// Serial number, where it is a finger.
+    /// Serial number, if it is a finger.
     pub finger: Option<String>,
-    /// What it says it is.
+    /// Manufacturer and product.
     pub product: String,
 }
 
-/// Every serial device there is; a system that cannot tell has none.
+/// Lists the serial devices; none where the system cannot.
 #[must_use]
 pub fn devices() -> Vec<Device> {
     let ports = serialport::available_ports().unwrap_or_default();
@@ -48,7 +47,7 @@ fn is_finger(usb: &UsbPortInfo) -> bool {
     (usb.vid, usb.pid) == (VENDOR, PRODUCT) && usb.manufacturer.as_deref() == Some(MANUFACTURER)
 }
 
-/// The device of the finger with this serial number, or of the only one.
+/// Finds the finger of this serial number, or the only one.
 pub(crate) fn find(devices: &[Device], serial: Option<&str>) -> Result<String, Problem> {
     let fingers: Vec<(&str, &Device)> =
         devices.iter().filter_map(|d| Some((d.finger.as_deref()?, d))).collect();
@@ -56,8 +55,8 @@ pub(crate) fn find(devices: &[Device], serial: Option<&str>) -> Result<String, P
         || fingers.iter().map(|(serial, _)| format!("usb:{serial}")).collect::<Vec<_>>().join(", ");
     match (serial, fingers.as_slice()) {
         (_, []) => Err(Problem::NoFinger(
-            "no finger on USB; plug it in, or choose another port with --port: `taxel ports` lists what is there, \
-             sim:tour is a finger without hardware"
+            "no finger on USB; plug it in, or choose another port with --port: `taxel ports` lists them, \
+             sim:tour is a simulated finger"
                 .to_owned(),
         )),
         (None, [(_, only)]) => Ok(only.name.clone()),

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use taxel::condition::Bias;
 use taxel::scan::COLS;
-use taxel_client::client::BiasInForce;
+use taxel_client::client::ActiveBias;
 
 use crate::finger::PortArg;
 use crate::output;
@@ -14,7 +14,7 @@ use crate::output;
 pub struct Args {
     #[command(flatten)]
     port: PortArg,
-    /// What to do.
+    /// Action.
     action: Action,
     /// Scans to average for `take`.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u16).range(2..))]
@@ -30,7 +30,7 @@ Examples:
   taxel bias save
   taxel bias --port sim:presses take --scans 50";
 
-/// What can be done with a bias.
+/// Action on a bias.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Action {
     /// Average the unloaded, still finger into a new one.
@@ -52,7 +52,7 @@ struct Report {
     sensors: Vec<Option<Channels>>,
 }
 
-/// One group of channels.
+/// Group of channels.
 #[derive(Serialize)]
 struct Channels {
     level: Vec<f32>,
@@ -101,7 +101,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn report(BiasInForce { bias, on_command, in_contact }: &BiasInForce) -> Report {
+fn report(ActiveBias { bias, on_command, in_contact }: &ActiveBias) -> Report {
     let Bias { taxels, bridges } = bias;
     let sensor = |level: [f32; 3], noise| Channels { level: level.into(), noise };
     Report {

@@ -1,7 +1,7 @@
 //! `taxel bridge`: fingers as a part of a ROS 2 system, without ROS, and live in Foxglove.
 //!
 //! ```text
-//! finger ──Steady──▶ Finger ──┬─CDR──────▶ Nodes ───Zenoh──────▶ rmw_zenoh, any Zenoh program
+//! finger ──ReconnectingClient──▶ Finger ──┬─CDR──────▶ Nodes ───Zenoh──────▶ rmw_zenoh, any Zenoh program
 //!                             └─protobuf─▶ Topics ──WebSocket──▶ Foxglove
 //! ```
 //! Both outlets always compile. What they publish through, [`peer`] and [`websocket`], is real only with the
@@ -24,7 +24,7 @@ use anyhow::anyhow;
 use clap::ArgGroup;
 use taxel::frame::Fields;
 use taxel::frame::schema::FIELD_NAMES;
-use taxel_client::{Port, Steady, fields};
+use taxel_client::{Port, ReconnectingClient, fields};
 
 use crate::finger::{address, scene_calibration, steady};
 use crate::interrupt::Interrupt;
@@ -32,7 +32,7 @@ use crate::{output, stream};
 use finger::{Finger, Outlet, Report};
 use graph::Namespace;
 
-/// How often the loop looks whether it should end.
+/// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Publishes fingers, over Zenoh as ROS 2 nodes or live to Foxglove, until Ctrl-C or for a while.
@@ -62,13 +62,13 @@ pub struct Args {
     /// A Zenoh router or peer to connect to; may be given more than once. It need not be there yet.
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/localhost:7447")]
     connect: Vec<String>,
-    /// Where other peers can connect to this; may be given more than once.
+    /// Address on which other peers can connect; may be given more than once.
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/localhost:0")]
     listen: Vec<String>,
     /// Domain of the ROS 2 system [default: ROS_DOMAIN_ID, else 0].
     #[arg(long, value_name = "N")]
     domain: Option<u32>,
-    /// What the names of nodes and topics begin with.
+    /// Prefix of the names of nodes and topics.
     #[arg(long, value_name = "NAME", default_value = "/taxel")]
     namespace: Namespace,
     /// Frames a second [default: as the finger is set].
@@ -97,7 +97,7 @@ Examples:
   taxel bridge --foxglove --port usb
   taxel bridge --zenoh --port sim:tour --connect tcp/robot.local:7447 --domain 7";
 
-/// What all fingers of a bridge have.
+/// Settings and stop flag shared by the fingers of a bridge.
 struct Shared {
     rate: Option<u16>,
     fields: Option<Fields>,
@@ -133,7 +133,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let stop = AtomicBool::new(false);
     let shared = Arc::new(Shared { rate: args.rate, fields: args.fields, stop });
     let began = Instant::now();
-    let start = |steady: Arc<Steady>| {
+    let start = |steady: Arc<ReconnectingClient>| {
         let finger = Finger::new(steady, Arc::clone(&shared), outlets());
         std::thread::spawn(move || finger.serve())
     };
@@ -173,7 +173,7 @@ fn as_text(report: &Report) -> String {
     format!("{port}: {name}, {frames} frames, {lost} lost, {forces} with a force")
 }
 
-/// What ROS 2 itself goes by.
+/// Domain from `ROS_DOMAIN_ID`, as ROS 2 reads it.
 fn ros_domain() -> anyhow::Result<u32> {
     match std::env::var("ROS_DOMAIN_ID") {
         Ok(text) if !text.is_empty() => {

@@ -39,7 +39,7 @@ enum Command {
 /// Runs the command.
 ///
 /// # Errors
-/// What the subcommand says.
+/// Subcommand.
 pub fn run(args: Args) -> anyhow::Result<()> {
     match args.command {
         Command::Fit(args) => fit::run(args),

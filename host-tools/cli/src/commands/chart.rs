@@ -41,9 +41,9 @@ Examples:
 enum Chart {
     /// Cost and error of every estimator.
     Estimators,
-    /// Where each method fails, and whether it says so.
+    /// Failures of each method, and whether they are detected.
     Failures,
-    /// How the error of a shear grows towards the edge.
+    /// Error of shear over the distance from the centre.
     Edge,
     /// The limit surface's forms, their error and cost.
     LimitSurface,
@@ -51,7 +51,7 @@ enum Chart {
     Peers,
     /// Time and error of the simulator's rungs.
     Simulator,
-    /// What a host does with a frame, and how fast.
+    /// Speed of a host's work on a frame.
     Throughput,
 }
 

@@ -11,7 +11,7 @@ use crate::output;
     after_help = "Example: taxel completions bash > ~/.local/share/bash-completion/completions/taxel"
 )]
 pub struct Args {
-    /// Which shell.
+    /// Shell.
     shell: Shell,
 }
 

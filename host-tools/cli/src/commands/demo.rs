@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 use taxel::frame::Frame;
-use taxel_client::{Client, Steady};
+use taxel_client::{Client, ReconnectingClient};
 use taxel_files::trace::Truth;
 
 use crate::browser;
@@ -32,13 +32,13 @@ use score::{Accuracy, Score};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// What happens to the finger: a built-in scene, or the path of a TOML file.
+    /// Scene: a built-in name, or the path of a TOML file.
     #[arg(long, default_value = "tour")]
     scene: String,
     /// Seconds to run [default: until Ctrl-C].
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
     duration: Option<f64>,
-    /// No page, no browser, and nothing shown until the summary.
+    /// Show nothing until the summary: no page, no browser.
     #[arg(long)]
     headless: bool,
     /// Print the summary as JSON.
@@ -66,11 +66,11 @@ Examples:
 
 /// A finger whose truth is known.
 trait Performer {
-    /// What to call it.
+    /// Name of the finger.
     fn name(&self) -> String;
     /// Connects to it, as to hardware.
     fn connect(&mut self) -> anyhow::Result<Client>;
-    /// What really happened in the scan of `frame`.
+    /// True values in the scan of `frame`.
     fn truth(&self, frame: &Frame) -> Option<Truth>;
 }
 
@@ -123,7 +123,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 
 fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> anyhow::Result<()> {
     let client = Arc::new(finger.connect()?);
-    let steady = Arc::new(Steady::of(Arc::clone(&client)));
+    let steady = Arc::new(ReconnectingClient::of(Arc::clone(&client)));
     let page = if args.headless { None } else { Some(page(&steady, None)?) };
     if let Some((server, _)) = &page {
         output::note(format_args!("{}, scene {}", finger.name(), args.scene));

@@ -81,7 +81,7 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth, live: bool) -> S
     .join("\n")
 }
 
-/// What the finger has counted and measured of itself.
+/// Counters and timings of the finger.
 fn running(info: &Info, health: &BoardHealth) -> Vec<String> {
     let Info { identity, counters, cost, .. } = info;
     let micros = |ticks: u32| f64::from(ticks) * 1e6 / f64::from(identity.tick_hz.max(1));
@@ -106,7 +106,7 @@ fn filter(hz: u16) -> String {
     if hz == 0 { "none".to_owned() } else { format!("{hz} Hz, second order") }
 }
 
-/// What the board could tell of itself.
+/// State of the board, as far as it reports it.
 fn board(health: &BoardHealth, micros: impl Fn(u32) -> f64) -> Vec<String> {
     let mut lines = vec![format!("started      after {}", reset(health.reset))];
     lines.extend(health.panic.as_ref().map(|panic| format!("last panic   {panic}")));

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::bail;
 use taxel::frame::Fields;
 use taxel::frame::schema::FIELD_NAMES;
-use taxel_client::{Echoes, Port, Steady, fields};
+use taxel_client::{Port, ReconnectingClient, RoundTrips, fields};
 
 use crate::Files;
 use crate::commands::view::page;
@@ -75,7 +75,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if let Some(fields) = args.fields {
         client.set_fields(fields)?;
     }
-    let steady = Arc::new(Steady::of(Arc::clone(&client)));
+    let steady = Arc::new(ReconnectingClient::of(Arc::clone(&client)));
     // The page asks for the taxels, which the files then have as well.
     let page = args.page.as_deref().map(|address| page(&steady, Some(address))).transpose()?;
     page.iter().for_each(|(server, _)| output::note(server.url()));
@@ -87,7 +87,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         output::note(format_args!("recording {} into {names}; Ctrl-C ends it", client.port()));
     }
     // Who asks how long a question takes has to wait for the answer, which frames must not.
-    let echoes = Echoes::of(&steady);
+    let echoes = RoundTrips::of(&steady);
     let recorded = stream::run(&steady, true, args.duration, &interrupt, |next| match next {
         Next::Frame(received) => {
             echoes.try_iter().for_each(|echo| files.echo(echo));

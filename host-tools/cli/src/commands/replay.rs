@@ -45,7 +45,7 @@ pub struct Args {
     out: PathBuf,
     #[command(flatten)]
     overwrite: Overwrite,
-    /// Where the core runs.
+    /// Platform that runs the core.
     #[arg(long, value_enum, default_value_t = Core::Host)]
     on: Core,
     #[arg(long, value_name = "LIST", default_value = "estimates", value_parser = fields::parse,
@@ -146,7 +146,7 @@ fn replayed(
     })
 }
 
-/// Where frames go, and what is counted of them.
+/// Frame writer that also counts.
 struct Sink {
     frames: Recorder,
     fields: Fields,
@@ -233,7 +233,7 @@ fn on_board(
     Ok(sink)
 }
 
-/// How an emulated board is to be set. A board takes its bias from its own scans alone.
+/// Settings for an emulated board. A board takes its bias from its own scans only.
 fn settings(header: &Header, args: &Args) -> anyhow::Result<Settings> {
     if header.bias().is_some() {
         bail!(

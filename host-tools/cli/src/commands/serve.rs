@@ -11,7 +11,7 @@ use crate::interrupt::Interrupt;
 use crate::output;
 use crate::virtual_finger::{Outcome, Source, VirtualFinger};
 
-/// How often the loop looks whether it should end.
+/// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Puts a virtual finger where other programs can connect to it, until Ctrl-C.
@@ -24,7 +24,7 @@ pub struct Args {
     /// The finger: sim:SCENE or file:TRACE.csv.
     #[arg(long, value_name = "PORT")]
     port: Port,
-    /// Where; port 0 takes any that is free [default: a pseudo-terminal].
+    /// Address of the finger; port 0 takes any free port [default: a pseudo-terminal].
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     tcp: Option<String>,
     /// Calibration of the finger [default: a built-in scene's own].

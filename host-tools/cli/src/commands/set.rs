@@ -26,7 +26,7 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_parser = fields::parse, group = "settings",
           help = format!("Fields that frames carry, with commas between: {FIELD_NAMES}"))]
     fields: Option<Fields>,
-    /// How the contact point is found.
+    /// Method of the contact point.
     #[arg(long, value_name = "METHOD", group = "settings")]
     point: Option<Point>,
     /// Scans a second.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use taxel_client::{Port, Steady};
+use taxel_client::{Port, ReconnectingClient};
 use taxel_files::calibration;
 
 use crate::browser;
@@ -13,7 +13,7 @@ use crate::interrupt::Interrupt;
 use crate::output;
 use crate::view::{Feed, Server, Source, Tap};
 
-/// How often the loop looks whether it should end.
+/// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Shows fingers in the browser, live, until Ctrl-C; or a recording, with a scrubber.
@@ -26,7 +26,7 @@ pub struct Args {
     /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE; may be given more than once.
     #[arg(long, value_name = "PORT", default_value = "usb")]
     port: Vec<Port>,
-    /// Where the page is served. Beyond this machine anybody who can reach it commands the finger.
+    /// Address of the page. Anybody who can reach it can command the finger.
     #[arg(long, value_name = "HOST:PORT", default_value = PAGE, value_parser = address)]
     listen: String,
     /// Calibration of a virtual finger, or to compute a recording's codes again with [default: a built-in
@@ -41,7 +41,7 @@ pub struct Args {
     folder: PathBuf,
 }
 
-/// Where pages are served unless said otherwise.
+/// Default address of the page.
 const PAGE: &str = "127.0.0.1:8173";
 
 const EXAMPLES: &str = "\
@@ -88,7 +88,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// The finger does not say who it is, or the address is taken.
-pub fn page(finger: &Arc<Steady>, address: Option<&str>) -> anyhow::Result<(Server, Tap)> {
+pub fn page(
+    finger: &Arc<ReconnectingClient>,
+    address: Option<&str>,
+) -> anyhow::Result<(Server, Tap)> {
     let feed = || Feed::tapped(finger, PathBuf::from("."));
     let (usual, tap) = feed()?;
     match (Server::start(address.unwrap_or(PAGE), vec![usual]), address) {

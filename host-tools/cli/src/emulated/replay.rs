@@ -24,14 +24,14 @@ const OVERSAMPLING: [u16; 4] = [8, 4, 2, 1];
 /// A board that says nothing for so long has nothing more to say.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// How a board that replays is set; its rate is the trace's.
+/// Settings of a board that replays; its rate is the trace's.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Fields of its frames.
     pub fields: Fields,
     /// Corner of the low-pass in hertz; 0 for none.
     pub filter_hz: u16,
-    /// How the contact point is found.
+    /// Method of the contact point.
     pub point_method: PointMethod,
 }
 

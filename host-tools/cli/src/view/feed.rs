@@ -1,4 +1,4 @@
-//! Where rows come from: a finger that is there, or a recording of one.
+//! Sources of rows: a connected finger, or a recording.
 
 mod live;
 mod playback;
@@ -14,17 +14,17 @@ use taxel::calibration::Calibration;
 use taxel::frame::schema::{BITS, FIELDS};
 use taxel::scan::TAXEL_CENTRES;
 use taxel::wire::message::Info;
-use taxel_client::{Client, LinkError, Steady, fields};
+use taxel_client::{Client, LinkError, ReconnectingClient, fields};
 use taxel_files::{FileError, point_method};
 
 use crate::view::orders::Envelope;
 use crate::view::scope::Scope;
 pub use live::Tap;
 
-/// What the page can look at.
+/// Source that a page can show.
 pub enum Source {
     /// A finger; recordings that the page asks for go to this folder.
-    Finger(Box<Steady>, PathBuf),
+    Finger(Box<ReconnectingClient>, PathBuf),
     /// A recording or a trace, and what it shall be computed with instead of its own calibration.
     File(PathBuf, Option<Box<Calibration>>),
 }
@@ -52,7 +52,7 @@ impl Shared {
     }
 }
 
-/// What the threads of a feed have.
+/// State shared by the threads of a feed.
 #[derive(Clone)]
 struct Context {
     scope: Shared,
@@ -83,7 +83,10 @@ impl Feed {
     ///
     /// # Errors
     /// The finger does not say who it is.
-    pub fn tapped(finger: &Arc<Steady>, folder: PathBuf) -> Result<(Self, Tap), LinkError> {
+    pub fn tapped(
+        finger: &Arc<ReconnectingClient>,
+        folder: PathBuf,
+    ) -> Result<(Self, Tap), LinkError> {
         live::tapped(finger, folder)
     }
 
@@ -114,7 +117,7 @@ impl Drop for Feed {
     }
 }
 
-/// What the page is told about a finger.
+/// Facts about a finger for the page.
 fn facts(client: &Client, info: &Info) -> Value {
     let identity = &info.identity;
     let [major, minor, patch] = client.version().firmware;
@@ -133,7 +136,7 @@ fn facts(client: &Client, info: &Info) -> Value {
     }))
 }
 
-/// The same, and what holds for every finger: names of fields and flags, and where the taxels are.
+/// Adds the facts that hold for every finger: names of fields and flags, positions of the taxels.
 fn page_facts(mut facts: Value) -> Value {
     facts["field_names"] = FIELDS.iter().map(|field| field.name).collect();
     facts["flags"] = BITS.iter().map(|bit| json!([bit.status.0, bit.name])).collect();

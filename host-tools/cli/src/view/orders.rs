@@ -1,4 +1,4 @@
-//! What the page asks for.
+//! Commands from the page.
 
 use serde::Deserialize;
 
@@ -18,7 +18,7 @@ pub(crate) enum Order {
     Filter { hz: u16 },
     /// Fields by their names, with commas between.
     Fields { list: String },
-    /// How the contact point is found: `centroid`, `argmin` or `model`.
+    /// Method of the contact point: `centroid`, `argmin` or `model`.
     Method { name: String },
     /// Measure every channel.
     SelfTest,
@@ -30,7 +30,7 @@ pub(crate) enum Order {
     Seek { to: f64 },
 }
 
-/// What came of an order, in words for the page.
+/// Result of a command, in words for the page.
 pub(crate) type Outcome = Result<String, String>;
 
 /// An order on its way, and where its outcome goes.

@@ -1,4 +1,4 @@
-//! What the page shows of one finger: rows come in at any rate, ticks go out.
+//! State of one finger on the page: rows come in at any rate, ticks go out.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -13,7 +13,7 @@ const TICK: Duration = Duration::from_micros(16_667);
 /// Ticks kept for a page that opens or lags: a minute.
 const KEPT: usize = 3600;
 
-/// What came between two moments of the screen.
+/// Rows between two updates of the screen.
 struct Tick {
     /// Device time of its last row, in seconds.
     time: f64,
@@ -56,7 +56,7 @@ pub(crate) struct Scope {
     spectrum: Spectrum,
     rate: Rate,
     pub(crate) link: Link,
-    /// What the finger is and how it is set, for the page.
+    /// Identity and settings of the finger, for the page.
     pub(crate) facts: Value,
     /// Why there is no stream, if there is none.
     pub(crate) trouble: Option<String>,
@@ -120,7 +120,7 @@ impl Scope {
         self.spectrum.clear();
     }
 
-    /// One row, received at `at`.
+    /// Adds a row, received at `at`.
     pub(crate) fn push(&mut self, row: &[Cell], at: Instant) {
         let whole = |at: Option<usize>| match at.and_then(|at| row.get(at)) {
             Some(Cell::Whole(value)) => *value,
@@ -179,7 +179,7 @@ impl Scope {
         self.count += 1;
     }
 
-    /// What a page that has seen what `seen` says has not seen yet.
+    /// Returns what is new since `seen`.
     pub(crate) fn news(&mut self, seen: &mut Seen) -> Value {
         if self.open.as_ref().is_some_and(|(opened, _)| opened.elapsed() >= TICK) {
             self.close();
@@ -233,7 +233,7 @@ impl Scope {
     }
 }
 
-/// What a page has seen already.
+/// Part of the state that a page has already shown.
 #[derive(Default)]
 pub(crate) struct Seen {
     epoch: Option<u64>,

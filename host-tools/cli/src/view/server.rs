@@ -85,7 +85,7 @@ impl Server {
         Ok(Self { address: local, stop: Some(stop), thread })
     }
 
-    /// Where a browser finds the page.
+    /// Address of the page for a browser.
     #[must_use]
     pub fn url(&self) -> String {
         format!("http://{}/", self.address)
@@ -104,7 +104,7 @@ impl Drop for Server {
 
 type Feeds = Arc<Vec<Feed>>;
 
-/// What is served to whoever calls this machine by its address, `localhost` or `name`.
+/// Routes, served to requests for this machine's address, `localhost` or `name`.
 fn routes(feeds: Vec<Feed>, name: String) -> Router {
     let pages = ASSETS.into_iter().fold(Router::new(), |router, (path, kind, text)| {
         let headers = [(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "no-cache")];

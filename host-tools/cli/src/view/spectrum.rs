@@ -51,7 +51,7 @@ impl Spectrum {
         self.times.push_back(time_us);
     }
 
-    /// How much of a spectrum's samples is there, 0 … 1.
+    /// Share of the spectrum's samples collected, 0 to 1.
     pub(crate) fn filled(&self) -> f32 {
         self.samples.len() as f32 / LENGTH as f32
     }

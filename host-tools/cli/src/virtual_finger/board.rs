@@ -20,7 +20,7 @@ use super::truth::TruthLog;
 use super::{Ending, Outcome};
 use taxel_client::LinkError;
 
-/// How far the scans may lag behind their time before the finger gives up catching up.
+/// Largest delay of the scans before the finger stops catching up.
 const PATIENCE: Duration = Duration::from_millis(250);
 
 /// Scans in a row that may come late; then follows a pause of a millisecond. Catching up all at once
@@ -67,7 +67,7 @@ impl PacedBoard {
         })
     }
 
-    /// As which finger this one introduces itself.
+    /// Identity that the finger reports.
     pub(super) fn identity(&self) -> Identity {
         let short = |text: &str| text.chars().filter(char::is_ascii).collect::<String>();
         let cut = |text: String, most: usize| text.chars().take(most).collect::<String>();

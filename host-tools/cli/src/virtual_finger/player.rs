@@ -48,7 +48,7 @@ impl Player {
         Ok(Some(Self { frames, next: Some(first), origin: None, info }))
     }
 
-    /// One host after the other, until the frames are over, which `ending` says before the link closes.
+    /// Serves one host after the other until the frames end. Sets `ending` before the link closes.
     pub(super) async fn serve(mut self, listener: TcpListener, ending: &Ending) -> io::Result<()> {
         let listener = tokio::net::TcpListener::from_std(listener)?;
         loop {
@@ -160,7 +160,7 @@ impl Player {
     }
 }
 
-/// What the recording knows of its finger.
+/// Identity and settings of the recorded finger.
 fn info(path: &Path, frames: &Recorded) -> Info {
     let facts = &frames.header().facts;
     let fact = |name: &str| facts.get(name).map_or("", String::as_str);
@@ -195,7 +195,7 @@ fn info(path: &Path, frames: &Recorded) -> Info {
     }
 }
 
-/// As much of a text as fits.
+/// Text, cut to fit.
 fn short<const N: usize>(text: &str) -> heapless::String<N> {
     let mut short = heapless::String::new();
     let _ = text.chars().try_for_each(|c| short.push(c));

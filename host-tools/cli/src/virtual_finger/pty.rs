@@ -39,7 +39,7 @@ impl Pty {
         &self.name
     }
 
-    /// Until the scans are over.
+    /// Serves hosts until the scans end.
     pub(super) async fn serve(
         self,
         board: &mut PacedBoard,

@@ -1,4 +1,4 @@
-//! Where a virtual finger's scans come from.
+//! Scans of a virtual finger, from a scene, a trace or a recording.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -20,10 +20,10 @@ use taxel_client::fields;
 pub struct Source {
     name: String,
     samples: Box<dyn Iterator<Item = Result<Sample, FileError>> + Send>,
-    /// What was read to learn the rate.
+    /// Samples read in advance to learn the rate.
     ahead: VecDeque<Sample>,
     failure: Option<FileError>,
-    /// Of a recording: which finger it is of, and how that was set.
+    /// Identity and settings of a recorded finger.
     header: Header,
     calibration: Option<Calibration>,
 }
@@ -41,7 +41,7 @@ impl Source {
     /// is [`Self::calibration`].
     ///
     /// # Errors
-    /// It cannot be opened or has no codes.
+    /// The file cannot be opened or has no codes.
     pub fn trace(path: &Path) -> Result<Self, LinkError> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let Scans { samples, header, calibration, .. } =
@@ -94,7 +94,7 @@ impl Source {
         }
     }
 
-    /// How the finger was set when it was recorded; `None` for one that was not.
+    /// Settings of a recorded finger; `None` without a recording.
     pub(super) fn settings(&self) -> Option<Settings> {
         let hz = self.header.rate_hz().round() as u16;
         (hz > 0).then(|| Settings {

@@ -18,7 +18,7 @@ pub(super) fn listen(address: impl ToSocketAddrs) -> io::Result<TcpListener> {
     Ok(listener)
 }
 
-/// Until the scans are over.
+/// Serves hosts until the scans end.
 pub(super) async fn serve(
     listener: TcpListener,
     board: &mut PacedBoard,

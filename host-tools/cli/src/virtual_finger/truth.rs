@@ -1,4 +1,4 @@
-//! What really happened, scan by scan, for whoever wants to judge the frames.
+//! True values of each scan, to compare frames with.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -290,15 +290,15 @@ fn a_cable_pulled_in_an_upload_leaves_one_calibration_whole_and_the_line_says_wh
         let found = upload.in_force();
         assert!(found == upload.old || found == upload.new, "{most:?}");
         let of = |is: &str, then: &str| ran.err.contains(is) && ran.err.contains(then);
-        let state = if of("what was in force before stays", "upload again") {
+        let state = if of("the previous calibration stays active", "upload again") {
             assert_eq!(found, upload.old, "{most:?}");
             "old"
-        } else if of("the new calibration is in force", "`taxel calibrate download`") {
+        } else if of("the new calibration is active", "`taxel calibrate download`") {
             assert_eq!(found, upload.new, "{most:?}");
             "new"
         } else {
             assert!(
-                of("either the calibration of before or the new one", "`taxel info`"),
+                of("the previous or the new calibration is active", "`taxel info`"),
                 "{}",
                 ran.err
             );
@@ -340,7 +340,7 @@ fn ctrl_c_in_an_upload_or_a_download_leaves_calibrations_whole() {
     let ran = stuck_after(half, &|port| upload.typed(port, "new.toml").map(str::to_owned).to_vec());
     assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""), "{}", ran.err);
     assert!(
-        ran.err.ends_with(": stopped; what was in force before stays; upload again\n"),
+        ran.err.ends_with(": stopped; the previous calibration stays active; upload again\n"),
         "{}",
         ran.err
     );

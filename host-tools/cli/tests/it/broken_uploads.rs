@@ -22,7 +22,7 @@ use taxel::store::{Area, Flash, FlashError, RamFlash, Store, Word};
 use taxel::units::{FullScale, Micros};
 use taxel::wire::message::{CHUNK, Identity, Refusal};
 use taxel_cli::VirtualFinger;
-use taxel_client::{Client, InForce, LinkError, Port, Problem};
+use taxel_client::{ActiveCalibration, Client, LinkError, Port, Problem};
 
 /// The record of before and the one that goes up.
 fn records() -> [Vec<u8>; 2] {
@@ -34,27 +34,27 @@ fn records() -> [Vec<u8>; 2] {
 }
 
 /// Uploads through `port`; what the error says of the calibration in force, if there was one.
-fn upload(port: &Port, record: &[u8]) -> Result<(), InForce> {
+fn upload(port: &Port, record: &[u8]) -> Result<(), ActiveCalibration> {
     // A cut in the first bytes leaves no client at all.
     let client = Client::open(port).map_err(|error| {
         assert!(matches!(error.problem(), Some(Problem::Unplugged(_))), "{error}");
-        InForce::Before
+        ActiveCalibration::Previous
     })?;
     client
         .upload_calibration(record, |_| ControlFlow::Continue(()))
         .map_err(|error| in_force(&error))
 }
 
-fn in_force(error: &LinkError) -> InForce {
-    let Some(Problem::Upload { why, in_force }) = error.problem() else { panic!("{error}") };
+fn in_force(error: &LinkError) -> ActiveCalibration {
+    let Some(Problem::Upload { why, active }) = error.problem() else { panic!("{error}") };
     assert!(matches!(**why, Problem::Unplugged(_)), "{error}");
-    let says = match in_force {
-        InForce::Before => "what was in force before stays",
-        InForce::Either => "either the calibration of before or the new one",
-        InForce::New => "the new calibration is in force",
+    let says = match active {
+        ActiveCalibration::Previous => "the previous calibration stays active",
+        ActiveCalibration::Either => "the previous or the new calibration is active",
+        ActiveCalibration::New => "the new calibration is active",
     };
     assert!(error.to_string().contains(says) && !error.to_string().contains('\n'), "{error}");
-    *in_force
+    *active
 }
 
 /// A cable that is pulled once so many bytes have gone to the finger, or so many to the host. How many went
@@ -122,14 +122,15 @@ fn a_cable_pulled_at_any_byte_leaves_one_record_whole_and_the_error_says_which()
         assert!(is_new || found == old, "{most:?}: neither of the two");
         let said = ended.unwrap_err();
         match said {
-            InForce::Before => assert!(!is_new, "{most:?}"),
-            InForce::Either => {}
-            InForce::New => assert!(is_new, "{most:?}"),
+            ActiveCalibration::Previous => assert!(!is_new, "{most:?}"),
+            ActiveCalibration::Either => {}
+            ActiveCalibration::New => assert!(is_new, "{most:?}"),
         }
         *seen.entry((format!("{said:?}"), is_new)).or_insert(0) += 1;
     }
     eprintln!("{total:?} bytes each way: {seen:?}");
-    for (said, is_new) in [("Before", false), ("Either", false), ("Either", true), ("New", true)] {
+    for (said, is_new) in [("Previous", false), ("Either", false), ("Either", true), ("New", true)]
+    {
         assert!(seen.contains_key(&(said.to_owned(), is_new)), "{said} {is_new}: {seen:?}");
     }
 }
@@ -298,12 +299,12 @@ fn a_power_cut_at_any_operation_of_the_flash_leaves_one_record_whole_and_the_err
         let said = said.unwrap();
         // Nothing is in force before it is told to be, and no answer comes from a board without power.
         assert!(
-            if is_new { said == InForce::Either } else { said != InForce::New },
+            if is_new { said == ActiveCalibration::Either } else { said != ActiveCalibration::New },
             "{cut}: {said:?}"
         );
         *seen.entry((format!("{said:?}"), is_new)).or_insert(0) += 1;
     }
     eprintln!("{operations} operations: {seen:?}");
-    assert!(seen[&("Before".to_owned(), false)] > new.len() / 8);
+    assert!(seen[&("Previous".to_owned(), false)] > new.len() / 8);
     assert!(seen.contains_key(&("Either".to_owned(), true)), "{seen:?}");
 }

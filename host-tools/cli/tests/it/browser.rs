@@ -16,7 +16,7 @@ use serde_json::Value;
 use taxel::frame::{Fields, Frame};
 use taxel_cli::view::{Feed, Server, Source};
 use taxel_cli::{Files, VirtualFinger, virtual_finger};
-use taxel_client::{Client, Port, Steady};
+use taxel_client::{Client, Port, ReconnectingClient};
 use taxel_files::calibration;
 use taxel_files::recording::Recording;
 
@@ -39,7 +39,7 @@ fn serve(feeds: Vec<Feed>) -> Server {
 }
 
 fn show(port: &Port, folder: &Path) -> Server {
-    let steady = Steady::new(port.clone());
+    let steady = ReconnectingClient::new(port.clone());
     serve(vec![Feed::start(Source::Finger(Box::new(steady), folder.to_owned())).unwrap()])
 }
 
@@ -56,7 +56,8 @@ fn tapped(finger: &VirtualFinger, rate: u16, fields: Fields, folder: &Path) -> T
     client.set_rate(rate).unwrap();
     client.set_fields(fields).unwrap();
     let (feed, tap) =
-        Feed::tapped(&Arc::new(Steady::of(Arc::clone(&client))), folder.to_owned()).unwrap();
+        Feed::tapped(&Arc::new(ReconnectingClient::of(Arc::clone(&client))), folder.to_owned())
+            .unwrap();
     let stop = Arc::new(AtomicBool::new(false));
     let (stopped, streaming) = (Arc::clone(&stop), Arc::clone(&client));
     let thread = std::thread::spawn(move || {
@@ -322,7 +323,7 @@ fn an_address_that_names_no_finger_shows_the_first_and_offers_the_others() {
     let folder = tempfile::tempdir().unwrap();
     let (one, other) = (finger("idle"), finger("press"));
     let feed = |finger: &VirtualFinger| {
-        let steady = Steady::new(finger.port().clone());
+        let steady = ReconnectingClient::new(finger.port().clone());
         Feed::start(Source::Finger(Box::new(steady), folder.path().to_owned())).unwrap()
     };
     let server = serve(vec![feed(&one), feed(&other)]);

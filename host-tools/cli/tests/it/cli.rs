@@ -149,7 +149,7 @@ fn bad_usage_is_one_line_and_exit_code_2() {
     for (args, line) in [
         (
             "info --port udp:here",
-            "invalid value 'udp:here' for '--port <PORT>': `udp:` is no kind of port; write usb, a serial \
+            "invalid value 'udp:here' for '--port <PORT>': unknown kind of port `udp:`; write usb, a serial \
              device, tcp:HOST:PORT, file:PATH or sim:SCENE; see --help",
         ),
         (
@@ -170,7 +170,7 @@ fn bad_usage_is_one_line_and_exit_code_2() {
         (
             &format!("set {port} --fields force,colour"),
             &format!(
-                "invalid value 'force,colour' for '--fields <LIST>': `colour` is no field; choose from \
+                "invalid value 'force,colour' for '--fields <LIST>': unknown field `colour`; choose from \
                  {}; see --help",
                 taxel::frame::schema::FIELD_NAMES
             ),

@@ -6,7 +6,7 @@ use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
 use taxel_cli::VirtualFinger;
-use taxel_client::{Event, Port, Steady};
+use taxel_client::{Event, Port, ReconnectingClient};
 
 use crate::fingers::*;
 
@@ -14,7 +14,7 @@ use crate::fingers::*;
 const RECONNECT: Duration = Duration::from_secs(1);
 
 /// Until there is a frame.
-fn streams(steady: &Steady) {
+fn streams(steady: &ReconnectingClient) {
     let deadline = Instant::now() + PATIENCE;
     while !matches!(steady.next(Duration::from_millis(50)), Event::Frame(_)) {
         assert!(Instant::now() < deadline, "no frame");
@@ -22,9 +22,9 @@ fn streams(steady: &Steady) {
 }
 
 /// Until it is noticed that there will be none.
-fn gone(steady: &Steady) {
+fn gone(steady: &ReconnectingClient) {
     let deadline = Instant::now() + PATIENCE;
-    while !matches!(steady.next(Duration::from_millis(50)), Event::Gone(_)) {
+    while !matches!(steady.next(Duration::from_millis(50)), Event::Disconnected(_)) {
         assert!(Instant::now() < deadline, "still there");
     }
 }
@@ -34,7 +34,7 @@ fn a_finger_that_lost_its_power_streams_again_within_a_second_as_it_was_set_but_
     let mut finger = on_tcp(still());
     let (host, number) = address(finger.port());
     let address = (host.to_owned(), number);
-    let steady = Steady::new(finger.port().clone());
+    let steady = ReconnectingClient::new(finger.port().clone());
     streams(&steady);
     let client = steady.client().unwrap();
     client.take_bias(50).unwrap();
@@ -64,7 +64,7 @@ fn a_finger_that_kept_its_power_kept_its_bias() {
     let client = connect(&finger);
     client.take_bias(50).unwrap();
     drop(client);
-    let steady = Steady::new(finger.port().clone());
+    let steady = ReconnectingClient::new(finger.port().clone());
     streams(&steady);
     assert!(steady.client().unwrap().info().unwrap().biased && !steady.bias_lost());
 }
@@ -94,7 +94,7 @@ fn a_port_that_opens_and_says_nothing_is_tried_again_within_a_second() {
             std::thread::spawn(move || std::io::copy(&mut &finger, &mut &host));
         }
     });
-    let steady = Steady::new(port);
+    let steady = ReconnectingClient::new(port);
     streams(&steady);
     let (_, first) = connections.recv().unwrap();
     first.shutdown(std::net::Shutdown::Both).unwrap();

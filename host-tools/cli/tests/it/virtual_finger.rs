@@ -11,7 +11,7 @@ use taxel::wire::message::{PROTOCOL, Refusal};
 use taxel_cli::VirtualFinger;
 use taxel_cli::finger::connect as connect_port;
 use taxel_cli::virtual_finger::Source;
-use taxel_client::{InForce, LinkError, Port, Problem};
+use taxel_client::{ActiveCalibration, LinkError, Port, Problem};
 
 fn refusal(result: Result<impl std::fmt::Debug, LinkError>) -> Refusal {
     match result.unwrap_err().problem() {
@@ -181,8 +181,8 @@ fn an_upload_that_is_broken_off_leaves_the_old_calibration_and_the_next_one_goes
             |sent| if sent < most { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
         let stopped = connect(&finger).upload_calibration(&other, halt).unwrap_err();
         let why = Box::new(Problem::Stopped);
-        let in_force = InForce::Before;
-        assert_eq!(stopped.problem(), Some(&Problem::Upload { why, in_force }));
+        let active = ActiveCalibration::Previous;
+        assert_eq!(stopped.problem(), Some(&Problem::Upload { why, active }));
         assert_eq!(connect(&finger).download_calibration().unwrap(), record());
     };
     // Before the first byte, with half of it there, and with all of it.

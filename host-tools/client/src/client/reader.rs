@@ -1,4 +1,4 @@
-//! The receiving side: bytes become replies and frames, and what is missing is counted.
+//! Receiving side: turns bytes into replies and frames, and counts lost frames.
 
 use std::io::{ErrorKind, Read};
 use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
@@ -16,27 +16,27 @@ use crate::error::Problem;
 /// No request starts the stream.
 pub(super) const NO_TAG: u16 = u16::MAX;
 
-/// What has come and what has not, since the stream was started.
+/// Numbers of frames since the stream was started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Frames received.
     pub frames: u64,
-    /// Frames that the finger numbered but that never came.
+    /// Frames missing between the sequence numbers received.
     pub lost: u64,
-    /// Packets that could not be read. What precedes the first whole one does not count.
+    /// Damaged packets. Bytes before the first whole packet do not count.
     pub bad_packets: u64,
-    /// Frames that came but that this program was too slow to take.
+    /// Frames received but dropped because the program was too slow.
     pub overflow: u64,
 }
 
-/// What reader and client both look at.
+/// State shared by reader and client.
 #[derive(Debug)]
 pub(super) struct Shared {
     frames: AtomicU64,
     lost: AtomicU64,
     bad_packets: AtomicU64,
     overflow: AtomicU64,
-    /// The tag of the request that starts the stream; frames count from its answer on.
+    /// Tag of the request that starts the stream; frames count from its reply on.
     pub(super) start_tag: AtomicU16,
     pub(super) stop: AtomicBool,
     end: Mutex<Option<Problem>>,
@@ -66,7 +66,7 @@ impl Shared {
         }
     }
 
-    /// Why the link ended, if it did.
+    /// Cause of the end of the link, if it has ended.
     pub(super) fn ended(&self) -> Option<Problem> {
         lock(&self.end).clone()
     }
@@ -102,7 +102,7 @@ impl Reader {
         }
     }
 
-    /// Until the link ends or the client goes. Dropping the channels tells the client.
+    /// Reads until the link ends or the client is dropped. Dropping the channels tells the client.
     pub(super) fn run(mut self) {
         let mut buffer = [0; 4096];
         while !self.shared.stop.load(Ordering::Acquire) {
@@ -148,7 +148,7 @@ impl Reader {
             self.started = true;
             self.sequence = Sequence::default();
         }
-        // A client that is about to go no longer listens.
+        // The client may have been dropped.
         let _ = self.replies.send(message);
     }
 
@@ -172,10 +172,10 @@ struct Sequence {
 }
 
 impl Sequence {
-    /// Steps back by less than this are duplicates; by more, the finger has started anew.
+    /// Backward steps below this are duplicates; above, the finger has restarted.
     const DUPLICATES: u32 = 256;
 
-    /// How many frames are missing between the last one and this.
+    /// Returns how many frames are missing between the last one and this.
     fn lost_before(&mut self, seq: u32) -> u32 {
         let ahead = seq.wrapping_sub(self.next.unwrap_or(seq));
         if ahead <= u32::MAX / 2 {
@@ -230,7 +230,7 @@ mod tests {
         taxel::wire::pack(message, &mut [0; taxel::wire::MAX_PACKET]).unwrap().to_vec()
     }
 
-    /// What becomes of these bytes after a request with tag 9 to start the stream.
+    /// Reads these packets after a request with tag 9 to start the stream.
     fn read(packets: &[Vec<u8>], queue: usize) -> (Counts, Vec<u32>) {
         let shared = Arc::new(Shared::default());
         shared.start_tag.store(9, Ordering::Release);

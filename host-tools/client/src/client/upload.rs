@@ -1,4 +1,4 @@
-//! Calibrations on their way to the finger and back, in chunks.
+//! Upload and download of calibration records in chunks.
 
 use std::ops::ControlFlow;
 
@@ -6,29 +6,29 @@ use taxel::calibration::MAX_BYTES;
 use taxel::wire::message::{CHUNK, Command, Refusal, Response};
 
 use super::{Client, PATIENCE};
-use crate::error::{InForce, LinkError, Problem};
+use crate::error::{ActiveCalibration, LinkError, Problem};
 
-/// How often an upload starts over when a chunk or its answer was lost.
+/// Attempts of an upload when a chunk or its reply was lost.
 const UPLOADS: u32 = 3;
 
 impl Client {
-    /// Sends a calibration record, puts it in force, and reads it back to be sure. `progress` hears how
-    /// many bytes have arrived, and may end it as long as the record is not complete.
+    /// Sends a calibration record, activates it, and reads it back. `progress` gets the bytes that have
+    /// arrived, and may stop the upload until the record is complete.
     ///
     /// # Errors
-    /// Refused as it stands (the old one then stays), or the link broke: [`Problem::Upload`] tells which
-    /// calibration is in force.
+    /// The finger refused the record and keeps the previous one, or the link broke: [`Problem::Upload`] says which
+    /// calibration is active.
     pub fn upload_calibration(
         &self,
         record: &[u8],
         mut progress: impl FnMut(usize) -> ControlFlow<()>,
     ) -> Result<(), LinkError> {
-        let mut in_force = InForce::Before;
-        self.upload_and_read_back(record, &mut progress, &mut in_force).map_err(|error| {
+        let mut active = ActiveCalibration::Previous;
+        self.upload_and_read_back(record, &mut progress, &mut active).map_err(|error| {
             match error.problem() {
-                // These say it themselves.
+                // These name the active calibration themselves.
                 None | Some(Problem::Refusal { .. } | Problem::ReadBack) => error,
-                Some(why) => self.error(Problem::Upload { why: Box::new(why.clone()), in_force }),
+                Some(why) => self.error(Problem::Upload { why: Box::new(why.clone()), active }),
             }
         })
     }
@@ -37,12 +37,12 @@ impl Client {
         &self,
         record: &[u8],
         progress: &mut impl FnMut(usize) -> ControlFlow<()>,
-        in_force: &mut InForce,
+        active: &mut ActiveCalibration,
     ) -> Result<(), LinkError> {
         let mut left = UPLOADS;
         loop {
             left -= 1;
-            match self.upload(record, progress, in_force) {
+            match self.upload(record, progress, active) {
                 Err(error) if left > 0 && worth_repeating(&error) => {}
                 Err(error) => return Err(error),
                 Ok(()) => break,
@@ -59,35 +59,35 @@ impl Client {
         &self,
         record: &[u8],
         progress: &mut impl FnMut(usize) -> ControlFlow<()>,
-        in_force: &mut InForce,
+        active: &mut ActiveCalibration,
     ) -> Result<(), LinkError> {
         let mut progress = |sent: usize| match progress(sent) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(self.error(Problem::Stopped)),
         };
         progress(0)?;
-        // What does not fit the field is refused by the finger as too long.
+        // A length beyond the field is refused by the finger as too long.
         let length = u16::try_from(record.len()).unwrap_or(u16::MAX);
         // The finger erases a slot of its flash first, which may take seconds (128 KB sectors of an F4).
         self.ask(NAME, Command::CalibrationBegin { length }, 8 * PATIENCE, 1)?;
         let mut offset = 0;
         for chunk in record.chunks(CHUNK) {
             let data = chunk.iter().copied().collect();
-            // Asked once: a repeated chunk would be out of order.
+            // Sent once: a repeated chunk would be out of order.
             self.ask(NAME, Command::CalibrationChunk { offset, data }, PATIENCE, 1)?;
             offset += chunk.len() as u16;
             progress(offset.into())?;
         }
-        *in_force = InForce::Either;
+        *active = ActiveCalibration::Either;
         self.ask(NAME, Command::CalibrationCommit, 4 * PATIENCE, 1)?;
-        *in_force = InForce::New;
+        *active = ActiveCalibration::New;
         Ok(())
     }
 
-    /// The record in force, byte by byte as it was uploaded.
+    /// Downloads the active record, byte for byte as it was uploaded.
     ///
     /// # Errors
-    /// There is none, or the link broke.
+    /// The finger has no record, or the link broke.
     pub fn download_calibration(&self) -> Result<Vec<u8>, LinkError> {
         let mut record = Vec::new();
         loop {
@@ -99,7 +99,7 @@ impl Client {
                         return Ok(record);
                     }
                 }
-                _ => return Err(self.confused(NAME)),
+                _ => return Err(self.unexpected(NAME)),
             }
         }
     }
@@ -110,6 +110,6 @@ const NAME: &str = "calibration";
 fn worth_repeating(error: &LinkError) -> bool {
     matches!(
         error.problem(),
-        Some(Problem::Silent | Problem::Refusal { refusal: Refusal::OutOfOrder, .. })
+        Some(Problem::NoReply | Problem::Refusal { refusal: Refusal::OutOfOrder, .. })
     )
 }

@@ -44,7 +44,7 @@ fn whoever_does_not_answer_is_no_finger() {
         let _ = host.read_to_end(&mut Vec::new());
     });
     let error = open_error(&port);
-    assert_eq!(error.problem(), Some(&Problem::Silent));
+    assert_eq!(error.problem(), Some(&Problem::NoReply));
     assert!(error.to_string().contains("is it a taxel finger"), "{error}");
 }
 
@@ -82,7 +82,7 @@ fn nobody_at_the_address_no_such_device_and_a_file_are_told_apart() {
     assert_eq!(open_error(&nobody).problem(), Some(&Problem::Refused));
 
     let missing = open_error(&"/dev/no-such-finger".parse().unwrap());
-    assert!(matches!(missing.problem(), Some(Problem::Missing(_))), "{missing}");
+    assert!(matches!(missing.problem(), Some(Problem::NoSuchDevice(_))), "{missing}");
     assert!(missing.to_string().starts_with("/dev/no-such-finger: no such device; there "));
 
     let file = tempfile::NamedTempFile::new().unwrap();

@@ -14,15 +14,15 @@ use taxel::wire::message::{
     BoardHealth, Command, Cost, Counters, Identity, Info, Message, PROTOCOL, Request, Response,
 };
 use taxel::wire::{MAX_PACKET, pack};
-use taxel_client::{Event, Port, Steady};
+use taxel_client::{Event, Port, ReconnectingClient};
 
 /// Long enough for the slowest machine: only a test that fails waits for it.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Until it is noticed that there will be none.
-fn gone(steady: &Steady) {
+fn gone(steady: &ReconnectingClient) {
     let deadline = Instant::now() + PATIENCE;
-    while !matches!(steady.next(Duration::from_millis(50)), Event::Gone(_)) {
+    while !matches!(steady.next(Duration::from_millis(50)), Event::Disconnected(_)) {
         assert!(Instant::now() < deadline, "still there");
     }
 }
@@ -91,12 +91,12 @@ fn a_board_that_lost_its_power_scans_as_it_did_before_its_rate_is_set() {
         Port::Tcp { host: "127.0.0.1".to_owned(), port: listener.local_addr().unwrap().port() };
     let (asked, commands) = channel();
     std::thread::spawn(move || board(&listener, &asked));
-    let steady = Steady::new(port);
+    let steady = ReconnectingClient::new(port);
     let there = || {
         let deadline = Instant::now() + PATIENCE;
         loop {
             assert!(Instant::now() < deadline, "not there");
-            if let Event::There(client) = steady.next(Duration::from_millis(50)) {
+            if let Event::Connected(client) = steady.next(Duration::from_millis(50)) {
                 break client;
             }
         }

@@ -1,4 +1,4 @@
-//! One finger of a bridge.
+//! Stream of one finger in a bridge.
 
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard, PoisonError};
@@ -6,24 +6,26 @@ use std::time::Duration;
 
 use serde::Serialize;
 use taxel::wire::message::Info;
-use taxel_client::{Client, Echoes, Event, LinkError, Port, Problem, Received, Stamps, Steady};
+use taxel_client::{
+    Client, Event, LinkError, Port, Problem, Received, ReconnectingClient, RoundTrips, Timestamps,
+};
 
 use super::{LOOK, Shared, ros};
 use crate::output;
 
-/// Where a finger's frames go.
+/// Destination of a finger's frames.
 pub trait Outlet: Send {
     /// A finger is there, perhaps another than before; what it is called.
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String>;
     /// A frame of the finger that is there. The stamps know it already.
-    fn frame(&mut self, received: &Received, stamps: &Stamps) -> anyhow::Result<()>;
+    fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()>;
 }
 
-/// What became of a finger's frames.
+/// Summary of a finger's frames.
 #[derive(Default, Serialize)]
 pub struct Report {
     pub port: String,
-    /// What it was called. More than one where another finger was plugged in meanwhile.
+    /// Names of the finger; several if another finger was plugged in.
     pub names: Vec<String>,
     pub frames: u64,
     /// Frames that never came: lost on the way to this program, or by it.
@@ -32,19 +34,23 @@ pub struct Report {
     pub withheld: u64,
 }
 
-/// One finger, in its own thread.
+/// Finger of a bridge, in its own thread.
 pub struct Finger {
-    steady: Arc<Steady>,
+    steady: Arc<ReconnectingClient>,
     shared: Arc<Shared>,
     outlets: Vec<Box<dyn Outlet>>,
-    stamps: Stamps,
+    stamps: Timestamps,
     report: Report,
 }
 
 impl Finger {
-    pub fn new(steady: Arc<Steady>, shared: Arc<Shared>, outlets: Vec<Box<dyn Outlet>>) -> Self {
+    pub fn new(
+        steady: Arc<ReconnectingClient>,
+        shared: Arc<Shared>,
+        outlets: Vec<Box<dyn Outlet>>,
+    ) -> Self {
         let report = Report { port: steady.port().to_string(), ..Report::default() };
-        Self { steady, shared, outlets, stamps: Stamps::default(), report }
+        Self { steady, shared, outlets, stamps: Timestamps::default(), report }
     }
 
     /// Publishes until the bridge ends, or a playback does.
@@ -57,7 +63,7 @@ impl Finger {
     }
 
     fn run(&mut self) -> anyhow::Result<()> {
-        let echoes = Echoes::of(&self.steady);
+        let echoes = RoundTrips::of(&self.steady);
         let mut client: Option<Arc<Client>> = None;
         let mut missed = false;
         while !self.shared.stop.load(Ordering::Relaxed) {
@@ -66,8 +72,8 @@ impl Finger {
                     echoes.try_iter().for_each(|echo| self.stamps.echo(echo));
                     self.publish(&received)?;
                 }
-                Event::Quiet => {}
-                Event::There(there) => {
+                Event::Timeout => {}
+                Event::Connected(there) => {
                     (client, missed) = (Some(Arc::clone(&there)), false);
                     self.stamps.reconnected();
                     if self.steady.bias_lost() {
@@ -81,13 +87,13 @@ impl Finger {
                         Err(error) => return Err(error.into()),
                     }
                 }
-                Event::Gone(error) => {
+                Event::Disconnected(error) => {
                     client.take().iter().for_each(|client| self.count(client));
                     if !std::mem::replace(&mut missed, true) {
                         output::note(format_args!("{error}; waiting for it"));
                     }
                 }
-                Event::Over => break,
+                Event::Ended => break,
             }
         }
         client.iter().for_each(|client| self.count(client));
@@ -132,7 +138,7 @@ impl Finger {
     }
 }
 
-/// What others left half done is no worse for that.
+/// Locks a mutex; a panic in another thread leaves its data usable.
 pub fn lock<T>(mutex: &std::sync::Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

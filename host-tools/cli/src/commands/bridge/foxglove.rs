@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::Context;
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
-use taxel_client::{Port, Received, Stamps};
+use taxel_client::{Port, Received, Timestamps};
 use taxel_files::frames::Cell;
 use taxel_files::recording::schema;
 
@@ -18,14 +18,14 @@ use crate::output;
 /// Starts the server that all fingers of a bridge share.
 ///
 /// # Errors
-/// It is not built in, or the address is another program's.
+/// The feature is not built in, or the address is taken.
 pub fn start(address: &str) -> anyhow::Result<Arc<Live>> {
     let (server, address) = Live::start(address)?;
     output::note(format_args!("Foxglove: open connection, ws://{address}"));
     Ok(Arc::new(server))
 }
 
-/// One finger on it.
+/// Topics of one finger.
 pub struct Topics {
     server: Arc<Live>,
     channel: Option<Channel>,
@@ -67,7 +67,7 @@ impl Outlet for Topics {
         Ok(serial)
     }
 
-    fn frame(&mut self, received: &Received, stamps: &Stamps) -> anyhow::Result<()> {
+    fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()> {
         let Some(channel) = &self.channel else { return Ok(()) };
         row(received, channel.fields, stamps, self.connection, &mut self.row);
         schema::encode(&self.row, &mut self.message);

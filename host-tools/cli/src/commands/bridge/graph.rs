@@ -8,7 +8,7 @@ use xxhash_rust::xxh3::xxh3_128;
 
 use super::ros::Type;
 
-/// No liveliness token can have an empty part.
+/// Stands for an empty part of a liveliness token.
 const NONE: &str = "%";
 /// QoS other than the default: history of ten. Reliable, volatile, keep last are the default.
 const QOS: &str = "::,10:,:,:,,";
@@ -16,7 +16,7 @@ const QOS: &str = "::,10:,:,:,,";
 /// A part of the graph: what all entities of this program share.
 pub struct Context {
     pub domain: u32,
-    /// Of the Zenoh session, in hexadecimal.
+    /// Zenoh session id, in hexadecimal.
     pub session: String,
     pub namespace: Namespace,
 }
@@ -51,7 +51,7 @@ impl Namespace {
 
 /// A publisher as the graph has it.
 pub struct Publisher {
-    /// Where its samples go.
+    /// Key of its samples.
     pub key: String,
     pub token: String,
     gid: [u8; 16],
@@ -98,7 +98,7 @@ impl Context {
 }
 
 impl Publisher {
-    /// What goes with a sample: its number, when it was published, and by whom.
+    /// Attachment of a sample: its number, its time of publication, and the publisher's id.
     pub fn attachment(&self, number: u64, at: Duration) -> [u8; 33] {
         let mut bytes = [0; 33];
         let (numbers, gid) = bytes.split_at_mut(16);

@@ -1,4 +1,4 @@
-//! What a frame is as ROS 2 messages, in CDR.
+//! Frames as ROS 2 messages, in CDR.
 //!
 //! Units are those of ROS, metres and newton metres (REP 103). `geometry_msgs/WrenchStamped` cannot say that
 //! there is no value: a frame whose force is withheld has none, and `taxel_msgs/Frame` has the reason.
@@ -164,7 +164,7 @@ fn value(measured: Measured<f32>) -> Value {
     }
 }
 
-/// As ROS 2 sends it: the four bytes that say little-endian CDR, then the message.
+/// Message with the four bytes that mark little-endian CDR in front.
 fn cdr(message: &impl Serialize) -> Vec<u8> {
     let mut bytes = vec![0, 1, 0, 0];
     // Neither a vector nor these structures can refuse.

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use serde_json::json;
 use taxel::wire::message::Info;
-use taxel_client::{Port, Received, Stamps};
+use taxel_client::{Port, Received, Timestamps};
 
 use super::finger::{Outlet, lock};
 use super::graph::{Context, Namespace, Publisher, name};
@@ -42,7 +42,7 @@ impl Session {
     }
 }
 
-/// One finger in it.
+/// Nodes of one finger.
 pub struct Nodes {
     session: Arc<Session>,
     /// The last is the one that is there.
@@ -109,7 +109,7 @@ impl Outlet for Nodes {
         Ok(name)
     }
 
-    fn frame(&mut self, received: &Received, stamps: &Stamps) -> anyhow::Result<()> {
+    fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()> {
         let Some(node) = self.nodes.last_mut() else { return Ok(()) };
         let scanned = stamps.scanned(received.frame.time);
         // Until the finger's clock is known, when it came is the best there is.
@@ -137,7 +137,7 @@ fn identity() -> String {
     format!("{:016x}{:016x}", random() | 1 << 63, random())
 }
 
-/// As rmw_zenoh sets up its sessions: peers that find each other through a router, and no multicast.
+/// Session configuration of rmw_zenoh: peers that find each other through a router, without multicast.
 fn config(session: &str, connect: &[String], listen: &[String]) -> String {
     json!({
         "id": session,

@@ -53,14 +53,14 @@ fn weight(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What an adjustment brought, as JSON.
+/// Result of an adjustment, as JSON.
 #[derive(Serialize)]
 struct Outcome {
     calibration: PathBuf,
     presses: usize,
     taxel_gains: Vec<f64>,
     sensor_gains: [Option<[f64; 3]>; 4],
-    /// Of each estimator of the taxels.
+    /// Errors of each estimator of the taxels.
     errors: Vec<Error>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     alignments: Vec<Aligned>,

@@ -99,7 +99,7 @@ fn serial(text: &str) -> Result<heapless::String<32>, String> {
     text.try_into().map_err(|_| "at most 32 bytes fit the record".to_owned())
 }
 
-/// What a fit brought, as JSON.
+/// Result of a fit, as JSON.
 #[derive(Serialize)]
 struct Outcome {
     calibration: PathBuf,
@@ -120,7 +120,7 @@ impl Outcome {
     }
 }
 
-/// One thing that was fitted.
+/// Part of a calibration that was fitted.
 #[derive(Serialize)]
 struct Fit {
     part: String,
@@ -136,7 +136,7 @@ struct Fit {
     chosen: Option<Chosen>,
 }
 
-/// How a model was chosen, errors in the targets' units.
+/// Choice of a model, with errors in the targets' units.
 #[derive(Serialize)]
 struct Chosen {
     left_out: &'static str,
@@ -150,7 +150,7 @@ struct Chosen {
     hidden: usize,
 }
 
-/// What a width of the net did on the recordings left out.
+/// Errors of one width of the net on the held-out recordings.
 #[derive(Serialize)]
 struct Width {
     hidden: usize,

@@ -1,4 +1,4 @@
-//! One line that shows the present frame, on a terminal only.
+//! Status line of the present frame, on a terminal only.
 
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -9,7 +9,7 @@ use taxel::frame::schema::{self, Kind};
 use taxel::frame::{Frame, Status};
 use taxel_client::{Counts, Received};
 
-/// How often the line changes: as fast as one can read.
+/// Interval between updates of the line.
 const PERIOD: Duration = Duration::from_millis(100);
 /// Updates that the rate is averaged over.
 const AVERAGED: usize = 10;
@@ -83,7 +83,7 @@ fn line(frame: &Frame, rate: f64, lost: u64) -> String {
     line + "  " + &flags(frame.status)
 }
 
-/// What holds, in words. Which estimators ran is of no interest here.
+/// Status flags in words, without those that name the estimators that ran.
 fn flags(status: Status) -> String {
     let held = schema::named(status).filter(|bit| bit.kind != Kind::Estimator);
     held.map(|bit| bit.name).collect::<Vec<_>>().join(" ")

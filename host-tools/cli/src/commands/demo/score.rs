@@ -6,7 +6,7 @@ use serde::Serialize;
 use taxel::frame::Frame;
 use taxel_files::trace::Truth;
 
-/// What is compared, by the names that files use.
+/// Compared quantities, by their names in files.
 const TARGETS: [&str; 5] = ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm"];
 
 /// Squared errors so far.

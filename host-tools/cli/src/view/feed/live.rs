@@ -7,7 +7,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
-use taxel_client::{Client, DeviceClock, Event, LinkError, Received, Steady, fields, self_test};
+use taxel_client::{
+    Client, DeviceClock, Event, LinkError, Received, ReconnectingClient, fields, self_test,
+};
 use taxel_files::frames::{Cell, cells, columns};
 use taxel_files::point_method;
 
@@ -17,19 +19,19 @@ use super::{Context, Feed, facts};
 use crate::Files;
 use crate::view::orders::{Envelope, Order, Outcome};
 
-/// How long a thread waits before it looks whether it should end.
+/// Interval at which a thread checks whether to stop.
 const LOOK: Duration = Duration::from_millis(50);
 /// From one echo to the next.
 const ECHO: Duration = Duration::from_secs(1);
 /// A finger that brings nothing for so long does not stream.
 const DRY: Duration = Duration::from_secs(2);
-/// What the finger's user has to know of a reconnect.
+/// Notice after a reconnect that lost the bias.
 const BIAS_LOST: &str = "the finger came back without its bias; take it again";
 /// Scans in a bias and in a self-test: a quarter of a second at 4 kHz, a second at 1 kHz.
 const SCANS: u16 = 1000;
 
 /// Sets a finger going: one thread takes its frames, another carries out what the page asks for.
-pub(super) fn start(steady: Arc<Steady>, folder: PathBuf) -> Feed {
+pub(super) fn start(steady: Arc<ReconnectingClient>, folder: PathBuf) -> Feed {
     let (mut feed, context, orders) = Feed::new(steady.port().to_string());
     let live = Arc::new(Live { steady, folder, context, now: Mutex::default() });
     let other = Arc::clone(&live);
@@ -39,7 +41,10 @@ pub(super) fn start(steady: Arc<Steady>, folder: PathBuf) -> Feed {
 }
 
 /// A finger whose frames another program takes and hands on: see [`Tap::take`].
-pub(super) fn tapped(steady: &Arc<Steady>, folder: PathBuf) -> Result<(Feed, Tap), LinkError> {
+pub(super) fn tapped(
+    steady: &Arc<ReconnectingClient>,
+    folder: PathBuf,
+) -> Result<(Feed, Tap), LinkError> {
     let (mut feed, context, orders) = Feed::new(steady.port().to_string());
     let steady = Arc::clone(steady);
     let live = Arc::new(Live { steady, folder, context, now: Mutex::default() });
@@ -51,11 +56,11 @@ pub(super) fn tapped(steady: &Arc<Steady>, folder: PathBuf) -> Result<(Feed, Tap
     Ok((feed, Tap(live)))
 }
 
-/// Where the frames of a tapped finger go.
+/// Input for the frames of a finger that another part of the program streams.
 pub struct Tap(Arc<Live>);
 
 impl Tap {
-    /// One frame.
+    /// Takes one frame.
     pub fn take(&self, received: &Received) {
         self.0.take(received);
     }
@@ -72,15 +77,15 @@ impl Drop for Tap {
     }
 }
 
-/// What both threads have.
+/// State shared by both threads.
 struct Live {
-    steady: Arc<Steady>,
+    steady: Arc<ReconnectingClient>,
     folder: PathBuf,
     context: Context,
     now: Mutex<Now>,
 }
 
-/// What changes while it runs.
+/// State that changes while it runs.
 #[derive(Default)]
 struct Now {
     fields: Option<Fields>,
@@ -107,24 +112,24 @@ impl Live {
                     heard = received.at;
                     self.take(&received);
                 }
-                Event::There(client) => {
+                Event::Connected(client) => {
                     heard = Instant::now();
                     let there = self.there(&client);
                     self.trouble(there.err());
                 }
-                Event::Quiet if heard.elapsed() > DRY => {
+                Event::Timeout if heard.elapsed() > DRY => {
                     let dry = DRY.as_secs();
                     self.context.scope.lock().trouble =
                         Some(format!("{}: no frame for {dry} s", self.steady.port()));
                 }
-                Event::Quiet => {}
-                Event::Gone(error) => {
+                Event::Timeout => {}
+                Event::Disconnected(error) => {
                     let counts = &mut self.now().before;
                     let link = self.context.scope.lock().link;
                     *counts = (link.frames, link.lost);
                     self.trouble(Some(error));
                 }
-                Event::Over => {
+                Event::Ended => {
                     self.context.scope.lock().trouble = Some("the playback is over".to_owned());
                     std::thread::sleep(LOOK);
                 }

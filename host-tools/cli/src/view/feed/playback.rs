@@ -15,9 +15,9 @@ use taxel_files::recording::{Recording, Scans};
 use super::{Context, Feed, page_facts};
 use crate::view::orders::{Envelope, Order};
 
-/// How long the thread sleeps where nothing is due.
+/// Sleep of the thread while nothing is due.
 const LOOK: Duration = Duration::from_millis(8);
-/// What is shown of the time before the place that was sought, in seconds.
+/// Seconds shown before the position that was sought.
 const BEFORE: f64 = 20.0;
 
 type Rows = Box<dyn Iterator<Item = Result<Vec<Cell>, FileError>> + Send>;
