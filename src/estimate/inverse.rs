@@ -478,6 +478,23 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn touch_that_moved_during_lost_scans_is_found_at_once() {
+        let at = |x: f32| displaced(&Load { size: 1.0, point: [x, 0.0], ..Load::default() });
+        let far_off = |lost: bool| {
+            let (finger, mut state) = (finger(), InverseState::default());
+            for _ in 0..6 {
+                finger.pressed(&mut state, &at(-1.2)).unwrap();
+            }
+            if lost {
+                state.interrupt();
+            }
+            (finger.pressed(&mut state, &at(1.2)).unwrap().load.point[0] - 1.2).abs()
+        };
+        assert!(far_off(true) < 0.2, "{}", far_off(true));
+        assert!(far_off(false) > 1.0, "one step is a millimetre: {}", far_off(false));
+    }
+
+    #[test]
     fn a_calibration_without_shear_does_not_guess_it() {
         let finger = Inverse { shear: false, ..finger() };
         let mut state = InverseState::default();

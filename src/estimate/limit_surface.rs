@@ -144,6 +144,20 @@ mod tests {
     }
 
     #[test]
+    fn load_is_measured_along_the_curve_not_the_ellipse() {
+        let ellipse = LimitSurface::hertz(6.0, 0.236);
+        let mut surface = ellipse;
+        surface.curve[INTERVALS / 2] = 1.25;
+        let load = |surface: &LimitSurface, force: f32, turning: f32| {
+            let most = surface.most_torsion(1.2, 0.7);
+            surface.load([force.sqrt() * 0.84, 0.0], turning.sqrt() * most, 1.2, 0.7)
+        };
+        assert!((load(&ellipse, 0.5, 0.5) - 1.0).abs() < 1e-4);
+        assert!((load(&surface, 0.5, 0.5) - 0.8).abs() < 1e-4, "{}", load(&surface, 0.5, 0.5));
+        assert!((load(&surface, 1.0, 0.0) - 1.0).abs() < 1e-4, "the ends stay");
+    }
+
+    #[test]
     fn nothing_holds_without_normal_force() {
         assert_eq!(LimitSurface::hertz(6.0, 0.236).load([0.1, 0.0], 0.0, 0.0, 0.8), 1.0);
     }

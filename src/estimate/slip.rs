@@ -296,6 +296,57 @@ mod tests {
     }
 
     #[test]
+    fn shear_within_its_noise_teaches_no_friction() {
+        let mut state = SlipState::default();
+        let ring = Some(Ring { weight: 400.0, moment: 400.0 });
+        for _ in 0..200 {
+            let traction = Traction {
+                shear: [0.05, 0.0],
+                normal: 0.06,
+                doubt: [0.02, 0.0],
+                ring,
+                ..Traction::default()
+            };
+            let friction = slip().judge(&mut state, &traction).unwrap().friction;
+            assert!((friction - 0.8).abs() < 1e-3, "{friction}");
+        }
+    }
+
+    /// What 50 frames of a slide teach.
+    fn slid(mu: f32) -> SlipState {
+        let mut state = SlipState::default();
+        let slides =
+            Traction { shear: [mu, 0.0], normal: 1.0, slides: true, ..Traction::default() };
+        for _ in 0..50 {
+            slip().judge(&mut state, &slides).unwrap();
+        }
+        state
+    }
+
+    #[test]
+    fn friction_is_less_certain_after_each_contact() {
+        let learned = |contacts: usize| {
+            let mut state = slid(0.3);
+            (0..contacts).for_each(|_| state.release());
+            // Half way to the limit of another material.
+            dragged(&mut state, 1.0, true)[100].friction
+        };
+        assert!(learned(0) < 0.6, "{}", learned(0));
+        assert!(learned(20) > 0.7, "{}", learned(20));
+    }
+
+    #[test]
+    fn bias_of_the_ring_does_not_change_a_friction_known_better() {
+        let mut state = slid(0.5);
+        // A quarter of the normal force uses half of the friction; 0.6 is within the ring's error.
+        let ring = Some(Ring { weight: 400.0, moment: 400.0 * 0.6 });
+        let held = Traction { shear: [0.25, 0.0], normal: 1.0, ring, ..Traction::default() };
+        let friction =
+            (0..1000).map(|_| slip().judge(&mut state, &held).unwrap().friction).last().unwrap();
+        assert!((friction / 0.5 - 1.0).abs() < 0.03, "{friction}");
+    }
+
+    #[test]
     fn what_holds_is_not_said_to_slip() {
         let mut state = SlipState::default();
         let verdicts = dragged(&mut state, 1.4, false);

@@ -171,6 +171,29 @@ mod tests {
         (0..4).map(|_| finger().pair(&mut state, u, misfit)).last().flatten()
     }
 
+    /// The pair of one frame, where a single contact leaves `single`.
+    fn first(u: &[f32; TAXELS], single: f32) -> Option<Pair> {
+        finger().pair(&mut PairState::default(), u, single)
+    }
+
+    #[test]
+    fn contacts_closer_than_the_matrix_resolves_are_not_a_pair() {
+        let at = |x: f32| Load { size: 0.9, point: [x, 0.0], ..Load::default() };
+        let apart = |mm: f32| first(&touched(&[at(-0.5 * mm), at(0.5 * mm)]), 1e6);
+        assert_eq!(apart(3.0), None);
+        assert!(apart(4.5).is_some());
+    }
+
+    #[test]
+    fn pair_must_leave_less_than_half_of_what_one_contact_leaves() {
+        let at = |x: f32| Load { size: 0.9, point: [x, 0.0], ..Load::default() };
+        let mut u = touched(&[at(-3.0), at(3.0)]);
+        u.iter_mut().step_by(2).for_each(|u| *u += 5e-3);
+        let misfit = first(&u, 1e6).unwrap().misfit;
+        assert_eq!(first(&u, 2.0 * misfit), None);
+        assert!(first(&u, 3.0 * misfit).is_some());
+    }
+
     proptest! {
         #[test]
         fn two_contacts_two_pitches_apart_are_found_where_they_are(

@@ -250,3 +250,18 @@ fn two(pair: &Pair, share: f32) -> Seen {
         misfit: Ok(pair.misfit),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::field::Load;
+
+    #[test]
+    fn normal_force_is_no_surer_than_the_stiffness_of_the_skin() {
+        let load = Load { size: 1.0, ..Load::default() };
+        let touch = Touch { load, sigma: [1e-3; 6], ring: Ring::default(), misfit: 0.5 };
+        let Ok(fz) = one(&touch, false, true).force[2] else { panic!("a force is known") };
+        // 10 K change a rubber's stiffness by 3 %.
+        assert!((0.03..0.1).contains(&(fz.sigma - 1e-3)), "{fz:?}");
+    }
+}

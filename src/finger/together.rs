@@ -293,6 +293,29 @@ mod tests {
     }
 
     #[test]
+    fn torsion_within_the_noise_of_a_moment_uses_no_friction() {
+        let array = Array { moment_residual: 0.1, ..Array::default() };
+        let record = Calibration { array: Some(array), ..Calibration::EMPTY };
+        let seen = Seen::nothing(NoValue::Absent);
+        let point = Err(NoValue::NotEstimated);
+        let force = Force::known(0.0, 0.0, 1.0);
+        let fused = Fused { force, point, force_sigma: force, point_sigma: point };
+        let margin = |torsion: f32| {
+            let grip = Grip {
+                time: Micros(0),
+                fused: &fused,
+                torsion: Ok(NewtonMillimetres(torsion)),
+                seen: &seen,
+                rubs: false,
+            };
+            let (mut state, mut status) = (GripState::default(), Status::default());
+            grip.judge(Some(&record), &Slip::usual(0.8), &mut state, &mut status).unwrap().margin
+        };
+        assert_eq!(margin(0.25), 1.0, "two and a half standard deviations");
+        assert!(margin(1.0) < 0.9, "{}", margin(1.0));
+    }
+
+    #[test]
     fn where_one_is_missing_the_other_stands_for_both() {
         let one = Ok(Uncertain { value: 1.0, sigma: 0.01 });
         let joined = |seen, felt| join(seen, felt, &mut Status::default());

@@ -3,7 +3,7 @@
 use crate::common;
 use crate::common::{LIT, calibration, everything, pressed, unloaded};
 use taxel::calibration::Calibration;
-use taxel::condition::LowPass;
+use taxel::condition::{LowPass, PER_KELVIN};
 use taxel::estimate::Force;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::quantised::QuantisedNet;
@@ -278,4 +278,24 @@ fn where_a_taxel_is_dead_the_force_sensors_stand_for_both() {
     scan.codes.bridges[2] = None;
     let estimate = settled(&finger, &mut state, &scan);
     assert_eq!(estimate.force.z, Err(NoValue::DeadChannel));
+}
+
+#[test]
+fn warm_force_sensors_are_read_with_the_gain_of_their_temperature() {
+    let mut record = everything();
+    let warmth = record.warmth.as_mut().unwrap();
+    warmth.offset = Default::default();
+    // 5 K on, in fractions of full scale.
+    let warmer = 5.0 * PER_KELVIN;
+    let gain = 1.0 / (1.0 + warmth.sensitivity * warmer);
+    let force = |codes: f32| {
+        let (finger, mut state) = Finger::new(Some(record.clone()));
+        let mut scan = unloaded(0);
+        scan.codes.bridges[0].as_mut().unwrap().a.0 += 2_000;
+        scan.codes.temperature.as_mut().unwrap().0 += codes as u16;
+        finger.estimate(&mut state, &scan).sensors[0].z.unwrap().0
+    };
+    let (cold, warm) = (force(0.0), force(warmer * 65_535.0));
+    assert!(cold.abs() > 1e-3, "{cold}");
+    assert!((warm / cold - gain).abs() < 1e-3, "{warm} {cold} {gain}");
 }
