@@ -184,6 +184,63 @@ mod tests {
         assert_eq!(tan(0.0), 0.0);
     }
 
+    /// The figures of `docs/decisions/0013-micromath.md`; `--nocapture` prints them.
+    #[test]
+    fn micromath_is_exact_in_floor_and_trunc_only() {
+        use micromath::F32Ext;
+        for x in numbers().filter(|x| *x < 2e9).flat_map(|x| [x, -x]) {
+            assert_eq!(F32Ext::floor(x), x.floor(), "{x:e}");
+            assert_eq!(F32Ext::trunc(x), x.trunc(), "{x:e}");
+            assert_eq!(F32Ext::copysign(1.5, x), 1.5f32.copysign(x), "{x:e}");
+        }
+        assert_ne!(
+            F32Ext::round(0.5 - f32::EPSILON / 4.0),
+            0.0,
+            "it adds a half, which is rounded"
+        );
+        assert_ne!(F32Ext::round(8_388_609.0), 8_388_609.0, "and again where no fraction is left");
+        let worst = |name: &str, least: f64, errors: &mut dyn Iterator<Item = f64>| {
+            let worst = errors.fold(0.0, |worst: f64, error| worst.max(error.abs()));
+            std::println!("{name:8} {worst:.2e}");
+            assert!(worst > least, "{name} is good enough by now: {worst:e}");
+        };
+        let span =
+            |from: f32, to: f32| (1..100_000).map(move |i| from + (to - from) * (i as f32 * 1e-5));
+        let relative = |found: f32, exact: f64| f64::from(found) / exact - 1.0;
+        let roots = || numbers().filter(|x| (1e-6..1e6).contains(x));
+        worst("sqrt", 6e-7, &mut roots().map(|x| relative(F32Ext::sqrt(x), f64::from(x).sqrt())));
+        worst(
+            "invsqrt",
+            5e-7,
+            &mut roots().map(|x| relative(F32Ext::invsqrt(x), f64::from(x).sqrt().recip())),
+        );
+        worst(
+            "powf",
+            2e-5,
+            &mut roots()
+                .map(|x| relative(F32Ext::powf(x, 0.3), f64::from(x).powf(f64::from(0.3f32)))),
+        );
+        worst(
+            "tan",
+            3e-6,
+            &mut span(0.0, core::f32::consts::FRAC_PI_4)
+                .map(|x| relative(F32Ext::tan(x), f64::from(x).tan())),
+        );
+        worst(
+            "exp",
+            1e-6,
+            &mut span(-8.0, 8.0).map(|x| relative(F32Ext::exp(x), f64::from(x).exp())),
+        );
+        worst(
+            "atan2",
+            3e-6,
+            &mut span(-3.14, 3.14).map(|turn| {
+                let (y, x) = turn.sin_cos();
+                f64::from(F32Ext::atan2(y, x)) - f64::from(y).atan2(f64::from(x))
+            }),
+        );
+    }
+
     #[test]
     fn no_direction_has_the_angle_0() {
         for (y, x) in [(0.0, 0.0), (f32::NAN, 1.0), (1.0, f32::NAN), (f32::INFINITY, f32::INFINITY)]

@@ -7,32 +7,29 @@
 
 use crate::roots::inverse_sqrt;
 
-/// Most unknowns of any estimator.
-const MOST: usize = 6;
-
 /// Normal equations A·x = b of a least-squares problem in `N` unknowns: A the sum of the outer products of
-/// its rows. All sizes lie in one shape, so that one solver serves them.
+/// its rows.
 #[derive(Clone, Copy, Debug)]
 pub struct Normal<const N: usize> {
     /// A; only its lower triangle is used.
-    pub matrix: [[f32; MOST]; MOST],
+    pub matrix: [[f32; N]; N],
     /// b.
     pub right: [f32; N],
 }
 
 impl<const N: usize> Normal<N> {
     /// No row yet.
-    pub const EMPTY: Self = {
-        assert!(N <= MOST, "more unknowns than the solver takes");
-        Self { matrix: [[0.0; MOST]; MOST], right: [0.0; N] }
-    };
+    pub const EMPTY: Self = Self { matrix: [[0.0; N]; N], right: [0.0; N] };
 
     /// Adds a row of the Jacobian and its residual.
     #[inline]
     pub fn add(&mut self, row: &[f32; N], residual: f32) {
         for i in 0..N {
-            for j in 0..=i {
-                self.matrix[i][j] += row[i] * row[j];
+            // A bound that is known lets the compiler unroll it: half the cycles of `0..=i`.
+            for j in 0..N {
+                if j <= i {
+                    self.matrix[i][j] += row[i] * row[j];
+                }
             }
             self.right[i] += row[i] * residual;
         }
@@ -49,26 +46,21 @@ impl<const N: usize> Normal<N> {
     /// definite to the accuracy of f32.
     #[must_use]
     pub fn solve(mut self) -> Option<([f32; N], [f32; N])> {
-        let (mut x, mut diagonal) = ([0.0; MOST], [0.0; MOST]);
-        x[..N].copy_from_slice(&self.right);
-        let solved = solve(&mut self.matrix, &mut x, &mut diagonal, N);
-        let first = |all: [f32; MOST]| all.first_chunk().copied();
-        if solved { first(x).zip(first(diagonal)) } else { None }
+        let (mut x, mut diagonal) = (self.right, [0.0; N]);
+        solve(&mut self.matrix, &mut x, &mut diagonal).then_some((x, diagonal))
     }
 }
 
-/// Leaves the `n` unknowns x in `right` and the diagonal of A⁻¹ in `diagonal`.
+/// Leaves the unknowns x in `right` and the diagonal of A⁻¹ in `diagonal`.
 #[inline(never)]
-fn solve(
-    matrix: &mut [[f32; MOST]; MOST],
-    right: &mut [f32; MOST],
-    diagonal: &mut [f32; MOST],
-    n: usize,
+fn solve<const N: usize>(
+    matrix: &mut [[f32; N]; N],
+    right: &mut [f32; N],
+    diagonal: &mut [f32; N],
 ) -> bool {
-    let n = n.min(MOST);
     // A = L·Lᵀ, L in place of A, with 1/L_ii kept in place of L_ii.
     let l = matrix;
-    for i in 0..n {
+    for i in 0..N {
         for j in 0..i {
             let mut sum = l[i][j];
             for k in 0..j {
@@ -86,24 +78,24 @@ fn solve(
         }
         l[i][i] = inverse_sqrt(sum);
     }
-    for i in 0..n {
+    for i in 0..N {
         for k in 0..i {
             right[i] -= l[i][k] * right[k];
         }
         right[i] *= l[i][i];
     }
-    for i in (0..n).rev() {
-        for k in i + 1..n {
+    for i in (0..N).rev() {
+        for k in i + 1..N {
             right[i] -= l[k][i] * right[k];
         }
         right[i] *= l[i][i];
     }
     // A⁻¹ = L⁻ᵀ·L⁻¹: the squared norms of the columns of L⁻¹.
-    for j in 0..n {
-        let mut column = [0.0; MOST];
+    for j in 0..N {
+        let mut column = [0.0; N];
         column[j] = l[j][j];
         diagonal[j] = column[j] * column[j];
-        for i in j + 1..n {
+        for i in j + 1..N {
             let mut sum = 0.0;
             for k in j..i {
                 sum -= l[i][k] * column[k];
