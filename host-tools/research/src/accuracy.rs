@@ -1,5 +1,6 @@
-//! The accuracy that a method states: what it leaves on recordings of the kind that the finger is calibrated
-//! on, but that the fit has not seen (`taxel calibrate evaluate`), by the load.
+//! Stated accuracy of a method over the load: its error on held-out recordings.
+//!
+//! They are of the kind that the finger is calibrated on (`taxel calibrate evaluate`).
 //!
 //! ```text
 //! force, torsion    σ² = a² + (b·F)²     as data sheets say it: so many mN and so many per cent
@@ -60,12 +61,12 @@ impl Accuracy {
         Self { floor, slope, unfelt, over, share: 0.0 }
     }
 
-    /// Of what is right or wrong: 0 or 1. A wrong verdict is a failure whatever is stated.
+    /// Accuracy of verdicts, which are right or wrong: a wrong one is always a failure.
     pub(crate) fn of_verdicts() -> Self {
         Self { floor: 0.33, slope: 0.0, unfelt: 0.33, over: |load| load, share: 0.0 }
     }
 
-    /// With so large a share of the load besides, which recordings of one skin cannot tell.
+    /// Adds a share of the load that recordings of one skin cannot show.
     pub(crate) fn with_share(self, share: f64) -> Self {
         Self { share, ..self }
     }

@@ -1,4 +1,4 @@
-//! A bar a row, its name above it and what it comes to beside it.
+//! Bar chart: one row a bar, its name above and its figures next to it.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -12,9 +12,9 @@ pub(crate) struct Bar {
     pub name: String,
     /// Its length; none where there is nothing to show.
     pub long: Option<f64>,
-    /// What stands beside it.
+    /// Figures next to it.
     pub told: String,
-    /// It is ours, beside others.
+    /// The project's own, in another colour.
     pub own: bool,
 }
 
@@ -22,7 +22,7 @@ const WIDTH: u32 = 900;
 /// A bar and its gap, in pixels.
 const ROW: i32 = 52;
 
-/// Ours in another colour.
+/// Draws the bars.
 pub(crate) fn draw(title: &str, bars: &[Bar]) -> anyhow::Result<Picture> {
     let height = u32::try_from(ROW)? * u32::try_from(bars.len())? + 44;
     Picture::draw((WIDTH, height), |area, _| drawn(area, title, bars))

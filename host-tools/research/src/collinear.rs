@@ -7,7 +7,7 @@ use taxel_regress::least_squares;
 
 use crate::counts::{Count, Map, Of, Point};
 
-/// Outputs of a bridge per newton as shares of full scale, about those of 003's sensor.
+/// Outputs of a bridge per newton as shares of full scale, about those of [Ospina2017]'s sensor.
 const GAIN: f64 = 0.05;
 /// Standard deviation of an output.
 const NOISE: f64 = 6e-5;

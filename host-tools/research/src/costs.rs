@@ -1,11 +1,12 @@
-//! What a stage costs on the emulated Cortex-M4F: the table that `cargo xtask cycles` writes and that
-//! `cargo xtask test` holds the code to, so that charts need neither the emulator nor a cross-compiler.
+//! Cost of a stage on the emulated Cortex-M4F, by the committed table of `cargo xtask cycles`.
+//!
+//! Charts need neither the emulator nor a cross-compiler.
 
 use anyhow::{Context, ensure};
 
 const COMMITTED: &str = include_str!("../../emulator/data/cycles.csv");
 
-/// The most that any call took.
+/// Largest cost of any call.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cost {
     /// Executed instructions, exact.
@@ -42,7 +43,7 @@ impl Costs {
     /// The committed table.
     ///
     /// # Errors
-    /// It is not one.
+    /// The table cannot be read.
     pub fn committed() -> anyhow::Result<Self> {
         Self::parse(COMMITTED).context("host-tools/emulator/data/cycles.csv")
     }
@@ -52,7 +53,7 @@ impl Costs {
         let header = reader.headers()?;
         ensure!(
             header.iter().take(4).eq(["name", "instructions", "cycles_low", "cycles_high"]),
-            "line 1: no table of costs; write it anew with `cargo xtask cycles --csv`"
+            "line 1: no table of costs; write it again with `cargo xtask cycles --csv`"
         );
         let rows = reader.records().map(|row| {
             let row = row?;
@@ -64,7 +65,7 @@ impl Costs {
         rows.collect::<anyhow::Result<_>>().map(Self)
     }
 
-    /// What `stages` cost together.
+    /// Sums the costs of `stages`.
     ///
     /// # Errors
     /// A stage is not in the table.

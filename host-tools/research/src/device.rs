@@ -1,4 +1,4 @@
-//! A virtual finger: its recordings, and what its signals are.
+//! A simulated finger: its recordings and signals.
 
 use anyhow::Context;
 use taxel::condition::{Bias, Levels, Signals};
@@ -10,7 +10,7 @@ use crate::truth::{Beyond, Touches};
 
 /// The scenes that a finger is calibrated on, as the README does it, with its thermometer.
 pub const CALIBRATION: [&str; 2] = ["presses", "shear"];
-/// The scene that tells what warmth does to it.
+/// Scene of the temperature calibration.
 const WARM_UP: &str = "warm-up";
 /// Seed of those runs; others are judged on.
 pub(crate) const FITTED: u64 = 1;
@@ -19,11 +19,11 @@ pub(crate) const JUDGED: u64 = 2;
 /// One finger of many: gains, gaps, offsets and mismatches of its own.
 pub struct Device {
     pub(crate) seed: u64,
-    /// What it is calibrated on.
+    /// Calibration recordings.
     pub recordings: Vec<Recording>,
-    /// And at rest, while it warms.
+    /// Recording at rest, while the finger warms.
     pub warm_up: Recording,
-    /// What it reads with nothing touching it.
+    /// Bias, read with nothing in contact.
     pub bias: Bias,
 }
 
@@ -33,7 +33,7 @@ pub struct Moment {
     pub sample: Sample,
     /// The codes, conditioned.
     pub signals: Signals,
-    /// What is true beyond the sample's own truth.
+    /// Truth beyond the sample's own.
     pub beyond: Beyond,
 }
 

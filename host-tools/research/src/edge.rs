@@ -1,4 +1,4 @@
-//! How the error of a shear grows with the distance from the middle, each component by itself: `edge.csv`.
+//! Error of a shear over the distance from the middle, each component by itself: `edge.csv`.
 //!
 //! The failure maps press straight down there, and judge a force as one. Here every press is sheared, by the same
 //! share of its friction and in all directions, at places along the x axis: x is towards the edge, y along it.
@@ -25,16 +25,16 @@ const DISTANCES: [f64; 11] = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.75, 4.2, 4.6,
 const CALIBRATED: f64 = 2.0;
 /// The centres of the outer taxels.
 const OUTER: f64 = 3.75;
-/// What is asked of the middle in newtons: 1.5 % of 2 N.
+/// Specification of the middle in newtons: 1.5 % of 2 N.
 const ASKED: f64 = 0.03;
-/// Of friction, in every press.
+/// Share of friction that every press uses.
 const SHEAR: f64 = 0.5;
 /// In millinewtons.
 const ERRORS: [f64; 2] = [0.5, 500.0];
 const SIZE: (u32, u32) = (900, 380);
 const AXES: [&str; 2] = ["F_x, towards the edge", "F_y, along the edge"];
 
-/// A method at a distance.
+/// Errors of a method at a distance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     method: String,
@@ -155,7 +155,7 @@ pub fn write(rows: &[Row], folder: &Path) -> anyhow::Result<()> {
     save_page(folder.join("edge.html"), "Shear towards the edge", lead, &[&picture])
 }
 
-/// Each method once, and what it is off by in millinewtons over the distance.
+/// Lists each method once, with its errors in millinewtons over the distance.
 fn lines(rows: &[Row], axis: usize) -> Vec<(&str, Vec<(f64, f64)>)> {
     let mut lines: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
     for row in rows {

@@ -1,4 +1,4 @@
-//! Every method on every kind of scene: `estimators.csv`.
+//! Error and cost of every method on every kind of scene: `estimators.csv`.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -52,7 +52,7 @@ pub fn measure(effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Vec<Row>
     mean(&devices, &costs)
 }
 
-/// A method on a scene of one device.
+/// Error of a method on a scene of one device.
 struct Judged {
     name: String,
     group: Group,
@@ -85,7 +85,7 @@ fn judge(
     Ok(judged)
 }
 
-/// A method on the moments of a scene under loads that it is judged under, a row a quantity.
+/// Judges a method on a scene under the loads that `holds` accepts, one row a quantity.
 fn method_on(
     method: &mut Method,
     moments: &[Moment],
@@ -118,7 +118,7 @@ fn method_on(
     errors.into_iter().zip(quantities).map(row).collect()
 }
 
-/// The stage of the dearest kind of scene that is in a run.
+/// Stage of the costliest kind of scene in a run.
 fn dearest(moments: &[Moment]) -> &'static str {
     let sheared = |moment: &Moment| match moment.sample.truth.force {
         [Some(x), Some(y), _] => x.hypot(y) > SHEARED_N,
@@ -131,7 +131,7 @@ fn dearest(moments: &[Moment]) -> &'static str {
     }
 }
 
-/// The mean over devices, of what all of them can say.
+/// Means over devices of the quantities that all of them give.
 fn mean(devices: &[Vec<Judged>], costs: &Costs) -> anyhow::Result<Vec<Row>> {
     let Some(first) = devices.first() else { return Ok(Vec::new()) };
     let mut rows = Vec::new();
@@ -168,12 +168,12 @@ pub fn csv(rows: &[Row]) -> String {
     table
 }
 
-/// The panels of the first picture, which tell most, and of the second.
+/// Panels of the first picture and of the second.
 const PANELS: [Title<'_>; 4] =
     [("presses", Normal), ("shear", Normal), ("shear", Shear), ("presses", Point)];
 const MORE: [Title<'_>; 4] = [("edge", Normal), ("edge", Point), ("tour", Normal), ("tour", Shear)];
 
-/// How near to slip it is, and whether it slides.
+/// Panels of slip margin and gross slip.
 const SLIP: [Title<'_>; 4] =
     [("shear", Margin), ("stick-slip", Margin), ("tour", Slide), ("stick-slip", Slide)];
 

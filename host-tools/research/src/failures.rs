@@ -1,8 +1,8 @@
-//! Where the finger stops being trustworthy, and whether it says so: `failures.csv`.
+//! Failure maps: where methods fail, and whether the finger flags it (`failures.csv`).
 //!
 //! For each [method](crate::mapped) and each [sweep](crate::sweeps): its error, the [accuracy](crate::accuracy)
 //! that it states and the share of frames that it flags, by withholding the value or in the status. A frame
-//! is a **silent failure** where the error is beyond three times the stated accuracy and nothing is flagged.
+//! is a **silent failure** (an undetected error) where the error is beyond three times the stated accuracy and nothing is flagged.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -23,7 +23,7 @@ use crate::sweeps::{self, Sweep};
 use crate::truth::LEAST_N;
 use crate::{collinear, map};
 
-/// What maps come to: shares of frames.
+/// Totals of maps, as shares of frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Totals {
     /// Frames judged, and how many of them lie within the working range.
@@ -34,7 +34,7 @@ pub struct Totals {
     pub false_flags: f64,
 }
 
-/// A calibrated device, and what each of its methods states.
+/// A calibrated device and the stated accuracy of its methods.
 struct Stated {
     seed: u64,
     fingers: Fingers,
@@ -128,8 +128,7 @@ fn picture(map: &Map) -> &'static str {
     }
 }
 
-/// Sums up what is said by the finger as it is shipped, matrix and force sensors together, or by its matrix
-/// alone.
+/// Totals of the whole finger or of its matrix alone.
 #[must_use]
 pub fn totals(maps: &[Map], of: Of) -> Totals {
     let points = maps.iter().filter(|map| map.of == of).flat_map(|map| &map.points);
@@ -160,7 +159,7 @@ pub fn csv(maps: &[Map]) -> String {
     table
 }
 
-/// What each map comes to, in frames: `boundaries.csv`.
+/// Totals of each map in frames: `boundaries.csv`.
 #[must_use]
 pub fn boundaries(maps: &[Map]) -> String {
     let mut table = String::from(

@@ -11,9 +11,9 @@ use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture};
 const TIMES: [f64; 2] = [0.5, 50_000.0];
 /// In per cent.
 const ERRORS: [f64; 2] = [7e-5, 200.0];
-/// Where the rung is drawn that the others are measured against, and has no error.
+/// Height of the reference rung, which has no error.
 const REFERENCE: f64 = 1e-4;
-/// What a scene allows unless it says otherwise, in per cent.
+/// Default tolerance of a scene in per cent.
 const TOLERANCE: f64 = 1.0;
 
 pub(crate) fn draw(costs: &[Cost]) -> anyhow::Result<Picture> {

@@ -1,11 +1,10 @@
-//! Speed charted against accuracy, and where each method fails: what `taxel chart` writes.
+//! Charts of cost against accuracy and failure maps, as `taxel chart` writes them.
 //!
 //! ```text
 //! simulator ─▶ Device ─▶ methods, each fitted ─▶ estimators.csv ─▶ SVG, HTML
 //!              costs: the counting emulator's committed table ─┘
 //! ```
-//! Every figure is of devices that nothing was developed on, calibrated on their own recordings and judged
-//! on runs that their fits have not seen, noise on.
+//! Every figure is of held-out devices, calibrated on their own recordings and judged on held-out runs, noise on.
 
 mod accuracy;
 mod bars;

@@ -1,4 +1,4 @@
-//! The limit surface's forms, error over cost: `limit-surface.csv`, as the fit's tests and `cargo xtask cycles` hold it.
+//! Forms of the limit surface, error over cost: `limit-surface.csv`, as the fit's tests and `cargo xtask cycles` hold it.
 
 use std::path::Path;
 
@@ -34,7 +34,7 @@ pub fn write(folder: &Path) -> anyhow::Result<()> {
     save(folder.join("limit-surface.csv"), COMMITTED)?;
     let picture = Picture::draw(SIZE, |area, notes| drawn(area, &forms, notes))?;
     picture.save(folder.join("limit-surface.svg"))?;
-    let lead = "The ellipse, the table that the firmware has, and the sweep over the centre of rotation (003), each \
+    let lead = "The ellipse, the table that the firmware has, and the sweep over the centre of rotation [Ospina2017], each \
                 against the integral over a pressure by a power law.";
     save_page(folder.join("limit-surface.html"), "The limit surface", lead, &[&picture])
 }

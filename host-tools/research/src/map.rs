@@ -8,10 +8,10 @@ use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture};
 
 type Area<'p> = DrawingArea<SVGBackend<'p>, Shift>;
 
-/// Of one panel in pixels.
+/// Size of one panel in pixels.
 const SIZE: (u32, u32) = (300, 200);
 const ACROSS: usize = 3;
-/// Of a line of the legend.
+/// Height of a line of the legend in pixels.
 const ROW: u32 = 20;
 /// Error over stated accuracy.
 const RATIOS: [f64; 2] = [0.05, 200.0];
@@ -19,7 +19,7 @@ const RATIOS: [f64; 2] = [0.05, 200.0];
 /// the one below.
 const LANE: f64 = 1.4;
 
-/// Each of some names once, in the order in which they come first.
+/// Removes repeated names and keeps the order.
 fn once(all: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
     let mut names = Vec::new();
     for name in all {
@@ -30,7 +30,7 @@ fn once(all: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
     names
 }
 
-/// The share of its stated accuracy that a method is off by, where it says anything.
+/// Error over stated accuracy, within the axis.
 fn ratio(point: &Point) -> Option<f64> {
     point.count.over_stated().map(|ratio| ratio.clamp(RATIOS[0], RATIOS[1]))
 }

@@ -1,7 +1,7 @@
-//! What is mapped: everything that the firmware can be set to say, and how far each is off.
+//! Methods of the failure maps: every output that the firmware can be set to give, and its error.
 //!
-//! The finger as it is shipped, and its optical matrix alone with each method that a record and a setting can
-//! choose. Methods that the firmware does not run (sums of powers, the integral of 000) have no status to
+//! The whole finger, and its optical matrix alone with each method that a record and a setting can
+//! choose. Methods that the firmware does not run (sums of powers, the integral of [Ohka2005]) have no status to
 //! say that they fail, and are charted for their error only. **To add one**: a line in a list of methods.
 
 use anyhow::Context;
@@ -21,7 +21,7 @@ use crate::counts::Of;
 use crate::device::{CALIBRATION, Device};
 use crate::truth::Beyond;
 
-/// Status bits that tell that something is wrong.
+/// Status bits of a fault.
 const FLAGS: [Status; 10] = [
     Status::UNCALIBRATED,
     Status::SATURATED,
@@ -40,28 +40,28 @@ const TWO: &str = "two-contacts";
 /// A warning of slip is false where so many times the margin is left at which one is due.
 const FALSE_ALARM: f64 = 2.0;
 
-/// Those that warn of single force sensors.
+/// Status bits that warn of single force sensors.
 const SENSOR_FLAGS: [Status; 2] = [Status::TEMPERATURE, Status::NOISY];
 
-/// What a finger says of a touch.
+/// Quantity of a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Quantity {
     Force,
     Point,
     Torsion,
     Sensors,
-    /// Where each of two contacts is.
+    /// Positions of two contacts.
     Pair,
-    /// What is left of the friction.
+    /// Slip margin.
     Margin,
     /// The warning of slip.
     Warning,
 }
 
-/// A method: its name in the tables, and what of its finger it is.
+/// A method: its name in the tables and its quantity.
 type Method = (&'static str, Quantity);
 
-/// Of the finger as it is shipped.
+/// Methods of the whole finger.
 const SHIPPED: &[Method] = &[
     ("force / N", Quantity::Force),
     ("contact point / mm", Quantity::Point),
@@ -71,7 +71,7 @@ const SHIPPED: &[Method] = &[
     ("slip margin / 1", Quantity::Margin),
     ("slip warning / 1", Quantity::Warning),
 ];
-/// Of the matrix alone.
+/// Methods of the matrix alone, by the model of the skin.
 const MODEL: &[Method] = &[
     ("model's force / N", Quantity::Force),
     ("model's point / mm", Quantity::Point),
@@ -90,7 +90,7 @@ struct Set {
     methods: &'static [Method],
     /// The force sensors are there.
     sensors: bool,
-    /// It warns of slip below this margin.
+    /// Slip margin below which a warning is due.
     warns: f64,
 }
 
@@ -106,14 +106,14 @@ pub(crate) struct Said {
     pub warned: bool,
 }
 
-/// Every finger of a device that is mapped.
+/// Fingers of one device, one for each choice of methods.
 #[derive(Clone)]
 pub(crate) struct Fingers {
     sets: Vec<Set>,
 }
 
 impl Fingers {
-    /// Those of the record.
+    /// Sets up the fingers of a calibration record.
     pub(crate) fn new(record: &Calibration) -> anyhow::Result<Self> {
         let matrix = Calibration { array: None, sensors: Default::default(), ..record.clone() };
         let net = matrix.force.as_ref().context("the calibration has no net")?;
@@ -136,19 +136,19 @@ impl Fingers {
         Ok(Self { sets: sets.map(set).into() })
     }
 
-    /// Every method, in the order of their numbers.
+    /// Lists the methods in the order of their numbers.
     pub(crate) fn methods() -> impl Iterator<Item = (Of, &'static str)> {
         let of = |of| move |(name, _): &Method| (of, *name);
         let alone = [MODEL, NET, QUANTISED].into_iter().flatten();
         SHIPPED.iter().map(of(Of::Finger)).chain(alone.map(of(Of::Matrix)))
     }
 
-    /// Starts afresh with another run.
+    /// Resets the state before another run.
     pub(crate) fn restart(&mut self) {
         self.sets.iter_mut().for_each(|set| set.state = set.finger.restarted());
     }
 
-    /// One scan: what each method says, where something touches the finger.
+    /// Judges every method on one scan in contact.
     pub(crate) fn judge(&mut self, sample: &Sample, beyond: &Beyond, mut said: impl FnMut(Said)) {
         let mut method = 0;
         for Set { finger, state, methods, sensors, warns } in &mut self.sets {
@@ -196,7 +196,7 @@ impl Fingers {
     }
 }
 
-/// What is true at a moment.
+/// Truth at a moment.
 struct Truths<'t> {
     truth: &'t Truth,
     beyond: &'t Beyond,
@@ -205,7 +205,7 @@ struct Truths<'t> {
 }
 
 impl Quantity {
-    /// Of a force the residual grows with the load; a place and a share of friction are something over the load.
+    /// States the accuracy: a force's error grows with the load, a position's and a margin's fall with it.
     fn states(self, of: Of, unseen: &[Unseen]) -> Accuracy {
         let over = match self {
             Self::Force | Self::Torsion | Self::Sensors => |load| load,
@@ -220,7 +220,7 @@ impl Quantity {
         }
     }
 
-    /// Each of its values' errors, where the truth is known.
+    /// Reports the error of each value whose truth is known.
     fn errors(self, estimate: &Estimate, known: &Truths<'_>, mut judged: impl FnMut(Option<f64>)) {
         let Truths { truth, beyond, warns } = known;
         match self {
@@ -271,7 +271,7 @@ impl Quantity {
         }
     }
 
-    /// Bits that withhold nothing, but warn of this quantity.
+    /// Tells whether a status bit warns of this quantity.
     fn warned(self, status: Status) -> bool {
         let flags = if self == Self::Sensors { &SENSOR_FLAGS[..] } else { &FLAGS };
         // That there is no single contact is what is said of two, and no warning of it.
@@ -280,7 +280,7 @@ impl Quantity {
     }
 }
 
-/// How far the farther of two contacts is from where it should be, whichever is which.
+/// Larger position error of two contacts, paired whichever way is nearer.
 fn apart(found: [NormalContact; 2], places: [[f64; 2]; 2]) -> f64 {
     let [a, b] = found.map(|contact| [contact.point.x, contact.point.y].map(|at| f64::from(at.0)));
     let off = |[x, y]: [f64; 2], [tx, ty]: [f64; 2]| (x - tx).hypot(y - ty);

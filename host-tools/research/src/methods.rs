@@ -1,4 +1,4 @@
-//! Every method that is charted, fitted to one device. **To add one**: a line in [`all`].
+//! Methods of the charts, fitted to one device. **To add one**: a line in [`all`].
 
 mod firmware;
 
@@ -31,7 +31,7 @@ const ROWS: usize = 4096;
 /// Below so many standard deviations of the signals the finger runs no estimator (the gate's `off`).
 const GATE: f32 = 5.0;
 
-/// What a method says of one moment.
+/// Output of a method at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Said {
     /// f_x, f_y, f_z in newtons.
@@ -40,15 +40,15 @@ pub struct Said {
     pub point: Option<[f64; 2]>,
     /// About the normal, in N·mm.
     pub torsion: Option<f64>,
-    /// Of the force to the skin in its x–z plane, in degrees.
+    /// Angle of the force to the skin in its x–z plane, in degrees.
     pub angle: Option<f64>,
-    /// What is left of the friction.
+    /// Slip margin: the unused share of the friction.
     pub margin: Option<f64>,
-    /// It slides.
+    /// Gross slip.
     pub slides: Option<bool>,
 }
 
-/// What kind of thing a method is; the charts' colours.
+/// Kind of a method; the charts' colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
     /// A method of one of the papers.
@@ -57,26 +57,26 @@ pub enum Group {
     Polynomial,
     /// A net of tanh units.
     Net,
-    /// The same with a linear skip path.
+    /// A net of tanh units with a linear skip path.
     Skip,
     /// A net in 16 bits.
     Quantised,
-    /// The same with a linear skip path, or that path alone.
+    /// A net in 16 bits with a linear skip path, or that path alone.
     QuantisedSkip,
     /// The force sensors.
     Sensors,
-    /// What the firmware makes of the matrix.
+    /// The firmware with the matrix alone.
     Model,
-    /// What the firmware makes of all that a finger has.
+    /// The firmware with matrix and force sensors.
     Finger,
 }
 
-/// What of the table of costs a method is made of.
+/// Rows of the table of costs that a method is made of.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Stages {
     /// These, one after the other.
     Together(Vec<String>),
-    /// All that the finger does with a scan, from codes to wire bytes: another stage for each kind of scene.
+    /// The whole finger from codes to wire bytes: another stage for each kind of scene.
     Whole,
 }
 
@@ -103,13 +103,13 @@ impl Method {
         Self { name: name.to_owned(), group, stages, says: Box::new(says) }
     }
 
-    /// It is not a part of what the finger does, but all of it.
+    /// Costs the method as the whole finger.
     pub(crate) fn at_the_cost_of_all(self) -> Self {
         Self { stages: Stages::Whole, ..self }
     }
 }
 
-/// All of them, fitted to `device`.
+/// Fits all methods to `device`.
 ///
 /// # Errors
 /// A fit failed, or was stopped.
@@ -205,7 +205,7 @@ impl Rows {
         }
     }
 
-    /// With f_z alone as the target.
+    /// Copies the rows with f_z as the only target.
     fn normal(&self) -> TableRecording {
         let mut recording = self.table.clone();
         recording.targets.keep(|name| name == "fz_n");
@@ -219,7 +219,7 @@ fn placed(moment: &Moment, method: impl Fn(&[f32; TAXELS], u16) -> Measured<Cont
     Said { point, ..Said::default() }
 }
 
-/// 000 eq. (3) on the finger's own matrix: F_z = C·G, C by least squares.
+/// Fits F_z = C·G on the finger's own matrix, [Ohka2005] eq. (3).
 fn integral(rows: &Rows) -> Method {
     let measure =
         |c: [f32; TAXELS]| f64::from(Spot::measure(&c.map(|c| -c), COLS, PITCH.0).integral);

@@ -1,5 +1,7 @@
-//! The papers' other sensors, each calibrated and judged on scenes of its own by the law of its paper: 002's
-//! line of four, 000's feeler, 001's columns, a sensor of 003 and four of them under a plane and an ellipsoid.
+//! Sensors of the papers, each calibrated and judged on its own scenes by the law of its paper.
+//!
+//! They are the line of four of [DeMaria2011], the feeler of [Ohka2005], the columns of [Ohka2004], and the force
+//! sensor of [Ospina2017]: one, and four under a plane and an ellipsoid.
 //! **To add one**: a line in [`all`].
 
 use std::path::PathBuf;
@@ -26,13 +28,13 @@ use crate::methods::{Group, Method, Said};
 use crate::results::Quantity::{self, Angle, Normal, Place, Point, Shear, Torsion};
 use crate::truth::{Beyond, LEAST_N};
 
-/// What the feeler's matrix sees, µm a phototransistor.
+/// Side of the feeler's image that a phototransistor sees, in µm.
 const PIXEL_UM: f32 = 160.0;
 /// Shear below this many newtons leaves the feeler's centroid where it is.
 const UNSHEARED_N: f64 = 2e-5;
 /// The size of every force of the line's scenes, in newtons.
 const LINE_N: f64 = 0.2;
-/// 002 places forces of one size.
+/// Loads of the line of four: forces of one size.
 const OF_ONE_SIZE: Holds = |[x, _, z]| x.hypot(z) > 0.999 * LINE_N;
 const PRESSED: Holds = |[_, _, z]| z >= LEAST_N;
 /// The feeler's own range begins at two millinewtons.
@@ -40,7 +42,7 @@ const FEELS: Holds = |[_, _, z]| z >= 0.002;
 /// Standard deviation of the moment of four bare sensors, N·mm.
 const MOMENT: f32 = 0.2;
 const PLANE: Surface = Surface::Plane;
-/// Of the scene `array-ellipsoid`.
+/// Surface of the scene `array-ellipsoid`.
 const ELLIPSOID: Surface =
     Surface::Ellipsoid { half_axes: [Millimetres(14.0), Millimetres(10.0), Millimetres(8.0)] };
 
@@ -63,7 +65,7 @@ pub(crate) struct Paper {
 type Holds = fn([f64; 3]) -> bool;
 type Says = Box<dyn FnMut(&Moment) -> Said>;
 
-/// All of them.
+/// Lists all of them.
 pub(crate) fn all() -> Vec<Paper> {
     vec![
         Paper {
@@ -196,7 +198,7 @@ pub(crate) fn loaded(sample: &Sample, holds: Holds) -> Option<[f64; 3]> {
     force(sample).filter(|force| sample.truth.contact == Some(true) && holds(*force))
 }
 
-/// 002 eqs (3)–(6), of the four signals.
+/// Fits the line of four to its signals, [DeMaria2011] eqs (3)–(6).
 fn line_of_four(runs: &[Run]) -> anyhow::Result<Says> {
     let lights =
         |signals: &Signals| signals.taxels.map(|[a, b, c, d, ..]| [a, b, c, d].map(|c| -c));
@@ -216,7 +218,9 @@ fn line_of_four(runs: &[Run]) -> anyhow::Result<Says> {
     }))
 }
 
-/// 000 eqs (3), (10)–(12). The scene shears along x alone: both axes are given its rows.
+/// Fits the feeler, [Ohka2005] eqs (3), (10)–(12).
+///
+/// The scene shears along x alone, so both axes are given its rows.
 fn feeler(runs: &[Run]) -> anyhow::Result<Says> {
     let spot =
         |signals: &Signals| signals.taxels.map(|c| Spot::measure(&c.map(|c| -c), COLS, PIXEL_UM));
@@ -245,7 +249,7 @@ fn feeler(runs: &[Run]) -> anyhow::Result<Says> {
     }))
 }
 
-/// 001 eq. (18), of the column that is loaded.
+/// Fits the column that is loaded, [Ohka2004] eq. (18).
 fn columns(runs: &[Run]) -> anyhow::Result<Says> {
     let areas = |moment: &Moment| {
         let point = moment.sample.truth.point;

@@ -1,4 +1,4 @@
-//! The core's net beside other people's: `peers.csv`, as `cargo xtask cycles --peers` left it.
+//! Cycles of the core's net and of other libraries': `peers.csv`, as `taxel-research peers` wrote it.
 
 use std::path::Path;
 

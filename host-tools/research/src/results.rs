@@ -4,7 +4,7 @@ use crate::costs::Cost;
 use crate::device::Moment;
 use crate::methods::{Group, Said};
 
-/// What is judged.
+/// Quantity that is judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// f_z.
@@ -13,15 +13,15 @@ pub enum Quantity {
     Shear,
     /// Distance of the contact point.
     Point,
-    /// Of the contact along a line.
+    /// Position of the contact along a line.
     Place,
-    /// Of the force to the skin.
+    /// Angle of the force to the skin.
     Angle,
-    /// About the normal.
+    /// Torsion about the normal.
     Torsion,
-    /// What is left of the friction, a share.
+    /// Slip margin, the unused share of the friction.
     Margin,
-    /// Whether it slides: the square of the error is the share of frames that are wrong.
+    /// Gross slip: the square of the error is the share of wrong frames.
     Slide,
 }
 
@@ -86,7 +86,7 @@ impl Quantity {
     }
 }
 
-/// A method on a scene.
+/// Error and cost of a method on a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     /// Name of the method.
@@ -95,19 +95,20 @@ pub struct Row {
     pub group: Group,
     /// Name of the scene.
     pub scene: &'static str,
-    /// What was judged.
+    /// Judged quantity.
     pub quantity: Quantity,
     /// Root mean square error, the mean over the devices.
     pub rmse: f64,
-    /// What an estimate costs.
+    /// Cost of an estimate.
     pub cost: Cost,
 }
 
 /// Panel of a chart: scene and quantity.
 pub(crate) type Title<'t> = (&'t str, Quantity);
 
-/// Of the rows of one panel those that no other beats in both cost and error, the cheapest first. What needs the
-/// force sensors is other hardware and stands apart: no choice of method puts them into a finger.
+/// Pareto front of one panel, the cheapest row first.
+///
+/// Rows that need the force sensors are left out, because no choice of method puts sensors into a finger.
 #[must_use]
 pub fn front<'r>(rows: &[&'r Row]) -> Vec<&'r Row> {
     let of_matrix = |row: &&&Row| !matches!(row.group, Group::Sensors | Group::Finger);

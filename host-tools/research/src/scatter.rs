@@ -13,14 +13,14 @@ use crate::results::{Quantity, Row, Title, front};
 type Panel<'p> = DrawingArea<SVGBackend<'p>, Shift>;
 type Chart<'p> = ChartContext<'p, SVGBackend<'p>, Cartesian2d<LogCoord<f64>, LogCoord<f64>>>;
 
-/// Of one panel in pixels.
+/// Size of one panel in pixels.
 const SIZE: (u32, u32) = (450, 340);
 /// Height of the lines that say what the marks are.
 const LEGEND: u32 = 76;
-/// Letters of a label in pixels.
+/// Height of a label's letters in pixels.
 const LETTERS: i32 = 13;
 
-/// Every group with what the legend calls it.
+/// Groups with their names in the legend.
 const GROUPS: [(Group, &str); 9] = [
     (Group::Model, "the firmware's, of the matrix"),
     (Group::Paper, "of the papers"),
@@ -89,7 +89,7 @@ fn legend(area: &Panel<'_>) -> Done {
     Ok(())
 }
 
-/// A mark whose shape tells the group as its colour does.
+/// Draws a mark; shape and colour tell the group.
 fn mark(area: &Panel<'_>, at: (i32, i32), group: Group) -> Done {
     let style = colour(group).filled();
     match group {
@@ -247,12 +247,12 @@ fn figures(row: &Row, quantity: Quantity) -> String {
     )
 }
 
-/// Many and alike: at the mark stands a width, and off the front nothing.
+/// Tells whether marks of a group show a width, and only on the front.
 fn numbered(group: Group) -> bool {
     matches!(group, Group::Net | Group::Quantised | Group::QuantisedSkip)
 }
 
-/// What stands at a mark: of a net its width.
+/// Label of a mark: a net's width, or the name.
 fn label(row: &Row) -> String {
     let mut parts = row.name.split('-');
     match (parts.nth(1), parts.next()) {

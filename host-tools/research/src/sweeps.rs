@@ -1,4 +1,4 @@
-//! What goes wrong, from harmless to hopeless, one parameter at a time. **To add one**: a line in [`all`].
+//! Disturbances, one parameter at a time, from harmless to severe. **To add one**: a line in [`all`].
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -18,22 +18,22 @@ const USUAL_C: f64 = 25.0;
 /// Kelvins from the temperature of calibration, in a run and in the course of one.
 const WARMTH: [f64; 6] = [0.0, 2.0, 5.0, 10.0, 20.0, 30.0];
 const WARMING: [f64; 5] = [0.0, 1.0, 2.0, 5.0, 10.0];
-/// By how many per cent each taxel reads another light than in calibration.
+/// Change of the light of every taxel since calibration, in per cent.
 const GAINS: [f64; 8] = [0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0];
 
 /// One parameter. What can go both ways is two of them, each with a boundary of its own.
 pub struct Sweep {
-    /// What it is called in the table, with its unit.
+    /// Name in the table, with its unit.
     pub name: &'static str,
     /// Its values, the harmless ones first.
     pub values: Vec<f64>,
-    /// The value is one that the finger, or its matrix alone, is said to work with.
+    /// Tells whether a value is in the working range of the finger or of its matrix alone.
     pub within: fn(Of, f64) -> bool,
-    /// What is recorded on a device at a value.
+    /// Records a device at a value.
     pub run: fn(u64, f64) -> anyhow::Result<Recorded>,
 }
 
-/// All of them.
+/// Lists all sweeps.
 #[must_use]
 pub fn all() -> Vec<Sweep> {
     let sweep =
@@ -284,19 +284,19 @@ pub fn all() -> Vec<Sweep> {
     ]
 }
 
-/// A thing with another friction than the usual.
+/// Records an object with another coefficient of friction.
 fn rubbed(device: u64, mu: f64) -> anyhow::Result<Recorded> {
     run(device, &Run { mu, ..Run::default() })
 }
 
-/// So many kelvins warmer than in calibration.
+/// Records at a temperature this many kelvins above that of calibration.
 fn warm(device: u64, kelvins: f64) -> anyhow::Result<Recorded> {
     let celsius = USUAL_C + kelvins;
     let tables = format!("[temperature]\nstart_c = {celsius}\nend_c = {celsius}\n");
     run(device, &Run { effects: ", 'temperature'", tables: &tables, ..Run::default() })
 }
 
-/// So many kelvins warmer in the course of the run.
+/// Records while the finger warms by this many kelvins.
 fn warming(device: u64, kelvins: f64) -> anyhow::Result<Recorded> {
     let end = USUAL_C + kelvins;
     let tables =
@@ -304,7 +304,7 @@ fn warming(device: u64, kelvins: f64) -> anyhow::Result<Recorded> {
     run(device, &Run { effects: ", 'temperature'", tables: &tables, ..Run::default() })
 }
 
-/// Every taxel reads so many per cent more light.
+/// Records with this much more light on every taxel, in per cent.
 fn brighter(device: u64, percent: f64) -> anyhow::Result<Recorded> {
     let mut run = usual(device)?;
     lit(&mut run.samples, |_, level, _| level * (1.0 + percent / 100.0));

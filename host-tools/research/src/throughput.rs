@@ -1,4 +1,4 @@
-//! Frames a second of what a host does with a finger, a stage at a time on one core: `throughput.csv`.
+//! Frames per second of each stage on a host, on one core: `throughput.csv`.
 
 use std::fmt::Write as _;
 use std::hint::black_box;

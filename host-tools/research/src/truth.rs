@@ -1,4 +1,4 @@
-//! What of a scene's truth no trace holds: what is left of the friction, and where each of two contacts is.
+//! Truth of a scene that no trace holds: slip margin and the positions of two contacts.
 
 use taxel_files::trace::Sample;
 use taxel_sim::Scene;
@@ -18,7 +18,7 @@ pub(crate) struct Touches {
 }
 
 impl Touches {
-    /// Those of a run of `scene` with this seed.
+    /// Touches of a run of `scene` with this seed.
     pub(crate) fn new(scene: &Scene, seed: u64) -> Self {
         Self {
             path: Path::new(scene, seed),
@@ -28,7 +28,7 @@ impl Touches {
         }
     }
 
-    /// What holds in the scan of `sample`, beside its own truth.
+    /// Returns the truth of the scan of `sample` beyond the sample's own.
     pub(crate) fn at(&mut self, sample: &Sample) -> Beyond {
         let contacts = self.path.at(sample.scan.time.0 as f64 * 1e-6);
         match contacts.loads() {
@@ -57,12 +57,12 @@ impl Touches {
     }
 }
 
-/// What holds at one moment.
+/// Truth at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Beyond {
-    /// What is left of the friction: 1 unloaded, 0 where it slips. Of a single contact.
+    /// Slip margin of a single contact: 1 unloaded, 0 where it slips.
     pub margin: Option<f64>,
-    /// Where both contacts are, in mm, where there are two and neither is too light to be judged.
+    /// Positions of two contacts in mm, if neither is too light to be judged.
     pub places: Option<[[f64; 2]; 2]>,
 }
 

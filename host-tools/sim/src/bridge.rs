@@ -1,4 +1,4 @@
-//! Force sensors, from the force on each to its midpoint voltages (003 §1.2).
+//! Force sensors, from the force on each to its midpoint voltages ([Ospina2017] §1.2).
 //!
 //! Voltages are fractions of the bridge supply, which is also the converter's reference.
 
@@ -8,7 +8,7 @@ use taxel::scan::SENSORS;
 use crate::scene::{Effect, REFERENCE_C, Scene, ZERO_C};
 use crate::seeds::{Purpose, stream};
 
-/// ΔR_x/R per newton: 8.5 mV/V/N (003 §1.2.2, eq. (1.4)).
+/// ΔR_x/R per newton: 8.5 mV/V/N ([Ospina2017] §1.2.2, eq. (1.4)).
 const TANGENTIAL: f64 = 8.5e-3;
 /// Its tolerance: ± 0.3 of 8.5 mV/V/N.
 const TANGENTIAL_TOLERANCE: f64 = 0.3 / 8.5;
@@ -21,7 +21,7 @@ const NORMAL_TOLERANCE: f64 = 0.5 / 3.0;
 const MISMATCH: f64 = 0.005;
 /// Relative rise of a doped resistor per kelvin, one standard deviation about the bridge's common one. The
 /// common one, some 0.2 %/K for p-silicon, cancels in every midpoint; an assumption of a hundredth of it
-/// is left between neighbours on one chip. It makes an offset drift of 10 µV/V a kelvin; 003 keeps its
+/// is left between neighbours on one chip. It makes an offset drift of 10 µV/V a kelvin; [Ospina2017] keeps its
 /// temperature constant and gives none.
 const TCR_MISMATCH: f64 = 2e-5;
 /// Standard deviation of an off-diagonal term between axes, as a share of the other axis' force.
@@ -107,7 +107,7 @@ impl Bridge {
 
     /// V_A, V_B, V_C, V_D behind the amplifiers, under a `force` in newtons on the sensor.
     ///
-    /// A positive F_x stretches R1, R3 and presses R2, R4 (003 eqs (1.2), (1.3)); F_y likewise R6, R8
+    /// A positive F_x stretches R1, R3 and presses R2, R4 ([Ospina2017] eqs (1.2), (1.3)); F_y likewise R6, R8
     /// and R5, R7; a normal force presses R1, R4, R5, R8 and stretches R2, R3, R6, R7 (eqs (1.6), (1.7)).
     #[must_use]
     pub fn midpoints(&self, force: [f64; 3], around: Surroundings) -> [f64; 4] {

@@ -3,9 +3,9 @@
 //! Coordinates are those of the finger: x and y along the skin in mm, z down from its surface; forces in
 //! newtons, z into the skin; so stresses are MPa and pressure is a negative σ_zz. From the formulas up:
 //!
-//! - [`HalfSpace`]: the material; stress, strain and displacement under a point load (004 eqs (1), (2);
+//! - [`HalfSpace`]: the material; stress, strain and displacement under a point load ([TactileEnc] eqs (1), (2);
 //!   Johnson §3.2, §3.6), and how far indenters go into it;
-//! - [`plane`]: line, flat block and cylinder in plane strain, in closed form (004);
+//! - [`plane`]: line, flat block and cylinder in plane strain, in closed form ([TactileEnc]);
 //! - [`sphere`]: Hertz's sphere in closed form;
 //! - [`traction`]: any contact as a superposition of point loads over it;
 //! - [`convergence`]: how fast superposition goes to the closed forms;

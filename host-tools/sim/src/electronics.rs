@@ -1,9 +1,9 @@
 //! Photocurrents to voltages: four columns of phototransistors, each on one load, and their amplifiers.
 //!
 //! A column's light is in fractions of full scale on 1 kΩ amplified sixteenfold, so that one is a
-//! photocurrent of 206 µA; a mean pair has 155 µA at the peak of its curve and 60 µA at rest. 002 does not
+//! photocurrent of 206 µA; a mean pair has 155 µA at the peak of its curve and 60 µA at rest. [DeMaria2011] does not
 //! print its own. From data sheets: a wide SFH 482 gives 2.4 mW/sr at 100 mA, so 0.12 mW/sr at the 5 mA
-//! that 002 stays below; over the mirrored path of the peak, 2 mm at 45°, and nine tenths of it reflected,
+//! that [DeMaria2011] stays below; over the mirrored path of the peak, 2 mm at 45°, and nine tenths of it reflected,
 //! that is 1.4 mW/cm², for which an SFH 3010 gives at least 70 µA (25 µA in 0.5 mW/cm²). The pairs here
 //! have about twice the least.
 

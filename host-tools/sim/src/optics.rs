@@ -2,12 +2,12 @@
 //!
 //! A pair of wide-angle devices a distance s apart, looking at a white facet at gap g, is taken as a
 //! Lambertian source whose mirror image is 2g away: the light is cos²θ/r² = 4g²/(4g² + s²)², which
-//! rises, peaks at g = s/2 and falls. 002 measures this curve, because at these distances no closed form
+//! rises, peaks at g = s/2 and falls. [DeMaria2011] measures this curve, because at these distances no closed form
 //! is exact (its eq. (2)); the shape is right, and each pair's own gap, gain and leakage come from the
 //! device's seed. The finger works on the far side of the peak: nearer is brighter. A pair on the wrong
 //! side, nearer to its facet than the peak, darkens under a press.
 //!
-//! Neighbours come in in two ways (002: misaligned axes couple adjacent taxels). Those in a row are lit
+//! Neighbours come in in two ways ([DeMaria2011]: misaligned axes couple adjacent taxels). Those in a row are lit
 //! together, and a phototransistor sees some of the facets beside its own. Those in a column share a load,
 //! and only one of them is lit: its LED shines on the facets of the two beside it, whose phototransistors
 //! leak what they see onto the load. What unlit ones leak without any LED, their dark current, is in the
@@ -39,7 +39,7 @@ const DOUBLES_K: f64 = 10.0;
 const GAIN_SPREAD: f64 = 0.08;
 const GAP_SPREAD_MM: f64 = 0.06;
 const OFFSET_SPREAD: f64 = 0.15;
-/// Most of a facet's light that a neighbour gets; an assumption, 002 says only that there is some.
+/// Most of a facet's light that a neighbour gets; an assumption, [DeMaria2011] says only that there is some.
 const STRAY: f64 = 0.03;
 
 /// What gives no light or sees none, a bit a taxel.

@@ -1,4 +1,4 @@
-//! Four force sensors under a rigid plate: how a wrench on the plate comes to them (003 chapter 2).
+//! Four force sensors under a rigid plate: how a wrench on the plate comes to them ([Ospina2017] chapter 2).
 //!
 //! The plate stands on four equal, linear, isotropic springs, so that besides the six equations of
 //! equilibrium the shares follow from its six motions.

@@ -219,7 +219,8 @@ ranges! {
     first_cycle: 0.0 to 0.4;
     /// Friction coefficient.
     friction: 0.0 to 10.0;
-    /// Normal force in newtons; the finger's working range is 2 N (002), a sensor's limit 10 N (003).
+    /// Normal force in newtons; the finger's working range is 2 N ([DeMaria2011]), a sensor's limit 10 N
+    /// ([Ospina2017]).
     normal: 0.0 to 10.0;
     /// Tangential force in newtons.
     tangential: -10.0 to 10.0;

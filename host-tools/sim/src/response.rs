@@ -1,4 +1,5 @@
-//! How fast a force sensor, or rubber like its coating, follows (003 §1.3.3 and §1.4.3): the transfer functions as published,
+//! How fast a force sensor, or rubber like its coating, follows ([Ospina2017] §1.3.3 and §1.4.3): the transfer
+//! functions as published,
 //! sampled exactly.
 //!
 //! Between two frames the force is taken as straight, which is the only approximation (a first-order
@@ -10,7 +11,7 @@ use serde::Deserialize;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 pub enum Coating {
     /// The bare sensor, T1 = T2 = 1.99 ms: 53.9 Hz are damped by 3.26 dB, as in the Bode diagram of
-    /// D12 (003 fig. 1.17).
+    /// D12 ([Ospina2017] fig. 1.17).
     #[default]
     #[serde(rename = "bare")]
     Bare,
@@ -47,7 +48,7 @@ impl Coating {
         }
     }
 
-    /// a₁ … a₄ of (a₁s + a₂)/(s² + a₃s + a₄) (003 eq. (1.26), fig. 1.23; eq. (1.25) in the same form).
+    /// a₁ … a₄ of (a₁s + a₂)/(s² + a₃s + a₄) ([Ospina2017] eq. (1.26), fig. 1.23; eq. (1.25) in the same form).
     #[must_use]
     pub fn coefficients(self) -> [f64; 4] {
         let critical = |t: f64| [0.0, 1.0 / (t * t), 2.0 / t, 1.0 / (t * t)];
@@ -171,7 +172,7 @@ mod tests {
 
     #[test]
     fn the_published_points_of_the_bode_diagrams_are_met() {
-        // 003 fig. 1.17 and 1.24: D12, rB and F02.
+        // [Ospina2017] fig. 1.17 and 1.24: D12, rB and F02.
         for (coating, hertz, published) in
             [(Coating::Bare, 53.9, -3.26), (Coating::B, 54.3, -3.27), (Coating::F02, 29.6, -2.92)]
         {

@@ -181,7 +181,7 @@ impl Scan {
     }
 }
 
-/// `[material]`, the silicone of 002 unless said otherwise.
+/// `[material]`, the silicone of [DeMaria2011] unless said otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Material {
@@ -191,11 +191,12 @@ pub struct Material {
     /// Poisson's ratio.
     #[serde(deserialize_with = "ranges::poisson")]
     pub poisson: f64,
-    /// Share of its stiffness that the first cycle takes from the skin; with the effect `hysteresis`. 002
+    /// Share of its stiffness that the first cycle takes from the skin; with the effect `hysteresis`. [DeMaria2011]
     /// shows such a cycle (fig. 3) and prints no figure.
     #[serde(deserialize_with = "ranges::first_cycle")]
     pub first_cycle_ratio: f64,
-    /// What the skin follows like; with the effect `skin-response`. 002 measures none; 003's softest
+    /// What the skin follows like; with the effect `skin-response`. [DeMaria2011] measures none; [Ospina2017]'s
+    /// softest
     /// coating is next to it.
     pub follows: Coating,
 }
@@ -213,7 +214,7 @@ impl Default for Material {
 
 /// `[layer]`
 ///
-/// 002 trades a sharp normal pattern (thin) against a strong response to shear (thick). With pairs
+/// [DeMaria2011] trades a sharp normal pattern (thin) against a strong response to shear (thick). With pairs
 /// 2.5 mm apart and the noise of this finger, shear and place together are resolved best (least
 /// Cramér–Rao bound of f_x, f_y beside x, y, f_z) at a depth of 2 to 2.5 mm; the thicker of these spares
 /// the range of the light curve.

@@ -254,7 +254,7 @@ impl Reference {
         (sigma > 0.0).then(|| Self { rng: stream(seed, Purpose::Reference), sigma })
     }
 
-    /// 003's reaches 24.85 mN with a standard deviation of 6.07 mN (§1.3.4).
+    /// [Ospina2017]'s reaches 24.85 mN with a standard deviation of 6.07 mN (§1.3.4).
     fn read(&mut self, force: [Option<f64>; 3]) -> [Option<f64>; 3] {
         const WORST: f64 = 24.85 / 6.07;
         force.map(|force| {

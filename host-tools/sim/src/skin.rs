@@ -3,19 +3,19 @@
 //! - `temperature`: the stiffness of a rubber grows with its absolute temperature (Treloar, *The Physics
 //!   of Rubber Elasticity*); forces displace facets accordingly less. Its viscosity falls as that of silicone
 //!   fluids does.
-//! - `stiffening`: the column of skin above a facet, as thick as the skin, follows 002's Mooney–Rivlin law
+//! - `stiffening`: the column of skin above a facet, as thick as the skin, follows [DeMaria2011]'s Mooney–Rivlin law
 //!   in place of its tangent.
-//! - `hysteresis`: the first loading is stiffer than all later ones up to the same load (002 fig. 3).
-//! - `skin-response`: facets follow with a delay, and relax, as a coating of 003 does.
+//! - `hysteresis`: the first loading is stiffer than all later ones up to the same load ([DeMaria2011] fig. 3).
+//! - `skin-response`: facets follow with a delay, and relax, as a coating of [Ospina2017] does.
 
 use taxel::scan::TAXELS;
 
 use crate::response::Response;
 use crate::scene::{Effect, REFERENCE_C, Scene, ZERO_C};
 
-/// α2 over α1 of 002 eq. (1).
+/// α2 over α1 of [DeMaria2011] eq. (1).
 const MOONEY_RIVLIN: f64 = -3.37e-4 / 3.96e-2;
-/// Activation energy of the flow of silicone fluids in J/mol; 002 measures none of its rubber.
+/// Activation energy of the flow of silicone fluids in J/mol; [DeMaria2011] measures none of its rubber.
 const FLOW: f64 = 15e3;
 /// The gas constant in J/(mol K).
 const GAS: f64 = 8.314;
@@ -27,7 +27,7 @@ pub fn haste(celsius: f64) -> f64 {
 }
 
 /// Shortening 1 − λ of a column under a stress that would shorten it by `strain` if it stayed as soft as
-/// at rest: σ = 2(λ − 1/λ²)(α1 + α2/λ) = −6(α1 + α2)·strain (002 eq. (1), nominal stress).
+/// at rest: σ = 2(λ − 1/λ²)(α1 + α2/λ) = −6(α1 + α2)·strain ([DeMaria2011] eq. (1), nominal stress).
 #[must_use]
 pub fn shortening(strain: f64) -> f64 {
     let pushed = 3.0 * (1.0 + MOONEY_RIVLIN) * strain;
@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn a_column_follows_the_law_of_the_silicone() {
-        // 002 eq. (1) as printed, in MPa; E = 6(α1 + α2).
+        // [DeMaria2011] eq. (1) as printed, in MPa; E = 6(α1 + α2).
         let (a1, a2) = (3.96e-2, -3.37e-4);
         for stretch in [0.4, 0.6, 0.8, 0.95, 1.0, 1.05, 1.3, 2.0f64] {
             let stress = 2.0 * (stretch - 1.0 / (stretch * stretch)) * (a1 + a2 / stretch);

@@ -5,7 +5,7 @@
 
 use crate::scene::{Effect, Scene};
 
-/// Supply of 002 and 003 in volts.
+/// Supply of [DeMaria2011] and [Ospina2017] in volts.
 const NOMINAL_V: f64 = 5.0;
 /// Forward voltage of an infrared LED at some milliamperes; an assumption: 1.5 V at 100 mA, as is usual at
 /// 880 nm, less 0.15 V for a twentieth of the current (2kT/q a factor of e) and some for its resistance.

@@ -2,13 +2,13 @@
 //!
 //! | `kind` of `[device]` | paper | the contact becomes |
 //! |---|---|---|
-//! | `taxel-4x4` | 002, 003 | displaced facets ([`crate::fidelity`]) and, through [`plate`](crate::plate), four force sensors |
-//! | `taxel-4x1` | 002 | displaced facets of the [`line`](taxel_papers::line_of_four) |
-//! | `mems-3axis` | 003 ch. 1 | the force on one sensor, under its [`coating`](crate::response::Coating) |
-//! | `mems-array` | 003 ch. 2 | four sensors under a [`plate`](crate::plate) that carries a curved [`surface`](crate::surface) |
-//! | `ohka-micro` | 000 | a bright spot under a conical feeler: [`feeler`] |
-//! | `ohka-sheet` | 000 | such spots under a [`sheet`](crate::sheet) of 10×12 feelers, one a scan |
-//! | `ohka-column` | 001 | contact areas of the cones under four columns: [`column`] |
+//! | `taxel-4x4` | [DeMaria2011], [Ospina2017] | displaced facets ([`crate::fidelity`]) and, through [`plate`](crate::plate), four force sensors |
+//! | `taxel-4x1` | [DeMaria2011] | displaced facets of the [`line`](taxel_papers::line_of_four) |
+//! | `mems-3axis` | [Ospina2017] ch. 1 | the force on one sensor, under its [`coating`](crate::response::Coating) |
+//! | `mems-array` | [Ospina2017] ch. 2 | four sensors under a [`plate`](crate::plate) that carries a curved [`surface`](crate::surface) |
+//! | `ohka-micro` | [Ohka2005] | a bright spot under a conical feeler: [`feeler`] |
+//! | `ohka-sheet` | [Ohka2005] | such spots under a [`sheet`](crate::sheet) of 10×12 feelers, one a scan |
+//! | `ohka-column` | [Ohka2004] | contact areas of the cones under four columns: [`column`] |
 //!
 //! The two optical sensors of Ohka are their papers' own constitutive laws turned round: force in,
 //! brightness, shift and areas out. The dark readings, the noise and the converter are the finger's, so

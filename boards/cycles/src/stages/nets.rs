@@ -121,7 +121,7 @@ impl Shape {
     }
 }
 
-/// 002's net for three components of the force, whose cost is compared with other people's.
+/// [DeMaria2011]'s net for three components of the force, whose cost is compared with other people's.
 pub fn papers_net() -> ForceNet {
     Weights(SEED).net(Shape { hidden: 16, outputs: OUTPUTS, skip: false })
 }

@@ -1,4 +1,4 @@
-//! What the firmware makes of a scan, by the record that the tools make: the matrix, the force sensors, both.
+//! Methods of the firmware, by the tools' calibration record: matrix, force sensors, both.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,12 +24,12 @@ const MODEL: &str = "model, with shear";
 /// The sensors' array as a sum.
 const SUM: [&str; 3] =
     ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
-/// By its full matrix, which needs no sensor's own force.
+/// Stages of the array by its full matrix, without forces of single sensors.
 const FULL: [&str; 2] = ["array: wrench by 6x12", "array: contact on a plane"];
-/// What hears a slide.
+/// Stage that detects gross slip by its vibration.
 const EAR: &str = "slip: by its vibration";
 
-/// All of them under the record of `device`.
+/// Lists the methods under the calibration record of `device`.
 ///
 /// # Errors
 /// The full matrix of its sensors cannot be fitted.
@@ -54,7 +54,7 @@ pub(super) fn all(device: &Device, calibration: &Calibration) -> anyhow::Result<
     Ok(methods)
 }
 
-/// The forces that the firmware can be set to say: by the net, by the model, by all that the finger has.
+/// Lists the force methods that the firmware can be set to: net, model, whole finger.
 pub(crate) fn firmwares(calibration: &Calibration) -> [Method; 3] {
     let matrix = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
     let net = Calibration { model: None, ..matrix.clone() };
@@ -94,7 +94,7 @@ pub(crate) fn calibrated(
     Ok(fitted.calibration)
 }
 
-/// A finger that has of matrix and sensors what its record knows, scan by scan.
+/// Estimates scan by scan with the parts that the record calibrates.
 fn finger(record: Calibration) -> impl FnMut(&Moment) -> Estimate {
     let [blind, numb] = [record.taxels.is_none(), record.array.is_none()];
     let (finger, mut state) = Finger::new(Some(record));
@@ -126,7 +126,7 @@ fn whole(name: &str, group: Group, stages: &[&str], record: Calibration) -> Meth
     })
 }
 
-/// Slip, out of force and place that cost `stages`.
+/// Slip from force and position that cost `stages`.
 fn slip(name: &str, group: Group, stages: &[&str], record: Calibration) -> Method {
     let stages = [stages, &["slip: verdict", "slip: by its way", EAR]].concat();
     let mut finger = finger(record);
@@ -138,7 +138,7 @@ fn slip(name: &str, group: Group, stages: &[&str], record: Calibration) -> Metho
     })
 }
 
-/// A slide by ear alone.
+/// Gross slip by vibration alone.
 fn slides() -> Method {
     let mut listener = Listener::default();
     Method::new("slip: vibration", Group::Model, &[EAR], move |moment| {
@@ -147,7 +147,7 @@ fn slides() -> Method {
     })
 }
 
-/// The sum of f = S(u − b) over the force sensors (003).
+/// Sum of f = S(u − b) over the force sensors ([Ospina2017]).
 fn forces(record: Calibration) -> Method {
     let mut finger = finger(record);
     Method::new("four sensors", Group::Sensors, &["sum of four sensors"], move |moment| {

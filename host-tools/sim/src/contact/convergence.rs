@@ -1,4 +1,4 @@
-//! The closed forms of 004 against superposed point loads: how fast the one goes to the other.
+//! The closed forms of [TactileEnc] against superposed point loads: how fast the one goes to the other.
 //!
 //! A strip is integrated along its whole line, so that nothing of plane strain is assumed.
 
@@ -10,7 +10,7 @@ use super::sphere::Hertz;
 use super::traction::{Across, Round};
 use super::{HalfSpace, Patch, Rule};
 
-/// A contact that 004 has in closed form, as heavy and wide as a touch of the finger.
+/// A contact that [TactileEnc] has in closed form, as heavy and wide as a touch of the finger.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Case {
     /// A line load, normal and tangential.

@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-/// Young's modulus of the silicone of 002 at small strain in MPa: 6 (α1 + α2) of its Mooney–Rivlin law,
+/// Young's modulus of the silicone of [DeMaria2011] at small strain in MPa: 6 (α1 + α2) of its Mooney–Rivlin law,
 /// eq. (1).
 pub const SILICONE_YOUNG_MPA: f64 = 0.236;
 
@@ -45,14 +45,14 @@ impl HalfSpace {
     }
 
     /// Radius in mm of the disc in which a rigid sphere of `radius` mm touches under `normal` newtons
-    /// (Hertz: a³ = 3PR/4E*; Johnson §4.2; for ν = ½ the a = (9PR/16E)^⅓ of 004).
+    /// (Hertz: a³ = 3PR/4E*; Johnson §4.2; for ν = ½ the a = (9PR/16E)^⅓ of [TactileEnc]).
     #[must_use]
     pub fn contact_radius(&self, radius: f64, normal: f64) -> f64 {
         (3.0 * normal.max(0.0) * radius / (4.0 * self.contact_modulus())).cbrt()
     }
 
     /// Half the width in mm of the strip in which a long rigid cylinder of `radius` mm touches under
-    /// `normal` N/mm (a² = 4PR/πE*; Johnson §4.2; for ν = ½ the a = √(3RP/πE) of 004).
+    /// `normal` N/mm (a² = 4PR/πE*; Johnson §4.2; for ν = ½ the a = √(3RP/πE) of [TactileEnc]).
     #[must_use]
     pub fn contact_half_width(&self, radius: f64, normal: f64) -> f64 {
         (4.0 * normal.max(0.0) * radius / (PI * self.contact_modulus())).sqrt()
@@ -72,7 +72,7 @@ impl HalfSpace {
         (2.0 * normal.max(0.0) / (PI * self.contact_modulus() * slope)).sqrt()
     }
 
-    /// σ_zz in MPa at `at` (mm from the load) under a point load `force`, 004 eq. (1):
+    /// σ_zz in MPa at `at` (mm from the load) under a point load `force`, [TactileEnc] eq. (1):
     /// −3z²(Pz + Q·x)/2πρ⁵.
     #[must_use]
     pub fn stress(&self, force: [f64; 3], at: [f64; 3]) -> f64 {
@@ -84,7 +84,7 @@ impl HalfSpace {
 
     /// ε_zz at `at` (mm from the load) under a point load `force`, for any Poisson's ratio: Hooke's law
     /// on σ_zz and on the trace of the stress, −(1 + ν)(P z + Q·x)/πρ³ (Johnson §3.2, §3.6). For ν = ½
-    /// it is 004 eq. (2).
+    /// it is [TactileEnc] eq. (2).
     #[must_use]
     pub fn strain(&self, force: [f64; 3], at: [f64; 3]) -> f64 {
         let along: f64 = force.iter().zip(at).map(|(f, c)| f * c).sum();
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn strain_of_an_incompressible_skin_is_the_one_of_the_encyclopedia() {
-        // 004 eq. (2), as printed.
+        // [TactileEnc] eq. (2), as printed.
         let skin = HalfSpace::new(0.3, 0.5);
         let (force, at) = ([0.3, -0.2, 1.1], [0.7, 1.2, 1.9]);
         let [x, y, z] = at;
@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn contact_sizes_of_an_incompressible_skin_are_those_of_the_encyclopedia() {
-        // 004: a = (9PR/16E)^⅓ for the sphere and √(3RP/πE) for the cylinder, ν = ½.
+        // [TactileEnc]: a = (9PR/16E)^⅓ for the sphere and √(3RP/πE) for the cylinder, ν = ½.
         let skin = HalfSpace::new(0.3, 0.5);
         let sphere = f64::cbrt(9.0 * 1.2 * 5.0 / (16.0 * 0.3));
         assert!((skin.contact_radius(5.0, 1.2) - sphere).abs() < 1e-12);

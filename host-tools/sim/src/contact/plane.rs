@@ -1,4 +1,4 @@
-//! Long indenters in plane strain, in closed form: line, flat block and cylinder of 004.
+//! Long indenters in plane strain, in closed form: line, flat block and cylinder of [TactileEnc].
 //!
 //! With w = z + ix and F(w) = ∫ p(s) ds/(w − is), a normal traction p makes (the line load superposed;
 //! Johnson §2.3)
@@ -6,9 +6,9 @@
 //! σ_zz = −(Re F − z Re F′)/π, σ_xx = −(Re F + z Re F′)/π,
 //!
 //! and F is P/w for the line, P/√(w² + a²) for the block, (2P/a²)(√(w² + a²) − w) for the cylinder.
-//! In the polar terms of 004, √(w² + a²) is r₁₂ e^{iθ₁₂}.
+//! In the polar terms of [TactileEnc], √(w² + a²) is r₁₂ e^{iθ₁₂}.
 //!
-//! Where 004 prints something else, the test below shows who is right:
+//! Where [TactileEnc] prints something else, the test below shows who is right:
 //! - its ε_zz of line and block leave σ_yy out, which is Hooke's law of plane stress, although both are
 //!   named plane strain; under the line that is a third too much;
 //! - its σ_zz of the cylinder gives half the pressure at the surface and *tension* deep below it.
@@ -62,7 +62,7 @@ impl Strip {
         let w = Complex(z, x);
         let (f, slope) = match *self {
             Self::Line { normal, tangential } => {
-                // The field is all radial: −2(Pz + Qx)/πr² (004; Johnson §2.3).
+                // The field is all radial: −2(Pz + Qx)/πr² ([TactileEnc]; Johnson §2.3).
                 let square = w.square().modulus();
                 let radial = -2.0 * (normal * z + tangential * x) / (PI * square);
                 return (radial * z * z / square, radial * x * x / square);
@@ -162,7 +162,7 @@ mod tests {
     fn the_printed_strains_are_plane_stress_and_the_printed_cylinder_is_no_equilibrium() {
         let skin = HalfSpace::new(SKIN.0, SKIN.1);
         let z = 2.0;
-        // On the axis of the line, 004 prints −2P/πEz.
+        // On the axis of the line, [TactileEnc] prints −2P/πEz.
         let right = Strip::Line { normal: 1.0, tangential: 0.0 }.strain(&skin, 0.0, z);
         let printed = -2.0 / (PI * skin.young() * z);
         assert!((printed / right - 4.0 / 3.0).abs() < 1e-12);

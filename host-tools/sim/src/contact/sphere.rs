@@ -4,7 +4,7 @@ use core::f64::consts::PI;
 
 use super::HalfSpace;
 
-/// Hertz's pressure (3P/2πa²)√(1 − r²/a²) (004 eq. (3); Johnson §4.2) without friction.
+/// Hertz's pressure (3P/2πa²)√(1 − r²/a²) ([TactileEnc] eq. (3); Johnson §4.2) without friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hertz {
     /// Radius a of the contact in mm; [`HalfSpace::contact_radius`].

@@ -12,10 +12,10 @@ use super::gauss::{arcosh, legendre};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Round {
     /// √(1 − r²): Hertz's sphere, normal and sliding (Johnson §4.2, §7.1); stretched to an ellipse,
-    /// crossed cylinders (004 eq. (4)).
+    /// crossed cylinders ([TactileEnc] eq. (4)).
     Hertz,
     /// 1/√(1 − r²): the flat circular punch (Johnson §3.8), and the shear of a contact that sticks all
-    /// over, Q/(2πa)·(a² − r²)^−½. 004 eq. (3) prints three times that, which would carry 3Q.
+    /// over, Q/(2πa)·(a² − r²)^−½. [TactileEnc] eq. (3) prints three times that, which would carry 3Q.
     Punch,
     /// arcosh(1/r): a blunt corner, taken as a cone (Johnson §5.2).
     Corner,
@@ -26,9 +26,9 @@ pub enum Round {
 pub enum Across {
     /// All of it at v = 0.
     Line,
-    /// 1/√(1 − v²): the flat block (004).
+    /// 1/√(1 − v²): the flat block ([TactileEnc]).
     Block,
-    /// √(1 − v²): the cylinder (004).
+    /// √(1 − v²): the cylinder ([TactileEnc]).
     Cylinder,
     /// arcosh(1/|v|): a blunt edge, two faces of one slope (Johnson §5.2).
     Edge,
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn every_traction_carries_its_normal_and_tangential_force_and_no_more() {
-        // Of the sphere's shear in particular Q, not the 3Q of 004 eq. (3).
+        // Of the sphere's shear in particular Q, not the 3Q of [TactileEnc] eq. (3).
         let patch = Patch::disc([0.3, -0.2], 1.4, [0.4, -0.1, 1.2]);
         for rule in rules() {
             let sum = patch
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn the_printed_tangential_traction_carries_three_times_its_force() {
-        // 004 eq. (3): 3Q(a² − r²)^−½/2πa, by the midpoint rule in r = a sin t.
+        // [TactileEnc] eq. (3): 3Q(a² − r²)^−½/2πa, by the midpoint rule in r = a sin t.
         let (a, q, n) = (1.7, 0.8, 1000);
         let printed = |r: f64| 3.0 * q / (2.0 * PI * a) / (a * a - r * r).sqrt();
         let step = FRAC_PI_2 / f64::from(n);
@@ -323,7 +323,7 @@ mod tests {
 
     #[test]
     fn crossed_cylinders_are_an_ellipse_with_the_moments_of_its_axes() {
-        // 004 eq. (4): ⟨x²⟩ = a²/5 and ⟨y²⟩ = b²/5 over a Hertz ellipse.
+        // [TactileEnc] eq. (4): ⟨x²⟩ = a²/5 and ⟨y²⟩ = b²/5 over a Hertz ellipse.
         let (a, b) = (2.0, 0.7);
         let patch = Patch {
             along: [a, 0.0],

@@ -28,7 +28,7 @@ impl Grip {
     }
 
     /// The load of what is asked for, or what of it friction holds: Coulomb's |Q| ≤ μP, for shear and
-    /// torsion together the ellipse (Q/μP)² + (M/M₀)² ≤ 1 with M₀ = μ∫p r dA (003 §2.3). What exceeds it
+    /// torsion together the ellipse (Q/μP)² + (M/M₀)² ≤ 1 with M₀ = μ∫p r dA ([Ospina2017] §2.3). What exceeds it
     /// is lost to slip, at the friction of what slips. `None` without a normal force.
     #[must_use]
     pub fn hold(

@@ -140,7 +140,7 @@ fn torsion_slips_at_what_the_pressure_holds() {
 #[test]
 fn shear_and_torsion_slip_where_the_swept_limit_surface_has_it() {
     // The exact surface: the contact turns about a point at a distance c, so that friction is
-    // μp along its velocity there (003 §2.3). The ellipse stays within 6 % of it.
+    // μp along its velocity there ([Ospina2017] §2.3). The ellipse stays within 6 % of it.
     let (rule, mu) = (Indenter::Sphere { radius: 6.0 }.rule(40, 160), 0.8);
     let skin = HalfSpace::new(crate::contact::SILICONE_YOUNG_MPA, 0.5);
     let a = skin.contact_radius(6.0, 1.0);

@@ -11,9 +11,10 @@ const WIDEST: f64 = 4.0;
 /// for a ≪ R (Johnson §4.1); here that makes a sphere's contact 7.4 % too wide (against Sneddon 1965, tested).
 const WIDEST_OF_RADIUS: f64 = 0.7;
 /// The deepest indentation over the skin's thickness: the skin between surface and facets is then a fifth shorter
-/// (tested), as far as its Mooney–Rivlin law (002) is known here against the linear one.
+/// (tested), as far as its Mooney–Rivlin law ([DeMaria2011]) is known here against the linear one.
 const DEEPEST: f64 = 0.7;
-/// How far beyond the rim of the pad an area of contact may go in mm: as 2 N, the working range of 002, on a
+/// How far beyond the rim of the pad an area of contact may go in mm: as 2 N, the working range of [DeMaria2011], on
+/// a
 /// sphere of 6 mm do at the rim. There the model's skin goes on and a real one ends. A layer with walls repeats,
 /// with at least 10 mm between.
 const OVERHANG_MM: f64 = 3.0;

@@ -12,7 +12,7 @@ use crate::load::Load;
 use crate::ranges::{self, Whole};
 use crate::sheet::Sheet;
 
-/// `[[grid]]`: presses at the crossings of a grid, at each with a row of angles; 002's trials.
+/// `[[grid]]`: presses at the crossings of a grid, at each with a row of angles; [DeMaria2011]'s trials.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Grid {
@@ -61,7 +61,7 @@ impl Grid {
 }
 
 /// `[[plate]]`: a rigid plate on all four columns of an `ohka-column`, held by a robot at one height and
-/// attitude; 001 §5 and §6.
+/// attitude; [Ohka2004] §5 and §6.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plate {

@@ -1,4 +1,4 @@
-//! Four MEMS-3AXIS sensors as an array (003, chapter 2): wrench, contact point and torsion out of codes.
+//! Four MEMS-3AXIS sensors as an array ([Ospina2017], chapter 2): wrench, contact point and torsion out of codes.
 
 use std::sync::atomic::AtomicBool;
 

@@ -1,4 +1,4 @@
-//! OHKA-COLUMN (001): its calibration tests A and B, steps, inclinations and friction, out of codes.
+//! OHKA-COLUMN ([Ohka2004]): its calibration tests A and B, steps, inclinations and friction, out of codes.
 
 use taxel_files::trace::Sample;
 use taxel_papers::column::{

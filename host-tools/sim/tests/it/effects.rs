@@ -129,7 +129,7 @@ fn a_skin_that_follows_slowly_is_still_pressed_when_the_finger_lets_go() {
         |samples: &[Sample]| largest(rise_at(samples, 0.911)) / largest(rise_at(samples, 0.85));
     assert!(left(&prompt) < 0.01, "{}", left(&prompt));
     assert!(left(&slow) > 0.05, "{}", left(&slow));
-    // rA settles in 10 ms (003 fig. 1.21); 30 ms later nothing is left.
+    // rA settles in 10 ms ([Ospina2017] fig. 1.21); 30 ms later nothing is left.
     let settled = largest(rise_at(&slow, 0.94)) / largest(rise_at(&slow, 0.85));
     assert!(settled < 0.01, "{settled}");
 }

@@ -1,4 +1,4 @@
-//! TAXEL-4x4 (002): contact and its place out of codes, without a calibration.
+//! TAXEL-4x4 ([DeMaria2011]): contact and its place out of codes, without a calibration.
 
 use taxel::finger::{Finger, FingerState};
 use taxel::frame::Status;

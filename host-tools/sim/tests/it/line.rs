@@ -1,4 +1,4 @@
-//! TAXEL-4x1 (002): place and angle of a 0.2 N force by its odd polynomials, out of codes.
+//! TAXEL-4x1 ([DeMaria2011]): place and angle of a 0.2 N force by its odd polynomials, out of codes.
 
 use taxel_files::trace::Sample;
 use taxel_papers::line_of_four::{LinePolynomials, terms};
@@ -72,13 +72,13 @@ fn trial_forces_are_placed_and_turned_as_in_the_paper_and_a_little_worse_out_of_
     let (data, trials) = (presses("line-fit", 1), presses("line-trial", 2));
     assert_eq!((data.len(), trials.len()), (7 * 13, 6 * 12));
     let correlation = correlation(data.iter().map(|p| terms(p.displacement.map(|u| u as f32))));
-    // 002 has −0.68: its displacements are upwards, which turns the sign of s.
+    // [DeMaria2011] has −0.68: its displacements are upwards, which turns the sign of s.
     assert!((correlation - 0.68).abs() < 0.03, "{correlation}");
     let [place, angle] = worst(&data, &trials, &|p| p.displacement.map(|u| u as f32));
-    // 002's figures are of computed displacements: 0.3 mm, missed by 0.01 mm, and less than 10°.
+    // [DeMaria2011]'s figures are of computed displacements: 0.3 mm, missed by 0.01 mm, and less than 10°.
     assert!(place < 0.32 && angle < 4.0, "{place} mm, {angle} degrees");
 
-    // As 002 does: first what displacement the light of each taxel means, one taxel at a time.
+    // As [DeMaria2011] does: first what displacement the light of each taxel means, one taxel at a time.
     let powers = |p: &Press, k: usize| [1, 2, 3].map(|n| p.gained[k].powi(n));
     let curves: [[f64; 3]; 4] =
         std::array::from_fn(|k| fit(data.iter().map(|p| (powers(p, k), p.displacement[k]))));

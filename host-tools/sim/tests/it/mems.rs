@@ -1,4 +1,4 @@
-//! MEMS-3AXIS (003, tables 1.2 and 1.3): calibrated on one recording of a bench, judged on another.
+//! MEMS-3AXIS ([Ospina2017], tables 1.2 and 1.3): calibrated on one recording of a bench, judged on another.
 
 use std::sync::atomic::AtomicBool;
 

@@ -1,4 +1,4 @@
-//! OHKA-MICRO (000): the feeler's bi-linear curve out of its own trace, and force out of codes.
+//! OHKA-MICRO ([Ohka2005]): the feeler's bi-linear curve out of its own trace, and force out of codes.
 
 use taxel::condition::Bias;
 use taxel_files::trace::Sample;

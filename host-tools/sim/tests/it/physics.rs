@@ -56,7 +56,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / n
 }
 
-/// Radius of the contact of a sphere of 6 mm with the silicone of 002 (004: a = (9PR/16E)^⅓).
+/// Radius of the contact of a sphere of 6 mm with the silicone of [DeMaria2011] ([TactileEnc]: a = (9PR/16E)^⅓).
 fn contact_radius(normal: f64) -> f64 {
     (9.0 * normal * 6.0 / (16.0 * SILICONE_YOUNG_MPA)).cbrt()
 }
