@@ -63,7 +63,7 @@ impl NormalContact {
 /// sensor's gain to half a per cent. A finger that has not aged or warmed since its calibration does better: errors over
 /// what is stated have a root mean square of 0.8 for shear, 1.1 for the array's place and 0.4 for its normal force, 0.4 for
 /// the matrix's place and 0.1 for its normal force, 0.9 once the skin has become softer by what is allowed for
-/// (`host-tools/calibrate/tests/uncertainty.rs`). Each stands alone: that the model's errors of x and F_x go together is not said.
+/// (`host-tools/calibrate/tests/it/uncertainty.rs`). Each stands alone: that the model's errors of x and F_x go together is not said.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Uncertainty {

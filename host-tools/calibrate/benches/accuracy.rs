@@ -1,7 +1,7 @@
 //! `cargo bench -p taxel-calibrate --bench accuracy`: what the estimators are worth, as a table. Five devices,
 //! each calibrated on its own recording and judged on a run that it has not seen, noise on.
 
-#[path = "../tests/judge/mod.rs"]
+#[path = "../tests/it/judge/mod.rs"]
 mod judge;
 
 use taxel::frame::Status;

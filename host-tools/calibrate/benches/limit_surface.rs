@@ -1,7 +1,7 @@
 //! `cargo bench -p taxel-calibrate --bench limit-surface`: writes `data/limit-surface.csv`, what the forms of the
 //! limit surface leave and cost; after `cargo xtask cycles --csv host-tools/emulator/data/cycles.csv`.
 
-#[path = "../tests/judge/limit_surfaces.rs"]
+#[path = "../tests/it/judge/limit_surfaces.rs"]
 mod limit_surfaces;
 
 fn main() {

@@ -1,12 +1,9 @@
 //! In-place recalibration of a device that aged, by nine presses with one known weight, judged on presses of
 //! its own that neither the fit nor the adjustment has seen, noise on.
 
-mod judge;
-
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
 
-use judge::{FRICTION, presses, run};
 use taxel::calibration::Calibration;
 use taxel::estimate::quantised::QuantisedNet;
 use taxel::scan::TaxelCodes;
@@ -18,7 +15,12 @@ use taxel_calibrate::recording::Recording;
 use taxel_files::trace::{Sample, Truth};
 use taxel_regress::network::NetOptions;
 
-const DEVICE: u32 = 23;
+use crate::fixtures::record;
+use crate::judge::{FRICTION, presses, run};
+
+/// The device, and the name of its record.
+pub const DEVICE: u32 = 23;
+pub const NAME: &str = "ages";
 /// Rows before anything touches the finger.
 const UNLOADED: usize = 400;
 /// Newtons.
@@ -53,7 +55,8 @@ fn aged(mut samples: Vec<Sample>) -> Vec<Sample> {
     samples
 }
 
-fn fitted() -> Calibration {
+/// The young device's calibration.
+pub fn fitted() -> Calibration {
     let act = presses(245, [0.0, 0.99], 2.0);
     let net = NetOptions { seed: 0, starts: 1, steps: 80 };
     let options = FitOptions { subject: Subject::Finger, net, ..FitOptions::default() };
@@ -95,7 +98,7 @@ fn error(calibration: &Calibration, judged: &Recording) -> f64 {
 
 #[test]
 fn nine_weights_mend_what_aged_and_leave_what_did_not_whatever_estimates() {
-    let all = fitted();
+    let all = record(NAME);
     let act = presses(60, [0.0, 0.8], 1.0);
     let young = recording(run(DEVICE, 2, 500, 13.0, 0.8, &act));
     let old = recording(aged(young.samples.clone()));

@@ -1,14 +1,12 @@
 //! What the estimators are worth on devices and runs that no fit has met, noise on. `cargo bench -p taxel-calibrate
 //! --bench accuracy` prints the figures; those that are asked for stand where they are asserted.
 
-mod judge;
-
-use judge::page::{NONE, tells};
-use judge::response::{SWEEP, least_felt, resolution, response};
-use judge::slip::{
+use crate::judge::page::{NONE, tells};
+use crate::judge::response::{SWEEP, least_felt, resolution, response};
+use crate::judge::slip::{
     Jerks, Onsets, after_slide, begins, first_touches, grasp, jerks, onsets, shaken, twists,
 };
-use judge::{
+use crate::judge::{
     RINGS, Ring, With, calibrated, errors, false_pairs, mean, pairs, presses, replay, run,
     true_torsion, twisted,
 };

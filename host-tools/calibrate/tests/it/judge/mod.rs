@@ -2,6 +2,7 @@
 //! own that the fit has never met, noise on.
 #![allow(dead_code, reason = "test and bench use their parts")]
 
+pub mod limit_surfaces;
 pub mod page;
 pub mod response;
 pub mod slip;
@@ -44,8 +45,19 @@ pub fn presses(count: u32, shear: [f64; 2], roll: f64) -> String {
 /// Of what touches a finger in calibration: shear has to cover all that it will meet.
 pub const FRICTION: f64 = 1.2;
 
-/// The device's calibration: 90 s of presses. The net is a token one, for what is judged is not it.
+/// Name of a device's committed record.
+pub fn name(device: u32) -> String {
+    format!("device-{device}")
+}
+
+/// The device's calibration, as it is committed.
 pub fn calibrated(device: u32) -> Calibration {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures");
+    taxel_files::calibration::read(format!("{folder}/{}.toml", name(device))).unwrap()
+}
+
+/// Fits the device's calibration to 90 s of presses. The net is a token one, for what is judged is not it.
+pub fn fitted(device: u32) -> Calibration {
     let samples = run(device, 1, 500, 90.0, FRICTION, &presses(445, [0.0, 0.99], 2.0));
     let recording = Recording { name: format!("device {device}"), samples };
     let net = NetOptions { seed: 0, starts: 1, steps: 3 };

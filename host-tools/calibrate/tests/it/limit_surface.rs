@@ -1,10 +1,7 @@
 //! What the chip's limit surfaces are off by, and what they cost. `cargo bench -p taxel-calibrate --bench
 //! limit-surface` writes the table anew.
 
-#[path = "judge/limit_surfaces.rs"]
-mod limit_surfaces;
-
-use limit_surfaces::{error, table};
+use crate::judge::limit_surfaces::{error, table};
 
 #[test]
 fn the_sweep_and_the_table_are_within_a_third_of_a_per_cent_and_the_ellipse_within_seven() {
@@ -15,7 +12,7 @@ fn the_sweep_and_the_table_are_within_a_third_of_a_per_cent_and_the_ellipse_with
 
 #[test]
 fn the_committed_table_is_what_the_forms_leave_and_cost_now() {
-    let committed = include_str!("../data/limit-surface.csv");
+    let committed = include_str!("../../data/limit-surface.csv");
     assert_eq!(
         committed,
         table(),

@@ -11,11 +11,14 @@ use taxel_files::trace::Sample;
 use taxel_regress::network::NetOptions;
 use taxel_sim::{Effect, Scene, Simulator};
 
-const DEVICE: u64 = 31;
+use crate::fixtures::record;
+
+/// The device.
+pub const DEVICE: u32 = 31;
 
 fn samples(scene: Scene, seed: u64) -> Vec<Sample> {
     let mut scene = scene.with_effect(Effect::Temperature);
-    scene.device.seed = DEVICE;
+    scene.device.seed = DEVICE.into();
     Simulator::new(&scene, seed).collect()
 }
 
@@ -26,11 +29,22 @@ fn recorded(name: &str, seconds: u64) -> Recording {
     Recording { name: name.into(), samples }
 }
 
-fn calibrated(recordings: &[Recording]) -> Calibration {
+/// The name of its record, fitted with a recording of its warming or without.
+pub fn name(warm_up: bool) -> &'static str {
+    if warm_up { "warm-up" } else { "no-warm-up" }
+}
+
+/// Fits its record.
+pub fn fitted(warm_up: bool) -> Calibration {
+    let mut recordings = vec![recorded("presses", 15), recorded("shear", 15)];
+    if warm_up {
+        recordings.push(recorded("warm-up", 60));
+    }
+
     let net = NetOptions { seed: 0, starts: 1, steps: 20 };
     let options =
         FitOptions { subject: Subject::Finger, net, net_only: true, ..FitOptions::default() };
-    fit(recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap().calibration
+    fit(&recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap().calibration
 }
 
 /// Presses with another seed in a room of so many degrees.
@@ -66,9 +80,7 @@ fn judged(record: &Calibration, samples: &[Sample]) -> (f64, f64) {
 
 #[test]
 fn a_finger_that_was_recorded_warming_measures_warm_and_cold_as_in_its_room() {
-    let loads = [recorded("presses", 15), recorded("shear", 15)];
-    let with = calibrated(&[&loads[..], &[recorded("warm-up", 60)]].concat());
-    let without = calibrated(&loads);
+    let [with, without] = [true, false].map(|warm_up| record(name(warm_up)));
     let (room, flagged) = judged(&with, &presses(25.0));
     println!("25 °C: {room:.5} N");
     assert_eq!(flagged, 0.0);

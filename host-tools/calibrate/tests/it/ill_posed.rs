@@ -1,10 +1,7 @@
 //! A finger's recordings that are wrong on purpose: each is fitted sanely with a word about it, or refused with why.
 
-mod judge;
-
 use std::sync::atomic::AtomicBool;
 
-use judge::{FRICTION, presses, run};
 use taxel_calibrate::evaluate;
 use taxel_calibrate::finger::{FitOptions, Fitted, Subject, fit};
 use taxel_calibrate::recording::Recording;
@@ -12,6 +9,8 @@ use taxel_files::trace::{Sample, Truth};
 use taxel_regress::FitError;
 use taxel_regress::network::NetOptions;
 use taxel_sim::{Scene, Simulator};
+
+use crate::judge::{FRICTION, presses, run};
 
 /// So many presses all over the pad, five a second.
 fn recording(name: &str, seed: u64, count: u32) -> Recording {

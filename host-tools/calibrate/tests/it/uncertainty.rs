@@ -1,10 +1,9 @@
 //! What the finger says of its own errors, held against them: on devices, runs and noise that no fit has met.
 
-mod judge;
-
-use judge::{Rms, With, calibrated, presses, replay, run};
 use taxel::calibration::Calibration;
 use taxel::finger::SKIN_ERROR;
+
+use crate::judge::{Rms, With, calibrated, presses, replay, run};
 
 const DEVICES: [u32; 2] = [21, 22];
 
