@@ -1,4 +1,4 @@
-//! In-place recalibration: bias and gains anew from a few presses with known weights.
+//! In-place recalibration: new bias and gains from a few presses with known weights.
 //!
 //! What ages is the light of the LEDs, the gain of the phototransistors and the softness of the skin; the
 //! form of the response stays. So each taxel gets one gain g_k, and its signal is divided by it:
@@ -35,10 +35,10 @@ const LEAST_PRESSES: usize = 3;
 const ROWS: usize = 16;
 /// A gain that changes by more is no ageing any more: something else is wrong.
 const AGED: f64 = 0.5;
-/// What a press begins and ends with is left out: the weight is being put down.
+/// Share of a press left out at its beginning and end: the weight is being put down.
 const SETTLING: f64 = 0.2;
 
-/// What came of it.
+/// Result of an adjustment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adjusted {
     /// The calibration with new bias and gains.
@@ -47,11 +47,11 @@ pub struct Adjusted {
     pub presses: usize,
     /// Gain of each taxel; empty where the finger has no net or the presses do not know its force.
     pub taxels: Vec<f64>,
-    /// What gains did for each estimator of the taxels.
+    /// Error of each estimator of the taxels, before and after.
     pub helped: Vec<Helped>,
     /// Gain of each row of S, where the presses know it.
     pub sensors: [Option<[f64; 3]>; SENSORS],
-    /// What the user should look at, in full sentences.
+    /// Warnings for the user, in full sentences.
     pub warnings: Vec<String>,
 }
 
@@ -139,7 +139,7 @@ pub fn adjust(
     Ok(adjusted)
 }
 
-/// With another bias, where there is one.
+/// The calibration with another bias, where there is one.
 fn renewed(calibration: &Calibration, bias: &Bias) -> Calibration {
     let mut calibration = calibration.clone();
     if let (Some(taxels), Some(bias)) = (&mut calibration.taxels, bias.taxels) {
@@ -260,7 +260,7 @@ fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
     }
 }
 
-/// What a sensor says in each row of a press and what is so, along each axis where that is known.
+/// Measured and true force in each row of a press, along each axis where the truth is known.
 type SensorPress = Vec<[Option<[f64; 2]>; 3]>;
 
 fn said(sensor: &SensorCalibration, i: usize, press: &Press, bench: bool) -> SensorPress {
@@ -302,7 +302,7 @@ fn helps(presses: &[Vec<[f64; 2]>], sigma: f64) -> bool {
     presses.len() >= LEAST_PRESSES && surely_less(&after, &before)
 }
 
-/// Of what the sensor says now, the matrix has to see what it said when S was the old one.
+/// Multiplies the sensor's columns of the matrix, so that it still receives the signals of the old S.
 fn fold(matrix: &mut WrenchMatrix, sensor: usize, [old, new]: [Matrix3<f64>; 2]) {
     let Some(once) = old.try_inverse().map(|back| back * new) else { return };
     for row in &mut matrix.0 {

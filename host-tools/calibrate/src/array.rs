@@ -1,4 +1,4 @@
-//! The force sensors as one: their places, or the full 6×3n matrix of 003 where that serves better.
+//! The force sensors as one: their places, or the full 6×3n matrix of [Ospina2017] where that is more accurate.
 
 use nalgebra::{DMatrix, SVD};
 use taxel::calibration::{Calibration, SensorCalibration};

@@ -1,4 +1,4 @@
-//! A net that is taught by the model of the skin: touches that were never recorded.
+//! Augmented training of a net: simulated touches by the model of the skin next to the recorded ones.
 //!
 //! A few presses leave a net to guess between them. The model of the skin, fitted to the same presses, has a
 //! finger's few degrees of freedom and says what the taxels would see of any other touch; the net learns its
@@ -24,7 +24,7 @@ const TOUCHES: usize = 4000;
 const RECORDED: usize = 1000;
 /// A touch lies about so far from a recorded one, in mm; presses are rarely set closer.
 const AWAY: f64 = 0.3;
-/// Its normal force is this share of the recorded one's.
+/// Share of the recorded normal force that its own is.
 const HARDER: std::ops::Range<f64> = 0.8..1.2;
 /// Decay of the net's weights: as little as keeps units from growing until they all but cancel each other, for in
 /// 16 bits their difference is lost then.
@@ -36,7 +36,7 @@ const LITTLE: f64 = 1e-5;
 /// A step goes no farther than this share of full scale: curves turn back beyond the recorded signals.
 const FARTHEST: f64 = 0.05;
 
-/// Teaches a net of one or three outputs.
+/// Trains a net of one or three outputs.
 ///
 /// # Errors
 /// Stopped before the first step.
@@ -75,7 +75,7 @@ fn touch(rows: &[Row], model: &Inverse, rng: &mut ChaCha8Rng) -> ([f64; 3], [f64
     ([shear * cos, shear * sin, normal], point)
 }
 
-/// What the taxels see of a touch; `None` where a curve was never recorded as far.
+/// Signals of the taxels under a touch; `None` where a curve was never recorded as far.
 fn signals(model: &Inverse, force: [f64; 3], point: [f64; 2]) -> Option<[f64; TAXELS]> {
     let [fx, fy, fz] = force;
     let used = fx.hypot(fy) / (fz * f64::from(model.friction)).max(f64::MIN_POSITIVE);

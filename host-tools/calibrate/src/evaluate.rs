@@ -1,4 +1,4 @@
-//! How well a calibrated finger meets the reference columns of a recording it has not seen.
+//! Errors of a calibrated finger against the reference columns of a recording.
 
 use taxel::calibration::Calibration;
 use taxel::estimate::Force;
@@ -59,7 +59,7 @@ pub fn finger(calibration: &Calibration, recording: &Recording) -> Vec<TargetMet
         .collect()
 }
 
-/// What the columns `fx_n` … are compared with.
+/// Estimate that the columns `fx_n` … are compared with.
 #[derive(Clone, Copy)]
 enum Against {
     Finger,

@@ -1,4 +1,4 @@
-//! From a finger's recordings to its calibration record.
+//! The fit of a finger: from its recordings to its calibration record.
 //!
 //! What a recording is for is found in it: where exactly one MEMS sensor answers to the load while the
 //! others stay within their noise, the reference force is the force on that sensor (a bench recording:
@@ -31,24 +31,24 @@ use taxel_regress::training::Chosen;
 
 /// Friction of rubber before any is known.
 const USUAL_FRICTION: f32 = 0.6;
-/// Exponent of Hertz's pressure in 003's power law.
+/// Exponent of Hertz's pressure in the power law of [Ospina2017].
 const HERTZ: f64 = 2.0;
 
-/// How to fit a finger.
+/// Options of the fit of a finger.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FitOptions {
-    /// What the recordings are for.
+    /// The body that the reference force acts on.
     pub subject: Subject,
     /// The family of the finger's model.
     pub family: Family,
-    /// Hidden units; by default as 002, 16 with shear and 12 without, unless three recordings or more of one kind, left
+    /// Hidden units; by default as in [DeMaria2011], 16 with shear and 12 without, unless three recordings or more of one kind, left
     /// out one after the other, say better. `auto` finds its own.
     pub hidden: Option<usize>,
     /// Outputs: 3 with shear, 1 (f_z) without; found in the recordings by default.
     pub outputs: Option<usize>,
     /// Training of the net.
     pub net: NetOptions,
-    /// Leave the model of the skin and the sensors' array out of the record: the net alone, as in 002.
+    /// Leave the model of the skin and the sensors' array out of the record: the net alone, as in [DeMaria2011].
     pub net_only: bool,
     /// The numbers that the record holds the net in.
     pub form: Form,
@@ -58,21 +58,21 @@ pub struct FitOptions {
     pub date: u64,
 }
 
-/// A finger's calibration and how it came about.
+/// A fitted calibration with its warnings and parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fitted {
     /// The record.
     pub calibration: Calibration,
-    /// What the user should look at, in full sentences.
+    /// Warnings for the user, in full sentences.
     pub warnings: Vec<String>,
-    /// What was fitted.
+    /// The fitted parts.
     pub parts: Vec<Part>,
 }
 
 /// One fitted part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// `s0`, or `net 16-16-3`.
+    /// Name, such as `s0` or `net 16-16-3`.
     pub name: String,
     /// Rows of the recordings it was fitted to, before thinning.
     pub rows: usize,
@@ -82,13 +82,13 @@ pub struct Part {
     pub condition: Option<f64>,
     /// How a model was chosen.
     pub chosen: Option<Chosen>,
-    /// Of a net's parameters, how many the data determine.
+    /// Number of a net's parameters that the data determine.
     pub effective: Option<f64>,
     /// RMS error of the fit per reference component, newtons.
     pub residual: Vec<f64>,
 }
 
-/// Fits all that the recordings hold. When `stop` becomes true the best so far is returned.
+/// Fits every part that the recordings determine. When `stop` becomes true the best so far is returned.
 ///
 /// # Errors
 /// What the recordings lack, and how to mend it.
@@ -319,7 +319,7 @@ fn quantised(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(), Fi
     Ok(())
 }
 
-/// What a contact holds: Hertz's pressure swept over the centres of rotation.
+/// Limit surface of a contact: Hertz's pressure swept over the centres of rotation.
 fn slip(friction: Option<f32>) -> Slip {
     let usual = Slip::usual(friction.unwrap_or(USUAL_FRICTION));
     let [c, gamma] = usual.surface.radius.map(f64::from);

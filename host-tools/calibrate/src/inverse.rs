@@ -1,4 +1,4 @@
-//! The forward model of a finger out of its recordings: each taxel's curve and stray light, and the field
+//! Fit of the forward model of a finger: each taxel's curve and stray light, and the field
 //! of one contact ([`taxel::estimate::inverse`]).
 //!
 //! Given the field, a taxel's signal is linear in what is left: the powers of its displacement (its curve)
@@ -17,14 +17,14 @@ use taxel::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 use taxel_regress::error::FitError;
 use taxel_regress::network::Progress;
 
-/// A moment of a recording: the signals and what touches the finger.
+/// A row of a recording: signals, force and contact point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// c_k.
+    /// Signal c_k of each taxel.
     pub signals: [f64; TAXELS],
-    /// f_x, f_y, f_z in newtons.
+    /// Force f_x, f_y, f_z in newtons.
     pub force: [f64; 3],
-    /// x, y in mm.
+    /// Contact point x, y in mm.
     pub point: [f64; 2],
 }
 
@@ -36,7 +36,7 @@ const LEAST_ROWS: usize = 200;
 const STEPS: usize = 40;
 const LITTLE: f64 = 1e-4;
 
-/// What a signal is trusted to: its noise, and this share of the largest signal of its row.
+/// Standard deviation of a signal: its noise, and this share of the largest signal of its row.
 const SHARE: f64 = 0.002;
 /// Stray light before it is seen: a share of 0.015 ± 0.01 of the neighbour's.
 const STRAY: [f64; 2] = [0.015, 0.01];
@@ -52,7 +52,7 @@ const FIELD: usize = 2 * RADIAL + 1;
 /// The first term of N fixes the unit of length.
 const UNIT: usize = 2;
 
-/// Where the search begins: a point load 2.5 mm deep in a half-space with ν = ½.
+/// Start of the search: a point load 2.5 mm deep in a half-space with ν = ½.
 fn half_space() -> SVector<f64, FIELD> {
     let mut p = SVector::zeros();
     // N = 1/ρ + z²/ρ³ = (1 + w)/ρ; T = z/ρ³.
@@ -62,7 +62,7 @@ fn half_space() -> SVector<f64, FIELD> {
     p
 }
 
-/// How far from there the coefficients are expected, and a step to feel their slope by.
+/// Expected distance of the coefficients from there, and a step to feel their slope by.
 const SPREAD: f64 = 100.0;
 const FEEL: f64 = 1e-5;
 
@@ -129,7 +129,7 @@ struct Problem<'r> {
     weights: Vec<f64>,
     friction: f64,
     noise: f64,
-    /// Which coefficients are searched.
+    /// Indices of the coefficients that are searched.
     free: Vec<usize>,
     shear: bool,
 }
@@ -203,7 +203,7 @@ impl<'r> Problem<'r> {
         Cholesky::new(matrix).map_or_else(SVector::zeros, |factor| factor.solve(&right))
     }
 
-    /// What field and best curves leave of the signals, each over what it is trusted to.
+    /// Normalised residuals of the signals under field and best curves.
     fn residuals(&self, p: &SVector<f64, FIELD>) -> DVector<f64> {
         let u: Vec<[f64; TAXELS]> =
             self.rows.iter().map(|row| self.displacements(p, row)).collect();
@@ -286,7 +286,7 @@ impl<'r> Problem<'r> {
         std::array::from_fn(|i| found[i] as f32)
     }
 
-    /// What is left of the displacements, by the arithmetic of the chip: [`Inverse::error`].
+    /// Residuals of the displacements, by the arithmetic of the chip: [`Inverse::error`].
     fn error(&self, curves: &Curves, u: &[[f64; TAXELS]]) -> [f32; 2] {
         let slope = curves.gap.iter().map(|gap| f64::from(gap[0]).powi(2)).sum::<f64>();
         let floor = self.noise * (slope / TAXELS as f64).sqrt();

@@ -1,4 +1,4 @@
-//! The limit surface of a power-law pressure, by quadrature (003, chapter 3).
+//! The limit surface of a power-law pressure, by quadrature ([Ospina2017], chapter 3).
 
 use std::f64::consts::{PI, TAU};
 

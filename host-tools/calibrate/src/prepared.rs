@@ -32,7 +32,7 @@ pub enum Subject {
     Finger,
 }
 
-/// What a recording's reference of the force on a sensor is worth.
+/// Usefulness of a recording's reference force on a sensor.
 pub(crate) enum Loads {
     /// There is none.
     Unknown,
@@ -72,7 +72,7 @@ impl<'r> Prepared<'r> {
         Ok(Self { recording, bias, signals })
     }
 
-    /// How far a sensor's signals stand out of its noise: the 99th percentile over the recording.
+    /// Signal-to-noise ratio of a sensor: the 99th percentile over the recording.
     fn answer(&self, sensor: usize) -> f32 {
         let Some(bias) = self.bias.bridges[sensor] else { return 0.0 };
         let mut ratios: Vec<f32> = self
@@ -95,7 +95,7 @@ impl<'r> Prepared<'r> {
         (0..TAXELS).filter_map(lit).collect()
     }
 
-    /// The same of a sensor's midpoints.
+    /// Columns of a sensor's midpoints that read the same in every row.
     pub fn stuck_midpoints(&self, sensor: usize) -> Vec<String> {
         let of = |m: Midpoints| [m.a, m.b, m.c, m.d];
         let stuck = ["a", "b", "c", "d"].into_iter().enumerate().filter_map(|(i, name)| {
@@ -111,7 +111,7 @@ impl<'r> Prepared<'r> {
         first.is_some() && codes().all(|code| code == first)
     }
 
-    /// Where the reference would lie if it had been logged by another clock, for all that the signals say.
+    /// Alignment of the reference, if the signals show that another clock logged it.
     fn misaligned(&self) -> Option<Alignment> {
         let rows = self.recording.samples.iter().zip(&self.signals);
         let known = rows.filter_map(|(sample, signals)| {
@@ -151,7 +151,7 @@ impl<'r> Prepared<'r> {
         }
     }
 
-    /// What the reference of the force on this sensor, if there is one, is worth.
+    /// Usefulness of the reference force on this sensor.
     pub fn loads(&self, sensor: usize) -> Loads {
         let truths = || self.recording.samples.iter().map(|s| s.truth.sensors[sensor]);
         let known = || truths().filter(|truth| truth.iter().all(Option::is_some));

@@ -9,7 +9,7 @@ use crate::prepared::Prepared;
 use taxel_regress::error::FitError;
 use taxel_regress::range::largest;
 
-/// In which numbers the record holds the net.
+/// Number format of the net in the record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Form {
     /// f32.

@@ -31,9 +31,9 @@ const SMALL_SPIKE: f64 = 2.0 / 4096.0;
 /// A trace in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
-    /// What messages call it.
+    /// Name in messages.
     pub name: String,
-    /// Its rows.
+    /// Rows of the trace.
     pub samples: Vec<Sample>,
 }
 
@@ -73,7 +73,7 @@ impl Recording {
         Ok(alignment)
     }
 
-    /// The same with its truth read at the times that `alignment` says; rows beyond it get none.
+    /// The recording with its truth read at the times that `alignment` says; rows beyond it get none.
     pub(crate) fn with_truth_at(&self, alignment: &Alignment) -> Self {
         let own: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
         let times: Vec<f64> = own.iter().map(|t| alignment.time(*t)).collect();
@@ -87,7 +87,7 @@ impl Recording {
         read
     }
 
-    /// What the unloaded finger reads, averaged as the chip would do it, at the temperature of `warmth`.
+    /// Bias: the levels of the unloaded finger, averaged as the chip would do it, at the temperature of `warmth`.
     ///
     /// # Errors
     /// There is no stretch in which nothing touches the finger and its signals are still.
@@ -213,7 +213,7 @@ impl Recording {
     }
 }
 
-/// What is so a share of the way from one row to the next.
+/// Truth interpolated between two rows.
 fn between(a: &Truth, b: &Truth, share: f64) -> Truth {
     let value = |a: Option<f64>, b: Option<f64>| Some(a? + share * (b? - a?));
     let triple = |a: [Option<f64>; 3], b: [Option<f64>; 3]| array::from_fn(|k| value(a[k], b[k]));
@@ -228,7 +228,7 @@ fn between(a: &Truth, b: &Truth, share: f64) -> Truth {
     }
 }
 
-/// Which of some unloaded rows are free of spikes: every channel is near its median.
+/// Flags of unloaded rows that are free of spikes: every channel is near its median.
 fn sound(samples: &[Sample]) -> Vec<bool> {
     let levels: Vec<Vec<f64>> = samples.iter().map(channels).collect();
     let mut sound = vec![true; samples.len()];

@@ -1,4 +1,4 @@
-//! What a calibration is worth, for people to read.
+//! The report of a calibration: figures, coverage and warnings for people to read.
 //!
 //! ```text
 //! recordings ─▶ Series ─▶ figures, coverage, warnings ─▶ Report ─▶ JSON, or a page with plots

@@ -1,5 +1,4 @@
-//! The model of a finger's skin out of recordings that tell where it is touched, and whether it is worth
-//! having: what it is compared with is the net.
+//! The model of a finger's skin, fitted to recordings with contact points, and its error next to the net's.
 
 use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;

@@ -1,4 +1,4 @@
-//! What warmth does to a finger, out of the unloaded stretches of recordings at several temperatures.
+//! Temperature compensation, fitted to the unloaded stretches of recordings at several temperatures.
 //!
 //! Record the finger at rest while it warms up: light and offsets follow the thermometer in straight lines,
 //! by least squares. Where the temperature hardly changes nothing is known but that it was this one.
@@ -27,7 +27,7 @@ pub(crate) fn is_warm_up(recording: &Recording) -> bool {
     recording.samples.iter().all(has) && recording.is_unloaded()
 }
 
-/// What it is, if the recordings with loads have a thermometer.
+/// Fits the compensation, if the recordings with loads have a thermometer.
 pub(crate) fn fit(recordings: &[Recording]) -> Option<Warmth> {
     let readings: Vec<Vec<(Levels, f64)>> = recordings.iter().map(warm).collect();
     let all: Vec<&(Levels, f64)> = readings.iter().flatten().collect();

@@ -1,4 +1,4 @@
-//! A reference that was logged by another clock, brought onto the sensor's time.
+//! Alignment in time of a reference that was logged by another clock.
 //!
 //! Sensor and reference answer to the same load. What each of them shows most of (the first principal
 //! component of its columns) is cross-correlated at every offset and at rates up to ± 5 % apart. From the
@@ -41,16 +41,16 @@ pub struct Series<'s> {
     pub rows: &'s [Vec<f64>],
 }
 
-/// Where the reference's time lies: t′ = `offset` + (1 + `rate`)·t for the sensor's time t.
+/// Time of the reference: t′ = `offset` + (1 + `rate`)·t for the sensor's time t.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Alignment {
-    /// Seconds.
+    /// Offset in seconds.
     pub offset: f64,
-    /// How much faster the reference's clock runs, as a share.
+    /// Relative rate by which the reference's clock runs faster.
     pub rate: f64,
-    /// What is left in stretches of the recording, root mean square, in seconds.
+    /// RMS misalignment left in segments of the recording, in seconds.
     pub residual: f64,
-    /// Correlation of the reference with what a line through the sensor's channels says of it.
+    /// Correlation of the reference with its linear prediction from the sensor's channels.
     pub correlation: f64,
 }
 
@@ -120,7 +120,7 @@ pub fn align(
     Ok(refine(sensor, &other, coarse.offset, coarse.rate))
 }
 
-/// Of a reference that has no row near any of the sensor's `times`, which are the reference's own.
+/// Error of a reference without a row near any of the sensor's `times`, which are the reference's own.
 pub fn apart(name: &str, times: &[f64], reference: &[f64]) -> FitError {
     FitError::Unaligned {
         recording: name.to_owned(),
@@ -152,7 +152,7 @@ pub fn resample(reference: Series<'_>, times: &[f64]) -> Vec<Option<Vec<f64>>> {
     found.collect()
 }
 
-/// Where some times lie among `known` ones: behind which, and by what share of the way to the next. `None` beyond the
+/// Positions of some times among `known` ones: behind which, and by what share of the way to the next. `None` beyond the
 /// ends and in gaps.
 pub fn places(known: &[f64], times: &[f64]) -> Vec<Option<(usize, f64)>> {
     let longest = GAP * median_step(known);

@@ -1,4 +1,4 @@
-//! The model that the recordings bear: straight or bent, and how wide, chosen by what was left out.
+//! Automatic model choice: linear or a net, and its width, by cross-validation.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 

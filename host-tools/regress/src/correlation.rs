@@ -1,4 +1,4 @@
-//! How many of a recording's rows say something new.
+//! Number of independent rows in a recording.
 //!
 //! The rows of one press repeat each other's error. The evidence for a weight decay supposes independent
 //! errors; with every row counted it takes the data for far surer than they are.

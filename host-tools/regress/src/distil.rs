@@ -1,4 +1,4 @@
-//! From a Gaussian process, which no finger could carry, to a net that says the same.
+//! Distillation of a Gaussian process, too large for a finger, to a net with the same outputs.
 //!
 //! The process answers for any input, measured or not. The net is therefore taught on the recorded rows and
 //! on rows between and beyond them; that is what keeps it from wild guesses where nothing was recorded.
@@ -32,7 +32,7 @@ const STEPS: usize = 150;
 /// Decay of its weights: below a thousandth of what any output says.
 const DECAY: f64 = 1e-4;
 
-/// What the net is taught from: scaled recorded rows and their stretches.
+/// Training data of the net: scaled recorded rows and their stretches.
 pub(crate) struct Lesson<'r> {
     pub x: &'r DMatrix<f64>,
     pub stretch: &'r [usize],

@@ -1,4 +1,4 @@
-//! Channels that say the same.
+//! Channels that are linear combinations of others.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
@@ -22,7 +22,7 @@ pub(crate) fn scaled(recordings: &[Recorded]) -> (Scaling, Rows) {
     (scaling, rows)
 }
 
-/// How evenly the channels move, each scaled by its own spread; those that do not move at all are left out.
+/// Conditioning of the channels, each scaled by its own spread; those that do not move at all are left out.
 pub struct Conditioning {
     /// Condition number of the data.
     pub number: f64,
@@ -31,13 +31,13 @@ pub struct Conditioning {
 }
 
 impl Conditioning {
-    /// The combination says nothing that the other channels do not.
+    /// Whether the channels are collinear.
     pub fn is_collinear(&self) -> bool {
         self.number > 1.0 / SAME
     }
 }
 
-/// `None` where fewer than two channels move.
+/// Computes the conditioning; `None` where fewer than two channels move.
 pub fn conditioning(recordings: &[Recorded]) -> Option<Conditioning> {
     let (scaling, rows) = scaled(recordings);
     let moving: Vec<usize> =

@@ -1,46 +1,46 @@
-//! Why a fit is refused: what was found, what was expected, and how to mend it, in one line.
+//! Errors of a fit: what was found, what was expected, and how to fix it, in one line.
 
 use taxel::calibration::CalibrationError;
 use thiserror::Error;
 
-/// Why recordings do not make a calibration.
+/// Error of a fit or an alignment.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum FitError {
-    /// There is nothing to fit to.
+    /// No recording was given.
     #[error("no recording to fit to; give at least one")]
     NoRecording,
     /// A recording has no rows.
     #[error("{recording}: no rows to fit to; record for longer")]
     Empty {
-        /// Its name.
+        /// Name of the recording.
         recording: String,
     },
-    /// The unloaded finger is nowhere to be seen.
+    /// A recording lacks an unloaded stretch.
     #[error(
         "{recording}: no unloaded stretch of at least {rows} rows; \
          begin the recording with half a second in which nothing touches the finger"
     )]
     NoUnloadedStretch {
-        /// Where.
+        /// Name of the recording.
         recording: String,
-        /// What was expected.
+        /// Expected least value.
         rows: usize,
     },
     /// A recording lacks what to fit.
     #[error("{recording}: {missing} missing; {mend}")]
     Missing {
-        /// Where.
+        /// Name of the recording.
         recording: String,
-        /// Which column or channel.
+        /// Missing column or channel.
         missing: String,
-        /// How to mend it.
+        /// How to fix it.
         mend: String,
     },
-    /// Nothing presses.
+    /// The recordings hold no load.
     #[error("{part}: the recordings hold no load; record presses over the range to be measured")]
     NoLoad {
-        /// What was to be fitted.
+        /// Part that was to be fitted.
         part: String,
     },
     /// A component of the reference that never shows a load.
@@ -49,7 +49,7 @@ pub enum FitError {
          both ways, over the range to be measured, or leave the column out"
     )]
     AtRest {
-        /// What was to be fitted.
+        /// Part that was to be fitted.
         part: String,
         /// The columns of the reference.
         columns: String,
@@ -60,7 +60,7 @@ pub enum FitError {
          load it in x, y and z independently of each other"
     )]
     NeverLoaded {
-        /// What was to be fitted.
+        /// Part that was to be fitted.
         part: String,
         /// The columns of the reference.
         columns: String,
@@ -72,52 +72,52 @@ pub enum FitError {
          load it in x, y and z independently of each other"
     )]
     Collinear {
-        /// What was to be fitted.
+        /// Part that was to be fitted.
         part: String,
         /// Signal to noise of the weakest direction.
         ratio: f64,
-        /// What was expected.
+        /// Expected least value.
         least: f64,
     },
     /// Not enough rows for the number of unknowns.
     #[error("{part}: {rows} usable rows where at least {least} are needed; record for longer")]
     TooFewRows {
-        /// What was to be fitted.
+        /// Part that was to be fitted.
         part: String,
-        /// What was found.
+        /// Usable rows.
         rows: usize,
-        /// What was expected.
+        /// Expected least value.
         least: usize,
     },
     /// A shape that the record cannot hold.
     #[error("{part}: {problem}")]
     Shape {
-        /// What was to be fitted.
+        /// Part that was to be fitted.
         part: String,
-        /// What was found and expected.
+        /// What was found, and what was expected.
         problem: String,
     },
     /// Recordings that do not go together.
     #[error("{recording}: {problem}; {mend}")]
     Mismatch {
-        /// Which one.
+        /// Name of the recording.
         recording: String,
-        /// What was found and expected.
+        /// What was found, and what was expected.
         problem: String,
-        /// How to mend it.
+        /// How to fix it.
         mend: String,
     },
     /// Sensor and reference cannot be brought onto one time.
     #[error("{recording}: {problem}; {mend}")]
     Unaligned {
-        /// Which reference.
+        /// Name of the reference.
         recording: String,
-        /// What was found.
+        /// The problem.
         problem: String,
-        /// How to mend it.
+        /// How to fix it.
         mend: String,
     },
-    /// It was stopped before there was anything to keep.
+    /// The fit was stopped before its first step.
     #[error("stopped before the first step; nothing was fitted")]
     Stopped,
     /// The fit is not a valid record.
@@ -128,7 +128,7 @@ pub enum FitError {
 }
 
 impl FitError {
-    /// Of what was to be fitted, the recordings that it was to be fitted to.
+    /// Adds the names of the recordings to the part.
     #[must_use]
     pub(crate) fn of(mut self, recordings: &str) -> Self {
         if let Self::NoLoad { part }

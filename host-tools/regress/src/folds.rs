@@ -1,11 +1,11 @@
-//! Which rows belong together: what is left out to judge a model must not be there in its neighbours.
+//! Folds of cross-validation: rows that belong together are left out together.
 
-/// How many stretches a recording is cut into.
+/// Number of stretches that a recording is cut into.
 const STRETCHES: usize = 10;
 /// A recording with less than this share of the range of some target does not stand for the others.
 const SAME_KIND: f64 = 0.5;
 
-/// What was left out to choose a model.
+/// Kind of folds that were left out to choose a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeftOut {
     /// Whole recordings, one after the other.

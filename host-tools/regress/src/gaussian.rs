@@ -87,12 +87,12 @@ impl Rows {
     }
 }
 
-/// How well a model foretells the stretches left out: ln of the mean square error, stretch × output.
+/// Scores of a model on the stretches left out: ln of the mean square error, stretch × output.
 #[derive(Clone, Debug)]
 pub(crate) struct Scores(pub DMatrix<f64>);
 
 impl Scores {
-    /// From the errors of each stretch.
+    /// Scores the errors of each stretch.
     pub fn of(errors: &[DMatrix<f64>]) -> Self {
         let outputs = errors.first().map_or(0, |errors| errors.ncols());
         Self(DMatrix::from_fn(errors.len(), outputs, |stretch, k| {
@@ -113,7 +113,7 @@ impl Scores {
     }
 }
 
-/// Of some trials those whose score for an output is within a standard error of the best one's.
+/// The trials whose score for an output is within a standard error of the best one's.
 pub(crate) fn good<'s>(
     trials: impl Iterator<Item = &'s Scores> + Clone,
     output: usize,
@@ -135,7 +135,7 @@ struct Bend {
     size: f64,
 }
 
-/// What a covariance is made of: bends of one size and several reaches, and a line [`LINE`] times as free.
+/// Components of a covariance: bends of one size and several reaches, and a line [`LINE`] times as free.
 #[derive(Clone, Debug, PartialEq)]
 struct Prior {
     reaches: Vec<f64>,

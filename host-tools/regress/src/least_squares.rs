@@ -1,4 +1,4 @@
-//! S of one force sensor by linear least squares, row by row (003 eqs (1.22)–(1.24)).
+//! S of one force sensor by linear least squares, row by row ([Ospina2017] eqs (1.22)–(1.24)).
 
 use nalgebra::{DMatrix, QR, SVD};
 
@@ -7,7 +7,7 @@ use crate::error::FitError;
 /// Fewest rows that are taken for a recording.
 const LEAST_ROWS: usize = 50;
 
-/// How far the signals must stand out of their noise in every direction, root mean square. Noise of
+/// Least signal-to-noise ratio in every direction, root mean square. Noise of
 /// the regressors draws S towards zero by about 1/ratio²: at 5, by 4 % in the weakest direction.
 const LEAST_RATIO: f64 = 5.0;
 
@@ -19,7 +19,7 @@ pub struct LeastSquares {
     /// Ratio of the largest to the smallest singular value of the signals: how unevenly the loads
     /// determine the directions.
     pub condition: f64,
-    /// How far the signals stand out of their noise in the direction in which they do so least.
+    /// Signal-to-noise ratio in the weakest direction.
     pub ratio: f64,
     /// RMS error of each component in newtons.
     pub rms: [f64; 3],

@@ -1,4 +1,4 @@
-//! Levenberg–Marquardt training (the method of 002) with a weight decay that the data choose.
+//! Levenberg–Marquardt training (the method of [DeMaria2011]) with a weight decay that the data choose.
 //!
 //! Minimised is F(w) = β/2 Σ_rows |y − target|² + ½ Σ_g α_g |w_g|². The noise precision β and the decay
 //! α_g of each group of weights are re-estimated on the way from the evidence (MacKay 1992; with
@@ -19,10 +19,10 @@ const LITTLE_STEPS: usize = 10;
 /// Rejected steps in a row after which no damping helps.
 const TRIES: usize = 30;
 
-/// Where the weight decay comes from.
+/// Source of the weight decay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Decay {
-    /// From the evidence.
+    /// Estimated from the evidence.
     Evidence {
         /// Independent errors per row. The rows of one press repeat each other's error; to count them
         /// all would make the data look surer than they are.
@@ -32,7 +32,7 @@ pub enum Decay {
     Fixed(f64),
 }
 
-/// Where training stands.
+/// State of a training.
 #[derive(Clone, Debug)]
 pub struct State {
     /// Weights and biases.
@@ -46,7 +46,7 @@ pub struct State {
     pub steps: usize,
     /// Σ_rows (y_k − target_k)² of each output.
     pub squares: DVector<f64>,
-    /// How many parameters the data determine.
+    /// Number of parameters that the data determine.
     pub effective: f64,
     /// No step improves it any more.
     pub converged: bool,

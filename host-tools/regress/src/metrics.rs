@@ -1,4 +1,4 @@
-//! How good an estimate is: the figures that the papers print.
+//! Error figures of an estimate.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ pub struct Figures {
     pub n: usize,
 }
 
-/// One reference column and how well it was met.
+/// Error figures of one reference column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TargetMetrics {
     /// Name of the reference column.
@@ -80,8 +80,9 @@ pub fn figures(errors: &[f64]) -> Option<Figures> {
     })
 }
 
-/// Whether some errors are less than others on the same recordings or presses by more than one standard error of the
-/// mean difference: what is less by not so much may be chance. Of a single one nothing is sure.
+/// Whether errors are less than others by more than one standard error of the mean difference.
+///
+/// Both are of the same recordings or presses; a smaller gain may be chance, and of a single one nothing is sure.
 pub fn surely_less(errors: &[f64], than: &[f64]) -> bool {
     let n = errors.len() as f64;
     let gained: Vec<f64> = than.iter().zip(errors).map(|(than, error)| than - error).collect();

@@ -1,4 +1,4 @@
-//! A net with one hidden layer of tanh units and linear outputs (002), with a linear skip path or without,
+//! A net with one hidden layer of tanh units and linear outputs ([DeMaria2011]), with a linear skip path or without,
 //! in f64, for training: values, and the Gauss–Newton matrix of its squared error at the price of a single
 //! Gram matrix.
 //!
@@ -33,13 +33,13 @@ impl Shape {
         self.hidden_parameters() + self.outputs * self.seen()
     }
 
-    /// What an output sees: units, inputs if there is a skip path, one.
+    /// Number of inputs of an output: units, inputs if there is a skip path, one.
     #[must_use]
     pub fn seen(&self) -> usize {
         self.hidden + if self.skip { self.inputs } else { 0 } + 1
     }
 
-    /// How many of them belong to the hidden layer; they come first, a unit after the other, each
+    /// Number of parameters of the hidden layer; they come first, a unit after the other, each
     /// with its bias last. The outputs follow alike.
     #[must_use]
     pub fn hidden_parameters(&self) -> usize {

@@ -1,4 +1,4 @@
-//! The families of models, by the names that the command knows them by.
+//! Families of models, with the names that the command takes.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,12 +6,12 @@ use std::str::FromStr;
 /// A family of models.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Family {
-    /// The family, the width and the decay that do best on what is left out.
+    /// Family, width and decay chosen by cross-validation.
     Auto,
-    /// The net of 002: one hidden layer of tanh units.
+    /// Net with one hidden layer of tanh units ([DeMaria2011]).
     #[default]
     Mlp,
-    /// The same with a linear skip path.
+    /// Such a net with a linear skip path.
     Skip,
     /// Linear, with a decay.
     Ridge,
@@ -19,15 +19,15 @@ pub enum Family {
     Cubic,
     /// Linear in every input and every product of two.
     Quadratic,
-    /// Linear without a decay: S(u − b) row by row (003 eqs (1.22)–(1.24)), 3×3 or 6×3n.
+    /// Linear without a decay: S(u − b) row by row ([Ospina2017] eqs (1.22)–(1.24)), 3×3 or 6×3n.
     LeastSquares,
-    /// The line of four of 002.
+    /// Line of four taxels ([DeMaria2011]).
     Row,
-    /// The feeler of 000.
+    /// Micro-feeler ([Ohka2005]).
     Feeler,
-    /// The column of 001.
+    /// Columnar feeler ([Ohka2004]).
     Column,
-    /// Each signal to the displacement of its own facet.
+    /// Gap curve: each signal to the displacement of its own facet.
     Gap,
 }
 

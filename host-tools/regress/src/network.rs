@@ -1,4 +1,4 @@
-//! From rows in their own units to f32 weights.
+//! Training of a net: from rows in their own units to f32 weights.
 
 mod trainer;
 
@@ -19,7 +19,7 @@ pub const MOST_ROWS: usize = 4096;
 /// While the net takes shape every row counts.
 const EXPLORE: Decay = Decay::Evidence { per_row: 1.0 };
 
-/// How a net is trained.
+/// Options of the training of a net.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetOptions {
     /// Seed of the starting weights: the same seed and recordings give the same net.
@@ -36,7 +36,7 @@ impl Default for NetOptions {
     }
 }
 
-/// What a net is made of besides its inputs and outputs.
+/// Architecture of a net besides its inputs and outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Build {
     /// Hidden tanh units; none make it linear.
@@ -45,10 +45,10 @@ pub struct Build {
     pub skip: bool,
 }
 
-/// How far a fit has come.
+/// Progress of a fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Progress {
-    /// What is being fitted.
+    /// Part that is being fitted.
     pub part: String,
     /// Steps done.
     pub step: usize,
@@ -73,14 +73,14 @@ pub struct Net {
     pub output_bias: Vec<f32>,
     /// Accepted steps of the start that was kept.
     pub steps: usize,
-    /// How many of its parameters the data determine.
+    /// Number of its parameters that the data determine.
     pub effective: f64,
     /// Rows it was trained on after thinning.
     pub rows: usize,
 }
 
 impl Net {
-    /// Its shape: `net 16-16-3`, `skip 16-6-3`, `linear 16-3`.
+    /// Shape of the net: `net 16-16-3`, `skip 16-6-3`, `linear 16-3`.
     #[must_use]
     pub fn name(&self, inputs: usize) -> String {
         let (hidden, outputs) = (self.hidden_bias.len(), self.output_bias.len());
@@ -118,7 +118,7 @@ impl Net {
         outputs(self.layers(), x)
     }
 
-    /// As the core takes it.
+    /// Layers for the core.
     #[must_use]
     pub fn layers(&self) -> Layers<'_> {
         Layers {

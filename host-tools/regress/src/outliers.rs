@@ -1,4 +1,4 @@
-//! Rows that are wrong: a loose contact, a reference that hangs.
+//! Detection of outlier rows: a loose contact, a stuck reference.
 //!
 //! A row that stands alone is found by the rows before and after it (Hampel's identifier). A run of wrong rows, or one
 //! at the end of a recording, has nothing right beside it: it is found by the rows of other moments that are most like
@@ -39,14 +39,14 @@ const MOST: f64 = 0.2;
 /// Where so many rows stand alone, others that only the rows like them tell do so as well.
 const LOOSE: f64 = 0.01;
 
-/// What the targets should be, of the inputs.
+/// Expected targets for a row of inputs.
 type Law<'l> = &'l dyn Fn(&[f64]) -> Vec<f64>;
 
 /// The wrong rows of some recordings.
 pub struct Outliers {
-    /// Of each recording, row for row.
+    /// Flag of every row of each recording.
     pub wrong: Vec<Vec<bool>>,
-    /// What is to be said of them.
+    /// Warnings about them, in full sentences.
     pub told: Vec<String>,
 }
 
@@ -78,7 +78,7 @@ impl Outliers {
     }
 }
 
-/// Of some rows those that are not `wrong`, which is row for row.
+/// Keeps the rows that are not flagged in `wrong`.
 pub fn keep_sound<'w, R>(rows: &mut Vec<R>, wrong: impl IntoIterator<Item = &'w bool>) {
     let mut wrong = wrong.into_iter();
     rows.retain(|_| wrong.next() == Some(&false));
@@ -88,7 +88,7 @@ fn count(wrong: &[bool]) -> usize {
     wrong.iter().filter(|wrong| **wrong).count()
 }
 
-/// What is to be said of a recording with `wrong` rows, in some of which the reference stands `still`.
+/// Warnings about a recording with `wrong` rows, in some of which the reference stands `still`.
 fn told(wrong: &[bool], still: &[bool], name: &str) -> Result<Vec<String>, FitError> {
     let rows = wrong.len();
     let percent = |count: usize| 1e2 * count as f64 / rows as f64;
@@ -126,7 +126,7 @@ fn told(wrong: &[bool], still: &[bool], name: &str) -> Result<Vec<String>, FitEr
     Ok(found.into_iter().map(told).collect())
 }
 
-/// Which rows of each recording are wrong.
+/// Flags of the wrong rows of each recording.
 fn wrong(recordings: &[Recorded], law: Option<Law<'_>>, still: &[Vec<bool>]) -> Vec<Vec<bool>> {
     let (scaling, rows) = scaled(recordings);
     let residual = match law {

@@ -1,22 +1,22 @@
-//! Polynomials as linear models of more inputs.
+//! Polynomial terms of the inputs, for linear models.
 
 use serde::{Deserialize, Serialize};
 
-/// What becomes of the inputs before a model sees them.
+/// Terms that a model makes of its inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Expansion {
-    /// Nothing.
+    /// The inputs themselves.
     #[default]
     None,
-    /// Each, its square and its cube.
+    /// Each input, its square and its cube.
     Cubic,
-    /// Each, and each product of two, squares included.
+    /// Each input, and each product of two, squares included.
     Quadratic,
 }
 
 impl Expansion {
-    /// The terms of one row.
+    /// Computes the terms of one row.
     #[must_use]
     pub fn terms(self, x: &[f64]) -> Vec<f64> {
         match self {

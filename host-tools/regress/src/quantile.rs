@@ -1,6 +1,6 @@
-//! Values by their rank.
+//! Median and quantiles.
 
-/// The middle one; between the two of an even number. Zero of none.
+/// Median; the mean of the two middle values of an even number, zero of none.
 pub fn median(mut values: Vec<f64>) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() {
@@ -15,7 +15,7 @@ pub fn median(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// The one that this share of the others lies below, by the nearest rank. Zero of none.
+/// Quantile at a share from 0 to 1 by the nearest rank; zero of none.
 pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     if values.is_empty() {
         return 0.0;

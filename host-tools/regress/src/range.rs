@@ -2,7 +2,7 @@
 
 use taxel::calibration::Range;
 
-/// How far beyond what training saw an estimate is still given, as a share of what it saw.
+/// Extrapolation margin: share of the trained range by which inputs may exceed it.
 ///
 /// A press of the same kind lands between the places where the training presses did and may move a
 /// channel a little further than any of them; a load well beyond them moves the nearest channels in

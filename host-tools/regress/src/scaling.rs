@@ -1,8 +1,8 @@
-//! Inputs and targets brought to a size of about one, so that one decay and one distance suit them all.
+//! Scaling of inputs and targets to about one, so that one decay and one distance suit them all.
 
 use nalgebra::DMatrix;
 
-/// How the inputs of a model relate to each other.
+/// Relation of a model's inputs to each other, which decides their scaling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Inputs {
     /// Channels of one kind, with one unit and one noise: they are scaled together, so that a channel
@@ -20,7 +20,7 @@ pub(crate) struct Scale {
 }
 
 impl Scale {
-    /// Of a column; nothing is spread that is the same throughout.
+    /// Measures a column; a constant one has no spread.
     pub fn of(column: impl Iterator<Item = f64> + Clone) -> Self {
         let n = column.clone().count().max(1) as f64;
         let mean = column.clone().sum::<f64>() / n;

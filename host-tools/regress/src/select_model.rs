@@ -9,7 +9,7 @@ use crate::training::{Chosen, Training};
 use crate::{auto, select_width};
 
 impl Training<'_> {
-    /// Trains. How the model was chosen is told where it was.
+    /// Trains the model; with it comes how it was chosen, if it was.
     ///
     /// # Errors
     /// What the recordings lack.

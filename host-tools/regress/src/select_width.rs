@@ -1,4 +1,4 @@
-//! The width of a net of one family, chosen by leaving out one recording after the other.
+//! Choice of a net's width by leaving out one recording after the other.
 
 use std::sync::atomic::AtomicBool;
 
@@ -99,7 +99,7 @@ fn judge(
     Ok(Judged { tried: Tried { hidden: build.hidden, error }, squares })
 }
 
-/// Of each target over the rows of a recording.
+/// Mean square error of each target over the rows of a recording.
 fn mean_squares(net: &Net, (x, y): &Recorded) -> Vec<f64> {
     let mut squares = vec![0.0; net.output_bias.len()];
     for (x, y) in x.iter().zip(y) {

@@ -1,4 +1,4 @@
-//! References that are turned round in some of several recordings.
+//! Detection of references with a flipped sign in some of several recordings.
 //!
 //! A law fitted to all recordings but one foretells that one. It is linear in the others' references, so that what
 //! it would say with any of them turned follows without another fit: with the signs s of the recordings the share
@@ -35,8 +35,10 @@ type Thinned<'r> = (Vec<&'r [f64]>, Vec<&'r [f64]>);
 /// What is not foretold of a recording by each law, as a form of the signs.
 type Forms = Vec<DMatrix<f64>>;
 
+/// Checks that the recordings agree on the sign of every target.
+///
 /// # Errors
-/// The recordings that are turned round, and in what.
+/// The recordings and targets whose sign is flipped.
 pub fn same_sign(
     recordings: &[Recorded],
     names: &[String],
@@ -102,7 +104,7 @@ fn laws(recordings: &[Thinned<'_>]) -> Vec<Vec<DMatrix<f64>>> {
     expansions.into_iter().flatten().map(law).collect()
 }
 
-/// Of each recording the [`Forms`] for a target; none where it hardly moves.
+/// [`Forms`] of each recording for a target; none where it hardly moves.
 fn forms(laws: &[Vec<DMatrix<f64>>], y: &[DVector<f64>]) -> Vec<Forms> {
     let centred: Vec<DVector<f64>> = y.iter().map(centred).collect();
     let spread = |y: &DVector<f64>| y.norm() / (y.len().max(1) as f64).sqrt();

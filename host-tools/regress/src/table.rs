@@ -1,4 +1,4 @@
-//! Somebody else's sensor: any CSV with N input columns and some reference columns.
+//! Fit and evaluation of any sensor's CSV with N input columns and some reference columns.
 
 mod model;
 mod recording;
@@ -23,7 +23,7 @@ use crate::training::{Chosen, Recorded, Training};
 pub use model::TableModel;
 pub use recording::TableRecording;
 
-/// How to fit a table.
+/// Options of the fit of a table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TableOptions {
     /// The family of the model.
@@ -46,12 +46,12 @@ const ONE_WAY: f32 = 20.0;
 /// Most hidden units, as on the chip.
 const MOST: usize = taxel::estimate::net::MAX_HIDDEN;
 
-/// A table's model and how it came about.
+/// A fitted model with its warnings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedTable {
     /// The model.
     pub model: TableModel,
-    /// What the user should look at.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
     /// Rows of the recordings.
     pub rows: usize,
@@ -59,9 +59,9 @@ pub struct FittedTable {
     pub left_out: usize,
     /// Condition number of its inputs, each scaled by its own spread.
     pub condition: Option<f64>,
-    /// How it was chosen.
+    /// How the model was chosen.
     pub chosen: Option<Chosen>,
-    /// How many of the net's parameters the data determine.
+    /// Number of the net's parameters that the data determine.
     pub effective: f64,
 }
 
@@ -216,7 +216,7 @@ fn fit_model(
     Ok(FittedTable { model, warnings, rows: total, left_out, condition, chosen, effective })
 }
 
-/// What the recordings cannot bear: refused, mended or warned of; and how many rows were left out for it.
+/// Checks the recordings: warnings, and the number of rows left out.
 fn check(
     recordings: &[TableRecording],
     rows: &mut [Recorded],
@@ -313,7 +313,7 @@ fn middles(x: &[&[f64]]) -> Vec<f32> {
     (0..width).map(|i| (x.iter().map(|row| row[i]).sum::<f64>() / n) as f32).collect()
 }
 
-/// How much a column moves.
+/// Span of a column.
 fn range_of(column: impl Iterator<Item = f32>) -> f32 {
     let [low, high] = extremes(column);
     high - low
@@ -325,7 +325,7 @@ fn kind(moves: impl Iterator<Item = f32>) -> Inputs {
     if most <= 100.0 * least { Inputs::Alike } else { Inputs::Unlike }
 }
 
-/// What a model is worth on a recording it has not seen.
+/// Errors of a model on a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableEvaluation {
     /// Figures per target, over all rows.
@@ -334,7 +334,7 @@ pub struct TableEvaluation {
     pub beyond_range: usize,
 }
 
-/// Compares a model with a recording.
+/// Evaluates a model on a recording.
 ///
 /// # Errors
 /// The recording's columns are not those of the model.

@@ -13,15 +13,15 @@ pub type Recorded = (Vec<Vec<f64>>, Vec<Vec<f64>>);
 
 /// The model to train and the recordings to train it on.
 pub struct Training<'a> {
-    /// What messages call it.
+    /// Name in messages.
     pub part: &'a str,
-    /// What messages call the targets.
+    /// Names of the targets in messages.
     pub targets: &'a [String],
     /// The family of the model.
     pub family: Family,
     /// The rows of each recording.
     pub recordings: &'a [Recorded],
-    /// How the inputs relate to each other.
+    /// Relation of the inputs to each other.
     pub inputs: Inputs,
     /// Hidden units, if the user says.
     pub hidden: Option<usize>,
@@ -31,7 +31,7 @@ pub struct Training<'a> {
     pub most: usize,
     /// Training of the nets.
     pub options: NetOptions,
-    /// What else could teach a net that `auto` chooses.
+    /// Another source of training rows for a net that `auto` chooses.
     pub teacher: Option<Teacher<'a>>,
 }
 
@@ -50,16 +50,16 @@ pub struct Teacher<'a> {
 pub type Teach<'a> = dyn Fn(&str, (Build, NetOptions), &mut dyn FnMut(Progress), &AtomicBool) -> Result<Net, FitError>
     + 'a;
 
-/// How a model was chosen.
+/// Choice of a model: its candidates and their cross-validated errors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chosen {
-    /// What was left out to choose it.
+    /// Kind of folds that were left out to choose it.
     pub left_out: LeftOut,
     /// RMS error of a straight line on what was left out, in the targets' units; empty where none was tried.
     pub line: Vec<f64>,
-    /// The same of the bent model that the net was taught by.
+    /// RMS error of the Gaussian process that the net was trained on, likewise.
     pub bent: Vec<f64>,
-    /// How far the net is from that model, between and beyond the recorded rows; empty for a line, and for
+    /// Distance of the net from that model, between and beyond the recorded rows; empty for a line, and for
     /// a net that the model of the skin taught.
     pub apart: Vec<f64>,
     /// RMS error of the model of the skin, where that taught the net: it meets the recordings better than
@@ -71,7 +71,7 @@ pub struct Chosen {
     pub widths: Vec<Tried>,
 }
 
-/// What a width did on the recordings left out.
+/// Cross-validated error of a width.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tried {
     /// Hidden units.
@@ -81,7 +81,7 @@ pub struct Tried {
 }
 
 impl Training<'_> {
-    /// What the user should know of a choice that no whole recording had a say in.
+    /// Warning about a choice that was not made on whole recordings.
     pub fn told(&self, chosen: Option<&Chosen>) -> Option<String> {
         let least = "that takes three recordings or more of one kind, mounted anew each time";
         match (self.family, chosen) {

@@ -19,7 +19,7 @@ use crate::quantise;
 use taxel_regress::error::FitError;
 use taxel_regress::metrics::surely_less;
 
-/// Standard deviation of what the unloaded light does not tell of a taxel's gain.
+/// Standard deviation of the part of a taxel's gain that the unloaded light does not show.
 const OWN: f64 = 0.05;
 /// A net's own error is much the same in presses of one weight, and gains could take it away there to bring it in
 /// elsewhere: up to so many times the RMS error on its own recordings is a young finger's.
@@ -143,7 +143,7 @@ pub(super) fn adjust(
     Ok(())
 }
 
-/// What the taxels' signals go through.
+/// Estimator of the taxels' signals.
 #[derive(Clone, Copy)]
 enum Estimator<'r> {
     Net(&'r ForceNet),
@@ -168,7 +168,7 @@ impl Estimator<'_> {
         }
     }
 
-    /// What it misses of a row, over what it is trusted to: components of the force that are known and, by the
+    /// Normalised errors of a row: components of the force that are known and, by the
     /// model, displacements. `state` is what the model remembers from `frames` before.
     fn errors(
         self,
@@ -298,9 +298,9 @@ fn fold_model(model: &mut Inverse, gains: &Gains) {
 /// The most probable logarithms of the gains.
 struct Problem<'e> {
     estimator: Estimator<'e>,
-    /// What the unloaded light says of them.
+    /// Their estimate from the unloaded light.
     light: Gains,
-    /// How well the net fitted when it was made, newtons an output.
+    /// RMS error of the net on its own recordings, newtons an output.
     sigma: [f64; 3],
 }
 

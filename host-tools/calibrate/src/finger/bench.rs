@@ -1,4 +1,4 @@
-//! One force sensor: S and b of f = S(u − b), by least squares (003 eqs (1.22)–(1.24)).
+//! One force sensor: S and b of f = S(u − b), by least squares ([Ospina2017] eqs (1.22)–(1.24)).
 
 use taxel::calibration::SensorCalibration;
 use taxel::estimate::sensitivity::Sensitivity;
@@ -17,7 +17,7 @@ use taxel_regress::training::Recorded;
 const WEAK: f64 = 20.0;
 
 /// Condition number of a sensor's signals above which the fit warns: a tenth of it in the reference would
-/// already be threefold in the force. Loads as in 003 (±0.35 N, 0–1 N) have about 5.
+/// already be threefold in the force. Loads as in [Ospina2017] (±0.35 N, 0–1 N) have about 5.
 const EVEN: f64 = 20.0;
 
 /// Fits a sensor to the recordings that load it; those with `true` load nothing else.

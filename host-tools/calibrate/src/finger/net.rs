@@ -1,4 +1,4 @@
-//! The net from the optical matrix to the force (002).
+//! The net from the optical matrix to the force ([DeMaria2011]).
 
 use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
@@ -24,14 +24,14 @@ use taxel_regress::shear::{FORCES, NO_SHEAR};
 use taxel_regress::sign_check;
 use taxel_regress::training::{Recorded, Teacher, Training};
 
-/// What a net is fitted to: the rows of each recording in which the chip would run it.
+/// The rows that a net is fitted to: those of each recording in which the chip would run it.
 pub(super) struct Loads {
     bias: TaxelBias,
     targets: Vec<String>,
     rows: Vec<Recorded>,
     /// Rows left out because a taxel was saturated or dead.
     faulty: usize,
-    /// Of each recording the samples that are wrong.
+    /// Wrong samples of each recording.
     pub wrong: Vec<HashSet<usize>>,
 }
 

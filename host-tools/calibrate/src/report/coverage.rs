@@ -1,4 +1,4 @@
-//! Where the recordings are and where they are not: a map of two reference columns.
+//! Coverage of the measuring range: maps of the recordings over two reference columns.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use super::series::{Kind, Series, extent};
 /// Cells along each side of a map.
 pub(crate) const CELLS: usize = 16;
 
-/// How many rows lie in each cell of a map.
+/// Number of rows in each cell of a map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Coverage {
     /// Reference column to the right.
@@ -22,12 +22,12 @@ pub struct Coverage {
     pub y_range: [f64; 2],
     /// Rows a cell, row by row from the lowest y.
     pub rows: Vec<Vec<usize>>,
-    /// Of the judged rows, how many percent lie more than two cells from any row fitted to; none where it is
+    /// Percent of the judged rows that lie more than two cells from any row fitted to; none where it is
     /// not known what the calibration was fitted to.
     pub beyond_percent: Option<f64>,
 }
 
-/// Which columns are drawn over which.
+/// Pairs of columns that are drawn over each other.
 const MAPS: [(Kind, Kind); 3] = [
     (Kind::Point(0), Kind::Point(1)),
     (Kind::Force(0), Kind::Force(1)),

@@ -1,4 +1,4 @@
-//! Where the recordings cannot support the calibration.
+//! Warnings where the recordings cannot support the calibration.
 
 use crate::recording::Recording;
 use crate::shear;
@@ -13,7 +13,7 @@ const SAME: f64 = 0.9999;
 /// whole recordings.
 const FEW: usize = 3;
 
-/// What the user should know of the recordings that the calibration was fitted to, in full sentences.
+/// Warnings about the recordings that the calibration was fitted to, in full sentences.
 pub(crate) fn doubts(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
     if fitted.is_empty() {
         return unknown();
@@ -107,7 +107,7 @@ pub(crate) fn alike(names: &[String], rows: &[Vec<f64>]) -> Vec<String> {
     doubts
 }
 
-/// What the taxels say in contact, in the calibration's own bias.
+/// Signals of the taxels in contact, in the calibration's own bias.
 pub(crate) fn taxels(bias: &Bias, recordings: &[Recording]) -> Vec<Vec<f64>> {
     signals(bias, recordings, |bias, levels| {
         let noise = f64::from(bias.taxels?.noise);
@@ -116,7 +116,7 @@ pub(crate) fn taxels(bias: &Bias, recordings: &[Recording]) -> Vec<Vec<f64>> {
     })
 }
 
-/// What a sensor says under load.
+/// Signals of a sensor under load.
 pub(crate) fn bridges(bias: &Bias, sensor: usize, recordings: &[Recording]) -> Vec<Vec<f64>> {
     signals(bias, recordings, |bias, levels| {
         let noise = f64::from(bias.bridges[sensor]?.noise);

@@ -1,4 +1,4 @@
-//! How far two calibrations of one finger lie apart.
+//! Drift: the difference between two calibrations of one finger.
 
 use crate::recording::Recording;
 use nalgebra::{Matrix3, Vector3};
@@ -12,27 +12,27 @@ use super::figures::figures;
 use super::series::{self, Series, fine, split_unit};
 use super::table;
 
-/// What became of a finger between two calibrations.
+/// Changes of a finger between two calibrations.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drift {
     /// Seconds from the first to the second; negative where they were given the other way round.
     pub seconds: i64,
-    /// What to look at first, in full sentences.
+    /// Warnings, in full sentences.
     pub warnings: Vec<String>,
     /// Everything that can have changed.
     pub changes: Vec<Change>,
-    /// Of recordings with references, how well each calibration meets them.
+    /// Errors of both calibrations on recordings with references.
     pub met: Vec<Met>,
 }
 
 /// One quantity before and after.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Change {
-    /// Which part of the record.
+    /// Part of the record.
     pub part: String,
-    /// Which quantity.
+    /// Quantity.
     pub what: String,
-    /// By how much it changed.
+    /// Change.
     pub by: f64,
     /// Unit of that.
     pub unit: &'static str,
@@ -41,11 +41,11 @@ pub struct Change {
 /// RMSE of one reference column with either calibration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Met {
-    /// Which recording.
+    /// Name of the recording.
     pub recording: String,
-    /// Which column.
+    /// Reference column.
     pub target: String,
-    /// Its unit.
+    /// Unit of the column.
     pub unit: &'static str,
     /// With the first.
     pub before: f64,
@@ -200,7 +200,7 @@ fn sensor(drift: &mut Drift, name: &str, a: &SensorCalibration, b: &SensorCalibr
     drift.push(name, "noise".into(), ratio(a.bias.noise, b.bias.noise), "%");
 }
 
-/// By how many percent it grew.
+/// Growth in percent.
 fn ratio(before: f32, after: f32) -> f64 {
     100.0 * (f64::from(after) / f64::from(before).max(f64::MIN_POSITIVE) - 1.0)
 }

@@ -1,4 +1,4 @@
-//! The figures of one quantity over one recording.
+//! Error figures of one quantity over one recording.
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -38,7 +38,7 @@ pub struct Figures {
     pub percent: Option<f64>,
     /// Largest difference of the mean estimate between rising and falling reference, in percent of the span.
     pub hysteresis_percent: Option<f64>,
-    /// How much of each other component of the same force shows up here, in percent.
+    /// Crosstalk from each other component of the same force, in percent.
     pub crosstalk_percent: Vec<(String, f64)>,
     /// Standard deviation from row to row, without what moves slowly.
     pub noise: Option<f64>,

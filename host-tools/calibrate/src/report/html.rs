@@ -209,7 +209,7 @@ fn papers(page: &mut String, papers: &[Printed], trials: &[Trial]) {
     *page += "</table>";
 }
 
-/// Of the finger's figures of a paper's quantity, or any of its sensors', those with the largest σ.
+/// Figures with the largest σ of a paper's quantity, of the finger or any of its sensors.
 fn ours<'t>(paper: &Printed, trials: &'t [Trial]) -> Option<&'t Figures> {
     let same = |found: &&Figures| {
         let name = split_unit(&found.target).0;

@@ -1,4 +1,4 @@
-//! The report: all that is known of a calibration, ready to be printed or drawn.
+//! The report of a finger: all that is known of a calibration, ready to be printed or drawn.
 
 use crate::recording::Recording;
 use nalgebra::Matrix3;
@@ -19,24 +19,24 @@ const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
 /// Below this force its direction says nothing, newtons.
 const LEAST_FORCE: f64 = 0.3;
 
-/// What a calibration is worth.
+/// Report of a calibration.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Which calibration.
+    /// The calibration.
     pub about: About,
-    /// What to look at first, in full sentences.
+    /// Warnings, in full sentences.
     pub warnings: Vec<String>,
     /// Each recording that it has not seen.
     pub trials: Vec<Trial>,
-    /// Where the recordings are and where they are not.
+    /// Coverage of the measuring range by the recordings.
     pub coverage: Vec<Coverage>,
-    /// What the papers print of such sensors.
+    /// Figures that the papers print of such sensors.
     pub papers: Vec<Printed>,
-    /// Harmon's requirements (004) beside what was found.
+    /// Harmon's requirements ([TactileEnc]) next to the figures found.
     pub requirements: Vec<Requirement>,
 }
 
-/// What stands in the record.
+/// Contents of the record.
 #[derive(Clone, Debug, Serialize)]
 pub struct About {
     /// Serial number of the finger.
@@ -52,7 +52,7 @@ pub struct About {
 pub struct Part {
     /// `finger`, `skin`, `slip`, `s0` …, `array`, or `table`.
     pub name: String,
-    /// What the estimator is.
+    /// The estimator.
     pub model: String,
     /// RMS error of the fit, in the units below; none for what a record keeps none of.
     pub residual: Vec<f64>,
@@ -69,7 +69,7 @@ pub struct Part {
 /// A recording and how the calibration did on it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Trial {
-    /// Its file.
+    /// File of the recording.
     pub recording: String,
     /// Seconds.
     pub seconds: f64,
@@ -77,7 +77,7 @@ pub struct Trial {
     pub rate_hz: f64,
     /// Figures of each reference column.
     pub figures: Vec<Figures>,
-    /// How far the direction of the force is off, where the force is 0.3 N or more.
+    /// Error of the force's direction, where the force is 0.3 N or more.
     pub angle: Option<Angle>,
     /// For the plots.
     #[serde(skip)]

@@ -1,15 +1,15 @@
-//! What the papers print, to stand beside what was found. Forces in newtons, positions in millimetres.
+//! Figures that the papers print, shown next to those found. Forces in newtons, positions in millimetres.
 
 use serde::Serialize;
 
 /// A line of a paper's table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Printed {
-    /// Of which quantity.
+    /// Quantity.
     pub quantity: &'static str,
-    /// Its unit.
+    /// Unit.
     pub unit: &'static str,
-    /// Where it stands.
+    /// Place in the paper.
     pub source: &'static str,
     /// Mean error.
     pub bias: Option<f64>,
@@ -53,11 +53,11 @@ pub(crate) const ANGLE_DEG: f64 = 10.0;
 /// One of Harmon's requirements (004) and what was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Requirement {
-    /// What is asked for.
+    /// Requirement.
     pub asked: &'static str,
-    /// What was found, and of which quantity.
+    /// Value found, with its quantity.
     pub found: Option<String>,
-    /// Whether that is enough.
+    /// Whether the requirement is met.
     pub met: Option<bool>,
 }
 

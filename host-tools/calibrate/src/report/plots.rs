@@ -120,7 +120,7 @@ pub(crate) fn over_reference(series: &Series) -> String {
     })
 }
 
-/// How many rows lie where; empty cells stay white.
+/// Map of the number of rows; empty cells stay white.
 pub(crate) fn map(coverage: &Coverage) -> String {
     let [x0, x1] = coverage.x_range;
     let [y0, y1] = coverage.y_range;

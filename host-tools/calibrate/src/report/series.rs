@@ -1,4 +1,4 @@
-//! References and what the finger says to them, row by row, through the arithmetic of the chip.
+//! Series of references and estimates, row by row, by the arithmetic of the chip.
 
 use crate::recording::Recording;
 use taxel::calibration::Calibration;
@@ -8,7 +8,7 @@ use taxel::frame::Status;
 use taxel::scan::SENSORS;
 use taxel_files::trace::{Sample, sensor_truth_names};
 
-/// What a series is of.
+/// Quantity of a series.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Component of the finger's force, newtons.
@@ -58,7 +58,7 @@ impl Kind {
         (0..3).map(Self::Force).chain((0..2).map(Self::Point)).chain(sensors)
     }
 
-    /// Its reference column.
+    /// Name of the reference column.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
@@ -69,7 +69,7 @@ impl Kind {
         }
     }
 
-    /// Its unit.
+    /// Unit of the quantity.
     #[must_use]
     pub fn unit(&self) -> &'static str {
         split_unit(&self.name()).1
@@ -91,13 +91,13 @@ impl Kind {
 /// One reference column and its estimates, row by row.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// What of.
+    /// Quantity.
     pub kind: Kind,
     /// Seconds since the first row; the rows' numbers where the recording tells no time.
     pub time: Vec<f64>,
     /// The reference.
     pub reference: Vec<f64>,
-    /// What the finger said; `None` where it withheld it.
+    /// Estimate; `None` where the finger gave none.
     pub estimate: Vec<Option<f64>>,
     /// The recording tells time.
     pub timed: bool,

@@ -1,4 +1,4 @@
-//! The report of somebody else's sensor: a table of channels and the model that was fitted to one.
+//! The report of another sensor: a table of channels and the model that was fitted to one.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 use taxel_regress::shear;
@@ -121,7 +121,7 @@ fn pairs(model: &TableModel) -> Vec<(Kind, Kind)> {
     pairs
 }
 
-/// What the maps are drawn of: the targets, and the inputs in the principal directions of those `known`.
+/// Series of the maps: the targets, and the inputs in the principal directions of those `known`.
 fn mapped(
     model: &TableModel,
     recordings: &[TableRecording],

@@ -1,13 +1,13 @@
-//! A reference on the sensor's own times that would fit better at other ones.
+//! Detection of a misaligned reference among rows that share one time column.
 
 use super::search::{MOST_RATES, Trace, rates};
 use super::{Alignment, LEAST_CORRELATION, LEAST_ROWS, Series, align, refine, refine_from};
 use crate::quantile::{median, quantile};
 
-/// Of a load that repeats itself, a correlation above this is not looked at for drift.
+/// Correlation of a repeating load above which drift is not searched for.
 const GOOD_CORRELATION: f64 = 0.9;
 
-/// Whether a reference on the sensor's own times would fit much better at other ones: its alignment, if what
+/// Alignment of a reference that would fit much better at other times: found if what
 /// a line leaves of it falls to less than a half, and it is off by more than two rows somewhere.
 #[must_use]
 pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment> {
@@ -64,7 +64,7 @@ fn drifting(sensor: Series<'_>, reference: Series<'_>) -> Option<Alignment> {
     (refined.correlation >= LEAST_CORRELATION).then_some(refined)
 }
 
-/// What is to be said of a reference that [`misaligned`] found to be so and that was read where it fits, of a
+/// Warning about a reference that [`misaligned`] found to be so and that was read where it fits, of a
 /// recording that begins at `first`.
 pub fn off_time(recording: &str, found: &Alignment, first: f64) -> String {
     format!(

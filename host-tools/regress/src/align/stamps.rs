@@ -1,4 +1,4 @@
-//! Time stamps that several rows share: of a clock that was rounded, or of rows that came in bursts.
+//! Spreading of time stamps that several rows share: of a clock that was rounded, or of rows that came in bursts.
 
 use std::borrow::Cow;
 

@@ -12,7 +12,7 @@ use crate::training::Recorded;
 const LIKE: usize = 24;
 const ROWS_A_LIKE: usize = 8;
 const LEAST_LIKE: usize = 8;
-/// Of fewer rows than this none are told by those like them.
+/// Fewest rows in which outliers are found by the rows like them.
 const LEAST_ROWS: usize = ROWS_A_LIKE * LEAST_LIKE;
 /// Rows that they are sought among.
 const SOUGHT: usize = 3000;
@@ -60,7 +60,7 @@ pub(super) fn wrong((x, y): &Recorded, known: Vec<bool>, loose: bool) -> Vec<boo
 /// The rows of a recording, scaled by those that are still taken for sound.
 pub(super) struct Pass<'s> {
     sound: &'s [usize],
-    /// How many rows like it one is compared with.
+    /// Number of similar rows that a row is compared with.
     like: usize,
     /// Of the sound rows those that others are compared with.
     sought: Vec<usize>,

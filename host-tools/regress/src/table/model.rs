@@ -1,4 +1,4 @@
-//! What a fit of a table leaves: a model of somebody else's sensor, as its file holds it.
+//! The model of a table, as its file holds it.
 
 use serde::{Deserialize, Serialize};
 use taxel::calibration::Range;
@@ -15,7 +15,7 @@ pub struct TableModel {
     /// Serial number of the sensor.
     #[serde(default)]
     pub serial: String,
-    /// When it was fitted, seconds since 1970-01-01 UTC.
+    /// Date of the fit, seconds since 1970-01-01 UTC.
     #[serde(default, with = "taxel_files::calibration::date")]
     pub date: u64,
     /// Names of the input columns, in the order of the weights.
@@ -24,22 +24,22 @@ pub struct TableModel {
     pub targets: Vec<String>,
     /// Range of each input in training, margin included.
     pub range: Vec<Range>,
-    /// What becomes of the inputs, less `centre`, before the weights below see them.
+    /// Expansion of the inputs, less `centre`, into the terms that the weights multiply.
     #[serde(default)]
     pub expansion: Expansion,
-    /// Taken from the inputs of an expansion first; else empty.
+    /// Offset subtracted from the inputs of an expansion; else empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub centre: Vec<f32>,
-    /// W, a row a unit.
+    /// Weights W of the hidden layer, a row a unit.
     pub hidden: Vec<f32>,
-    /// a.
+    /// Biases a of the hidden layer.
     pub hidden_bias: Vec<f32>,
-    /// V, a row a target.
+    /// Weights V of the outputs, a row a target.
     pub output: Vec<f32>,
-    /// L, a row a target, if there is a skip path.
+    /// Weights L of the skip path, a row a target, if there is one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub skip: Vec<f32>,
-    /// b.
+    /// Biases b of the outputs.
     pub output_bias: Vec<f32>,
     /// RMS error of the fit, in the targets' units.
     pub residual: Vec<f32>,
@@ -49,7 +49,7 @@ pub struct TableModel {
 }
 
 impl TableModel {
-    /// As the core takes it.
+    /// Layers for the core.
     #[must_use]
     pub fn layers(&self) -> Layers<'_> {
         Layers {
@@ -61,7 +61,7 @@ impl TableModel {
         }
     }
 
-    /// The targets for one row of inputs.
+    /// Estimates the targets for one row of inputs.
     #[must_use]
     pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
         if let Some(law) = &self.law {
@@ -76,7 +76,7 @@ impl TableModel {
         network::outputs(layers, &super::to_f32(&self.expansion.terms(&from_centre)))
     }
 
-    /// Its shape: `skip 15-16-1`, `cubic 15-1`, `row`.
+    /// Shape of the model: `skip 15-16-1`, `cubic 15-1`, `row`.
     #[must_use]
     pub fn shape(&self) -> String {
         let (inputs, outputs) = (self.inputs.len(), self.targets.len());
@@ -90,7 +90,7 @@ impl TableModel {
         }
     }
 
-    /// Every input lies within what training saw.
+    /// Whether every input lies within the trained range.
     #[must_use]
     pub fn within_range(&self, inputs: &[f32]) -> bool {
         self.range.iter().zip(inputs).all(|([low, high], x)| (low..=high).contains(&x))

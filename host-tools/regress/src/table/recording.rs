@@ -1,4 +1,4 @@
-//! A table's rows with their references, on one time.
+//! Rows of a table with their references, on one time base.
 
 use std::borrow::Cow;
 
@@ -47,7 +47,7 @@ impl TableRecording {
         Ok(Self { inputs: inputs_read, targets })
     }
 
-    /// Inputs with a reference that another clock logged. What the sensor's own file says of a target is no
+    /// Joins inputs with a reference that another clock logged. What the sensor's own file says of a target is no
     /// input, nor is the time.
     ///
     /// # Errors
@@ -86,14 +86,14 @@ impl TableRecording {
         Ok((Self { inputs, targets }, alignment))
     }
 
-    /// What messages call it.
+    /// Name in messages.
     #[must_use]
     pub fn name(&self) -> String {
         self.inputs.path.display().to_string()
     }
 }
 
-/// References read at the times at which they fit, and what is to be said of it.
+/// Reads misaligned references at the times at which they fit, and warns of them.
 pub(super) fn put_on_time(recordings: &[TableRecording], rows: &mut [Recorded]) -> Vec<String> {
     let mut warnings = Vec::new();
     let mut unchecked: Vec<(String, Vec<String>)> = Vec::new();
