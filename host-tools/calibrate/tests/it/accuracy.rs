@@ -154,9 +154,9 @@ fn a_newton_is_resolved_to_two_thousandths_and_followed_beyond_200_hz() {
             "1000 : 1",
             range.map(|range| format!("{:.0} : 1", 100.0 * (range / 100.0).round())),
         ),
-        ("least touch that is felt", NONE, least),
+        ("detection threshold", NONE, least),
         (
-            "left of a swing of F_z at 200 Hz",
+            "amplitude response of F_z at 200 Hz",
             "71 %",
             left.map(|left| format!("{:.0} %", 1e2 * left)),
         ),
