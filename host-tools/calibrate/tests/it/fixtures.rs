@@ -89,14 +89,19 @@ fn compare(Fixture { name, device, fit }: &Fixture) {
     );
 }
 
-#[test]
-fn a_judged_record_is_what_the_fit_gives() {
-    check(&[judged(11)]);
-}
+/// Refits too long for the quick profile.
+mod endurance {
+    use super::{check, judged, warm};
 
-#[test]
-fn records_of_a_warm_finger_are_what_the_fit_gives() {
-    check(&[warm(true), warm(false)]);
+    #[test]
+    fn a_judged_record_is_what_the_fit_gives() {
+        check(&[judged(11)]);
+    }
+
+    #[test]
+    fn records_of_a_warm_finger_are_what_the_fit_gives() {
+        check(&[warm(true), warm(false)]);
+    }
 }
 
 mod nightly {

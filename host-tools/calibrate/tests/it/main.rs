@@ -1,5 +1,5 @@
-//! Tests of the calibration on simulated fingers. Slow ones are in modules `nightly`, which the nextest profiles
-//! `quick` and `ci` leave out.
+//! Tests of the calibration on simulated fingers. The quick profile of nextest leaves out modules `endurance`, and it
+//! and `ci` leave out modules `nightly`.
 
 mod accuracy;
 mod adjust;
