@@ -8,12 +8,7 @@ use serde::de::{Error, SeqAccess, Visitor};
 use serde::ser::SerializeStruct;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::condition::Signals;
-use crate::estimate::slip::Verdict;
-use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
-use crate::measured::Measured;
-use crate::scan::{Codes, SENSORS};
-use crate::units::{Micros, NewtonMillimetres};
+use crate::units::Micros;
 pub use schema::{Fields, Status};
 
 macro_rules! frames {

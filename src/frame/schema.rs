@@ -19,7 +19,7 @@ macro_rules! frame_fields {
     ($with:ident) => {
         $with! {
             head {
-                codes: Codes = CODES(0) "ADC codes" {
+                codes: $crate::scan::Codes = CODES(0) "ADC codes" {
                     layout: Type::Named("Codes"),
                     columns: &[Columns::Whole("lit_r0c0 lit_r0c1 lit_r0c2 lit_r0c3 lit_r1c0 lit_r1c1 lit_r1c2 lit_r1c3 \
                               lit_r2c0 lit_r2c1 lit_r2c2 lit_r2c3 lit_r3c0 lit_r3c1 lit_r3c2 lit_r3c3 \
@@ -31,7 +31,7 @@ macro_rules! frame_fields {
                               aux_vref aux_temp")],
                     rows: &[Row("`lit_r0c0` … `bridge_s3_d`, `aux_…`", "codes", "readings of the converter")],
                 }
-                signals: Signals = SIGNALS(1) "Conditioned signals and channel health" {
+                signals: $crate::condition::Signals = SIGNALS(1) "Conditioned signals and channel health" {
                     layout: Type::Named("Signals"),
                     columns: &[Columns::Real("c_r0c0 c_r0c1 c_r0c2 c_r0c3 c_r1c0 c_r1c1 c_r1c2 c_r1c3 \
                               c_r2c0 c_r2c1 c_r2c2 c_r2c3 c_r3c0 c_r3c1 c_r3c2 c_r3c3 \
@@ -45,25 +45,25 @@ macro_rules! frame_fields {
                             "clipped taxels, dead taxels, faulty bridges"),
                     ],
                 }
-                sensors: [Force; SENSORS] = SENSORS(2) "Force on each MEMS sensor" {
+                sensors: [$crate::estimate::Force; $crate::scan::SENSORS] = SENSORS(2) "Force on each MEMS sensor" {
                     layout: Type::Array(&FORCE, SENSORS),
                     columns: &[Columns::Measured("s0_fx_n s0_fy_n s0_fz_n s1_fx_n s1_fy_n s1_fz_n \
                               s2_fx_n s2_fy_n s2_fz_n s3_fx_n s3_fy_n s3_fz_n")],
                     rows: &[Row("`s0_fx_n` … `s3_fz_n`", "N", "force on each MEMS sensor")],
                 }
-                force: Force = FORCE(3) "Force on the finger: zero, not missing, without contact" {
+                force: $crate::estimate::Force = FORCE(3) "Force on the finger: zero, not missing, without contact" {
                     layout: FORCE,
                     columns: &[Columns::Measured("fx_n fy_n fz_n")],
                     rows: &[Row("`fx_n` `fy_n` `fz_n`", "N",
                         "force on the finger; x along a row, y along the columns, **z positive into the skin**. Zero, not \
                          missing, without contact")],
                 }
-                point: Measured<ContactPoint> = POINT(4) "Contact point" {
+                point: $crate::measured::Measured<$crate::estimate::ContactPoint> = POINT(4) "Contact point" {
                     layout: Type::Result(&POINT),
                     columns: &[Columns::Measured("x_mm y_mm")],
                     rows: &[Row("`x_mm` `y_mm`", "mm", "contact point, from the middle of the matrix")],
                 }
-                slip: Measured<Verdict> = SLIP(5) "Slip margin, friction, and the grip that it takes" {
+                slip: $crate::measured::Measured<$crate::estimate::slip::Verdict> = SLIP(5) "Slip margin, friction, and the grip that it takes" {
                     layout: Type::Result(&Type::Struct(
                         "Slip",
                         "``margin`` is what is left of the friction, 1 unloaded and 0 at the limit; ``grip_n`` the normal \
@@ -84,12 +84,12 @@ macro_rules! frame_fields {
                              the shear"),
                     ],
                 }
-                torsion: Measured<NewtonMillimetres> = TORSION(6) "Moment about the contact's normal" {
+                torsion: $crate::measured::Measured<$crate::units::NewtonMillimetres> = TORSION(6) "Moment about the contact's normal" {
                     layout: Type::Result(&Type::F32),
                     columns: &[Columns::Measured("torsion_nmm")],
                     rows: &[Row("`torsion_nmm`", "N·mm", "moment about the normal of the contact")],
                 }
-                contacts: Measured<[NormalContact; 2]> = CONTACTS(7)
+                contacts: $crate::measured::Measured<[$crate::estimate::NormalContact; 2]> = CONTACTS(7)
                     "Two contacts, the stronger first, if a single one does not explain the signals"
                 {
                     layout: Type::Result(&Type::Array(&CONTACT, 2)),
@@ -99,7 +99,7 @@ macro_rules! frame_fields {
                 }
             }
             tail {
-                uncertainty: Measured<Uncertainty> = UNCERTAINTY(8)
+                uncertainty: $crate::measured::Measured<$crate::estimate::Uncertainty> = UNCERTAINTY(8)
                     "Standard deviations of force and contact position, and the model's residual"
                 {
                     layout: Type::Result(&Type::Struct(
