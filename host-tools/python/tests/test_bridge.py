@@ -274,8 +274,7 @@ def test_the_manuals_commands_do_what_it_says(command: str, tmp_path: Path):
     endpoint = free_endpoint()
     listener = subprocess.Popen(
         # Long enough for a bridge that is slow to start: it has four seconds to say.
-        [sys.executable, str(ROOT / "host-tools/ros2/listen.py"), "--seconds", "20"]
-        + ["--listen", endpoint],
+        [sys.executable, str(ROOT / "host-tools/ros2/listen.py"), "--seconds", "20"] + ["--listen", endpoint],
         stdout=subprocess.PIPE,
         text=True,
     )
