@@ -21,7 +21,7 @@ use core::fmt;
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
-use crate::condition::{Bias, BridgeBias, TaxelBias, Warmth};
+use crate::condition::{Bias, BridgeBias, TaxelBias, TemperatureCompensation};
 use crate::crc32::crc32;
 use crate::estimate::array::Array;
 use crate::estimate::inverse::Inverse;
@@ -130,7 +130,7 @@ sections! {
     5 since 2: quantised: QuantisedNet;
     /// Effect of temperature on the channels.
     #[cfg(feature = "warmth")]
-    6 since 2: warmth: Warmth;
+    6 since 2: warmth: TemperatureCompensation;
     /// The force sensors as one.
     #[cfg(feature = "array")]
     20 since 2: array: Array;

@@ -1,7 +1,7 @@
 //! Codes become signals: dark subtraction, full-scale normalisation, bias, and channel health.
 //!
 //! ```text
-//! Codes ──Levels::read, Warmth::correct──▶ Levels ──Bias::apply, LowPass::smooth──▶ Signals
+//! Codes ──Levels::read, TemperatureCompensation::correct──▶ Levels ──Bias::apply, LowPass::smooth──▶ Signals
 //! ```
 //! [`Levels`] are absolute fractions of full scale and need no calibration. [`Signals`] are changes
 //! against the unloaded finger and exist only once a [`Bias`] is known. They are smoothed only where the
@@ -20,7 +20,7 @@ pub use levels::{BridgeLevels, DEAD_LEVEL, Levels, MIDPOINT_MARGIN, TaxelLevels}
 pub use low_pass::{LowPass, LowPassState};
 pub use noise::NoiseWatch;
 pub use stuck::{Stuck, StuckWatch};
-pub use warmth::{PER_KELVIN, Thermometer, Warm, Warmth};
+pub use warmth::{PER_KELVIN, TemperatureCompensation, Thermometer, Warm};
 
 use serde::{Deserialize, Serialize};
 

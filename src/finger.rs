@@ -9,9 +9,10 @@
 //! What matrix and array both say is weighted by what each is sure of; where one is faulty the other stands
 //! for both. Which estimators ran is in the status.
 
+mod fusion;
 mod matrix;
-mod together;
-mod untouched;
+mod no_contact;
+mod slip;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
@@ -26,10 +27,11 @@ use crate::frame::{Fields, FrameRef, Status};
 use crate::measured::{Measured, NoValue};
 use crate::scan::{Codes, SENSORS, Scan};
 use crate::units::{Micros, NewtonMillimetres};
-use matrix::{Look, MatrixState, Seen};
+use fusion::{ArrayEstimate, Fused};
+use matrix::{MatrixState, OpticalEstimate, OpticalInput};
 pub use matrix::{PLACE_ERROR, SKIN_ERROR};
-use together::{Felt, Fused, Grip, GripState};
-use untouched::untouched;
+use no_contact::no_contact;
+use slip::{Grip, GripState};
 
 /// The coefficients of one finger. Nothing in here changes from scan to scan.
 #[derive(Clone, Debug, Default)]
@@ -288,7 +290,7 @@ impl Finger {
             state.matrix = MatrixState::default();
             let no_slip = slip.err();
             state.grip.release();
-            untouched(record, &scan.codes, no_slip, estimate);
+            no_contact(record, &scan.codes, no_slip, estimate);
         }
         let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
         let uncalibrated = lacks(&estimate.force) && estimate.sensors.iter().all(lacks);
@@ -305,12 +307,12 @@ impl Finger {
     ) {
         let Estimate { time, signals, sensors, status, .. } = &mut *estimate;
         let record = self.calibration.as_ref();
-        let felt = Felt::of(record, signals, sensors, status);
+        let felt = ArrayEstimate::of(record, signals, sensors, status);
         let seen = match &signals.taxels {
-            None => Seen::nothing(missing(codes.taxels.is_some())),
+            None => OpticalEstimate::nothing(missing(codes.taxels.is_some())),
             Some(c) => {
                 let (health, bias, method) = (&signals.health, &state.bias, self.point_method);
-                let look = Look { record, method, c, health, bias, felt: &felt };
+                let look = OpticalInput { record, method, c, health, bias, felt: &felt };
                 look.see(&mut state.matrix, status)
             }
         };

@@ -54,8 +54,8 @@ pub mod estimate;
 pub mod finger;
 pub mod frame;
 pub mod instrument;
+pub mod math;
 pub mod measured;
-pub mod roots;
 pub mod scan;
 pub mod self_test;
 #[cfg(feature = "session")]

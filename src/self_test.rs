@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::roots::sqrt;
+use crate::math::sqrt;
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
 use crate::units::{Code, FullScale};
 

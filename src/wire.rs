@@ -4,10 +4,10 @@
 //! stream of bytes. `docs/protocol.md` is the specification for other languages, `tests/core/wire_golden.rs`
 //! pins it byte by byte.
 
+mod cobs;
 pub mod deframer;
 mod frame;
 pub mod message;
-mod stuffing;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -57,7 +57,7 @@ pub fn pack_frame<'b, 'f>(
 #[inline(always)]
 fn close(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Result<&[u8], WireError> {
     let end = sealed(buffer, &put).ok_or(WireError::TooLong)?;
-    let length = match stuffing::stuff(buffer, end) {
+    let length = match cobs::cobs_encode_in_place(buffer, end) {
         Some(length) => length,
         None => stuff_long_runs(buffer, &put).ok_or(WireError::TooLong)?,
     };
@@ -81,10 +81,10 @@ fn stuff_long_runs(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) 
     let mut plain = [0; MAX_PACKET];
     let end = sealed(&mut plain, put)?;
     let packet = plain.get(1..end)?;
-    if buffer.len() <= cobs::max_encoding_length(packet.len()) {
+    if buffer.len() <= ::cobs::max_encoding_length(packet.len()) {
         return None;
     }
-    let length = cobs::encode(packet, buffer);
+    let length = ::cobs::encode(packet, buffer);
     *buffer.get_mut(length)? = 0;
     Some(length + 1)
 }
@@ -94,7 +94,7 @@ fn stuff_long_runs(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) 
 /// # Errors
 /// What is wrong with it.
 pub fn unpack<M: DeserializeOwned>(bytes: &mut [u8]) -> Result<M, WireError> {
-    let length = cobs::decode_in_place(bytes).map_err(|_| WireError::Coding)?;
+    let length = ::cobs::decode_in_place(bytes).map_err(|_| WireError::Coding)?;
     let end = length.checked_sub(4).ok_or(WireError::Coding)?;
     let body = bytes.get(..end).ok_or(WireError::Coding)?;
     let crc = bytes.get(end..length).and_then(<[u8]>::first_chunk).ok_or(WireError::Coding)?;

@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use super::section::{Checks, Coefficients, HUGE, Part, finite};
 use super::{Range, SensorCalibration, TaxelCalibration};
-use crate::condition::{Bias, Warmth};
+use crate::condition::{Bias, TemperatureCompensation};
 use crate::estimate::array::{Array, WrenchMethod};
 use crate::estimate::field::TERMS;
 use crate::estimate::intrinsic::Surface;
@@ -78,10 +78,10 @@ section! { Slip {
     "safety": safety => |safety| (1.0..=100.0).contains(safety);
 }}
 
-section! { Warmth {
+section! { TemperatureCompensation {
     "reference": reference => |level| (0.0..=1.0).contains(level);
     "range": range => |range| ranges_fit(&[*range]);
-    "light, sensitivity": light, sensitivity => |light, bridges| Warmth::shares_fit(&[*light, *bridges]);
+    "light, sensitivity": light, sensitivity => |light, bridges| TemperatureCompensation::shares_fit(&[*light, *bridges]);
     "offset": offset => |offset| offset.as_flattened().iter().all(|offset| offset.abs() <= 1e3);
 }}
 

@@ -43,7 +43,7 @@ fn largest() -> Calibration {
         }),
         quantised: None,
         slip: Some(Slip::usual(0.8)),
-        warmth: Some(Warmth {
+        warmth: Some(TemperatureCompensation {
             reference: 0.23,
             range: [0.22, 0.24],
             light: -6.6,

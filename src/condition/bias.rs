@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Signals;
 use super::levels::{BridgeLevels, Levels, TaxelLevels};
-use crate::roots::sqrt;
+use crate::math::sqrt;
 use crate::scan::{SENSORS, TAXELS};
 
 /// No channel is trusted to be quieter than a quarter of a 12-bit step, however still a short

@@ -2,7 +2,7 @@
 //! other, in half of their cycles.
 
 use super::levels::{BridgeLevels, BridgeLimits, any_sign, lost, outputs};
-use super::{Bias, Health, Levels, Signals, TaxelLevels, Warm, Warmth};
+use super::{Bias, Health, Levels, Signals, TaxelLevels, TemperatureCompensation, Warm};
 use crate::scan::{COLS, Codes, SENSORS, TAXELS, TaxelCodes};
 use crate::units::Code;
 
@@ -37,7 +37,7 @@ impl Bias {
         &self,
         codes: &Codes,
         step: f32,
-        change: Option<(&Warmth, f32)>,
+        change: Option<(&TemperatureCompensation, f32)>,
         signals: &mut [Option<BridgeLevels>; SENSORS],
     ) -> u8 {
         let mut faults = 0;
@@ -164,7 +164,7 @@ mod tests {
             healthy in prop::option::of([(); TAXELS].map(|()| 0.2f32..0.8)),
             kelvin in prop::option::of(-80.0f32..80.0),
         ) {
-            let warmth = Warmth {
+            let warmth = TemperatureCompensation {
                 reference: 0.23,
                 range: [0.22, 0.24],
                 light: -6.6,

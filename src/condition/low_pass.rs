@@ -7,7 +7,7 @@
 use core::f32::consts::{PI, SQRT_2};
 
 use super::Signals;
-use crate::roots::tan;
+use crate::math::tan;
 use crate::scan::{SENSORS, TAXELS};
 
 /// Coefficients of one corner frequency.

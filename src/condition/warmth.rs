@@ -24,7 +24,7 @@ const FARTHEST: f32 = 60.0 * PER_KELVIN;
 /// How the channels move with the thermometer's level, which is a fraction of full scale as theirs is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Warmth {
+pub struct TemperatureCompensation {
     /// The level to which all channels are brought.
     pub reference: f32,
     /// The lowest and the highest level at which the channels are known.
@@ -37,10 +37,10 @@ pub struct Warmth {
     pub offset: [BridgeLevels; SENSORS],
 }
 
-/// Warmth, and the thermometer's level now.
-pub type Warm<'c> = (&'c Warmth, f32);
+/// TemperatureCompensation, and the thermometer's level now.
+pub type Warm<'c> = (&'c TemperatureCompensation, f32);
 
-impl Warmth {
+impl TemperatureCompensation {
     /// Over [`FARTHEST`] light and sensitivity change by less than half.
     pub(crate) fn shares_fit(shares: &[f32; 2]) -> bool {
         shares.iter().all(|share| (share * FARTHEST).abs() < 0.5)
@@ -106,7 +106,7 @@ mod tests {
     use crate::units::{Code, FullScale};
     use proptest::prelude::*;
 
-    const WARMTH: Warmth = Warmth {
+    const WARMTH: TemperatureCompensation = TemperatureCompensation {
         reference: 0.23,
         range: [0.22, 0.24],
         light: -6.6,
@@ -175,8 +175,8 @@ mod tests {
         fn no_temperature_makes_a_level_infinite(
             level in -1.0f32..2.0, light in -6.0f32..6.0, offset in -1e3f32..1e3,
         ) {
-            let warmth = Warmth { light, offset: [[offset; 3]; SENSORS], ..WARMTH };
-            prop_assume!(Warmth::shares_fit(&[warmth.light, warmth.sensitivity]));
+            let warmth = TemperatureCompensation { light, offset: [[offset; 3]; SENSORS], ..WARMTH };
+            prop_assume!(TemperatureCompensation::shares_fit(&[warmth.light, warmth.sensitivity]));
             let mut levels = Levels { taxels: Some([1.0; 16]), ..Levels::default() };
             levels.bridges = [Some([1.0; 3]); SENSORS];
             warmth.correct(&mut levels, level);

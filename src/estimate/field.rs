@@ -17,7 +17,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::roots::inverse_sqrt;
+use crate::math::inverse_sqrt;
 
 /// Powers of w.
 pub(crate) const TERMS: usize = 4;

@@ -27,7 +27,7 @@ pub fn fuse(a: Uncertain, b: Uncertain) -> (Uncertain, bool) {
     }
     // b + (a − b)·v_b/(v_a + v_b): the weight lies between 0 and 1 whatever the variances.
     let value = b.value + apart * (vb / (va + vb));
-    let sigma = crate::roots::sqrt(va * vb / (va + vb));
+    let sigma = crate::math::sqrt(va * vb / (va + vb));
     (Uncertain { value, sigma }, true)
 }
 

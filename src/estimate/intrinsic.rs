@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 
 use super::ContactPoint;
 use super::wrench::{Wrench, cross, dot};
+use crate::math::sqrt;
 use crate::measured::{Measured, NoValue};
-use crate::roots::sqrt;
 use crate::units::{Millimetres, NewtonMillimetres};
 
 /// The surface that is touched. Frame and origin are the wrench's; the origin lies on the surface.

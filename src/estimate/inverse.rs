@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use super::field::{Field, Load};
 use super::solve::Normal;
+use crate::math::sqrt;
 use crate::measured::{Measured, NoValue};
-use crate::roots::sqrt;
 use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 
 /// Steps in the first frame of a contact. From the last frame's touch one step is as good as converged at a
@@ -218,7 +218,7 @@ impl Inverse {
         let around = self.field.around(&newton);
         let whole = TAXEL_CENTRES.iter().fold(0.0, |sum, c| sum + around.pressed(place(c)).0);
         let force = if whole > f32::MIN_POSITIVE { sum / whole } else { 0.0 };
-        let size = crate::roots::cube_root(force).clamp(LEAST_SIZE, MOST_SIZE);
+        let size = crate::math::cube_root(force).clamp(LEAST_SIZE, MOST_SIZE);
         Some(Load { size, ..newton })
     }
 

@@ -12,7 +12,7 @@ mod sweep;
 
 use serde::{Deserialize, Serialize};
 
-use crate::roots::{power, sqrt};
+use crate::math::{power, sqrt};
 pub use sweep::Sweep;
 
 /// Intervals of the kept curve.
@@ -37,7 +37,7 @@ impl LimitSurface {
     #[must_use]
     pub fn hertz(radius_mm: f32, young: f32) -> Self {
         Self {
-            radius: [crate::roots::cube_root(9.0 * radius_mm / (16.0 * young)), 1.0 / 3.0],
+            radius: [crate::math::cube_root(9.0 * radius_mm / (16.0 * young)), 1.0 / 3.0],
             torque: 3.0 * core::f32::consts::PI / 16.0,
             curve: [1.0; INTERVALS + 1],
         }

@@ -5,7 +5,7 @@
 //! under a steady shear is taken for a slide.
 
 use super::slip::Traction;
-use crate::roots::sqrt;
+use crate::math::sqrt;
 use crate::units::Micros;
 
 /// It slid when it went this far, in mm: ten times the scatter of a contact point.
@@ -34,12 +34,12 @@ struct Anchor {
 
 /// What is remembered of a contact's way.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SlideState {
+pub struct GrossSlipDetector {
     anchor: Option<Anchor>,
     slid: Option<Micros>,
 }
 
-impl SlideState {
+impl GrossSlipDetector {
     /// One frame: `place` of the contact in mm and what it pulls with. True while it slides.
     pub fn update(&mut self, time: Micros, place: [f32; 2], traction: &Traction) -> bool {
         let Traction { shear: [fx, fy], normal, doubt, .. } = *traction;
@@ -84,7 +84,7 @@ mod tests {
     /// Frames at 1 kHz of a contact that moves by `way` mm a frame, and is pulled by `shear`; how many of
     /// them slid.
     fn slid(way: [f32; 2], shear: impl Fn(u32) -> f32) -> usize {
-        let mut state = SlideState::default();
+        let mut state = GrossSlipDetector::default();
         (0..1000)
             .filter(|i| {
                 let place = way.map(|w| w * *i as f32);
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_shear_that_is_noisy_and_known_to_be_slides_all_the_same() {
-        let mut state = SlideState::default();
+        let mut state = GrossSlipDetector::default();
         let frames = (0..1000).filter(|i| {
             let noisy = 0.2 + if i % 3 == 0 { 0.02 } else { -0.01 };
             let traction = Traction { doubt: [0.015, 0.0], ..pulled(noisy) };
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn a_slide_ends_when_it_stops_or_lets_go() {
-        let mut state = SlideState::default();
+        let mut state = GrossSlipDetector::default();
         let mut at = |i: u32, x: f32, shear: f32| {
             state.update(Micros(u64::from(i) * 1000), [x, 0.0], &pulled(shear))
         };

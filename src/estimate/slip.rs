@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use super::inverse::Ring;
 use super::limit_surface::LimitSurface;
+use crate::math::sqrt;
 use crate::measured::{Measured, NoValue};
-use crate::roots::sqrt;
 use crate::units::Newtons;
 
 /// How slip is judged.

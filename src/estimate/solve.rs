@@ -5,7 +5,7 @@
     reason = "matrix algebra: every index runs over 0..n of arrays of at least n"
 )]
 
-use crate::roots::inverse_sqrt;
+use crate::math::inverse_sqrt;
 
 /// Normal equations A·x = b of a least-squares problem in `N` unknowns: A the sum of the outer products of
 /// its rows.

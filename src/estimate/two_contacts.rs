@@ -7,7 +7,7 @@
 use super::field::Load;
 use super::inverse::Inverse;
 use super::solve::Normal;
-use crate::roots::{cube_root, sqrt};
+use crate::math::{cube_root, sqrt};
 use crate::scan::{PITCH, TAXEL_CENTRES, TAXELS};
 
 /// Steps a frame; a new pair takes [`FIRST_STEPS`].

@@ -14,7 +14,7 @@
 
 use super::contact_point::halves;
 use crate::condition::Signals;
-use crate::roots::tan;
+use crate::math::tan;
 use crate::units::Micros;
 
 /// Second-order section, direct form II transposed.
@@ -166,7 +166,7 @@ impl Vibration {
 
 /// A detector that learns the rate of its frames from their times.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Listener {
+pub struct VibrationDetector {
     time: Option<Micros>,
     interval_us: u64,
     /// Between the last two frames.
@@ -175,7 +175,7 @@ pub struct Listener {
     state: VibrationState,
 }
 
-impl Listener {
+impl VibrationDetector {
     /// One frame. Where the rate changes, it begins anew.
     pub fn hear(&mut self, time: Micros, signals: &Signals) -> bool {
         let interval = self.time.map_or(0, |last| time.0.saturating_sub(last.0));
@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn a_clock_that_begins_again_and_another_rate_are_listened_to_as_before() {
-        let mut listener = Listener::default();
+        let mut listener = VibrationDetector::default();
         for interval_us in [250, 1000, 1000] {
             let heard = (0..4000u64).filter(|i| {
                 listener.hear(Micros(interval_us * i), &signals(5e-5 * noise(*i as u32)))

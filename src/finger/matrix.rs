@@ -16,8 +16,8 @@ use crate::estimate::inverse::{Inverse, InverseState, Pull, Ring, Touch};
 use crate::estimate::quantised::Net;
 use crate::estimate::two_contacts::{Pair, PairState};
 use crate::estimate::{ContactPoint, NormalContact};
-use crate::finger::together::Felt;
-use crate::finger::untouched::faulty;
+use crate::finger::fusion::ArrayEstimate;
+use crate::finger::no_contact::faulty;
 use crate::finger::within;
 use crate::frame::Status;
 use crate::measured::{Measured, NoValue};
@@ -61,7 +61,7 @@ impl MatrixState {
 
 /// What the matrix says.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Seen {
+pub(super) struct OpticalEstimate {
     pub force: [Measured<Uncertain>; 3],
     pub point: Measured<[Uncertain; 2]>,
     /// What is seen of the share of friction in use.
@@ -71,7 +71,7 @@ pub(super) struct Seen {
     pub misfit: Measured<f32>,
 }
 
-impl Seen {
+impl OpticalEstimate {
     pub(super) const fn nothing(reason: NoValue) -> Self {
         Self {
             force: [Err(reason); 3],
@@ -84,18 +84,18 @@ impl Seen {
 }
 
 /// One scan of the matrix.
-pub(super) struct Look<'s> {
+pub(super) struct OpticalInput<'s> {
     pub record: Option<&'s Calibration>,
     pub method: PointMethod,
     pub c: &'s [f32; TAXELS],
     pub health: &'s Health,
     pub bias: &'s Bias,
     /// What the force sensors feel.
-    pub felt: &'s Felt,
+    pub felt: &'s ArrayEstimate,
 }
 
-impl Look<'_> {
-    pub(super) fn see(&self, state: &mut MatrixState, status: &mut Status) -> Seen {
+impl OpticalInput<'_> {
+    pub(super) fn see(&self, state: &mut MatrixState, status: &mut Status) -> OpticalEstimate {
         let taxels = self.record.and_then(|record| record.taxels.as_ref());
         let net = self.record.and_then(Calibration::net);
         let model = self.record.and_then(Calibration::model);
@@ -108,10 +108,10 @@ impl Look<'_> {
             _ => None,
         };
         let mut seen = match (force, modelled) {
-            (Err(reason), _) => Seen::nothing(reason),
+            (Err(reason), _) => OpticalEstimate::nothing(reason),
             (Ok(()), Some(seen)) if self.method == PointMethod::Model => seen,
             (Ok(()), modelled) => {
-                let known = modelled.unwrap_or(Seen::nothing(NoValue::NotEstimated));
+                let known = modelled.unwrap_or(OpticalEstimate::nothing(NoValue::NotEstimated));
                 match net.zip(taxels) {
                     None => known,
                     Some((net, taxels)) => {
@@ -128,7 +128,7 @@ impl Look<'_> {
                             }
                             _ => [Err(NoValue::NotEstimated); 3],
                         };
-                        Seen { force, ..known }
+                        OpticalEstimate { force, ..known }
                     }
                 }
             }
@@ -164,7 +164,12 @@ impl Look<'_> {
         centroid(self.c, self.health.dead, 12.0 * noise)
     }
 
-    fn model(&self, model: &Inverse, state: &mut MatrixState, status: &mut Status) -> Seen {
+    fn model(
+        &self,
+        model: &Inverse,
+        state: &mut MatrixState,
+        status: &mut Status,
+    ) -> OpticalEstimate {
         status.insert(Status::RAN_MODEL);
         let u = model.curves.displacements(self.c);
         let felt = self.felt.force;
@@ -184,7 +189,7 @@ impl Look<'_> {
         };
         let touch = match touch {
             Ok(touch) => touch,
-            Err(reason) => return Seen::nothing(reason),
+            Err(reason) => return OpticalEstimate::nothing(reason),
         };
         if SEVERAL.update(&mut state.several, touch.misfit * touch.misfit) {
             status.insert(Status::NOT_SINGLE);
@@ -212,7 +217,7 @@ fn unseen_shear(normal: f32) -> f32 {
     floor + share * normal.max(0.0)
 }
 
-fn one(touch: &Touch, sheared: bool, shear: bool) -> Seen {
+fn one(touch: &Touch, sheared: bool, shear: bool) -> OpticalEstimate {
     let [fx, fy, fz] = touch.force();
     let [sx, sy, sz, px, py, _] = touch.sigma;
     let of = |value: f32, sigma: f32| Uncertain { value, sigma };
@@ -223,7 +228,7 @@ fn one(touch: &Touch, sheared: bool, shear: bool) -> Seen {
         (true, true) => [Ok(of(fx, sx)), Ok(of(fy, sy))],
     };
     let [at_x, at_y] = touch.load.point;
-    Seen {
+    OpticalEstimate {
         force: [x, y, Ok(of(fz, sz + SKIN_ERROR * fz))],
         point: Ok([of(at_x, px + PLACE_ERROR), of(at_y, py + PLACE_ERROR)]),
         ring: sheared.then_some(touch.ring),
@@ -233,7 +238,7 @@ fn one(touch: &Touch, sheared: bool, shear: bool) -> Seen {
 }
 
 /// Two contacts: their sum, and the place where one contact would make the same moments.
-fn two(pair: &Pair, share: f32) -> Seen {
+fn two(pair: &Pair, share: f32) -> OpticalEstimate {
     let [a, b] = pair.contacts.map(|load| (load.normal(), load.point));
     let sum = a.0 + b.0;
     let middle = |axis: fn([f32; 2]) -> f32| Uncertain {
@@ -242,7 +247,7 @@ fn two(pair: &Pair, share: f32) -> Seen {
     };
     let unknown = Err(NoValue::NotEstimated);
     let normal = Uncertain { value: sum, sigma: pair.misfit.max(1.0) * share * sum };
-    Seen {
+    OpticalEstimate {
         force: [unknown, unknown, Ok(normal)],
         point: Ok([middle(|[x, _]| x), middle(|[_, y]| y)]),
         ring: None,

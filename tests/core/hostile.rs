@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 use taxel::calibration::{Calibration, MAX_BYTES};
-use taxel::condition::{LowPass, Warmth};
+use taxel::condition::{LowPass, TemperatureCompensation};
 use taxel::estimate::ContactPoint;
 use taxel::estimate::array::WrenchMethod;
 use taxel::estimate::contact_point::PointMethod;
@@ -207,7 +207,7 @@ fn hostile(weight: f32, level: f32, sixteen_bits: bool, ends: &Ends) -> Calibrat
     }
     // Half of the light and of the sensitivity over the farthest that is followed, 60 K of 758 µ each.
     let share = 10.9 * (level / 2.0);
-    record.warmth = Some(Warmth {
+    record.warmth = Some(TemperatureCompensation {
         reference: level.abs() / 2.0,
         range: [-9e29, 9e29],
         light: share,

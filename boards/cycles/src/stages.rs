@@ -9,14 +9,14 @@ mod touch;
 mod whole;
 
 use taxel::calibration::Calibration;
-use taxel::condition::{Bias, Levels, NoiseWatch, Signals, Warmth};
-use taxel_papers::feeler::Spot;
+use taxel::condition::{Bias, Levels, NoiseWatch, Signals, TemperatureCompensation};
 use taxel::estimate::contact_point::{arg_min, centroid};
 use taxel::estimate::gate::{Gate, GateState};
 use taxel::estimate::tanh::tanh;
+use taxel::math::{atan2, cube_root, inverse_sqrt, power, sqrt};
 use taxel::measured::NoValue;
-use taxel::roots::{atan2, cube_root, inverse_sqrt, power, sqrt};
 use taxel::scan::{COLS, PITCH};
+use taxel_papers::feeler::Spot;
 
 use crate::Meter;
 use crate::host::Inputs;
@@ -55,7 +55,7 @@ fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl
     // The way that a scan takes; the three after it are its steps.
     meter.stage(
         "condition: the three in one pass",
-        &mut (bias, Warmth::default()),
+        &mut (bias, TemperatureCompensation::default()),
         codes.clone(),
         &mut Signals::default(),
         |(bias, warmth), codes, out| {
@@ -64,7 +64,7 @@ fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl
         },
     );
     let levels = codes.map(|codes| Levels::read(&codes));
-    let mut warm = (Warmth::default(), Levels::default());
+    let mut warm = (TemperatureCompensation::default(), Levels::default());
     let first = &mut None;
     meter.stage(
         "condition: warmth",

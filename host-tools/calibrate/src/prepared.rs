@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use taxel::condition::{Bias, Signals, Warmth};
+use taxel::condition::{Bias, Signals, TemperatureCompensation};
 use taxel::scan::{COLS, Codes, Midpoints, SENSORS, TAXELS};
 use taxel::units::Code;
 
@@ -56,7 +56,7 @@ impl<'r> Prepared<'r> {
     /// There is no unloaded stretch.
     pub fn new(
         recording: &'r Recording,
-        warmth: Option<&Warmth>,
+        warmth: Option<&TemperatureCompensation>,
     ) -> Result<(Self, Option<String>), FitError> {
         let prepared = Self::of(Cow::Borrowed(recording), warmth)?;
         let Some(found) = prepared.misaligned() else { return Ok((prepared, None)) };
@@ -66,7 +66,10 @@ impl<'r> Prepared<'r> {
         Ok((Self::of(read, warmth)?, Some(told)))
     }
 
-    fn of(recording: Cow<'r, Recording>, warmth: Option<&Warmth>) -> Result<Self, FitError> {
+    fn of(
+        recording: Cow<'r, Recording>,
+        warmth: Option<&TemperatureCompensation>,
+    ) -> Result<Self, FitError> {
         let bias = recording.bias(warmth)?;
         let signals = recording.signals(&bias, warmth);
         Ok(Self { recording, bias, signals })

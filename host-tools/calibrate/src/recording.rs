@@ -4,7 +4,7 @@ use std::array;
 use std::borrow::Cow;
 use std::ops::Range;
 
-use taxel::condition::{Bias, BiasTaker, Levels, Signals, Thermometer, Warmth};
+use taxel::condition::{Bias, BiasTaker, Levels, Signals, TemperatureCompensation, Thermometer};
 use taxel_files::table::Table;
 use taxel_files::trace::{Sample, Truth};
 
@@ -91,7 +91,7 @@ impl Recording {
     ///
     /// # Errors
     /// There is no stretch in which nothing touches the finger and its signals are still.
-    pub fn bias(&self, warmth: Option<&Warmth>) -> Result<Bias, FitError> {
+    pub fn bias(&self, warmth: Option<&TemperatureCompensation>) -> Result<Bias, FitError> {
         if self.samples.is_empty() {
             return Err(FitError::Empty { recording: self.name.clone() });
         }
@@ -102,7 +102,7 @@ impl Recording {
 
     /// Every row's signals as the chip sees them: changes from `bias` at the temperature of `warmth`.
     #[must_use]
-    pub fn signals(&self, bias: &Bias, warmth: Option<&Warmth>) -> Vec<Signals> {
+    pub fn signals(&self, bias: &Bias, warmth: Option<&TemperatureCompensation>) -> Vec<Signals> {
         let rows = self.warm_levels(warmth).into_iter();
         rows.map(|(levels, gain)| {
             let mut signals = bias.apply(&levels, None);
@@ -113,7 +113,7 @@ impl Recording {
     }
 
     /// Levels at the temperature of `warmth`, and what a force sensor's signals are to be multiplied by there.
-    fn warm_levels(&self, warmth: Option<&Warmth>) -> Vec<(Levels, f32)> {
+    fn warm_levels(&self, warmth: Option<&TemperatureCompensation>) -> Vec<(Levels, f32)> {
         let mut thermometer = Thermometer::default();
         let rows = self.samples.iter().map(|sample| {
             let mut levels = Levels::read(&sample.scan.codes);
@@ -199,7 +199,11 @@ impl Recording {
         })
     }
 
-    fn bias_of(&self, rows: Range<usize>, warmth: Option<&Warmth>) -> Option<Bias> {
+    fn bias_of(
+        &self,
+        rows: Range<usize>,
+        warmth: Option<&TemperatureCompensation>,
+    ) -> Option<Bias> {
         let levels = self.warm_levels(warmth);
         let sound = sound(&self.samples[rows.clone()]);
         let sound: Vec<&Levels> = levels[rows]

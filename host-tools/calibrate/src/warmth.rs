@@ -3,7 +3,7 @@
 //! Record the finger at rest while it warms up: light and offsets follow the thermometer in straight lines,
 //! by least squares. Where the temperature hardly changes nothing is known but that it was this one.
 
-use taxel::condition::{Levels, PER_KELVIN, Warmth};
+use taxel::condition::{Levels, PER_KELVIN, TemperatureCompensation};
 use taxel::scan::{SENSORS, TAXELS};
 
 use taxel_files::trace::Sample;
@@ -28,7 +28,7 @@ pub(crate) fn is_warm_up(recording: &Recording) -> bool {
 }
 
 /// Fits the compensation, if the recordings with loads have a thermometer.
-pub(crate) fn fit(recordings: &[Recording]) -> Option<Warmth> {
+pub(crate) fn fit(recordings: &[Recording]) -> Option<TemperatureCompensation> {
     let readings: Vec<Vec<(Levels, f64)>> = recordings.iter().map(warm).collect();
     let all: Vec<&(Levels, f64)> = readings.iter().flatten().collect();
     // Sensitivities are fitted to loads, so theirs is the temperature to go back to.
@@ -44,7 +44,7 @@ pub(crate) fn fit(recordings: &[Recording]) -> Option<Warmth> {
     let low = bounds.clone().fold(f64::INFINITY, f64::min);
     let high = bounds.fold(f64::NEG_INFINITY, f64::max);
     let margin = MARGIN_K * PER_KELVIN;
-    let mut warmth = Warmth {
+    let mut warmth = TemperatureCompensation {
         reference: reference as f32,
         range: [low as f32 - margin, high as f32 + margin],
         light: 0.0,

@@ -9,8 +9,8 @@
 //! The 4×4 matrix read in blocks of 2×2 is four such columns. S1 is at (+x, +y) of its column, S2 at
 //! (−x, +y), S3 at (−x, −y), S4 at (+x, −y). Several columns in a row tell of the surface that they touch.
 
+use taxel::math::{atan2, sqrt};
 use taxel::measured::{Measured, NoValue};
-use taxel::roots::{atan2, sqrt};
 use taxel::scan::{COLS, TAXELS};
 
 /// Normal stiffness α_v in N/mm².

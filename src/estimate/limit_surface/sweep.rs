@@ -7,7 +7,7 @@
 
 use core::f32::consts::FRAC_1_SQRT_2;
 
-use crate::roots::{inverse_sqrt, power, sqrt};
+use crate::math::{inverse_sqrt, power, sqrt};
 
 /// Radii r/a of Gauss's rule for r = sin t, t from 0 to ½π, which takes the steep rim apart, and their weights
 /// r dr.

@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
-use taxel::condition::{BridgeBias, TaxelBias, Warmth};
+use taxel::condition::{BridgeBias, TaxelBias, TemperatureCompensation};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
@@ -100,7 +100,7 @@ pub fn everything() -> Calibration {
         friction: 0.8,
     });
     record.slip = Some(Slip::usual(0.8));
-    record.warmth = Some(Warmth {
+    record.warmth = Some(TemperatureCompensation {
         reference: 26_214.0 / 65_535.0,
         range: [0.0, 1.0],
         light: -6.6,

@@ -1,10 +1,10 @@
 //! Stages of the sensors of other papers: line of four, feeler, columns.
 
-use taxel_papers::feeler::{BrightSpot, Shear, Spot};
-use taxel_papers::column::{Column, friction_distribution, inclination, quadrants};
-use taxel_papers::line_of_four::LinePolynomials;
 use taxel::measured::NoValue;
 use taxel::scan::TAXELS;
+use taxel_papers::column::{Column, friction_distribution, inclination, quadrants};
+use taxel_papers::feeler::{BrightSpot, Shear, Spot};
+use taxel_papers::line_of_four::LinePolynomials;
 
 use crate::Meter;
 

@@ -9,10 +9,10 @@ use taxel::estimate::fusion::{Uncertain, fuse};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::{Curves, Inverse, Ring};
 use taxel::estimate::limit_surface::{LimitSurface, Sweep};
-use taxel::estimate::slide::SlideState;
+use taxel::estimate::slide::GrossSlipDetector;
 use taxel::estimate::slip::{Slip, SlipState, Traction};
 use taxel::estimate::two_contacts::PairState;
-use taxel::estimate::vibration::Listener;
+use taxel::estimate::vibration::VibrationDetector;
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 use taxel::units::{Micros, Millimetres};
@@ -173,7 +173,7 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
     let way = tractions
         .zip(0u8..)
         .map(|(traction, i)| (Micros(1000 * u64::from(i)), [0.01 * f32::from(i), 0.0], traction));
-    let slide = &mut SlideState::default();
+    let slide = &mut GrossSlipDetector::default();
     meter.stage(
         "slip: by its way",
         slide,
@@ -184,7 +184,7 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
         },
     );
     let heard = signals.zip(0u8..).map(|(signals, i)| (Micros(1000 * u64::from(i)), signals));
-    let ear = &mut Listener::default();
+    let ear = &mut VibrationDetector::default();
     meter.stage("slip: by its vibration", ear, heard, &mut false, |ear, (time, signals), out| {
         *out = ear.hear(*time, signals);
     });

@@ -37,7 +37,7 @@ fn a_run_is_of_its_kind_once_it_has_begun() {
         let of_kind: Vec<_> = statuses.iter().skip_while(|status| !kind.holds(**status)).collect();
         assert!(of_kind.len() >= 32, "{}: {} scans", kind.name, of_kind.len());
         assert!(of_kind.iter().all(|status| kind.holds(**status)), "{}: {statuses:?}", kind.name);
-        // Warmth is taken off in all of them, and whoever touches is judged for slip.
+        // TemperatureCompensation is taken off in all of them, and whoever touches is judged for slip.
         let all = if kind.name == "no contact" { Status(0) } else { Status::RAN_SLIP };
         let all = all | Status::RAN_WARMTH | Status::RAN_SENSORS;
         assert!(of_kind.iter().all(|status| status.contains(all)), "{}: {statuses:?}", kind.name);

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
-use taxel::condition::{BridgeBias, TaxelBias, Warmth};
+use taxel::condition::{BridgeBias, TaxelBias, TemperatureCompensation};
 use taxel::estimate::array::Array;
 use taxel::estimate::inverse::Inverse;
 use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
@@ -32,7 +32,7 @@ pub(super) struct FingerFile {
     #[serde(skip_serializing_if = "Option::is_none")]
     slip: Option<Slip>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    warmth: Option<Warmth>,
+    warmth: Option<TemperatureCompensation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     array: Option<Array>,
     #[serde(default, rename = "sensor", skip_serializing_if = "Vec::is_empty")]

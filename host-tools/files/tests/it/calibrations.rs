@@ -4,7 +4,7 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
-use taxel::condition::{BridgeBias, TaxelBias, Warmth};
+use taxel::condition::{BridgeBias, TaxelBias, TemperatureCompensation};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
@@ -60,7 +60,7 @@ fn record(weights: &[f32]) -> Calibration {
             friction: 0.8,
         }),
         slip: Some(Slip::usual(0.7)),
-        warmth: Some(Warmth {
+        warmth: Some(TemperatureCompensation {
             reference: 0.231,
             range: [0.229, 0.24],
             light: -6.6,

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::Context;
 use taxel::calibration::Calibration;
 use taxel::estimate::array::{Array, WrenchMethod};
-use taxel::estimate::vibration::Listener;
+use taxel::estimate::vibration::VibrationDetector;
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel_calibrate::array;
@@ -140,7 +140,7 @@ fn slip(name: &str, group: Group, stages: &[&str], record: Calibration) -> Metho
 
 /// Gross slip by vibration alone.
 fn slides() -> Method {
-    let mut listener = Listener::default();
+    let mut listener = VibrationDetector::default();
     Method::new("slip: vibration", Group::Model, &[EAR], move |moment| {
         let slides = Some(listener.hear(moment.sample.scan.time, &moment.signals));
         Said { slides, ..Said::default() }

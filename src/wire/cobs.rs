@@ -8,7 +8,7 @@
 /// modelled cycles a byte of a frame with every field on a Cortex-M4F, this one 5.
 ///
 /// It goes from the end to the beginning, so that the next zero is known where one is met.
-pub(super) fn stuff(buffer: &mut [u8], end: usize) -> Option<usize> {
+pub(super) fn cobs_encode_in_place(buffer: &mut [u8], end: usize) -> Option<usize> {
     let (terminator, coded) = buffer.get_mut(..=end)?.split_last_mut()?;
     let (first, packet) = coded.split_first_mut()?;
     *terminator = 0;
@@ -65,14 +65,14 @@ mod tests {
     fn stuffed(packet: &[u8]) -> Option<Vec<u8>> {
         let mut buffer = std::vec![0x55; packet.len() + 2];
         buffer[1..=packet.len()].copy_from_slice(packet);
-        let length = stuff(&mut buffer, packet.len() + 1)?;
+        let length = cobs_encode_in_place(&mut buffer, packet.len() + 1)?;
         assert_eq!(length, buffer.len());
         Some(buffer)
     }
 
     fn by_the_cobs_crate(packet: &[u8]) -> Vec<u8> {
-        let mut coded = std::vec![0; cobs::max_encoding_length(packet.len())];
-        let length = cobs::encode(packet, &mut coded);
+        let mut coded = std::vec![0; ::cobs::max_encoding_length(packet.len())];
+        let length = ::cobs::encode(packet, &mut coded);
         coded.truncate(length);
         coded.push(0);
         coded
@@ -93,8 +93,8 @@ mod tests {
 
     #[test]
     fn a_packet_that_leaves_no_room_for_its_final_zero_is_refused() {
-        assert_eq!(stuff(&mut [1; 8], 8), None);
-        assert_eq!(stuff(&mut [], 0), None);
+        assert_eq!(cobs_encode_in_place(&mut [1; 8], 8), None);
+        assert_eq!(cobs_encode_in_place(&mut [], 0), None);
     }
 
     proptest! {

@@ -1,7 +1,7 @@
 //! What a finger says that nothing touches, which most scans do: zeros where it would know a force, and reasons.
 //! No estimator runs, and none of their results are built up to be dropped.
 
-use super::together::unfelt;
+use super::fusion::unfelt;
 use super::{Estimate, missing};
 use crate::calibration::Calibration;
 use crate::condition::{Health, Signals};
@@ -68,7 +68,7 @@ pub(super) fn faulty(health: &Health) -> Option<NoValue> {
 
 /// Leaves in `estimate` what finger and parts say; its signals and its sensors are those of this scan already.
 #[inline(never)]
-pub(super) fn untouched(
+pub(super) fn no_contact(
     record: Option<&Calibration>,
     codes: &Codes,
     no_slip: Option<NoValue>,

@@ -1,0 +1,146 @@
+//! Slip of the finger: what the estimator of slip is given, and what is remembered of a contact.
+
+use crate::calibration::Calibration;
+use crate::condition::Signals;
+use crate::estimate::NormalContact;
+use crate::estimate::slide::GrossSlipDetector;
+use crate::estimate::slip::{Slip, SlipState, Traction, Verdict};
+use crate::estimate::vibration::VibrationDetector;
+use crate::finger::fusion::{Fused, without};
+use crate::finger::matrix::OpticalEstimate;
+use crate::frame::Status;
+use crate::math::sqrt;
+use crate::measured::Measured;
+use crate::units::{Micros, NewtonMillimetres};
+
+/// Torsion below this many standard deviations of a moment is none.
+const TORSION_DOUBT: f32 = 3.0;
+
+/// What is remembered of slip.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct GripState {
+    slip: SlipState,
+    slide: GrossSlipDetector,
+    ear: VibrationDetector,
+    touched: bool,
+}
+
+/// What slip is judged by.
+pub(super) struct Grip<'s> {
+    pub time: Micros,
+    pub fused: &'s Fused,
+    pub torsion: Measured<NewtonMillimetres>,
+    pub seen: &'s OpticalEstimate,
+    /// It can be heard that it rubs.
+    pub rubs: bool,
+}
+
+impl GripState {
+    /// One scan of the ear; by what slip is judged, if it is.
+    pub(super) fn listen<'r>(
+        &mut self,
+        record: Option<&'r Calibration>,
+        time: Micros,
+        signals: &Signals,
+    ) -> Measured<(&'r Slip, bool)> {
+        let slip = record.and_then(Calibration::slip).ok_or(without(cfg!(feature = "slip")))?;
+        Ok((slip, self.ear.hear(time, signals)))
+    }
+
+    /// Nothing touches the finger.
+    pub(super) fn release(&mut self) {
+        if self.touched {
+            self.slip.release();
+            self.slide = GrossSlipDetector::default();
+        }
+        self.touched = false;
+    }
+}
+
+impl Grip<'_> {
+    pub(super) fn judge(
+        &self,
+        record: Option<&Calibration>,
+        slip: &Slip,
+        state: &mut GripState,
+        status: &mut Status,
+    ) -> Measured<Verdict> {
+        state.touched = true;
+        let Fused { force, point, .. } = *self.fused;
+        let (fx, fy, fz) = (force.x?.0, force.y?.0, force.z?.0);
+        let torsion = self.torsion.map_or(0.0, |torsion| torsion.0);
+        let array = record.and_then(Calibration::array);
+        let moment_sigma = array.map_or(0.0, |array| array.moment_residual);
+        let mut traction = Traction {
+            shear: [fx, fy],
+            normal: fz,
+            torsion,
+            arm: arm(&self.seen.contacts),
+            doubt: [self.fused.shear_sigma(), TORSION_DOUBT * moment_sigma],
+            ring: self.seen.ring,
+            rubs: self.rubs,
+            slides: false,
+        };
+        // The middle of two contacts wanders when they share their load otherwise: that is no slide.
+        let place = point.map(|point| [point.x.0, point.y.0]).ok().filter(|_| traction.arm == 0.0);
+        traction.slides =
+            place.is_some_and(|place| state.slide.update(self.time, place, &traction));
+        status.insert(Status::RAN_SLIP);
+        let verdict = slip.judge(&mut state.slip, &traction)?;
+        if traction.slides || traction.rubs {
+            status.insert(Status::SLIDES);
+        }
+        if slip.warns(&mut state.slip, &verdict) {
+            status.insert(Status::SLIP_WARNING);
+        }
+        Ok(verdict)
+    }
+}
+
+/// By which two contacts hold torsion, in mm; 0 where there are not two.
+fn arm(contacts: &Measured<[NormalContact; 2]>) -> f32 {
+    let Ok([a, b]) = contacts else { return 0.0 };
+    // Each is as far from the middle as the other is heavy.
+    let (x, y) = (a.point.x.0 - b.point.x.0, a.point.y.0 - b.point.y.0);
+    let sum = (a.normal.0 + b.normal.0).max(f32::MIN_POSITIVE);
+    2.0 * (a.normal.0 / sum) * (b.normal.0 / sum) * sqrt(x * x + y * y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::Force;
+    use crate::estimate::array::Array;
+    use crate::measured::NoValue;
+
+    #[test]
+    fn two_contacts_hold_torsion_by_their_mean_distance_from_their_middle() {
+        // The middle is 1 mm right: 3 mm from the one, 1 mm from the other.
+        let two = [(1.0, [-2.0, 0.5]), (3.0, [2.0, 0.5])].map(NormalContact::new);
+        assert!((arm(&Ok(two)) - (1.0 * 3.0 + 3.0 * 1.0) / 4.0).abs() < 1e-6);
+        assert_eq!(arm(&Err(NoValue::NotEstimated)), 0.0);
+    }
+
+    #[test]
+    fn torsion_within_the_noise_of_a_moment_uses_no_friction() {
+        let array = Array { moment_residual: 0.1, ..Array::default() };
+        let record = Calibration { array: Some(array), ..Calibration::EMPTY };
+        let seen = OpticalEstimate::nothing(NoValue::Absent);
+        let point = Err(NoValue::NotEstimated);
+        let force = Force::known(0.0, 0.0, 1.0);
+        let fused = Fused { force, point, force_sigma: force, point_sigma: point };
+        let margin = |torsion: f32| {
+            let grip = Grip {
+                time: Micros(0),
+                fused: &fused,
+                torsion: Ok(NewtonMillimetres(torsion)),
+                seen: &seen,
+                rubs: false,
+            };
+            let (mut state, mut status) = (GripState::default(), Status::default());
+            grip.judge(Some(&record), &Slip::usual(0.8), &mut state, &mut status).unwrap().margin
+        };
+        assert_eq!(margin(0.25), 1.0, "two and a half standard deviations");
+        assert!(margin(1.0) < 0.9, "{}", margin(1.0));
+    }
+}
