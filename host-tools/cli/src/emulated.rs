@@ -87,7 +87,8 @@ impl Emulated {
         }
         let mut command = Command::new(&program);
         command.args(["serve", "--board", board.name()]).arg(&image).arg("--trace").arg(trace);
-        command.args(more).stdin(Stdio::null()).stdout(Stdio::piped());
+        // Attached, it ends with this process even if that is killed: its standard input closes.
+        command.arg("--attached").args(more).stdin(Stdio::piped()).stdout(Stdio::piped());
         #[cfg(unix)]
         // Ctrl-C is for us: the board runs until its last frame is written.
         std::os::unix::process::CommandExt::process_group(&mut command, 0);

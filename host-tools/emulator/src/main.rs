@@ -147,10 +147,20 @@ struct Serve {
     /// Where to listen; port 0 is any that is free
     #[arg(long, default_value = "127.0.0.1:0")]
     listen: String,
+    /// Ends when standard input closes, as it does with the program that started this one
+    #[arg(long)]
+    attached: bool,
 }
 
 /// Says on the first line where the board listens, then serves it until it is ended.
 fn serve(arguments: &Serve) -> Result<()> {
+    if arguments.attached {
+        std::thread::spawn(|| {
+            // However reading ends, nobody holds the other end any more.
+            let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+            std::process::exit(0);
+        });
+    }
     let samples = TraceReader::open(&arguments.trace)?.collect::<Result<Vec<_>, _>>()?;
     let [first, .., last] = samples.as_slice() else {
         bail!("{}: needs two scans at least", arguments.trace.display());

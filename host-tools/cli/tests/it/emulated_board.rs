@@ -164,6 +164,42 @@ fn emulated_demo_sums_up_what_the_board_streamed() {
     assert!(said["rmse"].as_object().unwrap().contains_key("fz_n"), "{said}");
 }
 
+/// Folder in `/proc` of a process that `parent` has started.
+#[cfg(target_os = "linux")]
+fn child_of(parent: u32) -> Option<std::path::PathBuf> {
+    let folders = std::fs::read_dir("/proc").unwrap().map(|entry| entry.unwrap().path());
+    folders.into_iter().find(|folder| {
+        // The second field behind the name, in brackets, is the parent (proc(5)).
+        let stat = std::fs::read_to_string(folder.join("stat")).unwrap_or_default();
+        let fields = stat.rsplit(')').next().unwrap_or_default();
+        fields.split_whitespace().nth(1) == Some(&parent.to_string())
+    })
+}
+
+/// An emulator that went on would take a processor core until somebody finds it.
+#[cfg(target_os = "linux")]
+#[test]
+fn emulated_board_ends_when_the_command_is_killed() {
+    let folder = tempfile::tempdir().unwrap();
+    let demo = ["demo", "--emulated", "--scene", "press", "--headless"];
+    let mut child = In(folder.path()).command(&demo).spawn().unwrap();
+    let patience = std::time::Duration::from_millis(20);
+    let emulator = loop {
+        assert_eq!(child.try_wait().unwrap(), None, "it ended by itself");
+        match child_of(child.id()) {
+            Some(process) => break process,
+            None => std::thread::sleep(patience),
+        }
+    };
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let begin = std::time::Instant::now();
+    while emulator.exists() {
+        assert!(begin.elapsed().as_secs() < 20, "{} goes on", emulator.display());
+        std::thread::sleep(patience);
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn emulated_replay_keeps_its_frames_when_interrupted() {
