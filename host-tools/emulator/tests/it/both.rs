@@ -305,8 +305,12 @@ fn power_cuts(model: Model, each: usize) {
     }
 }
 
-fn a_power_cut_in_an_operation_of_an_upload_leaves_one_calibration_or_the_other(model: Model) {
-    power_cuts(model, 61);
+fn a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other(model: Model) {
+    let each = match model {
+        Model::G431 => 1,
+        Model::F411 => 61,
+    };
+    power_cuts(model, each);
 }
 
 fn the_watchdog_bites_where_no_scan_comes(model: Model) {
@@ -380,7 +384,7 @@ on_both! {
     a_self_test_measures_what_is_on_the_pins
     the_bootloader_is_entered_after_the_answer
     settings_outlast_the_cable_and_saved_ones_the_power
-    a_power_cut_in_an_operation_of_an_upload_leaves_one_calibration_or_the_other
+    a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other
     the_watchdog_bites_where_no_scan_comes
     a_dissector_finds_nothing_malformed_and_a_serial_port
 }
@@ -397,11 +401,6 @@ mod nightly {
     #[test]
     fn f411_streams_ten_seconds_without_a_loss() {
         streams_without_a_loss(Model::F411, 10);
-    }
-
-    #[test]
-    fn g431_keeps_a_calibration_over_every_power_cut() {
-        power_cuts(Model::G431, 1);
     }
 
     #[test]
