@@ -201,8 +201,8 @@ impl fmt::Display for CalibrationError {
                 f.write_str("the calibration's sections are not those of its version")
             }
             Self::Field { section, field } => match names(section, field) {
-                Some((section, field)) => write!(f, "{field} of {section} makes no sense"),
-                None => write!(f, "field {field} of section {section} makes no sense"),
+                Some((section, field)) => write!(f, "{field} of {section} is out of range"),
+                None => write!(f, "field {field} of section {section} is out of range"),
             },
             Self::WithoutTaxels { section } => {
                 let name = names(section, 0).map_or("a section", |(name, _)| name);

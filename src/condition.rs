@@ -30,9 +30,9 @@ use crate::scan::{SENSORS, TAXELS};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Signals {
-    /// c_k of 002: **negative where the facet came nearer**, positive where it moved away.
+    /// c_k of [DeMaria2011]: **negative where the facet came nearer**, positive where it moved away.
     pub taxels: Option<[f32; TAXELS]>,
-    /// u − b of 003 per sensor: x, y, z.
+    /// u − b of [Ospina2017] per sensor: x, y, z.
     pub bridges: [Option<[f32; 3]>; SENSORS],
     /// Which channels cannot be trusted.
     pub health: Health,

@@ -21,7 +21,7 @@ pub struct TaxelBias {
     pub noise: f32,
 }
 
-/// One force sensor, unloaded: b of 003.
+/// One force sensor, unloaded: b of [Ospina2017].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BridgeBias {
@@ -42,7 +42,7 @@ pub struct Bias {
 }
 
 impl Bias {
-    /// Levels as changes against the unloaded finger. Sign rule of 002: c_k < 0 is nearer.
+    /// Levels as changes against the unloaded finger. Sign rule of [DeMaria2011]: c_k < 0 is nearer.
     ///
     /// `healthy` are the levels that a working taxel has unloaded: the calibration's, so that a bias
     /// taken on command cannot make a dead taxel pass for a dark one. Without a calibration the bias

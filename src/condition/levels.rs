@@ -13,9 +13,9 @@ pub type TaxelLevels = [f32; TAXELS];
 /// u_x, u_y, u_z of one sensor, as fractions of full scale.
 pub type BridgeLevels = [f32; 3];
 
-/// An intact bridge's amplified midpoint rests near half the supply and moves by some 10 % of full scale
-/// per newton (8.5 mV/V/N times the gain, 003 §1.2). An open or shorted arm takes it to a rail: nearer to
-/// one than this part of full scale.
+/// An intact bridge's amplified midpoint rests near half the supply and moves by some 10 % of full
+/// scale per newton (8.5 mV/V/N times the gain, [Ospina2017] §1.2). An open or shorted arm takes it
+/// to a rail: nearer to one than this part of full scale.
 pub const MIDPOINT_MARGIN: u32 = 10;
 
 /// The four midpoints of an intact bridge average half its supply whatever the force, which moves two up
@@ -164,7 +164,7 @@ impl BridgeLimits {
     }
 }
 
-/// 003 eqs (1.10)–(1.12) before the amplifiers: u_x = V_B − V_A, u_y = V_C − V_D,
+/// [Ospina2017] eqs (1.10)–(1.12) before the amplifiers: u_x = V_B − V_A, u_y = V_C − V_D,
 /// u_z = (V_A + V_B) − (V_C + V_D). The amplifiers' gains are in S.
 #[inline(always)]
 pub(super) fn outputs(midpoints: &Midpoints, step: f32) -> BridgeLevels {

@@ -63,7 +63,7 @@ impl NoiseWatch {
         self.noisy
     }
 
-    /// Scans were lost: what lies between the two beside the gap may be movement, and the window begins anew.
+    /// Scans were lost: what lies between the two beside the gap may be movement, and the window begins again.
     pub fn interrupt(&mut self) {
         *self = Self { sensor: self.sensor, noisy: self.noisy, ..Self::default() };
     }

@@ -1,4 +1,5 @@
-//! Contact point of a single contact (002, section "Calibration of the 4 × 4 taxel sensor prototype").
+//! Contact point of a single contact ([DeMaria2011], section "Calibration of the 4 × 4 taxel sensor
+//! prototype").
 
 use serde::{Deserialize, Serialize};
 
@@ -11,10 +12,10 @@ use crate::units::Millimetres;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PointMethod {
-    /// 0, 002 eqs (8)–(9): the centroid of the taxels that came nearer.
+    /// 0, [DeMaria2011] eqs (8)–(9): the centroid of the taxels that came nearer.
     #[cfg_attr(not(feature = "model"), default)]
     Centroid,
-    /// 1, 002 eq. (7): the centre of the taxel that came nearest.
+    /// 1, [DeMaria2011] eq. (7): the centre of the taxel that came nearest.
     ArgMin,
     /// 2: by the record's model of the skin (see [`super::inverse`]); the centroid where it has none. With
     /// this the model gives the force, too; with another it is the net's where the record has one.
@@ -30,7 +31,7 @@ impl PointMethod {
     }
 }
 
-/// 002 eq. (7): the centre of the taxel with the most negative c_k, over taxels whose bit in `skip`
+/// [DeMaria2011] eq. (7): the centre of the taxel with the most negative c_k, over taxels whose bit in `skip`
 /// is clear. Discrete: the error is up to half a pitch in x and in y.
 ///
 /// # Errors
@@ -48,7 +49,7 @@ pub fn arg_min(c: &[f32; TAXELS], skip: u16) -> Measured<ContactPoint> {
         .ok_or(NoValue::IllConditioned)
 }
 
-/// 002 eqs (8)–(9): Σ x_k c_k / Σ c_k over the taxels with c_k < 0 whose bit in `skip` is clear.
+/// [DeMaria2011] eqs (8)–(9): Σ x_k c_k / Σ c_k over the taxels with c_k < 0 whose bit in `skip` is clear.
 ///
 /// It is drawn towards the middle where the contact's field is cut off by the pad's edge: that is the
 /// method, not a fault of it.

@@ -1,4 +1,4 @@
-//! The skin's answer to one contact: how far each facet sinks (the forward model of 004 and Johnson,
+//! The skin's answer to one contact: how far each facet sinks (the forward model of [TactileEnc] and Johnson,
 //! *Contact Mechanics*, §3.2, §3.6), in a form whose coefficients a calibration can find.
 //!
 //! A contact of force (f_x, f_y, f_z) at p moves the facet at p + d by

@@ -1,5 +1,5 @@
 //! Intrinsic contact sensing: contact point and torsion out of the wrench, for a soft finger on a known
-//! convex surface (Bicchi, Salisbury and Brock 1993; 003, chapter 2).
+//! convex surface (Bicchi, Salisbury and Brock 1993; [Ospina2017], chapter 2).
 //!
 //! A soft-finger contact at r pushes with F and twists with a moment along the surface normal only:
 //! M = r × F + K A²r on the ellipsoid rᵀA²r = 1. So (K A² − \[F\]ₓ) r = M, whose solution put into the

@@ -1,4 +1,5 @@
-//! The inverse problem of 004, named as future work in 002: which single contact makes these signals?
+//! The inverse problem of [TactileEnc], named as future work in [DeMaria2011]: which single contact
+//! makes these signals?
 //!
 //! Signals become displacements by each taxel's measured curve; Gauss–Newton then finds the touch whose
 //! [`Field`] meets them best. It starts where the last frame ended, takes a fixed number of steps, and says
@@ -18,7 +19,7 @@ use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 const FIRST_STEPS: usize = 3;
 /// Least f_z that is followed, as s: 1 mN.
 const LEAST_SIZE: f32 = 0.1;
-/// Most, as s: 27 N, beyond the range of any sensor of 002 or 003.
+/// Most, as s: 27 N, beyond the range of any sensor of [DeMaria2011] or [Ospina2017].
 const MOST_SIZE: f32 = 3.0;
 /// A step moves the contact by this much at most, in mm, and s by [`SIZE_STEP`].
 const POINT_STEP: f32 = 1.0;

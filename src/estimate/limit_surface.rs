@@ -1,5 +1,5 @@
 //! How much shear and torsion together a contact holds before it slides: the limit surface of a soft
-//! contact (003, chapter 3).
+//! contact ([Ospina2017], chapter 3).
 //!
 //! The contact is a disc of radius a = c·N^γ with the power-law pressure p(r) ∝ (1 − (r/a)^k)^(1/k) and
 //! Coulomb friction. Turning about a centre anywhere on its plane gives a force and a torsion; swept over
@@ -33,7 +33,7 @@ pub struct LimitSurface {
 
 impl LimitSurface {
     /// A sphere on an incompressible skin of Young's modulus `young` MPa: Hertz's pressure, k = 2, for
-    /// which κ = 3π/16, and a³ = 9PR/16E (004).
+    /// which κ = 3π/16, and a³ = 9PR/16E ([TactileEnc]).
     #[must_use]
     pub fn hertz(radius_mm: f32, young: f32) -> Self {
         Self {

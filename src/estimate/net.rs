@@ -1,4 +1,5 @@
-//! The feed-forward net of 002, one hidden layer of tanh units and linear output, with a linear skip path.
+//! The feed-forward net of [DeMaria2011], one hidden layer of tanh units and linear output, with a
+//! linear skip path.
 
 use heapless::Vec;
 use serde::ser::SerializeSeq;
@@ -7,7 +8,7 @@ use serde::{Serialize, Serializer};
 use super::tanh::{tanh, tanh_of_finite};
 use crate::scan::TAXELS;
 
-/// Most hidden units a record may hold. 002 uses 12 (normal only) and 16 (three components).
+/// Most hidden units a record may hold. [DeMaria2011] uses 12 (normal only) and 16 (three components).
 pub const MAX_HIDDEN: usize = 32;
 /// Most outputs: f_x, f_y, f_z.
 pub const MAX_OUTPUTS: usize = 3;
@@ -18,7 +19,7 @@ pub(super) const HUGE: f32 = 1e30;
 /// y = V·tanh(W·x + a) + L·x + b, for weights given as flat row-major slices.
 ///
 /// The linear skip path L lets the tanh units bend what a straight line already says. Without it (empty)
-/// this is the net of 002, without units it is linear.
+/// this is the net of [DeMaria2011], without units it is linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layers<'w> {
     /// W, one row of weights, as many as there are inputs, a unit.

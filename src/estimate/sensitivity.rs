@@ -1,4 +1,4 @@
-//! Force of one three-axis MEMS sensor: f = S(u − b) (003 eqs (1.19)–(1.21)).
+//! Force of one three-axis MEMS sensor: f = S(u − b) ([Ospina2017] eqs (1.19)–(1.21)).
 
 use serde::{Deserialize, Serialize};
 

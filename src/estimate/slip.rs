@@ -34,7 +34,8 @@ pub struct Slip {
 }
 
 impl Slip {
-    /// For a sphere of 6 mm on the silicone of 002, friction taken as `mu` at first. Rubber's lies between
+    /// For a sphere of 6 mm on the silicone of [DeMaria2011], friction taken as `mu` at first.
+    /// Rubber's lies between
     /// 0.2 and 1.2 on most things: 1/μ is 0.8 to 5.
     #[must_use]
     pub fn usual(mu: f32) -> Self {

@@ -1,4 +1,4 @@
-//! Two contacts at once (002's open case): the touch for which no single contact accounts.
+//! Two contacts at once ([DeMaria2011]'s open case): the touch for which no single contact accounts.
 //!
 //! It is asked only where the single contact misfits. Two normal contacts, six unknowns, are then fitted to
 //! the sixteen displacements by Gauss–Newton in the same [`Field`](super::field::Field); they are believed

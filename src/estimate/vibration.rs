@@ -71,8 +71,8 @@ pub struct Vibration {
 }
 
 impl Vibration {
-    /// For `rate` frames a second: around 150 Hz, where the sensors of 003 still answer and a hand's own
-    /// motion has ended; below 600 frames a second at a quarter of the rate.
+    /// For `rate` frames a second: around 150 Hz, where the sensors of [Ospina2017] still answer
+    /// and a hand's own motion has ended; below 600 frames a second at a quarter of the rate.
     #[must_use]
     pub fn at(rate: f32) -> Self {
         let rate = rate.clamp(1.0, 1e6);
@@ -176,7 +176,7 @@ pub struct VibrationDetector {
 }
 
 impl VibrationDetector {
-    /// One frame. Where the rate changes, it begins anew.
+    /// One frame. Where the rate changes, it begins again.
     pub fn hear(&mut self, time: Micros, signals: &Signals) -> bool {
         let interval = self.time.map_or(0, |last| time.0.saturating_sub(last.0));
         self.time = Some(time);

@@ -1,5 +1,5 @@
-//! The force sensors as one intrinsic tactile sensor (003, chapter 2): their forces become the wrench on
-//! the finger.
+//! The force sensors as one intrinsic tactile sensor ([Ospina2017], chapter 2): their forces become
+//! the wrench on the finger.
 //!
 //! Frame: the finger's, x along a row, y along a column, z into the skin, origin in the middle of the skin.
 

@@ -4,8 +4,9 @@
 //! ```text
 //! normal contact ──▶ model, 3 unknowns ──shear──▶ model, 6 unknowns ──misfit──▶ two contacts
 //! ```
-//! Each step up has its hysteresis. Without a model in the record the net gives the force; a method of 002
-//! gives the point where it was chosen, or where a faulty taxel leaves the model without its signals.
+//! Each step up has its hysteresis. Without a model in the record the net gives the force; a method
+//! of [DeMaria2011] gives the point where it was chosen, or where a faulty taxel leaves the model
+//! without its signals.
 
 use crate::calibration::{Calibration, TaxelCalibration};
 use crate::condition::{Bias, Health};
@@ -23,7 +24,7 @@ use crate::frame::Status;
 use crate::measured::{Measured, NoValue};
 use crate::scan::TAXELS;
 
-/// A method of 002 is this far off in the middle of the pad, in mm: its centroid, 0.6 to 1.
+/// A method of [DeMaria2011] is this far off in the middle of the pad, in mm: its centroid, 0.6 to 1.
 const CENTROID_ERROR: f32 = 0.8;
 /// Shear is present where the force sensors feel this many times the shear that is taken for none. Without
 /// them it is always looked for: the misfit of a contact without shear does not tell it, because the place
@@ -32,7 +33,7 @@ const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 1, end_frames: 20 };
 /// A single contact is doubted where it misfits by this many times what calibration leaves.
 const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20 };
 /// A rubber's stiffness is known to this share, however well the model met its calibration: it grows by a
-/// third of a per cent with each kelvin, and the first loading meets a stiffer skin (002 fig. 3).
+/// third of a per cent with each kelvin, and the first loading meets a stiffer skin ([DeMaria2011] fig. 3).
 pub const SKIN_ERROR: f32 = 0.05;
 /// And a place to this many mm beyond what its covariance says: by so much another indenter's press, or one
 /// that shears, is drawn aside.

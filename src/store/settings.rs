@@ -1,4 +1,4 @@
-//! Settings and a bias taken on command, kept together: saving one writes both anew.
+//! Settings and a bias taken on command, kept together: saving one writes both again.
 //!
 //! An erasure for each save, of which a page stands ten thousand (DS12589 table 45): settings are saved when
 //! a person says so, and one mechanism is enough for all that is stored.

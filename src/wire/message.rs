@@ -1,7 +1,7 @@
 //! What the two sides say to each other.
 //!
 //! Discriminants are positions in the enums, so **variants are appended, never moved**. Whatever the
-//! protocol version, request 0 asks for it and message 0 answers: those two are frozen for ever.
+//! protocol version, request 0 asks for it and message 0 answers: those two are frozen forever.
 
 use heapless::{String, Vec};
 use serde::ser::{Error, SerializeTuple};
@@ -91,7 +91,7 @@ pub enum Command {
     },
     /// 17: go to the chip's own bootloader. The answer comes before.
     Bootloader,
-    /// 18: scan differently until the next power-up. The stream's rate is set anew by the host.
+    /// 18: scan differently until the next power-up. The stream's rate is set again by the host.
     SetScan(ScanSettings),
     /// 19: what smooths the signals, set apart from the rate.
     SetFilter {

@@ -4,7 +4,7 @@
 //! * One packet is in flight at a time, so packets are filled: bytes go out 64 at a time, and a flush
 //!   sends the rest. Nothing below sends the zero-length packet that ends a transfer of full packets, so
 //!   a flush does.
-//! * A write waits for ever while nobody reads. It is given up now and then to see whether the port is
+//! * A write waits forever while nobody reads. It is given up now and then to see whether the port is
 //!   still open; meanwhile the session's pipe is full and drops whole frames, counted.
 //! * Each session begins with a zero, so that a message that the last one tore ends there.
 
@@ -106,7 +106,7 @@ pub fn device<D: Driver<'static>>(
 }
 
 impl<D: Driver<'static>> Link<D> {
-    /// One session after the other, for ever. The instrument keeps its settings from one to the next, and
+    /// One session after the other, forever. The instrument keeps its settings from one to the next, and
     /// takes its scans while nobody is there.
     pub async fn serve(&mut self, board: &mut impl Board, instrument: &mut Instrument) {
         loop {

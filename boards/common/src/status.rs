@@ -4,7 +4,7 @@ use embassy_time::{Duration, Timer};
 
 use crate::scanner::Frames;
 
-/// Shows for ever how the scan is doing; `set` lights the LED, or not.
+/// Shows forever how the scan is doing; `set` lights the LED, or not.
 pub async fn show(frames: &'static Frames, set: fn(bool)) -> ! {
     let mut seen = 0;
     loop {

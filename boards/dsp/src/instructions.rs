@@ -3,7 +3,7 @@
 //! which `cargo xtask cycles` shows on an emulated core for ten thousand inputs.
 //!
 //! All of the `unsafe` below the boards, and a third of the time of the net. Written out, because LLVM's own pass
-//! wants both factors of an SMLAD loaded anew for each product, which costs more than it saves, and the
+//! wants both factors of an SMLAD loaded again for each product, which costs more than it saves, and the
 //! intrinsics are not stable. Each block reads what the references beside it vouch for, word by word and each once,
 //! one of them tanh's table too, and writes nothing but the registers that it names: no memory, not the stack.
 //! SMLAD may set Q and VCVT the cumulative flags of the FPSCR, which no block claims to preserve and nothing reads.

@@ -5,7 +5,7 @@
 //! frame that was overwritten meanwhile is dropped and counted, never delivered torn.
 //!
 //! A reading for which the DMA comes too late is an overrun of its converter, which then asks for no more
-//! transfers: an interrupt of its own begins the scan anew.
+//! transfers: an interrupt of its own begins the scan again.
 //!
 //! The patterns and the buffers lie in RAM: the flash stands still while one of its pages is erased, and
 //! a pattern that came late would leave rows and readings out of step for good.

@@ -5,7 +5,7 @@ use scan_plan::pins::G431_STATUS;
 
 use crate::scan;
 
-/// Shows for ever how the scan is doing.
+/// Shows forever how the scan is doing.
 #[embassy_executor::task]
 pub async fn show() {
     taxel_board::status::show(&scan::FRAMES, set).await;

@@ -1,5 +1,5 @@
 //! What embassy-stm32 0.6.0's USB driver has wrong: there a halted endpoint is never let go on, and one that was not
-//! halted, of which a host may ask the same, keeps the driver in a loop for ever (`Bus::endpoint_set_stalled`).
+//! halted, of which a host may ask the same, keeps the driver in a loop forever (`Bus::endpoint_set_stalled`).
 
 use embassy_stm32::pac::USB;
 use embassy_stm32::pac::usb::regs::Epr;

@@ -16,8 +16,8 @@ const ANSWERS: f32 = 8.0;
 /// … and this share of the signals of the sensor that answers most.
 const ANSWERS_SHARE: f32 = 0.02;
 
-/// Seconds by which a skin may lag behind the reference: a relaxing one of 003 (fig. 1.23) has time constants
-/// of some 4 ms.
+/// Seconds by which a skin may lag behind the reference: a relaxing one of [Ospina2017] (fig. 1.23)
+/// has time constants of some 4 ms.
 const LAGS: f64 = 0.02;
 
 /// The body that the reference force of the recordings acts on.

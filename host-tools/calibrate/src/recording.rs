@@ -17,7 +17,7 @@ use taxel_regress::shear::FORCES;
 const LEAST_ROWS: usize = 20;
 /// More rows than this do not make a bias any better.
 const MOST_ROWS: usize = 4096;
-/// The skin of 003 needs 10 ms to settle; twice that is left out after a contact.
+/// The skin of [Ospina2017] needs 10 ms to settle; twice that is left out after a contact.
 const SETTLE_US: u64 = 20_000;
 /// A force below this share of the recording's peak is none.
 const SMALL_FORCE: f64 = 0.005;

@@ -92,7 +92,7 @@ fn warm(recording: &Recording) -> Vec<(Levels, f64)> {
     readings.collect::<Option<_>>().unwrap_or_default()
 }
 
-/// Value at nought and slope by least squares, where the first of the pairs goes far enough.
+/// Value at zero and slope by least squares, where the first of the pairs goes far enough.
 fn straight(rows: &[(f64, f64)]) -> Option<(f64, f64)> {
     let n = rows.len() as f64;
     let mean = |f: fn(&(f64, f64)) -> f64| rows.iter().map(f).sum::<f64>() / n;

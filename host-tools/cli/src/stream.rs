@@ -152,7 +152,7 @@ impl Tally {
             (Some((first, after)), _) => {
                 after + received.frame.time.0.saturating_sub(first.frame.time.0) as f64 / 1e6
             }
-            // The finger may have started anew, and its clock with it.
+            // The finger may have started again, and its clock with it.
             (None, Some(last)) => self.duration_s() + seconds_between(last, received),
             (None, None) => 0.0,
         }

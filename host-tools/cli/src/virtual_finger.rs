@@ -169,7 +169,7 @@ impl VirtualFinger {
         let (stop, stopped) = oneshot::channel::<()>();
         let thread = Self::thread(&port, move |runtime| {
             // A task of its own, because only its waker stays equal to its clones: the session's pipe
-            // compares them, and with the waker of `block_on` it would wake itself for ever.
+            // compares them, and with the waker of `block_on` it would wake itself forever.
             let session = async move {
                 let mut instrument = instrument(&mut board, record.as_deref());
                 tokio::select! {

@@ -1,4 +1,4 @@
-/* Other people's nets on the machine of host-tools/emulator: the 16-16-3 tanh net of 002 by each library,
+/* Other people's nets on the machine of host-tools/emulator: the 16-16-3 tanh net of [DeMaria2011] by each library,
  * with the weights and inputs that the host hands over. `cargo xtask cycles --peers` builds and runs it. */
 
 #include <stdint.h>

@@ -1,7 +1,7 @@
 //! Other people's nets on the same machine, by the same table of costs: `peers.csv`.
 //!
-//! The net is 002's 16-16-3 and the inputs are what a finger sees in contact, the same for all. Errors are
-//! those against the net in `f64`.
+//! The net is [DeMaria2011]'s 16-16-3 and the inputs are what a finger sees in contact, the same
+//! for all. Errors are those against the net in `f64`.
 
 use std::fmt::Write as _;
 

@@ -73,7 +73,7 @@ pub fn compare(path: &Path, stages: &[Stage]) -> Result<()> {
     let mut lines = text.lines();
     ensure!(
         lines.next() == Some(HEADER),
-        "{}: line 1 must be `{HEADER}`; write it anew with `cargo xtask cycles --csv`",
+        "{}: line 1 must be `{HEADER}`; write it again with `cargo xtask cycles --csv`",
         path.display()
     );
     let mut dearer = Vec::new();
@@ -97,7 +97,7 @@ pub fn compare(path: &Path, stages: &[Stage]) -> Result<()> {
         return Ok(());
     }
     bail!(
-        "dearer than in {} by more than a tenth; if that is wanted, write it anew with \
+        "dearer than in {} by more than a tenth; if that is wanted, write it again with \
          `cargo xtask cycles --csv`:\n  {}",
         path.display(),
         dearer.join("\n  ")

@@ -215,7 +215,7 @@ fn in_section(path: &Path, text: &str, section: &str, field: &str) -> FileError 
     let begins = |line: &&str| *line == table || sensor.as_deref() == Some(line);
     let skipped = text.lines().map(str::trim).take_while(|line| !begins(line)).count();
     let rest: String = text.split_inclusive('\n').skip(skipped).collect();
-    let error = FileError::new(path, format!("{field} of {section} makes no sense")).column(field);
+    let error = FileError::new(path, format!("{field} of {section} is out of range")).column(field);
     match line_of(&rest, field) {
         Some(line) => error.line((skipped + line) as u64 + 1),
         None => error,

@@ -213,7 +213,7 @@ impl Recording {
         if header.biased() && header.bias().is_none() {
             remarks.push(format!(
                 "{path}: the finger had a bias taken on command, which is not in this recording: forces are \
-                 computed with the calibration's; record anew"
+                 computed with the calibration's; record again"
             ));
         }
         let scans: f64 = header.fact("scan_hz").parse().unwrap_or_default();

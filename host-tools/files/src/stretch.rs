@@ -71,7 +71,7 @@ impl FromStr for Stretch {
             "" => Ok(open),
             text => text.parse::<f64>().ok().filter(|s| s.is_finite()).ok_or_else(|| {
                 format!(
-                    "`{text}` is no time in seconds; write FILE@FROM..TO, as in press.csv@0..30"
+                    "`{text}` is not a time in seconds; write FILE@FROM..TO, as in press.csv@0..30"
                 )
             }),
         };

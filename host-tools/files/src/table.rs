@@ -97,7 +97,7 @@ pub fn read_from(
                     .line(line)
                     .column(&names[at])
                     .mend(
-                        "sort the rows by their time, or cut the file where its clock began anew",
+                        "sort the rows by their time, or cut the file where its clock began again",
                     ));
             }
             all = Some((all.map_or(seconds, |(first, _)| first), seconds));
@@ -239,7 +239,7 @@ mod tests {
     fn time_that_runs_backwards_is_refused_by_its_line_and_rows_of_one_time_are_read() {
         let error = read_text("t_us,m0\n10,1\n30,1\n20,1\n", "a.csv", &["m0"]).unwrap_err();
         let said = "a.csv:4: `t_us`: after 0.00003 s comes 0.00002 s; sort the rows by their time, or cut the file \
-                    where its clock began anew";
+                    where its clock began again";
         assert_eq!(error, said);
         let table = read_text("t_s,m0\n1,1\n1,2\n2,3\n", "a.csv", &["m0"]).unwrap();
         assert_eq!(table.times, [1.0, 1.0, 2.0]);

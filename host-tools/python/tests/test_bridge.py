@@ -193,7 +193,7 @@ def test_values_are_the_fingers_own_to_the_last_bit(command: str, network: Netwo
                     withheld += 1
         assert [np.float32(row[f"c_r{k // 4}c{k % 4}"]) for k in range(16)] == list(frame.taxels)
     assert withheld > 100
-    # A force that is withheld is no wrench, rather than a wrench of nought.
+    # A force that is withheld is no wrench, rather than a wrench of zero.
     wrenches = [
         network.store.deserialize_cdr(s.payload, listen.WRENCH)
         for s in network.samples("taxel/trace/wrench", listen.WRENCH)

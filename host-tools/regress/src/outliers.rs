@@ -119,7 +119,7 @@ fn told(wrong: &[bool], still: &[bool], name: &str) -> Result<Vec<String>, FitEr
         return Err(FitError::Mismatch {
             recording: name.to_owned(),
             problem: format!("{}, which is more than can be left out", problems.join(", and ")),
-            mend: format!("{} and record anew", mends.join(" and ")),
+            mend: format!("{} and record again", mends.join(" and ")),
         });
     }
     let told = |(found, mend)| format!("{name}: {found}, and were left out; {mend}");

@@ -1,5 +1,6 @@
-//! The papers' own laws, fitted to a table: the line of four of 002, the feeler of 000, the column of 001,
-//! and gap curves. What a law is and how it is evaluated stands with its estimator in the core.
+//! The papers' own laws, fitted to a table: the line of four of [DeMaria2011], the feeler of
+//! [Ohka2005], the column of [Ohka2004], and gap curves. What a law is and how it is evaluated
+//! stands with its estimator in the core.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -24,14 +25,14 @@ const SORTINGS: usize = 50;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Law {
-    /// 002 eqs (3)–(6): four displacements to p and θ.
+    /// [DeMaria2011] eqs (3)–(6): four displacements to p and θ.
     Row {
         /// a_1 … a_8.
         point: [f32; 8],
         /// b_1 … b_8.
         angle: [f32; 8],
     },
-    /// 000 eqs (3), (10)–(12): G, u_x, u_y to F_x, F_y, F_z.
+    /// [Ohka2005] eqs (3), (10)–(12): G, u_x, u_y to F_x, F_y, F_z.
     Feeler {
         /// C.
         normal: f32,
@@ -40,7 +41,7 @@ pub enum Law {
         /// β, K, α, γ of y.
         y: [f32; 4],
     },
-    /// 001 eq. (18): S_1 … S_4 to F_x, F_y, F_z.
+    /// [Ohka2004] eq. (18): S_1 … S_4 to F_x, F_y, F_z.
     Column {
         /// α_v.
         normal: f32,
@@ -49,7 +50,7 @@ pub enum Law {
         /// α_h.
         flattening: f32,
     },
-    /// 002 eq. (2): each signal to the displacement of its own facet, by powers one to three.
+    /// [DeMaria2011] eq. (2): each signal to the displacement of its own facet, by powers one to three.
     Gap {
         /// Coefficients of each channel.
         powers: Vec<[f32; 3]>,

@@ -83,7 +83,7 @@ pub struct Tried {
 impl Training<'_> {
     /// Warning about a choice that was not made on whole recordings.
     pub fn told(&self, chosen: Option<&Chosen>) -> Option<String> {
-        let least = "that takes three recordings or more of one kind, mounted anew each time";
+        let least = "that takes three recordings or more of one kind, mounted again each time";
         match (self.family, chosen) {
             (Family::Mlp | Family::Skip, None) if self.hidden.is_none() => Some(format!(
                 "{}: {} hidden units as usual, not chosen by recordings left out: {least}; record more, or say --hidden",

@@ -199,7 +199,11 @@ fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, rows: &[Row], notes: &mut Ve
         let grey = (FONT, 12).into_font().color(&GREY);
         let least = ERRORS[0];
         for (line, label, at) in [
-            ([(-0.1, 1e3 * ASKED), (CALIBRATED, 1e3 * ASKED)], "asked: 1.5 % of 2 N", (0.0, 28.0)),
+            (
+                [(-0.1, 1e3 * ASKED), (CALIBRATED, 1e3 * ASKED)],
+                "specification: 1.5 % of 2 N",
+                (0.0, 28.0),
+            ),
             ([(OUTER, least), (OUTER, ERRORS[1])], "outer taxels", (OUTER + 0.05, 0.75)),
         ] {
             chart.draw_series(DashedLineSeries::new(line, 6, 4, GREY.stroke_width(1)))?;

@@ -148,7 +148,7 @@ fn panel(
         let colour = COLOURS.get(number).copied().unwrap_or(BLACK);
         let mut points: Vec<&Point> = map.points.iter().collect();
         points.sort_by(|a, b| a.value.total_cmp(&b.value));
-        // A line ends where nothing is said, and begins anew where something is.
+        // A line ends where nothing is said, and begins again where something is.
         for said in points.chunk_by(|a, b| ratio(a).is_some() == ratio(b).is_some()) {
             let places = said.iter().filter_map(|point| Some((at(point.value), ratio(point)?)));
             chart.draw_series(LineSeries::new(places, colour.stroke_width(2)))?;

@@ -27,7 +27,7 @@ pub fn write(folder: &Path) -> anyhow::Result<()> {
     save(folder.join("peers.csv"), COMMITTED)?;
     let picture = bars::draw(title, &bars)?;
     picture.save(folder.join("peers.svg"))?;
-    save_page(folder.join("peers.html"), "Beside other people's nets", title, &[&picture])
+    save_page(folder.join("peers.html"), "Compared with other people's nets", title, &[&picture])
 }
 
 fn parse(table: &str) -> anyhow::Result<Vec<Peer>> {

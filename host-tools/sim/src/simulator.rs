@@ -93,7 +93,7 @@ impl Simulator {
         }
     }
 
-    /// Begins again when the scene is over, for ever; device time runs on, and noise does not repeat.
+    /// Begins again when the scene is over, forever; device time runs on, and noise does not repeat.
     #[must_use]
     pub fn endless(mut self) -> Self {
         self.endless = true;

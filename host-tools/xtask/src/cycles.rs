@@ -67,8 +67,8 @@ pub fn guard() -> Result<()> {
     within_half_a_frame(&counted, &text)
 }
 
-/// The nets of 002 and the modelled cycles that they may take at most. Every stage may creep up a tenth from one
-/// committed table to the next; these may not.
+/// The nets of [DeMaria2011] and the modelled cycles that they may take at most. Every stage may
+/// creep up a tenth from one committed table to the next; these may not.
 const NETS: [(&str, u64); 2] = [("net 16-16-3", 1_900), ("q15 net 16-16-3", 900)];
 
 /// Fails where one of the [`NETS`] takes more than it may.

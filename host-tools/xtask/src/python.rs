@@ -49,10 +49,10 @@ fn as_users_install_it(tools: &Path, client: &Path) -> Result<()> {
     if there.is_none() {
         run(program("python3", client).args(["-m", "venv"]).arg(&environment))?;
     }
-    // What it needs is there from the last time; the client itself is built and installed anew.
+    // What it needs is there from the last time; the client itself is built and installed again.
     let install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
-    let anew: &[&str] = if there.is_some() { &["--force-reinstall", "--no-deps"] } else { &[] };
-    run(program(&python, &root()).args(install).args(anew).arg("./host-tools/python"))?;
+    let again: &[&str] = if there.is_some() { &["--force-reinstall", "--no-deps"] } else { &[] };
+    run(program(&python, &root()).args(install).args(again).arg("./host-tools/python"))?;
     let typed = "import taxel, pathlib; p = pathlib.Path(taxel.__file__).parent; \
                  assert 'site-packages' in p.parts and (p / 'py.typed').exists(), p";
     run(program(&python, &folder).args(["-I", "-c", typed]))?;

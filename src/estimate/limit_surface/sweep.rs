@@ -1,6 +1,6 @@
-//! The limit surface by 003's own method: the contact turns about a centre, every element of its area holds
-//! μp against the way it goes, and the centre is moved until force and torsion stand in the ratio that was
-//! asked for.
+//! The limit surface by [Ospina2017]'s own method: the contact turns about a centre, every element
+//! of its area holds μp against the way it goes, and the centre is moved until force and torsion
+//! stand in the ratio that was asked for.
 //!
 //! Of all ways to turn, the true one needs the most work for the friction that it meets (maximum
 //! dissipation), so that a centre that is a little off costs the load a little of a little: a few steps do.

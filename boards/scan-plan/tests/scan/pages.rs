@@ -1,6 +1,6 @@
 //! What the boards' pages say of pins and timing, checked against what the firmware is built from.
 //!
-//! `TAXEL_DRAW=1 cargo test --package scan-plan` draws the pictures anew.
+//! `TAXEL_DRAW=1 cargo test --package scan-plan` draws the pictures again.
 
 use std::path::{Path, PathBuf};
 

@@ -116,7 +116,7 @@ pub(super) fn adjust(
         for name in unhelped {
             adjusted
                 .warnings
-                .push(format!("the gains do not surely help the {name}; fit it anew for more"));
+                .push(format!("the gains do not surely help the {name}; fit it again for more"));
         }
         None
     };
@@ -134,7 +134,7 @@ pub(super) fn adjust(
     if let Some(left) = left.filter(|left| *left > 5.0 * expected) {
         adjusted.warnings.push(format!(
             "the {}: {:.1} mN are left on presses not used, where the record's own residual was {:.1} mN; \
-             fit anew for more",
+             fit again for more",
             best.name(),
             1e3 * left,
             1e3 * expected

@@ -9,7 +9,7 @@ use taxel::scan::{SENSORS, TAXELS};
 
 /// Two channels that correlate beyond this are one.
 const SAME: f64 = 0.9999;
-/// Fewer recordings than this leave nothing to choose a model by: 003 and every careful judge hold out
+/// Fewer recordings than this leave nothing to choose a model by: [Ospina2017] and every careful judge hold out
 /// whole recordings.
 const FEW: usize = 3;
 
@@ -37,7 +37,7 @@ pub(crate) fn unknown() -> Vec<String> {
 pub(crate) fn few(recordings: usize) -> Vec<String> {
     let s = if recordings == 1 { "" } else { "s" };
     let doubt = format!(
-        "fitted to {recordings} recording{s}: with {FEW} or more, mounted anew each time, one can be left \
+        "fitted to {recordings} recording{s}: with {FEW} or more, mounted again each time, one can be left \
          out to see what a new mounting does"
     );
     if recordings < FEW { vec![doubt] } else { Vec::new() }

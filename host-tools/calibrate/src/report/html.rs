@@ -168,7 +168,7 @@ fn section(page: &mut String, trial: &Trial) {
         let _ = write!(
             page,
             "<p>Direction of the force, where it is 0.3 N or more ({} rows): RMS {:.2}°, max {:.2}° \
-             (002, 4×1 trial set: max {ANGLE_DEG:.0}°).</p>",
+             ([DeMaria2011], 4×1 trial set: max {ANGLE_DEG:.0}°).</p>",
             angle.rows, angle.rms_deg, angle.max_deg
         );
     }
@@ -221,7 +221,7 @@ fn ours<'t>(paper: &Printed, trials: &'t [Trial]) -> Option<&'t Figures> {
 }
 
 fn requirements(page: &mut String, requirements: &[Requirement]) {
-    *page += "<h2>Harmon's requirements (004)</h2><table><tr><th>asked for<th class=text>found, the worst\
+    *page += "<h2>Harmon's requirements ([TactileEnc])</h2><table><tr><th>required<th class=text>found, the worst\
               <th></tr>";
     for requirement in requirements {
         let verdict = match requirement.met {

@@ -28,29 +28,29 @@ const fn force(
     Printed { quantity, unit: "N", source, bias, sigma, max }
 }
 
-/// 003 tables 1.2 (bare) and 1.3 (coated): of each component the sensor that did best by σ. 002: trial set of
-/// the 4×1 sensor.
+/// [Ospina2017] tables 1.2 (bare) and 1.3 (coated): of each component the sensor that did best by
+/// σ. [DeMaria2011]: trial set of the 4×1 sensor.
 pub(crate) const PRINTED: [Printed; 7] = [
-    force("fx", "003 table 1.2, H02 (bare)", [2.29e-3, 28.47e-3, 5.66e-3]),
-    force("fy", "003 table 1.2, H02 (bare)", [3.25e-3, 17.42e-3, 4.24e-3]),
-    force("fz", "003 table 1.2, D12 (bare)", [-0.331e-3, 16.24e-3, 4.03e-3]),
-    force("fx", "003 table 1.3, rA (coated)", [-3.36e-3, 46.31e-3, 11.82e-3]),
-    force("fy", "003 table 1.3, rD (coated)", [-2.87e-3, 51.63e-3, 11.92e-3]),
-    force("fz", "003 table 1.3, rB (coated)", [3.90e-3, 33.42e-3, 7.79e-3]),
+    force("fx", "[Ospina2017] table 1.2, H02 (bare)", [2.29e-3, 28.47e-3, 5.66e-3]),
+    force("fy", "[Ospina2017] table 1.2, H02 (bare)", [3.25e-3, 17.42e-3, 4.24e-3]),
+    force("fz", "[Ospina2017] table 1.2, D12 (bare)", [-0.331e-3, 16.24e-3, 4.03e-3]),
+    force("fx", "[Ospina2017] table 1.3, rA (coated)", [-3.36e-3, 46.31e-3, 11.82e-3]),
+    force("fy", "[Ospina2017] table 1.3, rD (coated)", [-2.87e-3, 51.63e-3, 11.92e-3]),
+    force("fz", "[Ospina2017] table 1.3, rB (coated)", [3.90e-3, 33.42e-3, 7.79e-3]),
     Printed {
         quantity: "x, y",
         unit: "mm",
-        source: "002, trial set of the 4×1 sensor",
+        source: "[DeMaria2011], trial set of the 4×1 sensor",
         bias: None,
         sigma: None,
         max: Some(0.3),
     },
 ];
 
-/// 002's largest error of the angle of a force, degrees.
+/// [DeMaria2011]'s largest error of the angle of a force, degrees.
 pub(crate) const ANGLE_DEG: f64 = 10.0;
 
-/// One of Harmon's requirements (004) and what was found.
+/// One of Harmon's requirements ([TactileEnc]) and what was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Requirement {
     /// Requirement.

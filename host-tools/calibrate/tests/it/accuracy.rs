@@ -150,7 +150,7 @@ fn a_newton_is_resolved_to_two_thousandths_and_followed_beyond_200_hz() {
         ("resolution of F_x, F_y at 1 kHz", "2 mN", sigmas.map(|[x, y, _]| millinewtons(x.max(y)))),
         ("resolution of F_z at 1 kHz", "2 mN", sigmas.map(|[_, _, z]| millinewtons(z))),
         (
-            "2 N over that",
+            "2 N over the resolution of F_z",
             "1000 : 1",
             range.map(|range| format!("{:.0} : 1", 100.0 * (range / 100.0).round())),
         ),

@@ -125,7 +125,7 @@ fn a_bench_recording_gives_that_sensor_and_nothing_else() {
 
 #[test]
 fn a_load_cell_that_errs_does_not_hide_the_unloaded_beginning() {
-    // That of 003 errs by 6 mN where the forces reach 1 N.
+    // That of [Ospina2017] errs by 6 mN where the forces reach 1 N.
     let mut bench = bench(1000, [1.0; 3]);
     for (row, sample) in bench.samples.iter_mut().enumerate() {
         for (axis, force) in sample.truth.force.iter_mut().enumerate() {

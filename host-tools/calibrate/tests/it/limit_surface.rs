@@ -1,5 +1,5 @@
 //! What the chip's limit surfaces are off by, and what they cost. `cargo bench -p taxel-calibrate --bench
-//! limit-surface` writes the table anew.
+//! limit-surface` writes the table again.
 
 use crate::judge::limit_surfaces::{error, table};
 
@@ -16,6 +16,6 @@ fn the_committed_table_is_what_the_forms_leave_and_cost_now() {
     assert_eq!(
         committed,
         table(),
-        "write it anew: cargo bench -p taxel-calibrate --bench limit-surface"
+        "write it again: cargo bench -p taxel-calibrate --bench limit-surface"
     );
 }

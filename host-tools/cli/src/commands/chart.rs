@@ -13,7 +13,7 @@ use taxel_research::{
 use crate::interrupt::Interrupt;
 use crate::output;
 
-/// Writes every chart anew: speed against accuracy, and where each method fails.
+/// Writes every chart again: speed against accuracy, and where each method fails.
 ///
 /// Into DIR go, for each chart, the table behind it (CSV), a picture (SVG) and a page that answers the mouse
 /// (HTML). Costs come from the committed table of the counting emulator (`cargo xtask cycles`). Ctrl-C ends

@@ -104,7 +104,7 @@ impl Scope {
         self.restart();
     }
 
-    /// Time begins anew: after a seek, or when the finger has restarted.
+    /// Time begins again: after a seek, or when the finger has restarted.
     pub(crate) fn restart(&mut self) {
         self.epoch += 1;
         self.open = None;

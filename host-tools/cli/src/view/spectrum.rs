@@ -35,7 +35,7 @@ impl Spectrum {
         self.times.clear();
     }
 
-    /// One more sample; a frame that is missing, or has no value, begins anew.
+    /// One more sample; a frame that is missing, or has no value, begins again.
     pub(crate) fn push(&mut self, sequence: u64, time_us: u64, value: Option<f32>) {
         let follows = self.sequence.is_none_or(|last| sequence == last.wrapping_add(1));
         self.sequence = Some(sequence);

@@ -107,7 +107,7 @@ impl Player {
         let (began, time) = *self.origin.get_or_insert((Instant::now(), frame.time.0));
         match frame.time.0.checked_sub(time) {
             Some(since) => sleep_until(began + Duration::from_micros(since)).await,
-            // The finger had been started anew.
+            // The finger had been started again.
             None => self.origin = Some((Instant::now(), frame.time.0)),
         }
         self.next.take().map(Ok)

@@ -162,7 +162,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// A finger that nothing touches, for ever.
+    /// A finger that nothing touches, forever.
     pub(in super::super) fn still(scan_hz: u64) -> impl Iterator<Item = Sample> + Send {
         (0u64..).map(move |i| {
             let taxels = TaxelCodes { lit: [[Code(1800); 4]; 4], dark: [Code(200); 4] };

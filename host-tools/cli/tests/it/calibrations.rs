@@ -366,7 +366,11 @@ fn a_report_is_one_page_with_figures_plots_and_warnings() {
         assert!(ran.err.contains(warning), "{warning}: {}", ran.err);
     }
     let page = std::fs::read_to_string(directory.path().join("report.html")).unwrap();
-    assert!(page.matches("<svg").count() >= 8 && page.contains("003 table 1.2"), "{}", page.len());
+    assert!(
+        page.matches("<svg").count() >= 8 && page.contains("[Ospina2017] table 1.2"),
+        "{}",
+        page.len()
+    );
     assert!(!page.contains("src=") && !page.contains("NaN") && !page.contains("inf "));
     assert!(page.len() < 3_000_000, "{}", page.len());
 
@@ -421,7 +425,7 @@ fn somebody_elses_sensor_gets_the_same_report_and_is_compared_with_what_it_was()
     assert_eq!(found["coverage"].as_array().unwrap().len(), 2);
     assert!(ran.err.contains("fitted to 2 recordings"), "{}", ran.err);
     let page = std::fs::read_to_string(directory.path().join("page.html")).unwrap();
-    assert!(page.contains("skin 7") && page.contains("003 table 1.2"));
+    assert!(page.contains("skin 7") && page.contains("[Ospina2017] table 1.2"));
     assert!(page.matches("<svg").count() == 6 && !page.contains("NaN"), "{}", page.len());
 
     let second = ["--data", "a.csv", "--serial", "skin 7", "--out", "second.toml"];

@@ -192,7 +192,7 @@ fn the_calibration_manual_does_what_it_says() {
 #[test]
 fn every_other_manual_does_what_it_says() {
     let apart = ["README.md", "docs/getting-started.md", "docs/calibrate.md"];
-    // The virtual finger's calibration is fitted anew by hand, as it says there, and judged by `pipeline.rs`.
+    // The virtual finger's calibration is fitted again by hand, as it says there, and judged by `pipeline.rs`.
     let by_hand = "host-tools/cli/assets/README.md";
     for manual in MANUALS.iter().filter(|manual| !apart.contains(manual) && **manual != by_hand) {
         run(manual);

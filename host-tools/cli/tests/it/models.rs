@@ -64,7 +64,7 @@ fn every_general_model_is_fitted_to_the_codes_of_a_finger_as_a_table_and_holds_o
         let error = judged(&folder, &typed, &["fz_n"])[0];
         assert!(error < most, "{model}: {error} N");
     }
-    // 003's matrix: what all force sensors say together.
+    // [Ospina2017]'s matrix: what all force sensors say together.
     for model in ["least-squares", "ridge"] {
         let typed = format!("--inputs bridge_* --targets fx_n,fy_n,fz_n --model {model}");
         let errors = judged(&folder, &typed, &["fx_n", "fy_n", "fz_n"]);
@@ -137,7 +137,7 @@ fn the_line_of_four_and_its_gap_curves_are_fitted_to_simulated_presses() {
     line_of_four(folder.0, "line-trial", 2, "unseen.csv");
     let row = "--model row --inputs u1_mm,u2_mm,u3_mm,u4_mm --targets p_mm,theta_deg";
     let errors = judged(&folder, row, &["p_mm", "theta_deg"]);
-    // 002's largest errors are 0.3 mm and 10 degrees.
+    // [DeMaria2011]'s largest errors are 0.3 mm and 10 degrees.
     assert!(errors[0] < 0.3 && errors[1] < 10.0, "{errors:?}");
     let auto = "--model auto --inputs c* --targets p_mm,theta_deg";
     let errors = judged(&folder, auto, &["p_mm", "theta_deg"]);
@@ -156,7 +156,8 @@ fn signals(samples: Vec<Sample>) -> Vec<([f32; 16], Sample)> {
     rows.zip(recording.samples).collect()
 }
 
-/// The feeler of 000, sheared along x and along y at some normal forces; 50 ms are a row, as the paper's steps.
+/// The feeler of [Ohka2005], sheared along x and along y at some normal forces; 50 ms are a row, as
+/// the paper's steps.
 fn feeler(directory: &Path, seed: u64, normal: &[f64], out: &str) {
     let mut scene = format!(
         "effects = ['noise', 'ambient', 'flicker', 'gain-spread']\n[scan]\nrate_hz = 500\nduration_s = {}\n\
@@ -211,11 +212,11 @@ fn the_feelers_law_is_fitted_to_simulated_shear() {
     feeler(folder.0, 2, &[0.0044, 0.0044, 0.0087, 0.0087], "unseen.csv");
     let typed = "--model feeler --inputs G,ux_um,uy_um --targets fx_n,fy_n,fz_n";
     let errors = judged(&folder, typed, &["fx_n", "fy_n", "fz_n"]);
-    // 5 % of the shear of 10 mN; the normal force as finely as the load cells of 000 resolve it.
+    // 5 % of the shear of 10 mN; the normal force as finely as the load cells of [Ohka2005] resolve it.
     assert!(errors[0].max(errors[1]) < 5e-4 && errors[2] < 1e-4, "{errors:?}");
 }
 
-/// One of 001's columns, pressed and sheared: the areas of its four cones.
+/// One of [Ohka2004]'s columns, pressed and sheared: the areas of its four cones.
 fn column(directory: &Path, seed: u64, scale: f64, out: &str) {
     let mut scene = String::from(
         "effects = ['noise', 'ambient', 'flicker', 'gain-spread']\n[scan]\nrate_hz = 500\nduration_s = 10\n\

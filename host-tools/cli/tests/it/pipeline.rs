@@ -17,12 +17,13 @@ fn asset() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/virtual-finger.cal.toml")
 }
 
-/// Fitted on a load cell that errs by 6 mN, as 003's does, and judged on other forces by the truth: a
+/// Fitted on a load cell that errs by 6 mN, as [Ospina2017]'s does, and judged on other forces by the truth: a
 /// recording's own reference would add its errors to the sensor's.
 #[test]
 fn a_sensor_fitted_on_an_erring_load_cell_errs_less_than_the_cell() {
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/scenes");
-    // What tables 1.2 and 1.3 of 003 say is 4 to 6 mN and 16 to 28 at most, bare; 7.8 and more, coated.
+    // What tables 1.2 and 1.3 of [Ospina2017] say is 4 to 6 mN and 16 to 28 at most, bare; 7.8 and
+    // more, coated.
     for (name, sigma, max) in [("mems-bare", 3e-3, 12e-3), ("mems-ra", 8e-3, f64::INFINITY)] {
         let folder = tempfile::tempdir().unwrap();
         let folder = In(folder.path());

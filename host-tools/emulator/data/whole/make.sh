@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes what lies beside it anew, in a folder of its own, whose name it prints: the finger as it is shipped, with the
+# Makes what lies beside it again, in a folder of its own, whose name it prints: the finger as it is shipped, with the
 # thermometer that the built-in scenes leave out, and a stretch of scans of each kind of scene.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../../.." && pwd)

@@ -53,7 +53,7 @@ impl Server {
         Ok(format!("tcp:127.0.0.1:{port} scene at {began} us"))
     }
 
-    /// Serves one client after the other, for ever.
+    /// Serves one client after the other, forever.
     pub fn serve(mut self) -> Result<()> {
         let (start, begin) = (Instant::now(), self.board.now());
         loop {

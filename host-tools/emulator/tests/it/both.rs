@@ -74,7 +74,7 @@ fn frames_are_the_hosts_own_byte_for_byte(model: Model) {
     let frames = std::mem::take(&mut session.frames);
     assert!(frames.iter().any(|(_, frame)| frame.status.contains(Status::CONTACT)));
 
-    // The board began anew with the calibration some scans before the first frame.
+    // The board began again with the calibration some scans before the first frame.
     let seen = &session.board.finger().seen;
     let first = first_seen(seen, &frames, 4);
     let equal = |begin: &usize| {
@@ -197,7 +197,7 @@ fn an_endpoint_that_the_host_halts_goes_on_when_it_is_let(model: Model) {
     session.frames.clear();
     session.run(micros(200_000)).unwrap();
     assert!(session.frames.len() > 190, "{} frames", session.frames.len());
-    // A host may clear a halt that there is none of: the data begin anew, whichever was next.
+    // A host may clear a halt that there is none of: the data begin again, whichever was next.
     for _ in 0..6 {
         session.board.host().halt(false);
         session.run(micros(7_000)).unwrap();

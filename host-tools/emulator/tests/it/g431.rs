@@ -110,7 +110,7 @@ fn the_diagram_of_the_boards_page_is_what_happens_on_the_pins() {
     let timing = board.finger().timing.take().unwrap();
     let path = repository().join("docs/boards/stm32g431-pins.svg");
     let committed = std::fs::read_to_string(&path).unwrap();
-    assert!(committed == diagram::svg(&timing).unwrap(), "the page says how it is drawn anew");
+    assert!(committed == diagram::svg(&timing).unwrap(), "the page says how it is drawn again");
 
     // The dump has the same edges as the diagram's steps.
     let mut dump = Vec::new();

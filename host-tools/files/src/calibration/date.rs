@@ -24,7 +24,7 @@ pub fn from_text(text: &str) -> Result<u64, String> {
         .ok()
         .and_then(|time| time.duration_since(UNIX_EPOCH).ok())
         .map(|since| since.as_secs())
-        .ok_or_else(|| format!("`{text}` is no date like 2026-11-21T09:30:00Z"))
+        .ok_or_else(|| format!("`{text}` is not a date like 2026-11-21T09:30:00Z"))
 }
 
 /// For `#[serde(with = …)]`.

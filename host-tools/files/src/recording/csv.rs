@@ -122,7 +122,7 @@ impl<R: BufRead> Iterator for Rows<R> {
                 FileError::new(self.lines.path(), format!("expected {wanted}, found `{text}`"))
                     .line(line)
                     .column(&column.name)
-                    .mend("mend the cell, or leave it empty where there is no value")
+                    .mend("correct the cell, or leave it empty where there is no value")
             })
         };
         Some(self.record.iter().zip(&self.columns).map(cell).collect())

@@ -84,7 +84,7 @@ impl Sink for Spooled {
         Box::new(rows).finish()?;
         let kept = |error: FileError| {
             error.mend(format!(
-                "all rows are in {}; mend the cause, then `taxel export` it",
+                "all rows are in {}; fix the cause, then `taxel export` it",
                 spool.display()
             ))
         };
@@ -266,7 +266,7 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     let kinds = columns.clone();
     let mut rows = reader.into_iter();
     let mut over = false;
-    // The library says the same error for ever.
+    // The library says the same error forever.
     let rows = std::iter::from_fn(move || {
         let next = if over { None } else { guarded(|| rows.next().transpose()).transpose() };
         let row = next?;

@@ -124,7 +124,7 @@ fn a_net_in_sixteen_bits_comes_back_and_what_does_not_fit_is_named_with_its_line
     for (from, to, key, message) in [
         ("hidden_bias = [", "hidden_bias = [1, ", "hidden =", "`hidden`: 12 units with 13 biases"),
         ("output = [[", "output = [[7, ", "output =", "`output`: expected 3 rows of as many"),
-        ("shift = ", "shift = 77 # ", "shift =", "`shift`: shift of quantised makes no sense"),
+        ("shift = ", "shift = 77 # ", "shift =", "`shift`: shift of quantised is out of range"),
     ] {
         let error = parse(&text.replacen(from, to, 1)).unwrap_err();
         let expected = format!("cal.toml:{}: {message}", line(key));
@@ -152,11 +152,11 @@ fn damage_of_every_kind_is_named_with_its_line_and_the_mend() {
         ),
         (text.replacen("0.31", "0.32", 1), "cal.toml:3: `crc32`: says "),
         (text.replacen("0.31", "oops", 1), "cal.toml:9: "),
-        (text.replacen("0.31", "nan", 1), "cal.toml:9: `bias`: bias of taxels makes no sense; "),
+        (text.replacen("0.31", "nan", 1), "cal.toml:9: `bias`: bias of taxels is out of range; "),
         (text.replace("sensor = 1", "sensor = 9"), ": `sensor`: there is no sensor 9: 0…3; "),
         (
             text.replace("date = \"20", "date = \"x"),
-            "cal.toml:5: `date`: `x26-11-21T09:30:00Z` is no date",
+            "cal.toml:5: `date`: `x26-11-21T09:30:00Z` is not a date",
         ),
     ];
     for (text, message) in cases {

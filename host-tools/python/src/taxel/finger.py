@@ -114,7 +114,7 @@ class Finger:
         self._transport.close()
 
     def frames(self, seconds: float | None = None) -> Iterator[Frame]:
-        """The stream, for so many seconds of device time or for ever.
+        """The stream, for so many seconds of device time or forever.
 
         Starts it, and stops it when the loop ends. Raises :class:`LinkError` when the finger goes, after
         every frame that came before.
@@ -302,7 +302,7 @@ class Finger:
         elif self._started:
             self._received += 1
             ahead = 0 if self._next is None else (decoded.seq - self._next) & 0xFFFF_FFFF
-            # More than half the circle ahead is a step back: a finger that has started anew.
+            # More than half the circle ahead is a step back: a finger that has started again.
             self._lost += ahead if ahead < 1 << 31 else 0
             self._next = (decoded.seq + 1) & 0xFFFF_FFFF
             if len(self._frames) < QUEUE:

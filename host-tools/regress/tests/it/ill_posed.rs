@@ -339,7 +339,7 @@ fn a_number_that_f32_cannot_reckon_with_is_refused_by_its_place() {
     assert!(error.starts_with("huge.csv:3: `m0`: expected a number up to 1e12, found"), "{error}");
 }
 
-/// A feeler of 000 that sticks and slips by turns; every row goes through `spoil`.
+/// A feeler of [Ohka2005] that sticks and slips by turns; every row goes through `spoil`.
 fn feeler(spoil: impl Fn(usize, &mut [f32; 3])) -> TableRecording {
     let shear = Shear { stuck: 1.7, sheet: 0.067, friction: 0.25, adhesion: 0.56 };
     let spot = BrightSpot { normal: 0.03, x: shear, y: shear };

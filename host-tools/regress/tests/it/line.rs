@@ -1,4 +1,4 @@
-//! The 4×1 prototype of 002 by a model that nobody chose: place and angle straight out of the codes.
+//! The 4×1 prototype of [DeMaria2011] by a model that nobody chose: place and angle straight out of the codes.
 
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
@@ -45,7 +45,7 @@ fn presses(scene: &str, seed: u64) -> (usize, TableRecording) {
     (count, TableRecording { inputs: read(&["c*"]), targets: read(&["p_mm", "theta_deg"]) })
 }
 
-/// Trials lie half-way between the places and angles of the data set. 002: 0.3 mm and 10°.
+/// Trials lie half-way between the places and angles of the data set. [DeMaria2011]: 0.3 mm and 10°.
 #[test]
 fn trial_forces_of_the_line_are_placed_to_0_15_mm_and_turned_to_5_degrees() {
     let ((fitted, data), (tried, trials)) = (presses("line-fit", 1), presses("line-trial", 2));

@@ -6,7 +6,7 @@ use std::path::Path;
 use taxel::estimate::limit_surface::Sweep;
 use taxel_calibrate::limit_surface::{power_law, sweep};
 
-/// Exponents of the pressure: 003's fingers and Hertz's between a blunt punch and almost a point.
+/// Exponents of the pressure: [Ospina2017]'s fingers and Hertz's between a blunt punch and almost a point.
 const PRESSURES: [f64; 4] = [1.8, 2.0, 3.0, 8.0];
 
 /// A form, and its stage in the table of cycles.

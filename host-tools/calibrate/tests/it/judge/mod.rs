@@ -268,7 +268,7 @@ pub fn twisted(device: u32) -> Vec<Sample> {
     for i in 0..12u32 {
         let [x, y] = spread(i).map(|unit| 7.5 * unit - 3.75);
         let fz = 0.3 + 1.7 * spread(7 * i + 2)[0];
-        // 003 §2.3 for Hertz's pressure: τ = κ·μ·N·a, κ = 3π/16.
+        // [Ospina2017] §2.3 for Hertz's pressure: τ = κ·μ·N·a, κ = 3π/16.
         let holds = LimitSurface::hertz(6.0, 0.236).most_torsion(fz as f32, FRICTION as f32);
         let torsion = f64::from(holds) * if i % 2 == 0 { 0.66 } else { -0.66 };
         acts += &format!(

@@ -159,7 +159,7 @@ fn values<T, const N: usize>(
 fn value(measured: Measured<f32>) -> Value {
     match measured {
         Ok(value) => Value { value, withheld: 0 },
-        // Zero means given; the wire counts reasons from nought.
+        // Zero means given; the wire counts reasons from zero.
         Err(why) => Value { value: 0.0, withheld: why as u8 + 1 },
     }
 }

@@ -131,7 +131,7 @@ impl Topic {
     }
 }
 
-/// A session's identity: 128 bits, the first of its digits not nought.
+/// A session's identity: 128 bits, the first of its digits not zero.
 fn identity() -> String {
     let random = || RandomState::new().hash_one(std::process::id());
     format!("{:016x}{:016x}", random() | 1 << 63, random())
@@ -146,7 +146,7 @@ fn config(session: &str, connect: &[String], listen: &[String]) -> String {
             "endpoints": connect,
             "exit_on_failure": false,
             "timeout_ms": -1,
-            // A router that is started later, or anew, is found within a second.
+            // A router that is started later, or again, is found within a second.
             "retry": { "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 },
         },
         "listen": { "endpoints": listen },

@@ -13,9 +13,9 @@ use crate::output;
 
 /// Brings a calibration up to date with a few presses of known weight, the finger in its place.
 ///
-/// Bias, one gain a taxel (for the net and the model of the skin alike) and one a row of each sensor's matrix
-/// are found anew; all else stays. Three presses at least, better nine all over the finger. Each recording begins with half a second in which nothing
-/// touches the finger.
+/// Bias, one gain a taxel (for the net and the model of the skin alike) and one a row of each
+/// sensor's matrix are found again; all else stays. Three presses at least, better nine all over
+/// the finger. Each recording begins with half a second in which nothing touches the finger.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

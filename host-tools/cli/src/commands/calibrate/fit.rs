@@ -45,17 +45,18 @@ pub struct Args {
     /// Fit this MEMS sensor from force on it alone, whatever the recordings look like.
     #[arg(long, value_name = "0…3", value_parser = clap::value_parser!(u8).range(0..4), conflicts_with_all = ["inputs", "hidden"])]
     sensor: Option<u8>,
-    /// Family of the model: auto (what does best on stretches left out; a finger's net is taught by the model
-    /// of its skin where the recordings tell contact points), mlp (one hidden layer of tanh
-    /// units), skip (the same with a linear path past them), ridge (linear, with a decay), least-squares
-    /// (linear); of any CSV also cubic (additive) and quadratic (with products), and the papers' own laws:
-    /// row (002, the line of four), feeler (000), column (001), gap (signal to displacement).
+    /// Family of the model: auto (what does best on stretches left out; a finger's net is taught by
+    /// the model of its skin where the recordings tell contact points), mlp (one hidden layer of
+    /// tanh units), skip (the same with a linear path past them), ridge (linear, with a decay),
+    /// least-squares (linear); of any CSV also cubic (additive) and quadratic (with products), and
+    /// the papers' own laws: row ([DeMaria2011], the line of four), feeler ([Ohka2005]), column
+    /// ([Ohka2004]), gap (signal to displacement).
     #[arg(long, value_name = "NAME", default_value_t = Family::default())]
     model: Family,
     /// Hidden tanh units [default: of three recordings or more what does best on those left out; else 12 for normal force alone, 16 with shear; found by --model auto].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
     hidden: Option<u8>,
-    /// Keep the net alone, as 002 does: no model of the skin and no array of sensors in the record.
+    /// Keep the net alone, as [DeMaria2011] does: no model of the skin and no array of sensors in the record.
     #[arg(long)]
     net_only: bool,
     /// Numbers that the record holds the net in: f32, or q15 (16 bits: less time on a Cortex-M4; the report

@@ -67,7 +67,7 @@ fn a_record_that_is_damaged_edited_or_newer_is_refused_by_its_line_and_key() {
             "date.toml",
             with("date = \"2026", "date = \"yesterday 2026"),
             format!(
-                "date.toml:5: `date`: `yesterday {}` is no date like 2026-11-21T09:30:00Z; fit the calibration again",
+                "date.toml:5: `date`: `yesterday {}` is not a date like 2026-11-21T09:30:00Z; fit the calibration again",
                 good.lines().nth(4).unwrap().trim_start_matches("date = ").trim_matches('"')
             ),
         ),
@@ -75,7 +75,7 @@ fn a_record_that_is_damaged_edited_or_newer_is_refused_by_its_line_and_key() {
             "nan.toml",
             with("noise = ", "noise = nan # "),
             format!(
-                "nan.toml:{}: `noise`: noise of taxels makes no sense; fit the calibration again",
+                "nan.toml:{}: `noise`: noise of taxels is out of range; fit the calibration again",
                 line_of(&good, "noise")
             ),
         ),

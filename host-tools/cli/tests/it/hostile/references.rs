@@ -54,7 +54,7 @@ fn a_reference_that_does_not_belong_to_its_recording_is_told_with_both_times() {
             "skin.csv",
             "back.csv",
             "back.csv:4: `t_s`: after 0.02 s comes 0.015 s; sort the rows by their time, or cut the file where its clock \
-             began anew",
+             began again",
         ),
         (
             "skin.csv@50..60",

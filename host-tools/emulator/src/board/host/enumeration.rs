@@ -47,7 +47,7 @@ impl Host {
             self.queue.push_back(Control::sending(SET_LINE_CODING, 0, &LINE_CODING));
             self.queue.push_back(Control::new(GET_LINE_CODING, 0, 0, 7));
         } else if control.is(CLEAR_FEATURE) {
-            // Data begin anew (USB 2.0, 9.4.5).
+            // Data begin again (USB 2.0, 9.4.5).
             self.toggles[0] = false;
         } else if control.is(GET_LINE_CODING) {
             if control.data != LINE_CODING {
