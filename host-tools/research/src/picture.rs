@@ -75,8 +75,11 @@ pub(crate) fn save_page(
     let mut page = format!(
         "<!doctype html><html lang=en><meta charset=utf-8><title>{title}</title>\n\
          <body style=\"font-family:sans-serif;max-width:60em;margin:auto\"><h1>{title}</h1>\n\
-         <p>{lead} The mouse on a mark shows its figures.</p>\n"
+         <p>{lead}</p>\n"
     );
+    if pictures.iter().any(|picture| !picture.notes.is_empty()) {
+        page.push_str("<p>The mouse on a mark shows its figures.</p>\n");
+    }
     pictures.iter().for_each(|picture| picture.append_to(&mut page));
     Ok(save(path, page + "</body></html>\n")?)
 }
