@@ -194,7 +194,7 @@ fn what_fails_is_one_line_and_exit_code_1() {
     let trace = fails(1, &["info", "--port", "file:no-such-trace.csv"]);
     assert!(trace.starts_with("taxel: no-such-trace.csv: "), "{trace}");
     let file = fails(1, &["info", "--port", "Cargo.toml"]);
-    let line = "a file, not a device; write `file:` before it to play it back";
+    let line = "a file, not a device; write `file:` in front of it to play it back";
     assert_eq!(file, format!("taxel: Cargo.toml: {line}\n"));
     let rate = fails(1, &["set", "--port", "sim:press", "--rate", "0"]);
     assert!(rate.ends_with(": rate: must lie in 1…1000\n"), "{rate}");

@@ -3,15 +3,14 @@
 mod broken_links;
 #[cfg(target_os = "linux")]
 mod broken_off;
-mod broken_uploads;
 mod browser;
 mod calibrations;
 mod cli;
 mod common;
 mod emulated_board;
+mod endurance;
 mod fingers;
 mod hostile;
-mod ill_posed;
 mod manuals;
 mod models;
 #[cfg(target_os = "linux")]

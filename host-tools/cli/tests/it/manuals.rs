@@ -51,6 +51,8 @@ cargo() {
         "install --path") test -f "$ROOT/$3/Cargo.toml" ;;
         # These tests are part of the first, and so are the others: they would wait for its lock.
         "xtask test" | "xtask cycles" | "xtask firmware") ;;
+        # Programs for research take minutes, or tools that are not here.
+        "run -p") test -f "$ROOT/host-tools/${3#taxel-}/Cargo.toml" ;;
         "run "*) return 1 ;;
         *) [[ $1 == demo ]] && grep -q '^demo = "run .*taxel -- demo"' "$ROOT/.cargo/config.toml" && taxel demo ;;
     esac

@@ -212,50 +212,6 @@ fn a_reference_that_another_clock_logged_is_brought_onto_the_sensors_time() {
     assert!(error.contains("1 --reference for 2 --data; give one for each"), "{error}");
 }
 
-/// The codes of a live finger, and a load cell that another computer logged meanwhile.
-#[test]
-fn the_recorded_codes_of_a_live_finger_and_a_load_cells_own_log_make_a_calibration() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = In(folder.path());
-    let record = ["record", "--port", "sim:tour", "--duration", "14", "--out", "live.csv"];
-    folder.succeeds(&[&record[..], &["--fields", "codes,force,point"]].concat());
-    folder.succeeds(&["simulate", "--scene", "tour", "--seed", "3", "--out", "truth.csv"]);
-    // The cell's clock: 40 s ahead, and 0.4 % fast.
-    let cell = TraceReader::open(folder.0.join("truth.csv")).unwrap().map(|sample| {
-        let sample = sample.unwrap();
-        let [fx, fy, fz] = sample.truth.force.map(Option::unwrap);
-        let seconds = 40.0 + 1.004 * sample.scan.time.0 as f64 * 1e-6;
-        format!("{seconds:.6},{fx:.5},{fy:.5},{fz:.5}\n")
-    });
-    let cell = "t_s,fx_n,fy_n,fz_n\n".to_owned() + &cell.collect::<String>();
-    std::fs::write(folder.0.join("cell.csv"), cell).unwrap();
-
-    let fit = ["calibrate", "fit", "--data", "live.csv", "--out", "cal.toml", "--model", "ridge"];
-    // What the finger itself said of the force is no reference.
-    let error = folder.fails(1, &fit);
-    assert!(error.contains("fz_n") && error.contains("--reference"), "{error}");
-    let given = [&fit[..], &["--reference", "cell.csv", "--json"]].concat();
-    let outcome: serde_json::Value = serde_json::from_str(&folder.succeeds(&given)).unwrap();
-    let found = |key: &str| outcome["alignments"][0][key].as_f64().unwrap();
-    // A frame tells the mean of its millisecond, and a live stream begins with any scan.
-    assert!((found("offset_s") - 40.0).abs() < 0.02, "{outcome}");
-    assert!((found("rate") - 0.004).abs() < 1e-3, "{outcome}");
-
-    let judge = ["calibrate", "evaluate", "--data", "live.csv", "--reference", "cell.csv"];
-    let judged = folder.succeeds(&[&judge[..], &["--calibration", "cal.toml", "--json"]].concat());
-    let (rmse, rows) = figures(&judged, "fz_n");
-    assert!(rmse < 0.15 && rows > 10_000, "{judged}");
-
-    // The same codes as `taxel record` keeps them.
-    folder.succeeds(&["export", "live.csv", "--out", "live.mcap"]);
-    let judge = ["calibrate", "evaluate", "--data", "live.mcap", "--reference", "cell.csv"];
-    let packed = folder.succeeds(&[&judge[..], &["--calibration", "cal.toml", "--json"]].concat());
-    assert_eq!(packed, judged);
-    let table = ["--data", "live.mcap", "--inputs", "lit_*", "--targets", "fz_n"];
-    let error = folder.fails(1, &[&["calibrate", "fit", "--out", "any.toml"], &table[..]].concat());
-    assert!(error.contains("`taxel export live.mcap --out columns.csv`"), "{error}");
-}
-
 #[test]
 fn a_papers_law_is_fitted_written_and_judged_like_any_model() {
     let folder = tempfile::tempdir().unwrap();
@@ -475,4 +431,57 @@ fn an_empty_stretch_is_named_and_leaves_no_file() {
         assert!(error.contains("check the stretch FILE@FROM..TO"), "{error}");
     }
     assert!(!folder.0.join("b").exists());
+}
+
+/// Fourteen seconds of real time.
+mod endurance {
+    use super::*;
+
+    /// The codes of a live finger, and a load cell that another computer logged meanwhile.
+    #[test]
+    fn the_recorded_codes_of_a_live_finger_and_a_load_cells_own_log_make_a_calibration() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = In(folder.path());
+        let record = ["record", "--port", "sim:tour", "--duration", "14", "--out", "live.csv"];
+        folder.succeeds(&[&record[..], &["--fields", "codes,force,point"]].concat());
+        folder.succeeds(&["simulate", "--scene", "tour", "--seed", "3", "--out", "truth.csv"]);
+        // The cell's clock: 40 s ahead, and 0.4 % fast.
+        let cell = TraceReader::open(folder.0.join("truth.csv")).unwrap().map(|sample| {
+            let sample = sample.unwrap();
+            let [fx, fy, fz] = sample.truth.force.map(Option::unwrap);
+            let seconds = 40.0 + 1.004 * sample.scan.time.0 as f64 * 1e-6;
+            format!("{seconds:.6},{fx:.5},{fy:.5},{fz:.5}\n")
+        });
+        let cell = "t_s,fx_n,fy_n,fz_n\n".to_owned() + &cell.collect::<String>();
+        std::fs::write(folder.0.join("cell.csv"), cell).unwrap();
+
+        let fit =
+            ["calibrate", "fit", "--data", "live.csv", "--out", "cal.toml", "--model", "ridge"];
+        // What the finger itself said of the force is no reference.
+        let error = folder.fails(1, &fit);
+        assert!(error.contains("fz_n") && error.contains("--reference"), "{error}");
+        let given = [&fit[..], &["--reference", "cell.csv", "--json"]].concat();
+        let outcome: serde_json::Value = serde_json::from_str(&folder.succeeds(&given)).unwrap();
+        let found = |key: &str| outcome["alignments"][0][key].as_f64().unwrap();
+        // A frame tells the mean of its millisecond, and a live stream begins with any scan.
+        assert!((found("offset_s") - 40.0).abs() < 0.02, "{outcome}");
+        assert!((found("rate") - 0.004).abs() < 1e-3, "{outcome}");
+
+        let judge = ["calibrate", "evaluate", "--data", "live.csv", "--reference", "cell.csv"];
+        let judged =
+            folder.succeeds(&[&judge[..], &["--calibration", "cal.toml", "--json"]].concat());
+        let (rmse, rows) = figures(&judged, "fz_n");
+        assert!(rmse < 0.15 && rows > 10_000, "{judged}");
+
+        // The same codes as `taxel record` keeps them.
+        folder.succeeds(&["export", "live.csv", "--out", "live.mcap"]);
+        let judge = ["calibrate", "evaluate", "--data", "live.mcap", "--reference", "cell.csv"];
+        let packed =
+            folder.succeeds(&[&judge[..], &["--calibration", "cal.toml", "--json"]].concat());
+        assert_eq!(packed, judged);
+        let table = ["--data", "live.mcap", "--inputs", "lit_*", "--targets", "fz_n"];
+        let error =
+            folder.fails(1, &[&["calibrate", "fit", "--out", "any.toml"], &table[..]].concat());
+        assert!(error.contains("`taxel export live.mcap --out columns.csv`"), "{error}");
+    }
 }
