@@ -1,10 +1,10 @@
-//! The page in the user's browser.
+//! Opens the page in the user's browser.
 
 use std::env::var_os;
 
 use crate::output;
 
-/// Opens the page, if there is a display here and the user sits at it.
+/// Opens the page if this session has a local display.
 pub fn open(url: &str) {
     if !display() {
         return;
@@ -14,7 +14,8 @@ pub fn open(url: &str) {
     }
 }
 
-/// Over SSH even a display that is there is another one than the user's own browser has.
+/// Whether a display is set and the session is local. A display forwarded over SSH is not the one
+/// of the user's own browser.
 fn display() -> bool {
     let set = |name| var_os(name).is_some_and(|value| !value.is_empty());
     let has_one =

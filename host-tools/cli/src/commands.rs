@@ -1,4 +1,4 @@
-//! A file a command.
+//! Commands, one file each.
 
 pub mod bias;
 pub mod bridge;

@@ -1,4 +1,4 @@
-//! `taxel bias`: what the unloaded finger reads.
+//! `taxel bias`: reading of the unloaded finger.
 
 use serde::Serialize;
 use taxel::condition::Bias;
@@ -8,7 +8,8 @@ use taxel_client::client::ActiveBias;
 use crate::finger::PortArg;
 use crate::output;
 
-/// Takes, reads, clears or saves the finger's bias (its tare). It is only ever taken on this command.
+/// Takes, reads, clears or saves the finger's bias (its tare). The bias changes only on this
+/// command.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -33,17 +34,17 @@ Examples:
 /// Action on a bias.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Action {
-    /// Average the unloaded, still finger into a new one.
+    /// Average the unloaded, still finger into a new bias.
     Take,
-    /// Show the one in force.
+    /// Show the active bias.
     Read,
-    /// Go back to the calibration's own.
+    /// Return to the calibration's own bias.
     Clear,
-    /// Keep the one in force over power-off; after `clear`, forget the one that was kept.
+    /// Keep the active bias over power-off; after `clear`, forget the saved one.
     Save,
 }
 
-/// The bias as scripts read it: levels and noise as fractions of full scale.
+/// Bias as JSON: levels and noise as fractions of full scale.
 #[derive(Serialize)]
 struct Report {
     on_command: bool,
@@ -52,7 +53,7 @@ struct Report {
     sensors: Vec<Option<Channels>>,
 }
 
-/// Group of channels.
+/// Level of each channel of a group, and the noise of the group.
 #[derive(Serialize)]
 struct Channels {
     level: Vec<f32>,

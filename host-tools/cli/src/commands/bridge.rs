@@ -1,11 +1,11 @@
-//! `taxel bridge`: fingers as a part of a ROS 2 system, without ROS, and live in Foxglove.
+//! `taxel bridge`: publishes fingers to ROS 2 over Zenoh, without ROS, and live to Foxglove.
 //!
 //! ```text
-//! finger ──ReconnectingClient──▶ Finger ──┬─CDR──────▶ Nodes ───Zenoh──────▶ rmw_zenoh, any Zenoh program
-//!                             └─protobuf─▶ Topics ──WebSocket──▶ Foxglove
+//! finger ─ReconnectingClient▶ Finger ─┬─CDR──────▶ Nodes ───Zenoh──────▶ any Zenoh program
+//!                                     └─protobuf─▶ Topics ──WebSocket──▶ Foxglove
 //! ```
-//! Both outlets always compile. What they publish through, [`peer`] and [`websocket`], is real only with the
-//! features `zenoh` and `foxglove`, because those double the crates to build.
+//! Both outlets always compile. Their transports, [`peer`] and [`websocket`], are real only with
+//! the features `zenoh` and `foxglove`, because those double the crates to build.
 
 mod finger;
 mod foxglove;
@@ -37,29 +37,32 @@ const LOOK: Duration = Duration::from_millis(100);
 
 /// Publishes fingers, over Zenoh as ROS 2 nodes or live to Foxglove, until Ctrl-C or for a while.
 ///
-/// --zenoh: no ROS is needed here. A ROS 2 system with RMW_IMPLEMENTATION=rmw_zenoh_cpp has them in its graph:
-/// `ros2 topic list`, `ros2 topic echo /taxel/F_0042/wrench`. Each finger is a node named after its serial number, with two topics:
-/// NAMESPACE/FINGER/wrench (geometry_msgs/WrenchStamped) and NAMESPACE/frames (taxel_msgs/Frame), which all
-/// fingers of all machines share. docs/ros2.md says more.
+/// --zenoh: no ROS is needed here. A ROS 2 system with RMW_IMPLEMENTATION=rmw_zenoh_cpp shows the
+/// fingers in its graph: `ros2 topic list`, `ros2 topic echo /taxel/F_0042/wrench`. Each finger is
+/// a node named after its serial number, with two topics: NAMESPACE/FINGER/wrench
+/// (geometry_msgs/WrenchStamped) and NAMESPACE/frames (taxel_msgs/Frame), which all fingers of all
+/// machines share. See docs/ros2.md.
 ///
-/// --foxglove: each finger is a topic, /taxel/FINGER, of the messages that a recording in MCAP has. In Foxglove:
-/// Open connection, Foxglove WebSocket, ws://localhost:8765.
+/// --foxglove: each finger is a topic, /taxel/FINGER, with the messages of an MCAP recording. In
+/// Foxglove: Open connection, Foxglove WebSocket, ws://localhost:8765.
 ///
-/// A finger that is not there, or goes, is waited for.
+/// A finger that is not connected, or is unplugged, is waited for.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES, group = ArgGroup::new("to").required(true).multiple(true))]
 pub struct Args {
-    /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE; may be given more than once.
+    /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE; may be
+    /// given more than once.
     #[arg(long, value_name = "PORT", required = true)]
     port: Vec<Port>,
-    /// Over Zenoh, as rmw_zenoh does it.
+    /// Publish over Zenoh, as rmw_zenoh does.
     #[arg(long, group = "to")]
     zenoh: bool,
-    /// To Foxglove, which connects here [default: 127.0.0.1:8765].
+    /// Publish to Foxglove, which connects to this address [default: 127.0.0.1:8765].
     #[arg(long, group = "to", value_name = "HOST:PORT", value_parser = address)]
     #[arg(num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     foxglove: Option<String>,
-    /// A Zenoh router or peer to connect to; may be given more than once. It need not be there yet.
+    /// Zenoh router or peer to connect to; may be given more than once. The router or peer may
+    /// start later.
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/localhost:7447")]
     connect: Vec<String>,
     /// Address on which other peers can connect; may be given more than once.
@@ -173,7 +176,7 @@ fn as_text(report: &Report) -> String {
     format!("{port}: {name}, {frames} frames, {lost} lost, {forces} with a force")
 }
 
-/// Domain from `ROS_DOMAIN_ID`, as ROS 2 reads it.
+/// Reads the domain from `ROS_DOMAIN_ID`, as ROS 2 does: 0 if unset or empty.
 fn ros_domain() -> anyhow::Result<u32> {
     match std::env::var("ROS_DOMAIN_ID") {
         Ok(text) if !text.is_empty() => {

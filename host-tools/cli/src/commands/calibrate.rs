@@ -1,4 +1,4 @@
-//! `taxel calibrate`: from recordings to a calibration, what it is worth, and onto the finger and back.
+//! `taxel calibrate`: fits, evaluates, adjusts and transfers calibrations.
 
 mod adjust;
 mod compare;
@@ -10,7 +10,7 @@ mod transfer;
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Fits, judges, adjusts and transfers calibrations.
+/// Fits, evaluates, adjusts and transfers calibrations.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -38,8 +38,7 @@ enum Command {
 
 /// Runs the command.
 ///
-/// # Errors
-/// Subcommand.
+/// The subcommand failed.
 pub fn run(args: Args) -> anyhow::Result<()> {
     match args.command {
         Command::Fit(args) => fit::run(args),
@@ -52,7 +51,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
 }
 
-/// Seconds since 1970-01-01 UTC.
+/// Returns the seconds since 1970-01-01 UTC.
 fn now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs()
 }

@@ -13,21 +13,21 @@ use taxel_research::{
 use crate::interrupt::Interrupt;
 use crate::output;
 
-/// Writes every chart again: speed against accuracy, and where each method fails.
+/// Measures and writes the charts: speed against accuracy, and the failures of each method.
 ///
-/// Into DIR go, for each chart, the table behind it (CSV), a picture (SVG) and a page that answers the mouse
-/// (HTML). Costs come from the committed table of the counting emulator (`cargo xtask cycles`). Ctrl-C ends
-/// it; charts that were finished stay, no file is left half written.
+/// Each chart in DIR has its table (CSV), a picture (SVG) and an interactive page (HTML). Costs
+/// come from the committed table of the counting emulator (`cargo xtask cycles`). Ctrl-C ends the
+/// command; finished charts stay, and no file is left half written.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// Folder to write to.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Only these charts; may be given several times.
+    /// Charts to write [default: all]; may be given several times.
     #[arg(long, value_enum, value_name = "CHART")]
     only: Vec<Chart>,
-    /// One device and narrow nets, as the tests compare with their baseline: seconds instead of minutes.
+    /// Use one device and narrow nets, as the tests do: seconds instead of minutes.
     #[arg(long)]
     quick: bool,
 }
@@ -45,20 +45,19 @@ enum Chart {
     Failures,
     /// Error of shear over the distance from the centre.
     Edge,
-    /// The limit surface's forms, their error and cost.
+    /// Forms of the limit surface, with error and cost.
     LimitSurface,
-    /// The core's net beside other people's.
+    /// The core's net and those of other libraries.
     Peers,
-    /// Time and error of the simulator's rungs.
+    /// Time and error of the simulator's levels of detail.
     Simulator,
-    /// Speed of a host's work on a frame.
+    /// Time of each step of a host's work on a frame.
     Throughput,
 }
 
 /// Runs the command.
 ///
-/// # Errors
-/// A file cannot be written, or it was interrupted.
+/// A file cannot be written, or Ctrl-C interrupted a measurement.
 pub fn run(args: Args) -> anyhow::Result<()> {
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("{}: cannot be made", args.out.display()))?;
@@ -117,7 +116,7 @@ fn said(folder: &Path, chart: &str) -> anyhow::Result<()> {
     output::line(format!("wrote {}", folder.join(chart).with_extension("csv").display()))
 }
 
-/// With a bar that shows how far it is.
+/// Runs `work` with a progress bar. An interrupt is an error.
 fn waited_for<T>(
     interrupt: &Interrupt,
     work: impl FnOnce(Waiting<'_>) -> anyhow::Result<T>,

@@ -1,4 +1,4 @@
-//! `taxel completions`: what a shell needs to complete the command line.
+//! `taxel completions`: completion scripts for shells.
 
 use clap::CommandFactory;
 use clap_complete::Shell;

@@ -1,7 +1,7 @@
-//! `taxel demo`: a virtual finger, a real client, and what the frames are worth.
+//! `taxel demo`: a virtual finger, a real client, and the accuracy of the frames.
 //!
-//! The client connects to the finger as it would to hardware, through the operating system. All that
-//! the demo knows more is the truth.
+//! The client connects to the finger as to hardware, through the operating system. Only the truth
+//! does not pass through that connection.
 
 mod emulated;
 mod live;
@@ -26,9 +26,9 @@ use crate::{output, stream};
 use live::Live;
 use score::{Accuracy, Score};
 
-/// Runs a virtual finger and shows what it feels, in the browser and here: no hardware needed.
+/// Runs a virtual finger and shows its frames in the browser and here; needs no hardware.
 ///
-/// The page is opened where there is a display, and served in any case.
+/// The page is always served, and opened if there is a display.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -53,7 +53,7 @@ pub struct Args {
     /// Run a board's own firmware on the emulator instead; `cargo xtask emulator` builds both.
     #[arg(long, conflicts_with = "tcp")]
     emulated: bool,
-    /// The board whose firmware runs.
+    /// Board whose firmware runs.
     #[arg(long, requires = "emulated", value_enum, default_value_t = Board::Stm32G431)]
     board: Board,
 }
@@ -64,13 +64,13 @@ Examples:
   taxel demo --scene stick-slip --duration 5 --headless --json
   taxel demo --emulated";
 
-/// A finger whose truth is known.
+/// Finger whose true values are known.
 trait Performer {
     /// Name of the finger.
     fn name(&self) -> String;
-    /// Connects to it, as to hardware.
+    /// Connects to the finger, as to hardware.
     fn connect(&mut self) -> anyhow::Result<Client>;
-    /// True values in the scan of `frame`.
+    /// Returns the true values in the scan of `frame`, if known.
     fn truth(&self, frame: &Frame) -> Option<Truth>;
 }
 
@@ -88,7 +88,7 @@ impl Performer for VirtualFinger {
     }
 }
 
-/// The summary.
+/// Summary of a run, as JSON.
 #[derive(Serialize)]
 struct Report {
     #[serde(flatten)]
@@ -96,15 +96,14 @@ struct Report {
     /// Root mean square error per target, over the frames in contact.
     #[serde(flatten)]
     accuracy: Accuracy,
-    /// Resident memory of this process in bytes, where the system tells.
+    /// Resident memory of this process in bytes, if the system reports it.
     memory_start: Option<u64>,
     memory_end: Option<u64>,
 }
 
 /// Runs the command.
 ///
-/// # Errors
-/// The scene or the calibration is wrong, or the finger cannot be reached.
+/// The scene or the calibration is invalid, or the finger cannot be reached.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
     let calibration = scene_calibration(args.calibration.as_deref(), &args.scene)?;

@@ -15,9 +15,9 @@ use crate::output;
 
 /// Destination of a finger's frames.
 pub trait Outlet: Send {
-    /// A finger is there, perhaps another than before; what it is called.
+    /// Announces a connected finger, perhaps another than before, and returns its name.
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String>;
-    /// A frame of the finger that is there. The stamps know it already.
+    /// Publishes a frame of the connected finger. `stamps` includes this frame already.
     fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()>;
 }
 
@@ -28,9 +28,9 @@ pub struct Report {
     /// Names of the finger; several if another finger was plugged in.
     pub names: Vec<String>,
     pub frames: u64,
-    /// Frames that never came: lost on the way to this program, or by it.
+    /// Frames lost on the way to this program, or dropped by its full queue.
     pub lost: u64,
-    /// Frames without a wrench: their force was withheld.
+    /// Frames without a wrench, because their force has no value.
     pub withheld: u64,
 }
 
@@ -53,7 +53,7 @@ impl Finger {
         Self { steady, shared, outlets, stamps: Timestamps::default(), report }
     }
 
-    /// Publishes until the bridge ends, or a playback does.
+    /// Publishes until the bridge or a playback ends.
     pub fn serve(mut self) -> anyhow::Result<Report> {
         let served = self.run();
         if served.is_err() {
@@ -82,7 +82,7 @@ impl Finger {
                     }
                     match self.set(&there) {
                         Ok(info) => self.there(&info)?,
-                        // It has gone again, which the next event says too.
+                        // The finger was unplugged again, which the next event reports too.
                         Err(error) if matches!(error.problem(), Some(Problem::Unplugged(_))) => {}
                         Err(error) => return Err(error.into()),
                     }
@@ -107,7 +107,7 @@ impl Finger {
         if let Some(fields) = self.shared.fields {
             client.set_fields(fields)?;
         }
-        // Frames from before have other fields than were asked for.
+        // Earlier frames may have other fields than requested.
         while client.next(Duration::ZERO)?.is_some() {}
         self.steady.remember(client)
     }

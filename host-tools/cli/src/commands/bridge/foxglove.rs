@@ -1,5 +1,5 @@
-//! Fingers live in Foxglove: a topic each, of the messages that a recording in MCAP has, so that one layout
-//! serves both.
+//! Live fingers in Foxglove, one topic each. Topics and messages are those of an MCAP recording, so
+//! that one layout serves both.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use super::websocket::{self, Live};
 use crate::files::{row, row_columns};
 use crate::output;
 
-/// Starts the server that all fingers of a bridge share.
+/// Starts the server shared by all fingers of a bridge.
 ///
 /// # Errors
 /// The feature is not built in, or the address is taken.
@@ -57,7 +57,7 @@ impl Outlet for Topics {
         }
         let topic = schema::topic(serial);
         let descriptor = schema::descriptor(&row_columns(info.fields));
-        // The topic is withdrawn before one of the same name is offered.
+        // Foxglove needs the old topic closed before one of the same name opens.
         drop(self.channel.take());
         let channel = self.server.channel(&topic, schema::NAME, descriptor).context("foxglove")?;
         output::note(format_args!("{port}: topic {topic}"));
@@ -71,7 +71,7 @@ impl Outlet for Topics {
         let Some(channel) = &self.channel else { return Ok(()) };
         row(received, channel.fields, stamps, self.connection, &mut self.row);
         schema::encode(&self.row, &mut self.message);
-        // As in the recording: when it came.
+        // Time of reception, as in a recording.
         let micros = stamps.unix(received.at).as_micros() as u64;
         channel.topic.log(&self.message, micros * 1000);
         Ok(())

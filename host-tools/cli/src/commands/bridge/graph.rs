@@ -1,6 +1,6 @@
-//! What rmw_zenoh, the middleware of ROS 2 systems on Zenoh, expects of names, keys, liveliness tokens and
-//! attachments. Its design document, "Topic and Service name mapping", "Graph Cache" and "Publishers", is the
-//! source of every format in here.
+//! Names, keys, liveliness tokens and attachments as rmw_zenoh expects them. rmw_zenoh is the
+//! middleware of ROS 2 systems on Zenoh. Source of every format: its design document, sections
+//! "Topic and Service name mapping", "Graph Cache" and "Publishers".
 
 use std::time::Duration;
 
@@ -8,12 +8,12 @@ use xxhash_rust::xxh3::xxh3_128;
 
 use super::ros::Type;
 
-/// Stands for an empty part of a liveliness token.
+/// Placeholder of an empty part of a liveliness token.
 const NONE: &str = "%";
-/// QoS other than the default: history of ten. Reliable, volatile, keep last are the default.
+/// Quality of service: a history of ten. Reliable, volatile and keep last are the default.
 const QOS: &str = "::,10:,:,:,,";
 
-/// A part of the graph: what all entities of this program share.
+/// Context shared by all entities of this program in the ROS graph.
 pub struct Context {
     pub domain: u32,
     /// Zenoh session id, in hexadecimal.
@@ -21,7 +21,7 @@ pub struct Context {
     pub namespace: Namespace,
 }
 
-/// An absolute name, `/taxel`, or `/` for none.
+/// Absolute ROS name, such as `/taxel`; empty for `/`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Namespace(String);
 
@@ -43,26 +43,26 @@ impl std::str::FromStr for Namespace {
 }
 
 impl Namespace {
-    /// A topic in it.
+    /// Returns the absolute name of a topic in this namespace.
     pub fn topic(&self, name: &str) -> String {
         format!("{}/{name}", self.0)
     }
 }
 
-/// A publisher as the graph has it.
+/// Publisher's entry in the ROS graph.
 pub struct Publisher {
-    /// Key of its samples.
+    /// Zenoh key of the publisher's samples.
     pub key: String,
     pub token: String,
     gid: [u8; 16],
 }
 
-/// A finger's serial number as a name that ROS takes.
+/// Converts a serial number to a valid ROS name.
 pub fn name(serial: &str) -> String {
     let mut name = String::new();
     for c in serial.chars() {
         let c = if c.is_ascii_alphanumeric() { c } else { '_' };
-        // Two underscores in a row are kept for ROS itself.
+        // ROS reserves two underscores in a row.
         if c != '_' || !name.ends_with('_') {
             name.push(c);
         }
@@ -74,12 +74,12 @@ pub fn name(serial: &str) -> String {
 }
 
 impl Context {
-    /// The token of a node.
+    /// Returns the liveliness token of a node.
     pub fn node(&self, id: u32, name: &str) -> String {
         self.token(id, id, "NN", name)
     }
 
-    /// A publisher of a node.
+    /// Creates the entry of a node's publisher.
     pub fn publisher(&self, node: (u32, &str), id: u32, topic: &str, kind: &Type) -> Publisher {
         let (node_id, name) = node;
         let Type { name: type_name, hash } = kind;
@@ -98,7 +98,7 @@ impl Context {
 }
 
 impl Publisher {
-    /// Attachment of a sample: its number, its time of publication, and the publisher's id.
+    /// Builds a sample's attachment: sample number, time of publication and publisher id.
     pub fn attachment(&self, number: u64, at: Duration) -> [u8; 33] {
         let mut bytes = [0; 33];
         let (numbers, gid) = bytes.split_at_mut(16);
@@ -128,7 +128,7 @@ mod tests {
         Context { domain, session, namespace: namespace.parse().unwrap() }
     }
 
-    /// The examples of rmw_zenoh's design document, but for the depth of the history.
+    /// Examples of rmw_zenoh's design document, except for the depth of the history.
     #[test]
     fn keys_and_tokens_are_those_of_the_design_document() {
         let talker = context(2, "/").publisher((0, "talker"), 10, "/chatter", &STRING);

@@ -1,4 +1,4 @@
-//! Session of a Zenoh network; without the feature `zenoh` one that cannot be opened.
+//! Session of a Zenoh network. Without the feature `zenoh`, opening a session is an error.
 
 pub use session::{Peer, Token, Writer};
 
@@ -10,10 +10,10 @@ mod session {
     use zenoh::qos::CongestionControl;
     use zenoh::{Config, Session, Wait};
 
-    /// Open session. Tokens and writers must be dropped first, so that the network hears that they are gone.
+    /// Open session. Drop tokens and writers first, so that the network hears that they are gone.
     pub struct Peer(Session);
 
-    /// Liveliness token: others see its key until it is dropped.
+    /// Liveliness token; other peers see its key until it is dropped.
     pub struct Token(#[expect(dead_code, reason = "held for its drop")] LivelinessToken);
 
     /// Publisher on one key.
@@ -32,7 +32,8 @@ mod session {
         }
 
         pub fn writer(&self, key: &str) -> Result<Writer> {
-            // A slow reader loses samples, which the sample numbers show, and delays nobody else.
+            // Congestion drops samples, so that a slow reader delays nobody else; sample numbers
+            // show the loss.
             let publisher = self.0.declare_publisher(key.to_owned());
             let publisher = publisher.congestion_control(CongestionControl::Drop).wait();
             publisher.map(Writer).map_err(Error::from_boxed)

@@ -1,7 +1,8 @@
 //! Frames as ROS 2 messages, in CDR.
 //!
-//! Units are those of ROS, metres and newton metres (REP 103). `geometry_msgs/WrenchStamped` cannot say that
-//! there is no value: a frame whose force is withheld has none, and `taxel_msgs/Frame` has the reason.
+//! Units are those of ROS, metres and newton metres (REP 103). `geometry_msgs/WrenchStamped` cannot
+//! mark a value as missing. A frame whose force has no value therefore has no wrench;
+//! `taxel_msgs/Frame` carries the reason.
 
 use std::time::Duration;
 
@@ -14,8 +15,7 @@ use taxel::measured::{Measured, NoValue};
 use taxel::scan::SENSORS;
 use taxel::units::Newtons;
 
-/// A message type: its name as DDS writes it, and the hash of its definition (REP 2016), both of which are part
-/// of every key.
+/// Message type: its DDS name and the hash of its definition (REP 2016), both part of every key.
 pub struct Type {
     pub name: &'static str,
     pub hash: &'static str,
@@ -27,7 +27,7 @@ pub const WRENCH: Type = Type {
     hash: "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77",
 };
 
-/// `taxel_msgs/msg/Frame`, of `host-tools/ros2/taxel_msgs`.
+/// `taxel_msgs/msg/Frame`, defined in `host-tools/ros2/taxel_msgs`.
 pub const FRAME: Type = Type {
     name: "taxel_msgs::msg::dds_::Frame_",
     hash: "RIHS01_1558c72b9c38b8aa5b1f8bedea5a03aa7bf4c88f9d31b83c6fb4ae51afbdd65a",
@@ -81,14 +81,14 @@ struct FrameMessage<'n> {
     bridges: Vec<Value>,
 }
 
-/// The force of a frame, N; `None` where a component of it is withheld or not streamed.
+/// Returns the force of a frame in N; `None` if a component has no value or is not streamed.
 pub fn force(frame: &Frame) -> Option<[f64; 3]> {
     let Force { x: Ok(x), y: Ok(y), z: Ok(z) } = frame.force? else { return None };
     Some([x, y, z].map(|newtons| f64::from(newtons.0)))
 }
 
-/// The wrench on the finger; `None` where it has no [`force`]. The moment is
-/// that about the normal of the contact, 0 where the finger does not tell it.
+/// Encodes the wrench on the finger; `None` without a [`force`]. The moment is that about the
+/// contact's normal, 0 if it has no value.
 pub fn wrench(frame: &Frame, at: Duration, name: &str) -> Option<Vec<u8>> {
     let [x, y, z] = force(frame)?;
     let torsion = frame.torsion.and_then(Result::ok).map_or(0.0, |t| f64::from(t.0) * 1e-3);
@@ -99,7 +99,7 @@ pub fn wrench(frame: &Frame, at: Duration, name: &str) -> Option<Vec<u8>> {
     }))
 }
 
-/// All that the frame says but its codes.
+/// Encodes all fields of the frame except its codes.
 pub fn frame(frame: &Frame, at: Duration, name: &str) -> Vec<u8> {
     let signals = frame.signals;
     cdr(&FrameMessage {
@@ -123,7 +123,7 @@ pub fn frame(frame: &Frame, at: Duration, name: &str) -> Vec<u8> {
 }
 
 fn header(at: Duration, name: &str) -> Header<'_> {
-    // ROS runs out of seconds in 2038.
+    // ROS seconds are 32 bits and end in 2038.
     let sec = i32::try_from(at.as_secs()).unwrap_or(i32::MAX);
     Header { stamp: Time { sec, nanosec: at.subsec_nanos() }, frame_id: name }
 }
@@ -144,7 +144,7 @@ fn bridges(signals: &Signals) -> impl Iterator<Item = Value> {
     })
 }
 
-/// The values of a field: none where it is not streamed, and as many reasons as values where it is withheld.
+/// Converts a field to its values. Empty if not streamed; one reason for each value if it has none.
 fn values<T, const N: usize>(
     field: Option<Measured<T>>,
     numbers: impl FnOnce(T) -> [f32; N],
@@ -159,15 +159,15 @@ fn values<T, const N: usize>(
 fn value(measured: Measured<f32>) -> Value {
     match measured {
         Ok(value) => Value { value, withheld: 0 },
-        // Zero means given; the wire counts reasons from zero.
+        // Zero marks a value; the wire counts reasons from zero.
         Err(why) => Value { value: 0.0, withheld: why as u8 + 1 },
     }
 }
 
-/// Message with the four bytes that mark little-endian CDR in front.
+/// Encodes a message after the four bytes that mark little-endian CDR.
 fn cdr(message: &impl Serialize) -> Vec<u8> {
     let mut bytes = vec![0, 1, 0, 0];
-    // Neither a vector nor these structures can refuse.
+    // Writing these structures to a vector cannot fail.
     let written = to_writer::<_, byteorder::LittleEndian, _>(&mut bytes, message);
     debug_assert!(written.is_ok());
     bytes

@@ -1,4 +1,4 @@
-//! Server that Foxglove connects to; without the feature `foxglove` one that cannot be started.
+//! Server that Foxglove connects to. Without the feature `foxglove`, starting a server is an error.
 
 pub use server::{Channel, Live};
 
@@ -11,13 +11,13 @@ mod server {
         ChannelBuilder, PartialMetadata, RawChannel, Schema, WebSocketServer, WebSocketServerHandle,
     };
 
-    /// Messages that a viewer may be behind before it loses the oldest: four seconds of the fastest finger.
+    /// Queued messages per viewer before the oldest is lost: 4 s at 4 kHz.
     const BACKLOG: usize = 1 << 14;
 
     /// Running server. Dropping it disconnects the viewers.
     pub struct Live(Option<WebSocketServerHandle>);
 
-    /// One topic. Dropping it withdraws the topic.
+    /// Topic that is open until dropped.
     pub struct Channel(Arc<RawChannel>);
 
     impl Live {
@@ -37,7 +37,7 @@ mod server {
             Ok((Self(Some(server)), address))
         }
 
-        /// Offers a topic of protobuf messages of one type.
+        /// Opens a topic of protobuf messages of one type.
         pub fn channel(&self, topic: &str, schema: &str, descriptor: Vec<u8>) -> Result<Channel> {
             let schema = Schema::new(schema, "protobuf", descriptor);
             let channel = ChannelBuilder::new(topic).message_encoding("protobuf").schema(schema);

@@ -1,4 +1,4 @@
-//! Fingers as nodes of a ROS 2 system, over Zenoh.
+//! Publishes fingers as nodes of a ROS 2 system, over Zenoh.
 
 use std::hash::{BuildHasher, RandomState};
 use std::sync::{Arc, Mutex};
@@ -15,19 +15,18 @@ use super::peer::{Peer, Token, Writer};
 use super::ros;
 use crate::output;
 
-/// The session that all fingers of a bridge share.
+/// Session shared by all fingers of a bridge.
 pub struct Session {
     context: Context,
     peer: Peer,
-    /// Names of all fingers so far: no two may share one.
+    /// Names of all fingers so far. Each name belongs to one finger.
     names: Mutex<Vec<String>>,
 }
 
 impl Session {
-    /// Opens it.
+    /// Opens the session.
     ///
-    /// # Errors
-    /// Zenoh is not built in, or takes no such endpoints.
+    /// Zenoh is not built in, or an endpoint is invalid.
     pub fn open(
         domain: u32,
         namespace: Namespace,
@@ -45,11 +44,11 @@ impl Session {
 /// Nodes of one finger.
 pub struct Nodes {
     session: Arc<Session>,
-    /// The last is the one that is there.
+    /// Nodes so far; the last one is that of the connected finger.
     nodes: Vec<Node>,
 }
 
-/// A finger as a node.
+/// ROS 2 node of a finger.
 struct Node {
     name: String,
     wrench: Topic,
@@ -57,7 +56,7 @@ struct Node {
     _token: Token,
 }
 
-/// A publisher and how often it has published.
+/// Publisher with its count of samples.
 struct Topic {
     publisher: Publisher,
     writer: Writer,
@@ -72,7 +71,7 @@ impl Nodes {
 }
 
 impl Outlet for Nodes {
-    /// A finger of this serial number is there: a node, unless it was one before.
+    /// Adds a node for a new serial number; selects the existing one otherwise.
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String> {
         let name = name(&info.identity.serial);
         if let Some(known) = self.nodes.iter().position(|node| node.name == name) {
@@ -112,7 +111,7 @@ impl Outlet for Nodes {
     fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()> {
         let Some(node) = self.nodes.last_mut() else { return Ok(()) };
         let scanned = stamps.scanned(received.frame.time);
-        // Until the finger's clock is known, when it came is the best there is.
+        // Time of reception until the finger's clock is known.
         let at = scanned.map_or(stamps.unix(received.at), |(at, _)| at);
         let now = stamps.unix(Instant::now());
         let wrench = ros::wrench(&received.frame, at, &node.name);
@@ -131,13 +130,14 @@ impl Topic {
     }
 }
 
-/// A session's identity: 128 bits, the first of its digits not zero.
+/// Returns a random session id: 128 bits, first hexadecimal digit not zero.
 fn identity() -> String {
     let random = || RandomState::new().hash_one(std::process::id());
     format!("{:016x}{:016x}", random() | 1 << 63, random())
 }
 
-/// Session configuration of rmw_zenoh: peers that find each other through a router, without multicast.
+/// Builds the session configuration of rmw_zenoh. Peers find each other through a router, without
+/// multicast.
 fn config(session: &str, connect: &[String], listen: &[String]) -> String {
     json!({
         "id": session,
@@ -146,12 +146,12 @@ fn config(session: &str, connect: &[String], listen: &[String]) -> String {
             "endpoints": connect,
             "exit_on_failure": false,
             "timeout_ms": -1,
-            // A router that is started later, or again, is found within a second.
+            // A router that starts late or again is found within 1 s.
             "retry": { "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 },
         },
         "listen": { "endpoints": listen },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": true } },
-        // A millisecond, the default, is less than a reader may be held up by its operating system.
+        // The default of 1 ms is too short: the operating system may delay a reader longer.
         "transport": { "link": { "tx": { "queue": { "congestion_control": {
             "drop": { "wait_before_drop": 50_000 }
         } } } } },

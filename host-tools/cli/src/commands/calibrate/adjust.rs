@@ -11,19 +11,19 @@ use super::data::{self, Aligned};
 use super::now;
 use crate::output;
 
-/// Brings a calibration up to date with a few presses of known weight, the finger in its place.
+/// Updates a calibration from a few presses of known weight, with the finger in its place.
 ///
-/// Bias, one gain a taxel (for the net and the model of the skin alike) and one a row of each
-/// sensor's matrix are found again; all else stays. Three presses at least, better nine all over
-/// the finger. Each recording begins with half a second in which nothing touches the finger.
+/// Bias, one gain per taxel (for the net and the model of the skin alike) and one per row of each
+/// sensor's matrix are fitted again; all else stays. Three presses are the least; nine, spread over
+/// the finger, are better. Each recording must begin with 0.5 s without contact.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     /// A recording of presses, or a stretch of it in seconds; may be given several times.
     #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
     data: Vec<Stretch>,
-    /// Every contact in the recordings is this weight, standing still: newtons straight down. Else their
-    /// reference columns fx_n fy_n fz_n (or s0_fx_n …) tell.
+    /// Force of every contact in the recordings: a weight at rest, in newtons straight down.
+    /// Without this option the reference columns fx_n fy_n fz_n (or s0_fx_n …) give the force.
     #[arg(long, value_name = "NEWTONS", value_parser = weight)]
     weight: Option<f64>,
     /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
@@ -71,9 +71,9 @@ struct Outcome {
 #[derive(Serialize)]
 struct Error {
     estimator: &'static str,
-    /// With the new bias alone.
+    /// With the new bias, before the gains.
     before: f64,
-    /// On presses that were left out.
+    /// On presses left out of the fit of the gains.
     after: f64,
 }
 
@@ -85,8 +85,7 @@ impl From<adjust::Helped> for Error {
 
 /// Runs the command.
 ///
-/// # Errors
-/// A file is wrong, or the recordings do not hold what is needed.
+/// A file is invalid, or the recordings lack presses.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let data = args.data.iter().map(|data| data.path.as_path());
     let references = args.reference.iter().map(PathBuf::as_path);

@@ -11,11 +11,11 @@ use taxel_regress::table::TableModel;
 use super::data;
 use crate::output;
 
-/// Shows how far two calibrations of one finger, or two models of one sensor, lie apart: what drifted.
+/// Shows the differences of two calibrations of one finger, or two models of one sensor.
 ///
-/// Offsets and gains of the force sensors are told in newtons and percent, the unloaded light of the taxels in
-/// percent; of a table's model how what it says changed in the middle of the inputs' range and along each of
-/// them. With --data, recordings with references, it also tells how well each of the two meets them.
+/// Offsets of the force sensors are in newtons, their gains and the unloaded light of the taxels in
+/// percent. For a table's model: the change of its output at the middle of the inputs' range and
+/// along each input. With --data (recordings with references): the error of both.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -43,8 +43,7 @@ Examples:
 
 /// Runs the command.
 ///
-/// # Errors
-/// A file is wrong.
+/// A file is invalid.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let drift = match calibration::kind(&args.first)? {
         Kind::Finger => {

@@ -1,4 +1,5 @@
-//! Recordings as the subcommands take them: whole, in stretches, with a reference that another clock logged.
+//! Recordings read for the subcommands: whole, in stretches, or with a reference that another clock
+//! logged.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -13,14 +14,14 @@ use taxel_regress::table::TableRecording;
 
 use crate::output;
 
-/// Recordings, and where the times of their references lie.
+/// Recordings, and the alignment of each reference's clock.
 pub struct Read<T> {
     pub recordings: Vec<T>,
     pub alignments: Vec<Aligned>,
 }
 
 impl<T> Read<T> {
-    /// Tells where the references' times lie, beside what the command prints.
+    /// Prints the alignments on standard error.
     pub fn note(&self) {
         for aligned in &self.alignments {
             output::note(format_args!("taxel: {}", aligned.describe()));
@@ -28,7 +29,7 @@ impl<T> Read<T> {
     }
 }
 
-/// Where a reference's time lies: t′ = offset + (1 + rate)·t.
+/// Alignment of a reference's clock: t′ = offset + (1 + rate)·t, in seconds.
 #[derive(Serialize)]
 pub struct Aligned {
     reference: PathBuf,
@@ -57,7 +58,8 @@ impl Aligned {
     }
 }
 
-/// Traces of a finger, or recordings of its codes, none of which may be empty; `references` are none, or one for each.
+/// Reads traces of a finger, or recordings of its codes. Each must have rows. `references` is
+/// empty, or has one for each.
 pub fn traces(stretches: &[Stretch], references: &[PathBuf]) -> anyhow::Result<Read<Recording>> {
     let mut read = Read { recordings: Vec::new(), alignments: Vec::new() };
     for (stretch, reference) in paired(stretches, references)? {
@@ -88,7 +90,7 @@ pub fn traces(stretches: &[Stretch], references: &[PathBuf]) -> anyhow::Result<R
     Ok(read)
 }
 
-/// The same of somebody else's sensor.
+/// Reads CSV files of any sensor, with references as in [`traces`].
 pub fn tables(
     stretches: &[Stretch],
     references: &[PathBuf],
@@ -118,7 +120,7 @@ pub fn tables(
     Ok(read)
 }
 
-/// A recording that is no text.
+/// Whether the file is a binary recording.
 fn is_packed(path: &Path) -> bool {
     let extension = path.extension().and_then(OsStr::to_str);
     matches!(extension, Some("mcap" | "parquet"))

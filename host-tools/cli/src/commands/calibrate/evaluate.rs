@@ -13,11 +13,11 @@ use taxel_regress::table::{self, TableModel};
 use super::data;
 use crate::output;
 
-/// Judges a calibration on a recording that it has not seen.
+/// Evaluates a calibration on a recording that it was not fitted to.
 ///
-/// Every reference column is compared with what the finger says, computed by the very code that runs on
-/// the chip. Error is estimate − reference; bias is its mean, sigma its standard deviation, max the largest
-/// absolute error. Rows that the finger gives no value for are counted with the reason.
+/// Every reference column is compared with the finger's estimate, computed by the same code as on
+/// the chip. Error is estimate − reference; bias is its mean, sigma its standard deviation, max the
+/// largest absolute error. Rows without an estimate are counted by reason.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -27,7 +27,7 @@ pub struct Args {
     /// Reference that another clock logged, as for `calibrate fit`.
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
-    /// The calibration.
+    /// Calibration to evaluate.
     #[arg(long, value_name = "CAL.toml")]
     calibration: PathBuf,
     /// Print one JSON object with an entry per target: rmse, sigma, max, bias, n, withheld.
@@ -40,7 +40,7 @@ Examples:
   taxel calibrate evaluate --data unseen.csv --calibration finger.toml
   taxel calibrate evaluate --data shear.csv@30.. --calibration finger.toml --json";
 
-/// Figures of a target; none where nothing could be judged.
+/// Figures of a target; `None` if no row could be compared.
 #[derive(Serialize)]
 struct Figures<'m> {
     rmse: Option<f64>,
@@ -67,8 +67,7 @@ impl<'m> Figures<'m> {
 
 /// Runs the command.
 ///
-/// # Errors
-/// A file is wrong, or calibration and recording do not fit each other.
+/// A file is invalid, or calibration and recording do not match.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let (stretch, reference) = (std::slice::from_ref(&args.data), args.reference.as_slice());
     let metrics = match calibration::kind(&args.calibration)? {

@@ -19,10 +19,10 @@ use crate::output;
 
 /// Fits a calibration to recordings.
 ///
-/// A taxel trace is recognised by its header. What to fit is found from the recordings: where the load is
-/// on one MEMS sensor alone, its matrix S and offset b by least squares; else the net from the 16 taxels
-/// to the force by Levenberg–Marquardt. Any other CSV is fitted with --inputs and --targets. Ctrl-C keeps
-/// the best net so far.
+/// A taxel trace is recognised by its header. The recordings decide what is fitted. If the load is
+/// on one MEMS sensor alone: its matrix S and offset b by least squares. Otherwise: the net from
+/// the 16 taxels to the force by Levenberg–Marquardt. Any other CSV is fitted with --inputs and
+/// --targets. Ctrl-C keeps the best net so far.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -38,29 +38,32 @@ pub struct Args {
     /// Reference columns of any CSV.
     #[arg(long, value_name = "NAME", value_delimiter = ',', requires = "inputs")]
     targets: Vec<String>,
-    /// Reference that another clock logged, one for each --data, with a time column t_s or t_us: offset and
-    /// rate are found from the load that both saw. Its columns are --targets, or fx_n, fy_n, fz_n.
+    /// Reference that another clock logged, one for each --data, with a time column t_s or t_us.
+    /// Offset and rate of its clock are found from the load in both. Its columns are --targets, or
+    /// fx_n, fy_n, fz_n.
     #[arg(long, value_name = "FILE")]
     reference: Vec<PathBuf>,
-    /// Fit this MEMS sensor from force on it alone, whatever the recordings look like.
+    /// Fit this MEMS sensor from force on it alone, whatever the recordings contain.
     #[arg(long, value_name = "0…3", value_parser = clap::value_parser!(u8).range(0..4), conflicts_with_all = ["inputs", "hidden"])]
     sensor: Option<u8>,
-    /// Family of the model: auto (what does best on stretches left out; a finger's net is taught by
-    /// the model of its skin where the recordings tell contact points), mlp (one hidden layer of
-    /// tanh units), skip (the same with a linear path past them), ridge (linear, with a decay),
-    /// least-squares (linear); of any CSV also cubic (additive) and quadratic (with products), and
+    /// Family of the model: auto (the best on stretches left out; the model of the skin augments a
+    /// finger's net where the recordings have contact points), mlp (one hidden layer of tanh
+    /// units), skip (mlp with a linear path past the units), ridge (linear, with a decay),
+    /// least-squares (linear). For any CSV also cubic (additive), quadratic (with products), and
     /// the papers' own laws: row ([DeMaria2011], the line of four), feeler ([Ohka2005]), column
     /// ([Ohka2004]), gap (signal to displacement).
     #[arg(long, value_name = "NAME", default_value_t = Family::default())]
     model: Family,
-    /// Hidden tanh units [default: of three recordings or more what does best on those left out; else 12 for normal force alone, 16 with shear; found by --model auto].
+    /// Hidden tanh units [default: the best on recordings left out, if there are three or more;
+    /// else 12 for normal force alone, 16 with shear; found by --model auto].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
     hidden: Option<u8>,
-    /// Keep the net alone, as [DeMaria2011] does: no model of the skin and no array of sensors in the record.
+    /// Keep only the net, as [DeMaria2011] does: no model of the skin and no array of sensors in
+    /// the record.
     #[arg(long)]
     net_only: bool,
-    /// Numbers that the record holds the net in: f32, or q15 (16 bits: less time on a Cortex-M4; the report
-    /// says what it costs in accuracy).
+    /// Number format of the net in the record: f32, or q15 (16 bits: less time on a Cortex-M4; the
+    /// report states the loss of accuracy).
     #[arg(long, value_enum, default_value_t = NetForm::F32)]
     form: NetForm,
     /// Seed of the net's starting weights.
@@ -74,7 +77,7 @@ pub struct Args {
     json: bool,
 }
 
-/// [`Form`] as it is typed.
+/// [`Form`] as a command-line value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum NetForm {
     F32,
@@ -114,7 +117,7 @@ struct Outcome {
 impl Outcome {
     fn new(args: &Args, parts: Vec<Part>, alignments: Vec<Aligned>, warnings: Vec<String>) -> Self {
         let calibration = args.out.clone();
-        // With --reference they may name columns of a finger's force.
+        // With --reference, --targets may name columns of a finger's force.
         let targets: &[String] = if args.inputs.is_empty() { &[] } else { &args.targets };
         let parts = parts.into_iter().map(|part| Fit::new(part, targets)).collect();
         Self { calibration, parts, alignments, warnings, interrupted: false }
@@ -125,7 +128,8 @@ impl Outcome {
 #[derive(Serialize)]
 struct Fit {
     part: String,
-    /// What a table's model estimates, in the units that these names tell; a finger's parts estimate forces.
+    /// Targets of a table's model, whose names carry the units; empty for a finger's parts, which
+    /// estimate forces.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     targets: Vec<String>,
     rows: usize,
@@ -137,7 +141,7 @@ struct Fit {
     chosen: Option<Chosen>,
 }
 
-/// Choice of a model, with errors in the targets' units.
+/// Comparison of models, with errors in the targets' units.
 #[derive(Serialize)]
 struct Chosen {
     left_out: &'static str,
@@ -215,7 +219,7 @@ impl Fit {
         }
     }
 
-    /// An error of each target: millinewtons, or the columns with theirs.
+    /// Formats one error per target: in millinewtons, or each column with its own.
     fn told(&self, errors: &[f64]) -> String {
         if self.targets.is_empty() {
             let milli: Vec<String> = errors.iter().map(|e| format!("{:.2}", e * 1e3)).collect();
@@ -228,8 +232,7 @@ impl Fit {
 
 /// Runs the command.
 ///
-/// # Errors
-/// A file is wrong, or the recordings do not make a calibration.
+/// A file is invalid, or the recordings do not suffice for a calibration.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let data = args.data.iter().map(|data| data.path.as_path());
     output::keep(data.chain(args.reference.iter().map(PathBuf::as_path)), &args.out)?;

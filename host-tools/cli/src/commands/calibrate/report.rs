@@ -12,15 +12,15 @@ use taxel_regress::table::TableModel;
 use super::{data, now};
 use crate::output;
 
-/// Writes what a calibration is worth as a page for people: figures, plots, coverage, warnings.
+/// Writes an HTML page on a calibration's accuracy: figures, plots, coverage, warnings.
 ///
-/// Each --data is a recording that the calibration has not seen; its reference columns are compared with what
-/// the finger says, beside the papers' tables. With --fitted-to the page shows where those recordings lie,
-/// and warns where they cannot support the calibration.
+/// Each --data is a recording that the calibration was not fitted to. Its reference columns are
+/// compared with the finger's estimates, next to the papers' tables. With --fitted-to the page
+/// shows the range of those recordings, and warns where they cannot support the calibration.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// A recording to judge on, or a stretch of it in seconds; may be given several times.
+    /// A recording to evaluate on, or a stretch of it in seconds; may be given several times.
     #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
     data: Vec<Stretch>,
     /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
@@ -32,7 +32,7 @@ pub struct Args {
     /// Reference that another clock logged, one for each --fitted-to.
     #[arg(long, value_name = "FILE")]
     fitted_reference: Vec<PathBuf>,
-    /// The calibration.
+    /// Calibration to report on.
     #[arg(long, value_name = "CAL.toml")]
     calibration: PathBuf,
     /// Page to write; it needs no other file and no network.
@@ -49,8 +49,7 @@ Example:
 
 /// Runs the command.
 ///
-/// # Errors
-/// A file is wrong, or there is nothing to judge in the recordings.
+/// A file is invalid, or a recording has no reference to compare with.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let inputs = args.data.iter().chain(&args.fitted_to).map(|data| data.path.as_path());
     let references = args.reference.iter().chain(&args.fitted_reference).map(PathBuf::as_path);

@@ -14,16 +14,16 @@ use crate::finger::{PortArg, record};
 use crate::interrupt::Interrupt;
 use crate::output;
 
-/// Puts a calibration in force on a finger and reads it back.
+/// Uploads a calibration to a finger, activates it and reads it back.
 ///
-/// However it is broken off, by Ctrl-C, the cable or the power, the calibration of before or the new one is in
-/// force, whole, and the last line says which.
+/// If Ctrl-C, the cable or the power interrupts it, the previous or the new calibration is active
+/// and whole. The last line states which.
 #[derive(clap::Args)]
 #[command(after_help = UPLOAD_EXAMPLES)]
 pub struct UploadArgs {
     #[command(flatten)]
     port: PortArg,
-    /// The calibration.
+    /// Calibration to upload.
     #[arg(long, value_name = "CAL.toml")]
     calibration: PathBuf,
 }
@@ -34,7 +34,7 @@ Examples, with a finger and without one:
   taxel serve --port sim:tour --tcp 127.0.0.1:5000
   taxel calibrate upload --port tcp:127.0.0.1:5000 --calibration finger.toml";
 
-/// Writes the calibration in force on a finger to a file.
+/// Writes the finger's active calibration to a file.
 #[derive(clap::Args)]
 #[command(after_help = DOWNLOAD_EXAMPLES)]
 pub struct DownloadArgs {
@@ -51,8 +51,7 @@ Example:
 
 /// Runs `upload`.
 ///
-/// # Errors
-/// The file is wrong, or the finger refused.
+/// The file is invalid, or the finger refused the record.
 pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
     let calibration = calibration::read(&args.calibration)?;
     let bytes = record(&calibration)?;
@@ -84,7 +83,7 @@ pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Sections of a record whose estimators are not among those that a firmware holds.
+/// Lists the sections of a record whose estimators the firmware does not have.
 fn passed_over(calibration: &Calibration, held: Status) -> Vec<&'static str> {
     let sections = [
         ("quantised", calibration.quantised.is_some(), Status::RAN_QUANTISED),
@@ -100,8 +99,7 @@ fn passed_over(calibration: &Calibration, held: Status) -> Vec<&'static str> {
 
 /// Runs `download`.
 ///
-/// # Errors
-/// The finger has none, or the file cannot be written.
+/// The finger has no calibration, or the file cannot be written.
 pub fn download(args: DownloadArgs) -> anyhow::Result<()> {
     output::keep([], &args.out)?;
     let bytes = args.port.connect()?.download_calibration()?;

@@ -1,4 +1,4 @@
-//! The demo's finger on an emulated board: the image that is flashed, with its converters and its USB.
+//! The demo's finger on an emulated board, which runs the flashed image with converters and USB.
 
 use std::ops::ControlFlow;
 
@@ -16,22 +16,21 @@ use crate::finger::record;
 /// Seed of the scene's noise.
 const SEED: u64 = 1;
 
-/// A running board and the truth about its finger.
+/// Running board with the truth about its finger.
 pub struct OnBoard {
     board: Board,
     emulated: Emulated,
     calibration: Option<Calibration>,
     samples: Vec<Sample>,
     period_us: u64,
-    // The emulator has read it; it goes with this.
+    // The emulator has read the trace; dropping this deletes the file.
     _trace: NamedTempFile,
 }
 
 impl OnBoard {
     /// Starts the firmware on a scene.
     ///
-    /// # Errors
-    /// The scene is wrong, or the emulator or the image is missing.
+    /// The scene is invalid, or the emulator or the image is missing.
     pub fn start(
         board: Board,
         scene: &str,
@@ -66,7 +65,7 @@ impl Performer for OnBoard {
         Ok(client)
     }
 
-    /// Truth of the sample that the finger saw when the frame's dark step began.
+    /// Returns the truth of the sample at the beginning of the frame's dark step.
     fn truth(&self, frame: &Frame) -> Option<Truth> {
         let since = frame.time.0.checked_sub(self.emulated.scene_us())?;
         let place = (since / self.period_us) as usize % self.samples.len().max(1);
