@@ -9,10 +9,10 @@ use serde::Deserialize;
 
 use crate::run::{cargo, lines, program, root};
 
-/// What of the workspace changed.
+/// Parts of the workspace that changed.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Changes {
-    /// Nothing, which calls for every test, or something that no package owns.
+    /// All packages: no file changed (which runs every test), or a file that no package owns did.
     Everything,
     /// Names of packages.
     Packages(BTreeSet<String>),
@@ -40,7 +40,7 @@ impl Changes {
         }
     }
 
-    /// Their tests and those of what depends on them, as a filter of nextest.
+    /// Returns the nextest filter for the changed packages and all that depend on them.
     pub fn filter(&self) -> String {
         match self {
             Self::Everything => "all()".to_owned(),
@@ -63,8 +63,10 @@ impl fmt::Display for Changes {
     }
 }
 
-/// The package whose folder a file lies in. Of the root folder only the core's own sources and tests are a
-/// package's: a manual, a lock file or a table may matter to any.
+/// Returns the package whose folder holds a file.
+///
+/// In the root folder the core owns only its sources and tests, because a manual, a lock file or a
+/// table may matter to any package.
 fn owner(file: &Path, packages: &[(String, PathBuf)]) -> Option<String> {
     let core = file.starts_with("src") || file.starts_with("tests/core");
     let holds = |folder: &Path| {
@@ -76,7 +78,7 @@ fn owner(file: &Path, packages: &[(String, PathBuf)]) -> Option<String> {
     owners.pop().map(|(name, _)| name.clone())
 }
 
-/// Names of the workspace's packages and their folders, from the root on.
+/// Lists the workspace's packages with their folders, relative to the root.
 fn packages() -> Result<Vec<(String, PathBuf)>> {
     #[derive(Deserialize)]
     struct Metadata {
@@ -109,14 +111,14 @@ mod tests {
     }
 
     #[test]
-    fn a_file_belongs_to_the_innermost_package() {
+    fn file_belongs_to_innermost_package() {
         let changes = of(&["src/lib.rs", "host-tools/sim/src/scene.rs", "tests/system/faults.rs"]);
         assert_eq!(changes.filter(), "rdeps(=taxel) + rdeps(=taxel-sim) + rdeps(=taxel-tests)");
         assert_eq!(of(&["tests/core/store.rs"]).filter(), "rdeps(=taxel)");
     }
 
     #[test]
-    fn files_of_no_package_and_no_files_call_for_every_test() {
+    fn unowned_file_or_no_file_selects_every_test() {
         for files in [&["src/lib.rs", "docs/accuracy.md"][..], &["Cargo.lock"], &[]] {
             assert_eq!(of(files), Changes::Everything, "{files:?}");
         }

@@ -1,4 +1,4 @@
-//! `cargo xtask cycles`: what every stage of the core costs on a Cortex-M4F, counted by the emulator.
+//! `cargo xtask cycles`: the cost of every stage of the core on an emulated Cortex-M4F.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -17,7 +17,7 @@ const IMAGE: &str = "cycles";
 /// The board that runs as a whole.
 const PRODUCT: &str = "stm32g431";
 
-/// What is to be shown.
+/// Arguments of `cargo xtask cycles`.
 #[derive(Args)]
 pub struct Cycles {
     /// Only stages whose name contains this
@@ -26,10 +26,10 @@ pub struct Cycles {
     /// Also writes the table here
     #[arg(long)]
     csv: Option<PathBuf>,
-    /// Shows which functions the cycles go to
+    /// Shows the cycles of each function
     #[arg(long)]
     profile: bool,
-    /// Which functions of the product's own image the cycles go to while it streams
+    /// Shows the cycles of each function of the product's own image while it streams
     #[arg(long, conflicts_with_all = ["filter", "csv", "profile"])]
     board: bool,
 }
@@ -53,8 +53,8 @@ pub fn task(arguments: &Cycles) -> Result<()> {
     run(&mut emulator)
 }
 
-/// Fails where a stage has become dearer than the committed table says, or a net or a frame of the product than
-/// it may be.
+/// Fails where a stage costs more than the committed table, or a net or a product frame exceeds its
+/// limit.
 pub fn guard() -> Result<()> {
     let counted = target().join("cycles.csv");
     let mut emulator = emulator("cycles", &image()?);
@@ -67,11 +67,13 @@ pub fn guard() -> Result<()> {
     within_half_a_frame(&counted, &text)
 }
 
-/// The nets of [DeMaria2011] and the modelled cycles that they may take at most. Every stage may
-/// creep up a tenth from one committed table to the next; these may not.
+/// Nets of [DeMaria2011] and their limits in modelled cycles.
+///
+/// A stage may grow by a tenth from one committed table to the next; a net may never exceed its
+/// limit.
 const NETS: [(&str, u64); 2] = [("net 16-16-3", 1_900), ("q15 net 16-16-3", 900)];
 
-/// Fails where one of the [`NETS`] takes more than it may.
+/// Fails where one of the [`NETS`] exceeds its limit.
 fn within_their_cycles(table: &[Stage]) -> Result<()> {
     for (net, most) in NETS {
         let stage = table.iter().find(|stage| stage.name == net);
@@ -84,19 +86,21 @@ fn within_their_cycles(table: &[Stage]) -> Result<()> {
     Ok(())
 }
 
-/// What the names of stages that are a whole frame of the product begin with.
+/// Prefix of the names of stages that are a whole frame of the product.
 const FRAME: &str = "product: ";
-/// Cycles of half a frame: 170 MHz, 4 kHz.
+/// Cycles of half a frame at 170 MHz and 4 kHz.
 const HALF_A_FRAME: u64 = 170_000_000 / 4_000 / 2;
 
-/// The product's page.
+/// Path of the product's page.
 fn page() -> PathBuf {
     root().join("docs/boards").join(PRODUCT).with_extension("md")
 }
 
-/// Fails where a frame of the product takes more than half of its time, of which the other half is the
-/// USB's and the user's. The stages know of no interrupt: the page says what it takes, to which
-/// the emulator's tests hold the image.
+/// Fails where a frame of the product takes half of its time or more.
+///
+/// The other half belongs to USB and to the user's code. The stages do not include the frame's
+/// interrupt; its cycles come from the product's page, which the emulator's tests hold to the
+/// image.
 fn within_half_a_frame(table: &[Stage], page: &str) -> Result<()> {
     const INTERRUPT: &str = "| reading: the frame's interrupt |";
     let row = page.lines().find_map(|line| line.strip_prefix(INTERRUPT));
@@ -122,12 +126,12 @@ fn image() -> Result<PathBuf> {
     firmware::build(IMAGE).map(|(path, _)| path)
 }
 
-/// What every stage costs, as committed.
+/// Path of the committed table of costs.
 fn table() -> PathBuf {
     directory().join("data/cycles.csv")
 }
 
-/// The emulator on the bench image and the finger that its stages work on.
+/// Returns a command that runs an emulator's task on `image` with the committed finger and scans.
 fn emulator(task: &str, image: &Path) -> Command {
     let mut command = cargo("run");
     command.args(["--", task]).arg(image);
@@ -142,30 +146,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_products_dearest_frame_fits_half_its_time_by_the_committed_table() {
+    fn committed_product_frames_fit_half_their_time() {
         let table = costs::read(&super::table()).unwrap();
         within_half_a_frame(&table, &std::fs::read_to_string(page()).unwrap()).unwrap();
     }
 
     #[test]
-    fn the_nets_take_no_more_than_they_may_by_the_committed_table() {
+    fn committed_nets_stay_within_their_cycles() {
         within_their_cycles(&costs::read(&super::table()).unwrap()).unwrap();
     }
 
     #[test]
-    fn a_net_that_is_too_dear_is_refused_and_so_is_a_table_without_it() {
+    fn costly_or_missing_net_is_an_error() {
         let judged = |rows: &str| {
             let table = costs::parse(&format!("name,cycles_high\n{rows}")).unwrap();
             within_their_cycles(&table).map_err(|error| error.to_string())
         };
         assert_eq!(judged("net 16-16-3,1900\nq15 net 16-16-3,900\n"), Ok(()));
-        let dear = judged("net 16-16-3,1900\nq15 net 16-16-3,901\n").unwrap_err();
-        assert!(dear.starts_with("q15 net 16-16-3: 901 cycles, at most 900"), "{dear}");
+        let costly = judged("net 16-16-3,1900\nq15 net 16-16-3,901\n").unwrap_err();
+        assert!(costly.starts_with("q15 net 16-16-3: 901 cycles, at most 900"), "{costly}");
         assert!(judged("net 16-16-3,1900\n").unwrap_err().contains("no stage `q15 net 16-16-3`"));
     }
 
     #[test]
-    fn a_frame_that_is_too_dear_is_refused_and_so_is_a_table_without_one() {
+    fn costly_or_missing_frame_is_an_error() {
         let table = |rows: &str| costs::parse(&format!("name,cycles_high\n{rows}")).unwrap();
         let with = |cycles: u64| table(&format!("\"product: a, b\",{cycles}\n\"other\",99999\n"));
         let page = "| reading: the frame's interrupt | 1 081 | 3 % |";

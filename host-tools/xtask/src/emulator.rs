@@ -1,4 +1,6 @@
-//! The emulator of the boards, a workspace of its own: its build, its tests, and its folder for the `taxel` command.
+//! The boards' emulator, a workspace of its own: its build, tests and folder.
+//!
+//! The `taxel` command finds the emulator and its images in that folder.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,10 +10,10 @@ use anyhow::{Context, Result};
 use crate::firmware;
 use crate::run::{locked, program, root, run, setup, target};
 
-/// Program of the emulator.
+/// File name of the emulator's program.
 const PROGRAM: &str = if cfg!(windows) { "taxel-emulator.exe" } else { "taxel-emulator" };
 
-/// `cargo xtask emulator`: builds the emulator and the images that it runs into [`folder`].
+/// Runs `cargo xtask emulator`: builds the emulator and its images into [`folder`].
 pub fn task() -> Result<()> {
     setup(&["boards", "emulator"])?;
     for board in firmware::boards()? {
@@ -24,7 +26,7 @@ pub fn task() -> Result<()> {
     Ok(())
 }
 
-/// Builds the emulator and puts it into [`folder`] beside the images, which are there.
+/// Builds the emulator and copies it and the finished images into [`folder`].
 pub fn fill() -> Result<()> {
     run(&mut cargo("build"))?;
     std::fs::create_dir_all(folder())?;
@@ -43,7 +45,7 @@ fn copy(from: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Folder of the emulator and its images, where a `taxel` that cargo built looks for them.
+/// Folder of the emulator and its images, where a `taxel` built by cargo looks for them.
 pub fn folder() -> PathBuf {
     target().join("emulator")
 }
@@ -53,7 +55,9 @@ pub fn directory() -> PathBuf {
     root().join("host-tools/emulator")
 }
 
-/// A cargo for the emulator's workspace. It builds beside the host's, with which it shares most crates.
+/// Returns a cargo command for the emulator's workspace.
+///
+/// It builds into the host's target folder, because both share most crates.
 pub fn cargo(subcommand: &str) -> Command {
     let name = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = program(name, &directory());

@@ -1,4 +1,4 @@
-//! Builds the firmware of the boards.
+//! Builds the boards' firmware and checks its size, stack and panics.
 
 use std::path::{Path, PathBuf};
 
@@ -10,14 +10,14 @@ use crate::memory::{Footprint, Use, footprint};
 use crate::run::{answer, locked, program, root, run, setup};
 use crate::{panics, stack, toolchain};
 
-/// What a board's manifest says of it, in `[package.metadata.board]`.
+/// `[package.metadata.board]` of a board's manifest.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Board {
-    /// It is firmware of a finger: it has a page, and a stack that can run out.
+    /// True for a finger's firmware, which has a page and a stack limit.
     #[serde(default)]
     hardware: bool,
-    /// What it may take at most, in bytes.
+    /// Largest flash use in bytes.
     flash_budget: Option<u64>,
     ram_budget: Option<u64>,
 }
@@ -55,10 +55,10 @@ fn within(used: u64, most: u64, what: &str) -> Result<()> {
     Ok(())
 }
 
-/// Measures the core's stages and is no firmware of a finger.
+/// Image that measures the core's stages; no finger runs it.
 const BENCH: &str = "cycles";
 
-/// Every board there is: the folders of `boards/` that are programs.
+/// Lists the boards: the folders of `boards/` that are programs.
 pub fn boards() -> Result<Vec<String>> {
     let entries = std::fs::read_dir(root().join("boards")).context("reading boards/")?;
     let mut boards: Vec<_> = entries
@@ -70,12 +70,12 @@ pub fn boards() -> Result<Vec<String>> {
     Ok(boards)
 }
 
-/// Whether a board is one that a finger runs on.
+/// Returns whether a finger runs on the board.
 pub fn is_hardware(board: &str) -> Result<bool> {
     Ok(Board::read(board)?.hardware)
 }
 
-/// `cargo xtask firmware BOARD`.
+/// Runs `cargo xtask firmware BOARD`.
 pub fn task(board: &str) -> Result<()> {
     let boards = boards()?;
     if !boards.iter().any(|known| known == board) {
@@ -92,7 +92,7 @@ pub fn directory() -> PathBuf {
     root().join("boards/target/firmware")
 }
 
-/// Builds one board and puts the file into [`directory`].
+/// Builds one board, checks it and copies the file into [`directory`].
 pub fn build(board: &str) -> Result<(PathBuf, Footprint)> {
     let mut cargo = toolchain::cargo("build");
     cargo.args(["--package", board]).args(locked()).env("TAXEL_BUILD", revision());
@@ -119,10 +119,10 @@ pub fn build(board: &str) -> Result<(PathBuf, Footprint)> {
     Ok((path, footprint))
 }
 
-/// Another compiler's code is this much longer or shorter.
+/// Relative tolerance of sizes on a board's page, because another compiler's code differs a little.
 const MARGIN: f64 = 0.05;
 
-/// The sizes on the board's page are those of the firmware.
+/// Fails where a size on the board's page differs from the firmware's by more than [`MARGIN`].
 fn page_agrees(board: &str, footprint: &Footprint, stack: u32) -> Result<()> {
     let path = root().join("docs/boards").join(board).with_extension("md");
     let page = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
@@ -145,7 +145,7 @@ fn page_agrees(board: &str, footprint: &Footprint, stack: u32) -> Result<()> {
     Ok(())
 }
 
-/// The stack that the machine code can take.
+/// Returns the deepest stack in bytes; fails where the board has less RAM left.
 fn stack_fits(board: &str, built: &Path, footprint: &Footprint) -> Result<u32> {
     let (stack, free) =
         (stack::deepest(&Image::read(built)?)?, footprint.ram.of - footprint.ram.used);
@@ -157,7 +157,7 @@ fn stack_fits(board: &str, built: &Path, footprint: &Footprint) -> Result<u32> {
     Ok(stack.bytes)
 }
 
-/// Where the machine code could panic.
+/// Lists the lines that could panic; fails where one is new or in the core.
 fn panics_are_known(board: &str, built: &Path) -> Result<()> {
     let sites = panics::remaining(built, &Image::read(built)?)?;
     eprintln!("{board}: no panic in the core; lines that may elsewhere, and why they do not:");
@@ -167,13 +167,13 @@ fn panics_are_known(board: &str, built: &Path) -> Result<()> {
     panics::none_is_new(board, &sites, &panics::list()?)
 }
 
-/// The board's own map, else the product's in the root.
+/// Path of the board's memory map: its own, else the product's in the root.
 fn memory_x(board: &str) -> PathBuf {
     let own = root().join("boards").join(board).join("memory.x");
     if own.is_file() { own } else { root().join("memory.x") }
 }
 
-/// In one go: an emulator may just be reading the file.
+/// Replaces the file atomically, because an emulator may be reading it.
 fn publish(built: &Path, path: &Path) -> Result<PathBuf> {
     let copy = path.with_extension(format!("{}.tmp", std::process::id()));
     std::fs::create_dir_all(directory())
@@ -183,7 +183,7 @@ fn publish(built: &Path, path: &Path) -> Result<PathBuf> {
     Ok(path.to_owned())
 }
 
-/// The commit that is built.
+/// Returns git's description of the commit that is built, or `unknown`.
 fn revision() -> String {
     let git = |arguments: &[&str]| answer(program("git", &root()).args(arguments));
     git(&["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"])

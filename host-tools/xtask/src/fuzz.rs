@@ -1,4 +1,4 @@
-//! Fuzzing of every place where bytes come in, with the targets of `tests/fuzz`.
+//! Fuzzing of every parser of outside bytes, with the targets of `tests/fuzz`.
 
 use std::process::Command;
 
@@ -7,24 +7,24 @@ use serde::Deserialize;
 
 use crate::run::{answer, clean, locked, program, root, run, target};
 
-/// Coverage that guides libFuzzer, as stable Rust has it.
+/// Compiler flags for libFuzzer's coverage on stable Rust.
 const INSTRUMENTED: &str = "--cfg fuzzing -C debug-assertions -C codegen-units=1 -C passes=sancov-module \
      -C llvm-args=-sanitizer-coverage-level=4 -C llvm-args=-sanitizer-coverage-inline-8bit-counters \
      -C llvm-args=-sanitizer-coverage-pc-table -C llvm-args=-sanitizer-coverage-trace-compares";
 
-/// A cargo command for the fuzz targets' workspace.
+/// Returns a cargo command for the fuzz targets' workspace.
 pub fn cargo(subcommand: &str) -> Command {
     let mut command = clean("cargo", &root().join("tests/fuzz"));
     command.args([subcommand, "--quiet"]).args(locked());
     command
 }
 
-/// Runs each target for some seconds; inputs that reach new code are kept in `target/fuzz` for the next time.
+/// Runs each target for `seconds`; keeps inputs that reach new code in `target/fuzz`.
 pub fn all(seconds: u32) -> Result<()> {
     let host = answer(Command::new("rustc").args(["--print", "host-tuple"]));
     let host = host.context("rustc does not name its host")?;
     let build = target().join("fuzz/build");
-    // Only with a target named do build scripts go without the instruments.
+    // Build scripts stay uninstrumented only where a target is named.
     run(cargo("build")
         .args(["--release", "--target", &host, "--target-dir"])
         .arg(&build)
@@ -42,7 +42,7 @@ pub fn all(seconds: u32) -> Result<()> {
     Ok(())
 }
 
-/// Names of the targets.
+/// Lists the names of the targets.
 fn names() -> Result<Vec<String>> {
     #[derive(Deserialize)]
     struct Manifest {

@@ -1,7 +1,7 @@
-//! The machine code of a firmware: its functions, whom each calls, and how much stack each takes.
+//! Machine code of a firmware: its functions, their calls and the stack of each.
 //!
-//! Only what Thumb-2 compilers make of calls and of stack frames is decoded (ARMv7-M ARM, A7.7); everything
-//! else is skipped by its length.
+//! The decoder knows only the calls and stack frames that Thumb-2 compilers emit (ARMv7-M ARM,
+//! A7.7). It skips every other instruction by its length.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,33 +9,34 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail};
 use object::{Object, ObjectSection, ObjectSymbol, SectionKind, SymbolKind};
 
-/// One function.
+/// A function of the image.
 #[derive(Debug)]
 pub struct Function {
-    /// Demangled, without the hash.
+    /// Demangled name without the hash.
     pub name: String,
-    /// Where calls are, and where they go. Jumps out of the function count as calls.
+    /// Address and target of each call. A jump out of the function counts as a call.
     pub calls: Vec<(u32, u32)>,
-    /// Where the function calls through which register.
+    /// Address and register of each call through a register.
     pub indirect: Vec<(u32, u8)>,
-    /// Constants that it loads into which register: a function that it calls several times is one.
+    /// Register and value of each constant load, because a function called several times is loaded
+    /// so.
     pub constants: Vec<(u8, u32)>,
-    /// The most bytes of stack that it takes itself.
+    /// Most stack in bytes that the function itself takes.
     pub frame: u32,
-    /// The address behind it.
+    /// Address just after the function.
     pub end: u32,
 }
 
-/// A firmware.
+/// Functions and handlers of a firmware.
 #[derive(Debug)]
 pub struct Image {
-    /// By address.
+    /// Functions by address.
     pub functions: BTreeMap<u32, Function>,
-    /// Handlers of exceptions and interrupts in the vector table, as the functions' addresses.
+    /// Addresses of the exception and interrupt handlers in the vector table.
     pub handlers: Vec<u32>,
 }
 
-/// Words that the core puts on the stack at an interrupt, floating point included, and the alignment
+/// Bytes that the processor stacks at an interrupt: 26 words with floating point, and the alignment
 /// (ARMv7-M ARM, B1.5.7).
 pub const EXCEPTION_FRAME: u32 = 27 * 4;
 
@@ -51,7 +52,7 @@ impl Image {
         let mut functions = BTreeMap::new();
         for section in file.sections().filter(|section| section.kind() == SectionKind::Text) {
             let (start, code) = (section.address() as u32, section.data()?);
-            // `$t` and `$d` say where code ends and constants begin.
+            // The symbols `$t` and `$d` mark where code and constants begin.
             let marks: BTreeMap<u32, bool> = file
                 .symbols()
                 .filter(|symbol| symbol.section_index() == Some(section.index()))
@@ -100,7 +101,7 @@ impl Image {
         Ok(Self { functions, handlers })
     }
 
-    /// The function at `address`.
+    /// Returns the function that holds `address`.
     pub fn at(&self, address: u32) -> Option<&Function> {
         let (_, function) = self.functions.range(..=address).next_back()?;
         (address < function.end).then_some(function)
@@ -119,7 +120,7 @@ impl Function {
         }
         match taken(first, second) {
             Some(bytes) => self.frame += bytes,
-            None => bail!("{} takes an amount of stack that its code does not tell", self.name),
+            None => bail!("{} takes an amount of stack that only a register holds", self.name),
         }
         Ok(())
     }
@@ -129,7 +130,7 @@ fn is_long(first: u16) -> bool {
     first >> 11 >= 0b11101
 }
 
-/// LDR of a constant among the code: which register, from where.
+/// Register and address of a PC-relative LDR.
 fn loaded(at: u32, first: u16, second: Option<u16>) -> Option<(u8, u32)> {
     let pc = at.wrapping_add(4) & !3;
     match (first, second) {
@@ -140,12 +141,12 @@ fn loaded(at: u32, first: u16, second: Option<u16>) -> Option<(u8, u32)> {
     }
 }
 
-/// BLX register; BX of any register but the link register.
+/// True for BLX with a register, and for BX with any but the link register.
 fn is_indirect(first: u16) -> bool {
     first & 0xFF87 == 0x4780 || (first & 0xFF87 == 0x4700 && first != 0x4770)
 }
 
-/// Where a branch or call goes.
+/// Returns the target of a branch or call.
 fn target(at: u32, first: u16, second: Option<u16>) -> Option<u32> {
     let (one, pc) = (u32::from(first), at.wrapping_add(4));
     let signed = |value: u32, bits: u32| (value << (32 - bits)).cast_signed() >> (32 - bits);
@@ -175,7 +176,7 @@ fn target(at: u32, first: u16, second: Option<u16>) -> Option<u32> {
     Some(pc.wrapping_add_signed(offset))
 }
 
-/// Bytes of stack that an instruction takes; `None` where that depends on a register.
+/// Stack in bytes that an instruction takes; `None` where a register decides.
 fn taken(first: u16, second: Option<u16>) -> Option<u32> {
     let (one, two) = (u32::from(first), second.map(u32::from));
     let to_sp = |two: u32| two >> 8 & 0xF == 13;
@@ -198,7 +199,7 @@ fn taken(first: u16, second: Option<u16>) -> Option<u32> {
     })
 }
 
-/// The constants of ThumbExpandImm (ARMv7-M ARM, A5.3.2).
+/// Expands a modified immediate constant: ThumbExpandImm (ARMv7-M ARM, A5.3.2).
 fn expand(i: u32, two: u32) -> u32 {
     let (code, byte) = (i << 4 | (two >> 12 & 7) << 1 | two >> 7 & 1, two & 0xFF);
     match code {
@@ -210,7 +211,7 @@ fn expand(i: u32, two: u32) -> u32 {
     }
 }
 
-/// A linker's thunk reaches through a register what its name says: it is given that name.
+/// Gives each linker thunk the name and the call of the function that it jumps to.
 fn resolve_thunks(file: &object::File, functions: &mut BTreeMap<u32, Function>) -> Result<()> {
     const PREFIX: &str = "__Thumbv7ABSLongThunk_";
     for thunk in file.symbols() {
@@ -232,7 +233,7 @@ fn resolve_thunks(file: &object::File, functions: &mut BTreeMap<u32, Function>) 
 fn handlers(file: &object::File, functions: &BTreeMap<u32, Function>) -> Result<Vec<u32>> {
     let section = file.section_by_name(".vector_table").context("no vector table")?;
     let words = section.data()?.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word));
-    // The stack's start and the reset come first.
+    // The first two words are the stack's start and the reset.
     let mut handlers: Vec<_> =
         words.skip(2).map(|word| word & !1).filter(|word| functions.contains_key(word)).collect();
     handlers.sort_unstable();
@@ -245,7 +246,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn calls_and_jumps_go_where_the_assembler_says() {
+    fn branch_targets_match_assembler() {
         // bl .+4+0x1000 at 0x100; bl backwards by 4; b.w; b; beq
         assert_eq!(target(0x100, 0xF001, Some(0xF800)), Some(0x1104));
         assert_eq!(target(0x100, 0xF7FF, Some(0xFFFE)), Some(0x100));
@@ -258,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn every_way_to_take_stack_is_counted() {
+    fn stack_of_each_instruction_is_counted() {
         // push {r4-r7, lr}; sub sp, #24; push.w {r4-r11, lr}; vpush {d8-d15}
         assert_eq!(taken(0xB5F0, None), Some(20));
         assert_eq!(taken(0xB086, None), Some(24));

@@ -1,7 +1,6 @@
-//! Build and test tasks of this repository: `cargo xtask test`, `cargo xtask firmware BOARD`,
-//! `cargo xtask cycles`.
+//! Build and test tasks of this repository: `cargo xtask test`, `firmware BOARD`, `cycles`.
 //!
-//! What they need and a machine lacks, `.ci/setup` installs.
+//! `.ci/setup` installs the tools that a task needs and the machine lacks.
 
 mod changes;
 mod costs;
@@ -47,13 +46,13 @@ enum Task {
         /// A folder of `boards/`
         board: String,
     },
-    /// Builds the emulator and the boards' images for `taxel demo --emulated` and `taxel replay --on`
+    /// Builds the emulator and the boards' images, for `taxel demo --emulated` and `replay --on`
     Emulator,
-    /// What every stage of the core costs on a Cortex-M4F: exact instructions, modelled cycles
+    /// Counts the instructions and modelled cycles of every core stage on a Cortex-M4F
     Cycles(Cycles),
-    /// Writes the parts of documents and clients that are made from src/frame/schema.rs
+    /// Writes the parts of documents and clients that are generated from src/frame/schema.rs
     Protocol {
-        /// Fails where a part differs, and writes nothing
+        /// Writes nothing; fails where a part differs
         #[arg(long)]
         check: bool,
     },

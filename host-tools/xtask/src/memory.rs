@@ -1,7 +1,8 @@
-//! What a firmware takes of its board's memory, read from the ELF file and the board's `memory.x`.
+//! Flash and RAM that a firmware uses, from its ELF file and the board's `memory.x`.
 //!
-//! A linker takes any `memory.x` that it meets first, and the repository has one for each chip. So every
-//! segment must lie inside the map of the very board, and the stack must start at the top of its RAM.
+//! A linker takes the first `memory.x` that it finds, and the repository has one for each chip.
+//! Every segment must therefore lie inside the board's own map, and the stack must start at the top
+//! of its RAM.
 
 use std::ops::Range;
 use std::path::Path;
@@ -10,23 +11,23 @@ use anyhow::{Context, Result, bail, ensure};
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader};
 
-/// Bytes used, of how many there are.
+/// Used and available bytes of a memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Use {
-    /// Used.
+    /// Used bytes.
     pub used: u64,
-    /// There.
+    /// Available bytes.
     pub of: u64,
 }
 
-/// What a firmware takes.
+/// Memory use of a firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Footprint {
-    /// Code, constants, and what statics start with.
+    /// Flash: code, constants and the statics' initial values.
     pub flash: Use,
-    /// Statics, without the stack.
+    /// RAM: statics, without the stack.
     pub ram: Use,
-    /// Memory that is tightly coupled to the core, where the chip has any: code and statics.
+    /// Core-coupled memory (CCM): code and statics; `None` where the chip has none.
     pub ccm: Option<Use>,
 }
 
@@ -120,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_region_is_read_whatever_its_units() {
+    fn region_is_read_in_any_unit() {
         let map = "/* FLASH : no */\nMEMORY\n{\n FLASH (rx) : ORIGIN = 0x08000000, LENGTH = 116K\n \
                    RAM : ORIGIN = 0x20000000, LENGTH = 0x5800\n}";
         assert_eq!(region(map, "FLASH"), Some(0x0800_0000..0x0801_d000));
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn the_products_map_leaves_the_last_twelve_kilobytes_to_what_survives_power_off() {
+    fn product_map_reserves_12_kb_for_stored_data() {
         let map = std::fs::read_to_string(crate::run::root().join("memory.x")).unwrap();
         let [flash, calibration, settings] =
             ["FLASH", "CALIBRATION", "SETTINGS"].map(|name| region(&map, name).unwrap());
@@ -138,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_firmware_outside_its_boards_map_is_refused() {
+    fn segment_outside_its_map_is_an_error() {
         let board = 0x0..0x40_0000;
         assert!(inside(&(0x100..0x200), &board).is_ok());
         assert!(inside(&(0x0800_0000..0x0800_0100), &board).is_err());

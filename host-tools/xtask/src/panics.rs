@@ -1,8 +1,8 @@
-//! Where a firmware could still panic: every call of a panicking function, and whose line made it.
+//! Calls of panicking functions in a firmware, and the source lines that make them.
 //!
-//! The core must have none of its own, and those of the crates that it uses must be known here, each with
-//! the reason why it is not met. What the boards' drivers bring along is listed by crate, and how many lines
-//! of each in `boards/panics.csv`: one more is one to be looked at.
+//! The core must have none. A crate that has any must be listed in [`KNOWN`] with the reason why
+//! they never happen. `boards/panics.csv` holds how many lines of each crate may panic; one more
+//! fails the build.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -13,7 +13,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use crate::image::Image;
 use crate::run::root;
 
-/// What a panic ends in.
+/// Prefixes of the names of panicking functions.
 const PANICS: [&str; 9] = [
     "core::panicking::",
     "core::option::expect_failed",
@@ -26,15 +26,15 @@ const PANICS: [&str; 9] = [
     "__defmt_default_panic",
 ];
 
-/// The compiler's own, in every `async fn`: an executor polls no future that is done.
+/// Panic that the compiler adds to every `async fn`; no executor polls a future that is done.
 const RESUMED: &str = "core::panicking::panic_const::panic_const_async_fn_resumed";
 
-/// The core.
+/// Name of the core.
 const CORE: &str = "taxel";
-/// The boards' own crates.
+/// Name for the boards' own crates together.
 const BOARDS: &str = "boards";
 
-/// Crates whose panics are known, and why they are not met.
+/// Crates with panics, and the reason why these never happen.
 const KNOWN: [(&str, &str); 17] = [
     (BOARDS, "at start-up, and in the handlers of faults"),
     (
@@ -64,23 +64,23 @@ const KNOWN: [(&str, &str); 17] = [
     ("stm32-metapac", "fields of registers that read what they never hold"),
 ];
 
-/// True for a function that does not come back.
+/// True for a function that panics.
 pub fn is_panic(name: &str) -> bool {
     PANICS.iter().any(|start| name.starts_with(start))
 }
 
-/// Why the panics of a crate are not met, if that is known.
+/// Returns the reason why a crate's panics never happen, if it is known.
 pub fn why(owner: &str) -> Option<&'static str> {
     KNOWN.iter().find(|(known, _)| *known == owner).map(|(_, why)| *why)
 }
 
-/// The lines that may panic, by their crate.
+/// Lines that may panic, by crate.
 pub type Sites = BTreeMap<String, BTreeSet<String>>;
 
-/// How many lines of which crate are known in a board's firmware.
+/// Table of the number of lines that may panic, by board and crate.
 pub const LIST: &str = "boards/panics.csv";
 
-/// Fails where a crate has more lines that may panic than the list `list` says of `board`.
+/// Fails where a crate has more lines that may panic than `list` allows on `board`.
 pub fn none_is_new(board: &str, sites: &Sites, list: &str) -> Result<()> {
     for (owner, lines) in sites {
         let row = format!("{board},{owner},");
@@ -101,12 +101,12 @@ pub fn none_is_new(board: &str, sites: &Sites, list: &str) -> Result<()> {
     Ok(())
 }
 
-/// The list.
+/// Reads the table [`LIST`].
 pub fn list() -> Result<String> {
     std::fs::read_to_string(root().join(LIST)).context(LIST)
 }
 
-/// Panics left in a firmware. Fails where one is the core's own, or of a crate that is not known.
+/// Returns the lines that may panic; fails where one is the core's or an unknown crate's.
 pub fn remaining(elf: &Path, image: &Image) -> Result<Sites> {
     let loader = Loader::new(elf).map_err(|error| anyhow!("{}: {error}", elf.display()))?;
     let mut panicking: BTreeSet<u32> = image
@@ -116,7 +116,7 @@ pub fn remaining(elf: &Path, image: &Image) -> Result<Sites> {
         .map(|(address, _)| *address)
         .collect();
     let mut all = Sites::new();
-    // What the standard library does in a function of its own is done by that function's callers.
+    // A panic inside a function of the standard library belongs to that function's callers.
     loop {
         let before = panicking.len();
         all.clear();
@@ -147,8 +147,9 @@ pub fn remaining(elf: &Path, image: &Image) -> Result<Sites> {
     }
 }
 
-/// The crate whose line made the code at `site`, and the line. What the standard library does is its
-/// caller's; none where there is no other.
+/// Returns the crate and source line of the code at `site`.
+///
+/// Code inlined from the standard library belongs to its caller; `None` where there is no other.
 fn owner(loader: &Loader, site: u32) -> Result<Option<(String, String)>> {
     let mut frames = loader.find_frames(u64::from(site)).map_err(|error| anyhow!("{error}"))?;
     while let Some(frame) = frames.next()? {
@@ -162,7 +163,7 @@ fn owner(loader: &Loader, site: u32) -> Result<Option<(String, String)>> {
     Ok(None)
 }
 
-/// The crate that a source file belongs to; none for the standard library.
+/// Returns the crate of a source file; `None` for the standard library.
 fn crate_of(file: &str, root: &Path) -> Option<String> {
     if ["core", "alloc", "compiler-builtins"]
         .iter()
@@ -174,7 +175,7 @@ fn crate_of(file: &str, root: &Path) -> Option<String> {
         let folder = rest.split('/').nth(1)?;
         return Some(folder.rsplit_once('-').map_or(folder, |(name, _)| name).to_owned());
     }
-    // What a crate's build script wrote.
+    // Output of a crate's build script.
     if let Some((_, rest)) = file.split_once("/build/")
         && let Some((folder, _)) = rest.split_once("/out/")
     {
@@ -193,7 +194,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_line_more_than_the_list_knows_is_refused_by_its_name() {
+    fn new_panicking_line_is_an_error_that_lists_it() {
         let lines = ["a.rs:1", "a.rs:7"].map(str::to_owned).into();
         let sites = Sites::from([("embassy-usb".to_owned(), lines)]);
         let with =
@@ -210,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_belongs_to_the_crate_of_its_file() {
+    fn line_belongs_to_crate_of_its_file() {
         let of = |file| crate_of(file, Path::new("/checkout/taxel"));
         assert_eq!(of("/checkout/taxel/src/wire/deframer.rs").as_deref(), Some("taxel"));
         assert_eq!(of("/checkout/taxel/boards/common/src/link.rs").as_deref(), Some("boards"));

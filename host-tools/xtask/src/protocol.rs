@@ -1,7 +1,7 @@
-//! `cargo xtask protocol`: the parts of documents and clients that are made from the core's schema of frames
-//! (`src/frame/schema.rs`).
+//! `cargo xtask protocol`: generates parts of documents and clients from the frame schema.
 //!
-//! A part stands between a line with `schema: NAME` and the next line with `schema: end`.
+//! The schema is `src/frame/schema.rs`. A part lies between a line with `schema: NAME` and the next
+//! line with `schema: end`.
 
 mod c;
 mod docs;
@@ -15,10 +15,10 @@ use taxel::frame::schema::{Columns, FIELDS, Field, Type};
 
 use crate::run::root;
 
-/// Part of a file: its name, and its lines.
+/// Generated part of a file: its name and its lines.
 type Part = (&'static str, String);
 
-/// Writes the parts, or with `check` fails if one differs.
+/// Writes the parts; with `check`, fails if one differs and writes nothing.
 pub fn task(check: bool) -> Result<()> {
     let files = [
         ("docs/protocol.md", docs::protocol()),
@@ -44,7 +44,7 @@ pub fn task(check: bool) -> Result<()> {
     Ok(())
 }
 
-/// Returns whether the file differs from its parts; writes them unless it is only to be checked.
+/// Returns whether the file differs from its parts; writes it unless `check`.
 fn update(path: &Path, parts: &[Part], check: bool) -> Result<bool> {
     let text = std::fs::read_to_string(path)?;
     let filled = parts.iter().try_fold(text.clone(), |text, part| fill(&text, part))?;
@@ -55,7 +55,7 @@ fn update(path: &Path, parts: &[Part], check: bool) -> Result<bool> {
     Ok(different)
 }
 
-/// The text with the lines of a part replaced.
+/// Replaces the lines of a part in the text.
 fn fill(text: &str, (name, lines): &Part) -> Result<String> {
     let (begin, end) = (format!("schema: {name}"), "schema: end");
     let start = text
@@ -73,12 +73,12 @@ fn fill(text: &str, (name, lines): &Part) -> Result<String> {
     Ok(filled)
 }
 
-/// A line each.
+/// Joins the lines, each with a line feed.
 fn lines(lines: impl IntoIterator<Item = String>) -> String {
     lines.into_iter().map(|line| line + "\n").collect()
 }
 
-/// Names of a field's columns.
+/// Lists the names of a field's columns.
 fn columns(field: &Field) -> Vec<&'static str> {
     let names = field.columns.iter().flat_map(|columns| match columns {
         Columns::Whole(names) | Columns::Real(names) | Columns::Measured(names) => {
@@ -88,7 +88,7 @@ fn columns(field: &Field) -> Vec<&'static str> {
     names.collect()
 }
 
-/// Every structure that the fields are made of, members before what they are members of.
+/// Lists every structure of the fields, members before the structure that holds them.
 fn structures() -> Vec<(&'static str, Type)> {
     fn add(layout: &Type, known: &mut Vec<(&'static str, Type)>) {
         match layout {
@@ -107,7 +107,7 @@ fn structures() -> Vec<(&'static str, Type)> {
     known
 }
 
-/// Numbers in a value; none if a client reads it with code of its own.
+/// Counts the numbers of a value; `None` where clients read it by hand-written code.
 fn numbers(layout: &Type) -> Option<usize> {
     match layout {
         Type::Named(_) => None,
@@ -118,7 +118,7 @@ fn numbers(layout: &Type) -> Option<usize> {
     }
 }
 
-/// A value that has no reasons within: its numbers are given together.
+/// True for a value without reasons inside: its numbers come all together.
 fn is_plain(layout: &Type) -> bool {
     match layout {
         Type::Named(_) | Type::Result(_) => false,
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn part_without_a_place_is_an_error() {
+    fn part_without_its_markers_is_an_error() {
         let part = ("names", "new\n".to_owned());
         let filled = fill("a\n# schema: names\nold\n# schema: end\nb\n", &part).unwrap();
         assert_eq!(filled, "a\n# schema: names\nnew\n# schema: end\nb\n");

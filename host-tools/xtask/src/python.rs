@@ -1,5 +1,7 @@
-//! The Python client's own checks: types, lints, and its tests against the `taxel` command; and, with other
-//! people's libraries, what recordings and the bridge to ROS 2 are worth.
+//! Checks of the Python client: types, lints, installation and tests.
+//!
+//! The tests run against the `taxel` command. They also read recordings and the ROS 2 bridge with
+//! other projects' libraries.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,7 +10,7 @@ use anyhow::Result;
 
 use crate::run::{answer, program, root, run, setup, target};
 
-/// Lints and types of the client, and its installation, in environments of their own under `target/`.
+/// Checks the client's lints, types and installation, in environments under `target/`.
 pub fn checks() -> Result<()> {
     let client = folder();
     let python = environment(&client)?;
@@ -19,7 +21,7 @@ pub fn checks() -> Result<()> {
     as_users_install_it(&python, &client)
 }
 
-/// Tests of the client against the `taxel` command, which is built; `long`, streams take ten minutes and not seconds.
+/// Runs the client's tests against the built `taxel`; with `long`, streams last 600 s.
 pub fn tests(long: bool) -> Result<()> {
     let client = folder();
     let mut pytest = program(environment(&client)?, &client);
@@ -33,14 +35,16 @@ fn folder() -> PathBuf {
     root().join("host-tools/python")
 }
 
-/// A program of somebody who has installed the client: types and all.
+/// A user's program for the installed client, which mypy checks.
 const USERS: &str = "\
 import taxel
 serial: str = taxel.Finger(\"/dev/ttyACM0\").info().serial
 ";
 
-/// `pip install ./host-tools/python`, as the manual has it, into an environment that has nothing else; then from a folder
-/// outside of the repository `taxel` is imported, and a user's program is checked against the types that came along.
+/// Installs the client with `pip install ./host-tools/python`, as the manual says, and tries it.
+///
+/// The environment holds nothing else. From outside the repository it imports `taxel` and checks a
+/// user's program against the installed types.
 fn as_users_install_it(tools: &Path, client: &Path) -> Result<()> {
     let folder = target().join("python-user");
     let environment = folder.join("environment");
@@ -49,7 +53,7 @@ fn as_users_install_it(tools: &Path, client: &Path) -> Result<()> {
     if there.is_none() {
         run(program("python3", client).args(["-m", "venv"]).arg(&environment))?;
     }
-    // What it needs is there from the last time; the client itself is built and installed again.
+    // An existing environment keeps its dependencies; the client itself is installed again.
     let install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
     let again: &[&str] = if there.is_some() { &["--force-reinstall", "--no-deps"] } else { &[] };
     run(program(&python, &root()).args(install).args(again).arg("./host-tools/python"))?;
@@ -64,11 +68,11 @@ fn as_users_install_it(tools: &Path, client: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The interpreter of an environment that has the client and what its tests need.
+/// Returns the interpreter of an environment with the client and its tests' dependencies.
 fn environment(client: &Path) -> Result<PathBuf> {
     let directory = target().join("python-client");
     let python = directory.join("bin/python");
-    // An environment from before these were needed lacks them.
+    // An older environment may lack some of these.
     let all_there = "import pytest, mypy, ruff, pandas, zenoh, mcap_protobuf, pyarrow, rosbags, websockets, xxhash";
     let check = format!("{all_there}; print(1)");
     if answer(Command::new(&python).args(["-c", &check])).is_some() {

@@ -1,4 +1,4 @@
-//! No modules of a crate import each other in a ring.
+//! Test that no modules of a crate import each other in a ring.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::run::root;
 
-/// Modules of a crate, each with those that it imports.
+/// Modules of a crate, each with the modules that it imports.
 type Imports = BTreeMap<String, BTreeSet<String>>;
 
 /// Finds the folders `src` of all crates.
@@ -19,7 +19,7 @@ fn sources() -> Vec<PathBuf> {
         .collect()
 }
 
-/// Reads the top-level modules of a crate; the root of the crate is none.
+/// Reads the imports of a crate's top-level modules; the crate's root is no module.
 fn imports(src: &Path) -> Imports {
     let mut found = Imports::new();
     for entry in fs::read_dir(src).unwrap() {
@@ -36,7 +36,7 @@ fn imports(src: &Path) -> Imports {
     found
 }
 
-/// Lists what a module names by `crate::`, without comments and tests.
+/// Lists the modules that a file or folder names with `crate::`, without comments and tests.
 fn paths(path: &Path) -> BTreeSet<String> {
     if path.is_dir() {
         let inner = fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path());
@@ -55,7 +55,7 @@ fn paths(path: &Path) -> BTreeSet<String> {
     code.split("crate::").skip(1).flat_map(first_names).collect()
 }
 
-/// Lists the names that a path begins with: one, or those of its braces.
+/// Lists the first names of a path: one, or one for each item in its braces.
 fn first_names(path: &str) -> Vec<String> {
     let is_name = |c: char| c.is_alphanumeric() || c == '_';
     let name = |text: &str| text.trim_start().chars().take_while(|c| is_name(*c)).collect();
@@ -73,7 +73,7 @@ fn first_names(path: &str) -> Vec<String> {
     names
 }
 
-/// Takes away modules that import none of the others until only rings and what leads to them is left.
+/// Removes modules without imports, again and again, until only rings and their users are left.
 fn rings(mut imports: Imports) -> Imports {
     loop {
         let free: Vec<String> = imports
@@ -100,7 +100,7 @@ fn modules_import_each_other_one_way() {
 }
 
 #[test]
-fn ring_is_found() {
+fn ring_among_imports_is_found() {
     assert_eq!(first_names("{a::{b, c}, d, e::f};"), ["a", "d", "e"]);
     let uses = |of: &[&str]| of.iter().map(|name| (*name).to_owned()).collect::<BTreeSet<_>>();
     let chain = [("a", uses(&["b"])), ("b", uses(&["c"])), ("c", uses(&[]))];

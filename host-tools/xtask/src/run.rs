@@ -1,4 +1,4 @@
-//! Other programs, and the environment they are started with.
+//! Runs other programs in a known environment.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -6,8 +6,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 
-/// What `cargo xtask` hands on from the build of xtask itself, or what a user has set for host builds;
-/// either would steer a nested cargo elsewhere.
+/// Variables that `cargo xtask` or a user sets and that would change a nested cargo's build.
 const INHERITED: [&str; 9] = [
     "CARGO",
     "CARGO_BUILD_RUSTFLAGS",
@@ -20,30 +19,30 @@ const INHERITED: [&str; 9] = [
     "RUSTFLAGS",
 ];
 
-/// The repository.
+/// Folder of the repository.
 pub fn root() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.ancestors().nth(2).unwrap_or(here).to_owned()
 }
 
-/// Where cargo builds the host's workspace.
+/// Target folder of the host's workspace.
 pub fn target() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
 
-/// A program, started in `directory`.
+/// Returns a command for a program that starts in `directory`.
 pub fn program(name: impl AsRef<OsStr>, directory: &Path) -> Command {
     let mut command = Command::new(name);
     command.current_dir(directory).stdin(Stdio::null());
     command
 }
 
-/// The cargo that runs this, for the host's workspace.
+/// Returns a cargo command for the host's workspace, with the cargo that runs this program.
 pub fn cargo() -> Command {
     program(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &root())
 }
 
-/// A program in `directory`, cargo for one, that nothing but its arguments steers.
+/// Returns a command in `directory` without the [`INHERITED`] variables.
 pub fn clean(name: impl AsRef<OsStr>, directory: &Path) -> Command {
     let mut command = program(name, directory);
     for variable in INHERITED {
@@ -52,12 +51,12 @@ pub fn clean(name: impl AsRef<OsStr>, directory: &Path) -> Command {
     command
 }
 
-/// On a build machine the lock files are law.
+/// Returns `--locked` on a build machine, where lock files must be up to date.
 pub fn locked() -> Option<&'static str> {
     std::env::var_os("CI").map(|_| "--locked")
 }
 
-/// Runs to the end; what it says is shown.
+/// Runs a program to its end and shows its output; fails where the program fails.
 pub fn run(command: &mut Command) -> Result<()> {
     let status = command.status().with_context(|| format!("`{}` does not start", line(command)))?;
     if !status.success() {
@@ -66,19 +65,19 @@ pub fn run(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Installs what the named parts of `.ci/setup` need and this machine lacks.
+/// Installs the tools of the named parts of `.ci/setup` that the machine lacks.
 pub fn setup(parts: &[&str]) -> Result<()> {
     run(clean("sh", &root()).arg(".ci/setup").args(parts).stdout(std::io::stderr()))
 }
 
-/// The lines that it prints, if it works.
+/// Returns the lines of a program's output; `None` where the program fails.
 pub fn lines(command: &mut Command) -> Option<Vec<String>> {
     let output = command.stderr(Stdio::null()).output().ok().filter(|out| out.status.success())?;
     let text = String::from_utf8(output.stdout).ok()?;
     Some(text.lines().map(|line| line.trim().to_owned()).collect())
 }
 
-/// The first line of what it prints, if it works.
+/// Returns the first line of a program's output; `None` where the program fails.
 pub fn answer(command: &mut Command) -> Option<String> {
     lines(command)?.into_iter().next()
 }

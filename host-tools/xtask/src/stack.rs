@@ -1,8 +1,8 @@
-//! The most stack that a firmware can take, from its machine code: every path of calls, and on top
-//! of it the deepest handler of each priority.
+//! Deepest stack of a firmware, from its machine code.
 //!
-//! A call through a register is followed to what may stand there ([`POINTERS`]); one of which nothing is said
-//! is an error. A panic ends in a reset and is left out.
+//! It is the deepest path of calls, plus the deepest handler of each priority. A call through a
+//! register goes to every function that [`POINTERS`] lists for it; a call without an entry is an
+//! error. A panic ends in a reset and does not count.
 
 use std::collections::{HashMap, HashSet};
 
@@ -11,15 +11,15 @@ use anyhow::{Result, bail};
 use crate::image::{EXCEPTION_FRAME, Function, Image};
 use crate::panics::is_panic;
 
-/// The most stack that a firmware can take.
+/// Deepest stack of a firmware.
 pub struct Stack {
-    /// Bytes, exceptions included.
+    /// Bytes, with exception frames.
     pub bytes: u32,
-    /// The deepest path of calls from the reset: each function, and what it takes itself.
+    /// Deepest path of calls from the reset: each function and its own bytes.
     pub path: Vec<(String, u32)>,
 }
 
-/// Finds it.
+/// Computes the deepest stack of an image.
 pub fn deepest(image: &Image) -> Result<Stack> {
     let entry = image.functions.iter().find(|(_, function)| function.name == "Reset");
     let Some((reset, _)) = entry else { bail!("no function `Reset`") };
@@ -45,23 +45,24 @@ pub fn deepest(image: &Image) -> Result<Stack> {
     Ok(Stack { bytes, path })
 }
 
-/// Handlers of one priority, which do not interrupt each other (`scan::start` of the boards). Any other may
-/// interrupt all the rest.
+/// Handlers that share a priority and do not interrupt each other (`scan::start` of the boards).
+///
+/// Any other handler may interrupt all the rest.
 const LEVELS: [&[&str]; 2] = [
     &["DMA1_CHANNEL2", "DMA1_CHANNEL3", "ADC1_2", "DMA2_STREAM0", "ADC"],
     &["USB_LP", "OTG_FS", "TIM2"],
 ];
 
-/// A fault ends in a reset, as a panic does.
+/// Fault handlers, which end in a reset as a panic does.
 const RESETS: [&str; 2] = ["HardFault", "HardFaultTrampoline"];
 
-/// Calls through a register: parts of the callers' names, and of the names of those whom they can mean.
+/// Calls through a register: parts of the callers' names and of their possible callees' names.
 struct Pointer {
     callers: &'static [&'static str],
     callees: &'static [&'static str],
 }
 
-/// All that there are, but for functions whose address a caller has loaded as a constant.
+/// All calls through a register, except of functions whose address the caller loads as a constant.
 const POINTERS: &[Pointer] = &[
     Pointer {
         callers: &["::Executor::run"],
@@ -89,7 +90,7 @@ const POINTERS: &[Pointer] = &[
         ],
         callees: &["embassy_executor::raw::waker::"],
     },
-    // The USB device's tasks tell those who handle its events; one of them is the board's.
+    // The USB device's tasks call the handlers of its events; one of these is the board's.
     Pointer {
         callers: &[
             "embassy_executor::raw::TaskStorage<F>::poll",
@@ -99,7 +100,7 @@ const POINTERS: &[Pointer] = &[
         callees: &[" as embassy_usb::Handler>::"],
     },
     Pointer { callers: &["taxel_board::link::Suspend as"], callees: &["::scan::set_paused"] },
-    // The store's flash.
+    // Flash operations of the store.
     Pointer {
         callers: &[
             "taxel::store::",
@@ -110,7 +111,7 @@ const POINTERS: &[Pointer] = &[
         ],
         callees: &["::flash::place"],
     },
-    // A calibration's sections, and the checks of their fields.
+    // Sections of a calibration record, and the checks of their fields.
     Pointer {
         callers: &["taxel::calibration::Calibration::", "taxel::finger::Finger::recalibrate"],
         callees: &[
@@ -123,25 +124,25 @@ const POINTERS: &[Pointer] = &[
         callees: &["core::ops::function::FnOnce::call_once"],
     },
     Pointer { callers: &["_defmt_"], callees: &["defmt_rtt::channel::Channel::"] },
-    // It does not come back; the compiler's outlined functions come back by a register.
+    // The bootload jump does not return; the compiler's outlined functions return by a register.
     Pointer { callers: &["cortex_m::asm::bootload", "OUTLINED_FUNCTION_"], callees: &[] },
 ];
 
 struct Paths<'i> {
     image: &'i Image,
-    /// Bytes below a function and its own, and the callee that takes most of them.
+    /// Bytes of a function with its deepest callee, and that callee.
     known: HashMap<u32, (u32, Option<u32>)>,
     open: HashSet<u32>,
 }
 
 impl Paths<'_> {
-    /// Bytes that the function at `address` and all that it calls take at most.
+    /// Returns the most bytes that the function at `address` and its callees take.
     fn below(&mut self, address: u32) -> Result<u32> {
         if let Some((bytes, _)) = self.known.get(&address) {
             return Ok(*bytes);
         }
         let Some(function) = self.image.at(address) else {
-            bail!("a call to {address:#x}, where no function is");
+            bail!("a call to {address:#x}, which lies in no function");
         };
         if is_panic(&function.name) {
             return Ok(0);
@@ -162,7 +163,7 @@ impl Paths<'_> {
         Ok(function.frame + deepest.0)
     }
 
-    /// Whom a function can call through `register`, which it does at `at`.
+    /// Lists the functions that `caller` can call through `register` at address `at`.
     fn through_register(&self, caller: &Function, at: u32, register: u8) -> Result<Vec<u32>> {
         let constants = caller.constants.iter().filter(|(loaded, _)| *loaded == register);
         let constants = constants.map(|(_, word)| word & !1);
@@ -173,7 +174,7 @@ impl Paths<'_> {
         let pointers: Vec<_> = POINTERS.iter().filter(known).collect();
         if pointers.is_empty() && callees.is_empty() {
             bail!(
-                "{} calls through a register at {at:#x}, and whom is not known: say so in stack.rs, POINTERS",
+                "{} calls an unknown function through a register at {at:#x}: add it to POINTERS in stack.rs",
                 caller.name
             );
         }
@@ -184,7 +185,7 @@ impl Paths<'_> {
             callees.extend(listed.map(|(at, _)| *at));
             if !parts.is_empty() && callees.len() == before {
                 bail!(
-                    "{}: no function is called {parts:?} any more: stack.rs, POINTERS",
+                    "{}: no function is called {parts:?} any more: fix POINTERS in stack.rs",
                     caller.name
                 );
             }
@@ -203,7 +204,7 @@ mod tests {
         (at, Function { name, calls, indirect, constants, frame, end: at + 0x10 })
     }
 
-    /// `Reset` calls `caller`, which calls through r3.
+    /// Image in which `Reset` calls `caller`, and `caller` calls through r3.
     fn image(caller: &str, constants: Vec<(u8, u32)>) -> Image {
         let (at, mut reset) = function("Reset", 0x100, 8);
         reset.calls.push((0x104, 0x200));
@@ -217,16 +218,16 @@ mod tests {
     }
 
     #[test]
-    fn a_pointer_is_followed_to_whom_it_can_mean() {
+    fn pointer_call_counts_its_callees() {
         let known = "embassy_sync::waitqueue::atomic_waker::AtomicWaker::wake";
         assert_eq!(deepest(&image(known, vec![])).unwrap().bytes, 8 + 16 + 32);
-        // The address of a function, with its lowest bit set; another register's constant is none of it.
+        // A loaded address has its lowest bit set. A constant in another register does not count.
         let constants = vec![(3, 0x401), (4, 0x301)];
         assert_eq!(deepest(&image("board::main", constants)).unwrap().bytes, 8 + 16 + 64);
     }
 
     #[test]
-    fn a_call_by_a_pointer_that_nobody_has_explained_is_an_error() {
+    fn unlisted_pointer_call_is_an_error() {
         let error = deepest(&image("board::main", vec![(4, 0x401)])).err().unwrap().to_string();
         assert!(error.contains("board::main") && error.contains("0x204"), "{error}");
     }

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 
-/// Steps that were taken, and parts that were left out.
+/// Finished steps and left-out parts of a task.
 pub struct Steps {
     start: Instant,
     done: Vec<(String, Duration)>,
@@ -18,7 +18,7 @@ impl Default for Steps {
 }
 
 impl Steps {
-    /// Takes one step.
+    /// Runs one step under a heading and records its time.
     pub fn take<T>(&mut self, name: &str, step: impl FnOnce() -> Result<T>) -> Result<T> {
         eprintln!("\n── {name} ──");
         let start = Instant::now();
@@ -29,7 +29,7 @@ impl Steps {
         Ok(outcome)
     }
 
-    /// Takes two rows of steps side by side; the first error of either is returned when both have ended.
+    /// Runs two rows of steps in parallel; returns the first error of either after both end.
     pub fn side_by_side(
         &mut self,
         one: impl FnOnce(&mut Self) -> Result<()>,
@@ -50,13 +50,13 @@ impl Steps {
         })
     }
 
-    /// Notes a part that is not tested, and why.
+    /// Records a part that is not tested, with the reason.
     pub fn leave_out(&mut self, what: &str, why: &str) {
         eprintln!("\n── {what}: left out ({why}) ──");
         self.left_out.push(format!("{what} ({why})"));
     }
 
-    /// Prints what each step took and how it went; nothing where there were no steps.
+    /// Prints the time of each step; prints nothing where no step ran.
     pub fn summary(&self) {
         if self.done.is_empty() {
             return;
@@ -79,12 +79,12 @@ impl Steps {
     }
 }
 
-/// Processor time of all programs that ended so far, where the kernel tells.
+/// Returns the processor time of all ended child programs, where the kernel reports it.
 fn children_cpu() -> Option<Duration> {
-    /// Ticks a second in `/proc`, on every Linux of today.
+    /// Ticks a second in `/proc` on Linux.
     const TICKS: u64 = 100;
     let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
-    // Behind the name, which may have spaces: from field 3 on; fields 16 and 17 are the children's.
+    // Fields follow the program's name, which may hold spaces: 16 and 17 are the children's times.
     let mut fields = stat.rsplit_once(')')?.1.split_ascii_whitespace().skip(13);
     let mut next = || fields.next()?.parse::<u64>().ok();
     Some(Duration::from_millis((next()? + next()?) * 1000 / TICKS))

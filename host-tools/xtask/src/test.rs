@@ -11,7 +11,7 @@ use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target
 use crate::steps::Steps;
 use crate::{cycles, emulator, firmware, fuzz, protocol, python, toolchain};
 
-/// What is to be tested.
+/// Arguments of `cargo xtask test`.
 #[derive(Args)]
 pub struct Test {
     /// One part of the tests
@@ -25,7 +25,7 @@ pub struct Test {
     all: bool,
 }
 
-/// Parts that machines can test side by side.
+/// Parts that can run on separate machines.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
     /// Format and lints
@@ -40,19 +40,19 @@ enum Part {
     All,
 }
 
-/// How much is tested; the profiles of `.config/nextest.toml`.
+/// Amount of testing; the profiles of `.config/nextest.toml`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum Profile {
-    /// What fails within two minutes: tests on this machine, without browser, emulator and baselines
+    /// Tests of at most two minutes, without browser, emulator and baselines
     Quick,
     /// Everything that must hold before a change goes in
     Ci,
-    /// And what takes an hour: fuzzing, charts of five devices, every power cut, ten-minute streams
+    /// Also hour-long tests: fuzzing, charts of five devices, every power cut, ten-minute streams
     Nightly,
 }
 
 impl Profile {
-    /// Its name for nextest.
+    /// Name of the profile in nextest's configuration.
     fn name(self) -> &'static str {
         match self {
             Self::Quick => "default",
@@ -62,22 +62,22 @@ impl Profile {
     }
 }
 
-/// Feature sets that `boards/*/Cargo.toml` choose of the core.
+/// Feature sets of the core that `boards/*/Cargo.toml` choose.
 const CORE_FEATURES: [&str; 2] = ["", "array,slip"];
 
-/// Modules of tests that need the emulator and the boards' images.
+/// Name of the test modules that need the emulator and the boards' images.
 const EMULATED: &str = "emulated_board";
 
-/// Cases of a night for each property that does not say how many it takes.
+/// Cases of a nightly run for each property that sets no number itself.
 const NIGHTLY_CASES: &str = "4096";
 
-/// Seconds that a night spends on each fuzz target.
+/// Seconds of a nightly run for each fuzz target.
 const FUZZ_SECONDS: u32 = 600;
 
-/// Features that only these tests and who asks for them build: each doubles the crates of the command.
+/// Features that only these tests build, because each doubles the command's crates.
 const BRIDGES: [&str; 2] = ["--features", "taxel-cli/foxglove,taxel-cli/zenoh"];
 
-/// Runs the tests; the first step that fails ends it.
+/// Runs the tests and stops at the first step that fails.
 pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     let &Test { part, profile, all } = test;
     if profile == Profile::Quick && part == Part::All {
@@ -85,7 +85,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     }
     let profile = profile.max(Profile::Ci);
     let takes = |one| part == one || part == Part::All;
-    // Compilers and installers share the processors; tests, of which some look at the clock, do not.
+    // Builds and installers run in parallel; tests do not, because some measure time.
     steps.side_by_side(
         |steps| {
             if takes(Part::Lint) {
@@ -142,7 +142,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     Ok(())
 }
 
-/// Format, and the quick tests of what changed.
+/// Checks the format and runs the quick tests of the changed packages.
 fn quick(all: bool, steps: &mut Steps) -> Result<()> {
     steps.take("format", || run(cargo().args(["fmt", "--all", "--check"])))?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
@@ -185,17 +185,18 @@ fn emulator_tests(profile: Profile) -> Result<()> {
     run(&mut tests(profile, &emulator::directory(), Selection::All)?)
 }
 
-/// A cargo command for the host's workspace with [`BRIDGES`].
+/// Returns a cargo command for the host's workspace with [`BRIDGES`].
 fn bridged(arguments: &[&str]) -> Command {
     let mut command = cargo();
     command.args(arguments).arg("--quiet").args(BRIDGES).args(locked());
     command
 }
 
-/// Lints and images of the boards, in a target folder of their own.
+/// Runs the boards' lints and builds their images, in a target folder of their own.
 fn images(steps: &mut Steps) -> Result<()> {
     steps.take("lints of the boards", || {
-        // One by one: no two chips' features may meet in one build of their HAL.
+        // Each board builds alone, because two chips' features must not meet in one build of their
+        // HAL.
         for board in firmware::boards()? {
             run(toolchain::cargo("clippy")
                 .args(["--package", &board])
@@ -210,21 +211,23 @@ fn images(steps: &mut Steps) -> Result<()> {
     Ok(())
 }
 
-/// Tests of a workspace that a profile takes.
+/// Tests of a workspace to run.
 #[derive(Clone, Copy)]
 pub enum Selection<'a> {
-    /// All of them.
+    /// All tests.
     All,
-    /// Those that a filter of nextest takes; where nextest is not installed, all.
+    /// Tests that a nextest filter selects; all tests where nextest is not installed.
     Filter(&'a str),
-    /// Those that need no emulated board.
+    /// Tests without an emulated board.
     OnHost,
-    /// Those on emulated boards.
+    /// Tests on emulated boards.
     OnBoards,
 }
 
-/// A command that tests the workspace in `directory`, by nextest where it is installed. It builds all of the
-/// workspace: a part would compile its dependencies again, with fewer features.
+/// Returns a command that tests the workspace in `directory`, by nextest where installed.
+///
+/// It builds the whole workspace, because a part would compile its dependencies again with fewer
+/// features.
 pub fn tests(profile: Profile, directory: &Path, selection: Selection) -> Result<Command> {
     let cargo = || program(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), directory);
     let mut command = cargo();
@@ -267,12 +270,12 @@ pub fn tests(profile: Profile, directory: &Path, selection: Selection) -> Result
     Ok(command)
 }
 
-/// The profiles, for every workspace.
+/// Path of the nextest configuration, which all workspaces share.
 fn config() -> PathBuf {
     root().join(".config/nextest.toml")
 }
 
-/// Modules that a profile leaves out, read from its `default-filter`.
+/// Lists the modules that a profile's `default-filter` leaves out.
 fn left_out(profile: Profile, config: &str) -> Result<Vec<String>> {
     let config: toml::Value = toml::from_str(config).context(".config/nextest.toml")?;
     let filter = config["profile"][profile.name()]["default-filter"].as_str();
@@ -287,7 +290,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn profiles_leave_out_the_modules_that_their_filters_name() {
+    fn profile_leaves_out_modules_of_its_filter() {
         let config = std::fs::read_to_string(config()).unwrap();
         let slow = ["baseline", "browser", "emulated_board", "endurance", "nightly"];
         assert_eq!(left_out(Profile::Quick, &config).unwrap(), slow);

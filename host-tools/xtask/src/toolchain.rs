@@ -1,14 +1,14 @@
-//! The compiler of the boards: rustc with the Cortex-M target, which `.ci/setup boards` installs.
+//! Compiler of the boards: rustc with the Cortex-M target that `.ci/setup boards` installs.
 
 use std::path::PathBuf;
 use std::process::Command;
 
 use crate::run::{clean, root};
 
-/// The boards' target.
+/// Target triple of the boards.
 const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// A cargo command for the boards' workspace.
+/// Returns a cargo command for the boards' workspace.
 pub fn cargo(subcommand: &str) -> Command {
     let mut command = clean("cargo", &root().join("boards"));
     command.args([subcommand, "--quiet", "--release", "--target", TARGET]);
@@ -18,13 +18,15 @@ pub fn cargo(subcommand: &str) -> Command {
     command
 }
 
-/// Where that cargo leaves the file of `board`.
+/// Path of the program that [`cargo`] builds for `board`.
 pub fn output(board: &str) -> PathBuf {
     root().join("boards/target").join(TARGET).join("release").join(board)
 }
 
-/// Flags that shorten the paths in panic messages: a path in full names this machine and costs the product 2 KB
-/// of flash. Debuggers still find the sources. None before Rust 1.95, because it has no such flag.
+/// Flags that shorten the paths in panic messages.
+///
+/// A full path names this machine and costs the product 2 KB of flash. Debuggers still find the
+/// sources. `None` before Rust 1.95, which lacks the flag.
 fn short_paths() -> Option<Vec<String>> {
     let help = clean("rustc", &root()).args(["--help", "-v"]).output().ok()?;
     if !String::from_utf8_lossy(&help.stdout).contains("--remap-path-scope") {
@@ -37,7 +39,7 @@ fn short_paths() -> Option<Vec<String>> {
     Some(std::iter::once("--remap-path-scope=macro".to_owned()).chain(remap).collect())
 }
 
-/// Where cargo keeps the sources of crates.
+/// Cargo's home folder, which holds the sources of crates.
 fn cargo_home() -> Option<PathBuf> {
     let home = || std::env::home_dir().map(|home| home.join(".cargo"));
     std::env::var_os("CARGO_HOME").map(PathBuf::from).or_else(home)

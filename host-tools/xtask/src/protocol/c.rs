@@ -1,19 +1,19 @@
-//! `taxel_frame.h` and its example.
+//! Generated parts of `taxel_frame.h` and of its example.
 
 use taxel::frame::schema::{BITS, FIELDS, Field, Type};
 
 use super::{Part, columns, is_plain, lines, numbers};
 
-/// How the values of a member are given on the wire.
+/// Presence of a member's values on the wire.
 #[derive(Clone, Copy, PartialEq)]
 enum Given {
-    /// Each or its own reason.
+    /// Each value or its own reason.
     Each,
-    /// All, or a reason for all.
+    /// All values, or one reason for all.
     Together,
 }
 
-/// Member of `struct taxel_frame` with values and the columns that it holds.
+/// Member of `struct taxel_frame`: its values and their columns.
 struct Member {
     name: &'static str,
     dimensions: Vec<usize>,
@@ -70,7 +70,7 @@ fn declaration(member: &Member) -> String {
     format!("    struct taxel_value {}{dimensions}; /* {columns} */", member.name)
 }
 
-/// The functions of fields whose parts are withheld together or each for itself.
+/// Writes the functions for fields whose parts have one reason together or one each.
 fn parts() -> String {
     let functions = FIELDS.iter().filter(|field| members(field).len() > 1).map(|field| {
         let members = members(field);
@@ -133,7 +133,7 @@ fn members(field: &Field) -> Vec<Member> {
     }
 }
 
-/// Dimensions of an array of values; a structure is one more.
+/// Dimensions of an array of values; a structure counts as one dimension more.
 fn dimensions(layout: &Type) -> Vec<usize> {
     match layout {
         Type::Named(_) | Type::F32 => Vec::new(),
@@ -143,7 +143,7 @@ fn dimensions(layout: &Type) -> Vec<usize> {
     }
 }
 
-/// The first value of a member.
+/// Returns a pointer expression to the first value of a member.
 fn pointer(member: &Member) -> String {
     match member.dimensions.as_slice() {
         [] => format!("&frame->{}", member.name),
@@ -152,7 +152,7 @@ fn pointer(member: &Member) -> String {
     }
 }
 
-/// Index of the `i`th value of a member.
+/// Returns the index expression of the `i`th value of a member.
 fn index(member: &Member, i: usize) -> String {
     let mut left = i;
     let mut indices: Vec<String> = Vec::new();

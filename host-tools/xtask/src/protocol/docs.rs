@@ -1,4 +1,4 @@
-//! Tables of `docs/protocol.md` and `docs/read-the-numbers.md`.
+//! Generated tables of `docs/protocol.md` and `docs/read-the-numbers.md`.
 
 use taxel::frame::Fields;
 use taxel::frame::schema::{BITS, Bit, CSV, FIELDS, Group, HEAD, Kind, Row, Type};
@@ -62,7 +62,7 @@ fn columns() -> String {
             let bit = BITS.iter().filter(|known| known.status == *bit);
             bit.map(|bit| quoted(&Row(column, "0, 1", bit.meaning))).collect::<Vec<_>>()
         }
-        // The rows of its field have it.
+        // The rows of the flag's field list it.
         Group::Flag { .. } => Vec::new(),
     });
     let rows = HEAD.iter().map(quoted).chain(fields);

@@ -1,4 +1,4 @@
-//! Flags as the page shows them.
+//! Generated table of flags of the live page.
 
 use taxel::frame::schema::{BITS, Kind};
 
@@ -17,12 +17,12 @@ pub fn flags() -> Vec<Part> {
     vec![("flags", lines(flags))]
 }
 
-/// `text` with a capital letter and a full stop, without the quotes of code.
+/// Returns `text` with a capital letter and a full stop, without code quotes.
 fn sentence(text: &str) -> String {
     let plain = text.replace('`', "");
     let mut letters = plain.chars();
     letters.next().map_or_else(String::new, |first| match text.starts_with('`') {
-        // A command.
+        // A command in code quotes keeps its small letter.
         true => plain.clone() + ".",
         false => first.to_uppercase().chain(letters).chain(['.']).collect(),
     })

@@ -1,4 +1,4 @@
-//! `messages.py` and `table.py`.
+//! Generated parts of the client's `messages.py` and `table.py`.
 
 use taxel::frame::Fields;
 use taxel::frame::schema::{BITS, CSV, FIELDS, Field, Group, Member, Type};
@@ -45,7 +45,7 @@ fn values() -> String {
     classes.collect::<Vec<_>>().join("\n\n") + "\n\n"
 }
 
-/// A docstring in lines of at most 110 characters.
+/// Formats a docstring in lines of at most 110 characters.
 fn docstring(meaning: &str) -> String {
     let mut text = vec!["    \"\"\"".to_owned()];
     for word in meaning.split(' ') {
@@ -78,7 +78,7 @@ fn annotation(layout: &Type) -> String {
     }
 }
 
-/// Name of a field's attribute: a single number has its unit in it.
+/// Name of a field's attribute; a single number carries its unit in it.
 fn attribute(field: &Field) -> &'static str {
     match (field.layout, columns(field).as_slice()) {
         (Type::Result(Type::F32), [column]) => column,
@@ -92,7 +92,7 @@ fn readers() -> String {
         let function = name.to_lowercase();
         let head = format!("def _{function}(data: bytes, at: int) -> tuple[{name}, int]:\n");
         if members.iter().all(|member| matches!(member.2, Type::F32)) {
-            // All numbers at once, which is faster.
+            // One read of all numbers is faster.
             let numbers = format!("_{}_F32", function.to_uppercase());
             return format!(
                 "{numbers} = read.array(\"<{}f\")\n\n\n{head}    values, at = {numbers}(data, at)\n    return {name}(*values), at\n",
@@ -182,7 +182,7 @@ fn of_field(field: &Field) -> Vec<String> {
     text
 }
 
-/// Shape of a value's numbers: 1, or a tuple of shapes.
+/// Formats the shape of a value's numbers: 1, or a tuple of shapes.
 fn shape(layout: &Type) -> String {
     let tuple = |shapes: Vec<String>| {
         format!("({}{})", shapes.join(", "), if shapes.len() == 1 { "," } else { "" })
