@@ -1,8 +1,8 @@
-//! From ADC codes to newtons with the core alone: `cargo run --example estimate_codes`.
+//! Estimates forces from ADC codes with the core alone: `cargo run --example estimate_codes`.
 //!
-//! A finger with one force sensor is unloaded for 50 ms and then pressed and pushed aside. Its calibration is
-//! written down here; a real one is fitted by `taxel calibrate fit`. The optical matrix has no
-//! calibration, so its net force is absent, with the reason.
+//! A finger with one force sensor is unloaded for 50 ms and then pressed and sheared. Its
+//! calibration is written by hand here; `taxel calibrate fit` fits a real one. The optical matrix
+//! has no calibration, so that its net force is absent, with the reason.
 
 use taxel::calibration::{Calibration, SensorCalibration};
 use taxel::condition::BridgeBias;
@@ -14,7 +14,7 @@ use taxel::units::{Code, FullScale, Micros};
 /// Scans a second.
 const SCAN_HZ: u64 = 1000;
 
-/// Codes of one scan: the midpoints of sensor 0 move by `x` and `z`, the matrix stays as it is.
+/// Returns the codes of one scan: sensor 0 moves by `x` and `z`, the matrix stays constant.
 fn scan(time: Micros, x: i16, z: i16) -> Scan {
     let midpoint = |change: i16| Code(32_768_u16.saturating_add_signed(change));
     // Shear along x tilts A against B; a normal force moves A and B against C and D.
@@ -33,7 +33,7 @@ fn scan(time: Micros, x: i16, z: i16) -> Scan {
     }
 }
 
-/// f = S(u − b): a matrix S without cross-talk, in newtons per full scale.
+/// Returns the calibration f = S(u − b): a matrix S without crosstalk, in newtons per full scale.
 fn calibration() -> Calibration {
     let mut calibration = Calibration::default();
     calibration.sensors[0] = Some(SensorCalibration {

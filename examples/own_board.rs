@@ -1,9 +1,9 @@
-//! A board of one's own, on this machine: `cargo run --example own_board`.
+//! Port of the firmware to a new board, simulated on this machine: `cargo run --example own_board`.
 //!
-//! [`Board`] is all that a port of the firmware writes for the session: where scans come from, a counter of
-//! cycles and a flash. The chip here is made up, and the link is a pipe in memory; a real board has a DMA
-//! buffer and a USB endpoint in their places and calls the very same [`run_session`].
-//! `docs/boards/adding-a-board.md` says what else a real board takes.
+//! [`Board`] is all that a port implements for the session: a source of scans, a cycle counter and
+//! a flash. The chip here is made up, and the link is a pipe in memory. A real board has a DMA
+//! buffer and a USB endpoint instead and calls the same [`run_session`].
+//! `docs/boards/adding-a-board.md` lists the other parts of a real board.
 
 use std::time::Instant;
 
@@ -66,7 +66,7 @@ impl Board for MadeUpChip {
 /// One direction of the link.
 type Wire = Pipe<NoopRawMutex, 4096>;
 
-/// A host in a few lines; `host-tools/client` is the whole one.
+/// Minimal host; `host-tools/client` is the complete one.
 struct Host<'w> {
     to: &'w Wire,
     from: &'w Wire,
@@ -90,7 +90,7 @@ impl Host<'_> {
         }
     }
 
-    /// Asks who is there, turns the stream on and returns `count` frames.
+    /// Asks for the identity, turns the stream on and returns `count` frames.
     async fn run(&mut self, count: usize) -> Vec<Frame> {
         self.send(Command::Info).await;
         self.send(Command::SetFields(Fields::SIGNALS)).await;

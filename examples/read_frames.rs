@@ -1,7 +1,7 @@
-//! Frames from a port: `cargo run -p taxel-client --example read_frames -- PORT [SECONDS]`.
+//! Reads frames from a port: `cargo run -p taxel-client --example read_frames -- PORT [SECONDS]`.
 //!
-//! PORT is `usb`, a serial device or `tcp:HOST:PORT`. Without hardware,
-//! `taxel serve --port sim:tour --tcp 127.0.0.1:5000` is a simulated finger at `tcp:127.0.0.1:5000`.
+//! PORT is `usb`, a serial device or `tcp:HOST:PORT`. Without hardware, `taxel serve --port
+//! sim:tour --tcp 127.0.0.1:5000` is a simulated finger at `tcp:127.0.0.1:5000`.
 
 use std::time::{Duration, Instant};
 
@@ -25,7 +25,7 @@ fn read(port: &Port, seconds: f64) -> Result<(), LinkError> {
             continue;
         };
         let frame = received.frame;
-        // A force is a number or the reason why there is none.
+        // A force is a number or the reason for its absence.
         let force = frame.force.map(|force| match force.z {
             Ok(newtons) => format!("{:.3} N", newtons.0),
             Err(reason) => format!("{reason:?}"),

@@ -1,14 +1,16 @@
-//! The calibration record: what a finger must know to turn its signals into newtons.
+//! Calibration record: the coefficients that turn a finger's signals into newtons.
 //!
 //! ```text
 //! version u16 LE │ serial, date │ section … │ CRC-32/ISO-HDLC u32 LE over all before it
-//!                                 └─ number u8 │ length u16 LE │ one estimator's coefficients in postcard
+//!                                 └─ number u8 │ length u16 LE │ one estimator, postcard
 //! ```
-//! Each estimator's coefficients are a section of their own, so that a record holds what was fitted and
-//! nothing else. The version of a record is that of its newest section: firmware reads what older tools
-//! wrote, and refuses by its version what it cannot know. [`Calibration::read`] checks every field, so
-//! that no accepted record can make an estimator divide by zero, overflow or index past its weights; and
-//! it reads in place, because a calibration that is moved crosses a small stack several times.
+//! Each estimator's coefficients are a section of their own, so that a record holds only the fitted
+//! sections. The version of a record is that of its newest section: firmware reads records of older
+//! tools and refuses newer versions.
+//!
+//! [`Calibration::read`] checks every field. No accepted record can make an estimator divide by
+//! zero, overflow or index past its weights. It reads in place, because moving a calibration copies
+//! it over a small stack several times.
 //!
 //! **To add a section**: the struct with its estimator in [`crate::estimate`], its fields in
 //! [`sections`], and one line in the list of `sections!` here.
@@ -36,19 +38,20 @@ pub(crate) use sections::bias_fits;
 
 /// Newest version of the record that this firmware reads.
 pub const VERSION: u16 = 2;
-/// The first version that had sections. Nothing was released before it.
+/// First version with sections. Nothing was released before it.
 const OLDEST: u16 = 2;
-/// Longest record in bytes: a net of 24 units next to everything else, of 32 without a model of the skin.
-/// A slot of the store holds it.
+/// Longest record in bytes, the size of a slot's content. It holds a net of 24 units and everything
+/// else, or of 32 units without a skin model.
 pub const MAX_BYTES: usize = 4080;
 
 /// Lowest and highest signal seen in training, margin included.
 pub type Range = [f32; 2];
 
-/// Makes [`Calibration`] and all that depends on its sections from one list: the number of each in a
-/// record, the version of the record that brought it, its name, its coefficients.
+/// Makes [`Calibration`] and all that depends on its sections from one list. A line has the
+/// section's number, the version of the record that introduced it, its name and its coefficients.
 ///
-/// A `cfg` takes a section out of builds without its estimator: they pass over it where a record has it.
+/// A `cfg` removes a section from builds without its estimator; they skip it when they read a
+/// record.
 macro_rules! sections {
     ($(
         $(#[doc = $doc:literal])+
@@ -58,9 +61,9 @@ macro_rules! sections {
         /// One finger's calibration.
         #[derive(Clone, Debug, Default, PartialEq)]
         pub struct Calibration {
-            /// Serial number of the finger this belongs to; empty if unknown.
+            /// Serial number of the calibrated finger; empty if unknown.
             pub serial: String<32>,
-            /// When it was made, seconds since 1970-01-01 UTC.
+            /// Date in seconds since 1970-01-01 UTC.
             pub date: u64,
             $($(#[doc = $doc])+ $(#[cfg($built)])? pub $name: Option<$coefficients>,)+
             /// The force sensors: sections 16 to 19.
@@ -79,11 +82,11 @@ macro_rules! sections {
             entry(19, 2, "s3", |c| &c.sensors[3], |c| &mut c.sensors[3]),
         ];
 
-        /// Sections that this build passes over.
+        /// Numbers of the sections that this build skips.
         const NOT_BUILT: &[u8] = &[$(#[cfg(not(all($($built)?)))] $number,)+];
 
         impl Calibration {
-            /// Nothing is calibrated.
+            /// A calibration without any section.
             pub const EMPTY: Self = Self {
                 serial: String::new(),
                 date: 0,
@@ -92,7 +95,7 @@ macro_rules! sections {
             };
 
             $(
-                /// The section, where this build has its estimator.
+                /// Returns the section if it is present and this build has its estimator.
                 pub(crate) fn $name(&self) -> Option<&$coefficients> {
                     #[cfg(all($($built)?))]
                     return self.$name.as_ref();
@@ -101,8 +104,9 @@ macro_rules! sections {
                 }
             )+
 
-            /// Writes a section that is present; how long it has become, or `None` for too long.
-            /// Apart from [`SECTIONS`], so that firmware, which only reads records, does not hold it.
+            /// Writes a present section and returns its length; `None` if it is absent or too long.
+            /// It is separate from [`SECTIONS`] to keep writing code out of firmware, which only
+            /// reads records.
             fn write_section(&self, number: u8, buffer: &mut [u8]) -> Option<usize> {
                 match number {
                     $($(#[cfg($built)])? $number => section::write(&self.$name, buffer),)+
@@ -115,23 +119,23 @@ macro_rules! sections {
 }
 
 sections! {
-    /// The optical matrix.
+    /// Bias, range and residual of the optical matrix.
     1 since 2: taxels: TaxelCalibration;
-    /// Taxel signals to forces.
+    /// Net from taxel signals to forces.
     2 since 2: force: ForceNet;
-    /// The skin: displacements of a touch, and signals to displacements.
+    /// Skin model: displacements of a contact, and signals to displacements.
     #[cfg(feature = "model")]
     3 since 2: model: Inverse;
-    /// Friction and the limit surface of a contact.
+    /// Friction and limit surface of a contact.
     #[cfg(feature = "slip")]
     4 since 2: slip: Slip;
-    /// Taxel signals to forces in 16 bits. Where `force` is there too, that one is used.
+    /// Net from taxel signals to forces in 16 bits. `force` takes precedence if both are present.
     #[cfg(feature = "quantised")]
     5 since 2: quantised: QuantisedNet;
     /// Effect of temperature on the channels.
     #[cfg(feature = "warmth")]
     6 since 2: warmth: TemperatureCompensation;
-    /// The force sensors as one.
+    /// Force sensors together as one six-axis sensor.
     #[cfg(feature = "array")]
     20 since 2: array: Array;
 }
@@ -143,16 +147,17 @@ pub struct TaxelCalibration {
     pub bias: TaxelBias,
     /// Signal range of each taxel in training.
     pub range: [Range; TAXELS],
-    /// RMS error of the fit in newtons per force component of the net (only the first for f_z alone).
+    /// RMS error of the fit in newtons per force component of the net (only the first for f_z
+    /// alone).
     pub residual: [f32; 3],
 }
 
 /// Calibration of one three-axis force sensor.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SensorCalibration {
-    /// b and its noise.
+    /// Offsets b and their noise.
     pub bias: BridgeBias,
-    /// S.
+    /// Sensitivity matrix S.
     pub sensitivity: Sensitivity,
     /// Signal range of u_x, u_y, u_z in training.
     pub range: [Range; 3],
@@ -160,29 +165,29 @@ pub struct SensorCalibration {
     pub residual: [f32; 3],
 }
 
-/// Why bytes are not a calibration.
+/// Reasons for rejecting a calibration record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CalibrationError {
     /// 0: shorter than version and CRC, or longer than any record.
     Length,
-    /// 1: the CRC does not match: damaged in storage or on the way.
+    /// 1: the CRC does not match; the record was damaged in storage or in transmission.
     Crc,
-    /// 2: made for another version of the record: it holds what this firmware cannot know.
+    /// 2: another version of the record, which this firmware cannot read.
     Version {
-        /// What the bytes say.
+        /// Version in the record.
         found: u16,
     },
     /// 3: the CRC is right but the sections are not those of this version.
     Malformed,
-    /// 4: a field's value makes no sense; [`names`] tells which.
+    /// 4: a field's value is out of range; [`names`] returns its name.
     Field {
         /// Number of the section.
         section: u8,
         /// Which of the section's fields, counted from 0.
         field: u8,
     },
-    /// 5: a section that works on the taxels' signals, but no calibration of the taxels.
+    /// 5: a section needs the taxels' signals, but the section of the taxels is missing.
     WithoutTaxels {
         /// Number of the section.
         section: u8,
@@ -214,7 +219,7 @@ impl fmt::Display for CalibrationError {
 
 impl core::error::Error for CalibrationError {}
 
-/// What section and field are called in files and messages.
+/// Returns the names of a section and of its field, as in files and messages.
 #[must_use]
 pub fn names(section: u8, field: u8) -> Option<(&'static str, &'static str)> {
     let entry = SECTIONS.iter().find(|entry| entry.number == section)?;
@@ -222,13 +227,13 @@ pub fn names(section: u8, field: u8) -> Option<(&'static str, &'static str)> {
 }
 
 impl Calibration {
-    /// The net, in f32 where the record has it so.
+    /// Returns the net, in f32 if the record has both.
     #[must_use]
     pub fn net(&self) -> Option<Net<'_>> {
         self.force().map(Net::Float).or(self.quantised().map(Net::Quantised))
     }
 
-    /// The bias that the finger starts with.
+    /// Returns the bias that the finger starts with.
     #[must_use]
     pub fn bias(&self) -> Bias {
         Bias {
@@ -237,10 +242,11 @@ impl Calibration {
         }
     }
 
-    /// Every field makes sense.
+    /// Checks every field of every section.
     ///
     /// # Errors
-    /// The first that does not.
+    /// The first field that is out of range, or a section that needs a missing calibration of the
+    /// taxels.
     pub fn validate(&self) -> Result<(), CalibrationError> {
         for Entry { number, get, .. } in SECTIONS {
             let section = get(self);
@@ -254,17 +260,17 @@ impl Calibration {
         Ok(())
     }
 
-    /// The record as bytes, in `buffer`; [`MAX_BYTES`] suffice for all that a finger can store.
+    /// Writes the record into `buffer`; [`MAX_BYTES`] suffice for all that a finger can store.
     ///
     /// # Errors
-    /// What [`Self::validate`] says; [`CalibrationError::Length`] when `buffer` is too short.
+    /// Those of [`Self::validate`]; [`CalibrationError::Length`] if `buffer` is too short.
     pub fn to_bytes<'b>(&self, buffer: &'b mut [u8]) -> Result<&'b [u8], CalibrationError> {
         self.validate()?;
         let length = self.write(buffer).ok_or(CalibrationError::Length)?;
         buffer.get(..length).ok_or(CalibrationError::Length)
     }
 
-    /// How many bytes it took, or `None` for too many.
+    /// Writes the record and returns its length; `None` if it is too long.
     fn write(&self, buffer: &mut [u8]) -> Option<usize> {
         let present = || SECTIONS.iter().filter(|entry| (entry.get)(self).present());
         let version = present().map(|entry| entry.since).max().unwrap_or(OLDEST);
@@ -290,18 +296,18 @@ impl Calibration {
     /// Reads a record and checks every field.
     ///
     /// # Errors
-    /// As [`Self::read`].
+    /// Those of [`Self::read`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, CalibrationError> {
         let mut calibration = Self::EMPTY;
         calibration.read(bytes)?;
         Ok(calibration)
     }
 
-    /// Becomes the record in `bytes`, section by section in place, every field checked.
+    /// Replaces the content by the record in `bytes`, in place, and checks every field.
     ///
     /// # Errors
-    /// The first thing that is wrong, in the order length, CRC, version, shape, fields. What was here
-    /// before is gone then; where it is still needed, read it again.
+    /// The first error in the order length, CRC, version, shape, fields. The old content is lost
+    /// then; to restore it, read its record again.
     pub fn read(&mut self, bytes: &[u8]) -> Result<(), CalibrationError> {
         let (version, body) = opened(bytes)?;
         self.fill(version, body).ok_or(CalibrationError::Malformed)?;
@@ -316,7 +322,7 @@ impl Calibration {
         while let Some(([number, low, high], tail)) = rest.split_first_chunk::<3>() {
             let length = usize::from(u16::from_le_bytes([*low, *high]));
             let (section, tail) = tail.split_at_checked(length)?;
-            // In the order of their numbers: none twice, and one way to write a record.
+            // Ascending numbers: no section twice, and only one way to write a record.
             if *number <= last {
                 return None;
             }
@@ -332,7 +338,7 @@ impl Calibration {
     }
 }
 
-/// The record's version and what stands between it and the CRC.
+/// Returns the version and the bytes between version and CRC.
 fn opened(bytes: &[u8]) -> Result<(u16, &[u8]), CalibrationError> {
     if bytes.len() > MAX_BYTES {
         return Err(CalibrationError::Length);

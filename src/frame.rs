@@ -1,4 +1,4 @@
-//! A frame of the stream: status, and the fields that the host asked for.
+//! Frames of the stream: status and the fields that the host asked for.
 
 pub mod schema;
 
@@ -36,7 +36,7 @@ macro_rules! frames {
             )*
         }
 
-        /// A frame that borrows its fields: half a kilobyte that need not be copied to be sent.
+        /// A frame that borrows its fields, so that half a kilobyte is sent without a copy.
         #[derive(Clone, Copy, Debug)]
         #[expect(missing_docs, reason = "they are those of a frame")]
         pub struct FrameRef<'f> {
@@ -48,21 +48,21 @@ macro_rules! frames {
         }
 
         impl FrameRef<'_> {
-            /// Fields of the frame's tail that it has.
+            /// Returns the fields of the frame's tail that are present.
             pub(crate) const fn tail(&self) -> Fields {
                 Fields(0 $(| (self.$tail.is_some() as u16) << $at)*)
             }
         }
 
         impl Frame {
-            /// Fields that the frame has.
+            /// Returns the fields that are present.
             #[must_use]
             pub fn fields(&self) -> Fields {
                 let head = 0 $(| u16::from(self.$head.is_some()) << $bit)*;
                 Fields(head) | FrameRef::from(self).tail()
             }
 
-            /// The frame without the fields that are not in `fields`.
+            /// Returns the frame reduced to the fields in `fields`.
             #[must_use]
             pub fn masked(self, fields: Fields) -> Self {
                 Self {
@@ -142,7 +142,7 @@ macro_rules! frames {
 }
 crate::frame_fields!(frames);
 
-/// Most parts of a frame as serde counts them: for each field whether it is there, and its value.
+/// Largest number of serde elements in a frame: two for each field, presence and value.
 const PARTS: usize = 3 + 2 * schema::FIELDS.len();
 
 struct FrameVisitor;

@@ -1,7 +1,7 @@
-//! What survives power-off: the calibration, and the settings.
+//! Persistent store of the calibration and the settings.
 //!
-//! Either is kept twice, in two areas of flash in turn ([`slots`]): wherever the power is cut, one whole
-//! calibration and one set of settings is left.
+//! Each is kept in two areas of flash in turn ([`slots`]). Wherever the power is cut, one whole
+//! calibration and one whole set of settings remain.
 
 mod ram;
 mod settings;
@@ -14,37 +14,39 @@ use crate::calibration;
 use settings::Kept;
 use slots::{HEADER, Slots};
 
-/// Bytes that are programmed at once, and only once between two erasures: the STM32G4 guards each such
-/// word by an ECC (RM0440 §3.3.8), so that not even a zero may be written into a zero.
+/// Smallest unit of programming, eight bytes; programmed only once between two erasures.
+///
+/// The STM32G4 guards each such word by an ECC (RM0440 §3.3.8), so that even a zero may not be
+/// written over a zero.
 pub type Word = [u8; 8];
 const WORD: usize = size_of::<Word>();
 
-/// Bytes of a slot that are used.
+/// Used bytes of a calibration slot.
 pub const SLOT: usize = 4096;
-/// Bytes of a page of the settings that are used.
+/// Used bytes of a settings page.
 pub const PAGE: usize = 2048;
 
 const _: () = assert!(calibration::MAX_BYTES == SLOT - HEADER, "a record fills a slot");
 
-/// The parts of the flash that belong to the store. Each is erased as a whole.
+/// Areas of the flash that belong to the store. Each is erased as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Area {
-    /// A calibration: [`SLOT`] bytes.
+    /// First calibration slot: [`SLOT`] bytes.
     SlotA,
-    /// The other: [`SLOT`] bytes.
+    /// Second calibration slot: [`SLOT`] bytes.
     SlotB,
-    /// Settings: [`PAGE`] bytes.
+    /// First settings page: [`PAGE`] bytes.
     PageA,
-    /// More of them: [`PAGE`] bytes.
+    /// Second settings page: [`PAGE`] bytes.
     PageB,
 }
 
 impl Area {
-    /// All of them, in the order in which they stand in the map of memory.
+    /// All areas in the order of their addresses.
     pub const ALL: [Self; 4] = [Self::SlotA, Self::SlotB, Self::PageA, Self::PageB];
 
-    /// Bytes of it that are used.
+    /// Returns the number of used bytes of the area.
     #[must_use]
     pub const fn size(self) -> usize {
         match self {
@@ -54,37 +56,37 @@ impl Area {
     }
 }
 
-/// The flash did not do what it was told.
+/// Failure of an erasure or of programming.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FlashError;
 
-/// NOR flash, mapped into memory. It blocks: a board states how long its scan waits.
+/// Memory-mapped NOR flash. Its calls block: a board states how long its scan waits.
 pub trait Flash {
-    /// What an area holds: at least [`Area::size`] bytes. A word that a power cut tore may read as
-    /// anything, but must read.
+    /// Returns the content of an area: at least [`Area::size`] bytes. A word torn by a power cut
+    /// may read as anything, but must be readable.
     fn bytes(&self, area: Area) -> &[u8];
 
-    /// Makes every byte of an area 0xff.
+    /// Sets every byte of an area to 0xff.
     ///
     /// # Errors
-    /// It did not.
+    /// [`FlashError`] if the erasure failed.
     fn erase(&mut self, area: Area) -> Result<(), FlashError>;
 
     /// Programs an erased word; `offset` is a multiple of its length.
     ///
     /// # Errors
-    /// It did not.
+    /// [`FlashError`] if programming failed.
     fn program(&mut self, area: Area, offset: usize, word: Word) -> Result<(), FlashError>;
 }
 
-/// Why a record was not stored. The one in force stays.
+/// Reasons for not storing a record. The active record stays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StoreError {
-    /// Bytes that do not follow those before, or nothing was begun.
+    /// The bytes do not follow the previous ones, or no record was begun.
     OutOfOrder,
-    /// The flash failed, or does not read back what was written.
+    /// The flash failed, or reads back different bytes.
     Flash,
 }
 
@@ -94,7 +96,7 @@ impl From<FlashError> for StoreError {
     }
 }
 
-/// What survives power-off.
+/// Calibration record and settings in flash.
 #[derive(Debug)]
 pub struct Store<F> {
     flash: F,
@@ -103,7 +105,7 @@ pub struct Store<F> {
 }
 
 impl<F: Flash> Store<F> {
-    /// A store on `flash`, nothing read yet.
+    /// Makes a store on `flash` without reading it.
     pub const fn new(flash: F) -> Self {
         Self {
             flash,
@@ -112,63 +114,64 @@ impl<F: Flash> Store<F> {
         }
     }
 
-    /// The flash below.
+    /// Returns the underlying flash.
     pub const fn flash(&self) -> &F {
         &self.flash
     }
 
-    /// The flash below, as it is left at power-off.
+    /// Returns the underlying flash, as it is left at power-off.
     pub fn into_flash(self) -> F {
         self.flash
     }
 
-    /// Finds the newest record that `accept` takes, and the newest settings, as a board does at power-up.
+    /// Finds the newest record that `accept` accepts, and the newest settings, as a board does at
+    /// power-up.
     pub fn open(&mut self, accept: impl FnMut(&[u8]) -> bool) {
         self.calibration.open(&self.flash, accept);
         self.settings.open(&self.flash, |bytes| Kept::read(bytes).is_some());
     }
 
-    /// The record in force.
+    /// Returns the active record.
     #[must_use]
     pub fn record(&self) -> Option<&[u8]> {
         self.calibration.current(&self.flash)
     }
 
-    /// A record that was put in force once, and that the last [`Self::open`] did not accept: an older one is
-    /// in force, or none.
+    /// Returns the newest record if the last [`Self::open`] did not accept it. An older record is
+    /// then active, or none.
     #[must_use]
     pub fn passed_over(&self) -> Option<&[u8]> {
         self.calibration.passed_over(&self.flash)
     }
 
-    /// A record of `length` bytes will follow: erases the slot that is not in force.
+    /// Begins a record of `length` bytes and erases the slot that is not active.
     ///
     /// # Errors
-    /// It is longer than any record, or the flash failed.
+    /// The record is longer than a slot holds, or the flash failed.
     pub fn begin(&mut self, length: usize) -> Result<(), StoreError> {
         self.calibration.begin(&mut self.flash, length)
     }
 
-    /// The next bytes of it. All but the last must be whole words.
+    /// Writes the next bytes of the record. All chunks but the last must be whole words.
     ///
     /// # Errors
-    /// They do not follow the last, or the flash failed.
+    /// The bytes do not follow the previous ones, or the flash failed.
     pub fn write(&mut self, offset: usize, data: &[u8]) -> Result<(), StoreError> {
         self.calibration.write(&mut self.flash, offset, data)
     }
 
-    /// The record that has been written, as the flash reads it.
+    /// Returns the complete new record, read back from the flash.
     ///
     /// # Errors
-    /// There is none, or parts of it are missing.
+    /// No record was begun, or parts of it are missing.
     pub fn written(&self) -> Result<&[u8], StoreError> {
         self.calibration.written(&self.flash)
     }
 
-    /// Makes what has been written the newest record.
+    /// Makes the written record the newest.
     ///
     /// # Errors
-    /// There is nothing, or the flash failed.
+    /// No complete record was written, or the flash failed.
     pub fn commit(&mut self) -> Result<(), StoreError> {
         self.calibration.commit(&mut self.flash)
     }

@@ -1,8 +1,8 @@
-//! The link's bytes: `COBS(postcard(message) ‖ CRC-32 LE) ‖ 0x00` in both directions.
+//! Wire format of the link: `COBS(postcard(message) ‖ CRC-32 LE) ‖ 0x00` in both directions.
 //!
-//! [`message`] says what may be said, this module how it is packed, [`deframer`] how it is found in a
-//! stream of bytes. `docs/protocol.md` is the specification for other languages, `tests/core/wire_golden.rs`
-//! pins it byte by byte.
+//! [`message`] defines the messages, this module packs and unpacks them, and [`deframer`] finds
+//! packets in a stream of bytes. `docs/protocol.md` is the specification for other languages;
+//! `tests/core/wire_golden.rs` pins it byte by byte.
 
 mod cobs;
 pub mod deframer;
@@ -15,15 +15,15 @@ use serde::de::DeserializeOwned;
 use crate::crc32::crc32;
 use crate::frame::FrameRef;
 
-/// Longest packet with its COBS overhead and final zero. The longest message is a frame with every
-/// field (asserted in the tests).
+/// Longest packet in bytes, including COBS overhead and final zero. The longest message is a frame
+/// with every field (asserted in the tests).
 pub const MAX_PACKET: usize = 448;
 
-/// Why a packet could not be packed or read.
+/// Errors of packing and unpacking a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum WireError {
-    /// Longer than [`MAX_PACKET`], or than the buffer given.
+    /// The packet is longer than [`MAX_PACKET`] or than the given buffer.
     TooLong,
     /// The COBS coding is broken: bytes were lost or added.
     Coding,
@@ -33,18 +33,18 @@ pub enum WireError {
     Message,
 }
 
-/// Packs `message` into `buffer`, final zero included.
+/// Packs `message` into `buffer` and returns the packet, final zero included.
 ///
 /// # Errors
-/// [`WireError::TooLong`] when it does not fit.
+/// [`WireError::TooLong`] if the packet does not fit.
 pub fn pack<'b, M: Serialize>(message: &M, buffer: &'b mut [u8]) -> Result<&'b [u8], WireError> {
     close(buffer, |body| postcard::to_slice(message, body).ok().map(|message| message.len()))
 }
 
-/// Packs [`message::Message::Frame`] of a frame that stays where it is.
+/// Packs a frame as [`message::Message::Frame`] without copying it.
 ///
 /// # Errors
-/// [`WireError::TooLong`] when it does not fit.
+/// [`WireError::TooLong`] if the packet does not fit.
 pub fn pack_frame<'b, 'f>(
     frame: impl Into<FrameRef<'f>>,
     buffer: &'b mut [u8],
@@ -53,7 +53,7 @@ pub fn pack_frame<'b, 'f>(
     close(buffer, |body| frame::serialize(&frame, body))
 }
 
-/// The packet of the message that `put` puts into a buffer, of which it says how long it is.
+/// Returns the packet of a message; `put` serializes the message and returns its length.
 #[inline(always)]
 fn close(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Result<&[u8], WireError> {
     let end = sealed(buffer, &put).ok_or(WireError::TooLong)?;
@@ -64,7 +64,7 @@ fn close(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Result<
     buffer.get(..length).ok_or(WireError::TooLong)
 }
 
-/// Puts a message and its CRC into `buffer`, one byte in; says where they end.
+/// Writes a message and its CRC from the buffer's second byte on and returns their end.
 #[inline(always)]
 fn sealed(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option<usize> {
     let (_, body) = buffer.split_first_mut()?;
@@ -74,8 +74,8 @@ fn sealed(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option
     Some(1 + length + size_of::<u32>())
 }
 
-/// For what cannot be stuffed in place, which is rare: nearly every value has a zero before it that says
-/// that it is there.
+/// Encodes packets with a run of over 253 bytes without a zero. They are rare, because nearly every
+/// value follows a zero byte that marks its presence.
 #[cold]
 fn stuff_long_runs(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option<usize> {
     let mut plain = [0; MAX_PACKET];
@@ -89,10 +89,10 @@ fn stuff_long_runs(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) 
     Some(length + 1)
 }
 
-/// Reads the packet in `bytes` (without the final zero), decoding in place.
+/// Decodes and reads the packet in `bytes` (without the final zero) in place.
 ///
 /// # Errors
-/// What is wrong with it.
+/// [`WireError::Coding`], [`WireError::Crc`] or [`WireError::Message`].
 pub fn unpack<M: DeserializeOwned>(bytes: &mut [u8]) -> Result<M, WireError> {
     let length = ::cobs::decode_in_place(bytes).map_err(|_| WireError::Coding)?;
     let end = length.checked_sub(4).ok_or(WireError::Coding)?;

@@ -1,30 +1,31 @@
-//! A section of the record, whatever is in it.
+//! Traits of a section of the record, independent of its content.
 
 use serde::Serialize;
 
 use super::Calibration;
 
-/// Numbers beyond this are no calibration of a fingertip; it keeps every product finite.
+/// Upper limit of a number in a calibration. It keeps every product finite.
 pub(super) const HUGE: f32 = 1e30;
 
-/// Names of a section's fields, each with what must hold for it. Positions are the wire's: append.
+/// Names of a section's fields, each with its check. Positions are those of the wire: append only.
 pub(super) type Checks<T> = &'static [(&'static str, fn(&T) -> bool)];
 
-/// The coefficients of one estimator, as a section holds them.
+/// Coefficients of one estimator, as stored in a section.
 pub(super) trait Coefficients: Default + Serialize + 'static {
-    /// Its fields.
+    /// Fields and their checks.
     const CHECKS: Checks<Self>;
-    /// It works on the taxels' signals, which exist only with the taxels' own calibration.
+    /// Whether it works on the taxels' signals, which need the section of the taxels.
     const NEEDS_TAXELS: bool = false;
 
-    /// Reads it from all of `bytes`, in place, because postcard's way is over the stack; `None` where they
-    /// are something else.
+    /// Reads the section from all of `bytes`, or returns `None` if they are something else. It
+    /// reads in place, because postcard's deserializer needs the stack.
     fn read(&mut self, bytes: &[u8]) -> Option<()>;
 }
 
-/// A place in a section, read where it is.
+/// Value within a section that is read in place.
 pub(super) trait Part {
-    /// Takes it from the front of `bytes`. Returns what follows it; `None` where that is something else.
+    /// Reads the value from the front of `bytes` and returns the rest, or `None` if it does not
+    /// fit.
     fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]>;
 }
 
@@ -66,20 +67,20 @@ impl<T: Coefficients> Section for Option<T> {
     }
 }
 
-/// Writes a section that is present; how long it has become.
+/// Writes a present section and returns its length; `None` if it is absent or too long.
 pub(super) fn write<T: Coefficients>(section: &Option<T>, buffer: &mut [u8]) -> Option<usize> {
     Some(postcard::to_slice(section.as_ref()?, buffer).ok()?.len())
 }
 
-/// A line of the list of sections.
+/// Entry of the list of sections.
 pub(super) struct Entry {
     /// Number in a record.
     pub number: u8,
-    /// Version of the record that brought it.
+    /// Version of the record that introduced it.
     pub since: u16,
     /// Name in files and messages.
     pub name: &'static str,
-    /// Where a calibration keeps it.
+    /// Accessor of the section in a calibration.
     pub get: fn(&Calibration) -> &dyn Section,
     pub get_mut: fn(&mut Calibration) -> &mut dyn Section,
 }
@@ -94,7 +95,7 @@ pub(super) const fn entry(
     Entry { number, since, name, get, get_mut }
 }
 
-/// None of them is NaN, infinite, or large enough to make a product so.
+/// Checks that no value is NaN, infinite, or large enough to make a product infinite.
 #[inline(never)]
 pub(super) fn finite(values: &[f32]) -> bool {
     // A comparison with a NaN is false.

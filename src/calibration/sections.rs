@@ -1,6 +1,6 @@
-//! The fields of each section: their places, in the order of a record, and what must hold for them.
+//! Fields of each section: their members in the order of a record, and their checks.
 //!
-//! Comparisons with a NaN are false, so each of these refuses NaN without naming it.
+//! Comparisons with a NaN are false, so that every check rejects NaN.
 
 use core::slice::from_mut;
 
@@ -20,11 +20,11 @@ use crate::estimate::slip::Slip;
 use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use crate::scan::TAXELS;
 
-/// A section whose fields have fixed places.
+/// Implements [`Coefficients`] for a section whose fields have a fixed size.
 ///
-/// Each line is a field: its name in files and messages, its places in the struct, and the check of what
-/// is there. Places are read one after the other, as postcard writes the struct; names are numbered from
-/// 0 on the wire: append.
+/// Each line is a field: its name in files and messages, its members in the struct, and its check.
+/// Members are read one after the other, as postcard writes the struct. Names are numbered from 0
+/// on the wire: append only.
 macro_rules! section {
     ($type:ty $(, needs_taxels: $needs:literal)? {
         $($name:literal: $($($place:tt).+),+ => |$($value:ident),+| $check:expr;)+
@@ -154,7 +154,7 @@ impl Coefficients for QuantisedNet {
     }
 }
 
-/// Reads one of postcard's lists in place. Returns what follows it.
+/// Reads one of postcard's lists in place and returns the rest.
 #[inline(never)]
 fn read_list<'b>(list: &mut VecView<f32>, bytes: &'b [u8]) -> Option<&'b [u8]> {
     let (weights, rest) = split_list(bytes)?;
@@ -165,7 +165,7 @@ fn read_list<'b>(list: &mut VecView<f32>, bytes: &'b [u8]) -> Option<&'b [u8]> {
     Some(rest)
 }
 
-/// The numbers at the front of `bytes`, their count before them, and what follows them.
+/// Splits a counted list of numbers from the front of `bytes` and returns both parts.
 #[inline(never)]
 fn split_list(bytes: &[u8]) -> Option<(&[[u8; 4]], &[u8])> {
     let (length, rest) = postcard::take_from_bytes::<u32>(bytes).ok()?;
@@ -173,7 +173,7 @@ fn split_list(bytes: &[u8]) -> Option<(&[[u8; 4]], &[u8])> {
     Some((numbers.as_chunks::<4>().0, rest))
 }
 
-/// The rows of weights at the front of `bytes`, and what follows them.
+/// Reads rows of weights from the front of `bytes` and returns them with the rest.
 fn read_rows<const N: usize>(bytes: &[u8]) -> Option<(Rows<N>, &[u8])> {
     let mut rows = [[0; TAXELS]; N];
     let weights = rows.as_flattened_mut();
@@ -184,7 +184,7 @@ fn read_rows<const N: usize>(bytes: &[u8]) -> Option<(Rows<N>, &[u8])> {
     Some((Rows::new(&rows), rest))
 }
 
-/// Fills `numbers` from the front of `bytes`. Returns what follows them.
+/// Fills `numbers` from the front of `bytes` and returns the rest.
 #[inline(never)]
 fn read_numbers<'b>(numbers: &mut [f32], bytes: &'b [u8]) -> Option<&'b [u8]> {
     let (own, rest) = bytes.split_at_checked(4 * numbers.len())?;
@@ -245,7 +245,7 @@ impl Part for WrenchMethod {
     }
 }
 
-/// Takes one small value from the front of `bytes`. Returns what follows it.
+/// Reads one small value from the front of `bytes` and returns the rest.
 fn read_value<'b, T: Deserialize<'b>>(value: &mut T, bytes: &'b [u8]) -> Option<&'b [u8]> {
     let rest;
     (*value, rest) = postcard::take_from_bytes(bytes).ok()?;
@@ -256,13 +256,13 @@ fn radial_fits(depth: &[f32; 2], terms: &[[f32; 3]; TERMS]) -> bool {
     finite(depth) && finite(terms.as_flattened())
 }
 
-/// A bias that does not come from a record.
+/// Checks a bias that does not come from a record.
 pub(crate) fn bias_fits(bias: &Bias) -> bool {
     bias.taxels.is_none_or(|taxels| levels_fit(&taxels.level) && noise_fits(&taxels.noise))
         && bias.bridges.iter().flatten().all(|b| levels_fit(&b.level) && noise_fits(&b.noise))
 }
 
-/// A level is a fraction of full scale; a difference of two may reach 2.
+/// Checks levels: each is a fraction of full scale, and a difference of two may reach 2.
 #[inline(never)]
 fn levels_fit(levels: &[f32]) -> bool {
     levels.iter().all(|level| level.abs() <= 2.0)

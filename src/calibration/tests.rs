@@ -62,7 +62,7 @@ fn largest() -> Calibration {
     }
 }
 
-/// Makes the CRC right again after a change.
+/// Recomputes the CRC after a change.
 fn sealed(bytes: &mut [u8]) -> &[u8] {
     let end = bytes.len() - 4;
     let crc = crc32(&bytes[..end]).to_le_bytes();
@@ -93,7 +93,7 @@ fn a_record_holds_the_sections_that_there_are_and_reading_it_drops_the_others() 
     assert_eq!(Calibration::from_bytes(&bytes(&empty)), Ok(empty));
 }
 
-/// The same finger with its net in 16 bits, of all shapes.
+/// The largest record with its net in 16 bits, of a given shape.
 fn quantised(hidden: usize, outputs: usize, skip: bool) -> Calibration {
     let weight = |i: usize| (i * 37 % 101) as f32 / 50.0 - 1.0;
     let list = |count: usize| (0..count).map(weight).collect::<std::vec::Vec<_>>();

@@ -1,10 +1,11 @@
-//! Fields of a frame and bits of its status: the one list that everything else is made from.
+//! Schema of a frame's fields and status bits, from which all other lists are generated.
 //!
-//! [`Frame`](super::Frame), its encoder and reader, [`Fields`] and [`Status`] are made by macros; the columns of
-//! recordings, `docs/protocol.md`, `docs/read-the-numbers.md`, the Python package, the C header and the page from
-//! [`FIELDS`], [`CSV`] and [`BITS`], by `cargo xtask protocol`.
+//! Macros make [`Frame`](super::Frame), its encoder and reader, [`Fields`] and [`Status`] from it.
+//! `cargo xtask protocol` generates from [`FIELDS`], [`CSV`] and [`BITS`] the columns of
+//! recordings, `docs/protocol.md`, `docs/read-the-numbers.md`, the Python package, the C header and
+//! the page.
 //!
-//! To add a field, append it to `tail` and to [`CSV`]; to add a bit, append it. Never renumber.
+//! To add a field, append it to `tail` and to [`CSV`]. To add a bit, append it. Never renumber.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,8 +13,9 @@ use crate::scan::SENSORS;
 
 /// Hands every field to the macro `$with`, in the wire's order.
 ///
-/// A frame always says whether it has a field of `head`. It ends after the last field of `tail` that it has, so that
-/// a host that does not know that field reads the frame if it did not ask for it.
+/// Every frame carries a presence byte for each field of `head`. A frame ends after the last field
+/// of `tail` that is present. A host that does not know a field can therefore read every frame that
+/// it did not ask to carry it.
 #[macro_export]
 macro_rules! frame_fields {
     ($with:ident) => {
@@ -128,8 +130,8 @@ macro_rules! frame_fields {
 
 /// Hands every bit of the status to the macro `$with`.
 ///
-/// A bit of `flags` has its number, name, kind, the page's title, its meaning and its remedy; one of `estimators` its
-/// number, name, whether this build has the estimator, and its meaning.
+/// A bit of `flags` has its number, name, kind, title on the page, meaning and remedy. A bit of
+/// `estimators` has its number, name, whether this build has the estimator, and its meaning.
 macro_rules! status_bits {
     ($with:ident) => {
         $with! {
@@ -196,14 +198,14 @@ macro_rules! status_bits {
     };
 }
 
-/// Columns that every row of frames CSV begins with.
+/// First columns of every row of frames CSV.
 pub const HEAD: [Row; 3] = [
     Row("t_us", "µs", "device time of the scan; 64 bits, from power-up"),
     Row("seq", "", "counts frames due: a gap is a loss"),
     Row("status", "bits", "the flags below"),
 ];
 
-/// Groups of columns of frames CSV, in their order; those of [`HEAD`] come first.
+/// Groups of columns of frames CSV in their order, after those of [`HEAD`].
 pub const CSV: [Group; 11] = [
     Group::Field(Fields::FORCE),
     Group::Field(Fields::POINT),
@@ -250,13 +252,13 @@ pub struct Field {
     pub name: &'static str,
     /// Bit of the mask.
     pub mask: Fields,
-    /// A frame may end before it.
+    /// Whether the field belongs to the tail: a frame may end before it.
     pub tail: bool,
-    /// One line.
+    /// Meaning in one line.
     pub meaning: &'static str,
     /// Layout on the wire.
     pub layout: Type,
-    /// Its columns.
+    /// Columns of frames CSV.
     pub columns: &'static [Columns],
     /// Rows of the manual's table.
     pub rows: &'static [Row],
@@ -276,13 +278,13 @@ pub enum Columns {
 /// Layout of a value on the wire.
 #[derive(Clone, Copy, Debug)]
 pub enum Type {
-    /// A structure of optional channels, which every client reads with code of its own.
+    /// A structure of optional channels, for which every client has hand-written code.
     Named(&'static str),
-    /// A number.
+    /// One `f32`, four bytes in little-endian order.
     F32,
-    /// A value or the reason why there is none.
+    /// A value or the reason for its absence.
     Result(&'static Self),
-    /// Several of a kind.
+    /// An array: type of an element and number of elements.
     Array(&'static Self, usize),
     /// Name, meaning and members.
     Struct(&'static str, &'static str, &'static [Member]),
@@ -301,13 +303,13 @@ pub struct Row(pub &'static str, pub &'static str, pub &'static str);
 pub enum Group {
     /// The columns of a field.
     Field(Fields),
-    /// A bit of the status, where the fields `with` are asked for.
+    /// A bit of the status; present if the fields `with` are asked for.
     Flag {
         /// Name of the column.
         column: &'static str,
-        /// The bit.
+        /// Bit of the status.
         bit: Status,
-        /// Fields that it comes with.
+        /// Fields that the column depends on; empty if it is always present.
         with: Fields,
     },
 }
@@ -315,30 +317,30 @@ pub enum Group {
 /// Description of a bit of the status.
 #[derive(Clone, Copy, Debug)]
 pub struct Bit {
-    /// The bit.
+    /// The bit as a mask.
     pub status: Status,
-    /// Name, as the tools print it.
+    /// Name in the tools' output.
     pub name: &'static str,
     /// Name of the constant.
     pub constant: &'static str,
-    /// How bad it is.
+    /// Severity.
     pub kind: Kind,
     /// Title on the page; empty for an estimator.
     pub title: &'static str,
-    /// One line.
+    /// Meaning in one line.
     pub meaning: &'static str,
-    /// What to do about it; empty where there is nothing to do.
+    /// Remedy for the user; empty if there is none.
     pub remedy: &'static str,
 }
 
-/// How bad a bit of the status is.
+/// Severity of a status bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// As it should be.
+    /// Normal state.
     Good,
-    /// Values are withheld or less certain.
+    /// Values are missing or less certain.
     Warning,
-    /// Something is broken or slides.
+    /// Something is broken, or the contact slides.
     Fault,
     /// An estimator ran.
     Estimator,
@@ -372,7 +374,8 @@ macro_rules! fields {
             $($about)*
         }),*),*];
 
-        /// Names of the fields and of [`Fields::ESTIMATES`] and [`Fields::ALL`], as the command line lists them.
+        /// Names of all fields, of [`Fields::ESTIMATES`] and of [`Fields::ALL`], for the command
+        /// line.
         pub const FIELD_NAMES: &str = concat!($($(stringify!($name), ", "),*),*, "estimates, all");
     };
 }
@@ -391,7 +394,8 @@ macro_rules! bits {
         flags { $($FLAG:ident $flag:literal $name:literal $kind:ident $title:literal $meaning:literal $remedy:literal)* }
         estimators { $($RAN:ident $ran:literal $ran_name:literal $built:expr, $ran_meaning:literal)* }
     ) => {
-        /// State of a frame and the estimators that ran for it, a bit each. Append bits, never renumber.
+        /// State of a frame and the estimators that ran for it, one bit each. Append bits, never
+        /// renumber.
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         #[serde(transparent)]
@@ -433,14 +437,14 @@ macro_rules! bits {
         ];
 
         impl Status {
-            /// Estimators of this build.
+            /// Estimators that this build contains.
             pub const BUILT: Self = Self(0 $(| if $built { 1 << $ran } else { 0 })*);
         }
     };
 }
 status_bits!(bits);
 
-/// Bits of the status and their names, as the tools print them.
+/// Returns the set bits of `status` with their names and meanings.
 pub fn named(status: Status) -> impl Iterator<Item = &'static Bit> {
     BITS.iter().filter(move |bit| status.contains(bit.status))
 }

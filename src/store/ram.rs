@@ -1,15 +1,15 @@
-//! Memory that behaves like flash, for fingers without any, such as the virtual one.
+//! RAM that behaves like flash, for fingers without flash, such as the virtual one.
 
 use super::{Area, Flash, FlashError, Word};
 
-/// NOR flash in memory. As strict as the real one: a word is programmed once between two erasures.
+/// NOR flash in RAM. It is as strict as real flash: a word is programmed once between two erasures.
 #[derive(Clone, Debug)]
 pub struct RamFlash<B> {
     bytes: B,
 }
 
 impl RamFlash<()> {
-    /// Bytes that it needs.
+    /// Number of bytes it needs.
     pub const SIZE: usize = {
         let [a, b, c, d] = Area::ALL;
         a.size() + b.size() + c.size() + d.size()
@@ -17,7 +17,7 @@ impl RamFlash<()> {
 }
 
 impl<B: AsRef<[u8]> + AsMut<[u8]>> RamFlash<B> {
-    /// An erased flash in `bytes`, of which there must be [`RamFlash::SIZE`].
+    /// Makes an erased flash in `bytes`, which must have at least [`RamFlash::SIZE`] bytes.
     pub fn new(mut bytes: B) -> Self {
         bytes.as_mut().fill(0xff);
         Self { bytes }

@@ -1,7 +1,7 @@
 //! Settings and a bias taken on command, kept together: saving one writes both again.
 //!
-//! An erasure for each save, of which a page stands ten thousand (DS12589 table 45): settings are saved when
-//! a person says so, and one mechanism is enough for all that is stored.
+//! Each save costs one erasure, and a page endures ten thousand (DS12589 table 45). That is enough,
+//! because settings are saved only when a person asks for it.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,19 +12,19 @@ use crate::estimate::contact_point::PointMethod;
 use crate::frame::Fields;
 use crate::scan::ScanSettings;
 
-/// Longest content: a bias of everything takes 170 bytes with all the rest (asserted below).
+/// Longest content in bytes: a bias of all channels with every setting takes 170 (asserted below).
 const LONGEST: usize = 170;
 
-/// What the host has set.
+/// Settings of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
     /// Frames a second.
     pub hz: u16,
     /// Fields of the frames.
     pub fields: Fields,
-    /// How the contact point is found.
+    /// Method of the contact point.
     pub point_method: PointMethod,
-    /// How the board scans; `None` for its own way.
+    /// Settings of the scan; `None` for the board's own.
     pub scan: Option<ScanSettings>,
     /// Corner of the low-pass in hertz; 0 for none.
     pub filter_hz: u16,
@@ -33,14 +33,14 @@ pub struct Settings {
 /// A bias taken on command, and the calibration that it was taken under.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoredBias {
-    /// CRC of the calibration: under another one it means nothing.
+    /// CRC of the calibration; the bias is invalid under any other.
     pub calibration: u32,
-    /// What the unloaded finger reads; `None` for the calibration's own.
+    /// Reading of the unloaded finger; `None` for the calibration's own bias.
     pub bias: Option<Bias>,
 }
 
-/// What the settings' pages hold, in postcard and followed by its CRC-32. What another firmware wrote in
-/// another form is not there.
+/// Content of a settings page: postcard followed by its CRC-32. A content of another layout, as
+/// another firmware may have written it, reads as none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Kept {
     settings: Option<Settings>,
@@ -63,7 +63,7 @@ impl Kept {
 }
 
 impl<F: Flash> Store<F> {
-    /// The settings that were saved last.
+    /// Returns the settings that were saved last.
     pub fn settings(&self) -> Option<Settings> {
         self.kept().settings
     }
@@ -76,7 +76,7 @@ impl<F: Flash> Store<F> {
         self.keep(&Kept { settings: Some(*settings), ..self.kept() })
     }
 
-    /// The bias that was saved last.
+    /// Returns the bias that was saved last.
     pub fn bias(&self) -> Option<StoredBias> {
         self.kept().bias
     }

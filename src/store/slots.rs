@@ -1,11 +1,11 @@
-//! Two areas of flash in turn: one holds what is in force, the other takes what comes next.
+//! Two alternating areas of flash: one holds the active content, the other takes the next.
 //!
 //! ```text
 //! area:  magic u32 │ sequence u32 ║ length u32 │ CRC-32 of these 12 bytes ║ content … 0xff
 //!        └───────── header, written last, two words ────────┘
 //! ```
-//! When all of the new content is there and has been read back, its header makes it the newest, and not
-//! before: wherever the power is cut, one whole content is left.
+//! The header is written only when all of the new content is there and has been read back; it makes
+//! that content the newest. Wherever the power is cut, one whole content remains.
 
 use super::{Area, Flash, StoreError, WORD, Word};
 use crate::crc32::crc32;
@@ -13,17 +13,17 @@ use crate::crc32::crc32;
 pub(super) const HEADER: usize = 2 * WORD;
 const MAGIC: [u8; 4] = *b"TXCL";
 
-/// What is known of the two areas.
+/// State of the two areas.
 #[derive(Debug)]
 pub(super) struct Slots {
     areas: [Area; 2],
     newest: Option<Newest>,
-    /// Newer than that, and not accepted when it was read at power-up.
+    /// Newer content that was not accepted when it was read at power-up.
     passed_over: Option<Newest>,
     incoming: Option<Incoming>,
 }
 
-/// The area whose content is in force.
+/// The area that holds the active content.
 #[derive(Clone, Copy, Debug)]
 struct Newest {
     area: Area,
@@ -31,7 +31,7 @@ struct Newest {
     length: usize,
 }
 
-/// Content on its way into the other area.
+/// Content being written into the other area.
 #[derive(Clone, Copy, Debug)]
 struct Incoming {
     expected: usize,
@@ -43,8 +43,8 @@ impl Slots {
         Self { areas, newest: None, passed_over: None, incoming: None }
     }
 
-    /// Finds the newest content that `accept` takes. The other area is tried where it takes none: that is
-    /// what a power cut leaves behind.
+    /// Finds the newest content that `accept` accepts. The other area is tried if it accepts none,
+    /// as after a power cut.
     pub(super) fn open(&mut self, flash: &impl Flash, mut accept: impl FnMut(&[u8]) -> bool) {
         (self.incoming, self.passed_over) = (None, None);
         let found = self.areas.map(|area| newest_in(flash, area));
@@ -59,12 +59,12 @@ impl Slots {
         }
     }
 
-    /// What was made the newest and was not accepted at power-up, until it is erased.
+    /// Returns the newest content if it was not accepted at power-up, until it is erased.
     pub(super) fn passed_over<'f>(&self, flash: &'f impl Flash) -> Option<&'f [u8]> {
         self.passed_over.as_ref().map(|newest| newest.content(flash))
     }
 
-    /// What is in force.
+    /// Returns the active content.
     pub(super) fn current<'f>(&self, flash: &'f impl Flash) -> Option<&'f [u8]> {
         self.newest.as_ref().map(|newest| newest.content(flash))
     }
@@ -86,7 +86,7 @@ impl Slots {
         Ok(())
     }
 
-    /// The next of them; all but the last must be whole words.
+    /// Writes the next bytes; all chunks but the last must be whole words.
     pub(super) fn write(
         &mut self,
         flash: &mut impl Flash,
@@ -111,7 +111,7 @@ impl Slots {
         Ok(())
     }
 
-    /// All that has been written, as the flash reads it.
+    /// Returns the complete new content, read back from the flash.
     pub(super) fn written<'f>(&self, flash: &'f impl Flash) -> Result<&'f [u8], StoreError> {
         match self.incoming {
             Some(Incoming { expected, received }) if expected == received => {
@@ -122,7 +122,7 @@ impl Slots {
         }
     }
 
-    /// Makes what has been written the newest.
+    /// Makes the written content the newest.
     pub(super) fn commit(&mut self, flash: &mut impl Flash) -> Result<(), StoreError> {
         let length = self.written(flash)?.len();
         let area = self.other();
@@ -164,11 +164,11 @@ fn newest_in(flash: &impl Flash, area: Area) -> Option<Newest> {
     (whole && length <= area.size() - HEADER).then_some(Newest { area, sequence, length })
 }
 
-/// The two words that make a content the newest.
+/// Returns the two header words that make a content the newest.
 fn header(sequence: u32, length: usize) -> [Word; 2] {
     let [m0, m1, m2, m3] = MAGIC;
     let [s0, s1, s2, s3] = sequence.to_le_bytes();
-    // Lengths are checked against the area before they come here.
+    // The caller has checked the length against the area.
     let [l0, l1, l2, l3] = (length as u32).to_le_bytes();
     let head = [m0, m1, m2, m3, s0, s1, s2, s3, l0, l1, l2, l3];
     let [c0, c1, c2, c3] = crc32(&head).to_le_bytes();

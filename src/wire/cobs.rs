@@ -1,13 +1,16 @@
-//! COBS in place: each zero of a packet becomes the distance to the next one, so that a zero can end it.
+//! COBS encoding in place: each zero of a packet becomes the distance to the next one.
 
-/// Codes the packet in `buffer[1..end]`; the first byte is the coding's own. Says how long it has become,
-/// final zero included, or `None` where it does not fit or has a run of over 253 bytes without a zero,
-/// which would need bytes put in between: what is in the buffer then is nothing.
+/// Encodes the packet in `buffer[1..end]` in place and returns its length with the final zero.
 ///
-/// Own code because the `cobs` crate's encoder, which takes byte after byte into another buffer, costs 17
-/// modelled cycles a byte of a frame with every field on a Cortex-M4F, this one 5.
+/// The first byte becomes the code byte. Returns `None` if the packet does not fit or has a run of
+/// over 253 bytes without a zero, which needs inserted bytes; the content of the buffer is then
+/// undefined.
 ///
-/// It goes from the end to the beginning, so that the next zero is known where one is met.
+/// Own code because the `cobs` crate's encoder costs 17 modelled cycles a byte on a Cortex-M4F for
+/// a frame with every field, and this one 5. The crate encodes byte after byte into another buffer.
+///
+/// The loop runs from the end to the beginning, because each zero needs the distance to the next
+/// one.
 pub(super) fn cobs_encode_in_place(buffer: &mut [u8], end: usize) -> Option<usize> {
     let (terminator, coded) = buffer.get_mut(..=end)?.split_last_mut()?;
     let (first, packet) = coded.split_first_mut()?;
@@ -23,7 +26,7 @@ pub(super) fn cobs_encode_in_place(buffer: &mut [u8], end: usize) -> Option<usiz
     for word in words.iter_mut().rev() {
         next.away += 4;
         let value = u32::from_le_bytes(*word);
-        // Some byte borrows its high bit only where it is zero, or follows one that is.
+        // A byte borrows its high bit only if it is zero or follows a zero byte.
         if value.wrapping_sub(0x0101_0101) & !value & 0x8080_8080 != 0 {
             for (i, byte) in word.iter_mut().enumerate().rev() {
                 if value >> (8 * i) & 0xff == 0 {
@@ -37,16 +40,16 @@ pub(super) fn cobs_encode_in_place(buffer: &mut [u8], end: usize) -> Option<usiz
     (next.farthest <= 0xff).then_some(end + 1)
 }
 
-/// The zero after the bytes that are being looked at.
+/// Position of the next zero relative to the bytes being scanned.
 struct Next {
-    /// From the first of them.
+    /// Distance from the first scanned byte to the next zero.
     away: usize,
-    /// At least the greatest distance and one.
+    /// Bitwise OR of all distances plus one; at least the largest distance plus one.
     farthest: usize,
 }
 
 impl Next {
-    /// The byte `i` of them is a zero too.
+    /// Replaces the zero at index `i` of the scanned bytes by its distance to the next zero.
     #[inline(always)]
     fn found(&mut self, zero: &mut u8, i: usize) {
         let distance = self.away - i;

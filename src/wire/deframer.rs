@@ -1,10 +1,10 @@
-//! Finds packets in a stream of bytes that may start, stop or break anywhere.
+//! Splits a byte stream into packets; the stream may start, stop or break anywhere.
 
 use serde::de::DeserializeOwned;
 
 use super::{MAX_PACKET, WireError, unpack};
 
-/// Collects bytes up to the zero that ends a packet. Starting in the middle of one costs that one.
+/// Collects bytes up to the zero that ends a packet. Starting in mid-packet loses that packet.
 #[derive(Clone, Debug)]
 pub struct Deframer<const N: usize = MAX_PACKET> {
     buffer: [u8; N],
@@ -19,11 +19,12 @@ impl<const N: usize> Default for Deframer<N> {
 }
 
 impl<const N: usize> Deframer<N> {
-    /// One more byte. `Some` where it ends a packet, good or bad; zeros between packets are nothing.
+    /// Adds one byte. Returns `Some` if it ends a packet, good or bad; zeros between packets are
+    /// ignored.
     pub fn push<M: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<M, WireError>> {
         if byte != 0 {
             match self.buffer.get_mut(self.length) {
-                // The last place is the final zero's.
+                // The last place is reserved for the final zero.
                 Some(slot) if self.length + 1 < N => {
                     *slot = byte;
                     self.length += 1;

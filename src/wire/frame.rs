@@ -1,5 +1,8 @@
-//! Serializer of frames: the bytes that postcard makes of `Message::Frame` (`tests/core/wire_golden.rs`), in a third of its
-//! modelled cycles. The rest of the buffer passes by value from one field to the next, so that it stays in two registers.
+//! Serializer of frames, byte-identical to postcard's `Message::Frame`
+//! (`tests/core/wire_golden.rs`).
+//!
+//! It takes a third of postcard's modelled cycles. Each function takes the rest of the buffer by
+//! value and returns it, so that the rest stays in two registers.
 
 use crate::condition::Signals;
 use crate::estimate::slip::Verdict;
@@ -9,7 +12,7 @@ use crate::measured::Measured;
 use crate::scan::{Codes, Midpoints, SENSORS, TAXELS, TaxelCodes};
 use crate::units::{Code, Micros, NewtonMillimetres, Newtons};
 
-/// Number of the message.
+/// Discriminant of the message.
 const FRAME: u8 = 2;
 
 /// Serializes the frame into `buffer` and returns its length; `None` if it does not fit.
@@ -38,15 +41,15 @@ pub(super) fn serialize(frame: &FrameRef<'_>, buffer: &mut [u8]) -> Option<usize
     Some(length - rest.len())
 }
 
-/// Rest of a buffer; `None` if there was not enough room.
+/// Remaining part of a buffer; `None` if there was not enough room.
 type Rest<'b> = Option<&'b mut [u8]>;
 
-/// Writes its bytes, as postcard does, and returns the rest of the buffer.
+/// Writes a value's bytes as postcard does and returns the rest of the buffer.
 trait Encode: Sized {
     fn encode<'b>(rest: &'b mut [u8], value: &Self) -> Rest<'b>;
 }
 
-/// Implements [`Encode`] by functions.
+/// Implements [`Encode`] with the given functions.
 macro_rules! encode {
     ($($type:ty: $encode:expr;)*) => {
         $(
@@ -101,7 +104,7 @@ fn varint(mut rest: &mut [u8], mut value: u32) -> Rest<'_> {
 }
 
 fn time(mut rest: &mut [u8], Micros(mut time): Micros) -> Rest<'_> {
-    // A word holds 71 minutes.
+    // A 32-bit word holds 71 minutes.
     while time > u64::from(u32::MAX) {
         rest = byte(rest, time as u8 | 0x80)?;
         time >>= 7;
@@ -149,7 +152,7 @@ fn matrix<'b>(mut rest: &'b mut [u8], taxels: &[f32; TAXELS]) -> Rest<'b> {
     Some(rest)
 }
 
-/// Writes a row of codes, or those of a sensor.
+/// Writes the four codes of a row or of a sensor.
 #[inline(always)]
 fn four<'b>(rest: &'b mut [u8], &[a, b, c, d]: &[Code; 4]) -> Rest<'b> {
     let words = [[a, b], [c, d]].map(|[low, high]| u32::from(low.0) | u32::from(high.0) << 16);

@@ -1,7 +1,8 @@
-//! What the two sides say to each other.
+//! Messages between host and finger.
 //!
-//! Discriminants are positions in the enums, so **variants are appended, never moved**. Whatever the
-//! protocol version, request 0 asks for it and message 0 answers: those two are frozen forever.
+//! Discriminants are positions in the enums, so **variants are appended, never moved**. Request 0
+//! asks for the protocol version and message 0 answers, whatever the version: both are frozen
+//! forever.
 
 use heapless::{String, Vec};
 use serde::ser::{Error, SerializeTuple};
@@ -16,120 +17,122 @@ use crate::scan::{ScanSetting, ScanSettings};
 use crate::self_test::SelfTest;
 use crate::units::FullScale;
 
-/// Version of everything but the version query. It changes when an old client would misread.
+/// Version of the protocol except the version query. It changes when an old client would misread.
 pub const PROTOCOL: u16 = 2;
 
-/// Most bytes of a calibration record in one message.
+/// Largest number of bytes of a calibration record in one message.
 pub const CHUNK: usize = 128;
 
-/// Host to finger.
+/// Request from host to finger.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Request {
-    /// Any number; the reply carries it back.
+    /// Any number; the reply returns it.
     pub tag: u8,
-    /// What is asked for.
+    /// The command.
     pub command: Command,
 }
 
-/// What the host may ask for.
+/// Commands of the host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
     /// 0, frozen: protocol and firmware version.
     Version,
-    /// 1: who this finger is and how it is doing.
+    /// 1: identity and state of this finger.
     Info,
     /// 2: start or stop the stream.
     Stream(bool),
-    /// 3: frames a second; the reply has the rate in force.
+    /// 3: sets the frames a second; the reply has the actual rate.
     SetRate {
-        /// Wanted, in hertz.
+        /// Requested rate in hertz.
         hz: u16,
     },
-    /// 4: which fields frames carry.
+    /// 4: sets the fields of the frames.
     SetFields(Fields),
-    /// 5: how the contact point is found.
+    /// 5: sets the method of the contact point.
     SetPointMethod(PointMethod),
-    /// 6: average so many scans into a new bias; answered when it is done.
+    /// 6: averages so many scans into a new bias; answered when it is complete.
     TakeBias {
         /// Scans to average, 2 … 65535.
         scans: u16,
     },
-    /// 7: the bias in force.
+    /// 7: reads the active bias.
     ReadBias,
-    /// 8: back to the calibration's own bias.
+    /// 8: returns to the calibration's own bias.
     ClearBias,
-    /// 9: a calibration of so many bytes follows. What was in the slot that is not in force is erased.
+    /// 9: begins the upload of a calibration. Erases the slot that does not hold the active one.
     CalibrationBegin {
-        /// Bytes of the whole record, version and CRC included.
+        /// Length of the whole record in bytes, version and CRC included.
         length: u16,
     },
-    /// 10: the next bytes of it.
+    /// 10: the next bytes of the record.
     CalibrationChunk {
-        /// Where they go; must be where the last chunk ended.
+        /// Offset in the record; must be the end of the previous chunk.
         offset: u16,
         /// The bytes: a multiple of 8 of them in all chunks but the last.
         data: Vec<u8, CHUNK>,
     },
-    /// 11: that was all; check it, put it in force, and keep it in force from now on.
+    /// 11: ends the upload: checks the record, activates and keeps it.
     CalibrationCommit,
-    /// 12: bytes of the calibration in force, from `offset` on; fewer than [`CHUNK`] are the last.
+    /// 12: reads the active calibration from `offset` on; fewer than [`CHUNK`] bytes are the last.
     CalibrationRead {
-        /// Where to start.
+        /// Offset in the record.
         offset: u16,
     },
-    /// 13: scan, rate, filter, fields and contact point method as they are now, also after the next power-up.
+    /// 13: saves scan, rate, filter, fields and contact point method for the next power-ups.
     SaveSettings,
-    /// 14: the bias in force, taken on command or the calibration's own, also after the next power-up.
+    /// 14: saves the active bias, taken on command or the calibration's own, for the next
+    /// power-ups.
     SaveBias,
-    /// 15: how the board itself is doing.
+    /// 15: reads the state of the board itself.
     Health,
-    /// 16: mean and noise of every channel; answered when it is done.
+    /// 16: measures mean and noise of every channel; answered when it is complete.
     SelfTest {
         /// Scans to take, 2 … [`MOST_SCANS`](crate::self_test::MOST_SCANS).
         scans: u16,
     },
-    /// 17: go to the chip's own bootloader. The answer comes before.
+    /// 17: starts the chip's own bootloader. The answer is sent before.
     Bootloader,
-    /// 18: scan differently until the next power-up. The stream's rate is set again by the host.
+    /// 18: changes the scan until the next power-up. The host must set the stream's rate again.
     SetScan(ScanSettings),
-    /// 19: what smooths the signals, set apart from the rate.
+    /// 19: sets the low-pass filter of the signals, independently of the rate.
     SetFilter {
-        /// −3 dB of a second-order low-pass, 1 … a quarter of the scans a second; 0 for none.
+        /// −3 dB frequency of a second-order low-pass, 1 Hz … a quarter of the scans a second; 0
+        /// for none.
         hz: u16,
     },
 }
 
-/// Finger to host.
+/// Message from finger to host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
     /// 0, frozen: the answer to the version query.
     Version {
-        /// The request's.
+        /// Tag of the request.
         tag: u8,
-        /// Version of everything but this message.
+        /// Version of the protocol except this message.
         protocol: u16,
         /// Firmware major, minor, patch.
         firmware: [u8; 3],
     },
     /// 1: the answer to any other request.
     Reply {
-        /// The request's.
+        /// Tag of the request.
         tag: u8,
-        /// What came of it.
+        /// Result of the request.
         result: Result<Response, Refusal>,
     },
     /// 2: a frame of the stream.
     Frame(#[serde(serialize_with = "frame")] Frame),
 }
 
-/// The bytes that a frame has by itself, instead of serde's code for the same, which is 1.7 KB of flash for what a
-/// finger never sends like this.
+/// Serializes a frame with its own serializer. serde's code for the same bytes takes 1.7 KB of
+/// flash, and a finger never sends frames through serde.
 #[inline(never)]
 pub(super) fn frame<S: Serializer>(frame: &Frame, serializer: S) -> Result<S::Ok, S::Error> {
     let mut bytes = [0; MAX_PACKET];
     let length = super::frame::serialize(&frame.into(), &mut bytes);
-    // The serializer has said which message it is.
+    // The serializer has already written the discriminant.
     let frame = length.and_then(|length| bytes.get(1..length));
     let frame = frame.ok_or_else(|| S::Error::custom("longer than any packet"))?;
     let mut out = serializer.serialize_tuple(frame.len())?;
@@ -137,7 +140,7 @@ pub(super) fn frame<S: Serializer>(frame: &Frame, serializer: S) -> Result<S::Ok
     out.end()
 }
 
-/// What a request can bring.
+/// Successful results of requests.
 #[expect(clippy::large_enum_variant, reason = "there is no heap to put the large ones on")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Response {
@@ -145,23 +148,23 @@ pub enum Response {
     Done,
     /// 1: to `Info`.
     Info(Info),
-    /// 2: to `SetRate`: the rate in force.
+    /// 2: to `SetRate`: the actual rate.
     Rate {
-        /// In millihertz, as the scan's divider gives it.
+        /// Frames a second in millihertz, as the scan's divider gives it.
         millihertz: u32,
     },
     /// 3: to `TakeBias` and `ReadBias`.
     Bias {
-        /// The bias in force.
+        /// The active bias.
         bias: Bias,
-        /// It was taken on command.
+        /// Whether the bias was taken on command.
         on_command: bool,
-        /// The gate was open while it was taken: the finger may have been under load.
+        /// Whether the gate was open during the average: the finger may have been under load.
         in_contact: bool,
     },
     /// 4: to `CalibrationRead`.
     Calibration {
-        /// Where these bytes belong.
+        /// Offset of the bytes in the record.
         offset: u16,
         /// The bytes; empty past the end.
         data: Vec<u8, CHUNK>,
@@ -172,7 +175,7 @@ pub enum Response {
     SelfTest(SelfTest),
 }
 
-/// Why a request was not carried out.
+/// Reasons for refusing a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
@@ -199,109 +202,109 @@ pub enum Refusal {
     Storage,
     /// 8: this board has no such thing.
     Unsupported,
-    /// 9: the scan cannot be had with this setting while the others stay as wished; it goes on as it was.
+    /// 9: this scan setting cannot be combined with the other ones; the scan continues unchanged.
     Scan {
-        /// The setting that is in the way.
+        /// The setting that cannot be met.
         setting: ScanSetting,
-        /// Least that would do.
+        /// Least possible value.
         low: u32,
-        /// Most that would do.
+        /// Greatest possible value.
         high: u32,
     },
 }
 
-/// Who this finger is and how it is doing.
+/// Identity and state of a finger.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Info {
     /// The board and its build.
     pub identity: Identity,
-    /// Frames a second in force, in millihertz.
+    /// Actual frames a second, in millihertz.
     pub rate_millihertz: u32,
-    /// Fields in force.
+    /// Fields of the frames.
     pub fields: Fields,
-    /// The stream is on.
+    /// Whether the stream is on.
     pub streaming: bool,
-    /// How the contact point is found.
+    /// Method of the contact point.
     pub point_method: PointMethod,
-    /// A bias taken on command is in force.
+    /// Whether a bias taken on command is active.
     pub biased: bool,
-    /// The calibration in force, if there is one.
+    /// The active calibration, if there is one.
     pub calibration: Option<CalibrationId>,
-    /// What has been counted since power-up.
+    /// Counters since power-up.
     pub counters: Counters,
-    /// What a scan's processing costs.
+    /// Cost of processing a scan.
     pub cost: Cost,
-    /// The estimators that its firmware holds: bits that a frame's status sets when they run.
+    /// Estimators of this firmware: the bits that a frame's status sets when they run.
     pub estimators: Status,
     /// Corner of the low-pass over the signals in hertz; 0 for none.
     pub filter_hz: u16,
 }
 
-/// What does not change while the finger runs.
+/// Constant properties of a finger.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     /// The board's name, as in `boards/`.
     pub board: String<24>,
     /// The board's own serial number.
     pub serial: String<32>,
-    /// Which build of the firmware this is.
+    /// Build of the firmware.
     pub build: String<24>,
     /// Scans a second.
     pub scan_hz: u16,
-    /// What the codes are fractions of.
+    /// Full scale of the codes.
     pub full_scale: FullScale,
-    /// Ticks a second of [`Cost`].
+    /// Frequency of the ticks of [`Cost`], in hertz.
     pub tick_hz: u32,
 }
 
-/// How the board itself is doing.
+/// State of the board itself.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BoardHealth {
-    /// Why it started.
+    /// Cause of the last start.
     pub reset: Reset,
-    /// Where and why the firmware panicked last, if that is why it started.
+    /// Message and place of the last panic, if a panic caused the start.
     pub panic: Option<String<96>>,
-    /// Reading a scan out of the converters' buffers, in the identity's ticks.
+    /// Cost of reading a scan out of the converters' buffers, in the identity's ticks.
     pub reading: Option<Cost>,
-    /// Packing a frame and handing it to the link.
+    /// Cost of packing a frame and handing it to the link, in the identity's ticks.
     pub sending: Option<Cost>,
-    /// The most bytes of stack in use since power-up, of how many.
+    /// Most bytes of stack used since power-up, and the bytes available.
     pub stack: Option<(u32, u32)>,
-    /// How it scans.
+    /// Settings of the scan.
     pub scan: Option<ScanSettings>,
 }
 
-/// Why a board started.
+/// Cause of a board's start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reset {
-    /// 0: it cannot tell.
+    /// 0: unknown.
     #[default]
     Unknown,
-    /// 1: the supply came, or was too low.
+    /// 1: power-up or low supply voltage.
     Power,
     /// 2: the reset pin.
     Pin,
-    /// 3: the firmware asked for it; after a panic, too.
+    /// 3: requested by the firmware, after a panic, too.
     Software,
-    /// 4: no scan came through for too long.
+    /// 4: watchdog: no scan came through for too long.
     Watchdog,
     /// 5: option bytes or a low-power mode.
     Other,
 }
 
-/// Which calibration is in force.
+/// Identity of the active calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationId {
     /// Serial number of the finger it was made for.
     pub serial: String<32>,
-    /// When, in seconds since 1970-01-01 UTC.
+    /// Date in seconds since 1970-01-01 UTC.
     pub date: u64,
     /// CRC-32 of the record.
     pub crc: u32,
 }
 
-/// Counted since power-up, wrapping.
+/// Event counters since power-up; they wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
@@ -309,7 +312,7 @@ pub struct Counters {
     pub scans: u32,
     /// Frames due to the stream.
     pub frames: u32,
-    /// Of those, frames dropped because the link was full.
+    /// Frames of the stream dropped because the link was full.
     pub lost: u32,
     /// Scans that were lost before they could be processed.
     pub overruns: u32,
@@ -323,14 +326,14 @@ pub struct Counters {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Cost {
-    /// The last scan.
+    /// Cost of the last scan.
     pub last: u32,
-    /// The dearest since power-up.
+    /// Highest cost since power-up.
     pub worst: u32,
 }
 
 impl Cost {
-    /// One more.
+    /// Records the cost of one scan.
     pub fn note(&mut self, ticks: u32) {
         *self = Self { last: ticks, worst: self.worst.max(ticks) };
     }
