@@ -1,18 +1,22 @@
-//! The five systems of the papers: what each makes of a contact, from the force to light or strain.
+//! The five systems of the papers: each turns a contact into light or strain.
 //!
-//! | `kind` of `[device]` | paper | the contact becomes |
-//! |---|---|---|
-//! | `taxel-4x4` | [DeMaria2011], [Ospina2017] | displaced facets ([`crate::fidelity`]) and, through [`plate`](crate::plate), four force sensors |
-//! | `taxel-4x1` | [DeMaria2011] | displaced facets of the [`line`](taxel_papers::line_of_four) |
-//! | `mems-3axis` | [Ospina2017] ch. 1 | the force on one sensor, under its [`coating`](crate::response::Coating) |
-//! | `mems-array` | [Ospina2017] ch. 2 | four sensors under a [`plate`](crate::plate) that carries a curved [`surface`](crate::surface) |
-//! | `ohka-micro` | [Ohka2005] | a bright spot under a conical feeler: [`feeler`] |
-//! | `ohka-sheet` | [Ohka2005] | such spots under a [`sheet`](crate::sheet) of 10×12 feelers, one a scan |
-//! | `ohka-column` | [Ohka2004] | contact areas of the cones under four columns: [`column`] |
+//! Values of `kind` in `[device]`, with their papers:
 //!
-//! The two optical sensors of Ohka are their papers' own constitutive laws turned round: force in,
-//! brightness, shift and areas out. The dark readings, the noise and the converter are the finger's, so
-//! that an estimator has to earn its figure from codes.
+//! - `taxel-4x4` ([DeMaria2011], [Ospina2017]): displaced facets ([`crate::fidelity`]) and, through
+//!   [`plate`](crate::plate), four force sensors;
+//! - `taxel-4x1` ([DeMaria2011]): displaced facets of the [`line`](taxel_papers::line_of_four);
+//! - `mems-3axis` ([Ospina2017] ch. 1): the force on one sensor, under its
+//!   [`coating`](crate::response::Coating);
+//! - `mems-array` ([Ospina2017] ch. 2): four sensors under a [`plate`](crate::plate) that carries a
+//!   curved [`surface`](crate::surface);
+//! - `ohka-micro` ([Ohka2005]): a bright spot under a conical feeler, [`feeler`];
+//! - `ohka-sheet` ([Ohka2005]): such spots under a [`sheet`](crate::sheet) of 10×12 feelers, one
+//!   per scan;
+//! - `ohka-column` ([Ohka2004]): contact areas of the cones under four columns, [`column`].
+//!
+//! The optical sensors of Ohka are inverses of their papers' own constitutive laws: from force to
+//! brightness, shift and areas. The dark readings, the noise and the converter are the finger's,
+//! because an estimator must reach its accuracy from codes.
 
 pub mod column;
 pub mod feeler;
@@ -27,8 +31,10 @@ use crate::plate::Wrench;
 use crate::scene::{Device, Kind};
 use crate::surface::Surface;
 
-/// The contacts as the device takes them: forces in its own frame, at the places it has for them. A feeler
-/// slips when it slides on its board.
+/// Contacts as the device takes them: forces in the device's frame, at the places that the device
+/// has.
+///
+/// A feeler slips when it slides on its board.
 #[must_use]
 pub fn taken(device: &Device, contacts: Contacts) -> Contacts {
     let place: fn(&Device, Load) -> Load = match device.kind {
@@ -49,7 +55,7 @@ pub fn taken(device: &Device, contacts: Contacts) -> Contacts {
     taken
 }
 
-/// What the four sensors under a plate carry of contacts that the device has [`taken`].
+/// Forces on the four sensors under a plate, from contacts that [`taken`] has placed.
 #[must_use]
 pub fn shares(device: &Device, contacts: &Contacts) -> [[f64; 3]; SENSORS] {
     let mut shares = [[0.0; 3]; SENSORS];

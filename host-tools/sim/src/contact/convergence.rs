@@ -1,6 +1,6 @@
-//! The closed forms of [TactileEnc] against superposed point loads: how fast the one goes to the other.
+//! Convergence of superposed point loads to the closed forms of [TactileEnc].
 //!
-//! A strip is integrated along its whole line, so that nothing of plane strain is assumed.
+//! A strip is integrated along its whole line, so that plane strain is a result and no assumption.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -10,7 +10,7 @@ use super::sphere::Hertz;
 use super::traction::{Across, Round};
 use super::{HalfSpace, Patch, Rule};
 
-/// A contact that [TactileEnc] has in closed form, as heavy and wide as a touch of the finger.
+/// Contact with a closed form in [TactileEnc], of the size and force of a usual touch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Case {
     /// A line load, normal and tangential.
@@ -23,22 +23,23 @@ pub enum Case {
     Sphere,
 }
 
-/// Where the two are compared: x from the axis and z deep, in mm.
+/// Points under the contact: x from the axis and depth z, in mm.
 pub const ON_AXIS: [[f64; 2]; 2] = [[0.0, 0.8], [0.0, 2.5]];
-/// Under the rim and outside.
+/// Points under the rim and outside the contact: x from the axis and depth z, in mm.
 pub const OFF_AXIS: [[f64; 2]; 3] = [[1.3, 0.8], [0.9, 2.5], [3.0, 1.5]];
 
 /// Half the width of the contacts in mm.
 const A: f64 = 1.3;
-/// In N/mm, of the sphere in N.
+/// Normal load: N/mm for a strip, N for the sphere.
 const NORMAL: f64 = 1.0;
 const TANGENTIAL: f64 = 0.6;
 
 impl Case {
-    /// All of them.
+    /// All four contacts.
     pub const ALL: [Self; 4] = [Self::Line, Self::Block, Self::Cylinder, Self::Sphere];
 
-    /// Relative error of superposition at x, z with `n` points each way: of σ_zz or ε_zz, the larger.
+    /// Relative error of superposition at x, z with `n` points in each direction: the larger of the
+    /// errors of σ_zz and ε_zz.
     #[must_use]
     pub fn error(self, skin: &HalfSpace, [x, z]: [f64; 2], n: usize) -> f64 {
         let (stress, strain) = self.closed(skin, x, z);
@@ -64,7 +65,7 @@ impl Case {
         (strip.stress(x, z), strip.strain(skin, x, z))
     }
 
-    /// Point loads that stand for the contact, seen from `reach` mm off its axis.
+    /// Point loads that replace the contact, for a field point `reach` mm from its axis.
     fn loads(self, reach: f64, n: usize) -> Vec<([f64; 2], [f64; 3])> {
         let across = match self {
             Self::Line => Across::Line,
@@ -88,7 +89,7 @@ impl Case {
     }
 }
 
-/// Points of a whole line and the length that each stands for: Gauss's rule in the angle.
+/// Nodes on an infinite line and the length that each represents: Gauss's rule in the angle.
 fn whole_line(reach: f64, n: usize) -> impl Iterator<Item = (f64, f64)> {
     legendre(n).into_iter().map(move |(t, weight)| {
         let (tan, cos) = ((t * FRAC_PI_2).tan(), (t * FRAC_PI_2).cos());

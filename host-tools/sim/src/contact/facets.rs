@@ -1,4 +1,4 @@
-//! What the optical taxels see of a contact: the mean displacement of each reflective facet.
+//! Mean displacement of each reflective facet under a contact, as the optical taxels measure it.
 
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
@@ -13,32 +13,34 @@ pub struct Facets {
     nodes: Nodes,
 }
 
-/// Places in mm at which facets are sampled; facet k has `per_facet` of them from k × `per_facet` on.
-/// Apart in x and y for the sake of SIMD.
+/// Sampling points of the facets in mm; facet k has `per_facet` of them from k × `per_facet` on.
+/// Separate arrays for x and y let the compiler use SIMD.
 #[derive(Clone, Debug)]
 struct Nodes {
     x: Vec<f64>,
     y: Vec<f64>,
-    /// Share of each in the mean over its facet.
+    /// Weight of each point in the mean over its facet.
     share: Vec<f64>,
     per_facet: usize,
 }
 
-/// Most nodes along the side of a facet.
+/// Largest number of nodes along the side of a facet.
 const MOST_ALONG: usize = 16;
-/// Nodes whose sums are kept at a time.
+/// Number of nodes whose sums are kept at a time.
 const BLOCK: usize = MOST_ALONG * MOST_ALONG;
 
 impl Facets {
-    /// Square facets of the 4×4 finger, of side `facet_mm` at `depth_mm` below the surface of `skin`, each
-    /// averaged by the Gauss rule of `along` × `along` points (1 to 16).
+    /// Creates the square facets of the 4×4 finger.
+    ///
+    /// They have the side `facet_mm` and lie `depth_mm` below the surface of `skin`. Each is
+    /// averaged by a Gauss rule of `along` × `along` points (1 to 16).
     #[must_use]
     pub fn new(skin: HalfSpace, depth_mm: f64, facet_mm: f64, along: usize) -> Self {
         let centres = TAXEL_CENTRES.map(|centre| centre.map(|mm| f64::from(mm.0)));
         Self::below(skin, depth_mm, facet_mm, along, &centres)
     }
 
-    /// The same below other `centres` in mm, up to sixteen.
+    /// Creates facets below `centres` (mm, up to sixteen); see [`Self::new`].
     #[must_use]
     pub fn below(
         skin: HalfSpace,
@@ -61,9 +63,11 @@ impl Facets {
         Self { skin, depth: depth_mm, nodes }
     }
 
-    /// Points along the side of a facet that leave Gauss's rule an error of about `error`: ρ^−2n for a field whose
-    /// nearest pole is as far from the facet as a load above it, with ρ = t + √(1 + t²) at t = 2·depth/side (the
-    /// ellipse of Bernstein through it).
+    /// Number of points along a facet's side for a relative quadrature error of about `error`.
+    ///
+    /// The error of Gauss's rule is ρ^−2n for a field whose nearest pole is as far from the facet
+    /// as a load above it. Here ρ = t + √(1 + t²) at t = 2·depth/side, from Bernstein's ellipse
+    /// through the pole.
     #[must_use]
     pub fn points_along(depth_mm: f64, facet_mm: f64, error: f64) -> usize {
         let t = 2.0 * depth_mm / facet_mm;
@@ -71,14 +75,15 @@ impl Facets {
         (points.ceil() as usize).clamp(1, MOST_ALONG)
     }
 
-    /// Point loads times places: what one call of [`Self::displacement`] costs for a patch.
+    /// Number of field evaluations (point loads × nodes) of [`Self::displacement`] for one patch.
     #[must_use]
     pub fn evaluations(&self, rule: &Rule) -> u64 {
         (rule.points().len() * self.nodes.x.len()) as u64
     }
 
-    /// Mean displacement of each facet in mm, positive down (nearer to its LED), under the patches
-    /// together, each spread by `rule`; per point load [`HalfSpace::displacement`].
+    /// Mean displacement of each facet in mm under all patches, positive down (nearer to its LED).
+    ///
+    /// `rule` spreads each patch into point loads; each load adds [`HalfSpace::displacement`].
     #[must_use]
     pub fn displacement<'a>(
         &self,
@@ -106,8 +111,9 @@ impl Facets {
         facets
     }
 
-    /// What a load lacks is not computed: shear, normal force, or the term that an incompressible skin
-    /// has not.
+    /// Adds the displacement under one point load to `sums`.
+    ///
+    /// Terms that are zero are skipped: no shear, no normal force, or an incompressible skin.
     fn add_point_load(
         &self,
         sums: &mut [f64; BLOCK],
@@ -169,8 +175,8 @@ mod tests {
         [Patch::disc(centre, radius, force)]
     }
 
-    /// Mean over facet k by brute force: the formulas as the books print them, midpoint rule over the
-    /// facet and over the discs.
+    /// Mean over facet k by brute force: the printed formulas with the midpoint rule over the facet
+    /// and over the discs.
     fn brute_force(skin: &HalfSpace, patches: &[Option<Patch>], k: usize) -> f64 {
         const N: usize = 8;
         let rule = Rule::round(Round::Hertz, 20, 40);
@@ -211,7 +217,8 @@ mod tests {
 
     #[test]
     fn stick_changes_the_shear_part_by_up_to_a_quarter() {
-        // Over the largest displacement that shear makes, the worst of places and shares of friction.
+        // Error over the largest displacement by shear, worst case over positions and shares of
+        // friction.
         let facets = facets(0.5);
         let under = |centre, force, mu| {
             let patches = SPHERE.tractions(&facets.skin, centre, force, 0.0, mu);
@@ -262,7 +269,7 @@ mod tests {
 
     #[test]
     fn far_away_only_force_over_distance_is_left() {
-        // 2(1 − ν)P/(4πGρ): the extent of contact and depth no longer matter.
+        // Far away, u = 2(1 − ν)P/(4πGρ): size of contact and depth no longer matter.
         let facets = facets(0.5);
         let far = disc([400.0, 0.0], 2.0, [0.0, 0.0, 1.0]);
         let expected = 1.0 / (4.0 * std::f64::consts::PI * facets.skin.shear_modulus() * 400.0);
@@ -318,7 +325,7 @@ mod tests {
             let turned = facets.displacement(&few(), &disc([-y, x], 1.5, [-fy, fx, fz]));
             for row in 0..4 {
                 for column in 0..4 {
-                    // (column, row) goes to (3 − row, column).
+                    // A quarter turn takes (column, row) to (3 − row, column).
                     let there = turned[4 * column + 3 - row];
                     prop_assert!((u[4 * row + column] - there).abs() < 1e-12);
                 }

@@ -1,4 +1,4 @@
-//! Gauss's rules: the fewest points for the most of a polynomial.
+//! Gauss quadrature rules: highest polynomial degree for a number of points.
 
 use core::f64::consts::PI;
 
@@ -26,9 +26,11 @@ pub fn legendre(n: usize) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Gauss's rule with `n` points for the weight arcosh(1/v)·v^power on (0, 1), exact for 1, v² … v^(4n − 2): in
-/// s = v², from the recurrence of the orthogonal polynomials (Stieltjes's procedure). The weight is sampled by
-/// the double exponential rule, which its logarithm and its root do not disturb.
+/// Gauss rule with `n` points for the weight arcosh(1/v)·v^power on (0, 1).
+///
+/// It is exact for 1, v² … v^(4n − 2). The recurrence of the orthogonal polynomials in s = v² comes
+/// from Stieltjes's procedure. The weight is sampled by the double exponential rule, because its
+/// logarithm and its root do not disturb that rule.
 pub fn arcosh(n: usize, power: f64) -> Vec<(f64, f64)> {
     let step = 1.0 / (4 * n + 32) as f64;
     let reach = (4.0 / step) as i32;
@@ -39,7 +41,7 @@ pub fn arcosh(n: usize, power: f64) -> Vec<(f64, f64)> {
         let bent = (1.0 + rest.sqrt()).ln() - 0.5 * s.ln();
         (s, bent * s.powf(0.5 * (power - 1.0)) * s * rest * t.cosh())
     });
-    // Of each sample its place, weight, and the polynomials before and now.
+    // Each sample: position, weight, and the previous and current polynomial.
     let mut samples: Vec<_> = samples.map(|(s, weight)| (s, weight, 0.0, 1.0)).collect();
     let mut recurrence: Vec<[f64; 3]> = vec![];
     for _ in 0..n {
@@ -54,7 +56,8 @@ pub fn arcosh(n: usize, power: f64) -> Vec<(f64, f64)> {
         }
         recurrence.push([mean, fall, norm]);
     }
-    // The polynomial of degree k at s, and the squares of the lower ones over their norms.
+    // The polynomial of degree k at s, and the sum of the squares of the lower ones over their
+    // norms.
     let polynomial = |k: usize, s: f64| {
         let lower = recurrence.iter().take(k);
         let start = (0.0, 1.0, 0.0);
@@ -64,7 +67,7 @@ pub fn arcosh(n: usize, power: f64) -> Vec<(f64, f64)> {
             });
         (value, squares)
     };
-    // The roots of each lie between those of the one before.
+    // The roots of each polynomial lie between those of the previous one.
     let mut roots: Vec<f64> = vec![];
     for k in 1..=n {
         let ends: Vec<f64> = [0.0].into_iter().chain(roots).chain([1.0]).collect();

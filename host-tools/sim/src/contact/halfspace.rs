@@ -2,11 +2,12 @@
 
 use core::f64::consts::PI;
 
-/// Young's modulus of the silicone of [DeMaria2011] at small strain in MPa: 6 (α1 + α2) of its Mooney–Rivlin law,
-/// eq. (1).
+/// Young's modulus of the silicone of [DeMaria2011] at small strain in MPa.
+///
+/// It is 6 (α1 + α2) of the paper's Mooney–Rivlin law, eq. (1).
 pub const SILICONE_YOUNG_MPA: f64 = 0.236;
 
-/// An elastic half-space. Forces in newtons and lengths in millimetres make its moduli MPa.
+/// Elastic half-space. Forces in newtons and lengths in millimetres make its moduli MPa.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfSpace {
     young: f64,
@@ -14,7 +15,7 @@ pub struct HalfSpace {
 }
 
 impl HalfSpace {
-    /// Of Young's modulus `young_mpa` and Poisson's ratio `poisson`.
+    /// Creates a half-space with Young's modulus `young_mpa` and Poisson's ratio `poisson`.
     #[must_use]
     pub fn new(young_mpa: f64, poisson: f64) -> Self {
         Self { young: young_mpa, poisson }
@@ -38,35 +39,40 @@ impl HalfSpace {
         self.young / (2.0 * (1.0 + self.poisson))
     }
 
-    /// Modulus of contact with something rigid in MPa, E* = E / (1 − ν²).
+    /// Contact modulus against a rigid body in MPa, E* = E / (1 − ν²).
     #[must_use]
     pub fn contact_modulus(&self) -> f64 {
         self.young / (1.0 - self.poisson * self.poisson)
     }
 
-    /// Radius in mm of the disc in which a rigid sphere of `radius` mm touches under `normal` newtons
-    /// (Hertz: a³ = 3PR/4E*; Johnson §4.2; for ν = ½ the a = (9PR/16E)^⅓ of [TactileEnc]).
+    /// Contact radius in mm of a rigid sphere of `radius` mm under `normal` newtons.
+    ///
+    /// Hertz: a³ = 3PR/4E* (Johnson §4.2); for ν = ½ it is a = (9PR/16E)^⅓ of [TactileEnc].
     #[must_use]
     pub fn contact_radius(&self, radius: f64, normal: f64) -> f64 {
         (3.0 * normal.max(0.0) * radius / (4.0 * self.contact_modulus())).cbrt()
     }
 
-    /// Half the width in mm of the strip in which a long rigid cylinder of `radius` mm touches under
-    /// `normal` N/mm (a² = 4PR/πE*; Johnson §4.2; for ν = ½ the a = √(3RP/πE) of [TactileEnc]).
+    /// Half the contact width in mm of a long rigid cylinder of `radius` mm under `normal` N/mm.
+    ///
+    /// a² = 4PR/πE* (Johnson §4.2); for ν = ½ it is a = √(3RP/πE) of [TactileEnc].
     #[must_use]
     pub fn contact_half_width(&self, radius: f64, normal: f64) -> f64 {
         (4.0 * normal.max(0.0) * radius / (PI * self.contact_modulus())).sqrt()
     }
 
-    /// Half the width in mm of the strip in which a blunt rigid edge touches under `normal` N/mm; its
-    /// two faces rise from the skin with `slope` (tangent): P = aE*·slope (Johnson §5.2).
+    /// Half the contact width in mm of a blunt rigid edge under `normal` N/mm.
+    ///
+    /// Its two faces rise from the skin with `slope` (tangent): P = aE*·slope (Johnson §5.2).
     #[must_use]
     pub fn edge_half_width(&self, slope: f64, normal: f64) -> f64 {
         normal.max(0.0) / (self.contact_modulus() * slope)
     }
 
-    /// Radius in mm of the disc in which a blunt rigid corner, taken as a cone whose side rises from
-    /// the skin with `slope` (tangent), touches under `normal` newtons: P = ½πa²E*·slope (Johnson §5.2).
+    /// Contact radius in mm of a blunt rigid corner under `normal` newtons.
+    ///
+    /// The corner is a cone whose side rises from the skin with `slope` (tangent): P = ½πa²E*·slope
+    /// (Johnson §5.2).
     #[must_use]
     pub fn corner_radius(&self, slope: f64, normal: f64) -> f64 {
         (2.0 * normal.max(0.0) / (PI * self.contact_modulus() * slope)).sqrt()
@@ -82,9 +88,10 @@ impl HalfSpace {
         -3.0 * z * z * along / (2.0 * PI * square * square * square.sqrt())
     }
 
-    /// ε_zz at `at` (mm from the load) under a point load `force`, for any Poisson's ratio: Hooke's law
-    /// on σ_zz and on the trace of the stress, −(1 + ν)(P z + Q·x)/πρ³ (Johnson §3.2, §3.6). For ν = ½
-    /// it is [TactileEnc] eq. (2).
+    /// ε_zz at `at` (mm from the load) under a point load `force`, for any Poisson's ratio.
+    ///
+    /// Hooke's law on σ_zz and on the trace of the stress, −(1 + ν)(P z + Q·x)/πρ³ (Johnson §3.2,
+    /// §3.6). For ν = ½ it is [TactileEnc] eq. (2).
     #[must_use]
     pub fn strain(&self, force: [f64; 3], at: [f64; 3]) -> f64 {
         let along: f64 = force.iter().zip(at).map(|(f, c)| f * c).sum();
@@ -93,13 +100,15 @@ impl HalfSpace {
         self.strain_of(self.stress(force, at), trace)
     }
 
-    /// ε_zz = ((1 + ν) σ_zz − ν (σ_xx + σ_yy + σ_zz)) / E.
+    /// Strain from Hooke's law: ε_zz = ((1 + ν) σ_zz − ν (σ_xx + σ_yy + σ_zz)) / E.
     pub(super) fn strain_of(&self, stress: f64, trace: f64) -> f64 {
         ((1.0 + self.poisson) * stress - self.poisson * trace) / self.young
     }
 
-    /// u_z in mm at `at` (mm from the load) under a point load `force`, with ρ the distance (Johnson
-    /// §3.2 and §3.6): P/4πG·\[z²/ρ³ + 2(1 − ν)/ρ\] and Q/4πG·\[xz/ρ³ + (1 − 2ν)x/ρ(ρ + z)\].
+    /// u_z in mm at `at` (mm from the load) under a point load `force`.
+    ///
+    /// With ρ the distance (Johnson §3.2 and §3.6): P/4πG·\[z²/ρ³ + 2(1 − ν)/ρ\] and Q/4πG·\[xz/ρ³
+    /// + (1 − 2ν)x/ρ(ρ + z)\].
     #[must_use]
     pub fn displacement(&self, force: [f64; 3], at: [f64; 3]) -> f64 {
         let [x, y, z] = at;

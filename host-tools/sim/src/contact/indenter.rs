@@ -1,25 +1,25 @@
-//! Rigid indenters: how large they touch, and the tractions they make.
+//! Rigid indenters: the size of their contact and the tractions they make.
 //!
-//! Friction holds μp at each point. A shear that grows on a contact already pressed slips where that is
-//! too much and sticks elsewhere; on an incompressible skin the traction is then μ times the pressure
-//! under P, less μ times the pressure under P − Q/μ, for every profile, round or long (Jäger 1998,
-//! Ciavarella 1998); on a sphere that is Cattaneo's and Mindlin's (Johnson §7.2). A flat face keeps its
-//! size, so that it sticks all over until it slides. What was before, and shear that turns or falls, is
-//! not remembered.
+//! Friction carries at most μp at each point. A shear that grows on a contact already pressed slips
+//! where more is needed and sticks elsewhere. On an incompressible skin the traction is then μ
+//! times the pressure under P, less μ times the pressure under P − Q/μ. That holds for every
+//! profile, round or long (Jäger 1998, Ciavarella 1998). On a sphere it is the solution of Cattaneo
+//! and Mindlin (Johnson §7.2). A flat face keeps its size, so that it sticks all over until it
+//! slides. The load history is not modelled: neither earlier loads nor shear that turns or falls.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
 use super::traction::{Across, Round};
 use super::{HalfSpace, Patch, Rule};
 
-/// What touches the skin; lengths in mm, slopes as tangents, turns in radians from the x axis.
+/// Rigid indenter; lengths in mm, slopes as tangents, turns in radians from the x axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Indenter {
-    /// A tip too fine to have a size.
+    /// A tip of zero size.
     Point,
     /// A sphere.
     Sphere {
-        /// Its radius.
+        /// Radius of the sphere.
         radius: f64,
     },
     /// A round flat punch.
@@ -29,38 +29,38 @@ pub enum Indenter {
     },
     /// A blunt corner, taken as a cone.
     Corner {
-        /// How steep its side rises from the skin.
+        /// Slope of its side from the skin.
         slope: f64,
     },
     /// A cylinder on its side; the pressure is even along it.
     Cylinder {
-        /// Its radius.
+        /// Radius of the cylinder.
         radius: f64,
-        /// Its axis.
+        /// Axis of the cylinder.
         axis: Axis,
     },
     /// A flat block.
     Block {
-        /// Its width.
+        /// Width of the block.
         width: f64,
-        /// Its axis.
+        /// Axis of the block.
         axis: Axis,
     },
     /// A blunt edge, two faces of one slope.
     Edge {
-        /// How steep its faces rise from the skin.
+        /// Slope of its faces from the skin.
         slope: f64,
-        /// Its axis.
+        /// Axis of the edge.
         axis: Axis,
     },
 }
 
-/// The axis of something long, along the skin.
+/// Axis of a long indenter, in the plane of the skin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// Its length.
+    /// Length along the axis.
     pub length: f64,
-    /// Its direction.
+    /// Direction of the axis.
     pub turn: f64,
 }
 
@@ -94,7 +94,7 @@ impl Indenter {
         }
     }
 
-    /// How far the contact reaches from its middle along x and along y, in mm, under `normal` newtons.
+    /// Extent of the contact from its middle along x and along y, in mm, under `normal` newtons.
     #[must_use]
     pub fn sides(&self, skin: &HalfSpace, normal: f64) -> [f64; 2] {
         let [along, across] = self.half_extents(skin, normal);
@@ -106,7 +106,7 @@ impl Indenter {
         }
     }
 
-    /// The radius that its face is curved with, in mm; `None` of what is not round.
+    /// Radius of curvature of the face in mm; `None` unless sphere or cylinder.
     #[must_use]
     pub fn radius(&self) -> Option<f64> {
         match *self {
@@ -115,8 +115,11 @@ impl Indenter {
         }
     }
 
-    /// How far in mm it sinks into the skin's surface under `normal` newtons (Johnson §3.8, §4.2, §5.2); one
-    /// that lies on it, in its middle, as the sum of lines of its length. `None` of a tip, which has no size.
+    /// Depth in mm that the indenter sinks into the surface under `normal` newtons; `None` for a
+    /// tip, which has no size.
+    ///
+    /// Johnson §3.8, §4.2, §5.2. For a long indenter it is the depth at the middle, as the sum of
+    /// lines of its length.
     #[must_use]
     pub fn indentation(&self, skin: &HalfSpace, normal: f64) -> Option<f64> {
         let modulus = skin.contact_modulus();
@@ -128,7 +131,8 @@ impl Indenter {
             Self::Punch { radius } => Some(normal / (2.0 * radius * modulus)),
             Self::Corner { slope } => Some(FRAC_PI_2 * along * slope),
             Self::Cylinder { .. } | Self::Block { .. } | Self::Edge { .. } => {
-                // An even number of lines has none in the middle, where it would sink without end.
+                // An even number of lines puts none in the middle, where the depth would be
+                // infinite.
                 let lines = self.rule(64, 1);
                 let line = |([_, v], share): &([f64; 2], f64)| {
                     share * (along / (across * v)).abs().asinh()
@@ -138,12 +142,12 @@ impl Indenter {
         }
     }
 
-    /// The tractions under `force` (N, z into the skin) and `torsion` (N mm) about the normal at
-    /// `centre` (mm): one or two patches for the rules of this indenter.
+    /// Tractions under `force` (N, z into the skin) and `torsion` (N mm) about the normal at
+    /// `centre` (mm).
     ///
-    /// The traction of the torsion is spread as p·r, which under a flat punch is that of sticking all over
-    /// (Johnson §3.9). Below a round contact on a half-space it displaces nothing vertically, however it
-    /// is spread.
+    /// One or two patches, for the rules of this indenter. The traction of the torsion is spread as
+    /// p·r; under a flat punch that is sticking all over (Johnson §3.9). Below a round contact on a
+    /// half-space it displaces nothing vertically, however it is spread.
     #[must_use]
     pub fn tractions(
         &self,
@@ -177,7 +181,7 @@ impl Indenter {
         ]
     }
 
-    /// The most torsion in N mm that friction holds under `normal` newtons: μ∫p r dA.
+    /// Largest torsion in N mm that friction carries under `normal` newtons: μ∫p r dA.
     #[must_use]
     pub fn torsion_held(&self, skin: &HalfSpace, normal: f64, mu: f64) -> f64 {
         let [patch, _] = self.tractions(skin, [0.0; 2], [0.0, 0.0, normal], 0.0, mu);
@@ -188,8 +192,10 @@ impl Indenter {
         mu * patch.map_or(0.0, lever)
     }
 
-    /// A rule for this indenter's traction: over a disc `rings` and `spokes`, over a strip `rings`
-    /// across and `spokes` along.
+    /// Quadrature rule for this indenter's traction.
+    ///
+    /// Over a disc it has `rings` and `spokes`; over a strip, `rings` points across and `spokes`
+    /// along.
     #[must_use]
     pub fn rule(&self, rings: usize, spokes: usize) -> Rule {
         match self {
@@ -203,7 +209,7 @@ impl Indenter {
         }
     }
 
-    /// Its contact is as large under any force.
+    /// Whether the contact has the same size under any force.
     fn is_flat(&self) -> bool {
         matches!(self, Self::Point | Self::Punch { .. } | Self::Block { .. })
     }
@@ -250,8 +256,8 @@ mod tests {
             let used = use_of_friction(&patches, mu, r);
             if r < c { assert!(used < 1.0) } else { assert!((used - 1.0).abs() < 1e-12) }
         }
-        // What sticks has moved as one: u_x under such a disc is
-        // πq₀/32Gr·[4(2 − ν)r² − (4 − 3ν)x² − (4 − ν)y²] (Johnson §7.1).
+        // The part that sticks has moved as one: u_x under such a disc is πq₀/32Gr·[4(2 − ν)r² − (4
+        // − 3ν)x² − (4 − ν)y²] (Johnson §7.1).
         let moved = |x: f64, y: f64| -> f64 {
             let discs = patches.iter().flatten().map(|p| (p.along[0], p.force[0]));
             discs
@@ -313,7 +319,7 @@ mod tests {
 
     #[test]
     fn every_indenter_sinks_as_far_as_the_surface_under_its_traction() {
-        // Just below it, so that no point load stands in the way.
+        // Just below the indenter, so that no point load falls on the place.
         let (skin, depth) = (HalfSpace::new(0.236, 0.5), 0.05);
         for indenter in ALL {
             let found = indenter.indentation(&skin, 1.1);
@@ -341,7 +347,8 @@ mod tests {
             let displacement = facets.displacement(&indenter.rule(16, 48), &twisted);
             displacement.iter().fold(0.0f64, |m, u| m.max(u.abs()))
         };
-        // What is left under a round one is the rule's, which has a finite number of spokes.
+        // The rest under a round indenter is the error of the rule, which has a finite number of
+        // spokes.
         for indenter in [SPHERE, ALL[2], ALL[3]] {
             assert!(most(indenter) < 1e-7, "{indenter:?}: {}", most(indenter));
         }

@@ -1,9 +1,9 @@
-//! The skin as it is: a layer bonded to a rigid frame, with a window open under each facet.
+//! The skin as a layer bonded to a rigid frame, with a window open under each facet.
 //!
-//! By Betti's theorem the mean displacement of facet q under a load on the skin is the displacement of
-//! the skin where the load acts, taken along it, while facet q is pushed by one newton from below. So one
-//! solution per facet (module `windows`) serves every contact there is; it is kept as a Fourier series and as
-//! a table of it, read by cubic interpolation.
+//! By Betti's theorem one solution per facet (module `windows`) serves every contact. The mean
+//! displacement of facet q under a load on the skin equals the displacement of the skin at the
+//! load, taken along it, while one newton pushes facet q from below. The solution is kept as a
+//! Fourier series and as a table of that series, read by cubic interpolation.
 
 use core::f64::consts::TAU;
 
@@ -18,14 +18,14 @@ mod windows;
 pub use bonded::Bonded;
 use windows::{Resolution, Windows};
 
-/// Numbers at one place of the skin: three directions of each of the facets.
+/// Values at one place of the skin: three directions for each of the facets.
 const EACH: usize = 3 * TAXELS;
 type Response = [f64; EACH];
 
-/// Places of the table per thickness.
+/// Grid points of the table per thickness.
 const PER_THICKNESS: f64 = 12.0;
 
-/// A layer on its frame.
+/// Layer on its frame.
 #[derive(Clone, Debug)]
 pub struct Layer {
     series: Series,
@@ -33,17 +33,18 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// Thicknesses in mm for which [`Self::ERROR`] holds, shown at the corners of the three ranges.
+    /// Range of thicknesses in mm for which [`Self::ERROR`] holds, tested at the corners of the
+    /// three ranges.
     pub const THICKNESS_MM: [f64; 2] = [2.5, 4.0];
-    /// Sides of facets in mm, the same.
+    /// Range of facet sides in mm for which [`Self::ERROR`] holds.
     pub const FACET_MM: [f64; 2] = [1.6, 1.9];
-    /// Poisson's ratios, the same.
+    /// Range of Poisson's ratios for which [`Self::ERROR`] holds.
     pub const POISSON: [f64; 2] = [0.4, 0.5];
-    /// How far a facet may be off at most, over the largest one's displacement: against a finer
-    /// solution, whose frequencies reach 400.
+    /// Largest error of a facet over the largest facet's displacement, against a finer solution
+    /// whose frequencies reach 400.
     pub const ERROR: f64 = 0.01;
 
-    /// Of `thickness_mm` of the material of `skin`, with windows of `facet_mm`.
+    /// Creates a layer of `thickness_mm` of the material of `skin`, with windows of `facet_mm`.
     #[must_use]
     pub fn new(skin: HalfSpace, thickness_mm: f64, facet_mm: f64) -> Self {
         let series = Series::new(skin, thickness_mm, facet_mm, &Resolution::USUAL);
@@ -51,7 +52,8 @@ impl Layer {
         Self { series, table }
     }
 
-    /// What a disc costs: places of the table, or terms of the series, that are read for `rule`.
+    /// Number of table places, or terms of the series if `exact`, that a disc spread by `rule`
+    /// reads.
     #[must_use]
     pub fn evaluations(&self, rule: &Rule, exact: bool) -> u64 {
         let each = if exact { self.series.coefficients.len() } else { 16 };
@@ -68,7 +70,8 @@ impl Layer {
         gather(rule, patches, |at| self.table.read(at))
     }
 
-    /// The same from the series: slower, without the error of interpolation.
+    /// Mean displacement of each facet in mm, positive down, from the series: slower, without the
+    /// error of interpolation.
     #[must_use]
     pub fn exact_displacement<'a>(
         &self,
@@ -96,8 +99,9 @@ fn gather<'a>(
     facets
 }
 
-/// Displacement of the upper face as Σ_k u_k e^{ik·x}, one for each pushed facet; k_x ≥ 0, the other half
-/// being conjugate.
+/// Displacement of the upper face as Σ_k u_k e^{ik·x}, one for each pushed facet.
+///
+/// Only k_x ≥ 0 is kept, because the other half is conjugate.
 #[derive(Clone, Debug)]
 struct Series {
     step: f64,
@@ -140,7 +144,7 @@ impl Series {
         self.sum(&self.column(x), y)
     }
 
-    /// Summed over k_x at `x`: what is left for each k_y.
+    /// Sums the series over k_x at `x`; one term remains for each k_y.
     fn column(&self, x: f64) -> Vec<[Response; 2]> {
         let width = 2 * self.reach + 1;
         let mut column = vec![[[0.0; EACH]; 2]; width];
@@ -170,7 +174,7 @@ impl Series {
     }
 }
 
-/// The series at the places of a square grid over one period.
+/// Values of the series on a square grid over one period.
 #[derive(Clone, Debug)]
 struct Table {
     spacing: f64,
@@ -189,7 +193,7 @@ impl Table {
         Self { spacing, along, places: places.collect() }
     }
 
-    /// Lagrange's cubic through the four nearest places each way.
+    /// Interpolates by Lagrange's cubic through the four nearest grid points in each direction.
     fn read(&self, [x, y]: [f64; 2]) -> Response {
         let split = |at: f64| {
             let at = at / self.spacing;
@@ -263,14 +267,15 @@ mod tests {
 
     #[test]
     fn small_windows_move_by_the_pressure_on_the_floor_below_the_load() {
-        // A window that is small against the layer is a hole in a bonded floor: it moves by its own
-        // compliance times the pressure that the floor takes where it is, an independent solution.
+        // A window that is small against the layer is a hole in a bonded floor. It moves by its own
+        // compliance times the pressure that the floor takes there, which is an independent
+        // solution.
         let side = 0.8;
         let small = Layer::new(*SKIN, 2.5, side);
         let alone =
             Windows::new(2.5, side, 0.5, &Resolution::USUAL).means(5)[5] / SKIN.shear_modulus();
         let floor = Bonded::new(*SKIN, 2.5);
-        // Further aside, the shear on the floor and the other windows count too.
+        // Further away, the shear on the floor and the other windows count too.
         for x in [-1.25, -0.6, 0.0] {
             let patch = Patch::disc([x, -1.25], 0.0, [0.0, 0.0, 1.0]);
             let found = small.exact_displacement(&Rule::point(), [&patch])[5];
@@ -282,8 +287,9 @@ mod tests {
 
     #[test]
     fn the_half_space_is_no_measure_of_amounts_above_the_frame() {
-        // docs/simulator.md quotes these: one newton of a 6 mm sphere above a window and between four. The
-        // largest facet framed and on the half-space, and of either what is left at r2c0.
+        // docs/simulator.md quotes these: one newton of a 6 mm sphere above a window and between
+        // four. Each list is the largest facet framed and on the half-space, then r2c0 over the
+        // largest in both.
         let half = Facets::new(*SKIN, 2.5, 1.9, 4);
         for (centre, quoted) in [
             ([1.25, 1.25], [0.157, 0.591, 0.017, 0.379]),
@@ -300,7 +306,8 @@ mod tests {
         }
     }
 
-    /// The top rung's own error, which docs/simulator.md quotes: against every number of its solution finer at once.
+    /// Error of the top rung against a solution finer in every parameter, which docs/simulator.md
+    /// quotes.
     #[test]
     fn the_layer_is_within_a_seventh_of_a_percent_of_a_finer_one() {
         let finer = Resolution { degrees: 4, reach: 400.0, apart: 6.0, shortest: 18.0 };
@@ -321,12 +328,13 @@ mod tests {
         }
     }
 
-    /// Corners of the ranges with both ends of every one, and contacts that reach as far over the rim as they may.
+    /// Both ends of every range in all combinations, with contacts that reach over the rim as far
+    /// as allowed.
     #[test]
     fn the_stated_error_holds_at_the_corners_of_what_is_allowed() {
         let ([thin, thick], [narrow, wide]) = (Layer::THICKNESS_MM, Layer::FACET_MM);
         let [loose, tight] = Layer::POISSON;
-        // The fourth polynomial is what another test is for.
+        // The fourth polynomial is covered by another test.
         let finer = Resolution { degrees: 3, reach: 400.0, apart: 6.0, shortest: 18.0 };
         let rule = Rule::round(Round::Hertz, 4, 12);
         for (depth, facet, poisson) in [

@@ -1,16 +1,16 @@
 //! Long indenters in plane strain, in closed form: line, flat block and cylinder of [TactileEnc].
 //!
-//! With w = z + ix and F(w) = ∫ p(s) ds/(w − is), a normal traction p makes (the line load superposed;
-//! Johnson §2.3)
+//! With w = z + ix and F(w) = ∫ p(s) ds/(w − is), a normal traction p makes (the line load
+//! superposed; Johnson §2.3)
 //!
 //! σ_zz = −(Re F − z Re F′)/π, σ_xx = −(Re F + z Re F′)/π,
 //!
 //! and F is P/w for the line, P/√(w² + a²) for the block, (2P/a²)(√(w² + a²) − w) for the cylinder.
 //! In the polar terms of [TactileEnc], √(w² + a²) is r₁₂ e^{iθ₁₂}.
 //!
-//! Where [TactileEnc] prints something else, the test below shows who is right:
-//! - its ε_zz of line and block leave σ_yy out, which is Hooke's law of plane stress, although both are
-//!   named plane strain; under the line that is a third too much;
+//! Where [TactileEnc] prints something else, the tests below show which is right:
+//! - its ε_zz of line and block leaves σ_yy out, which is Hooke's law of plane stress, although
+//!   both are named plane strain; under the line that is a third too much;
 //! - its σ_zz of the cylinder gives half the pressure at the surface and *tension* deep below it.
 
 use core::f64::consts::PI;
@@ -31,7 +31,7 @@ pub enum Strip {
     Block {
         /// Normal force P.
         normal: f64,
-        /// Half its width in mm.
+        /// Half the block's width in mm.
         half_width: f64,
     },
     /// A rigid cylinder without friction; [`HalfSpace::contact_half_width`].
@@ -82,7 +82,7 @@ impl Strip {
     }
 }
 
-/// A complex number: real and imaginary part.
+/// Complex number: real and imaginary part.
 #[derive(Clone, Copy)]
 struct Complex(f64, f64);
 
@@ -108,7 +108,7 @@ impl Complex {
         Self(self.0 / square, -self.1 / square)
     }
 
-    /// √(w² + a²) on the branch that goes like w, for Re w ≥ 0.
+    /// √(w² + a²) on the branch that behaves like w at infinity, for Re w ≥ 0.
     fn root_with(self, a: f64) -> Self {
         let Self(re, im) = self.square();
         let (re, im) = (re + a * a, im);

@@ -1,10 +1,11 @@
-//! A rigid sphere on the skin: Hertz in closed form.
+//! Rigid sphere on the skin: Hertz's contact in closed form.
 
 use core::f64::consts::PI;
 
 use super::HalfSpace;
 
-/// Hertz's pressure (3P/2πa²)√(1 − r²/a²) ([TactileEnc] eq. (3); Johnson §4.2) without friction.
+/// Hertz's pressure distribution (3P/2πa²)√(1 − r²/a²) without friction ([TactileEnc] eq. (3);
+/// Johnson §4.2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hertz {
     /// Radius a of the contact in mm; [`HalfSpace::contact_radius`].
@@ -14,8 +15,10 @@ pub struct Hertz {
 }
 
 impl Hertz {
-    /// σ_zz in MPa, r from the axis and z deep (mm, z > 0): −p₀ (z/√u)³ a²u/(u² + a²z²), with u the
-    /// larger root of u² − (r² + z² − a²)u − a²z² = 0 (Huber 1904).
+    /// σ_zz in MPa at r from the axis and depth z (mm, z > 0).
+    ///
+    /// It is −p₀ (z/√u)³ a²u/(u² + a²z²), with u the larger root of u² − (r² + z² − a²)u − a²z² = 0
+    /// (Huber 1904).
     #[must_use]
     pub fn stress(&self, r: f64, z: f64) -> f64 {
         let a2 = self.radius * self.radius;
@@ -23,7 +26,9 @@ impl Hertz {
         -self.peak() * (z / u.sqrt()).powi(3) * a2 * u / (u * u + a2 * z * z)
     }
 
-    /// ε_zz: Hooke's law on σ_zz and on the trace of the stress, −2(1 + ν)p₀ z/√u·(1 − √u/a·atan a/√u).
+    /// ε_zz at r from the axis and depth z (mm, z > 0).
+    ///
+    /// Hooke's law on σ_zz and on the trace of the stress, −2(1 + ν)p₀ z/√u·(1 − √u/a·atan a/√u).
     #[must_use]
     pub fn strain(&self, skin: &HalfSpace, r: f64, z: f64) -> f64 {
         let trace = -(1.0 + skin.poisson()) / PI * self.attraction(r, z);
@@ -38,7 +43,7 @@ impl Hertz {
         integrals / (4.0 * PI * skin.shear_modulus())
     }
 
-    /// p₀ = 3P/2πa².
+    /// Peak pressure p₀ = 3P/2πa² in MPa.
     fn peak(&self) -> f64 {
         1.5 * self.normal / (PI * self.radius * self.radius)
     }
@@ -48,19 +53,20 @@ impl Hertz {
         let half = 0.5 * (r * r + z * z - a2);
         let product = self.radius * z;
         let root = half.hypot(product);
-        // The two roots' product is −a²z²; the one without cancellation gives the other.
+        // The product of the two roots is −a²z²; the root without cancellation gives the other.
         if half >= 0.0 { half + root } else { product * product / (root - half) }
     }
 
-    /// ∫ p z/ρ³ dA.
+    /// Attraction integral ∫ p z/ρ³ dA.
     fn attraction(&self, r: f64, z: f64) -> f64 {
         let root = self.u(r, z).sqrt();
         let angle = (self.radius / root).atan();
         2.0 * PI * self.peak() * z / root * (1.0 - root / self.radius * angle)
     }
 
-    /// ∫ p/ρ dA, Newton's potential of a disc that is denser in the middle: ½πp₀a² ∫_u^∞
-    /// (1 − r²/(a² + s) − z²/s) ds/((a² + s)√s).
+    /// Potential integral ∫ p/ρ dA: Newton's potential of a disc that is denser in the middle.
+    ///
+    /// It is ½πp₀a² ∫_u^∞ (1 − r²/(a² + s) − z²/s) ds/((a² + s)√s).
     fn potential(&self, r: f64, z: f64) -> f64 {
         let (a, u) = (self.radius, self.u(r, z));
         let (a2, root) = (a * a, u.sqrt());
@@ -70,8 +76,10 @@ impl Hertz {
         0.5 * PI * self.peak() * a2 * (2.0 * angle - r * r * along - z * z * down)
     }
 
-    /// ∫ p x/ρ³ dA at x = r on the x axis, −∂/∂x of the potential: z/4πG times it is u_z of the same
-    /// traction pulling along x on an incompressible skin.
+    /// Tangential integral ∫ p x/ρ³ dA at x = r on the x axis, −∂/∂x of the potential.
+    ///
+    /// Multiplied by z/4πG, it is u_z of the same traction pulling along x on an incompressible
+    /// skin.
     #[cfg(test)]
     fn pull(&self, r: f64, z: f64) -> f64 {
         let (a, u) = (self.radius, self.u(r, z));
@@ -122,8 +130,8 @@ mod tests {
 
     #[test]
     fn superposition_converges_faster_than_the_eighth_power() {
-        // Twice the points a ring and twice the rings: above the facets the error falls by more than
-        // 2⁸, down to round-off.
+        // Twice the points of a ring and twice the rings: above the facets the error falls by more
+        // than 2⁸, down to round-off.
         let (hertz, patch) = pressed();
         let skin = HalfSpace::new(0.236, 0.5);
         let error = |n: usize| {
@@ -139,8 +147,8 @@ mod tests {
 
     #[test]
     fn the_surface_under_the_sphere_sinks_by_a_squared_over_r() {
-        // Hertz's approach (Johnson eq. (4.23)) must follow from the traction, the contact radius and
-        // the influence function together.
+        // Hertz's approach (Johnson eq. (4.23)) must follow from the traction, the contact radius
+        // and the influence function together.
         for poisson in [0.5, 0.25] {
             let skin = HalfSpace::new(0.236, poisson);
             let radius = skin.contact_radius(6.0, 0.8);

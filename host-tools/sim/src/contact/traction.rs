@@ -1,30 +1,33 @@
-//! Tractions as point loads: a [`Rule`] spreads them over a unit shape, a [`Patch`] puts it on the skin.
+//! Tractions as point loads: a [`Rule`] spreads them over a unit shape, a [`Patch`] puts it on the
+//! skin.
 //!
-//! Every rule takes the singularities of its traction away, by a change of variable or into its weight, and
-//! is of Gauss's kind, so that it converges faster than any power of the number of points; its shares sum to
-//! one, so that a patch carries its force exactly whatever the number of points.
+//! Every rule is of Gauss's kind. A change of variable or the weight removes the singularities of
+//! its traction, so that it converges faster than any power of the number of points. Its shares sum
+//! to one, so that a patch carries its force exactly with any number of points.
 
 use core::f64::consts::{PI, TAU};
 
 use super::gauss::{arcosh, legendre};
 
-/// How a traction spreads over the unit disc, with r the distance from its centre.
+/// Distribution of a traction over the unit disc, with r the distance from its centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Round {
-    /// √(1 − r²): Hertz's sphere, normal and sliding (Johnson §4.2, §7.1); stretched to an ellipse,
-    /// crossed cylinders ([TactileEnc] eq. (4)).
+    /// √(1 − r²): Hertz's sphere, normal and sliding (Johnson §4.2, §7.1). Stretched to an ellipse
+    /// it is for crossed cylinders ([TactileEnc] eq. (4)).
     Hertz,
-    /// 1/√(1 − r²): the flat circular punch (Johnson §3.8), and the shear of a contact that sticks all
-    /// over, Q/(2πa)·(a² − r²)^−½. [TactileEnc] eq. (3) prints three times that, which would carry 3Q.
+    /// 1/√(1 − r²): the flat circular punch (Johnson §3.8).
+    ///
+    /// It is also the shear of a contact that sticks all over, Q/(2πa)·(a² − r²)^−½. [TactileEnc]
+    /// eq. (3) prints three times that, which would carry 3Q.
     Punch,
     /// arcosh(1/r): a blunt corner, taken as a cone (Johnson §5.2).
     Corner,
 }
 
-/// How a traction spreads across a strip |v| ≤ 1; along the strip it is even.
+/// Distribution of a traction across a strip |v| ≤ 1; along the strip it is uniform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Across {
-    /// All of it at v = 0.
+    /// The whole force at v = 0.
     Line,
     /// 1/√(1 − v²): the flat block ([TactileEnc]).
     Block,
@@ -43,14 +46,16 @@ pub struct Rule {
 }
 
 impl Rule {
-    /// Over the unit disc: `rings` of points, every other one turned by half a step. A ring as long as
-    /// the rim would have `spokes` points; a shorter one has as many fewer, but always a multiple of
-    /// four, so that the rule has the symmetry of the taxel matrix.
+    /// Rule over the unit disc: `rings` of points, every other ring turned by half a step.
+    ///
+    /// A ring as long as the rim would have `spokes` points. A shorter one has proportionally
+    /// fewer, but always a multiple of four, because the rule must have the symmetry of the taxel
+    /// matrix.
     #[must_use]
     pub fn round(traction: Round, rings: usize, spokes: usize) -> Self {
         let rings: Vec<(f64, f64)> = match traction {
-            // In c = √(1 − r²), dA Hertz is 3c² dc and r² = 1 − c²: an even polynomial. The odd rule's
-            // point at c = 0 has no weight.
+            // In c = √(1 − r²), dA Hertz is 3c² dc and r² = 1 − c²: an even polynomial. The odd
+            // rule's point at c = 0 has no weight.
             Round::Hertz => upper_half(2 * rings + 1)
                 .map(|(c, weight)| ((1.0 - c * c).sqrt(), 3.0 * c * c * weight))
                 .collect(),
@@ -71,7 +76,8 @@ impl Rule {
         Self::of(points.collect())
     }
 
-    /// Over the strip |u| ≤ 1, |v| ≤ 1, `along` points in u and `across` in v (a line takes one).
+    /// Rule over the strip |u| ≤ 1, |v| ≤ 1, with `along` points in u and `across` in v (one for a
+    /// line).
     #[must_use]
     pub fn strip(traction: Across, along: usize, across: usize) -> Self {
         let n = across as f64;
@@ -97,7 +103,7 @@ impl Rule {
         Self::of(points.collect())
     }
 
-    /// The whole force at the centre.
+    /// Rule of one point: the whole force at the centre.
     #[must_use]
     pub fn point() -> Self {
         Self::of(vec![([0.0; 2], 1.0)])
@@ -110,25 +116,26 @@ impl Rule {
         Self { points, second }
     }
 
-    /// Points and shares.
+    /// Points of the unit shape and their shares of the force.
     #[must_use]
     pub fn points(&self) -> &[([f64; 2], f64)] {
         &self.points
     }
 }
 
-/// A unit shape laid on the skin, and the force that it carries.
+/// Unit shape laid on the skin, and the force that it carries.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
     /// Centre in mm.
     pub centre: [f64; 2],
-    /// Where the unit shape's u = 1 lies from the centre, in mm.
+    /// Vector in mm from the centre to the unit shape's u = 1.
     pub along: [f64; 2],
-    /// Where the unit shape's v = 1 lies from the centre, in mm.
+    /// Vector in mm from the centre to the unit shape's v = 1.
     pub across: [f64; 2],
     /// Force in newtons, z into the skin.
     pub force: [f64; 3],
-    /// Moment about the normal in N mm, from x to y; its traction grows with the distance from the centre.
+    /// Moment about the normal in N mm, from x to y; its traction grows with the distance from the
+    /// centre.
     pub torsion: f64,
 }
 
@@ -139,7 +146,7 @@ impl Patch {
         Self { centre, along: [radius, 0.0], across: [0.0, radius], force, torsion: 0.0 }
     }
 
-    /// The point loads of `rule` on this patch: where in mm, how much in newtons.
+    /// Point loads of `rule` on this patch: position in mm and force in newtons.
     pub fn loads<'a>(&'a self, rule: &'a Rule) -> impl Iterator<Item = ([f64; 2], [f64; 3])> + 'a {
         let ([cx, cy], [ux, uy], [vx, vy]) = (self.centre, self.along, self.across);
         let [along, across] = rule.second;
@@ -154,8 +161,10 @@ impl Patch {
         })
     }
 
-    /// Superposition at `at` (mm): the sum of `field(force, from the load to at)` over the point loads,
-    /// for example [`HalfSpace::stress`](super::HalfSpace::stress).
+    /// Superposed field at `at` (mm): the sum of `field(force, from the load to at)` over the point
+    /// loads.
+    ///
+    /// An example of a field is [`HalfSpace::stress`](super::HalfSpace::stress).
     #[must_use]
     pub fn superpose(
         &self,
@@ -168,7 +177,7 @@ impl Patch {
     }
 }
 
-/// The positive half of a Gauss–Legendre rule.
+/// Positive half of a Gauss–Legendre rule.
 fn upper_half(n: usize) -> impl Iterator<Item = (f64, f64)> {
     legendre(n).into_iter().filter(|(c, _)| *c > 1e-12)
 }
@@ -194,7 +203,8 @@ mod tests {
 
     #[test]
     fn every_traction_carries_its_normal_and_tangential_force_and_no_more() {
-        // Of the sphere's shear in particular Q, not the 3Q of [TactileEnc] eq. (3).
+        // The sphere's shear in particular must sum to Q, and not to the 3Q of [TactileEnc] eq.
+        // (3).
         let patch = Patch::disc([0.3, -0.2], 1.4, [0.4, -0.1, 1.2]);
         for rule in rules() {
             let sum = patch
@@ -267,7 +277,8 @@ mod tests {
 
     #[test]
     fn long_strips_agree_with_plane_strain() {
-        // A strip a hundred times as long as it is deep, seen in its middle; the ends miss (z/l)² of it.
+        // A strip a hundred times as long as it is deep, at its middle; the missing ends are (z/l)²
+        // of it.
         const LONG: f64 = 100.0;
         let skin = skin();
         let a = 0.8;
@@ -296,7 +307,8 @@ mod tests {
 
     #[test]
     fn a_cone_is_punches_of_all_radii_up_to_its_own() {
-        // arcosh(a/r) = ∫ dt/√(t² − r²) from r to a: a punch of radius t carries 2t dt/a² of the force.
+        // arcosh(a/r) = ∫ dt/√(t² − r²) from r to a: a punch of radius t carries 2t dt/a² of the
+        // force.
         let skin = skin();
         let (slope, normal) = (0.3, 0.7);
         let a = skin.corner_radius(slope, normal);

@@ -11,11 +11,11 @@ use crate::contact::HalfSpace;
 use crate::load::MOST_CONTACTS;
 use crate::ranges::{self, Whole};
 
-/// `[[press]]`: normal force first, shear and torsion while it is held, then release.
+/// `[[press]]`: normal force first, shear and torsion during the hold, then release.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Press {
-    /// Beginning in seconds.
+    /// Start in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     pub at_s: f64,
     /// Contact point in mm.
@@ -51,13 +51,13 @@ pub struct Press {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Slide {
-    /// Beginning in seconds.
+    /// Start in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     pub at_s: f64,
-    /// Where it comes down, in mm.
+    /// Contact point at touch-down in mm.
     #[serde(deserialize_with = "ranges::point_on_pad")]
     pub from_mm: [f64; 2],
-    /// Where it leaves, in mm.
+    /// Contact point at release in mm.
     #[serde(deserialize_with = "ranges::point_on_pad")]
     pub to_mm: [f64; 2],
     /// Normal force in newtons.
@@ -66,14 +66,16 @@ pub struct Slide {
     /// Time to full normal force in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub rise_s: f64,
-    /// Time of being dragged in seconds: a tenth until it breaks loose, a tenth while it is eased; with
-    /// a spring, the time in which the stage goes from `from_mm` to `to_mm`.
+    /// Duration of the drag in seconds.
+    ///
+    /// The contact sticks for a tenth of it at the beginning and at the end. With a spring it is
+    /// the time in which the stage goes from `from_mm` to `to_mm`.
     #[serde(deserialize_with = "ranges::seconds")]
     pub travel_s: f64,
     /// Time of release in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub fall_s: f64,
-    /// What the indenter hangs on: present, it sticks and slips.
+    /// Spring between stage and indenter; with it the indenter sticks and slips.
     pub spring: Option<Spring>,
 }
 
@@ -81,10 +83,10 @@ pub struct Slide {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spring {
-    /// Its stiffness in N/mm.
+    /// Stiffness of the spring in N/mm.
     #[serde(deserialize_with = "ranges::stiffness")]
     pub stiffness_n_mm: f64,
-    /// The mass that it drags, in grams.
+    /// Mass that the spring drags, in grams.
     #[serde(deserialize_with = "ranges::mass")]
     pub mass_g: f64,
 }
@@ -93,7 +95,7 @@ pub struct Spring {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tap {
-    /// Beginning in seconds.
+    /// Start in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     pub at_s: f64,
     /// Contact point in mm.
@@ -105,7 +107,7 @@ pub struct Tap {
     /// Peak of the normal force in newtons.
     #[serde(deserialize_with = "ranges::normal")]
     pub fz_n: f64,
-    /// How long it touches, in seconds.
+    /// Duration of the contact in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub width_s: f64,
 }
@@ -114,13 +116,13 @@ pub struct Tap {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Roll {
-    /// Beginning in seconds.
+    /// Start in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     pub at_s: f64,
-    /// Where it comes down, in mm.
+    /// Contact point at touch-down in mm.
     #[serde(deserialize_with = "ranges::point_on_pad")]
     pub from_mm: [f64; 2],
-    /// Where it leaves, in mm.
+    /// Contact point at release in mm.
     #[serde(deserialize_with = "ranges::point_on_pad")]
     pub to_mm: [f64; 2],
     /// Normal force in newtons.
@@ -129,7 +131,7 @@ pub struct Roll {
     /// Time to full normal force in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub rise_s: f64,
-    /// Time of rolling in seconds.
+    /// Duration of the rolling in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub travel_s: f64,
     /// Time of release in seconds.
@@ -137,16 +139,16 @@ pub struct Roll {
     pub fall_s: f64,
 }
 
-/// `[[random]]`: presses drawn from ranges, new ones for every seed of a run.
+/// `[[random]]`: presses drawn from ranges, different ones for every seed of a run.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Random {
-    /// Beginning in seconds.
+    /// Start in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     pub at_s: f64,
-    /// How many.
+    /// Number of presses.
     pub presses: Whole<1, 1_000_000>,
-    /// Time of each in seconds, pause included.
+    /// Duration of each press in seconds, pause included.
     #[serde(deserialize_with = "ranges::seconds")]
     pub each_s: f64,
     /// Lowest and highest x of the contact point in mm.
@@ -158,15 +160,16 @@ pub struct Random {
     /// Lowest and highest of the peak normal force in newtons.
     #[serde(deserialize_with = "ranges::span_of_normals")]
     pub fz_n: [f64; 2],
-    /// Lowest and highest peak of shear as a share of what friction holds; its direction turns.
+    /// Lowest and highest peak of shear as a share of the friction limit; its direction turns.
     #[serde(default, deserialize_with = "ranges::span_of_shares")]
     pub shear_of_limit: [f64; 2],
-    /// Longest way the contact point rolls during a press, in mm, within the ranges of x and y.
+    /// Longest distance that the contact point rolls during a press, in mm, within the ranges of x
+    /// and y.
     #[serde(default, deserialize_with = "ranges::roll")]
     pub roll_mm: f64,
 }
 
-/// What happens, in any of these tables.
+/// Act of a scene: one of the tables that make contact.
 #[derive(Clone, Copy, Debug)]
 pub enum Act {
     /// A `[[press]]`.
@@ -177,7 +180,7 @@ pub enum Act {
     Tap(Tap),
     /// A `[[roll]]`.
     Roll(Roll),
-    /// A `[[random]]`, and which of them.
+    /// A `[[random]]` and its index among those of the scene.
     Random(u8, Random),
     /// A `[[grid]]`.
     Grid(Grid),
@@ -186,7 +189,7 @@ pub enum Act {
 }
 
 impl Act {
-    /// All acts of a scene with their places in its text, the first to begin first.
+    /// Acts of a scene with their positions in its text, in order of their beginning.
     pub(super) fn all(scene: &Scene) -> Vec<(Range<usize>, Self)> {
         fn of<T: Copy>(
             table: &[Spanned<T>],
@@ -208,7 +211,7 @@ impl Act {
         acts
     }
 
-    /// When it begins, in seconds of the scene.
+    /// Start in seconds of the scene.
     #[must_use]
     pub fn at_s(&self) -> f64 {
         match self {
@@ -222,7 +225,7 @@ impl Act {
         }
     }
 
-    /// When it is over, in seconds of the scene.
+    /// End in seconds of the scene.
     #[must_use]
     pub fn end_s(&self) -> f64 {
         self.at_s()
@@ -237,7 +240,8 @@ impl Act {
             }
     }
 
-    /// Seconds of a contact, the share of them in which it touches, and the keys that say so.
+    /// Duration of one contact in seconds, the share of it with contact, and advice that names the
+    /// keys.
     fn touching(&self) -> (f64, f64, &'static str) {
         const PRESSED: &str = "make `rise_s`, `hold_s` and `fall_s` together";
         const MOVED: &str = "make `rise_s`, `travel_s` and `fall_s` together";
@@ -247,13 +251,13 @@ impl Act {
                 (self.end_s() - self.at_s(), 1.0, MOVED)
             }
             Self::Tap(tap) => (tap.width_s, 1.0, "make `width_s`"),
-            // They rest for a tenth at both ends.
+            // Both kinds rest for a tenth at both ends.
             Self::Random(_, random) => (random.each_s, 0.8, "make `each_s`"),
             Self::Grid(grid) => (grid.each_s, 0.8, "make `each_s`"),
         }
     }
 
-    /// Its greatest normal force in newtons, and the way of its contact point in mm.
+    /// Largest normal force in newtons, and both ends of the contact point's path in mm.
     pub(super) fn reach(&self) -> (f64, [[f64; 2]; 2]) {
         match self {
             Self::Press(press) => (press.fz_n, [[press.x_mm, press.y_mm]; 2]),
@@ -273,11 +277,13 @@ impl Act {
     }
 }
 
-/// All acts end with the scene, and those that overlap in time are few and apart.
+/// Checks that all acts end with the scene, and that acts that overlap in time are few and far
+/// enough apart.
 pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     // Sums of decimal fractions are a few units in the last place off.
     const SLACK: f64 = 1e-9;
-    // Periods of the scan: within one, both scans may fall on the ends, where nothing presses.
+    // Shortest contact in scan periods. Within one period both scans may fall on the ends, where
+    // nothing presses.
     const SCANS: f64 = 2.0;
     let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
     let indenter = scene.indenter();
@@ -337,12 +343,12 @@ pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     Ok(())
 }
 
-/// A sum of decimal fractions, without what rounding left in its last places.
+/// Rounds a sum of decimal fractions to microseconds, because the last places hold rounding errors.
 fn seconds(sum: f64) -> f64 {
     (sum * 1e6).round() / 1e6
 }
 
-/// Least distance between two straight ways.
+/// Smallest distance between two straight paths.
 fn distance(one: [[f64; 2]; 2], other: [[f64; 2]; 2]) -> f64 {
     let ([a, b], [c, d]) = (one, other);
     let side = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
@@ -351,7 +357,7 @@ fn distance(one: [[f64; 2]; 2], other: [[f64; 2]; 2]) -> f64 {
     if side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0 {
         return 0.0;
     }
-    // Ways that do not cross are nearest at an end of one of them.
+    // Paths that do not cross are closest at an end of one of them.
     let from = |p: [f64; 2], [q, r]: [[f64; 2]; 2]| {
         let [along_x, along_y] = [r[0] - q[0], r[1] - q[1]];
         let square = along_x * along_x + along_y * along_y;

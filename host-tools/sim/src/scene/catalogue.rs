@@ -1,4 +1,4 @@
-//! Scenes that come with the simulator.
+//! Built-in scenes.
 
 /// Pairs each file of `scenes/` with its name.
 macro_rules! scenes {
@@ -56,7 +56,8 @@ const OWN: &[(&str, &str)] = scenes! {
     "array-roll"
 };
 
-/// Returns the scenes that come with the simulator, by name: the finger's and those of other papers' sensors.
+/// Returns the scenes that come with the simulator, by name: the finger's and those of other
+/// papers' sensors.
 pub fn built_in() -> impl Iterator<Item = (&'static str, &'static str)> {
     OWN.iter().copied().chain(taxel_papers::SCENES)
 }

@@ -1,4 +1,4 @@
-//! What no single value of a scene can show.
+//! Checks of a scene that need several of its values.
 
 use toml::Spanned;
 
@@ -7,7 +7,7 @@ use super::{Effect, Fidelity, Kind, Layer, Scene, acts, device, limits, trials};
 use crate::contact::layer;
 
 impl Scene {
-    /// Its values go together, and with its device.
+    /// Checks that the values fit together and fit the device.
     pub(super) fn check(&self) -> Result<(), Problem> {
         self.check_scan()?;
         self.check_bench()?;
@@ -33,7 +33,7 @@ impl Scene {
         limits::check(self)
     }
 
-    /// The steps of a frame fit into it, and the conversions of a reading into its step.
+    /// Checks that the steps fit into a frame, and the conversions of a reading into a step.
     fn check_scan(&self) -> Result<(), Problem> {
         let (rate, step) = (self.rate_hz(), self.scan.step_us());
         let period = 1_000_000 / rate;
@@ -79,7 +79,7 @@ impl Scene {
         ))
     }
 
-    /// The framed layer has its limits.
+    /// Checks the ranges for which the framed layer holds.
     fn check_walls(&self) -> Result<(), Problem> {
         let listed = self.effects.iter().find(|effect| *effect.get_ref() == Effect::Walls);
         let named = self.fidelity.as_ref().filter(|f| *f.get_ref() == Fidelity::Layer);

@@ -1,4 +1,4 @@
-//! The table of a scene that says which finger it is.
+//! Table `[device]` of a scene: the kind and the individual device.
 
 use serde::{Deserialize, Deserializer};
 use taxel::scan::{COLS, ROWS, SENSORS, TAXEL_CENTRES, TAXELS};
@@ -14,21 +14,22 @@ use crate::surface::Surface;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Device {
-    /// Which of the papers' systems.
+    /// System of the papers.
     pub kind: Kind,
-    /// Which individual: its gains, offsets and mismatches follow from this number.
+    /// Seed of the individual device: sets its gains, offsets and mismatches.
     pub seed: u64,
     /// Resolution of the codes.
     pub bits: Bits,
-    /// The optical matrix that the kind has is there.
+    /// Whether the optical matrix of this kind is fitted.
     taxels: bool,
-    /// Of the force sensors that the kind has, those that are there.
+    /// Which of this kind's force sensors are fitted.
     bridges: [bool; SENSORS],
-    /// What covers the force sensors; with the effect `response`.
+    /// Coating of the force sensors; with the effect `response`.
     pub coating: Coating,
-    /// What the fingertip of a `mems-array` is like.
+    /// Surface of the fingertip on a `mems-array`.
     pub surface: Surface,
-    /// Pairs assembled so near to their facets that they work on the wrong side of their light curve.
+    /// Pairs assembled too near to their facets, so that they work on the wrong side of their light
+    /// curve.
     pub wrong_side: Vec<Taxel>,
 }
 
@@ -48,7 +49,7 @@ impl Default for Device {
 }
 
 impl Device {
-    /// Rows of phototransistors that have light to see.
+    /// Number of rows with phototransistors that see light.
     #[must_use]
     pub fn rows(&self) -> usize {
         match self.kind {
@@ -62,7 +63,7 @@ impl Device {
         }
     }
 
-    /// Which force sensors are there.
+    /// Which force sensors exist.
     #[must_use]
     pub fn sensors(&self) -> [bool; SENSORS] {
         let of_kind = match self.kind {
@@ -77,7 +78,7 @@ impl Device {
         there
     }
 
-    /// Places of the facets in mm, in the order of their taxels.
+    /// Centres of the facets in mm, in the order of their taxels.
     #[must_use]
     pub fn facets(&self) -> Vec<[f64; 2]> {
         match self.kind {
@@ -87,7 +88,7 @@ impl Device {
     }
 }
 
-/// The systems of the papers; [`crate::systems`].
+/// Kind of device: one of the papers' systems; see [`crate::systems`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub enum Kind {
     /// The finger of this project: 4×4 taxels, four force sensors under its plate.
@@ -102,20 +103,20 @@ pub enum Kind {
     /// Four force sensors under a plate that carries a fingertip.
     #[serde(rename = "mems-array")]
     MemsArray,
-    /// The matrix looks at one conical feeler.
+    /// Matrix above one conical feeler.
     #[serde(rename = "ohka-micro")]
     OhkaMicro,
-    /// The matrix looks at one after the other of 10×12 feelers.
+    /// Matrix above 10×12 feelers, which it reads one after the other.
     #[serde(rename = "ohka-sheet")]
     OhkaSheet,
-    /// The matrix looks at the cones of four columns.
+    /// Matrix above the cones of four columns.
     #[serde(rename = "ohka-column")]
     OhkaColumn,
 }
 
 impl Kind {
-    /// The most normal force in newtons that its laws hold for, on one contact; `None` where there is no
-    /// such limit.
+    /// Largest normal force in newtons on one contact for which the laws hold; `None` without such
+    /// a limit.
     #[must_use]
     pub fn most_n(self) -> Option<f64> {
         match self {
@@ -129,7 +130,7 @@ impl Kind {
         }
     }
 
-    /// What it lacks for the effect to act on.
+    /// Names the part that `effect` needs and this kind lacks.
     fn lacks(self, effect: Effect) -> Option<&'static str> {
         let facets = matches!(self, Self::Taxel4x4 | Self::Taxel4x1);
         let light = facets || matches!(self, Self::OhkaMicro | Self::OhkaSheet | Self::OhkaColumn);
@@ -154,7 +155,7 @@ impl Kind {
     }
 }
 
-/// What the scene lists has something to act on.
+/// Checks that everything the scene lists has a part of the device to act on.
 pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     for listed in &scene.effects {
         let effect = *listed.get_ref();
@@ -184,13 +185,13 @@ impl<'de> Deserialize<'de> for Bits {
     }
 }
 
-/// A taxel by its row and column, `r0c0` to `r3c3`.
+/// Taxel by its row and column, `r0c0` to `r3c3`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub struct Taxel(usize);
 
 impl Taxel {
-    /// Its number in row-major order.
+    /// Index in row-major order.
     #[must_use]
     pub fn index(self) -> usize {
         self.0

@@ -1,4 +1,4 @@
-//! The table of a scene that breaks something.
+//! Table `[[fault]]` of a scene: something that breaks.
 
 use std::ops::Range;
 
@@ -14,18 +14,18 @@ use crate::ranges::{self, Given};
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
-    /// When it comes, in seconds.
+    /// Start in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     at_s: f64,
-    /// When it goes; without it, it stays.
+    /// End in seconds; without it the fault stays.
     until_s: Option<Spanned<Given>>,
-    /// What is the matter.
+    /// Kind of fault.
     kind: Spanned<Kind>,
-    /// Where: `r1c2` a taxel, `c2` a column, `s0_a` a midpoint, `s0_r3` a resistor, `vref`.
+    /// Channel: `r1c2` a taxel, `c2` a column, `s0_a` a midpoint, `s0_r3` a resistor, `vref`.
     channel: Option<Spanned<String>>,
     /// The other column of `swapped-columns`.
     with: Option<Spanned<String>>,
-    /// What a `supply-dip` leaves of the supply.
+    /// Share of the supply that remains during a `supply-dip`.
     ratio: Option<Spanned<Given>>,
 }
 
@@ -43,7 +43,7 @@ enum Kind {
     SwappedColumns,
 }
 
-/// A place where something can break.
+/// Place of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// A taxel: its phototransistor, or its reading.
@@ -56,19 +56,20 @@ pub enum Place {
     Reference,
 }
 
-/// What is broken, and how.
+/// Fault of the device, with its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Broken {
     /// The LED of a taxel gives no light.
     Led(usize),
-    /// A phototransistor is cut off; or a wire carries nothing: a column's load pulls it down, the
-    /// input of a midpoint floats.
+    /// A phototransistor or a wire is open.
+    ///
+    /// An open column is pulled down by its load; the input of an open midpoint floats.
     Open(Place),
     /// A wire touches ground.
     Shorted(Place),
     /// An input is at the top of its range.
     Saturated(Place),
-    /// A reading does not change any more.
+    /// A reading no longer changes.
     Stuck(Place),
     /// A resistor of a sensor, R1 to R8 as 0 to 7, conducts nothing.
     Arm(usize, usize),
@@ -79,13 +80,13 @@ pub enum Broken {
 }
 
 impl Fault {
-    /// What a dip may leave; with less, nothing runs that could read.
+    /// Range of `ratio`: with less supply, nothing runs that could read.
     const DIP: [f64; 2] = [0.3, 1.0];
 
-    /// From when to when in seconds.
+    /// Time range in seconds.
     ///
     /// # Errors
-    /// It ends before it begins.
+    /// The fault ends before it begins.
     pub(super) fn times(&self) -> Result<Range<f64>, Problem> {
         let Some(given) = &self.until_s else { return Ok(self.at_s..f64::INFINITY) };
         let until = given.get_ref().within(0.0, 86_400.0).map_err(|e| (given.span(), e))?;
@@ -99,10 +100,11 @@ impl Fault {
         Err((given.span(), problem))
     }
 
-    /// What it breaks in this finger.
+    /// Fault of this device that the table describes.
     ///
     /// # Errors
-    /// A key is missing or too many, or it names what this kind of fault or this finger has not.
+    /// A key is missing or does not belong to this kind, or a key names a part that this kind or
+    /// this device does not have.
     pub(super) fn broken(&self, device: &Device) -> Result<Broken, Problem> {
         let kind = *self.kind.get_ref();
         self.only_keys_of(kind)?;
@@ -133,7 +135,7 @@ impl Fault {
         }
     }
 
-    /// A key that does nothing is a mistake.
+    /// Rejects keys that have no effect for this kind.
     fn only_keys_of(&self, kind: Kind) -> Result<(), Problem> {
         let (channel, with, ratio) = match kind {
             Kind::SupplyDip => (false, false, true),
@@ -162,7 +164,7 @@ impl Fault {
         (self.kind.span(), format!("this kind of fault needs `{key}`; allowed are {allowed}"))
     }
 
-    /// The place that a key names.
+    /// Looks up the place that a key names.
     fn named<T>(
         &self,
         key: &str,
@@ -209,7 +211,7 @@ fn columns(device: &Device) -> impl Iterator<Item = (String, usize)> {
     (0..there).map(|c| (format!("c{c}"), c))
 }
 
-/// Something of each force sensor that is there, by the sensor's number and its own.
+/// Names of one part of each existing force sensor, with the indices of the sensor and of the part.
 fn of_sensors<const N: usize>(
     device: &Device,
     names: [&'static str; N],

@@ -1,8 +1,8 @@
-//! Key of a scene that says how finely contact is computed.
+//! Key `fidelity` of a scene: how finely contact is computed.
 
 use serde::Deserialize;
 
-/// `fidelity` of a scene.
+/// Value of `fidelity`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Fidelity {

@@ -1,4 +1,4 @@
-//! The table of a scene that says what touches the finger.
+//! Table `[indenter]` of a scene: the indenter that touches the finger.
 
 use serde::Deserialize;
 use toml::Spanned;
@@ -32,12 +32,12 @@ enum Kind {
     Edge,
 }
 
-/// A key, its default and what it may be.
+/// Key, its default and its range.
 type Allowed = (&'static str, f64, [f64; 2]);
 
 const LENGTH: Allowed = ("length_mm", 8.0, [0.5, 10.0]);
 const TURN: Allowed = ("turn_deg", 0.0, [-180.0, 180.0]);
-/// Johnson's cone and wedge are blunt: their slopes are small.
+/// Slope of a corner or an edge: Johnson's cone and wedge are blunt, with small slopes.
 const SLOPE: Allowed = ("slope", 0.5, [0.05, 1.0]);
 
 impl Kind {
@@ -55,10 +55,10 @@ impl Kind {
 }
 
 impl Table {
-    /// The indenter, its keys checked.
+    /// Checks the keys and returns the indenter.
     ///
     /// # Errors
-    /// A key that the kind does not have, or a value out of its range.
+    /// A key does not belong to the kind, or a value is out of its range.
     pub(super) fn indenter(&self) -> Result<Indenter, Problem> {
         let given = [
             ("radius_mm", &self.radius_mm),

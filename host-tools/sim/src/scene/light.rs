@@ -1,35 +1,37 @@
-//! The table of a scene that says what light the room has.
+//! Table `[light]` of a scene: the light of the room.
 
 use serde::Deserialize;
 
 use crate::ranges;
 
-/// `[light]`, as fractions of the converter's range at each column on a load of 1 kΩ amplified
-/// sixteenfold.
+/// `[light]`, as fractions of the converter's range at each column.
+///
+/// They hold on a load of 1 kΩ amplified sixteenfold.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Light {
     /// Steady part; with the effect `ambient`.
     #[serde(deserialize_with = "ranges::ratio")]
     pub ambient_ratio: f64,
-    /// Light of the lamps: its mean, and the amplitude of its swing about it; with the effect `flicker`.
+    /// Light of the lamps: its mean, and the amplitude of its swing about the mean; with the effect
+    /// `flicker`.
     #[serde(deserialize_with = "ranges::ratio")]
     pub flicker_ratio: f64,
-    /// Frequency of the swing: twice the mains'.
+    /// Frequency of the lamps in hertz: twice the mains frequency.
     #[serde(deserialize_with = "ranges::lamps")]
     pub flicker_hz: f64,
-    /// What the sun adds; with the effect `sun`.
+    /// Light of the sun; with the effect `sun`.
     #[serde(deserialize_with = "ranges::ratio")]
     pub sun_ratio: f64,
-    /// When the sun comes out, in seconds.
+    /// Time at which the sun comes out, in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     pub sun_at_s: f64,
 }
 
 impl Default for Light {
     fn default() -> Self {
-        // The black rubber lets little in; what comes through its rim swings by a tenth. The sun is ten
-        // times as bright as a room and heavy in the infrared.
+        // The black rubber lets little light in, and the light through its rim swings by a tenth.
+        // The sun is ten times as bright as a room, with much infrared.
         Self {
             ambient_ratio: 0.02,
             flicker_ratio: 0.002,

@@ -1,26 +1,33 @@
-//! How far the laws of contact hold for a scene's skin.
+//! Limits within which the laws of contact hold for a scene's skin.
 
 use super::read::Problem;
 use super::{Act, Kind, Scene, softness};
 use crate::contact::HalfSpace;
 use crate::ranges::PAD_MM;
 
-/// The widest facet over its depth that the mean over it is still converged for.
+/// Largest ratio of facet side to depth at which the mean over the facet still converges.
 const WIDEST: f64 = 4.0;
-/// The widest contact of a sphere or cylinder over its radius. Hertz takes them for paraboloids, which they are
-/// for a ≪ R (Johnson §4.1); here that makes a sphere's contact 7.4 % too wide (against Sneddon 1965, tested).
+/// Largest contact of a sphere or cylinder over its radius.
+///
+/// Hertz takes both for paraboloids, which holds for a ≪ R (Johnson §4.1). At this limit a sphere's
+/// contact is 7.4 % too wide (against Sneddon 1965, tested).
 const WIDEST_OF_RADIUS: f64 = 0.7;
-/// The deepest indentation over the skin's thickness: the skin between surface and facets is then a fifth shorter
-/// (tested), as far as its Mooney–Rivlin law ([DeMaria2011]) is known here against the linear one.
+/// Largest indentation over the skin's thickness.
+///
+/// The skin between surface and facets is then a fifth shorter (tested). The comparison of its
+/// Mooney–Rivlin law ([DeMaria2011]) with the linear law reaches no further.
 const DEEPEST: f64 = 0.7;
-/// How far beyond the rim of the pad an area of contact may go in mm: as 2 N, the working range of [DeMaria2011], on
-/// a
-/// sphere of 6 mm do at the rim. There the model's skin goes on and a real one ends. A layer with walls repeats,
-/// with at least 10 mm between.
+/// Largest distance in mm by which a contact area may reach beyond the rim of the pad.
+///
+/// It is the reach of 2 N, the working range of [DeMaria2011], on a sphere of 6 mm at the rim.
+/// There the model's skin goes on and a real one ends. A layer with walls repeats, with at least 10
+/// mm between.
 const OVERHANG_MM: f64 = 3.0;
 
-/// No act pushes its indenter through the skin, round a sphere or off the pad, and no facet is wide for its
-/// depth.
+/// Checks that no act exceeds the contact model, and that no facet is too wide for its depth.
+///
+/// An act must not push its indenter through the skin, wrap the skin around a round indenter, or
+/// reach off the pad.
 pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     let kind = scene.device.kind;
     let facets = matches!(kind, Kind::Taxel4x4 | Kind::Taxel4x1);
@@ -28,7 +35,7 @@ pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
         return Ok(());
     }
     let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
-    // A colder skin is softer, as if the forces were larger.
+    // A colder skin is softer, which is the same as larger forces.
     let softest = scene.temperature().map_or(1.0, |t| softness(t.start_c.min(t.end_c)));
     for (span, act) in Act::all(scene) {
         let pressed = Pressed { scene, skin, softest, act };
@@ -39,7 +46,7 @@ pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     Ok(())
 }
 
-/// An act on the skin at its softest.
+/// Act on the skin at its softest.
 struct Pressed<'a> {
     scene: &'a Scene,
     skin: HalfSpace,
@@ -76,7 +83,7 @@ impl Pressed<'_> {
 
     fn deep(&self) -> Result<(), String> {
         let depth = self.scene.layer.depth_mm;
-        // A tip has no size to sink with: what it does where the facets are.
+        // A tip has no size, so that its displacement at the depth of the facets counts.
         let indentation = |normal: f64| {
             let normal = self.softest * normal;
             let tip = || self.skin.displacement([0.0, 0.0, normal], [0.0, 0.0, depth]);
@@ -116,8 +123,10 @@ impl Pressed<'_> {
         self.scene.indenter().half_extents(&self.skin, self.softest * normal)
     }
 
-    /// The largest force in whole millinewtons, up to the act's, that is `allowed` as every smaller one is: its
-    /// key and what it may be.
+    /// Describes the largest force for which it and every smaller one is `allowed`: its key and its
+    /// range.
+    ///
+    /// The force is in whole millinewtons, up to the act's.
     fn largest(&self, allowed: impl Fn(f64) -> bool) -> String {
         let (mut low, mut high) = (0.0, self.act.reach().0);
         for _ in 0..40 {
@@ -137,8 +146,8 @@ mod tests {
 
     #[test]
     fn at_the_limit_a_paraboloid_is_nearly_the_sphere_that_it_stands_for() {
-        // Sneddon 1965 for a sphere proper, over E*R²: P = ½(1 + t²) ln((1 + t)/(1 − t)) − t, t = a/R; its
-        // approach over R is ½t ln((1 + t)/(1 − t)). Hertz: P = 4t³/3 and t².
+        // Sneddon 1965 for a true sphere, over E*R²: P = ½(1 + t²) ln((1 + t)/(1 − t)) − t, t =
+        // a/R. Its approach over R is ½t ln((1 + t)/(1 − t)). Hertz: P = 4t³/3 and t².
         let hertz = WIDEST_OF_RADIUS;
         let log = |t: f64| ((1.0 + t) / (1.0 - t)).ln();
         let force = |t: f64| 0.5 * (1.0 + t * t) * log(t) - t;
@@ -156,7 +165,7 @@ mod tests {
     fn at_the_deepest_the_skin_above_a_facet_is_a_fifth_shorter() {
         let (skin, depth) = (HalfSpace::new(0.236, 0.5), 2.5);
         let (ball, sunk) = (Indenter::Sphere { radius: 6.0 }, DEEPEST * depth);
-        // δ goes as the 2/3 power of the force.
+        // δ grows as the 2/3 power of the force.
         let normal = (sunk / ball.indentation(&skin, 1.0).unwrap()).powf(1.5);
         let radius = skin.contact_radius(6.0, normal);
         let below = Hertz { radius, normal }.displacement(&skin, 0.0, depth);

@@ -1,5 +1,6 @@
-//! From a text to a scene, or to what is wrong with it: one line that names the place, what is there, what
-//! is allowed and how to mend it.
+//! Reads a scene from its text, or reports what is wrong with it.
+//!
+//! A message is one line: the place, what is there, what is allowed and how to mend it.
 
 use std::ops::Range;
 use std::path::Path;
@@ -9,12 +10,12 @@ use toml::de::{DeTable, DeValue};
 
 use super::{Scene, built_in};
 
-/// Where in the text, and what is wrong there.
+/// Byte range in the text, and the message about it.
 pub(super) type Problem = (Range<usize>, String);
 
-/// Tables that a scene may have several of.
+/// Tables that may occur several times in a scene.
 const SEVERAL: [&str; 8] = ["press", "slide", "tap", "roll", "random", "grid", "plate", "fault"];
-/// Tables that a scene has once.
+/// Tables that may occur once in a scene.
 const ONCE: [&str; 10] = [
     "scan",
     "device",
@@ -29,10 +30,10 @@ const ONCE: [&str; 10] = [
 ];
 
 impl Scene {
-    /// A built-in scene by its name, or a file by its path.
+    /// Loads a built-in scene by its name, or a file by its path.
     ///
     /// # Errors
-    /// What is wrong with it, in one line.
+    /// The scene does not exist or is not valid; the message is one line.
     pub fn load(name_or_path: &str) -> Result<Self, FileError> {
         if let Some((name, text)) = built_in().find(|(name, _)| *name == name_or_path) {
             return Self::parse(format!("{name}.toml"), text);
@@ -49,10 +50,10 @@ impl Scene {
         Self::parse(name_or_path, &text)
     }
 
-    /// A scene from its text; `path` is for errors.
+    /// Parses a scene from its text; `path` is for error messages.
     ///
     /// # Errors
-    /// What is wrong with it, in one line.
+    /// The scene is not valid; the message is one line.
     pub fn parse(path: impl AsRef<Path>, text: &str) -> Result<Self, FileError> {
         let error = |at: Range<usize>, problem: String| {
             FileError::new(&path, problem).line(line_of(text, at.start))
@@ -84,12 +85,12 @@ impl Scene {
     }
 }
 
-/// Counted from 1.
+/// Line number of byte `at`, counted from 1.
 fn line_of(text: &str, at: usize) -> u64 {
     1 + text.get(..at).unwrap_or(text).matches('\n').count() as u64
 }
 
-/// One table where there is one, a list of them where there may be several.
+/// Checks that a table occurs once, or as a list where several are allowed.
 fn tables(document: &DeTable<'_>) -> Result<(), Problem> {
     for (key, value) in document {
         let name = key.get_ref().as_ref();
@@ -109,7 +110,7 @@ fn tables(document: &DeTable<'_>) -> Result<(), Problem> {
     Ok(())
 }
 
-/// The key whose value holds byte `at`, or the header of the table there.
+/// Finds the key whose value holds byte `at`, or the header of the table there.
 fn key_at(text: &str, document: &DeTable<'_>, at: usize) -> Option<String> {
     fn within(table: &DeTable<'_>, at: usize) -> Option<String> {
         table.iter().find_map(|(key, value)| {
@@ -137,7 +138,8 @@ fn key_at(text: &str, document: &DeTable<'_>, at: usize) -> Option<String> {
     })
 }
 
-/// The library names the words that a key may have only to one who wrote a word.
+/// Asks the TOML library for the words that a key may have; it names them only if the value is a
+/// word.
 fn words_allowed(text: &str, at: Range<usize>, error: &toml::de::Error) -> String {
     let (before, after) = (text.get(..at.start), text.get(at.end..));
     let asked = before.zip(after).map(|(before, after)| format!("{before}'?'{after}"));
@@ -149,7 +151,8 @@ fn words_allowed(text: &str, at: Range<usize>, error: &toml::de::Error) -> Strin
     }
 }
 
-/// What the library says, in words of scenes; `None` where it says too little.
+/// Rewrites a message of the TOML library in the words of scenes; `None` if it has too little
+/// information.
 fn in_words(message: &str) -> Option<String> {
     let quoted = |text: &str| text.trim_start_matches("one of ").replace(" or ", ", ");
     if let Some((found, expected)) =

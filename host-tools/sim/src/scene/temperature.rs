@@ -1,10 +1,11 @@
-//! The table of a scene that says how warm the finger is.
+//! Table `[temperature]` of a scene: the temperature of the finger over time.
 
 use serde::Deserialize;
 
 use crate::ranges;
 
-/// Where every property has its listed value, and what an unlisted temperature is, in °C.
+/// Reference temperature in °C: every property has its listed value, and `[temperature]` left out
+/// means this.
 pub const REFERENCE_C: f64 = 25.0;
 /// 0 °C in kelvin.
 pub const ZERO_C: f64 = 273.15;
@@ -13,16 +14,16 @@ pub const ZERO_C: f64 = 273.15;
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Temperature {
-    /// At first, in °C.
+    /// First temperature in °C.
     #[serde(deserialize_with = "ranges::celsius")]
     pub start_c: f64,
-    /// In the end, in °C.
+    /// Last temperature in °C.
     #[serde(deserialize_with = "ranges::celsius")]
     pub end_c: f64,
-    /// When the ramp begins, in seconds.
+    /// Start of the ramp in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     pub from_s: f64,
-    /// How long the ramp lasts in seconds; a short one is a step.
+    /// Duration of the ramp in seconds; a short one is a step.
     #[serde(deserialize_with = "ranges::seconds")]
     pub ramp_s: f64,
 }
@@ -34,7 +35,7 @@ impl Default for Temperature {
 }
 
 impl Temperature {
-    /// At `time` seconds, in °C.
+    /// Temperature at `time` seconds, in °C.
     #[must_use]
     pub fn at(&self, time: f64) -> f64 {
         let done = ((time - self.from_s) / self.ramp_s).clamp(0.0, 1.0);
@@ -42,9 +43,10 @@ impl Temperature {
     }
 }
 
-/// Displacement at `celsius` over that at the reference temperature, under the same force.
+/// Displacement at `celsius` over the displacement at the reference temperature, under the same
+/// force.
 ///
-/// The stiffness of a rubber grows with its absolute temperature.
+/// It falls with temperature because the stiffness of a rubber grows with its absolute temperature.
 #[must_use]
 pub fn softness(celsius: f64) -> f64 {
     (REFERENCE_C + ZERO_C) / (celsius + ZERO_C)

@@ -28,7 +28,7 @@ fn built_in_scenes_are_described_and_the_fingers_are_of_one_device() {
         if scene.device.kind != Kind::Taxel4x4 {
             continue;
         }
-        // A calibration made on one must hold on another.
+        // A calibration made on one scene must hold on another.
         assert_eq!(scene.device.seed, first.device.seed, "{name}");
         assert_eq!(scene.material, first.material, "{name}");
         assert_eq!(scene.layer, first.layer, "{name}");
@@ -110,7 +110,7 @@ fn contacts_keep_apart_or_take_turns_and_end_with_the_scene() {
     refuses(&format!("{SCAN}{late}"), 4, &["[[press]]", "duration_s"]);
     let later = PRESS.replace("at_s = 1", "at_s = 2.2");
     assert!(Scene::parse("my.toml", &format!("{SCAN}{PRESS}{later}")).is_ok());
-    // A sphere of 6 mm touches 2.4 mm wide with a newton.
+    // The contact of a 6 mm sphere under a newton is 2.4 mm wide.
     let aside = |x: f64| second.replace("x_mm = 0", &format!("x_mm = {x}"));
     refuses(&format!("{SCAN}{PRESS}{}", aside(4.7)), 12, &["4.70 mm", "4.85 mm"]);
     assert!(Scene::parse("my.toml", &format!("{SCAN}{PRESS}{}", aside(4.9))).is_ok());
@@ -261,7 +261,7 @@ fn a_device_refuses_what_its_laws_do_not_hold_for() {
     refuses(&format!("{}[bench]\nsensor = 1\n", device("mems-3axis")), 7, &["no sensor 1"]);
 }
 
-/// A press of `fz_n` newtons at a place.
+/// Text of a press of `fz_n` newtons at a contact point.
 fn press(at_s: f64, [x, y]: [f64; 2], fz_n: f64) -> String {
     format!(
         "[[press]]\nat_s = {at_s}\nx_mm = {x}\ny_mm = {y}\nfz_n = {fz_n}\nrise_s = 0.1\nhold_s = 1\n\
@@ -291,7 +291,7 @@ fn no_tolerance_is_promised_that_the_layer_itself_does_not_keep() {
     refuses(&fine, 2, &["`tolerance`", "0.009", "allowed are 0.01 to 0.5"]);
     assert!(Scene::parse("my.toml", &format!("{walls}tolerance = 0.01\n{SCAN}")).is_ok());
     assert!(Scene::parse("my.toml", &format!("tolerance = 0.009\n{SCAN}")).is_ok());
-    // A rung that is named is taken, whatever it is off.
+    // A rung that the scene names is used, whatever its error.
     let named = format!("fidelity = 'converged'\n{fine}");
     assert!(Scene::parse("my.toml", &named).is_ok());
 }
@@ -324,7 +324,7 @@ fn a_contact_larger_than_the_pad_is_refused() {
             refuses(&large, line, &["[[press]]", "along x", "may reach 8 mm", "move it inwards"]);
         }
     }
-    // What counts is the area at its largest, where it is.
+    // The contact area at its largest counts, at its place.
     let cylinder = |turn: f64| format!("kind = 'cylinder'\nlength_mm = 10\nturn_deg = {turn}");
     refuses(&on("", &cylinder(0.0), [4.5, 0.0], 0.5), 8, &["9.50 mm along x"]);
     assert!(Scene::parse("my.toml", &on("", &cylinder(90.0), [4.5, 0.0], 0.5)).is_ok());
@@ -434,7 +434,7 @@ fn what_would_go_through_the_skin_is_refused_and_says_what_to_change() {
         refuses(&format!("{head}[material]\nyoung_mpa = 0.001\n{PRESS}"), 8, &words);
         assert!(Scene::parse("my.toml", &format!("{head}{PRESS}")).is_ok(), "{indenter}");
     }
-    // A cold skin is softer; on a bench there is none.
+    // A cold skin is softer; on a bench there is no skin.
     let cold = format!(
         "effects = ['temperature']\n{SCAN}[temperature]\nstart_c = -40\nend_c = 20\n{}",
         PRESS.replace("fz_n = 1", "fz_n = 2.37")

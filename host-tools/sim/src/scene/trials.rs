@@ -12,34 +12,35 @@ use crate::load::Load;
 use crate::ranges::{self, Whole};
 use crate::sheet::Sheet;
 
-/// `[[grid]]`: presses at the crossings of a grid, at each with a row of angles; [DeMaria2011]'s trials.
+/// `[[grid]]`: presses on a grid, each at a series of angles, as in [DeMaria2011]'s trials.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Grid {
-    /// Beginning in seconds.
+    /// Start in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     pub at_s: f64,
-    /// Time of each in seconds, pause included.
+    /// Duration of each press in seconds, pause included.
     #[serde(deserialize_with = "ranges::seconds")]
     pub each_s: f64,
     /// First and last x of the contact point in mm.
     #[serde(deserialize_with = "ranges::span_on_pad")]
     pub x_mm: [f64; 2],
-    /// How many places along x.
+    /// Number of contact points along x.
     pub columns: Whole<1, 1000>,
     /// First and last y of the contact point in mm.
     #[serde(deserialize_with = "ranges::span_on_pad")]
     pub y_mm: [f64; 2],
-    /// How many places along y.
+    /// Number of contact points along y.
     pub rows: Whole<1, 1000>,
     /// Magnitude of the force in newtons.
     #[serde(deserialize_with = "ranges::normal")]
     pub force_n: f64,
-    /// First and last angle of the force to the skin, in the plane of x and z: 90 is the normal, less
-    /// leans to +x.
+    /// First and last angle between force and skin in degrees, in the plane of x and z.
+    ///
+    /// 90 is the normal; a smaller angle leans to +x.
     #[serde(default = "Grid::normal", deserialize_with = "ranges::span_of_angles")]
     pub angle_deg: [f64; 2],
-    /// How many angles.
+    /// Number of angles.
     #[serde(default = "Grid::one")]
     pub angles: Whole<1, 1000>,
 }
@@ -53,37 +54,38 @@ impl Grid {
         Whole::nearest(1)
     }
 
-    /// How many presses.
+    /// Number of presses.
     #[must_use]
     pub fn presses(&self) -> u64 {
         [self.columns, self.rows, self.angles].into_iter().fold(1, |n, of| n * u64::from(of.get()))
     }
 }
 
-/// `[[plate]]`: a rigid plate on all four columns of an `ohka-column`, held by a robot at one height and
-/// attitude; [Ohka2004] §5 and §6.
+/// `[[plate]]`: a rigid plate on all four columns of an `ohka-column` ([Ohka2004] §5 and §6).
+///
+/// A robot holds the plate at one height and attitude.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plate {
-    /// Beginning in seconds.
+    /// Start in seconds.
     #[serde(deserialize_with = "ranges::moment")]
     pub at_s: f64,
-    /// Normal force in newtons that it would have, flat and before its step.
+    /// Normal force in newtons of the plate if it were flat and before its step.
     #[serde(deserialize_with = "ranges::normal")]
     pub fz_n: f64,
     /// Inclination in degrees; positive presses harder at +x.
     #[serde(default, deserialize_with = "ranges::incline")]
     pub incline_deg: f64,
-    /// Height in mm of the step that comes over the columns from +x; negative goes down.
+    /// Height in mm of the step that moves over the columns from +x; a negative step goes down.
     #[serde(default, deserialize_with = "ranges::step")]
     pub step_mm: f64,
-    /// It rubs along the columns while it travels, to −x.
+    /// Whether the plate rubs along the columns, to −x, while it travels.
     #[serde(default)]
     pub rubs: bool,
     /// Time to full force in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub rise_s: f64,
-    /// Time in which the step goes from beyond the columns at +x to beyond those at −x, in seconds.
+    /// Duration in seconds of the step's way from beyond the columns at +x to beyond those at −x.
     #[serde(deserialize_with = "ranges::seconds")]
     pub travel_s: f64,
     /// Time of release in seconds.
@@ -92,7 +94,7 @@ pub struct Plate {
 }
 
 impl Plate {
-    /// The most that a column carries of it, in newtons.
+    /// Largest force that a column carries under the plate, in newtons.
     #[must_use]
     pub fn most_n(&self) -> f64 {
         let lean = self.incline_deg.to_radians().tan().abs() * 0.5 * PITCH_MM;
@@ -109,7 +111,7 @@ impl Scene {
     }
 }
 
-/// The acts are such as the device's laws hold for.
+/// Checks that the device's laws hold for the acts.
 pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     let kind = scene.device.kind;
     let mut before: Vec<Act> = vec![];
@@ -144,8 +146,10 @@ pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     Ok(())
 }
 
-/// It stays on the tip of one column, which carries no more than its law holds for together with those of the
-/// acts `before` that have not ended.
+/// Checks that an act stays on the tip of one column, within the force for which the column's law
+/// holds.
+///
+/// Loads of the acts `before` that have not ended count too.
 fn on_columns(act: &Act, before: &[Act]) -> Result<(), String> {
     if matches!(act, Act::Plate(_)) {
         return Ok(());
@@ -181,7 +185,7 @@ fn on_columns(act: &Act, before: &[Act]) -> Result<(), String> {
     Ok(())
 }
 
-/// The sheet carries the whole contact, and no feeler more than its law holds for.
+/// Checks that the sheet carries the whole contact, and no feeler more than its law allows.
 fn on_sheet(scene: &Scene, act: &Act) -> Result<(), String> {
     const STEPS: u32 = 16;
     if !matches!(act, Act::Press(_) | Act::Tap(_) | Act::Roll(_) | Act::Slide(_)) {

@@ -1,8 +1,8 @@
-//! Matrix of OHKA-COLUMN, which looks at four [columns](taxel_papers::column) ([Ohka2004]).
+//! Matrix of OHKA-COLUMN above four [columns](taxel_papers::column) ([Ohka2004]).
 //!
-//! The 4×4 matrix reads four columns: phototransistors 2i, 2i+1 of rows 2j, 2j+1 look at the cones of
-//! column (i, j), each at one, and gather its light. S1 is at (+x, +y) of its column, S2 at (−x, +y), S3 at
-//! (−x, −y), S4 at (+x, −y). A lit step is the edge light on and one row read, a dark step the light off.
+//! Phototransistors 2i, 2i+1 of rows 2j, 2j+1 look at the cones of column (i, j), each at one, and
+//! gather its light. S1 is at (+x, +y) of its column, S2 at (−x, +y), S3 at (−x, −y), S4 at (+x,
+//! −y). In a lit step the edge light is on and one row is read; in a dark step the light is off.
 
 use rand_distr::{Distribution as _, StandardNormal};
 use taxel::scan::{COLS, TAXELS};
@@ -13,10 +13,11 @@ use crate::load::Load;
 use crate::scene::{Effect, Scene};
 use crate::seeds::{Purpose, stream};
 
-/// Light of a cone, in full scales per mm² of contact: the largest area in range, half of A_z at 0.3 N,
-/// gives three quarters.
+/// Light of a cone, in full scales per mm² of contact.
+///
+/// The largest area in range, half of A_z at 0.3 N, gives three quarters of full scale.
 pub const LIGHT_PER_MM2: f64 = 1.25;
-/// Of phototransistors of one die, one standard deviation.
+/// Relative spread of gain between phototransistors of one die, one standard deviation.
 const GAIN_SPREAD: f64 = 0.01;
 
 /// The four columns of a device.
@@ -26,7 +27,7 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Of the scene's device.
+    /// Creates the columns of the scene's device.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let mut gains = [1.0; TAXELS];
@@ -40,7 +41,7 @@ impl Columns {
         Self { gains }
     }
 
-    /// Light on each phototransistor beyond the dark, in full scales, with these loads on the tips of
+    /// Light on each phototransistor above the dark, in full scales, with `loads` on the tips of
     /// columns.
     #[must_use]
     pub fn light(&self, loads: &[Load]) -> [f64; TAXELS] {
@@ -68,7 +69,7 @@ mod tests {
     use proptest::prelude::*;
     use taxel_papers::column::{CENTRES, HORIZONTAL, MOST_N, SHRINKAGE, VERTICAL};
 
-    /// Eqs (1) to (3) and (18).
+    /// Force from the four areas: eqs (1) to (3) and (18).
     fn force([s1, s2, s3, s4]: [f64; 4]) -> [f64; 3] {
         let (x, y, z) = (s1 - s2 - s3 + s4, s1 + s2 - s3 - s4, s1 + s2 + s3 + s4);
         let sensitivity = HORIZONTAL - SHRINKAGE * z;
@@ -81,7 +82,7 @@ mod tests {
             x in -0.35..0.35f64, y in -0.35..0.35f64, fz in 0.001..MOST_N,
         ) {
             let sensitivity = HORIZONTAL - SHRINKAGE * fz / VERTICAL;
-            // Of the shear that would lift a cone, F_x + F_y = sensitivity A_z.
+            // Limit of shear at which a cone would lift, F_x + F_y = sensitivity A_z.
             let limit = sensitivity * fz / VERTICAL;
             let asked = [x * limit, y * limit, fz];
             for (found, asked) in force(areas(asked)).into_iter().zip(asked) {

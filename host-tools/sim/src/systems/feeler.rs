@@ -1,11 +1,11 @@
-//! Matrix of OHKA-MICRO, which looks at one [feeler](taxel_papers::feeler) ([Ohka2005]).
+//! Matrix of OHKA-MICRO above one [feeler](taxel_papers::feeler) ([Ohka2005]).
 //!
-//! The 4×4 matrix takes the place of the camera: it looks through
-//! the paper's window of 460 µm and out of focus, so that each phototransistor weighs light by a hat
-//! function two pitches wide. Hats add up to one everywhere between the outer centres and their centroid
-//! is that of the light, so that the sum over the matrix is G and the centroid is u times
-//! 2.5 mm/[`PITCH_MM`], exactly, for any spot. A lit step is the edge light on and one row read, a dark step
-//! the light off.
+//! The 4×4 matrix replaces the paper's camera. It looks through the paper's window of 460 µm and
+//! out of focus, so that each phototransistor weighs light by a hat function two pitches wide. Hats
+//! add up to one everywhere between the outer centres, and their centroid is that of the light. The
+//! sum over the matrix is therefore G, and the centroid is u times 2.5 mm/[`PITCH_MM`], exactly,
+//! for any spot. In a lit step the edge light is on and one row is read; in a dark step the light
+//! is off.
 
 use rand_distr::{Distribution as _, StandardNormal};
 use taxel::scan::{COLS, ROWS, TAXELS};
@@ -23,23 +23,26 @@ const POISSON: f64 = 0.499;
 /// Slope of the cone: 100 µm high over 150 µm.
 const SLOPE: f64 = 100.0 / 150.0;
 
-/// Distance on the board in mm of the places that neighbouring phototransistors look at: the spot stays
-/// between the outer ones, 240 µm from the middle, as it stays in the paper's window.
+/// Distance on the board in mm between the places that neighbouring phototransistors look at.
+///
+/// The spot stays between the outer ones, 240 µm from the middle, as it stays in the paper's
+/// window.
 pub const PITCH_MM: f64 = 0.16;
-/// G over F_z, 1/C, in full scales per newton: 12 mN half-way between two phototransistors give each
-/// three quarters of the range.
+/// Light per normal force, G over F_z or 1/C, in full scales per newton.
+///
+/// 12 mN half-way between two phototransistors give each three quarters of the range.
 pub const LIGHT_PER_NEWTON: f64 = 125.0;
-/// Light that the board scatters by itself while the edge is lit.
+/// Light that the board itself scatters while the edge is lit, in full scales.
 pub const BACKGROUND: f64 = 0.03;
-/// Of phototransistors of one die, one standard deviation.
+/// Relative spread of gain between phototransistors of one die, one standard deviation.
 const GAIN_SPREAD: f64 = 0.01;
-/// Of the middle of the matrix against the feeler's tip, one standard deviation in mm.
+/// Offset of the matrix's middle from the feeler's tip, one standard deviation in mm.
 const MISALIGNMENT_MM: f64 = 0.005;
 
 /// The bright spot under one feeler.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spot {
-    /// G, in full scales.
+    /// Integrated light G, in full scales.
     pub light: f64,
     /// Shift of its centroid in mm.
     pub shift: [f64; 2],
@@ -48,8 +51,9 @@ pub struct Spot {
 }
 
 impl Spot {
-    /// Of a feeler that carries `force`, in newtons, z towards the board. Shear without a normal force
-    /// moves nothing that shines.
+    /// Spot under a feeler that carries `force` in newtons, z towards the board.
+    ///
+    /// Shear without a normal force leaves no spot.
     #[must_use]
     pub fn under([fx, fy, fz]: [f64; 3]) -> Self {
         if fz <= 0.0 {
@@ -64,7 +68,7 @@ impl Spot {
     }
 }
 
-/// Of a cone pressed on a plane (Sneddon 1965): P = (π/2)·E*·a²·slope.
+/// Contact radius in mm of a cone pressed on a plane (Sneddon 1965): P = (π/2)·E*·a²·slope.
 fn contact_radius(normal: f64) -> f64 {
     let reduced = YOUNG_MPA / (1.0 - POISSON * POISSON);
     (2.0 * normal / (std::f64::consts::PI * reduced * SLOPE)).sqrt()
@@ -74,14 +78,14 @@ fn contact_radius(normal: f64) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Feeler {
     gains: [f64; TAXELS],
-    /// Of the spot at rest, in mm.
+    /// Offset of the spot at rest, in mm.
     offset: [f64; 2],
-    /// Where the light of a spot comes from: the cone's pressure over its contact.
+    /// Distribution of a spot's light: the cone's pressure over its contact.
     spot: Rule,
 }
 
 impl Feeler {
-    /// Of the scene's device.
+    /// Creates the matrix of the scene's device.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let mut feeler =
@@ -98,7 +102,7 @@ impl Feeler {
         feeler
     }
 
-    /// Light on each phototransistor beyond the dark, in full scales, with this spot on the board.
+    /// Light on each phototransistor above the dark, in full scales, with `spot` on the board.
     #[must_use]
     pub fn light(&self, spot: &Spot) -> [f64; TAXELS] {
         let mut light = self.gains.map(|gain| gain * BACKGROUND);
@@ -118,7 +122,7 @@ impl Feeler {
     }
 }
 
-/// Share of a point at `x` pitches from the middle that the four places of a row see.
+/// Weights with which the four phototransistors of a row see a point `x` pitches from the middle.
 fn hats(x: f64) -> [f64; COLS] {
     const { assert!(ROWS == COLS) };
     [-1.5, -0.5, 0.5, 1.5].map(|centre: f64| (1.0 - (x - centre).abs()).max(0.0))
@@ -135,7 +139,7 @@ mod tests {
         Feeler::new(&Scene::parse("test.toml", text).unwrap())
     }
 
-    /// G and the centroid in mm, from the sixteen readings.
+    /// Integral G and the centroid in mm, from the sixteen readings.
     fn read(feeler: &Feeler, spot: &Spot) -> (f64, [f64; 2]) {
         let rest = feeler.light(&Spot::default());
         let light = feeler.light(spot);
@@ -158,7 +162,7 @@ mod tests {
             let slips = SLIDING * u + (1.0 - SLIDING / STICKING) * holds;
             let found = if fx < holds { sticks } else { slips };
             assert!((found - fx).abs() < 1e-15, "{fx}");
-            // αF_x + γ in the bracket, as printed, is another force.
+            // αF_x + γ in the bracket, as printed, gives another force.
             let printed = SLIDING * u + (1.0 - SLIDING / STICKING) * (ALPHA * fx + GAMMA_N);
             assert!(fx < holds || (printed - fx).abs() > 0.05 * fx);
         }
@@ -166,7 +170,8 @@ mod tests {
 
     #[test]
     fn the_window_of_the_paper_holds_every_spot_of_its_experiments() {
-        // Contact by Sneddon's cone; F_z as in fig. 12, F_x up to 10 mN; 460 µm.
+        // Contact radius by Sneddon's cone; F_z as in fig. 12, F_x up to 10 mN; the window is 460
+        // µm.
         for fz in [2.2e-3, 4.4e-3, 6.5e-3, 8.7e-3, 10.9e-3] {
             let spot = Spot::under([10e-3, 0.0, fz]);
             assert!(spot.shift[0] + spot.radius <= 0.2305, "{spot:?}");
@@ -190,7 +195,7 @@ mod tests {
 
     #[test]
     fn brightness_does_not_depend_on_shear() {
-        // Fig. 14.
+        // Brightness does not depend on shear (fig. 14).
         let at = |fx| Spot::under([fx, 0.0, 6.5e-3]).light;
         assert_eq!(at(0.0), at(10e-3));
     }

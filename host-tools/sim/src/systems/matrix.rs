@@ -1,4 +1,4 @@
-//! What the sixteen phototransistors see while they are lit, for each of the optical systems.
+//! Light on the sixteen lit phototransistors, for each of the optical systems.
 
 use taxel::scan::{COLS, TAXELS};
 
@@ -10,10 +10,10 @@ use crate::optics::{self, Missing, Optics};
 use crate::scene::{Kind, REFERENCE_C, Scene, softness};
 use crate::skin::Skin;
 
-/// The matrix of a run.
+/// Optical matrix of one run.
 #[derive(Clone, Debug)]
 pub struct Matrix {
-    /// Of the columns' amplifiers.
+    /// Offsets of the columns' amplifiers.
     offsets: [f64; COLS],
     target: Target,
 }
@@ -30,19 +30,19 @@ enum Target {
 struct Facets {
     /// `None` on the bench, where nothing touches the skin.
     contact: Option<Ladder>,
-    /// `None` where it is as Hooke says.
+    /// `None` where the skin is linear: no effect changes Hooke's law.
     skin: Option<Skin>,
     optics: Optics,
     /// Light of the unloaded pairs.
     unloaded: [f64; TAXELS],
-    /// In the last frame, in mm.
+    /// Displacement of the facets in the last frame, in mm.
     displacement: [f64; TAXELS],
-    /// Taxels that are there.
+    /// Number of taxels that exist.
     present: usize,
 }
 
 impl Matrix {
-    /// Of the scene's device; `None` where it has none.
+    /// Creates the matrix of the scene's device; `None` without phototransistors.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Option<Self> {
         let present = scene.device.rows() * COLS;
@@ -72,14 +72,14 @@ impl Matrix {
         Some(Self { offsets, target })
     }
 
-    /// What the columns read of themselves in the dark, `warmer_k` above the reference.
+    /// Reading of the columns in the dark, without light, `warmer_k` above the reference.
     #[must_use]
     pub fn leakage(&self, warmer_k: f64) -> [f64; COLS] {
         let dark = optics::dark_current(warmer_k);
         self.offsets.map(|offset| offset + dark)
     }
 
-    /// How finely contact is computed, where facets are displaced.
+    /// Fidelity report of the contact; `None` where no facets are displaced.
     #[must_use]
     pub fn fidelity(&self) -> Option<&Report> {
         match &self.target {
@@ -88,9 +88,11 @@ impl Matrix {
         }
     }
 
-    /// Light of each taxel on its column while its row is lit, at a nominal supply and with LEDs at their
-    /// reference temperature; the skin is `warmer_k` above its own. Where one light serves all, a taxel
-    /// without its LED is one without its phototransistor.
+    /// Light of each taxel on its column while its row is lit.
+    ///
+    /// It holds at a nominal supply and with LEDs at their reference temperature; the skin is
+    /// `warmer_k` above its own. Where one light serves all taxels, a missing LED acts as a missing
+    /// phototransistor.
     pub fn light(&mut self, contacts: &Contacts, missing: Missing, warmer_k: f64) -> [f64; TAXELS] {
         let light = match &mut self.target {
             Target::Facets(facets) => return facets.light(contacts, missing, warmer_k),
@@ -103,7 +105,7 @@ impl Matrix {
         optics::without(&light, missing.leds | missing.phototransistors)
     }
 
-    /// Displacement of the facets in the last frame, in mm, where the device has facets.
+    /// Displacement of the facets in the last frame, in mm; `None` without facets.
     #[must_use]
     pub fn displacement(&self) -> Option<&[f64; TAXELS]> {
         match &self.target {
@@ -112,7 +114,7 @@ impl Matrix {
         }
     }
 
-    /// Which facets are nearer to their pair than the peak of its light curve, in the last frame.
+    /// Which facets were nearer to their pair than the peak of its light curve in the last frame.
     #[must_use]
     pub fn wrong_side(&self) -> [bool; TAXELS] {
         match &self.target {
@@ -150,7 +152,7 @@ impl Facets {
     }
 }
 
-/// The taxels that are not there.
+/// Taxels that do not exist.
 fn absent(present: usize) -> Missing {
     let bits = (0..TAXELS).skip(present).fold(0, |bits, k| bits | 1 << k);
     Missing { leds: bits, phototransistors: bits }

@@ -1,4 +1,4 @@
-//! A layer bonded all over to something rigid: how far the half-space can be trusted.
+//! Layer bonded all over to a rigid floor: shows how far the half-space can be trusted.
 
 use core::f64::consts::PI;
 
@@ -6,7 +6,7 @@ use super::super::HalfSpace;
 use super::super::gauss::legendre;
 use super::spectrum::{Wave, bessel};
 
-/// A layer whose lower face cannot move.
+/// Layer whose lower face cannot move.
 #[derive(Clone, Copy, Debug)]
 pub struct Bonded {
     skin: HalfSpace,
@@ -14,16 +14,17 @@ pub struct Bonded {
 }
 
 impl Bonded {
-    /// Of `thickness_mm` of the material of `skin`.
+    /// Creates a layer of `thickness_mm` of the material of `skin`.
     #[must_use]
     pub fn new(skin: HalfSpace, thickness_mm: f64) -> Self {
         Self { skin, thickness: thickness_mm }
     }
 
-    /// u_z in mm at `at` (mm from the load, z within the layer) under a point load `force`: that of the
-    /// half-space, and what the bond takes from it as a Hankel transform,
-    /// ∫ ΔW(k, z) J₀(kr) k dk/2π for the normal force and −x/r ∫ ΔW(k, z) J₁(kr) k dk/2π for the
-    /// tangential one. ΔW falls like e^{−k(2h − z)}, so that the rest is a smooth integral.
+    /// u_z in mm at `at` (mm from the load, z within the layer) under a point load `force`.
+    ///
+    /// It is the half-space's displacement, and the change by the bond as a Hankel transform: ∫
+    /// ΔW(k, z) J₀(kr) k dk/2π for the normal force and −x/r ∫ ΔW(k, z) J₁(kr) k dk/2π for the
+    /// tangential one. ΔW falls like e^{−k(2h − z)}, so that the integral is smooth.
     #[must_use]
     pub fn displacement(&self, force: [f64; 3], at: [f64; 3]) -> f64 {
         let [x, y, z] = at;
@@ -48,8 +49,8 @@ impl Bonded {
         self.skin.displacement(force, at) + change / self.skin.shear_modulus()
     }
 
-    /// Pressure in MPa on the floor, `r` mm beside a point load of `normal` newtons:
-    /// ∫ p(k) J₀(kr) k dk/2π.
+    /// Pressure in MPa on the floor at `r` mm from the axis of a point load of `normal` newtons: ∫
+    /// p(k) J₀(kr) k dk/2π.
     #[must_use]
     pub fn pressure(&self, normal: f64, r: f64) -> f64 {
         let (h, nu) = (self.thickness, self.skin.poisson());
@@ -100,8 +101,8 @@ mod tests {
         assert!((carried / 0.8 - 1.0).abs() < 5e-3, "{carried}");
     }
 
-    /// Largest difference of bonded layer and half-space `depth` below a unit force, over the largest
-    /// displacement there.
+    /// Largest difference between bonded layer and half-space `depth` below a unit force, over the
+    /// largest displacement there.
     fn miss(thickness: f64, force: [f64; 3]) -> f64 {
         let (skin, depth) = (skin(), 2.5);
         let layer = Bonded::new(skin, thickness);
@@ -117,8 +118,8 @@ mod tests {
 
     #[test]
     fn the_half_space_is_good_to_a_percent_only_far_above_the_floor() {
-        // docs/simulator.md quotes these. What is pressed feels the floor as one over its distance, what
-        // is sheared as one over its square.
+        // docs/simulator.md quotes these. The effect of the floor falls as one over its distance
+        // under a normal force, and as one over its square under shear.
         for (ratio, pressed, sheared) in
             [(2.0, 0.521, 0.493), (10.0, 0.0931, 0.0461), (100.0, 0.0089, 0.000_447)]
         {

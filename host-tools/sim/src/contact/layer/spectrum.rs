@@ -1,25 +1,26 @@
-//! One spatial frequency through the thickness of a layer.
+//! Displacement of a layer at one spatial frequency, through its thickness.
 //!
-//! A layer of thickness h is displaced by u_x = iU(z)e^{ikx}, u_z = W(z)e^{ikx}. Navier's equation leaves
-//! four constants (κ = 3 − 4ν, s = kz, t = k(z − h); Johnson's half-space solution and its mirror image):
+//! A layer of thickness h is displaced by u_x = iU(z)e^{ikx}, u_z = W(z)e^{ikx}. Navier's equation
+//! leaves four constants (κ = 3 − 4ν, s = kz, t = k(z − h); Johnson's half-space solution and its
+//! mirror image):
 //!
 //! W = (A + Bs)e^{−s} + (C + Dt)e^{t}, U = (−A − B(s − κ))e^{−s} + (C + D(t + κ))e^{t},
 //!
-//! with tractions σ_zz = N e^{ikx} and τ_xz = iT e^{ikx}. Nothing is singular at ν = ½. Across the wave,
-//! the layer is in pure shear: u_y ∝ cosh kz above a free surface.
+//! with tractions σ_zz = N e^{ikx} and τ_xz = iT e^{ikx}. Nothing is singular at ν = ½. Across the
+//! wave, the layer is in pure shear: u_y ∝ cosh kz above a free surface.
 
-/// A wave of one frequency in a layer; tractions are over the shear modulus.
+/// Wave of one frequency in a layer; tractions are over the shear modulus.
 #[derive(Clone, Copy, Debug)]
 pub struct Wave {
     k: f64,
     thickness: f64,
     poisson: f64,
-    /// A, B, C, D.
+    /// The constants A, B, C, D.
     constants: [f64; 4],
 }
 
 impl Wave {
-    /// Of `k` per mm, from T and N at the upper face and U and W at the lower one.
+    /// Creates a wave of `k` per mm from T and N at the upper face and U and W at the lower one.
     pub fn new(k: f64, thickness: f64, poisson: f64, upper: [f64; 2], lower: [f64; 2]) -> Self {
         let wave = Self { k, thickness, poisson, constants: [0.0; 4] };
         let ([t, n], [u, w]) = (wave.tractions_at(0.0), wave.displacements_at(thickness));
@@ -58,7 +59,7 @@ fn dot(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Gauss elimination with row pivots.
+/// Solves four linear equations by Gauss elimination with row pivots.
 fn solve(mut rows: [[f64; 4]; 4], mut values: [f64; 4]) -> [f64; 4] {
     for column in 0..4 {
         let size = |row: usize| rows[row][column].abs();
@@ -80,8 +81,9 @@ fn solve(mut rows: [[f64; 4]; 4], mut values: [f64; 4]) -> [f64; 4] {
     x
 }
 
-/// J_n(x), Bessel's integral by the trapezoidal rule, which is exact to round-off once it has more
-/// points than x + n by a few.
+/// Bessel function J_n(x): Bessel's integral by the trapezoidal rule.
+///
+/// The rule is exact to round-off once it has a few more points than x + n.
 pub fn bessel(n: usize, x: f64) -> f64 {
     let points = 2 * ((x.abs() as usize + n) / 2 + 16);
     let sum: f64 = (0..points)

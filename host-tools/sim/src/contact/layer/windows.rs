@@ -1,12 +1,14 @@
-//! A layer on a rigid frame with sixteen square windows: bonded to the frame, free where a window is.
+//! Layer on a rigid frame with sixteen square windows: bonded to the frame, free in the windows.
 //!
-//! The unknown is how the lower face moves in the windows. It is expanded, per window and direction, in
-//! φ_m(x)φ_n(y) with φ_m = √(1 − ξ²) U_m(ξ): a free window between clamped edges is a crack, and the
-//! displacement of a crack ends like a square root. Galerkin's method on the layer's own stiffness (what
-//! traction a displacement of the lower face takes while the upper one is free) gives a symmetric
-//! positive system; its matrix is a sum over spatial frequencies that splits into x and y.
+//! The unknown is the displacement of the lower face in the windows. It is expanded, per window and
+//! direction, in φ_m(x)φ_n(y) with φ_m = √(1 − ξ²) U_m(ξ). These functions fit because a free
+//! window between clamped edges is a crack, and the displacement of a crack ends like a square
+//! root. Galerkin's method uses the layer's own stiffness: the traction for a displacement of the
+//! lower face while the upper one is free. It gives a symmetric positive system. The system's
+//! matrix is a sum over spatial frequencies that splits into x and y.
 //!
-//! The layer is taken as repeating ([`Resolution::apart`]), all bonded between.
+//! The layer is taken as periodic ([`Resolution::apart`]) and is all bonded between the
+//! repetitions.
 
 use core::f64::consts::{PI, TAU};
 
@@ -15,25 +17,27 @@ use taxel::scan::{TAXEL_CENTRES, TAXELS};
 use super::spectrum::{Wave, bessel};
 use crate::ranges::PAD_MM;
 
-/// Directions of a displacement.
+/// Number of directions of a displacement.
 const AXES: usize = 3;
 
-/// How finely the layer is solved.
+/// Numerical resolution of the layer's solution.
 #[derive(Clone, Copy, Debug)]
 pub struct Resolution {
-    /// Polynomials each way in a window.
+    /// Number of polynomials in each direction of a window.
     pub degrees: usize,
-    /// Frequencies of the windows' own solution reach so far over half a window's side.
+    /// Highest wave number of the windows' own solution, times half a window's side.
     pub reach: f64,
-    /// Thicknesses from the pad to its next repetition.
+    /// Gap from the pad to its next repetition, in thicknesses.
     pub apart: f64,
-    /// What is as short as the thickness times 2π over this no longer reaches the upper face.
+    /// Highest wave number that still reaches the upper face, times the thickness.
     pub shortest: f64,
 }
 
 impl Resolution {
-    /// Of the simulator: one polynomial more changes a facet's displacement by less than a thousandth, and the
-    /// shortest wave arrives with e^−14. What all of it leaves is measured by the tests of `layer`.
+    /// Resolution of the simulator.
+    ///
+    /// One polynomial more changes a facet's displacement by less than a thousandth, and the
+    /// shortest wave arrives with e^−14. The tests of `layer` measure the remaining error.
     pub const USUAL: Self = Self { degrees: 3, reach: 150.0, apart: 4.0, shortest: 14.0 };
 
     /// Period of the repetition in mm.
@@ -42,22 +46,24 @@ impl Resolution {
     }
 }
 
-/// Displacement of the lower face while one window after the other is pushed by one newton, for a shear
-/// modulus of 1 MPa.
+/// Displacement of the lower face while one newton pushes each window in turn, for a shear modulus
+/// of 1 MPa.
 #[derive(Clone, Debug)]
 pub struct Windows {
     thickness: f64,
     poisson: f64,
     half_side: f64,
     degrees: usize,
-    /// Of pushed window q: the coefficient of window w, axis c, degrees m and n at
-    /// ((w·3 + c)·degrees + m)·degrees + n.
+    /// Coefficients for each pushed window q: window w, axis c, degrees m and n at ((w·3 +
+    /// c)·degrees + m)·degrees + n.
     coefficients: Vec<Vec<f64>>,
 }
 
 impl Windows {
-    /// Windows of `side` mm under a layer of `thickness` mm. What the cut of frequencies leaves out falls as one
-    /// over their reach, so that a solution of half the reach tells how much it is.
+    /// Solves windows of `side` mm under a layer of `thickness` mm.
+    ///
+    /// The error of cutting off frequencies falls as one over their reach, so that a second
+    /// solution of half the reach measures and removes it.
     pub fn new(thickness: f64, side: f64, poisson: f64, resolution: &Resolution) -> Self {
         let near = Resolution { reach: 0.5 * resolution.reach, ..*resolution };
         let [mut far, near] = [resolution, &near].map(|r| Self::cut(thickness, side, poisson, r));
@@ -66,12 +72,12 @@ impl Windows {
         far
     }
 
-    /// With no more than the frequencies within reach.
+    /// Solves with only the frequencies within reach.
     fn cut(thickness: f64, side: f64, poisson: f64, resolution: &Resolution) -> Self {
         let (half_side, degrees) = (side / 2.0, resolution.degrees);
         let mut matrix = Stiffness::new(thickness, poisson, half_side, resolution).matrix();
         let each = AXES * degrees * degrees;
-        // A uniform pressure of one newton works on nothing but φ₀φ₀ along z.
+        // A uniform pressure of one newton does work on φ₀φ₀ along z only.
         let push = (PI / 4.0) * (PI / 4.0);
         let mut pushed: Vec<Vec<f64>> = (0..TAXELS)
             .map(|window| {
@@ -98,7 +104,9 @@ impl Windows {
     }
 
     /// Fourier coefficient (real and imaginary parts) of the *upper* face's displacement at the
-    /// frequency `k`, window `pushed` pushed by one newton; the field is Σ_k u_k e^{ik·x} / period².
+    /// frequency `k`.
+    ///
+    /// One newton pushes window `pushed`; the field is Σ_k u_k e^{ik·x} / period².
     pub fn upper_face(&self, pushed: usize, k: [f64; 2]) -> [[f64; 2]; AXES] {
         let shapes = k.map(|k| shapes(k * self.half_side, self.half_side, self.degrees));
         let mut lower = [[0.0; 2]; AXES];
@@ -111,7 +119,7 @@ impl Windows {
                 for (m, (row, fx)) in of_axis.chunks_exact(self.degrees).zip(&shapes[0]).enumerate()
                 {
                     for (n, (c, fy)) in row.iter().zip(&shapes[1]).enumerate() {
-                        // (−i)^(m + n) turns by quarters.
+                        // (−i)^(m + n) is a number of quarter turns.
                         let angle = turn - 0.5 * PI * (m + n) as f64;
                         sum[0] += c * fx * fy * angle.cos();
                         sum[1] += c * fx * fy * angle.sin();
@@ -150,7 +158,7 @@ impl Windows {
     }
 }
 
-/// f_m(κ) with φ̂_m = (−i)^m f_m: aπ(m + 1)J_{m+1}(κ)/κ, κ = ka.
+/// Transform f_m(κ) with φ̂_m = (−i)^m f_m: aπ(m + 1)J_{m+1}(κ)/κ, κ = ka.
 fn shapes(kappa: f64, half_side: f64, degrees: usize) -> Vec<f64> {
     (0..degrees)
         .map(|m| {
@@ -165,14 +173,15 @@ fn shapes(kappa: f64, half_side: f64, degrees: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Sums over frequency, on the way to the matrix.
+/// Sums over frequency from which the matrix is assembled.
 struct Stiffness {
     degrees: usize,
-    /// Of an axis pair (xx, xy, xz, yy, yz, zz), degrees m, m′ and columns apart in x, the same in y.
+    /// Indexed by axis pair (xx, xy, xz, yy, yz, zz), then (m, m′, columns apart) in x, then the
+    /// same in y.
     sums: Vec<f64>,
 }
 
-/// Windows are 0 to 3 apart.
+/// Number of distances between windows: 0 to 3 columns apart.
 const APART: usize = 4;
 /// Pairs of axes and whether their stiffness is odd in k_x and in k_y.
 const PAIRS: [(usize, usize, bool, bool); 6] = [
@@ -191,8 +200,8 @@ impl Stiffness {
         let count = (resolution.reach / half_side / step).ceil() as usize;
         let pitch = f64::from(taxel::scan::PITCH.0);
         let factors = degrees * degrees * APART;
-        // factors[odd][(m·degrees + m′)·APART + apart][k]: f_m f_m′ times the cosine or the sine that
-        // is left of e^{ikd} where the whole is even in k.
+        // factors[odd][(m·degrees + m′)·APART + apart][k]: f_m f_m′ times the cosine or the sine,
+        // the part of e^{ikd} that remains where the whole is even in k.
         let shapes: Vec<Vec<f64>> =
             (0..count).map(|i| shapes(i as f64 * step * half_side, half_side, degrees)).collect();
         let factor = |odd: bool, at: usize, i: usize| {
@@ -230,14 +239,16 @@ impl Stiffness {
         Self { degrees, sums }
     }
 
-    /// The lower triangle, row by row.
+    /// Lower triangle of the stiffness matrix, row by row.
     fn matrix(&self) -> Vec<Vec<f64>> {
         let size = TAXELS * AXES * self.degrees * self.degrees;
         (0..size).map(|i| (0..=i).map(|j| self.entry(i, j)).collect()).collect()
     }
 
-    /// Stiffness between two unknowns: i^(m − m′ + n − n′), the i of the coupling to z, and one i for
-    /// each sine make a real number.
+    /// Stiffness between two unknowns.
+    ///
+    /// The factors i^(m − m′ + n − n′), the i of the coupling to z, and one i for each sine make a
+    /// real number.
     fn entry(&self, i: usize, j: usize) -> f64 {
         let split = |i: usize| {
             let (rest, n) = (i / self.degrees, i % self.degrees);
@@ -271,7 +282,7 @@ impl Stiffness {
             }
         }
         if pair == (0, 2) || pair == (1, 2) {
-            // Hermitian: the other way round it is −i.
+            // Hermitian: with the axes swapped, the factor is −i.
             quarters += if swapped { -1 } else { 1 };
         }
         match quarters.rem_euclid(4) {
@@ -282,8 +293,10 @@ impl Stiffness {
     }
 }
 
-/// What traction along the first of each pair of axes a unit displacement of the lower face along the
-/// second takes at the frequency `k`, for a shear modulus of one; between the plane and z less a factor i.
+/// Stiffness of the lower face at the frequency `k`, for a shear modulus of one, per pair of axes.
+///
+/// It is the traction along the first axis for a unit displacement along the second. Between the
+/// plane and z, a factor i is left out.
 fn stiffness(k: [f64; 2], thickness: f64, poisson: f64) -> [f64; 6] {
     let size = k[0].hypot(k[1]);
     if size == 0.0 {
@@ -303,7 +316,7 @@ fn stiffness(k: [f64; 2], thickness: f64, poisson: f64) -> [f64; 6] {
     ]
 }
 
-/// Cholesky's factor in place of the lower triangle.
+/// Replaces the lower triangle by its Cholesky factor.
 fn factor(matrix: &mut [Vec<f64>]) {
     for i in 0..matrix.len() {
         let (done, rest) = matrix.split_at_mut(i);
