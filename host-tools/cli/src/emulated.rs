@@ -1,7 +1,8 @@
 //! A board's own firmware on the emulator, with its USB port behind TCP.
 //!
-//! The emulator is a program of its own because unicorn's licence (GPL-2.0) binds whatever links it.
-//! `cargo xtask emulator` builds the program and the images of the boards, and puts them into one folder.
+//! The emulator is a separate program because unicorn's licence (GPL-2.0) binds every program that
+//! links it. `cargo xtask emulator` builds the program and the images of the boards into one
+//! folder.
 
 mod replay;
 
@@ -16,7 +17,7 @@ pub use replay::{Replay, Settings};
 
 /// Environment variable that names the emulator's folder.
 const VARIABLE: &str = "TAXEL_EMULATOR";
-/// The emulator's program within its folder.
+/// File name of the emulator's program.
 const PROGRAM: &str = if cfg!(windows) { "taxel-emulator.exe" } else { "taxel-emulator" };
 
 /// Boards whose firmware the emulator runs.
@@ -25,13 +26,13 @@ pub enum Board {
     /// The product.
     #[value(name = "stm32g431")]
     Stm32G431,
-    /// A Black Pill.
+    /// Black Pill, a development board.
     #[value(name = "stm32f411")]
     Stm32F411,
 }
 
 impl Board {
-    /// Name of its folder in `boards/`.
+    /// Name of the board's folder in `boards/`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Stm32G431 => "stm32g431",
@@ -39,7 +40,8 @@ impl Board {
         }
     }
 
-    /// Least scans a second: TIM1 counts a step, a fifth of a scan, in 16 bits at 170 MHz or 96 MHz.
+    /// Lowest scan rate in Hz: TIM1 counts a step, a fifth of a scan, in 16 bits at 170 MHz or 96
+    /// MHz.
     const fn slowest_hz(self) -> u16 {
         match self {
             Self::Stm32G431 => 519,
@@ -48,7 +50,7 @@ impl Board {
     }
 }
 
-/// A running board. Dropping it ends it.
+/// Running board. Dropping it ends the emulator.
 pub struct Emulated {
     child: Child,
     port: Port,
@@ -56,7 +58,7 @@ pub struct Emulated {
 }
 
 impl Emulated {
-    /// Starts the firmware on a finger that sees the trace in a file again and again, in real time.
+    /// Starts the firmware on a finger that repeats the trace of a file in real time.
     ///
     /// # Errors
     /// The emulator or the image is missing, or does not start.
@@ -64,9 +66,9 @@ impl Emulated {
         Self::serving(board, trace, &[])
     }
 
-    /// Starts the firmware for a replay: each of its scans sees the next scan of the trace.
+    /// Starts the firmware for a replay: each board scan reads the next scan of the trace.
     ///
-    /// The trace begins whenever the board begins to scan, and time waits for the client.
+    /// The trace begins when the board begins to scan, and time waits for the client.
     ///
     /// # Errors
     /// As [`Self::start`].
@@ -87,10 +89,11 @@ impl Emulated {
         }
         let mut command = Command::new(&program);
         command.args(["serve", "--board", board.name()]).arg(&image).arg("--trace").arg(trace);
-        // Attached, it ends with this process even if that is killed: its standard input closes.
+        // With --attached the emulator ends with this process, even a killed one, because its
+        // standard input closes.
         command.arg("--attached").args(more).stdin(Stdio::piped()).stdout(Stdio::piped());
         #[cfg(unix)]
-        // Ctrl-C is for us: the board runs until its last frame is written.
+        // Ctrl-C must reach only this process: the board runs until its last frame is written.
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn().with_context(|| program.display().to_string())?;
         let mut greeting = String::new();
@@ -99,7 +102,7 @@ impl Emulated {
             read.context("reading from the emulator")?;
         }
         let Some((port, scene_us)) = understand(greeting.trim()) else {
-            // It has ended, or is another program.
+            // The program has ended, or is not the emulator.
             let _ = child.kill();
             let _ = child.wait();
             bail!("the emulator did not start; its own message is above")
@@ -120,14 +123,14 @@ impl Emulated {
 
 impl Drop for Emulated {
     fn drop(&mut self) {
-        // Both fail only where it has already ended.
+        // Both fail only if the emulator has ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// The folder of the program and the images: `$TAXEL_EMULATOR`, else `../emulator` from this program's own folder,
-/// which is `target/emulator` for a program that cargo built.
+/// Returns the folder of the program and the images: `$TAXEL_EMULATOR`, else `../emulator` from
+/// this program's own folder. For a program built by cargo that is `target/emulator`.
 fn folder() -> PathBuf {
     let default = || {
         let own = std::env::current_exe().unwrap_or_default();

@@ -6,16 +6,16 @@ use clap::error::ErrorKind;
 
 use crate::output::{self, Closed};
 
-/// The thing failed.
+/// Exit code of a command that failed.
 const FAILED: u8 = 1;
-/// The command line is not valid.
+/// Exit code of an invalid command line.
 const USAGE: u8 = 2;
 
-/// The end of a command that ran.
+/// Converts a command's result to an exit code, and prints its error on one line.
 pub fn exit_code(done: anyhow::Result<()>) -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        // Whoever read the output has enough, as in `taxel … | head`: nothing failed.
+        // A closed output, as in `taxel … | head`, is no failure.
         Err(error) if error.is::<Closed>() => ExitCode::SUCCESS,
         Err(error) => {
             output::note(format_args!("taxel: {}", one_line(&format!("{error:#}"))));
@@ -24,15 +24,15 @@ pub fn exit_code(done: anyhow::Result<()>) -> ExitCode {
     }
 }
 
-/// The end of a command line that was not understood, or that asked for help.
+/// Prints a parser's error, or the help, and returns the exit code.
 pub fn usage(error: &clap::Error) -> ExitCode {
     if !error.use_stderr() {
-        // Help and version: standard output may be closed, which is no failure.
+        // Help or version: a closed standard output is no failure.
         let _ = error.print();
         return ExitCode::SUCCESS;
     }
     if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        // Whoever has not said yet what to do wants to know what there is.
+        // Without a subcommand the whole help is printed.
         let _ = error.print();
         return ExitCode::from(USAGE);
     }
@@ -40,7 +40,7 @@ pub fn usage(error: &clap::Error) -> ExitCode {
     ExitCode::from(USAGE)
 }
 
-/// The parser's message without its usage and hints: those are what `--help` is for.
+/// Shortens a parser's message to one line, without usage and hints, which `--help` shows.
 fn usage_line(message: &str) -> String {
     let message = message.split("\n\nUsage:").next().unwrap_or(message);
     let message = message.split("\n\nFor more information").next().unwrap_or(message);

@@ -1,4 +1,4 @@
-//! The files that a stream is recorded into, and what is said about the finger in them.
+//! Recording of a stream into files, with facts about its finger.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -27,16 +27,15 @@ pub struct Files {
 }
 
 impl Files {
-    /// Begins a recording of what `client` streams with its present settings.
+    /// Creates files for the stream of `client`, with its present settings.
     ///
-    /// # Errors
-    /// A file cannot be written, or the finger does not say who it is.
+    /// A file cannot be written, or the finger does not reply.
     pub fn create(
         client: &Client,
         paths: &[PathBuf],
         existing: Existing,
     ) -> Result<Self, LinkError> {
-        // Before the first is begun: one that cannot be must not leave the others behind.
+        // Checked before the first file is created, so that a failure leaves no file behind.
         paths
             .iter()
             .try_for_each(|path| Recorder::check(path, existing))
@@ -57,21 +56,20 @@ impl Files {
         })
     }
 
-    /// The finger had gone and is there again: what comes now follows a gap.
+    /// Marks a reconnect: the following frames come after a gap.
     pub fn reconnected(&mut self) {
         self.connection += 1;
         self.stamps.reconnected();
     }
 
-    /// A question to the finger and its answer took so long: see [`Timestamps::echo`].
+    /// Adds a round-trip time; see [`Timestamps::echo`].
     pub fn echo(&mut self, echo: Duration) {
         self.stamps.echo(echo);
     }
 
     /// Writes one frame.
     ///
-    /// # Errors
-    /// A file cannot be written. The others have the frame all the same.
+    /// A file cannot be written. The other files still have the frame.
     pub fn write(&mut self, received: &Received) -> Result<(), FileError> {
         self.stamps.frame(received);
         row(received, self.fields, &self.stamps, self.connection, &mut self.row);
@@ -87,23 +85,22 @@ impl Files {
         written
     }
 
-    /// Ends every file, whatever becomes of the others.
+    /// Finishes every file, even if one fails.
     ///
-    /// # Errors
-    /// The first that could not be ended.
+    /// Error of the first file that could not be finished.
     pub fn finish(self) -> Result<(), FileError> {
         let ends = self.recorders.into_iter().map(Recorder::finish);
         ends.fold(Ok(()), Result::and)
     }
 }
 
-/// The columns of a recording of these fields: the frame's own, and what the host knows of it.
+/// Lists the columns of a recording of these fields: the frame's own and the host's.
 #[must_use]
 pub fn row_columns(fields: Fields) -> Vec<Column> {
     columns(fields).into_iter().chain(host_columns()).collect()
 }
 
-/// The row of a frame, a cell for each of [`row_columns`].
+/// Fills `row` with a frame's cells, one for each of [`row_columns`].
 pub fn row(
     received: &Received,
     fields: Fields,
@@ -123,12 +120,12 @@ pub fn row(
     ]);
 }
 
-/// Identity, settings and calibration of the finger.
+/// Collects identity, settings and calibration of the finger.
 fn header(client: &Client, info: &Info) -> Result<Header, LinkError> {
     let identity = &info.identity;
     let bias = match info.biased.then(|| client.read_bias()).transpose() {
         Ok(bias) => bias,
-        // It plays a recording, and that does not have it.
+        // The finger is a playback of a recording without the bias.
         Err(error) if matches!(error.problem(), Some(Problem::Refusal { .. })) => None,
         Err(error) => return Err(error),
     };

@@ -13,11 +13,11 @@ use taxel_sim::scene::{Kind, built_in};
 use crate::output;
 use crate::virtual_finger::{Source, VirtualFinger};
 
-/// The calibration of the finger in the built-in scenes, made from recordings of it as the file's folder
-/// says.
+/// Calibration of the finger in the built-in scenes. The README next to the file describes its
+/// origin.
 const VIRTUAL: &str = include_str!("../assets/virtual-finger.cal.toml");
 
-/// The one argument that every command with a finger has.
+/// Port argument of every command with a finger.
 #[derive(clap::Args)]
 pub struct PortArg {
     /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE.
@@ -26,7 +26,7 @@ pub struct PortArg {
 }
 
 impl PortArg {
-    /// Connects to it.
+    /// Connects to the finger.
     ///
     /// # Errors
     /// The port cannot be opened.
@@ -34,7 +34,7 @@ impl PortArg {
         let calibration = match &self.port {
             Port::Sim(scene) => scene_calibration(None, scene).map_err(LinkError::device)?,
             Port::File(path) => {
-                // What is no recording is the client's to say.
+                // A file that is no recording is reported by the client.
                 let remarks = Recording::open(path).map(|recording| recording.remarks(path));
                 remarks.into_iter().flatten().for_each(output::note);
                 None
@@ -68,16 +68,15 @@ pub fn connect(port: &Port, calibration: Option<&Calibration>) -> Result<Client,
     Client::over(port, open(port, calibration)?)
 }
 
-/// A finger at any port that is opened again after it was unplugged.
+/// Creates a client of any port that reconnects after the finger was unplugged.
 #[must_use]
 pub fn steady(port: Port, calibration: Option<Calibration>) -> ReconnectingClient {
     ReconnectingClient::opened_by(port, move |port| open(port, calibration.as_ref()))
 }
 
-/// What the finger in a scene starts with: the file that the user named, else its own calibration where
-/// the scene is built in. The finger of somebody's own scene is another device.
+/// Returns the initial calibration of a scene's finger: the named file, else the own calibration of
+/// a built-in scene. The finger of another scene is another device and has none.
 ///
-/// # Errors
 /// The file cannot be read or is no calibration.
 pub fn scene_calibration(
     path: Option<&Path>,
@@ -92,14 +91,14 @@ pub fn scene_calibration(
     }
 }
 
-/// Built in, and of the kind that the calibration was made on, whose skin is no layer on a frame.
+/// Whether the scene is built in and its device matches the calibration: 4×4 taxels, no walls.
 fn is_virtual_finger(scene: &str) -> bool {
     built_in().any(|(name, _)| name == scene)
         && Scene::load(scene)
             .is_ok_and(|scene| scene.device.kind == Kind::Taxel4x4 && !scene.has_walls())
 }
 
-/// A calibration as the bytes that go to a finger.
+/// Encodes a calibration as the bytes that go to a finger.
 ///
 /// # Errors
 /// The calibration is not valid.

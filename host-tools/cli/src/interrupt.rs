@@ -1,14 +1,14 @@
-//! Ctrl-C, as a question that loops ask.
+//! Ctrl-C as a flag that loops check.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Set once the user has had enough.
+/// Flag that Ctrl-C sets.
 #[derive(Clone)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// From now on Ctrl-C and termination only set the flag; a second one ends the program at once.
+    /// Installs the handler: Ctrl-C and termination set the flag; a second one ends the program.
     ///
     /// # Errors
     /// The operating system does not allow it.
@@ -17,14 +17,14 @@ impl Interrupt {
         let set = Arc::clone(&flag);
         ctrlc::set_handler(move || {
             if set.swap(true, Ordering::Relaxed) {
-                // What a shell expects of a program that Ctrl-C ended.
+                // 128 + SIGINT, the exit code of a program that Ctrl-C ended.
                 std::process::exit(130);
             }
         })?;
         Ok(Self(flag))
     }
 
-    /// The flag itself, for libraries that look at one.
+    /// Returns the flag itself, for libraries that check one.
     pub fn flag(&self) -> &AtomicBool {
         &self.0
     }

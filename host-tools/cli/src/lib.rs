@@ -1,8 +1,8 @@
-//! The `taxel` command, and what its tests share with it: the virtual finger, the page, recordings.
+//! The `taxel` command, with the parts that its tests share: virtual finger, page, recordings.
 //!
-//! Each command is a file in `commands` with its `Args` and its `run`. Results go to standard output,
-//! everything else to standard error; an error is one line there. Exit codes: 0 done, 1 the thing
-//! failed, 2 bad usage.
+//! Each command is a file in `commands` with its `Args` and its `run`. Results go to standard
+//! output, everything else to standard error. An error is one line. Exit codes: 0 success, 1
+//! failure, 2 bad usage.
 
 mod browser;
 mod commands;
@@ -96,7 +96,7 @@ mod tests {
 
     use super::*;
 
-    /// Every command, and its examples.
+    /// Collects every command with its examples.
     fn examples(command: &clap::Command, found: &mut Vec<(String, Vec<String>)>) {
         command.get_subcommands().for_each(|command| examples(command, found));
         let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
@@ -104,7 +104,7 @@ mod tests {
         found.push((command.get_name().to_owned(), lines.map(str::to_owned).collect()));
     }
 
-    /// What a page gives as a command: whole lines of its blocks, and code within a sentence.
+    /// Collects a page's commands: whole lines of code blocks, and code spans in sentences.
     fn commands(page: &str) -> Vec<String> {
         let mut found = Vec::new();
         let mut prose = String::new();
@@ -121,7 +121,7 @@ mod tests {
         found
     }
 
-    /// Named in a sentence as what they do. To be run they want the name of a file as well, or which fingers.
+    /// Commands that pages name without their required arguments.
     const NAMED: [&str; 7] = [
         "taxel calibrate upload",
         "taxel simulate",
@@ -143,7 +143,7 @@ mod tests {
             let manuals = files.filter(|file| file.extension().is_some_and(|kind| kind == "md"));
             pages.extend(manuals.map(|file| std::fs::read_to_string(file).unwrap()));
         }
-        // The page's own advice has no marks around it.
+        // The live page's advice stands without backticks.
         let advice = include_str!("../assets/page/flags.js");
         let advice =
             advice.match_indices(": taxel ").map(|(at, _)| advice[at + 2..].split(". ").next());
@@ -153,7 +153,7 @@ mod tests {
         given.retain(|command| !NAMED.contains(&command.as_str()));
         assert!(given.len() > 80, "{}", given.len());
         for command in given {
-            // Up to where the shell has its say, or a second column what it does.
+            // Up to the shell's own syntax or a second column.
             let words = command.split(['\\', ';', '|', '>', '&', '#']).next().unwrap();
             let words = words.split("   ").next().unwrap();
             let parsed = Cli::try_parse_from(words.split_whitespace());
@@ -170,7 +170,7 @@ mod tests {
         for (name, lines) in found {
             assert!(!lines.is_empty(), "{name} has no example");
             for line in lines {
-                // Up to where the shell has its say.
+                // Up to the shell's own syntax.
                 let words =
                     line.split([';', '|', '>', '&', '#']).next().unwrap().split_whitespace();
                 let words: Vec<_> = words.collect();

@@ -1,4 +1,4 @@
-//! Standard output, which may be closed at any time.
+//! Output of commands; standard output may be closed at any time.
 
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -8,7 +8,7 @@ use std::time::Duration;
 use indicatif::ProgressBar;
 use taxel_files::recording::Existing;
 
-/// Standard output is closed.
+/// Error of a closed standard output.
 #[derive(Debug)]
 pub struct Closed;
 
@@ -20,10 +20,9 @@ impl Display for Closed {
 
 impl std::error::Error for Closed {}
 
-/// Prints a line. `println!` would panic where `taxel … | head` closes the pipe.
+/// Prints a line. `println!` would panic if `taxel … | head` closes the pipe.
 ///
-/// # Errors
-/// [`Closed`], or what else standard output said (a full disk, behind a redirection).
+/// [`Closed`], or another error of standard output (such as a full disk behind a redirection).
 pub fn line(text: impl Display) -> anyhow::Result<()> {
     let mut out = io::stdout().lock();
     match writeln!(out, "{text}").and_then(|()| out.flush()) {
@@ -38,7 +37,7 @@ pub fn note(text: impl Display) {
     let _ = writeln!(io::stderr(), "{text}");
 }
 
-/// Shows on a terminal that something is at work whose end cannot be told, such as a recording that becomes Parquet.
+/// Runs `work` with a spinner on a terminal, for work of unknown length such as writing Parquet.
 pub fn waiting<T>(what: String, work: impl FnOnce() -> T) -> T {
     let bar = ProgressBar::new_spinner().with_message(what);
     bar.tick();
@@ -48,10 +47,9 @@ pub fn waiting<T>(what: String, work: impl FnOnce() -> T) -> T {
     done
 }
 
-/// Refuses to write where something is read from, or nothing can be: better before the work than after it.
+/// Checks before the work that `out` can be written and is none of `inputs`.
 ///
-/// # Errors
-/// `out` is one of `inputs`, by whatever name, or lies in no folder.
+/// `out` is one of `inputs`, under any name, or its folder is missing or write-protected.
 pub fn keep<'p>(inputs: impl IntoIterator<Item = &'p Path>, out: &Path) -> anyhow::Result<()> {
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder {
@@ -92,12 +90,11 @@ pub fn keep<'p>(inputs: impl IntoIterator<Item = &'p Path>, out: &Path) -> anyho
     }
 }
 
-/// Refuses files that are one and the same.
+/// Checks that output files are different.
 ///
-/// # Errors
-/// Two of `outs` are, by whatever name.
+/// Two of `outs` are the same file, under any name.
 pub fn apart(outs: &[PathBuf]) -> anyhow::Result<()> {
-    // What is not there yet is known by its folder.
+    // A file that does not exist yet is compared by its folder and name.
     let place = |out: &PathBuf| {
         let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new(".")).canonicalize();
@@ -105,7 +102,7 @@ pub fn apart(outs: &[PathBuf]) -> anyhow::Result<()> {
     };
     let mut places = Vec::new();
     for out in outs {
-        // Whoever opens it says why it has no place.
+        // A path without a folder is reported when it is opened.
         let Ok(place) = place(out) else { continue };
         if places.contains(&place) {
             anyhow::bail!("{}: --out names it twice; give each file once", out.display());
@@ -118,7 +115,7 @@ pub fn apart(outs: &[PathBuf]) -> anyhow::Result<()> {
 /// Option to overwrite existing files.
 #[derive(Clone, Copy, clap::Args)]
 pub struct Overwrite {
-    /// Overwrite files that are there already.
+    /// Overwrite existing files.
     #[arg(long)]
     force: bool,
 }

@@ -1,4 +1,4 @@
-//! A stretch of a finger's stream, watched from start to end.
+//! Loop over a finger's stream, from start to end, with counts and a progress bar.
 
 use std::time::{Duration, Instant};
 
@@ -11,17 +11,17 @@ use crate::output;
 
 /// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
-/// A stream that brings nothing for so long is none.
+/// Silence after which a stream counts as broken.
 const DRY: Duration = Duration::from_secs(5);
 
-/// Numbers of a stream.
+/// Counts and durations of a stream.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct Summary {
     /// Frames received.
     pub frames: u64,
-    /// Frames that never came: lost on the way, or by this program. Those of a gap are not known.
+    /// Frames lost on the way or dropped by this program; those of a gap are unknown.
     pub lost: u64,
-    /// Packets that could not be read.
+    /// Packets that could not be decoded.
     pub bad_packets: u64,
     /// Number of reconnects.
     pub gaps: u64,
@@ -29,31 +29,32 @@ pub struct Summary {
     pub gap_s: f64,
     /// Frames a second by this host's clock, gaps left out; 0 for fewer than two frames.
     pub rate_hz: f64,
-    /// From the first frame to the last, in seconds: device time, and this host's for the gaps.
+    /// Seconds from the first frame to the last: device time, and this host's for the gaps.
     pub duration_s: f64,
 }
 
-/// A stream that has ended, and why if not as planned.
+/// End of a stream, with the reason if it was unplanned.
 pub struct Ended {
-    /// Numbers until then.
+    /// Counts until the end.
     pub summary: Summary,
-    /// The finger went away, or fell silent.
+    /// Error, if the finger was unplugged or fell silent.
     pub broken: Option<anyhow::Error>,
 }
 
 /// Item of a stream.
 pub enum Next<'n> {
-    /// A frame.
+    /// /// Frame received.
     Frame(&'n Received),
-    /// The finger had gone, and is there again.
+    /// Finger that is connected again.
     Again(&'n Client),
 }
 
-/// Takes the frames of a finger that is connected and does not stream yet, for `duration` or until Ctrl-C.
-/// One that goes is waited for if it is `awaited`, and told of on standard error; else that is the end.
+/// Passes the frames of a connected finger to `each`, for `duration` or until Ctrl-C. The finger
+/// must not stream yet. If it is unplugged and `awaited`, it is waited for, with a note on standard
+/// error; otherwise the stream ends.
 ///
-/// # Errors
-/// What `each` said, or the start. A link that breaks later is no error here: see [`Ended`].
+/// Errors of `each`, or of starting the stream. A link that breaks later is no error; see
+/// [`Ended`].
 pub fn run(
     finger: &ReconnectingClient,
     awaited: bool,
@@ -68,7 +69,7 @@ pub fn run(
     let mut gone: Option<LinkError> = None;
     let enough = |seconds: f64| duration.is_some_and(|duration| seconds >= duration);
     let bar = bar(duration)?;
-    // A note stands above the bar.
+    // Notes are printed above the bar.
     let note = |text: String| bar.suspend(|| output::note(text));
     let broken = loop {
         if interrupt.came() {
@@ -113,18 +114,18 @@ pub fn run(
         }
     };
     bar.finish_and_clear();
-    // What came until here is counted; what is still on its way is not.
+    // Frames received so far are counted; those on their way are not.
     client.iter().for_each(|client| tally.end_connection(client));
     if broken.is_none() {
-        // A finger that goes now is no matter any more.
+        // The stream has ended, so an unplugged finger is no error here.
         client.iter().for_each(|client| drop(client.stream(false)));
     }
-    // Whoever ends a recording while its finger is gone must not take it for whole.
+    // A recording that ends while its finger is unplugged is incomplete.
     let broken = broken.or(gone.map(anyhow::Error::from));
     Ok(Ended { summary: tally.summary(), broken })
 }
 
-/// How far it is, in milliseconds, on a terminal. Where it goes on until Ctrl-C there is no telling.
+/// Creates the progress bar, in milliseconds; hidden if the stream runs until Ctrl-C.
 fn bar(duration: Option<f64>) -> anyhow::Result<ProgressBar> {
     let Some(seconds) = duration else { return Ok(ProgressBar::hidden()) };
     let style = ProgressStyle::with_template("{wide_bar} {percent} % {eta}")?;
@@ -135,24 +136,24 @@ fn millis(seconds: f64) -> u64 {
     (seconds * 1e3) as u64
 }
 
-/// Counts what came, through however many connections.
+/// Counts over all connections.
 #[derive(Default)]
 struct Tally {
     summary: Summary,
     first: Option<Received>,
     last: Option<Received>,
-    /// The first frame of this connection, and so many seconds after the first of all.
+    /// First frame of this connection, and its seconds after the first frame of all.
     connection: Option<(Received, f64)>,
 }
 
 impl Tally {
-    /// From the first frame of all to `received`.
+    /// Returns the seconds from the first frame of all to `received`.
     fn elapsed(&self, received: &Received) -> f64 {
         match (&self.connection, &self.last) {
             (Some((first, after)), _) => {
                 after + received.frame.time.0.saturating_sub(first.frame.time.0) as f64 / 1e6
             }
-            // The finger may have started again, and its clock with it.
+            // The finger and its clock may have restarted.
             (None, Some(last)) => self.duration_s() + seconds_between(last, received),
             (None, None) => 0.0,
         }
@@ -187,7 +188,7 @@ impl Tally {
     fn summary(mut self) -> Summary {
         if let Some((first, last)) = self.first.zip(self.last) {
             let streamed = seconds_between(&first, &last) - self.summary.gap_s;
-            // Each connection has one frame more than steps from frame to frame.
+            // Each connection has one frame more than intervals between frames.
             let steps = self.summary.frames.saturating_sub(1 + self.summary.gaps);
             self.summary.rate_hz = if streamed > 0.0 { steps as f64 / streamed } else { 0.0 };
         }
@@ -199,7 +200,7 @@ fn seconds_between(earlier: &Received, later: &Received) -> f64 {
     later.at.saturating_duration_since(earlier.at).as_secs_f64()
 }
 
-/// A positive number of seconds, as `--duration` takes it.
+/// Parses a positive number of seconds, as in `--duration`.
 ///
 /// # Errors
 /// The text is not such a number.

@@ -1,13 +1,14 @@
-//! The live page of a finger: a server on this machine, and the page that it serves.
+//! Live page of a finger: a server on this machine and the page it serves.
 //!
 //! ```text
 //! finger ──Client──▶ feed::live ──┐
-//!                                 ├─rows─▶ Scope ──ticks, 60 a second──▶ server ──WebSocket──▶ page
-//! recording ───▶ feed::playback ──┘                                         ◀──── orders ─────
+//!                                 ├─rows─▶ Scope ──ticks, 60 Hz──▶ server ──WebSocket──▶ page
+//! recording ───▶ feed::playback ──┘                                   ◀──── orders ─────
 //! ```
-//! A tick is what a screen can show: the latest row, and the least and greatest of every measured value
-//! since the tick before. However fast the stream, no peak is lost, and a page that is slow to read gets
-//! the ticks it has not seen. Nothing in here knows which fields a frame has: columns have names.
+//! A tick holds one screen frame: the latest row, and minimum and maximum of every measured value
+//! since the previous tick. No peak is lost at any stream rate. A slow page gets the ticks that it
+//! has not seen. Columns are known by name only, so that this module does not depend on the frame's
+//! fields.
 
 mod feed;
 mod orders;

@@ -1,12 +1,12 @@
-//! A finger without hardware: the firmware's own session and instrument, in a thread of this process,
-//! behind a pseudo-terminal or a TCP port, in real time.
+//! Simulated finger that runs the firmware's own session and instrument in a thread. It is reached
+//! through a pseudo-terminal or a TCP port, in real time.
 //!
 //! ```text
 //! Source ──samples──▶ PacedBoard ──scans──▶ run_session ◀──bytes──▶ pty / TCP
 //!                         └──truth──▶ TruthLog
 //! ```
-//! Nothing in here knows what a frame is. A program that talks to it cannot tell it from a finger,
-//! except that the truth is known.
+//! No module here depends on the contents of frames. A connected program cannot distinguish the
+//! virtual finger from hardware, except that the truth is known.
 
 mod board;
 mod player;
@@ -40,23 +40,24 @@ use player::Player;
 use taxel_client::{Device, LinkError, Port, Problem};
 use taxel_files::error::one_line;
 
-/// Bytes kept for a host that reads late: some three seconds of the default stream. More would only make old
-/// what it reads then.
+/// Bytes buffered for a host that reads late: about 3 s of the default stream. A larger buffer
+/// would only make the frames older.
 const BACKLOG: usize = 256 * 1024;
 
-/// End of a virtual finger that was not stopped.
+/// End of a virtual finger by itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// Its scans were over.
+    /// All scans were served.
     Finished,
-    /// Its trace could not be read further.
+    /// The trace could not be read further.
     Failed(FileError),
 }
 
-/// Set before the link closes: a client that sees the end of it finds the reason here.
+/// Outcome shared with the thread. Set before the link closes, so that a client that sees the end
+/// finds the reason.
 type Ending = Arc<Mutex<Option<Outcome>>>;
 
-/// A finger that lives in a thread. Dropping it pulls the cable.
+/// Virtual finger in a thread. Dropping it unplugs it.
 pub struct VirtualFinger {
     port: Port,
     truth: TruthLog,
@@ -66,11 +67,10 @@ pub struct VirtualFinger {
 }
 
 impl VirtualFinger {
-    /// A finger behind a pseudo-terminal: a serial device like that of a real one. One host at a time;
-    /// as with any UART the finger does not notice when a host leaves.
+    /// Starts a finger behind a pseudo-terminal, a serial device like that of hardware. Serves one
+    /// host at a time; as on any UART, the finger does not notice when a host leaves.
     ///
-    /// # Errors
-    /// There is no such thing here, the source is empty, or the calibration is not valid.
+    /// Pseudo-terminals are unsupported here, the source is empty, or the calibration is invalid.
     #[cfg(unix)]
     pub fn on_pty(source: Source, calibration: Option<&Calibration>) -> Result<Self, LinkError> {
         let open = |error: io::Error| {
@@ -84,7 +84,7 @@ impl VirtualFinger {
         })
     }
 
-    /// A finger behind a pseudo-terminal, which this platform does not have.
+    /// Fails, because this platform has no pseudo-terminals.
     ///
     /// # Errors
     /// Always.
@@ -93,11 +93,10 @@ impl VirtualFinger {
         Err(Problem::Unsupported.at(&Port::Serial("pseudo-terminal".to_owned())))
     }
 
-    /// A finger behind a TCP port; port 0 takes any that is free. One host after the other, the
-    /// settings stay.
+    /// Starts a finger behind a TCP port; port 0 selects a free one. Serves one host after the
+    /// other; settings stay in between.
     ///
-    /// # Errors
-    /// The address is taken, the source is empty, or the calibration is not valid.
+    /// The address is taken, the source is empty, or the calibration is invalid.
     pub fn on_tcp(
         address: impl ToSocketAddrs,
         source: Source,
@@ -115,10 +114,9 @@ impl VirtualFinger {
         })
     }
 
-    /// Plays a recording behind a TCP port: computed from its codes, or its frames as recorded.
+    /// Plays a recording behind a TCP port: computed from its codes, or as its recorded frames.
     ///
-    /// # Errors
-    /// The file cannot be read, or the calibration is not valid.
+    /// The file cannot be read, or the calibration is invalid.
     pub fn of_file(path: &Path, calibration: Option<&Calibration>) -> Result<Self, LinkError> {
         let Some(player) = Player::open(path)? else {
             return Self::on_tcp("127.0.0.1:0", Source::trace(path)?, calibration);
@@ -142,7 +140,8 @@ impl VirtualFinger {
         Ok(Self { port, truth, outcome, stop: Some(stop), thread: Some(thread) })
     }
 
-    /// A thread for it. A link that breaks or never was ends it: the client at its other end says so.
+    /// Runs `live` in a thread. A failed link ends the thread without a message, because the client
+    /// at the other end reports it.
     fn thread(
         port: &Port,
         live: impl FnOnce(&tokio::runtime::Runtime) -> io::Result<()> + Send + 'static,
@@ -168,8 +167,9 @@ impl VirtualFinger {
         let mut board = PacedBoard::new(source, truth.clone(), Arc::clone(&outcome))?;
         let (stop, stopped) = oneshot::channel::<()>();
         let thread = Self::thread(&port, move |runtime| {
-            // A task of its own, because only its waker stays equal to its clones: the session's pipe
-            // compares them, and with the waker of `block_on` it would wake itself forever.
+            // The session needs its own task, because only a task's waker equals its clones. The
+            // session's pipe compares wakers, and with the waker of `block_on` would wake itself
+            // endlessly.
             let session = async move {
                 let mut instrument = instrument(&mut board, record.as_deref());
                 tokio::select! {
@@ -194,7 +194,7 @@ impl VirtualFinger {
         &self.truth
     }
 
-    /// End of the finger, if it ended by itself.
+    /// Outcome, if the finger ended by itself.
     #[must_use]
     pub fn outcome(&self) -> Option<Outcome> {
         self.outcome.lock().unwrap_or_else(PoisonError::into_inner).clone()
@@ -214,7 +214,7 @@ impl Drop for VirtualFinger {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // A finger that panicked has nothing more to say.
+            // The panic of the thread is already on standard error.
             let _ = thread.join();
         }
     }
@@ -233,10 +233,11 @@ fn refused(error: taxel::calibration::CalibrationError) -> Problem {
 fn instrument(board: &mut PacedBoard, record: Option<&[u8]>) -> Instrument {
     let mut instrument = Instrument::new(board.identity());
     if let Some(record) = record {
-        // It was made by `record` above, so that it installs; otherwise the frames say uncalibrated.
+        // `record` above validated the record; if installing fails, frames are flagged as
+        // uncalibrated.
         let _ = instrument.install(record, board.store());
     }
-    // A record ends with its CRC; without one, the bias belongs to none.
+    // A record ends with its CRC. Without a record the bias belongs to CRC 0.
     let crc =
         record.and_then(|record| record.last_chunk()).map_or(0, |crc| u32::from_le_bytes(*crc));
     board.keep(crc);
@@ -244,7 +245,7 @@ fn instrument(board: &mut PacedBoard, record: Option<&[u8]>) -> Instrument {
     instrument
 }
 
-/// Scans while no host is there, as a finger does.
+/// Scans while no host is connected, as hardware does.
 async fn idle(board: &mut PacedBoard, instrument: &mut Instrument) {
     while let Some(scan) = board.scan().await {
         let _ = instrument.scan(&scan);

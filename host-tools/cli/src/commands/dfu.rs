@@ -1,9 +1,9 @@
-//! `taxel dfu`: to the chip's own bootloader, for new firmware.
+//! `taxel dfu`: restarts the finger in its chip's bootloader, for new firmware.
 
 use crate::finger::PortArg;
 use crate::output;
 
-/// Restarts the finger in its chip's own bootloader, where `dfu-util` finds it; see docs/boards.
+/// Restarts the finger in its chip's own bootloader, where `dfu-util` finds it. See docs/boards.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

@@ -1,4 +1,4 @@
-//! `taxel export`: a recording as another kind of file.
+//! `taxel export`: converts a recording to another file format.
 
 use std::path::PathBuf;
 
@@ -12,10 +12,10 @@ use taxel_files::stretch::Stretch;
 use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite, waiting};
 
-/// Writes a recording, or a stretch of it, as another kind of file; saves what a damaged one still has.
+/// Converts a recording, or a stretch of it, to another file format; recovers a damaged one.
 ///
-/// The names tell the kinds: .mcap, .parquet or .csv. CSV keeps neither the calibration nor the reasons for
-/// withheld values.
+/// File names select the format: .mcap, .parquet or .csv. CSV keeps neither the calibration nor the
+/// reasons for missing values.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -37,8 +37,7 @@ Examples:
 
 /// Runs the command.
 ///
-/// # Errors
-/// The recording is none, or damaged, or the file cannot be written.
+/// The file is no recording, or damaged, or the output cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let path = &args.recording.path;
     output::keep([path.as_path()], &args.out)?;
@@ -47,7 +46,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if !recording.whole {
         output::note(recording.cut_short(path));
     }
-    // Begun by the first frame: for none of them, a file that is there already is not given up.
+    // Created at the first frame, so that an export without frames keeps an existing file.
     let mut out = None;
     let time = recording.position("t_us");
     let bar = ProgressBar::new_spinner();

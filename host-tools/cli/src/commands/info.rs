@@ -1,4 +1,4 @@
-//! `taxel info`: who the finger is and how it is doing.
+//! `taxel info`: identity, settings and counters of the finger.
 
 use std::time::{Duration, UNIX_EPOCH};
 
@@ -13,13 +13,13 @@ use taxel_files::point_method;
 use crate::finger::PortArg;
 use crate::output;
 
-/// Shows who the finger is, its settings, and what it has counted.
+/// Shows the finger's identity, settings and counters.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
     port: PortArg,
-    /// Print it as JSON.
+    /// Print them as JSON.
     #[arg(long)]
     json: bool,
 }
@@ -44,7 +44,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
 }
 
-/// `live` is false for a recording: what its playback has counted is none of the finger's.
+/// Formats the report as text. `live` is false for a recording, because a playback's counters are
+/// not the finger's.
 fn as_text(version: Version, info: &Info, health: &BoardHealth, live: bool) -> String {
     let identity = &info.identity;
     let calibration = match &info.calibration {
@@ -106,7 +107,7 @@ fn filter(hz: u16) -> String {
     if hz == 0 { "none".to_owned() } else { format!("{hz} Hz, second order") }
 }
 
-/// State of the board, as far as it reports it.
+/// State of the board; fields that the board does not report are left out.
 fn board(health: &BoardHealth, micros: impl Fn(u32) -> f64) -> Vec<String> {
     let mut lines = vec![format!("started      after {}", reset(health.reset))];
     lines.extend(health.panic.as_ref().map(|panic| format!("last panic   {panic}")));
@@ -185,7 +186,7 @@ fn firmware(version: Version) -> String {
     version.firmware.map(|part| part.to_string()).join(".")
 }
 
-/// 9999-12-31, the last date that can be written.
+/// 9999-12-31, the last date of the text format, in seconds since 1970.
 const LAST_DATE: u64 = 253_402_300_799;
 
 fn date(id: &CalibrationId) -> String {
@@ -193,7 +194,7 @@ fn date(id: &CalibrationId) -> String {
     humantime::format_rfc3339_seconds(at).to_string()
 }
 
-/// The estimators that the finger's firmware holds, as a frame's status calls them when they run.
+/// Lists the estimators in the finger's firmware, named as in a frame's status.
 fn estimators(info: &Info) -> Vec<&'static str> {
     schema::named(info.estimators).map(|bit| bit.name.trim_start_matches("ran-")).collect()
 }

@@ -11,7 +11,7 @@ use crate::output;
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// Folder to write them to; it is made if it is not there.
+    /// Folder to write to; created if missing.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
 }

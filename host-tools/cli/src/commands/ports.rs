@@ -1,15 +1,15 @@
-//! `taxel ports`: what is plugged in.
+//! `taxel ports`: lists serial devices and fingers.
 
 use serde_json::json;
 use taxel_client::usb;
 
 use crate::output;
 
-/// Lists the serial devices of this machine, the fingers among them by the port that names each for good.
+/// Lists the serial devices of this machine; fingers by their permanent port name.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  taxel ports\n  taxel ports --json")]
 pub struct Args {
-    /// Print it as JSON.
+    /// Print the list as JSON.
     #[arg(long)]
     json: bool,
 }

@@ -1,4 +1,4 @@
-//! `taxel record`: the stream into a file.
+//! `taxel record`: writes the stream to files.
 
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -17,13 +17,14 @@ use crate::output::{Overwrite, waiting};
 use crate::stream::Next;
 use crate::{output, stream};
 
-/// Records the stream until Ctrl-C, or for a while.
+/// Records the stream until Ctrl-C or the end of --duration.
 ///
-/// The file's name tells its kind: .mcap (Foxglove opens it), .parquet (tables) or .csv. What has come is in
-/// the file within a second, whatever happens to this program. Each row has the device's time and that of
-/// this host; the file knows the finger, its settings and its calibration. A recording with the codes is a
-/// port of its own, `file:FRAMES.mcap`, and can be computed again by `taxel replay`. A finger that goes is
-/// waited for, and set as it was; the column `connection` then counts one up.
+/// The file name selects the format: .mcap (Foxglove opens it), .parquet (tables) or .csv. Received
+/// frames reach the file within a second, even if this program is killed. Each row has device time
+/// and host time; the file holds the finger's identity, settings and calibration. A recording with
+/// codes can be played as the port `file:FRAMES.mcap` and computed again by `taxel replay`. A
+/// finger that is unplugged is waited for and its settings are restored; the column `connection`
+/// then counts up by one.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -44,7 +45,7 @@ pub struct Args {
     /// Frames a second [default: as the finger is set].
     #[arg(long, value_name = "HZ")]
     rate: Option<u16>,
-    /// Serve the live page meanwhile, here; prints its address.
+    /// Serve the live page at this address during the recording; prints its URL.
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     page: Option<String>,
     /// Print the summary as JSON.
@@ -60,8 +61,7 @@ Examples:
 
 /// Runs the command.
 ///
-/// # Errors
-/// The finger cannot be reached or goes away, or the file cannot be written.
+/// The finger cannot be reached or is unplugged, or the file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
     if let Port::File(trace) = &args.port.port {
         args.out.iter().try_for_each(|out| output::keep([trace.as_path()], out))?;
@@ -76,7 +76,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         client.set_fields(fields)?;
     }
     let steady = Arc::new(ReconnectingClient::of(Arc::clone(&client)));
-    // The page asks for the taxels, which the files then have as well.
+    // The page adds the taxels to the fields, so that the files have them as well.
     let page = args.page.as_deref().map(|address| page(&steady, Some(address))).transpose()?;
     page.iter().for_each(|(server, _)| output::note(server.url()));
     let serial = steady.remember(&client)?.identity.serial;
@@ -86,7 +86,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if args.duration.is_none() && std::io::stderr().is_terminal() {
         output::note(format_args!("recording {} into {names}; Ctrl-C ends it", client.port()));
     }
-    // Who asks how long a question takes has to wait for the answer, which frames must not.
+    // Measured in its own thread, because a round trip blocks until the reply and frames must not
+    // wait.
     let echoes = RoundTrips::of(&steady);
     let recorded = stream::run(&steady, true, args.duration, &interrupt, |next| match next {
         Next::Frame(received) => {

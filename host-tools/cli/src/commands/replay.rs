@@ -1,4 +1,4 @@
-//! `taxel replay`: a trace through the core, on this machine or on an emulated board.
+//! `taxel replay`: computes a trace's frames, on this machine or on an emulated board.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -25,12 +25,12 @@ use crate::finger::record;
 use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite};
 
-/// Plays a trace through the core and writes what the finger says of it.
+/// Plays a trace through the core and writes the frames.
 ///
-/// From the same codes the frames are the same byte for byte wherever they are computed. A recording is computed
-/// as its finger was set: filter, way to the contact point, bias. On a board its own firmware runs on the emulator
-/// (`cargo xtask emulator`) with the trace on its pins: its converters make their own codes, and times are the
-/// board's.
+/// The same codes give the same frames, byte for byte, on every platform. A recording is computed
+/// with the settings of its finger: filter, method of the contact point, bias. On a board its own
+/// firmware runs on the emulator (`cargo xtask emulator`) with the trace on its pins. Its
+/// converters make their own codes, and times are the board's.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -58,7 +58,7 @@ Examples:
   taxel replay shear.csv@30.. --calibration finger.toml --out frames.csv
   taxel replay shear.csv --calibration finger.toml --out frames.csv --on stm32g431 --fields all";
 
-/// The fact of what codes are fractions of.
+/// Header key of the codes' full scale.
 const FULL_SCALE: &str = "full_scale";
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -75,8 +75,7 @@ enum Core {
 
 /// Runs the command.
 ///
-/// # Errors
-/// A file is wrong, or the emulator is missing.
+/// A file is invalid, or the emulator is missing.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let inputs = [args.trace.path.as_path()].into_iter().chain(args.calibration.as_deref());
     output::keep(inputs, &args.out)?;
@@ -119,7 +118,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     ))
 }
 
-/// What is said of the frames: what the recording says of its finger, and what they are computed with here.
+/// Builds the header of the frames: facts of the recording, with the calibration and fields used
+/// here.
 fn replayed(
     recorded: Header,
     args: &Args,
@@ -146,7 +146,7 @@ fn replayed(
     })
 }
 
-/// Frame writer that also counts.
+/// Frame writer that counts frames and missing forces.
 struct Sink {
     frames: Recorder,
     fields: Fields,
@@ -157,7 +157,7 @@ struct Sink {
 
 impl Sink {
     fn create(args: &Args, header: Header, full_scale: FullScale) -> Result<Self, FileError> {
-        // As in a trace, 12 bits go without saying.
+        // 12 bits are the default and left out, as in a trace.
         let said = full_scale != FullScale::BITS_12 || header.facts.contains_key(FULL_SCALE);
         let header = match said {
             true => header.with(FULL_SCALE, full_scale.top().0),
@@ -182,7 +182,7 @@ impl Sink {
     }
 }
 
-/// The finger could measure it, but not now.
+/// Whether a force that the finger can estimate has no value in this frame.
 fn withheld(force: Measured<Newtons>) -> bool {
     match force {
         Ok(_) => false,
@@ -208,7 +208,7 @@ fn on_host(
     Ok(sink)
 }
 
-/// The full scale of the codes is known only once the board runs.
+/// Replays on an emulated board. The full scale of the codes is known only once the board runs.
 fn on_board(
     board: Board,
     samples: impl Iterator<Item = Result<Sample, FileError>>,
@@ -233,7 +233,8 @@ fn on_board(
     Ok(sink)
 }
 
-/// Settings for an emulated board. A board takes its bias from its own scans only.
+/// Returns the settings for an emulated board; an error for a bias taken on command, which a board
+/// averages from its own scans only.
 fn settings(header: &Header, args: &Args) -> anyhow::Result<Settings> {
     if header.bias().is_some() {
         bail!(
@@ -245,7 +246,7 @@ fn settings(header: &Header, args: &Args) -> anyhow::Result<Settings> {
     Ok(Settings { fields: args.fields, filter_hz, point_method })
 }
 
-/// Goes on unless the frame could not be written, or somebody wants an end.
+/// Keeps the write's result; breaks if it failed or after an interrupt.
 fn taken(
     result: Result<(), FileError>,
     written: &mut Result<(), FileError>,

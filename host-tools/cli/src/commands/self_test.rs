@@ -1,4 +1,4 @@
-//! `taxel self-test`: what the finger's channels read by themselves.
+//! `taxel self-test`: noise and levels of the unloaded finger's channels.
 
 use serde_json::json;
 use taxel::self_test::{Channel, SelfTest};
@@ -8,8 +8,8 @@ use taxel_client::self_test::{findings, named, on_off};
 use crate::finger::PortArg;
 use crate::output;
 
-/// Measures noise, light and midpoints of the unloaded finger, and checks its stored calibration. Exit
-/// code 1 where something is wrong.
+/// Measures noise, light and midpoints of the unloaded finger, and checks its stored calibration.
+/// Exit code 1 if something is faulty.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -18,7 +18,7 @@ pub struct Args {
     /// Scans to measure over.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u16).range(2..=4096))]
     scans: u16,
-    /// Print it as JSON.
+    /// Print the result as JSON.
     #[arg(long)]
     json: bool,
 }
@@ -31,8 +31,7 @@ Examples:
 
 /// Runs the command.
 ///
-/// # Errors
-/// The finger cannot be reached, or something is wrong with it.
+/// The finger cannot be reached, or a check failed.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let client = args.port.connect()?;
     let test = client.self_test(args.scans)?;

@@ -14,9 +14,10 @@ use crate::virtual_finger::{Outcome, Source, VirtualFinger};
 /// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Puts a virtual finger where other programs can connect to it, until Ctrl-C.
+/// Serves a virtual finger for other programs to connect to, until Ctrl-C.
 ///
-/// Prints the port, then waits. One program at a time; the finger's settings stay when it leaves.
+/// Prints the port, then waits. Serves one program at a time; the finger keeps its settings in
+/// between.
 #[derive(clap::Args)]
 #[command(after_help = "Example: taxel serve --port sim:tour --tcp 127.0.0.1:5000 &
          taxel record --port tcp:127.0.0.1:5000 --duration 5 --out frames.csv")]
@@ -34,8 +35,7 @@ pub struct Args {
 
 /// Runs the command.
 ///
-/// # Errors
-/// The port is none of a virtual finger, the address is taken, or the trace is damaged.
+/// The port is not a virtual finger, the address is taken, or the trace is damaged.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
     let (source, scene) = match &args.port {

@@ -1,4 +1,4 @@
-//! `taxel set`: rate, filter, fields, contact point method, and how the board scans.
+//! `taxel set`: rate, filter, fields, contact point method and scan settings.
 
 use anyhow::Context;
 use taxel::estimate::contact_point::PointMethod;
@@ -10,17 +10,18 @@ use taxel_client::fields;
 use crate::finger::PortArg;
 use crate::output;
 
-/// Changes the finger's settings, which it keeps until it loses power, or for good with --save.
+/// Changes the finger's settings, until it loses power or permanently with --save.
 #[derive(clap::Args)]
 #[command(group(clap::ArgGroup::new("settings").required(true).multiple(true)))]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
     port: PortArg,
-    /// Frames a second; the finger takes the nearest it can.
+    /// Frames a second; the finger uses the nearest possible rate.
     #[arg(long, value_name = "HZ", group = "settings")]
     rate: Option<u16>,
-    /// Smooths forces and places: −3 dB of a second-order low-pass at so many hertz, 0 for none.
+    /// Low-pass on forces and contact points: −3 dB frequency of the second-order filter in hertz,
+    /// 0 for none.
     #[arg(long, value_name = "HZ", group = "settings")]
     filter: Option<u16>,
     #[arg(long, value_name = "LIST", value_parser = fields::parse, group = "settings",
@@ -32,13 +33,13 @@ pub struct Args {
     /// Scans a second.
     #[arg(long, value_name = "HZ", group = "settings")]
     scan: Option<u16>,
-    /// Samples added up for one reading: 1, 2, 4, 8 or 16.
+    /// Samples summed for one reading: 1, 2, 4, 8 or 16.
     #[arg(long, value_name = "SAMPLES", group = "settings")]
     oversampling: Option<u16>,
-    /// From the change of LED row to the first sample, in microseconds.
+    /// Time from the change of LED row to the first sample, in microseconds.
     #[arg(long, value_name = "US", group = "settings", value_parser = settle)]
     settle: Option<u32>,
-    /// Keep scan, rate, filter, fields and method as they then are over power-off.
+    /// Keep the resulting scan, rate, filter, fields and method over power-off.
     #[arg(long, group = "settings")]
     save: bool,
 }
@@ -48,7 +49,7 @@ Examples:
   taxel set --rate 500 --fields force,point
   taxel set --scan 4000 --oversampling 4 --settle 20 --save";
 
-/// The ways to find the contact point.
+/// Methods of finding the contact point.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Point {
     /// Centroid of the dimmed taxels.

@@ -1,4 +1,4 @@
-//! `taxel simulate`: a scene in, a trace out.
+//! `taxel simulate`: writes the trace of a scene.
 
 use std::path::{Path, PathBuf};
 
@@ -21,10 +21,10 @@ pub struct Args {
     /// Trace to write.
     #[arg(long, value_name = "TRACE.csv", required_unless_present = "list")]
     out: Option<PathBuf>,
-    /// Prints the built-in scenes, a line each.
+    /// Print the built-in scenes, one line each.
     #[arg(long, exclusive = true)]
     list: bool,
-    /// Seed of noise, lamps and random presses; the device has its own in the scene.
+    /// Seed of noise, lamps and random presses; the device's own seed is in the scene.
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -36,8 +36,7 @@ Examples:
 
 /// Runs the command.
 ///
-/// # Errors
-/// The scene is wrong or the trace cannot be written.
+/// The scene is invalid or the trace cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let (Some(name), Some(out)) = (args.scene, args.out) else { return list() };
     output::keep([Path::new(&name)], &out)?;
@@ -56,7 +55,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         trace.write(&sample)?;
         wrong_side.iter_mut().zip(simulator.wrong_side()).for_each(|(was, is)| *was |= is);
         written += 1;
-        // A redraw a frame would cost more than the frame.
+        // A redraw per frame would take longer than the frame.
         if written.is_multiple_of(1000) {
             bar.set_position(written);
         }
@@ -68,7 +67,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     output::line(format!("{}: {written} scans{stopped}{fidelity}{wrong_side}", out.display()))
 }
 
-/// How many facets came so near to their pair that its light fell, and which.
+/// Names the taxels whose facet came so near that the light fell again.
 fn past_the_peak(wrong_side: &[bool; TAXELS]) -> String {
     let taxels = wrong_side.iter().enumerate().filter(|(_, past)| **past);
     let names: Vec<String> = taxels.map(|(k, _)| format!("r{}c{}", k / COLS, k % COLS)).collect();

@@ -1,11 +1,11 @@
-//! `taxel udev`: the rule that lets this machine's users at a finger.
+//! `taxel udev`: udev rules that let users open a finger.
 
 use crate::output;
 
-/// The rule file.
+/// Text of the rule file.
 const RULES: &str = include_str!("../../assets/70-taxel.rules");
 
-/// Prints the udev rules of a finger: who may open it, a name that stays, and no modem manager.
+/// Prints the udev rules of a finger: access, a stable device name, no modem manager.
 #[derive(clap::Args)]
 #[command(after_help = "Example: taxel udev | sudo tee /etc/udev/rules.d/70-taxel.rules
          sudo udevadm control --reload && sudo udevadm trigger")]

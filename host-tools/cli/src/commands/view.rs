@@ -16,27 +16,29 @@ use crate::view::{Feed, Server, Source, Tap};
 /// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Shows fingers in the browser, live, until Ctrl-C; or a recording, with a scrubber.
+/// Shows fingers live in the browser until Ctrl-C, or a recording with a scrubber.
 ///
-/// Prints the page's address, and opens it where there is a display. A finger that is not there, or goes, is waited for, and is set again to what
-/// it was set to. Of a finger on another machine: `ssh -L 8173:127.0.0.1:8173 HOST taxel view --port …`.
+/// Prints the page's address, and opens it if there is a display. A finger that is not connected,
+/// or is unplugged, is waited for; its settings are restored. For a finger on another machine:
+/// `ssh -L 8173:127.0.0.1:8173 HOST taxel view --port …`.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE; may be given more than once.
+    /// The finger: usb, usb:SERIAL, a serial device, tcp:HOST:PORT, file:PATH or sim:SCENE; may be
+    /// given more than once.
     #[arg(long, value_name = "PORT", default_value = "usb")]
     port: Vec<Port>,
-    /// Address of the page. Anybody who can reach it can command the finger.
+    /// Address of the page. Everyone who can reach it can command the finger.
     #[arg(long, value_name = "HOST:PORT", default_value = PAGE, value_parser = address)]
     listen: String,
-    /// Calibration of a virtual finger, or to compute a recording's codes again with [default: a built-in
-    /// scene's own, a recording as it was recorded].
+    /// Calibration of a virtual finger, or to compute a recording's codes again with [default: a
+    /// built-in scene's own; a recording's frames as recorded].
     #[arg(long, value_name = "CAL")]
     calibration: Option<PathBuf>,
-    /// Only serve the page, and open no browser.
+    /// Serve the page without opening a browser.
     #[arg(long)]
     no_browser: bool,
-    /// Folder of what the page records.
+    /// Folder for recordings started from the page.
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     folder: PathBuf,
 }
@@ -83,11 +85,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The page of a finger whose frames another command takes: at `address`, or else at its usual one or where
-/// there is room.
+/// Serves the page of a finger whose frames another command takes. Without `address`: at the
+/// default address, or at a free port if that is taken.
 ///
-/// # Errors
-/// The finger does not say who it is, or the address is taken.
+/// The finger does not reply, or the address is taken.
 pub fn page(
     finger: &Arc<ReconnectingClient>,
     address: Option<&str>,

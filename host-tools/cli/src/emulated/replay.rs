@@ -1,8 +1,9 @@
-//! A trace on the pins of an emulated board, heard by the ordinary client: converters, scan, USB and all.
+//! Replay of a trace on the pins of an emulated board, read by the ordinary client. Converters,
+//! scan and USB take part.
 //!
-//! The board scans as often as the trace has scans, and sees one of them in each; of a trace slower than its
-//! slowest scan, each several times. Time waits for the client, so that nothing is lost on this side; what
-//! the board's own link cannot carry is lost there, and is an error.
+//! The board scans at the trace's rate and reads one of its scans each time. A trace slower than
+//! the board's lowest rate has each scan read several times. Time waits for the client, so that
+//! nothing is lost on this side. A frame that the board's own link loses is an error.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -19,15 +20,15 @@ use tempfile::NamedTempFile;
 
 use super::{Board, Emulated};
 
-/// Samples added up for a reading: as many as the rate leaves time for.
+/// Oversampling to try, highest first; the rate limits it.
 const OVERSAMPLING: [u16; 4] = [8, 4, 2, 1];
-/// A board that says nothing for so long has nothing more to say.
+/// Silence after which a board counts as stopped.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Settings of a board that replays; its rate is the trace's.
+/// Settings of a replaying board; its rate is the trace's.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// Fields of its frames.
+    /// Fields of the board's frames.
     pub fields: Fields,
     /// Corner of the low-pass in hertz; 0 for none.
     pub filter_hz: u16,
@@ -35,7 +36,7 @@ pub struct Settings {
     pub point_method: PointMethod,
 }
 
-/// A replay that is about to begin.
+/// Replay that is ready to run.
 pub struct Replay {
     client: Client,
     settings: ScanSettings,
@@ -43,15 +44,14 @@ pub struct Replay {
     /// Number of scans in the trace.
     scans: usize,
     begin: Micros,
-    // The emulator has read the trace, and ends with this.
+    // Dropping this ends the emulator.
     _board: Emulated,
 }
 
 impl Replay {
-    /// Starts the board, with a calibration record if there is one, and sets it to scan as the trace does.
+    /// Starts the board, uploads the calibration record if given, and sets the trace's scan rate.
     ///
-    /// # Errors
-    /// The board does not start, does not scan that fast, or refuses the calibration.
+    /// The board does not start, cannot scan that fast, or refuses the calibration.
     pub fn prepare(
         board: Board,
         scans: &[Scan],
@@ -70,8 +70,8 @@ impl Replay {
         client.set_fields(wanted.fields)?;
         client.set_rate(hz)?;
         client.set_filter(wanted.filter_hz)?;
-        // It begins with the default, for which an image without the model takes the next best; to ask for the
-        // model by name it would refuse.
+        // The board starts with the default method. An image without the model replaces the default
+        // by the next best, but would refuse the model by name.
         if wanted.point_method != PointMethod::default() {
             client.set_point_method(wanted.point_method)?;
         }
@@ -81,20 +81,21 @@ impl Replay {
         Ok(Self { client, settings, full_scale, scans, begin, _board: board })
     }
 
-    /// Full scale of the codes in its frames.
+    /// Full scale of the codes in the frames.
     pub fn full_scale(&self) -> FullScale {
         self.full_scale
     }
 
-    /// Plays the trace: calls `frame` with a frame for each scan, in order, until it breaks.
+    /// Plays the trace: calls `frame` with a frame for each scan, in order, until the callback
+    /// breaks.
     ///
-    /// Times are the board's own, counted from the trace's first.
+    /// Frame times are the board's own, from the trace's first time on.
     ///
     /// # Errors
     /// The board's link could not carry all frames, or broke.
     pub fn run(self, mut frame: impl FnMut(&Frame) -> ControlFlow<()>) -> anyhow::Result<()> {
         self.client.stream(true)?;
-        // The scan that follows a standstill says so; those before it may not.
+        // The first scan after a standstill has the flag OVERRUN; earlier ones must not.
         self.skip_to(|status| !status.contains(Status::OVERRUN))?;
         self.client.set_scan(self.settings)?;
         let mut next = self.skip_to(|status| status.contains(Status::OVERRUN))?;
@@ -137,7 +138,7 @@ impl Replay {
     }
 }
 
-/// Scans a second, by their times; one where there is only one scan.
+/// Computes the scan rate in Hz from the times; 1 for a single scan.
 fn rate_hz(scans: &[Scan]) -> anyhow::Result<u16> {
     let (Some(first), Some(last)) = (scans.first(), scans.last()) else {
         bail!("the trace has no scans; give one that has")
@@ -147,7 +148,7 @@ fn rate_hz(scans: &[Scan]) -> anyhow::Result<u16> {
     Ok(u16::try_from(hz).unwrap_or(u16::MAX).max(1))
 }
 
-/// Writes a trace of these scans, each so often.
+/// Writes a trace that repeats each scan `each` times.
 fn written(scans: &[Scan], each: u16) -> anyhow::Result<NamedTempFile> {
     let file = NamedTempFile::with_suffix(".csv").context("making a temporary file")?;
     let first = scans.first().context("the trace has no scans")?.codes;
@@ -169,7 +170,7 @@ fn written(scans: &[Scan], each: u16) -> anyhow::Result<NamedTempFile> {
     Ok(file)
 }
 
-/// Has the board scan `hz` times a second, as it otherwise does.
+/// Sets the scan rate, with the highest oversampling that the board accepts.
 fn scanning(client: &Client, scan_hz: u16) -> anyhow::Result<ScanSettings> {
     let now = client.health()?.scan.context("the board does not say how it scans")?;
     let mut most = 0;
@@ -211,7 +212,7 @@ mod tests {
         for (period, hz) in [(2_000, 500), (250, 4_000), (2_999, 333)] {
             assert_eq!(rate_hz(&scans(1_000, period)).unwrap(), hz);
         }
-        // One scan, and scans that all carry the same time, have no rate to state; it must not be zero.
+        // One scan, or scans of equal time, have no rate; the result must not be zero.
         assert_eq!(rate_hz(&scans(1, 0)).unwrap(), 1);
         assert_eq!(rate_hz(&scans(9, 0)).unwrap(), u16::MAX);
         let error = rate_hz(&[]).unwrap_err().to_string();

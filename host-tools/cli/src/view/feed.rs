@@ -23,13 +23,13 @@ pub use live::Tap;
 
 /// Source that a page can show.
 pub enum Source {
-    /// A finger; recordings that the page asks for go to this folder.
+    /// A finger, with the folder for recordings started from the page.
     Finger(Box<ReconnectingClient>, PathBuf),
-    /// A recording or a trace, and what it shall be computed with instead of its own calibration.
+    /// A recording or a trace, with a calibration to compute it with instead of its own.
     File(PathBuf, Option<Box<Calibration>>),
 }
 
-/// A source at work.
+/// Running source.
 pub struct Feed {
     pub(crate) name: String,
     pub(crate) scope: Shared,
@@ -38,7 +38,7 @@ pub struct Feed {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// A scope that threads share.
+/// Scope shared by threads.
 #[derive(Clone)]
 pub(crate) struct Shared(Arc<Mutex<Scope>>);
 
@@ -66,10 +66,9 @@ impl Context {
 }
 
 impl Feed {
-    /// Sets a source going.
+    /// Starts a source.
     ///
-    /// # Errors
-    /// A file cannot be read. A finger that is not there is no error: it is waited for.
+    /// A file cannot be read. An unplugged finger is no error; it is waited for.
     pub fn start(source: Source) -> Result<Self, FileError> {
         match source {
             Source::Finger(steady, folder) => Ok(live::start(Arc::new(*steady), folder)),
@@ -79,10 +78,10 @@ impl Feed {
         }
     }
 
-    /// A finger that another part of this program streams from: what that hands to the [`Tap`] is shown.
+    /// Creates a feed that shows the frames given to the [`Tap`], for a finger that this program
+    /// streams elsewhere.
     ///
-    /// # Errors
-    /// The finger does not say who it is.
+    /// The finger does not reply.
     pub fn tapped(
         finger: &Arc<ReconnectingClient>,
         folder: PathBuf,
@@ -92,7 +91,7 @@ impl Feed {
 
     fn new(name: String) -> (Self, Context, Receiver<Envelope>) {
         let scope = Shared::new();
-        // Until the finger says more, the page draws one that says nothing.
+        // Facts that do not depend on the finger, for the page until the finger replies.
         scope.lock().facts = page_facts(json!({}));
         let stop = Arc::new(AtomicBool::new(false));
         let (orders, received) = channel();
@@ -102,7 +101,7 @@ impl Feed {
 
     fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) {
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(work);
-        // A system that has no thread left will say so elsewhere.
+        // A failure to start a thread is not reported here.
         self.threads.extend(thread);
     }
 }
@@ -111,7 +110,7 @@ impl Drop for Feed {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
-            // A thread that panicked has nothing more to say.
+            // The panic of a thread is already on standard error.
             let _ = thread.join();
         }
     }

@@ -2,13 +2,13 @@
 
 use serde::Deserialize;
 
-/// An order, as the page sends it: `{"order": "rate", "hz": 500}`.
+/// Command as the page sends it: `{"order": "rate", "hz": 500}`.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(tag = "order", rename_all = "kebab-case")]
 pub(crate) enum Order {
     /// Average scans into a new bias.
     Bias,
-    /// Back to the calibration's own bias.
+    /// Return to the calibration's own bias.
     ClearBias,
     /// Begin or end a recording.
     Record { on: bool },
@@ -16,33 +16,33 @@ pub(crate) enum Order {
     Rate { hz: u16 },
     /// Corner of the low-pass; 0 for none.
     Filter { hz: u16 },
-    /// Fields by their names, with commas between.
+    /// Names of fields, separated by commas.
     Fields { list: String },
     /// Method of the contact point: `centroid`, `argmin` or `model`.
     Method { name: String },
-    /// Measure every channel.
+    /// Measure noise and level of every channel.
     SelfTest,
-    /// The channel that the spectrum is of.
+    /// Channel of the spectrum.
     Channel { name: String },
-    /// Go on with a playback, or halt it.
+    /// Continue or pause a playback.
     Play { on: bool },
-    /// Go to a time of a playback, in seconds from its start.
+    /// Move a playback to a time, in seconds from its start.
     Seek { to: f64 },
 }
 
 /// Result of a command, in words for the page.
 pub(crate) type Outcome = Result<String, String>;
 
-/// An order on its way, and where its outcome goes.
+/// Command in transit, with the channel for its outcome.
 pub(crate) struct Envelope {
     pub(crate) order: Order,
     pub(crate) reply: tokio::sync::mpsc::UnboundedSender<Outcome>,
 }
 
 impl Envelope {
-    /// Carries it out.
+    /// Executes the command and sends the outcome.
     pub(crate) fn answer(self, carry_out: impl FnOnce(Order) -> Outcome) {
-        // A page that has been closed wants no answer.
+        // A closed page does not receive its answer.
         let _ = self.reply.send(carry_out(self.order));
     }
 }

@@ -1,4 +1,4 @@
-//! State of one finger on the page: rows come in at any rate, ticks go out.
+//! State of one finger on the page: takes rows at any rate, returns ticks.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -8,49 +8,49 @@ use taxel_files::frames::{Cell, Column, Kind, reason};
 
 use crate::view::spectrum::Spectrum;
 
-/// From one tick to the next: a frame of a 60 Hz screen.
+/// Interval between ticks: one frame of a 60 Hz screen.
 const TICK: Duration = Duration::from_micros(16_667);
-/// Ticks kept for a page that opens or lags: a minute.
+/// Ticks kept for a page that opens or lags: 60 s.
 const KEPT: usize = 3600;
 
 /// Rows between two updates of the screen.
 struct Tick {
-    /// Device time of its last row, in seconds.
+    /// Device time of the last row, in seconds.
     time: f64,
     rows: u32,
     /// Status bits that were set in any row.
     status: u32,
-    /// Least and greatest of each measured column.
+    /// Minimum and maximum of each measured column.
     range: Vec<Option<(f32, f32)>>,
 }
 
-/// The counts of a link.
+/// Counts, round trip and clock of a link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Link {
-    /// Rows that were due.
+    /// Rows received.
     pub(crate) frames: u64,
-    /// Rows that never came.
+    /// Rows lost.
     pub(crate) lost: u64,
-    /// The last echo there and back.
+    /// Last round-trip time.
     pub(crate) echo: Option<Duration>,
-    /// Parts per million that the device's clock is fast, if that can be told yet, and how far its time is off on this
-    /// host's.
+    /// Device clock: rate over the host's in ppm, once known, and the error bound of its time on
+    /// this host.
     pub(crate) clock: Option<(Option<f64>, Duration)>,
 }
 
-/// One finger's.
+/// State of one finger.
 pub(crate) struct Scope {
     columns: Vec<Column>,
     measured: Vec<usize>,
     status_at: Option<usize>,
     time_at: Option<usize>,
     seq_at: Option<usize>,
-    /// Changes when the columns do: what a page had before means nothing then.
+    /// Number of restarts; a page discards what it has of an earlier number.
     epoch: u64,
     latest: Vec<Cell>,
     open: Option<(Instant, Tick)>,
     ticks: VecDeque<Tick>,
-    /// Ticks that were ever closed.
+    /// Number of ticks closed so far.
     count: u64,
     channel: Option<String>,
     spectrum: Spectrum,
@@ -58,13 +58,13 @@ pub(crate) struct Scope {
     pub(crate) link: Link,
     /// Identity and settings of the finger, for the page.
     pub(crate) facts: Value,
-    /// Why there is no stream, if there is none.
+    /// Reason for a missing stream.
     pub(crate) trouble: Option<String>,
-    /// Why a recording ended by itself.
+    /// Reason for the end of a recording, or another notice.
     pub(crate) mishap: Option<String>,
-    /// The file that is being recorded.
+    /// Name of the file being recorded.
     pub(crate) recording: Option<String>,
-    /// Where a playback stands: seconds, of how many if that is known yet, and whether it runs.
+    /// Position of a playback in seconds, its length once known, and whether it runs.
     pub(crate) playback: Option<(f64, Option<f64>, bool)>,
 }
 
@@ -93,7 +93,7 @@ impl Scope {
         }
     }
 
-    /// Rows from now on have these columns.
+    /// Sets the columns of the following rows.
     pub(crate) fn set_columns(&mut self, columns: Vec<Column>) {
         let find = |name| columns.iter().position(|column| column.name == name);
         (self.time_at, self.seq_at, self.status_at) = (find("t_us"), find("seq"), find("status"));
@@ -104,7 +104,7 @@ impl Scope {
         self.restart();
     }
 
-    /// Time begins again: after a seek, or when the finger has restarted.
+    /// Discards all ticks, after a seek or when the finger has restarted.
     pub(crate) fn restart(&mut self) {
         self.epoch += 1;
         self.open = None;
@@ -114,7 +114,7 @@ impl Scope {
         self.rate = Rate::default();
     }
 
-    /// The channel that the spectrum is of.
+    /// Selects the channel of the spectrum.
     pub(crate) fn set_channel(&mut self, name: &str) {
         self.channel = Some(name.to_owned());
         self.spectrum.clear();
@@ -129,7 +129,7 @@ impl Scope {
         let time_us = whole(self.time_at);
         let time = time_us as f64 * 1e-6;
         if self.ticks.back().is_some_and(|last| time < last.time) {
-            // The finger has been restarted.
+            // The finger has restarted.
             self.restart();
         }
         self.rate.push(time);
@@ -165,7 +165,7 @@ impl Scope {
         self.latest.extend_from_slice(row);
     }
 
-    /// Ends the present tick early: no row follows it.
+    /// Closes the present tick early, because no row follows.
     pub(crate) fn settle(&mut self) {
         self.close();
     }
@@ -179,7 +179,7 @@ impl Scope {
         self.count += 1;
     }
 
-    /// Returns what is new since `seen`.
+    /// Returns the changes since `seen`, and updates `seen`.
     pub(crate) fn news(&mut self, seen: &mut Seen) -> Value {
         if self.open.as_ref().is_some_and(|(opened, _)| opened.elapsed() >= TICK) {
             self.close();
@@ -221,7 +221,7 @@ impl Scope {
         news
     }
 
-    /// The spectrum of the chosen channel, or how far its samples have come.
+    /// Returns the spectrum of the selected channel, or the share of samples collected.
     pub(crate) fn spectrum(&self) -> Value {
         let lines = self.spectrum.lines();
         json!({
@@ -245,7 +245,7 @@ fn ends(tick: &Tick, end: fn((f32, f32)) -> f32) -> Vec<Option<f32>> {
     tick.range.iter().map(|range| range.map(end)).collect()
 }
 
-/// A number, a reason in words, or nothing.
+/// Converts a cell to JSON: a number, a reason, or null.
 fn cell(cell: &Cell) -> Value {
     match cell {
         Cell::Empty => Value::Null,
@@ -255,7 +255,7 @@ fn cell(cell: &Cell) -> Value {
     }
 }
 
-/// Rows a second of device time, over the last second or so.
+/// Rate of rows in device time, over the last second.
 #[derive(Default)]
 struct Rate {
     times: VecDeque<f64>,
@@ -291,7 +291,7 @@ mod tests {
         scope
     }
 
-    /// A stream of 4 kHz with one row that stands out.
+    /// Pushes a stream of 4 kHz with one outlier at `peak`.
     fn stream(scope: &mut Scope, rows: u64, peak: u64) {
         let start = Instant::now().checked_sub(Duration::from_micros(rows * 250)).unwrap();
         for i in 0..rows {

@@ -1,4 +1,4 @@
-//! Serves the page, and one WebSocket for each page that is open.
+//! HTTP server of the page, with one WebSocket for each open page.
 
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::sync::Arc;
@@ -20,16 +20,16 @@ use crate::view::feed::Feed;
 use crate::view::orders::{Envelope, Order, Outcome};
 use crate::view::scope::Seen;
 
-/// From one message to the next: a frame of a 60 Hz screen.
+/// Interval between messages: one frame of a 60 Hz screen.
 const FRAME: Duration = Duration::from_micros(16_667);
-/// From one spectrum to the next.
+/// Interval between spectra.
 const SPECTRUM: Duration = Duration::from_millis(200);
 
 const HTML: &str = "text/html; charset=utf-8";
 const JS: &str = "text/javascript; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 
-/// Everything that the page is made of.
+/// Paths, types and contents of the page's files.
 const ASSETS: [(&str, &str, &str); 8] = [
     ("/", HTML, include_str!("../../assets/page/index.html")),
     ("/style.css", CSS, include_str!("../../assets/page/style.css")),
@@ -41,7 +41,7 @@ const ASSETS: [(&str, &str, &str); 8] = [
     ("/uplot.css", CSS, include_str!("../../assets/page/uplot/uPlot.min.css")),
 ];
 
-/// The page cannot be served.
+/// Error of a page that cannot be served.
 #[derive(Debug, thiserror::Error)]
 #[error("{address}: {error}; choose another address with --listen")]
 pub struct ServerError {
@@ -49,7 +49,7 @@ pub struct ServerError {
     error: std::io::Error,
 }
 
-/// A page being served. Dropping it closes every page.
+/// Running server. Dropping it closes every page.
 pub struct Server {
     address: SocketAddr,
     stop: Option<oneshot::Sender<()>>,
@@ -57,10 +57,9 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves `feeds` at `address`, `HOST:PORT`; port 0 takes any that is free.
+    /// Serves `feeds` at `address`, `HOST:PORT`; port 0 selects a free port.
     ///
-    /// # Errors
-    /// The address is taken, or is none of this machine.
+    /// The address is taken, or does not belong to this machine.
     pub fn start(address: &str, feeds: Vec<Feed>) -> Result<Self, ServerError> {
         let failed = |error| ServerError { address: address.to_owned(), error };
         let listener = TcpListener::bind(address).map_err(failed)?;
@@ -74,7 +73,7 @@ impl Server {
             runtime.block_on(async {
                 let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
                 tokio::select! {
-                    // An accept that fails is tried again by the library.
+                    // The library retries a failed accept.
                     _ = axum::serve(listener, routes(feeds, name)) => {}
                     _ = stopped => {}
                 }
@@ -96,7 +95,7 @@ impl Drop for Server {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // A server that panicked has nothing more to say.
+            // The panic of a thread is already on standard error.
             let _ = thread.join();
         }
     }
@@ -104,7 +103,7 @@ impl Drop for Server {
 
 type Feeds = Arc<Vec<Feed>>;
 
-/// Routes, served to requests for this machine's address, `localhost` or `name`.
+/// Builds the routes, open to requests for this machine's address, `localhost` or `name`.
 fn routes(feeds: Vec<Feed>, name: String) -> Router {
     let pages = ASSETS.into_iter().fold(Router::new(), |router, (path, kind, text)| {
         let headers = [(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "no-cache")];
@@ -117,8 +116,8 @@ fn routes(feeds: Vec<Feed>, name: String) -> Router {
         .layer(from_fn_with_state(Arc::<str>::from(name), only_by_own_name))
 }
 
-/// Whoever owns a name may let it lead to this machine (DNS rebinding): to the browser, what is served here
-/// would then be that page's own, and the finger its to command.
+/// Rejects requests for other host names. With DNS rebinding a foreign name could lead to this
+/// machine. The browser would then let the foreign page command the finger.
 async fn only_by_own_name(State(name): State<Arc<str>>, request: Request, next: Next) -> Response {
     let called = request.headers().get(header::HOST).and_then(|value| value.to_str().ok());
     if is_own(called.unwrap_or_default(), &name) {
@@ -128,14 +127,15 @@ async fn only_by_own_name(State(name): State<Arc<str>>, request: Request, next: 
     (StatusCode::FORBIDDEN, mend).into_response()
 }
 
-/// An address is nobody's name to give away.
+/// Whether `called` is an IP address, `localhost` or `name`. DNS rebinding needs a name, so that
+/// any IP address is safe.
 fn is_own(called: &str, name: &str) -> bool {
     let called = host(called);
     called.parse::<IpAddr>().is_ok()
         || ["localhost", name].iter().any(|own| called.eq_ignore_ascii_case(own))
 }
 
-/// The host of `HOST:PORT`, `[HOST]:PORT` or `HOST`.
+/// Extracts the host of `HOST:PORT`, `[HOST]:PORT` or `HOST`.
 fn host(address: &str) -> &str {
     let end = address.rfind(':').filter(|colon| !address.ends_with(']') && *colon > 0);
     address[..end.unwrap_or(address.len())].trim_matches(['[', ']'])
@@ -153,7 +153,8 @@ async fn finger(
     upgrade: WebSocketUpgrade,
 ) -> Response {
     if !same_origin(&headers) {
-        // Any page on the web may open a WebSocket to this machine: only ours commands the finger.
+        // Any web page may open a WebSocket to this machine; only the served page may command the
+        // finger.
         return (StatusCode::FORBIDDEN, "only the page served here may connect").into_response();
     }
     if feeds.get(number).is_none() {
@@ -161,7 +162,7 @@ async fn finger(
     }
     upgrade.on_upgrade(move |socket| async move {
         if let Some(feed) = feeds.get(number) {
-            // A page that goes away is no failure.
+            // A closed page is no failure.
             let _ = converse(socket, feed).await;
         }
     })
@@ -170,7 +171,7 @@ async fn finger(
 fn same_origin(headers: &HeaderMap) -> bool {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     match text(header::ORIGIN) {
-        // No browser.
+        // The client is no browser.
         None => true,
         Some(origin) => {
             let host = origin.split_once("://").map(|(_, host)| host);
@@ -183,7 +184,7 @@ async fn converse(mut socket: WebSocket, feed: &Feed) -> Result<(), axum::Error>
     let (reply, mut replies) = mpsc::unbounded_channel::<Outcome>();
     let mut frames = interval(FRAME);
     let mut spectra = interval(SPECTRUM);
-    // A page that is slow to read is told everything later, not twice as often.
+    // A slow page gets fewer, larger messages.
     frames.set_missed_tick_behavior(MissedTickBehavior::Skip);
     spectra.set_missed_tick_behavior(MissedTickBehavior::Skip);
     let mut seen = Seen::default();
@@ -207,7 +208,7 @@ async fn converse(mut socket: WebSocket, feed: &Feed) -> Result<(), axum::Error>
     }
 }
 
-/// Passes an order on; what is none is answered at once.
+/// Forwards a command to the feed; answers an invalid one at once.
 fn order(message: &Message, feed: &Feed, reply: &mpsc::UnboundedSender<Outcome>) -> Option<Value> {
     let Message::Text(text) = message else { return None };
     match serde_json::from_str::<Order>(text.as_str()) {

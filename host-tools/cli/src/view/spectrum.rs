@@ -1,4 +1,4 @@
-//! The amplitude spectrum of one channel.
+//! Amplitude spectrum of one channel.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -6,10 +6,10 @@ use std::sync::Arc;
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
 
-/// Samples in a spectrum: two seconds at 1 kHz, half a second at 4 kHz.
+/// Samples in a spectrum: 2 s at 1 kHz, 0.5 s at 4 kHz.
 pub(crate) const LENGTH: usize = 2048;
 
-/// The last [`LENGTH`] samples of a channel without a gap.
+/// Last [`LENGTH`] samples of a channel without a gap.
 pub(crate) struct Spectrum {
     samples: VecDeque<f32>,
     times: VecDeque<u64>,
@@ -29,13 +29,13 @@ impl Default for Spectrum {
 }
 
 impl Spectrum {
-    /// Forgets everything, as for another channel.
+    /// Discards all samples, for example for another channel.
     pub(crate) fn clear(&mut self) {
         self.samples.clear();
         self.times.clear();
     }
 
-    /// One more sample; a frame that is missing, or has no value, begins again.
+    /// Adds a sample; a missing frame or value discards all earlier ones.
     pub(crate) fn push(&mut self, sequence: u64, time_us: u64, value: Option<f32>) {
         let follows = self.sequence.is_none_or(|last| sequence == last.wrapping_add(1));
         self.sequence = Some(sequence);
@@ -56,8 +56,9 @@ impl Spectrum {
         self.samples.len() as f32 / LENGTH as f32
     }
 
-    /// Hertz from one line to the next, and the amplitude of each up to half the rate, in the channel's unit:
-    /// a sine of amplitude 1 has a line of 1. The mean is taken off first; the window is Hann's.
+    /// Returns the step between lines in hertz, and the amplitude of each line up to half the rate.
+    /// Amplitudes are in the channel's unit: a sine of amplitude 1 has a line of 1. The mean is
+    /// subtracted, and a Hann window applied.
     pub(crate) fn lines(&self) -> Option<(f64, Vec<f32>)> {
         let (first, last) = (self.times.front()?, self.times.back()?);
         if self.samples.len() < LENGTH || last <= first {
@@ -72,7 +73,8 @@ impl Spectrum {
         });
         let mut line: Vec<_> = windowed.collect();
         self.fft.process(&mut line);
-        // Half the energy of a sine lies at negative frequencies, and Hann's window halves it again.
+        // Half the energy of a sine lies at negative frequencies, and Hann's window halves it
+        // again.
         let scale = 4.0 / LENGTH as f32;
         Some((rate / LENGTH as f64, line[..LENGTH / 2].iter().map(|c| c.norm() * scale).collect()))
     }

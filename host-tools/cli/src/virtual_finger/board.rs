@@ -1,9 +1,9 @@
-//! A board whose scans come from a source, each at its own time.
+//! Simulated board whose scans come from a source, each at its own time.
 //!
-//! Deadlines are absolute, from the first scan on, so that the rate is exact however coarse the timer:
-//! it wakes once a millisecond and finds the scans that have become due. When this machine falls behind
-//! by more than [`PATIENCE`] (a suspended laptop, a source slower than real time), the finger's clock
-//! stops for that long and the next scan says so: real time went by that nobody scanned.
+//! Deadlines are absolute, from the first scan on, so that the rate is exact with any timer. The
+//! timer wakes once a millisecond; all due scans follow. If this machine falls behind by more than
+//! [`PATIENCE`] (a suspended laptop, a source slower than real time), the finger's clock stops
+//! meanwhile. The next scan reports the lost time.
 
 use std::sync::PoisonError;
 use std::time::Duration;
@@ -23,19 +23,19 @@ use taxel_client::LinkError;
 /// Largest delay of the scans before the finger stops catching up.
 const PATIENCE: Duration = Duration::from_millis(250);
 
-/// Scans in a row that may come late; then follows a pause of a millisecond. Catching up all at once
-/// would overrun whatever buffers lie between this finger and its host.
+/// Late scans in a row before a pause of 1 ms. Catching up at once would overrun the buffers
+/// between finger and host.
 const BURST: u32 = 16;
 
-/// Ticks of [`Board::ticks`]: nanoseconds.
+/// Unit of [`Board::ticks`]: nanoseconds.
 const TICK_HZ: u32 = 1_000_000_000;
 
 pub(super) struct PacedBoard {
     source: Source,
     scan_hz: u16,
-    /// The next sample. It stays here while its time is waited for, so that a dropped wait loses nothing.
+    /// Next sample. It stays here during the wait, so that a dropped wait loses nothing.
     next: Option<Sample>,
-    /// A moment of this machine's time and the device time that belongs to it.
+    /// A moment of this machine and its device time, in microseconds.
     origin: Option<(Instant, u64)>,
     lost: u32,
     burst: u32,
@@ -81,10 +81,10 @@ impl PacedBoard {
         }
     }
 
-    /// Keeps what a recorded finger was set to, as if it had been saved there: the bias belongs to the
-    /// calibration of this CRC.
+    /// Stores the settings and bias of a recorded finger, as if it had saved them. The bias belongs
+    /// to the calibration with this CRC.
     pub(super) fn keep(&mut self, calibration: u32) {
-        // A flash in memory does not fail.
+        // Writing to a flash in memory cannot fail.
         if let Some(settings) = self.source.settings() {
             let _ = self.store.save_settings(&settings);
         }
@@ -93,7 +93,7 @@ impl PacedBoard {
         }
     }
 
-    /// When the next scan is due; loads it.
+    /// Loads the next scan and returns its deadline.
     fn due(&mut self) -> Option<Instant> {
         if self.next.is_none() {
             self.next = self.source.next();
@@ -119,7 +119,7 @@ impl Board for PacedBoard {
             sleep_until(due).await;
             self.burst = 0;
         } else if self.burst < BURST {
-            // The link gets a turn between any two scans.
+            // The link may run between any two scans.
             tokio::task::yield_now().await;
             self.burst += 1;
         } else {
@@ -137,7 +137,7 @@ impl Board for PacedBoard {
     }
 
     fn ticks(&self) -> u32 {
-        // Wraps by design: only differences count.
+        // The counter wraps; only differences count.
         self.epoch.elapsed().as_nanos() as u32
     }
 

@@ -1,7 +1,7 @@
-//! A finger that says what another one said: the frames of a recording, each at its own time.
+//! Playback of recorded frames as a finger, each at its own time.
 //!
-//! Nothing is computed, so that nothing can be set but which of the fields come. A recording with the codes is a
-//! finger in every other respect too, and takes another way: [`super::Source::trace`].
+//! Nothing is computed, so that only the fields can be chosen. A recording with codes is played as
+//! a full finger by [`super::Source::trace`].
 
 use std::io;
 use std::net::TcpListener;
@@ -25,17 +25,17 @@ use super::recorded::Recorded;
 use super::{Ending, Outcome};
 use taxel_client::LinkError;
 
-/// A recording, and how far it has been played.
+/// Recording with its position.
 pub(super) struct Player {
     frames: Recorded,
     next: Option<Frame>,
-    /// A moment of this machine's time and the device time that belongs to it, while it plays.
+    /// A moment of this machine and its device time in microseconds, while it plays.
     origin: Option<(Instant, u64)>,
     info: Info,
 }
 
 impl Player {
-    /// Ready to play; `None` where the recording has codes, or is a trace.
+    /// Opens a recording of frames; `None` if it has codes, or is a trace.
     pub(super) fn open(path: &Path) -> Result<Option<Self>, LinkError> {
         let Some(mut frames) = Recorded::without_codes(path).map_err(LinkError::device)? else {
             return Ok(None);
@@ -54,7 +54,7 @@ impl Player {
         loop {
             let mut stream = listener.accept().await?.0;
             stream.set_nodelay(true)?;
-            // However a host leaves, the next one is welcome.
+            // A host that leaves with an error does not stop the next one.
             if let Ok(Some(outcome)) = self.converse(&mut stream).await {
                 *ending.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
                 return Ok(());
@@ -95,7 +95,7 @@ impl Player {
         }
     }
 
-    /// The next frame, when its time has come. Dropped while it waits, it loses nothing.
+    /// Returns the next frame at its time. A dropped wait loses nothing.
     async fn due(&mut self) -> Option<Result<Frame, FileError>> {
         let frame = match self.next {
             Some(frame) => frame,
@@ -107,7 +107,7 @@ impl Player {
         let (began, time) = *self.origin.get_or_insert((Instant::now(), frame.time.0));
         match frame.time.0.checked_sub(time) {
             Some(since) => sleep_until(began + Duration::from_micros(since)).await,
-            // The finger had been started again.
+            // The recorded finger restarted here.
             None => self.origin = Some((Instant::now(), frame.time.0)),
         }
         self.next.take().map(Ok)
@@ -131,13 +131,13 @@ impl Player {
                 self.play(*on);
                 Ok(Response::Done)
             }
-            // The finger takes the nearest it can.
+            // The recorded rate is the nearest possible one.
             Command::SetRate { .. } => Ok(Response::Rate { millihertz: self.info.rate_millihertz }),
             Command::SetFields(fields) if self.frames.fields().contains(*fields) => {
                 self.info.fields = *fields;
                 Ok(Response::Done)
             }
-            // What a finger is set to again when it comes back.
+            // A reconnecting client restores these settings.
             Command::SetFilter { hz } if *hz == self.info.filter_hz => Ok(Response::Done),
             Command::SetPointMethod(method) if *method == self.info.point_method => {
                 Ok(Response::Done)
@@ -195,7 +195,7 @@ fn info(path: &Path, frames: &Recorded) -> Info {
     }
 }
 
-/// Text, cut to fit.
+/// Cuts a text to fit.
 fn short<const N: usize>(text: &str) -> heapless::String<N> {
     let mut short = heapless::String::new();
     let _ = text.chars().try_for_each(|c| short.push(c));

@@ -1,4 +1,4 @@
-//! A virtual finger's pseudo-terminal.
+//! Pseudo-terminal of a virtual finger.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -14,11 +14,11 @@ use tokio::net::unix::pipe;
 use super::BACKLOG;
 use super::board::PacedBoard;
 
-/// Both ends: the finger's, and the one that hosts open by name.
+/// Both ends: the finger's, and the end that hosts open by name.
 pub(super) struct Pty {
     finger: OwnedFd,
-    /// Held open so that the pair outlives every host: without it the finger would read errors from
-    /// the moment one leaves until the next one comes.
+    /// Held open so that the pair outlives every host. Otherwise the finger would read errors while
+    /// no host is connected.
     host: OwnedFd,
     name: String,
 }
@@ -34,7 +34,7 @@ impl Pty {
         Ok(Self { finger, host, name })
     }
 
-    /// The device's path.
+    /// Path of the device.
     pub(super) fn name(&self) -> &str {
         &self.name
     }
@@ -45,11 +45,11 @@ impl Pty {
         board: &mut PacedBoard,
         instrument: &mut Instrument,
     ) -> io::Result<()> {
-        // To the runtime a terminal in raw mode is like two pipes, one a direction.
+        // The runtime treats a terminal in raw mode as two pipes, one per direction.
         let rx = pipe::Receiver::from_owned_fd_unchecked(self.finger.try_clone()?)?;
         let mut tty = pipe::Sender::from_owned_fd_unchecked(self.finger)?;
-        // The kernel passes a terminal's bytes on by a worker, which a busy machine may hold up for a
-        // second, and keeps only a few kilobytes meanwhile.
+        // The kernel's worker may delay a terminal's bytes by 1 s on a busy machine, and buffers
+        // only a few kilobytes.
         let (tx, mut kept) = tokio::io::duplex(BACKLOG);
         let (rx, tx) = (FromTokio::new(rx), FromTokio::new(tx));
         let (ended, sent) = tokio::join!(

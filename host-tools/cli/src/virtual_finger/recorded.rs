@@ -1,4 +1,4 @@
-//! The frames of a recording, as the finger sent them.
+//! Frames of a recording, as the finger sent them.
 
 use std::path::Path;
 
@@ -9,20 +9,21 @@ use taxel_files::recording::{Header, Recording};
 use taxel_files::trace::is_code;
 use taxel_files::{FileError, calibration};
 
-/// A recording, frame by frame. Its codes are left out: a recording that has them can be computed again.
+/// Iterator over a recording's frames, without codes. A recording with codes can be computed again
+/// instead.
 pub(crate) struct Recorded {
     recording: Recording,
     reader: FrameReader,
-    /// The calibration that it was recorded with, as a finger keeps it.
+    /// Calibration record of the recording.
     pub(crate) calibration: Option<Vec<u8>>,
 }
 
 impl Recorded {
-    /// Opens a recording without codes; `None` where it has them, or is a trace.
+    /// Opens a recording without codes; `None` if it has codes, or is a trace.
     pub(crate) fn without_codes(path: &Path) -> Result<Option<Self>, FileError> {
         let recording = match Recording::open(path) {
             Ok(recording) if recording.position("seq").is_some() => recording,
-            // Whoever reads traces says what is wrong with it.
+            // The reader of traces reports what is wrong with the file.
             _ => return Ok(None),
         };
         if recording.columns.iter().any(|column| is_code(&column.name)) {

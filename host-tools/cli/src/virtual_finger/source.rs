@@ -16,7 +16,7 @@ use taxel_sim::{Scene, Simulator};
 use taxel_client::LinkError;
 use taxel_client::fields;
 
-/// Samples one by one, as they are needed, each with its device time and its truth.
+/// Iterator over samples, each with its device time and its truth.
 pub struct Source {
     name: String,
     samples: Box<dyn Iterator<Item = Result<Sample, FileError>> + Send>,
@@ -29,7 +29,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// Any samples at all; `name` becomes the finger's serial number.
+    /// Wraps any samples; `name` becomes the finger's serial number.
     pub fn samples(
         name: impl Into<String>,
         samples: impl Iterator<Item = Sample> + Send + 'static,
@@ -37,8 +37,8 @@ impl Source {
         Self::fallible(name.into(), samples.map(Ok))
     }
 
-    /// A trace or a recording, scan by scan. A recording's finger is set as it was, and its own calibration
-    /// is [`Self::calibration`].
+    /// Opens a trace or a recording. A recording also gives the finger's settings and its
+    /// [`Self::calibration`].
     ///
     /// # Errors
     /// The file cannot be opened or has no codes.
@@ -49,16 +49,15 @@ impl Source {
         Ok(Self { header, calibration, ..Self::fallible(name, samples) })
     }
 
-    /// The calibration that the finger had when it was recorded.
+    /// Calibration of the finger at the time of the recording.
     #[must_use]
     pub fn calibration(&self) -> Option<&Calibration> {
         self.calibration.as_ref()
     }
 
-    /// A scene, by name or path, over and over.
+    /// Simulates a scene endlessly, by name or path.
     ///
-    /// # Errors
-    /// There is no such scene, or something in it is wrong.
+    /// The scene is missing or invalid.
     pub fn scene(name: &str) -> Result<Self, LinkError> {
         let scene = Scene::load(name).map_err(LinkError::device)?;
         let name = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
@@ -79,7 +78,7 @@ impl Source {
         }
     }
 
-    /// The finger's serial number.
+    /// Serial number of the finger.
     pub(super) fn serial(&self) -> &str {
         match self.header.fact("serial") {
             "" => &self.name,
@@ -106,12 +105,12 @@ impl Source {
         })
     }
 
-    /// The bias that was taken on command.
+    /// Recorded bias that was taken on command.
     pub(super) fn bias(&self) -> Option<Bias> {
         self.header.bias()
     }
 
-    /// Scans a second: as it is recorded, or else from the first two.
+    /// Returns the scans a second, as recorded or else from the times of the first two.
     pub(super) fn scan_hz(&mut self) -> Result<u16, LinkError> {
         let two = self.samples.by_ref().take(2).collect::<Result<Vec<_>, _>>();
         self.ahead.extend(two.map_err(LinkError::device)?);
@@ -134,7 +133,7 @@ impl Source {
     }
 }
 
-/// A simulated finger is the same finger every time.
+/// Seed of the simulator; fixed, so that the simulated finger is always the same.
 const SEED: u64 = 1;
 
 impl Iterator for Source {
@@ -162,7 +161,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// A finger that nothing touches, forever.
+    /// Endless samples of an unloaded finger.
     pub(in super::super) fn still(scan_hz: u64) -> impl Iterator<Item = Sample> + Send {
         (0u64..).map(move |i| {
             let taxels = TaxelCodes { lit: [[Code(1800); 4]; 4], dark: [Code(200); 4] };

@@ -1,4 +1,4 @@
-//! A virtual finger's TCP port: one host after the other.
+//! TCP port of a virtual finger, for one host after the other.
 
 use std::io;
 use std::net::{TcpListener, ToSocketAddrs};
@@ -12,7 +12,7 @@ use super::{BACKLOG, idle};
 
 pub(super) fn listen(address: impl ToSocketAddrs) -> io::Result<TcpListener> {
     let listener = TcpListener::bind(address)?;
-    // Sockets that it accepts inherit this.
+    // Accepted sockets inherit this size.
     socket2::SockRef::from(&listener).set_send_buffer_size(BACKLOG)?;
     listener.set_nonblocking(true)?;
     Ok(listener)
@@ -34,7 +34,7 @@ pub(super) async fn serve(
         let (rx, tx) = stream.split();
         let rx = FromTokio::new(rx);
         let tx = FromTokio::new(tx);
-        // However a host leaves, the next one is welcome.
+        // A host that leaves with an error does not stop the next one.
         if let Ok(End::Scans) = run_session(rx, tx, board, instrument, Pace::Live).await {
             return Ok(());
         }

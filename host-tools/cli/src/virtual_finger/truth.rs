@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use taxel::units::Micros;
 use taxel_files::trace::Truth;
 
-/// Scans remembered: some seconds. Nobody needs to read it; the oldest are forgotten.
+/// Scans kept, about 4 s at 4 kHz. Older ones are dropped.
 const MOST: usize = 1 << 14;
 
-/// The truth of the last seconds, by device time. Clones share it.
+/// Log of the last seconds' truth, by device time. Clones share it.
 #[derive(Clone, Debug, Default)]
 pub struct TruthLog(Arc<Mutex<VecDeque<(Micros, Truth)>>>);
 
@@ -22,7 +22,8 @@ impl TruthLog {
         log.push_back((time, truth));
     }
 
-    /// The truth at `time`. All before it is forgotten: ask in the order of time, as frames come.
+    /// Returns the truth at `time` and drops all before it; call in the order of time, as frames
+    /// come.
     #[must_use]
     pub fn take(&self, time: Micros) -> Option<Truth> {
         let mut log = self.0.lock().unwrap_or_else(PoisonError::into_inner);

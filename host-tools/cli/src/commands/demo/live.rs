@@ -1,4 +1,4 @@
-//! Status line of the present frame, on a terminal only.
+//! Status line of the latest frame, on a terminal only.
 
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -14,21 +14,21 @@ const PERIOD: Duration = Duration::from_millis(100);
 /// Updates that the rate is averaged over.
 const AVERAGED: usize = 10;
 
-/// The line.
+/// Status line on standard error.
 pub struct Live {
     on: bool,
     due: Option<Instant>,
-    /// When, and how many frames had come by then.
+    /// Times of past updates, with the count of frames at each.
     history: VecDeque<(Instant, u64)>,
 }
 
 impl Live {
-    /// Nothing is shown unless `wanted` and standard error is a terminal.
+    /// Creates the line. It shows nothing unless `wanted` and standard error is a terminal.
     pub fn new(wanted: bool) -> Self {
         Self { on: wanted && std::io::stderr().is_terminal(), due: None, history: VecDeque::new() }
     }
 
-    /// Shows the frame, if it is time for it.
+    /// Shows the frame if an update is due.
     pub fn show(&mut self, received: &Received, counts: &Counts) {
         if !self.on || self.due.is_some_and(|due| received.at < due) {
             return;
@@ -39,11 +39,11 @@ impl Live {
             self.history.pop_front();
         }
         let line = line(&received.frame, self.rate(), counts.lost);
-        // A display that fails is no reason to stop.
+        // A failed write must not stop the demo.
         let _ = write!(std::io::stderr(), "\r{line}\x1b[K");
     }
 
-    /// Takes the line away.
+    /// Clears the line.
     pub fn clear(&self) {
         if self.on {
             let _ = write!(std::io::stderr(), "\r\x1b[K");
@@ -83,7 +83,7 @@ fn line(frame: &Frame, rate: f64, lost: u64) -> String {
     line + "  " + &flags(frame.status)
 }
 
-/// Status flags in words, without those that name the estimators that ran.
+/// Lists the names of status flags, except those of estimators that ran.
 fn flags(status: Status) -> String {
     let held = schema::named(status).filter(|bit| bit.kind != Kind::Estimator);
     held.map(|bit| bit.name).collect::<Vec<_>>().join(" ")

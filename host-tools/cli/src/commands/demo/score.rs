@@ -1,4 +1,4 @@
-//! Frames against the truth.
+//! Errors of frames against the truth.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use serde::Serialize;
 use taxel::frame::Frame;
 use taxel_files::trace::Truth;
 
-/// Compared quantities, by their names in files.
+/// Compared quantities, by their column names.
 const TARGETS: [&str; 5] = ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm"];
 
 /// Squared errors so far.
@@ -16,13 +16,13 @@ pub struct Score {
     compared: [u64; TARGETS.len()],
 }
 
-/// How good the frames were. Only frames in true contact count: a finger that nothing touches is
-/// easily right.
+/// Accuracy of the frames. Only frames in true contact count, because an unloaded finger is easily
+/// right.
 #[derive(Serialize)]
 pub struct Accuracy {
-    /// Root mean square error, where there was something to compare.
+    /// Root mean square error; `None` if no value could be compared.
     pub rmse: BTreeMap<&'static str, Option<f64>>,
-    /// In how many frames both the truth and the finger's value are known.
+    /// Number of frames in which truth and estimate are both known.
     pub compared: BTreeMap<&'static str, u64>,
 }
 
@@ -51,7 +51,7 @@ impl Score {
         }
     }
 
-    /// The result.
+    /// Returns the accuracy over all frames so far.
     pub fn accuracy(&self) -> Accuracy {
         let rmse = |k: usize| {
             (self.compared[k] > 0).then(|| (self.squares[k] / self.compared[k] as f64).sqrt())
@@ -65,7 +65,7 @@ impl Score {
 }
 
 impl Accuracy {
-    /// Target, error, and how many frames it is from.
+    /// Lists target, error and number of compared frames.
     pub fn rows(&self) -> impl Iterator<Item = (&'static str, Option<f64>, u64)> + '_ {
         self.rmse.iter().zip(self.compared.values()).map(|((name, rmse), n)| (*name, *rmse, *n))
     }

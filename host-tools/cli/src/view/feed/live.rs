@@ -1,4 +1,4 @@
-//! A finger that is there, or will be again.
+//! Feed of a finger that is connected or is waited for.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -21,16 +21,16 @@ use crate::view::orders::{Envelope, Order, Outcome};
 
 /// Interval at which a thread checks whether to stop.
 const LOOK: Duration = Duration::from_millis(50);
-/// From one echo to the next.
+/// Interval between measurements of the round trip.
 const ECHO: Duration = Duration::from_secs(1);
-/// A finger that brings nothing for so long does not stream.
+/// Silence after which a finger counts as not streaming.
 const DRY: Duration = Duration::from_secs(2);
 /// Notice after a reconnect that lost the bias.
 const BIAS_LOST: &str = "the finger came back without its bias; take it again";
-/// Scans in a bias and in a self-test: a quarter of a second at 4 kHz, a second at 1 kHz.
+/// Scans averaged for a bias or a self-test: 0.25 s at 4 kHz, 1 s at 1 kHz.
 const SCANS: u16 = 1000;
 
-/// Sets a finger going: one thread takes its frames, another carries out what the page asks for.
+/// Starts the feed of a finger: one thread takes its frames, another executes the page's commands.
 pub(super) fn start(steady: Arc<ReconnectingClient>, folder: PathBuf) -> Feed {
     let (mut feed, context, orders) = Feed::new(steady.port().to_string());
     let live = Arc::new(Live { steady, folder, context, now: Mutex::default() });
@@ -40,7 +40,7 @@ pub(super) fn start(steady: Arc<ReconnectingClient>, folder: PathBuf) -> Feed {
     feed
 }
 
-/// A finger whose frames another program takes and hands on: see [`Tap::take`].
+/// Starts the feed of a finger whose frames come through [`Tap::take`].
 pub(super) fn tapped(
     steady: &Arc<ReconnectingClient>,
     folder: PathBuf,
@@ -56,7 +56,7 @@ pub(super) fn tapped(
     Ok((feed, Tap(live)))
 }
 
-/// Input for the frames of a finger that another part of the program streams.
+/// Input for frames that another part of the program streams.
 pub struct Tap(Arc<Live>);
 
 impl Tap {
@@ -65,7 +65,7 @@ impl Tap {
         self.0.take(received);
     }
 
-    /// The finger had gone, and is there again.
+    /// Reports a reconnect.
     pub fn again(&self, client: &Client) {
         self.0.trouble(self.0.there(client).err());
     }
@@ -85,13 +85,13 @@ struct Live {
     now: Mutex<Now>,
 }
 
-/// State that changes while it runs.
+/// Mutable state.
 #[derive(Default)]
 struct Now {
     fields: Option<Fields>,
     row: Vec<Cell>,
     files: Option<(PathBuf, Files)>,
-    /// Frames and losses of connections that are over.
+    /// Frames and losses of earlier connections.
     before: (u64, u64),
     clock: DeviceClock,
 }
@@ -138,7 +138,8 @@ impl Live {
         self.end_recording();
     }
 
-    /// A finger has come. The page draws the taxels, so it asks for their signals.
+    /// Prepares a connected finger. Adds the taxels' signals to its fields, because the page draws
+    /// them.
     fn there(&self, client: &Client) -> Result<(), LinkError> {
         {
             let mut now = self.now();
@@ -155,7 +156,7 @@ impl Live {
         self.refresh(client)
     }
 
-    /// The finger may be set otherwise than before.
+    /// Reads the finger's settings again and updates columns and facts.
     fn refresh(&self, client: &Client) -> Result<(), LinkError> {
         let info = self.steady.remember(client)?;
         let mut now = self.now();
@@ -184,7 +185,7 @@ impl Live {
         let written = now.files.as_mut().map(|(_, files)| files.write(received));
         let mut scope = self.context.scope.lock();
         if let Some(Err(error)) = written {
-            // The files have what came before; a disk that is full stays full.
+            // The file keeps the earlier frames; further writes would fail too.
             now.files = None;
             scope.recording = None;
             scope.mishap = Some(error.to_string());
@@ -297,7 +298,8 @@ impl Live {
     }
 }
 
-/// `taxel-F-0042-1790000000.mcap`: names that sort by time. One that is there is never written to.
+/// Returns a file name such as `taxel-F-0042-1790000000.mcap`, which sorts by time. An existing
+/// file is never overwritten.
 fn file_name(info: &Info) -> PathBuf {
     let serial = info.identity.serial.chars();
     let serial: String = serial.map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();

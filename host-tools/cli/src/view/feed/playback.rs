@@ -1,4 +1,4 @@
-//! A recording, played back in its own time. A trace is computed by the core on the way.
+//! Playback of a recording in its own time. A trace is computed by the core meanwhile.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -15,15 +15,15 @@ use taxel_files::recording::{Recording, Scans};
 use super::{Context, Feed, page_facts};
 use crate::view::orders::{Envelope, Order};
 
-/// Sleep of the thread while nothing is due.
+/// Wait of the thread while no row is due.
 const LOOK: Duration = Duration::from_millis(8);
-/// Seconds shown before the position that was sought.
+/// Seconds shown before the position of a seek.
 const BEFORE: f64 = 20.0;
 
 type Rows = Box<dyn Iterator<Item = Result<Vec<Cell>, FileError>> + Send>;
 
-/// Opens the file at its beginning. A recording is shown as it was recorded, unless another `calibration` is
-/// given: then it is computed again, as a trace is.
+/// Opens the file at its beginning. A recording's frames are shown as recorded. With a
+/// `calibration`, or for a trace, they are computed from the codes.
 fn open(
     path: &Path,
     calibration: Option<&Calibration>,
@@ -52,7 +52,7 @@ fn open(
     Ok((columns(Fields::ALL), Box::new(rows), json!({ "serial": serial })))
 }
 
-/// Sets a file going.
+/// Starts the feed of a file.
 pub(super) fn start(path: PathBuf, calibration: Option<Calibration>) -> Result<Feed, FileError> {
     let (mut feed, context, orders) = Feed::new(format!("file:{}", path.display()));
     let (columns, rows, facts) = open(&path, calibration.as_ref())?;
@@ -80,7 +80,7 @@ pub(super) fn start(path: PathBuf, calibration: Option<Calibration>) -> Result<F
     Ok(feed)
 }
 
-/// Seconds from the first row to the last.
+/// Returns the seconds from the first row to the last.
 fn length_of(
     path: &Path,
     calibration: Option<&Calibration>,
@@ -107,7 +107,7 @@ struct Player {
     rows: Rows,
     time_at: usize,
     length: Arc<Mutex<Option<f64>>>,
-    /// The first row's time.
+    /// Time of the first row, in seconds.
     start: Option<f64>,
     next: Option<Vec<Cell>>,
 }
@@ -115,7 +115,7 @@ struct Player {
 impl Player {
     fn run(&mut self, orders: &Receiver<Envelope>) {
         let (mut runs, mut over, mut place) = (true, false, 0.0);
-        // A moment, and the place of the recording that belongs to it.
+        // A moment of this host and its position in the recording.
         let mut origin = (Instant::now(), 0.0);
         while !self.context.stopped() {
             match orders.recv_timeout(LOOK) {
@@ -152,7 +152,7 @@ impl Player {
         }
     }
 
-    /// Hands on the rows up to `due`; true where that was the last.
+    /// Pushes the rows up to `due`; true at the end of the recording.
     fn play(&mut self, due: f64, (moment, place): (Instant, f64)) -> bool {
         while let Some(at) = self.peek() {
             if at > due {
@@ -166,7 +166,7 @@ impl Player {
         true
     }
 
-    /// The place of the next row that can be read.
+    /// Returns the position of the next readable row, in seconds.
     fn peek(&mut self) -> Option<f64> {
         while self.next.is_none() {
             match self.rows.next()? {
@@ -178,14 +178,14 @@ impl Player {
         Some(time - *self.start.get_or_insert(time))
     }
 
-    /// Goes to a place, and shows what came just before it.
+    /// Moves to a position, and shows the [`BEFORE`] seconds up to it.
     fn seek(&mut self, to: f64) -> Result<f64, FileError> {
         let to = if to.is_finite() { to.max(0.0) } else { 0.0 };
         (_, self.rows, _) = open(&self.path, self.calibration.as_ref())?;
         self.next = None;
         self.context.scope.lock().restart();
         let from = to - BEFORE;
-        // Time runs from some moment on; only its steps matter here.
+        // The base is arbitrary, because only differences matter here.
         let base = Instant::now();
         while let Some(at) = self.peek() {
             if at > to || self.context.stopped() {
