@@ -1,50 +1,53 @@
-//! Stated accuracy of a method over the load: its error on held-out recordings.
+//! Claimed accuracy of a method over the load, from its errors on held-out recordings.
 //!
-//! They are of the kind that the finger is calibrated on (`taxel calibrate evaluate`).
+//! The held-out recordings are of the same kind as the calibration recordings (`taxel calibrate
+//! evaluate`).
 //!
 //! ```text
-//! force, torsion    σ² = a² + (b·F)²     as data sheets say it: so many mN and so many per cent
-//! place, share      σ² = a² + (b/F)²     something over the load
-//! no touch felt     σ  = c               what a touch that is taken for none is off by
+//! force, torsion    σ² = a² + (b·F)²     absolute and relative error, as on data sheets
+//! place, share      σ² = a² + (b/F)²     error that falls with the load
+//! no touch felt     σ  = c               error of a touch below the detection threshold
 //! ```
-//! Errors are not normal: three times what is stated covers those of these recordings, however long their tail.
-//! What such recordings cannot tell, because they are of one skin, the finger's own doubt adds.
+//! The errors are not normal: three times the claimed accuracy covers the recordings' errors,
+//! however long their tail. All recordings are of one skin, so the error of an unknown skin comes
+//! on top as a share of the load.
 
-/// An error on a recording that no fit has seen.
+/// Error on a recording that no fit has seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Unseen {
     /// Normal force in newtons.
     pub load: f64,
-    /// The finger feels the touch.
+    /// True where the finger detects the contact.
     pub felt: bool,
     pub error: f64,
 }
 
-/// One standard deviation, by the load.
+/// Claimed standard deviation as a function of the load.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Accuracy {
     floor: f64,
     slope: f64,
     unfelt: f64,
-    /// What the slope is over.
+    /// Function of the load that multiplies the slope.
     over: fn(f64) -> f64,
-    /// A share of the load that recordings of one skin cannot tell.
+    /// Share of the load that recordings of one skin cannot show.
     share: f64,
 }
 
-/// Rows that the law is fitted to; those of one press are alike.
+/// Largest number of rows to fit; rows of one press are alike.
 const ROWS: usize = 8192;
-/// Times the search for the likeliest law narrows, and its places each time.
+/// Rounds of the maximum-likelihood search, and steps to either side in each.
 const ROUNDS: usize = 8;
 const PLACES: i32 = 10;
-/// Errors beyond three times the stated accuracy are so rare on the recordings that it is stated from. Where
-/// normal errors would have more of them, or these have a longer tail, more is stated.
+/// Share of errors allowed beyond three times the claimed accuracy.
+///
+/// The claim grows where normal errors would exceed this share or the errors have a longer tail.
 const BEYOND: f64 = 2e-4;
-/// Loads are no smaller, in newtons: those that are felt are above.
+/// Smallest load in newtons; the detection threshold is higher.
 const LEAST_N: f64 = 1e-3;
 
 impl Accuracy {
-    /// The law of maximum likelihood for normal errors, and as many times more as covers the errors.
+    /// Fits the law by maximum likelihood for normal errors, then widens it to cover the errors.
     pub(crate) fn of(unseen: &[Unseen], over: fn(f64) -> f64) -> Self {
         let felt: Vec<(f64, f64)> = unseen
             .iter()
@@ -61,27 +64,28 @@ impl Accuracy {
         Self { floor, slope, unfelt, over, share: 0.0 }
     }
 
-    /// Accuracy of verdicts, which are right or wrong: a wrong one is always a failure.
+    /// Returns the accuracy of verdicts, which are right or wrong: a wrong one always fails.
     pub(crate) fn of_verdicts() -> Self {
         Self { floor: 0.33, slope: 0.0, unfelt: 0.33, over: |load| load, share: 0.0 }
     }
 
-    /// Adds a share of the load that recordings of one skin cannot show.
+    /// Adds an error in proportion to the load.
     pub(crate) fn with_share(self, share: f64) -> Self {
         Self { share, ..self }
     }
 
-    /// One standard deviation under a load in newtons.
+    /// Returns one standard deviation under a load in newtons.
     pub(crate) fn at(&self, load: f64, felt: bool) -> f64 {
         let sloped = self.slope * (self.over)(load.max(LEAST_N));
         if felt { self.floor.hypot(sloped).hypot(self.share * load) } else { self.unfelt }
     }
 }
 
-/// a² and b² of the law v = a² + b²x under which the squared errors, each beside its x, are likeliest.
+/// Fits a² and b² of v = a² + b²·x by maximum likelihood to pairs of x and squared error.
 ///
-/// For each division of v between its two terms the scale follows in closed form, so the search is along one line
-/// on which no part can vanish from sight: a step at a time it falls into laws that are tiny where few rows are.
+/// The division of v between its two terms fixes the scale in closed form. The search is therefore
+/// one-dimensional and covers the whole line, because stepwise descent ends in laws that are tiny
+/// where few rows are.
 fn likeliest(rows: &[(f64, f64)]) -> [f64; 2] {
     let rows: Vec<(f64, f64)> =
         rows.iter().copied().step_by(rows.len().div_ceil(ROWS).max(1)).collect();
@@ -98,7 +102,7 @@ fn likeliest(rows: &[(f64, f64)]) -> [f64; 2] {
         let shape = shaped(balance);
         mean(rows.iter().map(|(x, _)| shape(*x).ln())) + scale(balance).max(f64::MIN_POSITIVE).ln()
     };
-    // From one term alone to the other alone, a millionth of either left.
+    // Search range: from the first term alone to the second alone, each down to a millionth.
     let (mut best, mut width) = (0.0, 14.0);
     for _ in 0..ROUNDS {
         let around = (-PLACES..=PLACES).map(|i| best + width * f64::from(i) / f64::from(PLACES));
@@ -111,7 +115,7 @@ fn likeliest(rows: &[(f64, f64)]) -> [f64; 2] {
     [scale * (1.0 - share), scale * share / usual]
 }
 
-/// A ninth of the square beyond which [`BEYOND`] of the squares are, but at least `least`.
+/// Returns a ninth of the square that a share [`BEYOND`] exceeds, but at least `least`.
 fn covering(squares: impl Iterator<Item = f64>, least: f64) -> f64 {
     let mut squares: Vec<f64> = squares.collect();
     squares.sort_by(f64::total_cmp);
@@ -130,8 +134,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_left_comes_back_by_its_load() {
-        // ±σ, which has the mean square that normal errors would have.
+    fn claimed_accuracy_recovers_law_of_errors() {
+        // Errors of ±σ have the mean square of normal errors.
         let loads = (0..400).map(|i| 0.05 + 0.005 * f64::from(i % 400));
         let of = |over: fn(f64) -> f64, floor: f64, slope: f64| {
             let unseen: Vec<Unseen> = loads
@@ -160,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_touches_that_left_next_to_nothing_do_not_draw_the_law_down() {
+    fn few_tiny_errors_do_not_lower_the_law() {
         let usual = (0..2000).map(|i| (0.05 + 0.001 * f64::from(i), 0.02));
         let tiny = (0..200).map(|i| (1e-3 + 1e-6 * f64::from(i), 1e-7));
         let found = steady(tiny.chain(usual));
@@ -170,20 +174,20 @@ mod tests {
     }
 
     #[test]
-    fn three_times_what_is_stated_covers_the_tail_of_the_errors() {
-        // One of a hundred is ten times as far off as the others.
+    fn three_sigma_covers_tail_of_errors() {
+        // One error in a hundred is ten times as large.
         let found = steady((0..5000).map(|i| (1.0, if i % 100 == 0 { 0.1 } else { 0.01 })));
         assert!(3.0 * found.at(1.0, true) >= 0.1 && found.at(1.0, true) < 0.04, "{found:?}");
     }
 
     #[test]
-    fn what_one_skin_cannot_tell_is_stated_besides() {
+    fn share_of_load_adds_to_claimed_accuracy() {
         let found = steady((0..2000).map(|_| (1.0, 0.01))).with_share(0.05);
         assert!((found.at(2.0, true) - 0.1f64.hypot(0.01)).abs() < 1e-3, "{found:?}");
     }
 
     #[test]
-    fn a_wrong_verdict_is_a_failure() {
+    fn wrong_verdict_is_a_failure() {
         assert!(3.0 * Accuracy::of_verdicts().at(1.0, true) < 1.0);
     }
 }

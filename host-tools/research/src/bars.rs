@@ -1,4 +1,4 @@
-//! Bar chart: one row a bar, its name above and its figures next to it.
+//! Horizontal bar chart: a name above each bar and its figures next to it.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -6,23 +6,23 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::picture::{COLOURS, Done, FONT, GREY, Picture};
 
-/// One row.
+/// A bar with its texts.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Bar {
     pub name: String,
-    /// Its length; none where there is nothing to show.
+    /// Length of the bar in any unit; `None` draws no bar.
     pub long: Option<f64>,
-    /// Figures next to it.
+    /// Figures next to the bar.
     pub told: String,
-    /// The project's own, in another colour.
+    /// True for the project's own bar, which has another colour.
     pub own: bool,
 }
 
 const WIDTH: u32 = 900;
-/// A bar and its gap, in pixels.
+/// Height of a bar and its gap in pixels.
 const ROW: i32 = 52;
 
-/// Draws the bars.
+/// Draws the bars under a title.
 pub(crate) fn draw(title: &str, bars: &[Bar]) -> anyhow::Result<Picture> {
     let height = u32::try_from(ROW)? * u32::try_from(bars.len())? + 44;
     Picture::draw((WIDTH, height), |area, _| drawn(area, title, bars))

@@ -1,4 +1,6 @@
-//! A force sensor whose calibration loads hardly differ in direction: condition 1 … 1e8 of its signals.
+//! Failure map of a force sensor fitted to loads of nearly one direction.
+//!
+//! The condition number of the calibration loads goes from 1 to 1e8.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -7,15 +9,16 @@ use taxel_regress::least_squares;
 
 use crate::counts::{Count, Map, Of, Point};
 
-/// Outputs of a bridge per newton as shares of full scale, about those of [Ospina2017]'s sensor.
+/// Bridge output per newton as a share of full scale, about that of [Ospina2017]'s sensor.
 const GAIN: f64 = 0.05;
-/// Standard deviation of an output.
+/// Standard deviation of an output as a share of full scale.
 const NOISE: f64 = 6e-5;
 const ROWS: usize = 2000;
-/// A sensor is calibrated by loads in all directions.
+/// Largest condition number of the working range, because calibration loads a sensor in all
+/// directions.
 const WITHIN: f64 = 10.0;
 
-/// The fit is the one that flags: it refuses, or the sensor is judged on loads of every direction.
+/// Judges the fit on loads of every direction; a refused fit counts as flagged.
 pub(crate) fn map(device: u64) -> Map {
     let conditions = [1.0, 3.0, 1e1, 3e1, 1e2, 1e3, 1e4, 1e6, 1e8];
     let points = conditions.map(|condition| {

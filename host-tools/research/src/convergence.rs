@@ -8,10 +8,10 @@ use taxel_sim::contact::{HalfSpace, SILICONE_YOUNG_MPA};
 use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Picture, power_of_ten};
 
 const POINTS: [usize; 12] = [2, 3, 4, 6, 8, 12, 16, 20, 24, 32, 48, 64];
-/// Below, round-off is all there is.
+/// Lower end of the error axis, near round-off.
 const LEAST: f64 = 1e-15;
 const MOST: f64 = 10.0;
-/// The most that a closed form may be off.
+/// Largest allowed error against a closed form.
 const REQUIRED: f64 = 1e-3;
 
 pub(crate) fn draw() -> anyhow::Result<Picture> {

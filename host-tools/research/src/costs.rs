@@ -1,6 +1,6 @@
-//! Cost of a stage on the emulated Cortex-M4F, by the committed table of `cargo xtask cycles`.
+//! Cost of each stage on the emulated Cortex-M4F, from the table of `cargo xtask cycles`.
 //!
-//! Charts need neither the emulator nor a cross-compiler.
+//! The table is committed, so charts need neither the emulator nor a cross-compiler.
 
 use anyhow::{Context, ensure};
 
@@ -9,16 +9,16 @@ const COMMITTED: &str = include_str!("../../emulator/data/cycles.csv");
 /// Largest cost of any call.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cost {
-    /// Executed instructions, exact.
+    /// Executed instructions, an exact count.
     pub instructions: u64,
-    /// Modelled cycles, where everything overlaps that can.
+    /// Modelled cycles with every possible overlap.
     pub cycles_low: u64,
-    /// Modelled cycles, where nothing does.
+    /// Modelled cycles without any overlap.
     pub cycles_high: u64,
 }
 
 impl Cost {
-    /// The middle of the band.
+    /// Returns the middle of the band of cycles.
     #[must_use]
     pub fn cycles(&self) -> f64 {
         (self.cycles_low + self.cycles_high) as f64 / 2.0
@@ -36,11 +36,11 @@ impl std::ops::Add for Cost {
     }
 }
 
-/// Costs by the names of stages.
+/// Costs by the name of the stage.
 pub struct Costs(Vec<(String, Cost)>);
 
 impl Costs {
-    /// The committed table.
+    /// Reads the committed table.
     ///
     /// # Errors
     /// The table cannot be read.
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stages_add_up_and_one_that_nobody_counted_is_named() {
+    fn stages_add_up_and_error_names_unknown_one() {
         let table = "name,instructions,cycles_low,cycles_high\n\"a, b\",1,2,3\nc,10,20,30\n";
         let costs = Costs::parse(table).unwrap();
         let both = Cost { instructions: 11, cycles_low: 22, cycles_high: 33 };

@@ -1,6 +1,6 @@
-//! Tallies of a failure map: values judged, flagged and failed at each value of a sweep.
+//! Tallies of a failure map: judged, flagged and failed values at each value of a sweep.
 
-/// An error beyond so many times the stated accuracy is a failure.
+/// Error over claimed accuracy beyond which a value is a failure.
 pub(crate) const FAILS: f64 = 3.0;
 /// Largest share of failing frames, flagged or not, up to which a method is trusted.
 pub(crate) const TRUSTED: f64 = 0.01;
@@ -10,9 +10,10 @@ pub(crate) const TRUSTED: f64 = 0.01;
 pub(crate) struct Count {
     pub frames: usize,
     pub flagged: usize,
-    /// Beyond [`FAILS`] times the stated accuracy, flagged or not. A withheld value misleads nobody.
+    /// Values beyond [`FAILS`] times the claimed accuracy, flagged or not; a missing value never
+    /// counts.
     pub failed: usize,
-    /// Failed and not flagged: an undetected error.
+    /// Values that failed without a flag: undetected errors.
     pub silent: usize,
     squares: f64,
     valued: usize,
@@ -44,7 +45,7 @@ impl Count {
         self.stated += other.stated;
     }
 
-    /// RMS error of the values that were given.
+    /// Returns the RMS error of the values that were given.
     pub(crate) fn error(&self) -> Option<f64> {
         (self.valued > 0).then(|| (self.squares / self.valued as f64).sqrt())
     }
@@ -53,7 +54,7 @@ impl Count {
         self.stated / self.frames.max(1) as f64
     }
 
-    /// The error in units of the stated accuracy.
+    /// Returns the error in units of the claimed accuracy.
     pub(crate) fn over_stated(&self) -> Option<f64> {
         self.error().map(|error| error / self.stated().max(f64::MIN_POSITIVE))
     }
@@ -63,7 +64,7 @@ impl Count {
     }
 }
 
-/// Subject of a method: the whole finger or its matrix.
+/// Part of the finger that a method uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Of {
     /// Matrix and force sensors together.
@@ -72,7 +73,7 @@ pub enum Of {
     Matrix,
 }
 
-/// A method over a sweep.
+/// Failure map of one method over one sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
     pub(crate) of: Of,
@@ -82,7 +83,7 @@ pub struct Map {
 }
 
 impl Map {
-    /// Last trusted value, coming from the harmless end of the sweep.
+    /// Returns the last trusted value, from the harmless end of the sweep on.
     #[must_use]
     pub fn boundary(&self) -> Option<f64> {
         let trusted = |point: &&Point| point.count.share(point.count.failed) <= TRUSTED;
@@ -90,30 +91,30 @@ impl Map {
     }
 }
 
-/// Tallies at one value.
+/// Tallies at one value of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Point {
     pub value: f64,
-    /// The value is in the working range.
+    /// True where the value lies in the working range.
     pub within: bool,
     pub count: Count,
-    /// Frames in the working range: none where the value is outside it.
+    /// Tally in the working range; empty where the value lies outside.
     pub working: Count,
 }
 
 impl Point {
-    /// Most of the values are flagged or withheld.
+    /// Returns whether most of the values are flagged or missing.
     pub(crate) fn flagged(&self) -> bool {
         self.count.share(self.count.flagged) > 0.5
     }
 
-    /// More than [`TRUSTED`] of the values are undetected errors.
+    /// Returns whether more than [`TRUSTED`] of the values are undetected errors.
     pub(crate) fn silent(&self) -> bool {
         self.count.share(self.count.silent) > TRUSTED
     }
 }
 
-/// Sums over some points: of all frames, and of those in the working range.
+/// Sums the tallies of some points: of all frames, and of those in the working range.
 pub(crate) fn sums<'m>(points: impl IntoIterator<Item = &'m Point>) -> [Count; 2] {
     let [mut all, mut within] = [Count::default(); 2];
     for point in points {

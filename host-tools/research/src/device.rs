@@ -1,4 +1,4 @@
-//! A simulated finger: its recordings and signals.
+//! A simulated finger with its recordings and signals.
 
 use anyhow::Context;
 use taxel::condition::{Bias, Levels, Signals};
@@ -8,37 +8,37 @@ use taxel_sim::{Effect, Scene, Simulator};
 
 use crate::truth::{Beyond, Touches};
 
-/// The scenes that a finger is calibrated on, as the README does it, with its thermometer.
+/// Scenes of the calibration in the README, without the warm-up.
 pub const CALIBRATION: [&str; 2] = ["presses", "shear"];
 /// Scene of the temperature calibration.
 const WARM_UP: &str = "warm-up";
-/// Seed of those runs; others are judged on.
+/// Seed of the calibration runs; methods are judged on runs of other seeds.
 pub(crate) const FITTED: u64 = 1;
 pub(crate) const JUDGED: u64 = 2;
 
-/// One finger of many: gains, gaps, offsets and mismatches of its own.
+/// One simulated finger with gains, gaps, offsets and mismatches of its own.
 pub struct Device {
     pub(crate) seed: u64,
     /// Calibration recordings.
     pub recordings: Vec<Recording>,
-    /// Recording at rest, while the finger warms.
+    /// Recording of the unloaded finger while it warms up.
     pub warm_up: Recording,
-    /// Bias, read with nothing in contact.
+    /// Bias, read without contact.
     pub bias: Bias,
 }
 
-/// A moment of a run.
+/// One scan of a run with its signals and truth.
 pub struct Moment {
     /// Codes and truth.
     pub sample: Sample,
-    /// The codes, conditioned.
+    /// Signals conditioned from the codes.
     pub signals: Signals,
-    /// Truth beyond the sample's own.
+    /// Truth that the sample itself does not hold.
     pub beyond: Beyond,
 }
 
 impl Device {
-    /// The device with this seed, and its calibration recordings.
+    /// Creates the device with this seed and records its calibration.
     ///
     /// # Errors
     /// A built-in scene cannot be run.
@@ -49,7 +49,7 @@ impl Device {
         Ok(Self { seed, recordings, warm_up: recorded(seed, WARM_UP)?, bias })
     }
 
-    /// A run of a built-in scene that no fit has seen.
+    /// Records a built-in scene that no fit has seen.
     ///
     /// # Errors
     /// There is no such scene.
@@ -61,7 +61,7 @@ impl Device {
         Ok(samples.map(|sample| self.moment(sample, touches.at(&sample))).collect())
     }
 
-    /// A sample with its signals.
+    /// Conditions a sample into a moment.
     #[must_use]
     pub fn moment(&self, sample: Sample, beyond: Beyond) -> Moment {
         let signals = self.bias.apply(&Levels::read(&sample.scan.codes), None);
@@ -74,7 +74,7 @@ fn recorded(device: u64, name: &str) -> anyhow::Result<Recording> {
     Ok(Recording { name: name.to_owned(), samples })
 }
 
-/// A run of a built-in scene on the device with this seed.
+/// Runs a built-in scene on the device with this seed.
 pub(crate) fn run(
     device: u64,
     scene: &str,

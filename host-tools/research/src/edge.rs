@@ -1,7 +1,8 @@
-//! Error of a shear over the distance from the middle, each component by itself: `edge.csv`.
+//! Error of each shear component over the distance from the pad's middle: `edge.csv`.
 //!
-//! The failure maps press straight down there, and judge a force as one. Here every press is sheared, by the same
-//! share of its friction and in all directions, at places along the x axis: x is towards the edge, y along it.
+//! The failure maps press straight down off the middle and judge the force as a whole. Here every
+//! press shears by the same share of its friction, in all directions. Presses lie on the x axis: x
+//! points to the edge, y along it.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -18,34 +19,35 @@ use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture, save_page}
 use crate::runs::{Recorded, Run, off_middle, run};
 use crate::truth::LEAST_N;
 
-/// Millimetres from the middle: out to where a finger is calibrated with shear, over the outer taxels' centres,
-/// to the pad's edge.
+/// Distances from the middle in millimetres.
+///
+/// They span the shear calibration, the centres of the outer taxels and the edge of the pad.
 const DISTANCES: [f64; 11] = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.75, 4.2, 4.6, 5.0];
-/// Up to here the calibration recordings have shear.
+/// Largest distance in millimetres with shear in the calibration recordings.
 const CALIBRATED: f64 = 2.0;
-/// The centres of the outer taxels.
+/// Distance of the outer taxels' centres in millimetres.
 const OUTER: f64 = 3.75;
-/// Specification of the middle in newtons: 1.5 % of 2 N.
+/// Specification at the middle in newtons: 1.5 % of 2 N.
 const ASKED: f64 = 0.03;
 /// Share of friction that every press uses.
 const SHEAR: f64 = 0.5;
-/// In millinewtons.
+/// Range of the error axis in millinewtons.
 const ERRORS: [f64; 2] = [0.5, 500.0];
 const SIZE: (u32, u32) = (900, 380);
 const AXES: [&str; 2] = ["F_x, towards the edge", "F_y, along the edge"];
 
-/// Errors of a method at a distance.
+/// Errors of one method at one distance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     method: String,
     distance: f64,
-    /// Root mean square error of F_x and F_y in newtons; none where nothing is said.
+    /// RMS errors of F_x and F_y in newtons; `None` without any value.
     rmse: [Option<f64>; 2],
-    /// The share of frames in which there is a value.
+    /// Share of frames with a value.
     given: f64,
 }
 
-/// Squares of both components, how many, and of how many frames.
+/// Squared errors of both components, with the numbers of values and of frames.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     squares: [f64; 2],
@@ -53,7 +55,7 @@ struct Sum {
     frames: usize,
 }
 
-/// Judges the net, the model and the whole finger at every distance, a device a thread.
+/// Judges net, model and whole finger at every distance, one thread for each device.
 ///
 /// # Errors
 /// A fit failed, or it was stopped.
@@ -97,7 +99,7 @@ fn judged(
         let acts = off_middle(distance, SHEAR);
         let Recorded { samples, .. } =
             run(seed, &Run { acts: &acts, seconds: 11.0, ..Run::default() })?;
-        // New for every run: a finger remembers.
+        // Each run needs new methods, because a finger keeps state.
         for mut method in firmwares(&calibration) {
             let mut sum = Sum::default();
             for sample in &samples {
@@ -130,7 +132,7 @@ fn judged(
     Ok(rows)
 }
 
-/// The table `edge.csv`.
+/// Formats the table `edge.csv`.
 #[must_use]
 pub fn csv(rows: &[Row]) -> String {
     let mut table = String::from("method,distance_mm,fx_rmse_n,fy_rmse_n,given\n");
@@ -155,7 +157,7 @@ pub fn write(rows: &[Row], folder: &Path) -> anyhow::Result<()> {
     save_page(folder.join("edge.html"), "Shear towards the edge", lead, &[&picture])
 }
 
-/// Lists each method once, with its errors in millinewtons over the distance.
+/// Lists each method once with its errors in millinewtons over the distance.
 fn lines(rows: &[Row], axis: usize) -> Vec<(&str, Vec<(f64, f64)>)> {
     let mut lines: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
     for row in rows {
@@ -239,7 +241,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_has_a_point_wherever_something_is_said() {
+    fn line_has_a_point_for_each_given_error() {
         let row = |method: &str, distance, x| Row {
             method: method.into(),
             distance,

@@ -5,22 +5,22 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 /// Number of devices and size of the nets of a measurement.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Effort {
-    /// Seeds of the devices, whose mean a figure is.
+    /// Seeds of the devices; a figure is the mean over them.
     pub devices: Vec<u64>,
-    /// Steps of a net's training.
+    /// Training steps of a net.
     pub steps: usize,
-    /// Widths of the nets.
+    /// Numbers of hidden units of the nets.
     pub widths: Vec<usize>,
 }
 
 impl Effort {
-    /// Effort of the documentation: five devices.
+    /// Returns the effort of the documentation: five devices.
     #[must_use]
     pub fn full() -> Self {
         Self { devices: (11..16).collect(), steps: 100, widths: vec![2, 4, 6, 8, 16, 32] }
     }
 
-    /// Effort of a test: one device and few widths of nets.
+    /// Returns the effort of a test: one device and few nets.
     #[must_use]
     pub fn quick() -> Self {
         Self { devices: vec![11], steps: 40, widths: vec![4, 8, 16] }
@@ -30,9 +30,9 @@ impl Effort {
 /// Progress report and cancellation of a long measurement.
 #[derive(Clone, Copy)]
 pub struct Waiting<'w> {
-    /// Called with the share that is done, and a name for it.
+    /// Callback for the finished share and the name of the current work.
     pub progress: &'w (dyn Fn(f64, &str) + Sync),
-    /// Set to stop.
+    /// Flag that cancels the measurement when set.
     pub stop: &'w AtomicBool,
 }
 

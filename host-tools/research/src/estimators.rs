@@ -18,7 +18,7 @@ use crate::truth::LEAST_N;
 
 use Quantity::{Margin, Normal, Point, Shear, Slide, Torsion};
 
-/// The built-in scenes that methods are judged on, and what for.
+/// Built-in scenes on which methods are judged, with the judged quantities.
 pub const SCENES: [(&str, &[Quantity]); 8] = [
     ("presses", &[Normal, Point]),
     ("shear", &[Normal, Shear, Point, Margin]),
@@ -30,17 +30,17 @@ pub const SCENES: [(&str, &[Quantity]); 8] = [
     ("stick-slip", &[Margin, Slide]),
 ];
 
-/// The most shear in newtons that a finger takes for none: 5 mN and a hundredth of 2 N.
+/// Largest shear in newtons that counts as none: 5 mN and 1 % of 2 N.
 const SHEARED_N: f64 = 0.025;
 
-/// Judges every method; a device a thread.
+/// Judges every method, one thread for each device.
 ///
 /// # Errors
 /// A fit failed, or it was stopped.
 pub fn measure(effort: &Effort, waiting: Waiting<'_>) -> anyhow::Result<Vec<Row>> {
     let costs = Costs::committed()?;
     let done = AtomicUsize::new(0);
-    // Three methods of the papers and the sensors need no long fit.
+    // The papers' methods and the force sensors need no long fit.
     let of = effort.devices.len() * (5 + 2 * effort.widths.len() + papers::all().len());
     let devices = on_all_cores(&effort.devices, |seed| {
         let mut step = |what: &str| {
@@ -85,7 +85,8 @@ fn judge(
     Ok(judged)
 }
 
-/// Judges a method on a scene under the loads that `holds` accepts, one row a quantity.
+/// Judges a method on a scene under the loads that `holds` accepts; returns a row for each
+/// quantity.
 fn method_on(
     method: &mut Method,
     moments: &[Moment],
@@ -118,7 +119,7 @@ fn method_on(
     errors.into_iter().zip(quantities).map(row).collect()
 }
 
-/// Stage of the costliest kind of scene in a run.
+/// Returns the whole-finger stage of a run's costliest contact.
 fn dearest(moments: &[Moment]) -> &'static str {
     let sheared = |moment: &Moment| match moment.sample.truth.force {
         [Some(x), Some(y), _] => x.hypot(y) > SHEARED_N,
@@ -131,7 +132,7 @@ fn dearest(moments: &[Moment]) -> &'static str {
     }
 }
 
-/// Means over devices of the quantities that all of them give.
+/// Averages over the devices the quantities that all of them give.
 fn mean(devices: &[Vec<Judged>], costs: &Costs) -> anyhow::Result<Vec<Row>> {
     let Some(first) = devices.first() else { return Ok(Vec::new()) };
     let mut rows = Vec::new();
@@ -151,7 +152,7 @@ fn mean(devices: &[Vec<Judged>], costs: &Costs) -> anyhow::Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// The table `estimators.csv`.
+/// Formats the table `estimators.csv`.
 #[must_use]
 pub fn csv(rows: &[Row]) -> String {
     let mut table =
@@ -168,7 +169,7 @@ pub fn csv(rows: &[Row]) -> String {
     table
 }
 
-/// Panels of the first picture and of the second.
+/// Panels of the first picture; [`MORE`] holds those of the second.
 const PANELS: [Title<'_>; 4] =
     [("presses", Normal), ("shear", Normal), ("shear", Shear), ("presses", Point)];
 const MORE: [Title<'_>; 4] = [("edge", Normal), ("edge", Point), ("tour", Normal), ("tour", Shear)];

@@ -1,8 +1,9 @@
 //! Failure maps: where methods fail, and whether the finger flags it (`failures.csv`).
 //!
-//! For each [method](crate::mapped) and each [sweep](crate::sweeps): its error, the [accuracy](crate::accuracy)
-//! that it states and the share of frames that it flags, by withholding the value or in the status. A frame
-//! is a **silent failure** (an undetected error) where the error is beyond three times the stated accuracy and nothing is flagged.
+//! Each map takes one [method](crate::mapped) over one [sweep](crate::sweeps). It holds the error,
+//! the claimed [accuracy](crate::accuracy) and the share of flagged frames. A frame is flagged by a
+//! missing value or by a status bit. A frame is a **silent failure** (an undetected error) where
+//! the error exceeds three times the claimed accuracy and nothing is flagged.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -23,30 +24,30 @@ use crate::sweeps::{self, Sweep};
 use crate::truth::LEAST_N;
 use crate::{collinear, map};
 
-/// Totals of maps, as shares of frames.
+/// Totals of several maps, as shares of frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Totals {
-    /// Frames judged, and how many of them lie within the working range.
+    /// Numbers of judged frames: all, and those in the working range.
     pub frames: [usize; 2],
-    /// Silent failures, over all and within the working range.
+    /// Shares of silent failures: of all frames, and in the working range.
     pub silent: [f64; 2],
-    /// Flagged within the working range.
+    /// Share of flagged frames in the working range.
     pub false_flags: f64,
 }
 
-/// A calibrated device and the stated accuracy of its methods.
+/// A calibrated device with the claimed accuracy of its methods.
 struct Stated {
     seed: u64,
     fingers: Fingers,
     stated: Vec<Accuracy>,
 }
 
-/// The methods that are mapped of the finger, or of its matrix alone, by their names in the tables.
+/// Lists the mapped methods of the finger or of its matrix alone, by their table names.
 pub fn methods(of: Of) -> impl Iterator<Item = &'static str> {
     Fingers::methods().filter(move |(whose, _)| *whose == of).map(|(_, name)| name)
 }
 
-/// Maps every method over every sweep, over the devices, on all cores.
+/// Maps every method over every sweep and device, on all cores.
 ///
 /// # Errors
 /// A fit failed, or it was stopped.
@@ -114,12 +115,12 @@ fn over(sweep: &Sweep, device: &Stated) -> anyhow::Result<Vec<Map>> {
             map.points.push(Point { value: *value, within, count, working });
         }
     }
-    // What a method says nothing of in a whole sweep has no map there.
+    // A method without any value in a sweep gets no map there.
     maps.retain(|map| map.points.iter().any(|point| point.count.frames > 0));
     Ok(maps)
 }
 
-/// Name of the picture that shows a map: slip has its own.
+/// Name of the picture that shows a map; slip has one of its own.
 fn picture(map: &Map) -> &'static str {
     match map.of {
         _ if map.method.contains("slip") => "failures-slip",
@@ -128,7 +129,7 @@ fn picture(map: &Map) -> &'static str {
     }
 }
 
-/// Totals of the whole finger or of its matrix alone.
+/// Returns the totals of the whole finger or of its matrix alone.
 #[must_use]
 pub fn totals(maps: &[Map], of: Of) -> Totals {
     let points = maps.iter().filter(|map| map.of == of).flat_map(|map| &map.points);
@@ -140,7 +141,7 @@ pub fn totals(maps: &[Map], of: Of) -> Totals {
     }
 }
 
-/// The table `failures.csv`.
+/// Formats the table `failures.csv`.
 #[must_use]
 pub fn csv(maps: &[Map]) -> String {
     let mut table = String::from("method,sweep,value,within_range,error,stated,flagged\n");
@@ -159,7 +160,7 @@ pub fn csv(maps: &[Map]) -> String {
     table
 }
 
-/// Totals of each map in frames: `boundaries.csv`.
+/// Formats the totals of each map in frames: `boundaries.csv`.
 #[must_use]
 pub fn boundaries(maps: &[Map]) -> String {
     let mut table = String::from(
@@ -223,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_is_silent_only_where_the_value_stands_and_nothing_warns() {
+    fn failure_is_silent_if_value_is_given_unflagged() {
         let map = map(&[
             (1.0, Some(2.9), false),
             (2.0, Some(3.1), false),
@@ -236,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flag_within_the_working_range_is_a_false_one() {
+    fn flag_in_working_range_is_false() {
         assert_eq!(totals(&[map(&[(1.0, Some(0.1), true)])], Of::Finger).false_flags, 1.0);
     }
 }

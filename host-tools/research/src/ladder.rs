@@ -1,4 +1,4 @@
-//! Error against time of every rung of the ladder, a panel a scene.
+//! Error over computing time of every fidelity level of the simulator, a panel for each scene.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -7,11 +7,11 @@ use taxel_sim::cost::Cost;
 
 use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture};
 
-/// In µs.
+/// Range of the time axis in µs.
 const TIMES: [f64; 2] = [0.5, 50_000.0];
-/// In per cent.
+/// Range of the error axis in per cent.
 const ERRORS: [f64; 2] = [7e-5, 200.0];
-/// Height of the reference rung, which has no error.
+/// Height of the reference level in per cent; its error is zero.
 const REFERENCE: f64 = 1e-4;
 /// Default tolerance of a scene in per cent.
 const TOLERANCE: f64 = 1.0;
@@ -72,7 +72,7 @@ fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, costs: &[Cost], notes: &mut 
                 chart.draw_series([Circle::new((us, error), 8, BLACK.stroke_width(2))])?;
             }
             let auto = if cost.auto { " ← auto" } else { "" };
-            // To the right of the falling line; the rung that takes milliseconds has no room there.
+            // Labels stand right of the falling line, except for the level that takes milliseconds.
             let (side, away, above) =
                 if us > 1000.0 { (HPos::Center, 1.0, 3.0) } else { (HPos::Left, 1.9, 1.4) };
             let text = (FONT, 14).into_font().color(&BLACK).pos(Pos::new(side, VPos::Bottom));

@@ -1,10 +1,11 @@
-//! Charts of cost against accuracy and failure maps, as `taxel chart` writes them.
+//! Charts of cost against accuracy and failure maps, written by `taxel chart`.
 //!
 //! ```text
 //! simulator ─▶ Device ─▶ methods, each fitted ─▶ estimators.csv ─▶ SVG, HTML
 //!              costs: the counting emulator's committed table ─┘
 //! ```
-//! Every figure is of held-out devices, calibrated on their own recordings and judged on held-out runs, noise on.
+//! Every figure comes from held-out devices. Each is calibrated on its own recordings and judged on
+//! held-out runs with noise.
 
 mod accuracy;
 mod bars;

@@ -1,4 +1,6 @@
-//! Forms of the limit surface, error over cost: `limit-surface.csv`, as the fit's tests and `cargo xtask cycles` hold it.
+//! Chart of limit-surface forms, error over cost: `limit-surface.csv`.
+//!
+//! Tests of `taxel-calibrate` hold the errors in the table, and `cargo xtask cycles` the costs.
 
 use std::path::Path;
 
@@ -15,10 +17,10 @@ const TITLE: &str = "What a contact bears before it slides: worst error over cos
 const CYCLES: &str = "modelled Cortex-M4F cycles a call";
 const ERROR: &str = "worst error / %";
 const SIZE: (u32, u32) = (560, 320);
-/// Cycles and per cent, with room for the names.
+/// Ranges of both axes in cycles and per cent, with room for the names.
 const AXES: [[f64; 2]; 2] = [[100.0, 1e5], [0.1, 100.0]];
 
-/// One form.
+/// Form of the limit surface with its cost and error.
 struct Form {
     name: String,
     error_percent: f64,
@@ -85,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_form_of_the_committed_table_has_its_place_in_the_picture() {
+    fn committed_forms_lie_inside_the_axes() {
         let forms = parse(COMMITTED).unwrap();
         assert_eq!(forms.len(), 3);
         let [cycles, errors] = AXES;

@@ -1,4 +1,4 @@
-//! The failure maps as SVG: a panel a sweep, error over stated accuracy of every method.
+//! Failure maps as SVG: error over claimed accuracy of every method, a panel for each sweep.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -13,10 +13,11 @@ const SIZE: (u32, u32) = (300, 200);
 const ACROSS: usize = 3;
 /// Height of a line of the legend in pixels.
 const ROW: u32 = 20;
-/// Error over stated accuracy.
+/// Range of the axis of error over claimed accuracy.
 const RATIOS: [f64; 2] = [0.05, 200.0];
-/// Above them each method has a lane of its own for the marks of its silent failures, so many times as high as
-/// the one below.
+/// Ratio between neighbouring lanes above the axis.
+///
+/// Each method has its own lane for the marks of its silent failures.
 const LANE: f64 = 1.4;
 
 /// Removes repeated names and keeps the order.
@@ -30,7 +31,7 @@ fn once(all: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
     names
 }
 
-/// Error over stated accuracy, within the axis.
+/// Returns the error over claimed accuracy, limited to the axis.
 fn ratio(point: &Point) -> Option<f64> {
     point.count.over_stated().map(|ratio| ratio.clamp(RATIOS[0], RATIOS[1]))
 }
@@ -76,12 +77,12 @@ fn legend(area: &Area<'_>, methods: &[&str]) -> Done {
     Ok(())
 }
 
-/// The mark on the axis where every value is withheld.
+/// Mark on the axis for a point without any value.
 fn withheld<C>(at: C, colour: RGBColor) -> TriangleMarker<C, i32> {
     TriangleMarker::new(at, 5, colour.filled())
 }
 
-/// The mark where more than [`TRUSTED`] of the values fail and nothing says so.
+/// Mark for a point with more than [`TRUSTED`] undetected errors.
 fn silent<C>(at: C, colour: RGBColor) -> Cross<C, i32> {
     Cross::new(at, 3, colour.stroke_width(2))
 }
@@ -101,7 +102,7 @@ fn panel(
     notes: &mut Vec<Note>,
 ) -> Done {
     let Some(first) = maps.first() else { return Ok(()) };
-    // In the order of their size, at even distances: some sweeps span decades.
+    // Values are sorted and evenly spaced, because some sweeps span decades.
     let mut values: Vec<f64> = first.points.iter().map(|point| point.value).collect();
     values.sort_by(f64::total_cmp);
     let at = |value: f64| values.iter().position(|v| *v == value).unwrap_or_default() as f64;
@@ -148,7 +149,7 @@ fn panel(
         let colour = COLOURS.get(number).copied().unwrap_or(BLACK);
         let mut points: Vec<&Point> = map.points.iter().collect();
         points.sort_by(|a, b| a.value.total_cmp(&b.value));
-        // A line ends where nothing is said, and begins again where something is.
+        // The line breaks where no value is given.
         for said in points.chunk_by(|a, b| ratio(a).is_some() == ratio(b).is_some()) {
             let places = said.iter().filter_map(|point| Some((at(point.value), ratio(point)?)));
             chart.draw_series(LineSeries::new(places, colour.stroke_width(2)))?;
@@ -178,7 +179,7 @@ fn panel(
     Ok(())
 }
 
-/// Figures of a point, for its note.
+/// Formats the figures of a point for its note.
 fn figures(point: &Point) -> String {
     let count = &point.count;
     let error =
@@ -189,7 +190,7 @@ fn figures(point: &Point) -> String {
     format!("{error}, stated {:.4}; flagged {flagged}, silent {silent}{within}", count.stated())
 }
 
-/// A number in few letters.
+/// Formats a number briefly for an axis.
 fn short(value: f64) -> String {
     if value.abs() >= 1e4 { format!("{value:.0e}") } else { format!("{value}") }
 }
@@ -199,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_on_an_axis_are_short() {
+    fn axis_numbers_are_short() {
         assert_eq!([1e8, 1000.0, 0.005, -30.0].map(short), ["1e8", "1000", "0.005", "-30"]);
     }
 }

@@ -1,8 +1,9 @@
-//! Methods of the failure maps: every output that the firmware can be set to give, and its error.
+//! Methods of the failure maps: every output that the firmware can give, with its error.
 //!
-//! The whole finger, and its optical matrix alone with each method that a record and a setting can
-//! choose. Methods that the firmware does not run (sums of powers, the integral of [Ohka2005]) have no status to
-//! say that they fail, and are charted for their error only. **To add one**: a line in a list of methods.
+//! They are the whole finger, and the optical matrix alone with each method that a record and a
+//! setting can choose. Methods outside the firmware (sums of powers, the integral of [Ohka2005])
+//! have no status to flag a failure, so charts show only their error. **To add one**: a line in a
+//! list of methods.
 
 use anyhow::Context;
 use taxel::calibration::Calibration;
@@ -21,7 +22,7 @@ use crate::counts::Of;
 use crate::device::{CALIBRATION, Device};
 use crate::truth::Beyond;
 
-/// Status bits of a fault.
+/// Status bits that flag a fault.
 const FLAGS: [Status; 10] = [
     Status::UNCALIBRATED,
     Status::SATURATED,
@@ -35,15 +36,15 @@ const FLAGS: [Status; 10] = [
     Status::NOISY,
 ];
 
-/// The built-in scene of two contacts.
+/// Built-in scene of two contacts.
 const TWO: &str = "two-contacts";
-/// A warning of slip is false where so many times the margin is left at which one is due.
+/// Ratio of true margin to warning threshold above which a slip warning is false.
 const FALSE_ALARM: f64 = 2.0;
 
-/// Status bits that warn of single force sensors.
+/// Status bits that warn of a single force sensor.
 const SENSOR_FLAGS: [Status; 2] = [Status::TEMPERATURE, Status::NOISY];
 
-/// Quantity of a contact.
+/// Quantity that a method gives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Quantity {
     Force,
@@ -54,11 +55,11 @@ enum Quantity {
     Pair,
     /// Slip margin.
     Margin,
-    /// The warning of slip.
+    /// Slip warning or gross-slip flag.
     Warning,
 }
 
-/// A method: its name in the tables and its quantity.
+/// Table name and quantity of a method.
 type Method = (&'static str, Quantity);
 
 /// Methods of the whole finger.
@@ -71,7 +72,7 @@ const SHIPPED: &[Method] = &[
     ("slip margin / 1", Quantity::Margin),
     ("slip warning / 1", Quantity::Warning),
 ];
-/// Methods of the matrix alone, by the model of the skin.
+/// Methods of the matrix alone with the model of the skin.
 const MODEL: &[Method] = &[
     ("model's force / N", Quantity::Force),
     ("model's point / mm", Quantity::Point),
@@ -82,38 +83,38 @@ const NET: &[Method] = &[("net's force / N", Quantity::Force), ("centroid / mm",
 const QUANTISED: &[Method] =
     &[("q15 net's force / N", Quantity::Force), ("arg-min / mm", Quantity::Point)];
 
-/// One finger, set to some methods.
+/// One finger with the settings of some methods.
 #[derive(Clone)]
 struct Set {
     finger: Finger,
     state: FingerState,
     methods: &'static [Method],
-    /// The force sensors are there.
+    /// True where the finger has force sensors.
     sensors: bool,
     /// Slip margin below which a warning is due.
     warns: f64,
 }
 
-/// An error, and whether the status warns of the value.
+/// Error of a value, and whether the status warns of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Said {
-    /// Which of [`Fingers::methods`].
+    /// Index into [`Fingers::methods`].
     pub method: usize,
-    /// `None` where the value is withheld.
+    /// Error of the value; `None` where the finger gives none.
     pub error: Option<f64>,
-    /// The finger feels the touch.
+    /// True where the finger detects the contact.
     pub felt: bool,
     pub warned: bool,
 }
 
-/// Fingers of one device, one for each choice of methods.
+/// Fingers of one device, one for each set of methods.
 #[derive(Clone)]
 pub(crate) struct Fingers {
     sets: Vec<Set>,
 }
 
 impl Fingers {
-    /// Sets up the fingers of a calibration record.
+    /// Creates the fingers of a calibration record.
     pub(crate) fn new(record: &Calibration) -> anyhow::Result<Self> {
         let matrix = Calibration { array: None, sensors: Default::default(), ..record.clone() };
         let net = matrix.force.as_ref().context("the calibration has no net")?;
@@ -136,19 +137,19 @@ impl Fingers {
         Ok(Self { sets: sets.map(set).into() })
     }
 
-    /// Lists the methods in the order of their numbers.
+    /// Lists the methods in the order of their indices.
     pub(crate) fn methods() -> impl Iterator<Item = (Of, &'static str)> {
         let of = |of| move |(name, _): &Method| (of, *name);
         let alone = [MODEL, NET, QUANTISED].into_iter().flatten();
         SHIPPED.iter().map(of(Of::Finger)).chain(alone.map(of(Of::Matrix)))
     }
 
-    /// Resets the state before another run.
+    /// Resets the fingers' state before another run.
     pub(crate) fn restart(&mut self) {
         self.sets.iter_mut().for_each(|set| set.state = set.finger.restarted());
     }
 
-    /// Judges every method on one scan in contact.
+    /// Judges every method on one scan.
     pub(crate) fn judge(&mut self, sample: &Sample, beyond: &Beyond, mut said: impl FnMut(Said)) {
         let mut method = 0;
         for Set { finger, state, methods, sensors, warns } in &mut self.sets {
@@ -171,8 +172,10 @@ impl Fingers {
         }
     }
 
-    /// What each method states, out of recordings of the kind that the finger is calibrated on, but that
-    /// the fit has not seen; of two contacts, out of a recording of two.
+    /// Fits the claimed accuracy of each method to held-out recordings.
+    ///
+    /// These are of the same kind as the calibration recordings; for two contacts, of the scene of
+    /// two.
     pub(crate) fn stated(&mut self, device: &Device) -> anyhow::Result<Vec<Accuracy>> {
         let methods: Vec<&Method> = self.sets.iter().flat_map(|set| set.methods).collect();
         let mut unseen: Vec<Vec<Unseen>> = methods.iter().map(|_| Vec::new()).collect();
@@ -196,16 +199,17 @@ impl Fingers {
     }
 }
 
-/// Truth at a moment.
+/// Truth at one moment.
 struct Truths<'t> {
     truth: &'t Truth,
     beyond: &'t Beyond,
-    /// The margin below which a warning is due.
+    /// Slip margin below which a warning is due.
     warns: f64,
 }
 
 impl Quantity {
-    /// States the accuracy: a force's error grows with the load, a position's and a margin's fall with it.
+    /// Fits the claimed accuracy: a force's error grows with the load, a position's or margin's
+    /// falls.
     fn states(self, of: Of, unseen: &[Unseen]) -> Accuracy {
         let over = match self {
             Self::Force | Self::Torsion | Self::Sensors => |load| load,
@@ -213,14 +217,14 @@ impl Quantity {
             Self::Warning => return Accuracy::of_verdicts(),
         };
         let stated = Accuracy::of(unseen, over);
-        // What the matrix alone takes for a force is a depth, and a skin's stiffness.
+        // The matrix measures a depth: its force depends on the skin's stiffness.
         match (of, self) {
             (Of::Matrix, Self::Force) => stated.with_share(f64::from(SKIN_ERROR)),
             _ => stated,
         }
     }
 
-    /// Reports the error of each value whose truth is known.
+    /// Passes the error of each value with a known truth to `judged`.
     fn errors(self, estimate: &Estimate, known: &Truths<'_>, mut judged: impl FnMut(Option<f64>)) {
         let Truths { truth, beyond, warns } = known;
         match self {
@@ -271,16 +275,16 @@ impl Quantity {
         }
     }
 
-    /// Tells whether a status bit warns of this quantity.
+    /// Returns whether a status bit warns of this quantity.
     fn warned(self, status: Status) -> bool {
         let flags = if self == Self::Sensors { &SENSOR_FLAGS[..] } else { &FLAGS };
-        // That there is no single contact is what is said of two, and no warning of it.
+        // "Not a single contact" is no warning for the positions of two contacts.
         let said = |flag: Status| self == Self::Pair && flag == Status::NOT_SINGLE;
         flags.iter().any(|flag| status.contains(*flag) && !said(*flag))
     }
 }
 
-/// Larger position error of two contacts, paired whichever way is nearer.
+/// Returns the larger position error of two contacts, in the nearer of both pairings.
 fn apart(found: [NormalContact; 2], places: [[f64; 2]; 2]) -> f64 {
     let [a, b] = found.map(|contact| [contact.point.x, contact.point.y].map(|at| f64::from(at.0)));
     let off = |[x, y]: [f64; 2], [tx, ty]: [f64; 2]| (x - tx).hypot(y - ty);

@@ -1,4 +1,4 @@
-//! Methods of the charts, fitted to one device. **To add one**: a line in [`all`].
+//! Methods of the charts, each fitted to one device. **To add one**: a line in [`all`].
 
 mod firmware;
 
@@ -26,29 +26,29 @@ use crate::truth::Beyond;
 
 pub(crate) use firmware::{calibrated, firmwares};
 
-/// Rows that a model is fitted to; a net would take no more.
+/// Largest number of rows to fit; a net takes no more.
 const ROWS: usize = 4096;
-/// Below so many standard deviations of the signals the finger runs no estimator (the gate's `off`).
+/// Gate's `off` threshold in standard deviations; below it the finger runs no estimator.
 const GATE: f32 = 5.0;
 
 /// Output of a method at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Said {
-    /// f_x, f_y, f_z in newtons.
+    /// Force components f_x, f_y, f_z in newtons.
     pub force: [Option<f64>; 3],
-    /// x, y in mm.
+    /// Contact point x, y in mm.
     pub point: Option<[f64; 2]>,
-    /// About the normal, in N·mm.
+    /// Torsion about the normal in N·mm.
     pub torsion: Option<f64>,
     /// Angle of the force to the skin in its x–z plane, in degrees.
     pub angle: Option<f64>,
     /// Slip margin: the unused share of the friction.
     pub margin: Option<f64>,
-    /// Gross slip.
+    /// True for gross slip.
     pub slides: Option<bool>,
 }
 
-/// Kind of a method; the charts' colours.
+/// Kind of a method, which sets its colour in the charts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
     /// A method of one of the papers.
@@ -57,11 +57,11 @@ pub enum Group {
     Polynomial,
     /// A net of tanh units.
     Net,
-    /// A net of tanh units with a linear skip path.
+    /// A net of tanh units with a linear bypass.
     Skip,
-    /// A net in 16 bits.
+    /// A net in 16-bit arithmetic.
     Quantised,
-    /// A net in 16 bits with a linear skip path, or that path alone.
+    /// A net in 16-bit arithmetic with a linear bypass, or that bypass alone.
     QuantisedSkip,
     /// The force sensors.
     Sensors,
@@ -71,24 +71,24 @@ pub enum Group {
     Finger,
 }
 
-/// Rows of the table of costs that a method is made of.
+/// Rows of the cost table that make up a method.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Stages {
-    /// These, one after the other.
+    /// Stages that run one after the other.
     Together(Vec<String>),
-    /// The whole finger from codes to wire bytes: another stage for each kind of scene.
+    /// The whole finger from codes to wire bytes, with a stage for each kind of scene.
     Whole,
 }
 
-/// One method, fitted.
+/// One fitted method.
 pub struct Method {
-    /// Its name in the tables.
+    /// Name in the tables.
     pub name: String,
-    /// Its kind.
+    /// Kind of the method.
     pub group: Group,
-    /// What it costs.
+    /// Stages that make up its cost.
     pub stages: Stages,
-    /// The method itself.
+    /// Estimator: a moment in, its output out.
     pub says: Box<dyn FnMut(&Moment) -> Said>,
 }
 
@@ -103,7 +103,7 @@ impl Method {
         Self { name: name.to_owned(), group, stages, says: Box::new(says) }
     }
 
-    /// Costs the method as the whole finger.
+    /// Sets the cost to that of the whole finger.
     pub(crate) fn at_the_cost_of_all(self) -> Self {
         Self { stages: Stages::Whole, ..self }
     }
@@ -162,7 +162,7 @@ pub fn all(
     Ok(methods)
 }
 
-/// Signals and references of a calibration, as rows of a table.
+/// Signals and references of a calibration as table rows.
 struct Rows {
     table: TableRecording,
 }
@@ -236,7 +236,7 @@ fn integral(rows: &Rows) -> Method {
     })
 }
 
-/// `model` in 16 bits, where it is a net or a line.
+/// Returns `model` in 16-bit arithmetic if it is a net or linear.
 fn quantised(model: &TableModel) -> Option<Method> {
     if model.expansion != Expansion::None {
         return None;
@@ -256,7 +256,7 @@ fn modelled(model: &TableModel, signals: &Signals) -> Said {
     Said { force: components(&model.estimate(&c)), ..Said::default() }
 }
 
-/// What a net says, of f_z alone or of all three.
+/// Splits a net's outputs: f_z alone, or all three components.
 fn components(outputs: &[f32]) -> [Option<f64>; 3] {
     match *outputs {
         [z] => [None, None, Some(f64::from(z))],

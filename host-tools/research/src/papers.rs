@@ -1,8 +1,8 @@
-//! Sensors of the papers, each calibrated and judged on its own scenes by the law of its paper.
+//! Sensors of the papers, each calibrated and judged on its own scenes by its paper's law.
 //!
-//! They are the line of four of [DeMaria2011], the feeler of [Ohka2005], the columns of [Ohka2004], and the force
-//! sensor of [Ospina2017]: one, and four under a plane and an ellipsoid.
-//! **To add one**: a line in [`all`].
+//! They are the line of four of [DeMaria2011], the feeler of [Ohka2005], the columns of [Ohka2004]
+//! and the force sensor of [Ospina2017]. The last one appears alone, and as four under a plane and
+//! under an ellipsoid. **To add one**: a line in [`all`].
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -30,14 +30,14 @@ use crate::truth::{Beyond, LEAST_N};
 
 /// Side of the feeler's image that a phototransistor sees, in µm.
 const PIXEL_UM: f32 = 160.0;
-/// Shear below this many newtons leaves the feeler's centroid where it is.
+/// Shear in newtons below which the feeler's centroid stays in place.
 const UNSHEARED_N: f64 = 2e-5;
-/// The size of every force of the line's scenes, in newtons.
+/// Size of every force of the line's scenes in newtons.
 const LINE_N: f64 = 0.2;
-/// Loads of the line of four: forces of one size.
+/// Loads of the line of four: forces of full size only.
 const OF_ONE_SIZE: Holds = |[x, _, z]| x.hypot(z) > 0.999 * LINE_N;
 const PRESSED: Holds = |[_, _, z]| z >= LEAST_N;
-/// The feeler's own range begins at two millinewtons.
+/// Range of the feeler: from 2 mN on.
 const FEELS: Holds = |[_, _, z]| z >= 0.002;
 /// Standard deviation of the moment of four bare sensors, N·mm.
 const MOMENT: f32 = 0.2;
@@ -46,10 +46,10 @@ const PLANE: Surface = Surface::Plane;
 const ELLIPSOID: Surface =
     Surface::Ellipsoid { half_axes: [Millimetres(14.0), Millimetres(10.0), Millimetres(8.0)] };
 
-/// Presses of one sensor on a scene: what it is fitted to, or judged on.
+/// Moments of one sensor on a scene, to fit or to judge.
 type Run = Vec<Moment>;
 
-/// A sensor, its law and its scenes.
+/// A paper's sensor with its law and scenes.
 pub(crate) struct Paper {
     pub name: &'static str,
     pub group: Group,
@@ -57,7 +57,7 @@ pub(crate) struct Paper {
     fitted: &'static [&'static str],
     pub judged: &'static str,
     pub quantities: &'static [Quantity],
-    /// The loads that it is fitted to and judged under, in newtons.
+    /// Condition on the force in newtons for a moment to be fitted or judged.
     pub holds: Holds,
     fit: fn(&[Run]) -> anyhow::Result<Says>,
 }
@@ -65,7 +65,7 @@ pub(crate) struct Paper {
 type Holds = fn([f64; 3]) -> bool;
 type Says = Box<dyn FnMut(&Moment) -> Said>;
 
-/// Lists all of them.
+/// Lists all sensors of the papers.
 pub(crate) fn all() -> Vec<Paper> {
     vec![
         Paper {
@@ -136,7 +136,7 @@ pub(crate) fn all() -> Vec<Paper> {
 }
 
 impl Paper {
-    /// The sensor with this seed, calibrated; and a run that its fit has not seen.
+    /// Calibrates the sensor with this seed and records a run that its fit has not seen.
     ///
     /// # Errors
     /// A built-in scene cannot be run, or the fit failed.
@@ -149,7 +149,7 @@ impl Paper {
     }
 }
 
-/// A run with the signals over its own unloaded beginning.
+/// Records a run; its bias comes from its own unloaded beginning.
 fn moments(device: u64, scene: &str, seed: u64) -> anyhow::Result<Run> {
     let samples = run(device, scene, &[], seed)?;
     let recording = Recording { name: scene.to_owned(), samples };
@@ -158,7 +158,7 @@ fn moments(device: u64, scene: &str, seed: u64) -> anyhow::Result<Run> {
     Ok(recording.samples.into_iter().zip(signals).map(moment).collect())
 }
 
-/// Rows of inputs and targets out of the moments that have both.
+/// Collects rows of inputs and targets from the moments that have both.
 fn rows<const N: usize, const M: usize>(
     runs: &[Run],
     row: impl Fn(&Moment) -> Option<([f64; N], [f64; M])>,
@@ -193,7 +193,7 @@ fn force(sample: &Sample) -> Option<[f64; 3]> {
     Some([x?, y?, z?])
 }
 
-/// The force, where something touches and it is such a one.
+/// Returns the force of a contact if `holds` accepts it.
 pub(crate) fn loaded(sample: &Sample, holds: Holds) -> Option<[f64; 3]> {
     force(sample).filter(|force| sample.truth.contact == Some(true) && holds(*force))
 }
@@ -266,7 +266,7 @@ fn columns(runs: &[Run]) -> anyhow::Result<Says> {
     }))
 }
 
-/// f = S(u − b).
+/// Fits f = S(u − b) of one force sensor, [Ospina2017].
 fn one_sensor(runs: &[Run]) -> anyhow::Result<Says> {
     let calibration = fitted(runs)?;
     let sensitivity = calibration.sensors[0].clone().context("s0 is not fitted")?.sensitivity;
@@ -277,7 +277,7 @@ fn one_sensor(runs: &[Run]) -> anyhow::Result<Says> {
     }))
 }
 
-/// F = Σ f_i, M = Σ r_i × f_i, and the contact that makes them.
+/// Fits four sensors: F = Σ f_i, M = Σ r_i × f_i, and the contact from both.
 fn four_sensors(runs: &[Run], surface: Surface) -> anyhow::Result<Says> {
     let sensors = fitted(runs)?.sensors;
     ensure!(sensors.iter().all(Option::is_some), "a sensor is not fitted");
@@ -310,7 +310,7 @@ fn fitted(runs: &[Run]) -> anyhow::Result<taxel::calibration::Calibration> {
     Ok(taxel_calibrate::finger::fit(&recordings, &options, &mut |_| {}, &stop)?.calibration)
 }
 
-/// The first N outputs of a law.
+/// Returns the first N outputs of a law.
 fn first<const N: usize>(outputs: &[f32]) -> [f64; N] {
     std::array::from_fn(|i| outputs.get(i).copied().map_or(0.0, f64::from))
 }

@@ -1,4 +1,6 @@
-//! Cycles of the core's net and of other libraries': `peers.csv`, as `taxel-research peers` wrote it.
+//! Chart of the core's net against other libraries' nets: `peers.csv`.
+//!
+//! The program `taxel-research peers` counts the cycles and writes the table.
 
 use std::path::Path;
 
@@ -10,7 +12,7 @@ use anyhow::Context;
 
 const COMMITTED: &str = include_str!("../../emulator/data/peers.csv");
 
-/// One implementation; without a cost where it could not be built.
+/// One implementation; no cost where it could not be built.
 struct Peer {
     name: String,
     max_error: String,
@@ -45,7 +47,7 @@ fn parse(table: &str) -> anyhow::Result<Vec<Peer>> {
     rows.collect()
 }
 
-/// Cycles and error of each, and how many times the first one's it takes.
+/// Lists a bar for each implementation: cycles, error and ratio to the first one's cycles.
 fn bars(peers: &[Peer]) -> Vec<Bar> {
     let own = peers.first().and_then(|peer| peer.cycles);
     let told = |(i, peer): (usize, &Peer)| match (peer.cycles, own) {
@@ -70,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_committed_table_has_the_core_first_and_no_peer_without_name() {
+    fn committed_table_begins_with_the_core() {
         let peers = parse(COMMITTED).unwrap();
         assert_eq!(peers[0].name, "taxel");
         assert!(peers.len() > 2 && peers.iter().all(|peer| !peer.name.is_empty()));

@@ -1,4 +1,4 @@
-//! Base of every chart: colours, and a picture with the notes that its page shows under the mouse.
+//! Base of every chart: colours, and a picture whose page shows notes under the mouse.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -10,7 +10,7 @@ use taxel_files::save;
 /// Result of drawing.
 pub(crate) type Done = Result<(), Box<dyn std::error::Error>>;
 
-/// A chart as SVG, with a note for each mark.
+/// A chart as SVG with a note for each mark.
 pub(crate) struct Picture {
     svg: String,
     notes: Vec<Note>,
@@ -18,16 +18,16 @@ pub(crate) struct Picture {
 
 /// Text of a mark, shown while the mouse is on it.
 pub(crate) struct Note {
-    /// Place of the mark in pixels of the whole picture.
+    /// Position of the mark in pixels of the whole picture.
     pub at: (i32, i32),
     pub text: String,
 }
 
-/// Area in which the mouse finds a mark, in pixels.
+/// Radius in pixels within which the mouse finds a mark.
 const MARK_RADIUS: i32 = 8;
 
 impl Picture {
-    /// Draws into memory, so that a file is written whole or not at all.
+    /// Draws in memory, because a file must be written whole or not at all.
     pub(crate) fn draw(
         size: (u32, u32),
         draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>, &mut Vec<Note>) -> Done,
@@ -64,7 +64,7 @@ impl Picture {
     }
 }
 
-/// Writes a page of pictures, one below the other; it needs no other file and no network.
+/// Writes a self-contained page of pictures, one below the other.
 pub(crate) fn save_page(
     path: impl AsRef<Path>,
     title: &str,
@@ -88,7 +88,7 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// Okabe and Ito's colours, which the colour-blind can tell apart.
+/// Colours of Okabe and Ito, which colour-blind people can tell apart.
 pub(crate) const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -101,12 +101,12 @@ pub(crate) const GREY: RGBColor = RGBColor(110, 110, 110);
 pub(crate) const FAINT: RGBColor = RGBColor(225, 225, 225);
 pub(crate) const FONT: &str = "sans-serif";
 
-/// Number of cycles for an axis: `1k`, `100k`.
+/// Formats a number of cycles for an axis: `1k`, `100k`.
 pub(crate) fn thousands(cycles: f64) -> String {
     if cycles >= 1e3 { format!("{}k", cycles / 1e3) } else { format!("{cycles}") }
 }
 
-/// Power of ten with a raised exponent.
+/// Formats a power of ten with a raised exponent.
 pub(crate) fn power_of_ten(value: f64) -> String {
     let raised = |c: char| match c.to_digit(10) {
         Some(digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹".chars().nth(digit as usize).unwrap_or(c),
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn cycles_on_an_axis_are_short() {
+    fn axis_cycles_are_short() {
         assert_eq!([200.0, 1e3, 1e5].map(thousands), ["200", "1k", "100k"]);
     }
 }

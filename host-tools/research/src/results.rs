@@ -1,17 +1,17 @@
-//! Results of judging: a quantity's error and cost, a row for each method and scene.
+//! Results of judging: error and cost of each quantity, method and scene.
 
 use crate::costs::Cost;
 use crate::device::Moment;
 use crate::methods::{Group, Said};
 
-/// Quantity that is judged.
+/// Quantity on which a method is judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// f_z.
+    /// Normal force f_z.
     Normal,
-    /// f_x and f_y, a component.
+    /// Shear force per component, f_x and f_y.
     Shear,
-    /// Distance of the contact point.
+    /// Distance of the contact point from the true one.
     Point,
     /// Position of the contact along a line.
     Place,
@@ -21,12 +21,12 @@ pub enum Quantity {
     Torsion,
     /// Slip margin, the unused share of the friction.
     Margin,
-    /// Gross slip: the square of the error is the share of wrong frames.
+    /// Gross slip; the squared error is the share of wrong frames.
     Slide,
 }
 
 impl Quantity {
-    /// Its name in the tables.
+    /// Returns its name in the tables.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -40,7 +40,7 @@ impl Quantity {
         }
     }
 
-    /// The unit of its error.
+    /// Returns the unit of its error.
     #[must_use]
     pub fn unit(self) -> &'static str {
         match self {
@@ -52,7 +52,7 @@ impl Quantity {
         }
     }
 
-    /// The unit of its error in the pictures, and how many of them are one of [`Self::unit`].
+    /// Returns the error's unit in the pictures and how many of it make one of [`Self::unit`].
     pub(crate) fn shown(self) -> (&'static str, f64) {
         match self {
             Self::Normal | Self::Shear => ("mN", 1e3),
@@ -63,7 +63,7 @@ impl Quantity {
         }
     }
 
-    /// Squared error of what was said, if it was said and is known.
+    /// Returns the squared error if both the value and the truth exist.
     pub(crate) fn squared(self, said: &Said, moment: &Moment) -> Option<f64> {
         let truth = &moment.sample.truth;
         let off = |axis: usize| Some((said.force[axis]? - truth.force[axis]?).powi(2));
@@ -91,24 +91,25 @@ impl Quantity {
 pub struct Row {
     /// Name of the method.
     pub name: String,
-    /// Its kind.
+    /// Kind of the method.
     pub group: Group,
     /// Name of the scene.
     pub scene: &'static str,
     /// Judged quantity.
     pub quantity: Quantity,
-    /// Root mean square error, the mean over the devices.
+    /// RMS error, the mean over the devices.
     pub rmse: f64,
     /// Cost of an estimate.
     pub cost: Cost,
 }
 
-/// Panel of a chart: scene and quantity.
+/// Scene and quantity of a chart's panel.
 pub(crate) type Title<'t> = (&'t str, Quantity);
 
-/// Pareto front of one panel, the cheapest row first.
+/// Returns the Pareto front of one panel, the cheapest row first.
 ///
-/// Rows that need the force sensors are left out, because no choice of method puts sensors into a finger.
+/// Rows that need force sensors are left out, because no choice of method puts sensors into a
+/// finger.
 #[must_use]
 pub fn front<'r>(rows: &[&'r Row]) -> Vec<&'r Row> {
     let of_matrix = |row: &&&Row| !matches!(row.group, Group::Sensors | Group::Finger);
@@ -141,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_holds_what_nothing_beats_in_both_cost_and_error() {
+    fn front_holds_rows_unbeaten_in_cost_and_error() {
         let sensors = Row { group: Group::Sensors, ..row(10, 0.1) };
         let rows =
             [row(100, 3.0), row(200, 1.0), row(150, 4.0), row(100, 2.0), row(300, 1.0), sensors];

@@ -1,4 +1,4 @@
-//! What the [sweeps](crate::sweeps) record: runs on a device, with one thing that is not as usual.
+//! Runs for the [sweeps](crate::sweeps): a device in a scene with one unusual condition.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,15 +10,15 @@ use taxel_sim::{Scene, Simulator};
 
 use crate::truth::Touches;
 
-/// Effects of every run, as in calibration.
+/// Effects of every run, the same as in calibration.
 const EFFECTS: &str = "'noise', 'ambient', 'flicker', 'gain-spread', 'optical-crosstalk', \
                        'bridge-mismatch', 'bridge-crosstalk'";
-/// Seed of the runs: that of no other.
+/// Seed of the runs, which no other run uses.
 pub(crate) const SEED: u64 = 3;
-/// Scans a second.
+/// Scans per second.
 const RATE_HZ: usize = 500;
 
-/// What a run is made of, where it is not the usual.
+/// Parts of a run's scene; the default is the usual scene.
 pub(crate) struct Run<'r> {
     pub effects: &'r str,
     pub tables: &'r str,
@@ -36,7 +36,7 @@ impl Default for Run<'_> {
     }
 }
 
-/// A run, and what is true in it.
+/// Samples of a run with the scene's contacts as truth.
 pub struct Recorded {
     pub(crate) samples: Vec<Sample>,
     pub(crate) touches: Touches,
@@ -55,12 +55,14 @@ pub(crate) fn run(device: u64, what: &Run<'_>) -> anyhow::Result<Recorded> {
     Ok(Recorded { samples, touches: Touches::new(&scene, SEED) })
 }
 
-/// Presses with shear in the middle of the pad, as in calibration.
+/// Records presses with shear in the middle of the pad, as in calibration.
 pub(crate) fn usual(device: u64) -> anyhow::Result<Recorded> {
     run(device, &Run::default())
 }
 
-/// Scans that come up to a share of their period too early or too late: taken out of ten times as many.
+/// Records scans that are early or late by up to `share` of their period.
+///
+/// They are picked from a run at ten times the rate.
 pub(crate) fn jittered(device: u64, share: f64) -> anyhow::Result<Recorded> {
     const FINER: usize = 10;
     let Recorded { samples: fine, touches } =
@@ -73,7 +75,7 @@ pub(crate) fn jittered(device: u64, share: f64) -> anyhow::Result<Recorded> {
     Ok(Recorded { samples, touches })
 }
 
-/// Twenty-four presses in the middle of the pad, with up to `shear` of what friction holds.
+/// Twenty-four presses in the middle of the pad, with up to `shear` of the friction limit.
 pub(crate) fn presses([low, high]: [f64; 2], shear: f64) -> String {
     format!(
         "[[random]]\nat_s = 1\npresses = 24\neach_s = 0.2\nx_mm = [-2, 2]\ny_mm = [-2, 2]\n\
@@ -81,8 +83,9 @@ pub(crate) fn presses([low, high]: [f64; 2], shear: f64) -> String {
     )
 }
 
-/// Presses of a sphere with up to 1 N, or with what the simulator's laws hold for: a contact no wider than 0.7 of
-/// the radius, and on the pad.
+/// Records presses of a sphere with up to 1 N, or with less where the simulator's laws end.
+///
+/// The laws hold for a contact no wider than 0.7 of the radius, and on the pad.
 pub(crate) fn sphere(device: u64, radius: f64) -> anyhow::Result<Recorded> {
     let skin = HalfSpace::new(SILICONE_YOUNG_MPA, 0.5);
     let half_width = (0.69 * radius).min(4.9);
@@ -91,7 +94,7 @@ pub(crate) fn sphere(device: u64, radius: f64) -> anyhow::Result<Recorded> {
     run(device, &Run { indenter: &format!("radius_mm = {radius}"), acts: &acts, ..Run::default() })
 }
 
-/// Normal presses at a distance from the middle, along x.
+/// Normal presses at `distance` mm from the middle, along x.
 pub(crate) fn placed(distance: f64) -> String {
     format!(
         "[[random]]\nat_s = 1\npresses = 24\neach_s = 0.2\nx_mm = [{distance}, {distance}]\n\
@@ -99,8 +102,9 @@ pub(crate) fn placed(distance: f64) -> String {
     )
 }
 
-/// Forty-eight presses at a distance from the middle, right of it and left, with `shear` of what friction holds in all
-/// directions.
+/// Forty-eight presses right and left of the middle at `distance` mm.
+///
+/// They shear by `shear` of the friction limit in all directions.
 pub(crate) fn off_middle(distance: f64, shear: f64) -> String {
     let presses = |at: f64, x: f64| {
         format!(
@@ -111,18 +115,18 @@ pub(crate) fn off_middle(distance: f64, shear: f64) -> String {
     presses(1.0, distance) + &presses(6.0, -distance)
 }
 
-/// Two presses at once, so far apart on a diagonal of the pad.
+/// Two simultaneous presses on a diagonal of the pad, `distance` mm apart.
 pub(crate) fn two(distance: f64) -> String {
     let half = distance / 8f64.sqrt();
     pressed([[half, half], [-half, -half]])
 }
 
-/// Two presses at once 5 mm apart, the outer of them so far from the middle along x.
+/// Two simultaneous presses 5 mm apart, the outer one at `distance` mm from the middle along x.
 pub(crate) fn outer(distance: f64) -> String {
     pressed([[distance, 0.5], [distance - 5.0, -0.5]])
 }
 
-/// A press at each place, the second a little later.
+/// A press at each position, the second one a little later.
 fn pressed(places: [[f64; 2]; 2]) -> String {
     let press = |at_s: f64, [x, y]: [f64; 2]| {
         format!(
@@ -134,17 +138,17 @@ fn pressed(places: [[f64; 2]; 2]) -> String {
     press(1.0, one) + &press(1.05, other)
 }
 
-/// A press that is asked for `share` of what friction holds.
+/// A press with shear of `share` of the friction limit.
 pub(crate) fn sheared(share: f64) -> String {
     thrice(&format!("fx_n = {}", share * 0.8))
 }
 
-/// A press that is asked for `share` of the torsion that friction holds: 1.15 N·mm under 1 N.
+/// A press with torsion of `share` of the friction limit: 1.15 N·mm under 1 N.
 pub(crate) fn twisted(share: f64) -> String {
     thrice(&format!("torsion_nmm = {}", share * 1.15))
 }
 
-/// A press of 1 N with another load beside it, at three places.
+/// Presses of 1 N with another load at three positions.
 fn thrice(load: &str) -> String {
     let press = |i: i32| {
         let (at, x) = (1.0 + 1.6 * f64::from(i), 0.7 * f64::from(i - 1));
@@ -156,7 +160,7 @@ fn thrice(load: &str) -> String {
     (0..3).map(press).collect()
 }
 
-/// Mean lit codes of the first half second, in which nothing touches the finger.
+/// Mean lit codes of the first half second, which has no contact.
 pub(crate) fn unloaded(samples: &[Sample]) -> [f64; TAXELS] {
     let first: Vec<&Sample> = samples.iter().take_while(|s| s.scan.time.0 < 500_000).collect();
     std::array::from_fn(|k| {
@@ -170,7 +174,7 @@ fn coded(value: f64) -> Code {
     Code(value.round().clamp(0.0, f64::from(u16::MAX)) as u16)
 }
 
-/// Changes each taxel's lit code: number, code and time go in.
+/// Changes each taxel's lit code by a function of taxel number, code and time.
 pub(crate) fn lit(samples: &mut [Sample], mut change: impl FnMut(usize, f64, u64) -> f64) {
     for sample in samples {
         let time = sample.scan.time.0;
@@ -181,7 +185,7 @@ pub(crate) fn lit(samples: &mut [Sample], mut change: impl FnMut(usize, f64, u64
     }
 }
 
-/// Changes every code of matrix and sensors.
+/// Changes every code of the matrix and the force sensors.
 pub(crate) fn each_code(samples: &mut [Sample], mut change: impl FnMut(f64, u64) -> f64) {
     for sample in samples {
         let time = sample.scan.time.0;

@@ -1,4 +1,6 @@
-//! Error over cost as SVG: a panel a quantity of a scene, the Pareto front drawn, labels that do not meet.
+//! Error over cost as SVG: a panel for each quantity and scene, with the Pareto front.
+//!
+//! Labels never overlap.
 
 use plotters::coord::Shift;
 use plotters::coord::combinators::LogCoord;
@@ -15,7 +17,7 @@ type Chart<'p> = ChartContext<'p, SVGBackend<'p>, Cartesian2d<LogCoord<f64>, Log
 
 /// Size of one panel in pixels.
 const SIZE: (u32, u32) = (450, 340);
-/// Height of the lines that say what the marks are.
+/// Height of the legend in pixels.
 const LEGEND: u32 = 76;
 /// Height of a label's letters in pixels.
 const LETTERS: i32 = 13;
@@ -33,7 +35,7 @@ const GROUPS: [(Group, &str); 9] = [
     (Group::Finger, "matrix and sensors"),
 ];
 
-/// The colour of a group.
+/// Returns the colour of a group.
 fn colour(group: Group) -> RGBColor {
     match group {
         Group::Model | Group::Finger => COLOURS[5],
@@ -45,7 +47,7 @@ fn colour(group: Group) -> RGBColor {
     }
 }
 
-/// Draws two panels a row.
+/// Draws the panels, two in a row.
 pub(crate) fn draw(rows: &[Row], panels: &[Title<'_>]) -> anyhow::Result<Picture> {
     let down = panels.len().div_ceil(2);
     let size = (2 * SIZE.0, u32::try_from(down)? * SIZE.1 + LEGEND);
@@ -89,7 +91,7 @@ fn legend(area: &Panel<'_>) -> Done {
     Ok(())
 }
 
-/// Draws a mark; shape and colour tell the group.
+/// Draws a mark whose shape and colour show the group.
 fn mark(area: &Panel<'_>, at: (i32, i32), group: Group) -> Done {
     let style = colour(group).filled();
     match group {
@@ -122,7 +124,7 @@ fn mark(area: &Panel<'_>, at: (i32, i32), group: Group) -> Done {
     Ok(())
 }
 
-/// From a round number below to a round number above, on a scale of one, two, five.
+/// Returns round numbers below and above all values, on a scale of 1, 2, 5.
 fn around(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
     let low = values.clone().fold(f64::INFINITY, f64::min);
     let high = values.fold(0.0, f64::max);
@@ -137,7 +139,7 @@ fn around(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
         if up { above } else { below }.copied().unwrap_or(value)
     };
     let [from, to] = [rounded(low * 0.85, false), rounded(high * 1.15, true)];
-    // Only powers of ten have a number on them: two are in sight.
+    // Only powers of ten carry a number, so the axis shows at least two of them.
     let within = to.log10().floor() - from.log10().ceil() >= 1.0 - 1e-9;
     if within {
         [from, to]
@@ -186,7 +188,7 @@ fn panel(
         let (x, y) = place(row);
         (x - base_x, y - base_y)
     };
-    // Boxes along the front and one a mark, so that no label covers them; then a box a label.
+    // Boxes along the front and around each mark keep labels away; each label then adds its box.
     let corners: Vec<(i32, i32)> = front.iter().map(|row| place(row)).collect();
     let mut taken: Vec<[i32; 4]> = corners.windows(2).flat_map(along).collect();
     for row in rows {
@@ -202,7 +204,7 @@ fn panel(
         let name = label(row);
         let wide = i32::try_from(name.chars().count())? * LETTERS / 2 + 2;
         let (x, y) = place(row);
-        // What is on the front has its label even if far, with a line to it; any other only beside it.
+        // A row of the front gets a label even far away, with a line to it. Other labels stay near.
         let places: &[i32] = if front.contains(row) { &[9, 20, 34, 48, 62] } else { &[9, 20] };
         let around = places.iter().flat_map(|away| {
             [
@@ -228,7 +230,7 @@ fn panel(
             area.draw(&PathElement::new([(x, y), end], GREY.stroke_width(1)))?;
         }
         taken.push(free);
-        // How wide letters are is an estimate: what it is too much does not lie between mark and label.
+        // Text widths are estimates, so the text starts at the box's side next to the mark.
         let (at, side) = if right <= x { (right, HPos::Right) } else { (left, HPos::Left) };
         let style = (FONT, LETTERS).into_font().color(&BLACK).pos(Pos::new(side, VPos::Top));
         area.draw(&Text::new(name, (at, above), style))?;
@@ -236,7 +238,7 @@ fn panel(
     Ok(())
 }
 
-/// Figures of a row, for its note.
+/// Formats the figures of a row for its note.
 fn figures(row: &Row, quantity: Quantity) -> String {
     let (Cost { instructions, cycles_low, cycles_high }, (unit, scale)) =
         (row.cost, quantity.shown());
@@ -247,12 +249,12 @@ fn figures(row: &Row, quantity: Quantity) -> String {
     )
 }
 
-/// Tells whether marks of a group show a width, and only on the front.
+/// Returns whether marks of a group show their width, and only on the front.
 fn numbered(group: Group) -> bool {
     matches!(group, Group::Net | Group::Quantised | Group::QuantisedSkip)
 }
 
-/// Label of a mark: a net's width, or the name.
+/// Returns the label of a mark: a net's width, or the name.
 fn label(row: &Row) -> String {
     let mut parts = row.name.split('-');
     match (parts.nth(1), parts.next()) {
@@ -263,7 +265,7 @@ fn label(row: &Row) -> String {
     }
 }
 
-/// Small boxes along a line from one place to another.
+/// Returns small boxes along a line between two positions.
 fn along(ends: &[(i32, i32)]) -> Vec<[i32; 4]> {
     let &[(ax, ay), (bx, by)] = ends else { return Vec::new() };
     let steps = ((bx - ax).abs().max((by - ay).abs()) / 4).max(1);
@@ -284,23 +286,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn axes_go_from_one_round_number_to_another_around_all_values() {
+    fn axes_span_all_values_between_round_numbers() {
         assert_eq!(around([26.0, 90.0, 800.0].into_iter()), [20.0, 1000.0]);
-        // Two powers of ten at least.
+        // The axis spans at least two powers of ten.
         let [low, high] = around([0.0034, 0.004].into_iter());
         assert!((low - 0.001).abs() < 1e-12 && (high - 0.01).abs() < 1e-12);
         assert_eq!(around(std::iter::empty()), [0.1, 1.0]);
     }
 
     #[test]
-    fn a_label_across_the_front_meets_it() {
+    fn label_across_the_front_overlaps_it() {
         let boxes = along(&[(0, 0), (100, 50)]);
         assert!(boxes.iter().any(|line| meet(&[40, 18, 70, 32], line)));
         assert!(!boxes.iter().any(|line| meet(&[40, 60, 70, 74], line)));
     }
 
     #[test]
-    fn boxes_that_touch_at_an_edge_do_not_meet() {
+    fn boxes_with_a_shared_edge_do_not_overlap() {
         assert!(meet(&[0, 0, 10, 10], &[9, 9, 12, 12]));
         assert!(!meet(&[0, 0, 10, 10], &[10, 0, 20, 10]));
     }

@@ -1,4 +1,4 @@
-//! The simulator's own charts: error against time of a frame, and convergence.
+//! Charts of the simulator: error over computing time of a frame, and convergence.
 
 use std::path::Path;
 
@@ -7,8 +7,10 @@ use taxel_files::save;
 use crate::picture::save_page;
 use crate::{convergence, ladder};
 
-/// Times every rung of the ladder of fidelity and writes `simulator.csv`, its picture and page, and
-/// `convergence.svg`; it takes half a minute.
+/// Times every fidelity level and writes `simulator.csv`, its picture and page, and
+/// `convergence.svg`.
+///
+/// Takes half a minute.
 ///
 /// # Errors
 /// A file cannot be written.

@@ -1,4 +1,4 @@
-//! Disturbances, one parameter at a time, from harmless to severe. **To add one**: a line in [`all`].
+//! Sweeps of one disturbance each, from harmless to severe. **To add one**: a line in [`all`].
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,21 +13,23 @@ use crate::runs::{
 /// Standard deviation of a reading of the built-in fingers, in 16-bit codes.
 const NOISE_CODES: f64 = 4.0;
 
-/// The temperature of calibration.
+/// Temperature of the calibration in °C.
 const USUAL_C: f64 = 25.0;
-/// Kelvins from the temperature of calibration, in a run and in the course of one.
+/// Temperature differences from the calibration in kelvins, constant or reached during a run.
 const WARMTH: [f64; 6] = [0.0, 2.0, 5.0, 10.0, 20.0, 30.0];
 const WARMING: [f64; 5] = [0.0, 1.0, 2.0, 5.0, 10.0];
-/// Change of the light of every taxel since calibration, in per cent.
+/// Changes of every taxel's light since calibration in per cent.
 const GAINS: [f64; 8] = [0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0];
 
-/// One parameter. What can go both ways is two of them, each with a boundary of its own.
+/// One disturbance over its values.
+///
+/// A disturbance of both signs is two sweeps, each with its own boundary.
 pub struct Sweep {
     /// Name in the table, with its unit.
     pub name: &'static str,
-    /// Its values, the harmless ones first.
+    /// Values, the harmless ones first.
     pub values: Vec<f64>,
-    /// Tells whether a value is in the working range of the finger or of its matrix alone.
+    /// Returns whether a value lies in the working range of the finger or of its matrix alone.
     pub within: fn(Of, f64) -> bool,
     /// Records a device at a value.
     pub run: fn(u64, f64) -> anyhow::Result<Recorded>,
@@ -106,7 +108,8 @@ pub fn all() -> Vec<Sweep> {
         sweep(
             "torsion over friction / 1",
             &[0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0, 1.2, 2.0],
-            // Under torsion the skin goes round and not in: the matrix alone cannot feel it.
+            // Torsion turns the skin and does not press it in, so the matrix alone cannot measure
+            // it.
             |of, v| v <= if of == Of::Matrix { 0.0 } else { 1.0 },
             |device, v| run(device, &Run { acts: &twisted(v), ..Run::default() }),
         ),
@@ -115,7 +118,7 @@ pub fn all() -> Vec<Sweep> {
         sweep(
             "noise / times",
             &[1.0, 1.2, 1.5, 2.0, 4.0, 8.0, 16.0, 32.0, 100.0],
-            // The flag is up from 1.5 times the noise of the bias on, which the record states.
+            // The flag rises from 1.5 times the noise of the bias on; the record holds that noise.
             |_, v| v <= 1.2,
             |device, v| {
                 let mut run = usual(device)?;
@@ -284,19 +287,19 @@ pub fn all() -> Vec<Sweep> {
     ]
 }
 
-/// Records an object with another coefficient of friction.
+/// Records presses of an object with another coefficient of friction.
 fn rubbed(device: u64, mu: f64) -> anyhow::Result<Recorded> {
     run(device, &Run { mu, ..Run::default() })
 }
 
-/// Records at a temperature this many kelvins above that of calibration.
+/// Records at `kelvins` above the calibration's temperature.
 fn warm(device: u64, kelvins: f64) -> anyhow::Result<Recorded> {
     let celsius = USUAL_C + kelvins;
     let tables = format!("[temperature]\nstart_c = {celsius}\nend_c = {celsius}\n");
     run(device, &Run { effects: ", 'temperature'", tables: &tables, ..Run::default() })
 }
 
-/// Records while the finger warms by this many kelvins.
+/// Records while the finger warms by `kelvins`.
 fn warming(device: u64, kelvins: f64) -> anyhow::Result<Recorded> {
     let end = USUAL_C + kelvins;
     let tables =
@@ -304,7 +307,7 @@ fn warming(device: u64, kelvins: f64) -> anyhow::Result<Recorded> {
     run(device, &Run { effects: ", 'temperature'", tables: &tables, ..Run::default() })
 }
 
-/// Records with this much more light on every taxel, in per cent.
+/// Records with `percent` more light on every taxel.
 fn brighter(device: u64, percent: f64) -> anyhow::Result<Recorded> {
     let mut run = usual(device)?;
     lit(&mut run.samples, |_, level, _| level * (1.0 + percent / 100.0));

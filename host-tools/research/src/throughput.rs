@@ -1,4 +1,4 @@
-//! Frames per second of each stage on a host, on one core: `throughput.csv`.
+//! Frames per second of each stage on one core of a host: `throughput.csv`.
 
 use std::fmt::Write as _;
 use std::hint::black_box;
@@ -24,29 +24,29 @@ use crate::effort::{Effort, Waiting};
 use crate::methods::calibrated;
 use crate::picture::save_page;
 
-/// What everything works on: presses, shear and slides at 1 kHz.
+/// Scene that every stage works on: presses, shear and slides at 1 kHz.
 const SCENE: &str = "tour";
 const SEED: u64 = 11;
 const SCAN_HZ: u16 = 4000;
-/// The fastest of so many times counts; in the others the machine was disturbed.
+/// Number of timed runs, of which the fastest counts because the machine may disturb the others.
 const RUNS: usize = 5;
 
-/// One stage.
+/// One stage with its time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
-    /// What is done.
+    /// Name of the stage.
     pub name: &'static str,
-    /// Microseconds a frame.
+    /// Microseconds per frame.
     pub us_per_frame: f64,
 }
 
-/// Times every stage; it takes some seconds.
+/// Times every stage; takes some seconds.
 ///
 /// # Errors
 /// A fit failed or a file in the folder for temporary ones cannot be written.
 pub fn measure(waiting: Waiting<'_>) -> anyhow::Result<Vec<Stage>> {
     let device = Device::new(SEED)?;
-    // How well it is fitted makes no difference to the time.
+    // The quality of the fit does not change the time.
     let effort = Effort { devices: vec![SEED], steps: 1, widths: Vec::new() };
     let record = calibrated(&device, &effort, waiting.stop)?;
     let mut buffer = [0; MAX_BYTES];
@@ -113,7 +113,7 @@ pub fn measure(waiting: Waiting<'_>) -> anyhow::Result<Vec<Stage>> {
     Ok(stages)
 }
 
-/// A finger that sends every scan.
+/// Creates an instrument that sends every scan.
 fn instrument(record: &[u8]) -> anyhow::Result<Instrument> {
     let mut instrument = Instrument::new(Identity {
         board: heapless::String::new(),
@@ -134,7 +134,7 @@ fn instrument(record: &[u8]) -> anyhow::Result<Instrument> {
     Ok(instrument)
 }
 
-/// The fastest of some runs, each of which must have done all frames.
+/// Times the fastest of [`RUNS`] runs; each must process all frames.
 fn timed(
     name: &'static str,
     frames: usize,
@@ -150,7 +150,7 @@ fn timed(
     Ok(Stage { name, us_per_frame: best.as_secs_f64() * 1e6 / frames as f64 })
 }
 
-/// The table `throughput.csv`.
+/// Formats the table `throughput.csv`.
 #[must_use]
 pub fn csv(stages: &[Stage]) -> String {
     let mut table = String::from("stage,frames_per_s,us_per_frame\n");

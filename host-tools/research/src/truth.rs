@@ -1,4 +1,4 @@
-//! Truth of a scene that no trace holds: slip margin and the positions of two contacts.
+//! Truth of a scene beyond its trace: slip margin and the positions of two contacts.
 
 use taxel_files::trace::Sample;
 use taxel_sim::Scene;
@@ -9,7 +9,7 @@ use taxel_sim::path::Path;
 /// Smallest load in newtons that is judged.
 pub(crate) const LEAST_N: f64 = 0.05;
 
-/// The touches of a scene.
+/// Contacts of a scene.
 pub(crate) struct Touches {
     path: Path,
     mu: f64,
@@ -18,7 +18,7 @@ pub(crate) struct Touches {
 }
 
 impl Touches {
-    /// Touches of a run of `scene` with this seed.
+    /// Returns the contacts of a run of `scene` with this seed.
     pub(crate) fn new(scene: &Scene, seed: u64) -> Self {
         Self {
             path: Path::new(scene, seed),
@@ -40,7 +40,8 @@ impl Touches {
         }
     }
 
-    /// The share of its friction that a contact does not use: the ellipse of shear and torsion, as the path has it.
+    /// Returns the unused share of a contact's friction: the ellipse of shear and torsion, as in
+    /// the simulator's path.
     fn margin(&self, load: &Load) -> Option<f64> {
         let [fx, fy, normal] = load.force;
         if load.slip {
@@ -60,9 +61,9 @@ impl Touches {
 /// Truth at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Beyond {
-    /// Slip margin of a single contact: 1 unloaded, 0 where it slips.
+    /// Slip margin of a single contact: 1 unloaded, 0 at gross slip.
     pub margin: Option<f64>,
-    /// Positions of two contacts in mm, if neither is too light to be judged.
+    /// Positions of two contacts in mm, if both are heavy enough to be judged.
     pub places: Option<[[f64; 2]; 2]>,
 }
 
@@ -71,7 +72,7 @@ mod tests {
     use super::*;
     use taxel_sim::Simulator;
 
-    /// What holds `at` seconds after the begin.
+    /// Sample and truth at `at` seconds after the start.
     fn holds(acts: &str, at: f64) -> (Sample, Beyond) {
         let text = format!(
             "effects = []\n[scan]\nrate_hz = 100\nduration_s = 2\n[device]\nseed = 1\nbits = 16\n\
@@ -91,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn shear_uses_friction_and_a_slide_all_of_it() {
+    fn shear_uses_friction_and_gross_slip_all_of_it() {
         for (shear, left) in [(0.0, 1.0), (0.2, 0.6), (0.45, 0.1), (0.6, 0.0)] {
             let (sample, beyond) = holds(&press(0.0, &format!("fx_n = {shear}")), 0.6);
             assert_eq!(sample.truth.slip, Some(shear > 0.5));
@@ -109,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_contacts_both_places_are_known_and_no_one_friction() {
+    fn two_contacts_have_positions_and_no_margin() {
         let (_, beyond) = holds(&(press(-2.0, "") + &press(3.0, "")), 0.6);
         assert_eq!(beyond, Beyond { margin: None, places: Some([[-2.0, 0.0], [3.0, 0.0]]) });
     }

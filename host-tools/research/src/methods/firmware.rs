@@ -1,4 +1,4 @@
-//! Methods of the firmware, by the tools' calibration record: matrix, force sensors, both.
+//! Methods of the firmware under the fitted calibration record: matrix, force sensors, both.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,12 +19,12 @@ use super::{Group, Method, Said};
 use crate::device::{Device, Moment};
 use crate::effort::Effort;
 
-/// The model of the skin; with shear looked for in every frame where no force sensor says that there is none.
+/// Stage of the skin model with shear, which it fits unless the force sensors exclude shear.
 const MODEL: &str = "model, with shear";
-/// The sensors' array as a sum.
+/// Stages of the array as a sum of its sensors' forces.
 const SUM: [&str; 3] =
     ["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"];
-/// Stages of the array by its full matrix, without forces of single sensors.
+/// Stages of the array with its full matrix, without the forces of single sensors.
 const FULL: [&str; 2] = ["array: wrench by 6x12", "array: contact on a plane"];
 /// Stage that detects gross slip by its vibration.
 const EAR: &str = "slip: by its vibration";
@@ -54,7 +54,7 @@ pub(super) fn all(device: &Device, calibration: &Calibration) -> anyhow::Result<
     Ok(methods)
 }
 
-/// Lists the force methods that the firmware can be set to: net, model, whole finger.
+/// Lists the force methods of the firmware: net, model, whole finger.
 pub(crate) fn firmwares(calibration: &Calibration) -> [Method; 3] {
     let matrix = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
     let net = Calibration { model: None, ..matrix.clone() };
@@ -65,10 +65,12 @@ pub(crate) fn firmwares(calibration: &Calibration) -> [Method; 3] {
     ]
 }
 
-/// Calibration records by device and training steps, because every chart needs those of the same devices.
+/// Calibration records by device seed and training steps.
+///
+/// All charts share them, because every chart needs records of the same devices.
 static RECORDS: Mutex<BTreeMap<(u64, usize), Calibration>> = Mutex::new(BTreeMap::new());
 
-/// Fits the calibration record of the device as the tools do, once a program.
+/// Fits the device's calibration record as the tools do, once for each program run.
 pub(crate) fn calibrated(
     device: &Device,
     effort: &Effort,
@@ -94,7 +96,7 @@ pub(crate) fn calibrated(
     Ok(fitted.calibration)
 }
 
-/// Estimates scan by scan with the parts that the record calibrates.
+/// Returns an estimator that keeps state from scan to scan and uses all parts of the record.
 fn finger(record: Calibration) -> impl FnMut(&Moment) -> Estimate {
     let [blind, numb] = [record.taxels.is_none(), record.array.is_none()];
     let (finger, mut state) = Finger::new(Some(record));
@@ -110,7 +112,7 @@ fn finger(record: Calibration) -> impl FnMut(&Moment) -> Estimate {
     }
 }
 
-/// Force, contact point and torsion.
+/// Method for force, contact point and torsion.
 fn whole(name: &str, group: Group, stages: &[&str], record: Calibration) -> Method {
     let mut finger = finger(record);
     Method::new(name, group, stages, move |moment| {
@@ -126,7 +128,7 @@ fn whole(name: &str, group: Group, stages: &[&str], record: Calibration) -> Meth
     })
 }
 
-/// Slip from force and position that cost `stages`.
+/// Method for slip from force and position, at the cost of `stages`.
 fn slip(name: &str, group: Group, stages: &[&str], record: Calibration) -> Method {
     let stages = [stages, &["slip: verdict", "slip: by its way", EAR]].concat();
     let mut finger = finger(record);
@@ -138,7 +140,7 @@ fn slip(name: &str, group: Group, stages: &[&str], record: Calibration) -> Metho
     })
 }
 
-/// Gross slip by vibration alone.
+/// Method for gross slip from vibration alone.
 fn slides() -> Method {
     let mut listener = VibrationDetector::default();
     Method::new("slip: vibration", Group::Model, &[EAR], move |moment| {
@@ -147,7 +149,7 @@ fn slides() -> Method {
     })
 }
 
-/// Sum of f = S(u − b) over the force sensors ([Ospina2017]).
+/// Method that sums f = S(u − b) over the force sensors ([Ospina2017]).
 fn forces(record: Calibration) -> Method {
     let mut finger = finger(record);
     Method::new("four sensors", Group::Sensors, &["sum of four sensors"], move |moment| {

@@ -1,4 +1,4 @@
-//! The figures of `docs/accuracy.md` are those of the tables beside its pictures.
+//! Checks that `docs/accuracy.md` quotes the tables next to its pictures.
 
 use std::collections::HashMap;
 
@@ -24,14 +24,14 @@ fn cycles(row: &HashMap<String, String>) -> f64 {
     (number(row, "cycles_low") + number(row, "cycles_high")) / 2.0
 }
 
-/// Every line stands in the page; what does not is told as it should.
+/// Fails with the lines that the page lacks.
 fn stand(lines: &[String]) {
     let missing: Vec<&String> = lines.iter().filter(|line| !PAGE.contains(*line)).collect();
     assert!(missing.is_empty(), "docs/accuracy.md lacks, with today's figures:\n{missing:#?}");
 }
 
 #[test]
-fn the_table_of_methods_has_the_figures_of_estimators_csv() {
+fn methods_table_quotes_estimators_csv() {
     let table = rows(ESTIMATORS);
     let methods = [
         "arg-min",
@@ -64,7 +64,7 @@ fn the_table_of_methods_has_the_figures_of_estimators_csv() {
                 .filter(|row| row["name"] == name)
                 .map(|row| format!("{:.1}k", cycles(row) / 1e3))
                 .collect();
-            // The finger's depends on the kind of scene.
+            // The finger's cost depends on the kind of scene.
             costs.sort_unstable();
             costs.dedup();
             format!(
@@ -81,7 +81,7 @@ fn the_table_of_methods_has_the_figures_of_estimators_csv() {
 }
 
 #[test]
-fn what_a_scene_costs_is_what_the_finger_took_on_the_emulated_core() {
+fn scene_costs_quote_cycles_csv() {
     let table = rows(COSTS);
     for kind in ["no contact", "normal contact", "shear", "two contacts"] {
         let stage = format!("finger: {kind}, estimates");
@@ -95,7 +95,7 @@ fn what_a_scene_costs_is_what_the_finger_took_on_the_emulated_core() {
 }
 
 #[test]
-fn the_growth_of_shears_errors_towards_the_edge_is_that_of_edge_csv() {
+fn shear_error_growth_quotes_edge_csv() {
     let table = rows(EDGE);
     let lines: Vec<String> = ["net", "model", "finger"]
         .into_iter()
@@ -116,7 +116,7 @@ fn the_growth_of_shears_errors_towards_the_edge_is_that_of_edge_csv() {
 }
 
 #[test]
-fn the_table_of_other_sensors_has_the_figures_of_estimators_csv() {
+fn other_sensors_table_quotes_estimators_csv() {
     let table = rows(ESTIMATORS);
     let papers = ["DeMaria2011", "Ohka2004", "Ohka2005", "Ospina2017"];
     let own = table.iter().filter(|row| papers.iter().any(|key| row["name"].starts_with(key)));
@@ -137,7 +137,7 @@ fn the_table_of_other_sensors_has_the_figures_of_estimators_csv() {
 }
 
 #[test]
-fn the_table_of_silent_failures_has_the_figures_of_boundaries_csv() {
+fn silent_failures_table_quotes_boundaries_csv() {
     let alone: Vec<&str> = failures::methods(Of::Matrix).collect();
     let table = rows(BOUNDARIES);
     let line = |label: &str, of: &dyn Fn(&str) -> bool| {
@@ -171,7 +171,7 @@ fn the_table_of_silent_failures_has_the_figures_of_boundaries_csv() {
 }
 
 #[test]
-fn the_ratios_to_other_peoples_nets_are_those_of_peers_csv() {
+fn net_ratios_quote_peers_csv() {
     let table = rows(PEERS);
     let ratio = |peer: &str| {
         let row = table.iter().find(|row| row["name"].starts_with(peer)).unwrap();
@@ -187,7 +187,7 @@ fn the_ratios_to_other_peoples_nets_are_those_of_peers_csv() {
 }
 
 #[test]
-fn what_a_host_can_take_is_what_throughput_csv_says() {
+fn host_throughput_quotes_throughput_csv() {
     let lines: Vec<String> = rows(THROUGHPUT)
         .iter()
         .map(|row| format!("| {} | {:.1} µs |", row["stage"], number(row, "us_per_frame")))
@@ -195,7 +195,7 @@ fn what_a_host_can_take_is_what_throughput_csv_says() {
     stand(&lines);
 }
 
-/// Panels, `quantity of scene`, in which a cheaper row of `among` errs no more than `own`.
+/// Lists panels, as `quantity of scene`, in which a cheaper row of `among` errs no more than `own`.
 fn beaten(own: &str, among: impl Fn(&str) -> bool) -> Vec<String> {
     let table = rows(ESTIMATORS);
     let beats = |own: &HashMap<String, String>, row: &HashMap<String, String>| {
@@ -215,7 +215,7 @@ fn of_matrix(name: &str) -> bool {
     !sensors.iter().any(|begin| name.starts_with(begin))
 }
 
-/// What is not on the front stands in the line of the page that says so, and nothing else does.
+/// Checks the page's line about panels in which `own` is not on the front.
 fn told(own: &str, beaten: &[String]) {
     let label = format!("  - `{own}` is not on the front for ");
     let line = PAGE.lines().find(|line| line.starts_with(&label)).unwrap_or_default();
@@ -226,14 +226,16 @@ fn told(own: &str, beaten: &[String]) {
     );
 }
 
-/// What the firmware looks at the matrix with by default. What needs the force sensors is other hardware: no
-/// choice of method puts them into a finger.
+/// The firmware's default methods: of the matrix alone, and of the finger.
+///
+/// A method that needs force sensors does not compete with the matrix, because it needs other
+/// hardware.
 #[test]
-fn the_page_names_every_panel_in_which_a_default_is_not_on_the_front() {
+fn page_lists_panels_with_default_off_the_front() {
     for own in ["model", "slip: matrix"] {
         told(own, &beaten(own, of_matrix));
     }
-    // A finger with both has every method to choose from.
+    // A finger with both parts can choose from every method.
     for own in ["finger", "slip: both"] {
         told(own, &beaten(own, |_| true));
     }

@@ -1,4 +1,4 @@
-//! Errors against a committed baseline: the tables of `taxel chart --quick` under `data/`.
+//! Checks errors against a committed baseline: the tables of `taxel chart --quick` in `data/`.
 
 use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
@@ -6,17 +6,17 @@ use std::sync::atomic::AtomicBool;
 use taxel_research::failures::Of;
 use taxel_research::{Effort, Waiting, estimators, failures};
 
-/// Largest growth of an error: on another machine the training of a net takes another way.
+/// Largest ratio of a new error to the old one, because nets train differently on other machines.
 const MARGIN: f64 = 1.1;
-/// Growth of an error that is always allowed: half a millinewton or micrometre.
+/// Growth of an error that is always allowed: 0.5 mN or 0.5 µm.
 const ERROR: f64 = 5e-4;
-/// Growth of a share that is always allowed: one frame of a hundred.
+/// Growth of a share that is always allowed: one frame in a hundred.
 const SHARE: f64 = 0.01;
 
 const ANEW: &str = "if that is intended, write the baseline again: \
                     `taxel chart --quick --only estimators --only failures --out host-tools/research/data`, and keep its three CSV";
 
-/// Rows by their first `keys` cells, and the cells after them.
+/// Splits a table into rows: the first `keys` cells, and the cells after them.
 fn rows(table: &str, keys: usize) -> Vec<(Vec<String>, Vec<String>)> {
     let mut reader = csv::Reader::from_reader(table.as_bytes());
     let rows = reader.records().map(|row| {
@@ -31,7 +31,7 @@ fn number(cell: &str) -> Option<f64> {
     cell.parse().ok()
 }
 
-/// Lists the rows that are worse than in the baseline, in sentences.
+/// Describes each row that is worse than in the baseline.
 fn worse(
     baseline: &str,
     now: &str,
@@ -73,7 +73,8 @@ fn waiting(stop: &AtomicBool) -> Waiting<'_> {
     Waiting { progress: &|_, _| {}, stop }
 }
 
-/// Both tables in one test: the second measurement takes the calibrations of the first.
+/// Runs both tables in one test, because the second measurement reuses the first one's
+/// calibrations.
 #[test]
 fn estimators_and_failure_maps_match_the_baseline() {
     let stop = AtomicBool::new(false);
@@ -90,7 +91,7 @@ fn estimators_match_the_baseline(stop: &AtomicBool) {
 
 fn failure_maps_match_the_baseline(stop: &AtomicBool) {
     let maps = failures::measure(&Effort::quick(), waiting(stop)).unwrap();
-    // Of all values, of those in the working range, and flagged there.
+    // Shares of silent failures: all, in the working range; then false flags.
     let totals = failures::totals(&maps, Of::Finger);
     assert!(totals.silent[0] < 0.005 && totals.silent[1] < 0.0005, "{totals:?}");
     assert!(totals.false_flags < 0.001, "{totals:?}");
@@ -108,7 +109,7 @@ fn failure_maps_match_the_baseline(stop: &AtomicBool) {
             if flags < flags_before - SHARE && !within || flags > flags_before + SHARE && within {
                 return Some(format!("flagged {flags}, was {flags_before}"));
             }
-            // Of what is withheld almost always, what is left says nothing.
+            // With almost all values missing, the rest proves nothing.
             let (Some(before), Some(now)) = (number(&before[1]), number(&now[1])) else {
                 return None;
             };

@@ -1,4 +1,4 @@
-//! Committed tables: against the page that quotes them, and against a fresh measurement.
+//! Tests of committed tables: against the page that quotes them, and against a new measurement.
 
 mod accuracy_page;
 mod baseline;

@@ -22,7 +22,7 @@ struct Arguments {
 enum Task {
     /// Fits and judges recordings that are not in the repository; fails where a limit is missed
     Judge(specification::Judge),
-    /// Counts the cycles of the 16-16-3 net in other libraries; writes host-tools/emulator/data/peers.csv
+    /// Counts cycles of the 16-16-3 net in other libraries into host-tools/emulator/data/peers.csv
     Peers,
 }
 

@@ -1,6 +1,6 @@
 //! Cycles of the same net in other libraries, on the same emulated core.
 //!
-//! Their sources come from PyPI, their compiler from Debian; nothing else needs either.
+//! The libraries' sources come from PyPI and their compiler from Debian; nothing else needs either.
 
 use std::path::{Path, PathBuf};
 
@@ -19,9 +19,10 @@ const DSP_SOURCES: [&str; 3] = [
 ];
 /// Flags for the Cortex-M4F of the core's own image.
 const CORE: [&str; 4] = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"];
-/// Optimisation flags, of which each library's fastest counts.
+/// Sets of optimisation flags; each library's fastest counts.
 ///
-/// Contraction is off in some because a fused multiply-add takes three cycles, a multiplication and an addition two.
+/// Some turn contraction off, because a fused multiply-add takes three cycles, a multiplication and
+/// an addition two.
 const FLAGS: [&str; 6] = [
     "-O2",
     "-O3",
@@ -30,12 +31,12 @@ const FLAGS: [&str; 6] = [
     "-O3 -funroll-loops -ffp-contract=off",
     "-Ofast -funroll-loops -ffp-contract=off",
 ];
-/// Library that no package provides as source, for the table.
+/// Note for the table on a library that no package provides as source.
 ///
-/// Of the packages that name it, `cmsis-nn-rs` (crates.io) and
-/// `tflite-micro` (PyPI) come without its C sources, `tfmicro` (crates.io) with their callers alone,
-/// `torch2cmsis` (PyPI) with a converter, `utensor-cgen` (PyPI) with a caller's template, `mlonmcu` (PyPI) with a
-/// script that fetches it from elsewhere, and `executorch` (PyPI) with the library as built for a PC.
+/// These packages name it without its C sources: `cmsis-nn-rs` (crates.io) and `tflite-micro`
+/// (PyPI). `tfmicro` (crates.io) has its callers alone, `torch2cmsis` (PyPI) a converter, and
+/// `utensor-cgen` (PyPI) a caller's template. `mlonmcu` (PyPI) has a script that fetches it from
+/// elsewhere, `executorch` (PyPI) the library as built for a PC.
 const MISSING: &str = "CMSIS-NN s16: not built, no package with its C sources was found on PyPI, npm, crates.io or Debian";
 
 /// Builds the libraries, runs them on the emulator and writes the table.
@@ -70,7 +71,8 @@ fn compile(flags: &str, emlearn: &Path, dsp: &Path, elf: &Path) -> Result<()> {
     run(command(COMPILER, &own)
         .args(CORE)
         .args(flags.split(' '))
-        // Warnings of foreign code are off. The macro spares CMSIS-DSP the CMSIS core.
+        // Warnings of foreign code are off. The macro makes CMSIS-DSP independent of the CMSIS
+        // core.
         .args(["-w", "-ffunction-sections", "-fdata-sections", "-D__GNUC_PYTHON__"])
         .arg(include(emlearn.join("emlearn")))
         .args([include(dsp.join("Include")), include(dsp.join("PrivateInclude"))])
@@ -80,7 +82,7 @@ fn compile(flags: &str, emlearn: &Path, dsp: &Path, elf: &Path) -> Result<()> {
         .arg(elf))
 }
 
-/// Downloads and unpacks a package of PyPI; returns its folder.
+/// Downloads and unpacks a PyPI package; returns its folder.
 fn fetch(package: &str, folder: &Path) -> Result<PathBuf> {
     let (name, version) = package.split_once("==").context("a package has a version")?;
     let unpacked = folder.join(name);
@@ -88,7 +90,7 @@ fn fetch(package: &str, folder: &Path) -> Result<PathBuf> {
         return inner(&unpacked, name, version);
     }
     let archives = folder.join(format!("{name}-archive"));
-    // A wheel where there is one that suits every machine; sources else.
+    // cmsisdsp comes as sources; the other as a wheel that suits every machine.
     let kind = if name == "cmsisdsp" { "--no-binary" } else { "--only-binary" };
     run(command("python3", folder)
         .args(["-m", "pip", "download", "--quiet", "--no-deps", kind, name, package, "--dest"])
@@ -101,7 +103,7 @@ fn fetch(package: &str, folder: &Path) -> Result<PathBuf> {
     inner(&unpacked, name, version)
 }
 
-/// Folder of the files: sources lie in one of their name and version, wheels do not.
+/// Folder of the unpacked files: sources lie in a subfolder of name and version, wheels do not.
 fn inner(unpacked: &Path, name: &str, version: &str) -> Result<PathBuf> {
     let inner = unpacked.join(format!("{name}-{version}"));
     Ok(if inner.exists() { inner } else { unpacked.to_owned() })

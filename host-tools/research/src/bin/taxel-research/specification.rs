@@ -1,4 +1,4 @@
-//! Specification of the calibration on recordings that are not in the repository.
+//! Limits of the specification, judged on recordings outside the repository.
 //!
 //! Every case is fitted and judged by the commands that a user types.
 
@@ -14,7 +14,7 @@ use crate::command;
 /// Recordings and selection of cases.
 #[derive(Args)]
 pub struct Judge {
-    /// The folder that holds `eflesh/` (a magnetic skin against a load cell) and `traces/` (a fingertip of
+    /// Folder with `eflesh/` (a magnetic skin and a load cell) and `traces/` (a fingertip of
     /// another simulator)
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
@@ -23,15 +23,15 @@ pub struct Judge {
     filter: String,
 }
 
-/// One fit, and its limits on a recording that it has not seen.
+/// A fit and its limits on a recording that the fit has not seen.
 struct Case {
     name: &'static str,
-    /// Files and stretches in the folder.
+    /// Files and time ranges in the folder.
     fitted: Vec<String>,
     unseen: String,
-    /// Options of the fit.
+    /// Options of `taxel calibrate`.
     options: &'static [&'static str],
-    /// RMS error in newtons of a target, at most.
+    /// Largest RMS error of each target in newtons.
     errors: &'static [(&'static str, f64)],
     cost: Cost,
 }
@@ -54,8 +54,9 @@ const SMALL_CYCLES: u64 = 900;
 
 /// Lists the cases.
 ///
-/// The limits of the magnetic skin are the errors of scikit-learn's best of three seeds (linear skip path and 16 tanh
-/// units by L-BFGS: 0.46, 0.78 and 0.28 N).
+/// The limits of the magnetic skin are the errors of scikit-learn's best of three seeds.
+///
+/// That net has a linear bypass and 16 tanh units, trained by L-BFGS: 0.46, 0.78 and 0.28 N.
 fn cases(data: &Path) -> Result<Vec<Case>> {
     let split = at_share(&data.join("eflesh/shear_1.csv"))?;
     let table = |name, fitted: &str, unseen: &str, errors| Case {
@@ -216,7 +217,7 @@ fn multiply_adds(shape: &str) -> Option<u64> {
     }
 }
 
-/// Computes the second at which [`SHARE`] of a table's time is over.
+/// Returns the second at which [`SHARE`] of a table's time is over.
 fn at_share(path: &Path) -> Result<f64> {
     let text = std::fs::read_to_string(path).with_context(|| {
         format!("{}: --data names the folder that holds eflesh/ and traces/", path.display())
@@ -227,7 +228,7 @@ fn at_share(path: &Path) -> Result<f64> {
     Ok(first + SHARE * (last - first))
 }
 
-/// A limit and the value reached.
+/// A limit with the value reached.
 struct Verdict {
     what: String,
     limit: f64,
