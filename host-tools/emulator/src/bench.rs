@@ -1,5 +1,6 @@
-//! Runs the bench image: counts every stage on every input, and checks each result bit for bit against
-//! the same code on this host.
+//! Runs the bench image, counts every stage on every input, and compares results with this host.
+//!
+//! Each result must equal that of the same code on this host, bit for bit.
 
 use anyhow::{Context, Result, bail, ensure};
 use cycles::host::{COMPARE, INPUTS, Inputs, MEASURE, REPORT};
@@ -9,27 +10,27 @@ use serde::Serialize;
 use crate::clock::{Clock, Count};
 use crate::machine::{HostCall, Machine};
 
-/// Far more than any stage and its preparation take.
+/// Most instructions between two host calls, far above any stage and its preparation.
 const INSTRUCTION_LIMIT: u64 = 1 << 28;
 
-/// Semihosting operations of the specification.
+/// Operations of the semihosting specification.
 const SYS_OPEN: u32 = 0x01;
 const SYS_WRITE: u32 = 0x05;
 const SYS_EXIT: u32 = 0x18;
-/// Reason of a program that ended well.
+/// Parameter of `SYS_EXIT` when a program ends without error.
 const APPLICATION_EXIT: u32 = 0x2_0026;
 
-/// One stage on all of its inputs.
+/// Counts of one stage on all of its inputs.
 #[derive(Clone, Debug)]
 pub struct Stage {
-    /// Its name.
+    /// Name of the stage.
     pub name: String,
-    /// What each call took.
+    /// Count of each call.
     pub calls: Vec<Count>,
 }
 
 impl Stage {
-    /// The most that any call took, each figure by itself.
+    /// Largest count of a call, each figure on its own.
     pub fn worst(&self) -> Count {
         self.calls.iter().fold(Count::default(), |mut worst, call| {
             worst.instructions = worst.instructions.max(call.instructions);
@@ -39,7 +40,7 @@ impl Stage {
         })
     }
 
-    /// Mean instructions, mean cycles from low to high.
+    /// Mean instructions, and mean cycles: low and high.
     pub fn mean(&self) -> [f64; 3] {
         let mean = |figure: fn(&Count) -> u64| {
             self.calls.iter().map(figure).sum::<u64>() as f64 / self.calls.len().max(1) as f64
@@ -52,7 +53,7 @@ impl Stage {
     }
 }
 
-/// The same stages on this host.
+/// Results of the stages on this host.
 #[derive(Default)]
 struct Here {
     results: Vec<(String, Vec<u8>)>,
@@ -76,7 +77,7 @@ impl Meter for Here {
     }
 }
 
-/// The result of a call is what it is on this host.
+/// Checks that the result of a call equals the one on this host.
 fn agree(
     expected: &mut impl Iterator<Item = (String, Vec<u8>)>,
     name: &str,
@@ -90,7 +91,7 @@ fn agree(
     Ok(())
 }
 
-/// Runs the image in `elf`; `watch` is called after each stage with the blocks that it ran.
+/// Runs the image in `elf` and calls `watch` after each stage with the blocks that ran.
 pub fn run(
     elf: &[u8],
     inputs: &Inputs<'_>,
@@ -140,27 +141,27 @@ pub fn run(
     Ok(stages)
 }
 
-/// What an image says to its machine.
+/// Message of an image to its machine.
 pub enum Event {
     /// The next call of a function is to be measured.
     Call {
-        /// What it is called in the table.
+        /// Name in the table.
         name: String,
-        /// Its address.
+        /// Address of the function.
         function: u32,
     },
-    /// The call is over and gave these bytes.
+    /// End of the measured call, with its result.
     Result(Vec<u8>),
-    /// So did one that was not measured.
+    /// Result of a call that is not measured.
     Compared {
-        /// What it is called where it gave others.
+        /// Name in the error message.
         name: String,
-        /// The bytes.
+        /// Result in postcard.
         result: Vec<u8>,
     },
 }
 
-/// Runs to the next event; `None` where the image ends well. `said` collects what it prints.
+/// Runs to the next event; `None` at a normal end. `said` collects the printed text.
 pub fn next(machine: &mut Machine, said: &mut String) -> Result<Option<Event>> {
     loop {
         let HostCall { operation, parameter } = machine.run(INSTRUCTION_LIMIT)?;
@@ -193,7 +194,7 @@ pub fn next(machine: &mut Machine, said: &mut String) -> Result<Option<Event>> {
     }
 }
 
-/// The parameter block of a host call.
+/// Parameter block of a host call.
 struct Words<const N: usize>([u32; N]);
 
 impl<const N: usize> Words<N> {
@@ -205,7 +206,7 @@ impl<const N: usize> Words<N> {
         Ok(Self(words))
     }
 
-    /// The bytes at the address in word `i`, as many as the next word says.
+    /// Bytes at the address in word `i`; the next word is their length.
     fn span(&self, machine: &Machine, i: usize) -> Result<Vec<u8>> {
         match self.0.get(i..i + 2) {
             Some([address, length]) => machine.read(*address, *length),

@@ -1,4 +1,4 @@
-//! Basic blocks, decoded once: what each costs, and how often it ran.
+//! Basic blocks, decoded once: their instructions and their cost.
 
 use crate::cost::{Band, cost};
 use crate::isa::{Flow, Instruction};
@@ -8,31 +8,31 @@ const WFE: u16 = 0xbf20;
 const WFI: u16 = 0xbf30;
 const SEV: u16 = 0xbf40;
 
-/// A run of instructions that is entered only at its start.
+/// Run of instructions that is entered only at its start.
 #[derive(Debug)]
 pub struct Block {
-    /// Where it starts.
+    /// Address of the first instruction.
     pub start: u32,
-    /// Where the next instruction would be.
+    /// Address behind the last instruction.
     pub end: u32,
-    /// What it consists of; never empty.
+    /// Instructions of the block; never empty.
     pub instructions: Box<[Instruction]>,
-    /// It ends with WFE or WFI.
+    /// Whether the block ends with WFE or WFI.
     pub waits: bool,
-    /// It has a SEV.
+    /// Whether the block contains SEV.
     pub signals: bool,
-    /// It touches the floating-point unit.
+    /// Whether the block uses the floating-point unit.
     pub floats: bool,
-    /// All but the last instruction, entered from nowhere.
+    /// Cost of all instructions but the last, if nothing runs before them.
     body: Band,
 }
 
-/// An instruction that is not modelled.
+/// Instruction without a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unknown {
-    /// Where.
+    /// Address of the instruction.
     pub address: u32,
-    /// The bytes from there on.
+    /// Four bytes from that address on, little-endian.
     pub code: u32,
 }
 
@@ -59,7 +59,8 @@ impl Block {
                 conditional = instruction.it_length;
             }
             at += usize::from(instruction.size);
-            // Of 32 bits the first half says which: those of the coprocessors are the floating-point unit's.
+            // The first half of a 32-bit instruction identifies it: coprocessor encodings are the
+            // floating-point unit's.
             last = u16::from_le_bytes([word[0], word[1]]);
             signals |= instruction.size == 2 && last == SEV;
             floats |= instruction.size == 4 && last & 0xec00 == 0xec00;
@@ -81,14 +82,15 @@ impl Block {
         Ok(block)
     }
 
-    /// What it costs after `before`; `taken` where it ended with a branch that went elsewhere.
+    /// Cost of the block after the instruction `before`; `taken` if the block ended with a branch
+    /// that was taken.
     pub fn cost(&self, before: Option<&Instruction>, taken: bool) -> Band {
         let last = self.instructions.len().saturating_sub(1);
         let Some(first) = self.instructions.first() else { return Band::default() };
         if last == 0 {
             return cost(before, first, taken);
         }
-        // Only the first instruction looks back beyond the block.
+        // Only the first instruction depends on one outside the block.
         let (alone, after) = (cost(None, first, false), cost(before, first, false));
         let mut band = self.body + self.cost_of(last, taken);
         band.low = band.low + after.low - alone.low;
@@ -96,18 +98,18 @@ impl Block {
         band
     }
 
-    /// What instruction `i` costs within the block.
+    /// Cost of instruction `i` within the block.
     pub fn cost_of(&self, i: usize, taken: bool) -> Band {
         let before = i.checked_sub(1).and_then(|i| self.instructions.get(i));
         self.instructions.get(i).map_or(Band::default(), |now| cost(before, now, taken))
     }
 
-    /// Its last instruction, where nothing but the next one can follow.
+    /// Last instruction, if control always continues with the next one.
     pub fn runs_on(&self) -> Option<&Instruction> {
         self.instructions.last().filter(|last| last.flow == Flow::Next)
     }
 
-    /// Whether control left it by a branch, when `next` is what came after it.
+    /// Whether control left the block by a branch; `next` is the address that ran after it.
     pub fn left_by_branch(&self, next: u32) -> bool {
         match self.instructions.last().map(|last| last.flow) {
             Some(Flow::Elsewhere) => true,
@@ -140,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_under_it_may_cost_no_more_than_its_own_cycle() {
+    fn skipped_instruction_under_it_costs_one_cycle() {
         // it eq; ldmeq r0!, {r1, r2}; mov
         let block = block(&[0xbf08, 0xc806, 0x4608]);
         assert_eq!(block.cost(None, false), Band { low: 3, high: 1 + 3 + 1 });

@@ -1,5 +1,6 @@
-//! Counts what the core executes: instructions exactly, cycles as modelled, all of it or only between
-//! entering a function and returning from it.
+//! Counter of executed instructions (exact) and cycles (modelled).
+//!
+//! It counts everything, or only the blocks between entering a function and returning from it.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -8,12 +9,12 @@ use std::ops::Sub;
 use crate::block::{Block, Unknown};
 use crate::cost::Band;
 
-/// What some stretch of execution took.
+/// Instructions and cycles of a stretch of execution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Count {
-    /// Instructions, those under IT that did nothing included.
+    /// Instructions, including those that IT skipped.
     pub instructions: u64,
-    /// Cycles.
+    /// Modelled cycles.
     pub cycles: Band,
 }
 
@@ -30,31 +31,32 @@ impl Sub for Count {
     }
 }
 
-/// How often a block ran inside measured functions.
+/// Number of times a block ran while it was counted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Visits {
-    /// Times it was left by a branch.
+    /// Runs that a branch ended.
     pub taken: u64,
-    /// Times it was not.
+    /// Runs that continued with the next instruction.
     pub fell_through: u64,
 }
 
-/// A call that is to be measured.
+/// State of the measured call.
 #[derive(Clone, Copy, Debug)]
 enum Call {
-    /// Once control reaches this function.
+    /// Measuring starts when control reaches this function.
     Awaited { function: u32 },
-    /// Until control comes back to `back` with this stack pointer.
+    /// Measuring ends when control is at `back` with this stack pointer.
     Running { back: u32, stack: u32, since: Count },
 }
 
-/// Of addresses, once a block: the library's own hasher would be half of the emulator's time.
+/// Fast hash of block addresses, because the standard hasher would take half of the emulator's
+/// time.
 #[derive(Debug, Default)]
 struct AddressHasher(u64);
 
 impl Hasher for AddressHasher {
     fn finish(&self) -> u64 {
-        // The table takes its buckets from the low bits and its tags from the high ones.
+        // The hash table takes buckets from the low bits and tags from the high ones.
         self.0 ^ self.0 >> 32
     }
 
@@ -63,67 +65,68 @@ impl Hasher for AddressHasher {
     }
 
     fn write_u32(&mut self, word: u32) {
-        // 2^64 over the golden ratio.
+        // 2^64 divided by the golden ratio.
         self.0 = (self.0.rotate_left(5) ^ u64::from(word)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     }
 }
 
-/// The counts, and the blocks they are made of.
+/// Counts of instructions and cycles, and the decoded blocks.
 #[derive(Debug, Default)]
 pub struct Clock {
     total: Count,
     blocks: Vec<(Block, Visits)>,
-    /// By start and length: the translator may cut the same code differently.
+    /// Index into `blocks` by start and length, because the translator may cut the same code
+    /// differently.
     index: HashMap<(u32, u32), usize, BuildHasherDefault<AddressHasher>>,
-    /// The block that control is in.
+    /// Block that control is in.
     current: Option<usize>,
-    /// The one before, where control ran on from it into the current one.
+    /// Block before the current one, if control fell through into the current one.
     before: Option<usize>,
     call: Option<Call>,
     measured: Option<Count>,
-    /// Visits of all blocks are counted, and not of measured calls alone.
+    /// Whether visits count everywhere, not in measured calls alone.
     all: bool,
 }
 
 impl Clock {
-    /// All since reset, but for the block that control is in.
+    /// Count since reset, without the current block.
     pub fn total(&self) -> Count {
         self.total
     }
 
-    /// The next call of the function at `address` is measured.
+    /// Measures the next call of the function at `address`.
     pub fn await_call(&mut self, address: u32) {
         self.call = Some(Call::Awaited { function: address & !1 });
         self.measured = None;
     }
 
-    /// What the awaited call took, once it is over.
+    /// Returns the count of the awaited call once that call has ended.
     pub fn take_measured(&mut self) -> Option<Count> {
         self.measured.take()
     }
 
-    /// Every block that was seen, and how often it was run while that was counted.
+    /// All decoded blocks with their counted visits.
     pub fn blocks(&self) -> &[(Block, Visits)] {
         &self.blocks
     }
 
-    /// Counts how often blocks run from now on, whoever calls them.
+    /// Counts visits of blocks from now on, whoever calls them.
     pub fn count_all(&mut self) {
         self.all = true;
         self.forget_visits();
     }
 
-    /// Forgets how often blocks ran.
+    /// Sets the visits of all blocks to zero.
     pub fn forget_visits(&mut self) {
         self.blocks.iter_mut().for_each(|(_, visits)| *visits = Visits::default());
     }
 
-    /// The block at `start` of `length` bytes is known.
+    /// Whether the block at `start` of `length` bytes is decoded.
     pub fn knows(&self, start: u32, length: u32) -> bool {
         self.index.contains_key(&(start, length))
     }
 
-    /// Makes it known.
+    /// Decodes the block at `start`; fails on an instruction without a model.
     pub fn learn(&mut self, start: u32, code: &[u8]) -> Result<(), Unknown> {
         let block = Block::decode(start, code)?;
         self.index.insert((start, code.len() as u32), self.blocks.len());
@@ -131,7 +134,7 @@ impl Clock {
         Ok(())
     }
 
-    /// A measured call may begin or end at `start`.
+    /// Whether a measured call may begin or end at `start`.
     pub fn watches(&self, start: u32) -> bool {
         match self.call {
             Some(Call::Awaited { function }) => function == start,
@@ -140,7 +143,9 @@ impl Clock {
         }
     }
 
-    /// Control enters a known block. `link` and `stack` are read only where [`Self::watches`] says so.
+    /// Records that control enters a decoded block.
+    ///
+    /// `link` and `stack` matter only where [`Self::watches`] is true.
     pub fn enter(&mut self, start: u32, length: u32, [link, stack]: [u32; 2]) {
         self.leave(start);
         self.current = self.index.get(&(start, length)).copied();
@@ -149,7 +154,7 @@ impl Clock {
                 self.call = Some(Call::Running { back: link & !1, stack, since: self.total });
                 self.before = None;
             }
-            // Deeper down it is a recursion's return.
+            // With another stack pointer this is the return of a recursive call.
             Some(Call::Running { back, stack: before, since })
                 if back == start && stack == before =>
             {
@@ -160,12 +165,12 @@ impl Clock {
         }
     }
 
-    /// The block that control is in.
+    /// Block that control is in.
     pub fn current(&self) -> Option<&Block> {
         self.current.and_then(|i| self.blocks.get(i)).map(|(block, _)| block)
     }
 
-    /// Adds up the block that control was in, now that it is known where it went: to `next`.
+    /// Adds the cost of the current block, which control leaves for `next`.
     pub fn leave(&mut self, next: u32) {
         let Some(current) = self.current.take() else { return };
         let before = self.before.take();
@@ -189,7 +194,7 @@ impl Clock {
         }
     }
 
-    /// Control stops at the end of the current block and will go on at `next`.
+    /// Records that control stops behind the current block and will continue at `next`.
     pub fn pause(&mut self, next: u32) {
         self.leave(next);
         self.before = None;

@@ -1,34 +1,35 @@
-//! Cycles of the Cortex-M4 from the tables of its Technical Reference Manual (DDI 0439, tables 3-1 and
-//! 7-1) at zero wait states. **Modelled**, never measured.
+//! Cycles of the Cortex-M4 from its Technical Reference Manual, at zero wait states.
 //!
-//! What the tables leave to the circumstances is a [`Band`]: whether neighbouring loads pipeline, whether
-//! a store waits for the write buffer, how early a division ends, and whether an instruction under IT did
-//! anything.
+//! The tables are 3-1 and 7-1 of DDI 0439. All cycles are **modelled**, never measured. A [`Band`]
+//! holds what the tables leave open: whether neighbouring loads pipeline, whether a store waits for
+//! the write buffer, how early a division ends, and whether an instruction under IT did anything.
 
 use std::ops::{Add, AddAssign};
 
 use crate::isa::{Class, Instruction};
 
-/// What a branch that is taken costs beyond its own cycle. The manual says 1 to 3, by the target's
-/// alignment and by how early its address is known; 2 here.
+/// Cycles of a taken branch beyond its own cycle.
+///
+/// The manual gives 1 to 3, depending on the target's alignment and on how early its address is
+/// known; the model takes 2.
 const REFILL: Band = Band::exactly(2);
 
-/// Cycles: not fewer than `low`, not more than `high`.
+/// Range of cycles: at least `low`, at most `high`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Band {
-    /// Everything that can overlap does.
+    /// Cycles if everything that can overlap does.
     pub low: u64,
-    /// Nothing does.
+    /// Cycles if nothing overlaps.
     pub high: u64,
 }
 
 impl Band {
-    /// The circumstances do not matter.
+    /// Band of a cost that depends on nothing.
     pub const fn exactly(cycles: u64) -> Self {
         Self { low: cycles, high: cycles }
     }
 
-    /// So many times as much.
+    /// Cost of `count` repetitions.
     pub fn times(self, count: u64) -> Self {
         Self { low: self.low * count, high: self.high * count }
     }
@@ -47,7 +48,7 @@ impl AddAssign for Band {
     }
 }
 
-/// What `instruction` costs right after `before`, which is `None` after a branch was taken.
+/// Cost of `instruction` right after `before`; `before` is `None` behind a taken branch.
 pub fn cost(before: Option<&Instruction>, instruction: &Instruction, taken: bool) -> Band {
     let mut band = alone(instruction.class);
     if let Some(before) = before {

@@ -1,31 +1,32 @@
-//! Thumb-2 as the Cortex-M4F executes it, as far as timing goes: how long an instruction is, which row of
-//! the TRM's tables it falls into, which registers tie it to its neighbours, and whether it can branch.
+//! Decoder of Thumb-2 for timing on a Cortex-M4F.
 //!
-//! Encodings are those of the ARMv7-M Architecture Reference Manual (DDI 0403), chapters A5 to A7. What
-//! an M4F does not have (double precision, `VSEL` and its kin) is not decoded, and neither is anything
-//! unknown: [`Instruction::decode`] says `None` and the machine stops there.
+//! It finds an instruction's length, its row of the TRM's timing tables, the registers that tie it
+//! to its neighbours, and whether it can branch. Encodings are from the ARMv7-M Architecture
+//! Reference Manual (DDI 0403), chapters A5 to A7. [`Instruction::decode`] returns `None` for
+//! unknown instructions and for those an M4F lacks (double precision, `VSEL` and similar). The
+//! machine stops there.
 
-/// What the instruction is to the timing tables.
+/// Row of an instruction in the timing tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
-    /// Arithmetic, logic, moves, multiplications of every kind, DSP: one cycle.
+    /// Arithmetic, logic, moves, multiplications of every kind and DSP: one cycle.
     Simple,
-    /// One word or less into a core register.
+    /// Load of up to one word into a core register.
     Load,
-    /// One word or less out of a core register.
+    /// Store of up to one word from a core register.
     Store,
-    /// So many words to or from memory with one instruction: LDM, STM, PUSH, POP, LDRD, STRD, and every
-    /// load or store of floating-point registers.
+    /// Load or store of this many words: LDM, STM, PUSH, POP, LDRD, STRD, and all of floating-point
+    /// registers.
     Words(u8),
     /// SDIV, UDIV.
     Divide,
-    /// Floating-point arithmetic but for the three below; moves to and from core registers.
+    /// Floating-point arithmetic except the two classes below; moves to and from core registers.
     Float,
-    /// VMLA, VFMA and their kin.
+    /// VMLA, VFMA and similar.
     FloatMultiplyAdd,
     /// VDIV, VSQRT.
     FloatDivide,
-    /// Two registers moved between core and floating point.
+    /// Move of two registers between core and floating-point unit.
     MovePair,
     /// MRS, MSR, CPS.
     Special,
@@ -33,43 +34,43 @@ pub enum Class {
     TableBranch,
 }
 
-/// How control leaves the instruction.
+/// Address that control goes to after an instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flow {
-    /// To the next one.
+    /// Always the next instruction.
     Next,
-    /// Elsewhere, or to the next one.
+    /// The next instruction or another one.
     Maybe,
-    /// Elsewhere.
+    /// Always another instruction.
     Elsewhere,
 }
 
-/// A set of the floating-point registers s0…s31, and the flags of a comparison.
+/// Set of floating-point registers s0…s31 and the comparison flags, one bit each.
 pub type FloatSet = u64;
 
-/// The flags that VCMP sets and VMRS fetches.
+/// Comparison flags, which VCMP sets and VMRS reads.
 const FLAGS: FloatSet = 1 << 32;
 
-/// One instruction.
+/// Decoded instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Instruction {
-    /// Bytes: 2 or 4.
+    /// Length in bytes: 2 or 4.
     pub size: u8,
     /// Row of the timing tables.
     pub class: Class,
-    /// Where it goes.
+    /// Address that control goes to.
     pub flow: Flow,
-    /// It stands in an IT block, so that it may do nothing.
+    /// Whether an IT block can skip the instruction.
     pub conditional: bool,
-    /// Floating-point registers it reads.
+    /// Floating-point registers that the instruction reads.
     pub float_uses: FloatSet,
-    /// Floating-point registers that an arithmetic instruction leaves its result in.
+    /// Floating-point registers that receive an arithmetic result.
     pub float_result: FloatSet,
-    /// Core registers that a load fills, a bit each.
+    /// Core registers that a load writes, one bit each.
     pub loads: u16,
-    /// Core registers that a load's or store's address is made of, a bit each.
+    /// Core registers in the address of a load or store, one bit each.
     pub address: u16,
-    /// How many instructions after it an IT makes conditional.
+    /// Number of following instructions that an IT makes conditional.
     pub it_length: u8,
 }
 
@@ -98,7 +99,7 @@ impl Instruction {
         if elsewhere { self.going(Flow::Elsewhere) } else { self }
     }
 
-    /// The instruction at the start of `code`, or `None` where an M4F has none that is modelled.
+    /// Decodes the instruction at the start of `code`; `None` if an M4F has none that is modelled.
     pub fn decode(code: &[u8]) -> Option<Self> {
         let half = |at: usize| Some(u16::from_le_bytes([*code.get(at)?, *code.get(at + 1)?]));
         let first = half(0)?;
@@ -114,7 +115,7 @@ const fn field(word: u16, from: u16, bits: u16) -> u16 {
     word >> from & ((1 << bits) - 1)
 }
 
-/// DDI 0403, A5.2: 16-bit encodings.
+/// Decodes a 16-bit encoding (DDI 0403, A5.2).
 fn narrow(op: u16) -> Option<Instruction> {
     use Class::{Load, Simple, Special, Store, Words};
     use Flow::{Elsewhere, Maybe};
@@ -147,7 +148,7 @@ fn narrow(op: u16) -> Option<Instruction> {
             0b0100 | 0b0101 => new(Words(field(op, 0, 9).count_ones() as u8)),
             0b1100 | 0b1101 => new(Words(field(op, 0, 9).count_ones() as u8)).going_if(bit(op, 8)),
             0b0110 => new(Special),
-            // BKPT: whoever watches the machine takes over.
+            // BKPT stops the machine for the host.
             0b1110 => new(Simple),
             0b1111 if field(op, 0, 4) == 0 => new(Simple),
             0b1111 => {
@@ -158,7 +159,7 @@ fn narrow(op: u16) -> Option<Instruction> {
         },
         0b110000..=0b110011 => new(Words(field(op, 0, 8).count_ones() as u8)),
         0b110100..=0b110111 => match field(op, 8, 4) {
-            // UDF, SVC: exceptions, which are not an instruction's own time.
+            // UDF, SVC: an exception's time is not the instruction's.
             0b1110 | 0b1111 => new(Simple),
             _ => new(Simple).going(Maybe),
         },
@@ -167,7 +168,7 @@ fn narrow(op: u16) -> Option<Instruction> {
     })
 }
 
-/// DDI 0403, A5.3: 32-bit encodings.
+/// Decodes a 32-bit encoding (DDI 0403, A5.3).
 fn wide(op: u16, arg: u16) -> Option<Instruction> {
     use Class::{Divide, Simple, Special};
     use Flow::{Elsewhere, Maybe};
@@ -183,7 +184,8 @@ fn wide(op: u16, arg: u16) -> Option<Instruction> {
         (0b10, _, hints) => match (field(arg, 14, 1), field(arg, 12, 1)) {
             (0, 0) if hints & 0b0111000 != 0b0111000 => new(Simple).going(Maybe),
             (0, 0) => match hints {
-                // MSR, MRS, CPS; NOP and its kin stand with the latter, barriers alone.
+                // MSR, MRS, CPS; NOP and other hints share the encoding of CPS, barriers have their
+                // own.
                 0b0111000 | 0b0111001 | 0b0111010 | 0b0111110 | 0b0111111 => new(Special),
                 0b0111011 => new(Simple),
                 _ => return None,
@@ -203,7 +205,7 @@ fn wide(op: u16, arg: u16) -> Option<Instruction> {
     })
 }
 
-/// LDRD, STRD, exclusives and table branches.
+/// Decodes LDRD, STRD, exclusives and table branches.
 fn dual(op: u16, arg: u16) -> Instruction {
     let new = |class| Instruction::new(4, class);
     let base = 1 << field(op, 0, 4);
@@ -221,7 +223,7 @@ fn dual(op: u16, arg: u16) -> Instruction {
     }
 }
 
-/// Loads and stores of one core register.
+/// Decodes loads and stores of one core register.
 fn single(op: u16, arg: u16) -> Option<Instruction> {
     let (rn, rt) = (field(op, 0, 4), field(arg, 12, 4));
     let load = bit(op, 4);
@@ -239,15 +241,15 @@ fn single(op: u16, arg: u16) -> Option<Instruction> {
     })
 }
 
-/// Single-precision register numbers: four bits and one more.
+/// Set with one single-precision register; its number is four bits and one more.
 const fn single_register(four: u16, one: bool) -> FloatSet {
     1 << (four << 1 | one as u16)
 }
 
-/// DDI 0403, A6.4: floating point.
+/// Decodes floating-point encodings (DDI 0403, A6.4).
 fn float(op: u16, arg: u16) -> Option<Instruction> {
     let new = |class| Instruction::new(4, class);
-    // Coprocessors 10 and 11; the unconditional space is a later architecture's.
+    // Coprocessors 10 and 11; the unconditional encodings belong to a later architecture.
     if field(arg, 9, 3) != 0b101 || bit(op, 12) {
         return None;
     }
@@ -273,7 +275,7 @@ fn float(op: u16, arg: u16) -> Option<Instruction> {
             (false, 0b000) if bit(op, 4) => Instruction { float_uses: sn, ..new(Class::Float) },
             (false, 0b111) if bit(op, 4) => Instruction { float_uses: FLAGS, ..new(Class::Float) },
             (false, 0b000 | 0b111) => new(Class::Float),
-            // A word of a double register: its two halves are not told apart.
+            // A word of a double register: both halves count as used.
             (true, 0b000 | 0b001) => {
                 let float_uses = if bit(op, 4) { 0b11 << (2 * n) } else { 0 };
                 Instruction { float_uses, ..new(Class::Float) }
@@ -293,7 +295,7 @@ fn float(op: u16, arg: u16) -> Option<Instruction> {
         (false, _, _) => arithmetic(Class::Float, sn | sm),
         (true, 0b00, false) => arithmetic(Class::FloatDivide, sn | sm),
         (true, 0b00, true) => None,
-        // VMOV of a constant or a register moves, it does not calculate.
+        // VMOV of a constant or a register computes nothing.
         (true, _, false) => Some(new(Class::Float)),
         (true, _, true) => match (n, bit(arg, 7)) {
             (0b0000, false) => Some(Instruction { float_uses: sm, ..new(Class::Float) }),

@@ -1,5 +1,6 @@
-//! A Cortex-M4F machine that counts: instructions exactly, cycles as modelled from the core's manual; and
-//! around it a whole board ([`board`]).
+//! Cortex-M4F machine that counts instructions exactly and models cycles from the core's manual.
+//!
+//! [`board`] builds a whole board around it.
 
 pub mod bench;
 pub mod block;

@@ -1,9 +1,9 @@
-//! The machine: a Cortex-M4F, its memory, and what stands where devices would.
+//! Cortex-M4F with flash and RAM, without devices.
 //!
-//! unicorn executes the instructions; memory map, reset, faults and time are this module's and
-//! [`Clock`]'s. The guest speaks to the host by semihosting, as it would to a debugger: to print, to
-//! end, and, with the operation numbers that the specification leaves to applications, to say what is to
-//! be measured ([`cycles::host`]).
+//! unicorn executes the instructions. This module adds the memory map, reset and faults, [`Clock`]
+//! adds time. The guest calls the host by semihosting, as it would call a debugger: to print and to
+//! end. The operation numbers that the specification leaves to applications mark the calls to
+//! measure ([`cycles::host`]).
 
 use anyhow::{Context, Result, anyhow, bail};
 use object::LittleEndian;
@@ -14,37 +14,38 @@ use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM, Unicorn, uc_err
 use crate::block::Unknown;
 use crate::clock::Clock;
 
-/// Where code lies; the vector table is its beginning.
+/// Address of flash, which begins with the vector table.
 pub const FLASH: u32 = 0x0800_0000;
 const FLASH_BYTES: u64 = 1 << 20;
 const RAM: u64 = 0x2000_0000;
 const RAM_BYTES: u64 = 1 << 20;
-/// What the host hands the guest.
+/// Address of the memory that passes inputs from the host to the guest.
 pub const SHARED: u32 = 0x9000_0000;
-/// How much of that there can be.
+/// Size of that memory, bytes.
 pub const SHARED_BYTES: u64 = 1 << 22;
 const SYSTEM_CONTROL: u64 = 0xe000_e000;
-/// Coprocessor access: the start-up code switches the floating-point unit on here.
+/// Offset of the coprocessor access register, which start-up code uses to enable the floating-point
+/// unit.
 const CPACR: u64 = 0xd88;
 const PAGE: u64 = 0x1000;
 
-/// unicorn's number of the exception that BKPT raises.
+/// unicorn's number for the exception that BKPT raises.
 const BREAKPOINT: u32 = 7;
 /// BKPT 0xAB, the semihosting call of this architecture.
 const SEMIHOSTING: u16 = 0xbeab;
 
-/// What the machine keeps where unicorn's callbacks reach it.
+/// State of the machine that unicorn's callbacks can reach.
 #[derive(Default)]
 struct Inside {
     clock: Clock,
-    /// Why it must stop.
+    /// Fault that stops the run.
     fault: Option<Fault>,
     breakpoint: bool,
     cpacr: u32,
     instruction_limit: u64,
 }
 
-/// Something this machine does not have.
+/// Access, exception or instruction that this machine does not support.
 #[derive(Debug)]
 enum Fault {
     Instruction(Unknown),
@@ -53,16 +54,16 @@ enum Fault {
     Limit,
 }
 
-/// A call of the host by the guest.
+/// Semihosting call of the guest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HostCall {
-    /// Which operation.
+    /// Operation number, from R0.
     pub operation: u32,
-    /// Its parameter.
+    /// Parameter, from R1.
     pub parameter: u32,
 }
 
-/// A Cortex-M4F with flash and RAM.
+/// Cortex-M4F with flash and RAM.
 pub struct Machine {
     unicorn: Unicorn<'static, Inside>,
     next: u32,
@@ -73,7 +74,7 @@ fn failed(what: &str) -> impl Fn(uc_error) -> anyhow::Error {
 }
 
 impl Machine {
-    /// A machine with the program in `elf`, just reset.
+    /// Builds a machine with the program in `elf`, just reset.
     pub fn new(elf: &[u8]) -> Result<Self> {
         let mut machine = Self::blank()?;
         machine.load_elf(elf)?;
@@ -81,11 +82,11 @@ impl Machine {
         Ok(machine)
     }
 
-    /// A machine with empty flash.
+    /// Builds a machine with empty flash.
     fn blank() -> Result<Self> {
         let mut unicorn = Unicorn::new_with_data(Arch::ARM, Mode::THUMB, Inside::default())
             .map_err(failed("starting unicorn"))?;
-        // Not Mode::MCLASS: with it unicorn takes a Cortex-M33, whatever model is asked for.
+        // Not `Mode::MCLASS`, because unicorn then emulates a Cortex-M33 whatever model is set.
         unicorn
             .ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32)
             .map_err(failed("choosing the Cortex-M4"))?;
@@ -118,7 +119,7 @@ impl Machine {
         Ok(())
     }
 
-    /// Stack pointer and program counter from the vector table.
+    /// Loads stack pointer and program counter from the vector table.
     fn reset(&mut self) -> Result<()> {
         let [stack, entry] = [self.word(FLASH)?, self.word(FLASH + 4)?];
         self.set(RegisterARM::SP, stack)?;
@@ -126,12 +127,12 @@ impl Machine {
         Ok(())
     }
 
-    /// Counts and blocks.
+    /// Counter of instructions, cycles and blocks.
     pub fn clock(&mut self) -> &mut Clock {
         &mut self.unicorn.get_data_mut().clock
     }
 
-    /// Runs to the next host call, for at most so many instructions.
+    /// Runs to the next host call, for at most `instructions` instructions.
     pub fn run(&mut self, instructions: u64) -> Result<HostCall> {
         let inside = self.unicorn.get_data_mut();
         inside.instruction_limit = inside.clock.total().instructions + instructions;
@@ -164,19 +165,19 @@ impl Machine {
         })
     }
 
-    /// What the guest's last call returns.
+    /// Sets the return value of the guest's last host call.
     pub fn answer(&mut self, value: u32) -> Result<()> {
         self.set(RegisterARM::R0, value)
     }
 
-    /// The guest's memory from `address` on.
+    /// Reads `length` bytes of the guest's memory at `address`.
     pub fn read(&self, address: u32, length: u32) -> Result<Vec<u8>> {
         self.unicorn
             .mem_read_as_vec(u64::from(address), length as usize)
             .map_err(|error| anyhow!("reading {length} bytes at {address:#010x}: {error:?}"))
     }
 
-    /// A word of it.
+    /// Reads a little-endian word of the guest's memory at `address`.
     pub fn word(&self, address: u32) -> Result<u32> {
         let bytes = self.read(address, 4)?;
         Ok(bytes.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes)))
@@ -187,7 +188,7 @@ impl Machine {
         Ok(bytes.first_chunk().map_or(0, |bytes| u16::from_le_bytes(*bytes)))
     }
 
-    /// Puts `bytes` into the guest's memory, read-only or not.
+    /// Writes `bytes` into the guest's memory, read-only memory included.
     pub fn write(&mut self, address: u32, bytes: &[u8]) -> Result<()> {
         self.unicorn.mem_write(u64::from(address), bytes).map_err(|error| {
             anyhow!("{} bytes at {address:#010x} do not fit the memory: {error:?}", bytes.len())
@@ -209,7 +210,8 @@ impl Machine {
 impl Inside {
     fn stop(unicorn: &mut Unicorn<'_, Self>, fault: Fault) {
         unicorn.get_data_mut().fault.get_or_insert(fault);
-        // Cannot fail while it runs; if it did, the instruction limit would end it.
+        // Stopping cannot fail while unicorn runs; if it did, the instruction limit would end the
+        // run.
         let _ = unicorn.emu_stop();
     }
 }
@@ -238,7 +240,7 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
 fn take_exception(unicorn: &mut Unicorn<'_, Inside>, number: u32) {
     if number == BREAKPOINT {
         unicorn.get_data_mut().breakpoint = true;
-        // As in `stop`.
+        // Cannot fail, as in `stop`.
         let _ = unicorn.emu_stop();
     } else {
         Inside::stop(unicorn, Fault::Exception(number));

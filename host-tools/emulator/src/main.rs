@@ -1,4 +1,5 @@
-//! Counts what the core's stages cost, compares them with other people's, and runs the whole board.
+//! Command that counts the core's stages, compares them with other libraries, and runs a whole
+//! board.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -32,45 +33,45 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    /// What every stage of the core costs
+    /// Counts instructions and cycles of every stage of the core
     Cycles(Cycles),
-    /// Runs the board's image
+    /// Runs a board's image for a time and reports the emulator's speed
     Board(RunBoard),
-    /// Which functions of the board's image the cycles go to while it streams 1000 frames a second
+    /// Lists the functions of the board's image that take the cycles at 1000 frames a second
     Profile(Profile),
-    /// What the same net costs in other people's libraries
+    /// Counts the cost of the same net in other libraries
     Peers(Peers),
-    /// Runs it with its USB behind a TCP port
+    /// Runs a board's image with its USB port on a TCP port
     Serve(Serve),
 }
 
-/// The finger that stages and nets work on.
+/// Calibration and scans that stages and nets work on.
 #[derive(Args)]
 struct Seen {
-    /// Calibration of the finger that the scans are of
+    /// Calibration (TOML) of the finger in the scans
     #[arg(long)]
     calibration: PathBuf,
     /// Trace CSV with a `contact` column
     #[arg(long)]
     scans: PathBuf,
-    /// Folder of a finger as it is shipped: its calibration, and a trace for each kind of scene
+    /// Folder of a finger as shipped: `finger.cal.toml` and one trace for each kind of scene
     #[arg(long)]
     whole: PathBuf,
 }
 
 #[derive(Args)]
 struct Peers {
-    /// The bench image, `boards/cycles`, for the core's own net
+    /// Bench image (`boards/cycles`), for the core's own net
     image: PathBuf,
     #[command(flatten)]
     seen: Seen,
-    /// An image of peers/peers.c, and what it was built with, as in `gcc 12.2 -O3=peers.elf`
+    /// Image of peers/peers.c with its compiler and options, as in `gcc 12.2 -O3=peers.elf`
     #[arg(long = "peer", value_name = "WITH=ELF", required = true)]
     peers: Vec<String>,
-    /// A peer that could not be built, and why
+    /// Library that could not be built, and the reason, as in `NAME: REASON`
     #[arg(long)]
     missing: Vec<String>,
-    /// Where the table goes
+    /// CSV file to write the table to
     #[arg(long)]
     csv: PathBuf,
 }
@@ -84,13 +85,13 @@ struct Cycles {
     /// Only stages whose name contains this
     #[arg(long, default_value = "")]
     filter: String,
-    /// Also writes the table here
+    /// CSV file to write the table to as well
     #[arg(long)]
     csv: Option<PathBuf>,
-    /// Shows which functions the cycles go to
+    /// Lists the functions that take the cycles of each stage
     #[arg(long)]
     profile: bool,
-    /// Fails where a stage has become dearer than in this CSV
+    /// Fails if a stage executes more instructions than in this CSV, by more than a tenth
     #[arg(long)]
     against: Option<PathBuf>,
 }
@@ -99,22 +100,22 @@ struct Cycles {
 struct RunBoard {
     /// The firmware, `cargo xtask firmware BOARD`
     image: PathBuf,
-    /// The board that it is for
+    /// Board of the image
     #[arg(long, value_enum, default_value_t = Model::G431)]
     board: Model,
     /// Virtual seconds
     #[arg(long, default_value_t = 1.0)]
     seconds: f64,
-    /// Writes what went over the USB here, as Linux's usbmon would
+    /// File to write the USB traffic to, in the pcap format of Linux's usbmon
     #[arg(long)]
     pcap: Option<PathBuf>,
-    /// Writes what happens on the scan's pins here, as CSV
+    /// CSV file to write the scan's pin events to
     #[arg(long)]
     timing: Option<PathBuf>,
-    /// The same as a value change dump, for a viewer of waveforms
+    /// File to write the pin events to as a value change dump, for a waveform viewer
     #[arg(long)]
     vcd: Option<PathBuf>,
-    /// Draws the diagram of the board's page from it, as SVG
+    /// SVG file to draw the timing diagram of the board's page to
     #[arg(long)]
     diagram: Option<PathBuf>,
 }
@@ -134,29 +135,29 @@ struct Profile {
 struct Serve {
     /// The firmware, `cargo xtask firmware BOARD`
     image: PathBuf,
-    /// The board that it is for
+    /// Board of the image
     #[arg(long, value_enum, default_value_t = Model::G431)]
     board: Model,
-    /// What the finger sees, a trace CSV; again from its beginning when it is over
+    /// Trace CSV that the scans are taken from; starts again at its end
     #[arg(long)]
     trace: PathBuf,
-    /// A scan of the trace for each of the board's, from the first whenever it begins to scan and to the last,
-    /// which stays; time waits for the client
+    /// Takes one scan of the trace for each scan of the board, starting at the first whenever
+    /// scanning starts; the last one repeats, and virtual time waits for the client
     #[arg(long)]
     replay: bool,
-    /// Where to listen; port 0 is any that is free
+    /// Address to listen on; port 0 takes any free port
     #[arg(long, default_value = "127.0.0.1:0")]
     listen: String,
-    /// Ends when standard input closes, as it does with the program that started this one
+    /// Ends when standard input closes, that is when the parent program ends
     #[arg(long)]
     attached: bool,
 }
 
-/// Says on the first line where the board listens, then serves it until it is ended.
+/// Prints the address the board listens on as its first line, then serves it without end.
 fn serve(arguments: &Serve) -> Result<()> {
     if arguments.attached {
         std::thread::spawn(|| {
-            // However reading ends, nobody holds the other end any more.
+            // Whether reading ends or fails, the parent program has closed the pipe.
             let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
             std::process::exit(0);
         });
@@ -180,7 +181,7 @@ fn serve(arguments: &Serve) -> Result<()> {
     server.serve()
 }
 
-/// Lets the board run with nobody at its port; says how fast that was.
+/// Runs the board with its port closed, and prints the emulator's speed.
 fn run_board(arguments: &RunBoard) -> Result<()> {
     let elf = bytes(&arguments.image)?;
     let host = Host::new(arguments.pcap.is_some());
@@ -225,7 +226,7 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
     Ok(())
 }
 
-/// Calibrated, with every scan of the trace in turn, an ordinary client at the port.
+/// Profiles the calibrated product while a client streams every scan of the trace.
 fn profile_board(arguments: &Profile) -> Result<()> {
     let (_, record) = recorded(&arguments.seen.calibration)?;
     let scans = TraceReader::open(&arguments.seen.scans)?;
@@ -262,7 +263,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// What the stages' inputs are read into.
+/// Inputs of the stages, read from the files.
 struct Read {
     calibration: Calibration,
     record: Vec<u8>,
@@ -296,7 +297,7 @@ impl Read {
     }
 }
 
-/// A calibration and its record.
+/// Calibration in the file at `path`, and its record.
 fn recorded(path: &Path) -> Result<(Calibration, Vec<u8>)> {
     let calibration = taxel_files::calibration::read(path)?;
     let mut record = [0; MAX_BYTES];
@@ -374,7 +375,7 @@ fn bytes(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).with_context(|| path.display().to_string())
 }
 
-/// The scans of a trace in postcard: without contact, and in contact.
+/// Scans of a trace in postcard: without contact, and in contact.
 fn scans(path: &Path) -> Result<[Vec<u8>; 2]> {
     let mut parts = [Vec::new(), Vec::new()];
     for sample in TraceReader::open(path)? {

@@ -1,7 +1,7 @@
-//! Other people's nets on the same machine, by the same table of costs: `peers.csv`.
+//! Comparison of other libraries' nets with the core's: `peers.csv`.
 //!
-//! The net is [DeMaria2011]'s 16-16-3 and the inputs are what a finger sees in contact, the same
-//! for all. Errors are those against the net in `f64`.
+//! All run the 16-16-3 net of [DeMaria2011] on the same machine, on the same signals of a finger in
+//! contact, with the same cost tables. Errors are against the net in `f64`.
 
 use std::fmt::Write as _;
 
@@ -16,17 +16,17 @@ use crate::machine::{Machine, SHARED};
 /// Outputs of the net: f_x, f_y, f_z.
 const OUTPUTS: usize = 3;
 
-/// One implementation of the net.
+/// Figures of one implementation of the net.
 pub struct Peer {
-    /// Whose, and what it was built with.
+    /// Library, and its compiler and options.
     pub name: String,
-    /// Largest error of an output; newtons, for a net that gives up to 8.
+    /// Largest error of an output in newtons; outputs go up to 8 N.
     pub max_error: f64,
-    /// The most that a call took, each figure by itself.
+    /// Largest count of a call, each figure on its own.
     pub worst: Count,
 }
 
-/// The net in `f64`.
+/// Outputs of the net, computed in `f64`.
 fn exact(net: &ForceNet, c: &[f32; TAXELS]) -> Vec<f64> {
     let wide = |x: &f32| f64::from(*x);
     let mut outputs: Vec<f64> = net.output_bias.iter().map(wide).collect();
@@ -43,7 +43,9 @@ fn largest_error(net: &ForceNet, c: &[f32; TAXELS], found: &[f32]) -> f64 {
     errors.fold(0.0, f64::max)
 }
 
-/// The core's own, which gives `forces`: on the machine what it gives here, bit for bit ([`crate::bench`]).
+/// Figures of the core's own net; `forces` computes it on this host.
+///
+/// The machine gives the same bits ([`crate::bench`] checks that).
 pub fn own(
     name: &str,
     stage: &Stage,
@@ -55,7 +57,7 @@ pub fn own(
     Peer { name: name.into(), max_error: errors.fold(0.0, f64::max), worst: stage.worst() }
 }
 
-/// Runs the image of `peers/peers.c` in `elf`, which was built as `with` says.
+/// Runs the image of `peers/peers.c` in `elf`; `with` is its compiler and options.
 pub fn run(elf: &[u8], with: &str, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Result<Vec<Peer>> {
     let mut machine = Machine::new(elf)?;
     machine.write(SHARED, &given(net, inputs)?)?;
@@ -92,7 +94,7 @@ pub fn run(elf: &[u8], with: &str, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> 
     Ok(peers.into_iter().map(peer).collect())
 }
 
-/// `struct given` of peers.c.
+/// Bytes of `struct given` in peers.c.
 fn given(net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Result<Vec<u8>> {
     let count = u32::try_from(inputs.len())?;
     let weights = net.hidden().chain(net.hidden_bias()).chain(net.output());
@@ -104,7 +106,7 @@ fn given(net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Of each library the build that takes the fewest cycles, in the order in which they came.
+/// Keeps the build of each library that takes the fewest cycles, in order of first appearance.
 pub fn best(peers: Vec<Peer>) -> Vec<Peer> {
     let library = |peer: &Peer| peer.name.split(',').next().unwrap_or_default().to_owned();
     let mut best: Vec<Peer> = Vec::new();
@@ -118,7 +120,7 @@ pub fn best(peers: Vec<Peer>) -> Vec<Peer> {
     best
 }
 
-/// The table; `missing` are the peers that could not be built, with the reason.
+/// Table as CSV; `missing` lists the libraries that could not be built, with the reason.
 pub fn csv(peers: &[Peer], missing: &[String]) -> String {
     let mut table = String::from("name,net,max_error,cycles_low,cycles_high,instructions\n");
     for Peer { name, max_error, worst } in peers {

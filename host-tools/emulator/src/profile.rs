@@ -1,4 +1,4 @@
-//! Where the cycles of a stage go: by function, those that the compiler inlined told apart.
+//! Profile of a stage: cycles by function, with inlined functions listed separately.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -9,30 +9,30 @@ use anyhow::{Result, anyhow};
 use crate::clock::Clock;
 use crate::cost::Band;
 
-/// Names of the functions in an image.
+/// Lookup of function names in an image.
 pub struct Profiler {
     loader: Loader,
 }
 
-/// One function's own share of a stage.
+/// Share of one function in a stage, without the functions it calls.
 pub struct Share {
-    /// Its name, and in brackets the innermost that was inlined into it.
+    /// Name of the function; in brackets the innermost one inlined into it.
     pub name: String,
-    /// Instructions a call, mean.
+    /// Mean number of instructions per call of the stage.
     pub instructions: f64,
-    /// Cycles a call, mean: low and high.
+    /// Mean cycles per call of the stage: low and high.
     pub cycles: [f64; 2],
 }
 
 impl Profiler {
-    /// Reads the debug information of the image.
+    /// Reads the debug information of the image; fails if there is none.
     pub fn new(elf: &Path) -> Result<Self> {
         let loader = Loader::new(elf)
             .map_err(|error| anyhow!("{}: no debug information: {error}", elf.display()))?;
         Ok(Self { loader })
     }
 
-    /// The shares of what has just run so many times, the greatest first.
+    /// Shares of the counted blocks over `calls` calls, the greatest first.
     pub fn shares(&self, calls: usize, clock: &Clock) -> Vec<Share> {
         let mut sums = HashMap::<String, (u64, Band)>::new();
         for (block, visits) in clock.blocks() {
@@ -65,7 +65,7 @@ impl Profiler {
         shares
     }
 
-    /// The innermost function at `address`, and the one it was inlined into.
+    /// Function of the project at `address`; in brackets the innermost one inlined there.
     fn name(&self, address: u32) -> String {
         let address = u64::from(address);
         let mut names = Vec::new();
@@ -77,7 +77,7 @@ impl Profiler {
                 }
             }
         }
-        // What belongs to the language's own library is told by who called it.
+        // Frames of the language's own library count for their caller.
         let own = names.iter().position(|name| !is_library(name)).unwrap_or(0);
         match (names.get(own), names.first()) {
             (Some(own), Some(first)) if own == first => own.clone(),

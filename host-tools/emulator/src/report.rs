@@ -1,4 +1,4 @@
-//! What was counted, for eyes, for spreadsheets, and against what was counted before.
+//! Reports of counts: printed tables, CSV, and comparison with an earlier CSV.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -8,16 +8,17 @@ use anyhow::{Context, Result, bail, ensure};
 use crate::bench::Stage;
 use crate::profile::Share;
 
-/// Another compiler version shuffles instructions; a change that costs more than this is a change.
+/// Largest accepted ratio of instructions to the earlier count, because compiler versions differ.
 const MARGIN: f64 = 1.10;
-/// Of the smallest stages a tenth is less than one spilled register.
+/// Accepted extra instructions, because a tenth of the smallest stages is less than one spilled
+/// register.
 const MARGIN_INSTRUCTIONS: f64 = 10.0;
-/// Functions of a profile that are worth a line.
+/// Least share of the cycles that gets a line in a profile.
 const LEAST_SHARE: f64 = 0.01;
 
 const HEADER: &str = "name,instructions,cycles_low,cycles_high,mean_instructions,mean_cycles_low,mean_cycles_high,inputs";
 
-/// Prints the table.
+/// Prints the table of stages.
 pub fn table(stages: &[Stage]) {
     let width = stages.iter().map(|stage| stage.name.len()).max().unwrap_or(0);
     println!("Cortex-M4F, zero wait states: instructions exact, cycles modelled [low, high]\n");
@@ -34,7 +35,7 @@ pub fn table(stages: &[Stage]) {
     }
 }
 
-/// The table as CSV.
+/// Table of stages as CSV.
 pub fn csv(stages: &[Stage]) -> String {
     let mut text = format!("{HEADER}\n");
     for stage in stages {
@@ -54,7 +55,7 @@ pub fn csv(stages: &[Stage]) -> String {
     text
 }
 
-/// Prints where a stage's cycles go.
+/// Prints the shares of a stage's functions in its cycles.
 pub fn profile(name: &str, shares: &[Share]) {
     let total: f64 = shares.iter().map(|share| share.cycles[1]).sum();
     println!("{name}: mean instructions, cycles a call\n");
@@ -67,7 +68,7 @@ pub fn profile(name: &str, shares: &[Share]) {
     println!();
 }
 
-/// Fails where a stage executes more instructions than in the CSV at `path`, or is not in it.
+/// Fails if a stage executes more instructions than in the CSV at `path`, or is not in it.
 pub fn compare(path: &Path, stages: &[Stage]) -> Result<()> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let mut lines = text.lines();

@@ -1,41 +1,41 @@
-//! What went over the bus as a capture of Linux's usbmon, for dissectors that know nothing of this program.
+//! USB capture in the format of Linux's usbmon, readable by any dissector.
 
 use super::time::{HZ, Tick};
 
-/// The link type USB_LINUX_MMAPPED.
+/// Link type USB_LINUX_MMAPPED.
 const LINK_TYPE: u32 = 220;
 
-/// Kinds of transfers, by usbmon's numbers.
+/// Kind of a transfer, with usbmon's number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Requests.
+    /// Control transfer: a request.
     Control = 2,
-    /// Data.
+    /// Bulk transfer: data.
     Bulk = 3,
 }
 
-/// A transfer.
+/// USB transfer, or one packet of a bulk endpoint.
 #[derive(Clone, Debug)]
 pub struct Urb {
-    /// Of which kind.
+    /// Kind of the transfer.
     pub kind: Kind,
-    /// Of which device.
+    /// Address of the device.
     pub address: u8,
-    /// Of which endpoint; with bit 7 to the host.
+    /// Endpoint; bit 7 is set for transfers to the host.
     pub endpoint: u8,
-    /// A control transfer's request.
+    /// SETUP packet of a control transfer.
     pub setup: Option<[u8; 8]>,
-    /// What was sent or came.
+    /// Data sent or received.
     pub data: Vec<u8>,
-    /// When.
+    /// Begin of the transfer.
     pub begun: Tick,
-    /// Until when.
+    /// End of the transfer.
     pub done: Tick,
-    /// The device would not.
+    /// Whether the device answered with a stall.
     pub stalled: bool,
 }
 
-/// The file.
+/// Bytes of a pcap file with these transfers.
 pub fn pcap(urbs: &[Urb]) -> Vec<u8> {
     let mut file = Vec::new();
     for word in [0xa1b2_c3d4, 2 | 4 << 16, 0, 0, 0x4_0000, LINK_TYPE] {
@@ -48,7 +48,7 @@ pub fn pcap(urbs: &[Urb]) -> Vec<u8> {
     file
 }
 
-/// Its submission, or its completion.
+/// Appends the packet of a transfer's submission, or of its completion.
 fn packet(file: &mut Vec<u8>, number: u64, urb: &Urb, complete: bool) {
     // -EINPROGRESS, -EPIPE
     let status: i32 = match (complete, urb.stalled) {
@@ -56,7 +56,7 @@ fn packet(file: &mut Vec<u8>, number: u64, urb: &Urb, complete: bool) {
         (true, true) => -32,
         (true, false) => 0,
     };
-    // Data go with what moves them: out with the submission, in with the completion.
+    // Data to the device go with the submission, data to the host with the completion.
     let data: &[u8] = if (urb.endpoint & 0x80 != 0) == complete { &urb.data } else { &[] };
     let us = if complete { urb.done } else { urb.begun } / (HZ / 1_000_000);
     let (seconds, micros) = (us / 1_000_000, us % 1_000_000);
@@ -68,7 +68,7 @@ fn packet(file: &mut Vec<u8>, number: u64, urb: &Urb, complete: bool) {
     let mut header = Vec::with_capacity(64);
     header.extend(number.to_le_bytes());
     header.extend([if complete { b'C' } else { b'S' }, urb.kind as u8, urb.endpoint, urb.address]);
-    // The bus; whether there is a setup packet, and data: zero where there are.
+    // The bus number; then flags for a setup packet and for data, zero if present.
     header.extend(1u16.to_le_bytes());
     header.push(if urb.setup.is_some() && !complete { 0 } else { b'-' });
     header.push(match (data.is_empty(), urb.endpoint & 0x80 != 0) {

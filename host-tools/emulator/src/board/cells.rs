@@ -1,34 +1,34 @@
-//! Contents of a flash, whatever controls it: operations one after the other, in any of which the power may fail.
+//! Contents of a flash, and the effect of a power cut in an operation.
 
 use std::collections::BTreeSet;
 
 use super::Outcome;
 use super::time::Tick;
 
-/// The part of a flash that the program changes, with its controller.
+/// Data part of a flash, with its controller.
 pub trait Flash {
-    /// Its contents.
+    /// Contents of the data part.
     fn contents(&mut self) -> &mut FlashContents;
-    /// Reads `size` bytes of it. True where that raises the NMI.
+    /// Reads `size` bytes at `address`; the flag is true if the read raises the NMI.
     fn fetch(&mut self, address: u32, size: u32) -> (u32, bool);
-    /// Programs a word. How long the core stands still.
+    /// Programs a word; returns the time for which the core stalls.
     fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick>;
 }
 
-/// LOCK, of a controller's CR.
+/// LOCK bit of a controller's CR.
 pub const LOCK: u32 = 1 << 31;
-/// What KEYR wants, one after the other.
+/// Unlock sequence of KEYR.
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 
-/// What keeps a controller from being told to change anything: both chips have the same.
+/// Lock of a flash controller's CR, the same on both chips.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lock {
-    /// Keys that have come.
+    /// Number of correct keys written so far.
     keys: usize,
 }
 
 impl Lock {
-    /// One key more; the last opens CR.
+    /// Takes a key written to KEYR; the last one unlocks `cr`.
     pub fn turn(&mut self, key: u32, cr: &mut u32) -> Outcome {
         if KEYS.get(self.keys) != Some(&key) {
             return Err("a wrong key, which locks the flash until the next reset".into());
@@ -40,7 +40,7 @@ impl Lock {
         Ok(())
     }
 
-    /// Whether CR stays as it is, whatever is written: nothing but the lock may be.
+    /// Whether the lock keeps CR unchanged; an error if a locked CR is written without LOCK.
     pub fn holds(cr: u32, value: u32) -> Outcome<bool> {
         if cr & LOCK == 0 {
             Ok(false)
@@ -52,42 +52,42 @@ impl Lock {
     }
 }
 
-/// What is programmed, and what a power cut tore.
+/// Programmed bytes, and the words that a power cut damaged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cells {
-    /// Byte by byte.
+    /// Bytes of the flash.
     pub data: Vec<u8>,
-    /// Double words whose error correction finds two wrong bits, where there is one.
+    /// Double words with two wrong bits for the error correction, on chips that have one.
     pub torn: BTreeSet<u32>,
 }
 
-/// Contents of a flash, with the operations on them.
+/// Contents of a flash, with its operations and power cuts.
 pub struct FlashContents {
-    /// Where it begins.
+    /// Address of the first byte.
     pub start: u32,
-    /// Bytes as they are now.
+    /// Present bytes.
     pub cells: Cells,
-    /// Erasures and programmed words so far.
+    /// Number of erasures and programmed words so far.
     operations: u64,
-    /// The operation that the power does not outlast.
+    /// Number of the operation in which the power fails.
     cut: Option<u64>,
-    /// What a cut in each operation would leave, if it is kept.
+    /// Contents that a cut in each operation would leave, if kept.
     cuts: Option<Vec<Cells>>,
 }
 
 impl FlashContents {
-    /// Erased: `bytes` from `start` on.
+    /// Erased contents of `bytes` bytes from `start` on.
     pub fn erased((start, bytes): (u32, u32)) -> Self {
         let cells = Cells { data: vec![0xff; bytes as usize], torn: BTreeSet::new() };
         Self { start, cells, operations: 0, cut: None, cuts: None }
     }
 
-    /// The address behind it.
+    /// Address behind the last byte.
     pub fn end(&self) -> u32 {
         self.start + self.cells.data.len() as u32
     }
 
-    /// Reads `size` bytes of it.
+    /// Reads `size` bytes at `address`, little-endian.
     pub fn fetch(&self, address: u32, size: u32) -> u32 {
         let at = (address - self.start) as usize;
         let mut word = [0; 4];
@@ -97,34 +97,34 @@ impl FlashContents {
         u32::from_le_bytes(word)
     }
 
-    /// The bytes from `address` on.
+    /// Bytes from `address` on; an error outside the data part.
     pub fn bytes(&mut self, address: u32, length: u32) -> Outcome<&mut [u8]> {
         let range = address.checked_sub(self.start).map(|at| at as usize..(at + length) as usize);
         let bytes = range.and_then(|range| self.cells.data.get_mut(range));
         bytes.ok_or_else(|| format!("{address:#010x} is changed, which holds the program"))
     }
 
-    /// Keeps from now on what a power cut in the middle of each operation would leave.
+    /// Starts to keep the contents that a power cut in each operation would leave.
     pub fn keep_cuts(&mut self) {
         self.cuts = Some(Vec::new());
     }
 
-    /// That, one after the other; it is kept no longer.
+    /// Returns the kept contents, one for each operation, and stops keeping them.
     pub fn take_cuts(&mut self) -> Vec<Cells> {
         self.cuts.take().unwrap_or_default()
     }
 
-    /// Power fails in the middle of the operation after so many more.
+    /// Makes the power fail in the operation after `operations` more; `None` cancels that.
     pub fn cut_power_after(&mut self, operations: Option<u64>) {
         self.cut = operations.map(|more| self.operations + more);
     }
 
-    /// Whether the power failed in what was just done.
+    /// Whether the power failed in the last operation.
     pub fn has_lost_power(&self) -> bool {
         self.cut.is_some_and(|cut| self.operations > cut)
     }
 
-    /// An operation is over, or is cut short: `tear` makes of what it leaves what is there then.
+    /// Ends an operation; `tear` turns its result into the contents after a power cut.
     pub fn finish(&mut self, tear: impl Fn(&mut Cells)) {
         self.operations += 1;
         if let Some(cuts) = &mut self.cuts {

@@ -1,5 +1,7 @@
-//! What a chip is to the core and to the world, and what both chips have: the core's own peripherals, ports, the
-//! two timers, the watchdog, what is connected. Clocks, flash, converters, DMA and USB are each chip's own.
+//! Interface of a chip, and the peripherals that both chips share.
+//!
+//! Shared are the core's own peripherals, ports, two timers, the watchdog and the connected parts.
+//! Clocks, flash, converters, DMA and USB belong to each chip.
 
 use super::Outcome;
 use super::cells::Flash;
@@ -11,38 +13,38 @@ use super::system::System;
 use super::time::{Tick, micros};
 use super::timer::Timer;
 
-/// Begin of the private peripheral bus.
+/// First address of the private peripheral bus.
 pub const PRIVATE: u32 = 0xe000_0000;
 
 /// Interrupts that have the same number on both chips.
 const TIM1_CC: usize = 27;
 const TIM2: usize = 28;
 
-/// What the DMA writes to and reads from.
+/// Memory that the DMA reads and writes.
 pub trait Memory {
-    /// Reads a word or less.
+    /// Reads up to a word.
     fn read(&mut self, address: u32, size: u32) -> Outcome<u32>;
-    /// Writes it.
+    /// Writes up to a word.
     fn write(&mut self, address: u32, size: u32, value: u32) -> Outcome;
 }
 
-/// What one request to the DMA moves.
+/// Transfer of one DMA request.
 #[derive(Clone, Copy, Debug)]
 pub struct Transfer {
-    /// The peripheral's register.
+    /// Address of the peripheral's register.
     pub register: u32,
-    /// The place in memory.
+    /// Address in memory.
     pub memory: u32,
-    /// Bytes.
+    /// Size in bytes.
     pub size: u32,
-    /// Out of the memory.
+    /// Whether the transfer goes from memory to the peripheral.
     pub to_peripheral: bool,
 }
 
-/// What reset the chip.
+/// Cause of a reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// Power came.
+    /// Power-up.
     Power,
     /// SYSRESETREQ.
     Software,
@@ -55,68 +57,69 @@ pub enum Cause {
 pub enum EventSource {
     /// SysTick.
     System,
-    /// The scan's timer.
+    /// TIM1, the scan's timer.
     Tim1,
-    /// Time's.
+    /// TIM2, the timer of the firmware's clock.
     Tim2,
-    /// A converter.
+    /// Converter; ADC1 is 0.
     Adc(usize),
     /// The watchdog.
     Iwdg,
-    /// The USB's host.
+    /// USB host.
     Host,
-    /// The core's voltage.
+    /// Regulator of the core's voltage.
     Voltage,
 }
 
-/// Where a chip has its memories: from, and how many bytes.
+/// Memory map of a chip: first address and number of bytes of each memory.
 #[derive(Clone, Copy, Debug)]
 pub struct Map {
-    /// All of the flash.
+    /// Whole flash.
     pub flash: (u32, u32),
-    /// What of it the program changes; the rest is its code.
+    /// Part of the flash that the program changes; the rest is code.
     pub data: (u32, u32),
-    /// RAM, forgotten without power.
+    /// RAM, lost without power.
     pub ram: &'static [(u32, u32)],
-    /// The factory's bytes, and where among them the unique identifier is.
+    /// Memory with the factory's values.
     pub factory: (u32, u32),
-    /// See above.
+    /// Address of the unique identifier, within `factory`.
     pub unique_id: u32,
 }
 
-/// A fault: what is written to a register is changed on its way.
+/// Injected fault: changes the values written to a register.
 struct Plant {
     address: u32,
     change: fn(u32) -> u32,
 }
 
-/// What both chips have, and what is connected to them.
+/// Shared peripherals of both chips, and the connected parts.
 pub struct Common {
-    /// The core's own.
+    /// Core's own peripherals.
     pub system: System,
-    /// What is on the pins.
+    /// Finger on the pins.
     pub finger: Finger,
-    /// What is on the port.
+    /// USB host on the port.
     pub host: Host,
-    /// The core stands still until then.
+    /// Time until which the core stalls.
     pub stalled: Tick,
-    /// Ports, A first.
+    /// GPIO ports, A first.
     pub(super) ports: Vec<Gpio>,
     pub(super) tim1: Timer,
     pub(super) tim2: Timer,
     pub(super) iwdg: Iwdg,
-    /// The watchdog bit.
+    /// Whether the watchdog has expired.
     pub(super) bitten: bool,
     plants: Vec<Plant>,
-    /// Readings of these converters that the DMA is still to miss.
+    /// Number of next readings of each converter that the DMA misses.
     withheld: [u32; 2],
     pub(super) next: Option<(Tick, EventSource)>,
-    /// All before this has happened.
+    /// Time up to which everything has happened.
     pub(super) now: Tick,
 }
 
 impl Common {
-    /// Just powered. `ports` are reset values of the ports' mode registers, `channels` TIM1's.
+    /// State after power-up; `ports` are reset values of the mode registers, `channels` is TIM1's
+    /// number.
     pub fn new(finger: Finger, host: Host, ports: &[u32], channels: usize) -> Self {
         Self {
             system: System::default(),
@@ -135,7 +138,7 @@ impl Common {
         }
     }
 
-    /// All but what is outside is as after power-up.
+    /// Resets everything except the connected parts.
     pub fn reset(&mut self, now: Tick, ports: &[u32]) {
         self.system = System::default();
         self.ports = ports.iter().map(|moder| Gpio::new(*moder)).collect();
@@ -145,12 +148,12 @@ impl Common {
         self.finger.pins(0, now);
     }
 
-    /// A moment by the firmware's own clock, in microseconds; TIM2 is what it counts by.
+    /// Time `at` on the firmware's clock (TIM2), in microseconds.
     pub fn device_us(&self, at: Tick) -> Option<u64> {
         Some(at.checked_sub(self.tim2.started()?)? / micros(1))
     }
 
-    /// Why the chip must reset, if it must.
+    /// Takes the cause of a pending reset.
     pub fn take_reset(&mut self) -> Option<Cause> {
         if std::mem::take(&mut self.bitten) {
             return Some(Cause::Watchdog);
@@ -158,7 +161,7 @@ impl Common {
         self.system.take_reset().then_some(Cause::Software)
     }
 
-    /// When the parts do something next, these and the chip's own.
+    /// Finds the next event among the shared peripherals and the chip's `own` ones.
     pub(super) fn schedule(&mut self, own: &[(Option<Tick>, EventSource)]) {
         let sources = [
             (self.system.next(), EventSource::System),
@@ -170,19 +173,19 @@ impl Common {
         self.next = known.min_by_key(|(at, _)| *at);
     }
 
-    /// Lets the interrupts' lines follow the timers.
+    /// Updates the interrupt lines of the timers.
     pub(super) fn raise(&mut self) {
         self.system.set_line(TIM1_CC, self.tim1.interrupt());
         self.system.set_line(TIM2, self.tim2.interrupt());
     }
 
-    /// The watchdog bites.
+    /// Records that the watchdog has expired.
     pub(super) fn bite(&mut self) {
         self.bitten = true;
         self.iwdg = Iwdg::default();
     }
 
-    /// Writes to a port; the finger hangs on port B.
+    /// Writes a port's register; the finger is on port B.
     pub(super) fn write_port(&mut self, i: usize, offset: u32, value: u32, now: Tick) -> Outcome {
         self.ports[i].write(offset, value)?;
         if i == 1 {
@@ -191,7 +194,7 @@ impl Common {
         Ok(())
     }
 
-    /// Writes to TIM1, which the scan is timed by; `clock` is the period of its clock.
+    /// Writes a register of TIM1, the scan's timer; `clock` is the period of its clock.
     pub(super) fn write_tim1(
         &mut self,
         offset: u32,
@@ -207,7 +210,7 @@ impl Common {
         Ok(())
     }
 
-    /// The pin of a port, which must be set to analogue.
+    /// Returns the pin's name; an error if the pin is not set to analogue.
     pub(super) fn analogue(
         &self,
         of: &str,
@@ -221,7 +224,7 @@ impl Common {
         }
     }
 
-    /// Whether the DMA is to miss this reading.
+    /// Whether the DMA misses this reading of converter `adc`.
     pub(super) fn misses(&mut self, adc: usize) -> bool {
         let withheld = self.withheld[adc] > 0;
         self.withheld[adc] -= u32::from(withheld);
@@ -229,58 +232,59 @@ impl Common {
     }
 }
 
-/// A chip with a finger on its pins and a host on its port.
+/// Chip with a finger on its pins and a host on its port.
 pub trait Chip {
-    /// Where its memories are.
+    /// Memory map of the chip.
     fn map(&self) -> Map;
-    /// What it has in common with the other.
+    /// Shared peripherals.
     fn common(&self) -> &Common;
-    /// To change it.
+    /// Shared peripherals, mutable.
     fn common_mut(&mut self) -> &mut Common;
-    /// The flash that the program changes.
+    /// Data part of the flash.
     fn flash(&mut self) -> &mut dyn Flash;
-    /// The period of the core's clock.
+    /// Period of the core's clock.
     fn hclk(&self) -> Tick;
-    /// Everything but the flash's content, what is outside, and the record of the reset is as after power-up.
+    /// Resets the chip, except the contents of flash, the connected parts and the record of the
+    /// reset's cause.
     fn reset(&mut self, cause: Cause, now: Tick);
-    /// Finds out what comes next.
+    /// Finds the next event.
     fn schedule(&mut self);
-    /// Lets interrupts' lines follow what asks for them.
+    /// Updates the interrupt lines.
     fn raise(&mut self);
-    /// Does what a source does at its moment; true where it may ask for an interrupt.
+    /// Runs the event of `source`; true if it may raise an interrupt.
     fn happen(&mut self, source: EventSource, now: Tick, memory: &mut dyn Memory) -> Outcome<bool>;
-    /// Reads a register; `now` is the time and the core's cycles.
+    /// Reads a register; `now` is the time and the core's cycle count.
     fn read_register(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32>;
-    /// Writes it.
+    /// Writes a register; `now` is the time and the core's cycle count.
     fn write_register(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome;
-    /// A register as people call it.
+    /// Readable name of a register.
     fn name(&self, address: u32) -> String;
 
-    /// When something happens next.
+    /// Time of the next event.
     fn next(&self) -> Option<Tick> {
         self.common().next.map(|(at, _)| at)
     }
 
-    /// It is `now`, and the host may have been told something.
+    /// Moves the chip's time to `now` and looks for new events of the host.
     fn go_on(&mut self, now: Tick) {
         let common = self.common_mut();
         common.now = common.now.max(now);
         self.plan();
     }
 
-    /// Finds out what comes next, and who asks for an interrupt.
+    /// Finds the next event and updates the interrupt lines.
     fn plan(&mut self) {
         self.schedule();
         self.raise();
     }
 
-    /// Lets all happen that happens up to `now`.
+    /// Runs all events up to `now`.
     ///
     /// # Errors
-    /// What the chip does not have, or must not be asked.
+    /// An access that the model does not support, or one the chip does not allow.
     fn advance(&mut self, now: Tick, memory: &mut dyn Memory) -> Outcome {
         while let Some((at, source)) = self.common().next.filter(|(at, _)| *at <= now) {
-            // What was waiting for something that has just come is not done in the past.
+            // An event that depended on another one happens no earlier than that one.
             let at = at.max(self.common().now);
             self.common_mut().now = at;
             if self.happen(source, at, memory)? {
@@ -295,7 +299,7 @@ pub trait Chip {
     /// Reads a register.
     ///
     /// # Errors
-    /// The register, and why it cannot be read.
+    /// Name of the register, and the reason why it cannot be read.
     fn read(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
         self.read_register(address, size, now)
             .map_err(|why| format!("read of {}: {why}", self.name(address)))
@@ -304,7 +308,7 @@ pub trait Chip {
     /// Writes a register.
     ///
     /// # Errors
-    /// The register, and why it cannot be written so.
+    /// Name of the register, and the reason why it cannot be written.
     fn write(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
         let plants = self.common().plants.iter().filter(|plant| plant.address == address);
         let value = plants.fold(value, |value, plant| (plant.change)(value));
@@ -314,10 +318,10 @@ pub trait Chip {
         Ok(())
     }
 
-    /// Does what a request to the DMA asks for.
+    /// Runs the transfer of a DMA request.
     ///
     /// # Errors
-    /// The place or the register that cannot be had.
+    /// The memory address or the register that cannot be accessed.
     fn transfer(&mut self, transfer: Transfer, now: Tick, memory: &mut dyn Memory) -> Outcome {
         let Transfer { register, memory: place, size, to_peripheral } = transfer;
         if to_peripheral {
@@ -329,14 +333,14 @@ pub trait Chip {
         }
     }
 
-    /// Plants a fault: what is written to the register at `address` from now on is what `change` makes of
-    /// it, as if the firmware had it wrong.
+    /// Injects a fault: passes every later value for the register at `address` through `change`, as
+    /// if the firmware wrote it wrongly.
     fn plant(&mut self, address: u32, change: fn(u32) -> u32) {
         self.common_mut().plants.push(Plant { address, change });
     }
 
-    /// Withholds the DMA's next grant from a converter, ADC1 being 0: as if other masters had held the bus for
-    /// a whole conversion.
+    /// Makes the DMA miss one more reading of converter `adc` (ADC1 is 0), as if other masters held
+    /// the bus for a whole conversion.
     fn withhold(&mut self, adc: usize) {
         self.common_mut().withheld[adc] += 1;
     }

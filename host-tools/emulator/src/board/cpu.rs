@@ -1,7 +1,9 @@
-//! The core: runs the image block by block, takes exceptions between blocks, sleeps to the next event.
+//! Core: runs the image block by block, takes exceptions between blocks, and sleeps to the next
+//! event.
 //!
-//! Time advances by what the blocks cost, at the upper end of the cost table's band; a register is read and
-//! written at the time at which its block began. The flash's wait states are not in it.
+//! Time advances by the cost of each block, at the upper end of the cost table's band. Register
+//! accesses happen at the time at which their block began. Wait states of the flash are not
+//! included.
 
 mod exceptions;
 mod memory;
@@ -20,64 +22,64 @@ use super::time::{Tick, seconds};
 use crate::clock::Clock;
 use memory::{ROM_ENTRY, Ram};
 
-/// unicorn's numbers of a return from an exception and of a failed fetch, and the addresses that mean the
-/// former.
+/// unicorn's numbers for a return from an exception and a failed fetch, and the lowest address that
+/// means the former.
 const EXCEPTION_EXIT: u32 = 8;
 const PREFETCH_ABORT: u32 = 3;
 const EXCEPTION_RETURN: u32 = 0xffff_ff00;
-/// Why control came back.
+/// Reason why unicorn stopped.
 #[derive(Debug)]
 enum Stop {
-    /// An exception is to be taken.
+    /// Exception to take.
     Exception(usize),
-    /// One's handler returned.
+    /// Return of an exception's handler.
     Return,
-    /// The chip resets.
+    /// Reset of the chip.
     Reset(Cause),
-    /// The time is up.
+    /// End of the time to run.
     Deadline,
-    /// The ROM's bootloader has begun.
+    /// Start of the ROM's bootloader.
     Bootloader,
-    /// Something that this machine does not have.
+    /// Access or instruction that the model does not support.
     Fault(String),
 }
 
-/// What the machine keeps where unicorn's callbacks reach it.
+/// State of the board that unicorn's callbacks can reach.
 struct Inside {
     clock: Clock,
-    /// Taken out while it moves memory.
+    /// Chip; `None` while it accesses memory.
     chip: Option<Box<dyn Chip>>,
     now: Tick,
-    /// Cycles of the clock that are in `now`.
+    /// Cycles of `clock` that `now` includes.
     counted: u64,
-    /// Cycles of exceptions and of standing still.
+    /// Cycles of exceptions and stalls.
     extra: u64,
     deadline: Tick,
-    /// The event that WFE waits for.
+    /// Event register, which WFE waits for.
     event: bool,
-    /// Floating-point registers are in use: CONTROL.FPCA.
+    /// Whether floating-point registers are in use: CONTROL.FPCA.
     float: bool,
     stop: Option<Stop>,
 }
 
-/// How a stretch of time ended.
+/// Reason why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// It is over.
+    /// The time to run is over.
     Time,
-    /// The chip was reset, and is about to start again.
+    /// The chip was reset and is about to start.
     Reset(Cause),
-    /// The program has gone to the bootloader in the chip's ROM, which is not modelled.
+    /// The program jumped to the bootloader in the chip's ROM, which is not modelled.
     Bootloader,
 }
 
-/// The board.
+/// Board: the core, its chip, and the connected parts.
 pub struct Board {
     unicorn: Unicorn<'static, Inside>,
     next: u32,
-    /// Handlers that run, and what they return to; the last is the innermost.
+    /// Running exception handlers with their EXC_RETURN values; the last is the innermost.
     handlers: Vec<(usize, u32)>,
-    /// Stack and entry that the image begins with.
+    /// Initial stack pointer and entry address of the image.
     vectors: [u32; 2],
 }
 
@@ -86,7 +88,7 @@ fn failed(what: &str) -> impl Fn(uc_error) -> anyhow::Error {
 }
 
 impl Board {
-    /// A board with the program in `elf` and else an erased flash, just powered.
+    /// Builds a board with the program in `elf` and otherwise erased flash, just powered.
     pub fn new(model: Model, elf: &[u8], finger: Finger, host: Host) -> Result<Self> {
         let chip = model.chip(finger, host);
         let (map, segments) = (chip.map(), memory::segments(elf)?);
@@ -103,7 +105,7 @@ impl Board {
         };
         let mut unicorn = Unicorn::new_with_data(Arch::ARM, Mode::THUMB, inside)
             .map_err(failed("starting unicorn"))?;
-        // Not Mode::MCLASS: with it unicorn takes a Cortex-M33, whatever model is asked for.
+        // Not `Mode::MCLASS`, because unicorn then emulates a Cortex-M33 whatever model is set.
         unicorn
             .ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32)
             .map_err(failed("choosing the Cortex-M4"))?;
@@ -115,35 +117,35 @@ impl Board {
         Ok(board)
     }
 
-    /// The chip.
+    /// Chip of the board.
     pub fn chip(&mut self) -> &mut dyn Chip {
         let chip = self.unicorn.get_data_mut().chip.as_mut();
-        // It is out of its place only within a callback.
+        // The chip is taken out only within a callback.
         chip.expect("the chip is in its place between runs").as_mut()
     }
 
-    /// What is on its pins.
+    /// Finger on the pins.
     pub fn finger(&mut self) -> &mut Finger {
         &mut self.chip().common_mut().finger
     }
 
-    /// What is on its port.
+    /// USB host on the port.
     pub fn host(&mut self) -> &mut Host {
         &mut self.chip().common_mut().host
     }
 
-    /// What the flash holds that the program changes.
+    /// Contents of the flash part that the program changes.
     pub fn flash(&mut self) -> &mut FlashContents {
         self.chip().flash().contents()
     }
 
-    /// The core stands still for so long.
+    /// Stalls the core for `time`.
     pub fn stall(&mut self, time: Tick) {
         let until = self.now() + time;
         self.chip().common_mut().stalled = until;
     }
 
-    /// Virtual time.
+    /// Virtual time since the first power-up.
     pub fn now(&self) -> Tick {
         self.unicorn.get_data().now
     }
@@ -153,15 +155,15 @@ impl Board {
         self.unicorn.get_data().clock.total().instructions
     }
 
-    /// Modelled cycles that the core has run, sleep left out.
+    /// Modelled cycles that the core has run, without sleep.
     pub fn cycles(&self) -> u64 {
         self.unicorn.get_data().clock.total().cycles.high
     }
 
-    /// Takes the power away and gives it back: the RAM forgets.
+    /// Cuts the power and restores it; the RAM loses its contents.
     pub fn power_cycle(&mut self) -> Result<()> {
         for (address, bytes) in self.chip().map().ram {
-            // What RAM holds after power-up is anything; a pattern that is no number that anyone expects.
+            // RAM holds anything after power-up; this pattern is no value that a program expects.
             self.unicorn
                 .mem_write(u64::from(*address), &vec![0xa5; *bytes as usize])
                 .map_err(failed("clearing the RAM"))?;
@@ -187,7 +189,7 @@ impl Board {
         Ok(())
     }
 
-    /// Runs for so long.
+    /// Runs for `time`, or until the chip resets or enters its bootloader.
     pub fn run(&mut self, time: Tick) -> Result<End> {
         let inside = self.unicorn.get_data_mut();
         inside.deadline = inside.now + time;
@@ -215,7 +217,7 @@ impl Board {
                 Some(Stop::Deadline) => return Ok(End::Time),
                 Some(Stop::Fault(why)) => return Err(self.fault(at, &why)),
                 None if at >= EXCEPTION_RETURN => self.leave()?,
-                // unicorn ends at a WFI, and takes a WFE for invalid.
+                // unicorn stops at a WFI and reports a WFE as invalid.
                 None if self.waits() && matches!(outcome, Ok(()) | Err(uc_error::INSN_INVALID)) => {
                     pay(self.unicorn.get_data_mut(), at);
                     if let Some(end) = self.wait()? {
@@ -230,7 +232,7 @@ impl Board {
         }
     }
 
-    /// Counts and blocks.
+    /// Counter of instructions, cycles and blocks.
     pub fn clock(&mut self) -> &mut Clock {
         &mut self.unicorn.get_data_mut().clock
     }
@@ -266,7 +268,7 @@ impl Board {
         written.map_err(|error| anyhow!("the stack at {address:#010x}: {error:?}"))
     }
 
-    /// Sleeps until an exception is to be taken.
+    /// Sleeps until an event or exception wakes the core, or the run ends.
     fn wait(&mut self) -> Result<Option<End>> {
         loop {
             if std::mem::take(&mut self.unicorn.get_data_mut().event) {
@@ -280,7 +282,7 @@ impl Board {
             let next = inside.chip.as_ref().and_then(|chip| chip.next());
             let until = next.map_or(inside.deadline, |next| next.min(inside.deadline));
             inside.now = inside.now.max(until);
-            // Awake again later: what waits goes on waiting.
+            // The run ends during sleep; the next run repeats the wait.
             if next.is_none_or(|next| next > inside.deadline) {
                 inside.event = false;
                 return Ok(Some(End::Time)).inspect(|_| self.rewind());
@@ -299,7 +301,7 @@ impl Board {
         }
     }
 
-    /// Back to the WFE or WFI that was being executed: both are two bytes.
+    /// Moves back to the WFE or WFI that was executed; both have two bytes.
     fn rewind(&mut self) {
         self.next -= 2;
     }
@@ -307,11 +309,11 @@ impl Board {
 
 fn stop(unicorn: &mut Unicorn<'_, Inside>, why: Stop) {
     unicorn.get_data_mut().stop.get_or_insert(why);
-    // Cannot fail while it runs.
+    // Stopping cannot fail while unicorn runs.
     let _ = unicorn.emu_stop();
 }
 
-/// Lets the chip come up to the core's time.
+/// Advances the chip to the core's time.
 fn advance(unicorn: &mut Unicorn<'_, Inside>) -> Outcome {
     let inside = unicorn.get_data_mut();
     let now = inside.now;
@@ -321,7 +323,7 @@ fn advance(unicorn: &mut Unicorn<'_, Inside>) -> Outcome {
     done
 }
 
-/// The exception that is to be taken now.
+/// Exception to take now.
 fn deliverable(unicorn: &mut Unicorn<'_, Inside>) -> Option<usize> {
     let register = |register| unicorn.reg_read(register).unwrap_or_default();
     let chip = unicorn.get_data().chip.as_ref()?;
@@ -336,7 +338,7 @@ fn deliverable(unicorn: &mut Unicorn<'_, Inside>) -> Option<usize> {
     system.deliverable(masks)
 }
 
-/// Time advances by what the block cost that control has left for `next`.
+/// Adds the cost of the block that control has left for `next` to the time.
 fn pay(inside: &mut Inside, next: u32) {
     inside.clock.leave(next);
     let cycles = inside.clock.total().cycles.high;
@@ -344,8 +346,9 @@ fn pay(inside: &mut Inside, next: u32) {
     inside.counted = cycles;
 }
 
-/// Control enters a block: the one before is paid, what happened meanwhile happens, and an exception that is
-/// due is taken first.
+/// Hook on entering a block.
+///
+/// It adds the cost of the block before, runs the events that are due, and stops for an exception.
 fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
     let start = start as u32;
     let inside = unicorn.get_data_mut();
@@ -395,14 +398,15 @@ fn take_interrupt(unicorn: &mut Unicorn<'_, Inside>, number: u32) {
     let at = unicorn.reg_read(RegisterARM::PC).unwrap_or_default() as u32;
     let why = match number {
         EXCEPTION_EXIT => Stop::Return,
-        // It fetches from there, or does not even do that, by what it knows of the page.
+        // unicorn either fetches from that address or fails at once, depending on what it knows of
+        // the page.
         PREFETCH_ABORT if at >= EXCEPTION_RETURN => Stop::Return,
         other => Stop::Fault(format!("exception {other} of unicorn's")),
     };
     stop(unicorn, why);
 }
 
-/// The time, and the cycles that the core has run.
+/// Virtual time, and cycles that the core has run.
 fn time(inside: &Inside) -> (Tick, u32) {
     (inside.now, (inside.counted + inside.extra) as u32)
 }

@@ -1,38 +1,38 @@
-//! The diagram of the board's page, drawn from what happens on the emulated pins.
+//! Timing diagram of the board's page, drawn from events on the emulated pins.
 
 use super::finger::Moment;
 use super::time::{HZ, Tick};
 use scan_plan::drawing::{self, Bar, Kind, Lane, Panel};
 
-/// Steps of a frame.
+/// Number of steps in a frame.
 const STEPS: usize = 5;
-/// Lanes of the LED rows' pins.
+/// Names of the LED rows' lanes.
 const ROWS: [&str; 4] = ["PB9, row 0", "PB10, row 1", "PB11, row 2", "PB12, row 3"];
 
-/// From a new pattern to the next, in nanoseconds from the former.
+/// One step of the scan, from a pattern to the next; times in nanoseconds from its begin.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Step {
-    /// The rows that are lit, a bit each.
+    /// Lit rows, one bit each.
     pub rows: u32,
-    /// The sensor that the multiplexer connects.
+    /// Sensor that the multiplexer connects.
     pub sensor: usize,
-    /// How long it lasts.
+    /// Length of the step.
     pub length: u64,
-    /// ADC1 converts temperature and reference: from its trigger to the last result.
+    /// ADC1 on temperature and reference: from its trigger to the last result.
     pub internal: (u64, u64),
-    /// ADC1 converts the columns.
+    /// ADC1 on the columns.
     pub columns: (u64, u64),
-    /// ADC2 converts the first inputs of the amplifiers.
+    /// ADC2 on the amplifiers' first inputs.
     pub first: (u64, u64),
-    /// The bias, while the amplifiers settle on their second inputs.
+    /// ADC2 on the bias, while the amplifiers settle on their second inputs.
     pub bias: (u64, u64),
-    /// The second inputs.
+    /// ADC2 on the amplifiers' second inputs.
     pub second: (u64, u64),
-    /// The amplifiers turn to the second inputs.
+    /// Switch of the amplifiers to their second inputs.
     pub turned: u64,
 }
 
-/// The steps in `timing`, which must hold whole ones.
+/// Complete steps in `timing`.
 pub fn steps(timing: &[(Tick, Moment)]) -> Vec<Step> {
     let is_pattern = |(_, moment): &(Tick, Moment)| matches!(moment, Moment::Pattern(..));
     let begins: Vec<usize> =
@@ -70,7 +70,7 @@ pub fn steps(timing: &[(Tick, Moment)]) -> Vec<Step> {
         .collect()
 }
 
-/// The diagram: a step with a lit row, and a frame.
+/// Diagram as SVG with a lit step and a whole frame; `None` without a whole frame.
 pub fn svg(timing: &[(Tick, Moment)]) -> Option<String> {
     let steps = steps(timing);
     let dark = steps.iter().position(|step| step.rows == 0)?;

@@ -1,51 +1,54 @@
-//! What is on the pins: LEDs and phototransistors, sensors behind their multiplexer, as the board's page
-//! has them wired. What the ADCs see follows the pins with the time that the parts take.
+//! Finger on the pins: LEDs, phototransistors, and sensors behind their multiplexer.
+//!
+//! The wiring is that of the board's page. Inputs of the ADCs follow the pins with the time
+//! constants of the parts.
 
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
 use taxel::units::{Code, FullScale};
 
 use super::time::{HZ, Tick};
 
-/// The rise time of an SFH3010 on 1 kΩ is 7 µs from 10 to 90 %: the time constant is that over ln 9.
+/// Time constant of an SFH3010 on 1 kΩ, seconds: its rise time of 7 µs (10 to 90 %) over ln 9.
 const PHOTOTRANSISTOR_S: f64 = 7.0e-6 / 2.197_224_577;
-/// An amplifier's bandwidth of 7 MHz at a gain of 16 (DS12589 table 88).
+/// Time constant of an amplifier at a gain of 16, seconds: its bandwidth is 7 MHz (DS12589 table
+/// 88).
 const AMPLIFIER_S: f64 = 16.0 / (2.0 * std::f64::consts::PI * 7.0e6);
-/// The top code of a 12-bit converter.
+/// Top code of a 12-bit converter.
 const TOP: f64 = 4095.0;
-/// The bridges' own reference is in the middle.
+/// Code of the bridges' reference, in the middle of the range.
 const BIAS: f64 = 2048.0;
 
-/// How a finger is wired to a board's pins.
+/// Wiring of a finger to a board's pins.
 #[derive(Clone, Copy, Debug)]
 pub struct Wiring {
-    /// The board's name.
+    /// Name of the board.
     pub board: &'static str,
-    /// LED rows and multiplexer address, on port B.
+    /// Pins of the LED rows, on port B.
     pub rows: [u8; 4],
-    /// See above.
+    /// Pins of the multiplexer's address, on port B.
     pub select: [u8; 2],
-    /// Columns by their pins.
+    /// Pins of the columns.
     pub columns: [&'static str; 4],
-    /// Midpoints A to D.
+    /// Pins of the midpoints A to D.
     pub midpoints: [&'static str; 4],
-    /// The amplifiers' bias, where there are amplifiers.
+    /// Pin of the amplifiers' bias, on boards with amplifiers.
     pub bias: Option<&'static str>,
 }
 
-/// What an ADC's input is connected to.
+/// Source of an ADC's input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// A pin.
+    /// Pin of the chip.
     Pin(&'static str),
-    /// An amplifier's output.
+    /// Output of an amplifier.
     Amplifier(usize),
-    /// The chip's own.
+    /// Temperature sensor of the chip.
     Temperature,
-    /// See above.
+    /// Voltage reference of the chip.
     Reference,
 }
 
-/// A voltage that follows another, in codes.
+/// Voltage in codes that follows another with a time constant.
 #[derive(Clone, Copy)]
 struct Settling {
     from: f64,
@@ -71,7 +74,7 @@ impl Settling {
     }
 }
 
-/// The same codes for a converter of 12 bits.
+/// Scales codes to a 12-bit converter.
 pub fn in_12_bits(mut codes: Codes) -> Codes {
     let scale = TOP / f64::from(codes.full_scale.top().0);
     let code = |code: Code| Code((f64::from(code.0) * scale).round() as u16);
@@ -90,47 +93,48 @@ pub fn in_12_bits(mut codes: Codes) -> Codes {
     codes
 }
 
-/// Something on the pins.
+/// Event on the pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moment {
-    /// Rows that are lit, a bit each, and the sensor that the multiplexer connects.
+    /// New lit rows (one bit each), and the sensor that the multiplexer connects.
     Pattern(u32, usize),
-    /// A sample has been taken.
+    /// Sample of an input.
     Sample(Source),
-    /// A converter is started: ADC1 is 0.
+    /// Start of a converter; ADC1 is 0.
     Trigger(usize),
-    /// A converter has a result.
+    /// Result of a converter.
     Result(usize),
-    /// An amplifier turns to its first input, or its second.
+    /// Switch of an amplifier to its first (0) or second (1) input.
     Turn(usize, usize),
 }
 
-/// How a scene goes on.
+/// Order in which the scans of a scene are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// Scan by scan, from the first again after the last.
+    /// One scan of the scene per scan of the board, starting over after the last.
     Scans,
-    /// Each lasts so long, counted from the first scan on; from the first again after the last.
+    /// Each scan lasts this long, counted from the end of the first; starting over after the last.
     Timed(Tick),
-    /// Scan by scan, from the first whenever the board begins to scan; the last one stays.
+    /// One scan of the scene per scan of the board, from the first whenever scanning starts; the
+    /// last one stays.
     Replay,
 }
 
-/// What was converted in a frame.
+/// Codes converted in a frame.
 #[derive(Clone, Debug)]
 pub struct Seen {
-    /// When its dark step began.
+    /// Begin of the dark step.
     pub begin: Tick,
     /// Sums of samples.
     pub codes: Codes,
 }
 
-/// The finger.
+/// Finger that shows a scene.
 pub struct Finger {
     wiring: Option<Wiring>,
     scene: Vec<Codes>,
     pace: Pace,
-    /// When the first scan was over.
+    /// End of the first scan.
     first: Option<Tick>,
     scan: usize,
     rows: u32,
@@ -138,19 +142,19 @@ pub struct Finger {
     columns: [Settling; 4],
     amplifiers: [Settling; 2],
     amplified: [Option<usize>; 2],
-    /// The voltage on the amplifiers' bias pin, in codes.
+    /// Voltage on the amplifiers' bias pin, in codes.
     pub bias: f64,
     begin: Tick,
     sums: Sums,
-    /// What happens on the pins, if it is kept, and when.
+    /// Events on the pins with their times, if kept.
     pub timing: Option<Vec<(Tick, Moment)>>,
-    /// Whole frames are kept.
+    /// Whether whole frames are kept in `seen`.
     pub keeps: bool,
-    /// They are, oldest first.
+    /// Whole frames, oldest first.
     pub seen: Vec<Seen>,
 }
 
-/// Samples of the frame that is being read, added up.
+/// Sums of the samples of the frame being read.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     dark: [u32; 4],
@@ -161,7 +165,7 @@ struct Sums {
 }
 
 impl Finger {
-    /// One that sees these scans, in codes of 12 bits.
+    /// Finger that shows these scans, in codes of 12 bits.
     pub fn new(scene: Vec<Codes>, pace: Pace) -> Self {
         Self {
             wiring: None,
@@ -183,27 +187,27 @@ impl Finger {
         }
     }
 
-    /// Wires it to a board.
+    /// Connects the finger to a board.
     pub fn wire(&mut self, wiring: Wiring) {
         self.wiring = Some(wiring);
     }
 
-    /// How it is wired, once it is.
+    /// Wiring of the finger, once connected.
     pub fn wiring(&self) -> Option<&Wiring> {
         self.wiring.as_ref()
     }
 
-    /// A step's row, where just one is lit.
+    /// Row of the step, if just one is lit.
     fn row(&self) -> Option<usize> {
         (self.rows.count_ones() == 1).then(|| self.rows.trailing_zeros() as usize)
     }
 
-    /// Rows that are lit, a bit each.
+    /// Lit rows, one bit each.
     pub fn rows(&self) -> u32 {
         self.rows
     }
 
-    /// When its first scan was over, from which on the scene's times count.
+    /// End of the first scan, from which the scene's times count.
     pub fn first(&self) -> Option<Tick> {
         self.first
     }
@@ -216,7 +220,7 @@ impl Finger {
         })
     }
 
-    /// The board begins to scan, from a standstill.
+    /// Records that the board starts scanning.
     pub fn scanned_anew(&mut self, now: Tick) {
         (self.sums, self.begin) = (Sums::default(), now);
         if self.pace == Pace::Replay {
@@ -224,7 +228,7 @@ impl Finger {
         }
     }
 
-    /// Port B's outputs have changed.
+    /// Records a change of port B's outputs.
     pub fn pins(&mut self, high: u32, now: Tick) {
         let Some(Wiring { rows, select, .. }) = &self.wiring else { return };
         let bit = |pin: u8| high >> pin & 1;
@@ -239,14 +243,14 @@ impl Finger {
         self.bridge(now);
     }
 
-    /// Something has happened.
+    /// Records an event, if events are kept.
     pub fn note(&mut self, now: Tick, moment: Moment) {
         if let Some(timing) = &mut self.timing {
             timing.push((now, moment));
         }
     }
 
-    /// The frame is over: the next scan of the scene.
+    /// Ends the frame and moves to the next scan of the scene.
     fn end(&mut self, now: Tick) {
         // Four columns in five steps, four midpoints in four.
         const READINGS: u32 = 4 * 5 + 4 * 4;
@@ -303,7 +307,7 @@ impl Finger {
         }
     }
 
-    /// An amplifier is connected to this pin.
+    /// Records that an amplifier is connected to `pin`.
     pub fn amplify(&mut self, amplifier: usize, pin: &str, now: Tick) {
         let before = self.amplified[amplifier];
         self.amplified[amplifier] = self.midpoint(pin);
@@ -315,12 +319,12 @@ impl Finger {
         self.bridge(now);
     }
 
-    /// The midpoint on a pin.
+    /// Midpoint on a pin.
     fn midpoint(&self, pin: &str) -> Option<usize> {
         self.wiring?.midpoints.iter().position(|midpoint| *midpoint == pin)
     }
 
-    /// A midpoint's voltage behind the multiplexer, in codes.
+    /// Voltage of a midpoint behind the multiplexer, in codes.
     fn connected(&self, midpoint: usize) -> f64 {
         match self.codes().and_then(|codes| codes.bridges.get(self.select).copied().flatten()) {
             Some(Midpoints { a, b, c, d }) => f64::from([a, b, c, d][midpoint].0),
@@ -328,7 +332,7 @@ impl Finger {
         }
     }
 
-    /// The code that a converter without noise gives for what is there now.
+    /// Code of a converter without noise for the present input.
     pub fn sample(&mut self, source: Source, now: Tick) -> u32 {
         self.note(now, Moment::Sample(source));
         let code = |value: f64| value.round().clamp(0.0, TOP) as u32;
@@ -375,7 +379,7 @@ impl Finger {
         }
     }
 
-    /// A midpoint has been sampled; the dark step's are left out.
+    /// Adds the sample of a midpoint; those of the dark step are left out.
     fn bridge_sample(&mut self, midpoint: usize, code: u32) {
         if self.row().is_some() {
             self.sums.bridges[self.select][midpoint] += code;

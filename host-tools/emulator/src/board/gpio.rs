@@ -1,17 +1,17 @@
-//! A GPIO port (RM0440 §9).
+//! GPIO port (RM0440 §9).
 
 use super::{Outcome, UNMODELLED};
 
-/// A port.
+/// GPIO port.
 pub struct Gpio {
     moder: u32,
     odr: u32,
-    /// Output type, speed, pulls, alternate functions: kept, without effect.
+    /// Output type, speed, pulls, alternate functions: stored, without effect.
     other: [u32; 5],
 }
 
 impl Gpio {
-    /// With the reset value of its mode register.
+    /// Port with this reset value of its mode register.
     pub fn new(moder: u32) -> Self {
         Self { moder, odr: 0, other: [0; 5] }
     }
@@ -22,12 +22,12 @@ impl Gpio {
             & self.odr
     }
 
-    /// A pin is connected to nothing but what is analogue.
+    /// Whether a pin is in analogue mode.
     pub fn is_analogue(&self, pin: u32) -> bool {
         self.moder >> (2 * pin) & 3 == 3
     }
 
-    /// The register at `offset`.
+    /// Reads the register at `offset`.
     pub fn read(&self, offset: u32) -> Outcome<u32> {
         Ok(match offset {
             0x00 => self.moder,
@@ -41,7 +41,7 @@ impl Gpio {
         })
     }
 
-    /// Writes it.
+    /// Writes the register at `offset`.
     pub fn write(&mut self, offset: u32, value: u32) -> Outcome {
         match offset {
             0x00 => self.moder = value,
@@ -49,7 +49,7 @@ impl Gpio {
             0x08 => self.other[1] = value,
             0x0c => self.other[2] = value,
             0x14 => self.odr = value & 0xffff,
-            // BSRR: where both are asked for, setting wins.
+            // BSRR: setting takes precedence over resetting.
             0x18 => self.odr = self.odr & !(value >> 16) | value & 0xffff,
             0x20 => self.other[3] = value,
             0x24 => self.other[4] = value,

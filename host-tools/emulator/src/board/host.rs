@@ -1,8 +1,8 @@
-//! A USB host: notices the device, resets and enumerates it as Linux does, opens its serial port and moves
-//! bytes. Everything it does is kept for a capture.
+//! USB host: detects the device, resets and enumerates it as Linux does, and uses its serial port.
 //!
-//! The bus carries one transaction after the other. An endpoint that answers NAK is asked again as soon as
-//! it would not: the polling itself is not drawn out, nor are frames and their starts.
+//! It can keep all transfers for a capture. The bus carries one transaction after the other. An
+//! endpoint that would answer NAK is asked again as soon as it is ready. Polling, frames and their
+//! start packets are not modelled.
 
 mod control;
 mod enumeration;
@@ -19,78 +19,78 @@ use control::{CLEAR_FEATURE, Control, SET_CONTROL_LINE_STATE, SET_FEATURE, Stage
 const DEBOUNCE: Tick = micros(100_000);
 const RESET: Tick = micros(50_000);
 const RESET_RECOVERY: Tick = micros(10_000);
-/// A request may take that long (9.2.6.1).
+/// Longest time for a request (9.2.6.1).
 const PATIENCE: Tick = micros(5_000_000);
-/// Idle before the device must suspend (7.1.7.6).
+/// Idle time before the device must suspend (7.1.7.6).
 const IDLE: Tick = micros(3_000);
 
-/// A hurried host waits so much less than the above.
+/// Factor by which a hurried host shortens the waits above.
 const HURRY: Tick = 20;
 
-/// Bits of a transaction besides its data: token, handshake, the data's frame, turning round.
+/// Bits of a transaction besides its data: token, handshake, framing of the data, turnaround.
 const OVERHEAD_BITS: Tick = 100;
 const BIT: Tick = HZ / 12_000_000;
 
 const PACKET: usize = 64;
 
-/// Where the device is with this host.
+/// State of the device on this host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// Nobody is there, or the cable is not.
+    /// No device, or no cable.
     Detached,
-    /// Somebody may be; until then.
+    /// Device seen, debounced until then.
     Debouncing(Tick),
-    /// The bus is held reset until then.
+    /// Bus held in reset until then.
     Resetting(Tick),
-    /// It is asked what it is, or it works.
+    /// Device being enumerated, or working.
     Running,
 }
 
-/// What the descriptors say.
+/// Descriptors of the device.
 #[derive(Clone, Debug, Default)]
 pub struct Descriptors {
-    /// The device's.
+    /// Device descriptor.
     pub device: Vec<u8>,
-    /// The configuration's, with all within.
+    /// Configuration descriptor, with all descriptors in it.
     pub configuration: Vec<u8>,
-    /// Strings by their numbers, in the order in which they were read.
+    /// Strings with their numbers, in the order of reading.
     pub strings: Vec<(u8, String)>,
 }
 
-/// The host.
+/// USB host with one port.
 pub struct Host {
     plugged: bool,
     state: State,
     address: u8,
     resets: u8,
-    /// The bus is free again.
+    /// Time at which the bus is free.
     free: Tick,
     queue: VecDeque<Control>,
-    /// What the device said of itself.
+    /// Descriptors that the device returned.
     pub descriptors: Descriptors,
-    /// Bulk endpoints: data to the host, data to the device.
+    /// Bulk endpoints: to the host, to the device.
     bulk: Option<[u8; 2]>,
     toggles: [bool; 2],
     configured: bool,
     opened: bool,
-    /// The port's reader takes what comes.
+    /// Whether the port's reader takes data.
     pub reading: bool,
     suspended: bool,
     suspend_at: Option<Tick>,
-    /// Debounces, resets and waits for a twentieth of the time that it should.
+    /// Whether debounce, reset and recovery take a twentieth of their time.
     pub hurries: bool,
-    /// A fault: the device takes a request for what this makes of it.
+    /// Injected fault: the device receives the result of this function as the request.
     pub misread: Option<fn([u8; 8]) -> [u8; 8]>,
-    /// Transactions of bulk endpoints that were answered with a stall.
+    /// Number of bulk transactions that a stall answered.
     pub stalls: usize,
     received: Vec<u8>,
     to_send: VecDeque<u8>,
-    /// What went over the bus, if it is kept.
+    /// Transfers on the bus, if kept.
     pub capture: Option<Vec<Urb>>,
 }
 
 impl Host {
-    /// A host with the cable in.
+    /// Host with the cable plugged in.
     pub fn new(capture: bool) -> Self {
         Self {
             plugged: true,
@@ -116,35 +116,35 @@ impl Host {
         }
     }
 
-    /// The device is configured and nothing waits for it on endpoint 0.
+    /// Whether the device is configured and no request is pending.
     pub fn is_ready(&self) -> bool {
         self.configured && self.queue.is_empty()
     }
 
-    /// The device has taken note that its serial port is open.
+    /// Whether the device has received that its serial port is open.
     pub fn is_open(&self) -> bool {
         self.opened
     }
 
-    /// Opens the serial port, or closes it: DTR and RTS.
+    /// Opens or closes the serial port: DTR and RTS.
     pub fn open(&mut self, open: bool) {
         self.queue.push_back(Control::new(SET_CONTROL_LINE_STATE, if open { 3 } else { 0 }, 0, 0));
     }
 
-    /// Pulls the cable, or puts it in.
+    /// Plugs in or pulls the cable.
     pub fn plug(&mut self, plugged: bool) {
         self.plugged = plugged;
         self.forget();
     }
 
-    /// Halts the device's bulk endpoint to the host, or lets it go on.
+    /// Halts the device's bulk endpoint to the host, or clears the halt.
     pub fn halt(&mut self, halted: bool) {
         let Some([data_in, _]) = self.bulk else { return };
         let request = if halted { SET_FEATURE } else { CLEAR_FEATURE };
         self.queue.push_back(Control::new(request, 0, u16::from(data_in) | 0x80, 0));
     }
 
-    /// How long it waits for what should take `time`.
+    /// Wait for `time`, shortened if the host hurries.
     fn wait(&self, time: Tick) -> Tick {
         if self.hurries { time / HURRY } else { time }
     }
@@ -165,28 +165,28 @@ impl Host {
         };
     }
 
-    /// Suspends the bus, or wakes it.
+    /// Suspends or wakes the bus.
     pub fn suspend(&mut self, suspended: bool, now: Tick) {
         self.suspended = suspended;
         self.suspend_at = Some(if suspended { now + IDLE } else { now });
     }
 
-    /// Bytes for the device.
+    /// Queues bytes for the device.
     pub fn send(&mut self, bytes: &[u8]) {
         self.to_send.extend(bytes);
     }
 
-    /// Bytes from it, once.
+    /// Takes the bytes received from the device.
     pub fn take_received(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.received)
     }
 
-    /// The number of the present frame.
+    /// Number of the present USB frame.
     pub fn frame(&self, now: Tick) -> u32 {
         (now / micros(1_000)) as u32
     }
 
-    /// When it does something next.
+    /// Time of the host's next action.
     pub fn next(&self, usb: &dyn Device) -> Option<Tick> {
         if let Some(at) = self.suspend_at {
             return Some(at);
@@ -196,7 +196,7 @@ impl Host {
         }
         match self.state {
             State::Detached => usb.is_attached().then_some(self.free),
-            // It reset itself, or let go.
+            // The device reset itself or detached.
             _ if !usb.is_attached() => Some(self.free),
             State::Debouncing(until) | State::Resetting(until) => Some(until),
             State::Running if self.suspended => None,
@@ -221,7 +221,7 @@ impl Host {
         (reads || writes).then_some(self.free)
     }
 
-    /// Does it.
+    /// Runs the host's next action.
     pub fn advance(&mut self, now: Tick, usb: &mut dyn Device) -> Outcome {
         if self.suspend_at.take().is_some() {
             usb.suspend(self.suspended);
@@ -274,7 +274,7 @@ impl Host {
                     self.note(Kind::Bulk, data_in | 0x80, None, &data, now);
                     self.received.extend(data);
                 }
-                // What a driver does of it: it clears the halt.
+                // A driver clears the halt after a stall.
                 Answer::Stall => {
                     self.stalls += 1;
                     self.occupy(now, 0);
@@ -297,7 +297,7 @@ impl Host {
         Ok(())
     }
 
-    /// The next transaction of a control transfer. True where it was the last.
+    /// Runs the next transaction of a control transfer; true if it was the last.
     fn control(&mut self, control: &mut Control, now: Tick, usb: &mut dyn Device) -> Outcome<bool> {
         let name = |control: &Control| format!("request {:02x?}", control.setup);
         if control.stage != Stage::Setup && now >= control.begun + PATIENCE {
@@ -355,7 +355,7 @@ impl Host {
         Ok(false)
     }
 
-    /// The bus is busy with a transaction of so many bytes; bits are stuffed as rarely as never.
+    /// Occupies the bus with a transaction of `bytes` bytes; bit stuffing is not modelled.
     fn occupy(&mut self, now: Tick, bytes: usize) {
         self.free = now + (OVERHEAD_BITS + 8 * bytes as Tick) * BIT;
     }

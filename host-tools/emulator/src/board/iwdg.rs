@@ -1,11 +1,11 @@
-//! The independent watchdog (RM0440 §43), on a clock of exactly 32 kHz.
+//! Independent watchdog (RM0440 §43), on a clock of exactly 32 kHz.
 
 use super::time::{self, Tick};
 use super::{Outcome, UNMODELLED};
 
 const LSI: Tick = time::HZ / 32_000;
 
-/// IWDG.
+/// Independent watchdog (IWDG).
 pub struct Iwdg {
     unlocked: bool,
     prescaler: u32,
@@ -20,25 +20,25 @@ impl Default for Iwdg {
 }
 
 impl Iwdg {
-    /// When it bites.
+    /// Time at which the watchdog resets the chip.
     pub fn next(&self) -> Option<Tick> {
         let count = Tick::from(self.reload + 1) * (4 << self.prescaler.min(6));
         self.fed.map(|fed| fed + count * LSI)
     }
 
-    /// The register at `offset`.
+    /// Reads the register at `offset`.
     pub fn read(&self, offset: u32) -> Outcome<u32> {
         Ok(match offset {
             0x04 => self.prescaler,
             0x08 => self.reload,
-            // SR: what was written is in force at once.
+            // SR: values take effect at once.
             0x0c => 0,
             0x10 => 0xfff,
             _ => return Err(UNMODELLED.into()),
         })
     }
 
-    /// Writes it.
+    /// Writes the register at `offset`.
     pub fn write(&mut self, offset: u32, value: u32, now: Tick) -> Outcome {
         match (offset, value) {
             (0x00, 0xaaaa) => self.fed = self.fed.map(|_| now),

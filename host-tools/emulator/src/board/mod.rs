@@ -1,10 +1,11 @@
-//! The whole board: a chip that runs the very image that is flashed, with a finger on its pins and a USB host on
-//! its port, in virtual time.
+//! Whole board in virtual time: a chip with the flashed image, a finger on its pins, a USB host on
+//! its port.
 //!
-//! unicorn executes instructions; [`cpu`] takes exceptions and keeps time by the cost table, [`chip`] is what the two
-//! chips have in common, [`g431`] and [`f411`] are the chips: the bus and the wires between the peripherals, one file
-//! each. What is not modelled stops the machine with the register's name: nothing is read as zero because nobody
-//! thought of it. `docs/emulator.md` lists it.
+//! unicorn executes the instructions. [`cpu`] takes exceptions and keeps time by the cost table.
+//! [`chip`] holds what the two chips share. [`g431`] and [`f411`] are the chips: bus and wires
+//! between the peripherals, one file each. An access that is not modelled stops the machine with
+//! the register's name, so that nothing is read as zero by accident. `docs/emulator.md` lists what
+//! is modelled.
 
 pub mod capture;
 pub mod cells;
@@ -27,8 +28,8 @@ pub mod timer;
 pub mod timing;
 pub mod usb;
 
-/// What came of it, or why the machine has to stop.
+/// Result of an operation, or the reason why the machine must stop.
 pub type Outcome<T = ()> = Result<T, String>;
 
-/// Why, where there is nothing more to say.
+/// Error for an access that the model does not support.
 pub const UNMODELLED: &str = "not modelled";

@@ -1,4 +1,4 @@
-//! The boards that there are.
+//! Boards that the emulator can run.
 
 use clap::ValueEnum;
 
@@ -8,19 +8,19 @@ use super::finger::Finger;
 use super::g431::G431;
 use super::host::Host;
 
-/// A board, by its name in `boards/`.
+/// Board, named as in `boards/`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Model {
-    /// The product.
+    /// Product board.
     #[value(name = "stm32g431")]
     G431,
-    /// The Black Pill.
+    /// Black Pill board.
     #[value(name = "stm32f411")]
     F411,
 }
 
 impl Model {
-    /// Its chip, just powered.
+    /// Chip of the board, just powered.
     pub fn chip(self, finger: Finger, host: Host) -> Box<dyn Chip> {
         match self {
             Self::G431 => Box::new(G431::new(finger, host)),

@@ -1,4 +1,4 @@
-//! A client on the emulated port: says what the ordinary client says, in virtual time.
+//! Client on the emulated port that sends an ordinary client's commands in virtual time.
 
 use anyhow::{Result, bail};
 use taxel::frame::{Frame, Status};
@@ -9,26 +9,26 @@ use taxel::wire::{MAX_PACKET, pack};
 use super::cpu::{Board, End};
 use super::time::{Tick, micros, seconds};
 
-/// How often it looks what has come.
+/// Interval at which the client reads the port.
 const LOOK: Tick = micros(1_000);
-/// How long an answer may take: the slowest slot's erasure, 550 ms on the STM32F411, and a tenth of a second.
+/// Longest time for an answer: the slowest erasure of a slot, 550 ms on the STM32F411, and 100 ms.
 const PATIENCE: Tick = micros(650_000);
 
-/// A board with somebody at its port.
+/// Board with a client at its port.
 pub struct Session {
-    /// The board.
+    /// Board at the other end.
     pub board: Board,
     deframer: Deframer,
     tag: u8,
-    /// Frames that came, oldest first, with when.
+    /// Frames received with their times, oldest first.
     pub frames: Vec<(Tick, Frame)>,
-    /// Packets that could not be read.
+    /// Number of packets that could not be decoded.
     pub bad: usize,
     replies: Vec<Message>,
 }
 
 impl Session {
-    /// Waits until the board is enumerated, and opens the port.
+    /// Waits for enumeration and opens the port.
     pub fn open(board: Board) -> Result<Self> {
         let mut session = Self {
             board,
@@ -42,7 +42,7 @@ impl Session {
         Ok(session)
     }
 
-    /// Runs for so long; a reset that nobody asked for is an error.
+    /// Runs for `time`; an unexpected reset is an error.
     pub fn run(&mut self, time: Tick) -> Result<()> {
         let until = self.board.now() + time;
         while self.board.now() < until {
@@ -84,8 +84,8 @@ impl Session {
         }
     }
 
-    /// How many frames there are from the first one on that has `status`. None where what they carry is not,
-    /// scan by scan, what the converters saw.
+    /// Number of frames from the first one with `status` on; `None` if their codes differ, scan by
+    /// scan, from the converted ones.
     pub fn seen_in_order_since(&mut self, status: Status) -> Option<usize> {
         let begin = self.frames.iter().position(|(_, frame)| frame.status.contains(status))?;
         let codes = self.frames.iter().skip(begin).map(|(_, frame)| frame.codes);
@@ -94,7 +94,7 @@ impl Session {
         seen.windows(codes.len()).any(|seen| seen == codes).then_some(codes.len())
     }
 
-    /// Uploads a calibration record and puts it in force.
+    /// Uploads a calibration record and commits it.
     pub fn upload(&mut self, record: &[u8]) -> Result<()> {
         self.ask(Command::CalibrationBegin { length: u16::try_from(record.len())? })?;
         for (i, bytes) in record.chunks(CHUNK).enumerate() {
@@ -105,12 +105,12 @@ impl Session {
         Ok(())
     }
 
-    /// Waits for the board, which has been reset, or was plugged in again, and opens its port.
+    /// Waits for a board that was reset or plugged in again, and opens its port.
     pub fn reopen(&mut self) -> Result<()> {
         (self.deframer, self.tag) = (Deframer::default(), 0);
         self.replies.clear();
         self.frames.clear();
-        // The host notices first that it was away.
+        // The host must notice the board's absence first.
         self.run(LOOK)?;
         self.enumerate()
     }
@@ -125,7 +125,7 @@ impl Session {
         })
     }
 
-    /// Asks for something.
+    /// Sends a command and waits for its response.
     pub fn ask(&mut self, command: Command) -> Result<Response> {
         self.tag = self.tag.wrapping_add(1);
         let (tag, what) = (self.tag, format!("{command:?}"));

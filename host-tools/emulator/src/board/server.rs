@@ -1,4 +1,4 @@
-//! The emulated port behind a TCP port: an ordinary client connects, and has opened the serial port.
+//! TCP server of the emulated port; connecting opens the serial port.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -9,28 +9,30 @@ use anyhow::{Context, Result, bail};
 use super::cpu::{Board, End};
 use super::time::{HZ, Tick, micros, seconds};
 
-/// How often bytes are handed over.
+/// Virtual time between two exchanges of bytes.
 const SLICE: Tick = micros(1_000);
-/// What the client has not taken yet; the host stops reading beyond that.
+/// Most bytes waiting for the client, beyond which the host stops reading.
 const MOST: usize = 1 << 16;
-/// How often a client that has not taken what was sent is offered it.
+/// Interval for offering waiting bytes to the client again.
 const WAIT: Duration = Duration::from_millis(1);
-/// How long the board may take until it is there.
+/// Longest boot time of the board.
 const BOOT: Tick = micros(2_000_000);
 
-/// A board behind a port.
+/// Board behind a TCP port.
 pub struct Server {
     board: Board,
     listener: TcpListener,
     client: Option<TcpStream>,
     unsent: Vec<u8>,
-    /// Time waits for the client, else it is real time, or slower.
+    /// Whether virtual time waits for the client; otherwise it follows real time, or is slower.
     waits: bool,
 }
 
 impl Server {
-    /// Lets the board boot, and listens. `waits` makes time stand still until the client has taken what was
-    /// sent, and does not hold the board back otherwise.
+    /// Boots the board and listens on `address`.
+    ///
+    /// With `waits`, virtual time stops until the client has taken all bytes, and otherwise runs as
+    /// fast as it can.
     pub fn new(mut board: Board, address: &str, waits: bool) -> Result<Self> {
         board.finger().keeps = false;
         while !board.host().is_ready() || board.finger().first().is_none() {
@@ -45,7 +47,7 @@ impl Server {
         Ok(Self { board, listener, client: None, unsent: Vec::new(), waits })
     }
 
-    /// Where it listens, and which of its own microseconds the scene began at.
+    /// Line with the port's address and the board's time in microseconds at which the scene began.
     pub fn greeting(&mut self) -> Result<String> {
         let port = self.listener.local_addr()?.port();
         let chip = self.board.chip().common();
@@ -53,7 +55,7 @@ impl Server {
         Ok(format!("tcp:127.0.0.1:{port} scene at {began} us"))
     }
 
-    /// Serves one client after the other, forever.
+    /// Serves one client after the other, without end.
     pub fn serve(mut self) -> Result<()> {
         let (start, begin) = (Instant::now(), self.board.now());
         loop {
@@ -80,7 +82,7 @@ impl Server {
         match self.listener.accept() {
             Ok((client, _)) => {
                 client.set_nonblocking(true)?;
-                // A frame is wanted now, not together with the next one.
+                // Frames are sent at once, not collected.
                 client.set_nodelay(true)?;
                 self.client = Some(client);
                 self.board.host().open(true);
@@ -113,7 +115,7 @@ impl Server {
             .iter()
             .any(|done| matches!(done, Err(kind) if *kind != ErrorKind::WouldBlock))
         {
-            // It is gone.
+            // The client has disconnected.
             host.open(false);
             host.reading = true;
             self.client = None;
@@ -122,7 +124,7 @@ impl Server {
     }
 }
 
-/// A millisecond; a board that resets itself starts again, as it would on a desk.
+/// Runs the board for a millisecond; a board that resets itself starts again.
 fn step(board: &mut Board) -> Result<()> {
     match board.run(SLICE)? {
         End::Time => {}

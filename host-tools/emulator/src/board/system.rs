@@ -1,23 +1,25 @@
-//! What belongs to the core and is not unicorn's: the interrupt controller, system control, SysTick and the
-//! cycle counter (ARMv7-M Architecture Reference Manual, B3).
+//! Core peripherals outside unicorn: interrupt controller, system control, SysTick and cycle
+//! counter.
+//!
+//! Source: ARMv7-M Architecture Reference Manual, B3.
 
 use super::time::Tick;
 use super::{Outcome, UNMODELLED};
 
-/// Exceptions: 16 of the core's, then the chip's interrupts.
+/// Number of exceptions: 16 of the core, then the chip's interrupts.
 const EXCEPTIONS: usize = 128;
-/// The non-maskable interrupt.
+/// Number of the non-maskable interrupt.
 pub const NMI: usize = 2;
 const HARD_FAULT: usize = 3;
 const SVCALL: usize = 11;
 const PENDSV: usize = 14;
 const SYSTICK: usize = 15;
-/// The first of the chip's interrupts.
+/// Number of the chip's first interrupt.
 pub const FIRST: usize = 16;
 
-/// The priority of code that nothing has interrupted: below all others.
+/// Priority of code outside exceptions, below all others.
 const THREAD: i16 = 256;
-/// Bits of a priority that there are: the top four.
+/// Implemented bits of four priorities: the top four of each.
 const PRIORITY_BITS: u32 = 0xf0f0_f0f0;
 
 const DWT_CTRL: u32 = 0x1000;
@@ -30,21 +32,21 @@ const SCR: u32 = 0xed10;
 const CPACR: u32 = 0xed88;
 const FPCCR: u32 = 0xef34;
 
-/// Masks of exceptions that the core keeps itself.
+/// Exception masks that the core keeps itself.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Masks {
-    /// Everything but NMI and HardFault.
+    /// Masks everything except NMI and HardFault.
     pub primask: bool,
-    /// This priority and what is below; zero masks nothing.
+    /// Masks this priority and lower ones; zero masks nothing.
     pub basepri: u8,
 }
 
-/// The private peripheral bus.
+/// Peripherals on the private peripheral bus.
 pub struct System {
     pending: u128,
     enabled: u128,
     active: u128,
-    /// Interrupts whose line is high.
+    /// Interrupts with an active line.
     lines: u128,
     priority: [u8; EXCEPTIONS],
     vtor: u32,
@@ -52,7 +54,7 @@ pub struct System {
     cpacr: u32,
     demcr: u32,
     dwt_ctrl: u32,
-    /// Added to the cycles that the core has run.
+    /// Offset of CYCCNT from the cycles that the core has run.
     cyccnt_offset: u32,
     systick: SysTick,
     reset_requested: bool,
@@ -62,7 +64,7 @@ pub struct System {
 struct SysTick {
     csr: u32,
     reload: u32,
-    /// When it comes to zero next.
+    /// Time at which the counter next reaches zero.
     zero: Tick,
     clock: Tick,
 }
@@ -77,7 +79,7 @@ impl Default for System {
     fn default() -> Self {
         Self {
             pending: 0,
-            // The core's own cannot be switched off here; the faults are not modelled.
+            // The core's own exceptions are always enabled; fault exceptions are not modelled.
             enabled: 1 << NMI | 1 << SVCALL | 1 << PENDSV | 1 << SYSTICK,
             active: 0,
             lines: 0,
@@ -95,17 +97,17 @@ impl Default for System {
 }
 
 impl System {
-    /// Where the vector table is.
+    /// Address of the vector table.
     pub fn vectors(&self) -> u32 {
         self.vtor
     }
 
-    /// Somebody asked for a reset; once.
+    /// Takes a pending reset request.
     pub fn take_reset(&mut self) -> bool {
         std::mem::take(&mut self.reset_requested)
     }
 
-    /// Sets the line of an interrupt.
+    /// Sets the line of an interrupt of the chip.
     pub fn set_line(&mut self, interrupt: usize, high: bool) {
         let bit = 1 << (FIRST + interrupt);
         if high && self.lines & bit == 0 {
@@ -119,7 +121,7 @@ impl System {
         self.pending |= 1 << exception;
     }
 
-    /// Something is pending and enabled, whatever masks it.
+    /// Whether an enabled exception is pending, masked or not.
     pub fn is_waiting(&self) -> bool {
         self.pending & self.enabled != 0
     }
@@ -140,7 +142,7 @@ impl System {
         })
     }
 
-    /// The exception that is to be taken now.
+    /// Exception to take now.
     pub fn deliverable(&self, masks: Masks) -> Option<usize> {
         let waiting = self.pending & self.enabled;
         let first = Self::set_bits(waiting)
@@ -158,13 +160,13 @@ impl System {
         (self.priority(first) < running).then_some(first)
     }
 
-    /// An exception's handler begins.
+    /// Records that the handler of an exception begins.
     pub fn enter(&mut self, exception: usize) {
         self.pending &= !(1 << exception);
         self.active |= 1 << exception;
     }
 
-    /// It returns.
+    /// Records that the handler of an exception returns.
     pub fn leave(&mut self, exception: usize) {
         self.active &= !(1 << exception);
         if self.lines >> exception & 1 == 1 {
@@ -172,12 +174,12 @@ impl System {
         }
     }
 
-    /// When SysTick comes to zero.
+    /// Time at which SysTick reaches zero.
     pub fn next(&self) -> Option<Tick> {
         (self.systick.csr & 1 == 1).then_some(self.systick.zero)
     }
 
-    /// It does.
+    /// Lets SysTick reach zero.
     pub fn advance(&mut self, now: Tick) {
         self.systick.zero = now + self.systick.period();
         self.systick.csr |= 1 << 16;
@@ -186,7 +188,7 @@ impl System {
         }
     }
 
-    /// What stands at an address from 0xE000_0000 on; `cycles` is how many the core has run.
+    /// Reads at `offset` from 0xE000_0000; `cycles` are the cycles that the core has run.
     pub fn read(&mut self, offset: u32, size: u32, now: Tick, cycles: u32) -> Outcome<u32> {
         let wide = offset & !3;
         let word = self.read_word(wide, now, cycles)?;
@@ -231,7 +233,7 @@ impl System {
             // STKALIGN
             0xed14 => 0x200,
             0xed18..=0xed20 => self.priorities(4 + (offset - 0xed18) as usize),
-            // No fault has been; SHCSR: none of them is switched on.
+            // SHCSR and fault status: no fault is enabled and none has occurred.
             0xed24..=0xed30 => 0,
             CPACR => self.cpacr,
             // DHCSR: no debugger.
@@ -248,7 +250,7 @@ impl System {
         bytes.map_or(0, |bytes| u32::from_le_bytes(*bytes))
     }
 
-    /// Writes there. `clock` is the core's period.
+    /// Writes at `offset` from 0xE000_0000; `clock` is the period of the core's clock.
     pub fn write(
         &mut self,
         offset: u32,
@@ -258,7 +260,7 @@ impl System {
         clock: Tick,
     ) -> Outcome {
         if size != 4 {
-            // Priorities are written by the byte.
+            // Only priorities can be written by the byte.
             let wide = offset & !3;
             if !matches!(wide, 0xe400..=0xe46c | 0xed18..=0xed20) {
                 return Err("written in part".into());
@@ -286,7 +288,7 @@ impl System {
             0xe100..=0xe10c => self.enabled |= bits(0xe100),
             0xe180..=0xe18c => self.enabled &= !bits(0xe180),
             0xe200..=0xe20c => self.pending |= bits(0xe200),
-            // A line that is still high makes it pending again at once.
+            // An active line makes its interrupt pending again at once.
             0xe280..=0xe28c => self.pending &= !bits(0xe280) | self.lines,
             0xe400..=0xe46c => self.set_priorities(FIRST + (offset - 0xe400) as usize, value),
             ICSR => {
@@ -323,7 +325,7 @@ impl System {
     }
 }
 
-/// The name of a register of the core's, for people.
+/// Readable name of a core register.
 pub fn name(address: u32) -> String {
     let name = match address & 0xf_ffff {
         0x1000..=0x1fff => "DWT",

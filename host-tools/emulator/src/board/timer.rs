@@ -1,30 +1,31 @@
-//! A timer that counts up (RM0440 §29, §30; RM0383 §12, §13): update and compare, DMA requests, trigger outputs.
+//! Up-counting timer (RM0440 §29, §30; RM0383 §12, §13) with update, compare, DMA requests and
+//! triggers.
 
 use super::time::Tick;
 use super::{Outcome, UNMODELLED};
 
-/// Compare channels; 5 and 6 have neither flag nor request here.
+/// Number of compare channels; 5 and 6 have neither flag nor request here.
 const CHANNELS: usize = 6;
 const FLAGGED: usize = 4;
-/// OCxM: the output does nothing.
+/// OCxM: output frozen.
 const FROZEN: u32 = 0;
-/// OCxM: inactive below the compare value, active from there on.
+/// OCxM: output inactive below the compare value, active from it on.
 const PWM2: u32 = 7;
 
-/// What a moment of the counter brings about.
+/// Effects of one count.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Edges {
-    /// CCx asks for a transfer.
+    /// DMA requests of CCx.
     pub compare_dma: [bool; FLAGGED],
-    /// TRGO rises.
+    /// Whether TRGO rises.
     pub trgo: bool,
-    /// TRGO2 rises.
+    /// Whether TRGO2 rises.
     pub trgo2: bool,
-    /// The output of a channel rises, and reaches what is behind it.
+    /// Rising outputs of driven channels.
     pub outputs: [bool; FLAGGED],
 }
 
-/// A timer.
+/// Up-counting timer.
 pub struct Timer {
     cr1: u32,
     cr2: u32,
@@ -36,21 +37,21 @@ pub struct Timer {
     psc: u32,
     arr: u32,
     ccr: [u32; CHANNELS],
-    /// What is in force; the above may wait for the next update.
+    /// Effective values; written ones above may wait for the next update.
     active: Active,
-    /// When the counter stood, or would have stood, at zero; while it runs.
+    /// Time at which the running counter was zero, or would have been.
     origin: Tick,
-    /// The counter while it does not run.
+    /// Count while the timer is stopped.
     held: u32,
-    /// All before this has happened.
+    /// Time up to which everything has happened.
     cursor: Tick,
-    /// When it was first started.
+    /// Time of the first start.
     started: Option<Tick>,
-    /// The counter's clock, before the prescaler.
+    /// Period of the timer's clock before the prescaler.
     clock: Tick,
-    /// The highest count that it can have.
+    /// Highest possible count.
     top: u32,
-    /// How many compare channels it has.
+    /// Number of compare channels.
     channels: usize,
 }
 
@@ -62,12 +63,12 @@ struct Active {
 }
 
 impl Timer {
-    /// Of 16 or 32 bits, with so many compare channels.
+    /// Timer of 16 or 32 bits with `channels` compare channels.
     pub fn new(bits: u32, channels: usize) -> Self {
         Self::counting_to(u32::MAX >> (32 - bits), channels)
     }
 
-    /// One like it, as after a reset.
+    /// Timer of the same kind after a reset.
     pub fn fresh(&self) -> Self {
         Self::counting_to(self.top, self.channels)
     }
@@ -96,12 +97,12 @@ impl Timer {
         }
     }
 
-    /// It counts.
+    /// Whether the counter runs.
     pub fn is_running(&self) -> bool {
         self.cr1 & 1 == 1
     }
 
-    /// When it was first started.
+    /// Time of the first start.
     pub fn started(&self) -> Option<Tick> {
         self.started
     }
@@ -124,22 +125,22 @@ impl Timer {
         half >> 4 & 7 | half >> 13 & 8
     }
 
-    /// The reference signal of a channel's output, where it is a pulse-width's.
+    /// Reference signal of a PWM channel's output; false in other modes.
     pub fn output(&self, channel: usize, now: Tick) -> bool {
         self.mode(channel) == PWM2 && self.count(now) >= self.active.ccr[channel]
     }
 
-    /// The output of a channel reaches what is behind it: switched on, and not held by MOE.
+    /// Whether a channel's output is enabled, and MOE is set.
     pub fn is_driven(&self, channel: usize) -> bool {
         self.ccer >> (4 * channel) & 1 == 1 && self.bdtr >> 15 & 1 == 1
     }
 
-    /// It asks for an interrupt.
+    /// Whether the timer requests an interrupt.
     pub fn interrupt(&self) -> bool {
         self.sr & self.dier & 0x1f != 0
     }
 
-    /// The next moment at which something happens.
+    /// Time of the next compare match or update.
     pub fn next(&self) -> Option<Tick> {
         if !self.is_running() {
             return None;
@@ -150,7 +151,7 @@ impl Timer {
         Some(compare.map_or(update, |compare| compare.min(update)))
     }
 
-    /// What happens at [`Self::next`].
+    /// Runs the compare match or update at [`Self::next`].
     pub fn advance(&mut self, now: Tick) -> Edges {
         let mut edges = Edges::default();
         let count = self.count(now);
@@ -181,12 +182,12 @@ impl Timer {
         self.active = Active { psc: self.psc, arr: self.arr, ccr: self.ccr };
     }
 
-    /// Channels 5 and 6 have registers of their own.
+    /// Whether the timer has the register at `offset`; channels 5 and 6 add some.
     fn has(&self, offset: u32) -> bool {
         self.channels == CHANNELS || offset < 0x48
     }
 
-    /// The register at `offset`, at `now`.
+    /// Reads the register at `offset` at the time `now`.
     pub fn read(&self, offset: u32, now: Tick) -> Outcome<u32> {
         Ok(match offset {
             _ if !self.has(offset) => return Err(UNMODELLED.into()),
@@ -209,7 +210,7 @@ impl Timer {
         })
     }
 
-    /// Writes it; `clock` is the period of the timer's clock.
+    /// Writes the register at `offset`; `clock` is the period of the timer's clock.
     pub fn write(&mut self, offset: u32, value: u32, now: Tick, clock: Tick) -> Outcome {
         match offset {
             _ if !self.has(offset) => return Err(UNMODELLED.into()),
@@ -221,7 +222,8 @@ impl Timer {
             0x10 => self.sr &= value,
             0x14 if value != 1 => return Err(UNMODELLED.into()),
             0x14 => {
-                // Update generation: from zero, with all that was waiting. URS: without the flag.
+                // Update generation: restarts at zero with all written values; with URS without the
+                // flag.
                 let flag = self.sr & 1;
                 self.update();
                 if self.cr1 & 1 << 2 != 0 {
@@ -261,13 +263,13 @@ impl Timer {
         // OCxPE
         if self.ccmr[channel / 2] >> (8 * (channel % 2) + 3) & 1 == 0 {
             self.active.ccr[channel] = self.ccr[channel];
-            // What has passed in this turn does not come back.
+            // Matches earlier in this turn do not repeat.
             self.cursor = self.cursor.max(now);
         }
     }
 
     fn control(&mut self, value: u32, now: Tick, clock: Tick) -> Outcome {
-        // CEN, URS and ARPE; not one-pulse, downwards or centre-aligned.
+        // Only CEN, URS and ARPE: no one-pulse, downward or centre-aligned mode.
         if value & !0b1000_0101 != 0 {
             return Err(UNMODELLED.into());
         }

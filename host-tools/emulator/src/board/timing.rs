@@ -1,5 +1,4 @@
-//! What happens on the pins, for other programs: a table for a spreadsheet, and a value change dump (IEEE
-//! 1364) for a viewer of waveforms.
+//! Events on the pins as CSV, and as a value change dump (IEEE 1364) for waveform viewers.
 
 use std::fmt::Write as _;
 use std::io;
@@ -9,7 +8,7 @@ use vcd::{IdCode, SimulationCommand, TimescaleUnit, Value, VarType, Writer};
 use super::finger::{Moment, Source, Wiring};
 use super::time::{HZ, Tick};
 
-/// A line a moment: nanoseconds since the first of them, what happened, rows or input.
+/// Events as CSV, one a line: nanoseconds since the first, event, rows, sensor, input.
 pub fn csv(timing: &[(Tick, Moment)]) -> String {
     let begin = timing.first().map_or(0, |(at, _)| *at);
     let mut text = "t_ns,event,rows,sensor,input\n".to_owned();
@@ -24,7 +23,7 @@ pub fn csv(timing: &[(Tick, Moment)]) -> String {
                 format!("turn,,{},OPAMP{}", ["first", "second"][input % 2], which + 2)
             }
         };
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = writeln!(text, "{ns:.1},{line}");
     }
     text
@@ -39,16 +38,18 @@ fn input(source: Source) -> String {
     }
 }
 
-/// Picoseconds, of which a tick is 122.5.
+/// Time in picoseconds; a tick is 122.5 ps.
 fn picoseconds(at: Tick) -> u64 {
     (u128::from(at) * 1_000_000_000_000 / u128::from(HZ)) as u64
 }
 
-/// The same as signals: the rows' pins, the multiplexer's address, the inputs that the amplifiers are on, and
-/// events of the converters.
+/// Events as a value change dump.
+///
+/// Signals are the rows' pins, the multiplexer's address, the amplifiers' inputs, and events of the
+/// converters.
 ///
 /// # Errors
-/// Of writing.
+/// A failure to write.
 pub fn vcd(timing: &[(Tick, Moment)], wiring: &Wiring, to: impl io::Write) -> io::Result<()> {
     let mut file = Writer::new(to);
     file.timescale(1, TimescaleUnit::PS)?;
@@ -94,7 +95,7 @@ pub fn vcd(timing: &[(Tick, Moment)], wiring: &Wiring, to: impl io::Write) -> io
     Ok(())
 }
 
-/// The converter that samples it: the amplifiers and their bias are ADC2's.
+/// Converter that samples `source`: amplifiers and their bias are on ADC2.
 fn converter(source: Source, wiring: &Wiring) -> usize {
     let bias = matches!(source, Source::Pin(pin) if wiring.bias == Some(pin));
     usize::from(bias || matches!(source, Source::Amplifier(_)))

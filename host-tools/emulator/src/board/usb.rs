@@ -1,40 +1,40 @@
-//! A USB device as the bus sees it: transactions come in, handshakes go out.
+//! USB device as the bus sees it: transactions come in, handshakes go out.
 
 use super::Outcome;
 
-/// What a device answers to a transaction.
+/// Answer of a device to a transaction.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// Taken.
+    /// Data accepted.
     Ack,
-    /// Data with DATA1, or DATA0.
+    /// Data with DATA1 (true) or DATA0.
     Data(bool, Vec<u8>),
-    /// Not now.
+    /// Not ready.
     Nak,
-    /// Not at all.
+    /// Endpoint halted, or request refused.
     Stall,
-    /// Nothing: it is not addressed, or has no such endpoint.
+    /// No answer: the device is not addressed or lacks the endpoint.
     Silence,
 }
 
-/// A device.
+/// USB device.
 pub trait Device {
-    /// It shows itself to the host.
+    /// Whether the device shows itself to the host.
     fn is_attached(&self) -> bool;
-    /// The host resets the bus.
+    /// Begins a reset of the bus.
     fn bus_reset(&mut self);
-    /// It has been reset for long enough.
+    /// Ends a reset of the bus.
     fn bus_reset_over(&mut self) {}
-    /// The bus has been idle for 3 ms, or is so no longer.
+    /// Records that the bus has been idle for 3 ms, or is active again.
     fn suspend(&mut self, suspended: bool);
-    /// An IN of this endpoint would not meet a NAK.
+    /// Whether an IN to this endpoint would not meet a NAK.
     fn ready_to_send(&self, address: u8, number: u8) -> bool;
-    /// An OUT of this endpoint would not.
+    /// Whether an OUT to this endpoint would not meet a NAK.
     fn ready_to_receive(&self, address: u8, number: u8) -> bool;
-    /// SETUP.
+    /// Receives a SETUP packet.
     fn setup(&mut self, address: u8, data: [u8; 8]) -> Outcome<Answer>;
-    /// OUT with DATA1 or DATA0.
+    /// Receives an OUT packet with DATA1 (true) or DATA0.
     fn out(&mut self, address: u8, number: u8, data1: bool, data: &[u8]) -> Outcome<Answer>;
-    /// IN, acknowledged by the host.
+    /// Answers an IN packet, which the host acknowledges.
     fn take(&mut self, address: u8, number: u8) -> Outcome<Answer>;
 }

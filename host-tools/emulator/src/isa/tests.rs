@@ -9,8 +9,8 @@ fn decode(halves: &[u16]) -> Option<Instruction> {
     Instruction::decode(&code)
 }
 
-/// `llvm-mc --triple=thumbv7em-none-eabihf --show-encoding` gave the encodings; class and flow are the
-/// manual's.
+/// `llvm-mc --triple=thumbv7em-none-eabihf --show-encoding` gave the encodings; class and flow are
+/// the manual's.
 const ASSEMBLED: &[(&str, &[u16], Class, Flow)] = &[
     ("movs r0, #5", &[0x2005], Simple, Next),
     ("lsls r1, r2, #3", &[0x00d1], Simple, Next),
@@ -176,7 +176,7 @@ fn it_says_how_many_follow_it() {
     // it eq; ittee ne
     assert_eq!(decode(&[0xbf08]).unwrap().it_length, 1);
     assert_eq!(decode(&[0xbf19]).unwrap().it_length, 4);
-    // nop is encoded beside it.
+    // nop's encoding is next to it.
     assert_eq!(decode(&[0xbf00]).unwrap().it_length, 0);
 }
 

@@ -1,4 +1,4 @@
-//! Small programs whose cost can be told by hand.
+//! Small programs with a cost computed by hand.
 
 use std::cell::Cell;
 use std::rc::Rc;

@@ -1,14 +1,14 @@
-//! Entering and leaving exceptions (ARMv7-M Architecture Reference Manual, B1.5).
+//! Entry and return of exceptions (ARMv7-M Architecture Reference Manual, B1.5).
 
 use anyhow::{Context, Result};
 use unicorn_engine::RegisterARM;
 
 use super::Board;
 
-/// Cycles of entering and of leaving an exception (Cortex-M4 TRM, 3.9).
+/// Cycles of an exception's entry and return (Cortex-M4 TRM, 3.9).
 const ENTRY: u64 = 12;
 const EXIT: u64 = 12;
-/// Bit 9 of a stacked xPSR: a word was left out for alignment.
+/// Bit 9 of a stacked xPSR: the frame was aligned by skipping a word.
 const REALIGNED: u32 = 1 << 9;
 
 const FRAME: [RegisterARM; 6] = [
@@ -39,8 +39,9 @@ const FLOATS: [RegisterARM; 16] = [
 ];
 
 impl Board {
-    /// Saves what a handler may change, and goes to it. Floating-point registers are saved at once and
-    /// charged as if they were saved lazily.
+    /// Stacks the registers and jumps to the handler of `exception`.
+    ///
+    /// Floating-point registers are saved at once, with the cost of lazy stacking.
     pub(super) fn enter(&mut self, exception: usize) -> Result<()> {
         let float = self.unicorn.get_data().float;
         let (stack, xpsr) = (self.get(RegisterARM::SP)?, self.get(RegisterARM::XPSR)?);
@@ -76,7 +77,7 @@ impl Board {
         Ok(())
     }
 
-    /// Goes back to what was interrupted.
+    /// Unstacks the registers and returns to the interrupted code.
     pub(super) fn leave(&mut self) -> Result<()> {
         let (exception, back) = self.handlers.pop().context("a return from no exception")?;
         let frame = self.get(RegisterARM::SP)?;

@@ -1,4 +1,4 @@
-//! What the core finds at an address: the image, the memories, and the chip behind all else.
+//! Memory map of the core: the image, RAM, ROM, and the chip's registers.
 
 use anyhow::{Context, Result, ensure};
 use object::LittleEndian;
@@ -11,17 +11,18 @@ use crate::board::Outcome;
 use crate::board::chip::{Map, Memory, PRIVATE};
 use crate::board::system::NMI;
 
-/// The ROM of both chips, of which only the vector table's promise is modelled: who goes to it has ended.
+/// ROM of both chips: first address and size. Only its vectors are modelled; jumping there ends a
+/// run.
 const ROM: (u32, u32) = (0x1fff_0000, 0x7000);
-/// Where it begins.
+/// Entry address of the ROM's bootloader.
 pub const ROM_ENTRY: u32 = ROM.0 + 0x100;
 const PERIPHERALS: (u32, u32) = (0x4000_0000, 0x1100_0000);
 const PRIVATE_BYTES: u32 = 0x10_0000;
 
-/// Parts of an image, and where they are stored.
+/// Parts of an image with their load addresses.
 type Segments<'a> = Vec<(u32, &'a [u8])>;
 
-/// The loadable parts of an image, by the address that they are stored at.
+/// Loadable parts of an image, with the addresses that they are stored at.
 pub fn segments(elf: &[u8]) -> Result<Segments<'_>> {
     let header = FileHeader32::<LittleEndian>::parse(elf).context("not a 32-bit ELF file")?;
     let endian = header.endian().context("not a little-endian ELF file")?;
@@ -37,7 +38,7 @@ pub fn segments(elf: &[u8]) -> Result<Segments<'_>> {
     Ok(segments)
 }
 
-/// Maps a chip's memories and flashes the image. The stack and the entry that it begins with.
+/// Maps a chip's memories and loads the image; returns its initial stack pointer and entry.
 pub fn map(
     unicorn: &mut Unicorn<'_, Inside>,
     map: &Map,
@@ -45,7 +46,7 @@ pub fn map(
 ) -> Result<[u32; 2]> {
     let (flash, data) = (map.flash, map.data);
     let behind = data.0 + data.1;
-    // What is around the data is the program's.
+    // Flash on both sides of the data part belongs to the program.
     let code = [(flash.0, data.0 - flash.0), (behind, flash.0 + flash.1 - behind)];
     let read_only = Prot::READ | Prot::EXEC;
     let memories = code
@@ -74,7 +75,7 @@ pub fn map(
         );
         put(*address, bytes)?;
     }
-    // The ROM's stack, its entry, and there a branch to itself.
+    // The ROM's vectors, stack and entry; the entry is a branch to itself.
     let rom = [map.ram[0].0 + 0x1000, ROM_ENTRY | 1].map(u32::to_le_bytes).concat();
     put(ROM.0, &rom)?;
     put(ROM_ENTRY, &[0xfe, 0xe7])?;
@@ -98,7 +99,7 @@ pub fn map(
     Ok([[a, b, c, d], entry].map(u32::from_le_bytes))
 }
 
-/// unicorn's memory, for the DMA.
+/// unicorn's memory as the DMA accesses it.
 pub struct Ram<'a, 'b>(pub &'a mut Unicorn<'b, Inside>);
 
 impl Memory for Ram<'_, '_> {

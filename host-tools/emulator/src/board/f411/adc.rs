@@ -1,7 +1,8 @@
-//! The ADC (RM0383 §11): a regular sequence and an injected one, each started by a timer; the injected one may take
-//! one conversion a trigger (JDISCEN). Its clock is PCLK2/4, in step with the timers.
+//! ADC of the STM32F411 (RM0383 §11).
 //!
-//! A sample is the voltage at the end of its sampling time. Noise and the sampling capacitor's own settling are not
+//! Timers start its regular and its injected sequence. The injected one may take one conversion per
+//! trigger (JDISCEN). The ADC's clock is PCLK2/4, synchronous with the timers. A sample is the
+//! voltage at the end of its sampling time. Noise and settling of the sampling capacitor are not
 //! modelled.
 
 use crate::board::time::{Tick, micros};
@@ -27,42 +28,42 @@ const STRT: u32 = 1 << 4;
 const OVR: u32 = 1 << 5;
 const FLAGS: u32 = 0x3f;
 
-/// SCAN, JDISCEN, and the enables of EOC, JEOC and OVR: the rest is not modelled.
+/// Modelled bits of CR1: SCAN, JDISCEN, and the enables of EOC, JEOC and OVR.
 const CR1_MODELLED: u32 = 1 << 26 | 1 << 12 | 1 << 8 | 1 << 7 | 1 << 5;
-/// ADON, DMA, DDS, and what the groups are started by.
+/// Modelled bits of CR2: ADON, DMA, DDS, and the triggers of both groups.
 const CR2_MODELLED: u32 = 0x3f << 24 | 0x3f << 16 | 1 << 9 | 1 << 8 | 1;
 
-/// EXTSEL and JEXTSEL of the triggers that are modelled (§11.12.3).
+/// Modelled triggers with their EXTSEL and JEXTSEL (§11.12.3).
 const REGULAR: [(&str, u32); 3] = [("TIM1_CC1", 0), ("TIM1_CC2", 1), ("TIM1_CC3", 2)];
 const INJECTED: [(&str, u32); 2] = [("TIM1_CC4", 0), ("TIM1_TRGO", 1)];
 
-/// Of DS10314 table 66: from ADON to a stable ADC, and from the trigger to the sampling.
+/// Time from ADON to a stable ADC, and cycles from the trigger to sampling (DS10314 table 66).
 const STABILISATION: Tick = micros(3);
 const LATENCY_CYCLES: u64 = 3;
-/// The sampling times by their code, and the conversion of 12 bits.
+/// Cycles of sampling by its code, and of a 12-bit conversion.
 const SAMPLING_CYCLES: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 const CONVERSION_CYCLES: u64 = 12;
 
-/// The groups.
+/// Group of a conversion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Group {
     Regular,
     Injected,
 }
 
-/// A conversion.
+/// Conversion in progress.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     group: Group,
-    /// Which of its group's.
+    /// Index in the group's sequence.
     index: usize,
-    /// The sample, once it is taken.
+    /// Sampled code; `None` while sampling.
     sample: Option<u32>,
-    /// Until when it samples, or converts.
+    /// End of sampling, or of converting.
     until: Tick,
 }
 
-/// The ADC.
+/// ADC with its registers and conversion.
 #[derive(Default)]
 pub struct Adc {
     sr: u32,
@@ -74,26 +75,27 @@ pub struct Adc {
     dr: u32,
     jdr: [u32; 4],
     run: Option<Run>,
-    /// The injected conversion that the next trigger starts.
+    /// Index of the injected conversion that the next trigger starts.
     turn: usize,
     stable: Tick,
-    /// Of the ADC's clock.
+    /// Period of the ADC's clock.
     cycle: Tick,
 }
 
 impl Adc {
-    /// Conversions of a group.
+    /// Number of conversions in a group.
     fn length(&self, group: Group) -> usize {
         let last = match group {
             Group::Regular if self.cr1 >> 8 & 1 == 1 => self.sqr[0] >> 20 & 0xf,
-            // Without SCAN only the first is converted.
+            // Without SCAN only the first input is converted.
             Group::Regular => 0,
             Group::Injected => self.jsqr >> 20 & 3,
         };
         last as usize + 1
     }
 
-    /// The input that a group converts there. A short injected group is the end of its register (§11.12.12).
+    /// Input at `index` of a group; a short injected group uses the end of its register
+    /// (§11.12.12).
     fn input(&self, group: Group, index: usize) -> u32 {
         match group {
             Group::Regular => self.sqr[2 - index / 6] >> (5 * (index % 6)) & 0x1f,
@@ -113,19 +115,19 @@ impl Adc {
         self.run = Some(Run { group, index, sample: None, until });
     }
 
-    /// It asks for an interrupt: EOCIE, JEOCIE, OVRIE.
+    /// Whether an interrupt is requested: EOCIE, JEOCIE, OVRIE.
     pub fn interrupt(&self) -> bool {
         [(5, EOC), (7, JEOC), (26, OVR)]
             .iter()
             .any(|(enable, flag)| self.cr1 >> enable & 1 == 1 && self.sr & flag != 0)
     }
 
-    /// The next moment at which something happens.
+    /// Time of the next end of sampling or converting.
     pub fn next(&self) -> Option<Tick> {
         self.run.map(|run| run.until)
     }
 
-    /// A trigger of this name has risen. True where it starts something.
+    /// Handles the rising edge of a trigger; true if it starts a conversion.
     pub fn trigger(&mut self, source: &str, now: Tick) -> Outcome<bool> {
         let by = |list: &[(&str, u32)], code: u32| list.contains(&(source, code));
         let (cr2, on) = (self.cr2, self.cr2 & 1 == 1);
@@ -138,7 +140,7 @@ impl Adc {
             if edge != 1 {
                 return Err("a trigger by falling edges".into());
             }
-            // An overrun stands: nothing is started until it is cleared (§11.8.1).
+            // An overrun blocks new conversions until it is cleared (§11.8.1).
             if group == Group::Regular && self.sr & OVR != 0 {
                 continue;
             }
@@ -159,14 +161,15 @@ impl Adc {
         Ok(false)
     }
 
-    /// The input whose sample is taken at `now`, if one is.
+    /// Input that is sampled at `now`, if any.
     pub fn sampled(&self, now: Tick) -> Option<u32> {
         let run = self.run.filter(|run| run.until == now && run.sample.is_none())?;
         Some(self.input(run.group, run.index))
     }
 
-    /// What happens at [`Self::next`]; `sample` is asked for the code of [`Self::sampled`]. True asks for a
-    /// transfer.
+    /// Runs the event at [`Self::next`]; true requests a DMA transfer.
+    ///
+    /// `sample` returns the code of the input in [`Self::sampled`].
     pub fn advance(&mut self, now: Tick, sample: impl FnOnce() -> Outcome<u32>) -> Outcome<bool> {
         let Some(Run { group, index, sample: taken, .. }) = self.run else { return Ok(false) };
         let Some(code) = taken else {
@@ -188,7 +191,7 @@ impl Adc {
                 }
                 Ok(false)
             }
-            // Nobody has read the one before. Nobody is asked to any more, and the sequence ends.
+            // Overrun: the last result was not read. No more are delivered, and the sequence ends.
             Group::Regular if self.sr & EOC != 0 => {
                 self.sr |= OVR;
                 Ok(false)
@@ -204,7 +207,7 @@ impl Adc {
         }
     }
 
-    /// The register at `offset`.
+    /// Reads the register at `offset`.
     pub fn read(&mut self, offset: u32) -> Outcome<u32> {
         Ok(match offset {
             SR => self.sr,
@@ -222,16 +225,16 @@ impl Adc {
         })
     }
 
-    /// Writes it. `cycle` is the period of the ADC's clock.
+    /// Writes the register at `offset`; `cycle` is the period of the ADC's clock.
     pub fn write(&mut self, offset: u32, value: u32, now: Tick, cycle: Tick) -> Outcome {
         match offset {
             SR if value & !FLAGS != 0 => return Err(UNMODELLED.into()),
-            // Zeros clear.
+            // Flags are cleared by writing zero.
             SR => self.sr &= value,
             CR1 if value & !CR1_MODELLED != 0 => return Err(UNMODELLED.into()),
             CR1 => self.cr1 = value,
             CR2 if value & !CR2_MODELLED != 0 => return Err(UNMODELLED.into()),
-            // EOC at the end of the sequence alone is what there is without DMA.
+            // Without DMA only EOC at the end of the sequence would exist.
             CR2 if value & 1 == 1 && value >> 8 & 3 != 3 => {
                 return Err("on without DMA and DDS, which is not modelled".into());
             }

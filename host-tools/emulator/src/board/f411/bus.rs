@@ -1,4 +1,4 @@
-//! The bus: whose register an address is, and what reading and writing it does.
+//! Bus of the STM32F411: passes register accesses to the peripherals.
 
 use super::registers::{Peripheral, peripheral};
 use super::{Adc, Dma, F411, Kept, Otg, PORTS};
@@ -7,10 +7,11 @@ use crate::board::gpio::Gpio;
 use crate::board::time::Tick;
 use crate::board::{Outcome, UNMODELLED};
 
-/// RCC's reset registers, AHB1RSTR to APB2RSTR, are that far before those that switch clocks on.
+/// RCC's reset registers, AHB1RSTR to APB2RSTR, and their distance to the clock enables behind
+/// them.
 const RESETS: std::ops::RangeInclusive<u32> = 0x10..=0x24;
 const RESET: u32 = 0x20;
-/// The ports are that far apart.
+/// Distance between two ports.
 const PORT: u32 = 0x400;
 
 fn port(base: u32) -> usize {
@@ -18,7 +19,7 @@ fn port(base: u32) -> usize {
 }
 
 impl F411 {
-    /// The peripheral at an address, if its clock is on, and how far behind its beginning that is.
+    /// Peripheral at an address and the offset in it; an error if its clock is off.
     fn awake(&self, address: u32) -> Outcome<Option<(&'static Peripheral, u32)>> {
         let Some(found) = peripheral(address) else { return Ok(None) };
         match found.clock {
@@ -29,7 +30,7 @@ impl F411 {
         }
     }
 
-    /// RCC's reset registers: what they name is as after power-up.
+    /// Resets the peripherals named by a write to RCC's reset register at `offset`.
     fn reset_units(&mut self, offset: u32, value: u32) {
         let is_named = |its: &&Peripheral| {
             its.clock.is_some_and(|(at, bit)| at - RESET == offset && value >> bit & 1 == 1)
@@ -97,7 +98,7 @@ impl F411 {
             }
             return Err(UNMODELLED.into());
         };
-        // PSC and its kin are half words.
+        // Timers also accept half words, as for PSC.
         let halves = unit.name.starts_with("TIM") && size == 2 && offset & 3 == 0;
         if size != 4 && !halves {
             return Err("written in part".into());
@@ -129,7 +130,7 @@ impl F411 {
             }
             "ADC_common" => self.kept.adc_common.write(offset, value),
             "OTG_FS" => self.otg.write(offset, value, self.rcc.usb_clock()),
-            // VOS, and DBP, which lets the RTC's domain be written.
+            // VOS and DBP, which unlocks the RTC's domain.
             "PWR" if value & !0xc100 != 0 || offset != 0 => Err(UNMODELLED.into()),
             "PWR" if self.rcc.pll_runs() && (value ^ self.kept.pwr.read(0)?) & 0xc000 != 0 => {
                 Err("VOS is changed while the PLL runs (RM0383 §5.4.1)".into())

@@ -1,22 +1,24 @@
-//! DMA2's eight streams in direct mode (RM0383 §9). A transfer is done the moment it is asked for: other masters on
-//! the bus are not modelled, nor are the FIFO, memory to memory, bursts and double buffers.
+//! DMA2's eight streams in direct mode (RM0383 §9).
+//!
+//! A transfer completes at its request, because other bus masters are not modelled. FIFO, memory to
+//! memory, bursts and double buffers are not modelled either.
 
 use crate::board::chip::Transfer;
 use crate::board::{Outcome, UNMODELLED};
 
-/// Streams.
+/// Number of streams.
 pub const STREAMS: usize = 8;
-/// From one stream's registers to the next one's, and where the first are.
+/// Distance between two streams' registers, and offset of the first ones.
 const STRIDE: u32 = 0x18;
 const FIRST: u32 = 0x10;
 
-/// Flags of a stream: complete, half. TCIE and HTIE are a place lower in its CR.
+/// Flags of a stream: complete, half. TCIE and HTIE are one bit lower in its CR.
 const COMPLETE: u32 = 1 << 5;
 const HALF: u32 = 1 << 4;
-/// In which bit of their register the flags of a stream begin.
+/// First bit of each stream's flags in their register.
 const FLAGS: [u32; 4] = [0, 6, 16, 22];
 
-/// Of CR: TCIE, HTIE, DIR, CIRC, MINC, PSIZE, MSIZE, PL, CHSEL, EN; the rest is not modelled.
+/// Modelled bits of CR: TCIE, HTIE, DIR, CIRC, MINC, PSIZE, MSIZE, PL, CHSEL, EN.
 const MODELLED: u32 = 0x0e03_7dd9;
 
 #[derive(Clone, Copy, Default)]
@@ -26,26 +28,26 @@ struct Stream {
     par: u32,
     m0ar: u32,
     fcr: u32,
-    /// Transfers of a whole turn, and how many of them are done.
+    /// Number of transfers in a turn; `done` of them are complete.
     turn: u32,
     done: u32,
     flags: u32,
 }
 
-/// DMA2.
+/// DMA2 with its streams.
 #[derive(Default)]
 pub struct Dma {
     streams: [Stream; STREAMS],
 }
 
 impl Dma {
-    /// A stream asks for its interrupt.
+    /// Whether a stream requests its interrupt.
     pub fn interrupt(&self, stream: usize) -> bool {
         let Stream { cr, flags, .. } = self.streams[stream];
         flags & cr << 1 & (COMPLETE | HALF) != 0
     }
 
-    /// The next transfer of a stream, where it is on and serves this channel, and has not done all it was to do.
+    /// Next transfer of a stream; `None` if it is off, serves another channel, or has none left.
     pub fn take(&mut self, stream: usize, channel: u32) -> Option<Transfer> {
         let stream = &mut self.streams[stream];
         let cr = stream.cr;
@@ -67,7 +69,7 @@ impl Dma {
         }
         if stream.ndtr == 0 {
             stream.flags |= COMPLETE;
-            // CIRC; else it switches itself off.
+            // CIRC restarts the stream; otherwise it disables itself.
             if cr >> 8 & 1 == 1 {
                 (stream.ndtr, stream.done) = (stream.turn, 0);
             } else {
@@ -81,7 +83,7 @@ impl Dma {
         FLAGS.iter().zip(&self.streams[first..]).map(|(at, stream)| stream.flags << at).sum()
     }
 
-    /// The register at `offset`.
+    /// Reads the register at `offset`.
     pub fn read(&self, offset: u32) -> Outcome<u32> {
         if offset < FIRST {
             return match offset {
@@ -103,7 +105,7 @@ impl Dma {
         })
     }
 
-    /// Writes it.
+    /// Writes the register at `offset`.
     pub fn write(&mut self, offset: u32, value: u32) -> Outcome {
         if let 0x08 | 0x0c = offset {
             let first = if offset == 0x08 { 0 } else { 4 };
@@ -118,7 +120,7 @@ impl Dma {
         match register {
             0x00 if value & !MODELLED != 0 => return Err(UNMODELLED.into()),
             0x00 => {
-                // DIR: memory to memory; sizes that differ.
+                // Not modelled: memory to memory, and different sizes.
                 if value & 1 == 1 && (value >> 6 & 3 > 1 || value >> 11 & 3 != value >> 13 & 3) {
                     return Err(UNMODELLED.into());
                 }
@@ -148,7 +150,7 @@ impl Dma {
     }
 }
 
-/// Stream and register of an offset.
+/// Stream and register at an offset.
 fn place(offset: u32) -> Option<(usize, u32)> {
     let at = offset.checked_sub(FIRST)?;
     let stream = (at / STRIDE) as usize;

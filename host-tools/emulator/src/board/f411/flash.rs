@@ -1,18 +1,19 @@
-//! The flash (RM0383 §3): wait states, erasing a sector, programming a word, what a power cut leaves.
+//! Flash of the STM32F411 (RM0383 §3): wait states, sector erase, word programming, power cuts.
 //!
-//! Only the sectors that `memory.x` keeps from the program can be erased and programmed: a firmware that changes its
-//! own code is not modelled. While the flash is busy the core stands still, since it fetches from there. There is no
-//! error correction: what a cut leaves reads as it is, half of it done.
+//! Only the sectors that `memory.x` keeps from the program can be erased and programmed. Firmware
+//! that changes its own code is not modelled. The core stalls while the flash is busy, because it
+//! fetches from there. There is no error correction: cells that a power cut left half done are read
+//! as they are.
 
 use crate::board::cells::{Cells, Flash as Changed, FlashContents, LOCK, Lock};
 use crate::board::time::{Tick, micros};
 use crate::board::{Outcome, UNMODELLED};
 
-/// Where the flash is, and how many bytes.
+/// Whole flash: first address and number of bytes.
 pub const ALL: (u32, u32) = (0x0800_0000, 0x8_0000);
-/// What survives power-off: sectors 1 to 4.
+/// Data part, which survives power-off: sectors 1 to 4.
 pub const DATA: (u32, u32) = (0x0800_4000, 0x1_c000);
-/// Those sectors, and how long erasing them takes by 8, 16 and 32 bits at once (DS10314 table 47, typical).
+/// Sectors of the data part, with the erase times by 8, 16 and 32 bits (DS10314 table 47, typical).
 const SECTORS: [(u32, u32, [Tick; 3]); 4] = [
     (0x0800_4000, 0x4000, SMALL),
     (0x0800_8000, 0x4000, SMALL),
@@ -20,7 +21,7 @@ const SECTORS: [(u32, u32, [Tick; 3]); 4] = [
     (0x0801_0000, 0x1_0000, [micros(1_200_000), micros(700_000), micros(550_000)]),
 ];
 const SMALL: [Tick; 3] = [micros(400_000), micros(300_000), micros(250_000)];
-/// How long programming a word takes.
+/// Time to program a word.
 const PROGRAM: Tick = micros(16);
 
 const ACR: u32 = 0x00;
@@ -32,13 +33,13 @@ const OPTCR: u32 = 0x14;
 const STRT: u32 = 1 << 16;
 const PG: u32 = 1;
 const SER: u32 = 1 << 1;
-/// PSIZE: 32 bits at once.
+/// PSIZE for 32 bits at once.
 const WORDS: usize = 2;
 
-/// Bits that an operation that is cut has done, where all would have been.
+/// Bits of a byte that an interrupted operation has changed.
 const HALF_DONE: u8 = 0b0101_0110;
 
-/// The flash's controller, and what it controls.
+/// Flash controller with the contents of the data part.
 pub struct Flash {
     contents: FlashContents,
     acr: u32,
@@ -48,7 +49,7 @@ pub struct Flash {
 }
 
 impl Default for Flash {
-    /// Erased.
+    /// Erased flash.
     fn default() -> Self {
         Self {
             contents: FlashContents::erased(DATA),
@@ -61,31 +62,31 @@ impl Default for Flash {
 }
 
 impl Flash {
-    /// The controller is reset; what was programmed stays.
+    /// Resets the controller; contents stay.
     pub fn reset(&mut self) {
         let contents = std::mem::replace(&mut self.contents, FlashContents::erased((0, 0)));
         *self = Self { contents, ..Self::default() };
     }
 
-    /// Wait states.
+    /// Number of wait states.
     pub fn latency(&self) -> u32 {
         self.acr & 0xf
     }
 
-    /// The register at `offset`.
+    /// Reads the register at `offset`.
     pub fn read(&self, offset: u32) -> Outcome<u32> {
         Ok(match offset {
             ACR => self.acr,
-            // An operation is over before the core can ask.
+            // BSY is never seen, because the core stalls during an operation.
             SR => self.sr,
             CR => self.cr,
-            // The factory's; brown-out and write protection are the firmware's business nowhere.
+            // Factory value; the firmware does not use brown-out and write protection.
             OPTCR => 0x0fff_aaed,
             _ => return Err(UNMODELLED.into()),
         })
     }
 
-    /// Writes it. How long the core stands still.
+    /// Writes the register at `offset`; returns the time for which the core stalls.
     pub fn write(&mut self, offset: u32, value: u32) -> Outcome<Tick> {
         match offset {
             // LATENCY, PRFTEN, ICEN, DCEN, ICRST, DCRST
@@ -117,7 +118,7 @@ impl Flash {
         self.erase(value >> 3 & 0xf)
     }
 
-    /// PSIZE.
+    /// PSIZE: the code of the number of bits at once.
     fn parallelism(&self) -> usize {
         (self.cr >> 8 & 3) as usize
     }
@@ -126,18 +127,18 @@ impl Flash {
         let sector = (number as usize).checked_sub(1).and_then(|i| SECTORS.get(i)).copied();
         let sector = sector.ok_or_else(|| format!("sector {number}, which holds the program"));
         let (address, bytes, times) = sector?;
-        // By 64 bits it takes a second voltage.
+        // x64 needs a second supply voltage.
         let time = times.get(self.parallelism()).ok_or("PSIZE = x64")?;
         let cells = self.contents.bytes(address, bytes)?;
         let before = cells.to_vec();
         cells.fill(0xff);
-        // Cut short, some of its bits are erased and some not.
+        // A power cut leaves some bits erased and some not.
         self.contents.finish(|cells| half_done(cells, address, &before));
         Ok(*time)
     }
 }
 
-/// Every other bit from `address` on is still, or again, as it was `before`.
+/// Restores some bits from `address` on to `before`, as an interrupted operation leaves them.
 fn half_done(cells: &mut Cells, address: u32, before: &[u8]) {
     let at = (address - DATA.0) as usize;
     for (cell, before) in cells.data.iter_mut().skip(at).zip(before) {
@@ -163,7 +164,7 @@ impl Changed for Flash {
         }
         let cells = self.contents.bytes(address, 4)?;
         let before = cells.to_vec();
-        // A bit can only be cleared.
+        // Programming can only clear bits.
         cells.iter_mut().zip(value.to_le_bytes()).for_each(|(cell, byte)| *cell &= byte);
         self.contents.finish(|cells| half_done(cells, address, &before));
         Ok(PROGRAM)

@@ -1,4 +1,4 @@
-//! The STM32F411CE on a Black Pill (RM0383, DS10314): its peripherals and the wires between them.
+//! STM32F411CE on a Black Pill (RM0383, DS10314): its peripherals and the wires between them.
 
 mod adc;
 mod bus;
@@ -22,7 +22,7 @@ use flash::Flash;
 use otg::Otg;
 use rcc::Rcc;
 
-/// The finger's wiring on this board (docs/boards/stm32f411.md).
+/// Wiring of the finger to this board (docs/boards/stm32f411.md).
 const WIRING: Wiring = Wiring {
     board: "stm32f411",
     rows: scan_plan::pins::F411_ROWS,
@@ -32,7 +32,7 @@ const WIRING: Wiring = Wiring {
     bias: None,
 };
 
-/// Where its memories are (RM0383 §2.3; the unique identifier, §24.1).
+/// Memory map (RM0383 §2.3; the unique identifier, §24.1).
 const MAP: Map = Map {
     flash: flash::ALL,
     data: flash::DATA,
@@ -41,21 +41,21 @@ const MAP: Map = Map {
     unique_id: 0x1fff_7a10,
 };
 
-/// The ports by their places on the bus, and reset values of their mode registers.
+/// Reset values of the ports' mode registers, in order of address.
 const PORTS: [u32; 8] = [0xa800_0000, 0x280, 0, 0, 0, 0, 0, 0];
-/// Compare channels of TIM1.
+/// Number of TIM1's compare channels.
 const CHANNELS: usize = 4;
 
-/// Interrupts (RM0383 table 37).
+/// Interrupt numbers (RM0383 table 37).
 const ADC: usize = 18;
 const DMA2_STREAMS: [usize; dma::STREAMS] = [56, 57, 58, 59, 60, 68, 69, 70];
 const OTG_FS: usize = 67;
 
-/// Streams and channels of the requests to DMA2 (RM0383 table 28): the ADC's first, TIM1_CH1 to TIM1_CH3.
+/// DMA2 streams and channels of the requests (RM0383 table 28): ADC1, then TIM1_CH1 to TIM1_CH3.
 const FROM_ADC: (usize, u32) = (0, 0);
 const FROM_TIM1: [(usize, u32); 3] = [(1, 6), (2, 6), (6, 6)];
 
-/// The pins that the ADC's inputs are: name, port, number (DS10314 table 8).
+/// Pins of the ADC's inputs: name, port, number (DS10314 table 8).
 const INPUTS: [(&str, usize, u32); 16] = [
     ("PA0", 0, 0),
     ("PA1", 0, 1),
@@ -74,15 +74,15 @@ const INPUTS: [(&str, usize, u32); 16] = [
     ("PC4", 2, 4),
     ("PC5", 2, 5),
 ];
-/// Its inputs for the reference and the temperature sensor.
+/// Inputs of the ADC for the reference and the temperature sensor.
 const REFERENCE: u32 = 17;
 const TEMPERATURE: u32 = 18;
-/// Of its common register: TSVREFE.
+/// TSVREFE in the ADC's common register.
 const INTERNAL: u32 = 1 << 23;
 
-/// Registers that keep what is written, and of which nothing else is modelled.
+/// Registers that store their values and have no other effect.
 struct Kept {
-    /// CR, CSR: the voltage regulator is ready at once (VOSRDY).
+    /// CR, CSR: the voltage regulator is always ready (VOSRDY).
     pwr: StoredRegisters,
     syscfg: StoredRegisters,
     exti: StoredRegisters,
@@ -103,7 +103,7 @@ impl Default for Kept {
     }
 }
 
-/// The chip.
+/// STM32F411 with its peripherals.
 pub struct F411 {
     common: Common,
     rcc: Rcc,
@@ -115,7 +115,7 @@ pub struct F411 {
 }
 
 impl F411 {
-    /// Just powered.
+    /// Chip after power-up.
     pub fn new(mut finger: Finger, host: Host) -> Self {
         finger.wire(WIRING);
         Self {
@@ -129,7 +129,7 @@ impl F411 {
         }
     }
 
-    /// The core's voltage: VOS as scale 1 to 3. Without the PLL it is 3 whatever is written (RM0383 §5.4.1).
+    /// Voltage scale of the core by VOS, 1 to 3. Without the PLL the chip uses 3 (RM0383 §5.4.1).
     fn scale(&self) -> Outcome<u32> {
         match self.kept.pwr.read(0x00)? >> 14 & 3 {
             0 => Err("PWR.CR.VOS = 0, which is reserved".into()),
@@ -154,7 +154,7 @@ impl F411 {
         Ok(())
     }
 
-    /// True where the DMA was asked for a transfer, or the converter asks for its interrupt.
+    /// Runs an event of the ADC; true if a DMA transfer or an interrupt is requested.
     fn adc_moment(&mut self, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
         let sampled = self.adc.sampled(now);
         let source = sampled.map(|input| self.source(input)).transpose();
@@ -173,7 +173,7 @@ impl F411 {
         Ok(asks || self.adc.interrupt())
     }
 
-    /// What an input is connected to.
+    /// Source of an ADC input.
     fn source(&self, input: u32) -> Outcome<Source> {
         let internal = self.kept.adc_common.read(0x04)? & INTERNAL != 0;
         match input {
@@ -253,7 +253,7 @@ impl Chip for F411 {
             EventSource::Adc(_) => return self.adc_moment(now, memory),
             EventSource::Iwdg => self.common.bite(),
             EventSource::Host => self.common.host.advance(now, &mut self.otg)?,
-            // It is checked where the clock changes.
+            // The voltage is checked when the clock changes.
             EventSource::Voltage => {}
         }
         Ok(true)

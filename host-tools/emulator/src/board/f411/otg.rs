@@ -1,9 +1,9 @@
-//! The USB OTG core as a full-speed device without DMA (RM0383 §22): FIFOs, endpoints, and the interrupts that they
-//! ask for. No host mode, no isochronous endpoints, no low power.
+//! USB OTG core as a full-speed device without DMA (RM0383 §22): FIFOs, endpoints, interrupts.
 //!
-//! What the bus sends lies in one receive FIFO until the program pops it; what it is to fetch lies in a FIFO of its
-//! endpoint. An OUT endpoint takes what comes whenever it does not answer NAK, whether EPENA is set or not: embassy's
-//! driver relies on that.
+//! Host mode, isochronous endpoints and low power are not modelled. Packets from the bus wait in
+//! one receive FIFO until the program pops them. Packets to the host wait in the FIFO of their
+//! endpoint. An OUT endpoint accepts data whenever it does not answer NAK, whether EPENA is set or
+//! not, because embassy's driver relies on that.
 
 mod bus;
 
@@ -11,9 +11,9 @@ use std::collections::VecDeque;
 
 use crate::board::{Outcome, UNMODELLED};
 
-/// Endpoints each way, with endpoint 0.
+/// Number of endpoints in each direction, with endpoint 0.
 const ENDPOINTS: usize = 4;
-/// Words of the memory that all FIFOs share.
+/// Size of the memory that all FIFOs share, words.
 const MEMORY: u32 = 320;
 
 const GAHBCFG: u32 = 0x008;
@@ -26,8 +26,8 @@ const GRXFSIZ: u32 = 0x024;
 const DIEPTXF0: u32 = 0x028;
 const GCCFG: u32 = 0x038;
 const CID: u32 = 0x03c;
-/// Of the core's hardware configuration, which RM0383 leaves out and the driver reads: the width of an interface that
-/// a full-speed core does not have.
+/// Hardware configuration of the core, which RM0383 omits and the driver reads: the width of an
+/// interface that a full-speed core lacks.
 const GHWCFG4: u32 = 0x050;
 const DIEPTXF1: u32 = 0x104;
 const DCFG: u32 = 0x800;
@@ -43,7 +43,7 @@ const OUT: u32 = 0xb00;
 const PCGCCTL: u32 = 0xe00;
 const FIFO: u32 = 0x1000;
 
-/// Of GINTSTS.
+/// Bits of GINTSTS.
 const RXFLVL: u32 = 1 << 4;
 const NPTXFE: u32 = 1 << 5;
 const USBSUSP: u32 = 1 << 11;
@@ -52,10 +52,10 @@ const ENUMDNE: u32 = 1 << 13;
 const IEPINT: u32 = 1 << 18;
 const OEPINT: u32 = 1 << 19;
 const WKUPINT: u32 = 1 << 31;
-/// Those that stand until they are cleared.
+/// Bits of GINTSTS that stay set until they are cleared.
 const STANDING: u32 = WKUPINT | 1 << 30 | ENUMDNE | USBRST | USBSUSP | 1 << 3;
 
-/// Of an endpoint's control register.
+/// Bits of an endpoint's control register.
 const USBAEP: u32 = 1 << 15;
 const NAKSTS: u32 = 1 << 17;
 const STALL: u32 = 1 << 21;
@@ -66,26 +66,26 @@ const SODDFRM: u32 = 1 << 29;
 const EPDIS: u32 = 1 << 30;
 const EPENA: u32 = 1 << 31;
 
-/// Of an endpoint's interrupts: transfer complete, disabled, SETUP done, FIFO empty.
+/// Bits of an endpoint's interrupts: transfer complete, disabled, SETUP done, FIFO empty.
 const XFRC: u32 = 1;
 const EPDISD: u32 = 1 << 1;
 const STUP: u32 = 1 << 3;
 const TXFE: u32 = 1 << 7;
 
-/// PKTSTS.
+/// Values of PKTSTS.
 const OUT_DATA: u32 = 0b0010;
 const OUT_DONE: u32 = 0b0011;
 const SETUP_DONE: u32 = 0b0100;
 const SETUP_DATA: u32 = 0b0110;
 
-/// One way of an endpoint.
+/// One direction of an endpoint.
 #[derive(Clone, Default)]
 struct Endpoint {
     /// MPSIZ, USBAEP, NAKSTS, EPTYP, STALL, TXFNUM, EPENA.
     ctl: u32,
     int: u32,
     tsiz: u32,
-    /// The next data are DATA1.
+    /// Whether the next data are DATA1.
     data1: bool,
 }
 
@@ -94,7 +94,7 @@ impl Endpoint {
         self.ctl & bit != 0
     }
 
-    /// XFRSIZ and PKTCNT lose what has been moved.
+    /// Reduces XFRSIZ and PKTCNT by a packet of `bytes` bytes.
     fn moved(&mut self, bytes: usize) {
         let left = (self.tsiz & 0x7_ffff).saturating_sub(bytes as u32);
         let packets = (self.tsiz >> 19 & 0x3ff).saturating_sub(1);
@@ -105,13 +105,13 @@ impl Endpoint {
     }
 }
 
-/// Something in the receive FIFO.
+/// Entry of the receive FIFO.
 struct Entry {
     status: u32,
     words: VecDeque<u32>,
 }
 
-/// The core.
+/// OTG core with its registers and FIFOs.
 pub struct Otg {
     gahbcfg: u32,
     gusbcfg: u32,
@@ -131,9 +131,9 @@ pub struct Otg {
     outs: [Endpoint; ENDPOINTS],
     transmit: [VecDeque<u32>; ENDPOINTS],
     receive: VecDeque<Entry>,
-    /// What is left of the entry that was popped last.
+    /// Unread words of the entry that was popped last.
     popped: VecDeque<u32>,
-    /// The address until the status of SET_ADDRESS is through.
+    /// Device address until the status stage of SET_ADDRESS is over.
     former: Option<u32>,
 }
 
@@ -161,7 +161,7 @@ impl Default for Otg {
             popped: VecDeque::new(),
             former: None,
         };
-        // Endpoint 0 is always there, and endpoints answer NAK until they are told otherwise.
+        // Endpoint 0 always exists, and endpoints answer NAK by default.
         for endpoint in otg.ins.iter_mut().chain(&mut otg.outs) {
             endpoint.ctl |= NAKSTS;
         }
@@ -171,12 +171,12 @@ impl Default for Otg {
 }
 
 impl Otg {
-    /// It asks for its interrupt.
+    /// Whether the core requests its interrupt.
     pub fn interrupt(&self) -> bool {
         self.gahbcfg & 1 == 1 && self.status() & self.gintmsk != 0
     }
 
-    /// GINTSTS.
+    /// Value of GINTSTS.
     fn status(&self) -> u32 {
         let asked = self.daint() & self.daintmsk;
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
@@ -187,7 +187,7 @@ impl Otg {
             | flag(asked >> 16 != 0, OEPINT)
     }
 
-    /// Endpoints that ask: IN in the lower half, OUT in the upper.
+    /// Endpoints with an interrupt: IN in the lower half, OUT in the upper.
     fn daint(&self) -> u32 {
         let asks = |i: usize| {
             let empty = self.transmit[i].is_empty() && self.diepempmsk >> i & 1 == 1;
@@ -198,12 +198,12 @@ impl Otg {
         (0..ENDPOINTS).map(asks).sum()
     }
 
-    /// The register at `offset`; `frame` is the number of the host's frame.
+    /// Reads the register at `offset`; `frame` is the host's frame number.
     pub fn read(&mut self, offset: u32, frame: u32) -> Outcome<u32> {
         Ok(match offset {
             GAHBCFG => self.gahbcfg,
             GUSBCFG => self.gusbcfg,
-            // AHBIDL: what is asked of it is done at once.
+            // AHBIDL: resets and flushes complete at once.
             GRSTCTL => 1 << 31,
             GINTSTS => self.status(),
             GINTMSK => self.gintmsk,
@@ -246,19 +246,19 @@ impl Otg {
         })
     }
 
-    /// Words of an IN endpoint's FIFO.
+    /// Size of an IN endpoint's FIFO, words.
     fn depth(&self, i: usize) -> u32 {
         self.dieptxf[i] >> 16
     }
 
-    /// Takes an entry out of the receive FIFO: its status.
+    /// Pops an entry of the receive FIFO and returns its status.
     fn pop(&mut self) -> Outcome<u32> {
         if !self.popped.is_empty() {
             return Err("before all words of the last packet are read".into());
         }
         let Entry { status, words } = self.receive.pop_front().ok_or("the FIFO is empty")?;
         self.popped = words;
-        // These two are not for reading: popped, they become an interrupt (§22.17.5).
+        // These two entries carry no data; popping them raises an interrupt (§22.17.5).
         let i = (status & 0xf) as usize;
         match status >> 17 & 0xf {
             SETUP_DONE => self.outs[i].int |= STUP,
@@ -268,13 +268,13 @@ impl Otg {
         Ok(status)
     }
 
-    /// Writes it. `clock` says whether the core has its 48 MHz.
+    /// Writes the register at `offset`; `clock` is whether the core has its 48 MHz.
     pub fn write(&mut self, offset: u32, value: u32, clock: bool) -> Outcome {
         match offset {
             // GINT, TXFELVL
             GAHBCFG if value & !0x81 != 0 => return Err(UNMODELLED.into()),
             GAHBCFG => self.gahbcfg = value,
-            // FHMOD, and not FDMOD.
+            // FHMOD must not be set; FDMOD must.
             GUSBCFG if value >> 29 & 3 != 2 => return Err("not forced to be a device".into()),
             GUSBCFG => self.gusbcfg = value,
             GRSTCTL => return self.flush(value),
@@ -309,7 +309,7 @@ impl Otg {
         Ok(())
     }
 
-    /// Where an IN endpoint's FIFO lies, and how long it is.
+    /// Sets address and size of an IN endpoint's FIFO.
     fn place(&mut self, i: usize, value: u32) -> Outcome {
         let (start, words) = (value & 0xffff, value >> 16);
         if start + words > MEMORY || words < 16 || start < self.grxfsiz {
@@ -319,7 +319,7 @@ impl Otg {
         Ok(())
     }
 
-    /// GRSTCTL: RXFFLSH, and TXFFLSH of one FIFO or of all.
+    /// Flushes FIFOs on a write to GRSTCTL: RXFFLSH, and TXFFLSH of one FIFO or of all.
     fn flush(&mut self, value: u32) -> Outcome {
         if value & !(0x1f << 6 | 3 << 4) != 0 {
             return Err(UNMODELLED.into());
@@ -337,7 +337,7 @@ impl Otg {
         Ok(())
     }
 
-    /// A word of a packet that is to be fetched.
+    /// Appends a word to a packet for the host.
     fn push(&mut self, i: usize, word: u32) -> Outcome {
         let wanted = (self.ins[i].tsiz & 0x7_ffff).div_ceil(4) as usize;
         if !self.ins[i].is(EPENA) || self.transmit[i].len() >= wanted {
@@ -356,7 +356,7 @@ impl Otg {
         let endpoint = ways.get_mut(i).ok_or(UNMODELLED)?;
         match register {
             0x00 => control(endpoint, i, value),
-            // What is written as one is cleared.
+            // Writing one clears a flag.
             0x08 => {
                 endpoint.int &= !value;
                 Ok(())
@@ -376,11 +376,12 @@ fn control(endpoint: &mut Endpoint, i: usize, value: u32) -> Outcome {
         return Err("an isochronous endpoint".into());
     }
     let before = endpoint.ctl;
-    // MPSIZ, EPTYP, TXFNUM are as written, and USBAEP where it can be; EPENA and NAKSTS have bits of their own.
+    // MPSIZ, EPTYP and TXFNUM are stored, and USBAEP where it is writable; EPENA and NAKSTS have
+    // separate set and clear bits.
     let mut ctl =
         value & (0x7ff | 3 << 18 | 0xf << 22 | USBAEP | STALL) | before & (EPENA | NAKSTS);
     if i == 0 {
-        // Here STALL can be set, and only a SETUP clears it (§22.16.4).
+        // On endpoint 0 STALL can only be set; a SETUP clears it (§22.16.4).
         ctl |= USBAEP | before & STALL;
     }
     if value & CNAK != 0 {

@@ -1,5 +1,7 @@
-//! Clocks and resets (RM0383 §6). An oscillator is ready as soon as it is switched on; what the clocks require of
-//! flash and voltage is checked where the system clock changes.
+//! Clocks and resets of the STM32F411 (RM0383 §6).
+//!
+//! Oscillators are ready as soon as they are on. Changes of the system clock are checked against
+//! the flash's wait states and the voltage scale.
 
 use crate::board::chip::Cause;
 use crate::board::time::{self, Tick};
@@ -12,25 +14,25 @@ const BDCR: u32 = 0x70;
 const CSR: u32 = 0x74;
 
 const HSI_HZ: u64 = 16_000_000;
-/// The Black Pill's crystal.
+/// Crystal of the Black Pill.
 const HSE_HZ: u64 = 25_000_000;
-/// The most by scales 1, 2 and 3 of the core's voltage (DS10314 table 14).
+/// Highest HCLK at voltage scales 1, 2 and 3 (DS10314 table 14).
 const FASTEST: [u64; 3] = [100_000_000, 84_000_000, 64_000_000];
-/// The most of the slower bus.
+/// Highest clock of APB1.
 const FASTEST_APB1: u64 = 50_000_000;
-/// MHz a wait state at 2.7 V to 3.6 V (RM0383 table 6).
+/// Hertz per wait state at 2.7 V to 3.6 V (RM0383 table 6).
 const WAIT_STATE_HZ: u64 = 30_000_000;
 
-/// RCC.
+/// Reset and clock control.
 pub struct Rcc {
     registers: [u32; 0x90 / 4],
     hclk: Tick,
-    /// Cycles of HCLK in one of the slower bus.
+    /// Cycles of HCLK per cycle of APB1.
     apb1: u64,
 }
 
 impl Rcc {
-    /// As after a reset. The flags of resets before it are kept until they are cleared.
+    /// State after a reset; flags of earlier resets stay until they are cleared.
     pub fn new(cause: Cause, before: Option<&Self>) -> Self {
         let mut registers = [0; 0x90 / 4];
         for (offset, value) in [
@@ -45,7 +47,7 @@ impl Rcc {
             registers[offset as usize / 4] = value;
         }
         let csr = before.map_or(0, |rcc| rcc.register(CSR) & 0xfe00_0000);
-        // Every cause pulls the reset pin low too: PINRSTF.
+        // Every reset also pulls the reset pin low: PINRSTF.
         let cause = match cause {
             // BORRSTF, PORRSTF
             Cause::Power => 1 << 25 | 1 << 27,
@@ -60,39 +62,40 @@ impl Rcc {
         self.registers[offset as usize / 4]
     }
 
-    /// The period of HCLK, which the faster APB bus runs at here.
+    /// Period of HCLK, which is also APB2's here.
     pub fn hclk(&self) -> Tick {
         self.hclk
     }
 
-    /// The period of TIM2's clock: twice its bus's, where that is slower (TIMPRE is not set).
+    /// Period of TIM2's clock: half of APB1's if that bus is slower (TIMPRE is not set).
     pub fn tim2_clock(&self) -> Tick {
         if self.apb1 == 1 { self.hclk } else { self.hclk * self.apb1 / 2 }
     }
 
-    /// The USB has its 48 MHz: the PLL's Q output.
+    /// Whether the USB has its 48 MHz from the PLL's Q output.
     pub fn usb_clock(&self) -> bool {
         let divider = u64::from(self.register(PLLCFGR) >> 24 & 0xf);
         self.register(CR) >> 25 & 1 == 1
             && self.oscillator().is_ok_and(|vco| vco == 48_000_000 * divider)
     }
 
-    /// The PLL is on.
+    /// Whether the PLL is on.
     pub fn pll_runs(&self) -> bool {
         self.register(CR) >> 24 & 1 == 1
     }
 
-    /// A peripheral's clock is on.
+    /// Whether a peripheral's clock is on.
     pub fn enabled(&self, (offset, place): (u32, u32)) -> bool {
         self.register(offset) >> place & 1 == 1
     }
 
-    /// The register at `offset`.
+    /// Reads the register at `offset`.
     pub fn read(&self, offset: u32) -> Outcome<u32> {
         self.registers.get(offset as usize / 4).copied().ok_or_else(|| UNMODELLED.into())
     }
 
-    /// Writes it. `latency` is the flash's wait states, `scale` the core's voltage's: 1 to 3.
+    /// Writes the register at `offset`; `latency` are the flash's wait states, `scale` is the
+    /// voltage scale, 1 to 3.
     pub fn write(&mut self, offset: u32, value: u32, latency: u32, scale: u32) -> Outcome {
         let pll_runs = self.pll_runs();
         let sws = self.register(CFGR) >> 2 & 3;
@@ -106,7 +109,7 @@ impl Rcc {
                 if stopped.iter().any(|(clock, bit)| sws == *clock && on >> bit & 1 == 0) {
                     return Err("the system clock's source is switched off".into());
                 }
-                // What is on is ready, its next bit.
+                // An oscillator that is on is ready, its next bit.
                 *place = value & 0xf8 | on | on << 1 | *place & 0xff00;
             }
             PLLCFGR if pll_runs => return Err("the PLL is running while it is set up".into()),
@@ -123,7 +126,7 @@ impl Rcc {
             BDCR if value & 5 != 0 => {
                 return Err("a crystal of 32 kHz, which is not modelled".into());
             }
-            // The RTC's domain: reset, or its clock, of which nothing hangs here.
+            // RTC domain: its reset and clock selection, which have no effect here.
             BDCR => *place = if value >> 16 & 1 == 1 { 1 << 16 } else { value },
             // Interrupts, spread spectrum.
             0x0c | 0x80 => return Err(UNMODELLED.into()),
@@ -132,7 +135,7 @@ impl Rcc {
         Ok(())
     }
 
-    /// The system clock that CFGR and PLLCFGR choose now.
+    /// Switches to the system clock that CFGR and PLLCFGR select.
     fn switch(&mut self, latency: u32, scale: u32) -> Outcome {
         let (cr, cfgr) = (self.register(CR), self.register(CFGR));
         let sysclk = match cfgr & 3 {
@@ -171,7 +174,7 @@ impl Rcc {
         Ok(())
     }
 
-    /// The PLL's oscillator in hertz.
+    /// Frequency of the PLL's oscillator in hertz.
     fn oscillator(&self) -> Outcome<u64> {
         let (raw, cr) = (self.register(PLLCFGR), self.register(CR));
         let source = match raw >> 22 & 1 {
@@ -191,7 +194,7 @@ impl Rcc {
         Ok(vco)
     }
 
-    /// The PLL's P output.
+    /// Frequency of the PLL's P output in hertz.
     fn pll(&self) -> Outcome<u64> {
         Ok(self.oscillator()? / (2 * (u64::from(self.register(PLLCFGR) >> 16 & 3) + 1)))
     }

@@ -1,23 +1,24 @@
-//! Where the STM32F411's peripherals are and what their registers are called (RM0383 tables 1, 37 and each
-//! chapter's map), written down from the reference manual and not taken from what the firmware's own register access
-//! is generated from: a mistake of one of them shows.
+//! Addresses and names of the STM32F411's peripherals and registers.
+//!
+//! They are written down from the reference manual (RM0383 tables 1, 37 and each chapter's map).
+//! The firmware's register access is generated from another source, so that a mistake in either
+//! shows.
 
-/// A peripheral.
+/// Peripheral with its address, clock and registers.
 pub struct Peripheral {
-    /// As the manual has it.
+    /// Name in the manual.
     pub name: &'static str,
-    /// Where it begins.
+    /// First address.
     pub base: u32,
-    /// How many bytes are its.
+    /// Size in bytes.
     pub bytes: u32,
-    /// The bit that switches its clock on, in the register of RCC at that offset; the one that resets it has the
-    /// same place 0x20 below.
+    /// Clock enable: offset of the register in RCC, and bit. The reset bit is the same, 0x20 below.
     pub clock: Option<(u32, u32)>,
-    /// Registers by their offsets.
+    /// Registers with their offsets.
     pub registers: &'static [(u32, &'static str)],
 }
 
-/// Offsets of RCC's clock enables.
+/// Offsets of RCC's clock enable registers.
 const AHB1: u32 = 0x30;
 const AHB2: u32 = 0x34;
 const APB1: u32 = 0x40;
@@ -65,7 +66,7 @@ const fn port(name: &'static str, place: u32) -> Peripheral {
     Peripheral { name, base, bytes: 0x400, clock: Some((AHB1, place)), registers: GPIO }
 }
 
-/// In the order of their addresses.
+/// Peripherals in order of address.
 pub const PERIPHERALS: [Peripheral; 21] = [
     Peripheral {
         name: "TIM2",
@@ -320,21 +321,21 @@ pub const PERIPHERALS: [Peripheral; 21] = [
     },
 ];
 
-/// Whose address that is.
+/// Peripheral at an address.
 pub fn peripheral(address: u32) -> Option<&'static Peripheral> {
     PERIPHERALS.iter().find(|its| (its.base..its.base + its.bytes).contains(&address))
 }
 
-/// Where a peripheral is.
+/// First address of a peripheral.
 ///
 /// # Panics
-/// Where there is none of that name, which is a mistake of this program.
+/// If there is no peripheral of that name, which is a mistake of this program.
 pub fn base(name: &str) -> u32 {
     let found = PERIPHERALS.iter().find(|its| its.name == name);
     found.unwrap_or_else(|| panic!("the STM32F411 has no {name}")).base
 }
 
-/// A register as people call it.
+/// Readable name of a register.
 pub fn name(address: u32) -> String {
     let Some(Peripheral { name, base, registers, .. }) = peripheral(address) else {
         return format!("{address:#010x}");

@@ -1,8 +1,9 @@
-//! An ADC (RM0440 §21): calibration, a regular and an injected group started by a timer, oversampling of
-//! the regular one, overrun. Its clock is HCLK/4, in step with the timers.
+//! ADC of the STM32G431 (RM0440 §21).
 //!
-//! A sample is the voltage at the end of its sampling time. Noise and the sampling capacitor's own settling
-//! are not modelled.
+//! It has calibration, a regular and an injected group started by timers, oversampling of the
+//! regular group, and overrun. The clock is HCLK/4, synchronous with the timers. A sample is the
+//! voltage at the end of its sampling time. Noise and settling of the sampling capacitor are not
+//! modelled.
 
 use stm32_metapac::adc::regs::{Cfgr2, Cr};
 use stm32_metapac::metadata::PeripheralTrigger;
@@ -28,38 +29,39 @@ const JDR4: u32 = 0x8c;
 const ADSTP: u32 = 1 << 4;
 const JADSTP: u32 = 1 << 5;
 
-/// Of DS12589 table 66: the regulator's start, the calibration, and from the trigger to the sampling.
+/// Start-up of the regulator, cycles of a calibration, and latency from trigger to sampling
+/// (DS12589 table 66).
 const REGULATOR_US: u64 = 20;
 const CALIBRATION_CYCLES: u64 = 116;
 const LATENCY_EIGHTHS: u64 = 17;
-/// Half cycles: the sampling times by their code, and the conversion of 12 bits.
+/// Half cycles of sampling by its code, and of a 12-bit conversion.
 const SAMPLING_HALVES: [u64; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
 const CONVERSION_HALVES: u64 = 25;
-/// From enabled to ready; the data sheet's one conversion.
+/// Half cycles from enabled to ready, one conversion by the data sheet.
 const STABILISATION_HALVES: u64 = 30;
 
-/// A group that is being converted.
+/// Group being converted.
 #[derive(Clone, Copy, Debug)]
 struct Run {
-    /// Which of the sequence.
+    /// Index in the sequence.
     index: usize,
-    /// Samples added up.
+    /// Number of samples in `sum`.
     samples: u32,
     sum: u32,
-    /// A sample is being taken, else converted.
+    /// Whether the ADC is sampling; otherwise it is converting.
     sampling: bool,
-    /// Until when.
+    /// End of sampling, or of converting.
     until: Tick,
 }
 
-/// The groups.
+/// Group of a conversion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Group {
     Regular,
     Injected,
 }
 
-/// What a line of the chip's list of triggers says.
+/// Source, group and code of a line in the chip's list of triggers.
 fn trigger(line: &PeripheralTrigger) -> Option<(String, Group, u32)> {
     let (group, number) = match line.signal.strip_prefix("ADC_EXT_TRG") {
         Some(number) => (Group::Regular, number),
@@ -68,7 +70,7 @@ fn trigger(line: &PeripheralTrigger) -> Option<(String, Group, u32)> {
     Some((line.source.to_owned(), group, number.parse().ok()?))
 }
 
-/// An ADC.
+/// ADC with its registers and conversions.
 pub struct Adc {
     isr: u32,
     ier: u32,
@@ -83,18 +85,18 @@ pub struct Adc {
     regular: Option<Run>,
     injected: Option<Run>,
     regulator_since: Tick,
-    /// The calibration or the start-up ends.
+    /// End of the calibration or the start-up.
     busy: Option<Tick>,
     calibrated: bool,
     ready: bool,
-    /// Of the ADC's clock.
+    /// Period of the ADC's clock.
     cycle: Tick,
-    /// Who starts which group by which code of EXTSEL or JEXTSEL.
+    /// Triggers: source, group, and code of EXTSEL or JEXTSEL.
     triggers: Vec<(String, Group, u32)>,
 }
 
 impl Adc {
-    /// By its name.
+    /// ADC after a reset, by its name.
     pub fn new(name: &str) -> Self {
         let triggers = peripheral(name).triggers;
         Self {
@@ -130,7 +132,7 @@ impl Adc {
         }
     }
 
-    /// The input that a run converts now.
+    /// Input at `index` of a group.
     fn input(&self, group: Group, index: usize) -> u32 {
         let place = index + 1;
         match group {
@@ -144,18 +146,18 @@ impl Adc {
         self.halves(SAMPLING_HALVES[code as usize])
     }
 
-    /// It asks for an interrupt.
+    /// Whether an interrupt is requested.
     pub fn interrupt(&self) -> bool {
         self.isr & self.ier & 0x7ff != 0
     }
 
-    /// The next moment at which something happens.
+    /// Time of the next event.
     pub fn next(&self) -> Option<Tick> {
         let runs = [self.regular, self.injected].into_iter().flatten().map(|run| run.until);
         runs.chain(self.busy).min()
     }
 
-    /// A trigger of this name has risen. True where it starts something.
+    /// Handles the rising edge of a trigger; true if it starts a conversion.
     pub fn trigger(&mut self, source: &str, now: Tick) -> Outcome<bool> {
         let mut starts = false;
         let cr = Cr(self.cr);
@@ -184,7 +186,7 @@ impl Adc {
         Ok(starts)
     }
 
-    /// The input whose sample is taken at `now`, if one is.
+    /// Input that is sampled at `now`, if any.
     pub fn sampled(&self, now: Tick) -> Option<u32> {
         let groups = [(self.regular, Group::Regular), (self.injected, Group::Injected)];
         let (run, group) = groups
@@ -193,13 +195,14 @@ impl Adc {
         (run.sampling && self.busy != Some(now)).then(|| self.input(group, run.index))
     }
 
-    /// A group is under way.
+    /// Whether a group is being converted.
     pub fn is_converting(&self) -> bool {
         self.regular.is_some() || self.injected.is_some()
     }
 
-    /// What happens at [`Self::next`]; `sample` is asked for the code of
-    /// [`Self::sampled`]. True asks for a transfer.
+    /// Runs the event at [`Self::next`]; true requests a DMA transfer.
+    ///
+    /// `sample` returns the code of the input in [`Self::sampled`].
     pub fn advance(&mut self, now: Tick, sample: impl FnOnce() -> Outcome<u32>) -> Outcome<bool> {
         if self.busy == Some(now) {
             self.busy = None;
@@ -252,7 +255,7 @@ impl Adc {
                 self.isr |= 1 << 5 | ended << 6;
                 Ok(false)
             }
-            // EOC still stands: nobody has read the last one. Nobody is asked to any more (§21.4.27).
+            // Overrun: the last result was not read. No more are delivered (§21.4.27).
             Group::Regular if self.isr >> 2 & 1 == 1 => {
                 self.isr |= 1 << 4;
                 Ok(false)
@@ -265,7 +268,7 @@ impl Adc {
         }
     }
 
-    /// The register at `offset`.
+    /// Reads the register at `offset`.
     pub fn read(&mut self, offset: u32) -> Outcome<u32> {
         Ok(match offset {
             ISR => self.isr,
@@ -285,7 +288,7 @@ impl Adc {
         })
     }
 
-    /// Writes it. `cycle` is the period of the ADC's clock.
+    /// Writes the register at `offset`; `cycle` is the period of the ADC's clock.
     pub fn write(&mut self, offset: u32, value: u32, now: Tick, cycle: Tick) -> Outcome {
         let started = self.cr & 0b1100 != 0;
         match offset {
@@ -335,7 +338,7 @@ impl Adc {
         if (cr.adstart() || cr.jadstart()) && !self.ready {
             return Err("started before it is ready".into());
         }
-        // What stops is stopped at once.
+        // Conversions stop at once.
         if value & ADSTP != 0 {
             cr.set_adstart(false);
             self.regular = None;
@@ -348,7 +351,7 @@ impl Adc {
         if cr.addis() {
             return Err(UNMODELLED.into());
         }
-        // What stands is not cleared by writing 0.
+        // Writing 0 does not clear these bits.
         cr.0 |= before.0 & 1 | (before.0 & 1 << 31);
         if before.adstart() && value & ADSTP == 0 {
             cr.set_adstart(true);

@@ -1,4 +1,4 @@
-//! The bus: whose register an address is, and what reading and writing it does.
+//! Bus of the STM32G431: passes register accesses to the peripherals.
 
 use super::{
     ADCS, Adc, Bit, Dma, G431, MODES, PWR_CR5, Place, RESETS, UNBOOSTED, Unit, Usb, adc_common,
@@ -10,15 +10,17 @@ use crate::board::time::Tick;
 use crate::board::{Outcome, UNMODELLED};
 
 impl G431 {
-    /// Whose address that is, and how far behind its beginning.
+    /// Peripheral at an address, and the offset in it.
     pub(super) fn unit(&self, address: u32) -> Option<(&Place, u32)> {
         let owner = self.names.peripheral(address)?.address as u32;
         let at = self.units.binary_search_by_key(&owner, |place| place.base).ok()?;
         self.units.get(at).map(|place| (place, address - place.base))
     }
 
-    /// The core may be faster than its voltage allows for a moment: embassy-stm32 0.6 cannot switch boost
-    /// mode on before it raises the clock.
+    /// Starts or ends the time for which the core may be too fast for its voltage.
+    ///
+    /// The time is needed because embassy-stm32 0.6 cannot enable boost mode before it raises the
+    /// clock.
     fn check_voltage(&mut self, now: Tick) {
         let pwr = self.stored.iter().find(|(name, _)| *name == "PWR");
         // R1MODE
@@ -28,7 +30,7 @@ impl G431 {
         self.voltage_limit = bad.then(|| self.voltage_limit.unwrap_or(now + UNBOOSTED));
     }
 
-    /// RCC's reset registers: what they name is as after power-up.
+    /// Resets the peripherals named by a write to RCC's reset register at `offset`.
     fn reset_units(&mut self, offset: u32, value: u32) {
         let is_named = |reset: &Bit| reset.register == offset && value >> reset.place & 1 == 1;
         let named = self.units.iter().filter(|place| place.reset.as_ref().is_some_and(is_named));
@@ -56,7 +58,7 @@ impl G431 {
         }
     }
 
-    /// The peripheral at an address, if its clock is on, and how far behind its beginning that is.
+    /// Peripheral at an address and the offset in it; an error if its clock is off.
     fn awake(&self, address: u32) -> Outcome<Option<(Unit, u32)>> {
         let Some((place, offset)) = self.unit(address) else { return Ok(None) };
         match &place.enable {
@@ -114,7 +116,7 @@ impl G431 {
             }
             return Err(UNMODELLED.into());
         };
-        // PSC and its kin are half words.
+        // Timers also accept half words, as for PSC.
         let halves = matches!(unit, Unit::Tim1 | Unit::Tim2) && size == 2 && offset & 3 == 0;
         if size != 4 && !halves && !matches!(unit, Unit::UsbMemory) {
             return Err("written in part".into());

@@ -1,13 +1,14 @@
-//! DMA1 and its request multiplexer (RM0440 §12, §13). A transfer is done the moment it is asked for: other
-//! masters on the bus are not modelled.
+//! DMA1 and its request multiplexer (RM0440 §12, §13).
+//!
+//! A transfer completes at its request, because other bus masters are not modelled.
 
 use super::names::peripheral;
 use crate::board::chip::Transfer;
 use crate::board::{Outcome, UNMODELLED};
 
-/// Channels of DMA1.
+/// Number of DMA1's channels.
 pub const CHANNELS: usize = 6;
-/// Channels of the multiplexer, DMA2's included.
+/// Number of the multiplexer's channels, with DMA2's.
 const MULTIPLEXED: usize = 12;
 
 /// Flags of a channel in ISR.
@@ -20,7 +21,7 @@ struct Channel {
     cndtr: u32,
     cpar: u32,
     cmar: u32,
-    /// Transfers of a whole turn, and how many of them are done.
+    /// Number of transfers in a turn; `done` of them are complete.
     turn: u32,
     done: u32,
 }
@@ -34,18 +35,18 @@ pub struct Dma {
 }
 
 impl Dma {
-    /// A channel asks for its interrupt.
+    /// Whether a channel requests its interrupt.
     pub fn interrupt(&self, channel: usize) -> bool {
         self.isr >> (4 * channel) & self.channels[channel].ccr & 0xe != 0
     }
 
-    /// The channel that serves this request.
+    /// Enabled channel that serves a request.
     pub fn served_by(&self, request: u32) -> Option<usize> {
         (0..CHANNELS)
             .find(|i| self.requests[*i] & 0x7f == request && self.channels[*i].ccr & 1 == 1)
     }
 
-    /// Takes the next transfer of a channel; none where it has done all it was to do.
+    /// Next transfer of a channel; `None` if it has none left.
     pub fn take(&mut self, index: usize) -> Outcome<Option<Transfer>> {
         let channel = &mut self.channels[index];
         if channel.cndtr == 0 {
@@ -53,7 +54,7 @@ impl Dma {
         }
         let ccr = channel.ccr;
         let size = 1 << (ccr >> 8 & 3);
-        // MEM2MEM; PINC; sizes that differ.
+        // Not modelled: MEM2MEM, PINC, different sizes.
         if ccr >> 14 & 1 == 1 || ccr >> 6 & 1 == 1 || ccr >> 10 & 3 != ccr >> 8 & 3 {
             return Err(format!("CCR = {ccr:#x}"));
         }
@@ -83,7 +84,7 @@ impl Dma {
         Ok(Some(transfer))
     }
 
-    /// DMA1's register at `offset`.
+    /// Reads DMA1's register at `offset`.
     pub fn read(&self, offset: u32) -> Outcome<u32> {
         if offset == 0 {
             return Ok(self.isr);
@@ -93,7 +94,7 @@ impl Dma {
         Ok([channel.ccr, channel.cndtr, channel.cpar, channel.cmar][register])
     }
 
-    /// Writes it.
+    /// Writes the register at `offset`.
     pub fn write(&mut self, offset: u32, value: u32) -> Outcome {
         if offset == 4 {
             self.isr &= !value;
@@ -119,14 +120,14 @@ impl Dma {
         Ok(())
     }
 
-    /// The multiplexer's register at `offset`.
+    /// Reads the multiplexer's register at `offset`.
     pub fn read_multiplexer(&self, offset: u32) -> Outcome<u32> {
         self.requests.get(offset as usize / 4).copied().ok_or_else(|| UNMODELLED.into())
     }
 
-    /// Writes it.
+    /// Writes the register at `offset`.
     pub fn write_multiplexer(&mut self, offset: u32, value: u32) -> Outcome {
-        // No synchronisation, no events.
+        // Synchronisation and events are not modelled.
         if value & !0x7f != 0 {
             return Err(UNMODELLED.into());
         }
@@ -135,17 +136,17 @@ impl Dma {
     }
 }
 
-/// Channel and register of an offset in DMA1.
+/// Channel and register at an offset in DMA1.
 fn place(offset: u32) -> Option<(usize, usize)> {
     let at = offset.checked_sub(8)?;
     let (channel, register) = (at as usize / 20, at as usize % 20 / 4);
     (channel < CHANNELS && register < 4).then_some((channel, register))
 }
 
-/// The number of a request in the multiplexer's list.
+/// Number of a request in the multiplexer's list.
 ///
 /// # Panics
-/// Where there is no such request, which is a mistake of this program.
+/// If there is no such request, which is a mistake of this program.
 pub fn request(of: &str, signal: &str) -> u32 {
     peripheral(of)
         .dma_channels

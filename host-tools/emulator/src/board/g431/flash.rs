@@ -1,15 +1,17 @@
-//! The flash (RM0440 §3.3): wait states, erasing a page, programming 64 bits, what a power cut leaves.
+//! Flash of the STM32G431 (RM0440 §3.3): wait states, page erase, double-word programming, power
+//! cuts.
 //!
-//! Only the pages that `memory.x` keeps from the program can be erased and programmed: a firmware that changes its own code is
-//! not modelled. While the flash is busy the core stands still, since it fetches from there.
+//! Only the pages that `memory.x` keeps from the program can be erased and programmed. Firmware
+//! that changes its own code is not modelled. The core stalls while the flash is busy, because it
+//! fetches from there.
 
 use crate::board::cells::{Cells, Flash as Changed, FlashContents, LOCK, Lock};
 use crate::board::time::{Tick, micros};
 use crate::board::{Outcome, UNMODELLED};
 
-/// Where the flash is, and how many bytes.
+/// Whole flash: first address and number of bytes.
 pub const ALL: (u32, u32) = (0x0800_0000, 0x2_0000);
-/// What survives power-off: the last six pages.
+/// Data part, which survives power-off: the last six pages.
 pub const DATA: (u32, u32) = (0x0801_d000, 0x3000);
 const PAGE: u32 = 2048;
 
@@ -20,11 +22,11 @@ const CR: u32 = 0x14;
 const ECCR: u32 = 0x18;
 const OPTR: u32 = 0x20;
 
-/// DS12589 table 44, typical.
+/// Times to program 64 bits and to erase a page (DS12589 table 44, typical).
 const PROGRAM: Tick = micros(82);
 const ERASE: Tick = micros(22_020);
 
-/// The flash's controller, and what it controls.
+/// Flash controller with the contents of the data part.
 pub struct Flash {
     contents: FlashContents,
     acr: u32,
@@ -32,12 +34,12 @@ pub struct Flash {
     sr: u32,
     eccr: u32,
     lock: Lock,
-    /// The first half of a double word.
+    /// Address and value of the first half of a double word.
     half: Option<(u32, u32)>,
 }
 
 impl Default for Flash {
-    /// Erased.
+    /// Erased flash.
     fn default() -> Self {
         Self {
             contents: FlashContents::erased(DATA),
@@ -52,13 +54,13 @@ impl Default for Flash {
 }
 
 impl Flash {
-    /// The controller is reset; what was programmed stays.
+    /// Resets the controller; contents stay.
     pub fn reset(&mut self) {
         let contents = std::mem::replace(&mut self.contents, FlashContents::erased((0, 0)));
         *self = Self { contents, ..Self::default() };
     }
 
-    /// Wait states.
+    /// Number of wait states.
     pub fn latency(&self) -> u32 {
         self.acr & 0xf
     }
@@ -67,25 +69,25 @@ impl Flash {
         let address = ALL.0 + page * PAGE;
         self.contents.bytes(address, PAGE)?.fill(0xff);
         self.contents.cells.torn.retain(|word| !(address..address + PAGE).contains(word));
-        // Cut short, some cells are erased and some not: no word of it can be trusted.
+        // A power cut leaves some cells erased and some not: no word of the page can be trusted.
         self.contents.finish(|cells| tear(cells, address, PAGE));
         Ok(ERASE)
     }
 
-    /// The register at `offset`.
+    /// Reads the register at `offset`.
     pub fn read(&self, offset: u32) -> Outcome<u32> {
         Ok(match offset {
             ACR => self.acr,
             SR => self.sr,
             CR => self.cr,
             ECCR => self.eccr,
-            // The factory's; BOR, nBOOT0 and their kin are the firmware's business nowhere.
+            // Factory value; the firmware does not use BOR, nBOOT0 and similar.
             OPTR => 0xffef_f8aa,
             _ => return Err(UNMODELLED.into()),
         })
     }
 
-    /// Writes it. How long the core stands still.
+    /// Writes the register at `offset`; returns the time for which the core stalls.
     pub fn write(&mut self, offset: u32, value: u32) -> Outcome<Tick> {
         match offset {
             ACR => self.acr = value,
@@ -117,7 +119,7 @@ impl Flash {
     }
 }
 
-/// The double words from `address` on are half done.
+/// Marks the double words from `address` on as damaged.
 fn tear(cells: &mut Cells, address: u32, length: u32) {
     cells.torn.extend((address..address + length).step_by(8));
 }
@@ -130,13 +132,13 @@ impl Changed for Flash {
     fn fetch(&mut self, address: u32, size: u32) -> (u32, bool) {
         let torn = self.contents.cells.torn.contains(&(address & !7));
         if torn {
-            // ECCD; the place is left out.
+            // ECCD; the address is not modelled.
             self.eccr |= 1 << 31;
         }
         (self.contents.fetch(address, size), torn)
     }
 
-    /// A word is half of a double word.
+    /// Programs half of a double word.
     fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick> {
         if self.cr & 1 == 0 || size != 4 {
             return Err("a write to the flash without PG, or not of 32 bits".into());
@@ -156,7 +158,7 @@ impl Changed for Flash {
         let place = self.contents.bytes(first, 8)?;
         let erased = place.iter().all(|byte| *byte == 0xff) && !torn;
         if !erased && word.iter().any(|byte| *byte != 0) {
-            // PROGERR: the word is not changed.
+            // PROGERR: the double word stays as it was.
             self.sr |= 1 << 3;
             return Ok(0);
         }

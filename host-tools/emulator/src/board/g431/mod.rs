@@ -1,5 +1,4 @@
-//! The STM32G431CB (RM0440, DS12589): its peripherals, the bus that the core reaches them by, and the wires between
-//! them.
+//! STM32G431CB (RM0440, DS12589): its peripherals, its bus, and the wires between them.
 
 mod adc;
 mod bus;
@@ -28,7 +27,7 @@ use rcc::Rcc;
 use usb::Usb;
 use wires::{Bit, Pad, bits, pads};
 
-/// The finger's wiring on this board (docs/boards/stm32g431.md).
+/// Wiring of the finger to this board (docs/boards/stm32g431.md).
 const WIRING: Wiring = Wiring {
     board: "stm32g431",
     rows: scan_plan::pins::G431_ROWS,
@@ -38,7 +37,7 @@ const WIRING: Wiring = Wiring {
     bias: Some("PA5"),
 };
 
-/// Where its memories are (DS12589 §4): the CCM SRAM at its first place, and RAM.
+/// Memory map (DS12589 §4): the CCM SRAM at its first address, and RAM.
 const MAP: Map = Map {
     flash: flash::ALL,
     data: flash::DATA,
@@ -48,24 +47,24 @@ const MAP: Map = Map {
 };
 
 const PORTS: [&str; 6] = ["GPIOA", "GPIOB", "GPIOC", "GPIOD", "GPIOE", "GPIOF"];
-/// Reset values of their mode registers.
+/// Reset values of the ports' mode registers.
 const MODES: [u32; 6] = [0xabff_ffff, 0xffff_febf, !0, !0, !0, !0];
-/// Compare channels of TIM1.
+/// Number of TIM1's compare channels.
 const CHANNELS: usize = 6;
 const ADCS: [&str; 2] = ["ADC1", "ADC2"];
-/// The amplifiers that reach ADC2 inside the chip, and its inputs for them (RM0440 table 162).
+/// Amplifiers with an internal connection to ADC2, and its inputs for them (RM0440 table 162).
 const OPAMPS: [(&str, u32); 2] = [("OPAMP2", 16), ("OPAMP3", 18)];
-/// ADC1's inputs for the temperature sensor and the reference.
+/// Inputs of ADC1 for the temperature sensor and the reference.
 const TEMPERATURE: u32 = 16;
 const REFERENCE: u32 = 18;
 
 /// RCC's reset registers, AHB1RSTR to APB2RSTR.
 const RESETS: std::ops::RangeInclusive<u32> = 0x28..=0x40;
 const PWR_CR5: u32 = 0x80;
-/// How long the core may be too fast for its voltage.
+/// Time for which the core may be too fast for its voltage.
 const UNBOOSTED: Tick = micros(1_000);
 
-/// A peripheral that is modelled.
+/// Modelled peripheral.
 #[derive(Clone, Copy, Debug)]
 enum Unit {
     Rcc,
@@ -84,7 +83,7 @@ enum Unit {
     Stored(usize),
 }
 
-/// Where a peripheral stands, and which bits switch it on and reset it.
+/// Address of a peripheral, and its clock enable and reset bits.
 struct Place {
     base: u32,
     unit: Unit,
@@ -99,20 +98,20 @@ impl Place {
     }
 }
 
-/// Interrupts of what is modelled.
+/// Interrupt numbers of the modelled peripherals.
 struct Lines {
     usb: usize,
     adc: usize,
     dma: Vec<usize>,
 }
 
-/// Requests to the DMA.
+/// Request numbers of the DMA.
 struct Requests {
     adc: [u32; 2],
     tim1: [u32; 4],
 }
 
-/// The chip.
+/// STM32G431 with its peripherals.
 pub struct G431 {
     common: Common,
     names: Names,
@@ -129,14 +128,14 @@ pub struct G431 {
     opamp: [StoredRegisters; 2],
     usb: Usb,
     stored: Vec<(&'static str, StoredRegisters)>,
-    /// Until when the core may be this fast at this voltage.
+    /// Time until which the core may be too fast for its voltage.
     voltage_limit: Option<Tick>,
 }
 
-/// What is kept as it is written: clock recovery, voltage, wiring of pins to interrupts, debugging.
+/// Stored registers: clock recovery, voltage, pin interrupts, debugging.
 fn stored_registers() -> Vec<(&'static str, StoredRegisters)> {
     vec![
-        // CR1 to CR5, SR1, SR2: the voltage regulator is ready at once.
+        // CR1 to CR5, SR1, SR2: the voltage regulator is always ready.
         (
             "PWR",
             StoredRegisters::new(&[
@@ -175,7 +174,7 @@ fn opamp() -> StoredRegisters {
 }
 
 impl G431 {
-    /// Just powered.
+    /// Chip after power-up.
     pub fn new(mut finger: Finger, host: Host) -> Self {
         finger.wire(WIRING);
         let names = Names::default();
@@ -244,7 +243,7 @@ impl G431 {
         Ok(())
     }
 
-    /// The amplifiers' inputs, as TIM1 has them turned.
+    /// Updates the amplifiers' inputs, which TIM1 switches.
     fn turn_amplifiers(&mut self, now: Tick) {
         for i in 0..OPAMPS.len() {
             if let Ok(pin) = self.amplified(i, now) {
@@ -253,7 +252,7 @@ impl G431 {
         }
     }
 
-    /// The pin that an amplifier amplifies.
+    /// Pin that an amplifier amplifies; an error if it does not reach the ADC.
     fn amplified(&self, i: usize, now: Tick) -> Outcome<&'static str> {
         let (csr, tcmr) = (self.opamp[i].read(0x00)?, self.opamp[i].read(0x18)?);
         let name = OPAMPS[i].0;
@@ -268,13 +267,13 @@ impl G431 {
         self.pin(name, self.opamp_pads[i].get(select as usize))
     }
 
-    /// The pin that an input is, which must be analogue.
+    /// Pin of an input; an error if the pin is not analogue.
     fn pin(&self, of: &str, input: Option<&Option<Pad>>) -> Outcome<&'static str> {
         let Some(Some(pad)) = input else { return Err(format!("{of} has no such input")) };
         self.common.analogue(of, pad.name, pad.port, pad.number)
     }
 
-    /// True where the DMA was asked for a transfer.
+    /// Runs an event of an ADC; true if a DMA transfer is requested.
     fn adc_moment(&mut self, i: usize, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
         let name = ADCS[i];
         let source = self.adc[i].sampled(now).map(|input| self.source(i, input, now));
@@ -294,7 +293,7 @@ impl G431 {
         Ok(asks)
     }
 
-    /// What an ADC's input is connected to.
+    /// Source of an ADC input.
     fn source(&self, i: usize, input: u32, now: Tick) -> Outcome<Source> {
         let common = Ccr(self.adc_common.read(0x08)?);
         if i == 0 && input == TEMPERATURE && common.vsenseen() {
@@ -376,7 +375,7 @@ impl Chip for G431 {
             EventSource::System => self.common.system.advance(now),
             EventSource::Tim1 => self.tim1_edge(now, memory)?,
             EventSource::Tim2 => _ = self.common.tim2.advance(now),
-            // A sample alone asks for nothing.
+            // A sample alone requests no interrupt.
             EventSource::Adc(i) => return self.adc_moment(i, now, memory),
             EventSource::Iwdg => self.common.bite(),
             EventSource::Host => self.common.host.advance(now, &mut self.usb)?,

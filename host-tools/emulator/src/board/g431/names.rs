@@ -1,22 +1,24 @@
-//! What stands at an address, in the manufacturer's words: the register descriptions that the firmware's own
-//! register access is generated from.
+//! Names of registers and peripherals, from the manufacturer's register descriptions.
+//!
+//! The firmware's register access is generated from the same descriptions.
 
 use std::collections::HashMap;
 
 use stm32_metapac::metadata::ir::{Array, BitOffset, BlockItemInner, IR};
 use stm32_metapac::metadata::{METADATA, Peripheral};
 
-/// What is no register belongs to whom its page does, in address bits.
+/// Bits of an address within a page; an address without a register belongs to its page's
+/// peripheral.
 const PAGE_BITS: u32 = 8;
 
-/// Names of registers, and whose they are.
+/// Names of registers, and their peripherals.
 pub struct Names {
     registers: HashMap<u32, (String, &'static Peripheral)>,
     pages: HashMap<u32, &'static Peripheral>,
 }
 
 impl Default for Names {
-    /// Of the STM32G431CB.
+    /// Names of the STM32G431CB.
     fn default() -> Self {
         let mut names = Self { registers: HashMap::new(), pages: HashMap::new() };
         for peripheral in METADATA.peripherals {
@@ -36,13 +38,13 @@ impl Default for Names {
 }
 
 impl Names {
-    /// Whose register that is, or whose page.
+    /// Peripheral of the register at an address, or of its page.
     pub fn peripheral(&self, address: u32) -> Option<&'static Peripheral> {
         let register = self.registers.get(&(address & !3)).map(|(_, peripheral)| *peripheral);
         register.or_else(|| self.pages.get(&(address >> PAGE_BITS)).copied())
     }
 
-    /// A register as people call it.
+    /// Readable name of a register.
     pub fn register(&self, address: u32) -> String {
         let name = self.registers.get(&(address & !3)).or_else(|| self.registers.get(&address));
         match (name, self.peripheral(address)) {
@@ -56,7 +58,7 @@ impl Names {
     }
 }
 
-/// All registers of a block, blocks within it included.
+/// Collects all registers of a block, with those of blocks in it.
 fn walk(ir: &IR, block: &str, base: u32, prefix: &str, found: &mut Vec<(u32, String)>) {
     let Some(block) = ir.blocks.iter().find(|candidate| same(candidate.name, block)) else {
         return;
@@ -84,16 +86,16 @@ fn walk(ir: &IR, block: &str, base: u32, prefix: &str, found: &mut Vec<(u32, Str
     }
 }
 
-/// The descriptions write some names in capitals here and in camel case there.
+/// Whether two names agree without case and underscores, which the descriptions use inconsistently.
 fn same(name: &str, wanted: &str) -> bool {
     let plain = |name: &str| name.replace('_', "").to_lowercase();
     plain(name) == plain(wanted)
 }
 
-/// A peripheral by its name.
+/// Peripheral of this name.
 ///
 /// # Panics
-/// Where the chip has none of that name, which is a mistake of this program.
+/// If the chip has no peripheral of that name, which is a mistake of this program.
 pub fn peripheral(name: &str) -> &'static Peripheral {
     METADATA
         .peripherals
@@ -102,12 +104,12 @@ pub fn peripheral(name: &str) -> &'static Peripheral {
         .unwrap_or_else(|| panic!("{} has no {name}", METADATA.name))
 }
 
-/// Where it stands.
+/// First address of a peripheral.
 pub fn base(name: &str) -> u32 {
     peripheral(name).address as u32
 }
 
-/// The number of an interrupt.
+/// Number of an interrupt.
 ///
 /// # Panics
 /// As [`peripheral`].
@@ -120,7 +122,7 @@ pub fn interrupt(name: &str) -> usize {
         .number as usize
 }
 
-/// The offset of a register in its peripheral, and the place of one of its fields.
+/// Offset of a register in its peripheral, and first bit of one of its fields.
 ///
 /// # Panics
 /// As [`peripheral`].

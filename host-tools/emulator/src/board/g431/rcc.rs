@@ -1,5 +1,7 @@
-//! Clocks and resets (RM0440 §7). An oscillator is ready as soon as it is switched on; what the clocks
-//! require of the flash is checked where the system clock changes.
+//! Clocks and resets of the STM32G431 (RM0440 §7).
+//!
+//! Oscillators are ready as soon as they are on. Changes of the system clock are checked against
+//! the flash's wait states.
 
 use super::wires::Bit;
 use crate::board::chip::Cause;
@@ -14,24 +16,24 @@ const CSR: u32 = 0x94;
 const CRRCR: u32 = 0x98;
 
 const HSI_HZ: u64 = 16_000_000;
-/// The most with boost mode, and without (DS12589 table 17).
+/// Highest HCLK with boost mode and without (DS12589 table 17).
 const FASTEST: u64 = 170_000_000;
 const FASTEST_UNBOOSTED: u64 = 150_000_000;
 
-/// RCC.
+/// Reset and clock control.
 pub struct Rcc {
     registers: [u32; 0xa0 / 4],
     hclk: Tick,
 }
 
 impl Rcc {
-    /// As after a reset. The flags of resets before it are kept until they are cleared.
+    /// State after a reset; flags of earlier resets stay until they are cleared.
     pub fn new(cause: Cause, before: Option<&Self>) -> Self {
         let mut registers = [0; 0xa0 / 4];
         registers[CR as usize / 4] = 0x500;
         registers[CFGR as usize / 4] = 0x5;
         registers[PLLCFGR as usize / 4] = 0x1000;
-        // AHB1ENR, AHB1SMENR and the other masks of sleep mode.
+        // AHB1ENR, then AHB1SMENR and the other masks of sleep mode.
         registers[0x48 / 4] = 0x100;
         for (offset, value) in [
             (0x68, 0x130f),
@@ -44,7 +46,7 @@ impl Rcc {
             registers[offset / 4] = value;
         }
         let mut csr = Csr(before.map_or(0, |rcc| rcc.registers[CSR as usize / 4]) & !3);
-        // Every cause pulls the reset pin low too.
+        // Every reset also pulls the reset pin low.
         csr.set_pinrstf(true);
         match cause {
             Cause::Power => csr.set_borrstf(true),
@@ -59,33 +61,33 @@ impl Rcc {
         self.registers[offset as usize / 4]
     }
 
-    /// The period of HCLK, which all buses and timers run at here.
+    /// Period of HCLK, which is also that of all buses and timers here.
     pub fn hclk(&self) -> Tick {
         self.hclk
     }
 
-    /// It is so fast that the core's voltage must be raised: boost mode.
+    /// Whether the core is so fast that it needs boost mode.
     pub fn needs_boost(&self) -> bool {
         time::HZ / self.hclk > FASTEST_UNBOOSTED
     }
 
-    /// The USB has its 48 MHz.
+    /// Whether the USB has its 48 MHz.
     pub fn usb_clock(&self) -> bool {
         // CLK48SEL = HSI48
         Crrcr(self.register(CRRCR)).hsi48rdy() && self.register(0x88) >> 26 & 3 == 0
     }
 
-    /// A peripheral's clock is on.
+    /// Whether a peripheral's clock is on.
     pub fn enabled(&self, by: &Bit) -> bool {
         self.register(by.register) >> by.place & 1 == 1
     }
 
-    /// The register at `offset`.
+    /// Reads the register at `offset`.
     pub fn read(&self, offset: u32) -> Outcome<u32> {
         self.registers.get(offset as usize / 4).copied().ok_or_else(|| UNMODELLED.into())
     }
 
-    /// Writes it. `latency` is the flash's wait states.
+    /// Writes the register at `offset`; `latency` are the flash's wait states.
     pub fn write(&mut self, offset: u32, value: u32, latency: u32) -> Outcome {
         let pll_runs = Cr(self.register(CR)).pllon();
         let place = self.registers.get_mut(offset as usize / 4).ok_or(UNMODELLED)?;
@@ -119,14 +121,14 @@ impl Rcc {
                 crrcr.set_hsi48rdy(crrcr.hsi48on());
                 *place = crrcr.0;
             }
-            // ICSCR is calibrated in the factory.
+            // ICSCR: the factory calibrates it.
             0x04 => return Err(UNMODELLED.into()),
             _ => *place = value,
         }
         Ok(())
     }
 
-    /// The system clock that CFGR and PLLCFGR choose now.
+    /// Switches to the system clock that CFGR and PLLCFGR select.
     fn switch(&mut self, latency: u32) -> Outcome {
         let cr = Cr(self.register(CR));
         let cfgr = self.register(CFGR);
@@ -147,7 +149,7 @@ impl Rcc {
         if hclk > FASTEST {
             return Err(format!("{hclk} Hz, which this chip does not reach"));
         }
-        // RM0440 §3.3.3: MHz a wait state, with boost mode and, slower, without.
+        // MHz per wait state with boost mode, and without (RM0440 §3.3.3).
         let step = if hclk > FASTEST_UNBOOSTED { 34 } else { 30 };
         let needed = (hclk - 1) / (step * 1_000_000);
         if u64::from(latency) < needed {
@@ -158,7 +160,7 @@ impl Rcc {
         Ok(())
     }
 
-    /// The PLL's R output in hertz.
+    /// Frequency of the PLL's R output in hertz.
     fn pll(&self) -> Outcome<u64> {
         let raw = self.register(PLLCFGR);
         let pll = Pllcfgr(raw);

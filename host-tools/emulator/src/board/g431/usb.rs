@@ -1,5 +1,6 @@
-//! The USB full-speed device and its packet memory (RM0440 §45), as the bus sees it: transactions come in,
-//! handshakes go out. No double buffers, no isochronous endpoints.
+//! USB full-speed device and its packet memory (RM0440 §45).
+//!
+//! Double buffers and isochronous endpoints are not modelled.
 
 use stm32_metapac::usb::regs::{Cntr, Epr, Istr};
 use stm32_metapac::usb::vals::{EpType, Stat};
@@ -17,17 +18,17 @@ const DADDR: u32 = 0x4c;
 const BTABLE: u32 = 0x50;
 const BCDR: u32 = 0x58;
 
-/// DPPU: the pull-up that tells a host that somebody is there.
+/// DPPU: the pull-up that shows the device to a host.
 const PULL_UP: u32 = 1 << 15;
-/// Bits of ISTR that stand until they are cleared.
+/// Bits of ISTR that stay set until they are cleared.
 const STANDING: u32 = 0x7f80;
-/// Of an endpoint's register: DTOG_RX, STAT_RX, DTOG_TX, STAT_TX.
+/// Toggle bits of an endpoint's register: DTOG_RX, STAT_RX, DTOG_TX, STAT_TX.
 const TOGGLES: u32 = 1 << 14 | 3 << 12 | 1 << 6 | 3 << 4;
 const SUSP: u32 = 1 << 11;
 const RESET: u32 = 1 << 10;
 const WKUP: u32 = 1 << 12;
 
-/// The USB device.
+/// USB device with its registers and packet memory.
 pub struct Usb {
     epr: [Epr; ENDPOINTS],
     cntr: u32,
@@ -53,7 +54,7 @@ impl Default for Usb {
 }
 
 impl Usb {
-    /// It asks for its interrupt.
+    /// Whether the device requests its interrupt.
     pub fn interrupt(&self) -> bool {
         self.status() & self.cntr & 0xff00 != 0
     }
@@ -64,13 +65,13 @@ impl Usb {
         if let Some(first) = first {
             istr.set_ctr(true);
             istr.set_ep_id(first as u8);
-            // DIR: an OUT or SETUP is among them.
+            // DIR: set for an OUT or SETUP.
             istr.0 |= u32::from(self.epr[first].ctr_rx()) << 4;
         }
         istr.0
     }
 
-    /// The register that has this endpoint.
+    /// Index of the register that serves an endpoint.
     fn endpoint(&self, address: u8, number: u8) -> Option<usize> {
         let addressed = self.daddr == u32::from(address) | 0x80;
         (0..ENDPOINTS).find(|i| {
@@ -97,7 +98,7 @@ impl Usb {
         Ok(())
     }
 
-    /// A half word of an endpoint's buffer description: address and count to send, the same to receive.
+    /// Half word of an endpoint's buffer description: address and count to send, then to receive.
     fn entry(&self, i: usize, which: usize) -> u16 {
         let at = self.btable as usize + 8 * i + 2 * which;
         u16::from_le_bytes([self.memory[at], self.memory[at + 1]])
@@ -108,7 +109,7 @@ impl Usb {
         self.memory[at..at + 2].copy_from_slice(&value.to_le_bytes());
     }
 
-    /// The register at `offset`; `frame` is the number of the host's frame.
+    /// Reads the register at `offset`; `frame` is the host's frame number.
     pub fn read(&self, offset: u32, frame: u32) -> Outcome<u32> {
         Ok(match offset {
             0x00..=0x1c => self.epr[offset as usize / 4].0,
@@ -122,12 +123,12 @@ impl Usb {
         })
     }
 
-    /// Writes it. `clock` says whether the peripheral has its 48 MHz.
+    /// Writes the register at `offset`; `clock` is whether the peripheral has its 48 MHz.
     pub fn write(&mut self, offset: u32, value: u32, clock: bool) -> Outcome {
         match offset {
             0x00..=0x1c => {
                 let epr = &mut self.epr[offset as usize / 4];
-                // Data toggles and states turn over where 1 is written, CTR falls where 0 is.
+                // Writing 1 inverts data toggles and states, writing 0 clears CTR.
                 let kept = epr.0 & value & 0x8080;
                 let toggled = (epr.0 ^ value) & TOGGLES;
                 epr.0 = kept | toggled | epr.0 & 0x0800 | value & 0x070f;
@@ -152,7 +153,7 @@ impl Usb {
         Ok(())
     }
 
-    /// Half a word, or a byte, of the packet memory.
+    /// Reads a byte or half word of the packet memory.
     pub fn read_memory(&self, offset: u32, size: u32) -> Outcome<u32> {
         let at = offset as usize;
         let bytes = self.memory.get(at..at + size as usize).filter(|bytes| bytes.len() <= 2);
@@ -160,7 +161,7 @@ impl Usb {
         Ok(bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
     }
 
-    /// Writes it.
+    /// Writes a byte or half word of the packet memory.
     pub fn write_memory(&mut self, offset: u32, size: u32, value: u32) -> Outcome {
         let at = offset as usize;
         let place = self.memory.get_mut(at..at + size as usize).filter(|place| place.len() <= 2);
@@ -217,12 +218,12 @@ impl Device for Usb {
             Stat::STALL => return Ok(Answer::Stall),
             Stat::VALID => {}
         }
-        // STATUS_OUT: only an empty packet may come.
+        // STATUS_OUT: only an empty packet is allowed.
         if epr.ep_type() == EpType::CONTROL && epr.ep_kind() && !data.is_empty() {
             return Ok(Answer::Stall);
         }
         if epr.dtog_rx() != data1 {
-            // A repetition: taken, and thrown away.
+            // A repeated packet is acknowledged and dropped.
             return Ok(Answer::Ack);
         }
         self.receive(i, data)?;

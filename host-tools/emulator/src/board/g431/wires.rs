@@ -1,18 +1,17 @@
-//! The chip's fixed wires, looked up once: which bits switch a peripheral's clock on and reset it, which
-//! pins are which inputs.
+//! Fixed wires of the chip: clock enable and reset bits, and pins of inputs.
 
 use stm32_metapac::metadata::PeripheralRccRegister;
 
 use super::names::{field, peripheral};
 
-/// A bit of RCC.
+/// Bit of a register of RCC.
 #[derive(Clone, Debug)]
 pub struct Bit {
-    /// Its register's offset.
+    /// Offset of the register.
     pub register: u32,
-    /// Its place.
+    /// Number of the bit.
     pub place: u32,
-    /// For people.
+    /// Readable name.
     pub name: String,
 }
 
@@ -23,7 +22,7 @@ impl Bit {
     }
 }
 
-/// The bits that switch a peripheral's clock on and that reset it, where there are such.
+/// Clock enable and reset bits of a peripheral, if they exist.
 pub fn bits(name: &str) -> [Option<Bit>; 2] {
     match &peripheral(name).rcc {
         Some(rcc) => [&rcc.enable, &rcc.reset].map(|bit| bit.as_ref().map(Bit::new)),
@@ -31,18 +30,18 @@ pub fn bits(name: &str) -> [Option<Bit>; 2] {
     }
 }
 
-/// A pin.
+/// Pin of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pad {
-    /// As it is called.
+    /// Name of the pin.
     pub name: &'static str,
-    /// Its port: 0 is A.
+    /// Port: 0 is A.
     pub port: usize,
-    /// Its number there.
+    /// Number in the port.
     pub number: u32,
 }
 
-/// The pins of a peripheral's signals whose names are `prefix` and a number, by that number.
+/// Pins of a peripheral's signals `prefix` + number, by that number.
 pub fn pads(of: &str, prefix: &str, count: usize) -> Vec<Option<Pad>> {
     let pin = |number: usize| {
         let signal = format!("{prefix}{number}");

@@ -1,4 +1,4 @@
-//! Control transfers and what they ask for (USB 2.0, 9.3, 9.4).
+//! Control transfers and their requests (USB 2.0, 9.3, 9.4).
 
 use crate::board::Outcome;
 use crate::board::time::Tick;
@@ -10,11 +10,11 @@ pub const SET_CONFIGURATION: [u8; 2] = [0x00, 9];
 pub const SET_LINE_CODING: [u8; 2] = [0x21, 0x20];
 pub const GET_LINE_CODING: [u8; 2] = [0xa1, 0x21];
 pub const SET_CONTROL_LINE_STATE: [u8; 2] = [0x21, 0x22];
-/// To an endpoint; of all features it has but ENDPOINT_HALT, which is 0.
+/// Requests to an endpoint; the only feature is ENDPOINT_HALT, 0.
 pub const CLEAR_FEATURE: [u8; 2] = [0x02, 1];
 pub const SET_FEATURE: [u8; 2] = [0x02, 3];
 
-/// Descriptors.
+/// Types of descriptors.
 pub const DEVICE: u8 = 1;
 pub const CONFIGURATION: u8 = 2;
 pub const STRING: u8 = 3;
@@ -22,7 +22,7 @@ pub const ENDPOINT: u8 = 5;
 pub const QUALIFIER: u8 = 6;
 pub const BOS: u8 = 15;
 
-/// A control transfer.
+/// Control transfer in progress.
 #[derive(Clone, Debug)]
 pub struct Control {
     pub setup: [u8; 8],
@@ -31,7 +31,7 @@ pub struct Control {
     pub stage: Stage,
     pub data1: bool,
     pub begun: Tick,
-    /// A stall is what is expected.
+    /// Whether the host expects a stall.
     pub refused: bool,
 }
 
@@ -75,12 +75,12 @@ impl Control {
 }
 
 pub fn descriptor(kind: u8, number: u8, length: u16) -> Control {
-    // Strings in English, as the first is for what languages there are.
+    // Strings are asked for in English; string 0 lists the languages.
     let language = if kind == STRING && number > 0 { 0x0409 } else { 0 };
     Control::new(GET_DESCRIPTOR, u16::from(kind) << 8 | u16::from(number), language, length)
 }
 
-/// The numbers of the bulk endpoints in a configuration: to the host, to the device.
+/// Numbers of the bulk endpoints in a configuration: to the host, to the device.
 pub fn bulk_endpoints(configuration: &[u8]) -> Outcome<[u8; 2]> {
     let (mut found, mut rest) = ([None; 2], configuration);
     while let Some((length, _)) = rest.split_first() {

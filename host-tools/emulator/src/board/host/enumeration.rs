@@ -1,4 +1,4 @@
-//! What the host asks of a device that is new to it, as Linux does, and what it learns.
+//! Enumeration of a new device, as Linux does it.
 
 use super::Host;
 use super::control::{
@@ -12,14 +12,14 @@ use crate::board::time::{Tick, micros};
 use crate::board::usb::Device;
 
 const ADDRESS: u8 = 7;
-/// After its address a device may rest (USB 2.0, 9.2.6.3).
+/// Recovery time of a device after SET_ADDRESS (USB 2.0, 9.2.6.3).
 const ADDRESS_RECOVERY: Tick = micros(2_000);
 
 /// 115200 baud, one stop bit, no parity, eight bits.
 const LINE_CODING: [u8; 7] = [0x00, 0xc2, 0x01, 0x00, 0, 0, 8];
 
 impl Host {
-    /// The first question after a reset.
+    /// Queues the first request after a reset.
     pub(super) fn ask_first(&mut self) {
         self.queue.push_back(if self.resets == 1 {
             descriptor(DEVICE, 0, 64)
@@ -28,7 +28,7 @@ impl Host {
         });
     }
 
-    /// What follows from a transfer that is over.
+    /// Handles the end of a control transfer and queues the next ones.
     pub(super) fn conclude(
         &mut self,
         control: Control,
@@ -47,7 +47,7 @@ impl Host {
             self.queue.push_back(Control::sending(SET_LINE_CODING, 0, &LINE_CODING));
             self.queue.push_back(Control::new(GET_LINE_CODING, 0, 0, 7));
         } else if control.is(CLEAR_FEATURE) {
-            // Data begin again (USB 2.0, 9.4.5).
+            // Data restart with DATA0 (USB 2.0, 9.4.5).
             self.toggles[0] = false;
         } else if control.is(GET_LINE_CODING) {
             if control.data != LINE_CODING {
@@ -63,7 +63,7 @@ impl Host {
         Ok(())
     }
 
-    /// A descriptor has come; what is asked next.
+    /// Stores a descriptor and queues the next requests.
     fn learn(&mut self, control: &Control, now: Tick, usb: &mut dyn Device) -> Outcome {
         let [_, _, number, kind, ..] = control.setup;
         let data = &control.data;
@@ -77,9 +77,9 @@ impl Host {
                     return Err(format!("{configurations} configurations"));
                 }
                 self.descriptors.device.clone_from(data);
-                // A device of one speed has no qualifier and says so.
+                // A full-speed device has no qualifier and answers with a stall.
                 self.queue.push_back(Control { refused: true, ..descriptor(QUALIFIER, 0, 10) });
-                // From USB 2.01 on there is more to be asked.
+                // From USB 2.01 on a device has a BOS descriptor.
                 if data.get(2..4).is_some_and(|bcd| [bcd[1], bcd[0]] > [2, 0]) {
                     self.queue.push_back(descriptor(BOS, 0, 5));
                 }
@@ -97,7 +97,7 @@ impl Host {
                     return Err(format!("request {:02x?} brings {data:02x?}", control.setup));
                 };
                 let whole = u16::from_le_bytes([*low, *high]);
-                // Before what else is asked.
+                // Goes before the queued requests.
                 self.queue.push_front(descriptor(kind, number, whole.max(10)));
             }
             CONFIGURATION => {

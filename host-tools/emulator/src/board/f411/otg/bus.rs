@@ -1,4 +1,4 @@
-//! The OTG core's side of the bus.
+//! Bus side of the OTG core: answers to transactions.
 
 use super::{
     ENDPOINTS, ENUMDNE, EPENA, Entry, NAKSTS, OUT_DATA, OUT_DONE, Otg, SETUP_DATA, SETUP_DONE,
@@ -7,18 +7,18 @@ use super::{
 use crate::board::Outcome;
 use crate::board::usb::{Answer, Device};
 
-/// DATA0 and DATA1, as an entry of the receive FIFO has them.
+/// Codes of DATA0 and DATA1 in the receive FIFO.
 const PIDS: [u32; 2] = [0b00, 0b10];
 
 impl Otg {
-    /// The endpoint of this number, where the device has the address and the endpoint is on.
+    /// Index of an endpoint; `None` if the device has another address or lacks the endpoint.
     fn addressed(&self, address: u8, number: u8) -> Option<usize> {
         let own = self.former.unwrap_or(self.dcfg >> 4 & 0x7f);
         let there = own == u32::from(address) && usize::from(number) < ENDPOINTS;
         there.then_some(usize::from(number))
     }
 
-    /// What an IN endpoint would answer, but for the data.
+    /// Answer of an IN endpoint; ACK stands for data.
     fn sends(&self, i: usize) -> Answer {
         let endpoint = &self.ins[i];
         let filled = 4 * self.transmit[i].len() >= (endpoint.tsiz & 0x7_ffff) as usize;
@@ -30,7 +30,7 @@ impl Otg {
         }
     }
 
-    /// What an OUT endpoint would answer.
+    /// Answer of an OUT endpoint.
     fn receives(&self, i: usize) -> Answer {
         let endpoint = &self.outs[i];
         match () {
@@ -41,7 +41,7 @@ impl Otg {
         }
     }
 
-    /// Puts what came into the receive FIFO, and behind it that this was all.
+    /// Appends a packet and its end marker to the receive FIFO.
     fn put(&mut self, i: usize, pid: u32, data: &[u8], data_status: u32, done: u32) -> Outcome {
         let words = data.chunks(4).map(|bytes| {
             let mut word = [0; 4];
@@ -62,7 +62,7 @@ impl Otg {
 
 impl Device for Otg {
     fn is_attached(&self) -> bool {
-        // PWRDWN: the transceiver is on. NOVBUSSENS. SDIS.
+        // PWRDWN (transceiver on), NOVBUSSENS, SDIS.
         self.gccfg >> 16 & 1 == 1 && self.gccfg >> 21 & 1 == 1 && self.dctl >> 1 & 1 == 0
     }
 
@@ -111,7 +111,7 @@ impl Device for Otg {
     fn out(&mut self, address: u8, number: u8, data1: bool, data: &[u8]) -> Outcome<Answer> {
         let Some(i) = self.addressed(address, number) else { return Ok(Answer::Silence) };
         let answer = self.receives(i);
-        // A repetition is taken, and thrown away.
+        // A repeated packet is acknowledged and dropped.
         if answer != Answer::Ack || self.outs[i].data1 != data1 {
             return Ok(answer);
         }
