@@ -1,4 +1,4 @@
-//! The C header reads what this core sends: compiled by the system's C compiler, without a warning.
+//! Checks that the C header reads this core's messages and compiles without a warning.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -14,7 +14,7 @@ use taxel::units::{Micros, Millimetres, Newtons};
 use taxel::wire::message::Message;
 use taxel::wire::{MAX_PACKET, pack};
 
-/// What the C program prints for a stream.
+/// Compiles the C program and returns its output for a stream.
 fn printed(stream: &[u8]) -> String {
     let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join("print_frames");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("host-tools/c/print_frames.c");
@@ -40,7 +40,7 @@ fn packet(frame: Frame) -> Vec<u8> {
 }
 
 #[test]
-fn the_c_header_reads_every_field_that_frames_carry_and_nothing_that_is_none() {
+fn c_header_reads_each_field_and_skips_missing_ones() {
     let small = Frame {
         seq: 300,
         time: Micros(1_000_000),

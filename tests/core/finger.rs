@@ -1,4 +1,4 @@
-//! What the finger says of a scene, and what it says when it cannot know.
+//! Estimates of a finger, and its reasons where it cannot estimate.
 
 use crate::common;
 use crate::common::{LIT, calibration, everything, pressed, unloaded};
@@ -17,7 +17,7 @@ fn calibrated() -> (Finger, FingerState) {
     Finger::new(Some(calibration()))
 }
 
-/// The estimate after the same scan has come often enough for the gate to make up its mind.
+/// Returns the estimate after nine equal scans, enough for the contact gate to switch.
 fn settled(finger: &Finger, state: &mut FingerState, scan: &Scan) -> Estimate {
     for _ in 0..8 {
         finger.estimate(state, scan);
@@ -30,7 +30,7 @@ fn near(estimate: &Estimate, x: f32, y: f32) -> bool {
 }
 
 #[test]
-fn an_untouched_finger_feels_zero_force_and_runs_no_estimator_of_the_matrix() {
+fn unloaded_finger_has_zero_force_and_runs_no_model() {
     let (finger, mut state) = calibrated();
     let estimate = settled(&finger, &mut state, &unloaded(0));
     assert_eq!(estimate.force, Force::known(0.0, 0.0, 0.0));
@@ -39,7 +39,7 @@ fn an_untouched_finger_feels_zero_force_and_runs_no_estimator_of_the_matrix() {
 }
 
 #[test]
-fn a_press_has_a_force_and_a_place() {
+fn press_has_force_and_contact_point() {
     let (finger, mut state) = calibrated();
     let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
     let Ok(Newtons(fz)) = estimate.force.z else { panic!("{:?}", estimate.force) };
@@ -51,7 +51,7 @@ fn a_press_has_a_force_and_a_place() {
 }
 
 #[test]
-fn a_net_in_sixteen_bits_runs_instead_of_the_other_and_the_status_says_so() {
+fn q15_net_replaces_net_and_sets_its_status() {
     let float = calibration();
     let quantised = float.force.as_ref().and_then(|net| QuantisedNet::new(net, 0.5));
     let (finger, mut state) = Finger::new(Some(Calibration { force: None, quantised, ..float }));
@@ -65,7 +65,7 @@ fn a_net_in_sixteen_bits_runs_instead_of_the_other_and_the_status_says_so() {
 }
 
 #[test]
-fn the_contact_point_method_is_selectable_and_named_in_the_status() {
+fn contact_point_method_is_selectable() {
     let (mut finger, mut state) = calibrated();
     finger.point_method = PointMethod::ArgMin;
     let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
@@ -73,10 +73,11 @@ fn the_contact_point_method_is_selectable_and_named_in_the_status() {
     assert!(!estimate.status.contains(Status::RAN_CENTROID));
 }
 
-/// Presses that flicker by ±1 % from scan to scan: with a filter a hundredth of it is left, and the gate as
-/// quick as before.
+/// Presses that flicker by ±1 % from scan to scan.
+///
+/// The filter leaves a hundredth of the flicker and does not delay the gate.
 #[test]
-fn a_filter_quietens_forces_and_places_and_delays_nothing_but_them() {
+fn filter_smooths_estimates_and_not_the_gate() {
     let (plain, mut plain_state) = calibrated();
     let (mut smooth, mut smooth_state) = calibrated();
     smooth.filter = Some(LowPass::new(100, 4000));
@@ -105,7 +106,7 @@ fn a_filter_quietens_forces_and_places_and_delays_nothing_but_them() {
 }
 
 #[test]
-fn without_a_calibration_nothing_is_said_about_force() {
+fn force_is_missing_without_calibration() {
     let (finger, mut state) = Finger::new(None);
     let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
     assert_eq!(estimate.force, Force::none(NoValue::Uncalibrated));
@@ -115,7 +116,7 @@ fn without_a_calibration_nothing_is_said_about_force() {
 }
 
 #[test]
-fn a_bias_alone_is_enough_for_contact_and_place() {
+fn bias_alone_gives_contact_and_point() {
     let (finger, mut state) = Finger::new(None);
     state.take_bias(50);
     let taken = (0..50).find_map(|t| finger.estimate(&mut state, &unloaded(t)).bias);
@@ -128,7 +129,7 @@ fn a_bias_alone_is_enough_for_contact_and_place() {
 }
 
 #[test]
-fn bias_is_refused_while_the_finger_is_moving_and_the_old_one_stays() {
+fn bias_taken_in_motion_keeps_the_old_one() {
     let (finger, mut state) = calibrated();
     let before = *state.bias();
     state.take_bias(100);
@@ -140,7 +141,7 @@ fn bias_is_refused_while_the_finger_is_moving_and_the_old_one_stays() {
 }
 
 #[test]
-fn clearing_the_bias_brings_back_the_calibrations() {
+fn clearing_bias_restores_calibration_bias() {
     let (finger, mut state) = calibrated();
     let before = *state.bias();
     state.take_bias(10);
@@ -154,7 +155,7 @@ fn clearing_the_bias_brings_back_the_calibrations() {
 }
 
 #[test]
-fn a_clipped_taxel_withholds_the_force_and_says_so() {
+fn clipped_taxel_removes_force() {
     let (finger, mut state) = calibrated();
     let estimate = settled(&finger, &mut state, &pressed(0, 6, u16::MAX - LIT));
     assert_eq!(estimate.force, Force::none(NoValue::Saturated));
@@ -163,7 +164,7 @@ fn a_clipped_taxel_withholds_the_force_and_says_so() {
 }
 
 #[test]
-fn a_dead_taxel_withholds_the_force_but_not_the_place() {
+fn dead_taxel_removes_force_and_keeps_point() {
     let (finger, mut state) = calibrated();
     let mut scan = pressed(0, 10, 6_554);
     scan.codes.taxels.as_mut().unwrap().lit[0][0] = Code(common::DARK);
@@ -174,7 +175,7 @@ fn a_dead_taxel_withholds_the_force_but_not_the_place() {
 }
 
 #[test]
-fn a_bias_does_not_make_a_dead_taxel_pass_for_a_dark_one() {
+fn dead_taxel_stays_dead_after_a_bias() {
     let (finger, mut state) = calibrated();
     let weak = |t: u64| {
         let mut scan = unloaded(t);
@@ -190,7 +191,7 @@ fn a_bias_does_not_make_a_dead_taxel_pass_for_a_dark_one() {
 }
 
 #[test]
-fn a_dead_taxel_alone_is_no_contact() {
+fn dead_taxel_alone_is_no_contact() {
     let (finger, mut state) = calibrated();
     let mut scan = unloaded(0);
     scan.codes.taxels.as_mut().unwrap().lit[0][0] = Code(common::DARK);
@@ -199,7 +200,7 @@ fn a_dead_taxel_alone_is_no_contact() {
 }
 
 #[test]
-fn beyond_the_trained_range_there_is_a_reason_not_an_extrapolation() {
+fn signal_out_of_range_is_not_extrapolated() {
     let (finger, mut state) = calibrated();
     let estimate = settled(&finger, &mut state, &pressed(0, 6, 39_000));
     assert_eq!(estimate.force, Force::none(NoValue::OutOfTrainedRange));
@@ -207,7 +208,7 @@ fn beyond_the_trained_range_there_is_a_reason_not_an_extrapolation() {
 }
 
 #[test]
-fn a_broken_bridge_arm_withholds_that_sensor() {
+fn broken_bridge_arm_removes_that_sensor() {
     let (finger, mut state) = calibrated();
     let mut scan = unloaded(0);
     scan.codes.bridges[0].as_mut().unwrap().b = Code(u16::MAX);
@@ -218,14 +219,14 @@ fn a_broken_bridge_arm_withholds_that_sensor() {
 }
 
 #[test]
-fn an_overrun_is_flagged_in_its_frame() {
+fn overrun_is_flagged_in_its_frame() {
     let (finger, mut state) = calibrated();
     let scan = Scan { lost: 1, ..unloaded(0) };
     assert!(finger.estimate(&mut state, &scan).status.contains(Status::OVERRUN));
 }
 
 #[test]
-fn a_normal_only_net_says_nothing_about_shear() {
+fn net_of_one_output_gives_no_shear() {
     let mut record = calibration();
     let net = record.force.as_mut().unwrap();
     net.output_bias = [0.0].into_iter().collect();
@@ -237,13 +238,14 @@ fn a_normal_only_net_says_nothing_about_shear() {
 }
 
 #[test]
-fn a_touch_runs_what_the_record_holds_and_the_status_says_so() {
+fn contact_runs_all_sections_and_sets_their_status() {
     let (finger, mut state) = Finger::new(Some(everything()));
     let quiet = settled(&finger, &mut state, &unloaded(0));
     assert_eq!(quiet.force, Force::known(0.0, 0.0, 0.0));
     assert_eq!(quiet.status, Status::RAN_SENSORS | Status::RAN_WARMTH);
     assert_eq!(quiet.slip, Err(NoValue::NoContact));
-    // The force sensors feel nothing of this press: they contradict the matrix, which is less sure.
+    // The force sensors measure none of this press. They contradict the matrix, whose error is
+    // larger.
     let pressed = settled(&finger, &mut state, &pressed(0, 6, 6_554));
     for bit in [Status::CONTACT, Status::RAN_MODEL] {
         assert!(pressed.status.contains(bit), "{:?}", pressed.status);
@@ -255,7 +257,7 @@ fn a_touch_runs_what_the_record_holds_and_the_status_says_so() {
 }
 
 #[test]
-fn a_chosen_method_of_the_paper_runs_beside_the_net() {
+fn chosen_point_method_runs_with_the_net() {
     let (mut finger, mut state) = Finger::new(Some(everything()));
     finger.point_method = PointMethod::Centroid;
     let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
@@ -265,7 +267,7 @@ fn a_chosen_method_of_the_paper_runs_beside_the_net() {
 }
 
 #[test]
-fn where_a_taxel_is_dead_the_force_sensors_stand_for_both() {
+fn force_sensors_replace_matrix_with_dead_taxel() {
     let (finger, mut state) = Finger::new(Some(everything()));
     let mut scan = pressed(0, 10, 6_554);
     let taxels = scan.codes.taxels.as_mut().unwrap();
@@ -281,11 +283,11 @@ fn where_a_taxel_is_dead_the_force_sensors_stand_for_both() {
 }
 
 #[test]
-fn warm_force_sensors_are_read_with_the_gain_of_their_temperature() {
+fn force_sensor_gain_follows_temperature() {
     let mut record = everything();
     let warmth = record.warmth.as_mut().unwrap();
     warmth.offset = Default::default();
-    // 5 K on, in fractions of full scale.
+    // A rise of 5 K as a share of full scale.
     let warmer = 5.0 * PER_KELVIN;
     let gain = 1.0 / (1.0 + warmth.sensitivity * warmer);
     let force = |codes: f32| {

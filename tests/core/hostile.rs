@@ -1,4 +1,4 @@
-//! No output is ever NaN or infinite: for any codes, and any calibration that is accepted.
+//! No output is NaN or infinite, for any codes and any accepted calibration.
 
 use crate::common::{LIT, MIDPOINT, everything, unloaded};
 use proptest::prelude::*;
@@ -47,8 +47,9 @@ fn any_codes() -> impl Strategy<Value = Codes> {
         })
 }
 
-/// What a finger of this record may well read: some taxels nearer, bridges a little off their middle. Bridges of
-/// [`any_codes`] are broken nearly always.
+/// Codes that a finger of this record can read: some taxels brighter, bridges near their middle.
+///
+/// [`any_codes`] breaks the bridges nearly always.
 fn likely_codes() -> impl Strategy<Value = Codes> {
     let nearer = proptest::collection::vec((0..16usize, 0..30_000u16), 1..6);
     let bridges = any::<[[i8; 4]; 4]>();
@@ -88,9 +89,11 @@ fn finite(estimate: &Estimate) -> bool {
         .all(f32::is_finite)
 }
 
-/// A net in 16 bits that fills its sums as far as it may: a record's other net is not asked beside it.
+/// A net in 16 bits with sums as large as a record may have.
+///
+/// It replaces the other net, because a finger runs only one.
 fn hostile_in_sixteen_bits(weight: f32) -> QuantisedNet {
-    // Sums of products stay within 32 bits: 1000 · 2¹⁵ · 32 is half of them.
+    // Sums of products stay within 32 bits: 1000 · 2¹⁵ · 32 is half of that range.
     let most: [i16; 16] = core::array::from_fn(|k| if k % 2 == 0 { -1000 } else { 1000 });
     let sign = if weight < 0.0 { most } else { most.map(|w| !w) };
     let bias = [if weight < 0.0 { 1 } else { -1 }; 4];
@@ -106,24 +109,24 @@ fn hostile_in_sixteen_bits(weight: f32) -> QuantisedNet {
     }
 }
 
-/// What a record says of its own errors, of slip and of its sensors: each at an end of what is accepted, or between.
+/// Errors, slip and surface of a record, each at an end of its accepted range or inside.
 #[derive(Clone, Copy, Debug)]
 struct Ends {
     error: [f32; 2],
     friction: f32,
     shear: bool,
-    /// Of taxels and sensors, and of the array's forces and moments.
+    /// Residuals of taxels and sensors, and of the array's forces and moments.
     residual: [f32; 2],
     surface: Surface,
     slip: Slip,
 }
 
-/// The ends of a range, the higher one excluded, and what lies between.
+/// Draws an end of a range without its upper bound, or a value inside.
 fn ends(low: f32, high: f32) -> impl Strategy<Value = f32> {
     prop_oneof![Just(low), Just(high.next_down()), low..high]
 }
 
-/// … the higher one included.
+/// Draws an end of a range with its upper bound, or a value inside.
 fn closed(low: f32, high: f32) -> impl Strategy<Value = f32> {
     ends(low, high.next_up())
 }
@@ -153,18 +156,18 @@ fn any_surface() -> impl Strategy<Value = Surface> {
     prop_oneof![
         Just(Surface::Plane),
         axis().prop_map(|radius| Surface::Sphere { radius }),
-        // About a fingertip's.
+        // Radii near a fingertip's.
         (4.0..20.0f32).prop_map(|radius| Surface::Sphere { radius: Millimetres(radius) }),
         [(); 3].map(|()| axis()).prop_map(|half_axes| Surface::Ellipsoid { half_axes }),
     ]
 }
 
-/// Microseconds between scans, and how many were lost before every other of them.
+/// Draws microseconds between scans, and the number of scans lost before every other one.
 fn any_pace() -> impl Strategy<Value = (u64, u32)> {
     (prop_oneof![Just(1), Just(250), Just(1000), any::<u32>().prop_map(u64::from)], 0..3u32)
 }
 
-/// Scan `i` at that pace.
+/// Scan `i` at a pace of [`any_pace`].
 fn paced(i: u64, (apart, lost): (u64, u32), codes: Codes) -> Scan {
     Scan {
         time: Micros(i.wrapping_mul(apart)),
@@ -188,7 +191,7 @@ fn any_ends() -> impl Strategy<Value = Ends> {
     )
 }
 
-/// A record whose every number is hostile but accepted.
+/// A record whose every number is extreme but accepted.
 fn hostile(weight: f32, level: f32, sixteen_bits: bool, ends: &Ends) -> Calibration {
     let mut record = everything();
     let taxels = record.taxels.as_mut().unwrap();
@@ -205,7 +208,8 @@ fn hostile(weight: f32, level: f32, sixteen_bits: bool, ends: &Ends) -> Calibrat
     if sixteen_bits {
         (record.force, record.quantised) = (None, Some(hostile_in_sixteen_bits(weight)));
     }
-    // Half of the light and of the sensitivity over the farthest that is followed, 60 K of 758 µ each.
+    // Half of the light and of the sensitivity at the largest followed difference: 60 K of 758 µ
+    // each.
     let share = 10.9 * (level / 2.0);
     record.warmth = Some(TemperatureCompensation {
         reference: level.abs() / 2.0,
@@ -235,7 +239,7 @@ fn hostile(weight: f32, level: f32, sixteen_bits: bool, ends: &Ends) -> Calibrat
     record
 }
 
-/// A record that works but for its ends.
+/// A working record with extreme values only in `ends`.
 fn working(ends: &Ends, sensitivity: f32) -> Calibration {
     let mut record = everything();
     let taxels = record.taxels.as_mut().unwrap();
@@ -253,10 +257,9 @@ fn working(ends: &Ends, sensitivity: f32) -> Calibration {
     record
 }
 
-/// What the properties below are drawn from gets as far as every estimator: a record that nothing runs would show
-/// nothing.
+/// Checks that the drawn records reach every estimator, because others would prove nothing.
 #[test]
-fn what_is_hostile_runs_every_estimator() {
+fn hostile_records_run_every_estimator() {
     let mut runner = TestRunner::deterministic();
     let draw = (likely_codes(), any_ends());
     let mut ran = Status(0);
@@ -282,7 +285,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
 
     #[test]
-    fn no_codes_and_no_accepted_calibration_give_nan_or_infinity(
+    fn outputs_are_finite_for_any_accepted_record(
         scans in proptest::collection::vec(prop_oneof![any_codes(), likely_codes()], 1..8),
         weight in prop_oneof![-9e29f32..9e29, -1e-38f32..1e-38, -10.0f32..10.0],
         level in -2.0f32..2.0,
@@ -310,9 +313,9 @@ proptest! {
         }
     }
 
-    /// The finger whose field is a point load's, at work on what it may well read: there the estimators come far.
+    /// A finger with a point load's field and likely codes, for which the estimators run far.
     #[test]
-    fn no_ends_of_a_working_record_give_nan_or_infinity(
+    fn outputs_are_finite_at_ends_of_working_record(
         scans in proptest::collection::vec(likely_codes(), 1..8),
         ends in any_ends(),
         sensitivity in prop_oneof![ends(-9e29, 9e29), -10.0f32..10.0],
@@ -332,17 +335,17 @@ proptest! {
     }
 
     #[test]
-    fn no_bytes_make_the_calibration_reader_panic(
+    fn calibration_reader_accepts_any_bytes(
         bytes in proptest::collection::vec(any::<u8>(), 0..300),
     ) {
         let _ = Calibration::from_bytes(&bytes);
     }
 
     #[test]
-    fn a_record_with_any_field_overwritten_is_refused_or_harmless(
+    fn overwritten_record_is_rejected_or_harmless(
         at in any::<usize>(), with in any::<[u8; 4]>(), codes in any_codes(),
     ) {
-        // The CRC is made right again, so that the fields themselves have to hold.
+        // The test repairs the CRC, so that the fields' own checks must hold.
         let mut buffer = [0; MAX_BYTES];
         let length = everything().to_bytes(&mut buffer).unwrap().len();
         let at = 2 + at % (length - 10);

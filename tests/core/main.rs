@@ -1,4 +1,4 @@
-//! The core on its own: golden bytes, sessions, the store under power cuts, hostile inputs, the C header.
+//! Tests of the core alone: golden bytes, sessions, store, hostile inputs and the C header.
 
 mod c_header;
 mod common;

@@ -1,4 +1,4 @@
-//! The session over in-memory links: what a host sees of a finger, whoever carries the bytes.
+//! Sessions over in-memory links: the host's view of a finger over any transport.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -25,7 +25,7 @@ use taxel::wire::message::{
 };
 use taxel::wire::{MAX_PACKET, pack};
 
-/// One direction of a link: bytes with a limit, so that a host that does not read holds it up.
+/// One direction of a link: a bounded buffer, so that a host that does not read blocks it.
 #[derive(Default)]
 struct Wire {
     bytes: VecDeque<u8>,
@@ -98,14 +98,14 @@ impl embedded_io_async::Write for HalfLink {
     }
 }
 
-/// What else a board has.
+/// Extras of the board.
 #[derive(PartialEq)]
 enum Desk {
     Bare,
     WithBootloader,
 }
 
-/// Scans from a list, one a poll, so that the other side gets its turns.
+/// A board with a list of scans; it yields before each scan so that the other side runs.
 struct Scans {
     scans: VecDeque<Scan>,
     desk: Desk,
@@ -144,7 +144,7 @@ impl Board for Scans {
     }
 }
 
-/// The host's side: a client in a few lines.
+/// A minimal client.
 struct Host {
     to: HalfLink,
     from: HalfLink,
@@ -175,7 +175,7 @@ impl Host {
         }
     }
 
-    /// Sends, and waits for the reply with the same tag; frames that come meanwhile are kept.
+    /// Sends a command and waits for the reply with its tag; stores frames that come before it.
     async fn ask(&mut self, command: Command) -> Result<Response, Refusal> {
         self.send(command).await;
         loop {
@@ -200,7 +200,8 @@ fn scans(count: u64) -> Scans {
     Scans { scans, desk: Desk::Bare, store: store() }
 }
 
-/// Runs `host` against a session; the link then closes. Returns the instrument and how it ended.
+/// Runs `host` against a session, then closes the link; returns the instrument and the session's
+/// end.
 fn run(
     mut instrument: Instrument,
     mut board: Scans,
@@ -241,7 +242,7 @@ fn fresh() -> Instrument {
 }
 
 #[test]
-fn a_host_learns_who_it_talks_to() {
+fn info_identifies_the_finger() {
     let (_, end) = run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
         host.send(Command::Version).await;
         let answer = host.message().await;
@@ -258,7 +259,7 @@ fn a_host_learns_who_it_talks_to() {
 }
 
 #[test]
-fn the_stream_is_off_until_asked_for_and_then_counts_every_frame() {
+fn stream_is_off_until_requested() {
     run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
         host.info().await;
         assert!(host.frames.is_empty());
@@ -269,17 +270,17 @@ fn the_stream_is_off_until_asked_for_and_then_counts_every_frame() {
         }
         for (seq, pair) in host.frames.windows(2).enumerate() {
             assert_eq!(pair[0].seq as usize, seq);
-            // 4 kHz scan, 1 kHz stream.
+            // The scan runs at 4 kHz, the stream at 1 kHz.
             assert_eq!(pair[1].time.0 - pair[0].time.0, 1000);
         }
     });
 }
 
 #[test]
-fn rate_filter_and_fields_are_set_apart_and_outlive_the_connection() {
+fn rate_filter_and_fields_outlive_the_connection() {
     let (instrument, _) = run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
         let rate = host.ask(Command::SetRate { hz: 333 }).await.unwrap();
-        // 4000 / 12: the rate in force is said, not the one wished for.
+        // The reply states the true rate, 4000 / 12, instead of the requested one.
         assert_eq!(rate, Response::Rate { millihertz: 333_333 });
         host.ask(Command::SetFilter { hz: 50 }).await.unwrap();
         host.ask(Command::SetFields(Fields::FORCE)).await.unwrap();
@@ -295,7 +296,7 @@ fn rate_filter_and_fields_are_set_apart_and_outlive_the_connection() {
 }
 
 #[test]
-fn values_out_of_range_are_refused_with_the_range() {
+fn value_out_of_range_returns_the_range() {
     run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
         for hz in [0, 4001] {
             assert_eq!(
@@ -312,7 +313,7 @@ fn values_out_of_range_are_refused_with_the_range() {
 }
 
 #[test]
-fn a_bias_is_answered_when_it_is_done_and_refused_while_another_runs() {
+fn bias_replies_when_done_and_rejects_a_second() {
     run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
         host.send(Command::TakeBias { scans: 2000 }).await;
         assert_eq!(host.ask(Command::TakeBias { scans: 10 }).await, Err(Refusal::Busy));
@@ -326,7 +327,7 @@ fn a_bias_is_answered_when_it_is_done_and_refused_while_another_runs() {
 }
 
 #[test]
-fn a_self_test_tells_the_mean_and_noise_of_every_channel_and_whether_the_record_is_whole() {
+fn self_test_reports_channels_and_record() {
     run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
         host.send(Command::SelfTest { scans: 500 }).await;
         assert_eq!(host.ask(Command::TakeBias { scans: 10 }).await, Err(Refusal::Busy));
@@ -347,7 +348,7 @@ fn a_self_test_tells_the_mean_and_noise_of_every_channel_and_whether_the_record_
 }
 
 #[test]
-fn a_board_is_asked_for_its_health_its_bootloader_and_another_scan() {
+fn board_gives_health_bootloader_and_scan() {
     let board = Scans { desk: Desk::WithBootloader, ..scans(1_000_000) };
     run(fresh(), board, Pace::Live, 4096, async |host| {
         let Ok(Response::Health(health)) = host.ask(Command::Health).await else { panic!() };
@@ -375,7 +376,7 @@ fn a_board_is_asked_for_its_health_its_bootloader_and_another_scan() {
 }
 
 #[test]
-fn a_bias_taken_while_something_touches_the_finger_says_so() {
+fn bias_taken_in_contact_is_reported() {
     let mut instrument = fresh();
     let mut buffer = [0; MAX_BYTES];
     let scans = (0..100_000).map(|i| common::pressed(250 * i, 5, 3_000)).collect();
@@ -404,7 +405,7 @@ async fn upload(host: &mut Host, record: &[u8]) -> Result<Response, Refusal> {
 }
 
 #[test]
-fn a_calibration_is_uploaded_put_in_force_and_read_back() {
+fn uploaded_calibration_is_active_and_read_back() {
     let mut buffer = [0; MAX_BYTES];
     let record = calibration().to_bytes(&mut buffer).unwrap();
     run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
@@ -431,7 +432,7 @@ fn a_calibration_is_uploaded_put_in_force_and_read_back() {
 }
 
 #[test]
-fn a_damaged_or_incomplete_upload_leaves_the_old_calibration_in_force() {
+fn damaged_upload_keeps_old_calibration_active() {
     let mut buffer = [0; MAX_BYTES];
     let length = calibration().to_bytes(&mut buffer).unwrap().len();
     let (mut instrument, mut board) = (fresh(), scans(1_000_000));
@@ -451,7 +452,7 @@ fn a_damaged_or_incomplete_upload_leaves_the_old_calibration_in_force() {
 }
 
 #[test]
-fn a_host_that_stops_reading_loses_whole_frames_that_are_counted_and_the_scan_goes_on() {
+fn slow_host_loses_whole_counted_frames() {
     let (mut instrument, end) = run(fresh(), scans(20_000), Pace::Live, 256, async |host| {
         host.ask(Command::SetRate { hz: 4000 }).await.unwrap();
         host.ask(Command::SetFields(Fields::ALL)).await.unwrap();
@@ -459,7 +460,8 @@ fn a_host_that_stops_reading_loses_whole_frames_that_are_counted_and_the_scan_go
         for _ in 0..10_000 {
             embassy_futures::yield_now().await;
         }
-        // It reads again: everything found is whole, and the gap in the sequence is the loss.
+        // The host reads again: every found frame is whole, and the gap in the sequence equals the
+        // loss.
         let mut seen: Vec<u32> = vec![];
         while let Some(Message::Frame(frame)) = host.message().await {
             seen.push(frame.seq);
@@ -479,11 +481,11 @@ fn a_host_that_stops_reading_loses_whole_frames_that_are_counted_and_the_scan_go
 }
 
 #[test]
-fn a_lossless_replay_waits_for_its_host_and_sends_everything_before_it_ends() {
+fn lossless_replay_waits_and_sends_everything() {
     let (mut instrument, end) = run(fresh(), scans(500), Pace::Lossless, 64, async |host| {
         host.ask(Command::SetRate { hz: 4000 }).await.unwrap();
         host.ask(Command::SetFields(Fields::ALL)).await.unwrap();
-        // No scan is taken before the stream is on.
+        // The board takes no scan before the stream is on.
         assert_eq!(host.info().await.counters.scans, 0);
         host.ask(Command::Stream(true)).await.unwrap();
         while let Some(Message::Frame(frame)) = host.message().await {
@@ -497,7 +499,7 @@ fn a_lossless_replay_waits_for_its_host_and_sends_everything_before_it_ends() {
 }
 
 #[test]
-fn garbage_from_the_host_is_counted_and_the_next_request_answered() {
+fn garbage_is_counted_and_next_request_answered() {
     run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
         use embedded_io_async::Write;
         host.to.write_all(&[0, 0, 1, 2, 3, 0xff, 0, 9, 9, 0]).await.unwrap();

@@ -1,5 +1,4 @@
-//! What survives power-off, whenever the power goes: at every operation of the flash, and in the middle of
-//! it.
+//! Stored data after power cuts, at every flash operation and in the middle of one.
 
 use crate::common;
 use crate::common::{calibration, identity};
@@ -18,10 +17,10 @@ use taxel::store::{
 use taxel::units::FullScale;
 use taxel::wire::message::{Command, Info, Message, Refusal, Request, Response};
 
-/// Flash whose power goes in the middle of an operation.
+/// Flash that loses power in the middle of an operation.
 struct Mortal {
     cells: RamFlash<Vec<u8>>,
-    /// Operations until then.
+    /// Operations until the power cut.
     left: usize,
     done: usize,
     tear: ChaCha8Rng,
@@ -33,12 +32,12 @@ impl Mortal {
         Self { cells, left: usize::MAX, done: 0, tear: ChaCha8Rng::seed_from_u64(0) }
     }
 
-    /// What is found at the next power-up. The power will go again after `left` operations.
+    /// The flash at the next power-up; the power fails again after `left` operations.
     fn revived(self, left: usize, seed: u64) -> Self {
         Self { left, done: 0, tear: ChaCha8Rng::seed_from_u64(seed), ..self }
     }
 
-    /// How far an operation gets.
+    /// Counts an operation; returns how far it gets.
     fn operate(&mut self) -> Result<Progress, FlashError> {
         let progress = match self.left {
             0 => return Err(FlashError),
@@ -67,7 +66,7 @@ impl Flash for Mortal {
             Progress::Torn => {
                 let before = self.cells.bytes(area).to_vec();
                 self.cells.erase(area)?;
-                // Cells rise one by one: of each word nothing, some bits, or all may have risen.
+                // Cells rise one by one: in each word none, some or all bits may have risen.
                 for (i, word) in before.as_chunks::<8>().0.iter().enumerate() {
                     let risen = match self.tear.random_range(0..3) {
                         0 => 0,
@@ -104,7 +103,7 @@ impl Flash for Mortal {
     }
 }
 
-/// A record that no other number gives, of more than one chunk.
+/// A record unique to `number`, longer than one chunk.
 fn record(number: u64) -> Vec<u8> {
     let mut calibration = calibration();
     calibration.date = number;
@@ -116,14 +115,14 @@ fn crc(record: &[u8]) -> u32 {
     u32::from_le_bytes(*record.last_chunk().unwrap())
 }
 
-/// A board that scans at 2 kHz at most.
+/// A board whose scan rate is at most 2 kHz.
 fn rescan(scan: &ScanSettings) -> Result<FullScale, Refusal> {
     let (setting, low, high) = (ScanSetting::ScanHz, 1, 2000);
     let possible = u32::from(scan.scan_hz) <= high;
     if possible { Ok(FullScale::BITS_16) } else { Err(Refusal::Scan { setting, low, high }) }
 }
 
-/// Power-up.
+/// Powers up.
 fn wake(flash: Mortal) -> (Instrument, Store<Mortal>) {
     let mut instrument = Instrument::new(identity());
     let mut store = Store::new(flash);
@@ -153,35 +152,35 @@ fn info(instrument: &mut Instrument, store: &mut Store<Mortal>) -> Info {
     }
 }
 
-fn in_force(instrument: &mut Instrument, store: &mut Store<Mortal>) -> Option<u32> {
+fn active_crc(instrument: &mut Instrument, store: &mut Store<Mortal>) -> Option<u32> {
     let shown = info(instrument, store).calibration.map(|id| id.crc);
-    // What is shown, what is read back and what estimates is the same record.
+    // The reported, the read and the active record are the same.
     assert_eq!(shown, store.record().map(crc));
     shown
 }
 
 #[test]
-fn a_calibration_survives_power_off() {
+fn calibration_survives_power_off() {
     let (mut instrument, mut store) = wake(Mortal::new());
-    assert_eq!(in_force(&mut instrument, &mut store), None);
+    assert_eq!(active_crc(&mut instrument, &mut store), None);
     for number in 1..6 {
         instrument.install(&record(number), &mut store).unwrap();
         (instrument, store) = wake(asleep(store));
-        assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&record(number))));
+        assert_eq!(active_crc(&mut instrument, &mut store), Some(crc(&record(number))));
     }
 }
 
 #[test]
-fn a_power_cut_at_any_operation_of_an_upload_leaves_one_whole_calibration() {
+fn power_cut_in_upload_leaves_one_whole_calibration() {
     let (old, new, newer) = (record(1), record(2), record(3));
     let upload = |left: usize, seed: u64| {
         let (mut instrument, mut store) = wake(Mortal::new());
         instrument.install(&old, &mut store).unwrap();
         let (mut instrument, mut store) = wake(asleep(store).revived(left, seed));
         let done = instrument.install(&new, &mut store);
-        // While it still has power the old one is in force.
+        // Until the restart, a failed upload leaves the old record active.
         let expected = if done.is_ok() { crc(&new) } else { crc(&old) };
-        assert_eq!(in_force(&mut instrument, &mut store), Some(expected));
+        assert_eq!(active_crc(&mut instrument, &mut store), Some(expected));
         (done, asleep(store))
     };
     let operations = upload(usize::MAX, 0).1.done;
@@ -191,21 +190,21 @@ fn a_power_cut_at_any_operation_of_an_upload_leaves_one_whole_calibration() {
         for seed in 0..8 {
             let (done, flash) = upload(left, seed);
             let (mut instrument, mut store) = wake(flash.revived(usize::MAX, 0));
-            let found = in_force(&mut instrument, &mut store);
+            let found = active_crc(&mut instrument, &mut store);
             let is_new = found == Some(crc(&new));
             assert!(is_new || found == Some(crc(&old)), "cut at {left}: {found:?}");
             assert!(is_new || done.is_err(), "cut at {left}: what was confirmed is gone");
             survivors[usize::from(is_new)] += 1;
-            // And the torn slot takes the next one.
+            // The torn slot takes the next record.
             instrument.install(&newer, &mut store).unwrap();
-            assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&newer)));
+            assert_eq!(active_crc(&mut instrument, &mut store), Some(crc(&newer)));
         }
     }
     assert!(survivors[0] > 8 * (operations - 3) && survivors[1] >= 8, "{survivors:?}");
 }
 
 #[test]
-fn an_interrupted_upload_leaves_the_old_calibration_and_the_next_one_starts_afresh() {
+fn interrupted_upload_keeps_old_calibration() {
     let (mut instrument, mut store) = wake(Mortal::new());
     instrument.install(&record(1), &mut store).unwrap();
     let (new, old) = (record(2), crc(&record(1)));
@@ -213,16 +212,16 @@ fn an_interrupted_upload_leaves_the_old_calibration_and_the_next_one_starts_afre
         .unwrap();
     let data = new[..64].iter().copied().collect();
     ask(&mut instrument, &mut store, Command::CalibrationChunk { offset: 0, data }).unwrap();
-    // The cable is pulled. Another host finds the old one, and can read it meanwhile.
-    assert_eq!(in_force(&mut instrument, &mut store), Some(old));
+    // The host disconnects. Another host finds the old record and can read it meanwhile.
+    assert_eq!(active_crc(&mut instrument, &mut store), Some(old));
     let read = ask(&mut instrument, &mut store, Command::CalibrationRead { offset: 0 });
     assert!(matches!(read, Ok(Response::Calibration { .. })), "{read:?}");
     instrument.install(&new, &mut store).unwrap();
-    assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&new)));
+    assert_eq!(active_crc(&mut instrument, &mut store), Some(crc(&new)));
 }
 
 #[test]
-fn a_record_that_another_firmware_stored_gives_way_to_the_one_before() {
+fn foreign_record_is_skipped_for_the_older_one() {
     let (mut instrument, mut store) = wake(Mortal::new());
     instrument.install(&record(1), &mut store).unwrap();
     let mut foreign = record(2);
@@ -234,11 +233,11 @@ fn a_record_that_another_firmware_stored_gives_way_to_the_one_before() {
     store.write(0, &foreign).unwrap();
     store.commit().unwrap();
     let (mut instrument, mut store) = wake(asleep(store));
-    assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&record(1))));
+    assert_eq!(active_crc(&mut instrument, &mut store), Some(crc(&record(1))));
 }
 
 #[test]
-fn bytes_out_of_order_or_torn_words_are_refused() {
+fn unordered_or_torn_words_are_errors() {
     let mut store = Store::new(Mortal::new());
     assert_eq!(store.write(0, &[1; 8]), Err(StoreError::OutOfOrder), "nothing was begun");
     assert_eq!(store.commit(), Err(StoreError::OutOfOrder));
@@ -254,7 +253,7 @@ fn bytes_out_of_order_or_torn_words_are_refused() {
 }
 
 #[test]
-fn flash_in_memory_is_as_strict_as_flash() {
+fn memory_flash_is_as_strict_as_flash() {
     let mut flash = RamFlash::new(vec![0; RamFlash::SIZE]);
     flash.program(Area::SlotB, 8, [0; 8]).unwrap();
     assert_eq!(flash.program(Area::SlotB, 8, [0; 8]), Err(FlashError), "twice");
@@ -265,7 +264,7 @@ fn flash_in_memory_is_as_strict_as_flash() {
     flash.program(Area::SlotB, 8, [1; 8]).unwrap();
 }
 
-/// Bits fall by themselves: all that stand of the first byte from `offset` on in which any does.
+/// Clears the bits of the first non-zero byte from `offset` on, as in aged cells.
 fn rot(flash: &mut Mortal, area: Area, offset: usize) {
     let mut bytes = flash.bytes(area).to_vec();
     let byte = bytes[offset..].iter_mut().find(|byte| **byte != 0).unwrap();
@@ -290,27 +289,27 @@ fn record_intact(instrument: &mut Instrument, store: &mut Store<Mortal>) -> Opti
 }
 
 #[test]
-fn a_self_test_tells_of_a_record_that_was_found_damaged_at_power_up() {
+fn self_test_reports_record_damaged_at_power_up() {
     let (mut instrument, mut store) = wake(Mortal::new());
     assert_eq!(record_intact(&mut instrument, &mut store), None);
     instrument.install(&record(1), &mut store).unwrap();
     assert_eq!(record_intact(&mut instrument, &mut store), Some(true));
     instrument.install(&record(2), &mut store).unwrap();
 
-    // Of the second record's coefficients, behind its header.
+    // The byte lies among the second record's coefficients, after its header.
     let mut flash = asleep(store);
     rot(&mut flash, Area::SlotB, 200);
     let (mut instrument, mut store) = wake(flash);
-    assert_eq!(in_force(&mut instrument, &mut store), Some(crc(&record(1))), "the older one");
+    assert_eq!(active_crc(&mut instrument, &mut store), Some(crc(&record(1))), "the older one");
     assert_eq!(record_intact(&mut instrument, &mut store), Some(false));
 
     let mut flash = asleep(store);
     rot(&mut flash, Area::SlotA, 200);
     let (mut instrument, mut store) = wake(flash);
-    assert_eq!(in_force(&mut instrument, &mut store), None);
+    assert_eq!(active_crc(&mut instrument, &mut store), None);
     assert_eq!(record_intact(&mut instrument, &mut store), Some(false));
 
-    // Another upload mends it.
+    // Another upload repairs the slot.
     instrument.install(&record(3), &mut store).unwrap();
     instrument.install(&record(4), &mut store).unwrap();
     assert_eq!(record_intact(&mut instrument, &mut store), Some(true));
@@ -327,7 +326,7 @@ fn settings(hz: u16) -> Settings {
 }
 
 #[test]
-fn settings_and_a_bias_survive_power_off_once_they_are_saved() {
+fn saved_settings_and_bias_survive_power_off() {
     let (mut instrument, mut store) = wake(Mortal::new());
     instrument.install(&record(1), &mut store).unwrap();
     ask(&mut instrument, &mut store, Command::SetRate { hz: 250 }).unwrap();
@@ -358,7 +357,7 @@ fn settings_and_a_bias_survive_power_off_once_they_are_saved() {
     assert!(found.biased);
     assert_eq!(ask(&mut instrument, &mut store, Command::ReadBias), before);
 
-    // Cleared and saved, it is gone for good.
+    // A cleared and saved bias is gone.
     ask(&mut instrument, &mut store, Command::ClearBias).unwrap();
     ask(&mut instrument, &mut store, Command::SaveBias).unwrap();
     let (mut instrument, mut store) = wake(asleep(store));
@@ -366,10 +365,10 @@ fn settings_and_a_bias_survive_power_off_once_they_are_saved() {
 }
 
 #[test]
-fn a_saved_scan_is_taken_up_again_by_a_board_that_can() {
+fn saved_scan_is_restored_where_board_can() {
     for (scan_hz, taken_up) in [(1000, true), (3000, false)] {
         let (mut instrument, mut store) = wake(Mortal::new());
-        // The board's doing, which the session tells.
+        // The session reports the board's new scan.
         let scan = ScanSettings { scan_hz, oversampling: 4, settle_ns: 30_000 };
         instrument.rescanned(&scan, FullScale::BITS_12);
         ask(&mut instrument, &mut store, Command::SetRate { hz: 500 }).unwrap();
@@ -385,7 +384,7 @@ fn a_saved_scan_is_taken_up_again_by_a_board_that_can() {
 }
 
 #[test]
-fn a_power_cut_at_any_operation_of_a_save_leaves_one_whole_set_of_settings() {
+fn power_cut_in_save_leaves_whole_settings() {
     let bias = StoredBias { calibration: 7, bias: None };
     let save = |left: usize, seed: u64| {
         let mut store = wake(Mortal::new()).1;
@@ -414,7 +413,7 @@ fn a_power_cut_at_any_operation_of_a_save_leaves_one_whole_set_of_settings() {
 }
 
 #[test]
-fn a_saved_bias_means_nothing_under_another_calibration() {
+fn saved_bias_is_void_under_another_calibration() {
     let (mut instrument, mut store) = wake(Mortal::new());
     instrument.install(&record(1), &mut store).unwrap();
     let taxels = TaxelBias { level: [0.25; 16], noise: 1e-4 };
@@ -431,10 +430,11 @@ fn a_saved_bias_means_nothing_under_another_calibration() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// The power goes again and again, uploads and settings mixed: what was confirmed last is there, or
-    /// what was on its way when the power went.
+    /// Power cuts among mixed uploads and saved settings.
+    ///
+    /// The store holds the last confirmed value, or the one being written at the power cut.
     #[test]
-    fn whatever_happens_what_was_confirmed_last_is_there(
+    fn last_confirmed_value_survives_any_power_cut(
         lives in proptest::collection::vec((1usize..300, any::<u64>()), 1..12),
     ) {
         let mut flash = Mortal::new();
@@ -443,7 +443,7 @@ proptest! {
         let mut rates = [None, None];
         for (left, seed) in lives {
             let (mut instrument, mut store) = wake(flash.revived(left, seed));
-            let found = in_force(&mut instrument, &mut store);
+            let found = active_crc(&mut instrument, &mut store);
             prop_assert!(records.contains(&found), "{found:?} of {records:?}");
             records = [found; 2];
             let found = store.settings();

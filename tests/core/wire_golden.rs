@@ -1,5 +1,6 @@
-//! The wire, byte by byte. A change of any of these is a change of the protocol: clients in other
-//! languages were written from `docs/protocol.md`, which shows the same bytes.
+//! Golden bytes of the wire. A change of any of them changes the protocol.
+//!
+//! Clients in other languages follow `docs/protocol.md`, which shows the same bytes.
 
 use crate::common;
 use proptest::prelude::*;
@@ -29,7 +30,7 @@ fn packed<M: serde::Serialize>(message: &M) -> String {
     hex(pack(message, &mut buffer).unwrap())
 }
 
-/// The message without COBS and CRC.
+/// Bytes of the message without COBS and CRC.
 fn body<M: serde::Serialize>(message: &M) -> String {
     let mut buffer = [0; MAX_PACKET];
     let packet = pack(message, &mut buffer).unwrap();
@@ -38,7 +39,7 @@ fn body<M: serde::Serialize>(message: &M) -> String {
     hex(&bytes[..length - 4])
 }
 
-/// The body of a frame, which is put by hand as postcard would put it.
+/// Bytes of a frame; the hand-written serializer must match postcard.
 fn frame_body(frame: Frame) -> String {
     let (mut by_reference, mut by_value) = ([0; MAX_PACKET], [0; MAX_PACKET]);
     let by_reference = pack_frame(&frame, &mut by_reference).unwrap();
@@ -49,7 +50,7 @@ fn frame_body(frame: Frame) -> String {
 }
 
 #[test]
-fn the_version_query_is_frozen_for_ever() {
+fn version_query_is_frozen() {
     let query = Request { tag: 1, command: Command::Version };
     assert_eq!(packed(&query), "02 01 05 be 23 c2 58 00");
     let answer = Message::Version { tag: 1, protocol: 1, firmware: [0, 1, 0] };
@@ -57,7 +58,7 @@ fn the_version_query_is_frozen_for_ever() {
 }
 
 #[test]
-fn every_request_has_its_bytes() {
+fn requests_have_their_bytes() {
     let bytes = [
         (Command::Version, "07 00"),
         (Command::Info, "07 01"),
@@ -97,7 +98,7 @@ fn every_request_has_its_bytes() {
 }
 
 #[test]
-fn every_refusal_has_its_bytes() {
+fn refusals_have_their_bytes() {
     let bytes = [
         (Refusal::OutOfRange { low: 1, high: 4000 }, "01 07 01 00 01 a0 1f"),
         (Refusal::NotStill, "01 07 01 01"),
@@ -129,7 +130,7 @@ fn every_refusal_has_its_bytes() {
 }
 
 #[test]
-fn a_calibration_record_has_its_bytes() {
+fn calibration_record_has_its_bytes() {
     let full = common::calibration();
     let record = Calibration {
         serial: "F".try_into().unwrap(),
@@ -154,7 +155,7 @@ fn a_calibration_record_has_its_bytes() {
 }
 
 #[test]
-fn a_net_in_sixteen_bits_has_its_bytes() {
+fn q15_net_has_its_bytes() {
     let mut weights = [0; 16];
     (weights[0], weights[1], weights[15]) = (1, -2, 0x1234);
     let group = Group { weights: Rows::new(&[weights; 4]), bias: [-1; 4] };
@@ -291,7 +292,7 @@ fn frames_have_their_bytes() {
     );
 }
 
-/// Bytes as a message.
+/// Bytes packed as a message.
 struct Bytes<'b>(&'b [u8]);
 
 impl serde::Serialize for Bytes<'_> {
@@ -304,7 +305,7 @@ impl serde::Serialize for Bytes<'_> {
 }
 
 #[test]
-fn a_frame_ends_with_its_uncertainty_or_before_it_and_nowhere_else() {
+fn frame_ends_with_or_before_its_uncertainty() {
     let read = |bytes: &[u8]| {
         let mut packet = [0; MAX_PACKET];
         let length = pack(&Bytes(bytes), &mut packet).unwrap().len();
@@ -333,7 +334,7 @@ fn a_frame_ends_with_its_uncertainty_or_before_it_and_nowhere_else() {
     }
 }
 
-/// A frame of which every choice and every value is one of `words`.
+/// A frame whose every choice and value comes from `words`.
 fn made_of(words: &[u32]) -> Frame {
     let words = std::cell::RefCell::new(words.iter().copied().cycle());
     let word = || words.borrow_mut().next().unwrap();
@@ -388,7 +389,7 @@ fn made_of(words: &[u32]) -> Frame {
 }
 
 #[test]
-fn the_longest_messages_fit_a_packet() {
+fn longest_messages_fit_a_packet() {
     let scan = common::unloaded(u64::MAX);
     let codes = Codes { bridges: [scan.codes.bridges[0]; 4], ..scan.codes };
     let signals = Signals {
@@ -489,7 +490,7 @@ fn feed(deframer: &mut Deframer, bytes: &[u8]) -> Vec<Result<Request, WireError>
 }
 
 #[test]
-fn a_stream_joined_in_the_middle_costs_one_packet() {
+fn stream_joined_midway_costs_one_packet() {
     let request = Request { tag: 9, command: Command::SetRate { hz: 250 } };
     let mut buffer = [0; MAX_PACKET];
     let packet = pack(&request, &mut buffer).unwrap().to_vec();
@@ -503,7 +504,7 @@ fn a_stream_joined_in_the_middle_costs_one_packet() {
 }
 
 #[test]
-fn an_endless_packet_is_dropped_and_the_next_one_found() {
+fn overlong_packet_is_dropped() {
     let request = Request { tag: 9, command: Command::Info };
     let mut buffer = [0; MAX_PACKET];
     let mut stream = vec![0x55; 3 * MAX_PACKET];
@@ -515,7 +516,7 @@ fn an_endless_packet_is_dropped_and_the_next_one_found() {
 
 proptest! {
     #[test]
-    fn no_bytes_make_the_deframer_panic(bytes in proptest::collection::vec(any::<u8>(), 0..2000)) {
+    fn deframer_accepts_any_bytes(bytes in proptest::collection::vec(any::<u8>(), 0..2000)) {
         let mut requests = Deframer::<MAX_PACKET>::default();
         let mut messages = Deframer::<MAX_PACKET>::default();
         for byte in bytes {
@@ -524,9 +525,9 @@ proptest! {
         }
     }
 
-    /// [`frame_body`] holds what is put by hand against what postcard makes of it.
+    /// [`frame_body`] compares the hand-written serializer with postcard.
     #[test]
-    fn any_frame_is_packed_by_reference_and_as_a_message_alike(
+    fn frame_packs_alike_by_reference_and_value(
         words in proptest::collection::vec(
             prop_oneof![4 => any::<u32>(), 1 => Just(0), 1 => 0..300u32, 1 => Just(0x3f80_0000)],
             1..150,
@@ -536,7 +537,7 @@ proptest! {
     }
 
     #[test]
-    fn a_flipped_bit_never_passes(bit in any::<usize>(), tag in any::<u8>(), hz in any::<u16>()) {
+    fn flipped_bit_never_passes(bit in any::<usize>(), tag in any::<u8>(), hz in any::<u16>()) {
         let request = Request { tag, command: Command::SetRate { hz } };
         let mut buffer = [0; MAX_PACKET];
         let mut packet = pack(&request, &mut buffer).unwrap().to_vec();

@@ -1,5 +1,6 @@
-//! Which estimators the scene makes run: the steps of the cascade on the virtual finger with noise, steady where
-//! the scene stands at a threshold; and what stands for what where a part of the finger is faulty.
+//! Estimators that each scene runs on the noisy virtual finger.
+//!
+//! A stage stays steady at its threshold, and one part of the finger replaces a faulty one.
 
 use std::path::Path;
 
@@ -20,7 +21,7 @@ fn record() -> Calibration {
     taxel_files::calibration::read(&path).unwrap()
 }
 
-/// Every scan with what the virtual finger says of it by `record`, a scan a millisecond.
+/// Runs a scene at 1 kHz; returns every scan with the estimate under `record`.
 fn estimates_by(record: Calibration, duration: f64, acts: &str) -> Vec<(Sample, Estimate)> {
     let (finger, mut state) = Finger::new(Some(record));
     let text = format!(
@@ -32,7 +33,7 @@ fn estimates_by(record: Calibration, duration: f64, acts: &str) -> Vec<(Sample, 
     samples.map(|sample| (sample, finger.estimate(&mut state, &sample.scan))).collect()
 }
 
-/// … by its own record.
+/// Runs a scene at 1 kHz under the virtual finger's own record.
 fn estimates(duration: f64, acts: &str) -> Vec<(Sample, Estimate)> {
     estimates_by(record(), duration, acts)
 }
@@ -59,7 +60,7 @@ fn all(frames: &[Estimate], ran: &[Status], not: &[Status]) {
 }
 
 #[test]
-fn each_scene_runs_its_step_of_the_cascade_and_none_beyond() {
+fn scene_runs_its_own_stages_only() {
     use Status as S;
     let beyond_one = [S::RAN_PAIR, S::NOT_SINGLE, S::DISAGREE];
     let untouched = estimates(0.3, "");
@@ -80,8 +81,9 @@ fn each_scene_runs_its_step_of_the_cascade_and_none_beyond() {
     assert!(two.iter().all(|frame| frame.contacts.is_ok()));
 }
 
-/// How often a stage goes on or off a second, at most, in holds of 6 s that come ever nearer to its threshold,
-/// which lies between the two levels.
+/// Returns the most switches of a stage per second, in holds of 6 s near its threshold.
+///
+/// The threshold lies between the two levels; each hold halves the range.
 fn most_switches(
     [mut below, mut above]: [f64; 2],
     scene: impl Fn(f64) -> String,
@@ -105,11 +107,11 @@ fn most_switches(
     most as f64 / (HOLD / 3.0)
 }
 
-/// A few times a second: less often than anybody sees it flicker.
+/// Largest accepted number of switches a second.
 const FEW: f64 = 3.0;
 
 #[test]
-fn a_shear_at_the_threshold_of_its_stage_does_not_make_it_chatter() {
+fn shear_at_threshold_does_not_chatter() {
     let most = most_switches(
         [0.008, 0.02],
         |fx| press(0.6, -0.4, [fx, 1.0], 6.0),
@@ -119,14 +121,14 @@ fn a_shear_at_the_threshold_of_its_stage_does_not_make_it_chatter() {
 }
 
 #[test]
-fn a_second_contact_at_the_threshold_of_its_stage_does_not_make_it_chatter() {
+fn second_contact_at_threshold_does_not_chatter() {
     let scene = |fz| press(-2.5, -0.4, [0.0, 0.5], 6.0) + &press(2.5, 0.3, [0.0, fz], 6.0);
     let stage = most_switches([0.2, 0.4], scene, |e| e.status.contains(Status::RAN_PAIR));
     let told = most_switches([0.2, 0.4], scene, |e| e.contacts.is_ok());
     assert!(stage <= FEW && told <= FEW, "{stage} and {told} switches a second");
 }
 
-/// A press of 1 N held for a second with `fault` in the middle 600 ms of it.
+/// A press of 1 N held for a second, with `fault` in the middle 600 ms.
 fn faulty(fault: &str) -> Vec<(Sample, Estimate)> {
     let press = press(0.6, -0.4, [0.1, 1.0], 1.0);
     estimates(1.6, &format!("{press}[[fault]]\nat_s = 0.6\nuntil_s = 1.2\n{fault}\n"))
@@ -134,7 +136,7 @@ fn faulty(fault: &str) -> Vec<(Sample, Estimate)> {
 
 const BOTH: [Status; 2] = [Status::RAN_MODEL, Status::RAN_ARRAY];
 
-/// Force and place are within 2 % and a quarter of a millimetre of the truth, and only these of matrix and array
+/// Checks force and contact point within 2 % and 0.25 mm, and that only `ran` of matrix and array
 /// ran.
 fn stands_in(frames: &[(Sample, Estimate)], ran: &[Status]) {
     for (sample, estimate) in frames {
@@ -153,7 +155,7 @@ fn stands_in(frames: &[(Sample, Estimate)], ran: &[Status]) {
 }
 
 #[test]
-fn the_force_sensors_stand_in_for_a_faulty_matrix_and_hand_back() {
+fn force_sensors_replace_faulty_matrix() {
     let frames = faulty("kind = 'dead-led'\nchannel = 'r1c2'");
     stands_in(&frames[450..600], &BOTH);
     assert!(frames[610].1.status.contains(Status::DEAD_TAXEL));
@@ -162,17 +164,17 @@ fn the_force_sensors_stand_in_for_a_faulty_matrix_and_hand_back() {
 }
 
 #[test]
-fn the_matrix_stands_in_for_a_faulty_force_sensor_and_hands_back() {
+fn matrix_replaces_faulty_force_sensor() {
     let frames = faulty("kind = 'broken-arm'\nchannel = 's2_r3'");
     assert!(frames[610].1.status.contains(Status::BRIDGE_FAULT));
     stands_in(&frames[600..1200], &[Status::RAN_MODEL]);
-    // Only the force sensors feel a torsion: nothing stands in for them there.
+    // Only the force sensors measure torsion, so nothing replaces them there.
     assert!(frames[600..1200].iter().all(|(_, e)| e.torsion == Err(NoValue::DeadChannel)));
     stands_in(&frames[1210..1300], &BOTH);
 }
 
 #[test]
-fn where_both_are_faulty_the_force_is_withheld_and_not_guessed() {
+fn force_is_missing_where_both_are_faulty() {
     let fault = "kind = 'broken-arm'\nchannel = 's2_r3'\n[[fault]]\nat_s = 0.6\nuntil_s = 1.2\n\
                  kind = 'dead-led'\nchannel = 'r1c2'";
     for (_, estimate) in &faulty(fault)[600..1200] {
@@ -180,9 +182,9 @@ fn where_both_are_faulty_the_force_is_withheld_and_not_guessed() {
     }
 }
 
-/// Codes alone do not tell a swapped cable; the touch that it makes of a press does.
+/// Codes alone do not show a swapped cable; the shape of a press does.
 #[test]
-fn swapped_columns_are_no_single_contact_and_the_force_sensors_are_believed() {
+fn swapped_columns_yield_to_force_sensors() {
     let frames = faulty("kind = 'swapped-columns'\nchannel = 'c0'\nwith = 'c3'");
     let doubted = |(_, e): &(Sample, Estimate)| e.status.contains(Status::NOT_SINGLE);
     assert!(!frames[450..600].iter().any(doubted));
@@ -191,10 +193,11 @@ fn swapped_columns_are_no_single_contact_and_the_force_sensors_are_believed() {
     assert!(!frames[1230..1300].iter().any(doubted));
 }
 
-/// Nor do they tell that the force sensors' part of the record is another finger's; that both halves weigh the same
-/// touch differently does.
+/// Codes alone do not show that the force sensors' calibration is another finger's.
+///
+/// The contradiction of both halves on the same contact does.
 #[test]
-fn matrix_and_force_sensors_that_contradict_each_other_are_told_and_the_surer_one_is_given() {
+fn disagreement_is_flagged_and_surer_part_wins() {
     let mut record = record();
     for sensor in record.sensors.iter_mut().flatten() {
         sensor.sensitivity.0.iter_mut().flatten().for_each(|s| *s *= 0.4);
@@ -202,7 +205,7 @@ fn matrix_and_force_sensors_that_contradict_each_other_are_told_and_the_surer_on
     let frames = estimates_by(record, 1.1, &press(0.6, -0.4, [0.0, 1.0], 0.5));
     for (_, estimate) in &frames[420..880] {
         assert!(estimate.status.contains(Status::DISAGREE), "{:?}", estimate.status);
-        // Force sensors state the smaller error: theirs alone, no mean of the two.
+        // The force sensors claim the smaller error: the output is theirs alone, not a mean.
         let fz = estimate.force.z.unwrap().0;
         assert!((fz - 0.4).abs() < 0.01, "{fz}");
     }

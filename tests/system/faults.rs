@@ -1,30 +1,31 @@
-//! Every fault that the simulator knows, from the scene through the codes to what the finger says of it,
-//! and the faults that codes alone do not give away.
+//! Flags of every simulated fault, from the scene to the estimate.
+//!
+//! The last test lists the faults that codes alone do not show.
 
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::scan::Scan;
 use taxel_sim::{Scene, Simulator};
 
-/// The finger of the built-in scenes, unloaded for a second, then with the fault, then without again.
+/// Scene of a built-in finger: unloaded, from 1 s to 2 s with the fault, then without.
 const SCENE: &str = "effects = ['noise', 'ambient', 'flicker', 'gain-spread', 'optical-crosstalk', \
                      'bridge-mismatch', 'bridge-crosstalk']\n[scan]\nrate_hz = 1000\nduration_s = 3\n";
 const BIAS: usize = 300;
 
-/// A scan a millisecond.
+/// Scans at 1 kHz.
 fn scans(more: &str) -> impl Iterator<Item = Scan> {
     let scene = Scene::parse("fault.toml", &format!("{SCENE}{more}")).unwrap();
     Simulator::new(&scene, 3).map(|sample| sample.scan)
 }
 
-/// Estimates of a finger without a calibration that takes its bias first.
+/// Estimates of a finger without a calibration; the finger first takes its bias.
 fn estimates(more: &str) -> Vec<Estimate> {
     let (finger, mut state) = Finger::new(None);
     state.take_bias(BIAS as u16);
     scans(more).map(|scan| finger.estimate(&mut state, &scan)).collect()
 }
 
-/// The scene's fault, from the first to the second second.
+/// The fault's table in the scene, from 1 s to 2 s.
 fn table(keys: &str) -> String {
     format!("[[fault]]\nat_s = 1\nuntil_s = 2\n{keys}\n")
 }
@@ -39,8 +40,10 @@ const FAULTS: Status = Status::SATURATED
     .union(Status::STUCK_CHANNEL)
     .union(Status::OUT_OF_RANGE);
 
-/// From `from` ms on every frame of the fault says exactly `faults`; before it came and `again` ms after
-/// it went, nothing is wrong. The last estimate of the fault.
+/// Checks for exactly `faults` from `from` ms until the end of the fault; returns its last
+/// estimate.
+///
+/// No fault is flagged before it, nor from `again` ms after its end on.
 fn says(keys: &str, from: usize, faults: &[Status], again: usize) -> Estimate {
     let expected = faults.iter().fold(0, |all, one| all | one.0);
     let estimates = fault(keys);
@@ -55,22 +58,22 @@ fn says(keys: &str, from: usize, faults: &[Status], again: usize) -> Estimate {
     estimates[1999]
 }
 
-/// A fault that changes the light or a voltage shows in its first frame.
+/// Checks a fault of light or voltage, which its first frame flags.
 fn says_at_once(keys: &str, faults: &[Status]) -> Estimate {
     says(keys, 1000, faults, 0)
 }
 
 const COLUMN_2: u16 = 1 << 2 | 1 << 6 | 1 << 10 | 1 << 14;
-/// Two windows of the watch for stuck channels.
+/// Two windows of the detector for stuck channels, in scans.
 const WATCHED: usize = 2 * 256;
 
 #[test]
-fn a_finger_without_a_fault_reports_none() {
+fn healthy_finger_reports_no_fault() {
     assert!(estimates("").iter().all(|estimate| !estimate.status.intersects(FAULTS)));
 }
 
 #[test]
-fn a_dead_led_or_a_phototransistor_that_is_cut_off_is_a_dead_taxel_and_no_touch() {
+fn dead_led_or_transistor_is_a_dead_taxel() {
     for kind in ["dead-led", "open-channel"] {
         let keys = format!("kind = '{kind}'\nchannel = 'r1c2'");
         let estimate = says_at_once(&keys, &[Status::DEAD_TAXEL]);
@@ -80,27 +83,27 @@ fn a_dead_led_or_a_phototransistor_that_is_cut_off_is_a_dead_taxel_and_no_touch(
 }
 
 #[test]
-fn a_column_that_is_open_shorted_or_stuck_is_four_dead_taxels() {
+fn faulty_column_is_four_dead_taxels() {
     for kind in ["open-channel", "shorted-channel", "stuck-channel"] {
         let keys = format!("kind = '{kind}'\nchannel = 'c2'");
         let estimate = fault(&keys)[1999];
         assert_eq!(estimate.signals.health.dead, COLUMN_2, "{kind}");
         assert!(estimate.status.contains(Status::DEAD_TAXEL));
-        // At the voltage where it stuck it does not change either.
+        // At the voltage where the channel stuck, the reading does not change either.
         assert_eq!(estimate.status.contains(Status::STUCK_CHANNEL), kind == "stuck-channel");
     }
 }
 
 #[test]
-fn a_saturated_column_is_four_clipped_taxels() {
-    // Lit and dark read the same, so that there is no light to be seen either.
+fn saturated_column_is_four_clipped_taxels() {
+    // Lit and dark codes are equal, so the taxel shows no light either.
     let saturated = [Status::SATURATED, Status::DEAD_TAXEL];
     let estimate = says_at_once("kind = 'saturated-adc'\nchannel = 'c2'", &saturated);
     assert_eq!(estimate.signals.health.saturated, COLUMN_2);
 }
 
 #[test]
-fn a_broken_arm_and_a_midpoint_at_a_rail_are_faults_of_that_sensor() {
+fn broken_arm_or_midpoint_flags_that_sensor() {
     let arms = (1..=8).map(|r| format!("kind = 'broken-arm'\nchannel = 's2_r{r}'"));
     let rails = ["shorted-channel", "saturated-adc"]
         .into_iter()
@@ -113,7 +116,7 @@ fn a_broken_arm_and_a_midpoint_at_a_rail_are_faults_of_that_sensor() {
 }
 
 #[test]
-fn a_reading_stuck_at_a_plausible_code_is_found_and_freed_within_two_windows() {
+fn stuck_reading_is_flagged_within_two_windows() {
     let stuck = |channel: &str, with| {
         let keys = format!("kind = 'stuck-channel'\nchannel = '{channel}'");
         says(&keys, 1000 + WATCHED, &[Status::STUCK_CHANNEL, with], WATCHED)
@@ -124,7 +127,7 @@ fn a_reading_stuck_at_a_plausible_code_is_found_and_freed_within_two_windows() {
 }
 
 #[test]
-fn a_supply_that_the_converter_does_not_follow_shows_in_the_bridges_once_it_is_down_by_a_quarter() {
+fn supply_dip_by_a_quarter_flags_the_bridges() {
     let dip = |ratio: f64| {
         format!(
             "[electronics]\nratiometric = false\n[[fault]]\nat_s = 1\nkind = 'supply-dip'\nratio = {ratio}\n"
@@ -132,14 +135,15 @@ fn a_supply_that_the_converter_does_not_follow_shows_in_the_bridges_once_it_is_d
     };
     let down = estimates(&dip(0.75))[1500];
     assert_eq!(down.signals.health.bridge_faults, 0b1111);
-    // Less is not seen.
+    // A smaller dip stays undetected.
     assert_eq!(estimates(&dip(0.9))[1500].signals.health.bridge_faults, 0);
 }
 
-/// What codes alone do not tell, so that nobody takes the silence for health: the reference channel is in
-/// the codes, but no record says what it should read.
+/// Faults that codes alone do not show, so that silence does not prove health.
+///
+/// The codes hold the reference channel, but no record holds its expected value.
 #[test]
-fn a_dip_that_the_converter_follows_swapped_columns_and_a_floating_midpoint_go_unnoticed() {
+fn ratiometric_dip_and_swaps_stay_undetected() {
     for keys in [
         "kind = 'supply-dip'\nratio = 0.8",
         "kind = 'swapped-columns'\nchannel = 'c0'\nwith = 'c3'",

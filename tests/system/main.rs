@@ -1,4 +1,4 @@
-//! The core among its tools: on the simulator's scenes, from files.
+//! Tests of the core with the host tools: on the simulator's scenes and on files.
 
 mod cascade;
 mod faults;

@@ -1,4 +1,4 @@
-//! A finger for the tests: codes in round numbers and a calibration whose forces can be told by hand.
+//! A finger for the tests: codes in round numbers, and a calibration with forces easy to compute.
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
@@ -36,7 +36,7 @@ pub fn unloaded(time: u64) -> Scan {
     }
 }
 
-/// The finger with taxel `k` nearer by `codes`.
+/// The finger with `codes` more light on taxel `k`.
 pub fn pressed(time: u64, k: usize, codes: u16) -> Scan {
     let mut scan = unloaded(time);
     if let Some(taxels) = &mut scan.codes.taxels {
@@ -45,7 +45,7 @@ pub fn pressed(time: u64, k: usize, codes: u16) -> Scan {
     scan
 }
 
-/// f_z = tanh(−Σ c_k), f_x = f_y = 0; sensor 0 reads u in newtons per full scale.
+/// Calibration of a net f_z = tanh(−Σ c_k), f_x = f_y = 0; sensor 0 reads u as newtons.
 pub fn calibration() -> Calibration {
     let full = f32::from(u16::MAX);
     Calibration {
@@ -80,8 +80,9 @@ pub fn calibration() -> Calibration {
     }
 }
 
-/// The same finger with all that a record may hold: a point load on a half-space 2.5 mm under it, and four
-/// sensors alike.
+/// Calibration of the same finger with every section.
+///
+/// The model is a point load on a half-space, 2.5 mm above the facets. The four sensors are alike.
 pub fn everything() -> Calibration {
     let mut record = calibration();
     let point_load = |terms: [f32; 2], depth: f32| Radial {
@@ -129,7 +130,7 @@ pub fn identity() -> Identity {
     }
 }
 
-/// An empty store.
+/// An erased store in memory.
 pub fn store() -> Store<RamFlash<Vec<u8>>> {
     Store::new(RamFlash::new(vec![0; RamFlash::SIZE]))
 }

@@ -1,4 +1,4 @@
-//! Calibration records as they come over the link or out of flash, their CRC made right.
+//! Calibration records as the link or the flash holds them, with a repaired CRC.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

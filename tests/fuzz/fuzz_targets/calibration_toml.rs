@@ -1,4 +1,4 @@
-//! Calibration files.
+//! Calibration files in TOML.
 #![no_main]
 
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Both directions of the link, and whatever a request makes the instrument do.
+//! Both directions of the link, and the instrument's answer to every request.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -29,7 +29,7 @@ fuzz_target!(|bytes: &[u8]| {
             pack(&answer, &mut [0; 448]).expect("every answer fits a packet");
         }
     }
-    // The CRC keeps most inputs out: let the messages themselves be seen too.
+    // The CRC rejects most inputs, so the messages are also fed directly.
     if let Ok(request) = postcard_request(bytes)
         && let Some(answer) = instrument.handle(&request, &mut store)
     {
@@ -43,7 +43,7 @@ fn postcard_request(bytes: &[u8]) -> Result<Request, taxel::wire::WireError> {
     taxel::wire::unpack(&mut packet[..packed - 1])
 }
 
-/// Bytes that are packed as they are.
+/// Bytes packed unchanged.
 struct Raw<'a>(&'a [u8]);
 
 impl serde::Serialize for Raw<'_> {
