@@ -1,13 +1,13 @@
-//! The whole way of one scan: codes → signals → gate → only the estimators that the scene needs.
+//! Estimation of one scan: codes → signals → contact gate → the estimators that the scene needs.
 //!
 //! ```text
-//! no contact        nothing but the sensors' own forces, and the ear for slip, which has to know the quiet
+//! no contact        the sensors' own forces, and the vibration detector (it learns the quiet)
 //! normal contact    matrix: model of a normal contact     array: wrench, contact
 //! shear             matrix: model with shear              … and slip
 //! misfit            matrix: two contacts
 //! ```
-//! What matrix and array both say is weighted by what each is sure of; where one is faulty the other stands
-//! for both. Which estimators ran is in the status.
+//! Estimates of matrix and array are weighted by their uncertainties. If one of them is faulty, the
+//! other gives the result alone. The status names the estimators that ran.
 
 mod fusion;
 mod matrix;
@@ -33,19 +33,19 @@ pub use matrix::{PLACE_ERROR, SKIN_ERROR};
 use no_contact::no_contact;
 use slip::{Grip, GripState};
 
-/// The coefficients of one finger. Nothing in here changes from scan to scan.
+/// Coefficients of one finger. They do not change from scan to scan.
 #[derive(Clone, Debug, Default)]
 pub struct Finger {
     calibration: Option<Calibration>,
-    /// When contact begins and ends.
+    /// Contact gate: its thresholds and frame counts.
     pub gate: Gate,
-    /// How the contact point is found.
+    /// Method of the contact point.
     pub point_method: PointMethod,
-    /// What smooths the signals that forces and places come from.
+    /// Optional low-pass filter on the signals, before forces and contact positions.
     pub filter: Option<LowPass>,
 }
 
-/// The memory of one finger, from scan to scan.
+/// State of one finger, carried from scan to scan.
 #[derive(Clone, Debug, Default)]
 pub struct FingerState {
     bias: Bias,
@@ -60,35 +60,35 @@ pub struct FingerState {
     grip: GripState,
 }
 
-/// Everything one scan says.
+/// All estimates of one scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// When the scan began.
+    /// Start of the scan.
     pub time: Micros,
-    /// What holds, and which estimators ran.
+    /// State flags, and the estimators that ran.
     pub status: Status,
     /// Conditioned signals.
     pub signals: Signals,
-    /// Force on each sensor.
+    /// Force on each sensor, in newtons.
     pub sensors: [Force; SENSORS],
-    /// The finger's force.
+    /// Force on the finger, in newtons.
     pub force: Force,
-    /// The contact point.
+    /// Contact point, in millimetres from the middle of the pad.
     pub point: Measured<ContactPoint>,
-    /// How near to slip it is.
+    /// Slip margin, friction and required grip.
     pub slip: Measured<Verdict>,
-    /// Moment about the contact's normal.
+    /// Moment about the contact's normal, in N·mm.
     pub torsion: Measured<NewtonMillimetres>,
     /// Two contacts, the stronger one first.
     pub contacts: Measured<[NormalContact; 2]>,
-    /// How sure all that is; without contact there is nothing to be unsure of.
+    /// Standard deviations of force and point, and the misfit; none without contact.
     pub uncertainty: Measured<Uncertainty>,
-    /// The bias that was asked for is done with this scan: in the state, or refused.
+    /// Outcome of a requested bias, present in the scan that completes it.
     pub bias: Option<Result<(), BiasRefusal>>,
 }
 
 impl Estimate {
-    /// Of no scan yet.
+    /// Placeholder before the first scan.
     pub(crate) const NOTHING: Self = Self {
         time: Micros(0),
         status: Status(0),
@@ -103,7 +103,7 @@ impl Estimate {
         bias: None,
     };
 
-    /// The frame of this estimate of `codes`, with the fields that were asked for.
+    /// Returns the frame of this estimate of `codes`, with the requested fields.
     #[must_use]
     pub fn frame<'e>(&'e self, codes: &'e Codes, seq: u32, fields: Fields) -> FrameRef<'e> {
         macro_rules! frame {
@@ -129,30 +129,31 @@ impl Estimate {
 }
 
 impl FingerState {
-    /// The bias in force.
+    /// Returns the active bias.
     #[must_use]
     pub fn bias(&self) -> &Bias {
         &self.bias
     }
 
-    /// A bias taken on command is in force.
+    /// Returns whether a bias taken on command is active.
     #[must_use]
     pub fn biased(&self) -> bool {
         self.biased
     }
 
-    /// The gate is open.
+    /// Returns whether the contact gate is open.
     #[must_use]
     pub fn contact(&self) -> bool {
         self.gate.contact()
     }
 
-    /// Begins to average `frames` scans into a new bias; the outcome is in the estimate of the last.
+    /// Begins to average `frames` scans into a new bias. The estimate of the last scan has the
+    /// outcome.
     pub fn take_bias(&mut self, frames: u16) {
         self.taker = Some(BiasTaker::new(frames));
     }
 
-    /// A bias is being taken.
+    /// Returns whether a bias is being taken.
     #[must_use]
     pub fn taking_bias(&self) -> bool {
         self.taker.is_some()
@@ -160,7 +161,7 @@ impl FingerState {
 }
 
 impl Finger {
-    /// A finger with `calibration`, which must have been validated, and the memory it starts with.
+    /// Makes a finger with `calibration`, which must be valid, and its initial state.
     #[must_use]
     pub fn new(calibration: Option<Calibration>) -> (Self, FingerState) {
         let finger = Self { calibration, ..Self::default() };
@@ -168,17 +169,17 @@ impl Finger {
         (finger, state)
     }
 
-    /// The calibration in force.
+    /// Returns the active calibration.
     #[must_use]
     pub fn calibration(&self) -> Option<&Calibration> {
         self.calibration.as_ref()
     }
 
-    /// Puts the calibration in `record` in force, read in place. Bias and gate are those of the one before
-    /// until they are [`Self::restarted`].
+    /// Reads the calibration in `record` in place and activates it. A state keeps the old bias and
+    /// gate until it is replaced by [`Self::restarted`].
     ///
     /// # Errors
-    /// What is wrong with it; the finger is uncalibrated then.
+    /// The first error of the record; the finger is uncalibrated then.
     pub fn recalibrate(&mut self, record: &[u8]) -> Result<(), CalibrationError> {
         let read = self.calibration.get_or_insert_default().read(record);
         if read.is_err() {
@@ -187,20 +188,20 @@ impl Finger {
         read
     }
 
-    /// Memory to start afresh with.
+    /// Returns an initial state with the calibration's own bias.
     #[must_use]
     pub fn restarted(&self) -> FingerState {
         FingerState { bias: self.own_bias(), ..FingerState::default() }
     }
 
-    /// Puts a bias in force that was taken on command before.
+    /// Activates a bias that was taken on command earlier.
     pub fn restore_bias(&self, state: &mut FingerState, bias: Bias) {
         state.bias = bias;
         state.biased = true;
         state.smooth = LowPassState::default();
     }
 
-    /// Drops a bias taken on command: the calibration's own is in force again.
+    /// Drops a bias taken on command and activates the calibration's own.
     pub fn clear_bias(&self, state: &mut FingerState) {
         state.bias = self.own_bias();
         state.biased = false;
@@ -212,14 +213,14 @@ impl Finger {
         self.calibration.as_ref().map(Calibration::bias).unwrap_or_default()
     }
 
-    /// One scan.
+    /// Processes one scan and returns its estimate.
     pub fn estimate(&self, state: &mut FingerState, scan: &Scan) -> Estimate {
         let mut estimate = Estimate::NOTHING;
         self.update(&mut estimate, state, scan);
         estimate
     }
 
-    /// The same in the place of another scan's estimate, of which nothing stays.
+    /// Processes one scan into `estimate`, overwriting all of it.
     pub fn update(&self, estimate: &mut Estimate, state: &mut FingerState, scan: &Scan) {
         let warmth = self.calibration.as_ref().and_then(Calibration::warmth);
         let thermometer = &mut state.thermometer;
@@ -262,15 +263,15 @@ impl Finger {
 
         let activity = state.bias.activity(signals);
         let contact = self.gate.update_at_once(&mut state.gate, activity, || {
-            // A channel at fault may say anything.
+            // A faulty channel may read anything.
             let sound = signals.health == Health::default();
             let matrix = signals.taxels.as_ref().zip(state.bias.taxels.as_ref()).filter(|_| sound);
             matrix.map_or(0.0, |(c, bias)| unmistakable(c, bias.noise))
         });
         flag(&mut status, Status::CONTACT, contact);
 
-        // The gate answers at once, and what slips is heard above any filter's corner: both have the
-        // signals as they came.
+        // Gate and vibration detector take unfiltered signals: the gate responds at once, and slip
+        // vibration lies above any filter's corner.
         let mut raw = None;
         if let Some(filter) = &self.filter {
             raw = Some(*signals);
@@ -336,7 +337,8 @@ impl Finger {
         forces: &mut [Force; SENSORS],
         status: &mut Status,
     ) {
-        // Written out: a loop stays one where there is a call in it, and takes half as long again.
+        // Unrolled by hand: the compiler keeps a loop that contains a call, which takes half as
+        // long again.
         let [first, second, third, fourth] = forces;
         self.sensor_force(0, codes, signals, first, status);
         self.sensor_force(1, codes, signals, second, status);
@@ -372,14 +374,15 @@ impl Finger {
     }
 }
 
-/// Apart, so that a force that is known is written without a word of what it would lack.
+/// A separate cold function, so that the path of a known force writes no reason.
 #[cold]
 #[inline(never)]
 fn withhold(force: &mut Force, reason: NoValue) {
     *force = Force::none(reason);
 }
 
-/// Apart, because what it may hand back is large, rare, and would be copied with every scan.
+/// A separate cold function, because its result is large and rare and would be copied with every
+/// scan.
 #[cold]
 #[inline(never)]
 fn advance_bias(state: &mut FingerState, levels: &Levels) -> Option<Result<(), BiasRefusal>> {
@@ -392,7 +395,7 @@ fn advance_bias(state: &mut FingerState, levels: &Levels) -> Option<Result<(), B
     }))
 }
 
-/// Sets a bit that holds: with a branch, which costs less than the bit from a `bool`.
+/// Sets `bit` if `holds`. A branch costs less than converting the `bool` to a bit.
 fn flag(status: &mut Status, bit: Status, holds: bool) {
     if holds {
         status.insert(bit);
@@ -404,7 +407,7 @@ fn missing(scanned: bool) -> NoValue {
 }
 
 fn within(ranges: &[Range], signals: &[f32]) -> bool {
-    // A difference's sign is a bit: that of all of them together answers, without a branch for each.
+    // The sign bit of each difference marks a violation; OR-ing them needs no branch per signal.
     let outside =
         |[low, high]: &Range, signal: &f32| (signal - low).to_bits() | (high - signal).to_bits();
     let signs =

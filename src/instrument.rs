@@ -1,5 +1,7 @@
-//! The finger as an instrument: settings, counters, commands. It owns everything that survives a
-//! reconnect, and keeps in a [`Store`] what survives power-off; [`crate::session`] carries its words.
+//! The finger as an instrument: settings, counters and commands.
+//!
+//! It owns everything that survives a reconnect and keeps settings, bias and calibration in a
+//! [`Store`]. [`crate::session`] transports its messages.
 
 use core::num::{NonZeroU16, NonZeroU32};
 
@@ -17,62 +19,62 @@ use crate::wire::message::{
     Request, Response,
 };
 
-/// A finger with its settings.
+/// A finger with its settings and counters.
 pub struct Instrument {
     identity: Identity,
     finger: Finger,
     state: FingerState,
-    /// CRC of the record in force.
+    /// CRC of the active calibration record.
     calibration_crc: u32,
     streaming: bool,
     hz: u16,
-    /// What the host has said of the scan.
+    /// Scan settings of the host; `None` for the board's own.
     scan: Option<ScanSettings>,
-    /// Corner of the low-pass; 0 for none.
+    /// Corner of the low-pass in hertz; 0 for none.
     filter_hz: u16,
     fields: Fields,
-    /// Every how many scans a frame is due, and in how many the next one is.
+    /// Scans per frame, and scans until the next frame.
     every: NonZeroU16,
     until_due: u16,
     seq: u32,
-    /// Of the last scan.
+    /// Estimate of the last scan.
     estimate: Estimate,
     bias_tag: Option<u8>,
-    /// What came of the bias that this scan completed.
+    /// Outcome of the bias that the last scan completed.
     bias_taken: Option<Result<(), BiasRefusal>>,
-    /// The gate was open at some time while the bias in force was taken.
+    /// Whether the gate was open at some time while the active bias was taken.
     bias_in_contact: bool,
-    /// The same of the bias that is being taken.
+    /// Whether the gate has been open since the current bias was begun.
     taking_in_contact: bool,
     counters: Counters,
     cost: Cost,
-    /// A self-test under way, and whom to tell.
+    /// A self-test under way, and the tag of its request.
     self_test: Option<(u8, Running)>,
-    /// The stored record is whole, as it was when the test began.
+    /// Whether the stored record was intact when the test began.
     record_intact: Option<bool>,
 }
 
-/// What a scan brings about.
+/// Results of a scan that the caller must handle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
-    /// The stream is on and a frame is due: [`Instrument::frame`].
+    /// A frame is due and the stream is on: call [`Instrument::frame`].
     pub frame: bool,
-    /// It completed a bias or a self-test: [`Instrument::take_reply`], before the next scan.
+    /// A bias or self-test is complete: call [`Instrument::take_reply`] before the next scan.
     pub reply: bool,
 }
 
 impl Instrument {
-    /// Frames a second until the host says otherwise.
+    /// Frames a second unless the host sets another rate.
     pub const DEFAULT_RATE_HZ: u16 = 1000;
 
-    /// An instrument, uncalibrated, with the stream off.
+    /// Makes an uncalibrated instrument with the stream off.
     #[must_use]
     pub fn new(identity: Identity) -> Self {
         let hz = Self::DEFAULT_RATE_HZ.min(identity.scan_hz);
         Self {
             every: divider(identity.scan_hz, hz),
             identity,
-            // In place: a finger that is handed about crosses the stack.
+            // Built in place, because moving a finger copies it over the stack.
             finger: Finger::default(),
             state: FingerState::default(),
             calibration_crc: 0,
@@ -95,9 +97,11 @@ impl Instrument {
         }
     }
 
-    /// Puts in force what the store kept, as a board does at power-up: the newest calibration that this
-    /// firmware reads, the settings, and a bias that belongs to that calibration. `rescan` makes the board
-    /// scan as it was set to, or says that it cannot; it then scans in its own way.
+    /// Restores the content of the store at power-up.
+    ///
+    /// It activates the newest calibration that this firmware reads, the settings, and a bias that
+    /// belongs to that calibration. `rescan` makes the board scan as it was set, or returns an
+    /// error; the board then keeps its own settings.
     pub fn restore(
         &mut self,
         store: &mut Store<impl Flash>,
@@ -128,40 +132,40 @@ impl Instrument {
         }
     }
 
-    /// Stores a calibration record and puts it in force, as an upload does.
+    /// Stores a calibration record and activates it, as an upload does.
     ///
     /// # Errors
-    /// What is wrong with it; the instrument then stays as it was.
+    /// The error of the record or of the flash; the instrument is then unchanged.
     pub fn install(&mut self, record: &[u8], store: &mut Store<impl Flash>) -> Result<(), Refusal> {
         store.begin(record.len())?;
         store.write(0, record)?;
         self.commit(store)
     }
 
-    /// The stream is on.
+    /// Returns whether the stream is on.
     #[must_use]
     pub fn streaming(&self) -> bool {
         self.streaming
     }
 
-    /// The frame that is due of `scan`, the last one.
+    /// Returns the due frame of `scan`, which must be the last one processed.
     #[must_use]
     #[inline(always)]
     pub fn frame<'s>(&'s self, scan: &'s Scan) -> FrameRef<'s> {
         self.estimate.frame(&scan.codes, self.seq.wrapping_sub(1), self.fields)
     }
 
-    /// What has been counted.
+    /// Returns the counters.
     pub fn counters(&mut self) -> &mut Counters {
         &mut self.counters
     }
 
-    /// Notes what processing the last scan cost.
+    /// Records the cost of processing the last scan, in ticks.
     pub fn note_cost(&mut self, ticks: u32) {
         self.cost.note(ticks);
     }
 
-    /// One scan: estimates always, a frame when one is due.
+    /// Processes one scan; a frame is due at the stream's rate.
     pub fn scan(&mut self, scan: &Scan) -> Outcome {
         self.finger.update(&mut self.estimate, &mut self.state, scan);
         self.counters.scans = self.counters.scans.wrapping_add(1);
@@ -184,25 +188,25 @@ impl Instrument {
         outcome
     }
 
-    /// What takes several scans and may be done with this one: a bias, a self-test.
+    /// Completes what takes several scans: a bias or a self-test. Returns whether a reply is due.
     #[cold]
     #[inline(never)]
     fn finish(&mut self, codes: &Codes) -> bool {
         if let Some(Ok(())) = self.bias_taken {
             self.bias_in_contact = self.taking_in_contact;
         }
-        // Whoever asked for one that is over is not there any more.
+        // A finished self-test is left only if its requester is gone: drop it.
         let _ = self.self_test.take_if(|(_, running)| running.is_over());
         let tested = self.self_test.as_mut().is_some_and(|(_, running)| running.scan(codes));
         tested || (self.bias_taken.is_some() && self.bias_tag.is_some())
     }
 
-    /// The answer to what the last scan completed. Apart, because it is large, rare, and would be copied with
-    /// every scan.
+    /// Returns the reply to what the last scan completed. It is separate from [`Self::scan`],
+    /// because the reply is large and rare and would be copied with every scan.
     #[cold]
     #[inline(never)]
     pub fn take_reply(&mut self) -> Option<Message> {
-        // At most one a scan: a bias is not taken while a test runs.
+        // At most one a scan, because a bias is not taken while a test runs.
         if let Some(taken) = self.bias_taken.take() {
             let tag = self.bias_tag.take()?;
             let result = taken.map(|()| self.bias_response()).map_err(|refusal| match refusal {
@@ -216,7 +220,7 @@ impl Instrument {
         Some(Message::Reply { tag, result: Ok(Response::SelfTest(test)) })
     }
 
-    /// One request. `None` where the answer comes later, with a scan.
+    /// Handles one request. Returns `None` if the answer comes later, with a scan.
     pub fn handle(&mut self, request: &Request, store: &mut Store<impl Flash>) -> Option<Message> {
         let tag = request.tag;
         if request.command == Command::Version {
@@ -323,7 +327,7 @@ impl Instrument {
                 self.self_test = Some((tag, Running::over(*scans)));
                 return Ok(None);
             }
-            // The board's; the session has asked it.
+            // The board handles these; the session passes them on to it.
             Command::Health | Command::Bootloader | Command::SetScan(_) => {
                 return Err(Refusal::Unsupported);
             }
@@ -331,13 +335,13 @@ impl Instrument {
         Ok(Some(Response::Done))
     }
 
-    /// An answer is still to come with a scan.
+    /// Returns whether an answer is still to come with a scan.
     #[must_use]
     pub fn busy(&self) -> bool {
         self.state.taking_bias() || self.self_test.is_some()
     }
 
-    /// The board scans differently from now on.
+    /// Adapts to new scan settings of the board.
     pub fn rescanned(&mut self, scan: &ScanSettings, full_scale: FullScale) {
         self.scan = Some(*scan);
         self.identity.scan_hz = scan.scan_hz;
@@ -347,7 +351,8 @@ impl Instrument {
         self.forget();
     }
 
-    /// A corner nearer to half the scans a second than this would let all through.
+    /// Returns the highest corner of the filter, in hertz: a quarter of the scans a second. A
+    /// corner nearer to half of them lets all signals through.
     fn highest_filter(&self) -> u16 {
         self.identity.scan_hz / 4
     }
@@ -358,22 +363,22 @@ impl Instrument {
         self.finger.filter = (self.filter_hz > 0).then_some(filter);
     }
 
-    /// What was learnt from other codes, or under another calibration, no longer holds.
+    /// Resets the state, which is invalid after a change of codes or calibration.
     #[inline(never)]
     fn forget(&mut self) {
         self.state = self.finger.restarted();
         self.bias_in_contact = false;
     }
 
-    /// What the store has received is read from its flash, put in force, and only then made the newest:
-    /// a record that is refused costs nothing but the other slot.
+    /// Reads the received record from flash, activates it, and only then makes it the newest. A
+    /// refused record therefore costs only the other slot.
     fn commit(&mut self, store: &mut Store<impl Flash>) -> Result<(), Refusal> {
         let read = self.finger.recalibrate(store.written()?).map_err(Refusal::Calibration);
         let done = read.and_then(|()| Ok(store.commit()?));
         if done.is_ok() {
             self.begin_anew(store);
         } else if let Some(old) = store.record() {
-            // It was read before. Bias and gate still belong to it.
+            // The record was read before. Bias and gate still belong to it.
             let _ = self.finger.recalibrate(old);
         }
         done
@@ -424,7 +429,7 @@ impl Instrument {
     }
 }
 
-/// How many scans go to a frame: the nearest whole number.
+/// Returns the number of scans per frame, rounded to the nearest.
 #[inline(never)]
 fn divider(scan_hz: u16, hz: u16) -> NonZeroU16 {
     let (scan_hz, hz) = (u32::from(scan_hz), u32::from(hz.max(1)));
@@ -433,12 +438,12 @@ fn divider(scan_hz: u16, hz: u16) -> NonZeroU16 {
     NonZeroU16::new(scans).unwrap_or(NonZeroU16::MIN)
 }
 
-/// The record's own CRC is that of the bytes before it.
+/// Returns whether the record's CRC matches the bytes before it.
 fn is_intact(record: &[u8]) -> bool {
     record.split_last_chunk().is_some_and(|(body, crc)| crc32(body) == u32::from_le_bytes(*crc))
 }
 
-/// The CRC that a record ends with.
+/// Returns the CRC at the end of a record.
 fn record_crc(record: &[u8]) -> u32 {
     record.last_chunk().map_or(0, |crc| u32::from_le_bytes(*crc))
 }
@@ -456,7 +461,7 @@ fn in_range(value: u32, low: u32, high: u32) -> Result<(), Refusal> {
     if (low..=high).contains(&value) { Ok(()) } else { Err(Refusal::OutOfRange { low, high }) }
 }
 
-/// This crate's version, from its manifest.
+/// Returns this crate's version from its manifest.
 fn firmware_version() -> [u8; 3] {
     const fn number(text: &str) -> u8 {
         let mut value = 0;

@@ -1,6 +1,7 @@
-//! What the finger can tell of its own channels: the mean and the noise of each over a number of scans.
+//! Self-test of the channels: mean and noise of each over a number of scans.
 //!
-//! The sums are whole numbers, so that a small noise on a large code is not lost; only the last step rounds.
+//! The sums are integers, so that a small noise on a large code is not lost. Only the last step
+//! rounds.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,17 +9,17 @@ use crate::math::sqrt;
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
 use crate::units::{Code, FullScale};
 
-/// Most scans of one test: 4096 squares of 16 bits, times 4096, fit 64 bits.
+/// Largest number of scans in a test: 4096 squares of 16 bits, times 4096, fit 64 bits.
 pub const MOST_SCANS: u16 = 4096;
 
 /// One value for every channel of the finger.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Channels<T> {
-    /// Each taxel with its row lit, `lit[row][column]`.
+    /// Taxels with their row lit, `lit[row][column]`.
     pub lit: [[T; COLS]; ROWS],
-    /// Each column with every LED off.
+    /// Columns with every LED off.
     pub dark: [T; COLS],
-    /// The midpoints A … D of each sensor.
+    /// Midpoints A … D of each sensor.
     pub bridges: [[T; 4]; SENSORS],
     /// The reference channel.
     pub reference: T,
@@ -26,35 +27,35 @@ pub struct Channels<T> {
     pub temperature: T,
 }
 
-/// One channel over a test, in codes.
+/// Statistics of one channel over a test, in codes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Channel {
     /// Mean code.
     pub mean: f32,
-    /// Standard deviation.
+    /// Standard deviation of the codes.
     pub noise: f32,
 }
 
-/// What a test has found.
+/// Result of a self-test.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SelfTest {
-    /// Scans that it took.
+    /// Number of scans.
     pub scans: u16,
-    /// What the codes are fractions of.
+    /// Full scale of the codes.
     pub full_scale: FullScale,
-    /// The channels that the finger has.
+    /// Channels; `None` for those that the finger does not have.
     pub channels: Channels<Option<Channel>>,
-    /// The stored calibration is whole, if there is one. Not so where the newest was found damaged at
-    /// power-up, and an older one is in force, or none.
+    /// Whether the stored calibration is intact; `None` if there is none. False if the newest
+    /// record was found damaged at power-up; an older one is then active, or none.
     pub record_intact: Option<bool>,
 }
 
-/// A test that is under way.
+/// A self-test that is under way.
 #[derive(Debug)]
 pub struct Running {
     left: u16,
     scans: u16,
-    /// Of the last scan.
+    /// Full scale of the last scan.
     full_scale: FullScale,
     sums: Channels<Sums>,
 }
@@ -66,7 +67,7 @@ struct Sums {
     squares: u64,
 }
 
-// Small rather than fast: a test is rare, and there are 38 channels.
+// Small rather than fast, because a test is rare and there are 38 channels.
 impl Sums {
     #[inline(never)]
     fn add(&mut self, code: Option<Code>) {
@@ -77,7 +78,7 @@ impl Sums {
         }
     }
 
-    /// Nothing for a channel that is not there.
+    /// Returns mean and noise; `None` for an absent channel.
     #[inline(never)]
     fn channel(&self) -> Option<Channel> {
         let count = u64::from(self.count);
@@ -91,7 +92,7 @@ impl Sums {
 }
 
 impl Running {
-    /// A test of so many scans, [`MOST_SCANS`] at most.
+    /// Makes a test of so many scans, [`MOST_SCANS`] at most.
     #[must_use]
     pub fn over(scans: u16) -> Self {
         let scans = scans.min(MOST_SCANS);
@@ -99,8 +100,8 @@ impl Running {
         Self { left: scans, scans, full_scale, sums: Channels::default() }
     }
 
-    /// Takes a scan; true when it was the last.
-    // Rare: it must not swell what runs in every scan.
+    /// Adds a scan. Returns true when it was the last.
+    // A cold function, because it must not slow the code of every scan.
     #[cold]
     #[inline(never)]
     pub fn scan(&mut self, codes: &Codes) -> bool {
@@ -112,13 +113,13 @@ impl Running {
         self.is_over()
     }
 
-    /// It has had all its scans.
+    /// Returns whether the test has had all its scans.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.left == 0
     }
 
-    /// What it has found.
+    /// Returns the result of the test.
     #[must_use]
     pub fn result(&self, record_intact: Option<bool>) -> SelfTest {
         let mut channels = Channels::default();
@@ -129,7 +130,7 @@ impl Running {
     }
 }
 
-/// What a scan has read, channel by channel.
+/// Returns the codes of a scan by channel.
 fn read(codes: &Codes) -> Channels<Option<Code>> {
     let mut read = Channels {
         reference: codes.reference,

@@ -1,14 +1,14 @@
-//! One conversation with a host, the same code on USB, UART, a pipe and a pty.
+//! Session with a host: the same code on USB, UART, a pipe and a pty.
 //!
 //! ```text
 //! Board::scan ──▶ Instrument ──frames──▶ ┌──────┐
 //!    rx ──requests──▶   └────replies──▶  │ pipe │ ──▶ tx
 //!                                        └──────┘
 //! ```
-//! A single owner of the instrument takes scans and requests in turn; a pipe of bytes decouples it from
-//! the link. Whole packets enter the pipe or none: a slow host loses frames, which are counted, and never
-//! a part of one, and never holds up the scan. The writer sends what the pipe holds in one go, so that
-//! frames share full USB packets.
+//! A single owner of the instrument takes scans and requests in turn; a pipe of bytes decouples it
+//! from the link. Packets enter the pipe whole or not at all. A slow host therefore loses whole
+//! frames, which are counted, and never delays the scan. The writer sends all that the pipe holds
+//! at once, so that frames share full USB packets.
 
 use core::pin::pin;
 
@@ -26,69 +26,70 @@ use crate::wire::deframer::Deframer;
 use crate::wire::message::{BoardHealth, Command, Cost, Message, Refusal, Request, Response};
 use crate::wire::{MAX_PACKET, WireError, pack, pack_frame};
 
-/// Bytes between instrument and link: some four frames with every field, or twenty with the estimates.
+/// Bytes between instrument and link: about four frames with every field, or twenty with the
+/// estimates.
 const PIPE: usize = 2048;
-/// Frames leave this much of the pipe to replies, so that a flooded link still answers.
+/// Bytes of the pipe that frames leave to replies, so that a flooded link still answers.
 const REPLY_RESERVE: usize = MAX_PACKET;
 
 type Bytes = Pipe<NoopRawMutex, PIPE>;
 
-/// What a board gives the session.
+/// Interface of a board to the session.
 #[expect(async_fn_in_trait, reason = "single-threaded executors only: no Send bound is wanted")]
 pub trait Board {
-    /// Where it keeps what survives power-off.
+    /// Flash of the persistent store.
     type Flash: Flash;
 
-    /// The next scan; `None` when there will be none. Dropping the future must lose nothing.
+    /// Returns the next scan; `None` after the last. Dropping the future must lose nothing.
     async fn scan(&mut self) -> Option<Scan>;
 
-    /// A free-running counter for [`crate::wire::message::Cost`]; 0 where there is none.
+    /// Returns a free-running counter for [`crate::wire::message::Cost`]; 0 if there is none.
     fn ticks(&self) -> u32;
 
-    /// What survives power-off. Erasing and programming hold up the scan.
+    /// Returns the persistent store. Erasing and programming delay the scan.
     fn store(&mut self) -> &mut Store<Self::Flash>;
 
-    /// How the board is doing, as far as it can tell.
+    /// Returns the state of the board, as far as it is known.
     fn health(&self) -> BoardHealth {
         BoardHealth::default()
     }
 
-    /// Goes to the chip's bootloader, as soon as the answer has had time to leave.
+    /// Starts the chip's bootloader as soon as the answer has had time to leave.
     ///
     /// # Errors
-    /// The board has none.
+    /// [`Refusal::Unsupported`] if the board has none.
     fn bootloader(&mut self) -> Result<(), Refusal> {
         Err(Refusal::Unsupported)
     }
 
-    /// Scans differently from now on; returns the codes' full scale.
+    /// Changes the scan settings and returns the codes' full scale.
     ///
     /// # Errors
-    /// Which setting is in the way; the scan goes on as it was.
+    /// The setting that cannot be met; the scan then continues unchanged.
     fn set_scan(&mut self, _: &ScanSettings) -> Result<FullScale, Refusal> {
         Err(Refusal::Unsupported)
     }
 }
 
-/// Who waits for whom.
+/// Flow control between scans and link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// Scans come when they come; a full link loses frames.
+    /// Scans come at their own pace; a full link loses frames.
     Live,
-    /// For replays: scans are asked for only while the stream is on, and wait until the link has room.
+    /// For replays: a scan is taken only while the stream is on, and waits until the link has room.
     Lossless,
 }
 
-/// How a session ended.
+/// Reasons for the regular end of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// There are no more scans, and all that was due has been sent.
+    /// There are no more scans, and all due frames have been sent.
     Scans,
     /// The host closed the link.
     Closed,
 }
 
-/// Why a session broke off.
+/// Reasons for a failed session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SessionError<R, W> {
     /// Reading from the link failed.
@@ -98,10 +99,10 @@ pub enum SessionError<R, W> {
 }
 
 /// Runs until the scans end, the host closes the link, or the link fails. The instrument keeps its
-/// settings; the next session goes on with them.
+/// settings for the next session.
 ///
 /// # Errors
-/// What the link said.
+/// The error of the link.
 pub async fn run_session<R: Read, W: Write>(
     rx: R,
     mut tx: W,
@@ -115,7 +116,7 @@ pub async fn run_session<R: Read, W: Write>(
     let ended = match select(converse(rx, board, instrument, &pipe, pace), transmit.as_mut()).await
     {
         Either::First(ended) => ended.map_err(SessionError::Read)?,
-        // The writer stops by itself only when the link fails.
+        // The writer returns by itself only when the link fails.
         Either::Second(stopped) => {
             return stopped.map(|()| End::Closed).map_err(SessionError::Write);
         }
@@ -134,7 +135,7 @@ async fn transmit<W: Write>(
 ) -> Result<(), W::Error> {
     let mut chunk = [0; PIPE / 4];
     loop {
-        // In this order: what is left in the pipe goes out before `done` is looked at.
+        // In this order, so that the rest of the pipe is sent before `done` is checked.
         let length = match select(pipe.read(&mut chunk), done.wait()).await {
             Either::First(length) => length,
             Either::Second(()) => return Ok(()),
@@ -201,7 +202,7 @@ async fn converse<R: Read>(
     }
 }
 
-/// What is the board's goes to the board, the rest to the instrument.
+/// Passes board commands to the board and all others to the instrument.
 fn answer(
     request: &Request,
     board: &mut impl Board,
@@ -223,7 +224,8 @@ fn answer(
     Some(Message::Reply { tag: request.tag, result })
 }
 
-/// The answer stays where it is: it is half a kilobyte to hand about, and there is none in nearly every scan.
+/// Sends a reply, if any. It takes a reference, because an answer has half a kilobyte to copy and
+/// nearly every scan has none.
 async fn reply(
     answer: &Option<Message>,
     buffer: &mut [u8; MAX_PACKET],
@@ -238,9 +240,9 @@ async fn reply(
     }
 }
 
-/// Puts a whole packet into the pipe, or nothing where it would leave less than `reserve` bytes.
+/// Puts a whole packet into the pipe, or nothing if less than `reserve` bytes would remain free.
 async fn offer(packed: Result<&[u8], WireError>, reserve: usize, pipe: &Bytes, pace: Pace) -> bool {
-    // A message that does not fit the buffer cannot be (tested); it would count as lost.
+    // No message is too long for the buffer (tested); it would count as lost.
     let Ok(packet) = packed else { return false };
     if pace == Pace::Live && pipe.free_capacity() < packet.len() + reserve {
         return false;

@@ -11,10 +11,10 @@ use crate::measured::{Measured, NoValue};
 use crate::scan::SENSORS;
 use crate::units::{Millimetres, NewtonMillimetres, Newtons};
 
-/// Sensitivities of the force sensors are known to this share, however small calibration's residual.
+/// Relative uncertainty of the force sensors' sensitivities, in addition to calibration's residual.
 const GAIN_ERROR: f32 = 0.005;
 
-/// What the array of force sensors feels.
+/// Estimate of the force sensors together, as one array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ArrayEstimate {
     pub force: [Measured<Uncertain>; 3],
@@ -27,7 +27,7 @@ impl ArrayEstimate {
         Self { force: [Err(reason); 3], point: Err(reason), torsion: Err(reason) }
     }
 
-    /// The array under the forces on its sensors. Where one of them has none, none is felt.
+    /// Estimates from the forces on the sensors; none if any sensor has no force.
     pub(super) fn of(
         record: Option<&Calibration>,
         signals: &Signals,
@@ -54,7 +54,7 @@ impl ArrayEstimate {
         let [sx, sy, sz] = array.residual;
         let of = |value: f32, sigma: f32| {
             let gain = GAIN_ERROR * value.abs();
-            // A record of huge matrices may overflow; what is not finite is no force.
+            // A record of huge matrices may overflow: a value that is not finite is no force.
             if value.abs() < f32::MAX {
                 Ok(Uncertain { value, sigma: sigma + gain })
             } else {
@@ -72,18 +72,18 @@ impl ArrayEstimate {
     }
 }
 
-/// Why nothing is felt where the record has no array.
+/// Returns the reason for a missing array estimate if the record has no array.
 pub(super) fn unfelt(signals: &Signals) -> NoValue {
     let absent = signals.bridges.iter().all(Option::is_none);
     if absent { NoValue::Absent } else { without(cfg!(feature = "array")) }
 }
 
-/// Why there is nothing from an estimator for which the record holds nothing.
+/// Returns the reason for a missing estimate if the record has no section for its estimator.
 pub(super) const fn without(built: bool) -> NoValue {
     if built { NoValue::Uncalibrated } else { NoValue::NotEstimated }
 }
 
-/// Every sensor's force in newtons, or why one has none.
+/// Returns every sensor's force in newtons, or the first reason for a missing one.
 fn newtons(sensors: &[Force; SENSORS]) -> Measured<[[f32; 3]; SENSORS]> {
     let mut forces = [[0.0; 3]; SENSORS];
     for (newtons, force) in forces.iter_mut().zip(sensors) {
@@ -92,12 +92,12 @@ fn newtons(sensors: &[Force; SENSORS]) -> Measured<[[f32; 3]; SENSORS]> {
     Ok(forces)
 }
 
-/// Force and point out of both.
+/// Force and contact point, fused from matrix and array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fused {
     pub force: Force,
     pub point: Measured<ContactPoint>,
-    /// Standard deviations of both.
+    /// Standard deviations of `force`, in newtons, and of `point`, in millimetres.
     pub(super) force_sigma: Force,
     pub(super) point_sigma: Measured<ContactPoint>,
 }
@@ -119,19 +119,19 @@ impl Fused {
         }
     }
 
-    /// With what the model of the skin leaves, over what it should.
+    /// Returns the standard deviations together with the misfit of the skin model.
     pub(super) fn uncertainty(&self, misfit: Measured<f32>) -> Uncertainty {
         Uncertainty { force: self.force_sigma, point: self.point_sigma, misfit }
     }
 
-    /// Standard deviation of the less sure of the shear's components.
+    /// Returns the larger standard deviation of the two shear components, in newtons.
     pub(super) fn shear_sigma(&self) -> f32 {
         let Force { x, y, .. } = self.force_sigma;
         [x, y].into_iter().flatten().fold(0.0, |most, sigma| most.max(sigma.0))
     }
 }
 
-/// What matrix and array say together: where the array says nothing, what the matrix does.
+/// Fuses both estimates; returns the matrix's own if the array has none.
 #[inline(always)]
 fn fuse_or_fallback(
     seen: Measured<Uncertain>,
@@ -155,7 +155,7 @@ fn meet(
             }
             Ok(one)
         }
-        // Of two reasons, that of the part which this finger has.
+        // If both are missing, the reason comes from the part that this finger has.
         (Err(_), Ok(_)) | (Err(NoValue::Absent), Err(_)) => felt,
         (_, Err(_)) => seen,
     }

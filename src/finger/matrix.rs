@@ -1,12 +1,11 @@
-//! What the optical matrix says of a touch: of the estimators that the record holds, those that the scene
-//! needs.
+//! Estimates of the optical matrix, from the estimators of the record that the scene needs.
 //!
 //! ```text
 //! normal contact ──▶ model, 3 unknowns ──shear──▶ model, 6 unknowns ──misfit──▶ two contacts
 //! ```
-//! Each step up has its hysteresis. Without a model in the record the net gives the force; a method
-//! of [DeMaria2011] gives the point where it was chosen, or where a faulty taxel leaves the model
-//! without its signals.
+//! Each step up has its hysteresis. The net gives the force if the record has no model. A method of
+//! [DeMaria2011] gives the point if it was chosen, or if a faulty taxel leaves the model without
+//! its signals.
 
 use crate::calibration::{Calibration, TaxelCalibration};
 use crate::condition::{Bias, Health};
@@ -24,27 +23,32 @@ use crate::frame::Status;
 use crate::measured::{Measured, NoValue};
 use crate::scan::TAXELS;
 
-/// A method of [DeMaria2011] is this far off in the middle of the pad, in mm: its centroid, 0.6 to 1.
+/// Error of a method of [DeMaria2011] in the middle of the pad, in mm; its centroid: 0.6 to 1.
 const CENTROID_ERROR: f32 = 0.8;
-/// Shear is present where the force sensors feel this many times the shear that is taken for none. Without
-/// them it is always looked for: the misfit of a contact without shear does not tell it, because the place
-/// gives way first.
+/// Gate of the shear model; its thresholds are multiples of the shear that counts as none
+/// ([`UNSEEN_SHEAR`]).
+///
+/// It needs the force sensors. Without them the model always includes shear, because the misfit of
+/// the normal model does not reveal shear: the contact position absorbs it first.
 const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 1, end_frames: 20 };
-/// A single contact is doubted where it misfits by this many times what calibration leaves.
+/// Gate of the search for two contacts; its thresholds are misfits of a single contact.
 const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20 };
-/// A rubber's stiffness is known to this share, however well the model met its calibration: it grows by a
-/// third of a per cent with each kelvin, and the first loading meets a stiffer skin ([DeMaria2011] fig. 3).
+/// Relative uncertainty of the skin's stiffness, however well the model met its calibration.
+///
+/// Stiffness grows by a third of a per cent with each kelvin, and the first loading meets a stiffer
+/// skin ([DeMaria2011] fig. 3).
 pub const SKIN_ERROR: f32 = 0.05;
-/// And a place to this many mm beyond what its covariance says: by so much another indenter's press, or one
-/// that shears, is drawn aside.
+/// Uncertainty of a contact position in mm, beyond its covariance. Another indenter or shear
+/// displaces the position by so much.
 pub const PLACE_ERROR: f32 = 0.05;
-/// Shear below this, in newtons and as a share of the normal force, is taken for none.
+/// Shear that counts as none: a floor in newtons and a share of the normal force.
 const UNSEEN_SHEAR: [f32; 2] = [0.005, 0.01];
 
-/// Least normal force in newtons of which the force sensors know the shear's share.
+/// Least normal force, in newtons, at which the force sensors' ratio of shear to normal force is
+/// used.
 const LEAST_FELT: f32 = 0.02;
 
-/// What the matrix remembers of a touch.
+/// State of the matrix's estimators during a contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct MatrixState {
     model: InverseState,
@@ -54,21 +58,21 @@ pub(super) struct MatrixState {
 }
 
 impl MatrixState {
-    /// Scans were lost: the touch may have gone far since.
+    /// Marks lost scans: the contact may have moved far since.
     pub(super) fn interrupt(&mut self) {
         self.model.interrupt();
     }
 }
 
-/// What the matrix says.
+/// Estimates of the optical matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct OpticalEstimate {
     pub force: [Measured<Uncertain>; 3],
     pub point: Measured<[Uncertain; 2]>,
-    /// What is seen of the share of friction in use.
+    /// Information on the friction utilisation, if the model ran with shear.
     pub ring: Option<Ring>,
     pub contacts: Measured<[NormalContact; 2]>,
-    /// What the model leaves over what it should; of two contacts where it found two.
+    /// Normalised residual of the model; that of two contacts if it found two.
     pub misfit: Measured<f32>,
 }
 
@@ -84,14 +88,14 @@ impl OpticalEstimate {
     }
 }
 
-/// One scan of the matrix.
+/// Inputs of the matrix's estimators for one scan.
 pub(super) struct OpticalInput<'s> {
     pub record: Option<&'s Calibration>,
     pub method: PointMethod,
     pub c: &'s [f32; TAXELS],
     pub health: &'s Health,
     pub bias: &'s Bias,
-    /// What the force sensors feel.
+    /// Estimate of the force sensors.
     pub felt: &'s ArrayEstimate,
 }
 
@@ -142,7 +146,7 @@ impl OpticalInput<'_> {
         seen
     }
 
-    /// The signals are such as the record knows.
+    /// Checks that no channel is faulty and that all signals lie in the calibrated range.
     fn usable(&self, taxels: &TaxelCalibration, status: &mut Status) -> Measured<()> {
         if let Some(reason) = faulty(self.health) {
             return Err(reason);
@@ -160,7 +164,7 @@ impl OpticalInput<'_> {
             return arg_min(self.c, self.health.dead);
         }
         status.insert(Status::RAN_CENTROID);
-        // Sixteen taxels of pure noise sum to some 6 sigma; below twice that it is noise.
+        // Sixteen taxels of pure noise sum to some 6 sigma; a sum below twice that is noise.
         let noise = self.bias.taxels.map_or(0.0, |bias| bias.noise);
         centroid(self.c, self.health.dead, 12.0 * noise)
     }
@@ -205,7 +209,7 @@ impl OpticalInput<'_> {
     }
 }
 
-/// The shear over the normal force, both as the force sensors feel them, where there is any.
+/// Returns the ratio of shear to normal force of the force sensors, if the normal force suffices.
 fn pull(felt: &[Measured<Uncertain>; 3]) -> Option<Pull> {
     let [Ok(x), Ok(y), Ok(z)] = felt else { return None };
     let [rx, ry] = [x, y].map(|f| f.value / z.value);
@@ -238,7 +242,7 @@ fn one(touch: &Touch, sheared: bool, shear: bool) -> OpticalEstimate {
     }
 }
 
-/// Two contacts: their sum, and the place where one contact would make the same moments.
+/// Returns the sum of two contacts, and the position where a single contact makes the same moments.
 fn two(pair: &Pair, share: f32) -> OpticalEstimate {
     let [a, b] = pair.contacts.map(|load| (load.normal(), load.point));
     let sum = a.0 + b.0;
@@ -267,7 +271,7 @@ mod tests {
         let load = Load { size: 1.0, ..Load::default() };
         let touch = Touch { load, sigma: [1e-3; 6], ring: Ring::default(), misfit: 0.5 };
         let Ok(fz) = one(&touch, false, true).force[2] else { panic!("a force is known") };
-        // 10 K change a rubber's stiffness by 3 %.
+        // A change by 10 K changes a rubber's stiffness by 3 %.
         assert!((0.03..0.1).contains(&(fz.sigma - 1e-3)), "{fz:?}");
     }
 }

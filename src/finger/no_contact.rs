@@ -1,5 +1,6 @@
-//! What a finger says that nothing touches, which most scans do: zeros where it would know a force, and reasons.
-//! No estimator runs, and none of their results are built up to be dropped.
+//! Output while nothing touches the finger (most scans): zero forces, and reasons.
+//!
+//! No estimator runs, and no estimate is built only to be dropped.
 
 use super::fusion::unfelt;
 use super::{Estimate, missing};
@@ -10,13 +11,13 @@ use crate::measured::{Measured, NoValue};
 use crate::scan::{Codes, SENSORS};
 use crate::units::Newtons;
 
-/// Of the matrix, or of the force sensors together.
+/// Capabilities of the matrix, or of the force sensors together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Part {
-    /// Both components of the shear, and the normal force: whether it would know them.
+    /// Whether it can estimate both shear components, and the normal force.
     shear: Measured<()>,
     normal: Measured<()>,
-    /// Why it has no place.
+    /// Reason for its missing contact point.
     place: NoValue,
 }
 
@@ -34,7 +35,7 @@ impl Part {
         if net.is_none() && sheared.is_none() {
             return Self { place: NoValue::NoContact, ..Self::nothing(NoValue::Uncalibrated) };
         }
-        // What cannot be measured is not zero either.
+        // A force that cannot be measured is not reported as zero either.
         if let Some(reason) = faulty(&signals.health) {
             return Self { place: NoValue::NoContact, ..Self::nothing(reason) };
         }
@@ -55,7 +56,7 @@ impl Part {
     }
 }
 
-/// Why the matrix gives no force, where a taxel of it is at fault.
+/// Returns the reason why the matrix gives no force if one of its taxels is faulty.
 pub(super) fn faulty(health: &Health) -> Option<NoValue> {
     if health.dead != 0 {
         Some(NoValue::DeadChannel)
@@ -66,7 +67,7 @@ pub(super) fn faulty(health: &Health) -> Option<NoValue> {
     }
 }
 
-/// Leaves in `estimate` what finger and parts say; its signals and its sensors are those of this scan already.
+/// Writes the estimates of an untouched finger. Signals and sensors must be those of this scan.
 #[inline(never)]
 pub(super) fn no_contact(
     record: Option<&Calibration>,
@@ -85,7 +86,8 @@ pub(super) fn no_contact(
     estimate.uncertainty = Err(NoValue::NoContact);
 }
 
-/// Zero where one of the parts would know better. Of two reasons, that of the part which this finger has.
+/// Returns zero if one of the parts can measure it. Of two reasons it returns that of the part
+/// which this finger has.
 fn none(seen: Measured<()>, felt: Measured<()>) -> Measured<Newtons> {
     match (seen, felt) {
         (Ok(()), _) | (_, Ok(())) => Ok(Newtons(0.0)),

@@ -1,4 +1,4 @@
-//! Slip of the finger: what the estimator of slip is given, and what is remembered of a contact.
+//! Slip of the finger: inputs of the slip estimator, and its state during a contact.
 
 use crate::calibration::Calibration;
 use crate::condition::Signals;
@@ -13,10 +13,10 @@ use crate::math::sqrt;
 use crate::measured::Measured;
 use crate::units::{Micros, NewtonMillimetres};
 
-/// Torsion below this many standard deviations of a moment is none.
+/// Torsion below this many standard deviations of a moment counts as none.
 const TORSION_DOUBT: f32 = 3.0;
 
-/// What is remembered of slip.
+/// State of the slip estimators.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct GripState {
     slip: SlipState,
@@ -25,18 +25,18 @@ pub(super) struct GripState {
     touched: bool,
 }
 
-/// What slip is judged by.
+/// Inputs of the slip estimator for one scan.
 pub(super) struct Grip<'s> {
     pub time: Micros,
     pub fused: &'s Fused,
     pub torsion: Measured<NewtonMillimetres>,
     pub seen: &'s OpticalEstimate,
-    /// It can be heard that it rubs.
+    /// Whether the vibration detector reports rubbing.
     pub rubs: bool,
 }
 
 impl GripState {
-    /// One scan of the ear; by what slip is judged, if it is.
+    /// Feeds the vibration detector; returns the slip coefficients and whether it reports rubbing.
     pub(super) fn listen<'r>(
         &mut self,
         record: Option<&'r Calibration>,
@@ -47,7 +47,7 @@ impl GripState {
         Ok((slip, self.ear.hear(time, signals)))
     }
 
-    /// Nothing touches the finger.
+    /// Resets slip and gross slip when contact ends.
     pub(super) fn release(&mut self) {
         if self.touched {
             self.slip.release();
@@ -81,7 +81,7 @@ impl Grip<'_> {
             rubs: self.rubs,
             slides: false,
         };
-        // The middle of two contacts wanders when they share their load otherwise: that is no slide.
+        // The middle of two contacts wanders when their load share changes; that is no gross slip.
         let place = point.map(|point| [point.x.0, point.y.0]).ok().filter(|_| traction.arm == 0.0);
         traction.slides =
             place.is_some_and(|place| state.slide.update(self.time, place, &traction));
@@ -97,10 +97,10 @@ impl Grip<'_> {
     }
 }
 
-/// By which two contacts hold torsion, in mm; 0 where there are not two.
+/// Returns the lever arm of two contacts against torsion, in mm; 0 for a single one.
 fn arm(contacts: &Measured<[NormalContact; 2]>) -> f32 {
     let Ok([a, b]) = contacts else { return 0.0 };
-    // Each is as far from the middle as the other is heavy.
+    // The middle divides their distance in the inverse ratio of their forces.
     let (x, y) = (a.point.x.0 - b.point.x.0, a.point.y.0 - b.point.y.0);
     let sum = (a.normal.0 + b.normal.0).max(f32::MIN_POSITIVE);
     2.0 * (a.normal.0 / sum) * (b.normal.0 / sum) * sqrt(x * x + y * y)
