@@ -1,7 +1,7 @@
-//! Speed against accuracy on one core, noise and all: `cargo bench -p taxel-sim`.
+//! Speed and accuracy on one core, with noise: `cargo bench -p taxel-sim`.
 //!
-//! First frames a second of the built-in scenes, then every rung of the ladder on three scenes: µs a
-//! frame in contact and worst error over the largest displacement of a facet.
+//! It prints the frames per second of the built-in scenes, then every rung of the ladder on three
+//! scenes: µs per frame in contact, and worst error over the largest displacement of a facet.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -11,7 +11,7 @@ use taxel_sim::cost::{self, Cost};
 use taxel_sim::scene::built_in;
 use taxel_sim::{Scene, Simulator};
 
-/// The fastest of so many runs counts; the others were disturbed. Short ones fit between disturbances.
+/// Number of runs; the fastest counts, because short runs fit between disturbances.
 const RUNS: usize = 20;
 
 fn main() {

@@ -1,11 +1,12 @@
-//! Voltages to codes: noise, range and resolution of the converter.
+//! Analogue-to-digital converter: noise, range and resolution from voltage to code.
 //!
-//! A reading is the mean of N conversions of 12 bits, in steps of 1/N of theirs, or scaled to 65535 where
-//! that is coarser. Usually N is 1 for `bits = 12` and 16 for `bits = 16`.
+//! A reading is the mean of N conversions of 12 bits. Its steps are 1/N of theirs, or those of
+//! 65535 where these are coarser. Usually N is 1 for `bits = 12` and 16 for `bits = 16`.
 //!
-//! The conversions are not drawn one by one. Their own noise is wider than half a step, so that rounding
-//! adds its 1/12 of a squared step to each and the mean has 1/N of both (tested against the long way).
-//! Noise of the light is slower; what N conversions average of it is in [`LightNoise`].
+//! The conversions are not drawn one by one. Their own noise is wider than half a step, so that
+//! rounding adds its 1/12 of a squared step to each. The mean then has 1/N of both (tested against
+//! drawing all conversions). Noise of the light is slower; [`LightNoise`] has the part that N
+//! conversions average out.
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
@@ -15,17 +16,19 @@ use crate::electronics::LightNoise;
 use crate::scene::{Bits, Effect, Scene};
 use crate::seeds::{Purpose, stream};
 
-/// Noise of one conversion: 0.8 of a 12-bit step, an assumption on the safe side of the 66 dB, 0.67 steps
-/// besides the rounding, that the sheet of the STM32F301 gives for such a converter.
+/// Noise of one conversion, one standard deviation: 0.8 of a 12-bit step.
+///
+/// It is an assumption on the safe side: the sheet of the STM32F301 gives 66 dB for such a
+/// converter, which is 0.67 steps besides the rounding.
 const CONVERSION: f64 = 0.8 * STEP;
-/// One step of a conversion.
+/// Step of one conversion.
 const STEP: f64 = 1.0 / 4095.0;
 
-/// The converter of a run.
+/// Converter of one run.
 #[derive(Clone, Debug)]
 pub struct Adc {
     full_scale: FullScale,
-    /// Steps of a reading in its range, where they are coarser than its codes.
+    /// Number of steps in a reading's range, where they are coarser than its codes.
     steps: Option<f64>,
     noise: Option<Noise>,
 }
@@ -33,13 +36,13 @@ pub struct Adc {
 #[derive(Clone, Debug)]
 struct Noise {
     rng: ChaCha8Rng,
-    /// Variance of any reading.
+    /// Variance that the converter adds to any reading.
     converter: f64,
     light: LightNoise,
 }
 
 impl Adc {
-    /// The scene's converter; its noise follows from `seed`.
+    /// Creates the scene's converter; its noise follows from `seed`.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Self {
         let conversions = f64::from(scene.oversampling());
@@ -47,37 +50,37 @@ impl Adc {
             Bits::Twelve => FullScale::BITS_12,
             Bits::Sixteen => FullScale::BITS_16,
         };
-        // The reading is rounded to 1/N of a step below, which is the last Nth of all rounding.
+        // The reading is rounded to 1/N of a step below; that is the last Nth of all rounding.
         let rounding = STEP * STEP / 12.0 * (1.0 - 1.0 / conversions);
         let noise = scene.has(Effect::Noise).then(|| Noise {
             rng: stream(seed, Purpose::Noise),
             converter: (CONVERSION * CONVERSION + rounding) / conversions,
             light: LightNoise::of(scene),
         });
-        // 65520 steps are as good as 65535.
+        // 65520 steps come close enough to 65535.
         let coarse = full_scale == FullScale::BITS_16 && conversions < 16.0;
         let steps = coarse.then_some(conversions / STEP);
         Self { full_scale, steps, noise }
     }
 
-    /// What codes are fractions of.
+    /// Full scale of the codes.
     #[must_use]
     pub fn full_scale(&self) -> FullScale {
         self.full_scale
     }
 
-    /// Reads a column of phototransistors; light is noisier than darkness.
+    /// Reads a column of phototransistors; its noise grows with the light.
     pub fn light(&mut self, ratio: f64) -> Code {
         let noise = self.noise.as_ref().map_or(0.0, |n| n.light.shot * ratio + n.light.thermal);
         self.convert(ratio, noise)
     }
 
-    /// Reads a voltage that has no noise of its own to speak of.
+    /// Reads a voltage that has no noise of its own.
     pub fn voltage(&mut self, ratio: f64) -> Code {
         self.convert(ratio, 0.0)
     }
 
-    /// `variance` is that of the voltage itself.
+    /// Converts a voltage with noise of `variance`, both over the converter's range.
     fn convert(&mut self, ratio: f64, variance: f64) -> Code {
         let mut reading = ratio;
         if let Some(noise) = &mut self.noise {
@@ -109,7 +112,7 @@ mod tests {
         Adc::new(&Scene::parse("test.toml", &text).unwrap(), 7)
     }
 
-    /// Mean and standard deviation as fractions of full scale.
+    /// Mean and standard deviation, as fractions of full scale.
     fn moments(values: impl ExactSizeIterator<Item = f64> + Clone) -> (f64, f64) {
         let n = values.len() as f64;
         let mean = values.clone().sum::<f64>() / n;
@@ -171,8 +174,8 @@ mod tests {
                 })
                 .collect();
             let (short, long) = (moments(short.iter().copied()), moments(long.iter().copied()));
-            // Of 20 000 draws the mean is good to 1/141 of a spread and the spread to 1/200; four of each,
-            // and the half code to which the reading is scaled.
+            // With 20000 draws the mean is good to 1/141 of a spread and the spread to 1/200. The
+            // bounds are four of each, and half a code for the scaling of the reading.
             let mean = 4.0 * long.1 / 100.0 + 0.5 / 65535.0;
             assert!((short.0 - long.0).abs() < mean, "{conversions}: {short:?} {long:?}");
             assert!((short.1 / long.1 - 1.0).abs() < 0.03, "{conversions}: {short:?} {long:?}");
@@ -184,12 +187,12 @@ mod tests {
         let spread =
             |ratio, light| moments(readings(adc(16, "'noise'"), ratio, light).iter().copied()).1;
         let own = |ratio: f64| (spread(ratio, true).powi(2) - spread(ratio, false).powi(2)).sqrt();
-        // 774 µV of 3.3 V at full scale (see the electronics), the root of the light below; sixteen
-        // conversions in 4 µs leave 0.685 of the variance.
+        // 774 µV of 3.3 V at full scale (see the electronics), times the root of the light below.
+        // Sixteen conversions in 4 µs leave 0.685 of the variance.
         let expected = 774e-6 / 3.3 * (0.9f64 * 0.685).sqrt();
         assert!((own(0.9) / expected - 1.0).abs() < 0.03, "{} {expected}", own(0.9));
         assert!(own(0.9) > 1.5 * own(0.2));
-        // docs/simulator.md quotes these, in codes, of a pair at rest.
+        // docs/simulator.md quotes these for a pair at rest, in codes.
         let (pair, converter) = (65535.0 * own(0.29), 65535.0 * spread(0.29, false));
         assert!((pair - 7.0).abs() < 0.4 && (converter - 3.4).abs() < 0.1, "{pair} {converter}");
     }

@@ -1,4 +1,4 @@
-//! Force sensors, from the force on each to its midpoint voltages ([Ospina2017] §1.2).
+//! Force sensors: from the force on each to its midpoint voltages ([Ospina2017] §1.2).
 //!
 //! Voltages are fractions of the bridge supply, which is also the converter's reference.
 
@@ -10,53 +10,58 @@ use crate::seeds::{Purpose, stream};
 
 /// ΔR_x/R per newton: 8.5 mV/V/N ([Ospina2017] §1.2.2, eq. (1.4)).
 const TANGENTIAL: f64 = 8.5e-3;
-/// Its tolerance: ± 0.3 of 8.5 mV/V/N.
+/// Tolerance of the tangential sensitivity: ± 0.3 of 8.5 mV/V/N.
 const TANGENTIAL_TOLERANCE: f64 = 0.3 / 8.5;
-/// u_z per newton. 3.0 mV/V/bar, the pressure taken as acting on the disc of the membrane, 1 mm in
-/// radius: 1 bar is 0.314 N.
+/// Normal sensitivity: u_z per newton, from 3.0 mV/V/bar.
+///
+/// The pressure is taken as acting on the disc of the membrane, 1 mm in radius: 1 bar is 0.314 N.
 const NORMAL: f64 = 3.0e-3 / (0.1 * core::f64::consts::PI);
-/// Its tolerance: ± 0.5 of 3.0 mV/V/bar.
+/// Tolerance of the normal sensitivity: ± 0.5 of 3.0 mV/V/bar.
 const NORMAL_TOLERANCE: f64 = 0.5 / 3.0;
 /// Standard deviation of one doped resistor against its neighbours.
 const MISMATCH: f64 = 0.005;
-/// Relative rise of a doped resistor per kelvin, one standard deviation about the bridge's common one. The
-/// common one, some 0.2 %/K for p-silicon, cancels in every midpoint; an assumption of a hundredth of it
-/// is left between neighbours on one chip. It makes an offset drift of 10 µV/V a kelvin; [Ospina2017] keeps its
-/// temperature constant and gives none.
+/// Relative rise of a doped resistor per kelvin, one standard deviation about the bridge's common
+/// one.
+///
+/// The common one, some 0.2 %/K for p-silicon, cancels in every midpoint. Between neighbours on one
+/// chip a hundredth of it is assumed to be left. It makes an offset drift of 10 µV/V per kelvin.
+/// [Ospina2017] keeps its temperature constant and gives none.
 const TCR_MISMATCH: f64 = 2e-5;
-/// Standard deviation of an off-diagonal term between axes, as a share of the other axis' force.
+/// Standard deviation of an off-diagonal term between axes, as a share of the other axis's force.
 const CROSSTALK: f64 = 0.03;
 
-/// A resistor that conducts nothing, over an intact one.
+/// Resistance of a broken resistor over an intact one.
 const BROKEN: f64 = 1e9;
-/// Temperature at which the sensitivities hold, in kelvin.
+/// Temperature in kelvin at which the sensitivities hold.
 const REFERENCE_K: f64 = REFERENCE_C + ZERO_C;
 
-/// The bridges of one sensor.
+/// Bridges of one sensor.
 #[derive(Clone, Debug)]
 pub struct Bridge {
-    /// Force as the membrane of this sensor takes it, out of the force on it: sensitivity and
-    /// cross-talk; the identity for a perfect one.
+    /// Matrix from the force on the sensor to the force on its membrane: sensitivity and
+    /// cross-talk.
+    ///
+    /// It is the identity for a perfect sensor.
     taken: [[f64; 3]; 3],
-    /// R1 … R8 at rest over their nominal value.
+    /// Resistances R1 … R8 at rest over their nominal value.
     rest: [f64; 8],
-    /// Their rise per kelvin against the common one, where temperature is listed.
+    /// Relative rise of each resistance per kelvin above the common one; `None` without the effect.
     drift: Option<[f64; 8]>,
-    /// Of the amplifiers of the midpoints about half the supply.
+    /// Gain of the midpoints' amplifiers about half the supply.
     gain: f64,
 }
 
-/// What a bridge is in besides its load.
+/// Conditions of a bridge other than its load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings {
     /// Kelvin above the reference temperature.
     pub warmer_k: f64,
-    /// Resistors that conduct nothing, R1 in the lowest bit.
+    /// Broken resistors, R1 in the lowest bit.
     pub broken_arms: u8,
 }
 
 impl Bridge {
-    /// The four sensors of the scene's device.
+    /// Creates the four sensors of the scene's device.
     #[must_use]
     pub fn of(scene: &Scene) -> [Self; SENSORS] {
         let device = scene.device.seed;
@@ -105,10 +110,11 @@ impl Bridge {
         })
     }
 
-    /// V_A, V_B, V_C, V_D behind the amplifiers, under a `force` in newtons on the sensor.
+    /// Midpoints V_A, V_B, V_C, V_D after the amplifiers, under a `force` in newtons on the sensor.
     ///
-    /// A positive F_x stretches R1, R3 and presses R2, R4 ([Ospina2017] eqs (1.2), (1.3)); F_y likewise R6, R8
-    /// and R5, R7; a normal force presses R1, R4, R5, R8 and stretches R2, R3, R6, R7 (eqs (1.6), (1.7)).
+    /// A positive F_x stretches R1, R3 and presses R2, R4 ([Ospina2017] eqs (1.2), (1.3)); F_y
+    /// likewise R6, R8 and R5, R7. A normal force presses R1, R4, R5, R8 and stretches R2, R3, R6,
+    /// R7 (eqs (1.6), (1.7)).
     #[must_use]
     pub fn midpoints(&self, force: [f64; 3], around: Surroundings) -> [f64; 4] {
         let taken = self.taken.map(|row| row.iter().zip(force).map(|(m, f)| m * f).sum::<f64>());
@@ -119,8 +125,8 @@ impl Bridge {
         let mut strain = [x - z, z - x, x + z, -x - z, -y - z, y + z, z - y, y - z];
         let mut r = self.rest;
         if let Some(drift) = self.drift {
-            // The piezoresistive effect of lightly doped silicon, whose k the thesis gives, is as 1/T
-            // (Kanda 1982).
+            // The piezoresistive effect of lightly doped silicon, whose k the thesis gives, falls
+            // as 1/T (Kanda 1982).
             let weaker = REFERENCE_K / (REFERENCE_K + around.warmer_k);
             strain.iter_mut().for_each(|strain| *strain *= weaker);
             r.iter_mut().zip(drift).for_each(|(r, drift)| *r *= 1.0 + drift * around.warmer_k);
@@ -166,8 +172,9 @@ mod tests {
         assert_eq!(PERFECT.midpoints([0.0; 3], USUAL), [0.5; 4]);
     }
 
-    /// α_xy = 50 and α_z = 10 are what the thesis takes to use its 5 V (§1.2.3): 1 N and 15 bar, its
-    /// sensor's limits, give 42.5 mV and 225 mV.
+    /// Gains α_xy = 50 and α_z = 10 with which the thesis uses its 5 V (§1.2.3).
+    ///
+    /// The limits of its sensor, 1 N and 15 bar, give 42.5 mV and 225 mV.
     #[test]
     fn the_amplifiers_of_the_thesis_use_their_range_at_the_limits_of_its_sensor() {
         let supply = 5.0;
@@ -187,7 +194,7 @@ mod tests {
             bridge.midpoints([0.0; 3], Surroundings { warmer_k: 30.0, ..USUAL })
         };
         assert!(warm([2e-3; 8]).iter().all(|v| (v - 0.5).abs() < 1e-12));
-        // A half-bridge moves by a quarter of the difference of its two, times the gain.
+        // A half-bridge moves by a quarter of the difference of its two resistors, times the gain.
         let [a, b, ..] = warm([1e-5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         assert!((a - 0.5 + 16.0 * 0.25 * 30.0 * 1e-5).abs() < 1e-6 && b == 0.5, "{a}");
     }

@@ -1,4 +1,4 @@
-//! What the rungs of the ladder of fidelity cost and how far each is off: `simulator.csv`.
+//! Cost and error of each rung of the fidelity ladder: `simulator.csv`.
 
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -11,44 +11,46 @@ use crate::path::Path;
 use crate::scene::Fidelity;
 use crate::{Effect, Scene, Simulator};
 
-/// A rung on a scene.
+/// Cost of one rung on one scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cost {
     /// Name of the scene.
     pub scene: &'static str,
     /// The rung.
     pub rung: Rung,
-    /// Worst error of a facet over the scene's contacts, against the top rung and over the largest
-    /// displacement that the contact makes.
+    /// Worst error of a facet over the scene's contacts, relative to the contact's largest
+    /// displacement.
+    ///
+    /// The reference is the top rung.
     pub error: f64,
-    /// Mean time of a frame in contact in µs: contact, light, electronics and noise, on one core.
+    /// Mean time of a frame in contact in µs, on one core: contact, light, electronics and noise.
     pub us_per_frame: f64,
-    /// `auto` takes this rung.
+    /// Whether `auto` takes this rung.
     pub auto: bool,
 }
 
 const SEED: u64 = 1;
-/// Contacts of a scene that errors are looked for at.
+/// Number of a scene's contacts at which errors are measured.
 const CONTACTS: usize = 200;
-/// Frames in contact that are timed.
+/// Number of frames in contact that are timed.
 const FRAMES: usize = 1000;
-/// The fastest of so many times counts for each frame; in the others the machine was disturbed.
+/// Number of runs; the fastest counts for each frame, because other work disturbs the rest.
 const RUNS: usize = 5;
 
-/// The scenes that are charted: one contact that rests, many that slip, and one on the framed layer.
+/// Charted scenes: a contact at rest, many that slip, and one on the framed layer.
 ///
 /// # Errors
-/// As [`Scene::load`].
+/// A scene fails to load, as in [`Scene::load`].
 pub fn scenes() -> Result<[(&'static str, Scene); 3], FileError> {
     let press = Scene::load("press")?;
     let walls = press.clone().with_effect(Effect::Walls);
     Ok([("press", press), ("shear", Scene::load("shear")?), ("press with walls", walls)])
 }
 
-/// Every rung on each of the [`scenes`]; it takes half a minute.
+/// Measures every rung on each of the [`scenes`], which takes half a minute.
 ///
 /// # Errors
-/// As [`scenes`].
+/// A scene fails to load, as in [`scenes`].
 pub fn measure() -> Result<Vec<Cost>, FileError> {
     let mut costs = vec![];
     for (name, scene) in scenes()? {
@@ -60,7 +62,7 @@ pub fn measure() -> Result<Vec<Cost>, FileError> {
     Ok(costs)
 }
 
-/// The table of a chart: `scene,rung,error,us_per_frame`.
+/// Table of the chart as CSV: `scene,rung,error,us_per_frame`.
 #[must_use]
 pub fn csv(costs: &[Cost]) -> String {
     let mut table = String::from("scene,rung,error,us_per_frame\n");
@@ -71,7 +73,7 @@ pub fn csv(costs: &[Cost]) -> String {
     table
 }
 
-/// Rungs of the scene's physics, the error of each, and whether `auto` takes it.
+/// Rungs of the scene's physics, each with its error and whether `auto` takes it.
 fn errors(scene: &Scene) -> Vec<(Rung, f64, bool)> {
     let ladder = Ladder::new(&scene.clone().with_fidelity(Fidelity::Auto), SEED);
     let report = ladder.report();
@@ -86,7 +88,7 @@ fn errors(scene: &Scene) -> Vec<(Rung, f64, bool)> {
     errors
 }
 
-/// Contacts evenly spread over those of a scene.
+/// Contacts of a scene, evenly spread over all of them.
 fn contacts(scene: &Scene) -> Vec<Contacts> {
     let mut path = Path::new(scene, SEED);
     let all: Vec<Contacts> = (0..scene.frames())
@@ -112,7 +114,7 @@ fn us_per_frame(scene: &Scene) -> f64 {
     fastest.iter().sum::<Duration>().as_secs_f64() * 1e6 / FRAMES as f64
 }
 
-/// What `work` makes, and how long it takes.
+/// Runs `work` and returns its result and duration.
 pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     let begin = Instant::now();
     let made = work();
@@ -123,7 +125,8 @@ pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
 mod tests {
     use super::*;
 
-    /// The charts of the documentation show what the code does; times are the machine's and not compared.
+    /// The documentation's charts must show what the code does; times depend on the machine and are
+    /// not compared.
     #[test]
     fn the_committed_table_has_the_errors_of_every_rung() {
         let committed = include_str!("../../../docs/images/simulator.csv");
@@ -141,18 +144,19 @@ mod tests {
         assert_eq!(rows.next(), None);
     }
 
-    /// Distances of one measurement.
+    /// Number of distances in one measurement.
     const DISTANCES: u32 = 1000;
 
-    /// What contact is made of, as a clock for a machine of any speed.
+    /// Computes distances, the core of contact, as a clock for a machine of any speed.
     fn distances() -> f64 {
         let at = core::hint::black_box(0.3f64);
         (0..DISTANCES).map(|i| f64::from(i) - at).map(|x| 1.0 / (x * x + 2.5).sqrt()).sum()
     }
 
-    /// 200 000 frames a second of the default press, 5 µs each, where a thousand distances take 4.1 µs: the
-    /// server of the documentation. Both are the quickest of many short stretches, so that other work on the machine
-    /// does not count.
+    /// The default press runs at 200000 frames a second on the documentation's server.
+    ///
+    /// That is 5 µs a frame where a thousand distances take 4.1 µs. Both are the fastest of many
+    /// short stretches, so that other work on the machine does not count.
     #[test]
     fn the_default_press_is_as_fast_as_is_asked_for() {
         const STRETCH: usize = 50;

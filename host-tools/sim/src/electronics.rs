@@ -1,11 +1,12 @@
-//! Photocurrents to voltages: four columns of phototransistors, each on one load, and their amplifiers.
+//! Columns of phototransistors: from photocurrents to amplified voltages on four loads.
 //!
 //! A column's light is in fractions of full scale on 1 kΩ amplified sixteenfold, so that one is a
-//! photocurrent of 206 µA; a mean pair has 155 µA at the peak of its curve and 60 µA at rest. [DeMaria2011] does not
-//! print its own. From data sheets: a wide SFH 482 gives 2.4 mW/sr at 100 mA, so 0.12 mW/sr at the 5 mA
-//! that [DeMaria2011] stays below; over the mirrored path of the peak, 2 mm at 45°, and nine tenths of it reflected,
-//! that is 1.4 mW/cm², for which an SFH 3010 gives at least 70 µA (25 µA in 0.5 mW/cm²). The pairs here
-//! have about twice the least.
+//! photocurrent of 206 µA. A mean pair has 155 µA at the peak of its curve and 60 µA at rest.
+//! [DeMaria2011] does not print its own values; the following comes from data sheets. A wide SFH
+//! 482 gives 2.4 mW/sr at 100 mA, so 0.12 mW/sr at the 5 mA that [DeMaria2011] stays below. The
+//! mirrored path of the peak is 2 mm at 45°, with nine tenths reflected, which makes 1.4 mW/cm². An
+//! SFH 3010 gives at least 70 µA for it (25 µA in 0.5 mW/cm²). The pairs here have about twice the
+//! minimum.
 
 use taxel::scan::COLS;
 
@@ -13,44 +14,46 @@ use crate::scene::{Effect, Scene};
 
 /// Range of the converter in volts.
 const RANGE_V: f64 = 3.3;
-/// Load and amplifier on which a light of one reads as one.
+/// Load on which a light of one reads as one.
 const LOAD_OHM: f64 = 1000.0;
 const AMPLIFIED: f64 = 16.0;
-/// Photocurrent of a light of one.
+/// Photocurrent in amperes of a light of one.
 pub const UNIT_A: f64 = RANGE_V / (LOAD_OHM * AMPLIFIED);
-/// In coulombs (SI).
+/// Elementary charge in coulombs (SI).
 const ELEMENTARY_CHARGE: f64 = 1.602_176_634e-19;
-/// In joules per kelvin (SI).
+/// Boltzmann constant in joules per kelvin (SI).
 const BOLTZMANN: f64 = 1.380_649e-23;
-/// Of the room, in kelvin.
+/// Temperature of the room in kelvin.
 const ROOM_K: f64 = 298.15;
-/// Collector over base current of the phototransistor. The 25 µA above come from 0.04 mm² of silicon, which
-/// at 0.6 A/W make 0.12 µA of them: 208 at least, and with twice the least current some 450. The sheet of
-/// the larger SFH 3401 has 340 to 860.
+/// Current gain of the phototransistor: collector current over base current.
+///
+/// The 25 µA above come from 0.04 mm² of silicon, which at 0.6 A/W make 0.12 µA of them. The gain
+/// is therefore at least 208, and some 450 with twice the minimum current. The sheet of the larger
+/// SFH 3401 has 340 to 860.
 const CURRENT_GAIN: f64 = 450.0;
 
-/// The columns of one device.
+/// Columns of one device.
 #[derive(Clone, Debug)]
 pub struct Columns {
-    /// Load and amplifier against those of a light of one.
+    /// Gain of load and amplifier over those on which a light of one reads as one.
     gain: f64,
     settling: Option<Settling>,
 }
 
-/// A phototransistor follows the light with one time constant, up and down.
+/// Lag of the phototransistors: one time constant, up and down.
 #[derive(Clone, Debug)]
 struct Settling {
-    /// What is left of a difference when a step is read, when it ends, and after the pause between two
-    /// frames, in which every LED is off.
+    /// Remainder of a difference when a step is read; then when the step ends, and after the pause
+    /// between two frames, in which every LED is off.
     read: f64,
     end: f64,
     pause: f64,
-    /// Where the columns are.
+    /// Present level of each column.
     level: [f64; COLS],
 }
 
 impl Columns {
-    /// The columns of the scene's device, come to rest in the light `dark` of a room.
+    /// Creates the columns of the scene's device, at rest in the light `dark` of a room.
     #[must_use]
     pub fn new(scene: &Scene, dark: [f64; COLS]) -> Self {
         let step = f64::from(scene.scan.step_us());
@@ -65,7 +68,7 @@ impl Columns {
         Self { gain: gain(scene), settling }
     }
 
-    /// A frame begins: the LEDs have been off since its predecessor ended.
+    /// Begins a frame: the LEDs have been off since the last frame ended.
     pub fn pause(&mut self, dark: &[f64; COLS]) {
         if let Some(settling) = &mut self.settling {
             let left = settling.pause;
@@ -73,8 +76,9 @@ impl Columns {
         }
     }
 
-    /// Voltages at the converter, as fractions of its range, when a step with this `light` is read. The
-    /// amplifiers reach both rails into an input that draws nothing, and no further.
+    /// Voltages at the converter, as fractions of its range, when a step with this `light` is read.
+    ///
+    /// The amplifiers reach both rails, and no further, into an input that draws no current.
     #[must_use]
     pub fn step(&mut self, light: [f64; COLS]) -> [f64; COLS] {
         let read = match &mut self.settling {
@@ -97,26 +101,28 @@ fn gain(scene: &Scene) -> f64 {
     scene.electronics.load_ohm / LOAD_OHM * scene.electronics.pga_gain.times() / AMPLIFIED
 }
 
-/// Noise of a column, in squares of the converter's range.
+/// Noise of a column as a variance, in squares of the converter's range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightNoise {
-    /// For a reading of one; it grows with the light.
+    /// Shot noise of a reading of one; it grows with the light.
     pub shot: f64,
-    /// Of the load, light or dark.
+    /// Thermal noise of the load, light or dark.
     pub thermal: f64,
 }
 
 impl LightNoise {
-    /// Within the bandwidth 1/4τ of the phototransistor on its load. The base current's shot noise is
-    /// amplified and the collector's own adds to it: 2q(1 + h)I; the load adds 4kTR. A reading's
-    /// conversions average of it what changes while they last.
+    /// Noise within the bandwidth 1/4τ of the phototransistor on its load.
+    ///
+    /// The base current's shot noise is amplified and the collector's own adds to it: 2q(1 + h)I.
+    /// The load adds 4kTR. The conversions of a reading average out the part that changes while
+    /// they last.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
         let bandwidth = 1e6 / (4.0 * scene.time_constant_us());
         let left = averaged(scene.sampling_us() / scene.time_constant_us());
         let load = scene.electronics.load_ohm;
         let amplified = scene.electronics.pga_gain.times() / RANGE_V;
-        // A reading of one comes from this light.
+        // Light that makes a reading of one.
         let current = UNIT_A / gain(scene);
         let shot = 2.0 * ELEMENTARY_CHARGE * (1.0 + CURRENT_GAIN) * current * bandwidth;
         Self {
@@ -126,8 +132,10 @@ impl LightNoise {
     }
 }
 
-/// What a mean over `time` leaves of the variance of noise that forgets itself as e^−t, both in its time
-/// constants.
+/// Share of the variance that remains in a mean over `time`, for noise with the autocorrelation
+/// e^−t.
+///
+/// Both times are in time constants of the noise.
 fn averaged(time: f64) -> f64 {
     2.0 / time * (1.0 + (-time).exp_m1() / time)
 }
@@ -144,7 +152,7 @@ mod tests {
         Scene::parse("test.toml", &text).unwrap()
     }
 
-    /// What a dark step holds of a bright one before it.
+    /// Reading of a dark step as a remainder of the bright step before it.
     fn residue(electronics: &str, step_us: u32) -> f64 {
         let mut columns = Columns::new(&scene(electronics, step_us), [0.0; COLS]);
         for _ in 0..100 {
@@ -155,7 +163,8 @@ mod tests {
 
     #[test]
     fn seven_microseconds_of_rise_settle_to_twelve_bits_in_twenty_six_and_a_half() {
-        // 26.75 µs of which the conversion takes the last 0.25 µs; steps are whole microseconds.
+        // Settling takes 26.75 µs, of which the conversion is the last 0.25 µs; steps are whole
+        // microseconds.
         let (at_26, at_27) = (residue("", 26), residue("", 27));
         assert!(at_26 > 1.0 / 4096.0 && at_27 < 1.0 / 4096.0, "{at_26} {at_27}");
     }
@@ -176,7 +185,7 @@ mod tests {
         assert!((columns.step([0.3; COLS])[0] - 0.3).abs() < 1e-12);
         let ratio = residue(quick, 10).ln() / residue("", 10).ln();
         assert!((ratio - 4.0).abs() < 1e-9, "{ratio}");
-        // What it costs: four times the bandwidth, so twice the shot noise of a single conversion.
+        // The cost is four times the bandwidth, so twice the shot noise of a single conversion.
         let of = |electronics: &str| LightNoise::of(&scene(electronics, 30)).shot;
         let tau = 7.0 / 9f64.ln();
         let averaged = averaged(4.0 * 0.25 / tau) / averaged(0.25 / tau);
@@ -191,9 +200,9 @@ mod tests {
 
     #[test]
     fn noise_of_light_follows_from_charge_and_temperature() {
-        // 206 µA on 1 kΩ: 2·1.602e-19·451·206e-6 A²/Hz over 78.5 kHz are 48.4 nA, 48.4 µV, sixteenfold
-        // 774 µV of 3.3 V; 4kTR over the same band is 1.136 µV, sixteenfold 18.2 µV. One conversion, a
-        // quarter of a microsecond in 3.2, averages 2.6 % of the variance away.
+        // 206 µA on 1 kΩ: 2·1.602e-19·451·206e-6 A²/Hz over 78.5 kHz are 48.4 nA, 48.4 µV,
+        // sixteenfold 774 µV of 3.3 V. 4kTR over the same band is 1.136 µV, sixteenfold 18.2 µV.
+        // One conversion, a quarter of a microsecond in 3.2, averages 2.6 % of the variance out.
         let noise = LightNoise::of(&scene("", 30));
         let volts = |variance: f64| (variance / 0.9743).sqrt() * RANGE_V;
         assert!((volts(noise.shot) / 774e-6 - 1.0).abs() < 2e-3, "{}", volts(noise.shot));
@@ -202,7 +211,7 @@ mod tests {
 
     #[test]
     fn the_mean_of_noise_that_forgets_is_that_of_its_samples() {
-        // Sums of e^−|i − j|dt over a thousand samples, over their square.
+        // Sums of e^−|i − j|dt over a thousand samples, over the square of their number.
         for time in [0.08, 1.0, 5.0] {
             let step = time / 1000.0;
             let sum: f64 =

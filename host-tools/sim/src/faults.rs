@@ -1,7 +1,8 @@
-//! What is broken at a moment of a scene, and what that does to voltages and codes.
+//! Faults at a moment of a scene, and their effect on voltages and codes.
 //!
-//! An input of a midpoint that nothing drives floats: the converter reads what its sampling capacitor
-//! holds of the conversion before, which is the midpoint before, and for the first of a sensor its last.
+//! The input of an open midpoint floats. The converter then reads the charge that its sampling
+//! capacitor holds from the conversion before: the previous midpoint, or the sensor's last one for
+//! its first.
 
 use std::ops::Range;
 
@@ -11,28 +12,28 @@ use taxel::units::Code;
 use crate::optics::Missing;
 use crate::scene::{Broken, Place, Scene};
 
-/// Well above the range, so that no noise brings it back into it.
+/// Level well above the range, so that noise cannot bring it back into range.
 const ABOVE: f64 = 2.0;
 
-/// The faults of a scene.
+/// Faults of a scene.
 #[derive(Clone, Debug)]
 pub struct Faults {
     events: Vec<Event>,
-    /// Now, in µs of the scene.
+    /// Present time of the scene in µs.
     now: f64,
 }
 
 #[derive(Clone, Debug)]
 struct Event {
-    /// In µs of the scene.
+    /// Time range of the fault in µs of the scene.
     while_: Range<f64>,
     broken: Broken,
-    /// What a stuck channel had when it stuck.
+    /// Codes of the frame in which a channel stuck.
     held: Option<Codes>,
 }
 
 impl Faults {
-    /// The scene's, which has been checked.
+    /// Creates the faults of a scene that has been checked.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
         let events = scene.faults().map(|(seconds, broken)| Event {
@@ -43,7 +44,7 @@ impl Faults {
         Self { events: events.collect(), now: 0.0 }
     }
 
-    /// The scene is at `scene_us`.
+    /// Moves to the time `scene_us` of the scene.
     pub fn advance(&mut self, scene_us: f64) {
         self.now = scene_us;
     }
@@ -52,7 +53,7 @@ impl Faults {
         self.events.iter().filter(|e| e.while_.contains(&self.now)).map(|e| e.broken)
     }
 
-    /// LEDs that are dead and phototransistors that are cut off.
+    /// Dead LEDs and open phototransistors.
     #[must_use]
     pub fn missing(&self) -> Missing {
         let mut missing = Missing::default();
@@ -66,7 +67,7 @@ impl Faults {
         missing
     }
 
-    /// Share of a column's phototransistors that the light of the room reaches.
+    /// Share of each column's phototransistors that the light of the room reaches.
     #[must_use]
     pub fn ambient_shares(&self) -> [f64; COLS] {
         let blind = self.missing().phototransistors;
@@ -80,13 +81,13 @@ impl Faults {
         shares
     }
 
-    /// What is left of the supply.
+    /// Remaining share of the supply.
     #[must_use]
     pub fn supply(&self) -> f64 {
         self.active().fold(1.0, |left, b| if let Broken::Supply(s) = b { left * s } else { left })
     }
 
-    /// Broken resistors of a sensor, a bit each.
+    /// Broken resistors of a sensor, one bit each.
     #[must_use]
     pub fn arms(&self, sensor: usize) -> u8 {
         self.active().fold(0, |arms, b| match b {
@@ -95,7 +96,7 @@ impl Faults {
         })
     }
 
-    /// The voltages of the columns as they come to the converter.
+    /// Applies the faults of columns to the voltages at the converter.
     pub fn columns(&self, levels: &mut [f64; COLS]) {
         for broken in self.active() {
             match broken {
@@ -109,7 +110,7 @@ impl Faults {
         }
     }
 
-    /// The voltages of a sensor's midpoints as they come to the converter.
+    /// Applies the faults of midpoints to a sensor's voltages at the converter.
     pub fn midpoints(&self, sensor: usize, levels: &mut [f64; 4]) {
         for broken in self.active() {
             match broken {
@@ -124,7 +125,7 @@ impl Faults {
         }
     }
 
-    /// Codes of stuck channels are those of the first frame in which they stuck.
+    /// Replaces codes of stuck channels by those of the first frame in which they stuck.
     pub fn stick(&mut self, codes: &mut Codes) {
         let now = self.now;
         for event in &mut self.events {
@@ -145,7 +146,7 @@ fn set<const N: usize>(levels: &mut [f64; N], i: usize, to: f64) {
     }
 }
 
-/// A taxel's reading repeats itself; the input of a column stays where it was in the last row.
+/// Repeats the held reading of a taxel, or keeps the input of a column at its last row.
 fn repeat(codes: &mut Codes, held: &Codes, place: Place) {
     match place {
         Place::Taxel(k) => {

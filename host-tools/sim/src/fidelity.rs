@@ -1,4 +1,4 @@
-//! How finely a contact is computed: the cheapest rung that is good enough for the scene.
+//! Fidelity of the contact model: the cheapest rung that is accurate enough for a scene.
 //!
 //! | rung | the traction | what it acts on |
 //! |---|---|---|
@@ -7,10 +7,11 @@
 //! | `converged` | some hundred a disc, finer facets | the same |
 //! | `layer` | as `converged` | the framed layer's series; implies `walls` |
 //!
-//! `auto` measures every rung against the top one of the physics that the scene lists, `converged` or,
-//! with `walls`, `layer`, at moments of every act (module `probes`), and takes the cheapest whose error stays
-//! under half of the scene's tolerance; the other half is for what lies between the probes. An error is the
-//! worst facet's, over the largest displacement that the load makes.
+//! `auto` measures every rung against the top one of the physics that the scene lists: `converged`
+//! or, with `walls`, `layer`. It compares them at moments of every act (module `probes`) and takes
+//! the cheapest whose error stays under half of the scene's tolerance. The other half is for
+//! moments between the probes. An error is the worst facet's, over the largest displacement that
+//! the load makes.
 
 use std::sync::Arc;
 
@@ -25,7 +26,7 @@ mod probes;
 
 use probes::probes;
 
-/// A rung of the ladder, the cheapest first.
+/// Rung of the fidelity ladder, in order of cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rung {
     /// A point load.
@@ -39,7 +40,7 @@ pub enum Rung {
 }
 
 impl Rung {
-    /// All, the cheapest first.
+    /// All rungs in order of cost.
     pub const ALL: [Self; 4] = [Self::Point, Self::Hertz, Self::Converged, Self::Layer];
 }
 
@@ -65,22 +66,25 @@ impl core::fmt::Display for Rung {
     }
 }
 
-/// What was chosen, and why.
+/// Result of the choice of a rung.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// The rung that computes the frames.
+    /// Rung that computes the frames.
     pub rung: Rung,
-    /// The rung that it is measured against.
+    /// Rung that is the reference for errors.
     pub top: Rung,
-    /// Worst error of the rung at the probes, over the largest displacement; `None` if nothing was
-    /// measured, because the scene names the rung or nothing touches.
+    /// Worst error of the rung at the probes, over the largest displacement.
+    ///
+    /// `None` if nothing was measured, because the scene names the rung or nothing touches.
     pub error: Option<f64>,
-    /// The most that the scene allows.
+    /// Largest error that the scene allows.
     pub tolerance: f64,
-    /// Point-load evaluations of a disc on this rung: a load times the places where its displacement is
-    /// computed (half-space), the places of the table that are read, or the terms of the series.
+    /// Evaluations for a disc on this rung.
+    ///
+    /// On the half-space it is the number of point loads times the nodes of the facets; on the
+    /// framed layer, the number of table places or of terms of the series.
     pub evaluations: u64,
-    /// The same on the top rung.
+    /// Evaluations for a disc on the top rung.
     pub top_evaluations: u64,
 }
 
@@ -104,19 +108,21 @@ impl core::fmt::Display for Report {
     }
 }
 
-/// What averaging a facet may leave on the rungs `point` and `hertz`: of the usual facet two points each way.
+/// Quadrature error allowed in a facet's mean on the rungs `point` and `hertz`: two points each way
+/// for the usual facet.
 const COARSE: f64 = 1.2e-3;
-/// The same on the finer rungs: of the usual facet four.
+/// Quadrature error allowed in a facet's mean on the finer rungs: four points each way for the
+/// usual facet.
 const FINE: f64 = 2e-6;
 
-/// What the tractions act on.
+/// Body on which the tractions act.
 #[derive(Clone, Debug)]
 enum Support {
     HalfSpace { coarse: Facets, fine: Facets },
     Framed(Arc<Layer>),
 }
 
-/// Contact with the skin of a scene, on the rung that was chosen.
+/// Contact with the skin of a scene, on the chosen rung.
 #[derive(Clone, Debug)]
 pub struct Ladder {
     skin: HalfSpace,
@@ -130,7 +136,7 @@ pub struct Ladder {
 }
 
 impl Ladder {
-    /// The ladder of the scene; `auto` tries the path that follows from `seed`.
+    /// Creates the ladder of the scene; `auto` tries the path that follows from `seed`.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Self {
         let skin = HalfSpace::new(scene.material.young_mpa, scene.material.poisson);
@@ -180,7 +186,7 @@ impl Ladder {
         };
         if rung.is_none() {
             let probes = probes(scene, seed);
-            // Where nothing touches, nothing is computed: the cheapest rung will do.
+            // Without a contact nothing is computed, and the cheapest rung is enough.
             (ladder.report.rung, ladder.report.error) = if probes.is_empty() {
                 (Rung::Point, None)
             } else {
@@ -193,7 +199,7 @@ impl Ladder {
         ladder
     }
 
-    /// What was chosen, and why.
+    /// Result of the choice of a rung.
     #[must_use]
     pub fn report(&self) -> &Report {
         &self.report
@@ -205,7 +211,9 @@ impl Ladder {
         self.on_rung(self.report.rung, contacts)
     }
 
-    /// The same on a rung of choice; `layer` is `converged` where there are no walls.
+    /// Displacement of each facet under `contacts` in mm, on a given rung.
+    ///
+    /// `layer` computes as `converged` where there are no walls.
     #[must_use]
     pub fn on_rung(&self, rung: Rung, contacts: &Contacts) -> [f64; TAXELS] {
         let mut patches = [None; 2 * MOST_CONTACTS];
@@ -247,7 +255,8 @@ impl Ladder {
         }
     }
 
-    /// The cheapest rung within half the tolerance at every probe, and its worst error.
+    /// Chooses the cheapest rung within half the tolerance at every probe; returns it with its
+    /// worst error.
     fn choose(&self, probes: &[Contacts], top: Rung) -> (Rung, f64) {
         let interpolation = self.interpolation(probes);
         let mut good: Vec<(Rung, f64)> = Rung::ALL
@@ -269,8 +278,10 @@ impl Ladder {
         good.first().copied().unwrap_or((top, 0.0))
     }
 
-    /// Error that the layer's table adds to every rung that reads it. It is a matter of where a load lies
-    /// between the places of the table, which a few probes tell; the series takes too long for all of them.
+    /// Error that the layer's table adds to every rung that reads it.
+    ///
+    /// It depends on the position of a load between the places of the table, so that a few probes
+    /// are enough. The series takes too long for all of them.
     fn interpolation(&self, probes: &[Contacts]) -> f64 {
         const LOOKS: usize = 32;
         if matches!(self.support, Support::HalfSpace { .. }) {

@@ -1,15 +1,21 @@
-//! Simulator of the virtual fingertip: a scene in, ADC codes and the truth out.
+//! Simulator of the virtual fingertip: from a scene to ADC codes and the truth.
 //!
-//! The way of a touch through the crate is the way of the light and the strain through the finger:
-//! [`path`] says where the indenter is and how hard it pushes, friction limited; [`contact`] turns that
-//! into the displacement of each reflective facet, as finely as [`fidelity`] finds the scene to need, [`skin`]
-//! into what rubber makes of it; [`optics`] into light on each phototransistor; [`response`] into what the force
-//! sensors follow of it in time, [`bridge`] into midpoint voltages of the force sensors; [`adc`] into codes.
-//! [`systems`] are the sensors that all this is done for. [`Simulator`] walks them once a frame. [`Scene`] is
-//! the TOML file that says what to simulate, [`cost`] what a rung of the ladder costs and is worth.
+//! The modules follow the light and the strain through the finger:
 //!
-//! What a scene does not list under `effects` is not computed. A run is a function of the scene and one
-//! seed: the same pair gives the same codes, bit for bit, and memory does not grow with duration.
+//! - [`path`]: position and force of the indenter, limited by friction;
+//! - [`contact`]: displacement of each reflective facet, as finely as [`fidelity`] finds necessary;
+//! - [`skin`]: effects of rubber on that displacement;
+//! - [`optics`]: light on each phototransistor;
+//! - [`response`]: lag of the force sensors;
+//! - [`bridge`]: midpoint voltages of the force sensors;
+//! - [`adc`]: codes;
+//! - [`systems`]: the sensors of the papers, which use all of these;
+//! - [`cost`]: cost and error of each rung of the fidelity ladder.
+//!
+//! [`Scene`] is the TOML file that describes what to simulate, and [`Simulator`] runs it frame by
+//! frame. Effects that a scene does not list under `effects` are not computed. A run is a function
+//! of the scene and one seed: the same pair gives the same codes, bit for bit. Memory does not grow
+//! with duration.
 
 pub mod adc;
 pub mod bridge;

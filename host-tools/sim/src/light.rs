@@ -1,31 +1,31 @@
 //! Light of the room that gets past the rubber, the same on every column.
 //!
-//! Everything is a fraction of the converter's full scale on a load of 1 kΩ amplified sixteenfold.
+//! All values are fractions of the converter's full scale on a load of 1 kΩ amplified sixteenfold.
 
 use rand_distr::{Distribution as _, Uniform};
 
 use crate::scene::{Effect, Scene};
 use crate::seeds::{Purpose, stream};
 
-/// The lamps and the sun of one run.
+/// Lamps and sun of one run.
 #[derive(Clone, Debug)]
 pub struct Room {
     ambient: f64,
     flicker: Option<Flicker>,
-    /// What it adds and from when on in µs of the scene.
+    /// Light of the sun, and the time in µs of the scene from which it shines.
     sun: Option<(f64, f64)>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Flicker {
     amplitude: f64,
-    /// Radians per microsecond.
+    /// Angular frequency in radians per microsecond.
     speed: f64,
     phase: f64,
 }
 
 impl Room {
-    /// The scene's room; its lamps begin at a phase that follows from `seed`.
+    /// Creates the scene's room; the first phase of its lamps follows from `seed`.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Self {
         let light = &scene.light;
@@ -45,9 +45,10 @@ impl Room {
         }
     }
 
-    /// Light at `device_us` of the device's clock, when the scene is at `scene_us`: lamps run on where
-    /// a scene begins again. They swing between no light and twice their mean, as the power of the mains
-    /// does.
+    /// Light at `device_us` of the device's clock, when the scene is at `scene_us`.
+    ///
+    /// Lamps continue where a scene begins again. They swing between no light and twice their mean,
+    /// as the power of the mains does.
     #[must_use]
     pub fn at(&self, device_us: f64, scene_us: f64) -> f64 {
         let lamps = self.flicker.map_or(0.0, |flicker| {

@@ -1,6 +1,6 @@
 //! Loads on the skin, one for each contact.
 
-/// Largest number of contacts at once.
+/// Largest number of simultaneous contacts.
 pub const MOST_CONTACTS: usize = 4;
 
 /// Force and torsion on the skin at one contact.
@@ -12,7 +12,7 @@ pub struct Load {
     pub force: [f64; 3],
     /// Moment about the normal at the contact point in N mm, from x to y.
     pub torsion: f64,
-    /// Friction holds less than is asked for: the contact slips.
+    /// Whether the contact slips, because friction carries less than the requested force.
     pub slip: bool,
 }
 
@@ -24,19 +24,19 @@ pub struct Contacts {
 }
 
 impl Contacts {
-    /// The loads, one for each contact.
+    /// Loads, one for each contact.
     #[must_use]
     pub fn loads(&self) -> &[Load] {
         self.loads.get(..self.count).unwrap_or(&self.loads)
     }
 
-    /// Nothing touches.
+    /// Whether nothing touches.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// Adds one; beyond the most that a scene may have, it is left out.
+    /// Adds a load; a load beyond [`MOST_CONTACTS`] is ignored.
     pub fn push(&mut self, load: Load) {
         if let Some(place) = self.loads.get_mut(self.count) {
             *place = load;
@@ -44,9 +44,10 @@ impl Contacts {
         }
     }
 
-    /// The one load that does the same to a rigid finger: the sum of the forces, at the mean of the
-    /// contact points weighted by normal force, and what is left of their moments about the normal
-    /// there. It slips where one of them does. `None` where nothing touches.
+    /// Equivalent single load on a rigid finger; `None` where nothing touches.
+    ///
+    /// It is the sum of the forces, at the mean of the contact points weighted by normal force,
+    /// with the remaining moment about the normal there. It slips if any of the contacts slips.
     #[must_use]
     pub fn whole(&self) -> Option<Load> {
         let (first, others) = self.loads().split_first()?;
@@ -63,7 +64,7 @@ impl Contacts {
         Some(Load { point: [x, y], force, torsion, slip })
     }
 
-    /// With all forces and moments so many times as large.
+    /// Returns the contacts with all forces and moments multiplied by `times`.
     #[must_use]
     pub fn scaled(mut self, times: f64) -> Self {
         for load in &mut self.loads {

@@ -1,19 +1,22 @@
-//! Gap to light: sixteen LED–phototransistor pairs looking at their facets.
+//! Optical pairs: from the gaps of sixteen LED–phototransistor pairs to light.
 //!
-//! A pair of wide-angle devices a distance s apart, looking at a white facet at gap g, is taken as a
-//! Lambertian source whose mirror image is 2g away: the light is cos²θ/r² = 4g²/(4g² + s²)², which
-//! rises, peaks at g = s/2 and falls. [DeMaria2011] measures this curve, because at these distances no closed form
-//! is exact (its eq. (2)); the shape is right, and each pair's own gap, gain and leakage come from the
-//! device's seed. The finger works on the far side of the peak: nearer is brighter. A pair on the wrong
-//! side, nearer to its facet than the peak, darkens under a press.
+//! A pair of wide-angle devices a distance s apart, looking at a white facet at gap g, is taken as
+//! a Lambertian source whose mirror image is 2g away. The light is cos²θ/r² = 4g²/(4g² + s²)²,
+//! which rises, peaks at g = s/2 and falls. [DeMaria2011] measures this curve, because at these
+//! distances no closed form is exact (its eq. (2)). The shape is right; each pair's own gap, gain
+//! and leakage come from the device's seed. The finger works on the far side of the peak: nearer is
+//! brighter. A pair on the wrong side, nearer to its facet than the peak, darkens under a press.
 //!
-//! Neighbours come in in two ways ([DeMaria2011]: misaligned axes couple adjacent taxels). Those in a row are lit
-//! together, and a phototransistor sees some of the facets beside its own. Those in a column share a load,
-//! and only one of them is lit: its LED shines on the facets of the two beside it, whose phototransistors
-//! leak what they see onto the load. What unlit ones leak without any LED, their dark current, is in the
-//! dark step too.
+//! Neighbours couple in two ways ([DeMaria2011]: misaligned axes couple adjacent taxels):
 //!
-//! Everything is a fraction of the converter's full scale on a load of 1 kΩ amplified sixteenfold.
+//! - Pairs in a row are lit together, and a phototransistor sees part of the facets next to its
+//!   own.
+//! - Pairs in a column share a load, and only one of them is lit. Its LED shines on the facets of
+//!   the two next to it, whose phototransistors leak onto the load.
+//!
+//! Unlit phototransistors also leak without any LED; this dark current is in the dark step too.
+//!
+//! All values are fractions of the converter's full scale on a load of 1 kΩ amplified sixteenfold.
 
 use rand_distr::{Distribution as _, Uniform};
 use taxel::scan::{COLS, ROWS, TAXELS};
@@ -22,36 +25,37 @@ use crate::electronics::UNIT_A;
 use crate::scene::{Effect, Scene};
 use crate::seeds::{Purpose, stream};
 
-/// Distance of LED and phototransistor in mm.
+/// Distance between LED and phototransistor in mm.
 const SEPARATION_MM: f64 = 1.4;
-/// Gap at which the light peaks.
+/// Gap in mm at which the light peaks.
 const PEAK_MM: f64 = SEPARATION_MM / 2.0;
-/// What the mean pair reads at the peak of its curve; the rest is room for bright pairs and lamps.
+/// Reading of the mean pair at the peak of its curve; the rest is room for bright pairs and lamps.
 const PEAK: f64 = 0.75;
-/// What a column's amplifier reads of nothing; an assumption: two millivolts of offset.
+/// Reading of a column's amplifier without input; an assumption: two millivolts of offset.
 const OFFSET: f64 = 0.01;
 /// Dark current of a phototransistor at the reference temperature (SFH 3010, typical), in amperes.
 const DARK_A: f64 = 1e-9;
-/// Kelvin in which the dark current of silicon doubles; an assumption.
+/// Temperature rise in kelvin that doubles the dark current of silicon; an assumption.
 const DOUBLES_K: f64 = 10.0;
 
 /// Spread of a device, one standard deviation, all assumptions: gain, gap in mm, offset.
 const GAIN_SPREAD: f64 = 0.08;
 const GAP_SPREAD_MM: f64 = 0.06;
 const OFFSET_SPREAD: f64 = 0.15;
-/// Most of a facet's light that a neighbour gets; an assumption, [DeMaria2011] says only that there is some.
+/// Largest share of a facet's light that a neighbour gets; an assumption, because [DeMaria2011]
+/// gives no number.
 const STRAY: f64 = 0.03;
 
-/// What gives no light or sees none, a bit a taxel.
+/// Dead LEDs and blind phototransistors, one bit per taxel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Missing {
-    /// LEDs.
+    /// LEDs that give no light.
     pub leds: u16,
-    /// Phototransistors.
+    /// Phototransistors that see no light.
     pub phototransistors: u16,
 }
 
-/// The optics of one device in one room.
+/// Optics of one device in one room.
 #[derive(Clone, Debug)]
 pub struct Optics {
     pairs: [Pair; TAXELS],
@@ -65,11 +69,11 @@ struct Pair {
     gap: f64,
 }
 
-/// What taxel k gets of its neighbours' facets: left, right, below, above.
+/// Share that taxel k gets of its neighbours' facets: left, right, below, above.
 type Stray = [[f64; 4]; TAXELS];
 
 impl Optics {
-    /// The optics of the scene's device.
+    /// Creates the optics of the scene's device.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let mut pairs = [Pair { gain: PEAK, gap: scene.layer.gap_mm }; TAXELS];
@@ -90,7 +94,8 @@ impl Optics {
         }
         for taxel in &scene.device.wrong_side {
             if let Some(pair) = pairs.get_mut(taxel.index()) {
-                // As bright at rest as it was: the curve is the same in g and (s/2)²/g.
+                // The pair stays as bright at rest, because the curve is the same in g and
+                // (s/2)²/g.
                 pair.gap = PEAK_MM * PEAK_MM / pair.gap;
             }
         }
@@ -98,13 +103,14 @@ impl Optics {
         Self { pairs, offsets, stray }
     }
 
-    /// A facet at `gap` mm is nearer than the peak of its pair's curve: the light falls as it nears.
+    /// Whether a facet at `gap` mm is nearer than the peak of its pair's curve, where light falls
+    /// with the gap.
     #[must_use]
     pub fn wrong_side(gap: f64) -> bool {
         gap < PEAK_MM
     }
 
-    /// Facet to pair in mm with the facets displaced by `displacement` mm.
+    /// Gap between facet and pair in mm, with the facets displaced by `displacement` mm.
     #[must_use]
     pub fn gaps(&self, displacement: &[f64; TAXELS]) -> [f64; TAXELS] {
         let mut gaps = *displacement;
@@ -112,7 +118,7 @@ impl Optics {
         gaps
     }
 
-    /// What is added to each taxel's column while its row is lit, with its facet displaced by
+    /// Light added to each taxel's column while its row is lit, with its facet displaced by
     /// `displacement` mm.
     #[must_use]
     pub fn reflected(&self, displacement: &[f64; TAXELS], missing: Missing) -> [f64; TAXELS] {
@@ -126,28 +132,31 @@ impl Optics {
         }
     }
 
-    /// What the columns' amplifiers read of nothing.
+    /// Readings of the columns' amplifiers without input.
     #[must_use]
     pub fn offsets(&self) -> [f64; COLS] {
         self.offsets
     }
 }
 
-/// What the four phototransistors of a column leak in the dark, `warmer_k` above the reference.
+/// Dark current of a column's four phototransistors, `warmer_k` above the reference.
 #[must_use]
 pub fn dark_current(warmer_k: f64) -> f64 {
     ROWS as f64 * DARK_A / UNIT_A * (warmer_k / DOUBLES_K).exp2()
 }
 
-/// Light of an LED `warmer_k` above the reference over that at it: −0.5 %/K (assumed; usual for such LEDs).
+/// Light of an LED `warmer_k` above the reference, relative to the reference: −0.5 %/K (assumed;
+/// usual for such LEDs).
+///
 /// The phototransistor's own change is a curve without a number in its sheet and is not modelled.
 #[must_use]
 pub fn warm_led(warmer_k: f64) -> f64 {
     1.0 - 0.005 * warmer_k
 }
 
-/// Light of a pair at `gap` mm as a fraction of its peak, 4qs²/(q + s²)² with q = 4g². A facet that
-/// touches its pair (gap ≤ 0) shuts the light out.
+/// Light of a pair at `gap` mm as a fraction of its peak, 4qs²/(q + s²)² with q = 4g².
+///
+/// A facet that touches its pair (gap ≤ 0) blocks the light.
 #[must_use]
 pub fn response(gap: f64) -> f64 {
     const S2: f64 = SEPARATION_MM * SEPARATION_MM;
@@ -169,7 +178,7 @@ fn draw_stray(device: u64) -> Stray {
     stray
 }
 
-/// Without the taxels whose bit is set.
+/// Sets the light of every taxel whose bit is set in `missing` to zero.
 #[must_use]
 pub fn without(light: &[f64; TAXELS], missing: u16) -> [f64; TAXELS] {
     let mut light = *light;
@@ -181,10 +190,10 @@ pub fn without(light: &[f64; TAXELS], missing: u16) -> [f64; TAXELS] {
 }
 
 fn spill(light: &[f64; TAXELS], stray: &Stray, missing: Missing) -> [f64; TAXELS] {
-    // In a row every facet has its own LED and one of them sees; in a column one LED shines and every
-    // facet has its own to see it.
+    // In a row every facet has its own LED, and one phototransistor sees them. In a column one LED
+    // shines, and every facet has its own phototransistor.
     let (lit, seen) = (without(light, missing.leds), without(light, missing.phototransistors));
-    // Off the matrix there is nothing to pick up; wrapping makes an index that is off it.
+    // Outside the matrix there is no light; wrapping arithmetic makes any outside index invalid.
     let at = |light: &[f64; TAXELS], row: usize, column: usize| {
         if row < ROWS && column < COLS { light.get(row * COLS + column).copied() } else { None }
             .unwrap_or(0.0)
@@ -276,7 +285,7 @@ mod tests {
             assert!((before[k] - usual).abs() < 1e-12);
             assert_eq!(after[k] < before[k], k == 6 || k == 12, "taxel {k}");
         }
-        // So deep that every facet has come past the peak.
+        // At this depth every facet is past the peak.
         assert_eq!(flagged(&right, 1.6).len(), TAXELS);
     }
 
@@ -298,7 +307,7 @@ mod tests {
         assert!(blind[5] > 0.0 && blind[5] < 0.15 * all[5], "the column's others see its LED");
         let changed: Vec<usize> = (0..TAXELS).filter(|k| blind[*k] != all[*k]).collect();
         assert_eq!(changed, [1, 5, 9]);
-        // LED and phototransistor of one taxel gone, the rest still has its neighbours.
+        // Without LED and phototransistor of one taxel, the others still have their neighbours.
         let gone = of(Missing { leds: 1 << 5, phototransistors: 1 << 5 });
         assert_eq!(gone[5], 0.0);
     }

@@ -1,4 +1,4 @@
-//! Where the indenter is and how hard it pushes, over time; friction limited.
+//! Path of the indenter: its position and force over time, limited by friction.
 
 use crate::load::Contacts;
 use crate::scene::{Act, Scene};
@@ -11,11 +11,11 @@ mod trials;
 pub use grip::Grip;
 use random::Drawn;
 
-/// Everything that happens in a scene.
+/// Path of a scene: all of its acts.
 #[derive(Clone, Debug)]
 pub struct Path {
     acts: Vec<Act>,
-    /// For each act the first one that is not over when it begins.
+    /// For each act, the index of the first act that has not ended when it begins.
     running_since: Vec<usize>,
     grip: Grip,
     seed: u64,
@@ -23,7 +23,7 @@ pub struct Path {
 }
 
 impl Path {
-    /// The path of the scene; random presses follow from `seed`.
+    /// Creates the path of the scene; random presses follow from `seed`.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Self {
         let acts = scene.acts();
@@ -32,7 +32,7 @@ impl Path {
         Self { running_since, acts, grip: Grip::new(scene), seed, drawn: None }
     }
 
-    /// What acts at `time` seconds.
+    /// Contacts at `time` seconds.
     pub fn at(&mut self, time: f64) -> Contacts {
         let mut contacts = Contacts::default();
         let next = self.acts.partition_point(|act| act.at_s() <= time);
@@ -58,7 +58,7 @@ impl Path {
                     drawn.at(since / random.each_s - f64::from(press), &self.grip)
                 }
                 Act::Grid(grid) => grid.at(since, &self.grip),
-                // It is alone.
+                // A plate never overlaps another act.
                 Act::Plate(plate) => return plate.at(since, &self.grip),
             };
             if let Some(load) = load {

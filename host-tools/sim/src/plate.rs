@@ -1,11 +1,11 @@
-//! Four force sensors under a rigid plate: how a wrench on the plate comes to them ([Ospina2017] chapter 2).
+//! Rigid plate on four force sensors: how a wrench divides between them ([Ospina2017] chapter 2).
 //!
-//! The plate stands on four equal, linear, isotropic springs, so that besides the six equations of
-//! equilibrium the shares follow from its six motions.
+//! The plate stands on four equal, linear, isotropic springs. The shares therefore follow from the
+//! six equations of equilibrium and the plate's six motions.
 
 use taxel::scan::SENSORS;
 
-/// Places of the sensors in mm.
+/// Positions of the sensors in mm.
 pub const PLACES: [[f64; 2]; SENSORS] = [[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]];
 /// Height in mm of the skin above the sensors.
 pub const HEIGHT_MM: f64 = 6.0;
@@ -13,15 +13,17 @@ pub const HEIGHT_MM: f64 = 6.0;
 /// Force in newtons and moment in newton millimetres about the middle of the sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrench {
-    /// F, z into the skin.
+    /// Force F, z into the skin.
     pub force: [f64; 3],
-    /// M.
+    /// Moment M.
     pub moment: [f64; 3],
 }
 
 impl Wrench {
-    /// Of a `force` at the `place` (mm, z down from the sensors, so the skin is at −[`HEIGHT_MM`]) with a
-    /// `torsion` about the unit vector `normal`: F, r × F + τn.
+    /// Wrench of a `force` at `place`, with a `torsion` about the unit vector `normal`: F, r × F +
+    /// τn.
+    ///
+    /// `place` is in mm with z down from the sensors, so that the skin is at −[`HEIGHT_MM`].
     #[must_use]
     pub fn at(place: [f64; 3], force: [f64; 3], torsion: f64, normal: [f64; 3]) -> Self {
         let ([x, y, z], [fx, fy, fz], [nx, ny, nz]) = (place, force, normal);
@@ -33,17 +35,17 @@ impl Wrench {
         Self { force, moment }
     }
 
-    /// Of a `force` at a `point` of the flat skin.
+    /// Wrench of a `force` and a `torsion` at a point of the flat skin.
     #[must_use]
     pub fn on_skin([x, y]: [f64; 2], force: [f64; 3], torsion: f64) -> Self {
         Self::at([x, y, -HEIGHT_MM], force, torsion, [0.0, 0.0, 1.0])
     }
 
-    /// What the four sensors carry of it, in newtons.
+    /// Forces on the four sensors in newtons.
     #[must_use]
     pub fn shares(&self) -> [[f64; 3]; SENSORS] {
         let ([fx, fy, fz], [mx, my, mz]) = (self.force, self.moment);
-        // Σ x_i² = Σ y_i² over the sensors.
+        // Sum Σ x_i² = Σ y_i² over the sensors.
         let second: f64 = PLACES.iter().map(|[x, _]| x * x).sum();
         let n = SENSORS as f64;
         PLACES.map(|[x, y]| {

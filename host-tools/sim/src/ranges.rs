@@ -1,16 +1,18 @@
-//! Numbers of a scene that have limits. A limit is checked while the file is read, where the parser still
-//! knows the line; what is out of it, or no number at all, is told what is allowed.
+//! Numbers of a scene with a range, checked while the file is read.
+//!
+//! The parser then still has the line. The message for a value out of range, or for no number at
+//! all, names the allowed range.
 
 use std::fmt;
 
 use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
-/// From where to where a number may be.
+/// Range of a number.
 #[derive(Clone, Copy)]
 struct Limits {
     low: f64,
     high: f64,
-    /// What one outside is.
+    /// Description of a value outside.
     outside: &'static str,
 }
 
@@ -19,7 +21,7 @@ impl Limits {
         Self { low, high, outside: "out of range" }
     }
 
-    /// A NaN is in no range.
+    /// Checks that `value` is in the range; a NaN is in no range.
     fn check(self, value: f64) -> Result<f64, String> {
         let Self { low, high, outside } = self;
         if (low..=high).contains(&value) {
@@ -42,12 +44,12 @@ impl Limits {
     }
 }
 
-/// A whole number from `LOW` to `HIGH`.
+/// Whole number from `LOW` to `HIGH`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Whole<const LOW: u32, const HIGH: u32>(u32);
 
 impl<const LOW: u32, const HIGH: u32> Whole<LOW, HIGH> {
-    /// `value`, or the nearest that is allowed.
+    /// Creates the number from `value`, or from the nearest allowed one.
     pub const fn nearest(value: u32) -> Self {
         Self(if value < LOW {
             LOW
@@ -58,7 +60,7 @@ impl<const LOW: u32, const HIGH: u32> Whole<LOW, HIGH> {
         })
     }
 
-    /// The number.
+    /// The number itself.
     pub const fn get(self) -> u32 {
         self.0
     }
@@ -85,7 +87,7 @@ impl<'de, const LOW: u32, const HIGH: u32> Deserialize<'de> for Whole<LOW, HIGH>
     }
 }
 
-/// One of a few whole numbers.
+/// Reads a whole number that is one of `allowed`.
 pub fn one_of<'de, D: Deserializer<'de>>(
     from: D,
     allowed: &'static [u16],
@@ -107,12 +109,12 @@ pub fn one_of<'de, D: Deserializer<'de>>(
     from.deserialize_any(OneOf(allowed))
 }
 
-/// A number whose range depends on other keys; of what is no number, what it is.
+/// Number whose range depends on other keys, or the type of a value that is no number.
 #[derive(Clone, Copy, Debug)]
 pub struct Given(Result<f64, &'static str>);
 
 impl Given {
-    /// It, where it is within the range.
+    /// Returns the number if it is within the range.
     pub fn within(&self, low: f64, high: f64) -> Result<f64, String> {
         Limits::new(low, high).check_any(*self)
     }
@@ -158,7 +160,7 @@ impl<'de> Deserialize<'de> for Given {
     }
 }
 
-/// So many numbers, each within the limits.
+/// Reads `N` numbers, each within the limits.
 fn numbers<'de, const N: usize, D: Deserializer<'de>>(
     from: D,
     limits: Limits,
@@ -188,7 +190,7 @@ fn numbers<'de, const N: usize, D: Deserializer<'de>>(
     from.deserialize_any(Numbers::<N>(limits))
 }
 
-/// Low and high of a range.
+/// Reads the low and the high end of a range.
 fn span<'de, D: Deserializer<'de>>(from: D, limits: Limits) -> Result<[f64; 2], D::Error> {
     let [from, to] = numbers(from, limits)?;
     if from <= to {
@@ -198,7 +200,7 @@ fn span<'de, D: Deserializer<'de>>(from: D, limits: Limits) -> Result<[f64; 2], 
     }
 }
 
-/// One deserialiser per quantity, named after it.
+/// Defines one deserialiser per quantity, named after the quantity.
 macro_rules! ranges {
     ($($(#[$doc:meta])* $name:ident: $low:literal to $high:literal;)*) => {$(
         $(#[$doc])*
@@ -219,8 +221,8 @@ ranges! {
     first_cycle: 0.0 to 0.4;
     /// Friction coefficient.
     friction: 0.0 to 10.0;
-    /// Normal force in newtons; the finger's working range is 2 N ([DeMaria2011]), a sensor's limit 10 N
-    /// ([Ospina2017]).
+    /// Normal force in newtons; the finger's working range is 2 N ([DeMaria2011]), a sensor's limit
+    /// 10 N ([Ospina2017]).
     normal: 0.0 to 10.0;
     /// Tangential force in newtons.
     tangential: -10.0 to 10.0;
@@ -264,40 +266,40 @@ ranges! {
 
 /// Side of the pad in mm.
 pub const PAD_MM: f64 = 10.0;
-/// A coordinate on the pad.
+/// Range of a coordinate on the pad.
 const PAD: Limits = Limits { low: -0.5 * PAD_MM, high: 0.5 * PAD_MM, outside: "off the pad" };
 
-/// A coordinate on the pad.
+/// Reads a coordinate on the pad.
 pub fn on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     PAD.number(from)
 }
 
-/// A point on the pad.
+/// Reads a point on the pad.
 pub fn point_on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
     numbers(from, PAD)
 }
 
-/// A stretch of coordinates on the pad.
+/// Reads a range of coordinates on the pad.
 pub fn span_on_pad<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
     span(from, PAD)
 }
 
-/// Normal forces in newtons.
+/// Reads a range of normal forces in newtons.
 pub fn span_of_normals<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
     span(from, Limits::new(0.0, 10.0))
 }
 
-/// Shares of the most that friction can hold.
+/// Reads a range of shares of the friction limit.
 pub fn span_of_shares<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
     span(from, Limits::new(0.0, 1.0))
 }
 
-/// Semi-axes in mm of a fingertip that is wider than the pad, corners too.
+/// Reads the semi-axes in mm of a fingertip that is wider than the pad, including its corners.
 pub fn fingertip_axes<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 3], D::Error> {
     numbers(from, Limits::new(8.0, 1000.0))
 }
 
-/// Angles of a force to the skin, the lower one first.
+/// Reads a range of angles between force and skin in degrees.
 pub fn span_of_angles<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 2], D::Error> {
     span(from, Limits::new(10.0, 170.0))
 }

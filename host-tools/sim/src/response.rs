@@ -1,17 +1,17 @@
-//! How fast a force sensor, or rubber like its coating, follows ([Ospina2017] §1.3.3 and §1.4.3): the transfer
-//! functions as published,
-//! sampled exactly.
+//! Dynamic response of a force sensor, or of rubber like its coating ([Ospina2017] §1.3.3, §1.4.3).
 //!
-//! Between two frames the force is taken as straight, which is the only approximation (a first-order
-//! hold): the two states then move by the exponential of their matrix.
+//! The published transfer functions are sampled exactly. The only approximation is a first-order
+//! hold: between two frames the force is a straight line. The two states then move by the
+//! exponential of their matrix.
 
 use serde::Deserialize;
 
-/// What covers the force sensors; `coating` of `[device]`.
+/// Coating of the force sensors; `coating` of `[device]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 pub enum Coating {
-    /// The bare sensor, T1 = T2 = 1.99 ms: 53.9 Hz are damped by 3.26 dB, as in the Bode diagram of
-    /// D12 ([Ospina2017] fig. 1.17).
+    /// The bare sensor, T1 = T2 = 1.99 ms.
+    ///
+    /// 53.9 Hz are damped by 3.26 dB, as in the Bode diagram of D12 ([Ospina2017] fig. 1.17).
     #[default]
     #[serde(rename = "bare")]
     Bare,
@@ -33,11 +33,13 @@ pub enum Coating {
 }
 
 impl Coating {
-    /// Share of a force along x, y and z that the membrane takes; the coating carries the rest past it.
+    /// Share of a force along x, y and z that the membrane takes; the coating carries the rest past
+    /// it.
     ///
-    /// The thesis says that coated sensors stand 10 N (§1.5) and bare ones 1 N along the skin and 15 bar,
-    /// which are 4.7 N on the membrane; so many times stronger are the coated ones taken to be. Those with
-    /// a wide base, rC and F02, are less sensitive along the skin (§1.6); half is an assumption.
+    /// The thesis states that coated sensors bear 10 N (§1.5). Bare ones bear 1 N along the skin
+    /// and 15 bar, which are 4.7 N on the membrane. The shares are the ratios of these limits.
+    /// Coatings with a wide base, rC and F02, are less sensitive along the skin (§1.6); half is an
+    /// assumption.
     #[must_use]
     pub fn takes(self) -> [f64; 3] {
         let [narrow, wide, normal] = [0.1, 0.05, 0.47];
@@ -48,7 +50,9 @@ impl Coating {
         }
     }
 
-    /// a₁ … a₄ of (a₁s + a₂)/(s² + a₃s + a₄) ([Ospina2017] eq. (1.26), fig. 1.23; eq. (1.25) in the same form).
+    /// Coefficients a₁ … a₄ of (a₁s + a₂)/(s² + a₃s + a₄).
+    ///
+    /// They are from [Ospina2017] eq. (1.26), fig. 1.23, and eq. (1.25) in the same form.
     #[must_use]
     pub fn coefficients(self) -> [f64; 4] {
         let critical = |t: f64| [0.0, 1.0 / (t * t), 2.0 / t, 1.0 / (t * t)];
@@ -63,12 +67,12 @@ impl Coating {
     }
 }
 
-/// The response of so many channels, each for itself.
+/// Response of `N` independent channels.
 #[derive(Clone, Debug)]
 pub struct Response<const N: usize> {
-    /// Next states out of the states, the force and its change.
+    /// Matrix from the states, the force and its change to the next states.
     step: [[f64; 4]; 2],
-    /// The force out of the states.
+    /// Weights of the states in the output force.
     output: [f64; 2],
     coefficients: [f64; 4],
     channels: [Channel; N],
@@ -81,7 +85,7 @@ struct Channel {
 }
 
 impl<const N: usize> Response<N> {
-    /// At rest, `period` seconds from frame to frame.
+    /// Creates a response at rest, with `period` seconds between frames.
     #[must_use]
     pub fn new(coating: Coating, period: f64) -> Self {
         let coefficients = coating.coefficients();
@@ -95,7 +99,7 @@ impl<const N: usize> Response<N> {
         response
     }
 
-    /// From now on `period` seconds from frame to frame.
+    /// Sets the time between frames to `period` seconds.
     pub fn set_period(&mut self, period: f64) {
         let [a1, a2, a3, a4] = self.coefficients;
         // x₁′ = x₂, x₂′ = u − a₄x₁ − a₃x₂, out = a₂x₁ + a₁x₂; u′ = v/period with v the change of u.
@@ -105,7 +109,7 @@ impl<const N: usize> Response<N> {
         (self.step, self.output) = ([first, second], [a2, a1]);
     }
 
-    /// What is felt, one frame later, of what acts.
+    /// Output one frame later, from the applied forces.
     pub fn follow(&mut self, acts: [f64; N]) -> [f64; N] {
         let (step, output) = (self.step, self.output);
         let mut felt = [0.0; N];
@@ -120,7 +124,7 @@ impl<const N: usize> Response<N> {
     }
 }
 
-/// e^M: Taylor's series of M/2ⁿ, squared n times.
+/// Matrix exponential e^M: Taylor's series of M/2ⁿ, squared n times.
 fn exponential(matrix: [[f64; 4]; 4]) -> [[f64; 4]; 4] {
     let most = matrix.as_flattened().iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let halvings = (8.0 * most.max(1.0)).log2().ceil() as i32;
@@ -152,7 +156,7 @@ mod tests {
 
     const RELAXING: [Coating; 3] = [Coating::C, Coating::D, Coating::F02];
 
-    /// Damping in dB of a sine of `hertz`, from its sine and cosine parts over whole periods.
+    /// Gain in dB of a sine of `hertz`, from its sine and cosine parts over whole periods.
     fn damping(coating: Coating, hertz: f64) -> f64 {
         const RATE: f64 = 20_000.0;
         let mut response = Response::new(coating, 1.0 / RATE);
@@ -188,7 +192,7 @@ mod tests {
 
     #[test]
     fn bare_and_soft_coated_sensors_settle_in_the_ten_milliseconds_of_the_thesis() {
-        // The band of its figures is ± 5 % (fig. 1.16).
+        // The settling times of its figures use a band of ± 5 % (fig. 1.16).
         const RATE: f64 = 100_000.0;
         let settled = |coating: Coating, band: f64| {
             let mut response = Response::new(coating, 1.0 / RATE);
@@ -196,7 +200,7 @@ mod tests {
             assert!(felt.windows(2).all(|pair| pair[1] >= pair[0]), "{coating:?} overshoots");
             felt.iter().filter(|f| **f < 1.0 - band).count() as f64 / RATE * 1e3
         };
-        // What is left of a step is (1 + t/T)e^−t/T: to 5 % of it 4.744 T, to 2 % 5.834 T.
+        // The rest of a step is (1 + t/T)e^−t/T: 5 % of it after 4.744 T, 2 % after 5.834 T.
         let left = |x: f64| (1.0 + x) * (-x).exp();
         let times = [(0.05, 4.744), (0.02, 5.834)];
         assert!(times.iter().all(|(band, x)| (left(*x) / band - 1.0).abs() < 1e-3));
@@ -212,7 +216,7 @@ mod tests {
 
     #[test]
     fn relaxing_coatings_come_within_the_band_in_these_times() {
-        // The same band of ± 5 % around where each creeps to in the end (fig. 1.23 and 1.25, which print no
+        // Settling into ± 5 % of the final value of each (fig. 1.23 and 1.25, which print no
         // times), and around the force, of which F02 keeps 0.7 % less.
         const RATE: f64 = 100_000.0;
         for (coating, of_final, of_force) in
@@ -241,7 +245,7 @@ mod tests {
 
     #[test]
     fn sampling_is_exact_for_a_ramp_at_any_rate() {
-        // A ramp is what the hold takes the force for: slow and fast frames meet at the same times.
+        // The hold is exact for a ramp: slow and fast frames agree at common times.
         for coating in [Coating::A, Coating::F02] {
             let at = |rate: usize| {
                 let mut response = Response::new(coating, 1.0 / rate as f64);

@@ -1,10 +1,11 @@
-//! Random numbers: one ChaCha stream per purpose, so that adding an effect to a scene leaves every
-//! other number as it was.
+//! Random numbers: one ChaCha stream per purpose.
+//!
+//! An effect added to a scene therefore leaves every other random number unchanged.
 
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-/// What random numbers are for.
+/// Purpose of random numbers.
 #[derive(Clone, Copy)]
 pub enum Purpose {
     /// Gains and gaps of the optical pairs, offsets of the columns; a property of the device.
@@ -13,7 +14,7 @@ pub enum Purpose {
     OpticalCrosstalk,
     /// Resistances of the bridges; a property of the device.
     BridgeMismatch,
-    /// How differently the bridges' resistances warm; a property of the device.
+    /// Temperature coefficients of the bridges' resistances; a property of the device.
     BridgeDrift,
     /// Sensitivities and cross-talk of the force sensors; a property of the device.
     BridgeCrosstalk,
@@ -23,11 +24,11 @@ pub enum Purpose {
     Noise,
     /// Error of a bench's load cell; a property of the run.
     Reference,
-    /// Press `.1` of the random presses that stand `.0`-th in the scene; a property of the run.
+    /// Press `.1` of the random presses with index `.0` in the scene; a property of the run.
     RandomPress(u8, u32),
 }
 
-/// The stream of `seed` for this purpose.
+/// Random stream of `seed` for this purpose.
 pub fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(match purpose {

@@ -1,13 +1,15 @@
-//! Scan of OHKA-MICRO's whole [sheet](taxel_papers::sheet): one feeler after the other.
+//! Scan of OHKA-MICRO's whole [sheet](taxel_papers::sheet), one feeler after the other.
 //!
-//! The paper reads each feeler in a window of its own, cut out of the camera's picture. A scan has sixteen
-//! channels and a sheet 120 windows, so that a scan is the window of one [`feeler`](crate::systems::feeler): scan k
-//! looks at feeler k mod 120, row by row from −y, along x in a row. The truth of a scan is that of its
-//! feeler: its place, its force, whether it slips on the board. A hundred and twenty scans are a picture.
+//! The paper reads each feeler in its own window, cut out of the camera's picture. A scan has
+//! sixteen channels and a sheet 120 windows, so that a scan is the window of one
+//! [`feeler`](crate::systems::feeler). Scan k looks at feeler k mod 120, row by row from −y, along
+//! x in a row. The truth of a scan is its feeler's: position, force, and slip on the board. A
+//! hundred and twenty scans are a picture.
 //!
-//! What a feeler carries comes from the contact's traction on the sheet, normal and tangential: between
-//! feelers the sheet hands a load to the four around it by the lever rule, which keeps every force and
-//! the moments of the normal ones. (The paper divides the force of its flat probe by the nine feelers below it.)
+//! The load of a feeler comes from the contact's traction on the sheet, normal and tangential.
+//! Between feelers the lever rule divides a load over the four around it, which keeps every force
+//! and the moments of the normal ones. (The paper divides the force of its flat probe by the nine
+//! feelers below it.)
 
 use taxel_papers::feeler::slips;
 use taxel_papers::sheet::{PITCH_MM, centre};
@@ -15,24 +17,24 @@ use taxel_papers::sheet::{PITCH_MM, centre};
 use crate::contact::{HalfSpace, Indenter, Rule};
 use crate::load::{Contacts, Load};
 
-/// The sheet of a run.
+/// Sheet of one run.
 #[derive(Clone, Debug)]
 pub struct Sheet {
     indenter: Indenter,
     rubber: HalfSpace,
     mu: f64,
-    /// Of the traction: within 1 % of a feeler's share (tested).
+    /// Quadrature rule of the traction: within 1 % of a feeler's share (tested).
     rule: Rule,
 }
 
 impl Sheet {
-    /// Sheet of `rubber` under an indenter with this coefficient of friction.
+    /// Creates a sheet of `rubber` under `indenter` with the coefficient of friction `mu`.
     #[must_use]
     pub fn new(indenter: Indenter, rubber: HalfSpace, mu: f64) -> Self {
         Self { rule: indenter.rule(12, 32), indenter, rubber, mu }
     }
 
-    /// What one feeler carries of what acts on the sheet, in newtons.
+    /// Force on one feeler in newtons, from the contacts on the sheet.
     #[must_use]
     pub fn carried(&self, feeler: usize, contacts: &Contacts) -> [f64; 3] {
         let [x, y] = centre(feeler);
@@ -58,7 +60,7 @@ impl Sheet {
         carried
     }
 
-    /// All that the scan sees of what acts on the sheet: the load on one feeler.
+    /// Contacts that a scan of `feeler` sees: the load on that feeler only.
     #[must_use]
     pub fn seen(&self, feeler: usize, contacts: &Contacts) -> Contacts {
         let force = self.carried(feeler, contacts);
@@ -107,7 +109,8 @@ mod tests {
 
     #[test]
     fn a_feeler_carries_the_pressure_around_it() {
-        // Hertz: the share of a small sphere-contact above one feeler by a fine sum over the disc.
+        // Hertz: the share of a small sphere's contact above one feeler, by a fine sum over the
+        // disc.
         let sheet = sheet("radius_mm = 20");
         let force = 0.3;
         let a = sheet.rubber.contact_radius(20.0, force);
@@ -132,8 +135,8 @@ mod tests {
 
     #[test]
     fn the_rim_of_a_sheared_contact_slips_before_its_middle() {
-        // Cattaneo and Mindlin: the traction is μ times the pressure at the rim first, and a feeler holds
-        // a quarter of its normal force and 0.56 mN.
+        // Cattaneo and Mindlin: the traction reaches μ times the pressure at the rim first, and a
+        // feeler holds a quarter of its normal force and 0.56 mN.
         let sheet = sheet("radius_mm = 20");
         let contacts = load([0.0; 2], [0.09, 0.0, 0.3]);
         let slips: Vec<usize> = (0..FEELERS)

@@ -1,4 +1,4 @@
-//! A scene, frame by frame.
+//! Simulator: runs a scene frame by frame.
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
@@ -24,10 +24,11 @@ use crate::supply::Supply;
 use crate::systems;
 use crate::systems::matrix::Matrix;
 
-/// The reference channel reads a voltage of its own, half of the converter's range at a nominal supply.
+/// Level of the reference channel: a separate voltage, half of the converter's range at nominal
+/// supply.
 const REFERENCE: f64 = 0.5;
 
-/// The thermometer on the STM32G431: 0.76 V at 30 °C and 2.5 mV/K (its data sheet), of 3.3 V.
+/// Reading of the STM32G431's thermometer: 0.76 V at 30 °C and 2.5 mV/K (its data sheet), of 3.3 V.
 fn thermometer(celsius: f64) -> f64 {
     (0.76 + 2.5e-3 * (celsius - 30.0)) / 3.3
 }
@@ -57,8 +58,10 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// A run of `scene`. Noise, lamps and random presses follow from `seed`; the device's own
-    /// imperfections follow from the scene.
+    /// Creates a run of `scene`.
+    ///
+    /// Noise, lamps and random presses follow from `seed`; the device's own imperfections follow
+    /// from the scene.
     #[must_use]
     pub fn new(scene: &Scene, seed: u64) -> Self {
         let matrix = Matrix::new(scene, seed);
@@ -93,20 +96,20 @@ impl Simulator {
         }
     }
 
-    /// Begins again when the scene is over, forever; device time runs on, and noise does not repeat.
+    /// Repeats the scene without end; device time continues, and noise does not repeat.
     #[must_use]
     pub fn endless(mut self) -> Self {
         self.endless = true;
         self
     }
 
-    /// What the codes are fractions of.
+    /// Full scale of the codes.
     #[must_use]
     pub fn full_scale(&self) -> FullScale {
         self.adc.full_scale()
     }
 
-    /// The columns of its trace, with those of the truth or without.
+    /// Columns of the simulator's trace, with or without those of the truth.
     #[must_use]
     pub fn trace_header(&self, truth: bool) -> TraceHeader {
         TraceHeader {
@@ -120,8 +123,9 @@ impl Simulator {
         }
     }
 
-    /// How finely contact is computed and what error that leaves; `None` where no facet is displaced, on the
-    /// bench or without the matrix.
+    /// How finely contact is computed, and the error of that.
+    ///
+    /// `None` where no facet is displaced: on the bench or without the matrix.
     #[must_use]
     pub fn fidelity(&self) -> Option<&Report> {
         self.matrix.as_ref().and_then(Matrix::fidelity)
@@ -157,19 +161,19 @@ impl Simulator {
         Some(codes)
     }
 
-    /// Which facets are nearer to their pair than the peak of its light curve, in the last frame.
+    /// Which facets were nearer to their pair than the peak of its light curve in the last frame.
     #[must_use]
     pub fn wrong_side(&self) -> [bool; TAXELS] {
         self.matrix.as_ref().map_or([false; TAXELS], Matrix::wrong_side)
     }
 
-    /// Displacement of the facets in the last frame, in mm; `None` where the device has none.
+    /// Displacement of the facets in the last frame, in mm; `None` without facets.
     #[must_use]
     pub fn displacement(&self) -> Option<&[f64; TAXELS]> {
         self.matrix.as_ref().and_then(Matrix::displacement)
     }
 
-    /// The four sensors' shares of what touches.
+    /// Forces on the four sensors in newtons, from the contacts.
     fn shares(&self, contacts: &Contacts) -> [[f64; 3]; SENSORS] {
         let Some(sensor) = self.bench else { return systems::shares(&self.device, contacts) };
         let mut shares = [[0.0; 3]; SENSORS];
@@ -179,7 +183,7 @@ impl Simulator {
         shares
     }
 
-    /// What the sensors sense of their shares by now.
+    /// Forces that the sensors report, after their response.
     fn sensed(&mut self, mut shares: [[f64; 3]; SENSORS]) -> [[f64; 3]; SENSORS] {
         if let Some(responses) = &mut self.response {
             for (share, response) in shares.iter_mut().zip(responses.iter_mut()) {
@@ -201,7 +205,7 @@ impl Simulator {
             let Some(bridge) = bridge else { continue };
             let broken_arms = self.faults.arms(sensor);
             let around = Surroundings { warmer_k: now.warmer_k, broken_arms };
-            // Sensor i is read with row i, after the dark step.
+            // Sensor i is read together with row i, after the dark step.
             let later = (sensor + 1) as f64 * self.step_us;
             let supply = self.supply.at(now.device_us + later, dip);
             let mut levels = bridge.midpoints(*share, around).map(|v| v * supply.share);
@@ -226,7 +230,8 @@ impl Simulator {
                 *truth = force;
             }
         }
-        // On the bench nothing touches the skin, and a feeler has no place in it: no contact point.
+        // No contact point: on the bench nothing touches the skin, and a feeler has no position in
+        // it.
         let placed = self.bench.is_none() && self.device.kind != Kind::OhkaMicro;
         let point = load.filter(|_| placed).map_or([None; 2], |load| load.point.map(Some));
         Truth {
@@ -240,7 +245,7 @@ impl Simulator {
     }
 }
 
-/// The load cell of a bench, which has an error of its own.
+/// Load cell of a bench, with an error of its own.
 #[derive(Clone, Debug)]
 struct Reference {
     rng: ChaCha8Rng,
@@ -248,13 +253,14 @@ struct Reference {
 }
 
 impl Reference {
-    /// Where the scene's bench has one that is not perfect.
+    /// Creates the load cell if the scene's bench has an imperfect one.
     fn of(scene: &Scene, seed: u64) -> Option<Self> {
         let sigma = scene.bench.as_ref().map_or(0.0, |bench| bench.reference_n);
         (sigma > 0.0).then(|| Self { rng: stream(seed, Purpose::Reference), sigma })
     }
 
-    /// [Ospina2017]'s reaches 24.85 mN with a standard deviation of 6.07 mN (§1.3.4).
+    /// Adds the error to `force`; [Ospina2017]'s reaches 24.85 mN with a standard deviation of 6.07
+    /// mN (§1.3.4).
     fn read(&mut self, force: [Option<f64>; 3]) -> [Option<f64>; 3] {
         const WORST: f64 = 24.85 / 6.07;
         force.map(|force| {
@@ -264,14 +270,14 @@ impl Reference {
     }
 }
 
-/// What holds for one frame.
+/// Times and temperature effects of one frame.
 #[derive(Clone, Copy, Debug)]
 struct Moment {
     device_us: f64,
     scene_us: f64,
-    /// Kelvin above the reference.
+    /// Kelvin above the reference temperature.
     warmer_k: f64,
-    /// Light of an LED over that at the reference temperature.
+    /// Light of an LED relative to the reference temperature.
     leds: f64,
 }
 
@@ -328,7 +334,7 @@ mod tests {
         Simulator::new(&Scene::load(name).unwrap(), seed).collect()
     }
 
-    /// Lit less dark of each taxel, in 16-bit codes.
+    /// Lit minus dark of each taxel, in 16-bit codes.
     fn levels(sample: &Sample) -> [f64; TAXELS] {
         let codes = sample.scan.codes.taxels.unwrap();
         std::array::from_fn(|k| {
@@ -426,7 +432,7 @@ mod tests {
         let first = run("'hysteresis'");
         let slow = run("'skin-response'");
         let warm = run("'temperature'");
-        // Held, so at rest.
+        // During the hold, so at rest.
         assert!(stiff[500] < 0.9 * elastic[500], "{} of {}", stiff[500], elastic[500]);
         assert!((first[500] / elastic[500] - 0.9).abs() < 1e-12);
         assert!((slow[500] / elastic[500] - 1.0).abs() < 1e-6 && slow[111] < 0.9 * elastic[111]);
@@ -441,7 +447,7 @@ mod tests {
         let scene = Scene::parse("test.toml", text).unwrap();
         let sample = Simulator::new(&scene, 1).nth(450).unwrap();
         assert!((sample.truth.torsion.unwrap() - 0.5).abs() < 1e-12);
-        // 0.5 N mm over four levers: sensor 0 at (−5, −5) goes to +x and −y.
+        // 0.5 N mm over four levers: sensor 0 at (−5, −5) is pushed to +x and −y.
         assert!((sample.truth.sensors[0][0].unwrap() - 0.5 * 5.0 / 200.0).abs() < 1e-12);
         assert!((sample.truth.sensors[0][1].unwrap() + 0.5 * 5.0 / 200.0).abs() < 1e-12);
     }

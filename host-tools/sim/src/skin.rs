@@ -1,11 +1,12 @@
-//! What rubber does beyond Hooke's law: how a facet is displaced, out of how far it would be elastically.
+//! Effects of rubber beyond Hooke's law: from elastic to real displacement of a facet.
 //!
-//! - `temperature`: the stiffness of a rubber grows with its absolute temperature (Treloar, *The Physics
-//!   of Rubber Elasticity*); forces displace facets accordingly less. Its viscosity falls as that of silicone
-//!   fluids does.
-//! - `stiffening`: the column of skin above a facet, as thick as the skin, follows [DeMaria2011]'s Mooney–Rivlin law
-//!   in place of its tangent.
-//! - `hysteresis`: the first loading is stiffer than all later ones up to the same load ([DeMaria2011] fig. 3).
+//! - `temperature`: the stiffness of a rubber grows with its absolute temperature (Treloar, *The
+//!   Physics of Rubber Elasticity*); forces displace facets accordingly less. Its viscosity falls
+//!   as that of silicone fluids does.
+//! - `stiffening`: the column of skin above a facet, as thick as the skin, follows [DeMaria2011]'s
+//!   Mooney–Rivlin law instead of the tangent to it.
+//! - `hysteresis`: the first loading is stiffer than all later ones up to the same load
+//!   ([DeMaria2011] fig. 3).
 //! - `skin-response`: facets follow with a delay, and relax, as a coating of [Ospina2017] does.
 
 use taxel::scan::TAXELS;
@@ -13,25 +14,29 @@ use taxel::scan::TAXELS;
 use crate::response::Response;
 use crate::scene::{Effect, REFERENCE_C, Scene, ZERO_C};
 
-/// α2 over α1 of [DeMaria2011] eq. (1).
+/// Ratio α2 to α1 of [DeMaria2011] eq. (1).
 const MOONEY_RIVLIN: f64 = -3.37e-4 / 3.96e-2;
-/// Activation energy of the flow of silicone fluids in J/mol; [DeMaria2011] measures none of its rubber.
+/// Activation energy of the flow of silicone fluids in J/mol; [DeMaria2011] measures none of its
+/// rubber.
 const FLOW: f64 = 15e3;
-/// The gas constant in J/(mol K).
+/// Gas constant in J/(mol K).
 const GAS: f64 = 8.314;
 
-/// How many times as fast the skin flows at `celsius` as at the reference temperature.
+/// Shift factor of the skin's flow: speed at `celsius` over speed at the reference temperature.
 #[must_use]
 pub fn haste(celsius: f64) -> f64 {
     (FLOW / GAS * (1.0 / (REFERENCE_C + ZERO_C) - 1.0 / (celsius + ZERO_C))).exp()
 }
 
-/// Shortening 1 − λ of a column under a stress that would shorten it by `strain` if it stayed as soft as
-/// at rest: σ = 2(λ − 1/λ²)(α1 + α2/λ) = −6(α1 + α2)·strain ([DeMaria2011] eq. (1), nominal stress).
+/// Shortening 1 − λ of a column under the stress that shortens it by `strain` at its stiffness at
+/// rest.
+///
+/// σ = 2(λ − 1/λ²)(α1 + α2/λ) = −6(α1 + α2)·strain ([DeMaria2011] eq. (1), nominal stress).
 #[must_use]
 pub fn shortening(strain: f64) -> f64 {
     let pushed = 3.0 * (1.0 + MOONEY_RIVLIN) * strain;
-    // On the side of the root from which Newton's method runs straight to it: σ is concave in λ.
+    // Start on the side of the root from which Newton's method converges directly, because σ is
+    // concave in λ.
     let mut stretch = if strain > 0.0 { 1.0 / (1.0 + pushed).sqrt() } else { 1.0 };
     for _ in 0..8 {
         let inverse = 1.0 / stretch;
@@ -42,17 +47,17 @@ pub fn shortening(strain: f64) -> f64 {
     1.0 - stretch
 }
 
-/// The skin of one run; it remembers.
+/// Skin of one run, with the memory of its effects.
 #[derive(Clone, Debug)]
 pub struct Skin {
-    /// Thickness in mm, where it stiffens.
+    /// Thickness in mm; `None` without stiffening.
     stiffens: Option<f64>,
     first_cycle: Option<FirstCycle>,
     follows: Option<Follows>,
 }
 
 impl Skin {
-    /// The skin of the scene; `None` where it is as Hooke says.
+    /// Creates the skin of the scene; `None` where no effect changes Hooke's law.
     #[must_use]
     pub fn of(scene: &Scene) -> Option<Self> {
         let skin = Self {
@@ -67,7 +72,8 @@ impl Skin {
         listed.then_some(skin)
     }
 
-    /// Displacement of the facets in mm, one frame later, where it would be `elastic` by Hooke's law.
+    /// Displacement of the facets in mm, one frame later, for the displacement `elastic` by Hooke's
+    /// law.
     #[must_use]
     pub fn displace(&mut self, elastic: [f64; TAXELS], celsius: f64) -> [f64; TAXELS] {
         let mut displacement = elastic;
@@ -84,10 +90,12 @@ impl Skin {
     }
 }
 
-/// Softening by the largest load so far, after Mullins: a facet that has been at m goes to u(1 − D|u|/m)
-/// under what takes a worked-in one to u, and to u(1 − D) beyond. So the first loading runs along a straight
-/// line that is stiffer by 1/(1 − D), the way back and all later ones along a curve that meets it at m
-/// and is as soft as a worked-in skin from rest.
+/// Softening by the largest load so far, after Mullins.
+///
+/// A facet whose largest displacement is m moves to u(1 − D|u|/m) under the load that moves a
+/// worked-in one to u. Beyond m it moves to u(1 − D). The first loading is therefore a straight
+/// line, stiffer by 1/(1 − D). Unloading and all later loadings follow a curve that meets the line
+/// at m and starts as soft as a worked-in skin.
 #[derive(Clone, Debug)]
 struct FirstCycle {
     ratio: f64,
@@ -110,12 +118,12 @@ impl FirstCycle {
     }
 }
 
-/// A delay that shortens with warmth.
+/// Delay that shortens with temperature.
 #[derive(Clone, Debug)]
 struct Follows {
     response: Response<TAXELS>,
     period: f64,
-    /// What the response is made for.
+    /// Temperature in °C for which the response is set.
     celsius: f64,
 }
 
@@ -127,7 +135,7 @@ impl Follows {
     }
 
     fn displace(&mut self, displacement: [f64; TAXELS], celsius: f64) -> [f64; TAXELS] {
-        /// Kelvin that change the pace by 0.2 %.
+        /// Change in kelvin that changes the shift factor by 0.2 %.
         const STEP: f64 = 0.1;
         if (celsius - self.celsius).abs() > STEP {
             self.celsius = celsius;
@@ -147,7 +155,7 @@ mod tests {
         Skin::of(&Scene::parse("test.toml", &text).unwrap()).unwrap()
     }
 
-    /// Facet 0 alone.
+    /// Displacement of facet 0 alone.
     fn displace(skin: &mut Skin, u: f64) -> f64 {
         let mut elastic = [0.0; TAXELS];
         elastic[0] = u;
@@ -169,7 +177,7 @@ mod tests {
     fn small_loads_do_not_stiffen_and_a_fifth_of_the_thickness_does_by_a_sixth() {
         let mut skin = skin("'stiffening'");
         assert!((displace(&mut skin, 1e-4) / 1e-4 - 1.0).abs() < 1e-4);
-        // 2.5 mm thick: what would displace it by 0.5 mm.
+        // 2.5 mm thick, under a load for 0.5 mm.
         let ratio = displace(&mut skin, 0.5) / 0.5;
         assert!((0.82..0.83).contains(&ratio), "{ratio}");
     }
@@ -206,7 +214,7 @@ mod tests {
         let _ = displace(&mut skin, 0.5);
         let after = skin.displace([0.1; TAXELS], REFERENCE_C);
         assert!(after[0] > 0.097 && after[1..].iter().all(|u| (u - 0.09).abs() < 1e-12));
-        // More than ever before is a first loading again.
+        // A load above the largest so far is a first loading again.
         assert!((displace(&mut skin, 0.8) - 0.72).abs() < 1e-12);
     }
 

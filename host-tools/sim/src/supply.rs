@@ -1,42 +1,45 @@
-//! The supply of LEDs and bridges, and what its swings do to readings.
+//! Supply of LEDs and bridges, and the effect of its swings on readings.
 //!
-//! A bridge's midpoint is a share of the supply, so that on a converter whose reference is the supply
-//! (ratiometric) its code stays. Light is not a share of it: an LED behind a resistor gets more current.
+//! A bridge's midpoint is a share of the supply, so that its code stays the same on a converter
+//! whose reference is the supply (ratiometric). Light is not a share of it: an LED behind a
+//! resistor gets more current.
 
 use crate::scene::{Effect, Scene};
 
 /// Supply of [DeMaria2011] and [Ospina2017] in volts.
 const NOMINAL_V: f64 = 5.0;
-/// Forward voltage of an infrared LED at some milliamperes; an assumption: 1.5 V at 100 mA, as is usual at
-/// 880 nm, less 0.15 V for a twentieth of the current (2kT/q a factor of e) and some for its resistance.
+/// Forward voltage of an infrared LED at some milliamperes; an assumption.
+///
+/// It is 1.5 V at 100 mA, as is usual at 880 nm, less 0.15 V for a twentieth of the current (2kT/q
+/// a factor of e) and some for its resistance.
 const FORWARD_V: f64 = 1.3;
 
-/// The supply of one run.
+/// Supply of one run.
 #[derive(Clone, Debug)]
 pub struct Supply {
     ratiometric: bool,
-    /// Amplitude and radians per microsecond.
+    /// Amplitude as a share of the supply, and angular frequency in radians per microsecond.
     ripple: Option<(f64, f64)>,
 }
 
-/// Factors on what is read at a nominal supply.
+/// Scale factors relative to readings at a nominal supply.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scales {
-    /// Light of the LEDs.
+    /// Factor on the light of the LEDs.
     pub leds: f64,
-    /// Every voltage that does not follow the supply, as the converter sees it.
+    /// Factor on every voltage that does not follow the supply, as the converter sees it.
     pub fixed: f64,
-    /// Every voltage that is a share of the supply, as the converter sees it.
+    /// Factor on every voltage that is a share of the supply, as the converter sees it.
     pub share: f64,
 }
 
 impl Scales {
-    /// Nothing is changed.
+    /// Factors of a nominal supply.
     pub const NOMINAL: Self = Self { leds: 1.0, fixed: 1.0, share: 1.0 };
 }
 
 impl Supply {
-    /// The scene's supply.
+    /// Creates the scene's supply.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let speed = core::f64::consts::TAU * scene.electronics.ripple_hz * 1e-6;
@@ -47,7 +50,8 @@ impl Supply {
         }
     }
 
-    /// At `device_us`, while a fault leaves `dip` of it; 1 where there is none.
+    /// Scale factors at `device_us`, while a fault leaves the share `dip` of the supply (1 without
+    /// a fault).
     #[must_use]
     pub fn at(&self, device_us: f64, dip: f64) -> Scales {
         let ripple = self.ripple.map_or(0.0, |(swing, speed)| swing * (speed * device_us).sin());

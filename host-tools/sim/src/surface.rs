@@ -1,27 +1,30 @@
-//! The fingertip on the plate of an array: where its surface is and which way it faces.
+//! Surface of the fingertip on the plate of an array: its position and its normal.
 
 use serde::Deserialize;
 
 use crate::plate::HEIGHT_MM;
 use crate::ranges;
 
-/// `surface` of `[device]`, for `kind = "mems-array"`. Curved ones have their top in the middle, where the
-/// plane is.
+/// `surface` of `[device]`, for `kind = "mems-array"`.
+///
+/// Curved surfaces have their top in the middle, at the height of the plane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Surface {
-    /// Flat, across the sensors.
+    /// Flat, parallel to the plane of the sensors.
     #[default]
     Plane,
-    /// Radius in mm.
+    /// Sphere of this radius in mm.
     Sphere(#[serde(deserialize_with = "ranges::fingertip")] f64),
-    /// Semi-axes along x, y and z in mm.
+    /// Ellipsoid with these semi-axes along x, y and z in mm.
     Ellipsoid(#[serde(deserialize_with = "ranges::fingertip_axes")] [f64; 3]),
 }
 
 impl Surface {
-    /// Where the surface is above or below (x, y), z down from the sensors, and its unit normal into
-    /// the finger. The pad ends before any fingertip does ([`ranges::fingertip`]).
+    /// Point of the surface at (x, y), z down from the sensors, and its unit normal into the
+    /// finger.
+    ///
+    /// The pad ends before any fingertip does ([`ranges::fingertip`]).
     #[must_use]
     pub fn at(&self, [x, y]: [f64; 2]) -> ([f64; 3], [f64; 3]) {
         let [a, b, c] = match *self {
@@ -29,15 +32,16 @@ impl Surface {
             Self::Sphere(radius) => [radius; 3],
             Self::Ellipsoid(axes) => axes,
         };
-        // Height over the middle of the ellipsoid, over c.
+        // Height over the middle of the ellipsoid, as a share of c.
         let up = (1.0 - (x / a).powi(2) - (y / b).powi(2)).max(0.0).sqrt();
         let inward = [-x / (a * a), -y / (b * b), up / c];
         let length = inward.iter().map(|n| n * n).sum::<f64>().sqrt();
         ([x, y, c * (1.0 - up) - HEIGHT_MM], inward.map(|n| n / length))
     }
 
-    /// A force given along the normal and across it, in the finger's frame: turned as the shortest way
-    /// takes z to `normal`.
+    /// Rotates a force along and across the normal into the finger's frame.
+    ///
+    /// It is the shortest rotation that takes z to `normal`.
     #[must_use]
     pub fn turned(normal: [f64; 3], [p, q, n]: [f64; 3]) -> [f64; 3] {
         let [nx, ny, nz] = normal;

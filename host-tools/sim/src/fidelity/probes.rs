@@ -1,31 +1,37 @@
-//! The moments of a run at which the rungs are compared: those that every act has, however short it is
-//! and however long the run.
+//! Probes: moments of a run at which the rungs are compared.
+//!
+//! Every act has some, however short it is and however long the run.
 
 use crate::load::{Contacts, Load};
 use crate::path::Path;
 use crate::scene::{Act, Scene, softness};
 
-/// Moments of a ramp of force that moves nothing.
+/// Number of probes on a ramp of force without motion.
 const RAMP: usize = 4;
-/// A contact point goes so far between two moments, in mm: the pattern of the facets under it changes over
-/// their pitch of 2.5 mm.
+/// Distance in mm that a contact point moves between two probes.
+///
+/// The pattern of the facets under it changes over their pitch of 2.5 mm.
 const WAY_MM: f64 = 0.25;
-/// Presses of a row that are compared: so many with the most normal force, with the most shear and evenly
-/// spread; a shorter row is compared at every one.
+/// Number of presses of a row that are compared: so many with the most normal force, with the most
+/// shear, and evenly spread.
+///
+/// A shorter row is compared at every press.
 const PRESSES: u64 = 64;
-/// Presses of a row that those are looked for among: the hardest of so many draws are within a thousandth of the
-/// hardest that there are.
+/// Number of presses of a row among which the hardest are searched.
+///
+/// The hardest of so many draws are within a thousandth of the hardest that exist.
 const DRAWS: u64 = 16_384;
 
-/// What acts at the moments of every act, as it would act at the reference temperature. Where contacts overlap,
-/// each one's moments have the others in them.
+/// Contacts at the probes of every act, with forces as they would act at the reference temperature.
+///
+/// Where contacts overlap, the probes of each include the others.
 pub(super) fn probes(scene: &Scene, seed: u64) -> Vec<Contacts> {
     let mut path = Path::new(scene, seed);
     let mut probes: Vec<Contacts> = vec![];
     for act in scene.acts() {
         for since in moments(&act, &mut path) {
             let time = act.at_s() + since;
-            // A colder skin is softer, as if the forces were larger.
+            // A colder skin is softer, which is the same as larger forces.
             let softer = scene.temperature().map_or(1.0, |t| softness(t.at(time)));
             let contacts = path.at(time).scaled(softer);
             if !contacts.is_empty() && probes.last() != Some(&contacts) {
@@ -36,14 +42,15 @@ pub(super) fn probes(scene: &Scene, seed: u64) -> Vec<Contacts> {
     probes
 }
 
-/// Seconds after the beginning of the act.
+/// Probes of the act, in seconds after its beginning.
 fn moments(act: &Act, path: &mut Path) -> Vec<f64> {
     match act {
-        // A hold in 24 has six of them on each ramp of its shear, which takes a third of it, and both ends.
+        // A hold in 24 parts has six of them on each ramp of its shear, which takes a third of it,
+        // and both ends.
         Act::Press(press) => {
             parts([(press.rise_s, RAMP), (press.hold_s, 24), (press.fall_s, RAMP)])
         }
-        // Tenths: dragged by something stiff, the first and the last of them stick.
+        // Tenths: under a stiff drag the contact sticks in the first and the last of them.
         Act::Slide(slide) => {
             let looks = 10 * looks(slide.from_mm, slide.to_mm).div_ceil(10).max(8);
             parts([(slide.rise_s, RAMP), (slide.travel_s, looks), (slide.fall_s, 2 * RAMP)])
@@ -64,7 +71,7 @@ fn looks(from: [f64; 2], to: [f64; 2]) -> usize {
     ((to[0] - from[0]).hypot(to[1] - from[1]) / WAY_MM).ceil().max(1.0) as usize
 }
 
-/// So many even steps in each part of an act.
+/// Even steps in each part of an act, with their number per part.
 fn parts(parts: [(f64, usize); 3]) -> Vec<f64> {
     let mut begin = 0.0;
     let mut moments = vec![];
@@ -75,7 +82,8 @@ fn parts(parts: [(f64, usize); 3]) -> Vec<f64> {
     moments
 }
 
-/// Tenths of each compared press of a row; halfway both kinds are at their peak, and at both ends they rest.
+/// Tenths of each compared press of a row, in seconds; both kinds peak halfway and rest at both
+/// ends.
 fn row(act: &Act, presses: u64, each_s: f64, path: &mut Path) -> Vec<f64> {
     let spread = |of: u64| {
         let of = of.min(presses);

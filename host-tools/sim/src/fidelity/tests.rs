@@ -68,7 +68,7 @@ fn where_nothing_touches_nothing_is_measured_and_the_cheapest_rung_does() {
     }
 }
 
-/// The error of what `auto` takes at `times`, against the top rung.
+/// Worst error against the top rung, at `times`, of the rung that `auto` takes.
 fn worst(ladder: &Ladder, scene: &Scene, seed: u64, times: impl IntoIterator<Item = f64>) -> f64 {
     let mut path = Path::new(scene, seed);
     let mut worst = 0.0f64;
@@ -81,7 +81,7 @@ fn worst(ladder: &Ladder, scene: &Scene, seed: u64, times: impl IntoIterator<Ite
     worst
 }
 
-/// A contact that lasts a moment of a long run is as good as any other.
+/// A contact that lasts a moment of a long run counts like any other.
 #[test]
 fn a_short_contact_in_a_long_run_is_not_overlooked() {
     let light = "[[press]]\nat_s = 0.5\nx_mm = 0\ny_mm = 0\nfz_n = 0.01\nrise_s = 0.5\n\
@@ -91,7 +91,7 @@ fn a_short_contact_in_a_long_run_is_not_overlooked() {
             "[[tap]]\nat_s = {at}\nx_mm = 0.3\ny_mm = -0.2\nfz_n = {force}\nwidth_s = {width}\n"
         )
     };
-    // A pad that bears ten newtons.
+    // Pad that carries ten newtons.
     let firm = "[material]\nyoung_mpa = 1\n";
     for (head, duration, acts, from, until) in [
         ("", 60, tap(31.2345, 2.0, 0.015), 31.2345, 31.2495),
@@ -113,7 +113,7 @@ fn a_short_contact_in_a_long_run_is_not_overlooked() {
     }
 }
 
-/// Of a row too long to be compared at every press, the hardest one decides.
+/// In a row too long for a comparison at every press, the hardest press decides.
 #[test]
 fn the_hardest_press_of_a_long_row_is_found() {
     let text = "tolerance = 0.06\n[scan]\nrate_hz = 100\nduration_s = 36000\n[[random]]\nat_s = 0\n\
@@ -126,7 +126,7 @@ fn the_hardest_press_of_a_long_row_is_found() {
     assert!(found <= ladder.report().tolerance, "{found}, {}", ladder.report());
 }
 
-/// Wide facets need more points, on the cheap rungs too: they stay worth having.
+/// Wide facets need more points, on the cheap rungs too: those must still save time.
 #[test]
 fn auto_gains_on_wide_facets_as_on_narrow_ones() {
     for (device, layer) in [
@@ -141,8 +141,8 @@ fn auto_gains_on_wide_facets_as_on_narrow_ones() {
     }
 }
 
-/// The top rung of the half-space against one with three times the rings and spokes and twelve points along a
-/// facet: what `converged` leaves.
+/// Error of `converged`: the top rung of the half-space against one with three times the rings and
+/// spokes and twelve points along a facet.
 #[test]
 fn the_top_rung_is_converged() {
     for kind in ["sphere", "punch", "corner", "cylinder", "block", "edge"] {

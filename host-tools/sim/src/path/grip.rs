@@ -1,22 +1,22 @@
-//! What friction holds of what is asked for.
+//! Friction limit of a contact.
 
 use crate::contact::{HalfSpace, Indenter};
 use crate::load::Load;
 use crate::scene::Scene;
 
-/// The indenter's grip on the skin.
+/// Grip of the indenter on the skin.
 #[derive(Clone, Copy, Debug)]
 pub struct Grip {
-    /// Coulomb's coefficient of what sticks.
+    /// Coulomb's coefficient of static friction.
     pub mu: f64,
-    /// Of what slips.
+    /// Coulomb's coefficient of kinetic friction.
     pub mu_kinetic: f64,
     indenter: Indenter,
     skin: HalfSpace,
 }
 
 impl Grip {
-    /// The grip in `scene`.
+    /// Creates the grip in `scene`.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         Self {
@@ -27,9 +27,11 @@ impl Grip {
         }
     }
 
-    /// The load of what is asked for, or what of it friction holds: Coulomb's |Q| ≤ μP, for shear and
-    /// torsion together the ellipse (Q/μP)² + (M/M₀)² ≤ 1 with M₀ = μ∫p r dA ([Ospina2017] §2.3). What exceeds it
-    /// is lost to slip, at the friction of what slips. `None` without a normal force.
+    /// Load within the friction limit, from the requested forces; `None` without a normal force.
+    ///
+    /// The limit is Coulomb's |Q| ≤ μP, for shear and torsion together the ellipse (Q/μP)² +
+    /// (M/M₀)² ≤ 1 with M₀ = μ∫p r dA ([Ospina2017] §2.3). Beyond it the contact slips, and the
+    /// load is the kinetic friction.
     #[must_use]
     pub fn hold(
         &self,
@@ -49,7 +51,7 @@ impl Grip {
             return Some(Load { point, force: [x * share, y * share, normal], torsion, slip });
         }
         let torsion_held = self.indenter.torsion_held(&self.skin, normal, self.mu);
-        // Without a lever or without friction nothing is held.
+        // Without a lever or without friction no load is held.
         let used = (asked / held).hypot(torsion / torsion_held);
         let slip = used > 1.0;
         let slipping = if used.is_finite() { self.mu_kinetic / self.mu / used } else { 0.0 };

@@ -1,4 +1,4 @@
-//! How each act moves and pushes.
+//! Motion and force of each act.
 
 use std::f64::consts::{PI, TAU};
 
@@ -41,11 +41,11 @@ impl Slide {
         }
     }
 
-    /// Dragged by something stiff.
+    /// Load under a stiff drag.
     fn dragged(&self, since: f64, normal: f64, grip: &Grip) -> Option<Load> {
-        /// Shares of the drag during which the contact sticks, at its beginning and at its end.
+        /// Share of the drag during which the contact sticks, at its beginning and at its end.
         const STICK: f64 = 0.1;
-        /// The drag pulls this much harder than friction holds.
+        /// Ratio of the drag's pull to the friction limit.
         const PULL: f64 = 1.05;
         let way = (since - self.rise_s) / self.travel_s;
         let pull = PULL * pulse(way, STICK, 1.0 - 2.0 * STICK, STICK);
@@ -55,7 +55,8 @@ impl Slide {
         grip.hold(between(self.from_mm, self.to_mm, done), shear, 0.0, normal)
     }
 
-    /// Dragged through a spring, until the stage halts; then the spring relaxes as the contact is let go.
+    /// Load under a drag through a spring until the stage halts; the spring relaxes during the
+    /// release.
     fn sprung(&self, spring: &Spring, since: f64, normal: f64, grip: &Grip) -> Option<Load> {
         let (length, direction) = self.way();
         let speed = length / self.travel_s;
@@ -76,7 +77,7 @@ impl Slide {
         (normal > 0.0).then_some(Load { point, force, torsion: 0.0, slip })
     }
 
-    /// Length in mm, and direction.
+    /// Length in mm and direction of the slide.
     fn way(&self) -> (f64, [f64; 2]) {
         let [dx, dy] = [self.to_mm[0] - self.from_mm[0], self.to_mm[1] - self.from_mm[1]];
         let length = dx.hypot(dy);
@@ -84,12 +85,12 @@ impl Slide {
     }
 }
 
-/// A mass that is pulled over the skin by a spring whose other end goes at constant speed.
+/// Mass pulled over the skin by a spring whose other end moves at constant speed.
 ///
-/// It sticks until the spring pulls with μP, then slips with the friction of what slips until it is at
-/// rest again. While it slips, the stretch e of the spring swings about e_k = μ_k P/k with ω = √(k/m),
-/// e = e_k + A cos ωt + v/ω sin ωt, A = (μ − μ_k)P/k; the mass is at rest again when tan(ωt/2) = −Aω/v, with
-/// e = e_k − A.
+/// It sticks until the spring pulls with μP, then slips with kinetic friction until it is at rest
+/// again. During slip the stretch e of the spring swings about e_k = μ_k P/k with ω = √(k/m): e =
+/// e_k + A cos ωt + v/ω sin ωt, A = (μ − μ_k)P/k. The mass is at rest again when tan(ωt/2) = −Aω/v,
+/// with e = e_k − A.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pulled {
     /// Stretch of the spring in mm.
@@ -98,7 +99,7 @@ struct Pulled {
 }
 
 impl Pulled {
-    /// `dragged` seconds after the stage began to move at `speed` mm/s.
+    /// State `dragged` seconds after the stage began to move at `speed` mm/s.
     fn at(dragged: f64, spring: &Spring, speed: f64, normal: f64, grip: &Grip) -> Self {
         let stiffness = spring.stiffness_n_mm;
         let [sticks, slips] = [grip.mu, grip.mu_kinetic].map(|mu| mu * normal / stiffness);
@@ -120,13 +121,13 @@ impl Pulled {
     }
 }
 
-/// A share `done` of the way.
+/// Point at the share `done` of a straight path.
 pub(super) fn between(from: [f64; 2], to: [f64; 2], done: f64) -> [f64; 2] {
     let ([x0, y0], [x1, y1]) = (from, to);
     [x0 + (x1 - x0) * done, y0 + (y1 - y0) * done]
 }
 
-/// From 0 to 1 during `rise`, 1 during `hold`, back to 0 during `fall`; without jerks.
+/// Smooth pulse: from 0 to 1 during `rise`, 1 during `hold`, back to 0 during `fall`.
 pub(super) fn pulse(since: f64, rise: f64, hold: f64, fall: f64) -> f64 {
     let smooth = |x: f64| {
         let x = x.clamp(0.0, 1.0);

@@ -10,7 +10,7 @@ use crate::load::Load;
 use crate::scene::Random;
 use crate::seeds::{Purpose, stream};
 
-/// One random press.
+/// Press drawn at random.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Drawn {
     from: [f64; 2],
@@ -25,7 +25,7 @@ impl Drawn {
     pub(super) fn new(random: &Random, seed: u64, act: u8, press: u32) -> Self {
         let mut rng = stream(seed, Purpose::RandomPress(act, press));
         let mut draw = |[low, high]: [f64; 2]| {
-            // Refused only for ranges that the scene's check has refused before.
+            // Fails only for ranges that the scene's check has already rejected.
             Uniform::new_inclusive(low, high).map_or(low, |range| range.sample(&mut rng))
         };
         let from = [draw(random.x_mm), draw(random.y_mm)];
@@ -44,8 +44,10 @@ impl Drawn {
         }
     }
 
-    /// At `phase` 0 … 1 of its time: a tenth of rest at both ends, rise and fall without a hold, so that
-    /// every force up to the peak is met; shear comes after and goes before.
+    /// Load at `phase` 0 … 1 of the press's time.
+    ///
+    /// It rests for a tenth at both ends. Force rises and falls without a hold, so that every force
+    /// up to the peak occurs. Shear begins later and ends earlier.
     pub(super) fn at(&self, phase: f64, grip: &Grip) -> Option<Load> {
         let normal = self.normal * pulse(phase - 0.1, 0.4, 0.0, 0.4);
         let shear = self.shear_of_limit * pulse(phase - 0.2, 0.2, 0.2, 0.2) * grip.mu * normal;

@@ -97,7 +97,7 @@ fn two_contacts_are_the_wrench_that_they_make_together() {
     near(whole.force[2], 2.0);
     near(whole.point[0], (1.5 - 1.5) / 2.0);
     near(whole.point[1], (-3.0 + 1.0) / 2.0);
-    // Moments about the pad's middle: Σ x f_y − y f_x, of the parts and of the whole.
+    // Moments about the pad's middle, Σ x f_y − y f_x: of the parts and of the whole.
     let parts = 2.0 * 0.6 - 2.0 * -0.2;
     near(whole.torsion - whole.point[1] * whole.force[0], parts);
     assert_eq!(path.at(2.01).whole(), None);
@@ -118,7 +118,7 @@ const TWIST: &str = "[[press]]\nat_s = 1\nx_mm = 0\ny_mm = 0\nfz_n = 1\ntorsion_
 
 #[test]
 fn torsion_slips_at_what_the_pressure_holds() {
-    // Of a sphere 3π/16·μPa, of a flat round punch π/4·μPa.
+    // Friction limit of torsion: 3π/16·μPa for a sphere, π/4·μPa for a flat round punch.
     let skin = HalfSpace::new(crate::contact::SILICONE_YOUNG_MPA, 0.5);
     let a = skin.contact_radius(6.0, 1.0);
     let held = |text: &str| one(&mut path(&format!("{text}{TWIST}")), 1.5).unwrap();
@@ -139,8 +139,8 @@ fn torsion_slips_at_what_the_pressure_holds() {
 
 #[test]
 fn shear_and_torsion_slip_where_the_swept_limit_surface_has_it() {
-    // The exact surface: the contact turns about a point at a distance c, so that friction is
-    // μp along its velocity there ([Ospina2017] §2.3). The ellipse stays within 6 % of it.
+    // Exact limit surface: the contact turns about a point at a distance c, so that friction is μp
+    // along the velocity there ([Ospina2017] §2.3). The ellipse stays within 6 % of it.
     let (rule, mu) = (Indenter::Sphere { radius: 6.0 }.rule(40, 160), 0.8);
     let skin = HalfSpace::new(crate::contact::SILICONE_YOUNG_MPA, 0.5);
     let a = skin.contact_radius(6.0, 1.0);
@@ -165,7 +165,7 @@ const STICK_SLIP: &str = "[friction]\nmu = 0.8\nmu_kinetic = 0.5\n[[slide]]\nat_
 
 #[test]
 fn stick_slip_is_what_a_mass_on_a_spring_does() {
-    // The closed form against the equation of motion, m s″ = k(vt − s) − friction, step by step.
+    // Closed form against the equation of motion, m s″ = k(vt − s) − friction, step by step.
     let mut path = path(STICK_SLIP);
     let (k, m, speed, step) = (0.5, 20e-6, 2.0, 1e-6);
     let (mut s, mut v, mut sticks) = (0.0, 0.0, true);
@@ -199,7 +199,7 @@ fn stick_slip_pulls_up_to_one_friction_and_slips_with_the_other() {
     let (slipping, sticking): (Vec<&Load>, Vec<&Load>) = loads.iter().partition(|load| load.slip);
     assert!(slipping.iter().all(|load| (load.force[0] - 0.5).abs() < 1e-12));
     let highest = sticking.iter().fold(0.0f64, |m, load| m.max(load.force[0]));
-    // After the first slip the spring is left with (2μ_k − μ)P.
+    // After the first slip the force of the spring is (2μ_k − μ)P.
     let since = loads.iter().position(|load| load.slip).unwrap();
     let lowest = loads[since..].iter().fold(1.0f64, |m, load| m.min(load.force[0]));
     assert!((highest - 0.8).abs() < 1e-3 && (lowest - 0.2).abs() < 1e-3, "{highest} {lowest}");

@@ -1,4 +1,4 @@
-//! How the papers' experiments push.
+//! Motion and force of the papers' experiments.
 
 use taxel_papers::column::{CENTRES, COLUMNS, SPRING, TIP_MM};
 
@@ -8,7 +8,7 @@ use crate::load::{Contacts, Load};
 use crate::scene::{Grid, Plate};
 
 impl Grid {
-    /// Angles change fastest, then x.
+    /// Load of the press at `since`: angles change fastest, then x.
     pub(super) fn at(&self, since: f64, grip: &Grip) -> Option<Load> {
         let press = (since / self.each_s) as u64;
         if press >= self.presses() {
@@ -21,17 +21,17 @@ impl Grid {
         let angle = step(self.angle_deg, press % angles, self.angles.get()).to_radians();
         let x = step(self.x_mm, press / angles % columns, self.columns.get());
         let y = step(self.y_mm, press / angles / columns, self.rows.get());
-        // A tenth of rest at both ends, a rise, a hold and a fall.
+        // The press rests for a tenth at both ends, with a rise, a hold and a fall between.
         let force = self.force_n * pulse(since / self.each_s - press as f64 - 0.1, 0.2, 0.4, 0.2);
         grip.hold([x, y], [force * angle.cos(), 0.0], 0.0, force * angle.sin())
     }
 }
 
-/// Where the edge of a step begins, in mm: beyond the columns; it goes as far beyond on the other side.
+/// Distance in mm from the middle at which the edge of a step begins and ends, beyond the columns.
 const EDGE_MM: f64 = 6.0;
 
 impl Plate {
-    /// A column is as short as the plate is low over it; none is pulled.
+    /// Loads of the columns: each is shortened by the plate's depth over it, and none is pulled.
     pub(super) fn at(&self, since: f64, grip: &Grip) -> Contacts {
         let share = pulse(since, self.rise_s, self.travel_s, self.fall_s);
         let way = ((since - self.rise_s) / self.travel_s).clamp(0.0, 1.0);
@@ -40,7 +40,7 @@ impl Plate {
         let slope = self.incline_deg.to_radians().tan();
         let mut contacts = Contacts::default();
         for [x, y] in CENTRES {
-            // The edge needs the width of a tip to come over it.
+            // The edge moves over a column within the width of its tip.
             let raised = (0.5 + (x - edge) / (2.0 * TIP_MM)).clamp(0.0, 1.0);
             let flat = self.fz_n / (SPRING * COLUMNS as f64);
             let normal = share * SPRING * (flat + slope * x + raised * self.step_mm).max(0.0);

@@ -1,4 +1,5 @@
-//! Four MEMS-3AXIS sensors as an array ([Ospina2017], chapter 2): wrench, contact point and torsion out of codes.
+//! Four MEMS-3AXIS sensors as an array ([Ospina2017], chapter 2): wrench, contact point and torsion
+//! from codes.
 
 use std::sync::atomic::AtomicBool;
 
@@ -11,7 +12,7 @@ use taxel_calibrate::recording::Recording;
 
 use crate::{force, run, signals};
 
-/// Worst of what a scene's unseen recording is met with.
+/// Largest errors on a scene's unseen recording.
 #[derive(Debug, Default)]
 struct Worst {
     force_n: f64,
@@ -19,8 +20,9 @@ struct Worst {
     torsion_nmm: f64,
 }
 
-/// Sensors are calibrated by their own columns in one scene and judged in another; forces below half a newton
-/// place nothing.
+/// Calibrates the sensors by their own columns in one scene and judges them in another.
+///
+/// Forces below half a newton give no contact point.
 fn judged(calibrated: &str, scene: &str, surface: Surface) -> Worst {
     let recording = Recording { name: calibrated.into(), samples: run(calibrated, 1) };
     let stop = AtomicBool::new(false);
@@ -70,7 +72,7 @@ fn wrench_place_and_torsion_come_out_on_every_surface() {
 
 #[test]
 fn a_contact_that_moves_over_the_fingertip_is_followed() {
-    // The sensors lag, all alike, so the place does by a few milliseconds.
+    // The sensors lag, all alike, so that the contact point lags by a few milliseconds.
     let rolled = judged("array-ellipsoid", "array-roll", ELLIPSOID);
     assert!(rolled.place_mm < 0.2 && rolled.torsion_nmm < 0.1, "{rolled:?}");
     let dragged = judged("array-sphere", "array-slide", SPHERE);

@@ -1,4 +1,4 @@
-//! Every built-in scene: that it is there, runs, repeats itself to the bit, and tells the truth.
+//! Every built-in scene exists, runs, repeats bit for bit and has a consistent truth.
 
 use taxel::condition::Levels;
 use taxel::units::Code;
@@ -8,7 +8,7 @@ use taxel_sim::{Scene, Simulator};
 
 use crate::UNLOADED;
 
-/// What has to be there, by name.
+/// Names of scenes that must exist.
 const ASKED_FOR: [&str; 29] = [
     "press",
     "press-grid",
@@ -54,14 +54,14 @@ fn every_kind_of_scene_that_a_finger_is_judged_by_is_built_in_and_described() {
     assert!(held >= 58.0, "{held} s");
 }
 
-/// What is learnt on the way through a scene.
+/// Facts collected on the way through a scene.
 #[derive(Default)]
 struct Seen {
     held_s: f64,
     slips: bool,
 }
 
-/// Codes within range, time that runs, and a truth that fits together, frame by frame.
+/// Checks range of codes, rising time and a consistent truth, frame by frame.
 fn run_to_end(scene: &Scene, name: &str) -> Seen {
     let mut seen = Seen::default();
     let mut last = None;
@@ -78,7 +78,7 @@ fn run_to_end(scene: &Scene, name: &str) -> Seen {
         let (contact, slip) = (truth.contact.unwrap(), truth.slip.unwrap());
         let [_, _, fz] = truth.force.map(Option::unwrap);
         assert!(contact || !slip, "{name}: nothing slips that does not touch");
-        // A bench's load cell errs.
+        // The load cell of a bench may have an error.
         let exact = scene.bench.as_ref().is_none_or(|bench| bench.reference_n == 0.0);
         assert!(!exact || contact == (fz > 0.0), "{name}: what touches pushes");
         seen.slips |= slip;
@@ -161,7 +161,7 @@ fn another_seed_is_another_run_of_the_same_device() {
     }
 }
 
-/// Of each channel's level.
+/// Mean level of each channel.
 fn mean(samples: &[Sample]) -> Vec<f32> {
     let levels = samples.iter().map(|sample| Levels::read(&sample.scan.codes));
     let channels = levels.map(|levels| {

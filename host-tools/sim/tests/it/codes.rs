@@ -1,4 +1,4 @@
-//! From a scene to its codes: what light, electronics and supply do to them, and that they repeat.
+//! Codes of a scene: effects of light, electronics and supply, and repeatability.
 
 use taxel::scan::{Codes, Midpoints, TAXELS};
 use taxel::units::Code;
@@ -8,14 +8,14 @@ use taxel_sim::{Scene, Simulator};
 const SCAN: &str = "[scan]\nrate_hz = 1000\nduration_s = 1\n";
 const PRESS: &str = "[[press]]\nat_s = 0.3\nx_mm = -1.25\ny_mm = 1.25\nfz_n = 0.8\nrise_s = 0.1\n\
                      hold_s = 0.4\nfall_s = 0.1\n";
-/// A frame while the press is held.
+/// Index of a frame during the hold of the press.
 const HELD: usize = 600;
 
 fn run(text: &str) -> Vec<Sample> {
     Simulator::new(&Scene::parse("test.toml", text).unwrap(), 1).collect()
 }
 
-/// Listed effects, the scan with more keys, further tables.
+/// Runs a scene with listed effects, more keys of the scan and further tables.
 fn scene(effects: &str, scan: &str, tables: &str) -> Vec<Sample> {
     run(&format!("effects = [{effects}]\n{SCAN}{scan}\n{tables}\n{PRESS}"))
 }
@@ -40,9 +40,9 @@ fn codes(samples: &[Sample]) -> Vec<Codes> {
     samples.iter().map(|sample| sample.scan.codes).collect()
 }
 
-/// A coating is what the finger is; how it follows is an effect.
+/// Coating of the device: part of the device; its lag is an effect.
 const COATED: &str = "[device]\ncoating = 'F02'\n";
-/// Tables that give every effect something to do.
+/// Tables in which every effect has work to do.
 const TABLES: &str = "[light]\nsun_at_s = 0.5\n[temperature]\nend_c = 45\n";
 
 #[test]
@@ -73,9 +73,10 @@ fn an_effect_changes_codes_only_where_it_is_listed() {
     }
 }
 
-/// Read 8 µs into a step of 12, of which the conversions take the last four, a column still has
-/// e^(−8/τ) of what it was apart from the light, and what the step before left of its own lag is
-/// e^(−12/τ) of that; τ is 7 µs over ln 9.
+/// Reading of a column 8 µs into a step of 12 µs, of which the conversions take the last four.
+///
+/// The column still has e^(−8/τ) of its difference from the light. The step before left e^(−12/τ)
+/// of its own lag in that. τ is 7 µs over ln 9.
 #[test]
 fn a_short_step_spills_a_row_into_the_next_one_of_its_column_alone() {
     let [settled, hasty] = ["", "'settling'"].map(|effects| {
@@ -96,7 +97,7 @@ fn a_short_step_spills_a_row_into_the_next_one_of_its_column_alone() {
             (before, lag) = (settled.0[k], behind * (-12.0 / tau).exp());
         }
     }
-    // Row 0 comes out of the dark; row 3 follows the pressed row 2.
+    // Row 0 follows the dark step; row 3 follows the pressed row 2.
     assert!(largest[0] > 1000.0 && largest[1] > 200.0, "{largest:?}");
     let patient = scene("'settling'", "step_us = 40", "")[HELD];
     let errors = lit(&patient.scan.codes).into_iter().zip(settled.0);
@@ -114,7 +115,8 @@ fn the_flag_of_the_wrong_side_names_the_taxels_that_darken_under_a_press() {
     let held = lit_less_dark(&simulator.nth(HELD).unwrap());
     let flagged = simulator.wrong_side();
     assert_eq!(flagged.iter().filter(|flag| **flag).count(), 2);
-    // Of the taxels that the press moves by more than a thousandth, the sign of the change tells.
+    // For taxels that the press changes by more than a thousandth, the sign of the change must
+    // agree.
     let moved = (0..TAXELS).filter(|k| (held[*k] / rest[*k] - 1.0).abs() > 1e-3);
     assert!(moved.clone().count() > 8);
     for k in moved {
@@ -147,7 +149,7 @@ fn lamps_leave_of_themselves_what_they_change_between_dark_and_lit() {
     let mut rows = [0.0f64; 4];
     worst.for_each(|(k, error)| rows[k / 4] = rows[k / 4].max(error));
     for (row, error) in rows.into_iter().enumerate() {
-        // 30 µs a row behind the dark step, at the steepest of the swing.
+        // Row r is read 30 µs·(r + 1) after the dark step, at the steepest part of the swing.
         let most = 0.05 * std::f64::consts::TAU * 100.0 * 30e-6 * (row + 1) as f64;
         assert!(
             error < 1.02 * most + 1.0 / 65_535.0 && error > 0.8 * most,
@@ -171,7 +173,7 @@ fn ripple_of_the_supply_is_in_a_bridges_codes_only_if_the_converter_does_not_fol
     let (own, light) = swing(true);
     assert_eq!(own, 0, "it cancels");
     assert!(light > 100.0, "but the LEDs swing: {light}");
-    // ± 1 % of half the range.
+    // The swing is ± 1 % of half the range.
     assert!((640..=656).contains(&swing(false).0), "{}", swing(false).0);
 }
 
@@ -199,7 +201,7 @@ fn a_warm_finger_has_dimmer_leds_weaker_bridges_and_says_how_warm_it_is() {
         };
         u(HELD) - u(100)
     };
-    // 298.15 K over 318.15 K, and a rounded code or two of some hundreds.
+    // 298.15 K over 318.15 K, with a rounding error of a code or two of some hundreds.
     let ratio = u_z(&warm) / u_z(&cool);
     assert!((ratio - 298.15 / 318.15).abs() < 0.01, "{ratio}");
     let thermometer = warm[100].scan.codes.temperature.unwrap();
@@ -221,7 +223,7 @@ fn the_truth_has_force_point_torsion_flags_and_every_sensor() {
     assert!((z - 0.8).abs() < 1e-9);
 }
 
-/// FNV-1a over every code and the truth in millionths.
+/// FNV-1a hash of every code and of the truth in millionths.
 fn hash(samples: &[Sample]) -> u64 {
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
     let mut eat = |value: i64| {
@@ -245,8 +247,10 @@ fn hash(samples: &[Sample]) -> u64 {
     hash
 }
 
-/// Noise and all, whatever the machine. If this number changes, every simulated trace has changed and
-/// recordings made before no longer repeat: that is for the changelog.
+/// Every bit is fixed, with noise, on any machine.
+///
+/// If this number changes, every simulated trace has changed and earlier recordings no longer
+/// repeat; the changelog must say so.
 #[test]
 fn a_scene_and_its_seed_give_the_same_bits_for_ever() {
     let all = "'noise', 'ambient', 'flicker', 'sun', 'settling', 'supply-ripple', 'gain-spread', \

@@ -1,4 +1,5 @@
-//! OHKA-COLUMN ([Ohka2004]): its calibration tests A and B, steps, inclinations and friction, out of codes.
+//! OHKA-COLUMN ([Ohka2004]): its calibration tests A and B, steps, inclinations and friction, from
+//! codes.
 
 use taxel_files::trace::Sample;
 use taxel_papers::column::{
@@ -9,14 +10,14 @@ use taxel_sim::systems::column::LIGHT_PER_MM2;
 
 use crate::{HELD_OUT, contacts, force, line, meets, rms, run, run_on, signals};
 
-/// S_1 … S_4 in mm² of every column, frame by frame.
+/// Areas S_1 … S_4 in mm² of every column, frame by frame.
 fn areas(samples: &[Sample]) -> Vec<([[f32; 4]; COLUMNS], &Sample)> {
     let per_mm2 = LIGHT_PER_MM2 as f32;
     let scaled = |c| quadrants(&c).map(|column| column.map(|light| light / per_mm2));
     signals(samples).into_iter().map(|(s, sample)| (scaled(s.taxels.unwrap()), sample)).collect()
 }
 
-/// A_x and A_z.
+/// Sums A_x and A_z of the areas.
 fn sums([s1, s2, s3, s4]: [f32; 4]) -> (f64, f64) {
     ((s1 - s2 - s3 + s4).into(), (s1 + s2 + s3 + s4).into())
 }
@@ -25,13 +26,13 @@ fn touched((_, sample): &([[f32; 4]; COLUMNS], &Sample)) -> bool {
     sample.truth.contact == Some(true)
 }
 
-/// Which column a sample's contact is on.
+/// Index of the column under a sample's contact.
 fn column_of(sample: &Sample) -> usize {
     let point = sample.truth.point.map(Option::unwrap);
     CENTRES.iter().position(|centre| *centre == point).unwrap()
 }
 
-/// α_v of each column, from calibration test A.
+/// Coefficient α_v of each column, from calibration test A.
 fn test_a(samples: &[Sample]) -> Vec<f64> {
     let rows = areas(samples);
     let slope = |press: &&[([[f32; 4]; COLUMNS], &Sample)]| {
@@ -42,7 +43,8 @@ fn test_a(samples: &[Sample]) -> Vec<f64> {
     contacts(&rows, touched).iter().map(slope).collect()
 }
 
-/// α_h0 and α_h, from calibration test B: the slope of F_x over A_x at each normal force, over A_z.
+/// Coefficients α_h0 and α_h from calibration test B: slope of F_x over A_x at each normal force,
+/// over A_z.
 fn test_b(samples: &[Sample]) -> [f64; 2] {
     let rows = areas(samples);
     let presses = contacts(&rows, touched);
@@ -59,7 +61,7 @@ fn test_b(samples: &[Sample]) -> [f64; 2] {
     [height, -slope]
 }
 
-/// The sensor as tests A and B make it; how far a column sinks an area is the paper's.
+/// Sensor calibrated by tests A and B; its `sinking` is the paper's value.
 fn calibrated() -> Column {
     calibrated_by(|name| run(name, 1))
 }
@@ -94,11 +96,11 @@ fn combined_loads_come_out_of_codes() {
             *worst = worst.max((f64::from(found) - asked).abs());
         }
     }
-    // 2 % of the 0.25 N and of the 0.07 N asked for.
+    // Bounds: 2 % of the 0.25 N and of the 0.07 N.
     assert!(worst[2] < 0.005 && worst[0].max(worst[1]) < 0.0035, "{worst:?}");
 }
 
-/// Loads of the four columns, averaged over the frames in which a plate is at a share of its way.
+/// Loads of the four columns, averaged over the frames with a plate at a share of its path.
 fn loads(
     sensor: &Column,
     plate: &[([[f32; 4]; COLUMNS], &Sample)],
@@ -128,7 +130,7 @@ fn a_plate_is_as_inclined_as_it_is_far_within_the_papers_figure() {
         let [a, b, c, d] = loads(&sensor, plate, 0.4, 0.6).map(|load| load.sunk);
         for pair in [[a, b], [c, d]] {
             let found = inclination(&pair, PITCH_MM as f32).unwrap();
-            // The paper: ±0.4°.
+            // The paper reaches ±0.4°.
             assert!((found - asked).abs() < 0.02, "{found} for {asked}");
         }
     }
@@ -174,7 +176,7 @@ fn steps_are_in_the_ratio_of_their_heights_on_five_devices() {
                 (loads(&sensor, plate, 0.2, 0.23), loads(&sensor, plate, 0.77, 0.8));
             for (before, after) in before.iter().zip(after) {
                 let found = step_height(&sensor, before.force[2], after.force[2]).unwrap();
-                // Three up, three down, four columns each.
+                // Three steps up and three down, four columns each.
                 mean[step % 3] += f64::from(found.abs()) / (8.0 * HELD_OUT.len() as f64);
             }
         }
@@ -196,7 +198,7 @@ fn steps_up_and_down_come_out_in_their_heights() {
     let asked = [0.05f32, 0.1, 0.2, -0.05, -0.1, -0.2];
     assert_eq!(plates.len(), asked.len());
     for (plate, asked) in plates.into_iter().zip(asked) {
-        // A third of the contact is rise and fall; the edge meets the columns between.
+        // A third of the contact is rise and fall; the edge reaches the columns between.
         let (before, after) = (loads(&sensor, plate, 0.2, 0.23), loads(&sensor, plate, 0.77, 0.8));
         for (before, after) in before.iter().zip(after) {
             let found = step_height(&Column::PAPER, before.force[2], after.force[2]).unwrap();

@@ -1,5 +1,4 @@
-//! The built-in scenes with an effect or a fault of their own: what that does to the codes, beside the same
-//! scene without it.
+//! Built-in scenes with an effect or a fault: codes compared with the same scene without it.
 
 use taxel::scan::{Codes, TAXELS};
 use taxel_files::trace::Sample;
@@ -12,7 +11,7 @@ fn text(name: &str) -> &'static str {
     built_in().find(|(built_in, _)| *built_in == name).unwrap().1
 }
 
-/// The scene with one thing in its text replaced, the seed being the same.
+/// Runs the scene with one part of its text replaced, with the same seed.
 fn changed(name: &str, what: &str, by: &str) -> Vec<Sample> {
     let text = text(name);
     assert!(text.contains(what), "{name} has {what}");
@@ -24,20 +23,20 @@ fn at(samples: &[Sample], seconds: f64) -> &Sample {
     found.unwrap()
 }
 
-/// Lit less dark of each taxel.
+/// Lit minus dark of each taxel.
 fn levels(codes: &Codes) -> [f64; TAXELS] {
     let codes = codes.taxels.unwrap();
     std::array::from_fn(|k| f64::from(codes.lit[k / 4][k % 4].0) - f64::from(codes.dark[k % 4].0))
 }
 
-/// Means of the levels over 40 ms from `from` seconds on.
+/// Means of the levels over 40 ms, starting at `from` seconds.
 fn mean(samples: &[Sample], from: f64) -> [f64; TAXELS] {
     let within = |s: &&Sample| (from..from + 0.04).contains(&(s.scan.time.0 as f64 * 1e-6));
     let rows: Vec<_> = samples.iter().filter(within).map(|s| levels(&s.scan.codes)).collect();
     std::array::from_fn(|k| rows.iter().map(|row| row[k]).sum::<f64>() / rows.len() as f64)
 }
 
-/// What a touch adds to each taxel's light, as a share of its light at rest.
+/// Change of each taxel's light by a touch, as a share of its light at rest.
 fn rise(samples: &[Sample], from: f64) -> [f64; TAXELS] {
     let (rest, now) = (mean(samples, 0.1), mean(samples, from));
     std::array::from_fn(|k| now[k] / rest[k] - 1.0)
@@ -51,13 +50,13 @@ fn largest(rise: [f64; TAXELS]) -> f64 {
 fn a_frame_carries_the_skin_so_that_facets_move_a_quarter_as_far_and_only_nearby() {
     let walls = run("press-walls", 1);
     let free = changed("press-walls", "\"walls\",", "");
-    // 1 N in the middle of a window, taxel 9; two windows away is taxel 11.
+    // 1 N in the middle of a window, taxel 9; taxel 11 is two windows away.
     let (framed, half_space) = (rise(&walls, 0.8), rise(&free, 0.8));
     assert!(largest(framed) == framed[9] && largest(half_space) == half_space[9]);
     assert!((2.0..5.0).contains(&(half_space[9] / framed[9])), "{framed:?} {half_space:?}");
     assert!(framed[11].abs() < 0.03 * framed[9], "{framed:?}");
     assert!(half_space[11] > 0.15 * half_space[9], "{half_space:?}");
-    // Above the walls between four windows the frame takes more of it.
+    // Above the walls between four windows the frame carries more of the force.
     let between = rise(&walls, 1.8);
     assert!(largest(between) < 0.8 * framed[9] && largest(between) > 0.3 * framed[9]);
 }
@@ -66,7 +65,7 @@ fn a_frame_carries_the_skin_so_that_facets_move_a_quarter_as_far_and_only_nearby
 fn a_frame_keeps_the_sign_of_shear_and_leaves_a_quarter_of_its_size() {
     let walls = run("shear-walls", 1);
     let free = changed("shear-walls", "\"walls\",", "");
-    // Sheared to +x and to −x under the same load: half the difference is the shear's.
+    // Shear to +x and to −x under the same load: half the difference is the effect of shear.
     let shear = |samples: &[Sample]| -> [f64; TAXELS] {
         let (right, left) = (rise(samples, 1.03), rise(samples, 2.53));
         std::array::from_fn(|k| 0.5 * (right[k] - left[k]))
@@ -77,18 +76,19 @@ fn a_frame_keeps_the_sign_of_shear_and_leaves_a_quarter_of_its_size() {
     assert!(framed[k] * half_space[k] > 0.0, "{framed:?} {half_space:?}");
     let left = largest(framed) / largest(half_space);
     assert!((0.15..0.4).contains(&left), "{framed:?} {half_space:?}");
-    // It fades faster too: in the row that is farthest from the contact.
+    // It also fades faster, as the row farthest from the contact shows.
     let far = |shear: [f64; TAXELS]| shear[12..].iter().fold(0.0f64, |m, s| m.max(s.abs()));
     assert!(far(framed) / far(half_space) < 0.6 * left, "{framed:?} {half_space:?}");
 }
 
-/// Presses of `skin-cycle` are held at 1.8 N from 0.6 + 0.7 i to 0.9 + 0.7 i s.
+/// In `skin-cycle` the presses are held at 1.8 N from 0.6 + 0.7 i to 0.9 + 0.7 i s.
 #[test]
 fn a_fresh_skin_is_stiffer_in_its_first_press_than_in_all_later_ones() {
     let cycle = run("skin-cycle", 1);
     let presses: Vec<f64> =
         (0..5).map(|i| largest(rise(&cycle, 0.85 + 0.7 * f64::from(i)))).collect();
-    // At the largest load so far every press is on the curve of the first; below it, on the softer one.
+    // At the largest load so far every press is on the curve of the first; below it, on the softer
+    // curve.
     let half_way = |i: u32| largest(rise_at(&cycle, 0.55 + 0.7 * f64::from(i)));
     let later: Vec<f64> = (1..5).map(half_way).collect();
     for (i, later) in later.iter().enumerate() {
@@ -101,7 +101,7 @@ fn a_fresh_skin_is_stiffer_in_its_first_press_than_in_all_later_ones() {
     assert!((of(1) / of(0) - 1.0).abs() < 0.01);
 }
 
-/// As [`rise`], of 4 ms, for a moment while the force changes.
+/// Change of each taxel's light as [`rise`], over 4 ms, for a moment while the force changes.
 fn rise_at(samples: &[Sample], seconds: f64) -> [f64; TAXELS] {
     let rest = mean(samples, 0.1);
     let frames = (0..4).map(|i| levels(&at(samples, seconds + 1e-3 * f64::from(i)).scan.codes));
@@ -115,7 +115,7 @@ fn a_skin_that_stiffens_moves_less_under_a_hard_press_and_as_far_under_a_light_o
     let linear = changed("skin-cycle", "\"stiffening\", ", "");
     let less =
         |seconds: f64| largest(rise_at(&stiffening, seconds)) / largest(rise_at(&linear, seconds));
-    // Held at 1.8 N, and at a tenth of it on the way up.
+    // At 1.8 N during the hold, and at a tenth of it during the rise.
     assert!((0.6..0.95).contains(&less(0.85)), "{}", less(0.85));
     assert!((less(0.52) - 1.0).abs() < 0.5 * (1.0 - less(0.85)), "{} {}", less(0.52), less(0.85));
 }
@@ -124,19 +124,19 @@ fn a_skin_that_stiffens_moves_less_under_a_hard_press_and_as_far_under_a_light_o
 fn a_skin_that_follows_slowly_is_still_pressed_when_the_finger_lets_go() {
     let slow = run("skin-cycle", 1);
     let prompt = changed("skin-cycle", ", \"skin-response\"", "");
-    // Let go from 0.9 to 0.91 s.
+    // The release lasts from 0.9 to 0.91 s.
     let left =
         |samples: &[Sample]| largest(rise_at(samples, 0.911)) / largest(rise_at(samples, 0.85));
     assert!(left(&prompt) < 0.01, "{}", left(&prompt));
     assert!(left(&slow) > 0.05, "{}", left(&slow));
-    // rA settles in 10 ms ([Ospina2017] fig. 1.21); 30 ms later nothing is left.
+    // rA settles in 10 ms ([Ospina2017] fig. 1.21); after 30 ms the rest is below 1 %.
     let settled = largest(rise_at(&slow, 0.94)) / largest(rise_at(&slow, 0.85));
     assert!(settled < 0.01, "{settled}");
 }
 
 #[test]
 fn ripple_swings_light_and_bridges_at_its_frequency_unless_the_reference_follows() {
-    // Amplitude at 100 Hz over the mean, of a code, in the unloaded half second.
+    // Amplitude of a code at 100 Hz over its mean, in the unloaded half second.
     let swing = |samples: &[Sample], code: &dyn Fn(&Codes) -> f64| {
         let codes: Vec<f64> = samples[..500].iter().map(|s| code(&s.scan.codes)).collect();
         let turn = |i: usize| std::f64::consts::TAU * 0.1 * i as f64;
@@ -149,7 +149,7 @@ fn ripple_swings_light_and_bridges_at_its_frequency_unless_the_reference_follows
     let light = |codes: &Codes| levels(codes)[5];
     let fixed = run("ripple", 1);
     let follows = changed("ripple", "ratiometric = false", "ratiometric = true");
-    // 1 % of 5 V: the whole of it in a midpoint, and 1.35 % in the light of an LED that drops 1.3 V; lamps
+    // 1 % of 5 V is 1 % in a midpoint, and 1.35 % in the light of an LED that drops 1.3 V. Lamps
     // swing at the same frequency, as `flicker` does without it.
     assert!((swing(&fixed, &bridge) - 0.01).abs() < 2e-4, "{}", swing(&fixed, &bridge));
     assert!(swing(&follows, &bridge) < 1e-4, "{}", swing(&follows, &bridge));
@@ -158,7 +158,7 @@ fn ripple_swings_light_and_bridges_at_its_frequency_unless_the_reference_follows
     assert!(swing(&still, &light) < 2e-3 && swing(&still, &bridge) < 1e-4);
 }
 
-/// Codes of a fault scene and of the same without its fault: they are the same until it comes.
+/// Codes of a fault scene with and without its fault; both are equal until it begins.
 fn with_and_without(name: &str) -> (Vec<Sample>, Vec<Sample>) {
     let whole = text(name);
     let sound = whole.split("[[fault]]").next().unwrap();
@@ -170,7 +170,7 @@ fn with_and_without(name: &str) -> (Vec<Sample>, Vec<Sample>) {
     (broken, sound)
 }
 
-/// Taxels whose level differs from the sound one's by more than a tenth, at a moment.
+/// Taxels whose level differs from the intact one's by more than a tenth.
 fn off(broken: &Sample, sound: &Sample) -> Vec<usize> {
     let (broken, sound) = (levels(&broken.scan.codes), levels(&sound.scan.codes));
     (0..TAXELS).filter(|k| (broken[*k] / sound[*k] - 1.0).abs() > 0.1).collect()
@@ -180,7 +180,7 @@ fn off(broken: &Sample, sound: &Sample) -> Vec<usize> {
 fn a_dead_led_leaves_its_taxel_dark_and_the_others_lit() {
     let (broken, sound) = with_and_without("fault-dead-led");
     assert_eq!(off(&broken[1500], &sound[1500]), [6]);
-    // What is left is stray light of its row.
+    // The rest is stray light of its row.
     assert!(levels(&broken[1500].scan.codes)[6] < 0.1 * levels(&sound[1500].scan.codes)[6]);
 }
 

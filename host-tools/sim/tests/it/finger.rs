@@ -1,4 +1,4 @@
-//! TAXEL-4x4 ([DeMaria2011]): contact and its place out of codes, without a calibration.
+//! TAXEL-4x4 ([DeMaria2011]): contact and contact point from codes, without a calibration.
 
 use taxel::finger::{Finger, FingerState};
 use taxel::frame::Status;
@@ -6,7 +6,7 @@ use taxel_files::trace::Sample;
 
 use crate::{force, run};
 
-/// Every frame after the bias: whether the finger feels contact, and the place it names.
+/// Every frame after the bias: whether the finger reports contact, and its contact point.
 fn felt(samples: &[Sample]) -> Vec<(bool, Option<[f64; 2]>, &Sample)> {
     let (finger, mut state): (Finger, FingerState) = Finger::new(None);
     state.take_bias(crate::UNLOADED);
@@ -24,7 +24,7 @@ fn every_press_of_the_grid_is_felt_and_placed() {
     let rows = felt(&samples);
     let missed = rows.iter().filter(|(contact, _, s)| force(s)[2] > 0.02 && !contact).count();
     let made_up = rows.iter().filter(|(contact, _, s)| force(s)[2] == 0.0 && *contact).count();
-    // The gate waits some frames, to be sure, when a press comes and when it goes: 49 of them.
+    // The gate waits some frames before it opens and before it closes: 49 of them.
     assert!(missed <= 2 * 49 && made_up <= 3 * 49, "{missed}, {made_up}");
     let (mut squares, mut n) = (0.0, 0.0);
     for (_, point, sample) in &rows {
@@ -43,7 +43,7 @@ fn every_press_of_the_grid_is_felt_and_placed() {
 fn two_contacts_have_one_truth_for_the_whole_finger() {
     let samples = run("two-contacts", 1);
     let both = samples.iter().find(|s| force(s)[2] > 1.599).unwrap();
-    // 0.6 N at (−3.5, −3.5) and 1 N at (3.5, 3.5).
+    // Forces: 0.6 N at (−3.5, −3.5) and 1 N at (3.5, 3.5).
     let middle = (1.0 - 0.6) / 1.6 * 3.5;
     for place in both.truth.point {
         assert!((place.unwrap() - middle).abs() < 0.01);

@@ -1,4 +1,5 @@
-//! TAXEL-4x1 ([DeMaria2011]): place and angle of a 0.2 N force by its odd polynomials, out of codes.
+//! TAXEL-4x1 ([DeMaria2011]): position and angle of a 0.2 N force by its odd polynomials, from
+//! codes.
 
 use taxel_files::trace::Sample;
 use taxel_papers::line_of_four::{LinePolynomials, terms};
@@ -6,11 +7,11 @@ use taxel_sim::{Scene, Simulator};
 
 use crate::{contacts, fit, force, signals};
 
-/// One press while it is held.
+/// Press during its hold.
 struct Press {
-    /// Light gained by the four taxels.
+    /// Increase of light of the four taxels.
     gained: [f64; 4],
-    /// How deep their facets are, in mm.
+    /// Displacement of their facets in mm.
     displacement: [f64; 4],
     place_mm: f64,
     angle_deg: f64,
@@ -49,7 +50,7 @@ fn presses(scene: &str, seed: u64) -> Vec<Press> {
         .collect()
 }
 
-/// The polynomials fitted to `data`, and their worst errors on `trials` in mm and degrees.
+/// Fits the polynomials to `data`; returns their largest errors on `trials` in mm and degrees.
 fn worst(data: &[Press], trials: &[Press], u: &dyn Fn(&Press) -> [f32; 4]) -> [f64; 2] {
     let weights = |value: &dyn Fn(&Press) -> f64| {
         fit(data.iter().map(|p| (terms(u(p)).map(f64::from), value(p)))).map(|w| w as f32)
@@ -72,13 +73,14 @@ fn trial_forces_are_placed_and_turned_as_in_the_paper_and_a_little_worse_out_of_
     let (data, trials) = (presses("line-fit", 1), presses("line-trial", 2));
     assert_eq!((data.len(), trials.len()), (7 * 13, 6 * 12));
     let correlation = correlation(data.iter().map(|p| terms(p.displacement.map(|u| u as f32))));
-    // [DeMaria2011] has −0.68: its displacements are upwards, which turns the sign of s.
+    // [DeMaria2011] has −0.68, because its displacements are upwards, which turns the sign of s.
     assert!((correlation - 0.68).abs() < 0.03, "{correlation}");
     let [place, angle] = worst(&data, &trials, &|p| p.displacement.map(|u| u as f32));
-    // [DeMaria2011]'s figures are of computed displacements: 0.3 mm, missed by 0.01 mm, and less than 10°.
+    // [DeMaria2011]'s figures come from computed displacements: 0.3 mm, missed here by 0.01 mm, and
+    // less than 10°.
     assert!(place < 0.32 && angle < 4.0, "{place} mm, {angle} degrees");
 
-    // As [DeMaria2011] does: first what displacement the light of each taxel means, one taxel at a time.
+    // As in [DeMaria2011]: first the displacement for the light of each taxel, one taxel at a time.
     let powers = |p: &Press, k: usize| [1, 2, 3].map(|n| p.gained[k].powi(n));
     let curves: [[f64; 3]; 4] =
         std::array::from_fn(|k| fit(data.iter().map(|p| (powers(p, k), p.displacement[k]))));
@@ -88,16 +90,16 @@ fn trial_forces_are_placed_and_turned_as_in_the_paper_and_a_little_worse_out_of_
         })
     };
     let [place, angle] = worst(&data, &trials, &displacement);
-    // The shot noise of 60 µA a pair costs seven hundredths of a millimetre of this.
+    // The shot noise of 60 µA in a pair causes seven hundredths of a millimetre of this.
     assert!(place < 0.45 && angle < 7.0, "{place} mm, {angle} degrees");
 }
 
-/// Of s and t, the first two terms.
+/// Correlation of s and t, the first two terms.
 fn correlation(rows: impl Iterator<Item = [f32; 8]> + Clone) -> f64 {
     let mean = |value: &dyn Fn(f64, f64) -> f64| {
         let values = rows.clone().map(|t| value(t[0].into(), t[1].into()));
         values.clone().sum::<f64>() / values.count() as f64
     };
-    // Odd in a mirrored touch, so their means are zero.
+    // Both are odd in a mirrored touch, so that their means are zero.
     mean(&|s, t| s * t) / (mean(&|s, _| s * s) * mean(&|_, t| t * t)).sqrt()
 }

@@ -1,4 +1,5 @@
-//! MEMS-3AXIS ([Ospina2017], tables 1.2 and 1.3): calibrated on one recording of a bench, judged on another.
+//! MEMS-3AXIS ([Ospina2017], tables 1.2 and 1.3): calibrated on one recording of a bench, judged on
+//! another.
 
 use std::sync::atomic::AtomicBool;
 
@@ -21,7 +22,7 @@ fn calibration(scene: &str) -> Calibration {
     fit(&[recording(scene, 1)], &options, &mut |_| {}, &stop).unwrap().calibration
 }
 
-/// Figures of f_x, f_y and f_z on a recording that the calibration has not seen.
+/// Error figures of f_x, f_y and f_z on a recording that the calibration has not seen.
 fn judged(scene: &str) -> [Figures; 3] {
     let unseen = recording(scene, 2);
     let metrics = evaluate::finger(&calibration(scene), &unseen);
@@ -33,7 +34,7 @@ fn judged(scene: &str) -> [Figures; 3] {
     })
 }
 
-/// |mean|, largest error and standard deviation in mN that no axis may exceed.
+/// Asserts that no axis exceeds its |mean|, largest error and standard deviation in mN.
 fn within(scene: &str, table: [[f64; 3]; 3]) {
     for (figures, [mean, max, sigma]) in judged(scene).into_iter().zip(table) {
         let [found_mean, found_max, found_sigma] =
@@ -46,7 +47,7 @@ fn within(scene: &str, table: [[f64; 3]; 3]) {
 
 #[test]
 fn the_bare_sensor_meets_table_1_2() {
-    // The worst of C12, D12 and H02 on any axis.
+    // The worst of the sensors C12, D12 and H02 on any axis.
     within("mems-bare", [[9.30, 28.47, 6.27]; 3]);
 }
 
@@ -59,7 +60,7 @@ fn the_coated_sensors_meet_table_1_3() {
     within("mems-f02", [[72.81, 190.33, 63.86], [10.53, 69.15, 16.67], [28.94, 135.17, 40.19]]);
 }
 
-/// Error of f_z in newtons, every frame.
+/// Time in seconds and error of f_z in newtons of every frame.
 fn errors(calibrated: &str, scene: &str) -> Vec<(f64, f64)> {
     let (finger, mut state) = Finger::new(Some(calibration(calibrated)));
     let samples = run(scene, 2);
@@ -73,7 +74,7 @@ fn errors(calibrated: &str, scene: &str) -> Vec<(f64, f64)> {
     found.collect()
 }
 
-/// Mean error of f_z between two moments.
+/// Mean error of f_z between two times.
 fn mean(errors: &[(f64, f64)], from: f64, to: f64) -> f64 {
     let between = errors.iter().filter(|(time, _)| (from..to).contains(time)).map(|(_, e)| e);
     between.clone().sum::<f64>() / between.count() as f64
@@ -81,7 +82,8 @@ fn mean(errors: &[(f64, f64)], from: f64, to: f64) -> f64 {
 
 #[test]
 fn what_a_relaxing_coating_keeps_of_a_long_grasp_is_gone_seconds_later() {
-    // Let go at 59.2 s. Of 1.2 N the coating keeps 5 % (its coefficients), with 0.6 s to a third of it.
+    // Release at 59.2 s. The coating keeps 5 % of 1.2 N (its coefficients), which takes 0.6 s to
+    // fall to a third.
     let errors = errors("mems-f02", "mems-grasp");
     let (just_after, later) = (mean(&errors, 59.3, 59.4), mean(&errors, 64.0, 66.0));
     assert!((0.03..0.06).contains(&just_after), "{just_after} N");
@@ -95,7 +97,7 @@ fn taps_of_a_tenth_of_a_second_are_followed_and_those_of_five_milliseconds_are_n
         let tap = errors.iter().filter(|(time, _)| (from..from + 0.3).contains(time));
         tap.map(|(_, e)| e.abs()).fold(0.0, f64::max)
     };
-    // Of 0.8 N: 4 ms of lag on a slope of 25 N/s, and no more than half of the shortest.
+    // Errors at 0.8 N: 4 ms of lag on a slope of 25 N/s; the shortest tap loses more than half.
     assert!((0.05..0.15).contains(&worst(0.5)), "{}", worst(0.5));
     assert!(worst(2.0) > 0.4, "{}", worst(2.0));
 }

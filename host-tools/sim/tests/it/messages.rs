@@ -1,8 +1,8 @@
-//! What a wrong scene is told, to the letter: file, line, key, what is there, what is allowed, the mend.
+//! Messages about wrong scenes, verbatim: file, line, key, value, allowed values and mend.
 
 use taxel_sim::Scene;
 
-/// A scene with `line` in `table`, on line 5; what its message says after `my.toml:`.
+/// Message after `my.toml:` for a scene with `line` in `table`, on line 5.
 fn said(table: &str, line: &str) -> String {
     let scan = "[scan]\nrate_hz = 1000\nduration_s = 2\n";
     let text = format!("{scan}[{table}]\n{line}\n");

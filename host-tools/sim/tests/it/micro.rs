@@ -1,4 +1,4 @@
-//! OHKA-MICRO ([Ohka2005]): the feeler's bi-linear curve out of its own trace, and force out of codes.
+//! OHKA-MICRO ([Ohka2005]): the feeler's bi-linear curve from its own trace, and force from codes.
 
 use taxel::condition::Bias;
 use taxel_files::trace::Sample;
@@ -10,14 +10,16 @@ use crate::{
     HELD_OUT, bias, bias_over, contacts, fit, force, line, meets, rms, run, run_on, signals_with,
 };
 
-/// What the matrix sees is 160 µm a phototransistor on the board.
+/// Distance on the board between the fields of two phototransistors in µm.
 const PIXEL_UM: f32 = 160.0;
 
-/// Unloaded frames of a feeler's scene, the whole of its beginning. What noise a bias keeps draws every spot of the
-/// run aside, a weak one most: of 100 frames 0.035 µm under 2.2 mN, which is 7 % of the shear that it sticks under.
+/// Number of unloaded frames of a feeler's scene: its whole beginning.
+///
+/// The noise that a bias keeps shifts every spot of the run, a weak one most. With 100 frames it is
+/// 0.035 µm under 2.2 mN, which is 7 % of the shear at which the feeler still sticks.
 const UNLOADED: u16 = 450;
 
-/// G and the centroid in µm of each frame.
+/// Integral G and the centroid in µm of each frame.
 fn spots(samples: &[Sample]) -> Vec<(Spot, &Sample)> {
     spots_with(&bias_over(UNLOADED, samples), samples)
 }
@@ -29,13 +31,14 @@ fn spots_with<'a>(bias: &Bias, samples: &'a [Sample]) -> Vec<(Spot, &'a Sample)>
     signals.map(|(signals, s)| (spot(signals.taxels.unwrap()), s)).collect()
 }
 
-/// F_x and F_z of the reference in mN.
+/// Reference forces F_x and F_z in mN.
 fn reference(sample: &Sample) -> (f64, f64) {
     let [x, _, z] = force(sample);
     (1e3 * x, 1e3 * z)
 }
 
-/// β, K and F_x1 of the two straight pieces u(F), by least squares for every place of the kink.
+/// Fits β, K and F_x1 of the two straight pieces u(F), by least squares for every position of the
+/// kink.
 fn two_segments(points: &[(f64, f64)]) -> [f64; 3] {
     let pieces = |kink: f64| {
         let rows = points.iter().map(|(u, f)| ([f.min(kink), (f - kink).max(0.0), 1.0], *u));
@@ -55,7 +58,7 @@ fn two_segments(points: &[(f64, f64)]) -> [f64; 3] {
     [1.0 / stuck, 1.0 / sliding, kink]
 }
 
-/// C of eq. (3) from normal presses up to 12 mN.
+/// Fits C of eq. (3) to normal presses up to 12 mN.
 fn fit_normal(samples: &[Sample]) -> f64 {
     let rows = spots(samples);
     let rows = rows.iter().map(|(spot, s)| ([f64::from(spot.integral)], reference(s).1));
@@ -63,7 +66,7 @@ fn fit_normal(samples: &[Sample]) -> f64 {
     c
 }
 
-/// β, K, α, γ, and the centroid of the unsheared feeler, from shear at constant normal forces.
+/// Fits β, K, α, γ, and the centroid of the unsheared feeler, to shear at constant normal forces.
 fn fit_shear(samples: &[Sample]) -> (Shear, f32) {
     let rows = spots(samples);
     let presses = contacts(&rows, |(_, s)| s.truth.contact == Some(true));
@@ -112,7 +115,7 @@ fn brightness_is_proportional_to_the_normal_force_up_to_twelve_millinewtons_shea
     }
 }
 
-/// The paper goes up in steps; here 50 ms are one.
+/// The paper raises the force in steps; here 50 ms are one step.
 #[test]
 fn force_out_of_codes_meets_the_load_cell_of_the_paper() {
     let normal = fit_normal(&run("micro-press", 1)) as f32;
@@ -140,8 +143,9 @@ fn force_out_of_codes_meets_the_load_cell_of_the_paper() {
     assert!(n > 500.0 && rms < 0.05 && worst < 0.25, "{rms} mN RMS, {worst} mN at worst");
 }
 
-/// Force found and force known in mN, of steps of 50 ms, by press and by whether it slips: from half of the
-/// threshold to twice.
+/// Estimated and true force in mN of steps of 50 ms, by press and by whether the feeler slips.
+///
+/// The steps reach from half of the threshold to twice the threshold.
 fn across_the_threshold(sensor: &BrightSpot, unsheared: f32, samples: &[Sample]) -> Vec<Across> {
     let rows = spots(samples);
     let mut found = vec![];
@@ -173,12 +177,16 @@ struct Across {
     forces: [f64; 2],
 }
 
-/// Devices of their own gains and offsets, five runs of each. In the mean of the runs, 1.5 s and more of either side
-/// of each threshold, F_x is within 5 %. In single steps of 50 ms it is from 4.4 mN up; under 2.2 mN, where a feeler
-/// sticks up to 1.1 mN or 0.65 µm, noise alone is 0.35 µm a frame, and 5 % would take the mean of 0.5 s and more.
+/// F_x is within 5 % in the mean of the runs, on devices with their own gains and offsets, five
+/// runs each.
 ///
-/// One centroid at rest does for all normal forces. That of each press changes nothing; a curve of it over the normal
-/// force, out of `micro-press`, takes off a per cent under the greatest forces and adds more, by its noise, under 2.2 mN.
+/// The mean covers 1.5 s and more on either side of each threshold. In single steps of 50 ms the
+/// bound holds from 4.4 mN up. Under 2.2 mN a feeler sticks up to 1.1 mN or 0.65 µm, and noise
+/// alone is 0.35 µm a frame. There 5 % would need the mean of 0.5 s and more.
+///
+/// One centroid at rest is enough for all normal forces. A separate one for each press changes
+/// nothing. A curve of it over the normal force, from `micro-press`, removes a per cent under the
+/// largest forces and adds more, by its noise, under 2.2 mN.
 #[test]
 fn shear_across_the_slip_threshold_is_within_five_per_cent_but_for_the_noise_of_the_weakest_press()
 {
@@ -232,7 +240,7 @@ fn the_feeler_slips_in_the_truth_exactly_beyond_the_papers_threshold() {
     assert!(run("micro-press", 1).iter().all(|s| !slips(&s)));
 }
 
-/// The scans of each feeler of a sheet, in order.
+/// Scans of each feeler of a sheet, in order.
 fn feelers(samples: &[Sample]) -> Vec<Vec<Sample>> {
     (0..FEELERS).map(|k| samples.iter().skip(k).step_by(FEELERS).copied().collect()).collect()
 }
@@ -241,7 +249,7 @@ fn feelers(samples: &[Sample]) -> Vec<Vec<Sample>> {
 fn every_feeler_of_the_sheet_has_its_own_share_of_the_pressure_and_all_of_them_the_whole() {
     let samples = run("sheet-press", 1);
     let pictures = samples.chunks_exact(FEELERS);
-    // While the first press is held: 0.1 N of a 20 mm sphere at (0.2, −0.3) mm.
+    // During the hold of the first press: 0.1 N of a 20 mm sphere at (0.2, −0.3) mm.
     let held = pictures.filter(|p| (0.52..1.05).contains(&(p[0].scan.time.0 as f64 * 1e-6)));
     let mut count = 0;
     for picture in held {
@@ -253,7 +261,8 @@ fn every_feeler_of_the_sheet_has_its_own_share_of_the_pressure_and_all_of_them_t
             touched.iter().map(|s| s.truth.point[axis].unwrap() * force(s)[2]).sum::<f64>() / z
         });
         assert!((centroid[0] - 0.2).abs() < 1e-9 && (centroid[1] + 0.3).abs() < 1e-9);
-        // Hertz: a = 1.33 mm, so that the feelers around the middle carry most and those beyond nothing.
+        // Hertz: a = 1.33 mm, so that the feelers around the middle carry most and those outside
+        // nothing.
         assert!((20..=44).contains(&touched.len()), "{}", touched.len());
         let hardest = touched.iter().max_by(|a, b| force(a)[2].total_cmp(&force(b)[2])).unwrap();
         let [px, py] = hardest.truth.point.map(Option::unwrap);
@@ -263,7 +272,7 @@ fn every_feeler_of_the_sheet_has_its_own_share_of_the_pressure_and_all_of_them_t
     assert!(count > 20);
 }
 
-/// What the codes of a scan give, whichever feeler it looks at: one calibration for all.
+/// One calibration serves the codes of every scan, whichever feeler it looks at.
 #[test]
 fn a_picture_of_the_sheet_out_of_codes_is_the_pressure_on_it() {
     let c = fit_normal(&run("micro-press", 1));
@@ -285,8 +294,10 @@ fn a_picture_of_the_sheet_out_of_codes_is_the_pressure_on_it() {
     assert!((total / 100.0 - 1.0).abs() < 0.02, "{total} mN of 100");
 }
 
-/// β, K, α, γ of one law for all: least squares in u over every scan, α and γ by ever finer grids. A spot is
-/// placed the better the brighter it is, so that rows weigh as their normal force.
+/// Fits β, K, α, γ of one law for all feelers: least squares in u over every scan, α and γ by ever
+/// finer grids.
+///
+/// Rows weigh as their normal force, because a brighter spot has a more precise centroid.
 fn one_law(rows: &[(f64, f64, f64)]) -> [f64; 4] {
     let pieces = |alpha: f64, gamma: f64| {
         let terms = rows.iter().map(|(u, x, z)| {
@@ -311,7 +322,7 @@ fn one_law(rows: &[(f64, f64, f64)]) -> [f64; 4] {
 
 #[test]
 fn the_feelers_of_the_sheet_give_the_papers_four_constants_back() {
-    // The nine under the probe, whose middle is above that in column 5 of row 6.
+    // The nine feelers under the probe, whose middle is above the feeler in column 5 of row 6.
     let samples = run("sheet-shear", 1);
     let (bias, scans) = (bias(&samples), feelers(&samples));
     let mut rows = vec![];
@@ -335,7 +346,7 @@ fn the_feelers_of_the_sheet_give_the_papers_four_constants_back() {
 #[test]
 fn a_sheared_sheet_slips_at_the_rim_of_its_contact_while_its_middle_sticks() {
     let samples = run("sheet-press", 1);
-    // The picture in the middle of the second press: 0.05 N on 0.1 N.
+    // Picture in the middle of the second press: 0.05 N shear on 0.1 N.
     let at = samples.iter().position(|s| s.scan.time.0 >= 2_150_000).unwrap() / FEELERS * FEELERS;
     let picture = &samples[at..at + FEELERS];
     let away = |s: &Sample| {

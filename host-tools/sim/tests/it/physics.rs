@@ -1,4 +1,4 @@
-//! The finger's scenes, each against the law of what happens in it.
+//! Scenes of the finger, each against the physical law behind it.
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,7 +11,7 @@ use taxel_sim::{Scene, Simulator};
 
 use crate::{contacts, force, line, run};
 
-/// A sample, and the displacement of the facets behind it in mm.
+/// Sample with the displacement of its facets in mm.
 type Frame = (Sample, [f64; TAXELS]);
 
 fn frames(scene: &Scene) -> Vec<Frame> {
@@ -56,7 +56,8 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / n
 }
 
-/// Radius of the contact of a sphere of 6 mm with the silicone of [DeMaria2011] ([TactileEnc]: a = (9PR/16E)^⅓).
+/// Contact radius in mm of a 6 mm sphere on the silicone of [DeMaria2011] ([TactileEnc]: a =
+/// (9PR/16E)^⅓).
 fn contact_radius(normal: f64) -> f64 {
     (9.0 * normal * 6.0 / (16.0 * SILICONE_YOUNG_MPA)).cbrt()
 }
@@ -68,16 +69,17 @@ fn a_grasp_is_held_for_a_minute_while_warming_rubber_stiffens_and_warming_leds_d
     let held: Vec<&Frame> = rows.iter().filter(|(s, _)| (1.5..59.5).contains(&time(s))).collect();
     assert_eq!(held.len(), 58 * 250);
     assert!(held.iter().all(|(s, _)| (force(s)[2] - 1.2).abs() < 1e-12));
-    // Shear comes and goes in a third each.
+    // Shear rises and falls in a third of the hold each.
     let sheared = held.iter().filter(|(s, _)| (21.0..40.0).contains(&time(s)));
     assert!(sheared.clone().all(|(s, _)| (force(s)[0] - 0.4).abs() < 1e-12));
-    // What a rubber as stiff as its absolute temperature says gives way, 6 K later.
+    // The displacement falls with absolute temperature, here by 6 K, because the rubber gets
+    // stiffer.
     let ((first, cold), (last, warm)) = (held[0], held[held.len() - 1]);
     let kelvin = |sample: &Sample| scene.temperature().unwrap().at(time(sample)) + 273.15;
     let (found, expected) = (most(warm) / most(cold), kelvin(first) / kelvin(last));
     assert!((0.980..0.981).contains(&expected), "{expected}");
     assert!((found - expected).abs() < 0.002, "{found} for {expected}");
-    // Let go, it is back where it was, and its light by 0.5 %/K below.
+    // After release the facets are back, and the light has fallen by 0.5 %/K.
     let (before, after) = (&rows[..200], &rows[rows.len() - 200..]);
     assert!(after.iter().all(|(s, u)| force(s) == [0.0; 3] && *u == [0.0; TAXELS]));
     for k in 0..TAXELS {
@@ -119,7 +121,7 @@ fn a_roll_carries_the_centre_of_pressure_at_constant_speed_without_shear() {
         for (sample, displacement) in roll {
             let [fx, fy, fz] = force(sample);
             assert_eq!((fx, fy, sample.truth.slip), (0.0, 0.0, Some(false)));
-            // Down in 0.2 s, over in 1.4 s.
+            // Touch-down in 0.2 s, then the path in 1.4 s.
             let way = ((time(sample) - began - 0.2) / 1.4).clamp(0.0, 1.0);
             let there: [f64; 2] =
                 std::array::from_fn(|axis| from[axis] + way * (to[axis] - from[axis]));
@@ -152,7 +154,7 @@ fn a_twist_slips_at_the_limit_of_its_pressure_and_stays_there() {
     let rows = frames(&built_in("torsion"));
     let twists: Vec<&[Frame]> = contacts(&rows, touched);
     for (twist, normal, way) in [(twists[0], 1.0, 1.0), (twists[1], 1.6, -1.0)] {
-        // ∫μp r dA of a sphere (Johnson §4.2): 3π/16·μPa.
+        // Friction limit ∫μp r dA of a sphere (Johnson §4.2): 3π/16·μPa.
         let limit = 3.0 * PI / 16.0 * 0.8 * normal * contact_radius(normal);
         let torsion = |(sample, _): &Frame| way * sample.truth.torsion.unwrap();
         let slips = |(sample, _): &Frame| sample.truth.slip == Some(true);
@@ -163,7 +165,7 @@ fn a_twist_slips_at_the_limit_of_its_pressure_and_stays_there() {
             twist[first..=last].iter().all(|f| slips(f) && (torsion(f) / limit - 1.0).abs() < 0.01)
         );
         assert!(twist.iter().all(|frame| torsion(frame) <= 1.01 * limit));
-        // The sensors' shear turns about the contact as much.
+        // The moment of the sensors' shear about the contact is the same.
         for (sample, _) in twist.iter().step_by(50) {
             let [x, y] = point(sample);
             let turning = sample.truth.sensors.iter().zip(PLACES).map(|(sensor, place)| {
@@ -175,7 +177,7 @@ fn a_twist_slips_at_the_limit_of_its_pressure_and_stays_there() {
     }
 }
 
-/// The press on the corner, held: no shear.
+/// Frame of the hold of the press on the corner, without shear.
 fn on_the_corner(scene: &Scene) -> Frame {
     let held = |(sample, _): &Frame| (2.1..2.11).contains(&time(sample));
     frames(scene).into_iter().find(held).unwrap()
@@ -189,7 +191,7 @@ fn beyond_the_outer_taxels_the_corner_answers_and_the_rest_as_one_over_the_dista
     let mut order: Vec<usize> = (0..TAXELS).collect();
     order.sort_by(|a, b| away(*a).total_cmp(&away(*b)));
     assert!(order.windows(2).all(|k| displacement[k[0]] >= displacement[k[1]] - 1e-12));
-    // Far from a contact only its force counts (Johnson §3.2, ν = ½): P/4πG·(1/ρ + z²/ρ³).
+    // Far from a contact only its force matters (Johnson §3.2, ν = ½): P/4πG·(1/ρ + z²/ρ³).
     let shear_modulus = SILICONE_YOUNG_MPA / 3.0;
     for k in order.into_iter().filter(|k| away(*k) > 8.0) {
         let rho = away(k).hypot(2.5);
@@ -210,7 +212,7 @@ fn on_the_frame_only_the_taxels_at_the_corner_answer() {
     }
 }
 
-/// Amplitude of the line at `hertz` in values that come at `rate`, over whole periods.
+/// Amplitude of the line at `hertz` in values sampled at `rate`, over whole periods.
 fn amplitude(values: &[f64], rate: f64, hertz: f64) -> f64 {
     let level = mean(values.iter().copied());
     let (sine, cosine) =
@@ -227,7 +229,7 @@ fn lamps_are_a_line_in_the_spectrum_that_the_dark_step_takes_away_but_for_its_de
     for hertz in [100.0, 120.0] {
         let keyed = text.replace("[light]\n", &format!("[light]\nflicker_hz = {hertz}\n"));
         let scene = Scene::parse("flicker.toml", &keyed).unwrap();
-        // Unloaded: 0.4 s, 40 or 48 periods.
+        // Unloaded part: 0.4 s, 40 or 48 periods.
         let samples: Vec<Sample> = Simulator::new(&scene, 1).take(1600).collect();
         let lamps = 0.05 * 65_535.0;
         let line = |values: &[f64], hertz| amplitude(values, 4000.0, hertz);
@@ -239,7 +241,8 @@ fn lamps_are_a_line_in_the_spectrum_that_the_dark_step_takes_away_but_for_its_de
         }
         for row in 0..4 {
             let lit: Vec<f64> = samples.iter().map(|s| light(s, 4 * row + 1)).collect();
-            // Read 30 µs a row after the dark step: 2 sin(πf·delay) of it.
+            // Row r is read 30 µs·(r + 1) after the dark step: 2 sin(πf·delay) of the swing
+            // remains.
             let delay = 30e-6 * (row + 1) as f64;
             let left = 2.0 * (PI * hertz * delay).sin();
             let found = line(&lit, hertz) / lamps;
@@ -268,13 +271,13 @@ fn per_kelvin_leds_dim_offsets_drift_and_sensitivities_fall_as_their_constants_s
         let [slope, height] = line(rest.iter().map(|s| (celsius(s) - 25.0, light(s, k))));
         assert!((slope / height + 0.005).abs() < 5e-5, "taxel {k}: {} /K", slope / height);
     }
-    // A midpoint is R/(R + R′) of the supply: it drifts by ¼ of what the two differ in, √2·2·10⁻⁵/K (one σ), sixteenfold
-    // amplified. Sixteen of them tell σ within a fifth.
+    // A midpoint is R/(R + R′) of the supply. It drifts by ¼ of the difference of the two,
+    // √2·2·10⁻⁵/K (one σ), amplified sixteenfold. Sixteen midpoints give σ within a fifth.
     let drift = |i: usize| line(rest.iter().map(|s| (celsius(s) - 25.0, midpoints(s)[i])))[0];
     let rms = (mean((0..16).map(|i| drift(i).powi(2)))).sqrt();
     let sigma = 16.0 * 0.25 * f64::sqrt(2.0) * 2e-5;
     assert!((rms / sigma - 1.0).abs() < 0.2, "{rms} for {sigma}");
-    // Equal presses at the beginning and at the end.
+    // Presses are equal at the beginning and at the end.
     let u_z = |from: f64| {
         let held = |s: &&Sample| (from + 0.75..from + 0.85).contains(&time(s));
         let before = |s: &&Sample| (from - 0.3..from).contains(&time(s));

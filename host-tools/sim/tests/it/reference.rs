@@ -1,5 +1,6 @@
-//! `docs/scenes.md` against the parser: its example runs, and every key, default and limit in its tables is
-//! what the parser has.
+//! `docs/scenes.md` against the parser: its example runs, and its tables match the parser.
+//!
+//! They must have every key, default and limit of the parser.
 
 use std::collections::BTreeSet;
 
@@ -7,23 +8,23 @@ use taxel_sim::{Scene, Simulator};
 
 const PAGE: &str = include_str!("../../../../docs/scenes.md");
 
-/// A row of a table.
+/// Row of a table.
 #[derive(Debug)]
 struct Row {
     key: &'static str,
-    /// The kinds of its table that have it; `None` where all have.
+    /// Kinds of the table that have the key; empty where all have it.
     kinds: Vec<&'static str>,
     default: &'static str,
     allowed: &'static str,
 }
 
-/// A table of keys: how its header is written in a scene, and its rows.
+/// Table of keys: its header in a scene, and its rows.
 struct Section {
     header: &'static str,
     rows: Vec<Row>,
 }
 
-/// What stands between backticks.
+/// Texts between backticks.
 fn quoted(text: &str) -> Vec<&str> {
     text.split('`').skip(1).step_by(2).collect()
 }
@@ -46,7 +47,7 @@ fn sections() -> Vec<Section> {
     sections.filter(|section| !section.rows.is_empty()).collect()
 }
 
-/// Keys that a table cannot be without, and what they may be.
+/// Required keys of a table, with an allowed value each.
 fn required(header: &str, kind: Option<&str>) -> Vec<(&'static str, &'static str)> {
     let at = ("at_s", "1");
     let place = [("x_mm", "0"), ("y_mm", "0"), ("fz_n", "1")];
@@ -74,8 +75,9 @@ fn required(header: &str, kind: Option<&str>) -> Vec<(&'static str, &'static str
     }
 }
 
-/// A scene whose table `header` has what it cannot be without, of this `kind`, but for the key `without`,
-/// and has `first` before all else.
+/// Text of a scene with the required keys of table `header` and `kind`, except the key `without`.
+///
+/// `first` stands before all other keys.
 fn scene(header: &str, kind: Option<&str>, without: &str, first: &[(&str, &str)]) -> String {
     let kind = kind.map(|kind| ("kind", format!("'{kind}'")));
     let mut keys: Vec<(&str, String)> = first.iter().map(|(k, v)| (*k, (*v).to_owned())).collect();
@@ -111,17 +113,17 @@ fn scene_of_scan(header: &str) -> &'static str {
     if header == "[scan]" { "" } else { "[scan]\nrate_hz = 1000\nduration_s = 10\n" }
 }
 
-/// What the parser says; nothing where all is well.
+/// Message of the parser; empty for a valid scene.
 fn said(text: &str) -> String {
     Scene::parse("scene.toml", text).err().map(|error| error.to_string()).unwrap_or_default()
 }
 
-/// What a message names as allowed.
+/// Names that a message lists as allowed.
 fn allowed(message: &str) -> Vec<&str> {
     message.split_once("allowed are ").map(|(_, names)| quoted(names)).unwrap_or_default()
 }
 
-/// For each of the kinds that have the key, or for no kind in particular.
+/// Kinds that have the key, or `None` where all have it.
 fn kinds(row: &Row) -> Vec<Option<&'static str>> {
     let named = row.kinds.iter().copied().map(Some);
     if row.kinds.is_empty() { vec![None] } else { named.collect() }
@@ -165,7 +167,7 @@ fn the_page_has_every_table_and_every_key_of_the_parser_and_no_other() {
     assert_eq!(allowed(&message), pages);
 }
 
-/// "1 to 2" or "-1 to 2" and not "1 to 20".
+/// Whether the message names the range, for example "1 to 2" or "-1 to 2" but not "1 to 20".
 fn names_range(message: &str, range: &str) -> bool {
     message.match_indices(range).any(|(at, _)| {
         let part = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
@@ -257,7 +259,7 @@ fn choices_are_the_parsers() {
     assert_eq!(checked, 9);
 }
 
-/// Keys that a scene keeps as "left out", and what it makes of them.
+/// Values that a scene derives from keys that were left out.
 fn made_of_left_out(scene: &Scene) -> String {
     format!(
         "{:?} {} {:?} {} {} {}",
@@ -270,7 +272,7 @@ fn made_of_left_out(scene: &Scene) -> String {
     )
 }
 
-/// Everything in it, without the places in its text.
+/// Debug text of the scene without its positions in the text.
 fn without_places(scene: &Scene) -> String {
     let text = format!("{scene:?}");
     let parts = text.split("span: ").enumerate();

@@ -1,4 +1,4 @@
-//! `auto` on scenes that nobody made up, judged at moments that it did not choose.
+//! Tests of `auto` on random scenes, at moments that `auto` did not choose.
 
 use std::time::Duration;
 
@@ -6,12 +6,12 @@ use super::*;
 use crate::cost::timed;
 use crate::scene::Act;
 
-/// What the scenes of one half last; those of the other are over in seconds.
+/// Range of the duration in seconds of one half of the scenes; the others last seconds.
 const LONG_S: [f64; 2] = [60.0, 3600.0];
-/// One scene in so many has walls.
+/// One scene in this many has walls.
 const WALLS: u64 = 20;
 
-/// Draws one scene.
+/// Random generator of scenes.
 struct Draw(ChaCha8Rng);
 
 impl Draw {
@@ -19,7 +19,7 @@ impl Draw {
         low + (high - low) * self.0.random::<f64>()
     }
 
-    /// Evenly in the logarithm.
+    /// Draws a number that is uniform in the logarithm.
     fn scale(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.0.random::<f64>())
     }
@@ -42,7 +42,7 @@ impl Draw {
         format!("[indenter]\n{kind}\n")
     }
 
-    /// One act of the given kind within `at` and `at + lasts`, with up to `force` newtons.
+    /// Draws an act of the given kind within `at` and `at + lasts`, with up to `force` newtons.
     fn act(&mut self, kind: u64, at: f64, lasts: f64, force: f64) -> String {
         let [x, y] = [self.between(-4.0, 4.0), self.between(-4.0, 4.0)];
         let [to_x, to_y] = [self.between(-4.0, 4.0), self.between(-4.0, 4.0)];
@@ -72,7 +72,7 @@ impl Draw {
             }
             5 => format!("[[roll]]\nat_s = {at}\n{moves}\n{moving}"),
             6 => {
-                // Two at once, as far from each other as the pad lets them.
+                // Two contacts at once, as far from each other as the pad allows.
                 let other = format!("x_mm = {}\ny_mm = {}\nfz_n = {}", 4.5, 4.5, 0.5 * force);
                 format!(
                     "[[press]]\nat_s = {at}\nx_mm = -4.5\ny_mm = -4.5\nfz_n = {force}\n{press}[[tap]]\n\
@@ -93,7 +93,8 @@ impl Draw {
     }
 }
 
-/// A scene of random device, indenter, geometry, material, warmth, tolerance, length and acts.
+/// Draws a scene of random device, indenter, geometry, material, temperature, tolerance, length and
+/// acts.
 fn random_scene(seed: u64) -> Scene {
     let mut draw = Draw(stream(seed, Purpose::Noise));
     let walls = seed.is_multiple_of(WALLS);
@@ -138,7 +139,7 @@ fn random_scene(seed: u64) -> Scene {
         }
         match Scene::parse("random.toml", &text) {
             Ok(scene) => return scene,
-            // Too much for a soft or thin pad, or for two contacts beside each other.
+            // The force is too much for a soft or thin pad, or for two contacts near each other.
             Err(error) => {
                 assert!(most > 1e-4, "{error}");
                 most *= 0.5;
@@ -147,7 +148,7 @@ fn random_scene(seed: u64) -> Scene {
     }
 }
 
-/// So many moments of every act, and as many of the whole run, evenly drawn.
+/// Random moments: `each` of every act, and as many of the whole run.
 fn moments(scene: &Scene, seed: u64, each: usize) -> Vec<f64> {
     let mut draw = Draw(stream(seed, Purpose::Reference));
     let spans = scene.acts().iter().map(|act: &Act| [act.at_s(), act.end_s()]).collect::<Vec<_>>();
@@ -158,7 +159,7 @@ fn moments(scene: &Scene, seed: u64, each: usize) -> Vec<f64> {
         .collect()
 }
 
-/// The shortest of several times; in the others the machine did something else.
+/// Shortest of several times, because other work disturbs the rest.
 fn quickest(work: impl Fn() -> [f64; TAXELS]) -> Duration {
     (0..7).map(|_| timed(|| core::hint::black_box(work())).1).min().unwrap_or_default()
 }
@@ -198,6 +199,6 @@ fn auto_keeps_its_tolerance_on_two_hundred_random_scenes_at_a_twentieth_of_the_c
         0.5 * (ratios[99] + ratios[100])
     });
     assert!(saved >= 20.0, "{saved}");
-    // Evaluations, which every machine counts alike, stand for time.
+    // Evaluations, which are the same on every machine, stand for time.
     assert!(faster > 0.7 * saved, "{faster} times as fast for {saved} times less");
 }
