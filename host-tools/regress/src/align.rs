@@ -1,9 +1,9 @@
-//! Alignment in time of a reference that was logged by another clock.
+//! Alignment in time of a reference logged by another clock.
 //!
-//! Sensor and reference answer to the same load. What each of them shows most of (the first principal
-//! component of its columns) is cross-correlated at every offset and at rates up to ± 5 % apart. From the
-//! best of these Gauss–Newton goes on: the reference read at t′ = offset + rate·t shall be linear in the
-//! sensor's channels, so that slopes, offset and rate are one least-squares problem a step.
+//! Sensor and reference respond to the same load. The first principal component of each one's
+//! columns is cross-correlated at every offset and at rates up to ± 5 % apart. Gauss–Newton refines
+//! the best of these: the reference read at t′ = offset + rate·t should be linear in the sensor's
+//! channels. Slopes, offset and rate are one least-squares problem a step.
 
 mod own_time;
 mod search;
@@ -18,18 +18,18 @@ pub use own_time::misaligned;
 pub use own_time::off_time;
 pub use stamps::told_apart;
 
-/// Fewest rows of either.
+/// Fewest rows of sensor and of reference.
 const LEAST_ROWS: usize = 32;
-/// A correlation below this is no common load.
+/// Lowest correlation of a common load.
 const LEAST_CORRELATION: f64 = 0.5;
-/// A second offset that does nearly as well as the best: a load that repeats itself.
+/// Share of the best correlation at which a second offset makes the alignment ambiguous.
 const AMBIGUOUS: f64 = 0.97;
-/// Gauss–Newton steps, and rows that they look at.
+/// Most Gauss–Newton steps, and most rows that they use.
 const STEPS: usize = 20;
 const MOST_ROWS: usize = 6000;
-/// Segments in which what is left of the misalignment is measured.
+/// Number of segments in which the remaining misalignment is measured.
 const SEGMENTS: usize = 8;
-/// A gap of more than so many rows in the reference is not bridged.
+/// Longest gap of the reference that is bridged, in median steps.
 const GAP: f64 = 5.0;
 
 /// Rows with their times in seconds.
@@ -62,10 +62,10 @@ impl Alignment {
     }
 }
 
-/// Finds offset and rate; the names are for messages.
+/// Finds offset and rate; the names appear in error messages.
 ///
 /// # Errors
-/// Too little in common, or a load that repeats itself so that several offsets do.
+/// Too low a correlation, or a repeating load that several offsets fit.
 pub fn align(
     [sensor_name, reference_name]: [&str; 2],
     sensor: Series<'_>,
@@ -120,7 +120,7 @@ pub fn align(
     Ok(refine(sensor, &other, coarse.offset, coarse.rate))
 }
 
-/// Error of a reference without a row near any of the sensor's `times`, which are the reference's own.
+/// Returns the error of a reference without a row near any of the sensor's `times`.
 pub fn apart(name: &str, times: &[f64], reference: &[f64]) -> FitError {
     FitError::Unaligned {
         recording: name.to_owned(),
@@ -140,7 +140,7 @@ fn span(times: &[f64]) -> String {
     }
 }
 
-/// The rows of a reference at some times of its own clock; `None` where it has none nearby.
+/// Interpolates a reference at times of its own clock; `None` where no row is near.
 #[must_use]
 pub fn resample(reference: Series<'_>, times: &[f64]) -> Vec<Option<Vec<f64>>> {
     let found = places(reference.times, times).into_iter().map(|place| {
@@ -152,8 +152,10 @@ pub fn resample(reference: Series<'_>, times: &[f64]) -> Vec<Option<Vec<f64>>> {
     found.collect()
 }
 
-/// Positions of some times among `known` ones: behind which, and by what share of the way to the next. `None` beyond the
-/// ends and in gaps.
+/// Positions of times among `known` ones: index of the row before, and share of the way to the
+/// next.
+///
+/// `None` beyond the ends and in gaps.
 pub fn places(known: &[f64], times: &[f64]) -> Vec<Option<(usize, f64)>> {
     let longest = GAP * median_step(known);
     let place = |t: f64| {
@@ -178,7 +180,7 @@ fn refine(sensor: Series<'_>, other: &Trace<'_>, offset: f64, rate: f64) -> Alig
     refine_from(sensor, other, offset, rate, STEPS)
 }
 
-/// Gauss–Newton from a start; with no steps, what the start is worth.
+/// Runs Gauss–Newton from a start; with no steps, evaluates the start.
 fn refine_from(
     sensor: Series<'_>,
     other: &Trace<'_>,
@@ -227,7 +229,9 @@ fn refine_from(
 
 type AlignedRow = (f64, DVector<f64>, f64, f64);
 
-/// Least squares of y by (x, 1) and, if `moving`, by y′ and y′·t; the solution and the errors.
+/// Solves least squares of y by (x, 1) and, if `moving`, by y′ and y′·t.
+///
+/// Returns the solution and the errors.
 fn solve(rows: &[AlignedRow], width: usize, moving: bool) -> Option<(DVector<f64>, DVector<f64>)> {
     let columns = width + 1 + if moving { 2 } else { 0 };
     let matrix = DMatrix::from_fn(rows.len(), columns, |row, column| {
@@ -240,7 +244,7 @@ fn solve(rows: &[AlignedRow], width: usize, moving: bool) -> Option<(DVector<f64
         }
     });
     let y = DVector::from_iterator(rows.len(), rows.iter().map(|row| row.2));
-    // Columns of about one size, and a decay of a millionth for channels that say the same.
+    // Scales the columns to about one size. A decay of a millionth handles duplicate channels.
     let sizes: Vec<f64> = matrix.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
     let mut scaled = matrix;
     scaled.column_iter_mut().zip(&sizes).for_each(|(mut c, size)| c /= *size);
@@ -252,7 +256,7 @@ fn solve(rows: &[AlignedRow], width: usize, moving: bool) -> Option<(DVector<f64
     Some((solution, error))
 }
 
-/// Root mean square over segments of the shift that each would still like.
+/// Root mean square over segments of the shift that would reduce each one's error.
 fn local(rows: &[AlignedRow], error: &DVector<f64>) -> f64 {
     let length = rows.len().div_ceil(SEGMENTS).max(1);
     let shifts: Vec<f64> = rows

@@ -13,19 +13,21 @@ use crate::ridge;
 use crate::scaling::Scaling;
 use crate::training::{Chosen, Teacher, Training};
 
-/// Widths that are tried, narrowest first, and then the widest that there may be.
+/// Widths tried, narrowest first; the widest allowed follows.
 const WIDTHS: [usize; 3] = [4, 8, 16];
-/// A net that the model of the skin teaches has a linear path from so many units on, which then need not carry what
-/// is straight. Of the price of fewer with one, two units more do better.
+/// Fewest units at which a net taught by the skin model gets a linear path.
+///
+/// The units then need not carry the linear share. With fewer units, two more units do better at
+/// the same cost.
 const STRAIGHT: usize = 8;
-/// A net is wide enough when its distance from its teacher adds at most this share to the mean square
-/// error of a usual stretch left out: a tenth is 5 % of the RMS error.
+/// Largest share that a net's distance from its teacher may add to the mean square error.
+///
+/// The error is that of a usual held-out stretch; a tenth is 5 % of the RMS error.
 const ADDED: f64 = 0.1;
 
-/// Chooses and fits. Stopped early, the line is kept.
+/// Chooses and fits a model. Stopped early, the linear fit is kept.
 ///
-/// # Errors
-/// Too few rows, a target that never changes, or stopped before there was a line.
+/// # Errors Too few rows, a target that never changes, or stopped before there was a linear fit.
 pub(crate) fn fit(
     choice: &Training<'_>,
     hidden: Option<usize>,
@@ -104,7 +106,7 @@ pub(crate) fn fit(
             progress,
             stop,
         ) {
-            // What there was before stays.
+            // Keep the narrower net found before.
             Err(FitError::Stopped) => break,
             other => other?,
         };
@@ -123,10 +125,9 @@ pub(crate) fn fit(
     Ok((net, chosen))
 }
 
-/// A straight line without a decay.
+/// Fits a straight line without a decay.
 ///
-/// # Errors
-/// Too few rows, a target that never changes, or channels that say the same.
+/// # Errors Too few rows, a target that never changes, or linearly dependent channels.
 pub(crate) fn line(choice: &Training<'_>) -> Result<Net, FitError> {
     let (_, scaling, rows) = prepared(choice)?;
     let (slope, level) = ridge::without_decay(&rows).ok_or_else(|| FitError::Shape {
@@ -154,8 +155,9 @@ fn prepared(choice: &Training<'_>) -> Result<(LeftOut, Scaling, gaussian::Rows),
     Ok((left_out, scaling, all))
 }
 
-/// For some target the bent model is better on the stretches left out than the line, by more than the
-/// standard error of the difference.
+/// Whether the bent model beats the line on held-out stretches, for any target.
+///
+/// The gain must exceed the standard error of the difference.
 fn bends(line: &Scores, bent: &Scores) -> bool {
     (0..line.0.ncols()).any(|k| {
         let gain = line.0.column(k) - bent.0.column(k);
@@ -163,13 +165,13 @@ fn bends(line: &Scores, bent: &Scores) -> bool {
     })
 }
 
-/// Every k-th row, so that at most `most` are left; every stretch keeps some.
+/// Keeps every k-th row, so that at most `most` are left.
 fn thin(rows: &gaussian::Rows, most: usize) -> gaussian::Rows {
     let every = rows.x.nrows().div_ceil(most).max(1);
     let kept: Vec<usize> = (0..rows.x.nrows()).step_by(every).collect();
     let pick = |matrix: &DMatrix<f64>| matrix.select_rows(&kept);
     let mut stretch: Vec<usize> = kept.iter().map(|row| rows.stretch[*row]).collect();
-    // Numbers without gaps, should a stretch be shorter than the steps.
+    // Renumber without gaps, because a stretch may be shorter than the step.
     let mut next = 0;
     for i in 0..stretch.len() {
         let same = i > 0 && rows.stretch[kept[i]] == rows.stretch[kept[i - 1]];
@@ -189,7 +191,7 @@ mod tests {
 
     const NEVER: (&str, usize) = ("", usize::MAX);
 
-    /// Two channels that wander and a force that is straight in them, or bends.
+    /// Two varying channels and a force that is linear in them, or bends.
     fn recording(rows: usize, bent: f64) -> Recorded {
         let x: Vec<Vec<f64>> = (0..rows)
             .map(|row| row as f64 * 0.11)

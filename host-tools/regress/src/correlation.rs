@@ -1,17 +1,19 @@
 //! Number of independent rows in a recording.
 //!
-//! The rows of one press repeat each other's error. The evidence for a weight decay supposes independent
-//! errors; with every row counted it takes the data for far surer than they are.
+//! The rows of one press repeat each other's error. The evidence for a weight decay supposes
+//! independent errors; with every row counted it overestimates how certain the data are.
 
 use nalgebra::DMatrix;
 
-/// Sokal's window: the sum of correlations ends once it spans this many correlation times; beyond it
-/// there is only noise to add.
+/// Sokal's window, in correlation times: the sum of correlations ends once it spans so many.
+///
+/// Beyond it there is only noise to add.
 const WINDOW: f64 = 5.0;
 
-/// Share of independent rows among `errors`, a row a moment in the order of time and a column an output:
-/// 1/τ, with the integrated autocorrelation time τ = 1 + 2 Σ_t ρ(t) (Sokal 1997, "Monte Carlo methods in
-/// statistical mechanics", §3). At least one row is independent.
+/// Share of independent rows among `errors`: 1/τ, at least one row.
+///
+/// Rows are in the order of time, a column an output. The integrated autocorrelation time is τ = 1
+/// + 2 Σ_t ρ(t) (Sokal 1997, "Monte Carlo methods in statistical mechanics", §3).
 #[must_use]
 pub fn independent_share(errors: &DMatrix<f64>) -> f64 {
     let rows = errors.nrows();

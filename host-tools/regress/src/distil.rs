@@ -1,7 +1,8 @@
 //! Distillation of a Gaussian process, too large for a finger, to a net with the same outputs.
 //!
-//! The process answers for any input, measured or not. The net is therefore taught on the recorded rows and
-//! on rows between and beyond them; that is what keeps it from wild guesses where nothing was recorded.
+//! The process answers for any input, measured or not. The net is therefore trained on the recorded
+//! rows and on rows between and beyond them. These keep the net from wild guesses outside the
+//! recordings.
 
 use std::sync::atomic::AtomicBool;
 
@@ -14,22 +15,27 @@ use crate::gaussian::Model;
 use crate::network::{self, Build, Net, NetOptions, Progress};
 use crate::scaling::{Inputs, Scale, Scaling};
 
-/// Recorded rows that the net is taught; fewer are taught several times over, lest those between outweigh them.
+/// Recorded rows in the net's training data; fewer are repeated up to this number.
+///
+/// Otherwise the rows between them would outweigh them.
 const RECORDED: usize = 1024;
-/// Rows between and beyond them.
+/// Synthetic rows between and beyond the recorded ones.
 const BETWEEN: usize = 3072;
-/// One of so many nearest rows of other stretches is the other end of the line on which such a row lies, and
-/// no more than this share of them: a dozen of a hundred rows would be other loads, not this one once more.
+/// Most nearest rows of other stretches that may end the line on which a synthetic row lies.
+///
+/// At most this share of the rows is used, because a dozen of a hundred rows would be other loads.
 const NEIGHBOURS: usize = 12;
 const NEIGHBOURHOOD: usize = 32;
-/// The row lies this far along that line: 0 and 1 are recorded rows. Recordings of another day differ by
-/// more than stretches of one do, hence as far again as twice the distance on either side.
+/// Range of positions along that line: 0 and 1 are recorded rows.
+///
+/// Recordings of another day differ by more than stretches of one do. The line therefore extends
+/// twice the distance on either side.
 const ALONG: std::ops::Range<f64> = -2.0..3.0;
 
-/// Steps a pupil is given, from one start: what it is told is smooth and free of noise.
+/// Training steps of the net, from one start, because its data are smooth and free of noise.
 const STEPS: usize = 150;
 
-/// Decay of its weights: below a thousandth of what any output says.
+/// Weight decay of the net: below a thousandth of any output.
 const DECAY: f64 = 1e-4;
 
 /// Training data of the net: scaled recorded rows and their stretches.
@@ -39,16 +45,15 @@ pub(crate) struct Lesson<'r> {
     pub scaling: &'r Scaling,
 }
 
-/// A net, and how far it is from its teacher: RMS of each scaled target over rows it was not taught.
+/// A net, and its distance from its teacher: RMS of each scaled target over unseen rows.
 pub(crate) struct Pupil {
     pub net: Net,
     pub apart: Vec<f64>,
 }
 
-/// Teaches a net.
+/// Trains a net on the outputs of a Gaussian process.
 ///
-/// # Errors
-/// Stopped before the first step.
+/// # Errors Stopped before the first step.
 pub(crate) fn distil(
     part: &str,
     teacher: &Model,
@@ -95,8 +100,9 @@ fn stack(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     both
 }
 
-/// Rows on lines through a recorded row and one of its nearest neighbours from other stretches: so, and in
-/// these directions, recordings of one load differ.
+/// Draws rows on lines through a recorded row and a near neighbour from another stretch.
+///
+/// Recordings of one load differ in these directions and by such amounts.
 fn between(lesson: &Lesson<'_>, count: usize, rng: &mut ChaCha8Rng) -> DMatrix<f64> {
     let Lesson { x, stretch, .. } = lesson;
     let mut rows = DMatrix::zeros(count, x.ncols());

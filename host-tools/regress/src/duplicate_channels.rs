@@ -6,12 +6,12 @@ use crate::gaussian::Rows;
 use crate::scaling::{Inputs, Scaling};
 use crate::training::Recorded;
 
-/// Channels whose combination is weaker than this share of the strongest say the same.
+/// Largest share of the strongest combination at which channels count as collinear.
 const SAME: f64 = 1e-6;
-/// A channel has part in a combination with a weight of this at least.
+/// Least weight of a channel that takes part in a combination.
 const PART: f64 = 0.2;
 
-/// The rows of all recordings, scaled together.
+/// Scales the rows of all recordings together.
 pub(crate) fn scaled(recordings: &[Recorded]) -> (Scaling, Rows) {
     let x: Vec<&[f64]> = recordings.iter().flat_map(|r| &r.0).map(Vec::as_slice).collect();
     let y: Vec<&[f64]> = recordings.iter().flat_map(|r| &r.1).map(Vec::as_slice).collect();
@@ -22,11 +22,13 @@ pub(crate) fn scaled(recordings: &[Recorded]) -> (Scaling, Rows) {
     (scaling, rows)
 }
 
-/// Conditioning of the channels, each scaled by its own spread; those that do not move at all are left out.
+/// Conditioning of the channels, each scaled by its own spread.
+///
+/// Channels that never change are left out.
 pub struct Conditioning {
     /// Condition number of the data.
     pub number: f64,
-    /// Numbers of the channels that have part in the combination that moves least.
+    /// Indices of the channels in the combination that varies least.
     pub weakest: Vec<usize>,
 }
 
@@ -37,7 +39,7 @@ impl Conditioning {
     }
 }
 
-/// Computes the conditioning; `None` where fewer than two channels move.
+/// Computes the conditioning; `None` if fewer than two channels change.
 pub fn conditioning(recordings: &[Recorded]) -> Option<Conditioning> {
     let (scaling, rows) = scaled(recordings);
     let moving: Vec<usize> =
@@ -59,7 +61,7 @@ pub fn conditioning(recordings: &[Recorded]) -> Option<Conditioning> {
 mod tests {
     use super::*;
 
-    /// Three channels and a bent force that wanders.
+    /// Three varying channels and a nonlinear force.
     fn recording(rows: usize) -> Recorded {
         let x: Vec<Vec<f64>> = (0..rows)
             .map(|row| row as f64 * 0.05)

@@ -27,7 +27,7 @@ pub enum FitError {
         /// Expected least value.
         rows: usize,
     },
-    /// A recording lacks what to fit.
+    /// A recording lacks a column or channel that the fit needs.
     #[error("{recording}: {missing} missing; {mend}")]
     Missing {
         /// Name of the recording.
@@ -43,7 +43,7 @@ pub enum FitError {
         /// Part that was to be fitted.
         part: String,
     },
-    /// A component of the reference that never shows a load.
+    /// A component of the reference never shows a load.
     #[error(
         "{part}: {columns}: the same throughout: what is never loaded cannot be fitted; record loads along it, \
          both ways, over the range to be measured, or leave the column out"
@@ -54,7 +54,7 @@ pub enum FitError {
         /// The columns of the reference.
         columns: String,
     },
-    /// Axes of a force sensor along which there is no load.
+    /// A force sensor has axes without any load.
     #[error(
         "{part}: {columns}: never loaded (less than a hundredth of the largest force), so that S is not determined; \
          load it in x, y and z independently of each other"
@@ -65,7 +65,7 @@ pub enum FitError {
         /// The columns of the reference.
         columns: String,
     },
-    /// The loads do not determine all of the unknowns.
+    /// The loads do not determine all unknowns.
     #[error(
         "{part}: the loads do not determine every axis (in one direction the signals stand only \
          {ratio:.1} times out of their noise, at least {least} are needed); \
@@ -89,25 +89,25 @@ pub enum FitError {
         /// Expected least value.
         least: usize,
     },
-    /// A shape that the record cannot hold.
+    /// A shape that the calibration record cannot hold.
     #[error("{part}: {problem}")]
     Shape {
         /// Part that was to be fitted.
         part: String,
-        /// What was found, and what was expected.
+        /// Shape that was found, and the expected one.
         problem: String,
     },
-    /// Recordings that do not go together.
+    /// Recordings that do not match each other.
     #[error("{recording}: {problem}; {mend}")]
     Mismatch {
         /// Name of the recording.
         recording: String,
-        /// What was found, and what was expected.
+        /// Value that was found, and the expected one.
         problem: String,
         /// How to fix it.
         mend: String,
     },
-    /// Sensor and reference cannot be brought onto one time.
+    /// Sensor and reference cannot be aligned in time.
     #[error("{recording}: {problem}; {mend}")]
     Unaligned {
         /// Name of the reference.
@@ -120,7 +120,7 @@ pub enum FitError {
     /// The fit was stopped before its first step.
     #[error("stopped before the first step; nothing was fitted")]
     Stopped,
-    /// The fit is not a valid record.
+    /// The fit gives an invalid calibration record.
     #[error(
         "the fit gives no valid record ({0}); look for a channel that jumps or is not connected"
     )]

@@ -1,11 +1,11 @@
-//! Folds of cross-validation: rows that belong together are left out together.
+//! Folds of cross-validation: related rows are left out together.
 
-/// Number of stretches that a recording is cut into.
+/// Number of stretches into which a recording is cut.
 const STRETCHES: usize = 10;
-/// A recording with less than this share of the range of some target does not stand for the others.
+/// Least range of a target, as a share of the largest, for recordings of one kind.
 const SAME_KIND: f64 = 0.5;
 
-/// Kind of folds that were left out to choose a model.
+/// Kind of folds left out to choose a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeftOut {
     /// Whole recordings, one after the other.
@@ -14,10 +14,11 @@ pub enum LeftOut {
     Stretches,
 }
 
-/// The stretch that each row belongs to, the recordings' targets row by row in the order of time.
+/// Assigns each row its stretch; targets are row by row in the order of time.
 ///
-/// With three recordings or more of one kind, each is a stretch. Else a recording is cut into tenths: two
-/// recordings, or recordings of different loads, cannot be chosen by without one another.
+/// With three recordings or more of one kind, each is a stretch. Otherwise each recording is cut
+/// into tenths, because neither two recordings nor recordings of different loads can be left out
+/// whole.
 pub(crate) fn stretches(recordings: &[&[Vec<f64>]]) -> (LeftOut, Vec<usize>) {
     let own: Vec<usize> = recordings
         .iter()
@@ -35,7 +36,7 @@ pub(crate) fn stretches(recordings: &[&[Vec<f64>]]) -> (LeftOut, Vec<usize>) {
     (LeftOut::Stretches, stretches)
 }
 
-/// Whole recordings can be left out: there are three or more, and of one kind.
+/// Whether whole recordings can be left out: there are three or more, and of one kind.
 pub(crate) fn whole(recordings: &[&[Vec<f64>]]) -> bool {
     recordings.len() > 2 && of_one_kind(recordings)
 }
@@ -54,8 +55,9 @@ fn span(rows: &[Vec<f64>], k: usize) -> f64 {
     values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
 }
 
-/// Ten stretches of about one length, each cut at the least load within a quarter of a stretch, so that
-/// what was pressed stays whole.
+/// Cuts a recording into ten stretches of about one length.
+///
+/// Each cut is at the least load within a quarter of a stretch, so that presses stay whole.
 fn tenths(rows: &[Vec<f64>]) -> Vec<usize> {
     let targets = rows.first().map_or(0, Vec::len);
     let spans: Vec<f64> = (0..targets).map(|k| span(rows, k).max(f64::MIN_POSITIVE)).collect();

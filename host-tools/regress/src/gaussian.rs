@@ -1,17 +1,18 @@
-//! Gaussian-process regression: a straight line everywhere, bent near what was recorded.
+//! Gaussian-process regression: a straight line everywhere, bent near recorded rows.
 //!
-//! The covariance of two rows is k(x, x') = ρ·[c·(x·x' + 1) + (1 + |Px − Px'|²/ℓ²)^(−½)] in units of the
-//! noise: a linear model that is all but free, and a rational quadratic (Rasmussen & Williams 2006,
-//! eq. (4.19), α = ½) that bends it where there are rows to bend it to. Far from every row the bend fades
-//! and the straight line is left: that is how it meets a state of the sensor that no recording showed. P
-//! takes from each principal direction of the inputs the share of its power that is noise ([`Rows::heard`]):
-//! thirty channels hold a few directions of signal, and in the others two rows of one load differ by noise.
+//! The covariance of two rows is k(x, x') = ρ·[c·(x·x' + 1) + (1 + |Px − Px'|²/ℓ²)^(−½)] in units
+//! of the noise. The first term is a nearly free linear model. The second, a rational quadratic
+//! (Rasmussen & Williams 2006, eq. (4.19), α = ½), bends the line near the rows. Far from every row
+//! the bend fades and the straight line is left; it covers sensor states that no recording showed.
+//! P weights each principal direction of the inputs by the share of its power that is signal
+//! ([`Rows::heard`]). Thirty channels hold a few directions of signal; in the others two rows of
+//! one load differ by noise.
 //!
-//! Reach ℓ and size ρ of the bend are judged by leaving stretches out: with K⁻¹ at hand what the other
-//! rows say of a stretch B follows without another fit, e_B = ((K⁻¹)_BB)⁻¹·(K⁻¹y)_B (the block form of
-//! eq. (5.12)). Stretches of one recording cannot tell apart what does nearly as well: all priors within a
-//! standard error of the best (Breiman et al. 1984, §3.4.3) take part, as one covariance whose bend is
-//! the mean of theirs.
+//! Reach ℓ and size ρ of the bend are judged by leaving stretches out. K⁻¹ gives the error on a
+//! stretch B without another fit, e_B = ((K⁻¹)_BB)⁻¹·(K⁻¹y)_B (the block form of eq. (5.12)).
+//! Stretches of one recording cannot separate priors of nearly equal score. All priors within a
+//! standard error of the best (Breiman et al. 1984, §3.4.3) therefore take part, as one covariance
+//! with the mean of their bends.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -19,21 +20,22 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
 use crate::error::FitError;
 
-/// Rows on which the choice is made; its price grows with their cube.
+/// Rows used for the choice of priors; its cost grows with their cube.
 pub(crate) const CHOICE_ROWS: usize = 600;
-/// Rows that the predictions rest on.
+/// Rows used for the predictions.
 pub(crate) const ROWS: usize = 1500;
-/// How free the straight line is beside the bend: rows are scaled to about one, so that slopes of ten
-/// spreads a spread are still ordinary.
+/// Prior variance of the straight line relative to the bend.
+///
+/// Rows are scaled to about one, so that slopes of ten spreads a spread are still ordinary.
 const LINE: f64 = 100.0;
-/// Reaches ℓ that are tried, in spreads of the inputs: from a gentle bend of the whole to neighbours.
+/// Reaches ℓ tried, in spreads of the inputs: from a gentle bend of the whole to neighbours.
 const REACHES: [f64; 9] = [25.6, 12.8, 6.4, 3.2, 1.6, 0.8, 0.4, 0.2, 0.1];
-/// Sizes ρ that are tried; at 1e5 the noise is all but nothing beside the bend.
+/// Sizes ρ tried; at 1e5 the noise is negligible relative to the bend.
 const SIZES: [f64; 3] = [1e1, 1e3, 1e5];
-/// A prediction is made for so many rows at once.
+/// Rows predicted at once.
 const CHUNK: usize = 256;
 
-/// Scaled rows in the order of time: inputs, targets, and the stretch that each belongs to (0, 1, …).
+/// Scaled rows in the order of time: inputs, targets, and the stretch of each (0, 1, …).
 pub(crate) struct Rows {
     pub x: DMatrix<f64>,
     pub y: DMatrix<f64>,
@@ -53,9 +55,11 @@ impl Rows {
             .collect()
     }
 
-    /// The inputs' principal directions with what is signal in them; noise is what jitters from row to row:
-    /// second differences, which no slow motion survives, have six times its power. All alike where the
-    /// rows follow each other too loosely to tell.
+    /// Principal directions of the inputs, each weighted by its share of signal.
+    ///
+    /// Noise is the jitter from row to row. Second differences, which cancel slow motion, have six
+    /// times its power. Returns the identity if successive rows differ too much to separate signal
+    /// and noise.
     pub fn heard(&self) -> Directions {
         let (n, width) = self.x.shape();
         let all = DMatrix::identity(width, width);
@@ -66,8 +70,8 @@ impl Rows {
         let along = &self.x * &eigen.eigenvectors;
         let jitter = along.rows(0, n - 2) - along.rows(1, n - 2) * 2.0 + along.rows(2, n - 2);
         let signal = |i: usize| {
-            // A jump between presses or recordings is no noise: the median is not moved by a few. Of a
-            // squared normal variable it is 0.4549 of the mean.
+            // The median is robust to the few jumps between presses or recordings. The median of a
+            // squared normal variable is 0.4549 of its mean.
             let mut squares: Vec<f64> = jitter.column(i).iter().map(|j| j * j).collect();
             let (_, median, _) = squares.select_nth_unstable_by(n / 2 - 1, f64::total_cmp);
             let power = eigen.eigenvalues[i];
@@ -87,33 +91,36 @@ impl Rows {
     }
 }
 
-/// Scores of a model on the stretches left out: ln of the mean square error, stretch × output.
+/// Scores of a model on the held-out stretches: ln of the mean square error, stretch × output.
 #[derive(Clone, Debug)]
 pub(crate) struct Scores(pub DMatrix<f64>);
 
 impl Scores {
-    /// Scores the errors of each stretch.
+    /// Computes the scores from the errors of each stretch.
     pub fn of(errors: &[DMatrix<f64>]) -> Self {
         let outputs = errors.first().map_or(0, |errors| errors.ncols());
         Self(DMatrix::from_fn(errors.len(), outputs, |stretch, k| {
             let errors = errors[stretch].column(k);
-            // An error of a ten-thousandth of the spread is none: no reference is better.
+            // Errors below a ten-thousandth of the spread count as that, because no reference is
+            // better.
             (errors.norm_squared() / errors.len() as f64).max(1e-8).ln()
         }))
     }
 
-    /// RMS error of each scaled target on the stretches left out.
+    /// RMS error of each scaled target on the held-out stretches.
     pub fn error(&self) -> Vec<f64> {
         self.0.column_iter().map(|s| s.map(f64::exp).mean().sqrt()).collect()
     }
 
-    /// The same of a usual stretch: the geometric mean, which one that lies beyond all others does not rule.
+    /// RMS error of each scaled target on a usual stretch: the geometric mean over stretches.
+    ///
+    /// One stretch far beyond all others does not dominate it.
     pub fn usual(&self) -> Vec<f64> {
         self.0.column_iter().map(|s| s.mean().exp().sqrt()).collect()
     }
 }
 
-/// The trials whose score for an output is within a standard error of the best one's.
+/// Indices of the trials within a standard error of the best one's score for an output.
 pub(crate) fn good<'s>(
     trials: impl Iterator<Item = &'s Scores> + Clone,
     output: usize,
@@ -128,14 +135,16 @@ pub(crate) fn good<'s>(
     within.map(|(number, _)| number).collect()
 }
 
-/// The bend of a covariance.
+/// Reach and size of a covariance's bend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Bend {
     reach: f64,
     size: f64,
 }
 
-/// Components of a covariance: bends of one size and several reaches, and a line [`LINE`] times as free.
+/// Components of a covariance: bends of one size and several reaches, and a line.
+///
+/// The line has [`LINE`] times the bends' variance.
 #[derive(Clone, Debug, PartialEq)]
 struct Prior {
     reaches: Vec<f64>,
@@ -143,7 +152,8 @@ struct Prior {
 }
 
 impl Prior {
-    /// The mean of some bends: of their sizes the geometric one, lest the largest be all there is.
+    /// Mean of several bends. The size is the geometric mean, so that the largest does not
+    /// dominate.
     fn of_all(bends: &[Bend]) -> Self {
         let logarithms = bends.iter().map(|bend| bend.size.ln()).sum::<f64>();
         let size = (logarithms / bends.len().max(1) as f64).exp();
@@ -160,51 +170,51 @@ impl Prior {
         LINE * self.size
     }
 
-    /// The covariance of some rows from their dot products and squared distances, noise included.
+    /// Factors the covariance of rows from dot products and squared distances, noise included.
     fn factor(&self, dots: &DMatrix<f64>, squares: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
         let line = self.line();
         let mut covariance =
             dots.zip_map(squares, |dot, square| line * (dot + 1.0) + self.of(square));
         for i in 0..covariance.nrows() {
-            // A distance from itself is rounded; it is none.
+            // The distance from itself is rounded, but must be zero.
             covariance[(i, i)] = line * (dots[(i, i)] + 1.0) + self.of(0.0) + 1.0;
         }
         Cholesky::new(covariance)
     }
 }
 
-/// How a bend did on the stretches left out.
+/// A bend with its scores on the held-out stretches.
 struct Trial {
     bend: Bend,
     scores: Scores,
 }
 
-/// What says some outputs.
+/// Predictor of some outputs.
 struct Member {
     prior: Prior,
-    /// The rows' weights, rows × outputs, zero for the outputs of other members.
+    /// Weights of the rows, rows × outputs, zero for the outputs of other members.
     weights: DMatrix<f64>,
 }
 
-/// A model; every output has the bends that suit it.
+/// Fitted Gaussian process; every output has its own bends.
 pub(crate) struct Model {
     heard: Directions,
-    /// The rows in these directions.
+    /// Rows projected on these directions.
     rows: DMatrix<f64>,
     members: Vec<Member>,
     /// Slope of each scaled target by each scaled input, inputs × outputs.
     slope: DMatrix<f64>,
     /// The targets at the inputs' mean.
     level: DVector<f64>,
-    /// How it did on each stretch left out.
+    /// Scores on each held-out stretch.
     pub left_out: Scores,
 }
 
-/// Fits line and bend: the choice by some rows, the model to others, distances taken in the directions
-/// `heard`. `progress` is told how many bends were tried, of how many.
+/// Fits line and bend: chooses the priors on `choice` and fits the model to `rows`.
 ///
-/// # Errors
-/// Stopped before anything was chosen.
+/// Distances are taken in the directions `heard`. `progress` gets the bends tried and their total.
+///
+/// # Errors Stopped before anything was chosen.
 pub(crate) fn fit(
     choice: &Rows,
     rows: &Rows,
@@ -291,7 +301,7 @@ fn squares(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 impl Model {
-    /// The scaled targets for scaled inputs, row for row.
+    /// Predicts the scaled targets for scaled inputs, row for row.
     pub fn outputs(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
         let mut y = x * &self.slope;
         y.row_iter_mut().for_each(|mut row| row += self.level.transpose());
@@ -311,7 +321,7 @@ impl Model {
 mod tests {
     use super::*;
 
-    /// Two inputs that wander, a target that bends in one of them.
+    /// Two varying inputs and a target that bends in one of them.
     fn rows(count: usize, bent: f64) -> Rows {
         let t = |row: usize| row as f64 * 0.1;
         let x = DMatrix::from_fn(count, 2, |row, i| {
@@ -333,7 +343,7 @@ mod tests {
         let model = model(&train);
         let error = model.outputs(&train.x) - &train.y;
         assert!(error.amax() < 0.02, "{}", error.amax());
-        // Far out in a direction that no row took, three points of a line lie on a line.
+        // Three points far out in an unrecorded direction lie on a line.
         let far = DMatrix::from_row_slice(3, 2, &[300.0, 0.0, 400.0, 0.0, 500.0, 0.0]);
         let y = model.outputs(&far);
         let slope = model.slope[(0, 0)];
@@ -363,7 +373,7 @@ mod tests {
     fn what_does_nearly_as_well_as_the_best_takes_part() {
         let scores =
             |at: f64| Scores(DMatrix::from_column_slice(4, 1, &[at, at + 1.0, at, at + 1.0]));
-        // A standard error of four such stretches is 0.29.
+        // The standard error of four such stretches is 0.29.
         let trials = [scores(1.0), scores(0.25), scores(0.0)];
         assert_eq!(good(trials.iter(), 0), [1, 2]);
         assert!(good(trials[..0].iter(), 0).is_empty());

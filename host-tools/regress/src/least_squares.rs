@@ -4,11 +4,13 @@ use nalgebra::{DMatrix, QR, SVD};
 
 use crate::error::FitError;
 
-/// Fewest rows that are taken for a recording.
+/// Fewest rows of a usable recording.
 const LEAST_ROWS: usize = 50;
 
-/// Least signal-to-noise ratio in every direction, root mean square. Noise of
-/// the regressors draws S towards zero by about 1/ratio²: at 5, by 4 % in the weakest direction.
+/// Least RMS signal-to-noise ratio in every direction.
+///
+/// Noise of the regressors draws S towards zero by about 1/ratio²: at 5, by 4 % in the weakest
+/// direction.
 const LEAST_RATIO: f64 = 5.0;
 
 /// A fitted S.
@@ -16,8 +18,9 @@ const LEAST_RATIO: f64 = 5.0;
 pub struct LeastSquares {
     /// S in newtons per fraction of full scale: row i gives force component i.
     pub s: [[f64; 3]; 3],
-    /// Ratio of the largest to the smallest singular value of the signals: how unevenly the loads
-    /// determine the directions.
+    /// Ratio of the largest to the smallest singular value of the signals.
+    ///
+    /// Large values mean that the loads determine the directions unevenly.
     pub condition: f64,
     /// Signal-to-noise ratio in the weakest direction.
     pub ratio: f64,
@@ -25,10 +28,11 @@ pub struct LeastSquares {
     pub rms: [f64; 3],
 }
 
-/// Fits f = S·u to the rows, where u = (bridge outputs − b) has the standard deviation `noise` unloaded.
+/// Fits f = S·u to the rows, with u = bridge outputs − b.
 ///
-/// # Errors
-/// Too few rows, no load, or loads that do not span all three axes.
+/// `noise` is the standard deviation of u while unloaded.
+///
+/// # Errors Too few rows, no load, or loads that do not span all three axes.
 pub fn fit(
     part: &str,
     signals: &[[f64; 3]],
@@ -76,7 +80,7 @@ mod tests {
         u.iter().map(|u| s.map(|row| row.iter().zip(u).map(|(s, u)| s * u).sum())).collect()
     }
 
-    /// Signals that wander through all three directions.
+    /// Signals that vary in all three directions.
     fn wandering() -> Vec<[f64; 3]> {
         let wave = |t: f64, rate: f64| 0.01 * (rate * t).sin();
         (0..300)

@@ -1,10 +1,10 @@
-//! Levenberg–Marquardt training (the method of [DeMaria2011]) with a weight decay that the data choose.
+//! Levenberg–Marquardt training ([DeMaria2011]) with a weight decay estimated from the data.
 //!
-//! Minimised is F(w) = β/2 Σ_rows |y − target|² + ½ Σ_g α_g |w_g|². The noise precision β and the decay
-//! α_g of each group of weights are re-estimated on the way from the evidence (MacKay 1992; with
-//! Levenberg–Marquardt Foresee and Hagan 1997, which is MATLAB's `trainbr`): of the W_g weights of a
-//! group the data determine γ_g = W_g − α_g·tr_g(A⁻¹), with A = β·J^T J + α; then α_g = γ_g/|w_g|² and
-//! β = (n − γ)/Σ e². Nothing is held back for it, and no split of the rows is needed.
+//! Minimised is F(w) = β/2 Σ_rows |y − target|² + ½ Σ_g α_g |w_g|². The noise precision β and the
+//! decay α_g of each group of weights are re-estimated during training from the evidence (MacKay
+//! 1992; with Levenberg–Marquardt Foresee and Hagan 1997, which is MATLAB's `trainbr`). The data
+//! determine γ_g = W_g − α_g·tr_g(A⁻¹) of the W_g weights of a group, with A = β·J^T J + α. Then
+//! α_g = γ_g/|w_g|² and β = (n − γ)/Σ e². No rows are held back for validation.
 
 use nalgebra::{Cholesky, DVector, Dyn};
 
@@ -12,11 +12,13 @@ use crate::mlp::{self, Quadratic, Rows, Shape};
 
 /// Accepted steps between two estimates of decay and noise.
 const EVIDENCE_EVERY: usize = 5;
-/// A step that improves F by less than this share is no progress; so many of them in a row end it. With a hundred
-/// times this share training ended on plateaus, up to 15 % above the minimum that lay behind them.
+/// Relative improvement of F below which a step is no progress.
+///
+/// So many such steps in a row end the training. With a hundred times this share training ended on
+/// plateaus, up to 15 % above the minimum behind them.
 const LITTLE: f64 = 1e-7;
 const LITTLE_STEPS: usize = 10;
-/// Rejected steps in a row after which no damping helps.
+/// Rejected steps in a row after which training ends.
 const TRIES: usize = 30;
 
 /// Source of the weight decay.
@@ -24,8 +26,10 @@ const TRIES: usize = 30;
 pub enum Decay {
     /// Estimated from the evidence.
     Evidence {
-        /// Independent errors per row. The rows of one press repeat each other's error; to count them
-        /// all would make the data look surer than they are.
+        /// Independent errors per row.
+        ///
+        /// The rows of one press repeat each other's error. Counting all rows would overestimate
+        /// how certain the data are.
         per_row: f64,
     },
     /// α = this for every parameter, β = 1.
@@ -48,12 +52,12 @@ pub struct State {
     pub squares: DVector<f64>,
     /// Number of parameters that the data determine.
     pub effective: f64,
-    /// No step improves it any more.
+    /// Whether no step improves the objective any more.
     pub converged: bool,
 }
 
 impl State {
-    /// Training begins at `parameters`.
+    /// Starts a training at `parameters`.
     #[must_use]
     pub fn new(shape: Shape, rows: &Rows, parameters: DVector<f64>) -> Self {
         Self {
@@ -74,7 +78,7 @@ impl State {
     }
 }
 
-/// Trains on until `until` steps are done, nothing improves, or `go_on` says no.
+/// Trains until `until` steps are done, nothing improves, or `go_on` returns false.
 pub fn train(
     shape: Shape,
     rows: &Rows,
@@ -106,8 +110,10 @@ pub fn train(
     state
 }
 
-/// One accepted step; the share by which it improved F. The damping follows Nielsen's rule: eased by
-/// how well the quadratic model foretold the gain, doubled ever faster while steps are rejected.
+/// Takes one accepted step and returns its relative improvement of F.
+///
+/// The damping follows Nielsen's rule. It is eased by how well the quadratic model predicted the
+/// gain, and doubles ever faster while steps are rejected.
 fn step(shape: Shape, rows: &Rows, state: &mut State, model: &Quadratic) -> Option<f64> {
     let now = state.objective(&model.squares, &state.parameters);
     let gradient = &model.gradient * state.precision + state.decay.component_mul(&state.parameters);
@@ -138,8 +144,10 @@ fn step(shape: Shape, rows: &Rows, state: &mut State, model: &Quadratic) -> Opti
     None
 }
 
-/// Parameters that share a decay: hidden weights, hidden biases, and of each output the weights of the
-/// units and those of the skip path. Output biases are left free.
+/// Groups of parameters that share a decay.
+///
+/// Groups are the hidden weights, the hidden biases, and each output's weights of units and of the
+/// skip path. Output biases have no decay.
 fn groups(shape: Shape) -> Vec<Vec<usize>> {
     let (inputs, hidden) = (shape.inputs + 1, shape.hidden);
     let first_output = shape.hidden_parameters();
@@ -171,7 +179,7 @@ fn weigh(state: &mut State, model: &Quadratic, groups: &[Vec<usize>], n: f64) {
     state.precision = (n - state.effective).max(1.0) / model.squares.sum().max(1e-12 * n);
 }
 
-/// Diagonal of A⁻¹: the squared norms of the columns of L⁻¹, where A = L·L^T.
+/// Diagonal of A⁻¹: the squared norms of the columns of L⁻¹, with A = L·L^T.
 fn inverse_diagonal(factor: &Cholesky<f64, Dyn>) -> DVector<f64> {
     let l = factor.l_dirty();
     let size = l.nrows();
@@ -201,7 +209,7 @@ mod tests {
 
     pub(super) const SHAPE: Shape = Shape { inputs: 2, hidden: 3, outputs: 2, skip: false };
 
-    /// Sixty rows of a smooth function that three units cannot quite follow.
+    /// Sixty rows of a smooth function that three units cannot follow exactly.
     pub(super) fn rows() -> Rows {
         let x = DMatrix::from_fn(60, 3, |row, column| match column {
             0 => (0.7 * row as f64).sin(),
@@ -221,8 +229,9 @@ mod tests {
         })
     }
 
-    /// `scipy.optimize.least_squares(method="lm")`, best of 200 starts on the same residuals with
-    /// √0.01·w appended: 0.614 121 42.
+    /// Minimum found by `scipy.optimize.least_squares(method="lm")`: 0.614 121 42.
+    ///
+    /// Best of 200 starts on the same residuals with √0.01·w appended.
     #[test]
     fn it_finds_the_minimum_that_scipy_finds() {
         let rows = rows();

@@ -1,9 +1,11 @@
-//! Regression on tables of N channels: from recordings to a small model, and what the model is worth.
+//! Regression on tables of N channels: from recordings to a small model and its error figures.
 //!
-//! - [`table`] fits a model to anybody's sensor that comes as a CSV and evaluates it.
-//! - [`training::Training`] fits one to rows in memory; [`model::Family`] lists the families: ridge, polynomials,
-//!   a tanh net by Levenberg–Marquardt with evidence ([DeMaria2011]), a Gaussian process distilled to a net.
-//! - [`outliers`], [`sign_check`], [`duplicate_channels`] and [`align`] find what is wrong with the recordings.
+//! - [`table`] fits a model to any sensor's CSV and evaluates it.
+//! - [`training::Training`] fits one to rows in memory; [`model::Family`] lists the families:
+//!   ridge, polynomials, a tanh net by Levenberg–Marquardt with evidence ([DeMaria2011]), a
+//!   Gaussian process distilled to a net.
+//! - [`outliers`], [`sign_check`], [`duplicate_channels`] and [`align`] find faults of the
+//!   recordings.
 
 pub mod align;
 mod auto;

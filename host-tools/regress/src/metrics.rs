@@ -13,7 +13,7 @@ pub struct Figures {
     pub max: f64,
     /// Mean error.
     pub bias: f64,
-    /// Rows that were judged.
+    /// Number of judged rows.
     pub n: usize,
 }
 
@@ -22,13 +22,13 @@ pub struct Figures {
 pub struct TargetMetrics {
     /// Name of the reference column.
     pub target: String,
-    /// The figures; `None` if not one row had an estimate.
+    /// The figures; `None` if no row had an estimate.
     pub figures: Option<Figures>,
     /// Rows with a reference but without an estimate, by reason.
     pub withheld: BTreeMap<String, usize>,
 }
 
-/// Collects errors of one target.
+/// Collector of the errors of one target.
 #[derive(Clone, Debug, Default)]
 pub struct Errors {
     errors: Vec<f64>,
@@ -51,7 +51,7 @@ impl Errors {
         self.errors.len() + self.withheld.values().sum::<usize>()
     }
 
-    /// The figures of the target of this name.
+    /// Computes the figures of the target of this name.
     pub fn into_metrics(self, target: impl Into<String>) -> TargetMetrics {
         TargetMetrics {
             target: target.into(),
@@ -61,7 +61,7 @@ impl Errors {
     }
 }
 
-/// The figures of some errors; `None` for none.
+/// Computes the figures of some errors; `None` for none.
 #[must_use]
 pub fn figures(errors: &[f64]) -> Option<Figures> {
     let n = errors.len();
@@ -82,7 +82,8 @@ pub fn figures(errors: &[f64]) -> Option<Figures> {
 
 /// Whether errors are less than others by more than one standard error of the mean difference.
 ///
-/// Both are of the same recordings or presses; a smaller gain may be chance, and of a single one nothing is sure.
+/// Both must come from the same recordings or presses. A smaller gain may be chance; a single pair
+/// is never sure.
 pub fn surely_less(errors: &[f64], than: &[f64]) -> bool {
     let n = errors.len() as f64;
     let gained: Vec<f64> = than.iter().zip(errors).map(|(than, error)| than - error).collect();

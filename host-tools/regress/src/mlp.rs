@@ -1,33 +1,35 @@
-//! A net with one hidden layer of tanh units and linear outputs ([DeMaria2011]), with a linear skip path or without,
-//! in f64, for training: values, and the Gauss–Newton matrix of its squared error at the price of a single
-//! Gram matrix.
+//! Net with one hidden layer of tanh units and linear outputs ([DeMaria2011]), in f64, for
+//! training.
 //!
-//! Unit h of a row x̃ = (x, 1) is t_h = tanh(w_h·x̃), output k is y_k = v_k·z with z = (t, x̃), or (t, 1)
-//! without the skip path. With g_h = 1 − t_h² the derivatives are ∂y_k/∂w_h = v_kh·g_h·x̃ and ∂y_k/∂v_k = z.
-//! The factors that differ between outputs do not depend on the row, so that J^T J for any number of
-//! outputs follows from the Gram matrix of the features φ = (g_1·x̃, …, g_H·x̃, z): one product instead of
-//! one an output.
+//! A linear skip path is optional. The module gives values and the Gauss–Newton matrix of the
+//! squared error, at the cost of a single Gram matrix.
+//!
+//! Unit h of a row x̃ = (x, 1) is t_h = tanh(w_h·x̃). Output k is y_k = v_k·z with z = (t, x̃), or
+//! (t, 1) without the skip path. With g_h = 1 − t_h² the derivatives are ∂y_k/∂w_h = v_kh·g_h·x̃
+//! and ∂y_k/∂v_k = z. The factors that differ between outputs do not depend on the row. J^T J for
+//! any number of outputs therefore follows from the Gram matrix of the features φ = (g_1·x̃, …,
+//! g_H·x̃, z): one product instead of one an output.
 
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
-/// Rows whose features are in memory at once.
+/// Rows with features in memory at once.
 const CHUNK: usize = 512;
 
-/// Sizes of a net: inputs, hidden units, outputs.
+/// Sizes of a net: inputs, hidden units, outputs, and whether it has a skip path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
-    /// N.
+    /// Number of inputs N.
     pub inputs: usize,
-    /// H.
+    /// Number of hidden units H.
     pub hidden: usize,
-    /// O.
+    /// Number of outputs O.
     pub outputs: usize,
-    /// The outputs also see the inputs.
+    /// Whether the outputs also see the inputs.
     pub skip: bool,
 }
 
 impl Shape {
-    /// Weights and biases of all units and outputs.
+    /// Number of weights and biases of all units and outputs.
     #[must_use]
     pub fn parameters(&self) -> usize {
         self.hidden_parameters() + self.outputs * self.seen()
@@ -39,8 +41,10 @@ impl Shape {
         self.hidden + if self.skip { self.inputs } else { 0 } + 1
     }
 
-    /// Number of parameters of the hidden layer; they come first, a unit after the other, each
-    /// with its bias last. The outputs follow alike.
+    /// Number of parameters of the hidden layer.
+    ///
+    /// They come first, one unit after another, each with its bias last. The outputs follow in the
+    /// same layout.
     #[must_use]
     pub fn hidden_parameters(&self) -> usize {
         self.hidden * (self.inputs + 1)
@@ -52,18 +56,18 @@ impl Shape {
 pub struct Rows {
     /// Inputs with a last column of ones.
     pub x: DMatrix<f64>,
-    /// Targets.
+    /// Targets, a column an output.
     pub y: DMatrix<f64>,
 }
 
-/// The quadratic model of ½ Σ_rows |y − target|² around some parameters.
+/// Quadratic model of ½ Σ_rows |y − target|² around some parameters.
 #[derive(Clone, Debug)]
 pub struct Quadratic {
     /// Σ_rows (y_k − target_k)² of each output k.
     pub squares: DVector<f64>,
-    /// J^T e.
+    /// Gradient J^T e.
     pub gradient: DVector<f64>,
-    /// J^T J.
+    /// Gauss–Newton matrix J^T J.
     pub curvature: DMatrix<f64>,
 }
 
@@ -105,7 +109,7 @@ pub fn squares(shape: Shape, parameters: &[f64], rows: &Rows) -> DVector<f64> {
     DVector::from_iterator(shape.outputs, error.column_iter().map(|e| e.norm_squared()))
 }
 
-/// The quadratic model around `parameters`.
+/// Computes the quadratic model around `parameters`.
 #[must_use]
 pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows) -> Quadratic {
     let (inputs, hidden, seen_count) = (shape.inputs + 1, shape.hidden, shape.seen());
@@ -153,7 +157,7 @@ pub fn quadratic(shape: Shape, parameters: &[f64], rows: &Rows) -> Quadratic {
     Quadratic { squares, gradient, curvature }
 }
 
-/// Adds φ^T φ: only the blocks on and above the diagonal are computed, the rest is their mirror image.
+/// Adds φ^T φ: only the blocks on and above the diagonal are computed.
 fn accumulate_gram(gram: &mut DMatrix<f64>, phi: &DMatrix<f64>) {
     const BLOCKS: usize = 4;
     let transposed = phi.transpose();

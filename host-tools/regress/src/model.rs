@@ -1,4 +1,4 @@
-//! Families of models, with the names that the command takes.
+//! Families of models, with the names that the command accepts.
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,7 +11,7 @@ pub enum Family {
     /// Net with one hidden layer of tanh units ([DeMaria2011]).
     #[default]
     Mlp,
-    /// Such a net with a linear skip path.
+    /// Net like [`Self::Mlp`] with a linear skip path.
     Skip,
     /// Linear, with a decay.
     Ridge,
@@ -31,7 +31,7 @@ pub enum Family {
     Gap,
 }
 
-/// Every family with its name.
+/// All families with their names.
 const NAMES: [(&str, Family); 11] = [
     ("auto", Family::Auto),
     ("mlp", Family::Mlp),

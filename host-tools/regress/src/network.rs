@@ -14,9 +14,9 @@ use crate::mlp::{self, Shape};
 use crate::scaling::{Inputs, Scaling, thinned};
 use trainer::Trainer;
 
-/// Most rows that a net is trained on.
+/// Most rows of a net's training.
 pub const MOST_ROWS: usize = 4096;
-/// While the net takes shape every row counts.
+/// Decay of the first phase: every row counts.
 const EXPLORE: Decay = Decay::Evidence { per_row: 1.0 };
 
 /// Options of the training of a net.
@@ -24,9 +24,9 @@ const EXPLORE: Decay = Decay::Evidence { per_row: 1.0 };
 pub struct NetOptions {
     /// Seed of the starting weights: the same seed and recordings give the same net.
     pub seed: u64,
-    /// Starts, of which the best goes on.
+    /// Number of starts; the best is continued.
     pub starts: usize,
-    /// Most steps in all.
+    /// Most steps in total.
     pub steps: usize,
 }
 
@@ -41,7 +41,7 @@ impl Default for NetOptions {
 pub struct Build {
     /// Hidden tanh units; none make it linear.
     pub hidden: usize,
-    /// A linear path past them.
+    /// Linear path from inputs to outputs.
     pub skip: bool,
 }
 
@@ -52,30 +52,32 @@ pub struct Progress {
     pub part: String,
     /// Steps done.
     pub step: usize,
-    /// Most steps there will be.
+    /// Most steps of the fit.
     pub of: usize,
     /// RMS error of the outputs so far, as a share of the targets' spread.
     pub error: f64,
 }
 
-/// A trained net y = V·tanh(W·x + a) + L·x + b in f32, scaling folded in, laid out as [`Layers`] take it.
+/// A trained net y = V·tanh(W·x + a) + L·x + b in f32, laid out as [`Layers`] expects.
+///
+/// The scaling of inputs and targets is folded into the weights.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Net {
-    /// W, a row a unit.
+    /// Weights W, a row a unit.
     pub hidden: Vec<f32>,
-    /// a.
+    /// Biases a.
     pub hidden_bias: Vec<f32>,
-    /// V, a row an output.
+    /// Weights V, a row an output.
     pub output: Vec<f32>,
-    /// L, a row an output, if there is a skip path.
+    /// Weights L, a row an output; empty without a skip path.
     pub skip: Vec<f32>,
-    /// b.
+    /// Biases b.
     pub output_bias: Vec<f32>,
     /// Accepted steps of the start that was kept.
     pub steps: usize,
-    /// Number of its parameters that the data determine.
+    /// Number of parameters that the data determine.
     pub effective: f64,
-    /// Rows it was trained on after thinning.
+    /// Rows used for training after thinning.
     pub rows: usize,
 }
 
@@ -87,7 +89,7 @@ impl Net {
         shape_name(inputs, hidden, outputs, !self.skip.is_empty())
     }
 
-    /// A linear net: slopes of scaled targets by scaled inputs, inputs × outputs, and levels.
+    /// Builds a linear net from slopes (inputs × outputs) and levels of scaled data.
     pub(crate) fn linear(
         slope: &DMatrix<f64>,
         level: &[f64],
@@ -112,13 +114,13 @@ impl Net {
         net
     }
 
-    /// The outputs for one row, by the arithmetic of the chip.
+    /// Computes the outputs for one row, by the arithmetic of the chip.
     #[must_use]
     pub fn outputs(&self, x: &[f32]) -> Vec<f32> {
         outputs(self.layers(), x)
     }
 
-    /// Layers for the core.
+    /// Borrows the weights as layers for the core.
     #[must_use]
     pub fn layers(&self) -> Layers<'_> {
         Layers {
@@ -131,7 +133,7 @@ impl Net {
     }
 }
 
-/// The outputs of a net for one row of inputs, by the arithmetic of the chip.
+/// Computes the outputs of layers for one row of inputs, by the arithmetic of the chip.
 pub fn outputs(layers: Layers<'_>, x: &[f32]) -> Vec<f32> {
     let mut y = layers.output_bias.to_vec();
     layers.outputs(x, &mut y);
@@ -143,8 +145,8 @@ pub fn outputs(layers: Layers<'_>, x: &[f32]) -> Vec<f32> {
 /// An input that never changes gets no weight. When `stop` becomes true, the best net so far is
 /// returned.
 ///
-/// # Errors
-/// Fewer rows than would determine it, a target that never changes, or stopped before the first step.
+/// # Errors Too few rows to determine it, a target that never changes, or stopped before the first
+/// step.
 pub fn fit(
     part: &str,
     (x, y): (&[Vec<f64>], &[Vec<f64>]),
@@ -154,7 +156,7 @@ pub fn fit(
     stop: &AtomicBool,
 ) -> Result<Net, FitError> {
     let shape = shape(part, x, y, build)?;
-    // A row gives `outputs` equations; with fewer than two an unknown the fit means nothing.
+    // A row gives `outputs` equations; with fewer than two an unknown the fit is meaningless.
     let least = (2 * shape.parameters()).div_ceil(shape.outputs);
     if x.len() < least {
         return Err(FitError::TooFewRows { part: part.into(), rows: x.len(), least });
@@ -163,8 +165,8 @@ pub fn fit(
     let y: Vec<&[f64]> = thinned(y, MOST_ROWS).map(Vec::as_slice).collect();
     let mut trainer = Trainer::new(part, shape, Scaling::of(&x, &y, inputs), (&x, &y), options)?;
     let state = trainer.explore(EXPLORE, progress, stop)?;
-    // Then the decay is set by the rows that say something new. Counting every row first lets the net
-    // leave the plateau on which it is a linear map; this decay would hold it there.
+    // Set the decay by the number of independent rows. Counting every row first lets the net leave
+    // the plateau on which it is a linear map; this decay would hold it there.
     let rows = &trainer.rows;
     let errors = mlp::outputs(shape, state.parameters.as_slice(), rows.x.as_view()) - &rows.y;
     let settle = Decay::Evidence { per_row: independent_share(&errors) };
@@ -172,12 +174,12 @@ pub fn fit(
     Ok(trainer.fold(&state))
 }
 
-/// Trains a net to say what `y` says of `x`, where `y` is no measurement but another model's word: there is
-/// no noise to guard against, and the decay, against a noise of one (targets have the spread one), only keeps
-/// the weights small where they do not matter.
+/// Trains a net on the outputs `y` of another model for the inputs `x`.
 ///
-/// # Errors
-/// As [`fit`].
+/// There is no noise to guard against. The decay only keeps irrelevant weights small; it is
+/// relative to a noise of one (targets have the spread one).
+///
+/// # Errors As [`fit`].
 pub fn imitate(
     part: &str,
     (x, y): (&[Vec<f64>], &[Vec<f64>]),
@@ -195,7 +197,7 @@ pub fn imitate(
     Ok(trainer.fold(&state))
 }
 
-/// `net 16-16-3`, `skip 16-6-3`, `linear 16-3`.
+/// Name of a shape: `net 16-16-3`, `skip 16-6-3`, `linear 16-3`.
 pub fn shape_name(inputs: usize, hidden: usize, outputs: usize, skip: bool) -> String {
     match (hidden, skip) {
         (0, _) => format!("linear {inputs}-{outputs}"),
@@ -214,8 +216,9 @@ fn shape(part: &str, x: &[Vec<f64>], y: &[Vec<f64>], build: Build) -> Result<Sha
     Ok(Shape { inputs, hidden: build.hidden, outputs, skip: build.skip })
 }
 
-/// Weights of scaled inputs as weights of the inputs themselves, appended to `into`; the bias that goes
-/// with them.
+/// Converts weights of scaled inputs to weights of the inputs, appended to `into`.
+///
+/// Returns the matching bias.
 fn unscaled(weights: &[f64], mut bias: f64, scaling: &Scaling, into: &mut Vec<f32>) -> f32 {
     for (weight, scale) in weights.iter().zip(&scaling.inputs) {
         let weight = if scale.spread > 0.0 { weight / scale.spread } else { 0.0 };

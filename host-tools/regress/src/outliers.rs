@@ -1,17 +1,21 @@
 //! Detection of outlier rows: a loose contact, a stuck reference.
 //!
-//! A row that stands alone is found by the rows before and after it (Hampel's identifier). A run of wrong rows, or one
-//! at the end of a recording, has nothing right beside it: it is found by the rows of other moments that are most like
-//! it. What the law of all rows leaves of its targets, or one of its inputs, lies farther off theirs than
+//! A single wrong row is found by comparison with the rows before and after it (Hampel's
+//! identifier). A run of wrong rows, or one at the end of a recording, has no sound neighbours. It
+//! is found by comparison with the most similar rows of other moments. A wrong row's residual of
+//! the law fitted to all rows, or one of its inputs, differs from theirs by more than
 //!
-//! - they lie apart, by far, and the more so the farther from them it is: where a law is bad or no press like it was
-//!   recorded, sound rows lie off just so;
-//! - the law leaves of most rows: a target that it does not explain tells nothing.
+//! - a multiple of their scatter, which grows with their distance: where a law is bad or no similar
+//!   press was recorded, sound rows differ as much;
+//! - a multiple of the law's usual residual: a target that the law does not explain gives no
+//!   evidence.
 //!
-//! And it begins or ends with a jump, for a press that is unlike all others grows out of the rows about it. Each
-//! recording is judged by itself: another day's may well say something else.
+//! A wrong run also begins or ends with a jump, because a sound press unlike all others grows out
+//! of the rows around it. Each recording is judged separately, because another day's may well
+//! differ.
 //!
-//! A reference that stays at zero over whole presses never jumps: it is told by standing still (`still`).
+//! A reference that stays at zero over whole presses never jumps: it is found by standing still
+//! (`still`).
 
 mod alike;
 mod still;
@@ -24,37 +28,38 @@ use crate::quantile::median;
 use crate::ridge;
 use crate::training::Recorded;
 
-/// Decay of the line below, rows being scaled to about one.
+/// Decay of the ridge fit, with rows scaled to about one.
 const DECAY: f64 = 1e-3;
-/// A row is wrong if it stands out of its neighbours by so many of their own deviations …
+/// Least distance of a wrong row from its neighbours, in their own deviations …
 const OUTLIER: f64 = 8.0;
-/// … and by this share of the target's spread.
+/// … and as a share of the target's spread.
 const GROSS: f64 = 0.05;
-/// Neighbours on either side that it is compared with (Hampel's identifier).
+/// Neighbours on either side of a compared row (Hampel's identifier).
 const NEIGHBOURS: usize = 3;
-/// If more rows than this stand alone, that is what the recordings are.
+/// Largest share of single outliers; beyond it they are the nature of the recordings.
 const ALONE: f64 = 0.15;
-/// A recording with more wrong rows than this is none to fit to.
+/// Largest share of wrong rows in a usable recording.
 const MOST: f64 = 0.2;
-/// Where so many rows stand alone, others that only the rows like them tell do so as well.
+/// Share of single outliers above which a recording is loose, with shorter wrong runs.
 const LOOSE: f64 = 0.01;
 
 /// Expected targets for a row of inputs.
 type Law<'l> = &'l dyn Fn(&[f64]) -> Vec<f64>;
 
-/// The wrong rows of some recordings.
+/// Wrong rows of some recordings.
 pub struct Outliers {
     /// Flag of every row of each recording.
     pub wrong: Vec<Vec<bool>>,
-    /// Warnings about them, in full sentences.
+    /// Warnings about the wrong rows, in full sentences.
     pub told: Vec<String>,
 }
 
 impl Outliers {
-    /// Finds them; `law` is what the rows obey, if that is known: a line would take a law's own jumps for outliers.
+    /// Finds the wrong rows; `law` is the known relation of the rows, if there is one.
     ///
-    /// # Errors
-    /// A recording of which too many rows are wrong.
+    /// Without it, a fitted line would take the law's own jumps for outliers.
+    ///
+    /// # Errors A recording with too many wrong rows.
     pub fn find(
         recordings: &[Recorded],
         names: &[String],
@@ -69,7 +74,7 @@ impl Outliers {
         Ok(Self { wrong, told: said })
     }
 
-    /// The recordings without them.
+    /// Removes the wrong rows from the recordings.
     pub fn remove_from(&self, recordings: &mut [Recorded]) {
         for (wrong, (x, y)) in self.wrong.iter().zip(recordings) {
             keep_sound(x, wrong);
@@ -88,7 +93,8 @@ fn count(wrong: &[bool]) -> usize {
     wrong.iter().filter(|wrong| **wrong).count()
 }
 
-/// Warnings about a recording with `wrong` rows, in some of which the reference stands `still`.
+/// Warnings about a recording with `wrong` rows, including those where the reference stands
+/// `still`.
 fn told(wrong: &[bool], still: &[bool], name: &str) -> Result<Vec<String>, FitError> {
     let rows = wrong.len();
     let percent = |count: usize| 1e2 * count as f64 / rows as f64;
@@ -152,8 +158,9 @@ fn wrong(recordings: &[Recorded], law: Option<Law<'_>>, still: &[Vec<bool>]) -> 
     judged.collect()
 }
 
-/// The rows whose error is far off that of the rows before and after. What bends, drifts or lags does so over many
-/// rows and stays.
+/// Flags rows with an error far from that of the rows before and after.
+///
+/// Bends, drift and lag extend over many rows and stay.
 fn alone(recordings: &[Recorded], residual: &DMatrix<f64>) -> Vec<Vec<bool>> {
     let mut first = 0;
     let each = recordings.iter().map(|(x, _)| {
@@ -173,8 +180,9 @@ fn alone(recordings: &[Recorded], residual: &DMatrix<f64>) -> Vec<Vec<bool>> {
     each.collect()
 }
 
-/// Of the errors about a row, itself left out: the second lowest, the median and the second highest, so
-/// that another outlier among them does no harm. `None` for the ends, which have no row on one side.
+/// Second lowest, median and second highest error of the neighbours of a row.
+///
+/// Another outlier among them does no harm. `None` at the ends, which lack rows on one side.
 fn around(error: &[f64], row: usize) -> Option<[f64; 3]> {
     let before = error.get(row.checked_sub(NEIGHBOURS)?..row)?;
     let after = error.get(row + 1..row + 1 + NEIGHBOURS)?;

@@ -1,6 +1,7 @@
-//! The papers' own laws, fitted to a table: the line of four of [DeMaria2011], the feeler of
-//! [Ohka2005], the column of [Ohka2004], and gap curves. What a law is and how it is evaluated
-//! stands with its estimator in the core.
+//! The papers' own models, fitted to a table.
+//!
+//! These are the line of four of [DeMaria2011], the feeler of [Ohka2005], the column of [Ohka2004],
+//! and gap curves. The crate `taxel_papers` documents and evaluates each model.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -12,53 +13,55 @@ use crate::error::FitError;
 use crate::model::Family;
 use crate::training::Recorded;
 
-/// Rows of a fit for each of its unknowns, at least.
+/// Least number of rows for each unknown of a fit.
 const LEAST_ROWS: usize = 4;
-/// Singular values below this share of the largest count as none.
+/// Singular values below this share of the largest count as zero.
 const SINGULAR: f64 = 1e-10;
-/// Shares of the rows that are first taken to stick.
+/// Shares of the rows initially assumed to stick.
 const STICKING: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
-/// Times that rows are sorted into sticking and slipping.
+/// Most iterations of sorting rows into sticking and slipping.
 const SORTINGS: usize = 50;
 
-/// A law with its coefficients, in the units of the table.
+/// A model with its coefficients, in the units of the table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Law {
     /// [DeMaria2011] eqs (3)–(6): four displacements to p and θ.
     Row {
-        /// a_1 … a_8.
+        /// Coefficients a_1 … a_8.
         point: [f32; 8],
-        /// b_1 … b_8.
+        /// Coefficients b_1 … b_8.
         angle: [f32; 8],
     },
     /// [Ohka2005] eqs (3), (10)–(12): G, u_x, u_y to F_x, F_y, F_z.
     Feeler {
-        /// C.
+        /// Coefficient C.
         normal: f32,
-        /// β, K, α, γ of x.
+        /// Coefficients β, K, α, γ of x.
         x: [f32; 4],
-        /// β, K, α, γ of y.
+        /// Coefficients β, K, α, γ of y.
         y: [f32; 4],
     },
     /// [Ohka2004] eq. (18): S_1 … S_4 to F_x, F_y, F_z.
     Column {
-        /// α_v.
+        /// Coefficient α_v.
         normal: f32,
-        /// α_h0.
+        /// Coefficient α_h0.
         shear: f32,
-        /// α_h.
+        /// Coefficient α_h.
         flattening: f32,
     },
-    /// [DeMaria2011] eq. (2): each signal to the displacement of its own facet, by powers one to three.
+    /// [DeMaria2011] eq. (2): each signal to the displacement of its own facet.
+    ///
+    /// A polynomial of powers one to three.
     Gap {
-        /// Coefficients of each channel.
+        /// Coefficients of powers one to three, for each channel.
         powers: Vec<[f32; 3]>,
     },
 }
 
 impl Law {
-    /// Its family.
+    /// Family of the law.
     #[must_use]
     pub fn family(&self) -> Family {
         match self {
@@ -69,7 +72,7 @@ impl Law {
         }
     }
 
-    /// The targets for a row of inputs, by the core's arithmetic.
+    /// Estimates the targets for a row of inputs, by the core's arithmetic.
     #[must_use]
     pub fn estimate(&self, inputs: &[f32]) -> Vec<f32> {
         match self {
@@ -96,7 +99,7 @@ impl Law {
     }
 }
 
-/// The first N inputs; the width was checked when the law was fitted.
+/// Returns the first N inputs; the fit has checked the width.
 fn first<const N: usize>(inputs: &[f32]) -> [f32; N] {
     std::array::from_fn(|i| inputs.get(i).copied().unwrap_or_default())
 }
@@ -105,7 +108,7 @@ fn shear([stuck, sheet, friction, adhesion]: [f32; 4]) -> Shear {
     Shear { stuck, sheet, friction, adhesion }
 }
 
-/// Fits the law of a family; `None` for a family that is none.
+/// Fits the law of a family; `None` for a family without a law.
 pub fn fit(family: Family, recordings: &[Recorded]) -> Option<Result<Law, FitError>> {
     let fit: fn(&Data<'_>) -> Result<Law, FitError> = match family {
         Family::Row => row,
@@ -128,7 +131,7 @@ struct Data<'d> {
 }
 
 impl Data<'_> {
-    /// Refuses tables of another shape than the law's.
+    /// Rejects tables of another shape than the law's.
     fn shaped(&self, inputs: (usize, &str), targets: (usize, &str)) -> Result<(), FitError> {
         let (x, y) = self.rows.first().map_or((0, 0), |(x, y)| (x.len(), y.len()));
         if (x, y) == (inputs.0, targets.0) {
@@ -141,7 +144,7 @@ impl Data<'_> {
         Err(FitError::Shape { part: self.part.clone(), problem })
     }
 
-    /// Weights of N terms that make a value, over the rows for which there are terms.
+    /// Solves for the weights of N terms that sum to a value, over the rows with terms.
     fn solve<const N: usize>(
         &self,
         terms: impl Fn(&[f64], &[f64]) -> Option<([f64; N], f64)>,
@@ -152,7 +155,7 @@ impl Data<'_> {
     }
 }
 
-/// Least squares, columns brought to one size.
+/// Solves least squares with the columns scaled to one size.
 fn solve<const N: usize>(part: &str, rows: &[([f64; N], f64)]) -> Result<[f64; N], FitError> {
     let least = LEAST_ROWS * N;
     if rows.len() < least {
@@ -224,8 +227,10 @@ fn feeler(data: &Data<'_>) -> Result<Law, FitError> {
     Ok(Law::Feeler { normal: normal as f32, x: axis(0)?, y: axis(1)? })
 }
 
-/// β, K, α, γ from rows of |u|, F_z and the force along u. Which rows stick follows from the coefficients,
-/// and they from it: sorted and solved in turn from several beginnings, of which the best is kept.
+/// β, K, α, γ from rows of |u|, F_z and the force along u.
+///
+/// The coefficients decide which rows stick, and the sticking rows decide the coefficients. Both
+/// are iterated from several starts; the best result is kept.
 fn bilinear(part: &str, rows: &[[f64; 3]]) -> Result<[f64; 4], FitError> {
     let mut order: Vec<f64> = rows.iter().map(|row| row[0]).collect();
     order.sort_by(f64::total_cmp);
@@ -271,7 +276,7 @@ fn bilinear(part: &str, rows: &[[f64; 3]]) -> Result<[f64; 4], FitError> {
     best.map(|(_, found)| found).ok_or(why)
 }
 
-/// Both straight pieces: β·u where it sticks, K·u + (1 − K/β)(αF_z + γ) where it slips.
+/// Fits both linear pieces: β·u while sticking, K·u + (1 − K/β)(αF_z + γ) while slipping.
 fn pieces(part: &str, rows: &[[f64; 3]], sticks: &[bool]) -> Result<[f64; 4], FitError> {
     let of = |stuck: bool| rows.iter().zip(sticks).filter(move |(_, s)| **s == stuck).map(|r| r.0);
     let stuck: Vec<([f64; 1], f64)> = of(true).map(|[u, _, f]| ([*u], *f)).collect();
@@ -290,7 +295,7 @@ mod tests {
         (12.9898 * (i * i) as f64).sin()
     }
 
-    /// Inputs that wander, and what the law makes of them, with noise of a hundredth.
+    /// Varying inputs and the law's targets for them, with noise of a hundredth.
     fn recorded(inputs: impl Fn(f64) -> Vec<f64>, law: &Law) -> Recorded {
         let x: Vec<Vec<f64>> = (0..900).map(|i| inputs(f64::from(i) * 0.07)).collect();
         let y = x.iter().enumerate().map(|(i, x)| {
@@ -323,7 +328,7 @@ mod tests {
         close(&[normal], &[0.03], 0.01);
         close(&x, &paper, 0.05);
         close(&y, &[1.5, 0.08, 0.3, 0.4], 0.05);
-        // Never slipping, it says nothing of K, α and γ.
+        // Without slip the rows do not determine K, α and γ.
         let gentle = |t: f64| vec![150.0 + 100.0 * (0.3 * t).sin(), 0.1 * t.sin(), 0.1 * t.cos()];
         let refused = fit(Family::Feeler, &[recorded(gentle, &law)]).unwrap();
         assert!(refused.is_err(), "{refused:?}");
@@ -357,7 +362,7 @@ mod tests {
         let law = Law::Column { normal: 0.25, shear: 0.20, flattening: 0.081 };
         let same = |t: f64| vec![0.3 + 0.2 * t.sin(); 4];
         let error = |family, data: Recorded| fit(family, &[data]).unwrap().unwrap_err().to_string();
-        // Never sheared: A_x and A_y are zero.
+        // Without shear A_x and A_y are zero.
         assert!(error(Family::Column, recorded(same, &law)).contains("no load"));
         let shape = error(Family::Row, recorded(same, &law));
         assert!(shape.contains("4 inputs and 3 targets where it takes 4 (u_1"), "{shape}");

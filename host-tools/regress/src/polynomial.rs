@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Terms that a model makes of its inputs.
+/// Polynomial expansion of a model's inputs into terms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Expansion {

@@ -1,6 +1,6 @@
 //! Median and quantiles.
 
-/// Median; the mean of the two middle values of an even number, zero of none.
+/// Median of some values: the mean of the middle two for an even number, zero for none.
 pub fn median(mut values: Vec<f64>) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() {
@@ -15,7 +15,7 @@ pub fn median(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// Quantile at a share from 0 to 1 by the nearest rank; zero of none.
+/// Quantile at a share from 0 to 1 by the nearest rank; zero for no values.
 pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     if values.is_empty() {
         return 0.0;

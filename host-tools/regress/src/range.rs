@@ -1,15 +1,15 @@
-//! The range of signals in which a fit may be trusted.
+//! Range of signals in which a fit is valid.
 
 use taxel::calibration::Range;
 
 /// Extrapolation margin: share of the trained range by which inputs may exceed it.
 ///
-/// A press of the same kind lands between the places where the training presses did and may move a
-/// channel a little further than any of them; a load well beyond them moves the nearest channels in
-/// proportion. A quarter lets the first pass and stops the second before tanh units that were never
-/// tried decide.
+/// A press of the same kind falls between the training presses and may move a channel a little
+/// further than any of them. A load well beyond them moves the nearest channels in proportion. A
+/// quarter accepts the first and rejects the second, before tanh units outside their trained range
+/// decide the output.
 const MARGIN: f32 = 0.25;
-/// A channel that hardly moved in training still may show its noise.
+/// Least margin in standard deviations of the noise, for channels that hardly change in training.
 const NOISES: f32 = 10.0;
 
 /// Range of one channel in training, margin included.
@@ -19,12 +19,12 @@ pub fn trained_range(values: impl Iterator<Item = f32>, noise: f32) -> Range {
     [low - margin, high + margin]
 }
 
-/// The lowest and the highest value.
+/// Lowest and highest value.
 pub fn extremes(values: impl Iterator<Item = f32>) -> Range {
     values.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
 }
 
-/// The largest value, of either sign, that lies in one of the ranges.
+/// Largest absolute value in any of the ranges.
 #[must_use]
 pub fn largest(ranges: &[Range]) -> f32 {
     ranges.as_flattened().iter().fold(0.0, |most, end| most.max(end.abs()))

@@ -1,27 +1,27 @@
-//! A straight line with a decay, by normal equations, its decay chosen by stretches left out.
+//! Ridge regression by normal equations, with the decay chosen by held-out stretches.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::gaussian::{Rows, Scores, good};
 
-/// Decays that are tried, strongest first, against a noise of one: rows are scaled to about one.
+/// Decays tried, strongest first, relative to a noise of one; rows are scaled to about one.
 const DECAYS: [f64; 6] = [1e2, 1e1, 1e0, 1e-1, 1e-3, 1e-5];
 
-/// A singular value below this share of the largest is none.
+/// Singular values below this share of the largest count as zero.
 const SINGULAR: f64 = 1e-9;
 
 /// Slopes and levels of scaled targets over scaled inputs.
 #[derive(Clone, Debug)]
 pub(crate) struct Line {
-    /// Inputs × outputs.
+    /// Slopes, inputs × outputs.
     pub slope: DMatrix<f64>,
-    /// The targets at the inputs' mean.
+    /// Targets at the inputs' mean.
     pub level: DVector<f64>,
-    /// How it did on each stretch left out.
+    /// Scores on each held-out stretch.
     pub left_out: Scores,
 }
 
-/// X̃ᵀX̃ and X̃ᵀY of some rows, X̃ with a last column of ones.
+/// X̃ᵀX̃ and X̃ᵀY of some rows; the last column of X̃ is ones.
 #[derive(Clone)]
 pub(crate) struct Sums {
     pub gram: DMatrix<f64>,
@@ -42,7 +42,7 @@ impl Sums {
         Self { gram: &self.gram - &part.gram, cross: &self.cross - &part.cross }
     }
 
-    /// Slopes with the levels as a last row.
+    /// Solves for the slopes, with the levels as a last row.
     pub fn solve(&self, decay: f64) -> Option<DMatrix<f64>> {
         let mut matrix = self.gram.clone();
         (0..matrix.nrows()).for_each(|i| matrix[(i, i)] += decay);
@@ -50,14 +50,14 @@ impl Sums {
     }
 }
 
-/// What a line with its levels as a last row says.
+/// Outputs of a linear model with its levels as a last row.
 pub(crate) fn outputs(line: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64> {
     let mut y = x * line.rows(0, x.ncols());
     y.row_iter_mut().for_each(|mut row| row += line.row(x.ncols()));
     y
 }
 
-/// Fits a line to scaled rows.
+/// Fits a ridge regression to scaled rows.
 pub(crate) fn fit(rows: &Rows) -> Option<Line> {
     let parts: Vec<(DMatrix<f64>, DMatrix<f64>)> = rows.by_stretch();
     let all = Sums::of(&rows.x, &rows.y);
@@ -75,7 +75,7 @@ pub(crate) fn fit(rows: &Rows) -> Option<Line> {
     let mut line = DMatrix::zeros(rows.x.ncols() + 1, rows.y.ncols());
     let mut left_out = trials.first()?.clone();
     for k in 0..rows.y.ncols() {
-        // The strongest decay that does nearly as well.
+        // The strongest decay within a standard error of the best.
         let chosen = *good(trials.iter(), k).first()?;
         line.set_column(k, &all.solve(DECAYS[chosen])?.column(k));
         left_out.0.set_column(k, &trials[chosen].0.column(k));
@@ -84,9 +84,9 @@ pub(crate) fn fit(rows: &Rows) -> Option<Line> {
     Some(Line { slope: line.remove_row(rows.x.ncols()), level, left_out })
 }
 
-/// Slopes and levels by least squares alone; `None` where the rows do not determine them.
+/// Slopes and levels by plain least squares; `None` if the rows do not determine them.
 pub(crate) fn without_decay(rows: &Rows) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    // What never changes is scaled to zero and gets no weight.
+    // A constant channel is scaled to zero and gets no weight.
     let idle: Vec<usize> =
         (0..rows.x.ncols()).filter(|i| rows.x.column(*i).amax() == 0.0).collect();
     let x = rows.x.clone().insert_column(rows.x.ncols(), 1.0).remove_columns_at(&idle);
@@ -102,7 +102,7 @@ pub(crate) fn without_decay(rows: &Rows) -> Option<(DMatrix<f64>, DVector<f64>)>
     Some((line.remove_row(rows.x.ncols()), level))
 }
 
-/// What is left of the targets by a line through all rows.
+/// Negative residual, outputs − targets, of a ridge fit through all rows.
 pub(crate) fn residual(rows: &Rows, decay: f64) -> Option<DMatrix<f64>> {
     let line = Sums::of(&rows.x, &rows.y).solve(decay)?;
     Some(outputs(&line, &rows.x) - &rows.y)

@@ -5,8 +5,10 @@ use nalgebra::DMatrix;
 /// Relation of a model's inputs to each other, which decides their scaling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Inputs {
-    /// Channels of one kind, with one unit and one noise: they are scaled together, so that a channel
-    /// that hardly moves is not blown up until its noise and drift weigh as much as the others' signal.
+    /// Channels of one kind, with one unit and one noise: they are scaled together.
+    ///
+    /// A channel that hardly changes is not amplified until its noise and drift weigh as much as
+    /// the others' signal.
     Alike,
     /// Quantities of different kinds: each is scaled by its own spread.
     Unlike,
@@ -24,20 +26,20 @@ impl Scale {
     pub fn of(column: impl Iterator<Item = f64> + Clone) -> Self {
         let n = column.clone().count().max(1) as f64;
         let mean = column.clone().sum::<f64>() / n;
-        // A mean is rounded: what never changes must not seem to.
+        // The mean is rounded; a constant column must still get no spread.
         let first = column.clone().next();
         let rests = column.clone().all(|v| Some(v) == first);
         let square = column.map(|v| (v - mean).powi(2)).sum::<f64>() / n;
         Self { mean, spread: if rests { 0.0 } else { square.sqrt() } }
     }
 
-    /// About one; zero for a column that never changes.
+    /// Scales a value to about one; zero for a column that never changes.
     pub fn scaled(&self, value: f64) -> f64 {
         if self.spread > 0.0 { (value - self.mean) / self.spread } else { 0.0 }
     }
 }
 
-/// The scales of all columns.
+/// Scales of all columns.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Scaling {
     pub inputs: Vec<Scale>,
@@ -45,7 +47,7 @@ pub(crate) struct Scaling {
 }
 
 impl Scaling {
-    /// The scales of some rows; every row as wide as the first.
+    /// Computes the scales of some rows; every row is as wide as the first.
     pub fn of<R: AsRef<[f64]>>(x: &[R], y: &[R], kind: Inputs) -> Self {
         let mut inputs = scales(x);
         if kind == Inputs::Alike {
@@ -56,7 +58,7 @@ impl Scaling {
         Self { inputs, targets: scales(y) }
     }
 
-    /// Some target is the same in every row.
+    /// Whether some target is the same in every row.
     pub fn a_target_rests(&self) -> bool {
         self.targets.iter().any(|target| target.spread == 0.0)
     }
@@ -81,8 +83,9 @@ fn scales<R: AsRef<[f64]>>(rows: &[R]) -> Vec<Scale> {
     (0..width).map(|i| Scale::of(rows.iter().map(|row| row.as_ref()[i]))).collect()
 }
 
-/// Every k-th of some rows, so that at most `most` are left: a recording at kilohertz repeats itself from
-/// row to row.
+/// Keeps every k-th row, so that at most `most` are left.
+///
+/// A recording at kilohertz repeats itself from row to row.
 pub fn thinned<R>(rows: &[R], most: usize) -> impl Iterator<Item = &R> {
     rows.iter().step_by(rows.len().div_ceil(most).max(1))
 }

@@ -1,4 +1,4 @@
-//! The model of the family that the user chose.
+//! Training of the chosen model family.
 
 use std::sync::atomic::AtomicBool;
 
@@ -9,10 +9,9 @@ use crate::training::{Chosen, Training};
 use crate::{auto, select_width};
 
 impl Training<'_> {
-    /// Trains the model; with it comes how it was chosen, if it was.
+    /// Trains the model and returns it with its choice, if there was one.
     ///
-    /// # Errors
-    /// What the recordings lack.
+    /// # Errors Rows, loads or columns that the recordings lack.
     pub fn run(
         &self,
         progress: &mut dyn FnMut(Progress),
@@ -58,7 +57,7 @@ impl Training<'_> {
         }
     }
 
-    /// A refusal with the names of the targets that never change, if there are such.
+    /// Error with the names of the targets that never change; `None` if all of them change.
     fn at_rest(&self) -> Option<FitError> {
         let rows = || self.recordings.iter().flat_map(|(_, y)| y);
         let first = rows().next()?;

@@ -9,23 +9,25 @@ use crate::network::{self, Build, Net, NetOptions, Progress};
 use crate::scaling::{Inputs, Scaling, thinned};
 use crate::training::{Chosen, Recorded, Training, Tried};
 
-/// Widths that are tried beside the usual one.
+/// Widths tried in addition to the usual one.
 const WIDTHS: [usize; 2] = [4, 8];
-/// Rows of each recording, and steps, that a net on trial is given: enough to tell one width from another, at about
-/// a third of the price of the fit itself.
+/// Rows of each recording, and most steps, of a trial net.
+///
+/// They suffice to compare widths, at about a third of the cost of the fit itself.
 const ROWS: usize = 512;
 const STEPS: usize = 60;
 
-/// A width with the mean square error on each recording left out, every target as a share of its spread.
+/// A width with its mean square error on each held-out recording, relative to the targets' spread.
 struct Judged {
     tried: Tried,
     squares: Vec<f64>,
 }
 
-/// The usual width, or another that surely does better; `None` with fewer than three recordings of one kind.
+/// Chooses the usual width, or another that is surely better.
 ///
-/// # Errors
-/// Stopped, or what the recordings lack.
+/// `None` with fewer than three recordings of one kind.
+///
+/// # Errors Stopped, or data that the recordings lack.
 pub(crate) fn choose(
     training: &Training<'_>,
     skip: bool,
@@ -46,7 +48,7 @@ pub(crate) fn choose(
     let mut judged: Vec<Judged> = Vec::new();
     for hidden in widths {
         match judge(training, &recordings, Build { hidden, skip }, progress, stop) {
-            // A net that the others do not determine is none to choose.
+            // Skip a net with too many parameters for the other recordings.
             Err(FitError::TooFewRows { .. }) => {}
             found => judged.push(found?),
         }
@@ -116,7 +118,7 @@ mod tests {
     use super::*;
     use crate::model::Family;
 
-    /// Two channels, and a force that bends with one of them; every mounting has a slope of its own.
+    /// Two channels and a force nonlinear in one of them; every mounting has its own slope.
     fn recording(number: usize, rows: usize) -> Recorded {
         let x: Vec<Vec<f64>> = (0..rows)
             .map(|row| (row + 1000 * number) as f64 * 0.37)
@@ -152,7 +154,8 @@ mod tests {
 
     #[test]
     fn a_width_that_the_others_do_not_determine_is_not_chosen() {
-        // 16 units have 65 parameters: 150 rows are enough for them, the 100 of two recordings are not.
+        // 16 units have 65 parameters: 150 rows determine them, the 100 rows of two recordings do
+        // not.
         let (net, chosen, told) = fit_to(3, 50, None);
         let chosen = chosen.unwrap();
         let tried: Vec<usize> = chosen.widths.iter().map(|tried| tried.hidden).collect();

@@ -1,13 +1,15 @@
-//! Warnings about shear that the recordings lack, or hold in one direction only: its estimate is then a guess.
+//! Warnings about shear that the recordings lack, or contain in one direction only.
+//!
+//! The estimate of such shear is a guess.
 
-/// Columns of a reference that are the components of a force, in newtons.
+/// Reference columns with the components of a force, in newtons.
 pub const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
-/// A shear below this share of the normal force is none.
+/// Least shear, as a share of the normal force.
 pub const NO_SHEAR: f64 = 0.01;
-/// A component that goes less than this share of its way to one side goes to the other only.
+/// Least extent of a two-sided component on its weaker side, as a share of the stronger side.
 const ONE_SIDED: f64 = 0.1;
 
-/// Warnings about the targets of a table, newtons where their names are [`FORCES`].
+/// Warnings about the targets of a table; columns named as in [`FORCES`] are in newtons.
 pub fn of_table<'r>(
     targets: &[String],
     rows: impl IntoIterator<Item = &'r Vec<f64>>,

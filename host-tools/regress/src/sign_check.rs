@@ -1,9 +1,9 @@
 //! Detection of references with a flipped sign in some of several recordings.
 //!
-//! A law fitted to all recordings but one foretells that one. It is linear in the others' references, so that what
-//! it would say with any of them turned follows without another fit: with the signs s of the recordings the share
-//! of recording r that is not foretold is sᵀG_r·s. The signs that make the recordings foretell each other best tell
-//! which are turned.
+//! A law fitted to all recordings but one predicts that one. It is linear in the others'
+//! references, so that its prediction with any of them flipped follows without another fit. With
+//! the signs s of the recordings the unpredicted share of recording r is sᵀG_r·s. The signs with
+//! the best mutual predictions show which recordings are flipped.
 
 use std::cmp::Ordering;
 
@@ -15,24 +15,27 @@ use crate::ridge::{Sums, outputs};
 use crate::scaling::{Inputs, Scaling, thinned};
 use crate::training::Recorded;
 
-/// Decays of the laws, against a noise of one: rows are scaled to about one. What shear there is in a product of
-/// signals takes a weak one, a few presses a strong one.
+/// Decays of the laws, relative to a noise of one; rows are scaled to about one.
+///
+/// Shear in products of signals needs a weak decay, a few presses a strong one.
 const DECAYS: [f64; 2] = [1e-2, 1.0];
-/// Rows of a recording that are looked at.
+/// Most rows of a recording that are used.
 const ROWS: usize = 2000;
-/// A law of products has no more terms than this; shear of a matrix of taxels is in the products alone.
+/// Most terms of a quadratic law; shear of a matrix of taxels is in the products alone.
 const MOST_TERMS: usize = 200;
-/// A recording is turned if the others foretell this share of it at least with its sign turned …
+/// Least share of a flipped recording that the others predict with its sign flipped …
 const FORETOLD: f64 = 0.3;
-/// … and it has this share of the largest spread of the target: what hardly moves is not foretold but by chance.
+/// … and its least spread, as a share of the target's largest.
+///
+/// A target that hardly changes is predicted only by chance.
 const MOVES: f64 = 0.2;
 
-/// A target whose mean is this share of its mean size goes one way: it presses or pulls.
+/// Least ratio of mean to mean size of a target in one direction: it presses or pulls.
 const ONE_WAY: f64 = 0.5;
 
 /// Inputs and targets of some rows of a recording.
 type Thinned<'r> = (Vec<&'r [f64]>, Vec<&'r [f64]>);
-/// What is not foretold of a recording by each law, as a form of the signs.
+/// Unpredicted part of a recording for each law, as a quadratic form of the signs.
 type Forms = Vec<DMatrix<f64>>;
 
 /// Checks that the recordings agree on the sign of every target.
@@ -82,7 +85,7 @@ fn slices(rows: &[Vec<f64>]) -> Vec<&[f64]> {
     thinned(rows, ROWS).map(Vec::as_slice).collect()
 }
 
-/// The inputs of each recording for each law: a line, and a line in products as well where they are few.
+/// Inputs of each recording for each law: linear and, if its terms are few, quadratic.
 fn laws(recordings: &[Thinned<'_>]) -> Vec<Vec<DMatrix<f64>>> {
     let (x, y): (Vec<_>, Vec<_>) = recordings.iter().cloned().unzip();
     let scaling = Scaling::of(&x.concat(), &y.concat(), Inputs::Unlike);
@@ -104,7 +107,7 @@ fn laws(recordings: &[Thinned<'_>]) -> Vec<Vec<DMatrix<f64>>> {
     expansions.into_iter().flatten().map(law).collect()
 }
 
-/// [`Forms`] of each recording for a target; none where it hardly moves.
+/// [`Forms`] of each recording for a target; empty if the target hardly changes there.
 fn forms(laws: &[Vec<DMatrix<f64>>], y: &[DVector<f64>]) -> Vec<Forms> {
     let centred: Vec<DVector<f64>> = y.iter().map(centred).collect();
     let spread = |y: &DVector<f64>| y.norm() / (y.len().max(1) as f64).sqrt();
@@ -116,7 +119,8 @@ fn forms(laws: &[Vec<DMatrix<f64>>], y: &[DVector<f64>]) -> Vec<Forms> {
         let own: Vec<Sums> = (0..y.len()).map(|r| Sums::of(&x[r], &target(r))).collect();
         let Some(all) = own.iter().cloned().reduce(|a, b| a.with(&b)) else { continue };
         for r in (0..y.len()).filter(|r| moves(*r)) {
-            // Each recording's part in what is said of r, a column; r's own is what is so.
+            // Each recording's contribution to the prediction of r, a column; r's own is its
+            // reference.
             let mut parts = all.without(&own[r]);
             parts.cross =
                 DMatrix::from_fn(parts.gram.nrows(), y.len(), |i, j| own[j].cross[(i, 0)]);
@@ -137,12 +141,15 @@ fn centred(y: &DVector<f64>) -> DVector<f64> {
     if y.is_empty() { y.clone() } else { y.add_scalar(-y.mean()) }
 }
 
-/// Share of a recording that no law foretells; one at most.
+/// Share of a recording that no law predicts; one at most.
 fn missed(forms: &Forms, signs: &DVector<f64>) -> f64 {
     forms.iter().map(|form| signs.dot(&(form * signs))).fold(1.0, f64::min)
 }
 
-/// The recordings that are turned: turning one after the other as long as that helps all and itself surely.
+/// Finds the flipped recordings.
+///
+/// Flips one after another as long as that improves the total and the recording's own prediction
+/// surely.
 fn turned(forms: &[Forms], y: &[DVector<f64>]) -> Vec<usize> {
     let mut signs = DVector::from_element(y.len(), 1.0);
     let total = |signs: &DVector<f64>| forms.iter().map(|forms| missed(forms, signs)).sum::<f64>();
@@ -161,7 +168,8 @@ fn turned(forms: &[Forms], y: &[DVector<f64>]) -> Vec<usize> {
     }
     let with = |sign: f64| (0..y.len()).filter(|r| signs[*r] == sign).collect::<Vec<_>>();
     let (kept, turned) = (with(1.0), with(-1.0));
-    // Which way is right nobody knows: most are. Where it is half, those that press rather than pull, and the first.
+    // The majority is taken as right. For equal halves, the half that presses is right, or that of
+    // the first recording.
     let mean = |which: &[usize], of: fn(f64) -> f64| {
         which.iter().map(|r| y[*r].map(of).sum() / y[*r].len().max(1) as f64).sum::<f64>()
     };
@@ -182,8 +190,8 @@ fn turned(forms: &[Forms], y: &[DVector<f64>]) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    /// Three channels: a load, where it presses, and both together; and a force along with shear that only their
-    /// product tells.
+    /// Three channels: a load, its position, and a mixture; a force, and shear in their product
+    /// only.
     fn recording(rows: usize, from: f64) -> Recorded {
         let x: Vec<Vec<f64>> = (0..rows)
             .map(|row| from + row as f64 * 0.05)
@@ -219,7 +227,7 @@ mod tests {
                 &[300, 400, 500][..],
                 "b.csv: fz_n runs against what the other recordings say",
             ),
-            // The one that pulls, though it is the first.
+            // The recording that pulls, though it is the first.
             (&[(0, 0)], &[300, 400], "a.csv: fz_n runs against what b.csv says"),
             (&[(1, 1)], &[300, 400], "b.csv: fx_n runs against what a.csv says"),
             (&[(2, 0), (2, 1)], &[300, 400, 2000], "c.csv: fz_n, fx_n run against"),

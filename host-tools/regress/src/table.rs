@@ -26,22 +26,23 @@ pub use recording::TableRecording;
 /// Options of the fit of a table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TableOptions {
-    /// The family of the model.
+    /// Family of the model.
     pub family: Family,
-    /// Hidden units; by default 16, unless three recordings or more of one kind, left out one after the other, say
-    /// better. `auto` finds its own.
+    /// Hidden units; by default 16, or a better width found by held-out recordings.
+    ///
+    /// That takes three recordings or more of one kind. `auto` finds its own width.
     pub hidden: Option<usize>,
-    /// Training of the net.
+    /// Training options of the net.
     pub net: NetOptions,
 }
 
-/// Hidden units where nobody says.
+/// Default number of hidden units.
 const USUAL: usize = 16;
-/// Multiply-adds of the widest net that `auto` chooses: about what a Cortex-M4 does in 20 µs.
+/// Multiply-adds of the widest net for `auto`: about 20 µs on a Cortex-M4.
 const MOST_MULTIPLY_ADDS: usize = 600;
-/// Condition number of the data above which a model without a decay is warned of.
+/// Condition number of the data above which a model without a decay causes a warning.
 const EVEN: f64 = 30.0;
-/// A force that goes so many times as far one way as the other goes one way: the rest is noise.
+/// Least ratio of the extents of a one-sided force; the smaller extent is noise.
 const ONE_WAY: f32 = 20.0;
 /// Most hidden units, as on the chip.
 const MOST: usize = taxel::estimate::net::MAX_HIDDEN;
@@ -53,22 +54,21 @@ pub struct FittedTable {
     pub model: TableModel,
     /// Warnings for the user.
     pub warnings: Vec<String>,
-    /// Rows of the recordings.
+    /// Number of rows of the recordings.
     pub rows: usize,
-    /// Rows left out because they stood far out of the others.
+    /// Number of rows left out as outliers.
     pub left_out: usize,
-    /// Condition number of its inputs, each scaled by its own spread.
+    /// Condition number of the inputs, each scaled by its own spread.
     pub condition: Option<f64>,
-    /// How the model was chosen.
+    /// Choice of the model, if it was chosen.
     pub chosen: Option<Chosen>,
     /// Number of the net's parameters that the data determine.
     pub effective: f64,
 }
 
-/// Fits a net to some recordings. When `stop` becomes true the best so far is returned.
+/// Fits a model to some recordings. When `stop` becomes true the best so far is returned.
 ///
-/// # Errors
-/// What the recordings lack, and how to mend it.
+/// # Errors Data that the recordings lack, and how to provide them.
 pub fn fit(
     recordings: &[TableRecording],
     options: &TableOptions,
@@ -171,7 +171,7 @@ fn fit_model(
     let (mut centre, mut kind, total) = (Vec::new(), kind, x.len());
     let mut terms = Cow::Borrowed(&rows);
     if expansion != Expansion::None {
-        // From the middle of each input its powers say different things; each has a size of its own.
+        // Powers about the middle of each input are less correlated; each has a size of its own.
         centre = middles(&x);
         kind = Inputs::Unlike;
         for row in terms.to_mut().iter_mut().flat_map(|(x, _)| x) {
@@ -216,7 +216,7 @@ fn fit_model(
     Ok(FittedTable { model, warnings, rows: total, left_out, condition, chosen, effective })
 }
 
-/// Checks the recordings: warnings, and the number of rows left out.
+/// Checks the recordings; returns warnings and the number of rows left out.
 fn check(
     recordings: &[TableRecording],
     rows: &mut [Recorded],
@@ -240,14 +240,14 @@ fn check(
     }
     let law = match paper_models::fit(family, rows) {
         Some(Ok(bent)) => {
-            // The outliers bent it; what it leaves gives the law that they are judged by.
+            // The outliers distorted this law. A law of the remaining rows judges them.
             let mut kept = rows.to_vec();
             if let Ok(found) = Outliers::find(rows, &names, Some(&|x| said(&bent, x))) {
                 found.remove_from(&mut kept);
             }
             paper_models::fit(family, &kept).and_then(Result::ok).or(Some(bent))
         }
-        // What cannot be fitted is refused later.
+        // The error is reported by the later fit.
         Some(Err(_)) => return Ok((warnings, 0)),
         None => None,
     };
@@ -265,7 +265,7 @@ fn said(law: &Law, x: &[f64]) -> Vec<f64> {
     law.estimate(&to_f32(x)).into_iter().map(f64::from).collect()
 }
 
-/// Channels that say the same; or, of a model without a decay, nearly the same.
+/// Warning about collinear channels or, without a decay, nearly collinear ones.
 fn uneven(found: &Conditioning, family: Family, names: &[String]) -> Option<String> {
     let (weakest, number) = (listed(&found.weakest, names), found.number);
     if found.is_collinear() {
@@ -294,32 +294,32 @@ fn listed(columns: &[usize], names: &[String]) -> String {
     columns.iter().map(|i| names[*i].as_str()).collect::<Vec<_>>().join(", ")
 }
 
-/// RMS error of each target on the rows that it was fitted to.
+/// RMS error of each target on the fitted rows.
 fn residual(model: &TableModel, rows: &[Recorded]) -> Vec<f32> {
     let errors = errors(model, rows.iter().flat_map(|(x, y)| x.iter().zip(y))).into_iter();
     errors.map(|errors| errors.into_metrics("").figures.map_or(0.0, |f| f.rmse as f32)).collect()
 }
 
-/// The most hidden units whose net, skip path included, stays within the multiply-adds.
+/// Most hidden units of a net, skip path included, within the multiply-adds.
 fn widest(inputs: usize, outputs: usize) -> usize {
     let left = MOST_MULTIPLY_ADDS.saturating_sub(inputs * outputs);
     (left / (inputs + outputs).max(1)).clamp(1, MOST)
 }
 
-/// The mean of each column.
+/// Mean of each column.
 fn middles(x: &[&[f64]]) -> Vec<f32> {
     let n = x.len().max(1) as f64;
     let width = x.first().map_or(0, |row| row.len());
     (0..width).map(|i| (x.iter().map(|row| row[i]).sum::<f64>() / n) as f32).collect()
 }
 
-/// Span of a column.
+/// Range of a column, largest minus smallest.
 fn range_of(column: impl Iterator<Item = f32>) -> f32 {
     let [low, high] = extremes(column);
     high - low
 }
 
-/// Columns that move alike, to two orders of magnitude, are channels of one kind.
+/// Classifies the columns: ranges within two orders of magnitude mean channels of one kind.
 fn kind(moves: impl Iterator<Item = f32>) -> Inputs {
     let [least, most] = extremes(moves);
     if most <= 100.0 * least { Inputs::Alike } else { Inputs::Unlike }
@@ -330,14 +330,13 @@ fn kind(moves: impl Iterator<Item = f32>) -> Inputs {
 pub struct TableEvaluation {
     /// Figures per target, over all rows.
     pub targets: Vec<TargetMetrics>,
-    /// Rows with an input beyond what training saw; they are judged all the same.
+    /// Number of rows with an input beyond the trained range; they are judged as well.
     pub beyond_range: usize,
 }
 
 /// Evaluates a model on a recording.
 ///
-/// # Errors
-/// The recording's columns are not those of the model.
+/// # Errors The recording's columns differ from those of the model.
 pub fn evaluate(
     model: &TableModel,
     recording: &TableRecording,

@@ -7,8 +7,10 @@ use crate::quantile::{median, quantile};
 /// Correlation of a repeating load above which drift is not searched for.
 const GOOD_CORRELATION: f64 = 0.9;
 
-/// Alignment of a reference that would fit much better at other times: found if what
-/// a line leaves of it falls to less than a half, and it is off by more than two rows somewhere.
+/// Finds the alignment of a reference that fits much better at other times.
+///
+/// Returned if the residual of a linear fit falls to less than half there, and the shift exceeds
+/// two rows at the first or last row.
 #[must_use]
 pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment> {
     let reference = Series { times: sensor.times, rows: targets };
@@ -18,12 +20,12 @@ pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment>
     {
         return None;
     }
-    // What a loose contact makes of both would be laid onto each other.
+    // Clips spikes first, because a loose contact in both would be aligned with itself.
     let (own, theirs) = (steadied(sensor.rows), steadied(targets));
     let (sensor, reference) =
         (Series { rows: &own, ..sensor }, Series { rows: &theirs, ..reference });
     let here = || Some(refine_from(sensor, &Trace::new(reference)?, 0.0, 0.0, 0));
-    // A load that repeats itself leaves the offset open: both began at one time then.
+    // A repeating load leaves the offset open; assume that both clocks began together.
     let drifted = || {
         let good = here()?.correlation > GOOD_CORRELATION;
         if good { None } else { drifting(sensor, reference) }
@@ -37,7 +39,9 @@ pub fn misaligned(sensor: Series<'_>, targets: &[Vec<f64>]) -> Option<Alignment>
     (off > 2.0 * row && left(&found) < 0.5 * left(&here)).then_some(found)
 }
 
-/// Each column without spikes: the median of five rows, within half of its usual width about that.
+/// Replaces each column by its median of five rows.
+///
+/// The median is clamped to half the column's 5–95 % width beyond either quantile.
 fn steadied(rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
     const BESIDE: usize = 2;
     let mut steady = rows.to_vec();
@@ -54,7 +58,7 @@ fn steadied(rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
     steady
 }
 
-/// The best alignment of clocks that began together.
+/// Finds the best alignment of clocks that began together.
 fn drifting(sensor: Series<'_>, reference: Series<'_>) -> Option<Alignment> {
     let other = Trace::new(reference)?;
     let first = *sensor.times.first()?;
@@ -64,8 +68,9 @@ fn drifting(sensor: Series<'_>, reference: Series<'_>) -> Option<Alignment> {
     (refined.correlation >= LEAST_CORRELATION).then_some(refined)
 }
 
-/// Warning about a reference that [`misaligned`] found to be so and that was read where it fits, of a
-/// recording that begins at `first`.
+/// Formats the warning about a reference realigned by [`misaligned`].
+///
+/// `first` is the time at which the recording begins, in seconds.
 pub fn off_time(recording: &str, found: &Alignment, first: f64) -> String {
     format!(
         "{recording}: the reference fits far better {:+.3} s off at a rate {:+.2} % off and was read there, within \

@@ -1,4 +1,4 @@
-//! The coarse half of an alignment: every offset and many rates, by cross-correlation.
+//! Coarse search of an alignment: every offset and many rates, by cross-correlation.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use rustfft::FftPlanner;
@@ -6,21 +6,21 @@ use rustfft::num_complex::Complex;
 
 use super::{Series, median_step};
 
-/// Clocks of two instruments are closer than this; a wrong nominal rate may be this far off.
+/// Largest relative difference of two clocks, including a wrong nominal rate.
 const FARTHEST_RATE: f64 = 0.05;
 /// Most points on which the correlation is searched.
 const MOST_POINTS: usize = 8192;
 /// Most rates that are tried.
 pub(super) const MOST_RATES: usize = 401;
 
-/// One number a row: what the columns show most of, about zero.
+/// First principal component of a series: one value a row, about zero.
 pub(super) struct Trace<'s> {
     pub times: &'s [f64],
     values: Vec<f64>,
 }
 
 impl<'s> Trace<'s> {
-    /// `None` if nothing ever changes.
+    /// Projects a series; `None` if it never changes.
     pub fn new(series: Series<'s>) -> Option<Self> {
         let width = series.rows.first()?.len();
         let rows = DMatrix::from_fn(series.rows.len(), width, |row, i| series.rows[row][i]);
@@ -36,7 +36,7 @@ impl<'s> Trace<'s> {
         Some(Self { times: series.times, values: values.as_slice().to_vec() })
     }
 
-    /// The value at a time, between the two rows about it; `None` beyond the ends.
+    /// Value at a time, interpolated between two rows; `None` beyond the ends.
     pub fn at(&self, t: f64) -> Option<f64> {
         let next = self.times.partition_point(|known| *known < t).max(1);
         let (a, b) = (self.times[next - 1], *self.times.get(next)?);
@@ -49,7 +49,7 @@ impl<'s> Trace<'s> {
     }
 }
 
-/// The best of all offsets and rates, and how well any offset does that is another one.
+/// Best offset and rate, with the correlation of the best clearly different offset.
 pub(super) struct Coarse {
     pub offset: f64,
     pub rate: f64,
@@ -72,12 +72,12 @@ pub(super) fn search(own: &Trace<'_>, other: &Trace<'_>) -> Coarse {
     };
     let (fixed, own_energy) =
         spectrum(&|i| own.at(own.times[0] + i as f64 * step).unwrap_or_default());
-    // As wide as a press is: beyond it the correlation has fallen to a half.
+    // Width of a press: the lag at which the autocorrelation falls to a half.
     let width = correlation_time(&fixed, &*back) as f64 * step;
     let count = (2.0 * FARTHEST_RATE * span / width.max(step)).ceil() as usize | 1;
     let mut best = Coarse { offset: 0.0, rate: 0.0, correlation: -1.0, second: 0.0 };
     for rate in rates(count.clamp(21, MOST_RATES)) {
-        // Sample i of the other is what it shows when the sensor's clock has gone on by i steps.
+        // Sample i of the other at the sensor's time of step i.
         let sample = |i: usize| {
             other.at(other.times[0] + (1.0 + rate) * i as f64 * step).unwrap_or_default()
         };
@@ -85,7 +85,7 @@ pub(super) fn search(own: &Trace<'_>, other: &Trace<'_>) -> Coarse {
         product.iter_mut().zip(&fixed).for_each(|(p, f)| *p *= f.conj());
         back.process(&mut product);
         let norm = 1.0 / (size as f64 * own_energy * energy);
-        // Which way a principal component points is by chance.
+        // The sign of a principal component is arbitrary.
         let height = |lag: usize| product[lag].re.abs() * norm;
         let Some(peak) = (0..size).max_by(|a, b| height(*a).total_cmp(&height(*b))) else {
             continue;
@@ -97,7 +97,7 @@ pub(super) fn search(own: &Trace<'_>, other: &Trace<'_>) -> Coarse {
                 apart.min(size - apart) as f64 * step > 2.0 * width
             };
             let second = (0..size).filter(|lag| apart(*lag)).map(height).fold(0.0, f64::max);
-            // own(t0 + i·step) goes with other(t0′ + (1 + rate)(i + lag)·step).
+            // own(t0 + i·step) matches other(t0′ + (1 + rate)(i + lag)·step).
             let offset = other.times[0] + (1.0 + rate) * (signed * step - own.times[0]);
             best = Coarse { offset, rate, correlation: height(peak), second };
         }
@@ -105,7 +105,7 @@ pub(super) fn search(own: &Trace<'_>, other: &Trace<'_>) -> Coarse {
     best
 }
 
-/// So many rates, evenly from the slowest clock to the fastest.
+/// Rates in even steps from the slowest clock to the fastest.
 pub(super) fn rates(count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |i| FARTHEST_RATE * (2.0 * i as f64 / (count - 1) as f64 - 1.0))
 }

@@ -1,21 +1,21 @@
-//! Spreading of time stamps that several rows share: of a clock that was rounded, or of rows that came in bursts.
+//! Spreading of time stamps that several rows share, from a rounded clock or rows in bursts.
 
 use std::borrow::Cow;
 
 use super::LEAST_ROWS;
 use crate::quantile::median;
 
-/// Stamps that are shared alike are shared by at most so many times as many rows as the median one, and a row more.
+/// Most rows a stamp may share, as a multiple of the median count, plus one row.
 const ALIKE: f64 = 2.0;
-/// Fewest different stamps that tell how fast the rows came.
+/// Fewest different stamps that determine the rate of the rows.
 const LEAST_STAMPS: usize = 8;
-/// A gap of more than so many median steps lies behind the rows of a stamp, not between them.
+/// Longest interval over which a stamp's rows are spread, in median steps a row.
 const GAP: f64 = 3.0;
 
-/// Times that rise from row to row: the rows of one stamp stand evenly up to the next one.
+/// Returns times that rise from row to row: rows of one stamp are spread evenly up to the next.
 ///
-/// # Errors
-/// Why the rows' times cannot be known, for a sentence about the recording.
+/// # Errors The reason why the rows' times cannot be determined, as part of a sentence about the
+/// recording.
 pub fn told_apart(times: &[f64]) -> Result<Cow<'_, [f64]>, String> {
     let rows = times.len();
     if rows < LEAST_ROWS {

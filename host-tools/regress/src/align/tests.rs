@@ -1,8 +1,8 @@
-//! A load cell on its own clock, brought onto a sensor's.
+//! Tests of aligning a load cell on its own clock with a sensor.
 
 use super::*;
 
-/// Presses of uneven length at uneven intervals, seen at a time of the true clock.
+/// Presses of uneven length at uneven intervals, at a time of the true clock.
 fn force(t: f64) -> f64 {
     let press = |at: f64, length: f64, peak: f64| {
         let share = (t - at) / length;

@@ -1,5 +1,6 @@
-//! Against MINPACK's Levenberg–Marquardt on the same problems: y − target of every row and output, then √α·w of every
-//! parameter, from the same eight starts.
+//! Comparison with MINPACK's Levenberg–Marquardt on the same problems, from the same eight starts.
+//!
+//! Residuals are y − target of every row and output, then √α·w of every parameter.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
@@ -10,15 +11,19 @@ use crate::mlp::{self, Rows, Shape};
 use crate::scaling::{Inputs, Scaling};
 
 const DECAY: f64 = 0.01;
-/// Steps that the own training is given: more than it takes.
+/// Step limit of our training: more than it needs.
 const STEPS: usize = 2000;
 
-/// ½ Σ e² + ½ α Σ w² at the best minimum that `lmder` with a tolerance of 1e-8 finds from the eight starts, as the crate
-/// `levenberg-marquardt` 0.15 has it: of the small net, and of nets of four and eight units on [`touches`].
+/// ½ Σ e² + ½ α Σ w² at the best minimum of `lmder` (tolerance 1e-8) from the eight starts.
+///
+/// Computed with the crate `levenberg-marquardt` 0.15, for the small net and for nets of four and
+/// eight units on [`touches`].
 const MINPACK: [f64; 3] = [0.614_121_418, 0.101_732_577, 0.084_136_856];
 
-/// The best of all starts is that of MINPACK within 1 %, and from where each ends a Gauss–Newton step gains less than
-/// 1 %. From one start the two may well go to different minima.
+/// Asserts that the best of all starts is within 1 % of MINPACK's minimum.
+///
+/// A further Gauss–Newton step from each end must gain less than 1 %. From a single start the two
+/// may well reach different minima.
 fn same_minimum(shape: Shape, rows: &Rows, starts: &[DVector<f64>], minpack: f64) {
     let mut best = f64::INFINITY;
     for start in starts {
@@ -61,7 +66,8 @@ fn finger_nets_reach_the_minimum_of_minpack() {
     }
 }
 
-/// Normal forces on a made-up matrix of taxels: a contact that wanders, presses and is sheared, seen by sixteen of them.
+/// Normal forces on a made-up matrix of sixteen taxels under a moving, pressing and sheared
+/// contact.
 fn touches(count: usize) -> Rows {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut row = || {

@@ -1,4 +1,4 @@
-//! A net on its way from random weights to trained ones: starts, balanced targets, folding.
+//! Training of a net from random weights: starts, balanced targets, folding.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,10 +12,10 @@ use crate::levenberg::{self, Decay, State};
 use crate::mlp::{Rows, Shape};
 use crate::scaling::Scaling;
 
-/// Steps that each start is given before the best of them goes on.
+/// Steps of each start before the best one continues.
 const START_STEPS: usize = 25;
 
-/// Scaled rows, and how many steps are done.
+/// Scaled rows and the number of steps done.
 pub(super) struct Trainer<'p> {
     part: &'p str,
     shape: Shape,
@@ -60,7 +60,8 @@ impl<'p> Trainer<'p> {
         })
     }
 
-    /// The best of some starts, taken two thirds of the way, its targets' errors balanced.
+    /// Trains the best of several starts for two thirds of the steps and balances its targets'
+    /// errors.
     pub fn explore(
         &mut self,
         decay: Decay,
@@ -87,7 +88,7 @@ impl<'p> Trainer<'p> {
         Ok(best)
     }
 
-    /// The rest of the way.
+    /// Trains for the remaining steps.
     pub fn settle(
         &self,
         state: State,
@@ -98,8 +99,9 @@ impl<'p> Trainer<'p> {
         self.train(state, decay, self.options.steps, progress, stop)
     }
 
-    /// Scales each target so that what is left of its error is the same for all of them: one noise β then
-    /// fits every output, and an output that can be known better (f_z) is held to it.
+    /// Scales each target so that the remaining errors are equal.
+    ///
+    /// One noise β then fits every output, and a more predictable output (f_z) is held to it.
     fn balance(&mut self, state: &mut State) {
         let all = state.squares.mean();
         for (k, target) in self.scaling.targets.iter_mut().enumerate() {
@@ -112,7 +114,8 @@ impl<'p> Trainer<'p> {
         }
     }
 
-    /// Folds the scaling of inputs and targets into the weights:
+    /// Folds the scaling of inputs and targets into the weights.
+    ///
     /// w·(x − m)/s + a = (w/s)·x + (a − Σ w·m/s), and y·s + m for the outputs.
     pub fn fold(&self, state: &State) -> Net {
         let Shape { inputs, hidden: units, .. } = self.shape;
@@ -143,7 +146,7 @@ impl<'p> Trainer<'p> {
     }
 }
 
-/// Small random weights: sums of about unit size, outputs that begin small.
+/// Draws small random weights: sums of about unit size, outputs that begin small.
 fn start(shape: Shape, rng: &mut ChaCha8Rng) -> DVector<f64> {
     let hidden = (3.0 / (shape.inputs + 1) as f64).sqrt();
     let output = (1.0 / shape.seen() as f64).sqrt();

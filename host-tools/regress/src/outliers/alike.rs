@@ -1,4 +1,4 @@
-//! The wrong rows that the rows most like them tell.
+//! Wrong rows found by comparison with the most similar rows.
 
 use nalgebra::{Cholesky, DMatrix};
 
@@ -8,39 +8,43 @@ use crate::quantile::{median, quantile};
 use crate::scaling::Scale;
 use crate::training::Recorded;
 
-/// Rows most like one that it is compared with, of every so many that there are; and fewest that tell anything.
+/// Most similar rows to compare with; rows of the recording for each of them; fewest of them.
 const LIKE: usize = 24;
 const ROWS_A_LIKE: usize = 8;
 const LEAST_LIKE: usize = 8;
-/// Fewest rows in which outliers are found by the rows like them.
+/// Fewest sound rows for this comparison.
 const LEAST_ROWS: usize = ROWS_A_LIKE * LEAST_LIKE;
-/// Rows that they are sought among.
+/// Most rows among which similar ones are sought.
 const SOUGHT: usize = 3000;
-/// Rows before and after that are not: a share of the recording, for a run must not bear itself out.
+/// Least distance of similar rows in time, as a share of the recording.
+///
+/// A run of wrong rows must not confirm itself.
 const APART: f64 = 0.1;
-/// A row is wrong if it stands out of those like it by so many of their deviations …
+/// Least distance of a wrong row from similar ones, in their deviations …
 const OUTLIER: f64 = 8.0;
-/// … by this share of the spread …
+/// … as a share of the spread …
 const GROSS: f64 = 0.3;
-/// … and by so many times what the law leaves of most rows.
+/// … and in multiples of the law's usual residual.
 const MISFIT: f64 = 6.0;
-/// A target of which the law leaves more than this share of the spread is not judged by.
+/// Largest residual of the law, as a share of the spread, at which a target is judged.
 const UNEXPLAINED: f64 = 0.1;
-/// A run of wrong rows begins or ends with a jump of this share of how far it is off.
+/// Least jump at an end of a wrong run, as a share of the run's error.
 const JUMP: f64 = 0.7;
-/// An input is looked at if it is so many times its usual width off its median.
+/// Least distance of an examined input from its median, in its usual widths.
 const FAR: f64 = 0.9;
-/// Rows at the end that have none beside them on one side.
+/// Rows at either end that count as the end of the recording.
 const END: usize = 3;
-/// Terms of the law, at most; and rows for each of them, at least.
+/// Most terms of the law, and fewest rows for each of them.
 const MOST_TERMS: usize = 200;
 const ROWS_A_TERM: usize = 4;
-/// Decay of the law, rows being scaled to about one.
+/// Decay of the law, with rows scaled to about one.
 const DECAY: f64 = 1.0;
-/// What is found shows more: each time with what was found left out.
+/// Most passes; each leaves out the rows found before.
 const PASSES: usize = 8;
 
-/// Adds the wrong rows of a recording to those `known`; those that the rows beside them can tell only if it is `loose`.
+/// Adds the wrong rows of a recording to those `known`.
+///
+/// Short runs within the recording are added only if it is `loose`.
 pub(super) fn wrong((x, y): &Recorded, known: Vec<bool>, loose: bool) -> Vec<bool> {
     let mut wrong = known;
     for _ in 0..PASSES {
@@ -57,23 +61,23 @@ pub(super) fn wrong((x, y): &Recorded, known: Vec<bool>, loose: bool) -> Vec<boo
     wrong
 }
 
-/// The rows of a recording, scaled by those that are still taken for sound.
+/// Rows of a recording, scaled by the rows considered sound so far.
 pub(super) struct Pass<'s> {
     sound: &'s [usize],
     /// Number of similar rows that a row is compared with.
     like: usize,
-    /// Of the sound rows those that others are compared with.
+    /// Sound rows with which others are compared.
     sought: Vec<usize>,
     /// Inputs and targets of each row.
     inputs: Vec<Vec<f64>>,
     pub targets: Vec<Vec<f64>>,
     /// Spread of the targets, in their own units.
     pub spread: Vec<f64>,
-    /// What the law leaves of the targets.
+    /// Residuals of the law.
     pub left: Vec<Vec<f64>>,
-    /// How far most rows lie off the law.
+    /// Usual residual of each target: standard deviation of most rows.
     pub misfit: Vec<f64>,
-    /// A target stands out by this at least.
+    /// Least residual at which a target stands out.
     least: Vec<f64>,
     /// Median, spread and usual width of each input.
     usual: Vec<[f64; 3]>,
@@ -112,7 +116,7 @@ impl<'s> Pass<'s> {
         let left = left(&inputs, &targets, &sought, &usual);
         let misfit = (0..targets[0].len()).map(|k| {
             let sizes: Vec<f64> = sought.iter().map(|row| left[*row][k].abs()).collect();
-            // Of a normal variable 60 % lie within 0.84 of its deviations; the wrong rows are no part of these.
+            // 60 % of a normal variable lie within 0.84 deviations; wrong rows lie beyond these.
             quantile(sizes, 0.6) / 0.84
         });
         let misfit: Vec<f64> = misfit.collect();
@@ -153,7 +157,9 @@ impl<'s> Pass<'s> {
         found
     }
 
-    /// Whether a row's values are far from those of the rows most like it in some inputs and, perhaps, the targets.
+    /// Whether a row's values are far from those of the most similar rows.
+    ///
+    /// Similarity is measured in `inputs` and, if set, the targets.
     fn stands_out(
         &self,
         row: usize,
@@ -181,7 +187,7 @@ impl<'s> Pass<'s> {
         }
         others.select_nth_unstable_by(self.like, |a, b| a.0.total_cmp(&b.0));
         others.truncate(self.like);
-        // How far it is from them, and they from their middle.
+        // Distance of the row from them, and theirs from their middle.
         let from_it = median(others.iter().map(|(square, _)| square.sqrt()).collect());
         let like: Vec<Vec<f64>> = others.iter().map(|(_, other)| place(*other).collect()).collect();
         let middle: Vec<f64> =
@@ -199,9 +205,9 @@ impl<'s> Pass<'s> {
         })
     }
 
-    /// Of rows that stand out those in runs that begin or end with a jump.
+    /// Keeps the rows of runs that begin or end with a jump.
     fn jumping(&self, out: &[usize], value: &dyn Fn(usize) -> Vec<f64>, loose: bool) -> Vec<usize> {
-        // By their place among the sound rows; one between two of them belongs to the run.
+        // Positions among the sound rows; one row between two of them belongs to the run.
         let places: Vec<usize> =
             out.iter().filter_map(|row| self.sound.binary_search(row).ok()).collect();
         let runs = places.chunk_by(|a, b| b - a <= 2);
@@ -220,7 +226,7 @@ impl<'s> Pass<'s> {
                 let rest = median(beside);
                 let inside = run.iter().map(|at| (value(self.sound[*at])[k] - rest).abs());
                 let off = median(inside.collect());
-                // Of a loose recording the next row may be wrong as well.
+                // In a loose recording the next row may be wrong as well.
                 let from = |beside: &[usize], nearest: Option<&usize>, end: f64| match nearest {
                     None => 0.0,
                     Some(_) if loose => {
@@ -238,8 +244,10 @@ impl<'s> Pass<'s> {
     }
 }
 
-/// What a law of products, or a line where rows are few, leaves of the targets; wrong rows among those that it is
-/// fitted to do not move it (iteratively reweighted: Huber's weights, then Tukey's).
+/// Residuals of a quadratic law, or of a linear one for few rows.
+///
+/// Wrong rows do not move the law, because it is reweighted iteratively: Huber's weights, then
+/// Tukey's.
 fn left(
     inputs: &[Vec<f64>],
     targets: &[Vec<f64>],
@@ -297,7 +305,7 @@ fn left(
     all.iter().zip(targets).map(of).collect()
 }
 
-/// What nine of ten values lie within.
+/// Width of the range that holds nine of ten values.
 fn width(values: &[f64]) -> f64 {
     quantile(values.to_vec(), 0.95) - quantile(values.to_vec(), 0.05)
 }

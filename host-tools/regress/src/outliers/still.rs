@@ -1,9 +1,9 @@
 //! Rows in which the reference stays at zero while something presses: a load cell that came off.
 //!
-//! Such a stretch begins and ends unloaded, without a jump, and may be a good part of a recording. But its targets are
-//! the same to the last digit in row after row, at zero, while the inputs go from where a law of the other rows says
-//! zero to where it says a load, and back. A held slide stands still as well, but under a load; and the inputs of a
-//! skin that creeps back after a press begin far from zero.
+//! Such a stretch begins and ends unloaded, without a jump, and may be a good part of a recording.
+//! Its targets are equal to the last digit, at zero, in row after row. Meanwhile a law of the other
+//! rows predicts a load from the inputs, with zero at both ends. A held slide stands still as well,
+//! but under a load. The inputs of a skin that creeps back after a press begin far from zero.
 
 use std::ops::Range;
 
@@ -13,24 +13,25 @@ use crate::training::Recorded;
 
 /// Fewest rows in a stretch.
 const LEAST: usize = 8;
-/// The law is fitted to so many rows at least, and to this share of the recording: where the reference goes in steps
-/// it stands still by nature.
+/// Fewest rows for the fit of the law, and their least share of the recording.
+///
+/// A reference with coarse steps stands still by nature.
 const LEAST_MOVING: usize = 64;
 const MOVING: f64 = 0.1;
-/// Zero is this share of what a target moves by elsewhere.
+/// Largest reading that counts as zero, as a share of the target's usual magnitude.
 const ZERO: f64 = 0.02;
-/// A target of which the law leaves more than this share of the spread tells nothing.
+/// Largest residual of the law, as a share of the spread, at which a target is used.
 const UNEXPLAINED: f64 = 0.3;
-/// The law says a load if it is so many times what it leaves of most rows off zero, …
+/// Least load predicted by the law, in multiples of its usual residual, …
 const MISFIT: f64 = 6.0;
-/// … and this share of what the target moves by elsewhere. At the ends of a stretch it says half as much at most.
+/// … and as a share of the target's range elsewhere. At the ends it is at most half as much.
 const MOVED: f64 = 0.3;
-/// Of such a stretch the rows are wrong that lie off the law by so many times what it leaves of most rows.
+/// Least residual of a wrong row in such a stretch, in usual residuals.
 const OFF: f64 = 3.0;
-/// Rows on either side that a spike is told by.
+/// Rows on either side of the median that removes spikes.
 const BESIDE: usize = 2;
 
-/// Which rows of a recording these are.
+/// Flags the rows of a recording in which the reference is stuck.
 pub(super) fn wrong((x, y): &Recorded) -> Vec<bool> {
     let mut wrong = vec![false; x.len()];
     let zero: Vec<f64> = (0..y.first().map_or(0, Vec::len))
@@ -61,7 +62,7 @@ pub(super) fn wrong((x, y): &Recorded) -> Vec<bool> {
     let told: Vec<usize> =
         (0..pass.misfit.len()).filter(|k| pass.misfit[*k] < UNEXPLAINED).collect();
     let pressed = |rows: &Range<usize>, k: usize| {
-        // How far off the reference the law says the load is, spikes smoothed away.
+        // Residual of the law, with spikes smoothed away.
         let off: Vec<f64> = rows
             .clone()
             .map(|row| {
@@ -80,7 +81,7 @@ pub(super) fn wrong((x, y): &Recorded) -> Vec<bool> {
     if stretches.is_empty() {
         return wrong;
     }
-    // What is said of a rest is surer with the sound rests.
+    // Refit with the sound rests included, which improves predictions at rest.
     let sound = outside(&stretches);
     let surer = Pass::new(x, y, &sound);
     for row in stretches.into_iter().flatten() {

@@ -1,4 +1,5 @@
-//! Sound recordings lose nothing; of those with wrong rows little more than these is lost.
+//! Tests of outlier detection: sound recordings lose nothing, others little more than their wrong
+//! rows.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,13 +9,13 @@ use taxel_sim::{Scene, Simulator};
 
 use super::*;
 
-/// Below so many standard deviations of the signals the finger runs no estimator.
+/// Gate of the finger, in standard deviations of the signals; below it no estimator runs.
 const GATE: f32 = 5.0;
 
-/// Rows before anything touches the finger in a built-in scene.
+/// Unloaded rows at the beginning of a built-in scene.
 const UNLOADED: usize = 256;
 
-/// A built-in scene with its bias and signals.
+/// Simulates a built-in scene and returns its samples, bias and signals.
 fn scene_signals(scene: &str) -> (Vec<Sample>, Bias, Vec<Signals>) {
     let samples: Vec<Sample> = Simulator::new(&Scene::load(scene).unwrap(), 1).collect();
     let levels = || samples.iter().map(|sample| Levels::read(&sample.scan.codes));
@@ -25,7 +26,7 @@ fn scene_signals(scene: &str) -> (Vec<Sample>, Bias, Vec<Signals>) {
     (samples, bias, signals)
 }
 
-/// Loaded rows of a built-in scene, as a net is fitted to them.
+/// Loaded rows of a built-in scene, as used to fit a net.
 fn finger(scene: &str) -> Recorded {
     let (samples, bias, signals) = scene_signals(scene);
     let least = 16.0 * (GATE * bias.taxels.unwrap().noise).powi(2);
@@ -48,7 +49,7 @@ fn bench() -> Recorded {
     rows.unzip()
 }
 
-/// Every so many-th row.
+/// Keeps every `every`-th row.
 fn thinned((x, y): &Recorded, every: usize) -> Recorded {
     let thin = |rows: &[Vec<f64>]| rows.iter().step_by(every).cloned().collect();
     (thin(x), thin(y))
@@ -63,7 +64,7 @@ fn count(wrong: &[Vec<bool>]) -> usize {
     wrong.iter().flatten().filter(|wrong| **wrong).count()
 }
 
-/// Somebody's sensor of three channels at 50 Hz, pressed at uneven intervals.
+/// Rows of a generic sensor of three channels at 50 Hz, pressed at uneven intervals.
 fn table(rows: usize) -> Recorded {
     let load = |t: f64| {
         let i = (t / 2.5).floor();
@@ -95,7 +96,7 @@ fn sound_recordings_lose_no_row_but_what_stands_alone() {
             let rows = thin.0.len();
             let thin = [thin];
             let lost = found(&thin);
-            // A quick press that was thinned has rows that stand alone: the few that ever were lost.
+            // Quick presses have single outliers after thinning; these few rows were always lost.
             let (_, scaled) = scaled(&thin);
             let beside = alone(&thin, &ridge::residual(&scaled, DECAY).unwrap());
             let (count, few) = (count(&lost), count(&beside));
@@ -125,7 +126,7 @@ fn a_reference_that_stays_at_zero_over_whole_presses_is_found_though_it_never_ju
         let load: Vec<f64> = sound.1.iter().map(|y| y[y.len() - 1]).collect();
         let most = load.iter().copied().fold(0.0, f64::max);
         for share in [0.06, 0.15, 0.4] {
-            // From rest to rest: the nearest rows of no load about a share of the recording.
+            // Cut from rest to rest: the nearest unloaded rows about a share of the recording.
             let rest = |from: usize| {
                 (from..load.len()).find(|i| load[*i] < 0.06 * most).unwrap_or(load.len())
             };
@@ -146,7 +147,7 @@ fn a_reference_that_stays_at_zero_over_whole_presses_is_found_though_it_never_ju
     }
 }
 
-/// Of fewer rows than a recording usually has, but enough to tell something.
+/// Short recordings, with fewer rows than usual but enough to judge.
 #[test]
 fn short_sound_recordings_lose_hardly_a_row_but_what_stands_alone() {
     let scenes = ["presses", "shear", "tap", "edge"].map(|scene| (scene, finger(scene)));
@@ -165,13 +166,13 @@ fn short_sound_recordings_lose_hardly_a_row_but_what_stands_alone() {
                     extra += lost.saturating_sub(beside);
                 }
             }
-            // A tenth of a press alone is not what the law of a line suits.
+            // A linear law does not fit a tenth of a press alone.
             assert!(extra * 1000 <= all, "{name}, every {every}-th: {extra} of {all} rows");
         }
     }
 }
 
-/// How rows go wrong.
+/// Patterns of wrong rows.
 #[derive(Clone, Copy, Debug)]
 enum Spoilt {
     Alone,
@@ -179,7 +180,7 @@ enum Spoilt {
     Ends,
 }
 
-/// Spoils a share of the rows, half of them in the targets and half in one input; which they are.
+/// Spoils a share of the rows, half in the targets and half in one input, and returns their flags.
 fn spoil((x, y): &mut Recorded, share: f64, how: Spoilt) -> Vec<bool> {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let rows = x.len();

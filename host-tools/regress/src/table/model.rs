@@ -1,4 +1,4 @@
-//! The model of a table, as its file holds it.
+//! Model of a table, in the form of its file.
 
 use serde::{Deserialize, Serialize};
 use taxel::calibration::Range;
@@ -27,7 +27,7 @@ pub struct TableModel {
     /// Expansion of the inputs, less `centre`, into the terms that the weights multiply.
     #[serde(default)]
     pub expansion: Expansion,
-    /// Offset subtracted from the inputs of an expansion; else empty.
+    /// Offset subtracted from the inputs of an expansion; empty without one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub centre: Vec<f32>,
     /// Weights W of the hidden layer, a row a unit.
@@ -36,20 +36,20 @@ pub struct TableModel {
     pub hidden_bias: Vec<f32>,
     /// Weights V of the outputs, a row a target.
     pub output: Vec<f32>,
-    /// Weights L of the skip path, a row a target, if there is one.
+    /// Weights L of the skip path, a row a target; empty without one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub skip: Vec<f32>,
     /// Biases b of the outputs.
     pub output_bias: Vec<f32>,
     /// RMS error of the fit, in the targets' units.
     pub residual: Vec<f32>,
-    /// The law of a paper, instead of the weights above.
+    /// Law of a paper, in place of the weights above.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub law: Option<Law>,
 }
 
 impl TableModel {
-    /// Layers for the core.
+    /// Borrows the weights as layers for the core.
     #[must_use]
     pub fn layers(&self) -> Layers<'_> {
         Layers {

@@ -13,18 +13,19 @@ use crate::training::Recorded;
 /// Rows of a table with their references.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableRecording {
-    /// The sensor's channels.
+    /// Channels of the sensor.
     pub inputs: Table,
-    /// The references, row for row.
+    /// References, row for row.
     pub targets: Table,
 }
 
 impl TableRecording {
-    /// Reads a stretch of a file; `*` in a pattern stands for any text, but never for a target or the
-    /// time: a net that is given the answer learns nothing.
+    /// Reads a stretch of a file; `*` in a pattern stands for any text.
     ///
-    /// # Errors
-    /// What is wrong with the file, or a column is named as input and as target.
+    /// A pattern never matches a target or the time, because a net with the answer as input learns
+    /// nothing.
+    ///
+    /// # Errors A fault of the file, or a column named as input and as target.
     pub fn read(stretch: &Stretch, inputs: &[&str], targets: &[&str]) -> Result<Self, FileError> {
         let targets = table::read(stretch, targets)?;
         if let Some(both) = inputs.iter().find(|name| targets.names.iter().any(|t| t == *name)) {
@@ -47,11 +48,11 @@ impl TableRecording {
         Ok(Self { inputs: inputs_read, targets })
     }
 
-    /// Joins inputs with a reference that another clock logged. What the sensor's own file says of a target is no
-    /// input, nor is the time.
+    /// Joins inputs with a reference from another clock.
     ///
-    /// # Errors
-    /// No input is left, or the two cannot be brought onto one time.
+    /// Targets and times in the sensor's own file are not used as inputs.
+    ///
+    /// # Errors No input is left, or the two cannot be aligned in time.
     pub fn aligned(mut inputs: Table, mut targets: Table) -> Result<(Self, Alignment), FitError> {
         let reference = targets.path.display().to_string();
         inputs.keep(|name| !table::is_time(name) && !targets.names.iter().any(|t| t == name));
@@ -86,14 +87,14 @@ impl TableRecording {
         Ok((Self { inputs, targets }, alignment))
     }
 
-    /// Name in messages.
+    /// Name of the recording in messages.
     #[must_use]
     pub fn name(&self) -> String {
         self.inputs.path.display().to_string()
     }
 }
 
-/// Reads misaligned references at the times at which they fit, and warns of them.
+/// Realigns misaligned references in time and warns of them.
 pub(super) fn put_on_time(recordings: &[TableRecording], rows: &mut [Recorded]) -> Vec<String> {
     let mut warnings = Vec::new();
     let mut unchecked: Vec<(String, Vec<String>)> = Vec::new();
@@ -125,7 +126,7 @@ pub(super) fn put_on_time(recordings: &[TableRecording], rows: &mut [Recorded]) 
     warnings
 }
 
-/// Times that rise from row to row, or why there are none.
+/// Times that rise from row to row, or the reason why they are unknown.
 fn told_apart(times: &[f64]) -> Result<Cow<'_, [f64]>, String> {
     if times.is_empty() {
         return Err("no time column (t_s or t_us)".into());

@@ -1,4 +1,4 @@
-//! Recordings that are wrong on purpose: each is fitted sanely with a word about it, or refused with why.
+//! Tests with faulty recordings: each is fitted with a warning, or refused with a reason.
 
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
@@ -19,14 +19,14 @@ fn load(t: f64) -> f64 {
     if (0.0..1.0).contains(&share) { peak * (std::f64::consts::PI * share).sin() } else { 0.0 }
 }
 
-/// One row of a sensor of three channels, and what its reference says.
+/// One row of a sensor of three channels with its reference.
 struct Row {
     t: f64,
     channels: [f64; 3],
     force: f64,
 }
 
-/// `rows` rows at 50 Hz from `from`; each is passed through `spoil` with its number.
+/// Builds `rows` rows at 50 Hz from `from`; `spoil` gets each row with its index.
 fn recording(
     name: &str,
     rows: usize,
@@ -68,13 +68,13 @@ fn good(name: &str) -> TableRecording {
     recording(name, 2000, 0.0, |_, _| {})
 }
 
-/// What a fit says besides that there are too few recordings to leave whole ones out.
+/// Warnings of a fit, except that about too few recordings for whole ones to be left out.
 fn told(fitted: &FittedTable) -> Vec<&str> {
     let warnings = fitted.warnings.iter().map(String::as_str);
     warnings.filter(|warning| !warning.contains("not by whole ones left out")).collect()
 }
 
-/// RMS error in newtons on a recording that has nothing wrong with it.
+/// RMS error in newtons on a recording without faults.
 fn error_of(fitted: &FittedTable) -> f64 {
     let unseen = recording("unseen.csv", 1500, 60.0, |_, _| {});
     evaluate(&fitted.model, &unseen).unwrap().targets[0].figures.unwrap().rmse
@@ -98,7 +98,7 @@ fn collinear_channels_are_named_and_share_their_weight() {
     });
     let fitted = ridge(&[collinear]).unwrap();
     assert!(fitted.warnings[0].starts_with("m0, m2: together"), "{:?}", fitted.warnings);
-    // A twin that had a weight of its own would have the opposite sign of the other's.
+    // A duplicate channel with its own weight would get the opposite sign.
     let [a, _, c] = *fitted.model.skip.as_slice() else { panic!("{:?}", fitted.model) };
     assert!(a * c > 0.0 && a.abs() < 0.1, "{:?}", fitted.model.skip);
     assert!(f64::from(fitted.model.residual[0]) < 0.15);
@@ -225,7 +225,8 @@ fn fifteen_percent_of_outliers_are_told_and_more_than_twenty_are_refused() {
 #[test]
 fn a_reference_that_came_off_over_whole_presses_is_left_out_and_told_and_much_of_it_is_refused() {
     let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
-    // It falls to zero between two presses and comes back between two others: nowhere a jump.
+    // The reference drops to zero between two presses and returns between two others, without a
+    // jump.
     let dead = |rows: std::ops::Range<usize>| {
         recording("dead.csv", 2000, 0.0, move |i, row| {
             if rows.contains(&i) {
@@ -235,7 +236,7 @@ fn a_reference_that_came_off_over_whole_presses_is_left_out_and_told_and_much_of
     };
     let fitted = ridge(&[dead(500..875)]).unwrap();
     let said = &fitted.warnings[0];
-    // Of the three presses all but what is next to no load.
+    // All rows of the three presses except those with almost no load.
     let pressed = (500..875).filter(|i| load(0.02 * f64::from(*i)) > 0.1).count();
     let found = format!("dead.csv: in {pressed} of 2000 rows (7 %) the reference stays at zero");
     assert!(said.starts_with(&found), "{said}, {found}");
@@ -254,7 +255,7 @@ fn a_reference_that_is_turned_round_in_one_recording_is_refused_by_name() {
     let said = |recordings: &[TableRecording]| ridge(recordings).unwrap_err().to_string();
     let error = said(&[good("good.csv"), turned.clone(), other]);
     assert!(error.starts_with("turned.csv: force_n runs against what the other"), "{error}");
-    // Of two that disagree the one that pulls is it.
+    // If two recordings disagree, the one that pulls is flipped.
     for pair in [[good("good.csv"), turned.clone()], [turned.clone(), good("good.csv")]] {
         let error = said(&pair);
         assert!(
@@ -284,7 +285,7 @@ fn a_time_base_that_is_off_is_put_right_and_told_and_a_reference_of_its_own_is_a
         assert!(error_of(&fitted) < 1.1 * clean, "{rate}: {} {clean}", error_of(&fitted));
     }
 
-    // The same reference with the times that its own clock showed.
+    // The misaligned reference again, with the times of its own clock.
     let mut reference = off(0.03).targets;
     reference.rows = reference.times.iter().map(|t| vec![load(*t)]).collect();
     reference.times.iter_mut().for_each(|t| *t = 700.0 + 1.03 * *t);
@@ -339,7 +340,7 @@ fn a_number_that_f32_cannot_reckon_with_is_refused_by_its_place() {
     assert!(error.starts_with("huge.csv:3: `m0`: expected a number up to 1e12, found"), "{error}");
 }
 
-/// A feeler of [Ohka2005] that sticks and slips by turns; every row goes through `spoil`.
+/// A feeler of [Ohka2005] that sticks and slips by turns; `spoil` gets every row.
 fn feeler(spoil: impl Fn(usize, &mut [f32; 3])) -> TableRecording {
     let shear = Shear { stuck: 1.7, sheet: 0.067, friction: 0.25, adhesion: 0.56 };
     let spot = BrightSpot { normal: 0.03, x: shear, y: shear };

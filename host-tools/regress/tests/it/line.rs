@@ -1,4 +1,6 @@
-//! The 4×1 prototype of [DeMaria2011] by a model that nobody chose: place and angle straight out of the codes.
+//! Test of the 4×1 prototype of [DeMaria2011] with an automatically chosen model.
+//!
+//! Contact position and angle are estimated directly from the codes.
 
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
@@ -9,13 +11,13 @@ use taxel_regress::model::Family;
 use taxel_regress::table::{TableOptions, TableRecording, evaluate, fit};
 use taxel_sim::{Scene, Simulator};
 
-/// Light that the four taxels gained, less the dark, as a share of full scale.
+/// Light gained by the four taxels, less the dark, as a share of full scale.
 fn light(sample: &Sample) -> [f64; 4] {
     let taxels = sample.scan.codes.taxels.unwrap();
     std::array::from_fn(|c| (f64::from(taxels.lit[0][c].0) - f64::from(taxels.dark[c].0)) / 65535.0)
 }
 
-/// A row a press: the mean over the 80 ms for which it is held, its place and its angle to the skin.
+/// A row a press: mean light over the 80 ms hold, contact position and angle to the skin.
 fn presses(scene: &str, seed: u64) -> (usize, TableRecording) {
     let samples: Vec<Sample> = Simulator::new(&Scene::load(scene).unwrap(), seed).collect();
     let mean = |rows: &[Sample]| -> [f64; 4] {
@@ -45,7 +47,9 @@ fn presses(scene: &str, seed: u64) -> (usize, TableRecording) {
     (count, TableRecording { inputs: read(&["c*"]), targets: read(&["p_mm", "theta_deg"]) })
 }
 
-/// Trials lie half-way between the places and angles of the data set. [DeMaria2011]: 0.3 mm and 10°.
+/// Trials lie half-way between the positions and angles of the data set.
+///
+/// [DeMaria2011] reports 0.3 mm and 10°.
 #[test]
 fn trial_forces_of_the_line_are_placed_to_0_15_mm_and_turned_to_5_degrees() {
     let ((fitted, data), (tried, trials)) = (presses("line-fit", 1), presses("line-trial", 2));

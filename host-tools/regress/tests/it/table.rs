@@ -1,4 +1,4 @@
-//! Somebody else's sensor, as CSV text.
+//! Tests with a generic sensor, as CSV text.
 
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
