@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_block_costs_what_its_instructions_cost_in_their_order() {
+    fn block_cost_depends_on_order() {
         // ldr r0, [r1, #4]; ldr r2, [r3, #4]; vmul s1, s2, s3; vadd s1, s1, s3; b
         let block = block(&[0x6848, 0x685a, 0xee61, 0x0a21, 0xee70, 0x0aa1, 0xe008]);
         assert_eq!(block.instructions.len(), 5);
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_return_under_it_may_not_happen() {
+    fn return_under_it_may_be_skipped() {
         // it eq; bxeq lr
         let block = block(&[0xbf08, 0x4770]);
         assert!(!block.left_by_branch(block.end));
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_instruction_is_named() {
+    fn unknown_instruction_is_named() {
         // nop; vadd.f64 d0, d1, d2
         let code = [0x00, 0xbf, 0x31, 0xee, 0x02, 0x0b];
         let unknown = Block::decode(0x100, &code).unwrap_err();

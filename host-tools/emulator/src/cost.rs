@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn each_row_of_the_tables_is_charged() {
+    fn each_row_of_the_tables_has_its_cost() {
         let rows: [(&str, &[u16], Band); 16] = [
             ("movs r0, #5", &[0x2005], band(1, 1)),
             ("smlad r8, r9, r10, r11", &[0xfb29, 0xb80a], band(1, 1)),
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_branch_costs_more_when_it_is_taken() {
+    fn branch_costs_more_when_taken() {
         let branch = instruction(&[0xd004]);
         assert_eq!(cost(None, &branch, false), band(1, 1));
         assert_eq!(cost(None, &branch, true), band(3, 3));
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn a_load_pipelines_after_a_load_unless_it_waits_for_its_address() {
+    fn load_pipelines_after_independent_load() {
         // ldr r0, [r1, #4] and ldr r0, [sp, #4]; ldr r1, [r0, #4] needs what they load.
         let (first, second) = (instruction(&[0x6848]), instruction(&[0x9801]));
         assert_eq!(cost(Some(&first), &second, false), band(1, 2));
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_float_result_that_is_wanted_at_once_costs_a_cycle() {
+    fn float_result_used_at_once_costs_a_cycle() {
         // vmul s1, s2, s3; vadd s1, s2, s3 (does not want s1); vstr s1, [r0, #4] (does).
         let multiply = instruction(&[0xee61, 0x0a21]);
         assert_eq!(cost(Some(&multiply), &instruction(&[0xee71, 0x0a21]), false), band(1, 1));

@@ -149,14 +149,14 @@ mod tests {
     }
 
     #[test]
-    fn of_each_library_the_fastest_build_is_kept() {
+    fn best_keeps_fastest_build_of_each_library() {
         let all = vec![peer("a, -O2", 9), peer("b, -O2", 4), peer("a, -O3", 7), peer("b, -O3", 5)];
         let names: Vec<String> = best(all).into_iter().map(|peer| peer.name).collect();
         assert_eq!(names, ["a, -O3", "b, -O2"]);
     }
 
     #[test]
-    fn a_peer_that_was_not_built_stands_in_the_table_without_figures() {
+    fn missing_peer_is_listed_without_figures() {
         let table = csv(&[peer("a, -O2", 9)], &["b: no sources".into()]);
         assert!(table.ends_with("\"a, -O2\",16-16-3,0.0e0,0,9,0\n\"b: no sources\",16-16-3,,,,\n"));
     }

@@ -135,7 +135,7 @@ const ASSEMBLED: &[(&str, &[u16], Class, Flow)] = &[
 ];
 
 #[test]
-fn every_class_of_instruction_is_told_from_its_encoding() {
+fn each_class_is_decoded_from_its_encoding() {
     for (text, halves, class, flow) in ASSEMBLED {
         let instruction = decode(halves).unwrap_or_else(|| panic!("{text} is not known"));
         assert_eq!(usize::from(instruction.size), 2 * halves.len(), "{text}");
@@ -144,7 +144,7 @@ fn every_class_of_instruction_is_told_from_its_encoding() {
 }
 
 #[test]
-fn the_registers_that_tie_neighbours_together_are_found() {
+fn registers_that_tie_instructions_are_found() {
     // vmul.f32 s1, s2, s3
     let multiply = decode(&[0xee61, 0x0a21]).unwrap();
     assert_eq!((multiply.float_result, multiply.float_uses), (1 << 1, 1 << 2 | 1 << 3));
@@ -172,7 +172,7 @@ fn the_registers_that_tie_neighbours_together_are_found() {
 }
 
 #[test]
-fn it_says_how_many_follow_it() {
+fn it_decodes_its_number_of_instructions() {
     // it eq; ittee ne
     assert_eq!(decode(&[0xbf08]).unwrap().it_length, 1);
     assert_eq!(decode(&[0xbf19]).unwrap().it_length, 4);
@@ -181,7 +181,7 @@ fn it_says_how_many_follow_it() {
 }
 
 #[test]
-fn what_a_cortex_m4f_does_not_have_is_refused() {
+fn instructions_beyond_cortex_m4f_are_refused() {
     // vadd.f64 d0, d1, d2; vseleq.f32 s0, s1, s2; half an instruction; nothing
     for code in [&[0xee31, 0x0b02][..], &[0xfe00, 0x0a81], &[0xf000], &[]] {
         assert_eq!(decode(code), None, "{code:04x?}");

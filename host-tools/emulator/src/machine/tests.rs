@@ -33,12 +33,12 @@ const LOOP: [u16; 4] = [0x200a, 0x3801, 0xd1fd, CALL_HOST];
 fn a_loop_costs_its_turns() {
     let mut machine = machine(&LOOP);
     machine.run(PLENTY).unwrap();
-    // Ten subtractions, nine branches taken, one not, and what stands before and after.
+    // Ten subtractions, nine branches taken, one not, and the instructions before and after.
     assert_eq!(machine.clock().total(), count(1 + 10 + 10 + 1, 1 + 10 + 9 * 3 + 1 + 1, 40));
 }
 
 #[test]
-fn a_host_call_brings_its_operation_and_parameter_and_the_program_goes_on() {
+fn host_call_returns_and_program_continues() {
     // movs r0, #24; movs r1, #7; bkpt; adds r0, #1; bkpt
     let mut machine = machine(&[0x2018, 0x2107, CALL_HOST, 0x3001, CALL_HOST]);
     assert_eq!(machine.run(PLENTY).unwrap(), HostCall { operation: 24, parameter: 7 });
@@ -47,7 +47,7 @@ fn a_host_call_brings_its_operation_and_parameter_and_the_program_goes_on() {
 }
 
 #[test]
-fn a_measured_call_is_the_function_and_nothing_else() {
+fn measured_call_covers_the_function_only() {
     let program = [
         // ldr r3, [pc, #8]; movs r2, #1; bkpt; blx r3; bkpt; nop
         0x4b02, 0x2201, CALL_HOST, 0x4798, CALL_HOST, 0xbf00, //
@@ -67,7 +67,7 @@ fn a_measured_call_is_the_function_and_nothing_else() {
 }
 
 #[test]
-fn a_call_that_does_not_return_is_not_measured() {
+fn call_without_return_is_not_measured() {
     let mut machine = machine(&LOOP);
     machine.clock().await_call(CODE + 2);
     machine.run(PLENTY).unwrap();
@@ -75,7 +75,7 @@ fn a_call_that_does_not_return_is_not_measured() {
 }
 
 #[test]
-fn blocks_count_as_many_instructions_as_single_steps_do() {
+fn blocks_and_single_steps_count_alike() {
     // Longer than any block of the translator's and across pages: 5000 times
     // adds r1, #1; cmp r1, #9; ite eq; moveq r2, r1; movne r3, r1; then a loop.
     let mut program = [0x3101, 0x2909, 0xbf0c, 0x460a, 0x460b].repeat(5000);
@@ -91,7 +91,7 @@ fn blocks_count_as_many_instructions_as_single_steps_do() {
 }
 
 #[test]
-fn floating_point_is_the_hosts_bit_for_bit() {
+fn floating_point_matches_host_bit_for_bit() {
     // vdiv.f32 s0, s0, s1; vsqrt.f32 s0, s0; vmov r0, s0; bkpt
     let program = [0xee80, 0x0a20, 0xeeb1, 0x0ac0, 0xee10, 0x0a10, CALL_HOST];
     for (a, b) in [(1.0f32, 3.0f32), (2.0, 7.0), (1e-38, 3e3), (f32::MAX, 0.5)] {
@@ -108,8 +108,8 @@ fn error(halves: &[u16]) -> String {
 }
 
 #[test]
-fn what_the_machine_does_not_have_stops_it_by_name() {
-    // mov.w r0, #0xe000e000; ldr r1, [r0, #16]; bkpt: SysTick, not yet.
+fn unsupported_access_stops_machine_by_name() {
+    // mov.w r0, #0xe000e000; ldr r1, [r0, #16]; bkpt: SysTick is not modelled here.
     let systick = error(&[0xf04f, 0x20e0, 0xf44f, 0x4060, 0xf2ce, 0x0000, 0x6901, CALL_HOST]);
     assert!(systick.contains("read of 0xe000e010"), "{systick}");
     // vadd.f64 d0, d1, d2
@@ -122,7 +122,7 @@ fn what_the_machine_does_not_have_stops_it_by_name() {
 }
 
 #[test]
-fn a_program_that_hangs_is_stopped() {
+fn hanging_program_is_stopped() {
     // b to itself
     assert!(error(&[0xe7fe]).contains("still running"));
 }

@@ -1,4 +1,4 @@
-//! What both boards do alike: boot, enumerate, stream, lose nothing silently, forget nothing.
+//! Tests of both boards: boot, enumeration, streaming, counted losses and stored settings.
 
 use std::process::Command as Process;
 
@@ -45,24 +45,24 @@ fn streams_without_a_loss(model: Model, seconds: u64) {
     }
 }
 
-fn the_image_boots_enumerates_and_streams_two_seconds_without_a_loss(model: Model) {
+fn streams_two_seconds_without_loss(model: Model) {
     streams_without_a_loss(model, 2);
 }
 
-fn what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows(model: Model) {
+fn streamed_codes_match_converters_and_scene(model: Model) {
     let mut session = session(model, false);
     let frames = stream_codes(&mut session, micros(300_000));
     assert!(frames.len() > 290);
     first_seen(&session.board.finger().seen, &frames, 4);
-    // A step of a converter, for what has not quite settled.
+    // One code of tolerance, because inputs have not quite settled.
     let deviation = deviation(&frames, &scene(), 4);
     assert!(deviation <= 1.0, "{deviation} codes");
 }
 
-fn frames_are_the_hosts_own_byte_for_byte(model: Model) {
+fn frames_match_host_byte_for_byte(model: Model) {
     let path = repository().join("host-tools/emulator/data/finger.cal.toml");
     let mut calibration = taxel_files::calibration::read(&path).unwrap();
-    // The image leaves the model of the skin out, and passes over its section.
+    // The image lacks the model of the skin and skips its section.
     calibration.model = None;
     let mut record = [0; MAX_BYTES];
     let record = calibration.to_bytes(&mut record).unwrap();
@@ -74,7 +74,7 @@ fn frames_are_the_hosts_own_byte_for_byte(model: Model) {
     let frames = std::mem::take(&mut session.frames);
     assert!(frames.iter().any(|(_, frame)| frame.status.contains(Status::CONTACT)));
 
-    // The board began again with the calibration some scans before the first frame.
+    // The board restarted with the calibration some scans before the first frame.
     let seen = &session.board.finger().seen;
     let first = first_seen(seen, &frames, 4);
     let equal = |begin: &usize| {
@@ -95,8 +95,8 @@ fn frames_are_the_hosts_own_byte_for_byte(model: Model) {
     assert!((first.saturating_sub(40)..=first).any(|begin| equal(&begin)));
 }
 
-/// For longer than either watchdog waits, half a second and three.
-fn a_host_that_stops_reading_costs_frames_that_are_counted_and_nothing_else(model: Model) {
+/// Stops reading for longer than both watchdogs' timeouts, 0.5 s and 3 s.
+fn stalled_reader_loses_only_counted_frames(model: Model) {
     let mut session = session(model, false);
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(100_000)).unwrap();
@@ -112,7 +112,8 @@ fn a_host_that_stops_reading_costs_frames_that_are_counted_and_nothing_else(mode
     let gaps: u32 = session.frames.windows(2).map(|pair| pair[1].1.seq - pair[0].1.seq - 1).sum();
     assert_eq!(gaps, lost);
     assert_eq!(after.counters.overruns, before.counters.overruns);
-    // The scan went on. A frame's time is when its interrupt came, which waits for what masks it at most.
+    // The scan continued. A frame's time is that of its interrupt, which masking delays at most
+    // this much.
     for pair in session.frames.windows(2) {
         let [(_, a), (_, b)] = pair else { panic!() };
         let late = (b.time.0 - a.time.0).abs_diff(1000 * u64::from(b.seq - a.seq));
@@ -120,8 +121,8 @@ fn a_host_that_stops_reading_costs_frames_that_are_counted_and_nothing_else(mode
     }
 }
 
-/// Frames that come after the port is closed, while the stream is on, and after the cable was out and in
-/// and nobody has opened it.
+/// Counts the frames received after closing the port, and after replugging the cable without
+/// opening it.
 fn frames_of_a_closed_port(model: Model, misread: Option<fn([u8; 8]) -> [u8; 8]>) -> [usize; 2] {
     let mut session = session(model, false);
     session.board.host().misread = misread;
@@ -143,12 +144,12 @@ fn frames_of_a_closed_port(model: Model, misread: Option<fn([u8; 8]) -> [u8; 8]>
     [closed, frames(&mut session)]
 }
 
-fn nothing_is_sent_before_the_port_is_open_and_nothing_after_it_is_closed(model: Model) {
+fn closed_port_receives_no_frames(model: Model) {
     assert_eq!(frames_of_a_closed_port(model, None), [0, 0]);
 }
 
-fn a_firmware_that_ignores_dtr_shows(model: Model) {
-    // It takes every SET_CONTROL_LINE_STATE for one with DTR.
+fn ignored_dtr_is_detected(model: Model) {
+    // The firmware reads DTR as set in every SET_CONTROL_LINE_STATE.
     let ignored = frames_of_a_closed_port(
         model,
         Some(|setup| match setup {
@@ -163,17 +164,17 @@ fn a_firmware_that_ignores_dtr_shows(model: Model) {
     assert!(ignored[0] > 150, "{ignored:?}");
 }
 
-fn a_suspended_bus_puts_the_light_out_until_it_wakes(model: Model) {
+fn suspended_bus_stops_the_scan_until_wake(model: Model) {
     let mut session = session(model, false);
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(50_000)).unwrap();
     let now = session.board.now();
     session.board.host().suspend(true, now);
-    // The bus is idle for 3 ms first.
+    // The bus must be idle for 3 ms first.
     session.run(micros(10_000)).unwrap();
     session.frames.clear();
     session.board.finger().timing = Some(Vec::new());
-    // Longer than the watchdog waits.
+    // Longer than the watchdog's timeout.
     session.run(micros(800_000)).unwrap();
     assert_eq!(session.board.finger().timing.take().unwrap(), []);
     assert_eq!(session.board.finger().rows(), 0);
@@ -187,7 +188,7 @@ fn a_suspended_bus_puts_the_light_out_until_it_wakes(model: Model) {
     assert_eq!(health.reset, Reset::Power);
 }
 
-fn an_endpoint_that_the_host_halts_goes_on_when_it_is_let(model: Model) {
+fn halted_endpoint_resumes_when_cleared(model: Model) {
     let mut session = session(model, false);
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(50_000)).unwrap();
@@ -197,7 +198,7 @@ fn an_endpoint_that_the_host_halts_goes_on_when_it_is_let(model: Model) {
     session.frames.clear();
     session.run(micros(200_000)).unwrap();
     assert!(session.frames.len() > 190, "{} frames", session.frames.len());
-    // A host may clear a halt that there is none of: the data begin again, whichever was next.
+    // A host may clear a halt that is not set: data restart with DATA0, whichever toggle was next.
     for _ in 0..6 {
         session.board.host().halt(false);
         session.run(micros(7_000)).unwrap();
@@ -208,7 +209,7 @@ fn an_endpoint_that_the_host_halts_goes_on_when_it_is_let(model: Model) {
     assert_eq!(info(&mut session).counters.bad_packets, 0);
 }
 
-fn a_self_test_measures_what_is_on_the_pins(model: Model) {
+fn self_test_measures_the_pins(model: Model) {
     let still = scene()[..1].to_vec();
     let mut session = Session::open(board(model, still.clone(), false)).unwrap();
     let Response::SelfTest(test) = session.ask(Command::SelfTest { scans: 200 }).unwrap() else {
@@ -229,14 +230,14 @@ fn a_self_test_measures_what_is_on_the_pins(model: Model) {
     }
 }
 
-fn the_bootloader_is_entered_after_the_answer(model: Model) {
+fn bootloader_starts_after_its_answer(model: Model) {
     let mut session = session(model, false);
     assert_eq!(session.ask(Command::Bootloader).unwrap(), Response::Done);
     assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
     assert_eq!(session.board.run(micros(20_000)).unwrap(), End::Bootloader);
 }
 
-fn settings_outlast_the_cable_and_saved_ones_the_power(model: Model) {
+fn settings_survive_unplug_and_saved_power_cycle(model: Model) {
     let mut session = session(model, false);
     session.ask(Command::SetRate { hz: 500 }).unwrap();
     session.board.host().plug(false);
@@ -252,10 +253,11 @@ fn settings_outlast_the_cable_and_saved_ones_the_power(model: Model) {
     assert_eq!(info(&mut session).rate_millihertz, 250_000);
 }
 
-/// Checks the start after a power cut in every `each`-th operation of an upload, and in its first and last three.
+/// Checks the start after a power cut in every `each`-th operation of an upload, and in the first
+/// and last three.
 ///
-/// After a cut in any operation the flash holds what `FlashContents::keep_cuts` keeps: the program stands still
-/// meanwhile, and nothing else outlasts the power. So one upload shows all cuts.
+/// `FlashContents::keep_cuts` keeps the contents after a cut in each operation. The program stalls
+/// during an operation, and only the flash survives the cut. One upload therefore covers all cuts.
 fn power_cuts(model: Model, each: usize) {
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
     let mut calibration = taxel_files::calibration::read(&path).unwrap();
@@ -271,7 +273,7 @@ fn power_cuts(model: Model, each: usize) {
     session.board.flash().keep_cuts();
     session.upload(record).unwrap();
     let cuts = session.board.flash().take_cuts();
-    // A slot is erased, then comes one word after the other.
+    // An upload erases a slot, then programs one word after the other.
     assert!(cuts.len() > record.len() / 8, "{} operations", cuts.len());
 
     let (mut dates, ends) = (Vec::new(), [0..3, cuts.len() - 3..cuts.len()]);
@@ -282,16 +284,16 @@ fn power_cuts(model: Model, each: usize) {
         session.board.flash().cells = cut.clone();
         session.board.power_cycle().unwrap();
         session.reopen().unwrap();
-        let calibration = info(&mut session).calibration.expect("a calibration is in force");
+        let calibration = info(&mut session).calibration.expect("the board has a calibration");
         dates.push((i, calibration.date));
     }
-    // The old one, until from some operation on it is the new one.
+    // The old calibration, and from some operation on the new one.
     let kept = dates.iter().take_while(|(_, date)| *date == old).count();
     assert!(dates[kept - 1].0 > record.len() / 8, "{kept} of {}", dates.len());
     assert!(dates[kept..].iter().all(|(_, date)| *date == calibration.date), "{dates:?}");
     println!("{} operations, the old calibration after {kept} of {} cuts", cuts.len(), dates.len());
 
-    // What is kept is what a cut leaves: two of them are made. The upload is the same, whatever went before.
+    // Two real cuts must leave the kept contents. The upload is the same in each run.
     for moment in [1, cuts.len() / 2] {
         session.board.flash().cells = before.clone();
         session.board.power_cycle().unwrap();
@@ -305,7 +307,7 @@ fn power_cuts(model: Model, each: usize) {
     }
 }
 
-fn a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other(model: Model) {
+fn power_cut_leaves_old_or_new_calibration(model: Model) {
     let each = match model {
         Model::G431 => 1,
         Model::F411 => 61,
@@ -313,12 +315,12 @@ fn a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other
     power_cuts(model, each);
 }
 
-fn the_watchdog_bites_where_no_scan_comes(model: Model) {
+fn watchdog_resets_when_no_scan_comes(model: Model) {
     let mut session = session(model, false);
-    // TIM1 stands still, and nobody has asked for it.
+    // TIM1 stops without a command.
     let now = (session.board.now(), 0);
     session.board.chip().write(tim1(model), 4, 0, now).unwrap();
-    // Half a second, and the Black Pill, whose flash takes longer to erase, three.
+    // The timeout is 0.5 s, and 3 s on the Black Pill, where erasing takes longer.
     let end = session.board.run(micros(4_000_000)).unwrap();
     assert_eq!(end, End::Reset(Cause::Watchdog));
     session.reopen().unwrap();
@@ -326,7 +328,7 @@ fn the_watchdog_bites_where_no_scan_comes(model: Model) {
     assert_eq!((health.reset, health.panic), (Reset::Watchdog, None));
 }
 
-fn a_dissector_finds_nothing_malformed_and_a_serial_port(model: Model) {
+fn tshark_accepts_the_usb_capture(model: Model) {
     let mut session = session(model, true);
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(50_000)).unwrap();
@@ -373,23 +375,23 @@ macro_rules! on_both {
 }
 
 on_both! {
-    the_image_boots_enumerates_and_streams_two_seconds_without_a_loss
-    what_is_streamed_is_what_the_converters_saw_and_what_the_scene_shows
-    frames_are_the_hosts_own_byte_for_byte
-    a_host_that_stops_reading_costs_frames_that_are_counted_and_nothing_else
-    nothing_is_sent_before_the_port_is_open_and_nothing_after_it_is_closed
-    a_firmware_that_ignores_dtr_shows
-    a_suspended_bus_puts_the_light_out_until_it_wakes
-    an_endpoint_that_the_host_halts_goes_on_when_it_is_let
-    a_self_test_measures_what_is_on_the_pins
-    the_bootloader_is_entered_after_the_answer
-    settings_outlast_the_cable_and_saved_ones_the_power
-    a_power_cut_in_any_operation_of_an_upload_leaves_one_calibration_or_the_other
-    the_watchdog_bites_where_no_scan_comes
-    a_dissector_finds_nothing_malformed_and_a_serial_port
+    streams_two_seconds_without_loss
+    streamed_codes_match_converters_and_scene
+    frames_match_host_byte_for_byte
+    stalled_reader_loses_only_counted_frames
+    closed_port_receives_no_frames
+    ignored_dtr_is_detected
+    suspended_bus_stops_the_scan_until_wake
+    halted_endpoint_resumes_when_cleared
+    self_test_measures_the_pins
+    bootloader_starts_after_its_answer
+    settings_survive_unplug_and_saved_power_cycle
+    power_cut_leaves_old_or_new_calibration
+    watchdog_resets_when_no_scan_comes
+    tshark_accepts_the_usb_capture
 }
 
-/// As long as it takes.
+/// Long tests that run nightly.
 mod nightly {
     use super::{Model, power_cuts, streams_without_a_loss};
 

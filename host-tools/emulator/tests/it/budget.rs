@@ -1,5 +1,4 @@
-//! What the very image that is flashed leaves of a frame when everything in it is at work, and what the
-//! board's page says of it.
+//! Tests of the flashed image's cycles per frame against the limits and the board's page.
 
 use scan_plan::g431::CLOCK_HZ;
 use taxel::calibration::MAX_BYTES;
@@ -14,10 +13,10 @@ use taxel_emulator::board::time::micros;
 
 use crate::support::{self, repository, stated};
 
-/// Cycles of a frame.
+/// Cycles in a frame at 4 kHz.
 const FRAME: u32 = CLOCK_HZ / 4000;
 
-/// A finger with every section of a record, each at its dearest, that smooths and streams every scan.
+/// Session with the costliest calibration record, filter and stream of every scan.
 fn session(fields: Fields) -> Session {
     let mut session = support::session(G431, false);
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
@@ -39,15 +38,16 @@ fn session(fields: Fields) -> Session {
     session
 }
 
-/// Worst so far of reading, estimating and sending a scan.
+/// Worst cycles so far to read, estimate and send a scan.
 fn worst(session: &mut Session) -> [u32; 3] {
     let Response::Info(info) = session.ask(Command::Info).unwrap() else { panic!() };
     let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
     [health.reading.unwrap(), info.cost, health.sending.unwrap()].map(|cost| cost.worst)
 }
 
-/// It takes what the page says, but for the instructions that another compiler version shuffles, and no more
-/// than it may.
+/// Checks that the cycles match the page's row within 5 % and stay below its limit.
+///
+/// The 5 % are for instructions that differ between compiler versions.
 fn agrees(row: &str, cycles: u32) {
     let (stated, most) = stated(row);
     let share = f64::from(cycles) / f64::from(stated);
@@ -57,7 +57,7 @@ fn agrees(row: &str, cycles: u32) {
     assert!(share < f64::from(most), "{row}: {share:.1} % of a frame, at most {most}");
 }
 
-/// Cycles that the core is awake in a frame, the executor and USB included.
+/// Mean cycles per frame that the core is awake, with executor and USB.
 fn mean(session: &mut Session) -> u32 {
     let before = (session.board.now(), session.board.cycles());
     session.run(micros(200_000)).unwrap();
@@ -66,7 +66,7 @@ fn mean(session: &mut Session) -> u32 {
 }
 
 #[test]
-fn the_dearest_frame_takes_less_than_half_of_its_time() {
+fn costliest_frame_takes_less_than_half_a_frame() {
     let mut session = session(Fields::ESTIMATES);
     let [reading, estimating, sending] = worst(&mut session);
     agrees("reading: the frame's interrupt", reading);
@@ -83,7 +83,7 @@ fn the_dearest_frame_takes_less_than_half_of_its_time() {
     agrees("all that it does at the default, a frame every millisecond", mean(&mut session));
     session.ask(Command::SetRate { hz: 4000 }).unwrap();
 
-    // A bias that takes longer than this test.
+    // This bias takes longer than the test.
     let command = Command::TakeBias { scans: u16::MAX };
     let mut buffer = [0; MAX_PACKET];
     let packet = pack(&Request { tag: 0, command }, &mut buffer).unwrap();
@@ -92,21 +92,24 @@ fn the_dearest_frame_takes_less_than_half_of_its_time() {
     let [_, biasing, sending] = worst(&mut session);
     assert!(biasing > estimating, "no bias is being taken");
     agrees("the same while a bias is taken", biasing);
-    // The frame's own interrupt comes once a frame, and has come in the middle of the worst of the others.
+    // The frame's own interrupt occurs once a frame, and the worst cases include it.
     let frame = biasing + sending;
     assert!(frame < FRAME / 2, "{biasing} + {sending} of {FRAME}");
     agrees("**a frame of estimates**", frame);
 }
 
 #[test]
-fn every_field_of_every_scan_is_more_than_usb_carries_but_not_more_than_the_core_does() {
+fn full_stream_exceeds_usb_but_not_the_core() {
     let mut session = session(Fields::ALL);
     let [_, estimating, sending] = worst(&mut session);
     agrees("a frame with every field", estimating + sending);
     let Response::Info(info) = session.ask(Command::Info).unwrap() else { panic!() };
-    assert!(info.counters.lost > 0, "USB carries it: then half a frame is its budget, too");
+    assert!(
+        info.counters.lost > 0,
+        "USB carries every frame, so half a frame is the limit here too"
+    );
 
-    // The last scan of a self-test has all the channels' roots to take: once, within its frame.
+    // The last scan of a self-test computes all channels' square roots, once and within its frame.
     session.ask(Command::SelfTest { scans: 100 }).unwrap();
     let [_, tested, _] = worst(&mut session);
     agrees("the last scan of a self-test", tested);

@@ -1,5 +1,5 @@
-//! What the firmware copies and clears memory by, its own code, does what C says of it: every length, way of
-//! lying and overlap.
+//! Tests of the firmware's memory functions against C's semantics, for every length, alignment and
+//! overlap.
 
 use object::LittleEndian;
 use object::read::elf::ElfFile32;
@@ -9,14 +9,14 @@ use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM, Unicorn};
 
 use crate::support::image;
 
-/// Where the code lies, what it works on, and where it comes back to.
+/// Addresses of the code, of its data, and of its return.
 const CCM: u32 = 0x1000_0000;
 const RAM: u32 = 0x2000_0000;
 const BACK: u32 = 0x3000_0000;
-/// Longer than what is copied by sixteen bytes a turn, and all that is left then.
+/// Longest copy: more than one turn of sixteen bytes and every remainder.
 const LONGEST: usize = 70;
 const PLACES: usize = 4;
-/// Of the memory that is looked at.
+/// Size of the checked memory, bytes.
 const BYTES: usize = 256;
 
 struct Image {
@@ -40,7 +40,7 @@ impl Image {
         Self { symbols: symbols.collect(), unicorn }
     }
 
-    /// What is in memory after `function` has been called, before it was `memory`.
+    /// Calls `function` on `memory` and returns the memory afterwards.
     fn after(&mut self, function: &str, arguments: [u32; 3], memory: &[u8]) -> Vec<u8> {
         let (_, address) = self
             .symbols
@@ -66,7 +66,7 @@ fn memory() -> Vec<u8> {
     (0..BYTES).map(|i| (i * 7 + 1) as u8).collect()
 }
 
-/// `name` on all that does not overlap; `aligned` where it may be called so only.
+/// Checks `name` on all copies without overlap; `aligned` ones only if it requires that.
 fn copies(image: &mut Image, name: &str, aligned: bool) {
     let places = if aligned { 1 } else { PLACES };
     for (to, from) in (0..places).flat_map(|to| (0..places).map(move |from| (to, 128 + from))) {
@@ -81,14 +81,14 @@ fn copies(image: &mut Image, name: &str, aligned: bool) {
 }
 
 #[test]
-fn copies_of_every_length_and_place_are_whole_and_touch_nothing_else() {
+fn memcpy_copies_every_length_and_alignment() {
     let mut image = Image::open();
     copies(&mut image, "__aeabi_memcpy", false);
     copies(&mut image, "__aeabi_memcpy4", true);
 }
 
 #[test]
-fn memory_is_cleared_from_end_to_end_and_no_further() {
+fn memclr_clears_exactly_the_range() {
     let mut image = Image::open();
     for (at, length) in (0..PLACES).flat_map(|at| (0..LONGEST).map(move |length| (at, length))) {
         let mut expected = memory();
@@ -100,7 +100,7 @@ fn memory_is_cleared_from_end_to_end_and_no_further() {
 }
 
 #[test]
-fn what_overlaps_is_moved_as_if_it_did_not() {
+fn memmove_handles_overlap() {
     let mut image = Image::open();
     for (to, from) in (40..60).flat_map(|to| (40..60).map(move |from| (to, from))) {
         for length in (0..LONGEST).step_by(3) {

@@ -1,4 +1,4 @@
-//! What the very image that is flashed says when it is disturbed: what is lost, broken, or not there.
+//! Tests of the flashed image under faults: lost readings, stalls, broken parts, panics.
 
 use taxel::calibration::MAX_BYTES;
 use taxel::estimate::contact_point::PointMethod;
@@ -14,7 +14,7 @@ use taxel_emulator::board::time::{Tick, micros};
 
 use crate::support::{self, info, repository, stated};
 
-/// Between two scans.
+/// Time between two scans.
 const PERIOD: Tick = micros(250);
 
 fn session() -> Session {
@@ -28,7 +28,7 @@ fn counters(session: &mut Session) -> Counters {
     info(session).counters
 }
 
-/// Scans that the board should have taken since `before`, less those that it says it has taken or lost.
+/// Scans due since `before`, minus those that the board counts as taken or lost.
 fn unaccounted(before: (Tick, Counters), after: (Tick, Counters)) -> i64 {
     let due = (after.0 - before.0) / PERIOD;
     let scans = |counters: Counters| i64::from(counters.scans) + i64::from(counters.overruns);
@@ -36,11 +36,11 @@ fn unaccounted(before: (Tick, Counters), after: (Tick, Counters)) -> i64 {
 }
 
 #[test]
-fn a_reading_that_the_dma_misses_costs_a_scan_that_is_counted_and_the_rows_stay_in_order() {
+fn missed_reading_costs_one_counted_scan() {
     let mut session = session();
     session.ask(Command::SetFields(Fields::CODES)).unwrap();
     session.ask(Command::Stream(true)).unwrap();
-    // Either converter, and in whatever step it happens to be.
+    // Either converter, in any step.
     for (i, adc) in [0, 1, 0, 1, 1, 0].into_iter().enumerate() {
         session.run(micros(20_000) + i as Tick * micros(37)).unwrap();
         session.frames.clear();
@@ -56,12 +56,12 @@ fn a_reading_that_the_dma_misses_costs_a_scan_that_is_counted_and_the_rows_stay_
 }
 
 #[test]
-fn a_core_that_stands_still_loses_scans_that_are_counted_one_by_one_and_no_time() {
+fn stalled_core_counts_each_lost_scan() {
     let mut session = session();
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(50_000)).unwrap();
     let mut since = None;
-    // As long as an erasure of a page takes, of two, of a sector of the other board.
+    // Time to erase one page, two pages, or a sector of the other board.
     for stall_us in [22_000, 49_000, 130_000, 400_000] {
         let before = (session.board.now(), counters(&mut session));
         session.frames.clear();
@@ -73,7 +73,7 @@ fn a_core_that_stands_still_loses_scans_that_are_counted_one_by_one_and_no_time(
         assert!((due - 6..=due).contains(&lost), "{lost} lost in {stall_us} µs");
         assert!(unaccounted(before, after).abs() <= 8, "{}", unaccounted(before, after));
 
-        // The device's time goes on as that of the world does.
+        // The device's clock must not fall behind.
         let Some((arrived, last)) = session.frames.last() else { panic!("no frames") };
         let behind = (arrived / micros(1)).abs_diff(last.time.0);
         let first = *since.get_or_insert(behind);
@@ -82,7 +82,7 @@ fn a_core_that_stands_still_loses_scans_that_are_counted_one_by_one_and_no_time(
 }
 
 #[test]
-fn what_is_lost_while_nobody_listens_is_counted_too() {
+fn losses_are_counted_while_port_is_closed() {
     let mut session = session();
     session.ask(Command::Stream(true)).unwrap();
     let before = (session.board.now(), counters(&mut session));
@@ -102,7 +102,7 @@ fn what_is_lost_while_nobody_listens_is_counted_too() {
 }
 
 #[test]
-fn midpoints_around_a_bias_that_is_gone_are_a_fault_and_not_a_force() {
+fn lost_bias_is_flagged_as_bridge_fault() {
     let mut session = session();
     session.ask(Command::Stream(true)).unwrap();
     let faulty = |session: &mut Session| {
@@ -113,7 +113,7 @@ fn midpoints_around_a_bias_that_is_gone_are_a_fault_and_not_a_force() {
         (flagged.count(), session.frames.len())
     };
     assert_eq!(faulty(&mut session).0, 0);
-    // The buffer's supply has come off.
+    // The buffer of the bias has lost its supply.
     session.board.finger().bias = 0.0;
     session.run(micros(2_000)).unwrap();
     let (flagged, frames) = faulty(&mut session);
@@ -121,7 +121,7 @@ fn midpoints_around_a_bias_that_is_gone_are_a_fault_and_not_a_force() {
 }
 
 #[test]
-fn the_model_of_the_skin_that_the_image_goes_without_is_refused() {
+fn missing_skin_model_is_refused() {
     let mut session = session();
     let refused = session.ask(Command::SetPointMethod(PointMethod::Model)).unwrap_err();
     assert!(refused.to_string().contains("Unsupported"), "{refused}");
@@ -129,7 +129,7 @@ fn the_model_of_the_skin_that_the_image_goes_without_is_refused() {
 }
 
 #[test]
-fn an_upload_during_the_stream_costs_the_scans_that_the_page_states_and_no_more() {
+fn upload_loses_the_stated_scans() {
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
     let calibration = cycles::dearest(&taxel_files::calibration::read(&path).unwrap());
     let mut record = [0; MAX_BYTES];
@@ -173,11 +173,11 @@ fn an_upload_during_the_stream_costs_the_scans_that_the_page_states_and_no_more(
 }
 
 #[test]
-fn a_panic_ends_in_a_reset_and_is_told_of_once() {
+fn panic_resets_and_is_reported_once() {
     let mut session = session();
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(20_000)).unwrap();
-    // The image panics over an NMI that is none of its flash's.
+    // The image panics on an NMI that its flash did not raise.
     session.board.chip().common_mut().system.pend(NMI);
     assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
     let health = |session: &mut Session| {
@@ -192,7 +192,7 @@ fn a_panic_ends_in_a_reset_and_is_told_of_once() {
     assert_eq!(message, "NMI, and not of the flash");
     let (file, line) = place.rsplit_once(':').expect("a file and a line");
     assert!(file.ends_with("stm32g431/src/main.rs") && line.parse::<u32>().is_ok(), "{place}");
-    // After the next start it is old.
+    // The next start must not report it again.
     session.board.power_cycle().unwrap();
     assert_eq!(health(&mut session), (Reset::Power, None));
 }

@@ -1,4 +1,4 @@
-//! The Black Pill's scan, read off the pins, and what is its own.
+//! Tests of the Black Pill's scan on its pins.
 
 use scan_plan::f411::{CLOCK_HZ, INPUTS, TICKS_PER_CYCLE, plan};
 use scan_plan::settle;
@@ -20,7 +20,7 @@ fn is_pattern(moment: &Moment) -> bool {
 }
 
 #[test]
-fn rows_follow_one_another_and_every_step_is_the_same_to_the_tick() {
+fn rows_and_steps_repeat_to_the_tick() {
     let mut session = session(F411, false);
     session.board.finger().timing = Some(Vec::new());
     session.run(micros(20_000)).unwrap();
@@ -39,7 +39,7 @@ fn rows_follow_one_another_and_every_step_is_the_same_to_the_tick() {
         assert_eq!(pair[1].0 - pair[0].0, Tick::from(plan.step.top + 1) * TICK);
     }
 
-    // From the pattern, in the timer's ticks: what is distinct of all steps.
+    // Distinct times in all steps, in timer ticks from the pattern.
     let steps = moments(&timing[first..], is_pattern);
     let after = |at: &Tick| steps.iter().rev().find(|step| *step <= at).map(|step| at - step);
     let distinct = |wanted: &dyn Fn(&Moment) -> bool| {
@@ -51,7 +51,7 @@ fn rows_follow_one_another_and_every_step_is_the_same_to_the_tick() {
     let ticks = |counts: u32| Tick::from(counts) * TICK;
     let [slow, columns] = [plan.step.slow, plan.step.columns].map(|at| ticks(at - plan.step.light));
     assert_eq!(distinct(&|m| *m == Moment::Trigger(0)), [slow, columns]);
-    // Each input once a step, one after the other, the first when the light has settled.
+    // Each input is sampled once a step, the first after the light has settled.
     let pins = ["PA1", "PA2", "PA3", "PA4", "PA5", "PA6", "PA7", "PB0"];
     assert_eq!(pins.len(), INPUTS.len());
     let each = ticks(27 * TICKS_PER_CYCLE);
@@ -63,7 +63,7 @@ fn rows_follow_one_another_and_every_step_is_the_same_to_the_tick() {
     }
     let settled = Tick::from(settle::DEFAULT_NS) * HZ / 1_000_000_000;
     assert!(columns >= settled);
-    // Temperature and reference take turns at one place.
+    // Temperature and reference alternate at one time of the step.
     let internal = [Source::Temperature, Source::Reference];
     let [temperature, reference] =
         internal.map(|source| distinct(&|m| *m == Moment::Sample(source)));
@@ -73,7 +73,7 @@ fn rows_follow_one_another_and_every_step_is_the_same_to_the_tick() {
 }
 
 #[test]
-fn planted_faults_of_the_scan_show() {
+fn injected_scan_faults_are_detected() {
     const CCR1: u32 = 0x34;
     const SQR3: u32 = 0x34;
     const S1M0AR: u32 = 0x34;
@@ -91,12 +91,12 @@ fn planted_faults_of_the_scan_show() {
 }
 
 #[test]
-fn a_reading_that_the_dma_misses_costs_a_scan_that_is_counted_and_the_rows_stay_in_order() {
+fn missed_reading_costs_one_counted_scan() {
     let mut session = session(F411, false);
     session.ask(Command::SetRate { hz: 4000 }).unwrap();
     session.ask(Command::SetFields(Fields::CODES)).unwrap();
     session.ask(Command::Stream(true)).unwrap();
-    // In whatever step it happens to be.
+    // In any step.
     for i in 0..4 {
         session.run(micros(20_000) + i * micros(37)).unwrap();
         session.frames.clear();
@@ -109,7 +109,7 @@ fn a_reading_that_the_dma_misses_costs_a_scan_that_is_counted_and_the_rows_stay_
 }
 
 #[test]
-fn the_scan_is_set_anew_at_once_or_refused_and_goes_on() {
+fn scan_settings_apply_at_once_or_are_refused() {
     let mut session = session(F411, false);
     let wish = ScanSettings { scan_hz: 2000, oversampling: 1, settle_ns: 40_000 };
     session.ask(Command::SetScan(wish)).unwrap();
@@ -119,7 +119,7 @@ fn the_scan_is_set_anew_at_once_or_refused_and_goes_on() {
     let timing = session.board.finger().timing.take().unwrap();
     let steps = moments(&timing, is_pattern);
     assert!(steps.windows(2).all(|pair| pair[1] - pair[0] == micros(100)));
-    // There is no oversampler.
+    // The chip has no oversampler.
     let refused = session.ask(Command::SetScan(ScanSettings { oversampling: 2, ..wish }));
     assert!(refused.unwrap_err().to_string().contains("Oversampling"));
     let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };

@@ -1,4 +1,4 @@
-//! The product's scan, read off the pins.
+//! Tests of the product's scan on its pins.
 
 use scan_plan::g431::{CLOCK_HZ, TICKS_PER_CYCLE, plan};
 use scan_plan::settle;
@@ -16,7 +16,7 @@ use taxel_emulator::board::timing::vcd;
 use crate::support::{board, deviation_with, moments, repository, scene, session, stream_codes};
 
 #[test]
-fn the_scan_keeps_time_to_the_tick_of_its_timer() {
+fn scan_keeps_time_to_the_tick() {
     let mut session = session(G431, false);
     session.board.finger().timing = Some(Vec::new());
     session.run(micros(20_000)).unwrap();
@@ -43,7 +43,7 @@ fn the_scan_keeps_time_to_the_tick_of_its_timer() {
         assert_eq!(pair[1].0 - pair[0].0, u64::from(plan.step.top + 1) * tick);
     }
 
-    // The first sample of a column after a pattern: never before the light has settled, and always then.
+    // The first sample of a column always comes after the light has settled.
     let delays: Vec<_> = steps
         .iter()
         .filter_map(|(begin, ..)| {
@@ -57,7 +57,7 @@ fn the_scan_keeps_time_to_the_tick_of_its_timer() {
     assert!(delays.len() > 390);
     assert!(delays.iter().all(|delay| *delay == delays[0] && *delay >= settled), "{delays:?}");
 
-    // Both converters follow one timer: so do their first samples.
+    // One timer starts both converters, so their first samples keep a fixed distance.
     let amplifier = |(_, moment): &&(Tick, Moment)| *moment == Moment::Sample(Source::Amplifier(0));
     let internal = |(_, moment): &&(Tick, Moment)| *moment == Moment::Sample(Source::Temperature);
     let apart = |first: Option<&(Tick, Moment)>, begin: Tick| first.map(|(at, _)| at - begin);
@@ -74,7 +74,7 @@ fn the_scan_keeps_time_to_the_tick_of_its_timer() {
 }
 
 #[test]
-fn every_step_is_the_same_to_the_tick_and_both_converters_start_together() {
+fn steps_repeat_and_converters_start_together() {
     let mut session = session(G431, false);
     session.board.finger().timing = Some(Vec::new());
     session.run(micros(10_000)).unwrap();
@@ -92,7 +92,8 @@ fn every_step_is_the_same_to_the_tick_and_both_converters_start_together() {
         found.dedup();
         found
     };
-    // From the pattern: what does not wait for light starts on both converters at once, and then the columns.
+    // From the pattern: both converters start at once on what does not need light, ADC1 then on the
+    // columns.
     let [slow, columns] =
         [plan.step.slow, plan.step.columns].map(|at| u64::from(at - plan.step.light));
     assert_eq!(distinct(Moment::Trigger(0)), [slow, columns]);
@@ -103,7 +104,7 @@ fn every_step_is_the_same_to_the_tick_and_both_converters_start_together() {
 }
 
 #[test]
-fn the_diagram_of_the_boards_page_is_what_happens_on_the_pins() {
+fn diagram_matches_the_pins() {
     let mut board = board(G431, scene(), false);
     board.finger().timing = Some(Vec::new());
     assert_eq!(board.run(micros(50_000)).unwrap(), End::Time);
@@ -127,12 +128,12 @@ fn the_diagram_of_the_boards_page_is_what_happens_on_the_pins() {
         }
     }
     assert!(edges.len() > 150);
-    // A frame of 250 µs each, to the picosecond that a tick is rounded to.
+    // Each frame lasts 250 µs, within 1 ps of rounding.
     assert!(edges.windows(2).skip(1).all(|pair| (pair[1] - pair[0]).abs_diff(250_000_000) <= 1));
 }
 
 #[test]
-fn planted_faults_of_the_scan_show() {
+fn injected_scan_faults_are_detected() {
     const CCR1: u32 = 0x34;
     const SQR1: u32 = 0x30;
     const CMAR1: u32 = 0x14;
@@ -150,7 +151,7 @@ fn planted_faults_of_the_scan_show() {
 }
 
 #[test]
-fn the_scan_is_set_anew_at_once_or_refused_and_goes_on() {
+fn scan_settings_apply_at_once_or_are_refused() {
     let mut session = session(G431, false);
     let wish = ScanSettings { scan_hz: 2000, oversampling: 4, settle_ns: 40_000 };
     session.ask(Command::SetScan(wish)).unwrap();

@@ -1,4 +1,4 @@
-//! The runs that tell what each kind of scene costs are of their kinds, from the first scan that is to the last.
+//! Tests that each recorded run belongs to its kind of scene, from its first such scan to the last.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ fn whole() -> PathBuf {
 }
 
 #[test]
-fn a_run_is_of_its_kind_once_it_has_begun() {
+fn run_keeps_its_kind_of_scene() {
     let record = taxel_files::calibration::read(whole().join("finger.cal.toml")).unwrap();
     let sections = [
         record.taxels.is_some(),
@@ -37,7 +37,7 @@ fn a_run_is_of_its_kind_once_it_has_begun() {
         let of_kind: Vec<_> = statuses.iter().skip_while(|status| !kind.holds(**status)).collect();
         assert!(of_kind.len() >= 32, "{}: {} scans", kind.name, of_kind.len());
         assert!(of_kind.iter().all(|status| kind.holds(**status)), "{}: {statuses:?}", kind.name);
-        // TemperatureCompensation is taken off in all of them, and whoever touches is judged for slip.
+        // Every run uses temperature compensation, and every contact the slip detector.
         let all = if kind.name == "no contact" { Status(0) } else { Status::RAN_SLIP };
         let all = all | Status::RAN_WARMTH | Status::RAN_SENSORS;
         assert!(of_kind.iter().all(|status| status.contains(all)), "{}: {statuses:?}", kind.name);

@@ -1,4 +1,4 @@
-//! The very images that are flashed, on emulated boards, and the stages' inputs: one program, linked once.
+//! Tests of the flashed images on emulated boards, and of the stages' inputs, in one program.
 
 mod both;
 mod budget;

@@ -1,4 +1,4 @@
-//! What the tests of both boards need.
+//! Helpers for the tests of both boards.
 
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ pub fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// A board's name in `boards/`.
+/// Name of a board in `boards/`.
 pub fn name(model: Model) -> &'static str {
     match model {
         Model::G431 => "stm32g431",
@@ -29,7 +29,7 @@ pub fn name(model: Model) -> &'static str {
     }
 }
 
-/// Where its scan's timer is.
+/// Address of the scan's timer.
 pub fn tim1(model: Model) -> u32 {
     match model {
         Model::G431 => g431::names::base("TIM1"),
@@ -37,7 +37,7 @@ pub fn tim1(model: Model) -> u32 {
     }
 }
 
-/// The very image that is flashed.
+/// Image that is flashed, from `cargo xtask firmware`.
 pub fn image(model: Model) -> Vec<u8> {
     let name = name(model);
     let path = repository().join("boards/target/firmware").join(name).with_extension("elf");
@@ -46,20 +46,20 @@ pub fn image(model: Model) -> Vec<u8> {
     })
 }
 
-/// Scans of a finger that is touched now and then, in codes of 12 bits.
+/// Scans of a finger with and without contact, in codes of 12 bits.
 pub fn scene() -> Vec<Codes> {
     let trace = repository().join("host-tools/emulator/data/scans.csv");
     let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
     scans.map(in_12_bits).collect()
 }
 
-/// A board with that on its pins, scan by scan, just powered.
+/// Board that shows `scene` scan by scan, just powered.
 pub fn board(model: Model, scene: Vec<Codes>, capture: bool) -> Board {
     let finger = Finger::new(scene, Pace::Scans);
     Board::new(model, &image(model), finger, Host::new(capture)).unwrap()
 }
 
-/// Somebody at the port of one with [`scene`] on its pins.
+/// Session with a board that shows [`scene`].
 pub fn session(model: Model, capture: bool) -> Session {
     Session::open(board(model, scene(), capture)).unwrap()
 }
@@ -71,8 +71,7 @@ pub fn info(session: &mut Session) -> Info {
     }
 }
 
-/// Reads the numbers in the row of this name on the product's page: the value and, where there is one, the share
-/// of a frame that it may take at most.
+/// Reads a row of the product's page: the value and, if stated, the limit in per cent of a frame.
 pub fn stated(row: &str) -> (u32, Option<u32>) {
     let page = std::fs::read_to_string(repository().join("docs/boards/stm32g431.md")).unwrap();
     let line = page.lines().find(|line| line.starts_with(&format!("| {row} |")));
@@ -82,8 +81,9 @@ pub fn stated(row: &str) -> (u32, Option<u32>) {
     (digits(&cells[2]).parse().unwrap(), cells.get(4).and_then(|cell| digits(cell).parse().ok()))
 }
 
-/// The greatest distance of a streamed code from what the scene shows, in codes of 12 bits; all channels of
-/// all frames, which are `divider` scans apart.
+/// Largest difference between streamed codes and the scene, in codes of 12 bits.
+///
+/// It covers all channels of all frames, which are `divider` scans apart.
 pub fn deviation(frames: &[(Tick, Frame)], scene: &[Codes], divider: usize) -> f32 {
     let distance = |first: usize| {
         let shown = scene.iter().cycle().skip(first).step_by(divider);
@@ -124,8 +124,8 @@ pub fn moments(timing: &[(Tick, Moment)], wanted: impl Fn(&Moment) -> bool) -> V
     timing.iter().filter(|(_, moment)| wanted(moment)).map(|(at, _)| *at).collect()
 }
 
-/// The scan of the first frame among those that the converters saw, where every later frame is `divider`
-/// scans after the one before.
+/// Index of the first frame's scan among the converted ones, if every later frame is `divider`
+/// scans on.
 pub fn first_seen(seen: &[Seen], frames: &[(Tick, Frame)], divider: usize) -> usize {
     let fits = |first: &usize| {
         let scans = seen.iter().skip(*first).step_by(divider);
@@ -137,7 +137,7 @@ pub fn first_seen(seen: &[Seen], frames: &[(Tick, Frame)], divider: usize) -> us
         .expect("the codes of all frames, in order, are among those that were converted")
 }
 
-/// Streams with a fault planted; how far the codes are off.
+/// Largest difference of streamed codes with an injected fault.
 pub fn deviation_with(model: Model, address: u32, change: fn(u32) -> u32) -> f32 {
     let mut board = board(model, scene(), false);
     board.chip().plant(address, change);

@@ -352,7 +352,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn peripherals_and_registers_stand_in_order_and_apart() {
+    fn peripherals_and_registers_are_sorted() {
         assert!(PERIPHERALS.windows(2).all(|pair| pair[0].base + pair[0].bytes <= pair[1].base));
         for peripheral in &PERIPHERALS {
             let offsets = peripheral.registers.windows(2);
