@@ -153,15 +153,6 @@ fn no_manual_with_a_shell_block_is_left_out() {
 
 #[cfg(unix)]
 #[test]
-fn the_readme_does_what_it_says() {
-    let folder = run("README.md");
-    for name in ["finger.html", "today.toml", "frames.csv", "tour.mcap", "tour.parquet"] {
-        assert!(folder.path().join(name).metadata().unwrap().len() > 1000, "{name}");
-    }
-}
-
-#[cfg(unix)]
-#[test]
 fn getting_started_does_what_it_says() {
     let folder = run("docs/getting-started.md");
     for name in [
@@ -178,16 +169,6 @@ fn getting_started_does_what_it_says() {
     }
     let rule = std::fs::read_to_string(folder.path().join("70-taxel.rules")).unwrap();
     assert!(rule.contains("1209"), "{rule}");
-}
-
-#[cfg(unix)]
-#[test]
-fn the_calibration_manual_does_what_it_says() {
-    let folder = run("docs/calibrate.md");
-    let read = |name| std::fs::read_to_string(folder.path().join(name)).unwrap();
-    assert!(read("finger.toml").contains("F-0042"));
-    let weights = |text: &str| text.lines().filter(|line| line.contains("= [")).count();
-    assert_eq!(weights(&read("read-back.toml")), weights(&read("finger.toml")));
 }
 
 #[cfg(unix)]
@@ -243,5 +224,28 @@ fn every_command_that_the_manuals_name_is_there() {
         for word in in_code {
             assert!(help.contains(&format!("\n  {word} ")), "{word}");
         }
+    }
+}
+
+/// Manuals that fit a finger, which takes a minute.
+#[cfg(unix)]
+mod endurance {
+    use super::run;
+
+    #[test]
+    fn the_readme_does_what_it_says() {
+        let folder = run("README.md");
+        for name in ["finger.html", "today.toml", "frames.csv", "tour.mcap", "tour.parquet"] {
+            assert!(folder.path().join(name).metadata().unwrap().len() > 1000, "{name}");
+        }
+    }
+
+    #[test]
+    fn the_calibration_manual_does_what_it_says() {
+        let folder = run("docs/calibrate.md");
+        let read = |name| std::fs::read_to_string(folder.path().join(name)).unwrap();
+        assert!(read("finger.toml").contains("F-0042"));
+        let weights = |text: &str| text.lines().filter(|line| line.contains("= [")).count();
+        assert_eq!(weights(&read("read-back.toml")), weights(&read("finger.toml")));
     }
 }
