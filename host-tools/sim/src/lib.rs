@@ -2,15 +2,15 @@
 //!
 //! The modules follow the light and the strain through the finger:
 //!
-//! - [`path`]: position and force of the indenter, limited by friction;
-//! - [`contact`]: displacement of each reflective facet, as finely as [`fidelity`] finds necessary;
-//! - [`skin`]: effects of rubber on that displacement;
-//! - [`optics`]: light on each phototransistor;
-//! - [`response`]: lag of the force sensors;
-//! - [`bridge`]: midpoint voltages of the force sensors;
-//! - [`adc`]: codes;
-//! - [`systems`]: the sensors of the papers, which use all of these;
-//! - [`cost`]: cost and error of each rung of the fidelity ladder.
+//! - [`path`][]: position and force of the indenter, limited by friction;
+//! - [`contact`][]: displacement of each reflective facet, as finely as [`fidelity`] finds necessary;
+//! - [`skin`][]: effects of rubber on that displacement;
+//! - [`optics`][]: light on each phototransistor;
+//! - [`response`][]: lag of the force sensors;
+//! - [`bridge`][]: midpoint voltages of the force sensors;
+//! - [`adc`][]: codes;
+//! - [`systems`][]: the sensors of the papers, which use all of these;
+//! - [`cost`][]: cost and error of each rung of the fidelity ladder.
 //!
 //! [`Scene`] is the TOML file that describes what to simulate, and [`Simulator`] runs it frame by
 //! frame. Effects that a scene does not list under `effects` are not computed. A run is a function
