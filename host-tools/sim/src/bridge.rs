@@ -38,10 +38,9 @@ const REFERENCE_K: f64 = REFERENCE_C + ZERO_C;
 /// Bridges of one sensor.
 #[derive(Clone, Debug)]
 pub struct Bridge {
-    /// Matrix from the force on the sensor to the force on its membrane: sensitivity and
-    /// cross-talk.
+    /// Matrix from the force on the sensor to the force on its membrane.
     ///
-    /// It is the identity for a perfect sensor.
+    /// It holds sensitivity and cross-talk, and is the identity for a perfect sensor.
     taken: [[f64; 3]; 3],
     /// Resistances R1 … R8 at rest over their nominal value.
     rest: [f64; 8],

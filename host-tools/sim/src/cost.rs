@@ -125,8 +125,9 @@ pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
 mod tests {
     use super::*;
 
-    /// The documentation's charts must show what the code does; times depend on the machine and are
-    /// not compared.
+    /// The documentation's charts must show what the code does.
+    ///
+    /// Times depend on the machine and are not compared.
     #[test]
     fn the_committed_table_has_the_errors_of_every_rung() {
         let committed = include_str!("../../../docs/images/simulator.csv");

@@ -43,8 +43,9 @@ pub struct Columns {
 /// Lag of the phototransistors: one time constant, up and down.
 #[derive(Clone, Debug)]
 struct Settling {
-    /// Remainder of a difference when a step is read; then when the step ends, and after the pause
-    /// between two frames, in which every LED is off.
+    /// Remainders of a difference: at the reading of a step, at its end, and after the pause.
+    ///
+    /// The pause is between two frames, with every LED off.
     read: f64,
     end: f64,
     pause: f64,

@@ -108,11 +108,13 @@ impl core::fmt::Display for Report {
     }
 }
 
-/// Quadrature error allowed in a facet's mean on the rungs `point` and `hertz`: two points each way
-/// for the usual facet.
+/// Quadrature error allowed in a facet's mean on the rungs `point` and `hertz`.
+///
+/// The usual facet then needs two points each way.
 const COARSE: f64 = 1.2e-3;
-/// Quadrature error allowed in a facet's mean on the finer rungs: four points each way for the
-/// usual facet.
+/// Quadrature error allowed in a facet's mean on the finer rungs.
+///
+/// The usual facet then needs four points each way.
 const FINE: f64 = 2e-6;
 
 /// Body on which the tractions act.
@@ -255,8 +257,7 @@ impl Ladder {
         }
     }
 
-    /// Chooses the cheapest rung within half the tolerance at every probe; returns it with its
-    /// worst error.
+    /// Chooses the cheapest rung within half the tolerance at every probe, with its worst error.
     fn choose(&self, probes: &[Contacts], top: Rung) -> (Rung, f64) {
         let interpolation = self.interpolation(probes);
         let mut good: Vec<(Rung, f64)> = Rung::ALL

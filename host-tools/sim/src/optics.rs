@@ -29,7 +29,9 @@ use crate::seeds::{Purpose, stream};
 const SEPARATION_MM: f64 = 1.4;
 /// Gap in mm at which the light peaks.
 const PEAK_MM: f64 = SEPARATION_MM / 2.0;
-/// Reading of the mean pair at the peak of its curve; the rest is room for bright pairs and lamps.
+/// Reading of the mean pair at the peak of its curve.
+///
+/// The rest of the range is room for bright pairs and lamps.
 const PEAK: f64 = 0.75;
 /// Reading of a column's amplifier without input; an assumption: two millivolts of offset.
 const OFFSET: f64 = 0.01;
@@ -103,8 +105,9 @@ impl Optics {
         Self { pairs, offsets, stray }
     }
 
-    /// Whether a facet at `gap` mm is nearer than the peak of its pair's curve, where light falls
-    /// with the gap.
+    /// Whether a facet at `gap` mm is nearer than the peak of its pair's curve.
+    ///
+    /// There the light falls with the gap.
     #[must_use]
     pub fn wrong_side(gap: f64) -> bool {
         gap < PEAK_MM
@@ -118,8 +121,9 @@ impl Optics {
         gaps
     }
 
-    /// Light added to each taxel's column while its row is lit, with its facet displaced by
-    /// `displacement` mm.
+    /// Light added to each taxel's column while its row is lit.
+    ///
+    /// The facets are displaced by `displacement` mm.
     #[must_use]
     pub fn reflected(&self, displacement: &[f64; TAXELS], missing: Missing) -> [f64; TAXELS] {
         let mut light = [0.0; TAXELS];
@@ -145,10 +149,10 @@ pub fn dark_current(warmer_k: f64) -> f64 {
     ROWS as f64 * DARK_A / UNIT_A * (warmer_k / DOUBLES_K).exp2()
 }
 
-/// Light of an LED `warmer_k` above the reference, relative to the reference: −0.5 %/K (assumed;
-/// usual for such LEDs).
+/// Light of an LED `warmer_k` above the reference, relative to the reference.
 ///
-/// The phototransistor's own change is a curve without a number in its sheet and is not modelled.
+/// −0.5 %/K is assumed, as usual for such LEDs. The phototransistor's own change is a curve without
+/// a number in its sheet and is not modelled.
 #[must_use]
 pub fn warm_led(warmer_k: f64) -> f64 {
     1.0 - 0.005 * warmer_k

@@ -33,8 +33,9 @@ pub enum Coating {
 }
 
 impl Coating {
-    /// Share of a force along x, y and z that the membrane takes; the coating carries the rest past
-    /// it.
+    /// Share of a force along x, y and z that the membrane takes.
+    ///
+    /// The coating carries the rest past the membrane.
     ///
     /// The thesis states that coated sensors bear 10 N (§1.5). Bare ones bear 1 N along the skin
     /// and 15 bar, which are 4.7 N on the membrane. The shares are the ratios of these limits.

@@ -53,8 +53,7 @@ pub enum Effect {
     Settling,
     /// Ripple of the supply.
     SupplyRipple,
-    /// Spread of the device: each optical pair has its own gain and gap, each column its own
-    /// offset.
+    /// Spread of gain and gap between optical pairs, and of offset between columns.
     GainSpread,
     /// Stray light between neighbouring pairs.
     OpticalCrosstalk,
@@ -66,7 +65,7 @@ pub enum Effect {
     Walls,
     /// Stiffening of the skin under large strain.
     Stiffening,
-    /// Softening of the skin by its first loading: beyond the largest load so far it is stiffer.
+    /// Softening of the skin by its first loading; it is stiffer beyond the largest load so far.
     Hysteresis,
     /// Delay and relaxation of the facets, as the skin's `follows` sets them.
     SkinResponse,
@@ -194,7 +193,7 @@ pub struct Material {
     /// Poisson's ratio.
     #[serde(deserialize_with = "ranges::poisson")]
     pub poisson: f64,
-    /// Share of its stiffness that the skin loses in the first cycle; with the effect `hysteresis`.
+    /// Share of stiffness that the skin loses in the first cycle; with `hysteresis`.
     ///
     /// [DeMaria2011] shows such a cycle (fig. 3) and prints no figure.
     #[serde(deserialize_with = "ranges::first_cycle")]

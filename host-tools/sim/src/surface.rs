@@ -21,10 +21,9 @@ pub enum Surface {
 }
 
 impl Surface {
-    /// Point of the surface at (x, y), z down from the sensors, and its unit normal into the
-    /// finger.
+    /// Point of the surface at (x, y) and its unit normal into the finger.
     ///
-    /// The pad ends before any fingertip does ([`ranges::fingertip`]).
+    /// z is down from the sensors. The pad ends before any fingertip does ([`ranges::fingertip`]).
     #[must_use]
     pub fn at(&self, [x, y]: [f64; 2]) -> ([f64; 3], [f64; 3]) {
         let [a, b, c] = match *self {

@@ -31,8 +31,7 @@ use crate::plate::Wrench;
 use crate::scene::{Device, Kind};
 use crate::surface::Surface;
 
-/// Contacts as the device takes them: forces in the device's frame, at the places that the device
-/// has.
+/// Contacts in the device's frame, at the places that the device has.
 ///
 /// A feeler slips when it slides on its board.
 #[must_use]

@@ -38,8 +38,9 @@ impl Case {
     /// All four contacts.
     pub const ALL: [Self; 4] = [Self::Line, Self::Block, Self::Cylinder, Self::Sphere];
 
-    /// Relative error of superposition at x, z with `n` points in each direction: the larger of the
-    /// errors of σ_zz and ε_zz.
+    /// Relative error of superposition at x, z with `n` points in each direction.
+    ///
+    /// It is the larger of the errors of σ_zz and ε_zz.
     #[must_use]
     pub fn error(self, skin: &HalfSpace, [x, z]: [f64; 2], n: usize) -> f64 {
         let (stress, strain) = self.closed(skin, x, z);

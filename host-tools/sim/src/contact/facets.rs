@@ -175,8 +175,7 @@ mod tests {
         [Patch::disc(centre, radius, force)]
     }
 
-    /// Mean over facet k by brute force: the printed formulas with the midpoint rule over the facet
-    /// and over the discs.
+    /// Mean over facet k by brute force: printed formulas, midpoint rule over facet and discs.
     fn brute_force(skin: &HalfSpace, patches: &[Option<Patch>], k: usize) -> f64 {
         const N: usize = 8;
         let rule = Rule::round(Round::Hertz, 20, 40);

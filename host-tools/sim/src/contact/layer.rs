@@ -33,8 +33,9 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// Range of thicknesses in mm for which [`Self::ERROR`] holds, tested at the corners of the
-    /// three ranges.
+    /// Range of thicknesses in mm for which [`Self::ERROR`] holds.
+    ///
+    /// Tested at the corners of the three ranges.
     pub const THICKNESS_MM: [f64; 2] = [2.5, 4.0];
     /// Range of facet sides in mm for which [`Self::ERROR`] holds.
     pub const FACET_MM: [f64; 2] = [1.6, 1.9];
@@ -52,8 +53,9 @@ impl Layer {
         Self { series, table }
     }
 
-    /// Number of table places, or terms of the series if `exact`, that a disc spread by `rule`
-    /// reads.
+    /// Number of table places, or of series terms if `exact`, that a disc reads.
+    ///
+    /// `rule` spreads the disc into point loads.
     #[must_use]
     pub fn evaluations(&self, rule: &Rule, exact: bool) -> u64 {
         let each = if exact { self.series.coefficients.len() } else { 16 };
@@ -70,8 +72,9 @@ impl Layer {
         gather(rule, patches, |at| self.table.read(at))
     }
 
-    /// Mean displacement of each facet in mm, positive down, from the series: slower, without the
-    /// error of interpolation.
+    /// Mean displacement of each facet in mm, positive down, from the series.
+    ///
+    /// It is slower than the table, without the error of interpolation.
     #[must_use]
     pub fn exact_displacement<'a>(
         &self,
@@ -328,8 +331,9 @@ mod tests {
         }
     }
 
-    /// Both ends of every range in all combinations, with contacts that reach over the rim as far
-    /// as allowed.
+    /// Both ends of every range in all combinations.
+    ///
+    /// The contacts reach over the rim as far as allowed.
     #[test]
     fn the_stated_error_holds_at_the_corners_of_what_is_allowed() {
         let ([thin, thick], [narrow, wide]) = (Layer::THICKNESS_MM, Layer::FACET_MM);

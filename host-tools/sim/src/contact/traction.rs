@@ -134,8 +134,9 @@ pub struct Patch {
     pub across: [f64; 2],
     /// Force in newtons, z into the skin.
     pub force: [f64; 3],
-    /// Moment about the normal in N mm, from x to y; its traction grows with the distance from the
-    /// centre.
+    /// Moment about the normal in N mm, from x to y.
+    ///
+    /// Its traction grows with the distance from the centre.
     pub torsion: f64,
 }
 
@@ -161,10 +162,10 @@ impl Patch {
         })
     }
 
-    /// Superposed field at `at` (mm): the sum of `field(force, from the load to at)` over the point
-    /// loads.
+    /// Superposed field at `at` (mm) of all point loads.
     ///
-    /// An example of a field is [`HalfSpace::stress`](super::HalfSpace::stress).
+    /// It is the sum of `field(force, from the load to at)` over the loads; an example of a field
+    /// is [`HalfSpace::stress`](super::HalfSpace::stress).
     #[must_use]
     pub fn superpose(
         &self,

@@ -12,9 +12,9 @@ const RAMP: usize = 4;
 ///
 /// The pattern of the facets under it changes over their pitch of 2.5 mm.
 const WAY_MM: f64 = 0.25;
-/// Number of presses of a row that are compared: so many with the most normal force, with the most
-/// shear, and evenly spread.
+/// Number of presses of a row that are compared.
 ///
+/// This many have the most normal force, this many the most shear, and this many are evenly spread.
 /// A shorter row is compared at every press.
 const PRESSES: u64 = 64;
 /// Number of presses of a row among which the hardest are searched.
@@ -22,7 +22,7 @@ const PRESSES: u64 = 64;
 /// The hardest of so many draws are within a thousandth of the hardest that exist.
 const DRAWS: u64 = 16_384;
 
-/// Contacts at the probes of every act, with forces as they would act at the reference temperature.
+/// Contacts at the probes of every act, with forces referred to the reference temperature.
 ///
 /// Where contacts overlap, the probes of each include the others.
 pub(super) fn probes(scene: &Scene, seed: u64) -> Vec<Contacts> {
@@ -82,8 +82,9 @@ fn parts(parts: [(f64, usize); 3]) -> Vec<f64> {
     moments
 }
 
-/// Tenths of each compared press of a row, in seconds; both kinds peak halfway and rest at both
-/// ends.
+/// Tenths of each compared press of a row, in seconds.
+///
+/// Both kinds of row peak halfway and rest at both ends.
 fn row(act: &Act, presses: u64, each_s: f64, path: &mut Path) -> Vec<f64> {
     let spread = |of: u64| {
         let of = of.min(presses);

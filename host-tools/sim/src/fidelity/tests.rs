@@ -141,8 +141,9 @@ fn auto_gains_on_wide_facets_as_on_narrow_ones() {
     }
 }
 
-/// Error of `converged`: the top rung of the half-space against one with three times the rings and
-/// spokes and twelve points along a facet.
+/// Error of `converged`, the top rung of the half-space.
+///
+/// The reference has three times the rings and spokes, and twelve points along a facet.
 #[test]
 fn the_top_rung_is_converged() {
     for kind in ["sphere", "punch", "corner", "cylinder", "block", "edge"] {

@@ -27,11 +27,13 @@ impl Grid {
     }
 }
 
-/// Distance in mm from the middle at which the edge of a step begins and ends, beyond the columns.
+/// Distance in mm from the middle at which the edge of a step begins and ends.
+///
+/// It is beyond the columns.
 const EDGE_MM: f64 = 6.0;
 
 impl Plate {
-    /// Loads of the columns: each is shortened by the plate's depth over it, and none is pulled.
+    /// Loads of the columns: the plate's depth shortens each, and none is pulled.
     pub(super) fn at(&self, since: f64, grip: &Grip) -> Contacts {
         let share = pulse(since, self.rise_s, self.travel_s, self.fall_s);
         let way = ((since - self.rise_s) / self.travel_s).clamp(0.0, 1.0);

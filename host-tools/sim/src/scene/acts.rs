@@ -163,8 +163,9 @@ pub struct Random {
     /// Lowest and highest peak of shear as a share of the friction limit; its direction turns.
     #[serde(default, deserialize_with = "ranges::span_of_shares")]
     pub shear_of_limit: [f64; 2],
-    /// Longest distance that the contact point rolls during a press, in mm, within the ranges of x
-    /// and y.
+    /// Longest distance in mm that the contact point rolls during a press.
+    ///
+    /// The contact point stays within the ranges of x and y.
     #[serde(default, deserialize_with = "ranges::roll")]
     pub roll_mm: f64,
 }
@@ -240,8 +241,7 @@ impl Act {
             }
     }
 
-    /// Duration of one contact in seconds, the share of it with contact, and advice that names the
-    /// keys.
+    /// Duration of one contact in seconds, its share with contact, and advice naming the keys.
     fn touching(&self) -> (f64, f64, &'static str) {
         const PRESSED: &str = "make `rise_s`, `hold_s` and `fall_s` together";
         const MOVED: &str = "make `rise_s`, `travel_s` and `fall_s` together";
@@ -277,8 +277,9 @@ impl Act {
     }
 }
 
-/// Checks that all acts end with the scene, and that acts that overlap in time are few and far
-/// enough apart.
+/// Checks that all acts end with the scene.
+///
+/// Acts that overlap in time must be few and far enough apart.
 pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     // Sums of decimal fractions are a few units in the last place off.
     const SLACK: f64 = 1e-9;

@@ -56,8 +56,7 @@ const OWN: &[(&str, &str)] = scenes! {
     "array-roll"
 };
 
-/// Returns the scenes that come with the simulator, by name: the finger's and those of other
-/// papers' sensors.
+/// Returns the built-in scenes by name: the finger's and those of other papers' sensors.
 pub fn built_in() -> impl Iterator<Item = (&'static str, &'static str)> {
     OWN.iter().copied().chain(taxel_papers::SCENES)
 }

@@ -28,8 +28,7 @@ pub struct Device {
     pub coating: Coating,
     /// Surface of the fingertip on a `mems-array`.
     pub surface: Surface,
-    /// Pairs assembled too near to their facets, so that they work on the wrong side of their light
-    /// curve.
+    /// Pairs on the wrong side of their light curve, because assembled too near to their facets.
     pub wrong_side: Vec<Taxel>,
 }
 

@@ -90,10 +90,10 @@ fn given_time_constant<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>
 }
 
 impl Scene {
-    /// Rise and fall time of the SFH 3010 in microseconds, from 10 % to 90 %, at 1 mA, 5 V and 1 kΩ
-    /// (its data sheet).
+    /// Rise and fall time of the SFH 3010 in microseconds, from 10 % to 90 %.
     ///
-    /// It is assumed to hold at the smaller current here, for which the sheet has no figure.
+    /// The data sheet gives it at 1 mA, 5 V and 1 kΩ. It is assumed to hold at the smaller current
+    /// here, for which the sheet has no figure.
     const RISE_US: f64 = 7.0;
     /// Duration of one conversion of the STM32G431 in microseconds: 15 clocks (2.5 + 12.5) at 60
     /// MHz.

@@ -211,7 +211,7 @@ fn columns(device: &Device) -> impl Iterator<Item = (String, usize)> {
     (0..there).map(|c| (format!("c{c}"), c))
 }
 
-/// Names of one part of each existing force sensor, with the indices of the sensor and of the part.
+/// Names of one part of each existing force sensor, with both indices: sensor and part.
 fn of_sensors<const N: usize>(
     device: &Device,
     names: [&'static str; N],

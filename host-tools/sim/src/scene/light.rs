@@ -13,8 +13,7 @@ pub struct Light {
     /// Steady part; with the effect `ambient`.
     #[serde(deserialize_with = "ranges::ratio")]
     pub ambient_ratio: f64,
-    /// Light of the lamps: its mean, and the amplitude of its swing about the mean; with the effect
-    /// `flicker`.
+    /// Light of the lamps, with the effect `flicker`: mean and amplitude of its swing.
     #[serde(deserialize_with = "ranges::ratio")]
     pub flicker_ratio: f64,
     /// Frequency of the lamps in hertz: twice the mains frequency.

@@ -24,10 +24,10 @@ const DEEPEST: f64 = 0.7;
 /// mm between.
 const OVERHANG_MM: f64 = 3.0;
 
-/// Checks that no act exceeds the contact model, and that no facet is too wide for its depth.
+/// Checks that acts and facets stay within the contact model.
 ///
 /// An act must not push its indenter through the skin, wrap the skin around a round indenter, or
-/// reach off the pad.
+/// reach off the pad. A facet must not be too wide for its depth.
 pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     let kind = scene.device.kind;
     let facets = matches!(kind, Kind::Taxel4x4 | Kind::Taxel4x1);
@@ -123,10 +123,9 @@ impl Pressed<'_> {
         self.scene.indenter().half_extents(&self.skin, self.softest * normal)
     }
 
-    /// Describes the largest force for which it and every smaller one is `allowed`: its key and its
-    /// range.
+    /// Describes the largest force that is `allowed` together with every smaller one.
     ///
-    /// The force is in whole millinewtons, up to the act's.
+    /// It returns the key and its range. The force is in whole millinewtons, up to the act's.
     fn largest(&self, allowed: impl Fn(f64) -> bool) -> String {
         let (mut low, mut high) = (0.0, self.act.reach().0);
         for _ in 0..40 {

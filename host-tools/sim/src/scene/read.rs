@@ -138,8 +138,9 @@ fn key_at(text: &str, document: &DeTable<'_>, at: usize) -> Option<String> {
     })
 }
 
-/// Asks the TOML library for the words that a key may have; it names them only if the value is a
-/// word.
+/// Asks the TOML library for the words that a key may have.
+///
+/// The library names them only if the value is a word.
 fn words_allowed(text: &str, at: Range<usize>, error: &toml::de::Error) -> String {
     let (before, after) = (text.get(..at.start), text.get(at.end..));
     let asked = before.zip(after).map(|(before, after)| format!("{before}'?'{after}"));

@@ -76,7 +76,7 @@ pub struct Plate {
     /// Inclination in degrees; positive presses harder at +x.
     #[serde(default, deserialize_with = "ranges::incline")]
     pub incline_deg: f64,
-    /// Height in mm of the step that moves over the columns from +x; a negative step goes down.
+    /// Height in mm of the step that comes from +x; a negative step goes down.
     #[serde(default, deserialize_with = "ranges::step")]
     pub step_mm: f64,
     /// Whether the plate rubs along the columns, to −x, while it travels.
@@ -85,7 +85,7 @@ pub struct Plate {
     /// Time to full force in seconds.
     #[serde(deserialize_with = "ranges::seconds")]
     pub rise_s: f64,
-    /// Duration in seconds of the step's way from beyond the columns at +x to beyond those at −x.
+    /// Duration in seconds of the step's way across all columns, from +x to −x.
     #[serde(deserialize_with = "ranges::seconds")]
     pub travel_s: f64,
     /// Time of release in seconds.
@@ -146,8 +146,7 @@ pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Checks that an act stays on the tip of one column, within the force for which the column's law
-/// holds.
+/// Checks that an act stays on the tip of one column, within its law's range of force.
 ///
 /// Loads of the acts `before` that have not ended count too.
 fn on_columns(act: &Act, before: &[Act]) -> Result<(), String> {

@@ -41,8 +41,9 @@ impl Columns {
         Self { gains }
     }
 
-    /// Light on each phototransistor above the dark, in full scales, with `loads` on the tips of
-    /// columns.
+    /// Light on each phototransistor above the dark, in full scales.
+    ///
+    /// `loads` are on the tips of columns.
     #[must_use]
     pub fn light(&self, loads: &[Load]) -> [f64; TAXELS] {
         let mut forces = [[0.0; 3]; COLUMNS];

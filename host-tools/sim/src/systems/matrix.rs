@@ -114,7 +114,7 @@ impl Matrix {
         }
     }
 
-    /// Which facets were nearer to their pair than the peak of its light curve in the last frame.
+    /// Which facets were nearer than the peak of their pair's light curve in the last frame.
     #[must_use]
     pub fn wrong_side(&self) -> [bool; TAXELS] {
         match &self.target {

@@ -1,5 +1,4 @@
-//! The papers' five systems, end to end: scene → codes → the chip's arithmetic → the papers' own
-//! figures.
+//! The papers' five systems, end to end: scene, codes, the chip's arithmetic, the papers' figures.
 //!
 //! A user's calibration is fitted here to the trace of one seed, with noise, and judged on another
 //! seed's.

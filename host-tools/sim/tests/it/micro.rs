@@ -143,9 +143,10 @@ fn force_out_of_codes_meets_the_load_cell_of_the_paper() {
     assert!(n > 500.0 && rms < 0.05 && worst < 0.25, "{rms} mN RMS, {worst} mN at worst");
 }
 
-/// Estimated and true force in mN of steps of 50 ms, by press and by whether the feeler slips.
+/// Estimated and true force in mN, in steps of 50 ms, for each press.
 ///
-/// The steps reach from half of the threshold to twice the threshold.
+/// Each step states whether the feeler slips. The steps reach from half of the threshold to twice
+/// the threshold.
 fn across_the_threshold(sensor: &BrightSpot, unsheared: f32, samples: &[Sample]) -> Vec<Across> {
     let rows = spots(samples);
     let mut found = vec![];
@@ -177,8 +178,9 @@ struct Across {
     forces: [f64; 2],
 }
 
-/// F_x is within 5 % in the mean of the runs, on devices with their own gains and offsets, five
-/// runs each.
+/// F_x is within 5 % in the mean of the runs.
+///
+/// The devices have their own gains and offsets, with five runs each.
 ///
 /// The mean covers 1.5 s and more on either side of each threshold. In single steps of 50 ms the
 /// bound holds from 4.4 mN up. Under 2.2 mN a feeler sticks up to 1.1 mN or 0.65 µm, and noise
@@ -294,8 +296,9 @@ fn a_picture_of_the_sheet_out_of_codes_is_the_pressure_on_it() {
     assert!((total / 100.0 - 1.0).abs() < 0.02, "{total} mN of 100");
 }
 
-/// Fits β, K, α, γ of one law for all feelers: least squares in u over every scan, α and γ by ever
-/// finer grids.
+/// Fits β, K, α, γ of one law for all feelers.
+///
+/// It is least squares in u over every scan, with α and γ by ever finer grids.
 ///
 /// Rows weigh as their normal force, because a brighter spot has a more precise centroid.
 fn one_law(rows: &[(f64, f64, f64)]) -> [f64; 4] {

@@ -75,7 +75,7 @@ fn required(header: &str, kind: Option<&str>) -> Vec<(&'static str, &'static str
     }
 }
 
-/// Text of a scene with the required keys of table `header` and `kind`, except the key `without`.
+/// Text of a scene with the required keys of `header` and `kind`, except the key `without`.
 ///
 /// `first` stands before all other keys.
 fn scene(header: &str, kind: Option<&str>, without: &str, first: &[(&str, &str)]) -> String {

@@ -49,8 +49,9 @@ impl Bonded {
         self.skin.displacement(force, at) + change / self.skin.shear_modulus()
     }
 
-    /// Pressure in MPa on the floor at `r` mm from the axis of a point load of `normal` newtons: ∫
-    /// p(k) J₀(kr) k dk/2π.
+    /// Pressure in MPa on the floor at `r` mm from the axis of a point load.
+    ///
+    /// The load is `normal` newtons: ∫ p(k) J₀(kr) k dk/2π.
     #[must_use]
     pub fn pressure(&self, normal: f64, r: f64) -> f64 {
         let (h, nu) = (self.thickness, self.skin.poisson());
@@ -101,8 +102,9 @@ mod tests {
         assert!((carried / 0.8 - 1.0).abs() < 5e-3, "{carried}");
     }
 
-    /// Largest difference between bonded layer and half-space `depth` below a unit force, over the
-    /// largest displacement there.
+    /// Largest difference between bonded layer and half-space `depth` below a unit force.
+    ///
+    /// It is relative to the largest displacement there.
     fn miss(thickness: f64, force: [f64; 3]) -> f64 {
         let (skin, depth) = (skin(), 2.5);
         let layer = Bonded::new(skin, thickness);

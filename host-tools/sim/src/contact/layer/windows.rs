@@ -1,4 +1,4 @@
-//! Layer on a rigid frame with sixteen square windows: bonded to the frame, free in the windows.
+//! Layer on a rigid frame with sixteen square windows, bonded to the frame only.
 //!
 //! The unknown is the displacement of the lower face in the windows. It is expanded, per window and
 //! direction, in φ_m(x)φ_n(y) with φ_m = √(1 − ξ²) U_m(ξ). These functions fit because a free
@@ -46,8 +46,9 @@ impl Resolution {
     }
 }
 
-/// Displacement of the lower face while one newton pushes each window in turn, for a shear modulus
-/// of 1 MPa.
+/// Displacement of the lower face while one newton pushes each window in turn.
+///
+/// It is for a shear modulus of 1 MPa.
 #[derive(Clone, Debug)]
 pub struct Windows {
     thickness: f64,
@@ -176,8 +177,7 @@ fn shapes(kappa: f64, half_side: f64, degrees: usize) -> Vec<f64> {
 /// Sums over frequency from which the matrix is assembled.
 struct Stiffness {
     degrees: usize,
-    /// Indexed by axis pair (xx, xy, xz, yy, yz, zz), then (m, m′, columns apart) in x, then the
-    /// same in y.
+    /// Sums by axis pair (xx, xy, xz, yy, yz, zz), then by (m, m′, columns apart) in x, then in y.
     sums: Vec<f64>,
 }
 
@@ -293,10 +293,10 @@ impl Stiffness {
     }
 }
 
-/// Stiffness of the lower face at the frequency `k`, for a shear modulus of one, per pair of axes.
+/// Stiffness of the lower face at the frequency `k` per pair of axes.
 ///
-/// It is the traction along the first axis for a unit displacement along the second. Between the
-/// plane and z, a factor i is left out.
+/// It is the traction along the first axis for a unit displacement along the second, for a shear
+/// modulus of one. Between the plane and z, a factor i is left out.
 fn stiffness(k: [f64; 2], thickness: f64, poisson: f64) -> [f64; 6] {
     let size = k[0].hypot(k[1]);
     if size == 0.0 {
