@@ -1,14 +1,14 @@
-//! Calibration TOML: the record of `taxel::calibration` for people, and models of other sensors' tables.
+//! Calibration files in TOML: a finger's record, or a model of another sensor's table.
 //!
 //! ```toml
 //! taxel_calibration = 2      # version of the format
 //! kind = "finger"            # or "table"
-//! crc32 = "8d2a11c3"         # over the record's bytes: the number `taxel info` shows
+//! crc32 = "8d2a11c3"         # CRC-32 of the record's bytes, as `taxel info` shows it
 //! serial = "F-0042"
 //! date = "2026-11-21T09:30:00Z"
 //! …
 //! ```
-//! Numbers are the very f32 of the chip; a file that was edited by hand no longer matches its CRC.
+//! Numbers are the chip's exact f32 values. A file edited by hand no longer matches its CRC.
 
 pub mod date;
 mod finger;
@@ -24,13 +24,13 @@ use crate::error::FileError;
 use crate::save;
 use finger::FingerFile;
 
-/// What a calibration file is for.
+/// Subject of a calibration file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// A taxel finger: goes onto the chip.
+    /// A taxel finger; the record goes onto the chip.
     Finger,
-    /// Any table of N channels.
+    /// A table of N channels.
     Table,
 }
 
@@ -59,25 +59,25 @@ struct Head {
     crc32: String,
 }
 
-/// Which kind of calibration a file holds.
+/// Reads the kind of a calibration file.
 ///
 /// # Errors
-/// It cannot be read, or is no calibration of this version.
+/// The file cannot be read, or is no calibration of this version.
 pub fn kind(path: impl AsRef<Path>) -> Result<Kind, FileError> {
     let path = path.as_ref();
     Ok(head(path, &text(path)?)?.kind)
 }
 
-/// Reads a finger's calibration, CRC and every field checked.
+/// Reads a finger's calibration and checks its CRC and every field.
 ///
 /// # Errors
-/// What is wrong, with its line.
+/// The file is damaged or invalid; the error names the line.
 pub fn read(path: impl AsRef<Path>) -> Result<Calibration, FileError> {
     let path = path.as_ref();
     parse(path, &text(path)?)
 }
 
-/// The same from text; `path` is only for messages.
+/// Parses a finger's calibration; `path` is only for messages.
 ///
 /// # Errors
 /// As [`read`].
@@ -100,7 +100,7 @@ pub fn parse(path: &Path, text: &str) -> Result<Calibration, FileError> {
     Ok(calibration)
 }
 
-/// Writes a finger's calibration.
+/// Writes a finger's calibration file.
 ///
 /// # Errors
 /// The record is not valid, or the file cannot be written.
@@ -109,7 +109,7 @@ pub fn write(path: impl AsRef<Path>, calibration: &Calibration) -> Result<(), Fi
     save(path, &to_text(path, calibration)?)
 }
 
-/// The text of the file that [`write`] writes; `path` is only for messages.
+/// Formats a finger's calibration as [`write`] does; `path` is only for messages.
 ///
 /// # Errors
 /// The record is not valid.
@@ -119,10 +119,10 @@ pub fn to_text(path: &Path, calibration: &Calibration) -> Result<String, FileErr
     text_of(path, Kind::Finger, crc, &FingerFile::new(calibration))
 }
 
-/// Reads the model of a table.
+/// Reads a table's model.
 ///
 /// # Errors
-/// What is wrong, with its line.
+/// The file is damaged or invalid; the error names the line.
 pub fn read_table<T: Serialize + DeserializeOwned>(path: impl AsRef<Path>) -> Result<T, FileError> {
     let path = path.as_ref();
     let text = text(path)?;
@@ -131,7 +131,7 @@ pub fn read_table<T: Serialize + DeserializeOwned>(path: impl AsRef<Path>) -> Re
     Ok(model)
 }
 
-/// Writes the model of a table.
+/// Writes a table's model.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -192,10 +192,10 @@ fn check_crc(path: &Path, text: &str, head: &Head, crc: u32) -> Result<(), FileE
         .mend("the file was damaged or edited: restore it or fit again"))
 }
 
-/// The CRC-32 of its record: the number that tells calibrations apart.
+/// Returns the CRC-32 of a calibration record, which identifies it.
 ///
 /// # Errors
-/// It is not valid.
+/// The record is not valid.
 pub fn record_crc(calibration: &Calibration) -> Result<u32, CalibrationError> {
     let mut buffer = [0; MAX_BYTES];
     let bytes = calibration.to_bytes(&mut buffer)?;
@@ -208,7 +208,7 @@ fn model_crc<T: Serialize>(path: &Path, model: &T) -> Result<u32, FileError> {
     Ok(crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes))
 }
 
-/// An error on the line of a field that makes no sense: its key, in the table of its section.
+/// Returns an error at the line of an invalid field in its section's table.
 fn in_section(path: &Path, text: &str, section: &str, field: &str) -> FileError {
     let table = format!("[{section}]");
     let sensor = section.strip_prefix('s').map(|number| format!("sensor = {number}"));
@@ -222,14 +222,14 @@ fn in_section(path: &Path, text: &str, section: &str, field: &str) -> FileError 
     }
 }
 
-/// The line where `key` is set, counted from 0.
+/// Returns the line that sets `key`, counted from 0.
 fn line_of(text: &str, key: &str) -> Option<usize> {
     text.lines().position(|line| {
         line.trim_start().strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
     })
 }
 
-/// An error on the line where `key` is set.
+/// Returns an error at the line that sets `key`.
 fn located(path: &Path, text: &str, key: &str, problem: impl Into<String>) -> FileError {
     let line = line_of(text, key);
     let error = FileError::new(path, problem).column(key);

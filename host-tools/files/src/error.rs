@@ -1,9 +1,9 @@
-//! What can be wrong with a file, in one line: where, what was expected, and how to mend it.
+//! Errors of files, in one line: where, what was found, what was expected, how to mend it.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// Something is wrong with a file.
+/// A fault of a file, with its place and mend.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileError {
     path: PathBuf,
@@ -14,7 +14,7 @@ pub struct FileError {
 }
 
 impl FileError {
-    /// `problem` says what was found and what was expected.
+    /// Creates an error; `problem` states the finding and the expectation.
     pub fn new(path: impl AsRef<Path>, problem: impl Into<String>) -> Self {
         Self {
             path: path.as_ref().to_owned(),
@@ -25,28 +25,28 @@ impl FileError {
         }
     }
 
-    /// On this line of the file, counted from 1.
+    /// Adds the line of the file, counted from 1.
     #[must_use]
     pub fn line(mut self, line: u64) -> Self {
         self.line = Some(line);
         self
     }
 
-    /// In this column or key.
+    /// Adds the column or key.
     #[must_use]
     pub fn column(mut self, column: impl Into<String>) -> Self {
         self.column = Some(column.into());
         self
     }
 
-    /// How to mend it.
+    /// Adds the mend.
     #[must_use]
     pub fn mend(mut self, mend: impl Into<String>) -> Self {
         self.mend = Some(mend.into());
         self
     }
 
-    /// What a CSV writer met on `path`.
+    /// Creates an error of a CSV writer on `path`.
     pub fn csv(path: impl AsRef<Path>, error: csv::Error) -> Self {
         match error.into_kind() {
             csv::ErrorKind::Io(error) => Self::io(path, &error),
@@ -54,7 +54,7 @@ impl FileError {
         }
     }
 
-    /// An operating-system error on `path`.
+    /// Creates an error of the operating system on `path`.
     pub fn io(path: impl AsRef<Path>, error: &std::io::Error) -> Self {
         use std::io::ErrorKind;
         let new = Self::new(path, error.to_string());
@@ -87,11 +87,12 @@ impl fmt::Display for FileError {
     }
 }
 
-/// Text out of a file, a library or the operating system as one line of reasonable length.
+/// Turns text from a file, a library or the operating system into one line of at most 500
+/// characters.
 #[must_use]
 pub fn one_line(text: &str) -> String {
     const MOST: usize = 500;
-    // What Rust appends to the system's own words helps nobody.
+    // Rust appends the system's error number, which helps no user.
     let said = text.rfind(" (os error ").filter(|_| text.ends_with(')'));
     let text = &text[..said.unwrap_or(text.len())];
     let words = text.split(|c: char| c.is_whitespace() || c.is_control());
@@ -109,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_systems_words_stand_without_its_numbers() {
+    fn system_error_drops_its_number() {
         let missing = std::io::Error::from_raw_os_error(2);
         assert!(missing.to_string().contains("os error 2"));
         let said = FileError::io("a.csv", &missing).to_string();
@@ -118,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_a_file_holds_its_error_is_one_line() {
+    fn error_of_any_file_is_one_line() {
         let error = FileError::new("a.csv", "found `x\ny\u{1b}[2J`")
             .line(3)
             .column("m\n0")

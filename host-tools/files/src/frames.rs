@@ -1,8 +1,9 @@
 //! Frames as rows of named columns, the same in every kind of recording.
 //!
-//! `t_us seq status`, then a column for every value of the chosen fields, unit in the name. A cell is
-//! empty if the frame does not carry its field or the finger has no such channel, and holds the reason
-//! if the finger withheld the value. Columns and their order come from [`taxel::frame::schema`].
+//! A row has `t_us seq status`, then a column for every value of the chosen fields, with its unit
+//! in the name. A cell is empty if the frame lacks its field or the finger lacks the channel. A
+//! missing value leaves the reason in its cell. [`taxel::frame::schema`] defines the columns and
+//! their order.
 
 use std::fmt;
 
@@ -15,40 +16,40 @@ use taxel::measured::{Measured, NoValue};
 use taxel::scan::{Codes, Midpoints, SENSORS, TAXELS};
 use taxel::units::{Code, Micros, Millimetres, NewtonMillimetres, Newtons};
 
-/// A column.
+/// Name and kind of a column.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
-    /// Name, unit included.
+    /// Name with its unit.
     pub name: String,
     /// Content of its cells.
     pub kind: Kind,
 }
 
-/// Content of the cells of a column.
+/// Kind of a column's cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Whole numbers.
     Whole,
     /// Real numbers.
     Real,
-    /// Real numbers, or the reason why there is none.
+    /// Real numbers, or the reason for a missing one.
     Measured,
 }
 
-/// A value in a row.
+/// Cell of a row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cell {
-    /// Not asked for, or no such channel.
+    /// Field not requested, or no such channel.
     Empty,
-    /// Value in a [`Kind::Whole`] column.
+    /// Value of a [`Kind::Whole`] column.
     Whole(u64),
-    /// Value in one of the other two.
+    /// Value of a [`Kind::Real`] or [`Kind::Measured`] column.
     Real(f32),
-    /// Reason in a [`Kind::Measured`] column.
+    /// Reason of a missing value in a [`Kind::Measured`] column.
     Withheld(NoValue),
 }
 
-/// Writes the cell as in a CSV file: nothing if there is no value.
+/// Formats the cell as in a CSV file; a missing value is empty.
 impl fmt::Display for Cell {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -59,7 +60,7 @@ impl fmt::Display for Cell {
     }
 }
 
-/// Words for a reason, as files and pages use them.
+/// Returns a reason in the words of files and pages.
 #[must_use]
 pub const fn reason(reason: NoValue) -> &'static str {
     match reason {
@@ -74,7 +75,7 @@ pub const fn reason(reason: NoValue) -> &'static str {
     }
 }
 
-/// The columns of frames with these fields.
+/// Lists the columns of frames with these fields.
 #[must_use]
 pub fn columns(fields: Fields) -> Vec<Column> {
     let whole = |name: &str| Column { name: name.to_owned(), kind: Kind::Whole };
@@ -148,20 +149,24 @@ macro_rules! fields {
 }
 taxel::frame_fields!(fields);
 
-/// Reader of frames from rows; the codes are left out, because a recording that has them can be computed again.
+/// Reader of frames from rows.
+///
+/// It skips the codes, because a recording with codes can be computed again.
 #[derive(Clone, Debug)]
 pub struct FrameReader {
     fields: Fields,
     head: [Option<usize>; 3],
-    /// For each field the places of its columns.
+    /// Positions of the columns of each field.
     places: Vec<(Fields, Vec<usize>)>,
 }
 
 impl FrameReader {
-    /// A reader of rows with these columns: of each field whose first column is there.
+    /// Creates a reader of rows with these columns.
+    ///
+    /// It reads each field whose first column exists.
     ///
     /// # Errors
-    /// The name of the column that is missing.
+    /// A column of a field is missing; the error is its name.
     pub fn new(columns: &[Column]) -> Result<Self, String> {
         let place = |name: &str| columns.iter().position(|column| column.name == name);
         let mut places = Vec::new();
@@ -179,13 +184,13 @@ impl FrameReader {
         Ok(Self { fields, head: HEAD.map(|Row(name, ..)| place(name)), places })
     }
 
-    /// The fields that the rows have.
+    /// Returns the fields of the rows.
     #[must_use]
     pub fn fields(&self) -> Fields {
         self.fields
     }
 
-    /// The frame of a row.
+    /// Returns the frame of a row.
     #[must_use]
     pub fn frame(&self, row: &[Cell]) -> Frame {
         let cell = |at: usize| row.get(at).copied().unwrap_or(Cell::Empty);
@@ -205,11 +210,11 @@ impl FrameReader {
 
 type Cells<'c> = dyn Iterator<Item = Cell> + 'c;
 
-/// Value of a field as cells, one for each of its columns.
+/// A field's value as cells, one for each of its columns.
 trait Value: Sized {
     /// Appends the cells.
     fn push(&self, row: &mut Vec<Cell>);
-    /// Reads them back.
+    /// Reads the value from its cells.
     fn read(row: &mut Cells) -> Self;
 }
 
@@ -218,7 +223,9 @@ impl Cell {
         value.map_or_else(Self::Withheld, Self::Real)
     }
 
-    /// Number in a [`Kind::Measured`] column. CSV has no reasons: a value that is missing was not estimated.
+    /// Returns the number of a [`Kind::Measured`] column.
+    ///
+    /// CSV holds no reasons, so an empty cell reads as not estimated.
     fn value(self) -> Measured<f32> {
         match self {
             Self::Real(value) => Ok(value),
@@ -260,7 +267,7 @@ impl Value for [Force; SENSORS] {
     }
 }
 
-/// Implements [`Value`] for numbers that are given or withheld together.
+/// Implements [`Value`] for numbers that share one reason.
 macro_rules! together {
     ($($type:ty: $numbers:expr, $of:expr;)*) => {
         $(
@@ -317,7 +324,7 @@ impl Value for Measured<Uncertainty> {
         misfit.push(row);
     }
 
-    /// Without contact there is none of it, for one reason.
+    /// Reads one reason for the whole field without contact.
     fn read(row: &mut Cells) -> Self {
         let known = Uncertainty {
             force: Force::read(row),
@@ -339,7 +346,7 @@ impl Value for Signals {
         row.extend([saturated, dead, bridge_faults.into()].map(|bits| Cell::Whole(bits.into())));
     }
 
-    /// A matrix or a sensor that the finger does not have has empty cells, all of them.
+    /// Reads a matrix or sensor that the finger lacks from its empty cells.
     fn read(row: &mut Cells) -> Self {
         fn all<const N: usize>(row: &mut Cells) -> Option<[f32; N]> {
             read_together(row, |numbers| numbers).ok()
@@ -373,7 +380,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_column_has_a_cell_whatever_the_fields() {
+    fn every_column_has_a_cell_for_any_fields() {
         for fields in (0..=Fields::ALL.0).map(Fields) {
             let mut row = Vec::new();
             cells(&Frame::default(), fields, &mut row);

@@ -1,5 +1,6 @@
-//! Files of `taxel`: traces, frames, calibrations and tables. Every error is one line that names the
-//! file, the line, the column and the mend.
+//! Files of `taxel`: traces, frames, calibrations and tables.
+//!
+//! Every error is one line with the file, the line, the column and the mend.
 
 pub mod calibration;
 pub mod error;

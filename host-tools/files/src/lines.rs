@@ -1,7 +1,7 @@
-//! A CSV file line by line, with the line numbers that an editor shows.
+//! Lines of a CSV file with the line numbers that an editor shows.
 //!
-//! The CSV library splits each line; finding lines is done here, because the library passes over blank
-//! lines without counting them and knows no comments with a meaning.
+//! The CSV library splits each line. This module finds the lines, because the library does not
+//! count blank lines and knows no comments with a meaning.
 
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
@@ -10,37 +10,38 @@ use csv::StringRecord;
 
 use crate::error::FileError;
 
-/// No line of a trace or table is nearly as long; a binary file without line ends is not read whole.
+/// Longest line in bytes, far above that of any trace; a binary file is therefore not read whole.
 const LONGEST: u64 = 1 << 20;
-/// Some programs begin UTF-8 files with it.
+/// Mark with which some programs begin UTF-8 files.
 const BYTE_ORDER_MARK: &str = "\u{feff}";
 
-/// Lines that are neither blank nor comments.
+/// Reader of lines that are neither blank nor comments.
 pub struct Lines<R> {
     source: R,
     path: PathBuf,
     line: u64,
     text: Vec<u8>,
-    /// The line of column names has passed.
+    /// True after the line of column names.
     named: bool,
 }
 
 impl<R: BufRead> Lines<R> {
-    /// Lines of `source`; `path` is only for messages.
+    /// Creates a reader of `source`; `path` is only for messages.
     pub fn new(source: R, path: &Path) -> Self {
         Self { source, path: path.to_owned(), line: 0, text: Vec::new(), named: false }
     }
 
-    /// For messages.
+    /// Path of the file, for messages.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The next line's fields and its number, counted from 1; `None` at the end. `comment` hears the
-    /// comments passed on the way, without their `#`.
+    /// Reads the next line's fields and returns its number, counted from 1; `None` at the end.
+    ///
+    /// `comment` receives the skipped comments without their `#`.
     ///
     /// # Errors
-    /// It cannot be read, or is no CSV file.
+    /// The line cannot be read, or is no CSV.
     pub fn next(
         &mut self,
         record: &mut StringRecord,
@@ -83,7 +84,7 @@ impl<R: BufRead> Lines<R> {
         }
     }
 
-    /// Spreadsheets separate by what their country does.
+    /// Rejects other separators, because spreadsheets choose theirs by country.
     fn separated_by_commas(&self, names: &StringRecord) -> Result<(), FileError> {
         let other = |names: &str| [';', '\t', '|'].into_iter().find(|mark| names.contains(*mark));
         match (names.len(), names.get(0).and_then(other)) {
@@ -97,10 +98,10 @@ impl<R: BufRead> Lines<R> {
         }
     }
 
-    /// As [`Self::next`], for lines that must have as many fields as the header; comments mean nothing.
+    /// Reads the next line as [`Self::next`] does and skips all comments.
     ///
     /// # Errors
-    /// As [`Self::next`], or the line has not as many fields.
+    /// As [`Self::next`], or the line has another number of fields than the header.
     pub fn next_row(
         &mut self,
         record: &mut StringRecord,

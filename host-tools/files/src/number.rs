@@ -1,9 +1,9 @@
-//! A cell that holds a number.
+//! Parsers of a cell that holds a number.
 
-/// Nothing that is measured is larger, and the third power of what is larger is no f32.
+/// Largest measured value; the third power of a larger one overflows f32.
 const LARGEST: f64 = 1e12;
 
-/// Any finite number; else what is wrong with the cell.
+/// Parses any finite number; an error describes the cell.
 pub(crate) fn finite(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
@@ -15,7 +15,7 @@ pub(crate) fn finite(text: &str) -> Result<f64, String> {
     }
 }
 
-/// One that something measured.
+/// Parses a measured number, at most [`LARGEST`] in size.
 pub(crate) fn measured(text: &str) -> Result<f64, String> {
     let value = finite(text)?;
     if value.abs() <= LARGEST {

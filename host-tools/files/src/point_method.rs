@@ -1,4 +1,4 @@
-//! Names of the ways to the contact point, as the command line and the files use them.
+//! Names of the contact-point methods on the command line and in files.
 
 use taxel::estimate::contact_point::PointMethod;
 
@@ -8,13 +8,13 @@ const NAMES: [(&str, PointMethod); 3] = [
     ("model", PointMethod::Model),
 ];
 
-/// What it is called.
+/// Returns the name of a method.
 #[must_use]
 pub fn name(method: PointMethod) -> &'static str {
     NAMES.iter().find(|(_, known)| *known == method).map_or("", |(name, _)| name)
 }
 
-/// What is called so.
+/// Returns the method of a name.
 #[must_use]
 pub fn parse(name: &str) -> Option<PointMethod> {
     NAMES.iter().find(|(known, _)| *known == name).map(|(_, method)| *method)

@@ -1,10 +1,10 @@
-//! Recordings: what a finger said, row by row, in the kind of file that the name asks for.
+//! Recordings of a finger's frames, row by row; the file's extension sets the format.
 //!
 //! ```text
 //! Frame ──crate::frames::cells──▶ row ──Recorder──▶ .mcap · .parquet · .csv ──Recording──▶ row
 //! ```
-//! A recording is a [`Header`] (which finger, which calibration), named columns, and rows. Nothing in
-//! here knows what a column means, so that a field which frames gain is recorded without a change.
+//! A recording is a [`Header`] (the finger and its calibration), named columns and rows. This
+//! module knows no column's meaning, so a new field of frames needs no change here.
 
 mod csv;
 mod header;
@@ -24,19 +24,21 @@ use crate::trace::is_code;
 pub use header::Header;
 pub use scans::Scans;
 
-/// The column of host receive time: microseconds since 1970-01-01 UTC.
+/// Column of the host's receive time in microseconds since 1970-01-01 UTC.
 pub const HOST_TIME: &str = "host_us";
 
-/// What the host knows of a frame, after the finger's own columns: when it came; when it was scanned, by the
-/// host's clock, and how far off that may be (both empty before the finger's is known); and by which of the
-/// recording's connections, from 1.
+/// Lists the host's columns, which follow the finger's own.
+///
+/// They are the receive time, the scan time by the host's clock, its error, and the connection. The
+/// scan time and its error are empty until the finger's clock is known. Connections of a recording
+/// count from 1.
 #[must_use]
 pub fn host_columns() -> [Column; 4] {
     [HOST_TIME, "host_scan_us", "host_scan_error_us", "connection"]
         .map(|name| Column { name: name.to_owned(), kind: Kind::Whole })
 }
 
-/// The kinds of file there are.
+/// Format of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Format {
     Csv,
@@ -56,16 +58,16 @@ impl Format {
     }
 }
 
-/// What becomes of a file that is there already.
+/// Treatment of an existing file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// It stays, and nothing is written.
+    /// Keeps the file and writes nothing.
     Keep,
-    /// It is overwritten.
+    /// Overwrites the file.
     Replace,
 }
 
-/// A file to write into. A device, such as a pipe, is there already.
+/// Opens a file to write into. A device, such as a pipe, already exists.
 fn begin(path: &Path, existing: Existing) -> Result<File, FileError> {
     let device = path.metadata().is_ok_and(|found| !found.is_file());
     let mut options = File::options();
@@ -85,10 +87,10 @@ fn taken(path: &Path) -> FileError {
         .mend("choose another name, or add --force to overwrite it")
 }
 
-/// Writes a recording.
+/// Writer of a recording.
 pub struct Recorder(Box<dyn Sink + Send>);
 
-/// A kind of file.
+/// Writer of one format.
 trait Sink {
     fn write(&mut self, row: &[Cell]) -> Result<(), FileError>;
     fn flush(&mut self) -> Result<(), FileError>;
@@ -96,10 +98,10 @@ trait Sink {
 }
 
 impl Recorder {
-    /// Makes sure that a file may be begun, and touches nothing.
+    /// Checks that a file can be created, and touches nothing.
     ///
     /// # Errors
-    /// Its name tells no kind of recording, or it is there and shall stay.
+    /// The name has no known extension, or the file exists and must stay.
     pub fn check(path: &Path, existing: Existing) -> Result<(), FileError> {
         if Format::of(path)? == Format::Parquet {
             parquet::check(path)?;
@@ -107,10 +109,10 @@ impl Recorder {
         if existing == Existing::Keep && path.is_file() { Err(taken(path)) } else { Ok(()) }
     }
 
-    /// Begins the file of what comes but once: it is safe from the end of this process.
+    /// Creates the file of unrepeatable data, which survives the end of this process.
     ///
     /// # Errors
-    /// Its name tells no kind of recording, it cannot be written, or it is there and shall stay.
+    /// The name has no known extension, the file cannot be written, or it exists and must stay.
     pub fn create(
         path: &Path,
         header: &Header,
@@ -124,7 +126,7 @@ impl Recorder {
         Self::derived(path, header, columns, existing)
     }
 
-    /// Begins the file of what another file has, from which it can be made again.
+    /// Creates the file of data that another file holds, so that it can be made again.
     ///
     /// # Errors
     /// As [`Self::create`].
@@ -141,7 +143,7 @@ impl Recorder {
         }))
     }
 
-    /// Appends a row, a cell for each column.
+    /// Appends a row with a cell for each column.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -149,7 +151,7 @@ impl Recorder {
         self.0.write(row)
     }
 
-    /// Makes what was written so far safe from the end of this process.
+    /// Flushes all rows, so that they survive the end of this process.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -157,10 +159,12 @@ impl Recorder {
         self.0.flush()
     }
 
-    /// Ends the file; a recorder that is merely dropped cannot say that the disk was full.
+    /// Ends the file.
+    ///
+    /// A dropped recorder cannot report that the disk was full.
     ///
     /// # Errors
-    /// The end could not be written.
+    /// The end cannot be written.
     pub fn finish(self) -> Result<(), FileError> {
         self.0.finish()
     }
@@ -168,23 +172,24 @@ impl Recorder {
 
 type Rows = Box<dyn Iterator<Item = Result<Vec<Cell>, FileError>> + Send>;
 
-/// Reads a recording. Rows come one by one; an error among them says what could not be read, and where the
-/// rest of the file can be read, its rows follow.
+/// Reader of a recording, row by row.
+///
+/// An error stands for rows that cannot be read. Readable rows after it follow.
 pub struct Recording {
-    /// Which finger it is of.
+    /// Header: the finger and its settings.
     pub header: Header,
-    /// What the cells of a row are.
+    /// Columns of the rows.
     pub columns: Vec<Column>,
-    /// It ends as its writer ends a file; of CSV that cannot be told.
+    /// True for a file that its writer ended; CSV files do not show their end.
     pub whole: bool,
     rows: Rows,
 }
 
 impl Recording {
-    /// Opens a file.
+    /// Opens a recording.
     ///
     /// # Errors
-    /// It is no recording, or cannot be read.
+    /// The file is no recording, or cannot be read.
     pub fn open(path: &Path) -> Result<Self, FileError> {
         match Format::of(path)? {
             Format::Csv => csv::open(path),
@@ -193,13 +198,13 @@ impl Recording {
         }
     }
 
-    /// What to say of one that is not [whole](Self::whole).
+    /// Returns the remark on a recording that is not [whole](Self::whole).
     #[must_use]
     pub fn cut_short(&self, path: &Path) -> String {
         format!("{}: has no end: the recording was cut short, or still goes on", path.display())
     }
 
-    /// What whoever plays it should be told of it: a line each, with what to do. `path` is where it lies.
+    /// Lists remarks for whoever plays the recording, each with its mend; `path` is its file.
     #[must_use]
     pub fn remarks(&self, path: &Path) -> Vec<String> {
         let (place, path, header) = (path, path.display(), &self.header);
@@ -227,7 +232,7 @@ impl Recording {
         remarks
     }
 
-    /// Where the column of this name stands in a row.
+    /// Returns the position of the named column in a row.
     #[must_use]
     pub fn position(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column.name == name)

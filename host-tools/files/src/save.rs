@@ -1,4 +1,4 @@
-//! Files that are there whole or not at all.
+//! Files written whole or not at all.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Write};
@@ -8,14 +8,15 @@ use tempfile::Builder;
 
 use crate::error::FileError;
 
-/// Writes a file beside `path`, all of it to the disk, and puts it there only then: whenever power, disk or
-/// program fail, what was there before is there still.
+/// Replaces `path` atomically by a file that is already on the disk.
+///
+/// The former contents stay if power, disk or program fail.
 ///
 /// # Errors
-/// It cannot be written, or what is there is not to be overwritten.
+/// The file cannot be written, or the former one is read-only.
 pub fn save(path: impl AsRef<Path>, contents: impl AsRef<[u8]>) -> Result<(), FileError> {
     let (path, contents) = (path.as_ref(), contents.as_ref());
-    // A link goes on pointing where it does.
+    // A symbolic link stays in place; its target is replaced.
     let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let saved = match target.metadata() {
         // A device or a pipe cannot be replaced.
@@ -42,10 +43,10 @@ fn replace(target: &Path, former: Option<Metadata>, contents: &[u8]) -> io::Resu
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // As any new file has them, less the user's mask.
+        // Rights of any new file, before the user's mask.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    // The name that it would say is none that the user has heard of.
+    // The error's own path is a temporary name, which the user does not know.
     let opened = builder.tempfile_in(folder);
     let mut beside = opened.map_err(|error| io::Error::from(error.kind()))?;
     beside.as_file_mut().write_all(contents)?;
@@ -54,7 +55,7 @@ fn replace(target: &Path, former: Option<Metadata>, contents: &[u8]) -> io::Resu
     }
     beside.as_file().sync_all()?;
     beside.persist(target).map_err(|error| error.error)?;
-    // The folder has the name: on Unix it is a file of its own to be kept.
+    // On Unix the folder holds the name and needs its own sync.
     if cfg!(unix) {
         File::open(folder)?.sync_all()?;
     }
@@ -74,11 +75,11 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_replaced_by_another_of_its_name_and_nothing_lies_beside_it() {
+    fn saved_file_replaces_the_former_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.toml");
         save(&path, "one").unwrap();
-        // Whoever has the former one open still reads it whole: it was not written into.
+        // A reader of the former file still sees it whole, because nothing wrote into it.
         let mut former = File::open(&path).unwrap();
         save(&path, "two and more").unwrap();
         assert_eq!(io::read_to_string(&mut former).unwrap(), "one");
@@ -87,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fails_leaves_the_former_file_whole_and_nothing_beside_it() {
+    fn failed_save_keeps_the_former_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.toml");
         save(&path, "one").unwrap();
@@ -106,7 +107,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_stays_one_and_rights_stay_what_they_are() {
+    fn save_keeps_links_and_rights() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let (path, link) = (folder.path().join("a.toml"), folder.path().join("latest.toml"));
@@ -122,7 +123,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_device_is_written_to_and_not_replaced() {
+    fn device_is_written_and_not_replaced() {
         save("/dev/null", "one").unwrap();
         assert!(!Path::new("/dev/null").metadata().unwrap().is_file());
     }

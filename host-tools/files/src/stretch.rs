@@ -1,38 +1,38 @@
-//! `FILE@FROM..TO`: a recording, or a stretch of it in seconds.
+//! `FILE@FROM..TO`: a recording, or a time range of it in seconds.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use crate::error::FileError;
 
-/// A file and the part of it that is meant. Times are the recording's own, in seconds.
+/// A file and a time range of it, in seconds of the recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stretch {
-    /// The recording.
+    /// Path of the recording.
     pub path: PathBuf,
     from: f64,
     to: f64,
 }
 
 impl Stretch {
-    /// All of a file.
+    /// Selects the whole file.
     pub fn whole(path: impl AsRef<Path>) -> Self {
         Self { path: path.as_ref().to_owned(), from: f64::NEG_INFINITY, to: f64::INFINITY }
     }
 
-    /// `seconds` belongs to it: FROM is in, TO is not.
+    /// Returns whether `seconds` lies in the range, from FROM to before TO.
     #[must_use]
     pub fn contains(&self, seconds: f64) -> bool {
         (self.from..self.to).contains(&seconds)
     }
 
-    /// Nothing later can belong to it.
+    /// Returns whether `seconds` is at or after the range's end.
     #[must_use]
     pub fn ended(&self, seconds: f64) -> bool {
         seconds >= self.to
     }
 
-    /// What is wrong where no row belongs to it, of a file whose rows lie between these times.
+    /// Returns the error for a range without rows; `all` is the file's first and last time.
     #[must_use]
     pub fn without_rows(&self, all: Option<(f64, f64)>) -> FileError {
         let whole = *self == Self::whole(&self.path);
@@ -61,7 +61,7 @@ impl FromStr for Stretch {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // An `@` may be part of a path; only one that is followed by a range cuts a stretch.
+        // A path may hold an `@`; only a range after it selects a part.
         let Some((path, range)) = text.rsplit_once('@').filter(|(_, range)| range.contains(".."))
         else {
             return Ok(Self::whole(text));
@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stretch_is_half_open_and_either_end_may_be_left_out() {
+    fn range_is_half_open_with_optional_ends() {
         let stretch: Stretch = "a/b.csv@0.5..30".parse().unwrap();
         assert_eq!(stretch.path, Path::new("a/b.csv"));
         assert!(stretch.contains(0.5) && !stretch.contains(30.0) && stretch.ended(30.0));
@@ -100,13 +100,13 @@ mod tests {
     }
 
     #[test]
-    fn an_at_sign_in_a_path_is_no_stretch() {
+    fn at_sign_in_a_path_is_no_range() {
         let stretch: Stretch = "me@home.csv".parse().unwrap();
         assert_eq!(stretch, Stretch::whole("me@home.csv"));
     }
 
     #[test]
-    fn nonsense_is_refused_with_the_mend() {
+    fn invalid_range_is_an_error_with_mend() {
         for text in ["a.csv@x..3", "a.csv@5..5", "a.csv@9..1", "a.csv@NaN..1"] {
             assert!(text.parse::<Stretch>().is_err(), "{text}");
         }

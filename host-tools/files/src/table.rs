@@ -1,4 +1,4 @@
-//! Any CSV with a header and numbers: N input columns, some reference columns, perhaps a time.
+//! Tables: any CSV file with a header and numeric input, reference and time columns.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -10,21 +10,21 @@ use crate::lines::Lines;
 use crate::number;
 use crate::stretch::Stretch;
 
-/// Some columns of a CSV file as numbers.
+/// Selected columns of a CSV file as numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// Where it came from.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Names of the columns kept, in the order asked for.
+    /// Names of the columns, in the requested order.
     pub names: Vec<String>,
-    /// One row a line, one number a column.
+    /// Rows of numbers, one for each column.
     pub rows: Vec<Vec<f64>>,
     /// Time of each row in seconds; empty where the file has no time column.
     pub times: Vec<f64>,
 }
 
 impl Table {
-    /// Drops the columns whose names `wanted` does not want.
+    /// Keeps only the columns whose names `wanted` accepts.
     pub fn keep(&mut self, mut wanted: impl FnMut(&str) -> bool) {
         let kept: Vec<usize> = (0..self.names.len()).filter(|i| wanted(&self.names[*i])).collect();
         let pick = |row: &Vec<f64>| kept.iter().map(|i| row[*i]).collect();
@@ -33,21 +33,22 @@ impl Table {
     }
 }
 
-/// Reads the columns that match `patterns` (`*` stands for any text) over a stretch of a file.
+/// Reads the columns that match `patterns` over a time range of a file.
 ///
-/// Columns come in the order of the patterns, and within a pattern in that of the file. Time is the
-/// column `t_s` or `t_us`; a file without one can only be read whole.
+/// In a pattern, `*` stands for any text. Columns come in the order of the patterns, and within a
+/// pattern in that of the file. The time is the column `t_s` or `t_us`; a file without it
+/// can only be read whole.
 ///
 /// # Errors
-/// The file cannot be read, a pattern matches nothing, a cell is no number that something measured, time runs
-/// backwards, or the stretch has no rows.
+/// The file cannot be read, a pattern matches nothing, a cell holds no measured number, time runs
+/// backwards, or the range has no rows.
 pub fn read(stretch: &Stretch, patterns: &[&str]) -> Result<Table, FileError> {
     let path = &stretch.path;
     let file = std::fs::File::open(path).map_err(|error| FileError::io(path, &error))?;
     read_from(file, stretch, patterns)
 }
 
-/// The same from any source; the stretch's path is only for messages.
+/// Reads a table from any source as [`read`] does; the path is only for messages.
 ///
 /// # Errors
 /// As [`read`].
@@ -91,7 +92,7 @@ pub fn read_from(
         if let Some((at, scale)) = time {
             let seconds = number(at, number::finite)? * scale;
             if let Some((_, last)) = all.filter(|(_, last)| seconds < *last) {
-                // No clock here tells less than a microsecond.
+                // Times compare in whole microseconds, the resolution of every clock here.
                 let [last, now] = [last, seconds].map(|t| (1e6 * t).round() / 1e6);
                 return Err(FileError::new(path, format!("after {last} s comes {now} s"))
                     .line(line)
@@ -120,13 +121,13 @@ pub fn read_from(
     Ok(table)
 }
 
-/// A column of times: `t_s` or `t_us`.
+/// Returns whether a column holds times: `t_s` or `t_us`.
 #[must_use]
 pub fn is_time(name: &str) -> bool {
     time_scale(name).is_some()
 }
 
-/// Seconds in a unit of a time column.
+/// Returns the unit of a time column in seconds.
 fn time_scale(name: &str) -> Option<f64> {
     match name {
         "t_s" => Some(1.0),
@@ -168,7 +169,7 @@ fn select(
     Ok(columns)
 }
 
-/// `*` stands for any text, everything else for itself.
+/// Matches a name against a pattern, in which `*` stands for any text.
 fn matches(pattern: &str, name: &str) -> bool {
     match pattern.split_once('*') {
         None => pattern == name,
@@ -199,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_star_matches_any_text_anywhere() {
+    fn star_matches_any_text_anywhere() {
         for (pattern, name, fits) in [
             ("m*", "m12", true),
             ("*_n", "force_n", true),
@@ -236,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn time_that_runs_backwards_is_refused_by_its_line_and_rows_of_one_time_are_read() {
+    fn backward_time_is_an_error_and_equal_times_pass() {
         let error = read_text("t_us,m0\n10,1\n30,1\n20,1\n", "a.csv", &["m0"]).unwrap_err();
         let said = "a.csv:4: `t_us`: after 0.00003 s comes 0.00002 s; sort the rows by their time, or cut the file \
                     where its clock began again";
@@ -253,7 +254,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn no_bytes_make_the_reader_panic(
+        fn reader_accepts_any_bytes(
             bytes in proptest::collection::vec(proptest::prelude::any::<u8>(), 0..300),
             text in "[mt_s0-9,.#\"\n -]{0,200}",
         ) {
@@ -263,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stretch_of_a_file_without_time_is_refused() {
+    fn range_of_a_file_without_time_is_an_error() {
         let error = read_text("m0\n1\n", "a.csv@0..1", &["m0"]).unwrap_err();
         assert!(error.contains("t_s"), "{error}");
     }

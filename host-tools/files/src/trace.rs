@@ -1,8 +1,8 @@
-//! Trace CSV: ADC codes, one line a scan, with the truth in extra columns where it is known.
+//! Traces: CSV files of ADC codes, a line for each scan, with optional columns of truth.
 //!
-//! The header is required; columns may stand in any order; a sensor that is not there has no columns. A
-//! line sensor has those of row 0 alone: its other rows have no LEDs, so that a scan finds the dark there.
-//! Codes are 12 bits unless a first line `# full_scale=65535` says otherwise.
+//! The header is required and its columns may come in any order. A missing sensor has no columns. A
+//! line sensor has only the columns of row 0: its other rows have no LEDs, so their codes are the
+//! dark codes. Codes have 12 bits unless the first line is a comment such as `# full_scale=65535`.
 
 mod read;
 mod write;
@@ -12,7 +12,7 @@ pub use write::{TraceHeader, TraceWriter};
 
 use taxel::scan::{COLS, SENSORS, Scan};
 
-/// What really happened, where it is known. NaN never stands for "unknown": absence does.
+/// Truth of a sample where it is known; an unknown value is `None`, never NaN.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
     /// Force on the finger in newtons, z into the skin.
@@ -21,34 +21,34 @@ pub struct Truth {
     pub point: [Option<f64>; 2],
     /// Torsion about the contact normal in newton millimetres.
     pub torsion: Option<f64>,
-    /// Something touches the finger.
+    /// True in contact.
     pub contact: Option<bool>,
-    /// It slips.
+    /// True in gross slip.
     pub slip: Option<bool>,
     /// Force on each MEMS sensor in newtons.
     pub sensors: [[Option<f64>; 3]; SENSORS],
 }
 
-/// One line of a trace.
+/// Scan of a trace with its truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// The codes.
+    /// Codes of the scan.
     pub scan: Scan,
-    /// The truth.
+    /// Truth of the scan.
     pub truth: Truth,
 }
 
-/// Names of the truth columns of the finger, in the order they are written.
+/// Names of the finger's truth columns, in the order of writing.
 pub const TRUTH_COLUMNS: [&str; 8] =
     ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm", "torsion_nmm", "contact", "slip"];
 
-/// `lit_r0c0` … `lit_r3c3`, as many rows as there are, then `dark_c0` … `dark_c3`.
+/// Lists `lit_r0c0` … `lit_r3c3` for `rows` rows, then `dark_c0` … `dark_c3`.
 pub(crate) fn taxel_names(rows: usize) -> Vec<String> {
     let lit = (0..rows).flat_map(|r| (0..COLS).map(move |c| format!("lit_r{r}c{c}")));
     lit.chain((0..COLS).map(|c| format!("dark_c{c}"))).collect()
 }
 
-/// True for the name of a column of codes.
+/// Returns whether a column holds codes.
 #[must_use]
 pub fn is_code(name: &str) -> bool {
     ["lit_r", "dark_c", "bridge_s", "aux_"].iter().any(|prefix| name.starts_with(prefix))
@@ -58,7 +58,7 @@ pub(crate) fn bridge_names(sensor: usize) -> Vec<String> {
     ["a", "b", "c", "d"].iter().map(|arm| format!("bridge_s{sensor}_{arm}")).collect()
 }
 
-/// `s0_fx_n`, `s0_fy_n`, `s0_fz_n`: the same names in traces (truth) and frames (estimate).
+/// Lists `s0_fx_n`, `s0_fy_n`, `s0_fz_n`: truth in traces, estimates in frames.
 pub fn sensor_truth_names(sensor: usize) -> [String; 3] {
     ["x", "y", "z"].map(|axis| format!("s{sensor}_f{axis}_n"))
 }

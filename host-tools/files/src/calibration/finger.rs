@@ -1,4 +1,4 @@
-//! The finger's record as people read it: weights in rows, sensors by number, the date as a date.
+//! Readable form of a finger's record: weights in rows, numbered sensors, the date as a date.
 
 use serde::{Deserialize, Serialize};
 use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
@@ -13,7 +13,7 @@ use taxel::scan::TAXELS;
 use super::date;
 use super::quantised::Quantised;
 
-/// The units of everything in a finger's file. A file that says otherwise is not read as if it did not.
+/// Units of every number in a finger's file; a file with other units is rejected.
 const UNITS: &str = "N, mm, N*mm; signals as fractions of full scale";
 
 #[derive(Serialize, Deserialize)]
@@ -41,7 +41,7 @@ pub(super) struct FingerFile {
 
 #[derive(Serialize, Deserialize)]
 struct Taxels {
-    /// Unloaded level of each taxel, fraction of full scale.
+    /// Unloaded level of each taxel as a share of full scale.
     bias: [f32; TAXELS],
     noise: f32,
     range: [Range; TAXELS],
@@ -108,7 +108,7 @@ impl FingerFile {
         }
     }
 
-    /// The record, or the key that does not fit and why.
+    /// Returns the record, or the key that does not fit and the reason.
     pub(super) fn calibration(self) -> Result<Calibration, (&'static str, String)> {
         if self.units != UNITS {
             return Err(("units", format!("`{}` where this build knows `{UNITS}`", self.units)));

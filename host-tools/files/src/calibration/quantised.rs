@@ -1,11 +1,11 @@
-//! The net in 16 bits as people read it: a row a unit and a row an output, as in f32.
+//! Readable form of the 16-bit net: a row for each unit and each output, as in f32.
 
 use serde::{Deserialize, Serialize};
 use taxel::estimate::net::MAX_OUTPUTS;
 use taxel::estimate::quantised::{GROUP, Group, QuantisedNet, Rows};
 use taxel::scan::TAXELS;
 
-/// A key that does not fit, and why.
+/// Key that does not fit, with the reason.
 type Wrong = (&'static str, String);
 
 #[derive(Serialize, Deserialize)]

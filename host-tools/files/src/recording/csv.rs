@@ -1,5 +1,7 @@
-//! Frames CSV. Facts stand before the header line, `# serial=F-0042`; a withheld value is an empty cell,
-//! and its reason is lost.
+//! Recordings in CSV.
+//!
+//! Facts come before the header line, as in `# serial=F-0042`. A missing value is an empty cell,
+//! without its reason.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};

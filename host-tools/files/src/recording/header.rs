@@ -1,4 +1,4 @@
-//! Which finger a recording is of, and how it was set.
+//! Header of a recording: the finger and its settings.
 
 use std::collections::BTreeMap;
 
@@ -9,37 +9,38 @@ use taxel::estimate::contact_point::PointMethod;
 use taxel::finger::{Finger, FingerState};
 use taxel::scan::{SENSORS, TAXELS};
 
-/// The facts that the core is set from when a recording is computed again.
+/// Names of the facts that set the core when a recording is computed again.
 const POINT: &str = "point";
 const FILTER: &str = "filter_hz";
 const RATE: &str = "rate_hz";
 const BIASED: &str = "biased";
-/// Noise, then the level of each channel, in the fewest digits that read back as the same number.
+/// Name of the matrix's bias: noise, then each channel's level, in digits that read back exactly.
 const BIAS_MATRIX: &str = "bias_matrix";
 
 fn bias_of_sensor(sensor: usize) -> String {
     format!("bias_s{sensor}")
 }
 
-/// What is known about a recording as a whole.
+/// Facts about a whole recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Header {
     /// Facts by name: `board`, `serial`, `firmware`, `full_scale`, `calibration_crc`, ….
     pub facts: BTreeMap<String, String>,
-    /// The calibration in force, as the TOML file that `taxel calibrate` writes. Not kept in CSV.
+    /// Active calibration as the TOML file of `taxel calibrate`; CSV files lack it.
     pub calibration: Option<String>,
 }
 
 impl Header {
-    /// Sets a fact.
+    /// Adds a fact.
     #[must_use]
     pub fn with(mut self, name: &str, value: impl ToString) -> Self {
         self.facts.insert(name.to_owned(), value.to_string());
         self
     }
 
-    /// Sets what forces and places were computed with: the rate of the frames, the low-pass, how the contact
-    /// point was found, and the bias that was taken on command, if one was.
+    /// Adds the settings of the estimates: frame rate, low-pass, contact-point method and bias.
+    ///
+    /// `bias` is one taken on command, if any.
     #[must_use]
     pub fn with_settings(
         self,
@@ -61,38 +62,38 @@ impl Header {
         })
     }
 
-    /// A fact; empty where it is not known.
+    /// Returns a fact; empty if unknown.
     #[must_use]
     pub fn fact(&self, name: &str) -> &str {
         self.facts.get(name).map_or("", String::as_str)
     }
 
-    /// Frames a second; 0 where it is not known.
+    /// Returns frames per second; 0 if unknown.
     #[must_use]
     pub fn rate_hz(&self) -> f64 {
         self.fact(RATE).parse().unwrap_or_default()
     }
 
-    /// The corner of the low-pass; 0 for none.
+    /// Returns the corner of the low-pass in Hz; 0 without one.
     #[must_use]
     pub fn filter_hz(&self) -> u16 {
         self.fact(FILTER).parse().unwrap_or_default()
     }
 
-    /// How the contact point was found.
+    /// Returns the contact-point method.
     #[must_use]
     pub fn point_method(&self) -> PointMethod {
         let method = point_method::parse(self.fact(POINT)).unwrap_or_default();
         if method.is_built() { method } else { PointMethod::default() }
     }
 
-    /// A bias taken on command was in force.
+    /// Returns whether a bias taken on command was active.
     #[must_use]
     pub fn biased(&self) -> bool {
         self.fact(BIASED) == "true"
     }
 
-    /// That bias, where it is in the recording.
+    /// Returns the bias taken on command, if the recording holds it.
     #[must_use]
     pub fn bias(&self) -> Option<Bias> {
         if !self.biased() {
@@ -108,12 +109,12 @@ impl Header {
         known.then_some(Bias { taxels, bridges })
     }
 
-    /// The core as it was set, to compute the recording again.
+    /// Returns the core with the recording's settings, to compute it again.
     #[must_use]
     pub fn finger(&self, calibration: Option<Calibration>) -> (Finger, FingerState) {
         let (mut finger, mut state) = Finger::new(calibration);
         finger.point_method = self.point_method();
-        // Every frame is a scan of the playback.
+        // Every recorded frame counts as one scan.
         let (hz, scans) = (self.filter_hz(), self.rate_hz().round() as u16);
         finger.filter = (hz > 0 && scans > 0).then(|| LowPass::new(hz, scans));
         if let Some(bias) = self.bias() {

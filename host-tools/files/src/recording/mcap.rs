@@ -1,8 +1,9 @@
-//! MCAP: one channel of protobuf messages ([`crate::recording::schema`]), the facts as metadata, the calibration as an
-//! attachment. Foxglove opens it.
+//! Recordings in MCAP, which Foxglove opens.
 //!
-//! Messages come in compressed chunks, each with its CRC. A flush ends the chunk, so that a file whose
-//! writer was killed lacks its summary and nothing that was flushed; a damaged chunk costs its own rows.
+//! A file has one channel of protobuf messages ([`crate::recording::schema`]), the facts as
+//! metadata and the calibration as an attachment. Messages lie in compressed chunks, each with its
+//! CRC. A flush ends the chunk, so a killed writer's file lacks only its summary and unflushed
+//! rows. A damaged chunk loses its own rows.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
@@ -19,17 +20,17 @@ use mcap::{Attachment, Compression, McapError, WriteOptions};
 use crate::recording::header::Header;
 use crate::recording::{Existing, HOST_TIME, Recording, Sink, begin, schema};
 
-/// The name of the metadata and of the calibration among the attachments.
+/// Name of the metadata and of the attached calibration.
 const METADATA: &str = "taxel";
 const CALIBRATION: &str = "calibration.toml";
-/// No chunk of ours is nearly as long.
+/// Longest accepted chunk in bytes, far above this writer's own.
 const LONGEST: usize = 64 << 20;
 
 pub(crate) struct Writer {
     path: PathBuf,
     mcap: mcap::Writer<BufWriter<File>>,
     channel: u16,
-    /// Where the time of a row stands, and how many nanoseconds its unit has: host time, or else the device's.
+    /// Position of a row's time and its unit in nanoseconds: host time, else device time.
     time: Option<usize>,
     sequence: u32,
     message: Vec<u8>,
@@ -47,7 +48,7 @@ impl Writer {
         let options = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             .library(concat!("taxel ", env!("CARGO_PKG_VERSION")))
-            // A device file, such as a pipe, is written as well as a disk.
+            // A device file, such as a pipe, cannot seek.
             .disable_seeking(true);
         let mut mcap = options.create(BufWriter::new(file)).map_err(failed)?;
         let metadata = header.facts.clone();
@@ -106,7 +107,7 @@ impl Sink for Writer {
 
     fn finish(mut self: Box<Self>) -> Result<(), FileError> {
         self.mcap.finish().map_err(|error| no_writing(&self.path, error))?;
-        // The library leaves the last bytes in the buffer.
+        // The library leaves the last bytes in its buffer.
         let Self { mcap, path, .. } = *self;
         std::io::Write::flush(&mut mcap.into_inner()).map_err(|error| FileError::io(&path, &error))
     }
@@ -119,7 +120,7 @@ fn no_writing(path: &Path, error: McapError) -> FileError {
     }
 }
 
-/// The records in a chunk.
+/// Decodes the records in a chunk.
 fn contents(chunk: &[u8]) -> Result<Vec<Record<'static>>, McapError> {
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
@@ -145,7 +146,7 @@ fn contents(chunk: &[u8]) -> Result<Vec<Record<'static>>, McapError> {
     Ok(records)
 }
 
-/// The file's last bytes are those of every whole one. What cannot be gone back in, such as a pipe, ends as it may.
+/// Returns whether the file ends as every whole one does; true for a pipe, which cannot seek.
 fn ends(file: &mut File) -> io::Result<bool> {
     let mut last = [0; mcap::MAGIC.len()];
     let read =
@@ -157,7 +158,7 @@ fn ends(file: &mut File) -> io::Result<bool> {
     }
 }
 
-/// Opens a file and reads it up to its first row.
+/// Opens a file and reads to its first row.
 pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     let mut file = File::open(path).map_err(|error| FileError::io(path, &error))?;
     let whole = ends(&mut file).map_err(|error| FileError::io(path, &error))?;
@@ -195,7 +196,7 @@ struct Rows {
     reader: LinearReader,
     header: Header,
     schemas: BTreeMap<u16, Vec<u8>>,
-    /// The first channel of frames, and its columns.
+    /// First channel of frames with its columns.
     channel: Option<(u16, Vec<Column>)>,
     ready: VecDeque<Result<Vec<Cell>, FileError>>,
     given: u64,
@@ -233,7 +234,7 @@ impl Rows {
                         Err(error) => return self.end(FileError::io(&self.path, &error)),
                     }
                 }
-                // A file whose writer was killed: nothing that was flushed is missing.
+                // A killed writer's file ends early and still holds all flushed rows.
                 Some(Err(McapError::UnexpectedEof)) if self.channel.is_some() => {
                     self.over = true;
                     return;
@@ -254,7 +255,7 @@ impl Rows {
         }
     }
 
-    /// All of a chunk or none of it: nothing of it is taken before its CRC has been checked.
+    /// Reads a chunk after its CRC is checked: all of its rows or none.
     fn chunk(&mut self, chunk: &[u8]) {
         let mut rows = Vec::new();
         match contents(chunk) {
@@ -299,7 +300,7 @@ impl Rows {
             .mend("`taxel export` saves what can still be read")
     }
 
-    /// Nothing more can be read.
+    /// Ends the reading with an error.
     fn end(&mut self, error: FileError) {
         self.over = true;
         self.ready.push_back(Err(error));

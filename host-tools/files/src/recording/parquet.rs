@@ -1,10 +1,12 @@
-//! Parquet, for tables: whole numbers are INT64, real ones FLOAT; a measured column `fx_n` is followed by
-//! `fx_n_withheld`, the reason in words where there is no value. Facts and calibration are key-value
+//! Recordings in Parquet, for tables.
+//!
+//! Whole numbers are INT64 and real ones FLOAT. After a measured column `fx_n` comes
+//! `fx_n_withheld`, the reason in words for a missing value. Facts and calibration are key-value
 //! metadata.
 //!
-//! A Parquet file cannot be read without its end, so that it cannot be written safely while a stream runs.
-//! The rows go to an MCAP file beside it first and become Parquet when it is finished; after a crash
-//! `taxel export` does that.
+//! A Parquet file is unreadable without its end, so it is unsafe to write while a stream runs. The
+//! rows go to an MCAP file next to it and become Parquet at the end. After a crash `taxel export`
+//! converts them.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -29,15 +31,15 @@ use crate::recording::{Existing, Recording, Sink, begin, mcap};
 
 const WITHHELD: &str = "_withheld";
 const CALIBRATION: &str = "calibration";
-/// Rows in memory before they are written: four seconds of the fastest stream.
+/// Rows in memory before a write: four seconds of the fastest stream.
 const GROUP: usize = 16_384;
 
-/// Where the rows of a stream lie until they are a table.
+/// Path of a stream's rows until they become a table.
 fn spool(path: &Path) -> PathBuf {
     path.with_extension("parquet.part.mcap")
 }
 
-/// Whatever may be overwritten, what was saved from a crash may not.
+/// Rejects a path with rows of a killed recording, which must never be overwritten.
 pub(crate) fn check(path: &Path) -> Result<(), FileError> {
     let spool = spool(path);
     if !spool.exists() {
@@ -48,7 +50,7 @@ pub(crate) fn check(path: &Path) -> Result<(), FileError> {
     Err(FileError::new(&spool, "has the rows of a recording that was killed").mend(mend))
 }
 
-/// A stream into Parquet.
+/// Writer of a stream through an MCAP file.
 pub(crate) struct Spooled {
     path: PathBuf,
     existing: Existing,
@@ -78,7 +80,7 @@ impl Sink for Spooled {
         self.rows.flush()
     }
 
-    /// Turns the rows into Parquet.
+    /// Converts the rows to Parquet.
     fn finish(self: Box<Self>) -> Result<(), FileError> {
         let Self { path, existing, spool, rows } = *self;
         Box::new(rows).finish()?;
@@ -101,7 +103,7 @@ impl Sink for Spooled {
     }
 }
 
-/// A table, which is none before its end.
+/// Writer of a table, which is unreadable before its end.
 pub(crate) struct Writer {
     path: PathBuf,
     columns: Vec<Column>,
@@ -152,7 +154,7 @@ impl Sink for Writer {
         if self.group.len() == GROUP { self.end_group() } else { Ok(()) }
     }
 
-    /// There is nothing to save before the end.
+    /// Does nothing, because a file without its end holds nothing readable.
     fn flush(&mut self) -> Result<(), FileError> {
         Ok(())
     }
@@ -239,7 +241,7 @@ fn failed(path: &Path, error: ParquetError) -> FileError {
     }
 }
 
-/// Opens a file.
+/// Opens a Parquet recording.
 pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     let unreadable = |error: ParquetError| {
         failed(path, error)
@@ -266,7 +268,7 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     let kinds = columns.clone();
     let mut rows = reader.into_iter();
     let mut over = false;
-    // The library says the same error forever.
+    // The reader stops at an error, because the library repeats it forever.
     let rows = std::iter::from_fn(move || {
         let next = if over { None } else { guarded(|| rows.next().transpose()).transpose() };
         let row = next?;
@@ -276,13 +278,13 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     Ok(Recording { header, columns, whole: true, rows: Box::new(rows) })
 }
 
-/// The library asserts what a damaged file may break; here that is an error like any other.
+/// Turns panics of the library on a damaged file into errors.
 fn guarded<T>(read: impl FnOnce() -> Result<T, ParquetError>) -> Result<T, ParquetError> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(read))
         .unwrap_or_else(|_| Err(ParquetError::General("damaged".to_owned())))
 }
 
-/// The columns that [`schema`] made these of.
+/// Recovers the columns from their [`schema`].
 fn columns(fields: &[TypePtr]) -> Option<Vec<Column>> {
     let mut columns: Vec<Column> = Vec::new();
     for field in fields {

@@ -1,4 +1,4 @@
-//! A recording that has the codes is a trace: it can be played back and computed again.
+//! Scans of a trace or of a recording with codes, which can be played and computed again.
 
 use std::io::{self, BufReader, Cursor, Read};
 use std::path::Path;
@@ -13,23 +13,23 @@ use crate::recording::{Format, Header, Recording};
 
 type Samples = Box<dyn Iterator<Item = Result<Sample, FileError>> + Send>;
 
-/// What a trace or a recording has for the core to compute from.
+/// Scans and settings for the core to compute from.
 pub struct Scans {
-    /// The scans; a trace's with their truth.
+    /// Scans; those of a trace with their truth.
     pub samples: Samples,
-    /// Which finger it is of and how that was set; a trace does not say.
+    /// Finger and settings; a trace lacks them.
     pub header: Header,
-    /// The calibration that was in force when it was recorded.
+    /// Active calibration of the recording.
     pub calibration: Option<Calibration>,
-    /// What whoever computes it should know: see [`Recording::remarks`].
+    /// Remarks for the user; see [`Recording::remarks`].
     pub remarks: Vec<String>,
 }
 
 impl Scans {
-    /// Opens a trace, or a recording of any kind.
+    /// Opens a trace or a recording of any format.
     ///
     /// # Errors
-    /// It cannot be read, or there are no codes in it.
+    /// The file cannot be read, or holds no codes.
     pub fn open(path: &Path) -> Result<Self, FileError> {
         if !is_recording(path) {
             return Ok(Self {
@@ -47,11 +47,11 @@ impl Scans {
     }
 }
 
-/// A trace is a CSV file whose lines have no numbers.
+/// Returns whether a file is a recording; a CSV file without the column `seq` is a trace.
 fn is_recording(path: &Path) -> bool {
     match Format::of(path) {
         Ok(Format::Mcap | Format::Parquet) => true,
-        // Whatever else it is called, the reader of traces says what is wrong with it.
+        // For any other name, the reader of traces reports the error.
         _ => crate::recording::csv::open(path)
             .is_ok_and(|recording| recording.position("seq").is_some()),
     }
@@ -61,7 +61,7 @@ fn samples(
     mut recording: Recording,
     path: &Path,
 ) -> Result<impl Iterator<Item = Result<Sample, FileError>> + Send + use<>, FileError> {
-    // A channel that the finger does not have has empty cells, in the first row as in every other.
+    // A channel that the finger lacks has empty cells in every row, so the first row shows it.
     let first = recording.next().transpose()?.unwrap_or_default();
     let kept = recording.columns.iter().zip(&first).map(|(column, cell)| {
         column.name == "t_us" || is_code(&column.name) && *cell != Cell::Empty
@@ -86,7 +86,7 @@ fn samples(
     TraceReader::new(BufReader::new(text), path)
 }
 
-/// The recording as the text of a trace: the reader of traces checks it as it does any other.
+/// A recording as the text of a trace, so that the reader of traces checks it.
 struct TraceText {
     line: Cursor<Vec<u8>>,
     ahead: Option<Vec<Cell>>,

@@ -1,4 +1,4 @@
-//! A row as a message, in MCAP and live: protobuf, its schema made of the columns.
+//! Rows as protobuf messages, in MCAP files and live, with a schema made from the columns.
 //!
 //! ```text
 //! message Frame {
@@ -7,8 +7,8 @@
 //!   …
 //! }
 //! ```
-//! Every column is a `oneof`, so that a reader tells an absent value from zero: a measured one is either
-//! its value or the reason why there is none.
+//! Every column is a `oneof`, so that a reader can tell a missing value from zero. A measured
+//! column holds its value or the reason for a missing one.
 
 use crate::frames::{Cell, Column, Kind, reason};
 use prost::Message;
@@ -20,22 +20,24 @@ use prost_types::{
 };
 use taxel::measured::NoValue;
 
-/// The message's full name.
+/// Full name of the message.
 pub const NAME: &str = "taxel.Frame";
-/// A topic begins with it; the finger's serial number follows.
+/// Prefix of a topic; the finger's serial number follows.
 const TOPIC: &str = "/taxel/";
 const WITHHELD: &str = "_withheld";
 const GIVEN: &str = "_given";
-/// Enums of proto3 begin with a zero that means nothing; ours is no reason.
+/// Number of the first reason, because zero means nothing in enums of proto3.
 const FIRST_REASON: i32 = 1;
 
-/// A field for each column, and another for the reasons of a measured one: numbers from 1, two a column.
+/// Returns a column's tags: its field, and the field of its reason if measured.
+///
+/// Tags count from 1, two for each column.
 fn tags(column: usize) -> (u32, u32) {
     let first = 2 * column as u32 + 1;
     (first, first + 1)
 }
 
-/// The topic of a finger: its serial number as Foxglove takes it for one segment of a path.
+/// Returns the topic of a finger: the serial number as one segment of Foxglove's path.
 #[must_use]
 pub fn topic(serial: &str) -> String {
     let segment = serial
@@ -44,7 +46,7 @@ pub fn topic(serial: &str) -> String {
     format!("{TOPIC}{}", segment.collect::<String>())
 }
 
-/// The schema as MCAP and Foxglove want it: a serialised `FileDescriptorSet`.
+/// Encodes the schema for MCAP and Foxglove: a serialised `FileDescriptorSet`.
 #[must_use]
 pub fn descriptor(columns: &[Column]) -> Vec<u8> {
     let mut message = DescriptorProto { name: Some("Frame".to_owned()), ..Default::default() };
@@ -99,12 +101,12 @@ fn field(name: &str, number: u32, kind: Type, oneof: usize) -> FieldDescriptorPr
     }
 }
 
-/// `no contact` as protobuf writes constants: `NO_CONTACT`.
+/// Formats a reason as a protobuf constant: `no contact` becomes `NO_CONTACT`.
 fn constant(words: &str) -> String {
     words.to_uppercase().replace([' ', '-'], "_")
 }
 
-/// The columns that a schema was made of.
+/// Recovers the columns of a schema.
 pub(crate) fn columns(descriptor: &[u8]) -> Option<Vec<Column>> {
     let file = FileDescriptorSet::decode(descriptor).ok()?.file.into_iter().next()?;
     let message = file.message_type.into_iter().next()?;
@@ -131,7 +133,7 @@ pub(crate) fn columns(descriptor: &[u8]) -> Option<Vec<Column>> {
     Some(columns)
 }
 
-/// A row as a message of that schema.
+/// Encodes a row as a message of that schema.
 pub fn encode(row: &[Cell], message: &mut Vec<u8>) {
     message.clear();
     for (at, cell) in row.iter().enumerate() {
@@ -147,7 +149,7 @@ pub fn encode(row: &[Cell], message: &mut Vec<u8>) {
     }
 }
 
-/// The row of a message; `None` where it is none of that schema.
+/// Decodes a message; `None` if it does not match the schema.
 pub(crate) fn decode(mut message: &[u8], columns: &[Column]) -> Option<Vec<Cell>> {
     let mut row = vec![Cell::Empty; columns.len()];
     let context = prost::encoding::DecodeContext::default();

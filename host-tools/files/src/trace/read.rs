@@ -1,4 +1,4 @@
-//! Reading a trace.
+//! Reader of traces.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -17,7 +17,7 @@ use crate::stretch::Stretch;
 
 const FULL_SCALE_KEY: &str = "full_scale";
 
-/// Reads a trace line by line.
+/// Reader of a trace, line by line.
 pub struct TraceReader<R> {
     lines: Lines<R>,
     columns: Columns,
@@ -27,12 +27,12 @@ pub struct TraceReader<R> {
 }
 
 impl<R> TraceReader<R> {
-    /// What the codes are fractions of.
+    /// Returns the full scale of the codes.
     pub fn full_scale(&self) -> FullScale {
         self.columns.full_scale
     }
 
-    /// Which channels the trace has: one scan's worth of absent and present ones.
+    /// Returns the trace's channels.
     pub fn channels(&self) -> Channels {
         Channels {
             rows: self.columns.taxels.as_ref().map_or(0, |(lit, _)| lit.len()),
@@ -41,17 +41,17 @@ impl<R> TraceReader<R> {
     }
 }
 
-/// Which channels a trace has.
+/// Channels of a trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Channels {
     /// Rows of the optical matrix: [`ROWS`], 1 for a line of taxels, 0 without it.
     pub rows: usize,
-    /// Each force sensor.
+    /// Presence of each force sensor.
     pub bridges: [bool; SENSORS],
 }
 
 impl TraceReader<BufReader<File>> {
-    /// Opens a file and reads its header.
+    /// Opens a trace and reads its header.
     ///
     /// # Errors
     /// The file cannot be read, or its header is not that of a trace.
@@ -131,7 +131,7 @@ fn parse_full_scale(value: &str, path: &Path, line: u64) -> Result<FullScale, Fi
     })
 }
 
-/// Those of `samples` that lie in a stretch; what comes after it is not read.
+/// Selects the samples in a time range; stops reading at its end.
 pub fn cut<S: Iterator<Item = Result<Sample, FileError>>>(
     samples: S,
     stretch: &Stretch,
@@ -143,7 +143,7 @@ pub fn cut<S: Iterator<Item = Result<Sample, FileError>>>(
         .filter(move |s| s.as_ref().map_or(true, |s| wanted.contains(seconds(s))))
 }
 
-/// True where the file begins like a taxel trace rather than any other CSV.
+/// Returns whether a file's header is a trace's and not another CSV's.
 ///
 /// # Errors
 /// The file cannot be read, or is empty.
@@ -157,10 +157,10 @@ pub fn is_trace(path: impl AsRef<Path>) -> Result<bool, FileError> {
         && names.iter().any(|name| name.starts_with("lit_r") || name.starts_with("bridge_s")))
 }
 
-/// Where each channel stands in a line.
+/// Position of each channel in a line.
 struct Columns {
     full_scale: FullScale,
-    /// These are frames that a finger sent, with its codes among them.
+    /// True for frames of a finger that include its codes.
     recorded: bool,
     time: usize,
     taxels: Option<(Vec<[usize; COLS]>, [usize; COLS])>,
@@ -177,7 +177,7 @@ impl Columns {
         let time = header.find("t_us").ok_or_else(|| {
             header.missing("t_us").mend("a trace needs device time in microseconds")
         })?;
-        // What row 0 and the dark do not account for is of the other rows.
+        // Columns beyond row 0 and the dark codes belong to the other rows.
         let line = taxel_names(1);
         let mut others = taxel_names(ROWS).into_iter().filter(|name| !line.contains(name));
         let rows = if others.any(|name| header.find(&name).is_some()) { ROWS } else { 1 };
@@ -195,7 +195,7 @@ impl Columns {
                 "a trace has lit_r0c0…lit_r3c3 with dark_c0…dark_c3, or bridge_s0_a…, or both",
             ));
         }
-        // What a finger says of a touch is no truth, whatever its columns are called.
+        // A finger's estimates are no truth, whatever their columns are called.
         let recorded = header.find("seq").is_some();
         let truth = |name: &str| if recorded { None } else { header.find(name) };
         Ok(Self {
@@ -211,7 +211,8 @@ impl Columns {
         })
     }
 
-    /// In a recording a channel that the finger does not have has empty cells, in the first row as in all.
+    /// Drops channels that the finger lacks: in a recording all their cells are empty, the first
+    /// row's too.
     fn leave_out_empty(&mut self, cells: &Cells) {
         let empty = |at: usize| cells.text(at).is_empty();
         self.taxels
@@ -240,7 +241,7 @@ impl Columns {
                     *slot = row(at)?;
                 }
                 codes.dark = row(dark)?;
-                // A row without LEDs reads the dark.
+                // A row without LEDs reads the dark codes.
                 codes.lit.iter_mut().skip(lit.len()).for_each(|row| *row = codes.dark);
                 Some(codes)
             }
@@ -279,7 +280,7 @@ impl Columns {
     }
 }
 
-/// The header line, and how to complain about it.
+/// Header line with the place for its errors.
 struct Header<'a> {
     names: &'a StringRecord,
     path: &'a Path,
@@ -306,7 +307,7 @@ impl Header<'_> {
         }
     }
 
-    /// Channels that come together or not at all.
+    /// Finds channels that come all together or not at all.
     fn group(&self, wanted: &[String]) -> Result<Option<Vec<usize>>, FileError> {
         let found: Vec<_> = wanted.iter().map(|name| self.find(name)).collect();
         if found.iter().all(Option::is_none) {
@@ -329,7 +330,7 @@ impl Header<'_> {
     }
 }
 
-/// One line, and how to complain about it.
+/// Cells of a line with the place for their errors.
 struct Cells<'a> {
     record: &'a StringRecord,
     names: &'a StringRecord,
@@ -369,7 +370,7 @@ impl Cells<'_> {
         }
     }
 
-    /// An empty cell is an unknown truth.
+    /// Parses a number of the truth; an empty cell is unknown.
     fn number(&self, at: Option<usize>) -> Result<Option<f64>, FileError> {
         let Some(at) = at else { return Ok(None) };
         match self.text(at) {

@@ -1,4 +1,4 @@
-//! Writing a trace.
+//! Writer of traces.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -10,26 +10,26 @@ use taxel::units::{Code, FullScale};
 use super::{Sample, TRUTH_COLUMNS, bridge_names, sensor_truth_names, taxel_names};
 use crate::error::FileError;
 
-/// Which columns a trace gets.
+/// Columns of a trace to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TraceHeader {
-    /// What the codes are fractions of.
+    /// Full scale of the codes.
     pub full_scale: FullScale,
     /// Rows of the optical matrix: [`taxel::scan::ROWS`], 1 for a line of taxels, 0 without it.
     pub rows: usize,
-    /// Each force sensor.
+    /// Presence of each force sensor.
     pub bridges: [bool; SENSORS],
-    /// The reference channel.
+    /// Presence of the reference channel.
     pub reference: bool,
-    /// The temperature channel.
+    /// Presence of the temperature channel.
     pub temperature: bool,
-    /// The finger's truth.
+    /// Presence of the finger's truth.
     pub truth: bool,
-    /// The truth of each force sensor that has columns.
+    /// Presence of the truth of each force sensor with columns.
     pub sensor_truth: bool,
 }
 
-/// Writes a trace line by line.
+/// Writer of a trace, line by line.
 pub struct TraceWriter {
     path: PathBuf,
     header: TraceHeader,
@@ -70,7 +70,7 @@ impl TraceWriter {
         Ok(writer)
     }
 
-    /// One line.
+    /// Writes one line.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -113,10 +113,12 @@ impl TraceWriter {
         written.map_err(|error| FileError::csv(&self.path, error))
     }
 
-    /// Ends the file; a writer that is merely dropped cannot say that the disk was full.
+    /// Ends the file.
+    ///
+    /// A dropped writer cannot report that the disk was full.
     ///
     /// # Errors
-    /// The last lines could not be written.
+    /// The last lines cannot be written.
     pub fn finish(mut self) -> Result<(), FileError> {
         self.records.flush().map_err(|error| FileError::io(&self.path, &error))
     }

@@ -1,4 +1,4 @@
-//! Calibration TOML: bit-exact both ways, and every kind of damage is named.
+//! Tests of calibration files: bit-exact in both directions, with an error for every damage.
 
 use std::path::Path;
 
@@ -91,7 +91,7 @@ fn parse(text: &str) -> Result<Calibration, String> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
     #[test]
-    fn every_weight_comes_back_bit_for_bit(
+    fn weights_survive_a_file_bit_for_bit(
         weights in proptest::collection::vec(-1e6f32..1e6, 7), tiny in -1e-30f32..1e-30,
     ) {
         let mut weights = weights;
@@ -101,12 +101,12 @@ proptest! {
     }
 
     #[test]
-    fn no_text_makes_the_reader_panic(text in "\\PC{0,200}") {
+    fn reader_accepts_any_text(text in "\\PC{0,200}") {
         let _ = parse(&text);
     }
 
     #[test]
-    fn no_mangled_calibration_makes_the_reader_panic(at in any::<usize>(), with in "\\PC{1}") {
+    fn reader_accepts_any_mangled_calibration(at in any::<usize>(), with in "\\PC{1}") {
         let text = written(&record(&[0.5]));
         let at = at % text.len();
         let _ = parse(&format!("{}{with}{}", &text[..at], &text[at + 1..]));
@@ -114,7 +114,7 @@ proptest! {
 }
 
 #[test]
-fn a_net_in_sixteen_bits_comes_back_and_what_does_not_fit_is_named_with_its_line() {
+fn q15_net_survives_a_file_and_misfits_are_errors() {
     let mut record = record(&[0.5, -0.25, 0.125]);
     record.quantised = record.force.take().and_then(|net| QuantisedNet::new(&net, 0.6));
     assert!(record.quantised.is_some());
@@ -133,7 +133,7 @@ fn a_net_in_sixteen_bits_comes_back_and_what_does_not_fit_is_named_with_its_line
 }
 
 #[test]
-fn damage_of_every_kind_is_named_with_its_line_and_the_mend() {
+fn damage_is_an_error_with_line_and_mend() {
     let text = written(&record(&[0.5, -0.25]));
     let crc = text.lines().find(|line| line.starts_with("crc32")).unwrap().to_owned();
     let cases = [
@@ -167,7 +167,7 @@ fn damage_of_every_kind_is_named_with_its_line_and_the_mend() {
 }
 
 #[test]
-fn the_kind_is_read_without_the_rest() {
+fn kind_is_read_without_the_rest() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cal.toml");
     calibration::write(&path, &record(&[1.0])).unwrap();

@@ -1,4 +1,4 @@
-//! Files of taxel: what is written is read back, and every kind of damage is named.
+//! Tests of taxel's files: they read back as written, and damage is an error.
 
 mod calibrations;
 #[cfg(feature = "recording")]

@@ -1,5 +1,4 @@
-//! What goes into a recording comes out of it, in every kind of file, and out of damaged ones as far as it
-//! can.
+//! Tests of recordings: every format reads back as written, and damaged files as far as possible.
 
 use std::path::Path;
 
@@ -20,7 +19,7 @@ fn all_columns() -> Vec<Column> {
     columns(Fields::ALL).into_iter().chain(host_columns()).collect()
 }
 
-/// Every kind of cell, every reason, and numbers that only their exact text or bits bring back.
+/// Rows with every kind of cell, every reason, and numbers that only exact text or bits preserve.
 fn rows(count: u64) -> Vec<Vec<Cell>> {
     (0..count)
         .map(|i| {
@@ -75,7 +74,7 @@ fn read(path: &Path) -> (Vec<Vec<Cell>>, Vec<String>) {
 }
 
 #[test]
-fn mcap_and_parquet_give_back_every_cell_and_reason() {
+fn mcap_and_parquet_keep_every_cell_and_reason() {
     let folder = tempfile::tempdir().unwrap();
     // More than one row group of Parquet.
     let rows = rows(20_000);
@@ -91,7 +90,7 @@ fn mcap_and_parquet_give_back_every_cell_and_reason() {
 }
 
 #[test]
-fn csv_gives_back_every_value_and_an_empty_cell_for_every_reason() {
+fn csv_keeps_values_and_drops_reasons() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.csv");
     let mut rows = rows(50);
@@ -107,7 +106,7 @@ fn csv_gives_back_every_value_and_an_empty_cell_for_every_reason() {
 }
 
 #[test]
-fn an_mcap_file_that_is_cut_off_loses_only_what_came_after_its_last_flush() {
+fn cut_mcap_file_loses_only_unflushed_rows() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let rows = rows(1000);
@@ -121,7 +120,7 @@ fn an_mcap_file_that_is_cut_off_loses_only_what_came_after_its_last_flush() {
             assert!(length < whole.len() / 5, "{length} bytes");
             continue;
         };
-        // Whoever plays it is told, also where no row is missing.
+        // Remarks appear even where no row is missing.
         let remarks = recording.remarks(&path);
         assert!(
             remarks.iter().any(|remark| remark.contains("a.mcap: has no end: ")),
@@ -136,7 +135,7 @@ fn an_mcap_file_that_is_cut_off_loses_only_what_came_after_its_last_flush() {
 }
 
 #[test]
-fn a_damaged_chunk_costs_its_own_rows_and_says_so() {
+fn damaged_chunk_loses_its_rows_with_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let rows = rows(1000);
@@ -153,7 +152,7 @@ fn a_damaged_chunk_costs_its_own_rows_and_says_so() {
 }
 
 #[test]
-fn whatever_bytes_are_damaged_no_wrong_row_and_no_panic_comes_of_it() {
+fn damaged_bytes_give_no_wrong_row_or_panic() {
     let folder = tempfile::tempdir().unwrap();
     let rows = rows(60);
     for name in ["a.mcap", "a.parquet"] {
@@ -172,7 +171,7 @@ fn whatever_bytes_are_damaged_no_wrong_row_and_no_panic_comes_of_it() {
 }
 
 #[test]
-fn what_is_no_recording_is_refused_in_one_line() {
+fn non_recording_is_an_error_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
     for (name, content, message) in [
         ("a.mcap", "", "a.mcap: "),
@@ -192,7 +191,7 @@ fn what_is_no_recording_is_refused_in_one_line() {
 }
 
 #[test]
-fn a_file_that_is_there_stays_unless_it_shall_be_overwritten() {
+fn existing_file_stays_unless_replaced() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["a.mcap", "a.parquet", "a.csv"] {
         let path = folder.path().join(name);
@@ -209,9 +208,9 @@ fn a_file_that_is_there_stays_unless_it_shall_be_overwritten() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
 }
 
-/// The mend that the line names is one: all rows are in the table, and what they were saved in is untouched.
+/// Follows the mend in the error: all rows reach the table, and the spooled file stays untouched.
 #[test]
-fn what_a_killed_recording_left_is_never_overwritten_and_its_mend_brings_it_all_back() {
+fn killed_recording_is_kept_and_recovered() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.parquet");
     let spool = folder.path().join("a.parquet.part.mcap");

@@ -1,4 +1,4 @@
-//! Traces: what is written is read back, and whatever is wrong is said in one line.
+//! Tests of traces: they read back as written, and every fault is an error in one line.
 
 use proptest::prelude::*;
 use taxel::scan::{Codes, Midpoints, Scan, TaxelCodes};
@@ -23,7 +23,7 @@ fn line(time: &str, code: &str) -> String {
 }
 
 #[test]
-fn a_good_trace_is_read_whatever_the_order_of_its_columns() {
+fn trace_is_read_with_columns_in_any_order() {
     let text = format!("{},fz_n\n{},0.5\n", header(), line("0", "7"));
     let sample = read(&text).unwrap()[0];
     assert_eq!(sample.truth.force, [None, None, Some(0.5)]);
@@ -37,9 +37,10 @@ fn a_good_trace_is_read_whatever_the_order_of_its_columns() {
     assert_eq!(straight[0].scan.codes.taxels.unwrap().lit[0][1], Code(2));
 }
 
-/// As `taxel record --fields codes,force` writes it, of a finger without sensors and temperature.
+/// A recording of `taxel record --fields codes,force` from a finger without sensors and
+/// temperature.
 #[test]
-fn a_recording_is_a_trace_without_what_its_finger_lacks_and_without_a_truth() {
+fn recording_is_a_trace_without_truth() {
     let lit: Vec<String> = (0..16).map(|k| format!("lit_r{}c{}", k / 4, k % 4)).collect();
     let names = format!(
         "t_us,seq,status,contact,fz_n,{},dark_c0,dark_c1,dark_c2,dark_c3,bridge_s0_a,bridge_s0_b,\
@@ -58,14 +59,14 @@ fn a_recording_is_a_trace_without_what_its_finger_lacks_and_without_a_truth() {
         assert_eq!(codes.reference, Some(Code(700)));
         assert_eq!(sample.truth, Truth::default(), "the finger's own word is no truth");
     }
-    // A channel that is lost on the way is an error, as ever.
+    // A channel lost midway is still an error.
     let torn = text.replacen("500,500,1,1,0.5,100", "500,500,1,1,0.5,", 1);
     let mut reader = TraceReader::new(torn.as_bytes(), "f.csv").unwrap();
     assert!(reader.next().unwrap().is_ok() && reader.next().unwrap().is_err());
 }
 
 #[test]
-fn whatever_is_wrong_is_one_line_that_names_line_column_and_mend() {
+fn error_is_one_line_with_line_column_and_mend() {
     let good = line("0", "7");
     let header = header();
     let cases = [
@@ -132,7 +133,7 @@ fn whatever_is_wrong_is_one_line_that_names_line_column_and_mend() {
 }
 
 #[test]
-fn line_numbers_are_those_of_an_editor() {
+fn line_numbers_match_an_editor() {
     let text =
         format!("\u{feff}# full_scale=65535\r\n\r\n{}\r\n\r\n\r\n{}\r\n", header(), line("0", "x"));
     let error = read(&text).unwrap_err();
@@ -140,19 +141,19 @@ fn line_numbers_are_those_of_an_editor() {
 }
 
 #[test]
-fn a_header_without_lines_is_an_empty_trace() {
+fn header_alone_is_an_empty_trace() {
     assert_eq!(read(&header()), Ok(vec![]));
 }
 
 #[test]
-fn a_missing_file_is_named() {
+fn error_names_missing_file() {
     let error = TraceReader::open("no/such.csv").err().unwrap().to_string();
     assert!(error.starts_with("no/such.csv: "), "{error}");
     assert!(error.ends_with("; check the path"), "{error}");
 }
 
 #[test]
-fn a_trace_is_told_from_any_other_csv_by_its_header() {
+fn header_distinguishes_trace_from_other_csv() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.csv");
     std::fs::write(&path, format!("# full_scale=65535\n{}\n", header())).unwrap();
@@ -188,7 +189,7 @@ fn sample(time: u64, code: u16) -> Sample {
 }
 
 #[test]
-fn what_is_written_is_read_back() {
+fn written_trace_is_read_back() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.csv");
     let samples = [sample(0, 65535), sample(u64::from(u32::MAX) * 3, 0)];
@@ -209,7 +210,7 @@ fn what_is_written_is_read_back() {
 }
 
 #[test]
-fn a_line_of_taxels_has_the_columns_of_its_row_and_reads_the_dark_in_the_others() {
+fn line_of_taxels_reads_dark_in_other_rows() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("line.csv");
     let header = TraceHeader {
@@ -239,14 +240,14 @@ fn a_line_of_taxels_has_the_columns_of_its_row_and_reads_the_dark_in_the_others(
 
 proptest! {
     #[test]
-    fn no_bytes_make_the_reader_panic(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
+    fn reader_accepts_any_bytes(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
         if let Ok(reader) = TraceReader::new(&bytes[..], "x") {
             for _ in reader.take(100) {}
         }
     }
 
     #[test]
-    fn no_mangled_trace_makes_the_reader_panic(
+    fn reader_accepts_any_mangled_trace(
         at in 0usize..400, with in any::<u8>(), cut in 0usize..400,
     ) {
         let mut bytes =
