@@ -1,11 +1,11 @@
-//! Codes become signals: dark subtraction, full-scale normalisation, bias, and channel health.
+//! Conditioning of codes into signals: dark subtraction, normalisation, bias and channel health.
 //!
 //! ```text
 //! Codes ──Levels::read, TemperatureCompensation::correct──▶ Levels ──Bias::apply, LowPass::smooth──▶ Signals
 //! ```
 //! [`Levels`] are absolute fractions of full scale and need no calibration. [`Signals`] are changes
-//! against the unloaded finger and exist only once a [`Bias`] is known. They are smoothed only where the
-//! host has asked for it. [`Bias::direct`] goes from codes to signals in one pass, for every scan.
+//! against the unloaded finger and need a [`Bias`]. The low-pass filter runs only if the host has
+//! asked for it. [`Bias::direct`] converts codes to signals in one pass and serves most scans.
 
 mod bias;
 mod direct;
@@ -30,16 +30,16 @@ use crate::scan::{SENSORS, TAXELS};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Signals {
-    /// c_k of [DeMaria2011]: **negative where the facet came nearer**, positive where it moved away.
+    /// c_k of [DeMaria2011]: **negative when the facet came nearer**, positive when it moved away.
     pub taxels: Option<[f32; TAXELS]>,
     /// u − b of [Ospina2017] per sensor: x, y, z.
     pub bridges: [Option<[f32; 3]>; SENSORS],
-    /// Which channels cannot be trusted.
+    /// Faulty channels.
     pub health: Health,
 }
 
 impl Signals {
-    /// Of no channel.
+    /// Signals of a finger without channels.
     pub(crate) const NOTHING: Self = Self {
         taxels: None,
         bridges: [None; SENSORS],
@@ -47,7 +47,7 @@ impl Signals {
     };
 }
 
-/// Per-channel faults of one frame, a bit a channel.
+/// Channel faults of one scan, one bit per channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Health {
@@ -55,7 +55,7 @@ pub struct Health {
     pub saturated: u16,
     /// Bit k: taxel k sees (almost) none of its LED's light, or its code is stuck.
     pub dead: u16,
-    /// Bit i: a midpoint of sensor i is too near a rail for an intact bridge, or its code is stuck, or the
-    /// four are not about half the supply.
+    /// Bit i: sensor i has a midpoint too near a rail for an intact bridge, or a stuck code, or a
+    /// mean that is not about half the supply.
     pub bridge_faults: u8,
 }

@@ -1,12 +1,13 @@
 //! CRC-32/ISO-HDLC, four bytes at a time.
 //!
-//! Own code because the `crc` crate costs 8 modelled cycles a byte of a frame on a Cortex-M4F, with its
-//! 1 KB table as with its 16 KB one, and this 4, with 4 KB: a fifth of what a frame's bytes cost.
+//! Own code because the `crc` crate costs 8 modelled cycles a byte on a Cortex-M4F, with its 1 KB
+//! table and with its 16 KB one. This one costs 4, with 4 KB. The CRC is a fifth of the cost of a
+//! frame's bytes.
 
-/// What each byte does to the register, with so many bytes yet to come within its word.
+/// Effect of each byte on the register, by the number of bytes that follow it in its word.
 #[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
 static TABLES: [[u32; 256]; 4] = {
-    /// The polynomial, bits reflected.
+    /// CRC polynomial, bits reflected.
     const POLYNOMIAL: u32 = 0xedb8_8320;
     let mut tables = [[0; 256]; 4];
     let mut byte = 0;
@@ -33,10 +34,10 @@ static TABLES: [[u32; 256]; 4] = {
     tables
 };
 
-/// The CRC that zip, Ethernet and most standard libraries call plain `crc32`.
+/// Returns the CRC that zip, Ethernet and most standard libraries call plain `crc32`.
 pub(crate) fn crc32(bytes: &[u8]) -> u32 {
     let [last, third, second, first] = &TABLES;
-    // A byte never lies outside its table, which the compiler knows too.
+    // A byte never lies outside its table; the compiler proves it and drops the check.
     let step = |table: &[u32; 256], byte: u8| table.get(usize::from(byte)).map_or(0, |step| *step);
     let (words, rest) = bytes.as_chunks::<4>();
     let mut register = !0;

@@ -1,4 +1,5 @@
-//! Signals become contact, position and force. One file an estimator, each with its source.
+//! Estimators of contact, position and force from signals. Each file is one estimator with its
+//! source.
 
 pub mod array;
 pub mod contact_point;
@@ -24,28 +25,28 @@ use serde::{Deserialize, Serialize};
 use crate::measured::Measured;
 use crate::units::{Millimetres, Newtons};
 
-/// Where the finger is touched, on its own surface.
+/// Position of a contact on the surface of the finger.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ContactPoint {
-    /// Along a row, from the middle of the matrix.
+    /// Coordinate along a row, from the middle of the matrix.
     pub x: Millimetres,
-    /// Along a column, from the middle of the matrix.
+    /// Coordinate along a column, from the middle of the matrix.
     pub y: Millimetres,
 }
 
-/// One of several contacts: its place and normal force.
+/// One of several contacts: position and normal force.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NormalContact {
-    /// Where.
+    /// Contact position.
     pub point: ContactPoint,
-    /// How hard.
+    /// Normal force.
     pub normal: Newtons,
 }
 
 impl NormalContact {
-    /// `normal` newtons at x, y in mm.
+    /// Makes a contact of `normal` newtons at x, y in mm.
     #[must_use]
     pub const fn new((normal, [x, y]): (f32, [f32; 2])) -> Self {
         Self {
@@ -55,48 +56,56 @@ impl NormalContact {
     }
 }
 
-/// How sure the finger is of a contact: standard deviations of what it says, after matrix and force sensors
-/// are weighted by them, and how well one contact accounts for the matrix's signals.
+/// Standard deviations of the fused estimates, and the misfit of a single contact.
 ///
-/// They hold the noise and what calibration left, and what no calibration takes off: skin and place are known
-/// to [`SKIN_ERROR`](crate::finger::SKIN_ERROR) and [`PLACE_ERROR`](crate::finger::PLACE_ERROR), a force
-/// sensor's gain to half a per cent. A finger that has not aged or warmed since its calibration does better: errors over
-/// what is stated have a root mean square of 0.8 for shear, 1.1 for the array's place and 0.4 for its normal force, 0.4 for
-/// the matrix's place and 0.1 for its normal force, 0.9 once the skin has become softer by what is allowed for
-/// (`host-tools/calibrate/tests/it/uncertainty.rs`). Each stands alone: that the model's errors of x and F_x go together is not said.
+/// They contain the noise, the residual of the calibration, and two errors that no calibration
+/// removes. Skin and contact position are known to [`SKIN_ERROR`](crate::finger::SKIN_ERROR) and
+/// [`PLACE_ERROR`](crate::finger::PLACE_ERROR), a force sensor's gain to half a per cent.
+///
+/// A finger that has not aged or warmed since its calibration does better. Its errors, divided by
+/// these standard deviations, have the following root mean squares
+/// (`host-tools/calibrate/tests/it/uncertainty.rs`):
+/// - shear 0.8;
+/// - array: contact position 1.1, normal force 0.4;
+/// - matrix: contact position 0.4, normal force 0.1, or 0.9 after the skin has softened by the
+/// allowed amount.
+///
+/// Each value stands alone: the model's correlation of x and F_x is not reported.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Uncertainty {
-    /// Of the finger's force, component by component.
+    /// Standard deviations of the finger's force, by component.
     pub force: Force,
-    /// Of the contact point, along x and along y.
+    /// Standard deviations of the contact point, along x and along y.
     pub point: Measured<ContactPoint>,
-    /// What the model leaves of the displacements, root mean square, over what calibration left at this force:
-    /// about 1 for a contact such as those of its calibration.
+    /// Normalised residual of the skin model: root mean square of the remaining displacements over
+    /// that of the calibration at this force. It is about 1 for a contact like those of the
+    /// calibration.
     pub misfit: Measured<f32>,
 }
 
-/// Force on the finger or on one sensor; z is positive into the skin. Each component stands alone,
-/// because a calibration with normal presses only knows z.
+/// Force on the finger or on one sensor; z is positive into the skin.
+///
+/// Components may be missing one by one, because a calibration with normal presses only knows z.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Force {
-    /// Along a row.
+    /// Component along a row.
     pub x: Measured<Newtons>,
-    /// Along a column.
+    /// Component along a column.
     pub y: Measured<Newtons>,
-    /// Into the skin.
+    /// Component into the skin.
     pub z: Measured<Newtons>,
 }
 
 impl Force {
-    /// All three components for the same reason missing.
+    /// Makes a force without components, all for the same reason.
     #[must_use]
     pub const fn none(reason: crate::measured::NoValue) -> Self {
         Self { x: Err(reason), y: Err(reason), z: Err(reason) }
     }
 
-    /// All three components known.
+    /// Makes a force of three known components in newtons.
     #[must_use]
     pub const fn known(x: f32, y: f32, z: f32) -> Self {
         Self { x: Ok(Newtons(x)), y: Ok(Newtons(y)), z: Ok(Newtons(z)) }

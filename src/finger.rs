@@ -1,7 +1,7 @@
 //! Estimation of one scan: codes → signals → contact gate → the estimators that the scene needs.
 //!
 //! ```text
-//! no contact        the sensors' own forces, and the vibration detector (it learns the quiet)
+//! no contact        the sensors' own forces; vibration detector (learns its noise floor)
 //! normal contact    matrix: model of a normal contact     array: wrench, contact
 //! shear             matrix: model with shear              … and slip
 //! misfit            matrix: two contacts

@@ -1,17 +1,19 @@
-//! `taxel`: the core of a robot fingertip. ADC codes of a 4×4 LED–phototransistor matrix and of up to
-//! four piezoresistive force sensors go in; newtons, millimetres and the reasons for their absence come
-//! out, framed for a link.
+//! Core of a robot fingertip: from ADC codes to forces and contact positions, framed for a link.
 //!
-//! Everything runs alike on a Cortex-M and on a host: no HAL, no heap, no `unsafe`, and the same codes give the same
-//! frames **bit for bit**, because floats are only added, multiplied, divided and compared, in a fixed order.
+//! Inputs are the codes of a 4×4 LED–phototransistor matrix and of up to four piezoresistive force
+//! sensors. Outputs are newtons, millimetres and the reasons for missing values.
+//!
+//! The code runs unchanged on a Cortex-M and on a host: no HAL, no heap, no `unsafe`. The same
+//! codes give the same frames **bit for bit**, because floats are only added, multiplied, divided
+//! and compared, in a fixed order.
 //!
 //! ```text
 //! scan ──▶ condition ──▶ estimate ──▶ frame ──▶ wire
 //!            (Bias)    (Calibration)             │
 //!                 finger ──▶ instrument ──▶ session
 //! ```
-//! Coefficients are `&self`, memory is `&mut` state. "No value" is a typed reason
-//! ([`measured::NoValue`]), never NaN and never the last value.
+//! Coefficients are `&self`, memory is `&mut` state. A missing value has a typed reason
+//! ([`measured::NoValue`]); it is never NaN and never the last value.
 //!
 //! # Example
 //! ```

@@ -1,23 +1,27 @@
-//! Square roots, powers, tangent and arc tangent out of additions, multiplications and divisions, so that host
-//! and chip give the same bits. Every error bound is asserted below.
+//! Square roots, powers, tangent and arc tangent with the same bits on host and chip.
+//!
+//! They use only additions, multiplications and divisions. The tests assert every error bound.
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "a NaN is to end like what is too small")]
 
-/// The nearest positive normal number; the least for a NaN. Not `max` and `min`, which are calls where the
-/// processor has no instructions for them.
+/// Returns the nearest positive normal number; the smallest for a NaN. It avoids `max` and `min`,
+/// which are calls where the processor has no instructions for them.
 #[inline]
 fn normal(x: f32) -> f32 {
     let x = if x > f32::MIN_POSITIVE { x } else { f32::MIN_POSITIVE };
     if x < f32::MAX { x } else { f32::MAX }
 }
 
-/// 1/√x for a positive normal x, relative error below 5e-7, no division. Zero, negative, subnormal and NaN
-/// arguments give the value for the least normal number, infinity that for the greatest: finite always.
+/// Returns 1/√x for a positive normal x, with a relative error below 5e-7 and without a division.
+///
+/// The result is always finite. Zero, negative, subnormal and NaN arguments give the value for the
+/// smallest normal number; infinity gives the value for the greatest.
 #[must_use]
 #[inline]
 pub fn inverse_sqrt(x: f32) -> f32 {
     let x = normal(x);
     let half = 0.5 * x;
-    // Halving the exponent's bits is the classic start, 3.5 % off; each step of Newton squares that.
+    // Halving the exponent's bits is the classic start, 3.5 % off; each Newton step squares the
+    // error.
     let mut root = f32::from_bits(0x5f37_59df - (x.to_bits() >> 1));
     for _ in 0..3 {
         root *= 1.5 - half * root * root;
@@ -25,14 +29,14 @@ pub fn inverse_sqrt(x: f32) -> f32 {
     root
 }
 
-/// √x, relative error below 6e-7; 0 for what is not positive.
+/// Returns √x, relative error below 6e-7; 0 for zero, negative and NaN arguments.
 #[must_use]
 #[inline(never)]
 pub fn sqrt(x: f32) -> f32 {
     if x > 0.0 { normal(x) * inverse_sqrt(x) } else { 0.0 }
 }
 
-/// ∛x for x ≥ 0, relative error below 1e-6; 0 for what is not positive.
+/// Returns ∛x, relative error below 1e-6; 0 for zero, negative and NaN arguments.
 #[must_use]
 #[inline(never)]
 pub fn cube_root(x: f32) -> f32 {
@@ -40,7 +44,7 @@ pub fn cube_root(x: f32) -> f32 {
         return 0.0;
     }
     let x = normal(x);
-    // A third of the exponent's bits: 5 % off at most, then Newton on r³ = x.
+    // A third of the exponent's bits is 5 % off at most; Newton steps on r³ = x follow.
     let mut root = f32::from_bits(x.to_bits() / 3 + 0x2a51_1cd0);
     for _ in 0..3 {
         root = (2.0 * root + x / (root * root)) * (1.0 / 3.0);
@@ -48,15 +52,17 @@ pub fn cube_root(x: f32) -> f32 {
     root
 }
 
-/// x^p for x > 0 as 2^(p·log₂ x), relative error below 2e-5 for results between 1e-6 and 1e6; 0 for what
-/// is not positive. The result lies in [2⁻¹²⁶, 2¹²⁶].
+/// Returns x^p as 2^(p·log₂ x); 0 for zero, negative and NaN x.
+///
+/// The relative error is below 2e-5 for results between 1e-6 and 1e6. The result for a positive x
+/// lies in [2⁻¹²⁶, 2¹²⁶].
 #[must_use]
 #[inline(never)]
 pub fn power(x: f32, p: f32) -> f32 {
     if x > 0.0 { exp2(p * log2(x)) } else { 0.0 }
 }
 
-/// log₂ of a positive number: its exponent, and atanh's series on the mantissa in [√½, √2).
+/// Returns log₂ of a positive number: its exponent plus atanh's series on the mantissa in [√½, √2).
 fn log2(x: f32) -> f32 {
     let x = normal(x);
     let bits = x.to_bits();
@@ -72,7 +78,8 @@ fn log2(x: f32) -> f32 {
             * (1.0 + t2 * (1.0 / 3.0 + t2 * (0.2 + t2 * (1.0 / 7.0))))
 }
 
-/// 2^x, x clamped to [−126, 126]: Taylor's series of 2^f around the nearest integer, |f| ≤ ½.
+/// Returns 2^x, x clamped to [−126, 126], by Taylor's series of 2^f around the nearest integer, |f|
+/// ≤ ½.
 fn exp2(x: f32) -> f32 {
     let x = if x > -126.0 { x } else { -126.0 };
     let x = if x < 126.0 { x } else { 126.0 };
@@ -85,7 +92,8 @@ fn exp2(x: f32) -> f32 {
     series * f32::from_bits(((whole + 127) as u32) << 23)
 }
 
-/// tan x for 0 ≤ x ≤ ¼π, relative error below 3e-6, by four terms of its continued fraction.
+/// Returns tan x for 0 ≤ x ≤ ¼π, relative error below 3e-6, by four terms of its continued
+/// fraction.
 #[must_use]
 #[inline]
 pub fn tan(x: f32) -> f32 {
@@ -93,17 +101,19 @@ pub fn tan(x: f32) -> f32 {
     x / (1.0 - x2 / (3.0 - x2 / (5.0 - x2 / 7.0)))
 }
 
-/// The angle of (x, y) from the x axis in radians, −π to π, absolute error below 3e-6; 0 where either is NaN and where
-/// both are zero or both infinite.
+/// Returns the angle of (x, y) from the x axis in radians, −π to π, absolute error below 3e-6.
 ///
-/// Own code because `micromath`'s is off by up to 0.002 to 0.003 rad: more than the 0.1° that an inclination may be.
+/// It is 0 if either is NaN, if both are zero, and if both are infinite.
+///
+/// Own code because `micromath`'s is off by up to 0.002 to 0.003 rad, more than the 0.1° allowed
+/// for an inclination.
 #[must_use]
 pub fn atan2(y: f32, x: f32) -> f32 {
     use core::f32::consts::{FRAC_PI_2, PI};
     let (rise, run) = (y.abs(), x.abs());
     let steep = rise > run;
     let ratio = if steep { run / rise } else { rise / run };
-    // Of NaN, and of what is as good as no direction.
+    // NaN, and inputs without a direction.
     if !(0.0..=1.0).contains(&ratio) {
         return 0.0;
     }
@@ -184,7 +194,7 @@ mod tests {
         assert_eq!(tan(0.0), 0.0);
     }
 
-    /// The figures of `docs/decisions/0013-micromath.md`; `--nocapture` prints them.
+    /// Checks the figures of `docs/decisions/0013-micromath.md`; `--nocapture` prints them.
     #[test]
     fn micromath_is_exact_in_floor_and_trunc_only() {
         use micromath::F32Ext;

@@ -1,8 +1,9 @@
-//! A measurement that may be missing, and the reason why.
+//! Measured values that may be missing, with the reason.
 
 use serde::{Deserialize, Serialize};
 
-/// Why there is no value. The numbers are the wire's and are frozen: append, never renumber.
+/// Reason for a missing value. Its numbers are those of the wire and frozen: append, never
+/// renumber.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NoValue {
@@ -10,17 +11,17 @@ pub enum NoValue {
     Uncalibrated,
     /// 1: nothing touches the finger, so the quantity does not exist.
     NoContact,
-    /// 2: a channel it needs is clipped.
+    /// 2: a required channel is clipped.
     Saturated,
-    /// 3: a channel it needs does not respond.
+    /// 3: a required channel does not respond.
     DeadChannel,
-    /// 4: an input lies outside what the calibration has seen.
+    /// 4: an input lies outside the calibrated range.
     OutOfTrainedRange,
-    /// 5: the signals do not determine it (a division by nearly nothing).
+    /// 5: the signals do not determine the quantity (a division by nearly zero).
     IllConditioned,
     /// 6: this finger has no such channel.
     Absent,
-    /// 7: the calibration, or this build, has no estimator for it.
+    /// 7: the calibration, or this build, has no estimator for the quantity.
     NotEstimated,
 }
 

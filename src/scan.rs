@@ -1,7 +1,7 @@
-//! One frame of ADC codes, as the timer-driven scan delivers it, and where its channels sit.
+//! ADC codes of one scan, and the geometry of its channels.
 //!
-//! A frame is five steps: every LED off (dark), then row 0 … row 3 lit. The four columns are read at
-//! each step; the bridge midpoints ride along behind a multiplexer, one sensor a row.
+//! A scan has five steps: every LED off (dark), then row 0 … row 3 lit. Each step reads the four
+//! columns. A multiplexer adds the bridge midpoints, one sensor per row.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,21 +13,21 @@ pub const ROWS: usize = 4;
 pub const COLS: usize = 4;
 /// Taxels in row-major order: taxel k sits at row k / 4, column k % 4.
 pub const TAXELS: usize = ROWS * COLS;
-/// Most three-axis force sensors one finger carries.
+/// Largest number of three-axis force sensors in a finger.
 pub const SENSORS: usize = 4;
 
-/// Taxel spacing of the 4×4 finger.
+/// Taxel spacing of the 4×4 finger, in millimetres.
 pub const PITCH: Millimetres = Millimetres(2.5);
 
-/// Centres of the columns along x, and of the rows along y: the matrix is square, and centred.
+/// Centres of the columns along x, and of the rows along y. The matrix is square and centred.
 pub const CENTRES: [Millimetres; COLS] = [centre(0), centre(1), centre(2), centre(3)];
 
 const fn centre(i: usize) -> Millimetres {
     Millimetres((i as f32 - 1.5) * PITCH.0)
 }
 
-/// Centre of each taxel in the finger's frame: x to the right along a row, y along the columns, the
-/// origin in the middle of the matrix.
+/// Centre of each taxel: x to the right along a row, y along the columns. The origin is the middle
+/// of the matrix.
 #[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
 pub const TAXEL_CENTRES: [[Millimetres; 2]; TAXELS] = {
     let mut centres = [[Millimetres(0.0); 2]; TAXELS];
@@ -39,19 +39,19 @@ pub const TAXEL_CENTRES: [[Millimetres; 2]; TAXELS] = {
     centres
 };
 
-/// How a board scans.
+/// Settings of a board's scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ScanSettings {
     /// Scans a second.
     pub scan_hz: u16,
-    /// Samples added up for one reading; a power of two.
+    /// Samples summed for one reading; a power of two.
     pub oversampling: u16,
-    /// From the change of row to the first sample of a column, in nanoseconds.
+    /// Time from the change of row to the first sample of a column, in nanoseconds.
     pub settle_ns: u32,
 }
 
-/// One of [`ScanSettings`].
+/// Name of one of the [`ScanSettings`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ScanSetting {
@@ -63,17 +63,17 @@ pub enum ScanSetting {
     SettleNs,
 }
 
-/// Phototransistor codes of one frame.
+/// Phototransistor codes of one scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TaxelCodes {
-    /// `lit[row][column]`: the column's reading while that row's LEDs are on.
+    /// Reading of each column while the row's LEDs are on: `lit[row][column]`.
     pub lit: [[Code; COLS]; ROWS],
-    /// The column's reading with every LED off: ambient light and leakage.
+    /// Reading of each column with every LED off: ambient light and leakage.
     pub dark: [Code; COLS],
 }
 
-/// The midpoint voltages of one sensor's two half-bridge pairs (Ospina Triviño 2017, fig. 1.7).
+/// Midpoint codes of one sensor's two half-bridge pairs ([Ospina2017] fig. 1.7).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Midpoints {
@@ -87,11 +87,11 @@ pub struct Midpoints {
     pub d: Code,
 }
 
-/// Every code of one frame. A channel that the finger does not have is `None`.
+/// All codes of one scan; `None` for channels that the finger does not have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Codes {
-    /// What all these codes are fractions of.
+    /// Full scale of all codes.
     pub full_scale: FullScale,
     /// The optical matrix.
     pub taxels: Option<TaxelCodes>,
@@ -103,15 +103,15 @@ pub struct Codes {
     pub temperature: Option<Code>,
 }
 
-/// One frame of the scan.
+/// One scan with its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scan {
-    /// When the dark step began.
+    /// Start of the dark step.
     pub time: Micros,
-    /// Scans that were lost between the previous one and this.
+    /// Number of scans lost between the previous one and this.
     pub lost: u32,
-    /// What was read.
+    /// Codes of all channels.
     pub codes: Codes,
 }
 

@@ -1,11 +1,11 @@
-//! Quantities that must not be mixed: ADC codes, fractions of full scale, and SI units.
+//! Types of quantities that must not be mixed: ADC codes, fractions of full scale, and SI units.
 //!
-//! Conversion happens at the edge: codes become fractions in [`crate::condition`], fractions become
-//! newtons and millimetres in [`crate::estimate`]. Nothing converts back.
+//! Conversion happens at the edge: [`crate::condition`] turns codes into fractions, and
+//! [`crate::estimate`] turns fractions into newtons and millimetres. Nothing converts back.
 
 use serde::{Deserialize, Serialize};
 
-/// One ADC reading, as it came out of the converter or its oversampler.
+/// One ADC reading, straight from the converter or its oversampler.
 ///
 /// On the wire it is two bytes, little-endian (a varint would need three for most codes).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -25,27 +25,26 @@ impl<'de> Deserialize<'de> for Code {
     }
 }
 
-/// The code a channel reads at the top of its range: 4095 for a 12-bit converter, 65535 for
-/// oversampled values scaled to 16 bits.
+/// Highest code of a channel: 4095 for a 12-bit converter, 65535 for values scaled to 16 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FullScale(core::num::NonZeroU16);
 
 impl FullScale {
-    /// A plain 12-bit converter.
+    /// Full scale of a plain 12-bit converter.
     pub const BITS_12: Self = Self::from_bits(12);
-    /// Values scaled to 16 bits.
+    /// Full scale of values scaled to 16 bits.
     pub const BITS_16: Self = Self::from_bits(16);
 
     const fn from_bits(bits: u32) -> Self {
-        // 1 << 0 - 1 would be zero; the two callers above pass 12 and 16.
+        // `1 << 0 - 1` would be zero; the two callers above pass 12 and 16.
         match core::num::NonZeroU16::new(((1u32 << bits) - 1) as u16) {
             Some(top) => Self(top),
             None => Self(core::num::NonZeroU16::MAX),
         }
     }
 
-    /// A full scale of `top` codes, or `None` for zero.
+    /// Makes a full scale of `top` codes; `None` for zero.
     #[must_use]
     pub const fn new(top: u16) -> Option<Self> {
         match core::num::NonZeroU16::new(top) {
@@ -54,35 +53,37 @@ impl FullScale {
         }
     }
 
-    /// The highest code.
+    /// Returns the highest code.
     #[must_use]
     pub const fn top(self) -> Code {
         Code(self.0.get())
     }
 
-    /// `code` as a fraction of full scale, in [0, 1] for any code up to the top one.
+    /// Returns `code` as a fraction of full scale, in [0, 1] for any code up to the top one.
     #[must_use]
     pub fn ratio(self, code: Code) -> Ratio {
         Ratio(f32::from(code.0) / f32::from(self.0.get()))
     }
 
-    /// One code as a fraction of full scale. A difference of codes times this is the fraction to within
-    /// 1.2e-7 of itself, for a multiplication instead of two divisions and a rounded difference.
+    /// Returns one code as a fraction of full scale.
+    ///
+    /// A difference of codes times this step is the exact fraction to a relative error of 1.2e-7.
+    /// It costs one multiplication instead of two divisions and a rounded difference.
     #[must_use]
     pub fn step(self) -> Ratio {
         Ratio(1.0 / f32::from(self.0.get()))
     }
 
-    /// The lowest code that may have been clipped.
+    /// Returns the lowest code that may have been clipped.
     ///
-    /// The band is the top 1/1024 of the range: an oversampled value of which some samples were
-    /// clipped averages just below the top code.
+    /// The band is the top 1/1024 of the range, because an oversampled value with some clipped
+    /// samples averages just below the top code.
     #[must_use]
     pub const fn clipped(self) -> Code {
         Code(self.0.get() - self.0.get() / 1024)
     }
 
-    /// True where the reading may have been clipped.
+    /// Returns whether the reading may have been clipped.
     #[must_use]
     pub fn clips(self, code: Code) -> bool {
         code >= self.clipped()
@@ -135,8 +136,8 @@ macro_rules! quantity {
 }
 
 quantity!(
-    /// A fraction of the converter's full scale. Bridge and ADC share a reference, so this is also a
-    /// fraction of the bridge supply.
+    /// Fraction of the converter's full scale. It is also a fraction of the bridge supply, because
+    /// bridge and ADC share a reference.
     Ratio
 );
 quantity!(

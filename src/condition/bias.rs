@@ -1,4 +1,4 @@
-//! The unloaded finger: what it reads, how much that wobbles, and how it is taken on command.
+//! Bias of the unloaded finger: mean levels, their noise, and the averaging on command.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,31 +7,31 @@ use super::levels::{BridgeLevels, Levels, TaxelLevels};
 use crate::math::sqrt;
 use crate::scan::{SENSORS, TAXELS};
 
-/// No channel is trusted to be quieter than a quarter of a 12-bit step, however still a short
+/// Lower limit of a channel's noise: a quarter of a 12-bit step. It holds however still a short
 /// average looked.
 pub const NOISE_FLOOR: f32 = 0.25 / 4096.0;
 
-/// The optical matrix, unloaded.
+/// Bias of the optical matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TaxelBias {
     /// Mean level of each taxel.
     pub level: TaxelLevels,
-    /// Standard deviation of one frame, root mean square over the taxels.
+    /// Standard deviation of one scan, root mean square over the taxels.
     pub noise: f32,
 }
 
-/// One force sensor, unloaded: b of [Ospina2017].
+/// Bias of one force sensor: b of [Ospina2017].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BridgeBias {
     /// Mean of u_x, u_y, u_z.
     pub level: BridgeLevels,
-    /// Standard deviation of one frame, root mean square over the three.
+    /// Standard deviation of one scan, root mean square over the three.
     pub noise: f32,
 }
 
-/// What every channel reads with nothing touching the finger.
+/// Readings of every channel while nothing touches the finger.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Bias {
@@ -42,11 +42,11 @@ pub struct Bias {
 }
 
 impl Bias {
-    /// Levels as changes against the unloaded finger. Sign rule of [DeMaria2011]: c_k < 0 is nearer.
+    /// Returns the levels as changes against the unloaded finger.
     ///
-    /// `healthy` are the levels that a working taxel has unloaded: the calibration's, so that a bias
-    /// taken on command cannot make a dead taxel pass for a dark one. Without a calibration the bias
-    /// itself has to do.
+    /// A c_k < 0 means nearer (sign rule of [DeMaria2011]). `healthy` are the unloaded levels of
+    /// working taxels, from the calibration. They keep a bias taken on command from hiding a dead
+    /// taxel as a dark one. Without a calibration the bias itself serves.
     #[must_use]
     #[inline(never)]
     pub fn apply(&self, levels: &Levels, healthy: Option<&TaxelLevels>) -> Signals {
@@ -67,8 +67,9 @@ impl Bias {
         signals
     }
 
-    /// How far the signals stand out of their noise: the largest squared ratio of root mean square to
-    /// noise over the matrix and the sensors. Faulty channels do not count.
+    /// Returns the largest squared ratio of signal to noise over the matrix and the sensors.
+    ///
+    /// The signal of a part is its root mean square. Faulty channels do not count.
     #[must_use]
     pub fn activity(&self, signals: &Signals) -> f32 {
         let mut most = Activity::NONE;
@@ -89,8 +90,8 @@ impl Bias {
     }
 }
 
-/// A sum of squared signals and what noise alone would make of it. Which of several is the greatest is
-/// found without dividing each.
+/// A sum of squared signals and its expectation from noise alone. Two such sums are compared
+/// without a division.
 #[derive(Clone, Copy)]
 struct Activity {
     squares: f32,
@@ -98,10 +99,10 @@ struct Activity {
 }
 
 impl Activity {
-    /// Of no channel.
+    /// Activity without channels.
     const NONE: Self = Self { squares: 0.0, noise: 1.0 };
 
-    /// Of some signals, over the channels whose bit in `skip` is clear.
+    /// Sums the signals whose bit in `skip` is clear.
     #[inline(always)]
     fn of(signals: &[f32], skip: u16, noise: f32) -> Self {
         let mut squares = 0.0;
@@ -125,13 +126,13 @@ impl Activity {
         self.squares * other.noise > other.squares * self.noise
     }
 
-    /// Mean square in units of the noise.
+    /// Returns the mean square in units of the noise.
     fn ratio(&self) -> f32 {
         self.squares / self.noise
     }
 }
 
-/// Averages frames into a [`Bias`], watching that they hold still.
+/// Averages scans into a [`Bias`] and checks that they hold still.
 #[derive(Clone, Debug)]
 pub struct BiasTaker {
     wanted: u16,
@@ -142,31 +143,32 @@ pub struct BiasTaker {
     bridges: [[Moments; 3]; SENSORS],
 }
 
-/// A bias that was taken.
+/// Result of a bias average.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Taken {
-    /// The averages.
+    /// Averages of all channels.
     pub bias: Bias,
-    /// Standard deviation of the noisiest channel.
+    /// Standard deviation of the noisiest channel, as a fraction of full scale.
     pub noisiest: f32,
 }
 
-/// Why a bias was not taken; the old one stays.
+/// Reasons for refusing a bias; the old one stays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BiasRefusal {
     /// The finger moved.
     NotStill,
-    /// A taxel was clipped: its level is not known.
+    /// A taxel was clipped, so that its level is unknown.
     Saturated,
 }
 
 impl BiasTaker {
-    /// A standard deviation of a channel beyond this many times the known noise is movement.
+    /// Limit of a channel's standard deviation, in multiples of its known noise; above it the
+    /// finger moved.
     const STILL: f32 = 4.0;
-    /// The noise of a finger that has none on record: two steps of a 12-bit converter.
+    /// Assumed noise of a finger without a recorded one: two steps of a 12-bit converter.
     const UNKNOWN_NOISE: f32 = 2.0 / 4096.0;
 
-    /// Will average `frames` frames, at least two.
+    /// Makes an average over `frames` scans, at least two.
     #[must_use]
     pub fn new(frames: u16) -> Self {
         Self {
@@ -179,15 +181,15 @@ impl BiasTaker {
         }
     }
 
-    /// Takes one more frame. `Some` once enough have been seen; `known` is the bias in force, whose
-    /// noise tells stillness from movement.
+    /// Adds one scan and returns the result after the last. `known` is the active bias, whose noise
+    /// sets the limit of movement.
     pub fn add(&mut self, levels: &Levels, known: &Bias) -> Option<Result<Taken, BiasRefusal>> {
         if self.seen == 0 {
             self.first = *levels;
         }
         self.seen = self.seen.saturating_add(1);
         self.clipped |= levels.health.saturated != 0;
-        // Deviations from the first frame, not raw levels: squares of small numbers keep their digits.
+        // Deviations from the first scan, because squares of small numbers keep their digits.
         if let (Some(level), Some(first)) = (&levels.taxels, &self.first.taxels) {
             add(&mut self.taxels, level, first);
         }
@@ -222,9 +224,9 @@ impl BiasTaker {
     }
 }
 
-// Small rather than fast: a bias is rare, and there are 28 channels.
+// Small rather than fast, because a bias is rare and there are 28 channels.
 
-/// Adds the deviations of `levels` from those of the `first` frame.
+/// Adds the deviations of `levels` from those of the `first` scan.
 #[inline(never)]
 fn add(moments: &mut [Moments], levels: &[f32], first: &[f32]) {
     for (moments, (level, first)) in moments.iter_mut().zip(levels.iter().zip(first)) {
@@ -232,7 +234,7 @@ fn add(moments: &mut [Moments], levels: &[f32], first: &[f32]) {
     }
 }
 
-/// Takes the `first` levels of a group of channels to their means, and says how noisy they are.
+/// Moves the `first` levels of a group of channels to their means and returns their noise.
 #[inline(never)]
 fn finish(
     moments: &[Moments],
@@ -255,7 +257,7 @@ fn finish(
     Ok(sqrt(sum / moments.len() as f32).max(NOISE_FLOOR))
 }
 
-/// Running mean and variance.
+/// Running sums for mean and variance.
 #[derive(Clone, Copy, Debug, Default)]
 struct Moments {
     n: f32,

@@ -1,5 +1,6 @@
-//! Codes become signals in one pass, without levels in between: to the bit what the steps say one after the
-//! other, in half of their cycles.
+//! Conversion of codes to signals in one pass, in half the cycles of the separate steps.
+//!
+//! The result is equal to theirs to the bit.
 
 use super::levels::{BridgeLevels, BridgeLimits, any_sign, lost, outputs};
 use super::{Bias, Health, Levels, Signals, TaxelLevels, TemperatureCompensation, Warm};
@@ -7,7 +8,7 @@ use crate::scan::{COLS, Codes, SENSORS, TAXELS, TaxelCodes};
 use crate::units::Code;
 
 impl Bias {
-    /// Of one scan what [`Self::apply`] says of [`Levels::at_reference`], into `signals`.
+    /// Converts one scan into `signals`, as [`Self::apply`] does with [`Levels::at_reference`].
     #[inline(never)]
     pub fn direct(
         &self,
@@ -31,7 +32,7 @@ impl Bias {
         signals.health = Health { bridge_faults, ..Health::default() };
     }
 
-    /// Puts the signals of the bridges; a bit for each that is at fault.
+    /// Writes the signals of the bridges; returns a bit for each faulty one.
     #[inline(never)]
     fn bridges(
         &self,
@@ -62,7 +63,7 @@ impl Bias {
         faults
     }
 
-    /// The long way, for a finger without a matrix or without a bias of it, and for a matrix with a fault.
+    /// Converts by the separate steps: for a finger without a matrix or its bias, and for faults.
     #[cold]
     #[inline(never)]
     fn by_levels(
@@ -76,8 +77,8 @@ impl Bias {
     }
 }
 
-/// Puts the signals of the matrix. `false` where a code may be clipped or a taxel has lost its light, with which it
-/// goes no further. Apart, so that what a taxel needs stays in registers.
+/// Writes the signals of the matrix. Returns `false` at once if a code may be clipped or a taxel
+/// has lost its light. It is a separate function to keep a taxel's values in registers.
 #[inline(never)]
 fn matrix(
     codes: &TaxelCodes,
@@ -125,7 +126,7 @@ mod tests {
         (taxels, bridges, signals.health)
     }
 
-    /// Mostly those of a sound finger; some clipped, some without light, some at a rail.
+    /// Codes mostly of a sound finger; some are clipped, some without light, some at a rail.
     fn code() -> impl Strategy<Value = Code> + Clone {
         prop_oneof![30 => 20_000..40_000u16, 1 => any::<u16>(), 1 => 65_000..=u16::MAX]
             .prop_map(Code)
@@ -172,7 +173,7 @@ mod tests {
                 offset: [[0.3, -0.2, 0.5], [0.0; 3], [-1.0; 3], [0.1; 3]],
             };
             let warm = kelvin.map(|kelvin| (&warmth, warmth.reference + kelvin * PER_KELVIN));
-            // What a scan leaves is nothing to the next.
+            // The second scan must not depend on signals left by the first.
             let mut signals = Signals::default();
             for codes in scans {
                 bias.direct(&codes, healthy.as_ref(), warm, &mut signals);

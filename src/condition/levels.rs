@@ -1,4 +1,4 @@
-//! Absolute levels of one frame, before any bias.
+//! Absolute levels of one scan, before any bias.
 
 use core::slice;
 
@@ -10,41 +10,46 @@ use crate::units::{Code, FullScale};
 /// Light of each taxel above dark, as fractions of full scale.
 pub type TaxelLevels = [f32; TAXELS];
 
-/// u_x, u_y, u_z of one sensor, as fractions of full scale.
+/// Outputs u_x, u_y, u_z of one sensor, as fractions of full scale.
 pub type BridgeLevels = [f32; 3];
 
-/// An intact bridge's amplified midpoint rests near half the supply and moves by some 10 % of full
+/// Margin of the midpoints from the rails: full scale divided by this.
+///
+/// An intact bridge's amplified midpoint rests near half the supply. It moves by some 10 % of full
 /// scale per newton (8.5 mV/V/N times the gain, [Ospina2017] §1.2). An open or shorted arm takes it
-/// to a rail: nearer to one than this part of full scale.
+/// to a rail.
 pub const MIDPOINT_MARGIN: u32 = 10;
 
-/// The four midpoints of an intact bridge average half its supply whatever the force, which moves two up
-/// and two down: what is left is half a per cent of mismatch per resistor, amplified (one standard
-/// deviation is 0.014 at a gain of 16). A supply that has dropped by a quarter, under a converter that does
-/// not follow it, takes the mean to 0.375. The mean may be off by this part of full scale.
+/// Margin of the midpoints' mean from half the supply: full scale divided by this.
+///
+/// A force moves two midpoints up and two down, so that their mean stays. A mismatch of half a per
+/// cent per resistor, amplified, moves it with a standard deviation of 0.014 at a gain of 16. A
+/// supply that has dropped by a quarter, under a converter that does not follow it, takes the mean
+/// to 0.375.
 const COMMON_MARGIN: u32 = 10;
 
-/// Without a bias to compare with, a taxel whose LED adds less than this is dead: the weakest
-/// phototransistor of a working pair adds some ten times as much.
+/// Least light of a working taxel without a bias to compare with, as a fraction of full scale. The
+/// weakest phototransistor of a working pair adds some ten times as much.
 pub const DEAD_LEVEL: f32 = 1.0 / 128.0;
 
-/// A taxel that has lost three quarters of its unloaded light is dead: a facet moving away under
+/// Least share of its unloaded light that a working taxel keeps. A facet that moves away under
 /// shear takes a few per cent at most.
 const DEAD_SHARE: f32 = 0.25;
 
-/// What one frame's codes say, before any bias.
+/// Levels and faults of one scan, before any bias.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Levels {
-    /// Lit minus dark.
+    /// Lit minus dark of each taxel.
     pub taxels: Option<TaxelLevels>,
     /// Bridge outputs.
     pub bridges: [Option<BridgeLevels>; SENSORS],
-    /// Faults seen in the codes alone.
+    /// Faults detected in the codes alone.
     pub health: Health,
 }
 
 impl Levels {
-    /// Normalises one frame. Whole codes are subtracted and compared; floats begin where they are scaled.
+    /// Normalises one scan. Integer codes are compared and subtracted; floats begin with the
+    /// scaling.
     #[must_use]
     pub fn read(codes: &Codes) -> Self {
         let mut levels = Self::default();
@@ -63,7 +68,7 @@ impl Levels {
         levels
     }
 
-    /// Those of a scan, brought to the temperature of the calibration.
+    /// Returns the levels of a scan, corrected to the temperature of the calibration.
     #[must_use]
     #[inline(never)]
     pub fn at_reference(codes: &Codes, warm: Option<Warm<'_>>) -> Self {
@@ -74,7 +79,7 @@ impl Levels {
         levels
     }
 
-    /// Taxels that have lost most of the light they have unloaded.
+    /// Returns the taxels that have lost most of their unloaded light, a bit each.
     pub(super) fn dead(&self, unloaded: Option<&TaxelLevels>) -> u16 {
         let Some(levels) = &self.taxels else { return 0 };
         let unloaded = unloaded.unwrap_or(&[0.0; TAXELS]);
@@ -87,19 +92,19 @@ impl Levels {
     }
 }
 
-/// The sign of a difference is a bit: that of many of them together says that there is nothing to look for,
-/// which is nearly always so, in half the time.
+/// Returns whether any OR-ed difference was negative. Testing the common sign bit takes half the
+/// time of single comparisons, and nearly always finds nothing.
 pub(super) fn any_sign(signs: u32) -> bool {
     signs >> 31 != 0
 }
 
-/// A sign where a taxel has lost most of its light.
+/// Returns a word whose sign bit is set if a taxel has lost most of its light.
 #[inline(always)]
 pub(super) fn lost(level: f32, unloaded: f32) -> u32 {
     (level - unloaded * DEAD_SHARE).to_bits() | (level - DEAD_LEVEL).to_bits()
 }
 
-/// A bit for each taxel of which it holds. What asks has seen that there is one.
+/// Returns a bit for each taxel that is true. The caller knows that there is at least one.
 #[cold]
 #[inline(never)]
 fn marked(taxels: impl Iterator<Item = bool>) -> u16 {
@@ -117,7 +122,7 @@ fn read_taxels(codes: &TaxelCodes, step: f32) -> TaxelLevels {
     levels
 }
 
-/// Taxels whose lit or dark code may have been clipped: a dark code spoils all of its column.
+/// Returns the taxels whose lit or dark code may be clipped. A clipped dark code spoils its column.
 fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
     const COLUMN: u16 = 0x1111;
     let limit = full_scale.clipped();
@@ -125,7 +130,7 @@ fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
     high(&codes.lit, limit) | (columns * COLUMN)
 }
 
-/// A bit for each code from `limit` on.
+/// Returns a bit for each code from `limit` on.
 #[inline(never)]
 fn high(rows: &[[Code; COLS]], limit: Code) -> u16 {
     let high = |code: &Code| *code >= limit;
@@ -136,11 +141,11 @@ fn high(rows: &[[Code; COLS]], limit: Code) -> u16 {
     }
 }
 
-/// What an intact bridge keeps to.
+/// Limits of an intact bridge's midpoints.
 pub(super) struct BridgeLimits {
     lowest: u32,
     highest: u32,
-    /// Of the sum of all four.
+    /// Least sum of all four.
     least: u32,
     most: u32,
 }
@@ -152,20 +157,22 @@ impl BridgeLimits {
         Self { lowest: rail, highest: top - rail, least: 2 * top - common, most: 2 * top + common }
     }
 
-    /// The bridge is intact.
+    /// Returns whether the bridge is intact.
     #[inline(always)]
     pub fn hold(&self, midpoints: &Midpoints) -> bool {
         let codes = [midpoints.a, midpoints.b, midpoints.c, midpoints.d];
         let [a, b, c, d] = codes.map(|code| u32::from(code.0));
-        // One comparison each: what is below wraps.
+        // One comparison each, because a value below the range wraps.
         let within = |v: u32, low: u32, high: u32| v.wrapping_sub(low) <= high.wrapping_sub(low);
         [a, b, c, d].into_iter().all(|v| within(v, self.lowest, self.highest))
             && within(a + b + c + d, self.least, self.most)
     }
 }
 
-/// [Ospina2017] eqs (1.10)–(1.12) before the amplifiers: u_x = V_B − V_A, u_y = V_C − V_D,
-/// u_z = (V_A + V_B) − (V_C + V_D). The amplifiers' gains are in S.
+/// Returns the bridge outputs before the amplifiers ([Ospina2017] eqs (1.10)–(1.12)): u_x = V_B −
+/// V_A, u_y = V_C − V_D, u_z = (V_A + V_B) − (V_C + V_D).
+///
+/// The sensitivity matrix S contains the amplifiers' gains.
 #[inline(always)]
 pub(super) fn outputs(midpoints: &Midpoints, step: f32) -> BridgeLevels {
     let codes = [midpoints.a, midpoints.b, midpoints.c, midpoints.d];

@@ -1,8 +1,8 @@
-//! A low-pass over the signals, where the host has asked for one: less noise, and a later answer.
+//! Optional low-pass filter on the signals: less noise, more delay.
 //!
-//! Second order, Butterworth, as a state-variable filter with trapezoidal integrators (Zavalishin, *The Art
-//! of VA Filter Design*, 2012, §4): unlike a direct form it keeps a steady signal to the bit in single
-//! precision, however low its corner.
+//! It is a second-order Butterworth state-variable filter with trapezoidal integrators (Zavalishin,
+//! *The Art of VA Filter Design*, 2012, §4). Unlike a direct form it keeps a steady signal to the
+//! bit in single precision, however low its corner.
 
 use core::f32::consts::{PI, SQRT_2};
 
@@ -10,16 +10,16 @@ use super::Signals;
 use crate::math::tan;
 use crate::scan::{SENSORS, TAXELS};
 
-/// Coefficients of one corner frequency.
+/// Filter coefficients of one corner frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPass {
     a: [f32; 3],
 }
 
-/// What one signal leaves behind: the integrators.
+/// Integrators of one signal.
 type Integrators = [f32; 2];
 
-/// What is remembered of all signals; of one that is absent, nothing.
+/// State of the filter for all signals; `None` for an absent one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LowPassState {
     taxels: Option<[Integrators; TAXELS]>,
@@ -27,7 +27,7 @@ pub struct LowPassState {
 }
 
 impl LowPass {
-    /// −3 dB at `hz`, of `scan_hz` scans a second: no more than a quarter of them.
+    /// Makes a filter with −3 dB at `hz`, at most a quarter of the `scan_hz` scans a second.
     #[must_use]
     pub fn new(hz: u16, scan_hz: u16) -> Self {
         let corner = (f32::from(hz) / f32::from(scan_hz.max(1))).clamp(1e-5, 0.25);
@@ -36,7 +36,8 @@ impl LowPass {
         Self { a: [a1, g * a1, g * g * a1] }
     }
 
-    /// Smooths the signals of one scan. What was absent the last time begins with its present value.
+    /// Smooths the signals of one scan. A signal that was absent before starts with its present
+    /// value.
     pub fn smooth(&self, state: &mut LowPassState, signals: &mut Signals) {
         self.group(&mut state.taxels, &mut signals.taxels);
         for (state, bridge) in state.bridges.iter_mut().zip(&mut signals.bridges) {
@@ -89,7 +90,7 @@ mod tests {
         signals
     }
 
-    /// The amplitude that a sine of amplitude 1 is left with.
+    /// Amplitude of a sine of amplitude 1 after the filter.
     fn gain(corner: u16, hz: f32) -> f32 {
         let (filter, mut state) = (LowPass::new(corner, RATE), LowPassState::default());
         let rounds = 40 * usize::from(RATE) / usize::from(corner).min(hz as usize);
@@ -114,7 +115,7 @@ mod tests {
             assert!(gain(corner, 0.2 * hz) > 0.99);
         }
         let (once, tenfold) = (gain(20, 100.0), gain(20, 1000.0));
-        // The warp of the bilinear transform only helps.
+        // The warp of the bilinear transform only increases the slope.
         assert!((0.03..0.05).contains(&once) && tenfold < 0.01 * once, "{once} {tenfold}");
     }
 

@@ -1,41 +1,44 @@
-//! A force sensor that is far noisier than when its bias was taken.
+//! Detection of a force sensor that is far noisier than when its bias was taken.
 //!
-//! Noise is told from movement by fourth differences: what moves at a twenty-fifth of the scan rate or slower
-//! hardly has any, while white noise is 70 times as strong in them (1 + 16 + 36 + 16 + 1). And by how many of
-//! a window's blocks it is in: a knock is in one or two, noise in all.
+//! Fourth differences separate noise from movement. Movement at a twenty-fifth of the scan rate or
+//! slower has hardly any, while white noise is 70 times as strong in them (1 + 16 + 36 + 16 + 1).
+//! The number of loud blocks in a window separates noise from knocks: a knock is in one or two
+//! blocks, noise in all.
 
 use super::{Bias, Signals};
 use crate::scan::SENSORS;
 
-/// Scans of a block, and blocks of a window.
+/// Scans in a block, and blocks in a window.
 const BLOCK: u8 = 16;
 const BLOCKS: u8 = 8;
 /// Scans before the first fourth difference.
 const FILL: u8 = 4;
-/// Variance of white noise in its fourth differences.
+/// Variance gain of fourth differences for white noise.
 const GAIN: f32 = 70.0;
-/// A block is loud with so many times the bias' own variance, and a sensor noisy with so many loud blocks. Of
-/// the blocks of a sound sensor 0.7 % are loud, so that it passes for noisy in one window of 10¹¹; with twice
-/// the noise it is told in 99.9 % of them.
+/// Threshold of a loud block in multiples of the bias' own variance, and loud blocks of a noisy
+/// sensor.
+///
+/// Of the blocks of a sound sensor 0.7 % are loud, so that one window of 10¹¹ reports a sound
+/// sensor. With twice the noise 99.9 % of the windows report it.
 const LOUD: f32 = 2.0;
 const NOISY: u8 = 6;
 
-/// The memory of the watch: one sensor at a time, so that it costs three differences a scan.
+/// State of the noise detector. It watches one sensor at a time: three differences a scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NoiseWatch {
     sensor: u8,
     seen: u8,
     loud: u8,
-    /// Signals of the last scans, and their differences up to the third, of the sensor that is watched.
+    /// Last signals of the watched sensor, and their differences up to the third.
     last: [[f32; 4]; 3],
-    /// Squares of the block's fourth differences.
+    /// Sum of the squared fourth differences of the block.
     sum: f32,
     /// Bit i: sensor i was noisy in its last window.
     noisy: u8,
 }
 
 impl NoiseWatch {
-    /// Takes one scan; the sensors that are noisy, a bit each.
+    /// Processes one scan and returns the noisy sensors, a bit each.
     pub fn update(&mut self, signals: &Signals, bias: &Bias) -> u8 {
         let i = usize::from(self.sensor);
         let signal = signals.bridges.get(i).copied().flatten();
@@ -45,7 +48,7 @@ impl NoiseWatch {
             return self.noisy;
         };
         for (last, u) in self.last.iter_mut().zip(signal) {
-            // Each difference is that of the one before it with its last value.
+            // Each difference is the previous one minus its last value.
             let fourth = last.iter_mut().fold(u, |now, last| now - core::mem::replace(last, now));
             self.sum += fourth * fourth;
         }
@@ -63,7 +66,7 @@ impl NoiseWatch {
         self.noisy
     }
 
-    /// Scans were lost: what lies between the two beside the gap may be movement, and the window begins again.
+    /// Restarts the window after lost scans, because the step over the gap may be movement.
     pub fn interrupt(&mut self) {
         *self = Self { sensor: self.sensor, noisy: self.noisy, ..Self::default() };
     }
@@ -88,7 +91,7 @@ mod tests {
         Bias { bridges: [Some(sensor); SENSORS], ..Bias::default() }
     }
 
-    /// Noise of a standard deviation of one: twelve numbers of a multiplicative generator.
+    /// Noise with a standard deviation of one: twelve numbers of a multiplicative generator.
     fn noise(state: &mut u32) -> f32 {
         let mut uniform = || {
             *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -97,7 +100,7 @@ mod tests {
         (0..12).map(|_| uniform()).sum::<f32>() - 6.0
     }
 
-    /// Share of scans in which a sensor passes for noisy.
+    /// Share of scans in which a sensor is reported as noisy.
     fn flagged(times: f32, moving: impl Fn(usize) -> f32) -> f32 {
         let (mut watch, mut state, mut flagged) = (NoiseWatch::default(), 1, 0);
         let scans = 60_000;

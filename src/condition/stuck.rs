@@ -1,27 +1,28 @@
-//! Channels whose code does not change any more while the others' do.
+//! Detection of channels whose code does not change while the others' do.
 //!
-//! A converter that averages to 16 bits never rests on one code: its own noise is some codes wide. A
-//! channel that keeps one over a whole window is not being read, however plausible its code. With single
-//! 12-bit conversions a sound channel may rest, so nothing is said there; nor while too few of the others
-//! move, as in a recording without noise.
+//! A converter that averages to 16 bits never rests on one code, because its own noise is some
+//! codes wide. A channel that keeps one code over a whole window is not being read, however
+//! plausible its code. With single 12-bit conversions a sound channel may rest, so nothing is
+//! reported. Nothing is reported either while too few of the others move, as in a recording without
+//! noise.
 
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
 use crate::units::{Code, FullScale};
 
-/// Four channels that are compared in the same scan: a row of taxels, or a sensor.
+/// Four channels compared in the same scan: a row of taxels, or a sensor.
 type Group = [Code; COLS];
 const GROUPS: usize = ROWS + SENSORS;
-/// A bit for each of its channels.
+/// Mask of a group's channels.
 const ALL: u32 = (1 << COLS) - 1;
-/// Scans in which every group comes round 32 times.
+/// Scans in a window: each group is compared 32 times.
 const WINDOW: u16 = 32 * GROUPS as u16;
 
-/// The memory of the watch. Each scan compares one group, so that it costs four comparisons.
+/// State of the detector. Each scan compares one group: four comparisons.
 #[derive(Clone, Debug)]
 pub struct StuckWatch {
     seen: u16,
     first: [Option<Group>; GROUPS],
-    /// A bit a channel, taxels first, then the midpoints.
+    /// Bits of the channels, taxels first, then the midpoints.
     moved: u32,
     present: u32,
     stuck: u32,
@@ -43,14 +44,15 @@ pub struct Stuck {
 }
 
 impl StuckWatch {
-    /// Takes one scan; what is stuck by the last full window.
+    /// Processes one scan and returns the stuck channels of the last full window.
     pub fn update(&mut self, codes: &Codes) -> Stuck {
         if codes.full_scale != FullScale::BITS_16 {
             *self = Self::default();
             return Stuck::default();
         }
         let group = usize::from(self.seen) % GROUPS;
-        // Of a group that has moved as a whole, which a sound one does at once, nothing is left to be learnt.
+        // A group that has moved as a whole, as a sound one does at once, needs no more
+        // comparisons.
         if self.moved >> (COLS * group) & ALL != ALL {
             self.compare(codes, group);
         }
@@ -80,7 +82,8 @@ impl StuckWatch {
         let mut moved = 0;
         for (i, (now, first)) in now.into_iter().zip(first).enumerate() {
             let [now, first] = [now, first].map(|code| u32::from(code.0));
-            // A code at a rail may rest there; other flags tell of it. Each answer is a sign.
+            // A code at a rail may rest there, because other flags report it. Each comparison
+            // yields a sign bit.
             let signs =
                 (now ^ first).wrapping_neg() | now.wrapping_sub(1) | highest.wrapping_sub(now);
             moved |= signs >> 31 << i;
@@ -89,8 +92,8 @@ impl StuckWatch {
         self.moved |= moved << (COLS * group);
     }
 
-    /// Of the channels in `kind`. Where fewer than three quarters moved, only those that did are known
-    /// not to be stuck.
+    /// Returns the stuck channels in `kind`. If fewer than three quarters moved, it only clears
+    /// those that did.
     fn judged(&self, kind: u32) -> u32 {
         let (present, moved) = (self.present & kind, self.moved & kind);
         let suspects = if 4 * moved.count_ones() >= 3 * present.count_ones() {
@@ -115,7 +118,7 @@ mod tests {
     use super::*;
     use crate::scan::TaxelCodes;
 
-    /// Frame `t` of a finger whose codes take turns, but for those in `still`.
+    /// Codes of scan `t` of a finger; all alternate but those in `still`.
     fn codes(t: usize, still: &[usize]) -> Codes {
         let code = |k: usize| {
             let wobble = if still.contains(&k) { 0 } else { (t / GROUPS + k) as u16 % 3 };
@@ -160,7 +163,7 @@ mod tests {
     fn a_finger_that_rests_as_a_whole_is_not_stuck() {
         let all: [usize; 32] = core::array::from_fn(|k| k);
         assert_eq!(after(2000, |t| codes(t, &all)), Stuck::default());
-        // Nor does a moment of rest free what was stuck.
+        // A pause does not clear a stuck channel either.
         let window = usize::from(WINDOW);
         let rests = |t| codes(t, if t < window { &[6][..] } else { &all });
         assert_eq!(after(3 * window, rests).taxels, 1 << 6);

@@ -1,33 +1,36 @@
-//! What warmth does to the channels, and within which the calibration knows it.
+//! Compensation of the channels' temperature drift, and the range in which it is calibrated.
 //!
-//! An LED gives some 0.5 % less light for each kelvin, and a bridge's offset moves with what its resistors do
-//! not have in common: 2 K take a bare force sensor seven times its noise off. Both are proportional to the
-//! change of temperature, so they are taken off with the thermometer that every board reads in each scan.
-//! Levels are brought to the temperature of the calibration **before** the bias is: a bias taken on a warm
-//! finger is good on a cold one.
+//! An LED loses some 0.5 % of its light with each kelvin. A bridge's offset drifts with the
+//! mismatch of its resistors: 2 K shift a bare force sensor by seven times its noise. Both are
+//! proportional to the change of temperature and are corrected with the thermometer that every
+//! board reads in each scan.
+//!
+//! Levels are corrected **before** the bias is subtracted, so that a bias taken on a warm finger is
+//! valid on a cold one.
 
 use serde::{Deserialize, Serialize};
 
 use super::levels::{BridgeLevels, Levels};
 use crate::scan::{Codes, SENSORS};
 
-/// Level of the thermometers on STM32 chips per kelvin: 2.5 mV (DS12589 table 79, DS10314 table 71) of 3.3 V.
+/// Thermometer level of STM32 chips per kelvin: 2.5 mV (DS12589 table 79, DS10314 table 71) of 3.3
+/// V.
 pub const PER_KELVIN: f32 = 2.5e-3 / 3.3;
 
-/// A thermometer is slow and its single readings are good to a third of a kelvin: this part of each new one
-/// is taken.
+/// Weight of a new reading in the smoothed temperature. The thermometer is slow, and its single
+/// readings are accurate to a third of a kelvin.
 const NEW: f32 = 1.0 / 64.0;
 
-/// Farther than this the straight lines are not followed, wherever the thermometer says it is: 60 K.
+/// Largest compensated change of the level: 60 K. The linear correction is clamped beyond it.
 const FARTHEST: f32 = 60.0 * PER_KELVIN;
 
-/// How the channels move with the thermometer's level, which is a fraction of full scale as theirs is.
+/// Coefficients of the channels' drift over the thermometer's level, a fraction of full scale.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TemperatureCompensation {
-    /// The level to which all channels are brought.
+    /// Level to which all channels are corrected.
     pub reference: f32,
-    /// The lowest and the highest level at which the channels are known.
+    /// Lowest and highest calibrated level.
     pub range: [f32; 2],
     /// Relative change of a taxel's light per level.
     pub light: f32,
@@ -37,16 +40,16 @@ pub struct TemperatureCompensation {
     pub offset: [BridgeLevels; SENSORS],
 }
 
-/// TemperatureCompensation, and the thermometer's level now.
+/// Compensation, and the thermometer's present level.
 pub type Warm<'c> = (&'c TemperatureCompensation, f32);
 
 impl TemperatureCompensation {
-    /// Over [`FARTHEST`] light and sensitivity change by less than half.
+    /// Checks that light and sensitivity change by less than half over [`FARTHEST`].
     pub(crate) fn shares_fit(shares: &[f32; 2]) -> bool {
         shares.iter().all(|share| (share * FARTHEST).abs() < 0.5)
     }
 
-    /// Signals that are not trusted at this level of the thermometer.
+    /// Returns whether `level` lies outside the calibrated range.
     #[must_use]
     pub fn unknown(&self, level: f32) -> bool {
         let [low, high] = self.range;
@@ -57,7 +60,8 @@ impl TemperatureCompensation {
         (level - self.reference).clamp(-FARTHEST, FARTHEST)
     }
 
-    /// Levels as they would be at the reference: light divided by what is left of it, offsets taken off.
+    /// Corrects levels to the reference: light by its relative change, bridge outputs by their
+    /// offsets.
     pub fn correct(&self, levels: &mut Levels, level: f32) {
         let change = self.change(level);
         if let Some(taxels) = &mut levels.taxels {
@@ -71,26 +75,26 @@ impl TemperatureCompensation {
         }
     }
 
-    /// What light is to be multiplied by.
+    /// Returns the correction factor of light.
     pub(super) fn brighter(&self, change: f32) -> f32 {
         1.0 / (1.0 + self.light * change)
     }
 
-    /// What the signals of the force sensors are to be multiplied by.
+    /// Returns the correction factor of the force sensors' signals.
     #[must_use]
     pub fn gain(&self, level: f32) -> f32 {
         1.0 / (1.0 + self.sensitivity * self.change(level))
     }
 }
 
-/// The thermometer's level, smoothed.
+/// Smoothed level of the thermometer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Thermometer {
     level: Option<f32>,
 }
 
 impl Thermometer {
-    /// Takes one scan. Nothing where the finger has no thermometer.
+    /// Processes one scan; returns `None` if the finger has no thermometer.
     pub fn read(&mut self, codes: &Codes) -> Option<f32> {
         let now = f32::from(codes.temperature?.0) * codes.full_scale.step().0;
         let level = self.level.get_or_insert(now);

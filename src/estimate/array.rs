@@ -1,4 +1,4 @@
-//! The force sensors as one: the wrench that they feel together, and the contact that makes it.
+//! Force sensors as one six-axis sensor: their common wrench, and the contact that causes it.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +7,7 @@ use super::wrench::{SensorPlaces, Wrench, WrenchMatrix};
 use crate::measured::Measured;
 use crate::scan::SENSORS;
 
-/// How the wrench is found.
+/// Method of computing the wrench.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(
@@ -15,9 +15,9 @@ use crate::scan::SENSORS;
     reason = "one of them lives in a finger, and nothing is boxed"
 )]
 pub enum WrenchMethod {
-    /// 0: F = Σ f_i, M = Σ r_i × f_i.
+    /// 0: sum of the sensors' forces and moments, F = Σ f_i, M = Σ r_i × f_i.
     Sum(SensorPlaces),
-    /// 1: the full calibration, 6×3n.
+    /// 1: full calibration matrix, 6×3n.
     Matrix(WrenchMatrix),
 }
 
@@ -27,22 +27,23 @@ impl Default for WrenchMethod {
     }
 }
 
-/// The coefficients of the sensors' array.
+/// Coefficients of the array of force sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Array {
-    /// How the wrench is found.
+    /// Method of computing the wrench.
     pub method: WrenchMethod,
-    /// Standard deviation of F's components in newtons, as left by calibration.
+    /// Standard deviation of F's components in newtons, the residual of the calibration.
     pub residual: [f32; 3],
     /// Standard deviation of M_x and M_y in newton millimetres.
     pub moment_residual: f32,
-    /// What is touched.
+    /// Surface of the finger.
     pub surface: Surface,
 }
 
 impl Array {
-    /// The wrench for the `signals` u − b of every sensor and the `forces` on it in newtons.
+    /// Returns the wrench for the `signals` u − b of every sensor and the `forces` on it in
+    /// newtons.
     #[must_use]
     pub fn wrench(&self, signals: &[[f32; 3]; SENSORS], forces: &[[f32; 3]; SENSORS]) -> Wrench {
         match &self.method {
@@ -51,12 +52,12 @@ impl Array {
         }
     }
 
-    /// The contact that makes `wrench`, and the standard deviation of its place in mm.
+    /// Returns the contact that causes `wrench`, and the standard deviation of its position in mm.
     ///
     /// # Errors
-    /// As [`Surface::contact`]; a contact whose place is not known to a millimetre is none.
+    /// Those of [`Surface::contact`], which also rejects a position not known to a millimetre.
     pub fn contact(&self, wrench: &Wrench) -> Measured<(Contact, f32)> {
-        // M = r × F: along the surface a place is a moment over the normal force.
+        // M = r × F: along the surface, a position is a moment over the normal force.
         let contact = self.surface.contact(wrench, self.moment_residual)?;
         Ok((contact, self.moment_residual / contact.normal))
     }

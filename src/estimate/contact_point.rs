@@ -8,34 +8,37 @@ use crate::measured::{Measured, NoValue};
 use crate::scan::{CENTRES, COLS, TAXEL_CENTRES, TAXELS};
 use crate::units::Millimetres;
 
-/// How the contact point is found.
+/// Method of computing the contact point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PointMethod {
-    /// 0, [DeMaria2011] eqs (8)–(9): the centroid of the taxels that came nearer.
+    /// 0: centroid of the taxels that came nearer ([DeMaria2011] eqs (8)–(9)).
     #[cfg_attr(not(feature = "model"), default)]
     Centroid,
-    /// 1, [DeMaria2011] eq. (7): the centre of the taxel that came nearest.
+    /// 1: centre of the taxel that came nearest ([DeMaria2011] eq. (7)).
     ArgMin,
-    /// 2: by the record's model of the skin (see [`super::inverse`]); the centroid where it has none. With
-    /// this the model gives the force, too; with another it is the net's where the record has one.
+    /// 2: skin model of the record (see [`super::inverse`]); the centroid if it has none. The model
+    /// then gives the force, too. With the other methods the net gives the force if the record has
+    /// one.
     #[cfg_attr(feature = "model", default)]
     Model,
 }
 
 impl PointMethod {
-    /// This build holds it.
+    /// Returns whether this build contains the method.
     #[must_use]
     pub const fn is_built(self) -> bool {
         !matches!(self, Self::Model) || cfg!(feature = "model")
     }
 }
 
-/// [DeMaria2011] eq. (7): the centre of the taxel with the most negative c_k, over taxels whose bit in `skip`
-/// is clear. Discrete: the error is up to half a pitch in x and in y.
+/// Returns the centre of the taxel with the most negative c_k ([DeMaria2011] eq. (7)).
+///
+/// Only taxels whose bit in `skip` is clear count. The result is discrete: its error is up to half
+/// a pitch in x and in y.
 ///
 /// # Errors
-/// [`NoValue::IllConditioned`] when no taxel came nearer.
+/// [`NoValue::IllConditioned`] if no taxel came nearer.
 pub fn arg_min(c: &[f32; TAXELS], skip: u16) -> Measured<ContactPoint> {
     let mut nearest: Option<(f32, usize)> = None;
     for (k, c) in c.iter().enumerate() {
@@ -49,13 +52,13 @@ pub fn arg_min(c: &[f32; TAXELS], skip: u16) -> Measured<ContactPoint> {
         .ok_or(NoValue::IllConditioned)
 }
 
-/// [DeMaria2011] eqs (8)–(9): Σ x_k c_k / Σ c_k over the taxels with c_k < 0 whose bit in `skip` is clear.
+/// Returns the centroid Σ x_k c_k / Σ c_k over the taxels with c_k < 0 ([DeMaria2011] eqs (8)–(9)).
 ///
-/// It is drawn towards the middle where the contact's field is cut off by the pad's edge: that is the
-/// method, not a fault of it.
+/// Only taxels whose bit in `skip` is clear count. Near the edge of the pad, which cuts off the
+/// contact's field, the method draws the centroid towards the middle.
 ///
 /// # Errors
-/// [`NoValue::IllConditioned`] when the weights sum to less than `least`, so that the quotient would be
+/// [`NoValue::IllConditioned`] if the weights sum to less than `least`: the quotient would be
 /// noise.
 #[inline(always)]
 pub fn centroid(c: &[f32; TAXELS], skip: u16, least: f32) -> Measured<ContactPoint> {
@@ -69,7 +72,8 @@ pub fn centroid(c: &[f32; TAXELS], skip: u16, least: f32) -> Measured<ContactPoi
     let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
     for (row, row_y) in c.as_chunks::<COLS>().0.iter().zip(&CENTRES) {
         for (c, column_x) in row.iter().zip(&CENTRES) {
-            // The sign is a bit: what is not nearer counts as zero, for less than asking costs.
+            // The sign bit masks the value: a taxel that is not nearer counts as zero, without a
+            // branch.
             let nearer = f32::from_bits(c.to_bits() & (c.to_bits() as i32 >> 31) as u32);
             sum -= nearer;
             x -= nearer * column_x.0;
@@ -83,7 +87,7 @@ pub fn centroid(c: &[f32; TAXELS], skip: u16, least: f32) -> Measured<ContactPoi
     }
 }
 
-/// The signals but for those whose bit in `skip` is set.
+/// Returns the signals with zeros where the bit in `skip` is set.
 #[cold]
 #[inline(never)]
 fn without(c: &[f32; TAXELS], skip: u16) -> [f32; TAXELS] {
@@ -96,8 +100,8 @@ fn without(c: &[f32; TAXELS], skip: u16) -> [f32; TAXELS] {
     c
 }
 
-/// All of the matrix, right less left, and the rows at +y less those at −y: the sums in which motion of
-/// any kind shows.
+/// Returns three sums of the matrix: all, right minus left, and rows at +y minus those at −y. Any
+/// motion changes at least one of them.
 #[must_use]
 pub fn halves(c: &[f32; TAXELS]) -> [f32; 3] {
     let mut sums = [0.0; 3];

@@ -1,73 +1,74 @@
-//! The skin's answer to one contact: how far each facet sinks (the forward model of [TactileEnc] and Johnson,
-//! *Contact Mechanics*, §3.2, §3.6), in a form whose coefficients a calibration can find.
+//! Displacement of each facet by one contact: the forward model of [TactileEnc] and Johnson,
+//! *Contact Mechanics*, §3.2, §3.6. Calibration fits its coefficients.
 //!
 //! A contact of force (f_x, f_y, f_z) at p moves the facet at p + d by
 //!
 //! u = f_z·N(d²) + (f_x d_x + f_y d_y)·T(d²).
 //!
-//! On a half-space with ν = ½ a point load has N ∝ 1/ρ + z²/ρ³ and T ∝ z/ρ³, ρ² = d² + z². A contact of
-//! finite size and a facet of finite area smear that, a layer on a floor cuts it off; each is taken up by a
-//! depth that grows with the contact's area and by a few higher multipoles:
+//! On a half-space with ν = ½ a point load has N ∝ 1/ρ + z²/ρ³ and T ∝ z/ρ³, ρ² = d² + z². Finite
+//! sizes of contact and facet smear that, and a layer on a rigid floor cuts it off. A depth that
+//! grows with the contact's area and a few higher multipoles account for both:
 //!
 //! N = 1/ρ·P(w), T = 1/ρ³·P′(w), w = D/ρ², ρ² = d² + D, D = D₀ + D₁s², s = f_z^⅓,
 //!
-//! P and P′ cubic in w with coefficients quadratic in s². By Hertz the contact's area grows like s². Under
-//! shear the contact slips in a ring from its rim inwards (Cattaneo, Mindlin; Johnson §7.2), which draws
-//! the traction in: T is taken at the area s²·(1 + e·b), b the share of friction that is used.
+//! P and P′ are cubic in w with coefficients quadratic in s², because by Hertz the contact's area
+//! grows like s². Under shear the contact slips in a ring from its rim inwards (Cattaneo, Mindlin;
+//! Johnson §7.2), which narrows the traction. T therefore uses the area s²·(1 + e·b), where b is
+//! the friction utilisation.
 
 use serde::{Deserialize, Serialize};
 
 use crate::math::inverse_sqrt;
 
-/// Powers of w.
+/// Number of powers of w.
 pub(crate) const TERMS: usize = 4;
-/// D is never below this, in mm²: a contact does not come nearer to a facet than half a millimetre.
+/// Least D in mm²: a contact is at least half a millimetre away from a facet.
 const LEAST_DEPTH: f32 = 0.3;
 
-/// A function of the distance from the contact, for any size of the contact.
+/// Radial function: depends on the distance from the contact and on the contact's size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Radial {
-    /// D₀ in mm² and D₁ in mm² a unit of s².
+    /// D₀ in mm², and D₁ in mm² per unit of s².
     pub depth: [f32; 2],
     /// Coefficients of 1, s², s⁴ for each power of w.
     pub terms: [[f32; 3]; TERMS],
 }
 
-/// The field of one finger.
+/// Displacement field of one finger.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Field {
-    /// N, with ρ in mm and forces in newtons, so that u is in the calibration's own length.
+    /// Function N. With ρ in mm and forces in newtons, u is in the calibration's own length.
     pub normal: Radial,
-    /// T.
+    /// Function T.
     pub shear: Radial,
-    /// e: how much full slip shrinks the area over which shear acts, as a share.
+    /// Coefficient e: relative change of the sheared area at full slip.
     pub slip: f32,
 }
 
-/// A touch in the unknowns of the field.
+/// A contact in the unknowns of the field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
-    /// f_x, f_y in newtons.
+    /// Shear force f_x, f_y in newtons.
     pub shear: [f32; 2],
-    /// s, the cube root of f_z in newtons.
+    /// Contact size s, the cube root of f_z in newtons.
     pub size: f32,
-    /// p in mm.
+    /// Contact position p in mm.
     pub point: [f32; 2],
-    /// b, the share of friction that is used.
+    /// Friction utilisation b.
     pub used: f32,
 }
 
 impl Load {
-    /// f_z = s³.
+    /// Returns the normal force f_z = s³ in newtons.
     #[must_use]
     pub fn normal(&self) -> f32 {
         self.size * self.size * self.size
     }
 }
 
-/// A radial function at one size of the contact.
+/// A radial function at one contact size.
 #[derive(Clone, Copy)]
 struct AtSize {
     depth: f32,
@@ -100,7 +101,7 @@ impl Radial {
 }
 
 impl AtSize {
-    /// P(w)/ρ^(2·`half`), with `half` ½ for N and 3/2 for T.
+    /// Returns P(w)/ρ^(2·`half`), where `half` is ½ for N and 3/2 for T.
     fn local(&self, distance2: f32, half: f32) -> Local {
         let inverse = inverse_sqrt(distance2 + self.depth);
         let inverse2 = inverse * inverse;
@@ -120,17 +121,17 @@ impl AtSize {
     }
 }
 
-/// The field of one touch: values and derivatives at any facet.
+/// Field of one contact: values and derivatives at any facet.
 pub struct Around<'l> {
     load: &'l Load,
     normal: AtSize,
     shear: AtSize,
-    /// ∂(s²(1 + e b))/∂(s²) and by b.
+    /// Derivatives of s²(1 + e b), by s² and by b.
     area: [f32; 2],
 }
 
 impl Field {
-    /// Around `load`.
+    /// Returns the field of the contact `load`.
     #[must_use]
     pub fn around<'l>(&self, load: &'l Load) -> Around<'l> {
         let size2 = load.size * load.size;
@@ -145,7 +146,7 @@ impl Field {
 }
 
 impl Around<'_> {
-    /// u of the facet at `facet` (mm) and its derivatives by s, x, y: a touch without shear.
+    /// Returns u of the facet at `facet` (mm) and its derivatives by s, x, y, without shear.
     #[must_use]
     #[inline(never)]
     pub fn pressed(&self, facet: [f32; 2]) -> (f32, [f32; 3]) {
@@ -158,7 +159,7 @@ impl Around<'_> {
         (fz * n.value, [by_size, falls * dx, falls * dy])
     }
 
-    /// u of the facet at `facet` (mm) and its derivatives by f_x, f_y, s, x, y, b.
+    /// Returns u of the facet at `facet` (mm) and its derivatives by f_x, f_y, s, x, y, b.
     #[must_use]
     pub fn sheared(&self, facet: [f32; 2]) -> (f32, [f32; 6]) {
         let load = self.load;
@@ -189,7 +190,7 @@ pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A point load on a half-space of ν = ½, 2.5 mm deep, that grows blunter with the force.
+    /// Field of a point load on a half-space of ν = ½, 2.5 mm deep, blunter with more force.
     pub(crate) const HALF_SPACE: Field = Field {
         normal: Radial {
             depth: [6.25, 2.0],

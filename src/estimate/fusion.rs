@@ -1,20 +1,19 @@
-//! Two sensors of one force: the optical matrix and the force sensors under the plate, weighted by what
-//! each is sure of.
+//! Fusion of two estimates of one quantity, weighted by their inverse variances.
 
-/// A component and its standard deviation.
+/// A value with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uncertain {
     /// The value.
     pub value: f32,
-    /// Its standard deviation, positive.
+    /// Standard deviation, positive.
     pub sigma: f32,
 }
 
-/// How many standard deviations apart two sensors of one force may be before one of them is not believed.
+/// Largest distance of two estimates that agree, in standard deviations of their difference.
 const AGREE: f32 = 6.0;
 
-/// The mean of `a` and `b` weighted by their inverse variances. `false` beside it where they contradict each
-/// other: then the surer one is given alone.
+/// Returns the mean of `a` and `b` weighted by their inverse variances, and whether they agree. If
+/// they contradict each other, the result is the more certain one alone.
 #[must_use]
 #[inline(never)]
 pub fn fuse(a: Uncertain, b: Uncertain) -> (Uncertain, bool) {
@@ -25,7 +24,7 @@ pub fn fuse(a: Uncertain, b: Uncertain) -> (Uncertain, bool) {
     if apart * apart > AGREE * AGREE * (va + vb) {
         return (surer, false);
     }
-    // b + (a − b)·v_b/(v_a + v_b): the weight lies between 0 and 1 whatever the variances.
+    // b + (a − b)·v_b/(v_a + v_b): the weight lies between 0 and 1 for all variances.
     let value = b.value + apart * (vb / (va + vb));
     let sigma = crate::math::sqrt(va * vb / (va + vb));
     (Uncertain { value, sigma }, true)

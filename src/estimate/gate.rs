@@ -1,28 +1,30 @@
-//! Contact gate with hysteresis: the cheap question that decides whether anything dearer runs.
+//! Contact gate with hysteresis, a cheap test that decides whether costlier estimators run.
 //!
-//! A single frame is not believed, because one bad code or a flash of light makes one. What neither of them can
-//! make is believed at once ([`unmistakable`]): a tap has gone to a third of a newton by its second frame.
+//! A single scan is not enough, because one bad code or a flash of light can cause it. A pattern
+//! that neither can cause opens the gate at once ([`unmistakable`]), because a tap has reached a
+//! third of a newton by its second scan.
 
 use serde::{Deserialize, Serialize};
 
 use crate::scan::{COLS, TAXELS};
 
-/// What is [`unmistakable`] stands out of its noise by this many times what begins a contact.
+/// Factor on the threshold `on` for opening at once by [`unmistakable`] activity.
 const AT_ONCE: f32 = 2.0;
 
-/// Thresholds on the signals' root mean square, in units of their noise.
+/// Contact gate: thresholds on the signals' root mean square, in units of their noise.
 ///
-/// Of 16 noisy taxels the root mean square is 1 ± 0.18, so that 8 is no noise at all; what the margin
-/// pays for is slow drift. On the reference fingertip 8 corresponds to 10 to 15 mN in the middle of the pad.
+/// The root mean square of 16 noisy taxels is 1 ± 0.18, so that noise alone does not reach 8. The
+/// margin is for slow drift. On the reference fingertip 8 corresponds to 10 to 15 mN in the middle
+/// of the pad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gate {
-    /// Contact begins above this.
+    /// Threshold above which contact begins.
     pub on: f32,
-    /// Contact ends below this.
+    /// Threshold below which contact ends.
     pub off: f32,
-    /// Frames in a row that it takes to begin.
+    /// Consecutive scans required to begin a contact.
     pub begin_frames: u8,
-    /// Frames in a row that it takes to end.
+    /// Consecutive scans required to end a contact.
     pub end_frames: u8,
 }
 
@@ -32,7 +34,7 @@ impl Default for Gate {
     }
 }
 
-/// What the gate remembers.
+/// State of the gate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GateState {
     contact: bool,
@@ -40,7 +42,7 @@ pub struct GateState {
 }
 
 impl GateState {
-    /// The last verdict.
+    /// Returns whether the gate is open.
     #[must_use]
     pub fn contact(&self) -> bool {
         self.contact
@@ -48,7 +50,8 @@ impl GateState {
 }
 
 impl Gate {
-    /// One frame. `activity` is the **squared** root mean square of the signals over the squared noise.
+    /// Processes one scan and returns whether the gate is open. `activity` is the **squared** root
+    /// mean square of the signals over the squared noise.
     pub fn update(&self, state: &mut GateState, activity: f32) -> bool {
         let (against, needed) = if state.contact {
             (activity < self.off * self.off, self.end_frames)
@@ -63,8 +66,8 @@ impl Gate {
         state.contact
     }
 
-    /// One frame, of which `unmistakable` says how much of its activity can be nothing but a touch. It is asked
-    /// only where a contact may begin.
+    /// Processes one scan as [`Self::update`] does, and opens the gate at once on unmistakable
+    /// activity. The closure returns that activity; it is called only if a contact may begin.
     pub fn update_at_once(
         &self,
         state: &mut GateState,
@@ -79,18 +82,19 @@ impl Gate {
     }
 }
 
-/// Mean square of what a touch alone makes of the matrix' signals, over the squared noise.
+/// Returns the part of the matrix' mean square that only a touch can cause, over the squared noise.
 ///
-/// A bad code spoils a taxel, or as the dark code of a column all of that column: the column that says most is left
-/// out. Light from outside that changes within a scan shifts whole rows, because a row is read at once: what the
-/// others of a row have in common is taken off. A touch is neither.
+/// A bad code spoils a taxel, or, as the dark code of a column, that whole column: the column with
+/// the largest effect is left out. Ambient light that changes within a scan shifts whole rows,
+/// because a row is read at once: the common part of a row's other taxels is subtracted. A touch
+/// causes neither.
 #[must_use]
 #[cold]
 #[inline(never)]
 pub fn unmistakable(signals: &[f32; TAXELS], noise: f32) -> f32 {
     const FREEDOM: f32 = (TAXELS / COLS * (COLS - 2)) as f32;
     const OTHERS: f32 = (COLS - 1) as f32;
-    // Without each of the columns.
+    // Spread of the rows without each of the columns.
     let mut spread = [0.0; COLS];
     for row in signals.as_chunks::<COLS>().0 {
         let (sum, squares) =
@@ -111,7 +115,7 @@ mod tests {
 
     const NOISE: f32 = 1e-4;
 
-    /// Whether the gate opens with the first frame of these signals.
+    /// Returns whether the gate opens with the first scan of these signals.
     fn at_once(signals: [f32; TAXELS]) -> bool {
         let square = signals.iter().map(|c| c * c).sum::<f32>() / (16.0 * NOISE * NOISE);
         let gate = Gate::default();
@@ -119,7 +123,7 @@ mod tests {
         gate.update_at_once(&mut GateState::default(), square, || unmistakable(&signals, NOISE))
     }
 
-    /// A dent about a place in pitches.
+    /// A dent around a position in pitches.
     fn dent(depth: f32, x: f32, y: f32) -> [f32; TAXELS] {
         core::array::from_fn(|k| {
             let (dx, dy) = ((k % COLS) as f32 - x, (k / COLS) as f32 - y);

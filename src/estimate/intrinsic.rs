@@ -1,9 +1,11 @@
-//! Intrinsic contact sensing: contact point and torsion out of the wrench, for a soft finger on a known
-//! convex surface (Bicchi, Salisbury and Brock 1993; [Ospina2017], chapter 2).
+//! Intrinsic contact sensing: contact point and torsion from the wrench.
+//!
+//! It applies to a soft finger on a known convex surface (Bicchi, Salisbury and Brock 1993;
+//! [Ospina2017], chapter 2).
 //!
 //! A soft-finger contact at r pushes with F and twists with a moment along the surface normal only:
-//! M = r × F + K A²r on the ellipsoid rᵀA²r = 1. So (K A² − \[F\]ₓ) r = M, whose solution put into the
-//! surface's equation leaves a quadratic in K²,
+//! M = r × F + K A²r on the ellipsoid rᵀA²r = 1. So (K A² − \[F\]ₓ) r = M, whose solution put into
+//! the surface's equation leaves a quadratic in K²,
 //!
 //! D K⁴ + (f² − D m²) K² − g² = 0, with D = |A²|, f = |A F|, m = |A⁻¹M|, g = F·M,
 //!
@@ -20,21 +22,21 @@ use crate::math::sqrt;
 use crate::measured::{Measured, NoValue};
 use crate::units::{Millimetres, NewtonMillimetres};
 
-/// The surface that is touched. Frame and origin are the wrench's; the origin lies on the surface.
+/// Surface of the finger. Frame and origin are the wrench's; the origin lies on the surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Surface {
-    /// 0: the plane z = 0: a flat skin.
+    /// 0: plane z = 0, a flat skin.
     #[default]
     Plane,
-    /// 1: a sphere whose top is the origin.
+    /// 1: sphere whose top is the origin.
     Sphere {
-        /// Its radius.
+        /// Radius in mm.
         radius: Millimetres,
     },
-    /// 2: an ellipsoid with axes along x, y, z whose top is the origin.
+    /// 2: ellipsoid with axes along x, y, z whose top is the origin.
     Ellipsoid {
-        /// Its half axes.
+        /// Half axes in mm.
         half_axes: [Millimetres; 3],
     },
 }
@@ -42,16 +44,16 @@ pub enum Surface {
 /// A soft-finger contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// Its place; x and y of it are the contact point.
+    /// Position in mm; its x and y are the contact point.
     pub place: [f32; 3],
-    /// Moment about the surface's normal that points into the finger.
+    /// Moment about the surface normal that points into the finger.
     pub torsion: NewtonMillimetres,
-    /// Force along it in newtons.
+    /// Force along that normal in newtons.
     pub normal: f32,
 }
 
 impl Contact {
-    /// x and y of the place.
+    /// Returns the contact point: x and y of the position.
     #[must_use]
     pub fn point(&self) -> ContactPoint {
         let [x, y, _] = self.place;
@@ -59,11 +61,11 @@ impl Contact {
     }
 }
 
-/// No fingertip is larger than this, in mm; nor is a contact farther away.
+/// Largest half axis of a fingertip and largest coordinate of a contact, in mm.
 const FARTHEST: f32 = 1e3;
 
 impl Surface {
-    /// A fingertip may have this surface.
+    /// Returns whether a fingertip may have this surface.
     #[must_use]
     pub fn fits(&self) -> bool {
         let valid = |axis: &Millimetres| (1e-3..=FARTHEST).contains(&axis.0);
@@ -74,18 +76,18 @@ impl Surface {
         }
     }
 
-    /// The contact that makes `wrench`, whose force along the surface's normal must be at least `least` newtons.
+    /// Returns the contact that causes `wrench`; its normal force must be at least `least` newtons.
     ///
     /// # Errors
-    /// [`NoValue::IllConditioned`] where that force is too small or points out of the finger, or its line
-    /// misses the surface.
+    /// [`NoValue::IllConditioned`] if the normal force is too small or points out of the finger, or
+    /// if its line misses the surface.
     pub fn contact(&self, wrench: &Wrench, least: f32) -> Measured<Contact> {
         let contact = match *self {
             Self::Plane => plane(wrench),
             Self::Sphere { radius } => ellipsoid(wrench, [radius.0; 3]),
             Self::Ellipsoid { half_axes } => ellipsoid(wrench, half_axes.map(|axis| axis.0)),
         }?;
-        // Comparisons with NaN are false: what overflowed is refused with what is too far.
+        // Comparisons with NaN are false, so that this also rejects overflow.
         let near = contact.place.iter().all(|c| c.abs() < FARTHEST);
         let pressed = (least.max(f32::MIN_POSITIVE)..f32::MAX).contains(&contact.normal);
         if near && pressed && contact.torsion.0.abs() < f32::MAX {
@@ -112,7 +114,7 @@ fn ellipsoid(wrench: &Wrench, half_axes: [f32; 3]) -> Measured<Contact> {
     if !valid || !(force[2] > 0.0) {
         return Err(NoValue::IllConditioned);
     }
-    // About the ellipsoid's centre, one half axis below its top.
+    // Moments about the ellipsoid's centre, one half axis below its top.
     let centre = [0.0, 0.0, half_axes[2]];
     let shift = cross(centre, force);
     let mut moment = wrench.moment;
@@ -127,10 +129,10 @@ fn ellipsoid(wrench: &Wrench, half_axes: [f32; 3]) -> Measured<Contact> {
     let g = dot(force, moment);
     let across = f2 - dm2;
     let root = sqrt(across * across + 4.0 * d * g * g);
-    // The root of the quadratic that is free of cancellation.
+    // Root of the quadratic that is free of cancellation.
     let k2 = if across > 0.0 { 2.0 * g * g / (across + root) } else { (root - across) / (2.0 * d) };
     let h2 = d * k2 + across;
-    // A line that only just touches: its point is noise.
+    // The position of a line that only just touches the surface is noise.
     if !(h2 > 1e-6 * f2) {
         return Err(NoValue::IllConditioned);
     }
@@ -161,7 +163,7 @@ mod tests {
     const TIP: Surface =
         Surface::Ellipsoid { half_axes: [Millimetres(9.0), Millimetres(12.0), Millimetres(15.0)] };
 
-    /// Place on the surface above (x, y) and the unit normal there, into the finger.
+    /// Returns the position on the surface above (x, y) and its unit normal into the finger.
     fn on(surface: Surface, x: f32, y: f32) -> ([f32; 3], [f32; 3]) {
         let axes = match surface {
             Surface::Plane => return ([x, y, 0.0], [0.0, 0.0, 1.0]),
@@ -184,7 +186,8 @@ mod tests {
             for surface in [PLANE, ROUND, TIP] {
                 let (place, normal) = on(surface, x, y);
                 let force = [fx * fz, fy * fz, fz];
-                // The force pushes into the finger at that place, or there is no such contact.
+                // The force must push into the finger at that position; otherwise there is no such
+                // contact.
                 if dot(force, normal) < 0.2 * fz {
                     continue;
                 }
@@ -222,7 +225,7 @@ mod tests {
 
     #[test]
     fn a_force_that_hardly_presses_on_the_surface_has_no_contact_however_strong_it_is() {
-        // At the sphere's side, where the normal is level: all but 0.02 N of 1 N pull along the surface.
+        // At the sphere's side the normal is level: all but 0.02 N of 1 N pull along the surface.
         let (place, normal) = on(ROUND, 11.9, 0.0);
         let along = [normal[2], 0.0, -normal[0]];
         let force = [0, 1, 2].map(|i| 0.02 * normal[i] + along[i]);

@@ -1,10 +1,10 @@
-//! The inverse problem of [TactileEnc], named as future work in [DeMaria2011]: which single contact
-//! makes these signals?
+//! Inverse of the skin model: the single contact that best explains the signals.
 //!
-//! Signals become displacements by each taxel's measured curve; Gauss–Newton then finds the touch whose
-//! [`Field`] meets them best. It starts where the last frame ended, takes a fixed number of steps, and says
-//! how sure it is: the covariance of what it found, and the misfit, which tells that what touches the
-//! finger is no single contact of the kind it was calibrated with.
+//! [TactileEnc] states the problem; [DeMaria2011] names it as future work. Each taxel's measured
+//! curve turns signals into displacements. Gauss–Newton then finds the contact whose [`Field`] fits
+//! them best. It starts from the contact of the last scan and takes a fixed number of steps. The
+//! result includes its covariance and its misfit; a large misfit means that the contact is not a
+//! single one of the calibrated kind.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,36 +14,37 @@ use crate::math::sqrt;
 use crate::measured::{Measured, NoValue};
 use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 
-/// Steps in the first frame of a contact. From the last frame's touch one step is as good as converged at a
-/// kilohertz.
+/// Steps in the first scan of a contact. Later scans take one: from the last contact it practically
+/// converges at a kilohertz.
 const FIRST_STEPS: usize = 3;
-/// Least f_z that is followed, as s: 1 mN.
+/// Least s of a contact: f_z of 1 mN.
 const LEAST_SIZE: f32 = 0.1;
-/// Most, as s: 27 N, beyond the range of any sensor of [DeMaria2011] or [Ospina2017].
+/// Largest s: f_z of 27 N, beyond the range of any sensor of [DeMaria2011] or [Ospina2017].
 const MOST_SIZE: f32 = 3.0;
-/// A step moves the contact by this much at most, in mm, and s by [`SIZE_STEP`].
+/// Largest step of the contact position in mm, and of s.
 const POINT_STEP: f32 = 1.0;
 const SIZE_STEP: f32 = 0.3;
-/// Contacts farther out than this, in mm, are not followed: the pad ends at 5.
+/// Farthest contact position in mm: the pad ends at 5.
 const FARTHEST: f32 = 7.0;
-/// Rubber holds no more than this many times the normal force.
+/// Largest friction coefficient of rubber.
 const MOST_FRICTION: f32 = 2.0;
-/// Before it is seen, the share of friction in use is taken as even between none and all: ½ ± 0.4.
+/// Prior mean and standard deviation of the friction utilisation: even between 0 and 1.
 const USED: [f32; 2] = [0.5, 0.4];
-/// No frame tells it better than to a thousandth, squared.
+/// Least variance of the friction utilisation: a thousandth, squared.
 const LEAST_VARIANCE: f32 = 1e-6;
 
-/// From signals to displacements.
+/// Conversion from signals to displacements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Curves {
-    /// What of its neighbours' signals a taxel picks up: left, right, below (row − 1), above (row + 1).
+    /// Crosstalk: share of its neighbours' signals in a taxel: left, right, below (row − 1), above
+    /// (row + 1).
     pub stray: [[f32; 4]; TAXELS],
-    /// u as a polynomial of the taxel's own signal: coefficients of c … c⁵.
+    /// Linearisation curve u, a polynomial of the taxel's own signal: coefficients of c … c⁵.
     pub gap: [[f32; 5]; TAXELS],
 }
 
 impl Curves {
-    /// u_k, positive where the facet came nearer.
+    /// Returns the displacements u_k, positive where the facet came nearer.
     #[must_use]
     pub fn displacements(&self, c: &[f32; TAXELS]) -> [f32; TAXELS] {
         let at = |k: Option<usize>| k.and_then(|k| c.get(k)).copied().unwrap_or_default();
@@ -63,64 +64,65 @@ impl Curves {
     }
 }
 
-/// The coefficients of one finger.
+/// Coefficients of the inverse for one finger.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Inverse {
-    /// Signals to displacements.
+    /// Conversion from signals to displacements.
     pub curves: Curves,
-    /// Displacements of a touch.
+    /// Displacement field of a contact.
     pub field: Field,
-    /// What is left of the displacements in calibration, root mean square over the taxels: without load,
-    /// and a newton more for each newton.
+    /// Residual displacement in calibration, root mean square over the taxels: without load, and
+    /// its increase per newton.
     pub error: [f32; 2],
-    /// The calibration held shear, so that T is known.
+    /// Whether the calibration included shear, so that T is known.
     pub shear: bool,
-    /// Friction coefficient of what touched the finger in calibration.
+    /// Friction coefficient of the object that touched the finger in calibration.
     pub friction: f32,
 }
 
-/// What the inverse remembers: the last frame's touch.
+/// State of the inverse: the contact of the last scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InverseState {
     last: Option<Load>,
-    /// It is not of the frame before this one.
+    /// Whether scans were lost since `last`.
     old: bool,
 }
 
-/// The shear as other sensors feel it.
+/// Shear as measured by other sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pull {
-    /// f_x and f_y over f_z.
+    /// Ratios f_x/f_z and f_y/f_z.
     pub ratio: [f32; 2],
-    /// Standard deviation of either.
+    /// Standard deviation of either ratio.
     pub sigma: f32,
 }
 
-/// A touch as found.
+/// Estimated contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
-    /// Force and place.
+    /// Force and position.
     pub load: Load,
-    /// Standard deviations of f_x, f_y, f_z (N), x, y (mm) and of the share of friction in use.
+    /// Standard deviations of f_x, f_y, f_z (N), x, y (mm) and of the friction utilisation.
     pub sigma: [f32; 6],
-    /// What is seen of the share of friction in use.
+    /// Information of this scan on the friction utilisation.
     pub ring: Ring,
-    /// Root mean square of what is left of the displacements, over what calibration left at this force.
+    /// Normalised residual: root mean square of the remaining displacements over that of the
+    /// calibration at this force.
     pub misfit: f32,
 }
 
-/// The share of friction in use as a frame shows it, without what was taken for likely before: frames may
-/// be added up.
+/// Information of one scan on the friction utilisation, without the prior. The information of
+/// several scans may be added.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Ring {
-    /// One over its variance; 0 where nothing is seen.
+    /// Inverse variance; 0 without information.
     pub weight: f32,
-    /// The share, times its weight.
+    /// Friction utilisation times its weight.
     pub moment: f32,
 }
 
 impl Ring {
-    /// Out of the share as found together with what was likely before, [`USED`].
+    /// Removes the prior [`USED`] from an estimate and its variance.
     fn of(found: f32, variance: f32) -> Self {
         let [usual, spread] = USED;
         let (before, after) = (1.0 / (spread * spread), 1.0 / variance.max(LEAST_VARIANCE));
@@ -131,7 +133,7 @@ impl Ring {
 }
 
 impl Touch {
-    /// f_x, f_y, f_z in newtons.
+    /// Returns f_x, f_y, f_z in newtons.
     #[must_use]
     pub fn force(&self) -> [f32; 3] {
         let [x, y] = self.load.shear;
@@ -150,27 +152,29 @@ impl InverseState {
         self.last = None;
     }
 
-    /// Frames are missing: one step may not lead from the last touch to the next.
+    /// Marks lost scans, after which one step may not reach the new contact.
     pub fn interrupt(&mut self) {
         self.old = true;
     }
 }
 
 impl Inverse {
-    /// One frame of displacements, of a touch without shear.
+    /// Estimates a contact without shear from one scan of displacements.
     ///
     /// # Errors
-    /// [`NoValue::IllConditioned`] where the displacements do not determine a contact.
+    /// [`NoValue::IllConditioned`] if the displacements do not determine a contact.
     pub fn pressed(&self, state: &mut InverseState, u: &[f32; TAXELS]) -> Measured<Touch> {
         self.find(state, u, |inverse, load, u| inverse.pressed_step(load, u))
     }
 
-    /// One frame of displacements, with shear and the share of friction that it uses. Force and place are
-    /// those of the displacements alone; the share of friction, which displacements tell from a weaker shear
-    /// only just, leans on what else feels the shear.
+    /// Estimates a contact with shear and friction utilisation from one scan of displacements.
+    ///
+    /// Force and position come from the displacements alone. The friction utilisation also uses the
+    /// shear measured by other sensors, because displacements hardly distinguish it from a weaker
+    /// shear.
     ///
     /// # Errors
-    /// [`NoValue::NotEstimated`] for a calibration that held no shear, [`NoValue::IllConditioned`] where
+    /// [`NoValue::NotEstimated`] if the calibration had no shear, [`NoValue::IllConditioned`] if
     /// the displacements do not determine a contact.
     pub fn sheared(
         &self,
@@ -201,7 +205,8 @@ impl Inverse {
         sound.ok_or(NoValue::IllConditioned)
     }
 
-    /// Where to begin: the centroid of what sank, and the force of a contact there that sinks as much.
+    /// Returns the initial contact: the centroid of the displacements, and the force that causes
+    /// their sum.
     #[inline(never)]
     fn start(&self, u: &[f32; TAXELS]) -> Option<Load> {
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
@@ -223,7 +228,7 @@ impl Inverse {
         Some(Load { size, ..newton })
     }
 
-    /// What calibration leaves of a newton, as a share of what a newton sinks the facet under it.
+    /// Returns calibration's residual at 1 N as a share of the displacement under a contact of 1 N.
     pub(crate) fn expected_share(&self) -> f32 {
         let newton = Load { size: 1.0, ..Load::default() };
         let (sinks, _) = self.field.around(&newton).pressed([0.0; 2]);
@@ -231,7 +236,7 @@ impl Inverse {
         if sinks > f32::MIN_POSITIVE { ((floor + share) / sinks).min(1.0) } else { 1.0 }
     }
 
-    /// What calibration leaves at this normal force.
+    /// Returns calibration's residual displacement at this normal force.
     pub(super) fn expected(&self, normal: f32) -> f32 {
         let [floor, share] = self.error;
         floor + share * normal
@@ -312,7 +317,7 @@ impl Inverse {
 }
 
 impl Normal<6> {
-    /// With the ratios of shear to normal force seen by others, where what is left of displacements is `error`.
+    /// Adds the shear ratios of other sensors; `error` is the residual of the displacements.
     fn leaning(mut self, load: &Load, pull: &Pull, error: f32) -> Self {
         let normal = load.normal();
         let weight = error / (pull.sigma * normal);
@@ -325,7 +330,7 @@ impl Normal<6> {
 }
 
 impl Load {
-    /// A step, no longer than can be trusted, to where a contact can be.
+    /// Moves the contact by a limited step within its allowed range.
     #[inline(never)]
     pub(super) fn advance(&mut self, ds: f32, [dx, dy]: [f32; 2]) {
         self.size = (self.size + ds.clamp(-SIZE_STEP, SIZE_STEP)).clamp(LEAST_SIZE, MOST_SIZE);
@@ -370,8 +375,8 @@ pub(super) mod tests {
         TAXEL_CENTRES.map(|c| around.sheared(place(&c)).0)
     }
 
-    /// After twelve frames: one sheared by two thirds of its normal force beside the outer taxels wants seven, and its
-    /// misfit says so until then.
+    /// Returns the contact after twelve scans. A shear of two thirds of the normal force near the
+    /// outer taxels needs seven, with a high misfit until then.
     fn settled(u: &[f32; TAXELS]) -> Touch {
         let (finger, mut state) = (finger(), InverseState::default());
         (0..12).map(|_| finger.sheared(&mut state, u, None)).last().unwrap().unwrap()
