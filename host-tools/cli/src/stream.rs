@@ -43,7 +43,7 @@ pub struct Ended {
 
 /// Item of a stream.
 pub enum Next<'n> {
-    /// /// Frame received.
+    /// Frame received.
     Frame(&'n Received),
     /// Finger that is connected again.
     Again(&'n Client),

@@ -148,8 +148,8 @@ impl Client {
     /// Returns the next frame, or `None` when none comes within `patience`.
     ///
     /// # Errors
-    /// [`Problem::Unplugged`] when the link broke, [`Problem::Ended`] after the last frame of a playback. Every
-    /// earlier frame has been returned by then.
+    /// [`Problem::Unplugged`] when the link broke, [`Problem::Ended`] after the last frame of a
+    /// playback. Every earlier frame has been returned by then.
     pub fn next(&self, patience: Duration) -> Result<Option<Received>, LinkError> {
         match lock(&self.frames).recv_timeout(patience) {
             Ok(received) => Ok(Some(received)),
@@ -179,7 +179,8 @@ impl Client {
         }
     }
 
-    /// Starts or stops the stream. A start discards earlier frames and restarts the count of lost ones.
+    /// Starts or stops the stream. A start discards earlier frames and restarts the count of lost
+    /// ones.
     ///
     /// # Errors
     /// As [`Self::info`].

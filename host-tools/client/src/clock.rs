@@ -1,16 +1,16 @@
 //! Device time in host time.
 //!
-//! A frame is received at least one link delay after its scan, sometimes much more. The earliest frames bound the
-//! clock: the closest line below all of them has the device's rate as slope (lower convex hull; Moon, Skelly and
-//! Towsley, INFOCOM 1999). The line is one link delay late, between zero and a round trip. Half the shortest
-//! round trip is subtracted and counted as error.
+//! A frame is received at least one link delay after its scan, sometimes much more. The earliest
+//! frames bound the clock: the closest line below all of them has the device's rate as slope (lower
+//! convex hull; Moon, Skelly and Towsley, INFOCOM 1999). The line is one link delay late, between
+//! zero and a round trip. Half the shortest round trip is subtracted and counted as error.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use taxel::units::Micros;
 
-/// Seconds of which the earliest frame is kept, and how many such intervals.
+/// Seconds per interval, of which only the earliest frame is kept, and number of intervals.
 const BUCKET: f64 = 1.0;
 const KEPT: usize = 120;
 /// Seconds before the rate is estimated; until then it counts as right within [`UNKNOWN_RATE`].
@@ -21,7 +21,7 @@ const UNKNOWN_RATE: f64 = 200e-6;
 /// Device clock estimated from received frames.
 #[derive(Clone, Debug, Default)]
 pub struct DeviceClock {
-    /// The first frame: device seconds, and when it was received.
+    /// First frame: device seconds, and its time of reception.
     origin: Option<(f64, Instant)>,
     /// Device seconds since the first frame, and how much later than expected the frame came.
     earliest: VecDeque<(f64, f64)>,
@@ -33,11 +33,11 @@ pub struct DeviceClock {
 #[derive(Clone, Copy, Debug, Default)]
 struct Line {
     offset: f64,
-    /// `None` before it can be told.
+    /// Slope; `None` before [`LEAST_SPAN`].
     slope: Option<f64>,
-    /// The time of the earliest frame of all, where the line surely touches.
+    /// Time of the earliest frame of all, which the line touches.
     touches: f64,
-    /// How far the earliest frames lie above it.
+    /// Median height of the earliest frames above the line, in seconds.
     spread: f64,
 }
 
@@ -89,7 +89,8 @@ impl DeviceClock {
         self.echo = Some(self.echo.map_or(echo, |least| least.min(echo)));
     }
 
-    /// Converts device time to host time. `None` before the first round trip and the first seconds of frames.
+    /// Converts device time to host time. `None` before the first round trip and the first seconds
+    /// of frames.
     #[must_use]
     pub fn host(&self, device: Micros) -> Option<HostTime> {
         let (start, received) = self.origin?;
@@ -177,8 +178,8 @@ mod tests {
         2e-4 + 3e-3 * noise.powi(4) + if i.is_multiple_of(97) { 0.02 } else { 0.0 }
     }
 
-    /// Streams `seconds` at 1 kHz with a clock that is `ppm` fast. The error of the map at every frame from
-    /// the first that it is told of on, beside what was stated for that frame.
+    /// Streams `seconds` at 1 kHz with a clock that is `ppm` fast. Returns error and stated bound
+    /// of the map for every frame that has one.
     fn stream(ppm: f64, seconds: u64) -> (Vec<(f64, f64)>, DeviceClock) {
         let start = Instant::now();
         let mut clock = DeviceClock::default();
@@ -202,13 +203,13 @@ mod tests {
     fn the_error_is_no_greater_than_stated_and_small_whatever_the_drift() {
         for ppm in [-200.0, -100.0, -50.0, 0.0, 80.0, 200.0] {
             let (errors, clock) = stream(ppm, 60);
-            // A second tells the earliest frame.
+            // The earliest frame of one second must be complete.
             assert!((58_900..59_100).contains(&errors.len()), "{}", errors.len());
             for (i, (error, stated)) in errors.iter().enumerate() {
                 assert!(error <= stated, "{ppm} ppm, frame {i}: off by {error}, said {stated}");
             }
             let most = |from: usize| errors.iter().skip(from).map(|e| e.1).fold(0.0, f64::max);
-            // Half of the shortest echo, 0.25 ms, and what is not yet known of the rate.
+            // Half of the shortest echo, 0.25 ms, plus the unknown part of the rate.
             assert!(most(15_000) < 3e-4 && most(0) < 4e-3, "{} {}", most(15_000), most(0));
             assert!((clock.drift_ppm().unwrap() - ppm).abs() < 3.0, "{:?}", clock.drift_ppm());
         }

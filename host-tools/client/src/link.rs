@@ -28,7 +28,8 @@ pub struct Link {
 
 /// A device that runs in this process, behind its own [`Link`]. Dropping it ends it.
 pub trait Device: Send + Sync {
-    /// How the device ended by itself: `Ok` when its data was over. `None` while it runs, or if the link broke.
+    /// Returns how the device ended by itself: `Ok` when its data was over. `None` while it runs,
+    /// or if the link broke.
     fn outcome(&self) -> Option<Result<(), Box<dyn Error + Send + Sync>>>;
 }
 
@@ -128,7 +129,7 @@ fn split(stream: TcpStream) -> io::Result<Link> {
 mod tests {
     use super::*;
 
-    /// Whoever runs the tests may be let at every device, so that only the system's answer is real here.
+    /// The error is constructed, because the tests' user may have access to every device.
     #[test]
     fn a_device_that_its_user_may_not_open_is_told_with_the_udev_rule() {
         let denied = serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied);

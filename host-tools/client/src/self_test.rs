@@ -53,7 +53,8 @@ pub fn findings(test: &SelfTest) -> Vec<String> {
     wrong
 }
 
-/// Ratio of each lit taxel to its dark column, by row; `None` where either is absent. Dark counts as at least 1 code.
+/// Ratio of each lit taxel to its dark column, by row; `None` where either is absent. Dark counts
+/// as at least 1 code.
 #[must_use]
 pub fn on_off(test: &SelfTest) -> [[Option<f32>; 4]; 4] {
     let dark = test.channels.dark;

@@ -7,7 +7,8 @@ use taxel::units::Micros;
 use crate::client::Received;
 use crate::clock::DeviceClock;
 
-/// Host times of one finger's frames. The wall clock is read once, so that setting it does not break a recording.
+/// Host times of one finger's frames. The wall clock is read once, so that setting it does not
+/// break a recording.
 #[derive(Debug)]
 pub struct Timestamps {
     epoch: (Instant, Duration),
@@ -65,7 +66,8 @@ mod tests {
     fn a_clock_that_jumped_ahead_while_the_finger_was_gone_is_learnt_anew() {
         let mut stamps = Timestamps::default();
         let begin = Instant::now();
-        // A millisecond of device time each, from `device` seconds on, `after` seconds after the beginning.
+        // Streams one frame per millisecond, from `device` seconds on, `after` seconds after the
+        // beginning.
         let stream = |stamps: &mut Timestamps, device: u64, after: u64, frames: u64| {
             for i in 0..frames {
                 let time = Micros(device * 1_000_000 + i * 1000);
@@ -77,7 +79,7 @@ mod tests {
         stamps.echo(Duration::from_micros(400));
         let last = stream(&mut stamps, 5, 0, 20_000);
         assert!(stamps.scanned(last).is_some());
-        // Another hour by its own clock, a minute by ours.
+        // Another hour by the device's clock, a minute by the host's.
         stamps.reconnected();
         assert_eq!(stamps.scanned(last), None);
         stamps.echo(Duration::from_micros(400));

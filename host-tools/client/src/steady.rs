@@ -135,7 +135,8 @@ impl ReconnectingClient {
         Ok(info)
     }
 
-    /// Whether the finger lost a bias that was taken on command. Only the unloaded finger can take it again.
+    /// Whether the finger lost a bias that was taken on command. Only the unloaded finger can take
+    /// it again.
     #[must_use]
     pub fn bias_lost(&self) -> bool {
         self.state().bias_lost
@@ -151,7 +152,8 @@ impl ReconnectingClient {
         match settings {
             None => drop(self.remember(&client)?),
             Some(Settings { millihertz, filter_hz, fields, method, scan, biased }) => {
-                // First, because the others depend on it. Only if it differs, because it clears the bias.
+                // First, because the others depend on it. Only if it differs, because it clears the
+                // bias.
                 if let Some(scan) = scan
                     && client.health()?.scan != Some(scan)
                 {

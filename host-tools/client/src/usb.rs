@@ -4,7 +4,8 @@ use serialport::{SerialPortType, UsbPortInfo};
 
 use crate::error::Problem;
 
-/// USB vendor id, as in `boards/common`. It is for testing and shared, so the manufacturer is checked too.
+/// USB vendor id, as in `boards/common`. It is for testing and shared, so the manufacturer is
+/// checked too.
 pub const VENDOR: u16 = 0x1209;
 /// USB product id.
 pub const PRODUCT: u16 = 0x0001;
@@ -113,7 +114,7 @@ mod tests {
         assert!(said(&[other], None).starts_with("no finger on USB; plug it in"));
     }
 
-    /// The firmware's own numbers: it is another workspace, so that its source has to do.
+    /// Compares with the firmware's source, because the firmware is in another workspace.
     #[test]
     fn the_firmware_says_the_same_numbers() {
         let source = include_str!("../../../boards/common/src/link.rs");

@@ -1,11 +1,11 @@
 // Strip charts of measured columns and the spectrum of a channel, by uPlot.
 const uPlot = window.uPlot;
-/** Seconds that a strip chart shows. */
+/** Time span of a strip chart, in seconds. */
 const WINDOW = 20;
 const tall = () => (innerWidth > 832 ? 190 : 165);
 const short = (values) => values.map((value) => String(Number(value.toPrecision(3))));
 
-/** A colour that a canvas understands: the style sheet's, as computed for the present theme. */
+/** Returns a style sheet's colour for the canvas, as computed for the present theme. */
 function paint(name) {
   const probe = document.createElement("span");
   probe.style.color = `var(${name})`;
@@ -24,7 +24,7 @@ function axes(unit) {
   return [{ ...common }, { ...common, size: 62, values: (plot, splits) => (plot.bare ? splits.map(() => "") : short(splits)), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
 }
 
-/** A point for each pixel: of its stretch of time the least and the greatest, so that no peak is lost. */
+/** Reduces ticks to one point per pixel, with minimum and maximum of its time span, so that no peak is lost. */
 function thinned(times, lows, highs, step) {
   const points = [[], ...lows.flatMap(() => [[], []])];
   let stretch;
@@ -45,7 +45,7 @@ function thinned(times, lows, highs, step) {
   return points;
 }
 
-/** Least and greatest of some columns over the last seconds: the band between them is what happened. */
+/** Strip chart of some columns over the last seconds, as bands from minimum to maximum. */
 export class Strip {
   constructor(parent, title, unit, names, labels) {
     this.names = names;
@@ -82,7 +82,7 @@ export class Strip {
       bands.push({ series: [2 * i + 2, 2 * i + 1], fill: faded(stroke) });
     });
     const [time, value] = axes(this.unit);
-    // Seconds before now: the finger's own clock means nothing to a reader.
+    // Seconds before now, because the finger's own clock has no meaning for a reader.
     time.values = (plot, splits) => splits.map((t) => (t === 0 ? "now" : `${t} s`));
     this.plot = new uPlot({
       width: Math.max(240, this.holder.clientWidth || 600),
@@ -101,7 +101,7 @@ export class Strip {
     this.plot.setSize({ width: Math.max(240, this.holder.clientWidth), height: tall() });
   }
 
-  /** Draws what has moved by a pixel; in between nothing would be seen. */
+  /** Draws the chart if it has moved by a pixel or more. */
   draw(times, lows, highs) {
     const now = times.at(-1) ?? 0;
     const moved = Math.abs(now - (this.now ?? -Infinity));
@@ -114,7 +114,7 @@ export class Strip {
   }
 }
 
-/** A range that does not jump at every wiggle and always has zero in it. Without a value an axis has no numbers. */
+/** Returns a padded range that includes zero. Without a value the axis has no numbers. */
 function span(plot, low, high) {
   plot.bare = low === null || high === null || low === undefined;
   if (plot.bare) return [0, 1];
@@ -151,7 +151,7 @@ export class Spectrum {
     this.plot.setSize({ width: Math.max(240, this.holder.clientWidth), height: 180 });
   }
 
-  /** Axes without a line say nothing. */
+  /** Shows or hides the chart, because axes without a line carry no information. */
   show(yes) {
     if (this.holder.hidden !== yes) return;
     this.holder.hidden = !yes;

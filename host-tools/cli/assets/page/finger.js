@@ -1,4 +1,4 @@
-// The finger from outside: taxels where they are, contact point, force; and the force sensors.
+// Drawings of the finger: taxels in place, contact point, force, and the force sensors.
 const SVG = "http://www.w3.org/2000/svg";
 
 function element(name, attributes, parent) {
@@ -8,7 +8,7 @@ function element(name, attributes, parent) {
   return made;
 }
 
-/** What does not change costs no new picture. */
+/** Sets only attributes that change, to avoid redrawing. */
 function set(made, attributes) {
   for (const [key, value] of Object.entries(attributes)) {
     if (made.getAttribute(key) !== String(value)) made.setAttribute(key, value);
@@ -16,13 +16,13 @@ function set(made, attributes) {
 }
 
 const shown = (made, yes) => set(made, { visibility: yes ? "visible" : "hidden" });
-/** A length to a hundredth, below which no screen shows it. */
+/** Rounds a length to 0.01, which is finer than a pixel. */
 const short = (value) => Math.round(value * 100) / 100;
 const number = (value) => typeof value === "number";
 
-/** Millimetres that a newton of shear is long. */
+/** Length of the arrow of 1 N of shear, in millimetres. */
 const MM_PER_N = 2;
-/** The least signal that fills a taxel's colour: below it there is only noise. */
+/** Lowest signal with full colour, as a share of full scale; below it is only noise. */
 const LEAST = 0.02;
 
 function cross(parent) {
@@ -49,7 +49,7 @@ export class Finger {
     element("text", { x: -far + 2.8, y: far - .4 }, svg).textContent = "2 mm";
     element("text", { x: far - .6, y: far - .4, "text-anchor": "end" }, svg).textContent = `arrow: 1 N = ${MM_PER_N} mm`;
     this.press = element("circle", { class: "press" }, svg);
-    // What stands over the colours has an edge in the ground's colour.
+    // Arrows over the taxels' colours get an edge in the background's colour.
     this.arrows = ["under", "over"].map((kind) => element("line", { class: `arrow ${kind}` }, svg));
     this.head = element("polygon", { class: "head", points: "0,-.35 .8,0 0,.35" }, svg);
     this.point = cross(svg);
@@ -57,11 +57,11 @@ export class Finger {
   }
 
   /**
-   * `signals` may be absent; `point`, `force` and `contacts` are numbers or reasons. Two contacts take the
-   * place of the one point, which lies between them.
+   * `signals` may be absent; `point`, `force` and `contacts` are numbers or reasons. Two contacts replace
+   * the single point, which lies between them.
    */
   draw({ signals, saturated, dead, point, force, contacts }) {
-    // The strongest signal of late has the full colour.
+    // The strongest recent signal has the full colour.
     const faults = saturated | dead;
     const sound = (signals ?? []).filter((signal, k) => number(signal) && !(faults >> k & 1));
     const strongest = Math.max(...sound.map(Math.abs), LEAST);
@@ -75,7 +75,7 @@ export class Finger {
         class: fault ? "taxel fault" : "taxel",
         fill: percent > 0 ? `color-mix(in oklab, var(--${signal < 0 ? "near" : "away"}) ${percent}%, transparent)` : "transparent",
       });
-      // Read by who points at it, not by who looks.
+      // Only a hovered taxel shows its tooltip, so that others need no update.
       if (cell.matches(":hover")) cell.firstChild.textContent = `row ${k >> 2}, column ${k & 3}: ${number(signal) ? signal.toFixed(4) : "–"}${fault ? saturated >> k & 1 ? ", clipped" : ", dead" : ""}`;
     });
     const two = contacts.flat().every(number);
@@ -102,7 +102,7 @@ export class Finger {
   }
 }
 
-/** One force sensor: shear as an arrow, normal force as a disc. */
+/** Drawing of one force sensor: shear as an arrow, normal force as a disc. */
 export class Sensor {
   constructor(parent, name) {
     const figure = document.createElement("figure");
@@ -120,7 +120,7 @@ export class Sensor {
   draw(force) {
     const given = force.every(number);
     const [x, y, z] = given ? force : [0, 0, 0];
-    // A newton is the ring.
+    // The ring is 1 N.
     const long = Math.max(1, Math.hypot(x, y));
     const [dx, dy] = [short(x / long * .9), short(-y / long * .9)];
     const sheared = Math.hypot(dx, dy) > .05;

@@ -1,4 +1,4 @@
-// What each status flag means and what to do. A flag that is not listed is shown by its name.
+// Meaning of each status flag, and the fix. Flags that are not listed are shown by name.
 export const FLAGS = {
   // schema: flags (from src/frame/schema.rs by `cargo xtask protocol`)
   "contact": ["good", "Something touches the finger", ""],

@@ -1,18 +1,18 @@
-// The page of one finger: what the server sends goes into the document, what the user does goes back.
+// Page of one finger: shows the server's messages and sends the user's commands.
 import { Finger, Sensor } from "./finger.js";
 import { Spectrum, Strip, WINDOW } from "./charts.js";
 import { FLAGS } from "./flags.js";
 
 const $ = (id) => document.getElementById(id);
 const number = (value) => typeof value === "number";
-/** A number in so many decimals; what rounds to nothing has no sign. */
+/** Formats a number with so many decimals; a rounded zero has no sign. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
 
 const state = { at: {}, facts: {}, times: [], low: {}, high: {}, latest: [], measured: [], flagged: {}, drawn: [], draws: 0 };
 let socket, finger, sensors = [], strips = [], spectrum, dragging = false, wanted = true;
 
 // —— the link ——
-/** The finger that the address asks for, or else the first, once it is known which there are. */
+/** Fills the list of fingers; returns the one in the page's address, or else the first. */
 function choosable(names) {
   const asked = new URLSearchParams(location.search).get("finger");
   const which = asked in names ? asked : 0;
@@ -61,7 +61,7 @@ function receive(message) {
   wanted = true;
 }
 
-/** Rows from now on have these columns, and time begins anew. */
+/** Sets the columns of the following rows and discards earlier ones. */
 function begin(columns) {
   const names = columns.map((column) => column.name);
   const same = names.join() === Object.keys(state.at).join();
@@ -74,11 +74,11 @@ function begin(columns) {
   if (!same) layout(names);
 }
 
-// —— what the page is made of, from the columns ——
+// —— page elements, built from the columns ——
 const UNITS = { n: "N", mm: "mm", nmm: "N·mm" };
 const unit = (name) => UNITS[/_([a-z]+)$/.exec(name)?.[1]] ?? "";
 
-/** Measured columns in charts: those that belong together by name and unit. */
+/** Groups measured columns into charts by name and unit. */
 function charts(names) {
   const groups = [];
   const take = (title, pick, labels) => {
@@ -91,7 +91,7 @@ function charts(names) {
   take("Torsion", ["torsion_nmm"], ["torsion"]);
   const grouped = groups.flatMap(([, , found]) => found);
   if (!grouped.some((name) => name.startsWith("f"))) {
-    // A finger of force sensors alone.
+    // A finger with force sensors only.
     for (let s = 0; names.includes(`s${s}_fz_n`); s++) {
       take(`Sensor ${s}`, ["x", "y", "z"].map((axis) => `s${s}_f${axis}_n`), ["x", "y", "z"]);
     }
@@ -137,7 +137,7 @@ function learn(facts) {
   const corners = new Set([0, 5, 10, 20, 50, 100, 200, 500, facts.filter_hz].filter((hz) => hz <= facts.scan_hz / 4));
   $("filter").replaceChildren(...[...corners].sort((a, b) => a - b).map((hz) => new Option(hz ? `${hz} Hz` : "none", hz)));
   $("filter").value = facts.filter_hz;
-  // Made once: a box that is made anew has lost the keyboard.
+  // Created once, because a new checkbox would lose the keyboard focus.
   if (!$("fields").children.length) $("fields").append(...facts.field_names.map(fieldBox));
   const chosen = facts.fields.split(",");
   for (const box of $("fields").querySelectorAll("input")) box.checked = chosen.includes(box.value);
@@ -152,11 +152,11 @@ function fieldBox(name) {
 }
 
 // —— drawing, once a frame of the screen ——
-/** Milliseconds from one reading of the numbers to the next: nobody reads faster. */
+/** Interval between updates of the numbers, in milliseconds; people read no faster. */
 const READ = 100;
 let read = -Infinity;
 
-/** Text that is the same is not laid out again. */
+/** Sets a text only if it changes, to avoid a new layout. */
 function write(id, text) {
   if ($(id).textContent !== text) $(id).textContent = text;
 }
@@ -200,7 +200,7 @@ function draw(now) {
   if (state.drawn.length > 600) state.drawn.splice(0, 300);
 }
 
-/** The numbers of the finger; a value that is withheld is its reason. */
+/** Lists the finger's values; a missing value shows its reason. */
 function values(force, point, value) {
   const rows = [
     ["force x", force[0], "N", 3], ["force y", force[1], "N", 3], ["force z", force[2], "N", 3],
@@ -208,7 +208,7 @@ function values(force, point, value) {
     ["torsion", value("torsion_nmm"), "N·mm", 2], ["slip margin", value("slip_margin"), "", 2],
     ["friction", value("friction"), "", 2], ["grip wanted", value("grip_n"), "N", 2],
   ];
-  // Two contacts are rare: why there are none is not said.
+  // Two contacts are rare, so that reasons for a missing one are not shown.
   for (const i of [1, 2]) {
     const [x, y, fz] = ["x_mm", "y_mm", "fz_n"].map((end) => value(`contact${i}_${end}`));
     if (number(fz)) rows.push([`contact ${i} x`, x, "mm", 2], [`contact ${i} y`, y, "mm", 2], [`contact ${i} force`, fz, "N", 2]);
@@ -227,7 +227,7 @@ function values(force, point, value) {
   });
 }
 
-/** A flag that was set for one frame only stays to be read. */
+/** Seconds that a flag stays visible after its last frame. */
 const LINGER = 2;
 
 function note(bits, time) {
@@ -292,7 +292,7 @@ function say({ done, failed }) {
   $("said").className = failed === undefined ? "" : "failed";
 }
 
-// —— what the user does ——
+// —— user input ——
 function command(id, order, more) {
   $(id).onclick = () => { say({ done: "…" }); ask(order, more?.()); };
 }
@@ -322,7 +322,7 @@ addEventListener("resize", () => { strips.forEach((strip) => strip.resize()); sp
 matchMedia("(prefers-color-scheme: dark)").onchange = () => { strips.forEach((strip) => strip.build()); spectrum.build(spectrum.unit); wanted = true; };
 
 spectrum = new Spectrum($("spectrum"));
-/** For the tests and for scripts in the browser's console. */
+/** State for the tests and for scripts in the browser's console. */
 window.taxel = state;
 fetch("fingers").then((answer) => answer.json()).then((names) => {
   connect(choosable(names));

@@ -1,4 +1,4 @@
-//! A virtual finger behind a link that is cut, dirty, taken or not read.
+//! Tests of a virtual finger behind a link that is cut, noisy, busy or unread.
 
 use std::io::Write;
 use std::net::{TcpListener, TcpStream};
@@ -52,7 +52,7 @@ fn garbage_before_the_first_packet_and_half_a_packet_do_no_harm() {
     client.stream(true).unwrap();
     frames(&client, 100);
     assert_eq!(client.counts().lost, 0);
-    // The finger counts what it could not read of the host's garbage.
+    // The finger counts the host's garbage as bad packets.
     assert_eq!(client.info().unwrap().counters.bad_packets, 1);
 }
 
@@ -79,7 +79,7 @@ fn a_host_that_does_not_read_loses_frames_which_are_counted_while_the_scan_goes_
     for (tag, command) in (0..).zip(commands) {
         deaf.write_all(&packed(&Request { tag, command })).unwrap();
     }
-    // Some hundred kilobytes a second: sooner or later no buffer on the way holds them.
+    // At some 100 kB/s every buffer on the way overflows at last.
     let mut pause = std::time::Duration::from_secs(1);
     let client = loop {
         std::thread::sleep(pause);
@@ -91,7 +91,7 @@ fn a_host_that_does_not_read_loses_frames_which_are_counted_while_the_scan_goes_
     };
     let before = client.info().unwrap().counters;
     assert!(before.lost <= before.frames && before.frames <= before.scans);
-    // Whoever reads again, and asks for no more than the link carries, loses nothing.
+    // A host that reads again, within the link's capacity, loses nothing.
     client.set_fields(Fields::ESTIMATES).unwrap();
     client.set_rate(1000).unwrap();
     client.stream(true).unwrap();

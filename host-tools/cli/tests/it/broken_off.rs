@@ -1,4 +1,5 @@
-//! What is broken off leaves something whole: a fit by Ctrl-C, an upload by a pulled cable.
+//! Tests of interrupted commands, which must leave whole files: a fit by Ctrl-C, an upload by a
+//! pulled cable.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -16,10 +17,10 @@ use taxel_cli::VirtualFinger;
 use taxel_cli::virtual_finger::Source;
 use taxel_files::calibration;
 
-/// The virtual finger with the net and the sensors alone.
+/// Calibration of the virtual finger with net and sensors only.
 const VIRTUAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
 
-/// Ten channels, each row somewhere else, and a force that no line follows: more than a minute of fitting.
+/// Writes ten channels of scattered rows and a nonlinear force: more than a minute of fitting.
 fn write_table(folder: &Path) {
     let names: Vec<String> = (0..10).map(|k| format!("m{k}")).collect();
     let mut text = format!("t_s,{},force_n\n", names.join(","));
@@ -32,7 +33,7 @@ fn write_table(folder: &Path) {
     std::fs::write(folder.join("long.csv"), text).unwrap();
 }
 
-/// Processor time that a child has had, which unlike the clock tells how far it has come.
+/// Processor time of a child, a measure of its progress that does not depend on the machine's load.
 fn worked(child: &Child) -> Duration {
     let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap_or_default();
     let after_name = stat.rsplit(')').next().unwrap_or_default();
@@ -46,7 +47,7 @@ fn interrupt(child: &Child) {
     nix::sys::signal::kill(id, nix::sys::signal::Signal::SIGINT).unwrap();
 }
 
-/// Lets it work for so long, and has enough of it.
+/// Interrupts the child after this much processor time.
 fn interrupted_after(worked_for: Duration, mut child: Child) -> Ran {
     while worked(&child) < worked_for {
         assert_eq!(child.try_wait().unwrap(), None, "it ended before Ctrl-C");
@@ -71,7 +72,7 @@ fn ctrl_c_in_a_fit_keeps_the_best_so_far() {
     let whole = folder.succeeds(&[&fit[..], &["--model", "ridge", "--out", "line.toml"]].concat());
     assert_eq!(json(&whole)["interrupted"], false);
     let line = rmse("line.toml");
-    // A net bends from its first steps on; what `auto` has by then is the line.
+    // A net is nonlinear from its first steps on; `auto` has only the straight line by then.
     for (model, chosen, out, share) in [
         ("mlp", "16 hidden units as usual, not chosen by recordings left out", "net.toml", 0.5),
         (
@@ -86,13 +87,13 @@ fn ctrl_c_in_a_fit_keeps_the_best_so_far() {
         let ran =
             interrupted_after(Duration::from_secs(3), folder.command(&typed).spawn().unwrap());
         assert_eq!(ran.code, Some(0), "{model}: {}", ran.err);
-        // Of one recording it says besides how little the choice rests on.
+        // With one recording it also warns how little the choice rests on.
         assert!(ran.err.starts_with(&format!("taxel: warning: {model}: {chosen}")), "{}", ran.err);
         let said: Vec<_> = ran.err.lines().skip(1).collect();
         assert_eq!(said, ["taxel: stopped early: the best net so far was kept"], "{model}");
         let told = json(&ran.out);
         assert_eq!((&told["interrupted"], &told["calibration"]), (&true.into(), &out.into()));
-        // What it says of itself is what the record in the file is worth on the same rows.
+        // Its own residual equals the error of the written record on the same rows.
         let own = ["calibrate", "evaluate", "--data", "long.csv@0..60", "--json", "--calibration"];
         let own = json(&folder.succeeds(&[&own[..], &[out]].concat()));
         let (own, said) = (&own["force_n"]["rmse"], &told["parts"][0]["residual"][0]);
@@ -103,7 +104,7 @@ fn ctrl_c_in_a_fit_keeps_the_best_so_far() {
     }
 }
 
-/// Presses with shear, which a net of 32 units takes many seconds to learn.
+/// Fits presses with shear, which a net of 32 units takes many seconds to learn.
 #[test]
 fn ctrl_c_in_the_fit_of_a_finger_leaves_a_record_that_measures() {
     let directory = tempfile::tempdir().unwrap();
@@ -126,11 +127,11 @@ fn ctrl_c_in_the_fit_of_a_finger_leaves_a_record_that_measures() {
     let judge = ["calibrate", "evaluate", "--data", "unseen.csv", "--calibration", "cal.toml"];
     let judged = json(&folder.succeeds(&[&judge[..], &["--json"]].concat()));
     eprintln!("{}", judged["fz_n"]);
-    // The force itself has 0.75 N.
+    // RMS of the force itself is 0.75 N.
     assert!(judged["fz_n"]["rmse"].as_f64().unwrap() < 0.25, "{judged}");
 }
 
-/// A reader that waits for a recording's next row can be interrupted nowhere else.
+/// Interrupts a reader that blocks on a recording's next row.
 #[test]
 fn ctrl_c_while_a_recording_is_read_leaves_the_files_as_they_were() {
     let directory = tempfile::tempdir().unwrap();
@@ -149,36 +150,36 @@ fn ctrl_c_while_a_recording_is_read_leaves_the_files_as_they_were() {
     for args in commands {
         let typed = [&["calibrate"], args, &["--data", "growing.csv"]].concat();
         let child = folder.command(&typed).spawn().unwrap();
-        // Opens once the command does.
+        // Opens when the command does.
         let writer = std::fs::File::options().write(true).open(&pipe).unwrap();
         interrupt(&child);
         let ran = Ran::of(child.wait_with_output().unwrap());
         drop(writer);
-        // As a shell expects it: ended by the signal.
+        // Ended by the signal, as a shell expects.
         assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (None, "", ""), "{args:?}");
         assert_eq!(folder.files(), before, "{args:?}");
     }
 }
 
-/// What becomes of a cable after so many bytes.
+/// Fate of a cable after its last byte.
 #[derive(Clone, Copy)]
 enum Then {
     Pulled,
-    /// Nothing more goes through, until the host goes.
+    /// Passes nothing more until the host disconnects.
     Stuck,
 }
 
-/// A cable to a finger.
+/// Cable to a finger.
 struct Cable {
-    /// What has gone each way: to the finger, to the host.
+    /// Bytes carried: to the finger, to the host.
     carried: thread::JoinHandle<[u64; 2]>,
-    /// The port to use.
+    /// Port of the cable's near end.
     port: String,
-    /// Hears when no more goes to the finger.
+    /// Receives when the way to the finger has ended.
     ended: Receiver<()>,
 }
 
-/// One that lets through so many bytes to the finger and so many to the host.
+/// Creates a cable that passes so many bytes to the finger and to the host.
 fn cable(finger: &str, most: [u64; 2], then: Then) -> Cable {
     let (tell, ended) = channel();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -186,18 +187,18 @@ fn cable(finger: &str, most: [u64; 2], then: Then) -> Cable {
     let finger = finger.strip_prefix("tcp:").unwrap().to_owned();
     let carry = move || {
         let (host, _) = listener.accept().unwrap();
-        // Nobody can plug it in again.
+        // Makes a second connection impossible.
         drop(listener);
         let finger = TcpStream::connect(finger).unwrap();
         let through =
             move |from: &TcpStream, to: &TcpStream, most: u64, tell: Option<Sender<()>>| {
                 let sent = copy(&mut from.take(most), &mut &*to).unwrap_or_default();
                 if let Some(tell) = tell {
-                    // Whoever pulls the cable does not wait for it.
+                    // The receiver may be gone.
                     let _ = tell.send(());
                 }
                 if matches!(then, Then::Stuck) {
-                    // Until its end.
+                    // Discards the rest.
                     let _ = copy(&mut &*from, &mut std::io::sink());
                 }
                 // Either may be closed already.
@@ -211,15 +212,15 @@ fn cable(finger: &str, most: [u64; 2], then: Then) -> Cable {
     Cable { carried: thread::spawn(carry), port, ended }
 }
 
-/// A finger with a calibration, another one in the file `new.toml`, and how many bytes go each way when it is
-/// uploaded whole.
+/// Finger with a calibration, a new one in the file `new.toml`, and the bytes each way of a whole
+/// upload.
 struct Upload<'f> {
     folder: In<'f>,
     old: Calibration,
     new: Calibration,
     finger: VirtualFinger,
     total: [u64; 2],
-    /// Of these, to the host when the record is read back, after a hello.
+    /// Bytes of these to the host for reading the record back, after a hello.
     read_back: u64,
 }
 
@@ -273,10 +274,10 @@ fn a_cable_pulled_in_an_upload_leaves_one_calibration_whole_and_the_line_says_wh
     let directory = tempfile::tempdir().unwrap();
     let upload = Upload::begin(directory.path());
     let ([to_finger, to_host], chunk) = (upload.total, taxel::wire::message::CHUNK as u64);
-    // A message is a chunk and some bytes around it: no chunk is stepped over.
+    // The step is below one message (a chunk and its frame), so that no chunk is skipped.
     let length = to_finger - to_finger / 8;
     let chunks = (100..length).step_by(chunk as usize).map(|bytes| [bytes, u64::MAX]);
-    // About the answer that the new one is in force: a hello later comes what is read back.
+    // Near the answer that reports the new record as active; after a hello the record is read back.
     let committed = to_host - upload.read_back;
     let answers = (committed - 12..committed + 36).step_by(3).map(|bytes| [u64::MAX, bytes]);
     let read_back = [[u64::MAX, to_host - 1], [to_finger - 1, u64::MAX]];
@@ -329,7 +330,7 @@ fn ctrl_c_in_an_upload_or_a_download_leaves_calibrations_whole() {
         let typed = typed(&cable.port);
         let typed: Vec<&str> = typed.iter().map(String::as_str).collect();
         let child = upload.folder.command(&typed).spawn().unwrap();
-        // From here on it waits for answers that do not come.
+        // From here on the command waits for answers that do not come.
         cable.ended.recv().unwrap();
         interrupt(&child);
         let ran = Ran::of(child.wait_with_output().unwrap());
@@ -357,7 +358,7 @@ fn ctrl_c_in_an_upload_or_a_download_leaves_calibrations_whole() {
     assert_eq!(upload.in_force(), upload.old);
 }
 
-/// The system ends whoever writes beyond a limit, in the middle of it.
+/// Ends the writer in mid-write by a limit on file size.
 #[test]
 fn a_crash_in_the_middle_of_writing_a_record_leaves_the_former_one() {
     let directory = tempfile::tempdir().unwrap();
@@ -383,7 +384,7 @@ fn a_crash_in_the_middle_of_writing_a_record_leaves_the_former_one() {
     assert_eq!((crashed.code, crashed.out.as_str()), (None, ""), "{}", crashed.err);
     assert_eq!(std::fs::read_to_string(folder.0.join("cal.toml")).unwrap(), former);
     let parts = std::fs::read_dir(folder.0).unwrap().count();
-    // Where it is told instead of ended, it says so and clears up.
+    // If the signal is ignored, the write fails: the command reports it and removes the file.
     let told = limited("trap '' XFSZ");
     assert_eq!((told.code, told.out.as_str()), (Some(1), ""));
     assert!(told.err.starts_with("taxel: cal.toml: File too large"), "{}", told.err);

@@ -1,6 +1,6 @@
-//! The page in a real browser: what it shows is what was streamed, and its buttons do what they say.
+//! Tests of the page in a real browser: it shows the stream, and its buttons work.
 //!
-//! `TAXEL_SCREENSHOTS=docs/images cargo test -p taxel-cli --test it browser::` keeps the pictures.
+//! `TAXEL_SCREENSHOTS=docs/images cargo test -p taxel-cli --test it browser::` saves the pictures.
 
 mod chromium;
 
@@ -20,7 +20,7 @@ use taxel_client::{Client, Port, ReconnectingClient};
 use taxel_files::calibration;
 use taxel_files::recording::Recording;
 
-/// A built-in scene, or one of these tests.
+/// Opens a scene of these tests, or a built-in one.
 fn source(scene: &str) -> virtual_finger::Source {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/scenes/{scene}.toml"));
     let own = own.exists().then(|| own.display().to_string());
@@ -43,7 +43,7 @@ fn show(port: &Port, folder: &Path) -> Server {
     serve(vec![Feed::start(Source::Finger(Box::new(steady), folder.to_owned())).unwrap()])
 }
 
-/// Streams a finger into a page and remembers every frame.
+/// Finger streamed into a page, with every frame remembered.
 struct Tapped {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<HashMap<u32, Frame>>,
@@ -120,11 +120,11 @@ fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
     }
     assert!(forces > 60, "{forces}");
 
-    // Every force that came is within its tick's band, and the bands are no wider than what came.
+    // Every force lies within its tick's band, and no band exceeds its forces.
     let series = |name: &str| -> Vec<Option<f64>> {
         chart[name].as_array().unwrap().iter().map(Value::as_f64).collect()
     };
-    // JSON's decimals are read back to within a bit of f64; forces are f32.
+    // JSON's decimals are exact to one bit of f64; forces are f32.
     let exact = |value: Option<f64>| value.map(|value| value as f32);
     let (time, low, high) = (series("time"), series("low"), series("high"));
     let mut by_time: Vec<(f64, f32)> = frames
@@ -150,27 +150,27 @@ fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
     assert!(compared > 120, "{compared} ticks");
     assert_eq!(chart["lost"], 0);
 
-    // What a frame of the screen costs the page, in milliseconds, where nobody else wants the processor: 60 a second
-    // leave 16.7. Of a machine that others load, that is the least of a hundred drawings rather than their middle.
+    // Cost of drawing one screen frame, in milliseconds; 60 Hz leave 16.7. The minimum of a hundred
+    // drawings, because other load delays some of them.
     let draw = chart["draw"].as_array().unwrap().iter().map(|ms| ms.as_f64().unwrap());
     let least = draw.fold(f64::INFINITY, f64::min);
     println!("drawing takes {least:.1} ms at least");
     assert!(least < 16.7, "{least} ms");
 }
 
-/// A browser with nothing to do draws 60 times a second, and the page must not keep it from that: nine tenths of what
-/// the empty browser does just before and after. That holds where nobody else wants the machine, and is asked of a
-/// round in which nobody took more than a quarter of a processor. What holds everywhere: 60 drawings and all that
-/// comes with them fit into two processors, without a graphics card.
+/// A browser with nothing to do draws 60 times a second, and the page must keep nine tenths of that
+/// rate. The empty browser is measured just before and after. This bound holds on an idle machine:
+/// the round counts only if others took less than a quarter of a processor. On every machine, 60
+/// drawings with all their work must fit into two processors, without a graphics card.
 #[test]
 fn a_4_khz_stream_is_drawn_60_times_a_second() {
     let folder = tempfile::tempdir().unwrap();
     let finger = finger("press-4khz");
-    // What the page asks a finger for by itself.
+    // Fields that the page requests by itself.
     let fields = Fields::ESTIMATES | Fields::SIGNALS;
     let tapped = tapped(&finger, 4000, fields, folder.path());
     let mut browser = Browser::blank(1280, 900);
-    // Calls and drawings a second, over some seconds.
+    // Counts calls and drawings a second, over some seconds.
     let measure = |browser: &mut Browser, seconds: u32| {
         let measured = browser.value(&format!(
             "new Promise((done) => {{
@@ -192,7 +192,7 @@ fn a_4_khz_stream_is_drawn_60_times_a_second() {
         let [before, _] = measure(&mut browser, 1);
         browser.show(&tapped.server.url());
         browser.wait_for("taxel.rate > 3900 && taxel.times.length > 60");
-        // What a page costs that has just been opened is another matter.
+        // Excludes the cost of opening the page.
         std::thread::sleep(Duration::from_secs(2));
         let spent = |browser: &mut Browser| (browser.cpu_seconds(), all_but(browser));
         let begun = spent(&mut browser);
@@ -223,16 +223,16 @@ fn a_4_khz_stream_is_drawn_60_times_a_second() {
     tapped.end();
 }
 
-/// Seconds of processor that this machine has spent on others than the browser and this test.
+/// Processor seconds of this machine spent outside the browser and this test.
 fn all_but(browser: &mut Browser) -> Option<f64> {
-    // Hundredths of a second on every Linux that there is; elsewhere nobody tells.
+    // Ticks are 10 ms on Linux; other systems have no such file.
     let ticks = |text: &str| text.parse::<f64>().unwrap_or(0.0) / 100.0;
     let machine = std::fs::read_to_string("/proc/stat").ok()?;
     let all: Vec<f64> = machine.lines().next()?.split_whitespace().skip(1).map(ticks).collect();
     let idle: f64 = all.get(3..5)?.iter().sum();
     let own = std::fs::read_to_string("/proc/self/stat").ok()?;
     let own: f64 = own.rsplit(')').next()?.split_whitespace().skip(11).take(2).map(ticks).sum();
-    // User to steal; what guests have is in user's already.
+    // Fields user to steal; guest time is part of user.
     Some(all.iter().take(8).sum::<f64>() - idle - own - browser.cpu_seconds())
 }
 
@@ -246,7 +246,7 @@ fn the_page_looks_right_idle_pressed_slipping_broken_and_on_a_phone() {
             "view-press",
             "Math.hypot(taxel.latest[taxel.at.fx_n], taxel.latest[taxel.at.fy_n]) > .6",
         ),
-        // The tour slides after nine seconds.
+        // The tour slides from 9 s on.
         (
             "tour",
             "view-slip",
@@ -351,7 +351,7 @@ fn every_control_works_by_keyboard_and_says_what_came_of_it() {
     press("t", "channels are as they should be");
     press("r", "recording into");
     browser.wait_for("taxel.recording");
-    // A thousand frames by their own count, however long this machine takes for them.
+    // A thousand frames by their sequence numbers, whatever time this machine needs.
     browser.value("void (window.from = taxel.latest[taxel.at.seq])");
     browser.wait_for("taxel.latest[taxel.at.seq] > from + 1000");
     browser.key("r");
@@ -361,7 +361,7 @@ fn every_control_works_by_keyboard_and_says_what_came_of_it() {
     let rows = Recording::open(&files[0].path()).unwrap().map(Result::unwrap).count();
     assert!(rows > 1000, "{rows}");
 
-    // By Tab alone, every control is reached.
+    // Tab alone reaches every control.
     let mut reached = std::collections::BTreeSet::new();
     for _ in 0..30 {
         browser.key("Tab");
@@ -382,7 +382,7 @@ fn every_control_works_by_keyboard_and_says_what_came_of_it() {
         assert!(reached.contains(id), "{id} is not among {reached:?}");
     }
 
-    // Ticking a field moves nobody away from it: the next one is still a Tab away.
+    // Ticking a field keeps the focus: the next field is one Tab further.
     let at = |browser: &mut Browser| browser.value("document.activeElement.value");
     browser.value("document.querySelector('#fields [value=point]').focus()");
     for (field, column) in [("point", "x_mm"), ("slip", "slip_margin")] {
@@ -423,7 +423,7 @@ fn a_finger_that_is_not_there_is_waited_for_and_set_again_when_it_is_back() {
     let again = || {
         let begun = Instant::now();
         loop {
-            // The address may be busy for a moment after the last one.
+            // The address may stay busy briefly after the previous server.
             match VirtualFinger::on_tcp(&address, source("idle"), None) {
                 Ok(finger) => break finger,
                 Err(error) => assert!(begun.elapsed() < Duration::from_secs(10), "{error}"),
@@ -439,10 +439,10 @@ fn a_finger_that_is_not_there_is_waited_for_and_set_again_when_it_is_back() {
     browser.wait_for("taxel.facts.filter_hz === 50");
     let mut finger = Some(finger);
     let mut soonest = Duration::MAX;
-    // Of a machine that others load, the quickest of some returns tells what the program takes.
+    // The fastest of several reconnects, because other load may delay some.
     for _ in 0..5 {
         drop(finger.take());
-        // First that it is gone, and then that nobody answers there.
+        // First "gone", then "connection refused".
         browser.wait_for("/the finger is gone|connection refused/.test(document.getElementById('trouble').textContent)");
         finger = Some(again());
         let back = Instant::now();
@@ -454,7 +454,7 @@ fn a_finger_that_is_not_there_is_waited_for_and_set_again_when_it_is_back() {
             break;
         }
     }
-    // A second, and what the browser takes to say so.
+    // 1 s for the program, and the browser's own delay.
     assert!(soonest < Duration::from_secs(2), "{soonest:?}");
 }
 

@@ -1,4 +1,4 @@
-//! What a calibration is worth, how two of them differ, and how an old one is brought up to date.
+//! Tests of evaluating, comparing and adjusting calibrations.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -13,10 +13,10 @@ use taxel_files::calibration;
 use taxel_files::trace::Sample;
 use taxel_sim::{Scene, Simulator};
 
-/// The virtual finger with the net and the sensors alone, as `calibrate fit --net-only` makes it.
+/// Calibration of the virtual finger with net and sensors only, as by `calibrate fit --net-only`.
 const VIRTUAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
 
-/// The finger of the built-in scenes, pressed at nine places with `newtons`, 0.4 s each.
+/// Presses the finger of the built-in scenes at nine places with `newtons`, 0.4 s each.
 fn nine_presses(directory: &Path, newtons: f64, seed: u64) -> Vec<Sample> {
     let mut scene = String::from(
         r#"
@@ -52,14 +52,14 @@ fn tour(seed: u64) -> Vec<Sample> {
     Simulator::new(&Scene::load("tour").unwrap(), seed).collect()
 }
 
-/// A finger that has aged: each LED gives another share of its light, and the softer skin makes every signal
-/// `skin` times as large.
+/// Ages a finger: each LED has another brightness, and the softer skin multiplies every signal by
+/// `skin`.
 fn aged(samples: &[Sample], skin: f64) -> Vec<Sample> {
     let gain = |k: usize| 1.0 + 0.15 * (7.3 * k as f64).sin();
     let lit = |codes: &TaxelCodes, k: usize| {
         f64::from(codes.lit[k / 4][k % 4].0) - f64::from(codes.dark[k % 4].0)
     };
-    // All recordings here begin with half a second without a touch.
+    // All recordings here begin with 0.5 s without contact.
     let unloaded: Vec<f64> = (0..16)
         .map(|k| {
             let rows = samples[..200].iter().map(|s| lit(&s.scan.codes.taxels.unwrap(), k));
@@ -110,7 +110,7 @@ fn nine_presses_mend_a_finger_whose_gains_drifted() {
     eprintln!("{outcome}\nworst gain {worst:.3}");
     assert!(worst < 0.06, "{gains:?}");
 
-    // On another recording, with contacts and forces that the presses had none of.
+    // Judged on another recording, with contacts and forces that the presses lack.
     let mut bias_only = calibration::read(VIRTUAL).unwrap();
     let today = calibration::read(directory.path().join("today.toml")).unwrap();
     bias_only.taxels.as_mut().unwrap().bias = today.taxels.as_ref().unwrap().bias;
@@ -125,7 +125,7 @@ fn nine_presses_mend_a_finger_whose_gains_drifted() {
     }
     assert!(withheld(&folder, "today.toml", "old.csv") <= withheld(&folder, VIRTUAL, "young.csv"));
 
-    // `compare` tells the same story.
+    // `compare` finds the same changes.
     let compared = folder.succeeds(&[
         "calibrate",
         "compare",
@@ -152,7 +152,7 @@ fn known_weights_do_without_reference_columns() {
     write_trace(directory.path(), "50g.csv", &presses, false);
     write_trace(directory.path(), "old.csv", &aged(&tour(6), 1.1), true);
     let adjust = ["calibrate", "adjust", "--calibration", VIRTUAL, "--data", "50g.csv"];
-    // Without the weight nothing is known of the presses.
+    // Without the weight the force of the presses is unknown.
     let error = folder.fails(1, &[&adjust[..], &["--out", "none.toml"]].concat());
     assert!(error.contains("presses with a known force"), "{error}");
     let weighed = ["--weight", "0.4905", "--out", "today.toml", "--json"];
@@ -166,7 +166,7 @@ fn known_weights_do_without_reference_columns() {
     assert!(error.contains("newtons"), "{error}");
 }
 
-/// The cell's clock: 40 s ahead, and 0.3 % fast.
+/// Writes the load cell's file: its clock is 40 s ahead, and 0.3 % fast.
 fn write_cell(folder: &Path, samples: &[Sample]) {
     let rows = samples.iter().step_by(4).map(|sample| {
         let seconds = 40.0 + 1.003 * sample.scan.time.0 as f64 * 1e-6;
@@ -205,7 +205,7 @@ fn presses_on_a_load_cell_with_a_clock_of_its_own_adjust_and_compare_as_well() {
     let met = drift["met"].as_array().unwrap().iter().find(|m| m["target"] == "fz_n").unwrap();
     assert!(met["after"].as_f64() < met["before"].as_f64(), "{met}");
 
-    // A weight says it all; so would the cell.
+    // Weight and reference exclude each other.
     let both = [&adjust[..], &with_cell, &["--weight", "1"]].concat();
     let error = folder.fails(2, &both);
     assert!(error.contains("'--reference <FILE>' cannot be used with"), "{error}");
@@ -247,7 +247,7 @@ fn records_that_have_different_things_are_compared_and_what_they_lack_is_said() 
         assert!(ran.err.contains(&format!("taxel: warning: {line}\n")), "{line}: {}", ran.err);
     }
     assert!(ran.out.starts_with("the second was made 1day after the first\n"), "{}", ran.out);
-    // A line each, unit last.
+    // One line per change, unit last.
     for line in ran.out.lines().skip(1) {
         assert!(line.ends_with(" %") || line.ends_with(" mN"), "{line}");
     }
@@ -329,7 +329,7 @@ fn a_reference_of_the_wrong_sign_changes_no_gain() {
     );
     assert_eq!(old.force, new.force);
     for (old, new) in old.sensors.iter().flatten().zip(new.sensors.iter().flatten()) {
-        // The row of z; the shear under a weight is too small to say anything.
+        // Compares only the row of z, because the shear under a weight is too small to fit.
         assert_eq!(old.sensitivity.0[2], new.sensitivity.0[2]);
     }
 }
@@ -349,7 +349,7 @@ fn a_report_is_one_page_with_figures_plots_and_warnings() {
     let found = json(&ran.out);
     let figures = found["trials"][0]["figures"].as_array().unwrap();
     let of = |target: &str| figures.iter().find(|f| f["target"] == target).unwrap();
-    // The same figures as `evaluate` gives, and those that it does not.
+    // The figures of `evaluate`, and further ones.
     let fz = of("fz_n");
     let evaluated = rmse(&folder, VIRTUAL, "judged.csv", "fz_n");
     assert!((fz["rmse"].as_f64().unwrap() - evaluated).abs() < 1e-12);
@@ -361,7 +361,7 @@ fn a_report_is_one_page_with_figures_plots_and_warnings() {
     let s0 =
         found["about"]["parts"].as_array().unwrap().iter().find(|p| p["name"] == "s0").unwrap();
     assert!((1.0..2.0).contains(&s0["condition"].as_f64().unwrap()), "{s0}");
-    // Presses straight down cannot support a net that says fx and fy.
+    // Presses straight down cannot support a net for fx and fy.
     for warning in ["no shear in x", "no shear in y", "fitted to 1 recording", "extrapolated"] {
         assert!(ran.err.contains(warning), "{warning}: {}", ran.err);
     }
@@ -378,7 +378,7 @@ fn a_report_is_one_page_with_figures_plots_and_warnings() {
     assert!(folder.taxel(&same).err.contains("no forecast"));
 }
 
-/// Somebody else's skin: presses with noise, in one recording or another.
+/// Writes noisy presses of another sensor's skin, as one of several recordings.
 fn skin(name: &str, seed: f64, folder: &Path) {
     let row = |i: i32| {
         let t = f64::from(i) * 0.02;
@@ -421,7 +421,7 @@ fn somebody_elses_sensor_gets_the_same_report_and_is_compared_with_what_it_was()
         (&"skin 7".into(), &"m0, m1, m2 → fx_n, fz_n: linear 3-2".into())
     );
     assert!(part["condition_of_data"].as_f64().unwrap() > 1.0, "{part}");
-    // Inputs in their two directions, and fz over fx.
+    // Two plots: inputs in their two directions, and fz over fx.
     assert_eq!(found["coverage"].as_array().unwrap().len(), 2);
     assert!(ran.err.contains("fitted to 2 recordings"), "{}", ran.err);
     let page = std::fs::read_to_string(directory.path().join("page.html")).unwrap();
@@ -434,9 +434,9 @@ fn somebody_elses_sensor_gets_the_same_report_and_is_compared_with_what_it_was()
     let drift = json(&folder.succeeds(&[&compare[..], &["--json"]].concat()));
     let met = drift["met"].as_array().unwrap().iter().find(|m| m["target"] == "fz_n").unwrap();
     assert!((met["before"].as_f64().unwrap() - evaluated).abs() < 1e-12, "{met}");
-    // Each target in the middle and along each of three inputs.
+    // Each target in the middle and along each of the three inputs.
     assert_eq!(drift["changes"].as_array().unwrap().len(), 8);
-    // A finger's record is not a table's.
+    // A finger's record cannot be compared with a table's model.
     let error = folder.fails(1, &["calibrate", "compare", "first.toml", VIRTUAL]);
     assert!(error.contains("a finger calibration where a table one is needed"), "{error}");
 }

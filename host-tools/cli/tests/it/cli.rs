@@ -1,4 +1,4 @@
-//! The command as a user or a script meets it.
+//! Tests of the command as users and scripts run it.
 
 use std::io::Read;
 use std::path::Path;
@@ -8,7 +8,7 @@ use crate::common::{In, Ran};
 use taxel_cli::VirtualFinger;
 use taxel_cli::virtual_finger::Source;
 
-/// Wherever the tests run: nothing here depends on the folder.
+/// Runs the command in the current folder, which these tests do not depend on.
 fn here() -> In<'static> {
     In(Path::new("."))
 }
@@ -64,7 +64,7 @@ fn a_chart_comes_as_table_picture_and_page_and_no_part_of_one_is_left() {
     assert!(told.contains("peers.csv") && told.contains("cannot be made"), "{told}");
 }
 
-/// A virtual finger of this process, and its port.
+/// Starts a virtual finger in this process and returns its port.
 fn finger() -> (VirtualFinger, String) {
     let source = Source::scene("press").unwrap();
     let finger = VirtualFinger::on_tcp("127.0.0.1:0", source, None).unwrap();
@@ -72,7 +72,7 @@ fn finger() -> (VirtualFinger, String) {
     (finger, port)
 }
 
-/// A trace of so many scans at 1 kHz.
+/// Writes a trace of so many scans at 1 kHz.
 fn trace(directory: &Path, scans: u64) -> String {
     let mut text = String::from("t_us,bridge_s0_a,bridge_s0_b,bridge_s0_c,bridge_s0_d\n");
     for i in 0..scans {
@@ -83,7 +83,7 @@ fn trace(directory: &Path, scans: u64) -> String {
     path.display().to_string()
 }
 
-/// The lines after the header, each with as many cells as that.
+/// Reads the lines after the header, and checks that each has as many cells as the header.
 fn lines(path: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(path).unwrap();
     assert!(text.ends_with('\n'));
@@ -124,12 +124,12 @@ fn every_command_has_a_manual_page_with_its_options_and_examples() {
         for section in ["NAME", "SYNOPSIS", "DESCRIPTION", "OPTIONS", "EXTRA"] {
             assert!(text.contains(&format!("\n.SH {section}\n")), "{name} has no {section}");
         }
-        // What begins with a point or a quote is an order to the typesetter: only these are meant.
+        // A line that begins with a dot or a quote is a roff request: only these are intended.
         let meant = [".ie", ".el", ".TH", ".SH", ".TP", ".IP", ".PP", ".RS", ".RE", ".br"];
         let orders = text.lines().filter(|line| line.starts_with(['.', '\'']));
         orders.for_each(|line| assert!(meant.contains(&&line[..3]), "{name}: {line}"));
     }
-    // An example keeps its line.
+    // Examples stay on one line.
     assert!(page("taxel-record").contains("\n  taxel record \\-\\-port sim:tour "));
     assert!(page("taxel-calibrate-upload").contains(".SH NAME\ntaxel\\-calibrate\\-upload"));
 }
@@ -264,7 +264,7 @@ fn a_self_test_lists_every_channel_and_a_board_without_a_bootloader_says_so() {
     assert!(error.contains("cannot scan in another way"), "{error}");
 }
 
-/// The virtual finger of the example has faults that its scene says.
+/// Runs the example of the help; the scene has known faults.
 #[test]
 fn the_self_tests_own_example_finds_what_is_broken() {
     let help = succeeds(&["self-test", "--help"]);
@@ -330,7 +330,7 @@ fn a_playback_is_recorded_to_its_end() {
         json(&succeeds(&["record", "--port", &port, "--out", out.to_str().unwrap(), "--json"]));
     assert_eq!(summary["frames"], lines(&out).len());
     assert_eq!(summary["lost"], 0);
-    // The first scans pass while the client is still saying hello.
+    // The first scans pass during the client's handshake.
     assert!(lines(&out).len() > 100);
 }
 
@@ -368,7 +368,7 @@ fn ctrl_c_ends_a_recording_cleanly() {
     assert!(said.contains(&format!(": {} frames, 0 lost", lines(&out).len())), "{said}");
 }
 
-/// Starts the command and waits until frames have reached the disk.
+/// Starts the command and waits until frames reach the disk.
 fn recording(mut command: Command, out: &Path) -> std::process::Child {
     let mut child = command.spawn().unwrap();
     while !std::fs::read_to_string(out).is_ok_and(|text| text.lines().count() > 100) {

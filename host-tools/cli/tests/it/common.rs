@@ -1,4 +1,4 @@
-//! Running the command from a folder.
+//! Helpers that run the command in a folder.
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -7,7 +7,7 @@ use taxel::scan::{ROWS, SENSORS};
 use taxel::units::FullScale;
 use taxel_files::trace::{Sample, TraceHeader, TraceWriter};
 
-/// Exit code, standard output, standard error.
+/// Result of a run: exit code, standard output, standard error.
 pub struct Ran {
     pub code: Option<i32>,
     pub out: String,
@@ -28,7 +28,7 @@ pub fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).unwrap()
 }
 
-/// The folder that the command is run in.
+/// Folder in which the command runs.
 pub struct In<'f>(pub &'f Path);
 
 impl In<'_> {
@@ -43,7 +43,7 @@ impl In<'_> {
         Ran::of(self.command(args).output().unwrap())
     }
 
-    /// What is in the folder: names of all, and texts of the files.
+    /// Lists the folder: names of all files, and texts where they are text.
     pub fn files(&self) -> BTreeMap<String, Option<String>> {
         let entries = std::fs::read_dir(self.0).unwrap().map(|entry| entry.unwrap());
         let text = |path: PathBuf| {
@@ -56,7 +56,7 @@ impl In<'_> {
             .collect()
     }
 
-    /// One line on standard error, nothing on standard output.
+    /// Asserts a failure: one line on standard error, which it returns, and no standard output.
     pub fn fails(&self, code: i32, args: &[&str]) -> String {
         let ran = self.taxel(args);
         assert_eq!(ran.code, Some(code), "{}{}", ran.out, ran.err);
@@ -73,7 +73,7 @@ impl In<'_> {
     }
 }
 
-/// Writes a trace of a finger with all its channels; its name.
+/// Writes a trace of a finger with all its channels; returns its name.
 pub fn write_trace(directory: &Path, name: &str, samples: &[Sample], truth: bool) -> String {
     let header = TraceHeader {
         full_scale: FullScale::BITS_16,

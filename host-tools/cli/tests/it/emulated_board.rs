@@ -1,5 +1,5 @@
-//! The boards' own firmware under `taxel replay --on` and `taxel demo --emulated`, as a user would run it. Needs
-//! what `cargo xtask emulator` builds.
+//! Tests of the boards' own firmware under `taxel replay --on` and `taxel demo --emulated`. They
+//! need the files of `cargo xtask emulator`.
 
 use std::path::Path;
 
@@ -11,11 +11,11 @@ use taxel_files::recording::{Recording, Scans};
 
 use crate::common::{self, In, json};
 
-/// Half a step of the trace's own rounding, and one for what has not quite settled.
+/// Largest error of a code, in steps: 0.5 for the trace's rounding, 1 for incomplete settling.
 const OFF_STEPS: f32 = 1.5;
 
-/// Writes the virtual finger's calibration as it is shipped, and as an image without the model of the skin reads
-/// it: its name for the board and its name for the host.
+/// Writes the virtual finger's calibration twice: whole for the board, and for the host as an image
+/// without the model of the skin reads it. Returns both names.
 fn calibrations(folder: &Path) -> [&'static str; 2] {
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/virtual-finger.cal.toml");
     let calibration = taxel_files::calibration::read(shipped).unwrap();
@@ -25,8 +25,8 @@ fn calibrations(folder: &Path) -> [&'static str; 2] {
     [shipped, "read.toml"]
 }
 
-/// Rows of a recording without the first, whose frame says that the board has just begun, and the place of its
-/// status.
+/// Returns a recording's rows without the first, whose frame is flagged as the board's first, and
+/// the index of their status.
 fn rows(path: &Path) -> (Vec<Vec<Cell>>, usize) {
     let recording = Recording::open(path).unwrap();
     let status = recording.position("status").unwrap();
@@ -37,7 +37,7 @@ fn scans(path: &Path) -> Vec<Scan> {
     Scans::open(path).unwrap().samples.map(|sample| sample.unwrap().scan).collect()
 }
 
-/// Greatest distance of the codes that a board read from those of the trace, in steps of 12 bits.
+/// Largest error of the board's codes from the trace's, in steps of 12 bits.
 fn off(read: &Scan, shown: &Scan) -> f32 {
     let steps = |codes: &Codes| {
         let step = f32::from(codes.full_scale.top().0) / 4095.0;
@@ -50,8 +50,8 @@ fn off(read: &Scan, shown: &Scan) -> f32 {
     read.iter().zip(&shown).map(|(read, shown)| (read - shown).abs()).fold(0.0, f32::max)
 }
 
-/// Replays a stretch of `trace` on a board's pins. The codes are the trace's, and the frames are to the bit those
-/// of this machine from the same codes. Returns the status of each.
+/// Replays a stretch of `trace` on a board's pins. The codes must be the trace's. The frames must
+/// equal, to the bit, those of this machine from the same codes. Returns the status of each.
 fn replayed(folder: &Path, board: &str, trace: &str, stretch: &str) -> Vec<Status> {
     let taxel = In(folder);
     let [shipped, read] = calibrations(folder);
@@ -67,7 +67,7 @@ fn replayed(folder: &Path, board: &str, trace: &str, stretch: &str) -> Vec<Statu
     let all = scans(&folder.join(trace));
     let from = all.iter().position(|scan| scan.time >= heard[0].time).unwrap();
     let shown = &all[from..from + heard.len()];
-    // A stretch has both its ends.
+    // A stretch includes both ends.
     assert!(said.starts_with(&format!("board.mcap: {} frames, ", heard.len())), "{said}");
     for (heard, shown) in heard.iter().zip(shown) {
         assert!(off(heard, shown) <= OFF_STEPS, "{:?}: {}", shown.time, off(heard, shown));
@@ -130,7 +130,8 @@ fn emulated_faults_are_flagged_as_on_this_machine() {
     }
 }
 
-/// A board scans no slower than 519 times a second: it sees each scan of a slower trace several times.
+/// Replays a trace slower than the board's 519 Hz minimum, so that the board reads each scan
+/// several times.
 #[test]
 fn emulated_slow_trace_takes_as_long_as_it_lasts() {
     let folder = tempfile::tempdir().unwrap();
@@ -157,26 +158,26 @@ fn emulated_demo_sums_up_what_the_board_streamed() {
     let demo = ["demo", "--emulated", "--scene", "press", "--duration", "1.5"];
     let said = In(folder.path()).succeeds(&[demo.as_slice(), &["--headless", "--json"]].concat());
     let said = json(&said);
-    // On a busy machine the board is slower than the clock.
+    // On a busy machine the board runs slower than real time.
     assert!(said["frames"].as_u64().unwrap() > 100, "{said}");
     assert_eq!(said["lost"], 0);
     assert!(said["rate_hz"].as_f64().unwrap() > 50.0, "{said}");
     assert!(said["rmse"].as_object().unwrap().contains_key("fz_n"), "{said}");
 }
 
-/// Folder in `/proc` of a process that `parent` has started.
+/// Finds the `/proc` folder of a process that `parent` has started.
 #[cfg(target_os = "linux")]
 fn child_of(parent: u32) -> Option<std::path::PathBuf> {
     let folders = std::fs::read_dir("/proc").unwrap().map(|entry| entry.unwrap().path());
     folders.into_iter().find(|folder| {
-        // The second field behind the name, in brackets, is the parent (proc(5)).
+        // The second field after the bracketed name is the parent (proc(5)).
         let stat = std::fs::read_to_string(folder.join("stat")).unwrap_or_default();
         let fields = stat.rsplit(')').next().unwrap_or_default();
         fields.split_whitespace().nth(1) == Some(&parent.to_string())
     })
 }
 
-/// An emulator that went on would take a processor core until somebody finds it.
+/// Kills the command; a surviving emulator would keep a processor core busy.
 #[cfg(target_os = "linux")]
 #[test]
 fn emulated_board_ends_when_the_command_is_killed() {

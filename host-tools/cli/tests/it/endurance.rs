@@ -1,4 +1,4 @@
-//! Tests that take long because they try every byte, every operation, or real time: not in the quick profile.
+//! Long tests that try every byte, every operation, or real time; not in the quick profile.
 
 mod broken_uploads;
 mod ill_posed;

@@ -1,4 +1,4 @@
-//! Fingers for the tests: still, moving, behind TCP or a pseudo-terminal.
+//! Virtual fingers for the tests: still, moving, behind TCP or a pseudo-terminal.
 
 use std::time::{Duration, Instant};
 
@@ -11,9 +11,9 @@ use taxel_cli::virtual_finger::Source;
 use taxel_client::{Client, Port, Received};
 use taxel_files::trace::{Sample, Truth};
 
-/// Scans a second of every test finger.
+/// Scan rate of every test finger, in Hz.
 pub const SCAN_HZ: u64 = 4000;
-/// Long enough for the slowest machine: only a test that fails waits for it.
+/// Time limit of a wait. Only a failing test reaches it.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
 fn samples(level: impl Fn(u64) -> u16 + Send + 'static) -> impl Iterator<Item = Sample> + Send {
@@ -32,17 +32,17 @@ fn samples(level: impl Fn(u64) -> u16 + Send + 'static) -> impl Iterator<Item = 
     })
 }
 
-/// A finger that nothing touches.
+/// Unloaded finger.
 pub fn still() -> Source {
     Source::samples("still", samples(|i| 1800 + (i % 2) as u16))
 }
 
-/// A finger that something pushes to and fro, ten times a second.
+/// Finger pushed to and fro, ten times a second.
 pub fn moving() -> Source {
     Source::samples("moving", samples(|i| 1800 + (i % 400) as u16))
 }
 
-/// A still finger that ends after so many scans.
+/// Unloaded finger that ends after so many scans.
 pub fn short(scans: usize) -> Source {
     Source::samples("short", samples(|_| 1800).take(scans))
 }
@@ -51,7 +51,7 @@ pub fn on_tcp(source: Source) -> VirtualFinger {
     VirtualFinger::on_tcp("127.0.0.1:0", source, None).unwrap()
 }
 
-/// A still finger on every kind of link there is.
+/// Unloaded fingers, one on every kind of link.
 pub fn on_every_link() -> Vec<VirtualFinger> {
     let mut fingers = vec![on_tcp(still())];
     if cfg!(unix) {
@@ -71,7 +71,7 @@ pub fn address(port: &Port) -> (&str, u16) {
     }
 }
 
-/// The next `count` frames.
+/// Receives the next `count` frames.
 pub fn frames(client: &Client, count: usize) -> Vec<Received> {
     let deadline = Instant::now() + PATIENCE;
     let mut frames = Vec::new();
@@ -82,7 +82,7 @@ pub fn frames(client: &Client, count: usize) -> Vec<Received> {
     frames
 }
 
-/// A small but valid record, several chunks long.
+/// Returns a small valid calibration whose record has several chunks.
 pub fn calibration() -> Calibration {
     let taxels = TaxelCalibration {
         bias: TaxelBias { level: [0.39; TAXELS], noise: 1e-3 },

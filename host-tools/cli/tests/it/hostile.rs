@@ -1,5 +1,5 @@
-//! Files that a hurried user gives to `taxel calibrate`, as spreadsheets, editors, crashes and typing slips make
-//! them: each ends in one line that names the place and the mend, and with no file written.
+//! Tests of malformed files given to `taxel calibrate`, from spreadsheets, editors, crashes and
+//! typing slips. Each ends in one line that names the place and the fix, and no file is written.
 
 mod places;
 mod records;
@@ -10,10 +10,10 @@ mod traces;
 use crate::common::{In, write_trace};
 use taxel_sim::{Scene, Simulator};
 
-/// The virtual finger with the net and the sensors alone.
+/// Calibration of the virtual finger with net and sensors only.
 const VIRTUAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
 
-/// Rows of a sensor with two channels and a force, numbers as they are written here.
+/// Rows of a sensor with two channels and a force, as text.
 fn rows(count: u32) -> String {
     let row = |i: u32| {
         let t = 0.02 * f64::from(i);
@@ -29,7 +29,7 @@ fn table() -> String {
     HEADER.to_owned() + &rows(300)
 }
 
-/// A scratch folder with a good table, a model of it, a good trace and a record for it.
+/// Creates a folder with a valid table, a model of it, a valid trace and a record for it.
 fn folder() -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
@@ -67,7 +67,7 @@ fn readers<'t>(data: &'t str, record: &'t str) -> Vec<Vec<&'t str>> {
     commands
 }
 
-/// Each command of them fails with `line` and leaves the folder as it was.
+/// Asserts that each command fails with `line` and leaves the folder unchanged.
 fn all_say(folder: &In<'_>, commands: &[Vec<&str>], line: &str) {
     let before = folder.files();
     for typed in commands {

@@ -1,4 +1,4 @@
-//! Tests of the `taxel` command and of what its library shares: one program, linked once.
+//! Tests of the `taxel` command and of its library's shared parts: one program, linked once.
 
 mod broken_links;
 #[cfg(target_os = "linux")]

@@ -1,11 +1,11 @@
-//! The manuals' shell blocks, run as they are written.
+//! Tests that run the manuals' shell blocks as written.
 
 use std::path::{Path, PathBuf};
 
 use crate::common::In;
 use taxel::measured::NoValue;
 
-/// Everything that has a shell block, and some that may get one.
+/// Pages with shell blocks, and some that may get one.
 const MANUALS: [&str; 14] = [
     "README.md",
     "docs/accuracy.md",
@@ -23,7 +23,7 @@ const MANUALS: [&str; 14] = [
     "host-tools/python/README.md",
 ];
 
-/// What a manual's blocks begin with: for what a test cannot have, something that stands in for it.
+/// Shell prologue of a manual's blocks: substitutes for what a test cannot have.
 #[cfg(unix)]
 const PRELUDE: &str = r#"
 set -euo pipefail
@@ -79,7 +79,7 @@ fn text(manual: &str) -> String {
     std::fs::read_to_string(root().join(manual)).unwrap()
 }
 
-/// The blocks of a kind.
+/// Collects the blocks of a kind.
 fn blocks(manual: &str, kind: &str) -> Vec<String> {
     let mut found: Vec<String> = Vec::new();
     let mut inside = false;
@@ -98,8 +98,8 @@ fn blocks(manual: &str, kind: &str) -> Vec<String> {
     found
 }
 
-/// Runs a manual from top to bottom in one folder. Where it names a board's port, a virtual finger that nothing
-/// touches is at the end of a pseudo-terminal.
+/// Runs a manual from top to bottom in one folder. A board's port in it becomes a pseudo-terminal
+/// of an unloaded virtual finger.
 #[cfg(unix)]
 fn run(manual: &str) -> tempfile::TempDir {
     use taxel_cli::VirtualFinger;
@@ -109,7 +109,7 @@ fn run(manual: &str) -> tempfile::TempDir {
     let source = Source::scene(idle.to_str().unwrap()).unwrap();
     let finger = VirtualFinger::on_pty(source, None).unwrap();
     for block in blocks(manual, "toml") {
-        // The scene that a page shows is the one that its commands run.
+        // The scene in a page is the file that its commands run.
         std::fs::write(folder.path().join("my.toml"), block).unwrap();
     }
     for block in blocks(manual, "sh") {
@@ -118,7 +118,7 @@ fn run(manual: &str) -> tempfile::TempDir {
             .args(["-c", &format!("{PRELUDE}{script}")])
             .env("TAXEL", env!("CARGO_BIN_EXE_taxel"))
             .env("ROOT", root())
-            // Nobody wants a browser from a test.
+            // A test must open no browser.
             .env_remove("DISPLAY")
             .env_remove("WAYLAND_DISPLAY")
             .current_dir(folder.path())
@@ -175,7 +175,8 @@ fn getting_started_does_what_it_says() {
 #[test]
 fn every_other_manual_does_what_it_says() {
     let apart = ["README.md", "docs/getting-started.md", "docs/calibrate.md"];
-    // The virtual finger's calibration is fitted again by hand, as it says there, and judged by `pipeline.rs`.
+    // The virtual finger's calibration is fitted by hand, as described there, and judged by
+    // `pipeline.rs`.
     let by_hand = "host-tools/cli/assets/README.md";
     for manual in MANUALS.iter().filter(|manual| !apart.contains(manual) && **manual != by_hand) {
         run(manual);

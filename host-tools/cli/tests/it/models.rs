@@ -1,4 +1,4 @@
-//! Every family of models by its name, from a simulated recording to a record that is judged on another one.
+//! Tests of every family of models, from a simulated recording to a record judged on another one.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -11,8 +11,8 @@ use taxel_papers::feeler::Spot;
 use taxel_sim::systems::column::LIGHT_PER_MM2;
 use taxel_sim::{Scene, Simulator};
 
-/// Fits `fit.csv` with what is typed, and judges on `unseen.csv`: RMS errors of the targets, all of which the
-/// record must have.
+/// Fits `fit.csv` with the options `typed`, and evaluates on `unseen.csv`. Returns the RMS errors
+/// of the targets, all of which the record must have.
 fn judged(folder: &In<'_>, typed: &str, targets: &[&str]) -> Vec<f64> {
     let fit = "calibrate fit --data fit.csv --out cal.toml --serial bench-7 --json";
     let typed: Vec<&str> = fit.split(' ').chain(typed.split(' ')).collect();
@@ -36,13 +36,13 @@ fn simulate(scene: &str, seed: u64) -> Vec<Sample> {
     Simulator::new(&Scene::parse("mine.toml", scene).unwrap(), seed).collect()
 }
 
-/// Presses with shear on the finger of the built-in scenes, a new one every half second.
+/// Scene of presses with shear on the finger of the built-in scenes, a new one every 0.5 s.
 const SHEARED: &str = "effects = ['noise', 'ambient', 'gain-spread', 'optical-crosstalk', 'bridge-mismatch', \
     'bridge-crosstalk']\n[scan]\nrate_hz = 200\nduration_s = 13\n[device]\nseed = 3\nbits = 16\n\
     [indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n[[random]]\nat_s = 1\npresses = 24\neach_s = 0.5\n\
     x_mm = [-2, 2]\ny_mm = [-2, 2]\nfz_n = [0.4, 2]\nshear_of_limit = [0, 0.6]\n";
 
-/// The trace itself is the table: raw codes in, forces out.
+/// Uses the trace itself as the table: raw codes in, forces out.
 #[test]
 fn every_general_model_is_fitted_to_the_codes_of_a_finger_as_a_table_and_holds_on_other_presses() {
     let directory = tempfile::tempdir().unwrap();
@@ -51,7 +51,7 @@ fn every_general_model_is_fitted_to_the_codes_of_a_finger_as_a_table_and_holds_o
     for (seed, out) in [("1", "fit.csv"), ("2", "unseen.csv")] {
         folder.succeeds(&["simulate", "--scene", "mine.toml", "--seed", seed, "--out", out]);
     }
-    // RMS errors in newtons; the force itself has 0.75.
+    // Limits of the RMS errors in newtons; the RMS force is 0.75 N.
     for (model, most) in [
         ("least-squares", 0.2),
         ("ridge", 0.2),
@@ -64,7 +64,7 @@ fn every_general_model_is_fitted_to_the_codes_of_a_finger_as_a_table_and_holds_o
         let error = judged(&folder, &typed, &["fz_n"])[0];
         assert!(error < most, "{model}: {error} N");
     }
-    // [Ospina2017]'s matrix: what all force sensors say together.
+    // [Ospina2017]'s matrix, from all force sensors together.
     for model in ["least-squares", "ridge"] {
         let typed = format!("--inputs bridge_* --targets fx_n,fy_n,fz_n --model {model}");
         let errors = judged(&folder, &typed, &["fx_n", "fy_n", "fz_n"]);
@@ -87,7 +87,7 @@ fn every_form_of_a_fingers_net_is_fitted_to_its_trace_and_holds_on_other_presses
         ("--model least-squares", "skip = [["),
         ("--model skip --hidden 6 --form q15", "[quantised]"),
     ] {
-        // Shear is not to be learnt from so few presses.
+        // So few presses do not suffice for shear.
         let error = judged(&folder, &format!("{typed} --net-only"), &["fz_n"])[0];
         assert!(error < 0.12, "{typed}: {error} N");
         let record = std::fs::read_to_string(folder.0.join("cal.toml")).unwrap();
@@ -95,8 +95,8 @@ fn every_form_of_a_fingers_net_is_fitted_to_its_trace_and_holds_on_other_presses
     }
 }
 
-/// A row for each press that is held: light gained by the four taxels, displacements of their facets, place and
-/// angle.
+/// Writes a row for each press: light gained by the four taxels, displacements of their facets,
+/// position and angle.
 fn line_of_four(directory: &Path, scene: &str, seed: u64, out: &str) {
     let mut run = Simulator::new(&Scene::load(scene).unwrap(), seed);
     let mut rows = Vec::new();
@@ -148,7 +148,7 @@ fn the_line_of_four_and_its_gap_curves_are_fitted_to_simulated_presses() {
     assert!(errors.iter().all(|error| *error < 0.02), "{errors:?}");
 }
 
-/// Signals of each row with the row.
+/// Pairs each sample with its signals.
 fn signals(samples: Vec<Sample>) -> Vec<([f32; 16], Sample)> {
     let recording = Recording { name: "simulated".to_owned(), samples };
     let bias = recording.bias(None).unwrap();
@@ -156,8 +156,8 @@ fn signals(samples: Vec<Sample>) -> Vec<([f32; 16], Sample)> {
     rows.zip(recording.samples).collect()
 }
 
-/// The feeler of [Ohka2005], sheared along x and along y at some normal forces; 50 ms are a row, as
-/// the paper's steps.
+/// Writes the feeler of [Ohka2005], sheared along x and y at some normal forces. A row is 50 ms,
+/// the paper's step.
 fn feeler(directory: &Path, seed: u64, normal: &[f64], out: &str) {
     let mut scene = format!(
         "effects = ['noise', 'ambient', 'flicker', 'gain-spread']\n[scan]\nrate_hz = 500\nduration_s = {}\n\
@@ -191,7 +191,7 @@ fn feeler(directory: &Path, seed: u64, normal: &[f64], out: &str) {
             std::array::from_fn(mean)
         })
         .collect();
-    // Where the centroid rests without shear.
+    // Position of the centroid without shear.
     let rest = [1, 2].map(|k| {
         let still: Vec<f64> =
             means.iter().filter(|m| m[3].abs() + m[4].abs() < 2e-5).map(|m| m[k]).collect();
@@ -212,11 +212,12 @@ fn the_feelers_law_is_fitted_to_simulated_shear() {
     feeler(folder.0, 2, &[0.0044, 0.0044, 0.0087, 0.0087], "unseen.csv");
     let typed = "--model feeler --inputs G,ux_um,uy_um --targets fx_n,fy_n,fz_n";
     let errors = judged(&folder, typed, &["fx_n", "fy_n", "fz_n"]);
-    // 5 % of the shear of 10 mN; the normal force as finely as the load cells of [Ohka2005] resolve it.
+    // 5 % of the shear of 10 mN; for the normal force the resolution of the load cells of
+    // [Ohka2005].
     assert!(errors[0].max(errors[1]) < 5e-4 && errors[2] < 1e-4, "{errors:?}");
 }
 
-/// One of [Ohka2004]'s columns, pressed and sheared: the areas of its four cones.
+/// Writes one of [Ohka2004]'s columns, pressed and sheared: the areas of its four cones.
 fn column(directory: &Path, seed: u64, scale: f64, out: &str) {
     let mut scene = String::from(
         "effects = ['noise', 'ambient', 'flicker', 'gain-spread']\n[scan]\nrate_hz = 500\nduration_s = 10\n\

@@ -1,10 +1,10 @@
-//! The page opens by itself where there is a display, and nowhere else.
+//! Tests that the page opens by itself only on a display.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
 
-/// What the demo asks the desktop to open.
+/// Returns the address that the demo asks the desktop to open.
 fn opened(folder: &Path, environment: &[(&str, &str)], headless: bool) -> Option<String> {
     let (opener, asked) = (folder.join("xdg-open"), folder.join("asked"));
     let script = format!("#!/bin/sh\necho \"$1\" > {0}.part && mv {0}.part {0}\n", asked.display());

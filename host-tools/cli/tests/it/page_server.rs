@@ -1,11 +1,11 @@
-//! Who is served: a browser has pages from everywhere, and only ours commands the finger.
+//! Tests of the page server's access rules: only the served page commands the finger.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
 use taxel_cli::view::Server;
 
-/// The answer to a request with these headers: its status, and the rest.
+/// Sends a request with these headers; returns status and whole answer.
 fn get(address: &str, path: &str, headers: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(address).unwrap();
     let request = format!("GET {path} HTTP/1.1\r\nConnection: close\r\n{headers}\r\n");
@@ -40,7 +40,8 @@ fn the_stream_is_for_the_page_that_is_served_here_alone() {
                    Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
     let open = |host: &str, origin: &str| {
         let headers = format!("Host: {host}\r\nOrigin: http://{origin}\r\n{upgrade}");
-        // Without `Connection: close`: who refuses ends it, and who would not has no such finger.
+        // Without `Connection: close`: a refusal closes the connection, and any other answer is "no
+        // such finger".
         let mut stream = TcpStream::connect(address).unwrap();
         let request = format!("GET /finger/0 HTTP/1.1\r\n{headers}\r\n");
         stream.write_all(request.as_bytes()).unwrap();
@@ -50,6 +51,6 @@ fn the_stream_is_for_the_page_that_is_served_here_alone() {
     };
     assert_eq!(open(address, address), "404");
     assert_eq!(open(address, "evil.example"), "403");
-    // The name of somebody else's page, which it has let lead to this machine.
+    // A foreign page's name that leads to this machine.
     assert_eq!(open("evil.example:8173", "evil.example:8173"), "403");
 }

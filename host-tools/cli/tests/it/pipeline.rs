@@ -1,4 +1,4 @@
-//! From a scene to forces: simulate, fit, evaluate and replay, as a user would run them.
+//! Tests from a scene to forces: simulate, fit, evaluate and replay, as a user runs them.
 
 use std::path::{Path, PathBuf};
 
@@ -17,13 +17,13 @@ fn asset() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/virtual-finger.cal.toml")
 }
 
-/// Fitted on a load cell that errs by 6 mN, as [Ospina2017]'s does, and judged on other forces by the truth: a
-/// recording's own reference would add its errors to the sensor's.
+/// Fits on a load cell with an error of 6 mN, as in [Ospina2017], and evaluates on other forces by
+/// the truth. A recording's own reference would add its errors to the sensor's.
 #[test]
 fn a_sensor_fitted_on_an_erring_load_cell_errs_less_than_the_cell() {
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/scenes");
-    // What tables 1.2 and 1.3 of [Ospina2017] say is 4 to 6 mN and 16 to 28 at most, bare; 7.8 and
-    // more, coated.
+    // [Ospina2017] tables 1.2 and 1.3: σ 4 to 6 mN and maximum 16 to 28 mN bare; 7.8 mN and more
+    // coated.
     for (name, sigma, max) in [("mems-bare", 3e-3, 12e-3), ("mems-ra", 8e-3, f64::INFINITY)] {
         let folder = tempfile::tempdir().unwrap();
         let folder = In(folder.path());
@@ -108,7 +108,7 @@ fn a_sensor_on_the_bench_is_found_fitted_and_judged_to_a_millinewton() {
         "frames.csv",
     ]);
     let frames = std::fs::read_to_string(folder.0.join("frames.csv")).unwrap();
-    // What they were computed with, then their columns.
+    // Header with the calibration used, then the columns.
     assert!(frames.contains("# calibration_crc=") && frames.contains("# replayed=bench.csv\n"));
     let frames: Vec<_> = frames.lines().filter(|line| !line.starts_with('#')).collect();
     assert!(frames[0].starts_with(
@@ -117,7 +117,7 @@ fn a_sensor_on_the_bench_is_found_fitted_and_judged_to_a_millinewton() {
     assert_eq!(frames.len() as u64, 1 + figures(&judged, "s0_fz_n").1);
 }
 
-/// Presses and shear that no fit has seen: other seeds of the calibration's scenes.
+/// Evaluates on unseen presses and shear: other seeds of the calibration's scenes.
 #[test]
 fn the_virtual_fingers_own_calibration_holds_on_recordings_it_has_not_seen() {
     let folder = tempfile::tempdir().unwrap();
@@ -154,7 +154,7 @@ fn a_table_of_any_sensor_is_fitted_by_the_names_of_its_columns() {
     let table = "t_s,m0,m1,force_n\n".to_owned() + &rows.collect::<String>();
     std::fs::write(folder.0.join("skin.csv"), table).unwrap();
     let fit = ["calibrate", "fit", "--data", "skin.csv@0..3", "--out", "skin.toml"];
-    // The star stands for neither the time nor the target.
+    // `*` matches neither the time nor the target.
     let columns = ["--inputs", "*", "--targets", "force_n", "--hidden", "4"];
     folder.succeeds(&[&fit[..], &columns[..]].concat());
     let model = std::fs::read_to_string(folder.0.join("skin.toml")).unwrap();
@@ -178,7 +178,7 @@ fn a_table_of_any_sensor_is_fitted_by_the_names_of_its_columns() {
 fn a_reference_that_another_clock_logged_is_brought_onto_the_sensors_time() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
-    // Presses of uneven length and height, one every two seconds.
+    // Presses of uneven length and height, one every 2 s.
     let force = |t: f64| {
         let i = (t / 2.0).floor();
         let share = (t - 2.0 * i) / (1.2 + 0.6 * (5.0 * i * i).sin());
@@ -258,14 +258,14 @@ fn what_cannot_be_fitted_is_refused_in_one_line_that_says_why() {
     assert!(!folder.0.join("cal.toml").exists());
 }
 
-/// A minute and ten of them, with a new press every half second.
+/// Compares the memory of one minute and ten minutes, with a new press every 0.5 s.
 #[cfg(unix)]
 #[test]
 fn a_trace_ten_times_as_long_takes_no_more_memory() {
     use nix::sys::resource::{UsageWho, getrusage};
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
-    // The largest child so far, in kilobytes on Linux.
+    // Peak memory of the largest child so far, in kilobytes on Linux.
     let largest = |minutes: u32| {
         let scene = format!(
             "effects = ['noise', 'flicker']\n[scan]\nrate_hz = 200\nduration_s = {}\n[[random]]\n\
@@ -298,7 +298,8 @@ fn a_trace_has_the_thermometer_where_the_scene_lists_the_temperature() {
     }
 }
 
-/// Ten by twelve feelers through sixteen channels: a scan is one of them, 120 scans are the sheet.
+/// Simulates ten by twelve feelers through sixteen channels: a scan is one feeler, 120 scans are
+/// the sheet.
 #[test]
 fn a_sheet_of_feelers_is_written_one_a_scan_and_adds_up_to_its_force() {
     let folder = tempfile::tempdir().unwrap();
@@ -318,10 +319,10 @@ fn a_sheet_of_feelers_is_written_one_a_scan_and_adds_up_to_its_force() {
         let lit = sample.scan.codes.taxels.unwrap().lit;
         lit.as_flattened().iter().map(|code| f64::from(code.0)).sum()
     };
-    // While 0.1 N is held: the pressure on the sheet, as bright as it is hard.
+    // While 0.1 N is held, the light of the sheet is proportional to the pressure.
     let (rest, held) = (&scans[..120], &scans[4800..4920]);
     let force: f64 = held.iter().map(normal).sum();
-    // A trace has six places behind the point.
+    // A trace has six decimals.
     assert!((force - 0.1).abs() < 120.0 * 0.5e-6, "{force}");
     let per_newton = |k: usize| (bright(&held[k]) - bright(&rest[k])) / normal(&held[k]);
     let pressed: Vec<usize> = (0..120).filter(|k| normal(&held[*k]) > 3e-3).collect();
@@ -333,7 +334,7 @@ fn a_sheet_of_feelers_is_written_one_a_scan_and_adds_up_to_its_force() {
         assert!((per_newton(k) / per_newton(pressed[0]) - 1.0).abs() < 0.03, "{k}");
         assert_eq!((held[k].truth.contact, held[k].truth.slip), (Some(true), Some(false)));
     }
-    // Sheared with half of what friction holds, the rim slips and the middle sticks.
+    // At half the friction limit the rim slips and the middle sticks.
     let slips = scans[12_960..13_080].iter().filter(|s| s.truth.slip == Some(true)).count();
     assert!((4..30).contains(&slips), "{slips}");
 }
@@ -355,7 +356,7 @@ fn simulate_says_how_finely_contact_was_computed_and_how_far_that_may_be_off() {
     let said = folder.succeeds(&["simulate", "--scene", "press", "--out", "a.csv"]);
     let begins = "a.csv: 2000 scans; fidelity hertz, 0.";
     assert!(said.starts_with(begins) && said.contains("% off converged of 1 % allowed"), "{said}");
-    // Without facets there is no such thing.
+    // A sensor without facets has no fidelity to report.
     let said = folder.succeeds(&["simulate", "--scene", "bench-s0", "--out", "a.csv"]);
     assert!(!said.contains("fidelity"), "{said}");
 }
@@ -406,7 +407,7 @@ fn no_command_overwrites_what_it_reads() {
         assert!(error.contains("would overwrite what is read from"), "{error}");
     }
     assert_eq!(std::fs::read(folder.0.join("a.csv")).unwrap(), before);
-    // Nor does one work for minutes and then not know where to.
+    // The output path is checked before a fit that may take minutes.
     let error = folder.fails(1, &[&fit[..], &["a.csv", "--out", "no/such/b.toml"]].concat());
     assert_eq!(
         error,
@@ -433,11 +434,11 @@ fn an_empty_stretch_is_named_and_leaves_no_file() {
     assert!(!folder.0.join("b").exists());
 }
 
-/// Fourteen seconds of real time.
+/// Tests that take 14 s of real time.
 mod endurance {
     use super::*;
 
-    /// The codes of a live finger, and a load cell that another computer logged meanwhile.
+    /// Fits the codes of a live finger to a load cell that another computer logged.
     #[test]
     fn the_recorded_codes_of_a_live_finger_and_a_load_cells_own_log_make_a_calibration() {
         let folder = tempfile::tempdir().unwrap();
@@ -445,7 +446,7 @@ mod endurance {
         let record = ["record", "--port", "sim:tour", "--duration", "14", "--out", "live.csv"];
         folder.succeeds(&[&record[..], &["--fields", "codes,force,point"]].concat());
         folder.succeeds(&["simulate", "--scene", "tour", "--seed", "3", "--out", "truth.csv"]);
-        // The cell's clock: 40 s ahead, and 0.4 % fast.
+        // The load cell's clock: 40 s ahead, and 0.4 % fast.
         let cell = TraceReader::open(folder.0.join("truth.csv")).unwrap().map(|sample| {
             let sample = sample.unwrap();
             let [fx, fy, fz] = sample.truth.force.map(Option::unwrap);
@@ -457,13 +458,13 @@ mod endurance {
 
         let fit =
             ["calibrate", "fit", "--data", "live.csv", "--out", "cal.toml", "--model", "ridge"];
-        // What the finger itself said of the force is no reference.
+        // The finger's own estimate of the force is no reference.
         let error = folder.fails(1, &fit);
         assert!(error.contains("fz_n") && error.contains("--reference"), "{error}");
         let given = [&fit[..], &["--reference", "cell.csv", "--json"]].concat();
         let outcome: serde_json::Value = serde_json::from_str(&folder.succeeds(&given)).unwrap();
         let found = |key: &str| outcome["alignments"][0][key].as_f64().unwrap();
-        // A frame tells the mean of its millisecond, and a live stream begins with any scan.
+        // A frame is the mean of its millisecond, and a live stream begins with any scan.
         assert!((found("offset_s") - 40.0).abs() < 0.02, "{outcome}");
         assert!((found("rate") - 0.004).abs() < 1e-3, "{outcome}");
 
@@ -473,7 +474,7 @@ mod endurance {
         let (rmse, rows) = figures(&judged, "fz_n");
         assert!(rmse < 0.15 && rows > 10_000, "{judged}");
 
-        // The same codes as `taxel record` keeps them.
+        // Codes as `taxel record` writes them.
         folder.succeeds(&["export", "live.csv", "--out", "live.mcap"]);
         let judge = ["calibrate", "evaluate", "--data", "live.mcap", "--reference", "cell.csv"];
         let packed =

@@ -1,4 +1,4 @@
-//! Recording as a user meets it: three kinds of file at once, the same numbers in each, and bad days.
+//! Tests of recording: three file formats at once, equal numbers in each, and failures.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -43,7 +43,7 @@ fn three_files_of_one_stream_have_the_same_rows_and_name_the_finger() {
     }
     assert_eq!(facts["calibration_crc"].len(), 8);
     assert!(recording.header.calibration.as_ref().unwrap().contains(&facts["calibration_crc"]));
-    // Host and device time run alike, whatever lies between them.
+    // Host and device time advance alike.
     let span = |name| {
         let at = |row: &Vec<Cell>| whole(&recording, row, name);
         (at(&first[999]) - at(&first[0])) as f64 * 1e-6
@@ -76,16 +76,16 @@ fn a_recording_is_a_port_and_is_computed_again_to_the_same_frames() {
     let force = recording.position("fz_n").unwrap();
     let same =
         rows(&recorded).iter().zip(rows(&again)).filter(|(a, b)| a[force] == b[force]).count();
-    // The gate of the finger knew what came before the recording; the replay begins without.
+    // The finger's contact gate had history before the recording; the replay's starts without.
     assert!(same > 900, "{same}");
-    // The calibration came along.
+    // The recording includes the calibration.
     let info = taxel.succeeds(&["info", "--port", "file:a.mcap", "--json"]);
     let info: serde_json::Value = serde_json::from_str(&info).unwrap();
     assert_eq!(info["calibration"]["crc"], recording.header.facts["calibration_crc"].as_str());
     for (fact, value) in [("serial", "press"), ("board", "virtual")] {
         assert_eq!(info[fact], value);
     }
-    // What its playback has counted is none of the finger's.
+    // A playback's counters are not the finger's.
     assert!(info["counters"].is_null() && info["started_after"].is_null(), "{info}");
     let text = taxel.succeeds(&["info", "--port", "file:a.mcap"]);
     assert!(!text.contains("counted") && !text.contains("started"), "{text}");
@@ -94,9 +94,10 @@ fn a_recording_is_a_port_and_is_computed_again_to_the_same_frames() {
     assert!(rows(&folder.path().join("b.csv")).len() > 500);
 }
 
-/// A finger that was set in every way, from whose codes every number comes out again. To the bit, but for what
-/// came before the first of them: what its filter began with fades in f32 to a rounding, and a rounding may stay
-/// as long as a finger rests; the friction that it had felt does not fade, so what rests on it is left out here.
+/// Computes all numbers of a finger with changed settings again from its codes. They are equal to
+/// the bit, except for effects of history before the first code. The filter's beginning fades in
+/// f32 to a rounding, which may stay while a finger rests. The estimated friction does not fade, so
+/// that values based on it are left out here.
 #[test]
 fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_finger() {
     let folder = tempfile::tempdir().unwrap();
@@ -104,7 +105,7 @@ fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_fin
     let (mut finger, port) = served(&taxel, &["--port", "sim:press", "--tcp", "127.0.0.1:0"]);
     taxel.succeeds(&["set", "--port", &port, "--filter", "20", "--point", "argmin"]);
     let bias = ["bias", "--port", &port, "take", "--scans", "50", "--json"];
-    // While nothing touches it, which is so in nearly half of its two seconds.
+    // While unloaded, which is nearly half of the two seconds.
     let untouched =
         |ran: crate::common::Ran| ran.code == Some(0) && ran.out.contains("\"in_contact\":false");
     assert!((0..200).any(|_| untouched(taxel.taxel(&bias))));
@@ -119,7 +120,7 @@ fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_fin
     assert_eq!(facts["bias_matrix"].split(' ').count(), 17);
     let (time, host) =
         (recording.position("t_us").unwrap(), recording.position("host_us").unwrap());
-    // By device time, without the sequence number and without what the host knows.
+    // Compared by device time, without sequence number and host columns.
     let remembered =
         ["slip_margin", "friction", "grip_n"].map(|name| recording.position(name).unwrap());
     let misfit = recording.position("misfit").unwrap();
@@ -141,11 +142,11 @@ fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_fin
     assert_alike(&of("again.mcap", first + 1_000_000), &settled);
     taxel.succeeds(&["record", "--port", "file:a.mcap", "--out", "played.mcap"]);
     let played = of("played.mcap", first + 1_000_000);
-    // The first scans pass while the client is still saying hello.
+    // The first scans pass during the client's handshake.
     let missed = settled.len() - played.len();
     assert!(missed < 2000, "{missed}");
     assert_alike(&played, &settled[missed..]);
-    // What was said of the finger is said again, by either.
+    // Both new files keep the facts about the finger.
     for name in ["again.mcap", "played.mcap"] {
         let again = Recording::open(&folder.path().join(name)).unwrap();
         for fact in facts.keys().filter(|fact| !["port", "started"].contains(&fact.as_str())) {
@@ -155,12 +156,12 @@ fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_fin
     }
     let header = Recording::open(&folder.path().join("again.mcap")).unwrap().header;
     assert_eq!(header.facts["replayed"], "a.mcap");
-    // CSV has it too, though not the calibration.
+    // CSV has the bias too, though not the calibration.
     assert_eq!(Recording::open(&folder.path().join("a.csv")).unwrap().header.bias(), header.bias());
     let error = taxel.fails(1, &["replay", "a.mcap", "--on", "stm32g431", "--out", "b.csv"]);
     assert!(error.contains("which a board cannot be given"), "{error}");
 
-    // A recording of before, which said only that there was a bias.
+    // A recording of the older format, which states only that a bias was taken.
     let text = std::fs::read_to_string(folder.path().join("a.csv")).unwrap();
     let old: Vec<_> = text.lines().filter(|line| !line.starts_with("# bias_")).collect();
     std::fs::write(folder.path().join("old.csv"), old.join("\n") + "\n").unwrap();
@@ -168,10 +169,10 @@ fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_fin
     assert!(ran.err.starts_with("old.csv: the finger had a bias taken on command"), "{}", ran.err);
 }
 
-/// A row: its time, and each cell with how far it may be from another's.
+/// Row: its time, and each cell with its tolerance.
 type Timed = (Cell, Vec<(f32, Cell)>);
 
-/// The same times, flags and reasons, and numbers that differ by a few roundings of f32 at most.
+/// Asserts equal times, flags and reasons, and numbers equal within a few roundings of f32.
 fn assert_alike(found: &[Timed], expected: &[Timed]) {
     assert_eq!(found.len(), expected.len());
     for ((time, found), (expected_time, expected)) in found.iter().zip(expected) {
@@ -186,12 +187,12 @@ fn assert_alike(found: &[Timed], expected: &[Timed]) {
         }
     }
 }
-/// Those of a filter, as far as they come by way of the estimators.
+/// Tolerance of a filter's roundings in estimates, as a fraction.
 const ROUNDINGS: f32 = 1e-6;
-/// And those of what a model leaves of the signals: a small difference of large numbers.
+/// Tolerance of the model's residuals, small differences of large numbers.
 const SMALL_OF_LARGE: f32 = 1e-4;
 
-/// A virtual finger in a process of its own, and where it is.
+/// Starts a virtual finger in its own process; returns the process and its port.
 fn served(taxel: &In, args: &[&str]) -> (Child, String) {
     let mut finger = taxel.command(&[&["serve"], args].concat()).spawn().unwrap();
     let mut said = String::new();
@@ -249,7 +250,7 @@ fn export_cuts_a_stretch_and_saves_what_a_damaged_file_has() {
     assert!(said.starts_with("cut.parquet: 500 frames"), "{said}");
 
     let mut bytes = std::fs::read(folder.path().join("a.mcap")).unwrap();
-    // Wider than the index of messages that follows each chunk.
+    // Wider than the message index after each chunk.
     let middle = bytes.len() / 2;
     (middle..middle + 10_000).step_by(1000).for_each(|at| bytes[at] ^= 0xff);
     std::fs::write(folder.path().join("bad.mcap"), bytes).unwrap();
@@ -260,7 +261,7 @@ fn export_cuts_a_stretch_and_saves_what_a_damaged_file_has() {
     assert!(saved.len() > 500 && saved.len() < 3000, "{}", saved.len());
 }
 
-/// A writer that is killed leaves all but the last second, in every kind of file.
+/// Kills a writer, which may lose only the last second, in every file format.
 #[cfg(unix)]
 #[test]
 fn kill_9_loses_at_most_the_last_second() {
@@ -276,7 +277,7 @@ fn kill_9_loses_at_most_the_last_second() {
         std::thread::sleep(Duration::from_millis(20));
     }
     std::thread::sleep(Duration::from_millis(2300));
-    // What the virtual finger has streamed by now is some time after the first row of the file.
+    // Host time of the kill, to compare with the column `host_us`.
     let killed = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
     child.kill().unwrap();
     child.wait().unwrap();
@@ -284,7 +285,7 @@ fn kill_9_loses_at_most_the_last_second() {
         let path = folder.path().join(name);
         let recording = Recording::open(&path).unwrap();
         let at = recording.position("host_us").unwrap();
-        // The last line of a CSV may be torn.
+        // The last line of a CSV may be incomplete.
         let times = recording.map_while(Result::ok).map(|row| match row[at] {
             Cell::Whole(micros) => micros,
             other => panic!("{other:?}"),
@@ -294,7 +295,7 @@ fn kill_9_loses_at_most_the_last_second() {
         assert!(lost < 1_000_000, "{name}: {lost} µs");
         assert!(times.len() > 1300, "{name}: {}", times.len());
     }
-    // The same again does not touch what is left of it.
+    // A second recording does not touch the remains of the first.
     let saved = rows(&folder.path().join("a.parquet.part.mcap"));
     let error = taxel.fails(1, &["record", "--port", "sim:press", "--out", "a.parquet"]);
     let mend = ["export", "a.parquet.part.mcap", "--out", "a.parquet"];
@@ -304,7 +305,7 @@ fn kill_9_loses_at_most_the_last_second() {
     assert!(rows(&folder.path().join("a.parquet")) == saved);
 }
 
-/// A finger that is pulled out and plugged in again, maybe another one in its place.
+/// Unplugs a finger and plugs it in again, or another one in its place.
 #[test]
 fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -349,10 +350,10 @@ fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_re
     let again = connection.iter().position(|count| *count == 2).unwrap();
     assert!(again > 100 && rows.len() - again > 100, "{again} of {}", rows.len());
     assert!(connection.is_sorted() && connection.last() == Some(&2));
-    // Longer than it was away, and not by more than a second.
+    // Longer than the absence, by at most 1 s.
     let gap = host[again] - host[again - 1];
     assert!((700_000..1_700_000 + 1_000_000).contains(&gap), "{gap} µs");
-    // The rate is set again: a finger starts with twice as many frames.
+    // The rate is restored: a finger starts with twice the rate.
     let steps = host.last().unwrap() - host[again];
     let rate = (rows.len() - 1 - again) as f64 / steps as f64 * 1e6;
     assert!((rate - 500.0).abs() < 50.0, "{rate}");
@@ -362,7 +363,7 @@ fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_re
     assert!(err.contains("another finger, shear, instead of press"), "{err}");
 }
 
-/// A disk that is full: here a limit on the size of files, which any user may set.
+/// Simulates a full disk by a limit on file size, which any user may set.
 #[cfg(unix)]
 #[test]
 fn a_full_disk_ends_the_recording_in_one_line_and_keeps_what_was_written() {
@@ -389,16 +390,16 @@ fn a_full_disk_ends_the_recording_in_one_line_and_keeps_what_was_written() {
     }
 }
 
-/// What a command says on a terminal.
+/// Runs a command on a terminal and returns its output.
 #[cfg(unix)]
 fn on_a_terminal(mut command: std::process::Command) -> String {
     let terminal = nix::pty::openpty(None, None).unwrap();
     let child = command.stderr(terminal.slave).spawn();
-    // The command's own copy of the slave's end has to go for the master to come to an end.
+    // Drops the slave end held by `command`, because the master ends only without it.
     drop(command);
     let (mut said, mut bytes) = (Vec::new(), [0; 4096]);
     let mut master = std::fs::File::from(terminal.master);
-    // Once nobody holds the other end Linux calls that an error.
+    // Linux reports the closed other end as an error.
     while let Ok(read @ 1..) = std::io::Read::read(&mut master, &mut bytes) {
         said.extend_from_slice(&bytes[..read]);
     }

@@ -1,4 +1,4 @@
-//! A finger that goes and comes back, in the eyes of whoever waits for it.
+//! Tests of reconnecting to a finger that is unplugged and plugged in again.
 
 use std::io::Read;
 use std::net::{TcpListener, TcpStream};
@@ -10,10 +10,10 @@ use taxel_client::{Event, Port, ReconnectingClient};
 
 use crate::fingers::*;
 
-/// How long a finger that is there again may take to its first frame.
+/// Time limit from plugging in to the first frame.
 const RECONNECT: Duration = Duration::from_secs(1);
 
-/// Until there is a frame.
+/// Waits for a frame.
 fn streams(steady: &ReconnectingClient) {
     let deadline = Instant::now() + PATIENCE;
     while !matches!(steady.next(Duration::from_millis(50)), Event::Frame(_)) {
@@ -21,7 +21,7 @@ fn streams(steady: &ReconnectingClient) {
     }
 }
 
-/// Until it is noticed that there will be none.
+/// Waits until the finger counts as disconnected.
 fn gone(steady: &ReconnectingClient) {
     let deadline = Instant::now() + PATIENCE;
     while !matches!(steady.next(Duration::from_millis(50)), Event::Disconnected(_)) {
@@ -42,7 +42,7 @@ fn a_finger_that_lost_its_power_streams_again_within_a_second_as_it_was_set_but_
     client.set_filter(20).unwrap();
     assert!(steady.remember(&client).unwrap().biased && !steady.bias_lost());
     drop(client);
-    // A machine that was busy with something else is busy once, not every time.
+    // Three trials, because a busy machine may delay one of them.
     let took = (0..3).map(|_| {
         drop(std::mem::replace(&mut finger, on_tcp(still())));
         gone(&steady);
@@ -69,7 +69,7 @@ fn a_finger_that_kept_its_power_kept_its_bias() {
     assert!(steady.client().unwrap().info().unwrap().biased && !steady.bias_lost());
 }
 
-/// A board that is there already, and hears nothing while it starts.
+/// Reconnects to a board that accepts connections but does not answer while it starts.
 #[test]
 fn a_port_that_opens_and_says_nothing_is_tried_again_within_a_second() {
     let finger = on_tcp(still());
@@ -83,7 +83,7 @@ fn a_port_that_opens_and_says_nothing_is_tried_again_within_a_second() {
         for (number, host) in listener.incoming().map(Result::unwrap).enumerate() {
             accepted.send((Instant::now(), host.try_clone().unwrap())).unwrap();
             if (1..4).contains(&number) {
-                // Deaf until the host has given up.
+                // Does not answer until the host has given up.
                 let _ = (&host).read_to_end(&mut Vec::new());
                 continue;
             }

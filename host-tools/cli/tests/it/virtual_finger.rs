@@ -1,4 +1,4 @@
-//! The real client with the real session, over TCP and over a pseudo-terminal.
+//! Tests of the real client with the real session, over TCP and over a pseudo-terminal.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -97,7 +97,7 @@ fn settings_survive_a_reconnect() {
         let info = second.info().unwrap();
         assert_eq!(info.rate_millihertz, 250_000);
         assert!(info.streaming);
-        // Frames from before, or half a frame, are no concern of the one who connects.
+        // A new connection must not see earlier frames, or half a frame.
         second.stream(true).unwrap();
         frames(&second, 10);
         let counts = second.counts();
@@ -185,7 +185,7 @@ fn an_upload_that_is_broken_off_leaves_the_old_calibration_and_the_next_one_goes
         assert_eq!(stopped.problem(), Some(&Problem::Upload { why, active }));
         assert_eq!(connect(&finger).download_calibration().unwrap(), record());
     };
-    // Before the first byte, with half of it there, and with all of it.
+    // Stops before the first byte, with half of it there, and with all of it.
     [0, other.len() / 2, other.len()].into_iter().for_each(stop_at);
     let client = connect(&finger);
     assert_eq!(client.download_calibration().unwrap(), record());
@@ -234,7 +234,7 @@ fn a_playback_hands_out_every_frame_and_then_says_that_it_is_over() {
             Err(error) => break error,
         }
     };
-    // Whose finger it is makes no difference to the frames, only to what the end is called.
+    // Over TCP the client cannot know that the source has ended: it reports an unplugged finger.
     assert!(matches!(end.problem(), Some(Problem::Unplugged(_))), "{end}");
     assert!(last.unwrap() >= 2000 * 250 - 1000);
     assert_eq!(client.counts().lost, 0);

@@ -102,7 +102,8 @@ impl Reader {
         }
     }
 
-    /// Reads until the link ends or the client is dropped. Dropping the channels tells the client.
+    /// Reads until the link ends or the client is dropped. The dropped channels end the client's
+    /// waits.
     pub(super) fn run(mut self) {
         let mut buffer = [0; 4096];
         while !self.shared.stop.load(Ordering::Acquire) {

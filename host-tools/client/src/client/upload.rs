@@ -12,12 +12,12 @@ use crate::error::{ActiveCalibration, LinkError, Problem};
 const UPLOADS: u32 = 3;
 
 impl Client {
-    /// Sends a calibration record, activates it, and reads it back. `progress` gets the bytes that have
-    /// arrived, and may stop the upload until the record is complete.
+    /// Sends a calibration record, activates it, and reads it back. `progress` gets the bytes that
+    /// have arrived, and may stop the upload until the record is complete.
     ///
     /// # Errors
-    /// The finger refused the record and keeps the previous one, or the link broke: [`Problem::Upload`] says which
-    /// calibration is active.
+    /// The finger refused the record and keeps the previous one, or the link broke:
+    /// [`Problem::Upload`] states which calibration is active.
     pub fn upload_calibration(
         &self,
         record: &[u8],
@@ -68,7 +68,8 @@ impl Client {
         progress(0)?;
         // A length beyond the field is refused by the finger as too long.
         let length = u16::try_from(record.len()).unwrap_or(u16::MAX);
-        // The finger erases a slot of its flash first, which may take seconds (128 KB sectors of an F4).
+        // The finger erases a slot of its flash first, which may take seconds (128 KB sectors of an
+        // F4).
         self.ask(NAME, Command::CalibrationBegin { length }, 8 * PATIENCE, 1)?;
         let mut offset = 0;
         for chunk in record.chunks(CHUNK) {

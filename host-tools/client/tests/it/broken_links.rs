@@ -1,4 +1,4 @@
-//! What a client makes of links that are not as they should be.
+//! Tests of the client on faulty links.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -8,7 +8,7 @@ use taxel::wire::message::{Message, PROTOCOL, Request};
 use taxel::wire::{MAX_PACKET, pack};
 use taxel_client::{Client, LinkError, Port, Problem};
 
-/// A server that does as `behave` says with its first connection.
+/// Starts a server that handles its first connection by `behave`.
 fn server(behave: impl FnOnce(TcpStream) + Send + 'static) -> Port {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -16,7 +16,7 @@ fn server(behave: impl FnOnce(TcpStream) + Send + 'static) -> Port {
     Port::Tcp { host: "127.0.0.1".to_owned(), port }
 }
 
-/// The tag of the next request.
+/// Reads the tag of the next request.
 fn tag(host: &mut TcpStream) -> u8 {
     let mut deframer = Deframer::<MAX_PACKET>::default();
     let mut byte = [0];

@@ -1,4 +1,5 @@
-//! Tests of the client against scripted fingers. Those against the virtual finger are in `taxel-cli`.
+//! Tests of the client against scripted fingers. Those against the virtual finger are in
+//! `taxel-cli`.
 
 mod broken_links;
 mod steady;

@@ -1,4 +1,4 @@
-//! A finger that goes and comes back, played by a script.
+//! Tests of a finger that is unplugged and plugged in again, played by a script.
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -16,10 +16,10 @@ use taxel::wire::message::{
 use taxel::wire::{MAX_PACKET, pack};
 use taxel_client::{Event, Port, ReconnectingClient};
 
-/// Long enough for the slowest machine: only a test that fails waits for it.
+/// Time limit of a wait. Only a failing test reaches it.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Until it is noticed that there will be none.
+/// Waits until the finger counts as disconnected.
 fn gone(steady: &ReconnectingClient) {
     let deadline = Instant::now() + PATIENCE;
     while !matches!(steady.next(Duration::from_millis(50)), Event::Disconnected(_)) {
@@ -27,8 +27,7 @@ fn gone(steady: &ReconnectingClient) {
     }
 }
 
-/// What a board does with requests, without its firmware: it scans as it is told until its power goes, which
-/// `ClearBias` stands for here.
+/// Answers requests as a board does, without its firmware. `ClearBias` stands for a loss of power.
 fn board(listener: &TcpListener, asked: &Sender<Command>) {
     for mut host in listener.incoming().map(Result::unwrap) {
         let mut scan = ScanSettings { scan_hz: 4000, oversampling: 1, settle_ns: 5000 };

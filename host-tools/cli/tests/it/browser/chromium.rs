@@ -1,4 +1,4 @@
-//! A headless Chromium, driven over its DevTools protocol.
+//! Headless Chromium, driven over its DevTools protocol.
 
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket, connect};
 
-/// Long enough for the slowest machine: only a test that fails waits for it.
+/// Time limit of a wait. Only a failing test reaches it.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// One page in a browser of its own.
+/// Page in a browser of its own.
 pub struct Browser {
     process: Child,
     socket: WebSocket<MaybeTlsStream<TcpStream>>,
@@ -23,14 +23,14 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Opens `url` in a window of this size.
+    /// Opens `url` in a window of this size, in pixels.
     pub fn open(url: &str, width: u32, height: u32) -> Self {
         let mut browser = Self::blank(width, height);
         browser.show(url);
         browser
     }
 
-    /// An empty window of this size.
+    /// Opens an empty window of this size.
     pub fn blank(width: u32, height: u32) -> Self {
         let profile = tempfile::tempdir().unwrap();
         let mut process = Command::new("chromium")
@@ -48,7 +48,7 @@ impl Browser {
             .by_ref()
             .map_while(Result::ok)
             .find_map(|line| line.strip_prefix("DevTools listening on ").map(str::to_owned));
-        // What it says from here on is of no interest, but it must be able to say it.
+        // Discards further output, so that the pipe never fills.
         std::thread::spawn(move || said.for_each(drop));
         let (socket, _) = connect(address.expect("chromium has no DevTools")).unwrap();
         let session = String::new();
@@ -62,7 +62,7 @@ impl Browser {
         browser
     }
 
-    /// Goes to the page and waits until it has something to show.
+    /// Opens the page and waits until it shows something.
     pub fn show(&mut self, url: &str) {
         self.ask("Page.navigate", json!({ "url": url }));
         self.wait_for("window.taxel?.latest?.length > 0 || window.taxel?.trouble");
@@ -85,7 +85,7 @@ impl Browser {
         self.ask("Emulation.setEmulatedMedia", json!({ "features": features }));
     }
 
-    /// Sends a command of the protocol and waits for its answer.
+    /// Sends a DevTools command and waits for its answer.
     fn ask(&mut self, method: &str, params: Value) -> Value {
         self.id += 1;
         let mut command = json!({ "id": self.id, "method": method, "params": params });
@@ -103,9 +103,9 @@ impl Browser {
         }
     }
 
-    /// Seconds of processor that all of the browser's processes have had.
+    /// Processor seconds of all the browser's processes.
     pub fn cpu_seconds(&mut self) -> f64 {
-        // Asked of the browser, not of the page.
+        // The command goes to the browser, not to the page.
         let session = std::mem::take(&mut self.session);
         let info = self.ask("SystemInfo.getProcessInfo", json!({}));
         self.session = session;
@@ -113,7 +113,7 @@ impl Browser {
         processes.iter().map(|process| process["cpuTime"].as_f64().unwrap()).sum()
     }
 
-    /// The value of an expression in the page.
+    /// Evaluates an expression in the page.
     pub fn value(&mut self, expression: &str) -> Value {
         let params =
             json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
@@ -122,7 +122,7 @@ impl Browser {
         answer["result"]["value"].take()
     }
 
-    /// Until an expression is true in the page.
+    /// Waits until an expression is true in the page.
     pub fn wait_for(&mut self, expression: &str) {
         let begun = Instant::now();
         while self.value(&format!("Boolean({expression})")) != true {
@@ -154,7 +154,7 @@ impl Browser {
         text.as_str().unwrap_or_default().to_owned()
     }
 
-    /// A picture of the whole page; kept where `TAXEL_SCREENSHOTS` names a folder.
+    /// Takes a picture of the whole page; saved if `TAXEL_SCREENSHOTS` names a folder.
     pub fn picture(&mut self, name: &str) {
         let height =
             self.value("Math.ceil(document.documentElement.getBoundingClientRect().height)");
@@ -178,7 +178,7 @@ impl Drop for Browser {
     }
 }
 
-/// Base64, as the protocol sends pictures.
+/// Decodes Base64, the protocol's format of pictures.
 fn decode(text: &str) -> Vec<u8> {
     use base64::Engine as _;
     base64::engine::general_purpose::STANDARD.decode(text).unwrap()

@@ -1,7 +1,7 @@
-//! An upload that is broken off anywhere: at every byte either way, and at every operation of the flash.
+//! Tests of uploads interrupted at every byte either way, and at every operation of the flash.
 //!
-//! The finger then has the old record or the new one, byte for byte, and the error says which, or that it
-//! cannot know.
+//! The finger must then have the old record or the new one, byte for byte. The error must state
+//! which one, or that it is unknown.
 
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ use taxel::wire::message::{CHUNK, Identity, Refusal};
 use taxel_cli::VirtualFinger;
 use taxel_client::{ActiveCalibration, Client, LinkError, Port, Problem};
 
-/// The record of before and the one that goes up.
+/// Previous record and new record.
 fn records() -> [Vec<u8>; 2] {
     let mut newer = calibration();
     newer.date += 86_400;
@@ -33,9 +33,9 @@ fn records() -> [Vec<u8>; 2] {
     records
 }
 
-/// Uploads through `port`; what the error says of the calibration in force, if there was one.
+/// Uploads through `port`; returns the active calibration according to the error, if there was one.
 fn upload(port: &Port, record: &[u8]) -> Result<(), ActiveCalibration> {
-    // A cut in the first bytes leaves no client at all.
+    // A cut in the first bytes prevents connecting at all.
     let client = Client::open(port).map_err(|error| {
         assert!(matches!(error.problem(), Some(Problem::Unplugged(_))), "{error}");
         ActiveCalibration::Previous
@@ -57,8 +57,8 @@ fn in_force(error: &LinkError) -> ActiveCalibration {
     *active
 }
 
-/// A cable that is pulled once so many bytes have gone to the finger, or so many to the host. How many went
-/// each way by then, and the port at its other end.
+/// Creates a cable that is pulled after so many bytes to the finger or to the host. Returns the
+/// bytes carried each way, and the port at its near end.
 fn cable(finger: &Port, most: [u64; 2]) -> (thread::JoinHandle<[u64; 2]>, Port) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -104,7 +104,7 @@ fn a_cable_pulled_at_any_byte_leaves_one_record_whole_and_the_error_says_which()
     };
     let (whole, total) = pulled_after([u64::MAX; 2]);
     assert_eq!((whole, downloaded(finger.port())), (Ok(()), new.clone()));
-    // The last chunk begins so many bytes before the requests that follow it end.
+    // Length of the record's last chunk, in bytes.
     let last = (new.len() - new.len() / CHUNK * CHUNK) as u64;
     let [to_finger, to_host] = total;
     let every_byte = (to_finger - last - new.len() as u64 / 4)..to_finger;
@@ -135,8 +135,8 @@ fn a_cable_pulled_at_any_byte_leaves_one_record_whole_and_the_error_says_which()
     }
 }
 
-/// Whether the power is on, and how many operations of the flash it lasts for. What an operation leaves that is
-/// torn is the matter of the store's own tests.
+/// Power supply that lasts for a number of flash operations. Torn operations are covered by the
+/// store's own tests.
 #[derive(Clone)]
 struct Mains(Rc<Cell<Option<usize>>>);
 
@@ -145,7 +145,7 @@ impl Mains {
         self.0.get() != Some(0)
     }
 
-    /// One operation.
+    /// Uses up one operation.
     fn use_up(&self) -> Result<(), FlashError> {
         match self.0.get() {
             Some(0) => Err(FlashError),
@@ -208,7 +208,7 @@ impl Board for Mcu {
     }
 }
 
-/// A line on which nothing leaves a finger without power.
+/// Writer of a finger that sends nothing without power.
 struct Line<W>(W, Mains);
 
 impl<W> ErrorType for Line<W> {
@@ -226,8 +226,8 @@ impl<W: Write> Write for Line<W> {
     }
 }
 
-/// Powers a board up on `cells`, for so many operations of its flash, and serves one host. What its flash then
-/// holds, and how many operations there were.
+/// Powers a board up on `cells` for so many operations of its flash, and serves one host. Returns
+/// the flash's contents and the number of operations.
 fn powered(
     cells: RamFlash<Vec<u8>>,
     operations: Option<usize>,
@@ -274,7 +274,7 @@ async fn serve(
     let mut stream = tokio::net::TcpStream::from_std(stream).unwrap();
     let (rx, tx) = stream.split();
     let tx = Line(FromTokio::new(tx), mains);
-    // However it ends: with the power, or with the host.
+    // The session may end by the power or by the host.
     let _ = run_session(FromTokio::new(rx), tx, &mut mcu, &mut instrument, Pace::Live).await;
     let Mortal { cells, done, .. } = mcu.0.into_flash();
     (cells, done)
@@ -297,7 +297,8 @@ fn a_power_cut_at_any_operation_of_the_flash_leaves_one_record_whole_and_the_err
         let is_new = found == new;
         assert!(is_new || found == old, "cut at {cut} of {operations}: neither of the two");
         let said = said.unwrap();
-        // Nothing is in force before it is told to be, and no answer comes from a board without power.
+        // No record becomes active before the request, and no answer comes from a board without
+        // power.
         assert!(
             if is_new { said == ActiveCalibration::Either } else { said != ActiveCalibration::New },
             "{cut}: {said:?}"

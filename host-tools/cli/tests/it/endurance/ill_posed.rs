@@ -1,5 +1,5 @@
-//! Recordings that are wrong on purpose, fitted as a user would type it: each brings a sane calibration with a
-//! word about it, or a refusal that says why; never a bad record in silence.
+//! Tests of fits to recordings with deliberate faults. Each gives a sane calibration with a
+//! warning, or a refusal with a reason; never a bad record in silence.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,18 +9,19 @@ use taxel::units::Code;
 use taxel_files::trace::{Sample, Truth};
 use taxel_sim::{Scene, Simulator};
 
-/// What is typed besides the recordings: nothing, and the choice by what is left out.
+/// Options besides the recordings: none, and the choice by recordings left out.
 const WAYS: [&[&str]; 2] = [&[], &["--model", "auto"]];
 
-/// How a fit must end.
+/// Expected end of a fit.
 enum End<'w> {
-    /// With these words in the one line on standard error, and no record.
+    /// Refused, with these words in the one line on standard error, and no record.
     Refused(&'w str),
-    /// With these words in a warning, whatever stands for the dots; on a recording with nothing wrong the RMS error is below so many newtons.
+    /// Fitted, with these words in a warning (dots stand for any text). On a recording without
+    /// faults the RMS error is below so many newtons.
     Warned(&'w str, f64),
 }
 
-/// Fits `data` in each way, and judges on `unseen`.
+/// Fits `data` in each way, and evaluates on `unseen`.
 fn fits(
     folder: &In<'_>,
     what: &[&str],
@@ -57,7 +58,7 @@ fn fits(
     }
 }
 
-/// Somebody else's sensor of three channels at 50 Hz; every row goes through `spoil`.
+/// Writes a sensor of three channels at 50 Hz; every row goes through `spoil`.
 fn table(
     folder: &Path,
     name: &str,
@@ -83,7 +84,7 @@ fn table(
     std::fs::write(folder.join(name), text).unwrap();
 }
 
-/// Presses of uneven length and height, one after the other.
+/// Force of presses of uneven length and height, one after the other.
 fn load(t: f64) -> f64 {
     let i = (t / 2.5).floor();
     let share = (t - 2.5 * i - 0.2) / (1.4 + 0.6 * (5.0 * i * i).sin());
@@ -123,7 +124,7 @@ fn a_table_that_is_wrong_is_told_of_or_refused() {
     write("quarter.csv", 600, 0.0, &|i, _, row| hangs(i, 4, row));
     write("turned.csv", 600, 40.0, &|_, _, row| row[3] = -row[3]);
     write("off.csv", 600, 0.0, &|_, t, row| row[3] = load(1.03 * t));
-    // The load cell comes off between two presses, and is plugged in between two others.
+    // The load cell is unplugged between two presses, and plugged in between two others.
     write("dead.csv", 600, 0.0, &|i, _, row| {
         if (125..250).contains(&i) {
             row[3] = 0.0;
@@ -181,8 +182,8 @@ fn a_table_that_is_wrong_is_told_of_or_refused() {
     fits(&["back.csv"], judged, End::Refused("back.csv:303: `t_s`: after 6 s comes 0.0"));
 }
 
-/// A finger pressed for eight seconds at 200 Hz, with up to `shear` of what friction holds; every row goes through
-/// `spoil`.
+/// Writes a finger pressed for 8 s at 200 Hz, with shear up to `shear` of the friction limit. Every
+/// row goes through `spoil`.
 fn finger(
     folder: &Path,
     name: &str,
@@ -197,7 +198,7 @@ fn finger(
     write_trace(folder, name, &samples, true);
 }
 
-/// The same with the force on each sensor.
+/// Samples of such a finger with the force on each sensor.
 fn pressed(seed: u64, shear: f64) -> Vec<Sample> {
     let scene = format!(
         "effects = ['noise', 'ambient', 'gain-spread', 'optical-crosstalk']\n\
@@ -207,7 +208,7 @@ fn pressed(seed: u64, shear: f64) -> Vec<Sample> {
                  fz_n = [0.4, 2]\nshear_of_limit = [0, {shear}]\n"
     );
     let simulator = Simulator::new(&Scene::parse("presses.toml", &scene).unwrap(), seed);
-    // No contact points: the net alone is what is wanted here.
+    // No contact points: only the net is fitted here.
     let bare =
         |sample: Sample| Sample { truth: Truth { point: [None; 2], ..sample.truth }, ..sample };
     simulator.map(bare).collect()
@@ -233,7 +234,7 @@ fn a_sensor_that_is_left_out_an_axis_without_a_load_and_rows_left_out_are_told()
         parts.clone().find(|part| part["part"].as_str().unwrap().starts_with(name)).cloned()
     };
 
-    // One cell of s0 is empty, and of s1 there is no z at all.
+    // One cell of s0 is empty, and s1 has no z at all.
     write("holes.csv", 1, &|row, sample| {
         sample.truth.sensors[1][2] = None;
         if row == 700 {
@@ -298,7 +299,7 @@ fn a_sensor_that_is_left_out_an_axis_without_a_load_and_rows_left_out_are_told()
     let (_, said) = fitted(&["one-way.csv"]);
     assert!(said.contains("taxel: warning: fx goes one way only (0.00 … "), "{said}");
 
-    // Nothing but the normal force on s0: the net needs no S.
+    // Only the normal force on s0: the net needs no S.
     let alike = |_: usize, sample: &mut Sample| {
         let midpoints = sample.scan.codes.bridges[0].as_mut().unwrap();
         (midpoints.c, midpoints.d) = (midpoints.a, midpoints.b);
@@ -394,7 +395,7 @@ fn a_fingers_recording_that_is_wrong_is_told_of_or_refused() {
     fits(&["off.csv"], judged, End::Warned("off.csv: the reference fits far better", 0.1));
 }
 
-/// A force sensor on the bench at 250 Hz; every row goes through `spoil`.
+/// Writes a force sensor on the bench at 250 Hz; every row goes through `spoil`.
 fn bench(folder: &Path, name: &str, seed: u64, spoil: impl Fn(usize, &mut Sample)) {
     let scene = "effects = ['noise', 'bridge-mismatch', 'bridge-crosstalk']\n\
                  [scan]\nrate_hz = 250\nduration_s = 13\n[device]\nseed = 1\nbits = 16\n\

@@ -1,11 +1,11 @@
-//! Places that cannot be written to.
+//! Tests of output paths that cannot be written to.
 
 use std::path::Path;
 
 use super::{all_say, fit_table, folder, write};
 use crate::common::In;
 
-/// Where `--out` cannot be what it says: known before the work, which may take minutes.
+/// Checks `--out` before the work, which may take minutes.
 #[test]
 fn a_place_that_cannot_be_written_to_is_named_before_the_work() {
     let directory = folder();
@@ -18,7 +18,7 @@ fn a_place_that_cannot_be_written_to_is_named_before_the_work() {
     let writers = |out: &'static str| {
         let judge = ["--calibration", "finger.toml", "--data", "trace.csv", "--out", out];
         vec![
-            // There is nothing to fit to in so short a press: the place is looked at first.
+            // So short a press cannot be fitted: the path is checked first.
             vec!["calibrate", "fit", "--data", "trace.csv", "--out", out],
             [&["calibrate", "adjust"][..], &judge].concat(),
             [&["calibrate", "report"][..], &judge].concat(),
@@ -31,7 +31,7 @@ fn a_place_that_cannot_be_written_to_is_named_before_the_work() {
     let line = "no/such/a.toml: there is no folder no/such; make it, or choose another";
     all_say(&folder, &writers("no/such/a.toml"), line);
     if cfg!(target_os = "linux") {
-        // Nobody, not even root, can make a file there.
+        // Not even root can create a file there.
         for typed in writers("/proc/a.toml") {
             let error = folder.fails(1, &typed);
             assert!(

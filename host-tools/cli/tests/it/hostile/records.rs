@@ -1,4 +1,4 @@
-//! Calibrations of a finger.
+//! Tests of malformed calibrations of a finger.
 
 use std::path::Path;
 
@@ -8,11 +8,11 @@ use crate::common::In;
 /// Every command that reads a finger's record.
 fn users(record: &str) -> Vec<Vec<&str>> {
     let mut commands = readers("trace.csv", record);
-    // The fit reads none.
+    // The fit reads no record.
     commands.pop();
     commands.extend([
         vec!["calibrate", "compare", "finger.toml", record],
-        // Before it looks for a finger.
+        // The record is read before a finger is searched.
         vec!["calibrate", "upload", "--port", "tcp:127.0.0.1:1", "--calibration", record],
         vec!["replay", "trace.csv", "--calibration", record, "--out", "frames.csv"],
     ]);
@@ -100,7 +100,7 @@ fn a_record_that_is_damaged_edited_or_newer_is_refused_by_its_line_and_key() {
         write(&folder, name, text);
         all_say(&folder, &users(name), &line);
     }
-    // Where a crash cut it off depends on its length; that it is refused does not.
+    // The position of the cut depends on the record's length; the refusal does not.
     write(&folder, "half.toml", half);
     for typed in users("half.toml") {
         let error = folder.fails(1, &typed);
@@ -112,7 +112,7 @@ fn a_record_that_is_damaged_edited_or_newer_is_refused_by_its_line_and_key() {
     std::fs::create_dir(folder.0.join("folder.toml")).unwrap();
     all_say(&folder, &users("folder.toml"), "folder.toml: Is a directory; give a file");
     all_say(&folder, &users("no.toml"), "no.toml: No such file or directory; check the path");
-    // The model of a table goes onto no finger.
+    // A table's model cannot be uploaded to a finger.
     let upload =
         ["calibrate", "upload", "--port", "tcp:127.0.0.1:1", "--calibration", "model.toml"];
     let line = "model.toml:2: `kind`: a table calibration where a finger one is needed; give the other file";

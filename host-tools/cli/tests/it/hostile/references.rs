@@ -1,9 +1,9 @@
-//! Files that do not belong together, channels that do not differ.
+//! Tests of files that do not belong together, and of duplicate channels.
 
 use super::{HEADER, all_say, fit_table, folder, rows, table, write};
 use crate::common::In;
 
-/// What says which file, row or column is meant where two files belong together.
+/// Checks that errors between two files name the file, row or column.
 #[test]
 fn a_reference_that_does_not_belong_to_its_recording_is_told_with_both_times() {
     let directory = folder();
@@ -65,7 +65,7 @@ fn a_reference_that_does_not_belong_to_its_recording_is_told_with_both_times() {
     ] {
         all_say(&folder, &[fit(data, reference)], line);
     }
-    // A channel that repeats another: the file and both columns.
+    // For a repeated channel: the file and both columns.
     let twins: String = table()
         .lines()
         .enumerate()

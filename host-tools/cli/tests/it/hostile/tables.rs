@@ -1,4 +1,4 @@
-//! Tables of somebody else's sensor.
+//! Tests of malformed tables of other sensors.
 
 use super::{HEADER, all_say, fit_table, folder, readers, rows, table, write};
 use crate::common::In;
@@ -154,7 +154,8 @@ fn what_spreadsheets_do_to_a_good_table_is_no_harm() {
     evaluate("all.toml", "long.csv");
 }
 
-/// A finger's firmware runs its net in 16 bits; nothing runs a table's.
+/// Refuses q15 for tables: a finger's firmware runs its net in 16 bits, but no firmware runs a
+/// table's.
 #[test]
 fn a_table_has_no_net_in_16_bits_and_is_told_so_before_the_work() {
     let directory = folder();

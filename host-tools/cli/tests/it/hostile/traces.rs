@@ -1,4 +1,4 @@
-//! Recordings of a finger.
+//! Tests of malformed recordings of a finger.
 
 use super::{all_say, folder, readers, write};
 use crate::common::In;
