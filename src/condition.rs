@@ -1,7 +1,7 @@
 //! Conditioning of codes into signals: dark subtraction, normalisation, bias and channel health.
 //!
 //! ```text
-//! Codes ──Levels::read, TemperatureCompensation::correct──▶ Levels ──Bias::apply, LowPass::smooth──▶ Signals
+//! Codes ──Levels::read, TemperatureCompensation::correct──▶ Levels ──Bias::apply──▶ Signals
 //! ```
 //! [`Levels`] are absolute fractions of full scale and need no calibration. [`Signals`] are changes
 //! against the unloaded finger and need a [`Bias`]. The low-pass filter runs only if the host has

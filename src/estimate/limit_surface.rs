@@ -1,12 +1,14 @@
-//! How much shear and torsion together a contact holds before it slides: the limit surface of a soft
-//! contact ([Ospina2017], chapter 3).
+//! Limit surface of a soft contact: combined shear and torsion at which it slides ([Ospina2017],
+//! chapter 3).
 //!
-//! The contact is a disc of radius a = c·N^γ with the power-law pressure p(r) ∝ (1 − (r/a)^k)^(1/k) and
-//! Coulomb friction. Turning about a centre anywhere on its plane gives a force and a torsion; swept over
-//! the centres they draw a curve, from (μN, 0) to (0, τ_max) with τ_max = κ·μ·N·a. The ellipse through the
-//! same ends is its cheap form. The curve is found on the host (`taxel_calibrate::limit_surface`); its radius
-//! over the ellipse's is kept at a few angles. [`Sweep`] is the curve itself, a dozen times dearer: which of the
-//! three is worth what is in `host-tools/calibrate/data/limit-surface.csv`.
+//! The contact is a disc of radius a = c·N^γ with the power-law pressure p(r) ∝ (1 − (r/a)^k)^(1/k)
+//! and Coulomb friction. Rotation about any centre in its plane gives a force and a torsion. All
+//! centres together give a curve from (μN, 0) to (0, τ_max) with τ_max = κ·μ·N·a. The ellipse
+//! through the same ends is its cheap form.
+//!
+//! The host computes the curve (`taxel_calibrate::limit_surface`) and stores the ratio of its
+//! radius to the ellipse's at a few angles. [`Sweep`] computes the curve itself at a dozen times
+//! the cost. `host-tools/calibrate/data/limit-surface.csv` compares cost and accuracy of the three.
 
 mod sweep;
 
@@ -15,25 +17,27 @@ use serde::{Deserialize, Serialize};
 use crate::math::{power, sqrt};
 pub use sweep::Sweep;
 
-/// Intervals of the kept curve.
+/// Intervals of the stored curve.
 pub const INTERVALS: usize = 8;
 
-/// The limit surface of one kind of contact, up to the friction coefficient.
+/// Limit surface of one kind of contact, normalised by the friction coefficient.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LimitSurface {
-    /// c in mm/N^γ and γ of a = c·N^γ. By Hertz γ = ⅓.
+    /// Coefficients c in mm/N^γ and γ of a = c·N^γ. By Hertz γ = ⅓.
     pub radius: [f32; 2],
-    /// κ: the greatest torsion over μ·N·a.
+    /// Coefficient κ: the greatest torsion over μ·N·a.
     pub torque: f32,
-    /// Radius of the curve over the ellipse's, where the force's share of the ellipse's squared radius
-    /// is 0, 1/8 … 1; all ones for the ellipse itself.
+    /// Ratio of the curve's radius to the ellipse's, where the force's share of the ellipse's
+    /// squared radius is 0, 1/8 … 1. All ones give the ellipse.
     pub curve: [f32; INTERVALS + 1],
 }
 
 impl LimitSurface {
-    /// A sphere on an incompressible skin of Young's modulus `young` MPa: Hertz's pressure, k = 2, for
-    /// which κ = 3π/16, and a³ = 9PR/16E ([TactileEnc]).
+    /// Makes the surface of a sphere of `radius_mm` on an incompressible skin of Young's modulus
+    /// `young` MPa.
+    ///
+    /// Hertz's pressure has k = 2 and κ = 3π/16, and a³ = 9PR/16E ([TactileEnc]).
     #[must_use]
     pub fn hertz(radius_mm: f32, young: f32) -> Self {
         Self {
@@ -43,15 +47,17 @@ impl LimitSurface {
         }
     }
 
-    /// Torsion in N·mm that a contact under `normal` newtons with friction `mu` holds without shear.
+    /// Returns the torsion in N·mm that a contact holds without shear, under `normal` newtons with
+    /// friction `mu`.
     #[must_use]
     pub fn most_torsion(&self, normal: f32, mu: f32) -> f32 {
         let [c, gamma] = self.radius;
         self.torque * mu * normal * c * power(normal, gamma)
     }
 
-    /// Of a torsion that is held by friction at an `arm` in mm too, as by two contacts apart, the share that the
-    /// contact's own turning holds: both grow with μ·N.
+    /// Returns the contact's own share of a torsion that friction at an `arm` in mm also holds.
+    ///
+    /// The arm is that of two separate contacts. Both parts grow with μ·N.
     #[must_use]
     pub fn own_share(&self, normal: f32, arm: f32) -> f32 {
         if !(f32::MIN_POSITIVE..f32::MAX).contains(&arm) {
@@ -62,9 +68,10 @@ impl LimitSurface {
         if (0.0..1.0).contains(&share) { share } else { 1.0 }
     }
 
-    /// How far towards the limit a contact is loaded: 0 unloaded, 1 on the limit, more beyond it. The
-    /// shear in newtons, the torsion in N·mm. A contact without normal force or friction holds nothing:
-    /// any load is 1 for it.
+    /// Returns the load relative to the limit: 0 unloaded, 1 on the limit, more beyond it.
+    ///
+    /// Shear is in newtons, torsion in N·mm. A contact without normal force or friction holds
+    /// nothing: any load is 1 for it.
     #[must_use]
     pub fn load(&self, shear: [f32; 2], torsion: f32, normal: f32, mu: f32) -> f32 {
         let [force2, turning2] = match self.squares(shear, torsion, normal, mu) {
@@ -75,7 +82,7 @@ impl LimitSurface {
         bounded(sqrt(sum) / self.bulge(force2 / sum))
     }
 
-    /// The same by the ellipse, whatever the curve: the cheap form.
+    /// Returns the load by the ellipse, ignoring the curve: the cheap form.
     #[must_use]
     pub fn load_by_ellipse(&self, shear: [f32; 2], torsion: f32, normal: f32, mu: f32) -> f32 {
         match self.squares(shear, torsion, normal, mu) {
@@ -84,8 +91,8 @@ impl LimitSurface {
         }
     }
 
-    /// Squares of the shear and of the torsion over the most that each may be alone; where these or those are
-    /// none, the load.
+    /// Returns the squares of shear and torsion relative to their limits. If the limits or both
+    /// loads are zero, `Err` has the load.
     #[inline(always)]
     fn squares(
         &self,
@@ -108,7 +115,7 @@ impl LimitSurface {
         Ok([force2, turning2])
     }
 
-    /// The curve's radius over the ellipse's at this share of force.
+    /// Returns the ratio of the curve's radius to the ellipse's at this share of force.
     fn bulge(&self, share: f32) -> f32 {
         let at = share.clamp(0.0, 1.0) * INTERVALS as f32;
         let from = (at as usize).min(INTERVALS - 1);
@@ -119,7 +126,7 @@ impl LimitSurface {
     }
 }
 
-/// An overflow is far beyond any limit.
+/// Limits a load to 1e9, so that an overflow is far beyond the limit.
 fn bounded(load: f32) -> f32 {
     if load < 1e9 { load } else { 1e9 }
 }

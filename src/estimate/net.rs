@@ -1,5 +1,6 @@
-//! The feed-forward net of [DeMaria2011], one hidden layer of tanh units and linear output, with a
-//! linear skip path.
+//! Feed-forward net of [DeMaria2011] with a linear skip path.
+//!
+//! It has one hidden layer of tanh units and a linear output.
 
 use heapless::Vec;
 use serde::ser::SerializeSeq;
@@ -8,37 +9,39 @@ use serde::{Serialize, Serializer};
 use super::tanh::{tanh, tanh_of_finite};
 use crate::scan::TAXELS;
 
-/// Most hidden units a record may hold. [DeMaria2011] uses 12 (normal only) and 16 (three components).
+/// Largest number of hidden units in a record. [DeMaria2011] uses 12 (normal only) and 16 (three
+/// components).
 pub const MAX_HIDDEN: usize = 32;
-/// Most outputs: f_x, f_y, f_z.
+/// Largest number of outputs: f_x, f_y, f_z.
 pub const MAX_OUTPUTS: usize = 3;
 
-/// Weights below this cannot overflow a sum of inputs in [−2, 2]; no fit gives larger ones.
+/// Upper limit of a weight. Weights below it cannot overflow a sum of inputs in [−2, 2].
 pub(super) const HUGE: f32 = 1e30;
 
-/// y = V·tanh(W·x + a) + L·x + b, for weights given as flat row-major slices.
+/// Net y = V·tanh(W·x + a) + L·x + b, with weights as flat row-major slices.
 ///
-/// The linear skip path L lets the tanh units bend what a straight line already says. Without it (empty)
-/// this is the net of [DeMaria2011], without units it is linear.
+/// The tanh units add curvature to the linear skip path L. Without L (empty) this is the net of
+/// [DeMaria2011]; without units it is linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layers<'w> {
-    /// W, one row of weights, as many as there are inputs, a unit.
+    /// W: one row per unit, one weight per input.
     pub hidden: &'w [f32],
-    /// a, one a unit.
+    /// a: one element per unit.
     pub hidden_bias: &'w [f32],
-    /// V, one row of weights, as many as there are units, an output.
+    /// V: one row per output, one weight per unit.
     pub output: &'w [f32],
-    /// L, one row of weights, as many as there are inputs, an output; or empty.
+    /// L: one row per output, one weight per input; or empty.
     pub skip: &'w [f32],
-    /// b, one an output.
+    /// b: one element per output.
     pub output_bias: &'w [f32],
 }
 
 impl Layers<'_> {
-    /// The outputs `y` for the inputs `x`.
+    /// Computes the outputs `y` for the inputs `x`.
     ///
-    /// Where lengths do not fit each other the shortest wins, and nothing panics; shapes are validated
-    /// when a record is read, not here. The summation order is fixed: the same bits everywhere.
+    /// If lengths do not match, the shortest wins, and nothing panics. Shapes are validated when a
+    /// record is read, not here. The summation order is fixed, so that the bits are the same
+    /// everywhere.
     pub fn outputs(&self, x: &[f32], y: &mut [f32]) {
         for (y, bias) in y.iter_mut().zip(self.output_bias) {
             *y = *bias;
@@ -56,7 +59,7 @@ impl Layers<'_> {
     }
 }
 
-/// bias + row·x.
+/// Returns bias + row·x.
 #[inline]
 fn dot(row: &[f32], x: &[f32], bias: f32) -> f32 {
     row.iter().zip(x).fold(bias, |sum, (w, x)| sum + w * x)
@@ -65,33 +68,34 @@ fn dot(row: &[f32], x: &[f32], bias: f32) -> f32 {
 /// One hidden unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Unit {
-    /// Its row of W.
+    /// The unit's row of W.
     pub weights: [f32; TAXELS],
-    /// Its element of a.
+    /// The unit's element of a.
     pub bias: f32,
-    /// Its column of V. A net with one output has it last, where f_z is.
+    /// The unit's column of V. A net with one output has it last, in the place of f_z.
     pub output: [f32; MAX_OUTPUTS],
 }
 
-/// The net of one finger: 16 signals c_k in, one (f_z) or three (f_x, f_y, f_z) forces in newtons out.
-/// Input and output scaling are folded into the weights. See [`Layers`].
+/// Net of one finger: 16 signals c_k in, one (f_z) or three (f_x, f_y, f_z) forces in newtons out.
 ///
-/// What belongs to a unit stands together: one address for all of it, and the loads follow each other.
+/// Input and output scaling are folded into the weights. See [`Layers`]. All weights of a unit are
+/// adjacent in memory, so that one address serves them and loads are sequential.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ForceNet {
     /// W, a and V.
     pub units: Vec<Unit, MAX_HIDDEN>,
-    /// L, if there is a skip path; of a net with one output the last row.
+    /// L, if there is a skip path; a net with one output uses the last row.
     pub skip: Option<[[f32; TAXELS]; MAX_OUTPUTS]>,
-    /// b, one an output: either one (f_z) or three (f_x, f_y, f_z).
+    /// b: one element per output, either one (f_z) or three (f_x, f_y, f_z).
     pub output_bias: Vec<f32, MAX_OUTPUTS>,
 }
 
 impl ForceNet {
-    /// The net of `layers`.
+    /// Makes a net of `layers`.
     ///
     /// # Errors
-    /// The field of [`Layers`] whose length does not fit 16 signals, one or three outputs, or the others.
+    /// The field of [`Layers`] whose length does not match 16 signals, one or three outputs, or the
+    /// other fields.
     pub fn new(layers: &Layers<'_>) -> Result<Self, &'static str> {
         let Layers { hidden, hidden_bias, output, skip, output_bias } = *layers;
         let mut net = Self::default();
@@ -99,7 +103,8 @@ impl ForceNet {
         Ok(net)
     }
 
-    /// Takes the fields of [`Layers`], in their order, in a form of which `number` makes f32.
+    /// Fills the net from the fields of [`Layers`] in their order; `number` converts an element to
+    /// f32.
     pub(crate) fn fill<W: Copy>(
         &mut self,
         [hidden, hidden_bias, output, skip, output_bias]: [&[W]; 5],
@@ -140,49 +145,51 @@ impl ForceNet {
         Ok(())
     }
 
-    /// W, one row of 16 a unit, one after the other.
+    /// Returns W row by row, one row of 16 per unit.
     pub fn hidden(&self) -> impl Iterator<Item = f32> + Clone {
         self.units.iter().flat_map(|unit| unit.weights)
     }
 
-    /// a, one a unit.
+    /// Returns a, one element per unit.
     pub fn hidden_bias(&self) -> impl Iterator<Item = f32> + Clone {
         self.units.iter().map(|unit| unit.bias)
     }
 
-    /// V, one row of as many as there are units an output, one after the other.
+    /// Returns V row by row, one row per output.
     pub fn output(&self) -> impl Iterator<Item = f32> + Clone {
         let first = MAX_OUTPUTS - self.output_bias.len();
         let row = |k: usize| self.units.iter().filter_map(move |unit| unit.output.get(k).copied());
         (first..MAX_OUTPUTS).flat_map(row)
     }
 
-    /// L, one row of 16 an output, one after the other; nothing without a skip path.
+    /// Returns L row by row, one row of 16 per output; empty without a skip path.
     pub fn straight(&self) -> &[f32] {
         let first = MAX_OUTPUTS - self.output_bias.len();
         self.skip.as_ref().and_then(|rows| rows.get(first..)).unwrap_or_default().as_flattened()
     }
 
-    /// There are units or a skip path, without which the net would say the same whatever it sees; the units'
-    /// weights are finite.
+    /// Checks that the net has units or a skip path and that the units' weights are finite. Without
+    /// both the output would be constant.
     pub(crate) fn hidden_fits(&self) -> bool {
         !(self.units.is_empty() && self.skip.is_none())
             && self.hidden().chain(self.hidden_bias()).all(|w| w.abs() < HUGE)
     }
 
-    /// There are one or three outputs, and their weights are finite.
+    /// Checks that there are one or three outputs with finite weights.
     pub(crate) fn output_fits(&self) -> bool {
         matches!(self.output_bias.len(), 1 | MAX_OUTPUTS)
             && self.output().chain(self.output_bias.iter().copied()).all(|w| w.abs() < HUGE)
     }
 
-    /// The skip path, if any, is finite.
+    /// Checks that the skip path, if any, is finite.
     pub(crate) fn skip_fits(&self) -> bool {
         self.skip.iter().flatten().flatten().all(|w| w.abs() < HUGE)
     }
 
-    /// Forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`. The bits of [`Layers::outputs`], in less time:
-    /// signals and sums stay in registers.
+    /// Returns forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`.
+    ///
+    /// The bits are those of [`Layers::outputs`]. It is faster, because signals and sums stay in
+    /// registers.
     #[must_use]
     pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
         let mut sums = match self.output_bias[..] {
@@ -195,7 +202,7 @@ impl ForceNet {
             sums = [dot(l, c, x), dot(m, c, y), dot(n, c, z)];
         }
         let (pairs, odd) = self.units.as_chunks::<2>();
-        // An odd unit has one for company that says nothing.
+        // An odd unit is paired with a unit of zero weights.
         let last = odd.first().map(|unit| [*unit, Unit::default()]);
         for pairs in [pairs, last.as_slice()] {
             for [one, other] in pairs {
@@ -212,7 +219,7 @@ impl ForceNet {
 }
 
 impl Unit {
-    /// sums + V·activation.
+    /// Returns sums + V·activation.
     #[inline(always)]
     fn add(&self, activation: f32, [x, y, z]: [f32; MAX_OUTPUTS]) -> [f32; MAX_OUTPUTS] {
         let [u, v, w] = self.output;
@@ -220,7 +227,7 @@ impl Unit {
     }
 }
 
-/// As a record holds it: the lists of [`Layers`].
+/// Serializes the net as a record holds it: the lists of [`Layers`].
 impl Serialize for ForceNet {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let Self { units, output_bias, .. } = self;
@@ -231,7 +238,7 @@ impl Serialize for ForceNet {
     }
 }
 
-/// So many numbers as a sequence.
+/// A sequence of a known number of numbers.
 struct List<I>(usize, I);
 
 impl<I: Iterator<Item = f32> + Clone> Serialize for List<I> {
@@ -278,7 +285,7 @@ pub(super) mod tests {
         assert!((output(bare) - 0.7).abs() < 1e-6);
     }
 
-    /// Numbers in [−scale, scale).
+    /// Pseudo-random numbers in [−scale, scale).
     pub(in crate::estimate) struct Numbers(pub u32);
 
     impl Numbers {
@@ -291,7 +298,7 @@ pub(super) mod tests {
             self.both(hidden, outputs, skip).1
         }
 
-        /// The lists of a net, and the net.
+        /// Returns the lists of a net, and the net.
         fn both(&mut self, hidden: usize, outputs: usize, skip: bool) -> ([List; 5], ForceNet) {
             let mut list = |count: usize, scale| (0..count).map(|_| self.next(scale)).collect();
             let lists: [List; 5] = [

@@ -1,11 +1,14 @@
-//! The finger's net in whole numbers of sixteen bits: half of the time of a wide [`ForceNet`] for some
-//! ten-thousandths of its output; with fewer than four hidden units it is no faster for it.
+//! Force net in 16-bit fixed point: half the time of a wide [`ForceNet`].
 //!
-//! Signals, weights and activations are 16 bits, sums 32. Each layer has one scale, the finest at which no sum
-//! of its products can leave 32 bits whatever the signals: [`QuantisedNet::hidden_fits`] and its sisters prove
-//! that for a record before it is used. What it costs in accuracy is asserted below.
+//! It costs some ten-thousandths of the output (asserted below). With fewer than four hidden units
+//! it is not faster.
 //!
-//! Two numbers stand in a word, so that one instruction of a Cortex-M4 adds two products: [`taxel_dsp`].
+//! Signals, weights and activations have 16 bits, sums 32. Each layer has one scale, the finest at
+//! which no sum of its products can overflow 32 bits for any signals. [`QuantisedNet::hidden_fits`]
+//! and its siblings prove that for a record before it is used.
+//!
+//! Two numbers share a word, so that one instruction of a Cortex-M4 adds two products:
+//! [`taxel_dsp`].
 
 use heapless::Vec;
 use serde::{Serialize, Serializer};
@@ -16,40 +19,42 @@ use super::net::{ForceNet, HUGE, MAX_HIDDEN, MAX_OUTPUTS, Unit};
 use crate::scan::TAXELS;
 
 const MAX_GROUPS: usize = MAX_HIDDEN / GROUP;
-/// Activations go into the outputs by as many as there are taxels.
+/// Blocks of activations; each has as many as there are taxels.
 const BLOCKS: usize = MAX_HIDDEN / TAXELS;
 
-/// The largest signal or activation.
+/// Largest signal or activation.
 const LARGEST: i32 = i16::MAX as i32;
-/// 1.0 of an activation.
+/// Value of an activation of 1.0.
 pub const UNIT: f32 = 32_768.0;
 /// Fraction bits of the argument of tanh, which covers [−8, 8).
 pub const ARGUMENT_BITS: u8 = 18;
-/// A sum is shifted by less than its width.
+/// Largest shift of a sum, below its width.
 const MAX_SHIFT: u8 = 31;
 
 /// A [`ForceNet`] in 16 bits.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct QuantisedNet {
-    /// 1.0 of a signal: the largest that training saw fills 16 bits.
+    /// Value of a signal of 1.0; the largest signal in training fills 16 bits.
     pub signal: f32,
-    /// W and a; units come in groups, what a net has fewer is filled up with zeros.
+    /// W and a in groups of units; missing units of the last group are zero.
     pub hidden: Vec<Group, MAX_GROUPS>,
-    /// From a sum of the hidden layer to the argument of tanh, in bits.
+    /// Right shift from a sum of the hidden layer to the argument of tanh, in bits.
     pub shift: u8,
     /// V for each sixteen activations: three rows, of which a net with one output uses the first.
     pub output: Vec<Rows<MAX_OUTPUTS>, BLOCKS>,
     /// L, if there is a skip path.
     pub skip: Option<Rows<MAX_OUTPUTS>>,
-    /// Newtons for one unit of the sums over V, and over L.
+    /// Newtons per unit of the sums over V, and over L.
     pub scale: [f32; 2],
-    /// b, one an output: either one (f_z) or three (f_x, f_y, f_z).
+    /// b: one element per output, either one (f_z) or three (f_x, f_y, f_z).
     pub output_bias: Vec<f32, MAX_OUTPUTS>,
 }
 
 impl QuantisedNet {
-    /// `net` in 16 bits, for signals up to `largest`. `None` where its weights are too large for them: one
-    /// signal alone would take a unit a thousand times beyond the bend of tanh.
+    /// Quantises `net` for signals up to `largest`.
+    ///
+    /// Returns `None` if its weights are too large for 16 bits: a single signal would then drive a
+    /// unit a thousand times beyond the bend of tanh.
     #[must_use]
     pub fn new(net: &ForceNet, largest: f32) -> Option<Self> {
         let signal = LARGEST as f32 / largest;
@@ -65,7 +70,7 @@ impl QuantisedNet {
             }
             quantised.hidden.push(Group { bias, weights: Rows::new(&weights) }).ok()?;
         }
-        // A net with one output has it last, and here first.
+        // A net with one output has it last in f32, and first here.
         let from = MAX_OUTPUTS - net.output_bias.len();
         let weights =
             |k: usize| net.units.iter().filter_map(move |unit| unit.output.get(from + k).copied());
@@ -85,12 +90,12 @@ impl QuantisedNet {
         Some(quantised)
     }
 
-    /// A signal has a scale.
+    /// Checks the scale of the signals.
     pub(crate) fn signal_fits(&self) -> bool {
         (1.0..1e9).contains(&self.signal)
     }
 
-    /// There are units or a skip path, and no sum of a unit can leave 32 bits.
+    /// Checks that there are units or a skip path, and that no sum of a unit can overflow 32 bits.
     pub(crate) fn hidden_fits(&self) -> bool {
         let units = |group: &Group| {
             group.weights.weights().iter().zip(group.bias).all(|(row, bias)| row_fits(row, bias))
@@ -98,13 +103,13 @@ impl QuantisedNet {
         !(self.hidden.is_empty() && self.skip.is_none()) && self.hidden.iter().all(units)
     }
 
-    /// The shift is one.
+    /// Checks that the shift is less than the width of a sum.
     pub(crate) fn shift_fits(&self) -> bool {
         self.shift <= MAX_SHIFT
     }
 
-    /// The outputs are one or three and finite, there are weights for every unit, and no sum can leave 32
-    /// bits: those of both blocks go into one.
+    /// Checks that there are one or three finite outputs and weights for every unit, and that no
+    /// sum can overflow 32 bits. Both blocks go into one sum.
     pub(crate) fn output_fits(&self) -> bool {
         let blocks = (self.hidden.len() * GROUP).div_ceil(TAXELS);
         let sum = |rows: &Rows<MAX_OUTPUTS>| rows.weights().map(|row| absolute_sum(&row));
@@ -118,17 +123,18 @@ impl QuantisedNet {
             && self.output.iter().fold([0; MAX_OUTPUTS], sums).iter().all(|sum| *sum <= BOUND)
     }
 
-    /// No sum of the skip path can leave 32 bits.
+    /// Checks that no sum of the skip path can overflow 32 bits.
     pub(crate) fn skip_fits(&self) -> bool {
         self.skip.iter().flat_map(Rows::weights).all(|row| row_fits(&row, 0))
     }
 
-    /// No force is larger than 2³¹ times a scale.
+    /// Checks the scales: a force is 2³¹ times a scale at most.
     pub(crate) fn scale_fits(&self) -> bool {
         self.scale.iter().all(|scale| scale.abs() < 1e20)
     }
 
-    /// Forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`. Signals beyond the largest count as that.
+    /// Returns forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`. Larger signals are limited to the
+    /// largest.
     #[must_use]
     pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
         let mut input = Input { x: Lanes::default(), shift: (self.shift & MAX_SHIFT).into() };
@@ -160,7 +166,7 @@ impl QuantisedNet {
     }
 }
 
-/// As a record holds it: whole numbers in little-endian bytes.
+/// Serializes the net as a record holds it: integers in little-endian bytes.
 impl Serialize for QuantisedNet {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         fn bytes<const N: usize>(rows: &Rows<N>) -> [[[u8; 2]; TAXELS]; N] {
@@ -175,17 +181,17 @@ impl Serialize for QuantisedNet {
     }
 }
 
-/// The net of a record, in the form that it has.
+/// Net of a record, in f32 or in 16 bits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Net<'r> {
-    /// In f32.
+    /// Net in f32.
     Float(&'r ForceNet),
-    /// In 16 bits.
+    /// Net in 16 bits.
     Quantised(&'r QuantisedNet),
 }
 
 impl Net<'_> {
-    /// One (f_z) or three.
+    /// Returns the number of outputs: one (f_z) or three.
     #[must_use]
     pub fn outputs(&self) -> usize {
         match self {
@@ -194,7 +200,7 @@ impl Net<'_> {
         }
     }
 
-    /// Forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`.
+    /// Returns forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`.
     #[must_use]
     pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
         match self {
@@ -204,19 +210,19 @@ impl Net<'_> {
     }
 }
 
-/// Most that the absolute weights of one sum may add up to.
+/// Upper limit of the sum of absolute weights in one sum of products.
 const BOUND: i64 = (i32::MAX / (LARGEST + 1)) as i64;
 
 fn absolute_sum(row: &[i16; TAXELS]) -> i64 {
     row.iter().map(|w| i64::from(*w).abs()).sum()
 }
 
-/// bias + row·x stays within 32 bits for every x.
+/// Returns whether bias + row·x stays within 32 bits for every x.
 fn row_fits(row: &[i16; TAXELS], bias: i32) -> bool {
     absolute_sum(row) * i64::from(LARGEST + 1) + i64::from(bias).abs() <= i64::from(i32::MAX)
 }
 
-/// Weights and bias of a unit, where they leave neither 16 nor 32 bits.
+/// Returns weights and bias of a unit if they fit 16 and 32 bits.
 fn whole_unit(unit: &Unit, (signal, shift): (f32, u8)) -> Option<([i16; TAXELS], i32)> {
     let one = (1u32 << (shift + ARGUMENT_BITS).min(MAX_SHIFT)) as f32;
     let row = whole(unit.weights.into_iter(), one / signal);
@@ -226,8 +232,8 @@ fn whole_unit(unit: &Unit, (signal, shift): (f32, u8)) -> Option<([i16; TAXELS],
     (!clips && row_fits(&row, bias)).then_some((row, bias))
 }
 
-/// 1.0 of a weight of a linear layer: the largest with which neither a weight nor a sum of products leaves
-/// its bits, half a unit of rounding each.
+/// Returns the scale of a linear layer's weights: the largest at which no weight and no sum of
+/// products overflows, with half a unit of rounding each.
 fn layer_one<R: Iterator<Item = f32>>(rows: impl Iterator<Item = R> + Clone) -> f32 {
     let largest =
         |of: fn(f32, f32) -> f32| rows.clone().map(|row| row.fold(0.0, of)).fold(0.0f32, f32::max);
@@ -238,7 +244,7 @@ fn layer_one<R: Iterator<Item = f32>>(rows: impl Iterator<Item = R> + Clone) -> 
     if one < f32::MAX { one } else { 1.0 }
 }
 
-/// Weights as multiples of 1/`one`; those that there are not are zero.
+/// Returns the weights in units of 1/`one`, rounded; missing ones are zero.
 fn whole(weights: impl Iterator<Item = f32>, one: f32) -> [i16; TAXELS] {
     let mut whole = [0; TAXELS];
     for (whole, weight) in whole.iter_mut().zip(weights) {
@@ -253,7 +259,7 @@ mod tests {
     use super::*;
     use crate::estimate::net::tests::Numbers;
 
-    /// Weights as fits give them: units that bend within the signals, forces of a newton.
+    /// Weights typical of fits: units that bend within the signals, forces of a newton.
     fn nets() -> impl Iterator<Item = (ForceNet, Numbers)> {
         let shapes = [(16, 3, false), (6, 3, true), (12, 1, false), (32, 3, true), (0, 3, true)];
         (0..200).map(move |seed| {
@@ -265,7 +271,7 @@ mod tests {
         })
     }
 
-    /// The most that output `k` of a net can say, its bias apart.
+    /// Largest absolute value of output `k` of a net, without its bias.
     fn most(net: &ForceNet, k: usize) -> f32 {
         let from = MAX_OUTPUTS - net.output_bias.len();
         let bent: f32 = net.units.iter().map(|unit| unit.output[from + k].abs()).sum();

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The full 3×3 sensitivity matrix S, cross-talk included, in newtons per fraction of full scale.
+/// Full 3×3 sensitivity matrix S in newtons per fraction of full scale, crosstalk included.
+///
 /// Row i gives component i of the force: f_i = Σ S_ij·(u − b)_j.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
@@ -10,7 +11,7 @@ use serde::{Deserialize, Serialize};
 pub struct Sensitivity(pub [[f32; 3]; 3]);
 
 impl Sensitivity {
-    /// S·(u − b), newtons in x, y, z.
+    /// Returns S·(u − b): newtons in x, y, z.
     #[must_use]
     pub fn force(&self, signal: [f32; 3]) -> [f32; 3] {
         let [u, v, w] = signal;

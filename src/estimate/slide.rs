@@ -1,30 +1,29 @@
-//! Gross slip by its way: what slides moves over the skin along the shear that it pulls with, and the
-//! ratio of shear to normal force stays where it is.
+//! Detection of gross slip by displacement: the contact moves along its shear while the ratio of
+//! shear to normal force stays constant.
 //!
-//! Rolling moves the contact too, but friction does not hold a ratio then; a contact that is rolled along
-//! under a steady shear is taken for a slide.
+//! Rolling also moves the contact, but friction does not hold the ratio then. A contact that is
+//! rolled along under a steady shear is mistaken for gross slip.
 
 use super::slip::Traction;
 use crate::math::sqrt;
 use crate::units::Micros;
 
-/// It slid when it went this far, in mm: ten times the scatter of a contact point.
+/// Least displacement of gross slip in mm: ten times the scatter of a contact point.
 const WAY: f32 = 0.4;
-/// … and within this time; a slide is over when it has not gone as far again in as much.
+/// Longest time for that displacement; gross slip ends if the next one takes longer.
 const WITHIN_US: u64 = 300_000;
-/// Sliding, the shear stays within this share of itself, and so many standard deviations, of the same share of
-/// the normal force.
+/// Largest relative change of shear during gross slip, plus a multiple of its standard deviation.
 const STEADY: f32 = 0.05;
 const NOISE: f32 = 4.0;
-/// The way points along the shear: cosine of the angle between them.
+/// Least cosine of the angle between displacement and shear.
 const ALONG: f32 = 0.97;
-/// Less shear than this share of the normal force is not friction.
+/// Least ratio of shear to normal force during gross slip.
 const LEAST_RATIO: f32 = 0.04;
-/// Least normal force and shear in newtons for which ratio and place are known.
+/// Least normal force and shear, in newtons, for a known ratio and contact position.
 const LEAST_NORMAL: f32 = 0.15;
 const LEAST_SHEAR: f32 = 0.02;
 
-/// Where a slide may have begun.
+/// Possible beginning of gross slip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Anchor {
     time: Micros,
@@ -32,7 +31,7 @@ struct Anchor {
     ratio: f32,
 }
 
-/// What is remembered of a contact's way.
+/// Detector of gross slip, with its state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GrossSlipDetector {
     anchor: Option<Anchor>,
@@ -40,7 +39,8 @@ pub struct GrossSlipDetector {
 }
 
 impl GrossSlipDetector {
-    /// One frame: `place` of the contact in mm and what it pulls with. True while it slides.
+    /// Processes one scan: `place` of the contact in mm and its traction. Returns true during gross
+    /// slip.
     pub fn update(&mut self, time: Micros, place: [f32; 2], traction: &Traction) -> bool {
         let Traction { shear: [fx, fy], normal, doubt, .. } = *traction;
         let shear = sqrt(fx * fx + fy * fy);
@@ -81,8 +81,8 @@ mod tests {
         Traction { shear: [shear, 0.0], normal: 1.0, ..Traction::default() }
     }
 
-    /// Frames at 1 kHz of a contact that moves by `way` mm a frame, and is pulled by `shear`; how many of
-    /// them slid.
+    /// Number of scans with gross slip, at 1 kHz, of a contact that moves by `way` mm a scan under
+    /// `shear`.
     fn slid(way: [f32; 2], shear: impl Fn(u32) -> f32) -> usize {
         let mut state = GrossSlipDetector::default();
         (0..1000)

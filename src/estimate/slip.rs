@@ -1,15 +1,17 @@
-//! Incipient slip: how much of its friction a contact has left, what that friction is, and how hard to
-//! grip.
+//! Incipient slip: slip margin, friction coefficient and required grip.
 //!
-//! A sheared contact slips from its rim inwards long before it slides. The optical matrix sees that ring
-//! in the shape of its signals (the share of friction in use, [`super::inverse`]), whatever the friction
-//! coefficient is; so a contact that is sheared tells its friction, μ = F_t/(b·F_n), before it slips: frame by
-//! frame next to nothing, all frames of a shear together enough. What was told is kept, for contacts and sensors
-//! that cannot see the ring, and put right whenever the contact holds more than was thought, or slides.
+//! A sheared contact slips from its rim inwards long before gross slip. The optical matrix sees
+//! that slip annulus in the shape of its signals: the friction utilisation b ([`super::inverse`]),
+//! whatever the friction coefficient is. A sheared contact therefore reveals its friction, μ =
+//! F_t/(b·F_n), before it slips. A single scan carries little information; all scans of a shear
+//! together suffice.
 //!
-//! Two contacts are judged together, by what they bear and hold together: |ΣF_t| against μ·ΣF_n. How they share the
-//! shear is not known: neither a wrench nor sensors under one rigid plate feel the pull of one against the other along
-//! the line between them, so that there is no margin of each.
+//! The estimate is kept for contacts and sensors that cannot see the annulus. It is corrected
+//! whenever the contact holds more than expected, or slides.
+//!
+//! Two contacts are judged together by their summed load: |ΣF_t| against μ·ΣF_n. Their share of the
+//! shear is unknown, because neither a wrench nor sensors under one rigid plate measure their
+//! mutual pull along the line between them. There is therefore no margin for each.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,31 +21,30 @@ use crate::math::sqrt;
 use crate::measured::{Measured, NoValue};
 use crate::units::Newtons;
 
-/// How slip is judged.
+/// Coefficients of the slip estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Slip {
-    /// Friction coefficient before any is known, and how much 1/μ may differ from its own (1 σ).
+    /// Prior: friction coefficient, and the standard deviation of 1/μ.
     pub usual: [f32; 2],
-    /// What the contact holds.
+    /// Limit surface of the contact.
     pub surface: LimitSurface,
-    /// A warning begins below this margin; it ends 0.02 above, so that it does not chatter.
+    /// Margin below which a warning begins; it ends 0.02 above, so that it does not chatter.
     pub warn: f32,
-    /// The grip that is recommended leaves the load at one over this.
+    /// Safety factor: the recommended grip leaves the load at one over this.
     pub safety: f32,
 }
 
 impl Slip {
-    /// For a sphere of 6 mm on the silicone of [DeMaria2011], friction taken as `mu` at first.
-    /// Rubber's lies between
-    /// 0.2 and 1.2 on most things: 1/μ is 0.8 to 5.
+    /// Makes coefficients for a sphere of 6 mm on the silicone of [DeMaria2011], with the prior
+    /// friction `mu`. Rubber has 0.2 to 1.2 on most materials: 1/μ is 0.8 to 5.
     #[must_use]
     pub fn usual(mu: f32) -> Self {
         Self { usual: [mu, 1.5], surface: LimitSurface::hertz(6.0, 0.236), warn: 0.35, safety: 1.5 }
     }
 }
 
-/// What a contact does, or two together.
+/// Load of a contact, or of two together.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Traction {
     /// Shear in newtons.
@@ -52,66 +53,69 @@ pub struct Traction {
     pub normal: f32,
     /// Torsion in N·mm.
     pub torsion: f32,
-    /// Arm in mm by which two contacts hold torsion beside what each holds of itself: Σ F_n·r/ΣF_n, r from the place
-    /// where one contact would make the same moments. 0 for one contact.
+    /// Arm in mm by which two contacts hold torsion in addition to their own: Σ F_n·r/ΣF_n. r is
+    /// the distance from the position where a single contact makes the same moments. It is 0 for
+    /// one contact.
     pub arm: f32,
-    /// So much of shear and torsion may be noise: a light touch is not about to slip because of it.
+    /// Noise of shear (N) and torsion (N·mm); so much of either does not count as load.
     pub doubt: [f32; 2],
-    /// Share of friction in use as the ring shows it, where it is seen.
+    /// Information on the friction utilisation, if the matrix sees the slip annulus.
     pub ring: Option<Ring>,
-    /// It slides, as its vibration tells: a knock may sound alike, and teaches nothing.
+    /// Whether vibration indicates gross slip. A knock may look alike, so that friction learns
+    /// nothing.
     pub rubs: bool,
-    /// It slides, as its way tells.
+    /// Whether displacement indicates gross slip.
     pub slides: bool,
 }
 
-/// What is known of a contact's friction.
+/// Estimate of a contact's friction, and state of its warning.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SlipState {
-    /// 1/μ and its variance.
+    /// Estimate of 1/μ and its variance.
     known: Option<[f32; 2]>,
-    /// How far towards the limit the contact is loaded, smoothed.
+    /// Load relative to the limit, smoothed.
     load: f32,
-    /// A warning is out.
+    /// Whether a warning is active.
     warned: bool,
 }
 
-/// The verdict on what touches the finger.
+/// Slip estimate of a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Verdict {
-    /// What is left of the friction: 1 unloaded, 0 at the limit.
+    /// Slip margin: share of the friction limit that is left, 1 unloaded, 0 at the limit.
     pub margin: f32,
-    /// The friction coefficient taken.
+    /// Friction coefficient used.
     pub friction: f32,
-    /// Normal force that would leave the safe margin at this shear and torsion.
+    /// Normal force that leaves the safe margin at this shear and torsion.
     pub grip: Newtons,
 }
 
-/// Least normal force for which friction is estimated, in newtons.
+/// Least normal force, in newtons, for an estimate of friction.
 const LEAST_NORMAL: f32 = 0.05;
-/// The ring is no truer than this share of friction, however many frames agree: what the field's form leaves
-/// out is the same in all of them.
+/// Systematic standard deviation of the friction utilisation, however many scans agree, because
+/// the field's form errs alike in all of them.
 const RING_ERROR: f32 = 0.1;
-/// … and what they say of it is half new from frame to frame.
+/// Share of a scan's information on the utilisation that is new, because scans are correlated.
 const NEW: f32 = 0.5;
-/// A slide uses all of its friction, to this share; a frame counts as half a new observation.
+/// Standard deviation of the friction utilisation, which is 1, during gross slip.
 const SLIDE_ERROR: f32 = 0.07;
-/// Shear below so many standard deviations is no shear: nothing is learned from it.
+/// Least shear that friction learns from, in standard deviations.
 const NOISE: f32 = 3.0;
-/// Shear grows by about this share of the normal force a frame where it matters: what is noisier is smoothed.
+/// Typical growth of shear per scan near slip, as a share of normal force. Noisier loads are
+/// smoothed.
 const QUICK: f32 = 0.005;
-/// How the variance of 1/μ grows from frame to frame: things touched change.
+/// Growth of the variance of 1/μ from scan to scan, because the touched material may change.
 const WANDER: f32 = 1e-6;
-/// … and from contact to contact.
+/// Growth of the variance of 1/μ from contact to contact.
 const NEXT_THING: f32 = 0.01;
-/// A warning ends so much above the margin that it began below.
+/// Hysteresis of the warning: it ends so much above the margin at which it began.
 const EASE: f32 = 0.02;
-/// μ lies between these; rubber on most things does.
+/// Range of μ; rubber on most materials lies within.
 const FRICTION: [f32; 2] = [0.05, 2.0];
 
 impl SlipState {
-    /// The contact ended: friction stays known, less surely, because the next thing may be another.
+    /// Ends the contact. Friction stays known, less surely, because the next object may be another.
     pub fn release(&mut self) {
         (self.load, self.warned) = (0.0, false);
         if let Some([_, variance]) = &mut self.known {
@@ -121,16 +125,17 @@ impl SlipState {
 }
 
 impl Slip {
-    /// Whether a warning is due with this frame's verdict.
+    /// Returns whether a warning is due with this scan's estimate.
     pub fn warns(&self, state: &mut SlipState, verdict: &Verdict) -> bool {
         state.warned = verdict.margin < self.warn + if state.warned { EASE } else { 0.0 };
         state.warned
     }
 
-    /// One frame of a contact.
+    /// Estimates slip from one scan of a contact.
     ///
     /// # Errors
-    /// [`NoValue::IllConditioned`] for a touch too light to have a ratio of shear to normal force.
+    /// [`NoValue::IllConditioned`] if the normal force is too small for a ratio of shear to normal
+    /// force.
     pub fn judge(&self, state: &mut SlipState, traction: &Traction) -> Measured<Verdict> {
         let Traction { shear: [fx, fy], normal, torsion, arm, doubt, ring, rubs, slides } =
             *traction;
@@ -153,7 +158,8 @@ impl Slip {
         Ok(Verdict { margin: 1.0 - load, friction, grip })
     }
 
-    /// 1/μ as it is known after a frame with this ratio of shear to normal force, and what of it is surely held.
+    /// Updates and returns 1/μ. `ratio` is shear over normal force, `held` the part of it beyond
+    /// noise.
     fn learn(
         &self,
         state: &mut SlipState,
@@ -165,8 +171,8 @@ impl Slip {
         let start = [1.0 / usual.clamp(FRICTION[0], FRICTION[1]), spread * spread];
         let [mut inverse, variance] = state.known.unwrap_or(start);
         let variance = (variance + WANDER).min(spread * spread);
-        // What calibration leaves of the ring is the same from frame to frame: it cannot better what is known
-        // more surely than that.
+        // The systematic error is the same in all scans, so that a friction known better learns
+        // nothing.
         let unsure = ratio * ratio * variance > RING_ERROR * RING_ERROR;
         let seen = if slides && ratio > FRICTION[0] {
             let weight = 1.0 / (SLIDE_ERROR * SLIDE_ERROR);
@@ -176,10 +182,10 @@ impl Slip {
         } else {
             Ring::default()
         };
-        // b = F_t/F_n · 1/μ is linear in 1/μ: one step of Kalman's filter.
+        // b = F_t/F_n · 1/μ is linear in 1/μ: one Kalman step.
         let variance = variance / (1.0 + ratio * ratio * variance * seen.weight);
         inverse += variance * ratio * (seen.moment - seen.weight * ratio * inverse);
-        // What holds is held: μ is at least the ratio seen.
+        // A contact that holds shows that μ is at least its ratio.
         let most = 1.0 / held.max(FRICTION[0]);
         if !slides && inverse > most {
             inverse = most;
@@ -199,8 +205,8 @@ mod tests {
         Slip::usual(0.8)
     }
 
-    /// Shear that grows from nothing to the limit of friction `mu` in 200 frames, with or without sight
-    /// of the ring; margins of the frames.
+    /// Estimates of a shear that grows from nothing to the limit of friction `mu` in 200 scans,
+    /// with or without sight of the slip annulus.
     fn dragged(state: &mut SlipState, mu: f32, seen: bool) -> std::vec::Vec<Verdict> {
         (0..=200)
             .map(|i| {
@@ -216,7 +222,7 @@ mod tests {
             .collect()
     }
 
-    /// The first of `verdicts` that warns.
+    /// Index of the first of `verdicts` that warns.
     fn warned(verdicts: &[Verdict]) -> usize {
         let mut state = SlipState::default();
         verdicts.iter().position(|verdict| slip().warns(&mut state, verdict)).unwrap()
@@ -266,7 +272,7 @@ mod tests {
     #[test]
     fn a_ring_that_is_hardly_seen_in_one_frame_is_seen_in_a_hundred() {
         let mut state = SlipState::default();
-        // Its standard deviation is 0.7, half of what it may be at all.
+        // Its standard deviation is 0.7, half of its possible range.
         for i in 0..200 {
             let (b, noise) = (0.004 * i as f32, if i % 2 == 0 { 0.7 } else { -0.7 });
             let ring = Some(Ring { weight: 2.0, moment: 2.0 * (b + noise) });
@@ -313,7 +319,7 @@ mod tests {
         }
     }
 
-    /// What 50 frames of a slide teach.
+    /// State after 50 scans of gross slip.
     fn slid(mu: f32) -> SlipState {
         let mut state = SlipState::default();
         let slides =
@@ -339,7 +345,8 @@ mod tests {
     #[test]
     fn bias_of_the_ring_does_not_change_a_friction_known_better() {
         let mut state = slid(0.5);
-        // A quarter of the normal force uses half of the friction; 0.6 is within the ring's error.
+        // A quarter of the normal force uses half of the friction; 0.6 is within the systematic
+        // error.
         let ring = Some(Ring { weight: 400.0, moment: 400.0 * 0.6 });
         let held = Traction { shear: [0.25, 0.0], normal: 1.0, ring, ..Traction::default() };
         let friction =
@@ -376,7 +383,7 @@ mod tests {
         for arm in [0.0, 2.5, 4.0] {
             assert!((judged(0.0, arm) - 0.5).abs() < 1e-3, "{arm}: {}", judged(0.0, arm));
         }
-        // Two of them, 5 mm apart and pressed alike, hold 2.5 mm · 0.8 · 1.25 N by that alone.
+        // Two contacts, 5 mm apart and pressed alike, hold 2.5 mm · 0.8 · 1.25 N by that alone.
         assert_eq!(judged(2.0, 0.0), 0.0);
         let apart = judged(2.0, 2.5);
         assert!((0.1..0.4).contains(&apart), "{apart}");

@@ -1,4 +1,4 @@
-//! Small symmetric positive definite systems, solved in a fixed number of steps.
+//! Solver of small symmetric positive definite systems in a fixed number of steps.
 #![expect(
     clippy::indexing_slicing,
     clippy::needless_range_loop,
@@ -7,25 +7,25 @@
 
 use crate::math::inverse_sqrt;
 
-/// Normal equations A·x = b of a least-squares problem in `N` unknowns: A the sum of the outer products of
-/// its rows.
+/// Normal equations A·x = b of a least-squares problem in `N` unknowns. A is the sum of the outer
+/// products of the rows.
 #[derive(Clone, Copy, Debug)]
 pub struct Normal<const N: usize> {
-    /// A; only its lower triangle is used.
+    /// Matrix A; only its lower triangle is used.
     pub matrix: [[f32; N]; N],
-    /// b.
+    /// Right-hand side b.
     pub right: [f32; N],
 }
 
 impl<const N: usize> Normal<N> {
-    /// No row yet.
+    /// Equations without any row.
     pub const EMPTY: Self = Self { matrix: [[0.0; N]; N], right: [0.0; N] };
 
     /// Adds a row of the Jacobian and its residual.
     #[inline]
     pub fn add(&mut self, row: &[f32; N], residual: f32) {
         for i in 0..N {
-            // A bound that is known lets the compiler unroll it: half the cycles of `0..=i`.
+            // A constant bound lets the compiler unroll the loop: half the cycles of `0..=i`.
             for j in 0..N {
                 if j <= i {
                     self.matrix[i][j] += row[i] * row[j];
@@ -35,15 +35,15 @@ impl<const N: usize> Normal<N> {
         }
     }
 
-    /// Adds `weight` to the diagonal: as if each unknown had been seen at its present value.
+    /// Adds `weight` to the diagonal, like an observation of each unknown at its present value.
     pub fn damp(&mut self, weight: &[f32; N]) {
         for i in 0..N {
             self.matrix[i][i] += weight[i];
         }
     }
 
-    /// x, and the diagonal of A⁻¹ (the variances, up to the noise's). `None` where A is not positive
-    /// definite to the accuracy of f32.
+    /// Returns x and the diagonal of A⁻¹ (the variances, up to the noise's). Returns `None` if A is
+    /// not positive definite to the accuracy of f32.
     #[must_use]
     pub fn solve(mut self) -> Option<([f32; N], [f32; N])> {
         let (mut x, mut diagonal) = (self.right, [0.0; N]);
@@ -51,14 +51,14 @@ impl<const N: usize> Normal<N> {
     }
 }
 
-/// Leaves the unknowns x in `right` and the diagonal of A⁻¹ in `diagonal`.
+/// Solves in place: x in `right`, the diagonal of A⁻¹ in `diagonal`.
 #[inline(never)]
 fn solve<const N: usize>(
     matrix: &mut [[f32; N]; N],
     right: &mut [f32; N],
     diagonal: &mut [f32; N],
 ) -> bool {
-    // A = L·Lᵀ, L in place of A, with 1/L_ii kept in place of L_ii.
+    // A = L·Lᵀ; L replaces A, with 1/L_ii in place of L_ii.
     let l = matrix;
     for i in 0..N {
         for j in 0..i {

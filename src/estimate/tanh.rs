@@ -1,19 +1,23 @@
-//! tanh without a division: a table of step 1/64 and a second-order Taylor step from its nearest entry.
+//! tanh without a division: a table of step 1/64 and a second-order Taylor step from its nearest
+//! entry.
 //!
 //! With t = tanh(x₀) and g = 1 − t² the derivatives of tanh are g, −2tg and g(4 − 6g), so that
-//! tanh(x₀ + d) ≈ t + g·d·(1 − d·t), |d| ≤ 1/128. What is left of the third order is below 1.6e-7; with
-//! f32 rounding the error stays below **2.5e-7** (asserted below).
+//! tanh(x₀ + d) ≈ t + g·d·(1 − d·t), |d| ≤ 1/128. The remainder of third order is below 1.6e-7;
+//! with f32 rounding the error stays below **2.5e-7** (asserted below).
 
 /// tanh(1/64).
 const TANH_STEP: f64 = 0.015_623_728_558_408_737;
 const STEPS_PER_UNIT: f32 = 64.0;
-/// The table has 2¹⁰ entries, so that one instruction keeps an index inside of it. Odd, see [`MIDDLE`].
+/// Index of the middle and half the size of the table. Its 2¹⁰ entries let one instruction keep an
+/// index inside. Odd, see [`MIDDLE`].
 const LAST: usize = 511;
 const END: i32 = 2 * LAST as i32 + 1;
 
-/// tanh(i/64) for i from −LAST, built by the addition theorem in f64. Both signs are in it: to take the
-/// sign off and put it back would cost a sixth of the whole. The ends stand for all beyond them too and are
-/// ±1, which tanh(7.97) is to within 2.4e-7.
+/// Values of tanh(i/64) for i from −LAST, built by the addition theorem in f64.
+///
+/// Both signs are included, because removing and restoring the sign would cost a sixth of the
+/// whole. The ends also serve all arguments beyond them. They are ±1, which equals tanh(7.97) to
+/// 2.4e-7.
 #[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
 static TABLE: [f32; 2 * LAST + 2] = {
     let mut table = [1.0; 2 * LAST + 2];
@@ -29,14 +33,15 @@ static TABLE: [f32; 2 * LAST + 2] = {
     table
 };
 
-/// From 2¹⁷ to 2¹⁸ an f32 is a whole number of steps, and which one stands in its lowest bits: a sum in that
-/// range is rounded and converted at once.
+/// Offset that rounds a sum to whole steps. From 2¹⁷ to 2¹⁸ an f32 is a whole number of steps, and
+/// its lowest bits are their number: one addition rounds and converts.
 const WHOLE: f32 = 8_388_608.0 / STEPS_PER_UNIT;
-/// Where the middle of the table lies there. Odd, so that ties are rounded symmetrically.
+/// Position of the table's middle in that range. Odd, so that ties are rounded symmetrically.
 const MIDDLE: f32 = WHOLE + LAST as f32 / STEPS_PER_UNIT;
 
-/// tanh(x), within 2.5e-7 for every x, exactly odd. A NaN comes back as ±1 so that nothing downstream can be
-/// one.
+/// Returns tanh(x), within 2.5e-7 for every x, exactly odd.
+///
+/// A NaN gives ±1, so that no later value becomes NaN.
 #[must_use]
 #[inline]
 pub fn tanh(x: f32) -> f32 {
@@ -48,8 +53,8 @@ pub fn tanh(x: f32) -> f32 {
     }
 }
 
-/// The same of several, all finite, which spares the question and with it a branch. Step by step for all of
-/// them: a result that the next instruction wants costs a cycle, and of two at once none does.
+/// Returns tanh of several finite numbers, without the branch for infinite ones. It does each step
+/// for all of them, because waiting for the result of the last instruction costs a cycle.
 #[inline(always)]
 pub(super) fn tanh_of_finite<const N: usize>(x: [f32; N]) -> [f32; N] {
     let sum = x.map(|x| x + MIDDLE);

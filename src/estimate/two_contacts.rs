@@ -1,8 +1,9 @@
-//! Two contacts at once ([DeMaria2011]'s open case): the touch for which no single contact accounts.
+//! Estimation of two simultaneous contacts ([DeMaria2011]'s open case).
 //!
-//! It is asked only where the single contact misfits. Two normal contacts, six unknowns, are then fitted to
-//! the sixteen displacements by Gauss–Newton in the same [`Field`](super::field::Field); they are believed
-//! if they account for what one could not and stand far enough apart to be two.
+//! It runs only if a single contact does not explain the displacements. Gauss–Newton fits two
+//! normal contacts, six unknowns, to the sixteen displacements in the same
+//! [`Field`](super::field::Field). The pair is accepted if it explains more than a single contact
+//! and its contacts are far enough apart.
 
 use super::field::Load;
 use super::inverse::Inverse;
@@ -10,31 +11,33 @@ use super::solve::Normal;
 use crate::math::{cube_root, sqrt};
 use crate::scan::{PITCH, TAXEL_CENTRES, TAXELS};
 
-/// Steps a frame; a new pair takes [`FIRST_STEPS`].
+/// Steps per scan; a new pair takes [`FIRST_STEPS`].
 const STEPS: usize = 2;
 const FIRST_STEPS: usize = 6;
-/// Centres nearer than this, in pitches, are one contact to this matrix.
+/// Least distance of two contacts, in pitches; the matrix cannot separate nearer ones.
 const APART: f32 = 1.4;
-/// A contact below this, in newtons, is not told from what calibration leaves of the other.
+/// Least normal force of either contact, in newtons; less is within the other's calibration
+/// residual.
 const LEAST: f32 = 0.04;
-/// A pair must leave less than this share of what one contact leaves.
+/// Largest misfit of a pair, as a share of the single contact's misfit.
 const BETTER: f32 = 0.4;
-/// s of the contact that a first guess is made with: half a newton.
+/// Contact size s of the initial guess: half a newton.
 const USUAL_SIZE: f32 = 0.8;
-/// Where a first guess is made, in mm from the middle of the two, and how far out on the pad at most.
+/// Distance of the initial contacts from their middle, and their largest coordinate, in mm.
 const HALF_WAY: f32 = 2.7;
 const EDGE: f32 = 4.0;
 
-/// A pair as found; the stronger one first.
+/// Two estimated contacts, the stronger one first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pair {
-    /// Normal force and place of each; shear is not told.
+    /// Normal force and position of each; shear is not estimated.
     pub contacts: [Load; 2],
-    /// Root mean square of what is left, over what calibration left at these forces.
+    /// Normalised residual: root mean square of the remaining displacements over that of the
+    /// calibration at these forces.
     pub misfit: f32,
 }
 
-/// The last frame's pair.
+/// State: the pair of the last scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PairState {
     last: Option<[Load; 2]>,
@@ -48,8 +51,8 @@ impl PairState {
 }
 
 impl Inverse {
-    /// The pair that makes the displacements `u`, for which one contact left `single` times what
-    /// calibration leaves; `None` where one contact is the better account.
+    /// Returns the pair that explains the displacements `u` better than a single contact of misfit
+    /// `single`; `None` if there is none.
     #[must_use]
     pub fn pair(&self, state: &mut PairState, u: &[f32; TAXELS], single: f32) -> Option<Pair> {
         let (start, steps) = match state.last {
@@ -74,8 +77,8 @@ impl Inverse {
         believed.map(|misfit| Pair { contacts, misfit })
     }
 
-    /// Either side of the centroid of what sank, along the line on which it is spread most; the forces
-    /// that together sink as much.
+    /// Returns the initial guess: contacts on either side of the centroid of the displacements,
+    /// along their direction of largest spread, with forces that cause the same displacements.
     fn first_guess(&self, u: &[f32; TAXELS]) -> Option<[Load; 2]> {
         let weights = || u.iter().map(|u| u.max(0.0)).zip(TAXEL_CENTRES.map(|c| c.map(|c| c.0)));
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
@@ -171,7 +174,7 @@ mod tests {
         (0..4).map(|_| finger().pair(&mut state, u, misfit)).last().flatten()
     }
 
-    /// The pair of one frame, where a single contact leaves `single`.
+    /// Pair of one scan, for a single contact of misfit `single`.
     fn first(u: &[f32; TAXELS], single: f32) -> Option<Pair> {
         finger().pair(&mut PairState::default(), u, single)
     }

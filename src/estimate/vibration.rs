@@ -1,38 +1,42 @@
-//! Gross slip by its vibration: a sliding contact sticks and slips hundreds of times a second, which the
-//! signals show in a band where grasping moves nothing.
+//! Detection of gross slip by vibration: a sliding contact sticks and slips hundreds of times a
+//! second.
 //!
-//! It listens to conditioned signals that no low-pass has touched, and not to the codes. A code holds the ambient light
-//! of its scan (100 or 120 Hz flicker of a lamp lies in the very band), which the dark code of the same scan takes off,
-//! and it counts nearer or farther as its board is wired. What conditioning does beyond that changes no verdict: bias is a
-//! constant, which a band-pass does not pass, the scale of full scale and warmth's gain are factors that hardly move in a
-//! second, and energy is held against its own floor. Only the least energy that is ever taken for one is absolute, far
-//! below a converter's step.
+//! It uses a band of the signals in which grasping causes no motion.
 //!
-//! Three sums of the matrix (all of it, left less right, front less back) and the three bridge outputs
-//! summed over the sensors go through a band-pass; the energy of the band is held against its own floor
-//! from the time before, and against that of the band below, which motion fills first.
+//! The inputs are conditioned signals before the low-pass filter, not codes. A code contains the
+//! ambient light of its scan (a lamp's flicker of 100 or 120 Hz lies in the very band), which the
+//! dark code of the same scan removes. A code's sign also depends on the board's wiring. Further
+//! conditioning does not change the result. The bias is a constant, which a band-pass blocks. Full
+//! scale and temperature gain are factors that hardly change in a second, and energy is compared
+//! with its own floor. Only the least energy is absolute, far below a converter's step.
+//!
+//! Three sums of the matrix (all, left minus right, front minus back) and the three bridge outputs
+//! summed over the sensors pass a band-pass. The energy of the band is compared with its own
+//! earlier floor, and with the energy of the band below, which motion fills first.
 
 use super::contact_point::halves;
 use crate::condition::Signals;
 use crate::math::tan;
 use crate::units::Micros;
 
-/// Second-order section, direct form II transposed.
+/// Second-order filter section, direct form II transposed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Biquad {
-    /// b₀, b₁, b₂.
+    /// Feed-forward coefficients b₀, b₁, b₂.
     pub ahead: [f32; 3],
-    /// a₁, a₂, with a₀ = 1.
+    /// Feedback coefficients a₁, a₂, with a₀ = 1.
     pub back: [f32; 2],
 }
 
-/// Memory of a [`Biquad`].
+/// State of a [`Biquad`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BiquadState([f32; 2]);
 
 impl Biquad {
-    /// Band-pass of unit gain at `centre` with the quality `q`, `centre` as a fraction of the frame rate
-    /// between 0.001 and 0.24 (bilinear transform of s/q/(s² + s/q + 1)).
+    /// Makes a band-pass of unit gain at `centre` with the quality `q`.
+    ///
+    /// `centre` is a fraction of the scan rate between 0.001 and 0.24 (bilinear transform of
+    /// s/q/(s² + s/q + 1)).
     #[must_use]
     pub fn band_pass(centre: f32, q: f32) -> Self {
         let k = tan(core::f32::consts::PI * centre.clamp(0.001, 0.24));
@@ -44,7 +48,7 @@ impl Biquad {
         }
     }
 
-    /// One sample.
+    /// Filters one sample.
     pub fn filter(&self, state: &mut BiquadState, x: f32) -> f32 {
         let ([b0, b1, b2], [a1, a2], [s1, s2]) = (self.ahead, self.back, state.0);
         let y = b0 * x + s1;
@@ -53,33 +57,35 @@ impl Biquad {
     }
 }
 
-/// Channels that are watched: three of the matrix, three of the bridges.
+/// Number of watched channels: three of the matrix, three of the bridges.
 const CHANNELS: usize = 6;
 
-/// When the band is louder than its floor, and than the band below it.
+/// Coefficients of the vibration detector for one scan rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vibration {
-    /// The band, passed twice so that a steady motion leaves nothing in it, and the one below: what falls
-    /// off steeply from there is motion, not a rub.
+    /// Band of the vibration, applied twice so that steady motion leaves nothing in it, and the
+    /// band below. A steep fall from the band below to it means motion, not rubbing.
     pub bands: [Biquad; 2],
-    /// Share of a frame in the running mean of the energies, and in the floor's.
+    /// Weight of a scan in the running mean of the energies, and in the floor.
     pub forget: [f32; 2],
-    /// It vibrates where the energy is this many times its floor, and no longer below the second.
+    /// Energy over the floor at which vibration begins, and below which it ends.
     pub loud: [f32; 2],
-    /// Frames for which it must: what knocks once is not rubbed.
+    /// Scans that a vibration must last; a knock is shorter.
     pub lasting: u16,
 }
 
 impl Vibration {
-    /// For `rate` frames a second: around 150 Hz, where the sensors of [Ospina2017] still answer
-    /// and a hand's own motion has ended; below 600 frames a second at a quarter of the rate.
+    /// Makes a detector for `rate` scans a second.
+    ///
+    /// Its band is at 150 Hz, where the sensors of [Ospina2017] still respond and a hand's own
+    /// motion has ended. Below 600 scans a second it is near a quarter of the rate.
     #[must_use]
     pub fn at(rate: f32) -> Self {
         let rate = rate.clamp(1.0, 1e6);
         let centre = (150.0 / rate).min(0.24);
         Self {
             bands: [Biquad::band_pass(centre, 1.0), Biquad::band_pass(0.25 * centre, 1.0)],
-            // 10 ms and 1 s.
+            // Time constants: 10 ms and 1 s.
             forget: [(100.0 / rate).min(0.5), (1.0 / rate).min(0.05)],
             loud: [12.0, 4.0],
             lasting: (0.01 * rate) as u16,
@@ -87,7 +93,7 @@ impl Vibration {
     }
 }
 
-/// What is remembered of a channel.
+/// State of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Channel {
     filters: [BiquadState; 3],
@@ -96,7 +102,7 @@ struct Channel {
     lasted: u16,
 }
 
-/// What the detector remembers.
+/// State of the detector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VibrationState {
     channels: [Channel; CHANNELS],
@@ -105,23 +111,24 @@ pub struct VibrationState {
 }
 
 impl VibrationState {
-    /// The last verdict.
+    /// Returns whether the last scan vibrated.
     #[must_use]
     pub fn vibrates(&self) -> bool {
         self.vibrates
     }
 }
 
-/// Frames until the floor is known.
+/// Scans until the floor is known.
 const WARM_UP: u16 = 200;
-/// The band's energy is never taken for quieter than this: a twentieth of a 12-bit step, squared.
+/// Least energy of the floor: a twentieth of a 12-bit step, squared.
 const QUIET: f32 = 1.5e-10;
-/// An edge in a force has a spectrum that falls like 1/f², a corner in it 1/f⁴ (in energy, each octave
-/// wide): two octaves up that is a quarter and a sixty-fourth. A rub has more than this up there.
+/// Least energy of a vibration relative to the band two octaves below. An edge in a force has a
+/// spectrum that falls like 1/f², a corner 1/f⁴ (in energy, each octave wide): two octaves up that
+/// is a quarter and a sixty-fourth. Rubbing has more than this there.
 const STEEP: f32 = 0.1;
 
 impl Vibration {
-    /// One frame.
+    /// Processes one scan and returns whether it vibrates.
     pub fn update(&self, state: &mut VibrationState, signals: &Signals) -> bool {
         let optical = signals.taxels.as_ref().map_or([0.0; 3], halves);
         let mut bridges = [0.0; 3];
@@ -149,7 +156,7 @@ impl Vibration {
         channel.energy[1] += fast * (low * low - channel.energy[1]);
         // Not `max` and `min`, which are calls where the processor has no instruction for them.
         let floor = if channel.floor > QUIET { channel.floor } else { QUIET };
-        // The floor follows quickly at first, then slowly, and not at all while it vibrates.
+        // The floor follows quickly at first, then slowly, and not at all during a vibration.
         if !was {
             let share = if warm { slow } else { fast };
             let most = 4.0 * floor;
@@ -164,23 +171,23 @@ impl Vibration {
     }
 }
 
-/// A detector that learns the rate of its frames from their times.
+/// Vibration detector that derives the scan rate from the scans' times.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VibrationDetector {
     time: Option<Micros>,
     interval_us: u64,
-    /// Between the last two frames.
+    /// Interval between the last two scans.
     before_us: u64,
     detector: Option<Vibration>,
     state: VibrationState,
 }
 
 impl VibrationDetector {
-    /// One frame. Where the rate changes, it begins again.
+    /// Processes one scan and returns whether it vibrates. A change of rate restarts the detector.
     pub fn hear(&mut self, time: Micros, signals: &Signals) -> bool {
         let interval = self.time.map_or(0, |last| time.0.saturating_sub(last.0));
         self.time = Some(time);
-        // A frame that was lost, or a clock that began again, is no other rate: two intervals are.
+        // A lost scan or a restarted clock changes one interval; a new rate changes two.
         let differs = |from: u64| interval.abs_diff(from) > from / 8;
         let new = differs(self.interval_us) && !differs(self.before_us) && interval > 0;
         self.before_us = interval;
@@ -212,7 +219,7 @@ mod tests {
         Signals { taxels: Some([level; TAXELS]), ..Signals::default() }
     }
 
-    /// Uniform noise of unit variance, the same every time.
+    /// Uniform noise of unit variance, always the same.
     fn noise(i: u32) -> f32 {
         let x = i.wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(2_246_822_519);
         (f64::from(x) / f64::from(u32::MAX) - 0.5) as f32 * 3.46
@@ -241,8 +248,8 @@ mod tests {
         let mut first = None;
         for i in 0..3000u32 {
             let t = i as f32 / RATE;
-            // A press of half a newton's light within 50 ms, from 1 s on; a rub of a thousandth of the
-            // range at 150 Hz from 2 s on.
+            // A press of half a newton's light within 50 ms, from 1 s on; rubbing of a thousandth
+            // of the range at 150 Hz from 2 s on.
             let press = -0.1 * ((t - 1.0) / 0.05).clamp(0.0, 1.0);
             let rub = if t > 2.0 { 1e-3 * (core::f32::consts::TAU * 150.0 * t).sin() } else { 0.0 };
             let heard = detector.update(&mut state, &signals(press + rub + 5e-5 * noise(i)));

@@ -1,7 +1,8 @@
-//! The force sensors as one intrinsic tactile sensor ([Ospina2017], chapter 2): their forces become
-//! the wrench on the finger.
+//! Wrench on the finger from the force sensors, as one intrinsic tactile sensor ([Ospina2017],
+//! chapter 2).
 //!
-//! Frame: the finger's, x along a row, y along a column, z into the skin, origin in the middle of the skin.
+//! The frame is the finger's: x along a row, y along a column, z into the skin, origin in the
+//! middle of the skin.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,26 +11,26 @@ use crate::scan::SENSORS;
 /// Force and moment about the origin of the finger's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrench {
-    /// F in newtons.
+    /// Force F in newtons.
     pub force: [f32; 3],
-    /// M in newton millimetres.
+    /// Moment M in newton millimetres.
     pub moment: [f32; 3],
 }
 
-/// Where the sensors sit, in mm.
+/// Positions of the sensors in mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SensorPlaces(pub [[f32; 3]; SENSORS]);
 
 impl Default for SensorPlaces {
-    /// The four sensors under the rigid plate, 6 mm below the skin.
+    /// Positions of the four sensors under the rigid plate, 6 mm below the skin.
     fn default() -> Self {
         Self([[-5.0, -5.0, 6.0], [5.0, -5.0, 6.0], [5.0, 5.0, 6.0], [-5.0, 5.0, 6.0]])
     }
 }
 
 impl SensorPlaces {
-    /// F = Σ f_i, M = Σ r_i × f_i over the forces in newtons on each sensor.
+    /// Returns F = Σ f_i and M = Σ r_i × f_i for the forces in newtons on each sensor.
     #[must_use]
     pub fn wrench(&self, forces: &[[f32; 3]; SENSORS]) -> Wrench {
         let mut wrench = Wrench::default();
@@ -42,14 +43,16 @@ impl SensorPlaces {
     }
 }
 
-/// The full calibration, 6×3n: every signal of every sensor may bear on every component. Rows are F_x,
-/// F_y, F_z (N per full scale), M_x, M_y, M_z (N·mm per full scale); columns are the sensors' u − b.
+/// Full calibration matrix, 6×3n: every signal of every sensor may contribute to every component.
+///
+/// Rows are F_x, F_y, F_z (N per full scale), M_x, M_y, M_z (N·mm per full scale); columns are the
+/// sensors' u − b.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WrenchMatrix(pub [[[f32; 3]; SENSORS]; 6]);
 
 impl WrenchMatrix {
-    /// The wrench for the signals u − b of every sensor; one that is not there counts as zero.
+    /// Returns the wrench for the signals u − b of every sensor; an absent one counts as zero.
     #[must_use]
     pub fn wrench(&self, signals: &[[f32; 3]; SENSORS]) -> Wrench {
         let [fx, fy, fz, mx, my, mz] = self.0.each_ref().map(|row| weighted(row, signals));
@@ -57,20 +60,20 @@ impl WrenchMatrix {
     }
 }
 
-/// Σ m·u. One of it, not six in a row.
+/// Returns Σ m·u. Not inlined, so that its code exists once and not six times.
 #[inline(never)]
 fn weighted(row: &[[f32; 3]; SENSORS], signals: &[[f32; 3]; SENSORS]) -> f32 {
     let sensors = row.iter().zip(signals);
     sensors.fold(0.0, |sum, ([a, b, c], [x, y, z])| sum + a * x + b * y + c * z)
 }
 
-/// a × b.
+/// Returns the cross product a × b.
 #[must_use]
 pub(super) fn cross([ax, ay, az]: [f32; 3], [bx, by, bz]: [f32; 3]) -> [f32; 3] {
     [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 }
 
-/// a · b.
+/// Returns the dot product a · b.
 #[must_use]
 pub(super) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a.iter().zip(b).fold(0.0, |sum, (a, b)| sum + a * b)
@@ -80,7 +83,8 @@ pub(super) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 mod tests {
     use super::*;
 
-    /// What four equal springs under a rigid plate share out of a force at a point (written out by hand).
+    /// Forces on four equal springs under a rigid plate from a force at a point, written out by
+    /// hand.
     fn shares(x: f32, y: f32, [fx, fy, fz]: [f32; 3]) -> [[f32; 3]; SENSORS] {
         SensorPlaces::default().0.map(|[xi, yi, h]| {
             let torsion = x * fy - y * fx;
@@ -106,7 +110,7 @@ mod tests {
 
     #[test]
     fn the_full_matrix_can_say_all_that_the_sum_says() {
-        // Unit columns through the sum, one signal at a time.
+        // Columns of unit signals through the sum, one signal at a time.
         let places = SensorPlaces::default();
         let mut matrix = WrenchMatrix([[[0.0; 3]; SENSORS]; 6]);
         for i in 0..SENSORS {

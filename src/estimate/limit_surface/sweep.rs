@@ -1,16 +1,17 @@
-//! The limit surface by [Ospina2017]'s own method: the contact turns about a centre, every element
-//! of its area holds μp against the way it goes, and the centre is moved until force and torsion
-//! stand in the ratio that was asked for.
+//! Limit surface by the method of [Ospina2017], computed for each load.
 //!
-//! Of all ways to turn, the true one needs the most work for the friction that it meets (maximum
-//! dissipation), so that a centre that is a little off costs the load a little of a little: a few steps do.
+//! The contact turns about a centre, and every element of its area resists its motion with μp. The
+//! centre is moved until force and torsion have the required ratio.
+//!
+//! The true motion maximises the dissipated work, so that a small error of the centre has only a
+//! second-order effect on the load. A few steps suffice.
 
 use core::f32::consts::FRAC_1_SQRT_2;
 
 use crate::math::{inverse_sqrt, power, sqrt};
 
-/// Radii r/a of Gauss's rule for r = sin t, t from 0 to ½π, which takes the steep rim apart, and their weights
-/// r dr.
+/// Radii r/a of Gauss's rule for r = sin t, t from 0 to ½π, and their weights r dr. The
+/// substitution resolves the steep rim.
 const RADII: [[f32; 2]; 5] = [
     [0.073_620, 0.008_698],
     [0.354_599, 0.079_346],
@@ -18,7 +19,8 @@ const RADII: [[f32; 2]; 5] = [
     [0.935_018, 0.079_346],
     [0.997_286, 0.008_698],
 ];
-/// Cosines and sines of the middles of six parts of half a turn; the other half is its mirror image.
+/// Cosines and sines of the centres of six parts of half a turn; the other half is its mirror
+/// image.
 const TURNS: [[f32; 2]; 6] = [
     [0.965_926, 0.258_819],
     [FRAC_1_SQRT_2, FRAC_1_SQRT_2],
@@ -30,19 +32,20 @@ const TURNS: [[f32; 2]; 6] = [
 /// Steps of the search for the centre.
 const STEPS: usize = 3;
 
-/// The limit surface of one kind of contact, up to the friction coefficient, as a pressure to be summed over.
+/// Limit surface of one kind of contact, as a pressure to integrate, normalised by the friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sweep {
-    /// c in mm/N^γ and γ of a = c·N^γ.
+    /// Coefficients c in mm/N^γ and γ of a = c·N^γ.
     radius: [f32; 2],
     /// Share of the normal force at each point of its ring.
     shares: [f32; RADII.len()],
-    /// κ: the greatest torsion over μ·N·a.
+    /// Coefficient κ: the greatest torsion over μ·N·a.
     torque: f32,
 }
 
 impl Sweep {
-    /// Of the pressure p(r) ∝ (1 − (r/a)^k)^(1/k), a = c·N^γ mm; k is taken between ½ and 100.
+    /// Makes the surface of the pressure p(r) ∝ (1 − (r/a)^k)^(1/k), a = c·N^γ mm; k is clamped to
+    /// ½ … 100.
     #[must_use]
     pub fn power_law(k: f32, radius: [f32; 2]) -> Self {
         let k = if k.is_nan() { 2.0 } else { k.clamp(0.5, 100.0) };
@@ -54,7 +57,7 @@ impl Sweep {
         sweep
     }
 
-    /// How far towards the limit a contact is loaded, as [`super::LimitSurface::load`] has it.
+    /// Returns the load relative to the limit, as [`super::LimitSurface::load`] does.
     #[must_use]
     pub fn load(&self, [fx, fy]: [f32; 2], torsion: f32, normal: f32, mu: f32) -> f32 {
         let [c, gamma] = self.radius;
@@ -68,7 +71,7 @@ impl Sweep {
         if length > 1e9 {
             return 1e9;
         }
-        // On a circle the contact would move the way that it is pushed.
+        // On a circle the contact would move in the direction of the load.
         let (mut moves, mut work) = (way, 1.0);
         for _ in 0..STEPS {
             let [force, torsion] = self.held([moves[0], moves[1] / self.torque]);
@@ -82,7 +85,8 @@ impl Sweep {
         length * work.max(0.0)
     }
 
-    /// Force over μN and torsion over μNa of a disc of radius 1 that moves at `along` and turns at `turning`.
+    /// Returns force over μN and torsion over μNa of a disc of radius 1 that moves at `along` and
+    /// turns at `turning`.
     fn held(&self, [along, turning]: [f32; 2]) -> [f32; 2] {
         let (mut force, mut torsion) = (0.0, 0.0);
         for ([radius, _], share) in RADII.iter().zip(&self.shares) {
@@ -102,7 +106,7 @@ fn dot([a, b]: [f32; 2], [c, d]: [f32; 2]) -> f32 {
     a * c + b * d
 }
 
-/// Direction and length; `None` of what has none.
+/// Returns direction and length; `None` for a vector without a direction.
 fn unit(v: [f32; 2]) -> Option<([f32; 2], f32)> {
     let square = dot(v, v);
     (square > f32::MIN_POSITIVE).then(|| {
