@@ -1,7 +1,7 @@
-//! What a reset leaves standing: the last panic, and a wish to go to the ROM bootloader.
+//! State kept over a reset: the last panic, and a request for the ROM bootloader.
 //!
-//! Both lie in RAM that start-up does not touch. After power-up it holds anything, so that each is known
-//! by a mark.
+//! Both are in RAM that start-up does not touch. A mark identifies each, because RAM holds anything
+//! after power-up.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -11,7 +11,7 @@ use core::ptr;
 use cortex_m::peripheral::SCB;
 use heapless::String;
 
-/// Longest message that is kept.
+/// Longest kept message, bytes.
 pub const MESSAGE: usize = 96;
 
 const PANICKED: u32 = 0x7061_6e63;
@@ -25,7 +25,8 @@ struct Kept {
 
 struct Uninit(UnsafeCell<MaybeUninit<Kept>>);
 
-// SAFETY: touched only before the first task runs and, with every interrupt off, on the way to a reset.
+// SAFETY: touched only before the first task runs and, with every interrupt off, on the way to a
+// reset.
 unsafe impl Sync for Uninit {}
 
 #[unsafe(link_section = ".uninit.boot")]
@@ -35,23 +36,24 @@ fn kept() -> *mut Kept {
     KEPT.0.get().cast()
 }
 
-/// Call first of all in `main`, before a clock is set: goes to the ROM bootloader if that is what the
-/// last reset was for; else the last panic, once.
+/// Enters the ROM bootloader if the last reset was for it, else returns the last panic, once.
+///
+/// Call it first in `main`, before a clock is set.
 ///
 /// # Safety
-/// `rom` is where the chip's ROM bootloader has its vector table, and nothing runs yet.
+/// `rom` is the address of the ROM bootloader's vector table, and nothing runs yet.
 pub unsafe fn resume(rom: usize) -> Option<String<MESSAGE>> {
-    // SAFETY: plain words, valid whatever they hold; nothing else runs.
+    // SAFETY: plain words, valid with any content; nothing else runs.
     let mark = unsafe { ptr::read_volatile(&raw const (*kept()).mark) };
     // SAFETY: as above.
     unsafe { ptr::write_volatile(&raw mut (*kept()).mark, 0) };
     match mark {
         BOOTLOADER => {
-            // SAFETY: the caller says so; the chip is as reset left it.
+            // SAFETY: the caller promises the address; the chip is as reset left it.
             unsafe { cortex_m::asm::bootload(ptr::with_exposed_provenance(rom)) }
         }
         PANICKED => {
-            // SAFETY: the mark says that both were written.
+            // SAFETY: the mark shows that both were written.
             let (length, text) = unsafe { ((*kept()).length, (*kept()).text) };
             let text = text.get(..length.min(MESSAGE)).unwrap_or_default();
             let valid = text.utf8_chunks().next().map_or("", |chunk| chunk.valid());
@@ -61,7 +63,7 @@ pub unsafe fn resume(rom: usize) -> Option<String<MESSAGE>> {
     }
 }
 
-/// Resets into the ROM bootloader: there `dfu-util` finds it.
+/// Resets into the ROM bootloader, where `dfu-util` finds the chip.
 pub fn enter_bootloader() -> ! {
     cortex_m::interrupt::disable();
     // SAFETY: nothing runs any more.
@@ -69,12 +71,13 @@ pub fn enter_bootloader() -> ! {
     SCB::sys_reset()
 }
 
-/// Writes down where it was and what it said, and resets; `info` of the next start shows it. A message with
-/// numbers in it is left out: all that formats them would come with it, 5 KB of flash.
+/// Records a panic's place and message, and resets; the next start reports both.
+///
+/// A message with numbers in it is left out, because formatting it would take 5 KB of flash.
 pub fn panic(info: &PanicInfo) -> ! {
     let mut note = Note::default();
     if let Some(at) = info.location() {
-        // The end of a path says more than its beginning.
+        // The end of a path identifies the file, its beginning does not.
         let file = at.file().as_bytes();
         note.write(file.get(file.len().saturating_sub(MESSAGE / 2)..).unwrap_or_default());
         note.write(b":");
@@ -87,7 +90,7 @@ pub fn panic(info: &PanicInfo) -> ! {
     note.reset()
 }
 
-/// The same of a fault, which has no line: where the program counter and the link register stood.
+/// Records a fault's program counter and link register, and resets.
 pub fn fault(pc: u32, lr: u32) -> ! {
     let mut note = Note::default();
     note.write(b"fault at 0x");
@@ -97,7 +100,7 @@ pub fn fault(pc: u32, lr: u32) -> ! {
     note.reset()
 }
 
-/// What is kept over the reset.
+/// Text kept over the reset.
 struct Note {
     text: [u8; MESSAGE],
     length: usize,
@@ -110,7 +113,7 @@ impl Default for Note {
 }
 
 impl Note {
-    /// What is too long is cut.
+    /// Appends bytes, cut at [`MESSAGE`].
     fn write(&mut self, bytes: &[u8]) {
         let room = self.text.get_mut(self.length..).unwrap_or_default();
         room.iter_mut().zip(bytes).for_each(|(place, byte)| *place = *byte);

@@ -1,17 +1,18 @@
-//! Copies of memory. Those that come with the compiler take a stack frame, three loops and, where an end is
-//! not aligned, bytes: for what a scan's interrupt copies as long as all else that it does. And they are
-//! unrolled: 2 KB of flash, these 250 bytes.
+//! Memory copies and clears, faster and smaller than the compiler's.
+//!
+//! The compiler's versions take a stack frame, three loops and, at unaligned ends, single bytes. A
+//! scan's interrupt would spend half of its time in them. They are also unrolled and take 2 KB of
+//! flash; these take 250 bytes.
 
 use core::arch::naked_asm;
 
-/// Copies `length` bytes, sixteen at a time. What is not aligned is copied by single loads and stores, which
-/// on this core need not be (ARMv7-M ARM, A3.2.1).
+/// Copies `length` bytes, sixteen at a time.
 ///
-/// `__aeabi_memcpy4` and `__aeabi_memcpy8` are its second and third name (RTABI §4.3.4): their places are
-/// aligned.
+/// Unaligned data use single loads and stores, which this core allows (ARMv7-M ARM, A3.2.1).
+/// `__aeabi_memcpy4` and `__aeabi_memcpy8` are entries for aligned addresses (RTABI §4.3.4).
 ///
 /// # Safety
-/// As for `memcpy`: both places are there, and apart.
+/// As for `memcpy`: both ranges exist and do not overlap.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 #[cfg_attr(feature = "ccm", unsafe(link_section = ".ccm.copy"))]
@@ -56,7 +57,7 @@ unsafe extern "C" fn __aeabi_memcpy(to: *mut u8, from: *const u8, length: usize)
         "stmia r0!, {{r3, r4, r5, r12}}",
         "bhs 2b",
         "pop {{r4, r5}}",
-        // What is left, by the bits of its length: eight and four, then two and one.
+        // The rest, by the bits of its length: eight and four, then two and one.
         "3:",
         "lsls r3, r2, #29",
         "itttt cs",
@@ -79,11 +80,13 @@ unsafe extern "C" fn __aeabi_memcpy(to: *mut u8, from: *const u8, length: usize)
     )
 }
 
-/// Copies `length` bytes that may overlap: forwards by [`__aeabi_memcpy`], which reads what it overwrites
-/// before; backwards, which is rare, a byte at a time.
+/// Copies `length` bytes that may overlap.
+///
+/// Forward copies use [`__aeabi_memcpy`], which reads bytes before it overwrites them. Backward
+/// copies, which are rare, go byte by byte.
 ///
 /// # Safety
-/// As for `memmove`: both places are there.
+/// As for `memmove`: both ranges exist.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 #[cfg_attr(feature = "ccm", unsafe(link_section = ".ccm.copy"))]
@@ -95,7 +98,7 @@ unsafe extern "C" fn __aeabi_memmove(to: *mut u8, from: *const u8, length: usize
         ".type __aeabi_memmove8, %function",
         "__aeabi_memmove4:",
         "__aeabi_memmove8:",
-        // Further on than the first place by less than the length, or not.
+        // The destination starts inside the source, or not.
         "subs r3, r0, r1",
         "cmp r3, r2",
         "bhs __aeabi_memcpy",
@@ -115,7 +118,7 @@ unsafe extern "C" fn __aeabi_memmove(to: *mut u8, from: *const u8, length: usize
 /// Clears `length` bytes, sixteen at a time.
 ///
 /// # Safety
-/// The place is there.
+/// The range exists.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 #[cfg_attr(feature = "ccm", unsafe(link_section = ".ccm.copy"))]

@@ -1,7 +1,7 @@
-//! The chip's flash as the store wants it.
+//! Flash of the chip, as the store uses it.
 //!
-//! The chip stands still while it erases or programs: it fetches its code from the same flash. The scan
-//! goes on by DMA, and the frames that nobody reads meanwhile are counted as overrun.
+//! The core stalls while flash is erased or programmed, because it fetches code from the same
+//! flash. The scan continues by DMA, and frames that nobody reads meanwhile count as overrun.
 
 use core::ops::Range;
 use core::ptr::with_exposed_provenance;
@@ -10,7 +10,7 @@ use core::slice;
 use embedded_storage::nor_flash::NorFlash;
 use taxel::store::{Area, Flash, FlashError, Word};
 
-/// Parts of the chip's flash.
+/// Areas of the chip's flash.
 pub struct ChipFlash<D> {
     driver: D,
     base: usize,
@@ -18,11 +18,13 @@ pub struct ChipFlash<D> {
 }
 
 impl<D: NorFlash> ChipFlash<D> {
-    /// Flash whose first byte the chip maps at `base`; `place` says where in it an area lies: whole
-    /// sectors, of which the first [`Area::size`] bytes are used.
+    /// Builds the areas of flash that starts at address `base`.
+    ///
+    /// `place` returns the offsets of an area: whole sectors, of which the first [`Area::size`]
+    /// bytes are used.
     ///
     /// # Safety
-    /// All of these places are flash and nothing else in the firmware reads or writes them.
+    /// All of these ranges are flash, and nothing else in the firmware reads or writes them.
     pub const unsafe fn new(driver: D, base: usize, place: fn(Area) -> Range<u32>) -> Self {
         Self { driver, base, place }
     }
@@ -31,8 +33,8 @@ impl<D: NorFlash> ChipFlash<D> {
 impl<D: NorFlash> Flash for ChipFlash<D> {
     fn bytes(&self, area: Area) -> &[u8] {
         let start = self.base + (self.place)(area).start as usize;
-        // SAFETY: `new` was promised that flash is there and that it changes by this driver alone, which is
-        // borrowed for as long as the bytes are.
+        // SAFETY: `new` was promised that this is flash and that only this driver changes it; the
+        // driver is borrowed for as long as the bytes are.
         unsafe { slice::from_raw_parts(with_exposed_provenance(start), area.size()) }
     }
 

@@ -1,15 +1,17 @@
-//! Who a board is.
+//! Identity of a board.
 
 use taxel::units::FullScale;
 use taxel::wire::message::Identity;
 
-/// Which build this is, as whoever built it called it.
+/// Name of the build, from the variable `TAXEL_BUILD`.
 pub const BUILD: &str = match option_env!("TAXEL_BUILD") {
     Some(build) => build,
     None => "unknown",
 };
 
-/// A board by its name in `boards/` and its chip's serial number. A name that is too long is left out.
+/// Identity of a board, by its name in `boards/` and its chip's serial number.
+///
+/// A text that is too long is left empty.
 #[must_use]
 pub fn identity(
     board: &str,

@@ -1,4 +1,4 @@
-//! What the boards with hardware share. A board adds its clocks, its pins, its scan and its flash.
+//! Code that all firmware shares; a board adds its clocks, pins, scan and flash.
 //!
 //! ```text
 //! frame interrupt ──Scan──▶ queue ──▶ Scanner (watchdog) ──▶ session ──▶ link (USB CDC ACM)

@@ -1,12 +1,13 @@
-//! The session's link: USB CDC ACM.
+//! USB CDC ACM link of the session.
 //!
-//! * "Connected" is not "open": a port is open while the host holds DTR, and a session lasts as long.
-//! * One packet is in flight at a time, so packets are filled: bytes go out 64 at a time, and a flush
-//!   sends the rest. Nothing below sends the zero-length packet that ends a transfer of full packets, so
-//!   a flush does.
-//! * A write waits forever while nobody reads. It is given up now and then to see whether the port is
-//!   still open; meanwhile the session's pipe is full and drops whole frames, counted.
-//! * Each session begins with a zero, so that a message that the last one tore ends there.
+//! * "Connected" is not "open": a port is open while the host holds DTR, and a session lasts as
+//!   long.
+//! * One packet is in flight at a time, so packets are filled: bytes go out 64 at a time, and a
+//!   flush sends the rest. A flush also sends the zero-length packet that ends a transfer of full
+//!   packets, because the driver does not.
+//! * A write waits without end while nobody reads. It times out now and then to check whether the
+//!   port is still open. Meanwhile the session's pipe is full and drops whole frames, counted.
+//! * Each session begins with a zero byte, which ends a message that the last session cut.
 
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
@@ -21,14 +22,14 @@ use taxel::session::{Board, Pace, run_session};
 
 /// Bytes in a packet of a full-speed bulk endpoint.
 const PACKET: usize = 64;
-/// After which a write looks whether the port is still open.
+/// Interval at which a write checks whether the port is still open.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// pid.codes' identifiers for testing: a product that is sold needs its own.
+/// Test identifiers of pid.codes; a product on sale needs its own.
 const VENDOR: u16 = 0x1209;
 const PRODUCT: u16 = 0x0001;
 
-/// The host closed the port or pulled the cable.
+/// Error of a port that the host closed or unplugged.
 #[derive(Debug)]
 pub struct Closed;
 
@@ -46,14 +47,14 @@ impl core::fmt::Display for Closed {
 
 impl core::error::Error for Closed {}
 
-/// The finger's serial port.
+/// Serial port of the finger.
 pub struct Link<D: Driver<'static>> {
     sender: Sender<'static, D>,
     receiver: Receiver<'static, D>,
     control: ControlChanged<'static>,
 }
 
-/// Told when the host suspends the bus and when it goes on.
+/// Handler that reports suspend and resume of the bus.
 struct Suspend(fn(bool));
 
 impl Handler for Suspend {
@@ -66,8 +67,10 @@ impl Handler for Suspend {
     }
 }
 
-/// The device and the port on it. `suspend` is called with true when the host suspends the bus: a finger
-/// that it feeds must then put out its LEDs.
+/// Builds the USB device and its serial port.
+///
+/// `suspend` is called with true when the host suspends the bus. A finger powered by the bus must
+/// then switch off its LEDs.
 ///
 /// # Panics
 /// On the second call.
@@ -89,7 +92,7 @@ pub fn device<D: Driver<'static>>(
     // LEDs 18 mA, controller 35 mA, bridges 7 mA; see the board's page.
     config.max_power = 100;
     config.max_packet_size_0 = PACKET as u8;
-    // From 2.01 on a host asks for capabilities (BOS), and an empty answer is an error to it.
+    // From 2.01 on a host asks for capabilities (BOS) and treats an empty answer as an error.
     config.bcd_usb = UsbVersion::Two;
     let mut builder = Builder::new(
         driver,
@@ -106,8 +109,10 @@ pub fn device<D: Driver<'static>>(
 }
 
 impl<D: Driver<'static>> Link<D> {
-    /// One session after the other, forever. The instrument keeps its settings from one to the next, and
-    /// takes its scans while nobody is there.
+    /// Runs one session after the other, without end.
+    ///
+    /// The instrument keeps its settings between sessions, and takes its scans while the port is
+    /// closed.
     pub async fn serve(&mut self, board: &mut impl Board, instrument: &mut Instrument) {
         loop {
             let scans = select(opened(&self.control), idle(board, instrument)).await;
@@ -121,14 +126,14 @@ impl<D: Driver<'static>> Link<D> {
                 defmt::info!("port closed while writing");
             }
             defmt::info!("session over");
-            // After a reset of the bus its endpoints are off at once, and DTR is when the device's task has
-            // heard of it: let it.
+            // A bus reset disables the endpoints at once, but DTR falls only when the device's task
+            // runs: let it run.
             yield_now().await;
         }
     }
 }
 
-/// Scans while no host is there.
+/// Takes scans while the port is closed.
 async fn idle(board: &mut impl Board, instrument: &mut Instrument) {
     while let Some(scan) = board.scan().await {
         let before = board.ticks();
@@ -159,11 +164,11 @@ impl<D: Driver<'static>> ErrorType for Rx<'_, D> {
 }
 
 impl<D: Driver<'static>> Read for Rx<'_, D> {
-    /// `bytes` must hold a packet. Nothing is the end of the session.
+    /// Reads a packet, which must fit `bytes`; 0 ends the session.
     async fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Closed> {
         loop {
             match select(self.receiver.read_packet(bytes), closed(self.control)).await {
-                // A zero-length packet is not the end.
+                // A zero-length packet does not end the session.
                 Either::First(Ok(0)) => {}
                 Either::First(Ok(length)) => return Ok(length),
                 Either::First(Err(_)) | Either::Second(()) => return Ok(0),
@@ -176,7 +181,7 @@ struct Tx<'l, D: Driver<'static>> {
     sender: &'l mut Sender<'static, D>,
     packet: [u8; PACKET],
     length: usize,
-    /// The last packet was a full one: the host waits for more until a shorter one comes.
+    /// Whether the last packet was full, so that the host waits for a shorter one.
     full: bool,
 }
 

@@ -1,11 +1,10 @@
-//! From the frame interrupt to the session.
+//! Queue from the frame interrupt to the session.
 //!
-//! The interrupt puts each frame into a short queue and is done. While the session is busy for longer
-//! than a frame (a calibration is checked, a page of flash erased) the queue fills; what does not fit is
-//! lost, and the next scan that fits says how many. It never stops the instrument.
+//! The interrupt puts each frame into a short queue. The queue fills while the session is busy for
+//! longer than a frame: a calibration is checked, or a page of flash erased. Frames that do not fit
+//! are lost, and the next queued scan reports their number. The instrument never stops.
 //!
-//! The watchdog is fed here and nowhere else: by scans that have come all the way, or by a pause that was
-//! asked for.
+//! Only two things feed the watchdog: scans that reach the session, and a requested pause.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
@@ -23,31 +22,31 @@ use taxel::wire::message::{BoardHealth, Cost, Refusal, Reset};
 use crate::boot::{self, MESSAGE};
 use crate::stack;
 
-/// Frames that may wait: 1 ms at 4 kHz.
+/// Capacity of the queue in frames: 1 ms at 4 kHz.
 const QUEUE: usize = 4;
-/// Microseconds by which an interrupt is late at most where nothing holds it up but critical sections.
+/// Longest delay of an interrupt by critical sections alone, microseconds.
 const PROMPT: u32 = 8;
 
-/// The interrupt's end of the queue.
+/// Interrupt side of the queue.
 pub struct Frames {
     queue: Channel<CriticalSectionRawMutex, Scan, QUEUE>,
-    /// Frames that were lost since the last that was queued.
+    /// Frames lost since the last queued one.
     lost: AtomicU32,
-    /// The scan stands still on purpose.
+    /// Whether the scan is paused on request.
     paused: AtomicBool,
-    /// How long a frame takes, in microseconds.
+    /// Duration of a frame, microseconds.
     period: AtomicU32,
-    /// When the last frame's interrupt came, in microseconds.
+    /// Time of the last frame's interrupt, microseconds.
     last: AtomicU32,
     /// Frames read since power-up.
     count: AtomicU32,
-    /// Cycles that the last interrupt took, and the most so far.
+    /// Cycles of the last interrupt, and the most so far.
     cost: AtomicU32,
     worst: AtomicU32,
 }
 
 impl Frames {
-    /// An empty queue.
+    /// Builds an empty queue.
     #[expect(clippy::new_without_default, reason = "made once, in a static")]
     #[must_use]
     pub const fn new() -> Self {
@@ -63,28 +62,30 @@ impl Frames {
         }
     }
 
-    /// The scan begins, from a standstill; a frame takes so many microseconds.
+    /// Records that a scan starts, with frames of `period_us` microseconds.
     pub fn begin(&self, period_us: u32) {
         self.period.store(period_us, Ordering::Relaxed);
         self.last.store(now_us(), Ordering::Relaxed);
         self.paused.store(false, Ordering::Relaxed);
     }
 
-    /// The scan stands still on purpose, in the middle of a frame.
+    /// Records that the scan was stopped on request, in the middle of a frame.
     pub fn halt(&self) {
         self.paused.store(true, Ordering::Relaxed);
         self.lose(1);
     }
 
-    /// A frame's interrupt has come: when. Interrupts that were held up have become one; time tells how
-    /// many there were, and of their frames all but the last are lost.
+    /// Records a frame interrupt and returns its timestamp.
+    ///
+    /// Delayed interrupts merge into one. Their number follows from the time, and all of their
+    /// frames but the last count as lost.
     pub fn tick(&self) -> Instant {
         let now = Instant::now();
         let us = now.as_micros() as u32;
         let since = us.wrapping_sub(self.last.load(Ordering::Relaxed));
         let period = self.period.load(Ordering::Relaxed).max(1);
         let frames = ((since + PROMPT) / period).max(1);
-        // An interrupt that was held up says nothing of when its frame was complete; the ones before do.
+        // A delayed interrupt does not show when its frame was complete; the earlier ones do.
         let late = since.saturating_sub(frames * period);
         let complete = if late > PROMPT { us.wrapping_sub(late) } else { us };
         self.last.store(complete, Ordering::Relaxed);
@@ -92,7 +93,7 @@ impl Frames {
         now
     }
 
-    /// A frame has been read, that ended at `end`.
+    /// Queues the codes of a frame that ended at `end`, or counts it as lost.
     pub fn push(&self, codes: Codes, end: Instant) {
         let period = u64::from(self.period.load(Ordering::Relaxed));
         let time = Micros(end.as_micros().saturating_sub(period));
@@ -108,27 +109,27 @@ impl Frames {
         self.count.load(Ordering::Relaxed)
     }
 
-    /// Frames came that could not be read whole.
+    /// Counts frames that could not be read whole.
     pub fn lose(&self, frames: u32) {
-        // From the frame's interrupt and what cannot be interrupted by it.
+        // Called from the frame's interrupt, and where that cannot interrupt.
         let lost = self.lost.load(Ordering::Relaxed);
         self.lost.store(lost.saturating_add(frames), Ordering::Relaxed);
     }
 
-    /// Frames that still wait are lost: they were read in another way than those to come.
+    /// Drops and counts queued frames, because they were read with other settings.
     fn forget(&self) {
         while self.queue.try_receive().is_ok() {
             cortex_m::interrupt::free(|_| self.lose(1));
         }
     }
 
-    /// Notes what reading a frame took.
+    /// Records the cycles of reading a frame.
     pub fn note_cost(&self, cycles: u32) {
         self.cost.store(cycles, Ordering::Relaxed);
         self.worst.fetch_max(cycles, Ordering::Relaxed);
     }
 
-    /// Cycles that reading the last frame took, and the most so far.
+    /// Cycles of reading the last frame, and the most so far.
     #[must_use]
     pub fn cost(&self) -> (u32, u32) {
         (self.cost.load(Ordering::Relaxed), self.worst.load(Ordering::Relaxed))
@@ -139,46 +140,46 @@ fn now_us() -> u32 {
     Instant::now().as_micros() as u32
 }
 
-/// What a scanner asks of its chip.
+/// Chip functions that the scanner uses.
 pub trait Chip {
     /// Feeds the watchdog.
     fn feed(&self);
 
-    /// How it scans.
+    /// Present settings of the scan.
     fn scan_settings(&self) -> ScanSettings;
 
-    /// Scans differently from now on; the codes' full scale.
+    /// Applies settings to the scan and returns the codes' new full scale.
     ///
     /// # Errors
-    /// The setting that is in the way; the scan goes on as it was.
+    /// The setting that is out of range; the scan continues unchanged.
     fn set_scan(&self, settings: &ScanSettings) -> Result<FullScale, Refusal>;
 }
 
-/// The session's end of the queue, and all else that a session asks of a board.
+/// Session side of the queue, which is the session's board.
 pub struct Scanner<C, F> {
     frames: &'static Frames,
     chip: C,
     store: Store<F>,
     started: Started,
-    /// When to go to the bootloader, if it is asked for.
+    /// Time to enter the bootloader, if requested.
     leave: Option<Instant>,
 }
 
-/// How a board came to run.
+/// Cause of the board's start.
 pub struct Started {
-    /// Why it was reset.
+    /// Cause of the reset.
     pub reset: Reset,
-    /// The panic before that, if it was one.
+    /// Panic before the reset, if there was one.
     pub panic: Option<String<MESSAGE>>,
 }
 
 impl<C: Chip, F> Scanner<C, F> {
-    /// How often a pause feeds the watchdog.
+    /// Interval at which a pause feeds the watchdog.
     const PAUSE: Duration = Duration::from_millis(100);
-    /// An answer leaves in that time.
+    /// Time for an answer to leave before the bootloader starts.
     const FAREWELL: Duration = Duration::from_millis(200);
 
-    /// Scans from `frames`; `store` survives power-off.
+    /// Builds a board that takes scans from `frames`; `store` survives power-off.
     pub const fn new(frames: &'static Frames, chip: C, store: Store<F>, started: Started) -> Self {
         Self { frames, chip, store, started, leave: None }
     }
@@ -192,7 +193,7 @@ impl<C: Chip, F: Flash> Board for Scanner<C, F> {
             if self.leave.is_some_and(|at| Instant::now() >= at) {
                 boot::enter_bootloader();
             }
-            // Waits without the scan, which every hand that it goes through would copy.
+            // Waits for readiness first: awaiting the value would copy the scan at each layer.
             match select(self.frames.queue.ready_to_receive(), Timer::after(Self::PAUSE)).await {
                 Either::First(()) => {
                     self.chip.feed();

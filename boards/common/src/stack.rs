@@ -1,27 +1,27 @@
-//! How deep the stack has been.
+//! Measurement of the stack's greatest depth.
 
 use core::ptr;
 
 unsafe extern "C" {
-    /// End of the statics; the stack grows down towards it.
+    /// End of the statics; the stack grows down towards this address.
     static __sheap: u32;
     static _stack_start: u32;
 }
 
-/// The most bytes of stack in use at any time since reset, interrupts included.
+/// Most bytes of stack in use at any time since reset, interrupts included.
 #[must_use]
 pub fn deepest() -> usize {
     let mut word = &raw const __sheap;
     let top = &raw const _stack_start;
-    // SAFETY: cortex-m-rt has painted every word between the two symbols, and all of them lie in RAM.
-    // Volatile, because the compiler knows nothing of what was written there.
+    // SAFETY: cortex-m-rt has painted every word between the two symbols, and all of them lie in
+    // RAM. Volatile, because the compiler does not know what was written there.
     while word < top && unsafe { ptr::read_volatile(word) } == cortex_m_rt::STACK_PAINT_VALUE {
         word = word.wrapping_add(1);
     }
     top.addr() - word.addr()
 }
 
-/// All the bytes that there are for the stack.
+/// Size of the stack, bytes.
 #[must_use]
 pub fn size() -> usize {
     (&raw const _stack_start).addr() - (&raw const __sheap).addr()

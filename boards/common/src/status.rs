@@ -1,10 +1,10 @@
-//! The status LED: short blinks while scans come, steady while they do not.
+//! Status LED: short blinks while scans arrive, steady light while they do not.
 
 use embassy_time::{Duration, Timer};
 
 use crate::scanner::Frames;
 
-/// Shows forever how the scan is doing; `set` lights the LED, or not.
+/// Shows the state of the scan without end; `set` switches the LED.
 pub async fn show(frames: &'static Frames, set: fn(bool)) -> ! {
     let mut seen = 0;
     loop {

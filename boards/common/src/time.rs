@@ -1,8 +1,9 @@
-//! embassy-time on TIM2, which both chips have at the same place, with 32 bits.
+//! embassy-time driver on TIM2, which has 32 bits and the same address on both chips.
 //!
-//! The HAL's own driver takes 16 bits of it: an interrupt that is held up for 33 ms loses time, and the
-//! erasure of a flash sector holds up all of them for as long as a second. Here the counter counts
-//! microseconds and goes on meanwhile; each half of its turn is counted, which may be 35 minutes late.
+//! The HAL's own driver uses 16 bits of it and loses time if an interrupt is delayed by 33 ms.
+//! Erasing a flash sector delays all interrupts for up to a second. Here the counter counts
+//! microseconds and continues meanwhile. Only each half turn must be counted, with up to 35 minutes
+//! of delay.
 
 use core::cell::RefCell;
 use core::ptr::with_exposed_provenance_mut;
@@ -14,7 +15,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time_driver::{Driver, TICK_HZ, time_driver_impl};
 use embassy_time_queue_utils::Queue;
 
-/// A register of TIM2 (RM0440 §30.5, RM0383 §13.4), by its offset.
+/// Register of TIM2 by its offset (RM0440 §30.5, RM0383 §13.4).
 #[derive(Clone, Copy)]
 struct Register(usize);
 
@@ -28,10 +29,10 @@ const ARR: Register = Register(0x2C);
 const CCR1: Register = Register(0x34);
 const CCR2: Register = Register(0x38);
 
-/// The counter runs; only its own overflow counts as an update.
+/// Counter enable; with URS only an overflow counts as an update.
 const CEN: u32 = 1 << 0;
 const URS: u32 = 1 << 2;
-/// Flags and enables of the same places: a whole turn, half a turn, the next deadline.
+/// Bits of both flags and enables: a whole turn, half a turn, the next deadline.
 const UPDATE: u32 = 1 << 0;
 const HALF_TURN: u32 = 1 << 1;
 const DEADLINE: u32 = 1 << 2;
@@ -43,12 +44,12 @@ impl Register {
     }
 
     fn read(self) -> u32 {
-        // SAFETY: a word register that is always there; reading has no effect.
+        // SAFETY: a word register that always exists; reading it has no effect.
         unsafe { self.place().read_volatile() }
     }
 
     fn write(self, value: u32) {
-        // SAFETY: a word register that is this driver's alone.
+        // SAFETY: a word register that only this driver uses.
         unsafe { self.place().write_volatile(value) }
     }
 }
@@ -64,27 +65,28 @@ time_driver_impl!(static DRIVER: Tim2 = Tim2 {
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
 
-/// Starts time, from a timer that is as reset left it, whose clock is on and counts `clock_hz`. The board's
-/// handler of TIM2 calls [`on_interrupt`].
+/// Starts the clock on a timer in its reset state that counts `clock_hz`.
+///
+/// The timer's clock must be on, and the board's handler of TIM2 must call [`on_interrupt`].
 pub fn start(clock_hz: u32) {
     PSC.write(clock_hz / TICK_HZ as u32 - 1);
     ARR.write(u32::MAX);
     CCR1.write(1 << 31);
     CR1.write(URS);
-    // The prescaler takes effect.
+    // The update makes the prescaler effective.
     EGR.write(1);
     DIER.write(UPDATE | HALF_TURN | DEADLINE);
     CR1.write(URS | CEN);
 }
 
-/// TIM2's interrupt.
+/// Handles TIM2's interrupt.
 pub fn on_interrupt() {
     let flags = SR.read();
-    // Those that are read as set are cleared, by a zero.
+    // Writing zero clears the flags that were read as set.
     SR.write(!flags);
     for turned in [UPDATE, HALF_TURN] {
         if flags & turned != 0 {
-            // Nobody else writes it.
+            // Nothing else writes this counter.
             let halves = DRIVER.halves.load(Ordering::Relaxed);
             DRIVER.halves.store(halves.wrapping_add(1), Ordering::Relaxed);
         }
@@ -93,8 +95,9 @@ pub fn on_interrupt() {
 }
 
 impl Tim2 {
-    /// Wakes what is due, and has the counter interrupt at what is due next. What is due after more than a
-    /// turn is looked at too early, once a turn.
+    /// Wakes the tasks that are due, and sets the compare value for the next one.
+    ///
+    /// A deadline more than a turn ahead causes an early look once a turn.
     fn wake(&self, queue: &mut Queue) {
         loop {
             let next = queue.next_expiration(self.now());
@@ -110,7 +113,7 @@ impl Driver for Tim2 {
     fn now(&self) -> u64 {
         let halves = self.halves.load(Ordering::Relaxed);
         compiler_fence(Ordering::Acquire);
-        // A counter in the other half than was counted has just come there.
+        // If the counter is in the other half than the count, it has just entered that half.
         let within = CNT.read() ^ (halves & 1) << 31;
         (u64::from(halves) << 31) + u64::from(within)
     }

@@ -1,5 +1,7 @@
-//! A USB driver whose halted endpoints go on: embassy's two drivers for these chips each have that wrong in their own
-//! way, and the host, which may ask it of an endpoint that was never halted, too.
+//! USB driver that resumes halted endpoints.
+//!
+//! embassy's two drivers for these chips each fail to do that. A host may also clear the halt of an
+//! endpoint that was never halted.
 
 use core::marker::PhantomData;
 
@@ -8,26 +10,27 @@ use embassy_usb::driver::{
     Unsupported,
 };
 
-/// What a chip's registers take.
+/// Access to a chip's endpoint registers.
 pub trait Endpoints {
-    /// Lets an endpoint go on, if it is stalled; its data begin with DATA0 in any case (USB 2.0, 9.4.5).
+    /// Resumes an endpoint if it is stalled; its data restart with DATA0 in any case (USB 2.0,
+    /// 9.4.5).
     fn release(address: EndpointAddress);
 }
 
-/// The chip's driver, mended.
+/// Driver of the chip with resumable endpoints.
 pub struct Driver<D, E> {
     inner: D,
     endpoints: PhantomData<E>,
 }
 
 impl<D, E> Driver<D, E> {
-    /// What is wrong in `inner`, `E` does.
+    /// Wraps `inner`; `E` resumes its endpoints.
     pub const fn new(inner: D) -> Self {
         Self { inner, endpoints: PhantomData }
     }
 }
 
-/// Its bus.
+/// Bus of the driver.
 pub struct Bus<B, E> {
     inner: B,
     endpoints: PhantomData<E>,
@@ -83,7 +86,8 @@ impl<B: BusOf, E: Endpoints> BusOf for Bus<B, E> {
     }
 
     fn endpoint_set_stalled(&mut self, address: EndpointAddress, stalled: bool) {
-        // The one for the G4 ends only on an endpoint that is stalled, or shall be; both wake who waits for it.
+        // The G4's driver loops without end unless the endpoint is or becomes stalled. Both drivers
+        // wake the waiting task.
         if stalled || self.inner.endpoint_is_stalled(address) {
             self.inner.endpoint_set_stalled(address, stalled);
         }

@@ -1,12 +1,15 @@
-//! The steps of the net that have an instruction on a Cortex-M4 and no word in Rust: SMLAD, which adds two
-//! products of sixteen bits to a sum, and VCVT to sixteen bits, which clips. To the bit what `portable.rs` says,
-//! which `cargo xtask cycles` shows on an emulated core for ten thousand inputs.
+//! Steps of the net in Cortex-M4 instructions that Rust has no operation for.
 //!
-//! All of the `unsafe` below the boards, and a third of the time of the net. Written out, because LLVM's own pass
-//! wants both factors of an SMLAD loaded again for each product, which costs more than it saves, and the
-//! intrinsics are not stable. Each block reads what the references beside it vouch for, word by word and each once,
-//! one of them tanh's table too, and writes nothing but the registers that it names: no memory, not the stack.
-//! SMLAD may set Q and VCVT the cumulative flags of the FPSCR, which no block claims to preserve and nothing reads.
+//! SMLAD adds two 16-bit products to a sum, and VCVT clips to 16 bits. Results equal those of
+//! `portable.rs` bit for bit: `cargo xtask cycles` compares them on an emulated core for ten
+//! thousand inputs.
+//!
+//! This is all of the `unsafe` below the boards, and saves a third of the net's time. It is written
+//! as assembly because LLVM's own pass loads both factors of an SMLAD again for each product, which
+//! costs more than it saves, and because the intrinsics are not stable. Each block reads the memory
+//! of the references passed to it, word by word and each word once; one block also reads tanh's
+//! table. It writes only the registers that it names: no memory, no stack. SMLAD may set Q and VCVT
+//! the cumulative flags of the FPSCR, which no block claims to preserve and nothing reads.
 #![allow(unsafe_code, reason = "inline assembly")]
 
 use core::arch::asm;
@@ -14,7 +17,8 @@ use core::arch::asm;
 use crate::tanh::TABLE;
 use crate::{Group, Input, Lanes, OUTPUTS, Rows};
 
-/// Four columns of four rows: r0–r3 weights, r4, r5, r8, r9 the sums, r10, r11 of x.
+/// Multiplies four columns of four rows: r0–r3 weights; r4, r5, r8, r9 sums; r10, r11 two words of
+/// x.
 macro_rules! four_columns_of_group {
     () => {
         "ldrd r10, r11, [lr], #8
@@ -31,8 +35,9 @@ macro_rules! four_columns_of_group {
     };
 }
 
-/// tanh of the sum in a register, in its upper half, as `whole_tanh` has it: r10 the shift, r11 the table, r12 the
-/// middle of a step.
+/// Computes tanh of a register's sum into its upper half, as `whole_tanh` does.
+///
+/// r10 is the shift, r11 the table, r12 the middle of a step.
 #[rustfmt::skip]
 macro_rules! bent {
     ($sum:literal) => {
@@ -47,14 +52,14 @@ macro_rules! bent {
     };
 }
 
-/// h = tanh(W·x + a).
+/// Activations h = tanh(W·x + a) of four hidden units.
 #[inline(always)]
 #[must_use]
 pub fn activations(group: &Group, input: &Input) -> [u32; 2] {
     let (low, high);
-    // SAFETY: reads the 16 bytes of the group's bias and the 128 of its weights behind it, the 32 of x and the
-    // shift behind it (`repr(C)` both), and the table at indices of nine bits, which are its 512 words. All are
-    // words, and aligned as such. Writes only registers.
+    // SAFETY: reads the 16 bytes of the group's bias and the 128 of its weights behind it, the 32
+    // of x and the shift behind it (`repr(C)` both), and the table at indices of nine bits, which
+    // are its 512 words. All are words, and aligned as such. Writes only registers.
     unsafe {
         asm!(
             "ldmia r12!, {{r4, r5, r8, r9}}",
@@ -81,7 +86,7 @@ pub fn activations(group: &Group, input: &Input) -> [u32; 2] {
     [low, high]
 }
 
-/// Four columns of three rows: r0–r2 weights, r3, r4, r5 the sums, r8, r9 of x.
+/// Multiplies four columns of three rows: r0–r2 weights; r3, r4, r5 sums; r8, r9 two words of x.
 macro_rules! four_columns_of_outputs {
     () => {
         "ldrd r8, r9, [lr], #8
@@ -96,7 +101,7 @@ macro_rules! four_columns_of_outputs {
     };
 }
 
-/// sums + V·h, or + L·x.
+/// Output sums plus V·h, or plus L·x.
 #[inline(always)]
 #[must_use]
 pub fn sums_of_outputs(
@@ -104,7 +109,8 @@ pub fn sums_of_outputs(
     h: &Lanes,
     [mut a, mut b, mut c]: [i32; OUTPUTS],
 ) -> [i32; OUTPUTS] {
-    // SAFETY: reads the 96 bytes of the rows and the 32 of h; words, and aligned as such. Writes only registers.
+    // SAFETY: reads the 96 bytes of the rows and the 32 of h; words, and aligned as such. Writes
+    // only registers.
     unsafe {
         asm!(
             four_columns_of_outputs!(),
@@ -121,13 +127,14 @@ pub fn sums_of_outputs(
     [a, b, c]
 }
 
-/// Eight signals times their scale, rounded towards zero and clipped to sixteen bits. A NaN is nothing.
+/// Scales eight signals, rounds towards zero and clips to 16 bits; a NaN becomes 0.
 #[inline(always)]
 #[must_use]
 pub fn narrowed(c: &[f32; 8], scale: f32) -> [[u32; 2]; 2] {
     let (first, second, third, fourth);
-    // SAFETY: reads the 32 bytes of the signals; words, and aligned as such. Writes only registers. The scale
-    // comes in a core register, because stable rustc takes no operand in one of the floating-point unit's.
+    // SAFETY: reads the 32 bytes of the signals; words, and aligned as such. Writes only registers.
+    // The scale comes in a core register, because stable rustc takes no operand in one of the
+    // floating-point unit's.
     unsafe {
         asm!(
             "vmov s8, {scale}",

@@ -1,9 +1,9 @@
-//! The steps of a net in whole numbers of sixteen bits, which a Cortex-M4 has instructions for and Rust no word:
-//! two products in one SMLAD, a conversion that clips, tanh out of a table.
+//! Steps of a net in 16-bit integers, with Cortex-M4 instructions where Rust has none.
 //!
-//! Each stands twice: `instructions.rs` in these instructions, `portable.rs` for any other processor. They give the
-//! same bits, which `cargo xtask cycles` shows on an emulated core for ten thousand inputs. Two numbers stand in a
-//! word, the first in its lower half.
+//! These are two products in one SMLAD, a conversion that clips, and tanh from a table. Each step
+//! exists twice: in `instructions.rs` with these instructions, in `portable.rs` for any other
+//! processor. Both give the same bits: `cargo xtask cycles` compares them on an emulated core for
+//! ten thousand inputs. A word holds two numbers, the first in its lower half.
 #![no_std]
 #![cfg_attr(
     not(test),
@@ -27,30 +27,30 @@ pub use instructions::{activations, narrowed, sums_of_outputs};
 #[cfg(not(dsp))]
 pub use portable::{activations, narrowed, sums_of_outputs};
 
-/// Numbers in a row of weights.
+/// Number of weights in a row.
 pub const COLUMNS: usize = 16;
-/// Hidden units that are computed at once.
+/// Number of hidden units that are computed at once.
 pub const GROUP: usize = 4;
-/// Rows of the last layer.
+/// Number of rows in the last layer.
 pub const OUTPUTS: usize = 3;
 
 /// Sixteen signals or activations, four in two words.
 pub type Lanes = [[u32; 2]; COLUMNS / 4];
 
-/// N rows of sixteen weights in the order in which the sums take them: of four columns those of each row, then
-/// of the next four.
+/// N rows of sixteen weights in the order of the sums: four columns of each row, then the next
+/// four.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(transparent)]
 pub struct Rows<const N: usize>([[[u32; 2]; N]; COLUMNS / 4]);
 
 impl<const N: usize> Rows<N> {
-    /// Of these weights, row by row.
+    /// Packs weights that are given row by row.
     #[must_use]
     pub fn new(weights: &[[i16; COLUMNS]; N]) -> Self {
         Self(transposed(&weights.map(|row| lanes(&row))))
     }
 
-    /// The weights, row by row.
+    /// Weights, row by row.
     #[must_use]
     pub fn weights(&self) -> [[i16; COLUMNS]; N] {
         transposed(&self.0).map(|lanes| numbers(&lanes))
@@ -63,23 +63,23 @@ impl<const N: usize> Default for Rows<N> {
     }
 }
 
-/// Four hidden units.
+/// Weights of four hidden units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct Group {
-    /// a, rounding of the shift included.
+    /// Bias a, with the rounding of the shift.
     pub bias: [i32; GROUP],
-    /// W.
+    /// Weights W.
     pub weights: Rows<GROUP>,
 }
 
-/// What the hidden units are given.
+/// Inputs of the hidden units.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
 pub struct Input {
-    /// The signals.
+    /// Signals x.
     pub x: Lanes,
-    /// From a sum to the argument of tanh, in bits: less than 32.
+    /// Right shift from a sum to the argument of tanh, bits: less than 32.
     pub shift: u32,
 }
 

@@ -1,10 +1,12 @@
-//! The steps of the net on any processor. What a record's bounds let through does not overflow; nothing else
-//! would panic, and both forms wrap alike.
+//! Steps of the net on any processor.
+//!
+//! Within a record's bounds nothing overflows. Beyond them nothing panics, and both forms wrap
+//! alike.
 
 use crate::tanh::whole_tanh;
 use crate::{Group, Input, Lanes, OUTPUTS, Rows, word};
 
-/// h = tanh(W·x + a).
+/// Activations h = tanh(W·x + a) of four hidden units.
 #[must_use]
 pub fn activations(group: &Group, input: &Input) -> [u32; 2] {
     let sums = sums(&group.weights, &input.x, group.bias);
@@ -12,7 +14,7 @@ pub fn activations(group: &Group, input: &Input) -> [u32; 2] {
     [word([a, b]), word([c, d])]
 }
 
-/// sums + V·h, or + L·x.
+/// Output sums plus V·h, or plus L·x.
 #[must_use]
 pub fn sums_of_outputs(rows: &Rows<OUTPUTS>, h: &Lanes, sums: [i32; OUTPUTS]) -> [i32; OUTPUTS] {
     self::sums(rows, h, sums)
@@ -31,7 +33,7 @@ fn sums<const N: usize>(Rows(weights): &Rows<N>, x: &Lanes, mut sums: [i32; N]) 
     sums
 }
 
-/// Eight signals times their scale, rounded towards zero and clipped to sixteen bits. A NaN is nothing.
+/// Scales eight signals, rounds towards zero and clips to 16 bits; a NaN becomes 0.
 #[must_use]
 pub fn narrowed(c: &[f32; 8], scale: f32) -> [[u32; 2]; 2] {
     let clipped = |x: i32| x.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16;

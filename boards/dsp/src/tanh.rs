@@ -1,15 +1,17 @@
-//! tanh in whole numbers, out of a table of its values and slopes.
+//! tanh in integers, from a table of values and slopes.
 
 /// tanh(1/64) and tanh(1/32).
 const TANH_HALF_STEP: f64 = 0.015_623_728_558_408_737;
 const TANH_STEP: f64 = 0.031_239_831_446_031_27;
 const ENTRIES: usize = 512;
-/// How far the middle of a step is from either end. What the tangent misses there is t·g·d²: half of it is
-/// taken off everywhere.
+/// Distance from the middle of a step to either end.
+///
+/// The tangent misses t·g·d² there; half of it is subtracted everywhere.
 const HALF_STEP: f64 = 1.0 / 64.0;
 
-/// tanh and slope at the middle of each step of 1/32, in one word: upper half, lower half. Indices are those
-/// of an argument's two's complement, so that negative ones come last.
+/// Value (upper half) and slope (lower half) of tanh at the middle of each step of 1/32.
+///
+/// Indices are bits of the argument's two's complement, so that negative arguments come last.
 #[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
 pub(crate) static TABLE: [u32; ENTRIES] = {
     let mut table = [0; ENTRIES];
@@ -18,7 +20,7 @@ pub(crate) static TABLE: [u32; ENTRIES] = {
     while i < ENTRIES / 2 {
         let g = 1.0 - t * t;
         let bent = t - t * g * HALF_STEP * HALF_STEP / 2.0;
-        // Rounded, and half a unit up: the shift at the end rounds down.
+        // Rounded, plus half a unit, because the shift at the end rounds down.
         let slope = (g * 1024.0 + 0.5) as u32;
         let value = bent * 32_768.0;
         let up = if value < 32_767.0 { (value + 1.0) as i32 } else { 32_767 };
@@ -31,15 +33,16 @@ pub(crate) static TABLE: [u32; ENTRIES] = {
     table
 };
 
-/// tanh in whole numbers, by the tangent in the middle of its step: 18 fraction bits in, 15 out. Within
-/// **1e-4** (asserted below).
+/// tanh by the tangent at the middle of a step: 18 fraction bits in, 15 out, error below **1e-4**.
+///
+/// The test below checks the error for every argument.
 #[cfg(not(dsp))]
 #[inline(always)]
 pub(crate) fn whole_tanh(x: i32) -> i16 {
-    // What is beyond ±8 counts as that.
+    // Arguments beyond ±8 are clipped.
     let x = x.clamp(-(1 << 21), (1 << 21) - 1);
     let entry = TABLE.get((x as u32 >> 13) as usize % ENTRIES).copied().unwrap_or_default();
-    // A step is 2¹³, which here becomes 2¹⁶.
+    // A step is 2¹³ in the argument, and 2¹⁶ here.
     let from_middle = ((x << 3) ^ 0x8000) as i16;
     let slope = i32::from(entry as i16);
     ((entry as i32).wrapping_add(slope * i32::from(from_middle)) >> 16) as i16

@@ -1,4 +1,6 @@
-//! 96 MHz from the Black Pill's crystal of 25 MHz: the highest rate that also gives the USB its 48 MHz.
+//! Clocks of the Black Pill: 96 MHz from its 25 MHz crystal.
+//!
+//! That is the highest rate that also gives the USB its 48 MHz.
 
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac::{self, interrupt};
@@ -9,7 +11,7 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use taxel::wire::message::Reset;
 
-/// The clocks: 25 MHz / 25 · 192 = 192 MHz, / 2 for the core, / 4 for the USB.
+/// Clock configuration: 25 MHz / 25 · 192 = 192 MHz, / 2 for the core, / 4 for the USB.
 pub fn config() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     config.rcc.hse = Some(Hse { freq: Hertz(25_000_000), mode: HseMode::Oscillator });
@@ -27,12 +29,12 @@ pub fn config() -> embassy_stm32::Config {
     config
 }
 
-/// Lets time run, on TIM2. Its interrupt gets its priority with the scan's.
+/// Starts the clock on TIM2; the scan sets its interrupt's priority.
 pub fn start_time() {
     pac::RCC.apb1enr().modify(|w| w.set_tim2en(true));
-    // Two cycles after its clock a peripheral answers; a read back takes longer.
+    // A peripheral responds two cycles after its clock starts; reading back takes longer.
     let _ = pac::RCC.apb1enr().read();
-    // The timer's clock is the core's on either bus of this chip.
+    // The timer runs on the core's clock.
     taxel_board::time::start(scan_plan::f411::CLOCK_HZ);
     // SAFETY: its handler is below, and no critical section relies on a masked line.
     unsafe { pac::Interrupt::TIM2.enable() };
@@ -43,7 +45,7 @@ fn TIM2() {
     taxel_board::time::on_interrupt();
 }
 
-/// Why the chip was reset; clears the record of it.
+/// Cause of the last reset; clears the record of it.
 pub fn reset_cause() -> Reset {
     let csr = pac::RCC.csr().read();
     pac::RCC.csr().modify(|csr| csr.set_rmvf(true));

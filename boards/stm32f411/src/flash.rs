@@ -1,4 +1,4 @@
-//! Where in the flash what survives power-off lies: the four small sectors that `memory.x` leaves out.
+//! Flash areas that survive power-off: the four sectors that `memory.x` leaves out.
 
 use core::ops::Range;
 
@@ -11,16 +11,18 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use taxel::store::Area;
 use taxel_board::flash::ChipFlash;
 
-/// The chip's flash.
+/// Flash of the chip.
 pub type Sectors = ChipFlash<ByWords>;
 
-/// The sectors that survive power-off.
+/// Sectors that survive power-off.
 pub fn sectors(flash: Peri<'static, FLASH>) -> Sectors {
-    // SAFETY: `memory.x` keeps the linker out of these places, and the peripheral is taken once.
+    // SAFETY: `memory.x` keeps the linker out of these ranges, and the peripheral is taken once.
     unsafe { ChipFlash::new(ByWords(Flash::new_blocking(flash)), FLASH_BASE, place) }
 }
 
-/// A sector each. The largest takes longest to erase: it holds a calibration, which is rarely written.
+/// Sector of an area.
+///
+/// The largest takes longest to erase, so it holds a calibration, which is rarely written.
 const fn place(area: Area) -> Range<u32> {
     match area {
         Area::PageA => 0x0_4000..0x0_8000,
@@ -30,8 +32,10 @@ const fn place(area: Area) -> Range<u32> {
     }
 }
 
-/// The HAL's driver, which leaves PSIZE as it is when it erases (embassy-stm32 0.6): eight bits at once, for
-/// which the largest sector takes up to 2.4 s instead of 1.1 s (DS10314 table 47).
+/// Driver of the HAL that erases 32 bits at once.
+///
+/// embassy-stm32 0.6 leaves PSIZE at eight bits. The largest sector then takes up to 2.4 s instead
+/// of 1.1 s (DS10314 table 47).
 pub struct ByWords(Flash<'static, Blocking>);
 
 impl ErrorType for ByWords {
@@ -55,7 +59,7 @@ impl NorFlash for ByWords {
     const ERASE_SIZE: usize = <Flash<'static, Blocking> as NorFlash>::ERASE_SIZE;
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
-        // Locked, PSIZE cannot be written; the driver locks it again.
+        // PSIZE cannot be written while CR is locked; the driver locks it again.
         if pac::FLASH.cr().read().lock() {
             for key in [0x4567_0123, 0xCDEF_89AB] {
                 pac::FLASH.keyr().write_value(key);

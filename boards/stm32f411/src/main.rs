@@ -1,8 +1,9 @@
-//! The finger's firmware on an STM32F411CE on a "Black Pill", the board people own.
+//! Firmware of the finger on an STM32F411CE, a "Black Pill" board.
 //!
-//! The scan runs by itself ([`scan`]); a frame's interrupt puts its codes into a queue; one task runs the
-//! session with whoever holds the USB port open, another the USB device, a third the status LED. What is
-//! wired to which pin is in `scan-plan`, and drawn on the board's page, `docs/boards/stm32f411.md`.
+//! The scan runs by itself ([`scan`]), and a frame's interrupt puts its codes into a queue. One
+//! task runs the session with the host that has the USB port open, another runs the USB device, a
+//! third the status LED. `scan-plan` holds the wiring of the pins, and the board's page,
+//! `docs/boards/stm32f411.md`, shows it.
 #![no_std]
 #![no_main]
 
@@ -41,10 +42,11 @@ bind_interrupts!(struct Irqs {
     OTG_FS => InterruptHandler<USB_OTG_FS>;
 });
 
-/// The ROM bootloader's vector table (AN2606).
+/// Address of the ROM bootloader's vector table (AN2606).
 const ROM: usize = 0x1FFF_0000;
-/// A scan must get through to the session this often: long enough for the largest sector that is ever
-/// erased, 64 KB (1.1 s, DS10314 table 47).
+/// Watchdog timeout in microseconds, within which a scan must reach the session.
+///
+/// It covers the erasure of the largest data sector, 64 KB (1.1 s, DS10314 table 47).
 const WATCHDOG_US: u32 = 3_000_000;
 
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
@@ -52,7 +54,7 @@ static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
 
 #[entry]
 fn main() -> ! {
-    // SAFETY: nothing runs yet, and that is where this chip has its bootloader.
+    // SAFETY: nothing runs yet, and the chip's bootloader is at that address.
     let panic = unsafe { boot::resume(ROM) };
     let chip = embassy_stm32::init(clocks::config());
     clocks::start_time();
@@ -65,13 +67,13 @@ fn main() -> ! {
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
 
-    // First, so that a converter that never gets ready ends in a reset that is reported.
+    // The watchdog starts first, so that a converter that never gets ready causes a reported reset.
     IndependentWatchdog::new(chip.IWDG, WATCHDOG_US).unleash();
     let full_scale = scan::start();
     let store = Store::new(flash::sectors(chip.FLASH));
     let mut scanner = Scanner::new(&scan::FRAMES, Registers, store, Started { reset, panic });
 
-    // What the host has sent and nobody has read: one packet of each of two endpoints.
+    // Received packets that nobody has read: one for each of two endpoints.
     static RECEIVED: StaticCell<[u8; 256]> = StaticCell::new();
     let mut config = otg::Config::default();
     // A Black Pill does not wire VBUS to PA9.
@@ -97,7 +99,7 @@ fn main() -> ! {
     })
 }
 
-/// The chip, by its registers.
+/// Chip functions by its registers.
 struct Registers;
 
 impl Chip for Registers {

@@ -1,14 +1,14 @@
-//! The scan: what `scan_plan::f411` computed, written into the registers, and the frames that come of it.
+//! Scan of the STM32F411: writes the plan of `scan_plan::f411` into registers and reads the frames.
 //!
-//! After [`start`] no code takes part in a frame but the interrupt at its end, which copies 42 readings
-//! out of the half of the buffer that the DMA has just left. It has the time of a whole frame for it; a
+//! After [`start`] only the interrupt at the end of each frame runs code. It copies 42 readings out
+//! of the half of the buffer that the DMA has just left. It has a whole frame's time for that; a
 //! frame that was overwritten meanwhile is dropped and counted, never delivered torn.
 //!
-//! A reading for which the DMA comes too late is an overrun of the converter, which then asks for no more
-//! transfers: an interrupt of its own begins the scan again.
+//! A reading that the DMA misses is an overrun of the converter, which then requests no more
+//! transfers. Its interrupt restarts the scan.
 //!
-//! The patterns and the buffers lie in RAM: the flash stands still while one of its sectors is erased,
-//! and a pattern that came late would leave rows and readings out of step for good.
+//! Patterns and buffers are in RAM, because the flash stalls while one of its sectors is erased. A
+//! late pattern would shift rows against readings for all later frames.
 
 use core::cell::{Cell, UnsafeCell};
 use core::sync::atomic::{Ordering, compiler_fence};
@@ -27,18 +27,19 @@ use taxel::units::{Code, FullScale};
 use taxel::wire::message::Refusal;
 use taxel_board::scanner::Frames;
 
-/// What the finger starts with.
+/// Settings after start-up.
 pub const DEFAULT: ScanSettings =
     ScanSettings { scan_hz: 4000, oversampling: 1, settle_ns: settle::DEFAULT_NS };
 
-/// Checked when this is compiled.
+/// Plan of the default settings, checked at compile time.
 const PLAN: Plan = match plan(DEFAULT) {
     Ok(plan) => plan,
     Err(_) => panic!("the default settings cannot be had"),
 };
 
-/// For each port the bits of its mode register that stay, and those that are set: worked out by the
-/// compiler, so that the names of the pins stay out of the flash.
+/// Bits of each port's mode register to keep, and bits to set.
+///
+/// They are computed at compile time, so that the pins' names stay out of the flash.
 const PINS: [(gpio::Gpio, u32, u32); 3] = [
     (GPIOA, mode(0, !0), mode(0, 0)),
     (GPIOB, mode(1, !0), mode(1, 0)),
@@ -49,19 +50,19 @@ const fn mode(port: u8, before: u32) -> u32 {
     pins::moder(&pins::F411, port, before)
 }
 
-/// What is in force. Written while the scan stands still.
+/// Present settings, written only while the scan is stopped.
 static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<ScanSettings>> =
     Mutex::new(Cell::new(DEFAULT));
 
-/// How it scans.
+/// Present settings of the scan.
 pub fn settings() -> ScanSettings {
     SETTINGS.lock(Cell::get)
 }
 
-/// Scans differently from now on; the codes' full scale.
+/// Applies settings to the scan and returns the codes' full scale.
 ///
 /// # Errors
-/// The setting that is in the way; the scan goes on as it was.
+/// The setting that is out of range; the scan continues unchanged.
 pub fn set(wish: ScanSettings) -> Result<FullScale, Refusal> {
     let plan = plan(wish)?;
     cortex_m::interrupt::free(|_| {
@@ -76,26 +77,26 @@ pub fn set(wish: ScanSettings) -> Result<FullScale, Refusal> {
     Ok(FullScale::BITS_12)
 }
 
-/// The plan in force; it has been had before.
+/// Plan of the present settings, which were accepted before.
 fn in_force() -> Plan {
     plan(settings()).unwrap_or(PLAN)
 }
 
-/// The frames, for the session.
+/// Queue of frames for the session.
 pub static FRAMES: Frames = Frames::new();
 
-/// Streams of DMA2.
+/// Streams of DMA2 in use.
 const FROM_ADC: usize = 0;
 const PATTERNS: usize = 1;
 
-/// What the DMA reads and writes.
+/// Memory that the DMA reads and writes.
 struct Buffers {
     patterns: UnsafeCell<[u32; 5]>,
     readings: UnsafeCell<[[u16; READINGS]; 2]>,
 }
 
-// SAFETY: the patterns never change; the readings are written by the DMA alone, and copied in the one
-// interrupt, between fences.
+// SAFETY: the patterns never change; the readings are written by the DMA alone, and copied in the
+// one interrupt, between fences.
 unsafe impl Sync for Buffers {}
 
 static BUFFERS: Buffers = Buffers {
@@ -103,7 +104,7 @@ static BUFFERS: Buffers = Buffers {
     readings: UnsafeCell::new([[0; READINGS]; 2]),
 };
 
-/// Configures everything and lets it run. The codes' full scale.
+/// Configures all peripherals and starts the scan; returns the codes' full scale.
 pub fn start() -> FullScale {
     RCC.ahb1enr().modify(|w| {
         w.set_gpioaen(true);
@@ -115,7 +116,7 @@ pub fn start() -> FullScale {
         w.set_adc1en(true);
         w.set_tim1en(true);
     });
-    // Two cycles after its clock a peripheral answers; a read back takes longer.
+    // A peripheral responds two cycles after its clock starts; reading back takes longer.
     let _ = RCC.apb2enr().read();
 
     darken();
@@ -132,7 +133,7 @@ pub fn start() -> FullScale {
     ADC1.sqr3().write_value(adc::regs::Sqr3(plan.sqr3));
     ADC1.jsqr().write_value(adc::regs::Jsqr(plan.jsqr));
     configure_timer(PLAN.timer);
-    // Whatever else interrupts can wait for a frame.
+    // All other interrupts can wait for a frame.
     for later in [Interrupt::OTG_FS, Interrupt::TIM2] {
         later.set_priority(Priority::P4);
     }
@@ -154,9 +155,9 @@ fn configure_timer(plan: Timer) {
     TIM1.dier().write_value(timer::regs::DierAdv(plan.dier));
 }
 
-/// Starts at the beginning of a frame, from a standstill.
+/// Starts a stopped scan at the beginning of a frame.
 fn run(plan: &Plan) {
-    // Off and on again, so that the sequence starts at its first input.
+    // Switching the ADC off and on restarts the sequence at its first input.
     ADC1.cr2().write_value(adc::regs::Cr2(0));
     arm(PATTERNS, plan.patterns, GPIOB.bsrr().as_ptr().cast(), BUFFERS.patterns.get().cast());
     arm(FROM_ADC, plan.readings, ADC1.dr().as_ptr().cast(), BUFFERS.readings.get().cast());
@@ -200,13 +201,13 @@ fn halt() {
     FRAMES.halt();
 }
 
-/// Every LED off.
+/// Switches every LED off.
 fn darken() {
     let word = pattern::dark(F411_ROWS, F411_SELECT);
     GPIOB.bsrr().write_value(gpio::regs::Bsrr(word));
 }
 
-/// The host has suspended the bus, which feeds the LEDs, or goes on.
+/// Pauses the scan while the host suspends the bus, which powers the LEDs.
 pub fn set_paused(paused: bool) {
     cortex_m::interrupt::free(|_| {
         let running = TIM1.cr1().read().cen();
@@ -218,7 +219,7 @@ pub fn set_paused(paused: bool) {
     });
 }
 
-/// A frame is complete.
+/// Handles a complete frame.
 #[interrupt]
 fn DMA2_STREAM0() {
     let begin = cortex_m::peripheral::DWT::cycle_count();
@@ -236,7 +237,7 @@ fn DMA2_STREAM0() {
     FRAMES.note_cost(cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begin));
 }
 
-/// The converter has overrun; of the same priority as the frame's.
+/// Handles an overrun of the converter, at the same priority as a frame.
 #[interrupt]
 fn ADC() {
     if overrun() {
@@ -244,33 +245,34 @@ fn ADC() {
     }
 }
 
-/// The DMA came too late for a reading: rows and readings are out of step.
+/// Whether the DMA missed a reading, which shifts rows against readings.
 fn overrun() -> bool {
     ADC1.sr().read().ovr()
 }
 
-/// The frame that is being read is lost, and counted as such.
+/// Restarts the scan; the frame being read counts as lost.
 fn begin_anew() {
     halt();
     run(&in_force());
 }
 
-/// The half of the buffer that the DMA is not writing: while more than half is left to do it is in the
-/// first.
+/// Half of the buffer that the DMA is not writing.
+///
+/// The DMA is in the first half while more than half of its transfers are left.
 fn left() -> usize {
     usize::from(DMA2.st(FROM_ADC).ndtr().read().0 > READINGS as u32)
 }
 
-/// The codes of one frame.
+/// Codes of one frame.
 fn read(half: usize) -> Codes {
-    // Between what says which half is complete, before and after.
+    // Keeps the copy between the two checks of which half is complete.
     compiler_fence(Ordering::SeqCst);
-    // SAFETY: both halves are there; the DMA is writing the other.
+    // SAFETY: both halves exist; the DMA is writing the other.
     let readings = unsafe {
         *BUFFERS.readings.get().cast::<[[Code; INPUTS.len()]; STEPS as usize]>().add(half)
     };
     compiler_fence(Ordering::SeqCst);
-    // The dark step's midpoints are sensor 0's again, and are left out.
+    // The dark step's midpoints are sensor 0's again and are left out.
     let [[d0, d1, d2, d3, ..], steps @ ..] = readings;
     let lit = steps.map(|[c0, c1, c2, c3, ..]| [c0, c1, c2, c3]);
     let sensors = steps.map(|[.., a, b, c, d]| Some(Midpoints { a, b, c, d }));

@@ -1,11 +1,11 @@
-//! The status LED's pin; the LED is lit when it is low.
+//! Pin of the status LED, which is lit when the pin is low.
 
 use embassy_stm32::pac::GPIOC;
 use scan_plan::pins::F411_STATUS;
 
 use crate::scan;
 
-/// Shows forever how the scan is doing.
+/// Shows the state of the scan without end.
 #[embassy_executor::task]
 pub async fn show() {
     taxel_board::status::show(&scan::FRAMES, set).await;

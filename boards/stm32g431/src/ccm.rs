@@ -1,4 +1,4 @@
-//! The CCM SRAM's contents, copied before anything needs them.
+//! Start-up copy of the CCM SRAM's contents.
 
 use core::ptr;
 
@@ -10,12 +10,14 @@ unsafe extern "C" {
     static __eccm_bss: u32;
 }
 
-/// Copies code and constants from the flash into the CCM SRAM (`ccm.x`) and clears the rest. Call before any
-/// of it runs. What a reset leaves there is what was, and what power-up leaves is anything.
+/// Copies code and constants from flash into the CCM SRAM (`ccm.x`) and clears the rest.
+///
+/// Call it before any of that code runs. The CCM keeps its contents over a reset and holds anything
+/// after power-up.
 pub fn load() {
     let (mut to, mut from) = (&raw mut __sccm, &raw const __siccm);
-    // SAFETY: the linker has set aside as many words on both sides; nothing else knows of them yet.
-    // Volatile, so that the compiler makes no call of it into code that is not there yet.
+    // SAFETY: the linker has reserved as many words on both sides; nothing else uses them yet.
+    // Volatile, so that the compiler does not call a copy function that is not there yet.
     unsafe {
         while to.cast_const() < &raw const __eccm {
             ptr::write_volatile(to, ptr::read_volatile(from));

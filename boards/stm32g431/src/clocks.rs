@@ -1,5 +1,6 @@
-//! 170 MHz from the internal 16 MHz, 48 MHz for the USB from the internal oscillator that follows the
-//! host's start of frame: no crystal.
+//! Clocks of the product without a crystal: 170 MHz from HSI16, 48 MHz for the USB from HSI48.
+//!
+//! HSI48 follows the host's start of frame.
 
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac::rcc::vals::Hpre;
@@ -9,7 +10,7 @@ use embassy_stm32::rcc::{
 };
 use taxel::wire::message::Reset;
 
-/// The clocks: HSI16 / 4 · 85 / 2.
+/// Clock configuration: HSI16 / 4 · 85 / 2.
 pub fn config() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     config.rcc.hsi = true;
@@ -28,25 +29,26 @@ pub fn config() -> embassy_stm32::Config {
     config
 }
 
-/// Raises the core's voltage, as more than 150 MHz need (RM0440 §6.1.5). embassy-stm32 0.6 means to do it
-/// ([`Config::rcc`](embassy_stm32::Config)'s `boost`), but its register description has R1MODE at bit 0 of
-/// `PWR_CR5` and the chip at bit 8; and what is written before `init` does not outlast it. Call right
-/// after it.
+/// Raises the core's voltage, as more than 150 MHz need (RM0440 §6.1.5).
+///
+/// embassy-stm32 0.6 intends to do it ([`Config::rcc`](embassy_stm32::Config)'s `boost`), but its
+/// register description has R1MODE at bit 0 of `PWR_CR5` and the chip has it at bit 8. Values
+/// written before `init` do not survive it, so call this right after `init`.
 pub fn boost() {
     const R1MODE: u32 = 1 << 8;
     pac::RCC.cfgr().modify(|cfgr| cfgr.set_hpre(Hpre::DIV2));
     pac::PWR.cr5().modify(|cr5| cr5.0 &= !R1MODE);
-    // A microsecond until the voltage is there.
+    // The voltage needs a microsecond.
     cortex_m::asm::delay(170);
     pac::RCC.cfgr().modify(|cfgr| cfgr.set_hpre(Hpre::DIV1));
 }
 
-/// Lets time run, on TIM2. Its interrupt gets its priority with the scan's.
+/// Starts the clock on TIM2; the scan sets its interrupt's priority.
 pub fn start_time() {
     pac::RCC.apb1enr1().modify(|w| w.set_tim2en(true));
-    // Two cycles after its clock a peripheral answers; a read back takes longer.
+    // A peripheral responds two cycles after its clock starts; reading back takes longer.
     let _ = pac::RCC.apb1enr1().read();
-    // The timer's clock is the core's on either bus of this chip.
+    // The timer runs on the core's clock.
     taxel_board::time::start(scan_plan::g431::CLOCK_HZ);
     // SAFETY: its handler is below, and no critical section relies on a masked line.
     unsafe { pac::Interrupt::TIM2.enable() };
@@ -57,7 +59,7 @@ fn TIM2() {
     taxel_board::time::on_interrupt();
 }
 
-/// Why the chip was reset; clears the record of it.
+/// Cause of the last reset; clears the record of it.
 pub fn reset_cause() -> Reset {
     let csr = pac::RCC.csr().read();
     pac::RCC.csr().modify(|csr| csr.set_rmvf(true));

@@ -1,4 +1,4 @@
-//! Where in the flash what survives power-off lies: the regions CALIBRATION and SETTINGS of `memory.x`.
+//! Flash areas that survive power-off: the regions CALIBRATION and SETTINGS of `memory.x`.
 
 use core::ops::Range;
 
@@ -8,12 +8,12 @@ use embassy_stm32::peripherals::FLASH;
 use taxel::store::Area;
 use taxel_board::flash::ChipFlash;
 
-/// The chip's flash.
+/// Flash of the chip.
 pub type Pages = ChipFlash<Flash<'static, Blocking>>;
 
-/// The pages that survive power-off.
+/// Pages that survive power-off.
 pub fn pages(flash: Peri<'static, FLASH>) -> Pages {
-    // SAFETY: `memory.x` keeps the linker out of these places, and the peripheral is taken once.
+    // SAFETY: `memory.x` keeps the linker out of these ranges, and the peripheral is taken once.
     unsafe { ChipFlash::new(Flash::new_blocking(flash), FLASH_BASE, place) }
 }
 

@@ -1,8 +1,9 @@
-//! The finger's firmware on an STM32G431CB, the product.
+//! Firmware of the product, on an STM32G431CB.
 //!
-//! The scan runs by itself ([`scan`]); a frame's interrupt puts its codes into a queue; one task runs the
-//! session with whoever holds the USB port open, another the USB device, a third the status LED. What is
-//! wired to which pin is in `scan-plan`, and drawn on the board's page, `docs/boards/stm32g431.md`.
+//! The scan runs by itself ([`scan`]), and a frame's interrupt puts its codes into a queue. One
+//! task runs the session with the host that has the USB port open, another runs the USB device, a
+//! third the status LED. `scan-plan` holds the wiring of the pins, and the board's page,
+//! `docs/boards/stm32g431.md`, shows it.
 #![no_std]
 #![no_main]
 
@@ -42,20 +43,21 @@ bind_interrupts!(struct Irqs {
     USB_LP => InterruptHandler<USB>;
 });
 
-/// The ROM bootloader's vector table (AN2606).
+/// Address of the ROM bootloader's vector table (AN2606).
 const ROM: usize = 0x1FFF_0000;
-/// A scan must get through to the session this often: long enough for the two pages of a calibration
-/// slot (49 ms, DS12589 table 44).
+/// Watchdog timeout in microseconds, within which a scan must reach the session.
+///
+/// It covers the erasure of the two pages of a calibration slot (49 ms, DS12589 table 44).
 const WATCHDOG_US: u32 = 500_000;
 
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-/// In the CCM: its calibration's weights are read in every frame.
+/// Instrument in the CCM, because every frame reads its calibration's weights.
 #[unsafe(link_section = ".ccm_bss")]
 static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
 
 #[entry]
 fn main() -> ! {
-    // SAFETY: nothing runs yet, and that is where this chip has its bootloader.
+    // SAFETY: nothing runs yet, and the chip's bootloader is at that address.
     let panic = unsafe { boot::resume(ROM) };
     ccm::load();
     let chip = embassy_stm32::init(clocks::config());
@@ -70,7 +72,7 @@ fn main() -> ! {
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
 
-    // First, so that a converter that never gets ready ends in a reset that is reported.
+    // The watchdog starts first, so that a converter that never gets ready causes a reported reset.
     IndependentWatchdog::new(chip.IWDG, WATCHDOG_US).unleash();
     let full_scale = scan::start();
     let store = Store::new(flash::pages(chip.FLASH));
@@ -96,7 +98,7 @@ fn main() -> ! {
     })
 }
 
-/// The chip, by its registers.
+/// Chip functions by its registers.
 struct Registers;
 
 impl Chip for Registers {
@@ -127,8 +129,10 @@ async fn session(
     link.serve(&mut scanner, instrument).await;
 }
 
-/// A word of the flash that a power cut tore: its ECC finds two wrong bits and reads on (RM0440 §3.3.8).
-/// The store knows what to make of such a word.
+/// Handles the read of a flash word that a power cut damaged.
+///
+/// The ECC finds two wrong bits and reading continues (RM0440 §3.3.8); the store rejects such a
+/// word.
 #[exception]
 unsafe fn NonMaskableInt() {
     if !pac::FLASH.eccr().read().eccd() {

@@ -1,14 +1,14 @@
-//! The scan: what `scan_plan::g431` computed, written into the registers, and the frames that come of it.
+//! Scan of the STM32G431: writes the plan of `scan_plan::g431` into registers and reads the frames.
 //!
-//! After [`start`] no code takes part in a frame but the interrupt at its end, which copies 47 readings
-//! out of the half of the buffer that the DMA has just left. It has the time of a whole frame for it; a
+//! After [`start`] only the interrupt at the end of each frame runs code. It copies 47 readings out
+//! of the half of the buffer that the DMA has just left. It has a whole frame's time for that; a
 //! frame that was overwritten meanwhile is dropped and counted, never delivered torn.
 //!
-//! A reading for which the DMA comes too late is an overrun of its converter, which then asks for no more
-//! transfers: an interrupt of its own begins the scan again.
+//! A reading that the DMA misses is an overrun of its converter, which then requests no more
+//! transfers. Its interrupt restarts the scan.
 //!
-//! The patterns and the buffers lie in RAM: the flash stands still while one of its pages is erased, and
-//! a pattern that came late would leave rows and readings out of step for good.
+//! Patterns and buffers are in RAM, because the flash stalls while one of its pages is erased. A
+//! late pattern would shift rows against readings for all later frames.
 
 use core::cell::{Cell, UnsafeCell};
 use core::sync::atomic::{AtomicU16, Ordering, compiler_fence};
@@ -29,18 +29,19 @@ use taxel::units::{Code, FullScale};
 use taxel::wire::message::Refusal;
 use taxel_board::scanner::Frames;
 
-/// What the finger starts with.
+/// Settings after start-up.
 pub const DEFAULT: ScanSettings =
     ScanSettings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS };
 
-/// Checked when this is compiled.
+/// Plan of the default settings, checked at compile time.
 const PLAN: Plan = match plan(DEFAULT) {
     Ok(plan) => plan,
     Err(_) => panic!("the default settings cannot be had"),
 };
 
-/// For each port the bits of its mode register that stay, and those that are set: worked out by the
-/// compiler, so that the names of the pins stay out of the flash.
+/// Bits of each port's mode register to keep, and bits to set.
+///
+/// They are computed at compile time, so that the pins' names stay out of the flash.
 const PINS: [(gpio::Gpio, u32, u32); 2] =
     [(GPIOA, mode(0, !0), mode(0, 0)), (GPIOB, mode(1, !0), mode(1, 0))];
 
@@ -48,24 +49,24 @@ const fn mode(port: u8, before: u32) -> u32 {
     pins::moder(&pins::G431, port, before)
 }
 
-/// What is in force, and what the interrupt needs of it. Written while the scan stands still.
+/// Present settings and the interrupt's copies of them, written only while the scan is stopped.
 static SETTINGS: Mutex<CriticalSectionRawMutex, Cell<ScanSettings>> =
     Mutex::new(Cell::new(DEFAULT));
 static OVERSAMPLING: AtomicU16 = AtomicU16::new(DEFAULT.oversampling);
 static FULL_SCALE: AtomicU16 = AtomicU16::new(PLAN.full_scale);
 
-/// How it scans.
+/// Present settings of the scan.
 pub fn settings() -> ScanSettings {
     SETTINGS.lock(Cell::get)
 }
 
-/// Scans differently from now on; the codes' full scale.
+/// Applies settings to the scan and returns the codes' full scale.
 ///
 /// # Errors
-/// The setting that is in the way; the scan goes on as it was.
+/// The setting that is out of range; the scan continues unchanged.
 pub fn set(wish: ScanSettings) -> Result<FullScale, Refusal> {
     let plan = plan(wish)?;
-    // Some 20 µs: the longest conversion has to end.
+    // About 20 µs, because the longest conversion has to end.
     cortex_m::interrupt::free(|_| {
         let running = TIM1.cr1().read().cen();
         halt();
@@ -84,32 +85,33 @@ fn full_scale() -> FullScale {
     FullScale::new(FULL_SCALE.load(Ordering::Relaxed)).unwrap_or(FullScale::BITS_12)
 }
 
-/// The plan in force; it has been had before.
+/// Plan of the present settings, which were accepted before.
 fn in_force() -> Plan {
     plan(settings()).unwrap_or(PLAN)
 }
 
-/// The frames, for the session.
+/// Queue of frames for the session.
 pub static FRAMES: Frames = Frames::new();
 
-/// Channels of DMA1.
+/// Channels of DMA1 in use.
 const PATTERNS: usize = 0;
 const COLUMNS: usize = 1;
 const BRIDGES: usize = 2;
 
-/// The bias may be off the middle by this part of full scale: its divider and buffer leave it within a
-/// hundredth.
+/// Largest deviation of the bias from the middle: full scale divided by this.
+///
+/// Divider and buffer keep it within a hundredth.
 const BIAS_MARGIN: u16 = 20;
 
-/// What the DMA reads and writes.
+/// Memory that the DMA reads and writes.
 struct Buffers {
     patterns: UnsafeCell<[u32; 5]>,
     columns: UnsafeCell<[[u16; COLUMN_READINGS]; 2]>,
     bridges: UnsafeCell<[[u16; BRIDGE_READINGS]; 2]>,
 }
 
-// SAFETY: the patterns never change; the readings are written by the DMA alone, and copied in the one
-// interrupt, between fences.
+// SAFETY: the patterns never change; the readings are written by the DMA alone, and copied in the
+// one interrupt, between fences.
 unsafe impl Sync for Buffers {}
 
 static BUFFERS: Buffers = Buffers {
@@ -118,7 +120,7 @@ static BUFFERS: Buffers = Buffers {
     bridges: UnsafeCell::new([[0; BRIDGE_READINGS]; 2]),
 };
 
-/// Configures everything and lets it run. The codes' full scale.
+/// Configures all peripherals and starts the scan; returns the codes' full scale.
 pub fn start() -> FullScale {
     RCC.ahb2enr().modify(|w| {
         w.set_gpioaen(true);
@@ -133,7 +135,7 @@ pub fn start() -> FullScale {
         w.set_syscfgen(true);
         w.set_tim1en(true);
     });
-    // Two cycles after its clock a peripheral answers; a read back takes longer.
+    // A peripheral responds two cycles after its clock starts; reading back takes longer.
     let _ = RCC.apb2enr().read();
 
     darken();
@@ -150,7 +152,7 @@ pub fn start() -> FullScale {
         wake(converter);
     }
     configure(&PLAN);
-    // Whatever else interrupts can wait for a frame.
+    // All other interrupts can wait for a frame.
     for later in [Interrupt::USB_LP, Interrupt::TIM2] {
         later.set_priority(Priority::P4);
     }
@@ -158,7 +160,7 @@ pub fn start() -> FullScale {
     full_scale()
 }
 
-/// Writes all that depends on the settings. The scan stands still.
+/// Writes all registers that depend on the settings, while the scan is stopped.
 fn configure(plan: &Plan) {
     for (converter, plan) in [(ADC1, plan.adc1), (ADC2, plan.adc2)] {
         converter.ier().write_value(adc::regs::Ier(plan.ier));
@@ -182,7 +184,7 @@ fn wake(converter: adc::Adc) {
     cortex_m::asm::delay(REGULATOR);
     converter.cr().modify(|cr| cr.set_adcal(true));
     while converter.cr().read().adcal() {}
-    // Four cycles of the ADC clock between calibration and enabling.
+    // Enabling must wait four ADC cycles after calibration.
     cortex_m::asm::delay(4 * scan_plan::g431::TICKS_PER_CYCLE + 4);
     converter.isr().write(|isr| isr.set_adrdy(true));
     converter.cr().modify(|cr| cr.set_aden(true));
@@ -205,7 +207,7 @@ fn configure_timer(plan: Timer) {
     TIM1.dier().write_value(timer::regs::DierAdv(plan.dier));
 }
 
-/// Starts at the beginning of a frame, from a standstill.
+/// Starts a stopped scan at the beginning of a frame.
 fn run(plan: &Plan) {
     arm(PATTERNS, plan.patterns, GPIOB.bsrr().as_ptr().cast(), BUFFERS.patterns.get().cast());
     arm(COLUMNS, plan.columns, ADC1.dr().as_ptr().cast(), BUFFERS.columns.get().cast());
@@ -215,7 +217,7 @@ fn run(plan: &Plan) {
         Last::Bridges => Interrupt::DMA1_CHANNEL3,
     };
     for converter in [ADC1, ADC2] {
-        // A reading that still stands would make the next one an overrun.
+        // An unread reading would make the next one an overrun.
         converter.isr().write(|isr| {
             isr.set_eoc(true);
             isr.set_ovr(true);
@@ -252,7 +254,7 @@ fn arm(channel: usize, plan: Channel, peripheral: *const (), memory: *mut u32) {
 fn halt() {
     TIM1.cr1().write_value(timer::regs::Cr1Gp16(0));
     for converter in [ADC1, ADC2] {
-        // ADSTP and JADSTP stand two bits above ADSTART and JADSTART, and may be set only with them.
+        // ADSTP and JADSTP are two bits above ADSTART and JADSTART, and may be set only with them.
         converter.cr().modify(|cr| cr.0 |= (cr.0 & 0b1100) << 2);
         while converter.cr().read().0 & 0b11_0000 != 0 {}
     }
@@ -263,13 +265,13 @@ fn halt() {
     FRAMES.halt();
 }
 
-/// Every LED off.
+/// Switches every LED off.
 fn darken() {
     let word = pattern::dark(G431_ROWS, G431_SELECT);
     GPIOB.bsrr().write_value(gpio::regs::Bsrr(word));
 }
 
-/// The host has suspended the bus, which feeds the LEDs, or goes on.
+/// Pauses the scan while the host suspends the bus, which powers the LEDs.
 pub fn set_paused(paused: bool) {
     cortex_m::interrupt::free(|_| {
         let running = TIM1.cr1().read().cen();
@@ -291,7 +293,7 @@ fn DMA1_CHANNEL3() {
     on_frame(BRIDGES, 2 * BRIDGE_READINGS as u32);
 }
 
-/// A frame is complete.
+/// Handles a complete frame.
 #[unsafe(link_section = ".ccm.on_frame")]
 fn on_frame(channel: usize, count: u32) {
     let begin = cortex_m::peripheral::DWT::cycle_count();
@@ -309,7 +311,7 @@ fn on_frame(channel: usize, count: u32) {
     FRAMES.note_cost(cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begin));
 }
 
-/// A converter has overrun; of the same priority as the frame's.
+/// Handles an overrun of a converter, at the same priority as a frame.
 #[interrupt]
 fn ADC1_2() {
     if overrun() {
@@ -317,28 +319,29 @@ fn ADC1_2() {
     }
 }
 
-/// The DMA came too late for a reading: rows and readings are out of step.
+/// Whether the DMA missed a reading, which shifts rows against readings.
 fn overrun() -> bool {
     ADC1.isr().read().ovr() || ADC2.isr().read().ovr()
 }
 
-/// The frame that is being read is lost, and counted as such.
+/// Restarts the scan; the frame being read counts as lost.
 fn begin_anew() {
     halt();
     run(&in_force());
 }
 
-/// The half of the buffers that the DMA is not writing: while more than half is left to do it is in
-/// the first.
+/// Half of the buffers that the DMA is not writing.
+///
+/// The DMA is in the first half while more than half of its transfers are left.
 fn left(channel: usize, count: u32) -> usize {
     usize::from(DMA1.ch(channel).ndtr().read().0 > count / 2)
 }
 
-/// The codes of one frame.
+/// Codes of one frame.
 fn read(half: usize) -> Codes {
-    // Between what says which half is complete, before and after.
+    // Keeps the copy between the two checks of which half is complete.
     compiler_fence(Ordering::SeqCst);
-    // SAFETY: both halves are there; the DMA is writing the other.
+    // SAFETY: both halves exist; the DMA is writing the other.
     let (columns, bridges) = unsafe {
         (
             &*BUFFERS
@@ -354,18 +357,18 @@ fn read(half: usize) -> Codes {
         )
     };
     let [dark, lit @ ..] = columns;
-    // The dark step's midpoints are sensor 0's again, and are left out.
+    // The dark step's midpoints are sensor 0's again and are left out.
     let [_, steps @ ..] = bridges;
     let top = FULL_SCALE.load(Ordering::Relaxed);
     let sensors = steps.each_ref().map(|&[a, c, bias, b, d]| {
-        // Around a bias that is not the middle the amplifiers say nothing of a bridge: a midpoint at the rail
-        // is a fault to all who read it.
+        // With a bias off the middle the amplifiers' outputs are meaningless: a midpoint at the
+        // rail marks the bridge as faulty.
         let biased = bias.0.abs_diff(top / 2) <= top / BIAS_MARGIN;
         Some(if biased { Midpoints { a, b, c, d } } else { Midpoints::default() })
     });
     let taxels = TaxelCodes { lit: *lit, dark: *dark };
     compiler_fence(Ordering::SeqCst);
-    // One sample each, brought to the scale of the others, which are sums.
+    // Single samples, scaled like the other readings, which are sums.
     let internal = |place: usize| {
         let sample = ADC1.jdr(place).read().0 as u16 & 0xFFF;
         Some(Code(sample * OVERSAMPLING.load(Ordering::Relaxed)))

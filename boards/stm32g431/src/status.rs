@@ -1,11 +1,11 @@
-//! The status LED's pin.
+//! Pin of the status LED.
 
 use embassy_stm32::pac::GPIOA;
 use scan_plan::pins::G431_STATUS;
 
 use crate::scan;
 
-/// Shows forever how the scan is doing.
+/// Shows the state of the scan without end.
 #[embassy_executor::task]
 pub async fn show() {
     taxel_board::status::show(&scan::FRAMES, set).await;

@@ -1,5 +1,7 @@
-//! What embassy-stm32 0.6.0's USB driver has wrong: there a halted endpoint is never let go on, and one that was not
-//! halted, of which a host may ask the same, keeps the driver in a loop forever (`Bus::endpoint_set_stalled`).
+//! Correction of embassy-stm32 0.6.0's USB driver for endpoints with a cleared halt.
+//!
+//! There a halted endpoint never resumes. Clearing the halt of one that was not halted, which a
+//! host may do, keeps the driver in a loop without end (`Bus::endpoint_set_stalled`).
 
 use embassy_stm32::pac::USB;
 use embassy_stm32::pac::usb::regs::Epr;
@@ -8,11 +10,11 @@ use embassy_stm32::peripherals;
 use embassy_usb::driver::{Direction, EndpointAddress};
 use taxel_board::usb::Endpoints;
 
-/// The driver, mended.
+/// Driver with resumable endpoints.
 pub type Driver =
     taxel_board::usb::Driver<embassy_stm32::usb::Driver<'static, peripherals::USB>, Registers>;
 
-/// The endpoints, by their registers.
+/// Endpoints by their registers.
 pub struct Registers;
 
 impl Endpoints for Registers {
@@ -20,7 +22,7 @@ impl Endpoints for Registers {
         let register = USB.epr(address.index());
         let now = register.read();
         let mut change = Epr(0);
-        // Writing 1 leaves these, and toggles the others (RM0440 §45.6.2).
+        // Writing 1 keeps these bits and toggles the others (RM0440 §45.6.2).
         change.set_ctr_rx(true);
         change.set_ctr_tx(true);
         change.set_ep_type(now.ep_type());
