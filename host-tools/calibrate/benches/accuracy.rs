@@ -58,12 +58,12 @@ fn main() {
         "| with | first onsets | warned | later onsets | warned | false in 10 min of grasp at 0.2, 0.6, 1.2 | on unknown friction |"
     );
     println!("|---|---|---|---|---|---|---|");
-    let withs = [With::Matrix, With::Array, With::Both];
+    let variants = [With::Matrix, With::Array, With::Both];
     let mut told: [Onsets; 3] = Default::default();
-    records.iter().for_each(|(device, record)| onsets(&mut told, *device, record, withs));
+    records.iter().for_each(|(device, record)| onsets(&mut told, *device, record, variants));
     let (device, record) = &records[0];
     let grasps = [0.2, 0.6, 1.2].map(|mu| grasp(*device, 500, mu, 10.0));
-    for (with, Onsets { first, later, .. }) in withs.into_iter().zip(&told) {
+    for (with, Onsets { first, later, .. }) in variants.into_iter().zip(&told) {
         let [known, unknown] = [true, false].map(|known| {
             grasps.each_ref().map(|grasp| {
                 begins(&after_slide(record, grasp, with, known), Status::SLIP_WARNING).len()
@@ -76,7 +76,7 @@ fn main() {
     }
     println!("\ngross slip told; ms after it began in 50, 95 and 100 of 100; told before it began");
     println!("| with | slides | told | ms | early |\n|---|---|---|---|---|");
-    for (with, told) in withs.into_iter().zip(&told) {
+    for (with, told) in variants.into_iter().zip(&told) {
         let [shown, _] = told.all();
         println!(
             "| {with:?} | {shown} | {} | {:?} | {} |",
@@ -92,7 +92,7 @@ fn main() {
     println!(
         "| with | fx mN | fy mN | fz mN | range 2 N over fz | left |\n|---|---|---|---|---|---|"
     );
-    for with in withs {
+    for with in variants {
         let sigma = records.each_ref().map(|(device, record)| resolution(*device, record, with));
         let of = |axis: usize| mean(sigma.iter().map(|s| s[axis]));
         let left = records.each_ref().map(|(device, record)| response(*device, record, with));

@@ -20,7 +20,7 @@ const SINGULAR: f64 = 1e-10;
 /// Shares of the rows initially assumed to stick.
 const STICKING: [f64; 4] = [0.2, 0.4, 0.6, 0.8];
 /// Most iterations of sorting rows into sticking and slipping.
-const SORTINGS: usize = 50;
+const MAX_ROUNDS: usize = 50;
 
 /// A model with its coefficients, in the units of the table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -240,7 +240,7 @@ fn bilinear(part: &str, rows: &[[f64; 3]]) -> Result<[f64; 4], FitError> {
         let Some(limit) = order.get((share * order.len() as f64) as usize) else { continue };
         let mut sticks: Vec<bool> = rows.iter().map(|row| row[0] <= *limit).collect();
         let mut found = None;
-        for _ in 0..SORTINGS {
+        for _ in 0..MAX_ROUNDS {
             match pieces(part, rows, &sticks) {
                 Ok(coefficients) => found = Some(coefficients),
                 Err(error) => {

@@ -15,7 +15,7 @@ use taxel::frame::Status;
 const DEVICES: [u32; 5] = [11, 12, 13, 14, 15];
 /// … of slip.
 const SLIP_DEVICES: [u32; 5] = [17, 18, 19, 20, 21];
-const WITHS: [With; 3] = [With::Matrix, With::Array, With::Both];
+const VARIANTS: [With; 3] = [With::Matrix, With::Array, With::Both];
 
 /// A mean over the devices, of a figure of a ring.
 type Rings<'r> = &'r dyn Fn(usize, fn(&Ring) -> f64) -> f64;
@@ -27,18 +27,18 @@ fn a_single_contact_is_placed_and_weighed_on_five_devices() {
     for device in DEVICES {
         let record = calibrated(device);
         let samples = run(device, 77, 1000, 13.0, 0.8, &presses(60, [0.0, 0.99], 2.0));
-        for ((rings, doubled), with) in rings.iter_mut().zip(&mut doubled).zip(WITHS) {
+        for ((rings, doubled), with) in rings.iter_mut().zip(&mut doubled).zip(VARIANTS) {
             let estimates = replay(&record, &samples, with);
             let (touched, two) = false_pairs(&estimates);
             *doubled = [doubled[0] + touched, doubled[1] + two];
             rings.push(errors(&samples, &estimates, if with == With::Array { 0.2 } else { 0.1 }));
         }
     }
-    for (with, [touched, two]) in WITHS.into_iter().zip(doubled) {
+    for (with, [touched, two]) in VARIANTS.into_iter().zip(doubled) {
         println!("{with:?}: {two} of {touched} frames of single contacts taken for two");
         assert!(touched > 20_000 && two * 100 < touched, "{with:?}: {two} of {touched}");
     }
-    for (with, devices) in WITHS.into_iter().zip(&rings) {
+    for (with, devices) in VARIANTS.into_iter().zip(&rings) {
         for (i, out) in RINGS.into_iter().enumerate() {
             let count = |of: fn(&Ring) -> usize| devices.iter().map(|r| of(&r[i])).sum::<usize>();
             let (found, missing) = (count(|ring| ring.frames), count(|ring| ring.missing));
@@ -120,7 +120,7 @@ fn a_newton_is_resolved_to_two_thousandths_and_followed_beyond_200_hz() {
     let (mut sigmas, mut left, mut least) = <([[f64; 3]; 3], [f64; 3], [f64; 3])>::default();
     for device in DEVICES {
         let record = calibrated(device);
-        for (i, with) in WITHS.into_iter().enumerate() {
+        for (i, with) in VARIANTS.into_iter().enumerate() {
             let sigma = resolution(device, &record, with);
             println!("{device} {with:?}: resolution {sigma:.5?} N");
             assert!(sigma[2] < 0.002, "{with:?}: {sigma:?}");
@@ -188,10 +188,10 @@ fn slip_is_told_20_ms_ahead_in_95_of_100_onsets_known_friction_or_not() {
     let mut sprung: [Jerks; 3] = Default::default();
     for device in SLIP_DEVICES {
         let record = calibrated(device);
-        onsets(&mut all, device, &record, WITHS);
-        jerks(&mut sprung, device, &record, WITHS);
+        onsets(&mut all, device, &record, VARIANTS);
+        jerks(&mut sprung, device, &record, VARIANTS);
     }
-    for ((with, onsets), jerks) in WITHS.into_iter().zip(&all).zip(&sprung) {
+    for ((with, onsets), jerks) in VARIANTS.into_iter().zip(&all).zip(&sprung) {
         let Onsets { first, later, told, early, sliding } = onsets;
         println!("{with:?}: [shown, warned 20 ms ahead] first {first:?}, later {later:?}");
         println!("  {} slides told after {:?} ms, {early} early", told.len(), onsets.delays());
@@ -284,7 +284,7 @@ mod nightly {
             for (what, acts, most) in shaken() {
                 let samples = run(device, 5, rate, 62.0, 0.6, &acts);
                 let said =
-                    WITHS.map(|with| begins(&replay(&record, &samples, with), Status::SLIDES));
+                    VARIANTS.map(|with| begins(&replay(&record, &samples, with), Status::SLIDES));
                 let said = said.map(|begins| begins.len());
                 println!("{device}, {rate} Hz, {what}: {said:?} slides in a minute");
                 assert!(
@@ -303,7 +303,7 @@ mod nightly {
             for mu in [0.2, 0.6, 1.2] {
                 let grasp = grasp(device, rate, mu, 2.0);
                 minutes += 2.0;
-                for (with, all) in WITHS.into_iter().zip(&mut all) {
+                for (with, all) in VARIANTS.into_iter().zip(&mut all) {
                     let said = [true, false].map(|known| after_slide(&record, &grasp, with, known));
                     slid +=
                         said.iter().map(|said| begins(said, Status::SLIDES).len()).sum::<usize>();
