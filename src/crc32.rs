@@ -58,13 +58,13 @@ mod tests {
     use std::vec::Vec;
 
     #[test]
-    fn the_catalogues_check_value_comes_out() {
+    fn check_value_of_the_catalogue_matches() {
         assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
         assert_eq!(crc32(b""), 0);
     }
 
     #[test]
-    fn any_length_gives_what_the_crc_crate_gives() {
+    fn any_length_matches_the_crc_crate() {
         let reference = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
         let bytes: Vec<u8> =
             (0..1000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();

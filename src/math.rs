@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn roots_are_good_to_a_millionth_over_the_whole_range() {
+    fn roots_are_exact_to_a_millionth() {
         for x in numbers() {
             let exact = f64::from(x);
             assert!((f64::from(inverse_sqrt(x)) * exact.sqrt() - 1.0).abs() < 5e-7, "{x:e}");
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn powers_of_loads_are_good_to_some_hundred_thousandths() {
+    fn powers_are_exact_to_2e_5() {
         for p in [-1.0f32, 0.2, 1.0 / 3.0, 0.5, 2.0] {
             for x in numbers().filter(|x| (1e-3..1e3).contains(x)) {
                 let exact = f64::from(x).powf(f64::from(p));
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn the_arc_tangent_is_good_to_a_few_millionths_in_all_four_quadrants() {
+    fn arc_tangent_is_exact_to_3e_6() {
         let right = |y: f32, x: f32| {
             let exact = f64::from(y).atan2(f64::from(x));
             assert!((f64::from(atan2(y, x)) - exact).abs() < 3e-6, "{y:e} {x:e}");
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tangent_up_to_45_degrees_is_good_to_a_few_millionths() {
+    fn tangent_is_exact_to_3e_6_up_to_45_degrees() {
         for i in 1..=100_000 {
             let x = i as f32 * 1e-5 * core::f32::consts::FRAC_PI_4;
             let exact = f64::from(x).tan();
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn no_direction_has_the_angle_0() {
+    fn angle_is_0_without_direction() {
         for (y, x) in [(0.0, 0.0), (f32::NAN, 1.0), (1.0, f32::NAN), (f32::INFINITY, f32::INFINITY)]
         {
             assert_eq!(atan2(y, x), 0.0, "{y} {x}");
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_ever_nan_or_infinite() {
+    fn results_are_finite_for_any_argument() {
         let odd = [0.0, -1.0, 1e-45, f32::MAX, f32::INFINITY, f32::NEG_INFINITY, f32::NAN];
         for x in odd {
             for y in [inverse_sqrt(x), sqrt(x), cube_root(x)] {

@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_least_step_of_noise_on_the_highest_code_is_seen() {
+    fn one_step_of_noise_on_highest_code_is_measured() {
         let channels = run(1000, |i| codes(65_534 + i % 2, 32_768));
         let taxel = channels.lit[3][2].unwrap();
         // Half of the codes one step higher: σ = ½ √(n / (n − 1)).
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_that_the_finger_has_not_is_none_and_not_quiet() {
+    fn absent_channel_is_none() {
         let channels = run(10, |_| codes(1, 2));
         assert_eq!(channels.temperature, None);
         assert_eq!(channels.bridges[1], [None; 4]);
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn the_longest_test_of_the_wildest_codes_does_not_overflow() {
+    fn longest_test_does_not_overflow() {
         let channels = run(MOST_SCANS, |i| codes(if i % 2 == 0 { u16::MAX } else { 0 }, u16::MAX));
         let wild = channels.lit[0][0].unwrap();
         assert!((wild.noise - 32_771.5).abs() < 1.0, "{}", wild.noise);

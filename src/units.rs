@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn twelve_and_sixteen_bits_give_the_same_fraction_at_both_ends() {
+    fn fractions_agree_at_both_ends_of_12_and_16_bits() {
         for full_scale in [FullScale::BITS_12, FullScale::BITS_16] {
             assert_eq!(full_scale.ratio(Code(0)), Ratio(0.0));
             assert_eq!(full_scale.ratio(full_scale.top()), Ratio(1.0));
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_in_steps_are_within_a_rounding_or_two_of_the_exact_quotient() {
+    fn step_differences_match_quotients_to_rounding() {
         for top in [1u16, 3, 1000, 4095, 50_001, 65_535] {
             let step = FullScale::new(top).unwrap().step().0;
             for difference in (-65_535..=65_535).step_by(7) {
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_top_thousandth_counts_as_clipped() {
+    fn only_top_thousandth_is_clipped() {
         assert!(FullScale::BITS_12.clips(Code(4095)));
         assert!(FullScale::BITS_12.clips(Code(4092)));
         assert!(!FullScale::BITS_12.clips(Code(4091)));

@@ -113,7 +113,7 @@ mod tests {
     use heapless::Vec;
 
     #[test]
-    fn a_message_without_a_zero_comes_back_the_same() {
+    fn message_without_zero_round_trips() {
         let message: Vec<u8, 420> = core::iter::repeat_n(7, 420).collect();
         let mut buffer = [0; MAX_PACKET];
         let length = pack(&message, &mut buffer).unwrap().len();
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_that_does_not_fit_is_refused() {
+    fn message_that_does_not_fit_is_refused() {
         let message: Vec<u8, 500> = core::iter::repeat_n(7, 500).collect();
         for length in [0, 1, 100, MAX_PACKET] {
             assert_eq!(pack(&message, &mut [0; MAX_PACKET][..length]), Err(WireError::TooLong));

@@ -76,12 +76,12 @@ fn bytes(calibration: &Calibration) -> std::vec::Vec<u8> {
 }
 
 #[test]
-fn the_largest_record_fits_and_comes_back_the_same() {
+fn largest_record_round_trips() {
     assert_eq!(Calibration::from_bytes(&bytes(&largest())), Ok(largest()));
 }
 
 #[test]
-fn a_record_holds_the_sections_that_there_are_and_reading_it_drops_the_others() {
+fn reading_drops_sections_missing_in_record() {
     let without = Calibration { force: None, ..largest() };
     let mut place = largest();
     place.read(&bytes(&without)).unwrap();
@@ -109,7 +109,7 @@ fn quantised(hidden: usize, outputs: usize, skip: bool) -> Calibration {
 }
 
 #[test]
-fn a_net_in_sixteen_bits_comes_back_the_same() {
+fn quantised_net_round_trips() {
     for (hidden, outputs, skip) in [(16, 3, false), (6, 3, true), (32, 1, true), (0, 3, true)] {
         let record = quantised(hidden, outputs, skip);
         assert!(record.quantised.is_some());
@@ -118,7 +118,7 @@ fn a_net_in_sixteen_bits_comes_back_the_same() {
 }
 
 #[test]
-fn sixteen_bit_weights_whose_sums_could_leave_thirty_two_are_refused() {
+fn quantised_net_refuses_possible_overflow() {
     let refused = |change: fn(&mut QuantisedNet)| {
         let mut record = quantised(32, 3, true);
         change(record.quantised.as_mut().unwrap());
@@ -145,7 +145,7 @@ fn sixteen_bit_weights_whose_sums_could_leave_thirty_two_are_refused() {
 }
 
 #[test]
-fn a_single_flipped_bit_is_noticed_wherever_it_is() {
+fn any_flipped_bit_fails_the_crc() {
     let mut bytes = bytes(&largest());
     for bit in 0..bytes.len() * 8 {
         bytes[bit / 8] ^= 1 << (bit % 8);
@@ -155,7 +155,7 @@ fn a_single_flipped_bit_is_noticed_wherever_it_is() {
 }
 
 #[test]
-fn another_version_is_named() {
+fn unknown_version_is_reported() {
     for found in [0, 1, VERSION + 1, 0xffff] {
         let mut bytes = bytes(&largest());
         bytes[..2].copy_from_slice(&found.to_le_bytes());
@@ -165,7 +165,7 @@ fn another_version_is_named() {
 }
 
 #[test]
-fn sections_unknown_out_of_order_twice_or_torn_are_malformed() {
+fn wrong_section_lists_are_malformed() {
     let only = |sections: &[(u8, &[u8])]| {
         let mut bytes = VERSION.to_le_bytes().to_vec();
         bytes.extend([0, 0]);
@@ -195,14 +195,14 @@ fn sections_unknown_out_of_order_twice_or_torn_are_malformed() {
 }
 
 #[test]
-fn sections_have_different_numbers_and_are_no_newer_than_the_version() {
+fn section_numbers_are_unique() {
     let numbers: std::collections::BTreeSet<u8> = SECTIONS.iter().map(|e| e.number).collect();
     assert_eq!(numbers.len(), SECTIONS.len());
     assert_eq!(SECTIONS.iter().map(|entry| entry.since).max(), Some(VERSION));
 }
 
 #[test]
-fn every_senseless_field_is_refused_by_name() {
+fn fields_out_of_range_are_refused_by_name() {
     let refused = |change: fn(&mut Calibration)| {
         let mut record = largest();
         change(&mut record);
@@ -278,7 +278,7 @@ fn every_senseless_field_is_refused_by_name() {
 }
 
 #[test]
-fn a_net_may_be_linear_but_not_without_its_taxels() {
+fn linear_net_still_needs_taxels() {
     let mut linear = largest();
     let net = linear.force.as_mut().unwrap();
     net.units.clear();

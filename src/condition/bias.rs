@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn a_nearer_facet_has_a_negative_signal() {
+    fn nearer_facet_has_negative_signal() {
         let unloaded = levels(0.0).taxels.unwrap();
         let bias =
             Bias { taxels: Some(TaxelBias { level: unloaded, noise: 1e-4 }), ..Bias::default() };
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_bias_there_is_no_signal_rather_than_a_wrong_one() {
+    fn signal_is_missing_without_bias() {
         let signals = Bias::default().apply(&levels(0.1), None);
         assert_eq!(signals.taxels, None);
     }

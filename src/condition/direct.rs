@@ -159,7 +159,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn in_one_pass_as_step_by_step_to_the_bit(
+        fn direct_equals_separate_steps_bit_for_bit(
             scans in prop::collection::vec(codes(), 1..4),
             bias in bias(),
             healthy in prop::option::of([(); TAXELS].map(|()| 0.2f32..0.8)),

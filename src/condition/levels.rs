@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn ambient_light_of_a_column_is_taken_off_every_taxel_of_it() {
+    fn dark_code_is_subtracted_from_its_column() {
         let mut taxels = TaxelCodes { lit: [[Code(1800); 4]; 4], dark: [Code(100); 4] };
         let before = Levels::read(&codes(taxels)).taxels;
         for row in &mut taxels.lit {
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clipped_dark_reading_marks_its_whole_column() {
+    fn clipped_dark_code_marks_its_column() {
         let mut taxels = TaxelCodes { lit: [[Code(1800); 4]; 4], dark: [Code(100); 4] };
         taxels.lit[1][0] = Code(4095);
         taxels.dark[3] = Code(4095);
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_taxel_that_lost_its_led_is_dead_with_or_without_a_bias() {
+    fn taxel_without_led_light_is_dead() {
         let mut taxels = TaxelCodes { lit: [[Code(1800); 4]; 4], dark: [Code(100); 4] };
         let unloaded = Levels::read(&codes(taxels)).taxels.unwrap();
         taxels.lit[2][1] = Code(101);
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn bridge_outputs_follow_the_thesis_and_an_open_arm_is_a_fault() {
+    fn bridge_outputs_match_ospina_and_open_arm_faults() {
         let midpoints = Midpoints { a: Code(1000), b: Code(1100), c: Code(1300), d: Code(1250) };
         let full_scale = FullScale::new(2000).unwrap();
         let limits = BridgeLimits::new(full_scale);

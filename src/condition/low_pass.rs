@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn the_corner_is_where_it_was_asked_for_and_the_slope_forty_decibels_a_decade() {
+    fn low_pass_has_requested_corner_and_slope() {
         for corner in [5u16, 20, 100, 400] {
             let hz = f32::from(corner);
             let half = gain(corner, hz);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_slowly_comes_late_by_root_two_over_the_corner_in_radians() {
+    fn slow_ramp_is_delayed_by_root_two_over_corner() {
         for corner in [20u16, 50, 200] {
             let (filter, mut state) = (LowPass::new(corner, RATE), LowPassState::default());
             let mut late = 0.0;
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_signal_comes_through_to_the_bit_from_the_first_scan_on() {
+    fn steady_signal_passes_bit_for_bit() {
         for corner in [1, 50, 1000] {
             let (filter, mut state) = (LowPass::new(corner, RATE), LowPassState::default());
             for _ in 0..1000 {
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_that_went_and_came_begins_with_what_it_says_now() {
+    fn returning_channel_starts_at_present_value() {
         let (filter, mut state) = (LowPass::new(10, RATE), LowPassState::default());
         after(&filter, &mut state, signals(1.0));
         assert_eq!(after(&filter, &mut state, Signals::default()), Signals::default());

@@ -116,14 +116,14 @@ mod tests {
     }
 
     #[test]
-    fn noise_of_twice_the_usual_is_told_and_the_usual_is_not() {
+    fn doubled_noise_is_flagged_usual_noise_is_not() {
         assert_eq!(flagged(1.0, |_| 0.0), 0.0);
         assert!(flagged(2.0, |_| 0.0) > 0.98);
         assert!(flagged(10.0, |_| 0.0) > 0.98);
     }
 
     #[test]
-    fn presses_and_knocks_are_no_noise() {
+    fn presses_and_knocks_are_not_flagged() {
         // A newton is 0.13 of full scale: pressed, or knocked at, ten times a second.
         let slow = |i: usize| 0.13 * f32::sin(i as f32 * core::f32::consts::TAU * 10.0 / 1000.0);
         assert_eq!(flagged(1.0, slow), 0.0);
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moved_while_scans_were_lost_is_no_noise() {
+    fn movement_during_lost_scans_is_not_flagged() {
         let mut watch = NoiseWatch::default();
         let noisy = (0..10_000u16).map(|i| {
             if i % 3 == 0 {
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn signals_that_are_no_numbers_pass_for_noise_or_not_but_never_stop_the_watch() {
+    fn nan_signals_do_not_stop_the_watch() {
         let mut watch = NoiseWatch::default();
         for i in 0..1000 {
             let wild = [f32::NAN, f32::MAX, f32::NEG_INFINITY][i % 3];

@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn what_rests_while_the_others_move_is_stuck_after_one_window() {
+    fn resting_channel_is_stuck_after_one_window() {
         let stuck = Stuck { taxels: 1 << 6, bridges: 1 << 2 };
         let window = usize::from(WINDOW);
         assert_eq!(after(window, |t| codes(t, &[6, 16 + 4 * 2 + 3])), stuck);
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_that_moves_again_is_free_after_another_window() {
+    fn moving_channel_is_cleared_after_one_window() {
         let window = usize::from(WINDOW);
         let freed = |t| codes(t, if t < window { &[6] } else { &[] });
         assert_eq!(after(2 * window - 1, freed).taxels, 1 << 6);
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_finger_that_rests_as_a_whole_is_not_stuck() {
+    fn finger_at_rest_is_not_stuck() {
         let all: [usize; 32] = core::array::from_fn(|k| k);
         assert_eq!(after(2000, |t| codes(t, &all)), Stuck::default());
         // A pause does not clear a stuck channel either.
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_of_twelve_bit_codes_or_of_codes_at_a_rail() {
+    fn twelve_bit_and_rail_codes_are_not_stuck() {
         let twelve = |t| Codes { full_scale: FullScale::BITS_12, ..codes(t, &[6]) };
         assert_eq!(after(2000, twelve), Stuck::default());
         let railed = |t| {

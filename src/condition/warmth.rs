@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_warm_finger_reads_as_it_would_at_the_temperature_of_its_calibration() {
+    fn correction_restores_levels_of_calibration() {
         let cold = Levels {
             taxels: Some([0.4; 16]),
             bridges: [Some([0.01, 0.02, -0.03]); SENSORS],
@@ -149,12 +149,12 @@ mod tests {
     }
 
     #[test]
-    fn a_temperature_that_was_never_recorded_is_not_known() {
+    fn temperature_outside_range_is_unknown() {
         assert!(!WARMTH.unknown(at(0.0)) && WARMTH.unknown(at(20.0)) && WARMTH.unknown(at(-20.0)));
     }
 
     #[test]
-    fn the_thermometer_is_smooth_and_a_finger_without_one_has_no_temperature() {
+    fn thermometer_is_smoothed_or_absent() {
         let mut codes = Codes {
             full_scale: FullScale::BITS_12,
             taxels: None,
@@ -176,7 +176,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_temperature_makes_a_level_infinite(
+        fn corrected_levels_are_finite(
             level in -1.0f32..2.0, light in -6.0f32..6.0, offset in -1e3f32..1e3,
         ) {
             let warmth = TemperatureCompensation { light, offset: [[offset; 3]; SENSORS], ..WARMTH };

@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn taxels_that_rise_do_not_pull_the_centroid() {
+    fn rising_taxels_do_not_pull_the_centroid() {
         let mut c = [0.05; TAXELS];
         c[0] = -0.1;
         assert_eq!(centroid(&c, 0, 1e-3), arg_min(&c, 0));
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_skipped_taxel_is_not_the_contact() {
+    fn skipped_taxel_is_not_the_contact() {
         let mut c = [0.0; TAXELS];
         c[3] = -0.9;
         c[12] = -0.1;
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn no_nearer_taxel_is_a_reason_not_a_point() {
+    fn no_nearer_taxel_gives_a_reason() {
         assert_eq!(arg_min(&[0.0; TAXELS], 0), Err(NoValue::IllConditioned));
         assert_eq!(centroid(&[0.1; TAXELS], 0, 1e-3), Err(NoValue::IllConditioned));
     }

@@ -204,7 +204,7 @@ pub(super) mod tests {
     };
 
     #[test]
-    fn a_point_load_on_a_half_space_is_johnsons() {
+    fn point_load_on_half_space_matches_johnson() {
         let field = Field {
             normal: Radial {
                 depth: [6.25, 0.0],
@@ -230,7 +230,7 @@ pub(super) mod tests {
 
     proptest! {
         #[test]
-        fn derivatives_are_those_of_finite_differences(
+        fn derivatives_match_finite_differences(
             fx in -1.0..1.0f32, fy in -1.0..1.0f32, size in 0.4..1.3f32,
             x in -4.0..4.0f32, y in -4.0..4.0f32, used in 0.0..1.0f32,
             at in prop_oneof![Just([-3.75f32, 1.25]), Just([1.25, 3.75])],

@@ -40,21 +40,21 @@ mod tests {
     }
 
     #[test]
-    fn the_surer_sensor_weighs_more_and_both_are_surer_than_one() {
+    fn fusion_weighs_by_inverse_variance() {
         let (fused, agree) = fuse(of(1.0, 0.01), of(1.02, 0.02));
         assert!(agree);
         assert!((fused.value - 1.004).abs() < 1e-6 && fused.sigma < 0.01, "{fused:?}");
     }
 
     #[test]
-    fn sensors_that_contradict_each_other_are_told_and_not_averaged() {
+    fn contradicting_estimates_are_not_averaged() {
         let (surer, other) = (of(1.0, 0.01), of(0.5, 0.03));
         assert_eq!(fuse(other, surer), (surer, false));
     }
 
     proptest! {
         #[test]
-        fn finite_stays_finite(a in -1e30..1e30f32, b in -1e30..1e30f32, sa in any::<f32>(), sb in any::<f32>()) {
+        fn finite_estimates_stay_finite(a in -1e30..1e30f32, b in -1e30..1e30f32, sa in any::<f32>(), sb in any::<f32>()) {
             prop_assume!(sa.is_finite() && sb.is_finite());
             let (fused, _) = fuse(of(a, sa), of(b, sb));
             prop_assert!(fused.value.is_finite() && fused.sigma.is_finite());

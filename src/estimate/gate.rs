@@ -132,19 +132,19 @@ mod tests {
     }
 
     #[test]
-    fn a_dent_is_believed_at_once_wherever_it_is() {
+    fn dent_opens_the_gate_at_once_anywhere() {
         for (x, y) in [(1.5, 1.5), (0.0, 0.0), (3.0, 1.0), (1.0, 2.5)] {
             assert!(at_once(dent(0.02, x, y)), "{x} {y}");
         }
     }
 
     #[test]
-    fn a_slight_touch_has_to_last() {
+    fn slight_touch_must_last() {
         assert!(!at_once(dent(2.5e-3, 1.5, 1.5)));
     }
 
     #[test]
-    fn one_bad_code_has_to_last_whatever_it_says() {
+    fn bad_code_must_last() {
         for k in 0..TAXELS {
             let mut lit = [0.0; TAXELS];
             lit[k] = -1.0;
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn light_that_comes_or_goes_within_a_scan_has_to_last() {
+    fn light_step_within_a_scan_must_last() {
         for rows in 1..=TAXELS / COLS {
             let flash = core::array::from_fn(|k| if k / COLS >= rows - 1 { -0.3 } else { 0.0 });
             assert!(!at_once(flash), "{rows}");
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn one_noisy_frame_is_no_contact() {
+    fn one_noisy_scan_is_not_a_contact() {
         let gate = Gate::default();
         let mut state = GateState::default();
         assert!(!gate.update(&mut state, 1e4));
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_signal_between_the_thresholds_does_not_chatter() {
+    fn signal_between_thresholds_does_not_chatter() {
         let gate = Gate::default();
         let mut state = GateState::default();
         let between = 6.5f32 * 6.5;

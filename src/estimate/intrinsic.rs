@@ -179,7 +179,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn point_and_torsion_come_back_from_the_wrench_that_they_make(
+        fn contact_round_trips_through_its_wrench(
             x in -5.0..5.0f32, y in -5.0..5.0f32, fx in -0.4..0.4f32, fy in -0.4..0.4f32,
             fz in 0.2..2.0f32, torsion in -3.0..3.0f32,
         ) {
@@ -204,7 +204,7 @@ mod tests {
         }
 
         #[test]
-        fn no_wrench_and_no_surface_give_nan_or_infinity(
+        fn contact_is_finite_for_any_wrench_and_surface(
             force in any::<[f32; 3]>(), moment in any::<[f32; 3]>(), axes in any::<[f32; 3]>(),
             least in any::<f32>(),
         ) {
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_force_that_hardly_presses_on_the_surface_has_no_contact_however_strong_it_is() {
+    fn tangential_force_has_no_contact() {
         // At the sphere's side the normal is level: all but 0.02 N of 1 N pull along the surface.
         let (place, normal) = on(ROUND, 11.9, 0.0);
         let along = [normal[2], 0.0, -normal[0]];
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_force_that_pulls_or_misses_has_no_contact() {
+    fn pulling_or_missing_force_has_no_contact() {
         for surface in [PLANE, ROUND, TIP] {
             let pulling = Wrench { force: [0.0, 0.0, -1.0], moment: [0.0; 3] };
             assert_eq!(surface.contact(&pulling, 0.05), Err(NoValue::IllConditioned));

@@ -384,7 +384,7 @@ pub(super) mod tests {
 
     proptest! {
         #[test]
-        fn a_touch_comes_back_from_the_displacements_that_it_makes(
+        fn contact_round_trips_through_displacements(
             share in 0.0..0.7f32, turn in -3.0..3.0f32, size in 0.5..1.26f32,
             x in -3.75..3.75f32, y in -3.75..3.75f32,
         ) {
@@ -403,7 +403,7 @@ pub(super) mod tests {
         }
 
         #[test]
-        fn no_displacements_and_no_coefficients_give_nan_or_infinity(
+        fn contact_is_finite_for_any_input(
             u in proptest::array::uniform16(prop_oneof![-1e9..1e9f32, -1.0..1.0f32, Just(0.0f32)]),
             scale in prop_oneof![-1e3..1e3f32, -1.0..1.0f32, Just(0.0f32)],
             floor in prop_oneof![1e-9..1.0f32, Just(1e-9f32)],
@@ -433,7 +433,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_share_of_friction_in_use_is_seen_where_the_contact_is_large() {
+    fn large_contact_shows_friction_utilisation() {
         for used in [0.2, 0.9] {
             let load = Load { shear: [0.9, 0.0], size: 1.2, point: [0.3, -0.2], used };
             let touch = settled(&displaced(&load));
@@ -442,7 +442,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_shear_that_others_feel_makes_the_share_of_friction_in_use_surer_and_no_force_other() {
+    fn measured_shear_refines_friction_utilisation_only() {
         let load = Load { shear: [0.3, 0.0], size: 1.0, point: [0.3, -0.2], used: 0.7 };
         let found = |felt| {
             let (finger, mut state) = (finger(), InverseState::default());
@@ -456,7 +456,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn two_contacts_are_no_single_one() {
+    fn two_contacts_have_a_large_misfit() {
         let one = Load { size: 0.8, point: [-3.0, 0.0], ..Load::default() };
         let two = Load { point: [3.0, 0.5], ..one };
         let mut u = displaced(&one);
@@ -466,7 +466,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_touch_that_is_followed_needs_no_time_to_settle() {
+    fn moving_contact_is_tracked_without_lag() {
         let (finger, mut state) = (finger(), InverseState::default());
         for i in 0..200 {
             let t = i as f32 / 200.0;
@@ -484,7 +484,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn touch_that_moved_during_lost_scans_is_found_at_once() {
+    fn contact_moved_during_lost_scans_is_found() {
         let at = |x: f32| displaced(&Load { size: 1.0, point: [x, 0.0], ..Load::default() });
         let far_off = |lost: bool| {
             let (finger, mut state) = (finger(), InverseState::default());
@@ -501,14 +501,14 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_calibration_without_shear_does_not_guess_it() {
+    fn calibration_without_shear_gives_no_shear() {
         let finger = Inverse { shear: false, ..finger() };
         let mut state = InverseState::default();
         assert_eq!(finger.sheared(&mut state, &[0.1; TAXELS], None), Err(NoValue::NotEstimated));
     }
 
     #[test]
-    fn stray_light_is_taken_off_before_the_curve() {
+    fn crosstalk_is_subtracted_before_the_curve() {
         let mut curves = finger().curves;
         curves.stray[5] = [0.1, 0.0, 0.0, 0.2];
         let mut c = [0.0; TAXELS];

@@ -137,7 +137,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn the_ends_of_the_surface_are_coulombs_friction_and_the_greatest_torsion() {
+    fn surface_ends_at_coulomb_friction_and_most_torsion() {
         let surface = LimitSurface::hertz(6.0, 0.236);
         let (normal, mu) = (1.2, 0.7);
         assert!((surface.load([mu * normal, 0.0], 0.0, normal, mu) - 1.0).abs() < 1e-5);
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn load_is_measured_along_the_curve_not_the_ellipse() {
+    fn load_follows_the_curve_not_the_ellipse() {
         let ellipse = LimitSurface::hertz(6.0, 0.236);
         let mut surface = ellipse;
         surface.curve[INTERVALS / 2] = 1.25;
@@ -165,13 +165,13 @@ mod tests {
     }
 
     #[test]
-    fn nothing_holds_without_normal_force() {
+    fn load_is_one_without_normal_force() {
         assert_eq!(LimitSurface::hertz(6.0, 0.236).load([0.1, 0.0], 0.0, 0.0, 0.8), 1.0);
     }
 
     proptest! {
         #[test]
-        fn no_load_is_nan_or_infinite(
+        fn load_is_finite(
             shear in any::<[f32; 2]>(), torsion in any::<f32>(), normal in any::<f32>(),
             mu in any::<f32>(), c in any::<f32>(), gamma in any::<f32>(), bulge in any::<f32>(),
         ) {

@@ -269,7 +269,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_net_written_out_by_hand_gives_what_the_formula_gives() {
+    fn outputs_match_the_formula() {
         let h0 = (0.1f64 + 0.5 - 0.5).tanh();
         let h1 = (-0.2f64 - 0.5 - 0.125).tanh();
         let bent = 0.7 + 2.0 * h0 - 3.0 * h1;
@@ -279,7 +279,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn without_units_it_is_linear_and_without_anything_it_is_its_bias() {
+    fn net_without_units_is_linear() {
         let bare = Layers { hidden: &[], hidden_bias: &[], output: &[], ..NET };
         assert!((output(Layers { skip: &[1.0, 8.0], ..bare }) - (0.7 + 0.5 - 2.0)).abs() < 1e-6);
         assert!((output(bare) - 0.7).abs() < 1e-6);
@@ -320,7 +320,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_fingers_net_gives_the_bits_of_the_general_one() {
+    fn force_net_equals_layers_bit_for_bit() {
         let mut numbers = Numbers(1);
         for (hidden, outputs, skip) in
             [(16, 3, false), (7, 3, true), (12, 1, false), (5, 1, true), (0, 3, true), (0, 1, true)]
@@ -337,7 +337,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_net_is_the_lists_that_it_was_made_of() {
+    fn force_net_returns_its_lists() {
         for outputs in [1, 3] {
             let (lists, net) = Numbers(3).both(5, outputs, true);
             let [hidden, hidden_bias, output, skip, output_bias] = &lists;
@@ -350,7 +350,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn lists_that_do_not_fit_each_other_are_no_net() {
+    fn lists_of_wrong_length_are_refused() {
         let refused = |list: usize, length: usize| {
             let (mut lists, _) = Numbers(3).both(5, 3, true);
             lists[list].resize(length, 0.0);
@@ -369,7 +369,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn sixteen_units_are_good_to_a_millionth() {
+    fn sixteen_units_are_exact_to_a_millionth() {
         let mut numbers = Numbers(7);
         let wide = |x: f32| f64::from(x);
         let mut worst = 0.0f64;

@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn forces_are_those_in_f32_to_a_thousandth_of_what_the_net_can_say() {
+    fn forces_match_f32_to_a_thousandth_of_range() {
         let (mut worst, mut squares, mut count) = (0.0f32, 0.0, 0);
         for (net, mut numbers) in nets() {
             let quantised = QuantisedNet::new(&net, 0.5).unwrap();
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn no_signal_overflows_a_sum_and_none_gives_more_than_the_largest_does() {
+    fn signals_beyond_the_largest_do_not_overflow() {
         for (net, mut numbers) in nets() {
             let quantised = QuantisedNet::new(&net, 0.5).unwrap();
             for scale in [0.6, 3.0, 1e6, 1e30] {
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_beyond_sixteen_bits_are_no_net() {
+    fn weights_beyond_sixteen_bits_are_refused() {
         let mut net = Numbers(1).net(4, 3, false);
         net.units[0].weights[5] = 1e9;
         assert_eq!(QuantisedNet::new(&net, 0.5), None);

@@ -94,13 +94,13 @@ mod tests {
     }
 
     #[test]
-    fn a_contact_dragged_along_under_steady_shear_slides() {
+    fn contact_dragged_under_steady_shear_slides() {
         let frames = slid([0.002, 0.0], |_| 0.5);
         assert!((795..805).contains(&frames), "{frames}");
     }
 
     #[test]
-    fn a_shear_that_is_noisy_and_known_to_be_slides_all_the_same() {
+    fn contact_with_known_shear_noise_slides() {
         let mut state = GrossSlipDetector::default();
         let frames = (0..1000).filter(|i| {
             let noisy = 0.2 + if i % 3 == 0 { 0.02 } else { -0.01 };
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_rests_or_rolls_or_creeps_does_not() {
+    fn resting_rolling_creeping_contact_does_not_slide() {
         assert_eq!(slid([0.0, 0.0], |_| 0.5), 0);
         assert_eq!(slid([0.002, 0.0], |_| 0.0), 0, "rolls freely");
         assert_eq!(slid([0.0, 0.002], |_| 0.5), 0, "rolls across the shear");
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slide_ends_when_it_stops_or_lets_go() {
+    fn gross_slip_ends_with_motion_or_shear() {
         let mut state = GrossSlipDetector::default();
         let mut at = |i: u32, x: f32, shear: f32| {
             state.update(Micros(u64::from(i) * 1000), [x, 0.0], &pulled(shear))

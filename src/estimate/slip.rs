@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn a_warning_does_not_chatter_about_its_threshold_and_ends_with_the_contact() {
+    fn warning_has_hysteresis_and_ends_with_contact() {
         let mut state = SlipState::default();
         let mut warns = |margin| {
             slip().warns(&mut state, &Verdict { margin, friction: 0.8, grip: Newtons(1.0) })
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn where_the_ring_is_seen_the_warning_comes_before_the_slip_whatever_the_friction() {
+    fn warning_precedes_slip_if_annulus_is_seen() {
         for mu in [0.2, 0.5, 0.8, 1.2] {
             let verdicts = dragged(&mut SlipState::default(), mu, true);
             let first = warned(&verdicts);
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slide_teaches_the_friction_to_a_sensor_that_cannot_see_the_ring() {
+    fn gross_slip_gives_friction_without_annulus() {
         let mut state = SlipState::default();
         let sliding =
             Traction { shear: [0.3, 0.0], normal: 1.0, slides: true, ..Traction::default() };
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_that_is_hardly_seen_in_one_frame_is_seen_in_a_hundred() {
+    fn weak_annulus_adds_up_over_scans() {
         let mut state = SlipState::default();
         // Its standard deviation is 0.7, half of its possible range.
         for i in 0..200 {
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_touch_does_not_warn_for_its_noise_but_for_its_shear() {
+    fn light_touch_warns_for_shear_not_noise() {
         let warned = |shear: f32| {
             let mut state = SlipState::default();
             let frames = (0..500).filter(|i| {
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn shear_within_its_noise_teaches_no_friction() {
+    fn shear_within_noise_gives_no_friction() {
         let mut state = SlipState::default();
         let ring = Some(Ring { weight: 400.0, moment: 400.0 });
         for _ in 0..200 {
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn bias_of_the_ring_does_not_change_a_friction_known_better() {
+    fn annulus_does_not_change_friction_known_better() {
         let mut state = slid(0.5);
         // A quarter of the normal force uses half of the friction; 0.6 is within the systematic
         // error.
@@ -355,14 +355,14 @@ mod tests {
     }
 
     #[test]
-    fn what_holds_is_not_said_to_slip() {
+    fn holding_contact_does_not_slip() {
         let mut state = SlipState::default();
         let verdicts = dragged(&mut state, 1.4, false);
         assert!(verdicts[200].friction >= 1.4 - 1e-4, "{}", verdicts[200].friction);
     }
 
     #[test]
-    fn the_recommended_grip_leaves_the_margin_that_it_promises() {
+    fn recommended_grip_leaves_the_safe_margin() {
         let mut state = SlipState::default();
         let shear = [0.5, 0.0];
         let traction = Traction { shear, normal: 0.8, ..Traction::default() };
@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn two_contacts_use_their_shear_over_the_friction_of_both_and_turn_harder_than_one() {
+    fn two_contacts_share_friction_and_hold_more_torsion() {
         let judged = |torsion, arm| {
             let traction =
                 Traction { shear: [0.3, -0.4], normal: 1.25, torsion, arm, ..Traction::default() };
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn torsion_uses_up_friction_too() {
+    fn torsion_uses_friction() {
         let turned = |torsion| {
             let traction =
                 Traction { shear: [0.3, 0.0], normal: 1.0, torsion, ..Traction::default() };
@@ -401,7 +401,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_traction_gives_nan_or_infinity_or_a_margin_outside_zero_to_one(
+        fn verdict_is_finite_and_margin_within_zero_to_one(
             tractions in proptest::collection::vec(
                 (any::<[f32; 2]>(), any::<f32>(), any::<[f32; 2]>(), proptest::option::of((-1.0..2.0f32, 0.0..1e30f32)), any::<bool>()),
                 1..20,

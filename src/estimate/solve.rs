@@ -114,7 +114,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_solution_solves_it_and_the_diagonal_is_that_of_the_inverse(
+        fn solution_and_inverse_diagonal_are_exact(
             rows in proptest::array::uniform8(proptest::array::uniform4(-1.0..1.0f32)),
             right in proptest::array::uniform8(-1.0..1.0f32),
         ) {
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_system_that_does_not_determine_its_unknowns_is_refused() {
+    fn singular_system_is_refused() {
         let mut normal = Normal::<3>::EMPTY;
         normal.add(&[1.0, 2.0, 0.5], 1.0);
         assert_eq!(normal.solve(), None);

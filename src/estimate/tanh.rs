@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_odd_bounded_and_never_nan() {
+    fn tanh_is_odd_bounded_and_never_nan() {
         for x in [0.0, 1e-30, 0.031_25, 0.5, 9.0, 9.04, 50.0, f32::MAX, f32::INFINITY, f32::NAN] {
             let y = tanh(x);
             assert!(y.abs() <= 1.0, "{x}: {y}");

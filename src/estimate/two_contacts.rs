@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn pair_must_leave_less_than_half_of_what_one_contact_leaves() {
+    fn pair_must_halve_the_misfit() {
         let at = |x: f32| Load { size: 0.9, point: [x, 0.0], ..Load::default() };
         let mut u = touched(&[at(-3.0), at(3.0)]);
         u.iter_mut().step_by(2).for_each(|u| *u += 5e-3);
@@ -199,7 +199,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn two_contacts_two_pitches_apart_are_found_where_they_are(
+        fn contacts_two_pitches_apart_are_located(
             x in -3.5..-2.6f32, y in -3.0..3.0f32, apart in 5.0..6.5f32, turn in -0.5..0.5f32,
             sizes in proptest::array::uniform2(0.6..1.1f32),
         ) {
@@ -223,7 +223,7 @@ mod tests {
         }
 
         #[test]
-        fn one_contact_is_never_two(
+        fn single_contact_is_not_a_pair(
             x in -4.0..4.0f32, y in -4.0..4.0f32, size in 0.5..1.26f32, fx in -0.6..0.6f32,
         ) {
             let shear = [fx * size.powi(3), 0.0];
@@ -232,7 +232,7 @@ mod tests {
         }
 
         #[test]
-        fn no_displacements_give_nan_or_infinity(
+        fn pair_is_finite_for_any_displacements(
             u in proptest::array::uniform16(prop_oneof![-1e9..1e9f32, -1.0..1.0f32, Just(0.0f32)]),
             single in prop_oneof![0.0..1e9f32, Just(f32::MAX)],
         ) {

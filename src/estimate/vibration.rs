@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn the_band_passes_its_centre_and_damps_what_is_slow() {
+    fn band_passes_its_centre_and_damps_slow_signals() {
         let band = Biquad::band_pass(0.15, 1.0);
         let gain = |fraction: f32| {
             let mut state = BiquadState::default();
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rub_is_heard_within_twenty_milliseconds_and_a_press_is_not() {
+    fn rubbing_is_detected_in_20_ms_a_press_is_not() {
         let detector = Vibration::at(RATE);
         let mut state = VibrationState::default();
         let mut first = None;
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_begins_again_and_another_rate_are_listened_to_as_before() {
+    fn clock_restart_and_new_rate_are_handled() {
         let mut listener = VibrationDetector::default();
         for interval_us in [250, 1000, 1000] {
             let heard = (0..4000u64).filter(|i| {
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_alone_is_silence_for_ten_minutes() {
+    fn noise_alone_is_not_detected_for_ten_minutes() {
         let detector = Vibration::at(RATE);
         let mut state = VibrationState::default();
         assert!((0..600_000).all(|i| !detector.update(&mut state, &signals(5e-5 * noise(i)))));

@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wrench_of_the_shares_is_that_of_the_force() {
+    fn wrench_of_the_shares_equals_that_of_the_force() {
         let (x, y, force) = (1.5, -2.0, [0.3, -0.2, 1.1]);
         let wrench = SensorPlaces::default().wrench(&shares(x, y, force));
         let moment = cross([x, y, 0.0], force);
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn the_full_matrix_can_say_all_that_the_sum_says() {
+    fn full_matrix_can_reproduce_the_sum() {
         // Columns of unit signals through the sum, one signal at a time.
         let places = SensorPlaces::default();
         let mut matrix = WrenchMatrix([[[0.0; 3]; SENSORS]; 6]);

@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn where_one_is_missing_the_other_stands_for_both() {
+    fn missing_estimate_is_replaced_by_the_other() {
         let one = Ok(Uncertain { value: 1.0, sigma: 0.01 });
         let joined = |seen, felt| fuse_or_fallback(seen, felt, &mut Status::default());
         assert_eq!(joined(one, Err(NoValue::DeadChannel)), one);

@@ -267,7 +267,7 @@ mod tests {
     use crate::estimate::field::Load;
 
     #[test]
-    fn normal_force_is_no_surer_than_the_stiffness_of_the_skin() {
+    fn normal_force_sigma_includes_skin_stiffness() {
         let load = Load { size: 1.0, ..Load::default() };
         let touch = Touch { load, sigma: [1e-3; 6], ring: Ring::default(), misfit: 0.5 };
         let Ok(fz) = one(&touch, false, true).force[2] else { panic!("a force is known") };

@@ -114,7 +114,7 @@ mod tests {
     use crate::measured::NoValue;
 
     #[test]
-    fn two_contacts_hold_torsion_by_their_mean_distance_from_their_middle() {
+    fn arm_is_mean_distance_from_the_middle() {
         // The middle is 1 mm right: 3 mm from the one, 1 mm from the other.
         let two = [(1.0, [-2.0, 0.5]), (3.0, [2.0, 0.5])].map(NormalContact::new);
         assert!((arm(&Ok(two)) - (1.0 * 3.0 + 3.0 * 1.0) / 4.0).abs() < 1e-6);
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn torsion_within_the_noise_of_a_moment_uses_no_friction() {
+    fn torsion_within_noise_uses_no_friction() {
         let array = Array { moment_residual: 0.1, ..Array::default() };
         let record = Calibration { array: Some(array), ..Calibration::EMPTY };
         let seen = OpticalEstimate::nothing(NoValue::Absent);

@@ -111,7 +111,7 @@ mod tests {
     use crate::condition::{BridgeBias, TaxelBias};
 
     #[test]
-    fn the_longest_content_fits() {
+    fn longest_content_fits() {
         let bias = Bias {
             taxels: Some(TaxelBias { level: [1.0; 16], noise: 1.0 }),
             bridges: [Some(BridgeBias { level: [1.0; 3], noise: 1.0 }); 4],
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn content_that_is_damaged_or_goes_on_is_none() {
+    fn damaged_or_overlong_content_is_none() {
         let mut buffer = [0; LONGEST];
         let bytes = Kept::default().write(&mut buffer).unwrap();
         for i in 0..bytes.len() {

@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_of_every_length_are_coded_as_the_cobs_crate_codes_them_or_left_to_it() {
+    fn runs_of_any_length_match_the_cobs_crate() {
         for run in 0..600 {
             for (before, after) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
                 let zeros = |count| std::iter::repeat_n(0, count);
@@ -95,14 +95,14 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_that_leaves_no_room_for_its_final_zero_is_refused() {
+    fn packet_without_room_for_final_zero_is_refused() {
         assert_eq!(cobs_encode_in_place(&mut [1; 8], 8), None);
         assert_eq!(cobs_encode_in_place(&mut [], 0), None);
     }
 
     proptest! {
         #[test]
-        fn any_packet_is_coded_as_the_cobs_crate_codes_it(
+        fn any_packet_matches_the_cobs_crate(
             packet in prop::collection::vec(prop_oneof![3 => any::<u8>(), 1 => Just(0)], 0..440)
         ) {
             prop_assume!(packet.split(|byte| *byte == 0).all(|run| run.len() < 254));

@@ -122,7 +122,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn the_ends_of_the_surface_are_coulombs_friction_and_the_pressures_first_moment() {
+    fn sweep_ends_at_coulomb_friction_and_first_moment() {
         let (sweep, normal, mu) = (Sweep::power_law(2.0, [1.5, 1.0 / 3.0]), 1.2, 0.7);
         let most = 3.0 * PI / 16.0 * mu * normal * 1.5 * f32::cbrt(normal);
         assert!((sweep.load([0.0, mu * normal], 0.0, normal, mu) - 1.0).abs() < 1e-3);
@@ -133,7 +133,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn twice_the_traction_is_twice_the_load_whichever_way_it_points(
+        fn load_is_proportional_to_traction(
             shear in 0.01..1.0f32, torsion in 0.01..1.0f32, turn in -3.0..3.0f32, k in 1.0..9.0f32,
         ) {
             let sweep = Sweep::power_law(k, [1.5, 0.3]);
@@ -144,7 +144,7 @@ mod tests {
         }
 
         #[test]
-        fn no_load_is_nan_or_infinite(
+        fn load_is_finite(
             shear in any::<[f32; 2]>(), torsion in any::<f32>(), normal in any::<f32>(),
             mu in any::<f32>(), k in any::<f32>(), radius in any::<[f32; 2]>(),
         ) {
