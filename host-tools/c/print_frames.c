@@ -1,4 +1,4 @@
-/* Prints the frames of a stream from standard input, a line each. Build: cc -std=c99 print_frames.c */
+/* Prints each frame of a stream on standard input as a line. Build: cc -std=c99 print_frames.c */
 #include <inttypes.h>
 #include <stdio.h>
 

@@ -1,7 +1,7 @@
 /* Frames of a taxel finger, in C99: from the packets of docs/protocol.md to a struct.
  *
- * No allocation, no globals, no undefined behaviour on any input. Feed it whole packets, that is, the bytes
- * between two zeros of the stream:
+ * No allocation, no globals, no undefined behaviour on any input. It takes whole packets: the bytes between
+ * two zeros of the stream.
  *
  *     uint8_t message[TAXEL_MAX_PACKET];
  *     size_t length = taxel_unpack(packet, packet_length, message);
@@ -9,7 +9,7 @@
  *     if (length && taxel_frame_decode(message, length, &frame) && taxel_given(frame.force[2]))
  *         use(frame.force[2].value);
  *
- * Fields that a later firmware appends are left unread; those that an earlier one does not send are absent.
+ * Fields of a later firmware are left unread; fields that an earlier one does not send are absent.
  */
 #ifndef TAXEL_FRAME_H
 #define TAXEL_FRAME_H
@@ -22,9 +22,9 @@
 #define TAXEL_TAXELS 16
 #define TAXEL_SENSORS 4
 
-/* Why there is no value: the wire's numbers. */
+/* Reasons for a missing value, with their numbers on the wire. */
 enum taxel_why {
-    TAXEL_GIVEN = -1,      /* there is one */
+    TAXEL_GIVEN = -1,      /* the value is there */
     TAXEL_UNCALIBRATED = 0,
     TAXEL_NO_CONTACT,
     TAXEL_SATURATED,
@@ -72,7 +72,7 @@ struct taxel_value {
     float value;
 };
 
-/* ADC codes; what is not there is -1. */
+/* ADC codes; a missing channel is -1. */
 struct taxel_codes {
     int32_t full_scale;
     int32_t lit[TAXEL_TAXELS], dark[4];
@@ -80,7 +80,7 @@ struct taxel_codes {
     int32_t reference, temperature;
 };
 
-/* Conditioned signals, fractions of full scale. */
+/* Conditioned signals as shares of full scale. */
 struct taxel_signals {
     uint8_t has_taxels, has_bridge[TAXEL_SENSORS];
     float taxels[TAXEL_TAXELS], bridges[TAXEL_SENSORS][3];
@@ -121,7 +121,7 @@ static inline uint32_t taxel_crc32(const uint8_t *bytes, size_t length) {
     return ~crc;
 }
 
-/* Undoes COBS and checks the CRC. Returns the length of the message, or 0 for a packet that is none. */
+/* Decodes COBS and checks the CRC. Returns the length of the message, or 0 for an invalid packet. */
 static inline size_t taxel_unpack(const uint8_t *packet, size_t length, uint8_t message[TAXEL_MAX_PACKET]) {
     size_t in = 0, out = 0;
     if (length > TAXEL_MAX_PACKET) return 0;
@@ -174,17 +174,17 @@ static inline float taxel_float(struct taxel_reader *r) {
     return value;
 }
 
-/* The first byte of an option or a result: 0 or 1. */
+/* Reads the first byte of an option or a result: 0 or 1. */
 static inline int taxel_choice(struct taxel_reader *r) {
     uint8_t byte = taxel_byte(r);
     if (byte > 1) r->ok = 0;
     return byte == 1;
 }
 
-/* A field is there; a message that is over has none any more. */
+/* Returns whether the next field is present; a message that has ended holds none. */
 static inline int taxel_field(struct taxel_reader *r) { return r->at != r->end && taxel_choice(r); }
 
-/* Values that are given or withheld each for itself. */
+/* Reads values, each with its own reason if missing. */
 static inline void taxel_each(struct taxel_reader *r, struct taxel_value *values, int count) {
     for (int i = 0; i < count; i++) {
         values[i].why = TAXEL_GIVEN;
@@ -197,7 +197,7 @@ static inline void taxel_withheld(struct taxel_value *values, int count, int8_t 
     for (int i = 0; i < count; i++) values[i].why = why;
 }
 
-/* Values that are given together or withheld together. */
+/* Reads values that share one reason if missing. */
 static inline void taxel_values(struct taxel_reader *r, struct taxel_value *values, int count) {
     int withheld = taxel_choice(r);
     int8_t why = withheld ? (int8_t)(taxel_byte(r) & 0x7f) : (int8_t)TAXEL_GIVEN;

@@ -1,13 +1,15 @@
 //! Columns of silicone on 2×2 cones against a lit acrylic board, for combined loads ([Ohka2004]).
 //!
-//! A cone shines over the area S_i on which it touches the board. The areas under a column follow its
-//! force: A_z = S1 + S2 + S3 + S4 = F_z/α_v and A_x = S1 − S2 − S3 + S4 = F_x/(α_h0 − α_h A_z), the same
-//! for A_y = S1 + S2 − S3 − S4 (eqs (1) to (3) and (18); eq. (11) sums other cones). The fourth combination,
-//! S1 − S2 + S3 − S4, is that of a torsion, which the paper does not know: zero. A cone that is levered off
-//! its board shines no more, and there the law of the paper ends.
+//! A cone lights the area S_i on which it touches the board. The areas under a column follow its
+//! force: A_z = S1 + S2 + S3 + S4 = F_z/α_v and A_x = S1 − S2 − S3 + S4 = F_x/(α_h0 − α_h A_z). A_y
+//! = S1 + S2 − S3 − S4 follows F_y alike. The sources are eqs (1) to (3) and (18); eq. (11) sums
+//! other cones. The fourth combination, S1 − S2 + S3 − S4, belongs to torsion, which the paper does
+//! not treat, so it is zero. A cone that lifts off the board is dark, and the paper's law ends
+//! there.
 //!
-//! The 4×4 matrix read in blocks of 2×2 is four such columns. S1 is at (+x, +y) of its column, S2 at
-//! (−x, +y), S3 at (−x, −y), S4 at (+x, −y). Several columns in a row tell of the surface that they touch.
+//! The 4×4 matrix in blocks of 2×2 makes four such columns. S1 is at (+x, +y) of its column, S2 at
+//! (−x, +y), S3 at (−x, −y), S4 at (+x, −y). Several columns in a row measure the surface that they
+//! touch.
 
 use taxel::math::{atan2, sqrt};
 use taxel::measured::{Measured, NoValue};
@@ -44,7 +46,7 @@ pub const TIP_MM: f64 = 1.0;
 #[must_use]
 pub fn areas([fx, fy, fz]: [f64; 3]) -> [f64; 4] {
     let sum = fz.max(0.0) / VERTICAL;
-    // Positive as far as the columns are loaded (MOST_N).
+    // Positive up to MOST_N.
     let sensitivity = HORIZONTAL - SHRINKAGE * sum;
     let (x, y) = (fx / sensitivity, fy / sensitivity);
     [sum + x + y, sum - x + y, sum - x - y, sum + x - y].map(|s| (0.25 * s).max(0.0))
@@ -52,7 +54,7 @@ pub fn areas([fx, fy, fz]: [f64; 3]) -> [f64; 4] {
 
 /// Finds the column on whose tip `point` lies; `None` between them.
 ///
-/// The place on the tip makes no difference, because the laws of the paper know no moment.
+/// The position on the tip does not matter, because the paper's laws know no moment.
 #[must_use]
 pub fn below([x, y]: [f64; 2]) -> Option<usize> {
     let squared = |[cx, cy]: [f64; 2]| (x - cx) * (x - cx) + (y - cy) * (y - cy);
@@ -66,9 +68,9 @@ pub struct Column {
     pub normal: f32,
     /// α_h0, N/mm².
     pub shear: f32,
-    /// α_h, N/mm⁴: the cones flatten and lose lever.
+    /// α_h, N/mm⁴: the cones flatten and their lever shortens.
     pub flattening: f32,
-    /// α_v/k_v of eq. (22), 1/mm: how far the column sinks an area.
+    /// α_v/k_v of eq. (22), 1/mm: sinking of the column per area.
     pub sinking: f32,
 }
 
@@ -102,9 +104,10 @@ impl Column {
     }
 }
 
-/// The matrix read as four columns: the signals' rise, −c_k, stands for the area of cone k. Quadrants are
-/// in the order that eqs (1), (2) give them: S_1 at +x +y, S_2 at −x +y, S_3 at −x −y, S_4 at +x −y.
-/// Columns come row by row: −x −y, +x −y, −x +y, +x +y.
+/// Splits the matrix into four columns; the signals' rise −c_k stands for the area of cone k.
+///
+/// Quadrants follow eqs (1), (2): S_1 at +x +y, S_2 at −x +y, S_3 at −x −y, S_4 at +x −y. Columns
+/// come row by row: −x −y, +x −y, −x +y, +x +y.
 #[must_use]
 pub fn quadrants(c: &[f32; TAXELS]) -> [[f32; 4]; 4] {
     let at = |row: usize, column: usize| -c.get(row * COLS + column).copied().unwrap_or_default();
@@ -114,7 +117,7 @@ pub fn quadrants(c: &[f32; TAXELS]) -> [[f32; 4]; 4] {
     })
 }
 
-/// Friction coefficient μ = F_t/F_z of a column that slides (section 5.2).
+/// Friction coefficient μ = F_t/F_z of a sliding column (section 5.2).
 ///
 /// # Errors
 /// [`NoValue::IllConditioned`] where the normal force is below `least` newtons.
@@ -128,9 +131,10 @@ pub fn friction(load: &ColumnLoad, least: f32) -> Measured<f32> {
     }
 }
 
-/// Distribution of the friction coefficient over what slides on the columns: μ = F_t/F_z where each of them stands
-/// (section 5.2 and fig. 13 (c)), with the forces of eq. (18). A step or a slope changes F_z and F_t of a column
-/// and leaves its μ; a smoother place does not.
+/// Friction coefficients μ = F_t/F_z under all columns, with the forces of eq. (18).
+///
+/// Section 5.2 and fig. 13 (c): a step or a slope of the sliding surface changes F_z and F_t of a
+/// column and keeps its μ. A smoother spot changes μ.
 pub fn friction_distribution<const N: usize>(
     loads: &[ColumnLoad; N],
     least: f32,
@@ -138,8 +142,9 @@ pub fn friction_distribution<const N: usize>(
     loads.each_ref().map(|load| friction(load, least))
 }
 
-/// Inclination Θ = atan(m/d) in degrees of a flat thing on columns in a line, `distance` mm apart; m is
-/// the mean difference of sinking between neighbours (section 6.2).
+/// Inclination Θ = atan(m/d) in degrees of a flat object on columns in a line.
+///
+/// d is `distance` in mm; m is the mean difference of sinking between neighbours (section 6.2).
 ///
 /// # Errors
 /// [`NoValue::IllConditioned`] for fewer than two columns or no distance.
@@ -147,7 +152,7 @@ pub fn inclination(sunk: &[f32], distance: f32) -> Measured<f32> {
     let (Some(first), Some(last)) = (sunk.first(), sunk.last()) else {
         return Err(NoValue::IllConditioned);
     };
-    // The sum of the differences of neighbours telescopes.
+    // The sum of the neighbours' differences telescopes.
     let (rise, along) = (last - first, sunk.len().saturating_sub(1) as f32 * distance);
     if along > 0.0 && along < f32::MAX && rise.abs() < f32::MAX {
         Ok(atan2(rise, along) * (180.0 / core::f32::consts::PI))
@@ -156,9 +161,10 @@ pub fn inclination(sunk: &[f32], distance: f32) -> Measured<f32> {
     }
 }
 
-/// Height in mm of a step that changed the normal force of a column from `before` to `after` newtons: a
-/// higher ground presses the column in by ∆F_z/k_v, with k_v = α_v/(α_v/k_v) (section 5.2 and
-/// eq. (22)).
+/// Height in mm of a step that changed a column's normal force from `before` to `after` newtons.
+///
+/// Higher ground presses the column in by ∆F_z/k_v, with k_v = α_v/(α_v/k_v) (section 5.2 and eq.
+/// (22)).
 ///
 /// # Errors
 /// [`NoValue::IllConditioned`] where the quotient overflows.
@@ -172,7 +178,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// As large as any that a record may hold, or next to nothing.
+    /// Coefficients as large as a record may hold, or close to zero.
     fn coefficient() -> impl Strategy<Value = f32> {
         prop_oneof![-1e30..1e30f32, -1e-38..1e-38f32, Just(0.0f32), Just(1e30f32), Just(-1e30f32)]
     }
@@ -183,7 +189,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_areas_and_no_coefficients_give_nan_or_infinity(
+        fn loads_are_finite_for_any_input(
             c in proptest::array::uniform16(prop_oneof![-2.0..2.0f32, Just(2.0f32), Just(-2.0f32)]),
             coefficients in proptest::array::uniform4(coefficient()),
             (least, distance, before) in (any::<f32>(), any::<f32>(), coefficient()),
@@ -209,7 +215,7 @@ mod tests {
     const PAPER: Column = Column::PAPER;
 
     #[test]
-    fn equal_areas_are_a_normal_force_and_a_heavy_side_is_shear_towards_it() {
+    fn equal_areas_are_normal_unequal_ones_shear() {
         let load = PAPER.load([0.5; 4]);
         assert_eq!(load.force[..2], [0.0, 0.0]);
         assert!((load.force[2] - 0.25 * 2.0).abs() < 1e-6 && (load.sunk - 0.52).abs() < 1e-6);
@@ -220,14 +226,14 @@ mod tests {
     }
 
     #[test]
-    fn the_combination_of_eq_11_would_not_see_shear_along_x() {
+    fn eq_11_would_miss_shear_along_x() {
         let [s1, s2, s3, s4] = [0.6f32, 0.4, 0.4, 0.6];
         assert_eq!((s1 + s3) - (s2 + s4), 0.0);
         assert!(PAPER.load([s1, s2, s3, s4]).force[0] > 0.0);
     }
 
     #[test]
-    fn a_taxel_of_the_matrix_belongs_to_the_column_and_quadrant_of_its_place() {
+    fn taxel_maps_to_its_column_and_quadrant() {
         let mut c = [0.0; TAXELS];
         // Row 1, column 2: the column at +x −y, in it towards −x +y.
         c[6] = -1.0;
@@ -237,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn inclination_is_the_angle_of_the_line_through_the_columns() {
+    fn inclination_is_slope_of_sinking() {
         let slope = 0.38f32.to_radians().tan();
         let sunk = [0.3, 0.3 + 2.0 * slope, 0.3 + 4.0 * slope];
         assert!((inclination(&sunk, 2.0).unwrap() - 0.38).abs() < 1e-3);
@@ -247,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_of_the_paper_come_out_in_their_ratio() {
+    fn step_height_matches_the_paper() {
         // k_v = 0.96 N/mm.
         for step in [0.05f32, 0.1, 0.2] {
             let height = step_height(&PAPER, 0.4, 0.4 + 0.96 * step).unwrap();
@@ -256,21 +262,21 @@ mod tests {
     }
 
     #[test]
-    fn a_sliding_column_tells_its_friction() {
+    fn sliding_column_measures_friction() {
         let load = ColumnLoad { force: [0.3, 0.4, 1.0], sunk: 0.0 };
         assert!((friction(&load, 0.05).unwrap() - 0.5).abs() < 1e-6);
         assert_eq!(friction(&ColumnLoad::default(), 0.05), Err(NoValue::IllConditioned));
     }
 
     #[test]
-    fn a_smooth_place_shows_in_the_distribution_of_friction_and_a_step_does_not() {
+    fn friction_shows_smooth_spots_and_no_steps() {
         let rubbed = |normal: f32, mu: f32| {
-            // The areas that eqs (1)–(3) and (18) make these forces of, with all of the shear along x.
+            // Areas for these forces by eqs (1)–(3) and (18), with all of the shear along x.
             let z = normal / PAPER.normal;
             let x = mu * normal / (PAPER.shear - PAPER.flattening * z);
             PAPER.load([z + x, z - x, z - x, z + x].map(|sum| sum / 4.0))
         };
-        // The second column stands on a step, the third on a smooth place, the fourth does not touch.
+        // The second column is on a step, the third on a smooth spot; the fourth does not touch.
         let loads = [rubbed(0.2, 0.3), rubbed(0.3, 0.3), rubbed(0.2, 0.1), rubbed(0.0, 0.0)];
         let [even, step, smooth, free] = friction_distribution(&loads, 0.05);
         for (found, mu) in [(even, 0.3), (step, 0.3), (smooth, 0.1)] {

@@ -1,27 +1,27 @@
-//! One conical feeler of silicone against an acrylic board that is lit from its edge ([Ohka2005]).
+//! One conical silicone feeler against an acrylic board that is lit from its edge ([Ohka2005]).
 //!
-//! Where the feeler touches the board it shines as brightly as it is pressed, F_z = C·G (eq. (3)). The bright
-//! spot moves with the shear: F_x = βu until the feeler slips on the board at αF_z + γ, and
-//! F_x = Ku + (1 − K/β)(αF_z + γ) from there (eqs (10) to (12); (13) and (14) print αF_x + γ).
+//! The contact area lights up in proportion to the normal force, F_z = C·G (eq. (3)). Shear moves
+//! the bright spot: F_x = βu until the feeler slips on the board at αF_z + γ. From there on F_x =
+//! Ku + (1 − K/β)(αF_z + γ), eqs (10) to (12); eqs (13) and (14) print αF_x + γ.
 
 /// Spring K of the rubber sheet once the feeler slips, in N/mm.
 pub const SLIDING: f64 = 0.067;
 /// Spring β of a feeler that sticks, in N/mm.
 pub const STICKING: f64 = 1.7;
-/// Growth α of the shear at which a feeler slips, per normal force.
+/// Growth α of the slip threshold per normal force.
 pub const ALPHA: f64 = 0.25;
-/// Shear γ at which an unloaded feeler slips, in newtons.
+/// Slip threshold γ of an unloaded feeler in newtons.
 pub const GAMMA_N: f64 = 0.56e-3;
 /// Largest normal force in newtons to which the brightness is proportional (fig. 8).
 pub const LINEAR_N: f64 = 0.012;
 
-/// Shear in newtons at which a feeler slips that is pressed by `normal` newtons.
+/// Shear in newtons at which a feeler under `normal` newtons slips.
 #[must_use]
 pub fn threshold(normal: f64) -> f64 {
     ALPHA * normal + GAMMA_N
 }
 
-/// Tells whether a feeler that carries `force` in newtons slips on its board.
+/// Returns whether a feeler with `force` in newtons slips on its board.
 #[must_use]
 pub fn slips([fx, fy, fz]: [f64; 3]) -> bool {
     fz > 0.0 && fx.abs().max(fy.abs()) > threshold(fz)
@@ -36,10 +36,10 @@ pub fn shift(shear: f64, threshold: f64) -> f64 {
 
 /// Coefficients of one axis of shear, [Ohka2005] eqs (10)–(12).
 ///
-/// The feeler sticks until the shear reaches αF_z + γ and then moves much farther a newton.
+/// The feeler sticks until the shear reaches αF_z + γ and then moves much farther per newton.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shear {
-    /// β, stiffness while it sticks, mN/µm.
+    /// β, stiffness of a sticking feeler, mN/µm.
     pub stuck: f32,
     /// K, stiffness of the sheet alone, mN/µm.
     pub sheet: f32,
@@ -55,8 +55,8 @@ impl Shear {
 
     /// Computes the force in mN for a shift in µm under `normal` mN, eqs (10), (11) with (12) put in.
     ///
-    /// Eqs (13), (14) print αF_x + γ in the bracket; (12) put into (11) gives αF_z + γ, which is what
-    /// stands here. Odd in the shift, continuous at the threshold.
+    /// Eqs (13), (14) print αF_x + γ in the bracket; eq. (12) in eq. (11) gives αF_z + γ, which
+    /// this function uses. The force is odd in the shift and continuous at the threshold.
     #[must_use]
     pub fn force(&self, shift: f32, normal: f32) -> f32 {
         let threshold = (self.friction * normal.max(0.0) + self.adhesion).max(0.0);
@@ -69,33 +69,34 @@ impl Shear {
     }
 }
 
-/// Sensor: force per integral of grey values, and two axes of shear.
+/// Coefficients of the sensor: force per integral of grey values, and two axes of shear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BrightSpot {
-    /// C of eq. (3): millinewtons a unit of the integral.
+    /// C of eq. (3): millinewtons per unit of the integral.
     pub normal: f32,
-    /// x.
+    /// Shear along x.
     pub x: Shear,
-    /// y.
+    /// Shear along y.
     pub y: Shear,
 }
 
 /// Integral G and centroid of the grey values in a window around a feeler.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
-    /// G.
+    /// Integral G of the grey values.
     pub integral: f32,
-    /// X_G, Y_G in the image's own lengths, from the window's corner; zero for a dark window.
+    /// Centroid X_G, Y_G from the window's corner, in units of `pixel`; zero for a dark window.
     pub centroid: [f32; 2],
 }
 
-/// Least light with a centroid, a fifteenth of a step of 16 bits.
+/// Smallest integral with a centroid: a fifteenth of a 16-bit step.
 ///
-/// Noise makes negative grey values, which may all but cancel the others; the centroid of the rest lies anywhere.
+/// Noise makes negative grey values, which may nearly cancel the others. The centroid of the rest
+/// is arbitrary.
 const DARK: f32 = 1e-6;
 
 impl Spot {
-    /// Measures an image given row by row, `width` pixels a row, `pixel` a side; eqs (3)–(5).
+    /// Measures an image given row by row, `width` pixels per row, each `pixel` wide; eqs (3)–(5).
     #[must_use]
     pub fn measure(grey: &[f32], width: usize, pixel: f32) -> Self {
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
@@ -115,8 +116,9 @@ impl Spot {
 }
 
 impl BrightSpot {
-    /// Force in millinewtons for the integral G and the shift of the centroid from the unsheared feeler
-    /// in µm.
+    /// Force in millinewtons from the integral G and the centroid's shift in µm.
+    ///
+    /// The shift counts from the feeler without shear.
     #[must_use]
     pub fn force(&self, integral: f32, [ux, uy]: [f32; 2]) -> [f32; 3] {
         let normal = self.normal * integral;
@@ -140,10 +142,11 @@ mod tests {
     }
 
     proptest! {
-        /// Coefficients as large as any that a record may hold, grey values as signals may be, some below nothing
-        /// by their noise: their sum may all but cancel.
+        /// Coefficients as large as a record may hold, with grey values in the range of signals.
+        ///
+        /// Noise makes some of them negative, so that their sum may nearly cancel.
         #[test]
-        fn no_picture_and_no_coefficients_give_nan_or_infinity(
+        fn forces_are_finite_for_any_image(
             mut grey in proptest::collection::vec(
                 prop_oneof![-2.0..2.0f32, -1e-37..1e-37f32, Just(0.0f32)], 0..10,
             ),
@@ -168,7 +171,7 @@ mod tests {
     const SENSOR: BrightSpot = BrightSpot { normal: 2.0, x: Shear::PAPER, y: Shear::PAPER };
 
     #[test]
-    fn the_two_lines_meet_at_the_threshold_that_grows_with_the_normal_force() {
+    fn shear_law_is_continuous_at_its_threshold() {
         for normal in [2.2f32, 4.4, 6.5, 8.7, 10.9] {
             let threshold = 0.25 * normal + 0.56;
             let at = threshold / 1.7;
@@ -181,12 +184,12 @@ mod tests {
     }
 
     #[test]
-    fn the_printed_bracket_is_not_the_one_that_follows_from_eqs_11_and_12() {
+    fn printed_bracket_differs_from_eqs_11_and_12() {
         // The right form: K u + (1 − K/β)(α F_z + γ).
         let (u, normal) = (30.0f32, 6.5f32);
         let right = 0.067 * u + (1.0 - 0.067 / 1.7) * (0.25 * normal + 0.56);
         assert!((Shear::PAPER.force(u, normal) - right).abs() < 1e-5);
-        // The printed one is implicit in F_x and misses by half.
+        // The printed form is implicit in F_x and differs by half.
         let printed = (0.067 * u + (1.0 - 0.067 / 1.7) * 0.56) / (1.0 - (1.0 - 0.067 / 1.7) * 0.25);
         assert!((printed / right - 1.0).abs() > 0.1, "{printed} {right}");
     }
@@ -199,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spot_that_moves_by_a_pixel_moves_its_centroid_by_a_pixel_and_keeps_its_integral() {
+    fn moved_spot_moves_centroid_and_keeps_integral() {
         let spot = |at: usize| {
             let mut grey = [0.0; 64];
             for (place, g) in [(at, 2.0), (at + 1, 1.0), (at + 8, 1.0)] {

@@ -1,4 +1,4 @@
-//! Sensors of other papers than the finger's own: each law from force to signal, and back.
+//! Sensors of papers other than the finger's own: each law from force to signal, and back.
 //!
 //! | module | sensor | paper |
 //! |---|---|---|
@@ -6,8 +6,9 @@
 //! | [`feeler`], [`sheet`] | bright spot under a conical feeler; 10×12 of them | [Ohka2005] |
 //! | [`column`] | columns on 2×2 cones, for combined loads | [Ohka2004] |
 //!
-//! The simulator makes light of these laws, the regression fits their coefficients to a table, and the cycle
-//! bench counts the estimators. No image of a finger contains them. Keys: `docs/references.md`.
+//! The simulator computes light from these laws, the regression fits their coefficients to a table,
+//! and the cycle bench counts the estimators. No image of a finger contains them. Keys:
+//! `docs/references.md`.
 #![no_std]
 #![allow(rustdoc::broken_intra_doc_links, reason = "[DeMaria2011] is the key of a paper")]
 

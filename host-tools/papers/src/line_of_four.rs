@@ -1,11 +1,11 @@
-//! Four taxels in one row, without force sensors ([DeMaria2011], figs 5 and 8).
+//! Four taxels in a row, without force sensors ([DeMaria2011], figs 5 and 8).
 //!
 //! Odd polynomials of four displacements give the contact position along the row and the angle of the force.
 //!
-//! The paper prints no dimensions. It says how the contact was varied (0.2 N, p from −3 to 3 mm, angles
-//! from 30° to 150°) and that s and t, eqs (3) and (4), of the displacements then correlate with −0.68. A
-//! pitch of 7.5 mm, which leaves walls between LEDs in cans of 5.5 mm, under 4 mm of silicone with facets of
-//! 4 mm gives −0.69. The finger's own pitch of 2.5 mm gives +0.95, and s and t then hardly tell p from the
+//! The paper prints no dimensions. It states the contacts (0.2 N, p from −3 to 3 mm, angles from
+//! 30° to 150°) and the correlation of s and t, eqs (3) and (4): −0.68. A pitch of 7.5 mm under 4
+//! mm of silicone with facets of 4 mm gives −0.69. It leaves walls between LEDs in cans of 5.5 mm.
+//! The finger's own pitch of 2.5 mm gives +0.95, at which s and t hardly distinguish p from the
 //! angle.
 
 use taxel::scan::COLS;
@@ -58,7 +58,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Weights as large as any that a record may hold, displacements as large as any difference of levels.
+        /// Weights as large as a record may hold, displacements as large as a difference of levels.
         #[test]
         fn contact_is_finite_for_any_input(
             point in proptest::array::uniform8(prop_oneof![-1e30..1e30f32, Just(1e30f32)]),
@@ -78,14 +78,14 @@ mod tests {
         };
         let u = [0.05, 0.12, 0.2, 0.08];
         let (p, theta) = row.contact(u);
-        // Read from the other end: s and t change their signs only.
+        // From the other end, s and t only change their signs.
         let (q, phi) = row.contact([u[3], u[2], u[1], u[0]]);
         assert!((p + q).abs() < 1e-5 && (theta - 90.0 + phi - 90.0).abs() < 1e-4);
         assert_eq!(row.contact([0.0; 4]), (0.0, 90.0));
     }
 
     #[test]
-    fn terms_are_those_of_the_paper() {
+    fn terms_match_the_paper() {
         let [s, t, st2, s2t, s3, t3, s5, t5] = terms([1.0, 0.5, 0.25, 2.0]);
         assert_eq!((s, t), (-1.5 - 0.25 + 0.125 + 3.0, 0.25 - 1.0));
         assert_eq!((st2, s2t, s3, t3), (s * t * t, s * s * t, s * s * s, t * t * t));
