@@ -1,5 +1,6 @@
-//! `cargo bench -p taxel-calibrate --bench accuracy`: what the estimators are worth, as a table. Five devices,
-//! each calibrated on its own recording and judged on a run that it has not seen, noise on.
+//! Table of the estimators' accuracy: `cargo bench -p taxel-calibrate --bench accuracy`.
+//!
+//! Five devices, each calibrated on its own recording and judged on another run, with noise.
 
 #[path = "../tests/it/judge/mod.rs"]
 mod judge;

@@ -1,5 +1,7 @@
-//! `cargo bench -p taxel-calibrate --bench limit-surface`: writes `data/limit-surface.csv`, what the forms of the
-//! limit surface leave and cost; after `cargo xtask cycles --csv host-tools/emulator/data/cycles.csv`.
+//! Writes `data/limit-surface.csv`: error and cost of each form of the limit surface.
+//!
+//! Run `cargo xtask cycles --csv host-tools/emulator/data/cycles.csv`, then `cargo bench -p
+//! taxel-calibrate --bench limit-surface`.
 
 #[path = "../tests/it/judge/limit_surfaces.rs"]
 mod limit_surfaces;

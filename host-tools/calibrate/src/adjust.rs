@@ -1,16 +1,18 @@
 //! In-place recalibration: new bias and gains from a few presses with known weights.
 //!
-//! What ages is the light of the LEDs, the gain of the phototransistors and the softness of the skin; the
-//! form of the response stays. So each taxel gets one gain g_k, and its signal is divided by it:
+//! Ageing changes the light of the LEDs, the gain of the phototransistors and the softness of the
+//! skin; the form of the response stays. Each taxel therefore gets one gain g_k, and its signal is
+//! divided by it:
 //!
-//! - Light and phototransistor scale what a taxel reads unloaded as they scale its signal, so that the
-//!   unloaded light is a first guess of g_k, [`OWN`] sure.
-//! - The skin scales all signals alike, and nothing but a known weight tells how much: [`COMMON`] unsure.
+//! - Light and phototransistor scale a taxel's unloaded reading by the same gain as its signal. The
+//!   unloaded light is therefore the first guess of g_k, with a standard deviation of [`OWN`].
+//! - The skin scales all signals by one factor, which only a known weight shows: standard deviation
+//!   [`COMMON`].
 //!
-//! The gains are the most probable ones under these priors (Gauss–Newton), each press counting once however
-//! long it lasts. A sensor's S gets one gain a row, from the presses whose force on that sensor is known.
-//! Gains go into the coefficients of all that works on the taxels: the record's form stays, and the finger
-//! does nothing more in a frame.
+//! The gains are the most probable ones under these priors (Gauss–Newton), each press counting once
+//! at any duration. A sensor's S gets one gain a row, from the presses with a known force on that
+//! sensor. Gains are folded into the coefficients of all estimators of the taxels. The record's
+//! form stays, and a frame costs the finger no more time.
 
 mod taxels;
 
@@ -27,15 +29,15 @@ use crate::recording::Recording;
 use taxel_regress::error::FitError;
 use taxel_regress::metrics::surely_less;
 
-/// Standard deviation of the gain that all taxels, or a row of S, have in common.
+/// Standard deviation of the common gain of all taxels, or of a row of S.
 const COMMON: f64 = 0.2;
-/// Fewest presses: one is left out to judge the others, and two must be left.
+/// Fewest presses: one is left out to judge the others, and two must remain.
 const LEAST_PRESSES: usize = 3;
-/// Rows that a press is thinned to.
+/// Most rows of a press after thinning.
 const ROWS: usize = 16;
-/// A gain that changes by more is no ageing any more: something else is wrong.
+/// Largest relative change of a gain that counts as ageing; a larger one has another cause.
 const AGED: f64 = 0.5;
-/// Share of a press left out at its beginning and end: the weight is being put down.
+/// Share of a press left out at either end, while the weight is put down or taken off.
 const SETTLING: f64 = 0.2;
 
 /// Result of an adjustment.
@@ -43,13 +45,13 @@ const SETTLING: f64 = 0.2;
 pub struct Adjusted {
     /// The calibration with new bias and gains.
     pub calibration: Calibration,
-    /// Presses that were found.
+    /// Number of presses found.
     pub presses: usize,
-    /// Gain of each taxel; empty where the finger has no net or the presses do not know its force.
+    /// Gain of each taxel; empty without a net or skin model, or without presses of known force.
     pub taxels: Vec<f64>,
-    /// Error of each estimator of the taxels, before and after.
+    /// Error of f_z of each taxel estimator, before and after.
     pub helped: Vec<Helped>,
-    /// Gain of each row of S, where the presses know it.
+    /// Gain of each row of S; `None` without presses of known force on the sensor.
     pub sensors: [Option<[f64; 3]>; SENSORS],
     /// Warnings for the user, in full sentences.
     pub warnings: Vec<String>,
@@ -58,11 +60,11 @@ pub struct Adjusted {
 /// RMS error of f_z over the presses, newtons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Helped {
-    /// `net`, or `model of the skin`.
+    /// Name of the estimator: `net` or `model of the skin`.
     pub estimator: &'static str,
-    /// With the new bias alone.
+    /// RMS error with the new bias alone.
     pub before: f64,
-    /// On each press with the gains that all others gave.
+    /// RMS error on each press with the gains from all other presses.
     pub after: f64,
 }
 
@@ -76,11 +78,11 @@ struct Row {
 
 type Press = Vec<Row>;
 
-/// Makes every contact in `recording` a press with a weight of `newtons` straight down, where nothing else is
-/// known of it.
+/// Sets the force of every contact in `recording` to `newtons` straight down.
 ///
-/// # Errors
-/// There is no unloaded stretch.
+/// The beginning and end of each contact keep their reference.
+///
+/// # Errors There is no unloaded stretch.
 pub fn weigh(
     calibration: &Calibration,
     recording: &mut Recording,
@@ -97,11 +99,11 @@ pub fn weigh(
     Ok(())
 }
 
-/// Adjusts `calibration` to recordings of presses whose reference columns are known. `date` is the new
-/// record's, seconds since 1970-01-01 UTC.
+/// Adjusts `calibration` to recordings of presses with known reference columns.
 ///
-/// # Errors
-/// The recordings lack what is needed; the line says what.
+/// `date` is the new record's, in seconds since 1970-01-01 UTC.
+///
+/// # Errors Data that the recordings lack, or an invalid result.
 pub fn adjust(
     calibration: &Calibration,
     recordings: &[Recording],
@@ -139,7 +141,7 @@ pub fn adjust(
     Ok(adjusted)
 }
 
-/// The calibration with another bias, where there is one.
+/// Returns the calibration with another bias, for the parts that have one.
 fn renewed(calibration: &Calibration, bias: &Bias) -> Calibration {
     let mut calibration = calibration.clone();
     if let (Some(taxels), Some(bias)) = (&mut calibration.taxels, bias.taxels) {
@@ -153,7 +155,7 @@ fn renewed(calibration: &Calibration, bias: &Bias) -> Calibration {
     calibration
 }
 
-/// Rows of each contact, by the finger's own gate.
+/// Rows of each contact, found with the finger's own gate.
 fn contacts(
     calibration: &Calibration,
     recording: &Recording,
@@ -176,7 +178,7 @@ fn contacts(
     runs.into_iter()
 }
 
-/// The rows of a contact whose force is known, thinned.
+/// Rows of a contact with a known force, thinned.
 fn press(signals: &[Signals], recording: &Recording, rows: std::ops::Range<usize>) -> Press {
     let known: Vec<Row> = recording.samples[rows.clone()]
         .iter()
@@ -197,7 +199,7 @@ fn press(signals: &[Signals], recording: &Recording, rows: std::ops::Range<usize
     known.into_iter().step_by(step).collect()
 }
 
-/// One gain a row of S, judged on each press by what all others say of it.
+/// Fits one gain a row of S, judged on each press with the gains from all others.
 fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
     let bench = adjusted.calibration.net().is_none()
         && adjusted.calibration.sensors.iter().flatten().count() == 1;
@@ -260,7 +262,7 @@ fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
     }
 }
 
-/// Measured and true force in each row of a press, along each axis where the truth is known.
+/// Measured and true force in each row of a press, for each axis with a known force.
 type SensorPress = Vec<[Option<[f64; 2]>; 3]>;
 
 fn said(sensor: &SensorCalibration, i: usize, press: &Press, bench: bool) -> SensorPress {
@@ -272,9 +274,11 @@ fn said(sensor: &SensorCalibration, i: usize, press: &Press, bench: bool) -> Sen
     rows.collect()
 }
 
-/// The gain of a row of S, each press counting once; `None` where the force goes against what S says. It is what S
-/// says regressed on the truth that is inverted: noise is in what S says, and the other way round it would draw the
-/// gain towards zero.
+/// Gain of a row of S, each press counting once; `None` if measured and true force disagree in
+/// sign.
+///
+/// The force measured by S is regressed on the true force and the slope inverted. The noise is in
+/// the measured force; the opposite regression would draw the gain towards zero.
 fn gain_of<'p>(presses: impl Iterator<Item = &'p Vec<[f64; 2]>>, sigma: f64) -> Option<f64> {
     let (mut product, mut square) = (COMMON.powi(-2), COMMON.powi(-2));
     for press in presses {
@@ -287,7 +291,7 @@ fn gain_of<'p>(presses: impl Iterator<Item = &'p Vec<[f64; 2]>>, sigma: f64) -> 
     (product > 0.0).then(|| square / product)
 }
 
-/// The gain from all presses but one surely helps with that one.
+/// Whether the gain from all presses but one surely helps with that one.
 fn helps(presses: &[Vec<[f64; 2]>], sigma: f64) -> bool {
     let square = |press: &[[f64; 2]], gain: f64| {
         press.iter().map(|[found, truth]| (gain * found - truth).powi(2)).sum::<f64>()
@@ -302,7 +306,8 @@ fn helps(presses: &[Vec<[f64; 2]>], sigma: f64) -> bool {
     presses.len() >= LEAST_PRESSES && surely_less(&after, &before)
 }
 
-/// Multiplies the sensor's columns of the matrix, so that it still receives the signals of the old S.
+/// Multiplies the sensor's columns of the matrix, so that they still match the signals of the old
+/// S.
 fn fold(matrix: &mut WrenchMatrix, sensor: usize, [old, new]: [Matrix3<f64>; 2]) {
     let Some(once) = old.try_inverse().map(|back| back * new) else { return };
     for row in &mut matrix.0 {
@@ -315,8 +320,9 @@ fn fold(matrix: &mut WrenchMatrix, sensor: usize, [old, new]: [Matrix3<f64>; 2])
 mod tests {
     use super::*;
 
-    /// Nine presses of ten rows on a sensor whose S says `share` of what is so, with a millinewton of noise, in a row and
-    /// from press to press.
+    /// Nine presses of ten rows on a sensor with an S that gives `share` of the true force.
+    ///
+    /// The noise is a millinewton, within a press and from press to press.
     fn presses(share: f64) -> Vec<Vec<[f64; 2]>> {
         let noise = |i: usize| 1e-3 * (12.9898 * (i * i) as f64).sin();
         let press = |p: usize| {

@@ -1,4 +1,6 @@
-//! The force sensors as one: their places, or the full 6×3n matrix of [Ospina2017] where that is more accurate.
+//! Fit of the force sensors as one array: sum over their positions, or full 6×3n matrix.
+//!
+//! The matrix ([Ospina2017]) is used where it is more accurate.
 
 use nalgebra::{DMatrix, SVD};
 use taxel::calibration::{Calibration, SensorCalibration};
@@ -11,26 +13,29 @@ use crate::prepared::Prepared;
 use crate::recording::Recording;
 use taxel_regress::error::FitError;
 
-/// Fewest loaded rows that tell what the array leaves.
+/// Fewest loaded rows for the residual of the array.
 const LEAST_ROWS: usize = 100;
-/// The matrix has 72 numbers where the sum has none: it must leave less than this share.
+/// Largest ratio of the matrix's residual to the sum's; the matrix has 72 numbers, the sum has
+/// none.
 const BETTER: f64 = 0.7;
-/// Directions of the twelve signals that are weaker than this share of the strongest are noise: four
-/// sensors under a rigid plate show six motions.
+/// Least singular value of the twelve signals, as a share of the largest; weaker ones are noise.
+///
+/// Four sensors under a rigid plate show six motions.
 const WEAK: f64 = 1e-3;
-/// No residual is taken for smaller: a tenth of a millinewton, and as much at a millimetre's arm.
+/// Least residual: a tenth of a millinewton, and as much at a millimetre's arm.
 const LEAST_RESIDUAL: f64 = 1e-4;
 
-/// A moment of a recording.
+/// Signals, forces and true wrench of one row of a recording.
 struct Row {
     signals: [[f32; 3]; SENSORS],
     forces: [[f32; 3]; SENSORS],
-    /// F and M about the middle of the skin.
+    /// True force F and moment M about the middle of the skin.
     wrench: [f64; 6],
 }
 
-/// The array of four calibrated sensors under a flat skin; `None` where the recordings do not tell force
-/// and contact point, or a sensor is not calibrated.
+/// Fits the array of four calibrated sensors under a flat skin.
+///
+/// `None` if the recordings lack force and contact point, or if a sensor is not calibrated.
 pub(crate) fn fit(
     recordings: &[&Prepared<'_>],
     sensors: &[Option<SensorCalibration>; SENSORS],
@@ -105,11 +110,11 @@ fn residual(method: &WrenchMethod, rows: &[Row]) -> [f64; 6] {
     squares.map(|sum| (sum / rows.len() as f64).sqrt())
 }
 
-/// The full 6×3n matrix of a finger whose sensors `calibration` knows, whether or not it serves better than the
-/// sum over them; `None` where the recordings do not tell force and contact point.
+/// Full 6×3n matrix of a finger with calibrated sensors, whether or not it beats the sum.
 ///
-/// # Errors
-/// A recording has no unloaded stretch.
+/// `None` if the recordings lack force and contact point.
+///
+/// # Errors A recording has no unloaded stretch.
 pub fn matrix(
     recordings: &[Recording],
     calibration: &Calibration,
@@ -122,7 +127,7 @@ pub fn matrix(
     Ok(if known.len() < LEAST_ROWS { None } else { least_squares(&known) })
 }
 
-/// Least squares, shortest where the signals leave a choice.
+/// Least-squares solution, the shortest one if several fit.
 fn least_squares(rows: &[Row]) -> Option<WrenchMatrix> {
     let columns = 3 * SENSORS;
     let signal = |row: &Row, j: usize| f64::from(row.signals[j / 3][j % 3]);

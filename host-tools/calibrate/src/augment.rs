@@ -1,8 +1,8 @@
-//! Augmented training of a net: simulated touches by the model of the skin next to the recorded ones.
+//! Augmented training of a net: simulated touches of the skin model and recorded rows.
 //!
-//! A few presses leave a net to guess between them. The model of the skin, fitted to the same presses, has a
-//! finger's few degrees of freedom and says what the taxels would see of any other touch; the net learns its
-//! inverse from these beside the recorded rows.
+//! A few presses leave a net to guess between them. The skin model, fitted to the same presses, has
+//! few degrees of freedom and predicts the taxels' signals of any other touch. The net learns its
+//! inverse from these and the recorded rows.
 
 use std::sync::atomic::AtomicBool;
 
@@ -19,21 +19,23 @@ use taxel_regress::error::FitError;
 use taxel_regress::network::{self, Build, Net, NetOptions, Progress};
 use taxel_regress::scaling::{Inputs, thinned};
 
-/// Rows that the net is taught: touches of the model, and recorded ones.
+/// Training rows of the net: touches of the model, and recorded ones.
 const TOUCHES: usize = 4000;
 const RECORDED: usize = 1000;
-/// A touch lies about so far from a recorded one, in mm; presses are rarely set closer.
+/// Standard deviation of a touch's x and y from a recorded one, mm; presses are rarely closer.
 const AWAY: f64 = 0.3;
-/// Share of the recorded normal force that its own is.
+/// Range of a touch's normal force, as a share of the recorded one.
 const HARDER: std::ops::Range<f64> = 0.8..1.2;
-/// Decay of the net's weights: as little as keeps units from growing until they all but cancel each other, for in
-/// 16 bits their difference is lost then.
+/// Decay of the net's weights: the least that keeps units from growing until they nearly cancel.
+///
+/// 16 bits would lose their difference.
 const DECAY: f64 = 1e-3;
-/// Newton steps from a displacement to the signal that its curve makes of it, and what is left at the end,
-/// in units of the displacement.
+/// Most Newton steps from a displacement to the signal of its curve, and the tolerance.
+///
+/// The tolerance is in units of the displacement.
 const STEPS: usize = 40;
 const LITTLE: f64 = 1e-5;
-/// A step goes no farther than this share of full scale: curves turn back beyond the recorded signals.
+/// Largest Newton step, in full scale: curves turn back beyond the recorded signals.
 const FARTHEST: f64 = 0.05;
 
 /// Trains a net of one or three outputs.
@@ -60,10 +62,11 @@ pub(crate) fn fit(
     network::imitate(part, (&x, &y), (build, DECAY), (Inputs::Alike, options), progress, stop)
 }
 
-/// Force and place of a touch like the recorded ones, sheared as much as the one nearby and in any direction.
+/// Draws force and position of a touch like the recorded ones.
 ///
-/// Were a quarter of the touches sheared as any other row instead, the net's shear would be off by up to twice
-/// as much on recordings of simulated devices that it has not seen, presses and shear alike.
+/// It is sheared as much as a nearby touch, in any direction. With a quarter of the touches sheared
+/// like any other row, the net's shear error is up to twice as large on unseen recordings of
+/// simulated devices. That holds for presses and shear alike.
 fn touch(rows: &[Row], model: &Inverse, rng: &mut ChaCha8Rng) -> ([f64; 3], [f64; 2]) {
     let own = &rows[rng.random_range(0..rows.len())];
     let normal = own.force[2] * rng.random_range(HARDER);
@@ -75,7 +78,7 @@ fn touch(rows: &[Row], model: &Inverse, rng: &mut ChaCha8Rng) -> ([f64; 3], [f64
     ([shear * cos, shear * sin, normal], point)
 }
 
-/// Signals of the taxels under a touch; `None` where a curve was never recorded as far.
+/// Signals of the taxels under a touch; `None` beyond the recorded range of a curve.
 fn signals(model: &Inverse, force: [f64; 3], point: [f64; 2]) -> Option<[f64; TAXELS]> {
     let [fx, fy, fz] = force;
     let used = fx.hypot(fy) / (fz * f64::from(model.friction)).max(f64::MIN_POSITIVE);
@@ -101,7 +104,7 @@ fn signals(model: &Inverse, force: [f64; 3], point: [f64; 2]) -> Option<[f64; TA
     Some(stray.lu().solve(&own)?.into())
 }
 
-/// The signal whose curve makes this displacement.
+/// Inverts a curve: the signal of a displacement.
 fn signal_of(displacement: f64, curve: &[f32; 5]) -> Option<f64> {
     let a = curve.map(f64::from);
     let mut x = 0.0;
@@ -211,7 +214,7 @@ mod tests {
         let [of_taught, of_alone] = [&taught, &alone].map(|net| off(&|c| net.outputs(c)));
         assert!(of_taught < of_alone, "{of_taught} {of_alone}");
 
-        // In 16 bits it is hardly worse.
+        // The 16-bit net is hardly worse.
         let range = [[-0.5, 0.5]; TAXELS];
         let held = taxel::calibration::TaxelCalibration { range, ..Default::default() };
         let float = ForceNet::new(&taught.layers()).unwrap();

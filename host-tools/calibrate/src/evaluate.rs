@@ -17,10 +17,10 @@ const POINT: [&str; 2] = ["x_mm", "y_mm"];
 
 /// Runs the recording through the core's finger and compares every row with its reference.
 ///
-/// `fx_n`, `fy_n`, `fz_n` are compared with the finger's force if the calibration has one, otherwise
-/// with the only calibrated sensor's; `x_mm`, `y_mm` with the contact point while something touches
-/// the finger; `s0_fx_n` … with their sensor. Columns that the recording lacks, and quantities that the
-/// calibration cannot estimate at all, are left out.
+/// `fx_n`, `fy_n`, `fz_n` are compared with the finger's force if the calibration has one,
+/// otherwise with the only calibrated sensor's. `x_mm`, `y_mm` are compared with the contact point
+/// while something touches the finger, and `s0_fx_n` … with their sensor. Columns missing in the
+/// recording, and quantities that the calibration cannot estimate at all, are left out.
 #[must_use]
 pub fn finger(calibration: &Calibration, recording: &Recording) -> Vec<TargetMetrics> {
     let (finger, mut state) = Finger::new(Some(calibration.clone()));
@@ -59,7 +59,7 @@ pub fn finger(calibration: &Calibration, recording: &Recording) -> Vec<TargetMet
         .collect()
 }
 
-/// Estimate that the columns `fx_n` … are compared with.
+/// Estimate compared with the columns `fx_n` ….
 #[derive(Clone, Copy)]
 enum Against {
     Finger,

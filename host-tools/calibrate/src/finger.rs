@@ -1,9 +1,9 @@
-//! The fit of a finger: from its recordings to its calibration record.
+//! Fit of a finger: from its recordings to its calibration record.
 //!
-//! What a recording is for is found in it: where exactly one MEMS sensor answers to the load while the
-//! others stay within their noise, the reference force is the force on that sensor (a bench recording:
-//! S and b are fitted). Where none or several answer, it is the force on the finger (the net is
-//! fitted). Reference columns `s0_fx_n` … fit their sensor wherever they are.
+//! Each recording's purpose is found from its signals. If exactly one MEMS sensor responds to the
+//! load while the others stay within their noise, the reference is the force on that sensor. Such a
+//! bench recording fits S and b. Otherwise the reference is the force on the finger and fits the
+//! net. Reference columns `s0_fx_n` … fit their sensor in any recording.
 
 mod bench;
 mod net;
@@ -29,7 +29,7 @@ use taxel_regress::model::Family;
 use taxel_regress::network::{NetOptions, Progress};
 use taxel_regress::training::Chosen;
 
-/// Friction of rubber before any is known.
+/// Default friction coefficient of rubber.
 const USUAL_FRICTION: f32 = 0.6;
 /// Exponent of Hertz's pressure in the power law of [Ospina2017].
 const HERTZ: f64 = 2.0;
@@ -37,20 +37,24 @@ const HERTZ: f64 = 2.0;
 /// Options of the fit of a finger.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FitOptions {
-    /// The body that the reference force acts on.
+    /// Body on which the reference force acts.
     pub subject: Subject,
-    /// The family of the finger's model.
+    /// Family of the finger's model.
     pub family: Family,
-    /// Hidden units; by default as in [DeMaria2011], 16 with shear and 12 without, unless three recordings or more of one kind, left
-    /// out one after the other, say better. `auto` finds its own.
+    /// Hidden units; by default as in [DeMaria2011], 16 with shear and 12 without.
+    ///
+    /// With three recordings or more of one kind, left out one after the other, a width that does
+    /// better is chosen. `auto` finds its own width.
     pub hidden: Option<usize>,
-    /// Outputs: 3 with shear, 1 (f_z) without; found in the recordings by default.
+    /// Number of outputs: 3 with shear, 1 (f_z) without; found in the recordings by default.
     pub outputs: Option<usize>,
-    /// Training of the net.
+    /// Training options of the net.
     pub net: NetOptions,
-    /// Leave the model of the skin and the sensors' array out of the record: the net alone, as in [DeMaria2011].
+    /// Whether to fit the net alone, as in [DeMaria2011].
+    ///
+    /// The record then lacks the skin model and the sensors' array.
     pub net_only: bool,
-    /// The numbers that the record holds the net in.
+    /// Number format of the net in the record.
     pub form: Form,
     /// Serial number for the record.
     pub serial: heapless::String<32>,
@@ -61,11 +65,11 @@ pub struct FitOptions {
 /// A fitted calibration with its warnings and parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fitted {
-    /// The record.
+    /// Calibration record.
     pub calibration: Calibration,
     /// Warnings for the user, in full sentences.
     pub warnings: Vec<String>,
-    /// The fitted parts.
+    /// Fitted parts.
     pub parts: Vec<Part>,
 }
 
@@ -74,24 +78,24 @@ pub struct Fitted {
 pub struct Part {
     /// Name, such as `s0` or `net 16-16-3`.
     pub name: String,
-    /// Rows of the recordings it was fitted to, before thinning.
+    /// Number of rows of the recordings before thinning.
     pub rows: usize,
-    /// Rows left out because a channel was saturated, dead or faulty, or because they stood far out of the others.
+    /// Number of rows left out: saturated, dead or faulty channels, and outliers.
     pub left_out: usize,
     /// Condition number of a sensor's signals.
     pub condition: Option<f64>,
-    /// How a model was chosen.
+    /// Choice of the model, if it was chosen.
     pub chosen: Option<Chosen>,
     /// Number of a net's parameters that the data determine.
     pub effective: Option<f64>,
-    /// RMS error of the fit per reference component, newtons.
+    /// RMS error of the fit for each reference component, newtons.
     pub residual: Vec<f64>,
 }
 
-/// Fits every part that the recordings determine. When `stop` becomes true the best so far is returned.
+/// Fits every part that the recordings determine. When `stop` becomes true the best so far is
+/// returned.
 ///
-/// # Errors
-/// What the recordings lack, and how to mend it.
+/// # Errors Data that the recordings lack, and how to provide them.
 pub fn fit(
     recordings: &[Recording],
     options: &FitOptions,
@@ -180,8 +184,10 @@ pub fn fit(
     Ok(fitted)
 }
 
-/// S of a sensor, from the recordings that know the force on it. The net needs none: if it alone is wanted, a sensor
-/// that the recordings of the finger do not determine is left out.
+/// Fits S of a sensor to the recordings with a known force on it.
+///
+/// If only the net is wanted, a sensor that the recordings do not determine is left out with a
+/// warning.
 fn fit_sensor(
     fitted: &mut Fitted,
     sensor: usize,
@@ -194,7 +200,7 @@ fn fit_sensor(
             (Subject::Sensor(of), _) if of == sensor => own.push((recording, true)),
             (Subject::Finger, Loads::Known) => own.push((recording, false)),
             (Subject::Finger, Loads::Unfit(why)) => unfit.push(why),
-            // A bench recording says nothing of the other sensors: nothing presses on them.
+            // A bench recording does not load the other sensors.
             _ => {}
         }
     }
@@ -228,13 +234,13 @@ fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String
     }
 }
 
-/// All three components, if all are known.
+/// Returns all three components, if all are known.
 fn known(force: [Option<f64>; 3]) -> Option<[f64; 3]> {
     let [x, y, z] = force;
     Some([x?, y?, z?])
 }
 
-/// The model of the skin, where the recordings tell contact points.
+/// Fits the skin model, if the recordings contain contact points.
 fn model_of_the_skin(
     recordings: &[&Prepared<'_>],
     wrong: &[HashSet<usize>],
@@ -245,13 +251,13 @@ fn model_of_the_skin(
         return Ok(None);
     };
     match skin::fit(recordings, (wrong, bias.noise), progress, stop) {
-        // Fewer rows than a model needs, or no time for one, leave the net.
+        // With too few rows or too little time for a skin model, keep the net alone.
         Err(FitError::TooFewRows { .. } | FitError::Stopped) => Ok(None),
         skin => skin,
     }
 }
 
-/// Keeps the model of the skin in the record where it is better than the net.
+/// Keeps the skin model in the record if it is better than the net.
 fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let Some(taxels) = &fitted.calibration.taxels else { return };
     let Skin { model, rows, left_out, residual } = skin;
@@ -279,7 +285,7 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     });
 }
 
-/// The sensors' array, where all of them are calibrated and a recording tells contact points.
+/// Fits the sensors' array if all sensors are calibrated and contact points are known.
 fn fit_array(fitted: &mut Fitted, recordings: &[Prepared<'_>], subjects: &[Subject]) {
     let fingers: Vec<&Prepared<'_>> = recordings
         .iter()
@@ -300,7 +306,7 @@ fn fit_array(fitted: &mut Fitted, recordings: &[Prepared<'_>], subjects: &[Subje
     fitted.calibration.slip.get_or_insert_with(|| slip(None));
 }
 
-/// Replaces the net by its 16-bit form, and its error by that of the 16-bit form on the recordings.
+/// Replaces the net by its 16-bit form and its residual by that of the 16-bit form.
 fn quantised(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(), FitError> {
     let Some(taxels) = &mut fitted.calibration.taxels else { return Ok(()) };
     let Some(float) = fitted.calibration.force.take() else { return Ok(()) };

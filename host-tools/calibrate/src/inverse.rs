@@ -1,11 +1,11 @@
-//! Fit of the forward model of a finger: each taxel's curve and stray light, and the field
-//! of one contact ([`taxel::estimate::inverse`]).
+//! Fit of a finger's forward model: curve and stray light of each taxel, and the field of one
+//! contact.
 //!
-//! Given the field, a taxel's signal is linear in what is left: the powers of its displacement (its curve)
-//! and its neighbours' signals (its stray light). So only the field's coefficients are searched, by
-//! Levenberg–Marquardt, and the rest is solved for at each step (variable projection, Golub and Pereyra
-//! 1973). The curves that the chip needs, from signal to displacement, are fitted last, to the
-//! displacements of the field that was found.
+//! The model is [`taxel::estimate::inverse`]. Given the field, a taxel's signal is linear in the
+//! powers of its displacement (its curve) and in its neighbours' signals (its stray light).
+//! Levenberg–Marquardt therefore searches the field's coefficients only, and each step solves for
+//! the rest (variable projection, Golub and Pereyra 1973). The curves for the chip, from signal to
+//! displacement, are fitted last, to the displacements of that field.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -28,28 +28,30 @@ pub struct Row {
     pub point: [f64; 2],
 }
 
-/// More rows do not make the field any better; every k-th is taken, so that about this many are left.
+/// Approximate number of rows after thinning; more rows do not improve the field.
 const MOST_ROWS: usize = 1400;
 /// Fewest rows that determine curves, stray light and field.
 const LEAST_ROWS: usize = 200;
-/// Steps, and the improvement below which there is no next.
+/// Most steps, and the relative improvement below which the search ends.
 const STEPS: usize = 40;
 const LITTLE: f64 = 1e-4;
 
-/// Standard deviation of a signal: its noise, and this share of the largest signal of its row.
+/// Share of a row's largest signal in the standard deviation of a signal, in addition to its noise.
 const SHARE: f64 = 0.002;
-/// Stray light before it is seen: a share of 0.015 ± 0.01 of the neighbour's.
+/// Prior of stray light: a share of 0.015 ± 0.01 of the neighbour's signal.
 const STRAY: [f64; 2] = [0.015, 0.01];
-/// Powers of the displacement in a taxel's signal, and of the signal in its displacement.
+/// Number of powers in the polynomials from displacement to signal and back.
 const POWERS: usize = 5;
-/// Powers and four neighbours.
+/// Number of linear coefficients of a taxel: powers and four neighbours.
 const LINEAR: usize = POWERS + 4;
 
-/// Coefficients of a radial function: two depths and 4 × 3 terms.
+/// Number of coefficients of a radial function: two depths and 4 × 3 terms.
 const RADIAL: usize = 14;
-/// Both functions and the share by which slip draws the traction in.
+/// Number of coefficients of the field: both functions and the slip share.
+///
+/// The slip share is that by which slip draws the traction in.
 const FIELD: usize = 2 * RADIAL + 1;
-/// The first term of N fixes the unit of length.
+/// Index of the first term of N, which fixes the unit of length.
 const UNIT: usize = 2;
 
 /// Start of the search: a point load 2.5 mm deep in a half-space with ν = ½.
@@ -62,15 +64,16 @@ fn half_space() -> SVector<f64, FIELD> {
     p
 }
 
-/// Expected distance of the coefficients from there, and a step to feel their slope by.
+/// Prior standard deviation of the coefficients from the start, and the step of their derivatives.
 const SPREAD: f64 = 100.0;
 const FEEL: f64 = 1e-5;
 
-/// Fits the model. `friction` is the friction coefficient of what touched the finger in the recordings;
-/// `noise` that of a signal; `shear` whether the recordings hold any.
+/// Fits the model to rows of signals, force and contact point.
 ///
-/// # Errors
-/// Too few rows, or stopped before the first step.
+/// `friction` is the friction coefficient of the recordings, `noise` that of a signal in full
+/// scale, and `shear` is whether the recordings contain shear.
+///
+/// # Errors Too few rows, or stopped before the first step.
 pub fn fit(
     part: &str,
     rows: &[Row],
@@ -129,12 +132,12 @@ struct Problem<'r> {
     weights: Vec<f64>,
     friction: f64,
     noise: f64,
-    /// Indices of the coefficients that are searched.
+    /// Indices of the searched coefficients.
     free: Vec<usize>,
     shear: bool,
 }
 
-/// The taxels to the left and right, and in the row before and after.
+/// Taxels to the left and right, and in the row before and after.
 pub(crate) fn neighbours(k: usize) -> [Option<usize>; 4] {
     let column = k % COLS;
     [
@@ -145,7 +148,7 @@ pub(crate) fn neighbours(k: usize) -> [Option<usize>; 4] {
     ]
 }
 
-/// P(w)/ρ^(2·half), as [`taxel::estimate::field`] has it, in f64.
+/// P(w)/ρ^(2·half), as in [`taxel::estimate::field`], in f64.
 fn radial(p: &[f64], distance2: f64, size2: f64, half: f64) -> f64 {
     let depth = (p[0] + p[1] * size2).max(0.3);
     let inverse2 = 1.0 / (distance2 + depth);
@@ -182,7 +185,7 @@ impl<'r> Problem<'r> {
         })
     }
 
-    /// Curve and stray light of taxel k that fit best: coefficients of u … u⁵ and of the neighbours.
+    /// Best curve and stray light of taxel k: coefficients of u … u⁵ and of the neighbours.
     fn linear(&self, k: usize, u: &[[f64; TAXELS]]) -> SVector<f64, LINEAR> {
         let mut matrix = SMatrix::<f64, LINEAR, LINEAR>::zeros();
         let mut right = SVector::<f64, LINEAR>::zeros();
@@ -203,7 +206,7 @@ impl<'r> Problem<'r> {
         Cholesky::new(matrix).map_or_else(SVector::zeros, |factor| factor.solve(&right))
     }
 
-    /// Normalised residuals of the signals under field and best curves.
+    /// Normalised residuals of the signals for this field and its best curves.
     fn residuals(&self, p: &SVector<f64, FIELD>) -> DVector<f64> {
         let u: Vec<[f64; TAXELS]> =
             self.rows.iter().map(|row| self.displacements(p, row)).collect();
@@ -265,7 +268,7 @@ impl<'r> Problem<'r> {
         Inverse { curves, field, error, shear: self.shear, friction: self.friction as f32 }
     }
 
-    /// The curve from the signal, stray light taken off, to the displacement.
+    /// Fits the curve from the signal without stray light to the displacement.
     fn gap(&self, k: usize, linear: &SVector<f64, LINEAR>, u: &[[f64; TAXELS]]) -> [f32; POWERS] {
         let mut matrix = SMatrix::<f64, POWERS, POWERS>::zeros();
         let mut right = SVector::<f64, POWERS>::zeros();
@@ -290,7 +293,7 @@ impl<'r> Problem<'r> {
     fn error(&self, curves: &Curves, u: &[[f64; TAXELS]]) -> [f32; 2] {
         let slope = curves.gap.iter().map(|gap| f64::from(gap[0]).powi(2)).sum::<f64>();
         let floor = self.noise * (slope / TAXELS as f64).sqrt();
-        // Rows weigh as their force: under a light touch there is little but noise, many times its share.
+        // Rows are weighted by their force, because light touches contain mostly noise.
         let (mut excess, mut loads) = (0.0, 0.0);
         for (row, u) in self.rows.iter().zip(u) {
             let found = curves.displacements(&row.signals.map(|c| c as f32));

@@ -1,10 +1,11 @@
-//! Calibration: from a finger's recordings to its calibration record, and what the record is worth.
+//! Calibration: from a finger's recordings to its calibration record and the record's errors.
 //!
-//! - [`finger::fit`] makes the record from traces: S and b of the force sensors by least squares ([Ospina2017]),
-//!   the force net by Levenberg–Marquardt ([DeMaria2011]). Where the recordings tell contact points, the model of
-//!   the skin ([TactileEnc]), the wrench of the sensors' array and the [`limit_surface`] come with it.
-//! - [`evaluate::finger`] judges a record on a recording that it has not seen, by the arithmetic of the chip;
-//!   [`report`] writes that down for people.
+//! - [`finger::fit`] makes the record from traces: S and b of the force sensors by least squares
+//!   ([Ospina2017]), and the force net by Levenberg–Marquardt ([DeMaria2011]). Recordings with
+//!   contact points add the skin model ([TactileEnc]), the wrench of the sensors' array and the
+//!   [`limit_surface`].
+//! - [`evaluate::finger`] judges a record on an unseen recording, by the arithmetic of the chip;
+//!   [`report`] presents the result.
 //! - [`adjust`] corrects a record in place, from a few presses with known weights.
 //!
 //! Tables of other sensors are fitted by [`taxel_regress`].

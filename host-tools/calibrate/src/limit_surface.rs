@@ -1,21 +1,21 @@
-//! The limit surface of a power-law pressure, by quadrature ([Ospina2017], chapter 3).
+//! Limit surface of a power-law pressure, by quadrature ([Ospina2017], chapter 3).
 
 use std::f64::consts::{PI, TAU};
 
 use taxel::estimate::limit_surface::{INTERVALS, LimitSurface};
 
-/// Points along the radius and around it.
+/// Number of quadrature points along the radius and around it.
 const RADII: usize = 64;
 const TURNS: usize = 128;
-/// Centres of rotation, from the middle of the contact to far away.
+/// Number of centres of rotation, from the middle of the contact to far away.
 const CENTRES: usize = 400;
 
-/// The surface of a contact of radius a = c·N^γ mm with the pressure p(r) ∝ (1 − (r/a)^k)^(1/k).
+/// Limit surface of a contact of radius a = c·N^γ mm with pressure p(r) ∝ (1 − (r/a)^k)^(1/k).
 #[must_use]
 pub fn power_law(k: f64, c: f64, gamma: f64) -> LimitSurface {
     let curve = sweep(k);
     let torque = curve.first().map_or(1.0, |(_, torsion)| *torsion);
-    // The curve's radius over the ellipse's, against the force's share of the squared radius.
+    // Ratio of the curve's radius to the ellipse's, over the force's share of the squared radius.
     let bulges: Vec<(f64, f64)> = curve
         .iter()
         .map(|(force, torsion)| {
@@ -35,8 +35,9 @@ pub fn power_law(k: f64, c: f64, gamma: f64) -> LimitSurface {
     }
 }
 
-/// Force over μN and torsion over μNa for centres of rotation ever farther from the middle of the contact:
-/// from (0, κ) to (1, 0).
+/// Force over μN and torsion over μNa for centres of rotation ever farther from the middle.
+///
+/// The curve goes from (0, κ) to (1, 0).
 #[must_use]
 pub fn sweep(k: f64) -> Vec<(f64, f64)> {
     let cells = cells(k);
@@ -56,11 +57,11 @@ pub fn sweep(k: f64) -> Vec<(f64, f64)> {
     (0..CENTRES).map(at).chain([(1.0, 0.0)]).collect()
 }
 
-/// Places on the unit disc and their shares of the normal force.
+/// Positions on the unit disc and their shares of the normal force.
 fn cells(k: f64) -> Vec<(f64, f64, f64)> {
     let mut cells = Vec::with_capacity(RADII * TURNS);
     for i in 0..RADII {
-        // r = sin t takes the steep rim of the pressure apart.
+        // r = sin t resolves the steep rim of the pressure.
         let t = (i as f64 + 0.5) / RADII as f64 * 0.5 * PI;
         let (r, dr) = (t.sin(), t.cos());
         let share = (1.0 - r.powf(k)).powf(1.0 / k) * r * dr;

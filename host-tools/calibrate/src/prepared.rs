@@ -1,4 +1,4 @@
-//! A finger's recording as the chip sees it, and what it is for.
+//! A finger's recording with its signals as on the chip, and its purpose in the fit.
 
 use std::borrow::Cow;
 
@@ -11,19 +11,20 @@ use taxel_regress::align::{self, Alignment, Series};
 use taxel_regress::error::FitError;
 use taxel_regress::shear::FORCES;
 
-/// A sensor answers if its signals reach this many times its noise in one row of a hundred …
+/// Least signal of a responding sensor, in multiples of its noise, in one row of a hundred …
 const ANSWERS: f32 = 8.0;
-/// … and this share of the signals of the sensor that answers most.
+/// … and as a share of the signals of the strongest sensor.
 const ANSWERS_SHARE: f32 = 0.02;
 
-/// Seconds by which a skin may lag behind the reference: a relaxing one of [Ospina2017] (fig. 1.23)
-/// has time constants of some 4 ms.
+/// Largest lag of a skin behind the reference, seconds.
+///
+/// A relaxing skin of [Ospina2017] (fig. 1.23) has time constants of about 4 ms.
 const LAGS: f64 = 0.02;
 
-/// The body that the reference force of the recordings acts on.
+/// Body on which the reference force of the recordings acts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Subject {
-    /// Find out from each recording.
+    /// Found from each recording's signals.
     #[default]
     Found,
     /// The reference is the force on this sensor.
@@ -34,15 +35,15 @@ pub enum Subject {
 
 /// Usefulness of a recording's reference force on a sensor.
 pub(crate) enum Loads {
-    /// There is none.
+    /// The force on the sensor is not known.
     Unknown,
-    /// The force is known in some rows at least, and there is some.
+    /// The force is known, and not zero, in some rows.
     Known,
-    /// S cannot be fitted to it, and why.
+    /// The reference cannot fit S, for this reason.
     Unfit(String),
 }
 
-/// A recording with its signals as the chip sees them.
+/// A recording with its signals as on the chip.
 pub(crate) struct Prepared<'r> {
     pub recording: Cow<'r, Recording>,
     pub bias: Bias,
@@ -50,10 +51,11 @@ pub(crate) struct Prepared<'r> {
 }
 
 impl<'r> Prepared<'r> {
-    /// The recording, its reference read where it fits; and what is to be said of it.
+    /// Prepares a recording, with a misaligned reference realigned in time.
     ///
-    /// # Errors
-    /// There is no unloaded stretch.
+    /// Returns a warning if the reference was realigned.
+    ///
+    /// # Errors There is no unloaded stretch.
     pub fn new(
         recording: &'r Recording,
         warmth: Option<&TemperatureCompensation>,
@@ -88,7 +90,7 @@ impl<'r> Prepared<'r> {
         ratios.get(ratios.len() * 99 / 100).copied().unwrap_or_default()
     }
 
-    /// Columns of the matrix that read the same in every row.
+    /// Columns of the matrix with the same code in every row.
     pub fn stuck_taxels(&self) -> Vec<String> {
         let lit = |k: usize| {
             let (row, column) = (k / COLS, k % COLS);
@@ -98,7 +100,7 @@ impl<'r> Prepared<'r> {
         (0..TAXELS).filter_map(lit).collect()
     }
 
-    /// Columns of a sensor's midpoints that read the same in every row.
+    /// Columns of a sensor's midpoints with the same code in every row.
     pub fn stuck_midpoints(&self, sensor: usize) -> Vec<String> {
         let of = |m: Midpoints| [m.a, m.b, m.c, m.d];
         let stuck = ["a", "b", "c", "d"].into_iter().enumerate().filter_map(|(i, name)| {
@@ -140,7 +142,7 @@ impl<'r> Prepared<'r> {
         ends.map(|t| (found.time(*t) - t).abs()).any(|off| off > LAGS).then_some(found)
     }
 
-    /// A bench recording if exactly one sensor answers, else the finger's.
+    /// Subject of the recording: the only responding sensor, otherwise the finger.
     pub fn subject(&self) -> Subject {
         let answers: [f32; SENSORS] = std::array::from_fn(|sensor| self.answer(sensor));
         let most = answers.iter().copied().fold(0.0, f32::max);

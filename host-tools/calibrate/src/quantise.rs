@@ -1,4 +1,4 @@
-//! The net of a finger in 16 bits: the f32 net rounded, not another fit.
+//! 16-bit net of a finger: the f32 net rounded, not another fit.
 
 use taxel::calibration::TaxelCalibration;
 use taxel::estimate::net::{ForceNet, Layers};
@@ -12,18 +12,19 @@ use taxel_regress::range::largest;
 /// Number format of the net in the record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Form {
-    /// f32.
+    /// 32-bit floating point.
     #[default]
     F32,
-    /// 16 bits: less time on a Cortex-M4, a larger error, which the fit states.
+    /// 16-bit fixed point: faster on a Cortex-M4, with a larger error, which the fit reports.
     Q15,
 }
 
-/// Rounds a net, for the signals of `taxels`' range and no others. What rounding adds to its error is measured on the
-/// recordings, whose rows are counted, and added to the residual in `taxels`.
+/// Rounds a net for signals within `taxels`' range.
 ///
-/// # Errors
-/// A unit's weights are beyond 16 bits.
+/// The rounding error is measured on the recordings and added to the residual in `taxels`. Returns
+/// the net and the number of rows.
+///
+/// # Errors A unit's weights exceed 16 bits.
 pub(crate) fn net(
     float: &ForceNet,
     taxels: &mut TaxelCalibration,
@@ -44,10 +45,9 @@ pub(crate) fn net(
     Ok((net, rows as usize))
 }
 
-/// `net` in 16 bits, for the signals of this range and no others.
+/// Converts `net` to 16 bits, for signals within this range.
 ///
-/// # Errors
-/// A unit's weights are beyond 16 bits.
+/// # Errors A unit's weights exceed 16 bits.
 pub(crate) fn whole(net: &ForceNet, taxels: &TaxelCalibration) -> Result<QuantisedNet, FitError> {
     QuantisedNet::new(net, largest(&taxels.range)).ok_or_else(|| FitError::Shape {
         part: "net".into(),
@@ -55,7 +55,7 @@ pub(crate) fn whole(net: &ForceNet, taxels: &TaxelCalibration) -> Result<Quantis
     })
 }
 
-/// The net that 16 bits hold, in f32: units that only fill a group up say nothing.
+/// Converts a 16-bit net to f32; units that only fill up a group have no effect.
 pub(crate) fn float(net: &QuantisedNet) -> ForceNet {
     let row = |row: [i16; TAXELS], one: f32| row.map(|w| f32::from(w) * one);
     let one = f32::from(net.shift + ARGUMENT_BITS).exp2().recip();
@@ -80,7 +80,7 @@ pub(crate) fn float(net: &QuantisedNet) -> ForceNet {
         skip: &skip.flatten().collect::<Vec<_>>(),
         output_bias: &net.output_bias,
     };
-    ForceNet::new(&layers).expect("what 16 bits hold is of a finger's shape")
+    ForceNet::new(&layers).expect("a 16-bit net has a finger's shape")
 }
 
 #[cfg(test)]

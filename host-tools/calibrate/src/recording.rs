@@ -13,35 +13,35 @@ use taxel_regress::error::FitError;
 use taxel_regress::quantile::median;
 use taxel_regress::shear::FORCES;
 
-/// Fewest rows that make an unloaded stretch.
+/// Fewest rows of an unloaded stretch.
 const LEAST_ROWS: usize = 20;
-/// More rows than this do not make a bias any better.
+/// Most rows of an unloaded stretch; more do not improve a bias.
 const MOST_ROWS: usize = 4096;
-/// The skin of [Ospina2017] needs 10 ms to settle; twice that is left out after a contact.
+/// Settling time left out after a contact: twice the 10 ms of the skin of [Ospina2017].
 const SETTLE_US: u64 = 20_000;
-/// A force below this share of the recording's peak is none.
+/// Least force, as a share of the recording's peak.
 const SMALL_FORCE: f64 = 0.005;
-/// Nor is one below so many standard deviations of the reference.
+/// Least force, in standard deviations of the reference.
 const CLEAR_OF_NOISE: f64 = 5.0;
-/// A row of the unloaded stretch is wrong if a channel lies off its median by so many of its deviations and
-/// by more than a step or two of a 12-bit converter.
+/// Least distance of a wrong unloaded row from a channel's median, in its deviations.
+///
+/// It must also exceed two steps of a 12-bit converter.
 const SPIKE: f64 = 8.0;
 const SMALL_SPIKE: f64 = 2.0 / 4096.0;
 
 /// A trace in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
-    /// Name in messages.
+    /// Name of the recording in messages.
     pub name: String,
     /// Rows of the trace.
     pub samples: Vec<Sample>,
 }
 
 impl Recording {
-    /// Takes the forces from a reference that another clock logged; rows beyond it get none.
+    /// Takes the forces from a reference with another clock; rows beyond it get none.
     ///
-    /// # Errors
-    /// A column that is no force of the finger, or the two cannot be brought onto one time.
+    /// # Errors A column that is not a force of the finger, or the two cannot be aligned in time.
     pub fn align(&mut self, reference: &Table) -> Result<Alignment, FitError> {
         let axes = reference.names.iter().map(|name| {
             let axis = FORCES.iter().position(|force| force == name);
@@ -54,7 +54,7 @@ impl Recording {
         let axes: Vec<usize> = axes.collect::<Result<_, _>>()?;
         let times: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
         let levels: Vec<Vec<f64>> = self.samples.iter().map(channels).collect();
-        // Stamps that cannot be told apart are refused below.
+        // `align` rejects stamps that cannot be spread.
         let clock = align::told_apart(&reference.times).unwrap_or(Cow::Borrowed(&reference.times));
         let other = Series { times: &clock, rows: &reference.rows };
         let name = reference.path.display().to_string();
@@ -73,7 +73,7 @@ impl Recording {
         Ok(alignment)
     }
 
-    /// The recording with its truth read at the times that `alignment` says; rows beyond it get none.
+    /// Returns the recording with its truth read at the aligned times; rows beyond it get none.
     pub(crate) fn with_truth_at(&self, alignment: &Alignment) -> Self {
         let own: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
         let times: Vec<f64> = own.iter().map(|t| alignment.time(*t)).collect();
@@ -87,10 +87,9 @@ impl Recording {
         read
     }
 
-    /// Bias: the levels of the unloaded finger, averaged as the chip would do it, at the temperature of `warmth`.
+    /// Averages the levels of the unloaded finger as the chip does, at the temperature of `warmth`.
     ///
-    /// # Errors
-    /// There is no stretch in which nothing touches the finger and its signals are still.
+    /// # Errors There is no stretch in which nothing touches the finger and its signals are still.
     pub fn bias(&self, warmth: Option<&TemperatureCompensation>) -> Result<Bias, FitError> {
         if self.samples.is_empty() {
             return Err(FitError::Empty { recording: self.name.clone() });
@@ -100,7 +99,7 @@ impl Recording {
         })
     }
 
-    /// Every row's signals as the chip sees them: changes from `bias` at the temperature of `warmth`.
+    /// Signals of every row as on the chip: changes from `bias` at the temperature of `warmth`.
     #[must_use]
     pub fn signals(&self, bias: &Bias, warmth: Option<&TemperatureCompensation>) -> Vec<Signals> {
         let rows = self.warm_levels(warmth).into_iter();
@@ -112,7 +111,7 @@ impl Recording {
         .collect()
     }
 
-    /// Levels at the temperature of `warmth`, and what a force sensor's signals are to be multiplied by there.
+    /// Levels at the temperature of `warmth`, and the gain of a force sensor's signals there.
     fn warm_levels(&self, warmth: Option<&TemperatureCompensation>) -> Vec<(Levels, f32)> {
         let mut thermometer = Thermometer::default();
         let rows = self.samples.iter().map(|sample| {
@@ -127,13 +126,14 @@ impl Recording {
         rows.collect()
     }
 
-    /// The reference says that nothing ever touches the finger: a recording of its warmth alone.
+    /// Whether the reference shows no touch at all: a recording of the warm-up alone.
     pub(crate) fn is_unloaded(&self) -> bool {
         self.touched().is_some_and(|touched| !touched.contains(&true))
     }
 
-    /// The first stretch in which nothing touches the finger: by the reference's word if it has one,
-    /// else as long a beginning as holds still.
+    /// First stretch in which nothing touches the finger.
+    ///
+    /// The reference decides if there is one; otherwise it is the longest still beginning.
     fn unloaded(&self) -> Option<Range<usize>> {
         match self.touched() {
             Some(touched) => self.first_untouched(&touched),
@@ -144,8 +144,10 @@ impl Recording {
         }
     }
 
-    /// Whether each row is touched, if the recording says: by its contact column or by a force. (On
-    /// the bench a sensor may be sheared without a normal force, which is no contact but a load.)
+    /// Whether each row is touched, by its contact column or by a force; `None` if unknown.
+    ///
+    /// On the bench a sensor may be sheared without a normal force, which is a load without a
+    /// contact.
     pub(crate) fn touched(&self) -> Option<Vec<bool>> {
         let forces: Vec<Option<f64>> = self.samples.iter().map(largest_force).collect();
         let peak = forces.iter().flatten().copied().fold(0.0, f64::max);
@@ -157,7 +159,7 @@ impl Recording {
                 (contact, force) => Some(contact == Some(true) || force.is_some_and(|f| f > least)),
             })
             .collect();
-        // One row alone is no touch: the reference was wrong there.
+        // A single row is an error of the reference, not a touch.
         let alone = |rows: &[bool], i: usize| {
             let beside = [i.checked_sub(1), Some(i + 1)];
             !beside.into_iter().flatten().any(|at| rows.get(at) == Some(&true))
@@ -183,8 +185,10 @@ impl Recording {
         None
     }
 
-    /// No channel wanders by more than its own jitter: the variance is no larger than what the
-    /// differences of successive rows, half of it each, make of white noise.
+    /// Whether no channel drifts by more than its own jitter.
+    ///
+    /// The variance must not exceed twice that of white noise with the same steps between rows.
+    /// White noise has half the mean square step as its variance.
     fn is_still(&self, rows: Range<usize>) -> bool {
         let levels: Vec<Vec<f64>> = self.samples[rows].iter().map(channels).collect();
         let n = levels.len() as f64;
@@ -232,7 +236,7 @@ fn between(a: &Truth, b: &Truth, share: f64) -> Truth {
     }
 }
 
-/// Flags of unloaded rows that are free of spikes: every channel is near its median.
+/// Flags the unloaded rows without spikes: every channel is near its median.
 fn sound(samples: &[Sample]) -> Vec<bool> {
     let levels: Vec<Vec<f64>> = samples.iter().map(channels).collect();
     let mut sound = vec![true; samples.len()];
@@ -246,14 +250,16 @@ fn sound(samples: &[Sample]) -> Vec<bool> {
     sound
 }
 
-/// The largest force component that the reference names.
+/// Largest force component of the reference.
 fn largest_force(sample: &Sample) -> Option<f64> {
     let components = sample.truth.force.iter().chain(sample.truth.sensors.iter().flatten());
     components.flatten().map(|force| force.abs()).reduce(f64::max)
 }
 
-/// Standard deviation of the reference: the median step from row to row is 0.954 of it, and more than half
-/// the rows change by less than that for any other reason.
+/// Standard deviation of the reference, from the median step between rows.
+///
+/// For white noise the median step is 0.954 standard deviations. More than half the rows must
+/// change by less than that for any other reason.
 fn jitter(forces: &[Option<f64>]) -> f64 {
     let steps = forces.windows(2).filter_map(|pair| Some((pair[1]? - pair[0]?).abs()));
     let mut steps: Vec<f64> = steps.collect();
@@ -261,7 +267,7 @@ fn jitter(forces: &[Option<f64>]) -> f64 {
     steps.get(steps.len() / 2).map_or(0.0, |median| median / 0.954)
 }
 
-/// Every level of a row, in a fixed order.
+/// All levels of a row, in a fixed order.
 fn channels(sample: &Sample) -> Vec<f64> {
     let levels = Levels::read(&sample.scan.codes);
     let taxels = levels.taxels.iter().flatten();

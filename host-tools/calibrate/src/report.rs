@@ -1,11 +1,11 @@
-//! The report of a calibration: figures, coverage and warnings for people to read.
+//! Report of a calibration: figures, coverage and warnings for people to read.
 //!
 //! ```text
 //! recordings ─▶ Series ─▶ figures, coverage, warnings ─▶ Report ─▶ JSON, or a page with plots
 //! ```
-//! [`judge`] makes a [`Report`] of recordings that the calibration has not seen, and of those that it was
-//! fitted to; [`html::page`] draws it. [`drift::compare`] tells how far two calibrations of one finger lie
-//! apart. [`table`] and [`drift::compare_tables`] do the same for somebody else's sensor.
+//! [`judge`] makes a [`Report`] from unseen recordings and those of the fit; [`html::page`] draws
+//! it. [`drift::compare`] measures the difference between two calibrations of one finger. [`table`]
+//! and [`drift::compare_tables`] do both for any other sensor.
 
 mod coverage;
 mod doubts;

@@ -5,7 +5,9 @@ use taxel_regress::shear::of_forces;
 
 use crate::recording::Recording;
 
-/// Warnings about the forces that a calibration was fitted to, in full sentences; none where it estimates no shear.
+/// Warnings about the forces of a calibration's fit, in full sentences.
+///
+/// Empty if the calibration estimates no shear.
 pub fn of_finger<'r>(
     calibration: &Calibration,
     recordings: impl IntoIterator<Item = &'r Recording>,

@@ -1,4 +1,4 @@
-//! The model of a finger's skin, fitted to recordings with contact points, and its error next to the net's.
+//! Skin model of a finger, fitted to recordings with contact points, and its error.
 
 use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
@@ -13,27 +13,28 @@ use crate::prepared::Prepared;
 use taxel_regress::error::FitError;
 use taxel_regress::network::Progress;
 
-/// Normal force in newtons above which the ratio of shear to it is friction's, not noise's.
+/// Least normal force for the friction ratio, newtons; below it the ratio is noise.
 const FIRM: f64 = 0.2;
-/// No smaller friction is taken: where nothing is sheared there is none to be seen.
+/// Least friction coefficient; recordings without shear show none.
 const LEAST_FRICTION: f64 = 0.1;
 
-/// A fitted model.
+/// A fitted skin model with its rows.
 pub(crate) struct Skin {
     pub model: Inverse,
-    /// The rows it was fitted to.
+    /// Rows of the fit.
     pub rows: Vec<Row>,
-    /// Rows left out because a taxel was saturated or dead, or because they stood far out of the others.
+    /// Number of rows left out: saturated or dead taxels, and outliers.
     pub left_out: usize,
-    /// RMS error over the rows, as the chip follows them: f_x, f_y, f_z in newtons.
+    /// RMS error over the rows in f_x, f_y, f_z, newtons, with the model run row after row as on
+    /// the chip.
     pub residual: [f64; 3],
 }
 
-/// Fits the model to the recordings that tell force and contact point, but for the rows of each that are wrong; `None`
-/// where none does.
+/// Fits the model to the recordings with force and contact point, without their wrong rows.
 ///
-/// # Errors
-/// Too few rows, or stopped.
+/// `None` if no recording has both.
+///
+/// # Errors Too few rows, or stopped.
 pub(crate) fn fit(
     recordings: &[&Prepared<'_>],
     (wrong, noise): (&[HashSet<usize>], f32),
@@ -54,7 +55,7 @@ pub(crate) fn fit(
     Ok(Some(Skin { model, rows: loaded, left_out: left_out.iter().sum(), residual }))
 }
 
-/// The largest ratio of shear to normal force under a firm load.
+/// Largest ratio of shear to normal force under a firm load.
 pub(crate) fn friction(rows: &[Row]) -> f64 {
     rows.iter()
         .filter(|row| row.force[2] > FIRM)
@@ -62,7 +63,7 @@ pub(crate) fn friction(rows: &[Row]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// The moments of a recording that are touched, sound and fully known, and how many of them are not sound.
+/// Touched, sound and fully known rows of a recording, and the number of unsound ones.
 fn rows(prepared: &Prepared<'_>, wrong: &HashSet<usize>) -> (Vec<Option<Row>>, usize) {
     let gate = Gate::default();
     let samples = prepared.recording.samples.iter().zip(&prepared.signals);
@@ -85,7 +86,7 @@ fn rows(prepared: &Prepared<'_>, wrong: &HashSet<usize>) -> (Vec<Option<Row>>, u
     (rows, left_out)
 }
 
-/// RMS error of the forces that the chip would say, row after row.
+/// RMS error of the forces as the chip would estimate them, row after row.
 fn residual(model: &Inverse, runs: &[Vec<Option<Row>>]) -> [f64; 3] {
     let (mut squares, mut count) = ([0.0; 3], 0.0);
     for run in runs {
@@ -102,7 +103,7 @@ fn residual(model: &Inverse, runs: &[Vec<Option<Row>>]) -> [f64; 3] {
             } else {
                 model.pressed(&mut state, &u)
             };
-            // What is not found is an error as large as the force.
+            // Without an estimate the error is the force itself.
             let found = touch.map_or([0.0; 3], |touch| touch.force());
             for ((sum, found), force) in squares.iter_mut().zip(found).zip(row.force) {
                 *sum += (f64::from(found) - force).powi(2);

@@ -1,7 +1,7 @@
-//! Temperature compensation, fitted to the unloaded stretches of recordings at several temperatures.
+//! Fit of the temperature compensation to unloaded stretches at several temperatures.
 //!
-//! Record the finger at rest while it warms up: light and offsets follow the thermometer in straight lines,
-//! by least squares. Where the temperature hardly changes nothing is known but that it was this one.
+//! Record the finger at rest while it warms up. Light and offsets are linear in the thermometer's
+//! reading, by least squares. Without a change of temperature their slopes stay zero.
 
 use taxel::condition::{Levels, PER_KELVIN, TemperatureCompensation};
 use taxel::scan::{SENSORS, TAXELS};
@@ -10,18 +10,21 @@ use taxel_files::trace::Sample;
 
 use crate::recording::Recording;
 
-/// The piezoresistive effect of lightly doped silicon is as one over the absolute temperature (Kanda 1982); a
-/// room's is known well enough.
+/// Room temperature, kelvin.
+///
+/// The piezoresistive effect of lightly doped silicon is inversely proportional to the absolute
+/// temperature (Kanda 1982); an assumed room temperature is accurate enough.
 const ROOM_K: f64 = 298.0;
-/// Kelvin beyond what was recorded in which the lines still hold: half a kelvin of an offset that is not known
-/// is two to three times the noise of a bare sensor.
+/// Margin in kelvin beyond the recorded temperatures in which the lines still hold.
+///
+/// Half a kelvin of an unknown offset is two to three times the noise of a bare sensor.
 const MARGIN_K: f32 = 0.5;
-/// A thermometer that moves by less than this many kelvin tells no slope.
+/// Least temperature range that determines a slope, kelvin.
 const LEAST_K: f64 = 2.0;
-/// More rows than this do not make a line any better.
+/// Most rows of a line; more do not improve it.
 const MOST_ROWS: usize = 20_000;
 
-/// A recording of the finger at rest with its thermometer, which says how it warms and nothing else.
+/// Whether a recording shows only the warm-up: the finger at rest, with its thermometer.
 pub(crate) fn is_warm_up(recording: &Recording) -> bool {
     let has = |sample: &Sample| sample.scan.codes.temperature.is_some();
     recording.samples.iter().all(has) && recording.is_unloaded()
@@ -31,7 +34,7 @@ pub(crate) fn is_warm_up(recording: &Recording) -> bool {
 pub(crate) fn fit(recordings: &[Recording]) -> Option<TemperatureCompensation> {
     let readings: Vec<Vec<(Levels, f64)>> = recordings.iter().map(warm).collect();
     let all: Vec<&(Levels, f64)> = readings.iter().flatten().collect();
-    // Sensitivities are fitted to loads, so theirs is the temperature to go back to.
+    // The reference temperature is that of the loads, because the sensitivities are fitted to them.
     let loaded = |(recording, readings): (&Recording, &Vec<(Levels, f64)>)| {
         if is_warm_up(recording) { Vec::new() } else { readings.iter().map(|r| r.1).collect() }
     };
@@ -81,7 +84,7 @@ pub(crate) fn fit(recordings: &[Recording]) -> Option<TemperatureCompensation> {
     Some(warmth)
 }
 
-/// Levels, and how warm it was.
+/// Levels and thermometer readings of every row; empty if a row lacks the thermometer.
 fn warm(recording: &Recording) -> Vec<(Levels, f64)> {
     let mut thermometer = taxel::condition::Thermometer::default();
     let samples = recording.samples.iter();
@@ -92,7 +95,7 @@ fn warm(recording: &Recording) -> Vec<(Levels, f64)> {
     readings.collect::<Option<_>>().unwrap_or_default()
 }
 
-/// Value at zero and slope by least squares, where the first of the pairs goes far enough.
+/// Value at zero and slope by least squares; `None` if the span is below [`LEAST_K`].
 fn straight(rows: &[(f64, f64)]) -> Option<(f64, f64)> {
     let n = rows.len() as f64;
     let mean = |f: fn(&(f64, f64)) -> f64| rows.iter().map(f).sum::<f64>() / n;

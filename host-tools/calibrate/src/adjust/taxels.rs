@@ -1,8 +1,7 @@
-//! One gain a taxel, found through the model of the skin, else through the net, and folded into all that works
-//! on the taxels' signals.
+//! One gain a taxel, found with the skin model or else with the net.
 //!
-//! The model says more of a press than its force: with the right gains all sixteen displacements are those of
-//! one contact.
+//! The gains are folded into all estimators of the taxels' signals. The skin model uses more of a
+//! press than its force: with the right gains all sixteen displacements are those of one contact.
 
 use std::borrow::Cow;
 
@@ -21,16 +20,19 @@ use taxel_regress::metrics::surely_less;
 
 /// Standard deviation of the part of a taxel's gain that the unloaded light does not show.
 const OWN: f64 = 0.05;
-/// A net's own error is much the same in presses of one weight, and gains could take it away there to bring it in
-/// elsewhere: up to so many times the RMS error on its own recordings is a young finger's.
+/// Largest ratio of a net's error on the presses to its own residual without ageing.
+///
+/// A net's own error is similar in presses of one weight. Gains could remove it there and add it
+/// elsewhere.
 const YOUNG: f64 = 2.0;
-/// Steps of Gauss–Newton: from a good guess it has converged long before.
+/// Most steps of Gauss–Newton; from the first guess it converges in fewer.
 const STEPS: usize = 10;
-/// Frames in which the model of the skin follows a row from nothing: it settles in three. From signals that
-/// were nearly the same it takes two.
+/// Frames in which the skin model follows a row from a cold start: it settles in three.
+///
+/// From nearly equal signals it takes two.
 const FRAMES: usize = 6;
 const FEW_FRAMES: usize = 2;
-/// No force is trusted to less, newtons.
+/// Least standard deviation of a force, newtons.
 const LEAST_SIGMA: f64 = 1e-3;
 
 type Gains = SVector<f64, TAXELS>;
@@ -38,8 +40,7 @@ type Jacobian = OMatrix<f64, Dyn, Const<TAXELS>>;
 
 /// Finds the gains and, where they surely help, folds them in.
 ///
-/// # Errors
-/// The net in 16 bits cannot hold them.
+/// # Errors The 16-bit net cannot hold them.
 pub(super) fn adjust(
     adjusted: &mut Adjusted,
     before: &Calibration,
@@ -168,8 +169,9 @@ impl Estimator<'_> {
         }
     }
 
-    /// Normalised errors of a row: components of the force that are known and, by the
-    /// model, displacements. `state` is what the model remembers from `frames` before.
+    /// Normalised errors of a row: known force components and, with the skin model, displacements.
+    ///
+    /// `state` is the model's state before the `frames` of this row.
     fn errors(
         self,
         c: &[f32; TAXELS],
@@ -217,18 +219,18 @@ fn follow(
     Some((u, touch))
 }
 
-/// The net in f32, whatever the record holds it in.
+/// Net of the record in f32; a 16-bit net is converted.
 fn net_of(calibration: &Calibration) -> Option<Cow<'_, ForceNet>> {
     let whole = || calibration.quantised.as_ref().map(|net| Cow::Owned(quantise::float(net)));
     calibration.force.as_ref().map(Cow::Borrowed).or_else(whole)
 }
 
-/// Signals divided by their gains.
+/// Divides the signals by their gains; `gains` are logarithms.
 fn younger(gains: &Gains, c: &[f32; TAXELS]) -> [f32; TAXELS] {
     std::array::from_fn(|k| (f64::from(c[k]) * (-gains[k]).exp()) as f32)
 }
 
-/// Mean square error of f_z over a press, newtons². What is not found is an error as large as the force.
+/// Mean square error of f_z over a press, newtons²; without an estimate the error is the force.
 fn square(estimator: Estimator<'_>, gains: &Gains, press: &Press) -> f64 {
     let error = |row: &Row| {
         let found = estimator.normal(&younger(gains, row.c.as_ref()?)).unwrap_or_default();
@@ -238,7 +240,7 @@ fn square(estimator: Estimator<'_>, gains: &Gains, press: &Press) -> f64 {
     squares.iter().sum::<f64>() / squares.len().max(1) as f64
 }
 
-/// A gain of the signals is the inverse of one of what they go through.
+/// Folds the gains into the record: coefficients are divided as the signals are multiplied.
 fn fold(calibration: &mut Calibration, gains: &Gains) -> Result<(), FitError> {
     if let Some(net) = &mut calibration.force {
         fold_net(net, gains);
@@ -274,8 +276,10 @@ fn requantised(
     quantise::whole(&float, taxels)
 }
 
-/// A curve's n-th coefficient goes with the n-th power of the signal; of stray light both the taxel that picks
-/// it up and the one that it comes from have gains.
+/// Folds the gains into the skin model.
+///
+/// A curve's n-th coefficient scales with the n-th power of the signal. For stray light both the
+/// receiving taxel and its source have gains.
 fn fold_model(model: &mut Inverse, gains: &Gains) {
     let steepness = |model: &Inverse| -> f64 {
         model.curves.gap.iter().map(|gap| f64::from(gap[0]).powi(2)).sum()
@@ -290,17 +294,17 @@ fn fold_model(model: &mut Inverse, gains: &Gains) {
             *share = (f64::from(*share) * gains[k] / other) as f32;
         }
     }
-    // The floor is what the noise of a signal, which stays, makes of displacements.
+    // The error floor is the displacement noise due to the signals' noise, which stays.
     let floor = (steepness(model) / before.max(f64::MIN_POSITIVE)).sqrt();
     model.error[0] = (f64::from(model.error[0]) * floor) as f32;
 }
 
-/// The most probable logarithms of the gains.
+/// Problem of the most probable logarithms of the gains.
 struct Problem<'e> {
     estimator: Estimator<'e>,
-    /// Their estimate from the unloaded light.
+    /// Logarithms estimated from the unloaded light.
     light: Gains,
-    /// RMS error of the net on its own recordings, newtons an output.
+    /// RMS error of the net on its own recordings, newtons, for each output.
     sigma: [f64; 3],
 }
 
@@ -331,7 +335,7 @@ impl Problem<'_> {
         gains
     }
 
-    /// Errors of a row and how they change with the gains.
+    /// Errors of a row and their derivatives by the gains' logarithms.
     fn linear(&self, gains: &Gains, row: &Row) -> (DVector<f64>, Jacobian) {
         const STEP: f64 = 1e-3;
         let Some(c) = &row.c else { return (DVector::zeros(0), Jacobian::zeros(0)) };

@@ -1,4 +1,6 @@
-//! One force sensor: S and b of f = S(u − b), by least squares ([Ospina2017] eqs (1.22)–(1.24)).
+//! Fit of one force sensor: S and b of f = S(u − b), by least squares.
+//!
+//! [Ospina2017] eqs (1.22)–(1.24).
 
 use taxel::calibration::SensorCalibration;
 use taxel::estimate::sensitivity::Sensitivity;
@@ -13,11 +15,15 @@ use taxel_regress::shear::{FORCES, NO_SHEAR};
 use taxel_regress::sign_check;
 use taxel_regress::training::Recorded;
 
-/// Signal to noise of S's weakest direction below which the fit warns: 1/20² is 0.25 % of S.
+/// Signal-to-noise ratio of S's weakest direction below which the fit warns.
+///
+/// At this ratio noise changes S by 1/20², 0.25 %.
 const WEAK: f64 = 20.0;
 
-/// Condition number of a sensor's signals above which the fit warns: a tenth of it in the reference would
-/// already be threefold in the force. Loads as in [Ospina2017] (±0.35 N, 0–1 N) have about 5.
+/// Condition number of a sensor's signals above which the fit warns.
+///
+/// Errors of the reference may grow by this factor in the least-loaded direction. Loads as in
+/// [Ospina2017] (±0.35 N, 0–1 N) have about 5.
 const EVEN: f64 = 20.0;
 
 /// Fits a sensor to the recordings that load it; those with `true` load nothing else.
@@ -115,7 +121,7 @@ pub(super) fn fit(
     Ok(())
 }
 
-/// The refusal of a fit by the names of the axes that have no load, if that is why; where none has, it is no one's.
+/// Error with the names of the unloaded axes; `None` if every axis is loaded, or none is.
 fn never_loaded(part: &str, forces: &[[f64; 3]]) -> Option<FitError> {
     let largest = |axis: usize| forces.iter().fold(0.0, |most: f64, f| most.max(f[axis].abs()));
     let largest = [0, 1, 2].map(largest);

@@ -1,4 +1,4 @@
-//! The net from the optical matrix to the force ([DeMaria2011]).
+//! Fit of the net from the optical matrix to the force ([DeMaria2011]).
 
 use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
@@ -24,14 +24,14 @@ use taxel_regress::shear::{FORCES, NO_SHEAR};
 use taxel_regress::sign_check;
 use taxel_regress::training::{Recorded, Teacher, Training};
 
-/// The rows that a net is fitted to: those of each recording in which the chip would run it.
+/// Rows of each recording in which the chip would run the net.
 pub(super) struct Loads {
     bias: TaxelBias,
     targets: Vec<String>,
     rows: Vec<Recorded>,
-    /// Rows left out because a taxel was saturated or dead.
+    /// Number of rows left out because a taxel was saturated or dead.
     faulty: usize,
-    /// Wrong samples of each recording.
+    /// Indices of the wrong samples of each recording.
     pub wrong: Vec<HashSet<usize>>,
 }
 
@@ -40,8 +40,8 @@ const NAME: &str = "net";
 
 /// Gathers the rows of the recordings of the finger.
 ///
-/// # Errors
-/// What the options or the recordings lack, and references that cannot be.
+/// # Errors Options that the record cannot hold, missing columns or loads, and inconsistent
+/// references.
 pub(super) fn loads(
     fitted: &mut Fitted,
     recordings: &[&Prepared<'_>],
@@ -94,7 +94,7 @@ pub(super) fn loads(
                 known([fx, fy, fz]).map(|force| force.to_vec())
             };
             let (Some(target), Some(c)) = (target, signals.taxels) else { continue };
-            // What the net never sees on the chip must not shape it: rows below the gate.
+            // Rows below the gate must not shape the net, because it never runs on them.
             let alone = Signals { taxels: Some(c), ..Signals::default() };
             if signals.health.dead != 0 || signals.health.saturated != 0 {
                 faulty += 1;
@@ -158,7 +158,7 @@ pub(super) fn loads(
     Ok(Loads { bias, targets, rows, faulty, wrong })
 }
 
-/// Fits the net; the model of the skin, where there is one, may teach it.
+/// Fits the net; the skin model may teach it.
 pub(super) fn fit(
     fitted: &mut Fitted,
     Loads { bias, targets, rows, faulty, wrong }: Loads,
@@ -235,7 +235,7 @@ fn ranges(x: &[Vec<f64>], noise: f32) -> [Range; TAXELS] {
     std::array::from_fn(|k| trained_range(x.iter().map(|row| row[k] as f32), noise))
 }
 
-/// RMS error per output, by the arithmetic of the chip.
+/// RMS error of each output, by the arithmetic of the chip.
 fn residual(net: &Net, x: &[Vec<f64>], y: &[Vec<f64>]) -> Vec<f64> {
     let mut squares = vec![0.0; net.output_bias.len()];
     for (x, y) in x.iter().zip(y) {
@@ -247,7 +247,7 @@ fn residual(net: &Net, x: &[Vec<f64>], y: &[Vec<f64>]) -> Vec<f64> {
     squares.iter().map(|sum| (sum / x.len().max(1) as f64).sqrt()).collect()
 }
 
-/// Three outputs where any recording holds shear, else one: the recordings are of normal presses.
+/// Number of outputs: three if any recording contains shear, otherwise one.
 fn outputs_of(recordings: &[&Prepared<'_>]) -> usize {
     let peak = |axes: &[usize]| {
         let samples = recordings.iter().flat_map(|r| &r.recording.samples);

@@ -4,42 +4,43 @@ use serde::Serialize;
 
 use super::series::{Kind, Series, extent};
 
-/// Cells along each side of a map.
+/// Number of cells along each side of a map.
 pub(crate) const CELLS: usize = 16;
 
 /// Number of rows in each cell of a map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Coverage {
-    /// Reference column to the right.
+    /// Reference column of the horizontal axis.
     pub x: String,
-    /// Reference column upwards.
+    /// Reference column of the vertical axis.
     pub y: String,
-    /// Unit of both.
+    /// Unit of both columns.
     pub unit: &'static str,
     /// Lower and upper end of the map, x.
     pub x_range: [f64; 2],
     /// Lower and upper end of the map, y.
     pub y_range: [f64; 2],
-    /// Rows a cell, row by row from the lowest y.
+    /// Number of rows in each cell, row by row from the lowest y.
     pub rows: Vec<Vec<usize>>,
-    /// Percent of the judged rows that lie more than two cells from any row fitted to; none where it is
-    /// not known what the calibration was fitted to.
+    /// Percent of the judged rows that lie more than two cells from any fitted row.
+    ///
+    /// None if the recordings of the fit are not known.
     pub beyond_percent: Option<f64>,
 }
 
-/// Pairs of columns that are drawn over each other.
+/// Pairs of columns with a map.
 const MAPS: [(Kind, Kind); 3] = [
     (Kind::Point(0), Kind::Point(1)),
     (Kind::Force(0), Kind::Force(1)),
     (Kind::Force(0), Kind::Force(2)),
 ];
 
-/// The maps of a finger.
+/// Maps of a finger.
 pub(crate) fn maps(fitted: &[Vec<Series>], judged: &[Vec<Series>]) -> Vec<Coverage> {
     over(&MAPS, fitted, judged)
 }
 
-/// The maps of what was fitted to; without that, of what is judged.
+/// Maps of the fitted recordings, or of the judged ones if the former are unknown.
 pub(crate) fn over(
     pairs: &[(Kind, Kind)],
     fitted: &[Vec<Series>],
@@ -78,7 +79,7 @@ fn points(recordings: &[Vec<Series>], x: &Kind, y: &Kind) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// `None` where there is no extent to map.
+/// Smallest and largest value; `None` without an extent.
 fn range(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     let (low, high) = extent(values);
     (low < high).then_some([low, high])
@@ -88,7 +89,8 @@ fn cell(value: f64, [low, high]: [f64; 2]) -> usize {
     (((value - low) / (high - low) * CELLS as f64) as usize).min(CELLS - 1)
 }
 
-/// A few presses fill few cells, and what lies between them is no extrapolation.
+/// Whether a cell or one within two cells has a row, because space between presses is no
+/// extrapolation.
 fn near(rows: &[Vec<usize>], x: usize, y: usize) -> bool {
     const NEAR: usize = 2;
     let about = |i: usize| i.saturating_sub(NEAR)..(i + NEAR + 1).min(CELLS);

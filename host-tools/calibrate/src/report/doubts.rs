@@ -7,13 +7,12 @@ use taxel::calibration::Calibration;
 use taxel::condition::{Bias, Levels};
 use taxel::scan::{SENSORS, TAXELS};
 
-/// Two channels that correlate beyond this are one.
+/// Correlation above which two channels count as the same.
 const SAME: f64 = 0.9999;
-/// Fewer recordings than this leave nothing to choose a model by: [Ospina2017] and every careful judge hold out
-/// whole recordings.
+/// Fewest recordings for a model choice by whole held-out recordings, as in [Ospina2017].
 const FEW: usize = 3;
 
-/// Warnings about the recordings that the calibration was fitted to, in full sentences.
+/// Warnings about the recordings of the fit, in full sentences.
 pub(crate) fn doubts(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
     if fitted.is_empty() {
         return unknown();
@@ -24,7 +23,7 @@ pub(crate) fn doubts(calibration: &Calibration, fitted: &[Recording]) -> Vec<Str
     doubts
 }
 
-/// Nobody said what the calibration was fitted to.
+/// Warning that the recordings of the fit were not given.
 pub(crate) fn unknown() -> Vec<String> {
     vec![
         "the recordings that the calibration was fitted to were not given (--fitted-to): whether they \
@@ -33,7 +32,7 @@ pub(crate) fn unknown() -> Vec<String> {
     ]
 }
 
-/// Too few recordings.
+/// Warning about too few recordings.
 pub(crate) fn few(recordings: usize) -> Vec<String> {
     let s = if recordings == 1 { "" } else { "s" };
     let doubt = format!(
@@ -43,12 +42,12 @@ pub(crate) fn few(recordings: usize) -> Vec<String> {
     if recordings < FEW { vec![doubt] } else { Vec::new() }
 }
 
-/// Judged on what it was fitted to.
+/// Warning that a judged recording was part of the fit.
 pub(crate) fn no_forecast(recording: &str) -> String {
     format!("{recording}: it was fitted to these very rows: what is said of it is no forecast")
 }
 
-/// The recordings among `judged` that the calibration was fitted to.
+/// Warnings about the recordings among `judged` that were part of the fit.
 pub(crate) fn not_held_out(judged: &[Recording], fitted: &[Recording]) -> Vec<String> {
     let known = |recording: &&Recording| {
         let first = recording.samples.first();
@@ -73,7 +72,7 @@ fn of_channels(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
     doubts
 }
 
-/// Channels that say the same as another one, or nothing.
+/// Warnings about channels that duplicate another one, or never change.
 pub(crate) fn alike(names: &[String], rows: &[Vec<f64>]) -> Vec<String> {
     let n = rows.len() as f64;
     let channels: Vec<Vec<f64>> = (0..names.len())
@@ -89,7 +88,7 @@ pub(crate) fn alike(names: &[String], rows: &[Vec<f64>]) -> Vec<String> {
         if rows.is_empty() {
             break;
         }
-        // Not its power: the mean of what never changes is rounded.
+        // Compare the values, not the power, because the mean of a constant channel is rounded.
         if rows.iter().all(|row| row[k] == rows[0][k]) {
             doubts.push(format!("{name} never changes: is it connected?"));
             continue;
@@ -107,7 +106,7 @@ pub(crate) fn alike(names: &[String], rows: &[Vec<f64>]) -> Vec<String> {
     doubts
 }
 
-/// Signals of the taxels in contact, in the calibration's own bias.
+/// Signals of the taxels in contact, relative to the calibration's own bias.
 pub(crate) fn taxels(bias: &Bias, recordings: &[Recording]) -> Vec<Vec<f64>> {
     signals(bias, recordings, |bias, levels| {
         let noise = f64::from(bias.taxels?.noise);
@@ -125,7 +124,7 @@ pub(crate) fn bridges(bias: &Bias, sensor: usize, recordings: &[Recording]) -> V
     })
 }
 
-/// A row counts where its signals stand ten times out of their noise.
+/// Signals of the rows that exceed ten times their noise.
 fn signals(
     bias: &Bias,
     recordings: &[Recording],
@@ -143,7 +142,7 @@ fn signals(
         .collect()
 }
 
-/// Largest over smallest singular value: how unevenly the rows determine the directions.
+/// Ratio of the largest to the smallest singular value of the rows.
 pub(crate) fn condition(rows: &[Vec<f64>]) -> Option<f64> {
     let columns = rows.first()?.len();
     let mut square = DMatrix::<f64>::zeros(columns, columns);

@@ -15,11 +15,11 @@ use super::table;
 /// Changes of a finger between two calibrations.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drift {
-    /// Seconds from the first to the second; negative where they were given the other way round.
+    /// Seconds from the first to the second; negative if the second is older.
     pub seconds: i64,
     /// Warnings, in full sentences.
     pub warnings: Vec<String>,
-    /// Everything that can have changed.
+    /// Changes of every quantity.
     pub changes: Vec<Change>,
     /// Errors of both calibrations on recordings with references.
     pub met: Vec<Met>,
@@ -32,9 +32,9 @@ pub struct Change {
     pub part: String,
     /// Quantity.
     pub what: String,
-    /// Change.
+    /// Amount of the change.
     pub by: f64,
-    /// Unit of that.
+    /// Unit of the change.
     pub unit: &'static str,
 }
 
@@ -47,13 +47,13 @@ pub struct Met {
     pub target: String,
     /// Unit of the column.
     pub unit: &'static str,
-    /// With the first.
+    /// RMSE with the first calibration.
     pub before: f64,
-    /// With the second.
+    /// RMSE with the second calibration.
     pub after: f64,
 }
 
-/// Compares two calibrations, on `recordings` with references where there are any.
+/// Compares two calibrations, also on `recordings` with references.
 #[must_use]
 pub fn compare(first: &Calibration, second: &Calibration, recordings: &[Recording]) -> Drift {
     let mut drift = Drift {
@@ -84,8 +84,10 @@ pub fn compare(first: &Calibration, second: &Calibration, recordings: &[Recordin
     drift
 }
 
-/// Compares two models of one table: what they say in the middle of the first one's range, how that changes
-/// from end to end of each input's, and how well they meet `recordings`.
+/// Compares two models of one table.
+///
+/// The changes are those of the outputs in the middle of the first model's range, and from end to
+/// end of each input's range. The errors on `recordings` are compared as well.
 #[must_use]
 pub fn compare_tables(
     first: &TableModel,
@@ -173,7 +175,7 @@ fn taxels(drift: &mut Drift, first: &Calibration, second: &Calibration) {
     }
 }
 
-/// What the second says where the first says f is G·f + offset, with G = S₂S₁⁻¹.
+/// Pushes offset and gain of the second sensor relative to the first: G·f + offset, G = S₂S₁⁻¹.
 fn sensor(drift: &mut Drift, name: &str, a: &SensorCalibration, b: &SensorCalibration) {
     let s = |of: &SensorCalibration| {
         Matrix3::from_fn(|row, column| f64::from(of.sensitivity.0[row][column]))
@@ -200,7 +202,7 @@ fn sensor(drift: &mut Drift, name: &str, a: &SensorCalibration, b: &SensorCalibr
     drift.push(name, "noise".into(), ratio(a.bias.noise, b.bias.noise), "%");
 }
 
-/// Growth in percent.
+/// Relative growth in percent.
 fn ratio(before: f32, after: f32) -> f64 {
     100.0 * (f64::from(after) / f64::from(before).max(f64::MIN_POSITIVE) - 1.0)
 }

@@ -8,21 +8,21 @@ use super::series::Series;
 
 /// Classes of the reference within which loading and unloading are compared.
 const CLASSES: usize = 20;
-/// Fewest rows of each direction that make a class.
+/// Fewest rows of each direction in a class.
 const LEAST_ROWS: usize = 5;
-/// A change that is told from noise in 99.7 % of rows.
+/// Resolution in standard deviations of the noise: 99.7 % of rows lie within.
 const TOLD_APART: f64 = 3.0;
 
-/// The figures of one quantity, in its own unit. Error is estimate − reference.
+/// Figures of one quantity, in its own unit. Error is estimate − reference.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figures {
     /// Name of the reference column.
     pub target: String,
-    /// Unit of all that follows, where nothing else is said.
+    /// Unit of the other fields, unless they state another one.
     pub unit: &'static str,
-    /// Rows that were judged.
+    /// Number of judged rows.
     pub rows: usize,
-    /// Rows for which the finger withheld its estimate.
+    /// Number of rows without an estimate.
     pub withheld: usize,
     /// Mean error.
     pub bias: f64,
@@ -32,23 +32,25 @@ pub struct Figures {
     pub rmse: f64,
     /// Largest absolute error.
     pub max: f64,
-    /// Largest reference less the smallest.
+    /// Largest minus smallest reference.
     pub span: f64,
     /// Root mean square error in percent of the span.
     pub percent: Option<f64>,
-    /// Largest difference of the mean estimate between rising and falling reference, in percent of the span.
+    /// Largest hysteresis in percent of the span.
+    ///
+    /// The difference of the mean error between rising and falling reference.
     pub hysteresis_percent: Option<f64>,
     /// Crosstalk from each other component of the same force, in percent.
     pub crosstalk_percent: Vec<(String, f64)>,
-    /// Standard deviation from row to row, without what moves slowly.
+    /// Standard deviation from row to row, without slow changes.
     pub noise: Option<f64>,
-    /// Three times that: the change that is told from noise.
+    /// Resolution: three times the noise.
     pub resolution: Option<f64>,
-    /// Span over resolution.
+    /// Dynamic range: span over resolution.
     pub dynamic_range: Option<f64>,
 }
 
-/// The figures of `series`; `others` are the components that are measured along with it.
+/// Computes the figures of `series`; `others` are the components measured with it.
 pub(crate) fn figures(series: &Series, others: &[&Series]) -> Option<Figures> {
     let errors: Vec<f64> = series.errors().map(|(_, error)| error).collect();
     let found = metrics::figures(&errors)?;
@@ -75,8 +77,10 @@ pub(crate) fn figures(series: &Series, others: &[&Series]) -> Option<Figures> {
     })
 }
 
-/// From second differences, which no slow motion survives: their variance is six times that of white noise.
-/// Rows in which the estimate stands still (no contact: zero by definition) say nothing.
+/// Noise from second differences, which cancel slow motion.
+///
+/// Their variance is six times that of white noise. Rows in which the estimate stands still (no
+/// contact: zero by definition) are not used.
 fn noise(series: &Series) -> Option<f64> {
     let errors: Vec<Option<f64>> =
         series.reference.iter().zip(&series.estimate).map(|(r, e)| e.map(|e| e - r)).collect();
@@ -85,8 +89,8 @@ fn noise(series: &Series) -> Option<f64> {
         .filter(|i| moves(*i) && moves(i + 1))
         .filter_map(|i| Some((errors[i]? - 2.0 * errors[i + 1]? + errors[i + 2]?).powi(2) / 6.0))
         .collect();
-    // A jump (an edge of contact) is no noise: the median is not moved by a few. Of a squared normal
-    // variable it is 0.4549 of the mean.
+    // The median is robust to the few jumps at the edges of contacts. The median of a squared
+    // normal variable is 0.4549 of its mean.
     median(squares).map(|median| (median / 0.4549).sqrt())
 }
 
@@ -95,7 +99,7 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
-/// Largest difference of the mean estimates at the same reference, going up and going down.
+/// Largest difference of the mean errors at one reference between rising and falling reference.
 fn hysteresis(series: &Series) -> Option<f64> {
     let (low, _) = super::series::extent(series.reference.iter().copied());
     let width = series.span() / CLASSES as f64;
@@ -103,8 +107,8 @@ fn hysteresis(series: &Series) -> Option<f64> {
         return None;
     }
     let mut sums = [[(0usize, 0.0); 2]; CLASSES];
-    // The direction between the rows a class apart in time would be one of noise: it is looked for over
-    // as many rows as the reference takes to move by a tenth of a class, at most a hundred.
+    // The direction over a fixed number of rows would be that of noise. It is taken over as many
+    // rows as the reference needs to change by a tenth of a class, at most a hundred.
     for (row, (reference, estimate)) in series.reference.iter().zip(&series.estimate).enumerate() {
         let Some(estimate) = estimate else { continue };
         let moved = (1..100).find_map(|step| {
@@ -116,7 +120,7 @@ fn hysteresis(series: &Series) -> Option<f64> {
         let Some(moved) = moved else { continue };
         let class = (((reference - low) / width) as usize).min(CLASSES - 1);
         let sum = &mut sums[class][usize::from(moved > 0.0)];
-        // The error, not the estimate: rows need not lie evenly within their class.
+        // Average the error, not the estimate, because rows may lie unevenly within their class.
         *sum = (sum.0 + 1, sum.1 + estimate - reference);
     }
     let differences = sums.iter().filter_map(|[(m, down), (n, up)]| {
@@ -126,7 +130,7 @@ fn hysteresis(series: &Series) -> Option<f64> {
     differences.reduce(f64::max)
 }
 
-/// Slope of the error over each other component, all fitted at once together with the component itself.
+/// Slopes of the error over each other component, fitted together with the component itself.
 fn crosstalk(series: &Series, others: &[&Series]) -> Vec<(String, f64)> {
     let aligned = |other: &&&Series| other.reference.len() == series.reference.len();
     let others: Vec<&&Series> = others.iter().filter(aligned).collect();
@@ -146,11 +150,11 @@ fn crosstalk(series: &Series, others: &[&Series]) -> Vec<(String, f64)> {
         rows.len(),
         rows.iter().map(|row| series.estimate[*row].unwrap_or_default() - series.reference[*row]),
     );
-    // A component that is zero throughout has no direction; no singular values would ever be found.
+    // A component that is always zero has no direction, and the decomposition would not converge.
     if sizes.contains(&0.0) {
         return Vec::new();
     }
-    // Where the components rise and fall together none of them can be told to be the cause.
+    // If the components rise and fall together, the cause is ambiguous.
     let svd = (x.transpose() * &x).svd(true, true);
     let (most, least) = (svd.singular_values.max(), svd.singular_values.min());
     if least.is_nan() || least <= 1e-6 * most {
@@ -204,11 +208,11 @@ mod tests {
         let (name, percent) = &found.crosstalk_percent[0];
         assert_eq!(name, "fz_n");
         assert!((percent + 7.0).abs() < 0.01, "{percent}");
-        // Components that go together cannot be told apart, and nothing is said of them.
+        // Components that change together give no crosstalk figure, because the cause is ambiguous.
         let twin = series(2, x.clone(), x.clone());
         let found = figures(&series(0, x.clone(), x.clone()), &[&twin]).unwrap();
         assert!(found.crosstalk_percent.is_empty(), "{found:?}");
-        // Nor of one that is zero throughout.
+        // A component that is always zero gives none either.
         let (rests, said) = (vec![0.0; x.len()], x.clone());
         let still = series(2, rests.clone(), rests.clone());
         for (reference, other) in [(x.clone(), still), (rests, series(2, x.clone(), x))] {
@@ -222,7 +226,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let truth = triangle();
         let sigma = 2e-3;
-        // A sum of twelve uniform numbers is normal enough.
+        // The sum of twelve uniform numbers is nearly normal.
         let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
         let said: Vec<f64> = truth
             .iter()

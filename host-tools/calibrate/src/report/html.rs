@@ -1,4 +1,4 @@
-//! The report as a page that needs nothing but itself.
+//! Report as a self-contained HTML page.
 
 use std::fmt::Write as _;
 
@@ -10,7 +10,7 @@ use super::series::{fine, split_unit};
 
 const STYLE: &str = include_str!("report.css");
 
-/// The page. `made` is when, as a person writes it; `of` is the calibration's date likewise.
+/// Renders the page; `made` is the date of the report, `of` that of the calibration, as text.
 #[must_use]
 pub fn page(report: &Report, made: &str, of: &str) -> String {
     let mut page = String::new();
@@ -71,7 +71,7 @@ fn warnings(page: &mut String, warnings: &[String]) {
     *page += "</ul>";
 }
 
-/// One line for each quantity over all recordings: the worst.
+/// Writes one line for each quantity over all recordings: the best and the worst.
 fn overview(page: &mut String, trials: &[Trial]) {
     let rows: Vec<(&Trial, &Figures)> =
         trials.iter().flat_map(|t| t.figures.iter().map(move |f| (t, f))).collect();
@@ -138,7 +138,7 @@ fn section(page: &mut String, trial: &Trial) {
         let crosstalk: Vec<String> = found
             .crosstalk_percent
             .iter()
-            // `+0.0`, never `-0.0`.
+            // Prints `+0.0`, never `-0.0`.
             .map(|(of, percent)| (short(of), (10.0 * percent).round() / 10.0 + 0.0))
             .map(|(of, percent)| format!("{of} {percent:+.1}"))
             .collect();
@@ -186,7 +186,7 @@ fn section(page: &mut String, trial: &Trial) {
     }
 }
 
-/// The papers' tables, and beside each line the worst that was found here of the same quantity.
+/// Writes the papers' tables with the worst figures found here for the same quantities.
 fn papers(page: &mut String, papers: &[Printed], trials: &[Trial]) {
     *page += "<h2>Beside what the papers print</h2><table><tr><th>quantity<th class=text>where<th>bias\
               <th>σ<th>max<th>here: bias<th>σ<th>max</tr>";
@@ -209,7 +209,7 @@ fn papers(page: &mut String, papers: &[Printed], trials: &[Trial]) {
     *page += "</table>";
 }
 
-/// Figures with the largest σ of a paper's quantity, of the finger or any of its sensors.
+/// Figures with the largest σ of a paper's quantity, among the finger and its sensors.
 fn ours<'t>(paper: &Printed, trials: &'t [Trial]) -> Option<&'t Figures> {
     let same = |found: &&Figures| {
         let name = split_unit(&found.target).0;
@@ -252,12 +252,12 @@ error with the component itself.\
 says that some direction was hardly loaded or hardly seen.\
 <dt>withheld<dd>rows for which the finger says why it has no value instead of giving one.</dl>";
 
-/// A number with the unit that errors are told in.
+/// A number with the unit of its errors.
 fn quantity(value: f64, unit: &'static str) -> String {
     format!("{} {}", fixed(value, unit), fine(unit).1).trim_end().to_owned()
 }
 
-/// Two digits of a thousandth; four that count of what has no thousandths here.
+/// Two decimals in thousandths of the unit; otherwise four significant digits.
 fn fixed(value: f64, unit: &'static str) -> String {
     let (times, told) = fine(unit);
     if told != unit {
@@ -267,7 +267,7 @@ fn fixed(value: f64, unit: &'static str) -> String {
     rounded(value, usize::try_from(digits).unwrap_or(0))
 }
 
-/// A zero has no sign, a rounded one neither.
+/// Rounds to decimals, without a sign on zero.
 fn rounded(value: f64, digits: usize) -> String {
     let text = format!("{value:.digits$}");
     match text.strip_prefix('-') {
@@ -280,7 +280,7 @@ fn optional(value: Option<f64>, digits: usize) -> String {
     value.map_or("–".into(), |value| rounded(value, digits))
 }
 
-/// A quantity and the unit that its errors are told in: `fx / mN`.
+/// A quantity with the unit of its errors: `fx / mN`.
 fn in_unit(name: &str, unit: &'static str) -> String {
     match fine(unit).1 {
         "" => short(name),
@@ -288,7 +288,7 @@ fn in_unit(name: &str, unit: &'static str) -> String {
     }
 }
 
-/// A column's name without its unit.
+/// Name of a column without its unit.
 fn short(name: &str) -> String {
     escaped(split_unit(name).0)
 }

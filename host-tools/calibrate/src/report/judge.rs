@@ -1,4 +1,4 @@
-//! The report of a finger: all that is known of a calibration, ready to be printed or drawn.
+//! Report of a finger's calibration, ready to be printed or drawn.
 
 use crate::recording::Recording;
 use nalgebra::Matrix3;
@@ -14,23 +14,23 @@ use super::figures::{Figures, figures};
 use super::papers::{self, Printed, Requirement};
 use super::series::{self, Kind, Series};
 
-/// The components of a force.
+/// Columns of a force's components.
 const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
-/// Below this force its direction says nothing, newtons.
+/// Least force with a meaningful direction, newtons.
 const LEAST_FORCE: f64 = 0.3;
 
 /// Report of a calibration.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// The calibration.
+    /// Contents of the calibration.
     pub about: About,
     /// Warnings, in full sentences.
     pub warnings: Vec<String>,
-    /// Each recording that it has not seen.
+    /// Results on each judged recording.
     pub trials: Vec<Trial>,
     /// Coverage of the measuring range by the recordings.
     pub coverage: Vec<Coverage>,
-    /// Figures that the papers print of such sensors.
+    /// Figures that the papers print for such sensors.
     pub papers: Vec<Printed>,
     /// Harmon's requirements ([TactileEnc]) next to the figures found.
     pub requirements: Vec<Requirement>,
@@ -41,7 +41,7 @@ pub struct Report {
 pub struct About {
     /// Serial number of the finger.
     pub serial: String,
-    /// Seconds since 1970-01-01 UTC.
+    /// Date of the calibration, seconds since 1970-01-01 UTC.
     pub date: u64,
     /// Calibrated parts, each in a line.
     pub parts: Vec<Part>,
@@ -50,36 +50,36 @@ pub struct About {
 /// A calibrated part.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Part {
-    /// `finger`, `skin`, `slip`, `s0` …, `array`, or `table`.
+    /// Name of the part: `finger`, `skin`, `slip`, `s0` …, `array`, or `table`.
     pub name: String,
-    /// The estimator.
+    /// Estimator of the part.
     pub model: String,
-    /// RMS error of the fit, in the units below; none for what a record keeps none of.
+    /// RMS error of the fit, in the units below; empty if the record has none.
     pub residual: Vec<f64>,
-    /// Units of what it estimates.
+    /// Units of the estimated quantities.
     pub units: Vec<&'static str>,
     /// Noise of a channel in one frame, unloaded, fraction of full scale.
     pub noise: Option<f64>,
     /// Condition number of S; none for nets.
     pub condition: Option<f64>,
-    /// Condition number of the signals that it was fitted to (or judged on, where that is not known).
+    /// Condition number of the signals of the fit, or of the judged ones if those are unknown.
     pub condition_of_data: Option<f64>,
 }
 
-/// A recording and how the calibration did on it.
+/// Results of the calibration on one recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct Trial {
     /// File of the recording.
     pub recording: String,
-    /// Seconds.
+    /// Duration in seconds.
     pub seconds: f64,
     /// Rows a second.
     pub rate_hz: f64,
     /// Figures of each reference column.
     pub figures: Vec<Figures>,
-    /// Error of the force's direction, where the force is 0.3 N or more.
+    /// Error of the force's direction, for forces of 0.3 N and more.
     pub angle: Option<Angle>,
-    /// For the plots.
+    /// Series for the plots.
     #[serde(skip)]
     pub(crate) series: Vec<Series>,
 }
@@ -87,15 +87,15 @@ pub struct Trial {
 /// Errors of the direction of a force.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Angle {
-    /// Root mean square, degrees.
+    /// Root mean square error, degrees.
     pub rms_deg: f64,
-    /// Largest, degrees.
+    /// Largest error, degrees.
     pub max_deg: f64,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
 }
 
-/// Judges `calibration` on the recordings `judged`; `fitted` are those that it was fitted to, where known.
+/// Judges `calibration` on the recordings `judged`; `fitted` are those of the fit, if known.
 #[must_use]
 pub fn judge(calibration: &Calibration, judged: &[Recording], fitted: &[Recording]) -> Report {
     let trials: Vec<Trial> = judged.iter().map(|r| trial(calibration, r)).collect();
@@ -108,7 +108,7 @@ pub fn judge(calibration: &Calibration, judged: &[Recording], fitted: &[Recordin
     assemble(about, warnings, trials, coverage)
 }
 
-/// The report of what was found.
+/// Assembles the report and adds warnings about coverage.
 pub(crate) fn assemble(
     about: About,
     mut warnings: Vec<String>,
@@ -203,7 +203,7 @@ fn about(calibration: &Calibration, recordings: &[Recording]) -> About {
     About { serial: calibration.serial.to_string(), date: calibration.date, parts }
 }
 
-/// Its shape and its numbers.
+/// Description of a net: shape and number format.
 fn net_model(net: Net<'_>) -> String {
     let (units, skip, form) = match net {
         Net::Float(net) => (net.units.len(), net.skip.is_some(), ""),
@@ -222,7 +222,7 @@ fn trial(calibration: &Calibration, recording: &Recording) -> Trial {
 }
 
 impl Trial {
-    /// A recording of so many seconds and rows; no seconds where it tells no time.
+    /// Judges the series of a recording; `seconds` is zero if the recording has no times.
     pub(crate) fn new(recording: String, seconds: f64, rows: usize, series: Vec<Series>) -> Self {
         let rows = rows.saturating_sub(1) as f64;
         let mut trial = Self {
@@ -306,7 +306,7 @@ fn requirements(trials: &[Trial]) -> Vec<Requirement> {
             found: rate.map(|hz| {
                 format!("recorded at {hz:.0} Hz; how fast the finger follows is not in a recording")
             }),
-            // Too few rows a second rule it out; enough of them do not prove it.
+            // Too low a rate rules the response out; a sufficient rate does not prove it.
             met: rate.filter(|hz| *hz < 2.0 * papers::RESPONSE).map(|_| false),
         },
     ]

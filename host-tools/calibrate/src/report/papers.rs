@@ -1,15 +1,17 @@
-//! Figures that the papers print, shown next to those found. Forces in newtons, positions in millimetres.
+//! Figures that the papers print, shown next to those found.
+//!
+//! Forces are in newtons, positions in millimetres.
 
 use serde::Serialize;
 
 /// A line of a paper's table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Printed {
-    /// Quantity.
+    /// Measured quantity.
     pub quantity: &'static str,
-    /// Unit.
+    /// Unit of the quantity.
     pub unit: &'static str,
-    /// Place in the paper.
+    /// Source: paper and table.
     pub source: &'static str,
     /// Mean error.
     pub bias: Option<f64>,
@@ -28,8 +30,10 @@ const fn force(
     Printed { quantity, unit: "N", source, bias, sigma, max }
 }
 
-/// [Ospina2017] tables 1.2 (bare) and 1.3 (coated): of each component the sensor that did best by
-/// σ. [DeMaria2011]: trial set of the 4×1 sensor.
+/// Printed figures of force sensors and of the 4×1 sensor.
+///
+/// [Ospina2017] tables 1.2 (bare) and 1.3 (coated): for each component the sensor with the least σ.
+/// [DeMaria2011]: trial set of the 4×1 sensor.
 pub(crate) const PRINTED: [Printed; 7] = [
     force("fx", "[Ospina2017] table 1.2, H02 (bare)", [2.29e-3, 28.47e-3, 5.66e-3]),
     force("fy", "[Ospina2017] table 1.2, H02 (bare)", [3.25e-3, 17.42e-3, 4.24e-3]),
@@ -47,13 +51,13 @@ pub(crate) const PRINTED: [Printed; 7] = [
     },
 ];
 
-/// [DeMaria2011]'s largest error of the angle of a force, degrees.
+/// Largest error of a force's angle in [DeMaria2011], degrees.
 pub(crate) const ANGLE_DEG: f64 = 10.0;
 
-/// One of Harmon's requirements ([TactileEnc]) and what was found.
+/// One of Harmon's requirements ([TactileEnc]) with the value found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Requirement {
-    /// Requirement.
+    /// Text of the requirement.
     pub asked: &'static str,
     /// Value found, with its quantity.
     pub found: Option<String>,
@@ -61,11 +65,11 @@ pub struct Requirement {
     pub met: Option<bool>,
 }
 
-/// Newtons in "a few grams": three.
+/// Required sensitivity, "a few grams": three, in newtons.
 pub(crate) const A_FEW_GRAMS: f64 = 3.0 * 9.81e-3;
-/// Dynamic range.
+/// Required dynamic range.
 pub(crate) const RANGE: f64 = 1000.0;
-/// Spatial resolution, millimetres.
+/// Required spatial resolution, millimetres.
 pub(crate) const SPATIAL: f64 = 2.0;
-/// Time response, hertz.
+/// Required time response, hertz.
 pub(crate) const RESPONSE: f64 = 100.0;

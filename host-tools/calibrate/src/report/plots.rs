@@ -1,4 +1,4 @@
-//! The plots, as SVG that stands in the page.
+//! Plots as inline SVG.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -6,18 +6,18 @@ use plotters::prelude::*;
 use super::coverage::{CELLS, Coverage};
 use super::series::{Series, extent, fine, split_unit};
 
-/// Reference and estimate are told apart without colour by their width.
+/// Colours; reference and estimate also differ in width, for readers without colour vision.
 const REFERENCE: RGBColor = RGBColor(0x9a, 0xa5, 0xb1);
 const ESTIMATE: RGBColor = RGBColor(0x0b, 0x6b, 0xcb);
 const RISING: RGBColor = RGBColor(0x0b, 0x6b, 0xcb);
 const FALLING: RGBColor = RGBColor(0xd9, 0x6c, 0x06);
-/// More points of a line than this nobody sees.
+/// Most points of a line; more are not visible.
 const LINE: usize = 1000;
-/// Nor more dots.
+/// Most dots of a scatter plot.
 const DOTS: usize = 500;
 
 type Area<'s> = DrawingArea<SVGBackend<'s>, Shift>;
-/// Drawing into a string cannot fail; where plotters says so all the same there is no plot.
+/// Result of drawing; drawing into a string cannot fail, and an error leaves the plot out.
 type Drawn = Result<(), Box<dyn std::error::Error>>;
 
 fn svg(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
@@ -29,7 +29,7 @@ fn svg(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
     if drawn.is_ok() { text } else { String::new() }
 }
 
-/// A little wider than the values; one about them where all are the same.
+/// Range a little wider than the values; 0 to 1 without values.
 fn padded(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
     let (low, high) = extent(values);
     let pad = (0.05 * (high - low)).max(1e-6);
@@ -43,7 +43,7 @@ fn label(name: &str) -> String {
     }
 }
 
-/// Reference and estimate over time.
+/// Plots reference and estimate over time.
 pub(crate) fn over_time(series: &Series) -> String {
     svg((640, 240), |area| {
         area.fill(&WHITE)?;
@@ -69,7 +69,7 @@ pub(crate) fn over_time(series: &Series) -> String {
         let rows = || (0..series.time.len()).step_by(step);
         let reference = rows().map(|i| (series.time[i], series.reference[i]));
         chart.draw_series(LineSeries::new(reference, REFERENCE.stroke_width(4)))?;
-        // A line ends where the estimate is withheld.
+        // The line ends where there is no estimate.
         let estimates: Vec<(f64, Option<f64>)> =
             rows().map(|i| (series.time[i], series.estimate[i])).collect();
         for run in estimates.chunk_by(|a, b| a.1.is_some() == b.1.is_some()) {
@@ -80,7 +80,7 @@ pub(crate) fn over_time(series: &Series) -> String {
     })
 }
 
-/// Error over reference, rising and falling apart: what is not a flat line is no noise.
+/// Plots error over reference, with rising and falling reference in different colours.
 pub(crate) fn over_reference(series: &Series) -> String {
     svg((380, 240), |area| {
         area.fill(&WHITE)?;
@@ -120,7 +120,7 @@ pub(crate) fn over_reference(series: &Series) -> String {
     })
 }
 
-/// Map of the number of rows; empty cells stay white.
+/// Draws a map of the number of rows; empty cells stay white.
 pub(crate) fn map(coverage: &Coverage) -> String {
     let [x0, x1] = coverage.x_range;
     let [y0, y1] = coverage.y_range;
@@ -147,7 +147,7 @@ pub(crate) fn map(coverage: &Coverage) -> String {
             row.iter().enumerate().filter(|(_, n)| **n > 0).map(move |(i, n)| (i, j, *n))
         });
         chart.draw_series(cells.map(|(i, j, n)| {
-            // By its logarithm: a row is to be seen beside a thousand.
+            // Shade by the logarithm, so that one row is visible next to a thousand.
             let depth = (1.0 + n as f64).ln() / (1.0 + most).ln();
             let corners =
                 [(side(x0, x1, i), side(y0, y1, j)), (side(x0, x1, i + 1), side(y0, y1, j + 1))];

@@ -17,11 +17,11 @@ pub enum Kind {
     Point(usize),
     /// Component of a sensor's force, newtons.
     Sensor(usize, usize),
-    /// A reference column of somebody else's sensor.
+    /// Reference column of any other sensor.
     Column(String),
 }
 
-/// Units that the end of a column's name tells.
+/// Units by the last part of a column's name.
 const UNITS: [(&str, &str); 8] = [
     ("n", "N"),
     ("mm", "mm"),
@@ -33,7 +33,7 @@ const UNITS: [(&str, &str); 8] = [
     ("s", "s"),
 ];
 
-/// A column's name without its unit, and the unit; empty where the name tells none.
+/// Splits a column's name into quantity and unit; the unit is empty if unknown.
 pub(crate) fn split_unit(name: &str) -> (&str, &'static str) {
     let known = name.rsplit_once('_').and_then(|(quantity, end)| {
         let (_, unit) = UNITS.iter().find(|(short, _)| *short == end)?;
@@ -42,7 +42,7 @@ pub(crate) fn split_unit(name: &str) -> (&str, &'static str) {
     known.unwrap_or((name, ""))
 }
 
-/// The unit in which an error is told, and how many of it make one of `unit`.
+/// Unit of an error, and how many of it make one of `unit`.
 pub(crate) fn fine(unit: &'static str) -> (f64, &'static str) {
     match unit {
         "N" => (1e3, "mN"),
@@ -52,7 +52,7 @@ pub(crate) fn fine(unit: &'static str) -> (f64, &'static str) {
 }
 
 impl Kind {
-    /// All there are, in the order of the report.
+    /// All kinds in the order of the report.
     pub(crate) fn all() -> impl Iterator<Item = Self> {
         let sensors = (0..SENSORS).flat_map(|i| (0..3).map(move |axis| Self::Sensor(i, axis)));
         (0..3).map(Self::Force).chain((0..2).map(Self::Point)).chain(sensors)
@@ -75,8 +75,10 @@ impl Kind {
         split_unit(&self.name()).1
     }
 
-    /// Which of those that are measured together: the finger's force, the point, a sensor's force, the
-    /// columns of a table that have one unit.
+    /// Group of quantities measured together.
+    ///
+    /// Groups are the finger's force, the point, a sensor's force, and the columns of a table with
+    /// one unit.
     pub(crate) fn group(&self) -> (usize, &'static str) {
         let number = match self {
             Self::Force(_) => 0,
@@ -91,38 +93,39 @@ impl Kind {
 /// One reference column and its estimates, row by row.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// Quantity.
+    /// Quantity of the series.
     pub kind: Kind,
-    /// Seconds since the first row; the rows' numbers where the recording tells no time.
+    /// Seconds since the first row; row numbers if the recording has no times.
     pub time: Vec<f64>,
-    /// The reference.
+    /// Reference values.
     pub reference: Vec<f64>,
-    /// Estimate; `None` where the finger gave none.
+    /// Estimates; `None` where the finger gave none.
     pub estimate: Vec<Option<f64>>,
-    /// The recording tells time.
+    /// Whether the recording has times.
     pub timed: bool,
 }
 
 impl Series {
-    /// Reference and error of every row that has an estimate.
+    /// Reference and error of every row with an estimate.
     pub(crate) fn errors(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.reference.iter().zip(&self.estimate).filter_map(|(r, e)| Some((*r, (*e)? - r)))
     }
 
-    /// Largest reference less the smallest.
+    /// Largest minus smallest reference.
     pub(crate) fn span(&self) -> f64 {
         let (low, high) = extent(self.reference.iter().copied());
         (high - low).max(0.0)
     }
 }
 
-/// Smallest and largest; the other way round where there is none.
+/// Smallest and largest value; infinity and minus infinity for no values.
 pub(crate) fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
 }
 
-/// Every reference column of the recording that the calibration estimates. On the bench, where nothing but
-/// one sensor is calibrated, `fx_n` … are the force on that sensor.
+/// Series of every reference column that the calibration estimates.
+///
+/// On the bench, with only one calibrated sensor, `fx_n` … are the force on that sensor.
 pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Series> {
     let mut all: Vec<Series> = Kind::all()
         .map(|kind| Series { kind, time: vec![], reference: vec![], estimate: vec![], timed: true })
@@ -157,7 +160,7 @@ fn reference(kind: &Kind, sample: &Sample, estimate: &Estimate) -> Option<f64> {
     let truth = &sample.truth;
     match kind {
         Kind::Force(axis) => truth.force[*axis],
-        // A point is judged only while there is one.
+        // A point is judged only during contact.
         Kind::Point(axis) => truth
             .contact
             .unwrap_or_else(|| estimate.status.contains(Status::CONTACT))

@@ -1,4 +1,4 @@
-//! The report of another sensor: a table of channels and the model that was fitted to one.
+//! Report of another sensor: a table of channels and its fitted model.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 use taxel_regress::shear;
@@ -12,8 +12,9 @@ use super::series::{Kind, Series, split_unit};
 /// Names of the inputs' principal directions, the axes of their map.
 const DIRECTIONS: [&str; 2] = ["inputs, first direction", "inputs, second direction"];
 
-/// Judges `model` on the recordings `judged`; `fitted` are those that it was fitted to, where known. All of
-/// them have the model's columns.
+/// Judges `model` on the recordings `judged`; `fitted` are those of the fit, if known.
+///
+/// All recordings have the model's columns.
 #[must_use]
 pub fn judge(model: &TableModel, judged: &[TableRecording], fitted: &[TableRecording]) -> Report {
     let trials: Vec<Trial> = judged.iter().map(|recording| trial(model, recording)).collect();
@@ -39,7 +40,7 @@ pub fn judge(model: &TableModel, judged: &[TableRecording], fitted: &[TableRecor
     assemble(about(model, known), warnings, trials, coverage)
 }
 
-/// Every target of a recording and what the model says to it.
+/// Series of every target of a recording with the model's estimates.
 pub(crate) fn series(model: &TableModel, recording: &TableRecording) -> Vec<Series> {
     let (rows, times) = (&recording.inputs.rows, &recording.inputs.times);
     let timed = times.len() == rows.len();
@@ -82,7 +83,7 @@ fn about(model: &TableModel, recordings: &[TableRecording]) -> About {
     About { serial: model.serial.clone(), date: model.date, parts: vec![part] }
 }
 
-/// `m0 … m14`, or all of a few names.
+/// `m0 … m14`, or all names if they are few.
 fn shortened(names: &[String]) -> String {
     match names {
         [first, .., last] if names.len() > 4 => format!("{first} … {last}"),
@@ -101,7 +102,7 @@ fn doubts(model: &TableModel, fitted: &[TableRecording]) -> Vec<String> {
     doubts
 }
 
-/// The inputs about their mean.
+/// Inputs relative to their mean.
 fn centred(recordings: &[TableRecording]) -> Vec<Vec<f64>> {
     let rows = || recordings.iter().flat_map(|recording| &recording.inputs.rows);
     let n = rows().count().max(1) as f64;
@@ -110,7 +111,7 @@ fn centred(recordings: &[TableRecording]) -> Vec<Vec<f64>> {
     rows().map(|row| row.iter().zip(&mean).map(|(x, mean)| x - mean).collect()).collect()
 }
 
-/// Targets of one unit over each other, and the inputs in the two directions in which they move most.
+/// Pairs of columns with a map: the inputs' principal directions, and targets of one unit.
 fn pairs(model: &TableModel) -> Vec<(Kind, Kind)> {
     let column = |name: &str| Kind::Column(name.into());
     let mut pairs = vec![(column(DIRECTIONS[0]), column(DIRECTIONS[1]))];
@@ -121,7 +122,7 @@ fn pairs(model: &TableModel) -> Vec<(Kind, Kind)> {
     pairs
 }
 
-/// Series of the maps: the targets, and the inputs in the principal directions of those `known`.
+/// Series of the maps: targets, and inputs along the principal directions of those `known`.
 fn mapped(
     model: &TableModel,
     recordings: &[TableRecording],
@@ -148,7 +149,7 @@ fn mapped(
     recordings.iter().map(all).collect()
 }
 
-/// The two directions in which the rows move most.
+/// Two principal directions of the rows.
 fn directions(rows: &[Vec<f64>]) -> Option<[Vec<f64>; 2]> {
     let width = rows.first()?.len();
     let x = DMatrix::from_fn(rows.len(), width, |row, i| rows[row][i]);
