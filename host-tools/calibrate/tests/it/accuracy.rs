@@ -1,5 +1,7 @@
-//! What the estimators are worth on devices and runs that no fit has met, noise on. `cargo bench -p taxel-calibrate
-//! --bench accuracy` prints the figures; those that are asked for stand where they are asserted.
+//! Accuracy of the estimators on unseen devices and runs, with noise.
+//!
+//! `cargo bench -p taxel-calibrate --bench accuracy` prints the figures; the required ones are
+//! asserted here.
 
 use crate::judge::page::{NONE, tells};
 use crate::judge::response::{SWEEP, least_felt, resolution, response};
@@ -13,11 +15,11 @@ use crate::judge::{
 use taxel::frame::Status;
 
 const DEVICES: [u32; 5] = [11, 12, 13, 14, 15];
-/// … of slip.
+/// Devices of the slip tests.
 const SLIP_DEVICES: [u32; 5] = [17, 18, 19, 20, 21];
 const VARIANTS: [With; 3] = [With::Matrix, With::Array, With::Both];
 
-/// A mean over the devices, of a figure of a ring.
+/// Mean over the devices of a figure of a ring.
 type Rings<'r> = &'r dyn Fn(usize, fn(&Ring) -> f64) -> f64;
 
 #[test]
@@ -124,8 +126,8 @@ fn a_newton_is_resolved_to_two_thousandths_and_followed_beyond_200_hz() {
             let sigma = resolution(device, &record, with);
             println!("{device} {with:?}: resolution {sigma:.5?} N");
             assert!(sigma[2] < 0.002, "{with:?}: {sigma:?}");
-            // Asked are 2 mN of every component. The matrix alone tells a shear by how far it tilts sixteen
-            // displacements, each of which is noisy by a few tenths of a micrometre.
+            // 2 mN of every component are required. The matrix alone measures shear by the tilt of
+            // sixteen displacements, each with a noise of a few tenths of a micrometre.
             let most = if with == With::Matrix { 0.013 } else { 0.002 };
             assert!(sigma[0] < most && sigma[1] < most, "{with:?}: {sigma:?}");
             let gains = response(device, &record, with);
@@ -141,7 +143,7 @@ fn a_newton_is_resolved_to_two_thousandths_and_followed_beyond_200_hz() {
         }
     }
     assert_eq!(SWEEP[3], 200.0);
-    // Harmon's 1000 : 1, of the greatest force that is asked for.
+    // Harmon's 1000 : 1, relative to the largest required force.
     let range = sigmas.map(|[_, _, z]| 2.0 / z);
     assert!(range.iter().all(|range| *range >= 1000.0), "{range:?}");
     let millinewtons = |newtons: f64| format!("{:.1} mN", 1e3 * newtons);
@@ -203,18 +205,23 @@ fn slip_is_told_20_ms_ahead_in_95_of_100_onsets_known_friction_or_not() {
     for known in [both.later, array.later] {
         assert_eq!(known[0], known[1], "once friction has been felt");
     }
-    // Force sensors see no ring: a new thing is as rough to them as what touched in calibration, 1.2.
+    // Force sensors see no slip annulus: they assume for any new object the friction of
+    // calibration, 1.2.
     assert_eq!(array.first, [80, 20], "new to the force sensors");
-    // Asked are 95 of the matrix alone, too: it tells two of three. Where friction is 0.2 or the touch light, what a
-    // contact holds is little more than what the matrix tells of shear.
+    // 95 of 100 are required of the matrix alone as well; it warns of two of three. At a friction
+    // of 0.2 or under light touches, the limit of a contact is little more than the matrix's noise
+    // of shear.
     assert!(ahead(matrix.all()) > 0.63, "matrix alone: {:?}", matrix.all());
     slides_are_told(&all, &sprung);
 }
 
-/// Gross slip is told by its way, 0.4 mm at 2.5 to 3 mm/s here; what sticks and slips by its sound.
+/// Asserts that gross slip is reported by its displacement, and stick-slip by its vibration.
+///
+/// The displacement is 0.4 mm, at 2.5 to 3 mm/s here.
 fn slides_are_told(all: &[Onsets; 3], sprung: &[Jerks; 3]) {
-    // Told of 320 slides; ms within which half, 95 of 100 and all of these were; of 100 frames of slip from there on.
-    // The late ones are the light ones, whose place scatters: the matrix alone hardly tells 0.2 N on friction of 0.2.
+    // Reported of 320 slides; ms within which half, 95 of 100 and all of these were reported; share
+    // in percent of the frames of slip from there on. The late ones have light loads and scattered
+    // contact positions: the matrix alone hardly measures 0.2 N at a friction of 0.2.
     let bounds =
         [(304, [160, 600, 1220], 96), (320, [165, 275, 740], 98), (320, [167, 265, 880], 99)];
     for (onsets, (told, within, share)) in all.iter().zip(bounds) {
@@ -245,10 +252,11 @@ fn a_twist_of_a_tenth_of_a_newton_millimetre_is_warned_of_where_friction_was_fel
         }
     }
     println!("[shown, warned 20 ms ahead]: {all:?}, over 0.1 N mm {felt:?}, new {new:?}");
-    // Below, three standard deviations of a moment are too much of what the contact holds.
+    // Below this, three standard deviations of a moment are too large a share of the contact's
+    // limit.
     assert_eq!((felt[0], felt[1]), (140, 140));
     assert_eq!(all[0], 160);
-    // Torsion shows no ring in the matrix either.
+    // Torsion shows no slip annulus in the matrix either.
     assert_eq!(new, [160, 40]);
 }
 
@@ -273,7 +281,7 @@ fn first_touch_of_an_unknown_thing_is_seldom_warned_of() {
     assert!(touches == 108 && warned <= 2, "{warned} of {touches}");
 }
 
-/// Streams of many minutes.
+/// Tests on streams of many minutes.
 mod nightly {
     use super::*;
 
@@ -320,15 +328,16 @@ mod nightly {
             }
         }
         println!("[known, unknown] friction: {all:?} in {minutes} min");
-        // Asked is one in 10 min at most.
+        // At most one in 10 min is required.
         let [matrix, array, both] = all;
         assert_eq!((both[0], array), (0, [0, 0]), "{minutes} min");
-        // A contact whose friction was never felt may be warned of while it is sheared first. These fifteen grasps begin
-        // with the same light touch, which most of them are warned of; of others see the test above.
+        // A contact of unknown friction may be warned of while it is sheared first. These fifteen
+        // grasps begin with the same light touch, and most of them are warned of. The test above
+        // covers other touches.
         assert!(both[1] <= 10, "unknown friction: {} in {minutes} min", both[1]);
         assert_eq!(late, 0, "after the first second");
-        // The matrix alone tells shear to some 15 mN, where a light touch on friction of 0.2 holds no more than 40 mN:
-        // 81 in 10 min, 118 on unknown friction, nearly none at 1.2.
+        // The matrix alone measures shear to about 15 mN. A light touch at a friction of 0.2 holds
+        // at most 40 mN: 81 warnings in 10 min, 118 on unknown friction, nearly none at 1.2.
         assert!(matrix[0] <= 243 && matrix[1] <= 356, "matrix alone: {matrix:?} in {minutes} min");
         assert_eq!(slid, 0, "said to slide, by any of them");
     }

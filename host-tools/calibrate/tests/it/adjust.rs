@@ -1,5 +1,6 @@
-//! In-place recalibration of a device that aged, by nine presses with one known weight, judged on presses of
-//! its own that neither the fit nor the adjustment has seen, noise on.
+//! Tests of the in-place recalibration of an aged device by nine presses with one known weight.
+//!
+//! It is judged on other presses of the device, unseen by fit and adjustment, with noise.
 
 use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
@@ -18,19 +19,20 @@ use taxel_regress::network::NetOptions;
 use crate::fixtures::record;
 use crate::judge::{FRICTION, presses, run};
 
-/// The device, and the name of its record.
+/// Device and name of its record.
 pub const DEVICE: u32 = 23;
 pub const NAME: &str = "ages";
-/// Rows before anything touches the finger.
+/// Rows before the first touch.
 const UNLOADED: usize = 400;
-/// Newtons.
+/// Weight of the presses, newtons.
 const WEIGHT: f64 = 1.0;
 
 fn recording(samples: Vec<Sample>) -> Recording {
     Recording { name: format!("device {DEVICE}"), samples }
 }
 
-/// Each LED gives up to 15 % more or less light, and a softer skin makes every signal a tenth larger.
+/// Ages the device: each LED changes by up to 15 %, and a softer skin raises every signal by a
+/// tenth.
 fn aged(mut samples: Vec<Sample>) -> Vec<Sample> {
     const SKIN: f64 = 1.1;
     let gain = |k: usize| 1.0 + 0.15 * (7.3 * k as f64).sin();
@@ -55,7 +57,7 @@ fn aged(mut samples: Vec<Sample>) -> Vec<Sample> {
     samples
 }
 
-/// The young device's calibration.
+/// Fits the calibration of the young device.
 pub fn fitted() -> Calibration {
     let act = presses(245, [0.0, 0.99], 2.0);
     let net = NetOptions { seed: 0, starts: 1, steps: 80 };
@@ -63,11 +65,11 @@ pub fn fitted() -> Calibration {
     let recordings = [recording(run(DEVICE, 1, 500, 50.0, FRICTION, &act))];
     let fitted = fit(&recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap();
     assert!(fitted.calibration.model.is_some(), "{:?}", fitted.warnings);
-    // The sensors would help: it is the taxels that age here.
+    // The sensors would help, but this test is about ageing taxels.
     Calibration { sensors: Default::default(), array: None, ..fitted.calibration }
 }
 
-/// Weights are put down at nine places; nothing else is known of them.
+/// Records weights put down at nine positions; their weight is the only known reference.
 fn weights(
     calibration: &Calibration,
     (seed, weight): (u64, f64),

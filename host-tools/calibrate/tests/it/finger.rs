@@ -1,5 +1,7 @@
-//! Fitting and judging a made-up finger whose physics is known: presses and shears on a small grid of
-//! places, a force sensor with cross-talk, and every way in which recordings may fall short.
+//! Tests of fitting and judging a made-up finger with known physics.
+//!
+//! Presses and shears on a small grid of positions, a force sensor with crosstalk, and every defect
+//! that recordings may have.
 
 use std::sync::atomic::AtomicBool;
 
@@ -23,7 +25,7 @@ fn code(level: f64, noise: f64) -> Code {
     Code((level * 65535.0 + 3.0 * noise).round() as u16)
 }
 
-/// One row: a force at a place of the finger, and one on sensor 0.
+/// One row: a force at a position of the finger, and one on sensor 0.
 fn sample(row: usize, force: [f64; 3], at: [f64; 2], on_sensor: [f64; 3]) -> Sample {
     let noise = |channel: usize| (12.9898 * ((row * 41 + channel) as f64).powi(2)).sin();
     let [fx, fy, fz] = force;
@@ -66,7 +68,7 @@ fn recording(samples: Vec<Sample>) -> Recording {
     Recording { name: "made-up.csv".into(), samples }
 }
 
-/// Half a second of nothing, then `presses` presses at wandering places with `shear` of the normal force.
+/// A fifth of a second without load, then `presses` presses with `shear` of the normal force.
 fn presses(presses: usize, from: usize, shear: f64) -> Recording {
     let mut samples: Vec<Sample> =
         (0..100).map(|row| sample(row, [0.0; 3], [0.0; 2], [0.0; 3])).collect();
@@ -82,7 +84,7 @@ fn presses(presses: usize, from: usize, shear: f64) -> Recording {
     recording(samples)
 }
 
-/// Half a second of nothing, then force on sensor 0 alone.
+/// A fifth of a second without load, then force on sensor 0 alone.
 fn bench(rows: usize, axes: [f64; 3]) -> Recording {
     let mut samples: Vec<Sample> =
         (0..100).map(|row| sample(row, [0.0; 3], [0.0; 2], [0.0; 3])).collect();
@@ -125,7 +127,7 @@ fn a_bench_recording_gives_that_sensor_and_nothing_else() {
 
 #[test]
 fn a_load_cell_that_errs_does_not_hide_the_unloaded_beginning() {
-    // That of [Ospina2017] errs by 6 mN where the forces reach 1 N.
+    // The load cell of [Ospina2017] has an error of 6 mN for forces up to 1 N.
     let mut bench = bench(1000, [1.0; 3]);
     for (row, sample) in bench.samples.iter_mut().enumerate() {
         for (axis, force) in sample.truth.force.iter_mut().enumerate() {
@@ -158,7 +160,8 @@ fn a_net_in_sixteen_bits_says_what_that_costs_and_it_is_little() {
     }
     let judged = |fitted: &Fitted| evaluate::finger(&fitted.calibration, &presses(20, 100, 0.4));
     let [float, q15] = [&float, &quantised].map(|fitted| figures(&judged(fitted), "fz_n").rmse);
-    // Beside what both leave. A share of that says less: how much both leave is also the gate's doing.
+    // Compare the added error. Its share of the total would say less, because the gate affects the
+    // total.
     let added = (q15 * q15 - float * float).max(0.0).sqrt();
     assert!(added < 5e-4, "{added}: {float} {q15}");
 }
@@ -250,7 +253,7 @@ fn saturated_rows_are_left_out_and_said() {
     assert!(fitted.warnings[0].contains("saturated"), "{:?}", fitted.warnings);
 }
 
-/// Force on sensor 0 whose reference is that sensor's own, as in a recording of the finger.
+/// Force on sensor 0 with the sensor's own reference, as in a recording of the finger.
 fn own_reference(rows: usize) -> Recording {
     let mut recording = bench(rows, [1.0; 3]);
     for sample in &mut recording.samples {

@@ -1,4 +1,4 @@
-//! Committed calibration records of simulated devices, and the fits that they come from.
+//! Committed calibration records of simulated devices, and the fits that produce them.
 
 use std::path::PathBuf;
 use std::thread;
@@ -11,7 +11,7 @@ use crate::{adjust, warmth};
 
 /// Environment variable that makes the tests below write the records instead of comparing them.
 const WRITE: &str = "TAXEL_WRITE_FIXTURES";
-/// Largest RMS differences of forces and contact points that another processor's rounding may make.
+/// Largest RMS differences of forces and contact points due to another processor's rounding.
 const SAME_NEWTONS: f64 = 0.001;
 const SAME_MM: f64 = 0.01;
 
@@ -45,7 +45,7 @@ fn aged() -> Fixture {
     Fixture { name: adjust::NAME.into(), device: adjust::DEVICE, fit: Box::new(adjust::fitted) }
 }
 
-/// Fits again, two at once, and compares with what is committed.
+/// Repeats the fits, two at once, and compares them with the committed records.
 fn check(fixtures: &[Fixture]) {
     for pair in fixtures.chunks(2) {
         thread::scope(|scope| {
@@ -56,8 +56,10 @@ fn check(fixtures: &[Fixture]) {
     }
 }
 
-/// The same bits on the same processor; on others, whose vector units and mathematical library may round otherwise,
-/// a record with the same estimates.
+/// Compares a fit with its committed record.
+///
+/// The same processor must give the same bits. Others may round differently in vector units and
+/// mathematical library; their record must give the same estimates.
 fn compare(Fixture { name, device, fit }: &Fixture) {
     let fitted = fit();
     if std::env::var_os(WRITE).is_some() {

@@ -1,4 +1,5 @@
-//! A finger's recordings that are wrong on purpose: each is fitted sanely with a word about it, or refused with why.
+//! Tests with faulty recordings of a finger: each is fitted with a warning, or refused with a
+//! reason.
 
 use std::sync::atomic::AtomicBool;
 
@@ -12,11 +13,11 @@ use taxel_sim::{Scene, Simulator};
 
 use crate::judge::{FRICTION, presses, run};
 
-/// So many presses all over the pad, five a second.
+/// Records `count` presses all over the pad, five a second.
 fn recording(name: &str, seed: u64, count: u32) -> Recording {
     let seconds = 1.2 + 0.2 * f64::from(count);
     let samples = run(5, seed, 250, seconds, FRICTION, &presses(count, [0.0, 0.0], 0.0));
-    // No contact points: the net alone is what is wanted here.
+    // Without contact points the net alone is fitted.
     let samples = samples.into_iter().map(|sample| {
         let truth = Truth { point: [None; 2], sensors: [[None; 3]; 4], ..sample.truth };
         Sample { truth, ..sample }
@@ -31,7 +32,7 @@ fn fitted(recordings: &[Recording], hidden: usize) -> Result<Fitted, FitError> {
     fit(recordings, &options, &mut |_| {}, &AtomicBool::new(false))
 }
 
-/// RMS error of f_z in newtons on a recording that has nothing wrong with it.
+/// RMS error of f_z in newtons on a recording without faults.
 fn error_of(fitted: &Fitted) -> f64 {
     let found = evaluate::finger(&fitted.calibration, &recording("unseen", 9, 55));
     found.iter().find(|m| m.target == "fz_n").and_then(|m| m.figures).unwrap().rmse
@@ -118,7 +119,7 @@ fn runs_of_wrong_rows_and_wrong_ends_are_told_with_their_share_and_too_many_are_
 #[test]
 fn a_load_cell_that_came_off_over_whole_presses_is_told_and_its_rows_are_left_out() {
     let good = recording("good.csv", 1, 55);
-    // Five presses a second, from 1 s on: the cell is gone from one rest to another.
+    // Five presses a second, from 1 s on: the cell is missing from one rest to another.
     let dead = |share: f64| {
         let mut dead = Recording { name: "dead.csv".into(), ..good.clone() };
         let from = 1000;

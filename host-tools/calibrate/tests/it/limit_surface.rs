@@ -1,5 +1,6 @@
-//! What the chip's limit surfaces are off by, and what they cost. `cargo bench -p taxel-calibrate --bench
-//! limit-surface` writes the table again.
+//! Error and cost of the chip's limit surfaces.
+//!
+//! `cargo bench -p taxel-calibrate --bench limit-surface` writes the table again.
 
 use crate::judge::limit_surfaces::{error, table};
 

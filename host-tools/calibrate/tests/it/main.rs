@@ -1,5 +1,7 @@
-//! Tests of the calibration on simulated fingers. The quick profile of nextest leaves out modules `endurance`, and it
-//! and `ci` leave out modules `nightly`.
+//! Tests of the calibration on simulated fingers.
+//!
+//! The quick profile of nextest leaves out modules `endurance`; it and `ci` leave out modules
+//! `nightly`.
 
 mod accuracy;
 mod adjust;

@@ -1,5 +1,6 @@
-//! What a report warns of: each warning is provoked by spoiling sound recordings in one way, and sound ones give none.
-//! It stands on the page and in the JSON alike.
+//! Tests of a report's warnings: sound recordings give none, and each defect gives its own.
+//!
+//! Page and JSON show the same warnings.
 
 use std::sync::atomic::AtomicBool;
 
@@ -13,7 +14,7 @@ use taxel_regress::network::NetOptions;
 use taxel_regress::table::{self, TableModel, TableOptions, TableRecording};
 use taxel_sim::{Scene, Simulator};
 
-/// What stands on top of the page and in the JSON.
+/// Warnings of a report, checked to be the same on the page and in the JSON.
 fn warnings(report: &Report) -> Vec<String> {
     let page = html::page(report, "today", "yesterday");
     let json = serde_json::to_value(report).unwrap();
@@ -30,7 +31,7 @@ fn assert_begin(found: &[String], wanted: &[&str]) {
     assert!(same, "{found:#?}\nwhere these are wanted: {wanted:#?}");
 }
 
-/// Presses all over the pad, pulled in every direction.
+/// Presses all over the pad, sheared in every direction.
 fn finger(seed: u64) -> Recording {
     let text = "effects = ['noise']\n[scan]\nrate_hz = 200\nduration_s = 40\n[indenter]\nradius_mm = 6\n\
                 [friction]\nmu = 1\n[[random]]\nat_s = 1\npresses = 190\neach_s = 0.2\nx_mm = [-4, 4]\n\
@@ -39,13 +40,13 @@ fn finger(seed: u64) -> Recording {
     Recording { name: format!("{seed}.csv"), samples: Simulator::new(&scene, seed).collect() }
 }
 
-/// The virtual finger's net and sensors.
+/// Reads the virtual finger's calibration of net and sensors.
 fn calibration() -> Calibration {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
     taxel_files::calibration::read(path).unwrap()
 }
 
-/// Three recordings that were fitted to and one that was not, every row spoiled.
+/// Warnings on one judged and three fitted recordings with every row spoiled.
 fn of_finger(spoil: fn(&mut Sample)) -> Vec<String> {
     let spoiled = |seed| {
         let mut recording = finger(seed);
@@ -113,7 +114,7 @@ fn loads_beyond_all_that_were_fitted_to_are_told_with_their_share() {
     assert!(told("fy_n") && told("fz_n") && found.len() == 2, "{found:#?}");
 }
 
-/// Somebody else's sensor: three channels, two forces that go both ways and one that presses.
+/// Table of a generic sensor: three channels, two forces that go both ways and one that presses.
 fn table(phase: f64, spoil: fn(&mut [f64], &mut [f64])) -> TableRecording {
     let (mut inputs, mut targets) = (Vec::new(), Vec::new());
     for i in 0..1500 {
@@ -161,7 +162,7 @@ fn a_tables_missing_shear_and_its_joined_and_silent_columns_are_told() {
     assert_begin(&found, &["fx goes one way only (-1.00 … "]);
     let found = of_table(|m, _| m[1] = m[0] / 2.0);
     assert_begin(&found, &["m1 says the same as m0 (correlation 1.00000)"]);
-    // A number whose mean over the rows is rounded.
+    // The mean of this value over the rows is rounded.
     let found = of_table(|m, _| m[2] = 2.1);
     assert_begin(&found, &["m2 never changes: is it connected?"]);
 }

@@ -1,4 +1,4 @@
-//! What the finger says of its own errors, held against them: on devices, runs and noise that no fit has met.
+//! Tests of the finger's claimed uncertainty against its errors, on unseen devices, runs and noise.
 
 use taxel::calibration::Calibration;
 use taxel::finger::SKIN_ERROR;
@@ -7,7 +7,7 @@ use crate::judge::{Rms, With, calibrated, presses, replay, run};
 
 const DEVICES: [u32; 2] = [21, 22];
 
-/// Errors over the standard deviations that were stated for them.
+/// Errors relative to their claimed standard deviations.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stated {
     rms: Rms,
@@ -22,7 +22,7 @@ impl Stated {
         self.beyond_three += usize::from(error.abs() > 3.0);
     }
 
-    /// The root mean square, of errors of which at most one in a hundred is beyond three.
+    /// Root mean square; asserts that at most one error in a hundred exceeds three.
     fn value(&self, what: &str) -> f64 {
         let (value, count) = (self.rms.value(), self.rms.count());
         println!("{what}: {value:.2}, {} of {count} beyond three", self.beyond_three);
@@ -31,7 +31,7 @@ impl Stated {
     }
 }
 
-/// Of a run: shear, normal force, place, and the misfit itself.
+/// Results of a run: shear, normal force, contact position, and the normalised residual.
 #[derive(Clone, Copy, Debug, Default)]
 struct Run {
     shear: Stated,
@@ -73,8 +73,8 @@ impl Run {
 
 #[test]
 fn errors_are_as_large_as_the_finger_says() {
-    // 0.236 MPa is the skin that the devices are calibrated with; this one has become softer by as much as is
-    // allowed for.
+    // The devices are calibrated with a skin of 0.236 MPa; this one is softer by the allowed
+    // change.
     let softer = format!("[material]\nyoung_mpa = {}\n", 0.236 / f64::from(1.0 + SKIN_ERROR));
     let [mut matrix, mut array, mut both, mut aged] = [Run::default(); 4];
     for device in DEVICES {
@@ -84,7 +84,7 @@ fn errors_are_as_large_as_the_finger_says() {
         both.add(device, &record, With::Both, "");
         aged.add(device, &record, With::Matrix, &softer);
     }
-    // What is left of a calibration differs from one device and place to the next by a third or so.
+    // The residual of a calibration differs between devices and positions by about a third.
     let right = |name: &str, stated: &Stated| {
         let value = stated.value(name);
         assert!((0.67..1.5).contains(&value), "{name}: {value}");
@@ -94,8 +94,9 @@ fn errors_are_as_large_as_the_finger_says() {
     right("shear by both", &both.shear);
     right("place by the array", &array.place);
     right("normal force by the matrix of a skin that has aged", &aged.normal);
-    // What no recording of the same finger on the same day shows is allowed for beside it: of the skin, of
-    // another indenter's place, of a sensor's gain. Less than is stated is left then.
+    // The claimed uncertainty also covers changes that same-day recordings of one finger do not
+    // show. These are changes of the skin, of another indenter's position and of a sensor's gain.
+    // Here the errors are therefore smaller than claimed.
     for (name, stated) in [
         ("normal force by the matrix", &matrix.normal),
         ("place by the matrix", &matrix.place),

@@ -1,4 +1,5 @@
-//! A finger that was calibrated in a room, at other temperatures: with a recording of its warming and without.
+//! Tests of a finger at other temperatures than in calibration, with and without a warm-up
+//! recording.
 
 use std::sync::atomic::AtomicBool;
 
@@ -13,7 +14,7 @@ use taxel_sim::{Effect, Scene, Simulator};
 
 use crate::fixtures::record;
 
-/// The device.
+/// Seed of the device.
 pub const DEVICE: u32 = 31;
 
 fn samples(scene: Scene, seed: u64) -> Vec<Sample> {
@@ -22,19 +23,19 @@ fn samples(scene: Scene, seed: u64) -> Vec<Sample> {
     Simulator::new(&scene, seed).collect()
 }
 
-/// The first ten seconds of a built-in scene.
+/// The first `seconds` of a built-in scene.
 fn recorded(name: &str, seconds: u64) -> Recording {
     let mut samples = samples(Scene::load(name).unwrap(), 1);
     samples.retain(|sample| sample.scan.time.0 < seconds * 1_000_000);
     Recording { name: name.into(), samples }
 }
 
-/// The name of its record, fitted with a recording of its warming or without.
+/// Name of the device's record, fitted with or without a warm-up recording.
 pub fn name(warm_up: bool) -> &'static str {
     if warm_up { "warm-up" } else { "no-warm-up" }
 }
 
-/// Fits its record.
+/// Fits the device's record.
 pub fn fitted(warm_up: bool) -> Calibration {
     let mut recordings = vec![recorded("presses", 15), recorded("shear", 15)];
     if warm_up {
@@ -47,7 +48,7 @@ pub fn fitted(warm_up: bool) -> Calibration {
     fit(&recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap().calibration
 }
 
-/// Presses with another seed in a room of so many degrees.
+/// Presses with another seed in a room at `celsius`.
 fn presses(celsius: f64) -> Vec<Sample> {
     let text = format!(
         "effects = ['noise', 'gain-spread', 'bridge-mismatch', 'bridge-crosstalk', 'temperature']\n\
@@ -59,7 +60,7 @@ fn presses(celsius: f64) -> Vec<Sample> {
     samples(Scene::parse("presses.toml", &text).unwrap(), 9)
 }
 
-/// RMS error of the force sensors in newtons, and the share of frames that say it is too warm or too cold.
+/// RMS error of the force sensors in newtons, and share of frames with the temperature flag.
 fn judged(record: &Calibration, samples: &[Sample]) -> (f64, f64) {
     let (finger, mut state) = Finger::new(Some(record.clone()));
     let (mut squares, mut n, mut flagged) = (0.0, 0.0, 0);

@@ -1,4 +1,4 @@
-//! The three forms of the limit surface on the chip side by side: what each is off by, and what it costs.
+//! Error and cost of the three forms of the limit surface on the chip.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -6,20 +6,21 @@ use std::path::Path;
 use taxel::estimate::limit_surface::Sweep;
 use taxel_calibrate::limit_surface::{power_law, sweep};
 
-/// Exponents of the pressure: [Ospina2017]'s fingers and Hertz's between a blunt punch and almost a point.
+/// Exponents of the pressure: [Ospina2017]'s fingers and Hertz's, from a nearly pointed to a blunt
+/// one.
 const PRESSURES: [f64; 4] = [1.8, 2.0, 3.0, 8.0];
 
-/// A form, and its stage in the table of cycles.
+/// Forms with their stages in the table of cycles.
 pub const FORMS: [(&str, &str); 3] = [
     ("ellipse", "slip: the ellipse"),
     ("table", "slip: the limit surface"),
     ("sweep", "slip: the limit surface, swept"),
 ];
 
-/// The load that a form says of shear, torsion, normal force and friction.
+/// Load of a form as a function of shear, torsion, normal force and friction.
 type Load = Box<dyn Fn(f32, f32, f32, f32) -> f32>;
 
-/// Largest error of a form's load on the finely swept curve of any pressure, where it is one.
+/// Largest error of a form's load on the finely swept curve of any pressure; its load there is one.
 pub fn error(form: &str) -> f64 {
     let radius = [1.5, 0.3];
     let worst = |k: f64| {
@@ -43,7 +44,7 @@ pub fn error(form: &str) -> f64 {
     PRESSURES.into_iter().map(worst).fold(0.0, f64::max)
 }
 
-/// Modelled cycles of a stage, loads not pipelined, as `cargo xtask cycles` counted them.
+/// Modelled cycles of a stage, loads not pipelined, as counted by `cargo xtask cycles`.
 fn cycles(stage: &str) -> u64 {
     let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("../emulator/data/cycles.csv");
     let text =
@@ -53,7 +54,7 @@ fn cycles(stage: &str) -> u64 {
     numbers.split(',').nth(2).and_then(|cycles| cycles.parse().ok()).expect("a count of cycles")
 }
 
-/// The committed table as it should be now.
+/// Renders the current content of the committed table.
 pub fn table() -> String {
     let mut text = String::from("form,worst_error_percent,cycles\n");
     for (form, stage) in FORMS {

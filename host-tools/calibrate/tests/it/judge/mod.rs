@@ -1,5 +1,6 @@
-//! How the estimators are judged: a device is calibrated on its own recording, then seen on a run of its
-//! own that the fit has never met, noise on.
+//! Judging of the estimators: a device is calibrated on one recording and judged on an unseen run.
+//!
+//! Both have noise.
 #![allow(dead_code, reason = "test and bench use their parts")]
 
 pub mod limit_surfaces;
@@ -25,7 +26,7 @@ use taxel_sim::{Scene, Simulator};
 const EFFECTS: &str = "'noise', 'ambient', 'flicker', 'gain-spread', 'optical-crosstalk', \
                        'bridge-mismatch', 'bridge-crosstalk'";
 
-/// What happens on `device` at `rate` frames a second.
+/// Simulates `acts` on `device` at `rate` frames a second.
 pub fn run(device: u32, seed: u64, rate: u32, duration: f64, mu: f64, acts: &str) -> Vec<Sample> {
     let text = format!(
         "effects = [{EFFECTS}]\n[scan]\nrate_hz = {rate}\nduration_s = {duration}\n\
@@ -34,7 +35,7 @@ pub fn run(device: u32, seed: u64, rate: u32, duration: f64, mu: f64, acts: &str
     Simulator::new(&Scene::parse("judge.toml", &text).unwrap(), seed).collect()
 }
 
-/// `[[random]]` presses all over the pad after a second of nothing.
+/// `[[random]]` presses all over the pad after a second without load.
 pub fn presses(count: u32, shear: [f64; 2], roll: f64) -> String {
     format!(
         "[[random]]\nat_s = 1\npresses = {count}\neach_s = 0.2\nx_mm = [-4.2, 4.2]\n\
@@ -42,7 +43,7 @@ pub fn presses(count: u32, shear: [f64; 2], roll: f64) -> String {
     )
 }
 
-/// Of what touches a finger in calibration: shear has to cover all that it will meet.
+/// Friction coefficient in calibration: its shear must cover all later shear.
 pub const FRICTION: f64 = 1.2;
 
 /// Name of a device's committed record.
@@ -50,13 +51,15 @@ pub fn name(device: u32) -> String {
     format!("device-{device}")
 }
 
-/// The device's calibration, as it is committed.
+/// Reads the device's committed calibration.
 pub fn calibrated(device: u32) -> Calibration {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures");
     taxel_files::calibration::read(format!("{folder}/{}.toml", name(device))).unwrap()
 }
 
-/// Fits the device's calibration to 90 s of presses. The net is a token one, for what is judged is not it.
+/// Fits the device's calibration to 90 s of presses.
+///
+/// The net has a single unit, because it is not judged.
 pub fn fitted(device: u32) -> Calibration {
     let samples = run(device, 1, 500, 90.0, FRICTION, &presses(445, [0.0, 0.99], 2.0));
     let recording = Recording { name: format!("device {device}"), samples };
@@ -68,7 +71,7 @@ pub fn fitted(device: u32) -> Calibration {
     fitted.calibration
 }
 
-/// Which sensors a finger has.
+/// Sensors of a finger.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum With {
     Both,
@@ -76,7 +79,7 @@ pub enum With {
     Array,
 }
 
-/// What the finger says of every scan.
+/// Runs the finger over every scan and returns its estimates.
 pub fn replay(calibration: &Calibration, samples: &[Sample], with: With) -> Vec<Estimate> {
     let mut calibration = calibration.clone();
     match with {
@@ -104,7 +107,7 @@ pub fn replay(calibration: &Calibration, samples: &[Sample], with: With) -> Vec<
         .collect()
 }
 
-/// Sum of squares and count of something.
+/// Root mean square of a quantity: sum of squares and count.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rms(f64, usize);
 
@@ -128,10 +131,11 @@ impl Rms {
 pub struct Ring {
     pub point: Rms,
     pub force: [Rms; 3],
-    /// Angle between force and truth in degrees, at 0.3 N and more.
+    /// Angle between estimated and true force in degrees, at 0.3 N and more.
     pub direction: Rms,
     pub torsion: Rms,
-    /// Frames judged, and those of them without a place or without a component of the force.
+    /// Frames judged, and those of them without a contact point or without a component of the
+    /// force.
     pub frames: usize,
     pub missing: usize,
 }
@@ -139,7 +143,7 @@ pub struct Ring {
 /// Middle of the pad, out to the outer taxels, beyond them: greatest |x|, |y| of a ring in mm.
 pub const RINGS: [f64; 3] = [2.0, 3.75, 4.2];
 
-/// Errors by ring, of the frames with a normal force of at least `least` newtons.
+/// Errors by ring, for the frames with a normal force of at least `least` newtons.
 pub fn errors(samples: &[Sample], estimates: &[Estimate], least: f64) -> [Ring; 3] {
     let mut rings = [Ring::default(); 3];
     for (sample, estimate) in samples.iter().zip(estimates) {
@@ -152,7 +156,7 @@ pub fn errors(samples: &[Sample], estimates: &[Estimate], least: f64) -> [Ring; 
         let out = x.abs().max(y.abs());
         let found = [estimate.force.x, estimate.force.y, estimate.force.z].map(newtons);
         for (ring, limit) in rings.iter_mut().zip(RINGS) {
-            // Each ring holds those inside it: "to the outer taxel row".
+            // Each ring includes those inside it: "to the outer taxel row".
             if out > limit {
                 continue;
             }
@@ -190,28 +194,30 @@ fn angle(a: [f64; 3], b: [f64; 3]) -> f64 {
     (dot / (norm(a) * norm(b)).max(1e-12)).clamp(-1.0, 1.0).acos().to_degrees()
 }
 
-/// Means over devices.
+/// Mean of some values, such as figures of several devices.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) = values.into_iter().fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
     sum / f64::max(count, 1.0)
 }
 
-/// How pairs of contacts fared.
+/// Results on pairs of contacts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pairs {
     pub shown: usize,
-    /// Both told, each within half a pitch.
+    /// Pairs with both contacts found, each within half a pitch.
     pub found: usize,
     pub point: Rms,
     pub normal: Rms,
 }
 
-/// Places that spread evenly over the unit square: the additive recurrence of the plastic number.
+/// Positions spread evenly over the unit square: the additive recurrence of the plastic number.
 fn spread(i: u32) -> [f64; 2] {
     [0.754_877_666_246_692_7, 0.569_840_290_998_053_3].map(|step| (step * f64::from(i)).fract())
 }
 
-/// Two presses at once, two to four pitches apart and of 0.2 to 0.8 N each, one pair after the other.
+/// Judges two simultaneous presses, one pair after the other.
+///
+/// The presses are at least two pitches (5 mm) apart, with 0.2 to 0.8 N each.
 pub fn pairs(device: u32, record: &Calibration, count: usize, with: With) -> Pairs {
     let on_pad = |unit: [f64; 2]| unit.map(|u| 7.5 * u - 3.75);
     let shown = (0u32..).map(|i| {
@@ -255,14 +261,15 @@ pub fn pairs(device: u32, record: &Calibration, count: usize, with: With) -> Pai
     outcome
 }
 
-/// Frames of single contacts, and those of them that were said to be two.
+/// Number of frames of single contacts, and of those estimated as two.
 pub fn false_pairs(estimates: &[Estimate]) -> (usize, usize) {
     let touched = || estimates.iter().filter(|e| e.status.contains(Status::CONTACT));
     (touched().count(), touched().filter(|e| e.contacts.is_ok()).count())
 }
 
-/// Twelve presses of 0.3 to 2 N all over the pad, each with a moment about its normal of two thirds of what friction
-/// of 1.2 holds, now from x to y, now back.
+/// Twelve presses of 0.3 to 2 N all over the pad, each with a moment about its normal.
+///
+/// The moment is two thirds of the limit at a friction of 1.2, alternating in sign.
 pub fn twisted(device: u32) -> Vec<Sample> {
     let mut acts = String::new();
     for i in 0..12u32 {
@@ -280,7 +287,7 @@ pub fn twisted(device: u32) -> Vec<Sample> {
     run(device, 8, 1000, 8.5, FRICTION, &acts)
 }
 
-/// Root mean square of the true torsion where something touches, in N·mm.
+/// Root mean square of the true torsion during contact, in N·mm.
 pub fn true_torsion(samples: &[Sample]) -> f64 {
     let mut all = Rms::default();
     let touched = samples.iter().filter(|sample| sample.truth.contact == Some(true));

@@ -1,9 +1,9 @@
-//! The figures that were asked for, as `docs/accuracy.md` tells them.
+//! Required figures and their results, as listed in `docs/accuracy.md`.
 
-/// What was asked for, how much of it, and what the matrix alone, the force sensors alone and both together reach.
+/// Requirement, its value, and the results of matrix alone, force sensors alone and both.
 pub type Row<'r> = (&'r str, &'r str, [String; 3]);
 
-/// The page has these rows of its table.
+/// Asserts that the page has these rows in its table.
 pub fn tells(rows: &[Row<'_>]) {
     const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/accuracy.md");
     let page = std::fs::read_to_string(PAGE).unwrap();
@@ -14,5 +14,5 @@ pub fn tells(rows: &[Row<'_>]) {
     assert!(missing.is_empty(), "docs/accuracy.md lacks these rows:\n{}", missing.join("\n"));
 }
 
-/// Of what one of them cannot tell.
+/// Entry for a figure that a sensor cannot measure.
 pub const NONE: &str = "–";

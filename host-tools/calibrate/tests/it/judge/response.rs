@@ -1,4 +1,4 @@
-//! How finely and how quickly a finger answers.
+//! Resolution and frequency response of a finger.
 
 use taxel::calibration::Calibration;
 use taxel::frame::Status;
@@ -23,11 +23,12 @@ pub fn resolution(device: u32, record: &Calibration, with: With) -> [f64; 3] {
     })
 }
 
-/// Loads in newtons of which the least that is felt is looked for.
+/// Loads in newtons among which the detection threshold is sought.
 const LIGHT: [f64; 8] = [0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03];
 
-/// The least of the [`LIGHT`] loads that is felt, as heavier ones are too, in every scan of half a second in which it
-/// is held.
+/// Detection threshold: the least of the [`LIGHT`] loads that is detected, as are all heavier ones.
+///
+/// A load is detected if every scan of half a second of its hold shows contact.
 pub fn least_felt(device: u32, record: &Calibration, with: With) -> Option<f64> {
     let felt = |load: &&f64| {
         let press = format!(
@@ -40,15 +41,16 @@ pub fn least_felt(device: u32, record: &Calibration, with: With) -> Option<f64> 
     LIGHT.iter().rev().take_while(felt).last().copied()
 }
 
-/// Scans of a press that rises from 0.5 N to 1.5 N within a second, at [`RATE`]: what a finger reads at any force
-/// between, noise and all.
+/// Scans of a press that rises from 0.5 N to 1.5 N within a second, at [`RATE`].
+///
+/// They give a finger's reading at any force between, noise included.
 struct Ramp(Vec<Sample>);
 
 /// Frames a second of the sweep.
 const RATE: u32 = 4000;
-/// Of the sweep, in hertz; the first tells what a slow force gives.
+/// Frequencies of the sweep, in hertz; the first gives the response to a slow force.
 pub const SWEEP: [f64; 8] = [10.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1200.0, 1600.0];
-/// The force: its middle and its amplitude in newtons.
+/// Mean and amplitude of the force, in newtons.
 const MIDDLE: f64 = 1.0;
 const SWING: f64 = 0.3;
 
@@ -61,13 +63,14 @@ impl Ramp {
         Self(rising.filter(|s| s.truth.force[2] > Some(0.5)).collect())
     }
 
-    /// The scan at the force nearest to this one.
+    /// Returns the scan with a force nearest to this one.
     fn at(&self, force: f64) -> &Sample {
         let above = self.0.partition_point(|sample| sample.truth.force[2] < Some(force));
         &self.0[above.min(self.0.len() - 1)]
     }
 
-    /// What is left of the swing of a sine of force in the finger's f_z, by least squares over a tenth of a second.
+    /// Amplitude ratio of the finger's f_z to a sine of force, by least squares over a tenth of a
+    /// second.
     fn gain(&self, record: &Calibration, with: With, hz: f64) -> f64 {
         let phase = |i: usize| std::f64::consts::TAU * hz * i as f64 / f64::from(RATE);
         let sine = (0..RATE as usize / 2).map(|i| {
@@ -77,7 +80,7 @@ impl Ramp {
         });
         let samples: Vec<Sample> = sine.collect();
         let estimates = replay(record, &samples, with);
-        // Whole periods of every frequency of the sweep, after the touch has settled.
+        // Whole periods of every frequency of the sweep, after the contact has settled.
         let from = estimates.len() - RATE as usize / 10;
         let found = |i: usize| newtons(estimates[i].force.z).unwrap();
         let middle = mean((from..estimates.len()).map(found));
@@ -88,7 +91,7 @@ impl Ramp {
     }
 }
 
-/// Of the [`SWEEP`], what is left at each frequency of the swing of a slow force.
+/// Amplitude response at each frequency of the [`SWEEP`], relative to a slow force.
 pub fn response(device: u32, record: &Calibration, with: With) -> [f64; SWEEP.len()] {
     let ramp = Ramp::of(device);
     let slow = ramp.gain(record, with, SWEEP[0]);

@@ -1,4 +1,4 @@
-//! Slip: is it told in time, and is it told where there is none.
+//! Judging of slip: warnings in time, and false warnings.
 
 use taxel::calibration::Calibration;
 use taxel::estimate::limit_surface::LimitSurface;
@@ -8,29 +8,30 @@ use taxel_files::trace::Sample;
 
 use super::{With, replay, run};
 
-/// How slips began, and how they were told.
+/// Results on onsets of slip.
 #[derive(Clone, Debug, Default)]
 pub struct Onsets {
-    /// Shown, and of them warned of 20 ms ahead: the first on a thing of unknown friction, and the later ones.
+    /// [shown, warned 20 ms ahead]: first onsets on an object of unknown friction, and later ones.
     pub first: [usize; 2],
     pub later: [usize; 2],
-    /// Milliseconds from the beginning of gross slip until it was told, of those that were told while they slipped.
+    /// Milliseconds from the beginning of gross slip to its report, for slips reported in time.
     pub told: Vec<usize>,
-    /// Told before they slipped.
+    /// Number of slips reported before they began.
     pub early: usize,
-    /// Frames of gross slip from the first that told it on, and of these those that told it.
+    /// Frames of gross slip from the first report on, and those of them with a report.
     pub sliding: [usize; 2],
 }
 
-/// By then a slide that begins after a second is over.
+/// Time after a slide that begins at one second, microseconds.
 const SLID_US: u64 = 3_200_000;
 
 /// Friction coefficients and loads of slides and twists.
 pub const FRICTIONS: [f64; 4] = [0.2, 0.4, 0.8, 1.2];
 pub const LOADS: [f64; 4] = [0.2, 0.5, 1.0, 2.0];
 
-/// Adds four slides at every friction and load: shear grows for 150 ms until it breaks loose. As each of `with` tells
-/// the same slides.
+/// Adds four slides at every friction and load, as reported with each of `with`.
+///
+/// Shear grows for 150 ms until the contact breaks loose. All of `with` see the same slides.
 pub fn onsets<const N: usize>(
     all: &mut [Onsets; N],
     device: u32,
@@ -46,19 +47,21 @@ pub fn onsets<const N: usize>(
     }
 }
 
-/// Two twists under one friction and one load, this way and that.
+/// Results on two twists under one friction and one load, in opposite directions.
 #[derive(Clone, Debug)]
 pub struct Twists {
     pub friction: f64,
     pub load: f64,
-    /// What friction holds, in N·mm.
+    /// Limit of the torsion, in N·mm.
     pub holds: f64,
-    /// Shown, and of them warned of 20 ms ahead: where a slide has told the friction before, and where nothing has.
+    /// [shown, warned 20 ms ahead]: after a slide that shows the friction, and without one.
     pub known: [usize; 2],
     pub unknown: [usize; 2],
 }
 
-/// Torsion that grows for 150 ms to 1.05 of what friction holds, at every friction and load; matrix and sensors.
+/// Judges torsion that grows for 150 ms to 1.05 of its limit, at every friction and load.
+///
+/// The finger has matrix and sensors.
 pub fn twists(device: u32, record: &Calibration) -> Vec<Twists> {
     let both = |(friction, load)| {
         let holds = LimitSurface::hertz(6.0, 0.236).most_torsion(load as f32, friction as f32);
@@ -85,17 +88,18 @@ pub fn twists(device: u32, record: &Calibration) -> Vec<Twists> {
     scenes().map(both).collect()
 }
 
-/// How the slips of what sticks and slips were told.
+/// Results on stick-slip.
 #[derive(Clone, Debug, Default)]
 pub struct Jerks {
-    /// Shown, and of them told within 30 ms.
+    /// [shown, reported within 30 ms].
     pub told: [usize; 2],
-    /// The most milliseconds for which one was told after it had ended, until the next.
+    /// Longest report after the end of a slip, until the next, in milliseconds.
     pub lingered: usize,
 }
 
-/// Adds a drag at 3 mm/s under 1 N through a spring at every friction: it sticks for tenths of a second and slips for
-/// hundredths.
+/// Adds a drag at 3 mm/s under 1 N through a spring, at every friction.
+///
+/// The contact sticks for tenths of a second and slips for hundredths.
 pub fn jerks<const N: usize>(
     all: &mut [Jerks; N],
     device: u32,
@@ -109,7 +113,7 @@ pub fn jerks<const N: usize>(
             0.6 * mu
         );
         let mut samples = run(device, 3, 1000, 4.0, mu, &acts);
-        // Where it is let go it slips too.
+        // The contact also slips at the release.
         samples.truncate(3300);
         let (slips, end) = (|i: usize| samples[i].truth.slip == Some(true), samples.len() - 30);
         for (all, with) in all.iter_mut().zip(with) {
@@ -130,7 +134,7 @@ fn scenes() -> impl Iterator<Item = (f64, f64)> {
     FRICTIONS.into_iter().flat_map(|mu| LOADS.map(|load| (mu, load)))
 }
 
-/// The `i`th of four ways over the pad.
+/// Path of the `i`th of four slides over the pad.
 fn slide(at: f64, i: i32, load: f64) -> String {
     let y = 1.0 - 0.5 * f64::from(i);
     format!(
@@ -141,14 +145,14 @@ fn slide(at: f64, i: i32, load: f64) -> String {
 }
 
 impl Onsets {
-    /// Adds those of one scene.
+    /// Adds the slips of one scene.
     fn count(&mut self, samples: &[Sample], estimates: &[Estimate], shown: usize) {
         let said = |i: usize, what| estimates[i].status.contains(what);
         let slips = |i: usize| samples[i].truth.slip == Some(true);
         let (mut pressed, mut begun) = (0, 0);
         for i in 1..samples.len() {
             let truth = &samples[i].truth;
-            // Shear begins where the normal force has come up: a warning before that is a false one.
+            // Shear begins after the normal force has risen: an earlier warning is false.
             if (truth.force[0], truth.torsion) == (Some(0.0), Some(0.0)) {
                 pressed = i;
             }
@@ -172,27 +176,28 @@ impl Onsets {
         assert_eq!(begun, shown);
     }
 
-    /// Milliseconds within which a share of 50, 95 and 100 in 100 was told, of those that were.
+    /// Milliseconds within which 50, 95 and 100 in 100 of the reported slips were reported.
     pub fn delays(&self) -> [usize; 3] {
         let mut told = self.told.clone();
         told.sort_unstable();
         [50, 95, 100].map(|share| told[(told.len() * share).div_ceil(100) - 1])
     }
 
-    /// First and later ones together.
+    /// Sums of the first and later onsets.
     pub fn all(&self) -> [usize; 2] {
         std::array::from_fn(|i| self.first[i] + self.later[i])
     }
 }
 
-/// A grasp with up to half of its friction in use, at `rate` frames a second for `minutes`, after one slide that tells
-/// what that friction is.
+/// A grasp that uses up to half of its friction, after one slide that shows this friction.
+///
+/// `rate` is in frames a second, `minutes` the duration.
 pub fn grasp(device: u32, rate: u32, mu: f64, minutes: f64) -> Vec<Sample> {
     let acts = slide(1.0, 2, 1.0) + &held(3.5, (minutes * 60.0 / 0.4) as u32);
     run(device, 9, rate, 4.5 + 60.0 * minutes, mu, &acts)
 }
 
-/// The first four seconds with a thing of unknown friction; which ones is `seed`'s choice.
+/// The first four seconds with an object of unknown friction; `seed` chooses the touches.
 pub fn first_touches(device: u32, seed: u64, rate: u32, mu: f64) -> Vec<Sample> {
     run(device, seed, rate, 5.0, mu, &held(1.0, 10))
 }
@@ -204,7 +209,7 @@ fn held(at: f64, presses: u32) -> String {
     )
 }
 
-/// What is said of a grasp after its slide; `known`: by a finger that has felt that.
+/// Estimates of a grasp after its slide; `known` means that the finger has seen the slide.
 pub fn after_slide(
     record: &Calibration,
     grasp: &[Sample],
@@ -216,14 +221,15 @@ pub fn after_slide(
     replay(record, &grasp[from..], with).split_off(after - from)
 }
 
-/// The frames in which `what` begins to be said.
+/// Indices of the frames in which the flags `what` become set.
 pub fn begins(estimates: &[Estimate], what: Status) -> Vec<usize> {
     let said = |i: usize| estimates[i].status.contains(what);
     (1..estimates.len()).filter(|i| said(*i) && !said(i - 1)).collect()
 }
 
-/// A minute each of what shakes and is no slide: in words, as acts, and how many slides matrix, sensors and both may
-/// say it is.
+/// Four minutes of vibration without gross slip: name, acts, and most reported slides.
+///
+/// The limits are those of matrix, sensors and both.
 pub fn shaken() -> [(&'static str, String, [usize; 3]); 4] {
     let random = |each: f64, roll: f64| {
         format!(
@@ -239,11 +245,11 @@ pub fn shaken() -> [(&'static str, String, [usize; 3]); 4] {
     };
     let lamps = format!("[light]\nflicker_ratio = 0.01\n{}", random(0.4, 0.0));
     [
-        // The matrix at 500 frames a second has 32 of such a press.
+        // The matrix at 500 frames a second has 32 frames of such a press.
         ("presses of 64 ms", random(0.08, 0.0), [3, 0, 0]),
         ("taps of 6 ms", (0..200).map(tap).collect(), [0; 3]),
         ("lamps that flicker by 1 %", lamps, [0; 3]),
-        // A steady shear along the way of a roll is taken for a slide's.
+        // A steady shear along the path of a roll is taken for a slide's.
         ("rolled by up to 2 mm in 0.3 s", random(0.4, 2.0), [3, 2, 2]),
     ]
 }
