@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn the_range_ends_at_zero_and_at_full_scale() {
+    fn codes_clip_at_zero_and_full_scale() {
         for (bits, top) in [(12, 4095), (16, 65535)] {
             let mut adc = adc(bits, "");
             assert_eq!(adc.light(-0.1), Code(0));
@@ -136,13 +136,13 @@ mod tests {
     }
 
     #[test]
-    fn without_noise_a_code_is_the_nearest_step() {
+    fn noiseless_code_is_the_nearest_step() {
         assert_eq!(adc(12, "").voltage(0.5), Code(2048));
         assert_eq!(adc(16, "").voltage(0.25), Code(16384));
     }
 
     #[test]
-    fn few_conversions_leave_coarse_steps_in_sixteen_bits() {
+    fn few_conversions_leave_coarse_steps() {
         let mut adc = with(16, "", "oversampling = 4");
         let codes: Vec<u16> = (0..4000).map(|i| adc.voltage(f64::from(i) * 1e-5).0).collect();
         let mut steps: Vec<u16> =
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_has_the_mean_and_the_spread_of_so_many_rounded_conversions() {
+    fn reading_matches_averaged_conversions() {
         for conversions in [4u32, 16, 64] {
             let ratio = 0.3 + 0.37 * STEP;
             let short = readings(
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn light_adds_its_own_noise_of_which_averaging_leaves_most() {
+    fn averaging_leaves_most_light_noise() {
         let spread =
             |ratio, light| moments(readings(adc(16, "'noise'"), ratio, light).iter().copied()).1;
         let own = |ratio: f64| (spread(ratio, true).powi(2) - spread(ratio, false).powi(2)).sqrt();

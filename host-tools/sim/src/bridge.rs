@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_perfect_sensor_has_the_sensitivities_of_its_data_sheet() {
+    fn perfect_sensor_has_data_sheet_sensitivity() {
         let [x, y, z] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.314_159_265]]
             .map(|force| outputs(PERFECT.midpoints(force, USUAL)));
         let near = |u: [f64; 3], expected: [f64; 3]| {
@@ -175,7 +175,7 @@ mod tests {
     ///
     /// The limits of its sensor, 1 N and 15 bar, give 42.5 mV and 225 mV.
     #[test]
-    fn the_amplifiers_of_the_thesis_use_their_range_at_the_limits_of_its_sensor() {
+    fn thesis_amplifiers_use_their_range() {
         let supply = 5.0;
         let [x, ..] = outputs(PERFECT.midpoints([1.0, 0.0, 0.0], USUAL)).map(|u| u * supply);
         let fifteen_bar = [0.0, 0.0, 15.0 * 0.1 * core::f64::consts::PI];
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn what_all_resistors_have_in_common_cancels_and_what_they_do_not_moves_the_offset() {
+    fn common_resistance_drift_cancels() {
         let warm = |drift: [f64; 8]| {
             let bridge = Bridge { drift: Some(drift), ..PERFECT };
             bridge.midpoints([0.0; 3], Surroundings { warmer_k: 30.0, ..USUAL })
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_warm_sensor_is_less_sensitive_as_one_over_the_absolute_temperature() {
+    fn sensitivity_falls_as_one_over_kelvin() {
         let bridge = Bridge { drift: Some([0.0; 8]), ..PERFECT };
         let at = |warmer_k| outputs(bridge.midpoints([0.5; 3], Surroundings { warmer_k, ..USUAL }));
         for (warm, cold) in at(29.815).into_iter().zip(at(0.0)) {
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_arm_takes_its_midpoint_to_a_rail_and_leaves_the_others() {
+    fn broken_arm_affects_only_its_midpoint() {
         for arm in 0..8u8 {
             let around = Surroundings { broken_arms: 1 << arm, ..USUAL };
             let midpoints = PERFECT.midpoints([0.1, 0.1, 0.5], around);
@@ -222,14 +222,14 @@ mod tests {
     }
 
     #[test]
-    fn two_newtons_on_an_edge_stay_where_an_intact_bridge_is() {
+    fn edge_load_stays_in_intact_bridge_range() {
         for share in Wrench::on_skin([5.0, 5.0], [1.4, 1.4, 2.0], 0.0).shares() {
             assert!(PERFECT.midpoints(share, USUAL).iter().all(|v| (0.25..0.75).contains(v)));
         }
     }
 
     #[test]
-    fn mismatch_and_crosstalk_are_the_devices_and_differ_between_sensors() {
+    fn mismatch_belongs_to_device_and_sensor() {
         let scene = |seed: u32| {
             let text = format!(
                 "effects = ['bridge-mismatch', 'bridge-crosstalk']\n[device]\nseed = {seed}\n\

@@ -129,7 +129,7 @@ mod tests {
     ///
     /// Times depend on the machine and are not compared.
     #[test]
-    fn the_committed_table_has_the_errors_of_every_rung() {
+    fn committed_table_matches_rung_errors() {
         let committed = include_str!("../../../docs/images/simulator.csv");
         let mut rows = committed.lines().skip(1);
         for (name, scene) in scenes().unwrap() {
@@ -159,7 +159,7 @@ mod tests {
     /// That is 5 µs a frame where a thousand distances take 4.1 µs. Both are the fastest of many
     /// short stretches, so that other work on the machine does not count.
     #[test]
-    fn the_default_press_is_as_fast_as_is_asked_for() {
+    fn default_press_meets_the_required_speed() {
         const STRETCH: usize = 50;
         let scene = Scene::load("press").unwrap();
         let mut frames = Simulator::new(&scene, SEED).endless();

@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn seven_microseconds_of_rise_settle_to_twelve_bits_in_twenty_six_and_a_half() {
+    fn settling_to_12_bits_takes_26_5_us() {
         // Settling takes 26.75 µs, of which the conversion is the last 0.25 µs; steps are whole
         // microseconds.
         let (at_26, at_27) = (residue("", 26), residue("", 27));
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_step_carries_the_row_before_into_the_reading() {
+    fn short_step_mixes_in_the_row_before() {
         let expected = (-(10.0 - 0.25) / (7.0 / 9f64.ln())).exp();
         assert!((residue("", 10) / expected - 1.0).abs() < 1e-12);
         assert!(residue("time_constant_us = 20", 30) > 0.2);
@@ -179,8 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quarter_of_the_load_with_four_times_the_gain_reads_the_same_and_settles_four_times_as_fast()
-     {
+    fn quarter_load_settles_four_times_as_fast() {
         let quick = "load_ohm = 250\npga_gain = 64";
         let mut columns = Columns::new(&scene(quick, 30), [0.3; COLS]);
         assert!((columns.step([0.3; COLS])[0] - 0.3).abs() < 1e-12);
@@ -194,13 +193,13 @@ mod tests {
     }
 
     #[test]
-    fn an_amplifier_ends_at_its_rail() {
+    fn amplifier_clips_at_its_rail() {
         let mut columns = Columns::new(&scene("pga_gain = 64", 30), [0.0; COLS]);
         assert_eq!(columns.step([0.5; COLS]), [1.0; COLS]);
     }
 
     #[test]
-    fn noise_of_light_follows_from_charge_and_temperature() {
+    fn light_noise_matches_shot_and_thermal_noise() {
         // 206 µA on 1 kΩ: 2·1.602e-19·451·206e-6 A²/Hz over 78.5 kHz are 48.4 nA, 48.4 µV,
         // sixteenfold 774 µV of 3.3 V. 4kTR over the same band is 1.136 µV, sixteenfold 18.2 µV.
         // One conversion, a quarter of a microsecond in 3.2, averages 2.6 % of the variance out.
@@ -211,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_of_noise_that_forgets_is_that_of_its_samples() {
+    fn averaged_noise_matches_its_samples() {
         // Sums of e^−|i − j|dt over a thousand samples, over the square of their number.
         for time in [0.08, 1.0, 5.0] {
             let step = time / 1000.0;
@@ -223,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn where_settling_is_not_listed_a_reading_knows_nothing_of_the_one_before() {
+    fn unlisted_settling_keeps_rows_apart() {
         let text = "[scan]\nrate_hz = 1000\nduration_s = 1\nstep_us = 10\n";
         let scene = Scene::parse("test.toml", text).unwrap();
         let mut columns = Columns::new(&scene, [0.0; COLS]);

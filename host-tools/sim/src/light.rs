@@ -71,13 +71,13 @@ mod tests {
     }
 
     #[test]
-    fn light_that_is_not_listed_is_not_there() {
+    fn unlisted_light_is_off() {
         let dark = room("", "ambient_ratio = 0.3\nflicker_ratio = 0.1\nsun_ratio = 0.5");
         assert_eq!([0.0, 1.3e3, 5e5].map(|t| dark.at(t, t)), [0.0; 3]);
     }
 
     #[test]
-    fn lamps_swing_between_darkness_and_twice_their_mean_and_return_with_their_period() {
+    fn lamps_swing_from_dark_to_twice_their_mean() {
         for (hz, period) in [(100.0, 10_000.0), (120.0, 1e6 / 120.0)] {
             let room = room("'flicker'", &format!("flicker_hz = {hz}"));
             let at = |time| room.at(time, time);
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sun_comes_out_at_its_time_in_every_pass_of_the_scene() {
+    fn sun_comes_out_on_time_in_every_pass() {
         let room = room("'sun'", "sun_at_s = 0.25\nsun_ratio = 0.4");
         assert_eq!(room.at(249_999.0, 249_999.0), 0.0);
         assert_eq!(room.at(250_000.0, 250_000.0), 0.4);

@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn the_curve_rises_to_its_peak_at_half_the_separation_and_then_falls() {
+    fn light_peaks_at_half_the_separation() {
         assert_eq!(response(0.0), 0.0);
         assert!((response(SEPARATION_MM / 2.0) - 1.0).abs() < 1e-12);
         let curve: Vec<f64> = (0..300).map(|i| response(f64::from(i) * 0.01)).collect();
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_nearer_facet_is_brighter_and_the_others_stay_as_they_were() {
+    fn nearer_facet_alone_gets_brighter() {
         let optics = optics("'gain-spread'");
         let before = optics.reflected(&[0.0; TAXELS], NONE);
         let mut displacement = [0.0; TAXELS];
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn light_spills_to_the_four_neighbours_and_no_further() {
+    fn stray_light_reaches_four_neighbours_only() {
         let optics = optics("'optical-crosstalk'");
         let before = optics.reflected(&[0.0; TAXELS], NONE);
         let mut displacement = [0.0; TAXELS];
@@ -263,14 +263,14 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_that_is_not_listed_changes_nothing() {
+    fn pairs_are_equal_without_effects() {
         let plain = optics("");
         assert!(plain.reflected(&[0.0; TAXELS], NONE).windows(2).all(|pair| pair[0] == pair[1]));
         assert_eq!(plain.offsets(), [OFFSET; COLS]);
     }
 
     #[test]
-    fn a_pair_on_the_wrong_side_is_as_bright_at_rest_and_darkens_as_its_facet_nears() {
+    fn wrong_side_pair_darkens_under_a_press() {
         let text = "effects = ['gain-spread']\n[scan]\nrate_hz = 1000\nduration_s = 1\n";
         let optics = |device: &str| {
             Optics::new(&Scene::parse("test.toml", &format!("{text}{device}")).unwrap())
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dead_led_is_missed_by_its_own_taxel_and_by_those_that_are_lit_with_it() {
+    fn dead_led_affects_its_taxel_and_row() {
         let optics = optics("'optical-crosstalk'");
         let of = |missing| optics.reflected(&[0.0; TAXELS], missing);
         let (all, dead) = (of(NONE), of(Missing { leds: 1 << 5, phototransistors: 0 }));
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_phototransistor_that_sees_nothing_leaks_nothing_onto_the_rows_beside_it() {
+    fn blind_phototransistor_leaks_nothing() {
         let optics = optics("'optical-crosstalk'");
         let of = |missing| optics.reflected(&[0.0; TAXELS], missing);
         let (all, blind) = (of(NONE), of(Missing { leds: 0, phototransistors: 1 << 5 }));
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn dark_currents_double_with_every_ten_kelvin() {
+    fn dark_current_doubles_every_ten_kelvin() {
         assert!((dark_current(0.0) * UNIT_A - 4e-9).abs() < 1e-15, "four of a nanoampere");
         assert!((dark_current(60.0) / dark_current(0.0) - 64.0).abs() < 1e-6);
     }

@@ -64,7 +64,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_force_right_above_a_sensor_is_mostly_its_own() {
+    fn sensor_carries_most_of_a_force_above_it() {
         let over = Wrench::on_skin([-5.0, -5.0], [0.0, 0.0, 1.0], 0.0).shares();
         assert!((over[0][2] - 0.75).abs() < 1e-12 && (over[2][2] + 0.25).abs() < 1e-12);
     }

@@ -113,15 +113,15 @@ impl<const N: usize> Response<N> {
     /// Output one frame later, from the applied forces.
     pub fn follow(&mut self, acts: [f64; N]) -> [f64; N] {
         let (step, output) = (self.step, self.output);
-        let mut felt = [0.0; N];
-        for ((channel, acts), felt) in self.channels.iter_mut().zip(acts).zip(&mut felt) {
+        let mut sensed = [0.0; N];
+        for ((channel, acts), sensed) in self.channels.iter_mut().zip(acts).zip(&mut sensed) {
             let [x1, x2] = channel.states;
             let from = [x1, x2, channel.acted, acts - channel.acted];
             channel.states = step.map(|row| row.iter().zip(from).map(|(m, v)| m * v).sum());
             channel.acted = acts;
-            *felt = channel.states.iter().zip(output).map(|(x, c)| x * c).sum();
+            *sensed = channel.states.iter().zip(output).map(|(x, c)| x * c).sum();
         }
-        felt
+        sensed
     }
 }
 
@@ -166,17 +166,17 @@ mod tests {
         let (mut sine, mut cosine) = (0.0, 0.0);
         for i in 0..settled + frames {
             let angle = TAU * hertz * i as f64 / RATE;
-            let felt = response.follow([0.0, 0.0, angle.sin()])[2];
+            let sensed = response.follow([0.0, 0.0, angle.sin()])[2];
             if i >= settled {
-                sine += felt * angle.sin();
-                cosine += felt * angle.cos();
+                sine += sensed * angle.sin();
+                cosine += sensed * angle.cos();
             }
         }
         20.0 * f64::log10(2.0 * f64::hypot(sine, cosine) / frames as f64)
     }
 
     #[test]
-    fn the_published_points_of_the_bode_diagrams_are_met() {
+    fn response_meets_published_bode_points() {
         // [Ospina2017] fig. 1.17 and 1.24: D12, rB and F02.
         for (coating, hertz, published) in
             [(Coating::Bare, 53.9, -3.26), (Coating::B, 54.3, -3.27), (Coating::F02, 29.6, -2.92)]
@@ -192,14 +192,14 @@ mod tests {
     }
 
     #[test]
-    fn bare_and_soft_coated_sensors_settle_in_the_ten_milliseconds_of_the_thesis() {
+    fn soft_coatings_settle_in_ten_milliseconds() {
         // The settling times of its figures use a band of ± 5 % (fig. 1.16).
         const RATE: f64 = 100_000.0;
         let settled = |coating: Coating, band: f64| {
             let mut response = Response::new(coating, 1.0 / RATE);
-            let felt: Vec<f64> = (0..3000).map(|_| response.follow([1.0])[0]).collect();
-            assert!(felt.windows(2).all(|pair| pair[1] >= pair[0]), "{coating:?} overshoots");
-            felt.iter().filter(|f| **f < 1.0 - band).count() as f64 / RATE * 1e3
+            let sensed: Vec<f64> = (0..3000).map(|_| response.follow([1.0])[0]).collect();
+            assert!(sensed.windows(2).all(|pair| pair[1] >= pair[0]), "{coating:?} overshoots");
+            sensed.iter().filter(|f| **f < 1.0 - band).count() as f64 / RATE * 1e3
         };
         // The rest of a step is (1 + t/T)e^−t/T: 5 % of it after 4.744 T, 2 % after 5.834 T.
         let left = |x: f64| (1.0 + x) * (-x).exp();
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn relaxing_coatings_come_within_the_band_in_these_times() {
+    fn relaxing_coatings_settle_in_given_times() {
         // Settling into ± 5 % of the final value of each (fig. 1.23 and 1.25, which print no
         // times), and around the force, of which F02 keeps 0.7 % less.
         const RATE: f64 = 100_000.0;
@@ -225,9 +225,9 @@ mod tests {
         {
             let [_, a2, _, a4] = coating.coefficients();
             let mut response = Response::new(coating, 1.0 / RATE);
-            let felt: Vec<f64> = (0..10_000).map(|_| response.follow([1.0])[0]).collect();
+            let sensed: Vec<f64> = (0..10_000).map(|_| response.follow([1.0])[0]).collect();
             for (end, published) in [(a2 / a4, of_final), (1.0, of_force)] {
-                let outside = felt.iter().rposition(|f| (f / end - 1.0).abs() > 0.05).unwrap();
+                let outside = sensed.iter().rposition(|f| (f / end - 1.0).abs() > 0.05).unwrap();
                 let found = outside as f64 / RATE * 1e3;
                 assert!((found - published).abs() < 0.1, "{coating:?}: {found} ms");
             }
@@ -235,12 +235,12 @@ mod tests {
     }
 
     #[test]
-    fn relaxing_coatings_creep_to_what_their_coefficients_say() {
+    fn relaxing_coatings_creep_to_final_value() {
         for coating in RELAXING {
             let [_, a2, _, a4] = coating.coefficients();
-            let felt = step(coating, 20.0);
-            assert!((felt[19_999] - a2 / a4).abs() < 1e-6, "{coating:?}");
-            assert!((felt[100] - felt[19_999]).abs() > 1e-3, "{coating:?} creeps");
+            let sensed = step(coating, 20.0);
+            assert!((sensed[19_999] - a2 / a4).abs() < 1e-6, "{coating:?}");
+            assert!((sensed[100] - sensed[19_999]).abs() > 1e-3, "{coating:?} creeps");
         }
     }
 

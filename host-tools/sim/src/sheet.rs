@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tip_above_a_feeler_is_that_feelers_and_one_between_four_is_shared() {
+    fn tip_between_feelers_is_shared() {
         let sheet = sheet("kind = 'point'");
         let carried = |point| -> Vec<(usize, f64)> {
             let contacts = load(point, [0.001, 0.0, 0.008]);
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn a_feeler_carries_the_pressure_around_it() {
+    fn feeler_carries_the_pressure_around_it() {
         // Hertz: the share of a small sphere's contact above one feeler, by a fine sum over the
         // disc.
         let sheet = sheet("radius_mm = 20");
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rim_of_a_sheared_contact_slips_before_its_middle() {
+    fn sheared_contact_slips_first_at_its_rim() {
         // Cattaneo and Mindlin: the traction reaches μ times the pressure at the rim first, and a
         // feeler holds a quarter of its normal force and 0.56 mN.
         let sheet = sheet("radius_mm = 20");
@@ -149,7 +149,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn together_the_feelers_carry_the_force_and_its_moment_and_nothing_else(
+        fn feelers_carry_force_and_moment(
             x in -1.0..1.0f64, y in -1.0..1.0f64, fx in -0.1..0.1f64, normal in 0.05..0.2f64,
             indenter in prop::sample::select(vec![
                 "radius_mm = 6", "kind = 'punch'\nradius_mm = 1.2", "kind = 'corner'",

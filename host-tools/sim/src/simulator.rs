@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn an_endless_run_repeats_the_path_but_not_the_clock_or_the_noise() {
+    fn endless_run_repeats_path_not_noise() {
         let scene = Scene::load("press").unwrap();
         let once = scene.frames() as usize;
         let samples: Vec<Sample> = Simulator::new(&scene, 1).endless().take(2 * once).collect();
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn the_brightest_rise_is_under_the_contact() {
+    fn largest_light_rise_is_under_the_contact() {
         let samples = run("presses", 2);
         let rest = levels(&samples[0]);
         let hard = |s: &&Sample| s.truth.force[2] > Some(0.5);
@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn the_truth_of_the_sensors_sums_to_the_force() {
+    fn sensor_truths_sum_to_the_force() {
         for sample in run("shear", 1).iter().step_by(101) {
             for axis in 0..3 {
                 let sum: f64 = sample.truth.sensors.iter().filter_map(|s| s[axis]).sum();
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn on_the_bench_only_its_sensor_feels_the_force() {
+    fn bench_force_reaches_only_its_sensor() {
         let samples = run("bench-s0", 1);
         let rest = levels(&samples[0]);
         let most = |i: usize| {
@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn sensors_lag_the_truth_only_where_the_scene_lists_it() {
+    fn sensors_lag_the_truth_only_when_listed() {
         let run = |effects: &str| -> Vec<Sample> {
             let text = format!(
                 "effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n[device]\n\
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_skin_does_shows_in_the_light_and_only_where_it_is_listed() {
+    fn skin_effects_change_light_when_listed() {
         let run = |effects: &str| -> Vec<f64> {
             let text = format!(
                 "effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n[temperature]\n\
@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn a_twist_shows_in_the_truth_and_leans_on_the_sensors_sideways() {
+    fn twist_appears_in_truth_and_sensors() {
         let text = "[scan]\nrate_hz = 1000\nduration_s = 1\n[[press]]\nat_s = 0.1\nx_mm = 0\ny_mm = 0\n\
                     fz_n = 1\ntorsion_nmm = 0.5\nrise_s = 0.1\nhold_s = 0.5\nfall_s = 0.1\n";
         let scene = Scene::parse("test.toml", text).unwrap();
@@ -453,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_is_not_there_has_neither_codes_nor_truth() {
+    fn absent_sensor_has_no_codes_and_no_truth() {
         let scene = Scene::parse(
             "test.toml",
             "[scan]\nrate_hz = 1000\nduration_s = 1\n[device]\ntaxels = false\n\

@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_column_follows_the_law_of_the_silicone() {
+    fn column_follows_mooney_rivlin() {
         // [DeMaria2011] eq. (1) as printed, in MPa; E = 6(α1 + α2).
         let (a1, a2) = (3.96e-2, -3.37e-4);
         for stretch in [0.4, 0.6, 0.8, 0.95, 1.0, 1.05, 1.3, 2.0f64] {
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn small_loads_do_not_stiffen_and_a_fifth_of_the_thickness_does_by_a_sixth() {
+    fn stiffening_starts_at_large_loads() {
         let mut skin = skin("'stiffening'");
         assert!((displace(&mut skin, 1e-4) / 1e-4 - 1.0).abs() < 1e-4);
         // 2.5 mm thick, under a load for 0.5 mm.
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_loading_is_stiffer_and_later_loops_are_closed() {
+    fn first_loading_is_stiffer_later_loops_close() {
         let mut skin = skin("'hysteresis'");
         let ramp: Vec<f64> = (0..=100).map(|i| f64::from(i) * 0.005).collect();
         let mut run = |up: bool| -> Vec<f64> {
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn each_taxel_remembers_its_own_load() {
+    fn first_cycle_is_kept_per_taxel() {
         let mut skin = skin("'hysteresis'");
         let _ = displace(&mut skin, 0.5);
         let after = skin.displace([0.1; TAXELS], REFERENCE_C);
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn the_skin_settles_in_time_and_faster_when_warm() {
+    fn skin_settles_faster_when_warm() {
         let frames = |celsius: f64| {
             let mut skin = skin("'skin-response'");
             (1..).find(|_| skin.displace([1.0; TAXELS], celsius)[5] > 0.95).unwrap()
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_listed_is_not_there() {
+    fn skin_is_none_without_skin_effects() {
         let text =
             "effects = ['temperature', 'response']\n[scan]\nrate_hz = 1000\nduration_s = 1\n";
         assert!(Skin::of(&Scene::parse("test.toml", text).unwrap()).is_none());
@@ -244,7 +244,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn more_load_sinks_deeper_whatever_was_before(
+        fn displacement_grows_with_load_after_any_load(
             before in 0.0..1.0f64, load in -0.5..1.0f64, more in 0.001..0.5f64,
         ) {
             let mut skin = skin("'stiffening', 'hysteresis'");

@@ -77,12 +77,12 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_supply_changes_nothing() {
+    fn steady_supply_changes_nothing() {
         assert_eq!(supply("", "ripple_ratio = 0.5").at(123.0, 1.0), Scales::NOMINAL);
     }
 
     #[test]
-    fn ripple_cancels_in_a_bridge_that_is_read_against_its_supply_and_not_in_the_light() {
+    fn ripple_cancels_in_ratiometric_bridges() {
         let ripple = "ripple_ratio = 0.01\nripple_hz = 100";
         let crest = 2500.0;
         let own = supply("'supply-ripple'", ripple).at(crest, 1.0);
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn an_led_goes_out_when_the_supply_is_below_its_forward_voltage() {
+    fn led_goes_out_below_its_forward_voltage() {
         assert_eq!(supply("", "").at(0.0, 0.25).leds, 0.0);
     }
 }

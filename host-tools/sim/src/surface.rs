@@ -56,7 +56,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn every_surface_has_its_top_where_the_plane_is() {
+    fn every_surface_has_its_top_at_the_plane() {
         let plane = Surface::Plane.at([0.0; 2]);
         assert_eq!(Surface::Sphere(12.0).at([0.0; 2]), plane);
         assert_eq!(Surface::Ellipsoid([14.0, 10.0, 8.0]).at([0.0; 2]), plane);
@@ -64,7 +64,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_normal_is_square_to_the_surface_and_a_turned_force_keeps_its_parts(
+        fn surface_normal_and_rotation_are_exact(
             x in -4.9..4.9f64, y in -4.9..4.9f64,
             a in 8.0..30.0f64, b in 8.0..30.0f64, c in 8.0..30.0f64,
             p in -1.0..1.0f64, q in -1.0..1.0f64, n in 0.0..2.0f64,

@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn superposition_goes_to_every_closed_form_on_the_axis_and_off() {
+    fn superposition_converges_to_closed_forms() {
         for skin in skins() {
             for case in Case::ALL {
                 for place in places() {
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn from_eight_points_on_twice_as_many_divide_the_error_by_more_than_two_to_the_seventh() {
+    fn doubling_points_divides_error_by_128() {
         const ROUND_OFF: f64 = 1e-12;
         for case in Case::ALL {
             for place in places() {

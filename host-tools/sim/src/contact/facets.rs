@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn facets_agree_with_brute_force_integration_stuck_or_sliding() {
+    fn facets_agree_with_brute_force() {
         for poisson in [0.5, 0.3] {
             let facets = facets(poisson);
             for (centre, force) in [
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn stick_changes_the_shear_part_by_up_to_a_quarter() {
+    fn stick_changes_shear_part_up_to_a_quarter() {
         // Error over the largest displacement by shear, worst case over positions and shares of
         // friction.
         let facets = facets(0.5);
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn pure_shear_sinks_the_skin_ahead_and_raises_it_behind() {
+    fn shear_lowers_skin_ahead_raises_it_behind() {
         let u = facets(0.5).displacement(&few(), &disc([0.0; 2], 1.5, [0.5, 0.0, 0.0]));
         for row in 0..4 {
             assert!(u[4 * row + 3] > 0.0 && u[4 * row] < 0.0);
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn far_away_only_force_over_distance_is_left() {
+    fn far_displacement_is_force_over_distance() {
         // Far away, u = 2(1 − ν)P/(4πGρ): size of contact and depth no longer matter.
         let facets = facets(0.5);
         let far = disc([400.0, 0.0], 2.0, [0.0, 0.0, 1.0]);
@@ -279,7 +279,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn displacement_is_linear_in_force_for_a_fixed_disc(
+        fn displacement_is_linear_in_force(
             x in -4.0..4.0f64, y in -4.0..4.0f64, scale in 0.1..5.0f64,
             fx in -1.0..1.0f64, fy in -1.0..1.0f64, fz in 0.0..2.0f64,
         ) {
@@ -295,7 +295,7 @@ mod tests {
         }
 
         #[test]
-        fn lengths_and_moduli_scale_as_dimensions_say(
+        fn lengths_and_moduli_scale_by_dimension(
             force in 0.05..2.0f64, young in 0.05..3.0f64, factor in 0.5..4.0f64,
         ) {
             // a depends on P R / E only, and u at fixed a on P / E only.
@@ -315,7 +315,7 @@ mod tests {
         }
 
         #[test]
-        fn the_finger_is_the_same_turned_by_a_quarter(
+        fn quarter_turn_permutes_the_facets(
             x in -4.0..4.0f64, y in -4.0..4.0f64,
             fx in -1.0..1.0f64, fy in -1.0..1.0f64, fz in 0.0..2.0f64,
         ) {

@@ -126,7 +126,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn strain_of_an_incompressible_skin_is_the_one_of_the_encyclopedia() {
+    fn incompressible_strain_matches_tactile_enc() {
         // [TactileEnc] eq. (2), as printed.
         let skin = HalfSpace::new(0.3, 0.5);
         let (force, at) = ([0.3, -0.2, 1.1], [0.7, 1.2, 1.9]);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn contact_sizes_of_an_incompressible_skin_are_those_of_the_encyclopedia() {
+    fn contact_sizes_match_tactile_enc() {
         // [TactileEnc]: a = (9PR/16E)^⅓ for the sphere and √(3RP/πE) for the cylinder, ν = ½.
         let skin = HalfSpace::new(0.3, 0.5);
         let sphere = f64::cbrt(9.0 * 1.2 * 5.0 / (16.0 * 0.3));

@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn shear_sticks_inside_and_slips_in_a_ring() {
+    fn shear_sticks_inside_and_slips_in_annulus() {
         let skin = HalfSpace::new(0.236, 0.5);
         let (mu, normal) = (0.8, 1.0);
         let shear = 0.5 * mu * normal;
@@ -284,7 +284,7 @@ mod tests {
     ];
 
     #[test]
-    fn every_indenter_carries_its_force_and_its_torsion_and_no_more() {
+    fn every_indenter_carries_force_and_torsion() {
         let (skin, centre) = (HalfSpace::new(0.236, 0.5), [1.0, 2.0]);
         let force = [0.3, -0.2, 1.1];
         for indenter in ALL {
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn long_indenters_stick_where_the_pressure_under_less_force_would_be() {
+    fn long_indenters_stick_within_jaeger_zone() {
         // Cylinder: c = a√(1 − Q/μP) (Johnson §7.2); edge: c = a(1 − Q/μP).
         let skin = HalfSpace::new(0.236, 0.5);
         let across = |patch: Patch| patch.across[0].hypot(patch.across[1]);
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn every_indenter_sinks_as_far_as_the_surface_under_its_traction() {
+    fn indentation_matches_surface_displacement() {
         // Just below the indenter, so that no point load falls on the place.
         let (skin, depth) = (HalfSpace::new(0.236, 0.5), 0.05);
         for indenter in ALL {
@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_displaced_by_a_torsion_under_a_round_contact_and_something_under_a_long_one() {
+    fn torsion_displaces_only_below_long_contacts() {
         let skin = HalfSpace::new(0.236, 0.5);
         let facets = Facets::new(skin, 2.5, 1.9, 4);
         let most = |indenter: Indenter| {
@@ -359,7 +359,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn tractions_carry_the_force_and_nowhere_more_than_friction_holds(
+        fn tractions_stay_within_friction(
             qx in -1.0..1.0f64, qy in -1.0..1.0f64, normal in 0.01..3.0f64, mu in 0.0..1.5f64,
         ) {
             let held = mu * normal;

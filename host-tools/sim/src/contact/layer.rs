@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_agrees_with_the_series() {
+    fn table_agrees_with_series() {
         for (centre, force) in [
             ([0.0, 0.0], [0.3, 0.0, 1.0]),
             ([3.1, -4.9], [0.0, 0.0, 0.05]),
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn small_windows_move_by_the_pressure_on_the_floor_below_the_load() {
+    fn small_window_moves_with_floor_pressure() {
         // A window that is small against the layer is a hole in a bonded floor. It moves by its own
         // compliance times the pressure that the floor takes there, which is an independent
         // solution.
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn the_half_space_is_no_measure_of_amounts_above_the_frame() {
+    fn half_space_overestimates_framed_skin() {
         // docs/simulator.md quotes these: one newton of a 6 mm sphere above a window and between
         // four. Each list is the largest facet framed and on the half-space, then r2c0 over the
         // largest in both.
@@ -312,7 +312,7 @@ mod tests {
     /// Error of the top rung against a solution finer in every parameter, which docs/simulator.md
     /// quotes.
     #[test]
-    fn the_layer_is_within_a_seventh_of_a_percent_of_a_finer_one() {
+    fn layer_is_within_one_seventh_percent_of_finer() {
         let finer = Resolution { degrees: 4, reach: 400.0, apart: 6.0, shortest: 18.0 };
         let finer = Series::new(*SKIN, 2.5, 1.9, &finer);
         let rule = Rule::round(Round::Hertz, 16, 32);
@@ -335,7 +335,7 @@ mod tests {
     ///
     /// The contacts reach over the rim as far as allowed.
     #[test]
-    fn the_stated_error_holds_at_the_corners_of_what_is_allowed() {
+    fn stated_error_holds_at_range_corners() {
         let ([thin, thick], [narrow, wide]) = (Layer::THICKNESS_MM, Layer::FACET_MM);
         let [loose, tight] = Layer::POISSON;
         // The fourth polynomial is covered by another test.
@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn shear_sinks_the_window_ahead_and_raises_the_one_behind() {
+    fn shear_lowers_window_ahead_raises_behind() {
         let patches = [Some(Patch::disc([0.0; 2], 1.0, [0.5, 0.0, 0.0])), None];
         let u = exact_of(&patches);
         assert!(u[6] > 0.0 && u[5] < 0.0 && (u[6] + u[5]).abs() < 1e-9);

@@ -129,7 +129,7 @@ mod tests {
         [[0.0, 0.4], [0.0, 2.5], [1.3, 0.6], [-0.8, 1.1], [3.0, 1.0], [2.0, 9.0]];
 
     #[test]
-    fn a_deep_plane_carries_the_whole_force() {
+    fn deep_plane_carries_the_whole_force() {
         for strip in [
             Strip::Line { normal: 1.0, tangential: 0.0 },
             Strip::Block { normal: 1.0, half_width: A },
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn the_polar_form_of_the_block_is_the_printed_one() {
+    fn polar_form_of_the_block_matches_print() {
         for [x, z] in PLACES {
             let (r, theta) = (x.hypot(z), x.atan2(z));
             let (r1, r2) = ((x - A).hypot(z), (x + A).hypot(z));
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn the_printed_strains_are_plane_stress_and_the_printed_cylinder_is_no_equilibrium() {
+    fn printed_strains_are_plane_stress() {
         let skin = HalfSpace::new(SKIN.0, SKIN.1);
         let z = 2.0;
         // On the axis of the line, [TactileEnc] prints −2P/πEz.

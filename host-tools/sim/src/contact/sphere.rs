@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn the_closed_forms_agree_with_superposed_point_loads() {
+    fn closed_forms_agree_with_superposition() {
         let rule = Rule::round(Round::Hertz, 24, 96);
         let (hertz, patch) = pressed();
         for poisson in [0.5, 0.3] {
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn superposition_converges_faster_than_the_eighth_power() {
+    fn superposition_converges_above_eighth_order() {
         // Twice the points of a ring and twice the rings: above the facets the error falls by more
         // than 2⁸, down to round-off.
         let (hertz, patch) = pressed();
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn the_surface_under_the_sphere_sinks_by_a_squared_over_r() {
+    fn sphere_sinks_by_a_squared_over_r() {
         // Hertz's approach (Johnson eq. (4.23)) must follow from the traction, the contact radius
         // and the influence function together.
         for poisson in [0.5, 0.25] {

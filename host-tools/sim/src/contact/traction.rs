@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn every_traction_carries_its_normal_and_tangential_force_and_no_more() {
+    fn every_traction_carries_its_force() {
         // The sphere's shear in particular must sum to Q, and not to the 3Q of [TactileEnc] eq.
         // (3).
         let patch = Patch::disc([0.3, -0.2], 1.4, [0.4, -0.1, 1.2]);
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn the_printed_tangential_traction_carries_three_times_its_force() {
+    fn printed_shear_traction_carries_three_q() {
         // [TactileEnc] eq. (3): 3Q(a² − r²)^−½/2πa, by the midpoint rule in r = a sin t.
         let (a, q, n) = (1.7, 0.8, 1000);
         let printed = |r: f64| 3.0 * q / (2.0 * PI * a) / (a * a - r * r).sqrt();
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn the_flat_punch_agrees_with_its_closed_form_on_the_axis() {
+    fn flat_punch_matches_closed_form_on_axis() {
         // Johnson §3.8; the displacement goes to P/2aE* at the surface.
         let (a, p) = (1.2, 0.9);
         let skin = HalfSpace::new(0.236, 0.4);
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cone_is_punches_of_all_radii_up_to_its_own() {
+    fn cone_is_a_sum_of_punches() {
         // arcosh(a/r) = ∫ dt/√(t² − r²) from r to a: a punch of radius t carries 2t dt/a² of the
         // force.
         let skin = skin();
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn crossed_cylinders_are_an_ellipse_with_the_moments_of_its_axes() {
+    fn crossed_cylinders_have_ellipse_moments() {
         // [TactileEnc] eq. (4): ⟨x²⟩ = a²/5 and ⟨y²⟩ = b²/5 over a Hertz ellipse.
         let (a, b) = (2.0, 0.7);
         let patch = Patch {
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_deep_plane_carries_the_force_of_every_traction() {
+    fn deep_plane_carries_every_traction() {
         // ∫ σ_zz dA = −P, whatever the shear, by Gauss in the mapped polar angle.
         let skin = skin();
         let patch = Patch::disc([0.2, 0.1], 1.5, [0.3, 0.2, 1.0]);

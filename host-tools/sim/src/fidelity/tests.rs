@@ -20,7 +20,7 @@ fn rung(head: &str) -> Rung {
 }
 
 #[test]
-fn a_scene_may_name_its_rung() {
+fn scene_can_name_its_rung() {
     assert_eq!(rung("fidelity = 'point'"), Rung::Point);
     assert_eq!(rung("fidelity = 'hertz'"), Rung::Hertz);
     assert_eq!(rung("fidelity = 'converged'"), Rung::Converged);
@@ -30,7 +30,7 @@ fn a_scene_may_name_its_rung() {
 }
 
 #[test]
-fn what_the_scene_tolerates_decides() {
+fn tolerance_of_the_scene_selects_the_rung() {
     let loose = Ladder::new(&scene("tolerance = 0.5"), 1);
     let usual = Ladder::new(&scene(""), 1);
     let strict = Ladder::new(&scene("tolerance = 0.0001"), 1);
@@ -45,7 +45,7 @@ fn what_the_scene_tolerates_decides() {
 }
 
 #[test]
-fn with_walls_the_framed_layer_is_the_measure() {
+fn walls_make_the_layer_the_top_rung() {
     let framed = Ladder::new(&scene("effects = ['walls']"), 1);
     assert_eq!((framed.report().top, framed.report().rung), (Rung::Layer, Rung::Converged));
     let text = framed.report().to_string();
@@ -58,7 +58,7 @@ fn with_walls_the_framed_layer_is_the_measure() {
 }
 
 #[test]
-fn where_nothing_touches_nothing_is_measured_and_the_cheapest_rung_does() {
+fn scene_without_contact_takes_cheapest_rung() {
     let press = PRESS.replace("fz_n = 1.2\nfx_n = 0.3", "fz_n = 0");
     for acts in [String::new(), press] {
         let scene = Scene::parse("my.toml", &format!("{SCAN}{acts}")).unwrap();
@@ -83,7 +83,7 @@ fn worst(ladder: &Ladder, scene: &Scene, seed: u64, times: impl IntoIterator<Ite
 
 /// A contact that lasts a moment of a long run counts like any other.
 #[test]
-fn a_short_contact_in_a_long_run_is_not_overlooked() {
+fn short_contact_in_a_long_run_is_probed() {
     let light = "[[press]]\nat_s = 0.5\nx_mm = 0\ny_mm = 0\nfz_n = 0.01\nrise_s = 0.5\n\
                  hold_s = 60\nfall_s = 0.5\n";
     let tap = |at: f64, force: f64, width: f64| {
@@ -115,7 +115,7 @@ fn a_short_contact_in_a_long_run_is_not_overlooked() {
 
 /// In a row too long for a comparison at every press, the hardest press decides.
 #[test]
-fn the_hardest_press_of_a_long_row_is_found() {
+fn hardest_press_of_a_long_row_is_found() {
     let text = "tolerance = 0.06\n[scan]\nrate_hz = 100\nduration_s = 36000\n[[random]]\nat_s = 0\n\
                 presses = 36000\neach_s = 1\nx_mm = [-3, 3]\ny_mm = [-3, 3]\nfz_n = [0.02, 1.5]\n\
                 shear_of_limit = [0, 1]\n";
@@ -128,7 +128,7 @@ fn the_hardest_press_of_a_long_row_is_found() {
 
 /// Wide facets need more points, on the cheap rungs too: those must still save time.
 #[test]
-fn auto_gains_on_wide_facets_as_on_narrow_ones() {
+fn auto_saves_on_wide_and_narrow_facets() {
     for (device, layer) in [
         ("kind = 'taxel-4x4'", "depth_mm = 2.5\nfacet_mm = 4"),
         ("kind = 'taxel-4x1'", "depth_mm = 4\nfacet_mm = 4"),
@@ -145,7 +145,7 @@ fn auto_gains_on_wide_facets_as_on_narrow_ones() {
 ///
 /// The reference has three times the rings and spokes, and twelve points along a facet.
 #[test]
-fn the_top_rung_is_converged() {
+fn top_rung_is_converged() {
     for kind in ["sphere", "punch", "corner", "cylinder", "block", "edge"] {
         let scene = scene(&format!("[indenter]\nkind = '{kind}'"));
         let ladder = Ladder::new(&scene, 1);

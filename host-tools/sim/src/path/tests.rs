@@ -19,7 +19,7 @@ const SLIDE: &str = "[[slide]]\nat_s = 1\nfrom_mm = [-3, 0]\nto_mm = [1, 3]\nfz_
                      rise_s = 0.2\ntravel_s = 1.0\nfall_s = 0.2\n";
 
 #[test]
-fn a_press_rises_shears_and_is_gone() {
+fn press_rises_shears_and_ends() {
     let mut path = path(PRESS);
     assert_eq!(one(&mut path, 0.9), None);
     assert_eq!(one(&mut path, 1.2).unwrap().force, [0.0, 0.0, 1.5]);
@@ -30,7 +30,7 @@ fn a_press_rises_shears_and_is_gone() {
 }
 
 #[test]
-fn more_shear_than_friction_holds_is_slip_and_the_force_is_the_one_held() {
+fn excess_shear_slips_at_friction_limit() {
     let mut path = path(&format!("[friction]\nmu = 0.2\n{PRESS}"));
     let held = one(&mut path, 1.5).unwrap();
     assert!(held.slip);
@@ -38,7 +38,7 @@ fn more_shear_than_friction_holds_is_slip_and_the_force_is_the_one_held() {
 }
 
 #[test]
-fn a_slide_slips_while_it_moves_and_sticks_at_both_ends() {
+fn slide_slips_in_motion_and_sticks_at_ends() {
     let mut path = path(SLIDE);
     assert!(!one(&mut path, 1.21).unwrap().slip);
     let middle = one(&mut path, 1.7).unwrap();
@@ -51,7 +51,7 @@ fn a_slide_slips_while_it_moves_and_sticks_at_both_ends() {
 }
 
 #[test]
-fn random_presses_are_the_seeds() {
+fn random_presses_follow_the_seed() {
     let text = "[scan]\nrate_hz = 100\nduration_s = 10\n[[random]]\nat_s = 0\npresses = 10\n\
                 each_s = 1\nx_mm = [-3, 3]\ny_mm = [-3, 3]\nfz_n = [0.1, 1.8]\n";
     let scene = Scene::parse("test.toml", text).unwrap();
@@ -64,7 +64,7 @@ fn random_presses_are_the_seeds() {
 }
 
 #[test]
-fn a_tap_is_half_a_sine() {
+fn tap_is_half_a_sine() {
     let mut path = path("[[tap]]\nat_s = 1\nx_mm = 1\ny_mm = 2\nfz_n = 2\nwidth_s = 0.02\n");
     assert_eq!(one(&mut path, 0.999), None);
     let peak = one(&mut path, 1.01).unwrap();
@@ -74,7 +74,7 @@ fn a_tap_is_half_a_sine() {
 }
 
 #[test]
-fn a_roll_moves_without_shear_and_without_slip() {
+fn roll_moves_without_shear_or_slip() {
     let mut path = path(
         "[[roll]]\nat_s = 1\nfrom_mm = [-3, 0]\nto_mm = [1, 2]\nfz_n = 0.9\nrise_s = 0.2\n\
          travel_s = 1\nfall_s = 0.2\n",
@@ -85,7 +85,7 @@ fn a_roll_moves_without_shear_and_without_slip() {
 }
 
 #[test]
-fn two_contacts_are_the_wrench_that_they_make_together() {
+fn two_contacts_act_as_their_sum_wrench() {
     let second =
         PRESS.replace("x_mm = 1\ny_mm = -2\nfz_n = 1.5", "x_mm = -3\ny_mm = 2\nfz_n = 0.5");
     let mut path = path(&format!("{PRESS}{}", second.replace("fx_n = 0.6", "fx_n = -0.2")));
@@ -104,7 +104,7 @@ fn two_contacts_are_the_wrench_that_they_make_together() {
 }
 
 #[test]
-fn a_contact_goes_on_while_a_shorter_one_comes_and_goes() {
+fn contact_persists_during_a_shorter_one() {
     let long = PRESS.replace("hold_s = 0.6", "hold_s = 6").replace("y_mm = -2", "y_mm = -4");
     let tap =
         |at: f64| format!("[[tap]]\nat_s = {at}\nx_mm = 0\ny_mm = 4\nfz_n = 1\nwidth_s = 0.1\n");
@@ -117,7 +117,7 @@ const TWIST: &str = "[[press]]\nat_s = 1\nx_mm = 0\ny_mm = 0\nfz_n = 1\ntorsion_
                      rise_s = 0.2\nhold_s = 0.6\nfall_s = 0.2\n";
 
 #[test]
-fn torsion_slips_at_what_the_pressure_holds() {
+fn torsion_slips_at_the_friction_limit() {
     // Friction limit of torsion: 3π/16·μPa for a sphere, π/4·μPa for a flat round punch.
     let skin = HalfSpace::new(crate::contact::SILICONE_YOUNG_MPA, 0.5);
     let a = skin.contact_radius(6.0, 1.0);
@@ -138,7 +138,7 @@ fn torsion_slips_at_what_the_pressure_holds() {
 }
 
 #[test]
-fn shear_and_torsion_slip_where_the_swept_limit_surface_has_it() {
+fn slip_matches_the_swept_limit_surface() {
     // Exact limit surface: the contact turns about a point at a distance c, so that friction is μp
     // along the velocity there ([Ospina2017] §2.3). The ellipse stays within 6 % of it.
     let (rule, mu) = (Indenter::Sphere { radius: 6.0 }.rule(40, 160), 0.8);
@@ -164,7 +164,7 @@ const STICK_SLIP: &str = "[friction]\nmu = 0.8\nmu_kinetic = 0.5\n[[slide]]\nat_
                           spring = { stiffness_n_mm = 0.5, mass_g = 20 }\n";
 
 #[test]
-fn stick_slip_is_what_a_mass_on_a_spring_does() {
+fn stick_slip_matches_the_equation_of_motion() {
     // Closed form against the equation of motion, m s″ = k(vt − s) − friction, step by step.
     let mut path = path(STICK_SLIP);
     let (k, m, speed, step) = (0.5, 20e-6, 2.0, 1e-6);
@@ -192,7 +192,7 @@ fn stick_slip_is_what_a_mass_on_a_spring_does() {
 }
 
 #[test]
-fn stick_slip_pulls_up_to_one_friction_and_slips_with_the_other() {
+fn stick_slip_has_static_and_kinetic_friction() {
     let mut path = path(STICK_SLIP);
     let loads: Vec<Load> =
         (0..40_000).filter_map(|i| one(&mut path, 1.2 + f64::from(i) * 1e-4)).collect();
@@ -207,7 +207,7 @@ fn stick_slip_pulls_up_to_one_friction_and_slips_with_the_other() {
 }
 
 #[test]
-fn after_the_drag_the_spring_relaxes_as_the_contact_is_let_go() {
+fn spring_relaxes_during_release() {
     let mut path = path(STICK_SLIP);
     let loads: Vec<Load> =
         (0..199).filter_map(|i| one(&mut path, 5.2001 + f64::from(i) * 1e-3)).collect();
@@ -219,7 +219,7 @@ fn after_the_drag_the_spring_relaxes_as_the_contact_is_let_go() {
 
 proptest! {
     #[test]
-    fn friction_holds_no_more_than_mu_p_and_keeps_the_direction(
+    fn friction_caps_shear_and_keeps_direction(
         qx in -3.0..3.0f64, qy in -3.0..3.0f64, p in 0.001..3.0f64, mu in 0.0..2.0f64,
     ) {
         let text = format!("[friction]\nmu = {mu}\n");
@@ -232,7 +232,7 @@ proptest! {
     }
 
     #[test]
-    fn random_presses_keep_their_ranges_and_never_slip(time in 0.0..60.0f64) {
+    fn random_presses_keep_ranges_without_slip(time in 0.0..60.0f64) {
         let mut path = path(
             "[[random]]\nat_s = 0\npresses = 60\neach_s = 1\nx_mm = [-1.5, 1.5]\n\
              y_mm = [0, 2]\nfz_n = [0.2, 1.8]\nshear_of_limit = [0.2, 0.95]\nroll_mm = 2\n",

@@ -144,7 +144,7 @@ mod tests {
     use crate::contact::sphere::Hertz;
 
     #[test]
-    fn at_the_limit_a_paraboloid_is_nearly_the_sphere_that_it_stands_for() {
+    fn paraboloid_at_limit_matches_sphere() {
         // Sneddon 1965 for a true sphere, over E*R²: P = ½(1 + t²) ln((1 + t)/(1 − t)) − t, t =
         // a/R. Its approach over R is ½t ln((1 + t)/(1 − t)). Hertz: P = 4t³/3 and t².
         let hertz = WIDEST_OF_RADIUS;
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn at_the_deepest_the_skin_above_a_facet_is_a_fifth_shorter() {
+    fn deepest_press_shortens_skin_by_a_fifth() {
         let (skin, depth) = (HalfSpace::new(0.236, 0.5), 2.5);
         let (ball, sunk) = (Indenter::Sphere { radius: 6.0 }, DEEPEST * depth);
         // δ grows as the 2/3 power of the force.

@@ -20,7 +20,7 @@ fn refuses(text: &str, line: u32, words: &[&str]) {
 }
 
 #[test]
-fn built_in_scenes_are_described_and_the_fingers_are_of_one_device() {
+fn built_in_scenes_share_one_device() {
     let first = Scene::load("press").unwrap();
     for (name, _) in built_in() {
         let scene = Scene::load(name).unwrap();
@@ -38,7 +38,7 @@ fn built_in_scenes_are_described_and_the_fingers_are_of_one_device() {
 }
 
 #[test]
-fn a_scene_may_be_a_file() {
+fn scene_loads_from_a_file() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("my.toml");
     std::fs::write(&path, format!("{SCAN}{PRESS}")).unwrap();
@@ -49,14 +49,14 @@ fn a_scene_may_be_a_file() {
 }
 
 #[test]
-fn an_unknown_name_says_where_the_known_ones_are() {
+fn unknown_scene_points_to_the_known_names() {
     let message = Scene::load("tuor").unwrap_err().to_string();
     assert!(message.starts_with("tuor: no such scene"), "{message}");
     assert!(message.contains("taxel simulate --list"), "{message}");
 }
 
 #[test]
-fn an_unknown_key_names_its_line_and_the_keys_there_are() {
+fn unknown_key_reports_line_and_known_keys() {
     let text = format!("{SCAN}[material]\nyuong_mpa = 0.2\n");
     refuses(&text, 5, &["yuong_mpa", "young_mpa", "poisson"]);
     refuses(&format!("{SCAN}[skin]\n"), 4, &["skin", "material"]);
@@ -64,7 +64,7 @@ fn an_unknown_key_names_its_line_and_the_keys_there_are() {
 }
 
 #[test]
-fn a_wrong_type_names_its_line_and_key() {
+fn wrong_type_reports_line_and_key() {
     refuses(
         &format!("{SCAN}[indenter]\nradius_mm = 'six'\n"),
         5,
@@ -76,13 +76,13 @@ fn a_wrong_type_names_its_line_and_key() {
 }
 
 #[test]
-fn a_missing_key_is_named() {
+fn missing_key_is_reported() {
     refuses("[scan]\nrate_hz = 1000\n", 1, &["duration_s"]);
     assert!(refusal("").contains("scan"));
 }
 
 #[test]
-fn impossible_values_name_what_is_allowed() {
+fn impossible_values_report_allowed_range() {
     refuses(&format!("{SCAN}[material]\nyoung_mpa = -0.2\n"), 5, &["`young_mpa`", "0.001 to 100"]);
     refuses(&format!("{SCAN}[material]\npoisson = 0.6\n"), 5, &["`poisson`", "0 to 0.5"]);
     let first = format!("{SCAN}[material]\nfirst_cycle_ratio = 0.5\n");
@@ -94,7 +94,7 @@ fn impossible_values_name_what_is_allowed() {
 }
 
 #[test]
-fn a_contact_off_the_pad_is_refused() {
+fn contact_off_the_pad_is_rejected() {
     let off = PRESS.replace("x_mm = 0", "x_mm = 5.5");
     refuses(&format!("{SCAN}{off}"), 6, &["`x_mm`", "off the pad", "-5 to 5"]);
     let slide = "[[slide]]\nat_s = 1\nfrom_mm = [0, 0]\nto_mm = [0, 7]\nfz_n = 1\nrise_s = 1\n\
@@ -103,7 +103,7 @@ fn a_contact_off_the_pad_is_refused() {
 }
 
 #[test]
-fn contacts_keep_apart_or_take_turns_and_end_with_the_scene() {
+fn contacts_must_not_overlap_or_outlast_scene() {
     let second = PRESS.replace("at_s = 1", "at_s = 2");
     refuses(&format!("{SCAN}{PRESS}{second}"), 12, &["[[press]]", "0.00 mm", "apart"]);
     let late = PRESS.replace("at_s = 1", "at_s = 9");
@@ -117,7 +117,7 @@ fn contacts_keep_apart_or_take_turns_and_end_with_the_scene() {
 }
 
 #[test]
-fn no_way_crosses_that_of_another_contact_at_the_same_time() {
+fn crossing_paths_at_one_time_are_rejected() {
     let roll = |from: &str, to: &str| {
         format!(
             "[[roll]]\nat_s = 1\nfrom_mm = {from}\nto_mm = {to}\nfz_n = 0.1\nrise_s = 1\n\
@@ -131,7 +131,7 @@ fn no_way_crosses_that_of_another_contact_at_the_same_time() {
 }
 
 #[test]
-fn no_more_contacts_than_four_at_once_and_random_ones_alone() {
+fn four_contacts_at_once_and_random_alone() {
     let tap =
         |x: f64| format!("[[tap]]\nat_s = 1\nx_mm = {x}\ny_mm = 0\nfz_n = 0.01\nwidth_s = 1\n");
     let taps: String = [-4.0, -2.0, 0.0, 2.0].map(tap).concat();
@@ -143,7 +143,7 @@ fn no_more_contacts_than_four_at_once_and_random_ones_alone() {
 }
 
 #[test]
-fn an_indenter_has_the_keys_of_its_kind() {
+fn indenter_accepts_only_keys_of_its_kind() {
     let indenter = |text: &str| format!("{SCAN}[indenter]\n{text}\n");
     let parse = |text: &str| Scene::parse("my.toml", &indenter(text)).map(|scene| scene.indenter());
     let axis = |turn: f64| Axis { length: 8.0, turn };
@@ -163,7 +163,7 @@ fn an_indenter_has_the_keys_of_its_kind() {
 }
 
 #[test]
-fn friction_that_slips_is_no_more_than_friction_that_sticks() {
+fn kinetic_friction_is_at_most_static() {
     let text = format!("{SCAN}[friction]\nmu = 0.5\nmu_kinetic = 0.6\n");
     refuses(&text, 6, &["`mu_kinetic`", "0.6", "0 to 0.5, which is `mu`"]);
     let scene = |text: &str| Scene::parse("my.toml", &format!("{SCAN}[friction]\n{text}")).unwrap();
@@ -172,7 +172,7 @@ fn friction_that_slips_is_no_more_than_friction_that_sticks() {
 }
 
 #[test]
-fn the_keys_of_every_act_are_checked() {
+fn keys_of_every_act_are_checked() {
     let press = PRESS.replace("fz_n = 1\n", "fz_n = 1\ntorsion_nmm = 400\n");
     refuses(&format!("{SCAN}{press}"), 9, &["`torsion_nmm`", "-100 to 100"]);
     let tap = "[[tap]]\nat_s = 1\nx_mm = 0\ny_mm = 0\nfz_n = 1\nwidth_s = 0\n";
@@ -189,17 +189,17 @@ fn the_keys_of_every_act_are_checked() {
 }
 
 #[test]
-fn the_steps_of_a_frame_must_fit_into_it() {
+fn frame_is_rejected_if_steps_exceed_it() {
     refuses("[scan]\nrate_hz = 10000\nduration_s = 1\n", 2, &["100 µs", "step_us", "150 µs"]);
 }
 
 #[test]
-fn a_bench_needs_its_sensor() {
+fn bench_rejects_an_unknown_sensor() {
     refuses(&format!("{SCAN}[bench]\nsensor = 4\n"), 5, &["`sensor`", "0 to 3"]);
 }
 
 #[test]
-fn fidelity_is_a_rung_and_walls_have_their_limits() {
+fn fidelity_names_a_rung_and_walls_have_limits() {
     refuses(&format!("fidelity = 'fine'\n{SCAN}"), 1, &["fidelity", "fine", "converged", "auto"]);
     refuses(&format!("tolerance = 0\n{SCAN}"), 1, &["`tolerance`", "0.00001 to 0.5"]);
     for walls in ["effects = ['walls']", "fidelity = 'layer'"] {
@@ -215,14 +215,14 @@ fn fidelity_is_a_rung_and_walls_have_their_limits() {
 }
 
 #[test]
-fn a_range_runs_upwards() {
+fn reversed_range_is_rejected() {
     let random = "[[random]]\nat_s = 0\npresses = 3\neach_s = 1\nx_mm = [3, -3]\ny_mm = [0, 0]\n\
                   fz_n = [1, 1]\n";
     refuses(&format!("{SCAN}{random}"), 8, &["`x_mm`", "lower one first"]);
 }
 
 #[test]
-fn the_temperature_ramps_where_the_scene_lists_it() {
+fn temperature_ramps_only_when_listed() {
     let ramp = "[temperature]\nstart_c = 20\nend_c = 40\nfrom_s = 2\nramp_s = 4\n";
     let listed = Scene::parse("my.toml", &format!("effects = ['temperature']\n{SCAN}{ramp}"));
     let listed = listed.unwrap();
@@ -236,7 +236,7 @@ fn the_temperature_ramps_where_the_scene_lists_it() {
 }
 
 #[test]
-fn a_device_refuses_what_its_laws_do_not_hold_for() {
+fn device_rejects_loads_beyond_its_laws() {
     let device = |kind: &str| format!("{SCAN}[device]\nkind = '{kind}'\n");
     let plate = "[[plate]]\nat_s = 1\nfz_n = 0.4\nrise_s = 0.1\ntravel_s = 1\nfall_s = 0.1\n";
     refuses(&device("taxel-5x5"), 5, &["`kind`", "taxel-4x4", "ohka-column"]);
@@ -270,7 +270,7 @@ fn press(at_s: f64, [x, y]: [f64; 2], fz_n: f64) -> String {
 }
 
 #[test]
-fn a_column_is_pressed_on_its_tip_and_no_harder_by_several_than_by_one() {
+fn column_presses_stay_on_tip_within_limit() {
     let columns = format!("{SCAN}[device]\nkind = 'ohka-column'\n[indenter]\nkind = 'point'\n");
     let between = format!("{columns}{}", press(1.0, [0.0, 0.0], 0.1));
     refuses(&between, 8, &["0, 0 mm", "no column", "-2.5, -2.5", "1 mm in radius"]);
@@ -285,7 +285,7 @@ fn a_column_is_pressed_on_its_tip_and_no_harder_by_several_than_by_one() {
 }
 
 #[test]
-fn no_tolerance_is_promised_that_the_layer_itself_does_not_keep() {
+fn tolerance_below_layer_error_is_rejected() {
     let walls = "effects = ['walls']\n";
     let fine = format!("{walls}tolerance = 0.009\n{SCAN}");
     refuses(&fine, 2, &["`tolerance`", "0.009", "allowed are 0.01 to 0.5"]);
@@ -297,7 +297,7 @@ fn no_tolerance_is_promised_that_the_layer_itself_does_not_keep() {
 }
 
 #[test]
-fn a_contact_that_no_scan_can_see_is_refused() {
+fn contact_shorter_than_a_scan_is_rejected() {
     let slow = "[scan]\nrate_hz = 200\nduration_s = 10\n";
     let tap = |width: f64| {
         format!("{slow}[[tap]]\nat_s = 1.001\nx_mm = 0\ny_mm = 0\nfz_n = 1\nwidth_s = {width}\n")
@@ -312,7 +312,7 @@ fn a_contact_that_no_scan_can_see_is_refused() {
 }
 
 #[test]
-fn a_contact_larger_than_the_pad_is_refused() {
+fn contact_larger_than_the_pad_is_rejected() {
     let on = |head: &str, indenter: &str, place: [f64; 2], fz_n: f64| {
         format!("{head}{SCAN}[indenter]\n{indenter}\n{}", press(1.0, place, fz_n))
     };
@@ -333,7 +333,7 @@ fn a_contact_larger_than_the_pad_is_refused() {
 }
 
 #[test]
-fn a_contact_beyond_the_laws_of_hertz_is_refused() {
+fn contact_beyond_hertz_is_rejected() {
     let on = |indenter: &str, layer: &str, fz_n: f64| {
         format!("{SCAN}[layer]\n{layer}\n[indenter]\n{indenter}\n{}", press(1.0, [0.0; 2], fz_n))
     };
@@ -354,7 +354,7 @@ fn a_contact_beyond_the_laws_of_hertz_is_refused() {
 }
 
 #[test]
-fn a_grid_has_presses_and_is_alone() {
+fn grid_sets_its_presses_and_is_alone() {
     let grid = "[[grid]]\nat_s = 1\neach_s = 0.5\nx_mm = [-3, 3]\ncolumns = 3\ny_mm = [0, 0]\n\
                 rows = 1\nforce_n = 0.2\nangle_deg = [60, 120]\nangles = 2\n";
     assert!(Scene::parse("my.toml", &format!("{SCAN}{grid}")).is_ok());
@@ -365,7 +365,7 @@ fn a_grid_has_presses_and_is_alone() {
 }
 
 #[test]
-fn electronics_and_light_name_what_they_allow() {
+fn electronics_and_light_report_their_ranges() {
     for (table, key, allowed) in [
         ("electronics", "load_ohm = 1", "10 to 100000"),
         ("electronics", "pga_gain = 3", "1, 2, 4, 8, 16, 32, 64"),
@@ -387,7 +387,7 @@ fn electronics_and_light_name_what_they_allow() {
 }
 
 #[test]
-fn a_fault_names_what_it_needs_and_what_the_finger_has() {
+fn fault_reports_missing_keys_and_parts() {
     let fault = |keys: &str, line: u32, words: &[&str]| {
         refuses(&format!("{SCAN}[[fault]]\nat_s = 1\n{keys}\n"), line, words);
     };
@@ -421,7 +421,7 @@ fn a_fault_names_what_it_needs_and_what_the_finger_has() {
 }
 
 #[test]
-fn what_would_go_through_the_skin_is_refused_and_says_what_to_change() {
+fn too_deep_press_is_rejected_with_advice() {
     let words = ["`depth_mm`", "`fz_n`", "[indenter]", "[material]"];
     // A sphere of 6 mm with 2.379 N goes 1.75 mm deep (a²/R).
     refuses(&format!("{SCAN}{}", PRESS.replace("fz_n = 1", "fz_n = 2.38")), 4, &words);
@@ -445,7 +445,7 @@ fn what_would_go_through_the_skin_is_refused_and_says_what_to_change() {
 }
 
 #[test]
-fn a_facet_too_wide_for_its_depth_is_refused() {
+fn facet_too_wide_for_its_depth_is_rejected() {
     let layer = "[layer]\ndepth_mm = 0.4\nfacet_mm = 1.9\n";
     let light = PRESS.replace("fz_n = 1", "fz_n = 0.01");
     refuses(&format!("{SCAN}{layer}{light}"), 7, &["`facet_mm` 1.9", "`depth_mm` 0.4", "4 times"]);

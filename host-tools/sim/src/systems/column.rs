@@ -79,7 +79,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_papers_equations_give_the_force_back_while_every_cone_touches(
+        fn column_equations_invert_the_force(
             x in -0.35..0.35f64, y in -0.35..0.35f64, fz in 0.001..MOST_N,
         ) {
             let sensitivity = HORIZONTAL - SHRINKAGE * fz / VERTICAL;
@@ -93,14 +93,14 @@ mod tests {
     }
 
     #[test]
-    fn a_cone_that_is_levered_off_stops_shining() {
+    fn lifted_cone_gives_no_light() {
         let [s1, s2, s3, s4] = areas([0.2, 0.0, 0.1]);
         assert!(s1 > 0.0 && s4 > 0.0);
         assert_eq!([s2, s3], [0.0; 2]);
     }
 
     #[test]
-    fn each_column_lights_its_own_two_by_two_and_leans_the_way_it_is_pushed() {
+    fn each_column_lights_its_own_four_taxels() {
         let scene = Scene::parse("test.toml", "[scan]\nrate_hz = 1000\nduration_s = 1\n").unwrap();
         let columns = Columns::new(&scene);
         let rest = columns.light(&[]);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hardest_load_stays_within_the_converters_range() {
+    fn largest_load_stays_in_converter_range() {
         let scene = Scene::parse("test.toml", "[scan]\nrate_hz = 1000\nduration_s = 1\n").unwrap();
         let limit = (HORIZONTAL - SHRINKAGE * MOST_N / VERTICAL) * MOST_N / VERTICAL;
         let load = Load {

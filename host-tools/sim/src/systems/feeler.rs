@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn both_branches_of_the_bi_linear_law_are_the_papers_with_the_right_bracket() {
+    fn bilinear_law_matches_corrected_paper() {
         let fz = 6.5e-3;
         let holds = ALPHA * fz + GAMMA_N;
         for fx in [0.2e-3, 1.9e-3, 2.5e-3, 10e-3] {
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn the_window_of_the_paper_holds_every_spot_of_its_experiments() {
+    fn paper_window_contains_every_spot() {
         // Contact radius by Sneddon's cone; F_z as in fig. 12, F_x up to 10 mN; the window is 460
         // µm.
         for fz in [2.2e-3, 4.4e-3, 6.5e-3, 8.7e-3, 10.9e-3] {
@@ -180,7 +180,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_matrix_reads_integral_and_centroid_of_any_spot_within_its_outer_centres(
+        fn matrix_reads_integral_and_centroid(
             fx in -10e-3..10e-3f64, fy in -10e-3..10e-3f64, fz in 1e-4..LINEAR_N,
         ) {
             let spot = Spot::under([fx, fy, fz]);

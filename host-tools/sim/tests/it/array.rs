@@ -59,7 +59,7 @@ const ELLIPSOID: Surface =
     Surface::Ellipsoid { half_axes: [Millimetres(14.0), Millimetres(10.0), Millimetres(8.0)] };
 
 #[test]
-fn wrench_place_and_torsion_come_out_on_every_surface() {
+fn wrench_point_torsion_hold_on_every_surface() {
     for (scene, surface) in
         [("array-plane", Surface::Plane), ("array-sphere", SPHERE), ("array-ellipsoid", ELLIPSOID)]
     {
@@ -71,7 +71,7 @@ fn wrench_place_and_torsion_come_out_on_every_surface() {
 }
 
 #[test]
-fn a_contact_that_moves_over_the_fingertip_is_followed() {
+fn moving_contact_point_is_tracked() {
     // The sensors lag, all alike, so that the contact point lags by a few milliseconds.
     let rolled = judged("array-ellipsoid", "array-roll", ELLIPSOID);
     assert!(rolled.place_mm < 0.2 && rolled.torsion_nmm < 0.1, "{rolled:?}");

@@ -42,7 +42,7 @@ const ASKED_FOR: [&str; 29] = [
 ];
 
 #[test]
-fn every_kind_of_scene_that_a_finger_is_judged_by_is_built_in_and_described() {
+fn required_scenes_are_built_in() {
     for name in ASKED_FOR {
         assert!(built_in().any(|(built_in, _)| built_in == name), "{name}");
     }
@@ -104,7 +104,7 @@ fn codes_are_within_range(scene: &Scene, name: &str, sample: &Sample) {
 }
 
 #[test]
-fn every_built_in_scene_runs_to_its_end_twice_alike_and_slips_where_it_says() {
+fn every_built_in_scene_runs_repeatably() {
     let slipping = [
         "shear-ramp",
         "stick-slip",
@@ -128,7 +128,7 @@ fn every_built_in_scene_runs_to_its_end_twice_alike_and_slips_where_it_says() {
 }
 
 #[test]
-fn every_built_in_scene_stands_in_the_table_of_the_manual() {
+fn every_built_in_scene_is_in_the_manual() {
     let page = include_str!("../../../../docs/simulator.md");
     let (_, table) = page.split_once("Built-in scenes (").unwrap();
     let (table, _) = table.split_once("\n## ").unwrap();
@@ -148,7 +148,7 @@ fn every_built_in_scene_stands_in_the_table_of_the_manual() {
 }
 
 #[test]
-fn another_seed_is_another_run_of_the_same_device() {
+fn other_seed_changes_the_run_not_the_device() {
     for (name, _) in built_in() {
         let scene = Scene::load(name).unwrap();
         let first =

@@ -46,7 +46,7 @@ const COATED: &str = "[device]\ncoating = 'F02'\n";
 const TABLES: &str = "[light]\nsun_at_s = 0.5\n[temperature]\nend_c = 45\n";
 
 #[test]
-fn an_effect_changes_codes_only_where_it_is_listed() {
+fn effect_changes_codes_only_when_listed() {
     let run = |effects: &str, tables: &str| {
         codes(&scene(effects, "step_us = 15", &format!("{COATED}{tables}")))
     };
@@ -78,7 +78,7 @@ fn an_effect_changes_codes_only_where_it_is_listed() {
 /// The column still has e^(−8/τ) of its difference from the light. The step before left e^(−12/τ)
 /// of its own lag in that. τ is 7 µs over ln 9.
 #[test]
-fn a_short_step_spills_a_row_into_the_next_one_of_its_column_alone() {
+fn short_step_spills_into_next_row_of_column() {
     let [settled, hasty] = ["", "'settling'"].map(|effects| {
         let sample = scene(effects, "step_us = 12", "")[HELD];
         (lit(&sample.scan.codes), sample.scan.codes.taxels.unwrap().dark)
@@ -105,7 +105,7 @@ fn a_short_step_spills_a_row_into_the_next_one_of_its_column_alone() {
 }
 
 #[test]
-fn the_flag_of_the_wrong_side_names_the_taxels_that_darken_under_a_press() {
+fn wrong_side_flags_darkening_taxels() {
     let text = format!(
         "effects = ['gain-spread']\n{SCAN}[device]\nwrong_side = ['r2c1', 'r2c2']\n{PRESS}"
     );
@@ -125,7 +125,7 @@ fn the_flag_of_the_wrong_side_names_the_taxels_that_darken_under_a_press() {
 }
 
 #[test]
-fn the_sun_lifts_lit_and_dark_alike_until_it_clips() {
+fn sun_raises_lit_and_dark_until_clipping() {
     let sunny =
         |ratio: f64| scene("'sun'", "", &format!("[light]\nsun_at_s = 0.1\nsun_ratio = {ratio}\n"));
     let samples = sunny(0.3);
@@ -139,7 +139,7 @@ fn the_sun_lifts_lit_and_dark_alike_until_it_clips() {
 }
 
 #[test]
-fn lamps_leave_of_themselves_what_they_change_between_dark_and_lit() {
+fn lamps_leave_their_change_since_dark() {
     let samples = scene("'flicker'", "", "[light]\nflicker_ratio = 0.05\nflicker_hz = 100\n");
     let rest = lit_less_dark(&scene("", "", "")[0]);
     let worst = samples[..250].iter().flat_map(|sample| {
@@ -159,7 +159,7 @@ fn lamps_leave_of_themselves_what_they_change_between_dark_and_lit() {
 }
 
 #[test]
-fn ripple_of_the_supply_is_in_a_bridges_codes_only_if_the_converter_does_not_follow() {
+fn ripple_reaches_non_ratiometric_codes_only() {
     let swing = |ratiometric: bool| {
         let keys = format!(
             "[electronics]\nratiometric = {ratiometric}\nripple_ratio = 0.01\nripple_hz = 90\n"
@@ -178,7 +178,7 @@ fn ripple_of_the_supply_is_in_a_bridges_codes_only_if_the_converter_does_not_fol
 }
 
 #[test]
-fn amplified_light_clips_and_a_smaller_load_makes_room() {
+fn amplified_light_clips_unless_load_is_smaller() {
     let at = |electronics: &str| {
         lit(&scene("", "", &format!("[electronics]\n{electronics}\n"))[HELD].scan.codes)
     };
@@ -188,7 +188,7 @@ fn amplified_light_clips_and_a_smaller_load_makes_room() {
 }
 
 #[test]
-fn a_warm_finger_has_dimmer_leds_weaker_bridges_and_says_how_warm_it_is() {
+fn warm_finger_dims_and_weakens() {
     let warm = scene("'temperature'", "", "[temperature]\nstart_c = 45\nend_c = 45\n");
     let cool = scene("", "", "");
     for (warm, cool) in lit_less_dark(&warm[100]).into_iter().zip(lit_less_dark(&cool[100])) {
@@ -211,7 +211,7 @@ fn a_warm_finger_has_dimmer_leds_weaker_bridges_and_says_how_warm_it_is() {
 }
 
 #[test]
-fn the_truth_has_force_point_torsion_flags_and_every_sensor() {
+fn truth_has_every_field() {
     let samples = scene("'noise'", "", "");
     let (before, held) = (samples[100].truth, samples[HELD].truth);
     assert_eq!(before.force, [Some(0.0); 3]);
@@ -252,7 +252,7 @@ fn hash(samples: &[Sample]) -> u64 {
 /// If this number changes, every simulated trace has changed and earlier recordings no longer
 /// repeat; the changelog must say so.
 #[test]
-fn a_scene_and_its_seed_give_the_same_bits_for_ever() {
+fn finger_codes_match_their_golden_hash() {
     let all = "'noise', 'ambient', 'flicker', 'sun', 'settling', 'supply-ripple', 'gain-spread', \
                'optical-crosstalk', 'bridge-mismatch', 'bridge-crosstalk', 'stiffening', \
                'hysteresis', 'skin-response', 'response', 'temperature'";
@@ -262,7 +262,7 @@ fn a_scene_and_its_seed_give_the_same_bits_for_ever() {
 
 /// A press and a tap for each device, with all effects that act on it.
 #[test]
-fn every_other_device_and_the_walls_give_the_same_bits_for_ever() {
+fn other_devices_match_their_golden_hashes() {
     let light =
         "'noise', 'ambient', 'flicker', 'settling', 'supply-ripple', 'gain-spread', 'temperature'";
     let bridges = "'noise', 'supply-ripple', 'bridge-mismatch', 'bridge-crosstalk', 'response', \

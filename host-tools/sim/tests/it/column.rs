@@ -74,7 +74,7 @@ fn calibrated_by(run: impl Fn(&str) -> Vec<Sample>) -> Column {
 }
 
 #[test]
-fn tests_a_and_b_give_the_papers_sensitivities_back_and_columns_agree() {
+fn tests_a_and_b_recover_sensitivities() {
     let of_columns = test_a(&run("column-press", 1));
     assert_eq!(of_columns.len(), COLUMNS);
     for alpha_v in of_columns {
@@ -86,7 +86,7 @@ fn tests_a_and_b_give_the_papers_sensitivities_back_and_columns_agree() {
 }
 
 #[test]
-fn combined_loads_come_out_of_codes() {
+fn combined_loads_follow_from_codes() {
     let sensor = calibrated();
     let samples = run("column-shear", 2);
     let mut worst = [0.0f64; 3];
@@ -119,7 +119,7 @@ fn loads(
 }
 
 #[test]
-fn a_plate_is_as_inclined_as_it_is_far_within_the_papers_figure() {
+fn inclination_error_is_far_below_the_paper() {
     let sensor = calibrated();
     let samples = run("column-incline", 2);
     let rows = areas(&samples);
@@ -137,7 +137,7 @@ fn a_plate_is_as_inclined_as_it_is_far_within_the_papers_figure() {
 }
 
 #[test]
-fn frame_by_frame_an_inclination_scatters_by_less_than_a_tenth_of_a_degree_on_five_devices() {
+fn inclination_scatter_is_below_0_1_degree() {
     let asked = [-0.38f32, -0.19, 0.0, 0.19, 0.38];
     let sigma = HELD_OUT.map(|device| {
         let sensor = calibrated_by(|name| run_on(device, name, 1));
@@ -165,7 +165,7 @@ fn frame_by_frame_an_inclination_scatters_by_less_than_a_tenth_of_a_degree_on_fi
 }
 
 #[test]
-fn steps_are_in_the_ratio_of_their_heights_on_five_devices() {
+fn steps_scale_with_height_on_five_devices() {
     let mut mean = [0.0; 3];
     for device in HELD_OUT {
         let sensor = calibrated_by(|name| run_on(device, name, 1));
@@ -190,7 +190,7 @@ fn steps_are_in_the_ratio_of_their_heights_on_five_devices() {
 }
 
 #[test]
-fn steps_up_and_down_come_out_in_their_heights() {
+fn steps_up_and_down_measure_their_heights() {
     let sensor = calibrated();
     let samples = run("column-step", 2);
     let rows = areas(&samples);
@@ -208,7 +208,7 @@ fn steps_up_and_down_come_out_in_their_heights() {
 }
 
 #[test]
-fn rubbed_columns_tell_their_friction_on_both_sides_of_a_step() {
+fn rubbed_columns_show_friction_at_a_step() {
     let sensor = calibrated();
     let samples = run("column-step", 2);
     let rows = areas(&samples);
@@ -222,7 +222,7 @@ fn rubbed_columns_tell_their_friction_on_both_sides_of_a_step() {
 }
 
 #[test]
-fn only_what_rubs_slips_in_the_truth() {
+fn only_rubbing_columns_slip_in_the_truth() {
     let slips = |name| run(name, 1).iter().filter(|s| s.truth.slip == Some(true)).count();
     assert!(slips("column-step") > 1000);
     assert_eq!(slips("column-incline") + slips("column-press") + slips("column-shear"), 0);

@@ -47,7 +47,7 @@ fn largest(rise: [f64; TAXELS]) -> f64 {
 }
 
 #[test]
-fn a_frame_carries_the_skin_so_that_facets_move_a_quarter_as_far_and_only_nearby() {
+fn framed_facets_move_less_and_only_nearby() {
     let walls = run("press-walls", 1);
     let free = changed("press-walls", "\"walls\",", "");
     // 1 N in the middle of a window, taxel 9; taxel 11 is two windows away.
@@ -62,7 +62,7 @@ fn a_frame_carries_the_skin_so_that_facets_move_a_quarter_as_far_and_only_nearby
 }
 
 #[test]
-fn a_frame_keeps_the_sign_of_shear_and_leaves_a_quarter_of_its_size() {
+fn frame_keeps_a_quarter_of_shear() {
     let walls = run("shear-walls", 1);
     let free = changed("shear-walls", "\"walls\",", "");
     // Shear to +x and to −x under the same load: half the difference is the effect of shear.
@@ -83,7 +83,7 @@ fn a_frame_keeps_the_sign_of_shear_and_leaves_a_quarter_of_its_size() {
 
 /// In `skin-cycle` the presses are held at 1.8 N from 0.6 + 0.7 i to 0.9 + 0.7 i s.
 #[test]
-fn a_fresh_skin_is_stiffer_in_its_first_press_than_in_all_later_ones() {
+fn fresh_skin_is_stiffer_in_first_press() {
     let cycle = run("skin-cycle", 1);
     let presses: Vec<f64> =
         (0..5).map(|i| largest(rise(&cycle, 0.85 + 0.7 * f64::from(i)))).collect();
@@ -110,7 +110,7 @@ fn rise_at(samples: &[Sample], seconds: f64) -> [f64; TAXELS] {
 }
 
 #[test]
-fn a_skin_that_stiffens_moves_less_under_a_hard_press_and_as_far_under_a_light_one() {
+fn stiffening_skin_moves_less_under_hard_press() {
     let stiffening = run("skin-cycle", 1);
     let linear = changed("skin-cycle", "\"stiffening\", ", "");
     let less =
@@ -121,7 +121,7 @@ fn a_skin_that_stiffens_moves_less_under_a_hard_press_and_as_far_under_a_light_o
 }
 
 #[test]
-fn a_skin_that_follows_slowly_is_still_pressed_when_the_finger_lets_go() {
+fn slow_skin_stays_displaced_after_release() {
     let slow = run("skin-cycle", 1);
     let prompt = changed("skin-cycle", ", \"skin-response\"", "");
     // The release lasts from 0.9 to 0.91 s.
@@ -135,7 +135,7 @@ fn a_skin_that_follows_slowly_is_still_pressed_when_the_finger_lets_go() {
 }
 
 #[test]
-fn ripple_swings_light_and_bridges_at_its_frequency_unless_the_reference_follows() {
+fn ripple_reaches_light_and_fixed_bridges() {
     // Amplitude of a code at 100 Hz over its mean, in the unloaded half second.
     let swing = |samples: &[Sample], code: &dyn Fn(&Codes) -> f64| {
         let codes: Vec<f64> = samples[..500].iter().map(|s| code(&s.scan.codes)).collect();
@@ -177,7 +177,7 @@ fn off(broken: &Sample, sound: &Sample) -> Vec<usize> {
 }
 
 #[test]
-fn a_dead_led_leaves_its_taxel_dark_and_the_others_lit() {
+fn dead_led_darkens_only_its_taxel() {
     let (broken, sound) = with_and_without("fault-dead-led");
     assert_eq!(off(&broken[1500], &sound[1500]), [6]);
     // The rest is stray light of its row.
@@ -185,7 +185,7 @@ fn a_dead_led_leaves_its_taxel_dark_and_the_others_lit() {
 }
 
 #[test]
-fn a_column_with_a_broken_wire_reads_nothing() {
+fn open_column_reads_zero() {
     let (broken, sound) = with_and_without("fault-open-channel");
     assert_eq!(off(&broken[1500], &sound[1500]), [2, 6, 10, 14]);
     let codes = broken[1500].scan.codes.taxels.unwrap();
@@ -193,7 +193,7 @@ fn a_column_with_a_broken_wire_reads_nothing() {
 }
 
 #[test]
-fn a_midpoint_on_ground_reads_nothing_until_it_is_mended() {
+fn shorted_midpoint_reads_zero_until_repaired() {
     let (broken, sound) = with_and_without("fault-shorted-channel");
     let midpoints = |sample: &Sample| sample.scan.codes.bridges.map(Option::unwrap);
     for (t, (broken, sound)) in broken.iter().zip(&sound).enumerate() {
@@ -205,7 +205,7 @@ fn a_midpoint_on_ground_reads_nothing_until_it_is_mended() {
 }
 
 #[test]
-fn a_stuck_taxel_repeats_its_code_to_the_bit() {
+fn stuck_taxel_repeats_its_code_bit_for_bit() {
     let (broken, sound) = with_and_without("fault-stuck-channel");
     let lit = |samples: &[Sample]| -> Vec<u16> {
         samples[1000..].iter().map(|s| s.scan.codes.taxels.unwrap().lit[1][2].0).collect()
@@ -216,7 +216,7 @@ fn a_stuck_taxel_repeats_its_code_to_the_bit() {
 }
 
 #[test]
-fn a_saturated_input_is_at_full_scale_in_every_row_and_in_the_dark() {
+fn saturated_input_reads_full_scale() {
     let (broken, _) = with_and_without("fault-saturated-adc");
     for (t, sample) in broken.iter().enumerate() {
         let codes = sample.scan.codes.taxels.unwrap();
@@ -226,7 +226,7 @@ fn a_saturated_input_is_at_full_scale_in_every_row_and_in_the_dark() {
 }
 
 #[test]
-fn a_broken_arm_takes_its_midpoint_to_a_rail() {
+fn broken_arm_drives_its_midpoint_to_a_rail() {
     let (broken, sound) = with_and_without("fault-broken-arm");
     let share = |sample: &Sample| {
         let m = sample.scan.codes.bridges[0].unwrap();
@@ -239,7 +239,7 @@ fn a_broken_arm_takes_its_midpoint_to_a_rail() {
 }
 
 #[test]
-fn a_dip_that_the_reference_follows_dims_the_light_and_lifts_the_reference_channel() {
+fn supply_dip_dims_light_lifts_reference() {
     let (broken, sound) = with_and_without("fault-supply-dip");
     let reference = |sample: &Sample| f64::from(sample.scan.codes.reference.unwrap().0) / 65_535.0;
     assert!((reference(&sound[1250]) - 0.5).abs() < 1e-3);

@@ -7,7 +7,7 @@ use taxel_files::trace::Sample;
 use crate::{force, run};
 
 /// Every frame after the bias: whether the finger reports contact, and its contact point.
-fn felt(samples: &[Sample]) -> Vec<(bool, Option<[f64; 2]>, &Sample)> {
+fn detected(samples: &[Sample]) -> Vec<(bool, Option<[f64; 2]>, &Sample)> {
     let (finger, mut state): (Finger, FingerState) = Finger::new(None);
     state.take_bias(crate::UNLOADED);
     let estimates = samples.iter().map(|sample| {
@@ -19,9 +19,9 @@ fn felt(samples: &[Sample]) -> Vec<(bool, Option<[f64; 2]>, &Sample)> {
 }
 
 #[test]
-fn every_press_of_the_grid_is_felt_and_placed() {
+fn every_grid_press_is_detected_and_located() {
     let samples = run("press-grid", 1);
-    let rows = felt(&samples);
+    let rows = detected(&samples);
     let missed = rows.iter().filter(|(contact, _, s)| force(s)[2] > 0.02 && !contact).count();
     let made_up = rows.iter().filter(|(contact, _, s)| force(s)[2] == 0.0 && *contact).count();
     // The gate waits some frames before it opens and before it closes: 49 of them.
@@ -40,7 +40,7 @@ fn every_press_of_the_grid_is_felt_and_placed() {
 }
 
 #[test]
-fn two_contacts_have_one_truth_for_the_whole_finger() {
+fn two_contacts_have_one_combined_truth() {
     let samples = run("two-contacts", 1);
     let both = samples.iter().find(|s| force(s)[2] > 1.599).unwrap();
     // Forces: 0.6 N at (−3.5, −3.5) and 1 N at (3.5, 3.5).

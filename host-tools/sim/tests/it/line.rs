@@ -69,7 +69,7 @@ fn worst(data: &[Press], trials: &[Press], u: &dyn Fn(&Press) -> [f32; 4]) -> [f
 }
 
 #[test]
-fn trial_forces_are_placed_and_turned_as_in_the_paper_and_a_little_worse_out_of_codes() {
+fn trial_forces_match_paper_worse_from_codes() {
     let (data, trials) = (presses("line-fit", 1), presses("line-trial", 2));
     assert_eq!((data.len(), trials.len()), (7 * 13, 6 * 12));
     let correlation = correlation(data.iter().map(|p| terms(p.displacement.map(|u| u as f32))));

@@ -46,13 +46,13 @@ fn within(scene: &str, table: [[f64; 3]; 3]) {
 }
 
 #[test]
-fn the_bare_sensor_meets_table_1_2() {
+fn bare_sensor_meets_table_1_2() {
     // The worst of the sensors C12, D12 and H02 on any axis.
     within("mems-bare", [[9.30, 28.47, 6.27]; 3]);
 }
 
 #[test]
-fn the_coated_sensors_meet_table_1_3() {
+fn coated_sensors_meet_table_1_3() {
     within("mems-ra", [[3.36, 46.31, 11.82], [8.44, 65.00, 15.67], [13.89, 52.78, 11.98]]);
     within("mems-rb", [[2.09, 64.19, 12.78], [9.29, 70.34, 16.56], [3.90, 33.42, 7.79]]);
     within("mems-rc", [[19.85, 133.14, 40.70], [24.37, 144.11, 35.92], [5.82, 37.65, 8.19]]);
@@ -81,7 +81,7 @@ fn mean(errors: &[(f64, f64)], from: f64, to: f64) -> f64 {
 }
 
 #[test]
-fn what_a_relaxing_coating_keeps_of_a_long_grasp_is_gone_seconds_later() {
+fn relaxing_coating_recovers_in_seconds() {
     // Release at 59.2 s. The coating keeps 5 % of 1.2 N (its coefficients), which takes 0.6 s to
     // fall to a third.
     let errors = errors("mems-f02", "mems-grasp");
@@ -91,7 +91,7 @@ fn what_a_relaxing_coating_keeps_of_a_long_grasp_is_gone_seconds_later() {
 }
 
 #[test]
-fn taps_of_a_tenth_of_a_second_are_followed_and_those_of_five_milliseconds_are_not() {
+fn taps_of_100_ms_are_followed_5_ms_are_not() {
     let errors = errors("mems-bare", "mems-tap");
     let worst = |from: f64| {
         let tap = errors.iter().filter(|(time, _)| (from..from + 0.3).contains(time));

@@ -23,7 +23,7 @@ fn all(cases: &[(String, &str)]) {
 }
 
 #[test]
-fn a_number_that_cannot_be_is_told_which_can() {
+fn number_out_of_range_reports_the_range() {
     all(&[
         (said("friction", "mu = -1"), "5: `mu`: -1 is out of range; allowed are 0 to 10"),
         (
@@ -68,7 +68,7 @@ fn a_number_that_cannot_be_is_told_which_can() {
 }
 
 #[test]
-fn a_word_that_is_not_known_is_told_the_known_ones() {
+fn unknown_word_reports_the_known_words() {
     all(&[
         (
             said("electronics", "ratiometric = 'yes'"),
@@ -111,7 +111,7 @@ fn a_word_that_is_not_known_is_told_the_known_ones() {
 }
 
 #[test]
-fn an_error_in_a_list_names_its_line_and_the_key_of_the_list() {
+fn list_error_reports_line_and_key() {
     let scan = "[scan]\nrate_hz = 1000\nduration_s = 2\n";
     all(&[
         (
@@ -148,7 +148,7 @@ fn an_error_in_a_list_names_its_line_and_the_key_of_the_list() {
 }
 
 #[test]
-fn a_table_that_is_missing_or_of_the_wrong_number_is_told_how_to_write_it() {
+fn missing_or_repeated_table_reports_syntax() {
     let scan = "[scan]\nrate_hz = 1000\nduration_s = 2\n";
     all(&[
         (
@@ -178,7 +178,7 @@ fn a_table_that_is_missing_or_of_the_wrong_number_is_told_how_to_write_it() {
 }
 
 #[test]
-fn contacts_that_do_not_fit_are_told_when_and_where_they_would() {
+fn contact_conflict_reports_when_and_where() {
     let press = |at: f64, x: f64| {
         format!(
             "at_s = {at}\nx_mm = {x}\ny_mm = 0\nfz_n = 1\nrise_s = 0.1\nhold_s = 0.4\nfall_s = 0.1"
@@ -210,7 +210,7 @@ fn contacts_that_do_not_fit_are_told_when_and_where_they_would() {
 }
 
 #[test]
-fn a_sheet_is_told_where_it_ends_and_what_it_takes() {
+fn sheet_reports_its_limits() {
     let sheet = |more: &str| said("device", &format!("kind = 'ohka-sheet'\n{more}"));
     all(&[
         (
@@ -232,7 +232,7 @@ fn a_sheet_is_told_where_it_ends_and_what_it_takes() {
 }
 
 #[test]
-fn a_file_that_is_no_text_is_told_what_to_save_it_as() {
+fn non_utf8_file_reports_the_encoding() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("latin1.toml");
     std::fs::write(&path, b"description = \"\xe9\"\n").unwrap();

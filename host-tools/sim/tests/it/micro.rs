@@ -94,7 +94,7 @@ fn fit_shear(samples: &[Sample]) -> (Shear, f32) {
 }
 
 #[test]
-fn the_bi_linear_curve_gives_the_papers_four_constants_back() {
+fn bilinear_curve_recovers_four_constants() {
     let (shear, _) = fit_shear(&run("micro-shear", 1));
     meets("beta", shear.stuck.into(), 1.7, 5.0);
     meets("K", shear.sheet.into(), 0.067, 5.0);
@@ -103,7 +103,7 @@ fn the_bi_linear_curve_gives_the_papers_four_constants_back() {
 }
 
 #[test]
-fn brightness_is_proportional_to_the_normal_force_up_to_twelve_millinewtons_sheared_or_not() {
+fn brightness_is_linear_up_to_12_millinewtons() {
     let c = fit_normal(&run("micro-press", 1));
     for scene in ["micro-press", "micro-shear"] {
         let samples = run(scene, 2);
@@ -117,7 +117,7 @@ fn brightness_is_proportional_to_the_normal_force_up_to_twelve_millinewtons_shea
 
 /// The paper raises the force in steps; here 50 ms are one step.
 #[test]
-fn force_out_of_codes_meets_the_load_cell_of_the_paper() {
+fn force_from_codes_meets_paper_load_cell() {
     let normal = fit_normal(&run("micro-press", 1)) as f32;
     let (x, unsheared) = fit_shear(&run("micro-shear", 1));
     let sensor = BrightSpot { normal, x, y: x };
@@ -190,8 +190,7 @@ struct Across {
 /// nothing. A curve of it over the normal force, from `micro-press`, removes a per cent under the
 /// largest forces and adds more, by its noise, under 2.2 mN.
 #[test]
-fn shear_across_the_slip_threshold_is_within_five_per_cent_but_for_the_noise_of_the_weakest_press()
-{
+fn shear_across_slip_threshold_within_5_percent() {
     const PRESSES: usize = 5;
     let mut systematic = vec![[vec![], vec![]]; PRESSES];
     let mut single = vec![[vec![], vec![]]; PRESSES];
@@ -231,7 +230,7 @@ fn shear_across_the_slip_threshold_is_within_five_per_cent_but_for_the_noise_of_
 }
 
 #[test]
-fn the_feeler_slips_in_the_truth_exactly_beyond_the_papers_threshold() {
+fn feeler_slips_beyond_paper_threshold() {
     let samples = run("micro-shear", 1);
     let slips = |s: &&Sample| s.truth.slip == Some(true);
     for sample in &samples {
@@ -248,7 +247,7 @@ fn feelers(samples: &[Sample]) -> Vec<Vec<Sample>> {
 }
 
 #[test]
-fn every_feeler_of_the_sheet_has_its_own_share_of_the_pressure_and_all_of_them_the_whole() {
+fn feelers_share_the_whole_pressure() {
     let samples = run("sheet-press", 1);
     let pictures = samples.chunks_exact(FEELERS);
     // During the hold of the first press: 0.1 N of a 20 mm sphere at (0.2, −0.3) mm.
@@ -276,7 +275,7 @@ fn every_feeler_of_the_sheet_has_its_own_share_of_the_pressure_and_all_of_them_t
 
 /// One calibration serves the codes of every scan, whichever feeler it looks at.
 #[test]
-fn a_picture_of_the_sheet_out_of_codes_is_the_pressure_on_it() {
+fn sheet_picture_from_codes_is_its_pressure() {
     let c = fit_normal(&run("micro-press", 1));
     let samples = run("sheet-press", 2);
     let bias = bias(&samples);
@@ -324,7 +323,7 @@ fn one_law(rows: &[(f64, f64, f64)]) -> [f64; 4] {
 }
 
 #[test]
-fn the_feelers_of_the_sheet_give_the_papers_four_constants_back() {
+fn sheet_feelers_recover_four_constants() {
     // The nine feelers under the probe, whose middle is above the feeler in column 5 of row 6.
     let samples = run("sheet-shear", 1);
     let (bias, scans) = (bias(&samples), feelers(&samples));
@@ -347,7 +346,7 @@ fn the_feelers_of_the_sheet_give_the_papers_four_constants_back() {
 }
 
 #[test]
-fn a_sheared_sheet_slips_at_the_rim_of_its_contact_while_its_middle_sticks() {
+fn sheared_sheet_slips_at_the_rim() {
     let samples = run("sheet-press", 1);
     // Picture in the middle of the second press: 0.05 N shear on 0.1 N.
     let at = samples.iter().position(|s| s.scan.time.0 >= 2_150_000).unwrap() / FEELERS * FEELERS;

@@ -63,7 +63,7 @@ fn contact_radius(normal: f64) -> f64 {
 }
 
 #[test]
-fn a_grasp_is_held_for_a_minute_while_warming_rubber_stiffens_and_warming_leds_dim() {
+fn warming_grasp_stiffens_rubber_dims_leds() {
     let scene = built_in("grasp");
     let rows = frames(&scene);
     let held: Vec<&Frame> = rows.iter().filter(|(s, _)| (1.5..59.5).contains(&time(s))).collect();
@@ -90,7 +90,7 @@ fn a_grasp_is_held_for_a_minute_while_warming_rubber_stiffens_and_warming_leds_d
 }
 
 #[test]
-fn a_tap_lasts_as_long_and_pushes_as_much_as_half_a_sine() {
+fn tap_force_is_half_a_sine() {
     let scene = built_in("tap");
     let period = 1.0 / f64::from(scene.rate_hz());
     let rows = frames(&scene);
@@ -110,7 +110,7 @@ fn a_tap_lasts_as_long_and_pushes_as_much_as_half_a_sine() {
 }
 
 #[test]
-fn a_roll_carries_the_centre_of_pressure_at_constant_speed_without_shear() {
+fn roll_moves_pressure_centre_evenly() {
     let rows = frames(&built_in("roll"));
     let rolls: Vec<&[Frame]> = contacts(&rows, touched);
     for (roll, from, to, normal) in
@@ -150,7 +150,7 @@ fn a_roll_carries_the_centre_of_pressure_at_constant_speed_without_shear() {
 }
 
 #[test]
-fn a_twist_slips_at_the_limit_of_its_pressure_and_stays_there() {
+fn twist_slips_at_its_limit_and_stays() {
     let rows = frames(&built_in("torsion"));
     let twists: Vec<&[Frame]> = contacts(&rows, touched);
     for (twist, normal, way) in [(twists[0], 1.0, 1.0), (twists[1], 1.6, -1.0)] {
@@ -184,7 +184,7 @@ fn on_the_corner(scene: &Scene) -> Frame {
 }
 
 #[test]
-fn beyond_the_outer_taxels_the_corner_answers_and_the_rest_as_one_over_the_distance() {
+fn corner_press_falls_as_one_over_distance() {
     let (sample, displacement) = on_the_corner(&built_in("edge"));
     assert_eq!((point(&sample), force(&sample)), ([-4.9, -4.9], [0.0, 0.0, 1.0]));
     let away = |k: usize| (centre(k)[0] + 4.9).hypot(centre(k)[1] + 4.9);
@@ -202,7 +202,7 @@ fn beyond_the_outer_taxels_the_corner_answers_and_the_rest_as_one_over_the_dista
 }
 
 #[test]
-fn on_the_frame_only_the_taxels_at_the_corner_answer() {
+fn framed_corner_press_moves_corner_facets_only() {
     let (_, displacement) = on_the_corner(&built_in("edge").with_effect(Effect::Walls));
     let share = |k: usize| displacement[k].abs() / most(&displacement);
     assert_eq!(share(0), 1.0);
@@ -224,7 +224,7 @@ fn amplitude(values: &[f64], rate: f64, hertz: f64) -> f64 {
 }
 
 #[test]
-fn lamps_are_a_line_in_the_spectrum_that_the_dark_step_takes_away_but_for_its_delay() {
+fn dark_step_cancels_lamps_but_for_delay() {
     let (_, text) = scene::built_in().find(|(name, _)| *name == "flicker").unwrap();
     for hertz in [100.0, 120.0] {
         let keyed = text.replace("[light]\n", &format!("[light]\nflicker_hz = {hertz}\n"));
@@ -262,7 +262,7 @@ fn midpoints(sample: &Sample) -> [f64; 16] {
 }
 
 #[test]
-fn per_kelvin_leds_dim_offsets_drift_and_sensitivities_fall_as_their_constants_say() {
+fn temperature_effects_match_constants() {
     let scene = built_in("temperature");
     let celsius = |sample: &Sample| scene.temperature().unwrap().at(time(sample));
     let samples = run("temperature", 1);

@@ -130,7 +130,7 @@ fn kinds(row: &Row) -> Vec<Option<&'static str>> {
 }
 
 #[test]
-fn the_example_parses_and_runs_and_touches_and_slips_and_warms() {
+fn documented_example_runs_with_all_events() {
     let (_, example) = PAGE.split_once("```toml\n").unwrap();
     let (example, _) = example.split_once("```").unwrap();
     let scene = Scene::parse("docs/scenes.md", example).unwrap();
@@ -143,7 +143,7 @@ fn the_example_parses_and_runs_and_touches_and_slips_and_warms() {
 }
 
 #[test]
-fn the_page_has_every_table_and_every_key_of_the_parser_and_no_other() {
+fn page_lists_exactly_the_parser_keys() {
     let sections = sections();
     let mut tables = BTreeSet::new();
     for Section { header, rows } in &sections {
@@ -177,7 +177,7 @@ fn names_range(message: &str, range: &str) -> bool {
 }
 
 #[test]
-fn limits_are_the_parsers_to_the_last_digit() {
+fn documented_limits_match_the_parser() {
     let mut checked = 0;
     for Section { header, rows } in sections() {
         for row in &rows {
@@ -229,7 +229,7 @@ fn limits_are_the_parsers_to_the_last_digit() {
 }
 
 #[test]
-fn choices_are_the_parsers() {
+fn documented_choices_match_the_parser() {
     let mut checked = 0;
     for Section { header, rows } in sections() {
         for row in &rows {
@@ -281,7 +281,7 @@ fn without_places(scene: &Scene) -> String {
 }
 
 #[test]
-fn defaults_are_what_a_scene_without_the_key_has() {
+fn documented_defaults_match_the_parser() {
     const LEFT_OUT: [&str; 7] =
         ["fidelity", "tolerance", "radius_mm", "width_mm", "length_mm", "turn_deg", "slope"];
     let mut checked = 0;
@@ -318,7 +318,7 @@ fn defaults_are_what_a_scene_without_the_key_has() {
 }
 
 #[test]
-fn what_is_required_is() {
+fn documented_required_keys_are_required() {
     let mut checked = 0;
     for Section { header, rows } in sections() {
         for row in rows.iter().filter(|row| row.default == "required") {

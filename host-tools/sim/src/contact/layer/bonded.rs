@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bonded_face_does_not_move_and_a_thick_layer_is_a_half_space() {
+    fn bonded_face_is_fixed() {
         let force = [0.3, 0.0, 1.0];
         for poisson in [0.5, 0.3] {
             let skin = HalfSpace::new(0.236, poisson);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn the_floor_carries_the_load() {
+    fn floor_carries_the_load() {
         let (layer, far) = (Bonded::new(skin(), 2.5), 20.0);
         let carried: f64 = legendre(60)
             .into_iter()
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn the_half_space_is_good_to_a_percent_only_far_above_the_floor() {
+    fn half_space_needs_a_distant_floor() {
         // docs/simulator.md quotes these. The effect of the floor falls as one over its distance
         // under a normal force, and as one over its square under shear.
         for (ratio, pressed, sheared) in

@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faces_have_what_was_asked_of_them() {
+    fn wave_meets_its_boundary_values() {
         for (k, poisson) in [(0.05, 0.5), (0.8, 0.5), (0.8, 0.2), (30.0, 0.5)] {
             let wave = Wave::new(k, 2.5, poisson, [0.3, -0.7], [0.2, 0.9]);
             let (upper, lower) = (wave.traction(0.0), wave.displacement(2.5));
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn inside_the_forces_balance() {
+    fn forces_balance_inside_the_layer() {
         // ∂σ_zz/∂z + ∂τ_xz/∂x = 0: N′ = kT.
         let wave = Wave::new(0.9, 2.5, 0.4, [0.3, -0.7], [0.2, 0.9]);
         for z in [0.4, 1.2, 2.2] {
@@ -121,14 +121,14 @@ mod tests {
     }
 
     #[test]
-    fn a_thick_layer_is_a_half_space_at_its_surface() {
+    fn thick_layer_surface_equals_half_space() {
         // W(0) = (1 − ν)p/Gk (Johnson §13.1 for a wavy pressure).
         let wave = Wave::new(1.3, 40.0, 0.3, [0.0, -1.0], [0.0, 0.0]);
         assert!((wave.displacement(0.0)[1] - 0.7 / 1.3).abs() < 1e-12);
     }
 
     #[test]
-    fn bessel_functions_satisfy_their_recurrence_and_known_values() {
+    fn bessel_matches_recurrence_and_known_values() {
         assert!((bessel(0, 1.0) - 0.765_197_686_557_966_6).abs() < 1e-14);
         assert!((bessel(1, 10.0) - 0.043_472_746_168_861_44).abs() < 1e-14);
         for x in [0.3, 4.0, 77.0] {

@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_push_each_other_alike_and_as_the_square_says() {
+    fn window_response_is_symmetric() {
         let windows = Windows::new(2.5, 1.9, 0.5, &Resolution::USUAL);
         let [corner, inner, far] = [0, 5, 15].map(|pushed| windows.means(pushed));
         assert!((corner[5] - inner[0]).abs() < 1e-12 && (corner[15] - far[0]).abs() < 1e-12);
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn an_open_square_gives_way_between_the_circles_inside_and_around_it() {
+    fn open_square_moves_between_its_circles() {
         // Half of a penny crack of radius c under the pressure p opens by the volume 8pc³/3E*
         // (Sneddon), E* = 4G for ν = ½; a crack that contains another opens more.
         let side = 1.9;
