@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_the_parser_says_on_many_lines_is_said_on_one() {
+    fn parser_error_is_shortened_to_one_line() {
         let message = "error: the following required arguments were not provided:\n  --out <FILE>\n\n\
                        Usage: taxel export --out <FILE>\n\nFor more information, try '--help'.\n";
         assert_eq!(

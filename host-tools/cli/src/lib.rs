@@ -133,7 +133,7 @@ mod tests {
     ];
 
     #[test]
-    fn every_command_that_a_manual_gives_is_understood_as_it_is_written() {
+    fn commands_in_manuals_parse() {
         let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let text = |name: &str| std::fs::read_to_string(root.join(name)).unwrap();
         let mut pages = ["README.md", "host-tools/python/README.md"].map(text).to_vec();
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn every_command_has_examples_that_it_understands() {
+    fn every_command_has_examples_that_parse() {
         let mut found = Vec::new();
         Cli::command().get_subcommands().for_each(|command| examples(command, &mut found));
         assert!(found.len() > 20);

@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn the_error_is_no_greater_than_stated_and_small_whatever_the_drift() {
+    fn error_stays_within_bound_for_any_drift() {
         for ppm in [-200.0, -100.0, -50.0, 0.0, 80.0, 200.0] {
             let (errors, clock) = stream(ppm, 60);
             // The earliest frame of one second must be complete.
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_before_it_can_be_told_and_a_restart_begins_anew() {
+    fn clock_is_unknown_at_start_and_after_restart() {
         let mut clock = DeviceClock::default();
         let now = Instant::now();
         clock.frame(Micros(0), now);

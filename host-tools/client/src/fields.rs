@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_list_reads_back_as_the_same_fields() {
+    fn field_list_reads_back() {
         for fields in (1..=Fields::ALL.0).map(Fields) {
             assert_eq!(parse(&list(fields)), Ok(fields));
         }
@@ -44,7 +44,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_field_is_named() {
+    fn unknown_field_is_named() {
         assert!(
             parse("force,torque").unwrap_err().to_string().starts_with("unknown field `torque`")
         );

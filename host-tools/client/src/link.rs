@@ -131,7 +131,7 @@ mod tests {
 
     /// The error is constructed, because the tests' user may have access to every device.
     #[test]
-    fn a_device_that_its_user_may_not_open_is_told_with_the_udev_rule() {
+    fn permission_error_names_udev_rule() {
         let denied = serialport::ErrorKind::Io(io::ErrorKind::PermissionDenied);
         let denied = serialport::Error::new(denied, "Permission denied");
         let problem = no_serial("/dev/ttyACM0", &denied);

@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_of_port_reads_back_as_it_was_written() {
+    fn every_kind_of_port_reads_back() {
         for word in [
             "usb",
             "usb:F-0042",
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_port_is_refused_with_what_would_be() {
+    fn invalid_port_is_refused_with_valid_forms() {
         for (word, part) in [
             ("", "has no name"),
             ("sim:", "has no name"),

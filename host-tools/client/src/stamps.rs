@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_clock_that_jumped_ahead_while_the_finger_was_gone_is_learnt_anew() {
+    fn clock_jump_after_reconnect_is_learned() {
         let mut stamps = Timestamps::default();
         let begin = Instant::now();
         // Streams one frame per millisecond, from `device` seconds on, `after` seconds after the

@@ -86,14 +86,14 @@ mod tests {
     }
 
     #[test]
-    fn a_finger_is_known_by_numbers_and_maker_together() {
+    fn finger_is_recognised_by_ids_and_manufacturer() {
         assert!(is_finger(&usb(VENDOR, PRODUCT, "taxel")));
         assert!(!is_finger(&usb(VENDOR, PRODUCT, "somebody else")));
         assert!(!is_finger(&usb(0x0483, 0x5740, "taxel")));
     }
 
     #[test]
-    fn one_finger_needs_no_name_and_several_do() {
+    fn several_fingers_need_serial_number() {
         let device = |name: &str, serial: &str| Device {
             name: name.to_owned(),
             finger: Some(serial.to_owned()),
@@ -116,7 +116,7 @@ mod tests {
 
     /// Compares with the firmware's source, because the firmware is in another workspace.
     #[test]
-    fn the_firmware_says_the_same_numbers() {
+    fn usb_ids_match_firmware() {
         let source = include_str!("../../../boards/common/src/link.rs");
         for line in [
             format!("const VENDOR: u16 = {VENDOR:#06x};"),

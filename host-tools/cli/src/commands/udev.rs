@@ -24,7 +24,7 @@ mod tests {
     use taxel_client::usb::{MANUFACTURER, PRODUCT, VENDOR};
 
     #[test]
-    fn the_rule_is_for_the_fingers_that_the_program_finds() {
+    fn udev_rule_matches_usb_ids() {
         for part in [
             format!("ATTRS{{idVendor}}==\"{VENDOR:04x}\""),
             format!("ATTRS{{idProduct}}==\"{PRODUCT:04x}\""),

@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn rate_is_that_of_the_times() {
+    fn rate_follows_from_scan_times() {
         for (period, hz) in [(2_000, 500), (250, 4_000), (2_999, 333)] {
             assert_eq!(rate_hz(&scans(1_000, period)).unwrap(), hz);
         }

@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn orders_read_as_the_page_writes_them() {
+    fn page_commands_parse_from_json() {
         let read = |text| serde_json::from_str::<Order>(text);
         assert_eq!(read(r#"{"order":"rate","hz":500}"#).unwrap(), Order::Rate { hz: 500 });
         assert_eq!(read(r#"{"order":"self-test"}"#).unwrap(), Order::SelfTest);

@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn no_peak_and_no_flag_is_lost_between_two_ticks() {
+    fn ticks_keep_every_peak_and_flag() {
         let mut scope = scope();
         stream(&mut scope, 4000, 1234);
         let news = scope.news(&mut Seen::default());
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_page_gets_every_tick_once() {
+    fn slow_page_gets_every_tick_once() {
         let mut scope = scope();
         let mut seen = Seen::default();
         stream(&mut scope, 2000, 0);
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn a_withheld_value_is_its_reason_and_no_number() {
+    fn missing_value_is_shown_as_its_reason() {
         let mut scope = scope();
         let why = taxel::measured::NoValue::NoContact;
         let row = [Cell::Whole(0), Cell::Whole(0), Cell::Whole(0), Cell::Withheld(why)];

@@ -225,7 +225,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn this_machine_goes_by_addresses_localhost_and_the_name_that_it_listens_by() {
+    fn only_own_host_names_are_accepted() {
         let name = host("robot.local:8173");
         for own in ["127.0.0.1:8173", "192.168.1.20", "[::1]:8173", "[fe80::1]", "localhost:8173"] {
             assert!(is_own(own, name), "{own}");

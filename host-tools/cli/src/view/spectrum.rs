@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sine_has_its_amplitude_at_its_frequency() {
+    fn sine_has_its_amplitude_at_its_frequency() {
         let (step, lines) = sine(125.0, 0.25, 1000).lines().unwrap();
         assert!((step - 1000.0 / 2048.0).abs() < 1e-6);
         let peak = (125.0 / step).round() as usize;
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_frame_or_value_begins_the_spectrum_anew() {
+    fn missing_frame_or_value_restarts_spectrum() {
         let mut spectrum = sine(50.0, 1.0, 1000);
         spectrum.push(3001, 3_001_000, Some(0.0));
         assert_eq!(spectrum.samples.len(), 1);

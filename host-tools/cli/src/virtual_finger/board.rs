@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_second_of_scans_takes_a_second() {
+    fn one_second_of_scans_takes_one_second() {
         run(async {
             let mut board = board(4001);
             let start = Instant::now();
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wait_that_is_dropped_loses_no_scan() {
+    fn dropped_wait_loses_no_scan() {
         run(async {
             let mut board = board(100);
             let mut times = Vec::new();
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_long_stall_the_clock_has_stopped_and_the_next_scan_says_so() {
+    fn long_stall_stops_clock_and_is_reported() {
         run(async {
             let mut board = board(8000);
             assert_eq!(board.scan().await.unwrap().lost, 0);

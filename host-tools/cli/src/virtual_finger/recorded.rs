@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_come_out_of_a_recording_as_they_went_in() {
+    fn recorded_frames_read_back_unchanged() {
         let given = |seq| Frame {
             seq,
             time: Micros(1 << 40),

@@ -178,14 +178,14 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_rate_is_that_of_the_samples_and_none_is_lost_to_learning_it() {
+    fn reading_rate_loses_no_sample() {
         let mut source = Source::samples("still", still(4000).take(10));
         assert_eq!(source.scan_hz().unwrap(), 4000);
         assert_eq!(source.count(), 10);
     }
 
     #[test]
-    fn a_source_without_scans_is_refused() {
+    fn source_without_scans_is_refused() {
         assert!(Source::samples("empty", std::iter::empty()).scan_hz().is_err());
     }
 }

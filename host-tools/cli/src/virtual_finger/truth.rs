@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_truth_of_each_frame_is_found_and_memory_is_bounded() {
+    fn truth_log_finds_frames_in_bounded_memory() {
         let log = TruthLog::default();
         for i in 0..MOST as u64 + 100 {
             log.push(Micros(i), Truth { torsion: Some(i as f64), ..Truth::default() });

@@ -17,7 +17,7 @@ fn packed(message: &impl serde::Serialize) -> Vec<u8> {
 }
 
 #[test]
-fn a_pulled_cable_is_an_error_of_its_own_and_no_hang() {
+fn pulled_cable_is_reported_as_unplugged() {
     for finger in on_every_link() {
         let client = connect(&finger);
         client.stream(true).unwrap();
@@ -33,7 +33,7 @@ fn a_pulled_cable_is_an_error_of_its_own_and_no_hang() {
 }
 
 #[test]
-fn garbage_before_the_first_packet_and_half_a_packet_do_no_harm() {
+fn leading_garbage_loses_no_frame() {
     let finger = on_tcp(still());
     let upstream = TcpStream::connect(address(finger.port())).unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -58,7 +58,7 @@ fn garbage_before_the_first_packet_and_half_a_packet_do_no_harm() {
 
 #[cfg(unix)]
 #[test]
-fn a_second_program_finds_the_device_busy() {
+fn second_program_finds_device_busy() {
     let finger = VirtualFinger::on_pty(still(), None).unwrap();
     let _first = connect(&finger);
     let busy = Client::open(finger.port()).err().unwrap();
@@ -67,7 +67,7 @@ fn a_second_program_finds_the_device_busy() {
 
 #[cfg(unix)]
 #[test]
-fn a_host_that_does_not_read_loses_frames_which_are_counted_while_the_scan_goes_on() {
+fn unread_frames_are_counted_as_lost() {
     let finger = VirtualFinger::on_pty(still(), None).unwrap();
     let name = finger.port().to_string();
     let mut deaf = std::fs::File::options().write(true).open(name).unwrap();

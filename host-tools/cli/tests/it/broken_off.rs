@@ -58,7 +58,7 @@ fn interrupted_after(worked_for: Duration, mut child: Child) -> Ran {
 }
 
 #[test]
-fn ctrl_c_in_a_fit_keeps_the_best_so_far() {
+fn ctrl_c_in_fit_keeps_best_net() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     write_table(folder.0);
@@ -106,7 +106,7 @@ fn ctrl_c_in_a_fit_keeps_the_best_so_far() {
 
 /// Fits presses with shear, which a net of 32 units takes many seconds to learn.
 #[test]
-fn ctrl_c_in_the_fit_of_a_finger_leaves_a_record_that_measures() {
+fn ctrl_c_in_finger_fit_leaves_usable_record() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let scene = "effects = ['noise', 'gain-spread', 'optical-crosstalk', 'bridge-mismatch']\n\
@@ -133,7 +133,7 @@ fn ctrl_c_in_the_fit_of_a_finger_leaves_a_record_that_measures() {
 
 /// Interrupts a reader that blocks on a recording's next row.
 #[test]
-fn ctrl_c_while_a_recording_is_read_leaves_the_files_as_they_were() {
+fn ctrl_c_while_reading_changes_no_file() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let pipe = folder.0.join("growing.csv");
@@ -270,7 +270,7 @@ impl<'f> Upload<'f> {
 }
 
 #[test]
-fn a_cable_pulled_in_an_upload_leaves_one_calibration_whole_and_the_line_says_which() {
+fn pulled_cable_in_upload_leaves_one_calibration() {
     let directory = tempfile::tempdir().unwrap();
     let upload = Upload::begin(directory.path());
     let ([to_finger, to_host], chunk) = (upload.total, taxel::wire::message::CHUNK as u64);
@@ -322,7 +322,7 @@ fn a_cable_pulled_in_an_upload_leaves_one_calibration_whole_and_the_line_says_wh
 }
 
 #[test]
-fn ctrl_c_in_an_upload_or_a_download_leaves_calibrations_whole() {
+fn ctrl_c_in_transfer_leaves_calibrations_whole() {
     let directory = tempfile::tempdir().unwrap();
     let upload = Upload::begin(directory.path());
     let stuck_after = |bytes: u64, typed: &dyn Fn(&str) -> Vec<String>| {
@@ -360,7 +360,7 @@ fn ctrl_c_in_an_upload_or_a_download_leaves_calibrations_whole() {
 
 /// Ends the writer in mid-write by a limit on file size.
 #[test]
-fn a_crash_in_the_middle_of_writing_a_record_leaves_the_former_one() {
+fn crash_while_writing_keeps_previous_file() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let finger = VirtualFinger::on_tcp(

@@ -82,7 +82,7 @@ impl Tapped {
 }
 
 #[test]
-fn the_numbers_on_the_page_are_the_streams_and_no_peak_is_lost_at_4_khz() {
+fn page_shows_stream_values_and_every_peak() {
     let folder = tempfile::tempdir().unwrap();
     let finger = finger("press-4khz");
     let tapped = tapped(&finger, 4000, Fields::ALL, folder.path());
@@ -237,7 +237,7 @@ fn all_but(browser: &mut Browser) -> Option<f64> {
 }
 
 #[test]
-fn the_page_looks_right_idle_pressed_slipping_broken_and_on_a_phone() {
+fn page_renders_every_state_and_phone_width() {
     let folder = tempfile::tempdir().unwrap();
     for (scene, name, until) in [
         ("idle", "view-idle", "taxel.times.length > 300"),
@@ -299,7 +299,7 @@ fn the_page_looks_right_idle_pressed_slipping_broken_and_on_a_phone() {
 }
 
 #[test]
-fn a_page_without_a_finger_says_why_and_offers_nothing_that_cannot_be_had() {
+fn page_without_finger_shows_reason() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("notes.txt");
     std::fs::write(&file, "no device").unwrap();
@@ -319,7 +319,7 @@ fn a_page_without_a_finger_says_why_and_offers_nothing_that_cannot_be_had() {
 }
 
 #[test]
-fn an_address_that_names_no_finger_shows_the_first_and_offers_the_others() {
+fn unknown_finger_in_address_shows_first() {
     let folder = tempfile::tempdir().unwrap();
     let (one, other) = (finger("idle"), finger("press"));
     let feed = |finger: &VirtualFinger| {
@@ -336,7 +336,7 @@ fn an_address_that_names_no_finger_shows_the_first_and_offers_the_others() {
 }
 
 #[test]
-fn every_control_works_by_keyboard_and_says_what_came_of_it() {
+fn every_control_works_by_keyboard() {
     let folder = tempfile::tempdir().unwrap();
     let finger = finger("idle");
     let server = show(finger.port(), folder.path());
@@ -408,7 +408,7 @@ fn every_control_works_by_keyboard_and_says_what_came_of_it() {
 }
 
 #[test]
-fn a_finger_that_is_not_there_is_waited_for_and_set_again_when_it_is_back() {
+fn page_reconnects_and_restores_settings() {
     let folder = tempfile::tempdir().unwrap();
     let first = finger("idle");
     let port = first.port().clone();
@@ -459,7 +459,7 @@ fn a_finger_that_is_not_there_is_waited_for_and_set_again_when_it_is_back() {
 }
 
 #[test]
-fn a_recording_plays_stops_and_is_sought_by_its_scrubber() {
+fn recording_plays_pauses_and_seeks() {
     let folder = tempfile::tempdir().unwrap();
     let finger = finger("press");
     let client = Client::open(finger.port()).unwrap();

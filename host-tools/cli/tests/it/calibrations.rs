@@ -92,7 +92,7 @@ fn withheld(folder: &In<'_>, calibration: &str, data: &str) -> u64 {
 }
 
 #[test]
-fn nine_presses_mend_a_finger_whose_gains_drifted() {
+fn nine_presses_correct_drifted_gains() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let (presses, held_out) = (nine_presses(directory.path(), 1.0, 3), tour(5));
@@ -145,7 +145,7 @@ fn nine_presses_mend_a_finger_whose_gains_drifted() {
 }
 
 #[test]
-fn known_weights_do_without_reference_columns() {
+fn known_weight_replaces_reference_columns() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let presses = aged(&nine_presses(directory.path(), 0.4905, 4), 1.1);
@@ -181,7 +181,7 @@ fn write_cell(folder: &Path, samples: &[Sample]) {
 }
 
 #[test]
-fn presses_on_a_load_cell_with_a_clock_of_its_own_adjust_and_compare_as_well() {
+fn adjust_and_compare_align_load_cell_clock() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let presses = aged(&nine_presses(directory.path(), 1.0, 3), 1.1);
@@ -214,7 +214,7 @@ fn presses_on_a_load_cell_with_a_clock_of_its_own_adjust_and_compare_as_well() {
 }
 
 #[test]
-fn records_that_have_different_things_are_compared_and_what_they_lack_is_said() {
+fn compare_reports_missing_sections() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let whole = calibration::read(VIRTUAL).unwrap();
@@ -273,7 +273,7 @@ fn records_that_have_different_things_are_compared_and_what_they_lack_is_said() 
 }
 
 #[test]
-fn a_finger_that_did_not_age_keeps_its_gains() {
+fn unchanged_finger_keeps_its_gains() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     write_trace(directory.path(), "presses.csv", &nine_presses(directory.path(), 1.0, 8), true);
@@ -299,7 +299,7 @@ fn a_finger_that_did_not_age_keeps_its_gains() {
 }
 
 #[test]
-fn a_reference_of_the_wrong_sign_changes_no_gain() {
+fn reference_of_wrong_sign_changes_no_gain() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let mut presses = nine_presses(directory.path(), 1.0, 8);
@@ -335,7 +335,7 @@ fn a_reference_of_the_wrong_sign_changes_no_gain() {
 }
 
 #[test]
-fn a_report_is_one_page_with_figures_plots_and_warnings() {
+fn report_is_one_page_with_plots_and_warnings() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let (judged, fitted) = (tour(9), nine_presses(directory.path(), 1.0, 2));
@@ -393,7 +393,7 @@ fn skin(name: &str, seed: f64, folder: &Path) {
 }
 
 #[test]
-fn somebody_elses_sensor_gets_the_same_report_and_is_compared_with_what_it_was() {
+fn table_model_gets_report_and_comparison() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     for (name, seed) in [("a.csv", 0.0), ("b.csv", 2.0), ("unseen.csv", 4.0)] {

@@ -31,7 +31,7 @@ fn json(text: &str) -> serde_json::Value {
 }
 
 #[test]
-fn the_built_in_scenes_are_listed_a_line_each_with_what_they_do() {
+fn list_prints_one_line_per_scene() {
     let list = succeeds(&["simulate", "--list"]);
     for (name, _) in taxel_sim::scene::built_in() {
         let line = list.lines().find(|line| line.split_whitespace().next() == Some(name)).unwrap();
@@ -41,7 +41,7 @@ fn the_built_in_scenes_are_listed_a_line_each_with_what_they_do() {
 }
 
 #[test]
-fn a_chart_comes_as_table_picture_and_page_and_no_part_of_one_is_left() {
+fn chart_writes_all_three_files_or_none() {
     let directory = tempfile::tempdir().unwrap();
     let charts = directory.path().join("charts");
     let said = succeeds(&["chart", "--only", "peers", "--out", charts.to_str().unwrap()]);
@@ -98,7 +98,7 @@ fn lines(path: &Path) -> Vec<String> {
 }
 
 #[test]
-fn help_names_the_commands_and_what_a_port_is() {
+fn help_names_commands_and_port_forms() {
     let help = succeeds(&["--help"]);
     for word in ["demo", "record", "info", "bias", "set", "tcp:HOST:PORT", "sim:SCENE"] {
         assert!(help.contains(word), "{word}");
@@ -135,7 +135,7 @@ fn every_command_has_a_manual_page_with_its_options_and_examples() {
 }
 
 #[test]
-fn a_command_that_says_too_little_is_answered_by_its_help() {
+fn incomplete_command_prints_help() {
     for (args, word) in [(&[][..], "\n  demo "), (&["calibrate"], "\n  upload ")] {
         let ran = here().taxel(args);
         assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""));
@@ -190,7 +190,7 @@ fn bad_usage_is_one_line_and_exit_code_2() {
 }
 
 #[test]
-fn what_fails_is_one_line_and_exit_code_1() {
+fn failure_is_one_line_and_exit_code_1() {
     let trace = fails(1, &["info", "--port", "file:no-such-trace.csv"]);
     assert!(trace.starts_with("taxel: no-such-trace.csv: "), "{trace}");
     let file = fails(1, &["info", "--port", "Cargo.toml"]);
@@ -210,7 +210,7 @@ fn what_fails_is_one_line_and_exit_code_1() {
 }
 
 #[test]
-fn a_demo_for_scripts_ends_with_one_object() {
+fn demo_json_is_one_object() {
     let report =
         json(&succeeds(&["demo", "--headless", "--json", "--duration", "1", "--scene", "press"]));
     assert_eq!(report["frames"], 1000);
@@ -224,13 +224,13 @@ fn a_demo_for_scripts_ends_with_one_object() {
 }
 
 #[test]
-fn a_demo_behind_tcp_is_the_same_demo() {
+fn demo_runs_behind_tcp() {
     let args = ["demo", "--headless", "--json", "--duration", "0.2", "--tcp", "127.0.0.1:0"];
     assert_eq!(json(&succeeds(&args))["frames"], 200);
 }
 
 #[test]
-fn info_shows_the_finger_and_set_changes_it_for_good() {
+fn info_shows_settings_changed_by_set() {
     let (_finger, port) = finger();
     let before = json(&succeeds(&["info", "--port", &port, "--json"]));
     assert_eq!(before["board"], "virtual");
@@ -248,7 +248,7 @@ fn info_shows_the_finger_and_set_changes_it_for_good() {
 }
 
 #[test]
-fn a_self_test_lists_every_channel_and_a_board_without_a_bootloader_says_so() {
+fn self_test_lists_every_channel() {
     let (_finger, port) = finger();
     let test = json(&succeeds(&["self-test", "--port", &port, "--scans", "200", "--json"]));
     assert_eq!(test["scans"], 200);
@@ -266,7 +266,7 @@ fn a_self_test_lists_every_channel_and_a_board_without_a_bootloader_says_so() {
 
 /// Runs the example of the help; the scene has known faults.
 #[test]
-fn the_self_tests_own_example_finds_what_is_broken() {
+fn self_test_example_finds_faults() {
     let help = succeeds(&["self-test", "--help"]);
     let example = help.lines().find(|line| line.contains("taxel self-test --port sim:")).unwrap();
     let words: Vec<_> = example.split('#').next().unwrap().split_whitespace().skip(1).collect();
@@ -278,7 +278,7 @@ fn the_self_tests_own_example_finds_what_is_broken() {
 }
 
 #[test]
-fn a_bias_is_taken_read_and_cleared() {
+fn bias_is_taken_read_and_cleared() {
     let directory = tempfile::tempdir().unwrap();
     let trace = trace(directory.path(), 60_000);
     let source = Source::trace(Path::new(&trace)).unwrap();
@@ -297,7 +297,7 @@ fn a_bias_is_taken_read_and_cleared() {
 }
 
 #[test]
-fn a_recording_has_as_many_lines_as_it_says() {
+fn recording_has_reported_number_of_rows() {
     let directory = tempfile::tempdir().unwrap();
     let out = directory.path().join("frames.csv");
     let path = out.to_str().unwrap();
@@ -322,7 +322,7 @@ fn a_recording_has_as_many_lines_as_it_says() {
 }
 
 #[test]
-fn a_playback_is_recorded_to_its_end() {
+fn playback_is_recorded_to_its_end() {
     let directory = tempfile::tempdir().unwrap();
     let port = format!("file:{}", trace(directory.path(), 1500));
     let out = directory.path().join("frames.csv");
@@ -335,7 +335,7 @@ fn a_playback_is_recorded_to_its_end() {
 }
 
 #[test]
-fn a_pulled_cable_that_stays_out_fails_and_leaves_the_recording_whole() {
+fn lasting_disconnect_keeps_recording() {
     let (finger, port) = finger();
     let directory = tempfile::tempdir().unwrap();
     let out = directory.path().join("frames.csv");
@@ -379,7 +379,7 @@ fn recording(mut command: Command, out: &Path) -> std::process::Child {
 }
 
 #[test]
-fn closed_output_is_no_panic_and_no_failure() {
+fn closed_output_is_no_failure() {
     let mut child = command(&["info", "--port", "sim:press"]).spawn().unwrap();
     drop(child.stdout.take());
     let mut said = String::new();
@@ -388,7 +388,7 @@ fn closed_output_is_no_panic_and_no_failure() {
 }
 
 #[test]
-fn what_is_already_a_port_is_not_served_again() {
+fn serve_refuses_hardware_ports() {
     let error = fails(1, &["serve", "--port", "tcp:127.0.0.1:5000"]);
     assert_eq!(
         error,

@@ -131,7 +131,7 @@ fn run(manual: &str) -> tempfile::TempDir {
 }
 
 #[test]
-fn no_manual_with_a_shell_block_is_left_out() {
+fn every_manual_with_shell_block_is_listed() {
     let mut open = vec![root()];
     let mut found = Vec::new();
     while let Some(folder) = open.pop() {
@@ -153,7 +153,7 @@ fn no_manual_with_a_shell_block_is_left_out() {
 
 #[cfg(unix)]
 #[test]
-fn getting_started_does_what_it_says() {
+fn getting_started_runs_as_written() {
     let folder = run("docs/getting-started.md");
     for name in [
         "taxel.bash",
@@ -173,7 +173,7 @@ fn getting_started_does_what_it_says() {
 
 #[cfg(unix)]
 #[test]
-fn every_other_manual_does_what_it_says() {
+fn other_manuals_run_as_written() {
     let apart = ["README.md", "docs/getting-started.md", "docs/calibrate.md"];
     // The virtual finger's calibration is fitted by hand, as described there, and judged by
     // `pipeline.rs`.
@@ -200,7 +200,7 @@ fn every_flag_and_every_reason_is_explained() {
 }
 
 #[test]
-fn every_command_that_the_manuals_name_is_there() {
+fn commands_named_in_manuals_exist() {
     let help = In(std::path::Path::new(".")).succeeds(&["--help"]);
     for manual in [
         "docs/build-a-finger.md",
@@ -234,7 +234,7 @@ mod endurance {
     use super::run;
 
     #[test]
-    fn the_readme_does_what_it_says() {
+    fn readme_runs_as_written() {
         let folder = run("README.md");
         for name in ["finger.html", "today.toml", "frames.csv", "tour.mcap", "tour.parquet"] {
             assert!(folder.path().join(name).metadata().unwrap().len() > 1000, "{name}");
@@ -242,7 +242,7 @@ mod endurance {
     }
 
     #[test]
-    fn the_calibration_manual_does_what_it_says() {
+    fn calibration_manual_runs_as_written() {
         let folder = run("docs/calibrate.md");
         let read = |name| std::fs::read_to_string(folder.path().join(name)).unwrap();
         assert!(read("finger.toml").contains("F-0042"));

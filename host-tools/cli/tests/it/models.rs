@@ -44,7 +44,7 @@ const SHEARED: &str = "effects = ['noise', 'ambient', 'gain-spread', 'optical-cr
 
 /// Uses the trace itself as the table: raw codes in, forces out.
 #[test]
-fn every_general_model_is_fitted_to_the_codes_of_a_finger_as_a_table_and_holds_on_other_presses() {
+fn general_models_hold_on_unseen_presses() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     std::fs::write(folder.0.join("mine.toml"), SHEARED).unwrap();
@@ -73,7 +73,7 @@ fn every_general_model_is_fitted_to_the_codes_of_a_finger_as_a_table_and_holds_o
 }
 
 #[test]
-fn every_form_of_a_fingers_net_is_fitted_to_its_trace_and_holds_on_other_presses() {
+fn net_forms_hold_on_unseen_presses() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     std::fs::write(folder.0.join("mine.toml"), SHEARED).unwrap();
@@ -130,7 +130,7 @@ fn line_of_four(directory: &Path, scene: &str, seed: u64, out: &str) {
 }
 
 #[test]
-fn the_line_of_four_and_its_gap_curves_are_fitted_to_simulated_presses() {
+fn row_and_gap_models_fit_simulated_presses() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     line_of_four(folder.0, "line-fit", 1, "fit.csv");
@@ -205,7 +205,7 @@ fn feeler(directory: &Path, seed: u64, normal: &[f64], out: &str) {
 }
 
 #[test]
-fn the_feelers_law_is_fitted_to_simulated_shear() {
+fn feeler_model_fits_simulated_shear() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     feeler(folder.0, 1, &[0.0022, 0.0022, 0.0065, 0.0065, 0.0109, 0.0109], "fit.csv");
@@ -246,7 +246,7 @@ fn column(directory: &Path, seed: u64, scale: f64, out: &str) {
 }
 
 #[test]
-fn the_columns_law_is_fitted_to_simulated_shear() {
+fn column_model_fits_simulated_shear() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     column(folder.0, 1, 1.0, "fit.csv");

@@ -30,7 +30,7 @@ fn opened(folder: &Path, environment: &[(&str, &str)], headless: bool) -> Option
 }
 
 #[test]
-fn the_demo_opens_its_page_where_there_is_a_display_and_only_there() {
+fn demo_opens_page_only_on_local_display() {
     let folder = || tempfile::tempdir().unwrap();
     let display = ("DISPLAY", ":0");
     assert!(opened(folder().path(), &[display], false).is_some());

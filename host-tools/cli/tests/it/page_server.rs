@@ -16,7 +16,7 @@ fn get(address: &str, path: &str, headers: &str) -> (u16, String) {
 }
 
 #[test]
-fn a_page_under_another_name_gets_nothing_even_where_its_name_leads_here() {
+fn requests_for_other_host_names_are_refused() {
     let server = Server::start("127.0.0.1:0", Vec::new()).unwrap();
     let url = server.url();
     let address = url.trim_start_matches("http://").trim_end_matches('/');
@@ -32,7 +32,7 @@ fn a_page_under_another_name_gets_nothing_even_where_its_name_leads_here() {
 }
 
 #[test]
-fn the_stream_is_for_the_page_that_is_served_here_alone() {
+fn stream_is_refused_to_foreign_pages() {
     let server = Server::start("127.0.0.1:0", Vec::new()).unwrap();
     let url = server.url();
     let address = url.trim_start_matches("http://").trim_end_matches('/');

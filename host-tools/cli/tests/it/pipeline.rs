@@ -20,7 +20,7 @@ fn asset() -> PathBuf {
 /// Fits on a load cell with an error of 6 mN, as in [Ospina2017], and evaluates on other forces by
 /// the truth. A recording's own reference would add its errors to the sensor's.
 #[test]
-fn a_sensor_fitted_on_an_erring_load_cell_errs_less_than_the_cell() {
+fn fit_errs_less_than_its_load_cell() {
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/scenes");
     // [Ospina2017] tables 1.2 and 1.3: σ 4 to 6 mN and maximum 16 to 28 mN bare; 7.8 mN and more
     // coated.
@@ -71,7 +71,7 @@ fn a_sensor_fitted_on_an_erring_load_cell_errs_less_than_the_cell() {
 }
 
 #[test]
-fn a_sensor_on_the_bench_is_found_fitted_and_judged_to_a_millinewton() {
+fn bench_sensor_is_fitted_to_one_millinewton() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     folder.succeeds(&["simulate", "--scene", "bench-s0", "--seed", "11", "--out", "bench.csv"]);
@@ -119,7 +119,7 @@ fn a_sensor_on_the_bench_is_found_fitted_and_judged_to_a_millinewton() {
 
 /// Evaluates on unseen presses and shear: other seeds of the calibration's scenes.
 #[test]
-fn the_virtual_fingers_own_calibration_holds_on_recordings_it_has_not_seen() {
+fn built_in_calibration_holds_on_unseen_recordings() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     let asset = asset();
@@ -144,7 +144,7 @@ fn the_virtual_fingers_own_calibration_holds_on_recordings_it_has_not_seen() {
 }
 
 #[test]
-fn a_table_of_any_sensor_is_fitted_by_the_names_of_its_columns() {
+fn table_is_fitted_by_column_names() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     let rows = (0..400).map(|i| {
@@ -175,7 +175,7 @@ fn a_table_of_any_sensor_is_fitted_by_the_names_of_its_columns() {
 }
 
 #[test]
-fn a_reference_that_another_clock_logged_is_brought_onto_the_sensors_time() {
+fn reference_clock_is_aligned_with_sensor() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     // Presses of uneven length and height, one every 2 s.
@@ -213,7 +213,7 @@ fn a_reference_that_another_clock_logged_is_brought_onto_the_sensors_time() {
 }
 
 #[test]
-fn a_papers_law_is_fitted_written_and_judged_like_any_model() {
+fn paper_model_is_fitted_and_evaluated() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     let rows = (0..400).map(f64::from).map(|i| {
@@ -232,7 +232,7 @@ fn a_papers_law_is_fitted_written_and_judged_like_any_model() {
 }
 
 #[test]
-fn what_cannot_be_fitted_is_refused_in_one_line_that_says_why() {
+fn impossible_fit_is_refused_with_reason() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     std::fs::write(folder.0.join("other.csv"), "t_s,m0,force_n\n0,1,2\n").unwrap();
@@ -261,7 +261,7 @@ fn what_cannot_be_fitted_is_refused_in_one_line_that_says_why() {
 /// Compares the memory of one minute and ten minutes, with a new press every 0.5 s.
 #[cfg(unix)]
 #[test]
-fn a_trace_ten_times_as_long_takes_no_more_memory() {
+fn trace_length_does_not_change_memory() {
     use nix::sys::resource::{UsageWho, getrusage};
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
@@ -284,7 +284,7 @@ fn a_trace_ten_times_as_long_takes_no_more_memory() {
 }
 
 #[test]
-fn a_trace_has_the_thermometer_where_the_scene_lists_the_temperature() {
+fn trace_has_thermometer_if_scene_has_temperature() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     for listed in [true, false] {
@@ -301,7 +301,7 @@ fn a_trace_has_the_thermometer_where_the_scene_lists_the_temperature() {
 /// Simulates ten by twelve feelers through sixteen channels: a scan is one feeler, 120 scans are
 /// the sheet.
 #[test]
-fn a_sheet_of_feelers_is_written_one_a_scan_and_adds_up_to_its_force() {
+fn feeler_sheet_sums_to_its_force() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     let said = folder.succeeds(&["simulate", "--scene", "sheet-press", "--out", "sheet.csv"]);
@@ -340,7 +340,7 @@ fn a_sheet_of_feelers_is_written_one_a_scan_and_adds_up_to_its_force() {
 }
 
 #[test]
-fn a_disk_that_is_full_is_said_with_the_mend() {
+fn full_disk_is_reported_with_fix() {
     if !Path::new("/dev/full").exists() {
         return;
     }
@@ -350,7 +350,7 @@ fn a_disk_that_is_full_is_said_with_the_mend() {
 }
 
 #[test]
-fn simulate_says_how_finely_contact_was_computed_and_how_far_that_may_be_off() {
+fn simulate_reports_fidelity_and_its_error() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     let said = folder.succeeds(&["simulate", "--scene", "press", "--out", "a.csv"]);
@@ -362,7 +362,7 @@ fn simulate_says_how_finely_contact_was_computed_and_how_far_that_may_be_off() {
 }
 
 #[test]
-fn simulate_counts_the_taxels_that_left_the_working_side_of_their_light_curve() {
+fn simulate_counts_taxels_past_light_peak() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     let said = |scene: &str| {
@@ -416,7 +416,7 @@ fn no_command_overwrites_what_it_reads() {
 }
 
 #[test]
-fn an_empty_stretch_is_named_and_leaves_no_file() {
+fn empty_stretch_is_reported_and_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let folder = In(folder.path());
     folder.succeeds(&["simulate", "--scene", "press", "--out", "a.csv"]);
@@ -440,7 +440,7 @@ mod endurance {
 
     /// Fits the codes of a live finger to a load cell that another computer logged.
     #[test]
-    fn the_recorded_codes_of_a_live_finger_and_a_load_cells_own_log_make_a_calibration() {
+    fn live_codes_and_load_cell_log_are_fitted() {
         let folder = tempfile::tempdir().unwrap();
         let folder = In(folder.path());
         let record = ["record", "--port", "sim:tour", "--duration", "14", "--out", "live.csv"];

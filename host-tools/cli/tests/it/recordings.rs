@@ -21,7 +21,7 @@ fn whole(recording: &Recording, row: &[Cell], name: &str) -> u64 {
 }
 
 #[test]
-fn three_files_of_one_stream_have_the_same_rows_and_name_the_finger() {
+fn three_formats_of_one_stream_are_equal() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     let out = ["a.mcap", "a.parquet", "a.csv"];
@@ -53,7 +53,7 @@ fn three_files_of_one_stream_have_the_same_rows_and_name_the_finger() {
 }
 
 #[test]
-fn a_recording_is_a_port_and_is_computed_again_to_the_same_frames() {
+fn recording_plays_and_recomputes_same_frames() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     let record = |port: &str, out: &str| {
@@ -99,7 +99,7 @@ fn a_recording_is_a_port_and_is_computed_again_to_the_same_frames() {
 /// f32 to a rounding, which may stay while a finger rests. The estimated friction does not fade, so
 /// that values based on it are left out here.
 #[test]
-fn a_recording_is_played_and_replayed_with_the_bias_filter_and_method_of_its_finger() {
+fn replay_uses_recorded_settings() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     let (mut finger, port) = served(&taxel, &["--port", "sim:press", "--tcp", "127.0.0.1:0"]);
@@ -202,7 +202,7 @@ fn served(taxel: &In, args: &[&str]) -> (Child, String) {
 }
 
 #[test]
-fn a_recording_without_codes_is_a_port_too_and_says_again_what_the_finger_said() {
+fn recording_without_codes_plays_its_frames() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     let record = |port: &str, more: &[&str], out: &str| {
@@ -227,7 +227,7 @@ fn a_recording_without_codes_is_a_port_too_and_says_again_what_the_finger_said()
 }
 
 #[test]
-fn what_has_no_codes_cannot_be_computed_again_and_says_what_to_record() {
+fn replay_without_codes_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     let args = ["record", "--port", "sim:press", "--duration", "0.2", "--fields", "force"];
@@ -238,7 +238,7 @@ fn what_has_no_codes_cannot_be_computed_again_and_says_what_to_record() {
 }
 
 #[test]
-fn export_cuts_a_stretch_and_saves_what_a_damaged_file_has() {
+fn export_cuts_stretch_and_recovers_damaged_file() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     taxel.succeeds(&["record", "--port", "sim:press", "--duration", "3", "--out", "a.mcap"]);
@@ -307,7 +307,7 @@ fn kill_9_loses_at_most_the_last_second() {
 
 /// Unplugs a finger and plugs it in again, or another one in its place.
 #[test]
-fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_refused() {
+fn recording_resumes_only_with_same_finger() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     let address = {
@@ -366,7 +366,7 @@ fn a_finger_that_comes_back_is_recorded_on_and_the_gap_is_told_and_another_is_re
 /// Simulates a full disk by a limit on file size, which any user may set.
 #[cfg(unix)]
 #[test]
-fn a_full_disk_ends_the_recording_in_one_line_and_keeps_what_was_written() {
+fn full_disk_ends_recording_and_keeps_rows() {
     let folder = tempfile::tempdir().unwrap();
     for (name, kept) in
         [("a.mcap", "a.mcap"), ("a.csv", "a.csv"), ("a.parquet", "a.parquet.part.mcap")]
@@ -409,7 +409,7 @@ fn on_a_terminal(mut command: std::process::Command) -> String {
 
 #[cfg(unix)]
 #[test]
-fn on_a_terminal_it_can_be_seen_how_far_a_recording_is_and_elsewhere_nothing_is_said() {
+fn progress_is_shown_only_on_terminal() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     let record = ["record", "--port", "sim:press", "--duration", "2", "--out", "a.parquet"];
@@ -426,7 +426,7 @@ fn on_a_terminal_it_can_be_seen_how_far_a_recording_is_and_elsewhere_nothing_is_
 }
 
 #[test]
-fn a_stretch_without_a_frame_is_told_and_overwrites_nothing() {
+fn stretch_without_frame_overwrites_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     taxel.succeeds(&["record", "--port", "sim:press", "--duration", "0.2", "--out", "a.mcap"]);
@@ -437,7 +437,7 @@ fn a_stretch_without_a_frame_is_told_and_overwrites_nothing() {
 }
 
 #[test]
-fn a_recording_keeps_its_meaning_through_every_kind_of_file() {
+fn recording_is_equal_in_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let taxel = In(folder.path());
     let record = ["record", "--port", "sim:press", "--duration", "0.5", "--fields", "all"];

@@ -30,7 +30,7 @@ fn gone(steady: &ReconnectingClient) {
 }
 
 #[test]
-fn a_finger_that_lost_its_power_streams_again_within_a_second_as_it_was_set_but_for_its_bias() {
+fn power_loss_restores_settings_within_1_s() {
     let mut finger = on_tcp(still());
     let (host, number) = address(finger.port());
     let address = (host.to_owned(), number);
@@ -59,7 +59,7 @@ fn a_finger_that_lost_its_power_streams_again_within_a_second_as_it_was_set_but_
 }
 
 #[test]
-fn a_finger_that_kept_its_power_kept_its_bias() {
+fn bias_survives_reconnect_without_power_loss() {
     let finger = on_tcp(still());
     let client = connect(&finger);
     client.take_bias(50).unwrap();
@@ -71,7 +71,7 @@ fn a_finger_that_kept_its_power_kept_its_bias() {
 
 /// Reconnects to a board that accepts connections but does not answer while it starts.
 #[test]
-fn a_port_that_opens_and_says_nothing_is_tried_again_within_a_second() {
+fn silent_port_is_retried_within_1_s() {
     let finger = on_tcp(still());
     let (host, number) = address(finger.port());
     let upstream = (host.to_owned(), number);

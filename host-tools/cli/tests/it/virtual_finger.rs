@@ -21,7 +21,7 @@ fn refusal(result: Result<impl std::fmt::Debug, LinkError>) -> Refusal {
 }
 
 #[test]
-fn a_finger_says_who_it_is() {
+fn finger_reports_its_identity() {
     for finger in on_every_link() {
         let client = connect(&finger);
         assert_eq!(client.version().protocol, PROTOCOL);
@@ -36,7 +36,7 @@ fn a_finger_says_who_it_is() {
 }
 
 #[test]
-fn two_seconds_of_stream_come_without_a_loss_and_at_the_stated_rate() {
+fn stream_is_lossless_at_stated_rate() {
     for finger in on_every_link() {
         let client = connect(&finger);
         client.stream(true).unwrap();
@@ -52,7 +52,7 @@ fn two_seconds_of_stream_come_without_a_loss_and_at_the_stated_rate() {
 }
 
 #[test]
-fn frames_carry_the_fields_that_were_asked_for() {
+fn frames_carry_requested_fields() {
     for finger in on_every_link() {
         let client = connect(&finger);
         client.set_fields(Fields::CODES).unwrap();
@@ -70,7 +70,7 @@ fn frames_carry_the_fields_that_were_asked_for() {
 }
 
 #[test]
-fn a_rate_is_the_nearest_the_scan_can_give_and_nonsense_is_refused() {
+fn rate_is_nearest_possible_or_refused() {
     let finger = on_tcp(still());
     let client = connect(&finger);
     assert_eq!(client.set_rate(500).unwrap(), 500.0);
@@ -106,7 +106,7 @@ fn settings_survive_a_reconnect() {
 }
 
 #[test]
-fn a_bias_is_taken_from_a_still_finger_read_back_and_cleared() {
+fn bias_is_taken_from_still_finger() {
     for finger in on_every_link() {
         let client = connect(&finger);
         assert!(!client.read_bias().unwrap().on_command);
@@ -121,7 +121,7 @@ fn a_bias_is_taken_from_a_still_finger_read_back_and_cleared() {
 }
 
 #[test]
-fn a_bias_is_refused_while_the_finger_moves_and_the_old_one_stays() {
+fn bias_is_refused_while_finger_moves() {
     let finger = on_tcp(moving());
     let client = connect(&finger);
     let before = client.read_bias().unwrap();
@@ -130,7 +130,7 @@ fn a_bias_is_refused_while_the_finger_moves_and_the_old_one_stays() {
 }
 
 #[test]
-fn a_calibration_goes_up_and_comes_back_byte_by_byte() {
+fn calibration_uploads_and_reads_back_equal() {
     for finger in on_every_link() {
         let client = connect(&finger);
         assert_eq!(refusal(client.download_calibration()), Refusal::Uncalibrated);
@@ -148,7 +148,7 @@ fn a_calibration_goes_up_and_comes_back_byte_by_byte() {
 }
 
 #[test]
-fn a_calibration_with_a_flipped_bit_is_refused_and_the_old_one_stays() {
+fn calibration_with_flipped_bit_is_refused() {
     let finger = on_tcp(still());
     let client = connect(&finger);
     client.upload_calibration(&record(), |_| ControlFlow::Continue(())).unwrap();
@@ -160,7 +160,7 @@ fn a_calibration_with_a_flipped_bit_is_refused_and_the_old_one_stays() {
 }
 
 #[test]
-fn a_calibration_can_go_up_while_the_stream_is_on() {
+fn calibration_uploads_during_stream() {
     for finger in on_every_link() {
         let client = connect(&finger);
         client.stream(true).unwrap();
@@ -170,7 +170,7 @@ fn a_calibration_can_go_up_while_the_stream_is_on() {
 }
 
 #[test]
-fn an_upload_that_is_broken_off_leaves_the_old_calibration_and_the_next_one_goes_up() {
+fn stopped_upload_keeps_old_calibration() {
     let finger = on_tcp(still());
     connect(&finger).upload_calibration(&record(), |_| ControlFlow::Continue(())).unwrap();
     let mut other = calibration();
@@ -205,13 +205,13 @@ fn settings_and_bias_are_saved_on_command() {
 }
 
 #[test]
-fn a_virtual_finger_starts_with_the_calibration_it_is_given() {
+fn virtual_finger_starts_with_given_calibration() {
     let finger = VirtualFinger::on_tcp("127.0.0.1:0", still(), Some(&calibration())).unwrap();
     assert_eq!(connect(&finger).download_calibration().unwrap(), record());
 }
 
 #[test]
-fn the_truth_of_every_frame_is_known() {
+fn truth_of_every_frame_is_known() {
     let finger = on_tcp(still());
     let client = connect(&finger);
     client.stream(true).unwrap();
@@ -222,7 +222,7 @@ fn the_truth_of_every_frame_is_known() {
 }
 
 #[test]
-fn a_playback_hands_out_every_frame_and_then_says_that_it_is_over() {
+fn playback_returns_every_frame_before_its_end() {
     let finger = on_tcp(short(2000));
     let client = connect(&finger);
     client.stream(true).unwrap();
@@ -241,7 +241,7 @@ fn a_playback_hands_out_every_frame_and_then_says_that_it_is_over() {
 }
 
 #[test]
-fn a_trace_file_is_a_finger_until_it_ends() {
+fn trace_file_plays_as_finger() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("short.csv");
     let mut trace = String::from("t_us,bridge_s0_a,bridge_s0_b,bridge_s0_c,bridge_s0_d\n");
@@ -267,7 +267,7 @@ fn a_trace_file_is_a_finger_until_it_ends() {
 }
 
 #[test]
-fn a_scene_is_a_finger() {
+fn scene_plays_as_finger() {
     let client = connect_port(&"sim:press".parse().unwrap(), None).unwrap();
     client.stream(true).unwrap();
     assert_eq!(frames(&client, 100).len(), 100);
@@ -275,7 +275,7 @@ fn a_scene_is_a_finger() {
 }
 
 #[test]
-fn a_source_without_scans_is_refused_at_once() {
+fn virtual_finger_refuses_empty_source() {
     let empty = Source::samples("nothing", std::iter::empty());
     assert!(VirtualFinger::on_tcp("127.0.0.1:0", empty, None).is_err());
 }

@@ -200,25 +200,25 @@ mod tests {
     }
 
     #[test]
-    fn gaps_are_counted_from_wherever_the_stream_begins() {
+    fn gaps_are_counted_from_first_frame() {
         assert_eq!(lost(&[7, 8, 9]), 0);
         assert_eq!(lost(&[7, 8, 11, 12, 14]), 3);
     }
 
     #[test]
-    fn the_sequence_wraps_without_a_gap() {
+    fn sequence_wraps_without_gap() {
         assert_eq!(lost(&[u32::MAX - 1, u32::MAX, 0, 1]), 0);
         assert_eq!(lost(&[u32::MAX - 1, 2]), 3);
     }
 
     #[test]
-    fn duplicates_and_latecomers_are_no_negative_loss() {
+    fn duplicates_and_late_frames_count_no_loss() {
         assert_eq!(lost(&[5, 5, 6, 4, 7]), 0);
         assert_eq!(lost(&[0, u32::MAX, 1]), 0);
     }
 
     #[test]
-    fn a_finger_that_started_anew_is_followed() {
+    fn restarted_sequence_is_followed() {
         assert_eq!(lost(&[100_000, 0, 1, 3]), 1);
     }
 
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_count_from_the_answer_on_that_starts_the_stream() {
+    fn frames_count_from_start_reply() {
         let stale = [frame(3), frame(80)].concat();
         let (counts, seqs) = read(&[stale, started(), frame(90), frame(91)], 10);
         assert_eq!(seqs, [90, 91]);
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_torn_start_is_no_bad_packet_but_a_torn_packet_later_is_one_and_a_lost_frame() {
+    fn bad_packets_count_after_synchronisation() {
         let torn = frame(1).split_off(4);
         let damaged = frame(11).iter().map(|byte| byte ^ u8::from(*byte > 1)).collect();
         let (counts, seqs) = read(&[torn, started(), frame(10), damaged, frame(12)], 10);
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_nobody_takes_are_counted_and_not_kept() {
+    fn overflowing_frames_are_dropped_and_counted() {
         let (counts, seqs) = read(&[started(), frame(0), frame(1), frame(2)], 2);
         assert_eq!(seqs, [0, 1]);
         assert_eq!(counts, Counts { frames: 3, overflow: 1, ..Counts::default() });

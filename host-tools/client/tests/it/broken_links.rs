@@ -39,7 +39,7 @@ fn packed(message: &impl serde::Serialize) -> Vec<u8> {
 }
 
 #[test]
-fn whoever_does_not_answer_is_no_finger() {
+fn silent_server_is_reported_as_no_reply() {
     let port = server(|mut host| {
         let _ = host.read_to_end(&mut Vec::new());
     });
@@ -49,7 +49,7 @@ fn whoever_does_not_answer_is_no_finger() {
 }
 
 #[test]
-fn another_protocol_is_named_and_not_guessed_at() {
+fn other_protocol_version_is_refused() {
     let port = server(|mut host| {
         let tag = tag(&mut host);
         let answer = Message::Version { tag, protocol: 7, firmware: [3, 2, 1] };
@@ -63,7 +63,7 @@ fn another_protocol_is_named_and_not_guessed_at() {
 }
 
 #[test]
-fn an_answer_lost_on_the_way_is_asked_for_again() {
+fn lost_reply_is_requested_again() {
     let port = server(|mut host| {
         let lost = tag(&mut host);
         let tag = tag(&mut host);
@@ -76,7 +76,7 @@ fn an_answer_lost_on_the_way_is_asked_for_again() {
 }
 
 #[test]
-fn nobody_at_the_address_no_such_device_and_a_file_are_told_apart() {
+fn open_errors_name_their_cause() {
     let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let nobody = Port::Tcp { host: "127.0.0.1".to_owned(), port };
     assert_eq!(open_error(&nobody).problem(), Some(&Problem::Refused));

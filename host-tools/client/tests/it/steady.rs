@@ -84,7 +84,7 @@ fn info(scan_hz: u16) -> Info {
 }
 
 #[test]
-fn a_board_that_lost_its_power_scans_as_it_did_before_its_rate_is_set() {
+fn scan_settings_are_restored_before_rate() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port =
         Port::Tcp { host: "127.0.0.1".to_owned(), port: listener.local_addr().unwrap().port() };

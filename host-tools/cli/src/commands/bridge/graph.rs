@@ -130,7 +130,7 @@ mod tests {
 
     /// Examples of rmw_zenoh's design document, except for the depth of the history.
     #[test]
-    fn keys_and_tokens_are_those_of_the_design_document() {
+    fn keys_and_tokens_match_rmw_zenoh_document() {
         let talker = context(2, "/").publisher((0, "talker"), 10, "/chatter", &STRING);
         assert_eq!(
             talker.token.replace(",10:", ",7:"),
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn an_attachment_is_two_numbers_and_who_it_is_from() {
+    fn attachment_holds_number_time_and_publisher() {
         let publisher = context(0, "/").publisher((0, "talker"), 1, "/chatter", &STRING);
         let bytes = publisher.attachment(7, Duration::new(1, 2));
         assert_eq!(bytes[..16], [7, 0, 0, 0, 0, 0, 0, 0, 2, 202, 154, 59, 0, 0, 0, 0]);
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn serial_numbers_become_names_that_ros_takes() {
+    fn serial_numbers_become_valid_ros_names() {
         for (serial, expected) in [
             ("F-0042", "F_0042"),
             ("press", "press"),

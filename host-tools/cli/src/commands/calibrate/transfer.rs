@@ -116,7 +116,7 @@ mod tests {
     use taxel::estimate::slip::Slip;
 
     #[test]
-    fn a_section_is_passed_over_where_the_firmware_has_no_estimator_for_it() {
+    fn sections_without_estimator_are_listed() {
         let calibration = Calibration {
             model: Some(taxel::estimate::inverse::Inverse::default()),
             slip: Some(Slip::usual(0.5)),

@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_line_says_in_words_what_holds() {
+    fn status_line_names_flags_and_values() {
         let frame = Frame {
             status: Status::CONTACT | Status::RAN_NET | Status::OUT_OF_RANGE,
             force: Some(Force::known(0.5, -0.25, 2.0)),

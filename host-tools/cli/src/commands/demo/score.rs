@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_root_mean_squares_over_what_both_know() {
+    fn rmse_counts_only_values_known_to_both() {
         let truth = Truth {
             force: [Some(9.0), None, Some(1.0)],
             point: [Some(1.5), None],
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn an_untouched_finger_does_not_flatter_the_result() {
+    fn frames_without_contact_are_not_scored() {
         let truth = Truth { force: [Some(0.0); 3], contact: Some(false), ..Truth::default() };
         let mut score = Score::default();
         score.add(&frame(0.0), &truth);

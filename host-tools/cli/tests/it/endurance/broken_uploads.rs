@@ -88,7 +88,7 @@ fn downloaded(port: &Port) -> Vec<u8> {
 }
 
 #[test]
-fn a_cable_pulled_at_any_byte_leaves_one_record_whole_and_the_error_says_which() {
+fn pulled_cable_at_any_byte_leaves_one_record() {
     let [old, new] = records();
     let of = |record: &[u8]| taxel::calibration::Calibration::from_bytes(record).unwrap();
     let finger = VirtualFinger::on_tcp("127.0.0.1:0", still(), Some(&of(&old))).unwrap();
@@ -281,7 +281,7 @@ async fn serve(
 }
 
 #[test]
-fn a_power_cut_at_any_operation_of_the_flash_leaves_one_record_whole_and_the_error_says_which() {
+fn power_cut_at_any_operation_leaves_one_record() {
     let [old, new] = records();
     let empty = RamFlash::new(vec![0; RamFlash::SIZE]);
     let (with_old, _) = powered(empty, None, |port| upload(port, &old).unwrap());

@@ -93,7 +93,7 @@ fn load(t: f64) -> f64 {
 }
 
 #[test]
-fn a_table_that_is_wrong_is_told_of_or_refused() {
+fn faulty_table_is_refused_or_warned_about() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let write = |name: &str, rows: usize, from: f64, spoil: &dyn Fn(usize, f64, &mut [f64; 4])| {
@@ -215,7 +215,7 @@ fn pressed(seed: u64, shear: f64) -> Vec<Sample> {
 }
 
 #[test]
-fn a_sensor_that_is_left_out_an_axis_without_a_load_and_rows_left_out_are_told() {
+fn fit_reports_omitted_sensors_axes_and_rows() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let write = |name: &str, seed: u64, spoil: &dyn Fn(usize, &mut Sample)| {
@@ -317,7 +317,7 @@ fn taxel(sample: &mut Sample, row: usize, column: usize) -> &mut Code {
 }
 
 #[test]
-fn a_fingers_recording_that_is_wrong_is_told_of_or_refused() {
+fn faulty_finger_recording_is_refused_or_warned() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let write = |name: &str, seed: u64, spoil: &dyn Fn(usize, &mut Sample)| {
@@ -412,7 +412,7 @@ fn bench(folder: &Path, name: &str, seed: u64, spoil: impl Fn(usize, &mut Sample
 }
 
 #[test]
-fn a_force_sensors_recording_that_is_wrong_is_told_of_or_refused() {
+fn faulty_sensor_recording_is_refused_or_warned() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
     let write = |name: &str, seed: u64, spoil: &dyn Fn(usize, &mut Sample)| {

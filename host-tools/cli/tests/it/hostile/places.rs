@@ -7,7 +7,7 @@ use crate::common::In;
 
 /// Checks `--out` before the work, which may take minutes.
 #[test]
-fn a_place_that_cannot_be_written_to_is_named_before_the_work() {
+fn unwritable_output_is_reported_before_work() {
     let directory = folder();
     let folder = In(directory.path());
     std::fs::create_dir(folder.0.join("cal")).unwrap();

@@ -20,7 +20,7 @@ fn users(record: &str) -> Vec<Vec<&str>> {
 }
 
 #[test]
-fn a_record_that_is_damaged_edited_or_newer_is_refused_by_its_line_and_key() {
+fn invalid_record_is_refused_by_line_and_key() {
     let directory = folder();
     let folder = In(directory.path());
     let good = std::fs::read_to_string(folder.0.join("finger.toml")).unwrap();

@@ -5,7 +5,7 @@ use crate::common::In;
 
 /// Checks that errors between two files name the file, row or column.
 #[test]
-fn a_reference_that_does_not_belong_to_its_recording_is_told_with_both_times() {
+fn unrelated_reference_is_refused_with_both_times() {
     let directory = folder();
     let folder = In(directory.path());
     write(&folder, "skin.csv", table());

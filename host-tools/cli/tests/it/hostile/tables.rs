@@ -4,7 +4,7 @@ use super::{HEADER, all_say, fit_table, folder, readers, rows, table, write};
 use crate::common::In;
 
 #[test]
-fn a_table_that_is_no_table_is_refused_by_its_line_and_column() {
+fn invalid_table_is_refused_by_line_and_column() {
     let directory = folder();
     let folder = In(directory.path());
     let good = table();
@@ -109,7 +109,7 @@ fn a_table_that_is_no_table_is_refused_by_its_line_and_column() {
 }
 
 #[test]
-fn what_spreadsheets_do_to_a_good_table_is_no_harm() {
+fn spreadsheet_formats_of_tables_are_read() {
     let directory = folder();
     let folder = In(directory.path());
     let wide = |rows_of: String| {
@@ -157,7 +157,7 @@ fn what_spreadsheets_do_to_a_good_table_is_no_harm() {
 /// Refuses q15 for tables: a finger's firmware runs its net in 16 bits, but no firmware runs a
 /// table's.
 #[test]
-fn a_table_has_no_net_in_16_bits_and_is_told_so_before_the_work() {
+fn q15_is_refused_for_tables_before_work() {
     let directory = folder();
     let folder = In(directory.path());
     let fit = |data| [&fit_table(data, "new.toml")[..], &["--form", "q15"]].concat();

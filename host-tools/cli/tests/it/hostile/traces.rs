@@ -4,7 +4,7 @@ use super::{all_say, folder, readers, write};
 use crate::common::In;
 
 #[test]
-fn a_trace_that_is_no_trace_is_refused_by_its_line_and_column() {
+fn invalid_trace_is_refused_by_line_and_column() {
     let directory = folder();
     let folder = In(directory.path());
     let good = std::fs::read_to_string(folder.0.join("trace.csv")).unwrap();
