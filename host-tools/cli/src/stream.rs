@@ -92,9 +92,9 @@ pub fn run(
             }
             Event::Connected(again) => {
                 (gone, heard) = (None, Instant::now());
-                note(format!("{}: there again", finger.port()));
+                note(format!("{}: connected again", finger.port()));
                 if finger.bias_lost() {
-                    note(format!("{}: its bias is gone; take it again", finger.port()));
+                    note(format!("{}: the finger lost its bias; take it again", finger.port()));
                 }
                 each(Next::Again(&again))?;
                 client = Some(again);

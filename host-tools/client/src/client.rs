@@ -38,7 +38,7 @@ const KNOWN_PATIENCE: Duration = Duration::from_millis(150);
 /// Frame with the time this host received it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Received {
-    /// The frame.
+    /// Frame as sent.
     pub frame: Frame,
     /// Host time. Device time is in the frame.
     pub at: Instant,
@@ -58,7 +58,7 @@ pub struct Version {
 pub struct ActiveBias {
     /// Signals of the unloaded finger.
     pub bias: Bias,
-    /// Whether it was taken on command; else it is the calibration's own.
+    /// Whether the bias was taken on command; otherwise it is the calibration's own.
     pub on_command: bool,
     /// Whether the contact gate was open: the finger may have been loaded.
     pub in_contact: bool,
@@ -407,7 +407,7 @@ impl Client {
         Err(self.error(Problem::NoReply))
     }
 
-    /// Reason that no more messages come.
+    /// Returns the reason for the end of messages.
     fn gone(&self) -> LinkError {
         match self.device.as_ref().and_then(|device| device.outcome()) {
             Some(Ok(())) => self.error(Problem::Ended),

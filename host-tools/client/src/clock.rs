@@ -23,7 +23,7 @@ const UNKNOWN_RATE: f64 = 200e-6;
 pub struct DeviceClock {
     /// First frame: device seconds, and its time of reception.
     origin: Option<(f64, Instant)>,
-    /// Device seconds since the first frame, and how much later than expected the frame came.
+    /// Device seconds since the first frame, and delay of the frame against that clock in seconds.
     earliest: VecDeque<(f64, f64)>,
     last: f64,
     echo: Option<f64>,
@@ -140,7 +140,8 @@ impl DeviceClock {
             .earliest
             .iter()
             .map(|(t, late)| late - line.offset - line.slope.unwrap_or_default() * t);
-        // The median, because intervals whose every frame was late say nothing about the clock.
+        // The median, because an interval with late frames only carries no information on the
+        // clock.
         let mut above: Vec<f64> = above.collect();
         above.sort_by(f64::total_cmp);
         line.spread = above.get(above.len() / 2).copied().unwrap_or_default();
@@ -203,7 +204,7 @@ mod tests {
     fn error_stays_within_bound_for_any_drift() {
         for ppm in [-200.0, -100.0, -50.0, 0.0, 80.0, 200.0] {
             let (errors, clock) = stream(ppm, 60);
-            // The earliest frame of one second must be complete.
+            // The first second has no estimate yet.
             assert!((58_900..59_100).contains(&errors.len()), "{}", errors.len());
             for (i, (error, stated)) in errors.iter().enumerate() {
                 assert!(error <= stated, "{ppm} ppm, frame {i}: off by {error}, said {stated}");

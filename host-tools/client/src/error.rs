@@ -136,16 +136,16 @@ pub enum Problem {
 /// Calibration that is active after an interrupted upload. It is complete in every case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ActiveCalibration {
-    /// The previous one, or none if there was none.
+    /// Previous calibration, or none if there was none.
     #[error("the previous calibration stays active; upload again")]
     Previous,
-    /// The previous or the new one: the commit was sent, and no reply came.
+    /// Previous or new calibration: the commit was sent, and no reply came.
     #[error(
         "the previous or the new calibration is active, complete in either case; upload again, or see which \
          with `taxel info`"
     )]
     Either,
-    /// The new one.
+    /// New calibration.
     #[error(
         "the new calibration is active, but was not read back; `taxel calibrate download` reads it"
     )]
@@ -168,7 +168,7 @@ impl Problem {
 /// Text of an error on one line.
 pub(crate) fn one_line(error: &dyn std::error::Error) -> String {
     let text = error.to_string();
-    // The number that Rust appends to the system's own words helps nobody.
+    // Rust appends the system's error number, which does not help users.
     let said = text.rfind(" (os error ").filter(|_| text.ends_with(')'));
     text[..said.unwrap_or(text.len())].split_whitespace().collect::<Vec<_>>().join(" ")
 }

@@ -23,7 +23,7 @@ pub fn parse(list: &str) -> Result<Fields, UnknownField> {
     })
 }
 
-/// The list that [`parse`] reads back.
+/// Formats fields as a list that [`parse`] reads.
 #[must_use]
 pub fn list(fields: Fields) -> String {
     let chosen = FIELDS.iter().filter(|field| fields.contains(field.mask));

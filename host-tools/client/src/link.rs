@@ -19,14 +19,14 @@ const WRITE_PATIENCE: Duration = Duration::from_secs(1);
 /// Time limit of a TCP connection.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(2);
 
-/// An open port: bytes in both directions.
+/// Open port: bytes in both directions.
 pub struct Link {
     pub(crate) reader: Box<dyn Read + Send>,
     pub(crate) writer: Box<dyn Write + Send>,
     pub(crate) device: Option<Box<dyn Device>>,
 }
 
-/// A device that runs in this process, behind its own [`Link`]. Dropping it ends it.
+/// Device in this process, behind its own [`Link`]. Dropping it ends it.
 pub trait Device: Send + Sync {
     /// Returns how the device ended by itself: `Ok` when its data was over. `None` while it runs,
     /// or if the link broke.

@@ -56,7 +56,7 @@ pub enum Event {
     Connected(Arc<Client>),
     /// The finger is not connected, with the reason. The next call tries again.
     Disconnected(LinkError),
-    /// A playback has ended; no more frames come.
+    /// End of a playback; no more frames come.
     Ended,
 }
 

@@ -27,7 +27,7 @@ function connect(which) {
   socket.onmessage = (event) => receive(JSON.parse(event.data));
   socket.onopen = () => { if ($("channel").value) ask("channel", { name: $("channel").value }); };
   socket.onclose = () => {
-    trouble("the taxel program does not answer: it has ended, or the way to it is cut (SSH, network); once it is there again this page goes on");
+    trouble("the taxel program does not answer: it has ended, or the connection to it is broken (SSH, network); this page continues when the program answers");
     setTimeout(connect, 500, which);
   };
 }

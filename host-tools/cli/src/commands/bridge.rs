@@ -152,7 +152,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     shared.stop.store(true, Ordering::Relaxed);
     let reports = fingers.into_iter().map(|finger| match finger.join() {
         Ok(report) => report,
-        Err(_) => Err(anyhow!("a finger's thread ended by a fault of this program")),
+        Err(_) => Err(anyhow!("a finger's thread failed by a bug in this program")),
     });
     let reports = reports.collect::<Vec<_>>().into_iter().collect::<anyhow::Result<Vec<_>>>()?;
     if args.json {
@@ -180,7 +180,7 @@ fn as_text(report: &Report) -> String {
 fn ros_domain() -> anyhow::Result<u32> {
     match std::env::var("ROS_DOMAIN_ID") {
         Ok(text) if !text.is_empty() => {
-            text.parse().map_err(|_| anyhow!("ROS_DOMAIN_ID: `{text}` is no number"))
+            text.parse().map_err(|_| anyhow!("ROS_DOMAIN_ID: `{text}` is not an integer from 0 on"))
         }
         _ => Ok(0),
     }

@@ -65,18 +65,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let effort = if args.quick { Effort::quick() } else { Effort::full() };
     let wanted = |chart| args.only.is_empty() || args.only.contains(&chart);
     if wanted(Chart::Estimators) {
-        let rows = waited_for(&interrupt, |waiting| estimators::measure(&effort, waiting))?;
+        let rows = with_progress(&interrupt, |waiting| estimators::measure(&effort, waiting))?;
         estimators::write(&rows, &args.out)?;
-        said(&args.out, "estimators")?;
+        report_written(&args.out, "estimators")?;
     }
     if wanted(Chart::Failures) {
-        let maps = waited_for(&interrupt, |waiting| failures::measure(&effort, waiting))?;
+        let maps = with_progress(&interrupt, |waiting| failures::measure(&effort, waiting))?;
         failures::write(&maps, &args.out)?;
-        said(&args.out, "failures")?;
+        report_written(&args.out, "failures")?;
         for (of, whose) in [(Of::Finger, "the finger"), (Of::Matrix, "its matrix alone")] {
             let totals = failures::totals(&maps, of);
             output::line(format!(
-                "silent failures of {whose}: {:.3} % of {} values, {:.3} % of the {} within the working range, \
+                "undetected errors of {whose}: {:.3} % of {} values, {:.3} % of the {} within the working range, \
                  of which {:.3} % are flagged",
                 100.0 * totals.silent[0],
                 totals.frames[0],
@@ -87,37 +87,37 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         }
     }
     if wanted(Chart::Edge) {
-        let rows = waited_for(&interrupt, |waiting| edge::measure(&effort, waiting))?;
+        let rows = with_progress(&interrupt, |waiting| edge::measure(&effort, waiting))?;
         edge::write(&rows, &args.out)?;
-        said(&args.out, "edge")?;
+        report_written(&args.out, "edge")?;
     }
     if wanted(Chart::LimitSurface) {
         limit_surface::write(&args.out)?;
-        said(&args.out, "limit-surface")?;
+        report_written(&args.out, "limit-surface")?;
     }
     if wanted(Chart::Peers) {
         peers::write(&args.out)?;
-        said(&args.out, "peers")?;
+        report_written(&args.out, "peers")?;
     }
     if wanted(Chart::Simulator) {
         anyhow::ensure!(!interrupt.came(), "interrupted");
         simulator::write(&args.out)?;
-        said(&args.out, "simulator")?;
+        report_written(&args.out, "simulator")?;
     }
     if wanted(Chart::Throughput) {
-        let stages = waited_for(&interrupt, throughput::measure)?;
+        let stages = with_progress(&interrupt, throughput::measure)?;
         throughput::write(&stages, &args.out)?;
-        said(&args.out, "throughput")?;
+        report_written(&args.out, "throughput")?;
     }
     Ok(())
 }
 
-fn said(folder: &Path, chart: &str) -> anyhow::Result<()> {
+fn report_written(folder: &Path, chart: &str) -> anyhow::Result<()> {
     output::line(format!("wrote {}", folder.join(chart).with_extension("csv").display()))
 }
 
 /// Runs `work` with a progress bar. An interrupt is an error.
-fn waited_for<T>(
+fn with_progress<T>(
     interrupt: &Interrupt,
     work: impl FnOnce(Waiting<'_>) -> anyhow::Result<T>,
 ) -> anyhow::Result<T> {

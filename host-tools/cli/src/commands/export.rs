@@ -85,7 +85,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     } else if !interrupt.came() {
         let none = times.map(|(first, last)| {
             FileError::new(path, "no frame within this stretch")
-                .mend(format!("those that were read have times from {first:.3} s to {last:.3} s"))
+                .mend(format!("the frames read have times from {first:.3} s to {last:.3} s"))
         });
         bail!(damage.or(none).unwrap_or_else(|| FileError::new(path, "no frame in it")));
     }

@@ -50,9 +50,8 @@ fn as_text(version: Version, info: &Info, health: &BoardHealth, live: bool) -> S
     let identity = &info.identity;
     let calibration = match &info.calibration {
         Some(id) => format!("{} of {}, CRC {:08x}", id.serial, date(id), id.crc),
-        None => {
-            "none, so that there are no forces; `taxel calibrate upload --calibration FILE` installs one".to_owned()
-        }
+        None => "none, so no forces; `taxel calibrate upload --calibration FILE` installs one"
+            .to_owned(),
     };
     [
         format!(

@@ -32,7 +32,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         return output::json(&list);
     }
     if devices.is_empty() {
-        output::note("no serial device at all; `sim:tour` is a finger without hardware");
+        output::note("no serial device found; `sim:tour` is a simulated finger");
     }
     devices.iter().try_for_each(|device| {
         output::line(

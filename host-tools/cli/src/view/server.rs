@@ -215,7 +215,7 @@ fn order(message: &Message, feed: &Feed, reply: &mpsc::UnboundedSender<Outcome>)
         Err(error) => Some(json!({ "failed": error.to_string() })),
         Ok(order) => {
             let sent = feed.orders.send(Envelope { order, reply: reply.clone() });
-            sent.is_err().then(|| json!({ "failed": "the finger is not there" }))
+            sent.is_err().then(|| json!({ "failed": "the finger is not connected" }))
         }
     }
 }

@@ -341,7 +341,7 @@ fn recording_resumes_only_with_same_finger() {
     let (code, out, err) = record("a.mcap", "4", ["press", "press"]);
     assert_eq!(code, Some(0), "{err}");
     assert!(out.contains("the finger was gone 1×, "), "{out}");
-    assert!(err.contains("waiting for it") && err.contains("there again"), "{err}");
+    assert!(err.contains("waiting for it") && err.contains("connected again"), "{err}");
     let path = folder.path().join("a.mcap");
     let recording = Recording::open(&path).unwrap();
     let rows = rows(&path);

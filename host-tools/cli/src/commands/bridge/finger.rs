@@ -78,7 +78,9 @@ impl Finger {
                     self.stamps.reconnected();
                     if self.steady.bias_lost() {
                         let port = self.steady.port();
-                        output::note(format_args!("{port}: its bias is gone; take it again"));
+                        output::note(format_args!(
+                            "{port}: the finger lost its bias; take it again"
+                        ));
                     }
                     match self.set(&there) {
                         Ok(info) => self.there(&info)?,

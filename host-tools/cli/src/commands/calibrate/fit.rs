@@ -181,25 +181,28 @@ impl From<taxel_regress::Chosen> for Chosen {
 }
 
 impl Chosen {
-    fn describe(&self, told: impl Fn(&[f64]) -> String) -> String {
+    fn describe(&self, format_errors: impl Fn(&[f64]) -> String) -> String {
         if !self.widths.is_empty() {
-            let each = self.widths.iter().map(|w| format!("{} units {}", w.hidden, told(&w.error)));
+            let each = self
+                .widths
+                .iter()
+                .map(|w| format!("{} units {}", w.hidden, format_errors(&w.error)));
             return format!(
                 "  on {} left out: {}",
                 self.left_out,
                 each.collect::<Vec<_>>().join("; ")
             );
         }
-        let line = told(&self.line);
+        let line = format_errors(&self.line);
         let mut text = format!("  on {} left out: straight line {line}", self.left_out);
         if !self.bent.is_empty() {
-            text += &format!("; bent {}", told(&self.bent));
+            text += &format!("; bent {}", format_errors(&self.bent));
         }
         if !self.apart.is_empty() {
-            text += &format!("; {} units, from it {}", self.hidden, told(&self.apart));
+            text += &format!("; {} units, from it {}", self.hidden, format_errors(&self.apart));
         }
         if !self.skin.is_empty() {
-            let (units, skin) = (self.hidden, told(&self.skin));
+            let (units, skin) = (self.hidden, format_errors(&self.skin));
             text += &format!("; {units} units, taught by the model of the skin, {skin}");
         }
         text
@@ -220,7 +223,7 @@ impl Fit {
     }
 
     /// Formats one error per target: in millinewtons, or each column with its own.
-    fn told(&self, errors: &[f64]) -> String {
+    fn format_errors(&self, errors: &[f64]) -> String {
         if self.targets.is_empty() {
             let milli: Vec<String> = errors.iter().map(|e| format!("{:.2}", e * 1e3)).collect();
             return format!("{} mN", milli.join(" "));
@@ -323,7 +326,7 @@ fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
         output::line(aligned.describe())?;
     }
     for fit in &outcome.parts {
-        let (residual, rows) = (fit.told(&fit.residual), fit.rows);
+        let (residual, rows) = (fit.format_errors(&fit.residual), fit.rows);
         let condition =
             fit.condition.map_or_else(String::new, |c| format!("; condition number {c:.1}"));
         output::line(format!(
@@ -331,7 +334,7 @@ fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
             fit.part
         ))?;
         if let Some(chosen) = &fit.chosen {
-            output::line(chosen.describe(|errors| fit.told(errors)))?;
+            output::line(chosen.describe(|errors| fit.format_errors(errors)))?;
         }
     }
     output::line(format!("wrote {}", outcome.calibration.display()))

@@ -68,15 +68,15 @@ pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
     output::line(format!("{}: {} bytes uploaded and read back", args.port.port, bytes.len()))?;
     if let Port::Sim(_) | Port::File(_) = args.port.port {
         output::note(format_args!(
-            "{0}: this virtual finger ends with the command, and its calibration with it; `taxel serve --port {0} \
-             --tcp 127.0.0.1:5000` is one that stays",
+            "{0}: this virtual finger and its calibration end with the command; `taxel serve --port {0} \
+             --tcp 127.0.0.1:5000` starts one that keeps running",
             args.port.port
         ));
     }
-    for section in passed_over(&calibration, info.estimators) {
+    for section in unsupported_sections(&calibration, info.estimators) {
         output::note(format_args!(
-            "{}: the firmware of {} goes without the estimator of `{section}`: it keeps the section and \
-             passes it over",
+            "{}: the firmware of {} has no estimator for `{section}`: it stores the section and \
+             ignores it",
             args.port.port, info.identity.board
         ));
     }
@@ -84,7 +84,7 @@ pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
 }
 
 /// Lists the sections of a record whose estimators the firmware does not have.
-fn passed_over(calibration: &Calibration, held: Status) -> Vec<&'static str> {
+fn unsupported_sections(calibration: &Calibration, held: Status) -> Vec<&'static str> {
     let sections = [
         ("quantised", calibration.quantised.is_some(), Status::RAN_QUANTISED),
         ("model", calibration.model.is_some(), Status::RAN_MODEL),
@@ -104,7 +104,7 @@ pub fn download(args: DownloadArgs) -> anyhow::Result<()> {
     output::keep([], &args.out)?;
     let bytes = args.port.connect()?.download_calibration()?;
     let record = Calibration::from_bytes(&bytes)
-        .map_err(|error| anyhow::anyhow!("what came back is no calibration: {error}"))
+        .map_err(|error| anyhow::anyhow!("the record read back is not a calibration: {error}"))
         .with_context(|| args.port.port.to_string())?;
     calibration::write(&args.out, &record)?;
     output::line(format!("wrote {}", args.out.display()))
@@ -122,8 +122,11 @@ mod tests {
             slip: Some(Slip::usual(0.5)),
             ..Calibration::default()
         };
-        assert_eq!(passed_over(&calibration, Status::BUILT), Vec::<&str>::new());
-        assert_eq!(passed_over(&calibration, Status::RAN_SLIP), ["model"]);
-        assert_eq!(passed_over(&Calibration::default(), Status::default()), Vec::<&str>::new());
+        assert_eq!(unsupported_sections(&calibration, Status::BUILT), Vec::<&str>::new());
+        assert_eq!(unsupported_sections(&calibration, Status::RAN_SLIP), ["model"]);
+        assert_eq!(
+            unsupported_sections(&Calibration::default(), Status::default()),
+            Vec::<&str>::new()
+        );
     }
 }

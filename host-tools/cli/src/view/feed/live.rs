@@ -26,7 +26,7 @@ const ECHO: Duration = Duration::from_secs(1);
 /// Silence after which a finger counts as not streaming.
 const DRY: Duration = Duration::from_secs(2);
 /// Notice after a reconnect that lost the bias.
-const BIAS_LOST: &str = "the finger came back without its bias; take it again";
+const BIAS_LOST: &str = "the finger lost its bias; take it again";
 /// Scans averaged for a bias or a self-test: 0.25 s at 4 kHz, 1 s at 1 kHz.
 const SCANS: u16 = 1000;
 
@@ -223,7 +223,7 @@ impl Live {
             self.context.scope.lock().set_channel(name);
             return Ok(String::new());
         }
-        let client = self.steady.client().ok_or("the finger is not there")?;
+        let client = self.steady.client().ok_or("the finger is not connected")?;
         let done = match order {
             Order::Bias => client.take_bias(SCANS).map(|bias| match bias.in_contact {
                 false => "bias taken".to_owned(),
