@@ -1,8 +1,8 @@
-//! Hands the linker its script and this board's `memory.x`, so that no cargo configuration outside the
-//! crate is needed.
+//! Passes the linker its script and this board's `memory.x`.
 //!
-//! The linker looks into its working directory first, and cargo runs it in `boards/`: no `memory.x` may
-//! lie there. The repository's root one is the product's; `cargo xtask firmware` checks what came out.
+//! The crate then needs no cargo configuration outside it. The linker searches its working
+//! directory first, and cargo runs it in `boards/`: no `memory.x` may be there. The one in the
+//! repository's root is the product's. `cargo xtask firmware` checks the result.
 
 fn main() {
     let here = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");

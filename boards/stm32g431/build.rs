@@ -1,4 +1,4 @@
-//! Hands the linker its scripts and the product's `memory.x`, which is the repository's own.
+//! Passes the linker its scripts and the product's `memory.x`, which is in the repository's root.
 
 use std::path::Path;
 

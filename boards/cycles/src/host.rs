@@ -1,23 +1,27 @@
-//! How the image and the machine it runs on speak: the semihosting operations that the specification
-//! leaves to applications, and the inputs that the machine puts into memory.
+//! Interface of the image to its machine: semihosting operations and input memory.
+//!
+//! The operations have numbers that the specification leaves to applications.
 
 use serde::{Deserialize, Serialize};
 use taxel::scan::Scan;
 
 use crate::kinds::KINDS;
 
-/// The next call of a function is measured, from its first instruction to its return. Nothing is added to
-/// what is measured. The parameter points at a [`Call`].
+/// Operation that announces a measured call; the parameter points at a [`Call`].
+///
+/// The machine measures the function's next call, from its first instruction to its return.
+/// Measuring adds nothing.
 pub const MEASURE: usize = 0x100;
-/// A measured call is over; the parameter points at the [`Span`] of its result in postcard.
+/// Operation that ends a measured call; the parameter points at the [`Span`] of its result in
+/// postcard.
 pub const REPORT: usize = 0x101;
-/// A call that was not measured is over; the parameter points at its [`Compared`].
+/// Operation that ends a call without measurement; the parameter points at its [`Compared`].
 pub const COMPARE: usize = 0x102;
 
-/// Where the machine puts the inputs: their length as a `u32`, then [`Inputs`] in postcard.
+/// Address of the inputs: their length as a `u32`, then [`Inputs`] in postcard.
 pub const INPUTS: usize = 0x9000_0000;
 
-/// Bytes in the image's memory.
+/// Range of bytes in the image's memory.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Span {
@@ -26,70 +30,70 @@ pub struct Span {
 }
 
 impl Span {
-    /// Those of `bytes`.
+    /// Range of `bytes`.
     #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
         Self { address: bytes.as_ptr().expose_provenance(), length: bytes.len() }
     }
 }
 
-/// A call that is about to be made.
+/// Announced call.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Call {
     /// Address of the function.
     pub function: usize,
-    /// What is printed for it.
+    /// Name in reports.
     pub name: Span,
 }
 
-/// What came of a call that was not measured.
+/// Result of a call without measurement.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Compared {
-    /// What is printed for it where it is not what it should be.
+    /// Name in the error message if the result differs.
     pub name: Span,
-    /// In postcard.
+    /// Result in postcard.
     pub result: Span,
 }
 
-/// What the stages work on.
+/// Inputs of the stages.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Inputs<'a> {
     /// Calibration record of a finger.
     pub record: &'a [u8],
-    /// Scans of that finger while nothing touches it, in postcard one after the other.
+    /// Scans of that finger without contact, in postcard one after the other.
     pub free: &'a [u8],
-    /// Scans of it in contact.
+    /// Scans of that finger in contact.
     pub touched: &'a [u8],
-    /// And as it is shipped.
+    /// Finger as shipped.
     pub whole: Whole<'a>,
 }
 
-/// A finger with every section that a default fit writes.
+/// Finger with every section that a default fit writes.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Whole<'a> {
-    /// Its calibration record.
+    /// Calibration record of the finger.
     #[serde(borrow)]
     pub record: &'a [u8],
-    /// A run of scans for each of the [`KINDS`], the first of which sees nothing.
+    /// Runs of scans, one for each of the [`KINDS`]; the first is without contact.
     #[serde(borrow)]
     pub runs: [&'a [u8]; KINDS.len()],
 }
 
 impl<'a> Inputs<'a> {
-    /// While nothing touches the finger.
+    /// Scans without contact.
     pub fn free(&self) -> impl Iterator<Item = Scan> + Clone + use<'a> {
         scans(self.free)
     }
 
-    /// In contact.
+    /// Scans in contact.
     pub fn touched(&self) -> impl Iterator<Item = Scan> + Clone + use<'a> {
         scans(self.touched)
     }
 }
 
-/// Those in `bytes`, in postcard one after the other.
+/// Scans in `bytes`, in postcard one after the other.
 pub fn scans(mut bytes: &[u8]) -> impl Iterator<Item = Scan> + Clone {
     core::iter::from_fn(move || {
         let (scan, rest) = postcard::take_from_bytes(bytes).ok()?;

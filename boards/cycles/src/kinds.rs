@@ -1,20 +1,20 @@
-//! The kinds of scene that the finger tells apart, each by the estimators that it runs.
+//! Kinds of scene, each recognised by the estimators that run.
 
 use taxel::frame::Status;
 
-/// A kind of scene.
+/// Kind of scene.
 pub struct Kind {
-    /// What it is called.
+    /// Name of the kind.
     pub name: &'static str,
-    /// The stage that measures it.
+    /// Stage that measures the kind.
     pub stage: &'static str,
-    /// What ran, or holds …
+    /// Status bits that are set.
     with: Status,
-    /// … and what does not.
+    /// Status bits that are not set.
     without: Status,
 }
 
-/// All of them, the cheapest first.
+/// All kinds, the cheapest first.
 pub const KINDS: [Kind; 4] = [
     Kind {
         name: "no contact",
@@ -43,7 +43,7 @@ pub const KINDS: [Kind; 4] = [
 ];
 
 impl Kind {
-    /// A scan with this status is of the kind.
+    /// Whether a scan with this status is of the kind.
     #[must_use]
     pub fn holds(&self, status: Status) -> bool {
         status.contains(self.with) && !status.intersects(self.without)

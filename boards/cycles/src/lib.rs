@@ -1,5 +1,7 @@
-//! The core's stages, each called on every input that it has, through whoever measures: the image
-//! (`main.rs`), which has the machine count, or a host, which wants the results to compare with.
+//! Stages of the core, each called through a meter on every input that it has.
+//!
+//! The meter is the image (`main.rs`), for which the machine counts, or a host, which keeps the
+//! results for comparison.
 #![no_std]
 
 pub mod host;
@@ -10,10 +12,12 @@ use serde::Serialize;
 
 pub use stages::{all, dearest, papers_net, papers_net_quantised};
 
-/// Calls stages and keeps what came of it.
+/// Calls stages and keeps their results.
 pub trait Meter {
-    /// Calls `stage` once for each input. `memory` is what it keeps from call to call; the result goes
-    /// into `out`, because that is where a finger would have it.
+    /// Calls `stage` once for each input.
+    ///
+    /// `memory` is the stage's state between calls. The result goes into `out`, because a finger
+    /// has it there too.
     fn stage<M, I, O: Serialize>(
         &mut self,
         name: &str,
@@ -23,7 +27,7 @@ pub trait Meter {
         stage: fn(&mut M, &I, &mut O),
     );
 
-    /// The same, only to compare what comes of it: nobody asks what it takes.
+    /// Calls `stage` once for each input and compares results, without measurement.
     fn compare<M, I, O: Serialize>(
         &mut self,
         name: &str,
@@ -39,7 +43,7 @@ pub trait Meter {
 /// Longest result in postcard: the largest packet and its length.
 pub const MAX_RESULT: usize = 1024;
 
-/// A result as it is compared: every bit of it.
+/// Result in postcard, for a comparison of every bit.
 pub fn result_bytes<'b, O: Serialize>(out: &O, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
     postcard::to_slice(out, buffer).ok().map(|bytes| &*bytes)
 }

@@ -1,4 +1,4 @@
-//! The bench image: calls every stage and says to the machine what is to be measured.
+//! Bench image: calls every stage and announces to the machine what to measure.
 #![no_std]
 #![no_main]
 
@@ -7,7 +7,7 @@ use core::panic::PanicInfo;
 use core::ptr::with_exposed_provenance;
 use core::slice;
 
-// Its critical section is what printing wants.
+// Printing needs its critical section.
 use cortex_m as _;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::debug::{self, EXIT_FAILURE, EXIT_SUCCESS};
@@ -16,7 +16,7 @@ use cycles::host::{COMPARE, Call, Compared, INPUTS, Inputs, MEASURE, REPORT, Spa
 use cycles::{MAX_RESULT, Meter, result_bytes};
 use serde::Serialize;
 
-/// What came of a call of `name`, while `tell` runs.
+/// Passes the result of `name` in postcard to `tell`.
 fn result<O: Serialize>(name: &str, out: &O, tell: impl FnOnce(Span)) {
     let mut buffer = [0; MAX_RESULT];
     match result_bytes(out, &mut buffer) {
@@ -25,7 +25,7 @@ fn result<O: Serialize>(name: &str, out: &O, tell: impl FnOnce(Span)) {
     }
 }
 
-/// Has the machine measure.
+/// Meter that lets the machine count.
 struct Machine;
 
 impl Meter for Machine {
@@ -37,7 +37,7 @@ impl Meter for Machine {
         out: &mut O,
         stage: fn(&mut M, &I, &mut O),
     ) {
-        // Through a pointer that the compiler cannot see through, so that it is a call.
+        // A pointer that the compiler cannot see through makes it a call.
         let stage = black_box(stage);
         for input in inputs {
             let call = Call { function: stage as usize, name: Span::of(name.as_bytes()) };
@@ -63,7 +63,7 @@ impl Meter for Machine {
             stage(memory, &input, out);
             result(name, out, |result| {
                 let compared = Compared { name: Span::of(name.as_bytes()), result };
-                // SAFETY: the operation reads the spans and what they are of, all of which is alive.
+                // SAFETY: the operation reads the spans and their bytes, all of which are alive.
                 unsafe { syscall(COMPARE, &compared) };
             });
         }

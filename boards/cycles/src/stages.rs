@@ -1,4 +1,4 @@
-//! The list of stages: from codes to wire bytes, then the estimators one by one.
+//! List of stages: from codes to wire bytes, then the estimators one by one.
 
 mod frame;
 mod model;
@@ -24,9 +24,9 @@ use crate::host::Inputs;
 pub use nets::{papers_net, papers_net_quantised};
 pub use product::dearest;
 
-/// Every stage on every input.
+/// Runs every stage on every input.
 pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {
-    // A record that the core refuses leaves nothing to measure, and whoever measures will say so.
+    // A rejected record leaves nothing to measure, and the meter's owner reports that.
     let Ok(calibration) = Calibration::from_bytes(inputs.record) else { return };
     frame::stages(inputs, &calibration, meter);
     product::stages(inputs, &calibration, meter);
@@ -40,7 +40,7 @@ pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {
     arithmetic(meter);
 }
 
-/// What the finger sees in contact, conditioned.
+/// Conditioned signals of the finger in contact.
 fn signals(inputs: &Inputs<'_>, bias: &Bias) -> impl Iterator<Item = Signals> + Clone {
     inputs.touched().map(|scan| bias.apply(&Levels::read(&scan.codes), None))
 }
@@ -52,7 +52,7 @@ fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl
         let levels = Levels::read(codes);
         *out = [levels.taxels.map(|taxels| taxels[0]), levels.bridges[0].map(|bridge| bridge[0])];
     });
-    // The way that a scan takes; the three after it are its steps.
+    // The path of a scan; the next three stages are its steps.
     meter.stage(
         "condition: the three in one pass",
         &mut (bias, TemperatureCompensation::default()),
@@ -143,7 +143,7 @@ fn estimators(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl M
     }
 }
 
-/// Arguments over all that a net's units see.
+/// Arguments over the whole range of a net's units.
 fn arguments() -> impl Iterator<Item = f32> + Clone {
     (-48..=48i8).map(|i| f32::from(i) * 0.211)
 }

@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_come_back_row_by_row() {
+    fn rows_return_their_weights() {
         let row = |first: i16| core::array::from_fn(|i| first - 3 * i as i16);
         let weights = [0, 100, 200].map(row);
         assert_eq!(Rows::new(&weights).weights(), weights);

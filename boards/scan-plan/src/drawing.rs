@@ -1,24 +1,26 @@
-//! Timing diagrams of the scan as SVG, for the boards' pages: one drawing for the plan and for the emulated pins.
+//! Timing diagrams of the scan as SVG for the boards' pages.
+//!
+//! The plan and the emulated pins use the same drawing.
 
 use std::fmt::Write;
 use std::format;
 use std::string::String;
 use std::vec::Vec;
 
-/// Subject of a bar; it gives the colour.
+/// Subject of a bar, which sets its colour.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
-    /// A row is lit, and settles.
+    /// Lit row, settling.
     Light,
-    /// Nothing happens.
+    /// Waiting.
     Wait,
-    /// The columns are converted.
+    /// Conversion of the columns.
     Columns,
-    /// The bridges are converted.
+    /// Conversion of the bridges.
     Bridges,
-    /// Reference and temperature are converted.
+    /// Conversion of reference and temperature.
     Internal,
-    /// The core works.
+    /// Computation of the core.
     Compute,
 }
 
@@ -35,40 +37,40 @@ impl Kind {
     }
 }
 
-/// A stretch of time.
+/// Bar over a stretch of time.
 #[derive(Clone, Debug)]
 pub struct Bar {
     /// Begin in nanoseconds.
     pub from: u64,
     /// End in nanoseconds.
     pub to: u64,
-    /// Text within it; may be empty.
+    /// Text in the bar; may be empty.
     pub label: String,
-    /// What it is about.
+    /// Subject of the bar.
     pub kind: Kind,
 }
 
-/// One row of bars.
+/// Row of bars.
 #[derive(Clone, Debug)]
 pub struct Lane {
-    /// Text on its left.
+    /// Text on the left.
     pub name: &'static str,
-    /// Its bars.
+    /// Bars of the lane.
     pub bars: Vec<Bar>,
 }
 
-/// Lanes over one axis of time.
+/// Lanes over a common time axis.
 #[derive(Clone, Debug)]
 pub struct Panel {
-    /// Text above it.
+    /// Text above the panel.
     pub title: String,
     /// Nanoseconds from edge to edge.
     pub length: u64,
     /// Nanoseconds from tick to tick.
     pub tick: u64,
-    /// From top to bottom.
+    /// Lanes from top to bottom.
     pub lanes: Vec<Lane>,
-    /// Instants that go through all lanes, with their names.
+    /// Instants drawn through all lanes, with their names.
     pub marks: Vec<(u64, &'static str)>,
 }
 
@@ -78,7 +80,7 @@ const LANE: u64 = 34;
 const HEAD: u64 = 58;
 const FOOT: u64 = 44;
 
-/// Draws all panels, one below the other.
+/// Draws all panels, one below the other, as SVG.
 #[must_use]
 pub fn svg(panels: &[Panel]) -> String {
     let whole: u64 = panels.iter().map(height).sum();
@@ -90,7 +92,7 @@ pub fn svg(panels: &[Panel]) -> String {
     );
     let mut top = 0;
     for panel in panels {
-        // A string takes everything.
+        // Writing into a string cannot fail.
         let _ = draw(&mut out, panel, top);
         top += height(panel);
     }

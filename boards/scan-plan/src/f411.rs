@@ -1,53 +1,57 @@
-//! The STM32F411's scan: TIM1, DMA2 and its one ADC (RM0383 Rev 3, DS10314 Rev 8).
+//! Scan plan of the STM32F411: TIM1, DMA2 and its ADC (RM0383 Rev 3, DS10314 Rev 8).
 //!
-//! The same frame as the product's, with what this chip has: no second ADC, so that the bridges are
-//! converted after the columns; no oversampler, so that a reading is one sample; no amplifiers. Only
-//! DMA2 reaches the GPIO ports, and only TIM1 asks DMA2, so both are taken.
+//! The frame is that of the product within the limits of this chip. It has no second ADC, so that
+//! the bridges are converted after the columns. It has no oversampler, so that a reading is one
+//! sample, and no amplifiers. Only DMA2 reaches the GPIO ports, and only TIM1 can trigger DMA2, so
+//! both are used.
 //!
-//! Temperature and reference need 10 µs each, more than the settle time has room for together: they are
-//! an injected group that takes one of them a step, in turn (JDISCEN).
+//! Temperature and reference need 10 µs each, more than fits into the settle time together. They
+//! are an injected group that converts one of them per step, in turn (JDISCEN).
 
 use taxel::scan::{ScanSetting, ScanSettings};
 use taxel::wire::message::Refusal;
 
 use crate::{STEPS, Step, fit, refusal, settle_refusal, ticks};
 
-/// HCLK, APB2 and the timer's clock: the highest that also gives 48 MHz to the USB.
+/// HCLK, APB2 and timer clock in hertz: the highest that also gives 48 MHz to the USB.
 pub const CLOCK_HZ: u32 = 96_000_000;
 /// Timer ticks in a cycle of the ADC clock: ADCPRE = PCLK2/4.
 pub const TICKS_PER_CYCLE: u32 = 4;
-/// The ADC clock; 36 MHz is the most (DS10314 table 66), and PCLK2/2 would be 48.
+/// ADC clock in hertz; the limit is 36 MHz (DS10314 table 66), and PCLK2/2 would be 48 MHz.
 pub const ADC_HZ: u32 = CLOCK_HZ / TICKS_PER_CYCLE;
 
 /// Cycles from sampling to result for 12 bits.
 const CONVERT_CYCLES: u32 = 12;
-/// Cycles from trigger to sampling, at most (DS10314 table 66: 3), and the clocks' phase.
+/// Most cycles from trigger to sampling: 3 (DS10314 table 66) and the clocks' phase.
 const LATENCY_CYCLES: u32 = 4;
 const TOP_CODE: u16 = 4095;
 
-/// Compare A.
+/// Compare A, in ticks.
 const LIGHT: u32 = 8;
-/// From a new pattern to a settled multiplexer.
+/// Nanoseconds from a new pattern to a settled multiplexer.
 const MULTIPLEXER_NS: u32 = 1_000;
-/// Least sampling time of temperature sensor and reference (DS10314 tables 71, 74).
+/// Least sampling time of temperature sensor and reference, nanoseconds (DS10314 tables 71, 74).
 pub const INTERNAL_NS: u32 = 10_000;
 
 /// Sampling times in cycles, by their code in `SMPR`.
 const SAMPLE_CYCLES: [u32; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
-/// Columns and midpoints: (15 − 0.5) / (24 MHz · 7 pF · ln 2^14) − 6 kΩ = 2.9 kΩ may drive them
-/// (DS10314, equation 1 with the worst R_ADC and C_ADC).
+/// Sampling code of columns and midpoints.
+///
+/// It allows a source of (15 − 0.5) / (24 MHz · 7 pF · ln 2^14) − 6 kΩ = 2.9 kΩ (DS10314, equation
+/// 1 with the worst R_ADC and C_ADC).
 const INPUT_SAMPLE: u32 = 1;
-/// Temperature and reference: 480 cycles are 20 µs; 144 would be 6.
+/// Sampling code of temperature and reference: 480 cycles are 20 µs; 144 would be 6 µs.
 const INTERNAL_SAMPLE: u32 = 7;
 
-/// The ADC's conversions: PA1 … PA4 are the columns, PA5, PA6, PA7 and PB0 the midpoints A … D.
+/// Inputs of the ADC in order: PA1 … PA4 are the columns, PA5, PA6, PA7 and PB0 the midpoints A …
+/// D.
 pub const INPUTS: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
-/// Temperature sensor and reference.
+/// Inputs of the temperature sensor and the reference.
 pub const INTERNAL_INPUTS: [u32; 2] = [18, 17];
-/// Readings of one frame.
+/// Number of readings in a frame.
 pub const READINGS: usize = STEPS as usize * INPUTS.len();
 
-/// What is written to TIM1, named as in RM0383 §12.4.
+/// Register values of TIM1, named as in RM0383 §12.4.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the registers' own names")]
 pub struct Timer {
@@ -64,7 +68,7 @@ pub struct Timer {
     pub ccr3: u32,
 }
 
-/// What is written to ADC1, named as in RM0383 §11.12.
+/// Register values of ADC1, named as in RM0383 §11.12.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the registers' own names")]
 pub struct Adc {
@@ -79,7 +83,7 @@ pub struct Adc {
     pub ccr: u32,
 }
 
-/// What is written to one DMA stream (RM0383 §9.5).
+/// Register values of a DMA stream (RM0383 §9.5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stream {
     /// `DMA_SxCR`, not yet enabled.
@@ -88,12 +92,12 @@ pub struct Stream {
     pub count: u32,
 }
 
-/// Everything there is to write, and what comes of it.
+/// Register values of a scan, and the resulting times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// When things happen.
+    /// Times of a step.
     pub step: Step,
-    /// The code that a channel reads at the top of its range.
+    /// Code of a channel at the top of its range.
     pub full_scale: u16,
     /// TIM1.
     pub timer: Timer,
@@ -101,14 +105,14 @@ pub struct Plan {
     pub adc: Adc,
     /// DMA2 stream 1: patterns to the GPIO port.
     pub patterns: Stream,
-    /// DMA2 stream 0: readings to memory. Its half and full transfers are the frames' interrupts.
+    /// DMA2 stream 0: readings to memory; its half and full transfers are the frame interrupts.
     pub readings: Stream,
 }
 
-/// The registers for these settings.
+/// Computes the register values for scan settings.
 ///
 /// # Errors
-/// The first setting that cannot be had with the others, in the order oversampling, settle time, rate.
+/// The first setting that does not fit the others, in the order oversampling, settle time, rate.
 pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     if settings.oversampling != 1 {
         return Err(refusal(ScanSetting::Oversampling, 1, 1));
@@ -117,7 +121,7 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     let slow = LIGHT + ticks(MULTIPLEXER_NS, CLOCK_HZ);
     let internal = latency + conversion(INTERNAL_SAMPLE);
     let columns = LIGHT + ticks(settings.settle_ns, CLOCK_HZ);
-    // The multiplexer turns with the LED row: every input must have been sampled before.
+    // The multiplexer switches with the LED row: every input must have been sampled before.
     let all = INPUTS.len() as u32 * conversion(INPUT_SAMPLE) - CONVERT_CYCLES * TICKS_PER_CYCLE;
     let sampling = latency + all;
     let done = columns + sampling;
@@ -161,7 +165,8 @@ const fn timer(step: &Step) -> Timer {
         ccmr1: PWM2 << 12 | 1 << 11,
         // OC3M, OC3PE
         ccmr2: PWM2 << 4 | 1 << 3,
-        // CC2E and MOE: the ADC's trigger is the channel's output here, not its reference signal.
+        // CC2E and MOE, because here the output of the channel triggers the ADC, not its reference
+        // signal.
         ccer: 1 << 4,
         bdtr: 1 << 15,
         arr: step.top,
@@ -183,8 +188,8 @@ const fn adc() -> Adc {
     let [first, second] = INTERNAL_INPUTS;
     smpr1 |= INTERNAL_SAMPLE << (3 * (first - 10)) | INTERNAL_SAMPLE << (3 * (second - 10));
     Adc {
-        // SCAN, JDISCEN; OVRIE: an overrun stops the requests to the DMA (RM0383 §11.8.1), and so the
-        // frame's interrupt.
+        // SCAN, JDISCEN; OVRIE, because an overrun stops the DMA requests (RM0383 §11.8.1), and so
+        // the frame interrupt.
         cr1: 1 << 8 | 1 << 12 | 1 << 26,
         // DMA, DDS; JEXTSEL = TIM1_TRGO, EXTSEL = TIM1_CC2, both rising
         cr2: 1 << 8 | 1 << 9 | 1 << 16 | 1 << 20 | 1 << 24 | 1 << 28,
@@ -200,7 +205,8 @@ const fn adc() -> Adc {
     }
 }
 
-/// `DMA_SxCR`: circular, memory incremented, both sides of the same `size` (1: 16 bits, 2: 32 bits).
+/// Value of `DMA_SxCR`: circular, memory incremented, both sides of the same `size` (1: 16 bits, 2:
+/// 32 bits).
 const fn dma(channel: u32, priority: u32, size: u32, direction_and_interrupts: u32) -> u32 {
     channel << 25
         | priority << 16

@@ -1,71 +1,78 @@
-//! The STM32G431's scan: TIM1, DMA1, ADC1, ADC2, OPAMP2 and OPAMP3 (RM0440 Rev 8, DS12589 Rev 6).
+//! Scan plan of the STM32G431: TIM1, DMA1, ADC1, ADC2, OPAMP2, OPAMP3 (RM0440 Rev 8, DS12589 Rev
+//! 6).
 //!
-//! * **TIM1** counts one step a period. Compare 1 asks the DMA for the next pattern; OC2REF is TRGO and
-//!   starts ADC1's columns; OC3REF is TRGO2 and starts what does not wait for light; OC6 turns the
-//!   amplifiers' inputs over. No channel has a pin.
+//! * **TIM1** counts one step a period. Compare 1 requests the next pattern from the DMA. OC2REF is
+//!   TRGO and starts ADC1's columns. OC3REF is TRGO2 and starts the inputs that do not need light.
+//!   OC6 switches the amplifiers' inputs. No channel has a pin.
 //! * **ADC1** converts the four columns, oversampled, and as its injected group temperature and
-//!   reference, which this chip gives to ADC1 only. The injected group runs inside the settle time, so
-//!   that it never meets the columns.
-//! * **ADC2** converts the bridge midpoints behind the amplifiers. Two amplifiers reach ADC2 and there
-//!   are four midpoints, so each has two inputs: A then B on OPAMP2, C then D on OPAMP3. Between the
-//!   pairs the amplifiers' bias pin is converted: it is the bridges' own reference, and meanwhile the
-//!   amplifiers settle on their second input.
+//!   reference, which this chip connects to ADC1 only. The injected group runs inside the settle
+//!   time, so that it never meets the columns.
+//! * **ADC2** converts the bridge midpoints behind the amplifiers. Two amplifiers reach ADC2 and
+//!   there are four midpoints, so each has two inputs: A then B on OPAMP2, C then D on OPAMP3.
+//!   Between the pairs ADC2 converts the amplifiers' bias pin, which is the bridges' own reference,
+//!   while the amplifiers settle on their second input.
 //!
-//! Both ADCs run on HCLK/4, in step with the timer: a trigger is taken after the same number of cycles
-//! every time, so that the jitter of a sample is the jitter of the crystal-less clock and nothing else.
+//! Both ADCs run on HCLK/4, synchronous with the timer. A trigger is always taken after the same
+//! number of cycles, so that the only jitter of a sample is that of the crystal-less clock.
 
 use taxel::scan::{ScanSetting, ScanSettings};
 use taxel::wire::message::Refusal;
 
 use crate::{COLUMNS, STEPS, Step, fit, refusal, settle_refusal, ticks};
 
-/// HCLK, APB2 and the timer's clock.
+/// HCLK, APB2 and timer clock in hertz.
 pub const CLOCK_HZ: u32 = 170_000_000;
 /// Timer ticks in a cycle of the ADC clock: CKMODE = HCLK/4.
 pub const TICKS_PER_CYCLE: u32 = 4;
-/// The ADC clock. 52 MHz is the most with both converters running (DS12589 table 66).
+/// ADC clock in hertz; the limit is 52 MHz with both converters running (DS12589 table 66).
 pub const ADC_HZ: u32 = CLOCK_HZ / TICKS_PER_CYCLE;
 
 /// Half cycles from sampling to result: 12.5 cycles for 12 bits.
 const CONVERT_HALVES: u32 = 25;
-/// Cycles from trigger to sampling, at most: 3.125 for an injected group at HCLK/4 (DS12589 table 66).
+/// Most cycles from trigger to sampling: 3.125 for an injected group at HCLK/4 (DS12589 table 66).
 const LATENCY_CYCLES: u32 = 4;
-/// The highest code of one sample.
+/// Highest code of one sample.
 const TOP_CODE: u16 = 4095;
-/// Most samples that fit 16 bits unshifted.
+/// Largest number of samples whose sum fits 16 bits.
 const MOST_SAMPLES: u16 = 16;
 
-/// Compare A. Not zero: there OC6 turns the amplifiers' inputs back.
+/// Compare A, in ticks; not zero, because there OC6 switches the amplifiers' inputs back.
 const LIGHT: u32 = 8;
-/// From a new pattern to a settled amplifier output: 120 Ω of multiplexer into some 20 pF are nothing;
-/// the amplifier slews 3.3 V at 2.5 V/µs (1.3 µs) and then settles to 12 bits with a bandwidth of
-/// 7 MHz / 16 (8.3 τ = 3.0 µs), each the data sheet's worst case.
+/// Nanoseconds from a new pattern to a settled amplifier output.
+///
+/// 120 Ω of multiplexer into some 20 pF are negligible. The amplifier slews 3.3 V at 2.5 V/µs (1.3
+/// µs) and then settles to 12 bits with a bandwidth of 7 MHz / 16 (8.3 τ = 3.0 µs), each the data
+/// sheet's worst case.
 pub const AMPLIFIER_NS: u32 = 5_000;
-/// Least sampling time of the temperature sensor (DS12589 table 79); the reference needs 4 µs.
+/// Least sampling time of the temperature sensor, nanoseconds (DS12589 table 79); the reference
+/// needs 4 µs.
 pub const INTERNAL_NS: u32 = 5_000;
 
 /// Sampling times in half cycles, by their code in `SMPR`.
 const SAMPLE_HALVES: [u32; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
-/// A column: 680 Ω of load need 208 ns (DS12589 table 67, fast channel); 12.5 cycles are 294 ns.
+/// Sampling code of a column: 680 Ω of load need 208 ns (DS12589 table 67, fast channel); 12.5
+/// cycles are 294 ns.
 const COLUMN_SAMPLE: u32 = 2;
-/// An amplifier's output: 24.5 cycles are 576 ns, and the amplifier drives it (DS12589 table 88).
+/// Sampling code of an amplifier's output: 24.5 cycles are 576 ns, and the amplifier drives it
+/// (DS12589 table 88).
 const AMPLIFIER_SAMPLE: u32 = 3;
-/// Temperature and reference: 247.5 cycles are 5.8 µs.
+/// Sampling code of temperature and reference: 247.5 cycles are 5.8 µs.
 const INTERNAL_SAMPLE: u32 = 6;
 
-/// ADC1's columns: PA0 … PA3 are its inputs 1 … 4.
+/// Inputs of ADC1 for the columns: PA0 … PA3 are 1 … 4.
 pub const COLUMN_INPUTS: [u32; COLUMNS as usize] = [1, 2, 3, 4];
-/// ADC1's inputs for the temperature sensor and the reference.
+/// Inputs of ADC1 for the temperature sensor and the reference.
 pub const INTERNAL_INPUTS: [u32; 2] = [16, 18];
-/// ADC2's conversions: A, C, bias, B, D. 16 is OPAMP2's output, 18 OPAMP3's, 13 the bias on PA5.
+/// Inputs of ADC2 in order A, C, bias, B, D: 16 is OPAMP2's output, 18 OPAMP3's, 13 the bias on
+/// PA5.
 pub const BRIDGE_INPUTS: [u32; 5] = [16, 18, 13, 16, 18];
 
-/// Readings in ADC1's and ADC2's half of the buffer.
+/// Number of readings in ADC1's half of the buffer.
 pub const COLUMN_READINGS: usize = (STEPS * COLUMNS) as usize;
-/// See [`COLUMN_READINGS`].
+/// Number of readings in ADC2's half of the buffer.
 pub const BRIDGE_READINGS: usize = STEPS as usize * BRIDGE_INPUTS.len();
 
-/// What is written to TIM1, named as in RM0440 §29.6. Everything else stays at its reset value.
+/// Register values of TIM1, named as in RM0440 §29.6; all others keep their reset values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the registers' own names")]
 pub struct Timer {
@@ -84,7 +91,7 @@ pub struct Timer {
     pub ccr6: u32,
 }
 
-/// What is written to one ADC, named as in RM0440 §21.7.
+/// Register values of an ADC, named as in RM0440 §21.7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the registers' own names")]
 pub struct Adc {
@@ -98,10 +105,10 @@ pub struct Adc {
     pub jsqr: u32,
 }
 
-/// What is written to one DMA channel and its multiplexer (RM0440 §12.6, §13.6).
+/// Register values of a DMA channel and its multiplexer (RM0440 §12.6, §13.6).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Channel {
-    /// `DMAMUX_CxCR`: who asks for transfers.
+    /// `DMAMUX_CxCR`: source of the requests.
     pub request: u32,
     /// `DMA_CCRx`, not yet enabled.
     pub ccr: u32,
@@ -109,7 +116,7 @@ pub struct Channel {
     pub count: u32,
 }
 
-/// The converter that is done last in a step.
+/// Converter that finishes last in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Last {
     /// ADC1, with the columns.
@@ -118,7 +125,7 @@ pub enum Last {
     Bridges,
 }
 
-/// What is written to one operational amplifier (RM0440 §25.5).
+/// Register values of an operational amplifier (RM0440 §25.5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the registers' own names")]
 pub struct Amplifier {
@@ -126,14 +133,14 @@ pub struct Amplifier {
     pub tcmr: u32,
 }
 
-/// Everything there is to write, and what comes of it.
+/// Register values of a scan, and the resulting times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// When things happen.
+    /// Times of a step.
     pub step: Step,
-    /// When the amplifiers turn to their second inputs.
+    /// Switch of the amplifiers to their second inputs, in ticks.
     pub second_input: u32,
-    /// The code that a channel reads at the top of its range.
+    /// Code of a channel at the top of its range.
     pub full_scale: u16,
     /// TIM1.
     pub timer: Timer,
@@ -149,16 +156,16 @@ pub struct Plan {
     pub columns: Channel,
     /// ADC2's readings to memory.
     pub bridges: Channel,
-    /// Which of the two ends a frame: its half and full transfers are the interrupts.
+    /// Converter that ends a frame; its half and full transfers are the frame interrupts.
     pub last: Last,
     /// OPAMP2 and OPAMP3 alike.
     pub amplifier: Amplifier,
 }
 
-/// The registers for these settings.
+/// Computes the register values for scan settings.
 ///
 /// # Errors
-/// The first setting that cannot be had with the others, in the order oversampling, settle time, rate.
+/// The first setting that does not fit the others, in the order oversampling, settle time, rate.
 pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     let samples = settings.oversampling;
     if !samples.is_power_of_two() || samples > MOST_SAMPLES {
@@ -167,7 +174,7 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     let latency = LATENCY_CYCLES * TICKS_PER_CYCLE;
     let slow = LIGHT + ticks(AMPLIFIER_NS, CLOCK_HZ);
 
-    // The injected group must be out of the columns' way.
+    // The injected group must end before the columns start.
     let internal = latency + INTERNAL_INPUTS.len() as u32 * conversion(INTERNAL_SAMPLE);
     let columns = LIGHT + ticks(settings.settle_ns, CLOCK_HZ);
     let sampling = latency + sampled(COLUMNS * samples as u32, COLUMN_SAMPLE);
@@ -182,10 +189,10 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     let second_input = slow + latency + 2 * amplified;
     let bias_sample = bias_sample(samples as u32);
     let bias = conversion(bias_sample) * samples as u32;
-    // Behind the turn the bias, B and D; the amplifiers are read as long as the bias lets them settle.
+    // After the switch ADC2 converts the bias, B and D; the amplifiers settle during the bias.
     let second_done = second_input + bias + amplified + sampled(samples as u32, AMPLIFIER_SAMPLE);
 
-    // Results follow their samples at the same distance on both.
+    // Results follow their samples after the same time on both converters.
     let (last, done) = if columns_done > second_done {
         (Last::Columns, columns_done)
     } else {
@@ -205,7 +212,7 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
         adc2: adc(samples, TRGO2, &BRIDGE_INPUTS, None, bias_sample),
         // CKMODE = 3: HCLK/4; VREFEN, VSENSESEL: the internal channels are connected.
         adc_common: 3 << 16 | 1 << 22 | 1 << 23,
-        // Memory to peripheral, words, in a circle, before all other transfers.
+        // Memory to peripheral, words, circular, highest priority.
         patterns: Channel { request: 42, ccr: dma(1 << 4, 2, 3), count: STEPS },
         columns: Channel {
             request: 5,
@@ -219,8 +226,8 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
         },
         last,
         amplifier: Amplifier {
-            // OPAEN; VP_SEL = VINP0; VM_SEL = PGA; OPAINTOEN: the output goes to the ADC, not to its
-            // pin; PGA_GAIN: 16 around the bias on VINM0.
+            // OPAEN; VP_SEL = VINP0; VM_SEL = PGA; OPAINTOEN: the output goes to the ADC, not to
+            // its pin; PGA_GAIN: 16 around the bias on VINM0.
             csr: 1 | 2 << 5 | 1 << 8 | 0b01011 << 14,
             // VPS_SEL = VINP1, VMS_SEL = PGA, switched by TIM1's OC6.
             tcmr: 1 << 1 | 1 << 3,
@@ -238,7 +245,7 @@ const fn sampled(count: u32, sample: u32) -> u32 {
     count * conversion(sample) - CONVERT_HALVES * TICKS_PER_CYCLE / 2
 }
 
-/// The shortest sampling of the bias pin that leaves the amplifiers time for their second inputs.
+/// Shortest sampling code of the bias pin that lets the amplifiers settle on their second inputs.
 const fn bias_sample(samples: u32) -> u32 {
     let mut sample = AMPLIFIER_SAMPLE;
     while conversion(sample) * samples < ticks(AMPLIFIER_NS, CLOCK_HZ) {
@@ -263,7 +270,7 @@ const fn timer(step: &Step, second_input: u32) -> Timer {
         ccmr2: PWM2 << 4 | 1 << 3,
         // OC6M, OC6PE
         ccmr3: PWM2 << 12 | 1 << 11,
-        // CC6E and, below, MOE: OC6 reaches the amplifiers.
+        // CC6E and, below, MOE, so that OC6 reaches the amplifiers.
         ccer: 1 << 20,
         bdtr: 1 << 15,
         arr: step.top,
@@ -280,7 +287,7 @@ const TRGO2: u32 = 10;
 /// JEXTSEL of ADC1 and ADC2 (RM0440 table 164).
 const INJECTED_TRGO2: u32 = 8;
 
-/// `odd` is the sampling code of the inputs below 16, which are not the chip's own.
+/// Register values of an ADC; `odd` is the sampling code of inputs below 16, the pins.
 const fn adc(
     samples: u16,
     trigger: u32,
@@ -295,7 +302,8 @@ const fn adc(
         let input = inputs[i];
         let sample = if input < 16 { odd } else { AMPLIFIER_SAMPLE };
         (smpr1, smpr2) = with_sample(smpr1, smpr2, input, sample);
-        // Five to a register, six bits apart; in the first the length comes before them.
+        // Five fields a register, six bits apart; in the first register the length comes before
+        // them.
         let place = i + 1;
         sqr[place / 5] |= input << (6 * (place % 5));
         i += 1;
@@ -308,9 +316,10 @@ const fn adc(
         (smpr1, smpr2) = with_sample(smpr1, smpr2, second, INTERNAL_SAMPLE);
     }
     Adc {
-        // OVRIE: an overrun stops the requests to the DMA (RM0440 §21.4.27), and so the frame's interrupt.
+        // OVRIE, because an overrun stops the DMA requests (RM0440 §21.4.27), and so the frame
+        // interrupt.
         ier: 1 << 4,
-        // DMAEN, DMACFG: in a circle; EXTEN: rising; JQDIS: JSQR is no queue.
+        // DMAEN, DMACFG: circular; EXTEN: rising; JQDIS: JSQR without queue.
         cfgr: 1 | 1 << 1 | trigger << 5 | 1 << 10 | 1 << 31,
         // ROVSE and OVSR = 2^(n + 1), no shift: a reading is the sum of its samples.
         cfgr2: match samples.trailing_zeros() {
@@ -334,12 +343,13 @@ const fn with_sample(smpr1: u32, smpr2: u32, input: u32, sample: u32) -> (u32, u
     }
 }
 
-/// HTIE and TCIE: one interrupt a frame.
+/// Bits HTIE and TCIE: one interrupt a frame.
 const fn interrupts(on: bool) -> u32 {
     if on { 1 << 2 | 1 << 1 } else { 0 }
 }
 
-/// `DMA_CCRx`: circular, memory incremented, both sides of the same `size` (1: 16 bits, 2: 32 bits).
+/// Value of `DMA_CCRx`: circular, memory incremented, both sides of the same `size` (1: 16 bits, 2:
+/// 32 bits).
 const fn dma(direction_and_interrupts: u32, size: u32, priority: u32) -> u32 {
     direction_and_interrupts | 1 << 5 | 1 << 7 | size << 8 | size << 10 | priority << 12
 }

@@ -1,5 +1,6 @@
-//! Which value goes into which register so that a timer, the DMA and the ADCs scan the finger by
-//! themselves. Pure arithmetic: a board crate writes what comes out of here and adds nothing.
+//! Register values with which a timer, the DMA and the ADCs scan the finger by themselves.
+//!
+//! A board crate writes these values unchanged.
 //!
 //! A frame is five steps: every LED off, then row 0 … row 3. One timer period is one step:
 //!
@@ -7,12 +8,12 @@
 //! count  0   A            C                          B                               top
 //!        │   │ pattern    │ slow and unlit inputs    │ columns                        │
 //!        │   └ DMA: LED row and multiplexer to GPIO  │                                │
-//!        │                └ bridges, reference, temperature: they do not wait for light
+//!        │                └ bridges, reference, temperature: they do not need light
 //!        │                                           └ settled: the columns are sampled
 //! ```
-//! [`g431::plan`] and [`f411::plan`] turn [`taxel::scan::ScanSettings`] into a plan or refuse them with
-//! the range that would do. Both are `const`, so that a board's default is checked
-//! when it is compiled, and the same code refuses a senseless wish at run time.
+//! [`g431::plan`] and [`f411::plan`] turn [`taxel::scan::ScanSettings`] into a plan, or refuse them
+//! with the range that fits. Both are `const`: a board's default is checked at compile time, and
+//! the same code checks a host's settings at run time.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -32,71 +33,73 @@ use taxel::wire::message::Refusal;
 
 /// Steps of a frame: dark, then the four rows.
 pub const STEPS: u32 = 5;
-/// Columns read in every step.
+/// Number of columns read in every step.
 pub const COLUMNS: u32 = 4;
 
-/// One period of the timer, in its ticks. `light` < `slow` < `columns` ≤ `done` ≤ `top`.
+/// Times of one timer period in ticks: `light` < `slow` < `columns` ≤ `done` ≤ `top`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Step {
-    /// Ticks a second.
+    /// Ticks per second.
     pub tick_hz: u32,
     /// Compare A: the DMA sets row and multiplexer.
     pub light: u32,
-    /// Compare C: what does not wait for light is converted.
+    /// Compare C: inputs that do not need light are converted.
     pub slow: u32,
     /// Compare B: the columns are converted.
     pub columns: u32,
-    /// The last sample has been taken.
+    /// End of the last sample.
     pub done: u32,
-    /// The last count of the period.
+    /// Last count of the period.
     pub top: u32,
 }
 
 impl Step {
-    /// Ticks of a whole frame.
+    /// Ticks in a frame.
     #[must_use]
     pub const fn frame_ticks(&self) -> u32 {
         STEPS * (self.top + 1)
     }
 
-    /// Microseconds of a whole frame, rounded down.
+    /// Microseconds in a frame, rounded down.
     #[must_use]
     pub const fn frame_us(&self) -> u32 {
         self.frame_ticks() / (self.tick_hz / 1_000_000)
     }
 
-    /// Frames a second as the timer gives them, in millihertz.
+    /// Rate of frames by the timer, in millihertz.
     #[must_use]
     pub const fn scan_millihertz(&self) -> u32 {
         (self.tick_hz as u64 * 1000 / self.frame_ticks() as u64) as u32
     }
 
-    /// `ticks` as nanoseconds, rounded down.
+    /// Nanoseconds in `ticks`, rounded down.
     #[must_use]
     pub const fn ns(&self, ticks: u32) -> u32 {
         (ticks as u64 * 1_000_000_000 / self.tick_hz as u64) as u32
     }
 }
 
-/// `ns` as ticks of `tick_hz`, rounded up: a settle time is never cut short.
+/// Ticks of `tick_hz` in `ns`, rounded up, so that a settle time is never cut short.
 #[must_use]
 pub const fn ticks(ns: u32, tick_hz: u32) -> u32 {
     (ns as u64 * tick_hz as u64).div_ceil(1_000_000_000) as u32
 }
 
-/// Ticks of a step at `hz` frames a second, rounded to the nearest.
+/// Ticks of a step at `hz` frames per second, rounded to the nearest.
 const fn step_ticks(hz: u32, tick_hz: u32) -> u32 {
     let steps_hz = if hz == 0 { STEPS } else { STEPS * hz };
     (tick_hz + steps_hz / 2) / steps_hz
 }
 
-/// Refuses a setting; `low` and `high` are the range that would do while the other two stay.
+/// Builds the refusal of a setting; `low` to `high` is the range that fits the other two.
 const fn refusal(setting: ScanSetting, low: u32, high: u32) -> Refusal {
     Refusal::Scan { setting, low, high }
 }
 
-/// Refuses a settle time: a step needs at least `least` ticks of it, and `rest` ticks beside it. Where
-/// the rate leaves room for none at all, the range is that of the slowest.
+/// Builds the refusal of a settle time, with the range that fits.
+///
+/// A step needs at least `least` ticks of settle time and `rest` other ticks. If the rate leaves no
+/// room, the range is that of the slowest rate.
 const fn settle_refusal(least: u32, rest: u32, scan_hz: u16, tick_hz: u32) -> Refusal {
     let step = step_ticks(scan_hz as u32, tick_hz);
     let fits = scan_hz > 0 && step <= LONGEST_STEP && step >= least + rest;
@@ -108,11 +111,12 @@ const fn settle_refusal(least: u32, rest: u32, scan_hz: u16, tick_hz: u32) -> Re
     )
 }
 
-/// The timer counts to 65535 at most.
+/// Most ticks of a step, because the timer counts to 65535.
 const LONGEST_STEP: u32 = 1 << 16;
 
-/// Fits the steps into the rate that is wanted: `shortest` ticks are needed. The top count, or the
-/// rates that would do.
+/// Returns the top count for the rate `scan_hz`, or a refusal with the range of rates.
+///
+/// A step needs `shortest` ticks.
 const fn fit(scan_hz: u16, shortest: u32, tick_hz: u32) -> Result<u32, Refusal> {
     let step = step_ticks(scan_hz as u32, tick_hz);
     if step < shortest || step > LONGEST_STEP || scan_hz == 0 {
@@ -122,7 +126,7 @@ const fn fit(scan_hz: u16, shortest: u32, tick_hz: u32) -> Result<u32, Refusal> 
     Ok(step - 1)
 }
 
-/// The highest whole rate whose rounded step is at least `shortest` ticks.
+/// Highest whole rate whose rounded step has at least `shortest` ticks.
 const fn fastest(shortest: u32, tick_hz: u32) -> u32 {
     let mut hz = 2 * tick_hz / (STEPS * (2 * shortest - 1)) + 1;
     while hz > 1 && step_ticks(hz, tick_hz) < shortest {

@@ -1,13 +1,13 @@
-//! The words that the DMA writes to a GPIO port's set/reset register, one a step.
+//! Words that the DMA writes to a GPIO port's set/reset register, one a step.
 
 use crate::STEPS;
 
-/// For each step the `BSRR` word: bits 0–15 set pins, bits 16–31 clear them (RM0440 §9.4.7).
+/// `BSRR` words of the steps: bits 0–15 set pins, bits 16–31 clear them (RM0440 §9.4.7).
 ///
-/// `rows` switch the LED rows on when high; `select` are the multiplexer's address lines, least
-/// significant first. Row r and sensor r are read in the same step; in the dark step every row is off
-/// and the multiplexer stays at sensor 0. Each word names every pin, so that a step does not depend on
-/// the one before it.
+/// `rows` are the pins that switch the LED rows on when high. `select` are the multiplexer's
+/// address lines, least significant first. Row r and sensor r are read in the same step. In the
+/// dark step every row is off and the multiplexer stays at sensor 0. Each word names every pin, so
+/// that a step does not depend on the one before it.
 #[must_use]
 pub const fn words(rows: [u8; 4], select: [u8; 2]) -> [u32; STEPS as usize] {
     let mut words = [0; STEPS as usize];
@@ -31,7 +31,7 @@ pub const fn words(rows: [u8; 4], select: [u8; 2]) -> [u32; STEPS as usize] {
     words
 }
 
-/// Every row off, the multiplexer at sensor 0: what a scan that is paused leaves behind.
+/// `BSRR` word of a paused scan: every row off, the multiplexer at sensor 0.
 #[must_use]
 pub const fn dark(rows: [u8; 4], select: [u8; 2]) -> u32 {
     words(rows, select)[0]

@@ -1,29 +1,28 @@
-//! Which pin does what: the firmware configures from these tables, the boards' pages are drawn from
-//! them.
+//! Tables of the boards' pins, for the firmware's configuration and the boards' pages.
 
-/// What a pin is configured as.
+/// Configuration of a pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// To an ADC or an amplifier; no digital part, no pull.
+    /// Input of an ADC or an amplifier; no digital part, no pull.
     Analogue,
     /// Push-pull output, low at first.
     Output,
-    /// Another driver's, or the chip's own.
+    /// Configured by another driver, or by the chip.
     Other,
 }
 
-/// One pin.
+/// Pin of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pin {
     /// Port: 0 is A.
     pub port: u8,
     /// Number in the port.
     pub number: u8,
-    /// What it is configured as.
+    /// Configuration of the pin.
     pub mode: Mode,
-    /// What the chip calls what it is used for.
+    /// Name of the pin's function in the chip's manual.
     pub function: &'static str,
-    /// What it is to the finger.
+    /// Role of the pin in the finger.
     pub role: &'static str,
 }
 
@@ -37,14 +36,14 @@ const fn pin(port: u8, number: u8, mode: Mode, function: &'static str, role: &'s
 
 use Mode::{Analogue, Other, Output};
 
-/// LED rows and multiplexer address of the STM32G431 board, all on port B.
+/// Pins of the STM32G431 board's LED rows, on port B.
 pub const G431_ROWS: [u8; 4] = [9, 10, 11, 12];
-/// See [`G431_ROWS`].
+/// Pins of the STM32G431 board's multiplexer address, on port B.
 pub const G431_SELECT: [u8; 2] = [5, 7];
-/// The status LED of the STM32G431 board, on port A.
+/// Pin of the STM32G431 board's status LED, on port A.
 pub const G431_STATUS: u8 = 8;
 
-/// The STM32G431CB (LQFP48).
+/// Pins of the STM32G431CB (LQFP48).
 pub const G431: [Pin; 22] = [
     pin(A, 0, Analogue, "ADC1_IN1", "column 0"),
     pin(A, 1, Analogue, "ADC1_IN2", "column 1"),
@@ -70,14 +69,14 @@ pub const G431: [Pin; 22] = [
     pin(B, 8, Other, "BOOT0", "held high at reset: ROM bootloader"),
 ];
 
-/// LED rows and multiplexer address of the STM32F411 board, all on port B.
+/// Pins of the STM32F411 board's LED rows, on port B.
 pub const F411_ROWS: [u8; 4] = [12, 13, 14, 15];
-/// See [`F411_ROWS`].
+/// Pins of the STM32F411 board's multiplexer address, on port B.
 pub const F411_SELECT: [u8; 2] = [8, 9];
-/// The Black Pill's own LED, on port C; lit when low.
+/// Pin of the Black Pill's own LED, on port C; lit when low.
 pub const F411_STATUS: u8 = 13;
 
-/// The STM32F411CE on a Black Pill, whose button is on PA0.
+/// Pins of the STM32F411CE on a Black Pill, whose button is on PA0.
 pub const F411: [Pin; 21] = [
     pin(A, 1, Analogue, "ADC1_IN1", "column 0"),
     pin(A, 2, Analogue, "ADC1_IN2", "column 1"),
@@ -102,7 +101,8 @@ pub const F411: [Pin; 21] = [
     pin(B, 2, Other, "BOOT1", "pulled down by the board"),
 ];
 
-/// The `MODER` of `port` after this table, from its value `before`: 0 input, 1 output, 3 analogue.
+/// Value of `port`'s `MODER` for this table, from its value `before`: 0 input, 1 output, 3
+/// analogue.
 #[must_use]
 pub const fn moder(pins: &[Pin], port: u8, before: u32) -> u32 {
     let mut moder = before;

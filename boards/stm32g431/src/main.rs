@@ -131,7 +131,7 @@ async fn session(
 
 /// Handles the read of a flash word that a power cut damaged.
 ///
-/// The ECC finds two wrong bits and reading continues (RM0440 §3.3.8); the store rejects such a
+/// The ECC finds two wrong bits and reading continues (RM0440 §3.3.8); the store handles such a
 /// word.
 #[exception]
 unsafe fn NonMaskableInt() {

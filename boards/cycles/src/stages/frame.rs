@@ -1,4 +1,4 @@
-//! A whole scan, from codes to wire bytes, as the session does it.
+//! Stages of a whole scan, from codes to wire bytes, as the session runs it.
 
 use core::hint::black_box;
 
@@ -15,7 +15,7 @@ use taxel::wire::{MAX_PACKET, pack_frame};
 use crate::Meter;
 use crate::host::Inputs;
 
-/// A packet.
+/// Packet on the wire.
 pub struct Packet {
     bytes: [u8; MAX_PACKET],
     length: usize,
@@ -35,7 +35,7 @@ impl Serialize for Packet {
     }
 }
 
-/// An instrument that has seen the first of the scans, so that its gate has made up its mind.
+/// Instrument whose contact gate has settled on the first scans.
 fn warm(record: &[u8], fields: Fields, scans: impl Iterator<Item = Scan>) -> Instrument {
     let mut instrument = instrument(record, fields, None);
     for scan in scans.take(8) {
@@ -44,7 +44,7 @@ fn warm(record: &[u8], fields: Fields, scans: impl Iterator<Item = Scan>) -> Ins
     instrument
 }
 
-/// An instrument that streams every scan, and has been `asked` for more.
+/// Instrument that streams every scan, after the commands in `asked`.
 pub fn instrument(
     record: &[u8],
     fields: Fields,
@@ -60,7 +60,7 @@ pub fn instrument(
         tick_hz: 0,
     });
     let mut store = Store::new(RamFlash::new([0; RamFlash::SIZE]));
-    // Refused only where the stages end before they begin: the record was read once already.
+    // The record was read once already, so that installing it cannot fail.
     let _ = instrument.install(record, &mut store);
     let commands =
         [Command::SetRate { hz: SCAN_HZ }, Command::SetFields(fields), Command::Stream(true)];
@@ -81,11 +81,11 @@ pub fn whole(instrument: &mut Instrument, scan: &Scan, packet: &mut Packet) {
     }
 }
 
-/// With the net and the sensors' own sections; what the others cost has stages of its own.
+/// Stages with the net and the sensors' own sections; other sections have their own stages.
 pub fn stages(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl Meter) {
     let plain = Calibration { model: None, slip: None, array: None, ..calibration.clone() };
     let mut buffer = [0; MAX_BYTES];
-    // Refused, it leaves nothing to measure, and whoever measures will say so.
+    // A rejected record leaves nothing to measure, and the meter's owner reports that.
     let Ok(record) = plain.to_bytes(&mut buffer) else { return };
     let mut packet = Packet::EMPTY;
     let out = &mut packet;

@@ -1,4 +1,4 @@
-//! The model of the skin: which single touch makes these signals.
+//! Stages of the model of the skin, which finds the single contact behind the signals.
 
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::inverse::{Curves, Inverse, InverseState};
@@ -7,10 +7,10 @@ use taxel::scan::TAXELS;
 
 use crate::Meter;
 
-/// Millimetres a signal of one, about what a finger's curves begin with.
+/// Millimetres per unit of signal, about the initial value of a finger's curves.
 const GAP: f32 = -4.0;
 
-/// A point load on a half-space 2.5 mm deep, with every term there to be computed.
+/// Model of a point load on a half-space 2.5 mm deep, with every term used.
 fn model() -> Inverse {
     let normal = Radial {
         depth: [6.25, 2.0],

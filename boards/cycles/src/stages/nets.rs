@@ -1,4 +1,4 @@
-//! Models of every shape that the papers and the trainer use, by the names that the trainer gives them.
+//! Stages of all shapes of models in the papers and the trainer, with the trainer's names.
 
 use heapless::{String, Vec};
 use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
@@ -9,17 +9,18 @@ use crate::Meter;
 
 /// Components of a force.
 const OUTPUTS: usize = 3;
-/// Of all weights.
+/// Seed of all weights.
 const SEED: u32 = 0x2545_f491;
-/// No signal in contact is larger.
+/// Largest signal in contact.
 const LARGEST: f32 = 0.6;
-/// Each signal, its square and its cube.
+/// Terms of the cubic model: each signal, its square and its cube.
 const CUBIC: usize = 3 * TAXELS;
-/// Each signal and each product of two.
+/// Terms of the quadratic model: each signal and each product of two.
 const QUADRATIC: usize = TAXELS + TAXELS * (TAXELS + 1) / 2;
 
-/// Weights for a model whose cost is wanted. What they are does not matter to the cost, only that the
-/// units work where tanh bends.
+/// Generator of weights for the measured models.
+///
+/// The values do not change the cost as long as the units work where tanh bends.
 struct Weights(u32);
 
 impl Weights {
@@ -53,7 +54,7 @@ impl Weights {
         ForceNet::new(&layers).unwrap_or_default()
     }
 
-    /// A net of the shape of another with any bits for weights.
+    /// Net of the same shape with random bits as weights.
     fn wild(&mut self, like: &QuantisedNet) -> QuantisedNet {
         let mut wild = like.clone();
         for group in &mut wild.hidden {
@@ -66,7 +67,7 @@ impl Weights {
         wild
     }
 
-    /// Mostly such as a finger has; an eighth of them such as none should have.
+    /// Signals of a finger, an eighth of them extreme values.
     fn signals(&mut self) -> [f32; TAXELS] {
         const EXTREME: [f32; 16] = [
             0.0,
@@ -121,12 +122,12 @@ impl Shape {
     }
 }
 
-/// [DeMaria2011]'s net for three components of the force, whose cost is compared with other people's.
+/// Net of [DeMaria2011] for three force components, compared with other libraries.
 pub fn papers_net() -> ForceNet {
     Weights(SEED).net(Shape { hidden: 16, outputs: OUTPUTS, skip: false })
 }
 
-/// The same in 16 bits.
+/// Net of [`papers_net`] in 16 bits.
 pub fn papers_net_quantised() -> Option<QuantisedNet> {
     QuantisedNet::new(&papers_net(), LARGEST)
 }
@@ -150,7 +151,7 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
     in_every_bit(meter);
 }
 
-/// The paper's own, a straight line, and three components by nets of every width that is charted or judged.
+/// Shapes: the paper's own, a linear map, and nets of every width that is charted or judged.
 fn shapes() -> impl Iterator<Item = Shape> {
     let papers = Shape { hidden: 12, outputs: 1, skip: false };
     let linear = Shape { hidden: 0, outputs: OUTPUTS, skip: true };
@@ -165,8 +166,9 @@ fn shapes() -> impl Iterator<Item = Shape> {
 const BATCH: usize = 32;
 const BATCHES: u32 = 12;
 
-/// Nets in 16 bits are the same on the core and on the host to the bit, whatever they are given: those that a
-/// record may hold, and those that none may, of whose sums nobody has proved that they fit.
+/// Compares 16-bit nets on the core and the host bit for bit, on any signals.
+///
+/// They are nets that a record may hold, and nets that none may, whose sums can overflow.
 fn in_every_bit(meter: &mut impl Meter) {
     let mut weights = Weights(SEED);
     let mut seed = SEED;
@@ -230,7 +232,7 @@ fn polynomials(
     );
 }
 
-/// A linear map of some terms.
+/// Linear map of some terms.
 fn line(weights: &[f32], terms: &[f32]) -> [f32; OUTPUTS] {
     let mut y = [0.0; OUTPUTS];
     let layers = Layers {

@@ -1,4 +1,4 @@
-//! Stages of the sensors of other papers: line of four, feeler, columns.
+//! Stages of other papers' sensors: line of four, feeler, columns.
 
 use taxel::measured::NoValue;
 use taxel::scan::TAXELS;

@@ -1,6 +1,8 @@
-//! The most that a frame can cost the product: a record of every section that its firmware reads, each at
-//! its dearest, and a scene that has all of them at work. What begins with `product: ` must fit half a frame
-//! at 4 kHz (`cargo xtask cycles`, `host-tools/xtask`); every field of every scan is more than USB carries.
+//! Stages of the costliest frame of the product.
+//!
+//! The record has every section that the firmware reads, each in its costliest form, and the scene
+//! uses all of them. Stages named `product: …` must fit half a frame at 4 kHz (`cargo xtask
+//! cycles`, `host-tools/xtask`). Every field of every scan exceeds USB's rate.
 
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::estimate::array::{Array, WrenchMethod};
@@ -18,24 +20,24 @@ use super::frame::{Packet, instrument, whole};
 use crate::Meter;
 use crate::host::Inputs;
 
-/// Between two scans, in microseconds.
+/// Time between two scans, microseconds.
 const PERIOD: u64 = 250;
-/// Scans until the ear for vibration knows its floor and listens to all that it can hear, and more.
+/// Scans without contact, enough for the vibration detector to learn its noise floor and band.
 const UNTOUCHED: usize = 220;
 const TOUCHED: usize = 138;
-/// What the chip's thermometer says.
+/// Code of the chip's temperature sensor.
 const ROOM: Code = Code(15_000);
 
-/// The dearest record of the finger that `calibration` is of: it says the same, in the longest way.
+/// Costliest record with the content of `calibration`.
 #[must_use]
 pub fn dearest(calibration: &Calibration) -> Calibration {
     let sums = WrenchMethod::Matrix(as_matrix(calibration));
     Calibration {
         force: calibration.force.as_ref().map(widest),
-        // No stored record has room for it beside such a net, and the product goes without it.
+        // No record has room for it together with such a net, and the product lacks it.
         model: None,
         slip: Some(Slip::usual(0.5)),
-        // The product's image is built without it, for want of flash.
+        // The product's image lacks it, because its flash is full.
         warmth: None,
         array: Some(Array {
             method: sums,
@@ -47,7 +49,7 @@ pub fn dearest(calibration: &Calibration) -> Calibration {
     }
 }
 
-/// The same net with as many units as fit, and a skip path that adds nothing.
+/// Equivalent net with as many units as fit, and a linear bypass that adds nothing.
 fn widest(net: &ForceNet) -> ForceNet {
     let times = (MAX_HIDDEN / net.units.len().max(1)).max(1);
     let share = 1.0 / times as f32;
@@ -59,7 +61,7 @@ fn widest(net: &ForceNet) -> ForceNet {
     }
 }
 
-/// The sum of the sensors' wrenches, one signal after the other.
+/// Sum of the sensors' wrenches as a matrix of signals.
 fn as_matrix(calibration: &Calibration) -> WrenchMatrix {
     let mut matrix = WrenchMatrix::default();
     for (i, sensor) in calibration.sensors.iter().enumerate() {
@@ -82,7 +84,7 @@ fn as_matrix(calibration: &Calibration) -> WrenchMatrix {
     matrix
 }
 
-/// Nothing, then one touch after the other, then nothing, as fast as the product scans.
+/// Scans at the product's rate: no contact, then contacts, then no contact.
 fn scene<'a>(inputs: &Inputs<'a>) -> impl Iterator<Item = Scan> + Clone + use<'a> {
     let free = inputs.free();
     let untouched = free.clone().cycle().take(UNTOUCHED);
@@ -95,9 +97,10 @@ fn scene<'a>(inputs: &Inputs<'a>) -> impl Iterator<Item = Scan> + Clone + use<'a
 
 pub fn stages(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl Meter) {
     let mut buffer = [0; MAX_BYTES];
-    // Refused, it leaves nothing to measure, and whoever measures will say so.
+    // A rejected record leaves nothing to measure, and the meter's owner reports that.
     let Ok(record) = dearest(calibration).to_bytes(&mut buffer) else { return };
-    // A method of its own point beside net and array, and it is the dearer one; and all signals smoothed.
+    // The costlier method for the contact point, which runs in addition to net and array; and all
+    // signals filtered.
     let usual = [Command::SetPointMethod(PointMethod::ArgMin), Command::SetFilter { hz: 300 }];
     let mut packet = Packet::EMPTY;
     let self_test = Command::SelfTest { scans: taxel::self_test::MOST_SCANS };

@@ -1,5 +1,6 @@
-//! What a touch asks for beside the model of one contact: two contacts, the force sensors as one, slip. What the coefficients are
-//! does not matter to the cost, only that a touch is found.
+//! Stages of a contact besides the model of one contact: two contacts, the array, slip.
+//!
+//! The coefficients do not change the cost, as long as a contact is found.
 
 use taxel::calibration::Calibration;
 use taxel::condition::Signals;
@@ -19,7 +20,7 @@ use taxel::units::{Micros, Millimetres};
 
 use crate::Meter;
 
-/// A skin of 2.5 mm under a point load, that grows blunter with the force.
+/// Skin of 2.5 mm under a point load that grows blunter with the force.
 const SKIN: Field = Field {
     normal: Radial {
         depth: [6.25, 2.0],
@@ -42,7 +43,7 @@ fn model() -> Inverse {
     }
 }
 
-/// A contact of half a newton that wanders over the pad, a tenth of a millimetre a frame.
+/// Contact of 0.5 N that moves over the pad, 0.1 mm per frame.
 fn loads() -> impl Iterator<Item = Load> + Clone {
     (0..64u8).map(move |i| Load {
         size: 0.8,
@@ -56,7 +57,7 @@ fn sunk(load: &Load) -> [f32; TAXELS] {
     TAXEL_CENTRES.map(|centre| around.sheared(centre.map(|c| c.0)).0)
 }
 
-/// Two contacts across the middle from each other.
+/// Two contacts on opposite sides of the middle.
 fn pairs() -> impl Iterator<Item = [f32; TAXELS]> + Clone {
     loads().map(|load| {
         let mut u = sunk(&load);
@@ -190,7 +191,7 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
     });
 }
 
-/// The three forms of the limit surface on the same tractions.
+/// Stages of the limit surface's three forms on the same tractions.
 fn limit_surface_stages(tractions: impl Iterator<Item = Traction> + Clone, meter: &mut impl Meter) {
     let mut surface = LimitSurface {
         curve: [1.0, 1.01, 1.02, 1.02, 1.01, 1.0, 1.0, 1.0, 1.0],

@@ -1,5 +1,6 @@
-//! What a scan costs a finger that has everything a default fit writes, a stage for each kind of scene: the whole
-//! way from codes to wire bytes, from the first scan on that is of the kind.
+//! Stages of a finger with everything a default fit writes, one for each kind of scene.
+//!
+//! They measure the path from codes to wire bytes, from the first scan of the kind on.
 
 use taxel::frame::Fields;
 use taxel::scan::Scan;
@@ -10,19 +11,19 @@ use crate::Meter;
 use crate::host::{Whole, scans};
 use crate::kinds::{KINDS, Kind};
 
-/// Between two scans, in microseconds: the runs' own rate.
+/// Time between two scans of the runs, microseconds.
 const PERIOD: u64 = 1000;
-/// Scans until the ear for vibration knows its floor, and more.
+/// Scans without contact, more than the vibration detector needs to learn its noise floor.
 const UNTOUCHED: usize = 220;
 
-/// Nothing for long enough, then the run.
+/// Scans without contact, then the run.
 fn scene<'a>(nothing: &'a [u8], run: &'a [u8]) -> impl Iterator<Item = Scan> + Clone + use<'a> {
     let untouched = scans(nothing).cycle().take(UNTOUCHED);
     let times = (0..).map(|i| Micros(PERIOD * i));
     untouched.chain(scans(run)).zip(times).map(|(scan, time)| Scan { time, ..scan })
 }
 
-/// How many scans come before the first of the kind.
+/// Number of scans before the first one of the kind.
 fn before(kind: &Kind, record: &[u8], mut scans: impl Iterator<Item = Scan>) -> Option<usize> {
     let mut instrument = instrument(record, Fields::ESTIMATES, None);
     let mut number = 0..;
@@ -38,7 +39,7 @@ pub fn stages(inputs: &Whole<'_>, meter: &mut impl Meter) {
     let mut packet = Packet::EMPTY;
     for (kind, run) in KINDS.iter().zip(inputs.runs) {
         let scans = scene(nothing, run);
-        // A run that is not of its kind has no stage, and whoever measures will miss it.
+        // A run that is not of its kind has no stage, and its stage is missed in the report.
         let Some(before) = before(kind, inputs.record, scans.clone()) else { continue };
         let mut instrument = instrument(inputs.record, Fields::ESTIMATES, None);
         scans.clone().take(before).for_each(|scan| {

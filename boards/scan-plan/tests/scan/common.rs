@@ -1,13 +1,13 @@
-//! What the tests of both chips share.
+//! Helpers for the tests of both chips.
 
 use std::ops::Range;
 
 use taxel::scan::ScanSettings;
 
-/// From when to when.
+/// Stretch of time.
 pub type Span = Range<u64>;
 
-/// Settings all over what a user may ask for; many of them are refused.
+/// Grid over all settings that a user may ask for; many of them are refused.
 pub fn grid(oversamplings: &'static [u16]) -> impl Iterator<Item = ScanSettings> {
     let rates = (519..=8000).step_by(97).chain([1000, 2000, 4000, 5000]);
     rates.flat_map(move |scan_hz| {
@@ -21,7 +21,7 @@ pub fn grid(oversamplings: &'static [u16]) -> impl Iterator<Item = ScanSettings>
     })
 }
 
-/// True where any two spans meet when everything repeats after `period`.
+/// Whether any two spans overlap when all repeat after `period`.
 pub fn overlaps(spans: &[Span], period: u64) -> bool {
     let mut all: Vec<Span> = spans
         .iter()

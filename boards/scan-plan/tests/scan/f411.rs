@@ -1,5 +1,4 @@
-//! The STM32F411's plan, read back from its registers by RM0383's bit positions and played through on a
-//! time line.
+//! Tests of the STM32F411's plan: its registers are decoded by RM0383 and simulated on a time line.
 
 use crate::common::{Span, grid, overlaps};
 use scan_plan::f411::{ADC_HZ, INTERNAL_NS, Plan, READINGS, plan};
@@ -15,12 +14,12 @@ fn plans() -> impl Iterator<Item = (ScanSettings, Plan)> {
     grid(&[1]).filter_map(|settings| Some((settings, plan(settings).ok()?)))
 }
 
-/// `count` bits of `value` from bit `at` on.
+/// Bits `at` to `at + count` of `value`.
 fn bits(value: u32, at: u32, count: u32) -> u32 {
     value >> at & ((1 << count) - 1)
 }
 
-/// Samples of the inputs in turn, from `start`: when each is taken, and when it is converted. In ticks.
+/// Times in ticks of each input's sample and result, converted in turn from `start` on.
 pub fn conversions(plan: &Plan, inputs: &[u32], start: u32) -> Vec<(Span, u64)> {
     const CYCLES: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
     let mut now = u64::from(start) + 16;
@@ -47,14 +46,14 @@ pub fn regular(plan: &Plan) -> Vec<u32> {
     (0..=bits(plan.adc.sqr1, 20, 4)).map(place).collect()
 }
 
-/// With JL = 1 the two conversions are JSQ3 and JSQ4.
+/// Injected inputs; with JL = 1 the two conversions are JSQ3 and JSQ4.
 pub fn injected(plan: &Plan) -> [u32; 2] {
     assert_eq!(bits(plan.adc.jsqr, 20, 2), 1);
     [bits(plan.adc.jsqr, 10, 5), bits(plan.adc.jsqr, 15, 5)]
 }
 
 #[test]
-fn the_black_pill_reaches_five_and_a_half_kilohertz_and_runs_at_four() {
+fn black_pill_reaches_5674_hz_and_runs_at_4_khz() {
     assert_eq!(plan(DEFAULT).unwrap().step.scan_millihertz(), 4_000_000);
     let Err(Refusal::Scan { setting: ScanHz, low, high }) =
         plan(ScanSettings { scan_hz: u16::MAX, ..DEFAULT })
@@ -65,7 +64,7 @@ fn the_black_pill_reaches_five_and_a_half_kilohertz_and_runs_at_four() {
 }
 
 #[test]
-fn columns_then_midpoints_are_sampled_before_row_and_multiplexer_change() {
+fn inputs_are_sampled_before_the_next_pattern() {
     for (settings, plan) in plans() {
         let inputs = regular(&plan);
         assert_eq!(inputs, [1, 2, 3, 4, 5, 6, 7, 8]);
@@ -79,7 +78,7 @@ fn columns_then_midpoints_are_sampled_before_row_and_multiplexer_change() {
 }
 
 #[test]
-fn temperature_and_reference_take_turns_inside_the_settle_time() {
+fn internal_inputs_alternate_in_the_settle_time() {
     for (settings, plan) in plans() {
         assert_eq!(injected(&plan), [18, 17]);
         assert_eq!(bits(plan.adc.cr1, 12, 1), 1, "JDISCEN: one a trigger");

@@ -1,7 +1,7 @@
-//! The STM32G431's plan, read back from its registers as the reference manual describes them, and played
-//! through on a time line.
+//! Tests of the STM32G431's plan: its registers are decoded and simulated on a time line.
 //!
-//! The bit positions are those of the vendor's own register description (`stm32-metapac`), not ours.
+//! The bit positions are those of the vendor's register description (`stm32-metapac`), not the
+//! plan's.
 
 use crate::common::{Span, grid, overlaps};
 use scan_plan::g431::{
@@ -23,27 +23,26 @@ pub const DEFAULT: ScanSettings =
 /// Sampling times of `SMPR`, in half cycles (RM0440 §21.7.6).
 const HALVES: [u64; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
 
-/// Every plan of a grid of settings.
+/// Accepted plans of a grid of settings.
 fn plans() -> impl Iterator<Item = (ScanSettings, Plan)> {
     grid(&[1, 2, 4, 8, 16]).filter_map(|settings| Some((settings, plan(settings).ok()?)))
 }
 
-/// One conversion: which input, when its samples are taken, when its last result is there. In half
-/// timer ticks after the trigger.
+/// Conversion: its input, the times of its samples and of its last result, in half timer ticks.
 pub struct Conversion {
     pub input: u8,
     pub samples: Vec<Span>,
     pub end: u64,
 }
 
-/// What an ADC does after a trigger at `start` (half ticks), with `latency` half ADC cycles.
+/// Conversions of an ADC after a trigger at `start` (half ticks).
 fn conversions(
     inputs: &[u8],
     sample: impl Fn(u8) -> u8,
     ratio: u64,
     start: u64,
 ) -> Vec<Conversion> {
-    // Two half cycles of the ADC clock are four ticks: one is four half ticks.
+    // A half cycle of the ADC clock is two ticks, which are four half ticks.
     const HALF: u64 = 4;
     let mut now = start;
     inputs
@@ -83,7 +82,7 @@ fn regular(adc: &scan_plan::g431::Adc) -> Vec<u8> {
     all.take(usize::from(first.l()) + 1).collect()
 }
 
-/// Latency of a trigger in half ticks, at most: four ADC cycles.
+/// Greatest latency of a trigger in half ticks: four ADC cycles.
 const LATENCY: u64 = 4 * 8;
 
 pub struct Line {
@@ -92,7 +91,7 @@ pub struct Line {
     pub bridges: Vec<Conversion>,
 }
 
-/// The time line of one step, triggers at their latest.
+/// Time line of one step, with triggers at their latest.
 pub fn line(plan: &Plan) -> Line {
     let start = |compare: u32| u64::from(compare) * 2 + LATENCY;
     let jsqr = Jsqr(plan.adc1.jsqr);
@@ -115,7 +114,7 @@ pub fn line(plan: &Plan) -> Line {
 }
 
 #[test]
-fn the_default_scans_at_four_kilohertz_with_eight_samples_a_reading() {
+fn default_scans_at_4_khz_with_eight_samples() {
     let plan = plan(DEFAULT).unwrap();
     assert_eq!(plan.step.scan_millihertz(), 4_000_000);
     assert_eq!(plan.full_scale, 8 * 4095);
@@ -123,7 +122,7 @@ fn the_default_scans_at_four_kilohertz_with_eight_samples_a_reading() {
 }
 
 #[test]
-fn the_fastest_scan_is_over_nine_tenths_of_the_ceiling_of_its_settle_time() {
+fn fastest_scan_reaches_nine_tenths_of_settle_limit() {
     let wish = ScanSettings { scan_hz: u16::MAX, oversampling: 1, ..DEFAULT };
     let Err(Refusal::Scan { setting: ScanHz, high, .. }) = plan(wish) else {
         panic!("65 kHz are too fast")
@@ -137,7 +136,7 @@ fn the_fastest_scan_is_over_nine_tenths_of_the_ceiling_of_its_settle_time() {
 }
 
 #[test]
-fn columns_are_sampled_only_between_the_settle_time_and_the_next_row() {
+fn columns_are_sampled_settled_before_next_row() {
     for (settings, plan) in plans() {
         let light = u64::from(plan.timer.ccr1) * 2;
         let settled = light + u64::from(settings.settle_ns) * 340 / 1000;
@@ -151,7 +150,7 @@ fn columns_are_sampled_only_between_the_settle_time_and_the_next_row() {
 }
 
 #[test]
-fn a_and_c_are_sampled_on_the_first_amplifier_input_and_b_and_d_on_the_second_once_settled() {
+fn midpoints_are_sampled_on_settled_amplifiers() {
     for (settings, plan) in plans() {
         let turn = u64::from(plan.timer.ccr6) * 2;
         let settle = u64::from(AMPLIFIER_NS) * 340 / 1000;
@@ -175,11 +174,11 @@ fn a_and_c_are_sampled_on_the_first_amplifier_input_and_b_and_d_on_the_second_on
 }
 
 #[test]
-fn temperature_and_reference_are_sampled_long_enough_and_out_of_the_columns_way() {
+fn internal_inputs_are_sampled_before_the_columns() {
     for (settings, plan) in plans() {
         let Line { columns, internal, .. } = line(&plan);
         assert_eq!(internal.iter().map(|c| c.input).collect::<Vec<_>>(), [16, 18]);
-        // Triggers at their earliest for the columns, at their latest for the injected group.
+        // Earliest trigger for the columns, latest for the injected group.
         let begin = u64::from(plan.timer.ccr2) * 2;
         for conversion in &internal {
             let sample = &conversion.samples[0];
@@ -193,7 +192,7 @@ fn temperature_and_reference_are_sampled_long_enough_and_out_of_the_columns_way(
 }
 
 #[test]
-fn no_converter_is_asked_for_two_things_at_once() {
+fn conversions_of_a_converter_never_overlap() {
     for (settings, plan) in plans() {
         let Line { columns, internal, bridges } = line(&plan);
         let period = (u64::from(plan.timer.arr) + 1) * 2;
@@ -207,7 +206,7 @@ fn no_converter_is_asked_for_two_things_at_once() {
 }
 
 #[test]
-fn the_frame_interrupt_is_that_of_the_converter_that_is_done_last() {
+fn last_converter_raises_the_frame_interrupt() {
     let mut seen = [false; 2];
     for (settings, plan) in plans() {
         let Line { columns, bridges, .. } = line(&plan);
@@ -225,8 +224,9 @@ fn the_frame_interrupt_is_that_of_the_converter_that_is_done_last() {
 }
 
 #[test]
-fn a_load_of_680_ohms_settles_into_the_sampling_capacitor() {
-    // DS12589 table 67, fast channels: nanoseconds of sampling at least, for ohms at most.
+fn sampling_time_suits_a_load_of_680_ohms() {
+    // Least nanoseconds of sampling for a source of at most so many ohms (DS12589 table 67, fast
+    // channels).
     const TABLE: [(f64, f64); 5] =
         [(41.67, 100.0), (108.33, 330.0), (208.33, 680.0), (408.33, 1500.0), (791.67, 2200.0)];
     let plan = plan(DEFAULT).unwrap();
@@ -269,7 +269,7 @@ fn clocks_and_triggers_follow_the_reference_manual() {
 }
 
 #[test]
-fn the_timer_counts_steps_and_raises_its_triggers_on_its_compares() {
+fn timer_compares_raise_the_triggers() {
     for (_, plan) in plans() {
         let t = &plan.timer;
         assert!(Cr1Core(t.cr1).arpe() && !Cr1Core(t.cr1).cen(), "started last");
@@ -294,7 +294,7 @@ fn the_timer_counts_steps_and_raises_its_triggers_on_its_compares() {
 }
 
 #[test]
-fn the_dma_moves_five_patterns_and_two_frames_in_a_circle() {
+fn dma_circulates_five_patterns_and_two_frames() {
     let plan = plan(DEFAULT).unwrap();
     let word = |cr: Cr| (cr.psize().to_bits(), cr.msize().to_bits());
     for channel in [plan.patterns, plan.columns, plan.bridges] {
@@ -315,7 +315,7 @@ fn the_dma_moves_five_patterns_and_two_frames_in_a_circle() {
 }
 
 #[test]
-fn the_amplifiers_have_gain_sixteen_around_the_bias_and_two_inputs() {
+fn amplifiers_have_gain_16_and_two_inputs() {
     let amplifier = plan(DEFAULT).unwrap().amplifier;
     let csr = pac::opamp::regs::Csr(amplifier.csr);
     assert!(csr.opampen() && csr.opaintoen() && !csr.opahsm());
@@ -329,7 +329,7 @@ fn the_amplifiers_have_gain_sixteen_around_the_bias_and_two_inputs() {
 }
 
 #[test]
-fn what_cannot_be_had_is_refused_with_the_range_that_can() {
+fn invalid_settings_are_refused_with_a_range() {
     let refused = |change: fn(&mut ScanSettings)| {
         let mut settings = DEFAULT;
         change(&mut settings);
@@ -360,7 +360,7 @@ fn what_cannot_be_had_is_refused_with_the_range_that_can() {
 }
 
 #[test]
-fn the_ranges_of_a_refusal_are_exact() {
+fn refused_ranges_are_exact() {
     for oversampling in [1, 2, 4, 8, 16] {
         for settle_us in [18, 20, 27, 50, 100] {
             let with = |scan_hz: u32| {
@@ -382,7 +382,8 @@ fn the_ranges_of_a_refusal_are_exact() {
                     panic!("{wrong} ns is no settle time")
                 };
                 if with(low).is_err() {
-                    // No settle time is short enough for this rate; the slowest has room for these.
+                    // No settle time is short enough for this rate; the range is that of the
+                    // slowest.
                     assert!(matches!(with(low), Err(Refusal::Scan { setting: ScanHz, .. })));
                     continue;
                 }
@@ -398,12 +399,12 @@ fn the_ranges_of_a_refusal_are_exact() {
     else {
         panic!("no settling is refused")
     };
-    // Of a step of 50 µs the columns take 18.68 µs, from their trigger to their last sample.
+    // The columns take 18.68 µs of a step of 50 µs, from their trigger to their last sample.
     assert!((31_310..31_330).contains(&high), "{high}");
 }
 
 #[test]
-fn no_settings_at_all_overflow() {
+fn no_settings_overflow() {
     for scan_hz in [0, 1, 519, 4000, u16::MAX] {
         for oversampling in [0, 1, 2, 16, 17, u16::MAX] {
             for settle_ns in [0, 1, 26_500, u32::MAX / 2, u32::MAX] {

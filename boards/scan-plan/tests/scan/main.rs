@@ -1,4 +1,4 @@
-//! The plans against the chips' reference manuals, and the boards' pages against the plans.
+//! Tests of the plans against the chips' manuals, and of the boards' pages against the plans.
 
 mod common;
 mod f411;

@@ -1,4 +1,4 @@
-//! What the boards' pages say of pins and timing, checked against what the firmware is built from.
+//! Tests of the boards' pages: pins and timing must match the tables and plans of the firmware.
 //!
 //! `TAXEL_DRAW=1 cargo test --package scan-plan` draws the pictures again.
 
@@ -10,9 +10,9 @@ use scan_plan::{STEPS, Step};
 use crate::{f411, g431};
 use scan_plan::drawing::{Bar, Kind, Lane, Panel, svg};
 
-/// What USB full speed takes to fetch a frame, at worst.
+/// Longest time for USB full speed to fetch a frame, nanoseconds.
 const USB_NS: u64 = 150_000;
-/// From a result to its place in memory: three channels of the DMA that ask at once, 5 cycles each.
+/// Longest time from a result to memory in core cycles: three DMA channels at once, 5 cycles each.
 const DMA_CYCLES: u32 = 3 * 5;
 
 fn docs() -> PathBuf {
@@ -24,7 +24,7 @@ fn page(board: &str) -> String {
 }
 
 #[test]
-fn the_pin_tables_are_those_that_the_firmware_configures_from() {
+fn pages_match_the_firmwares_pin_tables() {
     for (board, pins) in [("stm32g431", &G431[..]), ("stm32f411", &F411[..])] {
         let page = page(board);
         let rows: Vec<_> = page.lines().filter(|line| line.starts_with("| P")).collect();
@@ -38,7 +38,7 @@ fn the_pin_tables_are_those_that_the_firmware_configures_from() {
 }
 
 #[test]
-fn the_pages_tables_and_drawings_of_a_step_are_the_plans() {
+fn pages_match_the_plans_times_and_drawings() {
     let product = product();
     let black_pill = black_pill();
     for (board, timing) in [("stm32g431", product), ("stm32f411", black_pill)] {
@@ -59,8 +59,9 @@ fn the_pages_tables_and_drawings_of_a_step_are_the_plans() {
     }
 }
 
-/// The number of cycles in a page's row of this name. What stands on the product's page is held against the
-/// emulated board by the emulator's tests.
+/// Number of cycles in a row of a board's page.
+///
+/// The emulator's tests compare the product's rows with the emulated board.
 fn cycles(board: &str, row: &str) -> u32 {
     let page = page(board);
     let line = page.lines().find(|line| line.starts_with(&format!("| {row} |")));
@@ -71,7 +72,7 @@ fn cycles(board: &str, row: &str) -> u32 {
 const FRAME_OF_ESTIMATES: &str = "**a frame of estimates**";
 
 #[test]
-fn the_other_boards_frame_costs_what_the_table_of_costs_and_the_products_interrupt_say() {
+fn black_pill_frame_cost_matches_its_parts() {
     let table = docs().join("../../host-tools/emulator/data/cycles.csv");
     let table = std::fs::read_to_string(table).unwrap();
     let stage = "\"product: the same while a bias is taken\",";
@@ -83,7 +84,7 @@ fn the_other_boards_frame_costs_what_the_table_of_costs_and_the_products_interru
 }
 
 #[test]
-fn the_other_boards_core_keeps_up_at_the_rates_that_its_page_states() {
+fn black_pill_keeps_up_at_stated_rates() {
     let clock = scan_plan::f411::CLOCK_HZ;
     let rows = [
         ("all that the core does, mean of a frame", "mean, every scan on the wire"),
@@ -97,7 +98,7 @@ fn the_other_boards_core_keeps_up_at_the_rates_that_its_page_states() {
         assert_eq!(stated, cycles("stm32g431", product));
         stated
     });
-    // With a twentieth to spare at the rates, and at the usual one a sixth.
+    // At the stated rates a twentieth is to spare, at the usual one a sixth.
     let all = cycles("stm32f411", "scan rate at which every scan can be on the wire");
     assert!(all * streaming < clock / 20 * 19, "{all} Hz");
     assert!(4000 * default < clock / 6 * 5 && 4000 * streaming > clock);
@@ -107,7 +108,7 @@ fn the_other_boards_core_keeps_up_at_the_rates_that_its_page_states() {
 }
 
 struct Timing {
-    /// What, from, to: nanoseconds within a step, or within two frames.
+    /// Rows of label, begin and end: nanoseconds within a step, or within two frames.
     table: Vec<(&'static str, u64, u64)>,
     panels: Vec<Panel>,
 }
@@ -120,7 +121,7 @@ fn product() -> Timing {
     let plan = scan_plan::g431::plan(g431::DEFAULT).unwrap();
     let step = plan.step;
     let line = g431::line(&plan);
-    // The line counts half ticks.
+    // The time line counts half ticks.
     let span = |conversions: &[g431::Conversion]| {
         let (first, last) = (conversions.first().unwrap(), conversions.last().unwrap());
         let ns = |halves: u64| u64::from(step.ns((halves / 2) as u32));
@@ -191,7 +192,7 @@ fn black_pill() -> Timing {
     let inputs = f411::regular(&plan);
     let all = f411::conversions(&plan, &inputs, plan.timer.ccr2);
     let (columns, midpoints) = (span(all[..4].to_vec()), span(all[4..].to_vec()));
-    // One of the two, in turn; both take as long.
+    // Temperature and reference alternate and take equally long.
     let internal = span(f411::conversions(&plan, &f411::injected(&plan)[..1], plan.timer.ccr3));
     let table = vec![
         (
@@ -251,7 +252,7 @@ fn step_panel(step: &Step, lanes: Vec<Lane>) -> Panel {
     }
 }
 
-/// What becomes of a frame while the next one is scanned, in nanoseconds.
+/// Times of a frame's processing during the next scan, in nanoseconds.
 struct After {
     period: u64,
     converted: u64,
@@ -261,7 +262,7 @@ struct After {
 }
 
 impl After {
-    /// `converted` is when the last result of a step is there.
+    /// Computes the times; `converted` is the end of a step's last conversion.
     fn new(board: &str, step: &Step, converted: u64) -> Self {
         let period = u64::from(step.ns(step.top + 1));
         let converted = (u64::from(STEPS) - 1) * period + converted;
@@ -280,7 +281,7 @@ impl After {
     }
 }
 
-/// A frame, and what becomes of it while the next one is scanned.
+/// Diagram of a frame, and of its processing during the next scan.
 fn frame_panel(after: &After, converted: [(&'static str, (u64, u64)); 2]) -> Panel {
     let After { period, complete, computed, fetched, .. } = *after;
     let steps = u64::from(STEPS);

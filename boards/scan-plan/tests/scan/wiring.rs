@@ -1,4 +1,4 @@
-//! Patterns, pins and settle time, on both boards.
+//! Tests of patterns, pins and settle time on both boards.
 
 use scan_plan::pins::{
     F411, F411_ROWS, F411_SELECT, G431, G431_ROWS, G431_SELECT, Mode, Pin, moder,
@@ -8,7 +8,7 @@ use scan_plan::{pattern, settle};
 #[test]
 fn each_step_lights_its_row_alone_and_selects_its_sensor() {
     for (rows, select) in [(G431_ROWS, G431_SELECT), (F411_ROWS, F411_SELECT)] {
-        // Whatever the port showed before.
+        // Any earlier state of the port.
         for before in [0u32, 0xFFFF, 0x5A5A] {
             for (step, word) in pattern::words(rows, select).into_iter().enumerate() {
                 let (set, reset) = (word & 0xFFFF, word >> 16);
@@ -27,7 +27,7 @@ fn each_step_lights_its_row_alone_and_selects_its_sensor() {
 }
 
 #[test]
-fn no_pin_is_used_twice_and_every_row_and_address_is_an_output_of_port_b() {
+fn pins_are_unique_and_rows_are_outputs() {
     for (pins, rows, select) in
         [(&G431[..], G431_ROWS, G431_SELECT), (&F411[..], F411_ROWS, F411_SELECT)]
     {
@@ -42,7 +42,7 @@ fn no_pin_is_used_twice_and_every_row_and_address_is_an_output_of_port_b() {
 }
 
 #[test]
-fn the_mode_register_changes_only_the_pins_of_the_table() {
+fn moder_changes_only_listed_pins() {
     let pin = |number, mode| Pin { port: 1, number, mode, function: "", role: "" };
     let pins = [pin(0, Mode::Analogue), pin(1, Mode::Output), pin(3, Mode::Other)];
     assert_eq!(moder(&pins, 1, 0b1010_1100), 0b1010_0111);
@@ -52,7 +52,7 @@ fn the_mode_register_changes_only_the_pins_of_the_table() {
 }
 
 #[test]
-fn an_sfh3010_settles_to_twelve_bits_in_26_and_a_half_microseconds() {
+fn sfh3010_settles_to_12_bits_in_26500_ns() {
     // τ = t_r / ln 9, and e^(−t/τ) = 2^−12.
     let exact = 7_000.0 / 9f64.ln() * 4096f64.ln();
     assert!((f64::from(settle::DEFAULT_NS) - exact).abs() < 2.0, "{exact}");
