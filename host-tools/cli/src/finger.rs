@@ -74,8 +74,8 @@ pub fn steady(port: Port, calibration: Option<Calibration>) -> ReconnectingClien
     ReconnectingClient::opened_by(port, move |port| open(port, calibration.as_ref()))
 }
 
-/// Returns the initial calibration of a scene's finger: the named file, else the own calibration of
-/// a built-in scene. The finger of another scene is another device and has none.
+/// Returns the initial calibration of a scene's finger. It is the named file, else the built-in
+/// scene's own. The finger of another scene is another device and has none.
 ///
 /// The file cannot be read or is no calibration.
 pub fn scene_calibration(

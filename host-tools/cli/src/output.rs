@@ -37,7 +37,7 @@ pub fn note(text: impl Display) {
     let _ = writeln!(io::stderr(), "{text}");
 }
 
-/// Runs `work` with a spinner on a terminal, for work of unknown length such as writing Parquet.
+/// Runs `work` of unknown length, such as writing Parquet, with a spinner on a terminal.
 pub fn waiting<T>(what: String, work: impl FnOnce() -> T) -> T {
     let bar = ProgressBar::new_spinner().with_message(what);
     bar.tick();

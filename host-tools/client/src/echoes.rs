@@ -10,8 +10,8 @@ use crate::steady::ReconnectingClient;
 /// Interval between measurements.
 const EVERY: Duration = Duration::from_secs(1);
 
-/// Measures the round trip once a second, in its own thread because the thread that takes frames
-/// must not wait. Dropping it stops it.
+/// Measures the round trip once a second in its own thread. A measurement waits for its reply,
+/// which the thread that takes frames must not. Dropping it stops the thread.
 pub struct RoundTrips {
     echoes: Receiver<Duration>,
     stop: Option<Sender<()>>,

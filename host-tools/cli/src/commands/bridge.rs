@@ -35,7 +35,8 @@ use graph::Namespace;
 /// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Publishes fingers, over Zenoh as ROS 2 nodes or live to Foxglove, until Ctrl-C or for a while.
+/// Publishes fingers as ROS 2 nodes over Zenoh, or live to Foxglove. Runs until Ctrl-C or the end
+/// of --duration.
 ///
 /// --zenoh: no ROS is needed here. A ROS 2 system with RMW_IMPLEMENTATION=rmw_zenoh_cpp shows the
 /// fingers in its graph: `ros2 topic list`, `ros2 topic echo /taxel/F_0042/wrench`. Each finger is

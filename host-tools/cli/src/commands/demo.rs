@@ -26,7 +26,7 @@ use crate::{output, stream};
 use live::Live;
 use score::{Accuracy, Score};
 
-/// Runs a virtual finger and shows its frames in the browser and here; needs no hardware.
+/// Runs a virtual finger and shows its frames in the browser and here, without hardware.
 ///
 /// The page is always served, and opened if there is a display.
 #[derive(clap::Args)]

@@ -12,7 +12,7 @@ use taxel_files::stretch::Stretch;
 use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite, waiting};
 
-/// Converts a recording, or a stretch of it, to another file format; recovers a damaged one.
+/// Converts a recording, or a stretch of it, to another format; recovers a damaged one.
 ///
 /// File names select the format: .mcap, .parquet or .csv. CSV keeps neither the calibration nor the
 /// reasons for missing values.

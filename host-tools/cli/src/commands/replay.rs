@@ -118,8 +118,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     ))
 }
 
-/// Builds the header of the frames: facts of the recording, with the calibration and fields used
-/// here.
+/// Builds the header of the frames. It has the recording's facts, with the calibration and fields
+/// used here.
 fn replayed(
     recorded: Header,
     args: &Args,
@@ -233,8 +233,8 @@ fn on_board(
     Ok(sink)
 }
 
-/// Returns the settings for an emulated board; an error for a bias taken on command, which a board
-/// averages from its own scans only.
+/// Returns the settings for an emulated board. A bias taken on command is an error, because a board
+/// averages its bias from its own scans only.
 fn settings(header: &Header, args: &Args) -> anyhow::Result<Settings> {
     if header.bias().is_some() {
         bail!(

@@ -20,8 +20,8 @@ pub struct Args {
     /// Frames a second; the finger uses the nearest possible rate.
     #[arg(long, value_name = "HZ", group = "settings")]
     rate: Option<u16>,
-    /// Low-pass on forces and contact points: −3 dB frequency of the second-order filter in hertz,
-    /// 0 for none.
+    /// Low-pass on forces and contact points: frequency of −3 dB in hertz, 0 for none. The filter
+    /// is of second order.
     #[arg(long, value_name = "HZ", group = "settings")]
     filter: Option<u16>,
     #[arg(long, value_name = "LIST", value_parser = fields::parse, group = "settings",

@@ -1,4 +1,4 @@
-//! Replay of a trace on the pins of an emulated board, read by the ordinary client. Converters,
+//! Replay of a trace on the pins of an emulated board, through the ordinary client. Converters,
 //! scan and USB take part.
 //!
 //! The board scans at the trace's rate and reads one of its scans each time. A trace slower than
@@ -86,8 +86,7 @@ impl Replay {
         self.full_scale
     }
 
-    /// Plays the trace: calls `frame` with a frame for each scan, in order, until the callback
-    /// breaks.
+    /// Plays the trace: calls `frame` for each scan, in order, until the callback breaks.
     ///
     /// Frame times are the board's own, from the trace's first time on.
     ///

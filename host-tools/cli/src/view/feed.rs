@@ -78,8 +78,8 @@ impl Feed {
         }
     }
 
-    /// Creates a feed that shows the frames given to the [`Tap`], for a finger that this program
-    /// streams elsewhere.
+    /// Creates a feed that shows the frames given to its [`Tap`]. The finger streams to another
+    /// part of this program.
     ///
     /// The finger does not reply.
     pub fn tapped(
@@ -135,7 +135,7 @@ fn facts(client: &Client, info: &Info) -> Value {
     }))
 }
 
-/// Adds the facts that hold for every finger: names of fields and flags, positions of the taxels.
+/// Adds the facts common to all fingers: fields, flags, positions of the taxels.
 fn page_facts(mut facts: Value) -> Value {
     facts["field_names"] = FIELDS.iter().map(|field| field.name).collect();
     facts["flags"] = BITS.iter().map(|bit| json!([bit.status.0, bit.name])).collect();

@@ -33,8 +33,7 @@ pub(crate) struct Link {
     pub(crate) lost: u64,
     /// Last round-trip time.
     pub(crate) echo: Option<Duration>,
-    /// Device clock: rate over the host's in ppm, once known, and the error bound of its time on
-    /// this host.
+    /// Device clock: rate over the host's in ppm, once known, and error bound on this host.
     pub(crate) clock: Option<(Option<f64>, Duration)>,
 }
 

@@ -56,7 +56,7 @@ impl Spectrum {
         self.samples.len() as f32 / LENGTH as f32
     }
 
-    /// Returns the step between lines in hertz, and the amplitude of each line up to half the rate.
+    /// Returns the step between lines in hertz, and each line's amplitude up to half the rate.
     /// Amplitudes are in the channel's unit: a sine of amplitude 1 has a line of 1. The mean is
     /// subtracted, and a Hann window applied.
     pub(crate) fn lines(&self) -> Option<(f64, Vec<f32>)> {

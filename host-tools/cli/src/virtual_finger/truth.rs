@@ -22,8 +22,8 @@ impl TruthLog {
         log.push_back((time, truth));
     }
 
-    /// Returns the truth at `time` and drops all before it; call in the order of time, as frames
-    /// come.
+    /// Returns the truth at `time` and drops all before it. Calls must be in the order of time, as
+    /// frames come.
     #[must_use]
     pub fn take(&self, time: Micros) -> Option<Truth> {
         let mut log = self.0.lock().unwrap_or_else(PoisonError::into_inner);

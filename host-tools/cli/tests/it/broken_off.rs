@@ -1,4 +1,4 @@
-//! Tests of interrupted commands, which must leave whole files: a fit by Ctrl-C, an upload by a
+//! Tests that interrupted commands leave whole files. Fits are interrupted by Ctrl-C, uploads by a
 //! pulled cable.
 
 use std::collections::BTreeMap;
@@ -33,7 +33,7 @@ fn write_table(folder: &Path) {
     std::fs::write(folder.join("long.csv"), text).unwrap();
 }
 
-/// Processor time of a child, a measure of its progress that does not depend on the machine's load.
+/// Processor time of a child, a measure of its progress independent of other load.
 fn worked(child: &Child) -> Duration {
     let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap_or_default();
     let after_name = stat.rsplit(')').next().unwrap_or_default();
@@ -212,8 +212,7 @@ fn cable(finger: &str, most: [u64; 2], then: Then) -> Cable {
     Cable { carried: thread::spawn(carry), port, ended }
 }
 
-/// Finger with a calibration, a new one in the file `new.toml`, and the bytes each way of a whole
-/// upload.
+/// Finger with a calibration, a new one in `new.toml`, and the bytes of a whole upload.
 struct Upload<'f> {
     folder: In<'f>,
     old: Calibration,

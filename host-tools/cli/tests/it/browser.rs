@@ -158,10 +158,10 @@ fn page_shows_stream_values_and_every_peak() {
     assert!(least < 16.7, "{least} ms");
 }
 
-/// A browser with nothing to do draws 60 times a second, and the page must keep nine tenths of that
-/// rate. The empty browser is measured just before and after. This bound holds on an idle machine:
-/// the round counts only if others took less than a quarter of a processor. On every machine, 60
-/// drawings with all their work must fit into two processors, without a graphics card.
+/// Measures the rate of drawing: nine tenths of an empty browser's 60 Hz. The empty browser is
+/// measured just before and after. This bound holds on an idle machine: the round counts only if
+/// others took less than a quarter of a processor. On every machine, 60 drawings with all their
+/// work must fit into two processors, without a graphics card.
 #[test]
 fn a_4_khz_stream_is_drawn_60_times_a_second() {
     let folder = tempfile::tempdir().unwrap();

@@ -14,8 +14,8 @@ use crate::common::{self, In, json};
 /// Largest error of a code, in steps: 0.5 for the trace's rounding, 1 for incomplete settling.
 const OFF_STEPS: f32 = 1.5;
 
-/// Writes the virtual finger's calibration twice: whole for the board, and for the host as an image
-/// without the model of the skin reads it. Returns both names.
+/// Writes the virtual finger's calibration for the board and for the host, and returns both names.
+/// The board's is whole. The host's has no model of the skin, as the board's image reads it.
 fn calibrations(folder: &Path) -> [&'static str; 2] {
     let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/virtual-finger.cal.toml");
     let calibration = taxel_files::calibration::read(shipped).unwrap();
@@ -25,8 +25,8 @@ fn calibrations(folder: &Path) -> [&'static str; 2] {
     [shipped, "read.toml"]
 }
 
-/// Returns a recording's rows without the first, whose frame is flagged as the board's first, and
-/// the index of their status.
+/// Returns a recording's rows without the first, and the index of their status. The first frame is
+/// flagged as the board's first.
 fn rows(path: &Path) -> (Vec<Vec<Cell>>, usize) {
     let recording = Recording::open(path).unwrap();
     let status = recording.position("status").unwrap();
@@ -130,8 +130,8 @@ fn emulated_faults_are_flagged_as_on_this_machine() {
     }
 }
 
-/// Replays a trace slower than the board's 519 Hz minimum, so that the board reads each scan
-/// several times.
+/// Replays a trace slower than the board's minimum of 519 Hz. The board reads each scan several
+/// times.
 #[test]
 fn emulated_slow_trace_takes_as_long_as_it_lasts() {
     let folder = tempfile::tempdir().unwrap();

@@ -17,8 +17,8 @@ fn asset() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/virtual-finger.cal.toml")
 }
 
-/// Fits on a load cell with an error of 6 mN, as in [Ospina2017], and evaluates on other forces by
-/// the truth. A recording's own reference would add its errors to the sensor's.
+/// Fits on a load cell with an error of 6 mN, as in [Ospina2017]. Evaluates on other forces by the
+/// truth, because a recording's own reference would add its errors to the sensor's.
 #[test]
 fn fit_errs_less_than_its_load_cell() {
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/scenes");
@@ -298,7 +298,7 @@ fn trace_has_thermometer_if_scene_has_temperature() {
     }
 }
 
-/// Simulates ten by twelve feelers through sixteen channels: a scan is one feeler, 120 scans are
+/// Simulates ten by twelve feelers through sixteen channels. A scan is one feeler, 120 scans are
 /// the sheet.
 #[test]
 fn feeler_sheet_sums_to_its_force() {

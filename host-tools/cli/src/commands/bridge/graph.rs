@@ -1,4 +1,4 @@
-//! Names, keys, liveliness tokens and attachments as rmw_zenoh expects them. rmw_zenoh is the
+//! Names, keys, liveliness tokens and attachments in the format of rmw_zenoh. This is the
 //! middleware of ROS 2 systems on Zenoh. Source of every format: its design document, sections
 //! "Topic and Service name mapping", "Graph Cache" and "Publishers".
 

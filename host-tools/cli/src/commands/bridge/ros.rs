@@ -15,7 +15,7 @@ use taxel::measured::{Measured, NoValue};
 use taxel::scan::SENSORS;
 use taxel::units::Newtons;
 
-/// Message type: its DDS name and the hash of its definition (REP 2016), both part of every key.
+/// Message type, part of every key: DDS name and hash of the definition (REP 2016).
 pub struct Type {
     pub name: &'static str,
     pub hash: &'static str,

@@ -11,11 +11,11 @@ use super::data::{self, Aligned};
 use super::now;
 use crate::output;
 
-/// Updates a calibration from a few presses of known weight, with the finger in its place.
+/// Updates a calibration from a few presses of known weight, without moving the finger.
 ///
-/// Bias, one gain per taxel (for the net and the model of the skin alike) and one per row of each
-/// sensor's matrix are fitted again; all else stays. Three presses are the least; nine, spread over
-/// the finger, are better. Each recording must begin with 0.5 s without contact.
+/// Fitted again: bias, one gain per taxel (for the net and the model of the skin alike) and one per
+/// row of each sensor's matrix. All else stays. Three presses are the least; nine, spread over the
+/// finger, are better. Each recording must begin with 0.5 s without contact.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {

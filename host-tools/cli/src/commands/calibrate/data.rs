@@ -1,5 +1,5 @@
-//! Recordings read for the subcommands: whole, in stretches, or with a reference that another clock
-//! logged.
+//! Recordings for the subcommands: whole or in stretches, optionally with another clock's
+//! reference.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

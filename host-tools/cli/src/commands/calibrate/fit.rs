@@ -58,8 +58,8 @@ pub struct Args {
     /// else 12 for normal force alone, 16 with shear; found by --model auto].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
     hidden: Option<u8>,
-    /// Keep only the net, as [DeMaria2011] does: no model of the skin and no array of sensors in
-    /// the record.
+    /// Keep only the net, as [DeMaria2011] does. The record then has no model of the skin and no
+    /// array of sensors.
     #[arg(long)]
     net_only: bool,
     /// Number format of the net in the record: f32, or q15 (16 bits: less time on a Cortex-M4; the
@@ -128,7 +128,7 @@ impl Outcome {
 #[derive(Serialize)]
 struct Fit {
     part: String,
-    /// Targets of a table's model, whose names carry the units; empty for a finger's parts, which
+    /// Targets of a table's model, whose names carry the units. Empty for a finger's parts, which
     /// estimate forces.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     targets: Vec<String>,

@@ -1,4 +1,4 @@
-//! The demo's finger on an emulated board, which runs the flashed image with converters and USB.
+//! Demo finger on an emulated board: the flashed image with converters and USB.
 
 use std::ops::ControlFlow;
 

@@ -27,7 +27,7 @@ const ECHO: Duration = Duration::from_secs(1);
 const DRY: Duration = Duration::from_secs(2);
 /// Notice after a reconnect that lost the bias.
 const BIAS_LOST: &str = "the finger lost its bias; take it again";
-/// Scans averaged for a bias or a self-test: 0.25 s at 4 kHz, 1 s at 1 kHz.
+/// Scans averaged for a bias or a self-test. They take 0.25 s at 4 kHz, 1 s at 1 kHz.
 const SCANS: u16 = 1000;
 
 /// Starts the feed of a finger: one thread takes its frames, another executes the page's commands.

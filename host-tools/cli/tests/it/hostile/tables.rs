@@ -154,7 +154,7 @@ fn spreadsheet_formats_of_tables_are_read() {
     evaluate("all.toml", "long.csv");
 }
 
-/// Refuses q15 for tables: a finger's firmware runs its net in 16 bits, but no firmware runs a
+/// Refuses q15 for tables. A finger's firmware runs its net in 16 bits, but no firmware runs a
 /// table's.
 #[test]
 fn q15_is_refused_for_tables_before_work() {
