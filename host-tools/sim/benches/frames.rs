@@ -1,7 +1,7 @@
 //! Speed and accuracy on one core, with noise: `cargo bench -p taxel-sim`.
 //!
-//! It prints the frames per second of the built-in scenes, then every rung of the ladder on three
-//! scenes. A rung has its µs per frame in contact, and its worst error over the largest
+//! The bench prints the frames per second of the built-in scenes, then every rung of the ladder on
+//! three scenes. A rung has its µs per frame in contact, and its worst error over the largest
 //! displacement of a facet.
 
 use std::hint::black_box;

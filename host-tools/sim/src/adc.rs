@@ -18,7 +18,7 @@ use crate::seeds::{Purpose, stream};
 
 /// Noise of one conversion, one standard deviation: 0.8 of a 12-bit step.
 ///
-/// It is an assumption on the safe side: the sheet of the STM32F301 gives 66 dB for such a
+/// The value is an assumption on the safe side: the sheet of the STM32F301 gives 66 dB for such a
 /// converter, which is 0.67 steps besides the rounding.
 const CONVERSION: f64 = 0.8 * STEP;
 /// Step of one conversion.

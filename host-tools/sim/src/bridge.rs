@@ -24,8 +24,8 @@ const MISMATCH: f64 = 0.005;
 /// one.
 ///
 /// The common one, some 0.2 %/K for p-silicon, cancels in every midpoint. Between neighbours on one
-/// chip a hundredth of it is assumed to be left. It makes an offset drift of 10 µV/V per kelvin.
-/// [Ospina2017] keeps its temperature constant and gives none.
+/// chip a hundredth of it is assumed to be left. The remainder makes an offset drift of 10 µV/V per
+/// kelvin. [Ospina2017] keeps its temperature constant and gives none.
 const TCR_MISMATCH: f64 = 2e-5;
 /// Standard deviation of an off-diagonal term between axes, as a share of the other axis's force.
 const CROSSTALK: f64 = 0.03;
@@ -40,7 +40,7 @@ const REFERENCE_K: f64 = REFERENCE_C + ZERO_C;
 pub struct Bridge {
     /// Matrix from the force on the sensor to the force on its membrane.
     ///
-    /// It holds sensitivity and cross-talk, and is the identity for a perfect sensor.
+    /// The matrix holds sensitivity and cross-talk, and is the identity for a perfect sensor.
     taken: [[f64; 3]; 3],
     /// Resistances R1 … R8 at rest over their nominal value.
     rest: [f64; 8],

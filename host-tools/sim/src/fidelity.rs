@@ -81,8 +81,8 @@ pub struct Report {
     pub tolerance: f64,
     /// Evaluations for a disc on this rung.
     ///
-    /// On the half-space it is the number of point loads times the nodes of the facets; on the
-    /// framed layer, the number of table places or of terms of the series.
+    /// On the half-space the count is the number of point loads times the nodes of the facets; on
+    /// the framed layer, the number of table places or of terms of the series.
     pub evaluations: u64,
     /// Evaluations for a disc on the top rung.
     pub top_evaluations: u64,
@@ -281,8 +281,8 @@ impl Ladder {
 
     /// Error that the layer's table adds to every rung that reads it.
     ///
-    /// It depends on the position of a load between the places of the table, so that a few probes
-    /// are enough. The series takes too long for all of them.
+    /// The error depends on the position of a load between the places of the table, so that a few
+    /// probes are enough. The series takes too long for all of them.
     fn interpolation(&self, probes: &[Contacts]) -> f64 {
         const LOOKS: usize = 32;
         if matches!(self.support, Support::HalfSpace { .. }) {

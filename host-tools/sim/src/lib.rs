@@ -3,7 +3,8 @@
 //! The modules follow the light and the strain through the finger:
 //!
 //! - [`path`][]: position and force of the indenter, limited by friction;
-//! - [`contact`][]: displacement of each reflective facet, as finely as [`fidelity`] finds necessary;
+//! - [`contact`][]: displacement of each reflective facet, as finely as [`fidelity`] finds
+//!   necessary;
 //! - [`skin`][]: effects of rubber on that displacement;
 //! - [`optics`][]: light on each phototransistor;
 //! - [`response`][]: lag of the force sensors;

@@ -107,7 +107,7 @@ impl Optics {
 
     /// Whether a facet at `gap` mm is nearer than the peak of its pair's curve.
     ///
-    /// There the light falls with the gap.
+    /// Nearer than the peak, the light falls with the gap.
     #[must_use]
     pub fn wrong_side(gap: f64) -> bool {
         gap < PEAK_MM

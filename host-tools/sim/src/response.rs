@@ -53,7 +53,7 @@ impl Coating {
 
     /// Coefficients a₁ … a₄ of (a₁s + a₂)/(s² + a₃s + a₄).
     ///
-    /// They are from [Ospina2017] eq. (1.26), fig. 1.23, and eq. (1.25) in the same form.
+    /// The values are from [Ospina2017] eq. (1.26), fig. 1.23, and eq. (1.25) in the same form.
     #[must_use]
     pub fn coefficients(self) -> [f64; 4] {
         let critical = |t: f64| [0.0, 1.0 / (t * t), 2.0 / t, 1.0 / (t * t)];

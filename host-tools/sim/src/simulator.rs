@@ -123,7 +123,7 @@ impl Simulator {
         }
     }
 
-    /// How finely contact is computed, and the error of that.
+    /// Fidelity of the contact model, with the error that remains.
     ///
     /// `None` where no facet is displaced: on the bench or without the matrix.
     #[must_use]

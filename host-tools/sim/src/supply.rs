@@ -10,8 +10,8 @@ use crate::scene::{Effect, Scene};
 const NOMINAL_V: f64 = 5.0;
 /// Forward voltage of an infrared LED at some milliamperes; an assumption.
 ///
-/// It is 1.5 V at 100 mA, as is usual at 880 nm, less 0.15 V for a twentieth of the current (2kT/q
-/// a factor of e) and some for its resistance.
+/// The value is 1.5 V at 100 mA, as is usual at 880 nm, less 0.15 V for a twentieth of the current
+/// (2kT/q a factor of e) and some for its resistance.
 const FORWARD_V: f64 = 1.3;
 
 /// Supply of one run.

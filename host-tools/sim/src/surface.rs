@@ -40,7 +40,7 @@ impl Surface {
 
     /// Rotates a force along and across the normal into the finger's frame.
     ///
-    /// It is the shortest rotation that takes z to `normal`.
+    /// The rotation is the shortest that takes z to `normal`.
     #[must_use]
     pub fn turned(normal: [f64; 3], [p, q, n]: [f64; 3]) -> [f64; 3] {
         let [nx, ny, nz] = normal;

@@ -40,7 +40,7 @@ impl Case {
 
     /// Relative error of superposition at x, z with `n` points in each direction.
     ///
-    /// It is the larger of the errors of σ_zz and ε_zz.
+    /// The larger of the errors of σ_zz and ε_zz counts.
     #[must_use]
     pub fn error(self, skin: &HalfSpace, [x, z]: [f64; 2], n: usize) -> f64 {
         let (stress, strain) = self.closed(skin, x, z);

@@ -32,7 +32,7 @@ const BLOCK: usize = MOST_ALONG * MOST_ALONG;
 impl Facets {
     /// Creates the square facets of the 4×4 finger.
     ///
-    /// They have the side `facet_mm` and lie `depth_mm` below the surface of `skin`. Each is
+    /// The facets have the side `facet_mm` and lie `depth_mm` below the surface of `skin`. Each is
     /// averaged by a Gauss rule of `along` × `along` points (1 to 16).
     #[must_use]
     pub fn new(skin: HalfSpace, depth_mm: f64, facet_mm: f64, along: usize) -> Self {

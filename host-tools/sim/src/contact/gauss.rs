@@ -28,9 +28,9 @@ pub fn legendre(n: usize) -> Vec<(f64, f64)> {
 
 /// Gauss rule with `n` points for the weight arcosh(1/v)·v^power on (0, 1).
 ///
-/// It is exact for 1, v² … v^(4n − 2). The recurrence of the orthogonal polynomials in s = v² comes
-/// from Stieltjes's procedure. The weight is sampled by the double exponential rule, because its
-/// logarithm and its root do not disturb that rule.
+/// The rule is exact for 1, v² … v^(4n − 2). The recurrence of the orthogonal polynomials in s = v²
+/// comes from Stieltjes's procedure. The weight is sampled by the double exponential rule, because
+/// its logarithm and its root do not disturb that rule.
 pub fn arcosh(n: usize, power: f64) -> Vec<(f64, f64)> {
     let step = 1.0 / (4 * n + 32) as f64;
     let reach = (4.0 / step) as i32;

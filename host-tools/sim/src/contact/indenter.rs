@@ -118,8 +118,8 @@ impl Indenter {
     /// Depth in mm that the indenter sinks into the surface under `normal` newtons; `None` for a
     /// tip, which has no size.
     ///
-    /// Johnson §3.8, §4.2, §5.2. For a long indenter it is the depth at the middle, as the sum of
-    /// lines of its length.
+    /// Johnson §3.8, §4.2, §5.2. For a long indenter the result is the depth at the middle, as the
+    /// sum of lines of its length.
     #[must_use]
     pub fn indentation(&self, skin: &HalfSpace, normal: f64) -> Option<f64> {
         let modulus = skin.contact_modulus();

@@ -74,7 +74,7 @@ impl Layer {
 
     /// Mean displacement of each facet in mm, positive down, from the series.
     ///
-    /// It is slower than the table, without the error of interpolation.
+    /// The series is slower than the table, without the error of interpolation.
     #[must_use]
     pub fn exact_displacement<'a>(
         &self,

@@ -17,8 +17,8 @@ pub struct Hertz {
 impl Hertz {
     /// σ_zz in MPa at r from the axis and depth z (mm, z > 0).
     ///
-    /// It is −p₀ (z/√u)³ a²u/(u² + a²z²), with u the larger root of u² − (r² + z² − a²)u − a²z² = 0
-    /// (Huber 1904).
+    /// The stress is −p₀ (z/√u)³ a²u/(u² + a²z²), with u the larger root of u² − (r² + z² − a²)u −
+    /// a²z² = 0 (Huber 1904).
     #[must_use]
     pub fn stress(&self, r: f64, z: f64) -> f64 {
         let a2 = self.radius * self.radius;
@@ -66,7 +66,7 @@ impl Hertz {
 
     /// Potential integral ∫ p/ρ dA: Newton's potential of a disc that is denser in the middle.
     ///
-    /// It is ½πp₀a² ∫_u^∞ (1 − r²/(a² + s) − z²/s) ds/((a² + s)√s).
+    /// The integral is ½πp₀a² ∫_u^∞ (1 − r²/(a² + s) − z²/s) ds/((a² + s)√s).
     fn potential(&self, r: f64, z: f64) -> f64 {
         let (a, u) = (self.radius, self.u(r, z));
         let (a2, root) = (a * a, u.sqrt());

@@ -17,8 +17,8 @@ pub enum Round {
     Hertz,
     /// 1/√(1 − r²): the flat circular punch (Johnson §3.8).
     ///
-    /// It is also the shear of a contact that sticks all over, Q/(2πa)·(a² − r²)^−½. [TactileEnc]
-    /// eq. (3) prints three times that, which would carry 3Q.
+    /// The shear of a contact that sticks all over has the same form, Q/(2πa)·(a² − r²)^−½.
+    /// [TactileEnc] eq. (3) prints three times that, which would carry 3Q.
     Punch,
     /// arcosh(1/r): a blunt corner, taken as a cone (Johnson §5.2).
     Corner,
@@ -164,8 +164,8 @@ impl Patch {
 
     /// Superposed field at `at` (mm) of all point loads.
     ///
-    /// It is the sum of `field(force, from the load to at)` over the loads; an example of a field
-    /// is [`HalfSpace::stress`](super::HalfSpace::stress).
+    /// The result is the sum of `field(force, from the load to at)` over the loads; an example of a
+    /// field is [`HalfSpace::stress`](super::HalfSpace::stress).
     #[must_use]
     pub fn superpose(
         &self,

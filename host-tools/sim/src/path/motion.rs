@@ -87,10 +87,10 @@ impl Slide {
 
 /// Mass pulled over the skin by a spring whose other end moves at constant speed.
 ///
-/// It sticks until the spring pulls with μP, then slips with kinetic friction until it is at rest
-/// again. During slip the stretch e of the spring swings about e_k = μ_k P/k with ω = √(k/m): e =
-/// e_k + A cos ωt + v/ω sin ωt, A = (μ − μ_k)P/k. The mass is at rest again when tan(ωt/2) = −Aω/v,
-/// with e = e_k − A.
+/// The mass sticks until the spring pulls with μP, then slips with kinetic friction until it is at
+/// rest again. During slip the stretch e of the spring swings about e_k = μ_k P/k with ω = √(k/m):
+/// e = e_k + A cos ωt + v/ω sin ωt, A = (μ − μ_k)P/k. The mass is at rest again when tan(ωt/2) =
+/// −Aω/v, with e = e_k − A.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pulled {
     /// Stretch of the spring in mm.

@@ -46,8 +46,8 @@ impl Drawn {
 
     /// Load at `phase` 0 … 1 of the press's time.
     ///
-    /// It rests for a tenth at both ends. Force rises and falls without a hold, so that every force
-    /// up to the peak occurs. Shear begins later and ends earlier.
+    /// The press rests for a tenth at both ends. Force rises and falls without a hold, so that
+    /// every force up to the peak occurs. Shear begins later and ends earlier.
     pub(super) fn at(&self, phase: f64, grip: &Grip) -> Option<Load> {
         let normal = self.normal * pulse(phase - 0.1, 0.4, 0.0, 0.4);
         let shear = self.shear_of_limit * pulse(phase - 0.2, 0.2, 0.2, 0.2) * grip.mu * normal;

@@ -29,7 +29,7 @@ impl Grid {
 
 /// Distance in mm from the middle at which the edge of a step begins and ends.
 ///
-/// It is beyond the columns.
+/// Both ends lie beyond the columns.
 const EDGE_MM: f64 = 6.0;
 
 impl Plate {

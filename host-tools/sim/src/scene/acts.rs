@@ -68,8 +68,8 @@ pub struct Slide {
     pub rise_s: f64,
     /// Duration of the drag in seconds.
     ///
-    /// The contact sticks for a tenth of it at the beginning and at the end. With a spring it is
-    /// the time in which the stage goes from `from_mm` to `to_mm`.
+    /// The contact sticks for a tenth of it at the beginning and at the end. With a spring, the
+    /// duration is that of the stage's way from `from_mm` to `to_mm`.
     #[serde(deserialize_with = "ranges::seconds")]
     pub travel_s: f64,
     /// Time of release in seconds.

@@ -108,7 +108,7 @@ impl Scene {
         match &self.tolerance {
             Some(given) if self.fidelity() == Fidelity::Auto && self.tolerance() < least => {
                 let problem = format!(
-                    "{} is less than the layer with walls keeps itself; allowed are {least} to 0.5",
+                    "{} is below the error of the layer with walls; allowed are {least} to 0.5",
                     self.tolerance()
                 );
                 Err((given.span(), problem))

@@ -92,8 +92,8 @@ fn given_time_constant<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>
 impl Scene {
     /// Rise and fall time of the SFH 3010 in microseconds, from 10 % to 90 %.
     ///
-    /// The data sheet gives it at 1 mA, 5 V and 1 kΩ. It is assumed to hold at the smaller current
-    /// here, for which the sheet has no figure.
+    /// The data sheet gives it at 1 mA, 5 V and 1 kΩ. The value is assumed to hold at the smaller
+    /// current here, for which the sheet has no figure.
     const RISE_US: f64 = 7.0;
     /// Duration of one conversion of the STM32G431 in microseconds: 15 clocks (2.5 + 12.5) at 60
     /// MHz.
@@ -101,8 +101,8 @@ impl Scene {
 
     /// Time constant of a phototransistor on its load in microseconds.
     ///
-    /// It is the base capacitance times the load as the base sees it, so that it grows with the
-    /// load.
+    /// The constant is the base capacitance times the load as the base sees it, so that it grows
+    /// with the load.
     #[must_use]
     pub fn time_constant_us(&self) -> f64 {
         let of_load = || Self::RISE_US / 9f64.ln() * self.electronics.load_ohm / 1000.0;

@@ -6,7 +6,7 @@ use crate::ranges;
 
 /// `[light]`, as fractions of the converter's range at each column.
 ///
-/// They hold on a load of 1 kΩ amplified sixteenfold.
+/// The fractions hold on a load of 1 kΩ amplified sixteenfold.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Light {

@@ -19,9 +19,9 @@ const WIDEST_OF_RADIUS: f64 = 0.7;
 const DEEPEST: f64 = 0.7;
 /// Largest distance in mm by which a contact area may reach beyond the rim of the pad.
 ///
-/// It is the reach of 2 N, the working range of [DeMaria2011], on a sphere of 6 mm at the rim.
-/// There the model's skin goes on and a real one ends. A layer with walls repeats, with at least 10
-/// mm between.
+/// The value is the reach of 2 N, the working range of [DeMaria2011], on a sphere of 6 mm at the
+/// rim. There the model's skin goes on and a real one ends. A layer with walls repeats, with at
+/// least 10 mm between.
 const OVERHANG_MM: f64 = 3.0;
 
 /// Checks that acts and facets stay within the contact model.
@@ -125,7 +125,8 @@ impl Pressed<'_> {
 
     /// Describes the largest force that is `allowed` together with every smaller one.
     ///
-    /// It returns the key and its range. The force is in whole millinewtons, up to the act's.
+    /// The description is the key and its range. The force is in whole millinewtons, up to the
+    /// act's.
     fn largest(&self, allowed: impl Fn(f64) -> bool) -> String {
         let (mut low, mut high) = (0.0, self.act.reach().0);
         for _ in 0..40 {

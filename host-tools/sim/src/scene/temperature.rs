@@ -46,7 +46,8 @@ impl Temperature {
 /// Displacement at `celsius` over the displacement at the reference temperature, under the same
 /// force.
 ///
-/// It falls with temperature because the stiffness of a rubber grows with its absolute temperature.
+/// The ratio falls with temperature because the stiffness of a rubber grows with its absolute
+/// temperature.
 #[must_use]
 pub fn softness(celsius: f64) -> f64 {
     (REFERENCE_C + ZERO_C) / (celsius + ZERO_C)

@@ -132,7 +132,7 @@ pub(super) fn check(scene: &Scene) -> Result<(), Problem> {
         if matches!(kind, Kind::OhkaMicro | Kind::Mems3Axis) && way != [[0.0; 2]; 2] {
             let what = if kind == Kind::OhkaMicro { "feeler" } else { "force sensor" };
             let problem =
-                format!("this device is one {what}, at 0, 0; the force is put nowhere else");
+                format!("this device is one {what}, at 0, 0; put every contact point there");
             return Err((span, problem));
         }
         if kind == Kind::OhkaSheet {
@@ -164,7 +164,7 @@ fn on_columns(act: &Act, before: &[Act]) -> Result<(), String> {
     let Some(on) = column(act) else {
         let [x, y] = act.reach().1[0];
         return Err(format!(
-            "is put at {x}, {y} mm, where no column stands; their tips are at {} mm and {TIP_MM} mm in radius",
+            "is at {x}, {y} mm, where no column is; their tips are at {} mm and {TIP_MM} mm in radius",
             CENTRES.map(|[x, y]| format!("{x}, {y}")).join(" or ")
         ));
     };
@@ -176,7 +176,7 @@ fn on_columns(act: &Act, before: &[Act]) -> Result<(), String> {
     let sum = act.reach().0 + others;
     if others > 0.0 && sum > MOST_N {
         return Err(format!(
-            "brings the force on its column to {sum:.4} N, with what lasts until {until} s; the laws of this \
+            "brings the force on its column to {sum:.4} N, with contacts until {until} s; the laws of this \
              device hold up to {MOST_N} N: press with {:.4} N at most, or begin when the others have ended",
             (MOST_N - others).max(0.0)
         ));

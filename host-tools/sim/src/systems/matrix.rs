@@ -90,9 +90,9 @@ impl Matrix {
 
     /// Light of each taxel on its column while its row is lit.
     ///
-    /// It holds at a nominal supply and with LEDs at their reference temperature; the skin is
-    /// `warmer_k` above its own. Where one light serves all taxels, a missing LED acts as a missing
-    /// phototransistor.
+    /// The value holds at a nominal supply and with LEDs at their reference temperature; the skin
+    /// is `warmer_k` above its own. Where one light serves all taxels, a missing LED acts as a
+    /// missing phototransistor.
     pub fn light(&mut self, contacts: &Contacts, missing: Missing, warmer_k: f64) -> [f64; TAXELS] {
         let light = match &mut self.target {
             Target::Facets(facets) => return facets.light(contacts, missing, warmer_k),

@@ -76,7 +76,7 @@ fn frame_keeps_a_quarter_of_shear() {
     assert!(framed[k] * half_space[k] > 0.0, "{framed:?} {half_space:?}");
     let left = largest(framed) / largest(half_space);
     assert!((0.15..0.4).contains(&left), "{framed:?} {half_space:?}");
-    // It also fades faster, as the row farthest from the contact shows.
+    // Shear also fades faster, as the row farthest from the contact shows.
     let far = |shear: [f64; TAXELS]| shear[12..].iter().fold(0.0f64, |m, s| m.max(s.abs()));
     assert!(far(framed) / far(half_space) < 0.6 * left, "{framed:?} {half_space:?}");
 }

@@ -15,8 +15,8 @@ const PIXEL_UM: f32 = 160.0;
 
 /// Number of unloaded frames of a feeler's scene: its whole beginning.
 ///
-/// The noise that a bias keeps shifts every spot of the run, a weak one most. With 100 frames it is
-/// 0.035 µm under 2.2 mN, which is 7 % of the shear at which the feeler still sticks.
+/// The noise that a bias keeps shifts every spot of the run, a weak one most. With 100 frames the
+/// shift is 0.035 µm under 2.2 mN, which is 7 % of the shear at which the feeler still sticks.
 const UNLOADED: u16 = 450;
 
 /// Integral G and the centroid in µm of each frame.
@@ -297,7 +297,7 @@ fn sheet_picture_from_codes_is_its_pressure() {
 
 /// Fits β, K, α, γ of one law for all feelers.
 ///
-/// It is least squares in u over every scan, with α and γ by ever finer grids.
+/// The fit is least squares in u over every scan, with α and γ by ever finer grids.
 ///
 /// Rows weigh as their normal force, because a brighter spot has a more precise centroid.
 fn one_law(rows: &[(f64, f64, f64)]) -> [f64; 4] {

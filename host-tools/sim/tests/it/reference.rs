@@ -1,6 +1,6 @@
 //! `docs/scenes.md` against the parser: its example runs, and its tables match the parser.
 //!
-//! They must have every key, default and limit of the parser.
+//! The tables must have every key, default and limit of the parser.
 
 use std::collections::BTreeSet;
 

@@ -22,9 +22,9 @@ impl Bonded {
 
     /// u_z in mm at `at` (mm from the load, z within the layer) under a point load `force`.
     ///
-    /// It is the half-space's displacement, and the change by the bond as a Hankel transform: ∫
-    /// ΔW(k, z) J₀(kr) k dk/2π for the normal force and −x/r ∫ ΔW(k, z) J₁(kr) k dk/2π for the
-    /// tangential one. ΔW falls like e^{−k(2h − z)}, so that the integral is smooth.
+    /// The result is the half-space's displacement, and the change by the bond as a Hankel
+    /// transform: ∫ ΔW(k, z) J₀(kr) k dk/2π for the normal force and −x/r ∫ ΔW(k, z) J₁(kr) k dk/2π
+    /// for the tangential one. ΔW falls like e^{−k(2h − z)}, so that the integral is smooth.
     #[must_use]
     pub fn displacement(&self, force: [f64; 3], at: [f64; 3]) -> f64 {
         let [x, y, z] = at;
@@ -104,7 +104,7 @@ mod tests {
 
     /// Largest difference between bonded layer and half-space `depth` below a unit force.
     ///
-    /// It is relative to the largest displacement there.
+    /// The difference is relative to the largest displacement there.
     fn miss(thickness: f64, force: [f64; 3]) -> f64 {
         let (skin, depth) = (skin(), 2.5);
         let layer = Bonded::new(skin, thickness);

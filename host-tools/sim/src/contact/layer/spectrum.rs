@@ -22,7 +22,7 @@ pub struct Wave {
 impl Wave {
     /// Creates a wave of wave number `k` per mm from its boundary values.
     ///
-    /// They are T and N at the upper face, and U and W at the lower one.
+    /// The values are T and N at the upper face, and U and W at the lower one.
     pub fn new(k: f64, thickness: f64, poisson: f64, upper: [f64; 2], lower: [f64; 2]) -> Self {
         let wave = Self { k, thickness, poisson, constants: [0.0; 4] };
         let ([t, n], [u, w]) = (wave.tractions_at(0.0), wave.displacements_at(thickness));

@@ -48,7 +48,7 @@ impl Resolution {
 
 /// Displacement of the lower face while one newton pushes each window in turn.
 ///
-/// It is for a shear modulus of 1 MPa.
+/// The values are for a shear modulus of 1 MPa.
 #[derive(Clone, Debug)]
 pub struct Windows {
     thickness: f64,
@@ -295,8 +295,8 @@ impl Stiffness {
 
 /// Stiffness of the lower face at the frequency `k` per pair of axes.
 ///
-/// It is the traction along the first axis for a unit displacement along the second, for a shear
-/// modulus of one. Between the plane and z, a factor i is left out.
+/// A stiffness is the traction along the first axis for a unit displacement along the second, for a
+/// shear modulus of one. Between the plane and z, a factor i is left out.
 fn stiffness(k: [f64; 2], thickness: f64, poisson: f64) -> [f64; 6] {
     let size = k[0].hypot(k[1]);
     if size == 0.0 {
