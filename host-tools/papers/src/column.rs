@@ -25,7 +25,8 @@ pub const SHRINKAGE: f64 = 0.081;
 pub const SPRING: f64 = 0.96;
 /// Largest normal force on a column in newtons for which the laws are used.
 ///
-/// Its 0.5 mm cones are then 0.3 mm shorter. (The paper gives 20 % as 0.1 mm; its steps are up to 0.2 mm.)
+/// Its 0.5 mm cones are then 0.3 mm shorter. (The paper gives 20 % as 0.1 mm; its steps are up to
+/// 0.2 mm.)
 pub const MOST_N: f64 = 0.3;
 
 /// Columns of the matrix.
@@ -94,8 +95,8 @@ impl Column {
 
     /// Computes force and sinking from the areas S_1 … S_4, eqs (1)–(3), (18), (22).
     ///
-    /// A_x is S_1 − S_2 − S_3 + S_4 as eq. (1) defines it; eq. (11) sums (S_1 + S_3) and (S_2 + S_4) instead,
-    /// which contradicts it.
+    /// A_x is S_1 − S_2 − S_3 + S_4 as eq. (1) defines it; eq. (11) sums (S_1 + S_3) and (S_2 +
+    /// S_4) instead, which contradicts it.
     #[must_use]
     pub fn load(&self, [s1, s2, s3, s4]: [f32; 4]) -> ColumnLoad {
         let (x, y, z) = (s1 - s2 - s3 + s4, s1 + s2 - s3 - s4, s1 + s2 + s3 + s4);

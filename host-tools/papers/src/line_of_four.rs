@@ -1,6 +1,7 @@
 //! Four taxels in a row, without force sensors ([DeMaria2011], figs 5 and 8).
 //!
-//! Odd polynomials of four displacements give the contact position along the row and the angle of the force.
+//! Odd polynomials of four displacements give the contact position along the row and the angle of
+//! the force.
 //!
 //! The paper prints no dimensions. It states the contacts (0.2 N, p from −3 to 3 mm, angles from
 //! 30° to 150°) and the correlation of s and t, eqs (3) and (4): −0.68. A pitch of 7.5 mm under 4

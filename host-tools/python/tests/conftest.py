@@ -1,4 +1,4 @@
-"""What all tests have."""
+"""Fixtures of all tests."""
 
 import os
 import subprocess
@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(scope="session")
 def command() -> str:
-    """The `taxel` command with its bridges: `TAXEL=path/to/taxel`, else cargo builds it."""
+    """Path of the `taxel` command with its bridges: `TAXEL=path/to/taxel`, else cargo builds it."""
     if "TAXEL" in os.environ:
         return os.environ["TAXEL"]
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))

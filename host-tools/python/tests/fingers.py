@@ -9,7 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[3]
 CALIBRATION = ROOT / "host-tools/cli/assets/virtual-finger.cal.toml"
 
-# Scans as fast as the product.
+# Scene at the product's scan rate.
 FAST = """
 effects = ["noise"]
 
@@ -30,7 +30,7 @@ fall_s = 0.2
 
 @contextmanager
 def serve(command: str, port: str, *arguments: str) -> Iterator[str]:
-    """A virtual finger, and the port it can be reached at."""
+    """Serves a virtual finger; yields its port."""
     process = subprocess.Popen(
         [command, "serve", "--port", port, *arguments], stdout=subprocess.PIPE, text=True
     )
@@ -43,12 +43,12 @@ def serve(command: str, port: str, *arguments: str) -> Iterator[str]:
 
 
 def replayed(command: str, scene: str, folder: Path) -> tuple[Path, dict[int, dict[str, str]]]:
-    """A trace of the scene, and by time what `taxel replay` says of it: every field, as text."""
+    """Returns a trace of the scene, and `taxel replay`'s fields of it as text, by time."""
     trace, frames = folder / "trace.csv", folder / "frames.csv"
     simulate = [command, "simulate", "--scene", scene, "--seed", "3", "--out", str(trace)]
     subprocess.run(simulate, check=True, capture_output=True)
     core = [command, "replay", str(trace), "--calibration", str(CALIBRATION), "--fields", "all"]
     subprocess.run([*core, "--out", str(frames)], check=True, capture_output=True)
-    # What the recording is of stands before its header, in lines that begin with #.
+    # The facts of the recording come before its header, in lines that begin with #.
     lines = (line for line in frames.open() if not line.startswith("#"))
     return trace, {int(row["t_us"]): row for row in csv.DictReader(lines)}

@@ -1,6 +1,6 @@
-"""`taxel bridge --zenoh` in one process, a Zenoh subscriber with another maker's CDR decoder in this one.
+"""Tests of `taxel bridge --zenoh` with a Zenoh subscriber and another project's CDR decoder.
 
-What rmw_zenoh expects is taken from its design document, not from our source.
+The expectations come from rmw_zenoh's design document, not from the bridge's source.
 """
 
 import importlib.util
@@ -22,7 +22,7 @@ import xxhash
 import zenoh
 from fingers import CALIBRATION, ROOT, replayed
 
-# Fingers that differ in what happens to them; each is named after its scene.
+# Scenes of the fingers; each finger is named after its scene.
 SCENES = [
     "press",
     "presses",
@@ -57,7 +57,7 @@ def free_endpoint() -> str:
 
 
 class Network:
-    """A subscriber's session, and everything that bridges publish into it."""
+    """A subscriber's session with all samples that bridges publish."""
 
     def __init__(self, store: Any, domain: int, endpoint: str) -> None:
         self.store, self.domain, self.endpoint = store, domain, endpoint
@@ -75,7 +75,7 @@ class Network:
         return [] if found is None else found.samples
 
     def tokens(self, count: int) -> list[str]:
-        """The network's tokens, once there are so many: they arrive when they do, as samples do."""
+        """Waits for that many liveliness tokens and returns them."""
         found: list[str] = []
 
         def all_there() -> bool:
@@ -125,12 +125,12 @@ def wait(condition: Callable[[], bool], seconds: float = 30) -> None:
 
 
 def at(message: Any) -> int:
-    """The nanosecond that a message is stamped with."""
+    """Returns a message's timestamp in nanoseconds."""
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def test_names_keys_tokens_and_attachments_are_those_of_rmw_zenoh(command: str, network: Network):
+def test_names_keys_and_tokens_match_rmw_zenoh(command: str, network: Network):
     network.subscribe("hand/press/wrench", listen.WRENCH)
     network.subscribe("hand/frames", listen.FRAME)
     with bridge(command, network, ["sim:press"], "--namespace", "/hand") as process:
@@ -159,7 +159,7 @@ def test_names_keys_tokens_and_attachments_are_those_of_rmw_zenoh(command: str, 
         assert network.tokens(0) == []
 
 
-def test_values_are_the_fingers_own_to_the_last_bit(command: str, network: Network, tmp_path: Path):
+def test_values_match_the_finger_bit_for_bit(command: str, network: Network, tmp_path: Path):
     trace, expected = replayed(command, "tour", tmp_path)
     network.subscribe("taxel/trace/wrench", listen.WRENCH)
     network.subscribe("taxel/frames", listen.FRAME)
@@ -193,7 +193,7 @@ def test_values_are_the_fingers_own_to_the_last_bit(command: str, network: Netwo
                     withheld += 1
         assert [np.float32(row[f"c_r{k // 4}c{k % 4}"]) for k in range(16)] == list(frame.taxels)
     assert withheld > 100
-    # A force that is withheld is no wrench, rather than a wrench of zero.
+    # A missing force gives no wrench instead of a wrench of zero.
     wrenches = [
         network.store.deserialize_cdr(s.payload, listen.WRENCH)
         for s in network.samples("taxel/trace/wrench", listen.WRENCH)
@@ -209,7 +209,7 @@ def test_values_are_the_fingers_own_to_the_last_bit(command: str, network: Netwo
     assert np.median(np.diff([at(frame) for frame in frames])) == pytest.approx(1e6, abs=2e5)
 
 
-def test_a_finger_that_goes_is_waited_for_and_two_cannot_have_one_name(command: str, network: Network):
+def test_lost_finger_is_awaited_and_names_are_unique(command: str, network: Network):
     with bridge(command, network, ["tcp:127.0.0.1:1", "sim:press"], "--duration", "2") as process:
         out, err = process.communicate(timeout=60)
     assert process.returncode == 0
@@ -221,7 +221,7 @@ def test_a_finger_that_goes_is_waited_for_and_two_cannot_have_one_name(command: 
     assert "another finger is called press already" in err.splitlines()[-1]
 
 
-def test_a_router_that_is_started_later_is_found(command: str, store: Any):
+def test_late_router_is_found(command: str, store: Any):
     network = Network(store, 3, free_endpoint())
     network.session.close()
     with bridge(command, network, ["sim:press"]) as process:
@@ -232,18 +232,18 @@ def test_a_router_that_is_started_later_is_found(command: str, store: Any):
         later.session.close()
 
 
-def test_an_endpoint_that_is_none_is_told_in_one_line(command: str, network: Network):
+def test_invalid_endpoint_is_an_error_in_one_line(command: str, network: Network):
     with bridge(command, network, ["sim:press"], "--listen", "nonsense") as process:
         _, err = process.communicate(timeout=60)
     assert process.returncode == 1
     assert len(err.splitlines()) == 1 and "check --connect and --listen" in err
 
 
-def test_ten_fingers_at_a_kilohertz_reach_another_process_without_loss(command: str, network: Network):
+def test_ten_fingers_at_1_khz_lose_nothing(command: str, network: Network):
     network.subscribe("taxel/*/wrench", listen.WRENCH)
     ports = [f"sim:{scene}" for scene in SCENES]
     with bridge(command, network, ports, "--json") as process:
-        # Some seconds of all of them, from whenever each has found its way here.
+        # Some seconds of every finger, from its first sample on.
         wait(lambda: len(network.topics) == len(SCENES), 120)
         topics = network.topics.values()
         wait(lambda: all(len(topic.samples) > 2000 for topic in topics), 120)
@@ -259,8 +259,8 @@ def test_ten_fingers_at_a_kilohertz_reach_another_process_without_loss(command: 
     print(f"{len(samples)} wrenches of {len(SCENES)} fingers, 0 lost, ms late: {late}")
 
 
-def test_the_manuals_commands_do_what_it_says(command: str, tmp_path: Path):
-    """Each line of an `sh` block that begins with `taxel`, and the listener beside the bridge."""
+def test_commands_of_the_manual_work(command: str, tmp_path: Path):
+    """Runs each `taxel` line of the manual's `sh` blocks, and the listener next to the bridge."""
     manual = (ROOT / "docs/ros2.md").read_text()
     blocks = [block.split("```")[0] for block in manual.split("```sh\n")[1:]]
     lines = [line for block in blocks for line in block.splitlines() if line.startswith("taxel ")]
@@ -273,7 +273,7 @@ def test_the_manuals_commands_do_what_it_says(command: str, tmp_path: Path):
         assert "node /taxel/press, topics /taxel/press/wrench and /taxel/frames" in ran.stderr
     endpoint = free_endpoint()
     listener = subprocess.Popen(
-        # Long enough for a bridge that is slow to start: it has four seconds to say.
+        # Enough for a bridge that starts slowly and sends four seconds.
         [sys.executable, str(ROOT / "host-tools/ros2/listen.py"), "--seconds", "20"] + ["--listen", endpoint],
         stdout=subprocess.PIPE,
         text=True,

@@ -1,6 +1,6 @@
-"""Four thousand frames a second into the page, MCAP and Parquet at once, for as long as one likes.
+"""Endurance test: 4 kHz into the page, MCAP and Parquet at once.
 
-`TAXEL_ENDURE_S=600 pytest tests/test_endurance.py -s` is ten minutes of it; without, it is seconds.
+`TAXEL_ENDURE_S=600 pytest tests/test_endurance.py -s` runs for ten minutes; the default is some seconds.
 """
 
 import json
@@ -24,14 +24,14 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 def used(pid: int) -> tuple[float, float]:
-    """Seconds of CPU so far, and resident memory in MiB."""
+    """Returns the CPU seconds so far and the resident memory in MiB."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     resident = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return (int(fields[11]) + int(fields[12])) / TICKS, resident * PAGE / 2**20
 
 
 def watch(url: str, messages: list[str]) -> None:
-    """A page that is open: it takes whatever it is sent."""
+    """Acts as an open page that reads every message."""
     with connect(url.strip().replace("http", "ws") + "finger/0", max_size=None) as page:
         try:
             for message in page:
@@ -41,7 +41,7 @@ def watch(url: str, messages: list[str]) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from Linux's /proc")
-def test_four_kilohertz_go_into_page_mcap_and_parquet_at_once(command: str, tmp_path: Path):
+def test_4_khz_reach_page_mcap_and_parquet(command: str, tmp_path: Path):
     scene = tmp_path / "fast.toml"
     scene.write_text(FAST)
     record = [command, "record", "--rate", "4000", "--fields", "all", "--page", "127.0.0.1:0", "--json"]
@@ -74,7 +74,7 @@ def test_four_kilohertz_go_into_page_mcap_and_parquet_at_once(command: str, tmp_
         assert statistics is not None and statistics.message_count == summary["frames"]
     seq = pq.read_table(tmp_path / "a.parquet", columns=["seq"])["seq"].to_numpy()
     assert len(seq) == summary["frames"] and set(np.diff(seq)) == {1}
-    # Sixty a second at most; a page that is held up gets fewer, and misses nothing.
+    # At most sixty a second; a slow page gets fewer messages without losing frames.
     assert len(messages) > 5 * SECONDS
     quarter = max(1, len(memory) // 4)
     early, late = np.median(memory[quarter : 2 * quarter]), np.median(memory[-quarter:])

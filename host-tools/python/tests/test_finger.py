@@ -1,4 +1,4 @@
-"""Against the Rust side: a virtual finger that the `taxel` command serves, and what it makes of a trace."""
+"""Tests against Rust: a virtual finger of the `taxel` command, and its estimates of a trace."""
 
 import os
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ def finger(command: str) -> Iterator[Finger]:
         yield finger
 
 
-def test_the_stream_comes_without_a_gap(finger: Finger):
+def test_stream_has_no_gap(finger: Finger):
     finger.set_fields(Fields.ESTIMATES)
     rate = finger.set_rate(500)
     frames = list(finger.frames(seconds=1))
@@ -29,7 +29,7 @@ def test_the_stream_comes_without_a_gap(finger: Finger):
     assert all(frame.codes is None and frame.force is not None for frame in frames)
 
 
-def test_settings_are_in_force_and_reported(finger: Finger):
+def test_settings_are_active_and_reported(finger: Finger):
     finger.set_rate(250)
     finger.set_fields(Fields.FORCE | Fields.POINT)
     info = finger.info()
@@ -37,13 +37,13 @@ def test_settings_are_in_force_and_reported(finger: Finger):
     assert info.calibration is not None and info.scan_hz >= 250
 
 
-def test_a_refusal_says_why_in_one_line(finger: Finger):
+def test_refusal_gives_its_reason_in_one_line(finger: Finger):
     with pytest.raises(RefusedError, match=r"out of range: it must be 1…\d+$") as refused:
         finger.set_rate(0)
     assert refused.value.refusal.details[0] == 1
 
 
-def test_the_calibration_reads_back_as_it_was_uploaded(finger: Finger):
+def test_calibration_reads_back_as_uploaded(finger: Finger):
     record = finger.download_calibration()
     assert len(record) > 100
     finger.upload_calibration(record)
@@ -61,7 +61,7 @@ def test_requests_are_answered_while_frames_stream(finger: Finger):
     assert finger.counts.lost == 0
 
 
-def test_a_pulled_cable_is_told_after_the_last_frame(command: str):
+def test_pulled_cable_raises_after_the_last_frame(command: str):
     with serve(command, "sim:tour", "--tcp", "127.0.0.1:0") as port:
         finger = Finger(port)
         stream = finger.frames()
@@ -80,14 +80,14 @@ def test_a_pulled_cable_is_told_after_the_last_frame(command: str):
         ("tcp:127.0.0.1:1", "refused"),
     ],
 )
-def test_a_wrong_port_is_told_in_one_line(port: str, says: str):
+def test_wrong_port_is_an_error_in_one_line(port: str, says: str):
     with pytest.raises(LinkError, match=says) as error:
         Finger(port)
     assert "\n" not in str(error.value) and str(error.value).startswith(port)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are Unix's")
-def test_a_uart_is_opened_at_the_speed_that_the_protocol_states():
+def test_uart_opens_at_the_protocols_speed():
     import termios
 
     ours, theirs = os.openpty()
@@ -103,15 +103,15 @@ def test_a_uart_is_opened_at_the_speed_that_the_protocol_states():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are Unix's")
-def test_a_serial_device_works_as_tcp_does(command: str):
+def test_serial_device_works_like_tcp(command: str):
     with serve(command, "sim:tour") as port, Finger(port) as finger:
         finger.set_rate(1000)
         assert len(list(finger.frames(seconds=1))) == pytest.approx(1000, abs=2)
         assert finger.counts.lost == 0
 
 
-def test_values_are_those_of_the_rust_side(command: str, tmp_path: Path):
-    """The same trace through `taxel replay` and over TCP through this package, every field, every bit."""
+def test_values_match_rust(command: str, tmp_path: Path):
+    """Compares every field of a trace bit for bit: `taxel replay`, and TCP through this package."""
     trace, expected = replayed(command, "tour", tmp_path)
     served = serve(command, f"file:{trace}", "--tcp", "127.0.0.1:0", "--calibration", str(CALIBRATION))
     with served as port, Finger(port) as finger:
@@ -128,13 +128,13 @@ def test_values_are_those_of_the_rust_side(command: str, tmp_path: Path):
         np.testing.assert_array_equal(table[name].astype(np.float32), theirs, err_msg=name)
 
 
-def test_four_thousand_frames_a_second_are_sustained(command: str, tmp_path: Path):
+def test_4_khz_are_sustained(command: str, tmp_path: Path):
     scene = tmp_path / "fast.toml"
     scene.write_text(FAST)
     with serve(command, f"sim:{scene}", "--tcp", "127.0.0.1:0") as port, Finger(port) as finger:
         assert finger.set_rate(4000) == 4000
         finger.set_fields(Fields.ALL)
-        # By the finger's own clock, which does not wait for a reader that is too slow: it drops frames.
+        # The finger's clock does not wait for a slow reader, which would lose frames.
         times = [frame.time_us for frame in finger.frames(seconds=10)]
         assert len(times) == pytest.approx(40_000, abs=4)
         assert times[-1] - times[0] == pytest.approx(10e6, abs=1000)

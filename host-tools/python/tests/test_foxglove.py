@@ -1,6 +1,6 @@
-"""`taxel bridge --foxglove`, and a client of the Foxglove WebSocket protocol that is not Foxglove's own.
+"""Tests of `taxel bridge --foxglove` with an independent client of the Foxglove WebSocket protocol.
 
-The protocol is taken from its specification, `foxglove.sdk.v1`.
+The client follows the specification `foxglove.sdk.v1`.
 """
 
 import base64
@@ -25,7 +25,7 @@ MESSAGE_DATA = 1
 
 @contextmanager
 def bridge(command: str, ports: list[str], *more: str) -> Iterator[tuple[Any, str]]:
-    """The bridge, and where it serves."""
+    """Starts the bridge; yields its process and address."""
     fingers = [word for port in ports for word in ("--port", port)]
     process = subprocess.Popen(
         [command, "bridge", "--foxglove", "127.0.0.1:0", *fingers, *more],
@@ -51,7 +51,7 @@ def open_viewer(url: str) -> ClientConnection:
 
 
 def channels(viewer: ClientConnection, topics: set[str]) -> dict[str, Any]:
-    """What is offered, once all these are."""
+    """Waits for all these topics; returns the advertised channels."""
     offered: dict[str, Any] = {}
     while not topics <= offered.keys():
         word = viewer.recv(timeout=30)
@@ -76,19 +76,19 @@ def subscribe(viewer: ClientConnection, ids: dict[int, int]) -> None:
 
 
 def messages(viewer: ClientConnection, ids: dict[int, int]) -> Iterator[tuple[int, int, bytes]]:
-    """Subscription, time and bytes of each, of the channels with these ids."""
+    """Yields subscription, time and bytes of each message on the channels with these ids."""
     subscribe(viewer, ids)
     while True:
         word = viewer.recv(timeout=30)
         if isinstance(word, str) and "Unknown channel ID" in word:
-            # Foxglove's server advertises a channel a moment before it takes subscriptions to it.
+            # Foxglove's server advertises a channel a moment before it accepts subscriptions.
             subscribe(viewer, {of: id for of, id in ids.items() if f": {id}" in word})
         if isinstance(word, bytes) and word[0] == MESSAGE_DATA:
             _, of, nanos = MESSAGE.unpack_from(word)
             yield of, nanos, word[MESSAGE.size :]
 
 
-def test_a_viewer_gets_what_the_finger_says_with_its_reasons(command: str, tmp_path: Path):
+def test_viewer_gets_values_and_reasons(command: str, tmp_path: Path):
     trace, expected = replayed(command, "presses", tmp_path)
     more = ["--calibration", str(CALIBRATION), "--fields", "all"]
     with bridge(command, [f"file:{trace}"], *more) as (_, url), open_viewer(url) as viewer:
@@ -116,7 +116,7 @@ def test_a_viewer_gets_what_the_finger_says_with_its_reasons(command: str, tmp_p
                 return
 
 
-def test_fingers_are_topics_and_an_address_in_use_is_told_in_one_line(command: str):
+def test_fingers_are_topics_and_used_address_is_an_error(command: str):
     with bridge(command, ["sim:press", "sim:shear"]) as (process, url):
         with open_viewer(url) as viewer:
             offered = channels(viewer, {"/taxel/press", "/taxel/shear"})

@@ -1,4 +1,4 @@
-"""The bytes that docs/protocol.md shows and tests/core/wire_golden.rs pins."""
+"""Tests of the golden bytes in docs/protocol.md and tests/core/wire_golden.rs."""
 
 import pytest
 
@@ -26,7 +26,7 @@ def message(text: str) -> bytes:
     return bytes.fromhex(text)
 
 
-def test_the_version_query_is_frozen_for_ever():
+def test_version_query_is_frozen():
     assert pack(request(1, Command.VERSION)) == message("02 01 05 be 23 c2 58 00")
     assert decode(message("00 01 01 00 01 00")) == Version(1, 1, (0, 1, 0))
 
@@ -72,13 +72,13 @@ def test_replies_are_read(reply: str, result: object):
     assert decode(message(reply)) == Reply(7, result)
 
 
-def test_a_frame_without_fields_is_read():
+def test_frame_without_fields_is_read():
     frame = decode(message(FRAME))
     assert frame == Frame(300, 1_000_000, Status.CONTACT | Status.RAN_NET, *[None] * 8)
     assert frame.in_contact
 
 
-def test_estimates_are_read_and_what_has_no_value_says_why():
+def test_estimates_and_reasons_are_read():
     frame = decode(
         message(
             "02 ac 02 c0 84 3d 81 80 10 00 00"
@@ -100,7 +100,7 @@ def test_estimates_are_read_and_what_has_no_value_says_why():
     assert frame.contacts == (Contact(Point(1.25, -2.0), 0.25), Contact(Point(-0.5, 1.0), 0.5))
 
 
-def test_a_frame_may_end_with_how_sure_it_is():
+def test_frame_may_end_with_its_uncertainty():
     sure = "01 00 01 07 00 00 00 00 3f 00 00 00 80 3e 00 00 00 00 3f 00 00 80 3e 00 00 00 80 3f"
     force = Force(NoValue.NOT_ESTIMATED, 0.5, 0.25)
     assert decode(message(FRAME + sure)).uncertainty == Uncertainty(force, Point(0.5, 0.25), 1.0)
@@ -131,25 +131,25 @@ def test_no_value_is_no_number():
 @pytest.mark.parametrize(
     "text", ["", "03", "02 ac", FRAME[:-3], FRAME + " 00", FRAME + " 01 00", "01 07 02", "01 07 01 00 80"]
 )
-def test_what_is_no_message_is_refused(text: str):
+def test_invalid_message_is_an_error(text: str):
     with pytest.raises(MalformedError):
         decode(message(text))
 
 
-def test_bytes_in_pieces_of_any_length_give_the_same_frames():
+def test_pieces_of_any_length_give_the_same_frames():
     stream = pack(message(FRAME)) * 5
     for length in range(1, len(stream)):
         pieces = [stream[at : at + length] for at in range(0, len(stream), length)]
         assert [frame.seq for frame in read_frames(pieces)] == [300] * 5
 
 
-def test_a_stream_joined_in_the_middle_costs_one_packet_and_no_count():
+def test_stream_joined_midway_counts_no_bad_packet():
     deframer = Deframer()
     assert list(deframer.push(pack(message(FRAME))[3:] + pack(message(FRAME)))) == [message(FRAME)]
     assert deframer.bad_packets == 0
 
 
-def test_damaged_and_endless_packets_are_counted_and_the_next_one_is_found():
+def test_damaged_and_overlong_packets_are_counted():
     deframer, good = Deframer(), pack(message(FRAME))
     damaged = bytes([good[0], good[1] ^ 1]) + good[2:]
     stream = good + damaged + b"\0\0" + b"\x55" * (3 * MAX_PACKET) + b"\0" + good

@@ -1,4 +1,4 @@
-"""What `taxel record` writes, read by other people's libraries: MCAP's own, pyarrow and pandas."""
+"""Tests of `taxel record`'s files with other projects' libraries: MCAP's own, pyarrow and pandas."""
 
 import subprocess
 from pathlib import Path
@@ -29,7 +29,7 @@ def table(folder: Path) -> pd.DataFrame:
     return pd.read_parquet(folder / "a.parquet")
 
 
-def test_mcap_is_whole_and_says_what_it_holds(folder: Path):
+def test_mcap_is_whole_and_describes_itself(folder: Path):
     with (folder / "a.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
@@ -45,7 +45,7 @@ def test_mcap_is_whole_and_says_what_it_holds(folder: Path):
         assert metadata.metadata["board"] == "virtual"
 
 
-def test_mcap_and_parquet_hold_the_same_values_and_the_same_reasons(folder: Path, table: pd.DataFrame):
+def test_mcap_and_parquet_hold_the_same_cells(folder: Path, table: pd.DataFrame):
     with (folder / "a.mcap").open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         messages = [decoded for _, _, _, decoded in reader.iter_decoded_messages()]
@@ -82,13 +82,13 @@ def test_parquet_names_the_finger_and_carries_its_calibration(folder: Path):
     assert any(b"taxel_calibration" in value for value in facts.values())
 
 
-def test_the_hosts_clock_is_on_every_row_and_the_fingers_is_mapped_to_it(table: pd.DataFrame):
+def test_rows_have_host_time_and_mapped_scan_time(table: pd.DataFrame):
     mapped = table.dropna(subset="host_scan_us")
     assert len(mapped) > len(table) * 0.3
-    # A scan comes before its frame, and runs by the finger's clock.
+    # A scan precedes its frame, and its steps follow the finger's clock.
     late = mapped["host_us"].astype(float) - mapped["host_scan_us"].astype(float)
     assert late.median() > 0 and late.min() > -1000
-    # Where there is a time, there is its error.
+    # Each scan time has its error.
     errors = table["host_scan_error_us"]
     assert (errors.notna() == table["host_scan_us"].notna()).all() and errors.min() > 0
     steps = np.diff(mapped["host_scan_us"].astype(float)) - np.diff(mapped["t_us"].astype(float))

@@ -1,4 +1,4 @@
-"""One stream of bytes in two clients: `taxel record` as it comes, this package from what was kept of it."""
+"""Tests of one stream in two clients: `taxel record` live, and this package from the kept bytes."""
 
 import socket
 import subprocess
@@ -19,7 +19,7 @@ SECONDS = 3
 
 @contextmanager
 def tapped(port: str) -> Iterator[tuple[str, bytearray]]:
-    """A port that leads to ``port``, and every byte that has come back from there through it."""
+    """Serves a port that forwards to ``port``; yields it and all bytes that came back."""
     host, _, number = port.removeprefix("tcp:").rpartition(":")
     kept = bytearray()
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -46,7 +46,7 @@ def forward(source: socket.socket, sink: socket.socket, kept: bytearray | None) 
                 kept += data
             sink.sendall(data)
     except OSError:
-        # Whoever has had enough hangs up in the middle.
+        # Either side may hang up in the middle of a stream.
         pass
     for end in (source, sink):
         try:
@@ -57,14 +57,14 @@ def forward(source: socket.socket, sink: socket.socket, kept: bytearray | None) 
 
 @pytest.fixture(scope="module")
 def both(command: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[pd.DataFrame, list[Frame]]:
-    """What the Rust client made of the bytes, and what this package makes of the same."""
+    """Returns the frames of the Rust client and this package's frames of the same bytes."""
     recording = tmp_path_factory.mktemp("streams") / "rust.parquet"
     with serve(command, "sim:tour", "--tcp", "127.0.0.1:0") as finger:
         with tapped(finger) as (port, kept):
             record = [command, "record", "--port", port, "--fields", "all", "--duration", str(SECONDS)]
             subprocess.run([*record, "--out", str(recording)], check=True, timeout=60)
     rust = pd.read_parquet(recording)
-    # In pieces that end anywhere.
+    # The pieces end at arbitrary bytes.
     pieces = [bytes(kept[at : at + 997]) for at in range(0, len(kept), 997)]
     wanted = set(rust["seq"])
     return rust, [frame for frame in taxel.read_frames(pieces) if frame.seq in wanted]

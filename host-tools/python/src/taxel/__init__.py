@@ -1,6 +1,7 @@
-"""Client of the taxel robot fingertip: newtons, millimetres and why not.
+"""Client of the taxel robot fingertip: newtons, millimetres, or the reason for a missing value.
 
-Written from docs/protocol.md alone. :class:`Finger` talks to one; :func:`read_frames` reads recorded bytes.
+It follows docs/protocol.md alone. :class:`Finger` connects to a finger; :func:`read_frames` reads recorded
+bytes.
 """
 
 from collections.abc import Iterable, Iterator
@@ -56,9 +57,9 @@ __all__ = [
 
 
 def read_frames(received: Iterable[bytes]) -> Iterator[Frame]:
-    """The frames in bytes as they came over the wire, in pieces of any length.
+    """Yields the frames in bytes from the wire, which may come in pieces of any length.
 
-    Packets that are damaged and messages that are no frames are passed over.
+    Damaged packets and messages other than frames are skipped.
     """
     deframer = _Deframer()
     for piece in received:

@@ -1,4 +1,4 @@
-"""The types of docs/protocol.md, section "Types": postcard 1.x, read from and written to bytes.
+"""Types of docs/protocol.md, section "Types": postcard 1.x, read from and written to bytes.
 
 A reader takes the buffer and a position and returns the value and the position after it. Past the end it
 raises ``IndexError`` or ``struct.error``; :func:`taxel.messages.decode` turns both into one error.

@@ -1,4 +1,4 @@
-"""What can go wrong, one line each: what happened, and how to mend it."""
+"""Errors in one line each: what happened, and how to mend it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 class TaxelError(Exception):
-    """Whatever this package raises."""
+    """Base of all errors of this package."""
 
 
 class MalformedError(TaxelError):
@@ -17,7 +17,7 @@ class MalformedError(TaxelError):
 
 
 class LinkError(TaxelError):
-    """The port cannot be opened, nobody answers, or the finger has gone."""
+    """The port cannot be opened, no finger answers, or the finger is disconnected."""
 
 
 class ProtocolError(TaxelError):
@@ -25,7 +25,7 @@ class ProtocolError(TaxelError):
 
 
 class RefusedError(TaxelError):
-    """The finger understood, and declined. ``refusal`` says why."""
+    """The finger rejected a valid request; ``refusal`` holds the reason."""
 
     def __init__(self, message: str, refusal: Refusal) -> None:
         super().__init__(message)

@@ -1,4 +1,4 @@
-"""A conversation with one finger."""
+"""Client of one finger."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ from .transport import Transport, connect
 R = TypeVar("R")
 
 QUEUE = 8192
-"""Frames kept for a program that reads them late; those beyond it are dropped and counted."""
+"""Most frames that wait for a slow program; further ones are dropped and counted."""
 
 _PATIENCE = 0.5
 _TRIES = 4
 
 
 class Counts(NamedTuple):
-    """Since the stream was started."""
+    """Counters since the start of the stream."""
 
     frames: int
     """Frames received."""
     lost: int
-    """Frames that the finger numbered but that never came."""
+    """Frames missing in the sequence numbers."""
     bad_packets: int
-    """Packets that could not be read."""
+    """Unreadable packets."""
     overflow: int
-    """Frames that came but that this program was too slow to take."""
+    """Received frames that this program was too slow to take."""
 
 
 class Finger:
@@ -65,7 +65,7 @@ class Finger:
                 print(frame.time_us, frame.force)
 
     A thread reads the port, so that a slow loop over the frames loses none until :data:`QUEUE` of them
-    wait. Requests may be made while frames are being taken. Everything raises :class:`TaxelError`.
+    wait. Requests work while frames stream. All errors are :class:`TaxelError`.
     """
 
     def __init__(self, port: str, *, transport: Transport | None = None) -> None:
@@ -81,7 +81,7 @@ class Finger:
         self._started = False
         self._next: int | None = None
         self._received = self._lost = self._overflow = 0
-        # A serial link keeps what nobody has read: answers to the host before must not look like ours.
+        # A serial link keeps unread answers to a former host, which must not match this one's tags.
         self._tag = random.randrange(256)
         self._deframer = Deframer()
         self._reader = threading.Thread(target=self._read, name="taxel-reader", daemon=True)
@@ -101,23 +101,23 @@ class Finger:
         self.close()
 
     def close(self) -> None:
-        """Stops the stream and lets go of the port. May be called twice."""
+        """Stops the stream and closes the port; a second call does nothing."""
         if self._stop:
             return
         if self._started and self._ended is None:
             try:
                 self.stream(False)
             except TaxelError:
-                pass  # A finger that goes now is no matter any more.
+                pass  # A disconnected finger needs no stop.
         self._stop = True
         self._reader.join()
         self._transport.close()
 
     def frames(self, seconds: float | None = None) -> Iterator[Frame]:
-        """The stream, for so many seconds of device time or forever.
+        """Yields the stream's frames, for ``seconds`` of device time or without end.
 
-        Starts it, and stops it when the loop ends. Raises :class:`LinkError` when the finger goes, after
-        every frame that came before.
+        The loop starts the stream and stops it at its end. When the finger disconnects, the loop raises
+        :class:`LinkError` after the last received frame.
         """
         self.stream(True)
         first: int | None = None
@@ -133,7 +133,7 @@ class Finger:
                 self.stream(False)
 
     def next_frame(self, timeout: float) -> Frame:
-        """The next frame of a stream that has been started."""
+        """Returns the next frame of a started stream; waits at most ``timeout`` seconds."""
         deadline = time.monotonic() + timeout
         with self._changed:
             while not self._frames:
@@ -145,59 +145,59 @@ class Finger:
 
     @property
     def counts(self) -> Counts:
-        """Frames received and lost since the stream was started."""
+        """Counters of received and lost frames since the start of the stream."""
         return Counts(self._received, self._lost, self._deframer.bad_packets, self._overflow)
 
     def stream(self, on: bool) -> None:
-        """Starts or stops the stream. Frames from before the start are not handed out."""
+        """Starts or stops the stream; frames from before the start are dropped."""
         self._expect(Done, Command.stream(on), starts=on)
 
     def info(self) -> Info:
-        """Who the finger is and how it is doing."""
+        """Returns the finger's identity, settings and counters."""
         return self._expect(Info, Command.INFO)
 
     def set_rate(self, hz: int) -> float:
-        """Frames a second; returns the rate in force, the scan rate over a whole number."""
+        """Sets the frames per second; returns the true rate, the scan rate over a whole number."""
         return self._expect(Rate, Command.set_rate(hz)).millihertz / 1000
 
     def set_filter(self, hz: int) -> None:
-        """Smooths what forces and places come from: a second-order low-pass, 0 for none."""
+        """Sets the corner in Hz of the second-order low-pass on the signals; 0 turns it off."""
         self._expect(Done, Command.set_filter(hz))
 
     def set_fields(self, fields: Fields) -> None:
-        """Which fields frames carry."""
+        """Selects the fields of the frames."""
         self._expect(Done, Command.set_fields(fields))
 
     def set_point_method(self, method: PointMethod) -> None:
-        """How the contact point is found."""
+        """Selects the method for the contact point."""
         self._expect(Done, Command.set_point_method(method))
 
     def take_bias(self, scans: int = 500) -> Bias:
-        """Averages so many scans into a new bias. Refused while the finger is not still."""
+        """Averages ``scans`` scans into a new bias; the finger rejects it while in motion."""
         averaging = scans / max(1, self.info().scan_hz)
-        # Asked once: a second try would be refused as busy.
+        # One try only, because a second one would be rejected as busy.
         return self._expect(Bias, Command.take_bias(scans), averaging + _TRIES * _PATIENCE, 1)
 
     def read_bias(self) -> Bias:
-        """The bias in force."""
+        """Returns the active bias."""
         return self._expect(Bias, Command.READ_BIAS)
 
     def clear_bias(self) -> None:
-        """Back to the calibration's own bias."""
+        """Restores the calibration's own bias."""
         self._expect(Done, Command.CLEAR_BIAS)
 
     def save_settings(self) -> None:
-        """Keeps scan, rate, filter, fields and method as they are now, also after the next power-up."""
+        """Saves scan, rate, filter, fields and method for the next power-up."""
         self._expect(Done, Command.SAVE_SETTINGS)
 
     def save_bias(self) -> None:
-        """Keeps the bias in force, also after the next power-up, until the calibration changes."""
+        """Saves the active bias for the next power-up, until the calibration changes."""
         self._expect(Done, Command.SAVE_BIAS)
 
     def upload_calibration(self, record: bytes) -> None:
-        """Puts a record in force, once the finger has checked and stored it.
+        """Activates a calibration record after the finger has checked and stored it.
 
-        The old one stays if it is refused, and if the power fails meanwhile.
+        The old record stays if the finger rejects the new one or the power fails.
         """
         self._expect(Done, Command.calibration_begin(len(record)))
         for offset in range(0, len(record), CHUNK):
@@ -205,7 +205,7 @@ class Finger:
         self._expect(Done, Command.CALIBRATION_COMMIT)
 
     def download_calibration(self) -> bytes:
-        """The record in force."""
+        """Returns the active calibration record."""
         record = b""
         while True:
             chunk = self._expect(CalibrationChunk, Command.calibration_read(len(record)))
@@ -247,7 +247,7 @@ class Finger:
             tag = self._tag
             if starts:
                 self._start_tag = tag
-            # A zero first ends whatever half a packet the finger may still hold.
+            # The first zero ends half a packet that the finger may still hold.
             packet = b"\0" + pack(request(tag, command))
             for _ in range(tries):
                 self._transport.write(packet)
@@ -302,7 +302,7 @@ class Finger:
         elif self._started:
             self._received += 1
             ahead = 0 if self._next is None else (decoded.seq - self._next) & 0xFFFF_FFFF
-            # More than half the circle ahead is a step back: a finger that has started again.
+            # A step of more than half the range is a step back: the finger has restarted.
             self._lost += ahead if ahead < 1 << 31 else 0
             self._next = (decoded.seq + 1) & 0xFFFF_FFFF
             if len(self._frames) < QUEUE:

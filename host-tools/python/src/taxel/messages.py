@@ -14,10 +14,10 @@ from .errors import MalformedError
 T = TypeVar("T")
 
 PROTOCOL = 2
-"""The version this package was written for."""
+"""Protocol version of this package."""
 
 CHUNK = 128
-"""Most bytes of a calibration record in one message."""
+"""Largest number of bytes of a calibration record in one message."""
 
 
 # schema: masks (from src/frame/schema.rs by `cargo xtask protocol`)
@@ -73,7 +73,7 @@ class Fields(IntFlag):
 
 
 class NoValue(Enum):
-    """Why there is no value. It is no number, so that nobody computes with it by mistake."""
+    """Reason for a missing value; it is no number, so that no program computes with it by mistake."""
 
     UNCALIBRATED = 0
     NO_CONTACT = 1
@@ -86,7 +86,7 @@ class NoValue(Enum):
 
 
 class PointMethod(Enum):
-    """How the contact point is found."""
+    """Method for the contact point."""
 
     CENTROID = 0
     ARG_MIN = 1
@@ -103,7 +103,7 @@ class Bridge(NamedTuple):
 
 
 class Codes(NamedTuple):
-    """What the converters read. ``lit`` has sixteen codes by row, ``dark`` one a column."""
+    """ADC codes: ``lit`` has sixteen codes by row, ``dark`` one for each column."""
 
     full_scale: int
     lit: tuple[int, ...] | None
@@ -114,8 +114,10 @@ class Codes(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """Conditioned signals: sixteen taxels, negative where the facet came nearer, and u − b of four sensors;
-    then a bit a taxel or sensor for what is wrong."""
+    """Conditioned signals: sixteen taxels, negative where the facet came nearer, and u − b of four sensors.
+
+    A bit for each taxel or sensor flags its faults.
+    """
 
     taxels: tuple[float, ...] | None
     bridges: tuple[tuple[float, ...] | None, ...]
@@ -169,7 +171,7 @@ class Uncertainty(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """One frame of the stream. A field that was not asked for is ``None``."""
+    """One frame of the stream; a field that was not requested is ``None``."""
 
     seq: int
     time_us: int
@@ -188,12 +190,12 @@ class Frame(NamedTuple):
 
     @property
     def in_contact(self) -> bool:
-        """The contact gate is open."""
+        """True while the contact gate reports contact."""
         return bool(self.status & 1)
 
 
 class Version(NamedTuple):
-    """The answer to the version query."""
+    """Reply to the version query."""
 
     tag: int
     protocol: int
@@ -201,7 +203,7 @@ class Version(NamedTuple):
 
 
 class CalibrationId(NamedTuple):
-    """Which calibration is in force."""
+    """Identity of the active calibration."""
 
     serial: str
     date: int
@@ -209,7 +211,7 @@ class CalibrationId(NamedTuple):
 
 
 class Info(NamedTuple):
-    """Who the finger is and how it is doing. Costs are in ticks, ``tick_hz`` a second, for one scan."""
+    """Identity, settings and counters of a finger; costs are ticks of one scan, ``tick_hz`` per second."""
 
     board: str
     serial: str
@@ -236,27 +238,27 @@ class Info(NamedTuple):
 
 
 class Rate(NamedTuple):
-    """The rate in force."""
+    """Active frame rate."""
 
     millihertz: int
 
 
 class TaxelBias(NamedTuple):
-    """Of sixteen taxels, in fractions of full scale."""
+    """Bias of sixteen taxels, as shares of full scale."""
 
     level: tuple[float, ...]
     noise: float
 
 
 class BridgeBias(NamedTuple):
-    """Of a sensor's three signals, in fractions of full scale."""
+    """Bias of a sensor's three signals, as shares of full scale."""
 
     level: tuple[float, ...]
     noise: float
 
 
 class Bias(NamedTuple):
-    """What the unloaded finger reads; taken on command or the calibration's own."""
+    """Reading of the unloaded finger, taken on command or the calibration's own."""
 
     taxels: TaxelBias | None
     bridges: tuple[BridgeBias | None, ...]
@@ -265,18 +267,18 @@ class Bias(NamedTuple):
 
 
 class CalibrationChunk(NamedTuple):
-    """Bytes of the record in force."""
+    """Bytes of the active calibration record."""
 
     offset: int
     data: bytes
 
 
 class Done(NamedTuple):
-    """It is done."""
+    """Reply to a request that was carried out."""
 
 
 class Refusal(NamedTuple):
-    """Why a request was not carried out: the reason in words, with its numbers."""
+    """Rejection of a request: the reason in words, with its numbers."""
 
     reason: str
     details: tuple[int, ...] = ()
@@ -291,7 +293,7 @@ Response: TypeAlias = Done | Info | Rate | Bias | CalibrationChunk
 
 
 class Reply(NamedTuple):
-    """The answer to any request but the version query."""
+    """Reply to any request but the version query."""
 
     tag: int
     result: Response | Refusal
@@ -364,7 +366,7 @@ def _signals(data: bytes, at: int) -> tuple[Signals, int]:
 
 
 def _tail(reader: Callable[[bytes, int], tuple[T, int]], data: bytes, at: int) -> tuple[T | None, int]:
-    """A field that a frame may end before; before a later one, a field that is missing says so."""
+    """Reads an optional field at the end of a frame; before a later field, a missing one is marked."""
     if at == len(data):
         return None, at
     present, at = read.boolean(data, at)
@@ -558,7 +560,7 @@ def _refusal(data: bytes, at: int) -> tuple[Refusal, int]:
     if number == 0:
         limits, at = read.times(2, read.varint)(data, at)
         return Refusal(reason, limits), at
-    # The rest of a refusal, if there is any, are its numbers.
+    # The rest of a refusal, if any, holds its numbers.
     details = []
     while at < len(data):
         detail, at = read.varint(data, at)
@@ -581,9 +583,9 @@ _MESSAGES = (_version, _reply, _frame)
 
 
 def decode(message: bytes) -> Message:
-    """A message without its COBS and CRC.
+    """Decodes a message without its COBS and CRC.
 
-    Raises :class:`MalformedError` for anything that is none, too short or too long.
+    Raises :class:`MalformedError` for an invalid, short or long message.
     """
     try:
         reader, at = _variant(_MESSAGES, message, 0)
@@ -597,7 +599,7 @@ def decode(message: bytes) -> Message:
 
 
 class Command:
-    """Requests, without their tag: what follows it on the wire."""
+    """Requests as bytes, without their tag."""
 
     VERSION = bytes([0])
     INFO = bytes([1])
@@ -645,7 +647,7 @@ class Command:
 
 
 def request(tag: int, command: bytes) -> bytes:
-    """The message that asks for ``command``; the reply carries ``tag`` back."""
+    """Returns the message that requests ``command``; the reply carries the same ``tag``."""
     return bytes([tag]) + command
 
 

@@ -8,11 +8,11 @@ from zlib import crc32
 from cobs import cobs
 
 MAX_PACKET = 448
-"""Most bytes of a packet, its COBS bytes and its final zero included."""
+"""Largest number of bytes of a packet, with its COBS bytes and its final zero."""
 
 
 def pack(message: bytes) -> bytes:
-    """A message as it goes over the wire, the final zero included."""
+    """Returns a message as bytes on the wire, with the final zero."""
     packet: bytes = cobs.encode(message + crc32(message).to_bytes(4, "little")) + b"\0"
     if len(packet) > MAX_PACKET:
         raise ValueError(f"a packet of {len(packet)} bytes; at most {MAX_PACKET} fit")
@@ -22,8 +22,8 @@ def pack(message: bytes) -> bytes:
 class Deframer:
     """Finds messages in a stream of bytes, wherever it begins.
 
-    ``bad_packets`` counts what was dropped: wrong COBS, wrong CRC, or too long. What precedes the first
-    good packet is not counted, because a stream may be joined in the middle.
+    ``bad_packets`` counts dropped packets: wrong COBS, wrong CRC, or too long. Bytes before the first good
+    packet do not count, because a stream may be joined in the middle.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Deframer:
         self._too_long = False
 
     def push(self, received: bytes) -> Iterator[bytes]:
-        """The messages that are complete now, without COBS and CRC."""
+        """Yields the messages that ``received`` completes, without COBS and CRC."""
         *packets, rest = received.split(b"\0")
         for packet in packets:
             if self._rest or self._too_long:
@@ -50,7 +50,7 @@ class Deframer:
                 yield message
         self._rest += rest
         if len(self._rest) >= MAX_PACKET:
-            # No packet is so long; forget it, so that noise without zeros takes no memory.
+            # No packet is so long; dropping it keeps noise without zeros from filling the memory.
             self._rest.clear()
             self._too_long = True
 

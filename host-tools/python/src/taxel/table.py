@@ -18,10 +18,9 @@ Columns = dict[str, npt.NDArray[Any]]
 
 
 def columns(frames: Iterable[Frame], fields: Fields) -> Columns:
-    """An array a column: ``t_us``, ``seq``, ``status``, ``contact``, then those of ``fields``.
+    """Returns an array for each column: ``t_us``, ``seq``, ``status``, ``contact``, then those of ``fields``.
 
-    A value that the finger did not give is NaN here, because an array has no room for the reason; the
-    frames themselves have it.
+    A missing value is NaN, because an array has no room for the reason; the frames hold it.
     """
     rows = list(frames)
     table: Columns = {
@@ -41,7 +40,7 @@ def columns(frames: Iterable[Frame], fields: Fields) -> Columns:
 
 
 def data_frame(frames: Iterable[Frame], fields: Fields) -> pandas.DataFrame:
-    """:func:`columns` as a ``pandas.DataFrame``, indexed by device time in seconds."""
+    """Returns :func:`columns` as a ``pandas.DataFrame``, indexed by device time in seconds."""
     import pandas
 
     table = pandas.DataFrame(columns(frames, fields))
@@ -55,7 +54,7 @@ def _add(table: Columns, names: list[str], rows: list[Frame], row: Callable[[Fra
 
 
 def _flat(value: Any, shape: Any) -> list[float]:
-    """The numbers of ``value``: NaN for each that is not given. A shape is 1, or a tuple of shapes."""
+    """Lists the numbers of ``value``, NaN for a missing one; a shape is 1 or a tuple of shapes."""
     if shape == 1:
         return [value if isinstance(value, float) else nan]
     parts = value if isinstance(value, tuple) else [None] * len(shape)

@@ -1,4 +1,4 @@
-"""Ports: a serial device, or ``tcp:HOST:PORT``."""
+"""Ports of a finger: a serial device, or ``tcp:HOST:PORT``."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ import serial
 from .errors import LinkError
 
 POLL = 0.1
-"""Seconds that a read waits at most, so that a reader can be told to end."""
+"""Longest wait of a read in seconds, so that the reading thread can end."""
 
 READ = 65536
 
 BAUD = 1_000_000
-"""Of a UART; USB does not care."""
+"""Baud rate of a UART; USB ignores it."""
 
 
 class Transport(Protocol):
-    """Two streams of bytes. ``read`` returns what there is, nothing after :data:`POLL`; both raise
-    :class:`LinkError` once the finger has gone."""
+    """Two streams of bytes; ``read`` and ``write`` raise :class:`LinkError` once the finger is disconnected.
+
+    ``read`` returns the available bytes, or none after :data:`POLL` seconds.
+    """
 
     def read(self) -> bytes: ...
     def write(self, data: bytes) -> None: ...
@@ -28,12 +30,12 @@ class Transport(Protocol):
 
 
 class SerialTransport:
-    """A serial device, as the operating system calls it."""
+    """A serial device by its name in the operating system."""
 
     def __init__(self, name: str) -> None:
         self._name = name
         try:
-            # 8N1, as pyserial has it by itself; a second program on the port would steal the finger's bytes.
+            # 8N1 is pyserial's default. A second program on the port would steal the finger's bytes.
             self._port = serial.Serial(name, baudrate=BAUD, timeout=POLL, write_timeout=1, exclusive=True)
         except (serial.SerialException, ValueError, OSError) as error:
             raise LinkError(f"{name}: {_reason(error)}") from error
@@ -42,7 +44,7 @@ class SerialTransport:
         try:
             data: bytes = self._port.read(max(1, min(self._port.in_waiting, READ)))
         except (serial.SerialException, OSError, TypeError) as error:
-            # pyserial trips over its own closed handle with a TypeError.
+            # pyserial raises a TypeError on its own closed handle.
             raise LinkError(f"{self._name}: the finger has gone; plug it in again") from error
         return data
 
@@ -57,7 +59,7 @@ class SerialTransport:
 
 
 class TcpTransport:
-    """A finger behind a network."""
+    """A finger behind a TCP connection."""
 
     def __init__(self, host: str, port: int) -> None:
         self._name = f"tcp:{host}:{port}"
@@ -90,7 +92,7 @@ class TcpTransport:
 
 
 def connect(port: str) -> Transport:
-    """Opens ``/dev/ttyACM0``, ``COM3`` or ``tcp:HOST:PORT``."""
+    """Opens a port: ``/dev/ttyACM0``, ``COM3`` or ``tcp:HOST:PORT``."""
     if not port.startswith("tcp:"):
         return SerialTransport(port)
     host, _, number = port.removeprefix("tcp:").rpartition(":")
