@@ -12,8 +12,9 @@ use embassy_usb::driver::{
 
 /// Access to a chip's endpoint registers.
 pub trait Endpoints {
-    /// Resumes an endpoint if it is stalled; its data restart with DATA0 in any case (USB 2.0,
-    /// 9.4.5).
+    /// Resumes an endpoint if it is stalled.
+    ///
+    /// The endpoint's data restart with DATA0 in any case (USB 2.0, 9.4.5).
     fn release(address: EndpointAddress);
 }
 

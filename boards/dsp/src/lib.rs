@@ -37,8 +37,9 @@ pub const OUTPUTS: usize = 3;
 /// Sixteen signals or activations, four in two words.
 pub type Lanes = [[u32; 2]; COLUMNS / 4];
 
-/// N rows of sixteen weights in the order of the sums: four columns of each row, then the next
-/// four.
+/// N rows of sixteen weights in the order of the sums.
+///
+/// Four columns of each row come first, then the next four.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(transparent)]
 pub struct Rows<const N: usize>([[[u32; 2]; N]; COLUMNS / 4]);

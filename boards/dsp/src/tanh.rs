@@ -33,9 +33,10 @@ pub(crate) static TABLE: [u32; ENTRIES] = {
     table
 };
 
-/// tanh by the tangent at the middle of a step: 18 fraction bits in, 15 out, error below **1e-4**.
+/// tanh by the tangent at the middle of a step, with an error below **1e-4**.
 ///
-/// The test below checks the error for every argument.
+/// The argument has 18 fraction bits, the result 15. The test below checks the error for every
+/// argument.
 #[cfg(not(dsp))]
 #[inline(always)]
 pub(crate) fn whole_tanh(x: i32) -> i16 {

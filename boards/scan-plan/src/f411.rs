@@ -17,7 +17,9 @@ use crate::{STEPS, Step, fit, refusal, settle_refusal, ticks};
 pub const CLOCK_HZ: u32 = 96_000_000;
 /// Timer ticks in a cycle of the ADC clock: ADCPRE = PCLK2/4.
 pub const TICKS_PER_CYCLE: u32 = 4;
-/// ADC clock in hertz; the limit is 36 MHz (DS10314 table 66), and PCLK2/2 would be 48 MHz.
+/// ADC clock in hertz.
+///
+/// The limit is 36 MHz (DS10314 table 66), and PCLK2/2 would be 48 MHz.
 pub const ADC_HZ: u32 = CLOCK_HZ / TICKS_PER_CYCLE;
 
 /// Cycles from sampling to result for 12 bits.
@@ -43,8 +45,9 @@ const INPUT_SAMPLE: u32 = 1;
 /// Sampling code of temperature and reference: 480 cycles are 20 µs; 144 would be 6 µs.
 const INTERNAL_SAMPLE: u32 = 7;
 
-/// Inputs of the ADC in order: PA1 … PA4 are the columns, PA5, PA6, PA7 and PB0 the midpoints A …
-/// D.
+/// Inputs of the ADC in order: columns, then midpoints A … D.
+///
+/// PA1 … PA4 are the columns, PA5, PA6, PA7 and PB0 the midpoints.
 pub const INPUTS: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 /// Inputs of the temperature sensor and the reference.
 pub const INTERNAL_INPUTS: [u32; 2] = [18, 17];
@@ -205,8 +208,9 @@ const fn adc() -> Adc {
     }
 }
 
-/// Value of `DMA_SxCR`: circular, memory incremented, both sides of the same `size` (1: 16 bits, 2:
-/// 32 bits).
+/// Value of `DMA_SxCR`: circular, memory incremented.
+///
+/// Both sides have the same `size` (1: 16 bits, 2: 32 bits).
 const fn dma(channel: u32, priority: u32, size: u32, direction_and_interrupts: u32) -> u32 {
     channel << 25
         | priority << 16

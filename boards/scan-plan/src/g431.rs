@@ -40,9 +40,9 @@ const MOST_SAMPLES: u16 = 16;
 const LIGHT: u32 = 8;
 /// Nanoseconds from a new pattern to a settled amplifier output.
 ///
-/// 120 Ω of multiplexer into some 20 pF are negligible. The amplifier slews 3.3 V at 2.5 V/µs (1.3
-/// µs) and then settles to 12 bits with a bandwidth of 7 MHz / 16 (8.3 τ = 3.0 µs), each the data
-/// sheet's worst case.
+/// 120 Ω of multiplexer into some 20 pF are negligible. The amplifier slews 3.3 V at 2.5 V/µs in
+/// 1.3 µs. It then settles to 12 bits in 8.3 τ = 3.0 µs, with a bandwidth of 7 MHz / 16. Each
+/// figure is the data sheet's worst case.
 pub const AMPLIFIER_NS: u32 = 5_000;
 /// Least sampling time of the temperature sensor, nanoseconds (DS12589 table 79); the reference
 /// needs 4 µs.
@@ -50,11 +50,13 @@ pub const INTERNAL_NS: u32 = 5_000;
 
 /// Sampling times in half cycles, by their code in `SMPR`.
 const SAMPLE_HALVES: [u32; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
-/// Sampling code of a column: 680 Ω of load need 208 ns (DS12589 table 67, fast channel); 12.5
-/// cycles are 294 ns.
+/// Sampling code of a column.
+///
+/// 680 Ω of load need 208 ns (DS12589 table 67, fast channel); 12.5 cycles are 294 ns.
 const COLUMN_SAMPLE: u32 = 2;
-/// Sampling code of an amplifier's output: 24.5 cycles are 576 ns, and the amplifier drives it
-/// (DS12589 table 88).
+/// Sampling code of an amplifier's output.
+///
+/// 24.5 cycles are 576 ns, and the amplifier drives the input (DS12589 table 88).
 const AMPLIFIER_SAMPLE: u32 = 3;
 /// Sampling code of temperature and reference: 247.5 cycles are 5.8 µs.
 const INTERNAL_SAMPLE: u32 = 6;
@@ -63,8 +65,9 @@ const INTERNAL_SAMPLE: u32 = 6;
 pub const COLUMN_INPUTS: [u32; COLUMNS as usize] = [1, 2, 3, 4];
 /// Inputs of ADC1 for the temperature sensor and the reference.
 pub const INTERNAL_INPUTS: [u32; 2] = [16, 18];
-/// Inputs of ADC2 in order A, C, bias, B, D: 16 is OPAMP2's output, 18 OPAMP3's, 13 the bias on
-/// PA5.
+/// Inputs of ADC2 in order: A, C, bias, B, D.
+///
+/// 16 is OPAMP2's output, 18 OPAMP3's, 13 the bias on PA5.
 pub const BRIDGE_INPUTS: [u32; 5] = [16, 18, 13, 16, 18];
 
 /// Number of readings in ADC1's half of the buffer.
@@ -348,8 +351,9 @@ const fn interrupts(on: bool) -> u32 {
     if on { 1 << 2 | 1 << 1 } else { 0 }
 }
 
-/// Value of `DMA_CCRx`: circular, memory incremented, both sides of the same `size` (1: 16 bits, 2:
-/// 32 bits).
+/// Value of `DMA_CCRx`: circular, memory incremented.
+///
+/// Both sides have the same `size` (1: 16 bits, 2: 32 bits).
 const fn dma(direction_and_interrupts: u32, size: u32, priority: u32) -> u32 {
     direction_and_interrupts | 1 << 5 | 1 << 7 | size << 8 | size << 10 | priority << 12
 }

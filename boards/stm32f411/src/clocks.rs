@@ -11,7 +11,9 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use taxel::wire::message::Reset;
 
-/// Clock configuration: 25 MHz / 25 · 192 = 192 MHz, / 2 for the core, / 4 for the USB.
+/// Clock configuration of the chip.
+///
+/// 25 MHz / 25 · 192 = 192 MHz, / 2 for the core, / 4 for the USB.
 pub fn config() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     config.rcc.hse = Some(Hse { freq: Hertz(25_000_000), mode: HseMode::Oscillator });

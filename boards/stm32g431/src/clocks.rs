@@ -1,6 +1,7 @@
-//! Clocks of the product without a crystal: 170 MHz from HSI16, 48 MHz for the USB from HSI48.
+//! Clocks of the product, without a crystal.
 //!
-//! HSI48 follows the host's start of frame.
+//! The core runs at 170 MHz from HSI16, the USB at 48 MHz from HSI48, which follows the host's
+//! start of frame.
 
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac::rcc::vals::Hpre;
@@ -31,8 +32,8 @@ pub fn config() -> embassy_stm32::Config {
 
 /// Raises the core's voltage, as more than 150 MHz need (RM0440 §6.1.5).
 ///
-/// embassy-stm32 0.6 intends to do it ([`Config::rcc`](embassy_stm32::Config)'s `boost`), but its
-/// register description has R1MODE at bit 0 of `PWR_CR5` and the chip has it at bit 8. Values
+/// embassy-stm32 0.6 intends to do it ([`Config::rcc`](embassy_stm32::Config)'s `boost`). But its
+/// register description has R1MODE at bit 0 of `PWR_CR5`, and the chip has it at bit 8. Values
 /// written before `init` do not survive it, so call this right after `init`.
 pub fn boost() {
     const R1MODE: u32 = 1 << 8;

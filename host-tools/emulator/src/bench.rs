@@ -99,7 +99,7 @@ pub fn run(
 ) -> Result<Vec<Stage>> {
     let mut here = Here::default();
     cycles::all(inputs, &mut here);
-    ensure!(!here.results.is_empty(), "the core refuses the calibration record");
+    ensure!(!here.results.is_empty(), "the core rejects the calibration record");
     let mut expected = here.results.into_iter();
 
     let mut machine = Machine::new(elf)?;
@@ -122,12 +122,12 @@ pub fn run(
                 machine.clock().await_call(function);
             }
             Event::Result(result) => {
-                let Some(stage) = stages.last_mut() else { bail!("a result of no call") };
+                let Some(stage) = stages.last_mut() else { bail!("a result without a call") };
                 let name = &stage.name;
                 let count = machine
                     .clock()
                     .take_measured()
-                    .with_context(|| format!("{name}: the call was not seen to return"))?;
+                    .with_context(|| format!("{name}: the call did not return"))?;
                 agree(&mut expected, name, &result)?;
                 stage.calls.push(count);
             }
@@ -143,7 +143,7 @@ pub fn run(
 
 /// Message of an image to its machine.
 pub enum Event {
-    /// The next call of a function is to be measured.
+    /// Announcement of a call to measure.
     Call {
         /// Name in the table.
         name: String,
@@ -189,7 +189,9 @@ pub fn next(machine: &mut Machine, said: &mut String) -> Result<Option<Event>> {
             }
             SYS_EXIT if parameter == APPLICATION_EXIT => return Ok(None),
             SYS_EXIT => bail!("the image ended with {parameter:#x}: {}", said.trim()),
-            other => bail!("the image makes the host call {other:#x}, which nothing answers"),
+            other => {
+                bail!("the image makes the host call {other:#x}, which the machine does not know")
+            }
         }
     }
 }

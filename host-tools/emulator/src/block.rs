@@ -82,8 +82,9 @@ impl Block {
         Ok(block)
     }
 
-    /// Cost of the block after the instruction `before`; `taken` if the block ended with a branch
-    /// that was taken.
+    /// Cost of the block after the instruction `before`.
+    ///
+    /// `taken` is whether a taken branch ended the block.
     pub fn cost(&self, before: Option<&Instruction>, taken: bool) -> Band {
         let last = self.instructions.len().saturating_sub(1);
         let Some(first) = self.instructions.first() else { return Band::default() };

@@ -15,8 +15,9 @@ pub enum Class {
     Load,
     /// Store of up to one word from a core register.
     Store,
-    /// Load or store of this many words: LDM, STM, PUSH, POP, LDRD, STRD, and all of floating-point
-    /// registers.
+    /// Load or store of this many words.
+    ///
+    /// These are LDM, STM, PUSH, POP, LDRD, STRD, and all of floating-point registers.
     Words(u8),
     /// SDIV, UDIV.
     Divide,

@@ -24,7 +24,7 @@ use taxel_emulator::board::{capture, diagram, time, timing};
 use taxel_emulator::profile::Profiler;
 use taxel_emulator::{bench, peers, report};
 
-/// A Cortex-M4F machine: exact instructions, modelled cycles
+/// Cortex-M4F machine with exact instructions and modelled cycles
 #[derive(Parser)]
 struct Arguments {
     #[command(subcommand)]
@@ -78,7 +78,7 @@ struct Peers {
 
 #[derive(Args)]
 struct Cycles {
-    /// The bench image, `boards/cycles`
+    /// Bench image (`boards/cycles`)
     image: PathBuf,
     #[command(flatten)]
     seen: Seen,
@@ -98,7 +98,7 @@ struct Cycles {
 
 #[derive(Args)]
 struct RunBoard {
-    /// The firmware, `cargo xtask firmware BOARD`
+    /// Firmware image, from `cargo xtask firmware BOARD`
     image: PathBuf,
     /// Board of the image
     #[arg(long, value_enum, default_value_t = Model::G431)]
@@ -122,7 +122,7 @@ struct RunBoard {
 
 #[derive(Args)]
 struct Profile {
-    /// The firmware, `boards/stm32g431`
+    /// Firmware image of `boards/stm32g431`
     image: PathBuf,
     #[command(flatten)]
     seen: Seen,
@@ -133,7 +133,7 @@ struct Profile {
 
 #[derive(Args)]
 struct Serve {
-    /// The firmware, `cargo xtask firmware BOARD`
+    /// Firmware image, from `cargo xtask firmware BOARD`
     image: PathBuf,
     /// Board of the image
     #[arg(long, value_enum, default_value_t = Model::G431)]
@@ -141,8 +141,10 @@ struct Serve {
     /// Trace CSV that the scans are taken from; starts again at its end
     #[arg(long)]
     trace: PathBuf,
-    /// Takes one scan of the trace for each scan of the board, starting at the first whenever
-    /// scanning starts; the last one repeats, and virtual time waits for the client
+    /// Takes one scan of the trace for each scan of the board, from the first whenever scanning
+    /// starts
+    ///
+    /// The last scan of the trace repeats, and virtual time waits for the client.
     #[arg(long)]
     replay: bool,
     /// Address to listen on; port 0 takes any free port
@@ -164,7 +166,10 @@ fn serve(arguments: &Serve) -> Result<()> {
     }
     let samples = TraceReader::open(&arguments.trace)?.collect::<Result<Vec<_>, _>>()?;
     let [first, .., last] = samples.as_slice() else {
-        bail!("{}: needs two scans at least", arguments.trace.display());
+        bail!(
+            "{}: has fewer than two scans; a trace to serve needs two",
+            arguments.trace.display()
+        );
     };
     let pace = if arguments.replay {
         Pace::Replay
@@ -220,7 +225,7 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
     }
     if let Some(path) = &arguments.diagram {
         let drawn =
-            diagram::svg(&moments).context("too short to see a whole frame; --seconds 1")?;
+            diagram::svg(&moments).context("no whole frame in that time; use --seconds 1")?;
         write(path, drawn.as_bytes())?;
     }
     Ok(())
@@ -381,13 +386,13 @@ fn scans(path: &Path) -> Result<[Vec<u8>; 2]> {
     for sample in TraceReader::open(path)? {
         let sample = sample?;
         let Some(contact) = sample.truth.contact else {
-            bail!("{}: needs a column `contact`", path.display());
+            bail!("{}: has no column `contact`; record the trace with its truth", path.display());
         };
         parts[usize::from(contact)].extend(postcard::to_stdvec(&sample.scan)?);
     }
     ensure!(
         parts.iter().all(|part| !part.is_empty()),
-        "{}: needs scans with contact and scans without",
+        "{}: lacks scans with contact or scans without; both are needed",
         path.display()
     );
     Ok(parts)

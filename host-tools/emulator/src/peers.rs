@@ -72,10 +72,10 @@ pub fn run(elf: &[u8], with: &str, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> 
                 machine.clock().await_call(function);
             }
             Event::Result(bytes) => {
-                let (stage, error) = peers.last_mut().context("a result of no call")?;
+                let (stage, error) = peers.last_mut().context("a result without a call")?;
                 let count = machine.clock().take_measured();
                 let name = &stage.name;
-                let count = count.with_context(|| format!("{name}: was not seen to return"))?;
+                let count = count.with_context(|| format!("{name}: the call did not return"))?;
                 let c = inputs.get(stage.calls.len()).context("more calls than inputs")?;
                 let words = bytes.as_chunks::<4>().0;
                 let y: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();

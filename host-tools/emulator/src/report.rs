@@ -68,7 +68,10 @@ pub fn profile(name: &str, shares: &[Share]) {
     println!();
 }
 
-/// Fails if a stage executes more instructions than in the CSV at `path`, or is not in it.
+/// Compares stages with the CSV at `path`.
+///
+/// # Errors
+/// A stage that executes more instructions than listed, beyond the margins, or that is not listed.
 pub fn compare(path: &Path, stages: &[Stage]) -> Result<()> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let mut lines = text.lines();
@@ -98,7 +101,7 @@ pub fn compare(path: &Path, stages: &[Stage]) -> Result<()> {
         return Ok(());
     }
     bail!(
-        "dearer than in {} by more than a tenth; if that is wanted, write it again with \
+        "more instructions than in {}, by over a tenth; if that is intended, write it again with \
          `cargo xtask cycles --csv`:\n  {}",
         path.display(),
         dearer.join("\n  ")

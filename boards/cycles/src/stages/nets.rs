@@ -162,7 +162,9 @@ fn shapes() -> impl Iterator<Item = Shape> {
     [papers, linear].into_iter().chain(wide(false)).chain(wide(true))
 }
 
-/// Signals of a call, and calls of a net: with 16 shapes of two kinds each 12 288 signals.
+/// Signals of a call, and calls of a net.
+///
+/// With 16 shapes of two kinds each these are 12 288 signals.
 const BATCH: usize = 32;
 const BATCHES: u32 = 12;
 

@@ -12,7 +12,9 @@ use scan_plan::drawing::{Bar, Kind, Lane, Panel, svg};
 
 /// Longest time for USB full speed to fetch a frame, nanoseconds.
 const USB_NS: u64 = 150_000;
-/// Longest time from a result to memory in core cycles: three DMA channels at once, 5 cycles each.
+/// Longest time from a result to memory, core cycles.
+///
+/// Three DMA channels request at once, and each takes 5 cycles.
 const DMA_CYCLES: u32 = 3 * 5;
 
 fn docs() -> PathBuf {

@@ -101,7 +101,9 @@ impl FlashContents {
     pub fn bytes(&mut self, address: u32, length: u32) -> Outcome<&mut [u8]> {
         let range = address.checked_sub(self.start).map(|at| at as usize..(at + length) as usize);
         let bytes = range.and_then(|range| self.cells.data.get_mut(range));
-        bytes.ok_or_else(|| format!("{address:#010x} is changed, which holds the program"))
+        bytes.ok_or_else(|| {
+            format!("{address:#010x}: erased or programmed, but it holds the program")
+        })
     }
 
     /// Starts to keep the contents that a power cut in each operation would leave.

@@ -244,8 +244,9 @@ pub trait Chip {
     fn flash(&mut self) -> &mut dyn Flash;
     /// Period of the core's clock.
     fn hclk(&self) -> Tick;
-    /// Resets the chip, except the contents of flash, the connected parts and the record of the
-    /// reset's cause.
+    /// Resets the chip.
+    ///
+    /// The contents of flash, the connected parts and the record of the reset's cause stay.
     fn reset(&mut self, cause: Cause, now: Tick);
     /// Finds the next event.
     fn schedule(&mut self);
@@ -333,14 +334,16 @@ pub trait Chip {
         }
     }
 
-    /// Injects a fault: passes every later value for the register at `address` through `change`, as
-    /// if the firmware wrote it wrongly.
+    /// Injects a fault into later writes to the register at `address`.
+    ///
+    /// `change` replaces each value, as if the firmware wrote it wrongly.
     fn plant(&mut self, address: u32, change: fn(u32) -> u32) {
         self.common_mut().plants.push(Plant { address, change });
     }
 
-    /// Makes the DMA miss one more reading of converter `adc` (ADC1 is 0), as if other masters held
-    /// the bus for a whole conversion.
+    /// Makes the DMA miss one more reading of converter `adc`; ADC1 is 0.
+    ///
+    /// The effect is that of other masters holding the bus for a whole conversion.
     fn withhold(&mut self, adc: usize) {
         self.common_mut().withheld[adc] += 1;
     }

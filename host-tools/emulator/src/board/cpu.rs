@@ -22,8 +22,9 @@ use super::time::{Tick, seconds};
 use crate::clock::Clock;
 use memory::{ROM_ENTRY, Ram};
 
-/// unicorn's numbers for a return from an exception and a failed fetch, and the lowest address that
-/// means the former.
+/// unicorn's numbers for a return from an exception and for a failed fetch.
+///
+/// `EXCEPTION_RETURN` is the lowest address of a return.
 const EXCEPTION_EXIT: u32 = 8;
 const PREFETCH_ABORT: u32 = 3;
 const EXCEPTION_RETURN: u32 = 0xffff_ff00;

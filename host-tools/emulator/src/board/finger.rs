@@ -8,10 +8,13 @@ use taxel::units::{Code, FullScale};
 
 use super::time::{HZ, Tick};
 
-/// Time constant of an SFH3010 on 1 kΩ, seconds: its rise time of 7 µs (10 to 90 %) over ln 9.
+/// Time constant of an SFH3010 on 1 kΩ, seconds.
+///
+/// It is the rise time of 7 µs (10 to 90 %) over ln 9.
 const PHOTOTRANSISTOR_S: f64 = 7.0e-6 / 2.197_224_577;
-/// Time constant of an amplifier at a gain of 16, seconds: its bandwidth is 7 MHz (DS12589 table
-/// 88).
+/// Time constant of an amplifier at a gain of 16, seconds.
+///
+/// The amplifier's bandwidth is 7 MHz (DS12589 table 88).
 const AMPLIFIER_S: f64 = 16.0 / (2.0 * std::f64::consts::PI * 7.0e6);
 /// Top code of a 12-bit converter.
 const TOP: f64 = 4095.0;
@@ -115,8 +118,9 @@ pub enum Pace {
     Scans,
     /// Each scan lasts this long, counted from the end of the first; starting over after the last.
     Timed(Tick),
-    /// One scan of the scene per scan of the board, from the first whenever scanning starts; the
-    /// last one stays.
+    /// One scan of the scene per scan of the board, from the first whenever scanning starts.
+    ///
+    /// The last scan stays.
     Replay,
 }
 

@@ -1,11 +1,10 @@
-//! Whole board in virtual time: a chip with the flashed image, a finger on its pins, a USB host on
-//! its port.
+//! Whole board in virtual time, with a finger on its pins and a USB host on its port.
 //!
-//! unicorn executes the instructions. [`cpu`] takes exceptions and keeps time by the cost table.
-//! [`chip`] holds what the two chips share. [`g431`] and [`f411`] are the chips: bus and wires
-//! between the peripherals, one file each. An access that is not modelled stops the machine with
-//! the register's name, so that nothing is read as zero by accident. `docs/emulator.md` lists what
-//! is modelled.
+//! The chip runs the image that is flashed. unicorn executes the instructions. [`cpu`] takes
+//! exceptions and keeps time by the cost table. [`chip`] holds what the two chips share. [`g431`]
+//! and [`f411`] are the chips: bus and wires between the peripherals, one file each. An access that
+//! is not modelled stops the machine with the register's name, so that nothing is read as zero by
+//! accident. `docs/emulator.md` lists what is modelled.
 
 pub mod capture;
 pub mod cells;

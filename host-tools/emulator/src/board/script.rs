@@ -11,7 +11,9 @@ use super::time::{Tick, micros, seconds};
 
 /// Interval at which the client reads the port.
 const LOOK: Tick = micros(1_000);
-/// Longest time for an answer: the slowest erasure of a slot, 550 ms on the STM32F411, and 100 ms.
+/// Longest time for an answer.
+///
+/// It is the slowest erasure of a slot, 550 ms on the STM32F411, and 100 ms.
 const PATIENCE: Tick = micros(650_000);
 
 /// Board with a client at its port.
@@ -84,8 +86,9 @@ impl Session {
         }
     }
 
-    /// Number of frames from the first one with `status` on; `None` if their codes differ, scan by
-    /// scan, from the converted ones.
+    /// Number of frames from the first one with `status` on.
+    ///
+    /// `None` if their codes differ, scan by scan, from the converted ones.
     pub fn seen_in_order_since(&mut self, status: Status) -> Option<usize> {
         let begin = self.frames.iter().position(|(_, frame)| frame.status.contains(status))?;
         let codes = self.frames.iter().skip(begin).map(|(_, frame)| frame.codes);

@@ -37,7 +37,10 @@ impl Server {
         board.finger().keeps = false;
         while !board.host().is_ready() || board.finger().first().is_none() {
             if board.now() > BOOT {
-                bail!("the board is not there after {:.1} virtual seconds", seconds(board.now()));
+                bail!(
+                    "the board did not enumerate and scan within {:.1} virtual seconds",
+                    seconds(board.now())
+                );
             }
             step(&mut board)?;
         }

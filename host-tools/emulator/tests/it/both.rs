@@ -253,8 +253,8 @@ fn settings_survive_unplug_and_saved_power_cycle(model: Model) {
     assert_eq!(info(&mut session).rate_millihertz, 250_000);
 }
 
-/// Checks the start after a power cut in every `each`-th operation of an upload, and in the first
-/// and last three.
+/// Checks the start after power cuts in an upload: every `each`-th operation, and the first and
+/// last three.
 ///
 /// `FlashContents::keep_cuts` keeps the contents after a cut in each operation. The program stalls
 /// during an operation, and only the flash survives the cut. One upload therefore covers all cuts.

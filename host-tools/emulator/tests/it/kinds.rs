@@ -1,4 +1,4 @@
-//! Tests that each recorded run belongs to its kind of scene, from its first such scan to the last.
+//! Tests that each recorded run stays in its kind of scene once that has begun.
 
 use std::path::PathBuf;
 

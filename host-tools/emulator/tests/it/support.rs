@@ -71,7 +71,9 @@ pub fn info(session: &mut Session) -> Info {
     }
 }
 
-/// Reads a row of the product's page: the value and, if stated, the limit in per cent of a frame.
+/// Reads a row of the product's page: the value and the limit, if there is one.
+///
+/// The limit is in per cent of a frame.
 pub fn stated(row: &str) -> (u32, Option<u32>) {
     let page = std::fs::read_to_string(repository().join("docs/boards/stm32g431.md")).unwrap();
     let line = page.lines().find(|line| line.starts_with(&format!("| {row} |")));
@@ -124,8 +126,9 @@ pub fn moments(timing: &[(Tick, Moment)], wanted: impl Fn(&Moment) -> bool) -> V
     timing.iter().filter(|(_, moment)| wanted(moment)).map(|(at, _)| *at).collect()
 }
 
-/// Index of the first frame's scan among the converted ones, if every later frame is `divider`
-/// scans on.
+/// Index of the first frame's scan among the converted ones.
+///
+/// Every later frame must be `divider` scans on.
 pub fn first_seen(seen: &[Seen], frames: &[(Tick, Frame)], divider: usize) -> usize {
     let fits = |first: &usize| {
         let scans = seen.iter().skip(*first).step_by(divider);

@@ -79,7 +79,7 @@ impl Board {
 
     /// Unstacks the registers and returns to the interrupted code.
     pub(super) fn leave(&mut self) -> Result<()> {
-        let (exception, back) = self.handlers.pop().context("a return from no exception")?;
+        let (exception, back) = self.handlers.pop().context("a return without an exception")?;
         let frame = self.get(RegisterARM::SP)?;
         let float = back & 0x10 == 0;
         for (register, at) in FRAME.into_iter().zip((frame..).step_by(4)) {

@@ -13,7 +13,9 @@ use crate::board::{Outcome, UNMODELLED};
 pub const ALL: (u32, u32) = (0x0800_0000, 0x8_0000);
 /// Data part, which survives power-off: sectors 1 to 4.
 pub const DATA: (u32, u32) = (0x0800_4000, 0x1_c000);
-/// Sectors of the data part, with the erase times by 8, 16 and 32 bits (DS10314 table 47, typical).
+/// Sectors of the data part, with their erase times.
+///
+/// The times are for 8, 16 and 32 bits at once (DS10314 table 47, typical).
 const SECTORS: [(u32, u32, [Tick; 3]); 4] = [
     (0x0800_4000, 0x4000, SMALL),
     (0x0800_8000, 0x4000, SMALL),

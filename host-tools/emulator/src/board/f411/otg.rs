@@ -26,8 +26,9 @@ const GRXFSIZ: u32 = 0x024;
 const DIEPTXF0: u32 = 0x028;
 const GCCFG: u32 = 0x038;
 const CID: u32 = 0x03c;
-/// Hardware configuration of the core, which RM0383 omits and the driver reads: the width of an
-/// interface that a full-speed core lacks.
+/// Hardware configuration of the core, which RM0383 omits and the driver reads.
+///
+/// It holds the width of an interface that a full-speed core lacks.
 const GHWCFG4: u32 = 0x050;
 const DIEPTXF1: u32 = 0x104;
 const DCFG: u32 = 0x800;

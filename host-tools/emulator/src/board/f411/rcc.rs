@@ -94,8 +94,9 @@ impl Rcc {
         self.registers.get(offset as usize / 4).copied().ok_or_else(|| UNMODELLED.into())
     }
 
-    /// Writes the register at `offset`; `latency` are the flash's wait states, `scale` is the
-    /// voltage scale, 1 to 3.
+    /// Writes the register at `offset`.
+    ///
+    /// `latency` are the flash's wait states, `scale` is the voltage scale, 1 to 3.
     pub fn write(&mut self, offset: u32, value: u32, latency: u32, scale: u32) -> Outcome {
         let pll_runs = self.pll_runs();
         let sws = self.register(CFGR) >> 2 & 3;
@@ -169,8 +170,9 @@ impl Rcc {
         if u64::from(latency) < needed {
             return Err(format!("{hclk} Hz with {latency} wait states, which takes {needed}"));
         }
-        self.hclk =
-            time::period(hclk).ok_or_else(|| format!("{hclk} Hz, which are not modelled"))?;
+        self.hclk = time::period(hclk).ok_or_else(|| {
+            format!("{hclk} Hz, which is not modelled: its period is no whole number of ticks")
+        })?;
         Ok(())
     }
 

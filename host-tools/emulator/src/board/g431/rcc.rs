@@ -155,8 +155,9 @@ impl Rcc {
         if u64::from(latency) < needed {
             return Err(format!("{hclk} Hz with {latency} wait states, which takes {needed}"));
         }
-        self.hclk =
-            time::period(hclk).ok_or_else(|| format!("{hclk} Hz, which are not modelled"))?;
+        self.hclk = time::period(hclk).ok_or_else(|| {
+            format!("{hclk} Hz, which is not modelled: its period is no whole number of ticks")
+        })?;
         Ok(())
     }
 
