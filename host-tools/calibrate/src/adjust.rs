@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn an_aged_sensors_gain_helps_on_presses_left_out_and_one_that_did_not_age_keeps_its_own() {
+    fn gain_helps_only_an_aged_sensor() {
         let aged = presses(0.9);
         let gain = gain_of(aged.iter(), 1e-3).unwrap();
         assert!((gain * 0.9 - 1.0).abs() < 2e-3 && helps(&aged, 1e-3), "{gain}");
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn the_matrix_of_the_array_says_of_aged_signals_what_it_said_of_young_ones() {
+    fn folded_array_matrix_keeps_its_wrench() {
         let old = Matrix3::new(9.0, 0.3, -0.4, 0.2, 11.0, 0.1, -0.3, 0.5, 7.0);
         let new = Matrix3::from_diagonal(&[1.2, 0.9, 1.1].into()) * old;
         let young = nalgebra::Vector3::new(0.01, -0.02, 0.03);

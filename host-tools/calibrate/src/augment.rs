@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_taxels_would_see_gives_the_displacements_back() {
+    fn simulated_signals_restore_displacements() {
         let model = model();
         let (force, point) = ([0.2, -0.1, 0.9], [0.7, -1.1]);
         let seen = signals(&model, force, point).unwrap();
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn a_displacement_that_no_signal_makes_is_left_out() {
+    fn unreachable_displacement_gives_no_signal() {
         // This curve turns back at x = −0.5, where it reaches 0.5.
         let curve = [-2.0, -2.0, 0.0, 0.0, 0.0];
         let x = signal_of(0.4, &curve).unwrap();
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_net_that_saw_three_presses_knows_the_touches_between_them() {
+    fn augmented_net_interpolates_between_presses() {
         let model = model();
         let mut rows = Vec::new();
         for i in 0..600 {

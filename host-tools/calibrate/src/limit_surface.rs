@@ -80,14 +80,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_greatest_torsion_is_the_pressures_first_moment() {
+    fn largest_torsion_equals_first_moment_of_pressure() {
         // ∫p r dA/(N a): ⅔ for an even pressure (k → ∞), 3π/16 for Hertz's (k = 2).
         assert!((sweep(2.0)[0].1 - 3.0 * PI / 16.0).abs() < 1e-4);
         assert!((sweep(200.0)[0].1 - 2.0 / 3.0).abs() < 2e-3);
     }
 
     #[test]
-    fn the_curve_falls_from_pure_torsion_to_pure_shear() {
+    fn sweep_falls_from_pure_torsion_to_pure_shear() {
         for k in [1.8, 2.0, 3.0, 8.0] {
             let curve = sweep(k);
             assert!(curve.windows(2).all(|p| p[1].0 > p[0].0 - 1e-9 && p[1].1 < p[0].1 + 1e-9));

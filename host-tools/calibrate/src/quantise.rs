@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_net_in_16_bits_comes_back_to_them_as_it_was() {
+    fn quantised_net_survives_round_trip_through_f32() {
         let wave = |k: usize, by: f32| by * (1.7 * k as f32 + 0.3).sin();
         for (units, outputs) in [(6, 3), (20, 1)] {
             let list = |count: usize, by| (0..count).map(|k| wave(k, by)).collect::<Vec<_>>();

@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_left_a_line_and_what_bends_gets_as_many_units_as_it_needs() {
+    fn auto_fits_line_or_net_as_data_require() {
         let (net, chosen) = fit_to(&[recording(300, 0.0)], None, NEVER).unwrap();
         assert_eq!((net.name(2).as_str(), chosen.hidden), ("linear 2-1", 0));
         assert!(chosen.line[0] < 1e-3 && chosen.left_out == LeftOut::Stretches, "{chosen:?}");
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn stopped_early_the_line_is_kept_and_later_the_narrow_net() {
+    fn stopping_keeps_line_or_narrow_net() {
         let bent = [recording(300, 1.0)];
         let (net, _) = fit_to(&bent, None, ("prior", 1)).unwrap();
         assert_eq!(net.name(2), "linear 2-1");
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_target_that_rests_and_a_dozen_rows_are_refused() {
+    fn constant_target_and_dozen_rows_are_refused() {
         let mut still = recording(300, 1.0);
         still.1.iter_mut().for_each(|y| y[0] = 2.0);
         assert!(matches!(fit_to(&[still], None, NEVER), Err(FitError::NoLoad { .. })));

@@ -68,13 +68,13 @@ mod tests {
     }
 
     #[test]
-    fn independent_errors_all_count() {
+    fn independent_errors_count_fully() {
         let share = independent_share(&noise(4000, 1));
         assert!(share > 0.85, "{share}");
     }
 
     #[test]
-    fn an_error_seen_in_many_rows_counts_about_once() {
+    fn repeated_error_counts_about_once() {
         for repeat in [5, 20, 50] {
             // A run of n equal values has correlations 1 − t/n, so that τ = n.
             let share = independent_share(&noise(8000, repeat)) * repeat as f64;
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn no_error_at_all_is_no_division_by_zero() {
+    fn zero_errors_cause_no_division_by_zero() {
         assert_eq!(independent_share(&DMatrix::zeros(100, 3)), 1.0);
         assert_eq!(independent_share(&DMatrix::zeros(0, 3)), 1.0);
     }

@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_that_repeats_others_is_found_with_them() {
+    fn dependent_channel_is_found_with_its_partners() {
         let mut recording = recording(300);
         let even = conditioning(std::slice::from_ref(&recording)).unwrap();
         assert!(even.number < 2.0 && !even.is_collinear(), "{}", even.number);

@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_press_is_never_cut_in_two() {
+    fn stretches_never_split_a_press() {
         let (rows, other) = (presses(3.0), presses(1.0));
         let (left_out, stretch) = stretches(&[&rows, &other]);
         assert_eq!(left_out, LeftOut::Stretches);
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn three_recordings_of_one_kind_are_left_out_whole_and_others_are_not() {
+    fn whole_recordings_are_folds_if_three_of_one_kind() {
         let (rows, weak) = (presses(3.0), presses(0.5));
         assert_eq!(stretches(&[&rows, &rows, &rows]).0, LeftOut::Recordings);
         assert_eq!(stretches(&[&rows, &rows, &weak]).0, LeftOut::Stretches);

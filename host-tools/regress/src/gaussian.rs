@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn it_bends_where_there_are_rows_and_is_a_line_far_from_them() {
+    fn process_bends_near_rows_and_is_linear_far_away() {
         let train = rows(300, 0.3);
         let model = model(&train);
         let error = model.outputs(&train.x) - &train.y;
@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_stretch_left_out_gets_is_what_a_fit_without_it_says() {
+    fn block_formula_matches_refit_without_stretch() {
         let all = rows(160, 0.3);
         let bend = Bend { reach: 0.8, size: 1e2 };
         let trial = attempt(&all, bend, &dots(&all.x, &all.x), &squares(&all.x, &all.x)).unwrap();
@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_nearly_as_well_as_the_best_takes_part() {
+    fn priors_within_standard_error_are_kept() {
         let scores =
             |at: f64| Scores(DMatrix::from_column_slice(4, 1, &[at, at + 1.0, at, at + 1.0]));
         // The standard error of four such stretches is 0.29.
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn what_only_hisses_is_not_heard_and_rows_in_no_order_are_all_heard() {
+    fn heard_drops_noise_unless_rows_are_shuffled() {
         let hiss = |i: usize| 0.2 * (12.9898 * (i * i) as f64).sin();
         let mut rows = rows(600, 0.3);
         for _ in 0..3 {
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn stopped_at_once_there_is_nothing_to_keep() {
+    fn fit_stopped_at_once_returns_error() {
         let all = rows(100, 0.0);
         let stopped = fit(&all, &all, all.heard(), &mut |_, _| {}, &AtomicBool::new(true));
         assert!(matches!(stopped, Err(FitError::Stopped)));

@@ -91,7 +91,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_matrix_comes_back_from_noiseless_signals(s in prop::array::uniform3(prop::array::uniform3(-200.0..200.0f64))) {
+        fn matrix_is_recovered_from_noiseless_signals(s in prop::array::uniform3(prop::array::uniform3(-200.0..200.0f64))) {
             let u = wandering();
             let f = forces_of(s, &u);
             prop_assume!(f.iter().flatten().any(|f| *f != 0.0));
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn cross_talk_is_part_of_the_matrix_and_the_residual_is_what_is_left() {
+    fn matrix_includes_crosstalk_and_rms_the_remainder() {
         let u = wandering();
         let mut f = forces_of(S, &u);
         f.iter_mut().enumerate().for_each(|(i, f)| f[1] += if i % 2 == 0 { 0.01 } else { -0.01 });
@@ -114,13 +114,13 @@ mod tests {
     }
 
     #[test]
-    fn an_unloaded_recording_is_refused() {
+    fn unloaded_recording_is_refused() {
         let u = vec![[1e-6, -1e-6, 1e-6]; 300];
         assert!(matches!(fit("s0", &u, &vec![[0.0; 3]; 300], 1e-5), Err(FitError::NoLoad { .. })));
     }
 
     #[test]
-    fn loads_along_one_line_are_refused_with_what_to_do() {
+    fn collinear_loads_are_refused_with_remedy() {
         let u: Vec<_> = wandering().iter().map(|u| [u[0], 0.5 * u[0], -u[0]]).collect();
         let error = fit("s1", &u, &forces_of(S, &u), 1e-5).unwrap_err();
         assert!(matches!(error, FitError::Collinear { .. }));

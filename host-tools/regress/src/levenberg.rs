@@ -233,7 +233,7 @@ mod tests {
     ///
     /// Best of 200 starts on the same residuals with √0.01·w appended.
     #[test]
-    fn it_finds_the_minimum_that_scipy_finds() {
+    fn training_reaches_minimum_of_scipy() {
         let rows = rows();
         let cost = (0..20)
             .map(|seed| {
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn the_diagonal_of_the_inverse_is_that_of_the_inverse() {
+    fn inverse_diagonal_matches_full_inverse() {
         let rows = rows();
         let model = mlp::quadratic(SHAPE, start(SHAPE, 1).as_slice(), &rows);
         let matrix = model.curvature + nalgebra::DMatrix::identity(17, 17);

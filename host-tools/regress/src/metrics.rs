@@ -98,7 +98,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn figures_of_a_hand_worked_example() {
+    fn figures_match_hand_worked_example() {
         let figures = figures(&[1.0, -2.0, 4.0]).unwrap();
         assert_eq!((figures.max, figures.bias, figures.n), (4.0, 1.0, 3));
         assert!((figures.rmse - 7f64.sqrt()).abs() < 1e-12);
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_judged_is_no_figure() {
+    fn errors_give_no_figures_without_rows() {
         let mut errors = Errors::default();
         errors.withhold("saturated");
         errors.withhold("saturated");
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_surely_less_only_by_more_than_the_standard_error_of_the_difference() {
+    fn surely_less_requires_more_than_standard_error() {
         let than = [0.1, 0.2, 0.3];
         assert!(surely_less(&[0.08, 0.17, 0.26], &than));
         assert!(!surely_less(&[0.01, 0.25, 0.31], &than));
@@ -125,7 +125,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn mean_square_is_bias_and_spread_together(errors in prop::collection::vec(-10.0..10.0f64, 1..50)) {
+        fn mean_square_is_bias_plus_variance(errors in prop::collection::vec(-10.0..10.0f64, 1..50)) {
             let f = figures(&errors).unwrap();
             prop_assert!((f.rmse.powi(2) - f.bias.powi(2) - f.sigma.powi(2)).abs() < 1e-9);
             prop_assert!(f.rmse <= f.max + 1e-12);

@@ -224,7 +224,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
         #[test]
-        fn gradient_and_curvature_are_those_of_finite_differences(
+        fn gradient_and_curvature_match_finite_differences(
             inputs in 1usize..5,
             hidden in 0usize..6,
             outputs in 1usize..4,

@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_family_is_known_by_its_name() {
+    fn family_names_parse_and_print() {
         for (name, family) in NAMES {
             assert_eq!(name.parse(), Ok(family));
             assert_eq!(family.to_string(), name);

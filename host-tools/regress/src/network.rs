@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn folded_f32_weights_follow_the_function_in_its_own_units() {
+    fn folded_f32_weights_match_function() {
         let (x, y) = rows(600);
         let net = fit_quietly(&x, &y, NetOptions::default()).unwrap();
         for (x, y) in x.iter().zip(&y) {
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn a_skip_path_takes_what_is_linear_and_alone_it_is_all_there_is() {
+    fn skip_path_fits_linear_function_alone_or_with_units() {
         let (x, _) = rows(600);
         let y: Vec<Vec<f64>> =
             x.iter().map(|x| vec![3.0 + 0.5 * x[0] - 2000.0 * x[1] + x[2]]).collect();
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_seed_gives_the_same_bits_and_another_seed_another_net() {
+    fn fit_is_deterministic_for_each_seed() {
         let (x, y) = rows(200);
         let net = |seed| fit_quietly(&x, &y, NetOptions { seed, starts: 2, steps: 30 }).unwrap();
         assert_eq!(net(1), net(1));
@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn stopping_returns_the_best_so_far() {
+    fn stopping_fit_returns_best_net_so_far() {
         let (x, y) = rows(200);
         let stop = AtomicBool::new(false);
         let mut last = 0;
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn stopped_before_the_first_step_there_is_nothing_to_keep() {
+    fn fit_stopped_before_first_step_returns_error() {
         let (x, y) = rows(200);
         let stop = AtomicBool::new(true);
         let error = fit("net", (&x, &y), SIX, UNLIKE, &mut |_| {}, &stop).unwrap_err();
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn an_input_that_never_changes_gets_no_weight() {
+    fn constant_input_gets_no_weight() {
         let (mut x, y) = rows(200);
         x.iter_mut().for_each(|row| row[2] = 7.0);
         let net = fit_quietly(&x, &y, NetOptions { steps: 20, ..NetOptions::default() }).unwrap();
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dozen_rows_and_a_constant_target_are_refused() {
+    fn dozen_rows_and_constant_target_are_refused() {
         let (x, y) = rows(12);
         assert!(matches!(
             fit_quietly(&x, &y, NetOptions::default()),

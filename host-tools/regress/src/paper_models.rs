@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_feeler_that_sticks_and_slips_gives_its_four_constants() {
+    fn feeler_fit_recovers_four_constants() {
         let paper = [1.7, 0.067, 0.25, 0.56];
         let law = Law::Feeler { normal: 0.03, x: paper, y: [1.5, 0.08, 0.3, 0.4] };
         let inputs = |t: f64| {
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_column_a_line_of_four_and_a_gap_curve_give_their_coefficients() {
+    fn column_row_and_gap_fits_recover_coefficients() {
         let areas = |t: f64| [0.3, 0.9, 1.7, 2.3].map(|w| 0.3 + 0.2 * (w * t).sin()).to_vec();
         let law = Law::Column { normal: 0.25, shear: 0.20, flattening: 0.081 };
         let found = fit(Family::Column, &[recorded(areas, &law)]).unwrap().unwrap();
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn another_shape_and_loads_that_leave_coefficients_open_are_refused() {
+    fn wrong_shape_and_underdetermined_loads_are_refused() {
         let law = Law::Column { normal: 0.25, shear: 0.20, flattening: 0.081 };
         let same = |t: f64| vec![0.3 + 0.2 * t.sin(); 4];
         let error = |family, data: Recorded| fit(family, &[data]).unwrap().unwrap_err().to_string();

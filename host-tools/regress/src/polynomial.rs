@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn terms_are_powers_of_each_or_products_of_two() {
+    fn terms_are_powers_or_products() {
         let x = [2.0, -3.0];
         assert_eq!(Expansion::None.terms(&x), [2.0, -3.0]);
         assert_eq!(Expansion::Cubic.terms(&x), [2.0, -3.0, 4.0, 9.0, 8.0, -27.0]);

@@ -29,7 +29,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_middle_and_the_nearest_rank_are_found() {
+    fn median_and_quantile_use_nearest_rank() {
         assert_eq!(
             [median(vec![3.0, 1.0, 2.0]), median(vec![4.0, 1.0]), median(vec![])],
             [2.0, 2.5, 0.0]

@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_margin_is_a_quarter_of_the_span_but_never_within_the_noise() {
+    fn margin_is_quarter_of_span_beyond_noise() {
         assert_eq!(trained_range([0.0, -1.0, 0.5].into_iter(), 0.01), [-1.375, 0.875]);
         assert_eq!(trained_range([0.0, 0.0].into_iter(), 0.125), [-1.25, 1.25]);
     }

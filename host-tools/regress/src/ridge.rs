@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_found_and_a_bend_is_left_as_error() {
+    fn ridge_fits_line_and_leaves_bend_as_error() {
         let line = fit(&rows(0.0)).unwrap();
         assert!((line.slope[(0, 0)] - 1.0).abs() < 1e-3 && (line.slope[(1, 0)] + 0.5).abs() < 1e-3);
         assert!((line.level[0] - 0.2).abs() < 1e-3 && line.left_out.error()[0] < 1e-3);
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_decay_a_line_is_exact_and_twins_are_refused() {
+    fn fit_without_decay_is_exact_but_refuses_duplicates() {
         let mut rows = rows(0.0);
         rows.x = rows.x.insert_column(1, 0.0);
         let (slope, level) = without_decay(&rows).unwrap();

@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn inputs_alike_are_scaled_together_and_others_each_by_itself() {
+    fn alike_inputs_share_one_scale() {
         let rows: [&[f64]; 2] = [&[1.0, 70.0, 5.0], &[3.0, 84.0, 5.0]];
         let spreads = |kind| {
             let scaling = Scaling::of(&rows, &rows, kind);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_column_that_rests_is_scaled_to_zero_though_its_mean_is_rounded() {
+    fn constant_column_scales_to_zero_despite_rounding() {
         let rows = vec![vec![0.1]; 7];
         let scaling = Scaling::of(&rows, &rows, Inputs::Unlike);
         assert!(scaling.a_target_rests());

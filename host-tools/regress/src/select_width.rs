@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_width_that_the_others_do_not_determine_is_not_chosen() {
+    fn underdetermined_width_is_not_chosen() {
         // 16 units have 65 parameters: 150 rows determine them, the 100 rows of two recordings do
         // not.
         let (net, chosen, told) = fit_to(3, 50, None);
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn with_two_recordings_it_is_told_that_the_width_was_not_chosen_unless_the_user_chose() {
+    fn default_width_of_two_recordings_raises_warning() {
         let (net, chosen, told) = fit_to(2, 100, None);
         assert_eq!((net.hidden_bias.len(), chosen), (16, None));
         assert!(

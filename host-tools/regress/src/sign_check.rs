@@ -213,14 +213,14 @@ mod tests {
     }
 
     #[test]
-    fn recordings_that_agree_are_let_through() {
+    fn recordings_of_equal_sign_pass() {
         for rows in [&[600][..], &[600, 60], &[300, 400, 500], &[200, 0, 900, 30]] {
             assert_eq!(judged(&[], rows), Ok(()));
         }
     }
 
     #[test]
-    fn the_recordings_that_are_turned_are_named_with_what_is_turned_in_them() {
+    fn flipped_recordings_are_named_with_their_columns() {
         for (turned, rows, said) in [
             (
                 &[(1, 0)][..],
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_without_shear_is_not_judged_by_the_noise_of_it() {
+    fn sign_check_ignores_recording_without_shear() {
         let mut all = [recording(400, 0.0), recording(400, 40.0)];
         all[1].1.iter_mut().for_each(|y| y[1] *= -0.05);
         let (names, targets) = (["a".into(), "b".into()], ["fz_n".into(), "fx_n".into()]);

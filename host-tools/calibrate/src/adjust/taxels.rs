@@ -362,7 +362,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn folded_gains_undo_what_they_did_to_the_signals_stray_light_included() {
+    fn folded_gains_restore_displacements() {
         let wave = |k: usize, by: f32| by * (1.7 * k as f32).sin();
         let mut model = Inverse::default();
         for k in 0..TAXELS {

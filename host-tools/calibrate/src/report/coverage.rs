@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_beyond_what_was_fitted_to_are_counted() {
+    fn coverage_counts_rows_beyond_the_fit() {
         let fitted = recording(&[(-4.0, -4.0), (0.0, 0.0), (0.1, 0.1)]);
         let judged = recording(&[(0.0, 0.1), (4.0, 4.0), (4.0, -4.0), (-4.0, -4.0)]);
         let maps = maps(&[fitted], &[judged]);
@@ -132,14 +132,14 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_between_two_presses_is_not_beyond_them() {
+    fn coverage_includes_rows_between_presses() {
         let fitted = recording(&[(-4.0, -4.0), (0.0, 0.0), (1.0, 1.0), (4.0, 4.0)]);
         let judged = recording(&[(0.5, 0.5), (1.5, 0.0), (0.0, 1.5)]);
         assert_eq!(maps(&[fitted], &[judged])[0].beyond_percent, Some(0.0));
     }
 
     #[test]
-    fn a_reference_that_stands_still_has_no_map() {
+    fn constant_reference_gives_no_map() {
         assert!(maps(&[], &[recording(&[(1.0, 2.0), (1.0, 3.0)])]).is_empty());
     }
 }

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn an_offset_is_told_in_newtons_and_a_gain_in_percent() {
+    fn drift_reports_offset_in_mn_and_gain_in_percent() {
         let first = calibration([[7.0, 0.0, 0.0], [0.0, 7.0, 0.0], [0.0, 0.0, 5.0]], [0.0; 3]);
         let second =
             calibration([[7.7, 0.0, 0.0], [0.0, 7.0, 0.0], [0.0, 0.35, 5.0]], [0.0, 0.0, 0.002]);
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn different_fingers_and_missing_parts_are_told() {
+    fn drift_warns_of_other_finger_and_missing_parts() {
         let first = calibration([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3]);
         let second = Calibration { serial: "other".try_into().unwrap(), ..Calibration::default() };
         let warnings = compare(&first, &second, &[]).warnings.join("\n");

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_backlash_is_the_hysteresis_and_an_offset_is_none() {
+    fn hysteresis_is_backlash_without_offset() {
         let up = triangle();
         let late: Vec<f64> = (0..up.len())
             .map(|i| up[i] + if up[(i + 1) % up.len()] > up[i] { -0.02 } else { 0.02 })
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn crosstalk_is_the_share_of_the_other_component_and_not_of_ones_own() {
+    fn crosstalk_excludes_own_component() {
         let z = triangle();
         let x: Vec<f64> = (0..z.len()).map(|i| (i as f64 * 0.05).sin()).collect();
         let said = x.iter().zip(&z).map(|(x, z)| 1.1 * x - 0.07 * z).collect();
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_what_jitters_and_not_what_drifts_or_jumps() {
+    fn noise_excludes_drift_and_jumps() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let truth = triangle();
         let sigma = 2e-3;
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_estimated_has_no_figures() {
+    fn figures_are_none_without_estimates() {
         let mut none = series(2, vec![1.0, 2.0], vec![0.0, 0.0]);
         none.estimate = vec![None, None];
         assert_eq!(figures(&none, &[]), None);

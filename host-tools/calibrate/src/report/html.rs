@@ -302,14 +302,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_comes_from_a_file_is_text_and_never_markup() {
+    fn page_escapes_markup_from_files() {
         assert_eq!(escaped("<b> & \"c\""), "&lt;b&gt; &amp; &quot;c&quot;");
         assert_eq!(short("s0_fx_n"), "s0_fx");
         assert_eq!(short("mass_total"), "mass_total");
     }
 
     #[test]
-    fn newtons_are_told_in_thousandths_and_other_units_by_the_digits_that_count() {
+    fn quantity_uses_mn_or_significant_digits() {
         assert_eq!(quantity(0.012_345, "N"), "12.35 mN");
         assert_eq!(quantity(0.5, "mm"), "500.00 µm");
         assert_eq!(quantity(-6.781_23, "°"), "-6.781 °");

@@ -23,7 +23,7 @@ const VARIANTS: [With; 3] = [With::Matrix, With::Array, With::Both];
 type Rings<'r> = &'r dyn Fn(usize, fn(&Ring) -> f64) -> f64;
 
 #[test]
-fn a_single_contact_is_placed_and_weighed_on_five_devices() {
+fn single_contact_meets_accuracy_on_five_devices() {
     let mut rings: [Vec<[Ring; 3]>; 3] = Default::default();
     let mut doubled = [[0; 2]; 3];
     for device in DEVICES {
@@ -94,7 +94,7 @@ fn a_single_contact_is_placed_and_weighed_on_five_devices() {
 }
 
 #[test]
-fn a_twist_is_told_and_moves_no_contact_point() {
+fn torsion_is_measured_without_moving_contact_point() {
     let (mut rings, mut truth) = (vec![], vec![]);
     for device in DEVICES {
         let (record, samples) = (calibrated(device), twisted(device));
@@ -118,7 +118,7 @@ fn a_twist_is_told_and_moves_no_contact_point() {
 }
 
 #[test]
-fn a_newton_is_resolved_to_two_thousandths_and_followed_beyond_200_hz() {
+fn resolution_is_2_mn_and_bandwidth_200_hz() {
     let (mut sigmas, mut left, mut least) = <([[f64; 3]; 3], [f64; 3], [f64; 3])>::default();
     for device in DEVICES {
         let record = calibrated(device);
@@ -166,7 +166,7 @@ fn a_newton_is_resolved_to_two_thousandths_and_followed_beyond_200_hz() {
 }
 
 #[test]
-fn two_contacts_two_pitches_apart_are_found_on_five_devices() {
+fn two_contacts_are_found_two_pitches_apart() {
     let [mut shown, mut found] = [[0; 2]; 2];
     for device in DEVICES {
         let record = calibrated(device);
@@ -185,7 +185,7 @@ fn two_contacts_two_pitches_apart_are_found_on_five_devices() {
 }
 
 #[test]
-fn slip_is_told_20_ms_ahead_in_95_of_100_onsets_known_friction_or_not() {
+fn slip_warning_leads_onset_by_20_ms() {
     let mut all: [Onsets; 3] = Default::default();
     let mut sprung: [Jerks; 3] = Default::default();
     for device in SLIP_DEVICES {
@@ -238,7 +238,7 @@ fn slides_are_told(all: &[Onsets; 3], sprung: &[Jerks; 3]) {
 }
 
 #[test]
-fn a_twist_of_a_tenth_of_a_newton_millimetre_is_warned_of_where_friction_was_felt() {
+fn torsional_slip_is_warned_of_at_known_friction() {
     let [mut all, mut felt, mut new] = [[0; 2]; 3];
     let add = |sum: &mut [usize; 2], one: [usize; 2]| (0..2).for_each(|i| sum[i] += one[i]);
     for device in SLIP_DEVICES {
@@ -261,7 +261,7 @@ fn a_twist_of_a_tenth_of_a_newton_millimetre_is_warned_of_where_friction_was_fel
 }
 
 #[test]
-fn first_touch_of_an_unknown_thing_is_seldom_warned_of() {
+fn first_touch_rarely_raises_slip_warning() {
     let [mut touches, mut warned] = [0; 2];
     for (device, rate) in [(17, 1000), (18, 1000), (19, 500)] {
         let record = calibrated(device);

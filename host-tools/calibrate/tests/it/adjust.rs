@@ -99,7 +99,7 @@ fn error(calibration: &Calibration, judged: &Recording) -> f64 {
 }
 
 #[test]
-fn nine_weights_mend_what_aged_and_leave_what_did_not_whatever_estimates() {
+fn nine_weights_correct_only_an_aged_device() {
     let all = record(NAME);
     let act = presses(60, [0.0, 0.8], 1.0);
     let young = recording(run(DEVICE, 2, 500, 13.0, 0.8, &act));

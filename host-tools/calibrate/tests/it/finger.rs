@@ -113,7 +113,7 @@ fn figures(metrics: &[TargetMetrics], target: &str) -> Figures {
 }
 
 #[test]
-fn a_bench_recording_gives_that_sensor_and_nothing_else() {
+fn bench_recording_fits_only_its_sensor() {
     let fitted = fit_quietly(&[bench(1000, [1.0; 3])], &options()).unwrap();
     assert!(fitted.calibration.taxels.is_none());
     assert_eq!(fitted.parts[0].name, "s0");
@@ -126,7 +126,7 @@ fn a_bench_recording_gives_that_sensor_and_nothing_else() {
 }
 
 #[test]
-fn a_load_cell_that_errs_does_not_hide_the_unloaded_beginning() {
+fn unloaded_rows_are_found_despite_cell_noise() {
     // The load cell of [Ospina2017] has an error of 6 mN for forces up to 1 N.
     let mut bench = bench(1000, [1.0; 3]);
     for (row, sample) in bench.samples.iter_mut().enumerate() {
@@ -144,7 +144,7 @@ fn a_load_cell_that_errs_does_not_hide_the_unloaded_beginning() {
 }
 
 #[test]
-fn a_net_in_sixteen_bits_says_what_that_costs_and_it_is_little() {
+fn quantised_net_reports_small_added_error() {
     let recordings = [presses(60, 0, 0.4)];
     let float = fit_quietly(&recordings, &options()).unwrap();
     let quantised = fit_quietly(&recordings, &FitOptions { form: Form::Q15, ..options() }).unwrap();
@@ -167,7 +167,7 @@ fn a_net_in_sixteen_bits_says_what_that_costs_and_it_is_little() {
 }
 
 #[test]
-fn presses_with_shear_give_a_net_that_holds_on_presses_it_has_not_seen() {
+fn net_generalises_to_unseen_presses_with_shear() {
     let net = NetOptions { seed: 1, starts: 1, steps: 240 };
     let options = FitOptions { net, net_only: true, ..FitOptions::default() };
     let fitted = fit_quietly(&[presses(100, 0, 0.4)], &options).unwrap();
@@ -181,7 +181,7 @@ fn presses_with_shear_give_a_net_that_holds_on_presses_it_has_not_seen() {
 }
 
 #[test]
-fn without_shear_only_the_normal_force_is_fitted() {
+fn only_normal_force_is_fitted_without_shear() {
     let fitted = fit_quietly(&[presses(30, 0, 0.0)], &options()).unwrap();
     assert_eq!(fitted.parts[0].name, "net 16-8-1");
     let metrics = evaluate::finger(&fitted.calibration, &presses(10, 30, 0.0));
@@ -190,13 +190,13 @@ fn without_shear_only_the_normal_force_is_fitted() {
 }
 
 #[test]
-fn bench_and_press_recordings_together_make_one_record() {
+fn bench_and_press_recordings_give_one_record() {
     let fitted = fit_quietly(&[bench(1000, [1.0; 3]), presses(30, 0, 0.0)], &options()).unwrap();
     assert!(fitted.calibration.taxels.is_some() && fitted.calibration.sensors[0].is_some());
 }
 
 #[test]
-fn a_load_far_beyond_training_is_withheld() {
+fn load_far_beyond_training_gives_no_value() {
     let fitted = fit_quietly(&[presses(30, 0, 0.0)], &options()).unwrap();
     let mut strong = presses(0, 0, 0.0);
     for row in 100..200 {
@@ -208,7 +208,7 @@ fn a_load_far_beyond_training_is_withheld() {
 }
 
 #[test]
-fn reference_columns_of_a_sensor_fit_it_wherever_they_are() {
+fn sensor_reference_columns_fit_in_any_recording() {
     let mut both = presses(30, 0, 0.0);
     let alone = bench(1000, [1.0; 3]);
     for (i, sample) in both.samples.iter_mut().enumerate() {
@@ -224,7 +224,7 @@ fn reference_columns_of_a_sensor_fit_it_wherever_they_are() {
 }
 
 #[test]
-fn the_record_survives_the_way_to_the_chip() {
+fn record_survives_serialisation() {
     let fitted = fit_quietly(&[presses(30, 0, 0.4)], &options()).unwrap();
     let mut buffer = [0; taxel::calibration::MAX_BYTES];
     let bytes = fitted.calibration.to_bytes(&mut buffer).unwrap();
@@ -232,7 +232,7 @@ fn the_record_survives_the_way_to_the_chip() {
 }
 
 #[test]
-fn without_a_contact_column_or_a_force_the_first_still_frames_are_the_unloaded_ones() {
+fn bias_uses_first_still_frames_without_reference() {
     let mut silent = presses(30, 0, 0.0);
     silent.samples.iter_mut().for_each(|s| s.truth = Truth::default());
     let known = presses(30, 0, 0.0).bias(None).unwrap().taxels.unwrap();
@@ -242,7 +242,7 @@ fn without_a_contact_column_or_a_force_the_first_still_frames_are_the_unloaded_o
 }
 
 #[test]
-fn saturated_rows_are_left_out_and_said() {
+fn saturated_rows_are_left_out_with_warning() {
     let mut bright = presses(40, 0, 0.0);
     let top = FullScale::BITS_16.top();
     for sample in bright.samples.iter_mut().skip(400).take(20) {
@@ -266,7 +266,7 @@ fn own_reference(rows: usize) -> Recording {
 }
 
 #[test]
-fn a_sensor_is_fitted_to_the_rows_whose_force_on_it_is_known() {
+fn sensor_fit_uses_rows_with_known_force() {
     let finger = FitOptions { subject: Subject::Finger, ..options() };
     let whole = fit_quietly(&[own_reference(1000)], &finger).unwrap();
     assert_eq!((whole.parts[0].name.as_str(), whole.parts[0].rows), ("s0", 1100));
@@ -283,7 +283,7 @@ fn a_sensor_is_fitted_to_the_rows_whose_force_on_it_is_known() {
 }
 
 #[test]
-fn a_sensor_that_is_not_fitted_is_named_with_the_reason() {
+fn unfitted_sensor_is_named_with_reason() {
     let warned = |known: fn(f64) -> [Option<f64>; 3], sensor: usize| {
         let mut presses = presses(30, 0, 0.0);
         for sample in &mut presses.samples {
@@ -318,7 +318,7 @@ fn a_sensor_that_is_not_fitted_is_named_with_the_reason() {
 }
 
 #[test]
-fn the_net_alone_does_without_a_sensor_that_presses_do_not_determine() {
+fn net_only_fit_skips_undetermined_sensor() {
     let mut presses = presses(30, 0, 0.0);
     for (row, s) in presses.samples.iter_mut().enumerate() {
         let fz = 0.25 * s.truth.force[2].unwrap_or_default();
@@ -335,7 +335,7 @@ fn the_net_alone_does_without_a_sensor_that_presses_do_not_determine() {
 }
 
 #[test]
-fn an_axis_that_is_never_loaded_is_refused_by_name_and_one_loaded_one_way_is_told() {
+fn unloaded_axis_is_refused_and_one_sided_is_warned() {
     let sheared = |x: fn(f64) -> f64| {
         let mut recording = presses(60, 0, 0.4);
         for sample in &mut recording.samples {
@@ -358,7 +358,7 @@ fn an_axis_that_is_never_loaded_is_refused_by_name_and_one_loaded_one_way_is_tol
 }
 
 #[test]
-fn rows_that_stand_far_out_are_counted_as_left_out() {
+fn outlier_rows_are_counted_as_left_out() {
     let mut loose = presses(60, 0, 0.4);
     let wrong: Vec<usize> =
         (120..loose.samples.len() - 20).step_by(40).map(|row| row + 10).collect();
@@ -370,7 +370,7 @@ fn rows_that_stand_far_out_are_counted_as_left_out() {
 }
 
 #[test]
-fn what_recordings_lack_is_named_with_the_mend() {
+fn fit_error_names_missing_data_and_remedy() {
     let refused = |recordings: &[Recording], options: &FitOptions| {
         fit_quietly(recordings, options).unwrap_err().to_string()
     };

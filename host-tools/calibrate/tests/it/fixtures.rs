@@ -96,12 +96,12 @@ mod endurance {
     use super::{check, judged, warm};
 
     #[test]
-    fn a_judged_record_is_what_the_fit_gives() {
+    fn judged_record_matches_fit() {
         check(&[judged(11)]);
     }
 
     #[test]
-    fn records_of_a_warm_finger_are_what_the_fit_gives() {
+    fn warm_finger_records_match_fit() {
         check(&[warm(true), warm(false)]);
     }
 }
@@ -110,7 +110,7 @@ mod nightly {
     use super::{aged, check, judged};
 
     #[test]
-    fn all_judged_records_are_what_the_fit_gives() {
+    fn all_judged_records_match_fit() {
         check(&[12, 13, 14, 15, 17, 18, 19, 20, 21, 22].map(judged));
         check(&[aged()]);
     }

@@ -39,7 +39,7 @@ fn error_of(fitted: &Fitted) -> f64 {
 }
 
 #[test]
-fn a_force_that_is_turned_round_in_one_recording_is_refused_by_name_and_column() {
+fn flipped_force_is_refused_by_recording_and_column() {
     let sheared = |name: &str, seed: u64| {
         let samples = Simulator::new(&Scene::load("shear").unwrap(), seed).take(20_000).step_by(2);
         Recording { name: name.into(), samples: samples.collect() }
@@ -90,7 +90,7 @@ fn a_time_base_that_is_off_is_put_right_and_told() {
 }
 
 #[test]
-fn runs_of_wrong_rows_and_wrong_ends_are_told_with_their_share_and_too_many_are_refused() {
+fn wrong_runs_are_warned_of_or_refused() {
     let good = recording("good.csv", 1, 55);
     let rows = good.samples.len();
     let loose = |wrong: &dyn Fn(usize) -> bool| {
@@ -117,7 +117,7 @@ fn runs_of_wrong_rows_and_wrong_ends_are_told_with_their_share_and_too_many_are_
 }
 
 #[test]
-fn a_load_cell_that_came_off_over_whole_presses_is_told_and_its_rows_are_left_out() {
+fn detached_load_cell_rows_are_left_out_with_warning() {
     let good = recording("good.csv", 1, 55);
     // Five presses a second, from 1 s on: the cell is missing from one rest to another.
     let dead = |share: f64| {

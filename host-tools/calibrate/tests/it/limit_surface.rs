@@ -5,14 +5,14 @@
 use crate::judge::limit_surfaces::{error, table};
 
 #[test]
-fn the_sweep_and_the_table_are_within_a_third_of_a_per_cent_and_the_ellipse_within_seven() {
+fn limit_surface_forms_meet_their_error_bounds() {
     assert!(error("sweep") < 0.0033, "{}", error("sweep"));
     assert!(error("table") < 0.0033, "{}", error("table"));
     assert!((0.06..0.07).contains(&error("ellipse")), "{}", error("ellipse"));
 }
 
 #[test]
-fn the_committed_table_is_what_the_forms_leave_and_cost_now() {
+fn committed_limit_surface_table_is_current() {
     let committed = include_str!("../../data/limit-surface.csv");
     assert_eq!(
         committed,

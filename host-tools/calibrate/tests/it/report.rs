@@ -58,12 +58,12 @@ fn of_finger(spoil: fn(&mut Sample)) -> Vec<String> {
 }
 
 #[test]
-fn a_finger_that_was_pressed_and_pulled_everywhere_is_not_warned_of() {
+fn full_coverage_of_finger_raises_no_warning() {
     assert_begin(&of_finger(|_| {}), &[]);
 }
 
 #[test]
-fn a_finger_that_was_not_pulled_or_only_one_way_is_told_by_component() {
+fn missing_or_one_sided_shear_is_warned_of() {
     let found = of_finger(|sample| sample.truth.force[0] = Some(0.0));
     assert_begin(&found, &["no shear in x (less than 1 % of the normal force): fx is a guess"]);
     let found = of_finger(|sample| {
@@ -73,7 +73,7 @@ fn a_finger_that_was_not_pulled_or_only_one_way_is_told_by_component() {
 }
 
 #[test]
-fn taxels_that_are_joined_are_told_by_name_and_so_is_a_sensor_that_stands_still() {
+fn duplicate_taxel_and_constant_sensor_are_named() {
     let found = of_finger(|sample| {
         let taxels = sample.scan.codes.taxels.as_mut().unwrap();
         taxels.lit[2][1] = taxels.lit[1][1];
@@ -89,7 +89,7 @@ fn taxels_that_are_joined_are_told_by_name_and_so_is_a_sensor_that_stands_still(
 }
 
 #[test]
-fn recordings_that_are_few_unknown_or_judged_themselves_are_told() {
+fn few_unknown_or_judged_recordings_raise_warnings() {
     let all = [1, 2, 3, 4].map(finger);
     let judge = |judged: usize, fitted: &[Recording]| {
         warnings(&taxel_calibrate::report::judge(&calibration(), &all[judged..=judged], fitted))
@@ -100,7 +100,7 @@ fn recordings_that_are_few_unknown_or_judged_themselves_are_told() {
 }
 
 #[test]
-fn loads_beyond_all_that_were_fitted_to_are_told_with_their_share() {
+fn share_of_loads_beyond_the_fit_is_warned_of() {
     let mut beyond = finger(4);
     for sample in &mut beyond.samples {
         sample.truth.force = sample.truth.force.map(|force| Some(3.0 * force?));
@@ -150,12 +150,12 @@ fn of_table(spoil: fn(&mut [f64], &mut [f64])) -> Vec<String> {
 }
 
 #[test]
-fn a_table_that_covers_what_is_judged_is_not_warned_of() {
+fn full_coverage_of_table_raises_no_warning() {
     assert_begin(&of_table(|_, _| {}), &[]);
 }
 
 #[test]
-fn a_tables_missing_shear_and_its_joined_and_silent_columns_are_told() {
+fn table_shear_and_channel_faults_raise_warnings() {
     let found = of_table(|_, y| y[1] = 0.0);
     assert_begin(&found, &["no shear in y"]);
     let found = of_table(|_, y| y[0] = -y[0].abs());
@@ -168,7 +168,7 @@ fn a_tables_missing_shear_and_its_joined_and_silent_columns_are_told() {
 }
 
 #[test]
-fn a_tables_recordings_that_are_few_unknown_or_judged_themselves_are_told() {
+fn few_unknown_or_judged_tables_raise_warnings() {
     let all = [0.0, 40.0, 80.0, 120.0].map(|phase| table(phase, |_, _| {}));
     let judge = |judged: usize, fitted: &[TableRecording]| {
         warnings(&taxel_calibrate::report::table::judge(&model(), &all[judged..=judged], fitted))
@@ -179,7 +179,7 @@ fn a_tables_recordings_that_are_few_unknown_or_judged_themselves_are_told() {
 }
 
 #[test]
-fn a_tables_rows_beyond_what_training_saw_are_counted() {
+fn table_rows_beyond_training_are_counted() {
     let fitted = [0.0, 40.0, 80.0].map(|phase| table(phase, |_, _| {}));
     let judged = table(120.0, |m, y| {
         m.iter_mut().for_each(|m| *m *= 3.0);

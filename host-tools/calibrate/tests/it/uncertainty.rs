@@ -72,7 +72,7 @@ impl Run {
 }
 
 #[test]
-fn errors_are_as_large_as_the_finger_says() {
+fn errors_match_claimed_uncertainty() {
     // The devices are calibrated with a skin of 0.236 MPa; this one is softer by the allowed
     // change.
     let softer = format!("[material]\nyoung_mpa = {}\n", 0.236 / f64::from(1.0 + SKIN_ERROR));

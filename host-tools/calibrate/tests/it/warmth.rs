@@ -80,7 +80,7 @@ fn judged(record: &Calibration, samples: &[Sample]) -> (f64, f64) {
 }
 
 #[test]
-fn a_finger_that_was_recorded_warming_measures_warm_and_cold_as_in_its_room() {
+fn warm_up_recording_compensates_temperature() {
     let [with, without] = [true, false].map(|warm_up| record(name(warm_up)));
     let (room, flagged) = judged(&with, &presses(25.0));
     println!("25 °C: {room:.5} N");
@@ -100,7 +100,7 @@ fn a_finger_that_was_recorded_warming_measures_warm_and_cold_as_in_its_room() {
 }
 
 #[test]
-fn a_recording_of_warming_is_left_out_with_a_word_where_the_others_have_no_thermometer() {
+fn warm_up_is_skipped_without_thermometer_elsewhere() {
     let mut loads = recorded("shear", 15);
     loads.samples.iter_mut().for_each(|sample| sample.scan.codes.temperature = None);
     let net = NetOptions { seed: 0, starts: 1, steps: 5 };

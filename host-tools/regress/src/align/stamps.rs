@@ -70,13 +70,13 @@ mod tests {
     }
 
     #[test]
-    fn rising_times_are_left_as_they_are() {
+    fn rising_times_stay_unchanged() {
         let times: Vec<f64> = (0..40).map(f64::from).collect();
         assert!(matches!(told_apart(&times), Ok(Cow::Borrowed(_))));
     }
 
     #[test]
-    fn times_that_tell_nothing_are_refused_with_why() {
+    fn unusable_times_are_refused_with_reason() {
         let hangs: Vec<f64> = (0..400).map(|i| f64::from(if i < 200 { i } else { 200 })).collect();
         assert_eq!(told_apart(&hangs).unwrap_err(), "200 rows have one time, 200 s");
         assert_eq!(told_apart(&[1.0; 50]).unwrap_err(), "its 50 rows have 1 different times");

@@ -71,7 +71,7 @@ fn offset_and_rate_are_found_to_a_millisecond() {
 }
 
 #[test]
-fn a_load_that_repeats_itself_and_one_that_is_not_there_are_refused() {
+fn repeating_or_missing_load_is_refused() {
     let (st, _) = sensor();
     let wave = |t: f64| (2.0 * std::f64::consts::PI * t).sin();
     let sx: Vec<Vec<f64>> = st.iter().map(|t| vec![wave(*t)]).collect();
@@ -93,7 +93,7 @@ fn a_load_that_repeats_itself_and_one_that_is_not_there_are_refused() {
 }
 
 #[test]
-fn rows_are_read_between_neighbours_and_gaps_are_not_bridged() {
+fn resample_interpolates_but_bridges_no_gaps() {
     let times = [0.0, 1.0, 2.0, 3.0, 20.0, 21.0];
     let rows: Vec<Vec<f64>> = times.iter().map(|t| vec![10.0 * t]).collect();
     let found =
@@ -103,7 +103,7 @@ fn rows_are_read_between_neighbours_and_gaps_are_not_bridged() {
 }
 
 #[test]
-fn a_reference_on_the_right_times_is_left_and_one_off_by_three_percent_is_told() {
+fn misaligned_finds_rate_error_of_three_percent() {
     let (times, rows) = sensor();
     let series = Series { times: &times, rows: &rows };
     let at = |rate: f64| -> Vec<Vec<f64>> {
@@ -115,7 +115,7 @@ fn a_reference_on_the_right_times_is_left_and_one_off_by_three_percent_is_told()
 }
 
 #[test]
-fn of_a_load_that_repeats_itself_the_rate_is_found_from_a_common_beginning() {
+fn rate_is_found_for_repeating_load() {
     let wave = |t: f64| (2.0 * std::f64::consts::PI * t).sin();
     let (times, _) = sensor();
     let rows: Vec<Vec<f64>> = times.iter().map(|t| vec![wave(*t)]).collect();

@@ -87,7 +87,7 @@ fn table(rows: usize) -> Recorded {
 }
 
 #[test]
-fn sound_recordings_lose_no_row_but_what_stands_alone() {
+fn sound_recordings_lose_only_single_outliers() {
     let scenes = ["presses", "shear", "tap", "edge"];
     let each = scenes.map(|scene| (scene, finger(scene)));
     for (name, recorded) in each {
@@ -108,7 +108,7 @@ fn sound_recordings_lose_no_row_but_what_stands_alone() {
 }
 
 #[test]
-fn no_sound_reference_stays_at_zero_while_something_presses() {
+fn sound_references_are_never_flagged_as_stuck() {
     let scenes = ["presses", "shear", "tap", "edge", "tour", "grasp", "torsion", "roll"];
     let fingers = scenes.map(|scene| (scene, finger(scene)));
     for (name, sound) in fingers.into_iter().chain([("bench", bench()), ("table", table(3000))]) {
@@ -121,7 +121,7 @@ fn no_sound_reference_stays_at_zero_while_something_presses() {
 }
 
 #[test]
-fn a_reference_that_stays_at_zero_over_whole_presses_is_found_though_it_never_jumps() {
+fn stuck_reference_is_found_without_jump() {
     for (name, sound) in [("presses", finger("presses")), ("table", table(3000))] {
         let load: Vec<f64> = sound.1.iter().map(|y| y[y.len() - 1]).collect();
         let most = load.iter().copied().fold(0.0, f64::max);
@@ -149,7 +149,7 @@ fn a_reference_that_stays_at_zero_over_whole_presses_is_found_though_it_never_ju
 
 /// Short recordings, with fewer rows than usual but enough to judge.
 #[test]
-fn short_sound_recordings_lose_hardly_a_row_but_what_stands_alone() {
+fn short_recordings_lose_almost_only_single_outliers() {
     let scenes = ["presses", "shear", "tap", "edge"].map(|scene| (scene, finger(scene)));
     for (name, sound) in scenes.into_iter().chain([("bench", bench()), ("table", table(3000))]) {
         for every in [1, 8] {
@@ -220,7 +220,7 @@ fn spoil((x, y): &mut Recorded, share: f64, how: Spoilt) -> Vec<bool> {
 }
 
 #[test]
-fn wrong_rows_are_found_alone_in_runs_and_at_the_ends_and_hardly_a_sound_one_with_them() {
+fn wrong_rows_are_found_alone_in_runs_and_at_ends() {
     let kinds =
         [("presses", thinned(&finger("presses"), 8)), ("table", table(3000)), ("bench", bench())];
     for (name, sound) in &kinds {

@@ -81,7 +81,7 @@ fn error_of(fitted: &FittedTable) -> f64 {
 }
 
 #[test]
-fn a_recording_with_nothing_wrong_is_fitted_with_no_word_but_that_it_is_the_only_one() {
+fn sound_recording_is_warned_of_only_if_alone() {
     let fitted = ridge(&[good("good.csv")]).unwrap();
     let [alone] = &fitted.warnings[..] else { panic!("{:?}", fitted.warnings) };
     assert!(alone.starts_with("ridge: chosen by stretches of the recordings"), "{alone}");
@@ -92,7 +92,7 @@ fn a_recording_with_nothing_wrong_is_fitted_with_no_word_but_that_it_is_the_only
 }
 
 #[test]
-fn collinear_channels_are_named_and_share_their_weight() {
+fn collinear_channels_are_named_and_share_weight() {
     let collinear = recording("collinear.csv", 2000, 0.0, |_, row| {
         row.channels[2] = 0.25 * row.channels[0] + 7.0;
     });
@@ -105,7 +105,7 @@ fn collinear_channels_are_named_and_share_their_weight() {
 }
 
 #[test]
-fn channels_that_are_nearly_the_same_are_warned_of_where_no_decay_guards_them() {
+fn near_duplicates_are_warned_of_without_decay() {
     let twins = recording("twins.csv", 2000, 0.0, |_, row| {
         row.channels[2] = 0.25 * row.channels[0] + 0.1 * row.channels[2];
     });
@@ -127,7 +127,7 @@ fn channels_that_are_nearly_the_same_are_warned_of_where_no_decay_guards_them() 
 }
 
 #[test]
-fn a_channel_that_never_changes_is_named_and_ignored() {
+fn constant_channel_is_named_and_ignored() {
     let constant = recording("constant.csv", 2000, 0.0, |_, row| row.channels[2] = 3.5);
     let fitted = ridge(&[constant]).unwrap();
     assert!(fitted.warnings[0].starts_with("m2: the same value"), "{:?}", fitted.warnings);
@@ -136,7 +136,7 @@ fn a_channel_that_never_changes_is_named_and_ignored() {
 }
 
 #[test]
-fn the_answer_is_no_input_even_where_the_sensors_own_file_has_it() {
+fn targets_in_sensor_file_are_not_inputs() {
     let TableRecording { mut inputs, targets } = good("good.csv");
     inputs.names.push("force_n".into());
     inputs.rows.iter_mut().zip(&targets.rows).for_each(|(row, target)| row.push(target[0]));
@@ -148,14 +148,14 @@ fn the_answer_is_no_input_even_where_the_sensors_own_file_has_it() {
 }
 
 #[test]
-fn twelve_samples_are_too_few() {
+fn twelve_rows_are_too_few() {
     let error = ridge(&[recording("few.csv", 12, 0.0, |_, _| {})]).unwrap_err().to_string();
     let few = "few.csv: ridge: 12 usable rows where at least 16 are needed; record for longer";
     assert_eq!(error, few);
 }
 
 #[test]
-fn five_percent_of_outliers_change_nothing_and_are_counted() {
+fn five_percent_outliers_are_counted_without_effect() {
     let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
     let loose = recording("loose.csv", 2000, 0.0, |i, row| match i % 40 {
         7 => row.force = 60.0,
@@ -172,7 +172,7 @@ fn five_percent_of_outliers_change_nothing_and_are_counted() {
 }
 
 #[test]
-fn a_run_of_wrong_rows_in_a_short_recording_is_told_and_left_out() {
+fn wrong_run_in_short_recording_is_left_out() {
     for rows in [100, 150] {
         let clean = error_of(&ridge(&[recording("short.csv", rows, 0.0, |_, _| {})]).unwrap());
         let hangs = recording("short.csv", rows, 0.0, |i, row| {
@@ -190,7 +190,7 @@ fn a_run_of_wrong_rows_in_a_short_recording_is_told_and_left_out() {
 }
 
 #[test]
-fn runs_of_wrong_rows_and_wrong_ends_change_nothing_and_are_told_with_their_share() {
+fn wrong_runs_and_ends_are_warned_of_without_effect() {
     let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
     let hangs = |i: usize| (600..640).contains(&i) || !(20..1980).contains(&i);
     let loose = recording("loose.csv", 2000, 0.0, |i, row| match i {
@@ -206,7 +206,7 @@ fn runs_of_wrong_rows_and_wrong_ends_change_nothing_and_are_told_with_their_shar
 }
 
 #[test]
-fn fifteen_percent_of_outliers_are_told_and_more_than_twenty_are_refused() {
+fn fifteen_percent_outliers_pass_and_over_20_fail() {
     let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
     let loose = |every: usize, of: usize| {
         recording("loose.csv", 2000, 0.0, move |i, row| {
@@ -223,7 +223,7 @@ fn fifteen_percent_of_outliers_are_told_and_more_than_twenty_are_refused() {
 }
 
 #[test]
-fn a_reference_that_came_off_over_whole_presses_is_left_out_and_told_and_much_of_it_is_refused() {
+fn stuck_reference_is_left_out_or_refused() {
     let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
     // The reference drops to zero between two presses and returns between two others, without a
     // jump.
@@ -249,7 +249,7 @@ fn a_reference_that_came_off_over_whole_presses_is_left_out_and_told_and_much_of
 }
 
 #[test]
-fn a_reference_that_is_turned_round_in_one_recording_is_refused_by_name() {
+fn flipped_reference_is_refused_by_name() {
     let turned = recording("turned.csv", 2000, 40.0, |_, row| row.force = -row.force);
     let other = recording("other.csv", 2000, 80.0, |_, _| {});
     let said = |recordings: &[TableRecording]| ridge(recordings).unwrap_err().to_string();
@@ -272,7 +272,7 @@ fn a_reference_that_is_turned_round_in_one_recording_is_refused_by_name() {
 }
 
 #[test]
-fn a_time_base_that_is_off_is_put_right_and_told_and_a_reference_of_its_own_is_aligned() {
+fn wrong_time_base_is_corrected_with_warning() {
     let clean = error_of(&ridge(&[good("good.csv")]).unwrap());
     let off = |rate: f64| {
         recording("off.csv", 2000, 0.0, move |_, row| row.force = load(row.t * (1.0 + rate)))
@@ -299,7 +299,7 @@ fn a_time_base_that_is_off_is_put_right_and_told_and_a_reference_of_its_own_is_a
 }
 
 #[test]
-fn a_table_without_times_is_told_to_be_unchecked() {
+fn table_without_times_warns_of_unchecked_reference() {
     let mut timeless = good("timeless.csv");
     timeless.inputs.times.clear();
     timeless.targets.times.clear();
@@ -309,7 +309,7 @@ fn a_table_without_times_is_told_to_be_unchecked() {
 }
 
 #[test]
-fn times_that_were_rounded_are_checked_all_the_same_and_times_that_hang_are_told() {
+fn rounded_times_are_checked_and_stuck_times_warned() {
     let rounded = |rate: f64| {
         recording("rounded.csv", 2000, 0.0, move |_, row| {
             row.force = load(row.t * (1.0 + rate));
@@ -333,7 +333,7 @@ fn times_that_were_rounded_are_checked_all_the_same_and_times_that_hang_are_told
 }
 
 #[test]
-fn a_number_that_f32_cannot_reckon_with_is_refused_by_its_place() {
+fn number_beyond_f32_is_refused_by_position() {
     let text = "t_s,m0,force_n\n0,1,2\n1,1e300,2\n";
     let error = read_from(text.as_bytes(), &"huge.csv".parse().unwrap(), &["m*"]).unwrap_err();
     let error = error.to_string();
@@ -362,7 +362,7 @@ fn feeler(spoil: impl Fn(usize, &mut [f32; 3])) -> TableRecording {
 }
 
 #[test]
-fn a_laws_own_jumps_are_no_outliers_and_rows_off_the_law_are() {
+fn outliers_are_judged_by_the_fitted_law() {
     let clean = fit_to(&[feeler(|_, _| {})], Family::Feeler).unwrap();
     assert_eq!(clean.warnings, Vec::<String>::new());
     let loose = feeler(|i, force| {

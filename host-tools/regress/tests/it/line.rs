@@ -51,7 +51,7 @@ fn presses(scene: &str, seed: u64) -> (usize, TableRecording) {
 ///
 /// [DeMaria2011] reports 0.3 mm and 10°.
 #[test]
-fn trial_forces_of_the_line_are_placed_to_0_15_mm_and_turned_to_5_degrees() {
+fn line_of_four_errs_below_0_15_mm_and_5_degrees() {
     let ((fitted, data), (tried, trials)) = (presses("line-fit", 1), presses("line-trial", 2));
     assert_eq!((fitted, tried), (7 * 13, 6 * 12));
     let options = TableOptions { family: Family::Auto, ..TableOptions::default() };

@@ -32,7 +32,7 @@ fn options() -> TableOptions {
 }
 
 #[test]
-fn a_model_holds_on_rows_it_has_not_seen_and_names_its_columns() {
+fn model_generalises_and_names_its_columns() {
     let train = recording(800, 0, &["m*"], &["force_n"]);
     let fitted = fit(&[train], &options(), &mut |_| {}, &AtomicBool::new(false)).unwrap();
     assert_eq!(fitted.model.inputs, ["m0", "m1", "m2"]);
@@ -45,7 +45,7 @@ fn a_model_holds_on_rows_it_has_not_seen_and_names_its_columns() {
 }
 
 #[test]
-fn inputs_that_never_change_are_refused_by_name() {
+fn constant_inputs_are_refused_by_name() {
     let train = recording(400, 0, &["m2"], &["force_n"]);
     let error = fit(&[train], &options(), &mut |_| {}, &AtomicBool::new(false)).unwrap_err();
     let error = error.to_string();
@@ -53,7 +53,7 @@ fn inputs_that_never_change_are_refused_by_name() {
 }
 
 #[test]
-fn other_columns_than_the_models_are_refused() {
+fn columns_unlike_the_models_are_refused() {
     let train = recording(400, 0, &["m*"], &["force_n"]);
     let other = recording(400, 0, &["m0", "m1"], &["force_n"]);
     let fit = |recordings: &[TableRecording]| {
@@ -73,7 +73,7 @@ fn a_dozen_rows_are_refused() {
 }
 
 #[test]
-fn each_polynomial_follows_what_it_has_terms_for() {
+fn polynomials_fit_functions_in_their_terms() {
     let recording = |rows: usize, from: usize, force: fn(f64, f64) -> f64| {
         let mut text = String::from("m0,m1,force_n\n");
         for i in from..from + rows {
