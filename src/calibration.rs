@@ -147,8 +147,8 @@ pub struct TaxelCalibration {
     pub bias: TaxelBias,
     /// Signal range of each taxel in training.
     pub range: [Range; TAXELS],
-    /// RMS error of the fit in newtons per force component of the net (only the first for f_z
-    /// alone).
+    /// RMS error of the fit in newtons, per force component of the net. A net with f_z alone uses
+    /// the first.
     pub residual: [f32; 3],
 }
 

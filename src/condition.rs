@@ -55,7 +55,7 @@ pub struct Health {
     pub saturated: u16,
     /// Bit k: taxel k sees (almost) none of its LED's light, or its code is stuck.
     pub dead: u16,
-    /// Bit i: sensor i has a midpoint too near a rail for an intact bridge, or a stuck code, or a
-    /// mean that is not about half the supply.
+    /// Bit i: the bridge of sensor i is faulty. A midpoint is too near a rail, a code is stuck, or
+    /// the mean of the four is not about half the supply.
     pub bridge_faults: u8,
 }

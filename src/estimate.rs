@@ -68,7 +68,7 @@ impl NormalContact {
 /// - shear 0.8;
 /// - array: contact position 1.1, normal force 0.4;
 /// - matrix: contact position 0.4, normal force 0.1, or 0.9 after the skin has softened by the
-/// allowed amount.
+///   allowed amount.
 ///
 /// Each value stands alone: the model's correlation of x and F_x is not reported.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -78,9 +78,9 @@ pub struct Uncertainty {
     pub force: Force,
     /// Standard deviations of the contact point, along x and along y.
     pub point: Measured<ContactPoint>,
-    /// Normalised residual of the skin model: root mean square of the remaining displacements over
-    /// that of the calibration at this force. It is about 1 for a contact like those of the
-    /// calibration.
+    /// Normalised residual of the skin model. It is the root mean square of the remaining
+    /// displacements over that of the calibration at this force: about 1 for a contact like those
+    /// of the calibration.
     pub misfit: Measured<f32>,
 }
 

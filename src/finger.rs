@@ -381,8 +381,7 @@ fn withhold(force: &mut Force, reason: NoValue) {
     *force = Force::none(reason);
 }
 
-/// A separate cold function, because its result is large and rare and would be copied with every
-/// scan.
+/// A separate cold function: its large, rare result would be copied with every scan.
 #[cold]
 #[inline(never)]
 fn advance_bias(state: &mut FingerState, levels: &Levels) -> Option<Result<(), BiasRefusal>> {

@@ -1,4 +1,4 @@
-//! Core of a robot fingertip: from ADC codes to forces and contact positions, framed for a link.
+//! Core of a robot fingertip: ADC codes in, frames of forces and contact positions out.
 //!
 //! Inputs are the codes of a 4×4 LED–phototransistor matrix and of up to four piezoresistive force
 //! sensors. Outputs are newtons, millimetres and the reasons for missing values.

@@ -11,7 +11,7 @@ fn normal(x: f32) -> f32 {
     if x < f32::MAX { x } else { f32::MAX }
 }
 
-/// Returns 1/√x for a positive normal x, with a relative error below 5e-7 and without a division.
+/// Returns 1/√x for a positive normal x, relative error below 5e-7, without a division.
 ///
 /// The result is always finite. Zero, negative, subnormal and NaN arguments give the value for the
 /// smallest normal number; infinity gives the value for the greatest.
@@ -101,9 +101,10 @@ pub fn tan(x: f32) -> f32 {
     x / (1.0 - x2 / (3.0 - x2 / (5.0 - x2 / 7.0)))
 }
 
-/// Returns the angle of (x, y) from the x axis in radians, −π to π, absolute error below 3e-6.
+/// Returns the angle of (x, y) from the x axis in radians, −π to π.
 ///
-/// It is 0 if either is NaN, if both are zero, and if both are infinite.
+/// The absolute error is below 3e-6. The angle is 0 if either is NaN, if both are zero, and if both
+/// are infinite.
 ///
 /// Own code because `micromath`'s is off by up to 0.002 to 0.003 rad, more than the 0.1° allowed
 /// for an inclination.

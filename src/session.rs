@@ -76,7 +76,7 @@ pub trait Board {
 pub enum Pace {
     /// Scans come at their own pace; a full link loses frames.
     Live,
-    /// For replays: a scan is taken only while the stream is on, and waits until the link has room.
+    /// For replays: scans wait until the stream is on and the link has room.
     Lossless,
 }
 

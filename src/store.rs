@@ -84,7 +84,7 @@ pub trait Flash {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StoreError {
-    /// The bytes do not follow the previous ones, or no record was begun.
+    /// The bytes do not follow the previous ones, no record was begun, or it is too long.
     OutOfOrder,
     /// The flash failed, or reads back different bytes.
     Flash,
@@ -124,7 +124,7 @@ impl<F: Flash> Store<F> {
         self.flash
     }
 
-    /// Finds the newest record that `accept` accepts, and the newest settings, as a board does at
+    /// Finds the newest record that `accept` accepts, and the newest settings. A board does so at
     /// power-up.
     pub fn open(&mut self, accept: impl FnMut(&[u8]) -> bool) {
         self.calibration.open(&self.flash, accept);

@@ -59,7 +59,7 @@ impl FullScale {
         Code(self.0.get())
     }
 
-    /// Returns `code` as a fraction of full scale, in [0, 1] for any code up to the top one.
+    /// Returns `code` as a fraction of full scale, 0 to 1 for codes up to the top.
     #[must_use]
     pub fn ratio(self, code: Code) -> Ratio {
         Ratio(f32::from(code.0) / f32::from(self.0.get()))

@@ -24,8 +24,8 @@ pub(super) trait Coefficients: Default + Serialize + 'static {
 
 /// Value within a section that is read in place.
 pub(super) trait Part {
-    /// Reads the value from the front of `bytes` and returns the rest, or `None` if it does not
-    /// fit.
+    /// Reads the value from the front of `bytes` and returns the rest. Returns `None` if the bytes
+    /// do not fit.
     fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]>;
 }
 

@@ -262,7 +262,7 @@ pub(crate) fn bias_fits(bias: &Bias) -> bool {
         && bias.bridges.iter().flatten().all(|b| levels_fit(&b.level) && noise_fits(&b.noise))
 }
 
-/// Checks levels: each is a fraction of full scale, and a difference of two may reach 2.
+/// Checks the range of levels, −2 to 2: fractions of full scale, and their sums and differences.
 #[inline(never)]
 fn levels_fit(levels: &[f32]) -> bool {
     levels.iter().all(|level| level.abs() <= 2.0)

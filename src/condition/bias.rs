@@ -162,8 +162,8 @@ pub enum BiasRefusal {
 }
 
 impl BiasTaker {
-    /// Limit of a channel's standard deviation, in multiples of its known noise; above it the
-    /// finger moved.
+    /// Limit of a channel's standard deviation, in multiples of its known noise. A larger one means
+    /// that the finger moved.
     const STILL: f32 = 4.0;
     /// Assumed noise of a finger without a recorded one: two steps of a 12-bit converter.
     const UNKNOWN_NOISE: f32 = 2.0 / 4096.0;

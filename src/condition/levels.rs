@@ -28,8 +28,8 @@ pub const MIDPOINT_MARGIN: u32 = 10;
 /// to 0.375.
 const COMMON_MARGIN: u32 = 10;
 
-/// Least light of a working taxel without a bias to compare with, as a fraction of full scale. The
-/// weakest phototransistor of a working pair adds some ten times as much.
+/// Least light of a working taxel if no bias is known, as a fraction of full scale. The weakest
+/// phototransistor of a working pair adds some ten times as much.
 pub const DEAD_LEVEL: f32 = 1.0 / 128.0;
 
 /// Least share of its unloaded light that a working taxel keeps. A facet that moves away under
@@ -169,8 +169,9 @@ impl BridgeLimits {
     }
 }
 
-/// Returns the bridge outputs before the amplifiers ([Ospina2017] eqs (1.10)–(1.12)): u_x = V_B −
-/// V_A, u_y = V_C − V_D, u_z = (V_A + V_B) − (V_C + V_D).
+/// Returns the bridge outputs before the amplifiers ([Ospina2017] eqs (1.10)–(1.12)).
+///
+/// u_x = V_B − V_A, u_y = V_C − V_D, u_z = (V_A + V_B) − (V_C + V_D).
 ///
 /// The sensitivity matrix S contains the amplifiers' gains.
 #[inline(always)]

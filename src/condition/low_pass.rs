@@ -27,7 +27,8 @@ pub struct LowPassState {
 }
 
 impl LowPass {
-    /// Makes a filter with −3 dB at `hz`, at most a quarter of the `scan_hz` scans a second.
+    /// Makes a filter with −3 dB at `hz`, for `scan_hz` scans a second. The corner is limited to a
+    /// quarter of `scan_hz`.
     #[must_use]
     pub fn new(hz: u16, scan_hz: u16) -> Self {
         let corner = (f32::from(hz) / f32::from(scan_hz.max(1))).clamp(1e-5, 0.25);

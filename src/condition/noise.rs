@@ -1,9 +1,9 @@
 //! Detection of a force sensor that is far noisier than when its bias was taken.
 //!
 //! Fourth differences separate noise from movement. Movement at a twenty-fifth of the scan rate or
-//! slower has hardly any, while white noise is 70 times as strong in them (1 + 16 + 36 + 16 + 1).
-//! The number of loud blocks in a window separates noise from knocks: a knock is in one or two
-//! blocks, noise in all.
+//! slower has hardly any. White noise is 70 times as strong in them (1 + 16 + 36 + 16 + 1). The
+//! number of loud blocks in a window separates noise from knocks: a knock is in one or two blocks,
+//! noise in all.
 
 use super::{Bias, Signals};
 use crate::scan::SENSORS;
@@ -15,8 +15,7 @@ const BLOCKS: u8 = 8;
 const FILL: u8 = 4;
 /// Variance gain of fourth differences for white noise.
 const GAIN: f32 = 70.0;
-/// Threshold of a loud block in multiples of the bias' own variance, and loud blocks of a noisy
-/// sensor.
+/// Thresholds: variance of a loud block over the bias' own, and loud blocks of a noisy sensor.
 ///
 /// Of the blocks of a sound sensor 0.7 % are loud, so that one window of 10¹¹ reports a sound
 /// sensor. With twice the noise 99.9 % of the windows report it.

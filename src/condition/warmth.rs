@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 use super::levels::{BridgeLevels, Levels};
 use crate::scan::{Codes, SENSORS};
 
-/// Thermometer level of STM32 chips per kelvin: 2.5 mV (DS12589 table 79, DS10314 table 71) of 3.3
-/// V.
+/// Thermometer level of STM32 chips per kelvin: 2.5 mV of 3.3 V (DS12589 table 79, DS10314 table
+/// 71).
 pub const PER_KELVIN: f32 = 2.5e-3 / 3.3;
 
 /// Weight of a new reading in the smoothed temperature. The thermometer is slow, and its single

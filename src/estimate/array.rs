@@ -42,8 +42,7 @@ pub struct Array {
 }
 
 impl Array {
-    /// Returns the wrench for the `signals` u − b of every sensor and the `forces` on it in
-    /// newtons.
+    /// Returns the wrench from every sensor's `signals` u − b and `forces` in newtons.
     #[must_use]
     pub fn wrench(&self, signals: &[[f32; 3]; SENSORS], forces: &[[f32; 3]; SENSORS]) -> Wrench {
         match &self.method {

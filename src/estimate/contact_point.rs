@@ -1,5 +1,6 @@
-//! Contact point of a single contact ([DeMaria2011], section "Calibration of the 4 × 4 taxel sensor
-//! prototype").
+//! Contact point of a single contact by the methods of [DeMaria2011].
+//!
+//! They are in its section "Calibration of the 4 × 4 taxel sensor prototype".
 
 use serde::{Deserialize, Serialize};
 
@@ -52,10 +53,11 @@ pub fn arg_min(c: &[f32; TAXELS], skip: u16) -> Measured<ContactPoint> {
         .ok_or(NoValue::IllConditioned)
 }
 
-/// Returns the centroid Σ x_k c_k / Σ c_k over the taxels with c_k < 0 ([DeMaria2011] eqs (8)–(9)).
+/// Returns the centroid Σ x_k c_k / Σ c_k of the taxels with c_k < 0.
 ///
-/// Only taxels whose bit in `skip` is clear count. Near the edge of the pad, which cuts off the
-/// contact's field, the method draws the centroid towards the middle.
+/// It is [DeMaria2011] eqs (8)–(9). Only taxels whose bit in `skip` is clear count. Near the edge
+/// of the pad, which cuts off the contact's field, the method draws the centroid towards the
+/// middle.
 ///
 /// # Errors
 /// [`NoValue::IllConditioned`] if the weights sum to less than `least`: the quotient would be
@@ -100,8 +102,8 @@ fn without(c: &[f32; TAXELS], skip: u16) -> [f32; TAXELS] {
     c
 }
 
-/// Returns three sums of the matrix: all, right minus left, and rows at +y minus those at −y. Any
-/// motion changes at least one of them.
+/// Returns three sums of the matrix: all, right minus left, and +y minus −y. Any motion changes at
+/// least one of them.
 #[must_use]
 pub fn halves(c: &[f32; TAXELS]) -> [f32; 3] {
     let mut sums = [0.0; 3];

@@ -1,5 +1,7 @@
-//! Displacement of each facet by one contact: the forward model of [TactileEnc] and Johnson,
-//! *Contact Mechanics*, §3.2, §3.6. Calibration fits its coefficients.
+//! Displacement of each facet by one contact: the forward model of the skin.
+//!
+//! It follows [TactileEnc] and Johnson, *Contact Mechanics*, §3.2, §3.6. Calibration fits its
+//! coefficients.
 //!
 //! A contact of force (f_x, f_y, f_z) at p moves the facet at p + d by
 //!
@@ -9,7 +11,7 @@
 //! sizes of contact and facet smear that, and a layer on a rigid floor cuts it off. A depth that
 //! grows with the contact's area and a few higher multipoles account for both:
 //!
-//! N = 1/ρ·P(w), T = 1/ρ³·P′(w), w = D/ρ², ρ² = d² + D, D = D₀ + D₁s², s = f_z^⅓,
+//! N = 1/ρ·P(w), T = 1/ρ³·P′(w), w = D/ρ², ρ² = d² + D, D = D₀ + D₁s², s = f_z^⅓.
 //!
 //! P and P′ are cubic in w with coefficients quadratic in s², because by Hertz the contact's area
 //! grows like s². Under shear the contact slips in a ring from its rim inwards (Cattaneo, Mindlin;

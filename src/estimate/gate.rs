@@ -1,8 +1,8 @@
 //! Contact gate with hysteresis, a cheap test that decides whether costlier estimators run.
 //!
 //! A single scan is not enough, because one bad code or a flash of light can cause it. A pattern
-//! that neither can cause opens the gate at once ([`unmistakable`]), because a tap has reached a
-//! third of a newton by its second scan.
+//! that neither can cause opens the gate at once ([`unmistakable`]). A tap may reach a third of a
+//! newton by its second scan.
 
 use serde::{Deserialize, Serialize};
 
@@ -82,12 +82,12 @@ impl Gate {
     }
 }
 
-/// Returns the part of the matrix' mean square that only a touch can cause, over the squared noise.
+/// Returns the mean square that only a touch can cause, over the squared noise.
 ///
-/// A bad code spoils a taxel, or, as the dark code of a column, that whole column: the column with
-/// the largest effect is left out. Ambient light that changes within a scan shifts whole rows,
-/// because a row is read at once: the common part of a row's other taxels is subtracted. A touch
-/// causes neither.
+/// A bad code spoils a taxel, or a whole column if it is a dark code. The column with the largest
+/// effect is therefore left out. Ambient light that changes within a scan shifts whole rows,
+/// because a row is read at once. The common part of a row's other taxels is therefore subtracted.
+/// A touch causes neither.
 #[must_use]
 #[cold]
 #[inline(never)]

@@ -4,7 +4,7 @@
 //! [Ospina2017], chapter 2).
 //!
 //! A soft-finger contact at r pushes with F and twists with a moment along the surface normal only:
-//! M = r × F + K A²r on the ellipsoid rᵀA²r = 1. So (K A² − \[F\]ₓ) r = M, whose solution put into
+//! M = r × F + K A²r on the ellipsoid rᵀA²r = 1. Therefore (K A² − \[F\]ₓ) r = M. Its solution in
 //! the surface's equation leaves a quadratic in K²,
 //!
 //! D K⁴ + (f² − D m²) K² − g² = 0, with D = |A²|, f = |A F|, m = |A⁻¹M|, g = F·M,

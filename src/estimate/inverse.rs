@@ -36,8 +36,8 @@ const LEAST_VARIANCE: f32 = 1e-6;
 /// Conversion from signals to displacements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Curves {
-    /// Crosstalk: share of its neighbours' signals in a taxel: left, right, below (row − 1), above
-    /// (row + 1).
+    /// Crosstalk: share of each neighbour's signal in a taxel. The order is left, right, below (row
+    /// − 1), above (row + 1).
     pub stray: [[f32; 4]; TAXELS],
     /// Linearisation curve u, a polynomial of the taxel's own signal: coefficients of c … c⁵.
     pub gap: [[f32; 5]; TAXELS],
@@ -71,8 +71,8 @@ pub struct Inverse {
     pub curves: Curves,
     /// Displacement field of a contact.
     pub field: Field,
-    /// Residual displacement in calibration, root mean square over the taxels: without load, and
-    /// its increase per newton.
+    /// Residual displacement in calibration without load, and its increase per newton. Both are
+    /// root mean squares over the taxels.
     pub error: [f32; 2],
     /// Whether the calibration included shear, so that T is known.
     pub shear: bool,
@@ -228,7 +228,7 @@ impl Inverse {
         Some(Load { size, ..newton })
     }
 
-    /// Returns calibration's residual at 1 N as a share of the displacement under a contact of 1 N.
+    /// Returns calibration's residual at 1 N over the displacement under that contact.
     pub(crate) fn expected_share(&self) -> f32 {
         let newton = Load { size: 1.0, ..Load::default() };
         let (sinks, _) = self.field.around(&newton).pressed([0.0; 2]);

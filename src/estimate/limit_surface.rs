@@ -1,5 +1,6 @@
-//! Limit surface of a soft contact: combined shear and torsion at which it slides ([Ospina2017],
-//! chapter 3).
+//! Limit surface of a soft contact: combined shear and torsion at which it slides.
+//!
+//! The model is that of [Ospina2017], chapter 3.
 //!
 //! The contact is a disc of radius a = c·N^γ with the power-law pressure p(r) ∝ (1 − (r/a)^k)^(1/k)
 //! and Coulomb friction. Rotation about any centre in its plane gives a force and a torsion. All
@@ -28,14 +29,15 @@ pub struct LimitSurface {
     pub radius: [f32; 2],
     /// Coefficient κ: the greatest torsion over μ·N·a.
     pub torque: f32,
-    /// Ratio of the curve's radius to the ellipse's, where the force's share of the ellipse's
-    /// squared radius is 0, 1/8 … 1. All ones give the ellipse.
+    /// Ratio of the curve's radius to the ellipse's at nine angles. At these the force's share of
+    /// the ellipse's squared radius is 0, 1/8 … 1. All ones give the ellipse.
     pub curve: [f32; INTERVALS + 1],
 }
 
 impl LimitSurface {
-    /// Makes the surface of a sphere of `radius_mm` on an incompressible skin of Young's modulus
-    /// `young` MPa.
+    /// Makes the surface of a sphere on an incompressible skin by Hertz's theory.
+    ///
+    /// The sphere has the radius `radius_mm`, the skin Young's modulus `young` MPa.
     ///
     /// Hertz's pressure has k = 2 and κ = 3π/16, and a³ = 9PR/16E ([TactileEnc]).
     #[must_use]
@@ -47,15 +49,15 @@ impl LimitSurface {
         }
     }
 
-    /// Returns the torsion in N·mm that a contact holds without shear, under `normal` newtons with
-    /// friction `mu`.
+    /// Returns the torsion in N·mm that a contact holds without shear. It is loaded by `normal`
+    /// newtons and has the friction coefficient `mu`.
     #[must_use]
     pub fn most_torsion(&self, normal: f32, mu: f32) -> f32 {
         let [c, gamma] = self.radius;
         self.torque * mu * normal * c * power(normal, gamma)
     }
 
-    /// Returns the contact's own share of a torsion that friction at an `arm` in mm also holds.
+    /// Returns the contact's own share of a torsion also held at an `arm`, in mm.
     ///
     /// The arm is that of two separate contacts. Both parts grow with μ·N.
     #[must_use]

@@ -76,7 +76,9 @@ pub struct Unit {
     pub output: [f32; MAX_OUTPUTS],
 }
 
-/// Net of one finger: 16 signals c_k in, one (f_z) or three (f_x, f_y, f_z) forces in newtons out.
+/// Force net of one finger.
+///
+/// Inputs are 16 signals c_k; outputs are one (f_z) or three (f_x, f_y, f_z) forces in newtons.
 ///
 /// Input and output scaling are folded into the weights. See [`Layers`]. All weights of a unit are
 /// adjacent in memory, so that one address serves them and loads are sequential.
@@ -103,7 +105,7 @@ impl ForceNet {
         Ok(net)
     }
 
-    /// Fills the net from the fields of [`Layers`] in their order; `number` converts an element to
+    /// Fills the net from the fields of [`Layers`] in their order. `number` converts an element to
     /// f32.
     pub(crate) fn fill<W: Copy>(
         &mut self,

@@ -40,7 +40,7 @@ pub struct QuantisedNet {
     pub hidden: Vec<Group, MAX_GROUPS>,
     /// Right shift from a sum of the hidden layer to the argument of tanh, in bits.
     pub shift: u8,
-    /// V for each sixteen activations: three rows, of which a net with one output uses the first.
+    /// V in blocks of sixteen activations and three rows. A net with one output uses the first row.
     pub output: Vec<Rows<MAX_OUTPUTS>, BLOCKS>,
     /// L, if there is a skip path.
     pub skip: Option<Rows<MAX_OUTPUTS>>,
@@ -53,7 +53,7 @@ pub struct QuantisedNet {
 impl QuantisedNet {
     /// Quantises `net` for signals up to `largest`.
     ///
-    /// Returns `None` if its weights are too large for 16 bits: a single signal would then drive a
+    /// Returns `None` if its weights are too large for 16 bits. A single signal would then drive a
     /// unit a thousand times beyond the bend of tanh.
     #[must_use]
     pub fn new(net: &ForceNet, largest: f32) -> Option<Self> {
@@ -108,8 +108,8 @@ impl QuantisedNet {
         self.shift <= MAX_SHIFT
     }
 
-    /// Checks that there are one or three finite outputs and weights for every unit, and that no
-    /// sum can overflow 32 bits. Both blocks go into one sum.
+    /// Checks the number of outputs and weights, and that no sum can overflow 32 bits. There are
+    /// one or three finite outputs and weights for every unit. Both blocks go into one sum.
     pub(crate) fn output_fits(&self) -> bool {
         let blocks = (self.hidden.len() * GROUP).div_ceil(TAXELS);
         let sum = |rows: &Rows<MAX_OUTPUTS>| rows.weights().map(|row| absolute_sum(&row));
@@ -232,7 +232,7 @@ fn whole_unit(unit: &Unit, (signal, shift): (f32, u8)) -> Option<([i16; TAXELS],
     (!clips && row_fits(&row, bias)).then_some((row, bias))
 }
 
-/// Returns the scale of a linear layer's weights: the largest at which no weight and no sum of
+/// Returns the largest scale of a linear layer's weights without overflow. No weight and no sum of
 /// products overflows, with half a unit of rounding each.
 fn layer_one<R: Iterator<Item = f32>>(rows: impl Iterator<Item = R> + Clone) -> f32 {
     let largest =

@@ -1,5 +1,6 @@
-//! Detection of gross slip by displacement: the contact moves along its shear while the ratio of
-//! shear to normal force stays constant.
+//! Detection of gross slip by displacement.
+//!
+//! A sliding contact moves along its shear while the ratio of shear to normal force stays constant.
 //!
 //! Rolling also moves the contact, but friction does not hold the ratio then. A contact that is
 //! rolled along under a steady shear is mistaken for gross slip.
@@ -81,7 +82,7 @@ mod tests {
         Traction { shear: [shear, 0.0], normal: 1.0, ..Traction::default() }
     }
 
-    /// Number of scans with gross slip, at 1 kHz, of a contact that moves by `way` mm a scan under
+    /// Number of scans with gross slip, at 1 kHz. The contact moves by `way` mm a scan under
     /// `shear`.
     fn slid(way: [f32; 2], shear: impl Fn(u32) -> f32) -> usize {
         let mut state = GrossSlipDetector::default();

@@ -10,8 +10,8 @@
 //! whenever the contact holds more than expected, or slides.
 //!
 //! Two contacts are judged together by their summed load: |ΣF_t| against μ·ΣF_n. Their share of the
-//! shear is unknown, because neither a wrench nor sensors under one rigid plate measure their
-//! mutual pull along the line between them. There is therefore no margin for each.
+//! shear is unknown: neither a wrench nor sensors under one rigid plate measure their mutual pull
+//! along the line between them. There is therefore no margin for each.
 
 use serde::{Deserialize, Serialize};
 
@@ -36,8 +36,8 @@ pub struct Slip {
 }
 
 impl Slip {
-    /// Makes coefficients for a sphere of 6 mm on the silicone of [DeMaria2011], with the prior
-    /// friction `mu`. Rubber has 0.2 to 1.2 on most materials: 1/μ is 0.8 to 5.
+    /// Makes coefficients for a sphere of 6 mm on the silicone of [DeMaria2011]. `mu` is the prior
+    /// friction coefficient. Rubber has 0.2 to 1.2 on most materials: 1/μ is 0.8 to 5.
     #[must_use]
     pub fn usual(mu: f32) -> Self {
         Self { usual: [mu, 1.5], surface: LimitSurface::hertz(6.0, 0.236), warn: 0.35, safety: 1.5 }
@@ -53,9 +53,9 @@ pub struct Traction {
     pub normal: f32,
     /// Torsion in N·mm.
     pub torsion: f32,
-    /// Arm in mm by which two contacts hold torsion in addition to their own: Σ F_n·r/ΣF_n. r is
-    /// the distance from the position where a single contact makes the same moments. It is 0 for
-    /// one contact.
+    /// Arm in mm by which two contacts hold additional torsion: Σ F_n·r/ΣF_n. Here r is the
+    /// distance from the position where a single contact makes the same moments. It is 0 for one
+    /// contact.
     pub arm: f32,
     /// Noise of shear (N) and torsion (N·mm); so much of either does not count as load.
     pub doubt: [f32; 2],
@@ -93,7 +93,7 @@ pub struct Verdict {
 
 /// Least normal force, in newtons, for an estimate of friction.
 const LEAST_NORMAL: f32 = 0.05;
-/// Systematic standard deviation of the friction utilisation, however many scans agree, because
+/// Systematic standard deviation of the friction utilisation. More scans do not reduce it, because
 /// the field's form errs alike in all of them.
 const RING_ERROR: f32 = 0.1;
 /// Share of a scan's information on the utilisation that is new, because scans are correlated.
@@ -205,8 +205,8 @@ mod tests {
         Slip::usual(0.8)
     }
 
-    /// Estimates of a shear that grows from nothing to the limit of friction `mu` in 200 scans,
-    /// with or without sight of the slip annulus.
+    /// Estimates of a shear that grows from zero to the limit of friction `mu` in 200 scans. `seen`
+    /// includes the slip annulus.
     fn dragged(state: &mut SlipState, mu: f32, seen: bool) -> std::vec::Vec<Verdict> {
         (0..=200)
             .map(|i| {

@@ -1,5 +1,6 @@
-//! tanh without a division: a table of step 1/64 and a second-order Taylor step from its nearest
-//! entry.
+//! tanh without a division: a table and a second-order Taylor step.
+//!
+//! The table has the step 1/64; the Taylor step starts from its nearest entry.
 //!
 //! With t = tanh(x₀) and g = 1 − t² the derivatives of tanh are g, −2tg and g(4 − 6g), so that
 //! tanh(x₀ + d) ≈ t + g·d·(1 − d·t), |d| ≤ 1/128. The remainder of third order is below 1.6e-7;

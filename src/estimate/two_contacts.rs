@@ -51,8 +51,8 @@ impl PairState {
 }
 
 impl Inverse {
-    /// Returns the pair that explains the displacements `u` better than a single contact of misfit
-    /// `single`; `None` if there is none.
+    /// Returns two contacts if they explain the displacements `u` better than one. `single` is the
+    /// misfit of the single contact.
     #[must_use]
     pub fn pair(&self, state: &mut PairState, u: &[f32; TAXELS], single: f32) -> Option<Pair> {
         let (start, steps) = match state.last {
@@ -77,8 +77,9 @@ impl Inverse {
         believed.map(|misfit| Pair { contacts, misfit })
     }
 
-    /// Returns the initial guess: contacts on either side of the centroid of the displacements,
-    /// along their direction of largest spread, with forces that cause the same displacements.
+    /// Returns the initial guess of two contacts. They lie on either side of the centroid of the
+    /// displacements, along their direction of largest spread. Their forces fit the displacements
+    /// best.
     fn first_guess(&self, u: &[f32; TAXELS]) -> Option<[Load; 2]> {
         let weights = || u.iter().map(|u| u.max(0.0)).zip(TAXEL_CENTRES.map(|c| c.map(|c| c.0)));
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);

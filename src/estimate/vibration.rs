@@ -1,16 +1,17 @@
-//! Detection of gross slip by vibration: a sliding contact sticks and slips hundreds of times a
-//! second.
+//! Detection of gross slip by vibration.
+//!
+//! A sliding contact sticks and slips hundreds of times a second.
 //!
 //! It uses a band of the signals in which grasping causes no motion.
 //!
 //! The inputs are conditioned signals before the low-pass filter, not codes. A code contains the
-//! ambient light of its scan (a lamp's flicker of 100 or 120 Hz lies in the very band), which the
-//! dark code of the same scan removes. A code's sign also depends on the board's wiring. Further
+//! ambient light of its scan: a lamp's flicker of 100 or 120 Hz lies in the very band. The dark
+//! code of the same scan removes it. A code's sign also depends on the board's wiring. Further
 //! conditioning does not change the result. The bias is a constant, which a band-pass blocks. Full
 //! scale and temperature gain are factors that hardly change in a second, and energy is compared
 //! with its own floor. Only the least energy is absolute, far below a converter's step.
 //!
-//! Three sums of the matrix (all, left minus right, front minus back) and the three bridge outputs
+//! Three sums of the matrix (all, right minus left, +y minus −y) and the three bridge outputs
 //! summed over the sensors pass a band-pass. The energy of the band is compared with its own
 //! earlier floor, and with the energy of the band below, which motion fills first.
 
@@ -63,8 +64,8 @@ const CHANNELS: usize = 6;
 /// Coefficients of the vibration detector for one scan rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vibration {
-    /// Band of the vibration, applied twice so that steady motion leaves nothing in it, and the
-    /// band below. A steep fall from the band below to it means motion, not rubbing.
+    /// Band of the vibration, and the band below. The first is applied twice, so that steady motion
+    /// leaves nothing in it. A steep fall from the band below to it means motion, not rubbing.
     pub bands: [Biquad; 2],
     /// Weight of a scan in the running mean of the energies, and in the floor.
     pub forget: [f32; 2],
@@ -123,7 +124,7 @@ const WARM_UP: u16 = 200;
 /// Least energy of the floor: a twentieth of a 12-bit step, squared.
 const QUIET: f32 = 1.5e-10;
 /// Least energy of a vibration relative to the band two octaves below. An edge in a force has a
-/// spectrum that falls like 1/f², a corner 1/f⁴ (in energy, each octave wide): two octaves up that
+/// spectrum that falls like 1/f², a corner 1/f⁴. In energy, each octave wide, two octaves up that
 /// is a quarter and a sixty-fourth. Rubbing has more than this there.
 const STEEP: f32 = 0.1;
 

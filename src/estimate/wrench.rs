@@ -1,5 +1,4 @@
-//! Wrench on the finger from the force sensors, as one intrinsic tactile sensor ([Ospina2017],
-//! chapter 2).
+//! Wrench on the finger, computed from the force sensors together ([Ospina2017], chapter 2).
 //!
 //! The frame is the finger's: x along a row, y along a column, z into the skin, origin in the
 //! middle of the skin.

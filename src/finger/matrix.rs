@@ -23,10 +23,10 @@ use crate::frame::Status;
 use crate::measured::{Measured, NoValue};
 use crate::scan::TAXELS;
 
-/// Error of a method of [DeMaria2011] in the middle of the pad, in mm; its centroid: 0.6 to 1.
+/// Error of the methods of [DeMaria2011] in the middle of the pad, in mm. Its centroid has 0.6 to
+/// 1.
 const CENTROID_ERROR: f32 = 0.8;
-/// Gate of the shear model; its thresholds are multiples of the shear that counts as none
-/// ([`UNSEEN_SHEAR`]).
+/// Gate of the shear model, in multiples of the shear that counts as none ([`UNSEEN_SHEAR`]).
 ///
 /// It needs the force sensors. Without them the model always includes shear, because the misfit of
 /// the normal model does not reveal shear: the contact position absorbs it first.
@@ -44,8 +44,7 @@ pub const PLACE_ERROR: f32 = 0.05;
 /// Shear that counts as none: a floor in newtons and a share of the normal force.
 const UNSEEN_SHEAR: [f32; 2] = [0.005, 0.01];
 
-/// Least normal force, in newtons, at which the force sensors' ratio of shear to normal force is
-/// used.
+/// Least normal force, in newtons, for the force sensors' ratio of shear to normal force.
 const LEAST_FELT: f32 = 0.02;
 
 /// State of the matrix's estimators during a contact.

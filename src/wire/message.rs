@@ -97,8 +97,8 @@ pub enum Command {
     SetScan(ScanSettings),
     /// 19: sets the low-pass filter of the signals, independently of the rate.
     SetFilter {
-        /// −3 dB frequency of a second-order low-pass, 1 Hz … a quarter of the scans a second; 0
-        /// for none.
+        /// −3 dB frequency of a second-order low-pass, in hertz; 0 for none. Its range is 1 to a
+        /// quarter of the scans a second.
         hz: u16,
     },
 }
@@ -126,8 +126,8 @@ pub enum Message {
     Frame(#[serde(serialize_with = "frame")] Frame),
 }
 
-/// Serializes a frame with its own serializer. serde's code for the same bytes takes 1.7 KB of
-/// flash, and a finger never sends frames through serde.
+/// Serializes a frame with its own serializer instead of serde's. For the same bytes serde's code
+/// takes 1.7 KB of flash, and a finger never sends frames through it.
 #[inline(never)]
 pub(super) fn frame<S: Serializer>(frame: &Frame, serializer: S) -> Result<S::Ok, S::Error> {
     let mut bytes = [0; MAX_PACKET];

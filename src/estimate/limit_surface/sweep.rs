@@ -10,8 +10,8 @@ use core::f32::consts::FRAC_1_SQRT_2;
 
 use crate::math::{inverse_sqrt, power, sqrt};
 
-/// Radii r/a of Gauss's rule for r = sin t, t from 0 to ½π, and their weights r dr. The
-/// substitution resolves the steep rim.
+/// Radii r/a and weights r dr of Gauss's rule for r = sin t, t from 0 to ½π. The substitution
+/// resolves the steep rim.
 const RADII: [[f32; 2]; 5] = [
     [0.073_620, 0.008_698],
     [0.354_599, 0.079_346],
@@ -44,8 +44,9 @@ pub struct Sweep {
 }
 
 impl Sweep {
-    /// Makes the surface of the pressure p(r) ∝ (1 − (r/a)^k)^(1/k), a = c·N^γ mm; k is clamped to
-    /// ½ … 100.
+    /// Makes the surface of a power-law pressure.
+    ///
+    /// p(r) ∝ (1 − (r/a)^k)^(1/k), a = c·N^γ mm; k is clamped to ½ … 100.
     #[must_use]
     pub fn power_law(k: f32, radius: [f32; 2]) -> Self {
         let k = if k.is_nan() { 2.0 } else { k.clamp(0.5, 100.0) };
@@ -85,8 +86,8 @@ impl Sweep {
         length * work.max(0.0)
     }
 
-    /// Returns force over μN and torsion over μNa of a disc of radius 1 that moves at `along` and
-    /// turns at `turning`.
+    /// Returns force over μN and torsion over μNa of a disc of radius 1. The disc moves at `along`
+    /// and turns at `turning`.
     fn held(&self, [along, turning]: [f32; 2]) -> [f32; 2] {
         let (mut force, mut torsion) = (0.0, 0.0);
         for ([radius, _], share) in RADII.iter().zip(&self.shares) {
