@@ -1,8 +1,8 @@
 //! Faults at a moment of a scene, and their effect on voltages and codes.
 //!
 //! The input of an open midpoint floats. The converter then reads the charge that its sampling
-//! capacitor holds from the conversion before: the previous midpoint, or the sensor's last one for
-//! its first.
+//! capacitor holds from the conversion before. It is that of the previous midpoint, or of the
+//! sensor's last one for its first.
 
 use std::ops::Range;
 

@@ -81,8 +81,8 @@ pub struct Report {
     pub tolerance: f64,
     /// Evaluations for a disc on this rung.
     ///
-    /// On the half-space the count is the number of point loads times the nodes of the facets; on
-    /// the framed layer, the number of table places or of terms of the series.
+    /// On the half-space the count is the number of point loads times the nodes of the facets. On
+    /// the framed layer it is the number of table places or of terms of the series.
     pub evaluations: u64,
     /// Evaluations for a disc on the top rung.
     pub top_evaluations: u64,

@@ -46,9 +46,9 @@ impl Contacts {
 
     /// Equivalent single load on a rigid finger; `None` where nothing touches.
     ///
-    /// The load is the sum of the forces, at the mean of the contact points weighted by normal
-    /// force, with the remaining moment about the normal there. The load slips if any of the
-    /// contacts slips.
+    /// Its force is the sum of the forces, and its point the mean of the contact points weighted by
+    /// normal force. The remaining moment about the normal is its torsion. The load slips if any of
+    /// the contacts slips.
     #[must_use]
     pub fn whole(&self) -> Option<Load> {
         let (first, others) = self.loads().split_first()?;

@@ -65,7 +65,7 @@ pub enum Effect {
     Walls,
     /// Stiffening of the skin under large strain.
     Stiffening,
-    /// Softening of the skin by its first loading; it is stiffer beyond the largest load so far.
+    /// Softening of the skin by its first loading up to the largest load so far.
     Hysteresis,
     /// Delay and relaxation of the facets, as the skin's `follows` sets them.
     SkinResponse,

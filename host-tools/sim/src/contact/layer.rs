@@ -1,8 +1,8 @@
 //! The skin as a layer bonded to a rigid frame, with a window open under each facet.
 //!
 //! By Betti's theorem one solution per facet (module `windows`) serves every contact. The mean
-//! displacement of facet q under a load on the skin equals the displacement of the skin at the
-//! load, taken along it, while one newton pushes facet q from below. The solution is kept as a
+//! displacement of facet q under a load on the skin equals the skin's displacement at the load,
+//! along the load. For the latter, one newton pushes facet q from below. The solution is kept as a
 //! Fourier series and as a table of that series, read by cubic interpolation.
 
 use core::f64::consts::TAU;
