@@ -105,7 +105,7 @@ impl Host<'_> {
                 }
                 Message::Reply { result: Ok(Response::Bias { .. }), .. } => println!("bias taken"),
                 Message::Reply { result: Ok(_), .. } => {}
-                other => panic!("the finger refuses: {other:?}"),
+                other => panic!("the finger refused a request: {other:?}"),
             }
         }
         frames
@@ -114,9 +114,9 @@ impl Host<'_> {
 
 fn main() {
     let identity = Identity {
-        board: "made up".try_into().expect("24 letters at most"),
-        serial: "0001".try_into().expect("32 letters at most"),
-        build: env!("CARGO_PKG_VERSION").try_into().expect("24 letters at most"),
+        board: "made up".try_into().expect("at most 24 bytes"),
+        serial: "0001".try_into().expect("at most 32 bytes"),
+        build: env!("CARGO_PKG_VERSION").try_into().expect("at most 24 bytes"),
         scan_hz: SCAN_HZ,
         full_scale: FullScale::BITS_12,
         tick_hz: 1_000_000,

@@ -359,17 +359,17 @@ impl Finger {
         let signal = signals.bridges.get(i).and_then(Option::as_ref);
         let (Some(signal), Some(calibration)) = (signal, calibration) else {
             let scanned = codes.bridges.get(i).is_some_and(Option::is_some);
-            return withhold(force, missing(scanned));
+            return set_none(force, missing(scanned));
         };
         if signals.health.bridge_faults >> i & 1 == 1 {
-            withhold(force, NoValue::DeadChannel);
+            set_none(force, NoValue::DeadChannel);
         } else if within(&calibration.range, signal) {
             status.insert(Status::RAN_SENSORS);
             let [x, y, z] = calibration.sensitivity.force(*signal);
             *force = Force::known(x, y, z);
         } else {
             status.insert(Status::OUT_OF_RANGE);
-            withhold(force, NoValue::OutOfTrainedRange);
+            set_none(force, NoValue::OutOfTrainedRange);
         }
     }
 }
@@ -377,7 +377,7 @@ impl Finger {
 /// A separate cold function, so that the path of a known force writes no reason.
 #[cold]
 #[inline(never)]
-fn withhold(force: &mut Force, reason: NoValue) {
+fn set_none(force: &mut Force, reason: NoValue) {
     *force = Force::none(reason);
 }
 

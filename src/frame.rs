@@ -132,10 +132,10 @@ macro_rules! frames {
                             frame.$tail = Some(next(&mut parts)?);
                             true
                         }
-                        _ => return Err(A::Error::custom("no end of a frame")),
+                        _ => return Err(A::Error::custom("frame with a broken tail")),
                     };
                 )*
-                if complete { Ok(frame) } else { Err(A::Error::custom("no end of a frame")) }
+                if complete { Ok(frame) } else { Err(A::Error::custom("frame with a broken tail")) }
             }
         }
     };
@@ -148,7 +148,7 @@ const PARTS: usize = 3 + 2 * schema::FIELDS.len();
 struct FrameVisitor;
 
 fn next<'de, A: SeqAccess<'de>, T: Deserialize<'de>>(parts: &mut A) -> Result<T, A::Error> {
-    parts.next_element()?.ok_or_else(|| A::Error::custom("a frame that breaks off"))
+    parts.next_element()?.ok_or_else(|| A::Error::custom("frame that ends too early"))
 }
 
 impl<'de> Deserialize<'de> for Frame {

@@ -38,7 +38,7 @@ pub enum WireError {
 /// # Errors
 /// [`WireError::TooLong`] if the packet does not fit.
 pub fn pack<'b, M: Serialize>(message: &M, buffer: &'b mut [u8]) -> Result<&'b [u8], WireError> {
-    close(buffer, |body| postcard::to_slice(message, body).ok().map(|message| message.len()))
+    finish(buffer, |body| postcard::to_slice(message, body).ok().map(|message| message.len()))
 }
 
 /// Packs a frame as [`message::Message::Frame`] without copying it.
@@ -50,23 +50,26 @@ pub fn pack_frame<'b, 'f>(
     buffer: &'b mut [u8],
 ) -> Result<&'b [u8], WireError> {
     let frame = frame.into();
-    close(buffer, |body| frame::serialize(&frame, body))
+    finish(buffer, |body| frame::serialize(&frame, body))
 }
 
 /// Returns the packet of a message; `put` serializes the message and returns its length.
 #[inline(always)]
-fn close(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Result<&[u8], WireError> {
-    let end = sealed(buffer, &put).ok_or(WireError::TooLong)?;
+fn finish(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Result<&[u8], WireError> {
+    let end = serialize_with_crc(buffer, &put).ok_or(WireError::TooLong)?;
     let length = match cobs::cobs_encode_in_place(buffer, end) {
         Some(length) => length,
-        None => stuff_long_runs(buffer, &put).ok_or(WireError::TooLong)?,
+        None => encode_long_runs(buffer, &put).ok_or(WireError::TooLong)?,
     };
     buffer.get(..length).ok_or(WireError::TooLong)
 }
 
 /// Writes a message and its CRC from the buffer's second byte on and returns their end.
 #[inline(always)]
-fn sealed(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option<usize> {
+fn serialize_with_crc(
+    buffer: &mut [u8],
+    put: impl Fn(&mut [u8]) -> Option<usize>,
+) -> Option<usize> {
     let (_, body) = buffer.split_first_mut()?;
     let length = put(body)?;
     let (message, rest) = body.split_at_mut_checked(length)?;
@@ -77,9 +80,9 @@ fn sealed(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option
 /// Encodes packets with a run of over 253 bytes without a zero. They are rare, because nearly every
 /// value follows a zero byte that marks its presence.
 #[cold]
-fn stuff_long_runs(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option<usize> {
+fn encode_long_runs(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option<usize> {
     let mut plain = [0; MAX_PACKET];
-    let end = sealed(&mut plain, put)?;
+    let end = serialize_with_crc(&mut plain, put)?;
     let packet = plain.get(1..end)?;
     if buffer.len() <= ::cobs::max_encoding_length(packet.len()) {
         return None;

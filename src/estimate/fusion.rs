@@ -10,7 +10,7 @@ pub struct Uncertain {
 }
 
 /// Largest distance of two estimates that agree, in standard deviations of their difference.
-const AGREE: f32 = 6.0;
+const AGREEMENT: f32 = 6.0;
 
 /// Returns the mean of `a` and `b` weighted by their inverse variances, and whether they agree. If
 /// they contradict each other, the result is the more certain one alone.
@@ -21,7 +21,7 @@ pub fn fuse(a: Uncertain, b: Uncertain) -> (Uncertain, bool) {
         [a.sigma, b.sigma].map(|sigma| sigma.clamp(1e-6, 1e6)).map(|sigma| sigma * sigma);
     let apart = a.value - b.value;
     let surer = if va <= vb { a } else { b };
-    if apart * apart > AGREE * AGREE * (va + vb) {
+    if apart * apart > AGREEMENT * AGREEMENT * (va + vb) {
         return (surer, false);
     }
     // b + (a − b)·v_b/(v_a + v_b): the weight lies between 0 and 1 for all variances.

@@ -10,7 +10,7 @@ use crate::math::sqrt;
 use crate::units::Micros;
 
 /// Least displacement of gross slip in mm: ten times the scatter of a contact point.
-const WAY: f32 = 0.4;
+const DISPLACEMENT: f32 = 0.4;
 /// Longest time for that displacement; gross slip ends if the next one takes longer.
 const WITHIN_US: u64 = 300_000;
 /// Largest relative change of shear during gross slip, plus a multiple of its standard deviation.
@@ -61,7 +61,7 @@ impl GrossSlipDetector {
             Some(anchor) => {
                 let [dx, dy] = [place[0] - anchor.place[0], place[1] - anchor.place[1]];
                 let way = sqrt(dx * dx + dy * dy);
-                if way > WAY {
+                if way > DISPLACEMENT {
                     if dx * fx + dy * fy > ALONG * way * shear {
                         self.slid = Some(time);
                     }

@@ -108,9 +108,9 @@ const QUICK: f32 = 0.005;
 /// Growth of the variance of 1/μ from scan to scan, because the touched material may change.
 const WANDER: f32 = 1e-6;
 /// Growth of the variance of 1/μ from contact to contact.
-const NEXT_THING: f32 = 0.01;
+const NEXT_CONTACT: f32 = 0.01;
 /// Hysteresis of the warning: it ends so much above the margin at which it began.
-const EASE: f32 = 0.02;
+const HYSTERESIS: f32 = 0.02;
 /// Range of μ; rubber on most materials lies within.
 const FRICTION: [f32; 2] = [0.05, 2.0];
 
@@ -119,7 +119,7 @@ impl SlipState {
     pub fn release(&mut self) {
         (self.load, self.warned) = (0.0, false);
         if let Some([_, variance]) = &mut self.known {
-            *variance += NEXT_THING;
+            *variance += NEXT_CONTACT;
         }
     }
 }
@@ -127,7 +127,7 @@ impl SlipState {
 impl Slip {
     /// Returns whether a warning is due with this scan's estimate.
     pub fn warns(&self, state: &mut SlipState, verdict: &Verdict) -> bool {
-        state.warned = verdict.margin < self.warn + if state.warned { EASE } else { 0.0 };
+        state.warned = verdict.margin < self.warn + if state.warned { HYSTERESIS } else { 0.0 };
         state.warned
     }
 

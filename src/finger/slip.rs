@@ -14,14 +14,14 @@ use crate::measured::Measured;
 use crate::units::{Micros, NewtonMillimetres};
 
 /// Torsion below this many standard deviations of a moment counts as none.
-const TORSION_DOUBT: f32 = 3.0;
+const TORSION_SIGMAS: f32 = 3.0;
 
 /// State of the slip estimators.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct GripState {
     slip: SlipState,
     slide: GrossSlipDetector,
-    ear: VibrationDetector,
+    vibration: VibrationDetector,
     touched: bool,
 }
 
@@ -44,7 +44,7 @@ impl GripState {
         signals: &Signals,
     ) -> Measured<(&'r Slip, bool)> {
         let slip = record.and_then(Calibration::slip).ok_or(without(cfg!(feature = "slip")))?;
-        Ok((slip, self.ear.hear(time, signals)))
+        Ok((slip, self.vibration.hear(time, signals)))
     }
 
     /// Resets slip and gross slip when contact ends.
@@ -76,7 +76,7 @@ impl Grip<'_> {
             normal: fz,
             torsion,
             arm: arm(&self.seen.contacts),
-            doubt: [self.fused.shear_sigma(), TORSION_DOUBT * moment_sigma],
+            doubt: [self.fused.shear_sigma(), TORSION_SIGMAS * moment_sigma],
             ring: self.seen.ring,
             rubs: self.rubs,
             slides: false,

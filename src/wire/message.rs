@@ -134,7 +134,7 @@ pub(super) fn frame<S: Serializer>(frame: &Frame, serializer: S) -> Result<S::Ok
     let length = super::frame::serialize(&frame.into(), &mut bytes);
     // The serializer has already written the discriminant.
     let frame = length.and_then(|length| bytes.get(1..length));
-    let frame = frame.ok_or_else(|| S::Error::custom("longer than any packet"))?;
+    let frame = frame.ok_or_else(|| S::Error::custom("frame longer than the longest packet"))?;
     let mut out = serializer.serialize_tuple(frame.len())?;
     frame.iter().try_for_each(|byte| out.serialize_element(byte))?;
     out.end()
