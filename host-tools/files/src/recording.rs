@@ -52,7 +52,7 @@ impl Format {
             Some("csv") => Ok(Self::Csv),
             Some("mcap") => Ok(Self::Mcap),
             Some("parquet") => Ok(Self::Parquet),
-            _ => Err(FileError::new(path, "no kind of recording that its name tells")
+            _ => Err(FileError::new(path, "unknown kind of recording")
                 .mend("let it end in .mcap, .parquet or .csv")),
         }
     }
@@ -83,7 +83,7 @@ fn begin(path: &Path, existing: Existing) -> Result<File, FileError> {
 }
 
 fn taken(path: &Path) -> FileError {
-    FileError::new(path, "there is such a file already")
+    FileError::new(path, "the file exists already")
         .mend("choose another name, or add --force to overwrite it")
 }
 

@@ -45,7 +45,7 @@ impl Stretch {
                 FileError::new(&self.path, problem).mend("check the stretch FILE@FROM..TO")
             }
             _ => FileError::new(&self.path, "no rows after the line of column names")
-                .mend("give a recording that has some"),
+                .mend("give a recording with rows"),
         }
     }
 

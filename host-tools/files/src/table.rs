@@ -86,7 +86,7 @@ pub fn read_from(
                 FileError::new(path, problem)
                     .line(line)
                     .column(&names[at])
-                    .mend("mend the cell, remove the line, or leave the column out")
+                    .mend("correct the cell, remove the line, or leave the column out")
             })
         };
         if let Some((at, scale)) = time {
@@ -159,7 +159,7 @@ fn select(
         }
         let twice = |at: &&usize| names.iter().filter(|name| *name == &names[**at]).count() > 1;
         if let Some(at) = found.iter().find(twice) {
-            return Err(FileError::new(path, "the column stands twice")
+            return Err(FileError::new(path, "duplicate column")
                 .line(line)
                 .column(&names[*at])
                 .mend("remove one of them"));
@@ -219,11 +219,11 @@ mod tests {
             ("", "a.csv: no header: the file is empty; the first line names the columns"),
             (
                 "m0\nx\n",
-                "a.csv:2: `m0`: expected a finite number, found `x`; mend the cell, remove the line, or leave the column out",
+                "a.csv:2: `m0`: expected a finite number, found `x`; correct the cell, remove the line, or leave the column out",
             ),
             (
                 "m0\nNaN\n",
-                "a.csv:2: `m0`: expected a finite number, found `NaN`; mend the cell, remove the line, or leave the column out",
+                "a.csv:2: `m0`: expected a finite number, found `NaN`; correct the cell, remove the line, or leave the column out",
             ),
             (
                 "m0,b\n1,2\n3\n",

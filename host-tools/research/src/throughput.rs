@@ -74,7 +74,7 @@ pub fn measure(waiting: Waiting<'_>) -> anyhow::Result<Vec<Stage>> {
         let mut packet = [0; MAX_PACKET];
         for frame in &frames {
             let packed = pack_frame(frame, &mut packet);
-            bytes.extend_from_slice(packed.map_err(|_| anyhow!("a frame without its packet"))?);
+            bytes.extend_from_slice(packed.map_err(|_| anyhow!("a frame does not fit a packet"))?);
         }
         Ok(frames.len())
     })?);
@@ -125,7 +125,7 @@ fn instrument(record: &[u8]) -> anyhow::Result<Instrument> {
     });
     let mut store = Store::new(RamFlash::new([0; RamFlash::SIZE]));
     let installed = instrument.install(record, &mut store);
-    ensure!(installed.is_ok(), "the record is refused: {installed:?}");
+    ensure!(installed.is_ok(), "the record is rejected: {installed:?}");
     let commands =
         [Command::SetRate { hz: SCAN_HZ }, Command::SetFields(Fields::ALL), Command::Stream(true)];
     for (tag, command) in (0..).zip(commands) {

@@ -80,7 +80,7 @@ fn within_their_cycles(table: &[Stage]) -> Result<()> {
         let Stage { cycles, .. } =
             stage.with_context(|| format!("the table has no stage `{net}`"))?;
         if *cycles > most {
-            bail!("{net}: {cycles} cycles, at most {most}; make it cheaper");
+            bail!("{net}: {cycles} cycles, at most {most}; reduce its cost");
         }
     }
     Ok(())

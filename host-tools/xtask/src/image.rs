@@ -82,7 +82,8 @@ impl Image {
                         let place = (at - start) as usize;
                         Some(u16::from_le_bytes(*code.get(place..)?.first_chunk()?))
                     };
-                    let first = half(at).ok_or_else(|| anyhow!("{} is cut", function.name))?;
+                    let first =
+                        half(at).ok_or_else(|| anyhow!("{} is cut short", function.name))?;
                     let second = if is_long(first) { half(at + 2) } else { None };
                     function.take(address, at, first, second)?;
                     let constant = loaded(at, first, second).and_then(|(register, place)| {

@@ -39,29 +39,26 @@ const KNOWN: [(&str, &str); 17] = [
     (BOARDS, "at start-up, and in the handlers of faults"),
     (
         "cobs",
-        "on the core's path: its places stay below the length it is given; both ways are fuzzed",
+        "on the core's path: its indices stay below the given length; both directions are fuzzed",
     ),
     (
         "embassy-sync",
         "on the core's path: its pipe is borrowed by one task, and indexed by remainders",
     ),
-    ("embedded-io-async", "on the core's path: a link that takes nothing, which no board's does"),
-    ("defmt", "as its macros have it: at start-up"),
-    ("defmt-rtt", "a log within a log, which nothing writes"),
-    ("embassy-executor", "tasks and wakers that are not its own, of which there are none"),
+    ("embedded-io-async", "on the core's path: at a link that accepts no byte; every board's does"),
+    ("defmt", "in its macros, at start-up"),
+    ("defmt-rtt", "at a log inside a log, which no code writes"),
+    ("embassy-executor", "at foreign tasks and wakers, of which there are none"),
     ("embassy-hal-internal", "at start-up"),
-    ("embassy-stm32", "at start-up; in the USB driver, registers that read what they never hold"),
-    ("embassy-time", "times beyond 2^64"),
-    ("embassy-time-driver", "times beyond 2^64"),
-    ("embassy-usb", "at start-up, and descriptors that do not fit, which start-up finds"),
-    ("embassy-usb-driver", "numbers of endpoints that start-up gives"),
-    (
-        "embassy-usb-synopsys-otg",
-        "in the USB driver, packets of a kind or size that USB does not have",
-    ),
+    ("embassy-stm32", "at start-up; in the USB driver, at impossible values of registers"),
+    ("embassy-time", "at times beyond 2^64"),
+    ("embassy-time-driver", "at times beyond 2^64"),
+    ("embassy-usb", "at start-up, also for descriptors that do not fit"),
+    ("embassy-usb-driver", "at invalid endpoint numbers, which start-up sets"),
+    ("embassy-usb-synopsys-otg", "in the USB driver, at packets of a kind or size that USB lacks"),
     ("postcard", "on the core's path: the buffer of a varint is as long as the longest; fuzzed"),
     ("static_cell", "at start-up"),
-    ("stm32-metapac", "fields of registers that read what they never hold"),
+    ("stm32-metapac", "at impossible values of register fields"),
 ];
 
 /// True for a function that panics.
@@ -90,8 +87,8 @@ pub fn none_is_new(board: &str, sites: &Sites, list: &str) -> Result<()> {
         if lines.len() > known {
             let lines: Vec<_> = lines.iter().map(String::as_str).collect();
             bail!(
-                "{board}: {} lines of {owner} may panic, {known} of them known: find which is new and \
-                 another way, or say `{row}{}` in {LIST}\n  {}",
+                "{board}: {} lines of {owner} may panic, {known} of them known: find the new one \
+                 and avoid it, or write `{row}{}` into {LIST}\n  {}",
                 lines.len(),
                 lines.len(),
                 lines.join("\n  ")
@@ -133,8 +130,8 @@ pub fn remaining(elf: &Path, image: &Image) -> Result<Sites> {
                 };
                 if why(&owner).is_none() {
                     bail!(
-                        "{line} may panic ({callee} in {}): find another way, or say in panics.rs why it \
-                         never does",
+                        "{line} may panic ({callee} in {}): avoid it, or add the crate to panics.rs with \
+                         the reason why it never does",
                         function.name
                     );
                 }

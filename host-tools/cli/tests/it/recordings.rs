@@ -455,7 +455,7 @@ fn recording_is_equal_in_every_format() {
         &["replay", "a.mcap", "--out", "b.parquet"],
     ] {
         let error = taxel.fails(1, again);
-        assert!(error.contains("there is such a file already; "), "{error}");
+        assert!(error.contains("the file exists already; "), "{error}");
     }
     taxel.succeeds(&["export", "a.mcap", "--out", "c.mcap", "--force"]);
     let twice = ["record", "--port", "sim:press", "--out", "d.mcap", "--out", "./d.mcap"];

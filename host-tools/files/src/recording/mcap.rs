@@ -183,7 +183,7 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     let Some((_, columns)) = rows.channel.clone() else {
         return Err(match rows.ready.pop_front() {
             Some(Err(error)) => error,
-            _ => FileError::new(path, "no channel of taxel frames in it")
+            _ => FileError::new(path, "holds no channel of taxel frames")
                 .mend("`taxel record` and `taxel export` write one"),
         });
     };
@@ -285,7 +285,7 @@ impl Rows {
                 if header.channel_id == *id {
                     let row = schema::decode(&data, columns);
                     rows.push(row.ok_or_else(|| {
-                        FileError::new(&self.path, "a message that is none of its schema")
+                        FileError::new(&self.path, "a message does not match its schema")
                             .mend("this row is left out")
                     }));
                 }

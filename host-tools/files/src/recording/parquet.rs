@@ -261,7 +261,7 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     let fields = metadata.schema().get_fields();
     let columns = columns(fields).filter(|columns| columns.iter().any(|c| c.name == "t_us"));
     let Some(columns) = columns else {
-        return Err(FileError::new(path, "no recording of taxel frames")
+        return Err(FileError::new(path, "holds no taxel frames")
             .mend("`taxel record` and `taxel export` write one"));
     };
     let path = path.to_owned();

@@ -300,7 +300,7 @@ impl Header<'_> {
         let mut seen = HashSet::new();
         match self.names.iter().find(|name| !seen.insert(*name)) {
             None => Ok(()),
-            Some(name) => Err(FileError::new(self.path, "the column stands twice")
+            Some(name) => Err(FileError::new(self.path, "duplicate column")
                 .line(self.line)
                 .column(name)
                 .mend("remove one of them")),

@@ -179,7 +179,7 @@ fn non_recording_is_an_error_in_one_line() {
         ("a.parquet", "PAR1", "a.parquet: "),
         ("a.csv", "", "a.csv: the file is empty"),
         ("a.csv", "x,y\n1,2\n", "a.csv:1: `t_us`: the column is missing"),
-        ("a.txt", "", "a.txt: no kind of recording that its name tells; let it end in .mcap"),
+        ("a.txt", "", "a.txt: unknown kind of recording; let it end in .mcap"),
     ] {
         let path = folder.path().join(name);
         std::fs::write(&path, content).unwrap();
@@ -199,7 +199,7 @@ fn existing_file_stays_unless_replaced() {
         create(Existing::Keep).unwrap().finish().unwrap();
         let before = std::fs::read(&path).unwrap();
         let error = create(Existing::Keep).err().unwrap().to_string();
-        assert!(error.contains(&format!("{name}: there is such a file already; ")), "{error}");
+        assert!(error.contains(&format!("{name}: the file exists already; ")), "{error}");
         assert!(error.contains("--force"), "{error}");
         assert_eq!(std::fs::read(&path).unwrap(), before);
         record(&path, &rows(10));

@@ -88,7 +88,7 @@ fn error_is_one_line_with_line_column_and_mend() {
         ),
         (
             format!("{}\n{good}\n", header.replace("lit_r1c2", "lit_r1c1")),
-            "trace.csv:1: `lit_r1c1`: the column stands twice; remove one of them",
+            "trace.csv:1: `lit_r1c1`: duplicate column; remove one of them",
         ),
         (
             format!("{header}\n{good}\n{}\n", line("250", "seven")),

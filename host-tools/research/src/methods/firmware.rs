@@ -37,7 +37,7 @@ pub(super) fn all(device: &Device, calibration: &Calibration) -> anyhow::Result<
     let matrix = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
     let sensors = Calibration { taxels: None, force: None, model: None, ..calibration.clone() };
     let full = array::matrix(&device.recordings, calibration)?
-        .context("the recordings do not tell the array's full matrix")?;
+        .context("the recordings do not determine the array's full matrix")?;
     let full = Array { method: WrenchMethod::Matrix(full), ..sensors.array.unwrap_or_default() };
     let full = Calibration { array: Some(full), ..sensors.clone() };
     let mut methods = vec![

@@ -14,7 +14,7 @@ fn invalid_table_is_refused_by_line_and_column() {
     let mut latin = with("m0", "gr\u{f6}\u{df}e");
     latin.retain(|byte| *byte != 0xc3);
     let utf16: Vec<u8> = good.encode_utf16().flat_map(u16::to_le_bytes).collect();
-    let mend = "mend the cell, remove the line, or leave the column out";
+    let mend = "correct the cell, remove the line, or leave the column out";
     let cases: Vec<(&str, Vec<u8>, String)> = vec![
         (
             "empty.csv",
@@ -29,7 +29,7 @@ fn invalid_table_is_refused_by_line_and_column() {
         (
             "header.csv",
             HEADER.into(),
-            "header.csv: no rows after the line of column names; give a recording that has some".into(),
+            "header.csv: no rows after the line of column names; give a recording with rows".into(),
         ),
         (
             "semicolons.csv",
@@ -71,7 +71,7 @@ fn invalid_table_is_refused_by_line_and_column() {
         (
             "twice.csv",
             with("m1", "m0"),
-            "twice.csv:1: `m0`: the column stands twice; remove one of them".into(),
+            "twice.csv:1: `m0`: duplicate column; remove one of them".into(),
         ),
         (
             "growing.csv",

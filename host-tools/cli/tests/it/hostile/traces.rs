@@ -34,7 +34,7 @@ fn invalid_trace_is_refused_by_line_and_column() {
         (
             "header.csv",
             head,
-            "header.csv: no rows after the line of column names; give a recording that has some".into(),
+            "header.csv: no rows after the line of column names; give a recording with rows".into(),
         ),
         (
             "semicolons.csv",
