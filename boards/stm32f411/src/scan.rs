@@ -34,7 +34,7 @@ pub const DEFAULT: ScanSettings =
 /// Plan of the default settings, checked at compile time.
 const PLAN: Plan = match plan(DEFAULT) {
     Ok(plan) => plan,
-    Err(_) => panic!("the default settings cannot be had"),
+    Err(_) => panic!("the default settings are refused"),
 };
 
 /// Bits of each port's mode register to keep, and bits to set.
@@ -78,7 +78,7 @@ pub fn set(wish: ScanSettings) -> Result<FullScale, Refusal> {
 }
 
 /// Plan of the present settings, which were accepted before.
-fn in_force() -> Plan {
+fn present_plan() -> Plan {
     plan(settings()).unwrap_or(PLAN)
 }
 
@@ -214,7 +214,7 @@ pub fn set_paused(paused: bool) {
         if paused && running {
             halt();
         } else if !paused && !running {
-            run(&in_force());
+            run(&present_plan());
         }
     });
 }
@@ -225,7 +225,7 @@ fn DMA2_STREAM0() {
     let begin = cortex_m::peripheral::DWT::cycle_count();
     DMA2.ifcr(0).write_value(dma::regs::Ixr(0x3D << (6 * FROM_ADC)));
     if overrun() {
-        return begin_anew();
+        return restart();
     }
     let end = FRAMES.tick();
     let half = left();
@@ -241,7 +241,7 @@ fn DMA2_STREAM0() {
 #[interrupt]
 fn ADC() {
     if overrun() {
-        begin_anew();
+        restart();
     }
 }
 
@@ -251,9 +251,9 @@ fn overrun() -> bool {
 }
 
 /// Restarts the scan; the frame being read counts as lost.
-fn begin_anew() {
+fn restart() {
     halt();
-    run(&in_force());
+    run(&present_plan());
 }
 
 /// Half of the buffer that the DMA is not writing.

@@ -36,7 +36,7 @@ pub const DEFAULT: ScanSettings =
 /// Plan of the default settings, checked at compile time.
 const PLAN: Plan = match plan(DEFAULT) {
     Ok(plan) => plan,
-    Err(_) => panic!("the default settings cannot be had"),
+    Err(_) => panic!("the default settings are refused"),
 };
 
 /// Bits of each port's mode register to keep, and bits to set.
@@ -86,7 +86,7 @@ fn full_scale() -> FullScale {
 }
 
 /// Plan of the present settings, which were accepted before.
-fn in_force() -> Plan {
+fn present_plan() -> Plan {
     plan(settings()).unwrap_or(PLAN)
 }
 
@@ -278,7 +278,7 @@ pub fn set_paused(paused: bool) {
         if paused && running {
             halt();
         } else if !paused && !running {
-            run(&in_force());
+            run(&present_plan());
         }
     });
 }
@@ -299,7 +299,7 @@ fn on_frame(channel: usize, count: u32) {
     let begin = cortex_m::peripheral::DWT::cycle_count();
     DMA1.ifcr().write_value(bdma::regs::Isr(0xF << (4 * channel)));
     if overrun() {
-        return begin_anew();
+        return restart();
     }
     let end = FRAMES.tick();
     let half = left(channel, count);
@@ -315,7 +315,7 @@ fn on_frame(channel: usize, count: u32) {
 #[interrupt]
 fn ADC1_2() {
     if overrun() {
-        begin_anew();
+        restart();
     }
 }
 
@@ -325,9 +325,9 @@ fn overrun() -> bool {
 }
 
 /// Restarts the scan; the frame being read counts as lost.
-fn begin_anew() {
+fn restart() {
     halt();
-    run(&in_force());
+    run(&present_plan());
 }
 
 /// Half of the buffers that the DMA is not writing.

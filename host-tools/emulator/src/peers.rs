@@ -76,7 +76,8 @@ pub fn run(elf: &[u8], with: &str, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> 
                 let count = machine.clock().take_measured();
                 let name = &stage.name;
                 let count = count.with_context(|| format!("{name}: the call did not return"))?;
-                let c = inputs.get(stage.calls.len()).context("more calls than inputs")?;
+                let c =
+                    inputs.get(stage.calls.len()).context("more calls than inputs in the image")?;
                 let words = bytes.as_chunks::<4>().0;
                 let y: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
                 ensure!(y.len() == OUTPUTS, "{name}: gives {} outputs", y.len());

@@ -39,7 +39,7 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
         c.clone(),
         &mut nowhere.clone(),
         |(model, state), c, out| {
-            *out = model.pressed(state, &model.curves.displacements(c)).map(told);
+            *out = model.pressed(state, &model.curves.displacements(c)).map(components);
         },
     );
     let mut memory = (model(), InverseState::default());
@@ -49,12 +49,12 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
         c,
         &mut nowhere.clone(),
         |(model, state), c, out| {
-            *out = model.sheared(state, &model.curves.displacements(c), None).map(told);
+            *out = model.sheared(state, &model.curves.displacements(c), None).map(components);
         },
     );
 }
 
-fn told(touch: taxel::estimate::inverse::Touch) -> [f32; 9] {
+fn components(touch: taxel::estimate::inverse::Touch) -> [f32; 9] {
     let ([fx, fy, fz], [x, y], [sx, sy, sz, ..]) = (touch.force(), touch.load.point, touch.sigma);
     [fx, fy, fz, x, y, sx, sy, sz, touch.misfit]
 }

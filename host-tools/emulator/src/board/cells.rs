@@ -47,7 +47,7 @@ impl Lock {
         } else if value & LOCK != 0 {
             Ok(true)
         } else {
-            Err("written while it is locked".into())
+            Err("written while CR is locked".into())
         }
     }
 }

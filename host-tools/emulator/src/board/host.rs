@@ -267,7 +267,9 @@ impl Host {
             match usb.take(self.address, data_in)? {
                 Answer::Data(data1, data) => {
                     if data1 != self.toggles[0] {
-                        return Err("a packet of endpoint 1 IN is missing or comes twice".into());
+                        return Err(
+                            "a packet of the bulk IN endpoint is missing or repeated".into()
+                        );
                     }
                     self.toggles[0] = !data1;
                     self.occupy(now, data.len());
@@ -301,7 +303,7 @@ impl Host {
     fn control(&mut self, control: &mut Control, now: Tick, usb: &mut dyn Device) -> Outcome<bool> {
         let name = |control: &Control| format!("request {:02x?}", control.setup);
         if control.stage != Stage::Setup && now >= control.begun + PATIENCE {
-            return Err(format!("{} is not answered within 5 s", name(control)));
+            return Err(format!("{}: no answer within 5 s", name(control)));
         }
         let is_in = control.is_in();
         let answer = match (control.stage, is_in) {
@@ -315,7 +317,7 @@ impl Host {
                             if control.length() > 0 { Stage::Data } else { Stage::Status };
                         return Ok(false);
                     }
-                    other => return Err(format!("{} met {other:?}", name(control))),
+                    other => return Err(format!("{}: answered with {other:?}", name(control))),
                 }
             }
             (Stage::Data, true) | (Stage::Status, false) => usb.take(self.address, 0)?,
@@ -350,7 +352,12 @@ impl Host {
                 control.data.clear();
                 return Ok(true);
             }
-            (other, stage) => return Err(format!("{} met {other:?} in {stage:?}", name(control))),
+            (other, stage) => {
+                return Err(format!(
+                    "{}: answered with {other:?} in stage {stage:?}",
+                    name(control)
+                ));
+            }
         }
         Ok(false)
     }

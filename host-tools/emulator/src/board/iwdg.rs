@@ -45,7 +45,9 @@ impl Iwdg {
             (0x00, 0xcccc) => self.fed = Some(now),
             (0x00, 0x5555) => self.unlocked = true,
             (0x00, 0x0000) => self.unlocked = false,
-            (0x04 | 0x08, _) if !self.unlocked => return Err("written without its key".into()),
+            (0x04 | 0x08, _) if !self.unlocked => {
+                return Err("written without the key in KR".into());
+            }
             (0x04, _) => self.prescaler = value & 7,
             (0x08, _) => self.reload = value & 0xfff,
             _ => return Err(UNMODELLED.into()),

@@ -101,7 +101,9 @@ impl Session {
     pub fn upload(&mut self, record: &[u8]) -> Result<()> {
         self.ask(Command::CalibrationBegin { length: u16::try_from(record.len())? })?;
         for (i, bytes) in record.chunks(CHUNK).enumerate() {
-            let Ok(data) = heapless::Vec::from_slice(bytes) else { bail!("a chunk is too long") };
+            let Ok(data) = heapless::Vec::from_slice(bytes) else {
+                bail!("a chunk of the calibration is too long")
+            };
             self.ask(Command::CalibrationChunk { offset: u16::try_from(i * CHUNK)?, data })?;
         }
         self.ask(Command::CalibrationCommit)?;

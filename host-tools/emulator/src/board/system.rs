@@ -263,7 +263,7 @@ impl System {
             // Only priorities can be written by the byte.
             let wide = offset & !3;
             if !matches!(wide, 0xe400..=0xe46c | 0xed18..=0xed20) {
-                return Err("written in part".into());
+                return Err("partial write, which is not modelled".into());
             }
             let shift = 8 * (offset & 3);
             let mask = (u32::MAX >> (32 - 8 * size)) << shift;
@@ -305,9 +305,13 @@ impl System {
             }
             VTOR => self.vtor = value & 0xffff_ff80,
             AIRCR if value >> 16 != 0x05fa => {}
-            AIRCR if value & 0x700 != 0 => return Err("groups of priorities".into()),
+            AIRCR if value & 0x700 != 0 => {
+                return Err("priority groups, which are not modelled".into());
+            }
             AIRCR => self.reset_requested |= value & 4 != 0,
-            SCR if value != 0 => return Err("deep sleep, sleep on exit or SEVONPEND".into()),
+            SCR if value != 0 => {
+                return Err("deep sleep, sleep on exit or SEVONPEND, which are not modelled".into());
+            }
             SCR => {}
             0xed18..=0xed20 => self.set_priorities(4 + (offset - 0xed18) as usize, value),
             CPACR => self.cpacr = value,

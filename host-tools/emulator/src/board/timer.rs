@@ -237,7 +237,7 @@ impl Timer {
             0x24 => {
                 self.held = value & self.top;
                 let origin = now.checked_sub(Tick::from(self.held) * self.step());
-                self.origin = origin.ok_or("a count from before power-up")?;
+                self.origin = origin.ok_or("count from before power-up")?;
                 self.cursor = now;
             }
             0x28 => self.psc = value & 0xffff,
@@ -282,12 +282,12 @@ impl Timer {
             self.clock = clock;
             self.started.get_or_insert(now);
             let origin = now.checked_sub(Tick::from(self.held) * self.step());
-            self.origin = origin.ok_or("a count from before power-up")?;
+            self.origin = origin.ok_or("count from before power-up")?;
             self.cursor = now;
             for channel in 0..CHANNELS {
                 if ![FROZEN, PWM2].contains(&self.mode(channel)) {
                     return Err(format!(
-                        "output mode {} of channel {}",
+                        "output mode {} of channel {}, which is not modelled",
                         self.mode(channel),
                         channel + 1
                     ));
@@ -295,7 +295,7 @@ impl Timer {
             }
             for (name, select) in [("MMS", self.cr2 >> 4 & 7), ("MMS2", self.cr2 >> 20 & 0xf)] {
                 if select != 0 && !(4..10).contains(&select) {
-                    return Err(format!("{name} = {select}"));
+                    return Err(format!("{name} = {select}, which is not modelled"));
                 }
             }
         }

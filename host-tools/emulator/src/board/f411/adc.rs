@@ -138,17 +138,17 @@ impl Adc {
                 continue;
             }
             if edge != 1 {
-                return Err("a trigger by falling edges".into());
+                return Err("trigger on falling edges, which is not modelled".into());
             }
             // An overrun blocks new conversions until it is cleared (§11.8.1).
             if group == Group::Regular && self.sr & OVR != 0 {
                 continue;
             }
             if self.run.is_some() {
-                return Err(format!("{source} while it still converts"));
+                return Err(format!("{source} during a conversion"));
             }
             if now < self.stable {
-                return Err(format!("{source} before it is stable"));
+                return Err(format!("{source} before the ADC is stable"));
             }
             let index = match group {
                 Group::Injected if self.cr1 >> 12 & 1 == 1 => self.turn,
@@ -236,7 +236,7 @@ impl Adc {
             CR2 if value & !CR2_MODELLED != 0 => return Err(UNMODELLED.into()),
             // Without DMA only EOC at the end of the sequence would exist.
             CR2 if value & 1 == 1 && value >> 8 & 3 != 3 => {
-                return Err("on without DMA and DDS, which is not modelled".into());
+                return Err("ADON without DMA and DDS, which is not modelled".into());
             }
             CR2 => {
                 if self.cr2 & 1 == 0 && value & 1 == 1 {

@@ -101,7 +101,7 @@ impl F411 {
         // Timers also accept half words, as for PSC.
         let halves = unit.name.starts_with("TIM") && size == 2 && offset & 3 == 0;
         if size != 4 && !halves {
-            return Err("written in part".into());
+            return Err("partial write, which is not modelled".into());
         }
         match unit.name {
             "RCC" => {
@@ -124,7 +124,7 @@ impl F411 {
                 // ADCPRE: PCLK2/4. ADON.
                 let common = self.kept.adc_common.read(0x04)?;
                 if common >> 16 & 3 != 1 && offset == 0x08 && value & 1 == 1 {
-                    return Err("with a clock that is not PCLK2/4".into());
+                    return Err("the ADC's clock is not PCLK2/4".into());
                 }
                 self.adc.write(offset, value, now, 4 * hclk)
             }

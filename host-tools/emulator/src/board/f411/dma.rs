@@ -89,7 +89,7 @@ impl Dma {
             return match offset {
                 0x00 => Ok(self.flags(0)),
                 0x04 => Ok(self.flags(4)),
-                _ => Err("only written".into()),
+                _ => Err("the register is write-only".into()),
             };
         }
         let (stream, register) = place(offset).ok_or(UNMODELLED)?;

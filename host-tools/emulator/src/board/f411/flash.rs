@@ -162,7 +162,7 @@ impl Changed for Flash {
             return Err("a write to the flash without PG".into());
         }
         if size != 4 || address & 3 != 0 || self.parallelism() != WORDS {
-            return Err("a write to the flash that is not a word by PSIZE = x32".into());
+            return Err("a write to the flash that is no aligned word with PSIZE = x32".into());
         }
         let cells = self.contents.bytes(address, 4)?;
         let before = cells.to_vec();

@@ -164,7 +164,7 @@ impl F411 {
         }
         let asks = self.adc.advance(now, || match source? {
             Some(source) => Ok(finger.sample(source, now)),
-            None => Err("a sample of nothing".into()),
+            None => Err("sample without a source".into()),
         });
         let asks = asks.map_err(|why| format!("ADC1: {why}"))?;
         if asks && !self.common.misses(0) {

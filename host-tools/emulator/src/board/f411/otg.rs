@@ -255,7 +255,7 @@ impl Otg {
     /// Pops an entry of the receive FIFO and returns its status.
     fn pop(&mut self) -> Outcome<u32> {
         if !self.popped.is_empty() {
-            return Err("before all words of the last packet are read".into());
+            return Err("popped before all words of the last packet are read".into());
         }
         let Entry { status, words } = self.receive.pop_front().ok_or("the FIFO is empty")?;
         self.popped = words;
@@ -276,7 +276,9 @@ impl Otg {
             GAHBCFG if value & !0x81 != 0 => return Err(UNMODELLED.into()),
             GAHBCFG => self.gahbcfg = value,
             // FHMOD must not be set; FDMOD must.
-            GUSBCFG if value >> 29 & 3 != 2 => return Err("not forced to be a device".into()),
+            GUSBCFG if value >> 29 & 3 != 2 => {
+                return Err("device mode is not forced (FDMOD)".into());
+            }
             GUSBCFG => self.gusbcfg = value,
             GRSTCTL => return self.flush(value),
             GINTSTS => self.gintsts &= !(value & STANDING),
@@ -291,7 +293,7 @@ impl Otg {
             DCFG => {
                 let (before, now) = (self.dcfg >> 4 & 0x7f, value >> 4 & 0x7f);
                 if value & 3 != 3 {
-                    return Err("not of full speed by the internal transceiver".into());
+                    return Err("not full speed with the internal transceiver (DSPD)".into());
                 }
                 self.former = (now != before && now != 0).then_some(before);
                 self.dcfg = value;
@@ -314,7 +316,7 @@ impl Otg {
     fn place(&mut self, i: usize, value: u32) -> Outcome {
         let (start, words) = (value & 0xffff, value >> 16);
         if start + words > MEMORY || words < 16 || start < self.grxfsiz {
-            return Err(format!("{words} words at {start} of {MEMORY}"));
+            return Err(format!("a FIFO of {words} words at {start} does not fit {MEMORY} words"));
         }
         self.dieptxf[i] = value;
         Ok(())
@@ -342,7 +344,7 @@ impl Otg {
     fn push(&mut self, i: usize, word: u32) -> Outcome {
         let wanted = (self.ins[i].tsiz & 0x7_ffff).div_ceil(4) as usize;
         if !self.ins[i].is(EPENA) || self.transmit[i].len() >= wanted {
-            return Err("a word that belongs to no transfer".into());
+            return Err("word outside a transfer".into());
         }
         if self.transmit[i].len() as u32 >= self.depth(i) {
             return Err("the FIFO is full".into());
@@ -374,7 +376,7 @@ impl Otg {
 /// Writes an endpoint's control register.
 fn control(endpoint: &mut Endpoint, i: usize, value: u32) -> Outcome {
     if i > 0 && value >> 18 & 3 == 1 {
-        return Err("an isochronous endpoint".into());
+        return Err("isochronous endpoint, which is not modelled".into());
     }
     let before = endpoint.ctl;
     // MPSIZ, EPTYP and TXFNUM are stored, and USBAEP where it is writable; EPENA and NAKSTS have

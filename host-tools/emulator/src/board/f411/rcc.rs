@@ -158,7 +158,10 @@ impl Rcc {
             return Err("an APB2 slower than the AHB, which is not modelled".into());
         }
         if hclk / self.apb1 > FASTEST_APB1 {
-            return Err(format!("APB1 at {} Hz, which it does not reach", hclk / self.apb1));
+            return Err(format!(
+                "APB1 at {} Hz, above its maximum of {FASTEST_APB1}",
+                hclk / self.apb1
+            ));
         }
         let fastest = FASTEST[scale as usize - 1];
         if hclk > fastest {
@@ -168,7 +171,7 @@ impl Rcc {
         }
         let needed = (hclk - 1) / WAIT_STATE_HZ;
         if u64::from(latency) < needed {
-            return Err(format!("{hclk} Hz with {latency} wait states, which takes {needed}"));
+            return Err(format!("{hclk} Hz needs {needed} wait states, {latency} are set"));
         }
         self.hclk = time::period(hclk).ok_or_else(|| {
             format!("{hclk} Hz, which is not modelled: its period is no whole number of ticks")
@@ -181,17 +184,19 @@ impl Rcc {
         let (raw, cr) = (self.register(PLLCFGR), self.register(CR));
         let source = match raw >> 22 & 1 {
             1 if cr >> 17 & 1 == 1 => HSE_HZ,
-            1 => return Err("a PLL fed by a crystal that is off".into()),
+            1 => return Err("the PLL's source is a crystal that is off".into()),
             _ => HSI_HZ,
         };
         let (m, n) = (u64::from(raw & 0x3f), u64::from(raw >> 6 & 0x1ff));
         if m < 2 || !(50..=432).contains(&n) {
-            return Err(format!("a PLL with M = {m}, N = {n}"));
+            return Err(format!("PLL with M = {m}, N = {n}: out of range"));
         }
         let (input, vco) = (source / m, source / m * n);
         // DS10314 table 42.
         if !(950_000..=2_100_000).contains(&input) || !(100_000_000..=432_000_000).contains(&vco) {
-            return Err(format!("a PLL fed by {input} Hz with its oscillator at {vco} Hz"));
+            return Err(format!(
+                "PLL with {input} Hz in and {vco} Hz at its oscillator: out of range"
+            ));
         }
         Ok(vco)
     }

@@ -332,7 +332,7 @@ pub fn peripheral(address: u32) -> Option<&'static Peripheral> {
 /// If there is no peripheral of that name, which is a mistake of this program.
 pub fn base(name: &str) -> u32 {
     let found = PERIPHERALS.iter().find(|its| its.name == name);
-    found.unwrap_or_else(|| panic!("the STM32F411 has no {name}")).base
+    found.unwrap_or_else(|| panic!("the STM32F411 has no peripheral {name}")).base
 }
 
 /// Readable name of a register.

@@ -173,10 +173,10 @@ impl Adc {
                 continue;
             }
             if edge != 1 {
-                return Err("a trigger by falling edges".into());
+                return Err("trigger on falling edges, which is not modelled".into());
             }
             if self.regular.is_some() || self.injected.is_some() {
-                return Err(format!("{source} while it still converts"));
+                return Err(format!("{source} during a conversion"));
             }
             let start = now + self.cycle * LATENCY_EIGHTHS / 8;
             let until = start + self.sampling(self.input(group, 0));
@@ -316,7 +316,7 @@ impl Adc {
     fn control(&mut self, value: u32, now: Tick, cycle: Tick) -> Outcome {
         let (before, mut cr) = (Cr(self.cr), Cr(value));
         if cr.deeppwd() && before.aden() {
-            return Err("deep power-down while it is enabled".into());
+            return Err("deep power-down while the ADC is enabled".into());
         }
         if cr.advregen() && !before.advregen() {
             self.regulator_since = now;
@@ -331,12 +331,12 @@ impl Adc {
         }
         if cr.aden() && !before.aden() {
             if !regulated || before.adcal() || !self.calibrated {
-                return Err("enabled without a regulator or a calibration".into());
+                return Err("enabled before regulator and calibration are done".into());
             }
             self.busy = Some(now + self.halves(STABILISATION_HALVES));
         }
         if (cr.adstart() || cr.jadstart()) && !self.ready {
-            return Err("started before it is ready".into());
+            return Err("started before the ADC is ready".into());
         }
         // Conversions stop at once.
         if value & ADSTP != 0 {

@@ -119,7 +119,7 @@ impl G431 {
         // Timers also accept half words, as for PSC.
         let halves = matches!(unit, Unit::Tim1 | Unit::Tim2) && size == 2 && offset & 3 == 0;
         if size != 4 && !halves && !matches!(unit, Unit::UsbMemory) {
-            return Err("written in part".into());
+            return Err("partial write, which is not modelled".into());
         }
         match unit {
             Unit::Rcc => {
@@ -146,7 +146,7 @@ impl G431 {
                     && offset == 0x08
                     && value & 0x8000_0001 != 0
                 {
-                    return Err("with a clock that is not HCLK/4".into());
+                    return Err("the ADC's clock is not HCLK/4".into());
                 }
                 self.adc[i].write(offset, value, now, 4 * hclk)
             }

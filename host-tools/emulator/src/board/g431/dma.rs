@@ -56,7 +56,7 @@ impl Dma {
         let size = 1 << (ccr >> 8 & 3);
         // Not modelled: MEM2MEM, PINC, different sizes.
         if ccr >> 14 & 1 == 1 || ccr >> 6 & 1 == 1 || ccr >> 10 & 3 != ccr >> 8 & 3 {
-            return Err(format!("CCR = {ccr:#x}"));
+            return Err(format!("CCR = {ccr:#x}: a mode that is not modelled"));
         }
         let step = if ccr >> 7 & 1 == 1 { size * channel.done } else { 0 };
         let transfer = Transfer {

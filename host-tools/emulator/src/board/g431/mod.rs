@@ -283,7 +283,7 @@ impl G431 {
         }
         let asks = self.adc[i].advance(now, || match source {
             Some(source) => Ok(finger.sample(source?, now)),
-            None => Err("a sample of nothing".into()),
+            None => Err("sample without a source".into()),
         });
         let asks = asks.map_err(|why| format!("{name}: {why}"))?;
         if asks && !self.common.misses(i) {

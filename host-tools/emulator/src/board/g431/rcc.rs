@@ -147,13 +147,13 @@ impl Rcc {
             return Err("an APB bus slower than the AHB, which is not modelled".into());
         }
         if hclk > FASTEST {
-            return Err(format!("{hclk} Hz, which this chip does not reach"));
+            return Err(format!("{hclk} Hz, above the chip's maximum of {FASTEST}"));
         }
         // MHz per wait state with boost mode, and without (RM0440 §3.3.3).
         let step = if hclk > FASTEST_UNBOOSTED { 34 } else { 30 };
         let needed = (hclk - 1) / (step * 1_000_000);
         if u64::from(latency) < needed {
-            return Err(format!("{hclk} Hz with {latency} wait states, which takes {needed}"));
+            return Err(format!("{hclk} Hz needs {needed} wait states, {latency} are set"));
         }
         self.hclk = time::period(hclk).ok_or_else(|| {
             format!("{hclk} Hz, which is not modelled: its period is no whole number of ticks")
@@ -166,7 +166,7 @@ impl Rcc {
         let raw = self.register(PLLCFGR);
         let pll = Pllcfgr(raw);
         if raw & 3 != 2 || !pll.pllren() {
-            return Err("a PLL that is not fed by HSI16 or whose R output is off".into());
+            return Err("the PLL's source is not HSI16, or its R output is off".into());
         }
         let (m, n, r) = ((raw >> 4 & 0xf) + 1, raw >> 8 & 0x7f, 2 * ((raw >> 25 & 3) + 1));
         let input = HSI_HZ / u64::from(m);
@@ -174,7 +174,9 @@ impl Rcc {
         // DS12589 table 47, range 1.
         if !(2_660_000..=16_000_000).contains(&input) || !(96_000_000..=344_000_000).contains(&vco)
         {
-            return Err(format!("a PLL fed by {input} Hz with its oscillator at {vco} Hz"));
+            return Err(format!(
+                "PLL with {input} Hz in and {vco} Hz at its oscillator: out of range"
+            ));
         }
         Ok(vco / u64::from(r))
     }

@@ -86,7 +86,7 @@ impl Usb {
         let blocks = usize::from(room >> 10 & 0x1f);
         let room = if room >> 15 == 1 { 32 * (blocks + 1) } else { 2 * blocks };
         if data.len() > room {
-            return Err(format!("{} bytes for a buffer of {room}", data.len()));
+            return Err(format!("a packet of {} bytes exceeds its buffer of {room}", data.len()));
         }
         let place = self.memory.get_mut(at..at + data.len());
         place.ok_or("a buffer beyond the packet memory")?.copy_from_slice(data);
@@ -133,7 +133,7 @@ impl Usb {
                 let toggled = (epr.0 ^ value) & TOGGLES;
                 epr.0 = kept | toggled | epr.0 & 0x0800 | value & 0x070f;
                 if epr.ep_type() == EpType::ISO {
-                    return Err("an isochronous endpoint".into());
+                    return Err("isochronous endpoint, which is not modelled".into());
                 }
             }
             CNTR => {

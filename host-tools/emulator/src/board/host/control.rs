@@ -85,7 +85,7 @@ pub fn bulk_endpoints(configuration: &[u8]) -> Outcome<[u8; 2]> {
     let (mut found, mut rest) = ([None; 2], configuration);
     while let Some((length, _)) = rest.split_first() {
         let Some((descriptor, after)) = rest.split_at_checked(usize::from(*length).max(2)) else {
-            return Err("a configuration whose descriptors do not add up".into());
+            return Err("configuration with wrong descriptor lengths".into());
         };
         if let [_, ENDPOINT, address, 2, ..] = *descriptor {
             found[usize::from(address & 0x80 == 0)] = Some(address & 0xf);
@@ -94,6 +94,6 @@ pub fn bulk_endpoints(configuration: &[u8]) -> Outcome<[u8; 2]> {
     }
     match found {
         [Some(data_in), Some(data_out)] => Ok([data_in, data_out]),
-        _ => Err("a configuration without bulk endpoints both ways".into()),
+        _ => Err("configuration without a bulk endpoint in each direction".into()),
     }
 }

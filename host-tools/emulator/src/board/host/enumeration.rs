@@ -71,10 +71,10 @@ impl Host {
             DEVICE if self.address == 0 => self.reset(now, usb),
             DEVICE => {
                 let [.., manufacturer, product, serial, configurations] = data[..] else {
-                    return Err("a device descriptor that is cut".into());
+                    return Err("truncated device descriptor".into());
                 };
                 if configurations != 1 {
-                    return Err(format!("{configurations} configurations"));
+                    return Err(format!("{configurations} configurations, expected 1"));
                 }
                 self.descriptors.device.clone_from(data);
                 // A full-speed device has no qualifier and answers with a stall.
@@ -94,7 +94,10 @@ impl Host {
             }
             CONFIGURATION | BOS if control.length() < 10 => {
                 let Some([low, high]) = data.get(2..4) else {
-                    return Err(format!("request {:02x?} brings {data:02x?}", control.setup));
+                    return Err(format!(
+                        "request {:02x?}: too short an answer {data:02x?}",
+                        control.setup
+                    ));
                 };
                 let whole = u16::from_le_bytes([*low, *high]);
                 // Goes before the queued requests.

@@ -54,7 +54,7 @@ impl Otg {
         self.receive.push_back(Entry { status: i as u32 | done << 17, words: Default::default() });
         let used: usize = self.receive.iter().map(|entry| 1 + entry.words.len()).sum();
         if used > self.grxfsiz as usize {
-            return Err(format!("{used} words for a receive FIFO of {}", self.grxfsiz));
+            return Err(format!("{used} words exceed the receive FIFO of {}", self.grxfsiz));
         }
         Ok(())
     }
