@@ -209,7 +209,7 @@ fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
             presses.iter().map(|press| said(sensor, i, press, bench)).collect();
         if !presses.iter().flatten().flatten().any(Option::is_some) {
             adjusted.warnings.push(format!(
-                "s{i}: the presses do not know the force on it alone; its bias is new, its gains stay"
+                "s{i}: no press has a known force on it alone; its bias is new, its gains stay"
             ));
             continue;
         }
@@ -224,7 +224,7 @@ fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
                 .collect();
             let Some(found) = gain_of(known.iter(), sigma) else {
                 adjusted.warnings.push(format!(
-                    "s{i}: in {name} the force goes against what S says: is the reference's sign right? \
+                    "s{i}: in {name} the force has the opposite sign of S's estimate: is the reference's sign right? \
                      that gain stays"
                 ));
                 continue;
@@ -243,7 +243,7 @@ fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
         }
         if !unhelped.is_empty() {
             adjusted.warnings.push(format!(
-                "s{i}: in {} the gains from all but one press do not surely help with that one; they stay, the bias \
+                "s{i}: in {} gains from all but one press do not reliably improve that one; they stay, the bias \
                  is new",
                 unhelped.join(", ")
             ));

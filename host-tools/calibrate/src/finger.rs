@@ -114,8 +114,7 @@ pub fn fit(
     let warmth = warmth::fit(recordings);
     let warnings = recordings.iter().filter(|r| warmth.is_none() && warmth::is_warm_up(r)).map(|r| {
         format!(
-            "{}: left out, as the recordings with loads lack the thermometer (aux_temp) that would say how warm \
-             the finger was",
+            "{}: left out, because the recordings with loads lack the thermometer column (aux_temp)",
             r.name
         )
     });
@@ -267,7 +266,7 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let nets = of(&mut taxels.residual.iter().take(components).map(|e| f64::from(*e)));
     if of(&mut residual.iter().skip(from).copied()) >= nets {
         fitted.warnings.push(
-            "the model of the skin meets the recordings less well than the net and is left out"
+            "the model of the skin fits the recordings less well than the net and is left out"
                 .into(),
         );
         return;

@@ -47,7 +47,7 @@ impl Recording {
             let axis = FORCES.iter().position(|force| force == name);
             axis.ok_or_else(|| FitError::Unaligned {
                 recording: reference.path.display().to_string(),
-                problem: format!("`{name}` is no force of the finger"),
+                problem: format!("`{name}` is not a force of the finger"),
                 mend: format!("its columns are {}", FORCES.join(", ")),
             })
         });

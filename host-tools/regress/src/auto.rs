@@ -132,7 +132,8 @@ pub(crate) fn line(choice: &Training<'_>) -> Result<Net, FitError> {
     let (_, scaling, rows) = prepared(choice)?;
     let (slope, level) = ridge::without_decay(&rows).ok_or_else(|| FitError::Shape {
         part: choice.part.into(),
-        problem: "some channels say what others say; leave them out or choose ridge".into(),
+        problem: "some channels are linear combinations of others; leave them out or choose ridge"
+            .into(),
     })?;
     Ok(Net::linear(&slope, level.as_slice(), &scaling, rows.x.nrows()))
 }

@@ -45,7 +45,7 @@ pub enum FitError {
     },
     /// A component of the reference never shows a load.
     #[error(
-        "{part}: {columns}: the same throughout: what is never loaded cannot be fitted; record loads along it, \
+        "{part}: {columns}: the same throughout: an unloaded component cannot be fitted; record loads along it, \
          both ways, over the range to be measured, or leave the column out"
     )]
     AtRest {

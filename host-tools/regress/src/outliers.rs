@@ -104,7 +104,7 @@ fn told(wrong: &[bool], still: &[bool], name: &str) -> Result<Vec<String>, FitEr
     if still > 0 {
         found.push((
             format!(
-                "in {still} of {rows} rows ({:.0} %) the reference stays at zero while the inputs say that something presses",
+                "in {still} of {rows} rows ({:.0} %) the reference stays at zero while the inputs show a load",
                 percent(still)
             ),
             "look for a load cell that came off",
@@ -113,7 +113,7 @@ fn told(wrong: &[bool], still: &[bool], name: &str) -> Result<Vec<String>, FitEr
     if others > 0 {
         found.push((
             format!(
-                "{others} of {rows} rows ({:.0} %) stand far out of the rows before and after them or of those like them",
+                "{others} of {rows} rows ({:.0} %) stand far out from their neighbours or from similar rows",
                 percent(others)
             ),
             "look for a loose contact",

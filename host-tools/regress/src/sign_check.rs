@@ -71,13 +71,12 @@ pub fn same_sign(
     Err(FitError::Mismatch {
         recording: of(&mut which.iter().copied()),
         problem: format!(
-            "{} {} against what {} {}",
+            "{} {} the opposite sign of {}",
             columns.join(", "),
-            if columns.len() == 1 { "runs" } else { "run" },
-            if names.len() == 2 { &others } else { "the other recordings" },
-            if names.len() == 2 { "says" } else { "say" }
+            if columns.len() == 1 { "has" } else { "have" },
+            if names.len() == 2 { &others } else { "the other recordings" }
         ),
-        mend: "turn the sign in the recordings where it is wrong".into(),
+        mend: "invert the sign in the recordings where it is wrong".into(),
     })
 }
 
@@ -225,13 +224,17 @@ mod tests {
             (
                 &[(1, 0)][..],
                 &[300, 400, 500][..],
-                "b.csv: fz_n runs against what the other recordings say",
+                "b.csv: fz_n has the opposite sign of the other recordings",
             ),
             // The recording that pulls, though it is the first.
-            (&[(0, 0)], &[300, 400], "a.csv: fz_n runs against what b.csv says"),
-            (&[(1, 1)], &[300, 400], "b.csv: fx_n runs against what a.csv says"),
-            (&[(2, 0), (2, 1)], &[300, 400, 2000], "c.csv: fz_n, fx_n run against"),
-            (&[(1, 1), (3, 1)], &[300, 900, 400, 500, 300], "b.csv, d.csv: fx_n runs against"),
+            (&[(0, 0)], &[300, 400], "a.csv: fz_n has the opposite sign of b.csv"),
+            (&[(1, 1)], &[300, 400], "b.csv: fx_n has the opposite sign of a.csv"),
+            (&[(2, 0), (2, 1)], &[300, 400, 2000], "c.csv: fz_n, fx_n have the opposite sign"),
+            (
+                &[(1, 1), (3, 1)],
+                &[300, 900, 400, 500, 300],
+                "b.csv, d.csv: fx_n has the opposite sign",
+            ),
         ] {
             let error = judged(turned, rows).unwrap_err();
             assert!(error.starts_with(said), "{turned:?}: {error}");

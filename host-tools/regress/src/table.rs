@@ -191,16 +191,17 @@ fn fit_model(
         options: options.net,
         teacher: None,
     };
-    let (net, chosen) = training.run(progress, stop).map_err(|error| match (error, conditioning) {
-        (FitError::Shape { part, .. }, Some(found)) => FitError::Shape {
-            part,
-            problem: format!(
-                "{} say together what fewer of them would; leave some of them out, or choose ridge",
-                listed(&found.weakest, names)
-            ),
-        },
-        (error, _) => error,
-    })?;
+    let (net, chosen) =
+        training.run(progress, stop).map_err(|error| match (error, conditioning) {
+            (FitError::Shape { part, .. }, Some(found)) => FitError::Shape {
+                part,
+                problem: format!(
+                    "{} are linearly dependent; leave some of them out, or choose ridge",
+                    listed(&found.weakest, names)
+                ),
+            },
+            (error, _) => error,
+        })?;
     warnings.extend(training.told(chosen.as_ref()));
     model = TableModel {
         centre,
@@ -233,9 +234,8 @@ fn check(
         };
         if rows.iter().all(|recorded| pulls(&recorded)) {
             let names = names.join(", ");
-            warnings.push(format!(
-                "{names}: {target}: never a force but a negative one; look at the reference's sign"
-            ));
+            warnings
+                .push(format!("{names}: {target}: always negative; look at the reference's sign"));
         }
     }
     let law = match paper_models::fit(family, rows) {
@@ -279,7 +279,7 @@ fn uneven(found: &Conditioning, family: Family, names: &[String]) -> Option<Stri
             _ => "their weights are shared out by the decay",
         };
         return Some(format!(
-            "{weakest}: together they say nothing that fewer would not (condition number {number:.0e}); {so}"
+            "{weakest}: together they are linearly dependent (condition number {number:.0e}); {so}"
         ));
     }
     (family == Family::LeastSquares && number > EVEN).then(|| {

@@ -89,12 +89,12 @@ impl Training<'_> {
         let least = "that takes three recordings or more of one kind, mounted again each time";
         match (self.family, chosen) {
             (Family::Mlp | Family::Skip, None) if self.hidden.is_none() => Some(format!(
-                "{}: {} hidden units as usual, not chosen by recordings left out: {least}; record more, or say --hidden",
+                "{}: {} hidden units as usual, not chosen by recordings left out: {least}; record more, or set --hidden",
                 self.part, self.usual
             )),
             (_, Some(chosen)) if chosen.left_out == LeftOut::Stretches => Some(format!(
                 "{}: chosen by stretches of the recordings, not by whole ones left out: {least}; without them \
-                 another mounting may be met less well",
+                 the error on another mounting may be larger",
                 self.part
             )),
             _ => None,

@@ -103,21 +103,21 @@ pub(super) fn adjust(
     let met = adjusted.helped.first().map_or(0.0, |helped| helped.before);
     let refused = if matches!(best, Estimator::Net(_)) && met <= YOUNG * expected {
         Some(format!(
-            "the net misses the presses by {:.1} mN, no more than twice the {:.1} mN that it missed its own \
-             recordings by: no ageing is to be seen",
+            "the net's error on the presses is {:.1} mN, no more than twice the {:.1} mN on its own \
+             recordings: no ageing is visible",
             1e3 * met,
             1e3 * expected
         ))
     } else if unhelped.contains(&best.name()) {
-        Some("gains from all but one press do not surely help with that one".to_owned())
+        Some("gains from all but one press do not reliably improve that one".to_owned())
     } else if spread > AGED {
         let percent = 100.0 * spread;
         Some(format!("a taxel's gain would change by {percent:.0} %, which is more than ageing"))
     } else {
         for name in unhelped {
-            adjusted
-                .warnings
-                .push(format!("the gains do not surely help the {name}; fit it again for more"));
+            adjusted.warnings.push(format!(
+                "the gains do not reliably improve the {name}; fit it again for more"
+            ));
         }
         None
     };

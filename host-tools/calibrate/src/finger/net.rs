@@ -63,7 +63,7 @@ pub(super) fn loads(
     );
     if !held {
         let problem = format!(
-            "the record of a finger holds nets and linear models, none that is {}; choose auto, mlp, \
+            "the record of a finger holds nets and linear models, not {}; choose auto, mlp, \
              skip, ridge or least-squares",
             options.family
         );
@@ -171,7 +171,7 @@ pub(super) fn fit(
     {
         let taxels = found.weakest.iter().map(|k| format!("r{}c{}", k / COLS, k % COLS));
         fitted.warnings.push(format!(
-            "{NAME}: taxels {} say together what fewer of them would (condition number {:.0e}); look for \
+            "{NAME}: taxels {} are linearly dependent (condition number {:.0e}); look for \
              channels that are joined",
             taxels.collect::<Vec<_>>().join(", "),
             found.number
@@ -226,7 +226,7 @@ pub(super) fn fit(
     fitted.calibration.force =
         Some(ForceNet::new(&net.layers()).map_err(|list| FitError::Shape {
             part: NAME.into(),
-            problem: format!("its {list} is not of a finger's shape"),
+            problem: format!("its {list} does not have a finger's shape"),
         })?);
     Ok(())
 }

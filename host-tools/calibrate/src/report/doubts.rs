@@ -44,7 +44,9 @@ pub(crate) fn few(recordings: usize) -> Vec<String> {
 
 /// Warning that a judged recording was part of the fit.
 pub(crate) fn no_forecast(recording: &str) -> String {
-    format!("{recording}: it was fitted to these very rows: what is said of it is no forecast")
+    format!(
+        "{recording}: the calibration was fitted to these rows: its errors on them are no forecast"
+    )
 }
 
 /// Warnings about the recordings among `judged` that were part of the fit.
@@ -97,7 +99,7 @@ pub(crate) fn alike(names: &[String], rows: &[Vec<f64>]) -> Vec<String> {
             let r = product(&channels[k], &channels[j]) / (power[k] * power[j]).sqrt();
             if r.abs() > SAME {
                 doubts.push(format!(
-                    "{name} says the same as {} (correlation {r:.5}): are two wires touching?",
+                    "{name} duplicates {} (correlation {r:.5}): are two wires touching?",
                     names[j]
                 ));
             }

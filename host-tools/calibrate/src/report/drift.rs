@@ -126,7 +126,9 @@ pub fn compare_tables(
 
 fn strangers(of: &str, first: &str, second: &str) -> Option<String> {
     (first != second).then(|| {
-        format!("they are of different {of} (`{first}` and `{second}`): what follows is no drift")
+        format!(
+            "they are of different {of} (`{first}` and `{second}`): their changes are not drift"
+        )
     })
 }
 
@@ -166,7 +168,7 @@ fn taxels(drift: &mut Drift, first: &Calibration, second: &Calibration) {
             }
             if a != b && !told {
                 drift.warnings.push(
-                    "the nets differ; what that means in newtons shows on a recording with references (--data)"
+                    "the nets differ; give a recording with references (--data) to compare them in newtons"
                         .into(),
                 );
             }

@@ -61,7 +61,7 @@ pub fn page(report: &Report, made: &str, of: &str) -> String {
 
 fn warnings(page: &mut String, warnings: &[String]) {
     if warnings.is_empty() {
-        *page += "<p class=good>Nothing in the recordings speaks against this calibration.</p>";
+        *page += "<p class=good>The recordings give no reason for a warning.</p>";
         return;
     }
     *page += "<ul class=warnings>";
@@ -131,7 +131,7 @@ fn section(page: &mut String, trial: &Trial) {
         escaped(&trial.recording),
         match trial.rate_hz {
             rate if rate > 0.0 => format!("{:.1} s at {rate:.0} Hz.", trial.seconds),
-            _ => "It tells no time (no column t_s or t_us).".into(),
+            _ => "The recording has no times (no column t_s or t_us).".into(),
         }
     );
     for found in &trial.figures {
@@ -188,7 +188,7 @@ fn section(page: &mut String, trial: &Trial) {
 
 /// Writes the papers' tables with the worst figures found here for the same quantities.
 fn papers(page: &mut String, papers: &[Printed], trials: &[Trial]) {
-    *page += "<h2>Beside what the papers print</h2><table><tr><th>quantity<th class=text>where<th>bias\
+    *page += "<h2>Compared with the papers</h2><table><tr><th>quantity<th class=text>where<th>bias\
               <th>σ<th>max<th>here: bias<th>σ<th>max</tr>";
     for paper in papers {
         let cell = |value: Option<f64>| value.map_or("–".into(), |v| quantity(v, paper.unit));
@@ -245,12 +245,12 @@ const NOTES: &str = "<h2>What the figures mean</h2><dl>\
 twentieth of the span, in percent of the span. A lag in time counts as one.\
 <dt>cross-talk<dd>how much of the other components of the same force shows up in this one, fitted to the \
 error with the component itself.\
-<dt>noise<dd>standard deviation from row to row, from second differences: what moves slowly is left out.\
+<dt>noise<dd>standard deviation from row to row, from second differences: slow changes are left out.\
 <dt>resolution<dd>three times the noise, at the rate of the recording.\
 <dt>dynamic range<dd>span over resolution: no more than the recording shows.\
 <dt>condition<dd>largest over smallest singular value: of S, and of the signals under load. A large one \
-says that some direction was hardly loaded or hardly seen.\
-<dt>withheld<dd>rows for which the finger says why it has no value instead of giving one.</dl>";
+means that some direction was hardly loaded or hardly measured.\
+<dt>withheld<dd>rows without a value, for which the finger gives a reason.</dl>";
 
 /// A number with the unit of its errors.
 fn quantity(value: f64, unit: &'static str) -> String {

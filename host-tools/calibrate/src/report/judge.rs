@@ -120,8 +120,8 @@ pub(crate) fn assemble(
             && percent >= 1.0
         {
             warnings.push(format!(
-                "{percent:.0} % of the judged rows lie where nothing was fitted to ({} over {}): what is \
-                 said there is extrapolated",
+                "{percent:.0} % of the judged rows lie where nothing was fitted to ({} over {}): \
+                 estimates there are extrapolated",
                 map.y, map.x
             ));
         }

@@ -30,7 +30,7 @@ pub fn judge(model: &TableModel, judged: &[TableRecording], fitted: &[TableRecor
         let beyond = recording.inputs.rows.iter().filter(|row| !within(model, row)).count();
         if beyond > 0 {
             warnings.push(format!(
-                "{}: {beyond} of {rows} rows have inputs beyond what training saw",
+                "{}: {beyond} of {rows} rows have inputs beyond the trained range",
                 recording.name()
             ));
         }

@@ -53,8 +53,8 @@ fn flipped_force_is_refused_by_recording_and_column() {
     };
     let others = || [sheared("one.csv", 1), sheared("two.csv", 3)];
     for (axes, said) in [
-        (&[0, 1][..], "turned.csv: fx_n, fy_n run against what the other recordings say"),
-        (&[1], "turned.csv: fy_n runs against what the other recordings say"),
+        (&[0, 1][..], "turned.csv: fx_n, fy_n have the opposite sign of the other recordings"),
+        (&[1], "turned.csv: fy_n has the opposite sign of the other recordings"),
         (&[2], "turned.csv: fz_n is negative where something presses"),
     ] {
         let [one, two] = others();
@@ -63,7 +63,7 @@ fn flipped_force_is_refused_by_recording_and_column() {
     }
     let [one, _] = others();
     let error = fitted(&[one, turned(&[0])], 4).unwrap_err().to_string();
-    assert!(error.starts_with("turned.csv: fx_n runs against what one.csv says"), "{error}");
+    assert!(error.starts_with("turned.csv: fx_n has the opposite sign of one.csv"), "{error}");
 }
 
 #[test]

@@ -78,7 +78,7 @@ fn duplicate_taxel_and_constant_sensor_are_named() {
         let taxels = sample.scan.codes.taxels.as_mut().unwrap();
         taxels.lit[2][1] = taxels.lit[1][1];
     });
-    assert_begin(&found, &["r2c1 says the same as r1c1 (correlation 1.0000"]);
+    assert_begin(&found, &["r2c1 duplicates r1c1 (correlation 1.0000"]);
     let found = of_finger(|sample| {
         let still = sample.scan.codes.bridges[1].as_mut().unwrap();
         (still.a.0, still.b.0, still.c.0, still.d.0) = (40_000, 30_000, 35_000, 31_000);
@@ -96,7 +96,7 @@ fn few_unknown_or_judged_recordings_raise_warnings() {
     };
     assert_begin(&judge(3, &all[..2]), &["fitted to 2 recordings: with 3 or more"]);
     assert_begin(&judge(3, &[]), &["the recordings that the calibration was fitted to were not"]);
-    assert_begin(&judge(1, &all[..3]), &["2.csv: it was fitted to these very rows"]);
+    assert_begin(&judge(1, &all[..3]), &["2.csv: the calibration was fitted to these rows"]);
 }
 
 #[test]
@@ -161,7 +161,7 @@ fn table_shear_and_channel_faults_raise_warnings() {
     let found = of_table(|_, y| y[0] = -y[0].abs());
     assert_begin(&found, &["fx goes one way only (-1.00 … "]);
     let found = of_table(|m, _| m[1] = m[0] / 2.0);
-    assert_begin(&found, &["m1 says the same as m0 (correlation 1.00000)"]);
+    assert_begin(&found, &["m1 duplicates m0 (correlation 1.00000)"]);
     // The mean of this value over the rows is rounded.
     let found = of_table(|m, _| m[2] = 2.1);
     assert_begin(&found, &["m2 never changes: is it connected?"]);
@@ -175,7 +175,7 @@ fn few_unknown_or_judged_tables_raise_warnings() {
     };
     assert_begin(&judge(3, &all[..1]), &["fitted to 1 recording: with 3 or more"]);
     assert_begin(&judge(3, &[]), &["the recordings that the calibration was fitted to were not"]);
-    assert_begin(&judge(0, &all[..3]), &["0.csv: it was fitted to these very rows"]);
+    assert_begin(&judge(0, &all[..3]), &["0.csv: the calibration was fitted to these rows"]);
 }
 
 #[test]
@@ -188,7 +188,7 @@ fn table_rows_beyond_training_are_counted() {
     let found = warnings(&taxel_calibrate::report::table::judge(&model(), &[judged], &fitted));
     let inputs = |warning: &String| {
         warning.starts_with("120.csv: ")
-            && warning.ends_with(" of 1500 rows have inputs beyond what training saw")
+            && warning.ends_with(" of 1500 rows have inputs beyond the trained range")
     };
     assert!(inputs(&found[0]), "{found:#?}");
     assert!(found[1..].iter().all(|w| w.contains("nothing was fitted to")), "{found:#?}");

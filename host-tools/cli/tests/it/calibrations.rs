@@ -238,9 +238,9 @@ fn compare_reports_missing_sections() {
     let ran = folder.taxel(&["calibrate", "compare", VIRTUAL, "other.toml"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     for line in [
-        "they are of different fingers (`VIRTUAL-4X4` and `F-0099`): what follows is no drift",
+        "they are of different fingers (`VIRTUAL-4X4` and `F-0099`): their changes are not drift",
         "the net is in f32 in the first, in 16 bits in the second",
-        "the nets differ; what that means in newtons shows on a recording with references (--data)",
+        "the nets differ; give a recording with references (--data) to compare them in newtons",
         "s2 is only in the first",
         "slip is only in the second",
     ] {

@@ -254,18 +254,18 @@ fn flipped_reference_is_refused_by_name() {
     let other = recording("other.csv", 2000, 80.0, |_, _| {});
     let said = |recordings: &[TableRecording]| ridge(recordings).unwrap_err().to_string();
     let error = said(&[good("good.csv"), turned.clone(), other]);
-    assert!(error.starts_with("turned.csv: force_n runs against what the other"), "{error}");
+    assert!(error.starts_with("turned.csv: force_n has the opposite sign of the other"), "{error}");
     // If two recordings disagree, the one that pulls is flipped.
     for pair in [[good("good.csv"), turned.clone()], [turned.clone(), good("good.csv")]] {
         let error = said(&pair);
         assert!(
-            error.starts_with("turned.csv: force_n runs against what good.csv says"),
+            error.starts_with("turned.csv: force_n has the opposite sign of good.csv"),
             "{error}"
         );
     }
     let alone = ridge(&[turned]).unwrap();
     assert!(
-        alone.warnings[0].starts_with("turned.csv: force_n: never a force but a negative"),
+        alone.warnings[0].starts_with("turned.csv: force_n: always negative"),
         "{:?}",
         alone.warnings
     );

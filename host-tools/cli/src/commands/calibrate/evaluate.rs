@@ -86,7 +86,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                 let evaluation = table::evaluate(&model, recording)?;
                 if evaluation.beyond_range > 0 {
                     output::note(format_args!(
-                        "taxel: warning: {} rows have inputs beyond what training saw",
+                        "taxel: warning: {} rows have inputs beyond the trained range",
                         evaluation.beyond_range
                     ));
                 }

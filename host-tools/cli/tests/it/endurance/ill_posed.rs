@@ -155,7 +155,7 @@ fn faulty_table_is_refused_or_warned_about() {
     let judged = ("force_n", "unseen.csv");
     let fits = |data: &[&str], judged, end| fits(&folder, &what, data, judged, &end);
     let joined = ("force_n", "joined-unseen.csv");
-    fits(&["joined.csv"], joined, End::Warned("m0, m2: together they say nothing", 0.2));
+    fits(&["joined.csv"], joined, End::Warned("m0, m2: together they are linearly dependent", 0.2));
     fits(&["constant.csv"], judged, End::Warned("m2: the same value in every row", 0.2));
     fits(&["few.csv"], judged, End::Refused("12 usable rows where at least"));
     fits(&["loose.csv"], judged, End::Warned("loose.csv: 30 of 600 rows (5 %) stand far out", 0.2));
@@ -164,14 +164,14 @@ fn faulty_table_is_refused_or_warned_about() {
     fits(&["fifteen.csv"], judged, End::Warned(fifteen, 0.2));
     let quarter = "quarter.csv: 150 of 600 rows (25 %) stand far out";
     fits(&["good.csv", "quarter.csv"], judged, End::Refused(quarter));
-    let against = "turned.csv: force_n runs against what";
+    let against = "turned.csv: force_n has the opposite sign of";
     fits(&["good.csv", "turned.csv"], judged, End::Refused(against));
     fits(&["good.csv", "turned.csv", "unseen.csv"], judged, End::Refused(against));
     let turned = ("force_n", "turned.csv");
-    let negative = "turned.csv: force_n: never a force but a negative one";
+    let negative = "turned.csv: force_n: always negative";
     fits(&["turned.csv"], turned, End::Warned(negative, 0.3));
     fits(&["off.csv"], judged, End::Warned("off.csv: the reference fits far better", 0.2));
-    let dead = "dead.csv: in … of 600 rows … the reference stays at zero while the inputs say";
+    let dead = "dead.csv: in … of 600 rows … the reference stays at zero while the inputs show";
     fits(&["dead.csv"], judged, End::Warned(dead, 0.2));
     let short = "short.csv: 10 of 150 rows (7 %) stand far out";
     fits(&["short.csv"], judged, End::Warned(short, 0.5));
@@ -390,7 +390,7 @@ fn faulty_finger_recording_is_refused_or_warned() {
     let negative = "turned.csv: fz_n is negative where something presses";
     fits(&["turned.csv"], judged, End::Refused(negative));
     fits(&["good.csv", "turned.csv"], judged, End::Refused(negative));
-    let against = "shear-turned.csv: fx_n, fy_n run against what sheared.csv says";
+    let against = "shear-turned.csv: fx_n, fy_n have the opposite sign of sheared.csv";
     fits(&["sheared.csv", "shear-turned.csv"], judged, End::Refused(against));
     fits(&["off.csv"], judged, End::Warned("off.csv: the reference fits far better", 0.1));
 }
@@ -460,7 +460,7 @@ fn faulty_sensor_recording_is_refused_or_warned() {
     fits(&["loose.csv"], judged, End::Warned("loose.csv: … (3 %) stand far out", 0.005));
     let turned = ("fz_n", "turned-unseen.csv");
     fits(&["turned.csv"], turned, End::Warned("look at the reference's sign", 0.005));
-    let against = "turned.csv: fx_n, fy_n, fz_n run against what good.csv says";
+    let against = "turned.csv: fx_n, fy_n, fz_n have the opposite sign of good.csv";
     fits(&["good.csv", "turned.csv"], judged, End::Refused(against));
     fits(&["off.csv"], judged, End::Warned("off.csv: the reference fits far better", 0.005));
 }

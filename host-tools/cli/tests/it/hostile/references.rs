@@ -78,7 +78,7 @@ fn unrelated_reference_is_refused_with_both_times() {
     write(&folder, "twins.csv", twins);
     let mut typed = fit_table("twins.csv", "new.toml");
     *typed.last_mut().unwrap() = "least-squares";
-    let line = "twins.csv: least-squares: m0, m2 say together what fewer of them would; leave some of them out, or \
+    let line = "twins.csv: least-squares: m0, m2 are linearly dependent; leave some of them out, or \
                 choose ridge";
     all_say(&folder, &[typed], line);
     write(&folder, "few.csv", HEADER.to_owned() + &rows(12));
