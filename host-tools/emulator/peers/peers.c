@@ -1,5 +1,5 @@
-/* Other people's nets on the machine of host-tools/emulator: the 16-16-3 tanh net of [DeMaria2011] by each library,
- * with the weights and inputs that the host hands over. `cargo xtask cycles --peers` builds and runs it. */
+/* Nets of other libraries on the machine of host-tools/emulator: the 16-16-3 tanh net of [DeMaria2011] by each
+ * library, with weights and inputs from the host. `cargo xtask cycles --peers` builds and runs it. */
 
 #include <stdint.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 
 enum { INPUTS = 16, HIDDEN = 16, OUTPUTS = 3 };
 
-/* As host-tools/emulator/src/peers.rs writes it. */
+/* Inputs in the layout that host-tools/emulator/src/peers.rs writes. */
 struct given {
     uint32_t length;
     uint32_t count;
@@ -21,7 +21,7 @@ struct given {
 };
 static const struct given *const given = (const struct given *)0x90000000;
 
-/* emlearn: method "loadable", weights a row an input. */
+/* emlearn: method "loadable", one row of weights per input. */
 static float eml_hidden[INPUTS * HIDDEN], eml_output[HIDDEN * OUTPUTS], eml_buffers[2][HIDDEN];
 static EmlNetLayer eml_layers[2] = {
     { HIDDEN, INPUTS, eml_hidden, 0, EmlNetActivationTanh },
@@ -37,7 +37,7 @@ static void emlearn(const float *x, float *y)
     }
 }
 
-/* CMSIS-DSP: its matrices and vectors, the C library's tanhf, which it lacks. */
+/* CMSIS-DSP: its matrices and vectors, and the C library's tanhf, because it has none. */
 static arm_matrix_instance_f32 dsp_hidden, dsp_output;
 
 static void cmsis_dsp(const float *x, float *y)
@@ -110,7 +110,7 @@ void reset(void)
 
 __attribute__((section(".vectors"), used)) static const void *const vectors[2] = { &stack_top, reset };
 
-/* tanhf sets errno where the C library is told to. */
+/* tanhf sets errno if the C library is configured so. */
 int *__errno(void)
 {
     static int number;

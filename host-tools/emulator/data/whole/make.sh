@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes what lies beside it again, in a folder of its own, whose name it prints: the finger as it is shipped, with the
-# thermometer that the built-in scenes leave out, and a stretch of scans of each kind of scene.
+# Makes the files of this folder again in a temporary folder and prints its name: the finger as shipped, with the
+# thermometer that the built-in scenes leave out, and a run of scans of each kind of scene.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../../.." && pwd)
 scenes=$root/host-tools/sim/scenes
