@@ -178,13 +178,13 @@ pub enum CalibrationError {
         /// Version in the record.
         found: u16,
     },
-    /// 3: the CRC is right but the sections are not those of this version.
+    /// 3: the CRC is right, but a section is unknown, out of order or of wrong length.
     Malformed,
     /// 4: a field's value is out of range; [`names`] returns its name.
     Field {
         /// Number of the section.
         section: u8,
-        /// Which of the section's fields, counted from 0.
+        /// Index of the field in its section, from 0.
         field: u8,
     },
     /// 5: a section needs the taxels' signals, but the section of the taxels is missing.
@@ -197,14 +197,14 @@ pub enum CalibrationError {
 impl fmt::Display for CalibrationError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::Length => write!(f, "no calibration has this length (at most {MAX_BYTES} bytes)"),
+            Self::Length => write!(f, "wrong length: a calibration has 6 to {MAX_BYTES} bytes"),
             Self::Crc => f.write_str("the calibration is damaged (its CRC does not match)"),
             Self::Version { found } => {
                 write!(f, "the calibration has version {found}, this build reads up to {VERSION}")
             }
-            Self::Malformed => {
-                f.write_str("the calibration's sections are not those of its version")
-            }
+            Self::Malformed => f.write_str(
+                "the calibration has a section that is unknown, out of order or of wrong length",
+            ),
             Self::Field { section, field } => match names(section, field) {
                 Some((section, field)) => write!(f, "{field} of {section} is out of range"),
                 None => write!(f, "field {field} of section {section} is out of range"),

@@ -30,9 +30,10 @@ use crate::scan::{SENSORS, TAXELS};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Signals {
-    /// c_k of [DeMaria2011]: **negative when the facet came nearer**, positive when it moved away.
+    /// Signals c_k of [DeMaria2011]: **negative when the facet came nearer**, positive when it
+    /// moved away.
     pub taxels: Option<[f32; TAXELS]>,
-    /// u − b of [Ospina2017] per sensor: x, y, z.
+    /// Signals u − b of [Ospina2017] of each sensor: x, y, z.
     pub bridges: [Option<[f32; 3]>; SENSORS],
     /// Faulty channels.
     pub health: Health,

@@ -38,7 +38,7 @@ macro_rules! frames {
 
         /// A frame that borrows its fields, so that half a kilobyte is sent without a copy.
         #[derive(Clone, Copy, Debug)]
-        #[expect(missing_docs, reason = "they are those of a frame")]
+        #[expect(missing_docs, reason = "the fields are those of `Frame`")]
         pub struct FrameRef<'f> {
             pub seq: u32,
             pub time: Micros,

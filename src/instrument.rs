@@ -155,7 +155,7 @@ impl Instrument {
         self.estimate.frame(&scan.codes, self.seq.wrapping_sub(1), self.fields)
     }
 
-    /// Returns the counters.
+    /// Returns the event counters for reading and updating.
     pub fn counters(&mut self) -> &mut Counters {
         &mut self.counters
     }
@@ -341,7 +341,7 @@ impl Instrument {
         self.state.taking_bias() || self.self_test.is_some()
     }
 
-    /// Adapts to new scan settings of the board.
+    /// Adapts rate, filter and state to new scan settings of the board.
     pub fn rescanned(&mut self, scan: &ScanSettings, full_scale: FullScale) {
         self.scan = Some(*scan);
         self.identity.scan_hz = scan.scan_hz;

@@ -1,7 +1,10 @@
 //! Square roots, powers, tangent and arc tangent with the same bits on host and chip.
 //!
 //! They use only additions, multiplications and divisions. The tests assert every error bound.
-#![expect(clippy::neg_cmp_op_on_partial_ord, reason = "a NaN is to end like what is too small")]
+#![expect(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "a NaN must take the branch of too small values"
+)]
 
 /// Returns the nearest positive normal number; the smallest for a NaN. It avoids `max` and `min`,
 /// which are calls where the processor has no instructions for them.

@@ -77,13 +77,13 @@ pub struct TaxelCodes {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Midpoints {
-    /// V_A.
+    /// Midpoint A, V_A.
     pub a: Code,
-    /// V_B.
+    /// Midpoint B, V_B.
     pub b: Code,
-    /// V_C.
+    /// Midpoint C, V_C.
     pub c: Code,
-    /// V_D.
+    /// Midpoint D, V_D.
     pub d: Code,
 }
 

@@ -7,17 +7,18 @@ use super::levels::{BridgeLevels, Levels, TaxelLevels};
 use crate::math::sqrt;
 use crate::scan::{SENSORS, TAXELS};
 
-/// Lower limit of a channel's noise: a quarter of a 12-bit step. It holds however still a short
-/// average looked.
+/// Lower limit of a channel's noise: a quarter of a 12-bit step. It applies because a short average
+/// may look quieter.
 pub const NOISE_FLOOR: f32 = 0.25 / 4096.0;
 
 /// Bias of the optical matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TaxelBias {
-    /// Mean level of each taxel.
+    /// Mean level of each taxel, as a fraction of full scale.
     pub level: TaxelLevels,
-    /// Standard deviation of one scan, root mean square over the taxels.
+    /// Noise of one scan as a fraction of full scale: standard deviation, root mean square over the
+    /// taxels.
     pub noise: f32,
 }
 
@@ -25,9 +26,10 @@ pub struct TaxelBias {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BridgeBias {
-    /// Mean of u_x, u_y, u_z.
+    /// Means of u_x, u_y, u_z, as fractions of full scale.
     pub level: BridgeLevels,
-    /// Standard deviation of one scan, root mean square over the three.
+    /// Noise of one scan as a fraction of full scale: standard deviation, root mean square over the
+    /// three.
     pub noise: f32,
 }
 

@@ -1,6 +1,6 @@
 //! Conversion of codes to signals in one pass, in half the cycles of the separate steps.
 //!
-//! The result is equal to theirs to the bit.
+//! Its result is equal to theirs bit for bit.
 
 use super::levels::{BridgeLevels, BridgeLimits, any_sign, lost, outputs};
 use super::{Bias, Health, Levels, Signals, TaxelLevels, TemperatureCompensation, Warm};

@@ -10,10 +10,7 @@ use crate::scan::SENSORS;
 /// Method of computing the wrench.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "one of them lives in a finger, and nothing is boxed"
-)]
+#[expect(clippy::large_enum_variant, reason = "a finger holds a single one, and there is no heap")]
 pub enum WrenchMethod {
     /// 0: sum of the sensors' forces and moments, F = Σ f_i, M = Σ r_i × f_i.
     Sum(SensorPlaces),

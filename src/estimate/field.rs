@@ -27,7 +27,7 @@ pub(crate) const TERMS: usize = 4;
 /// Least D in mm²: a contact is at least half a millimetre away from a facet.
 const LEAST_DEPTH: f32 = 0.3;
 
-/// Radial function: depends on the distance from the contact and on the contact's size.
+/// Function of the distance from the contact, for any size of the contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Radial {

@@ -12,7 +12,7 @@
 //! and with h = g/K = −√(D K² + f² − D m²), negative because the force points into the finger,
 //!
 //! r = (K D A⁻²M + (A²F) × M + h F) / (D K² + f²), which has no singularity at K = 0.
-#![expect(clippy::neg_cmp_op_on_partial_ord, reason = "a NaN is to be refused as well")]
+#![expect(clippy::neg_cmp_op_on_partial_ord, reason = "a NaN must be refused too")]
 
 use serde::{Deserialize, Serialize};
 

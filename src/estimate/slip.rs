@@ -1,10 +1,10 @@
 //! Incipient slip: slip margin, friction coefficient and required grip.
 //!
 //! A sheared contact slips from its rim inwards long before gross slip. The optical matrix sees
-//! that slip annulus in the shape of its signals: the friction utilisation b ([`super::inverse`]),
-//! whatever the friction coefficient is. A sheared contact therefore reveals its friction, μ =
-//! F_t/(b·F_n), before it slips. A single scan carries little information; all scans of a shear
-//! together suffice.
+//! that slip annulus in the shape of its signals. It gives the friction utilisation b
+//! ([`super::inverse`]) for any friction coefficient. A sheared contact therefore reveals its
+//! friction, μ = F_t/(b·F_n), before it slips. A single scan carries little information; all scans
+//! of a shear together suffice.
 //!
 //! The estimate is kept for contacts and sensors that cannot see the annulus. It is corrected
 //! whenever the contact holds more than expected, or slides.
@@ -379,7 +379,7 @@ mod tests {
                 Traction { shear: [0.3, -0.4], normal: 1.25, torsion, arm, ..Traction::default() };
             slip().judge(&mut SlipState::default(), &traction).unwrap().margin
         };
-        // 0.5 N of 0.8 · 1.25 N, wherever they are.
+        // 0.5 N of 0.8 · 1.25 N, for any positions.
         for arm in [0.0, 2.5, 4.0] {
             assert!((judged(0.0, arm) - 0.5).abs() < 1e-3, "{arm}: {}", judged(0.0, arm));
         }

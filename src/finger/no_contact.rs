@@ -86,8 +86,8 @@ pub(super) fn no_contact(
     estimate.uncertainty = Err(NoValue::NoContact);
 }
 
-/// Returns zero if one of the parts can measure it. Of two reasons it returns that of the part
-/// which this finger has.
+/// Returns zero if one of the parts can measure it. If both lack it, the reason comes from the part
+/// that this finger has.
 fn none(seen: Measured<()>, felt: Measured<()>) -> Measured<Newtons> {
     match (seen, felt) {
         (Ok(()), _) | (_, Ok(())) => Ok(Newtons(0.0)),

@@ -141,7 +141,7 @@ pub(super) fn frame<S: Serializer>(frame: &Frame, serializer: S) -> Result<S::Ok
 }
 
 /// Successful results of requests.
-#[expect(clippy::large_enum_variant, reason = "there is no heap to put the large ones on")]
+#[expect(clippy::large_enum_variant, reason = "there is no heap for the large variants")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Response {
     /// 0: done.
@@ -188,7 +188,7 @@ pub enum Refusal {
     },
     /// 1: the finger moved while its bias was being taken; the old bias stays.
     NotStill,
-    /// 2: another bias is being taken.
+    /// 2: another bias or a self-test is in progress.
     Busy,
     /// 3: a calibration chunk where none was expected, or after a gap.
     OutOfOrder,
@@ -200,7 +200,7 @@ pub enum Refusal {
     Saturated,
     /// 7: the flash failed; what was stored before stays.
     Storage,
-    /// 8: this board has no such thing.
+    /// 8: this board does not support the command.
     Unsupported,
     /// 9: this scan setting cannot be combined with the other ones; the scan continues unchanged.
     Scan {
@@ -216,7 +216,7 @@ pub enum Refusal {
 /// Identity and state of a finger.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Info {
-    /// The board and its build.
+    /// Properties of the board, its build and its scan.
     pub identity: Identity,
     /// Actual frames a second, in millihertz.
     pub rate_millihertz: u32,
@@ -240,7 +240,7 @@ pub struct Info {
     pub filter_hz: u16,
 }
 
-/// Constant properties of a finger.
+/// Properties of the board, its build and its scan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     /// The board's name, as in `boards/`.
