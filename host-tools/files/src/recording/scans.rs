@@ -68,7 +68,7 @@ fn samples(
     });
     let kept: Vec<bool> = kept.collect();
     if !recording.columns.iter().zip(&kept).any(|(column, kept)| *kept && is_code(&column.name)) {
-        return Err(FileError::new(path, "holds no ADC codes, so it cannot be computed again")
+        return Err(FileError::new(path, "no ADC codes in it, so it cannot be computed again")
             .mend("record with the field `codes`"));
     }
     let names = recording.columns.iter().zip(&kept).filter(|(_, kept)| **kept);
