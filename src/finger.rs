@@ -308,26 +308,26 @@ impl Finger {
     ) {
         let Estimate { time, signals, sensors, status, .. } = &mut *estimate;
         let record = self.calibration.as_ref();
-        let felt = ArrayEstimate::of(record, signals, sensors, status);
-        let seen = match &signals.taxels {
+        let array = ArrayEstimate::of(record, signals, sensors, status);
+        let optical = match &signals.taxels {
             None => OpticalEstimate::nothing(missing(codes.taxels.is_some())),
             Some(c) => {
                 let (health, bias, method) = (&signals.health, &state.bias, self.point_method);
-                let look = OpticalInput { record, method, c, health, bias, felt: &felt };
-                look.see(&mut state.matrix, status)
+                let input = OpticalInput { record, method, c, health, bias, array: &array };
+                input.estimate(&mut state.matrix, status)
             }
         };
-        let fused = Fused::of(&seen, &felt, status);
-        let torsion = felt.torsion;
+        let fused = Fused::of(&optical, &array, status);
+        let torsion = array.torsion;
         estimate.slip = slip.and_then(|(slip, rubs)| {
-            let grip = Grip { time: *time, fused: &fused, torsion, seen: &seen, rubs };
+            let grip = Grip { time: *time, fused: &fused, torsion, optical: &optical, rubs };
             grip.judge(record, slip, &mut state.grip, status)
         });
         estimate.force = fused.force;
         estimate.point = fused.point;
         estimate.torsion = torsion;
-        estimate.contacts = seen.contacts;
-        estimate.uncertainty = Ok(fused.uncertainty(seen.misfit));
+        estimate.contacts = optical.contacts;
+        estimate.uncertainty = Ok(fused.uncertainty(optical.misfit));
     }
 
     fn sensor_forces(

@@ -35,7 +35,7 @@ impl ArrayEstimate {
         status: &mut Status,
     ) -> Self {
         let Some(array) = record.and_then(Calibration::array) else {
-            return Self::nothing(unfelt(signals));
+            return Self::nothing(no_array(signals));
         };
         match newtons(sensors) {
             Err(reason) => Self::nothing(reason),
@@ -73,7 +73,7 @@ impl ArrayEstimate {
 }
 
 /// Returns the reason for a missing array estimate if the record has no array.
-pub(super) fn unfelt(signals: &Signals) -> NoValue {
+pub(super) fn no_array(signals: &Signals) -> NoValue {
     let absent = signals.bridges.iter().all(Option::is_none);
     if absent { NoValue::Absent } else { without(cfg!(feature = "array")) }
 }
@@ -103,12 +103,17 @@ pub(super) struct Fused {
 }
 
 impl Fused {
-    pub(super) fn of(seen: &OpticalEstimate, felt: &ArrayEstimate, status: &mut Status) -> Self {
-        let mut join = |seen: &mut _, felt: &_| *seen = fuse_or_fallback(*seen, *felt, status);
-        let mut force = seen.force;
-        force.iter_mut().zip(&felt.force).for_each(|(seen, felt)| join(seen, felt));
-        let [mut place, along] = [axes(&seen.point), axes(&felt.point)];
-        place.iter_mut().zip(&along).for_each(|(seen, felt)| join(seen, felt));
+    pub(super) fn of(
+        optical: &OpticalEstimate,
+        array: &ArrayEstimate,
+        status: &mut Status,
+    ) -> Self {
+        let mut fuse_into =
+            |optical: &mut _, array: &_| *optical = fuse_or_fallback(*optical, *array, status);
+        let mut force = optical.force;
+        force.iter_mut().zip(&array.force).for_each(|(optical, array)| fuse_into(optical, array));
+        let [mut place, along] = [axes(&optical.point), axes(&array.point)];
+        place.iter_mut().zip(&along).for_each(|(optical, array)| fuse_into(optical, array));
         let value = |of: Uncertain| of.value;
         let sigma = |of: Uncertain| of.sigma;
         Self {
@@ -134,20 +139,24 @@ impl Fused {
 /// Fuses both estimates; returns the matrix's own if the array has none.
 #[inline(always)]
 fn fuse_or_fallback(
-    seen: Measured<Uncertain>,
-    felt: Measured<Uncertain>,
+    optical: Measured<Uncertain>,
+    array: Measured<Uncertain>,
     status: &mut Status,
 ) -> Measured<Uncertain> {
-    if felt.is_ok() || seen == Err(NoValue::Absent) { meet(seen, felt, status) } else { seen }
+    if array.is_ok() || optical == Err(NoValue::Absent) {
+        fuse_measured(optical, array, status)
+    } else {
+        optical
+    }
 }
 
 #[inline(never)]
-fn meet(
-    seen: Measured<Uncertain>,
-    felt: Measured<Uncertain>,
+fn fuse_measured(
+    optical: Measured<Uncertain>,
+    array: Measured<Uncertain>,
     status: &mut Status,
 ) -> Measured<Uncertain> {
-    match (seen, felt) {
+    match (optical, array) {
         (Ok(one), Ok(other)) => {
             let (one, agree) = fuse(one, other);
             if !agree {
@@ -156,8 +165,8 @@ fn meet(
             Ok(one)
         }
         // If both are missing, the reason comes from the part that this finger has.
-        (Err(_), Ok(_)) | (Err(NoValue::Absent), Err(_)) => felt,
-        (_, Err(_)) => seen,
+        (Err(_), Ok(_)) | (Err(NoValue::Absent), Err(_)) => array,
+        (_, Err(_)) => optical,
     }
 }
 
@@ -190,10 +199,10 @@ mod tests {
     #[test]
     fn missing_estimate_is_replaced_by_the_other() {
         let one = Ok(Uncertain { value: 1.0, sigma: 0.01 });
-        let joined = |seen, felt| fuse_or_fallback(seen, felt, &mut Status::default());
-        assert_eq!(joined(one, Err(NoValue::DeadChannel)), one);
-        assert_eq!(joined(Err(NoValue::Saturated), one), one);
-        let neither = |seen, felt| joined(Err(seen), Err(felt));
+        let fused = |optical, array| fuse_or_fallback(optical, array, &mut Status::default());
+        assert_eq!(fused(one, Err(NoValue::DeadChannel)), one);
+        assert_eq!(fused(Err(NoValue::Saturated), one), one);
+        let neither = |optical, array| fused(Err(optical), Err(array));
         assert_eq!(neither(NoValue::Saturated, NoValue::Absent), Err(NoValue::Saturated));
         assert_eq!(neither(NoValue::Absent, NoValue::DeadChannel), Err(NoValue::DeadChannel));
     }

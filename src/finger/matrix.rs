@@ -95,11 +95,11 @@ pub(super) struct OpticalInput<'s> {
     pub health: &'s Health,
     pub bias: &'s Bias,
     /// Estimate of the force sensors.
-    pub felt: &'s ArrayEstimate,
+    pub array: &'s ArrayEstimate,
 }
 
 impl OpticalInput<'_> {
-    pub(super) fn see(&self, state: &mut MatrixState, status: &mut Status) -> OpticalEstimate {
+    pub(super) fn estimate(&self, state: &mut MatrixState, status: &mut Status) -> OpticalEstimate {
         let taxels = self.record.and_then(|record| record.taxels.as_ref());
         let net = self.record.and_then(Calibration::net);
         let model = self.record.and_then(Calibration::model);
@@ -111,9 +111,9 @@ impl OpticalInput<'_> {
             (Ok(()), Some(model)) => Some(self.model(model, state, status)),
             _ => None,
         };
-        let mut seen = match (force, modelled) {
+        let mut optical = match (force, modelled) {
             (Err(reason), _) => OpticalEstimate::nothing(reason),
-            (Ok(()), Some(seen)) if self.method == PointMethod::Model => seen,
+            (Ok(()), Some(optical)) if self.method == PointMethod::Model => optical,
             (Ok(()), modelled) => {
                 let known = modelled.unwrap_or(OpticalEstimate::nothing(NoValue::NotEstimated));
                 match net.zip(taxels) {
@@ -137,12 +137,12 @@ impl OpticalInput<'_> {
                 }
             }
         };
-        if self.method != PointMethod::Model || seen.point.is_err() {
-            seen.point = self.paper_point(status).map(|point| {
+        if self.method != PointMethod::Model || optical.point.is_err() {
+            optical.point = self.paper_point(status).map(|point| {
                 [point.x.0, point.y.0].map(|value| Uncertain { value, sigma: CENTROID_ERROR })
             });
         }
-        seen
+        optical
     }
 
     /// Checks that no channel is faulty and that all signals lie in the calibrated range.
@@ -176,8 +176,8 @@ impl OpticalInput<'_> {
     ) -> OpticalEstimate {
         status.insert(Status::RAN_MODEL);
         let u = model.curves.displacements(self.c);
-        let felt = self.felt.force;
-        let present = match felt {
+        let array = self.array.force;
+        let present = match array {
             [Ok(fx), Ok(fy), Ok(fz)] => {
                 let (fx, fy, none) = (fx.value, fy.value, unseen_shear(fz.value));
                 SHEAR.update(&mut state.sheared, (fx * fx + fy * fy) / (none * none))
@@ -187,7 +187,7 @@ impl OpticalInput<'_> {
         let sheared = model.shear && present;
         let touch = if sheared {
             status.insert(Status::RAN_SHEAR);
-            model.sheared(&mut state.model, &u, pull(&felt))
+            model.sheared(&mut state.model, &u, pull(&array))
         } else {
             model.pressed(&mut state.model, &u)
         };
@@ -209,8 +209,8 @@ impl OpticalInput<'_> {
 }
 
 /// Returns the ratio of shear to normal force of the force sensors, if the normal force suffices.
-fn pull(felt: &[Measured<Uncertain>; 3]) -> Option<Pull> {
-    let [Ok(x), Ok(y), Ok(z)] = felt else { return None };
+fn pull(array: &[Measured<Uncertain>; 3]) -> Option<Pull> {
+    let [Ok(x), Ok(y), Ok(z)] = array else { return None };
     let [rx, ry] = [x, y].map(|f| f.value / z.value);
     let sigma = (x.sigma.max(y.sigma) + rx.abs().max(ry.abs()) * z.sigma) / z.value;
     (z.value > LEAST_FELT).then_some(Pull { ratio: [rx, ry], sigma })

@@ -2,7 +2,7 @@
 //!
 //! No estimator runs, and no estimate is built only to be dropped.
 
-use super::fusion::unfelt;
+use super::fusion::no_array;
 use super::{Estimate, missing};
 use crate::calibration::Calibration;
 use crate::condition::{Health, Signals};
@@ -13,7 +13,7 @@ use crate::units::Newtons;
 
 /// Capabilities of the matrix, or of the force sensors together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Part {
+struct Capability {
     /// Whether it can estimate both shear components, and the normal force.
     shear: Measured<()>,
     normal: Measured<()>,
@@ -21,12 +21,12 @@ struct Part {
     place: NoValue,
 }
 
-impl Part {
+impl Capability {
     const fn nothing(reason: NoValue) -> Self {
         Self { shear: Err(reason), normal: Err(reason), place: reason }
     }
 
-    fn seen(record: Option<&Calibration>, signals: &Signals, codes: &Codes) -> Self {
+    fn optical(record: Option<&Calibration>, signals: &Signals, codes: &Codes) -> Self {
         if signals.taxels.is_none() {
             return Self::nothing(missing(codes.taxels.is_some()));
         }
@@ -44,9 +44,9 @@ impl Part {
         Self { shear, normal: Ok(()), place: NoValue::NoContact }
     }
 
-    fn felt(record: Option<&Calibration>, signals: &Signals, sensors: &[Force; SENSORS]) -> Self {
+    fn array(record: Option<&Calibration>, signals: &Signals, sensors: &[Force; SENSORS]) -> Self {
         if record.and_then(Calibration::array).is_none() {
-            return Self::nothing(unfelt(signals));
+            return Self::nothing(no_array(signals));
         }
         let missing = |force: &Force| [force.x, force.y, force.z].into_iter().find_map(Result::err);
         match sensors.iter().find_map(missing) {
@@ -75,21 +75,22 @@ pub(super) fn no_contact(
     no_slip: Option<NoValue>,
     estimate: &mut Estimate,
 ) {
-    let seen = Part::seen(record, &estimate.signals, codes);
-    let felt = Part::felt(record, &estimate.signals, &estimate.sensors);
-    let shear = none(seen.shear, felt.shear);
-    estimate.force = Force { x: shear, y: shear, z: none(seen.normal, felt.normal) };
-    estimate.point = Err(if seen.place == NoValue::Absent { felt.place } else { seen.place });
+    let optical = Capability::optical(record, &estimate.signals, codes);
+    let array = Capability::array(record, &estimate.signals, &estimate.sensors);
+    let shear = none(optical.shear, array.shear);
+    estimate.force = Force { x: shear, y: shear, z: none(optical.normal, array.normal) };
+    estimate.point =
+        Err(if optical.place == NoValue::Absent { array.place } else { optical.place });
     estimate.slip = Err(no_slip.unwrap_or(NoValue::NoContact));
-    estimate.torsion = Err(felt.place);
-    estimate.contacts = Err(seen.place);
+    estimate.torsion = Err(array.place);
+    estimate.contacts = Err(optical.place);
     estimate.uncertainty = Err(NoValue::NoContact);
 }
 
 /// Returns zero if one of the parts can measure it. If both lack it, the reason comes from the part
 /// that this finger has.
-fn none(seen: Measured<()>, felt: Measured<()>) -> Measured<Newtons> {
-    match (seen, felt) {
+fn none(optical: Measured<()>, array: Measured<()>) -> Measured<Newtons> {
+    match (optical, array) {
         (Ok(()), _) | (_, Ok(())) => Ok(Newtons(0.0)),
         (Err(NoValue::Absent), Err(reason)) | (Err(reason), Err(_)) => Err(reason),
     }

@@ -30,7 +30,7 @@ pub(super) struct Grip<'s> {
     pub time: Micros,
     pub fused: &'s Fused,
     pub torsion: Measured<NewtonMillimetres>,
-    pub seen: &'s OpticalEstimate,
+    pub optical: &'s OpticalEstimate,
     /// Whether the vibration detector reports rubbing.
     pub rubs: bool,
 }
@@ -75,9 +75,9 @@ impl Grip<'_> {
             shear: [fx, fy],
             normal: fz,
             torsion,
-            arm: arm(&self.seen.contacts),
+            arm: arm(&self.optical.contacts),
             doubt: [self.fused.shear_sigma(), TORSION_SIGMAS * moment_sigma],
-            ring: self.seen.ring,
+            ring: self.optical.ring,
             rubs: self.rubs,
             slides: false,
         };
@@ -125,7 +125,7 @@ mod tests {
     fn torsion_within_noise_uses_no_friction() {
         let array = Array { moment_residual: 0.1, ..Array::default() };
         let record = Calibration { array: Some(array), ..Calibration::EMPTY };
-        let seen = OpticalEstimate::nothing(NoValue::Absent);
+        let optical = OpticalEstimate::nothing(NoValue::Absent);
         let point = Err(NoValue::NotEstimated);
         let force = Force::known(0.0, 0.0, 1.0);
         let fused = Fused { force, point, force_sigma: force, point_sigma: point };
@@ -134,7 +134,7 @@ mod tests {
                 time: Micros(0),
                 fused: &fused,
                 torsion: Ok(NewtonMillimetres(torsion)),
-                seen: &seen,
+                optical: &optical,
                 rubs: false,
             };
             let (mut state, mut status) = (GripState::default(), Status::default());
