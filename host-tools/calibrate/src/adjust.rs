@@ -37,7 +37,7 @@ const LEAST_PRESSES: usize = 3;
 const ROWS: usize = 16;
 /// Largest relative change of a gain that counts as ageing; a larger one has another cause.
 const AGED: f64 = 0.5;
-/// Share of a press left out at either end, while the weight is put down or taken off.
+/// Share of a press left out at either end, while the weight moves.
 const SETTLING: f64 = 0.2;
 
 /// Result of an adjustment.
@@ -306,8 +306,9 @@ fn helps(presses: &[Vec<[f64; 2]>], sigma: f64) -> bool {
     presses.len() >= LEAST_PRESSES && surely_less(&after, &before)
 }
 
-/// Multiplies the sensor's columns of the matrix, so that they still match the signals of the old
-/// S.
+/// Folds a new S into the sensor's columns of the matrix.
+///
+/// The wrench of aged signals is then that of young ones before.
 fn fold(matrix: &mut WrenchMatrix, sensor: usize, [old, new]: [Matrix3<f64>; 2]) {
     let Some(once) = old.try_inverse().map(|back| back * new) else { return };
     for row in &mut matrix.0 {
@@ -320,7 +321,7 @@ fn fold(matrix: &mut WrenchMatrix, sensor: usize, [old, new]: [Matrix3<f64>; 2])
 mod tests {
     use super::*;
 
-    /// Nine presses of ten rows on a sensor with an S that gives `share` of the true force.
+    /// Nine presses of ten rows; S gives `share` of the true force.
     ///
     /// The noise is a millinewton, within a press and from press to press.
     fn presses(share: f64) -> Vec<Vec<[f64; 2]>> {

@@ -64,9 +64,9 @@ pub(crate) fn fit(
 
 /// Draws force and position of a touch like the recorded ones.
 ///
-/// It is sheared as much as a nearby touch, in any direction. With a quarter of the touches sheared
-/// like any other row, the net's shear error is up to twice as large on unseen recordings of
-/// simulated devices. That holds for presses and shear alike.
+/// It is sheared as much as a nearby touch, in any direction. Shearing a quarter of the touches
+/// like any other row raises the net's shear error up to twofold on unseen simulated recordings.
+/// That holds for presses and shear alike.
 fn touch(rows: &[Row], model: &Inverse, rng: &mut ChaCha8Rng) -> ([f64; 3], [f64; 2]) {
     let own = &rows[rng.random_range(0..rows.len())];
     let normal = own.force[2] * rng.random_range(HARDER);

@@ -1,5 +1,4 @@
-//! Fit of a finger's forward model: curve and stray light of each taxel, and the field of one
-//! contact.
+//! Fit of a finger's forward model: taxel curves, stray light and one contact's field.
 //!
 //! The model is [`taxel::estimate::inverse`]. Given the field, a taxel's signal is linear in the
 //! powers of its displacement (its curve) and in its neighbours' signals (its stray light).
@@ -36,7 +35,7 @@ const LEAST_ROWS: usize = 200;
 const STEPS: usize = 40;
 const LITTLE: f64 = 1e-4;
 
-/// Share of a row's largest signal in the standard deviation of a signal, in addition to its noise.
+/// Share of a row's largest signal that adds to a signal's standard deviation.
 const SHARE: f64 = 0.002;
 /// Prior of stray light: a share of 0.015 ± 0.01 of the neighbour's signal.
 const STRAY: [f64; 2] = [0.015, 0.01];

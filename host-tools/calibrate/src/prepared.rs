@@ -11,7 +11,7 @@ use taxel_regress::align::{self, Alignment, Series};
 use taxel_regress::error::FitError;
 use taxel_regress::shear::FORCES;
 
-/// Least signal of a responding sensor, in multiples of its noise, in one row of a hundred …
+/// Least signal-to-noise ratio of a responding sensor, in one row of a hundred …
 const ANSWERS: f32 = 8.0;
 /// … and as a share of the signals of the strongest sensor.
 const ANSWERS_SHARE: f32 = 0.02;

@@ -25,8 +25,7 @@ pub(crate) struct Skin {
     pub rows: Vec<Row>,
     /// Number of rows left out: saturated or dead taxels, and outliers.
     pub left_out: usize,
-    /// RMS error over the rows in f_x, f_y, f_z, newtons, with the model run row after row as on
-    /// the chip.
+    /// RMS error over the rows in f_x, f_y, f_z, newtons, with the model run as on the chip.
     pub residual: [f64; 3],
 }
 

@@ -152,10 +152,9 @@ pub fn resample(reference: Series<'_>, times: &[f64]) -> Vec<Option<Vec<f64>>> {
     found.collect()
 }
 
-/// Positions of times among `known` ones: index of the row before, and share of the way to the
-/// next.
+/// Positions of times among `known` ones; `None` beyond the ends and in gaps.
 ///
-/// `None` beyond the ends and in gaps.
+/// A position is the index of the row before and the share of the way to the next.
 pub fn places(known: &[f64], times: &[f64]) -> Vec<Option<(usize, f64)>> {
     let longest = GAP * median_step(known);
     let place = |t: f64| {

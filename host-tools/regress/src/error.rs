@@ -1,4 +1,4 @@
-//! Errors of a fit: what was found, what was expected, and how to fix it, in one line.
+//! Errors of a fit, in one line: found and expected value, and remedy.
 
 use taxel::calibration::CalibrationError;
 use thiserror::Error;

@@ -8,7 +8,7 @@
 //! (t, 1) without the skip path. With g_h = 1 − t_h² the derivatives are ∂y_k/∂w_h = v_kh·g_h·x̃
 //! and ∂y_k/∂v_k = z. The factors that differ between outputs do not depend on the row. J^T J for
 //! any number of outputs therefore follows from the Gram matrix of the features φ = (g_1·x̃, …,
-//! g_H·x̃, z): one product instead of one an output.
+//! g_H·x̃, z). It takes one product instead of one an output.
 
 use nalgebra::{DMatrix, DMatrixView, DVector};
 

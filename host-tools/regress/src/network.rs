@@ -140,7 +140,9 @@ pub fn outputs(layers: Layers<'_>, x: &[f32]) -> Vec<f32> {
     y
 }
 
-/// Trains a net from the rows `x` to the rows `y`, decay by the evidence of its independent rows.
+/// Trains a net from the rows `x` to the rows `y`.
+///
+/// The evidence of the independent rows sets the weight decay.
 ///
 /// An input that never changes gets no weight. When `stop` becomes true, the best net so far is
 /// returned.

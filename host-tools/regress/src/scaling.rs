@@ -1,4 +1,4 @@
-//! Scaling of inputs and targets to about one, so that one decay and one distance suit them all.
+//! Scaling of inputs and targets to about one, so that they share a decay and a distance.
 
 use nalgebra::DMatrix;
 

@@ -89,8 +89,9 @@ fn cell(value: f64, [low, high]: [f64; 2]) -> usize {
     (((value - low) / (high - low) * CELLS as f64) as usize).min(CELLS - 1)
 }
 
-/// Whether a cell or one within two cells has a row, because space between presses is no
-/// extrapolation.
+/// Whether a cell or one within two cells of it has a row.
+///
+/// Space between presses is no extrapolation.
 fn near(rows: &[Vec<usize>], x: usize, y: usize) -> bool {
     const NEAR: usize = 2;
     let about = |i: usize| i.saturating_sub(NEAR)..(i + NEAR + 1).min(CELLS);

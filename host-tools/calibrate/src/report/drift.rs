@@ -177,7 +177,7 @@ fn taxels(drift: &mut Drift, first: &Calibration, second: &Calibration) {
     }
 }
 
-/// Pushes offset and gain of the second sensor relative to the first: G·f + offset, G = S₂S₁⁻¹.
+/// Adds the second sensor's changes relative to the first: G·f + offset, G = S₂S₁⁻¹.
 fn sensor(drift: &mut Drift, name: &str, a: &SensorCalibration, b: &SensorCalibration) {
     let s = |of: &SensorCalibration| {
         Matrix3::from_fn(|row, column| f64::from(of.sensitivity.0[row][column]))

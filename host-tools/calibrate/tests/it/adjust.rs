@@ -31,8 +31,9 @@ fn recording(samples: Vec<Sample>) -> Recording {
     Recording { name: format!("device {DEVICE}"), samples }
 }
 
-/// Ages the device: each LED changes by up to 15 %, and a softer skin raises every signal by a
-/// tenth.
+/// Ages the device: light changes by up to 15 %, and every signal rises by a tenth.
+///
+/// The LEDs age one by one; the signals rise because the skin softens.
 fn aged(mut samples: Vec<Sample>) -> Vec<Sample> {
     const SKIN: f64 = 1.1;
     let gain = |k: usize| 1.0 + 0.15 * (7.3 * k as f64).sin();

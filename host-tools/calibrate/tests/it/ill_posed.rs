@@ -1,5 +1,4 @@
-//! Tests with faulty recordings of a finger: each is fitted with a warning, or refused with a
-//! reason.
+//! Tests with faulty recordings of a finger: a warning or an error for each.
 
 use std::sync::atomic::AtomicBool;
 

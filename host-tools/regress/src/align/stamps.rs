@@ -12,7 +12,9 @@ const LEAST_STAMPS: usize = 8;
 /// Longest interval over which a stamp's rows are spread, in median steps a row.
 const GAP: f64 = 3.0;
 
-/// Returns times that rise from row to row: rows of one stamp are spread evenly up to the next.
+/// Returns times that rise from row to row.
+///
+/// Rows of one stamp are spread evenly up to the next.
 ///
 /// # Errors The reason why the rows' times cannot be determined, as part of a sentence about the
 /// recording.

@@ -14,7 +14,7 @@ const DECAY: f64 = 0.01;
 /// Step limit of our training: more than it needs.
 const STEPS: usize = 2000;
 
-/// ½ Σ e² + ½ α Σ w² at the best minimum of `lmder` (tolerance 1e-8) from the eight starts.
+/// ½ Σ e² + ½ α Σ w² at the best minimum of `lmder` from the eight starts, tolerance 1e-8.
 ///
 /// Computed with the crate `levenberg-marquardt` 0.15, for the small net and for nets of four and
 /// eight units on [`touches`].

@@ -180,7 +180,9 @@ enum Spoilt {
     Ends,
 }
 
-/// Spoils a share of the rows, half in the targets and half in one input, and returns their flags.
+/// Spoils a share of the rows and returns their flags.
+///
+/// Half of them are spoiled in the targets, half in one input.
 fn spoil((x, y): &mut Recorded, share: f64, how: Spoilt) -> Vec<bool> {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let rows = x.len();

@@ -17,7 +17,7 @@ fn light(sample: &Sample) -> [f64; 4] {
     std::array::from_fn(|c| (f64::from(taxels.lit[0][c].0) - f64::from(taxels.dark[c].0)) / 65535.0)
 }
 
-/// A row a press: mean light over the 80 ms hold, contact position and angle to the skin.
+/// Table of one row a press: mean light over the 80 ms hold, position and angle.
 fn presses(scene: &str, seed: u64) -> (usize, TableRecording) {
     let samples: Vec<Sample> = Simulator::new(&Scene::load(scene).unwrap(), seed).collect();
     let mean = |rows: &[Sample]| -> [f64; 4] {

@@ -140,7 +140,7 @@ pub struct Ring {
     pub missing: usize,
 }
 
-/// Middle of the pad, out to the outer taxels, beyond them: greatest |x|, |y| of a ring in mm.
+/// Greatest |x| and |y| of each ring, mm: middle, out to the outer taxels, beyond them.
 pub const RINGS: [f64; 3] = [2.0, 3.75, 4.2];
 
 /// Errors by ring, for the frames with a normal force of at least `least` newtons.

@@ -11,7 +11,7 @@ use super::{With, replay, run};
 /// Results on onsets of slip.
 #[derive(Clone, Debug, Default)]
 pub struct Onsets {
-    /// [shown, warned 20 ms ahead]: first onsets on an object of unknown friction, and later ones.
+    /// Onsets shown, and warned of 20 ms ahead: first ones at unknown friction, and later ones.
     pub first: [usize; 2],
     pub later: [usize; 2],
     /// Milliseconds from the beginning of gross slip to its report, for slips reported in time.
@@ -54,7 +54,7 @@ pub struct Twists {
     pub load: f64,
     /// Limit of the torsion, in N·mm.
     pub holds: f64,
-    /// [shown, warned 20 ms ahead]: after a slide that shows the friction, and without one.
+    /// Twists shown, and warned of 20 ms ahead: after a slide that shows the friction, or without.
     pub known: [usize; 2],
     pub unknown: [usize; 2],
 }
@@ -91,7 +91,7 @@ pub fn twists(device: u32, record: &Calibration) -> Vec<Twists> {
 /// Results on stick-slip.
 #[derive(Clone, Debug, Default)]
 pub struct Jerks {
-    /// [shown, reported within 30 ms].
+    /// Slips shown, and reported within 30 ms.
     pub told: [usize; 2],
     /// Longest report after the end of a slip, until the next, in milliseconds.
     pub lingered: usize,
