@@ -30,7 +30,7 @@ fn near(estimate: &Estimate, x: f32, y: f32) -> bool {
 }
 
 #[test]
-fn unloaded_finger_has_zero_force_and_runs_no_model() {
+fn unloaded_finger_gives_zero_force() {
     let (finger, mut state) = calibrated();
     let estimate = settled(&finger, &mut state, &unloaded(0));
     assert_eq!(estimate.force, Force::known(0.0, 0.0, 0.0));

@@ -25,7 +25,7 @@ use taxel::wire::message::{
 };
 use taxel::wire::{MAX_PACKET, pack};
 
-/// One direction of a link: a bounded buffer, so that a host that does not read blocks it.
+/// One direction of a link: a bounded buffer that blocks if its reader stops.
 #[derive(Default)]
 struct Wire {
     bytes: VecDeque<u8>,
@@ -105,7 +105,7 @@ enum Desk {
     WithBootloader,
 }
 
-/// A board with a list of scans; it yields before each scan so that the other side runs.
+/// A board with a list of scans; it yields before each one.
 struct Scans {
     scans: VecDeque<Scan>,
     desk: Desk,

@@ -44,7 +44,7 @@ const FAULTS: Status = Status::SATURATED
 /// estimate.
 ///
 /// No fault is flagged before it, nor from `again` ms after its end on.
-fn says(keys: &str, from: usize, faults: &[Status], again: usize) -> Estimate {
+fn check_flags(keys: &str, from: usize, faults: &[Status], again: usize) -> Estimate {
     let expected = faults.iter().fold(0, |all, one| all | one.0);
     let estimates = fault(keys);
     for (t, estimate) in estimates.iter().enumerate().skip(BIAS) {
@@ -59,8 +59,8 @@ fn says(keys: &str, from: usize, faults: &[Status], again: usize) -> Estimate {
 }
 
 /// Checks a fault of light or voltage, which its first frame flags.
-fn says_at_once(keys: &str, faults: &[Status]) -> Estimate {
-    says(keys, 1000, faults, 0)
+fn check_flags_at_once(keys: &str, faults: &[Status]) -> Estimate {
+    check_flags(keys, 1000, faults, 0)
 }
 
 const COLUMN_2: u16 = 1 << 2 | 1 << 6 | 1 << 10 | 1 << 14;
@@ -76,7 +76,7 @@ fn healthy_finger_reports_no_fault() {
 fn dead_led_or_transistor_is_a_dead_taxel() {
     for kind in ["dead-led", "open-channel"] {
         let keys = format!("kind = '{kind}'\nchannel = 'r1c2'");
-        let estimate = says_at_once(&keys, &[Status::DEAD_TAXEL]);
+        let estimate = check_flags_at_once(&keys, &[Status::DEAD_TAXEL]);
         assert_eq!(estimate.signals.health.dead, 1 << 6);
         assert!(estimate.force.z.is_err());
     }
@@ -98,7 +98,7 @@ fn faulty_column_is_four_dead_taxels() {
 fn saturated_column_is_four_clipped_taxels() {
     // Lit and dark codes are equal, so the taxel shows no light either.
     let saturated = [Status::SATURATED, Status::DEAD_TAXEL];
-    let estimate = says_at_once("kind = 'saturated-adc'\nchannel = 'c2'", &saturated);
+    let estimate = check_flags_at_once("kind = 'saturated-adc'\nchannel = 'c2'", &saturated);
     assert_eq!(estimate.signals.health.saturated, COLUMN_2);
 }
 
@@ -109,7 +109,7 @@ fn broken_arm_or_midpoint_flags_that_sensor() {
         .into_iter()
         .flat_map(|kind| ["a", "d"].map(|m| format!("kind = '{kind}'\nchannel = 's2_{m}'")));
     for keys in arms.chain(rails) {
-        let estimate = says_at_once(&keys, &[Status::BRIDGE_FAULT]);
+        let estimate = check_flags_at_once(&keys, &[Status::BRIDGE_FAULT]);
         assert_eq!(estimate.signals.health.bridge_faults, 1 << 2, "{keys}");
         assert!(!estimate.status.contains(Status::CONTACT), "{keys}");
     }
@@ -119,7 +119,7 @@ fn broken_arm_or_midpoint_flags_that_sensor() {
 fn stuck_reading_is_flagged_within_two_windows() {
     let stuck = |channel: &str, with| {
         let keys = format!("kind = 'stuck-channel'\nchannel = '{channel}'");
-        says(&keys, 1000 + WATCHED, &[Status::STUCK_CHANNEL, with], WATCHED)
+        check_flags(&keys, 1000 + WATCHED, &[Status::STUCK_CHANNEL, with], WATCHED)
     };
     assert_eq!(stuck("r1c2", Status::DEAD_TAXEL).signals.health.dead, 1 << 6);
     let midpoint = stuck("s3_b", Status::BRIDGE_FAULT);
@@ -150,7 +150,7 @@ fn ratiometric_dip_and_swaps_stay_undetected() {
         "kind = 'open-channel'\nchannel = 's1_b'",
         "kind = 'stuck-channel'\nchannel = 'vref'",
     ] {
-        let estimate = says_at_once(keys, &[]);
+        let estimate = check_flags_at_once(keys, &[]);
         let moved = estimate.signals.taxels.unwrap().iter().any(|c| c.abs() > 0.01);
         let bridge = estimate.signals.bridges[1].unwrap()[0].abs() > 0.005;
         assert!(moved || bridge || keys.contains("vref"), "{keys} changes what is measured");

@@ -87,8 +87,7 @@ impl fmt::Display for FileError {
     }
 }
 
-/// Turns text from a file, a library or the operating system into one line of at most 500
-/// characters.
+/// Turns any text into one line of at most 500 characters.
 #[must_use]
 pub fn one_line(text: &str) -> String {
     const MOST: usize = 500;

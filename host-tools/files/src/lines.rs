@@ -10,7 +10,9 @@ use csv::StringRecord;
 
 use crate::error::FileError;
 
-/// Longest line in bytes, far above that of any trace; a binary file is therefore not read whole.
+/// Longest accepted line in bytes.
+///
+/// No trace has one nearly as long, and a binary file is not read whole.
 const LONGEST: u64 = 1 << 20;
 /// Mark with which some programs begin UTF-8 files.
 const BYTE_ORDER_MARK: &str = "\u{feff}";

@@ -77,12 +77,12 @@ fn begin(path: &Path, existing: Existing) -> Result<File, FileError> {
         _ => options.create(true).truncate(true),
     };
     options.open(path).map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => taken(path),
+        ErrorKind::AlreadyExists => already_exists(path),
         _ => FileError::io(path, &error),
     })
 }
 
-fn taken(path: &Path) -> FileError {
+fn already_exists(path: &Path) -> FileError {
     FileError::new(path, "the file exists already")
         .mend("choose another name, or add --force to overwrite it")
 }
@@ -106,7 +106,11 @@ impl Recorder {
         if Format::of(path)? == Format::Parquet {
             parquet::check(path)?;
         }
-        if existing == Existing::Keep && path.is_file() { Err(taken(path)) } else { Ok(()) }
+        if existing == Existing::Keep && path.is_file() {
+            Err(already_exists(path))
+        } else {
+            Ok(())
+        }
     }
 
     /// Creates the file of unrepeatable data, which survives the end of this process.
@@ -204,7 +208,7 @@ impl Recording {
         format!("{}: has no end: the recording was cut short, or still goes on", path.display())
     }
 
-    /// Lists remarks for whoever plays the recording, each with its mend; `path` is its file.
+    /// Lists remarks for a user who plays the recording; `path` is its file.
     #[must_use]
     pub fn remarks(&self, path: &Path) -> Vec<String> {
         let (place, path, header) = (path, path.display(), &self.header);

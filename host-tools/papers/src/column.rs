@@ -43,7 +43,7 @@ pub const CENTRES: [[f64; 2]; COLUMNS] = [
 /// Radius of a column's tip in mm.
 pub const TIP_MM: f64 = 1.0;
 
-/// Computes S1 … S4 in mm² under a column that carries `force` in newtons, z towards the board.
+/// Computes S1 … S4 in mm² under a column with `force` in newtons, z towards the board.
 #[must_use]
 pub fn areas([fx, fy, fz]: [f64; 3]) -> [f64; 4] {
     let sum = fz.max(0.0) / VERTICAL;

@@ -27,8 +27,9 @@ pub fn slips([fx, fy, fz]: [f64; 3]) -> bool {
     fz > 0.0 && fx.abs().max(fy.abs()) > threshold(fz)
 }
 
-/// Computes the shift u of the bright spot in mm, eqs (10) and (11); the feeler slips beyond
-/// `threshold`.
+/// Computes the shift u of the bright spot in mm, eqs (10) and (11).
+///
+/// The feeler slips beyond `threshold`.
 #[must_use]
 pub fn shift(shear: f64, threshold: f64) -> f64 {
     let stuck = shear.clamp(-threshold, threshold);
@@ -54,8 +55,9 @@ impl Shear {
     /// Values of section V.3: β = 1.7 mN/µm, K = 0.067 mN/µm, α = 0.25, γ = 0.56 mN.
     pub const PAPER: Self = Self { stuck: 1.7, sheet: 0.067, friction: 0.25, adhesion: 0.56 };
 
-    /// Computes the force in mN for a shift in µm under `normal` mN, eqs (10), (11) with (12) put
-    /// in.
+    /// Computes the force in mN for a shift in µm under `normal` mN.
+    ///
+    /// Eqs (10) and (11) with eq. (12) put in.
     ///
     /// Eqs (13), (14) print αF_x + γ in the bracket; eq. (12) in eq. (11) gives αF_z + γ, which
     /// this function uses. The force is odd in the shift and continuous at the threshold.

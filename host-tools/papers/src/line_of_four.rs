@@ -4,10 +4,10 @@
 //! the force.
 //!
 //! The paper prints no dimensions. It states the contacts (0.2 N, p from −3 to 3 mm, angles from
-//! 30° to 150°) and the correlation of s and t, eqs (3) and (4): −0.68. A pitch of 7.5 mm under 4
-//! mm of silicone with facets of 4 mm gives −0.69. It leaves walls between LEDs in cans of 5.5 mm.
-//! The finger's own pitch of 2.5 mm gives +0.95, at which s and t hardly distinguish p from the
-//! angle.
+//! 30° to 150°) and a correlation of −0.68 between s and t, eqs (3) and (4). A pitch of 7.5 mm
+//! under 4 mm of silicone with facets of 4 mm gives −0.69. It leaves walls between LEDs in cans of
+//! 5.5 mm. The finger's own pitch of 2.5 mm gives +0.95, at which s and t hardly distinguish p from
+//! the angle.
 
 use taxel::scan::COLS;
 

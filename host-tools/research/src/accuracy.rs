@@ -81,11 +81,11 @@ impl Accuracy {
     }
 }
 
-/// Fits a² and b² of v = a² + b²·x by maximum likelihood to pairs of x and squared error.
+/// Fits a² and b² of v = a² + b²·x to pairs of x and squared error.
 ///
-/// The division of v between its two terms fixes the scale in closed form. The search is therefore
-/// one-dimensional and covers the whole line, because stepwise descent ends in laws that are tiny
-/// where few rows are.
+/// The fit is by maximum likelihood. The division of v between its two terms fixes the scale in
+/// closed form. The search is therefore one-dimensional and covers the whole line, because stepwise
+/// descent ends in laws that are tiny where few rows are.
 fn likeliest(rows: &[(f64, f64)]) -> [f64; 2] {
     let rows: Vec<(f64, f64)> =
         rows.iter().copied().step_by(rows.len().div_ceil(ROWS).max(1)).collect();

@@ -13,7 +13,7 @@ pub(crate) struct Bar {
     /// Length of the bar in any unit; `None` draws no bar.
     pub long: Option<f64>,
     /// Figures next to the bar.
-    pub told: String,
+    pub figures: String,
     /// True for the project's own bar, which has another colour.
     pub own: bool,
 }
@@ -44,7 +44,7 @@ fn drawn(area: &DrawingArea<SVGBackend<'_>, Shift>, title: &str, bars: &[Bar]) -
             from = 24 + long;
         }
         let style = font(14).color(if bar.long.is_some() { &BLACK } else { &GREY }).pos(middle);
-        area.draw(&Text::new(bar.told.clone(), (from, y + 28), style))?;
+        area.draw(&Text::new(bar.figures.clone(), (from, y + 28), style))?;
     }
     Ok(())
 }

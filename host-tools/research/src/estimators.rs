@@ -85,8 +85,9 @@ fn judge(
     Ok(judged)
 }
 
-/// Judges a method on a scene under the loads that `holds` accepts; returns a row for each
-/// quantity.
+/// Judges a method on a scene; returns a row for each quantity.
+///
+/// `holds` selects the judged loads.
 fn method_on(
     method: &mut Method,
     moments: &[Moment],
@@ -110,7 +111,7 @@ fn method_on(
         group: method.group,
         stages: match &method.stages {
             Stages::Together(stages) => stages.clone(),
-            Stages::Whole => vec![dearest(moments).to_owned()],
+            Stages::Whole => vec![costliest_stage(moments).to_owned()],
         },
         scene,
         quantity: *quantity,
@@ -120,7 +121,7 @@ fn method_on(
 }
 
 /// Returns the whole-finger stage of a run's costliest contact.
-fn dearest(moments: &[Moment]) -> &'static str {
+fn costliest_stage(moments: &[Moment]) -> &'static str {
     let sheared = |moment: &Moment| match moment.sample.truth.force {
         [Some(x), Some(y), _] => x.hypot(y) > SHEARED_N,
         _ => false,

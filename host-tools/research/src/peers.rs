@@ -50,7 +50,7 @@ fn parse(table: &str) -> anyhow::Result<Vec<Peer>> {
 /// Lists a bar for each implementation: cycles, error and ratio to the first one's cycles.
 fn bars(peers: &[Peer]) -> Vec<Bar> {
     let own = peers.first().and_then(|peer| peer.cycles);
-    let told = |(i, peer): (usize, &Peer)| match (peer.cycles, own) {
+    let figures = |(i, peer): (usize, &Peer)| match (peer.cycles, own) {
         (Some(cycles), Some(own)) if i > 0 => {
             let ratio = cycles / own;
             format!("{cycles:.0}, {ratio:.2} times as many; error ≤ {}", peer.max_error)
@@ -61,7 +61,7 @@ fn bars(peers: &[Peer]) -> Vec<Bar> {
     let bar = |(i, peer): (usize, &Peer)| Bar {
         name: peer.name.clone(),
         long: peer.cycles,
-        told: told((i, peer)),
+        figures: figures((i, peer)),
         own: peer.name.starts_with("taxel"),
     };
     peers.iter().enumerate().map(bar).collect()

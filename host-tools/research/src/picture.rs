@@ -49,7 +49,7 @@ impl Picture {
         Ok(save(path, &self.svg)?)
     }
 
-    /// Appends the picture to a page, each note as the tooltip of an invisible disc over its mark.
+    /// Appends the picture to a page; each note becomes the tooltip of its mark.
     fn append_to(&self, page: &mut String) {
         page.push_str(self.svg.trim_end().trim_end_matches("</svg>"));
         for Note { at: (x, y), text } in &self.notes {

@@ -171,7 +171,7 @@ pub fn write(stages: &[Stage], folder: &Path) -> anyhow::Result<()> {
         .map(|Stage { name, us_per_frame }| Bar {
             name: (*name).to_owned(),
             long: Some(*us_per_frame),
-            told: format!("{us_per_frame:.1} µs, {:.0} thousand a second", 1e3 / us_per_frame),
+            figures: format!("{us_per_frame:.1} µs, {:.0} thousand a second", 1e3 / us_per_frame),
             own: false,
         })
         .collect();

@@ -40,8 +40,9 @@ impl Touches {
         }
     }
 
-    /// Returns the unused share of a contact's friction: the ellipse of shear and torsion, as in
-    /// the simulator's path.
+    /// Returns the unused share of a contact's friction.
+    ///
+    /// The limit is the ellipse of shear and torsion of the simulator's path.
     fn margin(&self, load: &Load) -> Option<f64> {
         let [fx, fy, normal] = load.force;
         if load.slip {

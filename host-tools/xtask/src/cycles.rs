@@ -53,8 +53,9 @@ pub fn task(arguments: &Cycles) -> Result<()> {
     run(&mut emulator)
 }
 
-/// Fails where a stage costs more than the committed table, or a net or a product frame exceeds its
-/// limit.
+/// Fails where a stage, net or product frame exceeds its limit of cycles.
+///
+/// The limits are the committed table, [`NETS`] and half a frame.
 pub fn guard() -> Result<()> {
     let counted = target().join("cycles.csv");
     let mut emulator = emulator("cycles", &image()?);

@@ -46,7 +46,7 @@ impl Board {
     }
 }
 
-fn within(used: u64, most: u64, what: &str) -> Result<()> {
+fn check_budget(used: u64, most: u64, what: &str) -> Result<()> {
     if used > most {
         bail!(
             "{used} bytes of {what} are over the budget of {most}; `llvm-nm -S --size-sort` shows what takes them"
@@ -107,7 +107,7 @@ pub fn build(board: &str) -> Result<(PathBuf, Footprint)> {
     for (used, most, what) in
         [(footprint.flash.used, flash_budget, "flash"), (footprint.ram.used, ram_budget, "RAM")]
     {
-        most.map_or(Ok(()), |most| within(used, most, what))?;
+        most.map_or(Ok(()), |most| check_budget(used, most, what))?;
     }
     if hardware {
         let stack = stack_fits(board, &built, &footprint)?;

@@ -36,8 +36,9 @@ pub struct Image {
     pub handlers: Vec<u32>,
 }
 
-/// Bytes that the processor stacks at an interrupt: 26 words with floating point, and the alignment
-/// (ARMv7-M ARM, B1.5.7).
+/// Bytes that the processor stacks at an interrupt (ARMv7-M ARM, B1.5.7).
+///
+/// They are 26 words with floating point, and the alignment.
 pub const EXCEPTION_FRAME: u32 = 27 * 4;
 
 impl Image {
@@ -119,7 +120,7 @@ impl Function {
         if is_indirect(first) {
             self.indirect.push((at, (first >> 3 & 0xF) as u8));
         }
-        match taken(first, second) {
+        match stack_bytes(first, second) {
             Some(bytes) => self.frame += bytes,
             None => bail!("{} takes an amount of stack that only a register holds", self.name),
         }
@@ -178,7 +179,7 @@ fn target(at: u32, first: u16, second: Option<u16>) -> Option<u32> {
 }
 
 /// Stack in bytes that an instruction takes; `None` where a register decides.
-fn taken(first: u16, second: Option<u16>) -> Option<u32> {
+fn stack_bytes(first: u16, second: Option<u16>) -> Option<u32> {
     let (one, two) = (u32::from(first), second.map(u32::from));
     let to_sp = |two: u32| two >> 8 & 0xF == 13;
     Some(match (one, two) {
@@ -262,16 +263,16 @@ mod tests {
     #[test]
     fn stack_of_each_instruction_is_counted() {
         // push {r4-r7, lr}; sub sp, #24; push.w {r4-r11, lr}; vpush {d8-d15}
-        assert_eq!(taken(0xB5F0, None), Some(20));
-        assert_eq!(taken(0xB086, None), Some(24));
-        assert_eq!(taken(0xE92D, Some(0x4FF0)), Some(36));
-        assert_eq!(taken(0xED2D, Some(0x8B10)), Some(64));
+        assert_eq!(stack_bytes(0xB5F0, None), Some(20));
+        assert_eq!(stack_bytes(0xB086, None), Some(24));
+        assert_eq!(stack_bytes(0xE92D, Some(0x4FF0)), Some(36));
+        assert_eq!(stack_bytes(0xED2D, Some(0x8B10)), Some(64));
         // str r8, [sp, #-4]!; sub.w sp, sp, #1024; subw sp, sp, #1004
-        assert_eq!(taken(0xF84D, Some(0x8D04)), Some(4));
-        assert_eq!(taken(0xF5AD, Some(0x6D80)), Some(1024));
-        assert_eq!(taken(0xF2AD, Some(0x3DEC)), Some(1004));
+        assert_eq!(stack_bytes(0xF84D, Some(0x8D04)), Some(4));
+        assert_eq!(stack_bytes(0xF5AD, Some(0x6D80)), Some(1024));
+        assert_eq!(stack_bytes(0xF2AD, Some(0x3DEC)), Some(1004));
         // add sp, #24; sub sp, sp, r4
-        assert_eq!(taken(0xB006, None), Some(0));
-        assert_eq!(taken(0xEBAD, Some(0x0D04)), None);
+        assert_eq!(stack_bytes(0xB006, None), Some(0));
+        assert_eq!(stack_bytes(0xEBAD, Some(0x0D04)), None);
     }
 }

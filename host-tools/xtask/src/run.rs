@@ -58,9 +58,10 @@ pub fn locked() -> Option<&'static str> {
 
 /// Runs a program to its end and shows its output; fails where the program fails.
 pub fn run(command: &mut Command) -> Result<()> {
-    let status = command.status().with_context(|| format!("`{}` does not start", line(command)))?;
+    let status =
+        command.status().with_context(|| format!("`{}` does not start", command_line(command)))?;
     if !status.success() {
-        bail!("`{}` ended with {status}; its messages are above", line(command));
+        bail!("`{}` ended with {status}; its messages are above", command_line(command));
     }
     Ok(())
 }
@@ -82,7 +83,7 @@ pub fn answer(command: &mut Command) -> Option<String> {
     lines(command)?.into_iter().next()
 }
 
-fn line(command: &Command) -> String {
+fn command_line(command: &Command) -> String {
     let words = std::iter::once(command.get_program()).chain(command.get_args());
     words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
 }

@@ -45,7 +45,7 @@ pub fn pressed(time: u64, k: usize, codes: u16) -> Scan {
     scan
 }
 
-/// Calibration of a net f_z = tanh(−Σ c_k), f_x = f_y = 0; sensor 0 reads u as newtons.
+/// Calibration with a net f_z = tanh(−Σ c_k) and one sensor of unit gain.
 pub fn calibration() -> Calibration {
     let full = f32::from(u16::MAX);
     Calibration {

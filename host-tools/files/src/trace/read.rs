@@ -211,8 +211,7 @@ impl Columns {
         })
     }
 
-    /// Drops channels that the finger lacks: in a recording all their cells are empty, the first
-    /// row's too.
+    /// Drops channels that the finger lacks: all their cells are empty, also the first row's.
     fn leave_out_empty(&mut self, cells: &Cells) {
         let empty = |at: usize| cells.text(at).is_empty();
         self.taxels

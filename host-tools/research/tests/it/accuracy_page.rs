@@ -25,7 +25,7 @@ fn cycles(row: &HashMap<String, String>) -> f64 {
 }
 
 /// Fails with the lines that the page lacks.
-fn stand(lines: &[String]) {
+fn assert_page_has(lines: &[String]) {
     let missing: Vec<&String> = lines.iter().filter(|line| !PAGE.contains(*line)).collect();
     assert!(missing.is_empty(), "docs/accuracy.md lacks, with today's figures:\n{missing:#?}");
 }
@@ -54,7 +54,7 @@ fn methods_table_quotes_estimators_csv() {
                 let mut found = table.iter().filter(|row| row["name"] == name);
                 found.find(|row| row["scene"] == scene && row["quantity"] == quantity)
             };
-            let told = |scene, quantity, times: f64, unit| match of(scene, quantity) {
+            let cell = |scene, quantity, times: f64, unit| match of(scene, quantity) {
                 Some(row) if unit == "mN" => format!("{:.1} mN", times * number(row, "rmse")),
                 Some(row) => format!("{:.2} {unit}", times * number(row, "rmse")),
                 None => "–".into(),
@@ -69,15 +69,15 @@ fn methods_table_quotes_estimators_csv() {
             costs.dedup();
             format!(
                 "| {name} | {} | {} | {} | {} | {} |",
-                told("presses", "normal force", 1e3, "mN"),
-                told("shear", "shear force", 1e3, "mN"),
-                told("presses", "contact point", 1.0, "mm"),
-                told("shear", "contact point", 1.0, "mm"),
+                cell("presses", "normal force", 1e3, "mN"),
+                cell("shear", "shear force", 1e3, "mN"),
+                cell("presses", "contact point", 1.0, "mm"),
+                cell("shear", "contact point", 1.0, "mm"),
                 costs.join(" to ")
             )
         })
         .collect();
-    stand(&lines);
+    assert_page_has(&lines);
 }
 
 #[test]
@@ -103,16 +103,16 @@ fn shear_error_growth_quotes_edge_csv() {
             let at = |distance: f64| {
                 let mut own = table.iter().filter(|row| row["method"] == method);
                 let row = own.find(|row| number(row, "distance_mm") == distance).unwrap();
-                let told = |column| match row[column].parse::<f64>() {
+                let cell = |column| match row[column].parse::<f64>() {
                     Ok(rmse) => format!("{:.1}", 1e3 * rmse),
                     Err(_) => "–".into(),
                 };
-                format!("{} / {}", told("fx_rmse_n"), told("fy_rmse_n"))
+                format!("{} / {}", cell("fx_rmse_n"), cell("fy_rmse_n"))
             };
             format!("| {method} | {} | {} | {} | {} |", at(0.0), at(2.0), at(3.75), at(5.0))
         })
         .collect();
-    stand(&lines);
+    assert_page_has(&lines);
 }
 
 #[test]
@@ -133,7 +133,7 @@ fn other_sensors_table_quotes_estimators_csv() {
         })
         .collect();
     assert!(lines.len() > 10, "{lines:?}");
-    stand(&lines);
+    assert_page_has(&lines);
 }
 
 #[test]
@@ -167,7 +167,7 @@ fn silent_failures_table_quotes_boundaries_csv() {
     lines.push(line("**the finger, together**", &|method| !alone.contains(&method)));
     lines.push(line("**the matrix alone, together**", &|method| alone.contains(&method)));
     lines.push(line("everything", &|_| true));
-    stand(&lines);
+    assert_page_has(&lines);
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn net_ratios_quote_peers_csv() {
     };
     assert_eq!(table[0]["name"], "taxel");
     let [dsp, emlearn] = ["CMSIS-DSP", "emlearn"].map(ratio);
-    stand(&[
+    assert_page_has(&[
         format!("{dsp:.2} times fewer cycles than CMSIS-DSP (aim: 2.8)"),
         format!("{emlearn:.2} times fewer than emlearn (aim: 3.5)"),
     ]);
@@ -192,7 +192,7 @@ fn host_throughput_quotes_throughput_csv() {
         .iter()
         .map(|row| format!("| {} | {:.1} µs |", row["stage"], number(row, "us_per_frame")))
         .collect();
-    stand(&lines);
+    assert_page_has(&lines);
 }
 
 /// Lists panels, as `quantity of scene`, in which a cheaper row of `among` errs no more than `own`.
@@ -216,7 +216,7 @@ fn of_matrix(name: &str) -> bool {
 }
 
 /// Checks the page's line about panels in which `own` is not on the front.
-fn told(own: &str, beaten: &[String]) {
+fn assert_front_line(own: &str, beaten: &[String]) {
     let label = format!("  - `{own}` is not on the front for ");
     let line = PAGE.lines().find(|line| line.starts_with(&label)).unwrap_or_default();
     let expected = format!("{label}{}", beaten.join(", "));
@@ -233,10 +233,10 @@ fn told(own: &str, beaten: &[String]) {
 #[test]
 fn page_lists_panels_with_default_off_the_front() {
     for own in ["model", "slip: matrix"] {
-        told(own, &beaten(own, of_matrix));
+        assert_front_line(own, &beaten(own, of_matrix));
     }
     // A finger with both parts can choose from every method.
     for own in ["finger", "slip: both"] {
-        told(own, &beaten(own, |_| true));
+        assert_front_line(own, &beaten(own, |_| true));
     }
 }

@@ -13,7 +13,7 @@ const ERROR: f64 = 5e-4;
 /// Growth of a share that is always allowed: one frame in a hundred.
 const SHARE: f64 = 0.01;
 
-const ANEW: &str = "if that is intended, write the baseline again: \
+const UPDATE_HINT: &str = "if that is intended, write the baseline again: \
                     `taxel chart --quick --only estimators --only failures --out host-tools/research/data`, and keep its three CSV";
 
 /// Splits a table into rows: the first `keys` cells, and the cells after them.
@@ -86,7 +86,7 @@ fn estimators_match_the_baseline(stop: &AtomicBool) {
     let found = estimators::measure(&Effort::quick(), waiting(stop)).unwrap();
     let worse =
         worse(include_str!("../../data/estimators.csv"), &estimators::csv(&found), 3, larger_error);
-    assert!(worse.is_empty(), "{worse:#?}; {ANEW}");
+    assert!(worse.is_empty(), "{worse:#?}; {UPDATE_HINT}");
 }
 
 fn failure_maps_match_the_baseline(stop: &AtomicBool) {
@@ -101,7 +101,7 @@ fn failure_maps_match_the_baseline(stop: &AtomicBool) {
         2,
         more_silent,
     );
-    assert!(silent.is_empty(), "{silent:#?}; {ANEW}");
+    assert!(silent.is_empty(), "{silent:#?}; {UPDATE_HINT}");
     let worse =
         worse(include_str!("../../data/failures.csv"), &failures::csv(&maps), 3, |before, now| {
             let within = now[0] == "true";
@@ -116,7 +116,7 @@ fn failure_maps_match_the_baseline(stop: &AtomicBool) {
             (flags < 0.9 && now > MARGIN * before + ERROR)
                 .then(|| format!("off by {now}, was {before}"))
         });
-    assert!(worse.is_empty(), "{worse:#?}; {ANEW}");
+    assert!(worse.is_empty(), "{worse:#?}; {UPDATE_HINT}");
 }
 
 /// Five devices against the tables of `docs/accuracy.md`.
