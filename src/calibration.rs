@@ -9,8 +9,8 @@
 //! tools and refuses newer versions.
 //!
 //! [`Calibration::read`] checks every field. No accepted record can make an estimator divide by
-//! zero, overflow or index past its weights. It reads in place, because moving a calibration copies
-//! it over a small stack several times.
+//! zero, overflow or index past its weights. The record is read in place, because a moved
+//! calibration is copied over a small stack several times.
 //!
 //! **To add a section**: the struct with its estimator in [`crate::estimate`], its fields in
 //! [`sections`], and one line in the list of `sections!` here.
@@ -40,8 +40,8 @@ pub(crate) use sections::bias_fits;
 pub const VERSION: u16 = 2;
 /// First version with sections. Nothing was released before it.
 const OLDEST: u16 = 2;
-/// Longest record in bytes, the size of a slot's content. It holds a net of 24 units and everything
-/// else, or of 32 units without a skin model.
+/// Longest record in bytes, the size of a slot's content. Such a record holds a net of 24 units and
+/// everything else, or of 32 units without a skin model.
 pub const MAX_BYTES: usize = 4080;
 
 /// Lowest and highest signal seen in training, margin included.
@@ -105,8 +105,8 @@ macro_rules! sections {
             )+
 
             /// Writes a present section and returns its length; `None` if it is absent or too long.
-            /// It is separate from [`SECTIONS`] to keep writing code out of firmware, which only
-            /// reads records.
+            /// The function is separate from [`SECTIONS`] to keep its code out of firmware, which
+            /// only reads records.
             fn write_section(&self, number: u8, buffer: &mut [u8]) -> Option<usize> {
                 match number {
                     $($(#[cfg($built)])? $number => section::write(&self.$name, buffer),)+

@@ -58,12 +58,13 @@ impl NormalContact {
 
 /// Standard deviations of the fused estimates, and the misfit of a single contact.
 ///
-/// They contain the noise, the residual of the calibration, and two errors that no calibration
-/// removes. Skin and contact position are known to [`SKIN_ERROR`](crate::finger::SKIN_ERROR) and
-/// [`PLACE_ERROR`](crate::finger::PLACE_ERROR), a force sensor's gain to half a per cent.
+/// The deviations contain the noise, the residual of the calibration, and the errors that no
+/// calibration removes. Skin and contact position are known to
+/// [`SKIN_ERROR`](crate::finger::SKIN_ERROR) and [`PLACE_ERROR`](crate::finger::PLACE_ERROR), a
+/// force sensor's gain to half a per cent.
 ///
-/// A finger that has not aged or warmed since its calibration does better. Its errors, divided by
-/// these standard deviations, have the following root mean squares
+/// A finger that has not aged or warmed since its calibration does better. The errors of such a
+/// finger, divided by these standard deviations, have the following root mean squares
 /// (`host-tools/calibrate/tests/it/uncertainty.rs`):
 /// - shear 0.8;
 /// - array: contact position 1.1, normal force 0.4;
@@ -78,9 +79,9 @@ pub struct Uncertainty {
     pub force: Force,
     /// Standard deviations of the contact point, along x and along y.
     pub point: Measured<ContactPoint>,
-    /// Normalised residual of the skin model. It is the root mean square of the remaining
-    /// displacements over that of the calibration at this force: about 1 for a contact like those
-    /// of the calibration.
+    /// Normalised residual of the skin model: about 1 for a contact like those of the calibration.
+    /// The root mean square of the remaining displacements is divided by that of the calibration at
+    /// this force.
     pub misfit: Measured<f32>,
 }
 

@@ -33,7 +33,7 @@ pub use matrix::{PLACE_ERROR, SKIN_ERROR};
 use no_contact::no_contact;
 use slip::{Grip, GripState};
 
-/// Coefficients of one finger. They do not change from scan to scan.
+/// Coefficients of one finger, constant from scan to scan.
 #[derive(Clone, Debug, Default)]
 pub struct Finger {
     calibration: Option<Calibration>,

@@ -1,7 +1,7 @@
 //! The finger as an instrument: settings, counters and commands.
 //!
-//! It owns everything that survives a reconnect and keeps settings, bias and calibration in a
-//! [`Store`]. [`crate::session`] transports its messages.
+//! The instrument owns everything that survives a reconnect and keeps settings, bias and
+//! calibration in a [`Store`]. [`crate::session`] transports the messages.
 
 use core::num::{NonZeroU16, NonZeroU32};
 
@@ -99,8 +99,8 @@ impl Instrument {
 
     /// Restores the content of the store at power-up.
     ///
-    /// It activates the newest calibration that this firmware reads, the settings, and a bias that
-    /// belongs to that calibration. `rescan` makes the board scan as it was set, or returns an
+    /// The call activates the newest calibration that this firmware reads, the settings, and a bias
+    /// that belongs to that calibration. `rescan` makes the board scan as it was set, or returns an
     /// error; the board then keeps its own settings.
     pub fn restore(
         &mut self,
@@ -201,8 +201,8 @@ impl Instrument {
         tested || (self.bias_taken.is_some() && self.bias_tag.is_some())
     }
 
-    /// Returns the reply to what the last scan completed. It is separate from [`Self::scan`],
-    /// because the reply is large and rare and would be copied with every scan.
+    /// Returns the reply to what the last scan completed. The function is separate from
+    /// [`Self::scan`], because the reply is large and rare and would be copied with every scan.
     #[cold]
     #[inline(never)]
     pub fn take_reply(&mut self) -> Option<Message> {

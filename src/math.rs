@@ -1,13 +1,14 @@
 //! Square roots, powers, tangent and arc tangent with the same bits on host and chip.
 //!
-//! They use only additions, multiplications and divisions. The tests assert every error bound.
+//! The functions use only additions, multiplications and divisions. The tests assert every error
+//! bound.
 #![expect(
     clippy::neg_cmp_op_on_partial_ord,
     reason = "a NaN must take the branch of too small values"
 )]
 
-/// Returns the nearest positive normal number; the smallest for a NaN. It avoids `max` and `min`,
-/// which are calls where the processor has no instructions for them.
+/// Returns the nearest positive normal number; the smallest for a NaN. The code avoids `max` and
+/// `min`, which are calls where the processor has no instructions for them.
 #[inline]
 fn normal(x: f32) -> f32 {
     let x = if x > f32::MIN_POSITIVE { x } else { f32::MIN_POSITIVE };

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Reason for a missing value. Its numbers are those of the wire and frozen: append, never
+/// Reason for a missing value. The numbers are those of the wire and frozen: append, never
 /// renumber.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -224,7 +224,7 @@ fn answer(
     Some(Message::Reply { tag: request.tag, result })
 }
 
-/// Sends a reply, if any. It takes a reference, because an answer has half a kilobyte to copy and
+/// Sends a reply, if any. The answer is passed by reference, because it has half a kilobyte and
 /// nearly every scan has none.
 async fn reply(
     answer: &Option<Message>,

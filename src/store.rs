@@ -1,7 +1,7 @@
 //! Persistent store of the calibration and the settings.
 //!
-//! Each is kept in two areas of flash in turn ([`slots`]). Wherever the power is cut, one whole
-//! calibration and one whole set of settings remain.
+//! Calibration and settings are each kept in two areas of flash in turn ([`slots`]). Wherever the
+//! power is cut, one whole calibration and one whole set of settings remain.
 
 mod ram;
 mod settings;
@@ -61,7 +61,7 @@ impl Area {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FlashError;
 
-/// Memory-mapped NOR flash. Its calls block: a board states how long its scan waits.
+/// Memory-mapped NOR flash with blocking calls: a board states how long its scan waits.
 pub trait Flash {
     /// Returns the content of an area: at least [`Area::size`] bytes. A word torn by a power cut
     /// may read as anything, but must be readable.

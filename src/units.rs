@@ -68,7 +68,7 @@ impl FullScale {
     /// Returns one code as a fraction of full scale.
     ///
     /// A difference of codes times this step is the exact fraction to a relative error of 1.2e-7.
-    /// It costs one multiplication instead of two divisions and a rounded difference.
+    /// This costs one multiplication instead of two divisions and a rounded difference.
     #[must_use]
     pub fn step(self) -> Ratio {
         Ratio(1.0 / f32::from(self.0.get()))
@@ -136,8 +136,8 @@ macro_rules! quantity {
 }
 
 quantity!(
-    /// Fraction of the converter's full scale. It is also a fraction of the bridge supply, because
-    /// bridge and ADC share a reference.
+    /// Fraction of the converter's full scale. The same number is a fraction of the bridge supply,
+    /// because bridge and ADC share a reference.
     Ratio
 );
 quantity!(

@@ -77,8 +77,8 @@ fn serialize_with_crc(
     Some(1 + length + size_of::<u32>())
 }
 
-/// Encodes packets with a run of over 253 bytes without a zero. They are rare, because nearly every
-/// value follows a zero byte that marks its presence.
+/// Encodes packets with a run of over 253 bytes without a zero. Such runs are rare, because nearly
+/// every value follows a zero byte that marks its presence.
 #[cold]
 fn encode_long_runs(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option<usize> {
     let mut plain = [0; MAX_PACKET];

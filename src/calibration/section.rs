@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::Calibration;
 
-/// Upper limit of a number in a calibration. It keeps every product finite.
+/// Upper limit of a number in a calibration, which keeps every product finite.
 pub(super) const HUGE: f32 = 1e30;
 
 /// Names of a section's fields, each with its check. Positions are those of the wire: append only.
@@ -17,8 +17,8 @@ pub(super) trait Coefficients: Default + Serialize + 'static {
     /// Whether it works on the taxels' signals, which need the section of the taxels.
     const NEEDS_TAXELS: bool = false;
 
-    /// Reads the section from all of `bytes`, or returns `None` if they are something else. It
-    /// reads in place, because postcard's deserializer needs the stack.
+    /// Reads the section from all of `bytes`, or returns `None` if they are something else. The
+    /// section is read in place, because postcard's deserializer needs the stack.
     fn read(&mut self, bytes: &[u8]) -> Option<()>;
 }
 

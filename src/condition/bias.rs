@@ -7,8 +7,8 @@ use super::levels::{BridgeLevels, Levels, TaxelLevels};
 use crate::math::sqrt;
 use crate::scan::{SENSORS, TAXELS};
 
-/// Lower limit of a channel's noise: a quarter of a 12-bit step. It applies because a short average
-/// may look quieter.
+/// Lower limit of a channel's noise: a quarter of a 12-bit step. The limit is needed because a
+/// short average may look quieter.
 pub const NOISE_FLOOR: f32 = 0.25 / 4096.0;
 
 /// Bias of the optical matrix.
@@ -47,8 +47,8 @@ impl Bias {
     /// Returns the levels as changes against the unloaded finger.
     ///
     /// A c_k < 0 means nearer (sign rule of [DeMaria2011]). `healthy` are the unloaded levels of
-    /// working taxels, from the calibration. They keep a bias taken on command from hiding a dead
-    /// taxel as a dark one. Without a calibration the bias itself serves.
+    /// working taxels, from the calibration. These levels keep a bias taken on command from hiding
+    /// a dead taxel as a dark one. Without a calibration the bias itself serves.
     #[must_use]
     #[inline(never)]
     pub fn apply(&self, levels: &Levels, healthy: Option<&TaxelLevels>) -> Signals {

@@ -1,6 +1,6 @@
 //! Conversion of codes to signals in one pass, in half the cycles of the separate steps.
 //!
-//! Its result is equal to theirs bit for bit.
+//! The signals are those of the separate steps, bit for bit.
 
 use super::levels::{BridgeLevels, BridgeLimits, any_sign, lost, outputs};
 use super::{Bias, Health, Levels, Signals, TaxelLevels, TemperatureCompensation, Warm};
@@ -78,7 +78,7 @@ impl Bias {
 }
 
 /// Writes the signals of the matrix. Returns `false` at once if a code may be clipped or a taxel
-/// has lost its light. It is a separate function to keep a taxel's values in registers.
+/// has lost its light. A separate function keeps a taxel's values in registers.
 #[inline(never)]
 fn matrix(
     codes: &TaxelCodes,

@@ -15,9 +15,9 @@ pub type BridgeLevels = [f32; 3];
 
 /// Margin of the midpoints from the rails: full scale divided by this.
 ///
-/// An intact bridge's amplified midpoint rests near half the supply. It moves by some 10 % of full
-/// scale per newton (8.5 mV/V/N times the gain, [Ospina2017] §1.2). An open or shorted arm takes it
-/// to a rail.
+/// An intact bridge's amplified midpoint rests near half the supply. A force moves the midpoint by
+/// some 10 % of full scale per newton (8.5 mV/V/N times the gain, [Ospina2017] §1.2). An open or
+/// shorted arm takes it to a rail.
 pub const MIDPOINT_MARGIN: u32 = 10;
 
 /// Margin of the midpoints' mean from half the supply: full scale divided by this.

@@ -1,8 +1,8 @@
 //! Optional low-pass filter on the signals: less noise, more delay.
 //!
-//! It is a second-order Butterworth state-variable filter with trapezoidal integrators (Zavalishin,
-//! *The Art of VA Filter Design*, 2012, §4). Unlike a direct form it keeps a steady signal to the
-//! bit in single precision, however low its corner.
+//! The filter is a second-order Butterworth state-variable filter with trapezoidal integrators
+//! (Zavalishin, *The Art of VA Filter Design*, 2012, §4). Unlike a direct form it keeps a steady
+//! signal to the bit in single precision, however low its corner.
 
 use core::f32::consts::{PI, SQRT_2};
 

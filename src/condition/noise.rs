@@ -22,7 +22,7 @@ const GAIN: f32 = 70.0;
 const LOUD: f32 = 2.0;
 const NOISY: u8 = 6;
 
-/// State of the noise detector. It watches one sensor at a time: three differences a scan.
+/// State of the noise detector. One sensor is watched at a time: three differences a scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NoiseWatch {
     sensor: u8,

@@ -1,9 +1,9 @@
 //! Compensation of the channels' temperature drift, and the range in which it is calibrated.
 //!
 //! An LED loses some 0.5 % of its light with each kelvin. A bridge's offset drifts with the
-//! mismatch of its resistors: 2 K shift a bare force sensor by seven times its noise. Both are
-//! proportional to the change of temperature and are corrected with the thermometer that every
-//! board reads in each scan.
+//! mismatch of its resistors: 2 K shift a bare force sensor by seven times its noise. Light and
+//! offset are proportional to the change of temperature. The thermometer that every board reads in
+//! each scan gives their correction.
 //!
 //! Levels are corrected **before** the bias is subtracted, so that a bias taken on a warm finger is
 //! valid on a cold one.

@@ -1,6 +1,6 @@
 //! Contact point of a single contact by the methods of [DeMaria2011].
 //!
-//! They are in its section "Calibration of the 4 × 4 taxel sensor prototype".
+//! The paper's section is "Calibration of the 4 × 4 taxel sensor prototype".
 
 use serde::{Deserialize, Serialize};
 
@@ -55,9 +55,9 @@ pub fn arg_min(c: &[f32; TAXELS], skip: u16) -> Measured<ContactPoint> {
 
 /// Returns the centroid Σ x_k c_k / Σ c_k of the taxels with c_k < 0.
 ///
-/// It is [DeMaria2011] eqs (8)–(9). Only taxels whose bit in `skip` is clear count. Near the edge
-/// of the pad, which cuts off the contact's field, the method draws the centroid towards the
-/// middle.
+/// The equations are [DeMaria2011] eqs (8)–(9). Only taxels whose bit in `skip` is clear count.
+/// Near the edge of the pad, which cuts off the contact's field, the method draws the centroid
+/// towards the middle.
 ///
 /// # Errors
 /// [`NoValue::IllConditioned`] if the weights sum to less than `least`: the quotient would be

@@ -1,7 +1,7 @@
 //! Displacement of each facet by one contact: the forward model of the skin.
 //!
-//! It follows [TactileEnc] and Johnson, *Contact Mechanics*, §3.2, §3.6. Calibration fits its
-//! coefficients.
+//! The model follows [TactileEnc] and Johnson, *Contact Mechanics*, §3.2, §3.6. Calibration fits
+//! its coefficients.
 //!
 //! A contact of force (f_x, f_y, f_z) at p moves the facet at p + d by
 //!

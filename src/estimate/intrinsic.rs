@@ -1,11 +1,11 @@
 //! Intrinsic contact sensing: contact point and torsion from the wrench.
 //!
-//! It applies to a soft finger on a known convex surface (Bicchi, Salisbury and Brock 1993;
+//! The method applies to a soft finger on a known convex surface (Bicchi, Salisbury and Brock 1993;
 //! [Ospina2017], chapter 2).
 //!
 //! A soft-finger contact at r pushes with F and twists with a moment along the surface normal only:
-//! M = r × F + K A²r on the ellipsoid rᵀA²r = 1. Therefore (K A² − \[F\]ₓ) r = M. Its solution in
-//! the surface's equation leaves a quadratic in K²,
+//! M = r × F + K A²r on the ellipsoid rᵀA²r = 1. Therefore (K A² − \[F\]ₓ) r = M. This solution for
+//! r in the surface's equation leaves a quadratic in K²,
 //!
 //! D K⁴ + (f² − D m²) K² − g² = 0, with D = |A²|, f = |A F|, m = |A⁻¹M|, g = F·M,
 //!

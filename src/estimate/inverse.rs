@@ -2,9 +2,9 @@
 //!
 //! [TactileEnc] states the problem; [DeMaria2011] names it as future work. Each taxel's measured
 //! curve turns signals into displacements. Gauss–Newton then finds the contact whose [`Field`] fits
-//! them best. It starts from the contact of the last scan and takes a fixed number of steps. The
-//! result includes its covariance and its misfit; a large misfit means that the contact is not a
-//! single one of the calibrated kind.
+//! them best. The search starts from the contact of the last scan and takes a fixed number of
+//! steps. The result includes its covariance and its misfit; a large misfit means that the contact
+//! is not a single one of the calibrated kind.
 
 use serde::{Deserialize, Serialize};
 
@@ -71,8 +71,8 @@ pub struct Inverse {
     pub curves: Curves,
     /// Displacement field of a contact.
     pub field: Field,
-    /// Residual displacement in calibration without load, and its increase per newton. Both are
-    /// root mean squares over the taxels.
+    /// Residual displacement in calibration without load, and its increase per newton. The two
+    /// values are root mean squares over the taxels.
     pub error: [f32; 2],
     /// Whether the calibration included shear, so that T is known.
     pub shear: bool,
@@ -180,12 +180,12 @@ impl Inverse {
         &self,
         state: &mut InverseState,
         u: &[f32; TAXELS],
-        felt: Option<Pull>,
+        measured: Option<Pull>,
     ) -> Measured<Touch> {
         if !self.shear {
             return Err(NoValue::NotEstimated);
         }
-        self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u, felt))
+        self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u, measured))
     }
 
     fn find(
@@ -270,7 +270,7 @@ impl Inverse {
         &self,
         load: &mut Load,
         u: &[f32; TAXELS],
-        felt: Option<Pull>,
+        measured: Option<Pull>,
     ) -> Option<Touch> {
         let error = self.expected(load.normal());
         let mut normal = Normal::<6>::EMPTY;
@@ -297,7 +297,7 @@ impl Inverse {
         normal.right[5] += prior * (usual - load.used);
         let (mut step, mut variances) = normal.solve()?;
         let left = unseen.iter().zip(&step).fold(squares, |left, (g, d)| left - g * d);
-        if let Some(pull) = felt {
+        if let Some(pull) = measured {
             ([.., step[5]], [.., variances[5]]) = normal.leaning(load, &pull, error).solve()?;
         }
         let [dfx, dfy, ds, dx, dy, db] = step;
@@ -444,15 +444,19 @@ pub(super) mod tests {
     #[test]
     fn measured_shear_refines_friction_utilisation_only() {
         let load = Load { shear: [0.3, 0.0], size: 1.0, point: [0.3, -0.2], used: 0.7 };
-        let found = |felt| {
+        let found = |measured| {
             let (finger, mut state) = (finger(), InverseState::default());
             let u = displaced(&load);
-            (0..6).map(|_| finger.sheared(&mut state, &u, felt)).last().unwrap().unwrap()
+            (0..6).map(|_| finger.sheared(&mut state, &u, measured)).last().unwrap().unwrap()
         };
-        let (alone, felt) = (found(None), found(Some(Pull { ratio: [0.3, 0.0], sigma: 0.003 })));
-        assert!(felt.ring.weight > 1.3 * alone.ring.weight, "{felt:?} {alone:?}");
-        assert!((felt.ring.moment / felt.ring.weight - 0.7).abs() < 0.05, "{felt:?}");
-        assert!((felt.load.shear[0] - alone.load.shear[0]).abs() < 0.01, "{felt:?} {alone:?}");
+        let (alone, measured) =
+            (found(None), found(Some(Pull { ratio: [0.3, 0.0], sigma: 0.003 })));
+        assert!(measured.ring.weight > 1.3 * alone.ring.weight, "{measured:?} {alone:?}");
+        assert!((measured.ring.moment / measured.ring.weight - 0.7).abs() < 0.05, "{measured:?}");
+        assert!(
+            (measured.load.shear[0] - alone.load.shear[0]).abs() < 0.01,
+            "{measured:?} {alone:?}"
+        );
     }
 
     #[test]

@@ -49,8 +49,8 @@ impl LimitSurface {
         }
     }
 
-    /// Returns the torsion in N·mm that a contact holds without shear. It is loaded by `normal`
-    /// newtons and has the friction coefficient `mu`.
+    /// Returns the torsion in N·mm that a contact holds without shear. The contact is loaded by
+    /// `normal` newtons and has the friction coefficient `mu`.
     #[must_use]
     pub fn most_torsion(&self, normal: f32, mu: f32) -> f32 {
         let [c, gamma] = self.radius;
@@ -59,7 +59,8 @@ impl LimitSurface {
 
     /// Returns the contact's own share of a torsion also held at an `arm`, in mm.
     ///
-    /// The arm is that of two separate contacts. Both parts grow with μ·N.
+    /// The arm is that of two separate contacts. The parts held at the arm and by the contact
+    /// itself grow with μ·N.
     #[must_use]
     pub fn own_share(&self, normal: f32, arm: f32) -> f32 {
         if !(f32::MIN_POSITIVE..f32::MAX).contains(&arm) {

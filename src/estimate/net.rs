@@ -1,6 +1,6 @@
 //! Feed-forward net of [DeMaria2011] with a linear skip path.
 //!
-//! It has one hidden layer of tanh units and a linear output.
+//! The net has one hidden layer of tanh units and a linear output.
 
 use heapless::Vec;
 use serde::ser::SerializeSeq;
@@ -190,8 +190,8 @@ impl ForceNet {
 
     /// Returns forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`.
     ///
-    /// The bits are those of [`Layers::outputs`]. It is faster, because signals and sums stay in
-    /// registers.
+    /// The bits are those of [`Layers::outputs`]. This path is faster, because signals and sums
+    /// stay in registers.
     #[must_use]
     pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
         let mut sums = match self.output_bias[..] {

@@ -1,7 +1,7 @@
 //! Force net in 16-bit fixed point: half the time of a wide [`ForceNet`].
 //!
-//! It costs some ten-thousandths of the output (asserted below). With fewer than four hidden units
-//! it is not faster.
+//! Quantisation costs some ten-thousandths of the output (asserted below). With fewer than four
+//! hidden units the net is not faster.
 //!
 //! Signals, weights and activations have 16 bits, sums 32. Each layer has one scale, the finest at
 //! which no sum of its products can overflow 32 bits for any signals. [`QuantisedNet::hidden_fits`]
@@ -109,7 +109,8 @@ impl QuantisedNet {
     }
 
     /// Checks the number of outputs and weights, and that no sum can overflow 32 bits. There are
-    /// one or three finite outputs and weights for every unit. Both blocks go into one sum.
+    /// one or three finite outputs and weights for every unit. The two blocks of activations go
+    /// into one sum.
     pub(crate) fn output_fits(&self) -> bool {
         let blocks = (self.hidden.len() * GROUP).div_ceil(TAXELS);
         let sum = |rows: &Rows<MAX_OUTPUTS>| rows.weights().map(|row| absolute_sum(&row));

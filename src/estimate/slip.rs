@@ -1,15 +1,15 @@
 //! Incipient slip: slip margin, friction coefficient and required grip.
 //!
 //! A sheared contact slips from its rim inwards long before gross slip. The optical matrix sees
-//! that slip annulus in the shape of its signals. It gives the friction utilisation b
+//! that slip annulus in the shape of its signals. The annulus gives the friction utilisation b
 //! ([`super::inverse`]) for any friction coefficient. A sheared contact therefore reveals its
 //! friction, μ = F_t/(b·F_n), before it slips. A single scan carries little information; all scans
 //! of a shear together suffice.
 //!
-//! The estimate is kept for contacts and sensors that cannot see the annulus. It is corrected
-//! whenever the contact holds more than expected, or slides.
+//! The estimate is kept for contacts and sensors that cannot see the annulus. The estimate is
+//! corrected whenever the contact holds more than expected, or slides.
 //!
-//! Two contacts are judged together by their summed load: |ΣF_t| against μ·ΣF_n. Their share of the
+//! Two contacts are judged together by their summed load: |ΣF_t| against μ·ΣF_n. How they share the
 //! shear is unknown: neither a wrench nor sensors under one rigid plate measure their mutual pull
 //! along the line between them. There is therefore no margin for each.
 
@@ -54,8 +54,8 @@ pub struct Traction {
     /// Torsion in N·mm.
     pub torsion: f32,
     /// Arm in mm by which two contacts hold additional torsion: Σ F_n·r/ΣF_n. Here r is the
-    /// distance from the position where a single contact makes the same moments. It is 0 for one
-    /// contact.
+    /// distance from the position where a single contact makes the same moments. The arm of a
+    /// single contact is 0.
     pub arm: f32,
     /// Noise of shear (N) and torsion (N·mm); so much of either does not count as load.
     pub doubt: [f32; 2],
@@ -272,7 +272,7 @@ mod tests {
     #[test]
     fn weak_annulus_adds_up_over_scans() {
         let mut state = SlipState::default();
-        // Its standard deviation is 0.7, half of its possible range.
+        // The standard deviation of one scan is 0.7, half of the possible range.
         for i in 0..200 {
             let (b, noise) = (0.004 * i as f32, if i % 2 == 0 { 0.7 } else { -0.7 });
             let ring = Some(Ring { weight: 2.0, moment: 2.0 * (b + noise) });

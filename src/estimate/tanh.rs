@@ -9,16 +9,16 @@
 /// tanh(1/64).
 const TANH_STEP: f64 = 0.015_623_728_558_408_737;
 const STEPS_PER_UNIT: f32 = 64.0;
-/// Index of the middle and half the size of the table. Its 2¹⁰ entries let one instruction keep an
-/// index inside. Odd, see [`MIDDLE`].
+/// Index of the middle and half the size of the table. The table's 2¹⁰ entries let one instruction
+/// keep an index inside. Odd, see [`MIDDLE`].
 const LAST: usize = 511;
 const END: i32 = 2 * LAST as i32 + 1;
 
 /// Values of tanh(i/64) for i from −LAST, built by the addition theorem in f64.
 ///
 /// Both signs are included, because removing and restoring the sign would cost a sixth of the
-/// whole. The ends also serve all arguments beyond them. They are ±1, which equals tanh(7.97) to
-/// 2.4e-7.
+/// whole. The ends also serve all arguments beyond them. The ends are ±1, which equals tanh(7.97)
+/// to 2.4e-7.
 #[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
 static TABLE: [f32; 2 * LAST + 2] = {
     let mut table = [1.0; 2 * LAST + 2];
@@ -54,8 +54,8 @@ pub fn tanh(x: f32) -> f32 {
     }
 }
 
-/// Returns tanh of several finite numbers, without the branch for infinite ones. It does each step
-/// for all of them, because waiting for the result of the last instruction costs a cycle.
+/// Returns tanh of several finite numbers, without the branch for infinite ones. Each step is done
+/// for all numbers, because waiting for the result of the last instruction costs a cycle.
 #[inline(always)]
 pub(super) fn tanh_of_finite<const N: usize>(x: [f32; N]) -> [f32; N] {
     let sum = x.map(|x| x + MIDDLE);

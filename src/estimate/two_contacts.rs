@@ -1,6 +1,6 @@
 //! Estimation of two simultaneous contacts ([DeMaria2011]'s open case).
 //!
-//! It runs only if a single contact does not explain the displacements. Gauss–Newton fits two
+//! The fit runs only if a single contact does not explain the displacements. Gauss–Newton fits two
 //! normal contacts, six unknowns, to the sixteen displacements in the same
 //! [`Field`](super::field::Field). The pair is accepted if it explains more than a single contact
 //! and its contacts are far enough apart.
@@ -77,9 +77,9 @@ impl Inverse {
         believed.map(|misfit| Pair { contacts, misfit })
     }
 
-    /// Returns the initial guess of two contacts. They lie on either side of the centroid of the
-    /// displacements, along their direction of largest spread. Their forces fit the displacements
-    /// best.
+    /// Returns the initial guess of two contacts. The contacts lie on either side of the centroid
+    /// of the displacements, along the direction of largest spread. Forces that fit the
+    /// displacements best complete the guess.
     fn first_guess(&self, u: &[f32; TAXELS]) -> Option<[Load; 2]> {
         let weights = || u.iter().map(|u| u.max(0.0)).zip(TAXEL_CENTRES.map(|c| c.map(|c| c.0)));
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);

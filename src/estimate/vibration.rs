@@ -2,7 +2,7 @@
 //!
 //! A sliding contact sticks and slips hundreds of times a second.
 //!
-//! It uses a band of the signals in which grasping causes no motion.
+//! The detector uses a band of the signals in which grasping causes no motion.
 //!
 //! The inputs are conditioned signals before the low-pass filter, not codes. A code contains the
 //! ambient light of its scan: a lamp's flicker of 100 or 120 Hz lies in the very band. The dark
@@ -78,7 +78,7 @@ pub struct Vibration {
 impl Vibration {
     /// Makes a detector for `rate` scans a second.
     ///
-    /// Its band is at 150 Hz, where the sensors of [Ospina2017] still respond and a hand's own
+    /// The band is at 150 Hz, where the sensors of [Ospina2017] still respond and a hand's own
     /// motion has ended. Below 600 scans a second it is near a quarter of the rate.
     #[must_use]
     pub fn at(rate: f32) -> Self {

@@ -23,13 +23,13 @@ use crate::frame::Status;
 use crate::measured::{Measured, NoValue};
 use crate::scan::TAXELS;
 
-/// Error of the methods of [DeMaria2011] in the middle of the pad, in mm. Its centroid has 0.6 to
+/// Error of the methods of [DeMaria2011] in the middle of the pad, in mm. The centroid has 0.6 to
 /// 1.
 const CENTROID_ERROR: f32 = 0.8;
 /// Gate of the shear model, in multiples of the shear that counts as none ([`UNSEEN_SHEAR`]).
 ///
-/// It needs the force sensors. Without them the model always includes shear, because the misfit of
-/// the normal model does not reveal shear: the contact position absorbs it first.
+/// The gate needs the force sensors. Without them the model always includes shear, because the
+/// misfit of the normal model does not reveal shear: the contact position absorbs it first.
 const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 1, end_frames: 20 };
 /// Gate of the search for two contacts; its thresholds are misfits of a single contact.
 const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20 };

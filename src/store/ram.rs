@@ -2,7 +2,7 @@
 
 use super::{Area, Flash, FlashError, Word};
 
-/// NOR flash in RAM. It is as strict as real flash: a word is programmed once between two erasures.
+/// NOR flash in RAM, as strict as real flash: a word is programmed once between two erasures.
 #[derive(Clone, Debug)]
 pub struct RamFlash<B> {
     bytes: B,

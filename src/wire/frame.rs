@@ -1,8 +1,8 @@
 //! Serializer of frames, byte-identical to postcard's `Message::Frame`
 //! (`tests/core/wire_golden.rs`).
 //!
-//! It takes a third of postcard's modelled cycles. Each function takes the rest of the buffer by
-//! value and returns it, so that the rest stays in two registers.
+//! The serializer takes a third of postcard's modelled cycles. Each function takes the rest of the
+//! buffer by value and returns it, so that the rest stays in two registers.
 
 use crate::condition::Signals;
 use crate::estimate::slip::Verdict;

@@ -17,7 +17,8 @@ use crate::scan::{ScanSetting, ScanSettings};
 use crate::self_test::SelfTest;
 use crate::units::FullScale;
 
-/// Version of the protocol except the version query. It changes when an old client would misread.
+/// Version of the protocol except the version query. The version changes when an old client would
+/// misread.
 pub const PROTOCOL: u16 = 2;
 
 /// Largest number of bytes of a calibration record in one message.
@@ -97,7 +98,7 @@ pub enum Command {
     SetScan(ScanSettings),
     /// 19: sets the low-pass filter of the signals, independently of the rate.
     SetFilter {
-        /// −3 dB frequency of a second-order low-pass, in hertz; 0 for none. Its range is 1 to a
+        /// −3 dB frequency of a second-order low-pass, in hertz; 0 for none. The range is 1 to a
         /// quarter of the scans a second.
         hz: u16,
     },
