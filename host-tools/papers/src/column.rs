@@ -1,11 +1,11 @@
 //! Columns of silicone on 2×2 cones against a lit acrylic board, for combined loads ([Ohka2004]).
 //!
 //! A cone lights the area S_i on which it touches the board. The areas under a column follow its
-//! force: A_z = S1 + S2 + S3 + S4 = F_z/α_v and A_x = S1 − S2 − S3 + S4 = F_x/(α_h0 − α_h A_z). A_y
-//! = S1 + S2 − S3 − S4 follows F_y alike. The sources are eqs (1) to (3) and (18); eq. (11) sums
-//! other cones. The fourth combination, S1 − S2 + S3 − S4, belongs to torsion, which the paper does
-//! not treat, so it is zero. A cone that lifts off the board is dark, and the paper's law ends
-//! there.
+//! force: A_z = S1 + S2 + S3 + S4 = F_z/α_v and A_x = S1 − S2 − S3 + S4 = F_x/(α_h0 − α_h A_z). The
+//! same holds for F_y and A_y = S1 + S2 − S3 − S4. The sources are eqs (1) to (3) and (18); eq.
+//! (11) sums other cones. The fourth combination, S1 − S2 + S3 − S4, belongs to torsion, which the
+//! paper does not treat, so it is zero. A cone that lifts off the board is dark, and the paper's
+//! law ends there.
 //!
 //! The 4×4 matrix in blocks of 2×2 makes four such columns. S1 is at (+x, +y) of its column, S2 at
 //! (−x, +y), S3 at (−x, −y), S4 at (+x, −y). Several columns in a row measure the surface that they
