@@ -20,6 +20,8 @@ mod stack;
 mod steps;
 mod test;
 mod toolchain;
+#[cfg(test)]
+mod words;
 
 use std::process::ExitCode;
 

@@ -378,7 +378,7 @@ fn faulty_finger_recording_is_refused_or_warned() {
     let judged = ("fz_n", "unseen.csv");
     let fits = |data: &[&str], judged, end| fits(&folder, &what, data, judged, &end);
     let joined = ("fz_n", "joined-unseen.csv");
-    fits(&["joined.csv"], joined, End::Warned("taxels r0c0, r0c1 say together", 0.1));
+    fits(&["joined.csv"], joined, End::Warned("taxels r0c0, r0c1 are linearly dependent", 0.1));
     let constant = ("fz_n", "constant-unseen.csv");
     fits(&["constant.csv"], constant, End::Warned("lit_r1c2 reads the same in every row", 0.1));
     fits(&["good.csv@0..1.06"], judged, End::Refused("usable rows where at least"));
