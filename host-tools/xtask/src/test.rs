@@ -85,7 +85,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     }
     let profile = profile.max(Profile::Ci);
     let takes = |one| part == one || part == Part::All;
-    // Builds and installers run in parallel; tests do not, because some measure time.
+    // Builds and installers run in parallel; the host tests do not, because some measure time.
     steps.side_by_side(
         |steps| {
             if takes(Part::Lint) {
@@ -121,21 +121,24 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     )?;
     if takes(Part::Host) {
         steps.take("host tests", || run(&mut tests(profile, &root(), Selection::OnHost)?))?;
-        steps.take("examples in the documentation", || {
-            run(&mut bridged(&["test", "--workspace", "--doc"]))
-        })?;
     }
-    if takes(Part::Target) {
-        steps.take("tests of the emulator", || emulator_tests(profile))?;
-        steps.take("tests on the emulated boards", || {
-            emulator::fill()?;
-            run(&mut tests(profile, &root(), Selection::OnBoards)?)
-        })?;
-        steps.take("instructions and cycles of every stage", cycles::guard)?;
-    }
-    if takes(Part::Python) {
-        steps.take("Python client", || python::tests(profile == Profile::Nightly))?;
-    }
+    // The emulator builds while the Python tests wait for their streams.
+    steps.side_by_side(
+        |steps| {
+            if takes(Part::Host) {
+                steps.take("examples in the documentation", || {
+                    run(&mut bridged(&["test", "--workspace", "--doc"]))
+                })?;
+            }
+            if takes(Part::Target) { emulated(profile, steps) } else { Ok(()) }
+        },
+        |steps| {
+            if !takes(Part::Python) {
+                return Ok(());
+            }
+            steps.take("Python client", || python::tests(profile == Profile::Nightly))
+        },
+    )?;
     if profile == Profile::Nightly && part == Part::All {
         steps.take("fuzzing", || fuzz::all(FUZZ_SECONDS))?;
     }
@@ -174,6 +177,16 @@ fn lint(steps: &mut Steps) -> Result<()> {
     })?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
     steps.take("fuzz targets compile", || run(&mut fuzz::cargo("check")))
+}
+
+/// Runs the emulator's tests and those on emulated boards, and counts cycles.
+fn emulated(profile: Profile, steps: &mut Steps) -> Result<()> {
+    steps.take("tests of the emulator", || emulator_tests(profile))?;
+    steps.take("tests on the emulated boards", || {
+        emulator::fill()?;
+        run(&mut tests(profile, &root(), Selection::OnBoards)?)
+    })?;
+    steps.take("instructions and cycles of every stage", cycles::guard)
 }
 
 /// Runs the emulator's own format check, lints and tests.
