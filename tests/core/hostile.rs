@@ -17,7 +17,7 @@ use taxel::estimate::net::{ForceNet, Unit};
 use taxel::estimate::quantised::{Group, QuantisedNet, Rows};
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
-use taxel::finger::{Estimate, Finger};
+use taxel::finger::{Estimate, Finger, FingerState};
 use taxel::frame::Status;
 use taxel::scan::{Codes, Midpoints, Scan, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros, Millimetres};
@@ -281,6 +281,23 @@ fn hostile_records_run_every_estimator() {
     assert!(ran.contains(Status::BUILT), "{ran:?} of {:?}", Status::BUILT);
 }
 
+/// Estimates six scans of each code set, and fails at an output that is not finite.
+fn outputs_stay_finite(
+    finger: &Finger,
+    state: &mut FingerState,
+    scans: &[Codes],
+    pace: (u64, u32),
+) -> Result<(), TestCaseError> {
+    for (t, codes) in scans.iter().enumerate() {
+        for i in 0..6 {
+            let scan = paced(6 * t as u64 + i, pace, *codes);
+            let estimate = finger.estimate(state, &scan);
+            prop_assert!(finite(&estimate), "{estimate:?}");
+        }
+    }
+    Ok(())
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
 
@@ -304,13 +321,7 @@ proptest! {
         if taking {
             state.take_bias(3);
         }
-        for (t, codes) in scans.into_iter().enumerate() {
-            for i in 0..6 {
-                let scan = paced(6 * t as u64 + i, pace, codes);
-                let estimate = finger.estimate(&mut state, &scan);
-                prop_assert!(finite(&estimate), "{estimate:?}");
-            }
-        }
+        outputs_stay_finite(&finger, &mut state, &scans, pace)?;
     }
 
     /// A finger with a point load's field and likely codes, for which the estimators run far.
@@ -325,13 +336,7 @@ proptest! {
         let (mut finger, mut state) = Finger::new(Some(working(&ends, sensitivity)));
         prop_assert_eq!(finger.calibration().unwrap().validate(), Ok(()));
         finger.point_method = method;
-        for (t, codes) in scans.into_iter().enumerate() {
-            for i in 0..6 {
-                let scan = paced(6 * t as u64 + i, pace, codes);
-                let estimate = finger.estimate(&mut state, &scan);
-                prop_assert!(finite(&estimate), "{estimate:?}");
-            }
-        }
+        outputs_stay_finite(&finger, &mut state, &scans, pace)?;
     }
 
     #[test]

@@ -29,7 +29,7 @@ const YOUNG: f64 = 2.0;
 const STEPS: usize = 10;
 /// Frames in which the skin model follows a row from a cold start: it settles in three.
 ///
-/// From nearly equal signals it takes two.
+/// It settles in two from nearly equal signals.
 const FRAMES: usize = 6;
 const FEW_FRAMES: usize = 2;
 /// Least standard deviation of a force, newtons.

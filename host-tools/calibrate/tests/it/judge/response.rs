@@ -71,7 +71,7 @@ impl Ramp {
 
     /// Amplitude ratio of the finger's f_z to a sine of force.
     ///
-    /// By least squares over a tenth of a second.
+    /// The fit is by least squares over a tenth of a second.
     fn gain(&self, record: &Calibration, with: With, hz: f64) -> f64 {
         let phase = |i: usize| std::f64::consts::TAU * hz * i as f64 / f64::from(RATE);
         let sine = (0..RATE as usize / 2).map(|i| {
