@@ -49,8 +49,12 @@ pub unsafe fn resume(rom: usize) -> Option<String<MESSAGE>> {
     unsafe { ptr::write_volatile(&raw mut (*kept()).mark, 0) };
     match mark {
         BOOTLOADER => {
-            // SAFETY: the caller promises the address; the chip is as reset left it.
-            unsafe { cortex_m::asm::bootload(ptr::with_exposed_provenance(rom)) }
+            // SAFETY: the caller promises the address; the chip is as reset left it but for VTOR,
+            // which start-up code has pointed at this program's vectors.
+            unsafe {
+                (*SCB::PTR).vtor.write(rom as u32);
+                cortex_m::asm::bootload(ptr::with_exposed_provenance(rom))
+            }
         }
         PANICKED => {
             // SAFETY: the mark shows that both were written.

@@ -15,7 +15,8 @@ mod usb;
 
 use core::panic::PanicInfo;
 
-use cortex_m_rt::{ExceptionFrame, entry, exception};
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::{ExceptionFrame, entry, exception, pre_init};
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::peripherals::USB_OTG_FS;
@@ -52,11 +53,24 @@ const WATCHDOG_US: u32 = 3_000_000;
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
 
+/// Resets a chip that does not start from a reset.
+///
+/// The ROM bootloader jumps here with its clocks and interrupts on (AN3156 leaves them to the
+/// application). Statics have no values yet.
+#[pre_init]
+unsafe fn begin() {
+    if !clocks::are_reset() {
+        SCB::sys_reset();
+    }
+}
+
 #[entry]
 fn main() -> ! {
     // SAFETY: nothing runs yet, and the chip's bootloader is at that address.
     let panic = unsafe { boot::resume(ROM) };
     let chip = embassy_stm32::init(clocks::config());
+    clocks::accelerate_flash();
+    clocks::freeze_in_debug();
     clocks::start_time();
     let reset = clocks::reset_cause();
     defmt::info!("start, build {=str}", BUILD);

@@ -12,8 +12,8 @@ unsafe extern "C" {
 
 /// Copies code and constants from flash into the CCM SRAM (`ccm.x`) and clears the rest.
 ///
-/// Call it before any of that code runs. The CCM keeps its contents over a reset and holds anything
-/// after power-up.
+/// Call it before any of that code runs, which includes all copying. The CCM keeps its contents over
+/// a reset and holds anything after power-up.
 pub fn load() {
     let (mut to, mut from) = (&raw mut __sccm, &raw const __siccm);
     // SAFETY: the linker has reserved as many words on both sides; nothing else uses them yet.

@@ -4,14 +4,19 @@
 //! start of frame.
 
 use embassy_stm32::interrupt::InterruptExt;
-use embassy_stm32::pac::rcc::vals::Hpre;
+use embassy_stm32::pac::flash::vals::Latency;
 use embassy_stm32::pac::{self, interrupt};
 use embassy_stm32::rcc::{
-    Hsi48Config, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
+    AHBPrescaler, Hsi48Config, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
 };
 use taxel::wire::message::Reset;
 
-/// Clock configuration: HSI16 / 4 · 85 / 2.
+/// Whether the system clock is the one after a reset.
+pub fn are_reset() -> bool {
+    pac::RCC.cfgr().read().sws() == Sysclk::HSI
+}
+
+/// Clock configuration: HSI16 / 4 · 85 / 2, and half of that for the core until [`boost`].
 pub fn config() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     config.rcc.hsi = true;
@@ -24,24 +29,37 @@ pub fn config() -> embassy_stm32::Config {
         divr: Some(PllRDiv::DIV2),
     });
     config.rcc.sys = Sysclk::PLL1_R;
-    config.rcc.boost = true;
+    config.rcc.ahb_pre = AHBPrescaler::DIV2;
     config.rcc.hsi48 = Some(Hsi48Config { sync_from_usb: true });
     config.rcc.mux.clk48sel = Clk48sel::HSI48;
     config
 }
 
-/// Raises the core's voltage, as more than 150 MHz need (RM0440 §6.1.5).
+/// Raises the core's voltage, as more than 150 MHz need, and then its clock (RM0440 §6.1.5).
 ///
-/// embassy-stm32 0.6 intends to do it ([`Config::rcc`](embassy_stm32::Config)'s `boost`). But its
-/// register description has R1MODE at bit 0 of `PWR_CR5`, and the chip has it at bit 8. Values
-/// written before `init` do not survive it, so call this right after `init`.
+/// embassy-stm32 0.6 cannot do it: its register description has R1MODE at bit 0 of `PWR_CR5`, and
+/// the chip has it at bit 8. Call this right after `init`.
 pub fn boost() {
     const R1MODE: u32 = 1 << 8;
-    pac::RCC.cfgr().modify(|cfgr| cfgr.set_hpre(Hpre::DIV2));
     pac::PWR.cr5().modify(|cr5| cr5.0 &= !R1MODE);
+    // Caches are on after a reset, the prefetch is not (RM0440 §3.7.1).
+    pac::FLASH.acr().modify(|acr| {
+        acr.set_latency(Latency::WS4);
+        acr.set_prften(true);
+    });
+    while pac::FLASH.acr().read().latency() != Latency::WS4 {}
     // The voltage needs a microsecond.
     cortex_m::asm::delay(170);
-    pac::RCC.cfgr().modify(|cfgr| cfgr.set_hpre(Hpre::DIV1));
+    pac::RCC.cfgr().modify(|cfgr| cfgr.set_hpre(AHBPrescaler::DIV1));
+}
+
+/// Stops the watchdog, the scan and the time while a debugger halts the core.
+pub fn freeze_in_debug() {
+    pac::DBGMCU.apb1lfzr().modify(|w| {
+        w.set_iwdg(true);
+        w.set_tim2(true);
+    });
+    pac::DBGMCU.apb2fzr().modify(|w| w.set_tim1(true));
 }
 
 /// Starts the clock on TIM2; the scan sets its interrupt's priority.

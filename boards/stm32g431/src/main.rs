@@ -16,7 +16,8 @@ mod usb;
 
 use core::panic::PanicInfo;
 
-use cortex_m_rt::{ExceptionFrame, entry, exception};
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::{ExceptionFrame, entry, exception, pre_init};
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::peripherals::USB;
@@ -55,13 +56,25 @@ static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 #[unsafe(link_section = ".ccm_bss")]
 static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
 
+/// Resets a chip that does not start from a reset, and fills the CCM.
+///
+/// The ROM bootloader jumps here with its clocks and interrupts on (AN3156 leaves them to the
+/// application). Statics have no values yet.
+#[pre_init]
+unsafe fn begin() {
+    if !clocks::are_reset() {
+        SCB::sys_reset();
+    }
+    ccm::load();
+}
+
 #[entry]
 fn main() -> ! {
     // SAFETY: nothing runs yet, and the chip's bootloader is at that address.
     let panic = unsafe { boot::resume(ROM) };
-    ccm::load();
     let chip = embassy_stm32::init(clocks::config());
     clocks::boost();
+    clocks::freeze_in_debug();
     clocks::start_time();
     let reset = clocks::reset_cause();
     defmt::info!("start, build {=str}", BUILD);

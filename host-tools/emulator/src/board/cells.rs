@@ -10,7 +10,10 @@ pub trait Flash {
     /// Contents of the data part.
     fn contents(&mut self) -> &mut FlashContents;
     /// Reads `size` bytes at `address`; the flag is true if the read raises the NMI.
-    fn fetch(&mut self, address: u32, size: u32) -> (u32, bool);
+    ///
+    /// # Errors
+    /// A cache that still holds older contents.
+    fn fetch(&mut self, address: u32, size: u32) -> Outcome<(u32, bool)>;
     /// Programs a word; returns the time for which the core stalls.
     fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick>;
 }

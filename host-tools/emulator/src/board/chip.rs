@@ -67,8 +67,6 @@ pub enum EventSource {
     Iwdg,
     /// USB host.
     Host,
-    /// Regulator of the core's voltage.
-    Voltage,
 }
 
 /// Memory map of a chip: first address and number of bytes of each memory.
@@ -260,6 +258,8 @@ pub trait Chip {
     fn write_register(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome;
     /// Readable name of a register.
     fn name(&self, address: u32) -> String;
+    /// Registers that the ROM's bootloader leaves changed, in the order of their writes.
+    fn left_by_bootloader(&self) -> &'static [(u32, u32)];
 
     /// Time of the next event.
     fn next(&self) -> Option<Tick> {

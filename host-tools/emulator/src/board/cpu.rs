@@ -7,6 +7,7 @@
 
 mod exceptions;
 mod memory;
+mod start;
 
 use anyhow::{Result, anyhow};
 use unicorn_engine::{Arch, ArmCpuModel, Mode, RegisterARM, Unicorn, uc_error};
@@ -159,35 +160,6 @@ impl Board {
     /// Modelled cycles that the core has run, without sleep.
     pub fn cycles(&self) -> u64 {
         self.unicorn.get_data().clock.total().cycles.high
-    }
-
-    /// Cuts the power and restores it; the RAM loses its contents.
-    pub fn power_cycle(&mut self) -> Result<()> {
-        for (address, bytes) in self.chip().map().ram {
-            // RAM holds anything after power-up; this pattern is no value that a program expects.
-            self.unicorn
-                .mem_write(u64::from(*address), &vec![0xa5; *bytes as usize])
-                .map_err(failed("clearing the RAM"))?;
-        }
-        self.reset(Cause::Power)
-    }
-
-    fn reset(&mut self, cause: Cause) -> Result<()> {
-        let inside = self.unicorn.get_data_mut();
-        let now = inside.now;
-        (inside.event, inside.float, inside.stop) = (false, false, None);
-        if let Some(chip) = &mut inside.chip {
-            chip.reset(cause, now);
-        }
-        self.handlers.clear();
-        let [stack, entry] = self.vectors;
-        self.set(RegisterARM::XPSR, 1 << 24)?;
-        self.set(RegisterARM::PRIMASK, 0)?;
-        self.set(RegisterARM::BASEPRI, 0)?;
-        self.set(RegisterARM::SP, stack)?;
-        self.set(RegisterARM::LR, u32::MAX)?;
-        self.next = entry & !1;
-        Ok(())
     }
 
     /// Runs for `time`, or until the chip resets or enters its bootloader.

@@ -235,6 +235,45 @@ fn bootloader_starts_after_its_answer(model: Model) {
     assert_eq!(session.ask(Command::Bootloader).unwrap(), Response::Done);
     assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
     assert_eq!(session.board.run(micros(20_000)).unwrap(), End::Bootloader);
+    let now = (session.board.now(), 0);
+    // VTOR: the ROM's own vectors.
+    assert_eq!(session.board.chip().read(0xe000_ed08, 4, now).unwrap(), 0x1fff_0000);
+}
+
+fn program_starts_anew_after_leaving_the_bootloader(model: Model) {
+    let mut board = board(model, scene(), false);
+    board.leave_bootloader().unwrap();
+    assert_eq!(board.run(micros(1_000)).unwrap(), End::Reset(Cause::Software));
+    let mut session = Session::open(board).unwrap();
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(100_000)).unwrap();
+    assert!(session.frames.len() > 90, "{} frames", session.frames.len());
+    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    assert_eq!((health.reset, health.panic), (Reset::Software, None));
+}
+
+fn flash_is_accelerated_where_it_has_wait_states(model: Model) {
+    let acr = match model {
+        Model::G431 => 0x4002_2000,
+        Model::F411 => 0x4002_3c00,
+    };
+    let mut session = session(model, false);
+    let now = (session.board.now(), 0);
+    let acr = session.board.chip().read(acr, 4, now).unwrap();
+    // LATENCY; PRFTEN, ICEN, DCEN
+    assert!(acr & 0xf > 0 && acr & 0x700 == 0x700, "{acr:#x}");
+}
+
+fn debugger_freezes_watchdog_scan_and_time(model: Model) {
+    // Freeze bits of IWDG and TIM2 on APB1, of TIM1 on APB2.
+    let (apb2, tim1) = match model {
+        Model::G431 => (0x10, 1 << 11),
+        Model::F411 => (0x0c, 1),
+    };
+    let mut session = session(model, false);
+    let now = (session.board.now(), 0);
+    let mut frozen = |offset| session.board.chip().read(0xe004_2000 + offset, 4, now).unwrap();
+    assert_eq!([frozen(0x08), frozen(apb2)], [1 << 12 | 1, tim1]);
 }
 
 fn settings_survive_unplug_and_saved_power_cycle(model: Model) {
@@ -385,6 +424,9 @@ on_both! {
     halted_endpoint_resumes_when_cleared
     self_test_measures_the_pins
     bootloader_starts_after_its_answer
+    program_starts_anew_after_leaving_the_bootloader
+    flash_is_accelerated_where_it_has_wait_states
+    debugger_freezes_watchdog_scan_and_time
     settings_survive_unplug_and_saved_power_cycle
     power_cut_leaves_old_or_new_calibration
     watchdog_resets_when_no_scan_comes

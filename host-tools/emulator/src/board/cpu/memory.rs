@@ -13,7 +13,7 @@ use crate::board::system::NMI;
 
 /// ROM of both chips: first address and size. Only its vectors are modelled; jumping there ends a
 /// run.
-const ROM: (u32, u32) = (0x1fff_0000, 0x7000);
+pub const ROM: (u32, u32) = (0x1fff_0000, 0x7000);
 /// Entry address of the ROM's bootloader.
 pub const ROM_ENTRY: u32 = ROM.0 + 0x100;
 const PERIPHERALS: (u32, u32) = (0x4000_0000, 0x1100_0000);
@@ -123,14 +123,16 @@ fn read(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize) -> u64 {
     let inside = unicorn.get_data_mut();
     let now = time(inside);
     let Some(chip) = inside.chip.as_mut() else { return 0 };
-    if address < PERIPHERALS.0 {
-        let (value, torn) = chip.flash().fetch(address, size as u32);
-        if torn {
+    let value = if address < PERIPHERALS.0 {
+        let read = chip.flash().fetch(address, size as u32);
+        if matches!(read, Ok((_, true))) {
             chip.common_mut().system.pend(NMI);
         }
-        return u64::from(value);
-    }
-    match chip.read(address, size as u32, now) {
+        read.map(|(value, _)| value)
+    } else {
+        chip.read(address, size as u32, now)
+    };
+    match value {
         Ok(value) => u64::from(value),
         Err(why) => {
             stop(unicorn, Stop::Fault(why));

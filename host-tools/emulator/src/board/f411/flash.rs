@@ -35,6 +35,10 @@ const OPTCR: u32 = 0x14;
 const STRT: u32 = 1 << 16;
 const PG: u32 = 1;
 const SER: u32 = 1 << 1;
+/// Enable bit of the data cache in ACR, and reset bits of both caches two bits above theirs.
+const DCEN: u32 = 1 << 10;
+const ICRST: u32 = 1 << 11;
+const DCRST: u32 = 1 << 12;
 /// PSIZE for 32 bits at once.
 const WORDS: usize = 2;
 
@@ -48,6 +52,8 @@ pub struct Flash {
     cr: u32,
     sr: u32,
     lock: Lock,
+    /// Whether the data cache may hold contents from before an erasure or a program.
+    stale: bool,
 }
 
 impl Default for Flash {
@@ -59,6 +65,7 @@ impl Default for Flash {
             cr: LOCK,
             sr: 0,
             lock: Lock::default(),
+            stale: false,
         }
     }
 }
@@ -93,7 +100,13 @@ impl Flash {
         match offset {
             // LATENCY, PRFTEN, ICEN, DCEN, ICRST, DCRST
             ACR if value & !0x1f0f != 0 => return Err(UNMODELLED.into()),
-            ACR => self.acr = value,
+            ACR if value & (ICRST | DCRST) & (value << 2) != 0 => {
+                return Err("a cache is reset while it is on".into());
+            }
+            ACR => {
+                self.stale &= value & DCRST == 0;
+                self.acr = value;
+            }
             KEYR => self.lock.turn(value, &mut self.cr)?,
             SR => self.sr &= !value,
             CR => return self.control(value),
@@ -134,6 +147,7 @@ impl Flash {
         let cells = self.contents.bytes(address, bytes)?;
         let before = cells.to_vec();
         cells.fill(0xff);
+        self.stale = true;
         // A power cut leaves some bits erased and some not.
         self.contents.finish(|cells| half_done(cells, address, &before));
         Ok(*time)
@@ -153,8 +167,11 @@ impl Changed for Flash {
         &mut self.contents
     }
 
-    fn fetch(&mut self, address: u32, size: u32) -> (u32, bool) {
-        (self.contents.fetch(address, size), false)
+    fn fetch(&mut self, address: u32, size: u32) -> Outcome<(u32, bool)> {
+        if self.stale && self.acr & DCEN != 0 {
+            return Err("the data cache was not reset after an erasure or a program".into());
+        }
+        Ok((self.contents.fetch(address, size), false))
     }
 
     fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick> {
@@ -168,6 +185,7 @@ impl Changed for Flash {
         let before = cells.to_vec();
         // Programming can only clear bits.
         cells.iter_mut().zip(value.to_le_bytes()).for_each(|(cell, byte)| *cell &= byte);
+        self.stale = true;
         self.contents.finish(|cells| half_done(cells, address, &before));
         Ok(PROGRAM)
     }

@@ -51,6 +51,16 @@ const ADC: usize = 18;
 const DMA2_STREAMS: [usize; dma::STREAMS] = [56, 57, 58, 59, 60, 68, 69, 70];
 const OTG_FS: usize = 67;
 
+/// Registers as the ROM's USB bootloader leaves them: 60 MHz from crystal and PLL, USB's interrupt.
+const LEFT_BY_BOOTLOADER: [(u32, u32); 6] = [
+    // FLASH.ACR, then RCC.CR, PLLCFGR, CR, CFGR, then NVIC.ISER2
+    (0x4002_3c00, 0x2),
+    (0x4002_3800, 1 << 16 | 0x83),
+    (0x4002_3804, 5 << 24 | 1 << 22 | 1 << 16 | 240 << 6 | 25),
+    (0x4002_3800, 1 << 24 | 1 << 16 | 0x83),
+    (0x4002_3808, 4 << 10 | 0x2),
+    (0xe000_e108, 1 << 3),
+];
 /// DMA2 streams and channels of the requests (RM0383 table 28): ADC1, then TIM1_CH1 to TIM1_CH3.
 const FROM_ADC: (usize, u32) = (0, 0);
 const FROM_TIM1: [(usize, u32); 3] = [(1, 6), (2, 6), (6, 6)];
@@ -97,7 +107,7 @@ impl Default for Kept {
             pwr: StoredRegisters::new(&[(0x00, 0x8000), (0x04, 0x4000)]),
             syscfg: StoredRegisters::new(&[(0x08, 0), (0x0c, 0), (0x10, 0), (0x14, 0)]),
             exti: StoredRegisters::new(&[(0x00, 0), (0x08, 0), (0x0c, 0)]),
-            dbgmcu: StoredRegisters::new(&[(0x00, 0x1000_6431), (0x04, 0)]),
+            dbgmcu: StoredRegisters::new(&[(0x00, 0x1000_6431), (0x04, 0), (0x08, 0), (0x0c, 0)]),
             adc_common: StoredRegisters::new(&[(0x04, 0)]),
         }
     }
@@ -253,8 +263,6 @@ impl Chip for F411 {
             EventSource::Adc(_) => return self.adc_moment(now, memory),
             EventSource::Iwdg => self.common.bite(),
             EventSource::Host => self.common.host.advance(now, &mut self.otg)?,
-            // The voltage is checked when the clock changes.
-            EventSource::Voltage => {}
         }
         Ok(true)
     }
@@ -265,6 +273,10 @@ impl Chip for F411 {
 
     fn write_register(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
         self.write_unit(address, size, value, now)
+    }
+
+    fn left_by_bootloader(&self) -> &'static [(u32, u32)] {
+        &LEFT_BY_BOOTLOADER
     }
 
     fn name(&self, address: u32) -> String {

@@ -1,8 +1,8 @@
 //! Bus of the STM32G431: passes register accesses to the peripherals.
 
 use super::{
-    ADCS, Adc, Bit, Dma, G431, MODES, PWR_CR5, Place, RESETS, UNBOOSTED, Unit, Usb, adc_common,
-    opamp, stored_registers,
+    ADCS, Adc, Bit, Dma, G431, MODES, PWR_CR5, Place, RESETS, Unit, Usb, adc_common, opamp,
+    stored_registers,
 };
 use crate::board::chip::PRIVATE;
 use crate::board::gpio::Gpio;
@@ -17,17 +17,16 @@ impl G431 {
         self.units.get(at).map(|place| (place, address - place.base))
     }
 
-    /// Starts or ends the time for which the core may be too fast for its voltage.
-    ///
-    /// The time is needed because embassy-stm32 0.6 cannot enable boost mode before it raises the
-    /// clock.
-    fn check_voltage(&mut self, now: Tick) {
+    /// Fails where the core is too fast for its voltage.
+    fn check_voltage(&self) -> Outcome {
         let pwr = self.stored.iter().find(|(name, _)| *name == "PWR");
         // R1MODE
         let boosted =
             pwr.and_then(|(_, pwr)| pwr.read(PWR_CR5).ok()).is_some_and(|cr5| cr5 >> 8 & 1 == 0);
-        let bad = self.rcc.needs_boost() && !boosted;
-        self.voltage_limit = bad.then(|| self.voltage_limit.unwrap_or(now + UNBOOSTED));
+        if self.rcc.needs_boost() && !boosted {
+            return Err("a core faster than 150 MHz without boost mode (PWR.CR5.R1MODE)".into());
+        }
+        Ok(())
     }
 
     /// Resets the peripherals named by a write to RCC's reset register at `offset`.
@@ -127,8 +126,7 @@ impl G431 {
                     self.reset_units(offset, value);
                 }
                 self.rcc.write(offset, value, self.flash.latency())?;
-                self.check_voltage(now);
-                Ok(())
+                self.check_voltage()
             }
             Unit::Flash => {
                 let busy = self.flash.write(offset, value)?;
@@ -157,8 +155,7 @@ impl G431 {
             Unit::UsbMemory => self.usb.write_memory(offset, size, value),
             Unit::Stored(i) => {
                 self.stored[i].1.write(offset, value)?;
-                self.check_voltage(now);
-                Ok(())
+                self.check_voltage()
             }
         }
     }

@@ -129,13 +129,13 @@ impl Changed for Flash {
         &mut self.contents
     }
 
-    fn fetch(&mut self, address: u32, size: u32) -> (u32, bool) {
+    fn fetch(&mut self, address: u32, size: u32) -> Outcome<(u32, bool)> {
         let torn = self.contents.cells.torn.contains(&(address & !7));
         if torn {
             // ECCD; the address is not modelled.
             self.eccr |= 1 << 31;
         }
-        (self.contents.fetch(address, size), torn)
+        Ok((self.contents.fetch(address, size), torn))
     }
 
     /// Programs half of a double word.

@@ -18,7 +18,7 @@ use super::finger::{Finger, Moment, Source, Wiring};
 use super::host::Host;
 use super::stored::StoredRegisters;
 use super::system;
-use super::time::{Tick, micros};
+use super::time::Tick;
 use adc::Adc;
 use dma::Dma;
 use flash::Flash;
@@ -58,11 +58,19 @@ const OPAMPS: [(&str, u32); 2] = [("OPAMP2", 16), ("OPAMP3", 18)];
 const TEMPERATURE: u32 = 16;
 const REFERENCE: u32 = 18;
 
+/// Registers as the ROM's USB bootloader leaves them: 68 MHz from the PLL, HSI48, USB's interrupt.
+const LEFT_BY_BOOTLOADER: [(u32, u32); 6] = [
+    // FLASH.ACR, then RCC.PLLCFGR, CR, CFGR, CRRCR, then NVIC.ISER0
+    (0x4002_2000, 0x602),
+    (0x4002_100c, 1 << 24 | 34 << 8 | 3 << 4 | 2),
+    (0x4002_1000, 1 << 24 | 0x500),
+    (0x4002_1008, 0x3),
+    (0x4002_1098, 0x1),
+    (0xe000_e100, 1 << 20),
+];
 /// RCC's reset registers, AHB1RSTR to APB2RSTR.
 const RESETS: std::ops::RangeInclusive<u32> = 0x28..=0x40;
 const PWR_CR5: u32 = 0x80;
-/// Time for which the core may be too fast for its voltage.
-const UNBOOSTED: Tick = micros(1_000);
 
 /// Modelled peripheral.
 #[derive(Clone, Copy, Debug)]
@@ -128,8 +136,6 @@ pub struct G431 {
     opamp: [StoredRegisters; 2],
     usb: Usb,
     stored: Vec<(&'static str, StoredRegisters)>,
-    /// Time until which the core may be too fast for its voltage.
-    voltage_limit: Option<Tick>,
 }
 
 /// Stored registers: clock recovery, voltage, pin interrupts, debugging.
@@ -161,7 +167,17 @@ fn stored_registers() -> Vec<(&'static str, StoredRegisters)> {
         ),
         ("EXTI", StoredRegisters::new(&[(0x00, 0xff82_0000), (0x08, 0), (0x0c, 0)])),
         ("CRS", StoredRegisters::new(&[(0x00, 0x4000), (0x04, 0x2022_bb7f), (0x08, 0)])),
-        ("DBGMCU", StoredRegisters::new(&[(0x00, 0x2001_6468), (0x04, 0)])),
+        // IDCODE, CR, APB1LFZR, APB1HFZR, APB2FZR
+        (
+            "DBGMCU",
+            StoredRegisters::new(&[
+                (0x00, 0x2001_6468),
+                (0x04, 0),
+                (0x08, 0),
+                (0x0c, 0),
+                (0x10, 0),
+            ]),
+        ),
     ]
 }
 
@@ -220,7 +236,6 @@ impl G431 {
             opamp: OPAMPS.map(|_| opamp()),
             usb: Usb::default(),
             stored,
-            voltage_limit: None,
         }
     }
 
@@ -346,7 +361,6 @@ impl Chip for G431 {
         self.opamp = OPAMPS.map(|_| opamp());
         self.usb = Usb::default();
         self.stored = stored_registers();
-        self.voltage_limit = None;
         self.common.reset(now, &MODES);
         self.plan();
     }
@@ -356,7 +370,6 @@ impl Chip for G431 {
             (self.adc[0].next(), EventSource::Adc(0)),
             (self.adc[1].next(), EventSource::Adc(1)),
             (self.common.host.next(&self.usb), EventSource::Host),
-            (self.voltage_limit, EventSource::Voltage),
         ]);
     }
 
@@ -379,9 +392,6 @@ impl Chip for G431 {
             EventSource::Adc(i) => return self.adc_moment(i, now, memory),
             EventSource::Iwdg => self.common.bite(),
             EventSource::Host => self.common.host.advance(now, &mut self.usb)?,
-            EventSource::Voltage => {
-                return Err("a core faster than 150 MHz without boost mode (PWR.CR5.R1MODE)".into());
-            }
         }
         Ok(true)
     }
@@ -392,6 +402,10 @@ impl Chip for G431 {
 
     fn write_register(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
         self.write_unit(address, size, value, now)
+    }
+
+    fn left_by_bootloader(&self) -> &'static [(u32, u32)] {
+        &LEFT_BY_BOOTLOADER
     }
 
     fn name(&self, address: u32) -> String {

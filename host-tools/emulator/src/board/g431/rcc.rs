@@ -19,6 +19,8 @@ const HSI_HZ: u64 = 16_000_000;
 /// Highest HCLK with boost mode and without (DS12589 table 17).
 const FASTEST: u64 = 170_000_000;
 const FASTEST_UNBOOSTED: u64 = 150_000_000;
+/// Fastest system clock that may be switched to without halving HCLK at first (RM0440 §7.2.7).
+const HALVED: u64 = 80_000_000;
 
 /// Reset and clock control.
 pub struct Rcc {
@@ -103,9 +105,10 @@ impl Rcc {
             }
             CFGR => {
                 let mut cfgr = Cfgr(value);
+                let before = Cfgr(*place).sws();
                 cfgr.set_sws(cfgr.sw());
                 *place = cfgr.0;
-                return self.switch(latency);
+                return self.switch(latency, before != cfgr.sws());
             }
             PLLCFGR if pll_runs => {
                 return Err("the PLL is running while it is set up".into());
@@ -129,7 +132,9 @@ impl Rcc {
     }
 
     /// Switches to the system clock that CFGR and PLLCFGR select.
-    fn switch(&mut self, latency: u32) -> Outcome {
+    ///
+    /// `anew` says that its source changes.
+    fn switch(&mut self, latency: u32, anew: bool) -> Outcome {
         let cr = Cr(self.register(CR));
         let cfgr = self.register(CFGR);
         let sysclk = match cfgr & 3 {
@@ -143,6 +148,9 @@ impl Rcc {
             _ => 1,
         };
         let hclk = sysclk / divider;
+        if anew && sysclk > HALVED && divider == 1 {
+            return Err("the clock rises above 80 MHz in one step, not with HPRE = 2 first".into());
+        }
         if cfgr >> 8 & 0b100_100 != 0 {
             return Err("an APB bus slower than the AHB, which is not modelled".into());
         }
