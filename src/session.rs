@@ -13,6 +13,7 @@
 use core::pin::pin;
 
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
@@ -197,6 +198,8 @@ async fn converse<R: Read>(
                     }
                     sending.note(board.ticks().wrapping_sub(before));
                 }
+                // Scans that come faster than they are processed would never let the link run.
+                yield_now().await;
             }
         }
     }

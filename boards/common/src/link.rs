@@ -139,6 +139,8 @@ async fn idle(board: &mut impl Board, instrument: &mut Instrument) {
         let before = board.ticks();
         let _ = instrument.scan(&scan);
         instrument.note_cost(board.ticks().wrapping_sub(before));
+        // Scans that come faster than they are processed would never let the port open.
+        yield_now().await;
     }
 }
 
