@@ -17,7 +17,7 @@ mod usb;
 use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::{ExceptionFrame, entry, exception, pre_init};
+use cortex_m_rt::{ExceptionFrame, entry, exception};
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::peripherals::USB;
@@ -59,9 +59,9 @@ static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
 /// Resets a chip that does not start from a reset, and fills the CCM.
 ///
 /// The ROM bootloader jumps here with its clocks and interrupts on (AN3156 leaves them to the
-/// application). Statics have no values yet.
-#[pre_init]
-unsafe fn begin() {
+/// application). Statics have no values yet, and this function uses none.
+#[unsafe(no_mangle)]
+extern "C" fn __pre_init() {
     if !clocks::are_reset() {
         SCB::sys_reset();
     }

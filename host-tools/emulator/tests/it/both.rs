@@ -272,7 +272,7 @@ fn debugger_freezes_watchdog_scan_and_time(model: Model) {
     };
     let mut session = session(model, false);
     let now = (session.board.now(), 0);
-    let mut frozen = |offset| session.board.chip().read(0xe004_2000 + offset, 4, now).unwrap();
+    let mut frozen = |offset: u32| session.board.chip().read(0xe004_2000 + offset, 4, now).unwrap();
     assert_eq!([frozen(0x08), frozen(apb2)], [1 << 12 | 1, tim1]);
 }
 
