@@ -37,7 +37,7 @@ impl Board {
 
     /// Starts the program as the ROM's bootloader does when it leaves (`dfu-util …:leave`).
     ///
-    /// Its clocks stay on, its vector table is in force, and its interrupts come.
+    /// Its clocks stay on, VTOR names its vectors, and its interrupts come.
     pub fn leave_bootloader(&mut self) -> Result<()> {
         let chip = self.chip();
         let registers = chip.left_by_bootloader().iter().chain(&INTERRUPTS_OF_ROM);

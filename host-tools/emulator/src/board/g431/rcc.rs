@@ -133,8 +133,8 @@ impl Rcc {
 
     /// Switches to the system clock that CFGR and PLLCFGR select.
     ///
-    /// `anew` says that its source changes.
-    fn switch(&mut self, latency: u32, anew: bool) -> Outcome {
+    /// `changes` says that its source is another than before.
+    fn switch(&mut self, latency: u32, changes: bool) -> Outcome {
         let cr = Cr(self.register(CR));
         let cfgr = self.register(CFGR);
         let sysclk = match cfgr & 3 {
@@ -148,7 +148,7 @@ impl Rcc {
             _ => 1,
         };
         let hclk = sysclk / divider;
-        if anew && sysclk > HALVED && divider == 1 {
+        if changes && sysclk > HALVED && divider == 1 {
             return Err("the clock rises above 80 MHz in one step, not with HPRE = 2 first".into());
         }
         if cfgr >> 8 & 0b100_100 != 0 {
