@@ -6,11 +6,12 @@ use crate::common::In;
 use taxel::measured::NoValue;
 
 /// Pages with shell blocks, and some that may get one.
-const MANUALS: [&str; 14] = [
+const MANUALS: [&str; 15] = [
     "README.md",
     "docs/accuracy.md",
     "docs/boards/stm32f411.md",
     "docs/boards/stm32g431.md",
+    "docs/boards/weact-stm32g431.md",
     "docs/build-a-finger.md",
     "docs/calibrate.md",
     "docs/getting-started.md",
