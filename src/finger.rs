@@ -8,6 +8,10 @@
 //! ```
 //! Estimates of matrix and array are weighted by their uncertainties. If one of them is faulty, the
 //! other gives the result alone. The status names the estimators that ran.
+//!
+//! Not every scan needs every step ([`Wanted`]). Conditioning, gate and vibration detector run in
+//! each. Forces and slip run if a frame is due, and slip about once in a millisecond in any case.
+//! The matrix then runs if the frames carry a field that needs it, or if the array knows no force.
 
 mod fusion;
 mod matrix;
@@ -87,9 +91,27 @@ pub struct Estimate {
     pub bias: Option<Result<(), BiasRefusal>>,
 }
 
+/// Outputs that are wanted of a scan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wanted {
+    /// Fields of the stream's frames.
+    pub fields: Fields,
+    /// Whether a frame of this scan is due.
+    pub due: bool,
+}
+
+impl Wanted {
+    /// A frame with every field.
+    pub const ALL: Self = Self { fields: Fields::ALL, due: true };
+    /// Fields that need the matrix even if the array knows the force. The matrix sees the slip
+    /// annulus.
+    const OPTICAL: Fields =
+        Fields::POINT.union(Fields::SLIP).union(Fields::CONTACTS).union(Fields::UNCERTAINTY);
+}
+
 impl Estimate {
     /// Placeholder before the first scan.
-    pub(crate) const NOTHING: Self = Self {
+    pub const NOTHING: Self = Self {
         time: Micros(0),
         status: Status(0),
         signals: Signals::NOTHING,
@@ -158,6 +180,18 @@ impl FingerState {
     pub fn taking_bias(&self) -> bool {
         self.taker.is_some()
     }
+
+    /// Prepares the estimators when the contact gate has opened or closed.
+    #[cold]
+    #[inline(never)]
+    fn contact_changed(&mut self, contact: bool, now: Micros) {
+        if contact {
+            self.grip.begin(now);
+        } else {
+            self.matrix = MatrixState::default();
+            self.grip.release();
+        }
+    }
 }
 
 impl Finger {
@@ -213,15 +247,24 @@ impl Finger {
         self.calibration.as_ref().map(Calibration::bias).unwrap_or_default()
     }
 
-    /// Processes one scan and returns its estimate.
+    /// Processes one scan and returns its estimate with every field.
     pub fn estimate(&self, state: &mut FingerState, scan: &Scan) -> Estimate {
         let mut estimate = Estimate::NOTHING;
-        self.update(&mut estimate, state, scan);
+        self.update(&mut estimate, state, scan, Wanted::ALL);
         estimate
     }
 
-    /// Processes one scan into `estimate`, overwriting all of it.
-    pub fn update(&self, estimate: &mut Estimate, state: &mut FingerState, scan: &Scan) {
+    /// Processes one scan into `estimate`.
+    ///
+    /// Time, contact flag, signals and bias are always those of the scan. If a frame is due, so are
+    /// the whole status and the wanted fields. All else is undefined.
+    pub fn update(
+        &self,
+        estimate: &mut Estimate,
+        state: &mut FingerState,
+        scan: &Scan,
+        wanted: Wanted,
+    ) {
         let warmth = self.calibration.as_ref().and_then(Calibration::warmth);
         let thermometer = &mut state.thermometer;
         let warm = warmth.and_then(|warmth| Some((warmth, thermometer.read(&scan.codes)?)));
@@ -262,6 +305,7 @@ impl Finger {
         flag(&mut status, Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
 
         let activity = state.bias.activity(signals);
+        let before = state.gate.contact();
         let contact = self.gate.update_at_once(&mut state.gate, activity, || {
             // A faulty channel may read anything.
             let sound = signals.health == Health::default();
@@ -269,33 +313,31 @@ impl Finger {
             matrix.map_or(0.0, |(c, bias)| unmistakable(c, bias.noise))
         });
         flag(&mut status, Status::CONTACT, contact);
+        if contact != before {
+            state.contact_changed(contact, scan.time);
+        }
 
         // Gate and vibration detector take unfiltered signals: the gate responds at once, and slip
         // vibration lies above any filter's corner.
-        let mut raw = None;
+        let record = self.calibration.as_ref();
+        let slip = state.grip.listen(record, scan.time, signals);
         if let Some(filter) = &self.filter {
-            raw = Some(*signals);
             filter.smooth(&mut state.smooth, signals);
         }
-        let record = self.calibration.as_ref();
-        let sensors = &mut estimate.sensors;
-        self.sensor_forces(&scan.codes, signals, sensors, &mut status);
         estimate.time = scan.time;
         estimate.status = status;
         estimate.bias = bias;
-        let heard = raw.as_ref().unwrap_or(&estimate.signals);
-        let slip = state.grip.listen(record, scan.time, heard);
-        if contact {
-            self.touched(estimate, state, &scan.codes, slip);
-        } else {
-            state.matrix = MatrixState::default();
-            let no_slip = slip.err();
-            state.grip.release();
-            no_contact(record, &scan.codes, no_slip, estimate);
+        if wanted.due || contact && slip.is_ok() && state.grip.is_due(scan.time) {
+            self.sensor_forces(&scan.codes, estimate);
+            if contact {
+                self.touched(estimate, state, &scan.codes, slip, wanted.fields);
+            } else {
+                no_contact(record, &scan.codes, slip.err(), estimate);
+            }
+            let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
+            let uncalibrated = lacks(&estimate.force) && estimate.sensors.iter().all(lacks);
+            flag(&mut estimate.status, Status::UNCALIBRATED, uncalibrated);
         }
-        let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
-        let uncalibrated = lacks(&estimate.force) && estimate.sensors.iter().all(lacks);
-        flag(&mut estimate.status, Status::UNCALIBRATED, uncalibrated);
     }
 
     #[inline(never)]
@@ -305,12 +347,15 @@ impl Finger {
         state: &mut FingerState,
         codes: &Codes,
         slip: Measured<(&Slip, bool)>,
+        fields: Fields,
     ) {
         let Estimate { time, signals, sensors, status, .. } = &mut *estimate;
         let record = self.calibration.as_ref();
         let array = ArrayEstimate::of(record, signals, sensors, status);
+        let needed = fields.intersects(Wanted::OPTICAL) || array.force.iter().any(Result::is_err);
         let optical = match &signals.taxels {
             None => OpticalEstimate::nothing(missing(codes.taxels.is_some())),
+            Some(_) if !needed => OpticalEstimate::nothing(NoValue::NotEstimated),
             Some(c) => {
                 let (health, bias, method) = (&signals.health, &state.bias, self.point_method);
                 let input = OpticalInput { record, method, c, health, bias, array: &array };
@@ -330,13 +375,8 @@ impl Finger {
         estimate.uncertainty = Ok(fused.uncertainty(optical.misfit));
     }
 
-    fn sensor_forces(
-        &self,
-        codes: &Codes,
-        signals: &Signals,
-        forces: &mut [Force; SENSORS],
-        status: &mut Status,
-    ) {
+    fn sensor_forces(&self, codes: &Codes, estimate: &mut Estimate) {
+        let Estimate { signals, sensors: forces, status, .. } = estimate;
         // Unrolled by hand: the compiler keeps a loop that contains a call, which takes half as
         // long again.
         let [first, second, third, fourth] = forces;

@@ -8,7 +8,7 @@ use core::num::{NonZeroU16, NonZeroU32};
 use crate::calibration::{self, bias_fits};
 use crate::condition::{BiasRefusal, LowPass};
 use crate::crc32::crc32;
-use crate::finger::{Estimate, Finger, FingerState};
+use crate::finger::{Estimate, Finger, FingerState, Wanted};
 use crate::frame::{Fields, FrameRef, Status};
 use crate::scan::{Codes, Scan, ScanSettings};
 use crate::self_test::{MOST_SCANS, Running};
@@ -167,7 +167,8 @@ impl Instrument {
 
     /// Processes one scan; a frame is due at the stream's rate.
     pub fn scan(&mut self, scan: &Scan) -> Outcome {
-        self.finger.update(&mut self.estimate, &mut self.state, scan);
+        let wanted = Wanted { fields: self.fields, due: self.streaming && self.until_due == 0 };
+        self.finger.update(&mut self.estimate, &mut self.state, scan, wanted);
         self.counters.scans = self.counters.scans.wrapping_add(1);
         self.counters.overruns = self.counters.overruns.wrapping_add(scan.lost);
         let mut outcome = Outcome::default();
@@ -177,7 +178,7 @@ impl Instrument {
             outcome.reply = self.finish(&scan.codes);
         }
         if self.streaming {
-            if self.until_due == 0 {
+            if wanted.due {
                 self.until_due = self.every.get();
                 outcome.frame = true;
                 self.seq = self.seq.wrapping_add(1);

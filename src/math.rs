@@ -1,24 +1,43 @@
 //! Square roots, powers, tangent and arc tangent with the same bits on host and chip.
 //!
-//! The functions use only additions, multiplications and divisions. The tests assert every error
-//! bound.
+//! The functions use only additions, multiplications, divisions and square roots, which IEEE 754
+//! rounds alike everywhere. The tests assert every error bound.
 #![expect(
     clippy::neg_cmp_op_on_partial_ord,
     reason = "a NaN must take the branch of too small values"
 )]
 
-/// Returns the nearest positive normal number; the smallest for a NaN. The code avoids `max` and
-/// `min`, which are calls where the processor has no instructions for them.
+/// Returns `x`, at least `low`; `low` for a NaN.
+///
+/// `f32::max` and `f32::min` are calls where the processor has no instructions for them.
+#[must_use]
+#[inline(always)]
+pub fn at_least(x: f32, low: f32) -> f32 {
+    if x > low { x } else { low }
+}
+
+/// Returns `x`, at most `high`; `high` for a NaN.
+#[must_use]
+#[inline(always)]
+pub fn at_most(x: f32, high: f32) -> f32 {
+    if x < high { x } else { high }
+}
+
+/// Returns the nearest positive normal number; the smallest for a negative NaN, the greatest for a
+/// positive one.
 #[inline]
 fn normal(x: f32) -> f32 {
-    let x = if x > f32::MIN_POSITIVE { x } else { f32::MIN_POSITIVE };
-    if x < f32::MAX { x } else { f32::MAX }
+    // As integers, positive numbers have the same order, and a comparison takes half the time.
+    const LEAST: i32 = f32::MIN_POSITIVE.to_bits() as i32;
+    const MOST: i32 = f32::MAX.to_bits() as i32;
+    f32::from_bits((x.to_bits() as i32).clamp(LEAST, MOST) as u32)
 }
 
 /// Returns 1/√x for a positive normal x, relative error below 5e-7, without a division.
 ///
-/// The result is always finite. Zero, negative, subnormal and NaN arguments give the value for the
-/// smallest normal number; infinity gives the value for the greatest.
+/// The result is always finite: other arguments give the value for the nearest such number, a NaN
+/// that of the smallest or the greatest. Root and division take 28 cycles of a Cortex-M4F, this
+/// takes 20.
 #[must_use]
 #[inline]
 pub fn inverse_sqrt(x: f32) -> f32 {
@@ -33,11 +52,14 @@ pub fn inverse_sqrt(x: f32) -> f32 {
     root
 }
 
-/// Returns √x, relative error below 6e-7; 0 for zero, negative and NaN arguments.
+/// Returns √x, rounded exactly; 0 for zero, negative and NaN arguments.
+///
+/// Infinity gives the root of the greatest number.
 #[must_use]
-#[inline(never)]
+#[inline]
 pub fn sqrt(x: f32) -> f32 {
-    if x > 0.0 { normal(x) * inverse_sqrt(x) } else { 0.0 }
+    const MOST: u32 = f32::MAX.to_bits();
+    if x > 0.0 { taxel_dsp::sqrt(f32::from_bits(x.to_bits().min(MOST))) } else { 0.0 }
 }
 
 /// Returns ∛x, relative error below 1e-6; 0 for zero, negative and NaN arguments.
@@ -85,8 +107,7 @@ fn log2(x: f32) -> f32 {
 /// Returns 2^x, x clamped to [−126, 126], by Taylor's series of 2^f around the nearest integer, |f|
 /// ≤ ½.
 fn exp2(x: f32) -> f32 {
-    let x = if x > -126.0 { x } else { -126.0 };
-    let x = if x < 126.0 { x } else { 126.0 };
+    let x = at_most(at_least(x, -126.0), 126.0);
     let whole = (x + if x < 0.0 { -0.5 } else { 0.5 }) as i32;
     let f = (x - whole as f32) * core::f32::consts::LN_2;
     let series = 1.0
@@ -148,7 +169,7 @@ mod tests {
         for x in numbers() {
             let exact = f64::from(x);
             assert!((f64::from(inverse_sqrt(x)) * exact.sqrt() - 1.0).abs() < 5e-7, "{x:e}");
-            assert!((f64::from(sqrt(x)) / exact.sqrt() - 1.0).abs() < 6e-7, "{x:e}");
+            assert_eq!(sqrt(x), x.sqrt(), "{x:e}");
             assert!((f64::from(cube_root(x)) / exact.cbrt() - 1.0).abs() < 1e-6, "{x:e}");
         }
     }

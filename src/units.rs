@@ -111,6 +111,16 @@ impl<'de> Deserialize<'de> for FullScale {
 #[serde(transparent)]
 pub struct Micros(pub u64);
 
+impl Micros {
+    /// Returns the microseconds since an earlier time: none after a restart of the clock, and at
+    /// most those of 71 minutes.
+    #[must_use]
+    #[inline]
+    pub fn since(self, earlier: Self) -> u32 {
+        self.0.saturating_sub(earlier.0).try_into().unwrap_or(u32::MAX)
+    }
+}
+
 macro_rules! quantity {
     ($(#[$doc:meta])* $name:ident) => {
         $(#[$doc])*

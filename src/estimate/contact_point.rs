@@ -102,19 +102,6 @@ fn without(c: &[f32; TAXELS], skip: u16) -> [f32; TAXELS] {
     c
 }
 
-/// Returns three sums of the matrix: all, right minus left, and +y minus −y. Any motion changes at
-/// least one of them.
-#[must_use]
-pub fn halves(c: &[f32; TAXELS]) -> [f32; 3] {
-    let mut sums = [0.0; 3];
-    for (c, [x, y]) in c.iter().zip(&TAXEL_CENTRES) {
-        sums[0] += c;
-        sums[1] += if x.0 > 0.0 { *c } else { -c };
-        sums[2] += if y.0 > 0.0 { *c } else { -c };
-    }
-    sums
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ContactPoint;
 use super::wrench::{Wrench, cross, dot};
-use crate::math::sqrt;
+use crate::math::{at_least, sqrt};
 use crate::measured::{Measured, NoValue};
 use crate::units::{Millimetres, NewtonMillimetres};
 
@@ -89,7 +89,7 @@ impl Surface {
         }?;
         // Comparisons with NaN are false, so that this also rejects overflow.
         let near = contact.place.iter().all(|c| c.abs() < FARTHEST);
-        let pressed = (least.max(f32::MIN_POSITIVE)..f32::MAX).contains(&contact.normal);
+        let pressed = (at_least(least, f32::MIN_POSITIVE)..f32::MAX).contains(&contact.normal);
         if near && pressed && contact.torsion.0.abs() < f32::MAX {
             Ok(contact)
         } else {

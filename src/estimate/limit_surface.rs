@@ -15,7 +15,7 @@ mod sweep;
 
 use serde::{Deserialize, Serialize};
 
-use crate::math::{power, sqrt};
+use crate::math::{at_least, power, sqrt};
 pub use sweep::Sweep;
 
 /// Intervals of the stored curve.
@@ -66,7 +66,7 @@ impl LimitSurface {
         if !(f32::MIN_POSITIVE..f32::MAX).contains(&arm) {
             return 1.0;
         }
-        let own = self.most_torsion(normal, 1.0 / normal.max(f32::MIN_POSITIVE));
+        let own = self.most_torsion(normal, 1.0 / at_least(normal, f32::MIN_POSITIVE));
         let share = own / (own + arm);
         if (0.0..1.0).contains(&share) { share } else { 1.0 }
     }
@@ -125,7 +125,7 @@ impl LimitSurface {
         let (Some(a), Some(b)) = (self.curve.get(from), self.curve.get(from + 1)) else {
             return 1.0;
         };
-        (a + (b - a) * (at - from as f32)).max(0.1)
+        at_least(a + (b - a) * (at - from as f32), 0.1)
     }
 }
 

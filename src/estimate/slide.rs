@@ -12,7 +12,7 @@ use crate::units::Micros;
 /// Least displacement of gross slip in mm: ten times the scatter of a contact point.
 const DISPLACEMENT: f32 = 0.4;
 /// Longest time for that displacement; gross slip ends if the next one takes longer.
-const WITHIN_US: u64 = 300_000;
+const WITHIN_US: u32 = 300_000;
 /// Largest relative change of shear during gross slip, plus a multiple of its standard deviation.
 const STEADY: f32 = 0.05;
 const NOISE: f32 = 4.0;
@@ -47,7 +47,7 @@ impl GrossSlipDetector {
         let shear = sqrt(fx * fx + fy * fy);
         let known = normal > LEAST_NORMAL && shear > LEAST_SHEAR;
         let ratio = if known { shear / normal } else { 0.0 };
-        let since = |then: Micros| time.0.saturating_sub(then.0);
+        let since = |then: Micros| time.since(then);
         let steady = |anchor: &Anchor| {
             let apart = (ratio - anchor.ratio).abs() * normal;
             apart < STEADY * shear + NOISE * doubt[0] && since(anchor.time) < WITHIN_US

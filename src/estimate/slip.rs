@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::inverse::Ring;
 use super::limit_surface::LimitSurface;
-use crate::math::sqrt;
+use crate::math::{at_least, at_most, sqrt};
 use crate::measured::{Measured, NoValue};
 use crate::units::Newtons;
 
@@ -96,17 +96,20 @@ const LEAST_NORMAL: f32 = 0.05;
 /// Systematic standard deviation of the friction utilisation. More scans do not reduce it, because
 /// the field's form errs alike in all of them.
 const RING_ERROR: f32 = 0.1;
-/// Share of a scan's information on the utilisation that is new, because scans are correlated.
+/// Time in seconds that makes a measurement new: a sooner one repeats part of the last.
+const NEW_AFTER: f32 = 1e-3;
+/// Share of such a measurement's information on the utilisation that is new, because measurements
+/// are correlated.
 const NEW: f32 = 0.5;
 /// Standard deviation of the friction utilisation, which is 1, during gross slip.
 const SLIDE_ERROR: f32 = 0.07;
 /// Least shear that friction learns from, in standard deviations.
 const NOISE: f32 = 3.0;
-/// Typical growth of shear per scan near slip, as a share of normal force. Noisier loads are
+/// Typical growth of shear per second near slip, as a share of normal force. Noisier loads are
 /// smoothed.
-const QUICK: f32 = 0.005;
-/// Growth of the variance of 1/μ from scan to scan, because the touched material may change.
-const WANDER: f32 = 1e-6;
+const QUICK: f32 = 5.0;
+/// Growth of the variance of 1/μ per second, because the touched material may change.
+const WANDER: f32 = 1e-3;
 /// Growth of the variance of 1/μ from contact to contact.
 const NEXT_CONTACT: f32 = 0.01;
 /// Hysteresis of the warning: it ends so much above the margin at which it began.
@@ -131,28 +134,34 @@ impl Slip {
         state.warned
     }
 
-    /// Estimates slip from one scan of a contact.
+    /// Estimates slip from one scan of a contact, `elapsed` seconds after the last estimate.
     ///
     /// # Errors
     /// [`NoValue::IllConditioned`] if the normal force is too small for a ratio of shear to normal
     /// force.
-    pub fn judge(&self, state: &mut SlipState, traction: &Traction) -> Measured<Verdict> {
+    pub fn judge(
+        &self,
+        state: &mut SlipState,
+        traction: &Traction,
+        elapsed: f32,
+    ) -> Measured<Verdict> {
         let Traction { shear: [fx, fy], normal, torsion, arm, doubt, ring, rubs, slides } =
             *traction;
         if !(LEAST_NORMAL..f32::MAX).contains(&normal) {
             return Err(NoValue::IllConditioned);
         }
         let shear = sqrt(fx * fx + fy * fy);
-        let ratio = (shear / normal).min(FRICTION[1]);
+        let ratio = at_most(shear / normal, FRICTION[1]);
         let surely = shear - NOISE * doubt[0];
         let ring = ring.filter(|_| surely > 0.0).unwrap_or_default();
-        let inverse = self.learn(state, [ratio, surely / normal], ring, slides);
+        let inverse = self.learn(state, [ratio, surely / normal], ring, slides, elapsed);
         let friction = 1.0 / inverse;
-        let turning = (torsion.abs() - doubt[1]).max(0.0) * self.surface.own_share(normal, arm);
-        let sure = [(shear - doubt[0]).max(0.0), turning];
-        let load = self.surface.load([sure[0], 0.0], sure[1], normal, friction).min(1.0);
-        let quick = QUICK * normal;
-        state.load += (load - state.load) * (quick / (quick + doubt[0].max(0.0)));
+        let turning = at_least(torsion.abs() - doubt[1], 0.0) * self.surface.own_share(normal, arm);
+        let pulled = at_least(shear - doubt[0], 0.0);
+        let load = at_most(self.surface.load([pulled, 0.0], turning, normal, friction), 1.0);
+        let quick = QUICK * elapsed * normal;
+        let noise = at_least(doubt[0], f32::MIN_POSITIVE);
+        state.load += (load - state.load) * (quick / (quick + noise));
         let load = if slides || rubs { 1.0 } else { state.load.clamp(0.0, 1.0) };
         let grip = Newtons((self.safety * load * normal).clamp(0.0, 1e3));
         Ok(Verdict { margin: 1.0 - load, friction, grip })
@@ -166,19 +175,22 @@ impl Slip {
         [ratio, held]: [f32; 2],
         ring: Ring,
         slides: bool,
+        elapsed: f32,
     ) -> f32 {
         let [usual, spread] = self.usual;
         let start = [1.0 / usual.clamp(FRICTION[0], FRICTION[1]), spread * spread];
         let [mut inverse, variance] = state.known.unwrap_or(start);
-        let variance = (variance + WANDER).min(spread * spread);
+        let variance = at_most(variance + WANDER * elapsed, spread * spread);
         // The systematic error is the same in all scans, so that a friction known better learns
         // nothing.
         let unsure = ratio * ratio * variance > RING_ERROR * RING_ERROR;
+        let new = at_most(elapsed / NEW_AFTER, 1.0);
         let seen = if slides && ratio > FRICTION[0] {
-            let weight = 1.0 / (SLIDE_ERROR * SLIDE_ERROR);
+            let weight = new / (SLIDE_ERROR * SLIDE_ERROR);
             Ring { weight, moment: weight }
         } else if unsure && !slides {
-            Ring { weight: NEW * ring.weight, moment: NEW * ring.moment }
+            let new = NEW * new;
+            Ring { weight: new * ring.weight, moment: new * ring.moment }
         } else {
             Ring::default()
         };
@@ -186,7 +198,7 @@ impl Slip {
         let variance = variance / (1.0 + ratio * ratio * variance * seen.weight);
         inverse += variance * ratio * (seen.moment - seen.weight * ratio * inverse);
         // A contact that holds shows that μ is at least its ratio.
-        let most = 1.0 / held.max(FRICTION[0]);
+        let most = 1.0 / at_least(held, FRICTION[0]);
         if !slides && inverse > most {
             inverse = most;
         }
@@ -200,6 +212,9 @@ impl Slip {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    /// Time between two scans, in seconds.
+    const SCAN: f32 = 1e-3;
 
     fn slip() -> Slip {
         Slip::usual(0.8)
@@ -217,7 +232,7 @@ mod tests {
                     ring: seen.then_some(Ring { weight: 400.0, moment: 400.0 * b }),
                     ..Traction::default()
                 };
-                slip().judge(state, &traction).unwrap()
+                slip().judge(state, &traction, SCAN).unwrap()
             })
             .collect()
     }
@@ -262,7 +277,7 @@ mod tests {
         let sliding =
             Traction { shear: [0.3, 0.0], normal: 1.0, slides: true, ..Traction::default() };
         for _ in 0..50 {
-            assert_eq!(slip().judge(&mut state, &sliding).unwrap().margin, 0.0);
+            assert_eq!(slip().judge(&mut state, &sliding, SCAN).unwrap().margin, 0.0);
         }
         let verdicts = dragged(&mut state, 0.3, false);
         let first = warned(&verdicts);
@@ -278,7 +293,11 @@ mod tests {
             let ring = Some(Ring { weight: 2.0, moment: 2.0 * (b + noise) });
             let shear = [0.3 * b, 0.0];
             slip()
-                .judge(&mut state, &Traction { shear, normal: 1.0, ring, ..Traction::default() })
+                .judge(
+                    &mut state,
+                    &Traction { shear, normal: 1.0, ring, ..Traction::default() },
+                    SCAN,
+                )
                 .unwrap();
         }
         let [inverse, _] = state.known.unwrap();
@@ -293,7 +312,7 @@ mod tests {
                 let shear = [shear + if i % 2 == 0 { 0.03 } else { -0.03 }, 0.0];
                 let doubt = [0.02, 0.0];
                 let traction = Traction { shear, normal: 0.2, doubt, ..Traction::default() };
-                let verdict = slip().judge(&mut state, &traction).unwrap();
+                let verdict = slip().judge(&mut state, &traction, SCAN).unwrap();
                 slip().warns(&mut state, &verdict)
             });
             frames.count()
@@ -314,7 +333,7 @@ mod tests {
                 ring,
                 ..Traction::default()
             };
-            let friction = slip().judge(&mut state, &traction).unwrap().friction;
+            let friction = slip().judge(&mut state, &traction, SCAN).unwrap().friction;
             assert!((friction - 0.8).abs() < 1e-3, "{friction}");
         }
     }
@@ -325,7 +344,7 @@ mod tests {
         let slides =
             Traction { shear: [mu, 0.0], normal: 1.0, slides: true, ..Traction::default() };
         for _ in 0..50 {
-            slip().judge(&mut state, &slides).unwrap();
+            slip().judge(&mut state, &slides, SCAN).unwrap();
         }
         state
     }
@@ -349,8 +368,10 @@ mod tests {
         // error.
         let ring = Some(Ring { weight: 400.0, moment: 400.0 * 0.6 });
         let held = Traction { shear: [0.25, 0.0], normal: 1.0, ring, ..Traction::default() };
-        let friction =
-            (0..1000).map(|_| slip().judge(&mut state, &held).unwrap().friction).last().unwrap();
+        let friction = (0..1000)
+            .map(|_| slip().judge(&mut state, &held, SCAN).unwrap().friction)
+            .last()
+            .unwrap();
         assert!((friction / 0.5 - 1.0).abs() < 0.03, "{friction}");
     }
 
@@ -366,9 +387,9 @@ mod tests {
         let mut state = SlipState::default();
         let shear = [0.5, 0.0];
         let traction = Traction { shear, normal: 0.8, ..Traction::default() };
-        let now = slip().judge(&mut state, &traction).unwrap();
+        let now = slip().judge(&mut state, &traction, SCAN).unwrap();
         let gripped = Traction { shear, normal: now.grip.0, ..Traction::default() };
-        let then = slip().judge(&mut state, &gripped).unwrap();
+        let then = slip().judge(&mut state, &gripped, SCAN).unwrap();
         assert!((then.margin - (1.0 - 1.0 / 1.5)).abs() < 0.01, "{now:?} {then:?}");
     }
 
@@ -377,7 +398,7 @@ mod tests {
         let judged = |torsion, arm| {
             let traction =
                 Traction { shear: [0.3, -0.4], normal: 1.25, torsion, arm, ..Traction::default() };
-            slip().judge(&mut SlipState::default(), &traction).unwrap().margin
+            slip().judge(&mut SlipState::default(), &traction, SCAN).unwrap().margin
         };
         // 0.5 N of 0.8 · 1.25 N, for any positions.
         for arm in [0.0, 2.5, 4.0] {
@@ -394,7 +415,7 @@ mod tests {
         let turned = |torsion| {
             let traction =
                 Traction { shear: [0.3, 0.0], normal: 1.0, torsion, ..Traction::default() };
-            slip().judge(&mut SlipState::default(), &traction).unwrap().margin
+            slip().judge(&mut SlipState::default(), &traction, SCAN).unwrap().margin
         };
         assert!(turned(0.5) < turned(0.0));
     }
@@ -415,7 +436,7 @@ mod tests {
                 let doubt = [torsion, normal];
                 let rubs = !slides;
                 let traction = Traction { shear, normal, torsion, arm, doubt, ring, rubs, slides };
-                let Ok(verdict) = slip.judge(&mut state, &traction) else { continue };
+                let Ok(verdict) = slip.judge(&mut state, &traction, SCAN) else { continue };
                 prop_assert!((0.0..=1.0).contains(&verdict.margin), "{verdict:?}");
                 prop_assert!(verdict.friction.is_finite() && verdict.grip.0.is_finite(), "{verdict:?}");
             }

@@ -14,82 +14,102 @@
 //! Three sums of the matrix (all, right minus left, +y minus −y) and the three bridge outputs
 //! summed over the sensors pass a band-pass. The energy of the band is compared with its own
 //! earlier floor, and with the energy of the band below, which motion fills first.
+//!
+//! The band needs 600 samples a second, not one in every scan. The sums are therefore averaged over
+//! the scans of a millisecond. The channels are then filtered in turn, so that no scan bears the
+//! cost of all.
 
-use super::contact_point::halves;
 use crate::condition::Signals;
-use crate::math::tan;
+use crate::math::{at_least, at_most, tan};
+use crate::scan::COLS;
 use crate::units::Micros;
 
-/// Second-order filter section, direct form II transposed.
+/// Second-order band-pass of unit gain, direct form II transposed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Biquad {
-    /// Feed-forward coefficients b₀, b₁, b₂.
-    pub ahead: [f32; 3],
+pub struct BandPass {
+    /// Feed-forward coefficient b₀ = −b₂, with b₁ = 0.
+    pub ahead: f32,
     /// Feedback coefficients a₁, a₂, with a₀ = 1.
     pub back: [f32; 2],
 }
 
-/// State of a [`Biquad`].
+/// State of a [`BandPass`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct BiquadState([f32; 2]);
+pub struct BandPassState([f32; 2]);
 
-impl Biquad {
-    /// Makes a band-pass of unit gain at `centre` with the quality `q`.
+impl BandPass {
+    /// Makes a filter at `centre` with the quality `q`.
     ///
-    /// `centre` is a fraction of the scan rate between 0.001 and 0.24 (bilinear transform of
+    /// `centre` is a fraction of the sample rate between 0.001 and 0.24 (bilinear transform of
     /// s/q/(s² + s/q + 1)).
     #[must_use]
-    pub fn band_pass(centre: f32, q: f32) -> Self {
+    pub fn new(centre: f32, q: f32) -> Self {
         let k = tan(core::f32::consts::PI * centre.clamp(0.001, 0.24));
         let q = q.clamp(0.1, 20.0);
         let norm = 1.0 / (1.0 + k / q + k * k);
         Self {
-            ahead: [k / q * norm, 0.0, -k / q * norm],
+            ahead: k / q * norm,
             back: [2.0 * (k * k - 1.0) * norm, (1.0 - k / q + k * k) * norm],
         }
     }
 
     /// Filters one sample.
-    pub fn filter(&self, state: &mut BiquadState, x: f32) -> f32 {
-        let ([b0, b1, b2], [a1, a2], [s1, s2]) = (self.ahead, self.back, state.0);
-        let y = b0 * x + s1;
-        state.0 = [b1 * x - a1 * y + s2, b2 * x - a2 * y];
+    #[inline(always)]
+    pub fn filter(&self, state: &mut BandPassState, x: f32) -> f32 {
+        let ([a1, a2], [s1, s2]) = (self.back, state.0);
+        let x = self.ahead * x;
+        let y = x + s1;
+        state.0 = [s2 - a1 * y, -x - a2 * y];
         y
     }
 }
 
 /// Number of watched channels: three of the matrix, three of the bridges.
 const CHANNELS: usize = 6;
+/// Time between two samples of a channel in microseconds, if the scans come faster.
+const SAMPLE_US: u32 = 1000;
 
 /// Coefficients of the vibration detector for one scan rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vibration {
+    /// Scans averaged into a sample.
+    pub scans: u16,
+    /// Channels filtered in each scan, so that all are filtered before the next sample.
+    pub at_once: usize,
     /// Band of the vibration, and the band below. The first is applied twice, so that steady motion
     /// leaves nothing in it. A steep fall from the band below to it means motion, not rubbing.
-    pub bands: [Biquad; 2],
-    /// Weight of a scan in the running mean of the energies, and in the floor.
+    pub bands: [BandPass; 2],
+    /// Weight of a sample in the running mean of the energies, and in the floor.
     pub forget: [f32; 2],
     /// Energy over the floor at which vibration begins, and below which it ends.
     pub loud: [f32; 2],
-    /// Scans that a vibration must last; a knock is shorter.
+    /// Samples that a vibration must last; a knock is shorter.
     pub lasting: u16,
+    /// Samples until the floor is known.
+    pub warm_up: u16,
 }
 
 impl Vibration {
-    /// Makes a detector for `rate` scans a second.
+    /// Makes a detector for scans that are `interval_us` apart.
     ///
     /// The band is at 150 Hz, where the sensors of [Ospina2017] still respond and a hand's own
     /// motion has ended. Below 600 scans a second it is near a quarter of the rate.
     #[must_use]
-    pub fn at(rate: f32) -> Self {
-        let rate = rate.clamp(1.0, 1e6);
-        let centre = (150.0 / rate).min(0.24);
+    pub fn every(interval_us: u32) -> Self {
+        let interval_us = interval_us.clamp(1, 1_000_000);
+        // Rounded to the nearest, so that a sample takes at most 1.5 ms.
+        let scans = ((SAMPLE_US + interval_us / 2) / interval_us).max(1);
+        let rate = 1e6 / (interval_us * scans) as f32;
+        let centre = at_most(150.0 / rate, 0.24);
         Self {
-            bands: [Biquad::band_pass(centre, 1.0), Biquad::band_pass(0.25 * centre, 1.0)],
+            scans: scans as u16,
+            at_once: CHANNELS.div_ceil(scans as usize),
+            bands: [BandPass::new(centre, 1.0), BandPass::new(0.25 * centre, 1.0)],
             // Time constants: 10 ms and 1 s.
-            forget: [(100.0 / rate).min(0.5), (1.0 / rate).min(0.05)],
+            forget: [at_most(100.0 / rate, 0.5), at_most(1.0 / rate, 0.05)],
             loud: [12.0, 4.0],
             lasting: (0.01 * rate) as u16,
+            warm_up: (0.2 * rate) as u16,
         }
     }
 }
@@ -97,30 +117,72 @@ impl Vibration {
 /// State of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Channel {
-    filters: [BiquadState; 3],
+    /// Last sample.
+    sample: f32,
+    filters: [BandPassState; 3],
     energy: [f32; 2],
     floor: f32,
     lasted: u16,
 }
 
+/// Sums of the signals over the scans of a sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Sums {
+    /// Quadrants of the matrix: −x −y, +x −y, −x +y, +x +y.
+    quadrants: [[f32; 2]; 2],
+    bridges: [f32; 3],
+    scans: u16,
+}
+
+impl Sums {
+    #[inline(always)]
+    fn add(&mut self, signals: &Signals) {
+        if let Some(c) = &signals.taxels {
+            let halves = c.as_chunks::<{ 2 * COLS }>().0;
+            for ([left, right], half) in self.quadrants.iter_mut().zip(halves) {
+                let [a, b, c, d, e, f, g, h] = half;
+                *left += (a + b) + (e + f);
+                *right += (c + d) + (g + h);
+            }
+        }
+        for u in signals.bridges.iter().flatten() {
+            self.bridges.iter_mut().zip(u).for_each(|(sum, u)| *sum += u);
+        }
+        self.scans += 1;
+    }
+
+    /// Returns the means of the channels: the matrix, its right minus left half, its +y minus −y
+    /// half, and the bridges.
+    #[inline(never)]
+    fn samples(&self) -> [f32; CHANNELS] {
+        let [[a, b], [c, d]] = self.quadrants;
+        let [x, y, z] = self.bridges;
+        let share = 1.0 / f32::from(self.scans);
+        [a + b + c + d, (b + d) - (a + c), (c + d) - (a + b), x, y, z].map(|sum| share * sum)
+    }
+}
+
 /// State of the detector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VibrationState {
+    sums: Sums,
     channels: [Channel; CHANNELS],
-    frames: u16,
+    /// Channels whose last sample is not filtered yet.
+    pending: usize,
+    /// Whether one of the filtered channels is loud.
+    loud: bool,
+    samples: u16,
     vibrates: bool,
 }
 
 impl VibrationState {
-    /// Returns whether the last scan vibrated.
+    /// Returns whether the last sample vibrated.
     #[must_use]
     pub fn vibrates(&self) -> bool {
         self.vibrates
     }
 }
 
-/// Scans until the floor is known.
-const WARM_UP: u16 = 200;
 /// Least energy of the floor: a twentieth of a 12-bit step, squared.
 const QUIET: f32 = 1.5e-10;
 /// Least energy of a vibration relative to the band two octaves below. An edge in a force has a
@@ -129,40 +191,48 @@ const QUIET: f32 = 1.5e-10;
 const STEEP: f32 = 0.1;
 
 impl Vibration {
-    /// Processes one scan and returns whether it vibrates.
+    /// Processes one scan and returns whether the finger vibrates.
     pub fn update(&self, state: &mut VibrationState, signals: &Signals) -> bool {
-        let optical = signals.taxels.as_ref().map_or([0.0; 3], halves);
-        let mut bridges = [0.0; 3];
-        for u in signals.bridges.iter().flatten() {
-            bridges.iter_mut().zip(u).for_each(|(sum, u)| *sum += u);
+        state.sums.add(signals);
+        if state.sums.scans >= self.scans {
+            let samples = state.sums.samples();
+            state.channels.iter_mut().zip(samples).for_each(|(channel, x)| channel.sample = x);
+            (state.sums, state.pending, state.loud) = (Sums::default(), CHANNELS, false);
         }
-        let warm = state.frames >= WARM_UP;
-        let was = state.vibrates;
-        let mut loud = false;
-        for (channel, x) in state.channels.iter_mut().zip(optical.into_iter().chain(bridges)) {
-            loud |= self.listen(channel, x, warm, was);
+        if state.pending > 0 {
+            self.listen_in_turn(state);
         }
-        state.frames = state.frames.saturating_add(1);
-        state.vibrates = warm && loud;
         state.vibrates
     }
 
-    fn listen(&self, channel: &mut Channel, x: f32, warm: bool, was: bool) -> bool {
+    #[inline(never)]
+    fn listen_in_turn(&self, state: &mut VibrationState) {
+        let (warm, was) = (state.samples >= self.warm_up, state.vibrates);
+        let next = CHANNELS.saturating_sub(state.pending);
+        for channel in state.channels.iter_mut().skip(next).take(self.at_once) {
+            state.loud |= self.listen(channel, warm, was);
+        }
+        state.pending = state.pending.saturating_sub(self.at_once);
+        if state.pending == 0 {
+            state.samples = state.samples.saturating_add(1);
+            state.vibrates = warm && state.loud;
+        }
+    }
+
+    #[inline(always)]
+    fn listen(&self, channel: &mut Channel, warm: bool, was: bool) -> bool {
         let [fast, slow] = self.forget;
         let ([band, below], [once, twice, low]) = (&self.bands, &mut channel.filters);
-        let passed = band.filter(once, x);
-        let (high, low) = (band.filter(twice, passed), below.filter(low, x));
+        let passed = band.filter(once, channel.sample);
+        let (high, low) = (band.filter(twice, passed), below.filter(low, channel.sample));
         let heard = high * high;
         channel.energy[0] += fast * (heard - channel.energy[0]);
         channel.energy[1] += fast * (low * low - channel.energy[1]);
-        // Not `max` and `min`, which are calls where the processor has no instruction for them.
-        let floor = if channel.floor > QUIET { channel.floor } else { QUIET };
+        let floor = at_least(channel.floor, QUIET);
         // The floor follows quickly at first, then slowly, and not at all during a vibration.
         if !was {
             let share = if warm { slow } else { fast };
-            let most = 4.0 * floor;
-            let heard = if heard < most { heard } else { most };
-            channel.floor += share * (heard - channel.floor);
+            channel.floor += share * (at_most(heard, 4.0 * floor) - channel.floor);
         }
         let [begin, end] = self.loud;
         let [energy, below] = channel.energy;
@@ -176,9 +246,9 @@ impl Vibration {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VibrationDetector {
     time: Option<Micros>,
-    interval_us: u64,
+    interval_us: u32,
     /// Interval between the last two scans.
-    before_us: u64,
+    before_us: u32,
     detector: Option<Vibration>,
     state: VibrationState,
 }
@@ -186,10 +256,10 @@ pub struct VibrationDetector {
 impl VibrationDetector {
     /// Processes one scan and returns whether it vibrates. A change of rate restarts the detector.
     pub fn hear(&mut self, time: Micros, signals: &Signals) -> bool {
-        let interval = self.time.map_or(0, |last| time.0.saturating_sub(last.0));
+        let interval = self.time.map_or(0, |last| time.since(last));
         self.time = Some(time);
         // A lost scan or a restarted clock changes one interval; a new rate changes two.
-        let differs = |from: u64| interval.abs_diff(from) > from / 8;
+        let differs = |from: u32| interval.abs_diff(from) > from / 8;
         let new = differs(self.interval_us) && !differs(self.before_us) && interval > 0;
         self.before_us = interval;
         if new {
@@ -201,10 +271,9 @@ impl VibrationDetector {
 
     #[cold]
     #[inline(never)]
-    fn tune(&mut self, interval_us: u64) {
-        let rate = 1e6 / interval_us.clamp(1, 1_000_000) as f32;
+    fn tune(&mut self, interval_us: u32) {
         self.interval_us = interval_us;
-        self.detector = Some(Vibration::at(rate));
+        self.detector = Some(Vibration::every(interval_us));
         self.state = VibrationState::default();
     }
 }
@@ -213,8 +282,6 @@ impl VibrationDetector {
 mod tests {
     use super::*;
     use crate::scan::TAXELS;
-
-    const RATE: f32 = 1000.0;
 
     fn signals(level: f32) -> Signals {
         Signals { taxels: Some([level; TAXELS]), ..Signals::default() }
@@ -228,9 +295,9 @@ mod tests {
 
     #[test]
     fn band_passes_its_centre_and_damps_slow_signals() {
-        let band = Biquad::band_pass(0.15, 1.0);
+        let band = BandPass::new(0.15, 1.0);
         let gain = |fraction: f32| {
-            let mut state = BiquadState::default();
+            let mut state = BandPassState::default();
             let y: std::vec::Vec<f32> = (0..4000)
                 .map(|i| {
                     band.filter(&mut state, (core::f32::consts::TAU * fraction * i as f32).sin())
@@ -244,23 +311,40 @@ mod tests {
 
     #[test]
     fn rubbing_is_detected_in_20_ms_a_press_is_not() {
-        let detector = Vibration::at(RATE);
-        let mut state = VibrationState::default();
-        let mut first = None;
-        for i in 0..3000u32 {
-            let t = i as f32 / RATE;
-            // A press of half a newton's light within 50 ms, from 1 s on; rubbing of a thousandth
-            // of the range at 150 Hz from 2 s on.
-            let press = -0.1 * ((t - 1.0) / 0.05).clamp(0.0, 1.0);
-            let rub = if t > 2.0 { 1e-3 * (core::f32::consts::TAU * 150.0 * t).sin() } else { 0.0 };
-            let heard = detector.update(&mut state, &signals(press + rub + 5e-5 * noise(i)));
-            if heard {
-                first = first.or(Some(t));
+        for interval_us in [125, 250, 500, 1000, 1400] {
+            let detector = Vibration::every(interval_us);
+            let mut state = VibrationState::default();
+            let mut first = None;
+            for i in 0..3_000_000 / interval_us {
+                let t = i as f32 * 1e-6 * interval_us as f32;
+                // A press of half a newton's light within 50 ms, from 1 s on; rubbing of a
+                // thousandth of the range at 150 Hz from 2 s on.
+                let press = -0.1 * ((t - 1.0) / 0.05).clamp(0.0, 1.0);
+                let rub = (core::f32::consts::TAU * 150.0 * t).sin();
+                let rub = if t > 2.0 { 1e-3 * rub } else { 0.0 };
+                let heard = detector.update(&mut state, &signals(press + rub + 5e-5 * noise(i)));
+                if heard {
+                    first = first.or(Some(t));
+                }
             }
+            let first = first.unwrap();
+            assert!((2.0..2.02).contains(&first), "{interval_us} us: {first}");
+            assert!(state.vibrates());
         }
-        let first = first.unwrap();
-        assert!((2.0..2.02).contains(&first), "{first}");
-        assert!(state.vibrates());
+    }
+
+    #[test]
+    fn fast_scans_filter_few_channels_each_and_all_in_time() {
+        for (interval_us, at_once) in [(125, 1), (250, 2), (333, 2), (500, 3), (1000, 6)] {
+            let detector = Vibration::every(interval_us);
+            assert_eq!(detector.at_once, at_once, "{interval_us} us");
+            let mut state = VibrationState::default();
+            let scans = 100 * u32::from(detector.scans);
+            for _ in 0..scans + 6 {
+                detector.update(&mut state, &signals(0.1));
+            }
+            assert_eq!(state.samples, 100, "{interval_us} us");
+        }
     }
 
     #[test]
@@ -271,13 +355,13 @@ mod tests {
                 listener.hear(Micros(interval_us * i), &signals(5e-5 * noise(*i as u32)))
             });
             assert_eq!(heard.count(), 0, "{interval_us} us");
-            assert_eq!(listener.interval_us, interval_us);
+            assert_eq!(u64::from(listener.interval_us), interval_us);
         }
     }
 
     #[test]
     fn noise_alone_is_not_detected_for_ten_minutes() {
-        let detector = Vibration::at(RATE);
+        let detector = Vibration::every(1000);
         let mut state = VibrationState::default();
         assert!((0..600_000).all(|i| !detector.update(&mut state, &signals(5e-5 * noise(i)))));
     }

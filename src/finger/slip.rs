@@ -9,12 +9,16 @@ use crate::estimate::vibration::VibrationDetector;
 use crate::finger::fusion::{Fused, without};
 use crate::finger::matrix::OpticalEstimate;
 use crate::frame::Status;
-use crate::math::sqrt;
+use crate::math::{at_least, at_most, sqrt};
 use crate::measured::Measured;
 use crate::units::{Micros, NewtonMillimetres};
 
 /// Torsion below this many standard deviations of a moment counts as none.
 const TORSION_SIGMAS: f32 = 3.0;
+/// Time after an estimate in microseconds at which the next one is due even if no frame is.
+const TURN_US: u32 = 1_400;
+/// Longest time between two estimates in seconds: friction learns nothing from a gap.
+const LONGEST: f32 = 0.01;
 
 /// State of the slip estimators.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -22,7 +26,8 @@ pub(super) struct GripState {
     slip: SlipState,
     slide: GrossSlipDetector,
     vibration: VibrationDetector,
-    touched: bool,
+    /// Time of the last estimate, or of the beginning of the contact.
+    judged: Micros,
 }
 
 /// Inputs of the slip estimator for one scan.
@@ -47,13 +52,21 @@ impl GripState {
         Ok((slip, self.vibration.hear(time, signals)))
     }
 
+    /// Prepares for a contact that begins now.
+    pub(super) fn begin(&mut self, now: Micros) {
+        self.judged = now;
+    }
+
+    /// Returns whether slip must be estimated even if no frame is due: in contact, about once in a
+    /// millisecond.
+    pub(super) fn is_due(&self, now: Micros) -> bool {
+        now.since(self.judged) >= TURN_US
+    }
+
     /// Resets slip and gross slip when contact ends.
     pub(super) fn release(&mut self) {
-        if self.touched {
-            self.slip.release();
-            self.slide = GrossSlipDetector::default();
-        }
-        self.touched = false;
+        self.slip.release();
+        self.slide = GrossSlipDetector::default();
     }
 }
 
@@ -65,7 +78,8 @@ impl Grip<'_> {
         state: &mut GripState,
         status: &mut Status,
     ) -> Measured<Verdict> {
-        state.touched = true;
+        let elapsed = at_most(1e-6 * self.time.since(state.judged) as f32, LONGEST);
+        state.judged = self.time;
         let Fused { force, point, .. } = *self.fused;
         let (fx, fy, fz) = (force.x?.0, force.y?.0, force.z?.0);
         let torsion = self.torsion.map_or(0.0, |torsion| torsion.0);
@@ -86,7 +100,7 @@ impl Grip<'_> {
         traction.slides =
             place.is_some_and(|place| state.slide.update(self.time, place, &traction));
         status.insert(Status::RAN_SLIP);
-        let verdict = slip.judge(&mut state.slip, &traction)?;
+        let verdict = slip.judge(&mut state.slip, &traction, elapsed)?;
         if traction.slides || traction.rubs {
             status.insert(Status::SLIDES);
         }
@@ -102,7 +116,7 @@ fn arm(contacts: &Measured<[NormalContact; 2]>) -> f32 {
     let Ok([a, b]) = contacts else { return 0.0 };
     // The middle divides their distance in the inverse ratio of their forces.
     let (x, y) = (a.point.x.0 - b.point.x.0, a.point.y.0 - b.point.y.0);
-    let sum = (a.normal.0 + b.normal.0).max(f32::MIN_POSITIVE);
+    let sum = at_least(a.normal.0 + b.normal.0, f32::MIN_POSITIVE);
     2.0 * (a.normal.0 / sum) * (b.normal.0 / sum) * sqrt(x * x + y * y)
 }
 
@@ -131,7 +145,7 @@ mod tests {
         let fused = Fused { force, point, force_sigma: force, point_sigma: point };
         let margin = |torsion: f32| {
             let grip = Grip {
-                time: Micros(0),
+                time: Micros(1000),
                 fused: &fused,
                 torsion: Ok(NewtonMillimetres(torsion)),
                 optical: &optical,

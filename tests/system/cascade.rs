@@ -6,8 +6,8 @@ use std::path::Path;
 
 use taxel::calibration::Calibration;
 use taxel::estimate::Force;
-use taxel::finger::{Estimate, Finger};
-use taxel::frame::Status;
+use taxel::finger::{Estimate, Finger, Wanted};
+use taxel::frame::{Fields, Status};
 use taxel::measured::NoValue;
 use taxel_files::trace::Sample;
 use taxel_sim::{Scene, Simulator};
@@ -21,16 +21,32 @@ fn record() -> Calibration {
     taxel_files::calibration::read(&path).unwrap()
 }
 
-/// Runs a scene at 1 kHz; returns every scan with the estimate under `record`.
-fn estimates_by(record: Calibration, duration: f64, acts: &str) -> Vec<(Sample, Estimate)> {
+/// Runs a scene at 1 kHz; returns every scan with the estimate under `record` of what is wanted.
+fn estimates_of(
+    record: Calibration,
+    duration: f64,
+    acts: &str,
+    wanted: impl Fn(usize) -> Wanted,
+) -> Vec<(Sample, Estimate)> {
     let (finger, mut state) = Finger::new(Some(record));
     let text = format!(
         "{EFFECTS}[scan]\nrate_hz = 1000\nduration_s = {duration}\n[device]\nseed = 1\n\
          [indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n{acts}"
     );
     let scene = Scene::parse("cascade.toml", &text).unwrap();
-    let samples = Simulator::new(&scene, 1);
-    samples.map(|sample| (sample, finger.estimate(&mut state, &sample.scan))).collect()
+    let samples = Simulator::new(&scene, 1).enumerate();
+    let mut estimate = Estimate::NOTHING;
+    samples
+        .map(|(i, sample)| {
+            finger.update(&mut estimate, &mut state, &sample.scan, wanted(i));
+            (sample, estimate)
+        })
+        .collect()
+}
+
+/// Runs a scene at 1 kHz; returns every scan with its whole estimate under `record`.
+fn estimates_by(record: Calibration, duration: f64, acts: &str) -> Vec<(Sample, Estimate)> {
+    estimates_of(record, duration, acts, |_| Wanted::ALL)
 }
 
 /// Runs a scene at 1 kHz under the virtual finger's own record.
@@ -79,6 +95,57 @@ fn scene_runs_its_own_stages_only() {
     let two = held(0.6, &two);
     all(&two, &[&[S::RAN_PAIR, S::NOT_SINGLE][..], &always].concat(), &[S::DISAGREE]);
     assert!(two.iter().all(|frame| frame.contacts.is_ok()));
+}
+
+#[test]
+fn force_known_by_array_runs_no_matrix() {
+    let fields = Fields::FORCE | Fields::TORSION | Fields::SENSORS | Fields::SIGNALS;
+    let wanted = |_| Wanted { fields, due: true };
+    let press = press(0.6, -0.4, [0.2, 1.0], 0.6);
+    let frames = estimates_of(record(), 1.2, &press, wanted);
+    for (sample, frame) in &frames[450..950] {
+        all(&[*frame], &[Status::RAN_ARRAY, Status::RAN_SLIP], &[Status::RAN_MODEL]);
+        let fz = f64::from(frame.force.z.unwrap().0);
+        assert!((fz / sample.truth.force[2].unwrap() - 1.0).abs() < 0.02, "{fz}");
+    }
+    // A field of the matrix, or a faulty sensor, brings the model back.
+    for more in [Fields::POINT, Fields::SLIP, Fields::CONTACTS, Fields::UNCERTAINTY] {
+        let frames =
+            estimates_of(record(), 1.2, &press, |_| Wanted { fields: fields | more, due: true });
+        assert!(frames[600].1.status.contains(Status::RAN_MODEL), "{more:?}");
+    }
+    let fault = "[[fault]]\nat_s = 0.6\nuntil_s = 1.2\nkind = 'broken-arm'\nchannel = 's2_r3'\n";
+    let frames = estimates_of(record(), 1.2, &format!("{press}{fault}"), wanted);
+    assert!(!frames[590].1.status.contains(Status::RAN_MODEL));
+    let frame = &frames[620].1;
+    assert!(frame.status.contains(Status::RAN_MODEL) && frame.force.z.is_ok());
+}
+
+#[test]
+fn scan_without_frame_runs_slip_in_turn_only() {
+    let wanted = |i| Wanted { fields: Fields::ESTIMATES, due: i % 100 == 0 };
+    let frames = estimates_of(record(), 1.2, &press(0.6, -0.4, [0.2, 1.0], 0.6), wanted);
+    let ran = |range: core::ops::Range<usize>, bit: Status| {
+        range.filter(|i| i % 100 > 0 && frames[*i].1.status.contains(bit)).count()
+    };
+    assert_eq!(ran(0..290, Status::RAN_SENSORS), 0);
+    for bit in [Status::RAN_SENSORS, Status::RAN_SHEAR, Status::RAN_SLIP] {
+        // Every second scan of 1 ms, because the next turn is due after 1.4 ms.
+        assert!((240..=250).contains(&ran(450..950, bit)), "{bit:?}: {}", ran(450..950, bit));
+    }
+}
+
+#[test]
+fn slip_does_not_depend_on_stream_rate() {
+    let press = press(0.6, -0.4, [0.6, 1.0], 0.8);
+    let learned = |every: usize| {
+        let wanted = |i| Wanted { fields: Fields::ESTIMATES, due: i % every == 0 };
+        let frames = estimates_of(record(), 1.4, &press, wanted);
+        frames[1100].1.slip.unwrap()
+    };
+    let [often, seldom] = [1, 100].map(learned);
+    assert!((often.friction / seldom.friction - 1.0).abs() < 0.05, "{often:?} {seldom:?}");
+    assert!((often.margin - seldom.margin).abs() < 0.03, "{often:?} {seldom:?}");
 }
 
 /// Returns the most switches of a stage per second, in holds of 6 s near its threshold.

@@ -6,8 +6,8 @@ use taxel::frame::Status;
 pub struct Kind {
     /// Name of the kind.
     pub name: &'static str,
-    /// Stage that measures the kind.
-    pub stage: &'static str,
+    /// Stages that measure the kind, and their frames a second if not one in every scan.
+    pub stages: [(&'static str, Option<u16>); 2],
     /// Status bits that are set.
     with: Status,
     /// Status bits that are not set.
@@ -18,25 +18,38 @@ pub struct Kind {
 pub const KINDS: [Kind; 4] = [
     Kind {
         name: "no contact",
-        stage: "finger: no contact, estimates",
+        // The first frame is due long before the run is measured, the second one long after.
+        stages: [
+            ("finger: no contact, estimates", None),
+            ("finger: no contact, no frame due", Some(1)),
+        ],
         with: Status::RAN_SENSORS,
         without: Status::CONTACT,
     },
     Kind {
         name: "normal contact",
-        stage: "finger: normal contact, estimates",
+        stages: [
+            ("finger: normal contact, estimates", None),
+            ("finger: normal contact, frames at 1 kHz", Some(1000)),
+        ],
         with: Status::RAN_MODEL,
         without: Status::RAN_SHEAR,
     },
     Kind {
         name: "shear",
-        stage: "finger: shear, estimates",
+        stages: [
+            ("finger: shear, estimates", None),
+            ("finger: shear, frames at 1 kHz", Some(1000)),
+        ],
         with: Status::RAN_SHEAR,
         without: Status::RAN_PAIR,
     },
     Kind {
         name: "two contacts",
-        stage: "finger: two contacts, estimates",
+        stages: [
+            ("finger: two contacts, estimates", None),
+            ("finger: two contacts, frames at 1 kHz", Some(1000)),
+        ],
         with: Status::RAN_PAIR,
         without: Status(0),
     },

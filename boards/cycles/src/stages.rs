@@ -152,6 +152,11 @@ fn arithmetic(meter: &mut impl Meter) {
     meter.stage("tanh", &mut (), arguments(), &mut 0.0, |(), x, out| *out = tanh(*x));
     meter.stage("1/sqrt", &mut (), arguments(), &mut 0.0, |(), x, out| *out = inverse_sqrt(*x));
     meter.stage("sqrt", &mut (), arguments(), &mut 0.0, |(), x, out| *out = sqrt(*x));
+    // All exponents and many mantissas, subnormal numbers too.
+    let bits = (0..f32::INFINITY.to_bits()).step_by(214_757);
+    meter.compare("sqrt, any number", &mut (), bits, &mut 0.0, |(), bits, out| {
+        *out = sqrt(f32::from_bits(*bits));
+    });
     meter.stage("cube root", &mut (), arguments(), &mut 0.0, |(), x, out| *out = cube_root(*x));
     meter.stage("power", &mut (), arguments(), &mut 0.0, |(), x, out| *out = power(*x, 0.3));
     meter.stage("atan2", &mut (), arguments(), &mut 0.0, |(), x, out| *out = atan2(*x, 1.0 - *x));

@@ -1,6 +1,6 @@
-//! Steps of a net in 16-bit integers, with Cortex-M4 instructions where Rust has none.
+//! Steps of a net in 16-bit integers, and the square root, in Cortex-M4 instructions.
 //!
-//! These are two products in one SMLAD, a conversion that clips, and tanh from a table. Each step
+//! These are two products in one SMLAD, a conversion that clips, tanh from a table, and VSQRT. Each step
 //! exists twice: in `instructions.rs` with these instructions, in `portable.rs` for any other
 //! processor. Both give the same bits: `cargo xtask cycles` compares them on an emulated core for
 //! ten thousand inputs. A word holds two numbers, the first in its lower half.
@@ -23,9 +23,9 @@ mod portable;
 mod tanh;
 
 #[cfg(dsp)]
-pub use instructions::{activations, narrowed, sums_of_outputs};
+pub use instructions::{activations, narrowed, sqrt, sums_of_outputs};
 #[cfg(not(dsp))]
-pub use portable::{activations, narrowed, sums_of_outputs};
+pub use portable::{activations, narrowed, sqrt, sums_of_outputs};
 
 /// Number of weights in a row.
 pub const COLUMNS: usize = 16;

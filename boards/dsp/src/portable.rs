@@ -1,4 +1,4 @@
-//! Steps of the net on any processor.
+//! Steps of the net, and the square root, on any processor.
 //!
 //! Within a record's bounds nothing overflows. Beyond them nothing panics, and both forms wrap
 //! alike.
@@ -39,4 +39,38 @@ pub fn narrowed(c: &[f32; 8], scale: f32) -> [[u32; 2]; 2] {
     let clipped = |x: i32| x.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16;
     let [a, b, c, d, e, f, g, h] = c.map(|c| clipped((c * scale) as i32));
     [[word([a, b]), word([c, d])], [word([e, f]), word([g, h])]]
+}
+
+/// Square root of a positive finite number, rounded to nearest.
+#[must_use]
+pub fn sqrt(x: f32) -> f32 {
+    const MANTISSA: u32 = (1 << 23) - 1;
+    let (fraction, exponent) = (x.to_bits() & MANTISSA, (x.to_bits() >> 23) as i32);
+    // x = m·2^e with 24 bits of m.
+    let (m, e) = if exponent == 0 {
+        let up = fraction.leading_zeros().saturating_sub(8).min(23);
+        (fraction << up, -149 - up as i32)
+    } else {
+        (fraction | (MANTISSA + 1), exponent - 150)
+    };
+    // The radicand has 49 bits and an odd exponent, or 50 and an even one, so that its root has 25:
+    // one more than the result. A root of 25 bits whose last is set is never exact, so that this
+    // bit alone decides the rounding.
+    let shift = 26 - (e & 1);
+    let root = (u64::from(m) << shift).isqrt();
+    let scale = ((e - shift) / 2 + 1 + 127).clamp(1, 254);
+    root.div_ceil(2) as f32 * f32::from_bits((scale as u32) << 23)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn square_root_is_rounded_exactly() {
+        for bits in (1..f32::INFINITY.to_bits()).step_by(1009).chain(1..10_000) {
+            let x = f32::from_bits(bits);
+            assert_eq!(sqrt(x).to_bits(), x.sqrt().to_bits(), "{x:e}");
+        }
+    }
 }

@@ -23,7 +23,7 @@ use crate::host::Inputs;
 /// Time between two scans, microseconds.
 const PERIOD: u64 = 250;
 /// Scans without contact, enough for the vibration detector to learn its noise floor and band.
-const UNTOUCHED: usize = 220;
+const UNTOUCHED: usize = 880;
 const TOUCHED: usize = 138;
 /// Code of the chip's temperature sensor.
 const ROOM: Code = Code(15_000);

@@ -167,7 +167,7 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
         tractions.clone(),
         &mut None,
         |(slip, state), traction, out| {
-            *out = slip.judge(state, traction).ok();
+            *out = slip.judge(state, traction, 1e-3).ok();
         },
     );
     limit_surface_stages(tractions.clone(), meter);
@@ -184,7 +184,7 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
             *out = state.update(*time, *place, traction);
         },
     );
-    let heard = signals.zip(0u8..).map(|(signals, i)| (Micros(1000 * u64::from(i)), signals));
+    let heard = signals.zip(0u8..).map(|(signals, i)| (Micros(250 * u64::from(i)), signals));
     let ear = &mut VibrationDetector::default();
     meter.stage("slip: by its vibration", ear, heard, &mut false, |ear, (time, signals), out| {
         *out = ear.hear(*time, signals);

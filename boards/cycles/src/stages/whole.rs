@@ -1,10 +1,12 @@
 //! Stages of a finger with everything a default fit writes, one for each kind of scene.
 //!
-//! They measure the path from codes to wire bytes, from the first scan of the kind on.
+//! They measure the path from codes to wire bytes at 4 kHz, from the first scan of the kind on. A
+//! frame is due in every scan, in every fourth (`frames at 1 kHz`), or in none.
 
 use taxel::frame::Fields;
 use taxel::scan::Scan;
 use taxel::units::Micros;
+use taxel::wire::message::Command;
 
 use super::frame::{Packet, instrument, whole};
 use crate::Meter;
@@ -12,9 +14,9 @@ use crate::host::{Whole, scans};
 use crate::kinds::{KINDS, Kind};
 
 /// Time between two scans of the runs, microseconds.
-const PERIOD: u64 = 1000;
+const PERIOD: u64 = 250;
 /// Scans without contact, more than the vibration detector needs to learn its noise floor.
-const UNTOUCHED: usize = 220;
+const UNTOUCHED: usize = 880;
 
 /// Scans without contact, then the run.
 fn scene<'a>(nothing: &'a [u8], run: &'a [u8]) -> impl Iterator<Item = Scan> + Clone + use<'a> {
@@ -41,10 +43,13 @@ pub fn stages(inputs: &Whole<'_>, meter: &mut impl Meter) {
         let scans = scene(nothing, run);
         // A run that is not of its kind has no stage, and its stage is missed in the report.
         let Some(before) = before(kind, inputs.record, scans.clone()) else { continue };
-        let mut instrument = instrument(inputs.record, Fields::ESTIMATES, None);
-        scans.clone().take(before).for_each(|scan| {
-            instrument.scan(&scan);
-        });
-        meter.stage(kind.stage, &mut instrument, scans.skip(before), &mut packet, whole);
+        for (stage, rate) in kind.stages {
+            let asked = rate.map(|hz| Command::SetRate { hz });
+            let mut instrument = instrument(inputs.record, Fields::ESTIMATES, asked);
+            scans.clone().take(before).for_each(|scan| {
+                instrument.scan(&scan);
+            });
+            meter.stage(stage, &mut instrument, scans.clone().skip(before), &mut packet, whole);
+        }
     }
 }

@@ -7,7 +7,7 @@ use anyhow::{anyhow, bail};
 use clap::ValueEnum;
 use indicatif::ProgressBar;
 use taxel::calibration::Calibration;
-use taxel::finger::{Finger, FingerState};
+use taxel::finger::{Estimate, Finger, FingerState, Wanted};
 use taxel::frame::schema::FIELD_NAMES;
 use taxel::frame::{Fields, Frame};
 use taxel::measured::{Measured, NoValue};
@@ -197,12 +197,15 @@ fn on_host(
     mut sink: Sink,
     interrupt: &Interrupt,
 ) -> anyhow::Result<Sink> {
+    // As a board does that streams these fields: what they do not need stays off.
+    let wanted = Wanted { fields: sink.fields, due: true };
+    let mut estimate = Estimate::NOTHING;
     for (seq, sample) in (0u32..).zip(samples) {
         if interrupt.came() {
             break;
         }
         let scan = sample?.scan;
-        let estimate = finger.estimate(&mut state, &scan);
+        finger.update(&mut estimate, &mut state, &scan, wanted);
         sink.take(&estimate.frame(&scan.codes, seq, sink.fields).into())?;
     }
     Ok(sink)

@@ -15,6 +15,8 @@ taxel simulate --scene shear.toml --seed 2 --out shear.csv
 taxel simulate --scene warm-up.toml --seed 3 --out warm-up.csv
 taxel calibrate fit --data presses.csv --data shear.csv --data warm-up.csv --serial VIRTUAL-4X4 --out finger.cal.toml
 
+# The runs are at the product's rate of scans.
+sed -i 's/^rate_hz = .*/rate_hz = 4000/' tour.toml two-contacts.toml
 taxel simulate --scene tour.toml --out tour.csv
 taxel simulate --scene two-contacts.toml --out two.csv
 # From one microsecond to before another, without the truth but for `contact`.
