@@ -1,7 +1,7 @@
 //! Settings and a bias taken on command, kept together: saving one writes both again.
 //!
-//! Each save costs one erasure, and a page endures ten thousand (DS12589 table 45). That is enough,
-//! because settings are saved only when a person asks for it.
+//! Each save of a change costs one erasure, and a page endures ten thousand (DS12589 table 45). That
+//! is enough, because settings are saved only when a person asks for it.
 
 use serde::{Deserialize, Serialize};
 
@@ -96,6 +96,9 @@ impl<F: Flash> Store<F> {
     fn keep(&mut self, kept: &Kept) -> Result<(), StoreError> {
         let mut buffer = [0; LONGEST];
         let bytes = kept.write(&mut buffer).ok_or(StoreError::Flash)?;
+        if self.settings.current(&self.flash) == Some(bytes) {
+            return Ok(());
+        }
         self.settings.begin(&mut self.flash, bytes.len())?;
         self.settings.write(&mut self.flash, 0, bytes)?;
         if self.settings.written(&self.flash)? != bytes {

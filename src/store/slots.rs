@@ -59,7 +59,7 @@ impl Slots {
         }
     }
 
-    /// Returns the newest content if it was not accepted at power-up, until it is erased.
+    /// Returns the newest content if it was not accepted at power-up, until it is replaced.
     pub(super) fn passed_over<'f>(&self, flash: &'f impl Flash) -> Option<&'f [u8]> {
         self.passed_over.as_ref().map(|newest| newest.content(flash))
     }
@@ -125,15 +125,18 @@ impl Slots {
     /// Makes the written content the newest.
     pub(super) fn commit(&mut self, flash: &mut impl Flash) -> Result<(), StoreError> {
         let length = self.written(flash)?.len();
+        let [first, second] = self.areas;
         let area = self.other();
-        let sequence = self.newest.map_or(0, |newest| newest.sequence.wrapping_add(1));
+        // Content that was not accepted at power-up counts too, or it would stay the newest.
+        let older = newest_in(flash, if area == first { second } else { first });
+        let sequence = older.map_or(0, |older| older.sequence.wrapping_add(1));
         self.incoming = None;
         let [first, second] = header(sequence, length);
         flash.program(area, 0, first)?;
         flash.program(area, WORD, second)?;
         match newest_in(flash, area) {
             Some(newest) if newest.sequence == sequence && newest.length == length => {
-                self.newest = Some(newest);
+                (self.newest, self.passed_over) = (Some(newest), None);
                 Ok(())
             }
             _ => Err(StoreError::Flash),

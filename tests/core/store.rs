@@ -309,9 +309,11 @@ fn self_test_reports_record_damaged_at_power_up() {
     assert_eq!(active_crc(&mut instrument, &mut store), None);
     assert_eq!(record_intact(&mut instrument, &mut store), Some(false));
 
-    // Another upload repairs the slot.
+    // One upload repairs it, also after a restart.
     instrument.install(&record(3), &mut store).unwrap();
-    instrument.install(&record(4), &mut store).unwrap();
+    assert_eq!(record_intact(&mut instrument, &mut store), Some(true));
+    let (mut instrument, mut store) = wake(asleep(store));
+    assert_eq!(active_crc(&mut instrument, &mut store), Some(crc(&record(3))));
     assert_eq!(record_intact(&mut instrument, &mut store), Some(true));
 }
 
@@ -362,6 +364,19 @@ fn saved_settings_and_bias_survive_power_off() {
     ask(&mut instrument, &mut store, Command::SaveBias).unwrap();
     let (mut instrument, mut store) = wake(asleep(store));
     assert!(!info(&mut instrument, &mut store).biased);
+}
+
+#[test]
+fn saving_unchanged_settings_erases_nothing() {
+    let (mut instrument, mut store) = wake(Mortal::new());
+    ask(&mut instrument, &mut store, Command::SetRate { hz: 250 }).unwrap();
+    ask(&mut instrument, &mut store, Command::SaveSettings).unwrap();
+    let operations = store.flash().done;
+    ask(&mut instrument, &mut store, Command::SaveSettings).unwrap();
+    assert_eq!(store.flash().done, operations);
+    ask(&mut instrument, &mut store, Command::SetRate { hz: 500 }).unwrap();
+    ask(&mut instrument, &mut store, Command::SaveSettings).unwrap();
+    assert!(store.flash().done > operations);
 }
 
 #[test]
