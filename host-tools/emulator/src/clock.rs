@@ -1,4 +1,4 @@
-//! Counter of executed instructions (exact) and cycles (modelled).
+//! Counter of executed instructions (exact), cycles and waits for the flash (both modelled).
 //!
 //! It counts everything, or only the blocks between entering a function and returning from it.
 
@@ -8,14 +8,24 @@ use std::ops::Sub;
 
 use crate::block::{Block, Unknown};
 use crate::cost::Band;
+use crate::fetch::{Fetch, Reads};
 
 /// Instructions and cycles of a stretch of execution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Count {
     /// Instructions, including those that IT skipped.
     pub instructions: u64,
-    /// Modelled cycles.
+    /// Modelled cycles without wait states.
     pub cycles: Band,
+    /// Modelled cycles of waiting for the flash.
+    pub waits: u64,
+}
+
+impl Count {
+    /// Cycles at the upper end of the band, and the waits.
+    pub fn time(&self) -> u64 {
+        self.cycles.high + self.waits
+    }
 }
 
 impl Sub for Count {
@@ -27,6 +37,7 @@ impl Sub for Count {
                 low: self.cycles.low - before.cycles.low,
                 high: self.cycles.high - before.cycles.high,
             },
+            waits: self.waits - before.waits,
         }
     }
 }
@@ -38,6 +49,8 @@ pub struct Visits {
     pub taken: u64,
     /// Runs that continued with the next instruction.
     pub fell_through: u64,
+    /// Cycles of waiting for the flash.
+    pub waits: u64,
 }
 
 /// State of the measured call.
@@ -75,6 +88,9 @@ impl Hasher for AddressHasher {
 pub struct Clock {
     total: Count,
     blocks: Vec<(Block, Visits)>,
+    /// Reads of the flash that each of `blocks` makes.
+    reads: Vec<Reads>,
+    fetch: Fetch,
     /// Index into `blocks` by start and length, because the translator may cut the same code
     /// differently.
     index: HashMap<(u32, u32), usize, BuildHasherDefault<AddressHasher>>,
@@ -94,7 +110,17 @@ impl Clock {
         self.total
     }
 
-    /// Measures the next call of the function at `address`.
+    /// Flash that the core fetches from.
+    pub fn fetch(&mut self) -> &mut Fetch {
+        &mut self.fetch
+    }
+
+    /// Builds a counter for a core with this flash.
+    pub fn with(fetch: Fetch) -> Self {
+        Self { fetch, ..Self::default() }
+    }
+
+    /// Measures the next call of the function at `address`, from empty caches.
     pub fn await_call(&mut self, address: u32) {
         self.call = Some(Call::Awaited { function: address & !1 });
         self.measured = None;
@@ -121,17 +147,19 @@ impl Clock {
         self.blocks.iter_mut().for_each(|(_, visits)| *visits = Visits::default());
     }
 
-    /// Whether the block at `start` of `length` bytes is decoded.
-    pub fn knows(&self, start: u32, length: u32) -> bool {
-        self.index.contains_key(&(start, length))
+    /// Index of the block at `start` of `length` bytes, if it is decoded.
+    pub fn find(&self, start: u32, length: u32) -> Option<usize> {
+        self.index.get(&(start, length)).copied()
     }
 
-    /// Decodes the block at `start`; fails on an instruction without a model.
-    pub fn learn(&mut self, start: u32, code: &[u8]) -> Result<(), Unknown> {
+    /// Decodes the block at `start` and returns its index; fails on an instruction without a model.
+    pub fn learn(&mut self, start: u32, code: &[u8]) -> Result<usize, Unknown> {
         let block = Block::decode(start, code)?;
-        self.index.insert((start, code.len() as u32), self.blocks.len());
+        let index = self.blocks.len();
+        self.index.insert((start, code.len() as u32), index);
+        self.reads.push(self.fetch.reads(&block));
         self.blocks.push((block, Visits::default()));
-        Ok(())
+        Ok(index)
     }
 
     /// Whether a measured call may begin or end at `start`.
@@ -143,16 +171,17 @@ impl Clock {
         }
     }
 
-    /// Records that control enters a decoded block.
+    /// Records that control enters the decoded block with the index `block` at `start`.
     ///
     /// `link` and `stack` matter only where [`Self::watches`] is true.
-    pub fn enter(&mut self, start: u32, length: u32, [link, stack]: [u32; 2]) {
+    pub fn enter(&mut self, block: usize, start: u32, [link, stack]: [u32; 2]) {
         self.leave(start);
-        self.current = self.index.get(&(start, length)).copied();
+        self.current = Some(block);
         match self.call {
             Some(Call::Awaited { function }) if function == start => {
                 self.call = Some(Call::Running { back: link & !1, stack, since: self.total });
                 self.before = None;
+                self.fetch.flush();
             }
             // With another stack pointer this is the return of a recursive call.
             Some(Call::Running { back, stack: before, since })
@@ -163,6 +192,19 @@ impl Clock {
             }
             _ => {}
         }
+        let Some(reads) = self.reads.get(block) else { return };
+        let waits = self.fetch.waits(reads, self.total.cycles.high);
+        self.total.waits += waits;
+        if self.counts()
+            && let Some((_, visits)) = self.blocks.get_mut(block)
+        {
+            visits.waits += waits;
+        }
+    }
+
+    /// Whether visits of blocks count now.
+    fn counts(&self) -> bool {
+        self.all || matches!(self.call, Some(Call::Running { .. }))
     }
 
     /// Block that control is in.
@@ -183,7 +225,7 @@ impl Clock {
         if !taken {
             self.before = Some(current);
         }
-        if (self.all || matches!(self.call, Some(Call::Running { .. })))
+        if self.counts()
             && let Some((_, visits)) = self.blocks.get_mut(current)
         {
             if taken {

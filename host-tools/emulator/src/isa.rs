@@ -73,6 +73,8 @@ pub struct Instruction {
     pub address: u16,
     /// Number of following instructions that an IT makes conditional.
     pub it_length: u8,
+    /// Distance of the loaded constant from the program counter, rounded down to a word.
+    pub literal: Option<i16>,
 }
 
 const PC: u16 = 15;
@@ -89,11 +91,16 @@ impl Instruction {
             loads: 0,
             address: 0,
             it_length: 0,
+            literal: None,
         }
     }
 
     const fn going(self, flow: Flow) -> Self {
         Self { flow, ..self }
+    }
+
+    const fn reading(self, literal: Option<i16>) -> Self {
+        Self { literal, ..self }
     }
 
     const fn going_if(self, elsewhere: bool) -> Self {
@@ -134,7 +141,9 @@ fn narrow(op: u16) -> Option<Instruction> {
             0b01 => new(Simple),
             _ => new(Simple).going_if(bit(op, 7) && field(op, 0, 3) == 7),
         },
-        0b010010 | 0b010011 => access(true, field(op, 8, 3), 0),
+        0b010010 | 0b010011 => {
+            access(true, field(op, 8, 3), 0).reading(Some(4 * field(op, 0, 8) as i16))
+        }
         0b010100..=0b010111 => {
             let load = field(op, 9, 3) >= 0b011;
             access(load, field(op, 0, 3), 1 << field(op, 3, 3) | 1 << field(op, 6, 3))
@@ -206,6 +215,14 @@ fn wide(op: u16, arg: u16) -> Option<Instruction> {
     })
 }
 
+/// Distance of a constant from the program counter, if `op` addresses by it.
+const fn literal(op: u16, distance: u16) -> Option<i16> {
+    if field(op, 0, 4) != PC {
+        return None;
+    }
+    Some(if bit(op, 7) { distance as i16 } else { -(distance as i16) })
+}
+
 /// Decodes LDRD, STRD, exclusives and table branches.
 fn dual(op: u16, arg: u16) -> Instruction {
     let new = |class| Instruction::new(4, class);
@@ -220,7 +237,7 @@ fn dual(op: u16, arg: u16) -> Instruction {
         (0b01, 0b01) => {
             Instruction { loads: 1 << field(arg, 12, 4), address: base, ..new(Class::Load) }
         }
-        _ => new(Class::Words(2)),
+        _ => new(Class::Words(2)).reading(literal(op, 4 * field(arg, 0, 8))),
     }
 }
 
@@ -240,6 +257,7 @@ fn single(op: u16, arg: u16) -> Option<Instruction> {
         (true, _) if rt == PC => Instruction::new(4, Class::Simple),
         (true, _) => Instruction { loads: 1 << rt, ..new(Class::Load) },
     })
+    .map(|instruction| instruction.reading(literal(op, field(arg, 0, 12))))
 }
 
 /// Set with one single-precision register; its number is four bits and one more.
@@ -269,7 +287,9 @@ fn float(op: u16, arg: u16) -> Option<Instruction> {
         let first = if double { 2 * d } else { d << 1 | u16::from(bit(op, 6)) };
         let all = (1u64.checked_shl(u32::from(words))? - 1) << first;
         let float_uses = if bit(op, 4) { 0 } else { all & (FLAGS - 1) };
-        return Some(Instruction { float_uses, ..new(Class::Words(u8::try_from(words).ok()?)) });
+        let words = Class::Words(u8::try_from(words).ok()?);
+        let literal = literal(op, 4 * field(arg, 0, 8)).filter(|_| one);
+        return Some(Instruction { float_uses, ..new(words) }.reading(literal));
     }
     if bit(arg, 4) {
         return Some(match (bit(arg, 8), field(op, 5, 3)) {

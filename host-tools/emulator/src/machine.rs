@@ -127,7 +127,7 @@ impl Machine {
         Ok(())
     }
 
-    /// Counter of instructions, cycles and blocks.
+    /// Counter of instructions, cycles and blocks; its flash has no wait states at first.
     pub fn clock(&mut self) -> &mut Clock {
         &mut self.unicorn.get_data_mut().clock
     }
@@ -218,12 +218,16 @@ impl Inside {
 
 fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
     let start = start as u32;
-    if !unicorn.get_data().clock.knows(start, length) {
-        let code = unicorn.mem_read_as_vec(u64::from(start), length as usize).unwrap_or_default();
-        if let Err(unknown) = unicorn.get_data_mut().clock.learn(start, &code) {
-            return Inside::stop(unicorn, Fault::Instruction(unknown));
+    let block = match unicorn.get_data().clock.find(start, length) {
+        Some(block) => block,
+        None => {
+            let code = unicorn.mem_read_as_vec(u64::from(start), length as usize);
+            match unicorn.get_data_mut().clock.learn(start, &code.unwrap_or_default()) {
+                Ok(block) => block,
+                Err(unknown) => return Inside::stop(unicorn, Fault::Instruction(unknown)),
+            }
         }
-    }
+    };
     let registers = if unicorn.get_data().clock.watches(start) {
         [RegisterARM::LR, RegisterARM::SP]
             .map(|register| unicorn.reg_read(register).unwrap_or_default() as u32)
@@ -231,7 +235,7 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
         [0; 2]
     };
     let inside = unicorn.get_data_mut();
-    inside.clock.enter(start, length, registers);
+    inside.clock.enter(block, start, registers);
     if inside.clock.total().instructions > inside.instruction_limit {
         Inside::stop(unicorn, Fault::Limit);
     }

@@ -22,6 +22,8 @@ pub struct Share {
     pub instructions: f64,
     /// Mean cycles per call of the stage: low and high.
     pub cycles: [f64; 2],
+    /// Mean waits for the flash per call of the stage; a block's count for its first function.
+    pub waits: f64,
 }
 
 impl Profiler {
@@ -34,7 +36,7 @@ impl Profiler {
 
     /// Shares of the counted blocks over `calls` calls, the greatest first.
     pub fn shares(&self, calls: usize, clock: &Clock) -> Vec<Share> {
-        let mut sums = HashMap::<String, (u64, Band)>::new();
+        let mut sums = HashMap::<String, (u64, Band, u64)>::new();
         for (block, visits) in clock.blocks() {
             let runs = visits.taken + visits.fell_through;
             if runs == 0 {
@@ -42,6 +44,7 @@ impl Profiler {
             }
             let mut address = block.start;
             let last = block.instructions.len() - 1;
+            sums.entry(self.name(address)).or_default().2 += visits.waits;
             for (i, instruction) in block.instructions.iter().enumerate() {
                 let taken = if i == last { visits.taken } else { 0 };
                 let band = block.cost_of(i, true).times(taken)
@@ -55,13 +58,14 @@ impl Profiler {
         let calls = calls.max(1) as f64;
         let mut shares: Vec<_> = sums
             .into_iter()
-            .map(|(name, (instructions, Band { low, high }))| Share {
+            .map(|(name, (instructions, Band { low, high }, waits))| Share {
                 name,
                 instructions: instructions as f64 / calls,
                 cycles: [low, high].map(|cycles| cycles as f64 / calls),
+                waits: waits as f64 / calls,
             })
             .collect();
-        shares.sort_by(|a, b| b.cycles[1].total_cmp(&a.cycles[1]));
+        shares.sort_by(|a, b| (b.cycles[1] + b.waits).total_cmp(&(a.cycles[1] + a.waits)));
         shares
     }
 

@@ -9,6 +9,8 @@ use super::time::Tick;
 pub trait Flash {
     /// Contents of the data part.
     fn contents(&mut self) -> &mut FlashContents;
+    /// Value of the access control register: wait states, prefetch and caches.
+    fn access_control(&self) -> u32;
     /// Reads `size` bytes at `address`; the flag is true if the read raises the NMI.
     ///
     /// # Errors

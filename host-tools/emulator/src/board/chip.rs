@@ -12,6 +12,7 @@ use super::iwdg::Iwdg;
 use super::system::System;
 use super::time::{Tick, micros};
 use super::timer::Timer;
+use crate::fetch::Accelerator;
 
 /// First address of the private peripheral bus.
 pub const PRIVATE: u32 = 0xe000_0000;
@@ -74,6 +75,8 @@ pub enum EventSource {
 pub struct Map {
     /// Whole flash.
     pub flash: (u32, u32),
+    /// Accelerator between the flash and the core.
+    pub accelerator: Accelerator,
     /// Part of the flash that the program changes; the rest is code.
     pub data: (u32, u32),
     /// RAM, lost without power.

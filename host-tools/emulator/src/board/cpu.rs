@@ -1,9 +1,8 @@
 //! Core: runs the image block by block, takes exceptions between blocks, and sleeps to the next
 //! event.
 //!
-//! Time advances by the cost of each block, at the upper end of the cost table's band. Register
-//! accesses happen at the time at which their block began. Wait states of the flash are not
-//! included.
+//! Time advances by the cost of each block, at the upper end of the cost table's band, and by its
+//! waits for the flash. Register accesses happen at the time at which their block began.
 
 mod exceptions;
 mod memory;
@@ -20,7 +19,9 @@ use super::host::Host;
 use super::model::Model;
 use super::system::Masks;
 use super::time::{Tick, seconds};
+use crate::block::Unknown;
 use crate::clock::Clock;
+use crate::fetch::{Fetch, Settings};
 use memory::{ROM_ENTRY, Ram};
 
 /// unicorn's numbers for a return from an exception and for a failed fetch.
@@ -52,7 +53,7 @@ struct Inside {
     /// Chip; `None` while it accesses memory.
     chip: Option<Box<dyn Chip>>,
     now: Tick,
-    /// Cycles of `clock` that `now` includes.
+    /// Cycles and waits of `clock` that `now` includes.
     counted: u64,
     /// Cycles of exceptions and stalls.
     extra: u64,
@@ -95,7 +96,7 @@ impl Board {
         let chip = model.chip(finger, host);
         let (map, segments) = (chip.map(), memory::segments(elf)?);
         let inside = Inside {
-            clock: Clock::default(),
+            clock: Clock::with(Fetch::new(map.accelerator, Settings::default())),
             chip: Some(chip),
             now: 0,
             counted: 0,
@@ -157,9 +158,14 @@ impl Board {
         self.unicorn.get_data().clock.total().instructions
     }
 
-    /// Modelled cycles that the core has run, without sleep.
+    /// Modelled cycles that the core has run or waited for the flash, without sleep.
     pub fn cycles(&self) -> u64 {
-        self.unicorn.get_data().clock.total().cycles.high
+        self.unicorn.get_data().clock.total().time()
+    }
+
+    /// Modelled cycles that the core has waited for the flash.
+    pub fn waits(&self) -> u64 {
+        self.unicorn.get_data().clock.total().waits
     }
 
     /// Runs for `time`, or until the chip resets or enters its bootloader.
@@ -191,7 +197,9 @@ impl Board {
                 Some(Stop::Fault(why)) => return Err(self.fault(at, &why)),
                 None if at >= EXCEPTION_RETURN => self.leave()?,
                 // unicorn stops at a WFI and reports a WFE as invalid.
-                None if self.waits() && matches!(outcome, Ok(()) | Err(uc_error::INSN_INVALID)) => {
+                None if self.is_asleep()
+                    && matches!(outcome, Ok(()) | Err(uc_error::INSN_INVALID)) =>
+                {
                     pay(self.unicorn.get_data_mut(), at);
                     if let Some(end) = self.wait()? {
                         return Ok(end);
@@ -210,7 +218,7 @@ impl Board {
         &mut self.unicorn.get_data_mut().clock
     }
 
-    fn waits(&self) -> bool {
+    fn is_asleep(&self) -> bool {
         self.unicorn.get_data().clock.current().is_some_and(|block| block.waits)
     }
 
@@ -314,7 +322,7 @@ fn deliverable(unicorn: &mut Unicorn<'_, Inside>) -> Option<usize> {
 /// Adds the cost of the block that control has left for `next` to the time.
 fn pay(inside: &mut Inside, next: u32) {
     inside.clock.leave(next);
-    let cycles = inside.clock.total().cycles.high;
+    let cycles = inside.clock.total().time();
     inside.now += (cycles - inside.counted) * inside.chip.as_ref().map_or(0, |chip| chip.hclk());
     inside.counted = cycles;
 }
@@ -349,18 +357,22 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
     if inside.now >= inside.deadline {
         return stop(unicorn, Stop::Deadline);
     }
-    if !inside.clock.knows(start, length) {
-        let code = unicorn.mem_read_as_vec(u64::from(start), length as usize).unwrap_or_default();
-        if let Err(unknown) = unicorn.get_data_mut().clock.learn(start, &code) {
-            let why = format!(
-                "no model of the instruction {:#010x} at {:#010x}",
-                unknown.code, unknown.address
-            );
-            return stop(unicorn, Stop::Fault(why));
+    let block = match inside.clock.find(start, length) {
+        Some(block) => block,
+        None => {
+            let code = unicorn.mem_read_as_vec(u64::from(start), length as usize);
+            match unicorn.get_data_mut().clock.learn(start, &code.unwrap_or_default()) {
+                Ok(block) => block,
+                Err(Unknown { address, code }) => {
+                    let why =
+                        format!("no model of the instruction {code:#010x} at {address:#010x}");
+                    return stop(unicorn, Stop::Fault(why));
+                }
+            }
         }
-    }
+    };
     let inside = unicorn.get_data_mut();
-    inside.clock.enter(start, length, [0; 2]);
+    inside.clock.enter(block, start, [0; 2]);
     if let Some(block) = inside.clock.current() {
         inside.event |= block.signals;
         inside.float |= block.floats;

@@ -6,6 +6,7 @@ use std::rc::Rc;
 use super::*;
 use crate::clock::Count;
 use crate::cost::Band;
+use crate::fetch::Settings;
 
 const CODE: u32 = FLASH + 0x40;
 /// bkpt #0xab
@@ -23,7 +24,7 @@ fn machine(halves: &[u16]) -> Machine {
 }
 
 fn count(instructions: u64, low: u64, high: u64) -> Count {
-    Count { instructions, cycles: Band { low, high } }
+    Count { instructions, cycles: Band { low, high }, waits: 0 }
 }
 
 /// movs r0, #10; subs r0, #1; bne back to it; bkpt
@@ -125,4 +126,94 @@ fn unsupported_access_stops_machine_by_name() {
 fn hanging_program_is_stopped() {
     // b to itself
     assert!(error(&[0xe7fe]).contains("still running"));
+}
+
+/// Cycles that the core waits for the flash in a program at `address`, with these settings.
+fn waits(address: u32, halves: &[u16], settings: Settings) -> u64 {
+    let mut machine = Machine::blank().unwrap();
+    let code: Vec<u8> = halves.iter().flat_map(|half| half.to_le_bytes()).collect();
+    let vectors = [0x2000_1000u32, address | 1].map(u32::to_le_bytes).concat();
+    machine.write(FLASH, &vectors).unwrap();
+    machine.write(address, &code).unwrap();
+    machine.reset().unwrap();
+    machine.clock().fetch().set(settings);
+    machine.run(PLENTY).unwrap();
+    machine.clock().total().waits
+}
+
+/// Accelerator off.
+fn bare(wait_states: u64) -> Settings {
+    Settings { wait_states, ..Settings::default() }
+}
+
+const CACHED: Settings = Settings { prefetch: false, ..Settings::G431 };
+
+#[test]
+fn code_in_ram_never_waits() {
+    for wait_states in 0..=8 {
+        assert_eq!(waits(0x2000_2000, &LOOP, bare(wait_states)), 0);
+        let on = Settings { wait_states, ..Settings::G431 };
+        assert_eq!(waits(0x2000_2000, &LOOP, on), 0);
+    }
+}
+
+#[test]
+fn straight_code_waits_for_each_word() {
+    // adds r1, #1, a hundred words of four; then the call.
+    let mut program = vec![0x3101; 400];
+    program.push(CALL_HOST);
+    for wait_states in 0..=8 {
+        assert_eq!(waits(CODE, &program, bare(wait_states)), 101 * wait_states);
+        // Nothing runs twice, so that the caches are of no use.
+        let cached = Settings { wait_states, ..CACHED };
+        assert_eq!(waits(CODE, &program, cached), 101 * wait_states);
+        // A read takes one cycle more than the wait states, of which four pass in the word before.
+        let prefetched = Settings { wait_states, ..Settings::G431 };
+        let hidden = (wait_states + 1).saturating_sub(4);
+        assert_eq!(waits(CODE, &program, prefetched), wait_states + 100 * hidden);
+    }
+}
+
+#[test]
+fn cached_loop_waits_in_its_first_turn_only() {
+    // Without a cache the present word is there all the same, and it holds the whole loop.
+    let short = [&[0xbf00; 3][..], &LOOP].concat();
+    assert_eq!(waits(CODE, &short, CACHED), 2 * 4);
+    assert_eq!(waits(CODE, &short, bare(4)), 2 * 4);
+    // movs r0, #10; then ten turns of 16 words; bne.w back to the first; the call.
+    let mut long = vec![0x200a, 0xbf00, 0xbf00, 0xbf00];
+    long.extend([0x3101; 61]);
+    long.extend([0x3801, 0xf47f, 0xafc0, CALL_HOST]);
+    assert_eq!(waits(CODE, &long, CACHED), (1 + 16 + 1) * 4);
+    assert_eq!(waits(CODE, &long, bare(4)), (1 + 10 * 16 + 1) * 4);
+}
+
+#[test]
+fn loop_longer_than_the_cache_waits_every_turn() {
+    // As above, with 1200 bytes a turn: 150 words, and the least recently used go first.
+    let mut program = vec![0x200a, 0xbf00, 0xbf00, 0xbf00];
+    program.extend([0x3101; 596]);
+    program.extend([0xbf00, 0x3801, 0xf47f, 0xada8, CALL_HOST]);
+    assert_eq!(waits(CODE, &program, CACHED), (1 + 10 * 150 + 1) * 4);
+}
+
+#[test]
+fn constant_waits_once_while_its_cache_holds_it() {
+    // movs r0, #10; ldr r1, [pc, #4]; subs r0, #1; bne back to the load; call; nop; the constant
+    let program = [0x200a, 0x4902, 0x3801, 0xd1fc, CALL_HOST, 0xbf00, 1, 2, 3, 4];
+    assert_eq!(waits(CODE, &program, CACHED), 2 * 4 + 4);
+    let instructions_only = Settings { caches: [true, false], ..CACHED };
+    assert_eq!(waits(CODE, &program, instructions_only), 2 * 4 + 10 * 4);
+}
+
+#[test]
+fn accelerator_and_fewer_wait_states_save_time() {
+    let mut program = vec![0x200a, 0xbf00, 0xbf00, 0xbf00];
+    program.extend([0x3101; 61]);
+    program.extend([0x3801, 0xf47f, 0xafc0, CALL_HOST]);
+    let all = waits(CODE, &program, Settings::G431);
+    let prefetched = waits(CODE, &program, Settings { caches: [false; 2], ..Settings::G431 });
+    let off = waits(CODE, &program, bare(4));
+    assert!(0 < all && all < prefetched && prefetched < off, "{all}, {prefetched}, {off}");
+    assert!(waits(CODE, &program, bare(3)) < off);
 }

@@ -1,4 +1,6 @@
 //! Tests of the flashed image's cycles per frame against the limits and the board's page.
+//!
+//! They run without wait states, as the page's table does.
 
 use scan_plan::g431::CLOCK_HZ;
 use taxel::calibration::MAX_BYTES;
@@ -10,6 +12,7 @@ use taxel::wire::{MAX_PACKET, pack};
 use taxel_emulator::board::model::Model::G431;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::micros;
+use taxel_emulator::fetch::Settings;
 
 use crate::support::{self, repository, stated};
 
@@ -19,6 +22,7 @@ const FRAME: u32 = CLOCK_HZ / 4000;
 /// Session with the costliest calibration record, filter and stream of every scan.
 fn session(fields: Fields) -> Session {
     let mut session = support::session(G431, false);
+    session.board.clock().fetch().fix(Settings::default());
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
     let calibration = cycles::dearest(&taxel_files::calibration::read(&path).unwrap());
     let mut record = [0; MAX_BYTES];

@@ -10,6 +10,7 @@ use super::{Inside, Stop, failed, stop, time};
 use crate::board::Outcome;
 use crate::board::chip::{Map, Memory, PRIVATE};
 use crate::board::system::NMI;
+use crate::fetch::Settings;
 
 /// ROM of both chips: first address and size. Only its vectors are modelled; jumping there ends a
 /// run.
@@ -149,7 +150,10 @@ fn write(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize, value: u3
         let busy = chip.flash().program(address, size as u32, value);
         busy.map(|busy| chip.common_mut().stalled = now.0 + busy)
     } else {
-        chip.write(address, size as u32, value, now)
+        let done = chip.write(address, size as u32, value, now);
+        let settings = Settings::of(chip.flash().access_control());
+        inside.clock.fetch().set(settings);
+        done
     };
     if let Err(why) = done {
         stop(unicorn, Stop::Fault(why));

@@ -6,6 +6,7 @@ use unicorn_engine::RegisterARM;
 use super::memory::ROM;
 use super::{Board, failed};
 use crate::board::chip::Cause;
+use crate::fetch::Settings;
 
 /// Registers of the core's own peripherals as the ROM's bootloader leaves them.
 ///
@@ -31,6 +32,7 @@ impl Board {
         (inside.event, inside.float, inside.stop) = (false, false, None);
         if let Some(chip) = &mut inside.chip {
             chip.reset(cause, now);
+            inside.clock.fetch().set(Settings::of(chip.flash().access_control()));
         }
         self.begin()
     }

@@ -167,6 +167,10 @@ impl Changed for Flash {
         &mut self.contents
     }
 
+    fn access_control(&self) -> u32 {
+        self.acr
+    }
+
     fn fetch(&mut self, address: u32, size: u32) -> Outcome<(u32, bool)> {
         if self.stale && self.acr & DCEN != 0 {
             return Err("the data cache was not reset after an erasure or a program".into());

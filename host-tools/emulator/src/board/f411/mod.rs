@@ -16,6 +16,7 @@ use super::host::Host;
 use super::stored::StoredRegisters;
 use super::system;
 use super::time::Tick;
+use crate::fetch;
 use adc::Adc;
 use dma::Dma;
 use flash::Flash;
@@ -35,6 +36,7 @@ const WIRING: Wiring = Wiring {
 /// Memory map (RM0383 §2.3; the unique identifier, §24.1).
 const MAP: Map = Map {
     flash: flash::ALL,
+    accelerator: fetch::F4,
     data: flash::DATA,
     ram: &[(0x2000_0000, 0x2_0000)],
     factory: (0x1fff_7000, 0x1000),

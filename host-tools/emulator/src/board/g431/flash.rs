@@ -129,6 +129,10 @@ impl Changed for Flash {
         &mut self.contents
     }
 
+    fn access_control(&self) -> u32 {
+        self.acr
+    }
+
     fn fetch(&mut self, address: u32, size: u32) -> Outcome<(u32, bool)> {
         let torn = self.contents.cells.torn.contains(&(address & !7));
         if torn {

@@ -19,6 +19,7 @@ use super::host::Host;
 use super::stored::StoredRegisters;
 use super::system;
 use super::time::Tick;
+use crate::fetch;
 use adc::Adc;
 use dma::Dma;
 use flash::Flash;
@@ -40,6 +41,7 @@ const WIRING: Wiring = Wiring {
 /// Memory map (DS12589 §4): the CCM SRAM at its first address, and RAM.
 const MAP: Map = Map {
     flash: flash::ALL,
+    accelerator: fetch::G4,
     data: flash::DATA,
     ram: &[(0x2000_0000, 0x6000), (0x1000_0000, 0x3000)],
     factory: (0x1fff_7000, 0x1000),
