@@ -57,6 +57,8 @@ struct Inside {
     counted: u64,
     /// Cycles of exceptions and stalls.
     extra: u64,
+    /// Time that the core has slept.
+    slept: Tick,
     deadline: Tick,
     /// Event register, which WFE waits for.
     event: bool,
@@ -101,6 +103,7 @@ impl Board {
             now: 0,
             counted: 0,
             extra: 0,
+            slept: 0,
             deadline: 0,
             event: false,
             float: false,
@@ -161,6 +164,11 @@ impl Board {
     /// Modelled cycles that the core has run or waited for the flash, without sleep.
     pub fn cycles(&self) -> u64 {
         self.unicorn.get_data().clock.total().time()
+    }
+
+    /// Time that the core has slept since power-up.
+    pub fn slept(&self) -> Tick {
+        self.unicorn.get_data().slept
     }
 
     /// Modelled cycles that the core has waited for the flash.
@@ -262,6 +270,7 @@ impl Board {
             let inside = self.unicorn.get_data_mut();
             let next = inside.chip.as_ref().and_then(|chip| chip.next());
             let until = next.map_or(inside.deadline, |next| next.min(inside.deadline));
+            inside.slept += until.saturating_sub(inside.now);
             inside.now = inside.now.max(until);
             // The run ends during sleep; the next run repeats the wait.
             if next.is_none_or(|next| next > inside.deadline) {

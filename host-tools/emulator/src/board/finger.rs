@@ -191,6 +191,11 @@ impl Finger {
         }
     }
 
+    /// Shows these scans from now on, in codes of 12 bits.
+    pub fn show(&mut self, scene: Vec<Codes>) {
+        (self.scene, self.scan) = (scene, 0);
+    }
+
     /// Connects the finger to a board.
     pub fn wire(&mut self, wiring: Wiring) {
         self.wiring = Some(wiring);

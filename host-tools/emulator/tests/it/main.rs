@@ -7,4 +7,5 @@ mod disturbed;
 mod f411;
 mod g431;
 mod kinds;
+mod load;
 mod support;
