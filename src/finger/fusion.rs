@@ -27,17 +27,17 @@ impl ArrayEstimate {
         Self { force: [Err(reason); 3], point: Err(reason), torsion: Err(reason) }
     }
 
-    /// Estimates from the forces on the sensors; none if any sensor has no force.
+    /// Estimates from the forces on the calibrated sensors; none if any of them has no force.
     pub(super) fn of(
         record: Option<&Calibration>,
         signals: &Signals,
         sensors: &[Force; SENSORS],
         status: &mut Status,
     ) -> Self {
-        let Some(array) = record.and_then(Calibration::array) else {
+        let Some((record, array)) = record.and_then(|r| Some((r, r.array()?))) else {
             return Self::nothing(no_array(signals));
         };
-        match newtons(sensors) {
+        match newtons(record, sensors) {
             Err(reason) => Self::nothing(reason),
             Ok(forces) => {
                 status.insert(Status::RAN_ARRAY);
@@ -83,11 +83,14 @@ pub(super) const fn without(built: bool) -> NoValue {
     if built { NoValue::Uncalibrated } else { NoValue::NotEstimated }
 }
 
-/// Returns every sensor's force in newtons, or the first reason for a missing one.
-fn newtons(sensors: &[Force; SENSORS]) -> Measured<[[f32; 3]; SENSORS]> {
+/// Returns every calibrated sensor's force in newtons, or the first reason for a missing one. A
+/// sensor without calibration has no part in the array.
+fn newtons(record: &Calibration, sensors: &[Force; SENSORS]) -> Measured<[[f32; 3]; SENSORS]> {
     let mut forces = [[0.0; 3]; SENSORS];
-    for (newtons, force) in forces.iter_mut().zip(sensors) {
-        *newtons = [force.x?.0, force.y?.0, force.z?.0];
+    for ((newtons, force), own) in forces.iter_mut().zip(sensors).zip(&record.sensors) {
+        if own.is_some() {
+            *newtons = [force.x?.0, force.y?.0, force.z?.0];
+        }
     }
     Ok(forces)
 }

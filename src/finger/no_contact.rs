@@ -45,11 +45,12 @@ impl Capability {
     }
 
     fn array(record: Option<&Calibration>, signals: &Signals, sensors: &[Force; SENSORS]) -> Self {
-        if record.and_then(Calibration::array).is_none() {
+        let Some(record) = record.filter(|record| record.array().is_some()) else {
             return Self::nothing(no_array(signals));
-        }
+        };
         let missing = |force: &Force| [force.x, force.y, force.z].into_iter().find_map(Result::err);
-        match sensors.iter().find_map(missing) {
+        let calibrated = sensors.iter().zip(&record.sensors).filter(|(_, own)| own.is_some());
+        match calibrated.map(|(force, _)| force).find_map(missing) {
             Some(reason) => Self::nothing(reason),
             None => Self { shear: Ok(()), normal: Ok(()), place: NoValue::NoContact },
         }

@@ -1,113 +1,209 @@
 //! Fit of the force sensors as one array: sum over their positions, or full 6×3n matrix.
 //!
-//! The matrix ([Ospina2017]) is used where it is more accurate.
+//! The force on each sensor is rarely known, the total force is. A weighted least-squares fit from
+//! all bridge signals to it gives the matrix ([Ospina2017]); its moments need contact points. With
+//! a known force on each sensor the plain sum serves, unless the matrix is clearly better.
 
-use nalgebra::{DMatrix, SVD};
 use taxel::calibration::{Calibration, SensorCalibration};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::intrinsic::Surface;
+use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::wrench::{SensorPlaces, Wrench, WrenchMatrix};
 use taxel::scan::SENSORS;
 
 use crate::prepared::Prepared;
 use crate::recording::Recording;
 use taxel_regress::error::FitError;
+use taxel_regress::evidence;
+use taxel_regress::range::trained_range;
+use taxel_regress::shear::NO_SHEAR;
+use taxel_regress::training::Recorded;
 
 /// Fewest loaded rows for the residual of the array.
 const LEAST_ROWS: usize = 100;
 /// Largest ratio of the matrix's residual to the sum's; the matrix has 72 numbers, the sum has
 /// none.
 const BETTER: f64 = 0.7;
-/// Least singular value of the twelve signals, as a share of the largest; weaker ones are noise.
-///
-/// Four sensors under a rigid plate show six motions.
-const WEAK: f64 = 1e-3;
 /// Least residual: a tenth of a millinewton, and as much at a millimetre's arm.
 const LEAST_RESIDUAL: f64 = 1e-4;
+/// Residual of moments that no recording showed, N·mm: no force gives a contact point then.
+pub(crate) const NO_MOMENT: f32 = 999.0;
+/// Least share of the noise-free error in an error on noisy references.
+///
+/// Whatever their noise, an estimate is not stated to be better than a fifth of what was seen.
+const LEAST_SHARE: f64 = 0.2;
 
-/// Signals, forces and true wrench of one row of a recording.
-struct Row {
-    signals: [[f32; 3]; SENSORS],
-    forces: [[f32; 3]; SENSORS],
-    /// True force F and moment M about the middle of the skin.
-    wrench: [f64; 6],
+/// A fitted array.
+pub(crate) struct Fitted {
+    pub array: Array,
+    /// Sensors without an own reference: blocks of the matrix, whose sum is the total force.
+    pub sensors: [Option<SensorCalibration>; SENSORS],
+    /// Number of loaded rows.
+    pub rows: usize,
+    /// Name of the method.
+    pub name: String,
 }
 
-/// Fits the array of four calibrated sensors under a flat skin.
+/// Signals and known load of one row.
+struct Row {
+    signals: [[f32; 3]; SENSORS],
+    force: [f64; 3],
+    /// Moment about the middle of the skin, if the contact point is known.
+    moment: Option<[f64; 3]>,
+}
+
+/// Fits the array of the `live` sensors to the recordings of the finger.
 ///
-/// `None` if the recordings lack force and contact point, or if a sensor is not calibrated.
+/// `None` if no recording has the total force and the signals of a live sensor.
 pub(crate) fn fit(
     recordings: &[&Prepared<'_>],
-    sensors: &[Option<SensorCalibration>; SENSORS],
-) -> Option<(Array, usize)> {
-    let rows: Vec<Row> = recordings.iter().flat_map(|r| rows(r, sensors)).collect();
-    if rows.len() < LEAST_ROWS {
+    live: [bool; SENSORS],
+    calibrated: &[Option<SensorCalibration>; SENSORS],
+) -> Option<Fitted> {
+    let rows: Vec<Vec<Row>> = recordings.iter().map(|r| rows(r, live)).collect();
+    let count = rows.iter().map(Vec::len).sum::<usize>();
+    if count < LEAST_ROWS {
         return None;
     }
-    let sum = WrenchMethod::Sum(SensorPlaces::default());
-    let mut best = (sum, residual(&sum, &rows));
-    if let Some(matrix) = least_squares(&rows).map(WrenchMethod::Matrix) {
-        let left = residual(&matrix, &rows);
-        let total = |left: &[f64; 6]| left.iter().map(|r| r * r).sum::<f64>().sqrt();
-        if total(&left) < BETTER * total(&best.1) {
-            best = (matrix, left);
+    let noise = recordings.iter().map(|r| r.recording.reference_noise());
+    let noise =
+        noise.fold([0.0; 3], |most: [f64; 3], n| std::array::from_fn(|k| most[k].max(n[k])));
+    let (matrix, mut residual) = least_squares(&rows, live)?;
+    for (residual, noise) in residual.iter_mut().zip(noise) {
+        let least = LEAST_SHARE * *residual;
+        *residual = (*residual * *residual - noise * noise).max(least * least).sqrt();
+    }
+    // A component without a load is not known, however small its residual.
+    let peak = |axis: usize| {
+        rows.iter().flatten().fold(0.0, |most: f64, row| most.max(row.force[axis].abs()))
+    };
+    let most = (0..3).map(peak).fold(0.0, f64::max);
+    for (axis, residual) in residual.iter_mut().enumerate().take(3) {
+        if peak(axis) < NO_SHEAR * most {
+            *residual = most;
         }
     }
-    let (method, left) = best;
+    let sensors_of = live.iter().filter(|live| **live).count();
+    let moments = residual.len() > 3;
+    let mut best = (
+        WrenchMethod::Matrix(matrix),
+        residual,
+        format!("array of sensors {}x{}", if moments { 6 } else { 3 }, 3 * sensors_of),
+    );
+    if moments && calibrated.iter().all(Option::is_some) {
+        let places = SensorPlaces::default();
+        let left = sum_residual(&places, &rows, calibrated);
+        let total = |left: &[f64]| left.iter().map(|r| r * r).sum::<f64>().sqrt();
+        if BETTER * total(&left) <= total(&best.1) {
+            best = (WrenchMethod::Sum(places), left.to_vec(), "array of sensors".into());
+        }
+    }
+    let (method, left, name) = best;
     let of = |value: f64| value.max(LEAST_RESIDUAL) as f32;
     let array = Array {
         method,
         residual: [of(left[0]), of(left[1]), of(left[2])],
-        moment_residual: of(left[3].max(left[4])),
+        moment_residual: left.get(3..5).map_or(NO_MOMENT, |m| of(m[0].max(m[1]))),
         surface: Surface::Plane,
     };
-    Some((array, rows.len()))
+    let sensors = std::array::from_fn(|i| {
+        if calibrated[i].is_some() || !live[i] {
+            return None;
+        }
+        let bias = recordings.iter().find_map(|r| r.bias.bridges[i])?;
+        let column = |j: usize| rows.iter().flatten().map(move |row| row.signals[i][j]);
+        Some(SensorCalibration {
+            bias,
+            sensitivity: Sensitivity(std::array::from_fn(|axis| matrix.0[axis][i])),
+            range: std::array::from_fn(|j| trained_range(column(j), bias.noise)),
+            residual: array.residual,
+        })
+    });
+    Some(Fitted { array, sensors, rows: count, name })
 }
 
-fn rows(prepared: &Prepared<'_>, sensors: &[Option<SensorCalibration>; SENSORS]) -> Vec<Row> {
-    let samples = prepared.recording.samples.iter().zip(&prepared.signals);
+/// Loaded rows with a known total force and sound bridges.
+fn rows(prepared: &Prepared<'_>, live: [bool; SENSORS]) -> Vec<Row> {
+    let touched = prepared.recording.touched().unwrap_or_default();
+    let samples = prepared.recording.samples.iter().zip(&prepared.signals).zip(touched);
+    let faults = (0..SENSORS).fold(0, |bits, i| bits | u8::from(live[i]) << i);
     samples
-        .filter_map(|(sample, signals)| {
-            let ([fx, fy, fz], [x, y]) = (sample.truth.force, sample.truth.point);
-            let ([fx, fy, fz], [x, y]) = ([fx?, fy?, fz?], [x?, y?]);
-            if fz <= 0.0 || signals.health.bridge_faults != 0 {
+        .filter(|(_, touched)| *touched)
+        .filter_map(|((sample, signals), _)| {
+            let [fx, fy, fz] = sample.truth.force;
+            let [fx, fy, fz] = [fx?, fy?, fz?];
+            if signals.health.bridge_faults & faults != 0 {
                 return None;
             }
-            let mut row = Row {
-                signals: [[0.0; 3]; SENSORS],
-                forces: [[0.0; 3]; SENSORS],
-                wrench: [fx, fy, fz, y * fz, -x * fz, x * fy - y * fx + sample.truth.torsion?],
-            };
-            let known = signals.bridges.iter().zip(sensors);
-            for ((u, force), (signal, sensor)) in
-                row.signals.iter_mut().zip(&mut row.forces).zip(known)
-            {
-                *u = (*signal)?;
-                *force = sensor.as_ref()?.sensitivity.force(*u);
+            let mut row = Row { signals: [[0.0; 3]; SENSORS], force: [fx, fy, fz], moment: None };
+            for (i, u) in row.signals.iter_mut().enumerate().filter(|(i, _)| live[*i]) {
+                *u = signals.bridges[i]?;
+            }
+            if let [Some(x), Some(y)] = sample.truth.point {
+                let torsion = sample.truth.torsion.unwrap_or_default();
+                row.moment = Some([y * fz, -x * fz, x * fy - y * fx + torsion]);
             }
             Some(row)
         })
         .collect()
 }
 
-fn wrench(method: &WrenchMethod, row: &Row) -> [f64; 6] {
-    let Wrench { force: [fx, fy, fz], moment: [mx, my, mz] } = match method {
-        WrenchMethod::Sum(places) => places.wrench(&row.forces),
-        WrenchMethod::Matrix(matrix) => matrix.wrench(&row.signals),
+/// Fits the matrix and returns it with its error on stretches left out: of the force, and of the
+/// moment if the rows know it.
+fn least_squares(rows: &[Vec<Row>], live: [bool; SENSORS]) -> Option<(WrenchMatrix, Vec<f64>)> {
+    let used: Vec<usize> = (0..SENSORS).filter(|i| live[*i]).collect();
+    let signals = |row: &Row| -> Vec<f64> {
+        used.iter().flat_map(|i| row.signals[*i]).map(f64::from).collect()
     };
-    [fx, fy, fz, mx, my, mz].map(f64::from)
+    let recorded = |target: &dyn Fn(&Row) -> Option<[f64; 3]>| -> Vec<Recorded> {
+        let pairs = |rows: &Vec<Row>| {
+            rows.iter().filter_map(|row| Some((signals(row), target(row)?.to_vec()))).unzip()
+        };
+        rows.iter().map(pairs).collect()
+    };
+    let mut matrix = WrenchMatrix::default();
+    let mut residual = Vec::new();
+    let mut put = |first: usize, line: evidence::Line| {
+        for k in 0..3 {
+            for (at, i) in used.iter().enumerate() {
+                for axis in 0..3 {
+                    matrix.0[first + k][*i][axis] = line.weights[(k, 3 * at + axis)] as f32;
+                }
+            }
+        }
+        residual.extend(line.held_out);
+    };
+    put(0, evidence::fit(&recorded(&|row| Some(row.force)))?);
+    let pointed = rows.iter().flatten().filter(|row| row.moment.is_some()).count();
+    if pointed >= LEAST_ROWS
+        && let Some(moment) = evidence::fit(&recorded(&|row| row.moment))
+    {
+        put(3, moment);
+    }
+    Some((matrix, residual))
 }
 
-/// RMS error of each component.
-fn residual(method: &WrenchMethod, rows: &[Row]) -> [f64; 6] {
-    let mut squares = [0.0; 6];
-    for row in rows {
-        let found = wrench(method, row);
-        for ((sum, found), known) in squares.iter_mut().zip(found).zip(row.wrench) {
-            *sum += (found - known).powi(2);
+/// RMS error of each component of the sum.
+fn sum_residual(
+    places: &SensorPlaces,
+    rows: &[Vec<Row>],
+    calibrated: &[Option<SensorCalibration>; SENSORS],
+) -> [f64; 6] {
+    let (mut squares, mut count) = ([0.0; 6], 0.0);
+    for (row, moment) in rows.iter().flatten().filter_map(|row| Some((row, row.moment?))) {
+        let forces = std::array::from_fn(|i| {
+            let own = calibrated[i].as_ref();
+            own.map_or([0.0; 3], |own| own.sensitivity.force(row.signals[i]))
+        });
+        let Wrench { force, moment: found } = places.wrench(&forces);
+        let known = row.force.into_iter().chain(moment);
+        let found = force.into_iter().chain(found);
+        for ((sum, found), known) in squares.iter_mut().zip(found).zip(known) {
+            *sum += (f64::from(found) - known).powi(2);
         }
+        count += 1.0;
     }
-    squares.map(|sum| (sum / rows.len() as f64).sqrt())
+    squares.map(|sum| (sum / f64::max(count, 1.0)).sqrt())
 }
 
 /// Full 6×3n matrix of a finger with calibrated sensors, whether or not it beats the sum.
@@ -119,30 +215,12 @@ pub fn matrix(
     recordings: &[Recording],
     calibration: &Calibration,
 ) -> Result<Option<WrenchMatrix>, FitError> {
+    let live = calibration.sensors.each_ref().map(Option::is_some);
     let mut known = Vec::new();
     for recording in recordings {
         let (prepared, _) = Prepared::new(recording, calibration.warmth.as_ref())?;
-        known.extend(rows(&prepared, &calibration.sensors));
+        known.push(rows(&prepared, live));
     }
-    Ok(if known.len() < LEAST_ROWS { None } else { least_squares(&known) })
-}
-
-/// Least-squares solution, the shortest one if several fit.
-fn least_squares(rows: &[Row]) -> Option<WrenchMatrix> {
-    let columns = 3 * SENSORS;
-    let signal = |row: &Row, j: usize| f64::from(row.signals[j / 3][j % 3]);
-    let mut inner = DMatrix::<f64>::zeros(columns, columns);
-    let mut right = DMatrix::<f64>::zeros(columns, 6);
-    for row in rows {
-        for j in 0..columns {
-            (0..columns).for_each(|k| inner[(j, k)] += signal(row, j) * signal(row, k));
-            (0..6).for_each(|k| right[(j, k)] += signal(row, j) * row.wrench[k]);
-        }
-    }
-    let svd = SVD::new(inner, true, true);
-    // Singular values of the normal equations are the squares of the signals'.
-    let solution = svd.solve(&right, WEAK * WEAK * svd.singular_values.max()).ok()?;
-    Some(WrenchMatrix(std::array::from_fn(|i| {
-        std::array::from_fn(|s| std::array::from_fn(|axis| solution[(3 * s + axis, i)] as f32))
-    })))
+    let fitted = least_squares(&known, live).filter(|(_, residual)| residual.len() == 6);
+    Ok(fitted.map(|(matrix, _)| matrix))
 }

@@ -15,6 +15,40 @@ use taxel_regress::shear::FORCES;
 
 const POINT: [&str; 2] = ["x_mm", "y_mm"];
 
+/// Part of the finger that is evaluated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Only {
+    /// Matrix and force sensors together.
+    #[default]
+    Both,
+    /// Optical matrix, as if the finger had no force sensors.
+    Matrix,
+    /// Force sensors, as if the finger had no matrix.
+    Array,
+}
+
+impl Only {
+    /// Removes the other part's channels and coefficients.
+    #[must_use]
+    pub fn of(self, calibration: &Calibration, recording: &Recording) -> (Calibration, Recording) {
+        let (mut calibration, mut recording) = (calibration.clone(), recording.clone());
+        let codes = recording.samples.iter_mut().map(|sample| &mut sample.scan.codes);
+        match self {
+            Self::Both => {}
+            Self::Matrix => {
+                (calibration.array, calibration.sensors) = (None, Default::default());
+                codes.for_each(|codes| codes.bridges = [None; SENSORS]);
+            }
+            Self::Array => {
+                (calibration.taxels, calibration.force) = (None, None);
+                (calibration.quantised, calibration.model) = (None, None);
+                codes.for_each(|codes| codes.taxels = None);
+            }
+        }
+        (calibration, recording)
+    }
+}
+
 /// Runs the recording through the core's finger and compares every row with its reference.
 ///
 /// `fx_n`, `fy_n`, `fz_n` are compared with the finger's force if the calibration has one,

@@ -6,6 +6,7 @@
 //! net. Reference columns `s0_fx_n` … fit their sensor in any recording.
 
 mod bench;
+mod channels;
 mod net;
 
 use std::collections::HashSet;
@@ -24,6 +25,7 @@ use crate::recording::Recording;
 use crate::shear;
 use crate::skin::{self, Skin};
 use crate::warmth;
+pub use channels::Channel;
 use taxel_regress::error::FitError;
 use taxel_regress::model::Family;
 use taxel_regress::network::{NetOptions, Progress};
@@ -71,6 +73,8 @@ pub struct Fitted {
     pub warnings: Vec<String>,
     /// Fitted parts.
     pub parts: Vec<Part>,
+    /// Use of every recorded channel.
+    pub channels: Vec<Channel>,
 }
 
 /// One fitted part.
@@ -97,12 +101,12 @@ pub struct Part {
 ///
 /// # Errors Data that the recordings lack, and how to provide them.
 pub fn fit(
-    recordings: &[Recording],
+    all: &[Recording],
     options: &FitOptions,
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Fitted, FitError> {
-    if recordings.is_empty() {
+    if all.is_empty() {
         return Err(FitError::NoRecording);
     }
     if let Subject::Sensor(sensor) = options.subject
@@ -111,15 +115,15 @@ pub fn fit(
         let problem = format!("a finger has sensors s0 … s{}", SENSORS - 1);
         return Err(FitError::Shape { part: format!("s{sensor}"), problem });
     }
-    let warmth = warmth::fit(recordings);
-    let warnings = recordings.iter().filter(|r| warmth.is_none() && warmth::is_warm_up(r)).map(|r| {
+    let warmth = warmth::fit(all);
+    let warnings = all.iter().filter(|r| warmth.is_none() && warmth::is_warm_up(r)).map(|r| {
         format!(
             "{}: left out, because the recordings with loads lack the thermometer column (aux_temp)",
             r.name
         )
     });
     let mut warnings: Vec<String> = warnings.collect();
-    let prepared = recordings
+    let prepared = all
         .iter()
         .filter(|recording| !warmth::is_warm_up(recording))
         .map(|recording| Prepared::new(recording, warmth.as_ref()));
@@ -145,10 +149,12 @@ pub fn fit(
         },
         warnings,
         parts: Vec::new(),
+        channels: Vec::new(),
     };
     for sensor in 0..SENSORS {
-        fit_sensor(&mut fitted, sensor, (&recordings, &subjects), options)?;
+        fit_sensor(&mut fitted, sensor, &recordings, &subjects)?;
     }
+    let reasons = fit_array(&mut fitted, &recordings, &subjects, options.net_only);
     let fingers: Vec<&Prepared<'_>> = recordings
         .iter()
         .zip(&subjects)
@@ -171,27 +177,24 @@ pub fn fit(
             keep_skin(&mut fitted, skin);
         }
     }
-    if !options.net_only {
-        fit_array(&mut fitted, &recordings, &subjects);
-    }
     if options.form == Form::Q15 {
         quantised(&mut fitted, &fingers)?;
     }
     let read = recordings.iter().map(|prepared| &*prepared.recording);
     fitted.warnings.extend(shear::of_finger(&fitted.calibration, read));
     fitted.calibration.validate().map_err(FitError::Record)?;
+    fitted.channels = channels::channels(&fitted, all, &reasons);
     Ok(fitted)
 }
 
 /// Fits S of a sensor to the recordings with a known force on it.
 ///
-/// If only the net is wanted, a sensor that the recordings do not determine is left out with a
-/// warning.
+/// A sensor that recordings of the finger do not determine is left out with a warning.
 fn fit_sensor(
     fitted: &mut Fitted,
     sensor: usize,
-    (recordings, subjects): (&[Prepared<'_>], &[Subject]),
-    options: &FitOptions,
+    recordings: &[Prepared<'_>],
+    subjects: &[Subject],
 ) -> Result<(), FitError> {
     let (mut own, mut unfit) = (Vec::new(), Vec::new());
     for (recording, subject) in recordings.iter().zip(subjects) {
@@ -212,7 +215,7 @@ fn fit_sensor(
     }
     let bench = own.iter().any(|(_, bench)| *bench);
     match bench::fit(fitted, sensor, &own) {
-        Err(why) if options.net_only && !bench => {
+        Err(why) if !bench => {
             fitted.warnings.push(not_fitted(&why.to_string()));
             Ok(())
         }
@@ -284,25 +287,64 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     });
 }
 
-/// Fits the sensors' array if all sensors are calibrated and contact points are known.
-fn fit_array(fitted: &mut Fitted, recordings: &[Prepared<'_>], subjects: &[Subject]) {
+/// Fits the array of all force sensors that respond to the finger's loads.
+///
+/// Returns the reason for each sensor that is left out.
+fn fit_array(
+    fitted: &mut Fitted,
+    recordings: &[Prepared<'_>],
+    subjects: &[Subject],
+    net_only: bool,
+) -> channels::Reasons {
     let fingers: Vec<&Prepared<'_>> = recordings
         .iter()
         .zip(subjects)
-        .filter_map(|(recording, subject)| (*subject == Subject::Finger).then_some(recording))
+        .filter(|(recording, subject)| {
+            let known = |s: &taxel_files::trace::Sample| known(s.truth.force).is_some();
+            **subject == Subject::Finger && recording.recording.samples.iter().any(known)
+        })
+        .map(|(recording, _)| recording)
         .collect();
-    let Some((array, rows)) = array::fit(&fingers, &fitted.calibration.sensors) else { return };
+    let mut reasons: channels::Reasons = std::array::from_fn(|i| {
+        let why = if net_only {
+            "--net-only was given"
+        } else if fingers.is_empty() {
+            "no recording of the finger has all of fx_n, fy_n, fz_n"
+        } else if fingers.iter().any(|r| r.bias.bridges[i].is_none()) {
+            "a recording of the finger lacks its channels"
+        } else if !fingers.iter().any(|r| r.responds(i)) {
+            "it does not respond to the loads: look at its connection"
+        } else {
+            return None;
+        };
+        Some(why.to_owned())
+    });
+    let live = reasons.each_ref().map(Option::is_none);
+    if !live.contains(&true) {
+        return reasons;
+    }
+    let Some(array) = array::fit(&fingers, live, &fitted.calibration.sensors) else {
+        let few = "too few loaded rows with sound bridges";
+        reasons.iter_mut().for_each(|reason| {
+            reason.get_or_insert_with(|| few.to_owned());
+        });
+        return reasons;
+    };
     fitted.parts.push(Part {
-        name: "array of sensors".into(),
-        rows,
+        name: array.name,
+        rows: array.rows,
         left_out: 0,
         condition: None,
         chosen: None,
         effective: None,
-        residual: array.residual.iter().map(|r| f64::from(*r)).collect(),
+        residual: array.array.residual.iter().map(|r| f64::from(*r)).collect(),
     });
-    fitted.calibration.array = Some(array);
+    for (sensor, of_total) in fitted.calibration.sensors.iter_mut().zip(array.sensors) {
+        *sensor = sensor.take().or(of_total);
+    }
+    fitted.calibration.array = Some(array.array);
     fitted.calibration.slip.get_or_insert_with(|| slip(None));
+    reasons
 }
 
 /// Replaces the net by its 16-bit form and its residual by that of the 16-bit form.

@@ -80,14 +80,18 @@ impl<'r> Prepared<'r> {
     /// Signal-to-noise ratio of a sensor: the 99th percentile over the recording.
     fn answer(&self, sensor: usize) -> f32 {
         let Some(bias) = self.bias.bridges[sensor] else { return 0.0 };
-        let mut ratios: Vec<f32> = self
-            .signals
-            .iter()
-            .filter_map(|s| s.bridges[sensor])
-            .map(|u| (u.iter().map(|u| u * u).sum::<f32>() / 3.0).sqrt() / bias.noise)
-            .collect();
-        ratios.sort_by(f32::total_cmp);
-        ratios.get(ratios.len() * 99 / 100).copied().unwrap_or_default()
+        percentile(self.signals.iter().filter_map(|s| s.bridges[sensor]), bias.noise)
+    }
+
+    /// Whether the sensor's signals stand out of their noise.
+    pub fn responds(&self, sensor: usize) -> bool {
+        self.answer(sensor) > ANSWERS
+    }
+
+    /// Whether the signals of the matrix stand out of their noise.
+    fn matrix_responds(&self) -> bool {
+        let noise = self.bias.taxels.map_or(1.0, |bias| bias.noise);
+        percentile(self.signals.iter().filter_map(|s| s.taxels), noise) > ANSWERS
     }
 
     /// Columns of the matrix with the same code in every row.
@@ -144,6 +148,9 @@ impl<'r> Prepared<'r> {
 
     /// Subject of the recording: the only responding sensor, otherwise the finger.
     pub fn subject(&self) -> Subject {
+        if self.matrix_responds() {
+            return Subject::Finger;
+        }
         let answers: [f32; SENSORS] = std::array::from_fn(|sensor| self.answer(sensor));
         let most = answers.iter().copied().fold(0.0, f32::max);
         let mut responding = answers
@@ -176,4 +183,12 @@ impl<'r> Prepared<'r> {
             None => missing(format!("columns bridge_s{sensor}_a … bridge_s{sensor}_d missing")),
         }
     }
+}
+
+/// The 99th percentile of the RMS signal over its noise.
+fn percentile<const N: usize>(signals: impl Iterator<Item = [f32; N]>, noise: f32) -> f32 {
+    let rms = |u: [f32; N]| (u.iter().map(|u| u * u).sum::<f32>() / N as f32).sqrt() / noise;
+    let mut ratios: Vec<f32> = signals.map(rms).collect();
+    ratios.sort_by(f32::total_cmp);
+    ratios.get(ratios.len() * 99 / 100).copied().unwrap_or_default()
 }

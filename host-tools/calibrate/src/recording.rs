@@ -133,19 +133,22 @@ impl Recording {
 
     /// First stretch in which nothing touches the finger.
     ///
-    /// The reference decides if there is one; otherwise it is the longest still beginning.
+    /// The reference decides where it is known; otherwise it is the longest still beginning.
     fn unloaded(&self) -> Option<Range<usize>> {
-        match self.touched() {
-            Some(touched) => self.first_untouched(&touched),
-            None => [4096, 2048, 1024, 512, 256, 128, 64, 32]
-                .into_iter()
-                .map(|rows| 0..rows)
-                .find(|rows| rows.end <= self.samples.len() && self.is_still(rows.clone())),
+        let unknown = |s: &Sample| s.truth.contact.is_none() && largest_force(s).is_none();
+        let found = self.touched().and_then(|touched| self.first_untouched(&touched));
+        if found.is_some() || !self.samples.iter().any(unknown) {
+            return found;
         }
+        [4096, 2048, 1024, 512, 256, 128, 64, 32]
+            .into_iter()
+            .map(|rows| 0..rows)
+            .find(|rows| rows.end <= self.samples.len() && self.is_still(rows.clone()))
     }
 
-    /// Whether each row is touched, by its contact column or by a force; `None` if unknown.
+    /// Whether each row is touched, by its contact column or by a force; `None` if no row knows.
     ///
+    /// A row without a reference, such as those before the load cell's log, may be touched.
     /// On the bench a sensor may be sheared without a normal force, which is a load without a
     /// contact.
     pub(crate) fn touched(&self) -> Option<Vec<bool>> {
@@ -153,18 +156,37 @@ impl Recording {
         let peak = forces.iter().flatten().copied().fold(0.0, f64::max);
         let least = (SMALL_FORCE * peak).max(CLEAR_OF_NOISE * jitter(&forces));
         let rows = self.samples.iter().zip(&forces);
-        let touched: Option<Vec<bool>> = rows
-            .map(|(sample, force)| match (sample.truth.contact, force) {
-                (None, None) => None,
-                (contact, force) => Some(contact == Some(true) || force.is_some_and(|f| f > least)),
-            })
-            .collect();
+        let touched = rows.map(|(sample, force)| match (sample.truth.contact, force) {
+            (None, None) => None,
+            (contact, force) => Some(contact == Some(true) || force.is_some_and(|f| f > least)),
+        });
+        let touched: Vec<Option<bool>> = touched.collect();
+        let known = touched.iter().any(Option::is_some);
+        let touched: Option<Vec<bool>> =
+            known.then(|| touched.into_iter().map(|row| row.unwrap_or(true)).collect());
         // A single row is an error of the reference, not a touch.
         let alone = |rows: &[bool], i: usize| {
             let beside = [i.checked_sub(1), Some(i + 1)];
             !beside.into_iter().flatten().any(|at| rows.get(at) == Some(&true))
         };
         touched.map(|rows| (0..rows.len()).map(|i| rows[i] && !alone(&rows, i)).collect())
+    }
+
+    /// Standard deviation of each force component of the reference while nothing is touched.
+    ///
+    /// Zero for a component without a reference, and for an exact one.
+    pub(crate) fn reference_noise(&self) -> [f64; 3] {
+        let untouched: Vec<&Sample> = self
+            .touched()
+            .map(|touched| self.samples.iter().zip(touched).filter(|row| !row.1).map(|row| row.0))
+            .into_iter()
+            .flatten()
+            .collect();
+        array::from_fn(|axis| {
+            let values: Vec<f64> = untouched.iter().filter_map(|s| s.truth.force[axis]).collect();
+            let middle = median(values.clone());
+            1.4826 * median(values.iter().map(|v| (v - middle).abs()).collect())
+        })
     }
 
     fn first_untouched(&self, touched: &[bool]) -> Option<Range<usize>> {

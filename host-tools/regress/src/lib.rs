@@ -13,6 +13,7 @@ mod correlation;
 mod distil;
 pub mod duplicate_channels;
 pub mod error;
+pub mod evidence;
 pub mod folds;
 mod gaussian;
 pub mod least_squares;

@@ -16,8 +16,9 @@ use crate::judge::{FRICTION, presses, run};
 fn recording(name: &str, seed: u64, count: u32) -> Recording {
     let seconds = 1.2 + 0.2 * f64::from(count);
     let samples = run(5, seed, 250, seconds, FRICTION, &presses(count, [0.0, 0.0], 0.0));
-    // Without contact points the net alone is fitted.
-    let samples = samples.into_iter().map(|sample| {
+    // Without contact points and force sensors the net alone is fitted.
+    let samples = samples.into_iter().map(|mut sample| {
+        sample.scan.codes.bridges = [None; 4];
         let truth = Truth { point: [None; 2], sensors: [[None; 3]; 4], ..sample.truth };
         Sample { truth, ..sample }
     });

@@ -11,5 +11,6 @@ mod ill_posed;
 mod judge;
 mod limit_surface;
 mod report;
+mod total_force;
 mod uncertainty;
 mod warmth;

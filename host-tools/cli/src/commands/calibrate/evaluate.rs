@@ -4,16 +4,16 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::Serialize;
-use taxel_calibrate::evaluate;
+use taxel_calibrate::evaluate::{self, Only};
 use taxel_files::calibration::{self, Kind};
 use taxel_files::stretch::Stretch;
 use taxel_regress::metrics::TargetMetrics;
-use taxel_regress::table::{self, TableModel};
+use taxel_regress::table::{self, TableModel, TableRecording};
 
 use super::data;
 use crate::output;
 
-/// Evaluates a calibration on a recording that it was not fitted to.
+/// Evaluates a calibration on recordings that it was not fitted to.
 ///
 /// Every reference column is compared with the finger's estimate, computed by the same code as on
 /// the chip. Error is estimate − reference; bias is its mean, sigma its standard deviation, max the
@@ -21,18 +21,38 @@ use crate::output;
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// The recording, or a stretch of it in seconds.
-    #[arg(long, value_name = "FILE[@FROM..TO]")]
-    data: Stretch,
-    /// Reference that another clock logged, as for `calibrate fit`.
+    /// A recording, or a stretch of it in seconds; may be given several times.
+    #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
+    data: Vec<Stretch>,
+    /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
     #[arg(long, value_name = "FILE")]
-    reference: Option<PathBuf>,
+    reference: Vec<PathBuf>,
+    /// Evaluate one part of a finger, as if it had only that.
+    #[arg(long, value_enum, value_name = "PART")]
+    only: Option<PartName>,
     /// Calibration to evaluate.
     #[arg(long, value_name = "CAL.toml")]
     calibration: PathBuf,
-    /// Print one JSON object with an entry per target: rmse, sigma, max, bias, n, withheld.
+    /// Print one JSON object with an entry per target: rmse, sigma, max, bias, n, withheld. With
+    /// several --data it has such an object for each file.
     #[arg(long)]
     json: bool,
+}
+
+/// [`Only`] as a command-line value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum PartName {
+    Matrix,
+    Array,
+}
+
+impl From<PartName> for Only {
+    fn from(part: PartName) -> Self {
+        match part {
+            PartName::Matrix => Self::Matrix,
+            PartName::Array => Self::Array,
+        }
+    }
 }
 
 const EXAMPLES: &str = "\
@@ -69,20 +89,29 @@ impl<'m> Figures<'m> {
 ///
 /// A file is invalid, or calibration and recording do not match.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    let (stretch, reference) = (std::slice::from_ref(&args.data), args.reference.as_slice());
-    let metrics = match calibration::kind(&args.calibration)? {
+    let judged: Vec<(String, Vec<TargetMetrics>)> = match calibration::kind(&args.calibration)? {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;
-            let read = data::traces(stretch, reference)?;
+            let only = args.only.map_or(Only::Both, Only::from);
+            let read = data::traces(&args.data, &args.reference)?;
             read.note();
-            read.recordings.iter().flat_map(|r| evaluate::finger(&calibration, r)).collect()
+            let judge = |recording| {
+                let (calibration, recording) = only.of(&calibration, recording);
+                let metrics = evaluate::finger(&calibration, &recording);
+                (recording.name, metrics)
+            };
+            read.recordings.iter().map(judge).collect()
         }
         Kind::Table => {
+            anyhow::ensure!(
+                args.only.is_none(),
+                "--only: {} is a table's model, which has no parts: leave --only out",
+                args.calibration.display()
+            );
             let model: TableModel = calibration::read_table(&args.calibration)?;
-            let read = data::tables(stretch, reference, &model.inputs, &model.targets)?;
+            let read = data::tables(&args.data, &args.reference, &model.inputs, &model.targets)?;
             read.note();
-            let mut metrics = Vec::new();
-            for recording in &read.recordings {
+            let judge = |recording: &TableRecording| {
                 let evaluation = table::evaluate(&model, recording)?;
                 if evaluation.beyond_range > 0 {
                     output::note(format_args!(
@@ -90,25 +119,40 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                         evaluation.beyond_range
                     ));
                 }
-                metrics.extend(evaluation.targets);
-            }
-            metrics
+                Ok((recording.name(), evaluation.targets))
+            };
+            read.recordings.iter().map(judge).collect::<anyhow::Result<_>>()?
         }
     };
-    anyhow::ensure!(
-        metrics.iter().any(|m| m.figures.is_some() || !m.withheld.is_empty()),
-        "{}: nothing to judge; the recording needs reference columns (fx_n fy_n fz_n x_mm y_mm) of \
-         something that the calibration estimates",
-        args.data.path.display()
-    );
-    print(&metrics, args.json)
+    for (name, metrics) in &judged {
+        anyhow::ensure!(
+            metrics.iter().any(|m| m.figures.is_some() || !m.withheld.is_empty()),
+            "{name}: nothing to judge; the recording needs reference columns (fx_n fy_n fz_n x_mm y_mm) of \
+             something that the calibration estimates"
+        );
+    }
+    if let [(_, metrics)] = &judged[..] {
+        return print(metrics, args.json);
+    }
+    if args.json {
+        let files: BTreeMap<&str, _> =
+            judged.iter().map(|(name, metrics)| (name.as_str(), targets(metrics))).collect();
+        return output::json(&files);
+    }
+    for (name, metrics) in &judged {
+        output::line(format!("{name}:"))?;
+        print(metrics, false)?;
+    }
+    Ok(())
+}
+
+fn targets(metrics: &[TargetMetrics]) -> BTreeMap<&str, Figures<'_>> {
+    metrics.iter().map(|m| (m.target.as_str(), Figures::new(m))).collect()
 }
 
 fn print(metrics: &[TargetMetrics], json: bool) -> anyhow::Result<()> {
     if json {
-        let targets: BTreeMap<&str, Figures> =
-            metrics.iter().map(|m| (m.target.as_str(), Figures::new(m))).collect();
-        return output::json(&targets);
+        return output::json(&targets(metrics));
     }
     output::line(format!(
         "{:<12} {:>10} {:>10} {:>10} {:>10} {:>8}  withheld",

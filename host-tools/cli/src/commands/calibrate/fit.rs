@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use taxel_calibrate::Form;
-use taxel_calibrate::finger::{self, FitOptions, Part, Subject};
+use taxel_calibrate::finger::{self, Channel, FitOptions, Part, Subject};
 use taxel_files::calibration;
 use taxel_files::stretch::Stretch;
 use taxel_regress::LeftOut;
@@ -109,6 +109,8 @@ struct Outcome {
     calibration: PathBuf,
     parts: Vec<Fit>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
+    channels: Vec<Used>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     alignments: Vec<Aligned>,
     warnings: Vec<String>,
     interrupted: bool,
@@ -120,7 +122,22 @@ impl Outcome {
         // With --reference, --targets may name columns of a finger's force.
         let targets: &[String] = if args.inputs.is_empty() { &[] } else { &args.targets };
         let parts = parts.into_iter().map(|part| Fit::new(part, targets)).collect();
-        Self { calibration, parts, alignments, warnings, interrupted: false }
+        Self { calibration, parts, channels: Vec::new(), alignments, warnings, interrupted: false }
+    }
+}
+
+/// Use of a group of recorded columns.
+#[derive(Serialize)]
+struct Used {
+    columns: String,
+    used: Vec<String>,
+    #[serde(skip_serializing_if = "String::is_empty")]
+    why: String,
+}
+
+impl From<Channel> for Used {
+    fn from(Channel { columns, used, why }: Channel) -> Self {
+        Self { columns, used, why }
     }
 }
 
@@ -276,7 +293,9 @@ fn fit_finger(
     };
     let fitted = finger::fit(&recordings, &options, progress, stop.flag())?;
     calibration::write(&args.out, &fitted.calibration)?;
-    Ok(Outcome::new(args, fitted.parts, alignments, fitted.warnings))
+    let channels = fitted.channels.into_iter().map(Used::from).collect();
+    let outcome = Outcome::new(args, fitted.parts, alignments, fitted.warnings);
+    Ok(Outcome { channels, ..outcome })
 }
 
 fn fit_table(
@@ -337,5 +356,20 @@ fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
             output::line(chosen.describe(|errors| fit.format_errors(errors)))?;
         }
     }
+    print_channels(&outcome.channels)?;
     output::line(format!("wrote {}", outcome.calibration.display()))
+}
+
+/// Prints the table of the recorded channels: used for what, or not and why.
+fn print_channels(channels: &[Used]) -> anyhow::Result<()> {
+    let width = channels.iter().map(|channel| channel.columns.len()).max().unwrap_or(0);
+    for Used { columns, used, why } in channels {
+        let verdict = if used.is_empty() {
+            format!("not used: {why}")
+        } else {
+            format!("used: {}", used.join(", "))
+        };
+        output::line(format!("{columns:width$}  {verdict}"))?;
+    }
+    Ok(())
 }
