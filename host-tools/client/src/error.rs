@@ -198,13 +198,16 @@ fn refused(refusal: &Refusal) -> String {
         }
         Refusal::Unsupported => "this board cannot do that".into(),
         Refusal::Scan { setting, low, high } => {
-            let name = match setting {
-                ScanSetting::ScanHz => "--scan",
-                ScanSetting::Oversampling => "--oversampling",
-                ScanSetting::SettleNs => "--settle in nanoseconds",
+            let (name, hint) = match setting {
+                ScanSetting::ScanHz => {
+                    ("--scan", "; fewer samples (--oversampling) or a shorter --settle allow more")
+                }
+                ScanSetting::Oversampling => ("--oversampling", ""),
+                ScanSetting::SettleNs => ("--settle in nanoseconds", ""),
             };
             format!(
-                "{name} must lie in {low}…{high} with the other two settings as they are; the scan is unchanged"
+                "{name} must lie in {low}…{high} with the other two settings as they are{hint}; the scan is \
+                 unchanged"
             )
         }
         Refusal::Uncalibrated => "the finger has no calibration; upload one".into(),

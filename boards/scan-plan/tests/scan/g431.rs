@@ -136,6 +136,22 @@ fn fastest_scan_reaches_nine_tenths_of_settle_limit() {
 }
 
 #[test]
+fn settle_time_of_the_load_allows_8_khz() {
+    let with =
+        |scan_hz, oversampling, settle_ns| plan(ScanSettings { scan_hz, oversampling, settle_ns });
+    let fast = with(8000, 2, settle::ON_LOAD_NS).unwrap();
+    assert_eq!(fast.step.scan_millihertz(), 8_000_000);
+    // Refused with the rates that are possible: too many samples, and the default settle time.
+    let most = |refused| match refused {
+        Err(Refusal::Scan { setting: ScanHz, high, .. }) => high,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(most(with(8000, 4, settle::ON_LOAD_NS)), 7331);
+    assert_eq!(most(with(8000, 2, settle::DEFAULT_NS)), 6441);
+    assert_eq!(most(with(u16::MAX, 1, settle::ON_LOAD_NS)), 9890);
+}
+
+#[test]
 fn columns_are_sampled_settled_before_next_row() {
     for (settings, plan) in plans() {
         let light = u64::from(plan.timer.ccr1) * 2;

@@ -4,7 +4,7 @@
 //! asserted here.
 
 use crate::judge::page::{NONE, tells};
-use crate::judge::response::{SWEEP, least_felt, resolution, response};
+use crate::judge::response::{SWEEP, held, least_felt, resolution, response};
 use crate::judge::slip::{
     Jerks, Onsets, after_slide, begins, first_touches, grasp, jerks, onsets, shaken, twists,
 };
@@ -163,6 +163,38 @@ fn resolution_is_2_mn_and_bandwidth_200_hz() {
             left.map(|left| format!("{:.0} %", 1e2 * left)),
         ),
     ]);
+}
+
+#[test]
+fn faster_scan_has_its_stated_noise() {
+    let page = include_str!("../../../../docs/boards/stm32g431.md");
+    for setting @ (hz, samples, settle) in
+        [(4000, 8, 26), (4000, 2, 26), (8000, 2, 18), (8000, 1, 18)]
+    {
+        let of = |with| {
+            let devices = DEVICES.map(|device| held(device, &calibrated(device), setting, with));
+            let all = |over: usize, axis: usize| mean(devices.iter().map(|d| d[over][axis]));
+            [0, 1].map(|over| [0, 1, 2].map(|axis| 1e3 * all(over, axis)))
+        };
+        let (matrix, array) = (of(With::Matrix), of(With::Array));
+        let figures = [0, 1].map(|over| {
+            let ([_, normal, place], [shear, force, _]) = (matrix[over], array[over]);
+            [normal, place, force, shear]
+        });
+        let row = format!("| {} kHz, {samples} a reading, {settle} µs |", hz / 1000);
+        println!("{row} {figures:.2?}");
+        let line = page.lines().find_map(|line| line.strip_prefix(&row));
+        let cells = line.unwrap_or_else(|| panic!("the page has no row `{row}`")).split('|');
+        let stated = cells.filter_map(|cell| cell.split_whitespace().next()?.parse::<f64>().ok());
+        let stated: Vec<f64> = stated.collect();
+        assert_eq!(stated.len(), figures.as_flattened().len(), "{row}");
+        for (stated, found) in stated.iter().zip(figures.as_flattened()) {
+            assert!(
+                (found / stated - 1.0).abs() < 0.1,
+                "{row}: {found:.2}, the page says {stated}"
+            );
+        }
+    }
 }
 
 #[test]

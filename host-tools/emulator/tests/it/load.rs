@@ -4,12 +4,15 @@
 //! its kind after a stretch without contact.
 
 use cycles::kinds::{KINDS, Kind};
+use scan_plan::settle;
 use taxel::calibration::MAX_BYTES;
-use taxel::frame::Fields;
+use taxel::frame::{Fields, Frame};
 use taxel::scan::{Codes, ScanSettings};
-use taxel::wire::message::{Command, Counters};
+use taxel::wire::deframer::Deframer;
+use taxel::wire::message::{Command, Counters, Message};
 use taxel_files::trace::TraceReader;
 
+use taxel_emulator::board::capture::Kind as Transfer;
 use taxel_emulator::board::finger::in_12_bits;
 use taxel_emulator::board::model::Model::{self, F411, G431};
 use taxel_emulator::board::script::Session;
@@ -21,6 +24,9 @@ use crate::support::{self, info, name, repository};
 const UNTOUCHED: usize = 880;
 /// Time over which a load is averaged: 40 scans at 4 kHz.
 const WINDOW: Tick = micros(10_000);
+/// Settings for 8 kHz: two samples a reading, and the settle time of the board's load.
+const EIGHT_KHZ: ScanSettings =
+    ScanSettings { scan_hz: 8000, oversampling: 2, settle_ns: settle::ON_LOAD_NS };
 
 /// Recorded scans of a kind of scene, in codes of 12 bits.
 fn run(kind: &Kind) -> Vec<Codes> {
@@ -32,7 +38,7 @@ fn run(kind: &Kind) -> Vec<Codes> {
 
 /// Session with the record of a default fit that streams estimates.
 fn session(model: Model, scan: Option<ScanSettings>, hz: u16) -> Session {
-    let mut session = support::session(model, false);
+    let mut session = support::session(model, true);
     let path = repository().join("host-tools/emulator/data/whole/finger.cal.toml");
     let calibration = taxel_files::calibration::read(&path).unwrap();
     let mut record = [0; MAX_BYTES];
@@ -111,11 +117,77 @@ fn g431_streams_4_khz_in_two_thirds_of_its_time() {
 
 #[test]
 fn g431_scans_at_8_khz_in_four_fifths_of_its_time() {
-    let scan = ScanSettings { scan_hz: 8000, oversampling: 1, settle_ns: 18_000 };
-    holds(G431, Some(scan), 4000, 0.8);
+    holds(G431, Some(EIGHT_KHZ), 4000, 0.8);
 }
 
 #[test]
 fn f411_sends_1000_frames_without_a_loss() {
     holds(F411, None, 1000, 1.0);
+}
+
+/// Frames on the bus, each with the time at which its first byte has arrived.
+fn arrivals(session: &mut Session) -> Vec<(Tick, Frame)> {
+    let mut deframer: Deframer = Deframer::default();
+    let (mut first, mut frames) = (None, Vec::new());
+    for urb in session.board.host().capture.iter_mut().flat_map(std::mem::take) {
+        let sent = urb.kind == Transfer::Bulk && urb.endpoint & 0x80 != 0;
+        for byte in urb.data.into_iter().filter(|_| sent) {
+            let at = *first.get_or_insert(urb.done);
+            let Some(message) = deframer.push::<Message>(byte) else { continue };
+            if let Ok(Message::Frame(frame)) = message {
+                frames.push((at, frame));
+            }
+            first = None;
+        }
+    }
+    frames
+}
+
+/// Fails if a touch takes longer than `most_us` on average to the first byte of its frame.
+fn touch_arrives_within(scan: Option<ScanSettings>, most_us: f64) {
+    let mut session = session(G431, scan, 4000);
+    let scan_hz = scan.map_or(4000, |scan| u64::from(scan.scan_hz));
+    // The device's clock, compared with the world's by codes that a converter and a frame hold.
+    session.board.finger().seen.clear();
+    let mut frames = support::stream_codes(&mut session, micros(10_000));
+    frames.retain(|(_, frame)| frame.codes.is_some());
+    let divider = (scan_hz / 4000) as usize;
+    let seen = &session.board.finger().seen;
+    let first = &seen[support::first_seen(seen, &frames[2..], divider)];
+    let offset = first.begin - frames[2].1.time.0 * micros(1);
+    let estimates = [Command::SetFields(Fields::ESTIMATES), Command::Stream(true)];
+    estimates.into_iter().for_each(|command| drop(session.ask(command).unwrap()));
+
+    let (nothing, touch) = (run(&KINDS[0]), run(&KINDS[1]));
+    let scene = nothing.into_iter().cycle().take(UNTOUCHED).chain(touch).collect();
+    let begin = session.board.now();
+    session.board.finger().show(scene);
+    session.run(UNTOUCHED as u64 * HZ / scan_hz + micros(20_000)).unwrap();
+    let period = HZ / scan_hz;
+    let after_scan: Vec<Tick> = arrivals(&mut session)
+        .into_iter()
+        .map(|(at, frame)| (at, frame.time.0 * micros(1) + offset + period))
+        .filter(|(_, end)| *end > begin + UNTOUCHED as u64 * period)
+        .map(|(at, end)| at - end)
+        .collect();
+    assert!(after_scan.len() > 60, "{} frames", after_scan.len());
+    let us = |time: Tick| time as f64 / micros(1) as f64;
+    let worst = after_scan.into_iter().max().map_or(0.0, us);
+    // A touch comes at any time of a scan.
+    let (mean, most) = (us(period) / 2.0 + worst, us(period) + worst);
+    println!(
+        "{scan_hz} Hz: first byte {worst:.0} µs after the scan at most; after a touch {mean:.0} µs on \
+         average, {most:.0} µs at most"
+    );
+    assert!(mean <= most_us, "{mean:.0} µs, at most {most_us}");
+}
+
+#[test]
+fn touch_reaches_usb_within_250_us_at_4_khz() {
+    touch_arrives_within(None, 250.0);
+}
+
+#[test]
+fn touch_reaches_usb_within_200_us_at_8_khz() {
+    touch_arrives_within(Some(EIGHT_KHZ), 200.0);
 }

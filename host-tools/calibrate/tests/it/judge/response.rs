@@ -4,8 +4,9 @@ use taxel::calibration::Calibration;
 use taxel::frame::Status;
 use taxel::units::Micros;
 use taxel_files::trace::Sample;
+use taxel_sim::{Scene, Simulator};
 
-use super::{With, mean, newtons, replay, run};
+use super::{EFFECTS, With, mean, newtons, replay, run};
 
 /// Standard deviation of f_x, f_y, f_z while a press of 1 N is held, in newtons.
 pub fn resolution(device: u32, record: &Calibration, with: With) -> [f64; 3] {
@@ -97,4 +98,44 @@ pub fn response(device: u32, record: &Calibration, with: With) -> [f64; SWEEP.le
     let ramp = Ramp::of(device);
     let slow = ramp.gain(record, with, SWEEP[0]);
     SWEEP.map(|hz| ramp.gain(record, with, hz) / slow)
+}
+
+/// Setting of a scan: scans a second, samples a reading, and settle time in microseconds.
+pub type ScanSetting = (u32, u16, u32);
+
+/// Standard deviation of f_x, f_z and x while a press of 1 N is held: of scans, and of their means
+/// over a millisecond.
+///
+/// The phototransistors lag with the time constant of the boards' load.
+pub fn held(device: u32, record: &Calibration, setting: ScanSetting, with: With) -> [[f64; 3]; 2] {
+    let (hz, samples, settle) = setting;
+    // The simulator's conversions end a step, a quarter of a microsecond each.
+    let step = settle + u32::from(samples).div_ceil(4);
+    let text = format!(
+        "effects = [{EFFECTS}, 'settling']\n[scan]\nrate_hz = {hz}\nduration_s = 2\nstep_us = {step}\n\
+         [device]\nseed = {device}\nbits = 16\n[indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n\
+         [electronics]\noversampling = {samples}\ntime_constant_us = 2.17\n\
+         [[press]]\nat_s = 1\nx_mm = 0.4\ny_mm = -0.3\nfz_n = 1\nrise_s = 0.2\nhold_s = 0.7\n\
+         fall_s = 0.05\n"
+    );
+    let scans: Vec<Sample> =
+        Simulator::new(&Scene::parse("judge.toml", &text).unwrap(), 6).collect();
+    let estimates = replay(record, &scans, with);
+    // The hold without its first 0.2 s.
+    let each = hz as usize;
+    let held: Vec<[f64; 3]> = estimates[each * 14 / 10..each * 19 / 10]
+        .iter()
+        .map(|e| {
+            let x = e.point.unwrap().x.0;
+            [e.force.x.unwrap().0, e.force.z.unwrap().0, x].map(f64::from)
+        })
+        .collect();
+    [1, each / 1000].map(|scans| {
+        std::array::from_fn(|axis| {
+            let means: Vec<f64> =
+                held.chunks_exact(scans).map(|all| mean(all.iter().map(|f| f[axis]))).collect();
+            let middle = mean(means.iter().copied());
+            mean(means.iter().map(|value| (value - middle).powi(2))).sqrt()
+        })
+    })
 }
