@@ -27,8 +27,7 @@ use crate::condition::{Bias, BridgeBias, TaxelBias, TemperatureCompensation};
 use crate::crc32::crc32;
 use crate::estimate::array::Array;
 use crate::estimate::inverse::Inverse;
-use crate::estimate::net::ForceNet;
-use crate::estimate::quantised::{Net, QuantisedNet};
+use crate::estimate::quantised::Net;
 use crate::estimate::sensitivity::Sensitivity;
 use crate::estimate::slip::Slip;
 use crate::scan::{SENSORS, TAXELS};
@@ -66,12 +65,18 @@ macro_rules! sections {
             /// Date in seconds since 1970-01-01 UTC.
             pub date: u64,
             $($(#[doc = $doc])+ $(#[cfg($built)])? pub $name: Option<$coefficients>,)+
+            /// Net from taxel signals to forces: section 2 in f32, or section 5 in 16 bits. A record
+            /// with both has it in f32.
+            pub net: Option<Net>,
             /// The force sensors: sections 16 to 19.
             pub sensors: [Option<SensorCalibration>; SENSORS],
         }
 
         /// Every section that this build reads.
         const SECTIONS: &[Entry] = &[
+            entry(section::FLOAT, 2, "force", |c| &c.net, |c| &mut c.net),
+            #[cfg(feature = "quantised")]
+            entry(section::QUANTISED, 2, "quantised", |c| &c.net, |c| &mut c.net),
             $(
                 $(#[cfg($built)])?
                 entry($number, $since, stringify!($name), |c| &c.$name, |c| &mut c.$name),
@@ -83,7 +88,11 @@ macro_rules! sections {
         ];
 
         /// Numbers of the sections that this build skips.
-        const NOT_BUILT: &[u8] = &[$(#[cfg(not(all($($built)?)))] $number,)+];
+        const NOT_BUILT: &[u8] = &[
+            $(#[cfg(not(all($($built)?)))] $number,)+
+            #[cfg(not(feature = "quantised"))]
+            section::QUANTISED,
+        ];
 
         impl Calibration {
             /// A calibration without any section.
@@ -91,6 +100,7 @@ macro_rules! sections {
                 serial: String::new(),
                 date: 0,
                 $($(#[cfg($built)])? $name: None,)+
+                net: None,
                 sensors: [const { None }; SENSORS],
             };
 
@@ -109,8 +119,11 @@ macro_rules! sections {
             /// only reads records.
             fn write_section(&self, number: u8, buffer: &mut [u8]) -> Option<usize> {
                 match number {
-                    $($(#[cfg($built)])? $number => section::write(&self.$name, buffer),)+
-                    16.. => section::write(self.sensors.get(usize::from(number - 16))?, buffer),
+                    $($(#[cfg($built)])? $number => section::write(self.$name.as_ref()?, buffer),)+
+                    section::FLOAT => section::write(self.net.as_ref()?.float()?, buffer),
+                    #[cfg(feature = "quantised")]
+                    section::QUANTISED => section::write(self.net.as_ref()?.quantised()?, buffer),
+                    16.. => section::write(self.sensors.get(usize::from(number - 16))?.as_ref()?, buffer),
                     _ => None,
                 }
             }
@@ -121,17 +134,12 @@ macro_rules! sections {
 sections! {
     /// Bias, range and residual of the optical matrix.
     1 since 2: taxels: TaxelCalibration;
-    /// Net from taxel signals to forces.
-    2 since 2: force: ForceNet;
     /// Skin model: displacements of a contact, and signals to displacements.
     #[cfg(feature = "model")]
     3 since 2: model: Inverse;
     /// Friction and limit surface of a contact.
     #[cfg(feature = "slip")]
     4 since 2: slip: Slip;
-    /// Net from taxel signals to forces in 16 bits. `force` takes precedence if both are present.
-    #[cfg(feature = "quantised")]
-    5 since 2: quantised: QuantisedNet;
     /// Effect of temperature on the channels.
     #[cfg(feature = "warmth")]
     6 since 2: warmth: TemperatureCompensation;
@@ -223,16 +231,10 @@ impl core::error::Error for CalibrationError {}
 #[must_use]
 pub fn names(section: u8, field: u8) -> Option<(&'static str, &'static str)> {
     let entry = SECTIONS.iter().find(|entry| entry.number == section)?;
-    Some((entry.name, (entry.get)(&Calibration::EMPTY).field_name(field)?))
+    Some((entry.name, (entry.get)(&Calibration::EMPTY).field_name(section, field)?))
 }
 
 impl Calibration {
-    /// Returns the net, in f32 if the record has both.
-    #[must_use]
-    pub fn net(&self) -> Option<Net<'_>> {
-        self.force().map(Net::Float).or(self.quantised().map(Net::Quantised))
-    }
-
     /// Returns the bias that the finger starts with.
     #[must_use]
     pub fn bias(&self) -> Bias {
@@ -250,10 +252,10 @@ impl Calibration {
     pub fn validate(&self) -> Result<(), CalibrationError> {
         for Entry { number, get, .. } in SECTIONS {
             let section = get(self);
-            if let Some(field) = section.wrong_field() {
+            if let Some(field) = section.wrong_field(*number) {
                 return Err(CalibrationError::Field { section: *number, field });
             }
-            if section.present() && section.needs_taxels() && self.taxels.is_none() {
+            if section.present(*number) && section.needs_taxels() && self.taxels.is_none() {
                 return Err(CalibrationError::WithoutTaxels { section: *number });
             }
         }
@@ -272,7 +274,7 @@ impl Calibration {
 
     /// Writes the record and returns its length; `None` if it is too long.
     fn write(&self, buffer: &mut [u8]) -> Option<usize> {
-        let present = || SECTIONS.iter().filter(|entry| (entry.get)(self).present());
+        let present = || SECTIONS.iter().filter(|entry| (entry.get)(self).present(entry.number));
         let version = present().map(|entry| entry.since).max().unwrap_or(OLDEST);
         let (head, rest) = buffer.split_first_chunk_mut::<2>()?;
         *head = version.to_le_bytes();
@@ -330,7 +332,7 @@ impl Calibration {
             if !NOT_BUILT.contains(number) {
                 let known = |entry: &&Entry| entry.number == *number && entry.since <= version;
                 let entry = SECTIONS.iter().find(known)?;
-                (entry.get_mut)(self).read(section)?;
+                (entry.get_mut)(self).read(*number, section)?;
             }
             rest = tail;
         }

@@ -3,6 +3,14 @@
 use serde::Serialize;
 
 use super::Calibration;
+use crate::estimate::net::ForceNet;
+use crate::estimate::quantised::Net;
+#[cfg(feature = "quantised")]
+use crate::estimate::quantised::QuantisedNet;
+
+/// Numbers of the two sections of a net.
+pub(super) const FLOAT: u8 = 2;
+pub(super) const QUANTISED: u8 = 5;
 
 /// Upper limit of a number in a calibration, which keeps every product finite.
 pub(super) const HUGE: f32 = 1e30;
@@ -29,18 +37,18 @@ pub(super) trait Part {
     fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]>;
 }
 
-/// An optional section of a calibration.
+/// An optional section of a calibration. A number chooses between sections that share a place.
 pub(super) trait Section {
-    fn present(&self) -> bool;
+    fn present(&self, number: u8) -> bool;
     fn clear(&mut self);
-    fn read(&mut self, bytes: &[u8]) -> Option<()>;
-    fn wrong_field(&self) -> Option<u8>;
-    fn field_name(&self, field: u8) -> Option<&'static str>;
+    fn read(&mut self, number: u8, bytes: &[u8]) -> Option<()>;
+    fn wrong_field(&self, number: u8) -> Option<u8>;
+    fn field_name(&self, number: u8, field: u8) -> Option<&'static str>;
     fn needs_taxels(&self) -> bool;
 }
 
 impl<T: Coefficients> Section for Option<T> {
-    fn present(&self) -> bool {
+    fn present(&self, _: u8) -> bool {
         self.is_some()
     }
 
@@ -48,18 +56,16 @@ impl<T: Coefficients> Section for Option<T> {
         *self = None;
     }
 
-    fn read(&mut self, bytes: &[u8]) -> Option<()> {
+    fn read(&mut self, _: u8, bytes: &[u8]) -> Option<()> {
         self.insert(T::default()).read(bytes)
     }
 
-    fn wrong_field(&self) -> Option<u8> {
-        let coefficients = self.as_ref()?;
-        let wrong = T::CHECKS.iter().position(|(_, holds)| !holds(coefficients))?;
-        u8::try_from(wrong).ok()
+    fn wrong_field(&self, _: u8) -> Option<u8> {
+        wrong_field(self.as_ref()?)
     }
 
-    fn field_name(&self, field: u8) -> Option<&'static str> {
-        T::CHECKS.get(usize::from(field)).map(|(name, _)| *name)
+    fn field_name(&self, _: u8, field: u8) -> Option<&'static str> {
+        field_name::<T>(field)
     }
 
     fn needs_taxels(&self) -> bool {
@@ -67,9 +73,72 @@ impl<T: Coefficients> Section for Option<T> {
     }
 }
 
-/// Writes a present section and returns its length; `None` if it is absent or too long.
-pub(super) fn write<T: Coefficients>(section: &Option<T>, buffer: &mut [u8]) -> Option<usize> {
-    Some(postcard::to_slice(section.as_ref()?, buffer).ok()?.len())
+/// The net's two sections, of which a calibration holds one.
+impl Section for Option<Net> {
+    fn present(&self, number: u8) -> bool {
+        match self {
+            Some(Net::Float(_)) => number == FLOAT,
+            #[cfg(feature = "quantised")]
+            Some(Net::Quantised(_)) => number == QUANTISED,
+            None => false,
+        }
+    }
+
+    fn clear(&mut self) {
+        *self = None;
+    }
+
+    /// Reads the net. The net in f32 comes first in a record; the one in 16 bits is then skipped.
+    fn read(&mut self, number: u8, bytes: &[u8]) -> Option<()> {
+        if self.is_some() {
+            return Some(());
+        }
+        // Each is made where it stays, because a value that is chosen first would be copied.
+        match number {
+            #[cfg(feature = "quantised")]
+            QUANTISED => *self = Some(Net::Quantised(QuantisedNet::default())),
+            _ => *self = Some(Net::Float(ForceNet::default())),
+        }
+        match self.as_mut()? {
+            Net::Float(net) => net.read(bytes),
+            #[cfg(feature = "quantised")]
+            Net::Quantised(net) => net.read(bytes),
+        }
+    }
+
+    fn wrong_field(&self, number: u8) -> Option<u8> {
+        match self.as_ref().filter(|_| self.present(number))? {
+            Net::Float(net) => wrong_field(net),
+            #[cfg(feature = "quantised")]
+            Net::Quantised(net) => wrong_field(net),
+        }
+    }
+
+    fn field_name(&self, number: u8, field: u8) -> Option<&'static str> {
+        match number {
+            #[cfg(feature = "quantised")]
+            QUANTISED => field_name::<QuantisedNet>(field),
+            _ => field_name::<ForceNet>(field),
+        }
+    }
+
+    fn needs_taxels(&self) -> bool {
+        ForceNet::NEEDS_TAXELS
+    }
+}
+
+fn wrong_field<T: Coefficients>(coefficients: &T) -> Option<u8> {
+    let wrong = T::CHECKS.iter().position(|(_, holds)| !holds(coefficients))?;
+    u8::try_from(wrong).ok()
+}
+
+fn field_name<T: Coefficients>(field: u8) -> Option<&'static str> {
+    T::CHECKS.get(usize::from(field)).map(|(name, _)| *name)
+}
+
+/// Writes a section and returns its length; `None` if it is too long.
+pub(super) fn write<T: Coefficients>(section: &T, buffer: &mut [u8]) -> Option<usize> {
+    Some(postcard::to_slice(section, buffer).ok()?.len())
 }
 
 /// Entry of the list of sections.

@@ -3,8 +3,8 @@ use crate::estimate::array::WrenchMethod;
 use crate::estimate::field::{Field, Radial};
 use crate::estimate::intrinsic::Surface;
 use crate::estimate::inverse::Curves;
-use crate::estimate::net::{Layers, Unit};
-use crate::estimate::quantised::Rows;
+use crate::estimate::net::{ForceNet, Layers, Unit};
+use crate::estimate::quantised::{QuantisedNet, Rows};
 use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use crate::units::Millimetres;
 
@@ -26,7 +26,7 @@ fn largest() -> Calibration {
         serial: String::try_from("0123456789abcdef0123456789abcdef").unwrap(),
         date: u64::MAX,
         taxels: Some(TaxelCalibration { bias, range: [[-0.5, 0.1]; TAXELS], residual: [0.01; 3] }),
-        force: Some(net),
+        net: Some(Net::Float(net)),
         model: Some(Inverse {
             curves: Curves {
                 stray: [[0.01, 0.02, 0.03, 0.04]; TAXELS],
@@ -41,7 +41,6 @@ fn largest() -> Calibration {
             shear: true,
             friction: 0.8,
         }),
-        quantised: None,
         slip: Some(Slip::usual(0.8)),
         warmth: Some(TemperatureCompensation {
             reference: 0.23,
@@ -60,6 +59,11 @@ fn largest() -> Calibration {
             },
         }),
     }
+}
+
+fn float(record: &mut Calibration) -> &mut ForceNet {
+    let Some(Net::Float(net)) = &mut record.net else { panic!("a net in f32") };
+    net
 }
 
 /// Recomputes the CRC after a change.
@@ -82,7 +86,7 @@ fn largest_record_round_trips() {
 
 #[test]
 fn reading_drops_sections_missing_in_record() {
-    let without = Calibration { force: None, ..largest() };
+    let without = Calibration { net: None, ..largest() };
     let mut place = largest();
     place.read(&bytes(&without)).unwrap();
     assert_eq!(place, without);
@@ -105,23 +109,37 @@ fn quantised(hidden: usize, outputs: usize, skip: bool) -> Calibration {
         output_bias: &list(outputs),
     })
     .unwrap();
-    Calibration { force: None, quantised: QuantisedNet::new(&net, 0.6), ..largest() }
+    Calibration { net: QuantisedNet::new(&net, 0.6).map(Net::Quantised), ..largest() }
 }
 
 #[test]
 fn quantised_net_round_trips() {
     for (hidden, outputs, skip) in [(16, 3, false), (6, 3, true), (32, 1, true), (0, 3, true)] {
         let record = quantised(hidden, outputs, skip);
-        assert!(record.quantised.is_some());
+        assert!(matches!(record.net, Some(Net::Quantised(_))));
         assert_eq!(Calibration::from_bytes(&bytes(&record)), Ok(record));
     }
+}
+
+#[test]
+fn net_in_f32_precedes_net_in_16_bits() {
+    // Both have no section but the taxels' and the net's: a body ends where the CRC begins.
+    let only = |net| Calibration { net, taxels: largest().taxels, ..Calibration::default() };
+    let float = only(largest().net);
+    let mut both = bytes(&float);
+    let section = bytes(&only(quantised(16, 3, true).net));
+    let head = bytes(&only(None)).len() - 4;
+    both.truncate(both.len() - 4);
+    both.extend(&section[head..]);
+    assert_eq!(Calibration::from_bytes(sealed(&mut both)), Ok(float));
 }
 
 #[test]
 fn quantised_net_refuses_possible_overflow() {
     let refused = |change: fn(&mut QuantisedNet)| {
         let mut record = quantised(32, 3, true);
-        change(record.quantised.as_mut().unwrap());
+        let Some(Net::Quantised(net)) = &mut record.net else { panic!() };
+        change(net);
         match record.validate() {
             Err(CalibrationError::Field { section, field }) => names(section, field).unwrap(),
             other => panic!("{other:?}"),
@@ -214,9 +232,6 @@ fn fields_out_of_range_are_refused_by_name() {
     fn taxels(r: &mut Calibration) -> &mut TaxelCalibration {
         r.taxels.as_mut().unwrap()
     }
-    fn net(r: &mut Calibration) -> &mut ForceNet {
-        r.force.as_mut().unwrap()
-    }
     fn sensor(r: &mut Calibration, i: usize) -> &mut SensorCalibration {
         r.sensors[i].as_mut().unwrap()
     }
@@ -224,15 +239,15 @@ fn fields_out_of_range_are_refused_by_name() {
     assert_eq!(refused(|r| taxels(r).bias.noise = 0.0), ("taxels", "noise"));
     assert_eq!(refused(|r| taxels(r).range[0] = [1.0, 1.0]), ("taxels", "range"));
     assert_eq!(refused(|r| taxels(r).residual[1] = f32::INFINITY), ("taxels", "residual_n"));
-    assert_eq!(refused(|r| net(r).units[7].weights[3] = f32::NAN), ("force", "hidden"));
-    assert_eq!(refused(|r| net(r).units[7].bias = f32::INFINITY), ("force", "hidden"));
-    assert_eq!(refused(|r| net(r).units[7].output[1] = 1e30), ("force", "output"));
-    assert_eq!(refused(|r| net(r).output_bias.truncate(2)), ("force", "output"));
-    assert_eq!(refused(|r| net(r).skip = Some([[f32::NAN; 16]; 3])), ("force", "skip"));
+    assert_eq!(refused(|r| float(r).units[7].weights[3] = f32::NAN), ("force", "hidden"));
+    assert_eq!(refused(|r| float(r).units[7].bias = f32::INFINITY), ("force", "hidden"));
+    assert_eq!(refused(|r| float(r).units[7].output[1] = 1e30), ("force", "output"));
+    assert_eq!(refused(|r| float(r).output_bias.truncate(2)), ("force", "output"));
+    assert_eq!(refused(|r| float(r).skip = Some([[f32::NAN; 16]; 3])), ("force", "skip"));
     assert_eq!(
         refused(|r| {
-            net(r).units.clear();
-            net(r).skip = None;
+            float(r).units.clear();
+            float(r).skip = None;
         }),
         ("force", "hidden")
     );
@@ -280,12 +295,11 @@ fn fields_out_of_range_are_refused_by_name() {
 #[test]
 fn linear_net_still_needs_taxels() {
     let mut linear = largest();
-    let net = linear.force.as_mut().unwrap();
-    net.units.clear();
+    float(&mut linear).units.clear();
     assert_eq!(linear.validate(), Ok(()));
     linear.taxels = None;
     assert_eq!(linear.validate(), Err(CalibrationError::WithoutTaxels { section: 2 }));
-    linear.force = None;
+    linear.net = None;
     assert_eq!(linear.validate(), Err(CalibrationError::WithoutTaxels { section: 3 }));
     linear.model = None;
     assert_eq!(linear.validate(), Ok(()));

@@ -183,20 +183,43 @@ impl Serialize for QuantisedNet {
 }
 
 /// Net of a record, in f32 or in 16 bits.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Net<'r> {
+#[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a record has room for the larger; there is no heap")]
+pub enum Net {
     /// Net in f32.
-    Float(&'r ForceNet),
+    Float(ForceNet),
     /// Net in 16 bits.
-    Quantised(&'r QuantisedNet),
+    #[cfg(feature = "quantised")]
+    Quantised(QuantisedNet),
 }
 
-impl Net<'_> {
+impl Net {
+    /// Returns the net if it is in f32.
+    #[must_use]
+    pub fn float(&self) -> Option<&ForceNet> {
+        match self {
+            Self::Float(net) => Some(net),
+            #[cfg(feature = "quantised")]
+            Self::Quantised(_) => None,
+        }
+    }
+
+    /// Returns the net if it is in 16 bits.
+    #[cfg(feature = "quantised")]
+    #[must_use]
+    pub fn quantised(&self) -> Option<&QuantisedNet> {
+        match self {
+            Self::Float(_) => None,
+            Self::Quantised(net) => Some(net),
+        }
+    }
+
     /// Returns the number of outputs: one (f_z) or three.
     #[must_use]
     pub fn outputs(&self) -> usize {
         match self {
             Self::Float(net) => net.output_bias.len(),
+            #[cfg(feature = "quantised")]
             Self::Quantised(net) => net.output_bias.len(),
         }
     }
@@ -206,6 +229,7 @@ impl Net<'_> {
     pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
         match self {
             Self::Float(net) => net.forces(c),
+            #[cfg(feature = "quantised")]
             Self::Quantised(net) => net.forces(c),
         }
     }

@@ -101,7 +101,7 @@ pub(super) struct OpticalInput<'s> {
 impl OpticalInput<'_> {
     pub(super) fn estimate(&self, state: &mut MatrixState, status: &mut Status) -> OpticalEstimate {
         let taxels = self.record.and_then(|record| record.taxels.as_ref());
-        let net = self.record.and_then(Calibration::net);
+        let net = self.record.and_then(|record| record.net.as_ref());
         let model = self.record.and_then(Calibration::model);
         let force = match taxels {
             Some(taxels) if model.is_some() || net.is_some() => self.usable(taxels, status),
@@ -121,6 +121,7 @@ impl OpticalInput<'_> {
                     Some((net, taxels)) => {
                         status.insert(match net {
                             Net::Float(_) => Status::RAN_NET,
+                            #[cfg(feature = "quantised")]
                             Net::Quantised(_) => Status::RAN_QUANTISED,
                         });
                         let [sx, sy, sz] = taxels.residual;
@@ -178,7 +179,7 @@ impl OpticalInput<'_> {
         let u = model.curves.displacements(self.c);
         let array = self.array.force;
         let present = match array {
-            Ok([fx, fy, fz]) => {
+            [Ok(fx), Ok(fy), Ok(fz)] => {
                 let (fx, fy, none) = (fx.value, fy.value, unseen_shear(fz.value));
                 SHEAR.update(&mut state.sheared, (fx * fx + fy * fy) / (none * none))
             }
@@ -209,8 +210,8 @@ impl OpticalInput<'_> {
 }
 
 /// Returns the ratio of shear to normal force of the force sensors, if the normal force suffices.
-fn pull(array: &Measured<[Uncertain; 3]>) -> Option<Pull> {
-    let Ok([x, y, z]) = array else { return None };
+fn pull(array: &[Measured<Uncertain>; 3]) -> Option<Pull> {
+    let [Ok(x), Ok(y), Ok(z)] = array else { return None };
     let [rx, ry] = [x, y].map(|f| f.value / z.value);
     let sigma = (x.sigma.max(y.sigma) + rx.abs().max(ry.abs()) * z.sigma) / z.value;
     (z.value > LEAST_FELT).then_some(Pull { ratio: [rx, ry], sigma })

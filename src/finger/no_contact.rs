@@ -30,7 +30,7 @@ impl Capability {
         if signals.taxels.is_none() {
             return Self::nothing(missing(codes.taxels.is_some()));
         }
-        let net = record.and_then(Calibration::net).map(|net| net.outputs() == 3);
+        let net = record.and_then(|record| record.net.as_ref()).map(|net| net.outputs() == 3);
         let sheared = record.and_then(Calibration::model).map(|model| model.shear);
         if net.is_none() && sheared.is_none() {
             return Self { place: NoValue::NoContact, ..Self::nothing(NoValue::Uncalibrated) };

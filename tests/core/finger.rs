@@ -6,7 +6,7 @@ use taxel::calibration::Calibration;
 use taxel::condition::{LowPass, PER_KELVIN};
 use taxel::estimate::Force;
 use taxel::estimate::contact_point::PointMethod;
-use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::finger::{Estimate, Finger, FingerState};
 use taxel::frame::Status;
 use taxel::measured::NoValue;
@@ -53,8 +53,9 @@ fn press_has_force_and_contact_point() {
 #[test]
 fn q15_net_replaces_net_and_sets_its_status() {
     let float = calibration();
-    let quantised = float.force.as_ref().and_then(|net| QuantisedNet::new(net, 0.5));
-    let (finger, mut state) = Finger::new(Some(Calibration { force: None, quantised, ..float }));
+    let net = float.net.as_ref().and_then(Net::float).and_then(|net| QuantisedNet::new(net, 0.5));
+    let net = net.map(Net::Quantised);
+    let (finger, mut state) = Finger::new(Some(Calibration { net, ..float }));
     let quiet = settled(&finger, &mut state, &unloaded(0));
     assert_eq!(quiet.force, Force::known(0.0, 0.0, 0.0));
     let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
@@ -228,7 +229,7 @@ fn overrun_is_flagged_in_its_frame() {
 #[test]
 fn net_of_one_output_gives_no_shear() {
     let mut record = calibration();
-    let net = record.force.as_mut().unwrap();
+    let Some(Net::Float(net)) = &mut record.net else { panic!("a net in f32") };
     net.output_bias = [0.0].into_iter().collect();
     assert_eq!(record.validate(), Ok(()));
     let (finger, mut state) = Finger::new(Some(record));

@@ -14,7 +14,7 @@ use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::Curves;
 use taxel::estimate::limit_surface::LimitSurface;
 use taxel::estimate::net::{ForceNet, Unit};
-use taxel::estimate::quantised::{Group, QuantisedNet, Rows};
+use taxel::estimate::quantised::{Group, Net, QuantisedNet, Rows};
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::finger::{Estimate, Finger, FingerState};
@@ -200,14 +200,14 @@ fn hostile(weight: f32, level: f32, sixteen_bits: bool, ends: &Ends) -> Calibrat
     taxels.range = [[-9e29, 9e29]; 16];
     taxels.residual = [ends.residual[0]; 3];
     let unit = Unit { weights: [weight; 16], bias: -weight, output: [weight; 3] };
-    record.force = Some(ForceNet {
-        units: core::iter::repeat_n(unit, 32).collect(),
-        skip: Some([[weight; 16]; 3]),
-        output_bias: [weight; 3].into(),
+    record.net = Some(match sixteen_bits {
+        true => Net::Quantised(hostile_in_sixteen_bits(weight)),
+        false => Net::Float(ForceNet {
+            units: core::iter::repeat_n(unit, 32).collect(),
+            skip: Some([[weight; 16]; 3]),
+            output_bias: [weight; 3].into(),
+        }),
     });
-    if sixteen_bits {
-        (record.force, record.quantised) = (None, Some(hostile_in_sixteen_bits(weight)));
-    }
     // Half of the light and of the sensitivity at the largest followed difference: 60 K of 758 µ
     // each.
     let share = 10.9 * (level / 2.0);

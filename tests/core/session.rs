@@ -16,7 +16,7 @@ use taxel::frame::{Fields, Frame};
 use taxel::instrument::Instrument;
 use taxel::scan::{Scan, ScanSetting, ScanSettings};
 use taxel::self_test::Channel;
-use taxel::session::{Board, End, Pace, run_session};
+use taxel::session::{Board, Buffers, End, Pace, run_session};
 use taxel::store::{RamFlash, Store};
 use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
@@ -218,8 +218,15 @@ fn run(
     };
     let ended = block_on(async {
         let finger = async {
-            let end =
-                run_session(to.clone(), from.clone(), &mut board, &mut instrument, pace).await;
+            let end = run_session(
+                to.clone(),
+                from.clone(),
+                &mut board,
+                &mut instrument,
+                &mut Buffers::new(),
+                pace,
+            )
+            .await;
             from.close();
             end.unwrap()
         };

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use taxel::calibration::{Calibration, CalibrationError, MAX_BYTES};
 use taxel::condition::{Health, Signals};
 use taxel::estimate::contact_point::PointMethod;
-use taxel::estimate::quantised::{Group, QuantisedNet, Rows};
+use taxel::estimate::quantised::{Group, Net, QuantisedNet, Rows};
 use taxel::estimate::slip::Verdict;
 use taxel::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use taxel::frame::{Fields, Frame, Status};
@@ -160,8 +160,7 @@ fn q15_net_has_its_bytes() {
     (weights[0], weights[1], weights[15]) = (1, -2, 0x1234);
     let group = Group { weights: Rows::new(&[weights; 4]), bias: [-1; 4] };
     let record = Calibration {
-        force: None,
-        quantised: Some(QuantisedNet {
+        net: Some(Net::Quantised(QuantisedNet {
             signal: 1024.0,
             hidden: [group].into_iter().collect(),
             shift: 9,
@@ -169,7 +168,7 @@ fn q15_net_has_its_bytes() {
             skip: None,
             scale: [1.0, 2.0],
             output_bias: [1.0].into_iter().collect(),
-        }),
+        })),
         sensors: Default::default(),
         ..common::calibration()
     };

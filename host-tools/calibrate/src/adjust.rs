@@ -201,7 +201,7 @@ fn press(signals: &[Signals], recording: &Recording, rows: std::ops::Range<usize
 
 /// Fits one gain a row of S, judged on each press with the gains from all others.
 fn sensors(adjusted: &mut Adjusted, presses: &[Press]) {
-    let bench = adjusted.calibration.net().is_none()
+    let bench = adjusted.calibration.net.is_none()
         && adjusted.calibration.sensors.iter().flatten().count() == 1;
     for i in 0..SENSORS {
         let Some(sensor) = &mut adjusted.calibration.sensors[i] else { continue };

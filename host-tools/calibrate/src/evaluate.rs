@@ -40,8 +40,7 @@ impl Only {
                 codes.for_each(|codes| codes.bridges = [None; SENSORS]);
             }
             Self::Array => {
-                (calibration.taxels, calibration.force) = (None, None);
-                (calibration.quantised, calibration.model) = (None, None);
+                (calibration.taxels, calibration.net, calibration.model) = (None, None, None);
                 codes.for_each(|codes| codes.taxels = None);
             }
         }
@@ -110,7 +109,7 @@ impl Against {
 }
 
 fn against(calibration: &Calibration) -> Option<Against> {
-    if calibration.net().is_some() || calibration.model.is_some() || calibration.array.is_some() {
+    if calibration.net.is_some() || calibration.model.is_some() || calibration.array.is_some() {
         return Some(Against::Finger);
     }
     let mut calibrated = (0..SENSORS).filter(|i| calibration.sensors[*i].is_some());

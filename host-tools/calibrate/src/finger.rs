@@ -13,6 +13,7 @@ use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
+use taxel::estimate::quantised::Net;
 use taxel::estimate::slip::Slip;
 use taxel::scan::SENSORS;
 
@@ -264,7 +265,7 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let Some(taxels) = &fitted.calibration.taxels else { return };
     let Skin { model, rows, left_out, residual } = skin;
     let of = |errors: &mut dyn Iterator<Item = f64>| errors.map(|e| e * e).sum::<f64>();
-    let components = fitted.calibration.force.as_ref().map_or(1, |net| net.output_bias.len());
+    let components = fitted.calibration.net.as_ref().map_or(1, Net::outputs);
     let from = 3 - components.min(3);
     let nets = of(&mut taxels.residual.iter().take(components).map(|e| f64::from(*e)));
     if of(&mut residual.iter().skip(from).copied()) >= nets {
@@ -350,8 +351,8 @@ fn fit_array(
 /// Replaces the net by its 16-bit form and its residual by that of the 16-bit form.
 fn quantised(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(), FitError> {
     let Some(taxels) = &mut fitted.calibration.taxels else { return Ok(()) };
-    let Some(float) = fitted.calibration.force.take() else { return Ok(()) };
-    let (net, rows) = quantise::net(&float, taxels, recordings)?;
+    let Some(float) = fitted.calibration.net.as_ref().and_then(Net::float) else { return Ok(()) };
+    let (net, rows) = quantise::net(float, taxels, recordings)?;
     let outputs = float.output_bias.len();
     fitted.parts.push(Part {
         name: "the net in 16 bits".into(),
@@ -362,7 +363,7 @@ fn quantised(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(), Fi
         effective: None,
         residual: taxels.residual.iter().take(outputs).map(|r| f64::from(*r)).collect(),
     });
-    fitted.calibration.quantised = Some(net);
+    fitted.calibration.net = Some(Net::Quantised(net));
     Ok(())
 }
 

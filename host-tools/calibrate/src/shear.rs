@@ -12,7 +12,7 @@ pub fn of_finger<'r>(
     calibration: &Calibration,
     recordings: impl IntoIterator<Item = &'r Recording>,
 ) -> Vec<String> {
-    let three = calibration.net().is_some_and(|net| net.outputs() == 3)
+    let three = calibration.net.as_ref().is_some_and(|net| net.outputs() == 3)
         || calibration.sensors.iter().any(Option::is_some);
     let rows = recordings.into_iter().flat_map(|recording| &recording.samples);
     if three { of_forces(rows.map(|sample| sample.truth.force)) } else { Vec::new() }

@@ -9,7 +9,7 @@ use anyhow::Context;
 use taxel::calibration::Calibration;
 use taxel::estimate::NormalContact;
 use taxel::estimate::contact_point::PointMethod;
-use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::finger::{Estimate, Finger, FingerState, SKIN_ERROR};
 use taxel::frame::Status;
 use taxel::measured::Measured;
@@ -117,11 +117,11 @@ impl Fingers {
     /// Creates the fingers of a calibration record.
     pub(crate) fn new(record: &Calibration) -> anyhow::Result<Self> {
         let matrix = Calibration { array: None, sensors: Default::default(), ..record.clone() };
-        let net = matrix.force.as_ref().context("the calibration has no net")?;
+        let net = matrix.net.as_ref().and_then(Net::float).context("the calibration has no net")?;
         let ranges = matrix.taxels.as_ref().map_or(&[][..], |taxels| &taxels.range);
         let quantised =
             QuantisedNet::new(net, largest(ranges)).context("the net has no form in 16 bits")?;
-        let quantised = Calibration { force: None, quantised: Some(quantised), ..matrix.clone() };
+        let quantised = Calibration { net: Some(Net::Quantised(quantised)), ..matrix.clone() };
         let sets = [
             (record.clone(), PointMethod::Model, SHIPPED, true),
             (matrix.clone(), PointMethod::Model, MODEL, false),

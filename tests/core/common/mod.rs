@@ -8,6 +8,7 @@ use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::{Curves, Inverse};
 use taxel::estimate::net::{ForceNet, Unit};
+use taxel::estimate::quantised::Net;
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::SensorPlaces;
@@ -56,12 +57,11 @@ pub fn calibration() -> Calibration {
             range: [[-0.5, 0.05]; TAXELS],
             residual: [0.01; 3],
         }),
-        force: Some(ForceNet {
+        net: Some(Net::Float(ForceNet {
             units: [Unit { weights: [-1.0; TAXELS], bias: 0.0, output: [0.0, 0.0, 1.0] }].into(),
             skip: None,
             output_bias: [0.0; 3].into(),
-        }),
-        quantised: None,
+        })),
         model: None,
         slip: None,
         warmth: None,

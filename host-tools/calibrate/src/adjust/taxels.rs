@@ -9,7 +9,7 @@ use nalgebra::{Const, DVector, Dyn, OMatrix, SMatrix, SVector};
 use taxel::calibration::{Calibration, TaxelCalibration};
 use taxel::estimate::inverse::{Inverse, InverseState, Touch};
 use taxel::estimate::net::ForceNet;
-use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
 use super::{AGED, Adjusted, COMMON, Helped, LEAST_PRESSES, Press, Row};
@@ -98,7 +98,7 @@ pub(super) fn adjust(
         .filter(|(_, before, after)| !surely_less(after, before))
         .map(|(name, ..)| *name);
     let unhelped: Vec<&str> = unhelped.collect();
-    let outputs = before.net().map_or(3, |net| net.outputs());
+    let outputs = before.net.as_ref().map_or(3, Net::outputs);
     let expected = f64::from(old.residual[outputs.min(3) - 1]);
     let met = adjusted.helped.first().map_or(0.0, |helped| helped.before);
     let refused = if matches!(best, Estimator::Net(_)) && met <= YOUNG * expected {
@@ -221,8 +221,10 @@ fn follow(
 
 /// Net of the record in f32; a 16-bit net is converted.
 fn net_of(calibration: &Calibration) -> Option<Cow<'_, ForceNet>> {
-    let whole = || calibration.quantised.as_ref().map(|net| Cow::Owned(quantise::float(net)));
-    calibration.force.as_ref().map(Cow::Borrowed).or_else(whole)
+    calibration.net.as_ref().map(|net| match net {
+        Net::Float(net) => Cow::Borrowed(net),
+        Net::Quantised(net) => Cow::Owned(quantise::float(net)),
+    })
 }
 
 /// Divides the signals by their gains; `gains` are logarithms.
@@ -242,9 +244,6 @@ fn square(estimator: Estimator<'_>, gains: &Gains, press: &Press) -> f64 {
 
 /// Folds the gains into the record: coefficients are divided as the signals are multiplied.
 fn fold(calibration: &mut Calibration, gains: &Gains) -> Result<(), FitError> {
-    if let Some(net) = &mut calibration.force {
-        fold_net(net, gains);
-    }
     if let Some(model) = &mut calibration.model {
         fold_model(model, gains);
     }
@@ -252,8 +251,10 @@ fn fold(calibration: &mut Calibration, gains: &Gains) -> Result<(), FitError> {
     for (range, gain) in taxels.range.iter_mut().zip(gains) {
         *range = range.map(|end| (f64::from(end) * gain) as f32);
     }
-    if let Some(net) = &mut calibration.quantised {
-        *net = requantised(net, taxels, gains)?;
+    match &mut calibration.net {
+        Some(Net::Float(net)) => fold_net(net, gains),
+        Some(Net::Quantised(net)) => *net = requantised(net, taxels, gains)?,
+        None => {}
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use taxel::calibration::{Range, TaxelCalibration};
 use taxel::condition::{Bias, Signals, TaxelBias};
 use taxel::estimate::gate::Gate;
 use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
+use taxel::estimate::quantised::Net as RecordNet;
 use taxel::scan::{COLS, TAXELS};
 
 use super::{FitOptions, Fitted, Part, known, warn_of_stuck};
@@ -223,11 +224,11 @@ pub(super) fn fit(
         range: ranges(&x, bias.noise),
         residual: std::array::from_fn(|k| residual.get(k).map_or(0.0, |r| *r as f32)),
     });
-    fitted.calibration.force =
-        Some(ForceNet::new(&net.layers()).map_err(|list| FitError::Shape {
-            part: NAME.into(),
-            problem: format!("its {list} does not have a finger's shape"),
-        })?);
+    let net = ForceNet::new(&net.layers()).map_err(|list| FitError::Shape {
+        part: NAME.into(),
+        problem: format!("its {list} does not have a finger's shape"),
+    })?;
+    fitted.calibration.net = Some(RecordNet::Float(net));
     Ok(())
 }
 

@@ -63,7 +63,7 @@ pub(crate) fn not_held_out(judged: &[Recording], fitted: &[Recording]) -> Vec<St
 fn of_channels(calibration: &Calibration, fitted: &[Recording]) -> Vec<String> {
     let bias = calibration.bias();
     let mut doubts = Vec::new();
-    if calibration.net().is_some() {
+    if calibration.net.is_some() {
         let names: Vec<String> = (0..TAXELS).map(|k| format!("r{}c{}", k / 4, k % 4)).collect();
         doubts.extend(alike(&names, &taxels(&bias, fitted)));
     }

@@ -157,9 +157,9 @@ fn taxels(drift: &mut Drift, first: &Calibration, second: &Calibration) {
     }
     drift.push("taxels", "noise".into(), ratio(a.bias.noise, b.bias.noise), "%");
     let told = !drift.met.is_empty();
-    match [first, second].map(Calibration::net) {
+    match [first, second].map(|calibration| calibration.net.as_ref()) {
         [Some(a), Some(b)] => {
-            let form = |net: Net| if matches!(net, Net::Float(_)) { "f32" } else { "16 bits" };
+            let form = |net: &Net| if matches!(net, Net::Float(_)) { "f32" } else { "16 bits" };
             if form(a) != form(b) {
                 let (a, b) = (form(a), form(b));
                 drift

@@ -140,7 +140,7 @@ fn about(calibration: &Calibration, recordings: &[Recording]) -> About {
     let bias = calibration.bias();
     let mut parts = Vec::new();
     let condition_of_data = condition(&taxels(&bias, recordings));
-    if let (Some(taxels_of), Some(net)) = (&calibration.taxels, calibration.net()) {
+    if let (Some(taxels_of), Some(net)) = (&calibration.taxels, &calibration.net) {
         let outputs = net.outputs();
         parts.push(Part {
             name: "finger".into(),
@@ -204,7 +204,7 @@ fn about(calibration: &Calibration, recordings: &[Recording]) -> About {
 }
 
 /// Description of a net: shape and number format.
-fn net_model(net: Net<'_>) -> String {
+fn net_model(net: &Net) -> String {
     let (units, skip, form) = match net {
         Net::Float(net) => (net.units.len(), net.skip.is_some(), ""),
         Net::Quantised(net) => (GROUP * net.hidden.len(), net.skip.is_some(), ", in 16 bits"),

@@ -150,7 +150,7 @@ pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Serie
 
 fn bench_sensor(calibration: &Calibration) -> Option<usize> {
     let mut calibrated = (0..SENSORS).filter(|i| calibration.sensors[*i].is_some());
-    match (calibration.force.is_none(), calibrated.next(), calibrated.next()) {
+    match (calibration.net.is_none(), calibrated.next(), calibrated.next()) {
         (true, Some(sensor), None) => Some(sensor),
         _ => None,
     }

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
-use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::scan::TaxelCodes;
 use taxel::units::Code;
 use taxel_calibrate::adjust::{adjust, weigh};
@@ -107,14 +107,14 @@ fn nine_weights_correct_only_an_aged_device() {
     let old = recording(aged(young.samples.clone()));
     let largest = all.taxels.as_ref().unwrap().range.as_flattened().iter();
     let largest = largest.fold(0.0f32, |most, end| most.max(end.abs()));
-    let quantised = QuantisedNet::new(all.force.as_ref().unwrap(), largest);
+    let quantised = QuantisedNet::new(all.net.as_ref().and_then(Net::float).unwrap(), largest);
     assert!(quantised.is_some());
     let alone = |model: bool| Calibration {
         model: all.model.clone().filter(|_| model),
         slip: all.slip.filter(|_| model),
         ..all.clone()
     };
-    let in_16_bits = Calibration { force: None, quantised, ..alone(false) };
+    let in_16_bits = Calibration { net: quantised.map(Net::Quantised), ..alone(false) };
     for (name, record, estimators, most) in [
         ("net", alone(false), 1, 0.02),
         ("net in 16 bits", in_16_bits, 1, 0.02),

@@ -6,6 +6,7 @@
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
+use taxel::estimate::quantised::Net;
 use taxel::scan::{Codes, Midpoints, SENSORS, Scan, TAXEL_CENTRES, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
 use taxel_calibrate::Form;
@@ -150,7 +151,7 @@ fn quantised_net_reports_small_added_error() {
     let quantised = fit_quietly(&recordings, &FitOptions { form: Form::Q15, ..options() }).unwrap();
     assert_eq!(quantised.parts[0], float.parts[0]);
     assert_eq!(quantised.parts[1].name, "the net in 16 bits");
-    assert_eq!(quantised.calibration.force, None);
+    assert!(matches!(quantised.calibration.net, Some(Net::Quantised(_))));
     let kept = quantised.calibration.taxels.as_ref().unwrap().residual;
     for ((float, q15), kept) in
         float.parts[0].residual.iter().zip(&quantised.parts[1].residual).zip(kept)
@@ -327,13 +328,13 @@ fn undetermined_sensor_is_skipped_with_warning() {
     }
     let finger = FitOptions { subject: Subject::Finger, ..options() };
     let alone = fit_quietly(std::slice::from_ref(&presses), &finger).unwrap();
-    assert!(alone.calibration.force.is_some() && alone.calibration.sensors[0].is_none());
+    assert!(alone.calibration.net.is_some() && alone.calibration.sensors[0].is_none());
     let why = "s0: its matrix S was not fitted: s0: fx_n, fy_n: never loaded";
     assert!(alone.warnings.iter().any(|w| w.starts_with(why)), "{:?}", alone.warnings);
     // Presses without shear are fitted for what they tell: the array from the total force.
     let all = fit_quietly(&[presses], &FitOptions { net_only: false, ..finger }).unwrap();
     assert!(all.warnings.iter().any(|w| w.starts_with(why)), "{:?}", all.warnings);
-    assert!(all.calibration.force.is_some() && all.calibration.array.is_some());
+    assert!(all.calibration.net.is_some() && all.calibration.array.is_some());
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::common::{In, json, write_trace};
 use taxel::calibration::Calibration;
-use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::estimate::slip::Slip;
 use taxel::scan::TaxelCodes;
 use taxel::units::Code;
@@ -225,14 +225,15 @@ fn compare_reports_missing_sections() {
     other.serial = "F-0099".try_into().unwrap();
     other.date += 86_400;
     other.sensors[2] = None;
-    other.quantised = other.force.take().and_then(|net| QuantisedNet::new(&net, 0.6));
+    let float = other.net.as_ref().and_then(Net::float);
+    other.net = float.and_then(|net| QuantisedNet::new(net, 0.6)).map(Net::Quantised);
     other.slip = Some(Slip::usual(0.5));
     write("other.toml", &other);
     let mut narrow = whole.clone();
-    narrow.force.as_mut().unwrap().units.truncate(3);
+    let Some(Net::Float(net)) = &mut narrow.net else { panic!("a net in f32") };
+    net.units.truncate(3);
     write("narrow.toml", &narrow);
-    let bare =
-        Calibration { taxels: None, force: None, model: None, warmth: None, ..whole.clone() };
+    let bare = Calibration { taxels: None, net: None, model: None, warmth: None, ..whole.clone() };
     write("bare.toml", &bare);
 
     let ran = folder.taxel(&["calibrate", "compare", VIRTUAL, "other.toml"]);
@@ -327,7 +328,7 @@ fn reference_of_wrong_sign_changes_no_gain() {
         calibration::read(VIRTUAL).unwrap(),
         calibration::read(directory.path().join("today.toml")).unwrap(),
     );
-    assert_eq!(old.force, new.force);
+    assert_eq!(old.net, new.net);
     for (old, new) in old.sensors.iter().flatten().zip(new.sensors.iter().flatten()) {
         // Compares only the row of z, because the shear under a weight is too small to fit.
         assert_eq!(old.sensitivity.0[2], new.sensitivity.0[2]);

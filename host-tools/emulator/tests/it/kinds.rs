@@ -18,7 +18,7 @@ fn run_keeps_its_kind_of_scene() {
     let record = taxel_files::calibration::read(whole().join("finger.cal.toml")).unwrap();
     let sections = [
         record.taxels.is_some(),
-        record.force.is_some(),
+        record.net.is_some(),
         record.model.is_some(),
         record.array.is_some(),
         record.slip.is_some(),

@@ -6,6 +6,7 @@ use taxel::condition::{BridgeBias, TaxelBias, TemperatureCompensation};
 use taxel::estimate::array::Array;
 use taxel::estimate::inverse::Inverse;
 use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
+use taxel::estimate::quantised::Net as RecordNet;
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
 use taxel::scan::TAXELS;
@@ -76,7 +77,8 @@ impl FingerFile {
             range: taxels.range,
             residual_n: taxels.residual,
         });
-        let force = calibration.force.as_ref().map(|net| Net {
+        let net = calibration.net.as_ref();
+        let force = net.and_then(RecordNet::float).map(|net| Net {
             hidden: net.units.iter().map(|unit| unit.weights.to_vec()).collect(),
             hidden_bias: net.hidden_bias().collect(),
             output: rows(&net.output().collect::<Vec<_>>(), net.units.len()),
@@ -99,7 +101,7 @@ impl FingerFile {
             units: UNITS.to_owned(),
             taxels,
             force,
-            quantised: calibration.quantised.as_ref().map(Quantised::new),
+            quantised: net.and_then(RecordNet::quantised).map(Quantised::new),
             model: calibration.model.clone(),
             slip: calibration.slip,
             warmth: calibration.warmth,
@@ -126,8 +128,11 @@ impl FingerFile {
                 residual: taxels.residual_n,
             });
         }
-        calibration.force = self.force.map(Net::weights).transpose()?;
-        calibration.quantised = self.quantised.map(Quantised::net).transpose()?;
+        let force = self.force.map(Net::weights).transpose()?;
+        let quantised = self.quantised.map(Quantised::net).transpose()?;
+        // As in a record, the net in f32 is used if there are both.
+        calibration.net =
+            force.map(RecordNet::Float).or_else(|| quantised.map(RecordNet::Quantised));
         (calibration.model, calibration.slip, calibration.array) =
             (self.model, self.slip, self.array);
         calibration.warmth = self.warmth;

@@ -10,7 +10,7 @@ use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::inverse::{Curves, Inverse};
 use taxel::estimate::net::{ForceNet, Unit};
-use taxel::estimate::quantised::QuantisedNet;
+use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::SensorPlaces;
@@ -43,8 +43,7 @@ fn record(weights: &[f32]) -> Calibration {
             range: [[-0.6, 0.05]; 16],
             residual: [0.01, 0.02, 0.004],
         }),
-        force: Some(force),
-        quantised: None,
+        net: Some(Net::Float(force)),
         model: Some(Inverse {
             curves: Curves {
                 stray: std::array::from_fn(|k| std::array::from_fn(|i| 0.01 * (k + i) as f32)),
@@ -116,8 +115,9 @@ proptest! {
 #[test]
 fn q15_net_survives_a_file_and_misfits_are_errors() {
     let mut record = record(&[0.5, -0.25, 0.125]);
-    record.quantised = record.force.take().and_then(|net| QuantisedNet::new(&net, 0.6));
-    assert!(record.quantised.is_some());
+    let quantised = record.net.as_ref().and_then(Net::float).map(|net| QuantisedNet::new(net, 0.6));
+    record.net = quantised.flatten().map(Net::Quantised);
+    assert!(record.net.is_some());
     let text = written(&record);
     assert_eq!(parse(&text), Ok(record));
     let line = |key: &str| text.lines().position(|line| line.starts_with(key)).unwrap() + 1;

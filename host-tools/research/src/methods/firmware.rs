@@ -35,7 +35,7 @@ const EAR: &str = "slip: by its vibration";
 /// The full matrix of its sensors cannot be fitted.
 pub(super) fn all(device: &Device, calibration: &Calibration) -> anyhow::Result<Vec<Method>> {
     let matrix = Calibration { array: None, sensors: Default::default(), ..calibration.clone() };
-    let sensors = Calibration { taxels: None, force: None, model: None, ..calibration.clone() };
+    let sensors = Calibration { taxels: None, net: None, model: None, ..calibration.clone() };
     let full = array::matrix(&device.recordings, calibration)?
         .context("the recordings do not determine the array's full matrix")?;
     let full = Array { method: WrenchMethod::Matrix(full), ..sensors.array.unwrap_or_default() };

@@ -89,7 +89,7 @@ pub fn replay(calibration: &Calibration, samples: &[Sample], with: With) -> Vec<
             calibration.sensors = Default::default();
         }
         With::Array => {
-            (calibration.taxels, calibration.force, calibration.model) = (None, None, None);
+            (calibration.taxels, calibration.net, calibration.model) = (None, None, None);
         }
     }
     let (finger, mut state) = Finger::new(Some(calibration));

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use indicatif::ProgressBar;
 use taxel::calibration::Calibration;
+use taxel::estimate::quantised::Net;
 use taxel::frame::Status;
 use taxel_client::Port;
 use taxel_files::calibration;
@@ -85,8 +86,9 @@ pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
 
 /// Lists the sections of a record whose estimators the firmware does not have.
 fn unsupported_sections(calibration: &Calibration, held: Status) -> Vec<&'static str> {
+    let quantised = calibration.net.as_ref().and_then(Net::quantised);
     let sections = [
-        ("quantised", calibration.quantised.is_some(), Status::RAN_QUANTISED),
+        ("quantised", quantised.is_some(), Status::RAN_QUANTISED),
         ("model", calibration.model.is_some(), Status::RAN_MODEL),
         ("slip", calibration.slip.is_some(), Status::RAN_SLIP),
         ("warmth", calibration.warmth.is_some(), Status::RAN_WARMTH),
