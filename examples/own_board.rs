@@ -14,7 +14,7 @@ use embassy_sync::pipe::Pipe;
 use taxel::frame::{Fields, Frame};
 use taxel::instrument::Instrument;
 use taxel::scan::{Codes, Scan, TaxelCodes};
-use taxel::session::{Board, Pace, run_session};
+use taxel::session::{Board, Buffers, Pace, run_session};
 use taxel::store::{RamFlash, Store};
 use taxel::units::{Code, FullScale, Micros};
 use taxel::wire::deframer::Deframer;
@@ -129,7 +129,8 @@ fn main() {
     let mut instrument = Instrument::new(identity);
     let (up, down) = (Wire::new(), Wire::new());
     let mut host = Host { to: &down, from: &up, deframer: Deframer::default() };
-    let session = run_session(&down, &up, &mut chip, &mut instrument, Pace::Live);
+    let mut buffers = Buffers::new();
+    let session = run_session(&down, &up, &mut chip, &mut instrument, &mut buffers, Pace::Live);
     let frames = match block_on(select(session, host.run(60))) {
         Either::First(ended) => panic!("the session ended before the host: {ended:?}"),
         Either::Second(frames) => frames,

@@ -1,15 +1,14 @@
-//! CRC-32/ISO-HDLC, four bytes at a time.
+//! CRC-32/ISO-HDLC, a byte at a time.
 //!
-//! Own code because it costs 4 modelled cycles a byte on a Cortex-M4F with tables of 4 KB. The
-//! `crc` crate costs 8, with its 1 KB table and with its 16 KB one. The CRC is a fifth of the cost
-//! of a frame's bytes.
+//! Own code because it needs one table of 1 KB, no initialised digest, and no check of an index. A
+//! chip's CRC unit may take the frames' words ([`crate::session::Board::crc32`]).
 
-/// Effect of each byte on the register, by the number of bytes that follow it in its word.
+/// Effect of a byte on the register.
 #[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
-static TABLES: [[u32; 256]; 4] = {
+static TABLE: [u32; 256] = {
     /// CRC polynomial, bits reflected.
     const POLYNOMIAL: u32 = 0xedb8_8320;
-    let mut tables = [[0; 256]; 4];
+    let mut table = [0; 256];
     let mut byte = 0;
     while byte < 256 {
         let mut register = byte as u32;
@@ -18,38 +17,26 @@ static TABLES: [[u32; 256]; 4] = {
             register = register >> 1 ^ if register & 1 == 1 { POLYNOMIAL } else { 0 };
             bit += 1;
         }
-        tables[0][byte] = register;
+        table[byte] = register;
         byte += 1;
     }
-    let mut byte = 0;
-    while byte < 256 {
-        let mut later = 1;
-        while later < 4 {
-            let before = tables[later - 1][byte];
-            tables[later][byte] = before >> 8 ^ tables[0][(before & 0xff) as usize];
-            later += 1;
-        }
-        byte += 1;
-    }
-    tables
+    table
 };
 
 /// Returns the CRC that zip, Ethernet and most standard libraries call plain `crc32`.
-pub(crate) fn crc32(bytes: &[u8]) -> u32 {
-    let [last, third, second, first] = &TABLES;
-    // A byte never lies outside its table; the compiler proves it and drops the check.
-    let step = |table: &[u32; 256], byte: u8| table.get(usize::from(byte)).map_or(0, |step| *step);
-    let (words, rest) = bytes.as_chunks::<4>();
-    let mut register = !0;
-    for word in words {
-        let [a, b, c, d] = (register ^ u32::from_le_bytes(*word)).to_le_bytes();
-        register = step(first, a) ^ step(second, b) ^ step(third, c) ^ step(last, d);
-    }
-    for byte in rest {
+#[must_use]
+pub fn crc32(bytes: &[u8]) -> u32 {
+    finish(!0, bytes)
+}
+
+/// Returns the CRC of a message from the register before its last bytes, and these.
+#[must_use]
+pub fn finish(register: u32, last: &[u8]) -> u32 {
+    !last.iter().fold(register, |register, byte| {
         let [low, ..] = register.to_le_bytes();
-        register = register >> 8 ^ step(last, low ^ byte);
-    }
-    !register
+        // A byte never lies outside the table; the compiler proves it and drops the check.
+        register >> 8 ^ TABLE.get(usize::from(low ^ byte)).map_or(0, |step| *step)
+    })
 }
 
 #[cfg(test)]

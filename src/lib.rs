@@ -51,7 +51,7 @@ extern crate std;
 
 pub mod calibration;
 pub mod condition;
-mod crc32;
+pub mod crc32;
 pub mod estimate;
 pub mod finger;
 pub mod frame;

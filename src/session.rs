@@ -19,13 +19,14 @@ use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
 
+use crate::crc32::crc32;
 use crate::instrument::Instrument;
 use crate::scan::{Scan, ScanSettings};
 use crate::store::{Flash, Store};
 use crate::units::FullScale;
 use crate::wire::deframer::Deframer;
 use crate::wire::message::{BoardHealth, Command, Cost, Message, Refusal, Request, Response};
-use crate::wire::{MAX_PACKET, WireError, pack, pack_frame};
+use crate::wire::{MAX_PACKET, WireError, pack, pack_frame_with};
 
 /// Bytes between instrument and link: about four frames with every field, or twenty with the
 /// estimates.
@@ -34,6 +35,29 @@ const PIPE: usize = 2048;
 const REPLY_RESERVE: usize = MAX_PACKET;
 
 type Bytes = Pipe<NoopRawMutex, PIPE>;
+
+/// Bytes on their way from the instrument to the link.
+///
+/// The caller keeps them, because a session is copied over the stack when a task starts.
+pub struct Buffers {
+    pipe: Bytes,
+    /// Bytes that the link is being given.
+    chunk: [u8; PIPE / 4],
+}
+
+impl Buffers {
+    /// Makes empty buffers.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { pipe: Bytes::new(), chunk: [0; PIPE / 4] }
+    }
+}
+
+impl Default for Buffers {
+    fn default() -> Self {
+        Self::new()
+    }
+}
 
 /// Interface of a board to the session.
 #[expect(async_fn_in_trait, reason = "single-threaded executors only: no Send bound is wanted")]
@@ -46,6 +70,11 @@ pub trait Board {
 
     /// Returns a free-running counter for [`crate::wire::message::Cost`]; 0 if there is none.
     fn ticks(&self) -> u32;
+
+    /// Returns the CRC-32 of a frame's bytes. A chip with a CRC unit may use it.
+    fn crc32(&self, bytes: &[u8]) -> u32 {
+        crc32(bytes)
+    }
 
     /// Returns the persistent store. Erasing and programming delay the scan.
     fn store(&mut self) -> &mut Store<Self::Flash>;
@@ -109,13 +138,15 @@ pub async fn run_session<R: Read, W: Write>(
     mut tx: W,
     board: &mut impl Board,
     instrument: &mut Instrument,
+    buffers: &mut Buffers,
     pace: Pace,
 ) -> Result<End, SessionError<R::Error, W::Error>> {
-    let pipe = Bytes::new();
+    let Buffers { pipe, chunk } = buffers;
+    // Drops what the last session left.
+    *pipe = Bytes::new();
     let done = Signal::<NoopRawMutex, ()>::new();
-    let mut transmit = pin!(transmit(&mut tx, &pipe, &done));
-    let ended = match select(converse(rx, board, instrument, &pipe, pace), transmit.as_mut()).await
-    {
+    let mut transmit = pin!(transmit(&mut tx, pipe, chunk, &done));
+    let ended = match select(converse(rx, board, instrument, pipe, pace), transmit.as_mut()).await {
         Either::First(ended) => ended.map_err(SessionError::Read)?,
         // The writer returns by itself only when the link fails.
         Either::Second(stopped) => {
@@ -132,12 +163,12 @@ pub async fn run_session<R: Read, W: Write>(
 async fn transmit<W: Write>(
     tx: &mut W,
     pipe: &Bytes,
+    chunk: &mut [u8],
     done: &Signal<NoopRawMutex, ()>,
 ) -> Result<(), W::Error> {
-    let mut chunk = [0; PIPE / 4];
     loop {
         // In this order, so that the rest of the pipe is sent before `done` is checked.
-        let length = match select(pipe.read(&mut chunk), done.wait()).await {
+        let length = match select(pipe.read(chunk), done.wait()).await {
             Either::First(length) => length,
             Either::Second(()) => return Ok(()),
         };
@@ -191,7 +222,8 @@ async fn converse<R: Read>(
                 reply(&late, &mut buffer, pipe, instrument, pace).await;
                 if outcome.frame {
                     let before = board.ticks();
-                    let packed = pack_frame(instrument.frame(&scan), &mut buffer);
+                    let crc = |bytes: &[u8]| board.crc32(bytes);
+                    let packed = pack_frame_with(instrument.frame(&scan), &mut buffer, crc);
                     if !offer(packed, REPLY_RESERVE, pipe, pace).await {
                         let counters = instrument.counters();
                         counters.lost = counters.lost.wrapping_add(1);

@@ -38,7 +38,8 @@ pub enum WireError {
 /// # Errors
 /// [`WireError::TooLong`] if the packet does not fit.
 pub fn pack<'b, M: Serialize>(message: &M, buffer: &'b mut [u8]) -> Result<&'b [u8], WireError> {
-    finish(buffer, |body| postcard::to_slice(message, body).ok().map(|message| message.len()))
+    let put = |body: &mut [u8]| postcard::to_slice(message, body).ok().map(|message| message.len());
+    finish(buffer, put, crc32)
 }
 
 /// Packs a frame as [`message::Message::Frame`] without copying it.
@@ -49,14 +50,31 @@ pub fn pack_frame<'b, 'f>(
     frame: impl Into<FrameRef<'f>>,
     buffer: &'b mut [u8],
 ) -> Result<&'b [u8], WireError> {
+    pack_frame_with(frame, buffer, crc32)
+}
+
+/// Packs a frame as [`pack_frame`] does, with the CRC of `crc`.
+///
+/// # Errors
+/// [`WireError::TooLong`] if the packet does not fit.
+#[inline(always)]
+pub fn pack_frame_with<'b, 'f>(
+    frame: impl Into<FrameRef<'f>>,
+    buffer: &'b mut [u8],
+    crc: impl Fn(&[u8]) -> u32,
+) -> Result<&'b [u8], WireError> {
     let frame = frame.into();
-    finish(buffer, |body| frame::serialize(&frame, body))
+    finish(buffer, |body| frame::serialize(&frame, body), crc)
 }
 
 /// Returns the packet of a message; `put` serializes the message and returns its length.
 #[inline(always)]
-fn finish(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Result<&[u8], WireError> {
-    let end = serialize_with_crc(buffer, &put).ok_or(WireError::TooLong)?;
+fn finish(
+    buffer: &mut [u8],
+    put: impl Fn(&mut [u8]) -> Option<usize>,
+    crc: impl Fn(&[u8]) -> u32,
+) -> Result<&[u8], WireError> {
+    let end = serialize_with_crc(buffer, &put, crc).ok_or(WireError::TooLong)?;
     let length = match cobs::cobs_encode_in_place(buffer, end) {
         Some(length) => length,
         None => encode_long_runs(buffer, &put).ok_or(WireError::TooLong)?,
@@ -69,11 +87,12 @@ fn finish(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Result
 fn serialize_with_crc(
     buffer: &mut [u8],
     put: impl Fn(&mut [u8]) -> Option<usize>,
+    crc: impl Fn(&[u8]) -> u32,
 ) -> Option<usize> {
     let (_, body) = buffer.split_first_mut()?;
     let length = put(body)?;
     let (message, rest) = body.split_at_mut_checked(length)?;
-    *rest.first_chunk_mut()? = crc32(message).to_le_bytes();
+    *rest.first_chunk_mut()? = crc(message).to_le_bytes();
     Some(1 + length + size_of::<u32>())
 }
 
@@ -82,7 +101,7 @@ fn serialize_with_crc(
 #[cold]
 fn encode_long_runs(buffer: &mut [u8], put: impl Fn(&mut [u8]) -> Option<usize>) -> Option<usize> {
     let mut plain = [0; MAX_PACKET];
-    let end = serialize_with_crc(&mut plain, put)?;
+    let end = serialize_with_crc(&mut plain, put, crc32)?;
     let packet = plain.get(1..end)?;
     if buffer.len() <= ::cobs::max_encoding_length(packet.len()) {
         return None;

@@ -3,6 +3,7 @@
 //! Both are in RAM that start-up does not touch. A mark identifies each, because RAM holds anything
 //! after power-up.
 
+use core::arch::naked_asm;
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
@@ -94,8 +95,41 @@ pub fn panic(info: &PanicInfo) -> ! {
     note.reset()
 }
 
+/// Handles a hard fault: a wrong access, or a stack overflow into addresses without memory.
+///
+/// With an overflow the stack pointer is outside the memory, and the stacked registers are lost.
+///
+/// # Safety
+/// Only the hardware calls it.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+unsafe extern "C" fn HardFault() {
+    naked_asm!(
+        "mov r3, sp",
+        "ldr r2, =_stack_start",
+        "mov sp, r2",
+        // A push that no longer fits may leave room for the frame.
+        "ldr r2, =_stack_end + 128",
+        "cmp r3, r2",
+        "blo {overflow}",
+        // Program counter and link register of the exception's frame.
+        "ldr r0, [r3, #24]",
+        "ldr r1, [r3, #20]",
+        "b {fault}",
+        overflow = sym overflow,
+        fault = sym fault,
+    )
+}
+
+/// Records a stack overflow, and resets.
+extern "C" fn overflow() -> ! {
+    let mut note = Note::default();
+    note.write(b"stack overflow");
+    note.reset()
+}
+
 /// Records a fault's program counter and link register, and resets.
-pub fn fault(pc: u32, lr: u32) -> ! {
+extern "C" fn fault(pc: u32, lr: u32) -> ! {
     let mut note = Note::default();
     note.write(b"fault at 0x");
     note.hexadecimal(pc);

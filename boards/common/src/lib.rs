@@ -7,6 +7,7 @@
 
 pub mod boot;
 mod copy;
+mod crc;
 pub mod flash;
 pub mod identity;
 pub mod link;

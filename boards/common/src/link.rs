@@ -18,7 +18,7 @@ use embassy_usb::{Builder, Config, Handler, UsbDevice, UsbVersion};
 use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 use static_cell::StaticCell;
 use taxel::instrument::Instrument;
-use taxel::session::{Board, Pace, run_session};
+use taxel::session::{Board, Buffers, Pace, run_session};
 
 /// Bytes in a packet of a full-speed bulk endpoint.
 const PACKET: usize = 64;
@@ -52,6 +52,7 @@ pub struct Link<D: Driver<'static>> {
     sender: Sender<'static, D>,
     receiver: Receiver<'static, D>,
     control: ControlChanged<'static>,
+    buffers: &'static mut Buffers,
 }
 
 /// Handler that reports suspend and resume of the bus.
@@ -84,6 +85,7 @@ pub fn device<D: Driver<'static>>(
     static CONTROL: StaticCell<[u8; PACKET]> = StaticCell::new();
     static STATE: StaticCell<State> = StaticCell::new();
     static SUSPEND: StaticCell<Suspend> = StaticCell::new();
+    static BUFFERS: StaticCell<Buffers> = StaticCell::new();
 
     let mut config = Config::new(VENDOR, PRODUCT);
     config.manufacturer = Some("taxel");
@@ -105,7 +107,8 @@ pub fn device<D: Driver<'static>>(
     builder.handler(SUSPEND.init(Suspend(suspend)));
     let class = CdcAcmClass::new(&mut builder, STATE.init(State::new()), PACKET as u16);
     let (sender, receiver, control) = class.split_with_control();
-    (builder.build(), Link { sender, receiver, control })
+    let buffers = BUFFERS.init_with(Buffers::new);
+    (builder.build(), Link { sender, receiver, control, buffers })
 }
 
 impl<D: Driver<'static>> Link<D> {
@@ -122,7 +125,7 @@ impl<D: Driver<'static>> Link<D> {
             defmt::info!("port opened");
             let rx = Rx { receiver: &mut self.receiver, control: &self.control };
             let tx = Tx { sender: &mut self.sender, packet: [0; PACKET], length: 1, full: false };
-            if run_session(rx, tx, board, instrument, Pace::Live).await.is_err() {
+            if run_session(rx, tx, board, instrument, self.buffers, Pace::Live).await.is_err() {
                 defmt::info!("port closed while writing");
             }
             defmt::info!("session over");

@@ -20,7 +20,7 @@ use taxel::units::{FullScale, Micros};
 use taxel::wire::message::{BoardHealth, Cost, Refusal, Reset};
 
 use crate::boot::{self, MESSAGE};
-use crate::stack;
+use crate::{crc, stack};
 
 /// Capacity of the queue in frames: 1 ms at 4 kHz.
 const QUEUE: usize = 4;
@@ -211,6 +211,10 @@ impl<C: Chip, F: Flash> Board for Scanner<C, F> {
 
     fn ticks(&self) -> u32 {
         cortex_m::peripheral::DWT::cycle_count()
+    }
+
+    fn crc32(&self, bytes: &[u8]) -> u32 {
+        crc::crc32(bytes)
     }
 
     fn store(&mut self) -> &mut Store<F> {

@@ -3,15 +3,15 @@
 use core::ptr;
 
 unsafe extern "C" {
-    /// End of the statics; the stack grows down towards this address.
-    static __sheap: u32;
+    /// Lowest address of the stack, which grows down towards it.
+    static _stack_end: u32;
     static _stack_start: u32;
 }
 
 /// Most bytes of stack in use at any time since reset, interrupts included.
 #[must_use]
 pub fn deepest() -> usize {
-    let mut word = &raw const __sheap;
+    let mut word = &raw const _stack_end;
     let top = &raw const _stack_start;
     // SAFETY: cortex-m-rt has painted every word between the two symbols, and all of them lie in
     // RAM. Volatile, because the compiler does not know what was written there.
@@ -24,5 +24,5 @@ pub fn deepest() -> usize {
 /// Size of the stack, bytes.
 #[must_use]
 pub fn size() -> usize {
-    (&raw const _stack_start).addr() - (&raw const __sheap).addr()
+    (&raw const _stack_start).addr() - (&raw const _stack_end).addr()
 }

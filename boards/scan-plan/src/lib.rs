@@ -80,10 +80,17 @@ impl Step {
 }
 
 /// Ticks of `tick_hz` in `ns`, rounded up, so that a settle time is never cut short.
+///
+/// The clock has whole megahertz, at most 200: a 64-bit division would take 1.2 KB of flash. More
+/// than [`LONGEST_NS`] counts as that time, which no step can hold either.
 #[must_use]
 pub const fn ticks(ns: u32, tick_hz: u32) -> u32 {
-    (ns as u64 * tick_hz as u64).div_ceil(1_000_000_000) as u32
+    let ns = if ns > LONGEST_NS { LONGEST_NS } else { ns };
+    (ns * (tick_hz / 1_000_000)).div_ceil(1_000)
 }
+
+/// Longest time in nanoseconds that [`ticks`] converts.
+const LONGEST_NS: u32 = 20_000_000;
 
 /// Ticks of a step at `hz` frames per second, rounded to the nearest.
 const fn step_ticks(hz: u32, tick_hz: u32) -> u32 {
@@ -104,11 +111,8 @@ const fn settle_refusal(least: u32, rest: u32, scan_hz: u16, tick_hz: u32) -> Re
     let step = step_ticks(scan_hz as u32, tick_hz);
     let fits = scan_hz > 0 && step <= LONGEST_STEP && step >= least + rest;
     let most = if fits { step } else { LONGEST_STEP } - rest;
-    refusal(
-        ScanSetting::SettleNs,
-        (least as u64 * 1_000_000_000).div_ceil(tick_hz as u64) as u32,
-        (most as u64 * 1_000_000_000 / tick_hz as u64) as u32,
-    )
+    let mhz = tick_hz / 1_000_000;
+    refusal(ScanSetting::SettleNs, (1_000 * least).div_ceil(mhz), 1_000 * most / mhz)
 }
 
 /// Most ticks of a step, because the timer counts to 65535.

@@ -16,7 +16,7 @@ mod usb;
 use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::{ExceptionFrame, entry, exception};
+use cortex_m_rt::entry;
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::peripherals::USB_OTG_FS;
@@ -142,11 +142,6 @@ async fn session(
     instrument: &'static mut Instrument,
 ) {
     link.serve(&mut scanner, instrument).await;
-}
-
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    boot::fault(frame.pc(), frame.lr())
 }
 
 #[panic_handler]

@@ -111,6 +111,7 @@ pub fn start() -> FullScale {
         w.set_gpioben(true);
         w.set_gpiocen(true);
         w.set_dma2en(true);
+        w.set_crcen(true);
     });
     RCC.apb2enr().modify(|w| {
         w.set_adc1en(true);

@@ -6,11 +6,9 @@ unsafe extern "C" {
     static mut __sccm: u32;
     static __eccm: u32;
     static __siccm: u32;
-    static mut __sccm_bss: u32;
-    static __eccm_bss: u32;
 }
 
-/// Copies code and constants from flash into the CCM SRAM (`ccm.x`) and clears the rest.
+/// Copies code from flash into the CCM SRAM (`ccm.x`).
 ///
 /// Call it before any of that code runs, which includes all copying. The CCM keeps its contents over
 /// a reset and holds anything after power-up.
@@ -22,11 +20,6 @@ pub fn load() {
         while to.cast_const() < &raw const __eccm {
             ptr::write_volatile(to, ptr::read_volatile(from));
             (to, from) = (to.add(1), from.add(1));
-        }
-        let mut word = &raw mut __sccm_bss;
-        while word.cast_const() < &raw const __eccm_bss {
-            ptr::write_volatile(word, 0);
-            word = word.add(1);
         }
     }
     cortex_m::asm::dsb();

@@ -17,7 +17,7 @@ mod usb;
 use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::{ExceptionFrame, entry, exception};
+use cortex_m_rt::{entry, exception};
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::peripherals::USB;
@@ -52,8 +52,6 @@ const ROM: usize = 0x1FFF_0000;
 const WATCHDOG_US: u32 = 500_000;
 
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-/// Instrument in the CCM, because every frame reads its calibration's weights.
-#[unsafe(link_section = ".ccm_bss")]
 static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
 
 /// Resets a chip that does not start from a reset, and fills the CCM.
@@ -152,11 +150,6 @@ unsafe fn NonMaskableInt() {
         panic!("NMI, and not of the flash");
     }
     pac::FLASH.eccr().modify(|eccr| eccr.set_eccd(true));
-}
-
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    boot::fault(frame.pc(), frame.lr())
 }
 
 #[panic_handler]

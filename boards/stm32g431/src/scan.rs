@@ -130,6 +130,7 @@ pub fn start() -> FullScale {
     RCC.ahb1enr().modify(|w| {
         w.set_dma1en(true);
         w.set_dmamux1en(true);
+        w.set_crcen(true);
     });
     RCC.apb2enr().modify(|w| {
         w.set_syscfgen(true);

@@ -100,7 +100,7 @@ pub fn build(board: &str) -> Result<(PathBuf, Footprint)> {
     let built = toolchain::output(board);
     let footprint = footprint(&built, &memory_x(board))?;
     let path = publish(&built, &directory().join(format!("{board}.elf")))?;
-    let Footprint { flash, ram, ccm } = footprint;
+    let Footprint { flash, ram, ccm, .. } = footprint;
     let ccm = ccm.map(|ccm| format!(", CCM {}", size(ccm))).unwrap_or_default();
     eprintln!("{board}: flash {}, RAM {} + stack{ccm}", size(flash), size(ram));
     let Board { hardware, flash_budget, ram_budget } = Board::read(board)?;
@@ -111,7 +111,7 @@ pub fn build(board: &str) -> Result<(PathBuf, Footprint)> {
     }
     if hardware {
         let stack = stack_fits(board, &built, &footprint)?;
-        page_agrees(board, &footprint, stack)?;
+        table_agrees(board, &footprint, stack)?;
     }
     if board != BENCH {
         panics_are_known(board, &built)?;
@@ -119,38 +119,34 @@ pub fn build(board: &str) -> Result<(PathBuf, Footprint)> {
     Ok((path, footprint))
 }
 
-/// Relative tolerance of sizes on a board's page, because another compiler's code differs a little.
+/// Page with the table of all images' sizes.
+const TABLE: &str = "docs/boards/images.md";
+/// Relative tolerance of the table, because another compiler's code differs a little.
 const MARGIN: f64 = 0.05;
 
-/// Fails where a size on the board's page differs from the firmware's by more than [`MARGIN`].
-fn page_agrees(board: &str, footprint: &Footprint, stack: u32) -> Result<()> {
-    let path = root().join("docs/boards").join(board).with_extension("md");
-    let page = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-    let sizes = [
-        ("flash", Some(footprint.flash.used)),
-        ("RAM, statics", Some(footprint.ram.used)),
-        ("stack, the deepest that the machine code can take", Some(u64::from(stack))),
-        ("CCM SRAM", footprint.ccm.map(|ccm| ccm.used)),
-    ];
-    for (row, used) in sizes {
-        let Some(used) = used else { continue };
-        let used = used as f64 / 1024.0;
-        let cell = page.lines().find_map(|line| line.strip_prefix(&format!("| {row} | ")));
-        let stated = cell.and_then(|cell| cell.split_once(" KB")?.0.parse::<f64>().ok());
-        let right = stated.is_some_and(|stated| (used / stated - 1.0).abs() < MARGIN);
-        if !right {
-            bail!("{}: the row `| {row} | … KB |` should say {used:.1} KB", path.display());
-        }
+/// Fails where a size in the board's row of the table differs by more than [`MARGIN`].
+fn table_agrees(board: &str, footprint: &Footprint, stack: u32) -> Result<()> {
+    let page = std::fs::read_to_string(root().join(TABLE)).context(TABLE)?;
+    let Footprint { flash, ram, ccm, stack: left } = footprint;
+    let ccm = ccm.unwrap_or(Use { used: 0, of: 0 });
+    let sizes = [flash.used, flash.of, ram.used, ram.of, ccm.used, ccm.of, u64::from(stack), *left];
+    let sizes = sizes.map(|bytes| bytes as f64 / 1024.0);
+    let row = page.lines().find_map(|line| line.strip_prefix(&format!("| {board} | ")));
+    let stated = row.map(|row| row.split(" | ").map_while(|cell| cell.parse::<f64>().ok()));
+    let stated: Vec<f64> = stated.into_iter().flatten().take(sizes.len()).collect();
+    let off = |(size, stated): (&f64, &f64)| (size - stated).abs() > MARGIN * size.max(1.0);
+    if stated.len() < sizes.len() || sizes.iter().zip(&stated).any(off) {
+        let row: String = sizes.iter().map(|size| format!("{size:.1} | ")).collect();
+        bail!("{TABLE}: the row of {board} should begin `| {board} | {row}`");
     }
     Ok(())
 }
 
-/// Returns the deepest stack in bytes; fails where the board has less RAM left.
+/// Returns the deepest stack in bytes; fails where the board has less.
 fn stack_fits(board: &str, built: &Path, footprint: &Footprint) -> Result<u32> {
-    let (stack, free) =
-        (stack::deepest(&Image::read(built)?)?, footprint.ram.of - footprint.ram.used);
-    eprintln!("{board}: stack at most {} of the {free} bytes that are left", stack.bytes);
-    if u64::from(stack.bytes) > free {
+    let (stack, room) = (stack::deepest(&Image::read(built)?)?, footprint.stack);
+    eprintln!("{board}: stack at most {} of {room} bytes", stack.bytes);
+    if u64::from(stack.bytes) > room {
         let path: Vec<_> = stack.path.iter().map(|(name, own)| format!("{own} {name}")).collect();
         bail!("{board} may run out of stack; the deepest path:\n  {}", path.join("\n  "));
     }

@@ -2,7 +2,7 @@
 //!
 //! A linker takes the first `memory.x` that it finds, and the repository has one for each chip.
 //! Every segment must therefore lie inside the board's own map, and the stack must start at the top
-//! of its RAM.
+//! of its region.
 
 use std::ops::Range;
 use std::path::Path;
@@ -27,9 +27,14 @@ pub struct Footprint {
     pub flash: Use,
     /// RAM: statics, without the stack.
     pub ram: Use,
-    /// Core-coupled memory (CCM): code and statics; `None` where the chip has none.
+    /// Core-coupled memory (CCM) above the stack: code; `None` where the chip has none.
     pub ccm: Option<Use>,
+    /// Bytes for the stack: its region, else what the statics leave of the RAM.
+    pub stack: u64,
 }
+
+/// Distance between the starts of a chip's memories. Below such an address there is no memory.
+const MEMORIES: u64 = 0x1000_0000;
 
 /// Measures the firmware in `elf` against the map in `memory_x`.
 pub fn footprint(elf: &Path, memory_x: &Path) -> Result<Footprint> {
@@ -44,6 +49,15 @@ fn measure(elf: &[u8], map: &str) -> Result<Footprint> {
     let flash = region(map, "FLASH").context("the map has no region FLASH")?;
     let ram = region(map, "RAM").context("the map has no region RAM")?;
     let ccm = region(map, "CCMRAM");
+    let stack = region(map, "STACK");
+    if let Some(stack) = &stack {
+        ensure!(
+            stack.start.is_multiple_of(MEMORIES),
+            "an overflow of the stack would be no fault: its region starts at {:#x}",
+            stack.start
+        );
+    }
+    let top = stack.as_ref().map_or(ram.end, |stack| stack.end);
     let header = FileHeader32::<object::LittleEndian>::parse(elf)?;
     let endian = header.endian()?;
     let (mut flash_used, mut ram_used, mut ccm_used) = (0, 0, 0);
@@ -69,14 +83,15 @@ fn measure(elf: &[u8], map: &str) -> Result<Footprint> {
             && let Ok(data) = segment.data(endian, elf)
             && let Some(word) = data.first_chunk()
         {
-            let stack = u64::from(u32::from_le_bytes(*word));
-            ensure!(stack == ram.end, "the stack starts at {stack:#x}, RAM ends at {:#x}", ram.end);
+            let word = u64::from(u32::from_le_bytes(*word));
+            ensure!(word == top, "the stack starts at {word:#x}, its memory ends at {top:#x}");
         }
     }
     Ok(Footprint {
         flash: Use { used: flash_used, of: flash.end - flash.start },
         ram: Use { used: ram_used, of: ram.end - ram.start },
         ccm: ccm.map(|ccm| Use { used: ccm_used, of: ccm.end - ccm.start }),
+        stack: stack.map_or(ram.end - ram.start - ram_used, |stack| stack.end - stack.start),
     })
 }
 

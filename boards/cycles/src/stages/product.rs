@@ -9,6 +9,7 @@ use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::intrinsic::Surface;
 use taxel::estimate::net::{ForceNet, MAX_HIDDEN, MAX_OUTPUTS, Unit};
+use taxel::estimate::quantised::Net;
 use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::frame::Fields;
@@ -33,12 +34,10 @@ const ROOM: Code = Code(15_000);
 pub fn dearest(calibration: &Calibration) -> Calibration {
     let sums = WrenchMethod::Matrix(as_matrix(calibration));
     Calibration {
-        force: calibration.force.as_ref().map(widest),
-        // No record has room for it together with such a net, and the product lacks it.
+        net: calibration.net.as_ref().and_then(Net::float).map(widest).map(Net::Float),
+        // No record has room for it together with such a net.
         model: None,
         slip: Some(Slip::usual(0.5)),
-        // The product's image lacks it, because its flash is full.
-        warmth: None,
         array: Some(Array {
             method: sums,
             residual: [1e-3; 3],

@@ -141,3 +141,13 @@ fn oversampling_and_short_settle_times_are_refused() {
         assert!(with(high).is_ok() && with(high + 11).is_err(), "{low}..={high} at {scan_hz} Hz");
     }
 }
+
+#[test]
+fn ticks_round_exact_quotient_up() {
+    for hz in [96_000_000, 170_000_000] {
+        for ns in (0..20_000_000).step_by(997).chain([20_000_000]) {
+            let exact = (u64::from(ns) * u64::from(hz)).div_ceil(1_000_000_000);
+            assert_eq!(u64::from(scan_plan::ticks(ns, hz)), exact, "{ns} ns at {hz} Hz");
+        }
+    }
+}

@@ -8,7 +8,7 @@ use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::pty::{OpenptyResult, openpty};
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 use taxel::instrument::Instrument;
-use taxel::session::{Pace, SessionError, run_session};
+use taxel::session::{Buffers, Pace, SessionError, run_session};
 use tokio::net::unix::pipe;
 
 use super::BACKLOG;
@@ -52,8 +52,9 @@ impl Pty {
         // only a few kilobytes.
         let (tx, mut kept) = tokio::io::duplex(BACKLOG);
         let (rx, tx) = (FromTokio::new(rx), FromTokio::new(tx));
+        let mut buffers = Buffers::new();
         let (ended, sent) = tokio::join!(
-            run_session(rx, tx, board, instrument, Pace::Live),
+            run_session(rx, tx, board, instrument, &mut buffers, Pace::Live),
             tokio::io::copy(&mut kept, &mut tty),
         );
         drop(self.host);

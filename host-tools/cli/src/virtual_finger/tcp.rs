@@ -5,7 +5,7 @@ use std::net::{TcpListener, ToSocketAddrs};
 
 use embedded_io_adapters::tokio_1::FromTokio;
 use taxel::instrument::Instrument;
-use taxel::session::{End, Pace, run_session};
+use taxel::session::{Buffers, End, Pace, run_session};
 
 use super::board::PacedBoard;
 use super::{BACKLOG, idle};
@@ -35,7 +35,9 @@ pub(super) async fn serve(
         let rx = FromTokio::new(rx);
         let tx = FromTokio::new(tx);
         // A host that leaves with an error does not stop the next one.
-        if let Ok(End::Scans) = run_session(rx, tx, board, instrument, Pace::Live).await {
+        if let Ok(End::Scans) =
+            run_session(rx, tx, board, instrument, &mut Buffers::new(), Pace::Live).await
+        {
             return Ok(());
         }
     }

@@ -5,6 +5,7 @@
 
 use super::Outcome;
 use super::cells::Flash;
+use super::crc::Crc;
 use super::finger::Finger;
 use super::gpio::Gpio;
 use super::host::Host;
@@ -108,6 +109,7 @@ pub struct Common {
     pub(super) tim1: Timer,
     pub(super) tim2: Timer,
     pub(super) iwdg: Iwdg,
+    pub(super) crc: Crc,
     /// Whether the watchdog has expired.
     pub(super) bitten: bool,
     plants: Vec<Plant>,
@@ -131,6 +133,7 @@ impl Common {
             tim1: Timer::new(16, channels),
             tim2: Timer::new(32, 4),
             iwdg: Iwdg::default(),
+            crc: Crc::default(),
             bitten: false,
             plants: Vec::new(),
             withheld: [0; 2],
@@ -144,7 +147,7 @@ impl Common {
         self.system = System::default();
         self.ports = ports.iter().map(|moder| Gpio::new(*moder)).collect();
         (self.tim1, self.tim2) = (self.tim1.fresh(), self.tim2.fresh());
-        self.iwdg = Iwdg::default();
+        (self.iwdg, self.crc) = (Iwdg::default(), Crc::default());
         self.bitten = false;
         self.finger.pins(0, now);
     }

@@ -9,7 +9,7 @@ mod memory;
 mod start;
 
 use anyhow::{Result, anyhow};
-use unicorn_engine::{Arch, ArmCpuModel, Mode, RegisterARM, Unicorn, uc_error};
+use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, RegisterARM, Unicorn, uc_error};
 
 use super::Outcome;
 use super::cells::FlashContents;
@@ -17,7 +17,7 @@ use super::chip::{Cause, Chip};
 use super::finger::Finger;
 use super::host::Host;
 use super::model::Model;
-use super::system::Masks;
+use super::system::{HARD_FAULT, Masks};
 use super::time::{Tick, seconds};
 use crate::block::Unknown;
 use crate::clock::Clock;
@@ -118,6 +118,14 @@ impl Board {
         let vectors = memory::map(&mut unicorn, &map, &segments)?;
         unicorn.add_block_hook(1, 0, enter_block).map_err(failed("watching blocks"))?;
         unicorn.add_intr_hook(take_interrupt).map_err(failed("watching exceptions"))?;
+        unicorn
+            .add_mem_hook(HookType::MEM_UNMAPPED, 1, 0, move |unicorn, _, address, _, _| {
+                if memory::is_below_ram(&map, address as u32) {
+                    stop(unicorn, Stop::Exception(HARD_FAULT));
+                }
+                false
+            })
+            .map_err(failed("watching memory"))?;
         let mut board = Self { unicorn, next: 0, handlers: Vec::new(), vectors };
         board.power_cycle()?;
         Ok(board)
@@ -143,6 +151,11 @@ impl Board {
     /// Contents of the flash part that the program changes.
     pub fn flash(&mut self) -> &mut FlashContents {
         self.chip().flash().contents()
+    }
+
+    /// Moves the stack pointer, as if the program had used the stack down to there.
+    pub fn lower_stack(&mut self, to: u32) -> Result<()> {
+        self.set(RegisterARM::SP, to)
     }
 
     /// Stalls the core for `time`.

@@ -10,6 +10,7 @@ pub mod capture;
 pub mod cells;
 pub mod chip;
 pub mod cpu;
+pub mod crc;
 pub mod diagram;
 pub mod f411;
 pub mod finger;

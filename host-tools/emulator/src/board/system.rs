@@ -10,7 +10,8 @@ use super::{Outcome, UNMODELLED};
 const EXCEPTIONS: usize = 128;
 /// Number of the non-maskable interrupt.
 pub const NMI: usize = 2;
-const HARD_FAULT: usize = 3;
+/// Number of the exception after a failed access.
+pub const HARD_FAULT: usize = 3;
 const SVCALL: usize = 11;
 const PENDSV: usize = 14;
 const SYSTICK: usize = 15;

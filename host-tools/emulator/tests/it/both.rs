@@ -59,11 +59,30 @@ fn streamed_codes_match_converters_and_scene(model: Model) {
     assert!(deviation <= 1.0, "{deviation} codes");
 }
 
+fn image_holds_every_estimator(model: Model) {
+    // The emulator is built with all of the core's features.
+    assert_eq!(info(&mut session(model, false)).estimators, Status::BUILT);
+}
+
+fn stack_overflow_faults_and_is_reported(model: Model) {
+    let mut session = session(model, false);
+    session.ask(Command::Stream(true)).unwrap();
+    session.run(micros(20_000)).unwrap();
+    // The stack is at the start of its memory.
+    let low = match model {
+        Model::G431 => 0x1000_0008,
+        Model::F411 => 0x2000_0008,
+    };
+    session.board.lower_stack(low).unwrap();
+    assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
+    session.reopen().unwrap();
+    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    assert_eq!((health.reset, health.panic.as_deref()), (Reset::Software, Some("stack overflow")));
+}
+
 fn frames_match_host_byte_for_byte(model: Model) {
     let path = repository().join("host-tools/emulator/data/finger.cal.toml");
-    let mut calibration = taxel_files::calibration::read(&path).unwrap();
-    // The image lacks the model of the skin and skips its section.
-    calibration.model = None;
+    let calibration = taxel_files::calibration::read(&path).unwrap();
     let mut record = [0; MAX_BYTES];
     let record = calibration.to_bytes(&mut record).unwrap();
     let mut session = session(model, false);
@@ -416,6 +435,8 @@ macro_rules! on_both {
 on_both! {
     streams_two_seconds_without_loss
     streamed_codes_match_converters_and_scene
+    image_holds_every_estimator
+    stack_overflow_faults_and_is_reported
     frames_match_host_byte_for_byte
     stalled_reader_loses_only_counted_frames
     closed_port_receives_no_frames

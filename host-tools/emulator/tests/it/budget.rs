@@ -79,8 +79,9 @@ fn costliest_frame_takes_less_than_half_a_frame() {
 
     let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
     let (deepest, _) = health.stack.unwrap();
-    let (page, _) = stated("stack, the deepest that the machine code can take");
-    assert!(f64::from(deepest) <= 1.05 * 1024.0 / 10.0 * f64::from(page), "{deepest}");
+    let seen = f64::from(deepest) / 1024.0;
+    let (bound, stated) = support::stack("stm32g431");
+    assert!(seen <= bound && (seen / stated - 1.0).abs() < 0.05, "{seen:.1} KB of {bound}");
 
     agrees("all that the core does, mean of a frame", mean(&mut session));
     session.ask(Command::SetRate { hz: 1000 }).unwrap();

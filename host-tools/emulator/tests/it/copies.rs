@@ -33,7 +33,8 @@ impl Image {
         for place in [CCM, RAM, BACK] {
             unicorn.mem_map(u64::from(place), 0x4000, Prot::ALL).unwrap();
         }
-        for segment in elf.segments().filter(|segment| segment.address() == u64::from(CCM)) {
+        let ccm = u64::from(CCM)..u64::from(CCM) + 0x4000;
+        for segment in elf.segments().filter(|segment| ccm.contains(&segment.address())) {
             unicorn.mem_write(segment.address(), segment.data().unwrap()).unwrap();
         }
         let symbols = elf.symbols().map(|s| (s.name().unwrap().to_owned(), s.address() as u32));

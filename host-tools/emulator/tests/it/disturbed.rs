@@ -1,7 +1,6 @@
 //! Tests of the flashed image under faults: lost readings, stalls, broken parts, panics.
 
 use taxel::calibration::MAX_BYTES;
-use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
 use taxel::wire::message::{Command, Counters, Reset, Response};
 
@@ -118,14 +117,6 @@ fn lost_bias_is_flagged_as_bridge_fault() {
     session.run(micros(2_000)).unwrap();
     let (flagged, frames) = faulty(&mut session);
     assert!(frames > 70 && flagged == frames, "{flagged} of {frames}");
-}
-
-#[test]
-fn missing_skin_model_is_refused() {
-    let mut session = session();
-    let refused = session.ask(Command::SetPointMethod(PointMethod::Model)).unwrap_err();
-    assert!(refused.to_string().contains("Unsupported"), "{refused}");
-    assert_eq!(info(&mut session).point_method, PointMethod::Centroid);
 }
 
 #[test]

@@ -83,6 +83,15 @@ pub fn stated(row: &str) -> (u32, Option<u32>) {
     (digits(&cells[2]).parse().unwrap(), cells.get(4).and_then(|cell| digits(cell).parse().ok()))
 }
 
+/// Reads a board's row of the images' table: deepest stack by machine code, and as seen, in KB.
+pub fn stack(board: &str) -> (f64, f64) {
+    let page = std::fs::read_to_string(repository().join("docs/boards/images.md")).unwrap();
+    let row = page.lines().find_map(|line| line.strip_prefix(&format!("| {board} | "))).unwrap();
+    let cells: Vec<f64> =
+        row.split(" | ").map_while(|cell| cell.trim_end_matches(" |").parse().ok()).collect();
+    (cells[6], cells[8])
+}
+
 /// Largest difference between streamed codes and the scene, in codes of 12 bits.
 ///
 /// It covers all channels of all frames, which are `divider` scans apart.

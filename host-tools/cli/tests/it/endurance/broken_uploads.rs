@@ -17,7 +17,7 @@ use embedded_io_adapters::tokio_1::FromTokio;
 use embedded_io_async::{ErrorKind, ErrorType, Write};
 use taxel::instrument::Instrument;
 use taxel::scan::{Codes, Scan};
-use taxel::session::{Board, Pace, run_session};
+use taxel::session::{Board, Buffers, Pace, run_session};
 use taxel::store::{Area, Flash, FlashError, RamFlash, Store, Word};
 use taxel::units::{FullScale, Micros};
 use taxel::wire::message::{CHUNK, Identity, Refusal};
@@ -275,7 +275,15 @@ async fn serve(
     let (rx, tx) = stream.split();
     let tx = Line(FromTokio::new(tx), mains);
     // The session may end by the power or by the host.
-    let _ = run_session(FromTokio::new(rx), tx, &mut mcu, &mut instrument, Pace::Live).await;
+    let _ = run_session(
+        FromTokio::new(rx),
+        tx,
+        &mut mcu,
+        &mut instrument,
+        &mut Buffers::new(),
+        Pace::Live,
+    )
+    .await;
     let Mortal { cells, done, .. } = mcu.0.into_flash();
     (cells, done)
 }

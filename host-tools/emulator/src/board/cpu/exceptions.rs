@@ -3,7 +3,8 @@
 use anyhow::{Context, Result};
 use unicorn_engine::RegisterARM;
 
-use super::Board;
+use super::{Board, memory};
+use crate::board::system::HARD_FAULT;
 
 /// Cycles of an exception's entry and return (Cortex-M4 TRM, 3.9).
 const ENTRY: u64 = 12;
@@ -59,7 +60,15 @@ impl Board {
             }
             words.push(0);
         }
-        self.put(frame, &words)?;
+        if let Err(why) = self.put(frame, &words) {
+            if !memory::is_below_ram(&self.chip().map(), frame) {
+                return Err(why);
+            }
+            // Stacking faults. The handler of that fault begins with its registers lost, too.
+            if exception != HARD_FAULT {
+                return self.enter(HARD_FAULT);
+            }
+        }
         let back = 0xffff_ffe1
             | if float { 0 } else { 0x10 }
             | if self.handlers.is_empty() { 8 } else { 0 };

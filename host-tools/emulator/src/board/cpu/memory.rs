@@ -100,6 +100,14 @@ pub fn map(
     Ok([[a, b, c, d], entry].map(u32::from_le_bytes))
 }
 
+/// Whether an address is just below a RAM, where the chips have no memory.
+///
+/// A stack that overflows gets there; the bus answers with a fault. Elsewhere such an access stops
+/// the machine.
+pub fn is_below_ram(map: &Map, address: u32) -> bool {
+    map.ram.iter().any(|(start, _)| (start - 0x1000..*start).contains(&address))
+}
+
 /// unicorn's memory as the DMA accesses it.
 pub struct Ram<'a, 'b>(pub &'a mut Unicorn<'b, Inside>);
 

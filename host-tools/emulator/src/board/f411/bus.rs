@@ -3,6 +3,7 @@
 use super::registers::{Peripheral, peripheral};
 use super::{Adc, Dma, F411, Kept, Otg, PORTS};
 use crate::board::chip::PRIVATE;
+use crate::board::crc::Crc;
 use crate::board::gpio::Gpio;
 use crate::board::time::Tick;
 use crate::board::{Outcome, UNMODELLED};
@@ -44,6 +45,7 @@ impl F411 {
                 "ADC_common" => self.kept.adc_common = fresh.adc_common,
                 "DMA2" => self.dma = Dma::default(),
                 "OTG_FS" => self.otg = Otg::default(),
+                "CRC" => self.common.crc = Crc::default(),
                 "PWR" => self.kept.pwr = fresh.pwr,
                 "SYSCFG" => self.kept.syscfg = fresh.syscfg,
                 name if name.starts_with("GPIO") => {
@@ -69,6 +71,7 @@ impl F411 {
             "TIM1" => self.common.tim1.read(word, now.0),
             "TIM2" => self.common.tim2.read(word, now.0),
             "IWDG" => self.common.iwdg.read(word),
+            "CRC" => self.common.crc.read(word),
             "DMA2" => self.dma.read(word),
             "ADC1" => self.adc.read(word),
             "ADC_common" => self.kept.adc_common.read(word),
@@ -119,6 +122,7 @@ impl F411 {
             "TIM1" => self.common.write_tim1(offset, value, now, hclk),
             "TIM2" => self.common.tim2.write(offset, value, now, self.rcc.tim2_clock()),
             "IWDG" => self.common.iwdg.write(offset, value, now),
+            "CRC" => self.common.crc.write(offset, value),
             "DMA2" => self.dma.write(offset, value),
             "ADC1" => {
                 // ADCPRE: PCLK2/4. ADON.

@@ -5,6 +5,7 @@ use super::{
     stored_registers,
 };
 use crate::board::chip::PRIVATE;
+use crate::board::crc::Crc;
 use crate::board::gpio::Gpio;
 use crate::board::time::Tick;
 use crate::board::{Outcome, UNMODELLED};
@@ -44,6 +45,7 @@ impl G431 {
                 Unit::AdcCommon => self.adc_common = adc_common(),
                 Unit::Opamp(i) => self.opamp[i] = opamp(),
                 Unit::Usb => self.usb = Usb::default(),
+                Unit::Crc => self.common.crc = Crc::default(),
                 Unit::Stored(i) => {
                     let name = self.stored[i].0;
                     if let Some(fresh) =
@@ -88,6 +90,7 @@ impl G431 {
             Unit::AdcCommon => self.adc_common.read(word),
             Unit::Opamp(i) => self.opamp[i].read(word),
             Unit::Iwdg => self.common.iwdg.read(word),
+            Unit::Crc => self.common.crc.read(word),
             Unit::Usb => self.usb.read(word, self.common.host.frame(now.0)),
             Unit::UsbMemory => return self.usb.read_memory(offset, size),
             Unit::Stored(i) => self.stored[i].1.read(word),
@@ -151,6 +154,7 @@ impl G431 {
             Unit::AdcCommon => self.adc_common.write(offset, value),
             Unit::Opamp(i) => self.opamp[i].write(offset, value),
             Unit::Iwdg => self.common.iwdg.write(offset, value, now),
+            Unit::Crc => self.common.crc.write(offset, value),
             Unit::Usb => self.usb.write(offset, value, self.rcc.usb_clock()),
             Unit::UsbMemory => self.usb.write_memory(offset, size, value),
             Unit::Stored(i) => {

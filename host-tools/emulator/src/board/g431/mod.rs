@@ -88,6 +88,7 @@ enum Unit {
     AdcCommon,
     Opamp(usize),
     Iwdg,
+    Crc,
     Usb,
     UsbMemory,
     Stored(usize),
@@ -206,6 +207,7 @@ impl G431 {
             ("DMAMUX1", Unit::Multiplexer),
             ("ADC12_COMMON", Unit::AdcCommon),
             ("IWDG", Unit::Iwdg),
+            ("CRC", Unit::Crc),
             ("USB", Unit::Usb),
             ("USBRAM", Unit::UsbMemory),
         ];
