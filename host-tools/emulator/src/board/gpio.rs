@@ -6,7 +6,7 @@ use super::{Outcome, UNMODELLED};
 pub struct Gpio {
     moder: u32,
     odr: u32,
-    /// Output type, speed, pulls, alternate functions: stored, without effect.
+    /// Output type, speed, pulls, which have no effect, and alternate functions.
     other: [u32; 5],
 }
 
@@ -25,6 +25,12 @@ impl Gpio {
     /// Whether a pin is in analogue mode.
     pub fn is_analogue(&self, pin: u32) -> bool {
         self.moder >> (2 * pin) & 3 == 3
+    }
+
+    /// Alternate function of a pin; `None` if the pin has another mode.
+    pub fn alternate(&self, pin: u32) -> Option<u32> {
+        let function = self.other[3 + pin as usize / 8] >> (4 * (pin % 8)) & 0xf;
+        (self.moder >> (2 * pin) & 3 == 2).then_some(function)
     }
 
     /// Reads the register at `offset`.

@@ -11,7 +11,7 @@ use taxel_emulator::board::finger::{Moment, Source};
 use taxel_emulator::board::model::Model::F411;
 use taxel_emulator::board::time::{HZ, Tick, micros};
 
-use crate::support::{deviation_with, info, moments, session, stream_codes};
+use crate::support::{deviation_with, info, moments, session, stop_with, stream_codes};
 
 const TICK: Tick = HZ / CLOCK_HZ as Tick;
 
@@ -124,4 +124,16 @@ fn scan_settings_apply_at_once_or_are_refused() {
     assert!(refused.unwrap_err().to_string().contains("Oversampling"));
     let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
     assert_eq!(health.scan, Some(wish));
+}
+
+#[test]
+fn usb_on_wrong_pins_stops_the_machine() {
+    const MODER: u32 = 0x00;
+    const AFRH: u32 = 0x24;
+    // PA11 and PA12 as inputs, and with another alternate function.
+    let inputs = stop_with(F411, base("GPIOA") + MODER, |moder| moder & !(0xf << 22));
+    let other = stop_with(F411, base("GPIOA") + AFRH, |_| 0);
+    for stop in [inputs, other] {
+        assert!(stop.contains("PA11 and PA12 are not the OTG core's"), "{stop}");
+    }
 }

@@ -13,7 +13,9 @@ use taxel_emulator::board::model::Model::G431;
 use taxel_emulator::board::time::{HZ, Tick, micros};
 use taxel_emulator::board::timing::vcd;
 
-use crate::support::{board, deviation_with, moments, repository, scene, session, stream_codes};
+use crate::support::{
+    board, deviation_with, moments, repository, scene, session, stop_with, stream_codes,
+};
 
 #[test]
 fn scan_keeps_time_to_the_tick() {
@@ -171,4 +173,17 @@ fn scan_settings_apply_at_once_or_are_refused() {
     assert!(refused.unwrap_err().to_string().contains("ScanHz"));
     let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
     assert_eq!(health.scan, Some(wish));
+}
+
+#[test]
+fn wrong_gain_or_memory_out_of_reach_stops_the_machine() {
+    const CMAR2: u32 = 0x28;
+    // PGA_GAIN: 64 instead of 16.
+    let gain = stop_with(G431, base("OPAMP2"), |csr| csr & !(0x1f << 14) | 0b01101 << 14);
+    assert!(gain.contains("OPAMP2 does not amplify 16 times"), "{gain}");
+    // The columns' readings go to the CCM SRAM, and into the flash.
+    let core = stop_with(G431, base("DMA1") + CMAR2, |_| 0x1000_0430);
+    assert!(core.contains("the DMA writes 0x10000430"), "{core}");
+    let flash = stop_with(G431, base("DMA1") + CMAR2, |_| 0x0800_0430);
+    assert!(flash.contains("the DMA writes 0x08000430"), "{flash}");
 }

@@ -156,3 +156,11 @@ pub fn deviation_with(model: Model, address: u32, change: fn(u32) -> u32) -> f32
     let mut session = Session::open(board).unwrap();
     deviation(&stream_codes(&mut session, micros(100_000)), &scene(), 4)
 }
+
+/// Reason why the machine stops with an injected fault.
+pub fn stop_with(model: Model, address: u32, change: fn(u32) -> u32) -> String {
+    let mut board = board(model, scene(), false);
+    board.chip().plant(address, change);
+    let ran = board.run(micros(200_000));
+    ran.expect_err("the machine runs with the fault").to_string()
+}

@@ -108,12 +108,23 @@ pub fn is_below_ram(map: &Map, address: u32) -> bool {
     map.ram.iter().any(|(start, _)| (start - 0x1000..*start).contains(&address))
 }
 
+/// Address space that the DMA reaches for reading and writing, from the RAM on.
+///
+/// It reads the flash too. The CCM SRAM is on the core's own buses at its first address (RM0440
+/// §2.1).
+const DMA_MEMORY: u32 = 0x2000_0000;
+/// First address behind the flash, from which on only the core reads.
+const CORE_MEMORY: u32 = 0x1000_0000;
+
 /// unicorn's memory as the DMA accesses it.
 pub struct Ram<'a, 'b>(pub &'a mut Unicorn<'b, Inside>);
 
 impl Memory for Ram<'_, '_> {
     fn read(&mut self, address: u32, size: u32) -> Outcome<u32> {
         let mut word = [0; 4];
+        if (CORE_MEMORY..DMA_MEMORY).contains(&address) {
+            return Err(format!("the DMA reads {address:#010x}, which it does not reach"));
+        }
         let part = word.get_mut(..size as usize).ok_or("a transfer of more than a word")?;
         let read = self.0.mem_read(u64::from(address), part);
         read.map_err(|error| format!("the DMA reads {address:#010x}: {error:?}"))?;
@@ -121,6 +132,9 @@ impl Memory for Ram<'_, '_> {
     }
 
     fn write(&mut self, address: u32, size: u32, value: u32) -> Outcome {
+        if address < DMA_MEMORY {
+            return Err(format!("the DMA writes {address:#010x}, which it cannot"));
+        }
         let word = value.to_le_bytes();
         let part = word.get(..size as usize).ok_or("a transfer of more than a word")?;
         let written = self.0.mem_write(u64::from(address), part);

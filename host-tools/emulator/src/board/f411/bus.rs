@@ -6,12 +6,15 @@ use crate::board::chip::PRIVATE;
 use crate::board::crc::Crc;
 use crate::board::gpio::Gpio;
 use crate::board::time::Tick;
+use crate::board::usb::Device;
 use crate::board::{Outcome, UNMODELLED};
 
 /// RCC's reset registers, AHB1RSTR to APB2RSTR, and their distance to the clock enables behind
 /// them.
 const RESETS: std::ops::RangeInclusive<u32> = 0x10..=0x24;
 const RESET: u32 = 0x20;
+/// Alternate function of PA11 and PA12 as D− and D+ (DS10314 table 9).
+const OTG: u32 = 10;
 /// Distance between two ports.
 const PORT: u32 = 0x400;
 
@@ -133,7 +136,14 @@ impl F411 {
                 self.adc.write(offset, value, now, 4 * hclk)
             }
             "ADC_common" => self.kept.adc_common.write(offset, value),
-            "OTG_FS" => self.otg.write(offset, value, self.rcc.usb_clock()),
+            "OTG_FS" => {
+                self.otg.write(offset, value, self.rcc.usb_clock())?;
+                let wired = [11, 12].map(|pin| self.common.ports[0].alternate(pin));
+                if self.otg.is_attached() && wired != [Some(OTG); 2] {
+                    return Err("connected while PA11 and PA12 are not the OTG core's".into());
+                }
+                Ok(())
+            }
             // VOS and DBP, which unlocks the RTC's domain.
             "PWR" if value & !0xc100 != 0 || offset != 0 => Err(UNMODELLED.into()),
             "PWR" if self.rcc.pll_runs() && (value ^ self.kept.pwr.read(0)?) & 0xc000 != 0 => {

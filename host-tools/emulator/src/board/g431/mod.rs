@@ -279,6 +279,10 @@ impl G431 {
         if csr & 1 == 0 || csr >> 5 & 3 != 2 || csr >> 8 & 1 == 0 {
             return Err(format!("{name} is off, without its PGA, or does not reach the ADC"));
         }
+        // PGA_GAIN: 16 about the bias on VINM0; the finger's midpoints are scaled for that.
+        if csr >> 14 & 0x1f != 0b01011 {
+            return Err(format!("{name} does not amplify 16 times about the bridges' bias"));
+        }
         // T1CM_EN
         let turned =
             tcmr >> 3 & 1 == 1 && self.common.tim1.is_driven(5) && self.common.tim1.output(5, now);
