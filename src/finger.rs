@@ -304,9 +304,9 @@ impl Finger {
         flag(&mut status, Status::DEAD_TAXEL, signals.health.dead != 0);
         flag(&mut status, Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
 
-        let activity = state.bias.activity(signals);
+        let above = state.bias.exceeded(signals, self.gate.threshold(&state.gate));
         let before = state.gate.contact();
-        let contact = self.gate.update_at_once(&mut state.gate, activity, || {
+        let contact = self.gate.update_at_once(&mut state.gate, above, || {
             // A faulty channel may read anything.
             let sound = signals.health == Health::default();
             let matrix = signals.taxels.as_ref().zip(state.bias.taxels.as_ref()).filter(|_| sound);

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Signals;
 use super::levels::{BridgeLevels, Levels, TaxelLevels};
-use crate::math::sqrt;
+use super::{Health, Signals};
+use crate::math::{at_least, sqrt};
 use crate::scan::{SENSORS, TAXELS};
 
 /// Lower limit of a channel's noise: a quarter of a 12-bit step. The limit is needed because a
@@ -69,69 +69,43 @@ impl Bias {
         signals
     }
 
-    /// Returns the largest squared ratio of signal to noise over the matrix and the sensors.
+    /// Returns whether the matrix or a sensor exceeds its noise by more than a factor, given
+    /// squared.
     ///
     /// The signal of a part is its root mean square. Faulty channels do not count.
     #[must_use]
-    pub fn activity(&self, signals: &Signals) -> f32 {
-        let mut most = Activity::NONE;
-        if let (Some(c), Some(bias)) = (&signals.taxels, &self.taxels) {
-            most = Activity::of(c, signals.health.dead, bias.noise);
+    pub fn exceeded(&self, signals: &Signals, factor2: f32) -> bool {
+        let Health { dead, bridge_faults, .. } = signals.health;
+        if let (Some(c), Some(bias)) = (&signals.taxels, &self.taxels)
+            && exceeds(c, dead, bias.noise, factor2)
+        {
+            return true;
         }
-        for (i, (signal, bias)) in signals.bridges.iter().zip(&self.bridges).enumerate() {
-            if let (Some(signal), Some(bias)) = (signal, bias)
-                && signals.health.bridge_faults >> i & 1 == 0
-            {
-                let activity = Activity::of(signal, 0, bias.noise);
-                if activity.exceeds(&most) {
-                    most = activity;
-                }
-            }
-        }
-        most.ratio()
+        let sensors = signals.bridges.iter().zip(&self.bridges).enumerate();
+        sensors.filter(|(i, _)| bridge_faults >> i & 1 == 0).any(|(_, (signal, bias))| {
+            signal.as_ref().zip(bias.as_ref()).is_some_and(|(u, b)| exceeds(u, 0, b.noise, factor2))
+        })
     }
 }
 
-/// A sum of squared signals and its expectation from noise alone. Two such sums are compared
-/// without a division.
-#[derive(Clone, Copy)]
-struct Activity {
-    squares: f32,
-    noise: f32,
-}
-
-impl Activity {
-    /// Activity without channels.
-    const NONE: Self = Self { squares: 0.0, noise: 1.0 };
-
-    /// Sums the signals whose bit in `skip` is clear.
-    #[inline(always)]
-    fn of(signals: &[f32], skip: u16, noise: f32) -> Self {
-        let mut squares = 0.0;
-        let mut count = signals.len() as f32;
-        if skip == 0 {
-            squares = signals.iter().fold(squares, |sum, signal| sum + signal * signal);
-        } else {
-            count = 0.0;
-            for (k, signal) in signals.iter().enumerate() {
-                if skip >> k & 1 == 0 {
-                    squares += signal * signal;
-                    count += 1.0;
-                }
+/// Returns whether the mean square of the signals whose bit in `skip` is clear exceeds that of the
+/// noise by a factor. Without noise nothing is known to exceed it.
+#[inline(always)]
+fn exceeds(signals: &[f32], skip: u16, noise: f32, factor2: f32) -> bool {
+    let (mut squares, mut count) = (0.0, signals.len() as f32);
+    if skip == 0 {
+        squares = signals.iter().fold(squares, |sum, signal| sum + signal * signal);
+    } else {
+        count = 0.0;
+        for (k, signal) in signals.iter().enumerate() {
+            if skip >> k & 1 == 0 {
+                squares += signal * signal;
+                count += 1.0;
             }
         }
-        let noise = count * noise * noise;
-        if noise > 0.0 { Self { squares, noise } } else { Self::NONE }
     }
-
-    fn exceeds(&self, other: &Self) -> bool {
-        self.squares * other.noise > other.squares * self.noise
-    }
-
-    /// Returns the mean square in units of the noise.
-    fn ratio(&self) -> f32 {
-        self.squares / self.noise
-    }
+    let noise2 = count * noise * noise;
+    noise2 > 0.0 && squares > factor2 * noise2
 }
 
 /// Averages scans into a [`Bias`] and checks that they hold still.
@@ -244,19 +218,19 @@ fn finish(
     first: &mut [f32],
     noisiest: &mut f32,
 ) -> Result<f32, BiasRefusal> {
-    let limit = BiasTaker::STILL * known.unwrap_or(BiasTaker::UNKNOWN_NOISE).max(NOISE_FLOOR);
+    let limit = BiasTaker::STILL * at_least(known.unwrap_or(BiasTaker::UNKNOWN_NOISE), NOISE_FLOOR);
     let (mut worst, mut sum) = (0.0f32, 0.0);
     for (level, moments) in first.iter_mut().zip(moments) {
         let variance = moments.variance();
-        worst = worst.max(variance);
+        worst = at_least(variance, worst);
         sum += variance;
         *level += moments.mean();
     }
-    *noisiest = noisiest.max(worst);
+    *noisiest = at_least(worst, *noisiest);
     if worst > limit * limit {
         return Err(BiasRefusal::NotStill);
     }
-    Ok(sqrt(sum / moments.len() as f32).max(NOISE_FLOOR))
+    Ok(at_least(sqrt(sum / moments.len() as f32), NOISE_FLOOR))
 }
 
 /// Running sums for mean and variance.
@@ -280,7 +254,7 @@ impl Moments {
 
     fn variance(&self) -> f32 {
         if self.n > 1.0 {
-            ((self.squares - self.sum * self.mean()) / (self.n - 1.0)).max(0.0)
+            at_least((self.squares - self.sum * self.mean()) / (self.n - 1.0), 0.0)
         } else {
             0.0
         }
@@ -338,10 +312,9 @@ mod tests {
 
     #[test]
     fn faulty_channels_do_not_look_like_contact() {
-        let activity = |signals: &[f32]| Activity::of(signals, 0b001, 0.1).ratio();
-        assert_eq!(activity(&[1.0, 0.0, 0.0]), 0.0);
-        assert_eq!(activity(&[1.0]), 0.0);
-        assert!((activity(&[1.0, 0.2, -0.2]) - 4.0).abs() < 1e-5);
+        let above = |signals: &[f32], factor2: f32| exceeds(signals, 0b001, 0.1, factor2);
+        assert!(!above(&[1.0, 0.0, 0.0], 0.0) && !above(&[1.0], 0.0));
+        assert!(above(&[1.0, 0.2, -0.2], 3.9) && !above(&[1.0, 0.2, -0.2], 4.1));
     }
 
     #[test]

@@ -50,14 +50,25 @@ impl GateState {
 }
 
 impl Gate {
+    /// Returns the threshold of the next scan, squared.
+    #[must_use]
+    #[inline]
+    pub fn threshold(&self, state: &GateState) -> f32 {
+        let threshold = if state.contact { self.off } else { self.on };
+        threshold * threshold
+    }
+
     /// Processes one scan and returns whether the gate is open. `activity` is the **squared** root
     /// mean square of the signals over the squared noise.
     pub fn update(&self, state: &mut GateState, activity: f32) -> bool {
-        let (against, needed) = if state.contact {
-            (activity < self.off * self.off, self.end_frames)
-        } else {
-            (activity > self.on * self.on, self.begin_frames)
-        };
+        self.step(state, activity > self.threshold(state))
+    }
+
+    /// Processes one scan, which is `above` the [`Self::threshold`] or not.
+    #[inline]
+    fn step(&self, state: &mut GateState, above: bool) -> bool {
+        let against = above != state.contact;
+        let needed = if state.contact { self.end_frames } else { self.begin_frames };
         state.streak = if against { state.streak.saturating_add(1) } else { 0 };
         if against && state.streak >= needed {
             state.contact = !state.contact;
@@ -66,16 +77,17 @@ impl Gate {
         state.contact
     }
 
-    /// Processes one scan as [`Self::update`] does, and opens the gate at once on unmistakable
-    /// activity. The closure returns that activity; it is called only if a contact may begin.
+    /// Processes one scan, which is `above` the [`Self::threshold`] or not, and opens the gate at
+    /// once on unmistakable activity. The closure returns that activity; it is called only if a
+    /// contact may begin.
     pub fn update_at_once(
         &self,
         state: &mut GateState,
-        activity: f32,
+        above: bool,
         unmistakable: impl FnOnce() -> f32,
     ) -> bool {
         let on = AT_ONCE * self.on;
-        if !self.update(state, activity) && state.streak > 0 && unmistakable() > on * on {
+        if !self.step(state, above) && state.streak > 0 && unmistakable() > on * on {
             *state = GateState { contact: true, streak: 0 };
         }
         state.contact
@@ -120,7 +132,7 @@ mod tests {
         let square = signals.iter().map(|c| c * c).sum::<f32>() / (16.0 * NOISE * NOISE);
         let gate = Gate::default();
         assert!(square > gate.on * gate.on, "not enough for any frame");
-        gate.update_at_once(&mut GateState::default(), square, || unmistakable(&signals, NOISE))
+        gate.update_at_once(&mut GateState::default(), true, || unmistakable(&signals, NOISE))
     }
 
     /// A dent around a position in pitches.

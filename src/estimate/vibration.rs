@@ -16,7 +16,7 @@
 //! earlier floor, and with the energy of the band below, which motion fills first.
 //!
 //! The band needs 600 samples a second, not one in every scan. The sums are therefore averaged over
-//! the scans of a millisecond. The channels are then filtered in turn, so that no scan bears the
+//! the scans of 1.5 ms. The channels are then filtered in turn, so that no scan bears the
 //! cost of all.
 
 use crate::condition::Signals;
@@ -66,8 +66,8 @@ impl BandPass {
 
 /// Number of watched channels: three of the matrix, three of the bridges.
 const CHANNELS: usize = 6;
-/// Time between two samples of a channel in microseconds, if the scans come faster.
-const SAMPLE_US: u32 = 1000;
+/// Longest time between two samples of a channel in microseconds, if the scans come faster.
+const SAMPLE_US: u32 = 1500;
 
 /// Coefficients of the vibration detector for one scan rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,8 +97,8 @@ impl Vibration {
     #[must_use]
     pub fn every(interval_us: u32) -> Self {
         let interval_us = interval_us.clamp(1, 1_000_000);
-        // Rounded to the nearest, so that a sample takes at most 1.5 ms.
-        let scans = ((SAMPLE_US + interval_us / 2) / interval_us).max(1);
+        // An interval may be some microseconds longer than the last.
+        let scans = ((SAMPLE_US + interval_us / 8) / interval_us).max(1);
         let rate = 1e6 / (interval_us * scans) as f32;
         let centre = at_most(150.0 / rate, 0.24);
         Self {
@@ -245,7 +245,8 @@ impl Vibration {
 /// Vibration detector that derives the scan rate from the scans' times.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VibrationDetector {
-    time: Option<Micros>,
+    /// Time of the last scan, its lower half.
+    time_us: u32,
     interval_us: u32,
     /// Interval between the last two scans.
     before_us: u32,
@@ -256,8 +257,9 @@ pub struct VibrationDetector {
 impl VibrationDetector {
     /// Processes one scan and returns whether it vibrates. A change of rate restarts the detector.
     pub fn hear(&mut self, time: Micros, signals: &Signals) -> bool {
-        let interval = self.time.map_or(0, |last| time.since(last));
-        self.time = Some(time);
+        let now = time.0 as u32;
+        let interval = now.wrapping_sub(self.time_us);
+        self.time_us = now;
         // A lost scan or a restarted clock changes one interval; a new rate changes two.
         let differs = |from: u32| interval.abs_diff(from) > from / 8;
         let new = differs(self.interval_us) && !differs(self.before_us) && interval > 0;
@@ -335,7 +337,7 @@ mod tests {
 
     #[test]
     fn fast_scans_filter_few_channels_each_and_all_in_time() {
-        for (interval_us, at_once) in [(125, 1), (250, 2), (333, 2), (500, 3), (1000, 6)] {
+        for (interval_us, at_once) in [(125, 1), (250, 1), (333, 2), (500, 2), (1000, 6)] {
             let detector = Vibration::every(interval_us);
             assert_eq!(detector.at_once, at_once, "{interval_us} us");
             let mut state = VibrationState::default();

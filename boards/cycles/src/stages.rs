@@ -94,7 +94,8 @@ fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl
     );
     let mut memory = (bias, Gate::default(), GateState::default());
     meter.stage("gate", &mut memory, seen, &mut false, |(bias, gate, state), signals, out| {
-        *out = gate.update(state, bias.activity(signals));
+        let above = bias.exceeded(signals, gate.threshold(state));
+        *out = gate.update_at_once(state, above, || 0.0);
     });
 }
 

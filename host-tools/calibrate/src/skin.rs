@@ -73,7 +73,7 @@ fn rows(prepared: &Prepared<'_>, wrong: &HashSet<usize>) -> (Vec<Option<Row>>, u
             let ([fx, fy, fz], [x, y]) = (sample.truth.force, sample.truth.point);
             let c = signals.taxels?;
             let alone = Signals { taxels: Some(c), ..Signals::default() };
-            let touched = prepared.bias.activity(&alone) > gate.off * gate.off;
+            let touched = prepared.bias.exceeded(&alone, gate.off * gate.off);
             let sound =
                 signals.health.dead == 0 && signals.health.saturated == 0 && !wrong.contains(&at);
             let row = Row { signals: c.map(f64::from), force: [fx?, fy?, fz?], point: [x?, y?] };

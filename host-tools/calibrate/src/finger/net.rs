@@ -99,7 +99,7 @@ pub(super) fn loads(
             let alone = Signals { taxels: Some(c), ..Signals::default() };
             if signals.health.dead != 0 || signals.health.saturated != 0 {
                 faulty += 1;
-            } else if own.activity(&alone) > gate.off * gate.off {
+            } else if own.exceeded(&alone, gate.off * gate.off) {
                 x.push(c.map(f64::from).to_vec());
                 y.push(target);
                 at.push(row);
