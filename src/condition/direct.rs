@@ -8,8 +8,7 @@ use crate::scan::{COLS, Codes, SENSORS, TAXELS, TaxelCodes};
 use crate::units::Code;
 
 impl Bias {
-    /// Converts one scan into `signals`, as [`Self::apply`] does with [`Levels::at_reference`], at
-    /// the force sensors' calibrated sensitivity.
+    /// Converts one scan into `signals`, as [`Self::apply`] does with [`Levels::at_reference`].
     #[inline(never)]
     pub fn direct(
         &self,
@@ -44,7 +43,6 @@ impl Bias {
     ) -> u8 {
         let mut faults = 0;
         let limits = BridgeLimits::new(codes.full_scale);
-        let gain = change.map_or(1.0, |(warmth, change)| warmth.gain_after(change));
         let channels = codes.bridges.iter().zip(&self.bridges);
         for (i, (signal, (midpoints, bias))) in signals.iter_mut().zip(channels).enumerate() {
             *signal = midpoints.as_ref().and_then(|midpoints| {
@@ -58,7 +56,7 @@ impl Bias {
                     u.iter_mut().zip(offset).for_each(|(u, offset)| *u -= offset * change);
                 }
                 let bias = bias.as_ref()?;
-                u.iter_mut().zip(bias.level).for_each(|(u, b)| *u = (*u - b) * gain);
+                u.iter_mut().zip(bias.level).for_each(|(u, b)| *u -= b);
                 Some(u)
             });
         }
@@ -76,9 +74,6 @@ impl Bias {
         signals: &mut Signals,
     ) {
         *signals = self.apply(&Levels::at_reference(codes, warm), healthy);
-        if let Some((warmth, level)) = warm {
-            warmth.scale(signals, level);
-        }
     }
 }
 
@@ -182,11 +177,7 @@ mod tests {
             let mut signals = Signals::default();
             for codes in scans {
                 bias.direct(&codes, healthy.as_ref(), warm, &mut signals);
-                let levels = Levels::at_reference(&codes, warm);
-                let mut step_by_step = bias.apply(&levels, healthy.as_ref());
-                if let Some((warmth, level)) = warm {
-                    warmth.scale(&mut step_by_step, level);
-                }
+                let step_by_step = bias.apply(&Levels::at_reference(&codes, warm), healthy.as_ref());
                 prop_assert_eq!(bits(&signals), bits(&step_by_step));
             }
         }

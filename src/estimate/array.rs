@@ -41,14 +41,10 @@ pub struct Array {
 impl Array {
     /// Returns the wrench from every sensor's `signals` u − b and `forces` in newtons.
     #[must_use]
-    pub fn wrench(
-        &self,
-        signals: &[Option<[f32; 3]>; SENSORS],
-        forces: &[[f32; 3]; SENSORS],
-    ) -> Wrench {
+    pub fn wrench(&self, signals: &[[f32; 3]; SENSORS], forces: &[[f32; 3]; SENSORS]) -> Wrench {
         match &self.method {
             WrenchMethod::Sum(places) => places.wrench(forces),
-            WrenchMethod::Matrix(matrix) => matrix.wrench(&signals.map(Option::unwrap_or_default)),
+            WrenchMethod::Matrix(matrix) => matrix.wrench(signals),
         }
     }
 

@@ -17,11 +17,18 @@ pub fn pages(flash: Peri<'static, FLASH>) -> Pages {
     unsafe { ChipFlash::new(Flash::new_blocking(flash), FLASH_BASE, place) }
 }
 
-const fn place(area: Area) -> Range<u32> {
-    match area {
-        Area::SlotA => 0x1_D000..0x1_E000,
-        Area::SlotB => 0x1_E000..0x1_F000,
-        Area::PageA => 0x1_F000..0x1_F800,
-        Area::PageB => 0x1_F800..0x2_0000,
-    }
+unsafe extern "C" {
+    /// Offset of the region CALIBRATION in the flash; SETTINGS follows it.
+    static __stored: u8;
+}
+
+fn place(area: Area) -> Range<u32> {
+    let (from, to) = match area {
+        Area::SlotA => (0x0000, 0x1000),
+        Area::SlotB => (0x1000, 0x2000),
+        Area::PageA => (0x2000, 0x2800),
+        Area::PageB => (0x2800, 0x3000),
+    };
+    let stored = (&raw const __stored).addr() as u32;
+    stored + from..stored + to
 }

@@ -44,6 +44,8 @@ bind_interrupts!(struct Irqs {
     USB_LP => InterruptHandler<USB>;
 });
 
+/// Name of the USB device. The sources are those of two packages, one for each chip.
+const PRODUCT: &str = concat!("fingertip ", env!("CARGO_PKG_NAME"));
 /// Address of the ROM bootloader's vector table (AN2606).
 const ROM: usize = 0x1FFF_0000;
 /// Watchdog timeout in microseconds, within which a scan must reach the session.
@@ -91,10 +93,9 @@ fn main() -> ! {
 
     let driver = embassy_stm32::usb::Driver::new(chip.USB, Irqs, chip.PA12, chip.PA11);
     let driver = Driver::new(driver);
-    let (port, link) =
-        link::device(driver, "fingertip stm32g431", uid::uid_hex(), scan::set_paused);
+    let (port, link) = link::device(driver, PRODUCT, uid::uid_hex(), scan::set_paused);
     let identity = identity(
-        "stm32g431",
+        env!("CARGO_PKG_NAME"),
         uid::uid_hex(),
         scan::DEFAULT.scan_hz,
         full_scale,

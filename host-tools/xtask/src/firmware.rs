@@ -58,12 +58,15 @@ fn check_budget(used: u64, most: u64, what: &str) -> Result<()> {
 /// Image that measures the core's stages; no finger runs it.
 const BENCH: &str = "cycles";
 
-/// Lists the boards: the folders of `boards/` that are programs.
+/// Lists the boards: the folders of `boards/` whose manifests name a program.
 pub fn boards() -> Result<Vec<String>> {
     let entries = std::fs::read_dir(root().join("boards")).context("reading boards/")?;
     let mut boards: Vec<_> = entries
         .flatten()
-        .filter(|entry| entry.path().join("src/main.rs").is_file())
+        .filter(|entry| {
+            let manifest = std::fs::read_to_string(entry.path().join("Cargo.toml"));
+            manifest.is_ok_and(|manifest| manifest.contains("[[bin]]"))
+        })
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
         .collect();
     boards.sort();

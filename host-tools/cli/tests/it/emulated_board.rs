@@ -3,7 +3,6 @@
 
 use std::path::Path;
 
-use taxel::calibration::Calibration;
 use taxel::frame::Status;
 use taxel::scan::{Codes, Scan};
 use taxel_files::frames::Cell;
@@ -14,16 +13,8 @@ use crate::common::{self, In, json};
 /// Largest error of a code, in steps: 0.5 for the trace's rounding, 1 for incomplete settling.
 const OFF_STEPS: f32 = 1.5;
 
-/// Writes the virtual finger's calibration for the board and for the host, and returns both names.
-/// The board's is whole. The host's has no model of the skin, as the board's image reads it.
-fn calibrations(folder: &Path) -> [&'static str; 2] {
-    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/virtual-finger.cal.toml");
-    let calibration = taxel_files::calibration::read(shipped).unwrap();
-    let read = Calibration { model: None, ..calibration };
-    let path = folder.join("read.toml");
-    std::fs::write(&path, taxel_files::calibration::to_text(&path, &read).unwrap()).unwrap();
-    [shipped, "read.toml"]
-}
+/// Record of a default fit, which the board and this machine read whole.
+const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/virtual-finger.cal.toml");
 
 /// Returns a recording's rows without the first, and the index of their status. The first frame is
 /// flagged as the board's first.
@@ -54,14 +45,13 @@ fn off(read: &Scan, shown: &Scan) -> f32 {
 /// equal, to the bit, those of this machine from the same codes. Returns the status of each.
 fn replayed(folder: &Path, board: &str, trace: &str, stretch: &str) -> Vec<Status> {
     let taxel = In(folder);
-    let [shipped, read] = calibrations(folder);
-    let replay = |trace: &str, calibration: &str, on: &str, out: &str| {
-        let args = ["replay", trace, "--calibration", calibration, "--fields", "all"];
+    let replay = |trace: &str, on: &str, out: &str| {
+        let args = ["replay", trace, "--calibration", SHIPPED, "--fields", "all"];
         taxel.succeeds(&[args.as_slice(), &["--on", on, "--out", out]].concat())
     };
     let stretch = format!("{trace}@{stretch}");
-    let said = replay(&stretch, shipped, board, "board.mcap");
-    replay("board.mcap", read, "host", "host.mcap");
+    let said = replay(&stretch, board, "board.mcap");
+    replay("board.mcap", "host", "host.mcap");
 
     let heard = scans(&folder.join("board.mcap"));
     let all = scans(&folder.join(trace));
@@ -98,6 +88,7 @@ fn replay_equals_this_machine(board: &str) {
     let statuses = replayed(folder.path(), board, "press.csv", "0.5..0.9");
     assert_eq!(statuses.len(), 400);
     assert!(seen(&statuses, Status::CONTACT) && !seen(&statuses, Status::OVERRUN));
+    assert!(seen(&statuses, Status::RAN_MODEL));
 }
 
 #[test]
