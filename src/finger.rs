@@ -275,6 +275,9 @@ impl Finger {
             let levels = Levels::at_reference(&scan.codes, warm);
             let bias = advance_bias(state, &levels);
             *signals = state.bias.apply(&levels, healthy);
+            if let Some((warmth, level)) = warm {
+                warmth.scale(signals, level);
+            }
             bias
         } else {
             state.bias.direct(&scan.codes, healthy, warm, signals);
@@ -288,10 +291,6 @@ impl Finger {
             state.matrix.interrupt();
         }
         let noisy = state.noise.update(signals, &state.bias);
-        if let Some((warmth, level)) = warm {
-            let gain = warmth.gain(level);
-            signals.bridges.iter_mut().flatten().flatten().for_each(|u| *u *= gain);
-        }
         let mut status = Status::default();
         let unknown = |(warmth, level): Warm<'_>| warmth.unknown(level);
         flag(&mut status, Status::TEMPERATURE, warm.is_some_and(unknown));
@@ -328,11 +327,11 @@ impl Finger {
         estimate.status = status;
         estimate.bias = bias;
         if wanted.due || contact && slip.is_ok() && state.grip.is_due(scan.time) {
-            self.sensor_forces(&scan.codes, estimate);
+            let sensors = self.sensor_forces(&scan.codes, estimate);
             if contact {
-                self.touched(estimate, state, &scan.codes, slip, wanted.fields);
+                self.touched(estimate, state, &scan.codes, sensors, slip, wanted.fields);
             } else {
-                no_contact(record, &scan.codes, slip.err(), estimate);
+                no_contact(record, &scan.codes, &sensors, slip.err(), estimate);
             }
             let lacks = |f: &Force| matches!(f.z, Err(NoValue::Uncalibrated | NoValue::Absent));
             let uncalibrated = lacks(&estimate.force) && estimate.sensors.iter().all(lacks);
@@ -346,13 +345,14 @@ impl Finger {
         estimate: &mut Estimate,
         state: &mut FingerState,
         codes: &Codes,
+        sensors: SensorForces,
         slip: Measured<(&Slip, bool)>,
         fields: Fields,
     ) {
-        let Estimate { time, signals, sensors, status, .. } = &mut *estimate;
+        let Estimate { time, signals, status, .. } = &mut *estimate;
         let record = self.calibration.as_ref();
-        let array = ArrayEstimate::of(record, signals, sensors, status);
-        let needed = fields.intersects(Wanted::OPTICAL) || array.force.iter().any(Result::is_err);
+        let array = ArrayEstimate::of(record, signals, &sensors, status);
+        let needed = fields.intersects(Wanted::OPTICAL) || array.force.is_err();
         let optical = match &signals.taxels {
             None => OpticalEstimate::nothing(missing(codes.taxels.is_some())),
             Some(_) if !needed => OpticalEstimate::nothing(NoValue::NotEstimated),
@@ -368,22 +368,22 @@ impl Finger {
             let grip = Grip { time: *time, fused: &fused, torsion, optical: &optical, rubs };
             grip.judge(record, slip, &mut state.grip, status)
         });
-        estimate.force = fused.force;
-        estimate.point = fused.point;
+        fused.write(estimate, optical.misfit, fields);
         estimate.torsion = torsion;
         estimate.contacts = optical.contacts;
-        estimate.uncertainty = Ok(fused.uncertainty(optical.misfit));
     }
 
-    fn sensor_forces(&self, codes: &Codes, estimate: &mut Estimate) {
-        let Estimate { signals, sensors: forces, status, .. } = estimate;
+    #[inline(always)]
+    fn sensor_forces(&self, codes: &Codes, estimate: &mut Estimate) -> SensorForces {
+        let Estimate { signals, sensors, status, .. } = estimate;
         // Unrolled by hand: the compiler keeps a loop that contains a call, which takes half as
         // long again.
-        let [first, second, third, fourth] = forces;
-        self.sensor_force(0, codes, signals, first, status);
-        self.sensor_force(1, codes, signals, second, status);
-        self.sensor_force(2, codes, signals, third, status);
-        self.sensor_force(3, codes, signals, fourth, status);
+        let [a, b, c, d] = sensors;
+        let a = self.sensor_force(0, codes, signals, a, status);
+        let b = self.sensor_force(1, codes, signals, b, status);
+        let c = self.sensor_force(2, codes, signals, c, status);
+        let d = self.sensor_force(3, codes, signals, d, status);
+        Ok([a?, b?, c?, d?])
     }
 
     #[inline(always)]
@@ -394,31 +394,38 @@ impl Finger {
         signals: &Signals,
         force: &mut Force,
         status: &mut Status,
-    ) {
+    ) -> Measured<[f32; 3]> {
         let calibration = self.calibration.as_ref().and_then(|c| c.sensors.get(i)?.as_ref());
         let signal = signals.bridges.get(i).and_then(Option::as_ref);
         let (Some(signal), Some(calibration)) = (signal, calibration) else {
             let scanned = codes.bridges.get(i).is_some_and(Option::is_some);
-            return set_none(force, missing(scanned));
+            let none = set_none(force, missing(scanned));
+            // A sensor without calibration has no part in the array.
+            return if calibration.is_some() { none } else { Ok([0.0; 3]) };
         };
         if signals.health.bridge_faults >> i & 1 == 1 {
-            set_none(force, NoValue::DeadChannel);
+            set_none(force, NoValue::DeadChannel)
         } else if within(&calibration.range, signal) {
             status.insert(Status::RAN_SENSORS);
             let [x, y, z] = calibration.sensitivity.force(*signal);
             *force = Force::known(x, y, z);
+            Ok([x, y, z])
         } else {
             status.insert(Status::OUT_OF_RANGE);
-            set_none(force, NoValue::OutOfTrainedRange);
+            set_none(force, NoValue::OutOfTrainedRange)
         }
     }
 }
 
+/// Forces on all calibrated sensors in newtons, or the reason for the first that is missing.
+type SensorForces = Measured<[[f32; 3]; SENSORS]>;
+
 /// A separate cold function, so that the path of a known force writes no reason.
 #[cold]
 #[inline(never)]
-fn set_none(force: &mut Force, reason: NoValue) {
+fn set_none(force: &mut Force, reason: NoValue) -> Measured<[f32; 3]> {
     *force = Force::none(reason);
+    Err(reason)
 }
 
 /// A separate cold function: its large, rare result would be copied with every scan.

@@ -8,7 +8,8 @@ use crate::scan::{COLS, Codes, SENSORS, TAXELS, TaxelCodes};
 use crate::units::Code;
 
 impl Bias {
-    /// Converts one scan into `signals`, as [`Self::apply`] does with [`Levels::at_reference`].
+    /// Converts one scan into `signals`, as [`Self::apply`] does with [`Levels::at_reference`], at
+    /// the force sensors' calibrated sensitivity.
     #[inline(never)]
     pub fn direct(
         &self,
@@ -43,6 +44,7 @@ impl Bias {
     ) -> u8 {
         let mut faults = 0;
         let limits = BridgeLimits::new(codes.full_scale);
+        let gain = change.map_or(1.0, |(warmth, change)| warmth.gain_after(change));
         let channels = codes.bridges.iter().zip(&self.bridges);
         for (i, (signal, (midpoints, bias))) in signals.iter_mut().zip(channels).enumerate() {
             *signal = midpoints.as_ref().and_then(|midpoints| {
@@ -56,7 +58,7 @@ impl Bias {
                     u.iter_mut().zip(offset).for_each(|(u, offset)| *u -= offset * change);
                 }
                 let bias = bias.as_ref()?;
-                u.iter_mut().zip(bias.level).for_each(|(u, b)| *u -= b);
+                u.iter_mut().zip(bias.level).for_each(|(u, b)| *u = (*u - b) * gain);
                 Some(u)
             });
         }
@@ -74,6 +76,9 @@ impl Bias {
         signals: &mut Signals,
     ) {
         *signals = self.apply(&Levels::at_reference(codes, warm), healthy);
+        if let Some((warmth, level)) = warm {
+            warmth.scale(signals, level);
+        }
     }
 }
 
@@ -177,7 +182,11 @@ mod tests {
             let mut signals = Signals::default();
             for codes in scans {
                 bias.direct(&codes, healthy.as_ref(), warm, &mut signals);
-                let step_by_step = bias.apply(&Levels::at_reference(&codes, warm), healthy.as_ref());
+                let levels = Levels::at_reference(&codes, warm);
+                let mut step_by_step = bias.apply(&levels, healthy.as_ref());
+                if let Some((warmth, level)) = warm {
+                    warmth.scale(&mut step_by_step, level);
+                }
                 prop_assert_eq!(bits(&signals), bits(&step_by_step));
             }
         }

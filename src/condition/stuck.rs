@@ -1,10 +1,10 @@
 //! Detection of channels whose code does not change while the others' do.
 //!
-//! A converter that averages to 16 bits never rests on one code, because its own noise is some
+//! A reading that sums several conversions never rests on one code, because its own noise is some
 //! codes wide. A channel that keeps one code over a whole window is not being read, however
-//! plausible its code. With single 12-bit conversions a sound channel may rest, so nothing is
-//! reported. Nothing is reported either while too few of the others move, as in a recording without
-//! noise.
+//! plausible its code. The noise of a single conversion is less than a code, so that a sound
+//! channel may rest for a while; its window is longer. Nothing is reported while too few of the
+//! others move, as in a recording without noise.
 
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
 use crate::units::{Code, FullScale};
@@ -14,8 +14,13 @@ type Group = [Code; COLS];
 const GROUPS: usize = ROWS + SENSORS;
 /// Mask of a group's channels.
 const ALL: u32 = (1 << COLS) - 1;
-/// Scans in a window: each group is compared 32 times.
+/// Scans in a window of readings that sum conversions: each group is compared 32 times.
 const WINDOW: u16 = 32 * GROUPS as u16;
+/// Scans in a window of single conversions: each group is compared 512 times.
+///
+/// With a noise of a quarter of a code, half that of the worst such converter, a channel in the
+/// middle of its code moves in one of 22 scans.
+const LONG_WINDOW: u16 = 16 * WINDOW;
 
 /// State of the detector. Each scan compares one group: four comparisons.
 #[derive(Clone, Debug)]
@@ -46,10 +51,8 @@ pub struct Stuck {
 impl StuckWatch {
     /// Processes one scan and returns the stuck channels of the last full window.
     pub fn update(&mut self, codes: &Codes) -> Stuck {
-        if codes.full_scale != FullScale::BITS_16 {
-            *self = Self::default();
-            return Stuck::default();
-        }
+        let single = codes.full_scale.top() <= FullScale::BITS_12.top();
+        let window = if single { LONG_WINDOW } else { WINDOW };
         let group = usize::from(self.seen) % GROUPS;
         // A group that has moved as a whole, as a sound one does at once, needs no more
         // comparisons.
@@ -57,7 +60,7 @@ impl StuckWatch {
             self.compare(codes, group);
         }
         self.seen += 1;
-        if self.seen >= WINDOW {
+        if self.seen >= window {
             const TAXELS: u32 = 0xffff;
             let stuck = self.judged(TAXELS) | self.judged(!TAXELS);
             *self = Self { stuck, ..Self::default() };
@@ -170,9 +173,25 @@ mod tests {
     }
 
     #[test]
-    fn twelve_bit_and_rail_codes_are_not_stuck() {
-        let twelve = |t| Codes { full_scale: FullScale::BITS_12, ..codes(t, &[6]) };
-        assert_eq!(after(2000, twelve), Stuck::default());
+    fn single_conversion_must_rest_for_longer() {
+        let twelve = |t| {
+            let mut codes = Codes { full_scale: FullScale::BITS_12, ..codes(t, &[6]) };
+            for code in codes.taxels.iter_mut().flat_map(|taxels| taxels.lit.as_flattened_mut()) {
+                code.0 -= 19_000;
+            }
+            codes
+        };
+        let window = usize::from(LONG_WINDOW);
+        assert_eq!(after(window - 1, twelve), Stuck::default());
+        assert_eq!(after(window, twelve).taxels, 1 << 6);
+        // A sum of eight has a window of the usual length.
+        let eight = FullScale::new(8 * 4095).unwrap();
+        let eight = |t| Codes { full_scale: eight, ..codes(t, &[6]) };
+        assert_eq!(after(usize::from(WINDOW), eight).taxels, 1 << 6);
+    }
+
+    #[test]
+    fn rail_codes_are_not_stuck() {
         let railed = |t| {
             let mut codes = codes(t, &[]);
             if let Some(taxels) = &mut codes.taxels {

@@ -10,6 +10,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Signals;
 use super::levels::{BridgeLevels, Levels};
 use crate::scan::{Codes, SENSORS};
 
@@ -83,7 +84,19 @@ impl TemperatureCompensation {
     /// Returns the correction factor of the force sensors' signals.
     #[must_use]
     pub fn gain(&self, level: f32) -> f32 {
-        1.0 / (1.0 + self.sensitivity * self.change(level))
+        self.gain_after(self.change(level))
+    }
+
+    pub(super) fn gain_after(&self, change: f32) -> f32 {
+        1.0 / (1.0 + self.sensitivity * change)
+    }
+
+    /// Corrects the signals of the force sensors.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn scale(&self, signals: &mut Signals, level: f32) {
+        let gain = self.gain(level);
+        signals.bridges.iter_mut().flatten().flatten().for_each(|u| *u *= gain);
     }
 }
 

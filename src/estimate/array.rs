@@ -41,10 +41,14 @@ pub struct Array {
 impl Array {
     /// Returns the wrench from every sensor's `signals` u − b and `forces` in newtons.
     #[must_use]
-    pub fn wrench(&self, signals: &[[f32; 3]; SENSORS], forces: &[[f32; 3]; SENSORS]) -> Wrench {
+    pub fn wrench(
+        &self,
+        signals: &[Option<[f32; 3]>; SENSORS],
+        forces: &[[f32; 3]; SENSORS],
+    ) -> Wrench {
         match &self.method {
             WrenchMethod::Sum(places) => places.wrench(forces),
-            WrenchMethod::Matrix(matrix) => matrix.wrench(signals),
+            WrenchMethod::Matrix(matrix) => matrix.wrench(&signals.map(Option::unwrap_or_default)),
         }
     }
 

@@ -15,19 +15,21 @@ const AGREEMENT: f32 = 6.0;
 /// Returns the mean of `a` and `b` weighted by their inverse variances, and whether they agree. If
 /// they contradict each other, the result is the more certain one alone.
 #[must_use]
-#[inline(never)]
+#[inline]
 pub fn fuse(a: Uncertain, b: Uncertain) -> (Uncertain, bool) {
-    let [va, vb] =
-        [a.sigma, b.sigma].map(|sigma| sigma.clamp(1e-6, 1e6)).map(|sigma| sigma * sigma);
+    /// Keeps the sum of the variances from zero: a µN or nm, squared.
+    const LEAST: f32 = 1e-12;
+    let [va, vb] = [a, b].map(|of| of.sigma * of.sigma + LEAST);
     let apart = a.value - b.value;
-    let surer = if va <= vb { a } else { b };
-    if apart * apart > AGREEMENT * AGREEMENT * (va + vb) {
-        return (surer, false);
+    let both = va + vb;
+    // A sum or a distance that overflows is a contradiction too.
+    if !(apart * apart <= AGREEMENT * AGREEMENT * both && both < f32::MAX) {
+        return (if va <= vb { a } else { b }, false);
     }
     // b + (a − b)·v_b/(v_a + v_b): the weight lies between 0 and 1 for all variances.
-    let value = b.value + apart * (vb / (va + vb));
-    let sigma = crate::math::sqrt(va * vb / (va + vb));
-    (Uncertain { value, sigma }, true)
+    let share = vb / both;
+    let sigma = crate::math::sqrt(va * share);
+    (Uncertain { value: b.value + apart * share, sigma }, true)
 }
 
 #[cfg(test)]

@@ -104,13 +104,16 @@ impl LimitSurface {
         normal: f32,
         mu: f32,
     ) -> Result<[f32; 2], f32> {
-        let most = [mu * normal, self.most_torsion(normal, mu)];
-        if !most.iter().all(|most| (1e-9..1e9).contains(most)) {
-            return Err(1.0);
-        }
-        let [force, turning] = most.map(|most| 1.0 / most);
-        let force2 = (fx * fx + fy * fy) * force * force;
-        let turning2 = torsion * torsion * turning * turning;
+        let shares = |load2: f32, most: f32| {
+            if (1e-9..1e9).contains(&most) { Ok(load2 * square(1.0 / most)) } else { Err(1.0) }
+        };
+        let force2 = shares(fx * fx + fy * fy, mu * normal)?;
+        // Most contacts are not turned, and a power costs as much as all the rest.
+        let turning2 = if torsion == 0.0 {
+            0.0
+        } else {
+            shares(torsion * torsion, self.most_torsion(normal, mu))?
+        };
         let sum = force2 + turning2;
         if sum.is_nan() || sum <= f32::MIN_POSITIVE {
             return Err(0.0);
@@ -127,6 +130,10 @@ impl LimitSurface {
         };
         at_least(a + (b - a) * (at - from as f32), 0.1)
     }
+}
+
+fn square(x: f32) -> f32 {
+    x * x
 }
 
 /// Limits a load to 1e9, so that an overflow is far beyond the limit.

@@ -11,6 +11,8 @@ use crate::units::Micros;
 
 /// Least displacement of gross slip in mm: ten times the scatter of a contact point.
 const DISPLACEMENT: f32 = 0.4;
+/// Shortest time between two scans that are looked at.
+const SAMPLE_US: u32 = 900;
 /// Longest time for that displacement; gross slip ends if the next one takes longer.
 const WITHIN_US: u32 = 300_000;
 /// Largest relative change of shear during gross slip, plus a multiple of its standard deviation.
@@ -37,12 +39,24 @@ struct Anchor {
 pub struct GrossSlipDetector {
     anchor: Option<Anchor>,
     slid: Option<Micros>,
+    /// Time of the last scan that was looked at.
+    seen: Option<Micros>,
 }
 
 impl GrossSlipDetector {
     /// Processes one scan: `place` of the contact in mm and its traction. Returns true during gross
-    /// slip.
+    /// slip. Scans that follow within a millisecond change nothing.
+    #[inline]
     pub fn update(&mut self, time: Micros, place: [f32; 2], traction: &Traction) -> bool {
+        if self.seen.is_none_or(|seen| time.since(seen) >= SAMPLE_US) {
+            self.seen = Some(time);
+            self.look(time, place, traction);
+        }
+        self.slid.is_some()
+    }
+
+    #[inline(never)]
+    fn look(&mut self, time: Micros, place: [f32; 2], traction: &Traction) {
         let Traction { shear: [fx, fy], normal, doubt, .. } = *traction;
         let shear = sqrt(fx * fx + fy * fy);
         let known = normal > LEAST_NORMAL && shear > LEAST_SHEAR;
@@ -70,7 +84,6 @@ impl GrossSlipDetector {
             }
         }
         self.slid = self.slid.filter(|slid| since(*slid) < WITHIN_US && self.anchor.is_some());
-        self.slid.is_some()
     }
 }
 

@@ -1,14 +1,14 @@
 //! Fusion of optical matrix and sensor array: one force and one contact position.
 
+use super::SensorForces;
 use super::matrix::OpticalEstimate;
 use crate::calibration::Calibration;
 use crate::condition::Signals;
-use crate::estimate::array::Array;
 use crate::estimate::fusion::{Uncertain, fuse};
 use crate::estimate::{ContactPoint, Force, Uncertainty};
-use crate::frame::Status;
+use crate::finger::Estimate;
+use crate::frame::{Fields, Status};
 use crate::measured::{Measured, NoValue};
-use crate::scan::SENSORS;
 use crate::units::{Millimetres, NewtonMillimetres, Newtons};
 
 /// Relative uncertainty of the force sensors' sensitivities, in addition to calibration's residual.
@@ -17,52 +17,44 @@ const GAIN_ERROR: f32 = 0.005;
 /// Estimate of the force sensors together, as one array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ArrayEstimate {
-    pub force: [Measured<Uncertain>; 3],
+    pub force: Measured<[Uncertain; 3]>,
     pub point: Measured<[Uncertain; 2]>,
     pub torsion: Measured<NewtonMillimetres>,
 }
 
 impl ArrayEstimate {
     const fn nothing(reason: NoValue) -> Self {
-        Self { force: [Err(reason); 3], point: Err(reason), torsion: Err(reason) }
+        Self { force: Err(reason), point: Err(reason), torsion: Err(reason) }
     }
 
     /// Estimates from the forces on the calibrated sensors; none if any of them has no force.
     pub(super) fn of(
         record: Option<&Calibration>,
         signals: &Signals,
-        sensors: &[Force; SENSORS],
+        sensors: &SensorForces,
         status: &mut Status,
     ) -> Self {
-        let Some((record, array)) = record.and_then(|r| Some((r, r.array()?))) else {
+        let Some(array) = record.and_then(Calibration::array) else {
             return Self::nothing(no_array(signals));
         };
-        match newtons(record, sensors) {
-            Err(reason) => Self::nothing(reason),
-            Ok(forces) => {
-                status.insert(Status::RAN_ARRAY);
-                Self::under(array, signals, &forces)
-            }
-        }
-    }
-
-    fn under(array: &Array, signals: &Signals, forces: &[[f32; 3]; SENSORS]) -> Self {
-        let u = signals.bridges.map(Option::unwrap_or_default);
-        let wrench = array.wrench(&u, forces);
-        let contact = array.contact(&wrench);
-        let [x, y, z] = wrench.force;
-        let [sx, sy, sz] = array.residual;
-        let of = |value: f32, sigma: f32| {
-            let gain = GAIN_ERROR * value.abs();
-            // A record of huge matrices may overflow: a value that is not finite is no force.
-            if value.abs() < f32::MAX {
-                Ok(Uncertain { value, sigma: sigma + gain })
-            } else {
-                Err(NoValue::IllConditioned)
-            }
+        let forces = match sensors {
+            Ok(forces) => forces,
+            Err(reason) => return Self::nothing(*reason),
         };
+        status.insert(Status::RAN_ARRAY);
+        let wrench = array.wrench(&signals.bridges, forces);
+        let ([x, y, z], [sx, sy, sz]) = (wrench.force, array.residual);
+        let of = |value: f32, sigma| Uncertain { value, sigma: sigma + GAIN_ERROR * value.abs() };
+        // A record of huge matrices may overflow: a value that is not finite is no force.
+        let finite = x.abs() + y.abs() + z.abs() < f32::MAX;
+        let force = if finite {
+            Ok([of(x, sx), of(y, sy), of(z, sz)])
+        } else {
+            Err(NoValue::IllConditioned)
+        };
+        let contact = array.contact(&wrench);
         Self {
-            force: [of(x, sx), of(y, sy), of(z, sz)],
+            force,
             point: contact.map(|(contact, sigma)| {
                 let [x, y, _] = contact.place;
                 [x, y].map(|value| Uncertain { value, sigma })
@@ -83,115 +75,82 @@ pub(super) const fn without(built: bool) -> NoValue {
     if built { NoValue::Uncalibrated } else { NoValue::NotEstimated }
 }
 
-/// Returns every calibrated sensor's force in newtons, or the first reason for a missing one. A
-/// sensor without calibration has no part in the array.
-fn newtons(record: &Calibration, sensors: &[Force; SENSORS]) -> Measured<[[f32; 3]; SENSORS]> {
-    let mut forces = [[0.0; 3]; SENSORS];
-    for ((newtons, force), own) in forces.iter_mut().zip(sensors).zip(&record.sensors) {
-        if own.is_some() {
-            *newtons = [force.x?.0, force.y?.0, force.z?.0];
-        }
-    }
-    Ok(forces)
-}
-
 /// Force and contact point, fused from matrix and array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fused {
-    pub force: Force,
-    pub point: Measured<ContactPoint>,
-    /// Standard deviations of `force`, in newtons, and of `point`, in millimetres.
-    pub(super) force_sigma: Force,
-    pub(super) point_sigma: Measured<ContactPoint>,
+    pub force: [Measured<Uncertain>; 3],
+    pub point: Measured<[Uncertain; 2]>,
 }
 
 impl Fused {
+    /// Weighs both by their uncertainties. If one is missing, the result is the other; if both are,
+    /// the reason comes from the part that this finger has.
     pub(super) fn of(
         optical: &OpticalEstimate,
         array: &ArrayEstimate,
         status: &mut Status,
     ) -> Self {
-        let mut fuse_into =
-            |optical: &mut _, array: &_| *optical = fuse_or_fallback(*optical, *array, status);
-        let mut force = optical.force;
-        force.iter_mut().zip(&array.force).for_each(|(optical, array)| fuse_into(optical, array));
-        let [mut place, along] = [axes(&optical.point), axes(&array.point)];
-        place.iter_mut().zip(&along).for_each(|(optical, array)| fuse_into(optical, array));
-        let value = |of: Uncertain| of.value;
-        let sigma = |of: Uncertain| of.sigma;
-        Self {
-            force: components(&force, value),
-            point: point(&place, value),
-            force_sigma: components(&force, sigma),
-            point_sigma: point(&place, sigma),
+        let mut fused = Self { force: optical.force, point: optical.point };
+        let mut agree = true;
+        let mut join = |optical: &mut Uncertain, array: &Uncertain| {
+            let alike;
+            (*optical, alike) = fuse(*optical, *array);
+            agree &= alike;
+        };
+        match &array.force {
+            Ok(array) => fused.force.iter_mut().zip(array).for_each(|(force, array)| match force {
+                Ok(force) => join(force, array),
+                Err(_) => *force = Ok(*array),
+            }),
+            Err(reason) => fused.force.iter_mut().for_each(|force| or_reason(force, *reason)),
         }
-    }
-
-    /// Returns the standard deviations together with the misfit of the skin model.
-    pub(super) fn uncertainty(&self, misfit: Measured<f32>) -> Uncertainty {
-        Uncertainty { force: self.force_sigma, point: self.point_sigma, misfit }
-    }
-
-    /// Returns the larger standard deviation of the two shear components, in newtons.
-    pub(super) fn shear_sigma(&self) -> f32 {
-        let Force { x, y, .. } = self.force_sigma;
-        [x, y].into_iter().flatten().fold(0.0, |most, sigma| most.max(sigma.0))
-    }
-}
-
-/// Fuses both estimates; returns the matrix's own if the array has none.
-#[inline(always)]
-fn fuse_or_fallback(
-    optical: Measured<Uncertain>,
-    array: Measured<Uncertain>,
-    status: &mut Status,
-) -> Measured<Uncertain> {
-    if array.is_ok() || optical == Err(NoValue::Absent) {
-        fuse_measured(optical, array, status)
-    } else {
-        optical
-    }
-}
-
-#[inline(never)]
-fn fuse_measured(
-    optical: Measured<Uncertain>,
-    array: Measured<Uncertain>,
-    status: &mut Status,
-) -> Measured<Uncertain> {
-    match (optical, array) {
-        (Ok(one), Ok(other)) => {
-            let (one, agree) = fuse(one, other);
-            if !agree {
-                status.insert(Status::DISAGREE);
+        match (&mut fused.point, &array.point) {
+            (Ok(point), Ok(array)) => {
+                point.iter_mut().zip(array).for_each(|(point, array)| join(point, array));
             }
-            Ok(one)
+            (point @ Err(_), Ok(array)) => *point = Ok(*array),
+            (point, Err(reason)) => or_reason(point, *reason),
         }
-        // If both are missing, the reason comes from the part that this finger has.
-        (Err(_), Ok(_)) | (Err(NoValue::Absent), Err(_)) => array,
-        (_, Err(_)) => optical,
+        if !agree {
+            status.insert(Status::DISAGREE);
+        }
+        fused
+    }
+
+    /// Writes force and point, and their standard deviations with the `misfit` of the skin model if
+    /// they are among the `fields`.
+    pub(super) fn write(&self, estimate: &mut Estimate, misfit: Measured<f32>, fields: Fields) {
+        let value = |of: &Uncertain| of.value;
+        (estimate.force, estimate.point) = (self.components(value), self.place(value));
+        if fields.contains(Fields::UNCERTAINTY) {
+            let sigma = |of: &Uncertain| of.sigma;
+            let (force, point) = (self.components(sigma), self.place(sigma));
+            estimate.uncertainty = Ok(Uncertainty { force, point, misfit });
+        }
+    }
+
+    #[inline(always)]
+    fn components(&self, of: impl Fn(&Uncertain) -> f32) -> Force {
+        let [x, y, z] = self.force.each_ref().map(|force| match force {
+            Ok(force) => Ok(Newtons(of(force))),
+            Err(reason) => Err(*reason),
+        });
+        Force { x, y, z }
+    }
+
+    #[inline(always)]
+    fn place(&self, of: impl Fn(&Uncertain) -> f32) -> Measured<ContactPoint> {
+        match &self.point {
+            Ok([x, y]) => Ok(ContactPoint { x: Millimetres(of(x)), y: Millimetres(of(y)) }),
+            Err(reason) => Err(*reason),
+        }
     }
 }
 
-#[inline(always)]
-fn components(force: &[Measured<Uncertain>; 3], of: impl Fn(Uncertain) -> f32) -> Force {
-    let [x, y, z] = force.map(|force| force.map(|force| Newtons(of(force))));
-    Force { x, y, z }
-}
-
-#[inline(always)]
-fn point(
-    place: &[Measured<Uncertain>; 2],
-    of: impl Fn(Uncertain) -> f32,
-) -> Measured<ContactPoint> {
-    let [x, y] = place.map(|along| along.map(|along| Millimetres(of(along))));
-    x.and_then(|x| y.map(|y| ContactPoint { x, y }))
-}
-
-fn axes(point: &Measured<[Uncertain; 2]>) -> [Measured<Uncertain>; 2] {
-    match point {
-        Ok(point) => point.map(Ok),
-        Err(reason) => [Err(*reason); 2],
+/// Replaces the reason of a part that this finger lacks.
+fn or_reason<T>(optical: &mut Measured<T>, reason: NoValue) {
+    if matches!(optical, Err(NoValue::Absent)) {
+        *optical = Err(reason);
     }
 }
 
@@ -201,10 +160,20 @@ mod tests {
 
     #[test]
     fn missing_estimate_is_replaced_by_the_other() {
-        let one = Ok(Uncertain { value: 1.0, sigma: 0.01 });
-        let fused = |optical, array| fuse_or_fallback(optical, array, &mut Status::default());
-        assert_eq!(fused(one, Err(NoValue::DeadChannel)), one);
-        assert_eq!(fused(Err(NoValue::Saturated), one), one);
+        let one = Uncertain { value: 1.0, sigma: 0.01 };
+        let fused = |optical: Measured<Uncertain>, array: Measured<Uncertain>| {
+            let nothing = OpticalEstimate::nothing(NoValue::NotEstimated);
+            let point = optical.map(|of| [of; 2]);
+            let optical = OpticalEstimate { force: [optical; 3], point, ..nothing };
+            let (force, point) = (array.map(|of| [of; 3]), array.map(|of| [of; 2]));
+            let array = ArrayEstimate { force, point, torsion: Err(NoValue::NotEstimated) };
+            let fused = Fused::of(&optical, &array, &mut Status::default());
+            assert!(fused.force.iter().all(|force| *force == fused.force[0]));
+            assert_eq!(fused.point, fused.force[0].map(|of| [of; 2]));
+            fused.force[0]
+        };
+        assert_eq!(fused(Ok(one), Err(NoValue::DeadChannel)), Ok(one));
+        assert_eq!(fused(Err(NoValue::Saturated), Ok(one)), Ok(one));
         let neither = |optical, array| fused(Err(optical), Err(array));
         assert_eq!(neither(NoValue::Saturated, NoValue::Absent), Err(NoValue::Saturated));
         assert_eq!(neither(NoValue::Absent, NoValue::DeadChannel), Err(NoValue::DeadChannel));

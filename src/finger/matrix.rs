@@ -179,7 +179,7 @@ impl OpticalInput<'_> {
         let u = model.curves.displacements(self.c);
         let array = self.array.force;
         let present = match array {
-            [Ok(fx), Ok(fy), Ok(fz)] => {
+            Ok([fx, fy, fz]) => {
                 let (fx, fy, none) = (fx.value, fy.value, unseen_shear(fz.value));
                 SHEAR.update(&mut state.sheared, (fx * fx + fy * fy) / (none * none))
             }
@@ -210,8 +210,8 @@ impl OpticalInput<'_> {
 }
 
 /// Returns the ratio of shear to normal force of the force sensors, if the normal force suffices.
-fn pull(array: &[Measured<Uncertain>; 3]) -> Option<Pull> {
-    let [Ok(x), Ok(y), Ok(z)] = array else { return None };
+fn pull(array: &Measured<[Uncertain; 3]>) -> Option<Pull> {
+    let Ok([x, y, z]) = array else { return None };
     let [rx, ry] = [x, y].map(|f| f.value / z.value);
     let sigma = (x.sigma.max(y.sigma) + rx.abs().max(ry.abs()) * z.sigma) / z.value;
     (z.value > LEAST_FELT).then_some(Pull { ratio: [rx, ry], sigma })

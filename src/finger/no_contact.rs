@@ -3,12 +3,12 @@
 //! No estimator runs, and no estimate is built only to be dropped.
 
 use super::fusion::no_array;
-use super::{Estimate, missing};
+use super::{Estimate, SensorForces, missing};
 use crate::calibration::Calibration;
 use crate::condition::{Health, Signals};
 use crate::estimate::Force;
 use crate::measured::{Measured, NoValue};
-use crate::scan::{Codes, SENSORS};
+use crate::scan::Codes;
 use crate::units::Newtons;
 
 /// Capabilities of the matrix, or of the force sensors together.
@@ -44,15 +44,13 @@ impl Capability {
         Self { shear, normal: Ok(()), place: NoValue::NoContact }
     }
 
-    fn array(record: Option<&Calibration>, signals: &Signals, sensors: &[Force; SENSORS]) -> Self {
-        let Some(record) = record.filter(|record| record.array().is_some()) else {
+    fn array(record: Option<&Calibration>, signals: &Signals, sensors: &SensorForces) -> Self {
+        if record.and_then(Calibration::array).is_none() {
             return Self::nothing(no_array(signals));
-        };
-        let missing = |force: &Force| [force.x, force.y, force.z].into_iter().find_map(Result::err);
-        let calibrated = sensors.iter().zip(&record.sensors).filter(|(_, own)| own.is_some());
-        match calibrated.map(|(force, _)| force).find_map(missing) {
-            Some(reason) => Self::nothing(reason),
-            None => Self { shear: Ok(()), normal: Ok(()), place: NoValue::NoContact },
+        }
+        match sensors {
+            Err(reason) => Self::nothing(*reason),
+            Ok(_) => Self { shear: Ok(()), normal: Ok(()), place: NoValue::NoContact },
         }
     }
 }
@@ -73,11 +71,12 @@ pub(super) fn faulty(health: &Health) -> Option<NoValue> {
 pub(super) fn no_contact(
     record: Option<&Calibration>,
     codes: &Codes,
+    sensors: &SensorForces,
     no_slip: Option<NoValue>,
     estimate: &mut Estimate,
 ) {
     let optical = Capability::optical(record, &estimate.signals, codes);
-    let array = Capability::array(record, &estimate.signals, &estimate.sensors);
+    let array = Capability::array(record, &estimate.signals, sensors);
     let shear = none(optical.shear, array.shear);
     estimate.force = Force { x: shear, y: shear, z: none(optical.normal, array.normal) };
     estimate.point =

@@ -80,25 +80,27 @@ impl Grip<'_> {
     ) -> Measured<Verdict> {
         let elapsed = at_most(1e-6 * self.time.since(state.judged) as f32, LONGEST);
         state.judged = self.time;
-        let Fused { force, point, .. } = *self.fused;
-        let (fx, fy, fz) = (force.x?.0, force.y?.0, force.z?.0);
+        let [x, y, z] = self.fused.force;
+        let (x, y, z) = (x?, y?, z?);
         let torsion = self.torsion.map_or(0.0, |torsion| torsion.0);
         let array = record.and_then(Calibration::array);
         let moment_sigma = array.map_or(0.0, |array| array.moment_residual);
         let mut traction = Traction {
-            shear: [fx, fy],
-            normal: fz,
+            shear: [x.value, y.value],
+            normal: z.value,
             torsion,
             arm: arm(&self.optical.contacts),
-            doubt: [self.fused.shear_sigma(), TORSION_SIGMAS * moment_sigma],
+            doubt: [at_least(x.sigma, y.sigma), TORSION_SIGMAS * moment_sigma],
             ring: self.optical.ring,
             rubs: self.rubs,
             slides: false,
         };
         // The middle of two contacts wanders when their load share changes; that is no gross slip.
-        let place = point.map(|point| [point.x.0, point.y.0]).ok().filter(|_| traction.arm == 0.0);
-        traction.slides =
-            place.is_some_and(|place| state.slide.update(self.time, place, &traction));
+        if let Ok([x, y]) = &self.fused.point
+            && traction.arm == 0.0
+        {
+            traction.slides = state.slide.update(self.time, [x.value, y.value], &traction);
+        }
         status.insert(Status::RAN_SLIP);
         let verdict = slip.judge(&mut state.slip, &traction, elapsed)?;
         if traction.slides || traction.rubs {
@@ -123,8 +125,8 @@ fn arm(contacts: &Measured<[NormalContact; 2]>) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::Force;
     use crate::estimate::array::Array;
+    use crate::estimate::fusion::Uncertain;
     use crate::measured::NoValue;
 
     #[test]
@@ -140,9 +142,9 @@ mod tests {
         let array = Array { moment_residual: 0.1, ..Array::default() };
         let record = Calibration { array: Some(array), ..Calibration::EMPTY };
         let optical = OpticalEstimate::nothing(NoValue::Absent);
-        let point = Err(NoValue::NotEstimated);
-        let force = Force::known(0.0, 0.0, 1.0);
-        let fused = Fused { force, point, force_sigma: force, point_sigma: point };
+        let known = |value: f32| Ok(Uncertain { value, sigma: 0.0 });
+        let force = [known(0.0), known(0.0), known(1.0)];
+        let fused = Fused { force, point: Err(NoValue::NotEstimated) };
         let margin = |torsion: f32| {
             let grip = Grip {
                 time: Micros(1000),

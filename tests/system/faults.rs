@@ -1,37 +1,106 @@
-//! Flags of every simulated fault, from the scene to the estimate.
+//! Flags of every simulated fault, from the scene to the estimate, at every full scale of a board.
 //!
 //! The last test lists the faults that codes alone do not show.
 
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
-use taxel::scan::Scan;
+use taxel::scan::{Midpoints, Scan};
+use taxel::units::{Code, FullScale};
 use taxel_sim::{Scene, Simulator};
 
-/// Scene of a built-in finger: unloaded, from 1 s to 2 s with the fault, then without.
-const SCENE: &str = "effects = ['noise', 'ambient', 'flicker', 'gain-spread', 'optical-crosstalk', \
-                     'bridge-mismatch', 'bridge-crosstalk']\n[scan]\nrate_hz = 1000\nduration_s = 3\n";
+/// Effects of every scene here.
+const EFFECTS: &str = "effects = ['noise', 'ambient', 'flicker', 'gain-spread', 'optical-crosstalk', \
+                       'bridge-mismatch', 'bridge-crosstalk']\n";
 const BIAS: usize = 300;
+/// Scan with which a fault begins; scans come at 1 kHz.
+const BEGIN: usize = 1000;
 
-/// Scans at 1 kHz.
-fn scans(more: &str) -> impl Iterator<Item = Scan> {
-    let scene = Scene::parse("fault.toml", &format!("{SCENE}{more}")).unwrap();
-    Simulator::new(&scene, 3).map(|sample| sample.scan)
+/// Converter of a board.
+#[derive(Clone, Copy, Debug)]
+struct Converter {
+    /// Highest code.
+    top: u16,
+    /// Bits of the simulated converter.
+    bits: u8,
+    /// Two windows of the detector for stuck channels, in scans.
+    watched: usize,
 }
 
-/// Estimates of a finger without a calibration; the finger first takes its bias.
-fn estimates(more: &str) -> Vec<Estimate> {
-    let (finger, mut state) = Finger::new(None);
-    state.take_bias(BIAS as u16);
-    scans(more).map(|scan| finger.estimate(&mut state, &scan)).collect()
-}
+/// Single conversions, sums of eight, and readings scaled to 16 bits.
+const CONVERTERS: [Converter; 3] = [
+    Converter { top: 4095, bits: 12, watched: 2 * 16 * 256 },
+    Converter { top: 8 * 4095, bits: 16, watched: 2 * 256 },
+    Converter { top: u16::MAX, bits: 16, watched: 2 * 256 },
+];
 
-/// The fault's table in the scene, from 1 s to 2 s.
-fn table(keys: &str) -> String {
-    format!("[[fault]]\nat_s = 1\nuntil_s = 2\n{keys}\n")
-}
+impl Converter {
+    /// Scan with which a fault ends.
+    fn end(self) -> usize {
+        BEGIN + self.watched + 500
+    }
 
-fn fault(keys: &str) -> Vec<Estimate> {
-    estimates(&table(keys))
+    /// Scans of a finger that nothing touches.
+    fn scans(self, more: &str) -> impl Iterator<Item = Scan> {
+        let duration = 1e-3 * (self.end() + self.watched + 500) as f64;
+        let scene = format!(
+            "{EFFECTS}[scan]\nrate_hz = 1000\nduration_s = {duration}\n[device]\nbits = {}\n{more}",
+            self.bits
+        );
+        let scene = Scene::parse("fault.toml", &scene).unwrap();
+        Simulator::new(&scene, 3).map(move |sample| self.scaled(sample.scan))
+    }
+
+    /// Scales codes to this full scale.
+    fn scaled(self, mut scan: Scan) -> Scan {
+        let codes = &mut scan.codes;
+        let from = u32::from(codes.full_scale.top().0);
+        let to = |code: &mut Code| {
+            code.0 = ((u32::from(code.0) * u32::from(self.top) + from / 2) / from) as u16;
+        };
+        codes.full_scale = FullScale::new(self.top).unwrap();
+        let taxels = codes.taxels.as_mut().unwrap();
+        taxels.lit.as_flattened_mut().iter_mut().chain(&mut taxels.dark).for_each(to);
+        for Midpoints { a, b, c, d } in codes.bridges.iter_mut().flatten() {
+            [a, b, c, d].into_iter().for_each(to);
+        }
+        codes.reference.iter_mut().chain(&mut codes.temperature).for_each(to);
+        scan
+    }
+
+    /// Estimates of a finger without a calibration; the finger first takes its bias.
+    fn estimates(self, more: &str) -> Vec<Estimate> {
+        let (finger, mut state) = Finger::new(None);
+        state.take_bias(BIAS as u16);
+        self.scans(more).map(|scan| finger.estimate(&mut state, &scan)).collect()
+    }
+
+    /// The fault's table in the scene.
+    fn table(self, keys: &str) -> String {
+        let until = 1e-3 * self.end() as f64;
+        format!("[[fault]]\nat_s = 1\nuntil_s = {until}\n{keys}\n")
+    }
+
+    fn fault(self, keys: &str) -> Vec<Estimate> {
+        self.estimates(&self.table(keys))
+    }
+
+    /// Checks for exactly `faults` from `late` scans after the fault's beginning until its end;
+    /// returns its last estimate.
+    ///
+    /// No fault is flagged before it, nor from `late` scans after its end on.
+    fn check_flags(self, keys: &str, late: usize, faults: &[Status]) -> Estimate {
+        let expected = faults.iter().fold(0, |all, one| all | one.0);
+        let estimates = self.fault(keys);
+        for (t, estimate) in estimates.iter().enumerate().skip(BIAS) {
+            let found = estimate.status.0 & FAULTS.0;
+            if (BEGIN + late..self.end()).contains(&t) {
+                assert_eq!(found, expected, "{keys} at {t} ms, {self:?}");
+            } else if !(BEGIN..self.end() + late).contains(&t) {
+                assert_eq!(found, 0, "{keys} at {t} ms, {self:?}");
+            }
+        }
+        estimates[self.end() - 1]
+    }
 }
 
 const FAULTS: Status = Status::SATURATED
@@ -40,36 +109,19 @@ const FAULTS: Status = Status::SATURATED
     .union(Status::STUCK_CHANNEL)
     .union(Status::OUT_OF_RANGE);
 
-/// Checks for exactly `faults` from `from` ms until the end of the fault; returns its last
-/// estimate.
-///
-/// No fault is flagged before it, nor from `again` ms after its end on.
-fn check_flags(keys: &str, from: usize, faults: &[Status], again: usize) -> Estimate {
-    let expected = faults.iter().fold(0, |all, one| all | one.0);
-    let estimates = fault(keys);
-    for (t, estimate) in estimates.iter().enumerate().skip(BIAS) {
-        let found = estimate.status.0 & FAULTS.0;
-        if (from..2000).contains(&t) {
-            assert_eq!(found, expected, "{keys} at {t} ms");
-        } else if !(1000..2000 + again).contains(&t) {
-            assert_eq!(found, 0, "{keys} at {t} ms");
-        }
-    }
-    estimates[1999]
-}
-
-/// Checks a fault of light or voltage, which its first frame flags.
+/// Checks a fault of light or voltage, which its first frame flags, at every full scale.
 fn check_flags_at_once(keys: &str, faults: &[Status]) -> Estimate {
-    check_flags(keys, 1000, faults, 0)
+    CONVERTERS.map(|converter| converter.check_flags(keys, 0, faults))[2]
 }
 
 const COLUMN_2: u16 = 1 << 2 | 1 << 6 | 1 << 10 | 1 << 14;
-/// Two windows of the detector for stuck channels, in scans.
-const WATCHED: usize = 2 * 256;
 
 #[test]
 fn healthy_finger_reports_no_fault() {
-    assert!(estimates("").iter().all(|estimate| !estimate.status.intersects(FAULTS)));
+    for converter in CONVERTERS {
+        let estimates = converter.estimates("");
+        assert!(estimates.iter().all(|estimate| !estimate.status.intersects(FAULTS)));
+    }
 }
 
 #[test]
@@ -86,11 +138,14 @@ fn dead_led_or_transistor_is_a_dead_taxel() {
 fn faulty_column_is_four_dead_taxels() {
     for kind in ["open-channel", "shorted-channel", "stuck-channel"] {
         let keys = format!("kind = '{kind}'\nchannel = 'c2'");
-        let estimate = fault(&keys)[1999];
-        assert_eq!(estimate.signals.health.dead, COLUMN_2, "{kind}");
-        assert!(estimate.status.contains(Status::DEAD_TAXEL));
-        // At the voltage where the channel stuck, the reading does not change either.
-        assert_eq!(estimate.status.contains(Status::STUCK_CHANNEL), kind == "stuck-channel");
+        for converter in CONVERTERS {
+            let estimate = converter.fault(&keys)[converter.end() - 1];
+            assert_eq!(estimate.signals.health.dead, COLUMN_2, "{kind}, {converter:?}");
+            assert!(estimate.status.contains(Status::DEAD_TAXEL));
+            // At the voltage where the channel stuck, the reading does not change either.
+            let stuck = estimate.status.contains(Status::STUCK_CHANNEL);
+            assert_eq!(stuck, kind == "stuck-channel", "{converter:?}");
+        }
     }
 }
 
@@ -117,13 +172,15 @@ fn broken_arm_or_midpoint_flags_that_sensor() {
 
 #[test]
 fn stuck_reading_is_flagged_within_two_windows() {
-    let stuck = |channel: &str, with| {
-        let keys = format!("kind = 'stuck-channel'\nchannel = '{channel}'");
-        check_flags(&keys, 1000 + WATCHED, &[Status::STUCK_CHANNEL, with], WATCHED)
-    };
-    assert_eq!(stuck("r1c2", Status::DEAD_TAXEL).signals.health.dead, 1 << 6);
-    let midpoint = stuck("s3_b", Status::BRIDGE_FAULT);
-    assert_eq!(midpoint.signals.health.bridge_faults, 1 << 3);
+    for converter in CONVERTERS {
+        let stuck = |channel: &str, with| {
+            let keys = format!("kind = 'stuck-channel'\nchannel = '{channel}'");
+            converter.check_flags(&keys, converter.watched, &[Status::STUCK_CHANNEL, with])
+        };
+        assert_eq!(stuck("r1c2", Status::DEAD_TAXEL).signals.health.dead, 1 << 6);
+        let midpoint = stuck("s3_b", Status::BRIDGE_FAULT);
+        assert_eq!(midpoint.signals.health.bridge_faults, 1 << 3);
+    }
 }
 
 #[test]
@@ -133,10 +190,13 @@ fn supply_dip_by_a_quarter_flags_the_bridges() {
             "[electronics]\nratiometric = false\n[[fault]]\nat_s = 1\nkind = 'supply-dip'\nratio = {ratio}\n"
         )
     };
-    let down = estimates(&dip(0.75))[1500];
-    assert_eq!(down.signals.health.bridge_faults, 0b1111);
-    // A smaller dip stays undetected.
-    assert_eq!(estimates(&dip(0.9))[1500].signals.health.bridge_faults, 0);
+    for converter in CONVERTERS {
+        let down = converter.estimates(&dip(0.75))[1500];
+        assert_eq!(down.signals.health.bridge_faults, 0b1111);
+        // A smaller dip stays undetected.
+        let down = converter.estimates(&dip(0.9))[1500];
+        assert_eq!(down.signals.health.bridge_faults, 0);
+    }
 }
 
 /// Faults that codes alone do not show, so that silence does not prove health.
@@ -155,7 +215,8 @@ fn ratiometric_dip_and_swaps_stay_undetected() {
         let bridge = estimate.signals.bridges[1].unwrap()[0].abs() > 0.005;
         assert!(moved || bridge || keys.contains("vref"), "{keys} changes what is measured");
     }
-    let dip: Vec<_> = scans(&table("kind = 'supply-dip'\nratio = 0.8")).collect();
+    let sixteen = CONVERTERS[2];
+    let dip: Vec<_> = sixteen.scans(&sixteen.table("kind = 'supply-dip'\nratio = 0.8")).collect();
     let reference = |t: usize| dip[t].codes.full_scale.ratio(dip[t].codes.reference.unwrap()).0;
     assert!((reference(500) - 0.5).abs() < 1e-3 && (reference(1500) - 0.625).abs() < 1e-3);
 }

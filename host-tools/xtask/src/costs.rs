@@ -13,6 +13,9 @@ pub struct Stage {
     /// Most modelled cycles of any call, at the upper end of the band.
     #[serde(rename = "cycles_high")]
     pub cycles: u64,
+    /// Mean of the modelled cycles of a call, at the upper end of the band.
+    #[serde(rename = "mean_cycles_high", default)]
+    pub mean_cycles: f64,
 }
 
 /// Reads the stages of the table in a file.

@@ -53,9 +53,9 @@ pub fn task(arguments: &Cycles) -> Result<()> {
     run(&mut emulator)
 }
 
-/// Fails where a stage, net or product frame exceeds its limit of cycles.
+/// Fails where a stage, scene, net or product frame exceeds its limit of cycles.
 ///
-/// The limits are the committed table, [`NETS`] and half a frame.
+/// The limits are the committed table, [`SCENES`], [`NETS`] and half a frame.
 pub fn guard() -> Result<()> {
     let counted = target().join("cycles.csv");
     let mut emulator = emulator("cycles", &image()?);
@@ -63,6 +63,7 @@ pub fn guard() -> Result<()> {
     run(emulator.arg("--against").arg(table()))?;
     let counted = costs::read(&counted)?;
     within_their_cycles(&counted)?;
+    scenes_within_their_cycles(&counted)?;
     let page = page();
     let text = std::fs::read_to_string(&page).with_context(|| page.display().to_string())?;
     within_half_a_frame(&counted, &text)
@@ -82,6 +83,35 @@ fn within_their_cycles(table: &[Stage]) -> Result<()> {
             stage.with_context(|| format!("the table has no stage `{net}`"))?;
         if *cycles > most {
             bail!("{net}: {cycles} cycles, at most {most}; reduce its cost");
+        }
+    }
+    Ok(())
+}
+
+/// Scenes of a finger with every section that a default fit writes, and their limits in modelled
+/// cycles: mean and worst scan.
+const SCENES: [(&str, [u64; 2]); 8] = [
+    ("finger: no contact, no frame due", [3_000, 3_000]),
+    ("finger: no contact, estimates", [6_000, 6_100]),
+    ("finger: normal contact, estimates", [16_400, 32_000]),
+    ("finger: normal contact, frames at 1 kHz", [6_200, 32_000]),
+    ("finger: shear, estimates", [29_500, 71_500]),
+    ("finger: shear, frames at 1 kHz", [9_500, 71_500]),
+    ("finger: two contacts, estimates", [50_000, 125_000]),
+    ("finger: two contacts, frames at 1 kHz", [14_500, 125_000]),
+];
+
+/// Fails where the mean or the worst scan of one of the [`SCENES`] exceeds its limit.
+fn scenes_within_their_cycles(table: &[Stage]) -> Result<()> {
+    for (scene, [mean, worst]) in SCENES {
+        let stage = table.iter().find(|stage| stage.name == scene);
+        let stage = stage.with_context(|| format!("the table has no stage `{scene}`"))?;
+        let Stage { cycles, mean_cycles, .. } = stage;
+        if *cycles > worst || *mean_cycles > mean as f64 {
+            bail!(
+                "{scene}: {mean_cycles:.0} cycles in the mean and {cycles} in the worst scan, at most {mean} and \
+                 {worst}; reduce its cost"
+            );
         }
     }
     Ok(())
@@ -112,7 +142,7 @@ fn within_half_a_frame(table: &[Stage], page: &str) -> Result<()> {
     if frames.peek().is_none() {
         bail!("the table has no stage {FRAME}…: boards/cycles/src/stages/product.rs");
     }
-    for Stage { name, cycles } in frames {
+    for Stage { name, cycles, .. } in frames {
         if cycles + interrupt >= HALF_A_FRAME {
             bail!(
                 "{name}: {cycles} cycles and {interrupt} of the interrupt, more than half a frame at 4 kHz \
@@ -155,6 +185,30 @@ mod tests {
     #[test]
     fn committed_nets_stay_within_their_cycles() {
         within_their_cycles(&costs::read(&super::table()).unwrap()).unwrap();
+    }
+
+    #[test]
+    fn committed_scenes_stay_within_their_cycles() {
+        scenes_within_their_cycles(&costs::read(&super::table()).unwrap()).unwrap();
+    }
+
+    #[test]
+    fn costly_or_missing_scene_is_an_error() {
+        let judged = |more: [u64; 2]| {
+            let row = |(i, (scene, [mean, worst])): (usize, &(&str, [u64; 2]))| {
+                let [more_mean, more_worst] = if i == 3 { more } else { [0; 2] };
+                format!("\"{scene}\",{},{}\n", worst + more_worst, mean + more_mean)
+            };
+            let rows: String = SCENES.iter().enumerate().map(row).collect();
+            let table = format!("name,cycles_high,mean_cycles_high\n{rows}");
+            scenes_within_their_cycles(&costs::parse(&table).unwrap())
+        };
+        assert!(judged([0, 0]).is_ok());
+        for more in [[1, 0], [0, 1]] {
+            let refused = judged(more).unwrap_err().to_string();
+            assert!(refused.starts_with("finger: normal contact, frames at 1 kHz: "), "{refused}");
+        }
+        assert!(scenes_within_their_cycles(&[]).is_err());
     }
 
     #[test]

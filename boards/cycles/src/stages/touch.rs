@@ -100,10 +100,12 @@ fn array_stages(
     meter: &mut impl Meter,
 ) {
     let felt = signals.map(|signals| {
-        let u = signals.bridges.map(Option::unwrap_or_default);
         let mut sensors = calibration.sensors.iter().flatten();
-        let forces = u.map(|u| sensors.next().map_or(u, |sensor| sensor.sensitivity.force(u)));
-        (u, forces)
+        let forces = signals.bridges.map(|u| {
+            let u = u.unwrap_or_default();
+            sensors.next().map_or(u, |sensor| sensor.sensitivity.force(u))
+        });
+        (signals.bridges, forces)
     });
     let array =
         |method, surface| Array { method, residual: [1e-3; 3], moment_residual: 1e-3, surface };
