@@ -102,12 +102,6 @@ pub enum Command {
         /// quarter of the scans a second.
         hz: u16,
     },
-    /// 20: holds an LED row on in every step until the session ends, to test the wiring. Frames
-    /// then carry codes and no estimate.
-    HoldRow {
-        /// The row, 0 … 3; `None` scans again.
-        row: Option<u8>,
-    },
 }
 
 /// Message from finger to host.
@@ -195,7 +189,7 @@ pub enum Refusal {
     },
     /// 1: the finger moved while its bias was being taken; the old bias stays.
     NotStill,
-    /// 2: another bias or a self-test is in progress, or a row is held on.
+    /// 2: another bias or a self-test is in progress.
     Busy,
     /// 3: a calibration chunk where none was expected, or after a gap.
     OutOfOrder,

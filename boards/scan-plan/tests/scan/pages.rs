@@ -67,7 +67,7 @@ fn pages_match_the_plans_times_and_drawings() {
 
 /// Number of cycles in a row of a board's page.
 ///
-/// The emulator's tests compare the product's rows with the emulated board.
+/// The emulator's tests compare the rows with the emulated board.
 fn cycles(board: &str, row: &str) -> u32 {
     let page = page(board);
     let line = page.lines().find(|line| line.starts_with(&format!("| {row} |")));
@@ -76,42 +76,6 @@ fn cycles(board: &str, row: &str) -> u32 {
 }
 
 const FRAME_OF_ESTIMATES: &str = "**a frame of estimates**";
-
-#[test]
-fn black_pill_frame_cost_matches_its_parts() {
-    let table = docs().join("../../host-tools/emulator/data/cycles.csv");
-    let table = std::fs::read_to_string(table).unwrap();
-    let stage = "\"product: the same while a bias is taken\",";
-    let line = table.lines().find_map(|line| line.strip_prefix(stage)).unwrap();
-    let counted: u32 = line.split(',').nth(2).unwrap().parse().unwrap();
-    let expected = counted + cycles("stm32g431", "reading: the frame's interrupt");
-    let stated = cycles("stm32f411", FRAME_OF_ESTIMATES);
-    assert!(stated.abs_diff(expected) < expected / 20, "{expected}, the page says {stated}");
-}
-
-#[test]
-fn black_pill_keeps_up_at_stated_rates() {
-    let clock = scan_plan::f411::CLOCK_HZ;
-    let rows = [
-        ("all that the core does, mean of a frame", "mean, every scan on the wire"),
-        (
-            "all that it does at the default, a frame every millisecond",
-            "mean, a frame every millisecond",
-        ),
-    ];
-    let [streaming, default] = rows.map(|(product, row)| {
-        let stated = cycles("stm32f411", &format!("all that the core does, {row}"));
-        assert_eq!(stated, cycles("stm32g431", product));
-        stated
-    });
-    // At the stated rates a twentieth is to spare, at the usual one a sixth.
-    let all = cycles("stm32f411", "scan rate at which every scan can be on the wire");
-    assert!(all * streaming < clock / 20 * 19, "{all} Hz");
-    assert!(4000 * default < clock / 6 * 5 && 4000 * streaming > clock);
-    let half =
-        cycles("stm32f411", "scan rate at which a frame of estimates takes half of its time");
-    assert!(half * cycles("stm32f411", FRAME_OF_ESTIMATES) < clock / 2, "{half} Hz");
-}
 
 struct Timing {
     /// Rows of label, begin and end: nanoseconds within a step, or within two frames.

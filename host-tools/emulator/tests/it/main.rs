@@ -8,4 +8,5 @@ mod f411;
 mod g431;
 mod kinds;
 mod load;
+mod page;
 mod support;
