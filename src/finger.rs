@@ -115,15 +115,23 @@ impl Estimate {
         time: Micros(0),
         status: Status(0),
         signals: Signals::NOTHING,
-        sensors: [Force::none(NoValue::Absent); SENSORS],
-        force: Force::none(NoValue::Absent),
-        point: Err(NoValue::Absent),
-        slip: Err(NoValue::Absent),
-        torsion: Err(NoValue::Absent),
-        contacts: Err(NoValue::Absent),
-        uncertainty: Err(NoValue::Absent),
+        sensors: [Force::none(NoValue::NotEstimated); SENSORS],
+        force: Force::none(NoValue::NotEstimated),
+        point: Err(NoValue::NotEstimated),
+        slip: Err(NoValue::NotEstimated),
+        torsion: Err(NoValue::NotEstimated),
+        contacts: Err(NoValue::NotEstimated),
+        uncertainty: Err(NoValue::NotEstimated),
         bias: None,
     };
+
+    /// Overwrites all with what is known of a scan that was read with an LED row held on.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn set_row_held(&mut self, scan: &Scan) {
+        *self = Self { time: scan.time, status: Status::ROW_HELD, ..Self::NOTHING };
+        flag(&mut self.status, Status::OVERRUN, scan.lost > 0);
+    }
 
     /// Returns the frame of this estimate of `codes`, with the requested fields.
     #[must_use]

@@ -52,6 +52,8 @@ pub struct Instrument {
     self_test: Option<(u8, Running)>,
     /// Whether the stored record was intact when the test began.
     record_intact: Option<bool>,
+    /// Whether the board holds an LED row on, so that codes say nothing about the finger.
+    row_held: bool,
 }
 
 /// Results of a scan that the caller must handle.
@@ -94,6 +96,7 @@ impl Instrument {
             cost: Cost::default(),
             self_test: None,
             record_intact: None,
+            row_held: false,
         }
     }
 
@@ -168,7 +171,11 @@ impl Instrument {
     /// Processes one scan; a frame is due at the stream's rate.
     pub fn scan(&mut self, scan: &Scan) -> Outcome {
         let wanted = Wanted { fields: self.fields, due: self.streaming && self.until_due == 0 };
-        self.finger.update(&mut self.estimate, &mut self.state, scan, wanted);
+        if self.row_held {
+            self.estimate.set_row_held(scan);
+        } else {
+            self.finger.update(&mut self.estimate, &mut self.state, scan, wanted);
+        }
         self.counters.scans = self.counters.scans.wrapping_add(1);
         self.counters.overruns = self.counters.overruns.wrapping_add(scan.lost);
         let mut outcome = Outcome::default();
@@ -270,7 +277,7 @@ impl Instrument {
             Command::SetPointMethod(method) => self.finger.point_method = *method,
             Command::TakeBias { scans } => {
                 in_range(u32::from(*scans), 2, u32::from(u16::MAX))?;
-                if self.busy() {
+                if self.busy() || self.row_held {
                     return Err(Refusal::Busy);
                 }
                 self.state.take_bias(*scans);
@@ -320,7 +327,7 @@ impl Instrument {
             }
             Command::SelfTest { scans } => {
                 in_range(u32::from(*scans), 2, u32::from(MOST_SCANS))?;
-                if self.busy() {
+                if self.busy() || self.row_held {
                     return Err(Refusal::Busy);
                 }
                 let damaged = store.passed_over().filter(|record| !is_intact(record));
@@ -329,9 +336,10 @@ impl Instrument {
                 return Ok(None);
             }
             // The board handles these; the session passes them on to it.
-            Command::Health | Command::Bootloader | Command::SetScan(_) => {
-                return Err(Refusal::Unsupported);
-            }
+            Command::Health
+            | Command::Bootloader
+            | Command::SetScan(_)
+            | Command::HoldRow { .. } => return Err(Refusal::Unsupported),
         }
         Ok(Some(Response::Done))
     }
@@ -340,6 +348,18 @@ impl Instrument {
     #[must_use]
     pub fn busy(&self) -> bool {
         self.state.taking_bias() || self.self_test.is_some()
+    }
+
+    /// Whether the board holds an LED row on.
+    #[must_use]
+    pub fn row_held(&self) -> bool {
+        self.row_held
+    }
+
+    /// Records whether the board holds an LED row on. Bias and state of the finger stay as they
+    /// are meanwhile.
+    pub fn set_row_held(&mut self, held: bool) {
+        self.row_held = held;
     }
 
     /// Adapts rate, filter and state to new scan settings of the board.

@@ -73,6 +73,17 @@ pub struct TaxelCodes {
     pub dark: [Code; COLS],
 }
 
+impl TaxelCodes {
+    /// Makes the codes those of a scan with the LEDs of `row` on in every step.
+    ///
+    /// For boards that are simulated: each step has the same reading, noise included.
+    pub fn hold(&mut self, row: u8) {
+        if let Some(lit) = self.lit.get(usize::from(row)).copied() {
+            *self = Self { lit: [lit; ROWS], dark: lit };
+        }
+    }
+}
+
 /// Midpoint codes of one sensor's two half-bridge pairs ([Ospina2017] fig. 1.7).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -21,7 +21,7 @@ use embedded_io_async::{Read, Write};
 
 use crate::crc32::crc32;
 use crate::instrument::Instrument;
-use crate::scan::{Scan, ScanSettings};
+use crate::scan::{ROWS, Scan, ScanSettings};
 use crate::store::{Flash, Store};
 use crate::units::FullScale;
 use crate::wire::deframer::Deframer;
@@ -99,6 +99,14 @@ pub trait Board {
     fn set_scan(&mut self, _: &ScanSettings) -> Result<FullScale, Refusal> {
         Err(Refusal::Unsupported)
     }
+
+    /// Lights LED row `row`, 0 … 3, in every step of the scan; `None` lights each in its own again.
+    ///
+    /// # Errors
+    /// [`Refusal::Unsupported`] if the board cannot.
+    fn hold_row(&mut self, _: Option<u8>) -> Result<(), Refusal> {
+        Err(Refusal::Unsupported)
+    }
 }
 
 /// Flow control between scans and link.
@@ -146,10 +154,12 @@ pub async fn run_session<R: Read, W: Write>(
     *pipe = Bytes::new();
     let done = Signal::<NoopRawMutex, ()>::new();
     let mut transmit = pin!(transmit(&mut tx, pipe, chunk, &done));
-    let ended = match select(converse(rx, board, instrument, pipe, pace), transmit.as_mut()).await {
+    let first = select(converse(rx, board, instrument, pipe, pace), transmit.as_mut()).await;
+    let ended = match first {
         Either::First(ended) => ended.map_err(SessionError::Read)?,
         // The writer returns by itself only when the link fails.
         Either::Second(stopped) => {
+            release_row(board, instrument);
             return stopped.map(|()| End::Closed).map_err(SessionError::Write);
         }
     };
@@ -179,7 +189,31 @@ async fn transmit<W: Write>(
     }
 }
 
+/// Takes scans and requests in turn until the scans end or the host closes the link.
 async fn converse<R: Read>(
+    rx: R,
+    board: &mut impl Board,
+    instrument: &mut Instrument,
+    pipe: &Bytes,
+    pace: Pace,
+) -> Result<End, R::Error> {
+    // The last session may have been dropped.
+    release_row(board, instrument);
+    let ended = take_turns(rx, board, instrument, pipe, pace).await;
+    release_row(board, instrument);
+    ended
+}
+
+/// Ends the holding of a row, so that no LED stays on without the host that asked for it.
+fn release_row(board: &mut impl Board, instrument: &mut Instrument) {
+    if instrument.row_held() {
+        // A board that could hold a row can let it go.
+        let _ = board.hold_row(None);
+        instrument.set_row_held(false);
+    }
+}
+
+async fn take_turns<R: Read>(
     mut rx: R,
     board: &mut impl Board,
     instrument: &mut Instrument,
@@ -252,6 +286,14 @@ fn answer(
         Command::SetScan(_) if instrument.busy() => Err(Refusal::Busy),
         Command::SetScan(settings) => board.set_scan(settings).map(|full_scale| {
             instrument.rescanned(settings, full_scale);
+            Response::Done
+        }),
+        Command::HoldRow { .. } if instrument.busy() => Err(Refusal::Busy),
+        Command::HoldRow { row: Some(row) } if usize::from(*row) >= ROWS => {
+            Err(Refusal::OutOfRange { low: 0, high: ROWS as u32 - 1 })
+        }
+        Command::HoldRow { row } => board.hold_row(*row).map(|()| {
+            instrument.set_row_held(row.is_some());
             Response::Done
         }),
         _ => return instrument.handle(request, board.store()),

@@ -180,6 +180,9 @@ macro_rules! status_bits {
                 NOISY 14 "noisy" Warning "A force sensor is noisy"
                     "a force sensor is about 1.5 times or more as noisy as when its bias was taken"
                     "check supply and wires; a motor nearby"
+                ROW_HELD 15 "row-held" Warning "A row is held on: no estimates"
+                    "one LED row is on in every step, for a test: all codes are read under it, and nothing is estimated"
+                    "it ends with the program that asked for it (`taxel record --hold-row`)"
             }
             estimators {
                 RAN_ARG_MIN 16 "ran-arg-min" true, "the arg-min contact point ran"

@@ -102,6 +102,12 @@ pub enum Command {
         /// quarter of the scans a second.
         hz: u16,
     },
+    /// 20: holds an LED row on in every step until the session ends, to test the wiring. Frames
+    /// then carry codes and no estimate.
+    HoldRow {
+        /// The row, 0 … 3; `None` scans again.
+        row: Option<u8>,
+    },
 }
 
 /// Message from finger to host.
@@ -189,7 +195,7 @@ pub enum Refusal {
     },
     /// 1: the finger moved while its bias was being taken; the old bias stays.
     NotStill,
-    /// 2: another bias or a self-test is in progress.
+    /// 2: another bias or a self-test is in progress, or a row is held on.
     Busy,
     /// 3: a calibration chunk where none was expected, or after a gap.
     OutOfOrder,

@@ -12,13 +12,14 @@ use crate::common::{calibration, identity, store, unloaded};
 use embassy_futures::block_on;
 use embassy_futures::select::{Either, select};
 use taxel::calibration::{CalibrationError, MAX_BYTES};
-use taxel::frame::{Fields, Frame};
+use taxel::frame::{Fields, Frame, Status};
 use taxel::instrument::Instrument;
-use taxel::scan::{Scan, ScanSetting, ScanSettings};
+use taxel::measured::NoValue;
+use taxel::scan::{Codes, Scan, ScanSetting, ScanSettings, TaxelCodes};
 use taxel::self_test::Channel;
 use taxel::session::{Board, Buffers, End, Pace, run_session};
 use taxel::store::{RamFlash, Store};
-use taxel::units::FullScale;
+use taxel::units::{Code, FullScale};
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{
     BoardHealth, CHUNK, Command, Info, Message, PROTOCOL, Refusal, Request, Reset, Response,
@@ -110,13 +111,17 @@ struct Scans {
     scans: VecDeque<Scan>,
     desk: Desk,
     store: Store<RamFlash<Vec<u8>>>,
+    held: Option<u8>,
 }
 
 impl Board for Scans {
     type Flash = RamFlash<Vec<u8>>;
 
     async fn scan(&mut self) -> Option<Scan> {
-        self.scans.pop_front()
+        let scan = self.scans.pop_front()?;
+        let Some((row, mut taxels)) = self.held.zip(scan.codes.taxels) else { return Some(scan) };
+        taxels.hold(row);
+        Some(Scan { codes: Codes { taxels: Some(taxels), ..scan.codes }, ..scan })
     }
 
     fn ticks(&self) -> u32 {
@@ -140,6 +145,14 @@ impl Board for Scans {
             return Err(Refusal::Scan { setting: ScanSetting::ScanHz, low: 1, high: 8000 });
         }
         Ok(FullScale::BITS_16)
+    }
+
+    fn hold_row(&mut self, row: Option<u8>) -> Result<(), Refusal> {
+        if self.desk == Desk::Bare {
+            return Err(Refusal::Unsupported);
+        }
+        self.held = row;
+        Ok(())
     }
 }
 
@@ -196,7 +209,7 @@ impl Host {
 
 fn scans(count: u64) -> Scans {
     let scans = (0..count).map(|i| unloaded(250 * i)).collect();
-    Scans { scans, desk: Desk::Bare, store: store() }
+    Scans { scans, desk: Desk::Bare, store: store(), held: None }
 }
 
 /// Runs `host` against a session, then closes the link; returns the instrument and the session's
@@ -332,6 +345,92 @@ fn bias_replies_when_done_and_rejects_a_second() {
     });
 }
 
+/// Scans of a board that can hold a row, each row with codes of its own.
+fn holdable() -> Scans {
+    let mut board = Scans { desk: Desk::WithBootloader, ..scans(1_000_000) };
+    for taxels in board.scans.iter_mut().filter_map(|scan| scan.codes.taxels.as_mut()) {
+        for (lit, offset) in taxels.lit.iter_mut().zip(0..) {
+            *lit = lit.map(|code| Code(code.0 + 100 * offset));
+        }
+    }
+    board
+}
+
+/// Receives `count` more frames.
+async fn stream(host: &mut Host, count: usize) -> Vec<Frame> {
+    host.frames.clear();
+    host.ask(Command::SetFields(Fields::ALL)).await.unwrap();
+    host.ask(Command::Stream(true)).await.unwrap();
+    while host.frames.len() < count {
+        let Some(Message::Frame(frame)) = host.message().await else { panic!() };
+        host.frames.push(frame);
+    }
+    host.ask(Command::Stream(false)).await.unwrap();
+    std::mem::take(&mut host.frames)
+}
+
+#[test]
+fn held_row_streams_its_codes_and_no_estimate() {
+    let mut instrument = fresh();
+    let mut record = [0; MAX_BYTES];
+    let record = calibration().to_bytes(&mut record).unwrap();
+    instrument.install(record, &mut store()).unwrap();
+    let lit = holdable().scans[0].codes.taxels.unwrap().lit;
+    run(instrument, holdable(), Pace::Live, 4096, async |host| {
+        let [first, ..] = stream(host, 1).await[..] else { panic!() };
+        assert_eq!(first.codes.unwrap().taxels.unwrap().lit, lit);
+        assert!(first.force.unwrap().z.is_ok() && !first.status.contains(Status::ROW_HELD));
+        host.ask(Command::HoldRow { row: Some(2) }).await.unwrap();
+        for frame in stream(host, 10).await {
+            let held = TaxelCodes { lit: [lit[2]; 4], dark: lit[2] };
+            assert_eq!(frame.codes.unwrap().taxels, Some(held));
+            assert_eq!(frame.status, Status::ROW_HELD);
+            let none = NoValue::NotEstimated;
+            let Frame { force, sensors, point, slip, torsion, .. } = frame;
+            let forces = sensors.unwrap().into_iter().chain(force);
+            assert!(forces.flat_map(|f| [f.x, f.y, f.z]).all(|component| component == Err(none)));
+            assert_eq!((point, slip, torsion), (Some(Err(none)), Some(Err(none)), Some(Err(none))));
+            assert_eq!((frame.contacts, frame.uncertainty), (Some(Err(none)), Some(Err(none))));
+            let signals = frame.signals.unwrap();
+            assert!(signals.taxels.is_none() && signals.bridges == [None; 4]);
+        }
+        host.ask(Command::HoldRow { row: None }).await.unwrap();
+        let [last, ..] = stream(host, 1).await[..] else { panic!() };
+        assert_eq!((last.codes, last.force, last.status), (first.codes, first.force, first.status));
+    });
+}
+
+#[test]
+fn held_row_ends_with_the_session() {
+    let (instrument, _) = run(fresh(), holdable(), Pace::Live, 4096, async |host| {
+        host.ask(Command::HoldRow { row: Some(0) }).await.unwrap();
+        assert!(stream(host, 1).await[0].status.contains(Status::ROW_HELD));
+    });
+    assert!(!instrument.row_held());
+    run(instrument, holdable(), Pace::Live, 4096, async |host| {
+        assert!(!stream(host, 1).await[0].status.contains(Status::ROW_HELD));
+    });
+}
+
+#[test]
+fn held_row_excludes_bias_and_self_test() {
+    run(fresh(), holdable(), Pace::Live, 4096, async |host| {
+        let refused = host.ask(Command::HoldRow { row: Some(4) }).await;
+        assert_eq!(refused, Err(Refusal::OutOfRange { low: 0, high: 3 }));
+        host.ask(Command::HoldRow { row: Some(3) }).await.unwrap();
+        for command in [Command::TakeBias { scans: 10 }, Command::SelfTest { scans: 10 }] {
+            assert_eq!(host.ask(command).await, Err(Refusal::Busy));
+        }
+        host.ask(Command::HoldRow { row: None }).await.unwrap();
+        host.send(Command::SelfTest { scans: 4000 }).await;
+        assert_eq!(host.ask(Command::HoldRow { row: Some(3) }).await, Err(Refusal::Busy));
+    });
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        let refused = host.ask(Command::HoldRow { row: Some(1) }).await;
+        assert_eq!(refused, Err(Refusal::Unsupported));
+    });
+}
+
 #[test]
 fn self_test_reports_channels_and_record() {
     run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
@@ -386,7 +485,7 @@ fn bias_taken_in_contact_is_reported() {
     let mut instrument = fresh();
     let mut buffer = [0; MAX_BYTES];
     let scans = (0..100_000).map(|i| common::pressed(250 * i, 5, 3_000)).collect();
-    let mut board = Scans { scans, desk: Desk::Bare, store: store() };
+    let mut board = Scans { scans, desk: Desk::Bare, store: store(), held: None };
     instrument.install(calibration().to_bytes(&mut buffer).unwrap(), board.store()).unwrap();
     run(instrument, board, Pace::Live, 4096, async |host| {
         let taken = host.ask(Command::TakeBias { scans: 50 }).await;

@@ -91,6 +91,8 @@ fn requests_have_their_bytes() {
             "07 12 a0 1f 08 84 cf 01",
         ),
         (Command::SetFilter { hz: 150 }, "07 13 96 01"),
+        (Command::HoldRow { row: None }, "07 14 00"),
+        (Command::HoldRow { row: Some(3) }, "07 14 01 03"),
     ];
     for (command, expected) in bytes {
         assert_eq!(body(&Request { tag: 7, command: command.clone() }), expected, "{command:?}");

@@ -153,6 +153,9 @@ pub trait Chip {
     /// # Errors
     /// The setting that is out of range; the scan continues unchanged.
     fn set_scan(&self, settings: &ScanSettings) -> Result<FullScale, Refusal>;
+
+    /// Holds an LED row on in every step, or scans again.
+    fn hold_row(&self, row: Option<u8>);
 }
 
 /// Session side of the queue, which is the session's board.
@@ -242,5 +245,11 @@ impl<C: Chip, F: Flash> Board for Scanner<C, F> {
         let full_scale = self.chip.set_scan(settings)?;
         self.frames.forget();
         Ok(full_scale)
+    }
+
+    fn hold_row(&mut self, row: Option<u8>) -> Result<(), Refusal> {
+        self.chip.hold_row(row);
+        self.frames.forget();
+        Ok(())
     }
 }

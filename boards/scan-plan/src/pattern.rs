@@ -10,6 +10,14 @@ use crate::STEPS;
 /// that a step does not depend on the one before it.
 #[must_use]
 pub const fn words(rows: [u8; 4], select: [u8; 2]) -> [u32; STEPS as usize] {
+    holding(rows, select, None)
+}
+
+/// As [`words`], but row `held`, if any, is on in every step and the others in none.
+///
+/// Its LEDs are on all the time. The multiplexer turns as ever.
+#[must_use]
+pub const fn holding(rows: [u8; 4], select: [u8; 2], held: Option<u8>) -> [u32; STEPS as usize] {
     let mut words = [0; STEPS as usize];
     let mut step = 0;
     while step < words.len() {
@@ -17,7 +25,11 @@ pub const fn words(rows: [u8; 4], select: [u8; 2]) -> [u32; STEPS as usize] {
         let mut word = 0;
         let mut row = 0;
         while row < rows.len() {
-            word |= bit(rows[row], step == row + 1);
+            let on = match held {
+                Some(held) => held as usize == row,
+                None => step == row + 1,
+            };
+            word |= bit(rows[row], on);
             row += 1;
         }
         let mut line = 0;

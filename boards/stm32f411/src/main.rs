@@ -128,6 +128,10 @@ impl Chip for Registers {
     fn set_scan(&self, wish: &ScanSettings) -> Result<FullScale, Refusal> {
         scan::set(*wish)
     }
+
+    fn hold_row(&self, row: Option<u8>) {
+        scan::hold_row(row);
+    }
 }
 
 #[embassy_executor::task]

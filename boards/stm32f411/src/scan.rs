@@ -77,6 +77,19 @@ pub fn set(wish: ScanSettings) -> Result<FullScale, Refusal> {
     Ok(FullScale::BITS_12)
 }
 
+/// Holds a row on in every step, or scans again; the frame in progress counts as lost.
+pub fn hold_row(row: Option<u8>) {
+    cortex_m::interrupt::free(|_| {
+        let running = TIM1.cr1().read().cen();
+        halt();
+        // SAFETY: the timer that makes the DMA read them stands still, and nothing interrupts.
+        unsafe { *BUFFERS.patterns.get() = pattern::holding(F411_ROWS, F411_SELECT, row) };
+        if running {
+            run(&present_plan());
+        }
+    });
+}
+
 /// Plan of the present settings, which were accepted before.
 fn present_plan() -> Plan {
     plan(settings()).unwrap_or(PLAN)
@@ -95,7 +108,7 @@ struct Buffers {
     readings: UnsafeCell<[[u16; READINGS]; 2]>,
 }
 
-// SAFETY: the patterns never change; the readings are written by the DMA alone, and copied in the
+// SAFETY: the patterns change only while the scan is stopped; the readings are written by the DMA alone, and copied in the
 // one interrupt, between fences.
 unsafe impl Sync for Buffers {}
 

@@ -81,6 +81,19 @@ pub fn set(wish: ScanSettings) -> Result<FullScale, Refusal> {
     Ok(full_scale())
 }
 
+/// Holds a row on in every step, or scans again; the frame in progress counts as lost.
+pub fn hold_row(row: Option<u8>) {
+    cortex_m::interrupt::free(|_| {
+        let running = TIM1.cr1().read().cen();
+        halt();
+        // SAFETY: the timer that makes the DMA read them stands still, and nothing interrupts.
+        unsafe { *BUFFERS.patterns.get() = pattern::holding(G431_ROWS, G431_SELECT, row) };
+        if running {
+            run(&present_plan());
+        }
+    });
+}
+
 fn full_scale() -> FullScale {
     FullScale::new(FULL_SCALE.load(Ordering::Relaxed)).unwrap_or(FullScale::BITS_12)
 }
@@ -110,7 +123,7 @@ struct Buffers {
     bridges: UnsafeCell<[[u16; BRIDGE_READINGS]; 2]>,
 }
 
-// SAFETY: the patterns never change; the readings are written by the DMA alone, and copied in the
+// SAFETY: the patterns change only while the scan is stopped; the readings are written by the DMA alone, and copied in the
 // one interrupt, between fences.
 unsafe impl Sync for Buffers {}
 

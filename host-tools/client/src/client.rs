@@ -317,6 +317,14 @@ impl Client {
         }
     }
 
+    /// Holds an LED row, 0 … 3, on in every step until this connection ends; `None` scans again.
+    ///
+    /// # Errors
+    /// As [`Self::info`]; refused by a board that cannot, and while a bias is taken.
+    pub fn hold_row(&self, row: Option<u8>) -> Result<(), LinkError> {
+        self.done("hold row", Command::HoldRow { row })
+    }
+
     fn bias(&self, response: &Response) -> Result<ActiveBias, LinkError> {
         match *response {
             Response::Bias { bias, on_command, in_contact } => {

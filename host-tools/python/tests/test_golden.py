@@ -41,6 +41,8 @@ def test_version_query_is_frozen():
         (Command.set_point_method(PointMethod.ARG_MIN), "07 05 01"),
         (Command.set_point_method(PointMethod.MODEL), "07 05 02"),
         (Command.set_filter(150), "07 13 96 01"),
+        (Command.hold_row(None), "07 14 00"),
+        (Command.hold_row(3), "07 14 01 03"),
         (Command.take_bias(500), "07 06 f4 03"),
         (Command.READ_BIAS, "07 07"),
         (Command.CLEAR_BIAS, "07 08"),

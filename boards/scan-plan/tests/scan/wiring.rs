@@ -27,6 +27,26 @@ fn each_step_lights_its_row_alone_and_selects_its_sensor() {
 }
 
 #[test]
+fn held_row_is_lit_alone_in_each_step() {
+    for (rows, select) in [(G431_ROWS, G431_SELECT), (F411_ROWS, F411_SELECT)] {
+        let scanned = pattern::words(rows, select);
+        for held in 0..4u8 {
+            let words = pattern::holding(rows, select, Some(held));
+            for (word, scanned) in words.into_iter().zip(scanned) {
+                for (row, pin) in (0..).zip(rows) {
+                    let switched = word & (1 << pin | 1 << (pin + 16));
+                    assert_eq!(switched, 1 << (pin + if row == held { 0 } else { 16 }));
+                }
+                // The multiplexer turns as in a scan.
+                let [a, b] = select.map(|line| 1 << line | 1u32 << (line + 16));
+                assert_eq!(word & (a | b), scanned & (a | b));
+            }
+        }
+        assert_eq!(pattern::holding(rows, select, None), scanned);
+    }
+}
+
+#[test]
 fn pins_are_unique_and_rows_are_outputs() {
     for (pins, rows, select) in
         [(&G431[..], G431_ROWS, G431_SELECT), (&F411[..], F411_ROWS, F411_SELECT)]

@@ -45,6 +45,10 @@ pub struct Args {
     /// Frames a second [default: as the finger is set].
     #[arg(long, value_name = "HZ")]
     rate: Option<u16>,
+    /// Hold an LED row on in every step, to test the wiring: codes are those of this row, and there
+    /// are no estimates. Ends with the recording.
+    #[arg(long, value_name = "ROW", value_parser = clap::value_parser!(u8).range(0..4))]
+    hold_row: Option<u8>,
     /// Serve the live page at this address during the recording; prints its URL.
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     page: Option<String>,
@@ -57,7 +61,8 @@ const EXAMPLES: &str = "\
 Examples:
   taxel record --port /dev/ttyACM0 --fields all --out press.mcap
   taxel record --port sim:tour --duration 5 --out frames.csv --out frames.parquet
-  taxel record --port usb --rate 4000 --fields all --out grasp.mcap --page 127.0.0.1:8173";
+  taxel record --port usb --rate 4000 --fields all --out grasp.mcap --page 127.0.0.1:8173
+  taxel record --port usb --hold-row 2 --fields codes --duration 60 --out row2.csv";
 
 /// Runs the command.
 ///
@@ -74,6 +79,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     if let Some(fields) = args.fields {
         client.set_fields(fields)?;
+    }
+    if args.hold_row.is_some() {
+        client.hold_row(args.hold_row)?;
     }
     let steady = Arc::new(ReconnectingClient::of(Arc::clone(&client)));
     // The page adds the taxels to the fields, so that the files have them as well.
@@ -100,11 +108,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             if other != serial {
                 bail!("{}: another finger, {other}, instead of {serial}", client.port());
             }
+            if args.hold_row.is_some() {
+                client.hold_row(args.hold_row)?;
+            }
             files.reconnected();
             page.iter().for_each(|(_, tap)| tap.again(client));
             Ok(())
         }
     });
+    if args.hold_row.is_some() {
+        // A link without an end, such as a UART's, would leave the row on. One that broke has ended.
+        let _ = steady.client().map(|client| client.hold_row(None));
+    }
     let finished = waiting(format!("writing {names}"), || files.finish());
     let recorded = recorded?;
     finished?;

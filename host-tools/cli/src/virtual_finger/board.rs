@@ -11,7 +11,7 @@ use std::time::Duration;
 use taxel::scan::Scan;
 use taxel::session::Board;
 use taxel::store::{RamFlash, Store, StoredBias};
-use taxel::wire::message::Identity;
+use taxel::wire::message::{Identity, Refusal};
 use taxel_files::trace::Sample;
 use tokio::time::{Instant, sleep, sleep_until};
 
@@ -43,6 +43,7 @@ pub(super) struct PacedBoard {
     ending: Ending,
     epoch: std::time::Instant,
     store: Store<RamFlash<Vec<u8>>>,
+    held: Option<u8>,
 }
 
 impl PacedBoard {
@@ -64,6 +65,7 @@ impl PacedBoard {
             ending,
             epoch,
             store: Store::new(RamFlash::new(vec![0; RamFlash::SIZE])),
+            held: None,
         })
     }
 
@@ -132,6 +134,9 @@ impl Board for PacedBoard {
         }
         let Sample { mut scan, truth } = self.next.take()?;
         scan.lost += std::mem::take(&mut self.lost);
+        if let (Some(row), Some(taxels)) = (self.held, &mut scan.codes.taxels) {
+            taxels.hold(row);
+        }
         self.truth.push(scan.time, truth);
         Some(scan)
     }
@@ -143,6 +148,11 @@ impl Board for PacedBoard {
 
     fn store(&mut self) -> &mut Store<Self::Flash> {
         &mut self.store
+    }
+
+    fn hold_row(&mut self, row: Option<u8>) -> Result<(), Refusal> {
+        self.held = row;
+        Ok(())
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::fingers::*;
 use taxel::calibration::CalibrationError;
 use taxel::estimate::contact_point::PointMethod;
-use taxel::frame::Fields;
+use taxel::frame::{Fields, Status};
 use taxel::wire::message::{PROTOCOL, Refusal};
 use taxel_cli::VirtualFinger;
 use taxel_cli::finger::connect as connect_port;
@@ -66,6 +66,33 @@ fn frames_carry_requested_fields() {
         client.stream(true).unwrap();
         let last = frames(&client, 1000).pop().unwrap().frame;
         assert!(last.codes.is_none() && last.force.is_some() && last.point.is_some());
+    }
+}
+
+#[test]
+fn held_row_is_read_in_every_step_until_released() {
+    for finger in on_every_link() {
+        let client = connect(&finger);
+        client.set_fields(Fields::CODES | Fields::FORCE).unwrap();
+        client.hold_row(Some(2)).unwrap();
+        client.stream(true).unwrap();
+        let held = frames(&client, 1)[0].frame;
+        assert_eq!(held.status, Status::ROW_HELD);
+        let taxels = held.codes.unwrap().taxels.unwrap();
+        assert_eq!((taxels.lit, taxels.dark), ([taxels.lit[2]; 4], taxels.lit[2]));
+        // A pseudo-terminal does not tell the finger that its host has left; TCP does.
+        let client = if matches!(finger.port(), Port::Tcp { .. }) {
+            drop(client);
+            connect(&finger)
+        } else {
+            client.hold_row(None).unwrap();
+            client
+        };
+        client.stream(true).unwrap();
+        let scanned = frames(&client, 1000).pop().unwrap().frame;
+        assert!(!scanned.status.contains(Status::ROW_HELD));
+        assert_ne!(scanned.codes.unwrap().taxels.unwrap().dark, taxels.dark);
+        assert_eq!(refusal(client.hold_row(Some(4))), Refusal::OutOfRange { low: 0, high: 3 });
     }
 }
 

@@ -5,6 +5,7 @@ use std::process::Command as Process;
 use taxel::calibration::MAX_BYTES;
 use taxel::finger::Finger;
 use taxel::frame::{Fields, Status};
+use taxel::measured::NoValue;
 use taxel::scan::Scan;
 use taxel::units::Micros;
 use taxel::wire::message::{Command, Reset, Response};
@@ -12,6 +13,7 @@ use taxel::wire::message::{Command, Reset, Response};
 use taxel_emulator::board::capture::pcap;
 use taxel_emulator::board::chip::Cause;
 use taxel_emulator::board::cpu::End;
+use taxel_emulator::board::finger::Moment;
 use taxel_emulator::board::model::Model;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::micros;
@@ -249,6 +251,57 @@ fn self_test_measures_the_pins(model: Model) {
     }
 }
 
+fn held_row_stays_lit_until_the_port_closes(model: Model) {
+    let still = scene()[..1].to_vec();
+    let lit = still[0].taxels.unwrap().lit;
+    let mut session = Session::open(board(model, still, false)).unwrap();
+    session.ask(Command::SetFields(Fields::CODES | Fields::FORCE)).unwrap();
+    session.ask(Command::Stream(true)).unwrap();
+    for row in [1, 3] {
+        assert_eq!(session.ask(Command::HoldRow { row: Some(row) }).unwrap(), Response::Done);
+        session.frames.clear();
+        session.board.finger().timing = Some(Vec::new());
+        session.run(micros(100_000)).unwrap();
+        let timing = session.board.finger().timing.take().unwrap();
+        let patterns: Vec<_> = timing
+            .iter()
+            .filter_map(|(_, moment)| match moment {
+                Moment::Pattern(rows, sensor) => Some((*rows, *sensor)),
+                _ => None,
+            })
+            .collect();
+        // 400 frames of five steps: the row's pin is high in all, and the multiplexer turns.
+        assert!(patterns.len() > 1_990, "{} patterns", patterns.len());
+        assert!(patterns.iter().all(|(rows, _)| *rows == 1 << row));
+        assert!((0..4).all(|sensor| patterns.iter().any(|(_, connected)| *connected == sensor)));
+        assert!(session.frames.len() > 90, "{} frames", session.frames.len());
+        let expected = lit[usize::from(row)].map(|code| i32::from(code.0));
+        for (_, frame) in &session.frames {
+            assert_eq!(frame.status & Status::ROW_HELD, Status::ROW_HELD);
+            assert_eq!(frame.force.unwrap().z, Err(NoValue::NotEstimated));
+            let codes = frame.codes.unwrap();
+            let samples = i32::from(codes.full_scale.top().0) / 4095;
+            let taxels = codes.taxels.unwrap();
+            for read in taxels.lit.into_iter().chain([taxels.dark]) {
+                let read = read.map(|code| i32::from(code.0));
+                let off = read.iter().zip(expected).map(|(r, e)| (r - e * samples).abs());
+                assert!(off.max() <= Some(samples), "{read:?}, expected {expected:?}");
+            }
+        }
+    }
+    session.board.host().open(false);
+    session.run(micros(20_000)).unwrap();
+    session.board.finger().timing = Some(Vec::new());
+    session.run(micros(10_000)).unwrap();
+    let timing = session.board.finger().timing.take().unwrap();
+    assert!(timing.iter().any(|(_, moment)| matches!(moment, Moment::Pattern(0, _))));
+    assert!(
+        timing.iter().all(
+            |(_, moment)| !matches!(moment, Moment::Pattern(rows, _) if rows.count_ones() > 1)
+        )
+    );
+}
+
 fn bootloader_starts_after_its_answer(model: Model) {
     let mut session = session(model, false);
     assert_eq!(session.ask(Command::Bootloader).unwrap(), Response::Done);
@@ -444,6 +497,7 @@ on_both! {
     suspended_bus_stops_the_scan_until_wake
     halted_endpoint_resumes_when_cleared
     self_test_measures_the_pins
+    held_row_stays_lit_until_the_port_closes
     bootloader_starts_after_its_answer
     program_starts_anew_after_leaving_the_bootloader
     flash_is_accelerated_where_it_has_wait_states

@@ -164,6 +164,13 @@ class Finger:
         """Sets the corner in Hz of the second-order low-pass on the signals; 0 turns it off."""
         self._expect(Done, Command.set_filter(hz))
 
+    def hold_row(self, row: int | None) -> None:
+        """Holds an LED row (0 … 3) on in every step, to test the wiring; ``None`` scans again.
+
+        Frames then carry codes and no estimate. It ends with the connection.
+        """
+        self._expect(Done, Command.hold_row(row))
+
     def set_fields(self, fields: Fields) -> None:
         """Selects the fields of the frames."""
         self._expect(Done, Command.set_fields(fields))

@@ -40,6 +40,7 @@ class Status(IntFlag):
     SLIDES = 1 << 12
     TEMPERATURE = 1 << 13
     NOISY = 1 << 14
+    ROW_HELD = 1 << 15
     RAN_ARG_MIN = 1 << 16
     RAN_CENTROID = 1 << 17
     RAN_NET = 1 << 18
@@ -644,6 +645,10 @@ class Command:
     @staticmethod
     def set_filter(hz: int) -> bytes:
         return bytes([19]) + _u16(hz)
+
+    @staticmethod
+    def hold_row(row: int | None) -> bytes:
+        return bytes([20, 0]) if row is None else bytes([20, 1, row])
 
 
 def request(tag: int, command: bytes) -> bytes:
