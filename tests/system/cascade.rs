@@ -143,7 +143,8 @@ fn slip_does_not_depend_on_stream_rate() {
         let frames = estimates_of(record(), 1.4, &press, wanted);
         frames[1100].1.slip.unwrap()
     };
-    let [often, seldom] = [1, 100].map(learned);
+    // The second stream has its only frame of this contact at the end.
+    let [often, seldom] = [1, 1100].map(learned);
     assert!((often.friction / seldom.friction - 1.0).abs() < 0.05, "{often:?} {seldom:?}");
     assert!((often.margin - seldom.margin).abs() < 0.03, "{often:?} {seldom:?}");
 }
