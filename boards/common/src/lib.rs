@@ -14,5 +14,6 @@ pub mod link;
 pub mod scanner;
 pub mod stack;
 pub mod status;
+#[cfg(feature = "tim2")]
 pub mod time;
 pub mod usb;

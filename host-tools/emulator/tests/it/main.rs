@@ -9,4 +9,5 @@ mod g431;
 mod kinds;
 mod load;
 mod page;
+mod starter;
 mod support;

@@ -39,7 +39,11 @@ pub fn tim1(model: Model) -> u32 {
 
 /// Image that is flashed, from `cargo xtask firmware`.
 pub fn image(model: Model) -> Vec<u8> {
-    let name = name(model);
+    firmware(name(model))
+}
+
+/// Image of a board by its name in `boards/`.
+pub fn firmware(name: &str) -> Vec<u8> {
     let path = repository().join("boards/target/firmware").join(name).with_extension("elf");
     std::fs::read(&path).unwrap_or_else(|error| {
         panic!("{}: {error}; build it with `cargo xtask firmware {name}`", path.display())

@@ -1,9 +1,9 @@
 //! ADC of the STM32F411 (RM0383 §11).
 //!
-//! Timers start its regular and its injected sequence. The injected one may take one conversion per
-//! trigger (JDISCEN). The ADC's clock is PCLK2/4, synchronous with the timers. A sample is the
-//! voltage at the end of its sampling time. Noise and settling of the sampling capacitor are not
-//! modelled.
+//! Timers or the program (SWSTART) start its regular sequence, timers its injected one. The injected
+//! one may take one conversion per trigger (JDISCEN), and the regular one has a single conversion
+//! without DMA. The ADC's clock is PCLK2/4, synchronous with the timers. A sample is the voltage at
+//! the end of its sampling time. Noise and settling of the sampling capacitor are not modelled.
 
 use crate::board::time::{Tick, micros};
 use crate::board::{Outcome, UNMODELLED};
@@ -30,8 +30,9 @@ const FLAGS: u32 = 0x3f;
 
 /// Modelled bits of CR1: SCAN, JDISCEN, and the enables of EOC, JEOC and OVR.
 const CR1_MODELLED: u32 = 1 << 26 | 1 << 12 | 1 << 8 | 1 << 7 | 1 << 5;
-/// Modelled bits of CR2: ADON, DMA, DDS, and the triggers of both groups.
-const CR2_MODELLED: u32 = 0x3f << 24 | 0x3f << 16 | 1 << 9 | 1 << 8 | 1;
+/// Modelled bits of CR2: ADON, DMA, DDS, SWSTART, and the triggers of both groups.
+const CR2_MODELLED: u32 = 0x7f << 24 | 0x3f << 16 | 1 << 9 | 1 << 8 | 1;
+const SWSTART: u32 = 1 << 30;
 
 /// Modelled triggers with their EXTSEL and JEXTSEL (§11.12.3).
 const REGULAR: [(&str, u32); 3] = [("TIM1_CC1", 0), ("TIM1_CC2", 1), ("TIM1_CC3", 2)];
@@ -154,11 +155,21 @@ impl Adc {
                 Group::Injected if self.cr1 >> 12 & 1 == 1 => self.turn,
                 _ => 0,
             };
-            self.sr |= if group == Group::Regular { STRT } else { JSTRT };
-            self.begin(group, index, now + LATENCY_CYCLES * self.cycle);
+            self.start(group, index, now)?;
             return Ok(true);
         }
         Ok(false)
+    }
+
+    /// Starts a group at the conversion with this index.
+    fn start(&mut self, group: Group, index: usize, now: Tick) -> Outcome {
+        // Without DMA only EOC at the end of the sequence would exist.
+        if group == Group::Regular && self.cr2 >> 8 & 3 != 3 && self.length(group) > 1 {
+            return Err("a sequence without DMA and DDS, which is not modelled".into());
+        }
+        self.sr |= if group == Group::Regular { STRT } else { JSTRT };
+        self.begin(group, index, now + LATENCY_CYCLES * self.cycle);
+        Ok(())
     }
 
     /// Input that is sampled at `now`, if any.
@@ -234,10 +245,6 @@ impl Adc {
             CR1 if value & !CR1_MODELLED != 0 => return Err(UNMODELLED.into()),
             CR1 => self.cr1 = value,
             CR2 if value & !CR2_MODELLED != 0 => return Err(UNMODELLED.into()),
-            // Without DMA only EOC at the end of the sequence would exist.
-            CR2 if value & 1 == 1 && value >> 8 & 3 != 3 => {
-                return Err("ADON without DMA and DDS, which is not modelled".into());
-            }
             CR2 => {
                 if self.cr2 & 1 == 0 && value & 1 == 1 {
                     (self.stable, self.cycle) = (now + STABILISATION, cycle);
@@ -245,7 +252,17 @@ impl Adc {
                 if value & 1 == 0 {
                     (self.run, self.turn) = (None, 0);
                 }
-                self.cr2 = value;
+                // The chip clears SWSTART when the conversion starts.
+                self.cr2 = value & !SWSTART;
+                if value & SWSTART != 0 {
+                    if value & 1 == 0 || now < self.stable {
+                        return Err("SWSTART before the ADC is stable".into());
+                    }
+                    if self.run.is_some() {
+                        return Err("SWSTART during a conversion".into());
+                    }
+                    self.start(Group::Regular, 0, now)?;
+                }
             }
             SMPR1 | SMPR2 => self.smpr[(offset - SMPR1) as usize / 4] = value,
             SQR1..=SQR3 => self.sqr[(offset - SQR1) as usize / 4] = value,
