@@ -154,12 +154,14 @@ pub async fn run_session<R: Read, W: Write>(
     *pipe = Bytes::new();
     let done = Signal::<NoopRawMutex, ()>::new();
     let mut transmit = pin!(transmit(&mut tx, pipe, chunk, &done));
+    // The last session may have been dropped.
+    release_row(board, instrument);
     let first = select(converse(rx, board, instrument, pipe, pace), transmit.as_mut()).await;
+    release_row(board, instrument);
     let ended = match first {
         Either::First(ended) => ended.map_err(SessionError::Read)?,
         // The writer returns by itself only when the link fails.
         Either::Second(stopped) => {
-            release_row(board, instrument);
             return stopped.map(|()| End::Closed).map_err(SessionError::Write);
         }
     };
@@ -189,22 +191,8 @@ async fn transmit<W: Write>(
     }
 }
 
-/// Takes scans and requests in turn until the scans end or the host closes the link.
-async fn converse<R: Read>(
-    rx: R,
-    board: &mut impl Board,
-    instrument: &mut Instrument,
-    pipe: &Bytes,
-    pace: Pace,
-) -> Result<End, R::Error> {
-    // The last session may have been dropped.
-    release_row(board, instrument);
-    let ended = take_turns(rx, board, instrument, pipe, pace).await;
-    release_row(board, instrument);
-    ended
-}
-
 /// Ends the holding of a row, so that no LED stays on without the host that asked for it.
+#[inline(never)]
 fn release_row(board: &mut impl Board, instrument: &mut Instrument) {
     if instrument.row_held() {
         // A board that could hold a row can let it go.
@@ -213,7 +201,7 @@ fn release_row(board: &mut impl Board, instrument: &mut Instrument) {
     }
 }
 
-async fn take_turns<R: Read>(
+async fn converse<R: Read>(
     mut rx: R,
     board: &mut impl Board,
     instrument: &mut Instrument,
