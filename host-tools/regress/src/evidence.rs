@@ -66,12 +66,11 @@ pub fn fit(recordings: &[Recorded]) -> Option<Line> {
         );
     let mut line =
         Line { weights: DMatrix::zeros(outputs, inputs), held_out: Vec::new(), effective: 0.0 };
-    for k in 0..outputs {
+    for (k, mut weights) in line.weights.row_iter_mut().enumerate() {
         let target = DVector::from_fn(x.len(), |i, _| y[i][k]);
         let fit = one(&scaled, &target, &stretch)?;
-        for j in 0..inputs {
-            let weight = if scale[j] > 0.0 { fit.weights[j] / scale[j] } else { 0.0 };
-            line.weights[(k, j)] = weight;
+        for ((weight, fitted), scale) in weights.iter_mut().zip(&fit.weights).zip(&scale) {
+            *weight = if *scale > 0.0 { fitted / scale } else { 0.0 };
         }
         line.held_out.push(fit.held_out);
         line.effective += fit.effective;
@@ -182,7 +181,7 @@ mod tests {
             let mut row = vec![load, load * (0.7 * t).cos(), load * (1.3 * t).sin()];
             let mut of = |w: [f64; 3]| {
                 let sum: f64 = row.iter().zip(w).map(|(x, w)| x * w).sum();
-                let wrong = wild > 0 && i as usize % wild == 0;
+                let wrong = wild > 0 && (i as usize).is_multiple_of(wild);
                 let error = noise * 3f64.sqrt() * rng.random_range(-1.0..1.0);
                 sum + error + if wrong { 5.0 } else { 0.0 }
             };

@@ -86,10 +86,10 @@ pub(super) fn channels(
         let known = array.iter().filter(|name| !name.contains(" 3x")).cloned().collect();
         list.push(Channel::new("torsion_nmm", known, "it needs contact points and an array"));
     }
-    for i in 0..SENSORS {
+    for (i, reason) in reasons.iter().enumerate() {
         if has(&|s| s.truth.sensors[i].iter().any(Option::is_some)) {
             let columns = format!("s{i}_fx_n, s{i}_fy_n, s{i}_fz_n");
-            let why = reasons[i].as_deref().unwrap_or("its matrix S was not fitted");
+            let why = reason.as_deref().unwrap_or("its matrix S was not fitted");
             list.push(Channel::new(&columns, part(&format!("s{i}")), why));
         }
     }
