@@ -184,7 +184,13 @@ impl Serialize for QuantisedNet {
 
 /// Net of a record, in f32 or in 16 bits.
 #[derive(Clone, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "a record has room for the larger; there is no heap")]
+#[cfg_attr(
+    feature = "quantised",
+    expect(
+        clippy::large_enum_variant,
+        reason = "a record has room for the larger; there is no heap"
+    )
+)]
 pub enum Net {
     /// Net in f32.
     Float(ForceNet),
