@@ -15,6 +15,7 @@ use crate::prepared::Prepared;
 use crate::recording::Recording;
 use taxel_regress::error::FitError;
 use taxel_regress::evidence;
+use taxel_regress::outliers::Outliers;
 use taxel_regress::range::trained_range;
 use taxel_regress::shear::NO_SHEAR;
 use taxel_regress::training::Recorded;
@@ -173,7 +174,11 @@ fn least_squares(rows: &[Vec<Row>], live: [bool; SENSORS]) -> Option<(WrenchMatr
         }
         residual.extend(line.held_out);
     };
-    put(0, evidence::fit(&recorded(&|row| Some(row.force)))?);
+    let mut forces = recorded(&|row| Some(row.force));
+    // The net's fit names the wrong rows.
+    let names = vec![String::new(); forces.len()];
+    Outliers::find(&forces, &names, None).ok()?.remove_from(&mut forces);
+    put(0, evidence::fit(&forces)?);
     let pointed = rows.iter().flatten().filter(|row| row.moment.is_some()).count();
     if pointed >= LEAST_ROWS
         && let Some(moment) = evidence::fit(&recorded(&|row| row.moment))
