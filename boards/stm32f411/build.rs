@@ -11,6 +11,5 @@ fn main() {
     println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
     // lld pads segments to 64 KB pages by default; bare metal has no pages.
     println!("cargo:rustc-link-arg-bins=--nmagic");
-    println!("cargo:rerun-if-changed=memory.x");
-    println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rerun-if-changed={here}");
 }

@@ -108,8 +108,8 @@ struct Buffers {
     readings: UnsafeCell<[[u16; READINGS]; 2]>,
 }
 
-// SAFETY: the patterns change only while the scan is stopped; the readings are written by the DMA alone, and copied in the
-// one interrupt, between fences.
+// SAFETY: the patterns change only while the scan is stopped. The readings are written by the DMA
+// alone, and copied in the one interrupt, between fences.
 unsafe impl Sync for Buffers {}
 
 static BUFFERS: Buffers = Buffers {

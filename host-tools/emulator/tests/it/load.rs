@@ -124,12 +124,12 @@ fn holds(model: Model, scan: Option<ScanSettings>, hz: u16, most: f64, scenes: u
 }
 
 #[test]
-fn g431_streams_4_khz_without_contact_in_half_of_its_time() {
+fn g431_streams_untouched_at_4_khz_in_half_of_its_time() {
     holds(G431, None, 4000, 0.5, 1);
 }
 
 #[test]
-fn g431_scans_at_8_khz_without_contact_in_four_fifths_of_its_time() {
+fn g431_scans_untouched_at_8_khz_in_four_fifths_of_its_time() {
     holds(G431, Some(EIGHT_KHZ), 4000, 0.8, 1);
 }
 
