@@ -182,7 +182,7 @@ macro_rules! status_bits {
                     "check supply and wires; a motor nearby"
                 ROW_HELD 15 "row-held" Warning "A row is held on: no estimates"
                     "one LED row is on in every step, for a test: all codes are read under it, and nothing is estimated"
-                    "it ends with the program that asked for it (`taxel record --hold-row`)"
+                    "it ends with the program that asked for it (`taxel record --hold-row 0 --out row.csv`)"
             }
             estimators {
                 RAN_ARG_MIN 16 "ran-arg-min" true, "the arg-min contact point ran"

@@ -16,6 +16,6 @@ export const FLAGS = {
   "slides": ["bad", "It slides", "Grip harder, or let go."],
   "temperature": ["warn", "Warmer or colder than was calibrated", "Record the finger at rest while it warms (scene warm-up) and add that to calibrate fit."],
   "noisy": ["warn", "A force sensor is noisy", "Check supply and wires; a motor nearby."],
-  "row-held": ["warn", "A row is held on: no estimates", "It ends with the program that asked for it (taxel record --hold-row)."],
+  "row-held": ["warn", "A row is held on: no estimates", "It ends with the program that asked for it (taxel record --hold-row 0 --out row.csv)."],
   // schema: end
 };
