@@ -49,8 +49,13 @@ pub fn waiting<T>(what: String, work: impl FnOnce() -> T) -> T {
 
 /// Checks before the work that `out` can be written and is none of `inputs`.
 ///
-/// `out` is one of `inputs`, under any name, or its folder is missing or write-protected.
-pub fn keep<'p>(inputs: impl IntoIterator<Item = &'p Path>, out: &Path) -> anyhow::Result<()> {
+/// `out` exists and is not to be overwritten, it is one of `inputs`, under any name, or its folder
+/// is missing or write-protected.
+pub fn keep<'p>(
+    inputs: impl IntoIterator<Item = &'p Path>,
+    out: &Path,
+    overwrite: Overwrite,
+) -> anyhow::Result<()> {
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder {
         anyhow::ensure!(
@@ -80,14 +85,20 @@ pub fn keep<'p>(inputs: impl IntoIterator<Item = &'p Path>, out: &Path) -> anyho
         out.display()
     );
     let same = inputs.into_iter().find(|input| input.canonicalize().is_ok_and(|i| i == target));
-    match same {
-        None => Ok(()),
-        Some(input) => anyhow::bail!(
+    if let Some(input) = same {
+        anyhow::bail!(
             "{}: --out would overwrite what is read from ({}); choose another name",
             out.display(),
             input.display()
-        ),
+        );
     }
+    // A device, such as /dev/null, is no file that could be lost.
+    anyhow::ensure!(
+        overwrite.force || !target.is_file(),
+        "{}: the file exists already; choose another name, or add --force to overwrite it",
+        out.display()
+    );
+    Ok(())
 }
 
 /// Checks that output files are different.

@@ -25,6 +25,13 @@ impl FileError {
         }
     }
 
+    /// Replaces the path, such as that of a temporary file.
+    #[must_use]
+    pub(crate) fn at(mut self, path: &Path) -> Self {
+        path.clone_into(&mut self.path);
+        self
+    }
+
     /// Adds the line of the file, counted from 1.
     #[must_use]
     pub fn line(mut self, line: u64) -> Self {

@@ -16,4 +16,4 @@ pub mod table;
 pub mod trace;
 
 pub use error::FileError;
-pub use save::save;
+pub use save::{Pending, save};

@@ -1,10 +1,11 @@
 //! Files written whole or not at all.
 
+use std::ffi::OsStr;
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use tempfile::Builder;
+use tempfile::{Builder, TempPath};
 
 use crate::error::FileError;
 
@@ -15,31 +16,96 @@ use crate::error::FileError;
 /// # Errors
 /// The file cannot be written, or the former one is read-only.
 pub fn save(path: impl AsRef<Path>, contents: impl AsRef<[u8]>) -> Result<(), FileError> {
-    let (path, contents) = (path.as_ref(), contents.as_ref());
-    // A symbolic link stays in place; its target is replaced.
-    let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let saved = match target.metadata() {
-        // A device or a pipe cannot be replaced.
-        Ok(former) if !former.is_file() => pour(&target, contents),
-        former => replace(&target, former.ok(), contents),
-    };
-    saved.map_err(|error| FileError::io(path, &error))
+    let pending = Pending::new(path.as_ref())?;
+    let written = pour(pending.path(), contents.as_ref());
+    written.map_err(|error| FileError::io(path.as_ref(), &error))?;
+    pending.commit()
+}
+
+/// File that gets its name only when it is whole and on the disk.
+///
+/// Until then it is a temporary file in the same folder, which is removed if it is dropped.
+#[derive(Debug)]
+pub struct Pending {
+    path: PathBuf,
+    target: PathBuf,
+    former: Option<Metadata>,
+    /// `None` for a device or a pipe, which cannot be replaced.
+    temporary: Option<TempPath>,
+}
+
+impl Pending {
+    /// Makes the temporary file.
+    ///
+    /// # Errors
+    /// Nothing can be written in the folder, or the former file is read-only.
+    pub fn new(path: impl Into<PathBuf>) -> Result<Self, FileError> {
+        let path = path.into();
+        // A symbolic link stays in place; its target is replaced.
+        let target = path.canonicalize().unwrap_or_else(|_| path.clone());
+        let former = target.metadata().ok();
+        let temporary = match &former {
+            Some(former) if former.is_dir() => Err(io::ErrorKind::IsADirectory.into()),
+            Some(former) if !former.is_file() => Ok(None),
+            Some(former) if former.permissions().readonly() => {
+                Err(io::ErrorKind::PermissionDenied.into())
+            }
+            _ => beside(&target).map(Some),
+        };
+        let temporary = temporary.map_err(|error: io::Error| FileError::io(&path, &error))?;
+        Ok(Self { path, target, former, temporary })
+    }
+
+    /// Place to write the contents to.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.temporary.as_deref().unwrap_or(&self.target)
+    }
+
+    /// Gives an error of the temporary file the name that the user knows.
+    #[must_use]
+    pub fn named(&self, error: FileError) -> FileError {
+        error.at(&self.path)
+    }
+
+    /// Syncs the contents and gives them their name.
+    ///
+    /// # Errors
+    /// The disk is full or the folder is gone; the former file stays.
+    pub fn commit(self) -> Result<(), FileError> {
+        let Self { path, target, former, temporary } = self;
+        let Some(temporary) = temporary else { return Ok(()) };
+        let replaced = || -> io::Result<()> {
+            let file = File::open(&temporary)?;
+            if let Some(former) = former {
+                file.set_permissions(former.permissions())?;
+            }
+            file.sync_all()?;
+            temporary.persist(&target).map_err(|error| error.error)?;
+            // On Unix the folder holds the name and needs its own sync.
+            if cfg!(unix) { File::open(folder(&target))?.sync_all() } else { Ok(()) }
+        };
+        replaced().map_err(|error| FileError::io(&path, &error))
+    }
 }
 
 fn pour(target: &Path, contents: &[u8]) -> io::Result<()> {
     OpenOptions::new().write(true).open(target)?.write_all(contents)
 }
 
-fn replace(target: &Path, former: Option<Metadata>, contents: &[u8]) -> io::Result<()> {
-    if former.as_ref().is_some_and(|former| former.permissions().readonly()) {
-        return Err(io::ErrorKind::PermissionDenied.into());
-    }
-    let folder = match target.parent() {
+fn folder(target: &Path) -> &Path {
+    match target.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
-    };
+    }
+}
+
+/// Makes a temporary file in the target's folder with the target's extension.
+fn beside(target: &Path) -> io::Result<TempPath> {
+    let extension = target.extension().and_then(OsStr::to_str);
+    let suffix = extension.map_or(".part".into(), |extension| format!(".part.{extension}"));
     let mut builder = Builder::new();
-    builder.prefix(".").suffix(".part");
+    builder.prefix(".").suffix(&suffix);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -47,19 +113,8 @@ fn replace(target: &Path, former: Option<Metadata>, contents: &[u8]) -> io::Resu
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     // The error's own path is a temporary name, which the user does not know.
-    let opened = builder.tempfile_in(folder);
-    let mut beside = opened.map_err(|error| io::Error::from(error.kind()))?;
-    beside.as_file_mut().write_all(contents)?;
-    if let Some(former) = former {
-        beside.as_file().set_permissions(former.permissions())?;
-    }
-    beside.as_file().sync_all()?;
-    beside.persist(target).map_err(|error| error.error)?;
-    // On Unix the folder holds the name and needs its own sync.
-    if cfg!(unix) {
-        File::open(folder)?.sync_all()?;
-    }
-    Ok(())
+    let made = builder.tempfile_in(folder(target));
+    Ok(made.map_err(|error| io::Error::from(error.kind()))?.into_temp_path())
 }
 
 #[cfg(test)]
@@ -103,6 +158,21 @@ mod tests {
         assert_eq!(error, format!("{}: entity not found; check the path", nowhere.display()));
         assert!(save(folder.path(), "two").unwrap_err().to_string().contains("give a file"));
         assert_eq!(names(folder.path()), ["a.toml"]);
+    }
+
+    #[test]
+    fn dropped_pending_file_leaves_the_former_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        save(&path, "one").unwrap();
+        let pending = Pending::new(&path).unwrap();
+        assert!(pending.path().to_str().unwrap().ends_with(".part.csv"));
+        std::fs::write(pending.path(), "tw").unwrap();
+        let full = FileError::io(pending.path(), &io::ErrorKind::StorageFull.into());
+        assert!(pending.named(full).to_string().starts_with(path.to_str().unwrap()));
+        drop(pending);
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "one");
+        assert_eq!(names(folder.path()), ["a.csv"]);
     }
 
     #[cfg(unix)]

@@ -40,7 +40,7 @@ Examples:
 /// The file is no recording, or damaged, or the output cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let path = &args.recording.path;
-    output::keep([path.as_path()], &args.out)?;
+    output::keep([path.as_path()], &args.out, args.overwrite)?;
     let interrupt = Interrupt::watch()?;
     let mut recording = Recording::open(path)?;
     if !recording.whole {

@@ -69,7 +69,7 @@ Examples:
 /// The finger cannot be reached or is unplugged, or the file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
     if let Port::File(trace) = &args.port.port {
-        args.out.iter().try_for_each(|out| output::keep([trace.as_path()], out))?;
+        args.out.iter().try_for_each(|out| output::keep([trace.as_path()], out, args.overwrite))?;
     }
     output::apart(&args.out)?;
     let interrupt = Interrupt::watch()?;

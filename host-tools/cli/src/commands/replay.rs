@@ -13,12 +13,12 @@ use taxel::frame::{Fields, Frame};
 use taxel::measured::{Measured, NoValue};
 use taxel::units::{FullScale, Newtons};
 use taxel_client::fields;
-use taxel_files::FileError;
 use taxel_files::calibration::{self, date, record_crc};
 use taxel_files::frames::{Cell, cells, columns};
-use taxel_files::recording::{Header, Recorder, Scans};
+use taxel_files::recording::{Existing, Header, Recorder, Scans};
 use taxel_files::stretch::Stretch;
 use taxel_files::trace::{Sample, cut};
+use taxel_files::{FileError, Pending};
 
 use crate::emulated::{Board, Replay, Settings};
 use crate::finger::record;
@@ -78,7 +78,7 @@ enum Core {
 /// A file is invalid, or the emulator is missing.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let inputs = [args.trace.path.as_path()].into_iter().chain(args.calibration.as_deref());
-    output::keep(inputs, &args.out)?;
+    output::keep(inputs, &args.out, args.overwrite)?;
     let calibration = args.calibration.as_ref().map(calibration::read).transpose()?;
     let interrupt = Interrupt::watch()?;
     let scans = Scans::open(&args.trace.path)?;
@@ -104,7 +104,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             on_board(Board::Stm32F411, samples, calibration, &args, header, &interrupt)?
         }
     };
-    sink.frames.finish()?;
+    sink.frames.finish().map_err(|error| sink.pending.named(error))?;
+    sink.pending.commit()?;
     output::line(format!(
         "{}: {} frames, {}{}",
         args.out.display(),
@@ -148,6 +149,7 @@ fn replayed(
 
 /// Frame writer that counts frames and missing forces.
 struct Sink {
+    pending: Pending,
     frames: Recorder,
     fields: Fields,
     row: Vec<Cell>,
@@ -163,13 +165,11 @@ impl Sink {
             true => header.with(FULL_SCALE, full_scale.top().0),
             false => header,
         };
-        let frames = Recorder::derived(
-            &args.out,
-            &header,
-            &columns(args.fields),
-            args.overwrite.existing(),
-        )?;
-        Ok(Self { frames, fields: args.fields, row: Vec::new(), count: 0, withheld: 0 })
+        let pending = Pending::new(&args.out)?;
+        let columns = columns(args.fields);
+        let frames = Recorder::derived(pending.path(), &header, &columns, Existing::Replace);
+        let frames = frames.map_err(|error| pending.named(error))?;
+        Ok(Self { pending, frames, fields: args.fields, row: Vec::new(), count: 0, withheld: 0 })
     }
 
     fn take(&mut self, frame: &Frame) -> Result<(), FileError> {
@@ -178,7 +178,7 @@ impl Sink {
         self.withheld += usize::from(forces.any(|force| withheld(force.z)));
         self.row.clear();
         cells(frame, self.fields, &mut self.row);
-        self.frames.write(&self.row)
+        self.frames.write(&self.row).map_err(|error| self.pending.named(error))
     }
 }
 

@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
 use taxel::scan::{COLS, TAXELS};
+use taxel_files::Pending;
 use taxel_files::trace::TraceWriter;
 use taxel_sim::scene::built_in;
 use taxel_sim::{Scene, Simulator};
 
 use crate::interrupt::Interrupt;
-use crate::output;
+use crate::output::{self, Overwrite};
 
 /// Writes the ADC codes of a simulated scene, with the truth in extra columns.
 #[derive(clap::Args)]
@@ -21,6 +22,8 @@ pub struct Args {
     /// Trace to write.
     #[arg(long, value_name = "TRACE.csv", required_unless_present = "list")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Print the built-in scenes, one line each.
     #[arg(long, exclusive = true)]
     list: bool,
@@ -39,12 +42,15 @@ Examples:
 /// The scene is invalid or the trace cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let (Some(name), Some(out)) = (args.scene, args.out) else { return list() };
-    output::keep([Path::new(&name)], &out)?;
+    output::keep([Path::new(&name)], &out, args.overwrite)?;
     let scene = Scene::load(&name)?;
     let mut simulator = Simulator::new(&scene, args.seed);
     let fidelity = simulator.fidelity().map(|report| format!("; {report}")).unwrap_or_default();
     let interrupt = Interrupt::watch()?;
-    let mut trace = TraceWriter::create(&out, simulator.trace_header(true))?;
+    let pending = Pending::new(&out)?;
+    let named = |error| pending.named(error);
+    let mut trace =
+        TraceWriter::create(pending.path(), simulator.trace_header(true)).map_err(named)?;
     let bar = ProgressBar::new(scene.frames());
     let mut written = 0u64;
     let mut wrong_side = [false; TAXELS];
@@ -52,7 +58,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         if interrupt.came() {
             break;
         }
-        trace.write(&sample)?;
+        trace.write(&sample).map_err(named)?;
         wrong_side.iter_mut().zip(simulator.wrong_side()).for_each(|(was, is)| *was |= is);
         written += 1;
         // A redraw per frame would take longer than the frame.
@@ -60,7 +66,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             bar.set_position(written);
         }
     }
-    trace.finish()?;
+    trace.finish().map_err(named)?;
+    pending.commit()?;
     bar.finish_and_clear();
     let stopped = if interrupt.came() { "; stopped early" } else { "" };
     let wrong_side = past_the_peak(&wrong_side);

@@ -83,7 +83,7 @@ fn ctrl_c_in_fit_keeps_best_net() {
         ),
     ] {
         std::fs::write(folder.0.join(out), "what was there before").unwrap();
-        let typed = [&fit[..], &["--model", model, "--out", out]].concat();
+        let typed = [&fit[..], &["--model", model, "--force", "--out", out]].concat();
         let ran =
             interrupted_after(Duration::from_secs(3), folder.command(&typed).spawn().unwrap());
         assert_eq!(ran.code, Some(0), "{model}: {}", ran.err);
@@ -143,8 +143,8 @@ fn ctrl_c_while_reading_changes_no_file() {
     let before = folder.files();
     let commands: [&[&str]; 4] = [
         &["evaluate", "--calibration", "cal.toml"],
-        &["report", "--calibration", "cal.toml", "--out", "out"],
-        &["adjust", "--calibration", "cal.toml", "--out", "out"],
+        &["report", "--calibration", "cal.toml", "--force", "--out", "out"],
+        &["adjust", "--calibration", "cal.toml", "--force", "--out", "out"],
         &["compare", "cal.toml", "cal.toml"],
     ];
     for args in commands {
@@ -238,7 +238,8 @@ impl<'f> Upload<'f> {
         upload.total = cable.carried.join().unwrap();
         assert_eq!(upload.in_force(), upload.new);
         let cable = self::cable(&upload.port(), [u64::MAX; 2], Then::Pulled);
-        let download = ["calibrate", "download", "--port", &cable.port, "--out", "read.toml"];
+        let download = ["calibrate", "download", "--force", "--out", "read.toml"];
+        let download = [&download[..], &["--port", &cable.port]].concat();
         upload.folder.succeeds(&download);
         upload.read_back = cable.carried.join().unwrap()[1];
         upload.put_back();
@@ -263,7 +264,8 @@ impl<'f> Upload<'f> {
 
     fn in_force(&self) -> Calibration {
         let port = self.port();
-        self.folder.succeeds(&["calibrate", "download", "--port", &port, "--out", "read.toml"]);
+        let download = ["calibrate", "download", "--port", &port, "--out", "read.toml", "--force"];
+        self.folder.succeeds(&download);
         calibration::read(self.folder.0.join("read.toml")).unwrap()
     }
 }
@@ -349,7 +351,8 @@ fn ctrl_c_in_transfer_leaves_calibrations_whole() {
     std::fs::write(upload.folder.0.join("mine.toml"), "what was there before").unwrap();
     let before = upload.folder.files();
     let download = |port: &str| {
-        ["calibrate", "download", "--port", port, "--out", "mine.toml"].map(str::to_owned).to_vec()
+        let download = ["calibrate", "download", "--force", "--port", port, "--out", "mine.toml"];
+        download.map(str::to_owned).to_vec()
     };
     let ran = stuck_after(60, &download);
     assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (None, "", ""));
@@ -371,7 +374,7 @@ fn crash_while_writing_keeps_previous_file() {
     let former = "what was there before\n";
     std::fs::write(folder.0.join("cal.toml"), former).unwrap();
     let limited = |first: &str| {
-        let command = "exec \"$0\" calibrate download --out cal.toml --port \"$1\"";
+        let command = "exec \"$0\" calibrate download --force --out cal.toml --port \"$1\"";
         let output = std::process::Command::new("bash")
             .args(["-c", &format!("{first}; ulimit -f 1; {command}")])
             .args([env!("CARGO_BIN_EXE_taxel"), &finger.port().to_string()])

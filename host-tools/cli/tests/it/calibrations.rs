@@ -342,8 +342,8 @@ fn report_is_one_page_with_plots_and_warnings() {
     let (judged, fitted) = (tour(9), nine_presses(directory.path(), 1.0, 2));
     write_trace(directory.path(), "judged.csv", &judged, true);
     write_trace(directory.path(), "fitted.csv", &fitted, true);
-    let report =
-        ["calibrate", "report", "--calibration", VIRTUAL, "--out", "report.html", "--json"];
+    let report = ["calibrate", "report", "--calibration", VIRTUAL, "--json"];
+    let report = [&report[..], &["--force", "--out", "report.html"]].concat();
     let ran = folder
         .taxel(&[&report[..], &["--data", "judged.csv", "--fitted-to", "fitted.csv"]].concat());
     assert_eq!(ran.code, Some(0), "{}", ran.err);

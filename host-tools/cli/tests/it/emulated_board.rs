@@ -203,7 +203,13 @@ fn emulated_replay_keeps_its_frames_when_interrupted() {
     let replay = ["replay", "tour.csv", "--on", "stm32g431", "--out", "out.csv"];
     let mut child = taxel.command(&replay).spawn().unwrap();
     let out = folder.path().join("out.csv");
-    while out.metadata().map_or(0, |file| file.len()) < 10_000 {
+    // Until it is whole the file has another name in the same folder.
+    let written = || {
+        let files = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap());
+        let part = files.filter(|file| file.file_name().to_string_lossy().contains(".part"));
+        part.map(|file| file.metadata().map_or(0, |file| file.len())).sum::<u64>()
+    };
+    while written() < 10_000 {
         assert_eq!(child.try_wait().unwrap(), None, "it ended before Ctrl-C");
         std::thread::sleep(std::time::Duration::from_millis(20));
     }

@@ -15,6 +15,7 @@ mod manuals;
 mod models;
 #[cfg(target_os = "linux")]
 mod open_page;
+mod output_files;
 mod page_server;
 mod pipeline;
 mod recordings;

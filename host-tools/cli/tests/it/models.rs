@@ -14,7 +14,7 @@ use taxel_sim::{Scene, Simulator};
 /// Fits `fit.csv` with the options `typed`, and evaluates on `unseen.csv`. Returns the RMS errors
 /// of the targets, all of which the record must have.
 fn judged(folder: &In<'_>, typed: &str, targets: &[&str]) -> Vec<f64> {
-    let fit = "calibrate fit --data fit.csv --out cal.toml --serial bench-7 --json";
+    let fit = "calibrate fit --data fit.csv --out cal.toml --force --serial bench-7 --json";
     let typed: Vec<&str> = fit.split(' ').chain(typed.split(' ')).collect();
     let fitted = json(&folder.succeeds(&typed));
     assert_eq!(
@@ -28,7 +28,7 @@ fn judged(folder: &In<'_>, typed: &str, targets: &[&str]) -> Vec<f64> {
     let judged = json(&folder.succeeds(&judge.split(' ').collect::<Vec<_>>()));
     let rmse = |target: &&str| judged[*target]["rmse"].as_f64().unwrap();
     let errors = targets.iter().map(rmse).collect();
-    eprintln!("{}: {errors:?}", typed[8..].join(" "));
+    eprintln!("{}: {errors:?}", typed[9..].join(" "));
     errors
 }
 

@@ -125,7 +125,8 @@ fn built_in_calibration_holds_on_unseen_recordings() {
     let asset = asset();
     let calibration = asset.to_str().unwrap();
     for scene in ["presses", "shear"] {
-        folder.succeeds(&["simulate", "--scene", scene, "--seed", "97", "--out", "trace.csv"]);
+        let simulate = ["simulate", "--scene", scene, "--seed", "97", "--out", "trace.csv"];
+        folder.succeeds(&[&simulate[..], &["--force"]].concat());
         let judged = folder.succeeds(&[
             "calibrate",
             "evaluate",
@@ -198,7 +199,7 @@ fn reference_clock_is_aligned_with_sensor() {
     let write = |name: &str, text: String| std::fs::write(folder.0.join(name), text).unwrap();
     write("skin.csv", "t_s,m0,m1\n".to_owned() + &skin.collect::<String>());
     write("cell.csv", "t_us,force_n\n".to_owned() + &cell.collect::<String>());
-    let fit = ["calibrate", "fit", "--model", "ridge", "--out", "skin.toml", "--json"];
+    let fit = ["calibrate", "fit", "--model", "ridge", "--out", "skin.toml", "--force", "--json"];
     let columns = ["--inputs", "m*", "--targets", "force_n"];
     let files = ["--data", "skin.csv", "--reference", "cell.csv"];
     let outcome = folder.succeeds(&[&fit[..], &columns[..], &files[..]].concat());
@@ -222,7 +223,8 @@ fn paper_model_is_fitted_and_evaluated() {
     });
     let table = "c0,c1,u0_mm,u1_mm\n".to_owned() + &rows.collect::<String>();
     std::fs::write(folder.0.join("gap.csv"), table).unwrap();
-    let fit = ["calibrate", "fit", "--data", "gap.csv", "--out", "gap.toml", "--model", "gap"];
+    let fit = ["calibrate", "fit", "--data", "gap.csv", "--model", "gap", "--force"];
+    let fit = [&fit[..], &["--out", "gap.toml"]].concat();
     folder.succeeds(&[&fit[..], &["--inputs", "c*", "--targets", "u0_mm,u1_mm"]].concat());
     let evaluate = ["calibrate", "evaluate", "--data", "gap.csv", "--calibration", "gap.toml"];
     let judged = folder.succeeds(&[&evaluate[..], &["--json"]].concat());
@@ -274,7 +276,7 @@ fn trace_length_does_not_change_memory() {
             120 * minutes
         );
         std::fs::write(folder.0.join("long.toml"), scene).unwrap();
-        folder.succeeds(&["simulate", "--scene", "long.toml", "--out", "long.csv"]);
+        folder.succeeds(&["simulate", "--scene", "long.toml", "--out", "long.csv", "--force"]);
         let size = std::fs::metadata(folder.0.join("long.csv")).unwrap().len();
         (getrusage(UsageWho::RUSAGE_CHILDREN).unwrap().max_rss(), size)
     };
@@ -291,7 +293,7 @@ fn trace_has_thermometer_if_scene_has_temperature() {
         let effects = if listed { "'temperature'" } else { "" };
         let scene = format!("effects = [{effects}]\n[scan]\nrate_hz = 100\nduration_s = 0.1\n");
         std::fs::write(folder.0.join("warm.toml"), scene).unwrap();
-        folder.succeeds(&["simulate", "--scene", "warm.toml", "--out", "warm.csv"]);
+        folder.succeeds(&["simulate", "--scene", "warm.toml", "--out", "warm.csv", "--force"]);
         let trace = std::fs::read_to_string(folder.0.join("warm.csv")).unwrap();
         let header = trace.lines().find(|line| line.starts_with("t_us")).unwrap();
         assert_eq!(header.split(',').any(|name| name == "aux_temp"), listed, "{header}");
@@ -357,7 +359,7 @@ fn simulate_reports_fidelity_and_its_error() {
     let begins = "a.csv: 2000 scans; fidelity hertz, 0.";
     assert!(said.starts_with(begins) && said.contains("% off converged of 1 % allowed"), "{said}");
     // A sensor without facets has no fidelity to report.
-    let said = folder.succeeds(&["simulate", "--scene", "bench-s0", "--out", "a.csv"]);
+    let said = folder.succeeds(&["simulate", "--scene", "bench-s0", "--out", "b.csv"]);
     assert!(!said.contains("fidelity"), "{said}");
 }
 
@@ -369,7 +371,7 @@ fn simulate_counts_taxels_past_light_peak() {
         let press = "[scan]\nrate_hz = 100\nduration_s = 1\n[[press]]\nat_s = 0.1\nx_mm = 1.25\ny_mm = 1.25\n\
                      fz_n = 1\nrise_s = 0.1\nhold_s = 0.5\nfall_s = 0.1\n";
         std::fs::write(folder.0.join("mine.toml"), format!("{press}{scene}")).unwrap();
-        folder.succeeds(&["simulate", "--scene", "mine.toml", "--out", "a.csv"])
+        folder.succeeds(&["simulate", "--scene", "mine.toml", "--out", "a.csv", "--force"])
     };
     assert!(!said("").contains("peak"), "{}", said(""));
     let near = said("[layer]\ngap_mm = 1.2\n");

@@ -431,7 +431,7 @@ fn stretch_without_frame_overwrites_nothing() {
     let taxel = In(folder.path());
     taxel.succeeds(&["record", "--port", "sim:press", "--duration", "0.2", "--out", "a.mcap"]);
     std::fs::write(folder.path().join("b.csv"), "here before").unwrap();
-    let error = taxel.fails(1, &["export", "a.mcap@1000..2000", "--out", "b.csv"]);
+    let error = taxel.fails(1, &["export", "a.mcap@1000..2000", "--out", "b.csv", "--force"]);
     assert!(error.starts_with("taxel: a.mcap: no frame within this stretch; "), "{error}");
     assert_eq!(std::fs::read_to_string(folder.path().join("b.csv")).unwrap(), "here before");
 }

@@ -9,7 +9,7 @@ use taxel_files::stretch::Stretch;
 
 use super::data::{self, Aligned};
 use super::now;
-use crate::output;
+use crate::output::{self, Overwrite};
 
 /// Updates a calibration from a few presses of known weight, without moving the finger.
 ///
@@ -35,6 +35,8 @@ pub struct Args {
     /// The calibration to write.
     #[arg(long, value_name = "NEW.toml")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Print the outcome as JSON.
     #[arg(long)]
     json: bool,
@@ -89,7 +91,11 @@ impl From<adjust::Helped> for Error {
 pub fn run(args: Args) -> anyhow::Result<()> {
     let data = args.data.iter().map(|data| data.path.as_path());
     let references = args.reference.iter().map(PathBuf::as_path);
-    output::keep(data.chain(references).chain([args.calibration.as_path()]), &args.out)?;
+    output::keep(
+        data.chain(references).chain([args.calibration.as_path()]),
+        &args.out,
+        args.overwrite,
+    )?;
     let old = calibration::read(&args.calibration)?;
     let data::Read { mut recordings, alignments } = data::traces(&args.data, &args.reference)?;
     if let Some(newtons) = args.weight {

@@ -15,7 +15,7 @@ use taxel_regress::table::{self, TableOptions};
 
 use super::data::{self, Aligned};
 use crate::interrupt::Interrupt;
-use crate::output;
+use crate::output::{self, Overwrite};
 
 /// Fits a calibration to recordings.
 ///
@@ -32,6 +32,8 @@ pub struct Args {
     /// Calibration to write.
     #[arg(long, value_name = "CAL.toml")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Input columns of any CSV; `*` stands for any text.
     #[arg(long, value_name = "PATTERN", value_delimiter = ',', requires = "targets")]
     inputs: Vec<String>,
@@ -255,7 +257,11 @@ impl Fit {
 /// A file is invalid, or the recordings do not suffice for a calibration.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let data = args.data.iter().map(|data| data.path.as_path());
-    output::keep(data.chain(args.reference.iter().map(PathBuf::as_path)), &args.out)?;
+    output::keep(
+        data.chain(args.reference.iter().map(PathBuf::as_path)),
+        &args.out,
+        args.overwrite,
+    )?;
     let interrupt = Interrupt::watch()?;
     let bar = ProgressBar::new(0);
     bar.set_style(ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}")?);

@@ -10,7 +10,7 @@ use taxel_files::stretch::Stretch;
 use taxel_regress::table::TableModel;
 
 use super::{data, now};
-use crate::output;
+use crate::output::{self, Overwrite};
 
 /// Writes an HTML page on a calibration's accuracy: figures, plots, coverage, warnings.
 ///
@@ -38,6 +38,8 @@ pub struct Args {
     /// Page to write; it needs no other file and no network.
     #[arg(long, value_name = "REPORT.html")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
     /// Print the same as one JSON object.
     #[arg(long)]
     json: bool,
@@ -53,7 +55,11 @@ Example:
 pub fn run(args: Args) -> anyhow::Result<()> {
     let inputs = args.data.iter().chain(&args.fitted_to).map(|data| data.path.as_path());
     let references = args.reference.iter().chain(&args.fitted_reference).map(PathBuf::as_path);
-    output::keep(inputs.chain(references).chain([args.calibration.as_path()]), &args.out)?;
+    output::keep(
+        inputs.chain(references).chain([args.calibration.as_path()]),
+        &args.out,
+        args.overwrite,
+    )?;
     let report = match calibration::kind(&args.calibration)? {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;

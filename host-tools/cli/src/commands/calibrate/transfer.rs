@@ -13,7 +13,7 @@ use taxel_files::calibration;
 
 use crate::finger::{PortArg, record};
 use crate::interrupt::Interrupt;
-use crate::output;
+use crate::output::{self, Overwrite};
 
 /// Uploads a calibration to a finger, activates it and reads it back.
 ///
@@ -44,6 +44,8 @@ pub struct DownloadArgs {
     /// File to write.
     #[arg(long, value_name = "CAL.toml")]
     out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 const DOWNLOAD_EXAMPLES: &str = "\
@@ -103,7 +105,7 @@ fn unsupported_sections(calibration: &Calibration, held: Status) -> Vec<&'static
 ///
 /// The finger has no calibration, or the file cannot be written.
 pub fn download(args: DownloadArgs) -> anyhow::Result<()> {
-    output::keep([], &args.out)?;
+    output::keep([], &args.out, args.overwrite)?;
     let bytes = args.port.connect()?.download_calibration()?;
     let record = Calibration::from_bytes(&bytes)
         .map_err(|error| anyhow::anyhow!("the record read back is not a calibration: {error}"))

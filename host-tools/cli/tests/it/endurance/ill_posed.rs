@@ -223,7 +223,17 @@ fn fit_reports_omitted_sensors_axes_and_rows() {
         samples.iter_mut().enumerate().for_each(|(row, sample)| spoil(row, sample));
         write_trace(folder.0, name, &samples, true);
     };
-    let fit = ["calibrate", "fit", "--out", "cal.toml", "--model", "ridge", "--json", "--data"];
+    let fit = [
+        "calibrate",
+        "fit",
+        "--out",
+        "cal.toml",
+        "--force",
+        "--model",
+        "ridge",
+        "--json",
+        "--data",
+    ];
     let fitted = |more: &[&str]| {
         let ran = folder.taxel(&[&fit[..], more].concat());
         assert_eq!(ran.code, Some(0), "{}", ran.err);
@@ -270,7 +280,7 @@ fn fit_reports_omitted_sensors_axes_and_rows() {
         table(folder.0, name, 600, from, |_, _, _| {});
     }
     let net = |data: &[&str]| {
-        let fit = ["calibrate", "fit", "--out", "cal.toml", "--json", "--inputs", "m*"];
+        let fit = ["calibrate", "fit", "--out", "cal.toml", "--force", "--json", "--inputs", "m*"];
         let data = data.iter().flat_map(|file| ["--data", file]);
         let typed: Vec<&str> =
             fit.into_iter().chain(["--targets", "force_n"]).chain(data).collect();

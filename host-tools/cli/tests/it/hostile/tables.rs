@@ -143,7 +143,7 @@ fn spreadsheet_formats_of_tables_are_read() {
     ] {
         write(&folder, name, text);
         assert_eq!(evaluate("model.toml", name), good, "{name}");
-        folder.succeeds(&fit_table(name, "again.toml"));
+        folder.succeeds(&[&fit_table(name, "again.toml")[..], &["--force"]].concat());
         assert_eq!(evaluate("again.toml", "good.csv"), good, "{name}");
     }
     // All 202 channels at once.
