@@ -6,8 +6,18 @@ bytes.
 
 from collections.abc import Iterable, Iterator
 
-from .errors import LinkError, MalformedError, ProtocolError, RefusedError, TaxelError
-from .finger import Counts, Finger
+from .clock import HostTime
+from .errors import (
+    LinkError,
+    MalformedError,
+    MissingFieldError,
+    ProtocolError,
+    RefusedError,
+    StaleError,
+    StreamWarning,
+    TaxelError,
+)
+from .finger import Finger
 from .messages import (
     Bias,
     Codes,
@@ -26,7 +36,10 @@ from .messages import (
 )
 from .messages import decode as _decode
 from .packets import Deframer as _Deframer
+from .ports import Found, fingers
+from .stream import Counts, Latest
 from .table import columns, data_frame
+from .wrench import Wrench, wrench
 
 __all__ = [
     "Bias",
@@ -36,10 +49,14 @@ __all__ = [
     "Fields",
     "Finger",
     "Force",
+    "Found",
     "Frame",
+    "HostTime",
     "Info",
+    "Latest",
     "LinkError",
     "MalformedError",
+    "MissingFieldError",
     "NoValue",
     "Point",
     "PointMethod",
@@ -47,12 +64,17 @@ __all__ = [
     "RefusedError",
     "Signals",
     "Slip",
+    "StaleError",
     "Status",
+    "StreamWarning",
     "TaxelError",
     "Uncertainty",
+    "Wrench",
     "columns",
     "data_frame",
+    "fingers",
     "read_frames",
+    "wrench",
 ]
 
 

@@ -12,12 +12,20 @@ class TaxelError(Exception):
     """Base of all errors of this package."""
 
 
+class MissingFieldError(TaxelError):
+    """The frame does not carry a field that a computation needs."""
+
+
 class MalformedError(TaxelError):
     """Bytes that are no message of this protocol."""
 
 
 class LinkError(TaxelError):
     """The port cannot be opened, no finger answers, or the finger is disconnected."""
+
+
+class StaleError(LinkError):
+    """The newest frame is older than the program allows."""
 
 
 class ProtocolError(TaxelError):
@@ -30,3 +38,7 @@ class RefusedError(TaxelError):
     def __init__(self, message: str, refusal: Refusal) -> None:
         super().__init__(message)
         self.refusal = refusal
+
+
+class StreamWarning(UserWarning):
+    """Frames were lost or dropped, or the program falls behind; said once a stream for each of these."""

@@ -8,8 +8,9 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from types import TracebackType
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
+from .clock import HostTime
 from .errors import LinkError, MalformedError, ProtocolError, RefusedError, TaxelError
 from .messages import (
     CHUNK,
@@ -21,6 +22,7 @@ from .messages import (
     Fields,
     Frame,
     Info,
+    Message,
     PointMethod,
     Rate,
     Refusal,
@@ -31,56 +33,39 @@ from .messages import (
     request,
 )
 from .packets import Deframer, pack
-from .transport import Transport, connect
+from .ports import open_port
+from .stream import Counts, Latest, Stream
+from .transport import Transport
 
 R = TypeVar("R")
-
-QUEUE = 8192
-"""Most frames that wait for a slow program; further ones are dropped and counted."""
 
 _PATIENCE = 0.5
 _TRIES = 4
 
 
-class Counts(NamedTuple):
-    """Counters since the start of the stream."""
-
-    frames: int
-    """Frames received."""
-    lost: int
-    """Frames missing in the sequence numbers."""
-    bad_packets: int
-    """Unreadable packets."""
-    overflow: int
-    """Received frames that this program was too slow to take."""
-
-
 class Finger:
-    """A finger behind ``port``: a serial device or ``tcp:HOST:PORT``.
+    """A finger behind ``port``: a serial device, ``usb``, ``usb:SERIAL``, ``tcp:HOST:PORT`` or ``sim:SCENE``.
 
     ::
 
-        with taxel.Finger("/dev/ttyACM0") as finger:
+        with taxel.Finger() as finger:  # the only one on USB
             for frame in finger.frames(seconds=5):
-                print(frame.time_us, frame.force)
+                print(frame.time_s, frame.force)
 
-    A thread reads the port, so that a slow loop over the frames loses none until :data:`QUEUE` of them
-    wait. Requests work while frames stream. All errors are :class:`TaxelError`.
+    A thread reads the port, so that a slow loop over the frames loses none until
+    :data:`taxel.stream.QUEUE` of them wait. Requests work while frames stream. All errors are
+    :class:`TaxelError`.
     """
 
-    def __init__(self, port: str, *, transport: Transport | None = None) -> None:
+    def __init__(self, port: str = "usb", *, transport: Transport | None = None) -> None:
         self.port = port
-        self._transport = transport or connect(port)
-        self._frames: deque[Frame] = deque()
+        self._transport = transport or open_port(port)
+        self._stream = Stream(port)
+        self._changed = self._stream.changed
         self._replies: deque[Version | Reply] = deque()
-        self._changed = threading.Condition()
         self._asking = threading.Lock()
-        self._ended: TaxelError | None = None
         self._stop = False
         self._start_tag: int | None = None
-        self._started = False
-        self._next: int | None = None
-        self._received = self._lost = self._overflow = 0
         # A serial link keeps unread answers to a former host, which must not match this one's tags.
         self._tag = random.randrange(256)
         self._deframer = Deframer()
@@ -104,7 +89,7 @@ class Finger:
         """Stops the stream and closes the port; a second call does nothing."""
         if self._stop:
             return
-        if self._started and self._ended is None:
+        if self._stream.started and self._stream.ended is None:
             try:
                 self.stream(False)
             except TaxelError:
@@ -117,7 +102,8 @@ class Finger:
         """Yields the stream's frames, for ``seconds`` of device time or without end.
 
         The loop starts the stream and stops it at its end. When the finger disconnects, the loop raises
-        :class:`LinkError` after the last received frame.
+        :class:`LinkError` after the last received frame. A loop that falls behind, and lost frames, are said
+        by a :class:`StreamWarning`; :attr:`counts` has the numbers.
         """
         self.stream(True)
         first: int | None = None
@@ -129,28 +115,38 @@ class Finger:
                     return
                 yield frame
         finally:
-            if self._ended is None and not self._stop:
+            if self._stream.ended is None and not self._stop:
                 self.stream(False)
 
     def next_frame(self, timeout: float) -> Frame:
         """Returns the next frame of a started stream; waits at most ``timeout`` seconds."""
-        deadline = time.monotonic() + timeout
+        return self._stream.next(timeout)
+
+    def latest(self, max_age_s: float = 0.1) -> Latest:
+        """Returns the newest frame at once, with its age; starts the stream if it is off.
+
+        Frames in between are skipped and counted. It waits for the first frame of a stream only. Raises
+        :class:`StaleError` if the newest frame is older than ``max_age_s``.
+        """
+        if not self._stream.started:
+            self.stream(True)
+        return self._stream.latest(max_age_s, 5)
+
+    def host_time(self, frame: Frame) -> HostTime | None:
+        """Returns the time of the frame's scan by the host's clocks; ``None`` in a stream's first second."""
         with self._changed:
-            while not self._frames:
-                if self._ended is not None:
-                    raise self._ended
-                if not self._changed.wait(deadline - time.monotonic()) and not self._frames:
-                    raise LinkError(f"{self.port}: no frame for {timeout:g} s; is the stream on?")
-            return self._frames.popleft()
+            return self._stream.clock.host(frame.time_us)
 
     @property
     def counts(self) -> Counts:
-        """Counters of received and lost frames since the start of the stream."""
-        return Counts(self._received, self._lost, self._deframer.bad_packets, self._overflow)
+        """Counters of frames since the start of the stream."""
+        return self._stream.counts(self._deframer.bad_packets)
 
     def stream(self, on: bool) -> None:
         """Starts or stops the stream; frames from before the start are dropped."""
         self._expect(Done, Command.stream(on), starts=on)
+        if not on:
+            self._stream.started = False
 
     def info(self) -> Info:
         """Returns the finger's identity, settings and counters."""
@@ -257,9 +253,12 @@ class Finger:
             # The first zero ends half a packet that the finger may still hold.
             packet = b"\0" + pack(request(tag, command))
             for _ in range(tries):
+                asked = time.monotonic()
                 self._transport.write(packet)
-                answer = self._answer(tag, command == Command.VERSION, time.monotonic() + patience)
+                answer = self._answer(tag, command == Command.VERSION, asked + patience)
                 if answer is not None:
+                    with self._changed:
+                        self._stream.clock.echo(time.monotonic() - asked)
                     return answer
         raise LinkError(f"{self.port}: nobody answers; is it a finger, and is its firmware running?")
 
@@ -270,8 +269,8 @@ class Finger:
                     reply = self._replies.popleft()
                     if reply.tag == tag and isinstance(reply, Version) == version:
                         return reply
-                if self._ended is not None:
-                    raise self._ended
+                if self._stream.ended is not None:
+                    raise self._stream.ended
                 left = deadline - time.monotonic()
                 if left <= 0:
                     return None
@@ -283,36 +282,32 @@ class Finger:
     def _read(self) -> None:
         try:
             while not self._stop:
-                messages = list(self._deframer.push(self._transport.read()))
+                received = self._transport.read()
+                at = time.monotonic()
+                # Decoded outside the lock, so that latest() waits for no decoding.
+                messages = [self._decoded(message) for message in self._deframer.push(received)]
                 if messages:
                     with self._changed:
                         for message in messages:
-                            self._take(message)
+                            self._take(message, at)
                         self._changed.notify_all()
         except TaxelError as error:
-            with self._changed:
-                self._ended = error
-                self._changed.notify_all()
+            self._stream.end(error)
 
-    def _take(self, message: bytes) -> None:
+    def _decoded(self, message: bytes) -> Message | None:
         try:
-            decoded = decode(message)
+            return decode(message)
         except MalformedError:
             self._deframer.bad_packets += 1
+            return None
+
+    def _take(self, decoded: Message | None, at: float) -> None:
+        if decoded is None:
             return
         if not isinstance(decoded, Frame):
             if decoded.tag == self._start_tag and isinstance(decoded, Reply):
-                self._start_tag, self._started, self._next = None, True, None
-                self._received = self._lost = self._overflow = 0
-                self._frames.clear()
+                self._start_tag = None
+                self._stream.start()
             self._replies.append(decoded)
-        elif self._started:
-            self._received += 1
-            ahead = 0 if self._next is None else (decoded.seq - self._next) & 0xFFFF_FFFF
-            # A step of more than half the range is a step back: the finger has restarted.
-            self._lost += ahead if ahead < 1 << 31 else 0
-            self._next = (decoded.seq + 1) & 0xFFFF_FFFF
-            if len(self._frames) < QUEUE:
-                self._frames.append(decoded)
-            else:
-                self._overflow += 1
+        else:
+            self._stream.push(decoded, at)

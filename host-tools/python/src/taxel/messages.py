@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from enum import Enum, IntFlag
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from . import _postcard as read
 from ._postcard import write_varint
@@ -74,7 +74,7 @@ class Fields(IntFlag):
 
 
 class NoValue(Enum):
-    """Reason for a missing value; it is no number, so that no program computes with it by mistake."""
+    """Reason for a missing value: false, and no number, so that no program computes with it by mistake."""
 
     UNCALIBRATED = 0
     NO_CONTACT = 1
@@ -84,6 +84,14 @@ class NoValue(Enum):
     ILL_CONDITIONED = 5
     ABSENT = 6
     NOT_ESTIMATED = 7
+
+    def __bool__(self) -> bool:
+        return False
+
+    if not TYPE_CHECKING:  # A type checker rejects the conversion itself.
+
+        def __float__(self) -> float:
+            raise TypeError(f"no value: {self.name.lower().replace('_', ' ')}")
 
 
 class PointMethod(Enum):
@@ -193,6 +201,11 @@ class Frame(NamedTuple):
     def in_contact(self) -> bool:
         """True while the contact gate reports contact."""
         return bool(self.status & 1)
+
+    @property
+    def time_s(self) -> float:
+        """Device time in seconds."""
+        return self.time_us * 1e-6
 
 
 class Version(NamedTuple):
