@@ -66,7 +66,7 @@ sudo() {
     esac
 }
 # `cargo xtask test` installs it and runs its tests.
-pip() { test -f "$ROOT/$2/pyproject.toml"; }
+pip() { test -f "$ROOT/${2%[*}/pyproject.toml"; }
 # They need a chip in its bootloader.
 rust-objcopy() { [[ " $* " == *".elf "*".bin "* ]]; }
 dfu-util() { [[ " $* " == *" --download "*".bin "* ]]; }

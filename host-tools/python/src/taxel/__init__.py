@@ -6,12 +6,14 @@ bytes.
 
 from collections.abc import Iterable, Iterator
 
+from .aio import AsyncFinger
 from .clock import HostTime
 from .errors import (
     LinkError,
     MalformedError,
     MissingFieldError,
     ProtocolError,
+    RecordingError,
     RefusedError,
     StaleError,
     StreamWarning,
@@ -37,11 +39,14 @@ from .messages import (
 from .messages import decode as _decode
 from .packets import Deframer as _Deframer
 from .ports import Found, fingers
+from .recorder import Recorder
+from .recordings import Recording, read
 from .stream import Counts, Latest
 from .table import columns, data_frame
 from .wrench import Wrench, wrench
 
 __all__ = [
+    "AsyncFinger",
     "Bias",
     "Codes",
     "Contact",
@@ -61,6 +66,9 @@ __all__ = [
     "Point",
     "PointMethod",
     "ProtocolError",
+    "Recorder",
+    "Recording",
+    "RecordingError",
     "RefusedError",
     "Signals",
     "Slip",
@@ -73,6 +81,7 @@ __all__ = [
     "columns",
     "data_frame",
     "fingers",
+    "read",
     "read_frames",
     "wrench",
 ]

@@ -16,6 +16,10 @@ class MissingFieldError(TaxelError):
     """The frame does not carry a field that a computation needs."""
 
 
+class RecordingError(TaxelError):
+    """A recording cannot be read or written."""
+
+
 class MalformedError(TaxelError):
     """Bytes that are no message of this protocol."""
 

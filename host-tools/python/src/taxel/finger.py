@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
+from pathlib import Path
 from types import TracebackType
 from typing import TypeVar
 
@@ -34,6 +35,7 @@ from .messages import (
 )
 from .packets import Deframer, pack
 from .ports import open_port
+from .recorder import Recorder
 from .stream import Counts, Latest, Stream
 from .transport import Transport
 
@@ -136,6 +138,13 @@ class Finger:
         """Returns the time of the frame's scan by the host's clocks; ``None`` in a stream's first second."""
         with self._changed:
             return self._stream.clock.host(frame.time_us)
+
+    def record(self, path: str | Path, overwrite: bool = False) -> Recorder:
+        """Opens a recorder of the stream, a context manager: ``with finger.record("press.csv"): …``.
+
+        It writes all received frames with the fields that are set now, whatever the program takes of them.
+        """
+        return Recorder(self, path, overwrite)
 
     @property
     def counts(self) -> Counts:
@@ -290,7 +299,7 @@ class Finger:
                     with self._changed:
                         for message in messages:
                             self._take(message, at)
-                        self._changed.notify_all()
+                        self._stream.wake()
         except TaxelError as error:
             self._stream.end(error)
 

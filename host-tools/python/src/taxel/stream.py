@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from .clock import DeviceClock
+from .clock import DeviceClock, HostTime
 from .errors import LinkError, StaleError, StreamWarning, TaxelError
 from .messages import Frame
 
@@ -18,6 +18,10 @@ QUEUE = 8192
 
 BEHIND_S = 1.0
 """Seconds of device time that a program may be behind before it is warned."""
+
+
+Listener = Callable[[Frame, float, HostTime | None], None]
+"""Takes a frame, its :func:`time.monotonic` of reception, and its host time."""
 
 
 class Counts(NamedTuple):
@@ -64,7 +68,10 @@ class Stream:
         self.clock = DeviceClock()
         self.ended: TaxelError | None = None
         self.started = False
-        self.listeners: list[Callable[[Frame, float], None]] = []
+        self.listeners: list[Listener] = []
+        """Called with each frame by the reading thread; must return at once."""
+        self.wakers: list[Callable[[], None]] = []
+        """Called by the reading thread after new frames or the end; must return at once."""
         self._reset()
 
     def _reset(self) -> None:
@@ -94,8 +101,16 @@ class Stream:
             self._overflow += 1
         self._frames.append(frame)
         self._newest = frame, at
-        for listener in self.listeners:
-            listener(frame, at)
+        if self.listeners:
+            host = self.clock.host(frame.time_us)
+            for listener in self.listeners:
+                listener(frame, at, host)
+
+    def wake(self) -> None:
+        """Wakes who waits for frames or the end."""
+        self.changed.notify_all()
+        for waker in self.wakers:
+            waker()
 
     def counts(self, bad_packets: int) -> Counts:
         """Returns the counters at one moment."""
@@ -109,8 +124,18 @@ class Stream:
         with self.changed:
             if not self._frames:
                 self._wait(lambda: bool(self._frames), timeout)
+        frame = self.poll()
+        if frame is None:
+            raise self._silent(timeout)
+        return frame
+
+    def poll(self) -> Frame | None:
+        """Returns the oldest waiting frame, if any; raises what ended the stream after the last one."""
+        with self.changed:
             if not self._frames:
-                raise self.ended or self._silent(timeout)
+                if self.ended is not None:
+                    raise self.ended
+                return None
             frame = self._frames.popleft()
             self._given += 1
             behind = (self._newest[0].time_us - frame.time_us) * 1e-6 if self._newest else 0.0
@@ -118,19 +143,6 @@ class Stream:
         if told:
             self._tell(told, behind, waiting)
         return frame
-
-    def waiting(self) -> list[Frame]:
-        """Takes all waiting frames; raises what ended the stream once there are none."""
-        with self.changed:
-            frames = list(self._frames)
-            if not frames and self.ended is not None:
-                raise self.ended
-            self._frames.clear()
-            self._given += len(frames)
-            behind = (frames[-1].time_us - frames[0].time_us) * 1e-6 if frames else 0.0
-            told = self._news(behind)
-        self._tell(told, behind, len(frames))
-        return frames
 
     def latest(self, max_age_s: float, patience: float) -> Latest:
         """Returns the newest frame; waits only for the first one of a stream."""
@@ -154,14 +166,15 @@ class Stream:
             self._skipped += skipped
             self._given += new
             told = self._news(0.0)
-        self._tell(told, 0.0, 0)
+        if told:
+            self._tell(told, 0.0, 0)
         return Latest(frame, age, new, skipped)
 
     def end(self, error: TaxelError) -> None:
         """Ends the stream; the program gets the error after the last frame."""
         with self.changed:
             self.ended = error
-            self.changed.notify_all()
+            self.wake()
 
     def _wait(self, there: Callable[[], bool], timeout: float) -> None:
         self.changed.wait_for(lambda: there() or self.ended is not None, timeout)
@@ -187,4 +200,4 @@ class Stream:
             "behind": f"this program is {behind:.1f} s behind the finger, {waiting} frames wait; {mend}",
         }
         for name in news:
-            warnings.warn(f"{self.port}: {texts[name]}", StreamWarning, stacklevel=4)
+            warnings.warn(f"{self.port}: {texts[name]}", StreamWarning, stacklevel=5)
