@@ -49,6 +49,9 @@ def replayed(command: str, scene: str, folder: Path) -> tuple[Path, dict[int, di
     subprocess.run(simulate, check=True, capture_output=True)
     core = [command, "replay", str(trace), "--calibration", str(CALIBRATION), "--fields", "all"]
     subprocess.run([*core, "--out", str(frames)], check=True, capture_output=True)
-    # The facts of the recording come before its header, in lines that begin with #.
-    lines = (line for line in frames.open() if not line.startswith("#"))
-    return trace, {int(row["t_us"]): row for row in csv.DictReader(lines)}
+    return trace, {int(row["t_us"]): row for row in rows(frames)}
+
+
+def rows(file: Path) -> Iterator[dict[str, str]]:
+    """Yields a CSV's rows; the facts of a recording come before its header, after a #."""
+    yield from csv.DictReader(line for line in file.open() if not line.startswith("#"))

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 import xxhash
 import zenoh
-from fingers import CALIBRATION, ROOT, replayed
+from fingers import CALIBRATION, ROOT, replayed, rows
 
 # Scenes of the fingers; each finger is named after its scene.
 SCENES = [
@@ -36,6 +36,7 @@ SCENES = [
     "grasp",
 ]
 REASONS = 8
+Wrench = tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]
 
 
 def load(path: Path) -> ModuleType:
@@ -124,6 +125,37 @@ def wait(condition: Callable[[], bool], seconds: float = 30) -> None:
         time.sleep(0.02)
 
 
+def has_wrench(frame: Any) -> bool:
+    """Returns whether force and place are known, or the force is zero."""
+    known = all(value.withheld == 0 for value in frame.force)
+    zero = all(value.value == 0 for value in frame.force)
+    return known and (zero or all(value.withheld == 0 for value in frame.point))
+
+
+def wrench_of(stamped: Any) -> Wrench:
+    """Returns a message's force in N and torque in N m."""
+    force, torque = stamped.wrench.force, stamped.wrench.torque
+    return np.array([force.x, force.y, force.z]), np.array([torque.x, torque.y, torque.z])
+
+
+def true_wrench(row: dict[str, str]) -> Wrench:
+    """Returns the simulated force in N, and its moment about the middle of the skin in N m."""
+    force = np.array([float(row[name]) for name in ("fx_n", "fy_n", "fz_n")])
+    place = np.array([float(row["x_mm"]), float(row["y_mm"]), 0.0])
+    torsion = np.array([0.0, 0.0, float(row["torsion_nmm"])])
+    return force, 1e-3 * (np.cross(place, force) + torsion)
+
+
+def torque_in_tilted_frame(wrench: Wrench) -> np.ndarray[Any, Any]:
+    """Returns the torque about a point of the hand, in axes turned by 40 degrees about x."""
+    force, torque = wrench
+    sin, cos = np.sin(np.radians(40)), np.cos(np.radians(40))
+    turn = np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]])
+    from_hand = np.array([5e-3, -10e-3, 20e-3])
+    turned: np.ndarray[Any, Any] = turn @ torque + np.cross(from_hand, turn @ force)
+    return turned
+
+
 def at(message: Any) -> int:
     """Returns a message's timestamp in nanoseconds."""
     stamp = message.header.stamp
@@ -193,19 +225,27 @@ def test_values_match_the_finger_bit_for_bit(command: str, network: Network, tmp
                     withheld += 1
         assert [np.float32(row[f"c_r{k // 4}c{k % 4}"]) for k in range(16)] == list(frame.taxels)
     assert withheld > 100
-    # A missing force gives no wrench instead of a wrench of zero.
+    # A missing force or place gives no wrench instead of a wrench of zero.
     wrenches = [
         network.store.deserialize_cdr(s.payload, listen.WRENCH)
         for s in network.samples("taxel/trace/wrench", listen.WRENCH)
     ]
     began = max(at(wrenches[0]), at(frames[0]))
-    given = [f for f in frames if at(f) >= began and all(v.withheld == 0 for v in f.force)]
+    given = [f for f in frames if at(f) >= began and has_wrench(f)]
     wrenches = [wrench for wrench in wrenches if at(wrench) >= began]
     assert len(wrenches) == len(given) > 1000
     for stamped, frame in zip(wrenches, given, strict=True):
         force = stamped.wrench.force
         assert (force.x, force.y, force.z) == tuple(v.value for v in frame.force)
         assert stamped.header == frame.header
+    truth = {int(row["t_us"]): row for row in rows(trace) if row["x_mm"]}
+    errors = [
+        torque_in_tilted_frame(wrench_of(stamped)) - torque_in_tilted_frame(true_wrench(true))
+        for stamped, frame in zip(wrenches, given, strict=True)
+        if (true := truth.get(frame.device_us)) is not None
+    ]
+    assert len(errors) > 1000
+    assert np.abs(errors).max() < 0.3e-3, "N m"
     assert np.median(np.diff([at(frame) for frame in frames])) == pytest.approx(1e6, abs=2e5)
 
 

@@ -80,7 +80,7 @@ pub struct Args {
     rate: Option<u16>,
     #[arg(long, value_name = "LIST", value_parser = fields::parse, help = format!(
         "Fields to publish, with commas between (codes are not published): {FIELD_NAMES} \
-         [default: as the finger is set]. The wrench needs force"
+         [default: as the finger is set]. The wrench needs force,point"
     ))]
     fields: Option<Fields>,
     /// Calibration of a virtual finger [default: a built-in scene's own].
@@ -172,9 +172,9 @@ fn not_built_in(feature: &str) -> anyhow::Error {
 
 fn as_text(report: &Report) -> String {
     let Report { port, names, frames, lost, withheld } = report;
-    let forces = frames - withheld;
+    let wrenches = frames - withheld;
     let name = if names.is_empty() { "never there".to_owned() } else { names.join(", ") };
-    format!("{port}: {name}, {frames} frames, {lost} lost, {forces} with a force")
+    format!("{port}: {name}, {frames} frames, {lost} lost, {wrenches} with a wrench")
 }
 
 /// Reads the domain from `ROS_DOMAIN_ID`, as ROS 2 does: 0 if unset or empty.

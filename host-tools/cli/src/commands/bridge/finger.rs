@@ -30,7 +30,7 @@ pub struct Report {
     pub frames: u64,
     /// Frames lost on the way to this program, or dropped by its full queue.
     pub lost: u64,
-    /// Frames without a wrench, because their force has no value.
+    /// Frames without a wrench, because their force or contact point has no value.
     pub withheld: u64,
 }
 
@@ -130,7 +130,7 @@ impl Finger {
             return Ok(());
         }
         self.report.frames += 1;
-        self.report.withheld += u64::from(ros::force(&received.frame).is_none());
+        self.report.withheld += u64::from(ros::wrench(&received.frame).is_none());
         self.outlets.iter_mut().try_for_each(|outlet| outlet.frame(received, &self.stamps))
     }
 

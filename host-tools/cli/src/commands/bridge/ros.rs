@@ -1,8 +1,8 @@
 //! Frames as ROS 2 messages, in CDR.
 //!
 //! Units are those of ROS, metres and newton metres (REP 103). `geometry_msgs/WrenchStamped` cannot
-//! mark a value as missing. A frame whose force has no value therefore has no wrench;
-//! `taxel_msgs/Frame` carries the reason.
+//! mark a value as missing. A frame whose force or place of contact has no value therefore has no
+//! wrench; `taxel_msgs/Frame` carries the reason.
 
 use std::time::Duration;
 
@@ -81,22 +81,27 @@ struct FrameMessage<'n> {
     bridges: Vec<Value>,
 }
 
-/// Returns the force of a frame in N; `None` if a component has no value or is not streamed.
-pub fn force(frame: &Frame) -> Option<[f64; 3]> {
-    let Force { x: Ok(x), y: Ok(y), z: Ok(z) } = frame.force? else { return None };
-    Some([x, y, z].map(|newtons| f64::from(newtons.0)))
+/// Returns force in N and moment in N m about the middle of the skin's surface.
+///
+/// The moment is r × F, with r from the middle to the contact point, and the torsion about the
+/// contact's normal (0 if it has no value). `None` if a component of the force has no value or is
+/// not streamed, or if a force that is not zero has no contact point.
+pub fn wrench(frame: &Frame) -> Option<[[f64; 3]; 2]> {
+    let Force { x: Ok(fx), y: Ok(fy), z: Ok(fz) } = frame.force? else { return None };
+    let force @ [fx, fy, fz] = [fx, fy, fz].map(|newtons| f64::from(newtons.0));
+    if force == [0.0; 3] {
+        return Some([force, [0.0; 3]]);
+    }
+    let point = frame.point?.ok()?;
+    let [x, y] = [point.x, point.y].map(|mm| f64::from(mm.0) * 1e-3);
+    let torsion = frame.torsion.and_then(Result::ok).map_or(0.0, |t| f64::from(t.0) * 1e-3);
+    Some([force, [y * fz, -x * fz, x * fy - y * fx + torsion]])
 }
 
-/// Encodes the wrench on the finger; `None` without a [`force`]. The moment is that about the
-/// contact's normal, 0 if it has no value.
-pub fn wrench(frame: &Frame, at: Duration, name: &str) -> Option<Vec<u8>> {
-    let [x, y, z] = force(frame)?;
-    let torsion = frame.torsion.and_then(Result::ok).map_or(0.0, |t| f64::from(t.0) * 1e-3);
-    Some(cdr(&WrenchStamped {
-        header: header(at, name),
-        force: Vector3 { x, y, z },
-        torque: Vector3 { x: 0.0, y: 0.0, z: torsion },
-    }))
+/// Encodes a [`wrench`] on the finger.
+pub fn wrench_stamped([force, torque]: [[f64; 3]; 2], at: Duration, name: &str) -> Vec<u8> {
+    let [force, torque] = [force, torque].map(|[x, y, z]| Vector3 { x, y, z });
+    cdr(&WrenchStamped { header: header(at, name), force, torque })
 }
 
 /// Encodes all fields of the frame except its codes.

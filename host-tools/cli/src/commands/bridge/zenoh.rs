@@ -114,10 +114,9 @@ impl Outlet for Nodes {
         // Time of reception until the finger's clock is known.
         let at = scanned.map_or(stamps.unix(received.at), |(at, _)| at);
         let now = stamps.unix(Instant::now());
-        let wrench = ros::wrench(&received.frame, at, &node.name);
-        let frame = ros::frame(&received.frame, at, &node.name);
-        node.frames.put(&frame, now)?;
-        wrench.map_or(Ok(()), |wrench| node.wrench.put(&wrench, now))
+        node.frames.put(&ros::frame(&received.frame, at, &node.name), now)?;
+        let Some(wrench) = ros::wrench(&received.frame) else { return Ok(()) };
+        node.wrench.put(&ros::wrench_stamped(wrench, at, &node.name), now)
     }
 }
 
