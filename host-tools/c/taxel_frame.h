@@ -112,6 +112,17 @@ struct taxel_frame {
 
 static inline int taxel_given(struct taxel_value value) { return value.why == TAXEL_GIVEN; }
 
+/* Says in words why a value is missing. */
+static inline const char *taxel_why_text(int why) {
+    static const char *const texts[] = {
+        "uncalibrated", "no contact", "saturated", "dead channel",
+        "out of trained range", "ill-conditioned", "absent", "not estimated",
+    };
+    if (why == TAXEL_GIVEN) return "given";
+    if (why == TAXEL_NOT_SENT) return "not sent";
+    return why >= 0 && why <= TAXEL_NOT_ESTIMATED ? texts[why] : "a reason of a later firmware";
+}
+
 /* CRC-32/ISO-HDLC, as in zip. */
 static inline uint32_t taxel_crc32(const uint8_t *bytes, size_t length) {
     uint32_t crc = UINT32_C(0xffffffff);
