@@ -5,18 +5,22 @@
 //!    rx ──requests──▶   └────replies──▶  │ pipe │ ──▶ tx
 //!                                        └──────┘
 //! ```
-//! A single owner of the instrument takes scans and requests in turn; a pipe of bytes decouples it
-//! from the link. Packets enter the pipe whole or not at all. A slow host therefore loses whole
-//! frames, which are counted, and never delays the scan. The writer sends all that the pipe holds
-//! at once, so that frames share full USB packets.
+//! A single owner of the instrument takes a scan and a request in turn, so that neither starves the
+//! other; a pipe of bytes decouples it from the link. Packets enter the pipe whole or not at all. A
+//! slow host therefore loses whole frames, which are counted, and never delays the scan. A request
+//! is taken only when the pipe has room for its reply, so that no reply is lost. The writer sends
+//! all that the pipe holds at once, so that frames share full USB packets.
 
+use core::future::poll_fn;
 use core::pin::pin;
+use core::task::Poll;
 
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
+use embassy_sync::waitqueue::GenericAtomicWaker;
 use embedded_io_async::{Read, Write};
 
 use crate::crc32::crc32;
@@ -31,8 +35,8 @@ use crate::wire::{MAX_PACKET, WireError, pack, pack_frame_with};
 /// Bytes between instrument and link: about four frames with every field, or twenty with the
 /// estimates.
 const PIPE: usize = 2048;
-/// Bytes of the pipe that frames leave to replies, so that a flooded link still answers.
-const REPLY_RESERVE: usize = MAX_PACKET;
+/// Bytes read at once: those of a USB packet.
+const PACKET: usize = 64;
 
 type Bytes = Pipe<NoopRawMutex, PIPE>;
 
@@ -41,6 +45,8 @@ type Bytes = Pipe<NoopRawMutex, PIPE>;
 /// The caller keeps them, because a session is copied over the stack when a task starts.
 pub struct Buffers {
     pipe: Bytes,
+    /// Wakes the session when the link has taken bytes from the pipe.
+    taken: GenericAtomicWaker<NoopRawMutex>,
     /// Bytes that the link is being given.
     chunk: [u8; PIPE / 4],
 }
@@ -49,7 +55,11 @@ impl Buffers {
     /// Makes empty buffers.
     #[must_use]
     pub const fn new() -> Self {
-        Self { pipe: Bytes::new(), chunk: [0; PIPE / 4] }
+        Self {
+            pipe: Bytes::new(),
+            taken: GenericAtomicWaker::new(NoopRawMutex::new()),
+            chunk: [0; PIPE / 4],
+        }
     }
 }
 
@@ -149,14 +159,15 @@ pub async fn run_session<R: Read, W: Write>(
     buffers: &mut Buffers,
     pace: Pace,
 ) -> Result<End, SessionError<R::Error, W::Error>> {
-    let Buffers { pipe, chunk } = buffers;
+    let Buffers { pipe, taken, chunk } = buffers;
     // Drops what the last session left.
     *pipe = Bytes::new();
     let done = Signal::<NoopRawMutex, ()>::new();
-    let mut transmit = pin!(transmit(&mut tx, pipe, chunk, &done));
+    let mut transmit = pin!(transmit(&mut tx, pipe, taken, chunk, &done));
     // The last session may have been dropped.
     release_row(board, instrument);
-    let first = select(converse(rx, board, instrument, pipe, pace), transmit.as_mut()).await;
+    let converse = converse(rx, board, instrument, pipe, taken, pace);
+    let first = select(converse, transmit.as_mut()).await;
     release_row(board, instrument);
     let ended = match first {
         Either::First(ended) => ended.map_err(SessionError::Read)?,
@@ -175,6 +186,7 @@ pub async fn run_session<R: Read, W: Write>(
 async fn transmit<W: Write>(
     tx: &mut W,
     pipe: &Bytes,
+    taken: &GenericAtomicWaker<NoopRawMutex>,
     chunk: &mut [u8],
     done: &Signal<NoopRawMutex, ()>,
 ) -> Result<(), W::Error> {
@@ -184,6 +196,7 @@ async fn transmit<W: Write>(
             Either::First(length) => length,
             Either::Second(()) => return Ok(()),
         };
+        taken.wake();
         tx.write_all(chunk.get(..length).unwrap_or_default()).await?;
         if pipe.is_empty() {
             tx.flush().await?;
@@ -206,37 +219,51 @@ async fn converse<R: Read>(
     board: &mut impl Board,
     instrument: &mut Instrument,
     pipe: &Bytes,
+    taken: &GenericAtomicWaker<NoopRawMutex>,
     pace: Pace,
 ) -> Result<End, R::Error> {
     let mut deframer = Deframer::<MAX_PACKET>::default();
-    let mut bytes = [0; 64];
+    let mut packet = [0; PACKET];
+    // Positions of the packet's bytes that are still to be deframed.
+    let mut unread = 0..0;
     let mut buffer = [0; MAX_PACKET];
     let mut sending = Cost::default();
+    // Whether the last turn was a scan's, and whether none has come since the scan was restarted.
+    let (mut scanned, mut restarted) = (false, false);
     loop {
         let scanning = pace == Pace::Live || instrument.streaming();
-        let next =
-            async { if scanning { board.scan().await } else { core::future::pending().await } };
-        match select(rx.read(&mut bytes), next).await {
-            Either::First(length) => {
-                let length = length?;
-                if length == 0 {
-                    return Ok(End::Closed);
-                }
-                for byte in bytes.get(..length).unwrap_or_default() {
-                    let answer = match deframer.push::<Request>(*byte) {
-                        None => None,
-                        Some(Ok(request)) => answer(&request, board, instrument, sending),
-                        Some(Err(_)) => {
-                            let counters = instrument.counters();
-                            counters.bad_packets = counters.bad_packets.wrapping_add(1);
-                            None
+        let reserve = if pace == Pace::Live { reply_reserve(instrument) } else { 0 };
+        let waiting = !unread.is_empty();
+        let turn = {
+            let (mut scan, mut read) = (pin!(board.scan()), pin!(rx.read(&mut packet)));
+            // The one that did not have the last turn is asked first.
+            poll_fn(|context| {
+                for host in [scanned, !scanned] {
+                    if !host {
+                        if scanning && let Poll::Ready(scan) = scan.as_mut().poll(context) {
+                            return Poll::Ready(Either::First(scan));
                         }
-                    };
-                    reply(&answer, &mut buffer, pipe, instrument, pace).await;
+                        continue;
+                    }
+                    taken.register(context.waker());
+                    if pipe.free_capacity() < reserve || (restarted && scanning) {
+                        continue;
+                    }
+                    if waiting {
+                        return Poll::Ready(Either::Second(None));
+                    }
+                    if let Poll::Ready(length) = read.as_mut().poll(context) {
+                        return Poll::Ready(Either::Second(Some(length)));
+                    }
                 }
-            }
-            Either::Second(None) => return Ok(End::Scans),
-            Either::Second(Some(scan)) => {
+                Poll::Pending
+            })
+            .await
+        };
+        match turn {
+            Either::First(None) => return Ok(End::Scans),
+            Either::First(Some(scan)) => {
+                (scanned, restarted) = (true, false);
                 let before = board.ticks();
                 let outcome = instrument.scan(&scan);
                 let late = if outcome.reply { instrument.take_reply() } else { None };
@@ -246,17 +273,49 @@ async fn converse<R: Read>(
                     let before = board.ticks();
                     let crc = |bytes: &[u8]| board.crc32(bytes);
                     let packed = pack_frame_with(instrument.frame(&scan), &mut buffer, crc);
-                    if !offer(packed, REPLY_RESERVE, pipe, pace).await {
+                    if !offer(packed, reply_reserve(instrument), pipe, pace).await {
                         let counters = instrument.counters();
                         counters.lost = counters.lost.wrapping_add(1);
                     }
                     sending.note(board.ticks().wrapping_sub(before));
                 }
-                // Scans that come faster than they are processed would never let the link run.
-                yield_now().await;
+            }
+            Either::Second(received) => {
+                scanned = false;
+                match received.transpose()? {
+                    None => {}
+                    Some(0) => return Ok(End::Closed),
+                    Some(length) => unread = 0..length,
+                }
+                let mut bytes = unread.by_ref().filter_map(|at| packet.get(at));
+                let answer = match bytes.find_map(|byte| deframer.push::<Request>(*byte)) {
+                    None => None,
+                    Some(Ok(request)) => {
+                        // A host that restarts the scan again and again would stop it.
+                        restarted = matches!(
+                            request.command,
+                            Command::SetScan(_) | Command::HoldRow { .. }
+                        );
+                        answer(&request, board, instrument, sending)
+                    }
+                    Some(Err(_)) => {
+                        let counters = instrument.counters();
+                        counters.bad_packets = counters.bad_packets.wrapping_add(1);
+                        None
+                    }
+                };
+                reply(&answer, &mut buffer, pipe, instrument, pace).await;
             }
         }
+        // Scans and requests that are always ready would never let the link run.
+        yield_now().await;
     }
+}
+
+/// Returns the bytes of the pipe that frames leave to replies: to that of the next request, and to
+/// one that comes with a scan.
+fn reply_reserve(instrument: &Instrument) -> usize {
+    if instrument.busy() { 2 * MAX_PACKET } else { MAX_PACKET }
 }
 
 /// Passes board commands to the board and all others to the instrument.

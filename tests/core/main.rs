@@ -3,6 +3,7 @@
 mod c_header;
 mod common;
 mod finger;
+mod flood;
 mod hostile;
 mod session;
 mod store;
