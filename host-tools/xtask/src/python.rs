@@ -16,7 +16,7 @@ pub fn checks() -> Result<()> {
     let python = environment(&client)?;
     let check = |module: &[&str]| run(program(&python, &client).arg("-m").args(module));
     check(&["ruff", "check", "."])?;
-    check(&["ruff", "format", "--check", "src", "tests"])?;
+    check(&["ruff", "format", "--check", "src", "tests", "examples"])?;
     check(&["mypy"])?;
     as_users_install_it(&python, &client)
 }
@@ -73,7 +73,7 @@ fn environment(client: &Path) -> Result<PathBuf> {
     let directory = target().join("python-client");
     let python = directory.join("bin/python");
     // An older environment may lack some of these.
-    let all_there = "import pytest, mypy, ruff, pandas, zenoh, mcap_protobuf, pyarrow, rosbags, websockets, xxhash";
+    let all_there = "import pytest, mypy, ruff, pandas, zenoh, h5py, mcap_protobuf, pyarrow, rosbags, websockets, xxhash";
     let check = format!("{all_there}; print(1)");
     if answer(Command::new(&python).args(["-c", &check])).is_some() {
         return Ok(python);
