@@ -114,6 +114,27 @@ pub struct Codes {
     pub temperature: Option<Code>,
 }
 
+impl Codes {
+    /// Returns the codes of a converter with another full scale at the same voltages, each rounded
+    /// to the nearest.
+    #[must_use]
+    pub fn rescaled(mut self, full_scale: FullScale) -> Self {
+        let [old, new] = [self.full_scale, full_scale].map(|scale| u64::from(scale.top().0));
+        let rescale = |code: &mut Code| {
+            let rounded = (u64::from(code.0) * new + old / 2) / old.max(1);
+            code.0 = rounded.min(new) as u16;
+        };
+        if let Some(TaxelCodes { lit, dark }) = &mut self.taxels {
+            lit.as_flattened_mut().iter_mut().chain(dark).for_each(rescale);
+        }
+        for Midpoints { a, b, c, d } in self.bridges.iter_mut().flatten() {
+            [a, b, c, d].into_iter().for_each(rescale);
+        }
+        self.reference.iter_mut().chain(&mut self.temperature).for_each(rescale);
+        Self { full_scale, ..self }
+    }
+}
+
 /// One scan with its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -137,5 +158,33 @@ mod tests {
         assert_eq!(TAXEL_CENTRES[4], [Millimetres(-3.75), Millimetres(-1.25)]);
         let sum = TAXEL_CENTRES.iter().fold([0.0, 0.0], |s, c| [s[0] + c[0].0, s[1] + c[1].0]);
         assert_eq!(sum, [0.0, 0.0]);
+    }
+
+    #[test]
+    fn rescaled_codes_are_rounded_to_the_nearest() {
+        let code = Some(Code(40_000));
+        let taxels = TaxelCodes { lit: [[Code(65_535); COLS]; ROWS], dark: [Code(7); COLS] };
+        let midpoints = Midpoints { a: Code(0), b: Code(8), c: Code(9), d: Code(24) };
+        let codes = Codes {
+            full_scale: FullScale::BITS_16,
+            taxels: Some(taxels),
+            bridges: [Some(midpoints), None, None, None],
+            reference: code,
+            temperature: code,
+        };
+        let rescaled = codes.rescaled(FullScale::BITS_12);
+        assert_eq!(rescaled.full_scale, FullScale::BITS_12);
+        let taxels = rescaled.taxels.unwrap();
+        assert_eq!((taxels.lit[3][3], taxels.dark[0]), (Code(4095), Code(0)));
+        // 8 / 16.004 is just below a half, 9 above.
+        let Midpoints { a, b, c, d } = rescaled.bridges[0].unwrap();
+        assert_eq!([a, b, c, d], [Code(0), Code(0), Code(1), Code(1)]);
+        assert_eq!(
+            (rescaled.reference, rescaled.temperature),
+            (Some(Code(2499)), Some(Code(2499)))
+        );
+        // No rounding where each code has its own: a sum of eight conversions.
+        let eight = FullScale::new(8 * 4095).unwrap();
+        assert_eq!(rescaled.rescaled(eight).rescaled(FullScale::BITS_12), rescaled);
     }
 }

@@ -11,11 +11,11 @@
 use taxel::scan::{ScanSetting, ScanSettings};
 use taxel::wire::message::Refusal;
 
-use crate::{STEPS, Step, fit, refusal, settle_refusal, ticks};
+use crate::{STEPS, Step, divider, fit, refusal, settle_refusal, ticks};
 
 /// HCLK, APB2 and timer clock in hertz: the highest that also gives 48 MHz to the USB.
 pub const CLOCK_HZ: u32 = 96_000_000;
-/// Timer ticks in a cycle of the ADC clock: ADCPRE = PCLK2/4.
+/// HCLK cycles in a cycle of the ADC clock: ADCPRE = PCLK2/4.
 pub const TICKS_PER_CYCLE: u32 = 4;
 /// ADC clock in hertz.
 ///
@@ -58,6 +58,7 @@ pub const READINGS: usize = STEPS as usize * INPUTS.len();
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the registers' own names")]
 pub struct Timer {
+    pub psc: u32,
     pub cr1: u32,
     pub cr2: u32,
     pub dier: u32,
@@ -120,27 +121,30 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     if settings.oversampling != 1 {
         return Err(refusal(ScanSetting::Oversampling, 1, 1));
     }
-    let latency = LATENCY_CYCLES * TICKS_PER_CYCLE;
-    let slow = LIGHT + ticks(MULTIPLEXER_NS, CLOCK_HZ);
-    let internal = latency + conversion(INTERNAL_SAMPLE);
-    let columns = LIGHT + ticks(settings.settle_ns, CLOCK_HZ);
+    // All times below are in ticks of the timer's divided clock, each rounded up.
+    let divider = divider(settings.scan_hz, CLOCK_HZ);
+    let tick_hz = CLOCK_HZ / divider;
+    let latency = (LATENCY_CYCLES * TICKS_PER_CYCLE).div_ceil(divider);
+    let slow = LIGHT + ticks(MULTIPLEXER_NS, tick_hz);
+    let internal = latency + conversion(INTERNAL_SAMPLE).div_ceil(divider);
+    let columns = LIGHT + ticks(settings.settle_ns, tick_hz);
     // The multiplexer switches with the LED row: every input must have been sampled before.
     let all = INPUTS.len() as u32 * conversion(INPUT_SAMPLE) - CONVERT_CYCLES * TICKS_PER_CYCLE;
-    let sampling = latency + all;
+    let sampling = latency + all.div_ceil(divider);
     let done = columns + sampling;
     if columns < slow + internal || done > crate::LONGEST_STEP {
         let least = slow + internal - LIGHT;
-        return Err(settle_refusal(least, LIGHT + sampling, settings.scan_hz, CLOCK_HZ));
+        return Err(settle_refusal(least, LIGHT + sampling, settings.scan_hz, tick_hz));
     }
-    let top = match fit(settings.scan_hz, done, CLOCK_HZ) {
+    let top = match fit(settings.scan_hz, done, CLOCK_HZ, divider) {
         Ok(top) => top,
         Err(refusal) => return Err(refusal),
     };
-    let step = Step { tick_hz: CLOCK_HZ, light: LIGHT, slow, columns, done, top };
+    let step = Step { tick_hz, light: LIGHT, slow, columns, done, top };
     Ok(Plan {
         step,
         full_scale: TOP_CODE,
-        timer: timer(&step),
+        timer: timer(&step, divider),
         adc: adc(),
         // Channel 6: TIM1_CH1; very high priority, words, memory to peripheral.
         patterns: Stream { cr: dma(6, 3, 2, 1 << 6), count: STEPS },
@@ -149,15 +153,16 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     })
 }
 
-/// Timer ticks of one conversion with this sampling code.
+/// HCLK cycles of one conversion with this sampling code.
 const fn conversion(sample: u32) -> u32 {
     (SAMPLE_CYCLES[sample as usize] + CONVERT_CYCLES) * TICKS_PER_CYCLE
 }
 
-const fn timer(step: &Step) -> Timer {
+const fn timer(step: &Step, divider: u32) -> Timer {
     /// PWM mode 2: inactive below the compare value, active from there to the top.
     const PWM2: u32 = 0b111;
     Timer {
+        psc: divider - 1,
         // ARPE
         cr1: 1 << 7,
         // MMS = OC3REF

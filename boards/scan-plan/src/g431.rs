@@ -12,17 +12,17 @@
 //!   Between the pairs ADC2 converts the amplifiers' bias pin, which is the bridges' own reference,
 //!   while the amplifiers settle on their second input.
 //!
-//! Both ADCs run on HCLK/4, synchronous with the timer. A trigger is always taken after the same
+//! Slow scans divide the timer's clock. Both ADCs run on HCLK/4, synchronous with the timer. A trigger is always taken after the same
 //! number of cycles, so that the only jitter of a sample is that of the crystal-less clock.
 
 use taxel::scan::{ScanSetting, ScanSettings};
 use taxel::wire::message::Refusal;
 
-use crate::{COLUMNS, STEPS, Step, fit, refusal, settle_refusal, ticks};
+use crate::{COLUMNS, STEPS, Step, divider, fit, refusal, settle_refusal, ticks};
 
 /// HCLK, APB2 and timer clock in hertz.
 pub const CLOCK_HZ: u32 = 170_000_000;
-/// Timer ticks in a cycle of the ADC clock: CKMODE = HCLK/4.
+/// HCLK cycles in a cycle of the ADC clock: CKMODE = HCLK/4.
 pub const TICKS_PER_CYCLE: u32 = 4;
 /// ADC clock in hertz; the limit is 52 MHz with both converters running (DS12589 table 66).
 pub const ADC_HZ: u32 = CLOCK_HZ / TICKS_PER_CYCLE;
@@ -79,6 +79,7 @@ pub const BRIDGE_READINGS: usize = STEPS as usize * BRIDGE_INPUTS.len();
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the registers' own names")]
 pub struct Timer {
+    pub psc: u32,
     pub cr1: u32,
     pub cr2: u32,
     pub dier: u32,
@@ -174,26 +175,32 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     if !samples.is_power_of_two() || samples > MOST_SAMPLES {
         return Err(refusal(ScanSetting::Oversampling, 1, MOST_SAMPLES as u32));
     }
-    let latency = LATENCY_CYCLES * TICKS_PER_CYCLE;
-    let slow = LIGHT + ticks(AMPLIFIER_NS, CLOCK_HZ);
+    // All times below are in ticks of the timer's divided clock, each rounded up.
+    let divider = divider(settings.scan_hz, CLOCK_HZ);
+    let tick_hz = CLOCK_HZ / divider;
+    let latency = (LATENCY_CYCLES * TICKS_PER_CYCLE).div_ceil(divider);
+    let slow = LIGHT + ticks(AMPLIFIER_NS, tick_hz);
 
     // The injected group must end before the columns start.
-    let internal = latency + INTERNAL_INPUTS.len() as u32 * conversion(INTERNAL_SAMPLE);
-    let columns = LIGHT + ticks(settings.settle_ns, CLOCK_HZ);
-    let sampling = latency + sampled(COLUMNS * samples as u32, COLUMN_SAMPLE);
+    let internal = INTERNAL_INPUTS.len() as u32 * conversion(INTERNAL_SAMPLE);
+    let internal = latency + internal.div_ceil(divider);
+    let columns = LIGHT + ticks(settings.settle_ns, tick_hz);
+    let sampling = sampled(COLUMNS * samples as u32, COLUMN_SAMPLE);
+    let sampling = latency + sampling.div_ceil(divider);
     // The next pattern may come as soon as the last column has been sampled.
     let columns_done = columns + sampling;
     if columns < slow + internal || columns_done > crate::LONGEST_STEP {
         let least = slow + internal - LIGHT;
-        return Err(settle_refusal(least, LIGHT + sampling, settings.scan_hz, CLOCK_HZ));
+        return Err(settle_refusal(least, LIGHT + sampling, settings.scan_hz, tick_hz));
     }
 
     let amplified = conversion(AMPLIFIER_SAMPLE) * samples as u32;
-    let second_input = slow + latency + 2 * amplified;
+    let second_input = slow + latency + (2 * amplified).div_ceil(divider);
     let bias_sample = bias_sample(samples as u32);
     let bias = conversion(bias_sample) * samples as u32;
     // After the switch ADC2 converts the bias, B and D; the amplifiers settle during the bias.
-    let second_done = second_input + bias + amplified + sampled(samples as u32, AMPLIFIER_SAMPLE);
+    let second = bias + amplified + sampled(samples as u32, AMPLIFIER_SAMPLE);
+    let second_done = second_input + second.div_ceil(divider);
 
     // Results follow their samples after the same time on both converters.
     let (last, done) = if columns_done > second_done {
@@ -201,16 +208,16 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     } else {
         (Last::Bridges, second_done)
     };
-    let top = match fit(settings.scan_hz, done, CLOCK_HZ) {
+    let top = match fit(settings.scan_hz, done, CLOCK_HZ, divider) {
         Ok(top) => top,
         Err(refusal) => return Err(refusal),
     };
-    let step = Step { tick_hz: CLOCK_HZ, light: LIGHT, slow, columns, done, top };
+    let step = Step { tick_hz, light: LIGHT, slow, columns, done, top };
     Ok(Plan {
         step,
         second_input,
         full_scale: TOP_CODE * samples,
-        timer: timer(&step, second_input),
+        timer: timer(&step, divider, second_input),
         adc1: adc(samples, TRGO, &COLUMN_INPUTS, Some(INTERNAL_INPUTS), COLUMN_SAMPLE),
         adc2: adc(samples, TRGO2, &BRIDGE_INPUTS, None, bias_sample),
         // CKMODE = 3: HCLK/4; VREFEN, VSENSESEL: the internal channels are connected.
@@ -238,12 +245,12 @@ pub const fn plan(settings: ScanSettings) -> Result<Plan, Refusal> {
     })
 }
 
-/// Timer ticks of one conversion with this sampling code.
+/// HCLK cycles of one conversion with this sampling code.
 const fn conversion(sample: u32) -> u32 {
     (SAMPLE_HALVES[sample as usize] + CONVERT_HALVES) * TICKS_PER_CYCLE / 2
 }
 
-/// Timer ticks until the last of `count` conversions has taken its sample.
+/// HCLK cycles until the last of `count` conversions has taken its sample.
 const fn sampled(count: u32, sample: u32) -> u32 {
     count * conversion(sample) - CONVERT_HALVES * TICKS_PER_CYCLE / 2
 }
@@ -257,10 +264,11 @@ const fn bias_sample(samples: u32) -> u32 {
     sample
 }
 
-const fn timer(step: &Step, second_input: u32) -> Timer {
+const fn timer(step: &Step, divider: u32, second_input: u32) -> Timer {
     /// PWM mode 2: inactive below the compare value, active from there to the top.
     const PWM2: u32 = 0b111;
     Timer {
+        psc: divider - 1,
         // ARPE
         cr1: 1 << 7,
         // MMS = OC2REF, MMS2 = OC3REF

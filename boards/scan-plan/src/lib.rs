@@ -117,14 +117,27 @@ const fn settle_refusal(least: u32, rest: u32, scan_hz: u16, tick_hz: u32) -> Re
 
 /// Most ticks of a step, because the timer counts to 65535.
 const LONGEST_STEP: u32 = 1 << 16;
+/// Divider of the timer's clock for slow scans.
+///
+/// More would leave an ADC of the STM32G431 idle for 1 ms, after which its next result may be wrong
+/// (ES0430).
+const DIVIDER: u32 = 2;
+
+/// Returns the divider of the timer's clock with which it counts a step; 1 if none suffices.
+const fn divider(scan_hz: u16, clock_hz: u32) -> u32 {
+    let undivided = step_ticks(scan_hz as u32, clock_hz);
+    let divided = step_ticks(scan_hz as u32, clock_hz / DIVIDER);
+    if scan_hz > 0 && undivided > LONGEST_STEP && divided <= LONGEST_STEP { DIVIDER } else { 1 }
+}
 
 /// Returns the top count for the rate `scan_hz`, or a refusal with the range of rates.
 ///
-/// A step needs `shortest` ticks.
-const fn fit(scan_hz: u16, shortest: u32, tick_hz: u32) -> Result<u32, Refusal> {
+/// A step needs `shortest` ticks of the clock over `divider`.
+const fn fit(scan_hz: u16, shortest: u32, clock_hz: u32, divider: u32) -> Result<u32, Refusal> {
+    let tick_hz = clock_hz / divider;
     let step = step_ticks(scan_hz as u32, tick_hz);
     if step < shortest || step > LONGEST_STEP || scan_hz == 0 {
-        let lowest = (2 * tick_hz).div_ceil(STEPS * (2 * LONGEST_STEP + 1));
+        let lowest = (2 * (clock_hz / DIVIDER)).div_ceil(STEPS * (2 * LONGEST_STEP + 1));
         return Err(refusal(ScanSetting::ScanHz, lowest, fastest(shortest, tick_hz)));
     }
     Ok(step - 1)

@@ -212,7 +212,7 @@ fn configure_timer(plan: Timer) {
     TIM1.ccmr3().write_value(timer::regs::Ccmr3Adv(plan.ccmr3));
     TIM1.ccer().write_value(timer::regs::CcerAdv(plan.ccer));
     TIM1.bdtr().write_value(timer::regs::BdtrAdv(plan.bdtr));
-    TIM1.psc().write_value(0);
+    TIM1.psc().write_value(plan.psc as u16);
     TIM1.arr().write_value(timer::regs::ArrCore(plan.arr));
     for (channel, compare) in [plan.ccr1, plan.ccr2, plan.ccr3].into_iter().enumerate() {
         TIM1.ccr(channel).write_value(timer::regs::Ccr1ch(compare));

@@ -40,12 +40,12 @@ impl Board {
         }
     }
 
-    /// Lowest scan rate in Hz: TIM1 counts a step, a fifth of a scan, in 16 bits at 170 MHz or 96
+    /// Lowest scan rate in Hz: TIM1 counts a step, a fifth of a scan, in 16 bits at 85 MHz or 48
     /// MHz.
     const fn slowest_hz(self) -> u16 {
         match self {
-            Self::Stm32G431 => 519,
-            Self::Stm32F411 => 293,
+            Self::Stm32G431 => 260,
+            Self::Stm32F411 => 147,
         }
     }
 }

@@ -11,11 +11,12 @@ use cycles::host::{Inputs, Whole};
 use cycles::kinds::KINDS;
 use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::condition::Levels;
+use taxel::units::FullScale;
 use taxel::wire::message::Command;
 use taxel_files::trace::TraceReader;
 
 use taxel_emulator::board::cpu::{Board, End};
-use taxel_emulator::board::finger::{Finger, Pace, in_12_bits};
+use taxel_emulator::board::finger::{Finger, Pace};
 use taxel_emulator::board::host::Host;
 use taxel_emulator::board::model::Model;
 use taxel_emulator::board::script::Session;
@@ -178,7 +179,8 @@ fn serve(arguments: &Serve) -> Result<()> {
         let each = span as f64 / (samples.len() - 1) as f64;
         Pace::Timed((each * (time::HZ / 1_000_000) as f64).round() as time::Tick)
     };
-    let scene = samples.iter().map(|sample| in_12_bits(sample.scan.codes)).collect();
+    let scene =
+        samples.iter().map(|sample| sample.scan.codes.rescaled(FullScale::BITS_12)).collect();
     let finger = Finger::new(scene, pace);
     let board = Board::new(arguments.board, &bytes(&arguments.image)?, finger, Host::new(false))?;
     let mut server = Server::new(board, &arguments.listen, arguments.replay)?;
@@ -235,7 +237,7 @@ fn run_board(arguments: &RunBoard) -> Result<()> {
 fn profile_board(arguments: &Profile) -> Result<()> {
     let (_, record) = recorded(&arguments.seen.calibration)?;
     let scans = TraceReader::open(&arguments.seen.scans)?;
-    let scans = scans.map(|sample| Ok(in_12_bits(sample?.scan.codes)));
+    let scans = scans.map(|sample| Ok(sample?.scan.codes.rescaled(FullScale::BITS_12)));
     let finger = Finger::new(scans.collect::<Result<_>>()?, Pace::Scans);
     let board = Board::new(Model::G431, &bytes(&arguments.image)?, finger, Host::new(false))?;
     let profiler = Profiler::new(&arguments.image)?;

@@ -9,7 +9,7 @@ pub type Span = Range<u64>;
 
 /// Grid over all settings that a user may ask for; many of them are refused.
 pub fn grid(oversamplings: &'static [u16]) -> impl Iterator<Item = ScanSettings> {
-    let rates = (519..=8000).step_by(97).chain([1000, 2000, 4000, 5000]);
+    let rates = (150..=8000).step_by(97).chain([292, 293, 500, 518, 519, 1000, 2000, 4000, 5000]);
     rates.flat_map(move |scan_hz| {
         oversamplings.iter().flat_map(move |oversampling| {
             (17_400..60_000).step_by(1300).map(move |settle_ns| ScanSettings {

@@ -85,6 +85,11 @@ fn regular(adc: &scan_plan::g431::Adc) -> Vec<u8> {
 /// Greatest latency of a trigger in half ticks: four ADC cycles.
 const LATENCY: u64 = 4 * 8;
 
+/// HCLK cycles of a count of the timer.
+fn clocks(plan: &Plan, count: u32) -> u64 {
+    u64::from(count) * u64::from(plan.timer.psc + 1)
+}
+
 pub struct Line {
     pub columns: Vec<Conversion>,
     pub internal: Vec<Conversion>,
@@ -93,7 +98,7 @@ pub struct Line {
 
 /// Time line of one step, with triggers at their latest.
 pub fn line(plan: &Plan) -> Line {
-    let start = |compare: u32| u64::from(compare) * 2 + LATENCY;
+    let start = |compare: u32| clocks(plan, compare) * 2 + LATENCY;
     let jsqr = Jsqr(plan.adc1.jsqr);
     let injected: Vec<_> = (0..usize::from(jsqr.jl()) + 1).map(|i| jsqr.jsq(i)).collect();
     Line {
@@ -154,9 +159,9 @@ fn settle_time_of_the_load_allows_8_khz() {
 #[test]
 fn columns_are_sampled_settled_before_next_row() {
     for (settings, plan) in plans() {
-        let light = u64::from(plan.timer.ccr1) * 2;
+        let light = clocks(&plan, plan.timer.ccr1) * 2;
         let settled = light + u64::from(settings.settle_ns) * 340 / 1000;
-        let next = (u64::from(plan.timer.arr) + 1) * 2 + light;
+        let next = clocks(&plan, plan.timer.arr + 1) * 2 + light;
         for conversion in line(&plan).columns {
             for sample in conversion.samples {
                 assert!(sample.start >= settled && sample.end <= next, "{settings:?}");
@@ -168,10 +173,10 @@ fn columns_are_sampled_settled_before_next_row() {
 #[test]
 fn midpoints_are_sampled_on_settled_amplifiers() {
     for (settings, plan) in plans() {
-        let turn = u64::from(plan.timer.ccr6) * 2;
+        let turn = clocks(&plan, plan.timer.ccr6) * 2;
         let settle = u64::from(AMPLIFIER_NS) * 340 / 1000;
-        let light = u64::from(plan.timer.ccr1) * 2;
-        let period = (u64::from(plan.timer.arr) + 1) * 2;
+        let light = clocks(&plan, plan.timer.ccr1) * 2;
+        let period = clocks(&plan, plan.timer.arr + 1) * 2;
         let bridges = line(&plan).bridges;
         assert_eq!(bridges.iter().map(|c| c.input).collect::<Vec<_>>(), [16, 18, 13, 16, 18]);
         for (place, conversion) in bridges.iter().enumerate() {
@@ -195,15 +200,15 @@ fn internal_inputs_are_sampled_before_the_columns() {
         let Line { columns, internal, .. } = line(&plan);
         assert_eq!(internal.iter().map(|c| c.input).collect::<Vec<_>>(), [16, 18]);
         // Earliest trigger for the columns, latest for the injected group.
-        let begin = u64::from(plan.timer.ccr2) * 2;
+        let begin = clocks(&plan, plan.timer.ccr2) * 2;
         for conversion in &internal {
             let sample = &conversion.samples[0];
             assert!((sample.end - sample.start) * 1000 / 340 >= u64::from(INTERNAL_NS));
             assert!(conversion.end <= begin, "{settings:?}");
         }
         // The last column's conversion may reach into the next step, but not to its injected group.
-        let period = (u64::from(plan.timer.arr) + 1) * 2;
-        assert!(columns.last().unwrap().end <= period + u64::from(plan.timer.ccr3) * 2);
+        let period = clocks(&plan, plan.timer.arr + 1) * 2;
+        assert!(columns.last().unwrap().end <= period + clocks(&plan, plan.timer.ccr3) * 2);
     }
 }
 
@@ -211,7 +216,7 @@ fn internal_inputs_are_sampled_before_the_columns() {
 fn conversions_of_a_converter_never_overlap() {
     for (settings, plan) in plans() {
         let Line { columns, internal, bridges } = line(&plan);
-        let period = (u64::from(plan.timer.arr) + 1) * 2;
+        let period = clocks(&plan, plan.timer.arr + 1) * 2;
         let spans = |all: &[Conversion]| -> Vec<Span> {
             all.iter().map(|c| c.samples[0].start..c.end).collect()
         };
@@ -306,6 +311,8 @@ fn timer_compares_raise_the_triggers() {
         assert!(BdtrAdv(t.bdtr).moe());
         assert!(0 < t.ccr1 && t.ccr1 < t.ccr3 && t.ccr3 < t.ccr6 && t.ccr6 < t.arr);
         assert!(t.ccr3 < t.ccr2 && t.ccr2 < t.arr && t.arr <= 0xFFFF);
+        // ES0430: an ADC must not stay idle for 1 ms.
+        assert!(t.psc <= 1 && clocks(&plan, t.arr + 1) < u64::from(CLOCK_HZ / 1000));
     }
 }
 
@@ -368,10 +375,10 @@ fn invalid_settings_are_refused_with_a_range() {
         Refusal::Scan { setting: SettleNs, .. }
     ));
     assert!(matches!(refused(|s| s.settle_ns = u32::MAX), Refusal::Scan { setting: SettleNs, .. }));
-    assert!(matches!(refused(|s| s.scan_hz = 0), Refusal::Scan { setting: ScanHz, low: 519, .. }));
+    assert!(matches!(refused(|s| s.scan_hz = 0), Refusal::Scan { setting: ScanHz, low: 260, .. }));
     assert!(matches!(
-        refused(|s| s.scan_hz = 500),
-        Refusal::Scan { setting: ScanHz, low: 519, .. }
+        refused(|s| s.scan_hz = 259),
+        Refusal::Scan { setting: ScanHz, low: 260, .. }
     ));
 }
 
@@ -391,7 +398,7 @@ fn refused_ranges_are_exact() {
         }
     }
     for oversampling in [1, 2, 4, 8, 16] {
-        for scan_hz in [600, 1000, 3333, 4000, 5000] {
+        for scan_hz in [300, 600, 1000, 3333, 4000, 5000] {
             let with = |settle_ns| plan(ScanSettings { settle_ns, oversampling, scan_hz });
             for wrong in [0, 1_000_000_000] {
                 let Err(Refusal::Scan { setting: SettleNs, low, high }) = with(wrong) else {
@@ -404,9 +411,11 @@ fn refused_ranges_are_exact() {
                     continue;
                 }
                 assert!(with(high).is_ok(), "{low}..={high} at {scan_hz} Hz");
-                // A tick is 5.9 ns.
-                assert!(matches!(with(low - 7), Err(Refusal::Scan { setting: SettleNs, .. })));
-                assert!(with(high + 6).is_err(), "{low}..={high} at {scan_hz} Hz");
+                // A tick is 5.9 ns, or twice as much below 519 Hz.
+                let tick = if scan_hz < 519 { 12 } else { 6 };
+                let less = with(low - tick - 1);
+                assert!(matches!(less, Err(Refusal::Scan { setting: SettleNs, .. })));
+                assert!(with(high + tick).is_err(), "{low}..={high} at {scan_hz} Hz");
             }
         }
     }
@@ -421,7 +430,7 @@ fn refused_ranges_are_exact() {
 
 #[test]
 fn no_settings_overflow() {
-    for scan_hz in [0, 1, 519, 4000, u16::MAX] {
+    for scan_hz in [0, 1, 260, 519, 4000, u16::MAX] {
         for oversampling in [0, 1, 2, 16, 17, u16::MAX] {
             for settle_ns in [0, 1, 26_500, u32::MAX / 2, u32::MAX] {
                 let _ = plan(ScanSettings { scan_hz, oversampling, settle_ns });

@@ -30,7 +30,8 @@ use crate::output::{self, Overwrite};
 /// The same codes give the same frames, byte for byte, on every platform. A recording is computed
 /// with the settings of its finger: filter, method of the contact point, bias. On a board its own
 /// firmware runs on the emulator (`cargo xtask emulator`) with the trace on its pins. Its
-/// converters make their own codes, and times are the board's.
+/// converters make their own codes, and times are the board's; with `--bits 12` the frames are this
+/// machine's, byte for byte.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -48,6 +49,9 @@ pub struct Args {
     /// Platform that runs the core.
     #[arg(long, value_enum, default_value_t = Core::Host)]
     on: Core,
+    /// Reads each code anew as a converter of so many bits; a board's has 12, without oversampling.
+    #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(8..=16))]
+    bits: Option<u8>,
     #[arg(long, value_name = "LIST", default_value = "estimates", value_parser = fields::parse,
           help = format!("Fields of the frames: {FIELD_NAMES}"))]
     fields: Fields,
@@ -57,6 +61,9 @@ const EXAMPLES: &str = "\
 Examples:
   taxel replay shear.csv@30.. --calibration finger.toml --out frames.csv
   taxel replay shear.csv --calibration finger.toml --out frames.csv --on stm32g431 --fields all";
+
+/// Bits of a board's converter.
+const BOARD_BITS: u8 = 12;
 
 /// Header key of the codes' full scale.
 const FULL_SCALE: &str = "full_scale";
@@ -85,7 +92,15 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     scans.remarks.iter().for_each(output::note);
     let header = replayed(scans.header, &args, calibration.as_ref())?;
     let calibration = calibration.or(scans.calibration);
-    let mut samples = cut(scans.samples, &args.trace).peekable();
+    let bits = args.bits.and_then(|bits| FullScale::new(u16::MAX >> (16 - bits)));
+    let mut samples = cut(scans.samples, &args.trace)
+        .map(|mut sample| {
+            if let (Ok(Sample { scan, .. }), Some(full_scale)) = (&mut sample, bits) {
+                scan.codes = scan.codes.rescaled(full_scale);
+            }
+            sample
+        })
+        .peekable();
     let full_scale = match samples.peek() {
         Some(Ok(sample)) => sample.scan.codes.full_scale,
         Some(Err(error)) => return Err(error.clone().into()),
@@ -245,8 +260,11 @@ fn settings(header: &Header, args: &Args) -> anyhow::Result<Settings> {
             args.trace.path.display()
         );
     }
+    if let Some(bits) = args.bits.filter(|bits| *bits != BOARD_BITS) {
+        bail!("--bits {bits}: a board's converter has 12 bits; give `--bits {BOARD_BITS}`");
+    }
     let (filter_hz, point_method) = (header.filter_hz(), header.point_method());
-    Ok(Settings { fields: args.fields, filter_hz, point_method })
+    Ok(Settings { fields: args.fields, filter_hz, point_method, single: args.bits.is_some() })
 }
 
 /// Keeps the write's result; breaks if it failed or after an interrupt.

@@ -22,6 +22,10 @@ use super::{Board, Emulated};
 
 /// Oversampling to try, highest first; the rate limits it.
 const OVERSAMPLING: [u16; 4] = [8, 4, 2, 1];
+/// Settle times to try, in quarters of the board's own, longest first; the rate limits it.
+///
+/// After six quarters a reading keeps less than a tenth of a code of the one before it.
+const SETTLE_QUARTERS: [u32; 3] = [8, 6, 4];
 /// Silence after which a board counts as stopped.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -34,6 +38,8 @@ pub struct Settings {
     pub filter_hz: u16,
     /// Method of the contact point.
     pub point_method: PointMethod,
+    /// Whether a reading is a single conversion instead of as many as the rate allows.
+    pub single: bool,
 }
 
 /// Replay that is ready to run.
@@ -66,7 +72,7 @@ impl Replay {
         if let Some(record) = record {
             client.upload_calibration(record, |_| ControlFlow::Continue(()))?;
         }
-        let settings = scanning(&client, hz.saturating_mul(each))?;
+        let settings = scanning(&client, hz.saturating_mul(each), wanted.single)?;
         client.set_fields(wanted.fields)?;
         client.set_rate(hz)?;
         client.set_filter(wanted.filter_hz)?;
@@ -105,7 +111,12 @@ impl Replay {
             }
             let since = next.time.0.saturating_sub(first.time.0);
             let time = Micros(self.begin.0 + since);
-            if frame(&Frame { seq: received as u32, time, ..next }).is_break() {
+            let mut status = next.status;
+            if received == 0 {
+                // The board stood still before its first scan, the trace did not.
+                status.remove(Status::OVERRUN);
+            }
+            if frame(&Frame { seq: received as u32, time, status, ..next }).is_break() {
                 break;
             }
             if received + 1 < self.scans {
@@ -169,12 +180,17 @@ fn written(scans: &[Scan], each: u16) -> anyhow::Result<NamedTempFile> {
     Ok(file)
 }
 
-/// Sets the scan rate, with the highest oversampling that the board accepts.
-fn scanning(client: &Client, scan_hz: u16) -> anyhow::Result<ScanSettings> {
+/// Sets the scan rate, with the highest oversampling and then the longest settle time that the
+/// board accepts.
+fn scanning(client: &Client, scan_hz: u16, single: bool) -> anyhow::Result<ScanSettings> {
     let now = client.health()?.scan.context("the board does not say how it scans")?;
     let mut most = 0;
-    for oversampling in OVERSAMPLING {
-        let settings = ScanSettings { scan_hz, oversampling, ..now };
+    let oversampling = OVERSAMPLING.into_iter().filter(|samples| !single || *samples == 1);
+    let pairs =
+        oversampling.flat_map(|samples| SETTLE_QUARTERS.map(|quarters| (samples, quarters)));
+    for (oversampling, quarters) in pairs {
+        let settle_ns = now.settle_ns / 4 * quarters;
+        let settings = ScanSettings { scan_hz, oversampling, settle_ns };
         match client.set_scan(settings) {
             Ok(()) => return Ok(settings),
             Err(error) => match error.problem() {

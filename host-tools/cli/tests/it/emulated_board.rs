@@ -16,12 +16,11 @@ const OFF_STEPS: f32 = 1.5;
 /// Record of a default fit, which the board and this machine read whole.
 const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/virtual-finger.cal.toml");
 
-/// Returns a recording's rows without the first, and the index of their status. The first frame is
-/// flagged as the board's first.
+/// Returns a recording's rows, and the index of their status.
 fn rows(path: &Path) -> (Vec<Vec<Cell>>, usize) {
     let recording = Recording::open(path).unwrap();
     let status = recording.position("status").unwrap();
-    (recording.skip(1).map(Result::unwrap).collect(), status)
+    (recording.map(Result::unwrap).collect(), status)
 }
 
 fn scans(path: &Path) -> Vec<Scan> {
@@ -66,7 +65,7 @@ fn replayed(folder: &Path, board: &str, trace: &str, stretch: &str) -> Vec<Statu
     }
     let ((board, status), (host, _)) =
         (rows(&folder.join("board.mcap")), rows(&folder.join("host.mcap")));
-    assert_eq!(board.len() + 1, heard.len());
+    assert_eq!(board.len(), heard.len());
     for (board, host) in board.iter().zip(&host) {
         assert_eq!(board, host);
     }
@@ -86,7 +85,7 @@ fn replay_equals_this_machine(board: &str) {
     let taxel = In(folder.path());
     taxel.succeeds(&["simulate", "--scene", "press", "--seed", "3", "--out", "press.csv"]);
     let statuses = replayed(folder.path(), board, "press.csv", "0.5..0.9");
-    assert_eq!(statuses.len(), 400);
+    assert_eq!(statuses.len(), 401);
     assert!(seen(&statuses, Status::CONTACT) && !seen(&statuses, Status::OVERRUN));
     assert!(seen(&statuses, Status::RAN_MODEL));
 }
@@ -99,6 +98,54 @@ fn emulated_g431_replay_equals_this_machine() {
 #[test]
 fn emulated_f411_replay_equals_this_machine() {
     replay_equals_this_machine("stm32f411");
+}
+
+/// Replays a trace on this machine and on both boards, and compares the files byte for byte.
+fn files_are_equal(folder: &Path, trace: &str, record: &str) {
+    let file = |on: &str| {
+        let out = format!("{on}.csv");
+        let args = ["replay", trace, "--calibration", record, "--bits", "12", "--fields", "all"];
+        In(folder).succeeds(&[args.as_slice(), &["--on", on, "--out", &out]].concat());
+        std::fs::read_to_string(folder.join(out)).unwrap()
+    };
+    let host = file("host");
+    for board in ["stm32g431", "stm32f411"] {
+        let board_file = file(board);
+        // The first line that differs says more than two whole files.
+        for (host, board) in host.lines().zip(board_file.lines()) {
+            assert_eq!(host, board);
+        }
+        assert_eq!(host.len(), board_file.len(), "{board}");
+    }
+}
+
+/// At 500 scans a second, in codes of 16 bits.
+#[test]
+fn files_of_host_and_boards_are_equal_to_the_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = "effects = ['noise', 'gain-spread', 'bridge-mismatch', 'temperature']\n\
+                 [scan]\nrate_hz = 500\nduration_s = 1.2\n[device]\nseed = 1\nbits = 16\n\
+                 [indenter]\nradius_mm = 6\n\
+                 [[press]]\nat_s = 0.2\nx_mm = 0.6\ny_mm = -0.4\nfz_n = 1.2\nfx_n = 0.3\n\
+                 rise_s = 0.1\nhold_s = 0.4\nfall_s = 0.1\n";
+    std::fs::write(folder.path().join("press.toml"), scene).unwrap();
+    In(folder.path()).succeeds(&["simulate", "--scene", "press.toml", "--out", "press.csv"]);
+    files_are_equal(folder.path(), "press.csv", SHIPPED);
+}
+
+/// Replays a finger that another program made, with the record of a default fit to it.
+#[test]
+fn files_of_a_foreign_finger_are_equal_to_the_byte() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/independent");
+    let path = |name: &str| data.join(name).to_str().unwrap().to_owned();
+    if !data.is_dir() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (presses, shear) = (path("d21_presses.csv"), path("d21_shear.csv"));
+    let fit = ["calibrate", "fit", "--data", &presses, "--data", &shear, "--out", "d21.toml"];
+    In(folder.path()).succeeds(&fit);
+    files_are_equal(folder.path(), &path("d21_trial.csv"), "d21.toml");
 }
 
 #[test]
@@ -121,7 +168,7 @@ fn emulated_faults_are_flagged_as_on_this_machine() {
     }
 }
 
-/// Replays a trace slower than the board's minimum of 519 Hz. The board reads each scan several
+/// Replays a trace slower than the board's minimum of 260 Hz. The board reads each scan several
 /// times.
 #[test]
 fn emulated_slow_trace_takes_as_long_as_it_lasts() {

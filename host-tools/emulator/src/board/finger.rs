@@ -77,25 +77,6 @@ impl Settling {
     }
 }
 
-/// Scales codes to a 12-bit converter.
-pub fn in_12_bits(mut codes: Codes) -> Codes {
-    let scale = TOP / f64::from(codes.full_scale.top().0);
-    let code = |code: Code| Code((f64::from(code.0) * scale).round() as u16);
-    codes.full_scale = FullScale::BITS_12;
-    if let Some(taxels) = &mut codes.taxels {
-        taxels.lit = taxels.lit.map(|row| row.map(code));
-        taxels.dark = taxels.dark.map(code);
-    }
-    for midpoints in codes.bridges.iter_mut().flatten() {
-        for midpoint in [&mut midpoints.a, &mut midpoints.b, &mut midpoints.c, &mut midpoints.d] {
-            *midpoint = code(*midpoint);
-        }
-    }
-    codes.reference = codes.reference.map(code);
-    codes.temperature = codes.temperature.map(code);
-    codes
-}
-
 /// Event on the pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moment {

@@ -8,12 +8,13 @@ use scan_plan::settle;
 use taxel::calibration::MAX_BYTES;
 use taxel::frame::{Fields, Frame};
 use taxel::scan::{Codes, ScanSettings};
+use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{Command, Counters, Message};
 use taxel_files::trace::TraceReader;
 
 use taxel_emulator::board::capture::Kind as Transfer;
-use taxel_emulator::board::finger::in_12_bits;
+
 use taxel_emulator::board::model::Model::{self, F411, G431};
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::{HZ, Tick, micros};
@@ -34,7 +35,7 @@ fn run(kind: &Kind) -> Vec<Codes> {
     let whole = repository().join("host-tools/emulator/data/whole");
     let path = whole.join(kind.name.replace(' ', "-")).with_extension("csv");
     let scans = TraceReader::open(&path).unwrap().map(|sample| sample.unwrap().scan.codes);
-    scans.map(in_12_bits).collect()
+    scans.map(|codes| codes.rescaled(FullScale::BITS_12)).collect()
 }
 
 /// Session with the record of a default fit that streams estimates.

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use taxel::frame::{Fields, Frame};
 use taxel::scan::Codes;
-use taxel::units::Code;
+use taxel::units::{Code, FullScale};
 use taxel::wire::message::{Command, Info, Response};
 use taxel::wire::{MAX_PACKET, pack_frame};
 use taxel_files::trace::TraceReader;
 
 use taxel_emulator::board::cpu::Board;
-use taxel_emulator::board::finger::{Finger, Moment, Pace, Seen, in_12_bits};
+use taxel_emulator::board::finger::{Finger, Moment, Pace, Seen};
 use taxel_emulator::board::host::Host;
 use taxel_emulator::board::model::Model;
 use taxel_emulator::board::script::Session;
@@ -54,7 +54,7 @@ pub fn firmware(name: &str) -> Vec<u8> {
 pub fn scene() -> Vec<Codes> {
     let trace = repository().join("host-tools/emulator/data/scans.csv");
     let scans = TraceReader::open(&trace).unwrap().map(|sample| sample.unwrap().scan.codes);
-    scans.map(in_12_bits).collect()
+    scans.map(|codes| codes.rescaled(FullScale::BITS_12)).collect()
 }
 
 /// Board that shows `scene` scan by scan, just powered.
