@@ -1,6 +1,5 @@
 """Tests of the C headers: the serial example on a virtual finger, replies against this package, packaging."""
 
-import json
 import os
 import random
 import re
@@ -11,9 +10,10 @@ from pathlib import Path
 import pytest
 from fingers import CALIBRATION, ROOT, serve
 
-from taxel import Bias, Fields, Info
-from taxel.messages import Command, Reply, decode, request
+from taxel import Bias, Channel, Fields, Info, SelfTest
+from taxel.commands import Command, request
 from taxel.packets import Deframer, pack
+from taxel.replies import Reply, decode
 from taxel.transport import connect
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the example is for POSIX")
@@ -22,7 +22,7 @@ C = ROOT / "host-tools/c"
 IDLE = f"sim:{ROOT}/host-tools/cli/tests/scenes/idle.toml"
 STRICT = "-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror"
 SANITISED = "-fsanitize=undefined,address -fno-sanitize-recover=all"
-SELF_TEST, SELF_TESTED = bytes([16, 50]), 8
+SELF_TESTED = 8
 
 
 def run(*words: object, **options: object) -> str:
@@ -86,7 +86,7 @@ def messages(command: str) -> list[bytes]:
         Command.take_bias(50),
         Command.READ_BIAS,
         Command.stream(True),
-        SELF_TEST,
+        Command.self_test(50),
         Command.CLEAR_BIAS,
     ]
     found: list[bytes] = []
@@ -144,25 +144,22 @@ def test_replies_are_those_of_this_package(build: Path, messages: list[bytes]):
             assert tag == 9 and shown[tag] == "done"
 
 
-def test_self_test_has_the_channels_of_the_command(command: str, build: Path, messages: list[bytes]):
-    (line,) = printed(build, b"".join(pack(each) for each in messages if each[:2] == bytes([1, SELF_TESTED])))
-    words = dict(word.split("=") for word in line.split()[2:])
-    assert (words.pop("scans"), words.pop("record_intact")) == ("50", "1")
-    with serve(command, IDLE, "--calibration", str(CALIBRATION)) as port:
-        test = json.loads(run(command, "self-test", "--port", port, "--json"))
-    assert int(words.pop("full_scale")) == test["full_scale"]
-    named = {f"lit{4 * r + c}": f"lit_r{r}c{c}" for r in range(4) for c in range(4)}
-    named |= {f"dark{c}": f"dark_c{c}" for c in range(4)}
-    named |= {f"bridge{4 * s + m}": f"bridge_s{s}_{'abcd'[m]}" for s in range(4) for m in range(4)}
-    named |= {"reference0": "aux_vref", "temperature0": "aux_temp"}
-    theirs = {
-        name: test["channels"][channel] for name, channel in named.items() if channel in test["channels"]
-    }
-    assert words.keys() == theirs.keys()
-    for name, word in words.items():
-        mean, noise = map(float, word.split("/"))
-        assert mean == pytest.approx(theirs[name]["mean"], abs=60), name
-        assert 0.3 < noise / theirs[name]["noise"] < 3, name
+def test_self_test_is_that_of_this_package(build: Path, messages: list[bytes]):
+    (message,) = (each for each in messages if each[:2] == bytes([1, SELF_TESTED]))
+    (line,) = printed(build, pack(message))
+    reply = decode(message)
+    assert isinstance(reply, Reply) and isinstance(reply.result, SelfTest)
+    test = reply.result
+    parts = {"lit": test.lit, "dark": test.dark, "bridge": sum(test.bridges, ())}
+    parts |= {"reference": (test.reference,), "temperature": (test.temperature,)}
+    expected = ["scans=50", f"full_scale={test.full_scale}", f"record_intact={test.record_intact:d}"]
+    expected += [
+        f"{name}{i}={channel.mean:.9g}/{channel.noise:.9g}"
+        for name, channels in parts.items()
+        for i, channel in enumerate(channels)
+        if isinstance(channel, Channel)
+    ]
+    assert line.split()[2:] == expected and len(expected) > 38
 
 
 def test_damaged_replies_are_read_without_undefined_behaviour(build: Path, messages: list[bytes]):

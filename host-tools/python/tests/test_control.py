@@ -27,12 +27,12 @@ def controlled(finger: Finger, hz: int) -> Loop:
     """Runs a loop of ``hz``; returns 99 % of the calls' durations and of the frames' ages."""
     calls, ages, seen = [], [], 0
     finger.stream(True)
-    finger.latest()
+    finger.latest(max_age_s=10)
     start = time.perf_counter()
     for step in range(int(SECONDS * hz)):
         time.sleep(max(0.0, start + step / hz - time.perf_counter()))
         before = time.perf_counter()
-        latest = finger.latest(max_age_s=1)
+        latest = finger.latest(max_age_s=10)
         calls.append(time.perf_counter() - before)
         ages.append(latest.age_s)
         seen += latest.new

@@ -1,6 +1,8 @@
 """Tests against Rust: a virtual finger of the `taxel` command, and its estimates of a trace."""
 
+import json
 import os
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -59,6 +61,28 @@ def test_requests_are_answered_while_frames_stream(finger: Finger):
         if i % 100 == 0:
             assert finger.info().streaming
     assert finger.counts.lost == 0
+
+
+def test_self_test_has_the_channels_of_the_command(command: str):
+    idle = f"sim:{ROOT}/host-tools/cli/tests/scenes/idle.toml"
+    with serve(command, idle, "--tcp", "127.0.0.1:0", "--calibration", str(CALIBRATION)) as port:
+        with Finger(port) as finger:
+            test = finger.self_test(100)
+            with pytest.raises(RefusedError, match="out of range: it must be 2…4096"):
+                finger.self_test(1)
+        judged = [command, "self-test", "--port", port, "--json"]
+        said = subprocess.run(judged, capture_output=True, check=True)
+    theirs = json.loads(said.stdout)
+    ours = {f"lit_r{k // 4}c{k % 4}": channel for k, channel in enumerate(test.lit)}
+    ours |= {f"dark_c{c}": channel for c, channel in enumerate(test.dark)}
+    ours |= {f"bridge_s{s}_{'abcd'[m]}": test.bridges[s][m] for s in range(4) for m in range(4)}
+    ours |= {"aux_vref": test.reference, "aux_temp": test.temperature}
+    there = {name: channel for name, channel in ours.items() if channel is not None}
+    assert there.keys() == theirs["channels"].keys() and len(there) >= 37
+    for name, channel in there.items():
+        assert channel.mean == pytest.approx(theirs["channels"][name]["mean"], abs=60), name
+        assert 0.3 < channel.noise / theirs["channels"][name]["noise"] < 3, name
+    assert (test.scans, test.full_scale, test.record_intact) == (100, theirs["full_scale"], True)
 
 
 def test_pulled_cable_raises_after_the_last_frame(command: str):

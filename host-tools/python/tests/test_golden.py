@@ -16,8 +16,10 @@ from taxel import (
     Uncertainty,
     read_frames,
 )
-from taxel.messages import Bridge, Command, Done, Rate, Refusal, Reply, Version, decode, request
+from taxel.commands import Command, request
+from taxel.messages import Bridge
 from taxel.packets import MAX_PACKET, Deframer, pack
+from taxel.replies import Done, Rate, Refusal, Reply, Version, decode
 
 FRAME = "02 ac 02 c0 84 3d 81 80 10 00 00 00 00 00 00 00 00"
 

@@ -21,13 +21,11 @@ from .errors import (
 )
 from .finger import Finger
 from .messages import (
-    Bias,
     Codes,
     Contact,
     Fields,
     Force,
     Frame,
-    Info,
     NoValue,
     Point,
     PointMethod,
@@ -36,11 +34,12 @@ from .messages import (
     Status,
     Uncertainty,
 )
-from .messages import decode as _decode
 from .packets import Deframer as _Deframer
 from .ports import Found, fingers
 from .recorder import Recorder
 from .recordings import Recording, read
+from .replies import Bias, Channel, Info, SelfTest
+from .replies import decode as _decode
 from .stream import Counts, Latest
 from .table import columns, data_frame
 from .wrench import Wrench, wrench
@@ -48,6 +47,7 @@ from .wrench import Wrench, wrench
 __all__ = [
     "AsyncFinger",
     "Bias",
+    "Channel",
     "Codes",
     "Contact",
     "Counts",
@@ -70,6 +70,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "RefusedError",
+    "SelfTest",
     "Signals",
     "Slip",
     "StaleError",

@@ -1,7 +1,7 @@
 """Types of docs/protocol.md, section "Types": postcard 1.x, read from and written to bytes.
 
 A reader takes the buffer and a position and returns the value and the position after it. Past the end it
-raises ``IndexError`` or ``struct.error``; :func:`taxel.messages.decode` turns both into one error.
+raises ``IndexError`` or ``struct.error``; :func:`taxel.replies.decode` turns both into one error.
 """
 
 from __future__ import annotations
@@ -62,6 +62,14 @@ def blob(data: bytes, at: int) -> tuple[bytes, int]:
     if at + length > len(data):
         raise IndexError("bytes past the end")
     return data[at : at + length], at + length
+
+
+def variant(names: tuple[Any, ...], data: bytes, at: int) -> tuple[Any, int]:
+    """``enum`` without fields."""
+    number, at = varint(data, at)
+    if number >= len(names):
+        raise ValueError(f"variant {number} of {len(names)}")
+    return names[number], at
 
 
 def array(layout: str) -> Read[tuple[Any, ...]]:

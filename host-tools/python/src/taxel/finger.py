@@ -12,30 +12,27 @@ from types import TracebackType
 from typing import TypeVar
 
 from .clock import HostTime
+from .commands import CHUNK, Command, request
 from .errors import LinkError, MalformedError, ProtocolError, RefusedError, TaxelError
-from .messages import (
-    CHUNK,
+from .messages import Fields, Frame, PointMethod
+from .packets import Deframer, pack
+from .ports import open_port
+from .recorder import Recorder
+from .replies import (
     PROTOCOL,
     Bias,
     CalibrationChunk,
-    Command,
     Done,
-    Fields,
-    Frame,
     Info,
     Message,
-    PointMethod,
     Rate,
     Refusal,
     Reply,
     Response,
+    SelfTest,
     Version,
     decode,
-    request,
 )
-from .packets import Deframer, pack
-from .ports import open_port
-from .recorder import Recorder
 from .stream import Counts, Latest, Stream
 from .transport import Transport
 
@@ -189,6 +186,14 @@ class Finger:
         averaging = scans / max(1, self.info().scan_hz)
         # One try only, because a second one would be rejected as busy.
         return self._expect(Bias, Command.take_bias(scans), averaging + _TRIES * _PATIENCE, 1)
+
+    def self_test(self, scans: int = 500) -> SelfTest:
+        """Measures mean and noise of every channel over ``scans`` scans, at most 4096.
+
+        The finger must be still; ``taxel self-test`` also judges the channels.
+        """
+        averaging = scans / max(1, self.info().scan_hz)
+        return self._expect(SelfTest, Command.self_test(scans), averaging + _TRIES * _PATIENCE, 1)
 
     def read_bias(self) -> Bias:
         """Returns the active bias."""

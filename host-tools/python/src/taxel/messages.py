@@ -1,23 +1,14 @@
-"""Messages: docs/protocol.md, sections "Host → finger", "Finger → host" and "A frame"."""
+"""Frames: docs/protocol.md, section "A frame". Replies are in :mod:`taxel.replies`."""
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 from enum import Enum, IntFlag
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from . import _postcard as read
-from ._postcard import write_varint
-from .errors import MalformedError
 
 T = TypeVar("T")
-
-PROTOCOL = 2
-"""Protocol version of this package."""
-
-CHUNK = 128
-"""Largest number of bytes of a calibration record in one message."""
 
 
 # schema: masks (from src/frame/schema.rs by `cargo xtask protocol`)
@@ -208,135 +199,20 @@ class Frame(NamedTuple):
         return self.time_us * 1e-6
 
 
-class Version(NamedTuple):
-    """Reply to the version query."""
-
-    tag: int
-    protocol: int
-    firmware: tuple[int, int, int]
-
-
-class CalibrationId(NamedTuple):
-    """Identity of the active calibration."""
-
-    serial: str
-    date: int
-    crc: int
-
-
-class Info(NamedTuple):
-    """Identity, settings and counters of a finger; costs are ticks of one scan, ``tick_hz`` per second."""
-
-    board: str
-    serial: str
-    build: str
-    scan_hz: int
-    full_scale: int
-    tick_hz: int
-    rate_millihertz: int
-    fields: Fields
-    streaming: bool
-    point_method: PointMethod
-    biased: bool
-    calibration: CalibrationId | None
-    scans: int
-    frames: int
-    lost: int
-    overruns: int
-    bad_packets: int
-    lost_replies: int
-    cost_last: int
-    cost_worst: int
-    estimators: Status
-    filter_hz: int
-
-
-class Rate(NamedTuple):
-    """Active frame rate."""
-
-    millihertz: int
-
-
-class TaxelBias(NamedTuple):
-    """Bias of sixteen taxels, as shares of full scale."""
-
-    level: tuple[float, ...]
-    noise: float
-
-
-class BridgeBias(NamedTuple):
-    """Bias of a sensor's three signals, as shares of full scale."""
-
-    level: tuple[float, ...]
-    noise: float
-
-
-class Bias(NamedTuple):
-    """Reading of the unloaded finger, taken on command or the calibration's own."""
-
-    taxels: TaxelBias | None
-    bridges: tuple[BridgeBias | None, ...]
-    on_command: bool
-    in_contact: bool
-
-
-class CalibrationChunk(NamedTuple):
-    """Bytes of the active calibration record."""
-
-    offset: int
-    data: bytes
-
-
-class Done(NamedTuple):
-    """Reply to a request that was carried out."""
-
-
-class Refusal(NamedTuple):
-    """Rejection of a request: the reason in words, with its numbers."""
-
-    reason: str
-    details: tuple[int, ...] = ()
-
-    def __str__(self) -> str:
-        if self.reason == "out of range":
-            return "out of range: it must be {}…{}".format(*self.details)
-        return " ".join([self.reason, *map(str, self.details)])
-
-
-Response: TypeAlias = Done | Info | Rate | Bias | CalibrationChunk
-
-
-class Reply(NamedTuple):
-    """Reply to any request but the version query."""
-
-    tag: int
-    result: Response | Refusal
-
-
-Message: TypeAlias = Version | Reply | Frame
-
 _NO_VALUES = tuple(NoValue)
 _SIXTEEN_F32 = read.array("<16f")
 _THREE_F32 = read.array("<3f")
-_THREE_U8 = read.array("<3B")
-
-
-def _variant(names: tuple[Any, ...], data: bytes, at: int) -> tuple[Any, int]:
-    number, at = read.varint(data, at)
-    if number >= len(names):
-        raise ValueError(f"variant {number} of {len(names)}")
-    return names[number], at
 
 
 def _number(data: bytes, at: int) -> tuple[float | NoValue, int]:
     failed, at = read.boolean(data, at)
-    return _variant(_NO_VALUES, data, at) if failed else read.f32(data, at)
+    return read.variant(_NO_VALUES, data, at) if failed else read.f32(data, at)
 
 
 def _measured(reader: Callable[[bytes, int], tuple[Any, int]]) -> Callable[[bytes, int], tuple[Any, int]]:
     def value(data: bytes, at: int) -> tuple[Any, int]:
         failed, at = read.boolean(data, at)
-        return _variant(_NO_VALUES, data, at) if failed else reader(data, at)
+        return read.variant(_NO_VALUES, data, at) if failed else reader(data, at)
 
     return value
 
@@ -472,204 +348,3 @@ def _frame(data: bytes, at: int) -> tuple[Frame, int]:
 
 
 # schema: end
-
-
-def _version(data: bytes, at: int) -> tuple[Version, int]:
-    tag, at = read.u8(data, at)
-    protocol, at = read.varint(data, at)
-    firmware, at = _THREE_U8(data, at)
-    return Version(tag, protocol, (firmware[0], firmware[1], firmware[2])), at
-
-
-def _calibration_id(data: bytes, at: int) -> tuple[CalibrationId, int]:
-    serial, at = read.text(data, at)
-    date, at = read.varint(data, at)
-    crc, at = read.varint(data, at)
-    return CalibrationId(serial, date, crc), at
-
-
-_CALIBRATION_ID = read.option(_calibration_id)
-
-
-def _info(data: bytes, at: int) -> tuple[Info, int]:
-    board, at = read.text(data, at)
-    serial, at = read.text(data, at)
-    build, at = read.text(data, at)
-    scan_hz, at = read.varint(data, at)
-    full_scale, at = read.code(data, at)
-    tick_hz, at = read.varint(data, at)
-    rate, at = read.varint(data, at)
-    fields, at = read.varint(data, at)
-    streaming, at = read.boolean(data, at)
-    method, at = _variant(tuple(PointMethod), data, at)
-    biased, at = read.boolean(data, at)
-    calibration, at = _CALIBRATION_ID(data, at)
-    counts, at = read.times(8, read.varint)(data, at)
-    estimators, at = read.varint(data, at)
-    filter_hz, at = read.varint(data, at)
-    known = (board, serial, build, scan_hz, full_scale, tick_hz, rate, Fields(fields), streaming)
-    scans, frames, lost, overruns, bad_packets, lost_replies, cost_last, cost_worst = counts
-    counters = (scans, frames, lost, overruns, bad_packets, lost_replies, cost_last, cost_worst)
-    held = Status(estimators)
-    return Info(*known, method, biased, calibration, *counters, held, filter_hz), at
-
-
-def _taxel_bias(data: bytes, at: int) -> tuple[TaxelBias, int]:
-    level, at = _SIXTEEN_F32(data, at)
-    noise, at = read.f32(data, at)
-    return TaxelBias(level, noise), at
-
-
-def _bridge_bias(data: bytes, at: int) -> tuple[BridgeBias, int]:
-    level, at = _THREE_F32(data, at)
-    noise, at = read.f32(data, at)
-    return BridgeBias(level, noise), at
-
-
-_TAXEL_BIAS = read.option(_taxel_bias)
-_BRIDGE_BIASES = read.times(4, read.option(_bridge_bias))
-
-
-def _bias(data: bytes, at: int) -> tuple[Bias, int]:
-    taxels, at = _TAXEL_BIAS(data, at)
-    bridges, at = _BRIDGE_BIASES(data, at)
-    on_command, at = read.boolean(data, at)
-    in_contact, at = read.boolean(data, at)
-    return Bias(taxels, bridges, on_command, in_contact), at
-
-
-def _rate(data: bytes, at: int) -> tuple[Rate, int]:
-    millihertz, at = read.varint(data, at)
-    return Rate(millihertz), at
-
-
-def _chunk(data: bytes, at: int) -> tuple[CalibrationChunk, int]:
-    offset, at = read.varint(data, at)
-    record, at = read.blob(data, at)
-    return CalibrationChunk(offset, record), at
-
-
-def _done(_: bytes, at: int) -> tuple[Done, int]:
-    return Done(), at
-
-
-_RESPONSES = (_done, _info, _rate, _bias, _chunk)
-_REFUSALS = (
-    "out of range",
-    "the finger is not still",
-    "another bias is being taken",
-    "a chunk out of order",
-    "the record is not a calibration",
-    "there is no calibration",
-    "a taxel is clipped",
-    "the flash failed; what was stored before stays",
-    "this board has no such thing",
-    "the scan cannot be so",
-)
-
-
-def _refusal(data: bytes, at: int) -> tuple[Refusal, int]:
-    number, at = read.varint(data, at)
-    reason = _REFUSALS[number] if number < len(_REFUSALS) else f"refusal {number}"
-    if number == 0:
-        limits, at = read.times(2, read.varint)(data, at)
-        return Refusal(reason, limits), at
-    # The rest of a refusal, if any, holds its numbers.
-    details = []
-    while at < len(data):
-        detail, at = read.varint(data, at)
-        details.append(detail)
-    return Refusal(reason, tuple(details)), at
-
-
-def _reply(data: bytes, at: int) -> tuple[Reply, int]:
-    tag, at = read.u8(data, at)
-    refused, at = read.boolean(data, at)
-    if refused:
-        refusal, at = _refusal(data, at)
-        return Reply(tag, refusal), at
-    response, at = _variant(_RESPONSES, data, at)
-    result, at = response(data, at)
-    return Reply(tag, result), at
-
-
-_MESSAGES = (_version, _reply, _frame)
-
-
-def decode(message: bytes) -> Message:
-    """Decodes a message without its COBS and CRC.
-
-    Raises :class:`MalformedError` for an invalid, short or long message.
-    """
-    try:
-        reader, at = _variant(_MESSAGES, message, 0)
-        decoded: Message
-        decoded, at = reader(message, at)
-    except (IndexError, ValueError, struct.error) as error:
-        raise MalformedError(f"{message.hex(' ')} is no message of protocol {PROTOCOL}: {error}") from error
-    if at != len(message):
-        raise MalformedError(f"{message.hex(' ')} has {len(message) - at} bytes too many")
-    return decoded
-
-
-class Command:
-    """Requests as bytes, without their tag."""
-
-    VERSION = bytes([0])
-    INFO = bytes([1])
-    READ_BIAS = bytes([7])
-    CLEAR_BIAS = bytes([8])
-    CALIBRATION_COMMIT = bytes([11])
-    SAVE_SETTINGS = bytes([13])
-    SAVE_BIAS = bytes([14])
-
-    @staticmethod
-    def stream(on: bool) -> bytes:
-        return bytes([2, on])
-
-    @staticmethod
-    def set_rate(hz: int) -> bytes:
-        return bytes([3]) + _u16(hz)
-
-    @staticmethod
-    def set_fields(fields: Fields) -> bytes:
-        return bytes([4]) + _u16(int(fields))
-
-    @staticmethod
-    def set_point_method(method: PointMethod) -> bytes:
-        return bytes([5, method.value])
-
-    @staticmethod
-    def take_bias(scans: int) -> bytes:
-        return bytes([6]) + _u16(scans)
-
-    @staticmethod
-    def calibration_begin(length: int) -> bytes:
-        return bytes([9]) + _u16(length)
-
-    @staticmethod
-    def calibration_chunk(offset: int, data: bytes) -> bytes:
-        return bytes([10]) + _u16(offset) + write_varint(len(data)) + data
-
-    @staticmethod
-    def calibration_read(offset: int) -> bytes:
-        return bytes([12]) + _u16(offset)
-
-    @staticmethod
-    def set_filter(hz: int) -> bytes:
-        return bytes([19]) + _u16(hz)
-
-    @staticmethod
-    def hold_row(row: int | None) -> bytes:
-        return bytes([20, 0]) if row is None else bytes([20, 1, row])
-
-
-def request(tag: int, command: bytes) -> bytes:
-    """Returns the message that requests ``command``; the reply carries the same ``tag``."""
-    return bytes([tag]) + command
-
-
-def _u16(value: int) -> bytes:
-    if not 0 <= value <= 0xFFFF:
-        raise ValueError(f"{value} does not fit: expected 0…65535")
-    return write_varint(value)
