@@ -53,6 +53,9 @@ const LEVELS: [&[&str]; 2] = [
     &["USB_LP", "OTG_FS", "TIM2"],
 ];
 
+/// Functions that the compiler makes of code that several others share.
+const OUTLINED: &str = "OUTLINED_FUNCTION_";
+
 /// Fault handlers, which end in a reset as a panic does.
 const RESETS: [&str; 2] = ["HardFault", "HardFaultTrampoline"];
 
@@ -124,8 +127,8 @@ const POINTERS: &[Pointer] = &[
         callees: &["core::ops::function::FnOnce::call_once"],
     },
     Pointer { callers: &["_defmt_"], callees: &["defmt_rtt::channel::Channel::"] },
-    // The bootload jump does not return; the compiler's outlined functions return by a register.
-    Pointer { callers: &["cortex_m::asm::bootload", "OUTLINED_FUNCTION_"], callees: &[] },
+    // The bootload jump does not return; a call in an outlined function is its callers'.
+    Pointer { callers: &["cortex_m::asm::bootload", OUTLINED], callees: &[] },
 ];
 
 struct Paths<'i> {
@@ -151,8 +154,12 @@ impl Paths<'_> {
             bail!("{} calls itself", function.name);
         }
         let mut callees: Vec<_> = function.calls.iter().map(|(_, callee)| *callee).collect();
-        for (at, register) in &function.indirect {
-            callees.extend(self.through_register(function, *at, *register)?);
+        let outlined = function.calls.iter().filter_map(|(_, callee)| self.image.at(*callee));
+        let outlined = outlined.filter(|callee| callee.name.starts_with(OUTLINED));
+        for part in outlined.chain([function]) {
+            for (at, register) in &part.indirect {
+                callees.extend(self.through_register(function, *at, *register)?);
+            }
         }
         let mut deepest = (0, None);
         for callee in callees {
