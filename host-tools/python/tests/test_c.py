@@ -11,6 +11,7 @@ import pytest
 from fingers import CALIBRATION, ROOT, serve
 
 from taxel import Bias, Channel, Fields, Info, SelfTest
+from taxel._postcard import write_varint
 from taxel.commands import Command, request
 from taxel.packets import Deframer, pack
 from taxel.replies import Reply, decode
@@ -173,6 +174,14 @@ def test_damaged_replies_are_read_without_undefined_behaviour(build: Path, messa
         # The checksum is right, so that the decoder sees every byte.
         stream += pack(bytes(damaged[: seed.randrange(1, len(damaged) + 1)]))
     assert 100 < len(printed(build, stream)) < 4000
+
+
+def test_long_text_is_cut_off_and_the_next_one_is_whole(build: Path, messages: list[bytes]):
+    (info,) = (each for each in messages if each[:2] == b"\1\1")
+    assert b"\7virtual\4idle" in info
+    longer = info.replace(b"\7virtual", write_varint(200) + b"b" * 200)
+    (line,) = printed(build, pack(longer))
+    assert f"board={'b' * 63} serial=idle build=" in line
 
 
 def test_field_masks_are_those_of_this_package():

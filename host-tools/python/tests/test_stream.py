@@ -106,9 +106,10 @@ def test_host_time_is_within_its_stated_error(ppm: float):
         host = clock.host(device)
         assert (host is None) == (device < 6e6) or abs(device - 6e6) < 2000
         if host is not None:
-            errors.append(abs(host.monotonic_s - 100 - true) <= host.error_s)
-            assert host.error_s < 1e-2
-    assert len(errors) > 28_000 and all(errors)
+            errors.append(abs(host.monotonic_s - 100 - true))
+            assert errors[-1] <= host.error_s < 1e-2
+    # The shortest delay is 0.2 ms, half the shortest round trip 0.25 ms.
+    assert len(errors) > 28_000 and sorted(errors)[len(errors) // 2] < 0.15e-3
 
 
 def test_restarted_device_begins_a_new_clock():
