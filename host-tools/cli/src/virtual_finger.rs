@@ -9,6 +9,7 @@
 //! virtual finger from hardware, except that the truth is known.
 
 mod board;
+mod hosts;
 mod player;
 #[cfg(unix)]
 mod pty;

@@ -16,7 +16,9 @@ use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Frame};
 use taxel::scan::ScanSettings;
 use taxel::self_test::SelfTest;
-use taxel::wire::message::{BoardHealth, Command, Info, Message, PROTOCOL, Request, Response};
+use taxel::wire::message::{
+    BoardHealth, Command, Info, Message, PROTOCOL, Refusal, Request, Response,
+};
 use taxel::wire::{MAX_PACKET, pack};
 
 pub use reader::Counts;
@@ -342,6 +344,7 @@ impl Client {
             Message::Version { protocol: theirs, firmware, .. } => {
                 Err(self.error(Problem::Protocol { theirs, firmware }))
             }
+            Message::Reply { result: Err(Refusal::Busy), .. } => Err(self.error(Problem::Busy)),
             _ => Err(self.unexpected("version")),
         }
     }
@@ -454,8 +457,13 @@ fn first_tag() -> u8 {
 }
 
 fn answers(message: &Message, tag: u8, command: &Command) -> bool {
-    let asked_version = *command == Command::Version;
-    tag_of(message) == Some(tag) && matches!(message, Message::Version { .. }) == asked_version
+    let fits = match message {
+        Message::Version { .. } => *command == Command::Version,
+        // A TCP port that serves another program answers so.
+        Message::Reply { result: Err(Refusal::Busy), .. } => true,
+        _ => *command != Command::Version,
+    };
+    fits && tag_of(message) == Some(tag)
 }
 
 fn tag_of(message: &Message) -> Option<u8> {

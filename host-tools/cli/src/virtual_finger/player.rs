@@ -21,6 +21,7 @@ use taxel_files::FileError;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::{Instant, sleep_until};
 
+use super::hosts::{Host, Hosts};
 use super::recorded::Recorded;
 use super::{Ending, Outcome};
 use taxel_client::LinkError;
@@ -50,12 +51,16 @@ impl Player {
 
     /// Serves one host after the other until the frames end. Sets `ending` before the link closes.
     pub(super) async fn serve(mut self, listener: TcpListener, ending: &Ending) -> io::Result<()> {
-        let listener = tokio::net::TcpListener::from_std(listener)?;
+        let mut hosts = Hosts::new(listener)?;
         loop {
-            let mut stream = listener.accept().await?.0;
-            stream.set_nodelay(true)?;
+            let host = hosts.next().await?;
+            let ended = tokio::select! {
+                biased;
+                ended = self.converse(host) => ended,
+                never = hosts.refuse() => match never {},
+            };
             // A host that leaves with an error does not stop the next one.
-            if let Ok(Some(outcome)) = self.converse(&mut stream).await {
+            if let Ok(Some(outcome)) = ended {
                 *ending.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
                 return Ok(());
             }
@@ -63,11 +68,9 @@ impl Player {
         }
     }
 
-    async fn converse(
-        &mut self,
-        stream: &mut tokio::net::TcpStream,
-    ) -> io::Result<Option<Outcome>> {
-        let (mut rx, mut tx) = stream.split();
+    async fn converse(&mut self, mut host: Host) -> io::Result<Option<Outcome>> {
+        let (rx, mut tx) = host.stream.split();
+        let mut rx = host.request.as_slice().chain(rx);
         let mut deframer = Deframer::<MAX_PACKET>::default();
         let mut bytes = [0; 256];
         loop {

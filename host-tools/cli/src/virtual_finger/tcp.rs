@@ -6,8 +6,10 @@ use std::net::{TcpListener, ToSocketAddrs};
 use embedded_io_adapters::tokio_1::FromTokio;
 use taxel::instrument::Instrument;
 use taxel::session::{Buffers, End, Pace, run_session};
+use tokio::io::AsyncReadExt;
 
 use super::board::PacedBoard;
+use super::hosts::{Host, Hosts};
 use super::{BACKLOG, idle};
 
 pub(super) fn listen(address: impl ToSocketAddrs) -> io::Result<TcpListener> {
@@ -24,20 +26,23 @@ pub(super) async fn serve(
     board: &mut PacedBoard,
     instrument: &mut Instrument,
 ) -> io::Result<()> {
-    let listener = tokio::net::TcpListener::from_std(listener)?;
+    let mut hosts = Hosts::new(listener)?;
     loop {
-        let mut stream = tokio::select! {
-            accepted = listener.accept() => accepted?.0,
+        let Host { mut stream, request, .. } = tokio::select! {
+            host = hosts.next() => host?,
             () = idle(board, instrument) => return Ok(()),
         };
-        stream.set_nodelay(true)?;
         let (rx, tx) = stream.split();
-        let rx = FromTokio::new(rx);
+        let rx = FromTokio::new(request.as_slice().chain(rx));
         let tx = FromTokio::new(tx);
+        let mut buffers = Buffers::new();
+        let ended = tokio::select! {
+            biased;
+            ended = run_session(rx, tx, board, instrument, &mut buffers, Pace::Live) => ended,
+            never = hosts.refuse() => match never {},
+        };
         // A host that leaves with an error does not stop the next one.
-        if let Ok(End::Scans) =
-            run_session(rx, tx, board, instrument, &mut Buffers::new(), Pace::Live).await
-        {
+        if let Ok(End::Scans) = ended {
             return Ok(());
         }
     }

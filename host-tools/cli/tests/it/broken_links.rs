@@ -1,7 +1,7 @@
 //! Tests of a virtual finger behind a link that is cut, noisy, busy or unread.
 
 use std::io::Write;
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpListener;
 use std::time::Instant;
 
 use taxel::frame::Fields;
@@ -32,10 +32,13 @@ fn pulled_cable_is_reported_as_unplugged() {
     }
 }
 
+/// A serial server in front of the finger, behind a program that spoke to both first.
+#[cfg(unix)]
 #[test]
 fn leading_garbage_loses_no_frame() {
-    let finger = on_tcp(still());
-    let upstream = TcpStream::connect(address(finger.port())).unwrap();
+    let finger = VirtualFinger::on_pty(still(), None).unwrap();
+    let mut options = std::fs::File::options();
+    let upstream = options.read(true).write(true).open(finger.port().to_string()).unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let number = listener.local_addr().unwrap().port();
     let port = Port::Tcp { host: "127.0.0.1".to_owned(), port: number };

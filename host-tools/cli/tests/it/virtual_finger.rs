@@ -1,5 +1,7 @@
 //! Tests of the real client with the real session, over TCP and over a pseudo-terminal.
 
+use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
@@ -7,11 +9,12 @@ use crate::fingers::*;
 use taxel::calibration::CalibrationError;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
-use taxel::wire::message::{PROTOCOL, Refusal};
+use taxel::wire::message::{Command, PROTOCOL, Refusal, Request};
+use taxel::wire::{MAX_PACKET, pack};
 use taxel_cli::VirtualFinger;
 use taxel_cli::finger::connect as connect_port;
 use taxel_cli::virtual_finger::Source;
-use taxel_client::{ActiveCalibration, LinkError, Port, Problem};
+use taxel_client::{ActiveCalibration, Client, LinkError, Port, Problem};
 
 fn refusal(result: Result<impl std::fmt::Debug, LinkError>) -> Refusal {
     match result.unwrap_err().problem() {
@@ -318,4 +321,45 @@ fn requests_and_frames_do_not_wait_for_each_other() {
         assert!(infos.join().unwrap().unwrap() > 0);
     });
     assert!(client.next(Duration::from_secs(5)).unwrap().is_some());
+}
+
+#[test]
+fn second_program_on_tcp_is_told_of_the_first() {
+    let finger = on_tcp(still());
+    let first = connect(&finger);
+    let refused = Client::open(finger.port()).err().unwrap();
+    assert_eq!(refused.problem(), Some(&Problem::Busy), "{refused}");
+    first.info().unwrap();
+    drop(first);
+    connect(&finger).info().unwrap();
+}
+
+#[test]
+fn post_of_a_web_page_changes_nothing() {
+    let finger = on_tcp(still());
+    let before = connect(&finger).info().unwrap();
+    let mut buffer = [0; MAX_PACKET];
+    let request = Request { tag: 1, command: Command::SetRate { hz: 13 } };
+    let request = pack(&request, &mut buffer).unwrap();
+    let head = format!("POST / HTTP/1.1\r\nContent-Length: {}\r\n\r\n", request.len() + 1);
+    let address = finger.port().to_string().replace("tcp:", "");
+    for first in [head.as_bytes(), b"", b"\0"] {
+        let mut page = TcpStream::connect(&address).unwrap();
+        page.set_read_timeout(Some(PATIENCE)).unwrap();
+        page.write_all(&[first, &[0], request].concat()).unwrap();
+        let mut answer = Vec::new();
+        // The link may be reset, because bytes of the page were left unread.
+        let _ = page.read_to_end(&mut answer);
+        assert_eq!(answer, [0; 0], "closed without an answer");
+    }
+    assert_eq!(connect(&finger).info().unwrap().rate_millihertz, before.rate_millihertz);
+}
+
+#[test]
+fn silent_tcp_client_shuts_nobody_out() {
+    let finger = on_tcp(still());
+    let address = finger.port().to_string().replace("tcp:", "");
+    let silent: Vec<_> = (0..20).map(|_| TcpStream::connect(&address).unwrap()).collect();
+    connect(&finger).info().unwrap();
+    drop(silent);
 }

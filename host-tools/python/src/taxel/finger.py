@@ -232,6 +232,8 @@ class Finger:
 
     def _ask_version(self) -> Version:
         answer = self._exchange(Command.VERSION, _PATIENCE, _TRIES, False)
+        if isinstance(answer, Reply):
+            raise LinkError(f"{self.port}: busy; close the other program that has it open")
         if not isinstance(answer, Version):
             raise self._confused()
         if answer.protocol != PROTOCOL:
@@ -281,7 +283,10 @@ class Finger:
             while True:
                 while self._replies:
                     reply = self._replies.popleft()
-                    if reply.tag == tag and isinstance(reply, Version) == version:
+                    # A TCP port that serves another program refuses even the version.
+                    refused = isinstance(reply, Reply) and isinstance(reply.result, Refusal)
+                    fits = isinstance(reply, Version) == version or version and refused
+                    if reply.tag == tag and fits:
                         return reply
                 if self._stream.ended is not None:
                     raise self._stream.ended
