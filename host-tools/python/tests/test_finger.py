@@ -3,6 +3,8 @@
 import json
 import os
 import subprocess
+import time
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from fingers import CALIBRATION, FAST, ROOT, replayed, serve
 
 import taxel
 from taxel import Fields, Finger, LinkError, RefusedError
-from taxel.transport import SerialTransport
+from taxel.transport import SerialTransport, TcpTransport
 
 
 @pytest.fixture
@@ -83,6 +85,35 @@ def test_self_test_has_the_channels_of_the_command(command: str):
         assert channel.mean == pytest.approx(theirs["channels"][name]["mean"], abs=60), name
         assert 0.3 < channel.noise / theirs["channels"][name]["noise"] < 3, name
     assert (test.scans, test.full_scale, test.record_intact) == (100, theirs["full_scale"], True)
+
+
+class Late(TcpTransport):
+    """Connection whose bytes come in ``late_s`` seconds late, as to a program that is behind."""
+
+    late_s = 0.0
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__(host, port)
+        self.waiting: deque[tuple[float, bytes]] = deque()
+
+    def read(self) -> bytes:
+        if data := super().read():
+            self.waiting.append((time.monotonic() + self.late_s, data))
+        due = bool(self.waiting) and self.waiting[0][0] <= time.monotonic()
+        return self.waiting.popleft()[1] if due else b""
+
+
+def test_request_is_answered_behind_unread_frames(command: str):
+    with serve(command, "sim:tour", "--tcp", "127.0.0.1:0") as port:
+        host, _, number = port.removeprefix("tcp:").rpartition(":")
+        link = Late(host, int(number))
+        with Finger(port, transport=link) as finger:
+            finger.stream(True)
+            for step in range(30):
+                link.late_s = step / 10
+                time.sleep(0.1)
+            # 3 s late, longer than all tries together.
+            assert finger.info().streaming
 
 
 def test_pulled_cable_raises_after_the_last_frame(command: str):

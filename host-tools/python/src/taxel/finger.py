@@ -40,6 +40,7 @@ R = TypeVar("R")
 
 _PATIENCE = 0.5
 _TRIES = 4
+_PATIENCE_BEHIND = 15.0
 
 
 class Finger:
@@ -268,6 +269,7 @@ class Finger:
                 self._start_tag = tag
             # The first zero ends half a packet that the finger may still hold.
             packet = b"\0" + pack(request(tag, command))
+            first = time.monotonic()
             for _ in range(tries):
                 asked = time.monotonic()
                 self._transport.write(packet)
@@ -275,6 +277,11 @@ class Finger:
                 if answer is not None:
                     with self._changed:
                         self._stream.clock.echo(time.monotonic() - asked)
+                    return answer
+            # The reply may be behind frames that this program has not read yet.
+            while self._stream.is_live() and time.monotonic() - first < _PATIENCE_BEHIND:
+                answer = self._answer(tag, command == Command.VERSION, time.monotonic() + _PATIENCE)
+                if answer is not None:
                     return answer
         raise LinkError(f"{self.port}: nobody answers; is it a finger, and is its firmware running?")
 

@@ -112,6 +112,12 @@ class Stream:
         for waker in self.wakers:
             waker()
 
+    def is_live(self) -> bool:
+        """True while frames come in: one within the last second."""
+        with self.changed:
+            at = self._newest[1] if self._newest and self.ended is None else -BEHIND_S
+            return time.monotonic() - at < BEHIND_S
+
     def counts(self, bad_packets: int) -> Counts:
         """Returns the counters at one moment."""
         with self.changed:
