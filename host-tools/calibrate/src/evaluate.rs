@@ -64,18 +64,26 @@ pub fn finger(calibration: &Calibration, recording: &Recording) -> Vec<TargetMet
     for sample in &recording.samples {
         let estimate = finger.estimate(&mut state, &sample.scan);
         let truth = &sample.truth;
-        if let Some(force) = against.and_then(|against| against.force(&estimate)) {
-            compare(&mut forces, truth.force, components(force));
+        let stated = estimate.uncertainty.as_ref().ok();
+        if let Some((force, against)) =
+            against.and_then(|against| Some((against.force(&estimate)?, against)))
+        {
+            let stated = stated.filter(|_| against == Against::Finger);
+            let sigma = stated.map(|stated| components(&stated.force).map(Result::ok));
+            compare(&mut forces, truth.force, (components(force), sigma.unwrap_or_default()));
         }
         if calibration.taxels.is_some() && touched(truth, &estimate) {
             let found = match estimate.point {
                 Ok(point) => [Ok(point.x.0), Ok(point.y.0)],
                 Err(reason) => [Err(reason); 2],
             };
-            compare(&mut point, truth.point, found);
+            let sigma = stated.and_then(|stated| stated.point.as_ref().ok());
+            let sigma = sigma.map(|sigma| [Some(sigma.x.0), Some(sigma.y.0)]);
+            compare(&mut point, truth.point, (found, sigma.unwrap_or_default()));
         }
         for i in (0..SENSORS).filter(|i| calibration.sensors[*i].is_some()) {
-            compare(&mut sensors[i], truth.sensors[i], components(&estimate.sensors[i]));
+            let found = components(&estimate.sensors[i]);
+            compare(&mut sensors[i], truth.sensors[i], (found, [None; 3]));
         }
     }
     let forces = forces.into_iter().zip(FORCES.map(str::to_owned));
@@ -93,7 +101,7 @@ pub fn finger(calibration: &Calibration, recording: &Recording) -> Vec<TargetMet
 }
 
 /// Estimate compared with the columns `fx_n` ….
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Against {
     Finger,
     Sensor(usize),
@@ -127,15 +135,22 @@ fn components(force: &Force) -> [Result<f32, NoValue>; 3] {
     [force.x, force.y, force.z].map(|component| component.map(|newtons| newtons.0))
 }
 
+/// Adds the errors of a row's estimates, with the standard deviations that it states.
 fn compare<const N: usize>(
     errors: &mut [Errors; N],
     truth: [Option<f64>; N],
-    found: [Result<f32, NoValue>; N],
+    (found, sigma): ([Result<f32, NoValue>; N], [Option<f32>; N]),
 ) {
-    for ((errors, truth), found) in errors.iter_mut().zip(truth).zip(found) {
+    for (((errors, truth), found), sigma) in errors.iter_mut().zip(truth).zip(found).zip(sigma) {
         match (truth, found) {
             (None, _) | (_, Err(NoValue::NotEstimated)) => {}
-            (Some(truth), Ok(found)) => errors.add(f64::from(found) - truth),
+            (Some(truth), Ok(found)) => {
+                let error = f64::from(found) - truth;
+                match sigma {
+                    Some(sigma) => errors.add_stated(error, f64::from(sigma)),
+                    None => errors.add(error),
+                }
+            }
             (Some(_), Err(reason)) => errors.withhold(frames::reason(reason)),
         }
     }

@@ -24,6 +24,8 @@ pub struct TargetMetrics {
     pub target: String,
     /// The figures; `None` if no row had an estimate.
     pub figures: Option<Figures>,
+    /// Share of the estimates with a stated error that are off by more than three times it.
+    pub beyond: Option<f64>,
     /// Rows with a reference but without an estimate, by reason.
     pub withheld: BTreeMap<String, usize>,
 }
@@ -32,6 +34,9 @@ pub struct TargetMetrics {
 #[derive(Clone, Debug, Default)]
 pub struct Errors {
     errors: Vec<f64>,
+    /// Rows with a stated error, and those among them that are off by more than three times it.
+    stated: usize,
+    beyond: usize,
     withheld: BTreeMap<String, usize>,
 }
 
@@ -39,6 +44,13 @@ impl Errors {
     /// Adds the error of a row.
     pub fn add(&mut self, error: f64) {
         self.errors.push(error);
+    }
+
+    /// Adds the error of a row whose estimate states a standard deviation.
+    pub fn add_stated(&mut self, error: f64, sigma: f64) {
+        self.add(error);
+        self.stated += 1;
+        self.beyond += usize::from(error.abs() > 3.0 * sigma);
     }
 
     /// Counts a row without an estimate, by its reason.
@@ -56,6 +68,7 @@ impl Errors {
         TargetMetrics {
             target: target.into(),
             figures: figures(&self.errors),
+            beyond: (self.stated > 0).then(|| self.beyond as f64 / self.stated as f64),
             withheld: self.withheld,
         }
     }
@@ -121,6 +134,18 @@ mod tests {
         assert!(surely_less(&[0.08, 0.17, 0.26], &than));
         assert!(!surely_less(&[0.01, 0.25, 0.31], &than));
         assert!(!surely_less(&than, &than) && !surely_less(&[0.0], &[1.0]));
+    }
+
+    #[test]
+    fn errors_beyond_three_sigma_are_counted() {
+        let mut errors = Errors::default();
+        errors.add(9.0);
+        assert_eq!(errors.clone().into_metrics("fz_n").beyond, None);
+        for error in [-0.31, 0.29, 0.0, -0.1] {
+            errors.add_stated(error, 0.1);
+        }
+        let metrics = errors.into_metrics("fz_n");
+        assert_eq!((metrics.beyond, metrics.figures.unwrap().n), (Some(0.25), 5));
     }
 
     proptest! {

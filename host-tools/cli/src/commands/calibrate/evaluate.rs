@@ -17,7 +17,8 @@ use crate::output;
 ///
 /// Every reference column is compared with the finger's estimate, computed by the same code as on
 /// the chip. Error is estimate − reference; bias is its mean, sigma its standard deviation, max the
-/// largest absolute error. Rows without an estimate are counted by reason.
+/// largest absolute error, and "beyond" the share of the values that are off by more than three of
+/// the standard deviations that they state. Rows without an estimate are counted by reason.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -33,8 +34,9 @@ pub struct Args {
     /// Calibration to evaluate.
     #[arg(long, value_name = "CAL.toml")]
     calibration: PathBuf,
-    /// Print one JSON object with an entry per target: rmse, sigma, max, bias, n, withheld. With
-    /// several --data it has such an object for each file.
+    /// Print one JSON object with an entry per target: rmse, sigma, max, bias, n, withheld,
+    /// and beyond_3_sigma where the finger states its error. With several --data it has such an
+    /// object for each file.
     #[arg(long)]
     json: bool,
 }
@@ -68,6 +70,9 @@ struct Figures<'m> {
     max: Option<f64>,
     bias: Option<f64>,
     n: usize,
+    /// Share of the values off by more than three of the standard deviations that they state.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    beyond_3_sigma: Option<f64>,
     withheld: &'m BTreeMap<String, usize>,
 }
 
@@ -80,6 +85,7 @@ impl<'m> Figures<'m> {
             max: figures.map(|f| f.max),
             bias: figures.map(|f| f.bias),
             n: figures.map_or(0, |f| f.n),
+            beyond_3_sigma: metrics.beyond,
             withheld: &metrics.withheld,
         }
     }
@@ -155,8 +161,8 @@ fn print(metrics: &[TargetMetrics], json: bool) -> anyhow::Result<()> {
         return output::json(&targets(metrics));
     }
     output::line(format!(
-        "{:<12} {:>10} {:>10} {:>10} {:>10} {:>8}  withheld",
-        "target", "rmse", "sigma", "max", "bias", "n"
+        "{:<12} {:>10} {:>10} {:>10} {:>10} {:>8} {:>8}  withheld",
+        "target", "rmse", "sigma", "max", "bias", "n", "beyond"
     ))?;
     for metrics in metrics {
         let figures = Figures::new(metrics);
@@ -164,13 +170,14 @@ fn print(metrics: &[TargetMetrics], json: bool) -> anyhow::Result<()> {
         let withheld: Vec<String> =
             metrics.withheld.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
         output::line(format!(
-            "{:<12} {:>10} {:>10} {:>10} {:>10} {:>8}  {}",
+            "{:<12} {:>10} {:>10} {:>10} {:>10} {:>8} {:>8}  {}",
             metrics.target,
             cell(figures.rmse),
             cell(figures.sigma),
             cell(figures.max),
             cell(figures.bias),
             figures.n,
+            figures.beyond_3_sigma.map_or("-".to_owned(), |b| format!("{:.1} %", 100.0 * b)),
             withheld.join(", ")
         ))?;
     }
