@@ -27,6 +27,7 @@ mod faults;
 pub mod fidelity;
 pub mod light;
 pub mod load;
+mod load_cell;
 pub mod optics;
 pub mod path;
 pub mod plate;
@@ -41,5 +42,6 @@ pub mod supply;
 pub mod surface;
 pub mod systems;
 
+pub use load_cell::LoadCell;
 pub use scene::{Effect, Scene};
 pub use simulator::Simulator;

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
 use taxel::scan::{COLS, TAXELS};
-use taxel_files::Pending;
 use taxel_files::trace::TraceWriter;
+use taxel_files::{FileError, Pending};
 use taxel_sim::scene::built_in;
-use taxel_sim::{Scene, Simulator};
+use taxel_sim::{LoadCell, Scene, Simulator};
 
 use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite};
@@ -22,6 +22,10 @@ pub struct Args {
     /// Trace to write.
     #[arg(long, value_name = "TRACE.csv", required_unless_present = "list")]
     out: Option<PathBuf>,
+    /// Log of a load cell under the finger: total force with 6 mN of noise, 100 Hz, its own clock.
+    /// The trace then has the codes and no truth, as in a lab.
+    #[arg(long, value_name = "CELL.csv")]
+    cell: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
     /// Print the built-in scenes, one line each.
@@ -35,22 +39,28 @@ pub struct Args {
 const EXAMPLES: &str = "\
 Examples:
   taxel simulate --list
-  taxel simulate --scene shear --seed 2 --out shear.csv";
+  taxel simulate --scene shear --seed 2 --out shear.csv
+  taxel simulate --scene presses --out presses.csv --cell cell.csv";
 
 /// Runs the command.
 ///
 /// The scene is invalid or the trace cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let (Some(name), Some(out)) = (args.scene, args.out) else { return list() };
-    output::keep([Path::new(&name)], &out, args.overwrite)?;
+    let outs: Vec<PathBuf> = [&out].into_iter().chain(&args.cell).cloned().collect();
+    for out in &outs {
+        output::keep([Path::new(&name)], out, args.overwrite)?;
+    }
+    output::apart(&outs)?;
     let scene = Scene::load(&name)?;
     let mut simulator = Simulator::new(&scene, args.seed);
     let fidelity = simulator.fidelity().map(|report| format!("; {report}")).unwrap_or_default();
     let interrupt = Interrupt::watch()?;
     let pending = Pending::new(&out)?;
     let named = |error| pending.named(error);
-    let mut trace =
-        TraceWriter::create(pending.path(), simulator.trace_header(true)).map_err(named)?;
+    let header = simulator.trace_header(args.cell.is_none());
+    let mut trace = TraceWriter::create(pending.path(), header).map_err(named)?;
+    let mut cell = args.cell.map(|path| (path, LoadCell::new(args.seed), Vec::new()));
     let bar = ProgressBar::new(scene.frames());
     let mut written = 0u64;
     let mut wrong_side = [false; TAXELS];
@@ -59,6 +69,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             break;
         }
         trace.write(&sample).map_err(named)?;
+        if let Some((_, cell, rows)) = &mut cell {
+            rows.extend(cell.read(&sample));
+        }
         wrong_side.iter_mut().zip(simulator.wrong_side()).for_each(|(was, is)| *was |= is);
         written += 1;
         // A redraw per frame would take longer than the frame.
@@ -68,10 +81,19 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     trace.finish().map_err(named)?;
     pending.commit()?;
+    if let Some((path, _, rows)) = cell {
+        write_log(&path, &rows)?;
+    }
     bar.finish_and_clear();
     let stopped = if interrupt.came() { "; stopped early" } else { "" };
     let wrong_side = past_the_peak(&wrong_side);
     output::line(format!("{}: {written} scans{stopped}{fidelity}{wrong_side}", out.display()))
+}
+
+/// Writes the load cell's log, which is short.
+fn write_log(path: &Path, rows: &[String]) -> Result<(), FileError> {
+    let lines = [LoadCell::header()].into_iter().chain(rows.iter().map(String::as_str));
+    taxel_files::save(path, lines.flat_map(|line| [line, "\n"]).collect::<String>())
 }
 
 /// Names the taxels whose facet came so near that the light fell again.
