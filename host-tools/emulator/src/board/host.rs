@@ -71,6 +71,8 @@ pub struct Host {
     /// Bulk endpoints: to the host, to the device.
     bulk: Option<[u8; 2]>,
     toggles: [bool; 2],
+    /// Whether the last bulk transaction was from the device; both directions have their turn.
+    took: bool,
     configured: bool,
     opened: bool,
     /// Whether the port's reader takes data.
@@ -102,6 +104,7 @@ impl Host {
             descriptors: Descriptors::default(),
             bulk: None,
             toggles: [false; 2],
+            took: false,
             configured: false,
             opened: false,
             reading: true,
@@ -174,6 +177,11 @@ impl Host {
     /// Queues bytes for the device.
     pub fn send(&mut self, bytes: &[u8]) {
         self.to_send.extend(bytes);
+    }
+
+    /// Number of queued bytes that the device has not taken yet.
+    pub fn unsent(&self) -> usize {
+        self.to_send.len()
     }
 
     /// Takes the bytes received from the device.
@@ -263,7 +271,10 @@ impl Host {
             return Ok(());
         }
         let Some([data_in, data_out]) = self.bulk else { return Ok(()) };
-        if self.reading && usb.ready_to_send(self.address, data_in) {
+        let gives = !self.to_send.is_empty() && usb.ready_to_receive(self.address, data_out);
+        let takes = self.reading && usb.ready_to_send(self.address, data_in);
+        self.took = takes && !(gives && self.took);
+        if self.took {
             match usb.take(self.address, data_in)? {
                 Answer::Data(data1, data) => {
                     if data1 != self.toggles[0] {

@@ -26,7 +26,12 @@ pub struct Session {
     pub frames: Vec<(Tick, Frame)>,
     /// Number of packets that could not be decoded.
     pub bad: usize,
-    replies: Vec<Message>,
+    /// Messages received besides frames, oldest first.
+    pub replies: Vec<Message>,
+    /// Time of the last byte from the board.
+    heard: Tick,
+    /// Longest time without a byte from the board, which may be set back.
+    pub silence: Tick,
 }
 
 impl Session {
@@ -39,6 +44,8 @@ impl Session {
             frames: Vec::new(),
             bad: 0,
             replies: Vec::new(),
+            heard: 0,
+            silence: 0,
         };
         session.enumerate()?;
         Ok(session)
@@ -76,7 +83,12 @@ impl Session {
 
     fn look(&mut self) {
         let now = self.board.now();
-        for byte in self.board.host().take_received() {
+        let bytes = self.board.host().take_received();
+        self.silence = self.silence.max(now - self.heard);
+        if !bytes.is_empty() {
+            self.heard = now;
+        }
+        for byte in bytes {
             match self.deframer.push::<Message>(byte) {
                 Some(Ok(Message::Frame(frame))) => self.frames.push((now, frame)),
                 Some(Ok(message)) => self.replies.push(message),

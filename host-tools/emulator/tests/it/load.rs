@@ -27,11 +27,11 @@ const UNTOUCHED: usize = 880;
 /// Time over which a load is averaged: 40 scans at 4 kHz.
 const WINDOW: Tick = micros(10_000);
 /// Settings for 8 kHz: two samples a reading, and the settle time of the board's load.
-const EIGHT_KHZ: ScanSettings =
+pub const EIGHT_KHZ: ScanSettings =
     ScanSettings { scan_hz: 8000, oversampling: 2, settle_ns: settle::ON_LOAD_NS };
 
 /// Recorded scans of a kind of scene, in codes of 12 bits.
-fn run(kind: &Kind) -> Vec<Codes> {
+pub fn run(kind: &Kind) -> Vec<Codes> {
     let whole = repository().join("host-tools/emulator/data/whole");
     let path = whole.join(kind.name.replace(' ', "-")).with_extension("csv");
     let scans = TraceReader::open(&path).unwrap().map(|sample| sample.unwrap().scan.codes);
@@ -39,7 +39,7 @@ fn run(kind: &Kind) -> Vec<Codes> {
 }
 
 /// Session with the record of a default fit that streams estimates.
-fn session(model: Model, scan: Option<ScanSettings>, hz: u16) -> Session {
+pub fn session(model: Model, scan: Option<ScanSettings>, hz: u16) -> Session {
     let mut session = support::session(model, true);
     let path = repository().join("host-tools/emulator/data/whole/finger.cal.toml");
     let calibration = taxel_files::calibration::read(&path).unwrap();

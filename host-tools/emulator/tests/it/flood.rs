@@ -1,0 +1,267 @@
+//! Tests that no scene, rate or request silences a board's link or stops its scan.
+
+use std::collections::BTreeMap;
+
+use cycles::kinds::KINDS;
+use taxel::estimate::contact_point::PointMethod;
+use taxel::frame::Fields;
+use taxel::scan::ScanSettings;
+use taxel::wire::message::{CHUNK, Command, Message, Request, Response};
+use taxel::wire::{MAX_PACKET, pack};
+
+use taxel_emulator::board::model::Model::{self, F411, G431};
+use taxel_emulator::board::script::Session;
+use taxel_emulator::board::time::{Tick, micros};
+
+use crate::load;
+
+/// Longest silence of a link with a stream, outside an erasure.
+const SILENCE: Tick = micros(10_000);
+/// Longest time for an answer that waits behind more frames than the bus or the core can take.
+const PATIENCE: Tick = micros(50_000);
+/// Scans that wait at a count or come before its answer; one where the core is not overloaded.
+const LATE: u32 = 12;
+/// Longest erasure of a calibration slot on a board.
+const ERASURE: Tick = micros(600_000);
+/// Bytes that the host keeps ready for the device, and those of requests that erase.
+const READY: [usize; 2] = [1024, 16];
+
+/// Scans that the converters completed, and those that the session took or counted as lost.
+///
+/// The stream is off and the answer on its way within less than a scan.
+fn scans(session: &mut Session) -> [u32; 2] {
+    session.ask(Command::Stream(false)).unwrap();
+    session.run(micros(20_000)).unwrap();
+    let mut buffer = [0; MAX_PACKET];
+    let packet = pack(&Request { tag: 0, command: Command::Info }, &mut buffer).unwrap();
+    session.board.host().send(packet);
+    session.replies.clear();
+    while session.replies.is_empty() {
+        session.run(micros(20)).unwrap();
+    }
+    let converted = session.board.finger().seen.len() as u32;
+    let Some(Message::Reply { result: Ok(Response::Info(info)), .. }) = session.replies.pop()
+    else {
+        panic!()
+    };
+    session.ask(Command::Stream(true)).unwrap();
+    [converted, info.counters.scans + info.counters.overruns]
+}
+
+/// Violations that a test found.
+#[derive(Default)]
+struct Broken(Vec<String>);
+
+impl Broken {
+    /// Prints what was found, and keeps it if it is wrong.
+    fn note(&mut self, right: bool, found: String) {
+        println!("{found}");
+        if !right {
+            self.0.push(found);
+        }
+    }
+
+    /// Notes whether since `before` all scans were taken or counted as lost.
+    fn account(&mut self, session: &mut Session, before: [u32; 2], what: &str) {
+        let after = scans(session);
+        let [due, accounted] = [0, 1].map(|i| after[i].wrapping_sub(before[i]));
+        let right = due.abs_diff(accounted) <= LATE;
+        self.note(right, format!("{what}: {accounted} of {due} scans"));
+    }
+
+    /// Notes whether no time is longer than allowed.
+    fn time(&mut self, found: Tick, most: Tick, what: &str) {
+        self.note(found <= most, format!("{what} for {} µs", found / micros(1)));
+    }
+}
+
+impl Drop for Broken {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            assert!(self.0.is_empty(), "{:#?}", self.0);
+        }
+    }
+}
+
+/// Runs every scene at a rate with some field masks.
+fn scenes(model: Model, scan: Option<ScanSettings>, hz: u16) {
+    let mut session = load::session(model, scan, hz);
+    let mut broken = Broken::default();
+    for kind in &KINDS {
+        let before = scans(&mut session);
+        session.board.finger().show(load::run(kind));
+        let masks = (0..9).map(|bit| Fields(1 << bit));
+        let masks = [Fields(0), Fields::ESTIMATES, Fields::ALL].into_iter().chain(masks);
+        for fields in masks {
+            let what = format!("{}, {hz} Hz, fields {:#x}", kind.name, fields.0);
+            session.ask(Command::SetFields(fields)).unwrap();
+            session.silence = 0;
+            session.run(micros(10_000)).unwrap();
+            let asked = session.board.now();
+            session.ask(Command::ReadBias).unwrap();
+            let (waited, silence) = (session.board.now() - asked, session.silence);
+            broken.time(waited, PATIENCE, &format!("{what}: waiting"));
+            broken.time(silence, SILENCE, &format!("{what}: silent"));
+        }
+        broken.account(&mut session, before, kind.name);
+    }
+    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    assert_eq!(health.panic, None);
+}
+
+#[test]
+fn no_scene_silences_the_g431() {
+    scenes(G431, None, 1000);
+    scenes(G431, None, 4000);
+    scenes(G431, Some(load::EIGHT_KHZ), 8000);
+}
+
+#[test]
+fn no_scene_silences_the_f411() {
+    scenes(F411, None, 1000);
+    scenes(F411, None, 4000);
+}
+
+/// Requests of every kind that does not end the session.
+fn requests() -> Vec<Command> {
+    let data = heapless::Vec::from_slice(&[7; CHUNK]).unwrap();
+    vec![
+        Command::Version,
+        Command::Info,
+        Command::Stream(true),
+        Command::SetRate { hz: 1000 },
+        Command::SetFields(Fields::FORCE),
+        Command::SetPointMethod(PointMethod::ArgMin),
+        Command::TakeBias { scans: 2 },
+        Command::ReadBias,
+        Command::ClearBias,
+        Command::CalibrationBegin { length: 4000 },
+        Command::CalibrationChunk { offset: 0, data },
+        Command::CalibrationCommit,
+        Command::CalibrationRead { offset: 0 },
+        Command::SaveSettings,
+        Command::SaveBias,
+        Command::Health,
+        Command::SelfTest { scans: 2 },
+        Command::SetFilter { hz: 50 },
+        Command::HoldRow { row: Some(1) },
+        Command::HoldRow { row: None },
+    ]
+}
+
+/// Sends bytes without pause for some time, and lets the board handle the rest.
+///
+/// Returns how many packets were sent; each has a reply if `answered`.
+fn flood(
+    session: &mut Session,
+    time: Tick,
+    answered: bool,
+    ready: usize,
+    mut next: impl FnMut() -> Vec<u8>,
+) -> usize {
+    let end = session.board.now() + time;
+    let mut packets = 0;
+    while session.board.now() < end {
+        while session.board.host().unsent() < ready {
+            session.board.host().send(&next());
+            packets += 1;
+        }
+        session.run(micros(1_000)).unwrap();
+    }
+    let rest = session.board.now() + PATIENCE + packets as Tick * ERASURE;
+    while session.board.host().unsent() > 0 || answered && session.replies.len() < packets {
+        assert!(session.board.now() < rest, "{} of {packets} answers", session.replies.len());
+        session.run(micros(1_000)).unwrap();
+    }
+    packets
+}
+
+/// Floods a board with zeros, with garbage and with requests of each kind.
+fn floods(model: Model, time: Tick) {
+    let mut session = load::session(model, None, 1000);
+    let mut broken = Broken::default();
+    let scan = match session.ask(Command::Health).unwrap() {
+        Response::Health(health) => Command::SetScan(health.scan.unwrap()),
+        other => panic!("{other:?}"),
+    };
+    session.board.finger().show(load::run(&KINDS[2]));
+    for command in requests().into_iter().chain([scan]) {
+        let before = scans(&mut session);
+        (session.silence, session.replies) = (0, Vec::new());
+        let mut tag = 0;
+        let erases = matches!(
+            command,
+            Command::CalibrationBegin { .. } | Command::SaveSettings | Command::SaveBias
+        );
+        let sent = flood(&mut session, time, true, READY[usize::from(erases)], || {
+            tag = (tag + 1) % 256;
+            let request = Request { tag: tag as u8, command: command.clone() };
+            pack(&request, &mut [0; MAX_PACKET]).unwrap().to_vec()
+        });
+        let mut unanswered = BTreeMap::new();
+        (1..=sent).for_each(|i| *unanswered.entry((i % 256) as u8).or_insert(0) += 1);
+        for message in std::mem::take(&mut session.replies) {
+            let (Message::Reply { tag, .. } | Message::Version { tag, .. }) = message else {
+                continue;
+            };
+            *unanswered.entry(tag).or_insert(0) -= 1;
+        }
+        unanswered.retain(|_, count| *count != 0);
+        let right = unanswered.is_empty();
+        broken.note(right, format!("{command:?}: {sent} sent, unanswered by tag {unanswered:?}"));
+        // The reply to one erasure may wait for the next one.
+        let most = SILENCE + if erases { 2 * ERASURE } else { 0 };
+        broken.time(session.silence, most, &format!("{command:?}: silent"));
+        // A restart loses the scan under way, which no converter completes.
+        if !matches!(command, Command::SetScan(_) | Command::HoldRow { .. }) {
+            broken.account(&mut session, before, &format!("{command:?}"));
+        }
+        session.ask(Command::SetRate { hz: 1000 }).unwrap();
+    }
+    let mut state = 1_u32;
+    let garbage = move || {
+        let byte = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as u8
+        };
+        std::iter::repeat_with(byte).take(64).collect()
+    };
+    let noise: [(&str, Box<dyn FnMut() -> Vec<u8>>); 2] =
+        [("zeros", Box::new(|| vec![0; 64])), ("garbage", Box::new(garbage))];
+    for (what, next) in noise {
+        let before = scans(&mut session);
+        session.silence = 0;
+        let sent = flood(&mut session, time, false, READY[0], next);
+        // Ends the garbage.
+        session.board.host().send(&[0]);
+        broken.time(session.silence, SILENCE, &format!("{sent} packets of {what}: silent"));
+        broken.account(&mut session, before, what);
+    }
+    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    assert_eq!(health.panic, None);
+}
+
+#[test]
+fn no_request_silences_the_g431() {
+    floods(G431, micros(20_000));
+}
+
+#[test]
+fn no_request_silences_the_f411() {
+    floods(F411, micros(20_000));
+}
+
+/// Long floods that run nightly.
+mod nightly {
+    use super::*;
+
+    #[test]
+    fn ten_seconds_of_no_request_silence_the_g431() {
+        floods(G431, micros(10_000_000));
+    }
+
+    #[test]
+    fn ten_seconds_of_no_request_silence_the_f411() {
+        floods(F411, micros(10_000_000));
+    }
+}
