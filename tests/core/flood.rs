@@ -196,7 +196,7 @@ impl Write for Taker<'_> {
     }
 }
 
-/// What a session went through.
+/// Result of a session.
 struct Outcome {
     counters: Counters,
     /// Replies by tag.
