@@ -149,6 +149,9 @@ fn requests() -> Vec<Command> {
     ]
 }
 
+/// Source of packets to send.
+type Packets = Box<dyn FnMut() -> Vec<u8>>;
+
 /// Sends bytes without pause for some time, and lets the board handle the rest.
 ///
 /// Returns how many packets were sent; each has a reply if `answered`.
@@ -226,7 +229,7 @@ fn floods(model: Model, time: Tick) {
         };
         std::iter::repeat_with(byte).take(64).collect()
     };
-    let noise: [(&str, Box<dyn FnMut() -> Vec<u8>>); 2] =
+    let noise: [(&str, Packets); 2] =
         [("zeros", Box::new(|| vec![0; 64])), ("garbage", Box::new(garbage))];
     for (what, next) in noise {
         let before = scans(&mut session);
