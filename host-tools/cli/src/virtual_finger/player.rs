@@ -53,10 +53,10 @@ impl Player {
     pub(super) async fn serve(mut self, listener: TcpListener, ending: &Ending) -> io::Result<()> {
         let mut hosts = Hosts::new(listener)?;
         loop {
-            let host = hosts.next().await?;
+            let mut host = hosts.next().await?;
             let ended = tokio::select! {
                 biased;
-                ended = self.converse(host) => ended,
+                ended = self.converse(&mut host) => ended,
                 never = hosts.refuse() => match never {},
             };
             // A host that leaves with an error does not stop the next one.
@@ -68,7 +68,7 @@ impl Player {
         }
     }
 
-    async fn converse(&mut self, mut host: Host) -> io::Result<Option<Outcome>> {
+    async fn converse(&mut self, host: &mut Host) -> io::Result<Option<Outcome>> {
         let (rx, mut tx) = host.stream.split();
         let mut rx = host.request.as_slice().chain(rx);
         let mut deframer = Deframer::<MAX_PACKET>::default();
