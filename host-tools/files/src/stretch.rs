@@ -20,6 +20,12 @@ impl Stretch {
         Self { path: path.as_ref().to_owned(), from: f64::NEG_INFINITY, to: f64::INFINITY }
     }
 
+    /// Returns a frame's time in seconds as it is read from its decimal text, to the bit.
+    #[must_use]
+    pub fn seconds(micros: u64) -> f64 {
+        micros as f64 / 1e6
+    }
+
     /// Returns whether `seconds` lies in the range, from FROM to before TO.
     #[must_use]
     pub fn contains(&self, seconds: f64) -> bool {
@@ -97,6 +103,18 @@ mod tests {
         assert!(tail.contains(1e9) && !tail.contains(29.9));
         let head: Stretch = "b.csv@..3".parse().unwrap();
         assert!(head.contains(0.0) && !head.contains(3.0));
+    }
+
+    #[test]
+    fn time_as_printed_is_the_time_of_its_frame() {
+        for micros in (0..20_000_000).step_by(999) {
+            let printed = format!("a.csv@{}.{:06}..", micros / 1_000_000, micros % 1_000_000);
+            let stretch: Stretch = printed.parse().unwrap();
+            assert!(stretch.contains(Stretch::seconds(micros)), "{printed}");
+            let before: Stretch =
+                printed.replace('@', "@..").trim_end_matches("..").parse().unwrap();
+            assert!(!before.contains(Stretch::seconds(micros)), "{printed}");
+        }
     }
 
     #[test]

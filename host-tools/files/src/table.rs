@@ -89,8 +89,8 @@ pub fn read_from(
                     .mend("correct the cell, remove the line, or leave the column out")
             })
         };
-        if let Some((at, scale)) = time {
-            let seconds = number(at, number::finite)? * scale;
+        if let Some((at, ticks)) = time {
+            let seconds = number(at, number::finite)? / ticks;
             if let Some((_, last)) = all.filter(|(_, last)| seconds < *last) {
                 // Times compare in whole microseconds, the resolution of every clock here.
                 let [last, now] = [last, seconds].map(|t| (1e6 * t).round() / 1e6);
@@ -124,20 +124,20 @@ pub fn read_from(
 /// Returns whether a column holds times: `t_s` or `t_us`.
 #[must_use]
 pub fn is_time(name: &str) -> bool {
-    time_scale(name).is_some()
+    ticks_a_second(name).is_some()
 }
 
-/// Returns the unit of a time column in seconds.
-fn time_scale(name: &str) -> Option<f64> {
+/// Returns the number of a time column's units in a second.
+fn ticks_a_second(name: &str) -> Option<f64> {
     match name {
         "t_s" => Some(1.0),
-        "t_us" => Some(1e-6),
+        "t_us" => Some(1e6),
         _ => None,
     }
 }
 
 fn time_column(names: &StringRecord) -> Option<(usize, f64)> {
-    names.iter().enumerate().find_map(|(at, name)| Some((at, time_scale(name)?)))
+    names.iter().enumerate().find_map(|(at, name)| Some((at, ticks_a_second(name)?)))
 }
 
 fn select(

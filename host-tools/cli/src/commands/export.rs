@@ -61,7 +61,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             }
         };
         let seconds = match time.and_then(|at| row.get(at)) {
-            Some(Cell::Whole(micros)) => *micros as f64 * 1e-6,
+            Some(Cell::Whole(micros)) => Stretch::seconds(*micros),
             _ => f64::NEG_INFINITY,
         };
         times = Some((times.map_or(seconds, |(first, _)| first), seconds));

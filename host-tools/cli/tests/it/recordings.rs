@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use crate::common::In;
 use taxel_files::frames::Cell;
 use taxel_files::recording::Recording;
+use taxel_files::stretch::Stretch;
 
 fn rows(path: &Path) -> Vec<Vec<Cell>> {
     Recording::open(path).unwrap().map(Result::unwrap).collect()
@@ -244,8 +245,8 @@ fn export_cuts_stretch_and_recovers_damaged_file() {
     taxel.succeeds(&["record", "--port", "sim:press", "--duration", "3", "--out", "a.mcap"]);
     let all = rows(&folder.path().join("a.mcap"));
     let start = whole(&Recording::open(&folder.path().join("a.mcap")).unwrap(), &all[0], "t_us");
-    let from = start as f64 * 1e-6 + 1.0;
-    let stretch = format!("a.mcap@{from}..{}", from + 0.5);
+    let [from, to] = [1_000_000, 1_500_000].map(|micros| Stretch::seconds(start + micros));
+    let stretch = format!("a.mcap@{from}..{to}");
     let said = taxel.succeeds(&["export", &stretch, "--out", "cut.parquet"]);
     assert!(said.starts_with("cut.parquet: 500 frames"), "{said}");
 

@@ -136,7 +136,7 @@ pub fn cut<S: Iterator<Item = Result<Sample, FileError>>>(
     samples: S,
     stretch: &Stretch,
 ) -> impl Iterator<Item = Result<Sample, FileError>> + use<S> {
-    let seconds = |sample: &Sample| sample.scan.time.0 as f64 * 1e-6;
+    let seconds = |sample: &Sample| Stretch::seconds(sample.scan.time.0);
     let (wanted, ended) = (stretch.clone(), stretch.clone());
     samples
         .take_while(move |s| s.as_ref().map_or(true, |s| !ended.ended(seconds(s))))
