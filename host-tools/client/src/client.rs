@@ -1,5 +1,6 @@
 //! Requests and replies, frames and their losses.
 
+mod printable;
 mod reader;
 mod upload;
 
@@ -26,6 +27,7 @@ pub use reader::Counts;
 use crate::error::{LinkError, Problem};
 use crate::link::{Device, Link};
 use crate::port::Port;
+use printable::{printable, shown};
 use reader::{NO_TAG, Reader, Shared};
 
 /// Frames queued for the program; those beyond are dropped and counted.
@@ -176,7 +178,7 @@ impl Client {
     /// No reply, an unexpected reply, a refusal, or a broken link, as for every request.
     pub fn info(&self) -> Result<Info, LinkError> {
         match self.request("info", Command::Info)? {
-            Response::Info(info) => Ok(info),
+            Response::Info(info) => Ok(printable(info)),
             _ => Err(self.unexpected("info")),
         }
     }
@@ -269,7 +271,10 @@ impl Client {
     /// As [`Self::info`].
     pub fn health(&self) -> Result<BoardHealth, LinkError> {
         match self.request("health", Command::Health)? {
-            Response::Health(health) => Ok(health),
+            Response::Health(mut health) => {
+                health.panic = health.panic.as_ref().map(shown);
+                Ok(health)
+            }
             _ => Err(self.unexpected("health")),
         }
     }

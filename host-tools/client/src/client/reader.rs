@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Read};
 use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
 use std::sync::mpsc::{Sender, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use taxel::frame::Frame;
 use taxel::wire::deframer::Deframer;
@@ -79,6 +79,8 @@ pub(super) struct Reader {
     frames: SyncSender<Received>,
     shared: Arc<Shared>,
     sequence: Sequence,
+    /// Time of the last frame, or of the stream's start.
+    last: Instant,
     started: bool,
     synchronised: bool,
 }
@@ -97,6 +99,7 @@ impl Reader {
             frames,
             shared,
             sequence: Sequence::default(),
+            last: Instant::now(),
             started: false,
             synchronised: false,
         }
@@ -147,7 +150,7 @@ impl Reader {
         if tag_of(&message).map(u16::from) == Some(self.shared.start_tag.load(Ordering::Acquire)) {
             self.shared.start_tag.store(NO_TAG, Ordering::Release);
             self.started = true;
-            self.sequence = Sequence::default();
+            (self.sequence, self.last) = (Sequence::default(), at);
         }
         // The client may have been dropped.
         let _ = self.replies.send(message);
@@ -155,7 +158,9 @@ impl Reader {
 
     fn frame(&mut self, frame: Frame, at: Instant) {
         add(&self.shared.frames, 1);
-        add(&self.shared.lost, self.sequence.lost_before(frame.seq).into());
+        let since = at.duration_since(self.last);
+        self.last = at;
+        add(&self.shared.lost, self.sequence.lost_before(frame.seq, since).into());
         if let Err(TrySendError::Full(_)) = self.frames.try_send(Received { frame, at }) {
             add(&self.shared.overflow, 1);
         }
@@ -176,10 +181,16 @@ impl Sequence {
     /// Backward steps below this are duplicates; above, the finger has restarted.
     const DUPLICATES: u32 = 256;
 
-    /// Returns how many frames are missing between the last one and this.
-    fn lost_before(&mut self, seq: u32) -> u32 {
+    /// Most frames a second of any finger, and the time for which links hold frames back.
+    const FASTEST_HZ: f64 = 10_000.0;
+    const HELD_BACK_S: f64 = 10.0;
+
+    /// Returns how many frames are missing between the last one and this, which came `since` later.
+    ///
+    /// A gap of more frames than a finger sends in that time is a restart.
+    fn lost_before(&mut self, seq: u32, since: Duration) -> u32 {
         let ahead = seq.wrapping_sub(self.next.unwrap_or(seq));
-        if ahead <= u32::MAX / 2 {
+        if f64::from(ahead) <= Self::FASTEST_HZ * (since.as_secs_f64() + Self::HELD_BACK_S) {
             self.next = Some(seq.wrapping_add(1));
             return ahead;
         }
@@ -196,7 +207,15 @@ mod tests {
 
     fn lost(frames: &[u32]) -> u32 {
         let mut sequence = Sequence::default();
-        frames.iter().map(|seq| sequence.lost_before(*seq)).sum()
+        frames.iter().map(|seq| sequence.lost_before(*seq, Duration::ZERO)).sum()
+    }
+
+    #[test]
+    fn impossible_jump_is_a_restart_and_counts_no_loss() {
+        assert_eq!(lost(&[7, 2_147_483_600, 2_147_483_602]), 1);
+        let mut asleep = Sequence::default();
+        assert_eq!(asleep.lost_before(7, Duration::ZERO), 0);
+        assert_eq!(asleep.lost_before(3_600_008, Duration::from_secs(3600)), 3_600_000);
     }
 
     #[test]

@@ -30,6 +30,8 @@ impl Writer {
         let failed = |error: std::io::Error| FileError::io(path, &error);
         let mut file = BufWriter::new(begin(path, existing)?);
         for (name, value) in &header.facts {
+            // A line break within a fact would begin a line that is no fact.
+            let value = value.replace(char::is_control, "?");
             writeln!(file, "# {name}={value}").map_err(failed)?;
         }
         let mut writer = Self { path: path.to_owned(), records: csv::Writer::from_writer(file) };
