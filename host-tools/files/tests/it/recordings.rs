@@ -106,6 +106,16 @@ fn csv_keeps_values_and_drops_reasons() {
 }
 
 #[test]
+fn line_break_in_a_fact_does_not_break_the_csv() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv");
+    let header = header().with("serial", "F\nt_us,7\r\x1b[2J");
+    Recorder::create(&path, &header, &all_columns(), Existing::Keep).unwrap().finish().unwrap();
+    let recording = Recording::open(&path).unwrap();
+    assert_eq!(recording.header.facts["serial"], "F?t_us,7??[2J");
+}
+
+#[test]
 fn cut_mcap_file_loses_only_unflushed_rows() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
@@ -149,6 +159,91 @@ fn damaged_chunk_loses_its_rows_with_an_error() {
     assert!(found.iter().all(|row| rows.contains(row)));
     assert_eq!(errors.len(), 1);
     assert!(errors[0].contains("a.mcap: damaged after row "), "{errors:?}");
+}
+
+/// Flips bits of a recording, and checks that all but one chunk is read with the right facts.
+///
+/// `bits` lists the bits of a byte that are flipped, one at a time.
+fn flip_every_byte(ended: bool, bits: impl Fn(usize) -> Vec<u8>) {
+    const CHUNK: usize = 10;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let rows = rows(4 * CHUNK as u64);
+    let mut recorder =
+        Recorder::create(&path, &header(), &all_columns(), Existing::Replace).unwrap();
+    for chunk in rows.chunks(CHUNK) {
+        chunk.iter().for_each(|row| recorder.write(row).unwrap());
+        recorder.flush().unwrap();
+    }
+    if ended {
+        recorder.finish().unwrap();
+    } else {
+        std::mem::forget(recorder);
+    }
+    let whole = std::fs::read(&path).unwrap();
+    let (mut lost, mut told) = (0, 0);
+    for at in 0..whole.len() {
+        for bit in bits(at) {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 1 << bit;
+            std::fs::write(&path, &bytes).unwrap();
+            let recording = match Recording::open(&path) {
+                Ok(recording) => recording,
+                // Only a summary repeats the columns.
+                Err(_) if !ended => continue,
+                Err(error) => panic!("byte {at}, bit {bit}: {error}"),
+            };
+            let found = recording.header.clone();
+            let (mut kept, mut errors) = (Vec::new(), 0);
+            for row in recording {
+                row.map_or_else(|_| errors += 1, |row| kept.push(row));
+            }
+            let place = format!("byte {at} of {}, bit {bit}: {} rows", whole.len(), kept.len());
+            // A killed recording has its facts only once, with a CRC that may itself be damaged.
+            let same =
+                header().facts.iter().all(|(name, fact)| found.facts.get(name) == Some(fact));
+            assert!(found == header() || (!ended && (errors > 0 || same)), "{place}: {found:?}");
+            assert!(kept.len() >= rows.len() - CHUNK, "{place}");
+            assert!(
+                kept.iter().all(|row| rows.contains(row))
+                    && kept.is_sorted_by_key(|row| sequence(row)),
+                "{place}"
+            );
+            assert!(kept.len() == rows.len() || errors > 0, "{place}: not told");
+            lost += usize::from(kept.len() < rows.len());
+            told += usize::from(errors > 0);
+        }
+    }
+    println!("{} bytes: a chunk lost in {lost} cases, damage told in {told}", whole.len());
+}
+
+/// Takes a bit of every 17th byte; the nightly test takes all.
+fn sampled(at: usize) -> Vec<u8> {
+    if at.is_multiple_of(17) { vec![(at / 17 % 8) as u8] } else { Vec::new() }
+}
+
+fn sequence(row: &[Cell]) -> u64 {
+    let Cell::Whole(sequence) = row[0] else { panic!("{:?}", row[0]) };
+    sequence
+}
+
+#[test]
+fn flipped_bit_costs_at_most_one_chunk() {
+    flip_every_byte(true, sampled);
+}
+
+#[test]
+fn flipped_bit_costs_a_killed_recording_one_chunk() {
+    flip_every_byte(false, sampled);
+}
+
+mod nightly {
+    use super::*;
+
+    #[test]
+    fn every_flipped_bit_costs_at_most_one_chunk() {
+        flip_every_byte(true, |_| (0..8).collect());
+    }
 }
 
 #[test]

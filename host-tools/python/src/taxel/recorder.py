@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -89,7 +90,9 @@ class Recorder:
             self._rows.append((frame, at, host))
 
     def _begin(self, file: TextIO, facts: dict[str, str]) -> None:
-        file.writelines(f"# {name}={value}\n" for name, value in sorted(facts.items()))
+        # A finger may send any text; a line break would begin a line that is no fact.
+        printable = {k: re.sub(r"[^ -~]", "?", fact) for k, fact in sorted(facts.items())}
+        file.writelines(f"# {name}={fact}\n" for name, fact in printable.items())
         file.write(",".join([*columns([], self._fields), *_HOST]) + "\n")
         file.flush()
 
