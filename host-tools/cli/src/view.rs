@@ -10,6 +10,9 @@
 //! has not seen. Columns are known by name only, so that this module does not depend on the frame's
 //! fields.
 
+mod access;
+mod connections;
+mod conversation;
 mod feed;
 mod orders;
 mod scope;

@@ -1,12 +1,12 @@
-// Strip charts of measured columns and the spectrum of a channel, by uPlot.
-const uPlot = window.uPlot;
-/** Time span of a strip chart, in seconds. */
-const WINDOW = 20;
-const tall = () => (innerWidth > 832 ? 190 : 165);
-const short = (values) => values.map((value) => String(Number(value.toPrecision(3))));
+// Strip charts of measured columns by uPlot: a moving window, pause, zoom and values under the pointer.
+import { fixed, made, number, write } from "./store.js";
+
+export const uPlot = window.uPlot;
+const tall = () => (innerWidth > 832 ? 180 : 165);
+const short = (values) => values.map((value) => String(Number(value.toPrecision(3))).replace("-", "−"));
 
 /** Returns a style sheet's colour for the canvas, as computed for the present theme. */
-function paint(name) {
+export function paint(name) {
   const probe = document.createElement("span");
   probe.style.color = `var(${name})`;
   document.body.append(probe);
@@ -15,102 +15,162 @@ function paint(name) {
   return made;
 }
 
-function faded(rgb) {
-  return rgb.replace(/^rgb\(/, "rgba(").replace(/\)$/, ", .25)");
-}
-
-function axes(unit) {
+export function axes(unit) {
   const common = { stroke: paint("--quiet"), grid: { stroke: paint("--line"), width: 1 }, ticks: { stroke: paint("--line"), width: 1 }, font: "12px system-ui, sans-serif" };
   return [{ ...common }, { ...common, size: 62, values: (plot, splits) => (plot.bare ? splits.map(() => "") : short(splits)), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
 }
 
-/** Reduces ticks to one point per pixel, with minimum and maximum of its time span, so that no peak is lost. */
-function thinned(times, lows, highs, step) {
-  const points = [[], ...lows.flatMap(() => [[], []])];
-  let stretch;
-  times.forEach((time, i) => {
-    const its = Math.floor(time / step);
-    const fresh = its !== stretch;
-    stretch = its;
-    const at = fresh ? points[0].push(0) - 1 : points[0].length - 1;
-    points[0][at] = time;
-    lows.forEach((low, k) => {
-      const [least, most] = [points[2 * k + 1], points[2 * k + 2]];
-      const [was, is] = [fresh ? null : least[at], low[i]];
-      least[at] = was === null ? is : is === null ? was : Math.min(was, is);
-      const [had, has] = [fresh ? null : most[at], highs[k][i]];
-      most[at] = had === null ? has : has === null ? had : Math.max(had, has);
-    });
-  });
+/** Part of the ticks that all charts show. */
+export const view = {
+  /** Seconds up to the last row. */
+  length: 20,
+  /** Ticks of a pause; null while the charts move. */
+  paused: null,
+  /** Zoomed part of a pause, in seconds before its end. */
+  zoom: null,
+  /** Called when a chart is dragged over. */
+  onzoom: () => {},
+  onreset: () => {},
+  range() { return this.zoom ?? [-this.length, 0]; },
+};
+
+/** Index of the first time that is not before `from`. */
+function since(times, from) {
+  let [least, most] = [0, times.length];
+  while (least < most) {
+    const middle = (least + most) >> 1;
+    if (times[middle] < from) least = middle + 1; else most = middle;
+  }
+  return least;
+}
+
+/**
+ * Reduces ticks to one point per pixel, twice: minimum and maximum of its time span, the nearer to the last
+ * point first. No peak is lost, and an edge is one line. A gap in the stream is a gap in the line.
+ */
+export function thinned(times, lows, highs, step, [from, to], gap) {
+  const points = [[], ...lows.map(() => [])];
+  const last = lows.map(() => null);
+  let i = Math.max(0, since(times, from) - 1);
+  const end = Math.min(times.length, since(times, to) + 1);
+  while (i < end) {
+    const its = Math.floor(times[i] / step);
+    const first = i;
+    do i++; while (i < end && Math.floor(times[i] / step) === its);
+    if (first > 0 && times[first] - times[first - 1] > gap) {
+      points[0].push(times[first]);
+      for (let k = 0; k < lows.length; k++) { points[k + 1].push(null); last[k] = null; }
+    }
+    points[0].push(times[i - 1], times[i - 1]);
+    for (let k = 0; k < lows.length; k++) {
+      let [least, most] = [null, null];
+      for (let j = first; j < i; j++) {
+        const [low, high] = [lows[k][j], highs[k][j]];
+        if (low === null) continue;
+        if (least === null || low < least) least = low;
+        if (most === null || high > most) most = high;
+      }
+      const near = last[k] === null || Math.abs(least - last[k]) <= Math.abs(most - last[k]);
+      points[k + 1].push(near ? least : most, near ? most : least);
+      last[k] = near ? most : least;
+    }
+  }
   return points;
 }
 
-/** Strip chart of some columns over the last seconds, as bands from minimum to maximum. */
+/** Strip chart of some columns over the last seconds. */
 export class Strip {
   constructor(parent, title, unit, names, labels) {
-    this.names = names;
-    const figure = document.createElement("div");
-    figure.className = "chart";
-    const heading = document.createElement("h3");
-    heading.append(title);
-    const colours = ["--x", "--y", "--z"].slice(names.length === 1 ? 2 : 0);
-    names.forEach((name, i) => {
-      const key = document.createElement("span");
-      key.className = "key";
+    Object.assign(this, { names, unit });
+    this.digits = unit === "mm" || unit === "N·mm" ? 2 : 3;
+    this.colours = ["--x", "--y", "--z"].slice(names.length === 1 ? 2 : 0);
+    const figure = made("div", "chart");
+    const heading = made("h3", "", title);
+    this.keys = names.map((name, i) => {
+      const key = made("span", "key");
       const swatch = document.createElement("i");
-      swatch.style.background = `var(${colours[i % 3]})`;
-      key.append(swatch, labels[i]);
-      if (names.length > 1) heading.append(key);
+      swatch.style.background = `var(${this.colours[i % 3]})`;
+      const value = made("b");
+      key.append(swatch, labels[i], value);
+      heading.append(key);
+      return value;
     });
-    figure.append(heading);
+    this.when = made("span", "when");
+    heading.append(this.when);
     this.holder = document.createElement("div");
-    figure.append(this.holder);
+    figure.append(heading, this.holder);
     parent.append(figure);
-    this.unit = unit;
-    this.colours = colours;
     this.build();
   }
 
   build() {
     this.plot?.destroy();
-    this.now = undefined;
-    const series = [{}];
-    const bands = [];
-    this.names.forEach((name, i) => {
-      const stroke = paint(this.colours[i % 3]);
-      series.push({ stroke, width: 1.25, points: { show: false } }, { stroke, width: 1.25, points: { show: false } });
-      bands.push({ series: [2 * i + 2, 2 * i + 1], fill: faded(stroke) });
-    });
+    this.shown = undefined;
+    const series = [{}, ...this.names.map((name, i) => ({ stroke: paint(this.colours[i % 3]), width: 1.25, points: { show: false } }))];
     const [time, value] = axes(this.unit);
     // Seconds before now, because the finger's own clock has no meaning for a reader.
-    time.values = (plot, splits) => splits.map((t) => (t === 0 ? "now" : `${t} s`));
+    time.values = (plot, splits) => splits.map((t) => (t === 0 ? this.end ?? "now" : `${Number(t.toFixed(3))} s`.replace("-", "−")));
     this.plot = new uPlot({
       width: Math.max(240, this.holder.clientWidth || 600),
       height: tall(),
       series,
-      bands,
       axes: [time, value],
-      scales: { x: { time: false, range: [-WINDOW, 0] }, y: { range: span } },
-      cursor: { show: false },
+      scales: { x: { time: false, range: () => view.range() }, y: { range: span } },
+      cursor: {
+        y: false,
+        sync: { key: "strips" },
+        points: { show: false },
+        drag: { x: true, y: false, setScale: false },
+        bind: { dblclick: () => () => { view.onreset(); return null; } },
+      },
       legend: { show: false },
-    }, [[]].concat(this.names.flatMap(() => [[], []])), this.holder);
+      hooks: { setSelect: [(plot) => this.select(plot)], setCursor: [() => this.read()] },
+    }, [[], ...this.names.map(() => [])], this.holder);
+  }
+
+  select(plot) {
+    const { left, width } = plot.select;
+    if (width < 5) return;
+    const ends = [left, left + width].map((at) => plot.posToVal(at, "x"));
+    plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    view.onzoom(ends);
   }
 
   resize() {
-    this.now = undefined;
+    this.shown = undefined;
     this.plot.setSize({ width: Math.max(240, this.holder.clientWidth), height: tall() });
   }
 
-  /** Draws the chart if it has moved by a pixel or more. */
-  draw(times, lows, highs) {
+  /** Draws the chart if it has moved by a pixel or more, or if something else has changed. */
+  draw(ticks, end, rate) {
+    const { times, low, high } = ticks;
     const now = times.at(-1) ?? 0;
-    const moved = Math.abs(now - (this.now ?? -Infinity));
-    if (moved < WINDOW / this.plot.bbox.width) return;
-    this.now = now;
-    const step = WINDOW / this.plot.bbox.width;
-    const of = (columns) => this.names.map((name) => columns[name]);
-    const [ends, ...values] = thinned(times, of(lows), of(highs), step);
+    const [from, to] = view.range();
+    const step = (to - from) / this.plot.bbox.width;
+    const shown = [from, to, end, Boolean(view.paused), step].join();
+    if (shown === this.shown && Math.abs(now - this.now) < step) return;
+    Object.assign(this, { shown, now, end });
+    const of = (columns) => this.names.map((name) => columns[name] ?? []);
+    const gap = Math.max(4 * step, 4 / (rate || 10), .02);
+    const [ends, ...values] = thinned(times, of(low), of(high), step, [now + from, now + to], gap);
     this.plot.setData([ends.map((time) => time - now), ...values]);
+    this.read();
+  }
+
+  /** Shows the values under the pointer. */
+  read() {
+    const at = this.plot?.cursor.idx;
+    const there = number(at) && this.plot.cursor.left >= 0;
+    write(this.when, there ? `at ${this.plot.data[0][at]?.toFixed(3)} s`.replace("-", "−") : "");
+    this.keys.forEach((key, k) => {
+      if (!there) return write(key, "");
+      // A point is two entries of the same time, minimum and maximum.
+      const times = this.plot.data[0];
+      const ends = [at - 1, at, at + 1].filter((i) => times[i] === times[at]).map((i) => this.plot.data[k + 1][i]).filter(number);
+      if (!ends.length) return write(key, "–");
+      const [least, most] = [Math.min(...ends), Math.max(...ends)].map((value) => fixed(value, this.digits));
+      write(key, least === most ? least : `${least} … ${most}`);
+    });
   }
 }
 
@@ -122,45 +182,3 @@ function span(plot, low, high) {
   const pad = Math.max((most - least) * .08, .005);
   return [least === 0 ? (most > 0 ? -pad / 2 : -.05) : least - pad, most === 0 ? (least < 0 ? pad / 2 : .05) : most + pad];
 }
-
-export class Spectrum {
-  constructor(holder) {
-    this.holder = holder;
-    this.build("");
-    this.show(false);
-  }
-
-  build(unit) {
-    this.unit = unit;
-    this.plot?.destroy();
-    const stroke = paint("--z");
-    const [hertz, value] = axes(unit ? `amplitude, ${unit}` : "amplitude");
-    hertz.values = (plot, splits) => splits.map((f) => `${f} Hz`);
-    this.plot = new uPlot({
-      width: Math.max(240, this.holder.clientWidth || 600),
-      height: 180,
-      series: [{}, { stroke, width: 1.25, fill: faded(stroke), points: { show: false } }],
-      axes: [hertz, value],
-      scales: { x: { time: false }, y: { range: (plot, low, high) => [0, high > 0 ? high * 1.1 : 1] } },
-      cursor: { show: false },
-      legend: { show: false },
-    }, [[], []], this.holder);
-  }
-
-  resize() {
-    this.plot.setSize({ width: Math.max(240, this.holder.clientWidth), height: 180 });
-  }
-
-  /** Shows or hides the chart, because axes without a line carry no information. */
-  show(yes) {
-    if (this.holder.hidden !== yes) return;
-    this.holder.hidden = !yes;
-    if (yes) this.resize();
-  }
-
-  draw(step, lines) {
-    this.plot.setData([lines.map((_, i) => i * step), lines]);
-  }
-}
-
-export { WINDOW };

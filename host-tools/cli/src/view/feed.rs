@@ -2,10 +2,11 @@
 
 mod live;
 mod playback;
+mod self_test;
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
@@ -17,9 +18,12 @@ use taxel::wire::message::Info;
 use taxel_client::{Client, LinkError, ReconnectingClient, fields};
 use taxel_files::{FileError, point_method};
 
-use crate::view::orders::Envelope;
+use crate::view::orders::{Envelope, Queue};
 use crate::view::scope::Scope;
 pub use live::Tap;
+
+/// Orders that may wait for the finger.
+const WAITING: usize = 32;
 
 /// Source that a page can show.
 pub enum Source {
@@ -33,7 +37,7 @@ pub enum Source {
 pub struct Feed {
     pub(crate) name: String,
     pub(crate) scope: Shared,
-    pub(crate) orders: Sender<Envelope>,
+    pub(crate) orders: SyncSender<Envelope>,
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
@@ -89,14 +93,14 @@ impl Feed {
         live::tapped(finger, folder)
     }
 
-    fn new(name: String) -> (Self, Context, Receiver<Envelope>) {
+    fn new(name: String) -> (Self, Context, Queue) {
         let scope = Shared::new();
         // Facts that do not depend on the finger, for the page until the finger replies.
         scope.lock().facts = page_facts(json!({}));
         let stop = Arc::new(AtomicBool::new(false));
-        let (orders, received) = channel();
+        let (orders, received) = sync_channel(WAITING);
         let context = Context { scope: scope.clone(), stop: Arc::clone(&stop) };
-        (Self { name, scope, orders, stop, threads: Vec::new() }, context, received)
+        (Self { name, scope, orders, stop, threads: Vec::new() }, context, Queue::new(received))
     }
 
     fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) {
@@ -126,6 +130,7 @@ fn facts(client: &Client, info: &Info) -> Value {
         "serial": identity.serial,
         "firmware": format!("{major}.{minor}.{patch}"),
         "scan_hz": identity.scan_hz,
+        "full_scale": identity.full_scale.top().0,
         "rate_hz": f64::from(info.rate_millihertz) / 1000.0,
         "filter_hz": info.filter_hz,
         "fields": fields::list(info.fields),

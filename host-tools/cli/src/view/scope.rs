@@ -8,21 +8,29 @@ use taxel_files::frames::{Cell, Column, Kind, reason};
 
 use crate::view::spectrum::Spectrum;
 
-/// Interval between ticks: one frame of a 60 Hz screen.
-const TICK: Duration = Duration::from_micros(16_667);
-/// Ticks kept for a page that opens or lags: 60 s.
-const KEPT: usize = 3600;
+/// Device time of a tick, in microseconds. By arrival, a stalled host would draw a wedge.
+const TICK_US: u64 = 5_000;
+/// Time after its last row when a tick is closed, because no row may follow.
+const SETTLED: Duration = Duration::from_millis(50);
+/// Ticks kept for a page that opens or lags: 30 s.
+const KEPT: usize = 6000;
+/// Ticks in one message. A page that opens gets the earlier ones in several.
+const MOST: usize = 500;
 
-/// Rows between two updates of the screen.
+/// Rows of one interval of device time.
 struct Tick {
+    /// Number of the interval.
+    interval: u64,
     /// Device time of the last row, in seconds.
     time: f64,
     rows: u32,
     /// Status bits that were set in any row.
     status: u32,
-    /// Minimum and maximum of each measured column.
-    range: Vec<Option<(f32, f32)>>,
+    /// Minimum and maximum of each ranged column.
+    range: Vec<Range>,
 }
+
+type Range = Option<(f32, f32)>;
 
 /// Counts, round trip and clock of a link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -37,17 +45,31 @@ pub(crate) struct Link {
     pub(crate) clock: Option<(Option<f64>, Duration)>,
 }
 
+/// Recording in progress.
+#[derive(Clone, Debug)]
+pub(crate) struct Recorded {
+    pub(crate) name: String,
+    pub(crate) begun: Instant,
+    pub(crate) rows: u64,
+    pub(crate) bytes: u64,
+}
+
 /// State of one finger.
 pub(crate) struct Scope {
     columns: Vec<Column>,
-    measured: Vec<usize>,
+    /// Number of changes of the columns.
+    layout: u64,
+    /// Columns whose minimum and maximum are in the ticks: measured ones and codes.
+    ranged: Vec<usize>,
     status_at: Option<usize>,
     time_at: Option<usize>,
     seq_at: Option<usize>,
     /// Number of restarts; a page discards what it has of an earlier number.
     epoch: u64,
     latest: Vec<Cell>,
-    open: Option<(Instant, Tick)>,
+    /// Arrival of the last row.
+    heard: Option<Instant>,
+    open: Option<Tick>,
     ticks: VecDeque<Tick>,
     /// Number of ticks closed so far.
     count: u64,
@@ -61,8 +83,10 @@ pub(crate) struct Scope {
     pub(crate) trouble: Option<String>,
     /// Reason for the end of a recording, or another notice.
     pub(crate) mishap: Option<String>,
-    /// Name of the file being recorded.
-    pub(crate) recording: Option<String>,
+    /// File being recorded.
+    pub(crate) recording: Option<Recorded>,
+    /// Result of the last self-test; null before the first.
+    pub(crate) self_test: Value,
     /// Position of a playback in seconds, its length once known, and whether it runs.
     pub(crate) playback: Option<(f64, Option<f64>, bool)>,
 }
@@ -71,12 +95,14 @@ impl Scope {
     pub(crate) fn new() -> Self {
         Self {
             columns: Vec::new(),
-            measured: Vec::new(),
+            layout: 0,
+            ranged: Vec::new(),
             status_at: None,
             time_at: None,
             seq_at: None,
             epoch: 0,
             latest: Vec::new(),
+            heard: None,
             open: None,
             ticks: VecDeque::new(),
             count: 0,
@@ -88,19 +114,27 @@ impl Scope {
             trouble: None,
             mishap: None,
             recording: None,
+            self_test: Value::Null,
             playback: None,
         }
     }
 
-    /// Sets the columns of the following rows.
+    /// Sets the columns of the following rows. Ticks keep the columns that remain.
     pub(crate) fn set_columns(&mut self, columns: Vec<Column>) {
         let find = |name| columns.iter().position(|column| column.name == name);
         (self.time_at, self.seq_at, self.status_at) = (find("t_us"), find("seq"), find("status"));
-        let measured = columns.iter().enumerate().filter(|(_, c)| c.kind == Kind::Measured);
-        self.measured = measured.map(|(at, _)| at).collect();
+        let ranged = columns.iter().enumerate().filter(|(_, column)| is_ranged(column));
+        let ranged: Vec<usize> = ranged.map(|(at, _)| at).collect();
+        let place = |name: &str| self.ranged.iter().position(|at| self.columns[*at].name == name);
+        let places: Vec<_> = ranged.iter().map(|at| place(&columns[*at].name)).collect();
+        for tick in self.ticks.iter_mut().chain(&mut self.open) {
+            let range = |place: &Option<usize>| tick.range.get((*place)?).copied().flatten();
+            tick.range = places.iter().map(range).collect();
+        }
+        self.ranged = ranged;
         self.latest = vec![Cell::Empty; columns.len()];
         self.columns = columns;
-        self.restart();
+        self.layout += 1;
     }
 
     /// Discards all ticks, after a seek or when the finger has restarted.
@@ -132,33 +166,28 @@ impl Scope {
             self.restart();
         }
         self.rate.push(time);
-        if let Some((opened, _)) = &self.open
-            && at.saturating_duration_since(*opened) >= TICK
-        {
+        self.heard = Some(at);
+        let interval = time_us / TICK_US;
+        if self.open.as_ref().is_some_and(|open| open.interval != interval) {
             self.close();
         }
-        let (_, tick) = self.open.get_or_insert_with(|| {
-            let range = vec![None; self.measured.len()];
-            (at, Tick { time, rows: 0, status: 0, range })
+        let tick = self.open.get_or_insert_with(|| {
+            let range = vec![None; self.ranged.len()];
+            Tick { interval, time, rows: 0, status: 0, range }
         });
         tick.time = time;
         tick.rows += 1;
         tick.status |= whole(self.status_at) as u32;
-        for (range, at) in tick.range.iter_mut().zip(&self.measured) {
-            if let Some(Cell::Real(value)) = row.get(*at) {
-                let (low, high) = range.unwrap_or((*value, *value));
-                *range = Some((low.min(*value), high.max(*value)));
+        for (range, at) in tick.range.iter_mut().zip(&self.ranged) {
+            if let Some(value) = row.get(*at).and_then(number) {
+                let (low, high) = range.unwrap_or((value, value));
+                *range = Some((low.min(value), high.max(value)));
             }
         }
         let channel = self.channel.as_ref();
         let channel = channel.and_then(|name| self.columns.iter().position(|c| c.name == *name));
         if let Some(at) = channel {
-            let value = match row.get(at) {
-                Some(Cell::Real(value)) => Some(*value),
-                Some(Cell::Whole(value)) => Some(*value as f32),
-                _ => None,
-            };
-            self.spectrum.push(whole(self.seq_at), time_us, value);
+            self.spectrum.push(whole(self.seq_at), time_us, row.get(at).and_then(number));
         }
         self.latest.clear();
         self.latest.extend_from_slice(row);
@@ -170,7 +199,7 @@ impl Scope {
     }
 
     fn close(&mut self) {
-        let Some((_, tick)) = self.open.take() else { return };
+        let Some(tick) = self.open.take() else { return };
         if self.ticks.len() == KEPT {
             self.ticks.pop_front();
         }
@@ -180,27 +209,42 @@ impl Scope {
 
     /// Returns the changes since `seen`, and updates `seen`.
     pub(crate) fn news(&mut self, seen: &mut Seen) -> Value {
-        if self.open.as_ref().is_some_and(|(opened, _)| opened.elapsed() >= TICK) {
+        let age = self.heard.map(|heard| heard.elapsed());
+        if age.is_some_and(|age| age >= SETTLED) {
             self.close();
         }
+        let recording = self.recording.as_ref().map(|recording| {
+            let seconds = recording.begun.elapsed().as_secs_f64();
+            let Recorded { name, rows, bytes, .. } = recording;
+            json!({ "name": name, "seconds": seconds, "rows": rows, "bytes": bytes })
+        });
         let mut news = json!({
             "latest": self.latest.iter().map(cell).collect::<Vec<_>>(),
+            // A playback has no age: it is as old as its recording.
+            "age": age.filter(|_| self.playback.is_none()).map(|age| age.as_secs_f64()),
             "rate": self.rate.hertz(),
             "frames": self.link.frames,
             "lost": self.link.lost,
             "echo_ms": self.link.echo.map(|echo| echo.as_secs_f64() * 1e3),
             "clock": self.link.clock.map(|(ppm, error)| json!([ppm, error.as_secs_f64() * 1e3])),
             "trouble": self.trouble.as_ref().or(self.mishap.as_ref()),
-            "recording": self.recording,
+            "recording": recording,
             "playback": self.playback.map(|(at, of, runs)| json!({ "at": at, "of": of, "runs": runs })),
         });
         if seen.epoch != Some(self.epoch) {
-            *seen = Seen { epoch: Some(self.epoch), ..Seen::default() };
-            news["columns"] = self
-                .columns
-                .iter()
-                .map(|c| json!({ "name": c.name, "measured": c.kind == Kind::Measured }))
-                .collect();
+            (seen.epoch, seen.ticks) = (Some(self.epoch), 0);
+            news["restart"] = json!(true);
+        }
+        if seen.layout != Some(self.layout) {
+            seen.layout = Some(self.layout);
+            let ranged = |at| self.ranged.contains(&at);
+            let columns = self.columns.iter().enumerate();
+            news["columns"] =
+                columns.map(|(at, c)| json!({ "name": c.name, "ranged": ranged(at) })).collect();
+        }
+        if seen.self_test != self.self_test {
+            seen.self_test = self.self_test.clone();
+            news["self_test"] = self.self_test.clone();
         }
         if seen.facts.as_ref() != Some(&self.facts) {
             seen.facts = Some(self.facts.clone());
@@ -208,8 +252,8 @@ impl Scope {
         }
         let first = self.count - self.ticks.len() as u64;
         let skip = seen.ticks.saturating_sub(first) as usize;
-        let ticks = || self.ticks.iter().skip(skip);
-        seen.ticks = self.count;
+        let ticks = || self.ticks.iter().skip(skip).take(MOST);
+        seen.ticks = self.count.min(first + (skip + MOST) as u64);
         news["ticks"] = json!({
             "time": ticks().map(|tick| tick.time).collect::<Vec<_>>(),
             "rows": ticks().map(|tick| tick.rows).collect::<Vec<_>>(),
@@ -236,8 +280,24 @@ impl Scope {
 #[derive(Default)]
 pub(crate) struct Seen {
     epoch: Option<u64>,
+    layout: Option<u64>,
     ticks: u64,
     facts: Option<Value>,
+    self_test: Value,
+}
+
+/// Whether a column's minimum and maximum are in the ticks.
+fn is_ranged(column: &Column) -> bool {
+    let codes = ["lit_", "dark_", "bridge_s", "aux_"];
+    column.kind == Kind::Measured || codes.iter().any(|prefix| column.name.starts_with(prefix))
+}
+
+fn number(cell: &Cell) -> Option<f32> {
+    match cell {
+        Cell::Real(value) => Some(*value),
+        Cell::Whole(value) => Some(*value as f32),
+        Cell::Empty | Cell::Withheld(_) => None,
+    }
 }
 
 fn ends(tick: &Tick, end: fn((f32, f32)) -> f32) -> Vec<Option<f32>> {
@@ -275,85 +335,4 @@ impl Rate {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn scope() -> Scope {
-        let column = |name: &str, kind| Column { name: name.to_owned(), kind };
-        let mut scope = Scope::new();
-        scope.set_columns(vec![
-            column("t_us", Kind::Whole),
-            column("seq", Kind::Whole),
-            column("status", Kind::Whole),
-            column("fz_n", Kind::Measured),
-        ]);
-        scope
-    }
-
-    /// Pushes a stream of 4 kHz with one outlier at `peak`.
-    fn stream(scope: &mut Scope, rows: u64, peak: u64) {
-        let start = Instant::now().checked_sub(Duration::from_micros(rows * 250)).unwrap();
-        for i in 0..rows {
-            let force = if i == peak { 9.5 } else { 1.0 };
-            let status = u64::from(i == peak) << 5;
-            let row =
-                [Cell::Whole(i * 250), Cell::Whole(i), Cell::Whole(status), Cell::Real(force)];
-            scope.push(&row, start + Duration::from_micros(i * 250));
-        }
-    }
-
-    #[test]
-    fn ticks_keep_every_peak_and_flag() {
-        let mut scope = scope();
-        stream(&mut scope, 4000, 1234);
-        let news = scope.news(&mut Seen::default());
-        let high: Vec<f64> = news["ticks"]["high"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .map(|tick| tick[0].as_f64().unwrap())
-            .collect();
-        assert!((58..=60).contains(&high.len()), "{}", high.len());
-        assert_eq!(high.iter().filter(|high| **high == 9.5).count(), 1);
-        let status = news["ticks"]["status"].as_array().unwrap();
-        assert_eq!(status.iter().filter(|bits| **bits == 32).count(), 1);
-        assert!((news["rate"].as_f64().unwrap() - 4000.0).abs() < 1.0);
-    }
-
-    #[test]
-    fn slow_page_gets_every_tick_once() {
-        let mut scope = scope();
-        let mut seen = Seen::default();
-        stream(&mut scope, 2000, 0);
-        let mut told = |seen: &mut Seen| {
-            let news = scope.news(seen);
-            let ends = news["ticks"]["time"].as_array().unwrap().iter();
-            let ends: Vec<f64> = ends.map(|time| time.as_f64().unwrap()).collect();
-            let rows = news["ticks"]["rows"].as_array().unwrap().iter();
-            (ends, rows.map(|rows| rows.as_u64().unwrap()).sum::<u64>())
-        };
-        let (mut ends, first) = told(&mut seen);
-        assert!(ends.len() > 20);
-        std::thread::sleep(TICK);
-        // The last tick, if it was still open then.
-        let (last, rest) = told(&mut seen);
-        ends.extend(last);
-        assert_eq!(first + rest, 2000);
-        assert!(ends.windows(2).all(|pair| pair[0] < pair[1]), "{ends:?}");
-        let news = scope.news(&mut seen);
-        assert_eq!(news["ticks"]["time"], json!([]));
-        assert_eq!(news.get("columns"), None);
-    }
-
-    #[test]
-    fn missing_value_is_shown_as_its_reason() {
-        let mut scope = scope();
-        let why = taxel::measured::NoValue::NoContact;
-        let row = [Cell::Whole(0), Cell::Whole(0), Cell::Whole(0), Cell::Withheld(why)];
-        scope.push(&row, Instant::now());
-        std::thread::sleep(TICK);
-        let news = scope.news(&mut Seen::default());
-        assert_eq!(news["latest"][3], "no contact");
-        assert_eq!(news["ticks"]["low"], json!([[null]]));
-    }
-}
+mod tests;

@@ -3,6 +3,7 @@
 //! `TAXEL_SCREENSHOTS=docs/images cargo test -p taxel-cli --test it browser::` saves the pictures.
 
 mod chromium;
+mod instrument;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -267,7 +268,7 @@ fn page_renders_every_state_and_phone_width() {
         let finger = finger(scene);
         let server = show(finger.port(), folder.path());
         let mut browser = Browser::open(&server.url(), 1280, 860);
-        browser.value("void (window.flags = () => document.getElementById('flags').innerText)");
+        browser.value("void (window.flags = () => ['verdict', 'flags'].map((id) => document.getElementById(id).innerText).join())");
         if scene == "two-contacts" {
             browser.wait_for("document.querySelector('#fields [value=contacts]')");
             browser.value("document.querySelector('#fields [value=contacts]').click()");
@@ -275,7 +276,7 @@ fn page_renders_every_state_and_phone_width() {
         browser.wait_for("taxel.times.length > 60");
         browser.wait_for(until);
         if scene == "idle" {
-            assert!(browser.text("flags").contains("Nothing touches the finger"));
+            assert!(browser.text("verdict").contains("Nothing touches the finger"));
         }
         if scene == "two-contacts" {
             let crosses = "[...document.querySelectorAll('#map .point')]
@@ -313,7 +314,7 @@ fn page_without_finger_shows_reason() {
         browser
             .wait_for(&format!("document.getElementById('trouble').innerText.includes('{why}')"));
         assert!(browser.text("trouble").starts_with(&port.to_string()));
-        assert!(browser.text("flags").contains("No word from the finger"));
+        assert!(browser.text("verdict").contains("No word from the finger"));
         assert_eq!(browser.value("document.getElementById('bias').offsetParent"), Value::Null);
     }
 }
@@ -354,12 +355,21 @@ fn every_control_works_by_keyboard() {
     // A thousand frames by their sequence numbers, whatever time this machine needs.
     browser.value("void (window.from = taxel.latest[taxel.at.seq])");
     browser.wait_for("taxel.latest[taxel.at.seq] > from + 1000");
+    browser.wait_for(
+        "/^[0-9.]+ s · [0-9,]+ rows · [0-9.]+ [kM]B · with codes/.test(document.getElementById('recording').innerText)",
+    );
     browser.key("r");
     browser.wait_for("!taxel.recording");
     let files: Vec<_> = std::fs::read_dir(folder.path()).unwrap().flatten().collect();
     assert_eq!(files.len(), 1);
-    let rows = Recording::open(&files[0].path()).unwrap().map(Result::unwrap).count();
+    let recording = Recording::open(&files[0].path()).unwrap();
+    assert!(recording.position("lit_r0c0").is_some(), "a recording without codes");
+    let rows = recording.map(Result::unwrap).count();
     assert!(rows > 1000, "{rows}");
+    let said = browser.text("said");
+    assert!(said.contains(&format!("{rows} rows")) && said.contains("iB"), "{said}");
+    // The stream is again what it was.
+    browser.wait_for("!('lit_r0c0' in taxel.at)");
 
     // Tab alone reaches every control.
     let mut reached = std::collections::BTreeSet::new();

@@ -16,6 +16,8 @@ mod models;
 #[cfg(target_os = "linux")]
 mod open_page;
 mod output_files;
+#[cfg(target_os = "linux")]
+mod page_attacks;
 mod page_server;
 mod pipeline;
 mod recordings;

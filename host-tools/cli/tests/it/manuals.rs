@@ -6,7 +6,7 @@ use crate::common::In;
 use taxel::measured::NoValue;
 
 /// Pages with shell blocks, and some that may get one.
-const MANUALS: [&str; 16] = [
+const MANUALS: [&str; 17] = [
     "README.md",
     "docs/accuracy.md",
     "docs/boards/stm32f411.md",
@@ -19,6 +19,7 @@ const MANUALS: [&str; 16] = [
     "docs/read-the-numbers.md",
     "docs/ros2.md",
     "docs/scenes.md",
+    "docs/security.md",
     "docs/troubleshooting.md",
     "host-tools/c/README.md",
     "host-tools/cli/assets/README.md",

@@ -54,3 +54,31 @@ fn stream_is_refused_to_foreign_pages() {
     // A foreign page's name that leads to this machine.
     assert_eq!(open("evil.example:8173", "evil.example:8173"), "403");
 }
+
+#[test]
+fn no_answer_lets_another_page_frame_it() {
+    let server = Server::start("127.0.0.1:0", Vec::new()).unwrap();
+    let url = server.url();
+    let address = url.trim_start_matches("http://").trim_end_matches('/');
+    let host = |name: &str| format!("Host: {name}\r\n");
+    for (path, headers) in [
+        ("/", host(address)),
+        ("/page.js", host(address)),
+        ("/fingers", host(address)),
+        ("/no-such-file", host(address)),
+        ("/", host("evil.example")),
+    ] {
+        let (_, said) = get(address, path, &headers);
+        let header = |name: &str| {
+            let line = said.lines().find_map(|line| line.strip_prefix(name));
+            line.unwrap_or_else(|| panic!("{path} without {name}: {said}")).to_owned()
+        };
+        let policy = header("content-security-policy: ");
+        for rule in ["default-src 'none'", "script-src 'self'", "frame-ancestors 'none'"] {
+            assert!(policy.contains(rule), "{policy}");
+        }
+        assert!(!policy.contains("unsafe"), "{policy}");
+        assert_eq!(header("x-frame-options: "), "DENY");
+        assert_eq!(header("x-content-type-options: "), "nosniff");
+    }
+}

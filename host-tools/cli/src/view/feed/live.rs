@@ -1,23 +1,22 @@
 //! Feed of a finger that is connected or is waited for.
 
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
-use taxel_client::{
-    Client, DeviceClock, Event, LinkError, Received, ReconnectingClient, fields, self_test,
-};
+use taxel_client::{Client, DeviceClock, Event, LinkError, Received, ReconnectingClient, fields};
 use taxel_files::frames::{Cell, cells, columns};
 use taxel_files::point_method;
 
 use taxel_files::recording::Existing;
 
-use super::{Context, Feed, facts};
+use super::{Context, Feed, facts, self_test};
 use crate::Files;
-use crate::view::orders::{Envelope, Order, Outcome};
+use crate::view::orders::{Order, Outcome, Queue};
+use crate::view::scope::Recorded;
 
 /// Interval at which a thread checks whether to stop.
 const LOOK: Duration = Duration::from_millis(50);
@@ -27,7 +26,7 @@ const ECHO: Duration = Duration::from_secs(1);
 const DRY: Duration = Duration::from_secs(2);
 /// Notice after a reconnect that lost the bias.
 const BIAS_LOST: &str = "the finger lost its bias; take it again";
-/// Scans averaged for a bias or a self-test. They take 0.25 s at 4 kHz, 1 s at 1 kHz.
+/// Scans averaged for a bias. They take 0.25 s at 4 kHz, 1 s at 1 kHz.
 const SCANS: u16 = 1000;
 
 /// Starts the feed of a finger: one thread takes its frames, another executes the page's commands.
@@ -36,7 +35,7 @@ pub(super) fn start(steady: Arc<ReconnectingClient>, folder: PathBuf) -> Feed {
     let live = Arc::new(Live { steady, folder, context, now: Mutex::default() });
     let other = Arc::clone(&live);
     feed.spawn("view-frames", move || live.frames());
-    feed.spawn("view-orders", move || other.orders(&orders));
+    feed.spawn("view-orders", move || other.orders(orders));
     feed
 }
 
@@ -52,7 +51,7 @@ pub(super) fn tapped(
         live.there(&client)?;
     }
     let other = Arc::clone(&live);
-    feed.spawn("view-orders", move || other.orders(&orders));
+    feed.spawn("view-orders", move || other.orders(orders));
     Ok((feed, Tap(live)))
 }
 
@@ -90,16 +89,24 @@ struct Live {
 struct Now {
     fields: Option<Fields>,
     row: Vec<Cell>,
-    files: Option<(PathBuf, Files)>,
+    files: Option<Recording>,
     /// Frames and losses of earlier connections.
     before: (u64, u64),
     clock: DeviceClock,
 }
 
+/// Recording started from the page.
+struct Recording {
+    path: PathBuf,
+    files: Files,
+    /// Fields of the stream before it.
+    fields: Fields,
+}
+
 impl Now {
     fn echo(&mut self, echo: Duration) {
         self.clock.echo(echo);
-        self.files.iter_mut().for_each(|(_, files)| files.echo(echo));
+        self.files.iter_mut().for_each(|recording| recording.files.echo(echo));
     }
 }
 
@@ -138,20 +145,24 @@ impl Live {
         self.end_recording();
     }
 
-    /// Prepares a connected finger. Adds the taxels' signals to its fields, because the page draws
-    /// them.
+    /// Prepares a connected finger. Adds to its fields those that the page draws: signals, standard
+    /// deviations, and without a calibration the codes.
     fn there(&self, client: &Client) -> Result<(), LinkError> {
         {
             let mut now = self.now();
             now.clock = DeviceClock::default();
-            now.files.iter_mut().for_each(|(_, files)| files.reconnected());
+            now.files.iter_mut().for_each(|recording| recording.files.reconnected());
         }
         if self.steady.bias_lost() {
             self.context.scope.lock().mishap = Some(BIAS_LOST.to_owned());
         }
         let info = client.info()?;
-        if !info.fields.contains(Fields::SIGNALS) {
-            client.set_fields(info.fields | Fields::SIGNALS)?;
+        let mut drawn = Fields::SIGNALS | Fields::UNCERTAINTY;
+        if info.calibration.is_none() {
+            drawn |= Fields::CODES;
+        }
+        if !info.fields.contains(drawn) {
+            client.set_fields(info.fields | drawn)?;
         }
         self.refresh(client)
     }
@@ -182,13 +193,16 @@ impl Live {
         let mut row = std::mem::take(&mut now.row);
         row.clear();
         cells(&received.frame, fields, &mut row);
-        let written = now.files.as_mut().map(|(_, files)| files.write(received));
+        let written = now.files.as_mut().map(|recording| recording.files.write(received));
         let mut scope = self.context.scope.lock();
-        if let Some(Err(error)) = written {
+        if let Some(Err(error)) = &written {
             // The file keeps the earlier frames; further writes would fail too.
             now.files = None;
             scope.recording = None;
             scope.mishap = Some(error.to_string());
+        }
+        if let (Some(recording), Some(Ok(()))) = (&mut scope.recording, &written) {
+            recording.rows += 1;
         }
         scope.trouble = None;
         scope.push(&row, received.at);
@@ -201,14 +215,14 @@ impl Live {
         }
     }
 
-    fn orders(&self, orders: &Receiver<Envelope>) {
+    fn orders(&self, mut orders: Queue) {
         let mut echoed = Instant::now();
         while !self.context.stopped() {
-            match orders.recv_timeout(LOOK) {
-                Ok(envelope) => envelope.answer(|order| self.carry_out(order)),
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return,
+            let answered = orders.answer(LOOK, |order| self.carry_out(order));
+            if answered == Err(RecvTimeoutError::Disconnected) {
+                return;
             }
+            self.measure_recording();
             if echoed.elapsed() >= ECHO {
                 echoed = Instant::now();
                 let echo = self.steady.client().and_then(|client| client.echo().ok());
@@ -250,17 +264,19 @@ impl Live {
                 let method = point_method::parse(&name).unwrap_or_default();
                 client.set_point_method(method).map(|()| format!("contact point by {name}"))
             }
-            Order::SelfTest => client.self_test(SCANS).map(|test| {
-                let wrong = self_test::findings(&test);
-                let channels = self_test::named(&test).len();
-                match wrong.as_slice() {
-                    [] => format!("self-test: all {channels} channels are as they should be"),
-                    wrong => format!("self-test: {}", wrong.join("; ")),
-                }
+            Order::SelfTest => self_test::run(&client).map(|test| {
+                self.context.scope.lock().self_test = self_test::facts(&test);
+                self_test::verdict(&test)
             }),
             Order::Record { on: true } => return self.begin_recording(&client),
             Order::Record { on: false } => {
-                return self.end_recording().unwrap_or(Ok(String::new()));
+                let fields = self.now().files.as_ref().map(|recording| recording.fields);
+                let ended = self.end_recording().unwrap_or(Ok(String::new()));
+                if let Some(fields) = fields {
+                    let restored = client.set_fields(fields).and_then(|()| self.refresh(&client));
+                    restored.map_err(|error| error.to_string())?;
+                }
+                return ended;
             }
             Order::Play { .. } | Order::Seek { .. } => {
                 return Err("this is a finger, not a recording".to_owned());
@@ -271,26 +287,49 @@ impl Live {
         done.map_err(|error| error.to_string())
     }
 
+    /// Begins a recording. It always has the codes, so that it can be computed again.
     fn begin_recording(&self, client: &Client) -> Outcome {
-        if let Some((path, _)) = &self.now().files {
+        if let Some(Recording { path, .. }) = &self.now().files {
             return Err(format!("already recording into {}", path.display()));
         }
-        let info = client.info().map_err(|error| error.to_string())?;
+        let text = |error: LinkError| error.to_string();
+        let info = client.info().map_err(text)?;
         let path = self.folder.join(file_name(&info));
+        let fields = info.fields;
+        if !fields.contains(Fields::CODES) {
+            client.set_fields(fields | Fields::CODES).map_err(text)?;
+            self.refresh(client).map_err(text)?;
+        }
         let files = Files::create(client, std::slice::from_ref(&path), Existing::Keep);
-        let files = files.map_err(|error| error.to_string())?;
+        let files = files.map_err(text)?;
         let name = path.display().to_string();
-        self.now().files = Some((path, files));
+        let mut now = self.now();
+        now.files = Some(Recording { path, files, fields });
         let mut scope = self.context.scope.lock();
-        (scope.recording, scope.mishap) = (Some(name.clone()), None);
+        let begun = Recorded { name: name.clone(), begun: Instant::now(), rows: 0, bytes: 0 };
+        (scope.recording, scope.mishap) = (Some(begun), None);
         Ok(format!("recording into {name}"))
     }
 
     fn end_recording(&self) -> Option<Outcome> {
-        let (path, files) = self.now().files.take()?;
-        self.context.scope.lock().recording = None;
+        let Recording { path, files, .. } = self.now().files.take()?;
+        let recorded = self.context.scope.lock().recording.take();
         let finished = files.finish().map_err(|error| error.to_string());
-        Some(finished.map(|()| format!("recorded {}", path.display())))
+        let (seconds, rows) = recorded
+            .map_or((0.0, 0), |recorded| (recorded.begun.elapsed().as_secs_f64(), recorded.rows));
+        let bytes = indicatif::HumanBytes(size(&path));
+        let path = path.display();
+        Some(finished.map(|()| format!("recorded {path}: {seconds:.1} s, {rows} rows, {bytes}")))
+    }
+
+    /// Updates the size of the recording's file.
+    fn measure_recording(&self) {
+        let path = self.now().files.as_ref().map(|recording| recording.path.clone());
+        let bytes = path.as_deref().map(size);
+        let mut scope = self.context.scope.lock();
+        if let (Some(recording), Some(bytes)) = (&mut scope.recording, bytes) {
+            recording.bytes = bytes;
+        }
     }
 
     fn now(&self) -> MutexGuard<'_, Now> {
@@ -305,4 +344,9 @@ fn file_name(info: &Info) -> PathBuf {
     let serial: String = serial.map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     Path::new(&format!("taxel-{serial}-{}.mcap", now.as_secs())).to_owned()
+}
+
+/// Returns the bytes of a file; 0 if there is none.
+fn size(path: &Path) -> u64 {
+    path.metadata().map_or(0, |file| file.len())
 }

@@ -1,7 +1,7 @@
 //! Playback of a recording in its own time. A trace is computed by the core meanwhile.
 
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -13,7 +13,7 @@ use taxel_files::frames::{Cell, Column, cells, columns};
 use taxel_files::recording::{Recording, Scans};
 
 use super::{Context, Feed, page_facts};
-use crate::view::orders::{Envelope, Order};
+use crate::view::orders::{Order, Queue};
 
 /// Wait of the thread while no row is due.
 const LOOK: Duration = Duration::from_millis(8);
@@ -76,7 +76,7 @@ pub(super) fn start(path: PathBuf, calibration: Option<Calibration>) -> Result<F
     });
     let mut player =
         Player { path, calibration, context, rows, time_at, length, start: None, next: None };
-    feed.spawn("view-playback", move || player.run(&orders));
+    feed.spawn("view-playback", move || player.run(orders));
     Ok(feed)
 }
 
@@ -113,33 +113,32 @@ struct Player {
 }
 
 impl Player {
-    fn run(&mut self, orders: &Receiver<Envelope>) {
+    fn run(&mut self, mut orders: Queue) {
         let (mut runs, mut over, mut place) = (true, false, 0.0);
         // A moment of this host and its position in the recording.
         let mut origin = (Instant::now(), 0.0);
         while !self.context.stopped() {
-            match orders.recv_timeout(LOOK) {
-                Ok(envelope) => envelope.answer(|order| {
-                    let to = match order {
-                        Order::Channel { name } => {
-                            self.context.scope.lock().set_channel(&name);
-                            return Ok(String::new());
-                        }
-                        Order::Play { on } => {
-                            runs = on;
-                            (on && over).then_some(0.0)
-                        }
-                        Order::Seek { to } => Some(to),
-                        _ => return Err("this is a recording, not a finger".to_owned()),
-                    };
-                    if let Some(to) = to {
-                        (over, place) = (false, self.seek(to).map_err(|error| error.to_string())?);
+            let answered = orders.answer(LOOK, |order| {
+                let to = match order {
+                    Order::Channel { name } => {
+                        self.context.scope.lock().set_channel(&name);
+                        return Ok(String::new());
                     }
-                    origin = (Instant::now(), place);
-                    Ok(String::new())
-                }),
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return,
+                    Order::Play { on } => {
+                        runs = on;
+                        (on && over).then_some(0.0)
+                    }
+                    Order::Seek { to } => Some(to),
+                    _ => return Err("this is a recording, not a finger".to_owned()),
+                };
+                if let Some(to) = to {
+                    (over, place) = (false, self.seek(to).map_err(|error| error.to_string())?);
+                }
+                origin = (Instant::now(), place);
+                Ok(String::new())
+            });
+            if answered == Err(RecvTimeoutError::Disconnected) {
+                return;
             }
             if runs {
                 let due = origin.1 + origin.0.elapsed().as_secs_f64();

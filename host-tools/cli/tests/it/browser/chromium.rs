@@ -131,6 +131,14 @@ impl Browser {
         }
     }
 
+    /// Sends an event of the mouse: `mouseMoved`, `mousePressed` or `mouseReleased`.
+    pub fn mouse(&mut self, kind: &str, x: f64, y: f64, pressed: bool, clicks: u32) {
+        let button = if pressed { "left" } else { "none" };
+        let event = json!({ "type": kind, "x": x, "y": y, "button": button,
+            "buttons": u8::from(pressed && kind != "mouseReleased"), "clickCount": clicks });
+        self.ask("Input.dispatchMouseEvent", event);
+    }
+
     /// Presses a key, as a user does.
     pub fn key(&mut self, key: &str) {
         for kind in ["keyDown", "keyUp"] {

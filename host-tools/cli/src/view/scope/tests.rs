@@ -1,0 +1,126 @@
+use super::*;
+
+fn scope() -> Scope {
+    let column = |name: &str, kind| Column { name: name.to_owned(), kind };
+    let mut scope = Scope::new();
+    scope.set_columns(vec![
+        column("t_us", Kind::Whole),
+        column("seq", Kind::Whole),
+        column("status", Kind::Whole),
+        column("fz_n", Kind::Measured),
+    ]);
+    scope
+}
+
+/// Pushes a stream of 4 kHz with one outlier at `peak`.
+fn stream(scope: &mut Scope, rows: u64, peak: u64) {
+    let start = Instant::now().checked_sub(Duration::from_micros(rows * 250)).unwrap();
+    for i in 0..rows {
+        let force = if i == peak { 9.5 } else { 1.0 };
+        let status = u64::from(i == peak) << 5;
+        let row = [Cell::Whole(i * 250), Cell::Whole(i), Cell::Whole(status), Cell::Real(force)];
+        scope.push(&row, start + Duration::from_micros(i * 250));
+    }
+}
+
+#[test]
+fn ticks_keep_every_peak_and_flag() {
+    let mut scope = scope();
+    stream(&mut scope, 4000, 1234);
+    std::thread::sleep(SETTLED);
+    let news = scope.news(&mut Seen::default());
+    let high: Vec<f64> = news["ticks"]["high"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|tick| tick[0].as_f64().unwrap())
+        .collect();
+    assert_eq!(high.len(), 200);
+    assert_eq!(high.iter().filter(|high| **high == 9.5).count(), 1);
+    let status = news["ticks"]["status"].as_array().unwrap();
+    assert_eq!(status.iter().filter(|bits| **bits == 32).count(), 1);
+    assert!((news["rate"].as_f64().unwrap() - 4000.0).abs() < 1.0);
+}
+
+#[test]
+fn slow_page_gets_every_tick_once() {
+    let mut scope = scope();
+    let mut seen = Seen::default();
+    stream(&mut scope, 2000, 0);
+    let mut told = |seen: &mut Seen| {
+        let news = scope.news(seen);
+        let ends = news["ticks"]["time"].as_array().unwrap().iter();
+        let ends: Vec<f64> = ends.map(|time| time.as_f64().unwrap()).collect();
+        let rows = news["ticks"]["rows"].as_array().unwrap().iter();
+        (ends, rows.map(|rows| rows.as_u64().unwrap()).sum::<u64>())
+    };
+    let (mut ends, first) = told(&mut seen);
+    assert!(ends.len() > 20);
+    std::thread::sleep(SETTLED);
+    // The last tick, if it was still open then.
+    let (last, rest) = told(&mut seen);
+    ends.extend(last);
+    assert_eq!(first + rest, 2000);
+    assert!(ends.windows(2).all(|pair| pair[0] < pair[1]), "{ends:?}");
+    let news = scope.news(&mut seen);
+    assert_eq!(news["ticks"]["time"], json!([]));
+    assert_eq!(news.get("columns"), None);
+}
+
+#[test]
+fn missing_value_is_shown_as_its_reason() {
+    let mut scope = scope();
+    let why = taxel::measured::NoValue::NoContact;
+    let row = [Cell::Whole(0), Cell::Whole(0), Cell::Whole(0), Cell::Withheld(why)];
+    scope.push(&row, Instant::now());
+    std::thread::sleep(SETTLED);
+    let news = scope.news(&mut Seen::default());
+    assert_eq!(news["latest"][3], "no contact");
+    assert_eq!(news["ticks"]["low"], json!([[null]]));
+}
+
+/// Returns the first and last force of each tick.
+fn forces(news: &Value) -> Vec<(f64, f64)> {
+    let ends = |name: &str| {
+        let ticks = news["ticks"][name].as_array().unwrap().clone();
+        ticks.into_iter().map(|tick| tick[0].as_f64().unwrap())
+    };
+    ends("low").zip(ends("high")).collect()
+}
+
+#[test]
+fn stalled_host_draws_no_wedge() {
+    let mut scope = scope();
+    // A ramp of 1 N/s whose rows all arrive at once.
+    let at = Instant::now();
+    for i in 0..1000u64 {
+        let force = Cell::Real(i as f32 * 1e-3);
+        scope.push(&[Cell::Whole(i * 1000), Cell::Whole(i), Cell::Whole(0), force], at);
+    }
+    std::thread::sleep(SETTLED);
+    let forces = forces(&scope.news(&mut Seen::default()));
+    assert_eq!(forces.len(), 200);
+    assert!(forces.iter().all(|(low, high)| high - low < 0.005), "{forces:?}");
+}
+
+#[test]
+fn added_column_keeps_earlier_ticks() {
+    let mut scope = scope();
+    stream(&mut scope, 400, 7);
+    let mut columns = scope.columns.clone();
+    columns.insert(3, Column { name: "fx_n".to_owned(), kind: Kind::Measured });
+    scope.set_columns(columns);
+    let news = scope.news(&mut Seen::default());
+    assert_eq!(news["ticks"]["high"][0], json!([null, 9.5]));
+    assert!(news["ticks"]["high"].as_array().unwrap().len() > 15);
+}
+
+#[test]
+fn opening_page_gets_history_in_pieces() {
+    let mut scope = scope();
+    stream(&mut scope, 20_000, 0);
+    std::thread::sleep(SETTLED);
+    let mut seen = Seen::default();
+    let sizes = [(); 3].map(|()| forces(&scope.news(&mut seen)).len());
+    assert_eq!(sizes, [MOST, MOST, 0]);
+}
