@@ -18,6 +18,8 @@ use crate::recording::{Existing, Recording, Sink, begin, host_columns};
 pub(crate) struct Writer {
     path: PathBuf,
     records: csv::Writer<BufWriter<File>>,
+    /// Text of a cell.
+    cell: Vec<u8>,
 }
 
 impl Writer {
@@ -34,7 +36,11 @@ impl Writer {
             let value = value.replace(char::is_control, "?");
             writeln!(file, "# {name}={value}").map_err(failed)?;
         }
-        let mut writer = Self { path: path.to_owned(), records: csv::Writer::from_writer(file) };
+        let mut writer = Self {
+            path: path.to_owned(),
+            records: csv::Writer::from_writer(file),
+            cell: Vec::new(),
+        };
         let names = columns.iter().map(|column| column.name.as_str());
         writer.records.write_record(names).map_err(|error| writer.failed(error))?;
         writer.flush()?;
@@ -48,9 +54,12 @@ impl Writer {
 
 impl Sink for Writer {
     fn write(&mut self, row: &[Cell]) -> Result<(), FileError> {
-        let cells = row.iter().map(ToString::to_string);
-        let written = self.records.write_record(cells);
-        written.map_err(|error| self.failed(error))
+        for cell in row {
+            self.cell.clear();
+            let _ = write!(self.cell, "{cell}");
+            self.records.write_field(&self.cell).map_err(|error| self.failed(error))?;
+        }
+        self.records.write_record(None::<&[u8]>).map_err(|error| self.failed(error))
     }
 
     fn flush(&mut self) -> Result<(), FileError> {
