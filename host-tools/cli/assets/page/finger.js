@@ -130,7 +130,7 @@ export class Sensor {
     set(this.head, { transform: `translate(${dx} ${dy}) rotate(${short(Math.atan2(dy, dx) * 180 / Math.PI)})` });
     set(this.press, { r: short(Math.min(.9, Math.sqrt(Math.max(0, z)) * .9)) });
     const why = force.find((f) => typeof f === "string");
-    const text = `${this.name}: ${given ? `${z.toFixed(2).replace("-0.00", "0.00")} N` : why ?? "–"}`;
+    const text = `${this.name}: ${given ? `${z.toFixed(2).replace("-0.00", "0.00").replace("-", "−")} N` : why ?? "–"}`;
     if (this.text.textContent !== text) this.text.textContent = text;
   }
 }

@@ -215,7 +215,9 @@ fn flood_of_orders_delays_no_other_page() {
                 stream.set_write_timeout(Some(Duration::from_secs(3))).unwrap();
                 // Sends until the server takes no more; its answers are not read.
                 let text = r#"{"order":"self-test"}"#;
-                (0..orders).take_while(|_| socket.send(Message::text(text)).is_ok()).count()
+                let sent =
+                    (0..orders).take_while(|_| socket.send(Message::text(text)).is_ok()).count();
+                (sent, socket)
             })
         })
         .collect();
@@ -224,7 +226,9 @@ fn flood_of_orders_delays_no_other_page() {
     for hz in [800, 900, 1000] {
         slowest = slowest.max(page.order(&format!(r#"{{"order":"rate","hz":{hz}}}"#)));
     }
-    let taken: usize = floods.into_iter().map(|flood| flood.join().unwrap()).sum();
+    // The pages stay open, so that their orders still wait.
+    let floods: Vec<_> = floods.into_iter().map(|flood| flood.join().unwrap()).collect();
+    let taken: usize = floods.iter().map(|(sent, _)| sent).sum();
     let after = page.order(r#"{"order":"rate","hz":700}"#);
     let lost = page.lost();
     println!(
@@ -232,8 +236,8 @@ fn flood_of_orders_delays_no_other_page() {
         16 * orders,
         command.memory()
     );
-    // A self-test of the virtual finger takes a second; an order waits for the one in work.
-    assert!(slowest < 2 * ANSWER && after < 2 * ANSWER, "{slowest:?}, {after:?}");
+    // A self-test takes half a second; an order waits for the one in work.
+    assert!(slowest < ANSWER && after < ANSWER, "{slowest:?}, {after:?}");
     assert!(command.memory() < MEMORY, "{} kB", command.memory());
     assert_eq!(lost, 0);
 }

@@ -251,13 +251,13 @@ fn spectrum_names_a_vibration_and_no_noise() {
     assert_eq!(found[2], Value::Null, "the slope of a load is no peak");
 }
 
-/// Draws a step of force: its line must not be double.
+/// Draws a fall of force: its line must not be double.
 #[test]
 fn edge_is_drawn_as_one_line() {
     let (_finger, _server, mut browser, _folder) = page("idle");
     let drawn = browser.value(
-        "import('/charts.js').then(({ thinned }) => thinned([0, 1, 2, 3, 9], [[0, 0, 1, 1, 1]], [[0, 1, 1, 1, 1]], 1, [0, 10], 2))",
+        "import('/charts.js').then(({ thinned }) => thinned([0, 1, 2, 3, 9], [[1, 0, 0, 0, 0]], [[1, 1, 0, 0, 0]], 1, [0, 10], 2))",
     );
-    // At the edge the line goes from the old value to the new one, once; after a gap.
-    assert_eq!(drawn[1], serde_json::json!([0, 0, 0, 1, 1, 1, 1, 1, null, 1, 1]));
+    // The line goes from the old value to the new one, once; after a gap it begins again.
+    assert_eq!(drawn[1], serde_json::json!([1, 1, 1, 0, 0, 0, 0, 0, null, 0, 0]));
 }
