@@ -57,6 +57,9 @@ pub struct FitOptions {
     ///
     /// The record then lacks the skin model and the sensors' array.
     pub net_only: bool,
+    /// Standard deviation of the reference's forces in newtons; found where nothing is touched by
+    /// default.
+    pub reference_noise: Option<f64>,
     /// Number format of the net in the record.
     pub form: Form,
     /// Serial number for the record.
@@ -76,6 +79,8 @@ pub struct Fitted {
     pub parts: Vec<Part>,
     /// Use of every recorded channel.
     pub channels: Vec<Channel>,
+    /// Choice of the estimator of each quantity, a line each: over what, by which errors.
+    pub choices: Vec<String>,
 }
 
 /// One fitted part.
@@ -107,6 +112,23 @@ pub fn fit(
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Fitted, FitError> {
+    fit_keeping(all, options, progress, &mut |_| {}, stop)
+}
+
+/// Fits as [`fit`], and gives `keep` a valid calibration after each stage that adds to it.
+///
+/// # Errors As [`fit`].
+pub fn fit_keeping(
+    all: &[Recording],
+    options: &FitOptions,
+    progress: &mut dyn FnMut(Progress),
+    keep: &mut dyn FnMut(&Fitted),
+    stop: &AtomicBool,
+) -> Result<Fitted, FitError> {
+    let mut stage = |part: &str| {
+        progress(Progress { part: part.into(), step: 0, of: 1, error: 0.0 });
+    };
+    stage("signals and clocks");
     if all.is_empty() {
         return Err(FitError::NoRecording);
     }
@@ -151,11 +173,16 @@ pub fn fit(
         warnings,
         parts: Vec::new(),
         channels: Vec::new(),
+        choices: Vec::new(),
     };
+    stage("force sensors");
     for sensor in 0..SENSORS {
         fit_sensor(&mut fitted, sensor, &recordings, &subjects)?;
     }
     let reasons = fit_array(&mut fitted, &recordings, &subjects, options.net_only);
+    if !fitted.parts.is_empty() && fitted.calibration.validate().is_ok() {
+        keep(&fitted);
+    }
     let fingers: Vec<&Prepared<'_>> = recordings
         .iter()
         .zip(&subjects)
@@ -167,13 +194,25 @@ pub fn fit(
         .map(|(recording, _)| recording)
         .collect();
     if !fingers.is_empty() {
+        progress(Progress { part: "outliers and signs".into(), step: 0, of: 1, error: 0.0 });
         let loads = net::loads(&mut fitted, &fingers, options)?;
+        // Beside the model of the skin or the array the usual net suffices.
+        let better = !options.net_only && fitted.calibration.array.is_some();
         let skin = if options.net_only && options.family != Family::Auto {
             None
         } else {
-            model_of_the_skin(&fingers, &loads.wrong, progress, stop)?
+            model_of_the_skin(&fingers, &loads.wrong, options, progress, stop)?
         };
-        net::fit(&mut fitted, loads, (options, skin.as_ref()), progress, stop)?;
+        let family = match options.family {
+            Family::Auto if better || (skin.is_some() && !options.net_only) => Family::Mlp,
+            family => family,
+        };
+        let own = FitOptions { family, ..options.clone() };
+        match net::fit(&mut fitted, loads, (&own, skin.as_ref()), progress, stop) {
+            // Stopped before the net's first step: what was fitted before is kept.
+            Err(FitError::Stopped) if !fitted.parts.is_empty() => {}
+            fit => fit?,
+        }
         if let Some(skin) = skin.filter(|_| !options.net_only) {
             keep_skin(&mut fitted, skin);
         }
@@ -237,23 +276,31 @@ fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String
     }
 }
 
+/// Largest noise of the reference in any recording, of each component.
+fn reference_noise(recordings: &[&Prepared<'_>]) -> [f64; 3] {
+    let each = recordings.iter().map(|r| r.recording.reference_noise());
+    each.fold([0.0; 3], |most, noise| std::array::from_fn(|k| most[k].max(noise[k])))
+}
+
 /// Returns all three components, if all are known.
 fn known(force: [Option<f64>; 3]) -> Option<[f64; 3]> {
     let [x, y, z] = force;
     Some([x?, y?, z?])
 }
 
-/// Fits the skin model, if the recordings contain contact points.
+/// Fits the skin model, if the recordings contain forces.
 fn model_of_the_skin(
     recordings: &[&Prepared<'_>],
     wrong: &[HashSet<usize>],
+    options: &FitOptions,
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Option<Skin>, FitError> {
     let Some(bias) = recordings.first().and_then(|first| first.bias.taxels) else {
         return Ok(None);
     };
-    match skin::fit(recordings, (wrong, bias.noise), progress, stop) {
+    let noise = options.reference_noise.map_or_else(|| reference_noise(recordings), |n| [n; 3]);
+    match skin::fit(recordings, (wrong, bias.noise), noise, progress, stop) {
         // With too few rows or too little time for a skin model, keep the net alone.
         Err(FitError::TooFewRows { .. } | FitError::Stopped) => Ok(None),
         skin => skin,
@@ -263,14 +310,40 @@ fn model_of_the_skin(
 /// Keeps the skin model in the record if it is better than the net.
 fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let Some(taxels) = &fitted.calibration.taxels else { return };
-    let Skin { model, rows, left_out, residual } = skin;
+    let Skin { model, rows, left_out, residual, place } = skin;
     let of = |errors: &mut dyn Iterator<Item = f64>| errors.map(|e| e * e).sum::<f64>();
     let components = fitted.calibration.net.as_ref().map_or(1, Net::outputs);
     let from = 3 - components.min(3);
     let nets = of(&mut taxels.residual.iter().take(components).map(|e| f64::from(*e)));
-    if of(&mut residual.iter().skip(from).copied()) >= nets {
+    let worse = of(&mut residual.iter().skip(from).copied()) >= nets;
+    let all = |errors: &[f64]| {
+        let each: Vec<String> = errors.iter().map(|e| format!("{:.1}", 1e3 * e)).collect();
+        format!("{} mN", each.join(" "))
+    };
+    let own = taxels.residual.map(f64::from);
+    let pair =
+        [("model of the skin", all(&residual[from..])), ("net", all(&own[..components.min(3)]))];
+    let [(first, by), (second, with)] =
+        if worse { [&pair[1], &pair[0]] } else { [&pair[0], &pair[1]] };
+    fitted.choices.push(format!(
+        "force from the matrix: {first} ({by}) over {second} ({with}), on presses left out"
+    ));
+    if let Some([own, centroid]) = place {
+        let pair = [("model of the skin", own), ("centroid", centroid)];
+        let [(first, by), (second, with)] = if own > centroid { [pair[1], pair[0]] } else { pair };
+        fitted.choices.push(format!(
+            "contact point: {first} ({by:.3} mm) over {second} ({with:.3} mm), on presses left out"
+        ));
+    }
+    // A place below the pitch of the taxels is never dropped for the sake of the force.
+    let misplaced = place.is_none_or(|[own, centroid]| own > centroid);
+    if worse && misplaced {
+        if place.is_none() {
+            return;
+        }
         fitted.warnings.push(
-            "the model of the skin fits the recordings less well than the net and is left out"
+            "the model of the skin meets neither force nor contact point of presses left out better than net and \
+             centroid, and is left out"
                 .into(),
         );
         return;

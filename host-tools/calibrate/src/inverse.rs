@@ -1,18 +1,23 @@
 //! Fit of a finger's forward model: taxel curves, stray light and one contact's field.
 //!
-//! The model is [`taxel::estimate::inverse`]. Given the field, a taxel's signal is linear in the
-//! powers of its displacement (its curve) and in its neighbours' signals (its stray light).
-//! Levenberg–Marquardt therefore searches the field's coefficients only, and each step solves for
-//! the rest (variable projection, Golub and Pereyra 1973). The curves for the chip, from signal to
-//! displacement, are fitted last, to the displacements of that field.
+//! The model is [`taxel::estimate::inverse`]. Levenberg–Marquardt searches the field, each taxel's
+//! curve (powers of its displacement) and its neighbours' stray light together. The true load of
+//! each row and the true place of each press are unknowns too, held by their labels' noise
+//! (`bundle`). The curves for the chip, from signal to displacement, are fitted last, to the
+//! displacements of that field.
+
+mod bundle;
+mod forward;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{Cholesky, SMatrix, SVector};
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::inverse::{Curves, Inverse};
-use taxel::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
+use taxel::scan::{COLS, ROWS, TAXELS};
 
+use bundle::{Bundle, Labels};
+use forward::{Coefficients, FIELD, LOAD, RADIAL};
 use taxel_regress::error::FitError;
 use taxel_regress::network::Progress;
 
@@ -27,73 +32,82 @@ pub struct Row {
     pub point: [f64; 2],
 }
 
+/// Knowledge of the rows besides their values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// Friction coefficient of the recordings.
+    pub friction: f64,
+    /// Noise of a signal in full scale.
+    pub noise: f64,
+    /// Whether the recordings contain shear.
+    pub shear: bool,
+    /// Noise of the labelled force components in newtons.
+    pub force_noise: [f64; 3],
+    /// Whether the contact points are labels; otherwise they are first guesses.
+    pub placed: bool,
+}
+
 /// Approximate number of rows after thinning; more rows do not improve the field.
 const MOST_ROWS: usize = 1400;
 /// Fewest rows that determine curves, stray light and field.
 const LEAST_ROWS: usize = 200;
-/// Most steps, and the relative improvement below which the search ends.
-const STEPS: usize = 40;
-const LITTLE: f64 = 1e-4;
+/// Most steps, and the relative change of the sum of squares below which a step is small.
+///
+/// So many small steps in a row end the search.
+const STEPS: usize = 60;
+const LITTLE: f64 = 3e-4;
+const SMALL_STEPS: usize = 2;
+/// Small relative change once places are taken as labelled, because steps are cheap there.
+const LITTLE_EXACT: f64 = 1e-5;
+/// Damping above which no step helps.
+const STIFF: f64 = 1e6;
+/// Noise of labelled places to begin with: of a press and of a row about it, mm …
+const PLACED: [f64; 2] = [0.02, 0.01];
+/// … and of guessed ones.
+const GUESSED: [f64; 2] = [1.0, 0.05];
+/// Steps between two estimates of the places' noise.
+const LEARN_EVERY: usize = 3;
 
-/// Share of a row's largest signal that adds to a signal's standard deviation.
-const SHARE: f64 = 0.002;
-/// Prior of stray light: a share of 0.015 ± 0.01 of the neighbour's signal.
-const STRAY: [f64; 2] = [0.015, 0.01];
 /// Number of powers in the polynomials from displacement to signal and back.
 const POWERS: usize = 5;
 /// Number of linear coefficients of a taxel: powers and four neighbours.
 const LINEAR: usize = POWERS + 4;
 
-/// Number of coefficients of a radial function: two depths and 4 × 3 terms.
-const RADIAL: usize = 14;
-/// Number of coefficients of the field: both functions and the slip share.
-///
-/// The slip share is that by which slip draws the traction in.
-const FIELD: usize = 2 * RADIAL + 1;
-/// Index of the first term of N, which fixes the unit of length.
-const UNIT: usize = 2;
-
-/// Start of the search: a point load 2.5 mm deep in a half-space with ν = ½.
-fn half_space() -> SVector<f64, FIELD> {
-    let mut p = SVector::zeros();
-    // N = 1/ρ + z²/ρ³ = (1 + w)/ρ; T = z/ρ³.
-    (p[0], p[1], p[2], p[5]) = (6.25, 2.0, 1.0, 1.0);
-    (p[RADIAL], p[RADIAL + 1], p[RADIAL + 2]) = (6.25, 2.0, 2.5);
-    p[FIELD - 1] = -0.3;
-    p
+/// A fitted model with the coefficients that another fit may start from.
+pub struct Fit {
+    /// Coefficients for the chip.
+    pub model: Inverse,
+    field: Coefficients,
+    linear: [SVector<f64, LINEAR>; TAXELS],
 }
 
-/// Prior standard deviation of the coefficients from the start, and the step of their derivatives.
-const SPREAD: f64 = 100.0;
-const FEEL: f64 = 1e-5;
-
-/// Fits the model to rows of signals, force and contact point.
-///
-/// `friction` is the friction coefficient of the recordings, `noise` that of a signal in full
-/// scale, and `shear` is whether the recordings contain shear.
+/// Fits the model to presses, each a list of rows in the order of time.
 ///
 /// # Errors Too few rows, or stopped before the first step.
 pub fn fit(
     part: &str,
-    rows: &[Row],
-    (friction, noise, shear): (f64, f64, bool),
+    presses: &[Vec<Row>],
+    (known, start): (Known, Option<&Fit>),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
-) -> Result<Inverse, FitError> {
-    if rows.len() < LEAST_ROWS {
-        return Err(FitError::TooFewRows {
-            part: part.into(),
-            rows: rows.len(),
-            least: LEAST_ROWS,
-        });
+) -> Result<Fit, FitError> {
+    let count: usize = presses.iter().map(Vec::len).sum();
+    if count < LEAST_ROWS {
+        return Err(FitError::TooFewRows { part: part.into(), rows: count, least: LEAST_ROWS });
     }
-    let rows: Vec<&Row> = rows.iter().step_by(rows.len().div_ceil(MOST_ROWS)).collect();
-    let problem = Problem::new(rows, friction, noise, shear);
-    let mut at = half_space();
+    let presses = thinned(presses, count.div_ceil(MOST_ROWS));
+    let Known { friction, noise, shear, force_noise, placed } = known;
+    let [press, row] = if placed { PLACED } else { GUESSED };
+    let labels = Labels { force: force_noise, press, row };
+    let mut at = Bundle::new(&presses, labels, (friction, noise, shear));
+    if let Some(start) = start {
+        (at.field, at.linear) = (start.field, start.linear);
+    }
     let mut damping = 1e-3;
-    let (mut left, mut slopes) = (problem.residuals(&at), None);
+    let (mut squares, mut equations, mut small) = (at.objective(), None, 0);
+    let mut little = LITTLE;
     for step in 0..STEPS {
-        let error = (left.norm_squared() / left.len() as f64).sqrt();
+        let error = (squares / at.values() as f64).sqrt();
         progress(Progress { part: part.into(), step, of: STEPS, error });
         if stop.load(Ordering::Relaxed) {
             if step == 0 {
@@ -101,39 +115,45 @@ pub fn fit(
             }
             break;
         }
-        let (matrix, gradient) = slopes.take().unwrap_or_else(|| problem.quadratic(&at, &left));
-        let mut damped = matrix;
-        for i in 0..FIELD {
-            damped[(i, i)] += damping * (matrix[(i, i)] + 1.0);
-        }
-        let next = Cholesky::new(damped).map(|factor| at - factor.solve(&gradient));
-        let found = next.map(|next| (next, problem.residuals(&next)));
-        match found {
-            Some((next, residuals)) if residuals.norm_squared() < left.norm_squared() => {
-                let share = 1.0 - residuals.norm_squared() / left.norm_squared();
-                (at, left) = (next, residuals);
-                damping = (0.2 * damping).max(1e-9);
-                if share < LITTLE {
-                    break;
+        let slopes = equations.take().unwrap_or_else(|| at.equations());
+        let next = at.moved(&slopes, damping).map(|next| (next.objective(), next));
+        match next {
+            Some((found, next)) if found < squares => {
+                let gain = squares - found;
+                let done = gain < little * squares;
+                (at, squares) = (next, found);
+                damping = (0.3 * damping).max(1e-9);
+                small = if done { small + 1 } else { 0 };
+                if small == SMALL_STEPS {
+                    if !at.places_are_sure() {
+                        break;
+                    }
+                    at.take_places_as_labelled();
+                    (squares, small, little) = (at.objective(), 0, LITTLE_EXACT);
+                } else if (step + 1) % LEARN_EVERY == 0 {
+                    at.learn_places(&slopes);
+                    squares = at.objective();
                 }
             }
+            _ if damping > STIFF => break,
             _ => {
-                slopes = Some((matrix, gradient));
-                damping *= 5.0;
+                equations = Some(slopes);
+                damping *= 3.0;
             }
         }
     }
-    Ok(problem.finish(&at))
+    Ok(Fit { model: finish(&at, known), field: at.field, linear: at.linear })
 }
 
-struct Problem<'r> {
-    rows: Vec<&'r Row>,
-    weights: Vec<f64>,
-    friction: f64,
-    noise: f64,
-    /// Indices of the searched coefficients.
-    free: Vec<usize>,
-    shear: bool,
+/// Keeps every n-th row, counted through all presses.
+fn thinned(presses: &[Vec<Row>], every: usize) -> Vec<Vec<&Row>> {
+    let mut count = 0;
+    let mut keep = |_: &&Row| {
+        count += 1;
+        (count - 1) % every == 0
+    };
+    let presses = presses.iter().map(|rows| rows.iter().filter(&mut keep).collect::<Vec<_>>());
+    presses.filter(|rows| !rows.is_empty()).collect()
 }
 
 /// Taxels to the left and right, and in the row before and after.
@@ -147,179 +167,66 @@ pub(crate) fn neighbours(k: usize) -> [Option<usize>; 4] {
     ]
 }
 
-/// P(w)/ρ^(2·half), as in [`taxel::estimate::field`], in f64.
-fn radial(p: &[f64], distance2: f64, size2: f64, half: f64) -> f64 {
-    let depth = (p[0] + p[1] * size2).max(0.3);
-    let inverse2 = 1.0 / (distance2 + depth);
-    let w = depth * inverse2;
-    let terms = p[2..RADIAL].chunks_exact(3).rev();
-    let sum = terms.fold(0.0, |sum, t| sum * w + t[0] + size2 * (t[1] + size2 * t[2]));
-    sum * inverse2.powf(half)
+/// Row, load and displacements.
+type Settled<'r> = (&'r Row, [f64; LOAD], [f64; TAXELS]);
+
+fn finish(at: &Bundle<'_>, known: Known) -> Inverse {
+    let settled = |(row, load)| (row, load, at.displacements(&load).map(|u| u.value));
+    let rows: Vec<Settled<'_>> = at.loads().into_iter().map(settled).collect();
+    let mut curves = Curves { stray: [[0.0; 4]; TAXELS], gap: [[0.0; POWERS]; TAXELS] };
+    for (k, linear) in at.linear.iter().enumerate() {
+        curves.stray[k] = std::array::from_fn(|i| linear[POWERS + i] as f32);
+        curves.gap[k] = gap(k, linear, &rows);
+    }
+    let p = &at.field;
+    let [normal, shear] = [0, RADIAL].map(|from| Radial {
+        depth: [p[from] as f32, p[from + 1] as f32],
+        terms: std::array::from_fn(|i| std::array::from_fn(|j| p[from + 2 + 3 * i + j] as f32)),
+    });
+    let field = Field { normal, shear, slip: (p[FIELD - 1] as f32).clamp(-1.0, 1.0) };
+    let error = error(&curves, &rows, known.noise);
+    Inverse { curves, field, error, shear: known.shear, friction: known.friction as f32 }
 }
 
-impl<'r> Problem<'r> {
-    fn new(rows: Vec<&'r Row>, friction: f64, noise: f64, shear: bool) -> Self {
-        let most = |row: &Row| row.signals.iter().fold(0.0f64, |most, c| most.max(c.abs()));
-        let weights = rows.iter().map(|row| 1.0 / (2.0 * noise + SHARE * most(row))).collect();
-        let searched = if shear { FIELD } else { RADIAL };
-        let free = (0..searched).filter(|p| *p != UNIT).collect();
-        Self { rows, weights, friction, noise, free, shear }
-    }
-
-    fn displacements(&self, p: &SVector<f64, FIELD>, row: &Row) -> [f64; TAXELS] {
-        let [fx, fy, fz] = row.force;
-        let size2 = fz.max(0.0).cbrt().powi(2);
-        let used = if fz > 0.0 { fx.hypot(fy) / (fz * self.friction) } else { 0.0 };
-        let (normal, rest) = p.as_slice().split_at(RADIAL);
-        let narrowed = size2 * (1.0 + p[FIELD - 1] * used).max(0.0);
-        TAXEL_CENTRES.map(|centre| {
-            let [dx, dy] =
-                [f64::from(centre[0].0) - row.point[0], f64::from(centre[1].0) - row.point[1]];
-            let distance2 = dx * dx + dy * dy;
-            let pressed = fz * radial(normal, distance2, size2, 0.5);
-            if !self.shear {
-                return pressed;
-            }
-            pressed + (fx * dx + fy * dy) * radial(&rest[..RADIAL], distance2, narrowed, 1.5)
-        })
-    }
-
-    /// Best curve and stray light of taxel k: coefficients of u … u⁵ and of the neighbours.
-    fn linear(&self, k: usize, u: &[[f64; TAXELS]]) -> SVector<f64, LINEAR> {
-        let mut matrix = SMatrix::<f64, LINEAR, LINEAR>::zeros();
-        let mut right = SVector::<f64, LINEAR>::zeros();
-        for ((row, u), weight) in self.rows.iter().zip(u).zip(&self.weights) {
-            let features = features(k, u, row);
-            let weight2 = weight * weight;
-            matrix.ger(weight2, &features, &features, 1.0);
-            right.axpy(weight2 * row.signals[k], &features, 1.0);
-        }
-        let [usual, spread] = STRAY;
-        for i in POWERS..LINEAR {
-            matrix[(i, i)] += 1.0 / (spread * spread);
-            right[i] += usual / (spread * spread);
-        }
-        for i in 0..POWERS {
-            matrix[(i, i)] *= 1.0 + 1e-12;
-        }
-        Cholesky::new(matrix).map_or_else(SVector::zeros, |factor| factor.solve(&right))
-    }
-
-    /// Normalised residuals of the signals for this field and its best curves.
-    fn residuals(&self, p: &SVector<f64, FIELD>) -> DVector<f64> {
-        let u: Vec<[f64; TAXELS]> =
-            self.rows.iter().map(|row| self.displacements(p, row)).collect();
-        let mut left = Vec::with_capacity(TAXELS * (self.rows.len() + 4) + FIELD);
-        for k in 0..TAXELS {
-            let linear = self.linear(k, &u);
-            for ((row, u), weight) in self.rows.iter().zip(&u).zip(&self.weights) {
-                left.push(weight * (row.signals[k] - features(k, u, row).dot(&linear)));
-            }
-            let [usual, spread] = STRAY;
-            left.extend((POWERS..LINEAR).map(|i| (usual - linear[i]) / spread));
-        }
-        left.extend((p - half_space()).iter().map(|away| away / SPREAD));
-        DVector::from_vec(left)
-    }
-
-    /// J^T J and J^T r around `p`.
-    fn quadratic(
-        &self,
-        p: &SVector<f64, FIELD>,
-        left: &DVector<f64>,
-    ) -> (SMatrix<f64, FIELD, FIELD>, SVector<f64, FIELD>) {
-        let columns: Vec<DVector<f64>> = self
-            .free
-            .iter()
-            .map(|i| {
-                let mut moved = *p;
-                moved[*i] += FEEL;
-                (self.residuals(&moved) - left) / FEEL
-            })
-            .collect();
-        let jacobian = DMatrix::from_columns(&columns);
-        let (inner, slope) = (jacobian.tr_mul(&jacobian), jacobian.tr_mul(left));
-        let (mut matrix, mut gradient) = (SMatrix::identity(), SVector::zeros());
-        for (a, i) in self.free.iter().enumerate() {
-            gradient[*i] = slope[a];
-            for (b, j) in self.free.iter().enumerate() {
-                matrix[(*i, *j)] = inner[(a, b)];
-            }
-        }
-        (matrix, gradient)
-    }
-
-    fn finish(&self, p: &SVector<f64, FIELD>) -> Inverse {
-        let u: Vec<[f64; TAXELS]> =
-            self.rows.iter().map(|row| self.displacements(p, row)).collect();
-        let mut curves = Curves { stray: [[0.0; 4]; TAXELS], gap: [[0.0; POWERS]; TAXELS] };
-        for k in 0..TAXELS {
-            let linear = self.linear(k, &u);
-            curves.stray[k] = std::array::from_fn(|i| linear[POWERS + i] as f32);
-            curves.gap[k] = self.gap(k, &linear, &u);
-        }
-        let [normal, shear] = [0, RADIAL].map(|from| Radial {
-            depth: [p[from] as f32, p[from + 1] as f32],
-            terms: std::array::from_fn(|i| std::array::from_fn(|j| p[from + 2 + 3 * i + j] as f32)),
+/// Fits the curve from the signal without stray light to the displacement.
+fn gap(k: usize, linear: &SVector<f64, LINEAR>, rows: &[Settled<'_>]) -> [f32; POWERS] {
+    let mut matrix = SMatrix::<f64, POWERS, POWERS>::zeros();
+    let mut right = SVector::<f64, POWERS>::zeros();
+    for (row, load, u) in rows {
+        let stray: f64 = (0..4)
+            .filter_map(|i| neighbours(k)[i].map(|j| linear[POWERS + i] * row.signals[j]))
+            .sum();
+        let own = row.signals[k] - stray;
+        let mut power = 1.0;
+        let powers = SVector::<f64, POWERS>::from_fn(|_, _| {
+            power *= own;
+            power
         });
-        let field = Field { normal, shear, slip: p[FIELD - 1] as f32 };
-        let error = self.error(&curves, &u);
-        Inverse { curves, field, error, shear: self.shear, friction: self.friction as f32 }
+        let weight = (0.002 + 0.01 * load[2]).powi(-2);
+        matrix.ger(weight, &powers, &powers, 1.0);
+        right.axpy(weight * u[k], &powers, 1.0);
     }
-
-    /// Fits the curve from the signal without stray light to the displacement.
-    fn gap(&self, k: usize, linear: &SVector<f64, LINEAR>, u: &[[f64; TAXELS]]) -> [f32; POWERS] {
-        let mut matrix = SMatrix::<f64, POWERS, POWERS>::zeros();
-        let mut right = SVector::<f64, POWERS>::zeros();
-        for (row, u) in self.rows.iter().zip(u) {
-            let stray: f64 = (0..4)
-                .filter_map(|i| neighbours(k)[i].map(|j| linear[POWERS + i] * row.signals[j]))
-                .sum();
-            let powers = powers(row.signals[k] - stray);
-            let weight = (0.002 + 0.01 * row.force[2]).powi(-2);
-            matrix.ger(weight, &powers, &powers, 1.0);
-            right.axpy(weight * u[k], &powers, 1.0);
-        }
-        for i in 0..POWERS {
-            matrix[(i, i)] = matrix[(i, i)] * (1.0 + 1e-12) + 1e-12;
-        }
-        let found =
-            Cholesky::new(matrix).map_or_else(SVector::zeros, |factor| factor.solve(&right));
-        std::array::from_fn(|i| found[i] as f32)
+    for i in 0..POWERS {
+        matrix[(i, i)] = matrix[(i, i)] * (1.0 + 1e-12) + 1e-12;
     }
-
-    /// Residuals of the displacements, by the arithmetic of the chip: [`Inverse::error`].
-    fn error(&self, curves: &Curves, u: &[[f64; TAXELS]]) -> [f32; 2] {
-        let slope = curves.gap.iter().map(|gap| f64::from(gap[0]).powi(2)).sum::<f64>();
-        let floor = self.noise * (slope / TAXELS as f64).sqrt();
-        // Rows are weighted by their force, because light touches contain mostly noise.
-        let (mut excess, mut loads) = (0.0, 0.0);
-        for (row, u) in self.rows.iter().zip(u) {
-            let found = curves.displacements(&row.signals.map(|c| c as f32));
-            let squares: f64 =
-                found.iter().zip(u).map(|(found, u)| (f64::from(*found) - u).powi(2)).sum();
-            let force2 = row.force[2].powi(2);
-            excess += force2 * (squares / TAXELS as f64 - floor * floor);
-            loads += force2 * force2;
-        }
-        let share = (excess.max(0.0) / loads.max(f64::MIN_POSITIVE)).sqrt();
-        [(floor.max(1e-7)) as f32, share as f32]
-    }
+    let found = Cholesky::new(matrix).map_or_else(SVector::zeros, |factor| factor.solve(&right));
+    std::array::from_fn(|i| found[i] as f32)
 }
 
-fn powers(x: f64) -> SVector<f64, POWERS> {
-    let mut power = 1.0;
-    SVector::from_fn(|_, _| {
-        power *= x;
-        power
-    })
-}
-
-fn features(k: usize, u: &[f64; TAXELS], row: &Row) -> SVector<f64, LINEAR> {
-    let mut features = SVector::<f64, LINEAR>::zeros();
-    features.fixed_rows_mut::<POWERS>(0).copy_from(&powers(u[k]));
-    for (i, j) in neighbours(k).into_iter().enumerate() {
-        features[POWERS + i] = j.map_or(0.0, |j| row.signals[j]);
+/// Residuals of the displacements, by the arithmetic of the chip: [`Inverse::error`].
+fn error(curves: &Curves, rows: &[Settled<'_>], noise: f64) -> [f32; 2] {
+    let slope = curves.gap.iter().map(|gap| f64::from(gap[0]).powi(2)).sum::<f64>();
+    let floor = noise * (slope / TAXELS as f64).sqrt();
+    // Rows are weighted by their force, because light touches contain mostly noise.
+    let (mut excess, mut loads) = (0.0, 0.0);
+    for (row, load, u) in rows {
+        let found = curves.displacements(&row.signals.map(|c| c as f32));
+        let squares: f64 =
+            found.iter().zip(u).map(|(found, u)| (f64::from(*found) - u).powi(2)).sum();
+        let force2 = load[2].powi(2);
+        excess += force2 * (squares / TAXELS as f64 - floor * floor);
+        loads += force2 * force2;
     }
-    features
+    let share = (excess.max(0.0) / loads.max(f64::MIN_POSITIVE)).sqrt();
+    [(floor.max(1e-7)) as f32, share as f32]
 }

@@ -1,22 +1,32 @@
-//! Skin model of a finger, fitted to recordings with contact points, and its error.
+//! Skin model of a finger, fitted to recordings of presses, and its error on presses left out.
 
 use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
 use taxel::condition::Signals;
+use taxel::estimate::contact_point::centroid;
 use taxel::estimate::gate::Gate;
 use taxel::estimate::inverse::{Inverse, InverseState};
-use taxel::scan::TAXELS;
+use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
-use crate::inverse::{self, Row};
+use crate::inverse::{self, Known, Row};
 use crate::prepared::Prepared;
 use taxel_regress::error::FitError;
 use taxel_regress::network::Progress;
+use taxel_regress::quantile::median;
 
 /// Least normal force for the friction ratio, newtons; below it the ratio is noise.
 const FIRM: f64 = 0.2;
 /// Least friction coefficient; recordings without shear show none.
 const LEAST_FRICTION: f64 = 0.1;
+/// Least normal force of a row, in standard deviations of the reference.
+const CLEAR_OF_NOISE: f64 = 5.0;
+/// Distance of two rows' labelled places that belong to different presses, mm.
+const APART: f64 = 0.5;
+/// Fewest presses of which every other one can be left out.
+const LEAST_PRESSES: usize = 8;
+/// Most that the error of left-out presses widens the model's own.
+const WIDEST: f64 = 3.0;
 
 /// A fitted skin model with its rows.
 pub(crate) struct Skin {
@@ -25,33 +35,65 @@ pub(crate) struct Skin {
     pub rows: Vec<Row>,
     /// Number of rows left out: saturated or dead taxels, and outliers.
     pub left_out: usize,
-    /// RMS error over the rows in f_x, f_y, f_z, newtons, with the model run as on the chip.
+    /// RMS error in f_x, f_y, f_z, newtons, on presses left out, with the model run as on the chip.
     pub residual: [f64; 3],
+    /// RMS distance from the labelled place on presses left out, of the model and of the centroid,
+    /// mm; `None` without labels.
+    pub place: Option<[f64; 2]>,
 }
 
-/// Fits the model to the recordings with force and contact point, without their wrong rows.
+/// Fits the model to the recordings with forces, without their wrong rows.
 ///
-/// `None` if no recording has both.
+/// Places without labels are found together with the model. `None` if no recording has a force.
 ///
 /// # Errors Too few rows, or stopped.
 pub(crate) fn fit(
     recordings: &[&Prepared<'_>],
     (wrong, noise): (&[HashSet<usize>], f32),
+    force_noise: [f64; 3],
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Option<Skin>, FitError> {
+    let samples = recordings.iter().flat_map(|r| &r.recording.samples);
+    let placed = samples.clone().any(|s| s.truth.point.iter().all(Option::is_some));
+    let least = CLEAR_OF_NOISE * force_noise[2];
     let (runs, left_out): (Vec<Vec<Option<Row>>>, Vec<usize>) =
-        recordings.iter().zip(wrong).map(|(r, wrong)| rows(r, wrong)).unzip();
-    let loaded: Vec<Row> = runs.iter().flatten().flatten().cloned().collect();
-    if loaded.is_empty() {
+        recordings.iter().zip(wrong).map(|(r, wrong)| rows(r, wrong, (placed, least))).unzip();
+    let presses: Vec<Vec<Row>> = runs.into_iter().flat_map(split).collect();
+    if presses.is_empty() {
         return Ok(None);
     }
-    let friction = friction(&loaded);
+    let rows: Vec<Row> = presses.iter().flatten().cloned().collect();
+    let friction = friction(&rows);
     let shear = friction > LEAST_FRICTION;
-    let known = (friction.max(LEAST_FRICTION), f64::from(noise), shear);
-    let model = inverse::fit("model of the skin", &loaded, known, progress, stop)?;
-    let residual = residual(&model, &runs);
-    Ok(Some(Skin { model, rows: loaded, left_out: left_out.iter().sum(), residual }))
+    let noise = f64::from(noise);
+    let friction = friction.max(LEAST_FRICTION);
+    let known = Known { friction, noise, shear, force_noise, placed };
+    let whole = inverse::fit("model of the skin", &presses, (known, None), progress, stop)?;
+    let mut model = whole.model.clone();
+    let mut judged = judge(&model, &presses);
+    if presses.len() >= LEAST_PRESSES {
+        let halves = [0, 1].map(|half| {
+            let (own, other): (Vec<_>, Vec<_>) =
+                presses.iter().cloned().enumerate().partition(|(i, _)| i % 2 == half);
+            let [own, other] = [own, other].map(|p| p.into_iter().map(|(_, p)| p).collect());
+            let own: Vec<Vec<Row>> = own;
+            let part = format!("model of the skin, half {} left out", 2 - half);
+            let half = inverse::fit(&part, &own, (known, Some(&whole)), progress, stop)?;
+            Ok::<_, FitError>((judge(&half.model, &own), judge(&half.model, &other)))
+        });
+        // Stopped, or too few rows for a half: the error of the fit stands.
+        if let [Ok((own, other)), Ok((own_2, other_2))] = halves {
+            let (own, other) = (own.with(own_2), other.with(other_2));
+            let wider = (other.misfit() / own.misfit()).clamp(1.0, WIDEST) as f32;
+            model.error[0] *= wider;
+            model.error[1] = (model.error[1] * wider).min(0.99);
+            judged = other;
+        }
+    }
+    let residual = judged.force();
+    let place = placed.then(|| judged.place());
+    Ok(Some(Skin { model, rows, left_out: left_out.iter().sum(), residual, place }))
 }
 
 /// Largest ratio of shear to normal force under a firm load.
@@ -62,22 +104,32 @@ pub(crate) fn friction(rows: &[Row]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Touched, sound and fully known rows of a recording, and the number of unsound ones.
-fn rows(prepared: &Prepared<'_>, wrong: &HashSet<usize>) -> (Vec<Option<Row>>, usize) {
+/// Touched, sound and known rows of a recording, and the number of unsound ones.
+fn rows(
+    prepared: &Prepared<'_>,
+    wrong: &HashSet<usize>,
+    (placed, least): (bool, f64),
+) -> (Vec<Option<Row>>, usize) {
     let gate = Gate::default();
     let samples = prepared.recording.samples.iter().zip(&prepared.signals);
     let mut left_out = 0;
     let rows = samples
         .enumerate()
         .map(|(at, (sample, signals))| {
-            let ([fx, fy, fz], [x, y]) = (sample.truth.force, sample.truth.point);
+            let [fx, fy, fz] = sample.truth.force;
             let c = signals.taxels?;
+            let point = if placed {
+                let [x, y] = sample.truth.point;
+                [x?, y?]
+            } else {
+                guessed(&c)
+            };
             let alone = Signals { taxels: Some(c), ..Signals::default() };
             let touched = prepared.bias.exceeded(&alone, gate.off * gate.off);
             let sound =
                 signals.health.dead == 0 && signals.health.saturated == 0 && !wrong.contains(&at);
-            let row = Row { signals: c.map(f64::from), force: [fx?, fy?, fz?], point: [x?, y?] };
-            let load = touched && row.force[2] > 0.0;
+            let row = Row { signals: c.map(f64::from), force: [fx?, fy?, fz?], point };
+            let load = touched && row.force[2] > least;
             left_out += usize::from(load && !sound);
             (load && sound).then_some(row)
         })
@@ -85,16 +137,79 @@ fn rows(prepared: &Prepared<'_>, wrong: &HashSet<usize>) -> (Vec<Option<Row>>, u
     (rows, left_out)
 }
 
-/// RMS error of the forces as the chip would estimate them, row after row.
-fn residual(model: &Inverse, runs: &[Vec<Option<Row>>]) -> [f64; 3] {
-    let (mut squares, mut count) = ([0.0; 3], 0.0);
-    for run in runs {
+/// First guess of a contact's place: the middle of the squared signals.
+fn guessed(c: &[f32; TAXELS]) -> [f64; 2] {
+    let (mut sum, mut at) = (f64::MIN_POSITIVE, [0.0; 2]);
+    for (c, centre) in c.iter().zip(&TAXEL_CENTRES) {
+        let weight = f64::from(c.min(0.0)).powi(2);
+        sum += weight;
+        at.iter_mut().zip(centre).for_each(|(at, c)| *at += weight * f64::from(c.0));
+    }
+    at.map(|at| at / sum)
+}
+
+/// Splits a recording into presses: rows without a gap and without a jump of the place.
+fn split(rows: Vec<Option<Row>>) -> Vec<Vec<Row>> {
+    let mut presses: Vec<Vec<Row>> = Vec::new();
+    let mut last: Option<[f64; 2]> = None;
+    for row in rows {
+        let Some(row) = row else {
+            last = None;
+            continue;
+        };
+        let here = row.point;
+        let same = last.is_some_and(|[x, y]| (here[0] - x).hypot(here[1] - y) < APART);
+        last = Some(here);
+        match presses.last_mut() {
+            Some(press) if same => press.push(row),
+            _ => presses.push(vec![row]),
+        }
+    }
+    presses
+}
+
+/// Errors of a model over some presses.
+#[derive(Default)]
+struct Judged {
+    force: [f64; 3],
+    place: [f64; 2],
+    misfits: Vec<f64>,
+    rows: f64,
+    fits: f64,
+}
+
+impl Judged {
+    fn with(self, other: Self) -> Self {
+        let sum = |a: f64, b: f64| a + b;
+        Self {
+            force: std::array::from_fn(|k| sum(self.force[k], other.force[k])),
+            place: std::array::from_fn(|k| sum(self.place[k], other.place[k])),
+            misfits: [self.misfits, other.misfits].concat(),
+            rows: self.rows + other.rows,
+            fits: self.fits + other.fits,
+        }
+    }
+
+    fn force(&self) -> [f64; 3] {
+        self.force.map(|squares| (squares / self.rows.max(1.0)).sqrt())
+    }
+
+    fn place(&self) -> [f64; 2] {
+        self.place.map(|squares| (squares / self.fits.max(1.0)).sqrt())
+    }
+
+    /// Median misfit: a few contacts that the model cannot explain are flagged by theirs.
+    fn misfit(&self) -> f64 {
+        median(self.misfits.clone()).max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Judges the forces and places as the chip would estimate them, row after row of each press.
+fn judge(model: &Inverse, presses: &[Vec<Row>]) -> Judged {
+    let mut sum = Judged::default();
+    for press in presses {
         let mut state = InverseState::default();
-        for row in run {
-            let Some(row) = row else {
-                state.clear();
-                continue;
-            };
+        for row in press {
             let c: [f32; TAXELS] = row.signals.map(|c| c as f32);
             let u = model.curves.displacements(&c);
             let touch = if model.shear {
@@ -103,12 +218,21 @@ fn residual(model: &Inverse, runs: &[Vec<Option<Row>>]) -> [f64; 3] {
                 model.pressed(&mut state, &u)
             };
             // Without an estimate the error is the force itself.
-            let found = touch.map_or([0.0; 3], |touch| touch.force());
-            for ((sum, found), force) in squares.iter_mut().zip(found).zip(row.force) {
+            let found = touch.as_ref().map_or([0.0; 3], |touch| touch.force());
+            for ((sum, found), force) in sum.force.iter_mut().zip(found).zip(row.force) {
                 *sum += (f64::from(found) - force).powi(2);
             }
-            count += 1.0;
+            sum.rows += 1.0;
+            let (Ok(touch), Ok(middle)) = (touch, centroid(&c, 0, 0.0)) else { continue };
+            let [x, y] = row.point;
+            for (sum, [px, py]) in
+                sum.place.iter_mut().zip([touch.load.point, [middle.x.0, middle.y.0]])
+            {
+                *sum += (f64::from(px) - x).powi(2) + (f64::from(py) - y).powi(2);
+            }
+            sum.misfits.push(f64::from(touch.misfit));
+            sum.fits += 1.0;
         }
     }
-    squares.map(|sum| (sum / f64::max(count, 1.0)).sqrt())
+    sum
 }

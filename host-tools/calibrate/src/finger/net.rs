@@ -203,7 +203,21 @@ pub(super) fn fit(
             teach,
         }),
     };
-    let (net, chosen) = training.run(progress, stop)?;
+    let run = training.run(progress, stop);
+    if let (Err(FitError::Stopped), Some(skin)) = (&run, skin) {
+        // The model of the skin needs the taxels' bias and ranges, and no net.
+        let x: Vec<Vec<f64>> = rows.into_iter().flat_map(|(x, _)| x).collect();
+        fitted.calibration.taxels = Some(TaxelCalibration {
+            bias,
+            range: ranges(&x, bias.noise),
+            residual: skin.residual.map(|r| r as f32),
+        });
+        return Ok(());
+    }
+    let (net, chosen) = run?;
+    let build = Build { hidden: net.hidden_bias.len(), skip: !net.skip.is_empty() };
+    // A net alone states the error of its fit, as [DeMaria2011] does.
+    let held_out = if options.net_only { None } else { training.held_out(build, progress, stop) };
     fitted.warnings.extend(training.told(chosen.as_ref()));
     let (x, y): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
     let (x, y) = (x.concat(), y.concat());
@@ -222,7 +236,10 @@ pub(super) fn fit(
     fitted.calibration.taxels = Some(TaxelCalibration {
         bias,
         range: ranges(&x, bias.noise),
-        residual: std::array::from_fn(|k| residual.get(k).map_or(0.0, |r| *r as f32)),
+        residual: std::array::from_fn(|k| {
+            let held_out = held_out.as_ref().map_or(&residual, |held_out| held_out);
+            held_out.get(k).map_or(0.0, |r| *r as f32)
+        }),
     });
     let net = ForceNet::new(&net.layers()).map_err(|list| FitError::Shape {
         part: NAME.into(),

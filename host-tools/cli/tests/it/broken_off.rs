@@ -118,7 +118,7 @@ fn ctrl_c_in_finger_fit_leaves_usable_record() {
         folder.succeeds(&["simulate", "--scene", "mine.toml", "--seed", seed, "--out", out]);
     }
     let fit = ["calibrate", "fit", "--data", "presses.csv", "--net-only", "--hidden", "32"];
-    let fit = [&fit[..], &["--json", "--out", "cal.toml"]].concat();
+    let fit = [&fit[..], &["--model", "mlp", "--json", "--out", "cal.toml"]].concat();
     let ran = interrupted_after(Duration::from_secs(4), folder.command(&fit).spawn().unwrap());
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let line = "taxel: stopped early: the best net so far was kept";

@@ -1,11 +1,15 @@
 //! `taxel calibrate fit`.
 
 use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use taxel_calibrate::Form;
-use taxel_calibrate::finger::{self, Channel, FitOptions, Part, Subject};
+use taxel_calibrate::finger::{self, Channel, FitOptions, Fitted, Part, Subject};
 use taxel_files::calibration;
 use taxel_files::stretch::Stretch;
 use taxel_regress::LeftOut;
@@ -16,6 +20,9 @@ use taxel_regress::table::{self, TableOptions};
 use super::data::{self, Aligned};
 use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite};
+
+/// Time after Ctrl-C in which the current stage may end by itself.
+const PATIENCE: Duration = Duration::from_millis(600);
 
 /// Fits a calibration to recordings.
 ///
@@ -48,14 +55,17 @@ pub struct Args {
     /// Fit this MEMS sensor from force on it alone, whatever the recordings contain.
     #[arg(long, value_name = "0…3", value_parser = clap::value_parser!(u8).range(0..4), conflicts_with_all = ["inputs", "hidden"])]
     sensor: Option<u8>,
-    /// Family of the model: auto (the best on stretches left out; the model of the skin augments a
-    /// finger's net where the recordings have contact points), mlp (one hidden layer of tanh
+    /// Family of the model: auto (the best on stretches left out; for a finger model of the skin,
+    /// net and array), mlp (one hidden layer of tanh
     /// units), skip (mlp with a linear path past the units), ridge (linear, with a decay),
     /// least-squares (linear). For any CSV also cubic (additive), quadratic (with products), and
     /// the papers' own laws: row ([DeMaria2011], the line of four), feeler ([Ohka2005]), column
     /// ([Ohka2004]), gap (signal to displacement).
-    #[arg(long, value_name = "NAME", default_value_t = Family::default())]
+    #[arg(long, value_name = "NAME", default_value_t = Family::Auto)]
     model: Family,
+    /// Standard deviation of the reference's forces [default: found where nothing is touched].
+    #[arg(long, value_name = "NEWTONS", value_parser = noise, conflicts_with = "inputs")]
+    reference_noise: Option<f64>,
     /// Hidden tanh units [default: the best on recordings left out, if there are three or more;
     /// else 12 for normal force alone, 16 with shear; found by --model auto].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
@@ -101,6 +111,13 @@ Examples:
   taxel calibrate fit --data bench.csv@0..6 --out s0.toml
   taxel calibrate fit --data press.csv --inputs 'm*' --targets force_n --model auto --out skin.toml";
 
+fn noise(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(newtons) if (0.0..10.0).contains(&newtons) => Ok(newtons),
+        _ => Err("expected newtons, as in 0.006 for 6 mN".into()),
+    }
+}
+
 fn serial(text: &str) -> Result<heapless::String<32>, String> {
     text.try_into().map_err(|_| "at most 32 bytes fit the record".to_owned())
 }
@@ -110,6 +127,8 @@ fn serial(text: &str) -> Result<heapless::String<32>, String> {
 struct Outcome {
     calibration: PathBuf,
     parts: Vec<Fit>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    choices: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     channels: Vec<Used>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -124,7 +143,8 @@ impl Outcome {
         // With --reference, --targets may name columns of a finger's force.
         let targets: &[String] = if args.inputs.is_empty() { &[] } else { &args.targets };
         let parts = parts.into_iter().map(|part| Fit::new(part, targets)).collect();
-        Self { calibration, parts, channels: Vec::new(), alignments, warnings, interrupted: false }
+        let (choices, channels) = (Vec::new(), Vec::new());
+        Self { calibration, parts, choices, channels, alignments, warnings, interrupted: false }
     }
 }
 
@@ -265,23 +285,66 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
     let bar = ProgressBar::new(0);
     bar.set_style(ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}")?);
-    let mut progress = |progress: Progress| {
-        bar.set_length(progress.of as u64);
-        bar.set_position(progress.step as u64);
-        bar.set_message(format!("{}: error {:.4}", progress.part, progress.error));
-    };
-    let mut outcome = if args.inputs.is_empty() {
-        fit_finger(&args, &mut progress, &interrupt)?
-    } else {
-        fit_table(&args, &mut progress, &interrupt)?
-    };
+    bar.set_message("reading the recordings");
+    bar.enable_steady_tick(Duration::from_millis(100));
+    let best = Mutex::new(None);
+    let (send, receive) = mpsc::channel();
+    let mut outcome = thread::scope(|scope| {
+        let worker = scope.spawn(|| {
+            let send = send;
+            let mut progress = |progress| drop(send.send(progress));
+            if args.inputs.is_empty() {
+                fit_finger(&args, &best, &mut progress, &interrupt)
+            } else {
+                fit_table(&args, &mut progress, &interrupt)
+            }
+        });
+        let mut since = None;
+        loop {
+            match receive.recv_timeout(Duration::from_millis(50)) {
+                Ok(Progress { part, step, of, error }) => {
+                    bar.set_length(of as u64);
+                    bar.set_position(step as u64);
+                    bar.set_message(format!("{part}: error {error:.4}"));
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            if interrupt.came()
+                && since.get_or_insert_with(Instant::now).elapsed() > PATIENCE
+                && let Some(best) = best.lock().ok().and_then(|mut best| best.take())
+            {
+                // The stage does not end at once: the earlier ones are kept, and it ends with the
+                // process.
+                bar.finish_and_clear();
+                let kept = finish(&args, best, Vec::new()).and_then(|outcome| {
+                    report(Outcome { interrupted: true, ..outcome }, args.json)
+                });
+                if let Err(error) = &kept {
+                    output::note(format_args!("taxel: {error}"));
+                }
+                std::process::exit(kept.is_err().into());
+            }
+        }
+        let ended = worker.join();
+        ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })?;
     outcome.interrupted = interrupt.came();
     bar.finish_and_clear();
     report(outcome, args.json)
 }
 
+/// Writes a finger's calibration.
+fn finish(args: &Args, fitted: Fitted, alignments: Vec<Aligned>) -> anyhow::Result<Outcome> {
+    calibration::write(&args.out, &fitted.calibration)?;
+    let channels = fitted.channels.into_iter().map(Used::from).collect();
+    let outcome = Outcome::new(args, fitted.parts, alignments, fitted.warnings);
+    Ok(Outcome { channels, choices: fitted.choices, ..outcome })
+}
+
 fn fit_finger(
     args: &Args,
+    best: &Mutex<Option<Fitted>>,
     progress: &mut dyn FnMut(Progress),
     stop: &Interrupt,
 ) -> anyhow::Result<Outcome> {
@@ -292,16 +355,19 @@ fn fit_finger(
         hidden: args.hidden.map(usize::from),
         net: NetOptions { seed: args.seed, ..NetOptions::default() },
         net_only: args.net_only,
+        reference_noise: args.reference_noise,
         form: args.form.into(),
         serial: args.serial.clone(),
         date: super::now(),
         ..FitOptions::default()
     };
-    let fitted = finger::fit(&recordings, &options, progress, stop.flag())?;
-    calibration::write(&args.out, &fitted.calibration)?;
-    let channels = fitted.channels.into_iter().map(Used::from).collect();
-    let outcome = Outcome::new(args, fitted.parts, alignments, fitted.warnings);
-    Ok(Outcome { channels, ..outcome })
+    let mut keep = |fitted: &Fitted| {
+        if let Ok(mut best) = best.lock() {
+            *best = Some(fitted.clone());
+        }
+    };
+    let fitted = finger::fit_keeping(&recordings, &options, progress, &mut keep, stop.flag())?;
+    finish(args, fitted, alignments)
 }
 
 fn fit_table(
@@ -361,6 +427,9 @@ fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
         if let Some(chosen) = &fit.chosen {
             output::line(chosen.describe(|errors| fit.format_errors(errors)))?;
         }
+    }
+    for choice in &outcome.choices {
+        output::line(choice)?;
     }
     print_channels(&outcome.channels)?;
     output::line(format!("wrote {}", outcome.calibration.display()))

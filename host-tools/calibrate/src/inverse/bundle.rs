@@ -1,0 +1,509 @@
+//! One step of the skin model's fit, with the loads of the rows and the places of the presses free.
+//!
+//! Bundle adjustment (Triggs et al. 1999): each row's load and each press's place may differ from
+//! its label by the label's noise. They are eliminated from the normal equations (Schur), which
+//! leaves those of field, curves and stray light.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector};
+use taxel::scan::{TAXEL_CENTRES, TAXELS};
+
+use super::forward::{Coefficients, Displacement, FIELD, LOAD, UNIT, displacement, half_space};
+use super::{LINEAR, POWERS, Row, neighbours};
+
+/// All coefficients: the field, then curve and stray light of each taxel.
+pub(super) const ALL: usize = FIELD + TAXELS * LINEAR;
+
+/// Share of a row's largest signal that adds to a signal's standard deviation.
+const SHARE: f64 = 0.002;
+/// Prior of stray light: a share of 0.015 ± 0.01 of the neighbour's signal.
+const STRAY: [f64; 2] = [0.015, 0.01];
+/// Prior standard deviation of the field's coefficients from the start.
+const SPREAD: f64 = 100.0;
+/// Relative prior precision of a curve's powers.
+const LITTLE: f64 = 1e-9;
+/// Normalised residual of a row from which it counts less (Huber 1964).
+const HUBER: f64 = 3.0;
+/// Least standard deviation of a press's place and of a row's place, mm.
+const LEAST_PLACE: f64 = 1e-3;
+/// Noise of the labelled places that is no more than the model's own error, mm.
+const SURE_PLACE: f64 = 0.01;
+/// Noise of forces and places that are taken as labelled, newtons and mm.
+const EXACT: f64 = 1e-6;
+/// Largest step of a place, mm.
+const PLACE_STEP: f64 = 0.5;
+
+/// Standard deviations of the labels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Labels {
+    /// Force components, newtons.
+    pub force: [f64; 3],
+    /// Place of a whole press, mm.
+    pub press: f64,
+    /// Place of a row about that of its press, mm.
+    pub row: f64,
+}
+
+impl Labels {
+    /// Root of a row's sum of squares from which it counts less.
+    ///
+    /// Exact labels have no outliers, and the rows that the model meets worst count fully.
+    fn huber(&self) -> f64 {
+        if self.press > EXACT { HUBER * (TAXELS as f64).sqrt() } else { f64::INFINITY }
+    }
+}
+
+/// Rows of one press and its place's distance from the label.
+#[derive(Clone)]
+struct Press<'r> {
+    rows: Vec<Seen<'r>>,
+    away: SVector<f64, 2>,
+}
+
+/// A row with the distance of its load from the label.
+#[derive(Clone)]
+struct Seen<'r> {
+    row: &'r Row,
+    sigma: f64,
+    away: SVector<f64, LOAD>,
+}
+
+/// The fit's unknowns and data.
+#[derive(Clone)]
+pub(super) struct Bundle<'r> {
+    presses: Vec<Press<'r>>,
+    pub labels: Labels,
+    friction: f64,
+    shear: bool,
+    pub field: Coefficients,
+    /// Coefficients of u … u⁵ and of the four neighbours, of each taxel.
+    pub linear: [SVector<f64, LINEAR>; TAXELS],
+}
+
+type Wide = SMatrix<f64, LOAD, ALL>;
+
+/// Normal equations of all coefficients, and what the eliminated unknowns need back.
+pub(super) struct Equations {
+    matrix: DMatrix<f64>,
+    right: DVector<f64>,
+    back: Vec<PressBack>,
+}
+
+struct PressBack {
+    /// Solution of the press's place without the coefficients, and its dependence on them.
+    own: SVector<f64, 2>,
+    by_all: SMatrix<f64, 2, ALL>,
+    variance: f64,
+    rows: Vec<RowBack>,
+}
+
+struct RowBack {
+    own: SVector<f64, LOAD>,
+    by_all: Box<Wide>,
+    by_place: SMatrix<f64, LOAD, 2>,
+    variance: f64,
+}
+
+/// A row linearised at the present unknowns.
+struct Linearised {
+    /// Residuals, in standard deviations of the signals.
+    error: SVector<f64, TAXELS>,
+    /// Their derivatives by the load, scaled by the load's prior deviations.
+    by_load: SMatrix<f64, TAXELS, LOAD>,
+    by_place: SMatrix<f64, TAXELS, 2>,
+    by_field: SMatrix<f64, TAXELS, FIELD>,
+    features: [SVector<f64, LINEAR>; TAXELS],
+}
+
+impl<'r> Bundle<'r> {
+    /// Starts at a half-space with the labels' loads.
+    pub fn new(
+        presses: &[Vec<&'r Row>],
+        labels: Labels,
+        (friction, noise, shear): (f64, f64, bool),
+    ) -> Self {
+        let most = |row: &Row| row.signals.iter().fold(0.0f64, |most, c| most.max(c.abs()));
+        let seen = |row: &&'r Row| Seen {
+            row,
+            sigma: 2.0 * noise + SHARE * most(row),
+            away: SVector::zeros(),
+        };
+        let presses = presses
+            .iter()
+            .map(|rows| Press { rows: rows.iter().map(seen).collect(), away: SVector::zeros() })
+            .collect();
+        let linear = [SVector::zeros(); TAXELS];
+        let mut bundle = Self { presses, labels, friction, shear, field: half_space(), linear };
+        bundle.solve_linear();
+        bundle
+    }
+
+    fn spread(&self) -> SVector<f64, LOAD> {
+        let [fx, fy, fz] = self.labels.force;
+        SVector::from([fx, fy, fz, self.labels.row, self.labels.row])
+    }
+
+    /// Load of a row: its label moved by what is known of its error.
+    fn load(press: &Press<'_>, seen: &Seen<'_>) -> [f64; LOAD] {
+        let ([fx, fy, fz], [x, y]) = (seen.row.force, seen.row.point);
+        let mut load = [fx, fy, fz, x + press.away[0], y + press.away[1]];
+        load.iter_mut().zip(seen.away.iter()).for_each(|(load, away)| *load += away);
+        load
+    }
+
+    /// Every row with its present load.
+    pub fn loads(&self) -> Vec<(&'r Row, [f64; LOAD])> {
+        let of = |press: &Press<'r>| -> Vec<(&'r Row, [f64; LOAD])> {
+            press.rows.iter().map(|seen| (seen.row, Self::load(press, seen))).collect()
+        };
+        self.presses.iter().flat_map(of).collect()
+    }
+
+    /// Displacements under a load.
+    pub fn displacements(&self, load: &[f64; LOAD]) -> [Displacement; TAXELS] {
+        TAXEL_CENTRES.each_ref().map(|centre| {
+            let centre = centre.map(|c| f64::from(c.0));
+            displacement(&self.field, load, centre, (self.friction, self.shear))
+        })
+    }
+
+    /// Solves for the curves and stray light at the present field and loads.
+    fn solve_linear(&mut self) {
+        let none = (SMatrix::<f64, LINEAR, LINEAR>::zeros(), SVector::<f64, LINEAR>::zeros());
+        let mut sums = vec![none; TAXELS];
+        for (press, seen) in self.presses.iter().flat_map(|p| p.rows.iter().map(move |s| (p, s))) {
+            let u = self.displacements(&Self::load(press, seen));
+            // A force that is off by the label's noise moves every signal by its share.
+            let off = self.labels.force[2] / seen.row.force[2].abs().max(1e-3);
+            let most = seen.row.signals.iter().fold(0.0f64, |most, c| most.max(c.abs()));
+            let weight = (seen.sigma.powi(2) + (off * most).powi(2)).recip();
+            for (k, (matrix, right)) in sums.iter_mut().enumerate() {
+                let features = features(k, u[k].value, seen.row);
+                matrix.ger(weight, &features, &features, 1.0);
+                right.axpy(weight * seen.row.signals[k], &features, 1.0);
+            }
+        }
+        for (linear, (mut matrix, mut right)) in self.linear.iter_mut().zip(sums) {
+            let [usual, spread] = STRAY;
+            for i in POWERS..LINEAR {
+                matrix[(i, i)] += spread.powi(-2);
+                right[i] += usual * spread.powi(-2);
+            }
+            (0..POWERS).for_each(|i| matrix[(i, i)] *= 1.0 + LITTLE);
+            *linear = Cholesky::new(matrix).map_or_else(SVector::zeros, |f| f.solve(&right));
+        }
+    }
+
+    fn linearise(
+        &self,
+        press: &Press<'_>,
+        seen: &Seen<'_>,
+        spread: &SVector<f64, LOAD>,
+    ) -> Linearised {
+        let u = self.displacements(&Self::load(press, seen));
+        let mut found = Linearised {
+            error: SVector::zeros(),
+            by_load: SMatrix::zeros(),
+            by_place: SMatrix::zeros(),
+            by_field: SMatrix::zeros(),
+            features: [SVector::zeros(); TAXELS],
+        };
+        let weight = 1.0 / seen.sigma;
+        for (k, u) in u.iter().enumerate() {
+            let features = features(k, u.value, seen.row);
+            let linear = &self.linear[k];
+            found.error[k] = weight * (seen.row.signals[k] - features.dot(linear));
+            let mut slope = 0.0;
+            for n in (0..POWERS).rev() {
+                slope = slope * u.value + (n + 1) as f64 * linear[n];
+            }
+            let slope = weight * slope;
+            for j in 0..LOAD {
+                found.by_load[(k, j)] = slope * u.by_load[j] * spread[j];
+            }
+            for j in 0..2 {
+                found.by_place[(k, j)] = slope * u.by_load[3 + j];
+            }
+            found.by_field.set_row(k, &(u.by_field.transpose() * slope));
+            found.features[k] = features * weight;
+        }
+        found
+    }
+
+    /// Robust sum of squares of signals and labels.
+    pub fn objective(&self) -> f64 {
+        let spread = self.spread();
+        let of_press = |press: &Press<'_>| {
+            let rows = press.rows.iter().map(|seen| {
+                let u = self.displacements(&Self::load(press, seen));
+                let mut squares = normalised(&seen.away, &spread).norm_squared();
+                for (k, u) in u.iter().enumerate() {
+                    let said = features(k, u.value, seen.row).dot(&self.linear[k]);
+                    squares += ((seen.row.signals[k] - said) / seen.sigma).powi(2);
+                }
+                huber(squares, self.labels.huber())
+            });
+            rows.sum::<f64>() + press.away.norm_squared() / self.labels.press.powi(2)
+        };
+        let presses: f64 =
+            spread_over_cores(&self.presses, |presses| presses.iter().map(of_press).sum::<f64>())
+                .into_iter()
+                .sum();
+        let field = (self.field - half_space()).norm_squared() / (SPREAD * SPREAD);
+        let [usual, deviation] = STRAY;
+        let stray = self.linear.iter().flat_map(|l| l.iter().skip(POWERS));
+        presses + field + stray.map(|s| ((s - usual) / deviation).powi(2)).sum::<f64>()
+    }
+
+    /// Number of residuals of the signals.
+    pub fn values(&self) -> usize {
+        TAXELS * self.presses.iter().map(|press| press.rows.len()).sum::<usize>()
+    }
+
+    /// Builds the normal equations at the present unknowns.
+    pub fn equations(&self) -> Equations {
+        let spread = self.spread();
+        let parts = spread_over_cores(&self.presses, |presses| {
+            let mut sum = (DMatrix::<f64>::zeros(ALL, ALL), DVector::<f64>::zeros(ALL), Vec::new());
+            for press in presses {
+                self.add_press(press, &spread, &mut sum);
+            }
+            sum
+        });
+        let mut all = Equations {
+            matrix: DMatrix::zeros(ALL, ALL),
+            right: DVector::zeros(ALL),
+            back: Vec::new(),
+        };
+        for (matrix, right, back) in parts {
+            all.matrix += matrix;
+            all.right += right;
+            all.back.extend(back);
+        }
+        let away = half_space() - self.field;
+        for i in 0..FIELD {
+            all.matrix[(i, i)] += SPREAD.powi(-2);
+            all.right[i] += away[i] * SPREAD.powi(-2);
+        }
+        let [usual, deviation] = STRAY;
+        for (k, linear) in self.linear.iter().enumerate() {
+            for n in POWERS..LINEAR {
+                let i = FIELD + k * LINEAR + n;
+                all.matrix[(i, i)] += deviation.powi(-2);
+                all.right[i] += (usual - linear[n]) * deviation.powi(-2);
+            }
+        }
+        all
+    }
+
+    fn add_press(
+        &self,
+        press: &Press<'_>,
+        spread: &SVector<f64, LOAD>,
+        (matrix, right, back): &mut (DMatrix<f64>, DVector<f64>, Vec<PressBack>),
+    ) {
+        let mut place_matrix = SMatrix::<f64, 2, 2>::identity() / self.labels.press.powi(2);
+        let mut place_right = -press.away / self.labels.press.powi(2);
+        let mut place_all = SMatrix::<f64, 2, ALL>::zeros();
+        let mut rows = Vec::new();
+        for seen in &press.rows {
+            let line = self.linearise(press, seen, spread);
+            let scaled = normalised(&seen.away, spread);
+            let squares = line.error.norm_squared() + scaled.norm_squared();
+            let weight = huber_weight(squares, self.labels.huber());
+            // The load's own equations: prior and signals.
+            let own = SMatrix::<f64, LOAD, LOAD>::identity() + line.by_load.tr_mul(&line.by_load);
+            let inverse = own.try_inverse().unwrap_or_else(SMatrix::zeros);
+            let own_right = line.by_load.tr_mul(&line.error) - scaled;
+            let own_place = line.by_load.tr_mul(&line.by_place);
+            let mut own_all = Box::new(Wide::zeros());
+            let field = line.by_load.tr_mul(&line.by_field);
+            own_all.view_mut((0, 0), (LOAD, FIELD)).copy_from(&field);
+            for k in 0..TAXELS {
+                let block = line.by_load.row(k).transpose() * line.features[k].transpose();
+                own_all.view_mut((0, FIELD + k * LINEAR), (LOAD, LINEAR)).copy_from(&block);
+            }
+            // Equations of the coefficients, from the signals and after the load is eliminated.
+            let solved_all = inverse * *own_all;
+            let solved_right = inverse * own_right;
+            let solved_place = inverse * own_place;
+            direct(matrix, right, &line, weight);
+            matrix.gemm_tr(-weight, &*own_all, &solved_all, 1.0);
+            right.gemv_tr(-weight, &*own_all, &solved_right, 1.0);
+            place_matrix +=
+                weight * (line.by_place.tr_mul(&line.by_place) - own_place.tr_mul(&solved_place));
+            place_right +=
+                weight * (line.by_place.tr_mul(&line.error) - own_place.tr_mul(&solved_right));
+            let mut cross = SMatrix::<f64, 2, ALL>::zeros();
+            cross.view_mut((0, 0), (2, FIELD)).copy_from(&line.by_place.tr_mul(&line.by_field));
+            for k in 0..TAXELS {
+                let block = line.by_place.row(k).transpose() * line.features[k].transpose();
+                cross.view_mut((0, FIELD + k * LINEAR), (2, LINEAR)).copy_from(&block);
+            }
+            place_all += weight * (cross - own_place.tr_mul(&solved_all));
+            rows.push(RowBack {
+                own: solved_right,
+                by_all: Box::new(solved_all),
+                by_place: solved_place,
+                variance: inverse[(3, 3)] + inverse[(4, 4)],
+            });
+        }
+        let inverse = place_matrix.try_inverse().unwrap_or_else(SMatrix::zeros);
+        let solved = inverse * place_all;
+        let own = inverse * place_right;
+        matrix.gemm_tr(-1.0, &place_all, &solved, 1.0);
+        right.gemv_tr(-1.0, &place_all, &own, 1.0);
+        back.push(PressBack { own, by_all: solved, variance: inverse.trace(), rows });
+    }
+
+    /// Moves all unknowns by the damped solution; `None` if it does not exist.
+    pub fn moved(&self, equations: &Equations, damping: f64) -> Option<Self> {
+        let free: Vec<usize> = (0..ALL)
+            .filter(|i| *i != UNIT && (self.shear || *i < FIELD / 2 || *i >= FIELD))
+            .collect();
+        let mut matrix = equations.matrix.select_rows(&free).select_columns(&free);
+        let right = equations.right.select_rows(&free);
+        for i in 0..free.len() {
+            let own = matrix[(i, i)].max(f64::MIN_POSITIVE);
+            matrix[(i, i)] += (damping + LITTLE) * own;
+        }
+        let solved = Cholesky::new(matrix)?.solve(&right);
+        let mut step = SVector::<f64, ALL>::zeros();
+        free.iter().zip(solved.iter()).for_each(|(i, s)| step[*i] = *s);
+        let mut next = self.clone();
+        for i in 0..FIELD {
+            next.field[i] += step[i];
+        }
+        for (k, linear) in next.linear.iter_mut().enumerate() {
+            for n in 0..LINEAR {
+                linear[n] += step[FIELD + k * LINEAR + n];
+            }
+        }
+        let spread = self.spread();
+        for (press, back) in next.presses.iter_mut().zip(&equations.back) {
+            let mut away = back.own - back.by_all * step;
+            away.iter_mut().for_each(|d| *d = d.clamp(-PLACE_STEP, PLACE_STEP));
+            press.away += away;
+            for (seen, back) in press.rows.iter_mut().zip(&back.rows) {
+                let own = back.own - *back.by_all * step - back.by_place * away;
+                seen.away += own.component_mul(&spread);
+            }
+        }
+        Some(next)
+    }
+
+    /// Whether forces and places were found to be exact, and are not yet taken so.
+    pub fn places_are_sure(&self) -> bool {
+        let Labels { force, press, .. } = self.labels;
+        force.iter().all(|noise| *noise < EXACT) && press < SURE_PLACE && press > EXACT
+    }
+
+    /// Takes forces and places as labelled.
+    ///
+    /// Free places would hide a part of the model's own error.
+    pub fn take_places_as_labelled(&mut self) {
+        (self.labels.press, self.labels.row) = (EXACT, EXACT);
+        for press in &mut self.presses {
+            press.away = SVector::zeros();
+            press.rows.iter_mut().for_each(|seen| seen.away = SVector::zeros());
+        }
+    }
+
+    /// Re-estimates the noise of the places from their posterior.
+    pub fn learn_places(&mut self, equations: &Equations) {
+        let presses = self.presses.len().max(1) as f64;
+        let of_presses = self.presses.iter().zip(&equations.back);
+        let press: f64 = of_presses.map(|(p, back)| p.away.norm_squared() + back.variance).sum();
+        let rows = self.presses.iter().zip(&equations.back);
+        let rows = rows.flat_map(|(p, back)| p.rows.iter().zip(&back.rows));
+        let (mut row, mut count) = (0.0, 0.0);
+        for (seen, back) in rows {
+            let at = seen.away.fixed_rows::<2>(3);
+            row += at.norm_squared() + self.labels.row.powi(2) * back.variance;
+            count += 2.0;
+        }
+        if self.labels.press <= EXACT {
+            return;
+        }
+        self.labels.press = (press / (2.0 * presses)).sqrt().max(LEAST_PLACE);
+        self.labels.row = (row / f64::max(count, 1.0)).sqrt().max(LEAST_PLACE);
+    }
+}
+
+/// Adds A^T A and A^T e of a row's signals.
+fn direct(matrix: &mut DMatrix<f64>, right: &mut DVector<f64>, line: &Linearised, weight: f64) {
+    let field = line.by_field.tr_mul(&line.by_field) * weight;
+    let mut view = matrix.view_mut((0, 0), (FIELD, FIELD));
+    view += field;
+    let mut head = right.rows_mut(0, FIELD);
+    head += line.by_field.tr_mul(&line.error) * weight;
+    for (k, features) in line.features.iter().enumerate() {
+        let at = FIELD + k * LINEAR;
+        let cross = line.by_field.row(k).transpose() * features.transpose() * weight;
+        let mut view = matrix.view_mut((0, at), (FIELD, LINEAR));
+        view += cross;
+        let mut view = matrix.view_mut((at, 0), (LINEAR, FIELD));
+        view += cross.transpose();
+        let mut view = matrix.view_mut((at, at), (LINEAR, LINEAR));
+        view += features * features.transpose() * weight;
+        let mut part = right.rows_mut(at, LINEAR);
+        part.axpy(weight * line.error[k], features, 1.0);
+    }
+}
+
+fn normalised(away: &SVector<f64, LOAD>, spread: &SVector<f64, LOAD>) -> SVector<f64, LOAD> {
+    away.zip_map(spread, |away, spread| if spread > 0.0 { away / spread } else { 0.0 })
+}
+
+/// Weight of a row with this sum of squares over all signals.
+fn huber_weight(squares: f64, limit: f64) -> f64 {
+    (limit / squares.sqrt().max(f64::MIN_POSITIVE)).min(1.0)
+}
+
+fn huber(squares: f64, limit: f64) -> f64 {
+    let root = squares.sqrt();
+    if root < limit { squares } else { limit * (2.0 * root - limit) }
+}
+
+/// Features of taxel k's signal: powers of its displacement, signals of its neighbours.
+pub(super) fn features(k: usize, u: f64, row: &Row) -> SVector<f64, LINEAR> {
+    let mut features = SVector::<f64, LINEAR>::zeros();
+    let mut power = 1.0;
+    for n in 0..POWERS {
+        power *= u;
+        features[n] = power;
+    }
+    for (i, j) in neighbours(k).into_iter().enumerate() {
+        features[POWERS + i] = j.map_or(0.0, |j| row.signals[j]);
+    }
+    features
+}
+
+/// Least number of items for a thread of its own.
+const CHUNK: usize = 4;
+
+/// Runs `work` on chunks of fixed bounds, in all cores; the results are in the order of the items.
+///
+/// The chunks do not depend on the number of cores, so that the sums are the same bits everywhere.
+fn spread_over_cores<T: Sync, R: Send>(items: &[T], work: impl Fn(&[T]) -> R + Sync) -> Vec<R> {
+    let chunks: Vec<&[T]> = items.chunks(items.len().div_ceil(8).max(CHUNK)).collect();
+    let threads = thread::available_parallelism().map_or(1, usize::from).min(chunks.len());
+    let next = AtomicUsize::new(0);
+    let mut results: Vec<(usize, R)> = thread::scope(|scope| {
+        let run = || {
+            let mut own = Vec::new();
+            loop {
+                let i = next.fetch_add(1, Ordering::Relaxed);
+                let Some(chunk) = chunks.get(i) else { return own };
+                own.push((i, work(chunk)));
+            }
+        };
+        let handles: Vec<_> = (0..threads).map(|_| scope.spawn(run)).collect();
+        let done = handles.into_iter().map(|h| h.join().unwrap_or_default());
+        done.flatten().collect()
+    });
+    results.sort_by_key(|(i, _)| *i);
+    results.into_iter().map(|(_, result)| result).collect()
+}
