@@ -13,6 +13,7 @@
 pub mod adjust;
 pub mod array;
 mod augment;
+pub mod coverage;
 pub mod evaluate;
 pub mod finger;
 pub mod inverse;

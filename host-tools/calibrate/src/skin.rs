@@ -138,7 +138,7 @@ fn rows(
 }
 
 /// First guess of a contact's place: the middle of the squared signals.
-fn guessed(c: &[f32; TAXELS]) -> [f64; 2] {
+pub(crate) fn guessed(c: &[f32; TAXELS]) -> [f64; 2] {
     let (mut sum, mut at) = (f64::MIN_POSITIVE, [0.0; 2]);
     for (c, centre) in c.iter().zip(&TAXEL_CENTRES) {
         let weight = f64::from(c.min(0.0)).powi(2);

@@ -10,6 +10,8 @@ mod common;
 mod emulated_board;
 mod endurance;
 mod fingers;
+#[cfg(target_os = "linux")]
+mod fit_on_terminal;
 mod hostile;
 mod manuals;
 mod models;

@@ -9,10 +9,12 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use taxel_calibrate::Form;
+use taxel_calibrate::coverage::Coverage;
 use taxel_calibrate::finger::{self, Channel, FitOptions, Fitted, Part, Subject};
 use taxel_files::calibration;
 use taxel_files::stretch::Stretch;
 use taxel_regress::LeftOut;
+use taxel_regress::error::FitError;
 use taxel_regress::model::Family;
 use taxel_regress::network::{NetOptions, Progress};
 use taxel_regress::table::{self, TableOptions};
@@ -127,6 +129,8 @@ fn serial(text: &str) -> Result<heapless::String<32>, String> {
 struct Outcome {
     calibration: PathBuf,
     parts: Vec<Fit>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    coverage: Option<Coverage>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     choices: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -144,7 +148,16 @@ impl Outcome {
         let targets: &[String] = if args.inputs.is_empty() { &[] } else { &args.targets };
         let parts = parts.into_iter().map(|part| Fit::new(part, targets)).collect();
         let (choices, channels) = (Vec::new(), Vec::new());
-        Self { calibration, parts, choices, channels, alignments, warnings, interrupted: false }
+        Self {
+            calibration,
+            parts,
+            coverage: None,
+            choices,
+            channels,
+            alignments,
+            warnings,
+            interrupted: false,
+        }
     }
 }
 
@@ -294,7 +307,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             let send = send;
             let mut progress = |progress| drop(send.send(progress));
             if args.inputs.is_empty() {
-                fit_finger(&args, &best, &mut progress, &interrupt)
+                // On a terminal only: elsewhere a refused fit prints one line.
+                let show = |coverage: &Coverage| bar.println(coverage.to_string());
+                fit_finger(&args, &best, &show, &mut progress, &interrupt)
             } else {
                 fit_table(&args, &mut progress, &interrupt)
             }
@@ -310,15 +325,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
+            // A table's net ends after each of its steps, which are short.
             if interrupt.came()
+                && args.inputs.is_empty()
                 && since.get_or_insert_with(Instant::now).elapsed() > PATIENCE
-                && let Some(best) = best.lock().ok().and_then(|mut best| best.take())
             {
-                // The stage does not end at once: the earlier ones are kept, and it ends with the
-                // process.
+                // The stage does not end at once: it ends with the process. The earlier ones are
+                // kept.
                 bar.finish_and_clear();
-                let kept = finish(&args, best, Vec::new()).and_then(|outcome| {
-                    report(Outcome { interrupted: true, ..outcome }, args.json)
+                let best = best.lock().ok().and_then(|mut best| best.take());
+                let kept = best.ok_or_else(|| FitError::Stopped.into()).and_then(|best| {
+                    let outcome = finish(&args, best, Vec::new())?;
+                    report(Outcome { interrupted: true, ..outcome }, args.json, false)
                 });
                 if let Err(error) = &kept {
                     output::note(format_args!("taxel: {error}"));
@@ -330,8 +348,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })?;
     outcome.interrupted = interrupt.came();
+    let unseen = bar.is_hidden();
     bar.finish_and_clear();
-    report(outcome, args.json)
+    report(outcome, args.json, unseen)
 }
 
 /// Writes a finger's calibration.
@@ -345,10 +364,19 @@ fn finish(args: &Args, fitted: Fitted, alignments: Vec<Aligned>) -> anyhow::Resu
 fn fit_finger(
     args: &Args,
     best: &Mutex<Option<Fitted>>,
+    show: &dyn Fn(&Coverage),
     progress: &mut dyn FnMut(Progress),
     stop: &Interrupt,
 ) -> anyhow::Result<Outcome> {
     let data::Read { recordings, alignments } = data::traces(&args.data, &args.reference)?;
+    let matrix = recordings
+        .iter()
+        .flat_map(|recording| &recording.samples)
+        .any(|sample| sample.scan.codes.taxels.is_some());
+    let coverage = if matrix && args.sensor.is_none() { Coverage::of(&recordings) } else { None };
+    if let Some(coverage) = coverage.as_ref().filter(|_| !args.json) {
+        show(coverage);
+    }
     let options = FitOptions {
         subject: args.sensor.map_or(Subject::Found, |sensor| Subject::Sensor(sensor.into())),
         family: args.model,
@@ -367,7 +395,7 @@ fn fit_finger(
         }
     };
     let fitted = finger::fit_keeping(&recordings, &options, progress, &mut keep, stop.flag())?;
-    finish(args, fitted, alignments)
+    Ok(Outcome { coverage, ..finish(args, fitted, alignments)? })
 }
 
 fn fit_table(
@@ -403,7 +431,8 @@ fn fit_table(
     Ok(Outcome::new(args, vec![part], alignments, fitted.warnings))
 }
 
-fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
+/// Prints the outcome, and the coverage if nobody has seen it before the fit.
+fn report(outcome: Outcome, json: bool, unseen: bool) -> anyhow::Result<()> {
     for warning in &outcome.warnings {
         output::note(format_args!("taxel: warning: {warning}"));
     }
@@ -412,6 +441,9 @@ fn report(outcome: Outcome, json: bool) -> anyhow::Result<()> {
     }
     if json {
         return output::json(&outcome);
+    }
+    if let Some(coverage) = outcome.coverage.as_ref().filter(|_| unseen) {
+        output::line(coverage)?;
     }
     for aligned in &outcome.alignments {
         output::line(aligned.describe())?;

@@ -1,0 +1,123 @@
+//! Tests of a fit on a terminal: progress from the start, Ctrl-C at every stage.
+
+use std::fs::File;
+use std::io::{Read as _, Write as _};
+use std::path::Path;
+use std::process::{Child, Command};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use nix::sys::resource::{UsageWho, getrusage};
+use nix::sys::time::TimeVal;
+
+use crate::common::In;
+use taxel_files::calibration;
+
+/// Processor time until the first line of progress; on an idle machine that is the time itself.
+const FIRST_LINE: Duration = Duration::from_millis(500);
+/// Processor time of two cores in the second after Ctrl-C.
+const TWO_CORES: Duration = Duration::from_secs(2);
+const FIT: [&str; 7] =
+    ["calibrate", "fit", "--data", "presses.csv", "--out", "cal.toml", "--force"];
+
+/// Processor time of all ended children.
+fn spent() -> Duration {
+    let usage = getrusage(UsageWho::RUSAGE_CHILDREN).unwrap();
+    let time = |value: TimeVal| {
+        let [seconds, micros] =
+            [value.tv_sec(), value.tv_usec()].map(|n| u64::try_from(n).unwrap());
+        Duration::from_secs(seconds) + Duration::from_micros(micros)
+    };
+    time(usage.user_time()) + time(usage.system_time())
+}
+
+/// Processor time of a running child.
+fn worked(child: &Child) -> Duration {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap_or_default();
+    let after_name = stat.rsplit(')').next().unwrap_or_default();
+    // utime and stime, fields 14 and 15 of proc(5), in hundredths of a second.
+    let fields = after_name.split_whitespace().skip(11).take(2);
+    Duration::from_millis(10 * fields.filter_map(|field| field.parse::<u64>().ok()).sum::<u64>())
+}
+
+/// Starts the fit on a terminal of its own and waits for its first output.
+fn start(folder: &Path) -> (Child, File) {
+    let terminal = nix::pty::openpty(None, None).unwrap();
+    let mut fit = Command::new("setsid");
+    fit.args(["--ctty", env!("CARGO_BIN_EXE_taxel")]).args(FIT).current_dir(folder);
+    fit.stdin(terminal.slave.try_clone().unwrap()).stdout(terminal.slave.try_clone().unwrap());
+    let child = fit.stderr(terminal.slave).spawn().unwrap();
+    drop(fit);
+    let mut master = File::from(terminal.master);
+    let read = master.read(&mut [0; 1024]).unwrap();
+    assert!(read > 0);
+    (child, master)
+}
+
+/// Reads to the end in the background, because a full terminal would stop the command.
+fn drain(mut master: File) -> thread::JoinHandle<String> {
+    thread::spawn(move || {
+        let (mut said, mut bytes) = (Vec::new(), [0; 4096]);
+        // Linux reports the closed other end as an error.
+        while let Ok(read @ 1..) = master.read(&mut bytes) {
+            said.extend_from_slice(&bytes[..read]);
+        }
+        String::from_utf8_lossy(&said).into_owned()
+    })
+}
+
+/// Ten fits are broken off.
+mod endurance {
+    use super::*;
+
+    #[test]
+    fn fit_shows_progress_and_ends_at_ctrl_c() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = In(directory.path());
+        let scene = "effects = ['noise', 'gain-spread', 'optical-crosstalk', 'bridge-mismatch']\n\
+                     [scan]\nrate_hz = 200\nduration_s = 13\n[device]\nseed = 3\nbits = 16\n\
+                     [indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n[[random]]\nat_s = 1\npresses = 24\n\
+                     each_s = 0.5\nx_mm = [-2, 2]\ny_mm = [-2, 2]\nfz_n = [0.4, 2]\nshear_of_limit = [0, 0.6]\n";
+        std::fs::write(folder.0.join("mine.toml"), scene).unwrap();
+        folder.succeeds(&["simulate", "--scene", "mine.toml", "--out", "presses.csv"]);
+
+        let before = spent();
+        let (mut child, master) = start(folder.0);
+        assert!(worked(&child) < FIRST_LINE, "{:?}", worked(&child));
+        let said = drain(master);
+        assert!(child.wait().unwrap().success());
+        let (whole, said) = (spent() - before, said.join().unwrap());
+        for stage in ["reading the recordings", "model of the skin", "net"] {
+            assert!(said.contains(stage), "{stage}: {said}");
+        }
+
+        let mut kept = 0;
+        for share in 0..10 {
+            let _ = std::fs::remove_file(folder.0.join("cal.toml"));
+            let before = spent();
+            let (mut child, master) = start(folder.0);
+            let mut keyboard = master.try_clone().unwrap();
+            let said = drain(master);
+            while worked(&child) < whole * share / 10 {
+                assert_eq!(child.try_wait().unwrap(), None, "{share}: it ended before Ctrl-C");
+                thread::sleep(Duration::from_millis(10));
+            }
+            let (until, since) = (worked(&child), Instant::now());
+            keyboard.write_all(b"\x03").unwrap();
+            drop(keyboard);
+            let status = child.wait().unwrap();
+            let (wall, more) = (since.elapsed(), spent() - before - until);
+            let said = said.join().unwrap();
+            eprintln!("{share} tenths: ended after {wall:?}, {more:?} of processor time");
+            assert!(more < TWO_CORES, "{share}: {more:?}\n{said}");
+            let record = calibration::read(folder.0.join("cal.toml"));
+            match status.code() {
+                Some(0) => assert!(record.is_ok() && said.contains("stopped early"), "{said}"),
+                Some(1) => assert!(record.is_err() && said.contains("nothing was"), "{said}"),
+                other => panic!("{share}: {other:?} {said}"),
+            }
+            kept += usize::from(status.code() == Some(0));
+        }
+        assert!(kept >= 5, "{kept}");
+    }
+}
