@@ -219,12 +219,11 @@ impl ForceNet {
         let (pairs, odd) = self.units.as_chunks::<2>();
         // An odd unit is paired with a unit of zero weights.
         let last = odd.first().map(|unit| [*unit, Unit::default()]);
-        for pairs in [pairs, last.as_slice()] {
-            for [one, other] in pairs {
-                let arguments = [one, other].map(|unit| dot_16(&unit.weights, c, unit.bias));
-                let [first, second] = tanh_of_finite(arguments);
-                sums = other.add(second, one.add(first, sums));
-            }
+        let (mut pairs, mut last) = (pairs.iter(), last.iter());
+        while let Some([one, other]) = pairs.next().or_else(|| last.next()) {
+            let arguments = [one, other].map(|unit| dot_16(&unit.weights, c, unit.bias));
+            let [first, second] = tanh_of_finite(arguments);
+            sums = other.add(second, one.add(first, sums));
         }
         match self.output_bias.len() {
             1 => Vec::from_array([sums[2]]),

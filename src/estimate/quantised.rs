@@ -143,11 +143,13 @@ impl QuantisedNet {
             *x = taxel_dsp::narrowed(c, self.signal);
         }
         let mut groups = self.hidden.iter();
-        let mut next =
-            || groups.next().map_or([0; 2], |group| taxel_dsp::activations(group, &input));
         let mut bent = [0; MAX_OUTPUTS];
         for rows in &self.output {
-            bent = taxel_dsp::sums_of_outputs(rows, &[next(), next(), next(), next()], bent);
+            let mut h = Lanes::default();
+            for (h, group) in h.iter_mut().zip(groups.by_ref()) {
+                *h = taxel_dsp::activations(group, &input);
+            }
+            bent = taxel_dsp::sums_of_outputs(rows, &h, bent);
         }
         let [bend, slope] = self.scale;
         let force = |bias: f32, bent: i32| bias + bent as f32 * bend;
