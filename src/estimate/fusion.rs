@@ -2,7 +2,7 @@
 
 /// A value with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Uncertain {
+pub struct Gaussian {
     /// The value.
     pub value: f32,
     /// Standard deviation, positive.
@@ -16,7 +16,7 @@ const AGREEMENT: f32 = 6.0;
 /// they contradict each other, the result is the more certain one alone.
 #[must_use]
 #[inline]
-pub fn fuse(a: Uncertain, b: Uncertain) -> (Uncertain, bool) {
+pub fn fuse(a: Gaussian, b: Gaussian) -> (Gaussian, bool) {
     /// Keeps the sum of the variances from zero: a µN or nm, squared.
     const LEAST: f32 = 1e-12;
     let [va, vb] = [a, b].map(|of| of.sigma * of.sigma + LEAST);
@@ -29,7 +29,7 @@ pub fn fuse(a: Uncertain, b: Uncertain) -> (Uncertain, bool) {
     // b + (a − b)·v_b/(v_a + v_b): the weight lies between 0 and 1 for all variances.
     let share = vb / both;
     let sigma = crate::math::sqrt(va * share);
-    (Uncertain { value: b.value + apart * share, sigma }, true)
+    (Gaussian { value: b.value + apart * share, sigma }, true)
 }
 
 #[cfg(test)]
@@ -37,8 +37,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const fn of(value: f32, sigma: f32) -> Uncertain {
-        Uncertain { value, sigma }
+    const fn of(value: f32, sigma: f32) -> Gaussian {
+        Gaussian { value, sigma }
     }
 
     #[test]

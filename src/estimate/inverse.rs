@@ -90,7 +90,7 @@ pub struct InverseState {
 
 /// Shear as measured by other sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pull {
+pub struct ShearPrior {
     /// Ratios f_x/f_z and f_y/f_z.
     pub ratio: [f32; 2],
     /// Standard deviation of either ratio.
@@ -99,13 +99,13 @@ pub struct Pull {
 
 /// Estimated contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Touch {
+pub struct ContactFit {
     /// Force and position.
     pub load: Load,
     /// Standard deviations of f_x, f_y, f_z (N), x, y (mm) and of the friction utilisation.
     pub sigma: [f32; 6],
     /// Information of this scan on the friction utilisation.
-    pub ring: Ring,
+    pub ring: FrictionUtilisation,
     /// Normalised residual: root mean square of the remaining displacements over that of the
     /// calibration at this force.
     pub misfit: f32,
@@ -114,14 +114,14 @@ pub struct Touch {
 /// Information of one scan on the friction utilisation, without the prior. The information of
 /// several scans may be added.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Ring {
+pub struct FrictionUtilisation {
     /// Inverse variance; 0 without information.
     pub weight: f32,
     /// Friction utilisation times its weight.
     pub moment: f32,
 }
 
-impl Ring {
+impl FrictionUtilisation {
     /// Removes the prior [`USED`] from an estimate and its variance.
     fn of(found: f32, variance: f32) -> Self {
         let [usual, spread] = USED;
@@ -132,7 +132,7 @@ impl Ring {
     }
 }
 
-impl Touch {
+impl ContactFit {
     /// Returns f_x, f_y, f_z in newtons.
     #[must_use]
     pub fn force(&self) -> [f32; 3] {
@@ -163,7 +163,7 @@ impl Inverse {
     ///
     /// # Errors
     /// [`NoValue::IllConditioned`] if the displacements do not determine a contact.
-    pub fn pressed(&self, state: &mut InverseState, u: &[f32; TAXELS]) -> Measured<Touch> {
+    pub fn pressed(&self, state: &mut InverseState, u: &[f32; TAXELS]) -> Measured<ContactFit> {
         self.find(state, u, |inverse, load, u| inverse.pressed_step(load, u))
     }
 
@@ -180,8 +180,8 @@ impl Inverse {
         &self,
         state: &mut InverseState,
         u: &[f32; TAXELS],
-        measured: Option<Pull>,
-    ) -> Measured<Touch> {
+        measured: Option<ShearPrior>,
+    ) -> Measured<ContactFit> {
         if !self.shear {
             return Err(NoValue::NotEstimated);
         }
@@ -192,15 +192,15 @@ impl Inverse {
         &self,
         state: &mut InverseState,
         u: &[f32; TAXELS],
-        step: impl Fn(&Self, &mut Load, &[f32; TAXELS]) -> Option<Touch>,
-    ) -> Measured<Touch> {
+        step: impl Fn(&Self, &mut Load, &[f32; TAXELS]) -> Option<ContactFit>,
+    ) -> Measured<ContactFit> {
         let (start, steps) = match state.last {
             Some(last) => (Some(last), if state.old { FIRST_STEPS } else { 1 }),
             None => (self.start(u), FIRST_STEPS),
         };
         let found =
             start.and_then(|mut load| (0..steps).fold(None, |_, _| step(self, &mut load, u)));
-        let sound = found.filter(Touch::is_sound);
+        let sound = found.filter(ContactFit::is_sound);
         *state = InverseState { last: sound.map(|touch| touch.load), old: false };
         sound.ok_or(NoValue::IllConditioned)
     }
@@ -242,7 +242,7 @@ impl Inverse {
         floor + share * normal
     }
 
-    fn pressed_step(&self, load: &mut Load, u: &[f32; TAXELS]) -> Option<Touch> {
+    fn pressed_step(&self, load: &mut Load, u: &[f32; TAXELS]) -> Option<ContactFit> {
         let error = self.expected(load.normal());
         let mut normal = Normal::<3>::EMPTY;
         let mut squares = 0.0;
@@ -263,15 +263,15 @@ impl Inverse {
         let wide = error * misfit.max(1.0);
         let [s, x, y] = [vs, vx, vy].map(|variance| wide * sqrt(variance));
         let sigma = [0.0, 0.0, 3.0 * load.size * load.size * s, x, y, USED[1]];
-        Some(Touch { load: *load, sigma, ring: Ring::default(), misfit })
+        Some(ContactFit { load: *load, sigma, ring: FrictionUtilisation::default(), misfit })
     }
 
     fn sheared_step(
         &self,
         load: &mut Load,
         u: &[f32; TAXELS],
-        measured: Option<Pull>,
-    ) -> Option<Touch> {
+        measured: Option<ShearPrior>,
+    ) -> Option<ContactFit> {
         let error = self.expected(load.normal());
         let mut normal = Normal::<6>::EMPTY;
         let mut squares = 0.0;
@@ -311,14 +311,14 @@ impl Inverse {
         let wide = error * misfit.max(1.0);
         let mut sigma = variances.map(|variance| wide * sqrt(variance));
         sigma[2] *= 3.0 * load.size * load.size;
-        let ring = Ring::of(load.used, sigma[5] * sigma[5]);
-        Some(Touch { load: *load, sigma, ring, misfit })
+        let ring = FrictionUtilisation::of(load.used, sigma[5] * sigma[5]);
+        Some(ContactFit { load: *load, sigma, ring, misfit })
     }
 }
 
 impl Normal<6> {
     /// Adds the shear ratios of other sensors; `error` is the residual of the displacements.
-    fn leaning(mut self, load: &Load, pull: &Pull, error: f32) -> Self {
+    fn leaning(mut self, load: &Load, pull: &ShearPrior, error: f32) -> Self {
         let normal = load.normal();
         let weight = error / (pull.sigma * normal);
         let slope = -3.0 * load.size * load.size * weight;
@@ -377,7 +377,7 @@ pub(super) mod tests {
 
     /// Returns the contact after twelve scans. A shear of two thirds of the normal force near the
     /// outer taxels needs seven, with a high misfit until then.
-    fn settled(u: &[f32; TAXELS]) -> Touch {
+    fn settled(u: &[f32; TAXELS]) -> ContactFit {
         let (finger, mut state) = (finger(), InverseState::default());
         (0..12).map(|_| finger.sheared(&mut state, u, None)).last().unwrap().unwrap()
     }
@@ -409,7 +409,7 @@ pub(super) mod tests {
             floor in prop_oneof![1e-9..1.0f32, Just(1e-9f32)],
             ratio in proptest::array::uniform2(-2.0..2.0f32), sigma in 1e-6..1.0f32, pulls in any::<bool>(),
         ) {
-            let pull = pulls.then_some(Pull { ratio, sigma });
+            let pull = pulls.then_some(ShearPrior { ratio, sigma });
             let mut finger = finger();
             finger.error = [floor, 0.0];
             for radial in [&mut finger.field.normal, &mut finger.field.shear] {
@@ -450,7 +450,7 @@ pub(super) mod tests {
             (0..6).map(|_| finger.sheared(&mut state, &u, measured)).last().unwrap().unwrap()
         };
         let (alone, measured) =
-            (found(None), found(Some(Pull { ratio: [0.3, 0.0], sigma: 0.003 })));
+            (found(None), found(Some(ShearPrior { ratio: [0.3, 0.0], sigma: 0.003 })));
         assert!(measured.ring.weight > 1.3 * alone.ring.weight, "{measured:?} {alone:?}");
         assert!((measured.ring.moment / measured.ring.weight - 0.7).abs() < 0.05, "{measured:?}");
         assert!(

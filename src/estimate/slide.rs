@@ -60,14 +60,14 @@ impl GrossSlipDetector {
 
     #[inline(never)]
     fn look(&mut self, time: Micros, place: [f32; 2], traction: &Traction) {
-        let Traction { shear: [fx, fy], normal, doubt, .. } = *traction;
+        let Traction { shear: [fx, fy], normal, sigma, .. } = *traction;
         let shear = sqrt(fx * fx + fy * fy);
         let known = normal > LEAST_NORMAL && shear > LEAST_SHEAR;
         let ratio = if known { shear / normal } else { 0.0 };
         let since = |then: Micros| time.since(then);
         let steady = |anchor: &Anchor| {
             let apart = (ratio - anchor.ratio).abs() * normal;
-            apart < STEADY * shear + NOISE * doubt[0] && since(anchor.time) < WITHIN_US
+            apart < STEADY * shear + NOISE * sigma[0] && since(anchor.time) < WITHIN_US
         };
         let now = Anchor { time, place, ratio };
         match self.anchor.filter(steady).filter(|_| ratio > LEAST_RATIO) {
@@ -125,7 +125,7 @@ mod tests {
         let mut state = GrossSlipDetector::default();
         let frames = (0..1000).filter(|i| {
             let noisy = 0.2 + if i % 3 == 0 { 0.02 } else { -0.01 };
-            let traction = Traction { doubt: [0.015, 0.0], ..pulled(noisy) };
+            let traction = Traction { sigma: [0.015, 0.0], ..pulled(noisy) };
             state.update(Micros(1000 * i), [0.002 * *i as f32, 0.0], &traction)
         });
         let frames = frames.count();

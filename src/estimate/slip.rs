@@ -15,7 +15,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::inverse::Ring;
+use super::inverse::FrictionUtilisation;
 use super::limit_surface::LimitSurface;
 use crate::math::{at_least, at_most, sqrt};
 use crate::measured::{Measured, NoValue};
@@ -58,9 +58,9 @@ pub struct Traction {
     /// single contact is 0.
     pub arm: f32,
     /// Noise of shear (N) and torsion (N·mm); so much of either does not count as load.
-    pub doubt: [f32; 2],
+    pub sigma: [f32; 2],
     /// Information on the friction utilisation, if the matrix sees the slip annulus.
-    pub ring: Option<Ring>,
+    pub ring: Option<FrictionUtilisation>,
     /// Whether vibration indicates gross slip. A knock may look alike, so that friction learns
     /// nothing.
     pub rubs: bool,
@@ -148,23 +148,23 @@ impl Slip {
         traction: &Traction,
         elapsed: f32,
     ) -> Measured<Verdict> {
-        let Traction { shear: [fx, fy], normal, torsion, arm, doubt, ring, rubs, slides } =
+        let Traction { shear: [fx, fy], normal, torsion, arm, sigma, ring, rubs, slides } =
             *traction;
         if !(LEAST_NORMAL..f32::MAX).contains(&normal) {
             return Err(NoValue::IllConditioned);
         }
         let shear = sqrt(fx * fx + fy * fy);
         let ratio = at_most(shear / normal, FRICTION[1]);
-        let surely = shear - NOISE * doubt[0];
+        let surely = shear - NOISE * sigma[0];
         let ring = ring.filter(|_| surely > 0.0).unwrap_or_default();
-        let noise = at_most(doubt[0] / at_least(shear, f32::MIN_POSITIVE), 1.0);
+        let noise = at_most(sigma[0] / at_least(shear, f32::MIN_POSITIVE), 1.0);
         let inverse = self.learn(state, [ratio, surely / normal, noise], ring, slides, elapsed);
         let friction = 1.0 / inverse;
-        let turning = at_least(torsion.abs() - doubt[1], 0.0) * self.surface.own_share(normal, arm);
-        let pulled = at_least(shear - doubt[0], 0.0);
+        let turning = at_least(torsion.abs() - sigma[1], 0.0) * self.surface.own_share(normal, arm);
+        let pulled = at_least(shear - sigma[0], 0.0);
         let load = at_most(self.surface.load([pulled, 0.0], turning, normal, friction), 1.0);
         let quick = QUICK * elapsed * normal;
-        let noise = at_least(doubt[0], f32::MIN_POSITIVE);
+        let noise = at_least(sigma[0], f32::MIN_POSITIVE);
         state.load += (load - state.load) * (quick / (quick + noise));
         let load = if slides || rubs { 1.0 } else { state.load.clamp(0.0, 1.0) };
         let grip = Newtons((self.safety * load * normal).clamp(0.0, 1e3));
@@ -177,7 +177,7 @@ impl Slip {
         &self,
         state: &mut SlipState,
         [ratio, held, noise]: [f32; 3],
-        ring: Ring,
+        ring: FrictionUtilisation,
         slides: bool,
         elapsed: f32,
     ) -> f32 {
@@ -191,12 +191,12 @@ impl Slip {
         let new = at_most(elapsed / NEW_AFTER, 1.0);
         let seen = if slides && ratio > FRICTION[0] {
             let weight = new / (SLIDE_ERROR * SLIDE_ERROR);
-            Ring { weight, moment: weight * (1.0 + LENGTHENED * noise * noise) }
+            FrictionUtilisation { weight, moment: weight * (1.0 + LENGTHENED * noise * noise) }
         } else if unsure && !slides {
             let new = NEW * new;
-            Ring { weight: new * ring.weight, moment: new * ring.moment }
+            FrictionUtilisation { weight: new * ring.weight, moment: new * ring.moment }
         } else {
-            Ring::default()
+            FrictionUtilisation::default()
         };
         // b = F_t/F_n · 1/μ is linear in 1/μ: one Kalman step.
         let variance = variance / (1.0 + ratio * ratio * variance * seen.weight);
@@ -233,7 +233,7 @@ mod tests {
                 let traction = Traction {
                     shear: [b * mu * 1.2, 0.0],
                     normal: 1.2,
-                    ring: seen.then_some(Ring { weight: 400.0, moment: 400.0 * b }),
+                    ring: seen.then_some(FrictionUtilisation { weight: 400.0, moment: 400.0 * b }),
                     ..Traction::default()
                 };
                 slip().judge(state, &traction, SCAN).unwrap()
@@ -296,7 +296,7 @@ mod tests {
             let sliding = Traction {
                 shear: [0.04 + x, y],
                 normal: 0.2,
-                doubt: [0.012, 0.0],
+                sigma: [0.012, 0.0],
                 slides: true,
                 ..Traction::default()
             };
@@ -313,7 +313,7 @@ mod tests {
         // The standard deviation of one scan is 0.7, half of the possible range.
         for i in 0..200 {
             let (b, noise) = (0.004 * i as f32, if i % 2 == 0 { 0.7 } else { -0.7 });
-            let ring = Some(Ring { weight: 2.0, moment: 2.0 * (b + noise) });
+            let ring = Some(FrictionUtilisation { weight: 2.0, moment: 2.0 * (b + noise) });
             let shear = [0.3 * b, 0.0];
             slip()
                 .judge(
@@ -333,8 +333,8 @@ mod tests {
             let mut state = SlipState::default();
             let frames = (0..500).filter(|i| {
                 let shear = [shear + if i % 2 == 0 { 0.03 } else { -0.03 }, 0.0];
-                let doubt = [0.02, 0.0];
-                let traction = Traction { shear, normal: 0.2, doubt, ..Traction::default() };
+                let sigma = [0.02, 0.0];
+                let traction = Traction { shear, normal: 0.2, sigma, ..Traction::default() };
                 let verdict = slip().judge(&mut state, &traction, SCAN).unwrap();
                 slip().warns(&mut state, &verdict)
             });
@@ -347,12 +347,12 @@ mod tests {
     #[test]
     fn shear_within_noise_gives_no_friction() {
         let mut state = SlipState::default();
-        let ring = Some(Ring { weight: 400.0, moment: 400.0 });
+        let ring = Some(FrictionUtilisation { weight: 400.0, moment: 400.0 });
         for _ in 0..200 {
             let traction = Traction {
                 shear: [0.05, 0.0],
                 normal: 0.06,
-                doubt: [0.02, 0.0],
+                sigma: [0.02, 0.0],
                 ring,
                 ..Traction::default()
             };
@@ -389,7 +389,7 @@ mod tests {
         let mut state = slid(0.5);
         // A quarter of the normal force uses half of the friction; 0.6 is within the systematic
         // error.
-        let ring = Some(Ring { weight: 400.0, moment: 400.0 * 0.6 });
+        let ring = Some(FrictionUtilisation { weight: 400.0, moment: 400.0 * 0.6 });
         let held = Traction { shear: [0.25, 0.0], normal: 1.0, ring, ..Traction::default() };
         let friction = (0..1000)
             .map(|_| slip().judge(&mut state, &held, SCAN).unwrap().friction)
@@ -455,10 +455,10 @@ mod tests {
             let slip = Slip::usual(mu);
             let mut state = SlipState::default();
             for (shear, normal, [torsion, arm], ring, slides) in tractions {
-                let ring = ring.map(|(b, weight)| Ring { weight, moment: weight * b });
-                let doubt = [torsion, normal];
+                let ring = ring.map(|(b, weight)| FrictionUtilisation { weight, moment: weight * b });
+                let sigma = [torsion, normal];
                 let rubs = !slides;
-                let traction = Traction { shear, normal, torsion, arm, doubt, ring, rubs, slides };
+                let traction = Traction { shear, normal, torsion, arm, sigma, ring, rubs, slides };
                 let Ok(verdict) = slip.judge(&mut state, &traction, SCAN) else { continue };
                 prop_assert!((0.0..=1.0).contains(&verdict.margin), "{verdict:?}");
                 prop_assert!(verdict.friction.is_finite() && verdict.grip.0.is_finite(), "{verdict:?}");

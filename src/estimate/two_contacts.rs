@@ -152,7 +152,7 @@ impl Inverse {
 #[cfg(test)]
 mod tests {
     use super::super::inverse::tests::{displaced, finger};
-    use super::super::inverse::{InverseState, Touch};
+    use super::super::inverse::{ContactFit, InverseState};
     use super::*;
     use proptest::prelude::*;
 
@@ -164,7 +164,7 @@ mod tests {
         u
     }
 
-    fn single(u: &[f32; TAXELS]) -> Touch {
+    fn single(u: &[f32; TAXELS]) -> ContactFit {
         let (finger, mut state) = (finger(), InverseState::default());
         (0..6).map(|_| finger.sheared(&mut state, u, None)).last().unwrap().unwrap()
     }

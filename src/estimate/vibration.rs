@@ -256,7 +256,7 @@ pub struct VibrationDetector {
 
 impl VibrationDetector {
     /// Processes one scan and returns whether it vibrates. A change of rate restarts the detector.
-    pub fn hear(&mut self, time: Micros, signals: &Signals) -> bool {
+    pub fn update(&mut self, time: Micros, signals: &Signals) -> bool {
         let now = time.0 as u32;
         let interval = now.wrapping_sub(self.time_us);
         self.time_us = now;
@@ -355,7 +355,7 @@ mod tests {
         let mut listener = VibrationDetector::default();
         for interval_us in [250, 1000, 1000] {
             let heard = (0..4000u64).filter(|i| {
-                listener.hear(Micros(interval_us * i), &signals(5e-5 * noise(*i as u32)))
+                listener.update(Micros(interval_us * i), &signals(5e-5 * noise(*i as u32)))
             });
             assert_eq!(heard.count(), 0, "{interval_us} us");
             assert_eq!(u64::from(listener.interval_us), interval_us);

@@ -4,7 +4,7 @@ use super::SensorForces;
 use super::matrix::OpticalEstimate;
 use crate::calibration::Calibration;
 use crate::condition::Signals;
-use crate::estimate::fusion::{Uncertain, fuse};
+use crate::estimate::fusion::{Gaussian, fuse};
 use crate::estimate::{ContactPoint, Force, Uncertainty};
 use crate::finger::Estimate;
 use crate::frame::{Fields, Status};
@@ -17,8 +17,8 @@ const GAIN_ERROR: f32 = 0.005;
 /// Estimate of the force sensors together, as one array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ArrayEstimate {
-    pub force: Measured<[Uncertain; 3]>,
-    pub point: Measured<[Uncertain; 2]>,
+    pub force: Measured<[Gaussian; 3]>,
+    pub point: Measured<[Gaussian; 2]>,
     pub torsion: Measured<NewtonMillimetres>,
 }
 
@@ -44,7 +44,7 @@ impl ArrayEstimate {
         status.insert(Status::RAN_ARRAY);
         let wrench = array.wrench(&signals.bridges, forces);
         let ([x, y, z], [sx, sy, sz]) = (wrench.force, array.residual);
-        let of = |value: f32, sigma| Uncertain { value, sigma: sigma + GAIN_ERROR * value.abs() };
+        let of = |value: f32, sigma| Gaussian { value, sigma: sigma + GAIN_ERROR * value.abs() };
         // A record of huge matrices may overflow: a value that is not finite is no force.
         let finite = x.abs() + y.abs() + z.abs() < f32::MAX;
         let force = if finite {
@@ -57,7 +57,7 @@ impl ArrayEstimate {
             force,
             point: contact.map(|(contact, sigma)| {
                 let [x, y, _] = contact.place;
-                [x, y].map(|value| Uncertain { value, sigma })
+                [x, y].map(|value| Gaussian { value, sigma })
             }),
             torsion: contact.map(|(contact, _)| contact.torsion),
         }
@@ -78,8 +78,8 @@ pub(super) const fn without(built: bool) -> NoValue {
 /// Force and contact point, fused from matrix and array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fused {
-    pub force: [Measured<Uncertain>; 3],
-    pub point: Measured<[Uncertain; 2]>,
+    pub force: [Measured<Gaussian>; 3],
+    pub point: Measured<[Gaussian; 2]>,
 }
 
 impl Fused {
@@ -92,7 +92,7 @@ impl Fused {
     ) -> Self {
         let mut fused = Self { force: optical.force, point: optical.point };
         let mut agree = true;
-        let mut join = |optical: &mut Uncertain, array: &Uncertain| {
+        let mut join = |optical: &mut Gaussian, array: &Gaussian| {
             let alike;
             (*optical, alike) = fuse(*optical, *array);
             agree &= alike;
@@ -120,17 +120,17 @@ impl Fused {
     /// Writes force and point, and their standard deviations with the `misfit` of the skin model if
     /// they are among the `fields`.
     pub(super) fn write(&self, estimate: &mut Estimate, misfit: Measured<f32>, fields: Fields) {
-        let value = |of: &Uncertain| of.value;
+        let value = |of: &Gaussian| of.value;
         (estimate.force, estimate.point) = (self.components(value), self.place(value));
         if fields.contains(Fields::UNCERTAINTY) {
-            let sigma = |of: &Uncertain| of.sigma;
+            let sigma = |of: &Gaussian| of.sigma;
             let (force, point) = (self.components(sigma), self.place(sigma));
             estimate.uncertainty = Ok(Uncertainty { force, point, misfit });
         }
     }
 
     #[inline(always)]
-    fn components(&self, of: impl Fn(&Uncertain) -> f32) -> Force {
+    fn components(&self, of: impl Fn(&Gaussian) -> f32) -> Force {
         let [x, y, z] = self.force.each_ref().map(|force| match force {
             Ok(force) => Ok(Newtons(of(force))),
             Err(reason) => Err(*reason),
@@ -139,7 +139,7 @@ impl Fused {
     }
 
     #[inline(always)]
-    fn place(&self, of: impl Fn(&Uncertain) -> f32) -> Measured<ContactPoint> {
+    fn place(&self, of: impl Fn(&Gaussian) -> f32) -> Measured<ContactPoint> {
         match &self.point {
             Ok([x, y]) => Ok(ContactPoint { x: Millimetres(of(x)), y: Millimetres(of(y)) }),
             Err(reason) => Err(*reason),
@@ -160,8 +160,8 @@ mod tests {
 
     #[test]
     fn missing_estimate_is_replaced_by_the_other() {
-        let one = Uncertain { value: 1.0, sigma: 0.01 };
-        let fused = |optical: Measured<Uncertain>, array: Measured<Uncertain>| {
+        let one = Gaussian { value: 1.0, sigma: 0.01 };
+        let fused = |optical: Measured<Gaussian>, array: Measured<Gaussian>| {
             let nothing = OpticalEstimate::nothing(NoValue::NotEstimated);
             let point = optical.map(|of| [of; 2]);
             let optical = OpticalEstimate { force: [optical; 3], point, ..nothing };

@@ -10,9 +10,11 @@
 use crate::calibration::{Calibration, TaxelCalibration};
 use crate::condition::{Bias, Health};
 use crate::estimate::contact_point::{PointMethod, arg_min, centroid};
-use crate::estimate::fusion::Uncertain;
+use crate::estimate::fusion::Gaussian;
 use crate::estimate::gate::{Gate, GateState};
-use crate::estimate::inverse::{Inverse, InverseState, Pull, Ring, Touch};
+use crate::estimate::inverse::{
+    ContactFit, FrictionUtilisation, Inverse, InverseState, ShearPrior,
+};
 use crate::estimate::quantised::Net;
 use crate::estimate::two_contacts::{Pair, PairState};
 use crate::estimate::{ContactPoint, NormalContact};
@@ -66,10 +68,10 @@ impl MatrixState {
 /// Estimates of the optical matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct OpticalEstimate {
-    pub force: [Measured<Uncertain>; 3],
-    pub point: Measured<[Uncertain; 2]>,
+    pub force: [Measured<Gaussian>; 3],
+    pub point: Measured<[Gaussian; 2]>,
     /// Information on the friction utilisation, if the model ran with shear.
-    pub ring: Option<Ring>,
+    pub ring: Option<FrictionUtilisation>,
     pub contacts: Measured<[NormalContact; 2]>,
     /// Normalised residual of the model; that of two contacts if it found two.
     pub misfit: Measured<f32>,
@@ -125,7 +127,7 @@ impl OpticalInput<'_> {
                             Net::Quantised(_) => Status::RAN_QUANTISED,
                         });
                         let [sx, sy, sz] = taxels.residual;
-                        let of = |value: f32, sigma: f32| Ok(Uncertain { value, sigma });
+                        let of = |value: f32, sigma: f32| Ok(Gaussian { value, sigma });
                         let force = match net.forces(self.c)[..] {
                             [x, y, z] => [of(x, sx), of(y, sy), of(z, sz)],
                             [z] => {
@@ -140,7 +142,7 @@ impl OpticalInput<'_> {
         };
         if self.method != PointMethod::Model || optical.point.is_err() {
             optical.point = self.paper_point(status).map(|point| {
-                [point.x.0, point.y.0].map(|value| Uncertain { value, sigma: CENTROID_ERROR })
+                [point.x.0, point.y.0].map(|value| Gaussian { value, sigma: CENTROID_ERROR })
             });
         }
         optical
@@ -210,11 +212,11 @@ impl OpticalInput<'_> {
 }
 
 /// Returns the ratio of shear to normal force of the force sensors, if the normal force suffices.
-fn pull(array: &Measured<[Uncertain; 3]>) -> Option<Pull> {
+fn pull(array: &Measured<[Gaussian; 3]>) -> Option<ShearPrior> {
     let Ok([x, y, z]) = array else { return None };
     let [rx, ry] = [x, y].map(|f| f.value / z.value);
     let sigma = (x.sigma.max(y.sigma) + rx.abs().max(ry.abs()) * z.sigma) / z.value;
-    (z.value > LEAST_FELT).then_some(Pull { ratio: [rx, ry], sigma })
+    (z.value > LEAST_FELT).then_some(ShearPrior { ratio: [rx, ry], sigma })
 }
 
 fn unseen_shear(normal: f32) -> f32 {
@@ -222,10 +224,10 @@ fn unseen_shear(normal: f32) -> f32 {
     floor + share * normal.max(0.0)
 }
 
-fn one(touch: &Touch, sheared: bool, shear: bool) -> OpticalEstimate {
+fn one(touch: &ContactFit, sheared: bool, shear: bool) -> OpticalEstimate {
     let [fx, fy, fz] = touch.force();
     let [sx, sy, sz, px, py, _] = touch.sigma;
-    let of = |value: f32, sigma: f32| Uncertain { value, sigma };
+    let of = |value: f32, sigma: f32| Gaussian { value, sigma };
     let unseen = unseen_shear(fz);
     let [x, y] = match (shear, sheared) {
         (false, _) => [Err(NoValue::NotEstimated); 2],
@@ -246,12 +248,12 @@ fn one(touch: &Touch, sheared: bool, shear: bool) -> OpticalEstimate {
 fn two(pair: &Pair, share: f32) -> OpticalEstimate {
     let [a, b] = pair.contacts.map(|load| (load.normal(), load.point));
     let sum = a.0 + b.0;
-    let middle = |axis: fn([f32; 2]) -> f32| Uncertain {
+    let middle = |axis: fn([f32; 2]) -> f32| Gaussian {
         value: (a.0 * axis(a.1) + b.0 * axis(b.1)) / sum.max(f32::MIN_POSITIVE),
         sigma: CENTROID_ERROR,
     };
     let unknown = Err(NoValue::NotEstimated);
-    let normal = Uncertain { value: sum, sigma: pair.misfit.max(1.0) * share * sum };
+    let normal = Gaussian { value: sum, sigma: pair.misfit.max(1.0) * share * sum };
     OpticalEstimate {
         force: [unknown, unknown, Ok(normal)],
         point: Ok([middle(|[x, _]| x), middle(|[_, y]| y)]),
@@ -269,7 +271,12 @@ mod tests {
     #[test]
     fn normal_force_sigma_includes_skin_stiffness() {
         let load = Load { size: 1.0, ..Load::default() };
-        let touch = Touch { load, sigma: [1e-3; 6], ring: Ring::default(), misfit: 0.5 };
+        let touch = ContactFit {
+            load,
+            sigma: [1e-3; 6],
+            ring: FrictionUtilisation::default(),
+            misfit: 0.5,
+        };
         let Ok(fz) = one(&touch, false, true).force[2] else { panic!("a force is known") };
         // A change by 10 K changes a rubber's stiffness by 3 %.
         assert!((0.03..0.1).contains(&(fz.sigma - 1e-3)), "{fz:?}");

@@ -49,7 +49,7 @@ impl GripState {
         signals: &Signals,
     ) -> Measured<(&'r Slip, bool)> {
         let slip = record.and_then(Calibration::slip).ok_or(without(cfg!(feature = "slip")))?;
-        Ok((slip, self.vibration.hear(time, signals)))
+        Ok((slip, self.vibration.update(time, signals)))
     }
 
     /// Prepares for a contact that begins now.
@@ -90,7 +90,7 @@ impl Grip<'_> {
             normal: z.value,
             torsion,
             arm: arm(&self.optical.contacts),
-            doubt: [at_least(x.sigma, y.sigma), TORSION_SIGMAS * moment_sigma],
+            sigma: [at_least(x.sigma, y.sigma), TORSION_SIGMAS * moment_sigma],
             ring: self.optical.ring,
             rubs: self.rubs,
             slides: false,
@@ -126,7 +126,7 @@ fn arm(contacts: &Measured<[NormalContact; 2]>) -> f32 {
 mod tests {
     use super::*;
     use crate::estimate::array::Array;
-    use crate::estimate::fusion::Uncertain;
+    use crate::estimate::fusion::Gaussian;
     use crate::measured::NoValue;
 
     #[test]
@@ -142,7 +142,7 @@ mod tests {
         let array = Array { moment_residual: 0.1, ..Array::default() };
         let record = Calibration { array: Some(array), ..Calibration::EMPTY };
         let optical = OpticalEstimate::nothing(NoValue::Absent);
-        let known = |value: f32| Ok(Uncertain { value, sigma: 0.0 });
+        let known = |value: f32| Ok(Gaussian { value, sigma: 0.0 });
         let force = [known(0.0), known(0.0), known(1.0)];
         let fused = Fused { force, point: Err(NoValue::NotEstimated) };
         let margin = |torsion: f32| {

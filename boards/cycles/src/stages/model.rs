@@ -54,7 +54,7 @@ pub fn stages(c: impl Iterator<Item = [f32; TAXELS]> + Clone, meter: &mut impl M
     );
 }
 
-fn components(touch: taxel::estimate::inverse::Touch) -> [f32; 9] {
+fn components(touch: taxel::estimate::inverse::ContactFit) -> [f32; 9] {
     let ([fx, fy, fz], [x, y], [sx, sy, sz, ..]) = (touch.force(), touch.load.point, touch.sigma);
     [fx, fy, fz, x, y, sx, sy, sz, touch.misfit]
 }

@@ -6,9 +6,9 @@ use taxel::calibration::Calibration;
 use taxel::condition::Signals;
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Load, Radial};
-use taxel::estimate::fusion::{Uncertain, fuse};
+use taxel::estimate::fusion::{Gaussian, fuse};
 use taxel::estimate::intrinsic::Surface;
-use taxel::estimate::inverse::{Curves, Inverse, Ring};
+use taxel::estimate::inverse::{Curves, FrictionUtilisation, Inverse};
 use taxel::estimate::limit_surface::{LimitSurface, Sweep};
 use taxel::estimate::slide::GrossSlipDetector;
 use taxel::estimate::slip::{Slip, SlipState, Traction};
@@ -145,7 +145,7 @@ fn array_stages(
         });
     }
     let components = (0..64u8).map(|i| {
-        let of = |value: f32| Uncertain { value, sigma: 0.01 };
+        let of = |value: f32| Gaussian { value, sigma: 0.01 };
         (of(0.01 * f32::from(i)), of(0.011 * f32::from(i)))
     });
     meter.stage("fusion of one component", &mut (), components, &mut 0.0, |(), (a, b), out| {
@@ -158,8 +158,8 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
         shear: [0.006 * f32::from(i), 0.05],
         normal: 1.0,
         torsion: 0.02 * f32::from(i),
-        doubt: [0.005, 0.01],
-        ring: Some(Ring { weight: 19.0, moment: 9.5 }),
+        sigma: [0.005, 0.01],
+        ring: Some(FrictionUtilisation { weight: 19.0, moment: 9.5 }),
         ..Traction::default()
     });
     let mut finger = (Slip::usual(0.5), SlipState::default());
@@ -189,7 +189,7 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
     let heard = signals.zip(0u8..).map(|(signals, i)| (Micros(250 * u64::from(i)), signals));
     let ear = &mut VibrationDetector::default();
     meter.stage("slip: by its vibration", ear, heard, &mut false, |ear, (time, signals), out| {
-        *out = ear.hear(*time, signals);
+        *out = ear.update(*time, signals);
     });
 }
 

@@ -7,7 +7,7 @@ use std::borrow::Cow;
 
 use nalgebra::{Const, DVector, Dyn, OMatrix, SMatrix, SVector};
 use taxel::calibration::{Calibration, TaxelCalibration};
-use taxel::estimate::inverse::{Inverse, InverseState, Touch};
+use taxel::estimate::inverse::{ContactFit, Inverse, InverseState};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
@@ -211,7 +211,7 @@ fn follow(
     c: &[f32; TAXELS],
     state: &mut InverseState,
     frames: usize,
-) -> Option<([f32; TAXELS], Touch)> {
+) -> Option<([f32; TAXELS], ContactFit)> {
     let u = model.curves.displacements(c);
     let mut frame =
         || if model.shear { model.sheared(state, &u, None) } else { model.pressed(state, &u) };

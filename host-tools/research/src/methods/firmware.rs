@@ -144,7 +144,7 @@ fn slip(name: &str, group: Group, stages: &[&str], record: Calibration) -> Metho
 fn slides() -> Method {
     let mut listener = VibrationDetector::default();
     Method::new("slip: vibration", Group::Model, &[EAR], move |moment| {
-        let slides = Some(listener.hear(moment.sample.scan.time, &moment.signals));
+        let slides = Some(listener.update(moment.sample.scan.time, &moment.signals));
         Said { slides, ..Said::default() }
     })
 }
