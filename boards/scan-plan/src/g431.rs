@@ -52,7 +52,8 @@ pub const INTERNAL_NS: u32 = 5_000;
 const SAMPLE_HALVES: [u32; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
 /// Sampling code of a column.
 ///
-/// 680 Ω of load need 208 ns (DS12589 table 67, fast channel); 12.5 cycles are 294 ns.
+/// A source of 680 Ω needs 208 ns (DS12589 table 67, fast channel); 12.5 cycles are 294 ns. The
+/// amplifier with 100 Ω in line is less.
 const COLUMN_SAMPLE: u32 = 2;
 /// Sampling code of an amplifier's output.
 ///

@@ -23,6 +23,7 @@ extern crate std;
 #[cfg(feature = "drawing")]
 pub mod drawing;
 pub mod f411;
+pub mod finger;
 pub mod g431;
 pub mod pattern;
 pub mod pins;

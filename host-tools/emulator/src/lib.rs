@@ -7,6 +7,7 @@ pub mod block;
 pub mod board;
 pub mod clock;
 pub mod cost;
+pub mod faults;
 pub mod fetch;
 pub mod isa;
 pub mod machine;

@@ -22,6 +22,8 @@ use taxel_emulator::board::model::Model;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::server::Server;
 use taxel_emulator::board::{capture, diagram, time, timing};
+use taxel_emulator::faults::table::Row;
+use taxel_emulator::faults::{self, Campaign};
 use taxel_emulator::profile::Profiler;
 use taxel_emulator::{bench, peers, report};
 
@@ -44,6 +46,8 @@ enum Task {
     Peers(Peers),
     /// Runs a board's image with its USB port on a TCP port
     Serve(Serve),
+    /// Inverts each bit of each configuration register that the image writes, and lists what passes
+    Faults(Faults),
 }
 
 /// Calibration and scans that stages and nets work on.
@@ -130,6 +134,53 @@ struct Profile {
     /// Virtual seconds
     #[arg(long, default_value_t = 1.0)]
     seconds: f64,
+}
+
+#[derive(Args)]
+struct Faults {
+    /// Firmware image, from `cargo xtask firmware BOARD`
+    image: PathBuf,
+    /// Board of the image
+    #[arg(long, value_enum, default_value_t = Model::G431)]
+    board: Model,
+    /// Trace CSV that the scans are taken from
+    #[arg(long)]
+    scans: PathBuf,
+    /// Only registers whose name contains this
+    #[arg(long, default_value = "")]
+    filter: String,
+    /// CSV file to write the verdicts to
+    #[arg(long)]
+    csv: Option<PathBuf>,
+    /// Board's page whose table of survivors is written
+    #[arg(long)]
+    page: Option<PathBuf>,
+}
+
+/// Injects every fault, and writes the verdicts and the board page's table.
+fn inject(arguments: &Faults) -> Result<()> {
+    let samples = TraceReader::open(&arguments.scans)?.collect::<Result<Vec<_>, _>>()?;
+    let scene =
+        samples.iter().map(|sample| sample.scan.codes.rescaled(FullScale::BITS_12)).collect();
+    let campaign = Campaign::new(arguments.board, bytes(&arguments.image)?, scene)?;
+    let mut rows = Vec::new();
+    for register in campaign.registers.iter().filter(|r| r.name.contains(&arguments.filter)) {
+        let row = Row::of(&campaign, register);
+        println!("{}", row.line());
+        rows.push(row);
+    }
+    let [caught, all] = faults::table::score(&rows);
+    println!("{caught} of {all} faults caught");
+    if let Some(path) = &arguments.csv {
+        write(path, faults::table::csv(&rows).as_bytes())?;
+    }
+    if let Some(path) = &arguments.page {
+        let page = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+        let page = faults::table::drawn(&page, arguments.board, &rows);
+        let page = page.with_context(|| format!("{}: no part `faults`", path.display()))?;
+        write(path, page.as_bytes())?;
+    }
+    Ok(())
 }
 
 #[derive(Args)]
@@ -260,6 +311,7 @@ fn main() -> ExitCode {
         Task::Profile(arguments) => profile_board(&arguments),
         Task::Peers(peers) => compare_with(&peers),
         Task::Serve(arguments) => serve(&arguments),
+        Task::Faults(arguments) => inject(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
@@ -28,7 +29,11 @@ impl Changes {
         let changed = git(&["diff", "--name-only", "--no-renames", base]);
         let new = git(&["ls-files", "--others", "--exclude-standard"]);
         let (Some(changed), Some(new)) = (changed, new) else { return Ok(Self::Everything) };
-        Ok(Self::of(&[changed, new].concat(), &packages()?))
+        let packages = packages(cargo().args(["metadata", "--no-deps"]))?.into_iter();
+        let root = root();
+        let within = |folder: PathBuf| Some(folder.strip_prefix(&root).ok()?.to_owned());
+        let packages = packages.filter_map(|(name, folder)| Some((name, within(folder)?)));
+        Ok(Self::of(&[changed, new].concat(), &packages.collect::<Vec<_>>()))
     }
 
     fn of(files: &[String], packages: &[(String, PathBuf)]) -> Self {
@@ -78,8 +83,8 @@ fn owner(file: &Path, packages: &[(String, PathBuf)]) -> Option<String> {
     owners.pop().map(|(name, _)| name.clone())
 }
 
-/// Lists the workspace's packages with their folders, relative to the root.
-fn packages() -> Result<Vec<(String, PathBuf)>> {
+/// Lists the packages that a `cargo metadata` command names, with their folders.
+pub fn packages(metadata: &mut Command) -> Result<Vec<(String, PathBuf)>> {
     #[derive(Deserialize)]
     struct Metadata {
         packages: Vec<Package>,
@@ -89,14 +94,12 @@ fn packages() -> Result<Vec<(String, PathBuf)>> {
         name: String,
         manifest_path: PathBuf,
     }
-    let output = cargo().args(["metadata", "--no-deps", "--format-version", "1"]).output()?;
+    let output = metadata.args(["--format-version", "1"]).output()?;
     let metadata: Metadata =
         serde_json::from_slice(&output.stdout).context("`cargo metadata` lists no packages")?;
-    let root = root();
-    let folder = |manifest: &Path| Some(manifest.parent()?.strip_prefix(&root).ok()?.to_owned());
     let packages = metadata.packages.into_iter();
     Ok(packages
-        .filter_map(|Package { name, manifest_path }| Some((name, folder(&manifest_path)?)))
+        .filter_map(|package| Some((package.name, package.manifest_path.parent()?.to_owned())))
         .collect())
 }
 

@@ -183,10 +183,12 @@ fn publish(built: &Path, path: &Path) -> Result<PathBuf> {
 }
 
 /// Returns git's description of the commit that is built, or `unknown`.
+///
+/// Its length is always the same, because a longer name would move the constants behind it.
 fn revision() -> String {
     let git = |arguments: &[&str]| answer(program("git", &root()).args(arguments));
-    git(&["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"])
-        .unwrap_or_else(|| "unknown".to_owned())
+    let description = git(&["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]);
+    format!("{:<20}", description.as_deref().unwrap_or("unknown"))
 }
 
 fn size(Use { used, of }: Use) -> String {

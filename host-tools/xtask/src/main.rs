@@ -13,6 +13,7 @@ mod memory;
 mod panics;
 mod protocol;
 mod python;
+mod registers;
 #[cfg(test)]
 mod rings;
 mod run;
@@ -52,6 +53,12 @@ enum Task {
     Emulator,
     /// Counts the instructions and modelled cycles of every core stage on a Cortex-M4F
     Cycles(Cycles),
+    /// Writes the emulated chips' register table from crates of the manufacturer's SVD files
+    Registers {
+        /// Writes nothing; fails where the table differs
+        #[arg(long)]
+        check: bool,
+    },
     /// Writes the parts of documents and clients that are generated from src/frame/schema.rs
     Protocol {
         /// Writes nothing; fails where a part differs
@@ -68,6 +75,7 @@ fn main() -> ExitCode {
         Task::Firmware { board } => firmware::task(&board),
         Task::Emulator => emulator::task(),
         Task::Cycles(cycles) => cycles::task(&cycles),
+        Task::Registers { check } => registers::task(check),
         Task::Protocol { check } => protocol::task(check),
     };
     match done {

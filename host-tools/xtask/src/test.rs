@@ -85,7 +85,6 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     }
     let profile = profile.max(Profile::Ci);
     let takes = |one| part == one || part == Part::All;
-    // Builds and installers run in parallel; the host tests do not, because some measure time.
     steps.side_by_side(
         |steps| {
             if takes(Part::Lint) {
@@ -119,13 +118,12 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
             if takes(Part::Target) { images(steps) } else { Ok(()) }
         },
     )?;
-    if takes(Part::Host) {
-        steps.take("host tests", || run(&mut tests(profile, &root(), Selection::OnHost)?))?;
-    }
-    // The emulator builds while the Python tests wait for their streams.
+    // The Python tests mostly wait for their streams.
     steps.side_by_side(
         |steps| {
             if takes(Part::Host) {
+                steps
+                    .take("host tests", || run(&mut tests(profile, &root(), Selection::OnHost)?))?;
                 steps.take("examples in the documentation", || {
                     run(&mut bridged(&["test", "--workspace", "--doc"]))
                 })?;

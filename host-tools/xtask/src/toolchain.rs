@@ -12,6 +12,7 @@ const TARGET: &str = "thumbv7em-none-eabihf";
 pub fn cargo(subcommand: &str) -> Command {
     let mut command = clean("cargo", &root().join("boards"));
     command.args([subcommand, "--quiet", "--release", "--target", TARGET]);
+    command.env("RUSTC_WRAPPER", root().join("boards/rustc"));
     if let Some(flags) = short_paths() {
         command.arg("--config").arg(format!("target.{TARGET}.rustflags = {flags:?}"));
     }

@@ -151,9 +151,9 @@ fn settle_time_of_the_load_allows_8_khz() {
         Err(Refusal::Scan { setting: ScanHz, high, .. }) => high,
         other => panic!("{other:?}"),
     };
-    assert_eq!(most(with(8000, 4, settle::ON_LOAD_NS)), 7331);
+    assert_eq!(most(with(8000, 4, settle::ON_LOAD_NS)), 7304);
     assert_eq!(most(with(8000, 2, settle::DEFAULT_NS)), 6441);
-    assert_eq!(most(with(u16::MAX, 1, settle::ON_LOAD_NS)), 9890);
+    assert_eq!(most(with(u16::MAX, 1, settle::ON_LOAD_NS)), 9842);
 }
 
 #[test]

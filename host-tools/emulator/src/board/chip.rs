@@ -3,6 +3,8 @@
 //! Shared are the core's own peripherals, ports, two timers, the watchdog and the connected parts.
 //! Clocks, flash, converters, DMA and USB belong to each chip.
 
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
 use super::Outcome;
 use super::cells::Flash;
 use super::crc::Crc;
@@ -10,6 +12,7 @@ use super::finger::Finger;
 use super::gpio::Gpio;
 use super::host::Host;
 use super::iwdg::Iwdg;
+use super::registers::{self, Row};
 use super::system::System;
 use super::time::{Tick, micros};
 use super::timer::Timer;
@@ -94,6 +97,39 @@ struct Plant {
     change: fn(u32) -> u32,
 }
 
+/// Writes of one register.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// Number of writes.
+    pub times: u32,
+    /// Bytes of the last write, and its value.
+    pub last: (u32, u32),
+}
+
+/// Record of register writes, with a fault in one of them.
+#[derive(Debug, Default)]
+pub struct Writes {
+    /// Writes by address.
+    pub by_address: BTreeMap<u32, Written>,
+    /// Addresses of all accesses, by blocks of 256 bytes.
+    pub accessed: BTreeSet<u32>,
+    /// Injected fault: address, number of the write, and bits that it inverts.
+    pub fault: Option<(u32, u32, u32)>,
+}
+
+impl Writes {
+    /// Records a write; returns the value that reaches the register.
+    fn pass(&mut self, address: u32, size: u32, value: u32) -> u32 {
+        self.accessed.insert(address >> 8);
+        let written = self.by_address.entry(address).or_default();
+        (written.times, written.last) = (written.times + 1, (size, value));
+        match self.fault {
+            Some((at, times, bits)) if (at, times) == (address, written.times) => value ^ bits,
+            _ => value,
+        }
+    }
+}
+
 /// Shared peripherals of both chips, and the connected parts.
 pub struct Common {
     /// Core's own peripherals.
@@ -113,6 +149,10 @@ pub struct Common {
     /// Whether the watchdog has expired.
     pub(super) bitten: bool,
     plants: Vec<Plant>,
+    /// Registers of the chip, for the check of reserved bits.
+    pub registers: HashMap<u32, Row>,
+    /// Record of register writes, if kept.
+    pub writes: Option<Writes>,
     /// Number of next readings of each converter that the DMA misses.
     withheld: [u32; 2],
     pub(super) next: Option<(Tick, EventSource)>,
@@ -124,8 +164,10 @@ impl Common {
     /// State after power-up; `ports` are reset values of the mode registers, `channels` is TIM1's
     /// number.
     pub fn new(finger: Finger, host: Host, ports: &[u32], channels: usize) -> Self {
+        let registers = finger.wiring().map(|wiring| registers::of(wiring.board));
         Self {
             system: System::default(),
+            registers: registers.unwrap_or_default(),
             finger,
             host,
             stalled: 0,
@@ -136,6 +178,7 @@ impl Common {
             crc: Crc::default(),
             bitten: false,
             plants: Vec::new(),
+            writes: None,
             withheld: [0; 2],
             next: None,
             now: 0,
@@ -155,6 +198,21 @@ impl Common {
     /// Time `at` on the firmware's clock (TIM2), in microseconds.
     pub fn device_us(&self, at: Tick) -> Option<u64> {
         Some(at.checked_sub(self.tim2.started()?)? / micros(1))
+    }
+
+    /// Times from zero of the firmware's clock (TIM2) to its half and to its end.
+    pub fn alarms(&self) -> [Tick; 2] {
+        self.tim2.spans()
+    }
+
+    /// Time from feeding the watchdog to its reset; `None` if it is off.
+    pub fn watchdog(&self) -> Option<Tick> {
+        self.iwdg.patience()
+    }
+
+    /// MODER, OTYPER and PUPDR of ports A to C, which have the finger's pins.
+    pub fn pins(&self) -> Vec<[u32; 3]> {
+        self.ports.iter().take(3).map(Gpio::modes).collect()
     }
 
     /// Takes the cause of a pending reset.
@@ -193,6 +251,15 @@ impl Common {
     pub(super) fn write_port(&mut self, i: usize, offset: u32, value: u32, now: Tick) -> Outcome {
         self.ports[i].write(offset, value)?;
         if i == 1 {
+            if let Some(wiring) = self.finger.wiring()
+                && let Some(pin) = wiring
+                    .rows
+                    .iter()
+                    .chain(&wiring.select)
+                    .find(|pin| self.ports[i].is_open_drain(**pin))
+            {
+                return Err(format!("PB{pin} drives the finger with an open drain"));
+            }
             self.finger.pins(self.ports[i].high(), now);
         }
         Ok(())
@@ -214,6 +281,12 @@ impl Common {
         Ok(())
     }
 
+    /// Whether something in `bytes` bytes from `base` on was accessed, if that is recorded.
+    pub(super) fn is_accessed(&self, base: u32, bytes: u32) -> bool {
+        let blocks = base >> 8..(base + bytes) >> 8;
+        self.writes.as_ref().is_some_and(|writes| writes.accessed.range(blocks).next().is_some())
+    }
+
     /// Returns the pin's name; an error if the pin is not set to analogue.
     pub(super) fn analogue(
         &self,
@@ -223,6 +296,9 @@ impl Common {
         number: u32,
     ) -> Outcome<&'static str> {
         match self.ports.get(port) {
+            Some(port) if port.is_analogue(number) && port.is_pulled(number) => {
+                Err(format!("{of}'s input {name} has a pull-up or pull-down"))
+            }
             Some(port) if port.is_analogue(number) => Ok(name),
             _ => Err(format!("{of}'s input {name} is not set to analogue")),
         }
@@ -262,6 +338,8 @@ pub trait Chip {
     fn read_register(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32>;
     /// Writes a register; `now` is the time and the core's cycle count.
     fn write_register(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome;
+    /// Resets that are set, and clock enables of peripherals without an access, if that is recorded.
+    fn idle_clocks(&self) -> Vec<String>;
     /// Readable name of a register.
     fn name(&self, address: u32) -> String;
     /// Registers that the ROM's bootloader leaves changed, in the order of their writes.
@@ -308,6 +386,9 @@ pub trait Chip {
     /// # Errors
     /// Name of the register, and the reason why it cannot be read.
     fn read(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
+        if let Some(writes) = &mut self.common_mut().writes {
+            writes.accessed.insert(address >> 8);
+        }
         self.read_register(address, size, now)
             .map_err(|why| format!("read of {}: {why}", self.name(address)))
     }
@@ -317,8 +398,24 @@ pub trait Chip {
     /// # Errors
     /// Name of the register, and the reason why it cannot be written.
     fn write(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
+        let value = match &mut self.common_mut().writes {
+            Some(writes) => writes.pass(address, size, value),
+            None => value,
+        };
         let plants = self.common().plants.iter().filter(|plant| plant.address == address);
         let value = plants.fold(value, |value, plant| (plant.change)(value));
+        let row = self.common().registers.get(&address);
+        let [reserved, unmodelled] =
+            row.map_or([0; 2], |row| [row.reserved_in(value), row.unmodelled_in(value)]);
+        if reserved | unmodelled != 0 {
+            let name = self.name(address);
+            let (bits, what) = if reserved != 0 {
+                (reserved, "sets reserved bits")
+            } else {
+                (unmodelled, "sets bits that are not modelled:")
+            };
+            return Err(format!("write of {value:#x} to {name}: {what} {bits:#x}"));
+        }
         self.write_register(address, size, value, now)
             .map_err(|why| format!("write of {value:#x} to {}: {why}", self.name(address)))?;
         self.go_on(now.0);

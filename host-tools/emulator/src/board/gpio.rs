@@ -27,6 +27,21 @@ impl Gpio {
         self.moder >> (2 * pin) & 3 == 3
     }
 
+    /// MODER, OTYPER and PUPDR.
+    pub fn modes(&self) -> [u32; 3] {
+        [self.moder, self.other[0], self.other[2]]
+    }
+
+    /// Whether a pin has a pull-up or pull-down.
+    pub fn is_pulled(&self, pin: u32) -> bool {
+        self.other[2] >> (2 * pin) & 3 != 0
+    }
+
+    /// Whether a pin is an output that only pulls low.
+    pub fn is_open_drain(&self, pin: u8) -> bool {
+        self.moder >> (2 * pin) & 3 == 1 && self.other[0] >> pin & 1 == 1
+    }
+
     /// Alternate function of a pin; `None` if the pin has another mode.
     pub fn alternate(&self, pin: u32) -> Option<u32> {
         let function = self.other[3 + pin as usize / 8] >> (4 * (pin % 8)) & 0xf;

@@ -47,7 +47,7 @@ enum State {
 }
 
 /// Descriptors of the device.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Descriptors {
     /// Device descriptor.
     pub device: Vec<u8>,

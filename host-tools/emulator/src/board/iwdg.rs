@@ -20,10 +20,15 @@ impl Default for Iwdg {
 }
 
 impl Iwdg {
+    /// Time from feeding the watchdog to its reset; `None` if it is off.
+    pub fn patience(&self) -> Option<Tick> {
+        let count = Tick::from(self.reload + 1) * (4 << self.prescaler.min(6));
+        self.fed.map(|_| count * LSI)
+    }
+
     /// Time at which the watchdog resets the chip.
     pub fn next(&self) -> Option<Tick> {
-        let count = Tick::from(self.reload + 1) * (4 << self.prescaler.min(6));
-        self.fed.map(|fed| fed + count * LSI)
+        Some(self.fed? + self.patience()?)
     }
 
     /// Reads the register at `offset`.

@@ -15,6 +15,8 @@ const LOOK: Tick = micros(1_000);
 ///
 /// It is the slowest erasure of a slot, 550 ms on the STM32F411, and 100 ms.
 const PATIENCE: Tick = micros(650_000);
+/// Longest time for an enumeration.
+const ENUMERATION: Tick = micros(1_000_000);
 
 /// Board with a client at its port.
 pub struct Session {
@@ -32,11 +34,18 @@ pub struct Session {
     heard: Tick,
     /// Longest time without a byte from the board, which may be set back.
     pub silence: Tick,
+    /// Longest time for an answer.
+    pub patience: Tick,
 }
 
 impl Session {
     /// Waits for enumeration and opens the port.
     pub fn open(board: Board) -> Result<Self> {
+        Self::open_within(board, ENUMERATION)
+    }
+
+    /// Opens the port of a board that takes at most `patience` for its enumeration.
+    pub fn open_within(board: Board, patience: Tick) -> Result<Self> {
         let mut session = Self {
             board,
             deframer: Deframer::default(),
@@ -46,8 +55,9 @@ impl Session {
             replies: Vec::new(),
             heard: 0,
             silence: 0,
+            patience: PATIENCE,
         };
-        session.enumerate()?;
+        session.enumerate(patience)?;
         Ok(session)
     }
 
@@ -129,11 +139,11 @@ impl Session {
         self.frames.clear();
         // The host must notice the board's absence first.
         self.run(LOOK)?;
-        self.enumerate()
+        self.enumerate(ENUMERATION)
     }
 
-    fn enumerate(&mut self) -> Result<()> {
-        self.until("the port is open", micros(1_000_000), |session| {
+    fn enumerate(&mut self, patience: Tick) -> Result<()> {
+        self.until("the port is open", patience, |session| {
             let host = &mut session.board.host();
             if host.is_ready() && !host.is_open() {
                 host.open(true);
@@ -151,7 +161,7 @@ impl Session {
             Ok(packet) => self.board.host().send(packet),
             Err(error) => bail!("{what}: {error:?}"),
         }
-        self.until(&format!("{what} is answered"), PATIENCE, |session| {
+        self.until(&format!("{what} is answered"), self.patience, |session| {
             !session.replies.is_empty()
         })?;
         match self.replies.remove(0) {

@@ -59,6 +59,8 @@ pub struct System {
     cyccnt_offset: u32,
     systick: SysTick,
     reset_requested: bool,
+    /// Exceptions that were taken.
+    taken: u128,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -93,6 +95,7 @@ impl Default for System {
             cyccnt_offset: 0,
             systick: SysTick::default(),
             reset_requested: false,
+            taken: 0,
         }
     }
 }
@@ -120,6 +123,16 @@ impl System {
     /// Makes an exception pending.
     pub fn pend(&mut self, exception: usize) {
         self.pending |= 1 << exception;
+    }
+
+    /// Interrupts that were taken.
+    pub fn taken(&self) -> impl Iterator<Item = usize> {
+        Self::set_bits(self.taken >> FIRST)
+    }
+
+    /// Interrupts that are enabled.
+    pub fn enabled(&self) -> impl Iterator<Item = usize> {
+        Self::set_bits(self.enabled >> FIRST)
     }
 
     /// Whether an enabled exception is pending, masked or not.
@@ -165,6 +178,7 @@ impl System {
     pub fn enter(&mut self, exception: usize) {
         self.pending &= !(1 << exception);
         self.active |= 1 << exception;
+        self.taken |= 1 << exception;
     }
 
     /// Records that the handler of an exception returns.
@@ -202,6 +216,8 @@ impl System {
         let word = |bits: u128, from: u32| (bits >> (FIRST as u32 + 8 * (offset - from))) as u32;
         Ok(match offset {
             DWT_CTRL => self.dwt_ctrl,
+            // TRCENA, CYCCNTENA
+            DWT_CYCCNT if self.demcr >> 24 & self.dwt_ctrl & 1 == 0 => 0,
             DWT_CYCCNT => cycles.wrapping_add(self.cyccnt_offset),
             SYST => {
                 let csr = self.systick.csr;

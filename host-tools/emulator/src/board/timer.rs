@@ -140,6 +140,11 @@ impl Timer {
         self.sr & self.dier & 0x1f != 0
     }
 
+    /// Time from zero to the first compare match, and to zero again.
+    pub fn spans(&self) -> [Tick; 2] {
+        [self.active.ccr[0], self.active.arr].map(|count| Tick::from(count) * self.step())
+    }
+
     /// Time of the next compare match or update.
     pub fn next(&self) -> Option<Tick> {
         if !self.is_running() {

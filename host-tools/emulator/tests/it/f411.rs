@@ -137,3 +137,13 @@ fn usb_on_wrong_pins_stops_the_machine() {
         assert!(stop.contains("PA11 and PA12 are not the OTG core's"), "{stop}");
     }
 }
+
+#[test]
+fn pull_up_or_misplaced_fifo_stops_the_machine() {
+    const PUPDR: u32 = 0x0c;
+    const DIEPTXF1: u32 = 0x104;
+    let pulled = stop_with(F411, base("GPIOA") + PUPDR, |pulls| pulls | 1 << 2);
+    assert!(pulled.contains("ADC1's input PA1 has a pull-up or pull-down"), "{pulled}");
+    let fifo = stop_with(F411, base("OTG_FS") + DIEPTXF1, |fifo| fifo + 2);
+    assert!(fifo.contains("a FIFO begins at"), "{fifo}");
+}

@@ -187,3 +187,19 @@ fn wrong_gain_or_memory_out_of_reach_stops_the_machine() {
     let flash = stop_with(G431, base("DMA1") + CMAR2, |_| 0x0800_0430);
     assert!(flash.contains("the DMA writes 0x08000430"), "{flash}");
 }
+
+#[test]
+fn wrong_bits_stop_the_machine_by_name() {
+    const CSR: u32 = 0x00;
+    // Reserved bits, bits without a model, and a clock that nothing trims.
+    let reserved = stop_with(G431, base("PWR") + 0x80, |cr5| cr5 | 1);
+    assert!(reserved.contains("PWR.CR5 (0x40007080): sets reserved bits 0x1"), "{reserved}");
+    let unknown = stop_with(G431, base("OPAMP2") + CSR, |csr| csr | 1 << 11);
+    assert!(unknown.contains("sets bits that are not modelled: 0x800"), "{unknown}");
+    let untrimmed = stop_with(G431, base("CRS"), |cr| cr & !0x60);
+    assert!(untrimmed.contains("HSI48 does not follow the host"), "{untrimmed}");
+    let reset = stop_with(G431, base("RCC") + 0x38, |resets| resets | 1);
+    assert!(reset.contains("it is held in reset"), "{reset}");
+    let slow = stop_with(G431, base("PWR"), |cr1| cr1 ^ 3 << 9);
+    assert!(slow.contains("outside voltage range 1"), "{slow}");
+}

@@ -5,6 +5,7 @@ mod budget;
 mod copies;
 mod disturbed;
 mod f411;
+mod faults;
 mod flood;
 mod g431;
 mod kinds;

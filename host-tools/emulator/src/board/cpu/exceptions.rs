@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use unicorn_engine::RegisterARM;
 
 use super::{Board, memory};
+use crate::board::chip::PRIVATE;
 use crate::board::system::HARD_FAULT;
 
 /// Cycles of an exception's entry and return (Cortex-M4 TRM, 3.9).
@@ -80,7 +81,12 @@ impl Board {
         let system = &mut self.chip().common_mut().system;
         system.enter(exception);
         let vector = system.vectors() + 4 * exception as u32;
-        self.next = self.word(vector)? & !1;
+        let handler = self.word(vector)?;
+        if handler & 1 == 0 || handler >= PRIVATE {
+            let why = format!("the vector at {vector:#010x} is {handler:#010x}, which is no code");
+            return Err(self.fault(self.next, &why));
+        }
+        self.next = handler & !1;
         let inside = self.unicorn.get_data_mut();
         (inside.event, inside.float) = (true, false);
         Ok(())

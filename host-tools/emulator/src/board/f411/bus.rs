@@ -30,6 +30,9 @@ impl F411 {
             Some(clock) if !self.rcc.enabled(clock) => {
                 Err(format!("its clock is off: RCC + {:#x}, bit {}", clock.0, clock.1))
             }
+            Some((at, bit)) if self.rcc.enabled((at - RESET, bit)) => {
+                Err("it is held in reset".into())
+            }
             _ => Ok(Some((found, address - found.base))),
         }
     }

@@ -281,6 +281,15 @@ impl Chip for F411 {
         &LEFT_BY_BOOTLOADER
     }
 
+    fn idle_clocks(&self) -> Vec<String> {
+        let used = registers::PERIPHERALS
+            .iter()
+            .filter(|its| self.common.is_accessed(its.base, its.bytes));
+        let used: Vec<_> = used.filter_map(|its| its.clock).collect();
+        let idle = self.rcc.clocks().filter(|clock| !used.contains(clock));
+        idle.map(|(register, place)| format!("RCC + {register:#x}, bit {place}")).collect()
+    }
+
     fn name(&self, address: u32) -> String {
         if address >= PRIVATE && registers::peripheral(address).is_none() {
             return system::name(address);

@@ -67,6 +67,9 @@ const SODDFRM: u32 = 1 << 29;
 const EPDIS: u32 = 1 << 30;
 const EPENA: u32 = 1 << 31;
 
+/// Place of a FIFO that was not set up: beyond the memory.
+const UNPLACED: u32 = 0x0200_0200;
+
 /// Bits of an endpoint's interrupts: transfer complete, disabled, SETUP done, FIFO empty.
 const XFRC: u32 = 1;
 const EPDISD: u32 = 1 << 1;
@@ -147,7 +150,7 @@ impl Default for Otg {
             gintmsk: 0,
             gccfg: 0,
             grxfsiz: 0x200,
-            dieptxf: [0x0200_0200; ENDPOINTS],
+            dieptxf: [UNPLACED; ENDPOINTS],
             dcfg: 0x0220_0000,
             dctl: 0,
             diepmsk: 0,
@@ -236,8 +239,8 @@ impl Otg {
         let ways = if offset < OUT { &self.ins } else { &self.outs };
         let endpoint = ways.get(i).ok_or(UNMODELLED)?;
         Ok(match register {
-            // DPID
-            0x00 => endpoint.ctl | u32::from(endpoint.data1) << 16,
+            // DPID, which endpoint 0 does not have.
+            0x00 => endpoint.ctl | u32::from(endpoint.data1 && i > 0) << 16,
             // TXFE follows the FIFO.
             0x08 if offset < OUT && self.transmit[i].is_empty() => endpoint.int | TXFE,
             0x08 => endpoint.int,
@@ -308,6 +311,25 @@ impl Otg {
             FIFO..0x5000 => return self.push((offset / FIFO - 1) as usize, value),
             IN..OUT | OUT..0xd00 => return self.write_endpoint(offset, value),
             _ => return Err(UNMODELLED.into()),
+        }
+        Ok(())
+    }
+
+    /// Checks what an answer needs: the turnaround time, and that no FIFO lies in another one.
+    pub fn check_setup(&self) -> Outcome {
+        // TRDT for HCLK from 32 MHz on (RM0383 table 113)
+        if self.gusbcfg >> 10 & 0xf != 6 {
+            return Err("OTG_FS: a turnaround time other than 6 (TRDT)".into());
+        }
+        let mut end = self.grxfsiz;
+        for fifo in self.dieptxf.iter().filter(|fifo| **fifo != UNPLACED) {
+            let (start, words) = (fifo & 0xffff, fifo >> 16);
+            if start != end {
+                return Err(format!(
+                    "OTG_FS: a FIFO begins at {start}, the one before ends at {end}"
+                ));
+            }
+            end = start + words;
         }
         Ok(())
     }

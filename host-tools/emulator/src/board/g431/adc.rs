@@ -142,7 +142,9 @@ impl Adc {
     }
 
     fn sampling(&self, input: u32) -> Tick {
-        let code = self.smpr[input as usize / 10] >> (3 * (input % 10)) & 7;
+        // Inputs from 19 on do not exist; the sample itself stops the machine.
+        let smpr = self.smpr.get(input as usize / 10).copied().unwrap_or_default();
+        let code = smpr >> (3 * (input % 10)) & 7;
         self.halves(SAMPLING_HALVES[code as usize])
     }
 

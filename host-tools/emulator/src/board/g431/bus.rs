@@ -8,6 +8,7 @@ use crate::board::chip::PRIVATE;
 use crate::board::crc::Crc;
 use crate::board::gpio::Gpio;
 use crate::board::time::Tick;
+use crate::board::usb::Device;
 use crate::board::{Outcome, UNMODELLED};
 
 impl G431 {
@@ -24,10 +25,24 @@ impl G431 {
         // R1MODE
         let boosted =
             pwr.and_then(|(_, pwr)| pwr.read(PWR_CR5).ok()).is_some_and(|cr5| cr5 >> 8 & 1 == 0);
+        // VOS
+        let range = pwr.and_then(|(_, pwr)| pwr.read(0x00).ok()).map_or(0, |cr1| cr1 >> 9 & 3);
+        if range != 1 && self.rcc.needs_range_1() {
+            return Err("a core faster than 26 MHz outside voltage range 1 (PWR.CR1.VOS)".into());
+        }
         if self.rcc.needs_boost() && !boosted {
             return Err("a core faster than 150 MHz without boost mode (PWR.CR5.R1MODE)".into());
         }
         Ok(())
+    }
+
+    /// Whether the clock recovery trims HSI48 by the host's frames (RM0440 §8).
+    fn is_trimmed(&self) -> bool {
+        let crs = self.stored.iter().find(|(name, _)| *name == "CRS").map(|(_, crs)| crs);
+        let [cr, cfgr] =
+            [0x00, 0x04].map(|at| crs.and_then(|crs| crs.read(at).ok()).unwrap_or_default());
+        // CEN and AUTOTRIMEN; USB's start of frame, the reset value of the limit, 48 000 cycles a frame.
+        cr & 0x60 == 0x60 && cfgr == 2 << 28 | 0x22 << 16 | 47_999
     }
 
     /// Resets the peripherals named by a write to RCC's reset register at `offset`.
@@ -63,8 +78,11 @@ impl G431 {
     fn awake(&self, address: u32) -> Outcome<Option<(Unit, u32)>> {
         let Some((place, offset)) = self.unit(address) else { return Ok(None) };
         match &place.enable {
-            Some(enable) if !self.rcc.enabled(enable) => {
+            Some(enable) if !self.rcc.is_set(enable) => {
                 Err(format!("its clock is off: {}", enable.name))
+            }
+            _ if place.reset.as_ref().is_some_and(|reset| self.rcc.is_set(reset)) => {
+                Err("it is held in reset".into())
             }
             _ => Ok(Some((place.unit, offset))),
         }
@@ -155,7 +173,13 @@ impl G431 {
             Unit::Opamp(i) => self.opamp[i].write(offset, value),
             Unit::Iwdg => self.common.iwdg.write(offset, value, now),
             Unit::Crc => self.common.crc.write(offset, value),
-            Unit::Usb => self.usb.write(offset, value, self.rcc.usb_clock()),
+            Unit::Usb => {
+                self.usb.write(offset, value, self.rcc.usb_clock())?;
+                if self.usb.is_attached() && !self.is_trimmed() {
+                    return Err("connected while HSI48 does not follow the host (CRS)".into());
+                }
+                Ok(())
+            }
             Unit::UsbMemory => self.usb.write_memory(offset, size, value),
             Unit::Stored(i) => {
                 self.stored[i].1.write(offset, value)?;

@@ -90,6 +90,10 @@ impl Flash {
     /// Writes the register at `offset`; returns the time for which the core stalls.
     pub fn write(&mut self, offset: u32, value: u32) -> Outcome<Tick> {
         match offset {
+            // ICRST and DCRST, two bits above ICEN and DCEN
+            ACR if value & 0x1800 & (value << 2) != 0 => {
+                return Err("a cache is reset while it is on".into());
+            }
             ACR => self.acr = value,
             KEYR => self.lock.turn(value, &mut self.cr)?,
             SR => self.sr &= !value,

@@ -416,6 +416,18 @@ impl Chip for G431 {
         &LEFT_BY_BOOTLOADER
     }
 
+    fn idle_clocks(&self) -> Vec<String> {
+        let used = self.units.iter().filter(|unit| self.common.is_accessed(unit.base, 0x100));
+        let used: Vec<_> = used.filter_map(|unit| unit.enable.as_ref()).collect();
+        self.rcc
+            .clocks()
+            .filter(|(register, place)| {
+                !used.iter().any(|bit| (bit.register, bit.place) == (*register, *place))
+            })
+            .map(|(register, place)| format!("RCC + {register:#x}, bit {place}"))
+            .collect()
+    }
+
     fn name(&self, address: u32) -> String {
         if address >= PRIVATE && self.unit(address).is_none() {
             return system::name(address);

@@ -19,6 +19,8 @@ const HSI_HZ: u64 = 16_000_000;
 /// Highest HCLK with boost mode and without (DS12589 table 17).
 const FASTEST: u64 = 170_000_000;
 const FASTEST_UNBOOSTED: u64 = 150_000_000;
+/// Highest HCLK in voltage range 2.
+const FASTEST_RANGE_2: u64 = 26_000_000;
 /// Fastest system clock that may be switched to without halving HCLK at first (RM0440 §7.2.7).
 const HALVED: u64 = 80_000_000;
 
@@ -73,15 +75,28 @@ impl Rcc {
         time::HZ / self.hclk > FASTEST_UNBOOSTED
     }
 
+    /// Whether the core is too fast for voltage range 2.
+    pub fn needs_range_1(&self) -> bool {
+        time::HZ / self.hclk > FASTEST_RANGE_2
+    }
+
     /// Whether the USB has its 48 MHz.
     pub fn usb_clock(&self) -> bool {
         // CLK48SEL = HSI48
         Crrcr(self.register(CRRCR)).hsi48rdy() && self.register(0x88) >> 26 & 3 == 0
     }
 
-    /// Whether a peripheral's clock is on.
-    pub fn enabled(&self, by: &Bit) -> bool {
+    /// Whether a bit is set, of a clock enable or a reset.
+    pub fn is_set(&self, by: &Bit) -> bool {
         self.register(by.register) >> by.place & 1 == 1
+    }
+
+    /// Clock enables and resets that are set: offset of the register, and bit.
+    pub fn clocks(&self) -> impl Iterator<Item = (u32, u32)> {
+        let bits = [0x28, 0x2c, 0x30, 0x38, 0x3c, 0x40, 0x48, 0x4c, 0x50, 0x58, 0x5c, 0x60]
+            .into_iter()
+            .flat_map(|at| (0..32).map(move |bit| (at, bit)));
+        bits.filter(|(at, bit)| self.register(*at) >> bit & 1 == 1)
     }
 
     /// Reads the register at `offset`.

@@ -127,6 +127,7 @@ impl Device for Otg {
         if answer != Answer::Ack {
             return Ok(answer);
         }
+        self.check_setup()?;
         let length = (self.ins[i].tsiz & 0x7_ffff) as usize;
         let data = self.transmit[i].drain(..).flat_map(u32::to_le_bytes).take(length).collect();
         let endpoint = &mut self.ins[i];

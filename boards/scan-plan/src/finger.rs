@@ -1,0 +1,200 @@
+//! Reference finger: the parts of the bill of materials, and what follows from them.
+//!
+//! The boards' settle time, the simulator's reference device, the pages' bills of materials and the
+//! circuit simulation read [`REFERENCE`]. A test fails where a page disagrees.
+
+/// Finger that the pages describe.
+#[derive(Clone, Copy, Debug)]
+pub struct Finger {
+    /// Optical pairs.
+    pub pair: Pair,
+    /// Amplifier of a column.
+    pub column: Column,
+    /// Converter of the columns.
+    pub converter: Converter,
+    /// Skin above the pairs.
+    pub skin: Skin,
+}
+
+/// LED and phototransistor of a taxel.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair {
+    /// Order name of the LED.
+    pub led: &'static str,
+    /// Resistor of an LED in ohms.
+    pub led_ohm: f64,
+    /// Order name of the phototransistor.
+    pub phototransistor: &'static str,
+    /// Distance between LED and phototransistor in mm.
+    pub separation_mm: f64,
+    /// Distance from an unloaded facet to the pair in mm.
+    pub gap_mm: f64,
+    /// Photocurrent of a mean pair at the peak of its light curve, in amperes.
+    pub peak_a: f64,
+}
+
+impl Pair {
+    /// Photocurrent in amperes of a mean pair whose facet is `gap_mm` away.
+    ///
+    /// The law of the simulator's light curve: 4qs²/(q + s²)² with q = 4g².
+    #[must_use]
+    pub const fn photocurrent_a(&self, gap_mm: f64) -> f64 {
+        let (q, s2) = (4.0 * gap_mm * gap_mm, self.separation_mm * self.separation_mm);
+        self.peak_a * 4.0 * q * s2 / ((q + s2) * (q + s2))
+    }
+
+    /// Photocurrent in amperes of a mean pair at rest.
+    #[must_use]
+    pub const fn rest_a(&self) -> f64 {
+        self.photocurrent_a(self.gap_mm)
+    }
+}
+
+/// Transimpedance amplifier of a column.
+///
+/// The phototransistors' collectors meet at the inverting input, which holds them at the reference.
+/// The output is the reference and the photocurrent times the feedback resistor.
+#[derive(Clone, Copy, Debug)]
+pub struct Column {
+    /// Order name of the quad amplifier.
+    pub amplifier: &'static str,
+    /// Feedback resistor in ohms.
+    pub feedback_ohm: f64,
+    /// Feedback capacitor in farads.
+    pub feedback_f: f64,
+    /// Voltage of the non-inverting input, as a share of the supply.
+    pub reference_ratio: f64,
+    /// Gain times bandwidth of the amplifier in hertz.
+    pub bandwidth_hz: f64,
+    /// Voltage noise of the amplifier in volts per root hertz.
+    pub noise_v: f64,
+    /// Capacitance at the inverting input in farads: four phototransistors, amplifier and wires.
+    pub input_f: f64,
+}
+
+/// Converter of a column's voltage.
+#[derive(Clone, Copy, Debug)]
+pub struct Converter {
+    /// Supply and range in volts.
+    pub range_v: f64,
+    /// Bits of one conversion.
+    pub bits: u32,
+    /// Conversions of a reading at the default rate.
+    pub oversampling: u16,
+    /// Default rate of frames in hertz.
+    pub scan_hz: u16,
+    /// Default settle time in nanoseconds.
+    pub settle_ns: u32,
+}
+
+/// Skin with its frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Skin {
+    /// Young's modulus in MPa.
+    pub young_mpa: f64,
+    /// Thickness above the facets in mm.
+    pub depth_mm: f64,
+    /// Side of a facet, which is the window in the frame, in mm.
+    pub facet_mm: f64,
+}
+
+/// Current gain of the phototransistor: collector current over base current.
+///
+/// The 25 µA of the SFH 3010's sheet come from 0.04 mm² of silicon, which at 0.6 A/W make 0.12 µA of
+/// 0.5 mW/cm². The gain is therefore at least 208, and some 450 with twice the minimum current. The
+/// sheet of the larger SFH 3401 has 340 to 860.
+pub const CURRENT_GAIN: f64 = 450.0;
+/// Rise time (10–90 %) of an SFH3010 at 1 mA on a load of 1 kΩ, in seconds (data sheet).
+const RISE_S: f64 = 7e-6;
+/// Load in ohms and current in amperes at which the data sheet gives the rise time.
+const SHEET: (f64, f64) = (1_000.0, 1e-3);
+/// Thermal voltage at 25 °C.
+pub const THERMAL_V: f64 = 25.7e-3;
+/// ln 9: ratio of the rise time of a first-order response to its time constant.
+const LN_9: f64 = 2.197_224_577_336_219;
+/// ln 2.
+const LN_2: f64 = core::f64::consts::LN_2;
+
+/// Capacitance in farads of a phototransistor's collector–base junction.
+///
+/// The base–emitter junction is assumed to have the same, because the sheet gives neither.
+pub const JUNCTION_F: f64 = RISE_S / LN_9 / (CURRENT_GAIN * (SHEET.0 + 2.0 * THERMAL_V / SHEET.1));
+
+/// Time constant in seconds of a phototransistor that carries `current_a` into `input_ohm`.
+///
+/// The base current charges the collector–base junction by the voltage on the input, and both
+/// junctions by the change of the base's own voltage: h·C·(R + 2V_T/I). The second part is that of
+/// the phototransistor; no circuit behind it changes it.
+#[must_use]
+pub const fn time_constant_s(input_ohm: f64, current_a: f64) -> f64 {
+    CURRENT_GAIN * JUNCTION_F * (input_ohm + 2.0 * THERMAL_V / current_a)
+}
+
+impl Finger {
+    /// Impedance in ohms of a column's input at the speed of the phototransistor.
+    ///
+    /// There the amplifier has the gain f_T/f left, at f = 1/2πτ of the phototransistor alone.
+    #[must_use]
+    pub const fn input_ohm(&self) -> f64 {
+        let alone_s = time_constant_s(0.0, self.pair.rest_a());
+        let gain = core::f64::consts::TAU * alone_s * self.column.bandwidth_hz;
+        self.column.feedback_ohm / (1.0 + gain)
+    }
+
+    /// Time constant in seconds of a column at rest: phototransistor and feedback.
+    #[must_use]
+    pub const fn time_constant_s(&self) -> f64 {
+        time_constant_s(self.input_ohm(), self.pair.rest_a())
+            + self.column.feedback_ohm * self.column.feedback_f
+    }
+
+    /// Nanoseconds in which a small change settles to a step of the converter, rounded up.
+    #[must_use]
+    pub const fn settles_ns(&self) -> u32 {
+        (1e9 * self.time_constant_s() * LN_2 * self.converter.bits as f64) as u32 + 1
+    }
+
+    /// Share of the converter's range that `current_a` makes.
+    #[must_use]
+    pub const fn share(&self, current_a: f64) -> f64 {
+        self.column.reference_ratio + current_a * self.column.feedback_ohm / self.converter.range_v
+    }
+}
+
+/// Reference finger of this project.
+pub const REFERENCE: Finger = Finger {
+    pair: Pair {
+        led: "SFH480",
+        led_ohm: 470.0,
+        phototransistor: "SFH3010",
+        separation_mm: 1.4,
+        // Nearer is brighter and so faster; 2 N on the framed skin stay clear of the peak at
+        // 0.7 mm.
+        gap_mm: 1.4,
+        peak_a: 154.687_5e-6,
+    },
+    column: Column {
+        amplifier: "TLV9064IPWR",
+        feedback_ohm: 15_000.0,
+        feedback_f: 10e-12,
+        reference_ratio: 0.125,
+        bandwidth_hz: 10e6,
+        noise_v: 10e-9,
+        // Four times 1.3 pF (data sheet), 4 pF of the amplifier and 10 pF of wires.
+        input_f: 20e-12,
+    },
+    converter: Converter {
+        range_v: 3.3,
+        bits: 12,
+        oversampling: 8,
+        scan_hz: 4_000,
+        // 12 bits on the load of the data sheet; the columns need less.
+        settle_ns: 26_500,
+    },
+    skin: Skin { young_mpa: 0.236, depth_mm: 2.5, facet_mm: 1.9 },
+};
+
+// The default settle time covers the circuit.
+const _: () = assert!(REFERENCE.settles_ns() <= REFERENCE.converter.settle_ns);
+// Lit phototransistors stay above their saturation voltage of 0.14 V (data sheet).
+const _: () = assert!(REFERENCE.column.reference_ratio * REFERENCE.converter.range_v >= 0.3);

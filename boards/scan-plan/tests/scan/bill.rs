@@ -1,0 +1,70 @@
+//! Tests of the bills of materials and times on the pages against the reference finger.
+
+use scan_plan::finger::{REFERENCE, time_constant_s};
+use scan_plan::settle;
+
+use crate::pages::page;
+
+/// Number as a page writes it: whole ohms below 1 kΩ, kilo-ohms above.
+fn ohms(ohm: f64) -> String {
+    if ohm < 1_000.0 { format!("{ohm} Ω") } else { format!("{} kΩ", ohm / 1_000.0) }
+}
+
+#[test]
+fn bill_of_materials_is_the_reference_fingers() {
+    let (pair, column) = (REFERENCE.pair, REFERENCE.column);
+    let feedback = format!(
+        "{} 0.1 % 25 ppm, {:.0} pF C0G",
+        ohms(column.feedback_ohm),
+        1e12 * column.feedback_f
+    );
+    let divider = 1.0 / column.reference_ratio;
+    let settles = f64::from(settle::ON_LOAD_NS) / 1000.0;
+    let tau = 1e6 * REFERENCE.time_constant_s();
+    let rows = [
+        format!("| LED, 880 nm | {} | 16 |", pair.led),
+        format!("| phototransistor | {} | 16 |", pair.phototransistor),
+        format!("| LED resistors | {} 1 % | 16 |", ohms(pair.led_ohm)),
+        format!("| column amplifier, quad | {} (", column.amplifier),
+        format!("| column feedback | {feedback} | 4 + 4 |"),
+        format!("| column reference; column pins | {} kΩ, 10 kΩ 0.1 %;", 10.0 * (divider - 1.0)),
+        format!("The other input is at VDDA/{divider}"),
+        format!("with {} and {:.0} pF", ohms(column.feedback_ohm), 1e12 * column.feedback_f),
+        format!("each with its own {} from VDDA", ohms(pair.led_ohm)),
+        format!("time constant is {tau:.2} µs at rest"),
+        format!("take {settles:.1} µs"),
+        format!("--settle {settles:.2}` sets it"),
+    ];
+    let text = page("stm32g431").split_whitespace().collect::<Vec<_>>().join(" ");
+    let missing: Vec<_> = rows.iter().filter(|row| !text.contains(*row)).collect();
+    assert!(missing.is_empty(), "not on the page of stm32g431: {missing:#?}");
+    // No other load is left anywhere.
+    for board in ["stm32g431", "stm32f411", "weact-stm32g431"] {
+        assert!(!page(board).contains("680 Ω"), "{board}");
+    }
+    for board in ["stm32g431", "stm32f411"] {
+        let drawn =
+            std::fs::read_to_string(crate::pages::docs().join(format!("{board}.svg"))).unwrap();
+        let label = format!("{}, {:.0} pF", ohms(column.feedback_ohm), 1e12 * column.feedback_f);
+        assert!(drawn.contains(&label) && !drawn.contains("680 Ω"), "{board}.svg");
+    }
+}
+
+#[test]
+fn time_constant_meets_the_data_sheet() {
+    // 7 µs from 10 to 90 % on 1 kΩ at 1 mA.
+    assert!((1e6 * time_constant_s(1_000.0, 1e-3) - 7.0 / 9f64.ln()).abs() < 1e-9);
+    let exact = 1e9 * REFERENCE.time_constant_s() * 4096f64.ln();
+    assert!((f64::from(settle::ON_LOAD_NS) - exact).abs() < 2.0, "{exact}");
+}
+
+#[test]
+fn brightest_pair_under_2_n_stays_in_range() {
+    // Three spreads of gain (8 %) and of gap (0.06 mm), four neighbours with 3 % of its light, room
+    // light of 4 µA; 2 N on the framed skin displace a facet by less than 0.35 mm.
+    let pair = REFERENCE.pair;
+    let pressed = pair.photocurrent_a(pair.gap_mm - 0.35);
+    let spread = 1.0 + 3.0 * f64::hypot(0.08, 0.06 * 0.86);
+    let most = REFERENCE.share(pressed * (spread + 4.0 * 0.03) + 4e-6);
+    assert!((0.9..1.0).contains(&most), "{most}");
+}

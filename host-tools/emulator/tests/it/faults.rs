@@ -1,0 +1,87 @@
+//! Tests of the systematic faults: a sample of them, and the committed verdicts and their page.
+
+use taxel_emulator::board::model::Model::{self, G431};
+use taxel_emulator::faults::table::{self, Row};
+use taxel_emulator::faults::{Campaign, Verdict};
+
+use crate::support::{image, name, repository, scene};
+
+/// Number of faults of each board in a sample.
+const SAMPLE: usize = 24;
+/// Least share of the faults that is caught.
+const SHARE: f64 = 0.85;
+
+fn campaign(model: Model) -> Campaign {
+    Campaign::new(model, image(model), scene()).unwrap()
+}
+
+fn committed(model: Model) -> Vec<Row> {
+    let path = repository().join(format!("host-tools/emulator/data/faults-{}.csv", name(model)));
+    table::read(&std::fs::read_to_string(path).unwrap()).expect("a table of faults")
+}
+
+/// First of these faults whose verdict is another one than the table's.
+fn disagreement(campaign: &Campaign, rows: &[Row], faults: &[(usize, u32)]) -> Option<String> {
+    faults.iter().find_map(|(i, bit)| {
+        let (register, row) = (&campaign.registers[*i], &rows[*i]);
+        let verdict = campaign.judge(register, 1 << bit);
+        let survives = row.survivors >> bit & 1 == 1;
+        ((verdict == Verdict::Survived) != survives)
+            .then(|| format!("{}, bit {bit}: {verdict:?}, the table says otherwise", row.register))
+    })
+}
+
+/// All faults of a campaign: index of the register, and bit.
+fn all(campaign: &Campaign) -> Vec<(usize, u32)> {
+    let registers = campaign.registers.iter().enumerate();
+    registers.flat_map(|(i, register)| register.bits().map(move |bit| (i, bit))).collect()
+}
+
+fn sample_agrees_with_the_committed_table(model: Model) {
+    let (campaign, rows) = (campaign(model), committed(model));
+    let names = campaign.registers.iter().map(|register| (&register.name, register.writable));
+    assert!(
+        names.eq(rows.iter().map(|row| (&row.register, row.bits))),
+        "other registers are written"
+    );
+    let [caught, all_of_them] = table::score(&rows);
+    assert!(f64::from(caught) > SHARE * f64::from(all_of_them), "{caught} of {all_of_them}");
+
+    let faults = all(&campaign);
+    let sample: Vec<_> = faults.iter().copied().step_by(faults.len() / SAMPLE).collect();
+    assert_eq!(disagreement(&campaign, &rows, &sample), None);
+
+    // A table that takes the first caught fault for a survivor is noticed; no fault is none.
+    let (i, bit) = *sample.iter().find(|(i, bit)| rows[*i].survivors >> bit & 1 == 0).unwrap();
+    let mut wrong = rows;
+    wrong[i].survivors |= 1 << bit;
+    assert!(disagreement(&campaign, &wrong, &[(i, bit)]).is_some());
+    assert_eq!(campaign.judge(&campaign.registers[i], 0), Verdict::Survived);
+}
+
+#[test]
+fn product_sample_agrees_with_the_committed_table() {
+    sample_agrees_with_the_committed_table(G431);
+}
+
+#[test]
+fn page_lists_the_committed_survivors() {
+    let path = repository().join(format!("docs/boards/{}.md", name(G431)));
+    let page = std::fs::read_to_string(path).unwrap();
+    let drawn = table::drawn(&page, G431, &committed(G431));
+    assert!(drawn == Some(page), "docs/emulator.md says how the page is drawn again");
+}
+
+mod nightly {
+    use super::*;
+
+    fn table_agrees(model: Model) {
+        let (campaign, rows) = (campaign(model), committed(model));
+        assert_eq!(disagreement(&campaign, &rows, &all(&campaign)), None);
+    }
+
+    #[test]
+    fn product_table_agrees_with_all_faults() {
+        table_agrees(G431);
+    }
+}
