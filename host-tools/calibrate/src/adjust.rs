@@ -82,7 +82,9 @@ type Press = Vec<Row>;
 ///
 /// The beginning and end of each contact keep their reference.
 ///
-/// # Errors There is no unloaded stretch.
+/// # Errors
+///
+/// There is no unloaded stretch.
 pub fn weigh(
     calibration: &Calibration,
     recording: &mut Recording,
@@ -103,7 +105,9 @@ pub fn weigh(
 ///
 /// `date` is the new record's, in seconds since 1970-01-01 UTC.
 ///
-/// # Errors Data that the recordings lack, or an invalid result.
+/// # Errors
+///
+/// Data that the recordings lack, or an invalid result.
 pub fn adjust(
     calibration: &Calibration,
     recordings: &[Recording],

@@ -215,7 +215,9 @@ fn sum_residual(
 ///
 /// `None` if the recordings lack force and contact point.
 ///
-/// # Errors A recording has no unloaded stretch.
+/// # Errors
+///
+/// A recording has no unloaded stretch.
 pub fn matrix(
     recordings: &[Recording],
     calibration: &Calibration,

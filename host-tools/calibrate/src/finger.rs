@@ -105,7 +105,9 @@ pub struct Part {
 /// Fits every part that the recordings determine. When `stop` becomes true the best so far is
 /// returned.
 ///
-/// # Errors Data that the recordings lack, and how to provide them.
+/// # Errors
+///
+/// Data that the recordings lack, and how to provide them.
 pub fn fit(
     all: &[Recording],
     options: &FitOptions,
@@ -117,7 +119,9 @@ pub fn fit(
 
 /// Fits as [`fit`], and gives `keep` a valid calibration after each stage that adds to it.
 ///
-/// # Errors As [`fit`].
+/// # Errors
+///
+/// As [`fit`].
 pub fn fit_keeping(
     all: &[Recording],
     options: &FitOptions,
@@ -194,17 +198,17 @@ pub fn fit_keeping(
         .map(|(recording, _)| recording)
         .collect();
     if !fingers.is_empty() {
-        progress(Progress { part: "outliers and signs".into(), step: 0, of: 1, error: 0.0 });
+        stage("outliers and signs");
         let loads = net::loads(&mut fitted, &fingers, options)?;
-        // Beside the model of the skin or the array the usual net suffices.
-        let better = !options.net_only && fitted.calibration.array.is_some();
         let skin = if options.net_only && options.family != Family::Auto {
             None
         } else {
             model_of_the_skin(&fingers, &loads.wrong, options, progress, stop)?
         };
+        // Beside the model of the skin or the array the usual net suffices.
+        let better = fitted.calibration.array.is_some() || skin.is_some();
         let family = match options.family {
-            Family::Auto if better || (skin.is_some() && !options.net_only) => Family::Mlp,
+            Family::Auto if !options.net_only && better => Family::Mlp,
             family => family,
         };
         let own = FitOptions { family, ..options.clone() };

@@ -77,13 +77,17 @@ const LINEAR: usize = POWERS + 4;
 pub struct Fit {
     /// Coefficients for the chip.
     pub model: Inverse,
+    /// Noise of the labelled places of the presses, mm.
+    pub place_noise: f64,
     field: Coefficients,
     linear: [SVector<f64, LINEAR>; TAXELS],
 }
 
 /// Fits the model to presses, each a list of rows in the order of time.
 ///
-/// # Errors Too few rows, or stopped before the first step.
+/// # Errors
+///
+/// Too few rows, or stopped before the first step.
 pub fn fit(
     part: &str,
     presses: &[Vec<Row>],
@@ -142,7 +146,8 @@ pub fn fit(
             }
         }
     }
-    Ok(Fit { model: finish(&at, known), field: at.field, linear: at.linear })
+    let model = finish(&at, known);
+    Ok(Fit { model, place_noise: at.labels.press, field: at.field, linear: at.linear })
 }
 
 /// Keeps every n-th row, counted through all presses.
@@ -171,7 +176,7 @@ pub(crate) fn neighbours(k: usize) -> [Option<usize>; 4] {
 type Settled<'r> = (&'r Row, [f64; LOAD], [f64; TAXELS]);
 
 fn finish(at: &Bundle<'_>, known: Known) -> Inverse {
-    let settled = |(row, load)| (row, load, at.displacements(&load).map(|u| u.value));
+    let settled = |(row, load)| (row, load, at.displacements(&load));
     let rows: Vec<Settled<'_>> = at.loads().into_iter().map(settled).collect();
     let mut curves = Curves { stray: [[0.0; 4]; TAXELS], gap: [[0.0; POWERS]; TAXELS] };
     for (k, linear) in at.linear.iter().enumerate() {

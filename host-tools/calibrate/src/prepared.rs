@@ -55,7 +55,9 @@ impl<'r> Prepared<'r> {
     ///
     /// Returns a warning if the reference was realigned.
     ///
-    /// # Errors There is no unloaded stretch.
+    /// # Errors
+    ///
+    /// There is no unloaded stretch.
     pub fn new(
         recording: &'r Recording,
         warmth: Option<&TemperatureCompensation>,

@@ -24,7 +24,9 @@ pub enum Form {
 /// The rounding error is measured on the recordings and added to the residual in `taxels`. Returns
 /// the net and the number of rows.
 ///
-/// # Errors A unit's weights exceed 16 bits.
+/// # Errors
+///
+/// A unit's weights exceed 16 bits.
 pub(crate) fn net(
     float: &ForceNet,
     taxels: &mut TaxelCalibration,
@@ -47,7 +49,9 @@ pub(crate) fn net(
 
 /// Converts `net` to 16 bits, for signals within this range.
 ///
-/// # Errors A unit's weights exceed 16 bits.
+/// # Errors
+///
+/// A unit's weights exceed 16 bits.
 pub(crate) fn whole(net: &ForceNet, taxels: &TaxelCalibration) -> Result<QuantisedNet, FitError> {
     QuantisedNet::new(net, largest(&taxels.range)).ok_or_else(|| FitError::Shape {
         part: "net".into(),

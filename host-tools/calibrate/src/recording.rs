@@ -41,7 +41,9 @@ pub struct Recording {
 impl Recording {
     /// Takes the forces from a reference with another clock; rows beyond it get none.
     ///
-    /// # Errors A column that is not a force of the finger, or the two cannot be aligned in time.
+    /// # Errors
+    ///
+    /// A column that is not a force of the finger, or the two cannot be aligned in time.
     pub fn align(&mut self, reference: &Table) -> Result<Alignment, FitError> {
         let axes = reference.names.iter().map(|name| {
             let axis = FORCES.iter().position(|force| force == name);
@@ -89,7 +91,9 @@ impl Recording {
 
     /// Averages the levels of the unloaded finger as the chip does, at the temperature of `warmth`.
     ///
-    /// # Errors There is no stretch in which nothing touches the finger and its signals are still.
+    /// # Errors
+    ///
+    /// There is no stretch in which nothing touches the finger and its signals are still.
     pub fn bias(&self, warmth: Option<&TemperatureCompensation>) -> Result<Bias, FitError> {
         if self.samples.is_empty() {
             return Err(FitError::Empty { recording: self.name.clone() });

@@ -13,7 +13,7 @@ use crate::inverse::{self, Known, Row};
 use crate::prepared::Prepared;
 use taxel_regress::error::FitError;
 use taxel_regress::network::Progress;
-use taxel_regress::quantile::median;
+use taxel_regress::quantile::{median, quantile};
 
 /// Least normal force for the friction ratio, newtons; below it the ratio is noise.
 const FIRM: f64 = 0.2;
@@ -26,7 +26,9 @@ const APART: f64 = 0.5;
 /// Fewest presses of which every other one can be left out.
 const LEAST_PRESSES: usize = 8;
 /// Most that the error of left-out presses widens the model's own.
-const WIDEST: f64 = 3.0;
+const WIDEST: f64 = 10.0;
+/// Share of the errors of left-out presses that three stated standard deviations cover.
+const COVERED: f64 = 0.99;
 
 /// A fitted skin model with its rows.
 pub(crate) struct Skin {
@@ -46,7 +48,9 @@ pub(crate) struct Skin {
 ///
 /// Places without labels are found together with the model. `None` if no recording has a force.
 ///
-/// # Errors Too few rows, or stopped.
+/// # Errors
+///
+/// Too few rows, or stopped.
 pub(crate) fn fit(
     recordings: &[&Prepared<'_>],
     (wrong, noise): (&[HashSet<usize>], f32),
@@ -71,7 +75,11 @@ pub(crate) fn fit(
     let known = Known { friction, noise, shear, force_noise, placed };
     let whole = inverse::fit("model of the skin", &presses, (known, None), progress, stop)?;
     let mut model = whole.model.clone();
-    let mut judged = judge(&model, &presses);
+    let [fx, fy, _] = force_noise;
+    let labels =
+        [(shear, fx), (shear, fy), (placed, whole.place_noise), (placed, whole.place_noise)];
+    let labels = labels.map(|(known, noise)| known.then_some(noise));
+    let mut judged = judge(&model, &presses, labels);
     if presses.len() >= LEAST_PRESSES {
         let halves = [0, 1].map(|half| {
             let (own, other): (Vec<_>, Vec<_>) =
@@ -80,12 +88,16 @@ pub(crate) fn fit(
             let own: Vec<Vec<Row>> = own;
             let part = format!("model of the skin, half {} left out", 2 - half);
             let half = inverse::fit(&part, &own, (known, Some(&whole)), progress, stop)?;
-            Ok::<_, FitError>((judge(&half.model, &own), judge(&half.model, &other)))
+            Ok::<_, FitError>((
+                judge(&half.model, &own, labels),
+                judge(&half.model, &other, labels),
+            ))
         });
         // Stopped, or too few rows for a half: the error of the fit stands.
         if let [Ok((own, other)), Ok((own_2, other_2))] = halves {
             let (own, other) = (own.with(own_2), other.with(other_2));
-            let wider = (other.misfit() / own.misfit()).clamp(1.0, WIDEST) as f32;
+            let wider = f64::max(other.misfit() / own.misfit(), other.beyond_stated());
+            let wider = wider.clamp(1.0, WIDEST) as f32;
             model.error[0] *= wider;
             model.error[1] = (model.error[1] * wider).min(0.99);
             judged = other;
@@ -168,12 +180,19 @@ fn split(rows: Vec<Option<Row>>) -> Vec<Vec<Row>> {
     presses
 }
 
+/// Standard deviations of the labels f_x, f_y (N), x, y (mm); `None` without such a label.
+type Labels = [Option<f64>; 4];
+
 /// Errors of a model over some presses.
 #[derive(Default)]
 struct Judged {
     force: [f64; 3],
     place: [f64; 2],
     misfits: Vec<f64>,
+    /// Errors of f_x, f_y, x, y in stated standard deviations.
+    ///
+    /// F_z is left out: its errors in the first scans of a press are those of the search.
+    ratios: [Vec<f64>; 4],
     rows: f64,
     fits: f64,
 }
@@ -185,6 +204,7 @@ impl Judged {
             force: std::array::from_fn(|k| sum(self.force[k], other.force[k])),
             place: std::array::from_fn(|k| sum(self.place[k], other.place[k])),
             misfits: [self.misfits, other.misfits].concat(),
+            ratios: std::array::from_fn(|k| [&self.ratios[k][..], &other.ratios[k]].concat()),
             rows: self.rows + other.rows,
             fits: self.fits + other.fits,
         }
@@ -202,10 +222,16 @@ impl Judged {
     fn misfit(&self) -> f64 {
         median(self.misfits.clone()).max(f64::MIN_POSITIVE)
     }
+
+    /// Factor by which the stated deviations must grow to cover the errors.
+    fn beyond_stated(&self) -> f64 {
+        let most = self.ratios.iter().map(|ratios| quantile(ratios.clone(), COVERED));
+        most.fold(0.0, f64::max) / 3.0
+    }
 }
 
 /// Judges the forces and places as the chip would estimate them, row after row of each press.
-fn judge(model: &Inverse, presses: &[Vec<Row>]) -> Judged {
+fn judge(model: &Inverse, presses: &[Vec<Row>], labels: Labels) -> Judged {
     let mut sum = Judged::default();
     for press in presses {
         let mut state = InverseState::default();
@@ -230,9 +256,40 @@ fn judge(model: &Inverse, presses: &[Vec<Row>]) -> Judged {
             {
                 *sum += (f64::from(px) - x).powi(2) + (f64::from(py) - y).powi(2);
             }
+            let ([fx, fy, _], [px, py], [sx, sy, _, sigma_x, sigma_y, _]) =
+                (touch.force(), touch.load.point, touch.sigma);
+            let errors = [
+                (fx, row.force[0], sx),
+                (fy, row.force[1], sy),
+                (px, x, sigma_x),
+                (py, y, sigma_y),
+            ];
+            for ((ratios, noise), (found, label, sigma)) in
+                sum.ratios.iter_mut().zip(labels).zip(errors)
+            {
+                let Some(noise) = noise else { continue };
+                let stated = f64::from(sigma).hypot(noise);
+                ratios.push((f64::from(found) - label).abs() / stated);
+            }
             sum.misfits.push(f64::from(touch.misfit));
             sum.fits += 1.0;
         }
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_beyond_stated_sigma_widen_it() {
+        let ratios = |scale: f64| {
+            let even: Vec<f64> = (0..=100).map(|i| scale * f64::from(i) / 100.0).collect();
+            Judged { ratios: [vec![], even, vec![], vec![0.5; 9]], ..Judged::default() }
+        };
+        assert!((ratios(12.0).beyond_stated() - 0.99 * 12.0 / 3.0).abs() < 1e-9);
+        assert!(ratios(2.0).beyond_stated() < 1.0, "covered errors do not widen");
+        assert_eq!(Judged::default().beyond_stated(), 0.0);
+    }
 }

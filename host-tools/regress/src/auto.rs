@@ -27,7 +27,9 @@ const ADDED: f64 = 0.1;
 
 /// Chooses and fits a model. Stopped early, the linear fit is kept.
 ///
-/// # Errors Too few rows, a target that never changes, or stopped before there was a linear fit.
+/// # Errors
+///
+/// Too few rows, a target that never changes, or stopped before there was a linear fit.
 pub(crate) fn fit(
     choice: &Training<'_>,
     hidden: Option<usize>,
@@ -127,7 +129,9 @@ pub(crate) fn fit(
 
 /// Fits a straight line without a decay.
 ///
-/// # Errors Too few rows, a target that never changes, or linearly dependent channels.
+/// # Errors
+///
+/// Too few rows, a target that never changes, or linearly dependent channels.
 pub(crate) fn line(choice: &Training<'_>) -> Result<Net, FitError> {
     let (_, scaling, rows) = prepared(choice)?;
     let (slope, level) = ridge::without_decay(&rows).ok_or_else(|| FitError::Shape {

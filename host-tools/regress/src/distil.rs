@@ -53,7 +53,9 @@ pub(crate) struct Pupil {
 
 /// Trains a net on the outputs of a Gaussian process.
 ///
-/// # Errors Stopped before the first step.
+/// # Errors
+///
+/// Stopped before the first step.
 pub(crate) fn distil(
     part: &str,
     teacher: &Model,

@@ -214,7 +214,9 @@ pub(crate) struct Model {
 ///
 /// Distances are taken in the directions `heard`. `progress` gets the bends tried and their total.
 ///
-/// # Errors Stopped before anything was chosen.
+/// # Errors
+///
+/// Stopped before anything was chosen.
 pub(crate) fn fit(
     choice: &Rows,
     rows: &Rows,

@@ -32,7 +32,9 @@ pub struct LeastSquares {
 ///
 /// `noise` is the standard deviation of u while unloaded.
 ///
-/// # Errors Too few rows, no load, or loads that do not span all three axes.
+/// # Errors
+///
+/// Too few rows, no load, or loads that do not span all three axes.
 pub fn fit(
     part: &str,
     signals: &[[f64; 3]],

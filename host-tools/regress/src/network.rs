@@ -147,7 +147,9 @@ pub fn outputs(layers: Layers<'_>, x: &[f32]) -> Vec<f32> {
 /// An input that never changes gets no weight. When `stop` becomes true, the best net so far is
 /// returned.
 ///
-/// # Errors Too few rows to determine it, a target that never changes, or stopped before the first
+/// # Errors
+///
+/// Too few rows to determine it, a target that never changes, or stopped before the first
 /// step.
 pub fn fit(
     part: &str,
@@ -181,7 +183,9 @@ pub fn fit(
 /// There is no noise to guard against. The decay only keeps irrelevant weights small; it is
 /// relative to a noise of one (targets have the spread one).
 ///
-/// # Errors As [`fit`].
+/// # Errors
+///
+/// As [`fit`].
 pub fn imitate(
     part: &str,
     (x, y): (&[Vec<f64>], &[Vec<f64>]),

@@ -59,7 +59,9 @@ impl Outliers {
     ///
     /// Without it, a fitted line would take the law's own jumps for outliers.
     ///
-    /// # Errors A recording with too many wrong rows.
+    /// # Errors
+    ///
+    /// A recording with too many wrong rows.
     pub fn find(
         recordings: &[Recorded],
         names: &[String],

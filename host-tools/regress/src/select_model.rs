@@ -15,7 +15,9 @@ const SHORT: usize = 60;
 impl Training<'_> {
     /// Trains the model and returns it with its choice, if there was one.
     ///
-    /// # Errors Rows, loads or columns that the recordings lack.
+    /// # Errors
+    ///
+    /// Rows, loads or columns that the recordings lack.
     pub fn run(
         &self,
         progress: &mut dyn FnMut(Progress),

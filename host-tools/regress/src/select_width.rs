@@ -27,7 +27,9 @@ struct Judged {
 ///
 /// `None` with fewer than three recordings of one kind.
 ///
-/// # Errors Stopped, or data that the recordings lack.
+/// # Errors
+///
+/// Stopped, or data that the recordings lack.
 pub(crate) fn choose(
     training: &Training<'_>,
     skip: bool,

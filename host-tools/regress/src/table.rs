@@ -68,7 +68,9 @@ pub struct FittedTable {
 
 /// Fits a model to some recordings. When `stop` becomes true the best so far is returned.
 ///
-/// # Errors Data that the recordings lack, and how to provide them.
+/// # Errors
+///
+/// Data that the recordings lack, and how to provide them.
 pub fn fit(
     recordings: &[TableRecording],
     options: &TableOptions,
@@ -336,7 +338,9 @@ pub struct TableEvaluation {
 
 /// Evaluates a model on a recording.
 ///
-/// # Errors The recording's columns differ from those of the model.
+/// # Errors
+///
+/// The recording's columns differ from those of the model.
 pub fn evaluate(
     model: &TableModel,
     recording: &TableRecording,

@@ -27,6 +27,10 @@ const OWN: f64 = 0.05;
 const YOUNG: f64 = 2.0;
 /// Most steps of Gauss–Newton; from the first guess it converges in fewer.
 const STEPS: usize = 10;
+/// Shares of a step that are tried, until one reduces the squared errors.
+const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
+/// Share of the squared errors that a step has to remove for another one to follow.
+const SETTLED: f64 = 1e-3;
 /// Frames in which the skin model follows a row from a cold start: it settles in three.
 ///
 /// It settles in two from nearly equal signals.
@@ -40,7 +44,9 @@ type Jacobian = OMatrix<f64, Dyn, Const<TAXELS>>;
 
 /// Finds the gains and, where they surely help, folds them in.
 ///
-/// # Errors The 16-bit net cannot hold them.
+/// # Errors
+///
+/// The 16-bit net cannot hold them.
 pub(super) fn adjust(
     adjusted: &mut Adjusted,
     before: &Calibration,
@@ -315,7 +321,14 @@ impl Problem<'_> {
         let share = COMMON.powi(2) / (OWN.powi(2) + TAXELS as f64 * COMMON.powi(2));
         let prior =
             (SMatrix::<f64, TAXELS, TAXELS>::identity() - SMatrix::repeat(share)) / OWN.powi(2);
+        let cost = |gains: &Gains| -> f64 {
+            let off = gains - self.light;
+            let rows = presses.iter().flat_map(|press| press.iter().map(|row| (row, press.len())));
+            let misses = rows.map(|(row, rows)| self.miss(gains, row) / rows as f64);
+            off.dot(&(prior * off)) + misses.sum::<f64>()
+        };
         let mut gains = self.light;
+        let mut left = cost(&gains);
         for _ in 0..STEPS {
             let mut curvature = prior;
             let mut slope = prior * (self.light - gains);
@@ -328,12 +341,25 @@ impl Problem<'_> {
                 }
             }
             let Some(step) = curvature.cholesky().map(|c| c.solve(&slope)) else { break };
-            gains += step;
-            if step.amax() < 1e-6 {
+            let shorter = SHARES.iter().map(|share| gains + step * *share);
+            let tried = shorter.map(|gains| (cost(&gains), gains));
+            let Some(next) = tried.into_iter().find(|(cost, _)| *cost < left) else { break };
+            let gained = left - next.0;
+            (left, gains) = next;
+            if gained < SETTLED * left {
                 break;
             }
         }
         gains
+    }
+
+    /// Sum of the squared normalised errors of a row.
+    fn miss(&self, gains: &Gains, row: &Row) -> f64 {
+        let Some(c) = &row.c else { return 0.0 };
+        let mut state = InverseState::default();
+        let known = (row, &self.sigma);
+        let errors = self.estimator.errors(&younger(gains, c), known, &mut state, FRAMES);
+        errors.iter().map(|error| error.powi(2)).sum()
     }
 
     /// Errors of a row and their derivatives by the gains' logarithms.

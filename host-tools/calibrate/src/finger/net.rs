@@ -41,7 +41,9 @@ const NAME: &str = "net";
 
 /// Gathers the rows of the recordings of the finger.
 ///
-/// # Errors Options that the record cannot hold, missing columns or loads, and inconsistent
+/// # Errors
+///
+/// Options that the record cannot hold, missing columns or loads, and inconsistent
 /// references.
 pub(super) fn loads(
     fitted: &mut Fitted,
@@ -237,7 +239,7 @@ pub(super) fn fit(
         bias,
         range: ranges(&x, bias.noise),
         residual: std::array::from_fn(|k| {
-            let held_out = held_out.as_ref().map_or(&residual, |held_out| held_out);
+            let held_out = held_out.as_ref().unwrap_or(&residual);
             held_out.get(k).map_or(0.0, |r| *r as f32)
         }),
     });

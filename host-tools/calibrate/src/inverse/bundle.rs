@@ -4,14 +4,17 @@
 //! its label by the label's noise. They are eliminated from the normal equations (Schur), which
 //! leaves those of field, curves and stray light.
 
+mod equations;
+
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{Cholesky, SMatrix, SVector};
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
 use super::forward::{Coefficients, Displacement, FIELD, LOAD, UNIT, displacement, half_space};
 use super::{LINEAR, POWERS, Row, neighbours};
+use equations::Equations;
 
 /// All coefficients: the field, then curve and stray light of each taxel.
 pub(super) const ALL: usize = FIELD + TAXELS * LINEAR;
@@ -82,41 +85,6 @@ pub(super) struct Bundle<'r> {
     pub linear: [SVector<f64, LINEAR>; TAXELS],
 }
 
-type Wide = SMatrix<f64, LOAD, ALL>;
-
-/// Normal equations of all coefficients, and what the eliminated unknowns need back.
-pub(super) struct Equations {
-    matrix: DMatrix<f64>,
-    right: DVector<f64>,
-    back: Vec<PressBack>,
-}
-
-struct PressBack {
-    /// Solution of the press's place without the coefficients, and its dependence on them.
-    own: SVector<f64, 2>,
-    by_all: SMatrix<f64, 2, ALL>,
-    variance: f64,
-    rows: Vec<RowBack>,
-}
-
-struct RowBack {
-    own: SVector<f64, LOAD>,
-    by_all: Box<Wide>,
-    by_place: SMatrix<f64, LOAD, 2>,
-    variance: f64,
-}
-
-/// A row linearised at the present unknowns.
-struct Linearised {
-    /// Residuals, in standard deviations of the signals.
-    error: SVector<f64, TAXELS>,
-    /// Their derivatives by the load, scaled by the load's prior deviations.
-    by_load: SMatrix<f64, TAXELS, LOAD>,
-    by_place: SMatrix<f64, TAXELS, 2>,
-    by_field: SMatrix<f64, TAXELS, FIELD>,
-    features: [SVector<f64, LINEAR>; TAXELS],
-}
-
 impl<'r> Bundle<'r> {
     /// Starts at a half-space with the labels' loads.
     pub fn new(
@@ -161,12 +129,19 @@ impl<'r> Bundle<'r> {
         self.presses.iter().flat_map(of).collect()
     }
 
-    /// Displacements under a load.
-    pub fn displacements(&self, load: &[f64; LOAD]) -> [Displacement; TAXELS] {
-        TAXEL_CENTRES.each_ref().map(|centre| {
+    /// Displacements under a load, with their derivatives.
+    fn displaced(&self, load: &[f64; LOAD]) -> impl Iterator<Item = Displacement> {
+        TAXEL_CENTRES.iter().map(|centre| {
             let centre = centre.map(|c| f64::from(c.0));
             displacement(&self.field, load, centre, (self.friction, self.shear))
         })
+    }
+
+    /// Displacements under a load.
+    pub fn displacements(&self, load: &[f64; LOAD]) -> [f64; TAXELS] {
+        let mut values = [0.0; TAXELS];
+        values.iter_mut().zip(self.displaced(load)).for_each(|(value, u)| *value = u.value);
+        values
     }
 
     /// Solves for the curves and stray light at the present field and loads.
@@ -180,7 +155,7 @@ impl<'r> Bundle<'r> {
             let most = seen.row.signals.iter().fold(0.0f64, |most, c| most.max(c.abs()));
             let weight = (seen.sigma.powi(2) + (off * most).powi(2)).recip();
             for (k, (matrix, right)) in sums.iter_mut().enumerate() {
-                let features = features(k, u[k].value, seen.row);
+                let features = features(k, u[k], seen.row);
                 matrix.ger(weight, &features, &features, 1.0);
                 right.axpy(weight * seen.row.signals[k], &features, 1.0);
             }
@@ -196,42 +171,6 @@ impl<'r> Bundle<'r> {
         }
     }
 
-    fn linearise(
-        &self,
-        press: &Press<'_>,
-        seen: &Seen<'_>,
-        spread: &SVector<f64, LOAD>,
-    ) -> Linearised {
-        let u = self.displacements(&Self::load(press, seen));
-        let mut found = Linearised {
-            error: SVector::zeros(),
-            by_load: SMatrix::zeros(),
-            by_place: SMatrix::zeros(),
-            by_field: SMatrix::zeros(),
-            features: [SVector::zeros(); TAXELS],
-        };
-        let weight = 1.0 / seen.sigma;
-        for (k, u) in u.iter().enumerate() {
-            let features = features(k, u.value, seen.row);
-            let linear = &self.linear[k];
-            found.error[k] = weight * (seen.row.signals[k] - features.dot(linear));
-            let mut slope = 0.0;
-            for n in (0..POWERS).rev() {
-                slope = slope * u.value + (n + 1) as f64 * linear[n];
-            }
-            let slope = weight * slope;
-            for j in 0..LOAD {
-                found.by_load[(k, j)] = slope * u.by_load[j] * spread[j];
-            }
-            for j in 0..2 {
-                found.by_place[(k, j)] = slope * u.by_load[3 + j];
-            }
-            found.by_field.set_row(k, &(u.by_field.transpose() * slope));
-            found.features[k] = features * weight;
-        }
-        found
-    }
-
     /// Robust sum of squares of signals and labels.
     pub fn objective(&self) -> f64 {
         let spread = self.spread();
@@ -240,7 +179,7 @@ impl<'r> Bundle<'r> {
                 let u = self.displacements(&Self::load(press, seen));
                 let mut squares = normalised(&seen.away, &spread).norm_squared();
                 for (k, u) in u.iter().enumerate() {
-                    let said = features(k, u.value, seen.row).dot(&self.linear[k]);
+                    let said = features(k, *u, seen.row).dot(&self.linear[k]);
                     squares += ((seen.row.signals[k] - said) / seen.sigma).powi(2);
                 }
                 huber(squares, self.labels.huber())
@@ -260,102 +199,6 @@ impl<'r> Bundle<'r> {
     /// Number of residuals of the signals.
     pub fn values(&self) -> usize {
         TAXELS * self.presses.iter().map(|press| press.rows.len()).sum::<usize>()
-    }
-
-    /// Builds the normal equations at the present unknowns.
-    pub fn equations(&self) -> Equations {
-        let spread = self.spread();
-        let parts = spread_over_cores(&self.presses, |presses| {
-            let mut sum = (DMatrix::<f64>::zeros(ALL, ALL), DVector::<f64>::zeros(ALL), Vec::new());
-            for press in presses {
-                self.add_press(press, &spread, &mut sum);
-            }
-            sum
-        });
-        let mut all = Equations {
-            matrix: DMatrix::zeros(ALL, ALL),
-            right: DVector::zeros(ALL),
-            back: Vec::new(),
-        };
-        for (matrix, right, back) in parts {
-            all.matrix += matrix;
-            all.right += right;
-            all.back.extend(back);
-        }
-        let away = half_space() - self.field;
-        for i in 0..FIELD {
-            all.matrix[(i, i)] += SPREAD.powi(-2);
-            all.right[i] += away[i] * SPREAD.powi(-2);
-        }
-        let [usual, deviation] = STRAY;
-        for (k, linear) in self.linear.iter().enumerate() {
-            for n in POWERS..LINEAR {
-                let i = FIELD + k * LINEAR + n;
-                all.matrix[(i, i)] += deviation.powi(-2);
-                all.right[i] += (usual - linear[n]) * deviation.powi(-2);
-            }
-        }
-        all
-    }
-
-    fn add_press(
-        &self,
-        press: &Press<'_>,
-        spread: &SVector<f64, LOAD>,
-        (matrix, right, back): &mut (DMatrix<f64>, DVector<f64>, Vec<PressBack>),
-    ) {
-        let mut place_matrix = SMatrix::<f64, 2, 2>::identity() / self.labels.press.powi(2);
-        let mut place_right = -press.away / self.labels.press.powi(2);
-        let mut place_all = SMatrix::<f64, 2, ALL>::zeros();
-        let mut rows = Vec::new();
-        for seen in &press.rows {
-            let line = self.linearise(press, seen, spread);
-            let scaled = normalised(&seen.away, spread);
-            let squares = line.error.norm_squared() + scaled.norm_squared();
-            let weight = huber_weight(squares, self.labels.huber());
-            // The load's own equations: prior and signals.
-            let own = SMatrix::<f64, LOAD, LOAD>::identity() + line.by_load.tr_mul(&line.by_load);
-            let inverse = own.try_inverse().unwrap_or_else(SMatrix::zeros);
-            let own_right = line.by_load.tr_mul(&line.error) - scaled;
-            let own_place = line.by_load.tr_mul(&line.by_place);
-            let mut own_all = Box::new(Wide::zeros());
-            let field = line.by_load.tr_mul(&line.by_field);
-            own_all.view_mut((0, 0), (LOAD, FIELD)).copy_from(&field);
-            for k in 0..TAXELS {
-                let block = line.by_load.row(k).transpose() * line.features[k].transpose();
-                own_all.view_mut((0, FIELD + k * LINEAR), (LOAD, LINEAR)).copy_from(&block);
-            }
-            // Equations of the coefficients, from the signals and after the load is eliminated.
-            let solved_all = inverse * *own_all;
-            let solved_right = inverse * own_right;
-            let solved_place = inverse * own_place;
-            direct(matrix, right, &line, weight);
-            matrix.gemm_tr(-weight, &*own_all, &solved_all, 1.0);
-            right.gemv_tr(-weight, &*own_all, &solved_right, 1.0);
-            place_matrix +=
-                weight * (line.by_place.tr_mul(&line.by_place) - own_place.tr_mul(&solved_place));
-            place_right +=
-                weight * (line.by_place.tr_mul(&line.error) - own_place.tr_mul(&solved_right));
-            let mut cross = SMatrix::<f64, 2, ALL>::zeros();
-            cross.view_mut((0, 0), (2, FIELD)).copy_from(&line.by_place.tr_mul(&line.by_field));
-            for k in 0..TAXELS {
-                let block = line.by_place.row(k).transpose() * line.features[k].transpose();
-                cross.view_mut((0, FIELD + k * LINEAR), (2, LINEAR)).copy_from(&block);
-            }
-            place_all += weight * (cross - own_place.tr_mul(&solved_all));
-            rows.push(RowBack {
-                own: solved_right,
-                by_all: Box::new(solved_all),
-                by_place: solved_place,
-                variance: inverse[(3, 3)] + inverse[(4, 4)],
-            });
-        }
-        let inverse = place_matrix.try_inverse().unwrap_or_else(SMatrix::zeros);
-        let solved = inverse * place_all;
-        let own = inverse * place_right;
-        matrix.gemm_tr(-1.0, &place_all, &solved, 1.0);
-        right.gemv_tr(-1.0, &place_all, &own, 1.0);
-        back.push(PressBack { own, by_all: solved, variance: inverse.trace(), rows });
     }
 
     /// Moves all unknowns by the damped solution; `None` if it does not exist.
@@ -383,11 +226,11 @@ impl<'r> Bundle<'r> {
         }
         let spread = self.spread();
         for (press, back) in next.presses.iter_mut().zip(&equations.back) {
-            let mut away = back.own - back.by_all * step;
+            let mut away = back.own - back.by_all.tr_mul(&step);
             away.iter_mut().for_each(|d| *d = d.clamp(-PLACE_STEP, PLACE_STEP));
             press.away += away;
             for (seen, back) in press.rows.iter_mut().zip(&back.rows) {
-                let own = back.own - *back.by_all * step - back.by_place * away;
+                let own = back.own - back.by_others(&step, &away);
                 seen.away += own.component_mul(&spread);
             }
         }
@@ -429,27 +272,6 @@ impl<'r> Bundle<'r> {
         }
         self.labels.press = (press / (2.0 * presses)).sqrt().max(LEAST_PLACE);
         self.labels.row = (row / f64::max(count, 1.0)).sqrt().max(LEAST_PLACE);
-    }
-}
-
-/// Adds A^T A and A^T e of a row's signals.
-fn direct(matrix: &mut DMatrix<f64>, right: &mut DVector<f64>, line: &Linearised, weight: f64) {
-    let field = line.by_field.tr_mul(&line.by_field) * weight;
-    let mut view = matrix.view_mut((0, 0), (FIELD, FIELD));
-    view += field;
-    let mut head = right.rows_mut(0, FIELD);
-    head += line.by_field.tr_mul(&line.error) * weight;
-    for (k, features) in line.features.iter().enumerate() {
-        let at = FIELD + k * LINEAR;
-        let cross = line.by_field.row(k).transpose() * features.transpose() * weight;
-        let mut view = matrix.view_mut((0, at), (FIELD, LINEAR));
-        view += cross;
-        let mut view = matrix.view_mut((at, 0), (LINEAR, FIELD));
-        view += cross.transpose();
-        let mut view = matrix.view_mut((at, at), (LINEAR, LINEAR));
-        view += features * features.transpose() * weight;
-        let mut part = right.rows_mut(at, LINEAR);
-        part.axpy(weight * line.error[k], features, 1.0);
     }
 }
 

@@ -16,7 +16,9 @@ const GAP: f64 = 3.0;
 ///
 /// Rows of one stamp are spread evenly up to the next.
 ///
-/// # Errors The reason why the rows' times cannot be determined, as part of a sentence about the
+/// # Errors
+///
+/// The reason why the rows' times cannot be determined, as part of a sentence about the
 /// recording.
 pub fn told_apart(times: &[f64]) -> Result<Cow<'_, [f64]>, String> {
     let rows = times.len();

@@ -71,6 +71,8 @@ pub(super) struct Pass<'s> {
     /// Inputs and targets of each row.
     inputs: Vec<Vec<f64>>,
     pub targets: Vec<Vec<f64>>,
+    /// Values of the sought rows in each input, then in each target.
+    columns: Vec<Vec<f64>>,
     /// Spread of the targets, in their own units.
     pub spread: Vec<f64>,
     /// Residuals of the law.
@@ -127,16 +129,17 @@ impl<'s> Pass<'s> {
         let spread =
             (0..targets[0].len()).map(|k| Scale::of(of(y, k).iter().copied()).spread).collect();
         let like = (sound.len() / ROWS_A_LIKE).min(LIKE);
-        Self { sound, like, sought, inputs, targets, spread, left, misfit, least, usual }
+        let columns = (0..inputs[0].len()).map(|k| of(&inputs, k));
+        let columns = columns.chain((0..targets[0].len()).map(|k| of(&targets, k))).collect();
+        Self { sound, like, sought, inputs, targets, columns, spread, left, misfit, least, usual }
     }
 
     fn found(&self, loose: bool) -> Vec<usize> {
         let off = |row: &usize| self.left[*row].iter().zip(&self.least).any(|(l, m)| l.abs() > *m);
         let (off, on): (Vec<usize>, Vec<usize>) = self.sound.iter().partition(|row| off(row));
-        let all: Vec<usize> = (0..self.usual.len()).collect();
-        let like = |row: usize| {
-            self.stands_out(row, (&all, false), &|row| self.left[row].clone(), &self.least)
-        };
+        let inputs: Vec<usize> = (0..self.usual.len()).collect();
+        let like =
+            |row: usize| self.stands_out(row, &inputs, &|row| self.left[row].clone(), &self.least);
         let out: Vec<usize> = off.iter().copied().filter(|row| like(*row)).collect();
         let mut found = self.jumping(&out, &|row| self.left[row].clone(), loose);
         for (k, [middle, spread, width]) in self.usual.iter().enumerate() {
@@ -144,12 +147,11 @@ impl<'s> Pass<'s> {
                 continue;
             }
             let value = |row: usize| vec![self.inputs[row][k] / spread];
-            let others: Vec<usize> = all.iter().copied().filter(|other| *other != k).collect();
+            let others: Vec<usize> = (0..self.columns.len()).filter(|other| *other != k).collect();
             let far = |row: &&usize| (self.inputs[**row][k] - middle).abs() > FAR * width;
             let looked = off.iter().filter(|row| !found.contains(row)).chain(on.iter().filter(far));
-            let out = looked
-                .copied()
-                .filter(|row| self.stands_out(*row, (&others, true), &value, &[GROSS]));
+            let out =
+                looked.copied().filter(|row| self.stands_out(*row, &others, &value, &[GROSS]));
             let mut out: Vec<usize> = out.collect();
             out.sort_unstable();
             found.extend(self.jumping(&out, &value, loose));
@@ -157,52 +159,68 @@ impl<'s> Pass<'s> {
         found
     }
 
-    /// Whether a row's values are far from those of the most similar rows.
-    ///
-    /// Similarity is measured in `inputs` and, if set, the targets.
+    /// Whether a row's values are far from those of the rows most similar in `columns`.
     fn stands_out(
         &self,
         row: usize,
-        (inputs, targets): (&[usize], bool),
+        columns: &[usize],
         value: &dyn Fn(usize) -> Vec<f64>,
         least: &[f64],
     ) -> bool {
-        let place = |row: usize| {
-            let inputs = inputs.iter().map(move |k| self.inputs[row][*k]);
-            inputs.chain(self.targets[row].iter().copied().take(if targets {
-                usize::MAX
-            } else {
-                0
-            }))
-        };
-        let distance = |a: usize, b: usize| -> f64 {
-            place(a).zip(place(b)).map(|(a, b)| (a - b).powi(2)).sum()
-        };
-        let apart = (APART * self.inputs.len() as f64) as usize;
-        let others = self.sought.iter().copied().filter(|other| other.abs_diff(row) > apart);
-        let mut others: Vec<(f64, usize)> =
-            others.map(|other| (distance(row, other), other)).collect();
-        if others.len() <= self.like {
-            return false;
-        }
-        others.select_nth_unstable_by(self.like, |a, b| a.0.total_cmp(&b.0));
-        others.truncate(self.like);
-        // Distance of the row from them, and theirs from their middle.
-        let from_it = median(others.iter().map(|(square, _)| square.sqrt()).collect());
-        let like: Vec<Vec<f64>> = others.iter().map(|(_, other)| place(*other).collect()).collect();
-        let middle: Vec<f64> =
-            (0..like[0].len()).map(|k| median(like.iter().map(|l| l[k]).collect())).collect();
-        let from_middle = like
-            .iter()
-            .map(|like| like.iter().zip(&middle).map(|(l, m)| (l - m).powi(2)).sum::<f64>().sqrt());
-        let farther = (from_it / median(from_middle.collect()).max(1e-12)).max(1.0);
-        let values: Vec<Vec<f64>> = others.iter().map(|(_, other)| value(*other)).collect();
-        value(row).iter().zip(least).enumerate().any(|(k, (own, least))| {
+        let Some(others) = self.most_similar(row, columns) else { return false };
+        let values: Vec<Vec<f64>> = others.iter().map(|(_, at)| value(self.sought[*at])).collect();
+        let far = |(k, (own, least)): (usize, (&f64, &f64))| {
             let theirs: Vec<f64> = values.iter().map(|values| values[k]).collect();
             let middle = median(theirs.clone());
             let deviation = 1.4826 * median(theirs.iter().map(|v| (v - middle).abs()).collect());
-            (own - middle).abs() > least.max(OUTLIER * deviation * farther)
+            let off = (own - middle).abs();
+            // Most rows are no outliers at any distance, which costs more to find.
+            off > least.max(OUTLIER * deviation)
+                && off > OUTLIER * deviation * self.farther(&others, columns)
+        };
+        value(row).iter().zip(least).enumerate().any(far)
+    }
+
+    /// Squared distances and places among the sought rows of the rows most similar in `columns`.
+    ///
+    /// `None` if there are too few rows at other moments.
+    fn most_similar(&self, row: usize, columns: &[usize]) -> Option<Vec<(f64, usize)>> {
+        let mut squares = vec![0.0; self.sought.len()];
+        let own = [&self.inputs[row][..], &self.targets[row]].concat();
+        for k in columns {
+            for (square, other) in squares.iter_mut().zip(&self.columns[*k]) {
+                *square += (own[*k] - other).powi(2);
+            }
+        }
+        let apart = (APART * self.inputs.len() as f64) as usize;
+        let mut nearest: Vec<(f64, usize)> = Vec::with_capacity(self.like + 2);
+        for (at, (square, other)) in squares.into_iter().zip(&self.sought).enumerate() {
+            let nears = nearest.get(self.like).is_none_or(|(most, _)| square < *most);
+            if nears && other.abs_diff(row) > apart {
+                let rank = nearest.partition_point(|(nearer, _)| *nearer <= square);
+                nearest.insert(rank, (square, at));
+                nearest.truncate(self.like + 1);
+            }
+        }
+        (nearest.len() > self.like).then(|| {
+            nearest.truncate(self.like);
+            nearest
         })
+    }
+
+    /// Distance of a row from similar ones over theirs from their middle, at least 1.
+    fn farther(&self, others: &[(f64, usize)], columns: &[usize]) -> f64 {
+        let from_it = median(others.iter().map(|(square, _)| square.sqrt()).collect());
+        let mut squares = vec![0.0; others.len()];
+        for k in columns {
+            let theirs: Vec<f64> = others.iter().map(|(_, at)| self.columns[*k][*at]).collect();
+            let middle = median(theirs.clone());
+            for (square, value) in squares.iter_mut().zip(theirs) {
+                *square += (value - middle).powi(2);
+            }
+        }
+        let from_middle = median(squares.into_iter().map(f64::sqrt).collect());
+        (from_it / from_middle.max(1e-12)).max(1.0)
     }
 
     /// Keeps the rows of runs that begin or end with a jump.

@@ -61,6 +61,14 @@ pub(super) fn wrong((x, y): &Recorded) -> Vec<bool> {
     let pass = Pass::new(x, y, &moving);
     let told: Vec<usize> =
         (0..pass.misfit.len()).filter(|k| pass.misfit[*k] < UNEXPLAINED).collect();
+    // Least load of a stuck reference, for each target.
+    let far: Vec<f64> = (0..pass.misfit.len())
+        .map(|k| {
+            let elsewhere = || moving.iter().map(|row| pass.targets[*row][k]).collect();
+            let [least, most] = [0.05, 0.95].map(|share| quantile(elsewhere(), share));
+            (MOVED * (most - least)).max(MISFIT * pass.misfit[k])
+        })
+        .collect();
     let pressed = |rows: &Range<usize>, k: usize| {
         // Residual of the law, with spikes smoothed away.
         let off: Vec<f64> = rows
@@ -71,11 +79,8 @@ pub(super) fn wrong((x, y): &Recorded) -> Vec<bool> {
                 median(near.map(|row| pass.left[row][k].abs()).collect())
             })
             .collect();
-        let elsewhere = || moving.iter().map(|row| pass.targets[*row][k]).collect();
-        let [least, most] = [0.05, 0.95].map(|share| quantile(elsewhere(), share));
-        let far = (MOVED * (most - least)).max(MISFIT * pass.misfit[k]);
         let ends = off[0].max(off[off.len() - 1]);
-        off.iter().copied().fold(0.0, f64::max) > far && ends < 0.5 * far
+        off.iter().copied().fold(0.0, f64::max) > far[k] && ends < 0.5 * far[k]
     };
     stretches.retain(|rows| told.iter().any(|k| pressed(rows, *k)));
     if stretches.is_empty() {

@@ -25,7 +25,9 @@ impl TableRecording {
     /// A pattern never matches a target or the time, because a net with the answer as input learns
     /// nothing.
     ///
-    /// # Errors A fault of the file, or a column named as input and as target.
+    /// # Errors
+    ///
+    /// A fault of the file, or a column named as input and as target.
     pub fn read(stretch: &Stretch, inputs: &[&str], targets: &[&str]) -> Result<Self, FileError> {
         let targets = table::read(stretch, targets)?;
         if let Some(both) = inputs.iter().find(|name| targets.names.iter().any(|t| t == *name)) {
@@ -52,7 +54,9 @@ impl TableRecording {
     ///
     /// Targets and times in the sensor's own file are not used as inputs.
     ///
-    /// # Errors No input is left, or the two cannot be aligned in time.
+    /// # Errors
+    ///
+    /// No input is left, or the two cannot be aligned in time.
     pub fn aligned(mut inputs: Table, mut targets: Table) -> Result<(Self, Alignment), FitError> {
         let reference = targets.path.display().to_string();
         inputs.keep(|name| !table::is_time(name) && !targets.names.iter().any(|t| t == name));
