@@ -15,6 +15,7 @@
 //! **To add a section**: the struct with its estimator in [`crate::estimate`], its fields in
 //! [`sections`], and one line in the list of `sections!` here.
 
+mod rehearsal;
 mod section;
 mod sections;
 
@@ -33,7 +34,7 @@ use crate::estimate::slip::Slip;
 use crate::scan::{SENSORS, TAXELS};
 
 use section::{Entry, entry};
-pub(crate) use sections::bias_fits;
+pub use sections::bias_fits;
 
 /// Newest version of the record that this firmware reads.
 pub const VERSION: u16 = 2;
@@ -200,6 +201,12 @@ pub enum CalibrationError {
         /// Number of the section.
         section: u8,
     },
+    /// 6: [`Calibration::rehearse`] fails.
+    Rehearsal {
+        /// 2 if the net gives a force without a contact; 1 or 16 if the noise of the matrix or of
+        /// the sensors hides contacts.
+        section: u8,
+    },
 }
 
 impl fmt::Display for CalibrationError {
@@ -220,6 +227,16 @@ impl fmt::Display for CalibrationError {
             Self::WithoutTaxels { section } => {
                 let name = names(section, 0).map_or("a section", |(name, _)| name);
                 write!(f, "{name} needs the calibration of the taxels, which is missing")
+            }
+            Self::Rehearsal { section: section::FLOAT } => {
+                f.write_str("the net gives 1 N or more without a contact; fit it again")
+            }
+            Self::Rehearsal { section } => {
+                let part = if section == section::TAXELS { "matrix" } else { "force sensors" };
+                write!(
+                    f,
+                    "the noise of the {part} hides every contact of less than 1 N; fit again with a still finger"
+                )
             }
         }
     }
@@ -295,7 +312,7 @@ impl Calibration {
         Some(end + crc.len())
     }
 
-    /// Reads a record and checks every field.
+    /// Reads a record, checks every field and rehearses it.
     ///
     /// # Errors
     /// Those of [`Self::read`].
@@ -305,15 +322,16 @@ impl Calibration {
         Ok(calibration)
     }
 
-    /// Replaces the content by the record in `bytes`, in place, and checks every field.
+    /// Replaces the content by the record in `bytes`, in place, checks every field and rehearses.
     ///
     /// # Errors
-    /// The first error in the order length, CRC, version, shape, fields. The old content is lost
+    /// The first error in the order length, CRC, version, shape, fields, rehearsal. The old content is lost
     /// then; to restore it, read its record again.
     pub fn read(&mut self, bytes: &[u8]) -> Result<(), CalibrationError> {
         let (version, body) = opened(bytes)?;
         self.fill(version, body).ok_or(CalibrationError::Malformed)?;
-        self.validate()
+        self.validate()?;
+        self.rehearse()
     }
 
     fn fill(&mut self, version: u16, body: &[u8]) -> Option<()> {

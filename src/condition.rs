@@ -15,6 +15,7 @@ mod noise;
 mod stuck;
 mod warmth;
 
+pub(crate) use bias::NOISE_LIMIT;
 pub use bias::{Bias, BiasRefusal, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias};
 pub use levels::{BridgeLevels, DEAD_LEVEL, Levels, MIDPOINT_MARGIN, TaxelLevels};
 pub use low_pass::{LowPass, LowPassState};

@@ -14,6 +14,7 @@
 //! The matrix then runs if the frames carry a field that needs it, or if the array knows no force.
 
 mod fusion;
+mod limits;
 mod matrix;
 mod no_contact;
 mod slip;
@@ -338,6 +339,9 @@ impl Finger {
             let sensors = self.sensor_forces(&scan.codes, estimate);
             if contact {
                 self.touched(estimate, state, &scan.codes, sensors, slip, wanted.fields);
+                if !limits::possible(estimate) {
+                    limits::withhold(estimate, state);
+                }
             } else {
                 no_contact(record, &scan.codes, &sensors, slip.err(), estimate);
             }
@@ -414,8 +418,12 @@ impl Finger {
         if signals.health.bridge_faults >> i & 1 == 1 {
             set_none(force, NoValue::DeadChannel)
         } else if within(&calibration.range, signal) {
-            status.insert(Status::RAN_SENSORS);
             let [x, y, z] = calibration.sensitivity.force(*signal);
+            if !limits::force_possible([x, y, z]) {
+                status.insert(Status::OUT_OF_RANGE);
+                return set_none(force, NoValue::OutOfTrainedRange);
+            }
+            status.insert(Status::RAN_SENSORS);
             *force = Force::known(x, y, z);
             Ok([x, y, z])
         } else {

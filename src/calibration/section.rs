@@ -8,12 +8,11 @@ use crate::estimate::quantised::Net;
 #[cfg(feature = "quantised")]
 use crate::estimate::quantised::QuantisedNet;
 
-/// Numbers of the two sections of a net.
+/// Numbers of the matrix's section, of the two of a net, and of the first sensor's.
+pub(super) const TAXELS: u8 = 1;
 pub(super) const FLOAT: u8 = 2;
 pub(super) const QUANTISED: u8 = 5;
-
-/// Upper limit of a number in a calibration, which keeps every product finite.
-pub(super) const HUGE: f32 = 1e30;
+pub(super) const SENSORS: u8 = 16;
 
 /// Names of a section's fields, each with its check. Positions are those of the wire: append only.
 pub(super) type Checks<T> = &'static [(&'static str, fn(&T) -> bool)];
@@ -164,9 +163,9 @@ pub(super) const fn entry(
     Entry { number, since, name, get, get_mut }
 }
 
-/// Checks that no value is NaN, infinite, or large enough to make a product infinite.
+/// Checks that no value is NaN or larger than `most`.
 #[inline(never)]
-pub(super) fn finite(values: &[f32]) -> bool {
+pub(super) fn bounded(values: &[f32], most: f32) -> bool {
     // A comparison with a NaN is false.
-    values.iter().all(|value| value.abs() < HUGE)
+    values.iter().all(|value| value.abs() <= most)
 }

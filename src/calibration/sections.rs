@@ -7,18 +7,26 @@ use core::slice::from_mut;
 use heapless::VecView;
 use serde::Deserialize;
 
-use super::section::{Checks, Coefficients, HUGE, Part, finite};
+use super::section::{Checks, Coefficients, Part, bounded};
 use super::{Range, SensorCalibration, TaxelCalibration};
-use crate::condition::{Bias, TemperatureCompensation};
+use crate::condition::{Bias, NOISE_LIMIT, TemperatureCompensation};
 use crate::estimate::array::{Array, WrenchMethod};
 use crate::estimate::field::TERMS;
 use crate::estimate::intrinsic::Surface;
 use crate::estimate::inverse::Inverse;
-use crate::estimate::net::ForceNet;
+use crate::estimate::net::{ForceNet, HUGE};
 use crate::estimate::quantised::{Group, QuantisedNet, Rows};
 use crate::estimate::slip::Slip;
 use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use crate::scan::TAXELS;
+
+/// Largest sensitivity in newtons per full scale, far beyond the range of any sensor.
+const MOST_SENSITIVE: f32 = 1e6;
+/// Farthest position of a force sensor in mm.
+const FARTHEST: f32 = 1e3;
+/// Largest end of a signal's range, as a fraction of full scale. Signals stay within 100, even of
+/// a bridge with the largest offset per temperature.
+const WIDEST: f32 = 100.0;
 
 /// Implements [`Coefficients`] for a section whose fields have a fixed size.
 ///
@@ -54,14 +62,14 @@ section! { TaxelCalibration {
 section! { SensorCalibration {
     "bias": bias.level => |level| levels_fit(level);
     "noise": bias.noise => |noise| noise_fits(noise);
-    "sensitivity": sensitivity.0 => |rows| finite(rows.as_flattened());
+    "sensitivity": sensitivity.0 => |rows| bounded(rows.as_flattened(), MOST_SENSITIVE);
     "range": range => |range| ranges_fit(range);
     "residual_n": residual => |residual| residuals_fit(residual);
 }}
 
 section! { Inverse, needs_taxels: true {
     "stray": curves.stray => |stray| stray.as_flattened().iter().all(|share| share.abs() < 1.0);
-    "gap": curves.gap => |gap| finite(gap.as_flattened());
+    "gap": curves.gap => |gap| bounded(gap.as_flattened(), HUGE);
     "normal": field.normal.depth, field.normal.terms => |depth, terms| radial_fits(depth, terms);
     "shear": field.shear.depth, field.shear.terms => |depth, terms| radial_fits(depth, terms);
     "slip": field.slip => |slip| slip.abs() <= 1.0;
@@ -87,8 +95,10 @@ section! { TemperatureCompensation {
 
 section! { Array {
     "method": method => |method| match method {
-        WrenchMethod::Sum(places) => finite(places.0.as_flattened()),
-        WrenchMethod::Matrix(matrix) => finite(matrix.0.as_flattened().as_flattened()),
+        WrenchMethod::Sum(places) => bounded(places.0.as_flattened(), FARTHEST),
+        WrenchMethod::Matrix(matrix) => {
+            bounded(matrix.0.as_flattened().as_flattened(), MOST_SENSITIVE * FARTHEST)
+        }
     };
     "residual": residual => |residual| residual.iter().all(|sigma| (1e-9..1e3).contains(sigma));
     "moment_residual": moment_residual => |sigma| (1e-9..1e3).contains(sigma);
@@ -253,30 +263,30 @@ fn read_value<'b, T: Deserialize<'b>>(value: &mut T, bytes: &'b [u8]) -> Option<
 }
 
 fn radial_fits(depth: &[f32; 2], terms: &[[f32; 3]; TERMS]) -> bool {
-    finite(depth) && finite(terms.as_flattened())
+    bounded(depth, HUGE) && bounded(terms.as_flattened(), HUGE)
 }
 
-/// Checks a bias that does not come from a record.
-pub(crate) fn bias_fits(bias: &Bias) -> bool {
+/// Checks a bias that does not come from a record, as one within a record is checked.
+#[must_use]
+pub fn bias_fits(bias: &Bias) -> bool {
     bias.taxels.is_none_or(|taxels| levels_fit(&taxels.level) && noise_fits(&taxels.noise))
         && bias.bridges.iter().flatten().all(|b| levels_fit(&b.level) && noise_fits(&b.noise))
 }
 
 /// Checks the range of levels, −2 to 2: fractions of full scale, and their sums and differences.
-#[inline(never)]
 fn levels_fit(levels: &[f32]) -> bool {
-    levels.iter().all(|level| level.abs() <= 2.0)
+    bounded(levels, 2.0)
 }
 
 fn noise_fits(noise: &f32) -> bool {
-    (1e-9..1.0).contains(noise)
+    (1e-9..=NOISE_LIMIT).contains(noise)
 }
 
 #[inline(never)]
 fn ranges_fit(ranges: &[Range]) -> bool {
-    ranges.iter().all(|[low, high]| low < high) && finite(ranges.as_flattened())
+    ranges.iter().all(|[low, high]| low < high) && bounded(ranges.as_flattened(), WIDEST)
 }
 
 fn residuals_fit(residuals: &[f32]) -> bool {
-    residuals.iter().all(|residual| (0.0..HUGE).contains(residual))
+    residuals.iter().all(|residual| (0.0..1e3).contains(residual))
 }

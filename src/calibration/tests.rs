@@ -101,12 +101,14 @@ fn reading_drops_sections_missing_in_record() {
 fn quantised(hidden: usize, outputs: usize, skip: bool) -> Calibration {
     let weight = |i: usize| (i * 37 % 101) as f32 / 50.0 - 1.0;
     let list = |count: usize| (0..count).map(weight).collect::<std::vec::Vec<_>>();
+    // Without a contact the forces stay below 1 N.
+    let small = |count: usize| list(count).iter().map(|w| 0.02 * w).collect::<std::vec::Vec<_>>();
     let net = ForceNet::new(&Layers {
         hidden: &list(hidden * 16),
         hidden_bias: &list(hidden),
-        output: &list(outputs * hidden),
+        output: &small(outputs * hidden),
         skip: &list(usize::from(skip) * outputs * 16),
-        output_bias: &list(outputs),
+        output_bias: &small(outputs),
     })
     .unwrap();
     Calibration { net: QuantisedNet::new(&net, 0.6).map(Net::Quantised), ..largest() }
@@ -132,6 +134,54 @@ fn net_in_f32_precedes_net_in_16_bits() {
     both.truncate(both.len() - 4);
     both.extend(&section[head..]);
     assert_eq!(Calibration::from_bytes(sealed(&mut both)), Ok(float));
+}
+
+#[test]
+fn record_that_cannot_measure_fails_rehearsal() {
+    let only = |change: fn(&mut Calibration)| {
+        let mut record = largest();
+        change(&mut record);
+        assert_eq!(record.validate(), Ok(()), "every field is accepted by itself");
+        match record.rehearse() {
+            Err(error @ CalibrationError::Rehearsal { section }) => {
+                let read = Calibration::from_bytes(&bytes(&record));
+                assert_eq!(read, Err(error), "a finger refuses it");
+                section
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    fn noisy(record: &mut Calibration) {
+        record.taxels.as_mut().unwrap().bias.noise = 0.02;
+        record.sensors.iter_mut().flatten().for_each(|sensor| sensor.bias.noise = 0.02);
+        let gains = |sensor: &mut SensorCalibration| sensor.sensitivity.0[2] = [1.0, 2.0, 5.0];
+        record.sensors.iter_mut().flatten().for_each(gains);
+        record.model = None;
+    }
+    assert_eq!(only(|r| float(r).output_bias[2] = -4.0), 2);
+    assert_eq!(only(|r| float(r).units[3].output[0] = 1e4), 2);
+    assert_eq!(only(|r| r.net = quantised(16, 3, true).net.map(offset)), 2);
+    let deaf = |r: &mut Calibration| {
+        noisy(r);
+        r.net = None;
+    };
+    assert_eq!(only(deaf), 16);
+    let deaf = |r: &mut Calibration| {
+        noisy(r);
+        float(r).skip = Some([[-1.0; TAXELS]; 3]);
+    };
+    assert_eq!(only(deaf), 1);
+    // One sensor that notices a contact suffices.
+    let mut one = largest();
+    noisy(&mut one);
+    one.sensors[1].as_mut().unwrap().bias.noise = 1e-4;
+    assert_eq!((one.rehearse(), Calibration::EMPTY.rehearse()), (Ok(()), Ok(())));
+}
+
+fn offset(net: Net) -> Net {
+    let Net::Quantised(mut net) = net else { panic!() };
+    net.output_bias[1] = 3.0;
+    Net::Quantised(net)
 }
 
 #[test]

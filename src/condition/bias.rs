@@ -4,12 +4,15 @@ use serde::{Deserialize, Serialize};
 
 use super::levels::{BridgeLevels, Levels, TaxelLevels};
 use super::{Health, Signals};
-use crate::math::{at_least, sqrt};
+use crate::math::{at_least, at_most, sqrt};
 use crate::scan::{SENSORS, TAXELS};
 
 /// Lower limit of a channel's noise: a quarter of a 12-bit step. The limit is needed because a
 /// short average may look quieter.
 pub const NOISE_FLOOR: f32 = 0.25 / 4096.0;
+/// Upper limit of a channel's noise: 80 steps of a 12-bit converter. The contact gate opens at
+/// eight times the noise, and above this limit no press would open it.
+pub(crate) const NOISE_LIMIT: f32 = 0.02;
 
 /// Bias of the optical matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -219,6 +222,7 @@ fn finish(
     noisiest: &mut f32,
 ) -> Result<f32, BiasRefusal> {
     let limit = BiasTaker::STILL * at_least(known.unwrap_or(BiasTaker::UNKNOWN_NOISE), NOISE_FLOOR);
+    let limit = at_most(limit, NOISE_LIMIT);
     let (mut worst, mut sum) = (0.0f32, 0.0);
     for (level, moments) in first.iter_mut().zip(moments) {
         let variance = moments.variance();

@@ -228,12 +228,26 @@ impl Inverse {
         Some(Load { size, ..newton })
     }
 
+    /// Returns whether 1 N dents the facet below it by four times the signal `dent`.
+    ///
+    /// The root mean square of sixteen signals, of which one is four times as large, is that.
+    pub(crate) fn notices(&self, dent: f32) -> bool {
+        let [_, _, _, _, _, [slope, ..], ..] = self.curves.gap;
+        self.dented_by_newton() > (4.0 * dent * slope).abs()
+    }
+
     /// Returns calibration's residual at 1 N over the displacement under that contact.
     pub(crate) fn expected_share(&self) -> f32 {
-        let newton = Load { size: 1.0, ..Load::default() };
-        let (sinks, _) = self.field.around(&newton).pressed([0.0; 2]);
+        let sinks = self.dented_by_newton();
         let [floor, share] = self.error;
         if sinks > f32::MIN_POSITIVE { ((floor + share) / sinks).min(1.0) } else { 1.0 }
+    }
+
+    /// Returns the displacement of a facet under a contact of 1 N.
+    #[inline(never)]
+    fn dented_by_newton(&self) -> f32 {
+        let newton = Load { size: 1.0, ..Load::default() };
+        self.field.around(&newton).pressed([0.0; 2]).0
     }
 
     /// Returns calibration's residual displacement at this normal force.

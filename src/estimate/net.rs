@@ -15,8 +15,9 @@ pub const MAX_HIDDEN: usize = 32;
 /// Largest number of outputs: f_x, f_y, f_z.
 pub const MAX_OUTPUTS: usize = 3;
 
-/// Upper limit of a weight. Weights below it cannot overflow a sum of inputs in [−2, 2].
-pub(super) const HUGE: f32 = 1e30;
+/// Upper limit of a coefficient without one of its own. A taxel that sees a hundredth of full scale
+/// per newton needs 1e8 in the fifth power of its curve.
+pub(crate) const HUGE: f32 = 1e9;
 
 /// Net y = V·tanh(W·x + a) + L·x + b, with weights as flat row-major slices.
 ///

@@ -131,7 +131,7 @@ impl QuantisedNet {
 
     /// Checks the scales: a force is 2³¹ times a scale at most.
     pub(crate) fn scale_fits(&self) -> bool {
-        self.scale.iter().all(|scale| scale.abs() < 1e20)
+        self.scale.iter().all(|scale| scale.abs() < HUGE)
     }
 
     /// Returns forces in newtons: `[f_z]` or `[f_x, f_y, f_z]`. Larger signals are limited to the

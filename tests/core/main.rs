@@ -2,9 +2,11 @@
 
 mod c_header;
 mod common;
+mod day;
 mod finger;
 mod flood;
 mod hostile;
+mod records;
 mod session;
 mod store;
 mod wire_golden;

@@ -113,6 +113,7 @@ fn refusals_have_their_bytes() {
             "01 07 01 04 04 10 02",
         ),
         (Refusal::Calibration(CalibrationError::WithoutTaxels { section: 2 }), "01 07 01 04 05 02"),
+        (Refusal::Calibration(CalibrationError::Rehearsal { section: 2 }), "01 07 01 04 06 02"),
         (Refusal::Uncalibrated, "01 07 01 05"),
         (Refusal::Saturated, "01 07 01 06"),
         (Refusal::Storage, "01 07 01 07"),

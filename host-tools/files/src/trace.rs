@@ -3,14 +3,18 @@
 //! The header is required and its columns may come in any order. A missing sensor has no columns. A
 //! line sensor has only the columns of row 0: its other rows have no LEDs, so their codes are the
 //! dark codes. Codes have 12 bits unless the first line is a comment such as `# full_scale=65535`.
+//! A simulated trace says so in a comment, `# simulated=press; ideal finger; seed 1`.
 
 mod read;
 mod write;
 
-pub use read::{Channels, TraceReader, cut, is_trace};
+pub use read::{Channels, TraceReader, cut, is_trace, simulated};
 pub use write::{TraceHeader, TraceWriter};
 
 use taxel::scan::{COLS, SENSORS, Scan};
+
+/// Key of the comment line that says how a trace was simulated.
+const SIMULATED_KEY: &str = "simulated";
 
 /// Truth of a sample where it is known; an unknown value is `None`, never NaN.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

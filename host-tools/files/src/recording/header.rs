@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::point_method;
-use taxel::calibration::Calibration;
+use taxel::calibration::{Calibration, bias_fits};
 use taxel::condition::{Bias, BridgeBias, LowPass, TaxelBias};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::finger::{Finger, FingerState};
@@ -106,7 +106,7 @@ impl Header {
             Some(BridgeBias { level, noise })
         });
         let known = taxels.is_some() || bridges.iter().any(Option::is_some);
-        known.then_some(Bias { taxels, bridges })
+        known.then_some(Bias { taxels, bridges }).filter(bias_fits)
     }
 
     /// Returns the core with the recording's settings, to compute it again.

@@ -9,7 +9,9 @@ use csv::StringRecord;
 use taxel::scan::{COLS, Codes, Midpoints, ROWS, SENSORS, Scan, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
 
-use super::{Sample, TRUTH_COLUMNS, Truth, bridge_names, sensor_truth_names, taxel_names};
+use super::{
+    SIMULATED_KEY, Sample, TRUTH_COLUMNS, Truth, bridge_names, sensor_truth_names, taxel_names,
+};
 use crate::error::FileError;
 use crate::lines::Lines;
 use crate::number;
@@ -155,6 +157,25 @@ pub fn is_trace(path: impl AsRef<Path>) -> Result<bool, FileError> {
     header.ok_or_else(|| empty(path))?;
     Ok(names.iter().any(|name| name == "t_us")
         && names.iter().any(|name| name.starts_with("lit_r") || name.starts_with("bridge_s")))
+}
+
+/// Returns how a table or trace was simulated; `None` unless its comments say so.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn simulated(path: impl AsRef<Path>) -> Result<Option<String>, FileError> {
+    let path = path.as_ref();
+    let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
+    for line in BufReader::new(file).lines() {
+        let line = line.map_err(|error| FileError::io(path, &error))?;
+        let Some(comment) = line.strip_prefix('#') else { break };
+        if let Some((key, value)) = comment.split_once('=')
+            && key.trim() == SIMULATED_KEY
+        {
+            return Ok(Some(value.trim().to_owned()));
+        }
+    }
+    Ok(None)
 }
 
 /// Position of each channel in a line.

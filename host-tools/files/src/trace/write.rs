@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use taxel::scan::SENSORS;
 use taxel::units::{Code, FullScale};
 
-use super::{Sample, TRUTH_COLUMNS, bridge_names, sensor_truth_names, taxel_names};
+use super::{SIMULATED_KEY, Sample, TRUTH_COLUMNS, bridge_names, sensor_truth_names, taxel_names};
 use crate::error::FileError;
 
 /// Columns of a trace to write.
@@ -43,11 +43,34 @@ impl TraceWriter {
     /// # Errors
     /// The file cannot be written.
     pub fn create(path: impl AsRef<Path>, header: TraceHeader) -> Result<Self, FileError> {
-        let path = path.as_ref().to_owned();
+        Self::create_commented(path.as_ref().to_owned(), header, None)
+    }
+
+    /// Creates the file of a simulation and writes its header; `origin` is one line that says which.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn create_simulated(
+        path: impl AsRef<Path>,
+        header: TraceHeader,
+        origin: &str,
+    ) -> Result<Self, FileError> {
+        Self::create_commented(path.as_ref().to_owned(), header, Some(origin))
+    }
+
+    fn create_commented(
+        path: PathBuf,
+        header: TraceHeader,
+        origin: Option<&str>,
+    ) -> Result<Self, FileError> {
         let mut file =
             BufWriter::new(File::create(&path).map_err(|error| FileError::io(&path, &error))?);
         if header.full_scale != FullScale::BITS_12 {
             writeln!(file, "# full_scale={}", header.full_scale.top().0)
+                .map_err(|error| FileError::io(&path, &error))?;
+        }
+        if let Some(origin) = origin {
+            writeln!(file, "# {SIMULATED_KEY}={origin}")
                 .map_err(|error| FileError::io(&path, &error))?;
         }
         let mut writer =

@@ -48,12 +48,16 @@ pub(super) struct Container {
     /// Whether the summary has begun, whose records stand nowhere else.
     summary: bool,
     over: bool,
+    /// Whether the file begins as every MCAP file does.
+    pub(super) begins: bool,
+    /// Whether the file ends as every MCAP file does; assumed of a pipe.
+    pub(super) ends: bool,
 }
 
 impl Container {
     /// Prepares to read a file from its start.
     pub(super) fn new(mut file: File) -> io::Result<Self> {
-        let length = file.seek(SeekFrom::End(0)).and_then(|end| file.rewind().map(|()| end)).ok();
+        let length = file.seek(SeekFrom::End(0)).ok();
         let at = mcap::MAGIC.len() as u64;
         let mut container = Self {
             file: BufReader::new(file),
@@ -63,8 +67,15 @@ impl Container {
             next: None,
             summary: false,
             over: false,
+            begins: false,
+            ends: true,
         };
-        container.take(at)?;
+        if let Some(length) = length {
+            container.seek(length.saturating_sub(at))?;
+            container.ends = container.take(at)? == mcap::MAGIC;
+            container.seek(0)?;
+        }
+        container.begins = container.take(at)? == mcap::MAGIC;
         Ok(container)
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use mcap::McapError;
@@ -19,10 +19,11 @@ use crate::recording::{Recording, schema};
 /// Opens a file and reads to its first row.
 pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     let failed = |error: io::Error| FileError::io(path, &error);
-    let (whole, begins) = magic(path).map_err(failed)?;
+    let container = File::open(path).and_then(Container::new).map_err(failed)?;
+    let (begins, whole) = (container.begins, container.ends);
     let mut rows = Rows {
         path: path.to_owned(),
-        container: Container::new(File::open(path).map_err(failed)?).map_err(failed)?,
+        container,
         chunk: None,
         about: About::default(),
         ready: None,
@@ -53,30 +54,6 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
         Header { facts: rows.about.facts.clone(), calibration: rows.about.calibration.take() };
     let rows = damage.map(Err).into_iter().chain(rows);
     Ok(Recording { header, columns, whole, rows: Box::new(rows) })
-}
-
-/// Returns whether the file ends, and whether it begins, as every MCAP file does.
-///
-/// A pipe, which cannot seek, counts as ending so.
-fn magic(path: &Path) -> io::Result<(bool, bool)> {
-    let mut file = File::open(path)?;
-    if !file.metadata()?.is_file() {
-        return Ok((true, true));
-    }
-    let mut is_magic = |from| {
-        let mut bytes = [0; mcap::MAGIC.len()];
-        let read = file.seek(from).and_then(|_| file.read_exact(&mut bytes));
-        match read {
-            Err(error)
-                if ![ErrorKind::UnexpectedEof, ErrorKind::InvalidInput].contains(&error.kind()) =>
-            {
-                Err(error)
-            }
-            read => Ok(read.is_ok() && bytes.as_slice() == mcap::MAGIC),
-        }
-    };
-    let ends = is_magic(SeekFrom::End(-(mcap::MAGIC.len() as i64)))?;
-    Ok((ends, is_magic(SeekFrom::Start(0))?))
 }
 
 /// Facts about the finger and the columns of its frames, as far as they were found.
