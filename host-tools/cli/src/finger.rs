@@ -116,3 +116,18 @@ pub fn address(text: &str) -> Result<String, String> {
     let known = text.to_socket_addrs().is_ok_and(|mut addresses| addresses.next().is_some());
     if known { Ok(text.to_owned()) } else { Err("expected HOST:PORT, as in 127.0.0.1:5000".into()) }
 }
+
+/// Refuses an `address` that other machines reach, unless that was asked for by `--open`. TCP and
+/// Foxglove have no password.
+///
+/// # Errors
+/// The address is not of this machine alone.
+pub fn closed(address: &str, open: bool) -> anyhow::Result<()> {
+    let addresses = address.to_socket_addrs()?.filter(|address| !address.ip().is_loopback());
+    anyhow::ensure!(
+        open || addresses.count() == 0,
+        "{address}: every machine of the network reaches it, and there is no password; use 127.0.0.1 and SSH, \
+         or add --open if that is meant"
+    );
+    Ok(())
+}

@@ -31,6 +31,7 @@ pub struct Adc {
     /// Number of steps in a reading's range, where they are coarser than its codes.
     steps: Option<f64>,
     noise: Option<Noise>,
+    bent: Option<Bent>,
 }
 
 #[derive(Clone, Debug)]
@@ -60,7 +61,8 @@ impl Adc {
         // 65520 steps come close enough to 65535.
         let coarse = full_scale == FullScale::BITS_16 && conversions < 16.0;
         let steps = coarse.then_some(conversions / STEP);
-        Self { full_scale, steps, noise }
+        let bent = scene.has(Effect::Nonlinearity).then(|| Bent::new(scene.device.seed));
+        Self { full_scale, steps, noise, bent }
     }
 
     /// Full scale of the codes.
@@ -71,7 +73,7 @@ impl Adc {
 
     /// Reads a column of phototransistors; its noise grows with the light.
     pub fn light(&mut self, ratio: f64) -> Code {
-        let noise = self.noise.as_ref().map_or(0.0, |n| n.light.shot * ratio + n.light.thermal);
+        let noise = self.noise.as_ref().map_or(0.0, |n| n.light.of_reading(ratio));
         self.convert(ratio, noise)
     }
 
@@ -83,6 +85,9 @@ impl Adc {
     /// Converts a voltage with noise of `variance`, both over the converter's range.
     fn convert(&mut self, ratio: f64, variance: f64) -> Code {
         let mut reading = ratio;
+        if let Some(bent) = &self.bent {
+            reading += bent.at(ratio);
+        }
         if let Some(noise) = &mut self.noise {
             let unit: f64 = StandardNormal.sample(&mut noise.rng);
             reading += (noise.converter + variance).sqrt() * unit;
@@ -93,6 +98,45 @@ impl Adc {
         }
         // Clamped to the range, so the conversion to an integer is exact.
         Code((reading * top).round().clamp(0.0, top) as u16)
+    }
+}
+
+/// Integral non-linearity of a device's converter: slow waves of at most two 12-bit steps.
+#[derive(Clone, Debug)]
+struct Bent {
+    nodes: Vec<f64>,
+}
+
+impl Bent {
+    /// Largest deviation in 12-bit steps, the typical figure of the STM32G431's sheet.
+    const MOST: f64 = 2.0;
+    /// Waves over the range, with their shares of the deviation; an assumption.
+    const WAVES: [(f64, f64); 3] = [(1.0, 0.5), (3.0, 0.3), (11.0, 0.2)];
+    const NODES: usize = 257;
+
+    fn new(device: u64) -> Self {
+        let mut rng = stream(device, Purpose::Nonlinearity);
+        let phases = Self::WAVES.map(|_| {
+            let unit: f64 = StandardNormal.sample(&mut rng);
+            7.0 * unit
+        });
+        let node = |i: usize| {
+            let at = core::f64::consts::TAU * i as f64 / (Self::NODES - 1) as f64;
+            let waves = Self::WAVES.iter().zip(phases);
+            let sum: f64 =
+                waves.map(|((wave, share), phase)| share * (wave * at + phase).sin()).sum();
+            Self::MOST * STEP * sum
+        };
+        Self { nodes: (0..Self::NODES).map(node).collect() }
+    }
+
+    fn at(&self, ratio: f64) -> f64 {
+        let node = ratio.clamp(0.0, 1.0) * (Self::NODES - 1) as f64;
+        let low = (node.floor() as usize).min(Self::NODES - 2);
+        match self.nodes.get(low..low + 2) {
+            Some([first, second]) => first + (node - low as f64) * (second - first),
+            _ => 0.0,
+        }
     }
 }
 
@@ -139,6 +183,20 @@ mod tests {
     fn noiseless_code_is_the_nearest_step() {
         assert_eq!(adc(12, "").voltage(0.5), Code(2048));
         assert_eq!(adc(16, "").voltage(0.25), Code(16384));
+    }
+
+    #[test]
+    fn nonlinearity_stays_within_two_steps() {
+        let bent = |device| Bent::new(device);
+        let curve = |device| (0..=1000).map(move |i| bent(device).at(f64::from(i) / 1000.0) / STEP);
+        for device in 1..4 {
+            let most = curve(device).fold(0.0, |most: f64, steps| most.max(steps.abs()));
+            assert!((0.8..=2.0).contains(&most), "{most}");
+        }
+        // A property of the device.
+        assert!(curve(1).eq(curve(1)) && curve(1).ne(curve(2)));
+        let codes = |effects| adc(16, effects).voltage(0.4).0;
+        assert!(codes("'nonlinearity'").abs_diff(codes("")) <= 33);
     }
 
     #[test]

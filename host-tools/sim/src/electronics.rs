@@ -8,12 +8,13 @@
 //! SFH 3010 gives at least 70 µA for it (25 µA in 0.5 mW/cm²). The pairs here have about twice the
 //! minimum.
 
+use scan_plan::finger::{CURRENT_GAIN, REFERENCE};
 use taxel::scan::COLS;
 
 use crate::scene::{Effect, Scene};
 
 /// Range of the converter in volts.
-const RANGE_V: f64 = 3.3;
+const RANGE_V: f64 = REFERENCE.converter.range_v;
 /// Load on which a light of one reads as one.
 const LOAD_OHM: f64 = 1000.0;
 const AMPLIFIED: f64 = 16.0;
@@ -25,18 +26,14 @@ const ELEMENTARY_CHARGE: f64 = 1.602_176_634e-19;
 const BOLTZMANN: f64 = 1.380_649e-23;
 /// Temperature of the room in kelvin.
 const ROOM_K: f64 = 298.15;
-/// Current gain of the phototransistor: collector current over base current.
-///
-/// The 25 µA above come from 0.04 mm² of silicon, which at 0.6 A/W make 0.12 µA of them. The gain
-/// is therefore at least 208, and some 450 with twice the minimum current. The sheet of the larger
-/// SFH 3401 has 340 to 860.
-const CURRENT_GAIN: f64 = 450.0;
 
 /// Columns of one device.
 #[derive(Clone, Debug)]
 pub struct Columns {
     /// Gain of load and amplifier over those on which a light of one reads as one.
     gain: f64,
+    /// Reading without light.
+    reference: f64,
     settling: Option<Settling>,
 }
 
@@ -66,7 +63,7 @@ impl Columns {
             pause: left(period - 5.0 * step),
             level: dark,
         });
-        Self { gain: gain(scene), settling }
+        Self { gain: gain(scene), reference: scene.electronics.reference_ratio, settling }
     }
 
     /// Begins a frame: the LEDs have been off since the last frame ended.
@@ -94,7 +91,7 @@ impl Columns {
                 read
             }
         };
-        read.map(|level| (self.gain * level).clamp(0.0, 1.0))
+        read.map(|level| (self.reference + self.gain * level).clamp(0.0, 1.0))
     }
 }
 
@@ -109,6 +106,8 @@ pub struct LightNoise {
     pub shot: f64,
     /// Thermal noise of the load, light or dark.
     pub thermal: f64,
+    /// Reading without light.
+    pub dark: f64,
 }
 
 impl LightNoise {
@@ -128,8 +127,15 @@ impl LightNoise {
         let shot = 2.0 * ELEMENTARY_CHARGE * (1.0 + CURRENT_GAIN) * current * bandwidth;
         Self {
             shot: shot * (load * amplified).powi(2) * left,
+            dark: scene.electronics.reference_ratio,
             thermal: 4.0 * BOLTZMANN * ROOM_K * load * bandwidth * amplified.powi(2) * left,
         }
+    }
+
+    /// Variance of a reading of `ratio`.
+    #[must_use]
+    pub fn of_reading(&self, ratio: f64) -> f64 {
+        self.shot * (ratio - self.dark).max(0.0) + self.thermal
     }
 }
 
@@ -190,6 +196,16 @@ mod tests {
         let tau = 7.0 / 9f64.ln();
         let averaged = averaged(4.0 * 0.25 / tau) / averaged(0.25 / tau);
         assert!((of(quick) / of("") / (4.0 * averaged) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn dark_column_reads_its_reference_without_shot_noise() {
+        let scene = scene("reference_ratio = 0.125", 30);
+        let mut columns = Columns::new(&scene, [0.0; COLS]);
+        assert_eq!(columns.step([0.0; COLS]), [0.125; COLS]);
+        let noise = LightNoise::of(&scene);
+        assert_eq!(noise.of_reading(0.125), noise.thermal);
+        assert!((noise.of_reading(0.625) - noise.thermal - 0.5 * noise.shot).abs() < 1e-18);
     }
 
     #[test]

@@ -19,20 +19,21 @@
 //! All values are fractions of the converter's full scale on a load of 1 kΩ amplified sixteenfold.
 
 use rand_distr::{Distribution as _, Uniform};
+use scan_plan::finger::REFERENCE;
 use taxel::scan::{COLS, ROWS, TAXELS};
 
 use crate::electronics::UNIT_A;
-use crate::scene::{Effect, Scene};
+use crate::scene::{Effect, Layer, Scene};
 use crate::seeds::{Purpose, stream};
 
 /// Distance between LED and phototransistor in mm.
-const SEPARATION_MM: f64 = 1.4;
+const SEPARATION_MM: f64 = REFERENCE.pair.separation_mm;
 /// Gap in mm at which the light peaks.
 const PEAK_MM: f64 = SEPARATION_MM / 2.0;
 /// Reading of the mean pair at the peak of its curve.
 ///
 /// The rest of the range is room for bright pairs and lamps.
-const PEAK: f64 = 0.75;
+const PEAK: f64 = REFERENCE.pair.peak_a / UNIT_A;
 /// Reading of a column's amplifier without input; an assumption: two millivolts of offset.
 const OFFSET: f64 = 0.01;
 /// Dark current of a phototransistor at the reference temperature (SFH 3010, typical), in amperes.
@@ -63,6 +64,7 @@ pub struct Optics {
     pairs: [Pair; TAXELS],
     offsets: [f64; COLS],
     stray: Option<Box<Stray>>,
+    diffuse: Option<Box<Diffuse>>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -102,7 +104,9 @@ impl Optics {
             }
         }
         let stray = scene.has(Effect::OpticalCrosstalk).then(|| Box::new(draw_stray(device)));
-        Self { pairs, offsets, stray }
+        let diffuse = scene.has(Effect::DiffuseFacet);
+        let diffuse = diffuse.then(|| Box::new(Diffuse::new(&scene.layer)));
+        Self { pairs, offsets, stray, diffuse }
     }
 
     /// Whether a facet at `gap` mm is nearer than the peak of its pair's curve.
@@ -128,7 +132,8 @@ impl Optics {
     pub fn reflected(&self, displacement: &[f64; TAXELS], missing: Missing) -> [f64; TAXELS] {
         let mut light = [0.0; TAXELS];
         for ((light, pair), displacement) in light.iter_mut().zip(&self.pairs).zip(displacement) {
-            *light = pair.gain * response(pair.gap - displacement);
+            let gap = pair.gap - displacement;
+            *light = pair.gain * self.diffuse.as_ref().map_or_else(|| response(gap), |d| d.at(gap));
         }
         match &self.stray {
             Some(stray) => spill(&light, stray, missing),
@@ -141,6 +146,17 @@ impl Optics {
     pub fn offsets(&self) -> [f64; COLS] {
         self.offsets
     }
+}
+
+/// Warming of the LEDs by their own current in kelvin, `seconds` after the start.
+///
+/// All sixteen take 50 mW, next to a controller with twice that: an assumption of 2 K, most of it
+/// within the first minute.
+#[must_use]
+pub fn own_heat(seconds: f64) -> f64 {
+    const OWN_K: f64 = 2.0;
+    const WARMS_S: f64 = 60.0;
+    -OWN_K * (-seconds / WARMS_S).exp_m1()
 }
 
 /// Dark current of a column's four phototransistors, `warmer_k` above the reference.
@@ -167,6 +183,53 @@ pub fn response(gap: f64) -> f64 {
     let gap = gap.max(0.0);
     let q = 4.0 * gap * gap;
     4.0 * q * S2 / ((q + S2) * (q + S2))
+}
+
+/// Light curve of a diffuse facet, which spreads what it gets by Lambert's law.
+///
+/// A point of the facet at distances r₁ from the LED and r₂ from the phototransistor hands on
+/// g⁴/(r₁r₂)⁴; the curve is the mean over the facet. It is as bright as the mirror's at the usual
+/// gap, where a photocurrent is given.
+#[derive(Clone, Debug)]
+struct Diffuse {
+    nodes: Vec<f64>,
+}
+
+impl Diffuse {
+    /// Distance of two nodes in mm; linear interpolation is then good to 10⁻⁵ of the peak.
+    const STEP_MM: f64 = 0.004;
+    const NODES: usize = 1001;
+
+    fn new(layer: &Layer) -> Self {
+        let (facet, usual) = (layer.facet_mm, layer.gap_mm);
+        let scale = response(usual) / Self::mean(usual, facet);
+        let nodes = 0..Self::NODES;
+        let node = |i| scale * Self::mean(i as f64 * Self::STEP_MM, facet);
+        Self { nodes: nodes.map(node).collect() }
+    }
+
+    fn mean(gap: f64, facet: f64) -> f64 {
+        const POINTS: usize = 32;
+        let at = |i: usize| ((i as f64 + 0.5) / POINTS as f64 - 0.5) * facet;
+        let square = |x: f64, y: f64| x * x + y * y + gap * gap;
+        let sum: f64 = (0..POINTS * POINTS)
+            .map(|i| {
+                let (x, y) = (at(i % POINTS), at(i / POINTS));
+                let beside = SEPARATION_MM / 2.0;
+                (gap * gap / (square(x + beside, y) * square(x - beside, y))).powi(2)
+            })
+            .sum();
+        sum / (POINTS * POINTS) as f64
+    }
+
+    fn at(&self, gap: f64) -> f64 {
+        let node = (gap / Self::STEP_MM).clamp(0.0, (Self::NODES - 2) as f64);
+        let (low, rest) = (node.floor() as usize, node.fract());
+        match self.nodes.get(low..low + 2) {
+            Some([low, high]) => low + rest * (high - low),
+            _ => 0.0,
+        }
+    }
 }
 
 fn uniform(low: f64, high: f64) -> Option<Uniform<f64>> {
@@ -236,6 +299,26 @@ mod tests {
         let curve: Vec<f64> = (0..300).map(|i| response(f64::from(i) * 0.01)).collect();
         let peak = (SEPARATION_MM / 2.0 / 0.01) as usize;
         assert!(curve[..peak].is_sorted() && curve[peak + 1..].is_sorted_by(|a, b| a > b));
+    }
+
+    #[test]
+    fn diffuse_facet_is_as_bright_at_rest_and_steeper() {
+        let (mirror, diffuse) = (optics(""), optics("'diffuse-facet'"));
+        let light = |optics: &Optics, u: f64| optics.reflected(&[u; TAXELS], NONE)[0];
+        assert!((light(&diffuse, 0.0) / light(&mirror, 0.0) - 1.0).abs() < 1e-4);
+        let gains = [&mirror, &diffuse].map(|optics| light(optics, 0.3) / light(optics, 0.0));
+        // A mirror of twice the distance against a second source: some −2/g against −3/g.
+        assert!(gains[0] < 1.28 && gains[1] > 1.45, "{gains:?}");
+        // Half way between two nodes.
+        let curve = Diffuse::new(&Layer::default());
+        let exact = Diffuse::mean(1.002, 1.9) / Diffuse::mean(2.0, 1.9) * response(2.0);
+        assert!((curve.at(1.002) / exact - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn leds_warm_by_themselves_within_minutes() {
+        assert_eq!(own_heat(0.0), 0.0);
+        assert!((own_heat(60.0) - 2.0 * 0.632).abs() < 1e-3 && (own_heat(1e4) - 2.0).abs() < 1e-9);
     }
 
     #[test]

@@ -15,6 +15,7 @@ use crate::response::Coating;
 
 mod acts;
 mod catalogue;
+mod changes;
 mod check;
 mod device;
 mod electronics;
@@ -29,6 +30,7 @@ mod trials;
 
 pub use acts::{Act, Press, Random, Roll, Slide, Spring, Tap};
 pub use catalogue::built_in;
+pub use changes::{Changes, REAL};
 pub use device::{Bits, Device, Kind, Taxel};
 pub use electronics::Electronics;
 pub use fault::{Broken, Fault, Place};
@@ -74,6 +76,16 @@ pub enum Effect {
     /// Effects of temperature: the finger has the temperature of `[temperature]` instead of the
     /// reference.
     Temperature,
+    /// Slow creep of the skin under load.
+    Creep,
+    /// Warming of the LEDs by their own current after the start.
+    SelfHeating,
+    /// Integral non-linearity of the converter.
+    Nonlinearity,
+    /// Diffuse reflection by the facets, in place of a mirror's.
+    DiffuseFacet,
+    /// Error of the bench's load cell and placement, in the truth.
+    BenchError,
 }
 
 /// Writes the name as in a scene.
@@ -241,7 +253,8 @@ pub struct Layer {
 
 impl Default for Layer {
     fn default() -> Self {
-        Self { depth_mm: 2.5, facet_mm: 1.9, gap_mm: 2.0 }
+        let skin = scan_plan::finger::REFERENCE.skin;
+        Self { depth_mm: skin.depth_mm, facet_mm: skin.facet_mm, gap_mm: 2.0 }
     }
 }
 

@@ -24,6 +24,10 @@ pub enum Purpose {
     Noise,
     /// Error of a bench's load cell; a property of the run.
     Reference,
+    /// Non-linearity of the converter; a property of the device.
+    Nonlinearity,
+    /// Errors of load cell and placement in the truth; a property of the run.
+    BenchError,
     /// Press `.1` of the random presses with index `.0` in the scene; a property of the run.
     RandomPress(u8, u32),
 }
@@ -40,6 +44,8 @@ pub fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
         Purpose::Noise => 6,
         Purpose::BridgeDrift => 7,
         Purpose::Reference => 8,
+        Purpose::Nonlinearity => 9,
+        Purpose::BenchError => 10,
         Purpose::RandomPress(act, press) => 1 << 63 | u64::from(act) << 32 | u64::from(press),
     });
     rng

@@ -49,6 +49,8 @@ pub struct Simulator {
     response: Option<Box<[Response<3>; SENSORS]>>,
     bench: Option<usize>,
     reference: Option<Reference>,
+    bench_error: Option<BenchError>,
+    heats: bool,
     adc: Adc,
     rate_hz: u64,
     step_us: f64,
@@ -87,6 +89,8 @@ impl Simulator {
             response: scene.has(Effect::Response).then(|| Box::new(responses(scene))),
             bench: scene.bench_sensor(),
             reference: Reference::of(scene, seed),
+            bench_error: scene.has(Effect::BenchError).then(|| BenchError::new(seed)),
+            heats: scene.has(Effect::SelfHeating),
             adc: Adc::new(scene, seed),
             rate_hz: u64::from(scene.rate_hz()),
             step_us: f64::from(scene.scan.step_us()),
@@ -233,7 +237,10 @@ impl Simulator {
         // No contact point: on the bench nothing touches the skin, and a feeler has no position in
         // it.
         let placed = self.bench.is_none() && self.device.kind != Kind::OhkaMicro;
-        let point = load.filter(|_| placed).map_or([None; 2], |load| load.point.map(Some));
+        let mut point = load.filter(|_| placed).map_or([None; 2], |load| load.point.map(Some));
+        if let Some(error) = &mut self.bench_error {
+            (force, point) = error.read(force, point);
+        }
         Truth {
             force,
             point,
@@ -270,6 +277,45 @@ impl Reference {
     }
 }
 
+/// Errors of a calibration bench, in the truth of the finger.
+#[derive(Clone, Debug)]
+struct BenchError {
+    rng: ChaCha8Rng,
+    /// Error of the place of this contact in mm; `None` without contact.
+    away: Option<[f64; 2]>,
+}
+
+impl BenchError {
+    /// Noise of each component of the load cell in newtons, [Ospina2017]'s.
+    const FORCE_N: f64 = 0.006;
+    /// Error of the place of a contact in mm, one standard deviation each way; an assumption.
+    const PLACE_MM: f64 = 0.05;
+
+    fn new(seed: u64) -> Self {
+        Self { rng: stream(seed, Purpose::BenchError), away: None }
+    }
+
+    fn read(
+        &mut self,
+        force: [Option<f64>; 3],
+        point: [Option<f64>; 2],
+    ) -> ([Option<f64>; 3], [Option<f64>; 2]) {
+        let rng = &mut self.rng;
+        let mut draw = |sigma: f64| -> f64 {
+            let unit: f64 = StandardNormal.sample(rng);
+            sigma * unit
+        };
+        let force = force.map(|force| force.map(|force| force + draw(Self::FORCE_N)));
+        if point.iter().all(Option::is_none) {
+            self.away = None;
+            return (force, point);
+        }
+        let [x, y] = *self.away.get_or_insert_with(|| [0; 2].map(|_| draw(Self::PLACE_MM)));
+        let [at_x, at_y] = point;
+        (force, [at_x.map(|at| at + x), at_y.map(|at| at + y)])
+    }
+}
+
 /// Times and temperature effects of one frame.
 #[derive(Clone, Copy, Debug)]
 struct Moment {
@@ -303,11 +349,12 @@ impl Iterator for Simulator {
         self.next += 1;
         let celsius = self.temperature.map(|temperature| temperature.at(scene_s));
         let warmer_k = celsius.map_or(0.0, |celsius| celsius - REFERENCE_C);
+        let own_k = if self.heats { optics::own_heat(time_us as f64 * 1e-6) } else { 0.0 };
         let now = Moment {
             device_us: time_us as f64,
             scene_us: scene_s * 1e6,
             warmer_k,
-            leds: optics::warm_led(warmer_k),
+            leds: optics::warm_led(warmer_k + own_k),
         };
         self.faults.advance(now.scene_us);
         let shares = self.shares(&contacts);

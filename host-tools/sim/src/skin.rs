@@ -7,6 +7,7 @@
 //!   Mooney–Rivlin law instead of the tangent to it.
 //! - `hysteresis`: the first loading is stiffer than all later ones up to the same load
 //!   ([DeMaria2011] fig. 3).
+//! - `creep`: a facet goes on to move under a load that stays, and back when it has gone.
 //! - `skin-response`: facets follow with a delay, and relax, as a coating of [Ospina2017] does.
 
 use taxel::scan::TAXELS;
@@ -54,6 +55,7 @@ pub struct Skin {
     stiffens: Option<f64>,
     first_cycle: Option<FirstCycle>,
     follows: Option<Follows>,
+    creep: Option<Creep>,
 }
 
 impl Skin {
@@ -66,9 +68,12 @@ impl Skin {
                 .has(Effect::Hysteresis)
                 .then(|| FirstCycle::new(scene.material.first_cycle_ratio)),
             follows: scene.has(Effect::SkinResponse).then(|| Follows::new(scene)),
+            creep: scene.has(Effect::Creep).then(|| Creep::new(scene)),
         };
-        let listed =
-            skin.stiffens.is_some() || skin.first_cycle.is_some() || skin.follows.is_some();
+        let listed = skin.stiffens.is_some()
+            || skin.first_cycle.is_some()
+            || skin.follows.is_some()
+            || skin.creep.is_some();
         listed.then_some(skin)
     }
 
@@ -82,6 +87,9 @@ impl Skin {
         }
         if let Some(first_cycle) = &mut self.first_cycle {
             displacement = first_cycle.displace(displacement);
+        }
+        if let Some(creep) = &mut self.creep {
+            displacement = creep.displace(displacement);
         }
         match &mut self.follows {
             Some(follows) => follows.displace(displacement, celsius),
@@ -118,6 +126,34 @@ impl FirstCycle {
     }
 }
 
+/// Slow part of the displacement, one time constant.
+#[derive(Clone, Debug)]
+struct Creep {
+    /// Share of a difference that one frame makes up.
+    share: f64,
+    crept: [f64; TAXELS],
+}
+
+impl Creep {
+    /// Displacement that creep adds in the end, as a share; an assumption for soft silicone.
+    const ADDS: f64 = 0.03;
+    /// Time constant in seconds; an assumption.
+    const AFTER_S: f64 = 20.0;
+
+    fn new(scene: &Scene) -> Self {
+        let share = -(-1.0 / (Self::AFTER_S * f64::from(scene.rate_hz()))).exp_m1();
+        Self { share, crept: [0.0; TAXELS] }
+    }
+
+    fn displace(&mut self, mut displacement: [f64; TAXELS]) -> [f64; TAXELS] {
+        for (u, crept) in displacement.iter_mut().zip(&mut self.crept) {
+            *crept += (Self::ADDS * *u - *crept) * self.share;
+            *u += *crept;
+        }
+        displacement
+    }
+}
+
 /// Delay that shortens with temperature.
 #[derive(Clone, Debug)]
 struct Follows {
@@ -148,6 +184,20 @@ impl Follows {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn creep_adds_its_share_and_goes_back() {
+        let text = "effects = ['creep']\n[scan]\nrate_hz = 100\nduration_s = 1\n";
+        let mut skin = Skin::of(&Scene::parse("test.toml", text).unwrap()).unwrap();
+        let mut after = |load: f64, frames: usize| {
+            (0..frames).map(|_| skin.displace([load; TAXELS], 25.0)[0]).last().unwrap()
+        };
+        assert!((after(0.2, 1) / 0.2 - 1.0).abs() < 1e-4);
+        // 63 % of 3 % after 20 s, all of it in the end.
+        assert!((after(0.2, 1999) / 0.2 - 1.0 - 0.03 * 0.632).abs() < 1e-4);
+        assert!((after(0.2, 30_000) / 0.2 - 1.03).abs() < 1e-4);
+        assert!(after(0.0, 30_000).abs() < 1e-6);
+    }
     use proptest::prelude::*;
 
     fn skin(effects: &str) -> Skin {

@@ -16,7 +16,7 @@ function deviation(sigmas, digits, unit) {
 export function lengthSigma(vector, sigmas) {
   if (!sigmas.every(number)) return sigmas.find((sigma) => !number(sigma));
   const length = Math.hypot(...vector);
-  // Of a vector near zero no direction is known: the largest deviation is on the safe side.
+  // A vector near zero has no known direction: the largest deviation is on the safe side.
   if (length < Math.max(...sigmas)) return Math.max(...sigmas);
   return Math.hypot(...vector.map((part, i) => part * sigmas[i])) / length;
 }

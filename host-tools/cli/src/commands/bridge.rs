@@ -26,7 +26,7 @@ use taxel::frame::Fields;
 use taxel::frame::schema::FIELD_NAMES;
 use taxel_client::{Port, ReconnectingClient, fields};
 
-use crate::finger::{address, scene_calibration, steady};
+use crate::finger::{address, closed, scene_calibration, steady};
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
 use finger::{Finger, Outlet, Report};
@@ -62,6 +62,9 @@ pub struct Args {
     #[arg(long, group = "to", value_name = "HOST:PORT", value_parser = address)]
     #[arg(num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     foxglove: Option<String>,
+    /// Let every machine that reaches the address of --foxglove read the stream.
+    #[arg(long, requires = "foxglove")]
+    open: bool,
     /// Zenoh router or peer to connect to; may be given more than once. The router or peer may
     /// start later.
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/localhost:7447")]
@@ -114,6 +117,7 @@ struct Shared {
 /// The feature is not built in, two fingers have one name, or the network fails.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
+    args.foxglove.iter().try_for_each(|address| closed(address, args.open))?;
     let domain = match args.domain {
         Some(domain) => domain,
         None => ros_domain()?,

@@ -18,7 +18,7 @@ use taxel_files::trace::Truth;
 use crate::browser;
 use crate::commands::view::page;
 use crate::emulated::Board;
-use crate::finger::{address, scene_calibration};
+use crate::finger::{address, closed, scene_calibration};
 use crate::interrupt::Interrupt;
 use crate::stream::Next;
 use crate::virtual_finger::{Source, VirtualFinger};
@@ -50,6 +50,9 @@ pub struct Args {
     /// Put the finger behind this TCP address instead of a pseudo-terminal.
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     tcp: Option<String>,
+    /// Let every machine that reaches the address command the finger; there is no password.
+    #[arg(long, requires = "tcp")]
+    open: bool,
     /// Run a board's own firmware on the emulator instead; `cargo xtask emulator` builds both.
     #[arg(long, conflicts_with = "tcp")]
     emulated: bool,
@@ -111,6 +114,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let board = emulated::OnBoard::start(args.board, &args.scene, calibration)?;
         return perform(board, &args, &interrupt);
     }
+    args.tcp.iter().try_for_each(|address| closed(address, args.open))?;
     let source = Source::scene(&args.scene)?;
     let finger = match &args.tcp {
         Some(address) => VirtualFinger::on_tcp(address, source, calibration.as_ref())?,

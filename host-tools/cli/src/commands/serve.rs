@@ -6,7 +6,7 @@ use std::time::Duration;
 use anyhow::bail;
 use taxel_client::Port;
 
-use crate::finger::{address, scene_calibration};
+use crate::finger::{address, closed, scene_calibration};
 use crate::interrupt::Interrupt;
 use crate::output;
 use crate::virtual_finger::{Outcome, Source, VirtualFinger};
@@ -28,6 +28,9 @@ pub struct Args {
     /// Address of the finger; port 0 takes any free port [default: a pseudo-terminal].
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
     tcp: Option<String>,
+    /// Let every machine that reaches the address command the finger; there is no password.
+    #[arg(long, requires = "tcp")]
+    open: bool,
     /// Calibration of the finger [default: a built-in scene's own].
     #[arg(long, value_name = "CAL")]
     calibration: Option<PathBuf>,
@@ -38,6 +41,7 @@ pub struct Args {
 /// The port is not a virtual finger, the address is taken, or the trace is damaged.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
+    args.tcp.iter().try_for_each(|address| closed(address, args.open))?;
     let (source, scene) = match &args.port {
         Port::Sim(scene) => (Source::scene(scene)?, scene.as_str()),
         Port::File(trace) => (Source::trace(trace)?, ""),

@@ -6,7 +6,7 @@ use indicatif::ProgressBar;
 use taxel::scan::{COLS, TAXELS};
 use taxel_files::trace::TraceWriter;
 use taxel_files::{FileError, Pending};
-use taxel_sim::scene::built_in;
+use taxel_sim::scene::{Changes, built_in};
 use taxel_sim::{LoadCell, Scene, Simulator};
 
 use crate::interrupt::Interrupt;
@@ -31,16 +31,33 @@ pub struct Args {
     /// Print the built-in scenes, one line each.
     #[arg(long, exclusive = true)]
     list: bool,
+    /// Finger: `ideal`, with the scene's own effects, or `reference`, the one in the bill of
+    /// materials with all effects of a real finger.
+    #[arg(long, value_enum, default_value_t = Finger::Ideal)]
+    finger: Finger,
+    /// Change a key of the scene: `material.young_mpa=0.3`, `effects.walls=false`.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
     /// Seed of noise, lamps and random presses; the device's own seed is in the scene.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+}
+
+/// Finger of a simulation.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Finger {
+    /// The scene's own finger.
+    Ideal,
+    /// The finger in the bill of materials.
+    Reference,
 }
 
 const EXAMPLES: &str = "\
 Examples:
   taxel simulate --list
   taxel simulate --scene shear --seed 2 --out shear.csv
-  taxel simulate --scene presses --out presses.csv --cell cell.csv";
+  taxel simulate --scene presses --out presses.csv --cell cell.csv
+  taxel simulate --scene press --finger reference --set effects.creep=false --out press.csv";
 
 /// Runs the command.
 ///
@@ -52,14 +69,17 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         output::keep([Path::new(&name)], out, args.overwrite)?;
     }
     output::apart(&outs)?;
-    let scene = Scene::load(&name)?;
+    let reference = args.finger == Finger::Reference;
+    let scene = Scene::load_changed(&name, &Changes { reference, set: args.set.clone() })?;
     let mut simulator = Simulator::new(&scene, args.seed);
     let fidelity = simulator.fidelity().map(|report| format!("; {report}")).unwrap_or_default();
     let interrupt = Interrupt::watch()?;
     let pending = Pending::new(&out)?;
     let named = |error| pending.named(error);
     let header = simulator.trace_header(args.cell.is_none());
-    let mut trace = TraceWriter::create(pending.path(), header).map_err(named)?;
+    let origin = origin(&name, reference, &args.set, args.seed);
+    let trace = TraceWriter::create_simulated(pending.path(), header, &origin);
+    let mut trace = trace.map_err(named)?;
     let mut cell = args.cell.map(|path| (path, LoadCell::new(args.seed), Vec::new()));
     let bar = ProgressBar::new(scene.frames());
     let mut written = 0u64;
@@ -88,6 +108,13 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let stopped = if interrupt.came() { "; stopped early" } else { "" };
     let wrong_side = past_the_peak(&wrong_side);
     output::line(format!("{}: {written} scans{stopped}{fidelity}{wrong_side}", out.display()))
+}
+
+/// Words for a trace's line `# simulated=`.
+fn origin(scene: &str, reference: bool, set: &[String], seed: u64) -> String {
+    let finger = if reference { "reference" } else { "ideal" };
+    let changed = set.iter().map(|change| format!("; {change}")).collect::<String>();
+    format!("{scene}; {finger} finger; seed {seed}{changed}").replace(['\n', '\r'], " ")
 }
 
 /// Writes the load cell's log, which is short.

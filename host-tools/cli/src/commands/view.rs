@@ -28,7 +28,8 @@ pub struct Args {
     /// given more than once.
     #[arg(long, value_name = "PORT", default_value = "usb")]
     port: Vec<Port>,
-    /// Address of the page. Everyone who can reach it can command the finger.
+    /// Address of the page. One that other machines reach has a token, which the printed address
+    /// contains: everyone who has it can command the finger.
     #[arg(long, value_name = "HOST:PORT", default_value = PAGE, value_parser = address)]
     listen: String,
     /// Calibration of a virtual finger, or to compute a recording's codes again with [default: a

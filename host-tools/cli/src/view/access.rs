@@ -1,4 +1,5 @@
-//! Rules of access to the page: only the page served here commands the finger.
+//! Rules of access to the page: only the page served here commands the finger, and beyond this
+//! machine only who knows the token.
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -56,6 +57,64 @@ fn is_own(called: &str, name: &str) -> bool {
 pub(super) fn host(address: &str) -> &str {
     let end = address.rfind(':').filter(|colon| !address.ends_with(']') && *colon > 0);
     address[..end.unwrap_or(address.len())].trim_matches(['[', ']'])
+}
+
+/// Secret of one server, which its address carries as `?token=…`. The page then has it as a cookie.
+pub(super) struct Token {
+    secret: String,
+    /// Name of the cookie: browsers share cookies between the ports of a machine.
+    cookie: String,
+}
+
+impl Token {
+    /// Draws a token of 128 bits for the server at `port`.
+    pub(super) fn draw(port: u16) -> std::io::Result<Self> {
+        let mut bytes = [0; 16];
+        getrandom::fill(&mut bytes).map_err(std::io::Error::other)?;
+        let secret = format!("{:032x}", u128::from_be_bytes(bytes));
+        Ok(Self { secret, cookie: format!("taxel-{port}") })
+    }
+
+    /// Returns the end of the address that opens the page.
+    pub(super) fn query(&self) -> String {
+        format!("?token={}", self.secret)
+    }
+
+    /// Whether one of the `pairs` NAME=VALUE is `name` with the secret. The time taken does not
+    /// tell how much of a guess is right.
+    fn is_among<'p>(&self, mut pairs: impl Iterator<Item = &'p str>, name: &str) -> bool {
+        let right = |value: &str| {
+            let differ = |(a, b): (u8, u8)| a ^ b;
+            value.len() == self.secret.len()
+                && value.bytes().zip(self.secret.bytes()).map(differ).fold(0, |all, d| all | d) == 0
+        };
+        pairs.any(|pair| pair.trim().split_once('=').is_some_and(|(n, v)| n == name && right(v)))
+    }
+}
+
+/// Rejects requests without the token; answers one that has it in its address with the cookie.
+pub(super) async fn only_with_token(
+    State(token): State<Arc<Token>>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let query = request.uri().query().unwrap_or_default();
+    if token.is_among(query.split('&'), "token") {
+        let cookie =
+            format!("{}={}; Path=/; HttpOnly; SameSite=Strict", token.cookie, token.secret);
+        let mut answer = next.run(request).await;
+        if let Ok(cookie) = HeaderValue::from_str(&cookie) {
+            answer.headers_mut().append(header::SET_COOKIE, cookie);
+        }
+        return answer;
+    }
+    let cookies = request.headers().get_all(header::COOKIE).iter();
+    let cookies = cookies.filter_map(|value| value.to_str().ok()).flat_map(|text| text.split(';'));
+    if token.is_among(cookies, &token.cookie) {
+        return next.run(request).await;
+    }
+    let mend = "open the whole address that the command printed, with its token";
+    (StatusCode::FORBIDDEN, mend).into_response()
 }
 
 /// Whether a request comes from the page served here, or from no browser.

@@ -13,7 +13,7 @@ use axum::routing::get;
 use serde_json::json;
 use tokio::sync::{Semaphore, oneshot};
 
-use crate::view::access::{host, only_by_own_name, with_policy};
+use crate::view::access::{Token, host, only_by_own_name, only_with_token, with_policy};
 use crate::view::connections;
 use crate::view::conversation::finger;
 use crate::view::feed::Feed;
@@ -55,12 +55,15 @@ pub struct ServerError {
 /// Running server. Dropping it closes every page.
 pub struct Server {
     address: SocketAddr,
+    /// End of the address: the token, if other machines reach it.
+    query: String,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Server {
-    /// Serves `feeds` at `address`, `HOST:PORT`; port 0 selects a free port.
+    /// Serves `feeds` at `address`, `HOST:PORT`; port 0 selects a free port. If other machines
+    /// reach the address, only who knows the token in [`Self::url`] is answered.
     ///
     /// The address is taken, or does not belong to this machine.
     pub fn start(address: &str, feeds: Vec<Feed>) -> Result<Self, ServerError> {
@@ -69,6 +72,9 @@ impl Server {
         listener.set_nonblocking(true).map_err(failed)?;
         let local = listener.local_addr().map_err(failed)?;
         let name = host(address).to_owned();
+        let open = !local.ip().is_loopback();
+        let token = open.then(|| Token::draw(local.port())).transpose().map_err(failed)?;
+        let query = token.as_ref().map(Token::query).unwrap_or_default();
         let (stop, stopped) = oneshot::channel::<()>();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         let runtime = runtime.map_err(failed)?;
@@ -76,20 +82,20 @@ impl Server {
             runtime.block_on(async {
                 let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
                 tokio::select! {
-                    () = connections::accept(listener, routes(feeds, name)) => {}
+                    () = connections::accept(listener, routes(feeds, name, token)) => {}
                     _ = stopped => {}
                 }
             });
         };
         let thread = std::thread::Builder::new().name("view-server".to_owned()).spawn(serve);
         let thread = Some(thread.map_err(failed)?);
-        Ok(Self { address: local, stop: Some(stop), thread })
+        Ok(Self { address: local, query, stop: Some(stop), thread })
     }
 
     /// Address of the page for a browser.
     #[must_use]
     pub fn url(&self) -> String {
-        format!("http://{}/", self.address)
+        format!("http://{}/{}", self.address, self.query)
     }
 }
 
@@ -110,16 +116,22 @@ pub(super) struct Served {
     pub(super) places: Arc<Semaphore>,
 }
 
-/// Builds the routes, open to requests for this machine's address, `localhost` or `name`.
-fn routes(feeds: Vec<Feed>, name: String) -> Router {
+/// Builds the routes, open to requests for this machine's address, `localhost` or `name` that have
+/// the token, if there is one.
+fn routes(feeds: Vec<Feed>, name: String, token: Option<Token>) -> Router {
     let pages = ASSETS.into_iter().fold(Router::new(), |router, (path, kind, text)| {
         let headers = [(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "no-cache")];
         router.route(path, get(move || async move { (headers, text) }))
     });
-    pages
+    let pages = pages
         .route("/fingers", get(fingers))
         .route("/finger/{number}", get(finger))
-        .with_state(Arc::new(Served { feeds, places: Arc::new(Semaphore::new(PAGES)) }))
+        .with_state(Arc::new(Served { feeds, places: Arc::new(Semaphore::new(PAGES)) }));
+    let pages = match token {
+        Some(token) => pages.layer(from_fn_with_state(Arc::new(token), only_with_token)),
+        None => pages,
+    };
+    pages
         .layer(from_fn_with_state(Arc::<str>::from(name), only_by_own_name))
         .layer(map_response(with_policy))
 }

@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use crate::common::{In, Ran, json};
+use crate::common::{In, Ran, SHORT_PRESSES, json};
 use taxel::calibration::Calibration;
 use taxel_cli::VirtualFinger;
 use taxel_cli::virtual_finger::Source;
@@ -20,7 +20,7 @@ use taxel_files::calibration;
 /// Calibration of the virtual finger with net and sensors only.
 const VIRTUAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
 
-/// Writes ten channels of scattered rows and a nonlinear force: more than a minute of fitting.
+/// Writes ten channels of scattered rows and a nonlinear force: three seconds of fitting a net.
 fn write_table(folder: &Path) {
     let names: Vec<String> = (0..10).map(|k| format!("m{k}")).collect();
     let mut text = format!("t_s,{},force_n\n", names.join(","));
@@ -85,7 +85,7 @@ fn ctrl_c_in_fit_keeps_best_net() {
         std::fs::write(folder.0.join(out), "what was there before").unwrap();
         let typed = [&fit[..], &["--model", model, "--force", "--out", out]].concat();
         let ran =
-            interrupted_after(Duration::from_secs(3), folder.command(&typed).spawn().unwrap());
+            interrupted_after(Duration::from_secs(1), folder.command(&typed).spawn().unwrap());
         assert_eq!(ran.code, Some(0), "{model}: {}", ran.err);
         // With one recording it also warns how little the choice rests on.
         assert!(ran.err.starts_with(&format!("taxel: warning: {model}: {chosen}")), "{}", ran.err);
@@ -109,11 +109,7 @@ fn ctrl_c_in_fit_keeps_best_net() {
 fn ctrl_c_in_finger_fit_leaves_usable_record() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
-    let scene = "effects = ['noise', 'gain-spread', 'optical-crosstalk', 'bridge-mismatch']\n\
-                 [scan]\nrate_hz = 200\nduration_s = 13\n[device]\nseed = 3\nbits = 16\n\
-                 [indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n[[random]]\nat_s = 1\npresses = 24\n\
-                 each_s = 0.5\nx_mm = [-2, 2]\ny_mm = [-2, 2]\nfz_n = [0.4, 2]\nshear_of_limit = [0, 0.6]\n";
-    std::fs::write(folder.0.join("mine.toml"), scene).unwrap();
+    std::fs::write(folder.0.join("mine.toml"), SHORT_PRESSES).unwrap();
     for (seed, out) in [("1", "presses.csv"), ("2", "unseen.csv")] {
         folder.succeeds(&["simulate", "--scene", "mine.toml", "--seed", seed, "--out", out]);
     }

@@ -3,6 +3,7 @@
 //! `TAXEL_SCREENSHOTS=docs/images cargo test -p taxel-cli --test it browser::` saves the pictures.
 
 mod chromium;
+mod foreign;
 mod instrument;
 
 use std::collections::HashMap;

@@ -24,8 +24,47 @@ impl Ran {
     }
 }
 
+/// Whether `TAXEL_LONG=1` asks for the long form of a test.
+pub fn long_form() -> bool {
+    std::env::var_os("TAXEL_LONG").is_some()
+}
+
 pub fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).unwrap()
+}
+
+/// Scene of twelve seconds with 24 presses, enough for a fit of the whole finger.
+pub const SHORT_PRESSES: &str = "\
+effects = ['noise', 'gain-spread', 'optical-crosstalk', 'bridge-mismatch']
+[scan]
+rate_hz = 200
+duration_s = 13
+[device]
+seed = 3
+bits = 16
+[indenter]
+radius_mm = 6
+[friction]
+mu = 0.8
+[[random]]
+at_s = 1
+presses = 24
+each_s = 0.5
+x_mm = [-2, 2]
+y_mm = [-2, 2]
+fz_n = [0.4, 2]
+shear_of_limit = [0, 0.6]
+";
+
+/// Reads a terminal until its other end is closed.
+#[cfg(unix)]
+pub fn read_terminal(mut master: std::fs::File) -> String {
+    let (mut said, mut bytes) = (Vec::new(), [0; 4096]);
+    // Linux reports the closed other end as an error.
+    while let Ok(read @ 1..) = std::io::Read::read(&mut master, &mut bytes) {
+        said.extend_from_slice(&bytes[..read]);
+    }
+    String::from_utf8(said).unwrap()
 }
 
 /// Folder in which the command runs.

@@ -85,7 +85,7 @@ fn replay_equals_this_machine(board: &str) {
     let taxel = In(folder.path());
     taxel.succeeds(&["simulate", "--scene", "press", "--seed", "3", "--out", "press.csv"]);
     let statuses = replayed(folder.path(), board, "press.csv", "0.5..0.9");
-    // From FROM to before TO, at 1 kHz.
+    // Frames at 1 kHz, the one at 0.9 s no longer.
     assert_eq!(statuses.len(), 400);
     assert!(seen(&statuses, Status::CONTACT) && !seen(&statuses, Status::OVERRUN));
     assert!(seen(&statuses, Status::RAN_MODEL));

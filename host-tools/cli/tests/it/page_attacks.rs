@@ -11,7 +11,7 @@ use serde_json::Value;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket, connect};
 
-use crate::common::In;
+use crate::common::{In, long_form};
 
 /// Largest resident memory of the command, in kB.
 const MEMORY: u64 = 64 << 10;
@@ -22,10 +22,7 @@ const PAGES: usize = 32;
 
 /// Clients of each kind, and orders of each page of the flood.
 fn scale() -> (usize, usize) {
-    match std::env::var_os("TAXEL_LONG") {
-        Some(_) => (1000, 1_000_000 / 16),
-        None => (300, 2_000),
-    }
+    if long_form() { (1000, 1_000_000 / 16) } else { (300, 2_000) }
 }
 
 /// `taxel view` of a virtual finger.

@@ -5,6 +5,8 @@ use std::net::TcpStream;
 
 use taxel_cli::view::Server;
 
+use crate::common::In;
+
 /// Sends a request with these headers; returns status and whole answer.
 fn get(address: &str, path: &str, headers: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(address).unwrap();
@@ -81,4 +83,61 @@ fn no_answer_lets_another_page_frame_it() {
         assert_eq!(header("x-frame-options: "), "DENY");
         assert_eq!(header("x-content-type-options: "), "nosniff");
     }
+}
+
+#[test]
+fn page_beyond_this_machine_needs_its_token() {
+    let server = Server::start("0.0.0.0:0", Vec::new()).unwrap();
+    let url = server.url();
+    let (base, token) = url.split_once("/?token=").unwrap();
+    let port = base.rsplit(':').next().unwrap();
+    let address = format!("127.0.0.1:{port}");
+    let upgrade = "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\
+                   Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+    let asks =
+        |path: &str, headers: &str| get(&address, path, &format!("Host: {address}\r\n{headers}"));
+    let other = format!("{:032x}", !u128::from_str_radix(token, 16).unwrap());
+    assert_eq!(token.len(), 32);
+    for path in ["/", "/page.js", "/fingers", "/finger/0"] {
+        for query in ["", "?token", "?token=", &format!("?token={other}"), &format!("?x={token}")] {
+            let (status, said) = asks(&format!("{path}{query}"), upgrade);
+            assert_eq!(status, 403, "{path}{query}");
+            assert!(said.contains("with its token") && !said.contains(token), "{said}");
+        }
+        let wrong = format!("Cookie: taxel-{port}={other}\r\n");
+        assert_eq!(asks(path, &wrong).0, 403, "{path}");
+    }
+    let (status, said) = asks(&format!("/?token={token}"), "");
+    assert_eq!(status, 200);
+    let cookie = format!("taxel-{port}={token}");
+    assert!(
+        said.contains(&format!("set-cookie: {cookie}; Path=/; HttpOnly; SameSite=Strict")),
+        "{said}"
+    );
+    let cookie = format!("Cookie: a=b; {cookie}\r\n");
+    for path in ["/", "/page.js", "/fingers"] {
+        assert_eq!(asks(path, &cookie).0, 200, "{path}");
+    }
+    // Two servers have two tokens; one for this machine alone has none.
+    assert_ne!(
+        Server::start("0.0.0.0:0", Vec::new()).unwrap().url().split_once('?').unwrap().1,
+        url
+    );
+    let here = Server::start("127.0.0.1:0", Vec::new()).unwrap();
+    assert!(!here.url().contains("token"), "{}", here.url());
+}
+
+#[test]
+fn address_of_the_network_needs_open() {
+    let taxel = In(std::path::Path::new("."));
+    let serve = ["serve", "--port", "sim:press", "--tcp", "0.0.0.0:0"];
+    let demo = ["demo", "--headless", "--duration", "0.2", "--tcp", "0.0.0.0:0"];
+    let bridge = ["bridge", "--port", "sim:press", "--foxglove", "0.0.0.0:0", "--duration", "0.2"];
+    for typed in [&serve[..], &demo, &bridge] {
+        let said = taxel.fails(1, typed);
+        assert!(said.contains("0.0.0.0:0: every machine") && said.contains("add --open"), "{said}");
+    }
+    taxel.succeeds(&[&demo[..], &["--open"]].concat());
+    // Without an address there is nothing to open.
+    taxel.fails(2, &["demo", "--headless", "--duration", "0.2", "--open"]);
 }

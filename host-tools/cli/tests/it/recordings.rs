@@ -398,14 +398,9 @@ fn on_a_terminal(mut command: std::process::Command) -> String {
     let child = command.stderr(terminal.slave).spawn();
     // Drops the slave end held by `command`, because the master ends only without it.
     drop(command);
-    let (mut said, mut bytes) = (Vec::new(), [0; 4096]);
-    let mut master = std::fs::File::from(terminal.master);
-    // Linux reports the closed other end as an error.
-    while let Ok(read @ 1..) = std::io::Read::read(&mut master, &mut bytes) {
-        said.extend_from_slice(&bytes[..read]);
-    }
+    let said = crate::common::read_terminal(terminal.master.into());
     assert!(child.unwrap().wait().unwrap().success());
-    String::from_utf8(said).unwrap()
+    said
 }
 
 #[cfg(unix)]

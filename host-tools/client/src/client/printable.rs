@@ -2,6 +2,7 @@
 
 use taxel::wire::message::Info;
 
+/// Makes every text of a finger's description printable.
 pub(super) fn printable(mut info: Info) -> Info {
     info.identity.board = shown(&info.identity.board);
     info.identity.serial = shown(&info.identity.serial);

@@ -5,7 +5,7 @@ use core::f64::consts::PI;
 /// Young's modulus of the silicone of [DeMaria2011] at small strain in MPa.
 ///
 /// The value is 6 (α1 + α2) of the paper's Mooney–Rivlin law, eq. (1).
-pub const SILICONE_YOUNG_MPA: f64 = 0.236;
+pub const SILICONE_YOUNG_MPA: f64 = scan_plan::finger::REFERENCE.skin.young_mpa;
 
 /// Elastic half-space. Forces in newtons and lengths in millimetres make its moduli MPa.
 #[derive(Clone, Copy, Debug, PartialEq)]

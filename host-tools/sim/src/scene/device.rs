@@ -135,15 +135,22 @@ impl Kind {
         let light = facets || matches!(self, Self::OhkaMicro | Self::OhkaSheet | Self::OhkaColumn);
         let sensors = matches!(self, Self::Taxel4x4 | Self::Mems3Axis | Self::MemsArray);
         let (there, what) = match effect {
-            Effect::Noise | Effect::SupplyRipple | Effect::Temperature => return None,
+            Effect::Noise
+            | Effect::SupplyRipple
+            | Effect::Temperature
+            | Effect::Nonlinearity
+            | Effect::BenchError => return None,
             Effect::Ambient
             | Effect::Flicker
             | Effect::Sun
             | Effect::Settling
+            | Effect::SelfHeating
             | Effect::GainSpread => (light, "phototransistors"),
             Effect::OpticalCrosstalk
             | Effect::Stiffening
             | Effect::Hysteresis
+            | Effect::Creep
+            | Effect::DiffuseFacet
             | Effect::SkinResponse => (facets, "facets under a skin"),
             Effect::Walls => (self == Self::Taxel4x4, "the walls of the 4×4 finger"),
             Effect::BridgeMismatch | Effect::BridgeCrosstalk | Effect::Response => {

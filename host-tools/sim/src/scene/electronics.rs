@@ -15,6 +15,9 @@ pub struct Electronics {
     pub load_ohm: f64,
     /// Amplifier between load and converter.
     pub pga_gain: PgaGain,
+    /// Reading of a column in darkness: voltage of its amplifier's other input.
+    #[serde(deserialize_with = "ranges::ratio")]
+    pub reference_ratio: f64,
     /// Key of [`Scene::time_constant_us`].
     #[serde(deserialize_with = "given_time_constant")]
     time_constant_us: Option<f64>,
@@ -42,6 +45,7 @@ impl Default for Electronics {
             load_ohm: 1000.0,
             // With this gain, the 60 µA of a pair at rest are a third of the range.
             pga_gain: PgaGain(16),
+            reference_ratio: 0.0,
             time_constant_us: None,
             oversampling: None,
             // At gain 1, a newton would move a 12-bit code by 17 steps only. At gain 16, 2 N

@@ -2,6 +2,7 @@
 //!
 //! A message is one line: the place, what is there, what is allowed and how to mend it.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::path::Path;
 
@@ -35,19 +36,8 @@ impl Scene {
     /// # Errors
     /// The scene does not exist or is not valid; the message is one line.
     pub fn load(name_or_path: &str) -> Result<Self, FileError> {
-        if let Some((name, text)) = built_in().find(|(name, _)| *name == name_or_path) {
-            return Self::parse(format!("{name}.toml"), text);
-        }
-        let text = std::fs::read_to_string(name_or_path).map_err(|error| {
-            if error.kind() == std::io::ErrorKind::NotFound {
-                FileError::new(name_or_path, "no such scene").mend(
-                    "give a path to a TOML file, or a name that `taxel simulate --list` shows",
-                )
-            } else {
-                FileError::io(name_or_path, &error)
-            }
-        })?;
-        Self::parse(name_or_path, &text)
+        let (path, text) = text_of(name_or_path)?;
+        Self::parse(path, &text)
     }
 
     /// Parses a scene from its text; `path` is for error messages.
@@ -83,6 +73,22 @@ impl Scene {
         scene.check().map_err(|(at, problem)| at_key(at, problem))?;
         Ok(scene)
     }
+}
+
+/// Path for messages, and text of a built-in scene or a file.
+pub(super) fn text_of(name_or_path: &str) -> Result<(String, Cow<'static, str>), FileError> {
+    if let Some((name, text)) = built_in().find(|(name, _)| *name == name_or_path) {
+        return Ok((format!("{name}.toml"), text.into()));
+    }
+    let text = std::fs::read_to_string(name_or_path).map_err(|error| {
+        if error.kind() == std::io::ErrorKind::NotFound {
+            FileError::new(name_or_path, "no such scene")
+                .mend("give a path to a TOML file, or a name that `taxel simulate --list` shows")
+        } else {
+            FileError::io(name_or_path, &error)
+        }
+    })?;
+    Ok((name_or_path.to_owned(), text.into()))
 }
 
 /// Line number of byte `at`, counted from 1.

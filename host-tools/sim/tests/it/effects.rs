@@ -3,7 +3,7 @@
 use taxel::scan::{Codes, TAXELS};
 use taxel_files::trace::Sample;
 use taxel_sim::scene::built_in;
-use taxel_sim::{Scene, Simulator};
+use taxel_sim::{Effect, Scene, Simulator};
 
 use crate::run;
 
@@ -261,4 +261,23 @@ fn swapped_columns_mirror_the_pattern() {
             assert!((ratio - 1.0).abs() < 0.005, "{row} {column}: {ratio}");
         }
     }
+}
+
+#[test]
+fn bench_error_is_one_place_a_contact() {
+    let text = include_str!("../../scenes/press.toml");
+    let exact = Scene::parse("press.toml", text).unwrap();
+    let run = |scene: &Scene| Simulator::new(scene, 1).collect::<Vec<_>>();
+    let noisy = run(&exact.clone().with_effect(Effect::BenchError));
+    let exact = run(&exact);
+    let pairs = || noisy.iter().zip(&exact);
+    // Codes and contacts are the same; force has 6 mN of noise, the place is off by a constant.
+    assert!(pairs().all(|(n, e)| n.scan == e.scan && n.truth.contact == e.truth.contact));
+    let errors: Vec<f64> =
+        pairs().map(|(n, e)| n.truth.force[2].unwrap() - e.truth.force[2].unwrap()).collect();
+    let spread = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+    assert!((spread / 0.006 - 1.0).abs() < 0.1, "{spread}");
+    let away: Vec<f64> =
+        pairs().filter_map(|(n, e)| Some(n.truth.point[0]? - e.truth.point[0]?)).collect();
+    assert!(away[0] != 0.0 && away.iter().all(|a| (a - away[0]).abs() < 1e-12));
 }

@@ -142,3 +142,19 @@ fn paired<'a>(
 fn words(list: &[String]) -> Vec<&str> {
     list.iter().map(String::as_str).collect()
 }
+
+/// Sentences on those recordings that say that they were simulated.
+pub fn simulated(data: &[Stretch]) -> anyhow::Result<Vec<String>> {
+    let mut notes = Vec::new();
+    for Stretch { path, .. } in data {
+        if path.extension().is_some_and(|extension| extension == "csv")
+            && let Some(origin) = taxel_files::trace::simulated(path)?
+        {
+            let note = format!("{} is simulated: {origin}", path.display());
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
+        }
+    }
+    Ok(notes)
+}

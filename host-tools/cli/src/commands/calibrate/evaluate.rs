@@ -130,6 +130,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             read.recordings.iter().map(judge).collect::<anyhow::Result<_>>()?
         }
     };
+    for note in data::simulated(&args.data)? {
+        output::note(format_args!("taxel: {note}"));
+    }
     for (name, metrics) in &judged {
         anyhow::ensure!(
             metrics.iter().any(|m| m.figures.is_some() || !m.withheld.is_empty()),

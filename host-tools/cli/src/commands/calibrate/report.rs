@@ -60,7 +60,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         &args.out,
         args.overwrite,
     )?;
-    let report = match calibration::kind(&args.calibration)? {
+    let mut report = match calibration::kind(&args.calibration)? {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;
             let judged = data::traces(&args.data, &args.reference)?;
@@ -87,6 +87,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             trial.recording
         );
     }
+    report.warnings.extend(data::simulated(&args.data)?);
     let date =
         |seconds| format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string();
     let page = html::page(&report, &date(now()), &date(report.about.date));

@@ -11,6 +11,7 @@ use taxel::frame::Fields;
 use taxel_files::FileError;
 use taxel_files::frames::{Cell, Column, cells, columns};
 use taxel_files::recording::{Recording, Scans};
+use taxel_files::stretch::Stretch;
 
 use super::{Context, Feed, page_facts};
 use crate::view::orders::{Order, Queue};
@@ -95,7 +96,7 @@ fn length_of(
 
 fn seconds(row: &[Cell], time_at: usize) -> f64 {
     match row.get(time_at) {
-        Some(Cell::Whole(micros)) => *micros as f64 * 1e-6,
+        Some(Cell::Whole(micros)) => Stretch::seconds(*micros),
         _ => 0.0,
     }
 }

@@ -36,6 +36,8 @@ impl Browser {
         let mut process = Command::new("chromium")
             .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"])
             .args(["--remote-debugging-port=0", "--no-first-run", "--disable-extensions"])
+            // A foreign name that leads here, for the tests of access.
+            .arg("--host-resolver-rules=MAP rebound.test 127.0.0.1")
             .arg(format!("--user-data-dir={}", profile.path().display()))
             .arg("about:blank")
             .stdin(Stdio::null())
@@ -62,15 +64,20 @@ impl Browser {
         browser
     }
 
+    /// Goes to an address.
+    pub fn go(&mut self, url: &str) {
+        self.ask("Page.navigate", json!({ "url": url }));
+    }
+
     /// Opens the page and waits until it shows something.
     pub fn show(&mut self, url: &str) {
-        self.ask("Page.navigate", json!({ "url": url }));
+        self.go(url);
         self.wait_for("window.taxel?.latest?.length > 0 || window.taxel?.trouble");
     }
 
     /// Leaves the page.
     pub fn leave(&mut self) {
-        self.ask("Page.navigate", json!({ "url": "about:blank" }));
+        self.go("about:blank");
         self.wait_for("location.href === 'about:blank' && document.readyState === 'complete'");
     }
 
@@ -155,6 +162,14 @@ impl Browser {
                 json!({ "type": kind, "key": key, "text": text, "windowsVirtualKeyCode": code });
             self.ask("Input.dispatchKeyEvent", event);
         }
+    }
+
+    /// Lists the addresses of the frames within the page.
+    pub fn frames(&mut self) -> Vec<String> {
+        let tree = self.ask("Page.getFrameTree", json!({}));
+        let frames = tree["frameTree"]["childFrames"].as_array().cloned().unwrap_or_default();
+        let url = |frame: &Value| frame["frame"]["url"].as_str().unwrap_or_default().to_owned();
+        frames.iter().map(url).collect()
     }
 
     pub fn text(&mut self, id: &str) -> String {

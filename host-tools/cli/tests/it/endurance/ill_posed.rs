@@ -9,8 +9,8 @@ use taxel::units::Code;
 use taxel_files::trace::{Sample, Truth};
 use taxel_sim::{Scene, Simulator};
 
-/// Options besides the recordings: none, which chooses by what is left out, and the net.
-const WAYS: [&[&str]; 2] = [&[], &["--model", "mlp"]];
+/// Options besides the recordings: none, which chooses by what is left out, and the net alone.
+const WAYS: [&[&str]; 2] = [&[], &["--model", "mlp", "--net-only"]];
 
 /// Expected end of a fit.
 enum End<'w> {

@@ -1,5 +1,6 @@
 //! Research tasks that need data or programs from outside this repository.
 
+mod ablation;
 mod peers;
 mod specification;
 
@@ -22,6 +23,7 @@ struct Arguments {
 enum Task {
     /// Fits and judges recordings that are not in the repository; fails where a limit is missed
     Judge(specification::Judge),
+    Ablation(ablation::Ablation),
     /// Counts cycles of the 16-16-3 net in other libraries into host-tools/emulator/data/peers.csv
     Peers,
 }
@@ -29,6 +31,7 @@ enum Task {
 fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Judge(judge) => specification::judge(&judge),
+        Task::Ablation(arguments) => ablation::run(&arguments),
         Task::Peers => peers::count(),
     };
     match done {
