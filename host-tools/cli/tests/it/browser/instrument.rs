@@ -169,10 +169,14 @@ fn uncalibrated_finger_shows_raw_codes() {
     assert_eq!(browser.value(cells), 16);
     assert!(!browser.text("strips").contains("Force"), "an empty chart of newtons");
     assert!(browser.text("verdict").starts_with("Contact is not known"));
-    // The code shown is one that the finger has sent in the last second.
+    // The code shown is one of the finger's last second; its tick may not have ended yet.
+    browser.value(
+        "void (window.shown = { code: Number(document.querySelector('#raw [data-name=lit_r1c1] b').innerText),
+            at: taxel.times.at(-1) })",
+    );
+    browser.wait_for("taxel.times.at(-1) > shown.at + 0.2");
     let code = browser.value(
-        "(() => { const code = Number(document.querySelector('#raw [data-name=lit_r1c1] b').innerText);
-            return [code, Math.min(...taxel.low.lit_r1c1.slice(-200)), Math.max(...taxel.high.lit_r1c1.slice(-200))]; })()",
+        "[shown.code, Math.min(...taxel.low.lit_r1c1.slice(-300)), Math.max(...taxel.high.lit_r1c1.slice(-300))]",
     );
     let [code, low, high] = [0, 1, 2].map(|i| code[i].as_f64().unwrap());
     assert!((low..=high).contains(&code), "{code} of {low} to {high}");
