@@ -1,6 +1,6 @@
 //! Tests of the boards' pages: pins and timing must match the tables and plans of the firmware.
 //!
-//! `TAXEL_DRAW=1 cargo test --package scan-plan` draws the pictures again.
+//! `TAXEL_DRAW=1 cargo test --package scan-plan` draws the pictures and the rows of times again.
 
 use std::path::{Path, PathBuf};
 
@@ -50,17 +50,24 @@ fn pages_match_the_plans_times_and_drawings() {
     let product = product();
     let black_pill = black_pill();
     for (board, timing) in [("stm32g431", product), ("stm32f411", black_pill)] {
-        let page = page(board);
+        let mut page = page(board);
         let us = |ns: u64| ns as f64 / 1000.0;
         let rows = timing.table.iter().map(|(what, from, to)| {
-            format!("| {what} | {:.2} µs | {:.2} µs |", us(*from), us(*to))
+            (*what, format!("| {what} | {:.2} µs | {:.2} µs |", us(*from), us(*to)))
         });
-        let missing: Vec<_> = rows.filter(|row| !page.contains(row)).collect();
         let drawn = svg(&timing.panels);
         let path = docs().join(format!("{board}-timing.svg"));
         if std::env::var_os("TAXEL_DRAW").is_some() {
             std::fs::write(&path, &drawn).unwrap();
+            for (what, row) in rows.clone() {
+                let begin = format!("| {what} | ");
+                let its = page.lines().find(|line| line.starts_with(&begin)).map(str::to_owned);
+                page = its.map_or(page.clone(), |its| page.replace(&its, &row));
+            }
+            std::fs::write(docs().join(board).with_extension("md"), &page).unwrap();
         }
+        let missing: Vec<_> =
+            rows.filter(|(_, row)| !page.contains(row)).map(|(_, row)| row).collect();
         let there = std::fs::read_to_string(&path).unwrap_or_default();
         assert!(there == drawn, "{} is not the plan's: draw it with TAXEL_DRAW=1", path.display());
         assert!(missing.is_empty(), "not on the page of {board}:\n{}", missing.join("\n"));
