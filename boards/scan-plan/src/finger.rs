@@ -12,6 +12,8 @@ pub struct Finger {
     pub column: Column,
     /// Converter of the columns.
     pub converter: Converter,
+    /// Supply of LEDs, columns and converter.
+    pub supply: Supply,
     /// Skin above the pairs.
     pub skin: Skin,
 }
@@ -23,6 +25,8 @@ pub struct Pair {
     pub led: &'static str,
     /// Resistor of an LED in ohms.
     pub led_ohm: f64,
+    /// Forward voltage of an LED in volts.
+    pub led_v: f64,
     /// Order name of the phototransistor.
     pub phototransistor: &'static str,
     /// Distance between LED and phototransistor in mm.
@@ -68,8 +72,16 @@ pub struct Column {
     pub bandwidth_hz: f64,
     /// Voltage noise of the amplifier in volts per root hertz.
     pub noise_v: f64,
-    /// Capacitance at the inverting input in farads: four phototransistors, amplifier and wires.
+    /// Slew rate of the amplifier in volts per second.
+    pub slew_v_s: f64,
+    /// Distance in volts from a rail that the amplifier's output reaches.
+    pub swing_v: f64,
+    /// Capacitance of the amplifier's inverting input in farads.
     pub input_f: f64,
+    /// Capacitance of a column's wires in farads.
+    pub wires_f: f64,
+    /// Resistor between the amplifier and the converter's pin in ohms.
+    pub pin_ohm: f64,
 }
 
 /// Converter of a column's voltage.
@@ -79,12 +91,42 @@ pub struct Converter {
     pub range_v: f64,
     /// Bits of one conversion.
     pub bits: u32,
+    /// Noise of one conversion in steps, one standard deviation.
+    ///
+    /// The value is an assumption on the safe side: the sheet of the STM32F301 gives 66 dB for such
+    /// a converter, which is 0.67 steps besides the rounding.
+    pub noise_steps: f64,
+    /// Capacitor that samples the pin's voltage, in farads.
+    pub sampling_f: f64,
     /// Conversions of a reading at the default rate.
     pub oversampling: u16,
     /// Default rate of frames in hertz.
     pub scan_hz: u16,
     /// Default settle time in nanoseconds.
     pub settle_ns: u32,
+}
+
+/// Regulator and filter of the analogue supply.
+#[derive(Clone, Copy, Debug)]
+pub struct Supply {
+    /// Order name of the regulator.
+    pub regulator: &'static str,
+    /// Output resistance of the regulator in ohms.
+    pub regulator_ohm: f64,
+    /// Frequency in hertz up to which the regulator's loop holds its output.
+    pub regulator_hz: f64,
+    /// Capacitors before the ferrite bead in farads.
+    pub before_f: f64,
+    /// Order name of the ferrite bead.
+    pub bead: &'static str,
+    /// Resistance of the ferrite bead in ohms.
+    pub bead_ohm: f64,
+    /// Inductance of the ferrite bead in henries, below its resistive range.
+    pub bead_h: f64,
+    /// Resistance of the ferrite bead at 100 MHz in ohms.
+    pub bead_loss_ohm: f64,
+    /// Capacitors on VDDA and VREF+ in farads.
+    pub behind_f: f64,
 }
 
 /// Skin with its frame.
@@ -110,15 +152,23 @@ const RISE_S: f64 = 7e-6;
 const SHEET: (f64, f64) = (1_000.0, 1e-3);
 /// Thermal voltage at 25 °C.
 pub const THERMAL_V: f64 = 25.7e-3;
+/// Elementary charge in coulombs (SI).
+const ELEMENTARY_CHARGE: f64 = 1.602_176_634e-19;
 /// ln 9: ratio of the rise time of a first-order response to its time constant.
 const LN_9: f64 = 2.197_224_577_336_219;
 /// ln 2.
 const LN_2: f64 = core::f64::consts::LN_2;
 
-/// Capacitance in farads of a phototransistor's collector–base junction.
+/// Capacitance in farads of a phototransistor's collector–base junction under its sheet's bias.
 ///
-/// The base–emitter junction is assumed to have the same, because the sheet gives neither.
+/// The base–emitter junction counts as much: it is the smaller one, but forward-biased.
 pub const JUNCTION_F: f64 = RISE_S / LN_9 / (CURRENT_GAIN * (SHEET.0 + 2.0 * THERMAL_V / SHEET.1));
+
+/// Capacitances in farads of an SFH3010's collector–base and base–emitter junctions without bias.
+///
+/// Two values of the data sheet give both: a rise time of 7 µs, and 1.3 pF from collector to
+/// emitter at 0 V, the two in series. The circuit simulation checks that they do.
+pub const UNBIASED_F: [f64; 2] = [12.02e-12, 1.458e-12];
 
 /// Time constant in seconds of a phototransistor that carries `current_a` into `input_ohm`.
 ///
@@ -128,6 +178,15 @@ pub const JUNCTION_F: f64 = RISE_S / LN_9 / (CURRENT_GAIN * (SHEET.0 + 2.0 * THE
 #[must_use]
 pub const fn time_constant_s(input_ohm: f64, current_a: f64) -> f64 {
     CURRENT_GAIN * JUNCTION_F * (input_ohm + 2.0 * THERMAL_V / current_a)
+}
+
+/// Shot noise in A²/Hz of a phototransistor that carries `current_a`.
+///
+/// The noise of the photons' current, amplified, and of the collector's own: 2q(1 + h)I. Holes that
+/// recombine in the base have as much again, which this leaves out; the circuit simulation has it.
+#[must_use]
+pub const fn shot_noise(current_a: f64) -> f64 {
+    2.0 * ELEMENTARY_CHARGE * (1.0 + CURRENT_GAIN) * current_a
 }
 
 impl Finger {
@@ -166,6 +225,7 @@ pub const REFERENCE: Finger = Finger {
     pair: Pair {
         led: "SFH480",
         led_ohm: 470.0,
+        led_v: 1.25,
         phototransistor: "SFH3010",
         separation_mm: 1.4,
         // Nearer is brighter and so faster; 2 N on the framed skin stay clear of the peak at
@@ -180,16 +240,33 @@ pub const REFERENCE: Finger = Finger {
         reference_ratio: 0.125,
         bandwidth_hz: 10e6,
         noise_v: 10e-9,
-        // Four times 1.3 pF (data sheet), 4 pF of the amplifier and 10 pF of wires.
-        input_f: 20e-12,
+        slew_v_s: 6.5e6,
+        swing_v: 0.02,
+        input_f: 6e-12,
+        wires_f: 10e-12,
+        pin_ohm: 100.0,
     },
     converter: Converter {
         range_v: 3.3,
         bits: 12,
+        noise_steps: 0.8,
+        sampling_f: 5e-12,
         oversampling: 8,
         scan_hz: 4_000,
         // 12 bits on the load of the data sheet; the columns need less.
         settle_ns: 26_500,
+    },
+    supply: Supply {
+        regulator: "MCP1700T-3302E/TT",
+        // Resistance and loop are assumptions: the sheet has neither.
+        regulator_ohm: 0.1,
+        regulator_hz: 50e3,
+        before_f: 6e-6,
+        bead: "BLM18AG601SN1D",
+        bead_ohm: 0.38,
+        bead_h: 1e-6,
+        bead_loss_ohm: 600.0,
+        behind_f: 2.2e-6,
     },
     skin: Skin { young_mpa: 0.236, depth_mm: 2.5, facet_mm: 1.9 },
 };

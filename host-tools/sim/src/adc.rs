@@ -10,17 +10,15 @@
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
+use scan_plan::finger::REFERENCE;
 use taxel::units::{Code, FullScale};
 
 use crate::electronics::LightNoise;
 use crate::scene::{Bits, Effect, Scene};
 use crate::seeds::{Purpose, stream};
 
-/// Noise of one conversion, one standard deviation: 0.8 of a 12-bit step.
-///
-/// The value is an assumption on the safe side: the sheet of the STM32F301 gives 66 dB for such a
-/// converter, which is 0.67 steps besides the rounding.
-const CONVERSION: f64 = 0.8 * STEP;
+/// Noise of one conversion, one standard deviation.
+const CONVERSION: f64 = REFERENCE.converter.noise_steps * STEP;
 /// Step of one conversion.
 const STEP: f64 = 1.0 / 4095.0;
 

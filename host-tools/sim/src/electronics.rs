@@ -8,7 +8,7 @@
 //! SFH 3010 gives at least 70 µA for it (25 µA in 0.5 mW/cm²). The pairs here have about twice the
 //! minimum.
 
-use scan_plan::finger::{CURRENT_GAIN, REFERENCE};
+use scan_plan::finger::{REFERENCE, shot_noise};
 use taxel::scan::COLS;
 
 use crate::scene::{Effect, Scene};
@@ -20,8 +20,6 @@ const LOAD_OHM: f64 = 1000.0;
 const AMPLIFIED: f64 = 16.0;
 /// Photocurrent in amperes of a light of one.
 pub const UNIT_A: f64 = RANGE_V / (LOAD_OHM * AMPLIFIED);
-/// Elementary charge in coulombs (SI).
-const ELEMENTARY_CHARGE: f64 = 1.602_176_634e-19;
 /// Boltzmann constant in joules per kelvin (SI).
 const BOLTZMANN: f64 = 1.380_649e-23;
 /// Temperature of the room in kelvin.
@@ -113,8 +111,7 @@ pub struct LightNoise {
 impl LightNoise {
     /// Noise within the bandwidth 1/4τ of the phototransistor on its load.
     ///
-    /// The base current's shot noise is amplified and the collector's own adds to it: 2q(1 + h)I.
-    /// The load adds 4kTR. The conversions of a reading average out the part that changes while
+    /// The load adds 4kTR to the shot noise. The conversions of a reading average out the part that changes while
     /// they last.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
@@ -124,7 +121,7 @@ impl LightNoise {
         let amplified = scene.electronics.pga_gain.times() / RANGE_V;
         // Light that makes a reading of one.
         let current = UNIT_A / gain(scene);
-        let shot = 2.0 * ELEMENTARY_CHARGE * (1.0 + CURRENT_GAIN) * current * bandwidth;
+        let shot = shot_noise(current) * bandwidth;
         Self {
             shot: shot * (load * amplified).powi(2) * left,
             dark: scene.electronics.reference_ratio,

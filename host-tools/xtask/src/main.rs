@@ -8,6 +8,7 @@ mod cycles;
 mod emulator;
 mod firmware;
 mod fuzz;
+mod hardware;
 mod image;
 mod memory;
 mod panics;
@@ -59,6 +60,12 @@ enum Task {
         #[arg(long)]
         check: bool,
     },
+    /// Writes what a finger is built from: schematic, mould, mount, and tables of the front end
+    Hardware {
+        /// Writes nothing; fails where a file differs
+        #[arg(long)]
+        check: bool,
+    },
     /// Writes the parts of documents and clients that are generated from src/frame/schema.rs
     Protocol {
         /// Writes nothing; fails where a part differs
@@ -76,6 +83,7 @@ fn main() -> ExitCode {
         Task::Emulator => emulator::task(),
         Task::Cycles(cycles) => cycles::task(&cycles),
         Task::Registers { check } => registers::task(check),
+        Task::Hardware { check } => hardware::task(check),
         Task::Protocol { check } => protocol::task(check),
     };
     match done {

@@ -105,6 +105,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
         |steps| {
             let needs = [
                 (Part::Host, "page"),
+                (Part::Host, "spice"),
                 (Part::Target, "boards"),
                 (Part::Target, "emulator"),
                 (Part::Python, "python"),

@@ -1,6 +1,6 @@
 //! Tests of the bills of materials and times on the pages against the reference finger.
 
-use scan_plan::finger::{REFERENCE, time_constant_s};
+use scan_plan::finger::{Column, Finger, REFERENCE, time_constant_s};
 use scan_plan::settle;
 
 use crate::pages::page;
@@ -10,33 +10,63 @@ fn ohms(ohm: f64) -> String {
     if ohm < 1_000.0 { format!("{ohm} Ω") } else { format!("{} kΩ", ohm / 1_000.0) }
 }
 
-#[test]
-fn bill_of_materials_is_the_reference_fingers() {
-    let (pair, column) = (REFERENCE.pair, REFERENCE.column);
+/// Rows and sentences of the board's page that follow from a finger.
+fn rows(finger: &Finger) -> Vec<String> {
+    let Finger { pair, column, supply, .. } = *finger;
     let feedback = format!(
         "{} 0.1 % 25 ppm, {:.0} pF C0G",
         ohms(column.feedback_ohm),
         1e12 * column.feedback_f
     );
     let divider = 1.0 / column.reference_ratio;
-    let settles = f64::from(settle::ON_LOAD_NS) / 1000.0;
-    let tau = 1e6 * REFERENCE.time_constant_s();
-    let rows = [
+    let settles = f64::from(finger.settles_ns()) / 1000.0;
+    let tau = 1e6 * finger.time_constant_s();
+    vec![
         format!("| LED, 880 nm | {} | 16 |", pair.led),
         format!("| phototransistor | {} | 16 |", pair.phototransistor),
         format!("| LED resistors | {} 1 % | 16 |", ohms(pair.led_ohm)),
+        format!("| {} |", supply.regulator),
+        format!("| ferrite bead, VDDA | {} (", supply.bead),
         format!("| column amplifier, quad | {} (", column.amplifier),
         format!("| column feedback | {feedback} | 4 + 4 |"),
-        format!("| column reference; column pins | {} kΩ, 10 kΩ 0.1 %;", 10.0 * (divider - 1.0)),
+        format!(
+            "| column reference; column pins | {} kΩ, 10 kΩ 0.1 %; {}",
+            10.0 * (divider - 1.0),
+            ohms(column.pin_ohm)
+        ),
         format!("The other input is at VDDA/{divider}"),
         format!("with {} and {:.0} pF", ohms(column.feedback_ohm), 1e12 * column.feedback_f),
         format!("each with its own {} from VDDA", ohms(pair.led_ohm)),
         format!("time constant is {tau:.2} µs at rest"),
         format!("take {settles:.1} µs"),
         format!("--settle {settles:.2}` sets it"),
-    ];
-    let text = page("stm32g431").split_whitespace().collect::<Vec<_>>().join(" ");
-    let missing: Vec<_> = rows.iter().filter(|row| !text.contains(*row)).collect();
+    ]
+}
+
+/// Text of a page with one space between words.
+fn flowing(board: &str) -> String {
+    page(board).split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn other_feedback_resistor_changes_all_that_follows() {
+    let column = Column { feedback_ohm: 2.0 * REFERENCE.column.feedback_ohm, ..REFERENCE.column };
+    let other = Finger { column, ..REFERENCE };
+    let rest_a = REFERENCE.pair.rest_a();
+    let signal = |finger: &Finger| finger.share(rest_a) - finger.share(0.0);
+    assert!((signal(&other) / signal(&REFERENCE) - 2.0).abs() < 1e-12);
+    assert!(other.settles_ns() > settle::ON_LOAD_NS + 1_000);
+    // The page's rows of resistor, settle time and time constant are no longer there.
+    let text = flowing("stm32g431");
+    let missing = rows(&other).iter().filter(|row| !text.contains(*row)).count();
+    assert_eq!(missing, 5);
+}
+
+#[test]
+fn bill_of_materials_is_the_reference_fingers() {
+    let column = REFERENCE.column;
+    let text = flowing("stm32g431");
+    let missing: Vec<_> = rows(&REFERENCE).into_iter().filter(|row| !text.contains(row)).collect();
     assert!(missing.is_empty(), "not on the page of stm32g431: {missing:#?}");
     // No other load is left anywhere.
     for board in ["stm32g431", "stm32f411", "weact-stm32g431"] {
