@@ -7,14 +7,48 @@ mod deck;
 mod front_end;
 mod measure;
 mod page;
+mod schematic;
 mod spice;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
 use crate::run::root;
 
+/// Folder of the files that a board is built from.
+const BOARD: &str = "boards/stm32g431/hardware";
+
+/// Files that are written whole: path and text.
+fn files() -> Vec<(String, String)> {
+    let of = |name: &str, text: String| (format!("{BOARD}/{name}"), text);
+    let table = "(sym_lib_table\n  (lib (name \"taxel\")(type \"KiCad\")(uri \"${KIPRJMOD}/taxel.kicad_sym\")\
+                 (options \"\")(descr \"symbols of this schematic\"))\n)\n";
+    vec![
+        of("taxel.kicad_sch", schematic::board::file()),
+        of("taxel.kicad_sym", schematic::library()),
+        of("sym-lib-table", table.to_owned()),
+        of(
+            "taxel.kicad_pro",
+            "{\n  \"meta\": { \"filename\": \"taxel.kicad_pro\", \"version\": 1 }\n}\n".to_owned(),
+        ),
+    ]
+}
+
 /// Writes the files; with `check`, fails if one differs and writes nothing.
 pub fn task(check: bool) -> Result<()> {
+    for (path, text) in files() {
+        let path = root().join(path);
+        if !check {
+            std::fs::create_dir_all(path.parent().unwrap_or(&path))?;
+            std::fs::write(&path, text)?;
+        } else if std::fs::read_to_string(&path).unwrap_or_default() != text {
+            bail!("{} differs; run `cargo xtask hardware`", path.display());
+        }
+    }
+    front_end(check)
+}
+
+/// Simulates the columns' circuit and writes or checks the tables of its page.
+fn front_end(check: bool) -> Result<()> {
     let candidates = front_end::candidates()?;
     let parts = [front_end::reference()?, front_end::table(&candidates)];
     let page = root().join("docs/front-end.md");

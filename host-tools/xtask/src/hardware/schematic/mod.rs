@@ -1,0 +1,14 @@
+//! Schematic of the STM32G431 board as a KiCad file.
+
+pub mod board;
+mod library;
+#[cfg(test)]
+mod netlist;
+mod sheet;
+
+/// Returns the library of the schematic's symbols.
+#[must_use]
+pub fn library() -> String {
+    let symbols: String = library::symbols().iter().map(|symbol| symbol.text("")).collect();
+    format!("(kicad_symbol_lib (version 20211014) (generator kicad_symbol_editor)\n{symbols})\n")
+}
