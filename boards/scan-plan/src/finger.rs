@@ -33,6 +33,8 @@ pub struct Pair {
     pub separation_mm: f64,
     /// Distance from an unloaded facet to the pair in mm.
     pub gap_mm: f64,
+    /// Height of the phototransistor above the board in mm.
+    pub height_mm: f64,
     /// Photocurrent of a mean pair at the peak of its light curve, in amperes.
     pub peak_a: f64,
 }
@@ -231,6 +233,7 @@ pub const REFERENCE: Finger = Finger {
         // Nearer is brighter and so faster; 2 N on the framed skin stay clear of the peak at
         // 0.7 mm.
         gap_mm: 1.4,
+        height_mm: 0.65,
         peak_a: 154.687_5e-6,
     },
     column: Column {

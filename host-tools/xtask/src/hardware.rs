@@ -6,6 +6,8 @@ mod chart;
 mod deck;
 mod front_end;
 mod measure;
+mod mesh;
+mod mould;
 mod page;
 mod schematic;
 mod spice;
@@ -17,34 +19,43 @@ use crate::run::root;
 /// Folder of the files that a board is built from.
 const BOARD: &str = "boards/stm32g431/hardware";
 
-/// Files that are written whole: path and text.
-fn files() -> Vec<(String, String)> {
-    let of = |name: &str, text: String| (format!("{BOARD}/{name}"), text);
+/// Files that are written whole: path and bytes.
+fn files() -> Vec<(String, Vec<u8>)> {
+    let of = |name: &str, text: String| (format!("{BOARD}/{name}"), text.into_bytes());
     let table = "(sym_lib_table\n  (lib (name \"taxel\")(type \"KiCad\")(uri \"${KIPRJMOD}/taxel.kicad_sym\")\
                  (options \"\")(descr \"symbols of this schematic\"))\n)\n";
-    vec![
+    let project = "{\n  \"meta\": { \"filename\": \"taxel.kicad_pro\", \"version\": 1 }\n}\n";
+    let mut files = vec![
         of("taxel.kicad_sch", schematic::board::file()),
         of("taxel.kicad_sym", schematic::library()),
         of("sym-lib-table", table.to_owned()),
-        of(
-            "taxel.kicad_pro",
-            "{\n  \"meta\": { \"filename\": \"taxel.kicad_pro\", \"version\": 1 }\n}\n".to_owned(),
-        ),
-    ]
+        of("taxel.kicad_pro", project.to_owned()),
+        ("docs/images/mould.svg".to_owned(), mould::picture().into_bytes()),
+    ];
+    files.extend(
+        mould::files().into_iter().map(|(name, bytes)| (format!("docs/mould/{name}"), bytes)),
+    );
+    files
 }
 
 /// Writes the files; with `check`, fails if one differs and writes nothing.
 pub fn task(check: bool) -> Result<()> {
-    for (path, text) in files() {
+    whole(check)?;
+    front_end(check)
+}
+
+/// Writes or checks the files that are written whole.
+fn whole(check: bool) -> Result<()> {
+    for (path, bytes) in files() {
         let path = root().join(path);
         if !check {
             std::fs::create_dir_all(path.parent().unwrap_or(&path))?;
-            std::fs::write(&path, text)?;
-        } else if std::fs::read_to_string(&path).unwrap_or_default() != text {
+            std::fs::write(&path, bytes)?;
+        } else if std::fs::read(&path).unwrap_or_default() != bytes {
             bail!("{} differs; run `cargo xtask hardware`", path.display());
         }
     }
-    front_end(check)
+    Ok(())
 }
 
 /// Simulates the columns' circuit and writes or checks the tables of its page.
@@ -65,4 +76,12 @@ fn front_end(check: bool) -> Result<()> {
         std::fs::write(root().join("docs/images/front-end.svg"), front_end::chart(&candidates))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn files_are_those_of_the_reference_finger() {
+        super::whole(true).unwrap();
+    }
 }

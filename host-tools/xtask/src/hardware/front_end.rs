@@ -303,6 +303,6 @@ mod tests {
 
     #[test]
     fn page_has_the_circuits_figures() {
-        crate::hardware::task(true).unwrap();
+        crate::hardware::front_end(true).unwrap();
     }
 }

@@ -48,10 +48,10 @@ pub fn file() -> String {
     }
     board.reference((24, 148));
     board.sensors((24, 192));
-    board.controller((310, 128));
+    board.controller((310, 150));
     board.supply((252, 16));
-    board.usb((362, 16));
-    board.debug((404, 86));
+    board.usb((366, 16));
+    board.debug((400, 98));
     board.sheet.text(
         "Drawn by `cargo xtask hardware` from the reference finger and the firmware's pins; not measured on hardware.",
         (24, 286),
@@ -218,7 +218,7 @@ impl Board {
         let supply = self.sheet.place(&part, (x + 46, y + 18), 0);
         self.sheet.supply("VDDA", supply.pin("4"));
         self.sheet.supply("GND", supply.pin("11"));
-        self.decouple("100 nF X7R", "VDDA", (x + 58, y + 18));
+        self.decouple("100 nF X7R", "VDDA", (x + 62, y + 18));
 
         let x = x + 80;
         self.sheet.block("Bridges' bias: VDDA/2", (x - 4, y - 4), (92, 38));
@@ -274,9 +274,9 @@ impl Board {
             }
         }
         let x = x + 76;
-        self.sheet.block("Multiplexers", (x - 4, y - 6), (110, 88));
+        self.sheet.block("Multiplexers", (x - 4, y - 6), (88, 88));
         for (chip, letters) in [["A", "B"], ["C", "D"]].into_iter().enumerate() {
-            let at = (x + 46, y + 18 + 42 * chip as i32);
+            let at = (x + 30, y + 18 + 42 * chip as i32);
             let reference = format!("U{}", 3 + chip);
             let footprint = "Package_SO:TSSOP-16_4.4x5mm_P0.65mm";
             let part = self.part("74HC4052", &reference, "74HC4052", footprint, at);
@@ -302,7 +302,7 @@ impl Board {
             self.sheet.supply("VDDA", part.pin("16"));
             self.sheet.supply("GND", part.pin("8"));
             self.sheet.supply("GND", part.pin("7"));
-            self.decouple("100 nF X7R", "VDDA", (x + 92, at.1));
+            self.decouple("100 nF X7R", "VDDA", (x + 68, at.1));
         }
     }
 
@@ -495,8 +495,8 @@ impl Board {
         self.sheet.wire(&[ground, (ground.0 + 14, ground.1), (ground.0 + 14, ground.1 + 2)]);
         self.sheet.supply("GND", (ground.0 + 14, ground.1 + 2));
         self.sheet.no_connect(probe.pin("6"));
-        let reset = self.capacitor("100 nF X7R", (x + 46, y), 0);
-        let end = (x + 46, y - 5);
+        let reset = self.capacitor("100 nF X7R", (x + 36, y), 0);
+        let end = (x + 36, y - 5);
         self.sheet.wire(&[reset.pin("1"), end]);
         self.sheet.label("NRST", end, 0);
         self.sheet.supply("GND", reset.pin("2"));
