@@ -4,6 +4,7 @@
 //! seed's.
 
 mod array;
+mod budget;
 mod catalogue;
 mod codes;
 mod column;

@@ -13,6 +13,8 @@ const OHM_NOISE: f64 = 4.0 * 1.380_649e-23 * 298.15;
 pub enum Detector {
     /// SFH3010 of the reference finger.
     Phototransistor,
+    /// The same with its emitter on the row's switch instead of ground.
+    Switched,
     /// Photodiode of this capacitance in femtofarads.
     Photodiode(u32),
 }
@@ -119,6 +121,11 @@ impl Circuit {
                 add(deck, format_args!("Q{name} in{column} b{name} 0 pair"));
                 (format!("in{column}"), format!("b{name}"), self.rest_a / CURRENT_GAIN)
             }
+            (Detector::Switched, _) => {
+                add(deck, format_args!("Q{name} in{column} b{name} e{name} pair"));
+                row_switch(deck, name, light, scan);
+                (format!("in{column}"), format!("b{name}"), self.rest_a / CURRENT_GAIN)
+            }
         };
         let source = |deck: &mut String, part: &str, shape: std::fmt::Arguments| {
             add(deck, format_args!("I{part}{name} {from} {to} {shape}"));
@@ -178,7 +185,7 @@ impl Circuit {
     pub fn photon_noise(&self, deck: &mut String, name: &str) {
         let (amperes, from, to) = match self.detector {
             Detector::Photodiode(_) => (self.rest_a, format!("in{name}"), "0".to_owned()),
-            Detector::Phototransistor => {
+            Detector::Phototransistor | Detector::Switched => {
                 let from = match self.front {
                     Front::Load(_) => "vdd".to_owned(),
                     Front::Amplifier(_) => format!("in{name}"),
@@ -191,6 +198,26 @@ impl Circuit {
         add(deck, format_args!("Vsense sense 0 0"));
         add(deck, format_args!("Fphoton {from} {to} Vsense 1"));
     }
+}
+
+/// Adds the line of a row's LEDs, on which the emitter of the pair `name` is.
+///
+/// The switch holds it near ground; without it the LEDs pull it up until hardly any current is left.
+fn row_switch(
+    deck: &mut String,
+    name: &str,
+    light: Light,
+    (row, Timing { step, .. }): (usize, Timing),
+) {
+    let up = REFERENCE.converter.range_v - REFERENCE.pair.led_v;
+    let begin = (row + 1) as f64 * step;
+    let voltage = match light {
+        Light::Steady(_) | Light::Step(..) => "0".to_owned(),
+        Light::Off | Light::Scanned(_) => {
+            format!("PULSE({up} 0 {begin:e} 20n 20n {:e} {:e})", step - 20e-9, 5.0 * step)
+        }
+    };
+    add(deck, format_args!("Ve{name} line{name} 0 {voltage}\nRe{name} line{name} e{name} 5"));
 }
 
 /// Adds a line to a deck.

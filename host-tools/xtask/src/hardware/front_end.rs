@@ -135,8 +135,8 @@ pub fn table(candidates: &[Candidate]) -> Part {
             circuit.name,
             ohms(circuit.ohm),
             percent(measured.afterglow),
-            percent(measured.follows),
-            percent(measured.dark),
+            percent(measured.follows.abs()),
+            percent(measured.dark.abs()),
             percent(measured.ambient),
             measured.noise.total / (2.0 * measure::HALF_STEP_V),
             at_4_khz.map_or("–".to_owned(), |nm| format!("{nm:.0} nm")),
@@ -299,6 +299,22 @@ mod tests {
         assert!(near(half.rest, whole.rest / 2.0, 0.01));
         assert!(near(half.noise.density, whole.noise.density / 2.0, 0.02));
         assert!(!near(half.settles_s, whole.settles_s, 0.05), "{half:?}");
+    }
+
+    #[test]
+    fn circuits_of_the_choice_settle_within_15_us() {
+        let timing = measure::timing(DEFAULT).unwrap();
+        let all = measure::candidates();
+        let named = |name| {
+            let circuit = all.iter().find(|circuit| circuit.name == name).unwrap();
+            measure::measure(circuit, timing).unwrap()
+        };
+        let chosen = named("TIA, photodiodes and SFH4050");
+        assert!(chosen.settles_s <= 15e-6 && chosen.ambient < 1e-3, "{chosen:?}");
+        assert!(chosen.afterglow.abs() < 1e-4 && chosen.follows.abs() < 1e-4, "{chosen:?}");
+        // The same parts as now: a change in the row before is less than a step of 12 bits of it.
+        let rows = named("TIA, emitters on the rows");
+        assert!(rows.settles_s <= 15e-6 && rows.follows.abs() < 1.0 / STEPS, "{rows:?}");
     }
 
     #[test]
