@@ -13,7 +13,7 @@ const OHM_NOISE: f64 = 4.0 * 1.380_649e-23 * 298.15;
 pub enum Detector {
     /// SFH3010 of the reference finger.
     Phototransistor,
-    /// The same with its emitter on the row's switch instead of ground.
+    /// SFH3010 with its emitter on the row's switch instead of ground.
     Switched,
     /// Photodiode of this capacitance in femtofarads.
     Photodiode(u32),

@@ -203,7 +203,7 @@ pub fn chart(candidates: &[Candidate]) -> String {
         let rates = (4..=60).map(|quarter| quarter * 250);
         let points: Vec<_> =
             rates.filter_map(|hz| Some((f64::from(hz) / 1e3, resolution(measured, hz)?))).collect();
-        (!points.is_empty()).then(|| Series { name: circuit.name, points })
+        (!points.is_empty()).then_some(Series { name: circuit.name, points })
     });
     Chart {
         title: "Resolution of a facet's place at rest in one frame, calculated and simulated",
@@ -312,7 +312,7 @@ mod tests {
         let chosen = named("TIA, photodiodes and SFH4050");
         assert!(chosen.settles_s <= 15e-6 && chosen.ambient < 1e-3, "{chosen:?}");
         assert!(chosen.afterglow.abs() < 1e-4 && chosen.follows.abs() < 1e-4, "{chosen:?}");
-        // The same parts as now: a change in the row before is less than a step of 12 bits of it.
+        // Parts as now: a change in the row before shows by less than a 12-bit step of itself.
         let rows = named("TIA, emitters on the rows");
         assert!(rows.settles_s <= 15e-6 && rows.follows.abs() < 1.0 / STEPS, "{rows:?}");
     }

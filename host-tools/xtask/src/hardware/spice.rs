@@ -32,9 +32,9 @@ impl Waves {
     /// Time from `from` until a node stays within `band` of `value` up to `to`.
     #[must_use]
     pub fn settles(&self, node: usize, (from, to): (f64, f64), value: f64, band: f64) -> f64 {
-        let within = |(time, _): &(&f64, &f64)| **time >= from && **time < to;
-        let points = self.time.iter().zip(&self.nodes[node]).filter(within);
-        let last = points.filter(|(_, v)| (*v - value).abs() > band).last();
+        let outside =
+            |(time, v): &(&f64, &f64)| **time >= from && **time < to && (*v - value).abs() > band;
+        let last = self.time.iter().zip(&self.nodes[node]).rfind(outside);
         last.map_or(0.0, |(time, _)| time - from)
     }
 }

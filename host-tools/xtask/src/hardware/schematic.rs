@@ -1,10 +1,14 @@
 //! Schematic of the STM32G431 board as a KiCad file.
 
 pub mod board;
+mod chips;
 mod library;
 #[cfg(test)]
 mod netlist;
+mod periphery;
 mod sheet;
+#[cfg(test)]
+mod tests;
 
 /// Returns the library of the schematic's symbols.
 #[must_use]
