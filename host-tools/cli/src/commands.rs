@@ -1,14 +1,19 @@
 //! Commands, one file each.
 
 pub mod bias;
+#[cfg(feature = "full")]
 pub mod bridge;
+#[cfg(feature = "full")]
 pub mod calibrate;
+#[cfg(feature = "full")]
 pub mod chart;
+#[cfg(feature = "full")]
 pub mod completions;
 pub mod demo;
 pub mod dfu;
 pub mod export;
 pub mod info;
+#[cfg(feature = "full")]
 pub mod man;
 pub mod ports;
 pub mod record;

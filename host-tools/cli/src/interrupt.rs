@@ -25,6 +25,7 @@ impl Interrupt {
     }
 
     /// Returns the flag itself, for libraries that check one.
+    #[cfg(feature = "full")]
     pub fn flag(&self) -> &AtomicBool {
         &self.0
     }

@@ -41,11 +41,14 @@ enum Command {
     Demo(commands::demo::Args),
     Simulate(commands::simulate::Args),
     Replay(commands::replay::Args),
+    #[cfg(feature = "full")]
     Calibrate(commands::calibrate::Args),
+    #[cfg(feature = "full")]
     Chart(commands::chart::Args),
     View(commands::view::Args),
     Record(commands::record::Args),
     Export(commands::export::Args),
+    #[cfg(feature = "full")]
     Bridge(commands::bridge::Args),
     Serve(commands::serve::Args),
     Info(commands::info::Args),
@@ -55,8 +58,13 @@ enum Command {
     Dfu(commands::dfu::Args),
     Ports(commands::ports::Args),
     Udev(commands::udev::Args),
+    #[cfg(feature = "full")]
     Completions(commands::completions::Args),
+    #[cfg(feature = "full")]
     Man(commands::man::Args),
+    #[cfg(not(feature = "full"))]
+    #[command(external_subcommand)]
+    Other(Vec<String>),
 }
 
 /// Runs the command line of this process.
@@ -69,11 +77,14 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => commands::demo::run(args),
         Command::Simulate(args) => commands::simulate::run(args),
         Command::Replay(args) => commands::replay::run(args),
+        #[cfg(feature = "full")]
         Command::Calibrate(args) => commands::calibrate::run(args),
+        #[cfg(feature = "full")]
         Command::Chart(args) => commands::chart::run(args),
         Command::View(args) => commands::view::run(args),
         Command::Record(args) => commands::record::run(args),
         Command::Export(args) => commands::export::run(args),
+        #[cfg(feature = "full")]
         Command::Bridge(args) => commands::bridge::run(args),
         Command::Serve(args) => commands::serve::run(args),
         Command::Info(args) => commands::info::run(args),
@@ -83,8 +94,15 @@ pub fn main() -> ExitCode {
         Command::Dfu(args) => commands::dfu::run(args),
         Command::Ports(args) => commands::ports::run(args),
         Command::Udev(args) => commands::udev::run(args),
+        #[cfg(feature = "full")]
         Command::Completions(args) => commands::completions::run(args),
+        #[cfg(feature = "full")]
         Command::Man(args) => commands::man::run(args),
+        #[cfg(not(feature = "full"))]
+        Command::Other(words) => Err(anyhow::anyhow!(
+            "{}: not in the small build of `cargo demo`; in the repository run `cargo install --path host-tools/cli`",
+            words.join(" ")
+        )),
     };
     failure::exit_code(done)
 }

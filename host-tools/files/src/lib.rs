@@ -8,7 +8,6 @@ pub mod frames;
 pub mod lines;
 mod number;
 pub mod point_method;
-#[cfg(feature = "recording")]
 pub mod recording;
 mod save;
 pub mod stretch;

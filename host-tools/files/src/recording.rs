@@ -6,11 +6,16 @@
 //! A recording is a [`Header`] (the finger and its calibration), named columns and rows. This
 //! module knows no column's meaning, so a new field of frames needs no change here.
 
+#[cfg(not(feature = "recording"))]
+mod absent;
 mod csv;
 mod header;
+#[cfg(feature = "recording")]
 mod mcap;
+#[cfg(feature = "recording")]
 mod parquet;
 mod scans;
+#[cfg(feature = "recording")]
 pub mod schema;
 
 use std::fs::File;
@@ -21,8 +26,16 @@ use crate::FileError;
 use crate::frames::{Cell, Column, Kind};
 use crate::trace::is_code;
 
+#[cfg(not(feature = "recording"))]
+use absent as mcap;
+#[cfg(not(feature = "recording"))]
+use absent as parquet;
+
 pub use header::Header;
 pub use scans::Scans;
+
+/// Extension of a recording whose format the user did not choose.
+pub const EXTENSION: &str = if cfg!(feature = "recording") { "mcap" } else { "csv" };
 
 /// Column of the host's receive time in microseconds since 1970-01-01 UTC.
 pub const HOST_TIME: &str = "host_us";

@@ -11,7 +11,7 @@ use taxel_client::{Client, DeviceClock, Event, LinkError, Received, Reconnecting
 use taxel_files::frames::{Cell, cells, columns};
 use taxel_files::point_method;
 
-use taxel_files::recording::Existing;
+use taxel_files::recording::{EXTENSION, Existing};
 
 use super::{Context, Feed, facts, self_test};
 use crate::Files;
@@ -343,7 +343,7 @@ fn file_name(info: &Info) -> PathBuf {
     let serial = info.identity.serial.chars();
     let serial: String = serial.map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    Path::new(&format!("taxel-{serial}-{}.mcap", now.as_secs())).to_owned()
+    Path::new(&format!("taxel-{serial}-{}.{EXTENSION}", now.as_secs())).to_owned()
 }
 
 /// Returns the bytes of a file; 0 if there is none.
