@@ -16,7 +16,7 @@ const EFFECTS: &str = "effects = ['noise', 'ambient', 'flicker', 'gain-spread', 
                        'bridge-mismatch', 'bridge-crosstalk']\n";
 
 fn record() -> Calibration {
-    let path = "../host-tools/cli/assets/virtual-finger.cal.toml";
+    let path = "../cli/assets/virtual-finger.cal.toml";
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
     taxel_files::calibration::read(&path).unwrap()
 }

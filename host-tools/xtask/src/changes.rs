@@ -108,21 +108,28 @@ mod tests {
     use super::*;
 
     fn of(files: &[&str]) -> Changes {
-        let packages = [("taxel", ""), ("taxel-tests", "tests"), ("taxel-sim", "host-tools/sim")];
+        let packages =
+            [("taxel", ""), ("xtask", "host-tools/xtask"), ("taxel-sim", "host-tools/sim")];
         let packages = packages.map(|(name, folder)| (name.to_owned(), folder.into()));
         Changes::of(&files.iter().map(|file| (*file).to_owned()).collect::<Vec<_>>(), &packages)
     }
 
     #[test]
     fn file_belongs_to_innermost_package() {
-        let changes = of(&["src/lib.rs", "host-tools/sim/src/scene.rs", "tests/system/faults.rs"]);
-        assert_eq!(changes.filter(), "rdeps(=taxel) + rdeps(=taxel-sim) + rdeps(=taxel-tests)");
+        let changes =
+            of(&["src/lib.rs", "host-tools/sim/src/scene.rs", "host-tools/xtask/src/run.rs"]);
+        assert_eq!(changes.filter(), "rdeps(=taxel) + rdeps(=taxel-sim) + rdeps(=xtask)");
         assert_eq!(of(&["tests/core/store.rs"]).filter(), "rdeps(=taxel)");
     }
 
     #[test]
     fn unowned_file_or_no_file_selects_every_test() {
-        for files in [&["src/lib.rs", "docs/accuracy.md"][..], &["Cargo.lock"], &[]] {
+        for files in [
+            &["src/lib.rs", "docs/accuracy.md"][..],
+            &["tests/system/faults.rs"],
+            &["Cargo.lock"],
+            &[],
+        ] {
             assert_eq!(of(files), Changes::Everything, "{files:?}");
         }
     }
