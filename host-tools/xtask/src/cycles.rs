@@ -7,9 +7,9 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use crate::costs::{self, Stage};
-use crate::emulator::{cargo, directory};
+use crate::emulator::{built, cargo, directory};
 use crate::firmware;
-use crate::run::{root, run, setup, target};
+use crate::run::{program, root, run, setup, target};
 
 /// The crate of `boards/` that calls the stages.
 const IMAGE: &str = "cycles";
@@ -39,10 +39,10 @@ pub fn task(arguments: &Cycles) -> Result<()> {
     setup(&["boards", "emulator"])?;
     if arguments.board {
         let (image, _) = firmware::build(PRODUCT)?;
-        return run(&mut emulator("profile", &image));
+        return run(&mut emulator(from_source(), "profile", &image));
     }
     let image = image()?;
-    let mut emulator = emulator("cycles", &image);
+    let mut emulator = emulator(from_source(), "cycles", &image);
     emulator.args(["--filter", &arguments.filter]);
     if let Some(path) = &arguments.csv {
         emulator.arg("--csv").arg(std::path::absolute(path)?);
@@ -55,10 +55,11 @@ pub fn task(arguments: &Cycles) -> Result<()> {
 
 /// Fails where a stage, scene, net or product frame exceeds its limit of cycles.
 ///
-/// The limits are the committed table, [`SCENES`], [`NETS`] and half a frame.
+/// The limits are the committed table, [`SCENES`], [`NETS`] and half a frame. The emulator must
+/// have been built.
 pub fn guard() -> Result<()> {
     let counted = target().join("cycles.csv");
-    let mut emulator = emulator("cycles", &image()?);
+    let mut emulator = emulator(program(built(), &directory()), "cycles", &image()?);
     emulator.arg("--csv").arg(&counted);
     run(emulator.arg("--against").arg(table()))?;
     let counted = costs::read(&counted)?;
@@ -162,10 +163,16 @@ fn table() -> PathBuf {
     directory().join("data/cycles.csv")
 }
 
-/// Returns a command that runs an emulator's task on `image` with the committed finger and scans.
-fn emulator(task: &str, image: &Path) -> Command {
+/// Returns a command that builds and runs the emulator.
+fn from_source() -> Command {
     let mut command = cargo("run");
-    command.args(["--", task]).arg(image);
+    command.arg("--");
+    command
+}
+
+/// Adds the task to the emulator's command: `image` with the committed finger and scans.
+fn emulator(mut command: Command, task: &str, image: &Path) -> Command {
+    command.arg(task).arg(image);
     command.arg("--calibration").arg(directory().join("data/finger.cal.toml"));
     command.arg("--scans").arg(directory().join("data/scans.csv"));
     command.arg("--whole").arg(directory().join("data/whole"));

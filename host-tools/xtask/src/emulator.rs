@@ -21,14 +21,14 @@ pub fn task() -> Result<()> {
             firmware::build(&board)?;
         }
     }
-    fill()?;
+    fill(cargo("build"))?;
     println!("{}", folder().display());
     Ok(())
 }
 
-/// Builds the emulator and copies it and the finished images into [`folder`].
-pub fn fill() -> Result<()> {
-    run(&mut cargo("build"))?;
+/// Builds the emulator by `build`, and copies it and the finished images into [`folder`].
+pub fn fill(mut build: Command) -> Result<()> {
+    run(&mut build)?;
     std::fs::create_dir_all(folder())?;
     copy(&target().join("debug").join(PROGRAM))?;
     for board in firmware::boards()? {
@@ -43,6 +43,11 @@ fn copy(from: &Path) -> Result<()> {
     let name = from.file_name().unwrap_or_default();
     std::fs::copy(from, folder().join(name)).with_context(|| from.display().to_string())?;
     Ok(())
+}
+
+/// Path of the emulator in [`folder`].
+pub fn built() -> PathBuf {
+    folder().join(PROGRAM)
 }
 
 /// Folder of the emulator and its images, where a `taxel` built by cargo looks for them.

@@ -13,10 +13,15 @@ const INSTRUMENTED: &str = "--cfg fuzzing -C debug-assertions -C codegen-units=1
      -C llvm-args=-sanitizer-coverage-pc-table -C llvm-args=-sanitizer-coverage-trace-compares";
 
 /// Returns a cargo command for the fuzz targets' workspace.
-pub fn cargo(subcommand: &str) -> Command {
+fn cargo(subcommand: &str) -> Command {
     let mut command = clean("cargo", &root().join("tests/fuzz"));
     command.args([subcommand, "--quiet"]).args(locked());
     command
+}
+
+/// Checks that the targets compile. They are not linked, so libFuzzer itself is not built.
+pub fn check() -> Result<()> {
+    run(cargo("check").env("CUSTOM_LIBFUZZER_PATH", "/libFuzzer.a"))
 }
 
 /// Runs each target for `seconds`; keeps inputs that reach new code in `target/fuzz`.

@@ -86,11 +86,8 @@ fn main() -> ExitCode {
         Task::Hardware { check } => hardware::task(check),
         Task::Protocol { check } => protocol::task(check),
     };
-    match done {
-        Ok(()) => {
-            steps.summary();
-            ExitCode::SUCCESS
-        }
+    match done.and_then(|()| steps.summary()) {
+        Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("xtask: {error:#}");
             ExitCode::FAILURE

@@ -2,31 +2,50 @@
 
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 /// Finished steps and left-out parts of a task.
 pub struct Steps {
     start: Instant,
-    done: Vec<(String, Duration)>,
+    done: Vec<Step>,
     left_out: Vec<String>,
+    /// Whether the steps after a failed one run too; then [`Self::summary`] reports the failure.
+    pub keep_going: bool,
+}
+
+/// Finished step.
+struct Step {
+    name: String,
+    took: Duration,
+    failed: bool,
 }
 
 impl Default for Steps {
     fn default() -> Self {
-        Self { start: Instant::now(), done: Vec::new(), left_out: Vec::new() }
+        Self::new(false)
     }
 }
 
 impl Steps {
+    fn new(keep_going: bool) -> Self {
+        Self { start: Instant::now(), done: Vec::new(), left_out: Vec::new(), keep_going }
+    }
+
     /// Runs one step under a heading and records its time.
-    pub fn take<T>(&mut self, name: &str, step: impl FnOnce() -> Result<T>) -> Result<T> {
+    pub fn take<T>(&mut self, name: &str, step: impl FnOnce() -> Result<T>) -> Result<()> {
         eprintln!("\n── {name} ──");
         let start = Instant::now();
-        let outcome = step().with_context(|| format!("{name} failed"))?;
-        let took = start.elapsed();
+        let outcome = step().with_context(|| format!("{name} failed"));
+        let (took, failed) = (start.elapsed(), outcome.is_err());
+        if let Err(error) = outcome {
+            if !self.keep_going {
+                return Err(error);
+            }
+            eprintln!("xtask: {error:#}");
+        }
         eprintln!("── {name}: {:.1} s ──", took.as_secs_f64());
-        self.done.push((name.to_owned(), took));
-        Ok(outcome)
+        self.done.push(Step { name: name.to_owned(), took, failed });
+        Ok(())
     }
 
     /// Runs two rows of steps in parallel; returns the first error of either after both end.
@@ -35,9 +54,10 @@ impl Steps {
         one: impl FnOnce(&mut Self) -> Result<()>,
         other: impl FnOnce(&mut Self) -> Result<()> + Send,
     ) -> Result<()> {
+        let keep_going = self.keep_going;
         std::thread::scope(|scope| {
-            let other = scope.spawn(|| {
-                let mut steps = Self::default();
+            let other = scope.spawn(move || {
+                let mut steps = Self::new(keep_going);
                 other(&mut steps).map(|()| steps)
             });
             let one = one(self);
@@ -57,25 +77,36 @@ impl Steps {
     }
 
     /// Prints the time of each step; prints nothing where no step ran.
-    pub fn summary(&self) {
+    ///
+    /// # Errors
+    /// A step failed.
+    pub fn summary(&self) -> Result<()> {
         if self.done.is_empty() {
-            return;
+            return Ok(());
         }
         eprintln!();
-        for (name, took) in &self.done {
-            eprintln!("{:6.1} s  {name}", took.as_secs_f64());
+        for Step { name, took, failed } in &self.done {
+            eprintln!(
+                "{:6.1} s  {name}{}",
+                took.as_secs_f64(),
+                if *failed { ": FAILED" } else { "" }
+            );
         }
         let left_out = match self.left_out.as_slice() {
             [] => String::new(),
             list => format!("; left out: {}", list.join(", ")),
         };
         let cpu = children_cpu().map(|cpu| format!(", {} s of processors", cpu.as_secs()));
+        let (steps, failed) =
+            (self.done.len(), self.done.iter().filter(|step| step.failed).count());
         eprintln!(
-            "\nxtask: all {} steps passed in {:.0} s{}{left_out}",
-            self.done.len(),
+            "\nxtask: {} of {steps} steps passed in {:.0} s{}{left_out}",
+            steps - failed,
             self.start.elapsed().as_secs_f64(),
             cpu.unwrap_or_default()
         );
+        ensure!(failed == 0, "{failed} of {steps} steps failed; their messages are above");
+        Ok(())
     }
 }
 
@@ -88,4 +119,28 @@ fn children_cpu() -> Option<Duration> {
     let mut fields = stat.rsplit_once(')')?.1.split_ascii_whitespace().skip(13);
     let mut next = || fields.next()?.parse::<u64>().ok();
     Some(Duration::from_millis((next()? + next()?) * 1000 / TICKS))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn failing() -> Result<()> {
+        anyhow::bail!("as asked")
+    }
+
+    #[test]
+    fn failed_step_ends_the_task_unless_it_keeps_going() {
+        let mut steps = Steps::new(false);
+        assert!(steps.take("one", failing).is_err());
+        let mut steps = Steps::new(true);
+        steps
+            .side_by_side(|one| one.take("one", failing), |two| two.take("two", || Ok(())))
+            .unwrap();
+        assert_eq!(steps.done.len(), 2);
+        assert_eq!(
+            steps.summary().unwrap_err().to_string(),
+            "1 of 2 steps failed; their messages are above"
+        );
+    }
 }

@@ -77,22 +77,36 @@ const FUZZ_SECONDS: u32 = 600;
 /// Features that only these tests build, because each doubles the command's crates.
 const BRIDGES: [&str; 2] = ["--features", "taxel-cli/foxglove,taxel-cli/zenoh"];
 
-/// Runs the tests and stops at the first step that fails.
+/// Environment in which cargo compiles a workspace's crates and lints them in the same pass.
+///
+/// `cargo clippy` sets the same two variables, but compiles every crate without its code.
+const LINTS: [(&str, &str); 2] = [
+    ("RUSTC_WORKSPACE_WRAPPER", "clippy-driver"),
+    ("CLIPPY_ARGS", "-D__CLIPPY_HACKERY__warnings__CLIPPY_HACKERY__"),
+];
+
+/// Runs the tests. Stops at the first step that fails, except at night, when nobody waits.
 pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     let &Test { part, profile, all } = test;
     if profile == Profile::Quick && part == Part::All {
         return quick(all, steps);
     }
     let profile = profile.max(Profile::Ci);
+    steps.keep_going = profile == Profile::Nightly;
     let takes = |one| part == one || part == Part::All;
     steps.side_by_side(
         |steps| {
             if takes(Part::Lint) {
-                lint(profile, steps)?;
+                lint(takes(Part::Host), steps)?;
             }
             if takes(Part::Host) {
-                steps.take("build of the host tests", || {
-                    run(&mut bridged(&["test", "--no-run", "--workspace", "--tests"]))
+                // Benchmarks take as long to build as a package's tests.
+                let targets: &[&str] = match profile {
+                    Profile::Nightly => &["--all-targets"],
+                    _ => &["--tests", "--examples"],
+                };
+                steps.take("lints and build of the host tests", || {
+                    run(bridged(&["test", "--no-run", "--workspace"]).args(targets))
                 })
             } else if takes(Part::Python) {
                 steps.take("build of the command", || {
@@ -116,7 +130,14 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
             if takes(Part::Python) {
                 steps.take("Python client: types, lints, installation", python::checks)?;
             }
-            if takes(Part::Target) { images(steps) } else { Ok(()) }
+            if takes(Part::Target) {
+                images(steps)?;
+                steps.take("lints and build of the emulator", || {
+                    run(program("cargo", &emulator::directory()).args(["fmt", "--check"]))?;
+                    run(linted(emulator::cargo("test")).args(["--no-run", "--tests"]))
+                })?;
+            }
+            Ok(())
         },
     )?;
     // The Python tests mostly wait for their streams.
@@ -156,18 +177,18 @@ fn quick(all: bool, steps: &mut Steps) -> Result<()> {
     Ok(())
 }
 
-/// Checks format and lints; the bridges' few modules are linted at night.
-fn lint(profile: Profile, steps: &mut Steps) -> Result<()> {
+/// Checks format and lints; the host's crates only if nothing else compiles them.
+fn lint(compiled: bool, steps: &mut Steps) -> Result<()> {
     steps.take("format", || {
         run(cargo().args(["fmt", "--all", "--check"]))?;
         run(clean("cargo", &root().join("boards")).args(["fmt", "--check"]))
     })?;
-    steps.take("lints", || {
-        let clippy = ["clippy", "--workspace", "--all-targets"];
-        let mut command =
-            if profile == Profile::Nightly { bridged(&clippy) } else { on_host(&clippy) };
-        run(command.args(["--", "-D", "warnings"]))
-    })?;
+    if !compiled {
+        steps.take("lints", || {
+            let mut command = on_host(&["clippy", "--workspace", "--all-targets"]);
+            run(command.args(["--", "-D", "warnings"]))
+        })?;
+    }
     steps.take("lints of the core with the estimators of each board", || {
         for features in CORE_FEATURES {
             run(cargo()
@@ -178,27 +199,25 @@ fn lint(profile: Profile, steps: &mut Steps) -> Result<()> {
         }
         Ok(())
     })?;
+    steps.take("lints of the command that `cargo demo` builds", || {
+        let mut command = on_host(&["clippy", "--package", "taxel-cli", "--no-default-features"]);
+        run(command.args(["--", "-D", "warnings"]))
+    })?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
-    steps.take("fuzz targets compile", || run(&mut fuzz::cargo("check")))
+    steps.take("fuzz targets compile", fuzz::check)
 }
 
 /// Runs the emulator's tests and those on emulated boards, and counts cycles.
 fn emulated(profile: Profile, steps: &mut Steps) -> Result<()> {
-    steps.take("tests of the emulator", || emulator_tests(profile))?;
+    // The tests of whole boards run their images, and tshark judges their USB traffic.
+    steps.take("tests of the emulator", || {
+        run(&mut tests(profile, &emulator::directory(), Selection::All)?)
+    })?;
     steps.take("tests on the emulated boards", || {
-        emulator::fill()?;
+        emulator::fill(linted(emulator::cargo("build")))?;
         run(&mut tests(profile, &root(), Selection::OnBoards)?)
     })?;
     steps.take("instructions and cycles of every stage", cycles::guard)
-}
-
-/// Runs the emulator's own format check, lints and tests.
-///
-/// The tests of whole boards run their images, and tshark judges their USB traffic.
-fn emulator_tests(profile: Profile) -> Result<()> {
-    run(program("cargo", &emulator::directory()).args(["fmt", "--check"]))?;
-    run(emulator::cargo("clippy").args(["--all-targets", "--", "-D", "warnings"]))?;
-    run(&mut tests(profile, &emulator::directory(), Selection::All)?)
 }
 
 /// Returns a cargo command for the host's workspace.
@@ -208,10 +227,16 @@ fn on_host(arguments: &[&str]) -> Command {
     command
 }
 
-/// Returns a cargo command for the host's workspace with [`BRIDGES`].
+/// Returns a cargo command for the host's workspace with [`BRIDGES`] and [`LINTS`].
 fn bridged(arguments: &[&str]) -> Command {
-    let mut command = on_host(arguments);
+    let mut command = linted(on_host(arguments));
     command.args(BRIDGES);
+    command
+}
+
+/// Adds [`LINTS`] to a cargo command.
+fn linted(mut command: Command) -> Command {
+    command.envs(LINTS);
     command
 }
 
@@ -263,8 +288,11 @@ pub fn tests(profile: Profile, directory: &Path, selection: Selection) -> Result
     }
     command.args(["--workspace", "--tests", "--target-dir"]).arg(target());
     command.args(locked());
-    if profile != Profile::Quick && directory == root() {
-        command.args(BRIDGES);
+    if profile != Profile::Quick {
+        command.envs(LINTS);
+        if directory == root() {
+            command.args(BRIDGES);
+        }
     }
     if profile == Profile::Nightly {
         command.env("PROPTEST_CASES", NIGHTLY_CASES);
