@@ -43,7 +43,7 @@ enum Part {
 /// Amount of testing; the profiles of `.config/nextest.toml`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum Profile {
-    /// Tests of at most two minutes, without browser, emulator and baselines
+    /// Tests of at most two minutes, without browser, emulator, judged accuracy and faulty fits
     Quick,
     /// Everything that must hold before a change goes in
     Ci,
@@ -343,7 +343,15 @@ mod tests {
     #[test]
     fn profile_leaves_out_modules_of_its_filter() {
         let config = std::fs::read_to_string(config()).unwrap();
-        let slow = ["baseline", "browser", "emulated_board", "endurance", "nightly"];
+        let slow = [
+            "accuracy",
+            "baseline",
+            "browser",
+            "emulated_board",
+            "endurance",
+            "ill_posed",
+            "nightly",
+        ];
         assert_eq!(left_out(Profile::Quick, &config).unwrap(), slow);
         assert_eq!(left_out(Profile::Ci, &config).unwrap(), ["nightly"]);
         assert!(left_out(Profile::Nightly, &config).unwrap().is_empty());
