@@ -37,10 +37,12 @@ def controlled(finger: Finger, hz: int) -> Loop:
         ages.append(latest.age_s)
         seen += latest.new
     finger.stream(False)
+    # A loop on a busy machine takes longer; the finger goes on at its rate.
+    elapsed = time.perf_counter() - start
     counts = finger.counts
     assert counts.frames == counts.given + counts.skipped + counts.overflow + counts.waiting
     assert counts.lost == counts.overflow == counts.bad_packets == 0
-    assert counts.frames == pytest.approx(SECONDS * 1000, rel=0.02, abs=50)
+    assert counts.frames == pytest.approx(elapsed * 1000, rel=0.02, abs=50)
     call, age = (float(np.quantile(values, 0.99)) * 1e3 for values in (calls, ages))
     return Loop(call, age, len(calls), seen)
 
