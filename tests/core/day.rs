@@ -115,5 +115,7 @@ fn every_frame_of_a_day_is_accounted_for() {
     let sum = |more: u64| start.wrapping_add(more as u32);
     assert_eq!((counters.scans, counters.frames), (sum(scans), sum(scans)));
     assert_eq!(counters.overruns, start.wrapping_add(overruns));
-    assert!(grown <= 512, "memory grew by {grown} kB");
+    // Other tests in the same process take memory too: nextest gives each its own.
+    let alone = long || std::env::var_os("NEXTEST").is_some();
+    assert!(!alone || grown <= 512, "memory grew by {grown} kB");
 }
