@@ -23,22 +23,16 @@ pub fn checks() -> Result<()> {
 
 /// Runs the client's tests against the built `taxel`; with `long`, streams last 600 s.
 ///
-/// They run against the wall clock, which a busy machine delays: those that fail run once more.
+/// They run against the wall clock, which a busy machine delays: one that fails runs once more, and
+/// is listed then.
 pub fn tests(long: bool) -> Result<()> {
     let client = folder();
-    let python = environment(&client)?;
-    let pytest = |which: &[&str]| {
-        let mut pytest = program(&python, &client);
-        if long {
-            pytest.env("TAXEL_ENDURE_S", "600");
-        }
-        pytest.env("TAXEL", target().join("debug/taxel")).args(["-m", "pytest", "--quiet"]);
-        run(pytest.args(which))
-    };
-    pytest(&[]).or_else(|error| {
-        eprintln!("{error:#}; the tests that failed run once more");
-        pytest(&["--last-failed"])
-    })
+    let mut pytest = program(environment(&client)?, &client);
+    if long {
+        pytest.env("TAXEL_ENDURE_S", "600");
+    }
+    pytest.env("TAXEL", target().join("debug/taxel"));
+    run(pytest.args(["-m", "pytest", "--quiet", "--reruns", "1", "-rfER"]))
 }
 
 fn folder() -> PathBuf {
@@ -83,7 +77,7 @@ fn environment(client: &Path) -> Result<PathBuf> {
     let directory = target().join("python-client");
     let python = directory.join("bin/python");
     // An older environment may lack some of these.
-    let all_there = "import pytest, mypy, ruff, pandas, zenoh, h5py, mcap_protobuf, pyarrow, rosbags, websockets, xxhash";
+    let all_there = "import pytest, pytest_rerunfailures, mypy, ruff, pandas, zenoh, h5py, mcap_protobuf, pyarrow, rosbags, websockets, xxhash";
     let check = format!("{all_there}; print(1)");
     if answer(Command::new(&python).args(["-c", &check])).is_some() {
         return Ok(python);
