@@ -54,6 +54,8 @@ pub struct Instrument {
     record_intact: Option<bool>,
     /// Whether the board holds an LED row on, so that codes say nothing about the finger.
     row_held: bool,
+    /// Count of scans when flash was last erased.
+    erased_at: Option<u32>,
 }
 
 /// Results of a scan that the caller must handle.
@@ -97,6 +99,7 @@ impl Instrument {
             self_test: None,
             record_intact: None,
             row_held: false,
+            erased_at: None,
         }
     }
 
@@ -342,6 +345,18 @@ impl Instrument {
             | Command::HoldRow { .. } => return Err(Refusal::Unsupported),
         }
         Ok(Some(Response::Done))
+    }
+
+    /// Records that flash was erased after the last scan.
+    pub fn note_erasure(&mut self) {
+        self.erased_at = Some(self.counters.scans);
+    }
+
+    /// Returns whether less than a second of scans has passed since flash was erased.
+    #[must_use]
+    pub fn erased_lately(&self) -> bool {
+        let passed = self.erased_at.map(|at| self.counters.scans.wrapping_sub(at));
+        passed.is_some_and(|scans| scans < u32::from(self.identity.scan_hz))
     }
 
     /// Returns whether an answer is still to come with a scan.

@@ -122,7 +122,8 @@ pub trait Board {
 /// Flow control between scans and link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// Scans come at their own pace; a full link loses frames.
+    /// Scans come at their own pace; a full link loses frames. A second passes between two
+    /// erasures of flash, so that no host wears it out or stops the scan by them.
     Live,
     /// For replays: scans wait until the stream is on and the link has room.
     Lossless,
@@ -296,7 +297,7 @@ async fn converse<R: Read>(
                             request.command,
                             Command::SetScan(_) | Command::HoldRow { .. }
                         );
-                        answer(&request, board, instrument, sending)
+                        answer(&request, board, instrument, pace, sending)
                     }
                     Some(Err(_)) => {
                         let counters = instrument.counters();
@@ -323,11 +324,13 @@ fn answer(
     request: &Request,
     board: &mut impl Board,
     instrument: &mut Instrument,
+    pace: Pace,
     sending: Cost,
 ) -> Option<Message> {
     let result = match &request.command {
         Command::Health => {
-            Ok(Response::Health(BoardHealth { sending: Some(sending), ..board.health() }))
+            let erasures = Some(board.store().erasures());
+            Ok(Response::Health(BoardHealth { sending: Some(sending), erasures, ..board.health() }))
         }
         Command::Bootloader => board.bootloader().map(|()| Response::Done),
         Command::SetScan(_) if instrument.busy() => Err(Refusal::Busy),
@@ -343,7 +346,19 @@ fn answer(
             instrument.set_row_held(row.is_some());
             Response::Done
         }),
-        _ => return instrument.handle(request, board.store()),
+        Command::CalibrationBegin { .. } | Command::SaveSettings | Command::SaveBias
+            if pace == Pace::Live && instrument.erased_lately() =>
+        {
+            Err(Refusal::Busy)
+        }
+        _ => {
+            let before = board.store().erasures();
+            let answer = instrument.handle(request, board.store());
+            if board.store().erasures() != before {
+                instrument.note_erasure();
+            }
+            return answer;
+        }
     };
     Some(Message::Reply { tag: request.tag, result })
 }

@@ -11,6 +11,7 @@ pub use ram::RamFlash;
 pub use settings::{Settings, StoredBias};
 
 use crate::calibration;
+use crate::wire::message::Erasures;
 use settings::Kept;
 use slots::{HEADER, Slots};
 
@@ -129,6 +130,12 @@ impl<F: Flash> Store<F> {
     pub fn open(&mut self, accept: impl FnMut(&[u8]) -> bool) {
         self.calibration.open(&self.flash, accept);
         self.settings.open(&self.flash, |bytes| Kept::read(bytes).is_some());
+    }
+
+    /// Returns how often the flash was erased over its life.
+    #[must_use]
+    pub const fn erasures(&self) -> Erasures {
+        Erasures { calibration: self.calibration.erasures(), settings: self.settings.erasures() }
     }
 
     /// Returns the active record.

@@ -4,6 +4,8 @@
 //! area:  magic u32 │ sequence u32 ║ length u32 │ CRC-32 of these 12 bytes ║ content … 0xff
 //!        └───────── header, written last, two words ────────┘
 //! ```
+//! The sequence counts the erasures of both areas, so that it also tells their wear. An erasure
+//! whose content was never finished is in it only if a later one is finished before power-off.
 //! The header is written only when all of the new content is there and has been read back; it makes
 //! that content the newest. Wherever the power is cut, one whole content remains.
 
@@ -21,6 +23,8 @@ pub(super) struct Slots {
     /// Newer content that was not accepted when it was read at power-up.
     passed_over: Option<Newest>,
     incoming: Option<Incoming>,
+    /// Erasures of both areas over their life.
+    erasures: u32,
 }
 
 /// The area that holds the active content.
@@ -40,7 +44,7 @@ struct Incoming {
 
 impl Slots {
     pub(super) const fn new(areas: [Area; 2]) -> Self {
-        Self { areas, newest: None, passed_over: None, incoming: None }
+        Self { areas, newest: None, passed_over: None, incoming: None, erasures: 0 }
     }
 
     /// Finds the newest content that `accept` accepts. The other area is tried if it accepts none,
@@ -49,19 +53,26 @@ impl Slots {
         (self.incoming, self.passed_over) = (None, None);
         let found = self.areas.map(|area| newest_in(flash, area));
         let [first, second] = match found {
-            [Some(a), Some(b)] if b.sequence > a.sequence => [Some(b), Some(a)],
+            [Some(a), Some(b)] if b.follows(a) => [Some(b), Some(a)],
+            [None, Some(b)] => [Some(b), None],
             other => other,
         };
+        self.erasures = first.map_or(0, |newest| newest.sequence);
         self.newest = first.filter(|newest| accept(newest.content(flash)));
         if self.newest.is_none() {
             self.newest = second.filter(|newest| accept(newest.content(flash)));
-            self.passed_over = first.or(second.filter(|_| self.newest.is_none()));
+            self.passed_over = first;
         }
     }
 
     /// Returns the newest content if it was not accepted at power-up, until it is replaced.
     pub(super) fn passed_over<'f>(&self, flash: &'f impl Flash) -> Option<&'f [u8]> {
         self.passed_over.as_ref().map(|newest| newest.content(flash))
+    }
+
+    /// Returns the erasures of both areas over their life.
+    pub(super) const fn erasures(&self) -> u32 {
+        self.erasures
     }
 
     /// Returns the active content.
@@ -81,6 +92,7 @@ impl Slots {
             return Err(StoreError::OutOfOrder);
         }
         self.passed_over = self.passed_over.filter(|passed| passed.area != area);
+        self.erasures = self.erasures.wrapping_add(1);
         flash.erase(area)?;
         self.incoming = Some(Incoming { expected: length, received: 0 });
         Ok(())
@@ -125,11 +137,9 @@ impl Slots {
     /// Makes the written content the newest.
     pub(super) fn commit(&mut self, flash: &mut impl Flash) -> Result<(), StoreError> {
         let length = self.written(flash)?.len();
-        let [first, second] = self.areas;
         let area = self.other();
-        // Content that was not accepted at power-up counts too, or it would stay the newest.
-        let older = newest_in(flash, if area == first { second } else { first });
-        let sequence = older.map_or(0, |older| older.sequence.wrapping_add(1));
+        // Larger than that of any content at power-up, because the area was erased since.
+        let sequence = self.erasures;
         self.incoming = None;
         let [first, second] = header(sequence, length);
         flash.program(area, 0, first)?;
@@ -153,6 +163,11 @@ impl Slots {
 }
 
 impl Newest {
+    /// Whether this content was written after `other`; the sequence may have wrapped in between.
+    fn follows(&self, other: Self) -> bool {
+        self.sequence.wrapping_sub(other.sequence).cast_signed() > 0
+    }
+
     fn content<'f>(&self, flash: &'f impl Flash) -> &'f [u8] {
         flash.bytes(self.area).get(HEADER..HEADER + self.length).unwrap_or_default()
     }

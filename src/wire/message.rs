@@ -279,6 +279,20 @@ pub struct BoardHealth {
     pub stack: Option<(u32, u32)>,
     /// Settings of the scan.
     pub scan: Option<ScanSettings>,
+    /// Wear of the flash, if the finger has a store.
+    pub erasures: Option<Erasures>,
+}
+
+/// Erasures of the flash over its life. Two areas share each number.
+///
+/// A chip's data sheet says how many an area endures. An upload that breaks off counts only if a
+/// later one is completed before the power goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Erasures {
+    /// Of the two areas of the calibration.
+    pub calibration: u32,
+    /// Of the two areas of settings and bias.
+    pub settings: u32,
 }
 
 /// Cause of a board's start.

@@ -9,4 +9,5 @@ mod hostile;
 mod records;
 mod session;
 mod store;
+mod uploads;
 mod wire_golden;

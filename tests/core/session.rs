@@ -11,7 +11,7 @@ use crate::common;
 use crate::common::{calibration, identity, store, unloaded};
 use embassy_futures::block_on;
 use embassy_futures::select::{Either, select};
-use taxel::calibration::{CalibrationError, MAX_BYTES};
+use taxel::calibration::MAX_BYTES;
 use taxel::frame::{Fields, Frame, Status};
 use taxel::instrument::Instrument;
 use taxel::measured::NoValue;
@@ -22,7 +22,7 @@ use taxel::store::{RamFlash, Store};
 use taxel::units::{Code, FullScale};
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{
-    BoardHealth, CHUNK, Command, Info, Message, PROTOCOL, Refusal, Request, Reset, Response,
+    BoardHealth, Command, Info, Message, PROTOCOL, Refusal, Request, Reset, Response,
 };
 use taxel::wire::{MAX_PACKET, pack};
 
@@ -107,7 +107,7 @@ enum Desk {
 }
 
 /// A board with a list of scans, which are always ready: only the session yields.
-struct Scans {
+pub(crate) struct Scans {
     scans: VecDeque<Scan>,
     desk: Desk,
     store: Store<RamFlash<Vec<u8>>>,
@@ -157,7 +157,7 @@ impl Board for Scans {
 }
 
 /// A minimal client.
-struct Host {
+pub(crate) struct Host {
     to: HalfLink,
     from: HalfLink,
     deframer: Deframer,
@@ -168,7 +168,7 @@ struct Host {
 impl Host {
     async fn send(&mut self, command: Command) {
         use embedded_io_async::Write;
-        self.tag += 1;
+        self.tag = self.tag.wrapping_add(1);
         let mut buffer = [0; MAX_PACKET];
         let packet = pack(&Request { tag: self.tag, command }, &mut buffer).unwrap();
         self.to.write_all(packet).await.unwrap();
@@ -188,7 +188,7 @@ impl Host {
     }
 
     /// Sends a command and waits for the reply with its tag; stores frames that come before it.
-    async fn ask(&mut self, command: Command) -> Result<Response, Refusal> {
+    pub(crate) async fn ask(&mut self, command: Command) -> Result<Response, Refusal> {
         self.send(command).await;
         loop {
             match self.message().await.unwrap() {
@@ -199,7 +199,7 @@ impl Host {
         }
     }
 
-    async fn info(&mut self) -> Info {
+    pub(crate) async fn info(&mut self) -> Info {
         match self.ask(Command::Info).await {
             Ok(Response::Info(info)) => info,
             other => panic!("{other:?}"),
@@ -207,14 +207,14 @@ impl Host {
     }
 }
 
-fn scans(count: u64) -> Scans {
+pub(crate) fn scans(count: u64) -> Scans {
     let scans = (0..count).map(|i| unloaded(250 * i)).collect();
     Scans { scans, desk: Desk::Bare, store: store(), held: None }
 }
 
 /// Runs `host` against a session, then closes the link; returns the instrument and the session's
 /// end.
-fn run(
+pub(crate) fn run(
     mut instrument: Instrument,
     mut board: Scans,
     pace: Pace,
@@ -256,7 +256,7 @@ fn run(
     (instrument, ended)
 }
 
-fn fresh() -> Instrument {
+pub(crate) fn fresh() -> Instrument {
     Instrument::new(identity())
 }
 
@@ -493,66 +493,10 @@ fn bias_taken_in_contact_is_reported() {
         assert!(in_contact && on_command);
         let mut buffer = [0; MAX_BYTES];
         let record = calibration().to_bytes(&mut buffer).unwrap().to_vec();
-        upload(host, &record).await.unwrap();
+        crate::uploads::upload(host, &record).await.unwrap();
         let read = host.ask(Command::ReadBias).await;
         let Ok(Response::Bias { in_contact, on_command, .. }) = read else { panic!("{read:?}") };
         assert!(!in_contact && !on_command, "a new calibration brings its own bias");
-    });
-}
-
-async fn upload(host: &mut Host, record: &[u8]) -> Result<Response, Refusal> {
-    host.ask(Command::CalibrationBegin { length: record.len() as u16 }).await?;
-    for (i, chunk) in record.chunks(CHUNK).enumerate() {
-        let data = heapless::Vec::from_slice(chunk).unwrap();
-        host.ask(Command::CalibrationChunk { offset: (i * CHUNK) as u16, data }).await?;
-    }
-    host.ask(Command::CalibrationCommit).await
-}
-
-#[test]
-fn uploaded_calibration_is_active_and_read_back() {
-    let mut buffer = [0; MAX_BYTES];
-    let record = calibration().to_bytes(&mut buffer).unwrap();
-    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
-        assert_eq!(
-            host.ask(Command::CalibrationRead { offset: 0 }).await,
-            Err(Refusal::Uncalibrated)
-        );
-        assert_eq!(upload(host, record).await, Ok(Response::Done));
-        let id = host.info().await.calibration.unwrap();
-        assert_eq!(id.serial, "test");
-        assert_eq!(id.crc.to_le_bytes(), *record.last_chunk().unwrap(), "the CRC in the file");
-        let mut back = vec![];
-        loop {
-            let offset = back.len() as u16;
-            let part = host.ask(Command::CalibrationRead { offset }).await;
-            let Ok(Response::Calibration { data, .. }) = part else { panic!("{part:?}") };
-            back.extend_from_slice(&data);
-            if data.len() < CHUNK {
-                break;
-            }
-        }
-        assert_eq!(back, record);
-    });
-}
-
-#[test]
-fn damaged_upload_keeps_old_calibration_active() {
-    let mut buffer = [0; MAX_BYTES];
-    let length = calibration().to_bytes(&mut buffer).unwrap().len();
-    let (mut instrument, mut board) = (fresh(), scans(1_000_000));
-    instrument.install(&buffer[..length], board.store()).unwrap();
-    run(instrument, board, Pace::Live, 4096, async |host| {
-        let crc = host.info().await.calibration.unwrap().crc;
-        buffer[40] ^= 1;
-        let refused = upload(host, &buffer[..length]).await;
-        assert_eq!(refused, Err(Refusal::Calibration(CalibrationError::Crc)));
-        host.ask(Command::CalibrationBegin { length: length as u16 }).await.unwrap();
-        assert_eq!(host.ask(Command::CalibrationCommit).await, Err(Refusal::OutOfOrder));
-        let data = heapless::Vec::from_slice(&[0; 4]).unwrap();
-        let gap = host.ask(Command::CalibrationChunk { offset: 4, data }).await;
-        assert_eq!(gap, Err(Refusal::OutOfOrder));
-        assert_eq!(host.info().await.calibration.unwrap().crc, crc);
     });
 }
 

@@ -17,7 +17,7 @@ use taxel::self_test::{Channel, Channels, SelfTest};
 use taxel::units::{Code, FullScale, Micros, Millimetres, NewtonMillimetres, Newtons};
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{
-    BoardHealth, CHUNK, Command, Cost, Message, Refusal, Request, Reset, Response,
+    BoardHealth, CHUNK, Command, Cost, Erasures, Message, Refusal, Request, Reset, Response,
 };
 use taxel::wire::{MAX_PACKET, WireError, pack, pack_frame, unpack};
 
@@ -201,10 +201,11 @@ fn health_and_self_test_have_their_bytes() {
         sending: None,
         stack: Some((2000, 9000)),
         scan: None,
+        erasures: Some(Erasures { calibration: 3, settings: 300 }),
     };
     assert_eq!(
         body(&reply(Response::Health(health))),
-        "01 07 00 05 04 01 05 61 3a 31 20 62 01 ac 02 ad 02 00 01 d0 0f a8 46 00"
+        "01 07 00 05 04 01 05 61 3a 31 20 62 01 ac 02 ad 02 00 01 d0 0f a8 46 00 01 03 ac 02"
     );
     let one = Some(Channel { mean: 1.0, noise: 0.5 });
     let test = SelfTest {
@@ -460,6 +461,7 @@ fn longest_messages_fit_a_packet() {
         sending: Some(most),
         stack: Some((u32::MAX, u32::MAX)),
         scan: Some(ScanSettings { scan_hz: u16::MAX, oversampling: u16::MAX, settle_ns: u32::MAX }),
+        erasures: Some(Erasures { calibration: u32::MAX, settings: u32::MAX }),
     };
     let channel = Some(Channel { mean: 1.0, noise: 1.0 });
     let channels = Channels {

@@ -233,6 +233,7 @@ impl<C: Chip, F: Flash> Board for Scanner<C, F> {
             sending: None,
             stack: Some((stack::deepest() as u32, stack::size() as u32)),
             scan: Some(self.chip.scan_settings()),
+            erasures: None,
         }
     }
 

@@ -36,6 +36,9 @@ const QUEUE: usize = 8192;
 const PATIENCE: Duration = Duration::from_millis(500);
 /// Attempts per request: with [`PATIENCE`], two seconds in all.
 const TRIES: u32 = 4;
+/// Time within which a finger may erase its flash again: it rests for a second of scans, of which
+/// an erasure itself may have delayed the first.
+const REST: Duration = Duration::from_millis(2500);
 /// [`PATIENCE`] after a reconnect. It is shorter because a board that still starts loses requests.
 const KNOWN_PATIENCE: Duration = Duration::from_millis(150);
 
@@ -254,7 +257,7 @@ impl Client {
     /// # Errors
     /// As [`Self::info`]; refused when the finger's flash failed.
     pub fn save_settings(&self) -> Result<(), LinkError> {
-        self.done("save", Command::SaveSettings)
+        self.erase("save", &Command::SaveSettings, PATIENCE, TRIES)
     }
 
     /// Stores the active bias in flash.
@@ -262,7 +265,7 @@ impl Client {
     /// # Errors
     /// As [`Self::save_settings`].
     pub fn save_bias(&self) -> Result<(), LinkError> {
-        self.done("save", Command::SaveBias)
+        self.erase("save", &Command::SaveBias, PATIENCE, TRIES)
     }
 
     /// Returns the state of the board itself.
@@ -358,6 +361,27 @@ impl Client {
         match self.request(name, command)? {
             Response::Done => Ok(()),
             _ => Err(self.unexpected(name)),
+        }
+    }
+
+    /// Sends a request that erases flash, which the finger does at most once a second.
+    fn erase(
+        &self,
+        name: &'static str,
+        command: &Command,
+        patience: Duration,
+        tries: u32,
+    ) -> Result<(), LinkError> {
+        let asked = Instant::now();
+        loop {
+            match self.ask(name, command.clone(), patience, tries) {
+                Err(error) if busy(&error) && asked.elapsed() < REST => {
+                    std::thread::sleep(REST / 50);
+                }
+                Ok(Response::Done) => return Ok(()),
+                Ok(_) => return Err(self.unexpected(name)),
+                Err(error) => return Err(error),
+            }
         }
     }
 
@@ -459,6 +483,10 @@ impl Drop for Client {
 /// First tag, random because a serial link may still hold replies to an earlier program.
 fn first_tag() -> u8 {
     std::hash::RandomState::new().build_hasher().finish() as u8
+}
+
+fn busy(error: &LinkError) -> bool {
+    matches!(error.problem(), Some(Problem::Refusal { refusal: Refusal::Busy, .. }))
 }
 
 fn answers(message: &Message, tag: u8, command: &Command) -> bool {

@@ -184,7 +184,9 @@ fn refused(refusal: &Refusal) -> String {
         Refusal::NotStill => {
             "refused, the finger moved; the old bias stays; release the finger and try again".into()
         }
-        Refusal::Busy => "refused, a bias is being taken or a self-test runs; wait for it".into(),
+        Refusal::Busy => {
+            "refused for now, a bias, a self-test or a save is under way; try again in a second".into()
+        },
         Refusal::OutOfOrder => {
             "refused, bytes of the calibration were lost; the old one stays, upload again".into()
         }

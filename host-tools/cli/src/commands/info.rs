@@ -5,7 +5,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use serde_json::json;
 use taxel::frame::schema;
 use taxel::scan::ScanSettings;
-use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Info, Reset};
+use taxel::wire::message::{BoardHealth, CalibrationId, Cost, Erasures, Info, Reset};
 use taxel_client::client::Version;
 use taxel_client::{Port, fields};
 use taxel_files::point_method;
@@ -120,6 +120,9 @@ fn board(health: &BoardHealth, micros: impl Fn(u32) -> f64) -> Vec<String> {
         let settle_us = f64::from(settle_ns) / 1000.0;
         format!("settings     {oversampling} samples a reading, {settle_us} µs to settle")
     }));
+    lines.extend(health.erasures.map(|Erasures { calibration, settings }| {
+        format!("erased       {calibration}× for calibrations, {settings}× for settings and biases")
+    }));
     lines
 }
 
@@ -171,6 +174,9 @@ fn as_json(version: Version, info: &Info, health: &BoardHealth, live: bool) -> s
         "sending": health.sending.map(|cost| json!({ "last": cost.last, "worst": cost.worst })),
         "stack": health.stack.map(|(used, of)| json!({ "used": used, "of": of })),
         "oversampling": health.scan.map(|scan| scan.oversampling),
+        "erasures": health.erasures.map(|Erasures { calibration, settings }| {
+            json!({ "calibration": calibration, "settings": settings })
+        }),
         "settle_us": health.scan.map(|scan| f64::from(scan.settle_ns) / 1000.0),
     });
     if !live {

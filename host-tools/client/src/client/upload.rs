@@ -70,7 +70,7 @@ impl Client {
         let length = u16::try_from(record.len()).unwrap_or(u16::MAX);
         // The finger erases a slot of its flash first, which may take seconds (128 KB sectors of an
         // F4).
-        self.ask(NAME, Command::CalibrationBegin { length }, 8 * PATIENCE, 1)?;
+        self.erase(NAME, &Command::CalibrationBegin { length }, 8 * PATIENCE, 1)?;
         let mut offset = 0;
         for chunk in record.chunks(CHUNK) {
             let data = chunk.iter().copied().collect();

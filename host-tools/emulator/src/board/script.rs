@@ -3,7 +3,7 @@
 use anyhow::{Result, bail};
 use taxel::frame::{Frame, Status};
 use taxel::wire::deframer::Deframer;
-use taxel::wire::message::{CHUNK, Command, Message, Request, Response};
+use taxel::wire::message::{CHUNK, Command, Message, Refusal, Request, Response};
 use taxel::wire::{MAX_PACKET, pack};
 
 use super::cpu::{Board, End};
@@ -15,6 +15,8 @@ const LOOK: Tick = micros(1_000);
 ///
 /// It is the slowest erasure of a slot, 550 ms on the STM32F411, and 100 ms.
 const PATIENCE: Tick = micros(650_000);
+/// Time within which the board may erase its flash again.
+const REST: Tick = micros(2_500_000);
 /// Longest time for an enumeration.
 const ENUMERATION: Tick = micros(1_000_000);
 
@@ -152,12 +154,27 @@ impl Session {
         })
     }
 
-    /// Sends a command and waits for its response.
+    /// Sends a command and waits for its response. Erasures of flash are a second apart.
     pub fn ask(&mut self, command: Command) -> Result<Response> {
+        let erases = matches!(
+            command,
+            Command::CalibrationBegin { .. } | Command::SaveSettings | Command::SaveBias
+        );
+        let last = self.board.now() + REST;
+        loop {
+            match self.reply(&command)? {
+                Ok(response) => return Ok(response),
+                Err(Refusal::Busy) if erases && self.board.now() < last => self.run(REST / 100)?,
+                Err(refusal) => bail!("{command:?} is answered with {refusal:?}"),
+            }
+        }
+    }
+
+    fn reply(&mut self, command: &Command) -> Result<Result<Response, Refusal>> {
         self.tag = self.tag.wrapping_add(1);
         let (tag, what) = (self.tag, format!("{command:?}"));
         let mut buffer = [0; MAX_PACKET];
-        match pack(&Request { tag, command }, &mut buffer) {
+        match pack(&Request { tag, command: command.clone() }, &mut buffer) {
             Ok(packet) => self.board.host().send(packet),
             Err(error) => bail!("{what}: {error:?}"),
         }
@@ -165,7 +182,7 @@ impl Session {
             !session.replies.is_empty()
         })?;
         match self.replies.remove(0) {
-            Message::Reply { tag: its, result: Ok(response) } if its == tag => Ok(response),
+            Message::Reply { tag: its, result } if its == tag => Ok(result),
             other => bail!("{what} is answered with {other:?}"),
         }
     }

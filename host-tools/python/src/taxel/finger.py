@@ -19,6 +19,7 @@ from .packets import Deframer, pack
 from .ports import open_port
 from .recorder import Recorder
 from .replies import (
+    BUSY,
     PROTOCOL,
     Bias,
     CalibrationChunk,
@@ -40,6 +41,8 @@ R = TypeVar("R")
 
 _PATIENCE = 0.5
 _TRIES = 4
+# Seconds within which the finger may erase its flash again.
+_REST = 2.5
 _PATIENCE_BEHIND = 15.0
 
 
@@ -206,18 +209,18 @@ class Finger:
 
     def save_settings(self) -> None:
         """Saves scan, rate, filter, fields and method for the next power-up."""
-        self._expect(Done, Command.SAVE_SETTINGS)
+        self._erase(Command.SAVE_SETTINGS)
 
     def save_bias(self) -> None:
         """Saves the active bias for the next power-up, until the calibration changes."""
-        self._expect(Done, Command.SAVE_BIAS)
+        self._erase(Command.SAVE_BIAS)
 
     def upload_calibration(self, record: bytes) -> None:
         """Activates a calibration record after the finger has checked and stored it.
 
         The old record stays if the finger rejects the new one or the power fails.
         """
-        self._expect(Done, Command.calibration_begin(len(record)))
+        self._erase(Command.calibration_begin(len(record)))
         for offset in range(0, len(record), CHUNK):
             self._expect(Done, Command.calibration_chunk(offset, record[offset : offset + CHUNK]))
         self._expect(Done, Command.CALIBRATION_COMMIT)
@@ -244,6 +247,19 @@ class Finger:
                 f"{PROTOCOL}; install the package that goes with it"
             )
         return answer
+
+    def _erase(self, command: bytes) -> None:
+        """Sends a request that erases flash, which the finger does at most once a second."""
+        last = time.monotonic() + _REST
+        while True:
+            try:
+                self._expect(Done, command)
+            except RefusedError as error:
+                if error.refusal.reason != BUSY or time.monotonic() > last:
+                    raise
+                time.sleep(_REST / 50)
+            else:
+                return
 
     def _expect(
         self,

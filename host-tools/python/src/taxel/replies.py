@@ -254,11 +254,14 @@ def _health(data: bytes, at: int) -> tuple[Response, int]:
     raise ValueError("health is not read by this package")
 
 
+#: Reason of a request that the finger takes later: ask again.
+BUSY = "busy with a bias, a self-test or a save; ask again in a second"
+
 _RESPONSES = (_done, _info, _rate, _bias, _chunk, _health, _self_test)
 _REFUSALS = (
     "out of range",
     "the finger is not still",
-    "another bias is being taken",
+    BUSY,
     "a chunk out of order",
     "the record is not a calibration",
     "there is no calibration",
