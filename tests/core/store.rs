@@ -1,10 +1,10 @@
-//! Stored data after power cuts, at every flash operation and in the middle of one.
+//! Stored calibration and settings: kept over power-off, replaced in turn, checked when read.
+
+mod flash;
+mod power_cuts;
 
 use crate::common;
 use crate::common::{calibration, identity};
-use proptest::prelude::*;
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use taxel::calibration::MAX_BYTES;
 use taxel::condition::{Bias, TaxelBias};
 use taxel::estimate::contact_point::PointMethod;
@@ -12,96 +12,12 @@ use taxel::frame::Fields;
 use taxel::instrument::Instrument;
 use taxel::scan::{ScanSetting, ScanSettings};
 use taxel::store::{
-    Area, Flash, FlashError, RamFlash, Settings, Store, StoreError, StoredBias, Word,
+    Area, Flash, FlashError, RamFlash, Settings, Store, StoreError, StoredBias,
 };
 use taxel::units::FullScale;
 use taxel::wire::message::{Command, Info, Message, Refusal, Request, Response};
 
-/// Flash that loses power in the middle of an operation.
-struct Mortal {
-    cells: RamFlash<Vec<u8>>,
-    /// Operations until the power cut.
-    left: usize,
-    done: usize,
-    tear: ChaCha8Rng,
-}
-
-impl Mortal {
-    fn new() -> Self {
-        let cells = RamFlash::new(vec![0; RamFlash::SIZE]);
-        Self { cells, left: usize::MAX, done: 0, tear: ChaCha8Rng::seed_from_u64(0) }
-    }
-
-    /// The flash at the next power-up; the power fails again after `left` operations.
-    fn revived(self, left: usize, seed: u64) -> Self {
-        Self { left, done: 0, tear: ChaCha8Rng::seed_from_u64(seed), ..self }
-    }
-
-    /// Counts an operation; returns how far it gets.
-    fn operate(&mut self) -> Result<Progress, FlashError> {
-        let progress = match self.left {
-            0 => return Err(FlashError),
-            1 => Progress::Torn,
-            _ => Progress::Whole,
-        };
-        self.left -= 1;
-        self.done += 1;
-        Ok(progress)
-    }
-}
-
-enum Progress {
-    Whole,
-    Torn,
-}
-
-impl Flash for Mortal {
-    fn bytes(&self, area: Area) -> &[u8] {
-        self.cells.bytes(area)
-    }
-
-    fn erase(&mut self, area: Area) -> Result<(), FlashError> {
-        match self.operate()? {
-            Progress::Whole => self.cells.erase(area),
-            Progress::Torn => {
-                let before = self.cells.bytes(area).to_vec();
-                self.cells.erase(area)?;
-                // Cells rise one by one: in each word none, some or all bits may have risen.
-                for (i, word) in before.as_chunks::<8>().0.iter().enumerate() {
-                    let risen = match self.tear.random_range(0..3) {
-                        0 => 0,
-                        1 => self.tear.random(),
-                        _ => u64::MAX,
-                    };
-                    let word = u64::from_le_bytes(*word) | risen;
-                    if word != u64::MAX {
-                        self.cells.program(area, i * 8, word.to_le_bytes())?;
-                    }
-                }
-                Err(FlashError)
-            }
-        }
-    }
-
-    fn program(&mut self, area: Area, offset: usize, word: Word) -> Result<(), FlashError> {
-        match self.operate()? {
-            Progress::Whole => self.cells.program(area, offset, word),
-            Progress::Torn => {
-                // Cells fall one by one.
-                let standing: u64 = match self.tear.random_range(0..3) {
-                    0 => 0,
-                    1 => self.tear.random(),
-                    _ => u64::MAX,
-                };
-                let torn = (u64::from_le_bytes(word) | standing).to_le_bytes();
-                if torn != [0xff; 8] {
-                    self.cells.program(area, offset, torn)?;
-                }
-                Err(FlashError)
-            }
-        }
-    }
-}
+use flash::Mortal;
 
 /// A record unique to `number`, longer than one chunk.
 fn record(number: u64) -> Vec<u8> {
@@ -171,39 +87,6 @@ fn calibration_survives_power_off() {
 }
 
 #[test]
-fn power_cut_in_upload_leaves_one_whole_calibration() {
-    let (old, new, newer) = (record(1), record(2), record(3));
-    let upload = |left: usize, seed: u64| {
-        let (mut instrument, mut store) = wake(Mortal::new());
-        instrument.install(&old, &mut store).unwrap();
-        let (mut instrument, mut store) = wake(asleep(store).revived(left, seed));
-        let done = instrument.install(&new, &mut store);
-        // Until the restart, a failed upload leaves the old record active.
-        let expected = if done.is_ok() { crc(&new) } else { crc(&old) };
-        assert_eq!(active_crc(&mut instrument, &mut store), Some(expected));
-        (done, asleep(store))
-    };
-    let operations = upload(usize::MAX, 0).1.done;
-    assert_eq!(operations, 1 + new.len().div_ceil(8) + 2, "erase, words, header");
-    let mut survivors = [0, 0];
-    for left in 1..=operations + 1 {
-        for seed in 0..8 {
-            let (done, flash) = upload(left, seed);
-            let (mut instrument, mut store) = wake(flash.revived(usize::MAX, 0));
-            let found = active_crc(&mut instrument, &mut store);
-            let is_new = found == Some(crc(&new));
-            assert!(is_new || found == Some(crc(&old)), "cut at {left}: {found:?}");
-            assert!(is_new || done.is_err(), "cut at {left}: what was confirmed is gone");
-            survivors[usize::from(is_new)] += 1;
-            // The torn slot takes the next record.
-            instrument.install(&newer, &mut store).unwrap();
-            assert_eq!(active_crc(&mut instrument, &mut store), Some(crc(&newer)));
-        }
-    }
-    assert!(survivors[0] > 8 * (operations - 3) && survivors[1] >= 8, "{survivors:?}");
-}
-
-#[test]
 fn interrupted_upload_keeps_old_calibration() {
     let (mut instrument, mut store) = wake(Mortal::new());
     instrument.install(&record(1), &mut store).unwrap();
@@ -266,15 +149,9 @@ fn memory_flash_is_as_strict_as_flash() {
 
 /// Clears the bits of the first non-zero byte from `offset` on, as in aged cells.
 fn rot(flash: &mut Mortal, area: Area, offset: usize) {
-    let mut bytes = flash.bytes(area).to_vec();
-    let byte = bytes[offset..].iter_mut().find(|byte| **byte != 0).unwrap();
-    *byte = 0;
-    flash.cells.erase(area).unwrap();
-    for (i, word) in bytes.as_chunks::<8>().0.iter().enumerate() {
-        if *word != [0xff; 8] {
-            flash.cells.program(area, 8 * i, *word).unwrap();
-        }
-    }
+    flash.rewrite(area, |bytes| {
+        *bytes[offset..].iter_mut().find(|byte| **byte != 0).unwrap() = 0;
+    });
 }
 
 fn record_intact(instrument: &mut Instrument, store: &mut Store<Mortal>) -> Option<bool> {
@@ -399,35 +276,6 @@ fn saved_scan_is_restored_where_board_can() {
 }
 
 #[test]
-fn power_cut_in_save_leaves_whole_settings() {
-    let bias = StoredBias { calibration: 7, bias: None };
-    let save = |left: usize, seed: u64| {
-        let mut store = wake(Mortal::new()).1;
-        store.save_bias(&bias).unwrap();
-        store.save_settings(&settings(1)).unwrap();
-        let (_, mut store) = wake(asleep(store).revived(left, seed));
-        let done = store.save_settings(&settings(2));
-        (done, asleep(store))
-    };
-    let operations = save(usize::MAX, 0).1.done;
-    let mut survivors = [0, 0];
-    for left in 1..=operations + 1 {
-        for seed in 0..8 {
-            let (done, flash) = save(left, seed);
-            let (_, mut store) = wake(flash.revived(usize::MAX, 0));
-            let found = store.settings().map(|settings| settings.hz);
-            assert!(matches!(found, Some(1 | 2)), "cut at {left}: {found:?}");
-            assert!(found == Some(2) || done.is_err(), "cut at {left}: what was confirmed is gone");
-            assert_eq!(store.bias(), Some(bias), "cut at {left}");
-            survivors[usize::from(found == Some(2))] += 1;
-            store.save_settings(&settings(3)).unwrap();
-            assert_eq!(store.settings(), Some(settings(3)));
-        }
-    }
-    assert!(survivors[0] >= 8 && survivors[1] >= 8, "{survivors:?}");
-}
-
-#[test]
 fn saved_bias_is_void_under_another_calibration() {
     let (mut instrument, mut store) = wake(Mortal::new());
     instrument.install(&record(1), &mut store).unwrap();
@@ -440,49 +288,4 @@ fn saved_bias_is_void_under_another_calibration() {
     assert!(!info(&mut instrument, &mut store).biased);
     let (mut instrument, mut store) = wake(asleep(store));
     assert!(!info(&mut instrument, &mut store).biased);
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
-
-    /// Power cuts among mixed uploads and saved settings.
-    ///
-    /// The store holds the last confirmed value, or the one being written at the power cut.
-    #[test]
-    fn last_confirmed_value_survives_any_power_cut(
-        lives in proptest::collection::vec((1usize..300, any::<u64>()), 1..12),
-    ) {
-        let mut flash = Mortal::new();
-        let mut number = 0;
-        let mut records = [None, None];
-        let mut rates = [None, None];
-        for (left, seed) in lives {
-            let (mut instrument, mut store) = wake(flash.revived(left, seed));
-            let found = active_crc(&mut instrument, &mut store);
-            prop_assert!(records.contains(&found), "{found:?} of {records:?}");
-            records = [found; 2];
-            let found = store.settings();
-            prop_assert!(rates.contains(&found), "{found:?} of {rates:?}");
-            rates = [found; 2];
-            while !off(&store) {
-                number += 1;
-                let new = record(number);
-                let done = instrument.install(&new, &mut store);
-                records = [if done.is_ok() { Some(crc(&new)) } else { records[0] }, Some(crc(&new))];
-                for _ in 0..20 {
-                    if off(&store) {
-                        break;
-                    }
-                    let new = settings(rates[1].map_or(1, |settings| settings.hz + 1));
-                    let done = store.save_settings(&new);
-                    rates = [if done.is_ok() { Some(new) } else { rates[0] }, Some(new)];
-                }
-            }
-            flash = asleep(store);
-        }
-    }
-}
-
-fn off(store: &Store<Mortal>) -> bool {
-    store.flash().left == 0
 }
