@@ -119,6 +119,30 @@ fn foreign_record_is_skipped_for_the_older_one() {
     assert_eq!(active_crc(&mut instrument, &mut store), Some(crc(&record(1))));
 }
 
+/// Stores `content` in an erased area under the number `sequence`.
+fn number(flash: &mut Mortal, area: Area, sequence: u32, content: &[u8]) {
+    let mut stored = b"TXCL".to_vec();
+    stored.extend(sequence.to_le_bytes());
+    stored.extend((content.len() as u32).to_le_bytes());
+    stored.extend(crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&stored).to_le_bytes());
+    stored.extend(content);
+    flash.rewrite(area, |bytes| bytes[..stored.len()].copy_from_slice(&stored));
+}
+
+#[test]
+fn newest_record_is_found_where_numbers_wrap() {
+    let mut flash = Mortal::new();
+    number(&mut flash, Area::SlotA, u32::MAX - 2, &record(1));
+    let (mut instrument, mut store) = wake(flash);
+    assert_eq!(active_crc(&mut instrument, &mut store), Some(crc(&record(1))));
+    for newest in 2..8 {
+        instrument.install(&record(newest), &mut store).unwrap();
+        (instrument, store) = wake(asleep(store));
+        let found = active_crc(&mut instrument, &mut store);
+        assert_eq!(found, Some(crc(&record(newest))), "record {newest}");
+    }
+}
+
 #[test]
 fn unordered_or_torn_words_are_errors() {
     let mut store = Store::new(Mortal::new());
