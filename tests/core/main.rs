@@ -6,6 +6,7 @@ mod day;
 mod finger;
 mod flood;
 mod hostile;
+mod noise;
 mod records;
 mod session;
 mod store;

@@ -338,7 +338,7 @@ fn frame_ends_with_or_before_its_uncertainty() {
 }
 
 /// A frame whose every choice and value comes from `words`.
-fn made_of(words: &[u32]) -> Frame {
+pub fn made_of(words: &[u32]) -> Frame {
     let words = std::cell::RefCell::new(words.iter().copied().cycle());
     let word = || words.borrow_mut().next().unwrap();
     let float = || f32::from_bits(word());
