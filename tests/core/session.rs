@@ -10,7 +10,7 @@ use std::task::{Poll, Waker};
 use crate::common;
 use crate::common::{calibration, identity, store, unloaded};
 use embassy_futures::block_on;
-use embassy_futures::select::{Either, select};
+use embassy_futures::join::join;
 use taxel::calibration::MAX_BYTES;
 use taxel::frame::{Fields, Frame, Status};
 use taxel::instrument::Instrument;
@@ -28,7 +28,7 @@ use taxel::wire::{MAX_PACKET, pack};
 
 /// One direction of a link: a bounded buffer that blocks if its reader stops.
 #[derive(Default)]
-struct Wire {
+pub struct Wire {
     bytes: VecDeque<u8>,
     capacity: usize,
     closed: bool,
@@ -36,7 +36,7 @@ struct Wire {
 }
 
 #[derive(Clone)]
-struct HalfLink(Rc<RefCell<Wire>>);
+pub struct HalfLink(Rc<RefCell<Wire>>);
 
 impl HalfLink {
     fn new(capacity: usize) -> Self {
@@ -101,13 +101,13 @@ impl embedded_io_async::Write for HalfLink {
 
 /// Extras of the board.
 #[derive(PartialEq)]
-enum Desk {
+pub enum Desk {
     Bare,
     WithBootloader,
 }
 
 /// A board with a list of scans, which are always ready: only the session yields.
-pub(crate) struct Scans {
+pub struct Scans {
     scans: VecDeque<Scan>,
     desk: Desk,
     store: Store<RamFlash<Vec<u8>>>,
@@ -157,11 +157,11 @@ impl Board for Scans {
 }
 
 /// A minimal client.
-pub(crate) struct Host {
-    to: HalfLink,
+pub struct Host {
+    pub to: HalfLink,
     from: HalfLink,
     deframer: Deframer,
-    frames: Vec<Frame>,
+    pub frames: Vec<Frame>,
     tag: u8,
 }
 
@@ -174,7 +174,7 @@ impl Host {
         self.to.write_all(packet).await.unwrap();
     }
 
-    async fn message(&mut self) -> Option<Message> {
+    pub async fn message(&mut self) -> Option<Message> {
         use embedded_io_async::Read;
         loop {
             let mut byte = [0];
@@ -188,7 +188,7 @@ impl Host {
     }
 
     /// Sends a command and waits for the reply with its tag; stores frames that come before it.
-    pub(crate) async fn ask(&mut self, command: Command) -> Result<Response, Refusal> {
+    pub async fn ask(&mut self, command: Command) -> Result<Response, Refusal> {
         self.send(command).await;
         loop {
             match self.message().await.unwrap() {
@@ -199,7 +199,7 @@ impl Host {
         }
     }
 
-    pub(crate) async fn info(&mut self) -> Info {
+    pub async fn info(&mut self) -> Info {
         match self.ask(Command::Info).await {
             Ok(Response::Info(info)) => info,
             other => panic!("{other:?}"),
@@ -207,20 +207,20 @@ impl Host {
     }
 }
 
-pub(crate) fn scans(count: u64) -> Scans {
+pub fn scans(count: u64) -> Scans {
     let scans = (0..count).map(|i| unloaded(250 * i)).collect();
     Scans { scans, desk: Desk::Bare, store: store(), held: None }
 }
 
 /// Runs `host` against a session, then closes the link; returns the instrument and the session's
 /// end.
-pub(crate) fn run(
+pub fn run(
     mut instrument: Instrument,
     mut board: Scans,
     pace: Pace,
     capacity: usize,
     host: impl AsyncFnOnce(&mut Host),
-) -> (Instrument, Option<End>) {
+) -> (Instrument, End) {
     let (to, from) = (HalfLink::new(4096), HalfLink::new(capacity));
     let mut client = Host {
         to: to.clone(),
@@ -247,16 +247,13 @@ pub(crate) fn run(
             host(&mut client).await;
             to.close();
         };
-        let mut finger = core::pin::pin!(finger);
-        match select(finger.as_mut(), core::pin::pin!(host)).await {
-            Either::First(end) => Some(end),
-            Either::Second(()) => Some(finger.await),
-        }
+        // Each may end first: the host still reads what the link holds.
+        join(finger, host).await.0
     });
     (instrument, ended)
 }
 
-pub(crate) fn fresh() -> Instrument {
+pub fn fresh() -> Instrument {
     Instrument::new(identity())
 }
 
@@ -274,7 +271,7 @@ fn info_identifies_the_finger() {
         assert_eq!(info.rate_millihertz, 1_000_000);
         assert_eq!(info.calibration, None);
     });
-    assert_eq!(end, Some(End::Closed));
+    assert_eq!(end, End::Closed);
 }
 
 #[test]
@@ -524,7 +521,7 @@ fn slow_host_loses_whole_counted_frames() {
         assert!(counters.lost >= gap, "{counters:?}");
         assert_eq!(counters.lost_replies, 0);
     });
-    assert!(end.is_some());
+    assert_eq!(end, End::Closed);
     let counters = *instrument.counters();
     assert!(counters.scans > 10_000, "{counters:?}");
 }
@@ -543,7 +540,7 @@ fn lossless_replay_waits_and_sends_everything() {
         let seqs: Vec<u32> = host.frames.iter().map(|frame| frame.seq).collect();
         assert_eq!(seqs, (0..500).collect::<Vec<_>>());
     });
-    assert_eq!(end, Some(End::Scans));
+    assert_eq!(end, End::Scans);
     assert_eq!(instrument.counters().lost, 0);
 }
 
