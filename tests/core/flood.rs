@@ -43,6 +43,8 @@ struct World {
     scans: Cell<u64>,
     /// Time of the last scan, and of erasures before.
     last_scan: Cell<(u64, u64)>,
+    /// Longest time without a scan outside an erasure, microseconds.
+    longest_gap: Cell<u64>,
     /// Time of the last byte or reply.
     last_traffic: Cell<u64>,
     frames: Cell<u32>,
@@ -67,7 +69,7 @@ impl World {
         self.now.set(self.now.get() + us);
         let (last, erasing) = self.last_scan.get();
         let gap = self.now.get() - last - (self.erasing.get() - erasing);
-        assert!(gap <= LONGEST_GAP, "no scan for {gap} µs");
+        self.longest_gap.set(self.longest_gap.get().max(gap));
     }
 }
 
@@ -90,12 +92,30 @@ impl Flash for SlowFlash<'_> {
     }
 }
 
+/// Planted fault, of the scan or reply [`PLANTED`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Plant {
+    None,
+    /// The link loses the reply.
+    LostReply,
+    /// The link delivers the reply twice.
+    DoubledReply,
+    /// The session hangs for 3 ms in the scan.
+    Pause,
+    /// The board counts no scans as lost.
+    UncountedScans,
+}
+
+/// Number of the scan or reply with a planted fault.
+const PLANTED: u64 = 100;
+
 /// A board whose scans are due in simulated time.
 struct Due<'w> {
     world: &'w World,
     store: Store<SlowFlash<'w>>,
     /// Microseconds that the session works for a scan.
     work: u64,
+    plant: Plant,
 }
 
 impl<'w> Board for Due<'w> {
@@ -107,11 +127,13 @@ impl<'w> Board for Due<'w> {
         poll_fn(|_| if waiting() == 0 { Poll::Pending } else { Poll::Ready(()) }).await;
         let late = waiting().saturating_sub(QUEUE);
         begun.set((begun.get().0, begun.get().1 + late + 1));
-        let lost = late + unreported.take();
-        scans.set(scans.get() + lost + 1);
+        let (first, lost) = (scans.get(), late + unreported.take());
+        scans.set(first + lost + 1);
         last_scan.set((now.get(), erasing.get()));
-        self.world.pass(self.work);
-        Some(Scan { lost: lost as u32, ..unloaded(scans.get() * PERIOD) })
+        let pauses = self.plant == Plant::Pause && (first..=first + lost).contains(&PLANTED);
+        self.world.pass(if pauses { 3_000 } else { self.work });
+        let reported = if self.plant == Plant::UncountedScans { 0 } else { lost as u32 };
+        Some(Scan { lost: reported, ..unloaded(scans.get() * PERIOD) })
     }
 
     fn ticks(&self) -> u32 {
@@ -165,6 +187,8 @@ struct Taker<'w> {
     world: &'w World,
     from: u64,
     deframer: Deframer,
+    replies: u64,
+    plant: Plant,
 }
 
 impl ErrorType for Taker<'_> {
@@ -180,13 +204,22 @@ impl Write for Taker<'_> {
         let packet = &bytes[..bytes.len().min(64)];
         for message in packet.iter().filter_map(|byte| self.deframer.push(*byte)) {
             let count = match message.unwrap() {
-                Message::Frame(_) => frames,
+                Message::Frame(_) => {
+                    frames.set(frames.get() + 1);
+                    continue;
+                }
                 Message::Reply { tag, .. } | Message::Version { tag, .. } => {
                     last_traffic.set(now.get());
                     &replies[usize::from(tag)]
                 }
             };
-            count.set(count.get() + 1);
+            let times = match self.plant {
+                Plant::LostReply if self.replies == PLANTED => 0,
+                Plant::DoubledReply if self.replies == PLANTED => 2,
+                _ => 1,
+            };
+            self.replies += 1;
+            count.set(count.get() + times);
         }
         Ok(packet.len())
     }
@@ -207,7 +240,18 @@ struct Outcome {
 
 /// Runs a session with a host that sends `bytes`, and takes nothing before `from`. The session
 /// works `work` for each scan; all are in microseconds.
-fn run(bytes: impl Iterator<Item = u8>, from: u64, work: u64) -> Outcome {
+///
+/// Fails if a scan comes late, or a scan or a frame is not accounted for.
+fn run(bytes: impl Iterator<Item = u8>, from: u64, work: u64) -> Result<Outcome, String> {
+    run_with(Plant::None, bytes, from, work)
+}
+
+fn run_with(
+    plant: Plant,
+    bytes: impl Iterator<Item = u8>,
+    from: u64,
+    work: u64,
+) -> Result<Outcome, String> {
     let world = World {
         now: Cell::new(0),
         erasing: Cell::new(0),
@@ -215,14 +259,15 @@ fn run(bytes: impl Iterator<Item = u8>, from: u64, work: u64) -> Outcome {
         unreported: Cell::new(0),
         scans: Cell::new(0),
         last_scan: Cell::new((0, 0)),
+        longest_gap: Cell::new(0),
         last_traffic: Cell::new(0),
         frames: Cell::new(0),
         replies: [const { Cell::new(0) }; 256],
     };
     let mut instrument = Instrument::new(identity());
     let store = Store::new(SlowFlash(store().into_flash(), &world));
-    let mut board = Due { world: &world, store, work };
-    let tx = Taker { world: &world, from, deframer: Deframer::default() };
+    let mut board = Due { world: &world, store, work, plant };
+    let tx = Taker { world: &world, from, deframer: Deframer::default(), replies: 0, plant };
     let (rx, mut buffers) = (Flood(bytes, &world), Buffers::new());
     {
         let mut session =
@@ -237,12 +282,20 @@ fn run(bytes: impl Iterator<Item = u8>, from: u64, work: u64) -> Outcome {
     let due = (world.scans.get() + world.unreported.get() + world.waiting()) as i64;
     let accounted = i64::from(counters.scans) + i64::from(counters.overruns);
     let late = if work < PERIOD { 1 } else { QUEUE as i64 };
-    assert!((due - accounted).abs() <= late, "{accounted} of {due} scans");
+    if (due - accounted).abs() > late {
+        return Err(format!("{accounted} of {due} scans"));
+    }
+    let gap = world.longest_gap.get();
+    if gap > LONGEST_GAP {
+        return Err(format!("no scan for {gap} µs"));
+    }
     // Some frames are still on their way.
-    let frames = counters.frames - counters.lost;
-    assert!((frames - world.frames.get()) < 40, "{} of {frames} frames", world.frames.get());
+    let (sent, frames) = (counters.frames - counters.lost, world.frames.get());
+    if !(0..40).contains(&sent.wrapping_sub(frames)) {
+        return Err(format!("{frames} of {sent} frames"));
+    }
     let replies = world.replies.iter().map(Cell::get).collect();
-    Outcome { counters, replies, took: world.last_traffic.get() }
+    Ok(Outcome { counters, replies, took: world.last_traffic.get() })
 }
 
 fn packet(tag: u8, command: Command) -> Vec<u8> {
@@ -284,12 +337,26 @@ fn full_stream() -> Vec<u8> {
     requests.into_iter().flat_map(|command| packet(0, command)).collect()
 }
 
-/// Each reply of `sent` requests with the tags 1, 2 … 255, 1 … came once.
-fn assert_all_answered(replies: &[u32], sent: u32) {
-    for (tag, replies) in (1..).zip(&replies[1..]) {
-        let requests = sent / 255 + u32::from(tag <= sent % 255);
-        assert_eq!(*replies, requests, "replies with tag {tag}");
+impl Outcome {
+    /// Fails unless each reply of `sent` requests with the tags 1, 2 … 255, 1 … came once.
+    fn all_answered(self, sent: u32) -> Result<Self, String> {
+        for (tag, replies) in (1..).zip(&self.replies[1..]) {
+            let requests = sent / 255 + u32::from(tag <= sent % 255);
+            if *replies != requests {
+                return Err(format!("{replies} of {requests} replies with tag {tag}"));
+            }
+        }
+        Ok(self)
     }
+}
+
+/// Sends the command `times` times without pause; fails unless each is answered once.
+fn pipelined(plant: Plant, command: &Command, times: u32) -> Result<(), String> {
+    let requests = (0..times).flat_map(|i| packet((i % 255 + 1) as u8, command.clone()));
+    let outcome = run_with(plant, full_stream().into_iter().chain(requests), 0, 100)?;
+    let Counters { bad_packets, lost_replies, .. } = outcome.all_answered(times)?.counters;
+    let counted = [bad_packets, lost_replies];
+    if counted == [0; 2] { Ok(()) } else { Err(format!("{counted:?} bad packets and replies")) }
 }
 
 #[test]
@@ -304,20 +371,31 @@ fn commands_cover_the_protocol() {
 
 #[test]
 fn pipelined_commands_are_all_answered() {
-    const EACH: u32 = 10_000;
     for command in commands() {
-        let requests = (0..EACH).flat_map(|i| packet((i % 255 + 1) as u8, command.clone()));
-        let outcome = run(full_stream().into_iter().chain(requests), 0, 100);
-        assert_all_answered(&outcome.replies, EACH);
-        let Counters { bad_packets, lost_replies, .. } = outcome.counters;
-        assert_eq!((bad_packets, lost_replies), (0, 0), "{command:?}");
+        pipelined(Plant::None, &command, 10_000).unwrap_or_else(|e| panic!("{command:?}: {e}"));
     }
+}
+
+#[test]
+fn lost_reply_and_late_scan_are_noticed() {
+    for (plant, noticed) in [
+        (Plant::LostReply, "replies with tag"),
+        (Plant::DoubledReply, "replies with tag"),
+        (Plant::Pause, "no scan for 3"),
+        (Plant::UncountedScans, "scans"),
+    ] {
+        // Restarts of the scan lose some scans.
+        let found = pipelined(plant, &Command::HoldRow { row: None }, 1000).unwrap_err();
+        assert!(found.contains(noticed), "{plant:?}: {found}");
+    }
+    assert_eq!(pipelined(Plant::None, &Command::HoldRow { row: None }, 1000), Ok(()));
 }
 
 #[test]
 fn zeros_and_garbage_delay_no_scan() {
     const BYTES: usize = 10_000_000;
-    let zeros = run(std::iter::repeat_n(0, BYTES).chain(packet(1, Command::Info)), 0, 100);
+    let bytes = std::iter::repeat_n(0, BYTES).chain(packet(1, Command::Info));
+    let zeros = run(bytes, 0, 100).unwrap();
     assert_eq!((zeros.counters.bad_packets, zeros.replies[1]), (0, 1));
     // A linear congruential generator; a zero ends the garbage.
     let mut state = 1_u32;
@@ -326,7 +404,7 @@ fn zeros_and_garbage_delay_no_scan() {
         (state >> 24) as u8
     });
     let bytes = full_stream().into_iter().chain(garbage).chain([0]).chain(packet(1, Command::Info));
-    let garbage = run(bytes, 0, 100);
+    let garbage = run(bytes, 0, 100).unwrap();
     assert!(garbage.counters.bad_packets > 30_000);
     assert_eq!(garbage.replies[1], 1);
 }
@@ -335,7 +413,7 @@ fn zeros_and_garbage_delay_no_scan() {
 fn host_that_reads_late_gets_every_reply() {
     let requests = (0..1000).flat_map(|i| packet((i % 255 + 1) as u8, Command::Info));
     let outcome = run(full_stream().into_iter().chain(requests), 3_000_000, 100);
-    assert_all_answered(&outcome.replies, 1000);
+    let outcome = outcome.unwrap().all_answered(1000).unwrap();
     assert_eq!(outcome.counters.lost_replies, 0);
 }
 
@@ -343,7 +421,6 @@ fn host_that_reads_late_gets_every_reply() {
 fn scans_that_never_wait_delay_no_reply() {
     let requests = (0..1000).flat_map(|i| packet((i % 255 + 1) as u8, Command::ClearBias));
     // The session takes longer for a scan than the next one takes to come.
-    let outcome = run(requests, 0, 300);
-    assert_all_answered(&outcome.replies, 1000);
+    let outcome = run(requests, 0, 300).unwrap().all_answered(1000).unwrap();
     assert!(outcome.took < 1000 * 400, "{} µs", outcome.took);
 }
