@@ -8,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use taxel::calibration::TaxelCalibration;
 use taxel::calibration::{Calibration, CalibrationError, Range, SensorCalibration};
 use taxel::condition::{BridgeBias, LowPass, TaxelBias, TemperatureCompensation};
+use taxel::estimate::ContactPoint;
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::field::{Field, Radial};
@@ -21,8 +22,9 @@ use taxel::estimate::slip::Slip;
 use taxel::estimate::wrench::{SensorPlaces, WrenchMatrix};
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
-use taxel::scan::{Codes, Scan};
-use taxel::units::{Code, Micros, Millimetres};
+use taxel::measured::Measured;
+use taxel::scan::{Codes, Scan, TAXELS};
+use taxel::units::{Code, Micros, Millimetres, Newtons};
 
 use crate::common::unloaded;
 use crate::hostile::possible;
@@ -249,10 +251,11 @@ impl Seen {
     }
 }
 
-#[test]
-fn no_accepted_record_gives_an_impossible_value() {
+/// Estimates with `records` drawn records; `plant` may change the estimates of a record.
+///
+/// Fails at an impossible value, and at one that is not finite in the memory.
+fn campaign(records: u64, mut plant: impl FnMut(u64, &mut Estimate)) -> Result<Seen, String> {
     let long = std::env::var_os("TAXEL_LONG").is_some();
-    let records: u64 = if long { 10_000_000 } else { 20_000 };
     let mut draw = Draw(ChaCha8Rng::seed_from_u64(24));
     let mut seen = Seen::default();
     for i in 0..records {
@@ -266,19 +269,56 @@ fn no_accepted_record_gives_an_impossible_value() {
                 codes = draw.codes();
             }
             let scan = Scan { time: Micros(1000 * t), lost: 0, codes };
-            let estimate = finger.estimate(&mut state, &scan);
-            assert!(possible(&estimate), "record {i}, scan {t}: {estimate:?} of {finger:?}");
+            let mut estimate = finger.estimate(&mut state, &scan);
+            plant(i, &mut estimate);
+            if !possible(&estimate) {
+                return Err(format!("record {i}, scan {t}: {estimate:?} of {finger:?}"));
+            }
             seen.note(&estimate);
         }
         if !long || i % 64 == 0 {
             let memory = format!("{state:?}");
-            let kept = memory.contains("NaN") || memory.contains("inf");
-            assert!(!kept, "record {i}: {memory} of {finger:?}");
+            if memory.contains("NaN") || memory.contains("inf") {
+                return Err(format!("record {i}: {memory} of {finger:?}"));
+            }
         }
     }
-    let Seen { ran, scans, known, withheld } = seen;
+    Ok(seen)
+}
+
+#[test]
+fn no_accepted_record_gives_an_impossible_value() {
+    let long = std::env::var_os("TAXEL_LONG").is_some();
+    let records: u64 = if long { 10_000_000 } else { 20_000 };
+    let Seen { ran, scans, known, withheld } = campaign(records, |_, _| {}).unwrap();
     println!("{records} records, {scans} scans, {known} with a force, {withheld} out of range");
     assert!(ran.contains(Status::BUILT), "{ran:?} of {:?}", Status::BUILT);
     // Records that give nothing, or nothing possible, would prove little.
     assert!(known > scans / 20 && withheld > scans / 20, "{known} and {withheld} of {scans}");
+}
+
+fn at(x: f32, y: f32) -> Measured<ContactPoint> {
+    Ok(ContactPoint { x: Millimetres(x), y: Millimetres(y) })
+}
+
+#[test]
+fn impossible_values_of_one_record_are_noticed() {
+    let plants: [fn(&mut Estimate); 6] = [
+        |estimate| estimate.force.x = Ok(Newtons(f32::NAN)),
+        |estimate| estimate.force.z = Ok(Newtons(201.0)),
+        |estimate| estimate.sensors[3].y = Ok(Newtons(-201.0)),
+        |estimate| estimate.signals.taxels = Some([f32::INFINITY; TAXELS]),
+        |estimate| estimate.point = at(21.0, 0.0),
+        |estimate| estimate.point = at(0.0, -21.0),
+    ];
+    for (number, plant) in plants.iter().enumerate() {
+        let one = |i, estimate: &mut Estimate| {
+            if i == 40 {
+                plant(estimate)
+            }
+        };
+        let found = campaign(50, one).err().unwrap_or_default();
+        assert!(found.starts_with("record 40, scan 0"), "plant {number}: {found}");
+    }
+    assert!(campaign(50, |_, _| {}).is_ok());
 }
