@@ -36,7 +36,6 @@ pub struct Instrument {
     /// Scans per frame, and scans until the next frame.
     every: NonZeroU16,
     until_due: u16,
-    seq: u32,
     /// Estimate of the last scan.
     estimate: Estimate,
     bias_tag: Option<u8>,
@@ -88,7 +87,6 @@ impl Instrument {
             filter_hz: 0,
             fields: Fields::ESTIMATES,
             until_due: 0,
-            seq: 0,
             estimate: Estimate::NOTHING,
             bias_tag: None,
             bias_taken: None,
@@ -158,7 +156,8 @@ impl Instrument {
     #[must_use]
     #[inline(always)]
     pub fn frame<'s>(&'s self, scan: &'s Scan) -> FrameRef<'s> {
-        self.estimate.frame(&scan.codes, self.seq.wrapping_sub(1), self.fields)
+        // The stream's frames are numbered from zero as they are counted.
+        self.estimate.frame(&scan.codes, self.counters.frames.wrapping_sub(1), self.fields)
     }
 
     /// Returns the event counters for reading and updating.
@@ -191,7 +190,6 @@ impl Instrument {
             if wanted.due {
                 self.until_due = self.every.get();
                 outcome.frame = true;
-                self.seq = self.seq.wrapping_add(1);
                 self.counters.frames = self.counters.frames.wrapping_add(1);
             }
             self.until_due = self.until_due.saturating_sub(1);

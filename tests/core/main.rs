@@ -12,3 +12,4 @@ mod session;
 mod store;
 mod uploads;
 mod wire_golden;
+mod wraps;

@@ -11,9 +11,7 @@ use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
 use taxel::instrument::Instrument;
 use taxel::scan::{ScanSetting, ScanSettings};
-use taxel::store::{
-    Area, Flash, FlashError, RamFlash, Settings, Store, StoreError, StoredBias,
-};
+use taxel::store::{Area, Flash, FlashError, RamFlash, Settings, Store, StoreError, StoredBias};
 use taxel::units::FullScale;
 use taxel::wire::message::{Command, Info, Message, Refusal, Request, Response};
 
