@@ -389,3 +389,32 @@ async fn offer(packed: Result<&[u8], WireError>, reserve: usize, pipe: &Bytes, p
     pipe.write_all(packet).await;
     true
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::message::Identity;
+
+    /// No host makes a finger lose a reply, so the pipe is filled by hand.
+    #[test]
+    fn lost_replies_are_counted_past_the_wrap() {
+        let mut instrument = Instrument::new(Identity {
+            board: "test".try_into().unwrap(),
+            serial: "0001".try_into().unwrap(),
+            build: "none".try_into().unwrap(),
+            scan_hz: 1000,
+            full_scale: FullScale::BITS_16,
+            tick_hz: 0,
+        });
+        instrument.counters().lost_replies = u32::MAX - 1;
+        let pipe = Bytes::new();
+        pipe.try_write(&[1; PIPE]).unwrap();
+        let answer = Some(Message::Reply { tag: 1, result: Ok(Response::Done) });
+        let mut buffer = [0; MAX_PACKET];
+        for expected in [u32::MAX, 0, 1] {
+            let sent = reply(&answer, &mut buffer, &pipe, &mut instrument, Pace::Live);
+            embassy_futures::block_on(sent);
+            assert_eq!(instrument.counters().lost_replies, expected);
+        }
+    }
+}
