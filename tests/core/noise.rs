@@ -140,10 +140,11 @@ fn campaign(
     damaged: u64,
     mut receive: impl FnMut(u8) -> Option<(Frame, u32)>,
 ) -> Result<Tally, Fault> {
-    let mut draw = ChaCha8Rng::seed_from_u64(damaged);
+    let seed = rate.to_bits();
+    let mut draw = ChaCha8Rng::seed_from_u64(seed);
     let mut words = || (0..200).map(|_| draw.random()).collect::<Vec<u32>>();
     let mut pool: Vec<Frame> = (0..256).map(|_| made_of(&words())).collect();
-    let (mut line, mut reference) = (Line::new(rate, damaged), Reference::default());
+    let (mut line, mut reference) = (Line::new(rate, seed), Reference::default());
     let (mut tally, mut bytes) = (Tally::default(), vec![]);
     let (mut buffer, mut again) = ([0; MAX_PACKET], [0; MAX_PACKET]);
     // Frames lost since the last one that came intact, and untouched ones of them in a row.
