@@ -1,12 +1,14 @@
 //! Tests of the core alone: golden bytes, sessions, store, hostile inputs and the C header.
 
 mod c_header;
+mod campaign;
 mod common;
 mod day;
 mod finger;
 mod flood;
 mod hostile;
 mod noise;
+mod model;
 mod records;
 mod session;
 mod store;
